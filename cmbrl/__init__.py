@@ -1,0 +1,65 @@
+"""Contact models from logged transitions.
+
+>>> import cmbrl
+>>> scene = cmbrl.Scene.from_mjcf("hopper.xml")                   # what is in the world
+>>> model = cmbrl.ComplementarityModel(scene, substeps=4)         # how it moves
+>>> data = cmbrl.Transitions.load("hopper.npz")                   # what was seen
+>>> result = cmbrl.fit(model, data, seed=0)                       # result.model explains data, result.report says how well
+>>> q_next, v_next = result.model.step(q, v, u)                   # torch float64, differentiable, batch first
+
+Names are loaded when first used, so that ``cmbrl --help`` does not wait for torch.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cmbrl.contact.smoothing import Adaptive, Barrier, Exact
+    from cmbrl.data.transitions import Transitions
+    from cmbrl.errors import UserError
+    from cmbrl.fit import fit
+    from cmbrl.models.complementarity import ComplementarityModel
+    from cmbrl.scene import Scene
+
+_HOME = {
+    "Adaptive": "cmbrl.contact.smoothing",
+    "Barrier": "cmbrl.contact.smoothing",
+    "ComplementarityModel": "cmbrl.models.complementarity",
+    "Exact": "cmbrl.contact.smoothing",
+    "Scene": "cmbrl.scene",
+    "Transitions": "cmbrl.data.transitions",
+    "UserError": "cmbrl.errors",
+}
+
+__all__ = [
+    "Adaptive",
+    "Barrier",
+    "ComplementarityModel",
+    "Exact",
+    "Scene",
+    "Transitions",
+    "UserError",
+    "__version__",
+    "fit",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        value = getattr(import_module(_HOME[name]), name)
+    elif name == "fit":
+        value = import_module("cmbrl.fit")  # a package that can be called: see cmbrl/fit/__init__.py
+    elif name == "__version__":
+        from importlib.metadata import version
+
+        value = version("cmbrl")
+    else:
+        raise AttributeError(f"module 'cmbrl' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

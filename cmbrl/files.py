@@ -1,0 +1,79 @@
+"""Files that are either whole or absent: everything is written under a temporary name and renamed."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from cmbrl.errors import UserError
+
+
+@contextmanager
+def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Gives a temporary path beside ``path`` (same suffix); renames it to ``path`` on success, removes it on any error.
+
+    Missing parent folders are made. A folder may be written too, when ``path`` does not exist yet.
+    Raises UserError when the folder cannot be written.
+    """
+    target = Path(path)
+    check_writable(target)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    temporary = target.with_name(f".{target.stem}.{os.getpid()}.tmp{target.suffix}")
+    try:
+        yield temporary
+        os.replace(temporary, target)
+    except BaseException:
+        if temporary.is_dir():
+            shutil.rmtree(temporary, ignore_errors=True)
+        else:
+            temporary.unlink(missing_ok=True)
+        raise
+
+
+def check_writable(path: str | os.PathLike[str], folder: bool = False) -> None:
+    """Raises UserError unless ``path`` can be created or replaced (``folder``: filled); leaves nothing behind.
+
+    Permission bits do not tell (read-only mounts, root), so a probe file is created and removed in the nearest
+    existing folder.
+    """
+    target = Path(path)
+    if folder and target.exists() and not target.is_dir():
+        raise UserError(f"{target}: is a file, a folder is needed: choose another --out")
+    if not folder and target.is_dir():
+        raise UserError(f"{target}: is a folder, a file is needed: name a file inside it")
+    place = target if folder else target.parent
+    while not place.exists():
+        place = place.parent
+    try:
+        with tempfile.TemporaryFile(dir=place):
+            pass
+    except OSError as error:
+        raise UserError(f"{target}: cannot be written ({error.strerror} in {place}): choose another place") from None
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Writes ``text`` as UTF-8, whole or not at all."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def write_json(path: str | os.PathLike[str], value: Any) -> None:
+    """Writes ``value`` as readable JSON, whole or not at all; raises ValueError on NaN, which JSON does not know."""
+    write_text(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
+
+
+def read_json(path: str | os.PathLike[str]) -> Any:
+    """Reads a JSON file; raises UserError that names the file when it is missing or not JSON."""
+    file = Path(path)
+    try:
+        return json.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise UserError(f"{file}: no such file") from None
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise UserError(f"{file}: not readable as JSON ({error})") from None
