@@ -1,0 +1,28 @@
+"""``cmbrl info``: what a scene models, what it leaves out, what can be fitted."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+from cmbrl.cli.options import add_ignore, add_json
+from cmbrl.cli.sources import load_source
+
+EXAMPLE = """
+cmbrl info hopper
+cmbrl info robot.xml --ignore tendon --json
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("source", metavar="SCENE|TASK", help="an MJCF file or the name of a task")
+    add_ignore(parser)
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    source = load_source(arguments.source, arguments.ignore)
+    if arguments.json:
+        print(json.dumps(source.scene.to_dict(), indent=2, allow_nan=False))
+    else:
+        print(source.scene.describe())

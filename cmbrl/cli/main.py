@@ -1,0 +1,65 @@
+"""``cmbrl COMMAND``: finds the command, runs it, turns a user's mistake into one line."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.metadata import version
+
+from cmbrl.cli.configuration import add_config, expand
+from cmbrl.cli.options import Parser
+from cmbrl.errors import UserError, did_you_mean
+
+# name -> one line for `cmbrl --help`; the module of the same name in this package has add_arguments(parser) and run(args).
+COMMANDS = {
+    "info": "what a scene models, what it leaves out and why, and which parameters can be fitted",
+    "record": "log transitions from the real system of a task",
+    "fit": "fit the physical parameters of a contact model to a log",
+    "error": "compare models on a log: one step and open loop, by stratum",
+    "bench": "measure speed against MuJoCo in one run on the same states",
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs the command line and returns the exit code: 0 done, 2 a mistake in the input, 130 interrupted."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    try:
+        return _dispatch(arguments)
+    except UserError as error:
+        print(f"cmbrl: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("cmbrl: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        # The reader has gone (`cmbrl info hopper | head`); keep the interpreter from complaining about it at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
+
+
+def _dispatch(arguments: list[str]) -> int:
+    if not arguments or arguments[0] in ("-h", "--help"):
+        print(_overview())
+        return 0
+    if arguments[0] == "--version":
+        print(f"cmbrl {version('cmbrl')}")
+        return 0
+    name, rest = arguments[0], arguments[1:]
+    if name not in COMMANDS:
+        raise UserError(f"unknown command {name!r}: {did_you_mean(name, COMMANDS)}")
+    # Only the module of the command that runs is imported: `cmbrl info` does not wait for torch.
+    command = import_module(f"cmbrl.cli.{name}")
+    parser = Parser(prog=f"cmbrl {name}", description=COMMANDS[name], epilog=command.EXAMPLE)
+    command.add_arguments(parser)
+    add_config(parser)
+    command.run(parser.parse_args(expand(parser, rest)))
+    return 0
+
+
+def _overview() -> str:
+    lines = ["usage: cmbrl COMMAND ...", "", "Contact models from logged transitions.", "", "commands:"]
+    lines += [f"  {name:8s}{text}" for name, text in COMMANDS.items()]
+    lines += ["", "example:", "  cmbrl info hopper", "", "'cmbrl COMMAND --help' has a command's options and an example."]
+    return "\n".join(lines)

@@ -1,0 +1,100 @@
+"""A run folder says how it came about: the resolved configuration, the versions, the hardware.
+
+``config.json`` can be given back to the command (``--config``) to repeat the run; ``environment.json`` is what a number
+needs beside it.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from cmbrl.files import check_writable, write_json
+
+_PACKAGES = ("cmbrl", "numpy", "torch", "mujoco", "gymnasium", "pymunk", "cmaes", "minari")
+
+
+def versions() -> dict[str, str]:
+    """Name -> version of Python and of every package that a number may depend on, as far as installed."""
+    found = {"python": platform.python_version()}
+    for package in _PACKAGES:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def hardware() -> dict[str, Any]:
+    """Processor, usable cores, memory [GiB] and operating system."""
+    return {
+        "processor": _processor(),
+        "machine": platform.machine(),
+        "cores": usable_cores(),
+        "memory_gib": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1),
+        "system": f"{platform.system()} {platform.release()}",
+    }
+
+
+def usable_cores() -> int:
+    """Cores that this process may use (a container or `taskset` may allow fewer than the machine has)."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def write_run(folder: str | os.PathLike[str], command: str, configuration: Mapping[str, Any]) -> Path:
+    """Makes ``folder`` and writes ``config.json`` (resolved options) and ``environment.json`` into it.
+
+    Raises UserError when the folder cannot be written.
+    """
+    place = Path(folder)
+    check_writable(place, folder=True)
+    place.mkdir(parents=True, exist_ok=True)
+    write_json(place / "config.json", {"command": command, **configuration})
+    write_json(place / "environment.json", environment())
+    return place
+
+
+def environment() -> dict[str, Any]:
+    """What stands beside a number: start time, command line, commit of the source (if it is a checkout), versions, hardware."""
+    return {
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "command_line": [Path(sys.argv[0]).name, *sys.argv[1:]],
+        "commit": _commit(),
+        "versions": versions(),
+        "hardware": hardware(),
+    }
+
+
+def _processor() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
+
+
+def _commit() -> str | None:
+    """The commit of the checkout that holds this file, with `-dirty` when it was changed; None outside a checkout."""
+    root = Path(__file__).resolve().parent.parent
+    if not (root / ".git").exists():
+        return None
+    try:
+        described = subprocess.run(
+            ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=12"],
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return described.stdout.strip()

@@ -1,0 +1,8 @@
+#!/usr/bin/env bash
+# Sets up and runs the checks and the tests; further arguments go to pytest, e.g. scripts/test.sh -m slow
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+scripts/setup.sh
+.venv/bin/ruff check .
+.venv/bin/lint-imports
+exec .venv/bin/python -m pytest "$@"
