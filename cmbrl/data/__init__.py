@@ -1,0 +1,6 @@
+"""Transitions: what was seen. Read, check, split, write; record them from a real system."""
+
+from cmbrl.data.trajectories import read_trajectories
+from cmbrl.data.transitions import Transitions
+
+__all__ = ["Transitions", "read_trajectories"]

@@ -1,0 +1,39 @@
+"""The real cube tosses of ContactNets as transitions of a free box.
+
+Source: S. Pfrommer, M. Halm, M. Posa, "ContactNets: Learning Discontinuous Contact Dynamics with Smooth, Implicit
+Representations", CoRL 2020; data under BSD-3. A 10 cm acrylic cube, motion capture at 148 Hz. Velocities in the file
+are backward differences: ``v[k+1] = (p[k+1] - p[k]) / dt``.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cmbrl.data.trajectories import read_trajectories
+
+if TYPE_CHECKING:
+    from cmbrl.data.transitions import Transitions
+
+#: world position [m], unit quaternion w x y z, world linear [m/s] and body angular velocity [rad/s], rows per toss, s
+KEYS = ("position", "quaternion_wxyz", "linear_velocity", "angular_velocity_body", "toss_lengths", "dt")
+
+
+def is_layout(found: dict[str, np.ndarray]) -> bool:
+    """Whether an npz with these arrays is a file of tosses."""
+    return all(name in found for name in KEYS)
+
+
+def convert(found: dict[str, np.ndarray]) -> Transitions:
+    """Transitions (nq 7, nv 6, nu 0) of the tosses, one toss an episode; the layout is already that of a free joint.
+
+    Raises UserError when arrays and toss lengths disagree.
+    """
+    return read_trajectories(
+        q=np.concatenate([found["position"], found["quaternion_wxyz"]], axis=1),
+        v=np.concatenate([found["linear_velocity"], found["angular_velocity_body"]], axis=1),
+        lengths=found["toss_lengths"],
+        dt=found["dt"],
+        source={"task": "cube_toss", "data": "ContactNets cube tosses (BSD-3)"},
+    )

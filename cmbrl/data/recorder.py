@@ -1,0 +1,110 @@
+"""Recording from a Gymnasium MuJoCo environment: raw states and controls, never its observations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cmbrl.data.behaviour import Policy, controller
+from cmbrl.data.transitions import Transitions
+from cmbrl.errors import UserError
+
+Progress = Callable[[int], object]
+"""Called with the number of transitions recorded since the last call (``tqdm.update`` fits)."""
+
+
+def gymnasium_asset(name: str) -> Path:
+    """The path of an MJCF that Gymnasium ships, found without importing it.
+
+    Raises UserError with the line that installs Gymnasium when it is missing.
+    """
+    spec = find_spec("gymnasium")
+    if spec is None or not spec.submodule_search_locations:
+        raise UserError(f"gymnasium is not installed, which ships {name}: pip install 'cmbrl[tasks]'")
+    path = Path(spec.submodule_search_locations[0]) / "envs" / "mujoco" / "assets" / name
+    if not path.is_file():
+        raise UserError(f"{path}: gymnasium does not ship this scene any more: pip install 'gymnasium[mujoco]>=1.0'")
+    return path
+
+
+def record_gymnasium(
+    environment: str,
+    n_steps: int,
+    seed: int = 0,
+    behaviour: str | Policy = "random",
+    progress: Progress | None = None,
+    episode_steps: int = 1000,
+) -> Transitions:
+    """``n_steps`` transitions of a Gymnasium MuJoCo environment, every reset and termination starting a new episode.
+
+    States are MuJoCo's own ``qpos`` and ``qvel`` (observations clip Hopper's velocities at +-10 and leave x out); ``u``
+    is the ``ctrl`` that acted during the whole control step. The same seed gives the same log, and a shorter log is
+    the beginning of a longer one.
+
+    Args:
+        environment: Gymnasium id, such as "Hopper-v5".
+        n_steps: number of transitions over all episodes; the last episode is cut.
+        seed: of resets and behaviour.
+        behaviour: "random" (uniform over the control range), "pd", or a policy.
+        progress: told about each recorded transition.
+        episode_steps: an episode ends after so many control steps even if it did not terminate.
+    """
+    if find_spec("gymnasium") is None:
+        raise UserError(f"gymnasium is not installed, which simulates {environment}: pip install 'cmbrl[tasks]'")
+    import gymnasium
+
+    try:
+        env = gymnasium.make(environment, disable_env_checker=True, max_episode_steps=episode_steps)
+    except gymnasium.error.DependencyNotInstalled as error:
+        raise UserError(f"{environment} cannot start ({error}): pip install 'cmbrl[tasks]'") from None
+    try:
+        return _roll(env, environment, n_steps, seed, behaviour, progress)
+    finally:
+        env.close()
+
+
+def _roll(
+    env: Any, name: str, n_steps: int, seed: int, behaviour: str | Policy, progress: Progress | None
+) -> Transitions:
+    model, data = env.unwrapped.model, env.unwrapped.data
+    # Resets draw from the environment's generator (seeded once below), behaviours from this one: apart, so that a
+    # behaviour that draws more does not change where episodes start.
+    control = controller(behaviour, model, np.random.default_rng([seed, 1]))
+    q, q_next = np.empty((2, n_steps, model.nq))
+    v, v_next = np.empty((2, n_steps, model.nv))
+    u = np.empty((n_steps, model.nu))
+    episode = np.empty(n_steps, dtype=np.int64)
+    observation, _ = env.reset(seed=seed)
+    current = 0
+    for row in range(n_steps):
+        q[row], v[row], episode[row] = data.qpos, data.qvel, current
+        observation, _, terminated, truncated, _ = env.step(control(observation, q[row], v[row]))
+        q_next[row], v_next[row], u[row] = data.qpos, data.qvel, data.ctrl
+        if terminated or truncated:
+            observation, _ = env.reset()
+            current += 1
+        if progress is not None:
+            progress(1)
+    return Transitions(
+        q=q, v=v, u=u, q_next=q_next, v_next=v_next, dt=env.unwrapped.dt, episode=episode,
+        joint_names=tuple(model.joint(i).name for i in range(model.njnt)),
+        actuator_names=tuple(model.actuator(i).name for i in range(model.nu)),
+        source={
+            "system": name,
+            "behaviour": behaviour if isinstance(behaviour, str) else "policy",
+            "seed": seed,
+            "gymnasium": version("gymnasium"),
+            "mujoco": _mujoco_version(),
+        },
+    )  # fmt: skip
+
+
+def _mujoco_version() -> str:
+    import mujoco
+
+    return mujoco.__version__

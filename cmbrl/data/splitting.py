@@ -1,0 +1,48 @@
+"""Which rows go together: splits that never cut an episode, windows that never cross one."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cmbrl.errors import UserError
+
+if TYPE_CHECKING:
+    from cmbrl.data.transitions import Transitions
+
+
+def episode_mask(episode: np.ndarray, fraction: float, seed: int) -> np.ndarray:
+    """Mask (N,) of the rows whose episode is among the ``fraction`` drawn without replacement under ``seed``.
+
+    Raises UserError when a split would leave one side empty whatever is drawn.
+    """
+    if not 0.0 < fraction < 1.0:
+        raise UserError(f"fraction is {fraction}: a share between 0 and 1 (both excluded) of the episodes is needed")
+    known = np.unique(episode)
+    if len(known) < 2:
+        raise UserError(
+            f"the log has {len(known)} episode, a split by episode needs at least two: record more, "
+            "or give a log of its own for testing"
+        )
+    count = min(max(round(fraction * len(known)), 1), len(known) - 1)
+    chosen = np.random.default_rng(seed).permutation(known)[:count]
+    return np.isin(episode, chosen)
+
+
+def follows(data: Transitions) -> np.ndarray:
+    """Mask (N-1,): row i+1 is of the same episode as row i and begins in the state in which row i ended."""
+    same = data.episode[1:] == data.episode[:-1]
+    for now, after in ((data.q, data.q_next), (data.v, data.v_next)):
+        same = same & np.isclose(now[1:], after[:-1], rtol=1e-9, atol=1e-9).all(axis=1)
+    return same
+
+
+def window_starts(data: Transitions, k: int) -> np.ndarray:
+    """Rows that start k consecutive transitions (int64, ascending, overlapping); empty when no episode is that long."""
+    if k < 1:
+        raise UserError(f"a window of {k} transitions: give 1 or more")
+    if len(data) < k:
+        return np.empty(0, dtype=np.int64)
+    breaks = np.concatenate([[0], np.cumsum(~follows(data))])  # how many breaks lie before a row
+    return np.flatnonzero(breaks[k - 1 :] == breaks[: len(data) - k + 1]).astype(np.int64)
