@@ -4,7 +4,7 @@
 >>> scene = cmbrl.Scene.from_mjcf("hopper.xml")                   # what is in the world
 >>> model = cmbrl.ComplementarityModel(scene, substeps=4)         # how it moves
 >>> data = cmbrl.Transitions.load("hopper.npz")                   # what was seen
->>> result = cmbrl.fit(model, data, seed=0)                       # result.model explains data, result.report says how well
+>>> result = cmbrl.fit(model, data, seed=0)                       # result.report says how well it explains data
 >>> q_next, v_next = result.model.step(q, v, u)                   # torch float64, differentiable, batch first
 
 Names are loaded when first used, so that ``cmbrl --help`` does not wait for torch.

@@ -62,7 +62,7 @@ def write_run(folder: str | os.PathLike[str], command: str, configuration: Mappi
 
 
 def environment() -> dict[str, Any]:
-    """What stands beside a number: start time, command line, commit of the source (if it is a checkout), versions, hardware."""
+    """What stands beside a number: start time, command line, commit (in a checkout), versions, hardware."""
     return {
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "command_line": [Path(sys.argv[0]).name, *sys.argv[1:]],

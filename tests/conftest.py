@@ -25,7 +25,7 @@ def _one_torch_thread() -> None:
 
 @pytest.fixture
 def command(tmp_path: Path) -> Command:
-    """``command("info", "hopper")`` runs cmbrl as a process of its own in an empty folder; stdout and stderr are text."""
+    """``command("info", "hopper")`` runs cmbrl as a process of its own in an empty folder."""
 
     def run(*arguments: object) -> subprocess.CompletedProcess[str]:
         return subprocess.run(

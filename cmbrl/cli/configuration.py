@@ -1,4 +1,4 @@
-"""``--config FILE``: options from a YAML or JSON file, so that one file repeats a run; the command line overrides it."""
+"""``--config FILE``: options from a YAML or JSON file, so that one file repeats a run; typed options override it."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def add_config(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--config",
         metavar="FILE",
-        help="read options from a YAML or JSON file (keys are option names; a run folder's config.json repeats its run); "
-        "options given here override it",
+        help="read options from a YAML or JSON file (keys are option names; a run folder's config.json "
+        "repeats its run); options given here override it",
     )
 
 

@@ -12,7 +12,7 @@ from cmbrl.cli.configuration import add_config, expand
 from cmbrl.cli.options import Parser
 from cmbrl.errors import UserError, did_you_mean
 
-# name -> one line for `cmbrl --help`; the module of the same name in this package has add_arguments(parser) and run(args).
+# name -> one line for `cmbrl --help`; the module of that name has EXAMPLE, add_arguments(parser), run(arguments).
 COMMANDS = {
     "info": "what a scene models, what it leaves out and why, and which parameters can be fitted",
     "record": "log transitions from the real system of a task",
@@ -61,5 +61,6 @@ def _dispatch(arguments: list[str]) -> int:
 def _overview() -> str:
     lines = ["usage: cmbrl COMMAND ...", "", "Contact models from logged transitions.", "", "commands:"]
     lines += [f"  {name:8s}{text}" for name, text in COMMANDS.items()]
-    lines += ["", "example:", "  cmbrl info hopper", "", "'cmbrl COMMAND --help' has a command's options and an example."]
+    lines += ["", "example:", "  cmbrl info hopper", ""]
+    lines += ["'cmbrl COMMAND --help' has a command's options and examples."]
     return "\n".join(lines)

@@ -11,7 +11,7 @@ from cmbrl.errors import UserError
 
 
 class Parser(argparse.ArgumentParser):
-    """argparse with a mistake as UserError (one line) instead of a usage text, and examples kept as they are written."""
+    """argparse with a mistake as UserError (one line) instead of a usage text, and examples kept as written."""
 
     def __init__(self, prog: str, description: str, epilog: str) -> None:
         super().__init__(
@@ -47,7 +47,11 @@ def add_ignore(parser: argparse.ArgumentParser) -> None:
 
 def add_threads(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--threads", type=positive, default=None, metavar="N", help="threads (default: all cores; results do not depend on it)"
+        "--threads",
+        type=positive,
+        default=None,
+        metavar="N",
+        help="threads (default: all cores; results do not depend on it)",
     )
 
 

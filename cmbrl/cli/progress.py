@@ -1,4 +1,4 @@
-"""One progress bar: on a terminal it shows on stderr, everywhere else it is silent."""
+"""Progress bars on stderr: shown on a terminal, silent everywhere else."""
 
 from __future__ import annotations
 
@@ -9,7 +9,20 @@ from tqdm import tqdm
 
 
 @contextmanager
-def bar(what: str, total: int | None = None, unit: str = "step") -> Iterator[Callable[[int], object]]:
+def counting(what: str, total: int, unit: str = "step") -> Iterator[Callable[[int], object]]:
     """Gives a function to call with the number of units done since its last call."""
-    with tqdm(desc=what, total=total, unit=unit, disable=None, leave=False, dynamic_ncols=True) as shown:
-        yield shown.update
+    with tqdm(desc=what, total=total, unit=unit, disable=None, leave=False, dynamic_ncols=True) as bar:
+        yield bar.update
+
+
+@contextmanager
+def fraction(what: str) -> Iterator[Callable[[float, str], None]]:
+    """Gives a function to call with the share of the work that is done, 0 to 1, and what is being done."""
+    shape = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}{postfix}"
+    with tqdm(desc=what, total=1.0, disable=None, leave=False, dynamic_ncols=True, bar_format=shape) as bar:
+
+        def show(done: float, text: str) -> None:
+            bar.set_postfix_str(text, refresh=False)
+            bar.update(max(0.0, done - bar.n))
+
+        yield show

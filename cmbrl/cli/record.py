@@ -7,24 +7,26 @@ import json
 from pathlib import Path
 
 from cmbrl.cli.options import add_json, add_seed, positive
-from cmbrl.cli.progress import bar
-from cmbrl.errors import UserError
+from cmbrl.cli.progress import counting
+from cmbrl.errors import UserError, did_you_mean
 from cmbrl.files import check_writable
 
 EXAMPLE = """
 cmbrl record hopper --steps 5000 --out hopper.npz
-cmbrl record ball_throw --steps 2000 --seed 1 --out runs/ball.npz --json
+cmbrl record cheetah --steps 20000 --behaviour pd --seed 1 --out cheetah.npz
+cmbrl record cube_toss --steps 10000 --data cube_tosses.npz --out cube.npz
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("task", metavar="TASK", help="the name of a task")
     parser.add_argument("--steps", type=positive, required=True, metavar="N", help="control steps to record")
-    parser.add_argument("--out", required=True, metavar="FILE", help="the log to write: .npz, or minari:NAME")
     parser.add_argument(
-        "--behaviour", choices=("random", "pd", "policy"), default="random", help="what acts (default: random)"
+        "--out", required=True, metavar="FILE", help="the log to write: NAME.npz, a folder (Minari) or minari:ID"
     )
-    parser.add_argument("--policy", metavar="FILE", help="the saved policy, for --behaviour policy")
+    parser.add_argument("--behaviour", metavar="NAME", help="what acts: random, pd or policy (default: the task's first)")
+    parser.add_argument("--policy", metavar="FILE", help="the TorchScript policy, for --behaviour policy")
+    parser.add_argument("--data", metavar="FILE", help="the published log, for a task whose real system is one")
     add_seed(parser)
     add_json(parser)
 
@@ -33,9 +35,37 @@ def run(arguments: argparse.Namespace) -> None:
     from cmbrl.registry import load_task
 
     task = load_task(arguments.task)
-    if (arguments.behaviour == "policy") != (arguments.policy is not None):
+    behaviour = arguments.behaviour or ("policy" if arguments.policy else task.behaviours[0])
+    if behaviour not in task.behaviours:
+        raise UserError(f"{task.name} knows no behaviour {behaviour!r}: {did_you_mean(behaviour, task.behaviours)}")
+    if (behaviour == "policy") != (arguments.policy is not None):
         raise UserError("--behaviour policy and --policy FILE go together: give both or neither")
-    check_writable(arguments.out)
-    with bar(f"record {task.name}", total=arguments.steps) as progress:
-        data = task.record(arguments.steps, seed=arguments.seed, behaviour=arguments.behaviour, progress=progress)
+    _check_target(arguments.out)
+    if behaviour == "policy":
+        from cmbrl.data.behaviour import load_policy
+
+        behaviour = load_policy(arguments.policy)
+    with counting(f"record {task.name}", total=arguments.steps) as progress:
+        data = task.record(arguments.steps, arguments.seed, behaviour, progress, arguments.data)
     data.save(arguments.out)
+    summary = {
+        "task": task.name,
+        "file": arguments.out,
+        "transitions": len(data),
+        "episodes": data.n_episodes,
+        "dt": data.dt,
+        "source": data.source,
+    }
+    if arguments.json:
+        print(json.dumps(summary, indent=2))
+    else:
+        print(f"{arguments.out}: {len(data)} transitions in {data.n_episodes} episodes, dt {data.dt:g} s, from {task.name}")
+
+
+def _check_target(out: str) -> None:
+    """Raises UserError now rather than after an hour of recording when the log could not be written."""
+    if out.startswith("minari:"):
+        return  # Minari's own root; its writer says what is wrong
+    if Path(out).suffix not in (".npz", ""):
+        raise UserError(f"{out}: unknown format: end the name in .npz, or name a folder or minari:ID for a Minari dataset")
+    check_writable(out)

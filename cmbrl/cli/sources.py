@@ -24,7 +24,7 @@ class Source:
     task: Task | None
 
     def model(self, data: Transitions | None = None, **options: object) -> ComplementarityModel:
-        """The nominal model of the source; without a task the substeps follow from the log's dt and the scene's time step.
+        """The nominal model; without a task the substeps follow from the log's dt and the scene's time step.
 
         ``options`` override the task's or the scene's choice where they are not None.
         Raises UserError when the log's dt is no whole number of time steps.
