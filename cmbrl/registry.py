@@ -69,6 +69,10 @@ class Task:
         """Path of the MJCF; raises UserError when the package that ships it is not installed."""
         return str(self.scene() if callable(self.scene) else self.scene)
 
+    def model_options(self) -> dict[str, Any]:
+        """Time stepping of the task's model: keyword arguments of :class:`cmbrl.ComplementarityModel`."""
+        return {"substeps": self.substeps, "time_step": self.time_step, "integrator": self.integrator}
+
     def record(
         self,
         n_steps: int,
@@ -117,7 +121,7 @@ def names() -> list[str]:
     return sorted({*_registered, *_installed()})
 
 
-def get(name: str) -> Task:
+def load_task(name: str) -> Task:
     """The task called ``name``; raises UserError with the nearest name when there is none, or when it fails to load."""
     if name in _registered:
         return _registered[name]

@@ -85,7 +85,8 @@ def against_scene(data: Transitions, scene: Scene, dt: float | None = None) -> N
     if len(data) == 0:
         raise UserError("the log is empty: record at least one transition")
     _check_sizes(data, scene)
-    _check_names("joint", data.joint_names, tuple(scene.joint_names), scene)
+    # A scene may list a free joint once for each of its parts.
+    _check_names("joint", data.joint_names, tuple(dict.fromkeys(scene.joint_names)), scene)
     _check_names("actuator", data.actuator_names, tuple(scene.actuator_names), scene)
     _check_quaternions(data, scene)
     if dt is not None and abs(data.dt - dt) > TIME_STEP_TOLERANCE * dt:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cmbrl.data.trajectories import read_trajectories
+from cmbrl.errors import UserError
 
 if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
@@ -30,10 +31,14 @@ def convert(found: dict[str, np.ndarray]) -> Transitions:
 
     Raises UserError when arrays and toss lengths disagree.
     """
+    rows = len(found["position"])
+    for name, columns in zip(KEYS[:4], (3, 4, 3, 3), strict=True):
+        if found[name].shape != (rows, columns):
+            raise UserError(f"{name} has shape {found[name].shape}, not {(rows, columns)}: load the published file")
     return read_trajectories(
         q=np.concatenate([found["position"], found["quaternion_wxyz"]], axis=1),
         v=np.concatenate([found["linear_velocity"], found["angular_velocity_body"]], axis=1),
         lengths=found["toss_lengths"],
         dt=found["dt"],
-        source={"task": "cube_toss", "data": "ContactNets cube tosses (BSD-3)"},
+        source={"system": "cube_toss", "data": "ContactNets (BSD-3)"},
     )

@@ -20,7 +20,8 @@ def save(data: Transitions, path: str | os.PathLike[str]) -> None:
     if str(path).startswith(MINARI_PREFIX):
         from cmbrl.data import minari_io
 
-        minari_io.write(data, minari_io.root_path(str(path).removeprefix(MINARI_PREFIX)))
+        dataset_id = str(path).removeprefix(MINARI_PREFIX)
+        minari_io.write(data, minari_io.root_path(dataset_id), dataset_id)
     elif Path(path).suffix == ".npz":
         npz.write(data, Path(path))
     elif Path(path).suffix == "":

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
@@ -59,7 +60,8 @@ def record_gymnasium(
     import gymnasium
 
     try:
-        env = gymnasium.make(environment, disable_env_checker=True, max_episode_steps=episode_steps)
+        with _without_warnings():
+            env = gymnasium.make(environment, disable_env_checker=True, max_episode_steps=episode_steps)
     except gymnasium.error.DependencyNotInstalled as error:
         raise UserError(f"{environment} cannot start ({error}): pip install 'cmbrl[tasks]'") from None
     try:
@@ -93,7 +95,7 @@ def _roll(
     return Transitions(
         q=q, v=v, u=u, q_next=q_next, v_next=v_next, dt=env.unwrapped.dt, episode=episode,
         joint_names=tuple(model.joint(i).name for i in range(model.njnt)),
-        actuator_names=tuple(model.actuator(i).name for i in range(model.nu)),
+        actuator_names=tuple(model.actuator(i).name or model.joint(j).name for i, j in enumerate(model.actuator_trnid[:, 0])),
         source={
             "system": name,
             "behaviour": behaviour if isinstance(behaviour, str) else "policy",
@@ -102,6 +104,18 @@ def _roll(
             "mujoco": _mujoco_version(),
         },
     )  # fmt: skip
+
+
+@contextmanager
+def _without_warnings() -> Iterator[None]:
+    """Swallows MuJoCo's warnings about scenes that are not ours (it prints them and leaves a MUJOCO_LOG.TXT)."""
+    import mujoco
+
+    mujoco.set_mju_user_warning(lambda text: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(None)
 
 
 def _mujoco_version() -> str:

@@ -1,0 +1,186 @@
+"""Logs as Minari datasets: the public format. Works offline; nothing is downloaded.
+
+A dataset is a folder with ``data/main_data.hdf5`` and ``data/metadata.json`` (Minari 0.5, hdf5 format). An episode of
+T transitions is written as T+1 observations ``{"qpos": (nq,), "qvel": (nv,)}``, T actions (nu,), and rewards of zero,
+since a log has none. The time step, names and source stand in the metadata under "cmbrl".
+Read are such datasets, and others whose observations or infos hold raw ``qpos`` and ``qvel`` (observation vectors are
+not enough: Gymnasium's leave x out and clip).
+"""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cmbrl.data.splitting import follows
+from cmbrl.errors import UserError
+from cmbrl.files import atomic_path
+
+if TYPE_CHECKING:
+    from cmbrl.data.transitions import Transitions
+
+KEY = "cmbrl"
+
+
+def root_path(dataset_id: str) -> Path:
+    """Folder of a dataset in Minari's own root (MINARI_DATASETS_PATH, or ~/.minari/datasets).
+
+    Raises UserError when the id is not Minari's ``(NAMESPACE/)NAME-vN``, and when Minari is missing.
+    """
+    _minari()
+    from minari.dataset.minari_dataset import DATASET_ID_RE
+    from minari.storage.datasets_root_dir import get_dataset_path
+
+    match = DATASET_ID_RE.fullmatch(dataset_id)
+    if match is None or match.group("version") is None:
+        raise UserError(f"minari:{dataset_id}: not an id of Minari: write minari:NAME-v0 or minari:NAMESPACE/NAME-v0")
+    return Path(get_dataset_path(dataset_id))
+
+
+def write(data: Transitions, folder: Path, dataset_id: str | None = None) -> None:
+    """Writes ``data`` as a dataset in ``folder``, whole or not at all; an episode with a gap inside becomes several.
+
+    ``dataset_id`` is Minari's name for it; by default the folder's name, with version 0 if it has none.
+
+    Raises UserError when the folder exists already, cannot be written, or Minari is missing.
+    """
+    _minari()
+    if len(data) == 0:
+        raise UserError(f"{folder}: the log is empty: Minari needs at least one transition")
+    if folder.exists():
+        raise UserError(f"{folder}: exists already: remove it or choose another name")
+    from gymnasium.spaces import Box, Dict
+    from minari.data_collector import EpisodeBuffer
+    from minari.dataset.minari_storage import MinariStorage
+
+    def space(columns: int) -> Box:
+        return Box(-np.inf, np.inf, (columns,), np.float64)
+
+    starts = np.concatenate([[0], np.flatnonzero(~follows(data)) + 1])
+    ends = np.concatenate([starts[1:], [len(data)]])
+    buffers = [
+        _episode(EpisodeBuffer, data, int(a), int(b), i) for i, (a, b) in enumerate(zip(starts, ends, strict=True))
+    ]
+    if dataset_id is None:
+        dataset_id = folder.name if folder.name.rpartition("-v")[2].isdigit() else f"{folder.name}-v0"
+    about = {"dt": data.dt, "joints": data.joint_names, "actuators": data.actuator_names, "source": data.source}
+    with atomic_path(folder) as temporary:
+        (temporary / "data").mkdir(parents=True)
+        # The storage itself, because create_dataset_from_buffers only writes to Minari's root.
+        storage = MinariStorage.new(
+            temporary / "data",
+            observation_space=Dict({"qpos": space(data.q.shape[1]), "qvel": space(data.v.shape[1])}),
+            action_space=space(data.u.shape[1]),
+            data_format="hdf5",
+        )
+        storage.update_metadata(
+            {
+                "dataset_id": dataset_id,
+                "minari_version": _minari().__version__,
+                "algorithm_name": "log",
+                KEY: json.dumps(about),
+            }
+        )
+        storage.update_episodes(buffers)
+
+
+def read(path: Path) -> Transitions:
+    """Reads the dataset in folder ``path`` (or the dataset that an .hdf5 file in it belongs to); one episode each.
+
+    Raises UserError: not a dataset, no raw states in it, no time step, empty, or refused by a check.
+    """
+    minari = _minari()
+    from cmbrl.data.transitions import Transitions
+
+    folder = path if path.is_dir() else path.parent
+    folder = folder / "data" if (folder / "data").is_dir() else folder
+    if not (folder / "metadata.json").is_file():
+        raise UserError(f"{path}: not a Minari dataset (no metadata.json in {folder}): check the path")
+    try:
+        dataset = minari.MinariDataset(folder)
+        stored = [_arrays(path, episode) for episode in dataset.iterate_episodes()]
+        metadata = dataset.storage.metadata
+    except (OSError, ValueError, KeyError, AssertionError, json.JSONDecodeError) as error:
+        if isinstance(error, UserError):
+            raise
+        raise UserError(f"{path}: not readable as a Minari dataset ({error!r})") from None
+    stored = [arrays for arrays in stored if len(arrays["u"])]
+    if not stored:
+        raise UserError(f"{path}: the log is empty: record at least one transition")
+    about = json.loads(metadata[KEY]) if KEY in metadata else {"dt": _environment_dt(path, dataset)}
+    try:
+        return Transitions(
+            **{name: np.concatenate([arrays[name] for arrays in stored]) for name in stored[0]},
+            dt=about["dt"],
+            episode=np.repeat(np.arange(len(stored)), [len(arrays["u"]) for arrays in stored]),
+            joint_names=tuple(about.get("joints", ())),
+            actuator_names=tuple(about.get("actuators", ())),
+            source=about.get("source", {"minari": metadata.get("dataset_id", "")}),
+        )
+    except (UserError, ValueError) as error:
+        raise UserError(f"{path}: {error}") from None
+
+
+def _minari() -> Any:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # its imports warn about formats that are not used here
+            import h5py  # noqa: F401
+            import minari
+            import PIL  # noqa: F401  # minari's hdf5 extra needs Pillow and does not ask for it
+    except ImportError as error:
+        raise UserError(
+            f"{error.name or 'minari'} is missing, which Minari logs need: pip install 'cmbrl[data]'"
+        ) from None
+    return minari
+
+
+def _episode(buffer: Any, data: Transitions, start: int, end: int, number: int) -> Any:
+    rows = slice(start, end)
+    length = end - start
+    return buffer(
+        id=number,
+        observations={
+            "qpos": np.concatenate([data.q[rows], data.q_next[end - 1 : end]]),
+            "qvel": np.concatenate([data.v[rows], data.v_next[end - 1 : end]]),
+        },
+        actions=data.u[rows],
+        rewards=[0.0] * length,
+        terminations=[False] * length,
+        truncations=[False] * (length - 1) + [True],
+        infos={},
+    )
+
+
+def _arrays(path: Path, episode: Any) -> dict[str, np.ndarray]:
+    """q, v, u, q_next, v_next of one stored episode."""
+    for place in (episode.observations, episode.infos):
+        if isinstance(place, Mapping) and "qpos" in place and "qvel" in place:
+            q, v = np.asarray(place["qpos"], dtype=np.float64), np.asarray(place["qvel"], dtype=np.float64)
+            break
+    else:
+        raise UserError(
+            f"{path}: neither observations nor infos hold qpos and qvel: record raw states, as `cmbrl record` does"
+        )
+    u = np.asarray(episode.actions, dtype=np.float64).reshape(len(episode.rewards), -1)
+    if not len(q) == len(v) == len(u) + 1:
+        raise UserError(
+            f"{path}: episode {episode.id} has {len(q)} states for {len(u)} actions: one more state is needed"
+        )
+    return {"q": q[:-1], "v": v[:-1], "u": u, "q_next": q[1:], "v_next": v[1:]}
+
+
+def _environment_dt(path: Path, dataset: Any) -> float:
+    """Control step [s] of the environment that a foreign dataset names."""
+    try:
+        return float(dataset.recover_environment().unwrapped.dt)
+    except Exception as error:  # an environment is foreign code, and may not be installed
+        raise UserError(
+            f"{path}: the dataset does not tell its time step and its environment does not start ({error!r}): "
+            "load it in Python and make Transitions with dt="
+        ) from None

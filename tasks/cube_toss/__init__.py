@@ -1,0 +1,34 @@
+"""Cube toss: a real acrylic cube thrown onto a board; the real system is the log of its motion capture (148 Hz).
+
+Velocities in the log are backward differences, which is how a semi-implicit step reads: q' = q + h v'.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from cmbrl.registry import Task
+
+DT = 1.0 / 148.0
+
+
+def _record(**arguments: Any) -> Any:
+    from tasks.cube_toss.real import record
+
+    return record(**arguments)
+
+
+TASK = Task(
+    name="cube_toss",
+    description="real tosses of a 10 cm cube (ContactNets): a log, given by --data or CMBRL_DATA; no control",
+    scene=Path(__file__).with_name("scene.xml"),
+    control_dt=DT,
+    substeps=1,
+    time_step=DT,
+    smoothing_kappa=1e-6,
+    contact_gap=2e-3,
+    behaviours=("log",),
+    takes_log=True,
+    recorder=_record,
+)
