@@ -1,0 +1,169 @@
+"""The arrays the C++ core is built from. Shapes: nb moving bodies, nj joints, nc contacts, D = 2 (planar) or 3."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from cmbrl.scene.actuators import Actuator
+from cmbrl.scene.layout import Layout
+from cmbrl.scene.records import BALL, HINGE, MUJOCO, POINT_PLANE, RIGID, SLIDE, WORLD, Array, Candidate, Tree
+from cmbrl.scene.reduction import PlaneOfMotion
+from cmbrl.scene.shapes import Shape
+
+Core = dict[str, Any]
+
+
+def tree_arrays(model: mujoco.MjModel, tree: Tree, plane: PlaneOfMotion | None) -> Core:
+    """Bodies and joints, in the plane of motion where there is one."""
+    joints = tree.joints
+    dimension = 2 if plane else 3
+    pos, rot, axis, anchor = [], [], [], []
+    for k, body in enumerate(tree.bodies):
+        if plane:
+            turned = plane.rot[k] if body.parent == WORLD else plane.rot[body.parent].T @ plane.rot[k]
+            origin = np.zeros(3) if body.parent == WORLD else tree.world_pos[body.parent]
+            step = plane.basis @ (tree.world_pos[k] - origin)
+            pos.append(step if body.parent == WORLD else plane.rot[body.parent].T @ step)
+            rot.append(turned[:, 0])  # cosine, sine
+        else:
+            pos.append(body.pos)
+            rot.append(body.rot.ravel())
+    for joint in joints:
+        anchor.append(plane.local(tree, joint.body, joint.pos) if plane else joint.pos)
+        if plane and joint.kind == HINGE:
+            axis.append([float(np.sign(tree.turn(joint.body, joint.axis) @ plane.axis)), 0.0])
+        else:
+            axis.append(plane.local(tree, joint.body, joint.axis) if plane else joint.axis)
+    counts = [len(body.joints) for body in tree.bodies]
+    return {
+        "body_parent": integers([body.parent for body in tree.bodies]),
+        "body_pos": doubles(pos, (-1, dimension)),
+        "body_rot": doubles(rot, (-1, 2 if plane else 9)),
+        "body_jadr": integers(np.cumsum([0, *counts[:-1]])),
+        "body_jnum": integers(counts),
+        "jnt_type": integers([joint.kind for joint in joints]),
+        "jnt_body": integers([joint.body for joint in joints]),
+        "jnt_qadr": integers([joint.qadr for joint in joints]),
+        "jnt_vadr": integers([joint.vadr for joint in joints]),
+        "jnt_axis": doubles(axis, (-1, dimension)),
+        "jnt_pos": doubles(anchor, (-1, dimension)),
+        "jnt_q0": doubles([joint.q0 for joint in joints], (-1,)),
+        "dof_soft": doubles(np.hstack([model.dof_solref, model.dof_solimp]), (-1, 7)),
+        "dof_invweight": doubles(model.dof_invweight0, (-1,)),
+        **_limit_arrays(model, tree),
+    }
+
+
+def _limit_arrays(model: mujoco.MjModel, tree: Tree) -> Core:
+    off = mujoco.mjtDisableBit
+    enabled = not model.opt.disableflags & (off.mjDSBL_LIMIT | off.mjDSBL_CONSTRAINT)
+    limited = [j for j in tree.joints if enabled and j.kind in (SLIDE, HINGE) and model.jnt_limited[j.source]]
+    limited = [j for j in limited if model.jnt_type[j.source] != mujoco.mjtJoint.mjJNT_FREE]
+    source = [joint.source for joint in limited]
+    return {
+        "lim_dof": integers([joint.vadr for joint in limited]),
+        "lim_qadr": integers([joint.qadr for joint in limited]),
+        "lim_lo": doubles(model.jnt_range[source, 0], (-1,)),
+        "lim_hi": doubles(model.jnt_range[source, 1], (-1,)),
+        "lim_margin": doubles(model.jnt_margin[source], (-1,)),
+        "lim_soft": doubles(np.hstack([model.jnt_solref[source], model.jnt_solimp[source]]), (-1, 7)),
+        "lim_invweight": doubles(model.dof_invweight0[[joint.vadr for joint in limited]], (-1,)),
+    }
+
+
+def contact_arrays(
+    model: mujoco.MjModel, candidates: list[Candidate], planes: list[Shape], plane: PlaneOfMotion | None, rigid: bool
+) -> Core:
+    """Contact candidates and the planes that they may touch."""
+    dimension = 2 if plane else 3
+    laws = [c.law for c in candidates]
+    normals = np.array([ground.rot[:, 2] for ground in planes]).reshape(-1, 3)
+    number = {ground.geom: k for k, ground in enumerate(planes)}
+    pyramid = int(model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL)
+
+    def vectors(field: str) -> Array:
+        return doubles([getattr(c, field) for c in candidates], (-1, dimension))
+
+    return {
+        "con_type": integers([c.kind for c in candidates]),
+        "con_bodyA": integers([c.body_a for c in candidates]),
+        "con_bodyB": integers([c.body_b for c in candidates]),
+        "con_plane": integers([number[c.geoms[1]] if c.kind == POINT_PLANE else -1 for c in candidates]),
+        "con_posA": vectors("pos_a"),
+        "con_axisA": vectors("axis_a"),
+        "con_posB": vectors("pos_b"),
+        "con_axisB": vectors("axis_b"),
+        "con_rotB": doubles([c.rot_b.ravel() for c in candidates], (-1, dimension**2)),
+        "con_halfB": vectors("half_b"),
+        "con_radiusB": doubles([c.radius_b for c in candidates], (-1,)),
+        "con_dim": integers([law.dim for law in laws]),
+        "con_law": integers([RIGID if rigid else MUJOCO] * len(laws)),
+        "con_pyramid": integers([pyramid] * len(laws)),
+        "con_impratio": doubles([float(model.opt.impratio)] * len(laws), (-1,)),
+        "con_invweight": doubles([law.inverse_weight for law in laws], (-1,)),
+        "con_margin": doubles([law.margin for law in laws], (-1,)),
+        "con_mid": doubles([law.solimp[3] for law in laws], (-1,)),
+        "con_power": doubles([law.solimp[4] for law in laws], (-1,)),
+        "plane_normal": doubles(normals @ plane.basis.T if plane else normals, (-1, dimension)),
+    }
+
+
+def integers(values: Any) -> np.ndarray:
+    """A C-contiguous int32 vector."""
+    return np.ascontiguousarray(values, dtype=np.int32).reshape(-1)
+
+
+def doubles(values: Any, shape: tuple[int, ...]) -> Array:
+    """A C-contiguous float64 array; an empty one keeps the trailing sizes of ``shape``."""
+    array = np.asarray(values, dtype=np.float64)
+    return np.ascontiguousarray(array.reshape(shape if array.size else (0, *shape[1:])))
+
+
+def physical_vector(
+    model: mujoco.MjModel,
+    tree: Tree,
+    candidates: list[Candidate],
+    planes: list[Shape],
+    actuators: list[Actuator],
+    plane: PlaneOfMotion | None,
+    layout: Layout,
+) -> Array:
+    """P (nP,) at the file's own values; its order is that of ``layout.py``."""
+    off, flags = mujoco.mjtDisableBit, model.opt.disableflags
+    P = np.zeros(layout.size)
+    for k, body in enumerate(tree.bodies):
+        P[layout.mass(k)] = body.mass
+        com, inertia = layout.com(k), layout.inertia(k)
+        P[com : com + layout.dimension] = plane.local(tree, k, body.com) if plane else body.com
+        I = body.inertia  # noqa: E741
+        if plane:
+            axis = tree.world_rot[k].T @ plane.axis
+            P[inertia] = axis @ I @ axis
+        else:
+            P[inertia : inertia + 6] = I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]
+    for joint in tree.joints:
+        stiffness = model.jnt_stiffness[joint.source] if joint.kind != BALL and not flags & off.mjDSBL_SPRING else 0.0
+        for dof in range(joint.vadr, joint.vadr + (3 if joint.kind == BALL else 1)):
+            P[layout.dof(dof, "armature")] = model.dof_armature[dof]
+            P[layout.dof(dof, "damping")] = 0.0 if flags & off.mjDSBL_DAMPER else model.dof_damping[dof]
+            P[layout.dof(dof, "stiffness")] = stiffness
+            P[layout.dof(dof, "springref")] = model.qpos_spring[joint.qadr] if stiffness else 0.0
+            if not flags & (off.mjDSBL_FRICTIONLOSS | off.mjDSBL_CONSTRAINT):
+                P[layout.dof(dof, "frictionloss")] = model.dof_frictionloss[dof]
+    for k, c in enumerate(candidates):
+        law, first = c.law, layout.contact(k)
+        P[first : first + 9] = [law.friction, 0.0, c.radius_a + c.radius_b, *law.solref, *law.solimp[:3], 1 / c.weight]
+    for k, ground in enumerate(planes):
+        P[layout.plane(k)] = ground.rot[:, 2] @ ground.pos
+    for k, actuator in enumerate(actuators):
+        first = layout.actuator(k)
+        P[first : first + 5] = [actuator.gear, actuator.gain, *actuator.bias]
+        P[layout.dof(actuator.dof, "armature")] += actuator.armature
+        P[layout.dof(actuator.dof, "damping")] += actuator.damping
+    if not flags & off.mjDSBL_GRAVITY:
+        gravity = np.asarray(model.opt.gravity)
+        P[layout.gravity :] = plane.basis @ gravity if plane else gravity
+    return P

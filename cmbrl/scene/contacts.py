@@ -1,0 +1,164 @@
+"""Contact candidates: what may touch what, as points, segments and boxes; what cannot touch is dropped with its reason."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from cmbrl.scene.mixing import collision_pairs, contact_law, pair_label
+from cmbrl.scene.reach import closest_approach, height_range
+from cmbrl.scene.records import (
+    POINT_PLANE,
+    POINT_SHAPE,
+    SEGMENT_SEGMENT,
+    WORLD,
+    Array,
+    Candidate,
+    ContactLaw,
+    LeftOut,
+    Tree,
+)
+from cmbrl.scene.shapes import Shape, plane_points, read_shape
+from cmbrl.scene.support import Gate
+
+_POINTWISE = ("sphere", "capsule", "box", "cylinder", "mesh")
+_ROUND = ("sphere", "capsule")
+
+
+class ContactBuilder:
+    """Walks over the pairs that MuJoCo would test and keeps the candidates that can touch."""
+
+    def __init__(
+        self, model: mujoco.MjModel, tree: Tree, normal: Array | None, gate: Gate, outlines: bool = False
+    ) -> None:
+        """``normal`` (3,): unit axis about which everything turns, if the tree moves in a plane, else None;
+        ``outlines``: contacts are planar too, so a cylinder is its outline in the plane of motion."""
+        self.model, self.tree, self.normal, self.gate, self.outlines = model, tree, normal, gate, outlines
+        self.candidates: list[Candidate] = []
+        self.dropped: list[LeftOut] = []
+        self._shapes: dict[int, Shape] = {}
+
+    def build(self) -> None:
+        """Fills ``candidates`` and ``dropped``; tells the gate of pairs that are not modelled."""
+        for first, second, pair in collision_pairs(self.model):
+            a, b = self._shape(first), self._shape(second)
+            if a.kind == b.kind == "plane":
+                continue
+            if "plane" in (a.kind, b.kind):
+                plane, other = (a, b) if a.kind == "plane" else (b, a)
+                self._against_plane(other, plane, pair)
+            else:
+                self._between(a, b, pair)
+
+    def _shape(self, geom: int) -> Shape:
+        if geom not in self._shapes:
+            self._shapes[geom] = read_shape(self.model, geom, self.tree.frames)
+        return self._shapes[geom]
+
+    def _law(self, a: Shape, b: Shape, pair: int) -> ContactLaw:
+        model, label = self.model, pair_label(self.model, a.geom, b.geom)
+        for field, kind, rows in (
+            ("geom_adhesion", "adhesion", [a.geom, b.geom]),
+            ("pair_adhesion", "adhesion", [pair] if pair >= 0 else []),
+            ("geom_surfacevel", "surface_velocity", [a.geom, b.geom]),
+        ):
+            values = getattr(model, field, None)  # fields of recent MuJoCo versions
+            if values is not None and rows and np.any(np.asarray(values)[rows]):
+                self.gate.refuse(kind, label, f"nonzero {field.split('_')[1]}")
+        first, second = sorted((a.geom, b.geom))
+        return contact_law(model, first, second, pair, self.gate)
+
+    def _drop(self, a: Shape, b: Shape, why: str, count: int = 1) -> None:
+        name = pair_label(self.model, a.geom, b.geom)
+        self.dropped.append(LeftOut("contact", name if count == 1 else f"{name} ({count} points)", why))
+
+    def _against_plane(self, shape: Shape, plane: Shape, pair: int) -> None:
+        label = pair_label(self.model, shape.geom, plane.geom)
+        if plane.body != WORLD:
+            self.gate.refuse("geom_type", label, "a plane on a moving body")
+            return
+        up = plane.rot[:, 2]
+        ground = float(up @ plane.pos)
+        law = self._law(shape, plane, pair)
+        if shape.kind not in _POINTWISE:
+            low = height_range(self.model, self.tree, shape.body, shape.pos, up).low - shape.bound - ground
+            if low > law.margin:
+                self._drop(shape, plane, f"it cannot come nearer than {low:.3g} m")
+            else:
+                self.gate.refuse("geom_type", label, f"contact of a geom of type {shape.kind}")
+            return
+        axis = None if not self.outlines else self.tree.turn(shape.body, np.eye(3)).T @ self.normal
+        reasons: dict[str, int] = {}
+        for point, radius, weight in plane_points(shape, axis):
+            height = height_range(self.model, self.tree, shape.body, point, up)
+            low = height.low - radius - ground
+            if low >= law.margin and height.constant:
+                why = f"no joint changes its distance of {low:.3g} m"
+            elif low > law.margin:
+                why = "it is out of reach"
+            elif height.constant and law.dim == 1:
+                why = "no joint changes its distance and it has no friction"
+            else:
+                self.candidates.append(_point_plane(shape, plane, point, radius, weight, law))
+                continue
+            reasons[why] = reasons.get(why, 0) + 1
+        for why, count in reasons.items():
+            self._drop(shape, plane, why, count)
+
+    def _between(self, a: Shape, b: Shape, pair: int) -> None:
+        law = self._law(a, b, pair)
+        nearest = closest_approach(self.model, self.tree, a.body, a.pos, b.body, b.pos) - a.bound - b.bound
+        if nearest > law.margin:
+            self._drop(a, b, f"they cannot come nearer than {nearest:.3g} m")
+            return
+        if self.normal is not None:  # motion in a plane keeps both at their distance along its normal
+            offset = abs(self.normal @ (self.tree.place(a.body, a.pos) - self.tree.place(b.body, b.pos)))
+            apart = offset - sum(s.reach_along(self.tree.turn(s.body, np.eye(3)).T @ self.normal) for s in (a, b))
+            if apart > law.margin:
+                self._drop(a, b, f"they move in parallel planes {apart:.3g} m apart")
+                return
+        kinds = {a.kind, b.kind}
+        label = pair_label(self.model, a.geom, b.geom)
+        if a.kind in _ROUND and b.kind in _ROUND:
+            self.candidates.append(_round_pair(a, b, law))
+        elif kinds == {"sphere", "box"}:
+            ball, box = (a, b) if a.kind == "sphere" else (b, a)
+            if ball.body == WORLD:
+                self.gate.refuse("geom_pair", label, "a moving box against a fixed sphere")
+            else:
+                self.candidates.append(_sphere_box(ball, box, law))
+        elif odd := kinds - {*_POINTWISE}:
+            self.gate.refuse("geom_type", label, f"contact of a geom of type {odd.pop()}")
+        else:
+            self.gate.refuse("geom_pair", label, f"contact of a {a.kind} with a {b.kind}")
+
+
+def _point_plane(
+    shape: Shape, plane: Shape, point: Array, radius: float, weight: int, law: ContactLaw
+) -> Candidate:
+    zero = np.zeros(3)
+    return Candidate(
+        POINT_PLANE, (shape.geom, plane.geom), shape.body, WORLD,
+        point, zero, zero, zero, np.eye(3), zero, radius, 0.0, law, weight,
+    )  # fmt: skip
+
+
+def _round_pair(a: Shape, b: Shape, law: ContactLaw) -> Candidate:
+    """Spheres and capsules: the point of A against the segment of B, or segment against segment; B may be the world."""
+    if WORLD in (a.body, b.body):
+        a, b = (b, a) if a.body == WORLD else (a, b)
+    elif a.kind == "capsule" and b.kind == "sphere":
+        a, b = b, a
+    kind = SEGMENT_SEGMENT if a.kind == "capsule" else POINT_SHAPE
+    return Candidate(
+        kind, (a.geom, b.geom), a.body, b.body,
+        a.pos, a.axis, b.pos, b.axis, np.eye(3), np.zeros(3), a.radius, b.radius, law,
+    )  # fmt: skip
+
+
+def _sphere_box(ball: Shape, box: Shape, law: ContactLaw) -> Candidate:
+    zero = np.zeros(3)
+    return Candidate(
+        POINT_SHAPE, (ball.geom, box.geom), ball.body, box.body,
+        ball.pos, zero, box.pos, zero, box.rot, box.size, ball.radius, 0.0, law,
+    )  # fmt: skip

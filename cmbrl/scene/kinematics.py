@@ -1,0 +1,119 @@
+"""Positions of bodies and gaps of contact candidates in numpy, over any batch shape; for reports and strata, not for speed.
+
+Conventions are MuJoCo's: a hinge or ball turns the body about its anchor, a slide moves it along its axis.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cmbrl.scene.layout import Layout
+from cmbrl.scene.manifold import quaternion_matrix
+from cmbrl.scene.records import BALL, POINT_PLANE, SEGMENT_SEGMENT, SLIDE, Array
+
+Core = dict[str, Any]
+
+
+def body_poses(core: Core, q: Array) -> tuple[Array, Array]:
+    """Positions (..., nb, D) [m] and rotations (..., nb, D, D) at configurations q (..., nq)."""
+    q = np.asarray(q, dtype=np.float64)
+    planar, batch = core["planar"], q.shape[:-1]
+    D = 2 if planar else 3
+    nb = core["nbody"]
+    pos, rot = np.zeros((*batch, nb, D)), np.zeros((*batch, nb, D, D))
+    for b in range(nb):
+        parent = core["body_parent"][b]
+        x, R = core["body_pos"][b], _fixed_rotation(core["body_rot"][b])
+        if parent >= 0:
+            x, R = pos[..., parent, :] + rot[..., parent, :, :] @ x, rot[..., parent, :, :] @ R
+        for j in range(core["body_jadr"][b], core["body_jadr"][b] + core["body_jnum"][b]):
+            kind, i, axis, local = core["jnt_type"][j], core["jnt_qadr"][j], core["jnt_axis"][j], core["jnt_pos"][j]
+            if kind == SLIDE:
+                x = x + (R @ axis) * (q[..., i] - core["jnt_q0"][j])[..., None]
+                continue
+            anchor = x + R @ local
+            if kind == BALL:
+                R = R @ quaternion_matrix(q[..., i : i + 4])
+            else:
+                R = R @ _turn(axis, q[..., i] - core["jnt_q0"][j], planar)
+            x = anchor - R @ local
+        pos[..., b, :], rot[..., b, :, :] = x, R
+    return pos, rot
+
+
+def gaps(core: Core, q: Array) -> Array:
+    """Gap [m] (..., ncontact) of every candidate at configurations q (..., nq), at the nominal parameters."""
+    q = np.asarray(q, dtype=np.float64)
+    pos, rot = body_poses(core, q)
+    D = pos.shape[-1]
+    layout = Layout(D, core["nbody"], core["nv"], core["ncontact"], core["nplane"], core["nact"])
+    P = core["P"]
+    out = np.empty((*q.shape[:-1], core["ncontact"]))
+    for i in range(core["ncontact"]):
+        a, b = core["con_bodyA"][i], core["con_bodyB"][i]
+        point = _place(pos, rot, a, core["con_posA"][i])
+        if core["con_type"][i] == POINT_PLANE:
+            k = core["con_plane"][i]
+            distance = point @ core["plane_normal"][k] - P[layout.plane(k)]
+        else:
+            relative = point - _place(pos, rot, b, core["con_posB"][i])
+            axis_b = _direction(rot, b, core["con_axisB"][i])
+            if core["con_type"][i] == SEGMENT_SEGMENT:
+                distance = _segments(relative, _direction(rot, a, core["con_axisA"][i]), axis_b)
+            elif np.any(core["con_halfB"][i]):
+                axes = core["con_rotB"][i].reshape(D, D)
+                frame = axes if b < 0 else rot[..., b, :, :] @ axes
+                distance = _box(np.swapaxes(frame, -1, -2) @ relative[..., None], core["con_halfB"][i])
+            else:
+                t = np.clip(_dot(axis_b, relative) / max(_dot(core["con_axisB"][i], core["con_axisB"][i]), 1e-300), -1, 1)
+                distance = np.linalg.norm(relative - t[..., None] * axis_b, axis=-1)
+        out[..., i] = distance - P[layout.contact(i, "radius")]
+    return out
+
+
+def _fixed_rotation(row: Array) -> Array:
+    return np.array([[row[0], -row[1]], [row[1], row[0]]]) if len(row) == 2 else row.reshape(3, 3)
+
+
+def _turn(axis: Array, angle: Array, planar: bool) -> Array:
+    """Rotation matrices (..., D, D) about a joint axis by angles (...)."""
+    if planar:
+        c, s = np.cos(angle), axis[0] * np.sin(angle)
+        return np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
+    half = 0.5 * np.asarray(angle)[..., None]
+    return quaternion_matrix(np.concatenate([np.cos(half), np.sin(half) * axis], axis=-1))
+
+
+def _place(pos: Array, rot: Array, body: int, local: Array) -> Array:
+    return local if body < 0 else pos[..., body, :] + rot[..., body, :, :] @ local
+
+
+def _direction(rot: Array, body: int, local: Array) -> Array:
+    return local if body < 0 else rot[..., body, :, :] @ local
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.sum(a * b, axis=-1)
+
+
+def _box(local: Array, half: Array) -> Array:
+    """Signed distance of points (..., D, 1) in a box's frame: outside to the surface, inside minus the way out."""
+    beyond = np.abs(local[..., 0]) - half
+    outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1)
+    return np.where(np.all(beyond < 0, axis=-1), beyond.max(axis=-1), outside)
+
+
+def _segments(relative: Array, a: Array, b: Array) -> Array:
+    """Distance of segments centre +- a and centre +- b; ``relative`` is a's centre minus b's.
+
+    Closest points after Ericson, Real-Time Collision Detection (2005), 5.1.9, written for half vectors.
+    """
+    aa, bb, ab, ar, br = _dot(a, a), _dot(b, b), _dot(a, b), _dot(a, relative), _dot(b, relative)
+    det = aa * bb - ab * ab
+    safe = np.where(det > 1e-12 * aa * bb, det, 1.0)
+    s = np.where(det > 1e-12 * aa * bb, np.clip((ab * br - bb * ar) / safe, -1, 1), 0.0)
+    t = np.clip((ab * s + br) / np.where(bb > 0, bb, 1.0), -1, 1)
+    s = np.clip((ab * t - ar) / np.where(aa > 0, aa, 1.0), -1, 1)
+    return np.linalg.norm(relative + s[..., None] * a - t[..., None] * b, axis=-1)

@@ -1,0 +1,64 @@
+"""Where each number stands in the physical vector P of the core.
+
+P = per body [mass, centre of mass (D), inertia about it (planar 1: about the axis; spatial xx yy zz xy xz yz)],
+    per degree of freedom [armature, damping, stiffness, spring reference, friction loss],
+    per contact [friction, restitution, sum of radii, solref (2), d0, dmax, width, softness scale],
+    per plane [height], per actuator [gear, gain, bias (3)], gravity (D).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+DOF_FIELDS = ("armature", "damping", "stiffness", "springref", "frictionloss")
+CONTACT_FIELDS = ("friction", "restitution", "radius", "solref0", "solref1", "d0", "dmax", "width", "rscale")
+ACTUATOR_FIELDS = ("gear", "gain", "bias0", "bias1", "bias2")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Offsets into P for a scene of the given sizes; ``dimension`` D is 2 or 3."""
+
+    dimension: int
+    nbody: int
+    nv: int
+    ncontact: int
+    nplane: int
+    nact: int
+
+    @property
+    def body_fields(self) -> int:
+        return 1 + self.dimension + self.inertia_fields
+
+    @property
+    def inertia_fields(self) -> int:
+        return 1 if self.dimension == 2 else 6
+
+    def mass(self, body: int) -> int:
+        return body * self.body_fields
+
+    def com(self, body: int) -> int:
+        return self.mass(body) + 1
+
+    def inertia(self, body: int) -> int:
+        return self.com(body) + self.dimension
+
+    def dof(self, dof: int, field: str = "armature") -> int:
+        return self.nbody * self.body_fields + dof * len(DOF_FIELDS) + DOF_FIELDS.index(field)
+
+    def contact(self, contact: int, field: str = "friction") -> int:
+        return self.dof(self.nv) + contact * len(CONTACT_FIELDS) + CONTACT_FIELDS.index(field)
+
+    def plane(self, plane: int) -> int:
+        return self.contact(self.ncontact) + plane
+
+    def actuator(self, actuator: int, field: str = "gear") -> int:
+        return self.plane(self.nplane) + actuator * len(ACTUATOR_FIELDS) + ACTUATOR_FIELDS.index(field)
+
+    @property
+    def gravity(self) -> int:
+        return self.actuator(self.nact)
+
+    @property
+    def size(self) -> int:
+        return self.gravity + self.dimension

@@ -1,0 +1,116 @@
+"""Which geoms MuJoCo lets collide, and with which contact parameters (its documentation, "Computation > Collision")."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import lru_cache
+
+import mujoco
+import numpy as np
+
+from cmbrl.scene.mjcf import name_of
+from cmbrl.scene.records import ContactLaw
+from cmbrl.scene.support import Gate
+
+
+def collision_pairs(model: mujoco.MjModel) -> Iterator[tuple[int, int, int]]:
+    """Pairs of geoms (first, second, explicit pair or -1) that may collide by MuJoCo's filters, moving ones only."""
+    off = mujoco.mjtDisableBit
+    if model.opt.disableflags & (off.mjDSBL_CONTACT | off.mjDSBL_CONSTRAINT):
+        return
+    weld = model.body_weldid
+    explicit = set()
+    for k in range(model.npair):
+        pair = sorted((int(model.pair_geom1[k]), int(model.pair_geom2[k])))
+        explicit.add(tuple(pair))
+        if weld[model.geom_bodyid[pair[0]]] != weld[model.geom_bodyid[pair[1]]]:
+            yield pair[0], pair[1], k
+    excluded = {(int(s) >> 16, int(s) & 0xFFFF) for s in model.exclude_signature}
+    filter_parent = not model.opt.disableflags & off.mjDSBL_FILTERPARENT
+    for first in range(model.ngeom):
+        body1 = int(model.geom_bodyid[first])
+        weld1 = weld[body1]
+        parent1 = weld[model.body_parentid[weld1]]
+        for second in range(first + 1, model.ngeom):
+            body2 = int(model.geom_bodyid[second])
+            weld2 = weld[body2]
+            if weld1 == weld2 or (first, second) in explicit:
+                continue
+            if not (
+                model.geom_contype[first] & model.geom_conaffinity[second]
+                or model.geom_contype[second] & model.geom_conaffinity[first]
+            ):
+                continue
+            parent2 = weld[model.body_parentid[weld2]]
+            if filter_parent and weld1 and weld2 and (weld1 == parent2 or weld2 == parent1):
+                continue
+            if (body1, body2) in excluded or (body2, body1) in excluded:
+                continue
+            yield first, second, -1
+
+
+def contact_law(model: mujoco.MjModel, first: int, second: int, pair: int, gate: Gate) -> ContactLaw:
+    """The parameters of one contact: those of an explicit pair, else mixed from both geoms by priority and solmix."""
+    label = pair_label(model, first, second)
+    if pair >= 0:
+        dim, friction = int(model.pair_dim[pair]), model.pair_friction[pair]
+        solref, solimp = model.pair_solref[pair], model.pair_solimp[pair]
+        margin = model.pair_margin[pair] - (0.0 if _margins_add() else model.pair_gap[pair])
+        if np.any(model.pair_solreffriction[pair]):
+            gate.note("solreffriction", label, "friction follows the solref of the normal direction")
+    else:
+        rank = int(model.geom_priority[first]) - int(model.geom_priority[second])
+        dims = model.geom_condim[first], model.geom_condim[second]
+        mix = _solmix(float(model.geom_solmix[first]), float(model.geom_solmix[second]))
+        if rank:
+            chosen = first if rank > 0 else second
+            mix, dim = float(rank > 0), int(model.geom_condim[chosen])
+            friction = _friction(model.geom_friction[chosen])
+        else:
+            dim = int(max(dims))
+            friction = _friction(np.maximum(model.geom_friction[first], model.geom_friction[second]))
+        refs = model.geom_solref[first], model.geom_solref[second]
+        standard = refs[0][0] > 0 and refs[1][0] > 0
+        solref = mix * refs[0] + (1 - mix) * refs[1] if standard or rank else np.minimum(*refs)
+        solimp = mix * model.geom_solimp[first] + (1 - mix) * model.geom_solimp[second]
+        margins, gaps = model.geom_margin[[first, second]], model.geom_gap[[first, second]]
+        margin = margins.sum() if _margins_add() else margins.max() - gaps.max()
+    if model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE:
+        solref, solimp, margin, friction = model.opt.o_solref, model.opt.o_solimp, model.opt.o_margin, model.opt.o_friction
+    if dim > 3:
+        gate.refuse("condim", label, f"condim {dim}", "taken as condim 3")
+        dim = 3
+    if dim == 3 and friction[0] != friction[1]:
+        gate.refuse("friction_anisotropic", label, f"friction {friction[0]:g} {friction[1]:g}", "the first is taken")
+    weight = model.body_invweight0[model.geom_bodyid[first], 0] + model.body_invweight0[model.geom_bodyid[second], 0]
+    return ContactLaw(
+        dim, float(friction[0]) if dim > 1 else 0.0, solref.copy(), solimp.copy(), float(margin), float(weight)
+    )
+
+
+def pair_label(model: mujoco.MjModel, first: int, second: int) -> str:
+    """Both geoms by name, for messages."""
+    return f"{name_of(model, 'geom', first)} - {name_of(model, 'geom', second)}"
+
+
+def _friction(geom: np.ndarray) -> np.ndarray:
+    return geom[[0, 0, 1, 2, 2]]
+
+
+def _solmix(first: float, second: float) -> float:
+    tiny = mujoco.mjMINVAL
+    if first >= tiny and second >= tiny:
+        return first / (first + second)
+    return 0.5 if first < tiny and second < tiny else float(first >= tiny)
+
+
+@lru_cache(maxsize=1)
+def _margins_add() -> bool:
+    """Whether this MuJoCo adds the margins of two geoms (since 3.9) or takes the larger one, less the gap; by trying."""
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><geom size='1' margin='.25'/>"
+        "<body pos='2 0 0'><freejoint/><geom size='1' margin='.5'/></body></worldbody></mujoco>"
+    )
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return bool(data.contact.includemargin[0] > 0.6)

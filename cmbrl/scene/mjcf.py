@@ -1,0 +1,119 @@
+"""From a file to a tree of moving bodies: MuJoCo's own compiler reads the MJCF, bodies without joints are fused."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from cmbrl.errors import UserError
+from cmbrl.scene.manifold import quaternion_matrix
+from cmbrl.scene.records import BALL, HINGE, SLIDE, WORLD, Array, Body, Frame, Joint, Tree
+
+_OBJECTS = {
+    "body": mujoco.mjtObj.mjOBJ_BODY,
+    "joint": mujoco.mjtObj.mjOBJ_JOINT,
+    "geom": mujoco.mjtObj.mjOBJ_GEOM,
+    "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
+    "tendon": mujoco.mjtObj.mjOBJ_TENDON,
+    "equality": mujoco.mjtObj.mjOBJ_EQUALITY,
+    "flex": mujoco.mjtObj.mjOBJ_FLEX,
+    "pair": mujoco.mjtObj.mjOBJ_PAIR,
+}
+
+
+def compile_mjcf(path: Path) -> mujoco.MjModel:
+    """Compiles an MJCF file; raises UserError when it is missing, not an MJCF, or does not compile."""
+    if not path.is_file():
+        raise UserError(f"{path}: no such file: give the path of an MJCF (.xml)")
+    try:
+        root = ElementTree.parse(path).getroot()
+    except (ElementTree.ParseError, UnicodeDecodeError) as error:
+        raise UserError(f"{path}: not an MJCF, not even XML ({error}): give an .xml with a <mujoco> root") from None
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror})") from None
+    if root.tag != "mujoco":
+        raise UserError(f"{path}: not an MJCF: its root element is <{root.tag}>, not <mujoco>")
+    try:
+        return mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise UserError(f"{path}: MuJoCo cannot compile it: {error}") from None
+
+
+def name_of(model: mujoco.MjModel, kind: str, number: int) -> str:
+    """The name of an element of the file; ``<kind><number>`` where it has none (an actuator: that of its joint)."""
+    name = mujoco.mj_id2name(model, _OBJECTS[kind], number)
+    if name:
+        return name
+    if kind == "actuator" and int(model.actuator_trntype[number]) in (
+        mujoco.mjtTrn.mjTRN_JOINT,
+        mujoco.mjtTrn.mjTRN_JOINTINPARENT,
+    ):
+        return name_of(model, "joint", int(model.actuator_trnid[number, 0]))
+    if kind == "geom":
+        body = int(model.geom_bodyid[number])
+        return f"{name_of(model, 'body', body)}_geom{number - model.body_geomadr[body]}"
+    return f"{kind}{number}"
+
+
+def read_tree(model: mujoco.MjModel) -> Tree:
+    """The moving bodies with inertia and joints. A free joint becomes three slides along the world axes and a ball."""
+    bodies: list[Body] = []
+    frames: list[Frame] = []
+    for number in range(model.nbody):
+        pos, rot = model.body_pos[number].copy(), quaternion_matrix(model.body_quat[number])
+        if number == 0:
+            frames.append(Frame(WORLD, np.zeros(3), np.eye(3)))
+            continue
+        carrier = frames[model.body_parentid[number]]
+        pos, rot = carrier.pos + carrier.rot @ pos, carrier.rot @ rot
+        if model.body_jntnum[number] == 0:
+            frames.append(Frame(carrier.body, pos, rot))
+            continue
+        index = len(bodies)
+        first = int(model.body_jntadr[number])
+        free = model.jnt_type[first] == mujoco.mjtJoint.mjJNT_FREE
+        if free:  # its coordinates place it in the world
+            pos, rot = np.zeros(3), np.eye(3)
+        body = Body(name_of(model, "body", number), carrier.body, pos, rot)
+        for joint in range(first, first + int(model.body_jntnum[number])):
+            body.joints += _read_joint(model, joint, index)
+        bodies.append(body)
+        frames.append(Frame(index, np.zeros(3), np.eye(3)))
+    for number, frame in enumerate(frames):
+        if frame.body != WORLD:
+            com = frame.pos + frame.rot @ model.body_ipos[number]
+            axes = frame.rot @ quaternion_matrix(model.body_iquat[number])
+            bodies[frame.body].add_mass(
+                float(model.body_mass[number]), com, axes @ np.diag(model.body_inertia[number]) @ axes.T
+            )
+    return Tree(bodies, frames, *_nominal_poses(model, bodies))
+
+
+def _read_joint(model: mujoco.MjModel, number: int, body: int) -> list[Joint]:
+    name = name_of(model, "joint", number)
+    kind, qadr, vadr = int(model.jnt_type[number]), int(model.jnt_qposadr[number]), int(model.jnt_dofadr[number])
+    zero = np.zeros(3)
+    if kind == mujoco.mjtJoint.mjJNT_FREE:
+        slides = [Joint(name, SLIDE, body, qadr + k, vadr + k, np.eye(3)[k], zero, 0.0, number) for k in range(3)]
+        return [*slides, Joint(name, BALL, body, qadr + 3, vadr + 3, zero, zero, 0.0, number)]
+    pos = model.jnt_pos[number].copy()
+    if kind == mujoco.mjtJoint.mjJNT_BALL:
+        return [Joint(name, BALL, body, qadr, vadr, zero, pos, 0.0, number)]
+    kind = SLIDE if kind == mujoco.mjtJoint.mjJNT_SLIDE else HINGE
+    return [Joint(name, kind, body, qadr, vadr, model.jnt_axis[number].copy(), pos, float(model.qpos0[qadr]), number)]
+
+
+def _nominal_poses(model: mujoco.MjModel, bodies: list[Body]) -> tuple[Array, Array]:
+    """World positions (nb, 3) and rotations (nb, 3, 3) of the moving bodies at qpos0."""
+    pos, rot = np.zeros((len(bodies), 3)), np.zeros((len(bodies), 3, 3))
+    for index, body in enumerate(bodies):
+        origin, axes = (pos[body.parent], rot[body.parent]) if body.parent != WORLD else (np.zeros(3), np.eye(3))
+        pos[index], rot[index] = origin + axes @ body.pos, axes @ body.rot
+        first = body.joints[0]
+        if len(body.joints) == 4 and body.joints[3].kind == BALL and first.source == body.joints[3].source:
+            pos[index] = model.qpos0[first.qadr : first.qadr + 3]
+            rot[index] = quaternion_matrix(model.qpos0[first.qadr + 3 : first.qadr + 7])
+    return pos, rot

@@ -1,0 +1,159 @@
+"""The plain records a scene is made of, between MuJoCo's compiled model and the arrays of the core.
+
+Lengths in m, angles in rad, masses in kg. A "moving body" is one that has joints; bodies without joints are fused into
+the moving body (or the world) that carries them. Index -1 is the world.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+WORLD = -1
+SLIDE, HINGE, BALL = 0, 1, 2
+POINT_PLANE, POINT_SHAPE, SEGMENT_SEGMENT = 0, 1, 2
+RIGID, MUJOCO = 0, 1
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Something that the file holds and the scene does not: what it is, its name, and why it was left out."""
+
+    kind: str
+    name: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number that can be fitted; the physical vector P is affine in it (see ``parameters.py``).
+
+    ``transform`` says in which coordinate a search should move: "log" for scales and positive constants, else "linear".
+    """
+
+    name: str
+    group: str
+    nominal: float
+    low: float
+    high: float
+    transform: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint of the core; a free joint of the file has become three slides and a ball."""
+
+    name: str
+    kind: int  # SLIDE, HINGE or BALL
+    body: int
+    qadr: int
+    vadr: int
+    axis: Array  # (3,) unit, in the body frame
+    pos: Array  # (3,) in the body frame
+    q0: float  # qpos0 of a slide or hinge, else 0
+    source: int  # number of the joint in the file
+
+
+@dataclass
+class Body:
+    """One moving body with everything that is welded to it."""
+
+    name: str
+    parent: int
+    pos: Array  # (3,) of its frame in the parent's frame, joints at qpos0
+    rot: Array  # (3, 3) child to parent
+    joints: list[Joint] = field(default_factory=list)
+    mass: float = 0.0
+    com: Array = field(default_factory=lambda: np.zeros(3))  # (3,) in the body frame
+    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))  # about the centre of mass, body axes
+
+    def add_mass(self, mass: float, com: Array, inertia: Array) -> None:
+        """Adds a rigid part: its mass, centre of mass (3,) and inertia about that (3, 3), both in this body's frame."""
+        total = self.mass + mass
+        if total <= 0.0:
+            return
+        centre = (self.mass * self.com + mass * com) / total
+        self.inertia = (
+            self.inertia + _point_inertia(self.mass, self.com - centre) + inertia + _point_inertia(mass, com - centre)
+        )
+        self.mass, self.com = total, centre
+
+
+def _point_inertia(mass: float, r: Array) -> Array:
+    return mass * (np.dot(r, r) * np.eye(3) - np.outer(r, r))
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Where a body of the file sits: the moving body it is welded to (or WORLD) and its pose in that body's frame."""
+
+    body: int
+    pos: Array
+    rot: Array
+
+
+@dataclass
+class Tree:
+    """All moving bodies, parents first, and where each body of the file went."""
+
+    bodies: list[Body]
+    frames: list[Frame]  # by body number of the file
+    world_pos: Array  # (nb, 3) of the moving bodies at qpos0
+    world_rot: Array  # (nb, 3, 3)
+
+    @property
+    def joints(self) -> list[Joint]:
+        return [joint for body in self.bodies for joint in body.joints]
+
+    def chain(self, body: int) -> list[int]:
+        """Bodies from the root of its tree down to ``body``; empty for the world."""
+        path: list[int] = []
+        while body != WORLD:
+            path.append(body)
+            body = self.bodies[body].parent
+        return path[::-1]
+
+    def place(self, body: int, point: Array) -> Array:
+        """World position (3,) at qpos0 of a point (3,) given in the frame of ``body``."""
+        return point if body == WORLD else self.world_pos[body] + self.world_rot[body] @ point
+
+    def turn(self, body: int, vector: Array) -> Array:
+        """World direction at qpos0 of a vector (3,) or of the columns of a (3, n) matrix given in the body frame."""
+        return vector if body == WORLD else self.world_rot[body] @ vector
+
+
+@dataclass(frozen=True)
+class ContactLaw:
+    """What MuJoCo's mixing rules make of the parameters of two geoms, or what an explicit pair says."""
+
+    dim: int  # 1 or 3
+    friction: float
+    solref: Array  # (2,)
+    solimp: Array  # (5,)
+    margin: float  # [m] gap at which the constraint starts to act
+    inverse_weight: float  # sum of both bodies' translational invweight0
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Two features that may touch: point against plane, point against a shape, or segment against segment."""
+
+    kind: int  # POINT_PLANE, POINT_SHAPE, SEGMENT_SEGMENT
+    geoms: tuple[int, int]  # numbers of A's and B's geom in the file
+    body_a: int
+    body_b: int
+    pos_a: Array  # (D,) in A's frame
+    axis_a: Array  # (D,) half segment vector
+    pos_b: Array
+    axis_b: Array
+    rot_b: Array  # (D, D) frame of a box
+    half_b: Array  # (D,) half sizes of a box
+    radius_a: float
+    radius_b: float
+    law: ContactLaw
+    weight: int = 1  # how many points of the file this one stands for (planar scenes)

@@ -1,0 +1,165 @@
+"""Whether everything moves in one plane, and the same scene written in that plane.
+
+A tree is planar when every joint is a slide in the plane or a hinge about its normal; offsets along the normal then change
+nothing. The plane's basis (e1, e2) and the axis a = e1 x e2, about which planar angles are positive, are world vectors;
+for robots that move in x-z they are x, z and -y.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cmbrl.scene.records import (
+    BALL,
+    HINGE,
+    POINT_PLANE,
+    POINT_SHAPE,
+    SEGMENT_SEGMENT,
+    WORLD,
+    Array,
+    Candidate,
+    Tree,
+)
+
+_ALIGNED = 1e-9
+
+
+@dataclass(frozen=True)
+class PlaneOfMotion:
+    """Basis of the plane in world coordinates, and the planar angle of every moving body's frame at qpos0."""
+
+    basis: Array  # (2, 3) rows e1, e2
+    axis: Array  # (3,) e1 x e2
+    rot: Array  # (nb, 2, 2) planar rotation of the bodies' frames at qpos0
+
+    def local(self, tree: Tree, body: int, vector: Array) -> Array:
+        """A vector or point (3,) of a body's frame in its planar frame (2,); the world's frame: plane coordinates."""
+        flat = self.basis @ tree.turn(body, vector)
+        return flat if body == WORLD else self.rot[body].T @ flat
+
+    @property
+    def letters(self) -> tuple[str, str]:
+        """Names of the two directions: x, y, z where they are world axes, else 1 and 2."""
+        named = ["xyz"[int(np.argmax(np.abs(e)))] if np.max(np.abs(e)) > 1 - _ALIGNED else "" for e in self.basis]
+        return (named[0], named[1]) if all(named) else ("1", "2")
+
+
+def find_plane(tree: Tree, gravity: Array) -> tuple[PlaneOfMotion | None, str]:
+    """The plane in which all joints move, or None and the reason; ``gravity`` (3,) picks the plane where joints leave a choice."""
+    turns, slides = [], []
+    for joint in tree.joints:
+        if joint.kind == BALL:
+            return None, f"joint {joint.name} turns about every axis"
+        (turns if joint.kind == HINGE else slides).append((joint, tree.turn(joint.body, joint.axis)))
+    normal = turns[0][1] if turns else _slide_normal([axis for _, axis in slides], gravity)
+    for joint, axis in turns:
+        if np.linalg.norm(np.cross(axis, normal)) > _ALIGNED:
+            return None, f"hinges {turns[0][0].name} and {joint.name} are not parallel"
+    for joint, axis in slides:
+        if abs(axis @ normal) > _ALIGNED:
+            return None, f"slide {joint.name} leaves the plane of the others"
+    basis = _basis(normal)
+    axis = np.cross(*basis)
+    rot = np.tile(np.eye(2), (len(tree.bodies), 1, 1))
+    for k, world in enumerate(tree.world_rot):
+        if np.linalg.norm(world @ axis - axis) < _ALIGNED:  # else its axes have no planar image: take the world's
+            rot[k] = basis @ world @ basis.T
+    return PlaneOfMotion(basis, axis, rot), "every joint slides in one plane or turns about its normal"
+
+
+def _slide_normal(axes: list[Array], gravity: Array) -> Array:
+    for second in [*axes[1:], gravity, *np.eye(3)]:
+        normal = np.cross(axes[0], second)
+        if np.linalg.norm(normal) > 1e-6 * max(np.linalg.norm(second), 1e-12):
+            return normal / np.linalg.norm(normal)
+    raise AssertionError("three world axes cannot all be parallel to one slide")
+
+
+def _basis(normal: Array) -> Array:
+    """Rows e1, e2 of the plane: e2 as near to world z as it can be (y where the normal is z), e1 along +x or +y."""
+    near = np.round(normal)
+    if np.linalg.norm(normal - near) < _ALIGNED:
+        normal = near
+    up = np.array([0.0, 0.0, 1.0]) if abs(normal[2]) < 1 - 1e-6 else np.array([0.0, 1.0, 0.0])
+    e2 = up - (up @ normal) * normal
+    e2 /= np.linalg.norm(e2)
+    e1 = np.cross(e2, normal)
+    e1 *= np.sign(e1[np.argmax(np.abs(e1))])
+    return np.array([e1, e2]) + 0.0  # no negative zeros
+
+
+def obstacle_to_plane(tree: Tree, plane: PlaneOfMotion, candidate: Candidate, up: Array | None) -> str | None:
+    """Why a candidate has no planar image, or None. ``up`` (3,): world normal of the plane it touches, if it does."""
+    axis = plane.axis
+    if candidate.kind == POINT_PLANE:
+        return None if up is not None and abs(up @ axis) < _ALIGNED else "a plane is inclined out of the plane of motion"
+    depth = 0.0  # how far both shapes together extend along the normal, where their section does not change
+    for body, half in ((candidate.body_a, candidate.axis_a), (candidate.body_b, candidate.axis_b)):
+        world = tree.turn(body, half)
+        along = abs(world @ axis)
+        if along > _ALIGNED and np.linalg.norm(world - (world @ axis) * axis) > _ALIGNED:
+            return "a capsule is oblique to the plane of motion"
+        depth += along
+    if np.any(candidate.half_b):
+        along = np.abs(tree.turn(candidate.body_b, candidate.rot_b).T @ axis)
+        if np.max(along) < 1 - _ALIGNED:
+            return "a box is oblique to the plane of motion"
+        depth += candidate.half_b[int(np.argmax(along))]
+    offset = tree.place(candidate.body_a, candidate.pos_a) - tree.place(candidate.body_b, candidate.pos_b)
+    if abs(offset @ axis) > depth + _ALIGNED:
+        return "two round shapes meet beside the plane of their centres"
+    return None
+
+
+def project(tree: Tree, plane: PlaneOfMotion, candidate: Candidate) -> Candidate:
+    """The planar image of a candidate: sections of its shapes, vectors (2,), a point where a capsule lies across."""
+    a, b = candidate.body_a, candidate.body_b
+    axes = {}
+    for side, body, half in (("a", a, candidate.axis_a), ("b", b, candidate.axis_b)):
+        flat = plane.local(tree, body, half)
+        axes[side] = flat if np.linalg.norm(flat) > _ALIGNED else np.zeros(2)
+    pos_b = plane.local(tree, b, candidate.pos_b)
+    rot_b, half_b = np.eye(2), np.zeros(2)
+    if np.any(candidate.half_b):
+        across = int(np.argmax(np.abs(tree.turn(b, candidate.rot_b).T @ plane.axis)))
+        kept = [k for k in range(3) if k != across]
+        rot_b = np.column_stack([plane.local(tree, b, candidate.rot_b[:, k]) for k in kept])
+        half_b = candidate.half_b[kept]
+    flat = replace(
+        candidate,
+        pos_a=plane.local(tree, a, candidate.pos_a),
+        axis_a=axes["a"],
+        pos_b=pos_b,
+        axis_b=axes["b"],
+        rot_b=rot_b,
+        half_b=half_b,
+    )
+    if candidate.kind == SEGMENT_SEGMENT and not np.any(axes["a"]):  # now a point, which stands first
+        return replace(flat, kind=POINT_SHAPE)
+    if candidate.kind == SEGMENT_SEGMENT and not np.any(axes["b"]) and b != WORLD:
+        return replace(
+            flat,
+            kind=POINT_SHAPE,
+            geoms=candidate.geoms[::-1],
+            body_a=b,
+            body_b=a,
+            pos_a=flat.pos_b,
+            axis_a=flat.axis_b,
+            pos_b=flat.pos_a,
+            axis_b=flat.axis_a,
+            radius_a=flat.radius_b,
+            radius_b=flat.radius_a,
+        )
+    return flat
+
+
+def merge_points(candidates: list[Candidate]) -> tuple[list[Candidate], int]:
+    """Joins candidates of one pair of geoms that coincide; their ``weight`` adds up. Returns them and how many went."""
+    kept: dict[tuple[object, ...], Candidate] = {}
+    for c in candidates:
+        where = tuple(np.round(np.concatenate([c.pos_a, c.axis_a, c.pos_b, c.axis_b]), 9) + 0.0)
+        key = (c.kind, c.geoms, c.radius_a, where)
+        kept[key] = replace(kept[key], weight=kept[key].weight + c.weight) if key in kept else c
+    return list(kept.values()), len(candidates) - len(kept)

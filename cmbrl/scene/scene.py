@@ -1,0 +1,207 @@
+"""The scene: what is in the world, read from an MJCF, reduced to what matters, ready for the core and for fitting."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from cmbrl.errors import UserError, did_you_mean
+from cmbrl.scene import kinematics, manifold, report
+from cmbrl.scene.actuators import read_actuators
+from cmbrl.scene.assemble import contact_arrays, doubles, integers, physical_vector, tree_arrays
+from cmbrl.scene.contacts import ContactBuilder
+from cmbrl.scene.layout import Layout
+from cmbrl.scene.mjcf import compile_mjcf, name_of, read_tree
+from cmbrl.scene.parameters import offer_parameters
+from cmbrl.scene.records import BALL, POINT_PLANE, SLIDE, Array, Candidate, Joint, LeftOut, Parameter, Tree
+from cmbrl.scene.reduction import PlaneOfMotion, find_plane, merge_points, obstacle_to_plane, project
+from cmbrl.scene.shapes import read_shape
+from cmbrl.scene.support import Gate, check_model
+
+_INTEGRATORS = {"mjINT_EULER": "euler", "mjINT_RK4": "rk4", "mjINT_IMPLICIT": "implicit", "mjINT_IMPLICITFAST": "implicit"}
+CONTACT_LAWS = ("mujoco", "rigid")
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A world of moving bodies, joints, contact candidates and actuators. Made by ``from_mjcf``; never changes.
+
+    Layout of q, v, u is MuJoCo's. ``core`` holds the arrays the native core is built from; ``parameters`` are what a fit
+    may change, in the order of every parameter vector.
+    """
+
+    name: str
+    path: str
+    ignore: tuple[str, ...]
+    contact_law: str  # "mujoco" or "rigid"
+    nq: int
+    nv: int
+    nu: int
+    planar: bool
+    planar_why: str
+    timestep: float  # [s] of the file
+    integrator: str  # of the file: "euler", "implicit" or "rk4"
+    q0: Array  # (nq,)
+    total_mass: float  # [kg] of the moving bodies
+    body_names: tuple[str, ...]
+    joint_names: tuple[str, ...]  # as in the file; a free joint is one
+    coordinate_names: tuple[str, ...]  # (nv,)
+    coordinate_kinds: tuple[str, ...]  # (nv,) "position", "angle" or "rotation"
+    actuator_names: tuple[str, ...]
+    contact_names: tuple[str, ...]  # (ncontact,) "geom - geom"
+    parameters: tuple[Parameter, ...]
+    left_out: tuple[LeftOut, ...]
+    dropped_contacts: tuple[LeftOut, ...]
+    merged_points: int
+    joints: tuple[Joint, ...]  # of the core
+    core: dict[str, Any]
+
+    @classmethod
+    def from_mjcf(cls, path: str | Path, ignore: str | Iterable[str] = (), contact_law: str = "mujoco") -> Scene:
+        """Reads an MJCF through MuJoCo's compiler.
+
+        ``ignore``: kinds of unmodelled elements to leave out (``cmbrl.scene.support.KINDS``). ``contact_law``: "mujoco"
+        keeps the file's softness, "rigid" makes contacts hard with a restitution to fit.
+        Raises UserError, one line, for a missing file, a file that is no MJCF, or an element that is not modelled.
+        """
+        if contact_law not in CONTACT_LAWS:
+            raise UserError(f"contact law {contact_law!r}: {did_you_mean(contact_law, CONTACT_LAWS)}")
+        file = Path(path)
+        gate = Gate(str(file), ignore)
+        model = compile_mjcf(file)
+        if model.nv == 0:
+            raise UserError(f"{file}: nothing moves, it has no joints: give a body at least one joint")
+        check_model(model, gate)
+        return _build(cls, model, file, gate, contact_law)
+
+    def parameter_vector(self) -> Array:
+        """Nominal values (np,) of ``parameters``."""
+        return np.array([p.nominal for p in self.parameters], dtype=np.float64)
+
+    def difference(self, q_from: Array, q_to: Array) -> Array:
+        """Tangent vectors (..., nv) from ``q_from`` to ``q_to`` (..., nq): m, rad; rotations in the body frame."""
+        return manifold.difference(self.joints, self.nv, q_from, q_to)
+
+    def integrate(self, q: Array, dv: Array) -> Array:
+        """Configurations (..., nq): ``q`` (..., nq) moved by tangent vectors ``dv`` (..., nv)."""
+        return manifold.integrate(self.joints, q, dv)
+
+    def gaps(self, q: Array) -> Array:
+        """Gaps [m] (..., ncontact) of all candidates at the nominal parameters; negative: penetration."""
+        return kinematics.gaps(self.core, q)
+
+    def body_poses(self, q: Array) -> tuple[Array, Array]:
+        """Positions (..., nb, D) and rotations (..., nb, D, D) of the moving bodies in the world (or its plane)."""
+        return kinematics.body_poses(self.core, q)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything ``cmbrl info --json`` prints, as JSON types."""
+        return report.to_dict(self)
+
+    def describe(self) -> str:
+        """Everything ``cmbrl info`` prints."""
+        return report.describe(self)
+
+
+def _build(cls: type[Scene], model: mujoco.MjModel, file: Path, gate: Gate, contact_law: str) -> Scene:
+    rigid = contact_law == "rigid"
+    tree = read_tree(model)
+    plane, why = find_plane(tree, np.asarray(model.opt.gravity))
+    normal = plane.axis if plane else None
+    builder = ContactBuilder(model, tree, normal, gate, outlines=plane is not None)
+    builder.build()
+    actuators = read_actuators(model, gate)
+    gate.close()
+    if plane and (obstacle := _obstacle(model, tree, plane, builder.candidates)):
+        plane, why = None, obstacle
+        builder = ContactBuilder(model, tree, normal, Gate(gate.file, gate.ignore))  # now with the rims of cylinders
+        builder.build()
+    candidates = [project(tree, plane, c) for c in builder.candidates] if plane else builder.candidates
+    candidates, merged = merge_points(candidates)
+    grounds = sorted({c.geoms[1] for c in candidates if c.kind == POINT_PLANE})
+    planes = [read_shape(model, geom, tree.frames) for geom in grounds]
+    layout = Layout(2 if plane else 3, len(tree.bodies), model.nv, len(candidates), len(planes), len(actuators))
+    P = physical_vector(model, tree, candidates, planes, actuators, plane, layout)
+    letters = plane.letters if plane else ("x", "y", "z")
+    moves = offer_parameters(model, tree, candidates, planes, actuators, layout, letters, P, rigid)
+    core = {
+        "planar": plane is not None,
+        "nq": int(model.nq),
+        "nv": int(model.nv),
+        "nu": len(actuators),
+        "nbody": len(tree.bodies),
+        "njoint": len(tree.joints),
+        "ncontact": len(candidates),
+        "nplane": len(planes),
+        "nact": len(actuators),
+        "plane_basis": plane.basis if plane else np.zeros((2, 3)),
+        **tree_arrays(model, tree, plane),
+        **contact_arrays(model, candidates, planes, plane, rigid),
+        "act_dof": integers([a.dof for a in actuators]),
+        "act_qadr": integers([a.qadr for a in actuators]),
+        "act_ctrl": doubles([a.control for a in actuators], (-1, 2)),
+        "act_force": doubles([a.force for a in actuators], (-1, 2)),
+        "P": P,
+        "par_ptr": moves.ptr,
+        "par_idx": moves.idx,
+        "par_coef": moves.coef,
+        "par_nominal": np.array([p.nominal for p in moves.parameters], dtype=np.float64),
+    }
+    core["nlimit"] = len(core["lim_dof"])
+    names, kinds = _coordinates(tree)
+    return cls(
+        name=file.stem,
+        path=str(file),
+        ignore=gate.ignore,
+        contact_law=contact_law,
+        nq=int(model.nq),
+        nv=int(model.nv),
+        nu=len(actuators),
+        planar=plane is not None,
+        planar_why=why,
+        timestep=float(model.opt.timestep),
+        integrator=_INTEGRATORS.get(mujoco.mjtIntegrator(model.opt.integrator).name, "euler"),
+        q0=np.array(model.qpos0),
+        total_mass=float(sum(body.mass for body in tree.bodies)),
+        body_names=tuple(body.name for body in tree.bodies),
+        joint_names=tuple(name_of(model, "joint", k) for k in range(model.njnt)),
+        coordinate_names=names,
+        coordinate_kinds=kinds,
+        actuator_names=tuple(a.name for a in actuators),
+        contact_names=tuple(" - ".join(name_of(model, "geom", g) for g in c.geoms) for c in candidates),
+        parameters=moves.parameters,
+        left_out=tuple(gate.left_out),
+        dropped_contacts=tuple(builder.dropped),
+        merged_points=merged,
+        joints=tuple(tree.joints),
+        core=core,
+    )
+
+
+def _obstacle(model: mujoco.MjModel, tree: Tree, plane: PlaneOfMotion, candidates: list[Candidate]) -> str | None:
+    """Why the contacts of a planar tree need space, with the names of the first such pair; None when they do not."""
+    for c in candidates:
+        up = read_shape(model, c.geoms[1], tree.frames).rot[:, 2] if c.kind == POINT_PLANE else None
+        if reason := obstacle_to_plane(tree, plane, c, up):
+            return f"{reason} ({name_of(model, 'geom', c.geoms[0])} - {name_of(model, 'geom', c.geoms[1])})"
+    return None
+
+
+def _coordinates(tree: Tree) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names and kinds of the nv velocity coordinates, in their order."""
+    names, kinds = [], []
+    for joint in tree.joints:
+        parts = [other for other in tree.bodies[joint.body].joints if other.source == joint.source]
+        prefix = f"{joint.name}." if len(parts) > 1 or joint.kind == BALL else joint.name
+        if joint.kind == BALL:
+            names += [f"{prefix}r{letter}" for letter in "xyz"]
+            kinds += ["rotation"] * 3
+        else:
+            names.append(prefix + "xyz"[parts.index(joint)] if len(parts) > 1 else prefix)
+            kinds.append("position" if joint.kind == SLIDE else "angle")
+    return tuple(names), tuple(kinds)

@@ -1,0 +1,158 @@
+"""What is not modelled: every such element is refused by name, unless its kind is to be ignored, which is then stated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import mujoco
+import numpy as np
+
+from cmbrl.errors import UserError, did_you_mean
+from cmbrl.scene.mjcf import name_of
+from cmbrl.scene.records import LeftOut
+
+KINDS = {
+    "tendon": "tendons that exert a force",
+    "equality": "equality constraints",
+    "fluid": "forces of a fluid: density, viscosity, wind",
+    "flex": "deformable bodies",
+    "plugin": "engine plugins",
+    "gravcomp": "gravity compensation of bodies",
+    "actuator_dynamics": "actuators with a state or a delay",
+    "actuator_transmission": "actuators that drive something else than one hinge or slide",
+    "actuator_bias": "actuators whose force is not gain ctrl + bias0 + bias1 length + bias2 velocity",
+    "joint_limit_ball": "limits of ball joints",
+    "joint_spring_ball": "springs of ball and free joints",
+    "joint_polynomial": "springs and dampers that are not linear",
+    "joint_force_range": "limits on the total actuator force of a joint",
+    "geom_type": "contact of height fields, SDFs, ellipsoids",
+    "geom_pair": "contact between shapes other than planes, spheres and capsules (a box: against spheres)",
+    "condim": "torsional and rolling friction (condim 4 and 6, taken as 3 when ignored)",
+    "friction_anisotropic": "pairs with two different sliding frictions (the first is taken when ignored)",
+    "adhesion": "contact adhesion",
+    "surface_velocity": "surfaces that move by themselves",
+    "integrator": "MuJoCo's discrete integrator",
+}
+
+
+class Gate:
+    """Collects what is left out of one scene; ``close`` raises one line about what may not be left out silently."""
+
+    def __init__(self, file: str, ignore: str | Iterable[str]) -> None:
+        names = ignore.split(",") if isinstance(ignore, str) else list(ignore)
+        self.ignore = tuple(dict.fromkeys(name.strip().replace("-", "_") for name in names if name.strip()))
+        for name in self.ignore:
+            if name not in KINDS:
+                raise UserError(f"--ignore {name}: unknown kind, {did_you_mean(name, KINDS)}")
+        self.file = file
+        self.left_out: list[LeftOut] = []
+        self._refused: dict[str, list[tuple[str, str]]] = {}
+
+    def refuse(self, kind: str, name: str, why: str, instead: str = "left out") -> None:
+        """An element that is not modelled: left out when ``kind`` is ignored (``instead``: what happens then)."""
+        if kind in self.ignore:
+            self.left_out.append(LeftOut(kind, name, f"{why}; {instead} by --ignore {kind}"))
+        else:
+            self._refused.setdefault(kind, []).append((name, why))
+
+    def note(self, kind: str, name: str, why: str) -> None:
+        """An element that is left out without loss."""
+        self.left_out.append(LeftOut(kind, name, why))
+
+    def close(self) -> None:
+        """Raises UserError, one line: the first refused element by name, how many more, and the remedy."""
+        if not self._refused:
+            return
+        kind, elements = next(iter(self._refused.items()))
+        name, why = elements[0]
+        count = sum(len(found) for found in self._refused.values()) - 1
+        more = f" (and {count} more element{'s' if count > 1 else ''} of kind {', '.join(self._refused)})" if count else ""
+        remedy = " ".join(f"--ignore {each}" for each in self._refused)
+        raise UserError(
+            f"{self.file}: {kind} {name!r} is not modelled: {why}{more}: take it out of the file, or leave it out by {remedy}"
+        )
+
+
+def _find(model: mujoco.MjModel, field: str, rows: int) -> np.ndarray:
+    """Numbers of the elements with any nonzero entry in ``field``; none where this version of MuJoCo lacks the field."""
+    values = getattr(model, field, None)
+    if values is None or rows == 0:
+        return np.zeros(0, dtype=int)
+    return np.flatnonzero(np.any(np.asarray(values).reshape(rows, -1) != 0, axis=1))
+
+
+def check_model(model: mujoco.MjModel, gate: Gate) -> None:
+    """Tells the gate of every element of the file that is not modelled, apart from actuators and contacts."""
+    option, disabled = model.opt, mujoco.mjtDisableBit
+    for k in range(model.ntendon):
+        _check_tendon(model, k, gate)
+    for k in range(model.neq):
+        name = name_of(model, "equality", k)
+        if not model.eq_active0[k] or option.disableflags & (disabled.mjDSBL_EQUALITY | disabled.mjDSBL_CONSTRAINT):
+            gate.note("equality", name, "it is not active")
+        else:
+            kind = mujoco.mjtEq(int(model.eq_type[k])).name.removeprefix("mjEQ_").lower()
+            gate.refuse("equality", name, f"a {kind} constraint")
+    if option.density > 0 or option.viscosity > 0:
+        gate.refuse("fluid", "option", f"density {option.density:g}, viscosity {option.viscosity:g}")
+    for k in range(model.nflex):
+        gate.refuse("flex", name_of(model, "flex", k), "a deformable body")
+    if model.nplugin:
+        gate.refuse("plugin", "extension", f"{model.nplugin} plugin instance(s)")
+    if not option.disableflags & disabled.mjDSBL_GRAVITY and np.any(option.gravity):
+        for k in _find(model, "body_gravcomp", model.nbody):
+            gate.refuse("gravcomp", name_of(model, "body", k), f"gravcomp {model.body_gravcomp[k]:g}")
+    if "DISCRETE" in mujoco.mjtIntegrator(option.integrator).name:
+        gate.refuse("integrator", "option", "integrator discrete", "semi-implicit Euler is used")
+    _check_joints(model, gate)
+    if (exact := getattr(mujoco.mjtEnableBit, "mjENBL_DIAGEXACT", None)) and option.enableflags & exact:
+        gate.note("diagexact", "option", "softness uses the constant inverse weights at qpos0")
+
+
+def _check_tendon(model: mujoco.MjModel, k: int, gate: Gate) -> None:
+    name = name_of(model, "tendon", k)
+    driven = np.any(
+        (model.actuator_trntype == mujoco.mjtTrn.mjTRN_TENDON) & (model.actuator_trnid[:, 0] == k)
+    )
+    reasons = [
+        word
+        for word, there in (
+            ("stiffness", model.tendon_stiffness[k] or _any(model, "tendon_stiffnesspoly", k)),
+            ("damping", model.tendon_damping[k] or _any(model, "tendon_dampingpoly", k)),
+            ("friction loss", model.tendon_frictionloss[k]),
+            ("limits", model.tendon_limited[k]),
+            ("armature", _any(model, "tendon_armature", k)),
+            ("an actuator", driven),
+        )
+        if there
+    ]
+    if reasons:
+        gate.refuse("tendon", name, f"it has {' and '.join(reasons)}")
+    else:
+        gate.note("tendon", name, "it exerts no force: no stiffness, damping, friction loss, limit or actuator")
+
+
+def _check_joints(model: mujoco.MjModel, gate: Gate) -> None:
+    kinds = mujoco.mjtJoint
+    for k in range(model.njnt):
+        name, kind = name_of(model, "joint", k), int(model.jnt_type[k])
+        if kind in (kinds.mjJNT_BALL, kinds.mjJNT_FREE):
+            if model.jnt_limited[k]:
+                gate.refuse("joint_limit_ball", name, "a limited ball joint")
+            if model.jnt_stiffness[k]:
+                gate.refuse("joint_spring_ball", name, f"stiffness {model.jnt_stiffness[k]:g}")
+        if model.jnt_actfrclimited[k]:
+            low, high = model.jnt_actfrcrange[k]
+            gate.refuse("joint_force_range", name, f"actuatorfrcrange {low:g} {high:g}", "forces are not clamped")
+    for field, rows, owner in (
+        ("jnt_stiffnesspoly", model.njnt, np.arange(model.njnt)),
+        ("dof_dampingpoly", model.nv, model.dof_jntid),
+    ):
+        for k in _find(model, field, rows):
+            name = name_of(model, "joint", int(owner[k]))
+            gate.refuse("joint_polynomial", name, f"nonzero {field[4:-4]} polynomial", "only the linear term is kept")
+
+
+def _any(model: mujoco.MjModel, field: str, k: int) -> bool:
+    values = getattr(model, field, None)
+    return values is not None and bool(np.any(values[k]))
