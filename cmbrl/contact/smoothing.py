@@ -1,0 +1,99 @@
+"""How much each complementarity product is softened: the central-path parameter kappa [J] of every row.
+
+kappa multiplies an impulse [N s] by a velocity [m/s]; 0 is hard contact. A smoothing policy is data; the native core turns it
+into one kappa per contact and limit (``native/smoothing.hpp``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from cmbrl.errors import UserError
+from cmbrl.scene import Scene
+
+CONSTANT, GAUSSIAN = 0, 1
+
+
+@dataclass(frozen=True)
+class Exact:
+    """Hard contact to solver accuracy: kappa = ``relative`` * m g h * 1 m/s of the whole scene (a resting impulse off by as much)."""
+
+    relative: float = 1e-9
+
+    def resolve(self, scene: Scene, time_step: float) -> dict[str, Any]:
+        """The core's numbers: mode, kappa [J], length [m], stop."""
+        _positive(self.relative, "Exact(relative)")
+        return _native(CONSTANT, self.relative * scene.total_mass * 9.81 * time_step, 0.0, False)
+
+
+@dataclass(frozen=True)
+class Barrier:
+    """Constant softening (BS of Zhang, Jin & Wang, ICML 2023): every product equals ``kappa`` [J].
+
+    ``length`` [m] states it physically instead: kappa = length^2 / (2 F h^2), F [1/kg] the mean inverse weight of the scene's
+    contacts, so that the equivalent random perturbation of the closing speed has scale length / h.
+    """
+
+    kappa: float | None = None
+    length: float | None = None
+
+    def resolve(self, scene: Scene, time_step: float) -> dict[str, Any]:
+        """The core's numbers; raises UserError unless exactly one of kappa, length is given and positive."""
+        if (self.kappa is None) == (self.length is None):
+            raise UserError("Barrier needs exactly one of kappa=[J] and length=[m]")
+        if self.kappa is not None:
+            return _native(CONSTANT, _positive(self.kappa, "Barrier(kappa)"), 0.0, False)
+        weights = scene.core["con_invweight"]
+        weight = float(np.mean(weights)) if len(weights) else 1.0 / scene.total_mass
+        return _native(CONSTANT, _positive(self.length, "Barrier(length)") ** 2 / (2 * weight * time_step**2), 0.0, False)
+
+
+@dataclass(frozen=True)
+class Adaptive:
+    """Softening by distance (ABS): kappa_i(z_i) such that a single contact's impulse is Gaussian-smoothed over ``length`` [m].
+
+    kappa(z) = F rho(z) rho(-z), rho the Gaussian smoothing of max(-z, 0)/F (proposition 5.3 of the ABS paper in closed form);
+    z = J v_free + gap term is evaluated at the start of the step. One kappa per contact and limit is our choice (the paper has
+    one for all). ``floor`` [J] bounds it below; ``derivative="stop"`` treats kappa as a constant in the gradient.
+    """
+
+    length: float
+    floor: float = 1e-8
+    derivative: str = "exact"
+
+    def resolve(self, scene: Scene, time_step: float) -> dict[str, Any]:
+        """The core's numbers; raises UserError for a length or floor that is not positive."""
+        if self.derivative not in ("exact", "stop"):
+            raise UserError(f"Adaptive(derivative={self.derivative!r}): use 'exact' or 'stop'")
+        return _native(GAUSSIAN, _positive(self.floor, "Adaptive(floor)"), _positive(self.length, "Adaptive(length)"), self.derivative == "stop")
+
+
+Smoothing = Exact | Barrier | Adaptive
+_KINDS = {"exact": Exact, "barrier": Barrier, "adaptive": Adaptive}
+
+
+def to_config(smoothing: Smoothing) -> dict[str, Any]:
+    """JSON-able description of a policy."""
+    return {"kind": type(smoothing).__name__.lower(), **asdict(smoothing)}
+
+
+def from_config(config: dict[str, Any]) -> Smoothing:
+    """Inverse of :func:`to_config`; raises UserError for an unknown kind."""
+    fields = dict(config)
+    kind = fields.pop("kind", None)
+    if kind not in _KINDS:
+        raise UserError(f"unknown smoothing {kind!r}: use one of {', '.join(_KINDS)}")
+    return _KINDS[kind](**fields)
+
+
+def _native(mode: int, kappa: float, length: float, stop: bool) -> dict[str, Any]:
+    return {"mode": mode, "kappa": float(kappa), "length": float(length), "stop": int(stop)}
+
+
+def _positive(value: float | None, name: str) -> float:
+    if value is None or not np.isfinite(value) or value <= 0:
+        raise UserError(f"{name} = {value}: give a positive finite number")
+    return float(value)

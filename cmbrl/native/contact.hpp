@@ -1,0 +1,223 @@
+// Contact geometry: gaps of all candidates, the ones that matter in this step, their wrenches, and how both move with a dof.
+#pragma once
+#include "dynamics.hpp"
+#include "law.hpp"
+
+namespace cmbrl::CMBRL_ISA {
+
+// Closest features of a candidate: point on A's core shape, unit normal from B to A, distance between the core shapes, and
+// which directions of B's (and A's) shape the closest point is free to follow.
+template <class G>
+struct Feature {
+  typename G::V a, n, axisA, axisB;
+  T dist, free_s, free_t;         // free_*: 1 where the segment parameter is not clamped
+  T slide[G::D * G::D];           // projection onto B's free directions (point against segment or box)
+};
+
+template <class G>
+static inline typename G::V plane_normal(const Model& m, int plane) { return load<G::D>(m.plane_normal + plane * G::D); }
+
+template <class G>
+static Feature<G> find_feature(const Model& m, const Work<G>& w, int i) {
+  using V = typename G::V;
+  Feature<G> F;
+  int A = m.con_bodyA[i], B = m.con_bodyB[i], D = G::D;
+  auto place = [&](int body, const double* local) -> V {
+    V x = load<G::D>(local);
+    return body >= 0 ? w.pos[body] + G::rotate(w.R[body], x) : x - w.O;
+  };
+  auto turn = [&](int body, const double* local) -> V {
+    V x = load<G::D>(local);
+    return body >= 0 ? G::rotate(w.R[body], x) : x;
+  };
+  F.a = place(A, m.con_posA + i * D);
+  if (m.con_type[i] == kPointPlane) {
+    F.n = plane_normal<G>(m, m.con_plane[i]);
+    F.dist = dot(F.n, F.a + w.O) - w.P[m.oPlane + m.con_plane[i]];
+    return F;
+  }
+  V b = place(B, m.con_posB + i * D), rel = F.a - b;
+  F.axisB = turn(B, m.con_axisB + i * D);
+  T bb = dot(F.axisB, F.axisB);
+  T bb_safe = select(bb > 0.0, bb, splat(1));
+  if (m.con_type[i] == kSegmentSegment) {
+    F.axisA = turn(A, m.con_axisA + i * D);
+    T aa = dot(F.axisA, F.axisA), ab = dot(F.axisA, F.axisB), ar = dot(F.axisA, rel), br = dot(F.axisB, rel);
+    T det = aa * bb - ab * ab, one = splat(1);
+    auto clip = [&](T x) { return vmin(vmax(x, -one), one); };
+    T s = select(det > 1e-12 * aa * bb, clip((ab * br - bb * ar) / select(det > 0.0, det, one)), T{});
+    T t = clip((ab * s + br) / bb_safe);
+    s = clip((ab * t - ar) / select(aa > 0.0, aa, one));
+    F.free_s = select(vabs(s) < 1.0, one, T{});
+    F.free_t = select(vabs(t) < 1.0, one, T{});
+    F.a = F.a + s * F.axisA;
+    rel = rel + s * F.axisA - t * F.axisB;
+  } else if (m.con_halfB[i * D] > 0) {
+    typename G::Rot R = B >= 0 ? w.R[B] : G::identity();
+    T local_free[G::D];
+    V near;
+    V axis[G::D];
+    CMBRL_FOR(k, G::D) {  // box axes in world coordinates
+      double e[G::D];
+      CMBRL_FOR(r, G::D) e[r] = m.con_rotB[i * D * D + r * D + k];
+      axis[k] = G::rotate(R, load<G::D>(e));
+    }
+    V coordinate, gap;
+    Mask inside = all();
+    CMBRL_FOR(k, G::D) {
+      double half = m.con_halfB[i * D + k];
+      coordinate[k] = dot(axis[k], rel);
+      inside &= vabs(coordinate[k]) < half;
+      near[k] = vmin(vmax(coordinate[k], splat(-half)), splat(half));
+      local_free[k] = select(vabs(coordinate[k]) < half, splat(1), T{});
+      gap[k] = vabs(coordinate[k]) - half;
+    }
+    if (any(inside)) {  // leave through the nearest face: mirror the point so that the distance is negative
+      Mask rest = inside;
+      T best = gap[0];
+      for (int k = 1; k < G::D; ++k) best = vmax(best, gap[k]);
+      CMBRL_FOR(k, G::D) {
+        Mask face = rest & (gap[k] == best);
+        T side = select(coordinate[k] < 0.0, splat(-1), splat(1));
+        near[k] = select(face, side * m.con_halfB[i * D + k], select(inside, coordinate[k], near[k]));
+        local_free[k] = select(face, T{}, local_free[k]);
+        rest &= ~face;
+      }
+    }
+    rel = zero<G::D>();
+    CMBRL_FOR(k, G::D) rel += (coordinate[k] - near[k]) * axis[k];
+    CMBRL_FOR(r, D) CMBRL_FOR(c, D) {
+      T x = T{};
+      CMBRL_FOR(k, D) x += local_free[k] * axis[k][r] * axis[k][c];
+      F.slide[r * D + c] = x;
+    }
+    T len = vsqrt(dot(rel, rel));
+    T sign = select(inside, splat(-1), splat(1));
+    F.dist = sign * len;
+    F.n = (sign / vmax(len, splat(1e-12))) * rel;
+    return F;
+  } else {
+    T t = vmin(vmax(dot(F.axisB, rel) / bb_safe, splat(-1)), splat(1));
+    T free = select(vabs(t) < 1.0, 1.0 / bb_safe, T{});
+    rel = rel - t * F.axisB;
+    CMBRL_FOR(r, D) CMBRL_FOR(c, D) F.slide[r * D + c] = free * F.axisB[r] * F.axisB[c];
+  }
+  F.dist = vsqrt(dot(rel, rel));
+  F.n = (1.0 / vmax(F.dist, splat(1e-12))) * rel;
+  return F;
+}
+
+template <class G>
+static inline T feature_radiusA(const Model& m, const Work<G>& w, int i) {
+  return w.P[m.oContact + i * kContactFields + kRadius] - m.con_radiusB[i];
+}
+
+static inline void tangents(const Planar&, const Vec<2>& n, Vec<2>* d) { d[0] = {{n[1], -n[0]}}; }
+static inline void tangents(const Spatial&, const Vec<3>& n, Vec<3>* d) {
+  Mask flat = vabs(n[0]) < 0.7;
+  Vec<3> e = {{select(flat, splat(1), T{}), select(flat, T{}, splat(1)), T{}}};
+  e = e - dot(e, n) * n;
+  d[0] = (1.0 / vsqrt(dot(e, e))) * e;
+  d[1] = cross(n, d[0]);
+}
+
+// Gaps of all candidates; rows that may close within the step become w.con, ordered by body pair. `given`: the lanes of
+// each candidate are known (a step read back from its tape).
+template <class G>
+static void find_contacts(const Model& m, const Options& o, Work<G>& w, const Mask* given) {
+  bool keep_all = !(o.prune < 1e300);
+  w.ncon = w.ngroups = 0;
+  w.coupled = false;
+  for (int g = 0; g < m.ngroup; ++g) {
+    int first = w.ncon;
+    for (int k = m.grp_cptr[g]; k < m.grp_cptr[g + 1]; ++k) {
+      int i = m.grp_con[k], A = m.con_bodyA[i], B = m.con_bodyB[i];
+      const T* p = w.P + m.oContact + i * kContactFields;
+      if (given && !any(given[i])) continue;
+      Feature<G> F = find_feature(m, w, i);
+      T phi = F.dist - p[kRadius];
+      w.all_phi[i] = phi;
+      Mask on = given ? given[i] : all();
+      if (!keep_all && !given) {
+        typename G::V u = point_velocity<G>(w.vel[A], F.a);
+        if (B >= 0) u -= point_velocity<G>(w.vel[B], F.a - F.dist * F.n);
+        on = phi * (1 / o.h) + dot(F.n, u) < o.prune;
+        if (!any(on)) continue;
+      }
+      Contact<G>& c = w.con[w.ncon++];
+      c.on = on;
+      c.index = i;
+      c.rows = m.con_dim[i] > 1 ? 1 + G::NT : 1;
+      c.rub = c.rows > 1 ? p[kMu] > 1e-9 : none();
+      c.mu = select(c.rub, p[kMu], splat(1));
+      c.phi = phi;
+      c.p = F.a - (feature_radiusA(m, w, i) + 0.5 * phi) * F.n;
+      c.d[0] = F.n;
+      tangents(G{}, F.n, c.d + 1);
+      CMBRL_FOR(r, c.rows) {
+        c.Wr[r] = join<G>(G::moment(c.p, c.d[r]), c.d[r]);
+        if (r > 0) CMBRL_FOR(x, G::N) c.Wr[r][x] = keep(c.rub, c.Wr[r][x]);
+      }
+      contact_law(m, o, c, p);
+      w.coupled |= B >= 0;
+    }
+    if (w.ncon > first) w.groups[w.ngroups++] = {g, first, w.ncon};
+  }
+}
+
+// How gap, contact point and directions of a contact move when body A moves by the twist xi and B stays.
+template <class G>
+struct Shift { T dphi; typename G::V dp, dd[1 + G::NT]; };
+
+template <class G>
+static Shift<G> shift_of(const Model& m, const Work<G>& w, const Contact<G>& c, const Feature<G>& F, const Vec<G::N>& xi) {
+  using V = typename G::V;
+  Shift<G> s;
+  int i = c.index;
+  V u = point_velocity<G>(xi, F.a);
+  s.dphi = dot(F.n, u);
+  V dn = zero<G::D>();
+  if (m.con_type[i] != kPointPlane) {
+    V dd = u;
+    if (m.con_type[i] == kSegmentSegment) {
+      V turned = G::turn(ang<G>(xi), F.axisA), d = F.dist * F.n;
+      T aa = dot(F.axisA, F.axisA), bb = dot(F.axisB, F.axisB), ab = dot(F.axisA, F.axisB);
+      T one = splat(1), fs = F.free_s, ft = F.free_t;
+      T r1 = -fs * (dot(u, F.axisA) + dot(d, turned)), r2 = ft * dot(u, F.axisB);
+      T k11 = fs * aa + (one - fs), k12 = -fs * ft * ab, k22 = ft * bb + (one - ft);
+      T det = k11 * k22 - k12 * k12;
+      det = select(vabs(det) > 1e-12, det, one);
+      T ds = (k22 * r1 - k12 * r2) / det, dt = (k11 * r2 - k12 * r1) / det;
+      u = u + ds * F.axisA;
+      dd = u - dt * F.axisB;
+    } else {
+      CMBRL_FOR(r, G::D) CMBRL_FOR(k, G::D) dd[r] -= F.slide[r * G::D + k] * u[k];
+    }
+    T inv = 1.0 / select(vabs(F.dist) > 1e-12, F.dist, splat(1e-12));
+    dn = inv * (dd - dot(F.n, dd) * F.n);
+  }
+  s.dp = u - (feature_radiusA(m, w, i) + 0.5 * c.phi) * dn - (0.5 * s.dphi) * F.n;
+  s.dd[0] = dn;
+  for (int r = 1; r < c.rows; ++r) s.dd[r] = -dot(c.d[r], dn) * F.n;  // isotropic friction: the frame may roll about n
+  return s;
+}
+
+// The same for dof d with column S, which moves A (sign +1) or B (sign -1: A relative to B, then both together).
+template <class G>
+static Shift<G> shift_by_dof(const Model& m, const Work<G>& w, const Contact<G>& c, const Feature<G>& F, const Vec<G::N>& S, int sign) {
+  if (sign > 0) return shift_of(m, w, c, F, S);
+  Shift<G> s = shift_of(m, w, c, F, zero<G::N>() - S);
+  typename G::Ang a = ang<G>(S);
+  s.dp += point_velocity<G>(S, c.p);
+  CMBRL_FOR(r, c.rows) s.dd[r] += G::turn(a, c.d[r]);
+  return s;
+}
+
+template <class G>
+static Vec<G::N> wrench_shift(const Contact<G>& c, const Shift<G>& s, int row) {
+  Vec<G::N> dW = join<G>(G::moment(s.dp, c.d[row]) + G::moment(c.p, s.dd[row]), s.dd[row]);
+  if (row > 0) CMBRL_FOR(x, G::N) dW[x] = keep(c.rub, dW[x]);
+  return dW;
+}
+
+}  // namespace cmbrl::CMBRL_ISA

@@ -1,0 +1,157 @@
+// A control step (substeps with one control) of a pack: forward, with full Jacobian, with a tape, and backward from the tape.
+#pragma once
+#include "parameters.hpp"
+#include "tape.hpp"
+
+namespace cmbrl::CMBRL_ISA {
+
+// ---- tangents of q' = q (+) d: rows of dq' from dq and dd, for ncol columns (in place in dq)
+static void push_tangent(const Model& m, const T* d, T* dq, const T* dd, T scale, int ncol) {
+  for (int j = 0; j < m.njoint; ++j) {
+    int i = m.jnt_vadr[j];
+    if (m.jnt_type[j] != kBall) {
+      for (int c = 0; c < ncol; ++c) dq[i * ncol + c] += scale * dd[i * ncol + c];
+      continue;
+    }
+    T A[9], B[9];
+    ball_jacobians(d + i, A, B);
+    for (int c = 0; c < ncol; ++c) {
+      T x[3], y[3];
+      CMBRL_FOR(r, 3) { x[r] = dq[(i + r) * ncol + c]; y[r] = scale * dd[(i + r) * ncol + c]; }
+      CMBRL_FOR(r, 3) {
+        T s = T{};
+        CMBRL_FOR(k, 3) s += A[3 * r + k] * x[k] + B[3 * r + k] * y[k];
+        dq[(i + r) * ncol + c] = s;
+      }
+    }
+  }
+}
+// The transpose: cotangent lq of q' becomes that of q; that of d (times scale) is added to ld.
+static void pull_cotangent(const Model& m, const T* d, T* lq, T* ld, T scale) {
+  for (int j = 0; j < m.njoint; ++j) {
+    int i = m.jnt_vadr[j];
+    if (m.jnt_type[j] != kBall) { ld[i] += scale * lq[i]; continue; }
+    T A[9], B[9], x[3];
+    ball_jacobians(d + i, A, B);
+    CMBRL_FOR(r, 3) x[r] = lq[i + r];
+    CMBRL_FOR(r, 3) {
+      T a = T{}, b = T{};
+      CMBRL_FOR(k, 3) { a += A[3 * k + r] * x[k]; b += B[3 * k + r] * x[k]; }
+      lq[i + r] = a;
+      ld[i + r] += scale * b;
+    }
+  }
+}
+static void scaled(const Model& m, const T* v, double k, T* out) {
+  for (int i = 0; i < m.nv; ++i) out[i] = k * v[i];
+}
+
+// The step's rows re-solved at the backward smoothing where it differs, then the implicit system. Uses w.vn of that solve.
+template <class G>
+static void differentiate(const Model& m, const Options& o, Work<G>& w) {
+  if (!(o.backward == o.forward)) {
+    set_kappa(m, o, w, o.backward);
+    contact_solve(m, o, w);
+  }
+  implicit_system(m, o, w);
+}
+
+// Columns: dq (nv), dv (nv), u (nu), then theta. tq, tv hold d(q, v)/d(columns) and are advanced by one step.
+template <class G>
+static void advance_tangents(const Model& m, const Options& o, Work<G>& w, int ncol, bool theta) {
+  int nv = m.nv, nu = m.nu, up = 2 * nv;
+  Pattern pat = pattern_of(m, w);
+  for (int i = 0; i < nv; ++i) {
+    T* row = w.rhs_all + i * ncol;
+    for (int c = 0; c < ncol; ++c) row[c] = T{};
+    for (int k = 0; k < nv; ++k) {
+      T a = w.Gq[i * nv + k], b = w.Gv[i * nv + k];
+      const T *x = w.tq + k * ncol, *y = w.tv + k * ncol;
+      for (int c = 0; c < ncol; ++c) row[c] += a * x[c] + b * y[c];
+    }
+    for (int k = 0; k < nu; ++k) row[up + k] += w.Gu[i * nu + k];
+    if (theta) for (int k = 0; k < m.ntheta; ++k) row[up + nu + k] += w.Gp[i * m.ntheta + k];
+  }
+  solve_many(w.H, nv, pat, w.rhs_all, ncol);
+  push_tangent(m, w.qtan, w.tq, w.rhs_all, splat(o.h), ncol);
+  for (int i = 0; i < nv * ncol; ++i) w.tv[i] = w.rhs_all[i];
+}
+
+struct StepStats { Mask done, fallback; T iterations, residual; };
+
+// Forward control step on (w.q, w.v, w.u), in place. record(substep) runs after each solve, before the state moves on.
+template <class G, class Record>
+static StepStats control_step(const Model& m, const Options& o, Work<G>& w, Record record) {
+  StepStats st{all(), none(), T{}, T{}};
+  if (o.leapfrog) { scaled(m, w.v, 0.5 * o.h, w.qtan); integrate(m, w.q, w.qtan); }
+  for (int s = 0; s < o.substeps; ++s) {
+    Outcome r = solve_step(m, o, w);
+    st.done &= r.done;
+    st.fallback |= r.fallback;
+    st.iterations += r.iterations;
+    st.residual = vmax(st.residual, r.residual);
+    displacement(m, o, w);
+    for (int i = 0; i < m.nv; ++i) w.vstep[i] = w.vn[i];
+    record(s);
+    integrate(m, w.q, w.qtan);
+    for (int i = 0; i < m.nv; ++i) w.v[i] = w.vstep[i];
+  }
+  if (o.leapfrog) { scaled(m, w.v, -0.5 * o.h, w.qtan); integrate(m, w.q, w.qtan); }
+  return st;
+}
+
+template <class G>
+static StepStats control_step_jacobian(const Model& m, const Options& o, Work<G>& w, bool theta, int ncol) {
+  int nv = m.nv;
+  for (int i = 0; i < nv * ncol; ++i) w.tq[i] = w.tv[i] = T{};
+  for (int i = 0; i < nv; ++i) w.tq[i * ncol + i] = w.tv[i * ncol + nv + i] = splat(1);
+  if (o.leapfrog) { scaled(m, w.v, 0.5 * o.h, w.qtan); push_tangent(m, w.qtan, w.tq, w.tv, splat(0.5 * o.h), ncol); }
+  StepStats st = control_step(m, o, w, [&](int) {
+    differentiate(m, o, w);
+    if (theta) parameter_terms(m, o, w);
+    advance_tangents(m, o, w, ncol, theta);
+  });
+  if (o.leapfrog) push_tangent(m, w.qtan, w.tq, w.tv, splat(-0.5 * o.h), ncol);  // qtan: the shift just made
+  return st;
+}
+
+// Cotangents (w.lq, w.lv) of the next state become those of the state; w.lu, w.lp are added to. theta: parameters wanted.
+template <class G>
+static void control_step_backward(const Model& m, const Options& o, Work<G>& w, const double* const* tape, bool theta) {
+  int nv = m.nv;
+  int64_t stride = tape_stride<G>(m);
+  const double* block[W];
+  for (int s = o.substeps - 1; s >= 0; --s) {
+    for (int lane = 0; lane < W; ++lane) block[lane] = tape[lane] + s * stride;
+    tape_read(m, o, w, block);
+    if (o.leapfrog && s == o.substeps - 1) {
+      scaled(m, w.vn, -0.5 * o.h, w.tmp);
+      pull_cotangent(m, w.tmp, w.lq, w.lv, splat(-0.5 * o.h));
+    }
+    free_velocity(m, w);
+    find_bounces(m, o, w);
+    set_kappa(m, o, w, o.backward);
+    implicit_system(m, o, w);
+    pull_cotangent(m, w.qtan, w.lq, w.lv, splat(o.h));
+    solve_transposed(w.H, nv, pattern_of(m, w), w.lv);
+    for (int i = 0; i < nv; ++i) { w.pvec[i] = w.lv[i]; w.lv[i] = T{}; }
+    for (int i = 0; i < nv; ++i)
+      for (int k = 0; k < nv; ++k) {
+        w.lq[k] += w.Gq[i * nv + k] * w.pvec[i];
+        w.lv[k] += w.Gv[i * nv + k] * w.pvec[i];
+      }
+    for (int i = 0; i < nv; ++i)
+      for (int k = 0; k < m.nu; ++k) w.lu[k] += w.Gu[i * m.nu + k] * w.pvec[i];
+    if (theta) {
+      parameter_terms(m, o, w);
+      for (int i = 0; i < nv; ++i)
+        for (int k = 0; k < m.ntheta; ++k) w.lp[k] += w.Gp[i * m.ntheta + k] * w.pvec[i];
+    }
+  }
+  if (o.leapfrog) {  // the shift before the first step; its q is not needed, only the step h/2 v
+    scaled(m, w.v, 0.5 * o.h, w.tmp);
+    pull_cotangent(m, w.tmp, w.lq, w.lv, splat(0.5 * o.h));
+  }
+}
+
+}  // namespace cmbrl::CMBRL_ISA

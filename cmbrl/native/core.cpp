@@ -1,0 +1,207 @@
+// The core for one instruction set (CMBRL_ISA): packs of lanes in and out of the caller's arrays. Compiled once per set.
+#include "control.hpp"
+
+namespace cmbrl::CMBRL_ISA {
+
+template <class G>
+static int64_t bytes_of(const Model& m) {
+  Arena a{nullptr};
+  Work<G> probe(a, m);
+  return a.used + int64_t(sizeof(Work<G>)) + 256;
+}
+template <class G>
+static Work<G>& open(const Model& m, void* memory) {  // memory: zeroed, 64-byte aligned
+  Arena a{static_cast<char*>(memory) + (sizeof(Work<G>) + 63) / 64 * 64};
+  Work<G>* w = static_cast<Work<G>*>(memory);
+  Work<G> fresh(a, m);
+  std::memcpy(static_cast<void*>(w), &fresh, sizeof fresh);
+  return *w;
+}
+
+struct Lanes { int64_t at[W]; int n; };  // the last pack of a batch repeats its last element
+static Lanes lanes_from(int64_t begin, int64_t end) {
+  Lanes l;
+  l.n = int(end - begin < W ? end - begin : W);
+  for (int i = 0; i < W; ++i) l.at[i] = begin + (i < l.n ? i : l.n - 1);
+  return l;
+}
+static void gather(const double* x, int64_t stride, int n, const Lanes& l, T* out) {
+  for (int i = 0; i < n; ++i)
+    for (int lane = 0; lane < W; ++lane) out[i][lane] = x[l.at[lane] * stride + i];
+}
+static void scatter(const T* x, int64_t stride, int n, const Lanes& l, double* out) {
+  if (!out) return;
+  for (int lane = 0; lane < l.n; ++lane)
+    for (int i = 0; i < n; ++i) out[l.at[lane] * stride + i] = x[i][lane];
+}
+template <class G>
+static void gather_parameters(const Model& m, const Batch& b, const Lanes& l, Work<G>& w, bool first) {
+  if (b.theta_stride == 0 && !first) return;  // one parameter vector for the whole batch: loaded once
+  const double* theta[W];
+  for (int lane = 0; lane < W; ++lane) theta[lane] = b.theta ? b.theta + l.at[lane] * b.theta_stride : nullptr;
+  load_parameters(m, w, b.theta ? theta : nullptr);
+}
+
+template <class G>
+static void forward_packs(const Model& m, const Options& o, const Batch& b, int64_t begin, int64_t end, void* memory) {
+  Work<G>& w = open<G>(m, memory);
+  int nv = m.nv, ncol = 2 * nv + m.nu + (b.jacobian_theta ? m.ntheta : 0);
+  int64_t stride = tape_stride<G>(m);
+  for (int64_t e = begin; e < end; e += W) {
+    Lanes l = lanes_from(e, end);
+    gather_parameters(m, b, l, w, e == begin);
+    gather(b.q, b.q_stride, m.nq, l, w.q);
+    gather(b.v, b.v_stride, nv, l, w.v);
+    gather(b.u, b.u_stride, m.nu, l, w.u);
+    StepStats st;
+    if (b.jacobian) {
+      st = control_step_jacobian(m, o, w, b.jacobian_theta, ncol);
+      for (int lane = 0; lane < l.n; ++lane) {
+        double* J = b.jacobian + l.at[lane] * (2 * nv) * ncol;
+        for (int i = 0; i < nv * ncol; ++i) { J[i] = w.tq[i][lane]; J[nv * ncol + i] = w.tv[i][lane]; }
+      }
+    } else {
+      st = control_step(m, o, w, [&](int s) {
+        if (b.impulse)
+          for (int i = 0; i < w.ncon; ++i)
+            for (int lane = 0; lane < l.n; ++lane)
+              if (w.con[i].on[lane]) b.impulse[l.at[lane] * m.ncontact + w.con[i].index] += w.con[i].gam[lane];
+        if (!b.tape) return;
+        if (!(o.backward == o.forward)) { set_kappa(m, o, w, o.backward); contact_solve(m, o, w); }
+        double* block[W];
+        for (int lane = 0; lane < W; ++lane) block[lane] = b.tape + l.at[lane] * stride * o.substeps + s * stride;
+        tape_write(m, w, block);
+      });
+    }
+    scatter(w.q, m.nq, m.nq, l, b.q_next);
+    scatter(w.v, nv, nv, l, b.v_next);
+    for (int lane = 0; lane < l.n; ++lane) {
+      int64_t i = l.at[lane];
+      bool finite = true;
+      for (int k = 0; k < nv; ++k) finite &= __builtin_isfinite(w.v[k][lane]) != 0;
+      if (b.status) b.status[i] = !finite || !st.done[lane] ? 2 : st.fallback[lane] ? 1 : 0;
+      if (b.iterations) b.iterations[i] = int32_t(st.iterations[lane]);
+      if (b.residual) b.residual[i] = st.residual[lane];
+    }
+  }
+}
+
+template <class G>
+static void backward_packs(const Model& m, const Options& o, const Batch& b, int64_t begin, int64_t end, void* memory) {
+  Work<G>& w = open<G>(m, memory);
+  int nv = m.nv;
+  int64_t stride = tape_stride<G>(m) * o.substeps;
+  for (int64_t e = begin; e < end; e += W) {
+    Lanes l = lanes_from(e, end);
+    gather_parameters(m, b, l, w, e == begin);
+    gather(b.u, b.u_stride, m.nu, l, w.u);
+    gather(b.gq_next, nv, nv, l, w.lq);
+    gather(b.gv_next, nv, nv, l, w.lv);
+    for (int i = 0; i < m.nu; ++i) w.lu[i] = T{};
+    for (int i = 0; i < m.ntheta; ++i) w.lp[i] = T{};
+    const double* tape[W];
+    for (int lane = 0; lane < W; ++lane) tape[lane] = b.tape + l.at[lane] * stride;
+    control_step_backward(m, o, w, tape, b.gtheta != nullptr);
+    scatter(w.lq, nv, nv, l, b.gq);
+    scatter(w.lv, nv, nv, l, b.gv);
+    scatter(w.lu, m.nu, m.nu, l, b.gu);
+    scatter(w.lp, m.ntheta, m.ntheta, l, b.gtheta);
+  }
+}
+
+// Open-loop Huber loss of one pack of candidates over all starts: lanes share the state, so they share the active set.
+template <class G>
+static void candidate_loss(const Model& m, const Options& o, const LossBatch& b, int64_t first, void* memory) {
+  Work<G>& w = open<G>(m, memory);
+  Lanes l = lanes_from(first, b.ncandidate);
+  const double* theta[W];
+  for (int lane = 0; lane < W; ++lane) theta[lane] = b.theta + l.at[lane] * m.ntheta;
+  load_parameters(m, w, theta);
+  auto huber = [&](T r) {
+    T a = vabs(r);
+    return select(a < b.huber, 0.5 * r * r, b.huber * (a - 0.5 * b.huber));
+  };
+  for (int64_t s = 0; s < b.nstart; ++s) {
+    int64_t row = b.starts[s];
+    T loss = T{};
+    for (int i = 0; i < m.nq; ++i) w.q[i] = splat(b.q[row * m.nq + i]);
+    for (int i = 0; i < m.nv; ++i) w.v[i] = splat(b.v[row * m.nv + i]);
+    for (int k = 0; k < b.horizon; ++k, ++row) {
+      for (int i = 0; i < m.nu; ++i) w.u[i] = splat(b.u[row * m.nu + i]);
+      StepStats st = control_step(m, o, w, [](int) {});
+      const double *qn = b.q_next + row * m.nq, *vn = b.v_next + row * m.nv;
+      for (int j = 0; j < m.njoint; ++j) {
+        int a = m.jnt_qadr[j], d = m.jnt_vadr[j];
+        if (m.jnt_type[j] != kBall) { loss += huber((w.q[a] - qn[a]) / b.scale_q[d]); continue; }
+        T inverse[4] = {splat(qn[a]), splat(-qn[a + 1]), splat(-qn[a + 2]), splat(-qn[a + 3])}, e[4];
+        quat_mul(inverse, w.q + a, e);  // rotation error as twice the vector part (small angles)
+        CMBRL_FOR(r, 3) loss += huber(2.0 * select(e[0] < 0.0, -e[1 + r], e[1 + r]) / b.scale_q[d + r]);
+      }
+      for (int i = 0; i < m.nv; ++i) loss += huber((w.v[i] - vn[i]) / b.scale_v[i]);
+      loss = select(st.done & (loss < 1e15), loss, loss + b.fail_penalty);
+      loss = select(loss < 1e15, loss, splat(1e15));
+    }
+    for (int lane = 0; lane < l.n; ++lane) b.loss[l.at[lane] * b.loss_stride + s] = loss[lane];
+  }
+}
+
+// M (n, nv, nv) with armature, bias (n, nv), gaps (n, ncontact), normal and tangent rows J (n, ncontact, 1 + NT, nv).
+template <class G>
+static void smooth_quantities(const Model& m, const Options& o, const Batch& b, double* M, double* bias, double* gap, double* J,
+                              int64_t begin, int64_t end, void* memory) {
+  Work<G>& w = open<G>(m, memory);
+  int nv = m.nv, rows = 1 + G::NT;
+  Options every = o;
+  every.prune = __builtin_inf();
+  for (int64_t e = begin; e < end; e += W) {
+    Lanes l = lanes_from(e, end);
+    gather_parameters(m, b, l, w, e == begin);
+    gather(b.q, b.q_stride, m.nq, l, w.q);
+    gather(b.v, b.v_stride, nv, l, w.v);
+    for (int i = 0; i < nv * nv; ++i) w.M[i] = T{};
+    kinematics(m, w, w.q);
+    inertias(m, w);
+    inverse_dynamics<G>(m, w, w.v, nullptr, w.bias);
+    mass_matrix(m, w);
+    for (int i = 0; i < nv; ++i) w.M[i * (nv + 1)] += w.P[m.oDof + i * kDofFields + kArmature];
+    find_contacts(m, every, w, nullptr);
+    scatter(w.M, nv * nv, nv * nv, l, M);
+    scatter(w.bias, nv, nv, l, bias);
+    scatter(w.all_phi, m.ncontact, m.ncontact, l, gap);
+    for (int i = 0; J && i < w.ncon; ++i) {
+      const Contact<G>& c = w.con[i];
+      int g = m.con_group[c.index];
+      for (int r = 0; r < c.rows; ++r)
+        for (int k = m.grp_dptr[g]; k < m.grp_dptr[g + 1]; ++k) {
+          T x = dot(w.S[m.grp_dof[k]], c.Wr[r]);
+          for (int lane = 0; lane < l.n; ++lane)
+            J[((l.at[lane] * m.ncontact + c.index) * rows + r) * nv + m.grp_dof[k]] = m.grp_sign[k] > 0 ? x[lane] : -x[lane];
+        }
+    }
+  }
+}
+
+#define CMBRL_EITHER(call) (m.planar ? call(Planar) : call(Spatial))
+extern const Backend backend;
+const Backend backend = {
+#define CMBRL_STR2(x) #x
+#define CMBRL_STR(x) CMBRL_STR2(x)
+    CMBRL_STR(CMBRL_ISA), W,
+    [](const Model& m, const Options&) { return m.planar ? bytes_of<Planar>(m) : bytes_of<Spatial>(m); },
+    [](const Model& m, const Options& o) { return (m.planar ? tape_stride<Planar>(m) : tape_stride<Spatial>(m)) * o.substeps; },
+    [](const Model& m, const Options& o, const Batch& b, int64_t s, int64_t e, void* w) {
+      m.planar ? forward_packs<Planar>(m, o, b, s, e, w) : forward_packs<Spatial>(m, o, b, s, e, w);
+    },
+    [](const Model& m, const Options& o, const Batch& b, int64_t s, int64_t e, void* w) {
+      m.planar ? backward_packs<Planar>(m, o, b, s, e, w) : backward_packs<Spatial>(m, o, b, s, e, w);
+    },
+    [](const Model& m, const Options& o, const LossBatch& b, int64_t first, void* w) {
+      m.planar ? candidate_loss<Planar>(m, o, b, first, w) : candidate_loss<Spatial>(m, o, b, first, w);
+    },
+    [](const Model& m, const Options& o, const Batch& b, double* M, double* bias, double* gap, double* J, int64_t s, int64_t e, void* w) {
+      m.planar ? smooth_quantities<Planar>(m, o, b, M, bias, gap, J, s, e, w)
+               : smooth_quantities<Spatial>(m, o, b, M, bias, gap, J, s, e, w);
+    },
+};
+
+}  // namespace cmbrl::CMBRL_ISA

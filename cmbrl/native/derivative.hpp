@@ -1,0 +1,128 @@
+// Implicit derivative of one step at its solution:  H dv' = Gq dq + Gv dv + Gu du + Gp dtheta,  H = M~ + J^T Theta J.
+// The right-hand sides differentiate M~ (v' - v) - h (tau - bias) - J^T x and the rows at fixed (v', x); neither M^-1 nor the
+// Delassus matrix is ever differentiated, and no solver iteration is.
+#pragma once
+#include "step.hpp"
+
+namespace cmbrl::CMBRL_ISA {
+
+template <class G>
+static void accelerations_and_twists(const Model& m, const Options& o, Work<G>& w, const T* vn) {
+  for (int i = 0; i < m.nv; ++i) w.a[i] = (vn[i] - w.v[i]) * (1 / o.h);
+  inverse_dynamics(m, w, w.v, w.a, w.tmp);
+  for (int b = 0; b < m.nbody; ++b) {
+    Vec<G::N> t = m.body_parent[b] >= 0 ? w.tn[m.body_parent[b]] : zero<G::N>();
+    for (int j = m.body_jadr[b]; j < m.body_jadr[b] + m.body_jnum[b]; ++j) {
+      int d = m.jnt_vadr[j], n = m.jnt_type[j] == kBall ? 3 : 1;
+      for (int k = d; k < d + n; ++k) w.tnlam[k] = t;
+      for (int k = d; k < d + n; ++k) t += vn[k] * w.S[k];
+    }
+    w.tn[b] = t;
+  }
+}
+
+// Smooth part of Gq, Gv, Gu.
+template <class G>
+static void smooth_terms(const Model& m, const Options& o, Work<G>& w) {
+  int nv = m.nv;
+  for (int i = 0; i < nv * nv; ++i) w.Gq[i] = w.Gv[i] = T{};
+  for (int i = 0; i < nv * m.nu; ++i) w.Gu[i] = T{};
+  inverse_dynamics_derivatives(m, w, -o.h, w.Gq, w.Gv);
+  for (int i = 0; i < nv; ++i) {
+    const T* p = w.P + m.oDof + i * kDofFields;
+    w.Gq[i * (nv + 1)] -= o.h * w.kp[i];
+    w.Gv[i * (nv + 1)] += w.M[i * (nv + 1)] - o.h * (p[kDamping] + w.kd[i]);
+    if (o.implicit_springs) w.Gv[i * (nv + 1)] -= o.h * o.h * w.kp[i];
+    for (int a = m.anc_ptr[i]; a < m.anc_ptr[i + 1]; ++a) {
+      int j = m.anc_idx[a];
+      w.Gv[i * nv + j] += w.M[i * nv + j];
+      w.Gv[j * nv + i] += w.M[j * nv + i];
+    }
+  }
+  for (int a = 0; a < m.nact; ++a) w.Gu[m.act_dof[a] * m.nu + a] += o.h * w.open[a];
+}
+
+template <class G> static inline T impulse(const Contact<G>& c, int row) {
+  return row == 0 ? keep(c.on, c.gam) : keep(c.on & c.rub, c.b[row - 1]);
+}
+// The wrench -W Theta E of a change E of the rows.
+template <class G>
+static inline Vec<G::N> response(const Contact<G>& c, const T* E) {
+  Vec<G::N> F = (-c.Th[0][0] * E[0]) * c.Wr[0];
+  for (int r = 1; r < c.rows; ++r) {
+    T x = c.Th[r][0] * E[0];
+    for (int k = 1; k < c.rows; ++k) x += c.Th[r][k] * E[k];
+    F -= x * c.Wr[r];
+  }
+  return F;
+}
+
+template <class G>
+static void contact_terms(const Model& m, Work<G>& w) {
+  int nv = m.nv;
+  for (int gi = 0; gi < w.ngroups; ++gi) {
+    int group = w.groups[gi].group, d0 = m.grp_dptr[group], nd = m.grp_dptr[group + 1] - d0;
+    Vec<G::N> F = zero<G::N>();
+    T K[G::N][G::N] = {};
+    for (int k = 0; k < nd; ++k) w.Y[k] = zero<G::N>();
+    for (int ci = w.groups[gi].begin; ci < w.groups[gi].end; ++ci) {
+      Contact<G>& c = w.con[ci];
+      Feature<G> feature = find_feature(m, w, c.index);
+      int A = m.con_bodyA[c.index], B = m.con_bodyB[c.index];
+      Vec<G::N> relative = relative_twist<G>(m, w.tn, c.index) - c.carry * relative_twist<G>(m, w.vel, c.index);
+      CMBRL_FOR(r, c.rows) {
+        F += impulse(c, r) * c.Wr[r];
+        Vec<G::N> FT = (c.carry * c.Th[r][0]) * c.Wr[0];
+        for (int k = 1; k < c.rows && r > 0; ++k) FT += (c.carry * c.Th[r][k]) * c.Wr[k];
+        CMBRL_FOR(a, G::N) CMBRL_FOR(b, G::N) K[a][b] += c.Wr[r][a] * FT[b];
+      }
+      for (int k = 0; k < nd; ++k) {
+        int d = m.grp_dof[d0 + k], sign = m.grp_sign[d0 + k], side = sign > 0 ? A : B;
+        Shift<G> s = shift_by_dof(m, w, c, feature, w.S[d], sign);
+        Vec<G::N> swing = cross_motion<G>(w.S[d], w.tn[side] - w.tnlam[d] - c.carry * (w.vel[side] - w.vlam[d]));
+        if (sign < 0) swing = zero<G::N>() - swing;
+        T E[1 + G::NT];
+        CMBRL_FOR(r, c.rows) {
+          Vec<G::N> dW = wrench_shift(c, s, r);
+          E[r] = dot(dW, relative) + dot(c.Wr[r], swing);
+          E[r] += r == 0 ? (c.dc_dphi + c.dRn_dphi * c.gam) * s.dphi : c.dRt_dphi * c.b[r - 1] * s.dphi;
+          w.Y[k] += impulse(c, r) * dW;
+        }
+        w.Y[k] += response(c, E);
+      }
+    }
+    for (int k = 0; k < nd; ++k) {
+      int mdof = m.grp_dof[d0 + k];
+      Vec<G::N> turned = w.Y[k] - cross_force<G>(w.S[mdof], F), KS = zero<G::N>();  // columns of J that turn with mdof
+      CMBRL_FOR(r, G::N) CMBRL_FOR(c, G::N) KS[r] += K[r][c] * w.S[mdof][c];
+      if (m.grp_sign[d0 + k] < 0) KS = zero<G::N>() - KS;
+      for (int l = 0; l < nd; ++l) {
+        int j = m.grp_dof[d0 + l];
+        bool moves = m.grp_sign[d0 + l] == m.grp_sign[d0 + k] && (j > mdof || m.dof_jnt[j] == m.dof_jnt[mdof]);
+        T q = dot(w.S[j], moves ? turned : w.Y[k]), v = dot(w.S[j], KS);
+        w.Gq[j * nv + mdof] += m.grp_sign[d0 + l] > 0 ? q : -q;
+        w.Gv[j * nv + mdof] += m.grp_sign[d0 + l] > 0 ? v : -v;
+      }
+    }
+  }
+  for (int i = 0; i < w.nlim; ++i) {
+    const Limit& l = w.lim[i];
+    w.Gq[l.dof * (nv + 1)] -= l.Th * (l.dc_dphi + l.dR_dphi * l.gam);
+    w.Gv[l.dof * (nv + 1)] += l.Th * l.carry;
+  }
+  for (int i = 0; i < w.ndry; ++i) w.Gv[w.dry[i].dof * (nv + 1)] += w.dry[i].Th * w.dry[i].carry;
+}
+
+// Gq, Gv, Gu and the factor H at the solution in w (rows, vn); tn, vel, acc refer to vn afterwards.
+template <class G>
+static void implicit_system(const Model& m, const Options& o, Work<G>& w) {
+  accelerations_and_twists(m, o, w, w.vn);
+  smooth_terms(m, o, w);
+  InteriorPoint<G> ip(m, o, w);
+  ip.rho = T{};
+  ip.linearise_all(T{}, none());
+  ip.factorise();
+  contact_terms(m, w);
+}
+
+}  // namespace cmbrl::CMBRL_ISA

@@ -1,0 +1,101 @@
+// Contact and limit laws: what a gap asks of the velocity after the step, and how softly.
+// Every row reads  c = J v' + R x - carry J v + c0(phi),  0 <= x _|_ c >= 0 (normal), Coulomb with maximal dissipation (tangent).
+// MuJoCo's solref/solimp written for impulses: its documentation, "Computation > Constraint model"; the pyramid's regulariser
+// as an equivalent (R_n, R_t) pair: R_e (lambda_n^2/8 + lambda_t^2/(4 mu^2)) is the cost of its four edges.
+#pragma once
+#include "workspace.hpp"
+
+namespace cmbrl::CMBRL_ISA {
+
+struct Law { T c0, dc0, R, dR, carry; };  // derivatives with respect to the gap
+
+static inline void impedance(T r, T d0, T dmax, T width, double mid, double power, T& d, T& dd) {
+  T wd = vmax(width, splat(1e-15));
+  T x = vabs(r) / wd;
+  Mask inside = x < 1.0;
+  x = vmin(x, splat(1));
+  T y, dy;
+  if (power == 2) {
+    Mask low = x <= mid;
+    T e = 1.0 - x;
+    y = select(low, x * x / mid, 1.0 - e * e / (1 - mid));
+    dy = select(low, 2.0 * x / mid, 2.0 * e / (1 - mid));
+  } else {
+    for (int i = 0; i < W; ++i) {
+      bool low = x[i] <= mid;
+      double e = low ? x[i] : 1 - x[i], b = low ? mid : 1 - mid;
+      double t = __builtin_pow(e / b, power - 1);
+      y[i] = low ? e * t : 1 - e * t;
+      dy[i] = power * t;
+    }
+  }
+  T lo = splat(1e-4), hi = splat(0.9999);
+  d0 = vmin(vmax(d0, lo), hi);
+  dmax = vmin(vmax(dmax, lo), hi);
+  d = d0 + y * (dmax - d0);
+  dd = select(inside, dy * (dmax - d0) / wd, T{});
+  dd = select(r < 0.0, -dd, dd);
+}
+
+static inline void stiffness_damping(T ref0, T ref1, T dmax, double h, T& K, T& B) {
+  dmax = vmin(vmax(dmax, splat(1e-4)), splat(0.9999));
+  Mask standard = ref0 > 0.0;
+  T tc = vmax(ref0, splat(2 * h));
+  T dr = select(standard, ref1, splat(1));
+  K = select(standard, 1.0 / (dmax * dmax * tc * tc * dr * dr), -ref0 / (dmax * dmax));
+  B = select(standard, 2.0 / (dmax * tc), -ref1 / dmax);
+}
+
+static inline Law soft_law(T gap, double margin, double h, T ref0, T ref1, T d0, T dmax, T width, double mid, double power, T inverse_weight) {
+  Law L;
+  T r = gap - margin, d, dd, K, B;
+  impedance(r, d0, dmax, width, mid, power, d, dd);
+  stiffness_damping(ref0, ref1, dmax, h, K, B);
+  Mask apart = r > 0.0;  // quiet until it would close within the step
+  L.c0 = select(apart, r / h, h * K * d * r);
+  L.dc0 = select(apart, splat(1 / h), h * K * (d + dd * r));
+  L.R = (1.0 - d) / d * inverse_weight;
+  L.dR = -dd / (d * d) * inverse_weight;
+  L.carry = 1.0 - h * B;
+  return L;
+}
+
+template <class G>
+static void contact_law(const Model& m, const Options& o, Contact<G>& c, const T* p) {
+  int i = c.index;
+  double h = o.h;
+  T mu = p[kMu], mu2 = mu * mu, one = splat(1);
+  T phi = c.phi, scale = p[kRscale];
+  Law L;
+  T ratio = one;  // R_t / R_n
+  switch (m.con_law[i]) {
+    case kMujoco: {
+      T weight = scale * m.con_invweight[i];
+      if (c.rows > 1 && m.con_pyramid[i]) {
+        weight = select(c.rub, weight * mu2 * (1.0 + mu2) * (0.5 / m.con_impratio[i]), weight);
+        ratio = select(c.rub, 2.0 / mu2 * m.con_impratio[i], one);
+      } else {
+        ratio = splat(1 / m.con_impratio[i]);
+      }
+      L = soft_law(phi, m.con_margin[i], h, p[kSolref0], p[kSolref1], p[kD0], p[kDmax], p[kWidth], m.con_mid[i], m.con_power[i], weight);
+      break;
+    }
+    case kSpringDamper: {  // implicit spring k, damper d: R = 1/(h (h k + d)), erp = h k/(h k + d)
+      T hk = h * p[kSolref0], sum = hk + p[kSolref1];
+      Mask apart = phi > 0.0;
+      T erp = select(apart, one, hk / sum);
+      L = {erp * phi / h, erp / h, scale / (h * sum), T{}, T{}};
+      break;
+    }
+    default: {  // rigid: the gap at the end of the step is not negative; old penetration decays with a time constant
+      T rate = select(phi > 0.0, splat(1 / h), 1.0 / (h + vmax(p[kSolref0], T{})));
+      L = {rate * phi, rate, T{}, T{}, T{}};
+    }
+  }
+  c.cn0 = L.c0; c.dc_dphi = L.dc0;
+  c.Rn = L.R; c.dRn_dphi = L.dR;
+  c.Rt = L.R * ratio; c.dRt_dphi = L.dR * ratio;
+  c.carry = L.carry;
+}
+
+}  // namespace cmbrl::CMBRL_ISA

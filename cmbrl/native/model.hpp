@@ -1,0 +1,105 @@
+// What the core needs to know of a scene, as plain arrays (built once by scene_data.cpp from Scene.core), and of one call.
+// No templates and no standard containers here: these structs cross the border between instruction sets.
+#pragma once
+#include <cstdint>
+
+namespace cmbrl {
+
+enum JointType { kSlide = 0, kHinge = 1, kBall = 2 };
+enum ContactType { kPointPlane = 0, kPointBox = 1, kSegmentSegment = 2 };
+enum ContactLaw { kRigid = 0, kMujoco = 1, kSpringDamper = 2 };
+
+// Offsets of one field inside the block of a contact, a degree of freedom, an actuator in the physical vector P.
+enum ContactField { kMu, kRestitution, kRadius, kSolref0, kSolref1, kD0, kDmax, kWidth, kRscale, kContactFields };
+enum DofField { kArmature, kDamping, kStiffness, kSpringref, kFrictionloss, kDofFields };
+enum ActuatorField { kGear, kGain, kBias0, kBias1, kBias2, kActuatorFields };
+
+struct Model {
+  int planar, D, nq, nv, nu, nbody, njoint, ncontact, nplane, nlimit, nact, nP, ntheta, ngroup;
+  int body_fields, oDof, oContact, oPlane, oAct, oGravity;  // layout of P; bodies start at 0
+
+  const int *body_parent, *body_jadr, *body_jnum;
+  const double *body_pos, *body_rot;
+  const int *jnt_type, *jnt_body, *jnt_qadr, *jnt_vadr;
+  const double *jnt_axis, *jnt_pos, *jnt_q0;
+
+  const int *con_type, *con_bodyA, *con_bodyB, *con_plane, *con_dim, *con_law, *con_pyramid;
+  const double *con_posA, *con_axisA, *con_posB, *con_axisB, *con_rotB, *con_halfB;
+  const double *con_radiusB, *con_impratio, *con_invweight, *con_margin, *con_mid, *con_power, *plane_normal;
+
+  const int *lim_dof, *lim_qadr;
+  const double *lim_lo, *lim_hi, *lim_margin, *lim_soft, *lim_invweight;
+  const double *dof_soft, *dof_invweight;
+  const int *act_dof, *act_qadr;
+  const double *act_ctrl, *act_force;
+
+  const double *P;
+  const int *par_ptr, *par_idx;
+  const double *par_coef, *par_nominal;
+
+  // derived
+  const int *dof_body, *dof_jnt, *dof_qadr, *body_lastdof;
+  const int *anc_ptr, *anc_idx;            // ancestors of a dof on its own chain: the pattern of the mass matrix
+  const int *fill_ptr, *fill_idx;          // the same with the fill-in of contacts between bodies
+  const int *grp_A, *grp_B, *grp_cptr, *grp_con, *grp_dptr, *grp_dof, *grp_sign;  // contacts by body pair; dofs of J's columns
+  const int *con_group;
+  int max_group_dofs;
+};
+
+enum SmoothingMode { kConstant = 0, kGaussian = 1 };
+struct Smoothing {
+  int mode;
+  double kappa;   // [J]; floor of the Gaussian schedule
+  double length;  // [m], Gaussian schedule
+  int stop;       // 1: kappa is a constant to the derivative
+  bool operator==(const Smoothing& o) const { return mode == o.mode && kappa == o.kappa && length == o.length && stop == o.stop; }
+};
+
+struct Options {
+  double h;
+  int substeps, leapfrog, implicit_springs;
+  Smoothing forward, backward;
+  double prune;      // [m/s] rows predicted to separate faster are left out; infinity keeps all
+  double tolerance;  // relative, on the linear residuals; products to within theta * kappa
+  double theta;
+  int max_iterations;
+  double rest_speed;  // [m/s] approach speeds below it do not bounce
+};
+
+// Everything one element of a batch reads and writes; null where the caller does not want it. Strides are rows of C arrays.
+struct Batch {
+  int64_t n;
+  const double *q, *v, *u, *theta;
+  int64_t q_stride, v_stride, u_stride, theta_stride;  // 0: shared by all elements
+  double *q_next, *v_next;
+  int32_t *status, *iterations;  // status: 0 converged, 1 by a fallback rung, 2 failed
+  double *residual, *impulse;    // impulse (n, ncontact): summed normal impulse over the substeps [N s]
+  double *jacobian;              // (n, 2 nv, 2 nv + nu [+ ntheta])
+  int jacobian_theta;
+  double *tape;                  // (n, tape_size), written by the forward pass and read by the backward pass
+  const double *gq_next, *gv_next;  // cotangents (tangent space for q)
+  double *gq, *gv, *gu, *gtheta;
+};
+
+struct LossBatch {  // mean Huber loss of open-loop predictions, candidate by candidate
+  int64_t ncandidate, nstart;
+  int horizon;
+  const double *q, *v, *u, *q_next, *v_next, *theta, *scale_q, *scale_v;
+  const int64_t *starts;
+  double huber, fail_penalty;
+  double *loss;  // (ncandidate, nstart): summed over steps and coordinates; the caller averages in order
+  int64_t loss_stride;
+};
+
+struct Backend {  // one per instruction set
+  const char* name;
+  int width;
+  int64_t (*workspace_size)(const Model&, const Options&);  // bytes
+  int64_t (*tape_size)(const Model&, const Options&);       // doubles per element
+  void (*forward)(const Model&, const Options&, const Batch&, int64_t begin, int64_t end, void* work);
+  void (*backward)(const Model&, const Options&, const Batch&, int64_t begin, int64_t end, void* work);
+  void (*loss)(const Model&, const Options&, const LossBatch&, int64_t candidate_pack, void* work);
+  void (*dynamics)(const Model&, const Options&, const Batch&, double* M, double* bias, double* gap, double* J, int64_t begin, int64_t end, void* work);
+};
+
+}  // namespace cmbrl

@@ -1,0 +1,65 @@
+// A pack: W doubles that run through the same arithmetic in lock-step, one environment (or parameter candidate) a lane.
+// GCC/Clang vector extensions, so the same source serves SSE2, AVX2 and AVX-512; the width follows the target.
+#pragma once
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <cstring>
+
+namespace cmbrl::CMBRL_ISA {
+
+#if defined(__AVX512F__)
+constexpr int W = 8;
+#else
+constexpr int W = 4;
+#endif
+
+typedef double T __attribute__((vector_size(W * 8)));
+typedef int64_t Mask __attribute__((vector_size(W * 8)));
+
+static inline T splat(double x) { return T{} + x; }
+static inline T select(Mask m, T a, T b) { return m ? a : b; }
+static inline T keep(Mask m, T a) { return (T)((Mask)a & m); }  // a where m, else +0
+static inline T vmin(T a, T b) { return a < b ? a : b; }
+static inline T vmax(T a, T b) { return a > b ? a : b; }
+static inline T vabs(T a) { return (T)((Mask)a & (Mask{} + INT64_MAX)); }
+static inline Mask none() { return Mask{}; }
+static inline Mask all() { return ~Mask{}; }
+static inline bool any(Mask m) {
+  int64_t r = 0;
+  for (int i = 0; i < W; ++i) r |= m[i];
+  return r != 0;
+}
+static inline T vsqrt(T a) {
+  T r;
+  for (int i = 0; i < W; ++i) r[i] = __builtin_sqrt(a[i]);
+  return r;
+}
+template <class F>
+static inline T each(T a, F f) {
+  T r;
+  for (int i = 0; i < W; ++i) r[i] = f(a[i]);
+  return r;
+}
+
+// sin and cos by three-part reduction modulo pi/2 and Taylor polynomials on [-pi/4, pi/4]; error below 2 ulp for |x| < 1e5.
+static inline void sincos(T x, T& s, T& c) {
+  const double magic = 6755399441055744.0;  // 1.5 * 2^52: adding it rounds to an integer kept in the low mantissa bits
+  T shifted = x * 0.63661977236758134308 + magic;
+  Mask k = (Mask)shifted;
+  T n = shifted - magic;
+  T r = x - n * 1.57079632673412561417e+00;
+  r = r - n * 6.07710050630396597660e-11;
+  r = r - n * 2.02226624879595063154e-21;
+  T z = r * r;
+  T sp = r + r * z * (-1.0 / 6 + z * (1.0 / 120 + z * (-1.0 / 5040 + z * (1.0 / 362880 + z * (-1.0 / 39916800 +
+         z * (1.0 / 6227020800.0 - z * (1.0 / 1307674368000.0)))))));
+  T cp = 1.0 - 0.5 * z + z * z * (1.0 / 24 + z * (-1.0 / 720 + z * (1.0 / 40320 + z * (-1.0 / 3628800 +
+         z * (1.0 / 479001600.0 + z * (-1.0 / 87178291200.0 + z * (1.0 / 20922789888000.0)))))));
+  Mask swap = (k & 1) != 0;
+  T ss = select(swap, cp, sp), cc = select(swap, sp, cp);
+  s = select((k & 2) != 0, -ss, ss);
+  c = select(((k + 1) & 2) != 0, -cc, cc);
+}
+
+}  // namespace cmbrl::CMBRL_ISA

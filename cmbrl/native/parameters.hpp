@@ -1,0 +1,195 @@
+// Right-hand side of the implicit derivative with respect to the named parameters: each moves entries of the physical vector P.
+#pragma once
+#include "derivative.hpp"
+
+namespace cmbrl::CMBRL_ISA {
+
+// Lane parameters: P = P0 + sum_k (theta_k - nominal_k) D_k.
+template <class G>
+static void load_parameters(const Model& m, Work<G>& w, const double* const* theta) {
+  for (int i = 0; i < m.nP; ++i) w.P[i] = splat(m.P[i]);
+  if (!theta) return;
+  for (int k = 0; k < m.ntheta; ++k) {
+    T d;
+    for (int lane = 0; lane < W; ++lane) d[lane] = theta[lane][k] - m.par_nominal[k];
+    for (int e = m.par_ptr[k]; e < m.par_ptr[k + 1]; ++e) w.P[m.par_idx[e]] += d * m.par_coef[e];
+  }
+}
+
+template <class G>
+struct ParameterColumns {
+  const Model& m;
+  const Options& o;
+  Work<G>& w;
+  T* out;      // nv values, stride
+  int stride;
+  T& at(int dof) { return out[dof * stride]; }
+
+  void add_wrench(int group, const Vec<G::N>& F) {
+    for (int k = m.grp_dptr[group]; k < m.grp_dptr[group + 1]; ++k) {
+      T f = dot(w.S[m.grp_dof[k]], F);
+      at(m.grp_dof[k]) += m.grp_sign[k] > 0 ? f : -f;
+    }
+  }
+
+  void body(int b, const Inertia<G>& dI) {  // inverse dynamics is linear in the inertia
+    Vec<G::N> f = dI * w.acc[b] + cross_force<G>(w.vel[b], dI * w.vel[b]);
+    for (int d = m.body_lastdof[b]; d >= 0;) {
+      at(d) -= o.h * dot(w.S[d], f);
+      d = m.anc_ptr[d] < m.anc_ptr[d + 1] ? m.anc_idx[m.anc_ptr[d + 1] - 1] : -1;
+    }
+  }
+  void add_inertia(int b, int field, double coef, Inertia<G>& dI) {
+    const T* p = w.P + b * m.body_fields;
+    typename G::V c;
+    CMBRL_FOR(i, G::D) c[i] = p[1 + i];
+    c = w.pos[b] + G::rotate(w.R[b], c);
+    T k = splat(coef);
+    if (field == 0) {
+      dI.m += k;
+      dI.h += k * c;
+      G::add_steiner(dI.I, k, c);
+    } else if (field <= G::D) {
+      typename G::V e = zero<G::D>();
+      e[field - 1] = k;
+      e = G::rotate(w.R[b], e);
+      dI.h += p[0] * e;
+      G::add_steiner_derivative(dI.I, p[0], c, e);
+    } else {
+      T unit[G::SYM] = {}, world[G::SYM];
+      unit[field - 1 - G::D] = k;
+      G::sym_rotate(w.R[b], unit, world);
+      CMBRL_FOR(i, G::SYM) dI.I[i] += world[i];
+    }
+  }
+
+  void dof(int i, int field, double coef) {
+    const T* p = w.P + m.oDof + i * kDofFields;
+    T dv = w.vn[i] - w.v[i];
+    switch (field) {
+      case kArmature: at(i) -= coef * dv; break;
+      case kDamping: at(i) -= coef * o.h * w.vn[i]; break;
+      case kStiffness: {
+        T stretch = w.q[m.dof_qadr[i]] - p[kSpringref];
+        if (o.implicit_springs) stretch += o.h * w.vn[i];
+        at(i) -= coef * o.h * stretch;
+        break;
+      }
+      case kSpringref: at(i) += coef * o.h * p[kStiffness]; break;
+      default:
+        for (int k = 0; k < w.ndry; ++k) {
+          const DryFriction& d = w.dry[k];
+          if (d.dof != i) continue;
+          T inv = 1.0 / (d.eta0 - d.b * d.eta / d.b0 + d.R * (d.b0 - d.b * d.b / d.b0));
+          at(i) += keep(d.on, coef * o.h * inv * (d.b * d.eta0 / d.b0 - d.eta));
+        }
+    }
+  }
+
+  // Change of gap (dphi) together with the contact point (dp along the normal).
+  void gap(Contact<G>& c, double dphi, double dp, double coef) {
+    Vec<G::N> relative = relative_twist<G>(m, w.tn, c.index) - c.carry * relative_twist<G>(m, w.vel, c.index), Y = zero<G::N>();
+    Shift<G> s{};
+    s.dp = dp * c.d[0];
+    T E[1 + G::NT];
+    CMBRL_FOR(r, c.rows) {
+      Vec<G::N> dW = wrench_shift(c, s, r);
+      E[r] = dot(dW, relative) + dphi * (r == 0 ? c.dc_dphi + c.dRn_dphi * c.gam : c.dRt_dphi * c.b[r - 1]);
+      Y += impulse(c, r) * dW;
+    }
+    Y += response(c, E);
+    add_wrench(m.con_group[c.index], coef * Y);
+  }
+
+  // Fields of the law: closed-form and scalar, so differenced in place (central, relative step 1e-6).
+  void law(Contact<G>& c, int field, double coef) {
+    const T* p = w.P + m.oContact + c.index * kContactFields;
+    T low[kContactFields], high[kContactFields];
+    std::memcpy(low, p, sizeof low);
+    std::memcpy(high, p, sizeof high);
+    T step = 1e-6 * vmax(vabs(p[field]), splat(1e-3));
+    low[field] -= step;
+    high[field] += step;
+    Contact<G> a = c, b = c;
+    contact_law(m, o, a, low);
+    contact_law(m, o, b, high);
+    T scale = 0.5 / step;
+    Vec<G::N> t = relative_twist<G>(m, w.vel, c.index);
+    T dcarry = scale * (b.carry - a.carry), E[1 + G::NT];
+    E[0] = select(c.bounce > 0.0, T{}, scale * (b.cn0 - a.cn0) - dcarry * dot(c.Wr[0], t)) + scale * (b.Rn - a.Rn) * c.gam;
+    for (int r = 1; r < c.rows; ++r) E[r] = scale * (b.Rt - a.Rt) * c.b[r - 1] - dcarry * dot(c.Wr[r], t);
+    Vec<G::N> Y = response(c, E);
+    if (field == kMu && c.rows > 1) {  // the cone itself
+      T b0 = c.mu * c.gam, y[G::NT];
+      CMBRL_FOR(r, G::NT) y[r] = c.gam * (c.b[r] * c.eta0 / b0 - c.eta[r]);
+      CMBRL_FOR(r, G::NT) CMBRL_FOR(k, G::NT) Y += keep(c.on & c.rub, c.Ai[r][k] * y[k]) * c.Wr[1 + r];
+    }
+    add_wrench(m.con_group[c.index], coef * Y);
+  }
+
+  void actuator(int a, int field, double coef) {
+    const T* p = w.P + m.oAct + a * kActuatorFields;
+    int d = m.act_dof[a];
+    T q = w.q[m.act_qadr[a]], v = w.v[d], dv = w.vn[d] - v, g = p[kGear];
+    T flo = splat(m.act_force[2 * a]), fhi = splat(m.act_force[2 * a + 1]);
+    T ctrl = vmin(vmax(w.u[a], splat(m.act_ctrl[2 * a])), splat(m.act_ctrl[2 * a + 1]));
+    T force = p[kGain] * ctrl + p[kBias0] + g * (p[kBias1] * q + p[kBias2] * v);
+    Mask free = (force >= flo) & (force <= fhi);
+    T pull = p[kBias1] * q + p[kBias2] * (v + dv);  // damping acts at the next velocity
+    T spring = o.implicit_springs ? o.h * w.vn[d] : T{};
+    T r;
+    switch (field) {
+      case kGear: r = select(free, force + g * (pull + p[kBias2] * dv) + 2.0 * g * p[kBias1] * spring, vmin(vmax(force, flo), fhi)); break;
+      case kGain: r = keep(free, g * ctrl); break;
+      case kBias0: r = keep(free, g); break;
+      case kBias1: r = keep(free, g * g * (q + spring)); break;
+      default: r = keep(free, g * g * (v + dv));
+    }
+    at(d) += coef * o.h * r;
+  }
+
+  void gravity(int axis, double coef) {
+    Vec<G::N> lift = zero<G::N>();
+    lift[G::A + axis] = splat(coef * o.h);
+    for (int i = 0; i < m.nv; ++i) at(i) += dot(w.S[i], w.Ic[m.dof_body[i]] * lift);
+  }
+
+  void column(int k) {
+    for (int e = m.par_ptr[k]; e < m.par_ptr[k + 1];) {
+      int idx = m.par_idx[e];
+      double coef = m.par_coef[e];
+      if (idx < m.oDof) {  // consecutive entries of one body are one change of inertia
+        int b = idx / m.body_fields;
+        Inertia<G> dI{};
+        for (; e < m.par_ptr[k + 1] && m.par_idx[e] / m.body_fields == b && m.par_idx[e] < m.oDof; ++e)
+          add_inertia(b, m.par_idx[e] % m.body_fields, m.par_coef[e], dI);
+        body(b, dI);
+        continue;
+      }
+      ++e;
+      if (idx < m.oContact) dof((idx - m.oDof) / kDofFields, (idx - m.oDof) % kDofFields, coef);
+      else if (idx < m.oPlane) contact((idx - m.oContact) / kContactFields, (idx - m.oContact) % kContactFields, coef);
+      else if (idx < m.oAct) {
+        for (int i = 0; i < w.ncon; ++i)
+          if (m.con_plane[w.con[i].index] == idx - m.oPlane) gap(w.con[i], -1, 0.5, coef);
+      } else if (idx < m.oGravity) actuator((idx - m.oAct) / kActuatorFields, (idx - m.oAct) % kActuatorFields, coef);
+      else gravity(idx - m.oGravity, coef);
+    }
+  }
+  void contact(int index, int field, double coef) {
+    for (int i = 0; i < w.ncon; ++i) {
+      if (w.con[i].index != index) continue;
+      if (field == kRadius) gap(w.con[i], -1, -0.5, coef);
+      else if (field != kRestitution) law(w.con[i], field, coef);
+    }
+  }
+};
+
+// Gp (nv x ntheta) at the solution; needs implicit_system first.
+template <class G>
+static void parameter_terms(const Model& m, const Options& o, Work<G>& w) {
+  for (int i = 0; i < m.nv * m.ntheta; ++i) w.Gp[i] = T{};
+  for (int k = 0; k < m.ntheta; ++k) ParameterColumns<G>{m, o, w, w.Gp + k, m.ntheta}.column(k);
+}
+
+}  // namespace cmbrl::CMBRL_ISA

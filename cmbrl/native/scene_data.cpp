@@ -1,0 +1,149 @@
+#include "scene_data.hpp"
+
+#include <algorithm>
+
+namespace cmbrl {
+
+const int* SceneData::i(const std::string& name, size_t size) {
+  auto it = ints_.find(name);
+  if (it == ints_.end() || it->second.size() != size)
+    throw std::invalid_argument("scene array '" + name + "' is missing or has the wrong size, expected " + std::to_string(size));
+  return it->second.data();
+}
+const double* SceneData::d(const std::string& name, size_t size) {
+  auto it = doubles_.find(name);
+  if (it == doubles_.end() || it->second.size() != size)
+    throw std::invalid_argument("scene array '" + name + "' is missing or has the wrong size, expected " + std::to_string(size));
+  return it->second.data();
+}
+
+SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std::string, std::vector<double>> doubles,
+                     const std::map<std::string, int>& sizes)
+    : ints_(std::move(ints)), doubles_(std::move(doubles)) {
+  Model& m = model;
+  auto size = [&](const char* name) { return sizes.at(name); };
+  m.planar = size("planar");
+  m.D = m.planar ? 2 : 3;
+  m.nq = size("nq"); m.nv = size("nv"); m.nu = size("nu");
+  m.nbody = size("nbody"); m.njoint = size("njoint"); m.ncontact = size("ncontact");
+  m.nplane = size("nplane"); m.nlimit = size("nlimit"); m.nact = size("nact");
+  m.body_fields = m.planar ? 4 : 10;
+  m.oDof = m.nbody * m.body_fields;
+  m.oContact = m.oDof + m.nv * kDofFields;
+  m.oPlane = m.oContact + m.ncontact * kContactFields;
+  m.oAct = m.oPlane + m.nplane;
+  m.oGravity = m.oAct + m.nact * kActuatorFields;
+  m.nP = m.oGravity + m.D;
+  size_t nb = m.nbody, nj = m.njoint, nc = m.ncontact, nl = m.nlimit, na = m.nact, D = m.D;
+  m.body_parent = i("body_parent", nb); m.body_jadr = i("body_jadr", nb); m.body_jnum = i("body_jnum", nb);
+  m.body_pos = d("body_pos", nb * D); m.body_rot = d("body_rot", nb * (m.planar ? 2 : 9));
+  m.jnt_type = i("jnt_type", nj); m.jnt_body = i("jnt_body", nj); m.jnt_qadr = i("jnt_qadr", nj); m.jnt_vadr = i("jnt_vadr", nj);
+  m.jnt_axis = d("jnt_axis", nj * D); m.jnt_pos = d("jnt_pos", nj * D); m.jnt_q0 = d("jnt_q0", nj);
+  m.con_type = i("con_type", nc); m.con_bodyA = i("con_bodyA", nc); m.con_bodyB = i("con_bodyB", nc);
+  m.con_plane = i("con_plane", nc); m.con_dim = i("con_dim", nc); m.con_law = i("con_law", nc); m.con_pyramid = i("con_pyramid", nc);
+  m.con_posA = d("con_posA", nc * D); m.con_axisA = d("con_axisA", nc * D); m.con_posB = d("con_posB", nc * D);
+  m.con_axisB = d("con_axisB", nc * D); m.con_rotB = d("con_rotB", nc * D * D); m.con_halfB = d("con_halfB", nc * D);
+  m.con_radiusB = d("con_radiusB", nc);
+  m.con_impratio = d("con_impratio", nc); m.con_invweight = d("con_invweight", nc); m.con_margin = d("con_margin", nc);
+  m.con_mid = d("con_mid", nc); m.con_power = d("con_power", nc); m.plane_normal = d("plane_normal", size_t(m.nplane) * D);
+  m.lim_dof = i("lim_dof", nl); m.lim_qadr = i("lim_qadr", nl); m.lim_lo = d("lim_lo", nl); m.lim_hi = d("lim_hi", nl);
+  m.lim_margin = d("lim_margin", nl); m.lim_soft = d("lim_soft", nl * 7); m.lim_invweight = d("lim_invweight", nl);
+  m.dof_soft = d("dof_soft", size_t(m.nv) * 7); m.dof_invweight = d("dof_invweight", m.nv);
+  m.act_dof = i("act_dof", na); m.act_qadr = i("act_qadr", na); m.act_ctrl = d("act_ctrl", na * 2); m.act_force = d("act_force", na * 2);
+  m.P = d("P", m.nP);
+  m.ntheta = int(doubles_.at("par_nominal").size());
+  m.par_nominal = d("par_nominal", m.ntheta);
+  m.par_ptr = i("par_ptr", m.ntheta + 1);
+  m.par_idx = i("par_idx", m.par_ptr[m.ntheta]); m.par_coef = d("par_coef", m.par_ptr[m.ntheta]);
+  derive_chains();
+  derive_groups();
+  derive_patterns();
+}
+
+void SceneData::derive_chains() {
+  Model& m = model;
+  std::vector<int> body(m.nv), joint(m.nv), qadr(m.nv), last(m.nbody, -1), ptr{0}, idx;
+  std::vector<std::vector<int>> chain(m.nbody);
+  for (int b = 0; b < m.nbody; ++b) {
+    std::vector<int> above = m.body_parent[b] >= 0 ? chain[m.body_parent[b]] : std::vector<int>{};
+    for (int j = m.body_jadr[b]; j < m.body_jadr[b] + m.body_jnum[b]; ++j)
+      for (int k = 0; k < (m.jnt_type[j] == kBall ? 3 : 1); ++k) {
+        int dof = m.jnt_vadr[j] + k;
+        if (dof != int(ptr.size()) - 1) throw std::invalid_argument("scene dofs are not in depth-first order");
+        body[dof] = b; joint[dof] = j; qadr[dof] = m.jnt_type[j] == kBall ? -1 : m.jnt_qadr[j];
+        idx.insert(idx.end(), above.begin(), above.end());
+        ptr.push_back(int(idx.size()));
+        above.push_back(dof);
+        last[b] = dof;
+      }
+    if (last[b] < 0) throw std::invalid_argument("scene body " + std::to_string(b) + " has no joint");
+    chain[b] = above;
+  }
+  ints_["dof_body"] = body; ints_["dof_jnt"] = joint; ints_["dof_qadr"] = qadr; ints_["body_lastdof"] = last;
+  ints_["anc_ptr"] = ptr; ints_["anc_idx"] = idx;
+  m.dof_body = ints_["dof_body"].data(); m.dof_jnt = ints_["dof_jnt"].data(); m.dof_qadr = ints_["dof_qadr"].data();
+  m.body_lastdof = ints_["body_lastdof"].data(); m.anc_ptr = ints_["anc_ptr"].data(); m.anc_idx = ints_["anc_idx"].data();
+}
+
+void SceneData::derive_groups() {
+  Model& m = model;
+  std::map<std::pair<int, int>, int> number;
+  std::vector<int> A, B, group_of(m.ncontact);
+  std::vector<std::vector<int>> members;
+  for (int c = 0; c < m.ncontact; ++c) {
+    auto key = std::make_pair(m.con_bodyA[c], m.con_bodyB[c]);
+    auto [it, fresh] = number.emplace(key, int(A.size()));
+    if (fresh) { A.push_back(key.first); B.push_back(key.second); members.emplace_back(); }
+    members[it->second].push_back(c);
+    group_of[c] = it->second;
+  }
+  auto chain = [&](int body) {
+    std::set<int> s;
+    if (body < 0) return s;
+    int d = m.body_lastdof[body];
+    s.insert(m.anc_idx + m.anc_ptr[d], m.anc_idx + m.anc_ptr[d + 1]);
+    s.insert(d);
+    return s;
+  };
+  std::vector<int> cptr{0}, con, dptr{0}, dof, sign;
+  for (size_t g = 0; g < A.size(); ++g) {
+    con.insert(con.end(), members[g].begin(), members[g].end());
+    cptr.push_back(int(con.size()));
+    std::set<int> a = chain(A[g]), b = chain(B[g]);
+    for (int k = 0; k < m.nv; ++k) {
+      if (a.count(k) == b.count(k)) continue;
+      dof.push_back(k);
+      sign.push_back(a.count(k) ? 1 : -1);
+    }
+    dptr.push_back(int(dof.size()));
+    m.max_group_dofs = std::max(m.max_group_dofs, dptr[g + 1] - dptr[g]);
+  }
+  m.ngroup = int(A.size());
+  auto keep = [&](const char* name, std::vector<int>& x) { ints_[name] = x; return static_cast<const int*>(ints_[name].data()); };
+  m.grp_A = keep("grp_A", A); m.grp_B = keep("grp_B", B); m.grp_cptr = keep("grp_cptr", cptr); m.grp_con = keep("grp_con", con);
+  m.grp_dptr = keep("grp_dptr", dptr); m.grp_dof = keep("grp_dof", dof); m.grp_sign = keep("grp_sign", sign);
+  m.con_group = keep("con_group", group_of);
+}
+
+void SceneData::derive_patterns() {  // fill-in of the leaf-to-root elimination when bodies of different chains touch
+  Model& m = model;
+  std::vector<std::set<int>> pattern(m.nv);
+  for (int k = 0; k < m.nv; ++k) pattern[k].insert(m.anc_idx + m.anc_ptr[k], m.anc_idx + m.anc_ptr[k + 1]);
+  for (int g = 0; g < m.ngroup; ++g) {
+    if (m.grp_B[g] < 0) continue;
+    for (int a = m.grp_dptr[g]; a < m.grp_dptr[g + 1]; ++a)
+      for (int b = m.grp_dptr[g]; b < a; ++b) pattern[m.grp_dof[a]].insert(m.grp_dof[b]);
+  }
+  for (int k = m.nv - 1; k >= 0; --k)
+    for (int a : pattern[k])
+      for (int b : pattern[k]) if (b < a) pattern[a].insert(b);
+  std::vector<int> ptr{0}, idx;
+  for (auto& s : pattern) {
+    idx.insert(idx.end(), s.begin(), s.end());
+    ptr.push_back(int(idx.size()));
+  }
+  ints_["fill_ptr"] = ptr; ints_["fill_idx"] = idx;
+  m.fill_ptr = ints_["fill_ptr"].data(); m.fill_idx = ints_["fill_idx"].data();
+}
+
+}  // namespace cmbrl

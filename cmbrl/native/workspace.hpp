@@ -1,0 +1,101 @@
+// Scratch memory of one thread: every array of one step of one pack, carved from one arena. Sized by the scene, allocated once.
+#pragma once
+#include "algebra.hpp"
+#include "model.hpp"
+
+namespace cmbrl::CMBRL_ISA {
+
+struct Arena {
+  char* base;
+  int64_t used = 0;
+  template <class X> X* take(int64_t n) {
+    X* p = reinterpret_cast<X*>(base + used);
+    used += (n * int64_t(sizeof(X)) + 63) / 64 * 64;
+    return p;
+  }
+};
+
+// One contact of a pack in the interior point and in the derivative.
+template <class G>
+struct Contact {
+  Mask on, rub;                      // lanes in which the contact takes part; in which it has friction
+  int index, rows;                   // candidate number; 1 or 1 + NT
+  typename G::V p, d[1 + G::NT];     // point and directions (normal, tangents)
+  Vec<G::N> Wr[1 + G::NT];           // wrench of a unit impulse along each row
+  T phi, mu, Rn, Rt, carry, cn0, ct0[G::NT];
+  T dc_dphi, dRn_dphi, dRt_dphi;     // of the law, at fixed impulses
+  T bounce, time;                    // restitution applied in this step (0: none) and the time of impact in it [s]
+  T kappa, slope;                    // slope: d kappa / d z
+  T gam, s, b[G::NT], eta0, eta[G::NT];
+  T r1, r2[G::NT];                   // linear residuals at the start; they shrink by exactly (1 - alpha)
+  T w[1 + G::NT], Th[1 + G::NT][1 + G::NT];  // dx = w - Th J dv
+  T ipn, Ai[G::NT][G::NT], ta[G::NT];        // parts of Th, for sensitivities to kappa and mu
+  T t50, dgam, ds, db[G::NT], deta0, deta[G::NT];
+};
+
+struct Limit {  // joint limit: a normal law on one coordinate
+  Mask on;
+  int index, dof;
+  T sign, phi, R, carry, c0, dc_dphi, dR_dphi, kappa, slope, gam, s, r1, w, Th, dgam, ds;
+};
+
+struct DryFriction {  // joint friction loss: a cone of fixed head on one coordinate
+  Mask on;
+  int dof;
+  T R, carry, c0, b0, kappa, b, eta0, eta, r2, t50, w, Th, db, deta0, deta;
+};
+
+struct ActiveGroup { int group, begin, end; };  // contacts of one body pair stand together
+
+template <class G>
+struct Work {
+  using V = typename G::V;
+  using Motion = Vec<G::N>;
+  T *P, *q, *v, *u, *vf, *vn, *vstep;      // parameters, state, control, free and next velocity
+  typename G::Rot* R; V* pos;              // bodies, relative to O
+  Inertia<G> *I, *Ic;
+  Motion *vel, *acc, *f, *fc, *S, *psid, *psidd, *sdot, *vlam, *tn, *tnlam;  // tn: twists under the next velocity
+  T *X, *Xc; V *mom, *momc;
+  T *bias, *tau, *a, *kd, *kp, *open, *delta, *rhs, *rv, *tmp;
+  T *M, *H, *H0;                           // nv x nv row-major, pattern entries only
+  uint8_t *dynamic; int *dyn_list; int ndyn;
+  Contact<G>* con; int ncon; T* all_phi; Mask *con_on, *lim_on;
+  Limit* lim; int nlim;
+  DryFriction* dry; int ndry;
+  ActiveGroup* groups; int ngroups; bool coupled;  // coupled: a contact between two moving bodies is active
+  T *Gq, *Gv, *Gu, *Gp, *E;                // right-hand sides of the implicit derivative
+  T *save;                                 // solver state of lanes that are done while others are retried
+  T *qtan, *shift;                         // position correction of impacts at their time, integration scratch
+  T *tq, *tv, *rhs_all;                    // tangents carried through substeps (nv x ncol)
+  T *lq, *lv, *lu, *lp, *pvec;             // cotangents
+  Vec<G::N>* Y;
+  V O;
+
+  Work(Arena& A, const Model& m) {
+    int nv = m.nv, nb = m.nbody, ncol = 2 * nv + m.nu + m.ntheta;
+    P = A.take<T>(m.nP); q = A.take<T>(m.nq); v = A.take<T>(nv); u = A.take<T>(m.nu + 1);
+    vf = A.take<T>(nv); vn = A.take<T>(nv); vstep = A.take<T>(nv);
+    R = A.take<typename G::Rot>(nb); pos = A.take<V>(nb);
+    I = A.take<Inertia<G>>(nb); Ic = A.take<Inertia<G>>(nb);
+    vel = A.take<Motion>(nb); acc = A.take<Motion>(nb); f = A.take<Motion>(nb); fc = A.take<Motion>(nb); tn = A.take<Motion>(nb);
+    S = A.take<Motion>(nv); psid = A.take<Motion>(nv); psidd = A.take<Motion>(nv); sdot = A.take<Motion>(nv);
+    vlam = A.take<Motion>(nv); tnlam = A.take<Motion>(nv);
+    X = A.take<T>(nb * G::NX); Xc = A.take<T>(nb * G::NX); mom = A.take<V>(nb); momc = A.take<V>(nb);
+    bias = A.take<T>(nv); tau = A.take<T>(nv); a = A.take<T>(nv); kd = A.take<T>(nv); kp = A.take<T>(nv); open = A.take<T>(m.nact + 1);
+    delta = A.take<T>(nv); rhs = A.take<T>(nv); rv = A.take<T>(nv); tmp = A.take<T>(nv);
+    M = A.take<T>(nv * nv); H = A.take<T>(nv * nv); H0 = A.take<T>(nv * nv);
+    dynamic = A.take<uint8_t>(nv); dyn_list = A.take<int>(nv);
+    con = A.take<Contact<G>>(m.ncontact); all_phi = A.take<T>(m.ncontact); con_on = A.take<Mask>(m.ncontact); lim_on = A.take<Mask>(m.nlimit);
+    lim = A.take<Limit>(m.nlimit); dry = A.take<DryFriction>(nv);
+    groups = A.take<ActiveGroup>(m.ngroup);
+    Gq = A.take<T>(nv * nv); Gv = A.take<T>(nv * nv); Gu = A.take<T>(nv * (m.nu + 1)); Gp = A.take<T>(nv * (m.ntheta + 1));
+    E = A.take<T>((1 + G::NT) * nv);
+    save = A.take<T>(nv * 4 + m.ncontact * (3 + 2 * G::NT) + m.nlimit * 2);
+    qtan = A.take<T>(nv); shift = A.take<T>(nv);
+    tq = A.take<T>(nv * ncol); tv = A.take<T>(nv * ncol); rhs_all = A.take<T>(nv * ncol);
+    lq = A.take<T>(nv); lv = A.take<T>(nv); lu = A.take<T>(m.nu + 1); lp = A.take<T>(m.ntheta + 1); pvec = A.take<T>(nv);
+    Y = A.take<Vec<G::N>>(m.max_group_dofs + 1);
+  }
+};
+
+}  // namespace cmbrl::CMBRL_ISA
