@@ -23,7 +23,7 @@ in a script or notebook: ``cmbrl.registry.register(TASK)``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from cmbrl.data.behaviour import Policy
     from cmbrl.data.recorder import Progress
     from cmbrl.data.transitions import Transitions
+    from cmbrl.scene import Scene
 
 GROUP = "cmbrl.tasks"
 
@@ -50,6 +51,7 @@ class Task:
     substeps: int  #: physics steps of the model per transition
     time_step: float  #: physics step of the model [s]; substeps * time_step is control_dt
     integrator: str = "semi-implicit"  #: "semi-implicit" or "leapfrog"
+    contact_law: str = "mujoco"  #: "mujoco" (the MJCF's softness) or "rigid" (hard, with a restitution to fit)
     smoothing_kappa: float = 1e-4  #: central-path parameter of the default model [J]
     contact_gap: float = 2e-3  #: a transition counts as contact when a gap is below this before or after it [m]
     behaviours: tuple[str, ...] = ("random", "pd", "policy")  #: what the real system can be driven by; first: default
@@ -68,6 +70,12 @@ class Task:
     def scene_path(self) -> str:
         """Path of the MJCF; raises UserError when the package that ships it is not installed."""
         return str(self.scene() if callable(self.scene) else self.scene)
+
+    def load_scene(self, ignore: Iterable[str] = ()) -> Scene:
+        """The task's scene under its contact law; ``ignore`` as in :meth:`cmbrl.Scene.from_mjcf`."""
+        from cmbrl.scene import Scene
+
+        return Scene.from_mjcf(self.scene_path, ignore=ignore, contact_law=self.contact_law)
 
     def model_options(self) -> dict[str, Any]:
         """Time stepping of the task's model: keyword arguments of :class:`cmbrl.ComplementarityModel`."""

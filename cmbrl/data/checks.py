@@ -21,17 +21,27 @@ ROWS_FOR_KINEMATICS = 50  #: fewer rows do not tell whether velocities and posit
 UNEXPLAINED = 0.95  #: root-mean-square share of a position's change that its velocity must at least leave explained
 
 
+def numbers(name: str, value: Any) -> np.ndarray:
+    """``value`` as float64 (rows, columns) without gaps; raises on another shape and on NaN or infinity."""
+    try:
+        array = np.ascontiguousarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise UserError(f"{name} is not an array of numbers: give shape (rows, columns)") from None
+    if array.ndim != 2:
+        raise UserError(f"{name} has shape {array.shape}: give two axes (rows, columns), even for one column")
+    bad = ~np.isfinite(array)
+    if bad.any():
+        row, column = np.argwhere(bad)[0]
+        kind = "NaN" if np.isnan(array[row, column]) else "infinity"
+        more = f" ({int(bad.any(axis=1).sum())} rows in all)" if bad.any(axis=1).sum() > 1 else ""
+        raise UserError(f"{kind} in row {row} of {name}, column {column}{more}: remove such rows or record again")
+    return array
+
+
 def stacked(q: Any, v: Any, u: Any, q_next: Any, v_next: Any) -> dict[str, np.ndarray]:
-    """The five arrays as float64 (N, columns) without gaps; raises on shapes that disagree and on NaN or infinity."""
-    arrays = {}
-    for name, value in (("q", q), ("v", v), ("u", u), ("q_next", q_next), ("v_next", v_next)):
-        try:
-            array = np.ascontiguousarray(value, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise UserError(f"{name} is not an array of numbers: give shape (rows, columns)") from None
-        if array.ndim != 2:
-            raise UserError(f"{name} has shape {array.shape}: give two axes (rows, columns), even for one column")
-        arrays[name] = array
+    """The five arrays as float64 (N, columns); raises where one is malformed or their shapes disagree."""
+    given = (("q", q), ("v", v), ("u", u), ("q_next", q_next), ("v_next", v_next))
+    arrays = {name: numbers(name, value) for name, value in given}
     rows = len(arrays["q"])
     for name, array in arrays.items():
         if len(array) != rows:
@@ -45,13 +55,6 @@ def stacked(q: Any, v: Any, u: Any, q_next: Any, v_next: Any) -> dict[str, np.nd
     nq, nv = arrays["q"].shape[1], arrays["v"].shape[1]
     if nv > nq:
         raise UserError(f"v has more columns ({nv}) than q ({nq}): are they swapped?")
-    for name, array in arrays.items():
-        bad = ~np.isfinite(array)
-        if bad.any():
-            row, column = np.argwhere(bad)[0]
-            kind = "NaN" if np.isnan(array[row, column]) else "infinity"
-            more = f" ({int(bad.any(axis=1).sum())} rows in all)" if bad.any(axis=1).sum() > 1 else ""
-            raise UserError(f"{kind} in row {row} of {name}, column {column}{more}: remove such rows or record again")
     return arrays
 
 
@@ -85,8 +88,7 @@ def against_scene(data: Transitions, scene: Scene, dt: float | None = None) -> N
     if len(data) == 0:
         raise UserError("the log is empty: record at least one transition")
     _check_sizes(data, scene)
-    # A scene may list a free joint once for each of its parts.
-    _check_names("joint", data.joint_names, tuple(dict.fromkeys(scene.joint_names)), scene)
+    _check_names("joint", data.joint_names, tuple(scene.joint_names), scene)
     _check_names("actuator", data.actuator_names, tuple(scene.actuator_names), scene)
     _check_quaternions(data, scene)
     if dt is not None and abs(data.dt - dt) > TIME_STEP_TOLERANCE * dt:

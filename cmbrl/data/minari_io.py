@@ -112,7 +112,7 @@ def read(path: Path) -> Transitions:
     stored = [arrays for arrays in stored if len(arrays["u"])]
     if not stored:
         raise UserError(f"{path}: the log is empty: record at least one transition")
-    about = json.loads(metadata[KEY]) if KEY in metadata else {"dt": _environment_dt(path, dataset)}
+    about: dict[str, Any] = json.loads(metadata[KEY]) if KEY in metadata else {"dt": _environment_dt(path, dataset)}
     try:
         return Transitions(
             **{name: np.concatenate([arrays[name] for arrays in stored]) for name in stored[0]},

@@ -43,7 +43,7 @@ def read(path: Path) -> Transitions:
     try:
         with np.load(path, allow_pickle=False) as archive:
             found = {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, AttributeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise UserError(f"{path}: not readable as npz without pickles ({error})") from None
     try:
         if cube_tosses.is_layout(found):

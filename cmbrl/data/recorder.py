@@ -95,7 +95,9 @@ def _roll(
     return Transitions(
         q=q, v=v, u=u, q_next=q_next, v_next=v_next, dt=env.unwrapped.dt, episode=episode,
         joint_names=tuple(model.joint(i).name for i in range(model.njnt)),
-        actuator_names=tuple(model.actuator(i).name or model.joint(j).name for i, j in enumerate(model.actuator_trnid[:, 0])),
+        actuator_names=tuple(
+            model.actuator(i).name or model.joint(model.actuator_trnid[i, 0]).name for i in range(model.nu)
+        ),
         source={
             "system": name,
             "behaviour": behaviour if isinstance(behaviour, str) else "policy",

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cmbrl.data import checks
 from cmbrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ Difference = Callable[[np.ndarray, np.ndarray], np.ndarray]
 def read_trajectories(
     q: Any,
     lengths: Any,
-    dt: float,
+    dt: Any,
     v: Any = None,
     u: Any = None,
     difference: Difference | None = None,
@@ -38,13 +39,13 @@ def read_trajectories(
             velocities where q holds quaternions. By default the plain difference.
         about: ``joint_names``, ``actuator_names``, ``source`` of :class:`~cmbrl.data.transitions.Transitions`.
 
-    Raises UserError when lengths and rows disagree, or no trajectory has enough rows for a transition.
+    Raises UserError on NaN (naming its row), when lengths and rows disagree, and when no trajectory has enough rows.
     """
     from cmbrl.data.transitions import Transitions
 
-    q = np.asarray(q, dtype=np.float64)
+    q, dt = checks.numbers("q", q), checks.duration(dt)
     size = np.asarray(lengths)
-    if q.ndim != 2 or size.ndim != 1 or size.dtype.kind not in "iu" or (size < 1).any() or size.sum() != len(q):
+    if size.ndim != 1 or size.dtype.kind not in "iu" or (size < 1).any() or size.sum() != len(q):
         raise UserError(
             f"trajectories of shape {q.shape} with lengths summing to {size.sum() if size.size else 0}: give q as "
             "(rows, nq) and lengths as whole numbers that sum to the number of rows"
@@ -53,11 +54,11 @@ def read_trajectories(
     same = episode[1:] == episode[:-1]
     usable = np.ones(len(q), dtype=bool)
     if v is None:
-        v, usable = _backward_difference(q, same, float(dt), difference)
-    v = np.asarray(v, dtype=np.float64)
-    u = np.zeros((len(q), 0)) if u is None else np.asarray(u, dtype=np.float64)
+        v, usable = _backward_difference(q, same, dt, difference)
+    v = checks.numbers("v", v)
+    u = np.zeros((len(q), 0)) if u is None else checks.numbers("u", u)
     for name, array in (("v", v), ("u", u)):
-        if array.ndim != 2 or len(array) != len(q):
+        if len(array) != len(q):
             raise UserError(f"{name} has shape {array.shape}: give one row for each of the {len(q)} rows of q")
     now = np.flatnonzero(same & usable[:-1])
     if len(now) == 0:

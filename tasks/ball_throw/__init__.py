@@ -27,6 +27,7 @@ TASK = Task(
     substeps=1,
     time_step=0.01,
     integrator="leapfrog",
+    contact_law="rigid",
     smoothing_kappa=1e-8,
     contact_gap=0.02,
     behaviours=("random",),

@@ -26,6 +26,7 @@ TASK = Task(
     control_dt=DT,
     substeps=1,
     time_step=DT,
+    contact_law="rigid",
     smoothing_kappa=1e-6,
     contact_gap=2e-3,
     behaviours=("log",),

@@ -1,0 +1,69 @@
+"""Is this a log of that robot?"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cmbrl import UserError
+
+
+def test_a_log_of_the_scene_passes(make_log, slides):
+    make_log().check(slides)
+    make_log(lengths=(100, 60), joint_names=("left", "right"), actuator_names=("motor",)).check(slides, dt=0.01)
+
+
+@pytest.mark.parametrize("size", [{"nq": 3}, {"nu": 2}, {"nu": 0}])
+def test_another_robot_by_size(make_log, slides, size):
+    with pytest.raises(UserError, match=r"log of another robot: it has \(nq, nv, nu\)"):
+        make_log(**size).check(slides)
+
+
+def test_another_robot_by_name(make_log, slides):
+    with pytest.raises(UserError, match="log of another robot: joint 'hip'"):
+        make_log(joint_names=("left", "hip")).check(slides)
+    with pytest.raises(UserError, match="actuator 'pump'"):
+        make_log(actuator_names=("pump",)).check(slides)
+
+
+def test_joint_order(make_log, slides):
+    with pytest.raises(UserError, match="joint 0 is 'right' in the log and 'left' in scene 'slides'"):
+        make_log(joint_names=("right", "left")).check(slides)
+
+
+def test_time_step(make_log, slides):
+    with pytest.raises(UserError, match=r"takes 0.01 s, one step of the model 0.008 s"):
+        make_log().check(slides, dt=0.008)
+    make_log(dt=0.0100001).check(slides, dt=0.01)
+
+
+def test_empty_log(make_log, slides):
+    with pytest.raises(UserError, match="empty"):
+        make_log().select([]).check(slides)
+
+
+def test_quaternions_must_be_unit(make_log):
+    scene = SimpleNamespace(
+        name="ball", nq=4, nv=3, nu=0, joint_names=["ball"], actuator_names=[],
+        core={"jnt_type": np.array([2]), "jnt_qadr": np.array([0])},
+    )  # fmt: skip
+    log = make_log(nq=4, nu=0)
+    unit = np.tile([1.0, 0.0, 0.0, 0.0], (8, 1))
+    log = replace(log, q=unit, q_next=unit, v=np.zeros((8, 3)), v_next=np.zeros((8, 3)))
+    log.check(scene)
+    bent = unit.copy()
+    bent[5] *= 1.01
+    with pytest.raises(UserError, match=r"quaternion in row 5 of q_next \(columns 0 to 3\) has norm 1.01"):
+        replace(log, q_next=bent).check(scene)
+
+
+def test_velocities_must_go_with_positions(make_log, slides):
+    log = make_log(lengths=(100, 100))
+    swapped = replace(log, v=log.v[:, ::-1], v_next=log.v_next[:, ::-1])
+    with pytest.raises(UserError, match=r"velocity column \d does not go with"):
+        swapped.check(slides)
+    with pytest.raises(UserError, match="does not go with"):
+        replace(log, dt=log.dt * 5).check(slides)

@@ -1,0 +1,100 @@
+"""Tasks by name: those that are installed, those that a user registers, and those that do not exist."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cmbrl import Transitions, UserError, registry
+from cmbrl.registry import Task
+
+
+def record(n_steps, seed, behaviour, progress, **more):
+    column = np.full((n_steps, 1), float(seed))
+    source = {"behaviour": str(behaviour), **more}
+    return Transitions(
+        q=column, v=column, u=column, q_next=column, v_next=column, dt=0.02, episode=np.zeros(n_steps), source=source
+    )
+
+
+OURS = Task(
+    name="mine",
+    description="a task",
+    scene=Path("scene.xml"),
+    control_dt=0.02,
+    substeps=4,
+    time_step=0.005,
+    recorder=record,
+)
+
+
+@pytest.fixture(autouse=True)
+def _forget(monkeypatch):
+    monkeypatch.setattr(registry, "_registered", {})
+
+
+def test_the_tasks_of_this_repository_are_entry_points():
+    assert {"ball_throw", "cube_toss", "hopper", "cheetah"} <= set(registry.names())
+    for name in ("ball_throw", "cube_toss", "hopper", "cheetah"):
+        assert registry.load_task(name).name == name
+
+
+def test_a_users_task_is_found_like_ours():
+    registry.register(OURS)
+    assert "mine" in registry.names()
+    assert registry.load_task("mine") is OURS
+    assert OURS.model_options() == {"substeps": 4, "time_step": 0.005, "integrator": "semi-implicit"}
+    assert OURS.scene_path == "scene.xml"
+    assert replace(OURS, scene=lambda: Path("found.xml")).scene_path == "found.xml"
+
+
+def test_unknown_task_with_the_nearest_name():
+    with pytest.raises(UserError, match="unknown task 'hoper': did you mean 'hopper'"):
+        registry.load_task("hoper")
+    with pytest.raises(UserError, match=r"unknown task 'zzzz': known: .*hopper"):
+        registry.load_task("zzzz")
+
+
+@pytest.mark.parametrize(
+    ("value", "words"), [("no_such_module:TASK", "cannot be loaded"), ("math:pi", r"is not a cmbrl\.registry\.Task")]
+)
+def test_entry_points_that_lead_nowhere(monkeypatch, value, words):
+    monkeypatch.setattr(registry, "_installed", lambda: {"bad": EntryPoint("bad", value, registry.GROUP)})
+    with pytest.raises(UserError, match=f"task 'bad'.*{words}"):
+        registry.load_task("bad")
+
+
+def test_steps_must_make_a_control_step():
+    with pytest.raises(UserError, match=r"3 substeps of 0.005 s do not make a control step of 0.02 s"):
+        replace(OURS, substeps=3)
+
+
+def test_recording_checks_what_is_asked():
+    assert OURS.record(3).source == {"behaviour": "random"}
+    assert len(OURS.record(3, seed=7, behaviour="pd")) == 3
+    with pytest.raises(UserError, match="at least 1"):
+        OURS.record(0)
+    with pytest.raises(UserError, match="no behaviour 'randm': did you mean 'random'"):
+        OURS.record(3, behaviour="randm")
+    with pytest.raises(UserError, match="--policy FILE"):
+        OURS.record(3, behaviour="policy")
+    with pytest.raises(UserError, match=r"not from tosses\.npz"):
+        OURS.record(3, log="tosses.npz")
+    assert replace(OURS, takes_log=True).record(3, log="tosses.npz").source["log"] == "tosses.npz"
+    with pytest.raises(UserError, match="cannot be driven by a policy: choose random"):
+        replace(OURS, behaviours=("random",)).record(3, behaviour=lambda observation: observation)
+
+
+def test_tasks_import_nothing_heavy():
+    code = (
+        "import sys, tasks.hopper, tasks.cheetah, tasks.ball_throw, tasks.cube_toss\n"
+        "print({'torch', 'mujoco', 'gymnasium', 'pymunk', 'numpy'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"
