@@ -86,9 +86,7 @@ def _read(model: mujoco.MjModel, k: int, column: int, name: str, sound: bool) ->
         return Actuator(name, 0, 0, 0.0, 0.0, np.zeros(3), free, free, 0.0, 0.0)
     joint = int(model.actuator_trnid[k, 0])
     gear = float(model.actuator_gear[k, 0])
-    clamp = model.actuator_ctrllimited[column] and not (
-        model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL
-    )
+    clamp = model.actuator_ctrllimited[column] and not (model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
     affine = model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
     extra = [
         float(values[k]) * gear**2 if (values := getattr(model, field, None)) is not None else 0.0

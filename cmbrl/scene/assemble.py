@@ -20,7 +20,10 @@ def tree_arrays(model: mujoco.MjModel, tree: Tree, plane: PlaneOfMotion | None) 
     """Bodies and joints, in the plane of motion where there is one."""
     joints = tree.joints
     dimension = 2 if plane else 3
-    pos, rot, axis, anchor = [], [], [], []
+    pos: list[Array] = []
+    rot: list[Array] = []
+    axis: list[Array] = []
+    anchor: list[Array] = []
     for k, body in enumerate(tree.bodies):
         if plane:
             turned = plane.rot[k] if body.parent == WORLD else plane.rot[body.parent].T @ plane.rot[k]
@@ -34,7 +37,7 @@ def tree_arrays(model: mujoco.MjModel, tree: Tree, plane: PlaneOfMotion | None) 
     for joint in joints:
         anchor.append(plane.local(tree, joint.body, joint.pos) if plane else joint.pos)
         if plane and joint.kind == HINGE:
-            axis.append([float(np.sign(tree.turn(joint.body, joint.axis) @ plane.axis)), 0.0])
+            axis.append(np.array([np.sign(tree.turn(joint.body, joint.axis) @ plane.axis), 0.0]))
         else:
             axis.append(plane.local(tree, joint.body, joint.axis) if plane else joint.axis)
     counts = [len(body.joints) for body in tree.bodies]
@@ -155,7 +158,14 @@ def physical_vector(
                 P[layout.dof(dof, "frictionloss")] = model.dof_frictionloss[dof]
     for k, c in enumerate(candidates):
         law, first = c.law, layout.contact(k)
-        P[first : first + 9] = [law.friction, 0.0, c.radius_a + c.radius_b, *law.solref, *law.solimp[:3], 1 / c.weight]
+        P[first : first + 9] = [
+            law.friction,
+            0.0,  # MJCF has no word for restitution
+            c.radius_a + c.radius_b,
+            *law.solref,
+            *law.solimp[:3],
+            1 / c.weight,
+        ]
     for k, ground in enumerate(planes):
         P[layout.plane(k)] = ground.rot[:, 2] @ ground.pos
     for k, actuator in enumerate(actuators):

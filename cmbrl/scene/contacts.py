@@ -1,4 +1,4 @@
-"""Contact candidates: what may touch what, as points, segments and boxes; what cannot touch is dropped with its reason."""
+"""Contact candidates: what may touch what, as points, segments, boxes; what never touches is dropped, with a reason."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ class ContactBuilder:
     ) -> None:
         """``normal`` (3,): unit axis about which everything turns, if the tree moves in a plane, else None;
         ``outlines``: contacts are planar too, so a cylinder is its outline in the plane of motion."""
-        self.model, self.tree, self.normal, self.gate, self.outlines = model, tree, normal, gate, outlines
+        self.model, self.tree, self.normal, self.gate = model, tree, normal, gate
+        self.outlines = outlines
         self.candidates: list[Candidate] = []
         self.dropped: list[LeftOut] = []
         self._shapes: dict[int, Shape] = {}
@@ -87,7 +88,9 @@ class ContactBuilder:
             else:
                 self.gate.refuse("geom_type", label, f"contact of a geom of type {shape.kind}")
             return
-        axis = None if not self.outlines else self.tree.turn(shape.body, np.eye(3)).T @ self.normal
+        axis = None
+        if self.outlines and self.normal is not None:
+            axis = self.tree.turn(shape.body, np.eye(3)).T @ self.normal
         reasons: dict[str, int] = {}
         for point, radius, weight in plane_points(shape, axis):
             height = height_range(self.model, self.tree, shape.body, point, up)
@@ -133,9 +136,7 @@ class ContactBuilder:
             self.gate.refuse("geom_pair", label, f"contact of a {a.kind} with a {b.kind}")
 
 
-def _point_plane(
-    shape: Shape, plane: Shape, point: Array, radius: float, weight: int, law: ContactLaw
-) -> Candidate:
+def _point_plane(shape: Shape, plane: Shape, point: Array, radius: float, weight: int, law: ContactLaw) -> Candidate:
     zero = np.zeros(3)
     return Candidate(
         POINT_PLANE, (shape.geom, plane.geom), shape.body, WORLD,

@@ -1,4 +1,4 @@
-"""Positions of bodies and gaps of contact candidates in numpy, over any batch shape; for reports and strata, not for speed.
+"""Positions of bodies and gaps of contact candidates in numpy, over any batch shape: for reports and strata, not speed.
 
 Conventions are MuJoCo's: a hinge or ball turns the body about its anchor, a slide moves it along its axis.
 """
@@ -67,7 +67,8 @@ def gaps(core: Core, q: Array) -> Array:
                 frame = axes if b < 0 else rot[..., b, :, :] @ axes
                 distance = _box(np.swapaxes(frame, -1, -2) @ relative[..., None], core["con_halfB"][i])
             else:
-                t = np.clip(_dot(axis_b, relative) / max(_dot(core["con_axisB"][i], core["con_axisB"][i]), 1e-300), -1, 1)
+                length = _dot(core["con_axisB"][i], core["con_axisB"][i])
+                t = np.clip(_dot(axis_b, relative) / (length if length > 0 else 1.0), -1, 1)
                 distance = np.linalg.norm(relative - t[..., None] * axis_b, axis=-1)
         out[..., i] = distance - P[layout.contact(i, "radius")]
     return out

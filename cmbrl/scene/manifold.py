@@ -38,7 +38,7 @@ def quaternion_product(a: Array, b: Array) -> Array:
 
 
 def rotation_between(start: Array, end: Array) -> Array:
-    """Rotation vector (..., 3) in the body frame that turns quaternion ``start`` into ``end`` (both (..., 4)), |r| <= pi."""
+    """Rotation vector (..., 3), |r| <= pi, in the body frame that turns quaternion ``start`` (..., 4) into ``end``."""
     inverse = start * np.array([1.0, -1.0, -1.0, -1.0]) / np.sum(start * start, axis=-1, keepdims=True)
     step = quaternion_product(inverse, end)
     step = np.where(step[..., :1] < 0, -step, step)

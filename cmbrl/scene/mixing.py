@@ -76,7 +76,8 @@ def contact_law(model: mujoco.MjModel, first: int, second: int, pair: int, gate:
         margins, gaps = model.geom_margin[[first, second]], model.geom_gap[[first, second]]
         margin = margins.sum() if _margins_add() else margins.max() - gaps.max()
     if model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE:
-        solref, solimp, margin, friction = model.opt.o_solref, model.opt.o_solimp, model.opt.o_margin, model.opt.o_friction
+        solref, solimp = model.opt.o_solref, model.opt.o_solimp
+        margin, friction = model.opt.o_margin, model.opt.o_friction
     if dim > 3:
         gate.refuse("condim", label, f"condim {dim}", "taken as condim 3")
         dim = 3
@@ -106,7 +107,7 @@ def _solmix(first: float, second: float) -> float:
 
 @lru_cache(maxsize=1)
 def _margins_add() -> bool:
-    """Whether this MuJoCo adds the margins of two geoms (since 3.9) or takes the larger one, less the gap; by trying."""
+    """Whether this MuJoCo adds two margins (since 3.9) or takes the larger one less the gap; found by trying."""
     model = mujoco.MjModel.from_xml_string(
         "<mujoco><worldbody><geom size='1' margin='.25'/>"
         "<body pos='2 0 0'><freejoint/><geom size='1' margin='.5'/></body></worldbody></mujoco>"

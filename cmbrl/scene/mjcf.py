@@ -24,8 +24,11 @@ _OBJECTS = {
 }
 
 
-def compile_mjcf(path: Path) -> mujoco.MjModel:
-    """Compiles an MJCF file; raises UserError when it is missing, not an MJCF, or does not compile."""
+def compile_mjcf(path: Path) -> tuple[mujoco.MjModel, list[str]]:
+    """Compiles an MJCF file; gives the model and MuJoCo's warnings.
+
+    Raises UserError when the file is missing, is not an MJCF, or does not compile.
+    """
     if not path.is_file():
         raise UserError(f"{path}: no such file: give the path of an MJCF (.xml)")
     try:
@@ -36,10 +39,15 @@ def compile_mjcf(path: Path) -> mujoco.MjModel:
         raise UserError(f"{path}: cannot be read ({error.strerror})") from None
     if root.tag != "mujoco":
         raise UserError(f"{path}: not an MJCF: its root element is <{root.tag}>, not <mujoco>")
+    warnings: list[str] = []
+    handler = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(warnings.append)  # the default one leaves a log file in the working directory
     try:
-        return mujoco.MjModel.from_xml_path(str(path))
+        return mujoco.MjModel.from_xml_path(str(path)), warnings
     except ValueError as error:
         raise UserError(f"{path}: MuJoCo cannot compile it: {error}") from None
+    finally:
+        mujoco.set_mju_user_warning(handler)
 
 
 def name_of(model: mujoco.MjModel, kind: str, number: int) -> str:

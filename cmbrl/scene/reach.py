@@ -90,4 +90,3 @@ def _travel(model: mujoco.MjModel, joint: Joint) -> tuple[float, float]:
     low, high = model.jnt_range[joint.source]
     slack = 0.1 * (high - low) + 0.05
     return float(low - joint.q0 - slack), float(high - joint.q0 + slack)
-

@@ -1,8 +1,8 @@
 """Whether everything moves in one plane, and the same scene written in that plane.
 
-A tree is planar when every joint is a slide in the plane or a hinge about its normal; offsets along the normal then change
-nothing. The plane's basis (e1, e2) and the axis a = e1 x e2, about which planar angles are positive, are world vectors;
-for robots that move in x-z they are x, z and -y.
+A tree is planar when every joint is a slide in the plane or a hinge about its normal; offsets along the normal then
+change nothing. The plane's basis (e1, e2) and the axis a = e1 x e2, about which planar angles are positive, are world
+vectors; for robots that move in x-z they are x, z and -y.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from cmbrl.scene.records import (
     WORLD,
     Array,
     Candidate,
+    Joint,
     Tree,
 )
 
@@ -47,8 +48,9 @@ class PlaneOfMotion:
 
 
 def find_plane(tree: Tree, gravity: Array) -> tuple[PlaneOfMotion | None, str]:
-    """The plane in which all joints move, or None and the reason; ``gravity`` (3,) picks the plane where joints leave a choice."""
-    turns, slides = [], []
+    """The plane in which all joints move, or None, and why; ``gravity`` (3,) picks it where joints leave a choice."""
+    turns: list[tuple[Joint, Array]] = []
+    slides: list[tuple[Joint, Array]] = []
     for joint in tree.joints:
         if joint.kind == BALL:
             return None, f"joint {joint.name} turns about every axis"
@@ -72,7 +74,7 @@ def find_plane(tree: Tree, gravity: Array) -> tuple[PlaneOfMotion | None, str]:
 def _slide_normal(axes: list[Array], gravity: Array) -> Array:
     for second in [*axes[1:], gravity, *np.eye(3)]:
         normal = np.cross(axes[0], second)
-        if np.linalg.norm(normal) > 1e-6 * max(np.linalg.norm(second), 1e-12):
+        if np.linalg.norm(normal) > 1e-6 * max(1e-12, float(np.linalg.norm(second))):
             return normal / np.linalg.norm(normal)
     raise AssertionError("three world axes cannot all be parallel to one slide")
 
@@ -94,19 +96,19 @@ def obstacle_to_plane(tree: Tree, plane: PlaneOfMotion, candidate: Candidate, up
     """Why a candidate has no planar image, or None. ``up`` (3,): world normal of the plane it touches, if it does."""
     axis = plane.axis
     if candidate.kind == POINT_PLANE:
-        return None if up is not None and abs(up @ axis) < _ALIGNED else "a plane is inclined out of the plane of motion"
+        return "a plane is inclined out of the plane of motion" if up is None or abs(up @ axis) > _ALIGNED else None
     depth = 0.0  # how far both shapes together extend along the normal, where their section does not change
     for body, half in ((candidate.body_a, candidate.axis_a), (candidate.body_b, candidate.axis_b)):
         world = tree.turn(body, half)
-        along = abs(world @ axis)
+        along = float(abs(world @ axis))
         if along > _ALIGNED and np.linalg.norm(world - (world @ axis) * axis) > _ALIGNED:
             return "a capsule is oblique to the plane of motion"
         depth += along
     if np.any(candidate.half_b):
-        along = np.abs(tree.turn(candidate.body_b, candidate.rot_b).T @ axis)
-        if np.max(along) < 1 - _ALIGNED:
+        sides = np.abs(tree.turn(candidate.body_b, candidate.rot_b).T @ axis)
+        if np.max(sides) < 1 - _ALIGNED:
             return "a box is oblique to the plane of motion"
-        depth += candidate.half_b[int(np.argmax(along))]
+        depth += candidate.half_b[int(np.argmax(sides))]
     offset = tree.place(candidate.body_a, candidate.pos_a) - tree.place(candidate.body_b, candidate.pos_b)
     if abs(offset @ axis) > depth + _ALIGNED:
         return "two round shapes meet beside the plane of their centres"
@@ -116,43 +118,48 @@ def obstacle_to_plane(tree: Tree, plane: PlaneOfMotion, candidate: Candidate, up
 def project(tree: Tree, plane: PlaneOfMotion, candidate: Candidate) -> Candidate:
     """The planar image of a candidate: sections of its shapes, vectors (2,), a point where a capsule lies across."""
     a, b = candidate.body_a, candidate.body_b
-    axes = {}
-    for side, body, half in (("a", a, candidate.axis_a), ("b", b, candidate.axis_b)):
-        flat = plane.local(tree, body, half)
-        axes[side] = flat if np.linalg.norm(flat) > _ALIGNED else np.zeros(2)
-    pos_b = plane.local(tree, b, candidate.pos_b)
     rot_b, half_b = np.eye(2), np.zeros(2)
     if np.any(candidate.half_b):
         across = int(np.argmax(np.abs(tree.turn(b, candidate.rot_b).T @ plane.axis)))
         kept = [k for k in range(3) if k != across]
         rot_b = np.column_stack([plane.local(tree, b, candidate.rot_b[:, k]) for k in kept])
         half_b = candidate.half_b[kept]
-    flat = replace(
+    image = replace(
         candidate,
         pos_a=plane.local(tree, a, candidate.pos_a),
-        axis_a=axes["a"],
-        pos_b=pos_b,
-        axis_b=axes["b"],
+        axis_a=_section(plane.local(tree, a, candidate.axis_a)),
+        pos_b=plane.local(tree, b, candidate.pos_b),
+        axis_b=_section(plane.local(tree, b, candidate.axis_b)),
         rot_b=rot_b,
         half_b=half_b,
     )
-    if candidate.kind == SEGMENT_SEGMENT and not np.any(axes["a"]):  # now a point, which stands first
-        return replace(flat, kind=POINT_SHAPE)
-    if candidate.kind == SEGMENT_SEGMENT and not np.any(axes["b"]) and b != WORLD:
-        return replace(
-            flat,
-            kind=POINT_SHAPE,
-            geoms=candidate.geoms[::-1],
-            body_a=b,
-            body_b=a,
-            pos_a=flat.pos_b,
-            axis_a=flat.axis_b,
-            pos_b=flat.pos_a,
-            axis_b=flat.axis_a,
-            radius_a=flat.radius_b,
-            radius_b=flat.radius_a,
-        )
-    return flat
+    if candidate.kind != SEGMENT_SEGMENT:
+        return image
+    if not np.any(image.axis_a):  # a capsule that lies across is a point here, and points stand first
+        return replace(image, kind=POINT_SHAPE)
+    if not np.any(image.axis_b) and b != WORLD:
+        return replace(_swapped(image), kind=POINT_SHAPE)
+    return image
+
+
+def _section(half: Array) -> Array:
+    return half if np.linalg.norm(half) > _ALIGNED else np.zeros(2)
+
+
+def _swapped(c: Candidate) -> Candidate:
+    """A and B exchanged (no boxes)."""
+    return replace(
+        c,
+        geoms=c.geoms[::-1],
+        body_a=c.body_b,
+        body_b=c.body_a,
+        pos_a=c.pos_b,
+        axis_a=c.axis_b,
+        pos_b=c.pos_a,
+        axis_b=c.axis_a,
+        radius_a=c.radius_b,
+        radius_b=c.radius_a,
+    )
 
 
 def merge_points(candidates: list[Candidate]) -> tuple[list[Candidate], int]:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from cmbrl.scene.records import LeftOut
 
 if TYPE_CHECKING:
     from cmbrl.scene.scene import Scene
@@ -14,7 +18,7 @@ _TYPES = ("point against plane", "point against shape", "segment against segment
 
 
 def to_dict(scene: Scene) -> dict[str, Any]:
-    """The scene as JSON types: sizes, coordinates, contacts kept and dropped, limits, actuators, parameters, what was left out."""
+    """The scene as JSON types: sizes, coordinates, contacts, limits, actuators, parameters, what was left out."""
     core = scene.core
     return {
         "name": scene.name,
@@ -57,9 +61,10 @@ def to_dict(scene: Scene) -> dict[str, Any]:
             for k, name in enumerate(scene.actuator_names)
         ],
         "parameters": [
-            {"name": p.name, "nominal": p.nominal, "low": p.low, "high": p.high, "transform": p.transform, "unit": p.unit}
+            {key: getattr(p, key) for key in ("name", "nominal", "low", "high", "transform", "unit")}
             for p in scene.parameters
         ],
+        "compiler_warnings": list(scene.compiler_warnings),
         "left_out": [{"kind": x.kind, "name": x.name, "why": x.why} for x in scene.left_out],
     }
 
@@ -71,10 +76,13 @@ def describe(scene: Scene) -> str:
     lines = [
         f"{scene.name}: {scene.path}",
         f"  algebra      {'planar' if scene.planar else 'spatial'}: {scene.planar_why}",
-        f"  size         nq {scene.nq}, nv {scene.nv}, nu {scene.nu}; {core['nbody']} moving bodies, {scene.total_mass:.4g} kg",
+        f"  size         nq {scene.nq}, nv {scene.nv}, nu {scene.nu}; "
+        f"{core['nbody']} moving bodies, {scene.total_mass:.4g} kg",
         f"  file's step  {scene.timestep:g} s, {scene.integrator}; gravity {gravity} m/s^2",
-        "  coordinates  " + _wrap(f"{n} ({k})" for n, k in zip(scene.coordinate_names, scene.coordinate_kinds, strict=True)),
-        f"  limits       {core['nlimit']}" + _listed(
+        "  coordinates  "
+        + _wrap(f"{n} ({k})" for n, k in zip(scene.coordinate_names, scene.coordinate_kinds, strict=True)),
+        f"  limits       {core['nlimit']}"
+        + _listed(
             f"{scene.coordinate_names[dof]} [{low:.4g}, {high:.4g}]"
             for dof, low, high in zip(core["lim_dof"], core["lim_lo"], core["lim_hi"], strict=True)
         ),
@@ -83,9 +91,11 @@ def describe(scene: Scene) -> str:
         f"  parameters   {len(scene.parameters)} that can be fitted (nominal, bounds, unit)",
     ]
     width = max((len(p.name) for p in scene.parameters), default=0)
-    lines += [f"    {p.name:<{width}}  {p.nominal:<10.5g} [{p.low:.4g}, {p.high:.4g}] {p.unit}" for p in scene.parameters]
+    for p in scene.parameters:
+        lines.append(f"    {p.name:<{width}}  {p.nominal:<10.5g} [{p.low:.4g}, {p.high:.4g}] {p.unit}")
     lines.append(f"  left out     {len(scene.left_out) or 'nothing'}")
-    lines += [f"    {x.kind} {x.name}: {x.why}" for x in scene.left_out]
+    lines += _by_reason(scene.left_out)
+    lines += [f"  MuJoCo says  {warning}" for warning in scene.compiler_warnings]
     return "\n".join(lines)
 
 
@@ -94,7 +104,7 @@ def _bounds(pair: np.ndarray) -> list[float] | None:
     return pair.tolist() if np.all(np.isfinite(pair)) else None
 
 
-def _wrap(words: Any, indent: int = 15, width: int = 110) -> str:
+def _wrap(words: Iterable[str], indent: int = 15, width: int = 110) -> str:
     lines, line = [], ""
     for word in words:
         if line and len(line) + len(word) > width - indent:
@@ -104,7 +114,7 @@ def _wrap(words: Any, indent: int = 15, width: int = 110) -> str:
     return (",\n" + " " * indent).join([*lines, line])
 
 
-def _listed(words: Any) -> str:
+def _listed(words: Iterable[str]) -> str:
     text = _wrap(words)
     return f"\n{' ' * 15}{text}" if text else ""
 
@@ -127,8 +137,16 @@ def _contact_lines(scene: Scene) -> str:
         lines = [*lines[:40], f"and {len(lines) - 40} more pairs (--json lists all)"]
     if scene.merged_points:
         lines.append(f"merged: {scene.merged_points} points that coincide with another")
-    for why, count in Counter(drop.why for drop in scene.dropped_contacts).items():
-        names = [drop.name for drop in scene.dropped_contacts if drop.why == why]
-        shown = ", ".join(names[:3]) + (f" and {count - 3} more" if count > 3 else "")
-        lines.append(f"dropped: {shown}: {why}")
-    return "".join(f"\n    {line}" for line in lines)
+    dropped = [replace(drop, kind="dropped:") for drop in scene.dropped_contacts]
+    return "".join(f"\n    {line}" for line in lines) + "".join(f"\n{line}" for line in _by_reason(dropped))
+
+
+def _by_reason(elements: Sequence[LeftOut]) -> list[str]:
+    """One line for all elements of one kind and reason; at most three are named."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for element in elements:
+        groups.setdefault((element.kind, element.why), []).append(element.name)
+    return [
+        f"    {kind} {', '.join(names[:3])}{f' and {len(names) - 3} more' if len(names) > 3 else ''}: {why}"
+        for (kind, why), names in groups.items()
+    ]

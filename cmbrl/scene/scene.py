@@ -23,7 +23,12 @@ from cmbrl.scene.reduction import PlaneOfMotion, find_plane, merge_points, obsta
 from cmbrl.scene.shapes import read_shape
 from cmbrl.scene.support import Gate, check_model
 
-_INTEGRATORS = {"mjINT_EULER": "euler", "mjINT_RK4": "rk4", "mjINT_IMPLICIT": "implicit", "mjINT_IMPLICITFAST": "implicit"}
+_INTEGRATORS = {
+    "mjINT_EULER": "euler",
+    "mjINT_RK4": "rk4",
+    "mjINT_IMPLICIT": "implicit",
+    "mjINT_IMPLICITFAST": "implicit",
+}
 CONTACT_LAWS = ("mujoco", "rigid")
 
 
@@ -31,8 +36,8 @@ CONTACT_LAWS = ("mujoco", "rigid")
 class Scene:
     """A world of moving bodies, joints, contact candidates and actuators. Made by ``from_mjcf``; never changes.
 
-    Layout of q, v, u is MuJoCo's. ``core`` holds the arrays the native core is built from; ``parameters`` are what a fit
-    may change, in the order of every parameter vector.
+    Layout of q, v, u is MuJoCo's. ``core`` holds the arrays the native core is built from; ``parameters`` are what a
+    fit may change, in the order of every parameter vector.
     """
 
     name: str
@@ -58,6 +63,7 @@ class Scene:
     left_out: tuple[LeftOut, ...]
     dropped_contacts: tuple[LeftOut, ...]
     merged_points: int
+    compiler_warnings: tuple[str, ...]  # what MuJoCo had to say about the file
     joints: tuple[Joint, ...]  # of the core
     core: dict[str, Any]
 
@@ -66,18 +72,18 @@ class Scene:
         """Reads an MJCF through MuJoCo's compiler.
 
         ``ignore``: kinds of unmodelled elements to leave out (``cmbrl.scene.support.KINDS``). ``contact_law``: "mujoco"
-        keeps the file's softness, "rigid" makes contacts hard with a restitution to fit.
+        keeps the file's softness, "rigid" makes contacts hard with a restitution to fit (limits stay as in the file).
         Raises UserError, one line, for a missing file, a file that is no MJCF, or an element that is not modelled.
         """
-        if contact_law not in CONTACT_LAWS:
-            raise UserError(f"contact law {contact_law!r}: {did_you_mean(contact_law, CONTACT_LAWS)}")
         file = Path(path)
         gate = Gate(str(file), ignore)
-        model = compile_mjcf(file)
+        model, warnings = compile_mjcf(file)
+        if contact_law not in CONTACT_LAWS:
+            raise UserError(f"unknown contact law {contact_law!r}: {did_you_mean(contact_law, CONTACT_LAWS)}")
         if model.nv == 0:
             raise UserError(f"{file}: nothing moves, it has no joints: give a body at least one joint")
         check_model(model, gate)
-        return _build(cls, model, file, gate, contact_law)
+        return _build(cls, model, file, gate, contact_law, tuple(warnings))
 
     def parameter_vector(self) -> Array:
         """Nominal values (np,) of ``parameters``."""
@@ -108,7 +114,9 @@ class Scene:
         return report.describe(self)
 
 
-def _build(cls: type[Scene], model: mujoco.MjModel, file: Path, gate: Gate, contact_law: str) -> Scene:
+def _build(
+    cls: type[Scene], model: mujoco.MjModel, file: Path, gate: Gate, contact_law: str, warnings: tuple[str, ...]
+) -> Scene:
     rigid = contact_law == "rigid"
     tree = read_tree(model)
     plane, why = find_plane(tree, np.asarray(model.opt.gravity))
@@ -155,7 +163,7 @@ def _build(cls: type[Scene], model: mujoco.MjModel, file: Path, gate: Gate, cont
     core["nlimit"] = len(core["lim_dof"])
     names, kinds = _coordinates(tree)
     return cls(
-        name=file.stem,
+        name=_model_name(model, file),
         path=str(file),
         ignore=gate.ignore,
         contact_law=contact_law,
@@ -178,6 +186,7 @@ def _build(cls: type[Scene], model: mujoco.MjModel, file: Path, gate: Gate, cont
         left_out=tuple(gate.left_out),
         dropped_contacts=tuple(builder.dropped),
         merged_points=merged,
+        compiler_warnings=warnings,
         joints=tuple(tree.joints),
         core=core,
     )
@@ -190,6 +199,12 @@ def _obstacle(model: mujoco.MjModel, tree: Tree, plane: PlaneOfMotion, candidate
         if reason := obstacle_to_plane(tree, plane, c, up):
             return f"{reason} ({name_of(model, 'geom', c.geoms[0])} - {name_of(model, 'geom', c.geoms[1])})"
     return None
+
+
+def _model_name(model: mujoco.MjModel, file: Path) -> str:
+    """``<mujoco model="...">``, the first entry of the model's names; the file's stem where the file gives none."""
+    name = bytes(model.names).split(b"\0", 1)[0].decode()
+    return file.stem if name in ("", "MuJoCo Model") else name.replace(" ", "_")
 
 
 def _coordinates(tree: Tree) -> tuple[tuple[str, ...], tuple[str, ...]]:

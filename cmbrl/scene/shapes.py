@@ -1,4 +1,4 @@
-"""The features of a geom that may touch something: points and segments with a radius, boxes; poses in the body frame."""
+"""The features of a geom that may touch something: points and segments with a radius, boxes; in the body frame."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ import numpy as np
 from cmbrl.scene.manifold import quaternion_matrix
 from cmbrl.scene.records import Array, Frame
 
-GEOM = mujoco.mjtGeom
-NAMES = {
-    int(GEOM.mjGEOM_PLANE): "plane",
-    int(GEOM.mjGEOM_SPHERE): "sphere",
-    int(GEOM.mjGEOM_CAPSULE): "capsule",
-    int(GEOM.mjGEOM_BOX): "box",
-    int(GEOM.mjGEOM_CYLINDER): "cylinder",
-    int(GEOM.mjGEOM_MESH): "mesh",
-    int(GEOM.mjGEOM_ELLIPSOID): "ellipsoid",
-    int(GEOM.mjGEOM_HFIELD): "height field",
-    int(GEOM.mjGEOM_SDF): "SDF",
+_GEOM = mujoco.mjtGeom
+_NAMES = {
+    int(_GEOM.mjGEOM_PLANE): "plane",
+    int(_GEOM.mjGEOM_SPHERE): "sphere",
+    int(_GEOM.mjGEOM_CAPSULE): "capsule",
+    int(_GEOM.mjGEOM_BOX): "box",
+    int(_GEOM.mjGEOM_CYLINDER): "cylinder",
+    int(_GEOM.mjGEOM_MESH): "mesh",
+    int(_GEOM.mjGEOM_ELLIPSOID): "ellipsoid",
+    int(_GEOM.mjGEOM_HFIELD): "height field",
+    int(_GEOM.mjGEOM_SDF): "SDF",
 }
-RIM_POINTS = 8
-HULL_POINTS = 32
+_RIM_POINTS = 8
+_HULL_POINTS = 32
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Shape:
 def read_shape(model: mujoco.MjModel, geom: int, frames: list[Frame]) -> Shape:
     """The shape of a geom of the file, in the frame of its moving body."""
     frame = frames[model.geom_bodyid[geom]]
-    kind = NAMES.get(int(model.geom_type[geom]), "other")
+    kind = _NAMES.get(int(model.geom_type[geom]), "other")
     hull = hull_points(model, int(model.geom_dataid[geom])) if kind == "mesh" else np.zeros((0, 3))
     return Shape(
         geom,
@@ -104,7 +104,7 @@ def plane_points(shape: Shape, normal_axis: Array | None) -> list[tuple[Array, f
         if normal_axis is not None and along < 1e-8:
             rim = np.array([[-side[1], side[0]], [side[1], -side[0]]]) * radius
         else:
-            angle = 2 * np.pi * np.arange(RIM_POINTS) / RIM_POINTS
+            angle = 2 * np.pi * np.arange(_RIM_POINTS) / _RIM_POINTS
             rim = radius * np.column_stack([np.cos(angle), np.sin(angle)])
         local = np.vstack([np.column_stack([rim, np.full(len(rim), end)]) for end in (-half, half)])
     else:
@@ -124,11 +124,11 @@ def hull_points(model: mujoco.MjModel, mesh: int) -> Array:
     if graph >= 0:
         count = int(model.mesh_graph[graph])
         points = points[model.mesh_graph[graph + 2 + count : graph + 2 + 2 * count]]
-    if len(points) <= HULL_POINTS:
+    if len(points) <= _HULL_POINTS:
         return points
     chosen = [int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))]
     distance = np.linalg.norm(points - points[chosen[0]], axis=1)
-    while len(chosen) < HULL_POINTS:
+    while len(chosen) < _HULL_POINTS:
         chosen.append(int(np.argmax(distance)))
         distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=1))
     return points[np.sort(chosen)]

@@ -1,4 +1,4 @@
-"""What is not modelled: every such element is refused by name, unless its kind is to be ignored, which is then stated."""
+"""What is not modelled: such an element is refused by name, unless its kind is to be ignored, which is then stated."""
 
 from __future__ import annotations
 
@@ -66,15 +66,15 @@ class Gate:
         kind, elements = next(iter(self._refused.items()))
         name, why = elements[0]
         count = sum(len(found) for found in self._refused.values()) - 1
-        more = f" (and {count} more element{'s' if count > 1 else ''} of kind {', '.join(self._refused)})" if count else ""
-        remedy = " ".join(f"--ignore {each}" for each in self._refused)
+        kinds, remedy = ", ".join(self._refused), " ".join(f"--ignore {each}" for each in self._refused)
+        more = f" (and {count} more element{'s' if count > 1 else ''} of kind {kinds})" if count else ""
         raise UserError(
-            f"{self.file}: {kind} {name!r} is not modelled: {why}{more}: take it out of the file, or leave it out by {remedy}"
+            f"{self.file}: {kind} {name!r} is not modelled: {why}{more}: take it out of the file, or load with {remedy}"
         )
 
 
 def _find(model: mujoco.MjModel, field: str, rows: int) -> np.ndarray:
-    """Numbers of the elements with any nonzero entry in ``field``; none where this version of MuJoCo lacks the field."""
+    """Numbers of the elements with a nonzero entry in ``field``; none where this version of MuJoCo lacks the field."""
     values = getattr(model, field, None)
     if values is None or rows == 0:
         return np.zeros(0, dtype=int)
@@ -100,20 +100,26 @@ def check_model(model: mujoco.MjModel, gate: Gate) -> None:
     if model.nplugin:
         gate.refuse("plugin", "extension", f"{model.nplugin} plugin instance(s)")
     if not option.disableflags & disabled.mjDSBL_GRAVITY and np.any(option.gravity):
-        for k in _find(model, "body_gravcomp", model.nbody):
-            gate.refuse("gravcomp", name_of(model, "body", k), f"gravcomp {model.body_gravcomp[k]:g}")
+        for body in _find(model, "body_gravcomp", model.nbody):
+            gate.refuse("gravcomp", name_of(model, "body", int(body)), f"gravcomp {model.body_gravcomp[body]:g}")
     if "DISCRETE" in mujoco.mjtIntegrator(option.integrator).name:
         gate.refuse("integrator", "option", "integrator discrete", "semi-implicit Euler is used")
     _check_joints(model, gate)
     if (exact := getattr(mujoco.mjtEnableBit, "mjENBL_DIAGEXACT", None)) and option.enableflags & exact:
         gate.note("diagexact", "option", "softness uses the constant inverse weights at qpos0")
+    if option.disableflags & disabled.mjDSBL_REFSAFE:
+        gate.note("refsafe", "option", "time constants of contacts and limits are kept above twice the time step")
+    if option.disableflags & disabled.mjDSBL_EULERDAMP:
+        gate.note("eulerdamp", "option", "joint damping stays implicit")
+    if option.noslip_iterations:
+        gate.note("noslip", "option", "friction is solved once, without a noslip pass")
+    for body in np.flatnonzero(model.body_mocapid >= 0):
+        gate.note("mocap", name_of(model, "body", int(body)), "it stays where the file puts it")
 
 
 def _check_tendon(model: mujoco.MjModel, k: int, gate: Gate) -> None:
     name = name_of(model, "tendon", k)
-    driven = np.any(
-        (model.actuator_trntype == mujoco.mjtTrn.mjTRN_TENDON) & (model.actuator_trnid[:, 0] == k)
-    )
+    driven = np.any((model.actuator_trntype == mujoco.mjtTrn.mjTRN_TENDON) & (model.actuator_trnid[:, 0] == k))
     reasons = [
         word
         for word, there in (
