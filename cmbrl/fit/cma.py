@@ -1,0 +1,68 @@
+"""CMA-ES, a rival of the random search (library ``cmaes``; Hansen, "The CMA evolution strategy", arXiv 1604.00772)."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+import numpy as np
+
+from cmbrl.errors import UserError
+from cmbrl.fit.objective import Objective
+from cmbrl.fit.random_search import Keep, Search, forget
+from cmbrl.fit.state import Journal
+
+_FIRST_WIDTH = 0.5  # prior standard deviations
+
+
+def cma_search(
+    objective: Objective,
+    start: np.ndarray,
+    seed: int,
+    rounds: int,
+    population: int,
+    journal: Journal,
+    name: str,
+    keep: Keep = forget,
+) -> Search:
+    """Minimises ``objective`` from ``start`` (n,) with ``rounds`` generations of ``population`` candidates.
+
+    Raises OutOfTime of the journal between generations.
+    """
+    from cmaes import CMA
+
+    moving = np.flatnonzero(objective.active)
+    best = objective.clip(start)
+    value = float(journal.losses(f"{name}/start", 0, lambda: objective.values(best[None]))[0])
+    if len(moving) == 1:  # the library refuses one dimension: a second one that does nothing keeps it content
+        moving = np.append(moving, -1)
+    inside = moving[moving >= 0]
+    strategy = CMA(
+        mean=np.where(moving >= 0, best[moving], 0.0),
+        sigma=_FIRST_WIDTH,
+        bounds=np.stack(
+            [_bound(objective.space.z_low, moving, -1.0), _bound(objective.space.z_high, moving, 1.0)], axis=1
+        ),
+        seed=seed % 2**32,
+        population_size=population,
+    )
+    for index in range(rounds):
+        asked = [strategy.ask() for _ in range(population)]
+        z = np.repeat(best[None], population, axis=0)
+        z[:, inside] = np.array(asked)[:, : len(inside)]
+        values = journal.losses(name, index, lambda z=z: objective.values(z))
+        strategy.tell([(x, float(f)) for x, f in zip(asked, values, strict=True)])
+        winner = int(values.argmin())
+        if values[winner] < value:
+            best, value = z[winner], float(values[winner])
+            keep(best)
+    return Search(best, value, rounds * population)
+
+
+def require_library() -> None:
+    """Raises UserError when the library is missing."""
+    if find_spec("cmaes") is None:
+        raise UserError("method 'cma' needs the library cmaes: pip install 'cmbrl[fit]'")
+
+
+def _bound(edge: np.ndarray, moving: np.ndarray, filler: float) -> np.ndarray:
+    return np.where(moving >= 0, edge[moving], filler)

@@ -1,0 +1,65 @@
+"""Levenberg-Marquardt on the Huberised residuals with the Gaussian prior, inside the bounds.
+
+Each iteration solves ``(H + lambda diag H) dz = -g`` with H = J^T W J + s I from the implicit derivatives of the step
+and the Huber weights W, for several lambda at once; all trial points are one batch of candidates, and the best one is
+kept (Marquardt, J. SIAM 11, 1963; iteratively reweighted: Holland and Welsch, 1977).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cmbrl.fit.objective import Objective
+from cmbrl.fit.random_search import Keep, Search, forget
+from cmbrl.fit.state import Journal
+
+_TRIALS = 10.0 ** np.arange(-2.0, 4.0)  # multiples of lambda tried in one batch
+_LAMBDA_RANGE = (1e-8, 1e8)
+_DECREASE = 1e-5  # relative; less than this twice in a row is the end
+
+
+def gauss_newton(
+    objective: Objective, start: np.ndarray, iterations: int, journal: Journal, keep: Keep = forget
+) -> Search:
+    """Minimises ``objective`` from ``start`` (n,). Raises OutOfTime of the journal between iterations."""
+    z = objective.clip(start)
+    value = float(objective.values(z[None])[0])
+    damping, idle, candidates = 1e-3, 0, 1
+    for _ in range(iterations):
+        journal.check_time()
+        equations = objective.normal_equations(z)
+        points = np.stack([_step(objective, z, equations.gradient, equations.hessian, damping * m) for m in _TRIALS])
+        values = objective.values(points)
+        candidates += len(points)
+        winner = int(values.argmin())
+        decrease = value - values[winner]
+        if decrease > 0.0:
+            z, value = points[winner], float(values[winner])
+            keep(z)
+            damping = damping * _TRIALS[winner]
+        else:
+            damping = damping * _TRIALS[-1]
+        damping = float(np.clip(damping, *_LAMBDA_RANGE))
+        idle = idle + 1 if decrease <= _DECREASE * value else 0
+        if idle == 2:
+            break
+    return Search(z, value, candidates)
+
+
+def _step(objective: Objective, z: np.ndarray, gradient: np.ndarray, hessian: np.ndarray, damping: float) -> np.ndarray:
+    """The damped step from ``z``; what it would push through a bound stays there, and the rest is solved again."""
+    low, high = objective.space.z_low, objective.space.z_high
+    free = objective.active & ~((z <= low) & (gradient > 0.0)) & ~((z >= high) & (gradient < 0.0))
+    point = z.copy()
+    while free.any():
+        inner = hessian[np.ix_(free, free)]
+        system = inner + damping * np.diag(np.diag(inner))
+        held = np.where(free, 0.0, point - z)  # what parameters on their bound have moved already
+        right = -(gradient + hessian @ held)[free]
+        point[free] = z[free] + np.linalg.solve(system, right)
+        beyond = free & ((point < low) | (point > high))
+        if not beyond.any():
+            break
+        point = np.where(beyond, np.clip(point, low, high), point)
+        free &= ~beyond
+    return point

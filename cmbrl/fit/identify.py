@@ -1,0 +1,76 @@
+"""What the data say about each parameter, and what they cannot.
+
+At the optimum, with the Gauss-Newton information of the data ``F = n H / tau^2`` and the prior (identity in z):
+
+    cov = A^-1 (S + I) A^-1,   A = F + I,   S = E / (E - 1) sum_e (s_e - s) (s_e - s)^T
+
+where s_e is the score of episode e. This sandwich (Huber 1967; White 1982; clustered by episode) allows for residuals
+that are model error, hence alike within an episode. Episodes are few, so a parameter gets the larger of this variance
+and the naive A^-1. Directions in which F is below 1 are flat: there the log says less than the prior did.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmbrl.fit.loss import NormalEquations
+from cmbrl.fit.space import Space
+
+_NORMAL_95 = 1.96
+_NAMED = 0.3  # of the largest coefficient: smaller ones are not worth naming
+_MAX_NAMED = 6
+_FLAT_VARIANCE = 0.5  # of the prior's
+
+
+@dataclass(frozen=True)
+class Identification:
+    """``low``, ``high`` (n,): 95 % intervals in the parameters' own units (nominal value where not fitted).
+
+    ``flat`` (n,) bool: fitted, yet the data leave at least half of the prior's variance. ``unseen`` (n,) bool: not
+    fitted, and the data would not tell it either. ``directions``: flat combinations of fitted parameters, each
+    {"information", "parameters": {name: coefficient}} with coefficients in prior standard deviations, the largest 1.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    flat: np.ndarray
+    unseen: np.ndarray
+    directions: list[dict]
+
+
+def identify(space: Space, z: np.ndarray, fitted: np.ndarray, equations: NormalEquations) -> Identification:
+    """Reads intervals and flat directions of the ``fitted`` columns at ``z`` off ``equations`` (without the prior)."""
+    scale = equations.starts / max(equations.variance, 1e-12)
+    variance = np.ones(len(space))
+    columns = np.flatnonzero(fitted)
+    directions = []
+    if len(columns):
+        information = scale * equations.hessian[np.ix_(columns, columns)]
+        covariance = np.linalg.inv(information + np.eye(len(columns)))
+        scores = scale * equations.episode_gradients[:, columns]
+        scores = scores - scores.mean(axis=0)
+        episodes = len(scores)
+        spread = scores.T @ scores * episodes / max(episodes - 1, 1)
+        sandwich = covariance @ (spread + np.eye(len(columns))) @ covariance
+        variance[columns] = np.maximum(np.diag(sandwich), np.diag(covariance))
+        directions = _flat_directions(information, [space.names[k] for k in columns])
+    half = _NORMAL_95 * np.sqrt(variance)
+    low = np.where(fitted, space.theta(np.maximum(z - half, space.z_low)), space.theta(z))
+    high = np.where(fitted, space.theta(np.minimum(z + half, space.z_high)), space.theta(z))
+    alone = scale * np.diag(equations.hessian)
+    return Identification(low, high, fitted & (variance > _FLAT_VARIANCE), ~fitted & (alone < 1.0), directions)
+
+
+def _flat_directions(information: np.ndarray, names: list[str]) -> list[dict]:
+    values, vectors = np.linalg.eigh(information)
+    found = []
+    for value, vector in zip(values, vectors.T, strict=True):
+        if value >= 1.0:
+            break
+        vector = vector / vector[np.abs(vector).argmax()]
+        order = np.argsort(-np.abs(vector), kind="stable")[:_MAX_NAMED]
+        named = {names[k]: round(float(vector[k]), 3) for k in order if abs(vector[k]) >= _NAMED}
+        found.append({"information": max(float(value), 0.0), "parameters": named})
+    return found

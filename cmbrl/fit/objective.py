@@ -1,0 +1,52 @@
+"""What a search minimises: the prediction loss plus a Gaussian prior, over the parameters that may move.
+
+    J(z) = L(theta(z)) + s |z|^2 / 2,   s = tau^2 / n
+
+This is the negative log posterior times tau^2 / n when residuals have variance tau^2 on n transitions: a parameter
+that the data say nothing about stays at its nominal value, and one that they do feels almost none of the prior.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cmbrl.fit.loss import NormalEquations, PredictionLoss
+from cmbrl.fit.space import Space
+
+_VARIANCE_RANGE = (1e-6, 1.0)  # of a normalised residual: better is below the solver's accuracy, worse is no model
+
+
+@dataclass(frozen=True)
+class Objective:
+    """``active`` (n,) bool: parameters that may move; the others stay where a given z has them."""
+
+    loss: PredictionLoss
+    space: Space
+    active: np.ndarray
+    strength: float
+
+    @classmethod
+    def at(cls, loss: PredictionLoss, space: Space, active: np.ndarray, z: np.ndarray) -> Objective:
+        """The objective whose residual variance is taken from the errors at ``z`` (n,)."""
+        value = float(loss.values(space.theta(z)[None])[0])
+        variance = float(np.clip(value / len(loss.scales.v), *_VARIANCE_RANGE))  # L sums r^2 / 2 over 2 nv coordinates
+        return cls(loss, space, active, variance / (len(loss.starts) * loss.horizon))
+
+    def values(self, z: np.ndarray) -> np.ndarray:
+        """J of candidates (C, n) -> (C,); not a number counts as infinitely bad."""
+        total = self.loss.values(self.space.theta(z)) + 0.5 * self.strength * (z**2).sum(axis=1)
+        return np.where(np.isnan(total), np.inf, total)
+
+    def normal_equations(self, z: np.ndarray) -> NormalEquations:
+        """Gradient and Gauss-Newton Hessian of J at ``z`` (n,), over all parameters."""
+        equations = self.loss.normal_equations(self.space, z)
+        return replace(
+            equations,
+            gradient=equations.gradient + self.strength * z,
+            hessian=equations.hessian + self.strength * np.eye(len(z)),
+        )
+
+    def clip(self, z: np.ndarray) -> np.ndarray:
+        return np.clip(z, self.space.z_low, self.space.z_high)

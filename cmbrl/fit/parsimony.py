@@ -1,0 +1,184 @@
+"""No more parameters than the data ask for: selection by parameter group, judged on episodes that were held out.
+
+From the nominal model, each group that is not in yet is tried: a short search over its parameters, then Gauss-Newton
+over all that are in. The best group stays when the held-out loss falls beyond its noise, which is the standard error,
+over episodes, of the paired difference, and by at least ``LEAST_GAIN`` of the loss, since a log without noise makes
+any gain significant. At the end, groups that later ones have made superfluous are taken out again by the same rule.
+
+Trials are ordered by what each group gained last time and stop as soon as no other group promises more (Minoux,
+"Accelerated greedy algorithms", 1978); the selection ends only when every remaining group has failed on the present
+model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from cmbrl.fit.gauss_newton import gauss_newton
+from cmbrl.fit.loss import Errors, PredictionLoss
+from cmbrl.fit.objective import Objective
+from cmbrl.fit.random_search import random_search
+from cmbrl.fit.space import Space
+from cmbrl.fit.state import Journal
+
+LEAST_GAIN = 0.01
+_LEAST_BLOCKS = 6  # with fewer held-out episodes than this they are cut into stretches of consecutive starts
+
+
+@dataclass
+class Incumbent:
+    """The best parameters so far, and how they were reached: what an interrupted fit falls back on.
+
+    ``chosen`` (n,): parameters whose group was selected or asked for; ``active``: those of them that may move (not
+    the gauge). ``before_refit``: where z was when the held-out episodes had not been seen yet, once they are.
+    """
+
+    z: np.ndarray
+    chosen: np.ndarray
+    active: np.ndarray
+    before_refit: np.ndarray | None = None
+    path: list[dict[str, Any]] = field(default_factory=list)
+    candidates: int = 0
+
+
+@dataclass(frozen=True)
+class Trial:
+    """The fit with one group more or less: its held-out ``errors``, by how much the loss fell and the noise of that."""
+
+    z: np.ndarray
+    chosen: np.ndarray
+    active: np.ndarray
+    errors: Errors
+    gain: float
+    noise: float
+
+    def counts(self, loss: float) -> bool:
+        """Whether the fall of a held-out ``loss`` is more than noise, and worth a parameter."""
+        return self.gain > max(self.noise, LEAST_GAIN * loss)
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Forward selection, then elimination; ``train`` and ``held_out`` are losses on disjoint episodes.
+
+    ``admit(chosen, z)`` takes the columns that carry no information of their own (gauge) out of ``chosen``; returns
+    both.
+    """
+
+    space: Space
+    train: PredictionLoss
+    held_out: PredictionLoss
+    admit: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+    seed: int
+    rounds: int
+    population: int
+    iterations: int
+    journal: Journal
+
+    def run(self, incumbent: Incumbent) -> None:
+        """Adds groups to ``incumbent``, takes superfluous ones out; raises OutOfTime of the journal between trials."""
+        before = self.held_out.errors(self.space.theta(incumbent.z))
+        before = self._add(incumbent, before)
+        self._remove(incumbent, before)
+
+    def _add(self, incumbent: Incumbent, before: Errors) -> Errors:
+        groups = list(dict.fromkeys(self.space.groups))
+        promise = dict.fromkeys(groups, np.inf)
+        while True:
+            tried: dict[str, Trial] = {}
+            winner: str | None = None
+            remaining = [g for g in groups if not incumbent.chosen[self.space.columns([g])].any()]
+            for group in sorted(remaining, key=lambda g: (-promise[g], groups.index(g))):
+                if winner is not None and tried[winner].gain >= promise[group]:
+                    break
+                done = 1.0 - 0.7 ** (len(incumbent.path) + len(tried) / len(groups))
+                self.journal.report(0.6 * done, f"trying {group}")
+                columns = self.space.columns([group])
+                name = f"add {len(incumbent.path)} {group}"
+                trial = self._trial(name, incumbent, incumbent.chosen | columns, incumbent.z, columns, before)
+                tried[group], promise[group] = trial, trial.gain
+                if trial.counts(before.mean) and (winner is None or trial.gain > tried[winner].gain):
+                    winner = group
+            if winner is None:
+                return before
+            before = self._accept("add", winner, tried[winner], incumbent)
+
+    def _remove(self, incumbent: Incumbent, before: Errors) -> None:
+        for group in [step["group"] for step in incumbent.path[:-1]]:  # the last one has just proved its worth
+            self.journal.report(0.6, f"leaving out {group}")
+            columns = self.space.columns([group])
+            start = np.where(columns, 0.0, incumbent.z)
+            name = f"remove {len(incumbent.path)} {group}"
+            none = np.zeros_like(columns)
+            trial = self._trial(name, incumbent, incumbent.chosen & ~columns, start, none, before)
+            missed = Trial(trial.z, trial.chosen, trial.active, trial.errors, -trial.gain, trial.noise)
+            if not missed.counts(before.mean):
+                before = self._accept("remove", group, trial, incumbent)
+
+    def _accept(self, move: str, group: str, trial: Trial, incumbent: Incumbent) -> Errors:
+        incumbent.z, incumbent.chosen, incumbent.active = trial.z, trial.chosen, trial.active
+        incumbent.path.append(
+            {
+                "move": move,
+                "group": group,
+                "gain": trial.gain,
+                "noise": trial.noise,
+                "held_out_loss": trial.errors.mean,
+                "held_out_rmse": trial.errors.rmse,
+            }
+        )
+        return trial.errors
+
+    def _trial(
+        self,
+        name: str,
+        incumbent: Incumbent,
+        chosen: np.ndarray,
+        start: np.ndarray,
+        searched: np.ndarray,
+        before: Errors,
+    ) -> Trial:
+        """Fits ``chosen`` from ``start``: random search over the ``searched`` among them, Gauss-Newton over all."""
+        active, start = self.admit(chosen, start)
+
+        def compute() -> dict[str, Any]:
+            self.journal.check_time()
+            z, candidates = start, 0
+            if (active & searched).any():
+                objective = Objective.at(self.train, self.space, active & searched, z)
+                found = random_search(objective, z, self.seed, self.rounds, self.population, self.journal, name)
+                z, candidates = found.z, found.candidates
+            if active.any():
+                objective = Objective.at(self.train, self.space, active, z)
+                found = gauss_newton(objective, z, self.iterations, self.journal)
+                z, candidates = found.z, candidates + found.candidates
+            return {"z": z.tolist(), "candidates": candidates}
+
+        outcome = self.journal.unit(name, compute)
+        incumbent.candidates += outcome["candidates"]
+        z = np.array(outcome["z"])
+        after = self.held_out.errors(self.space.theta(z))
+        gain, noise = paired_gain(before.loss, after.loss, _blocks(self.held_out))
+        return Trial(z, chosen, active, after, gain, noise)
+
+
+def paired_gain(before: np.ndarray, after: np.ndarray, blocks: np.ndarray) -> tuple[float, float]:
+    """Mean fall of the loss (starts,) and its standard error over blocks (starts,) of starts that belong together."""
+    fall = before - after
+    mean = float(fall.mean())
+    sums = np.bincount(blocks, weights=fall - mean)
+    count = len(sums)
+    error = np.sqrt((sums**2).sum() * count / max(count - 1, 1)) / len(fall)
+    return mean, float(error)
+
+
+def _blocks(loss: PredictionLoss) -> np.ndarray:
+    """Block index (starts,): the episode, or a stretch of it when there are too few episodes to know their spread."""
+    episodes, index = np.unique(loss.data.episode[loss.starts], return_inverse=True)
+    if len(episodes) >= _LEAST_BLOCKS:
+        return index
+    return np.arange(len(index)) * _LEAST_BLOCKS // max(len(index), 1)

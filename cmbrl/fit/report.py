@@ -1,0 +1,100 @@
+"""From the last parameters to the result: errors on seen and unseen episodes, intervals, what the data leave open."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cmbrl.fit.identify import identify
+from cmbrl.fit.loss import PredictionLoss
+from cmbrl.fit.parsimony import Incumbent
+from cmbrl.fit.result import AT_BOUND, FITTED, FLAT, GAUGE, NOMINAL, FitResult, FittedParameter
+from cmbrl.fit.space import Space
+from cmbrl.fit.state import Journal
+
+
+def conclude(
+    model: Any,
+    data: Any,
+    space: Space,
+    losses: dict[str, PredictionLoss | None],
+    everything: PredictionLoss,
+    incumbent: Incumbent,
+    journal: Journal,
+    about: dict[str, Any],
+) -> FitResult:
+    """Builds the result at ``incumbent``.
+
+    ``losses``: name of a part of the data -> loss on it (None: no such part), judged at the nominal parameters and at
+    those from before a refit on all of the data. ``everything``: the loss that intervals come from.
+    """
+    z, active = incumbent.z, incumbent.active
+    final = model.with_parameters(space.theta(z))
+    equations = everything.normal_equations(space, z)
+    known = identify(space, z, active, equations)
+    unseen_z = z if incumbent.before_refit is None else incumbent.before_refit
+    gauge = [name for k, name in enumerate(space.names) if incumbent.chosen[k] and not active[k]]
+    bound = space.at_bound(z) & active
+    value, status = space.theta(z), _status(space, active, bound, known.flat, gauge)
+    parameters = {
+        name: FittedParameter(
+            float(value[k]),
+            float(known.low[k]),
+            float(known.high[k]),
+            float(space.nominal[k]),
+            status[k],
+            space.units[k],
+        )
+        for k, name in enumerate(space.names)
+    }
+    errors = {}
+    for part, loss in losses.items():
+        if loss is not None:
+            errors[f"{part}, nominal"] = _row(loss, space.nominal)
+            errors[f"{part}, fitted"] = _row(loss, space.theta(unseen_z))
+    if not np.array_equal(unseen_z, z):
+        errors["all, refitted"] = _row(everything, value)
+    report = {
+        **about,
+        "data": {
+            "transitions": len(data),
+            "episodes": data.n_episodes,
+            "dt": data.dt,
+            "train_episodes": len(np.unique(losses["train"].data.episode)),
+        },
+        "scene": model.scene.name,
+        "model": model.to_config(),
+        "loss": errors,
+        "huber": everything.scales.huber,
+        "fitted": [n for k, n in enumerate(space.names) if active[k]],
+        "not_fitted": [n for k, n in enumerate(space.names) if not active[k]],
+        "at_bound": [n for k, n in enumerate(space.names) if bound[k]],
+        "flat": [n for k, n in enumerate(space.names) if known.flat[k]],
+        "flat_directions": known.directions,
+        "unseen": [n for k, n in enumerate(space.names) if known.unseen[k] and n not in gauge],
+        "gauge": gauge,
+        "left_out": [{"kind": e.kind, "name": e.name, "why": e.why} for e in model.scene.left_out],
+        "candidates": incumbent.candidates,
+        "seconds": {"total": journal.seconds, "before_resuming": journal.seconds_before},
+        "resumed": journal.resumed,
+    }
+    journal.report(1.0, "done")
+    return FitResult(final, parameters, report)
+
+
+def _row(loss: PredictionLoss, theta: np.ndarray) -> dict[str, Any]:
+    errors = loss.errors(theta)
+    return {"loss": errors.mean, "rmse": errors.rmse, "starts": len(loss.starts), "failures": errors.failures}
+
+
+def _status(space: Space, active: np.ndarray, bound: np.ndarray, flat: np.ndarray, gauge: list[str]) -> list[str]:
+    status = []
+    for k, name in enumerate(space.names):
+        if not active[k]:
+            status.append(GAUGE if name in gauge else NOMINAL)
+        elif bound[k]:
+            status.append(AT_BOUND)
+        else:
+            status.append(FLAT if flat[k] else FITTED)
+    return status

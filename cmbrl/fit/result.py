@@ -1,0 +1,139 @@
+"""What a fit returns: the model, each parameter with its interval, a report; and the folder that keeps them."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from cmbrl.errors import UserError
+from cmbrl.files import check_writable, read_json, write_json, write_text
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.scene import Scene
+
+_FORMAT = 1
+FITTED, AT_BOUND, FLAT, GAUGE, NOMINAL = "fitted", "at bound", "flat", "gauge", "nominal"
+
+
+@dataclass(frozen=True)
+class FittedParameter:
+    """A parameter after the fit, in its own unit; ``low`` and ``high`` bound its 95 % interval.
+
+    ``status``: "fitted"; "at bound"; "flat" (fitted, but the data hardly tell it: it stayed near its prior); "gauge"
+    (a mass held because motion does not tell the unit of force); "nominal" (not fitted: held-out error did not ask
+    for it, or not chosen).
+    """
+
+    value: float
+    low: float
+    high: float
+    nominal: float
+    status: str
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """``model``: the fitted model; ``parameters``: by name; ``report``: JSON-able, see ``report_text``."""
+
+    model: Any
+    parameters: dict[str, FittedParameter]
+    report: dict[str, Any]
+
+    def save(self, folder: str | os.PathLike[str]) -> Path:
+        """Writes fit.json (parameters and report), model.json (scene and settings) and report.txt.
+
+        Raises UserError when the folder cannot be written.
+        """
+        place = Path(folder)
+        check_writable(place, folder=True)
+        place.mkdir(parents=True, exist_ok=True)
+        scene = self.model.scene
+        source = {
+            "path": str(Path(scene.path).resolve()),
+            "ignore": list(scene.ignore),
+            "contact_law": scene.contact_law,
+        }
+        write_json(place / "model.json", {"scene": source, "settings": self.model.to_config()})
+        write_text(place / "report.txt", self.report_text() + "\n")
+        write_json(
+            place / "fit.json",
+            {
+                "format": _FORMAT,
+                "parameters": {name: asdict(p) for name, p in self.parameters.items()},
+                "report": self.report,
+            },
+        )
+        return place
+
+    @classmethod
+    def load(cls, folder: str | os.PathLike[str]) -> FitResult:
+        """Reads what ``save`` wrote. Raises UserError that names the file when it is missing or not a saved fit."""
+        place = Path(folder)
+        saved = read_json(place / "fit.json")
+        if not isinstance(saved, dict) or saved.get("format") != _FORMAT:
+            raise UserError(f"{place / 'fit.json'}: not a fit of this version: fit again")
+        try:
+            parameters = {name: FittedParameter(**fields) for name, fields in saved["parameters"].items()}
+            report = saved["report"]
+        except (AttributeError, KeyError, TypeError):
+            raise UserError(f"{place / 'fit.json'}: damaged: fit again") from None
+        return cls(_load_model(place / "model.json", parameters), parameters, report)
+
+    def report_text(self) -> str:
+        """The report for people: what was fitted, how well, and what the data leave open."""
+        return "\n".join(_lines(self.parameters, self.report))
+
+
+def _load_model(file: Path, parameters: dict[str, FittedParameter]) -> ComplementarityModel:
+    config = read_json(file)
+    try:
+        source, settings = config["scene"], config["settings"]
+        scene = Scene.from_mjcf(source["path"], ignore=source["ignore"], contact_law=source["contact_law"])
+    except (KeyError, TypeError):
+        raise UserError(f"{file}: damaged: fit again") from None
+    if {p.name for p in scene.parameters} != set(parameters):
+        raise UserError(f"{file}: the scene {source['path']} has other parameters than when it was fitted: fit again")
+    return ComplementarityModel.from_config(scene, settings)
+
+
+def _lines(parameters: dict[str, FittedParameter], report: dict[str, Any]) -> list[str]:
+    data, losses = report["data"], report["loss"]
+    lines = [
+        f"fit of {data['transitions']} transitions in {data['episodes']} episodes by {report['method']}, "
+        f"seed {report['seed']}, {report['seconds']['total']:.1f} s, {report['candidates']} candidates",
+        f"error over {report['horizon']} step(s): RMSE (1 = the standard deviation of the change) and Huber loss",
+        f"  {'':<36}{'RMSE':>10}{'loss':>12}{'failed':>8}",
+    ]
+    lines += [
+        f"  {stage:<36}{row['rmse']:>10.4f}{row['loss']:>12.4g}{row['failures']:>8d}" for stage, row in losses.items()
+    ]
+    if report["stopped"] is not None:
+        lines.append(f"STOPPED EARLY ({report['stopped']}): best so far")
+    if report["selection"] is not None:
+        lines.append("groups selected by the fall of the held-out loss (noise: standard error over episodes):")
+        lines += [
+            f"  {s['move']:<7}{s['group']:<20} {s['gain']:.4g} (noise {s['noise']:.2g}), RMSE {s['held_out_rmse']:.4f}"
+            for s in report["selection"]
+        ] or ["  none: the nominal model explains the held-out episodes as well as any other"]
+    moved = {n: p for n, p in parameters.items() if p.status != NOMINAL}
+    if moved:
+        lines.append(f"  {'parameter':<36}{'value':>12}{'95 % interval':>28}{'nominal':>12}  status")
+        for name, p in moved.items():
+            interval = f"[{p.low:.5g}, {p.high:.5g}]"
+            lines.append(f"  {name:<36}{p.value:>12.5g}{interval:>28}{p.nominal:>12.5g}  {p.status} {p.unit}".rstrip())
+    if report["flat_directions"]:
+        lines.append("flat directions (the data tell less than the prior did):")
+        for d in report["flat_directions"]:
+            lines.append("  " + " ".join(f"{c:+.2f} {name}" for name, c in d["parameters"].items()))
+    for key, text in (
+        ("at_bound", "on a bound"),
+        ("unseen", "not fitted, and this log would not tell them"),
+        ("gauge", "held, since motion does not tell the unit of force"),
+    ):
+        if report[key]:
+            lines.append(f"{text}: {', '.join(report[key])}")
+    for element in report["left_out"]:
+        lines.append(f"left out of the scene: {element['kind']} {element['name']} ({element['why']})")
+    return lines

@@ -1,0 +1,112 @@
+"""A fit that survives being killed: every finished piece of work is written down and not done twice.
+
+A fit is a deterministic function of the losses it is told. So nothing about the searches themselves is stored, only
+those losses (and the outcome of each finished unit of work): a resumed fit runs the same code and arrives at the same
+numbers.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cmbrl.errors import UserError
+from cmbrl.files import check_writable, read_json, write_json
+
+_FILE = "state.json"
+_SECONDS_BETWEEN_WRITES = 0.5
+
+
+class OutOfTime(Exception):
+    """The time limit has passed; the best so far is what the fit returns."""
+
+
+class Journal:
+    """Outcomes of finished units and losses of unfinished ones, kept in ``folder`` (None: in memory only).
+
+    ``fingerprint`` stands for data, model and settings. Raises UserError when the folder holds the state of another
+    fit or cannot be written.
+    """
+
+    def __init__(
+        self,
+        folder: str | os.PathLike[str] | None,
+        fingerprint: str,
+        time_limit: float | None = None,
+        progress: Callable[[float, str], None] | None = None,
+    ) -> None:
+        self.path = None if folder is None else Path(folder) / _FILE
+        self.units: dict[str, Any] = {}
+        self.rounds: dict[str, list[list[float]]] = {}
+        self.resumed = False
+        self.seconds_before = 0.0
+        self._fingerprint, self._time_limit, self._progress = fingerprint, time_limit, progress
+        self._started = self._written = time.monotonic()
+        if self.path is not None:
+            self._open(Path(folder))
+
+    def _open(self, folder: Path) -> None:
+        check_writable(folder, folder=True)
+        if self.path.exists():
+            state = read_json(self.path)
+            if not isinstance(state, dict) or state.get("fingerprint") != self._fingerprint:
+                raise UserError(
+                    f"{self.path}: holds another fit (data, model or settings differ): choose another folder"
+                )
+            self.units, self.rounds = state["units"], state["rounds"]
+            self.seconds_before, self.resumed = state["seconds"], True
+
+    @property
+    def seconds(self) -> float:
+        """Working time so far, of this run and of those before it."""
+        return self.seconds_before + time.monotonic() - self._started
+
+    def unit(self, name: str, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+        """The outcome (JSON-able) of the unit ``name``: from the journal, else computed and written."""
+        if name not in self.units:
+            outcome = compute()
+            self.units[name] = outcome
+            self.rounds = {k: v for k, v in self.rounds.items() if not k.startswith(name)}
+            self.write()
+        return self.units[name]
+
+    def losses(self, search: str, index: int, compute: Callable[[], np.ndarray]) -> np.ndarray:
+        """The losses of round ``index`` of ``search``: from the journal, else computed and written now and then.
+
+        Raises OutOfTime before computing beyond the time limit.
+        """
+        known = self.rounds.setdefault(search, [])
+        if index >= len(known):
+            self.check_time()
+            known.append([float(x) for x in np.minimum(compute(), 1e300)])  # JSON knows no infinity
+            if time.monotonic() - self._written > _SECONDS_BETWEEN_WRITES:
+                self.write()
+        return np.array(known[index])
+
+    def check_time(self) -> None:
+        """Raises OutOfTime when the time limit of this run has passed."""
+        if self._time_limit is not None and time.monotonic() - self._started > self._time_limit:
+            raise OutOfTime
+
+    def report(self, fraction: float, text: str) -> None:
+        """Tells the caller's progress bar; ``fraction`` of the whole work in [0, 1]."""
+        if self._progress is not None:
+            self._progress(fraction, text)
+
+    def write(self) -> None:
+        if self.path is not None:
+            self._written = time.monotonic()
+            write_json(
+                self.path,
+                {
+                    "fingerprint": self._fingerprint,
+                    "seconds": self.seconds,
+                    "units": self.units,
+                    "rounds": self.rounds,
+                },
+            )

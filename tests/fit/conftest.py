@@ -1,0 +1,159 @@
+"""A model small enough to know by heart: carts on rails, so that the fit can be tested without the contact core.
+
+    m dv/dt = gear u - damping v - frictionloss tanh(v / 0.05) - gravity_x m     semi-implicit Euler, one degree of
+    freedom a cart
+
+``bumper`` acts on nothing: the data cannot tell it.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from cmbrl.data.transitions import Transitions
+from cmbrl.fit.loss import huber as huber_loss
+
+H = 0.02
+FIELDS = ("mass", "damping", "frictionloss", "gear")
+NOMINAL = {"mass": 2.0, "damping": 0.5, "frictionloss": 0.8, "gear": 3.0}
+WIDTH = 0.05
+
+
+class Parameter(NamedTuple):
+    name: str
+    group: str
+    nominal: float
+    low: float
+    high: float
+    transform: str
+    unit: str
+
+
+class CartScene:
+    """``n`` independent carts; parameters are scales of NOMINAL, a tilt of the rail and one that does nothing."""
+
+    name = "carts"
+
+    def __init__(self, n: int) -> None:
+        self.nq = self.nv = self.nu = n
+        self.joint_names = self.actuator_names = ()
+        self.left_out = (SimpleNamespace(kind="tendon", name="rope", why="not modelled"),)
+        made = [Parameter(f"{f}.{i}", f, 1.0, 0.2, 5.0, "log", "") for f in FIELDS for i in range(n)]
+        self.parameters = (
+            *made,
+            Parameter("tilt", "tilt", 0.0, -2.0, 2.0, "linear", "m/s^2"),
+            Parameter("bumper", "bumper", 0.0, 0.0, 1.0, "linear", ""),
+        )
+        bodies, dofs = 4 * np.arange(n), 4 * n + 5 * np.arange(n)
+        actuators = 9 * n + 5 * np.arange(n)
+        places = [*bodies, *(dofs + 1), *(dofs + 4), *actuators]
+        physical = np.zeros(14 * n + 2)
+        for field, at in zip(FIELDS, np.reshape(places, (4, n)), strict=True):
+            physical[at] = NOMINAL[field]
+        self.core = {
+            "planar": True, "nbody": n, "nv": n, "ncontact": 0, "nplane": 0, "P": physical,
+            "body_parent": np.full(n, -1), "con_bodyA": np.empty(0, int), "con_bodyB": np.empty(0, int),
+            "jnt_type": np.zeros(n, int), "jnt_body": np.arange(n), "jnt_qadr": np.arange(n), "jnt_vadr": np.arange(n),
+            "act_dof": np.arange(n), "par_idx": np.array([*places, 14 * n]),
+            "par_ptr": np.array([*range(4 * n + 2), 4 * n + 1]),
+        }  # fmt: skip
+
+    def parameter_vector(self) -> np.ndarray:
+        return np.array([p.nominal for p in self.parameters])
+
+    def difference(self, q_from: np.ndarray, q_to: np.ndarray) -> np.ndarray:
+        return q_to - q_from
+
+
+class CartModel:
+    """The part of ComplementarityModel that a fit uses."""
+
+    dt = H
+
+    def __init__(self, scene: CartScene, parameters: np.ndarray | None = None) -> None:
+        self.scene = scene
+        self.parameters = scene.parameter_vector() if parameters is None else np.asarray(parameters)
+        self.calls = 0
+
+    def with_parameters(self, theta: np.ndarray) -> CartModel:
+        return CartModel(self.scene, theta)
+
+    def to_config(self) -> dict[str, Any]:
+        return {"carts": self.scene.nv, "parameters": self.parameters.tolist()}
+
+    def predict(self, q: Any, v: Any, u: Any, theta: Any = None, parameter_jacobian: bool = False) -> SimpleNamespace:
+        n = self.scene.nv
+        theta = self.parameters if theta is None else theta
+        m, d, f, g = (theta[..., i * n : (i + 1) * n] * NOMINAL[name] for i, name in enumerate(FIELDS))
+        force = g * u - d * v - f * np.tanh(v / WIDTH)
+        v_next = v + H * (force / m - theta[..., 4 * n, None])
+        jacobian = None
+        if parameter_jacobian:
+            in_v = 1.0 - H * (d + f / WIDTH / np.cosh(v / WIDTH) ** 2) / m
+            columns = {
+                "mass": -force / m**2 * NOMINAL["mass"],
+                "damping": -v / m * NOMINAL["damping"],
+                "frictionloss": -np.tanh(v / WIDTH) / m * NOMINAL["frictionloss"],
+                "gear": u / m * NOMINAL["gear"],
+            }
+            velocity = np.zeros((len(q), n, 3 * n + len(theta)))  # derivatives of v_next in q, v, u, theta
+            cart = np.arange(n)
+            velocity[:, cart, n + cart], velocity[:, cart, 2 * n + cart] = in_v, H * g / m
+            for i, name in enumerate(FIELDS):
+                velocity[:, cart, (3 + i) * n + cart] = H * columns[name]
+            velocity[:, :, 7 * n] = -H
+            position = H * velocity
+            position[:, cart, cart] += 1.0
+            jacobian = np.concatenate([position, velocity], axis=1)
+        return SimpleNamespace(q_next=q + H * v_next, v_next=v_next, status=np.zeros(len(q), int), jacobian=jacobian)
+
+    def candidate_loss(
+        self, q: Any, v: Any, u: Any, q_next: Any, v_next: Any, starts: Any, horizon: int, theta: Any,
+        scale_q: Any, scale_v: Any, huber: float,
+    ) -> np.ndarray:  # fmt: skip
+        self.calls += 1
+        losses = np.zeros(len(theta))
+        for c, candidate in enumerate(theta):
+            a, b = q[starts], v[starts]
+            for j in range(horizon):
+                step = self.predict(a, b, u[starts + j], candidate)
+                a, b = step.q_next, step.v_next
+                residual = np.hstack([(a - q_next[starts + j]) / scale_q, (b - v_next[starts + j]) / scale_v])
+                losses[c] += huber_loss(residual, huber).sum() / (len(starts) * horizon)
+        return losses
+
+
+def record(model: CartModel, episodes: int, steps: int, seed: int = 0, noise: float = 0.0) -> Transitions:
+    """A log of ``model`` under random control; ``noise`` [m/s] is a kick at the end of every step."""
+    draw = np.random.default_rng(seed)
+    rows: dict[str, list[np.ndarray]] = {name: [] for name in ("q", "v", "u", "q_next", "v_next")}
+    for _ in range(episodes):
+        q, v = draw.normal(size=(1, model.scene.nq)), draw.normal(size=(1, model.scene.nv))
+        for _ in range(steps):
+            u = draw.uniform(-1.0, 1.0, size=(1, model.scene.nu))
+            step = model.predict(q, v, u)
+            v_next = step.v_next + noise * draw.normal(size=v.shape)
+            q_next = q + H * v_next
+            for name, value in zip(rows, (q, v, u, q_next, v_next), strict=True):
+                rows[name].append(value[0])
+            q, v = q_next, v_next
+    episode = np.repeat(np.arange(episodes), steps)
+    return Transitions(**{name: np.array(value) for name, value in rows.items()}, dt=H, episode=episode)
+
+
+@pytest.fixture
+def carts() -> SimpleNamespace:
+    """``carts.model(n)``, ``carts.truth(n, **scales)`` (a model with other parameters) and ``carts.record``."""
+
+    def truth(n: int, **changes: float) -> CartModel:
+        scene = CartScene(n)
+        theta = scene.parameter_vector()
+        for k, parameter in enumerate(scene.parameters):
+            theta[k] = changes.get(parameter.name.replace(".", "_"), theta[k])
+        return CartModel(scene, theta)
+
+    return SimpleNamespace(model=lambda n=1: CartModel(CartScene(n)), truth=truth, record=record, Model=CartModel)

@@ -1,0 +1,173 @@
+"""The whole procedure on carts: parsimony, reproducibility, resuming, stopping, bad input."""
+
+import json
+
+import numpy as np
+import pytest
+
+import cmbrl
+from cmbrl.errors import UserError
+from cmbrl.fit import Budget
+from cmbrl.fit import state as state_module
+
+QUICK = Budget(trial_rounds=3, trial_population=16, search_rounds=4, search_population=16)
+
+
+@pytest.fixture
+def data(carts):
+    return carts.record(carts.truth(2, damping_0=1.6, gear_1=0.7, tilt=0.4), episodes=20, steps=40, noise=1e-3)
+
+
+def _values(result):
+    return {name: p.value for name, p in result.parameters.items()}
+
+
+def test_fits_what_differs_and_nothing_else(carts, data):
+    result = cmbrl.fit(carts.model(2), data)
+    for name, truth in {"damping.0": 1.6, "gear.1": 0.7, "tilt": 0.4}.items():
+        parameter = result.parameters[name]
+        assert parameter.value == pytest.approx(truth, rel=0.02)
+        assert parameter.low <= truth <= parameter.high
+        assert parameter.status == "fitted"
+    selected = {step["group"] for step in result.report["selection"] if step["move"] == "add"}
+    removed = {step["group"] for step in result.report["selection"] if step["move"] == "remove"}
+    assert selected - removed == {"damping", "gear", "tilt"}
+    assert result.parameters["mass.0"].status == "nominal"
+    assert result.report["unseen"] == ["bumper"]
+    loss = result.report["loss"]
+    assert loss["held out, fitted"]["rmse"] < 0.2 * loss["held out, nominal"]["rmse"]
+    assert result.report["left_out"] == [{"kind": "tendon", "name": "rope", "why": "not modelled"}]
+
+
+def test_a_perfect_model_is_left_alone(carts):
+    result = cmbrl.fit(carts.model(), carts.record(carts.model(), 10, 30, noise=1e-3), budget=QUICK)
+    assert result.report["fitted"] == []
+    assert np.array_equal(result.model.parameters, carts.model().parameters)
+    assert "none: the nominal model" in result.report_text()
+
+
+@pytest.mark.parametrize("method", ["random", "cma", "gauss-newton"])
+def test_every_method_fits_all_parameters(carts, data, method):
+    result = cmbrl.fit(carts.model(2), data, method=method, groups="all", budget=QUICK)
+    assert result.parameters["damping.0"].value == pytest.approx(1.6, rel=0.04)
+    assert [result.parameters[f"mass.{i}"].status for i in (0, 1)] == ["gauge", "gauge"]
+    assert result.parameters["bumper"].status == "flat"
+    assert {"bumper": 1.0} in [d["parameters"] for d in result.report["flat_directions"]]
+    json.dumps(result.report, allow_nan=False)
+    assert all(name in result.report_text() for name in ("damping.0", "flat directions", "rope"))
+
+
+def test_named_groups_over_several_steps(carts, data):
+    result = cmbrl.fit(carts.model(2), data, groups=["damping.0", "gear", "tilt"], horizon=4, budget=QUICK)
+    assert result.report["fitted"] == ["damping.0", "gear.0", "gear.1", "tilt"]
+    assert result.parameters["gear.1"].value == pytest.approx(0.7, rel=0.02)
+
+
+def test_start_of_the_model_is_the_prior(carts, data):
+    wrong = carts.truth(2, damping_0=0.8, gear_1=1.3)
+    result = cmbrl.fit(wrong, data, groups=["damping", "gear", "tilt"], budget=QUICK)
+    assert result.parameters["gear.1"].nominal == 1.3
+    assert result.parameters["gear.1"].value == pytest.approx(0.7, rel=0.02)
+
+
+def test_same_seed_same_fit(carts, data):
+    first, again, other = (cmbrl.fit(carts.model(2), data, seed=s, budget=QUICK) for s in (3, 3, 4))
+    assert _values(first) == _values(again)
+    assert first.report["loss"] == again.report["loss"]
+    assert first.report["loss"] != other.report["loss"]  # other episodes held out
+
+
+class Killed(BaseException):
+    """Stands for the end of the process: nothing may catch it."""
+
+
+def _killed_after(model, calls, error):
+    whole = model.candidate_loss
+
+    def candidate_loss(**arguments):
+        if model.calls >= calls:
+            raise error
+        return whole(**arguments)
+
+    model.candidate_loss = candidate_loss
+    return model
+
+
+@pytest.mark.parametrize("calls", [1, 30, 95])
+def test_a_killed_fit_resumes_to_the_same_result(carts, data, tmp_path, monkeypatch, calls):
+    monkeypatch.setattr(state_module, "_SECONDS_BETWEEN_WRITES", 0.0)
+    whole = cmbrl.fit(carts.model(2), data, budget=QUICK)
+    with pytest.raises(Killed):
+        cmbrl.fit(_killed_after(carts.model(2), calls, Killed()), data, budget=QUICK, folder=tmp_path)
+    model = carts.model(2)
+    resumed = cmbrl.fit(model, data, budget=QUICK, folder=tmp_path)
+    assert _values(resumed) == _values(whole)
+    assert resumed.report["candidates"] == whole.report["candidates"]
+    assert resumed.report["resumed"] == (calls > 1)
+    done = cmbrl.fit(carts.model(2), data, budget=QUICK, folder=tmp_path)
+    assert _values(done) == _values(whole)
+    assert [p.name for p in tmp_path.iterdir()] == ["state.json"]
+
+
+@pytest.mark.parametrize("calls", [0, 60, 130])
+def test_ctrl_c_leaves_the_best_so_far(carts, data, calls):
+    model = _killed_after(carts.model(2), calls, KeyboardInterrupt())
+    result = cmbrl.fit(model, data, budget=QUICK)
+    assert result.report["stopped"] == "interrupted"
+    loss = result.report["loss"]
+    assert loss["held out, fitted"]["loss"] <= loss["held out, nominal"]["loss"]
+    assert "STOPPED EARLY (interrupted)" in result.report_text()
+
+
+def test_time_limit(carts, data, tmp_path):
+    result = cmbrl.fit(carts.model(2), data, time_limit=0.0, folder=tmp_path)
+    assert result.report["stopped"] == "time limit"
+    resumed = cmbrl.fit(carts.model(2), data, folder=tmp_path)
+    assert resumed.report["stopped"] is None
+
+
+def test_progress_runs_to_the_end(carts, data):
+    told = []
+    cmbrl.fit(carts.model(2), data, budget=QUICK, progress=lambda done, text: told.append((done, text)))
+    fractions = [done for done, _ in told]
+    assert fractions == sorted(fractions)
+    assert told[-1] == (1.0, "done")
+
+
+def test_one_episode_only(carts):
+    data = carts.record(carts.model(), 1, 30)
+    with pytest.raises(UserError, match=r"one episode only.*record a second one"):
+        cmbrl.fit(carts.model(), data)
+    result = cmbrl.fit(carts.model(), data, groups=["damping"], holdout=0.0)
+    assert result.report["data"]["train_episodes"] == 1
+    assert "held out, fitted" not in result.report["loss"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"method": "cmma"}, "did you mean 'cma'"),
+        ({"groups": ["dampng"]}, "did you mean 'damping'"),
+        ({"holdout": 1.5}, "holdout is 1.5"),
+        ({"holdout": 0.0}, "leaves nothing to choose"),
+        ({"horizon": 99}, "no episode has 99 transitions"),
+    ],
+)
+def test_bad_options(carts, data, options, message, tmp_path):
+    with pytest.raises(UserError, match=message):
+        cmbrl.fit(carts.model(2), data, folder=tmp_path, **options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_folder_of_another_fit(carts, data, tmp_path):
+    cmbrl.fit(carts.model(2), data, groups=["tilt"], budget=QUICK, folder=tmp_path)
+    with pytest.raises(UserError, match="holds another fit"):
+        cmbrl.fit(carts.model(2), data, groups=["gear"], budget=QUICK, folder=tmp_path)
+    (tmp_path / "state.json").write_text("{")
+    with pytest.raises(UserError, match="not readable as JSON"):
+        cmbrl.fit(carts.model(2), data, groups=["tilt"], budget=QUICK, folder=tmp_path)
+
+
+def test_log_of_another_robot(carts, data):
+    with pytest.raises(UserError, match="another robot"):
+        cmbrl.fit(carts.model(3), data)

@@ -1,0 +1,52 @@
+"""The loss and its Gauss-Newton model agree with each other and with finite differences."""
+
+import numpy as np
+import pytest
+
+from cmbrl.fit.loss import PredictionLoss, Scales
+from cmbrl.fit.objective import Objective
+from cmbrl.fit.space import Space
+
+
+@pytest.fixture(params=[1, 3])
+def setup(carts, request):
+    data = carts.record(carts.truth(2, damping_0=2.0, gear_1=0.5, tilt=0.5), episodes=5, steps=20)
+    model = carts.model(2)
+    space = Space.of(model.scene.parameters, model.parameters)
+    scales = Scales.of(model.scene, data, huber=0.3)  # many residuals beyond it
+    loss = PredictionLoss(model, data, data.windows(request.param), request.param, scales)
+    return space, loss
+
+
+def test_native_batch_equals_errors_start_by_start(setup):
+    space, loss = setup
+    theta = space.theta(0.2 * np.random.default_rng(1).normal(size=(4, len(space))))
+    np.testing.assert_allclose(loss.values(theta), [loss.errors(t).mean for t in theta], rtol=1e-12)
+
+
+def test_gradient_equals_finite_differences(setup):
+    space, loss = setup
+    objective = Objective(loss, space, np.ones(len(space), dtype=bool), strength=0.01)
+    z = 0.1 + 0.2 * np.random.default_rng(1).normal(size=len(space)) ** 2
+    step = 1e-5 * np.eye(len(space))
+    numeric = (objective.values(z + step) - objective.values(z - step)) / 2e-5
+    equations = objective.normal_equations(z)
+    np.testing.assert_allclose(equations.gradient, numeric, rtol=1e-4, atol=1e-7)
+    by_episode = equations.episode_gradients.sum(axis=0) + objective.strength * z
+    np.testing.assert_allclose(by_episode, equations.gradient, atol=1e-12)
+
+
+def test_every_parameter_but_the_idle_one_changes_the_loss(setup):
+    space, loss = setup
+    nominal = loss.values(space.nominal[None])[0]
+    moved = loss.values(space.theta(0.1 * np.eye(len(space))))
+    assert [n for n, value in zip(space.names, moved, strict=True) if value == nominal] == ["bumper"]
+
+
+def test_a_coordinate_that_never_moves_does_not_rule(carts):
+    data = carts.record(carts.model(2), episodes=2, steps=20)
+    still = data.v_next.copy()
+    still[:, 1] = data.v[:, 1]
+    object.__setattr__(data, "v_next", still)
+    scales = Scales.of(carts.model(2).scene, data, 1.0)
+    assert scales.v[1] == pytest.approx(1e-3 * scales.v[0])

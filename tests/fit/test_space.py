@@ -1,0 +1,64 @@
+"""The search space: transforms, bounds, names; and which masses stand for the unit of force."""
+
+import numpy as np
+import pytest
+
+from cmbrl.errors import UserError
+from cmbrl.fit.gauge import gauge_columns, set_of
+from cmbrl.fit.space import Space
+
+
+def test_transform_is_inverted_and_nominal_is_exact(carts):
+    model = carts.truth(2, damping_0=0.7, tilt=0.3)
+    space = Space.of(model.scene.parameters, model.parameters)
+    assert np.array_equal(space.theta(np.zeros(len(space))), model.parameters)
+    z = np.random.default_rng(0).uniform(space.z_low, space.z_high)
+    np.testing.assert_allclose(space.z(space.theta(z)), z, atol=1e-12)
+    far = space.theta(100.0 * np.ones(len(space)))
+    assert np.array_equal(far, space.high)
+
+
+def test_slope_is_the_derivative(carts):
+    model = carts.model(2)
+    space = Space.of(model.scene.parameters, model.parameters)
+    z = 0.3 * np.ones(len(space))
+    step = 1e-6
+    numeric = (space.theta(z + step) - space.theta(z - step)) / (2 * step)
+    np.testing.assert_allclose(space.slope(z), numeric, rtol=1e-6)
+
+
+def test_start_on_a_bound_is_not_a_bound_that_was_hit(carts):
+    model = carts.model()
+    space = Space.of(model.scene.parameters, model.parameters)
+    assert not space.at_bound(np.zeros(len(space))).any()
+    assert space.at_bound(space.z_high).all()
+
+
+def test_unknown_name_and_value_outside_bounds(carts):
+    model = carts.model()
+    space = Space.of(model.scene.parameters, model.parameters)
+    with pytest.raises(UserError, match="did you mean 'damping'"):
+        space.columns(["dampin"])
+    outside = model.parameters.copy()
+    outside[0] = 7.0
+    with pytest.raises(UserError, match=r"mass\.0 = 7 is outside its bounds \[0\.2, 5\]"):
+        Space.of(model.scene.parameters, outside)
+
+
+def test_a_mass_is_held_only_when_every_force_is_free(carts):
+    model = carts.model(2)
+    space = Space.of(model.scene.parameters, model.parameters)
+    everything = np.ones(len(space), dtype=bool)
+    assert [space.names[k] for k in gauge_columns(model.scene.core, everything)] == ["mass.0", "mass.1"]
+    known_gear = everything & ~space.columns(["gear.1"])
+    assert [space.names[k] for k in gauge_columns(model.scene.core, known_gear)] == ["mass.0"]
+    assert gauge_columns(model.scene.core, space.columns(["mass", "damping", "gear"])) == []
+    together = set_of(model.scene.core, space.names.index("mass.1"))
+    assert {space.names[k] for k in together} == {"mass.1", "damping.1", "frictionloss.1", "gear.1"}
+
+
+def test_bodies_that_touch_share_the_unit_of_force(carts):
+    model = carts.model(2)
+    space = Space.of(model.scene.parameters, model.parameters)
+    core = {**model.scene.core, "con_bodyA": np.array([0]), "con_bodyB": np.array([1])}
+    assert len(gauge_columns(core, np.ones(len(space), dtype=bool))) == 1
