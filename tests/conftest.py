@@ -27,10 +27,10 @@ def _one_torch_thread() -> None:
 def command(tmp_path: Path) -> Command:
     """``command("info", "hopper")`` runs cmbrl as a process of its own in an empty folder."""
 
-    def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    def run(*arguments: object, cwd: Path = tmp_path) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
             [sys.executable, "-m", "cmbrl", *map(str, arguments)],
-            cwd=tmp_path,
+            cwd=cwd,
             capture_output=True,
             text=True,
             timeout=300,

@@ -12,6 +12,7 @@ import yaml
 from cmbrl.errors import UserError, did_you_mean
 
 _NOT_OPTIONS = {"help", "config"}
+_NOT_PART_OF_A_RUN = {"json", "resume"}  # how it is shown, and that it was interrupted
 
 
 def add_config(parser: argparse.ArgumentParser) -> None:
@@ -47,7 +48,7 @@ def expand(parser: argparse.ArgumentParser, arguments: list[str]) -> list[str]:
 
 def resolved(arguments: argparse.Namespace) -> dict[str, Any]:
     """The options of a parsed command as JSON values: what config.json of a run folder holds."""
-    values = {key: value for key, value in vars(arguments).items() if key not in _NOT_OPTIONS}
+    values = {key: value for key, value in vars(arguments).items() if key not in _NOT_OPTIONS | _NOT_PART_OF_A_RUN}
     if isinstance(values.get("set"), list):
         values["set"] = dict(values["set"])
     return values
@@ -72,7 +73,7 @@ def _words(action: argparse.Action, value: Any) -> list[str]:
     """One option and its value as words of a command line; mappings become name=value, lists repeat the option."""
     if value is None or value is False:
         return []
-    option = action.option_strings[-1:]
+    option = list(action.option_strings[-1:])
     if value is True:
         return option
     if isinstance(value, dict):

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cmbrl.cli.configuration import resolved
-from cmbrl.cli.options import add_ignore, add_json, add_seed, add_threads, assignment, positive, positive_number
+from cmbrl.cli.options import add_json, add_scene_options, add_seed, add_threads, assignment, positive, positive_number
 from cmbrl.cli.progress import fraction
-from cmbrl.cli.sources import load_source
+from cmbrl.cli.sources import load_log, load_source
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.files import check_writable
 
@@ -63,22 +63,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--time-step", type=positive_number, metavar="S", help="physics step in seconds")
     parser.add_argument("--integrator", choices=("semi-implicit", "leapfrog"), help="time stepping of the model")
-    parser.add_argument("--time-limit", type=positive_number, metavar="S", help="stop after S seconds with the best so far")
+    parser.add_argument(
+        "--time-limit", type=positive_number, metavar="S", help="stop after S seconds with the best so far"
+    )
     parser.add_argument("--resume", action="store_true", help="go on with the fit that DIR holds")
-    add_ignore(parser)
+    add_scene_options(parser)
     add_threads(parser)
     add_seed(parser)
     add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from cmbrl.data import Transitions
     from cmbrl.fit import fit
     from cmbrl.runs import usable_cores, write_run
 
-    source = load_source(arguments.source, arguments.ignore)
-    data = Transitions.load(arguments.data)
-    data.check(source.scene)
+    source = load_source(arguments.source, arguments.ignore, arguments.contact_law)
+    data = load_log(arguments.data, source.scene)
     out = Path(arguments.out)
     _check_folder(out, arguments.resume)
     model = source.model(
@@ -133,10 +133,8 @@ def start_values(model: ComplementarityModel, wanted: dict[str, float]) -> np.nd
             raise UserError(f"--set {name}: no such parameter in {model.scene.name}: {did_you_mean(name, index)}")
         parameter = parameters[index[name]]
         if not parameter.low <= value <= parameter.high:
-            raise UserError(
-                f"--set {name}={value:g}: outside its bounds [{parameter.low:g}, {parameter.high:g}] {parameter.unit}".rstrip()
-                + ": choose a value within"
-            )
+            bounds = f"[{parameter.low:g}, {parameter.high:g}]"
+            raise UserError(f"--set {name}={value:g}: outside its bounds {bounds}: choose a value within")
         theta[index[name]] = value
     return theta
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 
-from cmbrl.cli.options import add_ignore, add_json
+from cmbrl.cli.options import add_json, add_scene_options
 from cmbrl.cli.sources import load_source
 
 EXAMPLE = """
@@ -16,12 +16,12 @@ cmbrl info robot.xml --ignore tendon --json
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("source", metavar="SCENE|TASK", help="an MJCF file or the name of a task")
-    add_ignore(parser)
+    add_scene_options(parser)
     add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> None:
-    source = load_source(arguments.source, arguments.ignore)
+    source = load_source(arguments.source, arguments.ignore, arguments.contact_law)
     if arguments.json:
         print(json.dumps(source.scene.to_dict(), indent=2, allow_nan=False))
     else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 from importlib import import_module
 from importlib.metadata import version
@@ -26,7 +27,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line and returns the exit code: 0 done, 2 a mistake in the input, 130 interrupted."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
-        return _dispatch(arguments)
+        with warnings.catch_warnings():
+            warnings.showwarning = _show_warning
+            return _dispatch(arguments)
     except UserError as error:
         print(f"cmbrl: {error}", file=sys.stderr)
         return 2
@@ -37,6 +40,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The reader has gone (`cmbrl info hopper | head`); keep the interpreter from complaining about it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
+
+
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    """A warning as one line, without the source line that only a developer can use."""
+    print(f"cmbrl: warning: {message}", file=sys.stderr)
 
 
 def _dispatch(arguments: list[str]) -> int:
@@ -54,8 +62,7 @@ def _dispatch(arguments: list[str]) -> int:
     parser = Parser(prog=f"cmbrl {name}", description=COMMANDS[name], epilog=command.EXAMPLE)
     command.add_arguments(parser)
     add_config(parser)
-    command.run(parser.parse_args(expand(parser, rest)))
-    return 0
+    return command.run(parser.parse_args(expand(parser, rest))) or 0
 
 
 def _overview() -> str:

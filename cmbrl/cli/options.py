@@ -34,7 +34,8 @@ def add_seed(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=natural, default=0, metavar="N", help="seed of everything random (default 0)")
 
 
-def add_ignore(parser: argparse.ArgumentParser) -> None:
+def add_scene_options(parser: argparse.ArgumentParser) -> None:
+    """How a scene is read: see `cmbrl.cli.sources.load_source`."""
     parser.add_argument(
         "--ignore",
         action="append",
@@ -42,6 +43,12 @@ def add_ignore(parser: argparse.ArgumentParser) -> None:
         metavar="KIND",
         help="leave out an unsupported kind of MJCF element instead of refusing the file (may be repeated); "
         "what was left out is stated in every report",
+    )
+    parser.add_argument(
+        "--contact-law",
+        choices=("mujoco", "rigid"),
+        help="mujoco: the softness of the MJCF; rigid: hard, with a restitution to fit (default: that of the task, "
+        "else mujoco)",
     )
 
 

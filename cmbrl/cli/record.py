@@ -24,7 +24,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", required=True, metavar="FILE", help="the log to write: NAME.npz, a folder (Minari) or minari:ID"
     )
-    parser.add_argument("--behaviour", metavar="NAME", help="what acts: random, pd or policy (default: the task's first)")
+    parser.add_argument(
+        "--behaviour", metavar="NAME", help="what acts: random, pd or policy (default: the task's first)"
+    )
     parser.add_argument("--policy", metavar="FILE", help="the TorchScript policy, for --behaviour policy")
     parser.add_argument("--data", metavar="FILE", help="the published log, for a task whose real system is one")
     add_seed(parser)
@@ -59,7 +61,9 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.json:
         print(json.dumps(summary, indent=2))
     else:
-        print(f"{arguments.out}: {len(data)} transitions in {data.n_episodes} episodes, dt {data.dt:g} s, from {task.name}")
+        print(
+            f"{arguments.out}: {len(data)} transitions of {task.name} in {data.n_episodes} episodes, dt {data.dt:g} s"
+        )
 
 
 def _check_target(out: str) -> None:
@@ -67,5 +71,5 @@ def _check_target(out: str) -> None:
     if out.startswith("minari:"):
         return  # Minari's own root; its writer says what is wrong
     if Path(out).suffix not in (".npz", ""):
-        raise UserError(f"{out}: unknown format: end the name in .npz, or name a folder or minari:ID for a Minari dataset")
+        raise UserError(f"{out}: unknown format: name it .npz, or name a folder or minari:ID for a Minari dataset")
     check_writable(out)

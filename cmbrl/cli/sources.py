@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,21 +18,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Source:
-    """A scene, and the task it came from where a task was named."""
+    """A scene, and the task or the fitted model that says how to step it, where it came from one."""
 
     word: str
     scene: Scene
-    task: Task | None
+    task: Task | None = None
+    fitted: ComplementarityModel | None = None
 
     def model(self, data: Transitions | None = None, **options: object) -> ComplementarityModel:
         """The nominal model; without a task the substeps follow from the log's dt and the scene's time step.
 
-        ``options`` override the task's or the scene's choice where they are not None.
+        ``options`` override what the source says where they are not None.
         Raises UserError when the log's dt is no whole number of time steps.
         """
         from cmbrl.models.complementarity import ComplementarityModel
 
         chosen = {name: value for name, value in options.items() if value is not None}
+        if self.fitted is not None:
+            return self.fitted.with_settings(parameters=self.scene.parameter_vector(), **chosen)
         if self.task is not None:
             settings = self.task.model_options()
         elif data is not None:
@@ -52,17 +56,29 @@ def substeps(dt: float, time_step: float, word: str) -> int:
     return count
 
 
-def load_source(word: str, ignore: list[str]) -> Source:
+def load_log(path: str, scene: Scene) -> Transitions:
+    """The log in ``path``, checked against ``scene``; raises UserError that names the file."""
+    from cmbrl.data import Transitions
+
+    data = Transitions.load(path)
+    try:
+        data.check(scene)
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
+    return data
+
+
+def load_source(word: str, ignore: Sequence[str] = (), contact_law: str | None = None) -> Source:
     """The scene of an MJCF file (anything that ends in .xml, has a slash, or exists) or of a registered task.
 
     Raises UserError: no such file, unknown task (with the nearest name), or whatever the importer refuses.
     """
+    from cmbrl.registry import load_task
     from cmbrl.scene import Scene
 
     path = Path(word)
-    if path.suffix.lower() in (".xml", ".mjcf") or "/" in word or path.exists():
-        return Source(word, Scene.from_mjcf(word, ignore=tuple(ignore)), None)
-    from cmbrl.registry import load_task
-
-    task = load_task(word)
-    return Source(word, Scene.from_mjcf(task.scene_path, ignore=tuple(ignore)), task)
+    is_file = path.suffix.lower() in (".xml", ".mjcf") or "/" in word or path.exists()
+    task = None if is_file else load_task(word)
+    law = contact_law or (task.contact_law if task else "mujoco")
+    scene = Scene.from_mjcf(task.scene_path if task else word, ignore=ignore, contact_law=law)
+    return Source(word, scene, task=task)
