@@ -32,6 +32,8 @@ from typing import TYPE_CHECKING, Any
 from cmbrl.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from cmbrl.data.behaviour import Policy
     from cmbrl.data.recorder import Progress
     from cmbrl.data.transitions import Transitions
@@ -54,6 +56,8 @@ class Task:
     contact_law: str = "mujoco"  #: "mujoco" (the MJCF's softness) or "rigid" (hard, with a restitution to fit)
     smoothing_kappa: float = 1e-4  #: central-path parameter of the default model [J]
     contact_gap: float = 2e-3  #: a transition counts as contact when a gap is below this before or after it [m]
+    moving: Callable[[np.ndarray], np.ndarray] | None = None
+    """Mask (N,) of the velocities (N, nv) that count as moving: splits the contact stratum into moving and resting."""
     behaviours: tuple[str, ...] = ("random", "pd", "policy")  #: what the real system can be driven by; first: default
     takes_log: bool = False  #: the real system is a log, so that its recorder reads a file
     recorder: Callable[..., Transitions]

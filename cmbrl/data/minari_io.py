@@ -50,6 +50,7 @@ def write(data: Transitions, folder: Path, dataset_id: str | None = None) -> Non
     Raises UserError when the folder exists already, cannot be written, or Minari is missing.
     """
     _minari()
+    folder = folder.absolute()  # Minari joins relative paths twice
     if len(data) == 0:
         raise UserError(f"{folder}: the log is empty: Minari needs at least one transition")
     if folder.exists():
@@ -97,7 +98,7 @@ def read(path: Path) -> Transitions:
     minari = _minari()
     from cmbrl.data.transitions import Transitions
 
-    folder = path if path.is_dir() else path.parent
+    folder = (path if path.is_dir() else path.parent).absolute()
     folder = folder / "data" if (folder / "data").is_dir() else folder
     if not (folder / "metadata.json").is_file():
         raise UserError(f"{path}: not a Minari dataset (no metadata.json in {folder}): check the path")

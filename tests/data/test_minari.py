@@ -30,6 +30,12 @@ def test_round_trip_through_a_folder(make_log, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["log"]
 
 
+def test_relative_paths(make_log, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    make_log().save("log")
+    assert len(Transitions.load("log")) == 8
+
+
 def test_round_trip_through_minaris_root(make_log, tmp_path, monkeypatch):
     import minari
 
