@@ -1,6 +1,6 @@
 // A control step (substeps with one control) of a pack: forward, with full Jacobian, with a tape, and backward from the tape.
 #pragma once
-#include "parameters.hpp"
+#include "impact.hpp"
 #include "tape.hpp"
 
 namespace cmbrl::CMBRL_ISA {
@@ -48,12 +48,29 @@ static void scaled(const Model& m, const T* v, double k, T* out) {
 
 // The step's rows re-solved at the backward smoothing where it differs, then the implicit system. Uses w.vn of that solve.
 template <class G>
-static void differentiate(const Model& m, const Options& o, Work<G>& w) {
+static void differentiate(const Model& m, const Options& o, Work<G>& w, bool theta) {
   if (!(o.backward == o.forward)) {
     set_kappa(m, o, w, o.backward);
     contact_solve(m, o, w);
   }
-  implicit_system(m, o, w);
+  implicit_system(m, o, w, theta);
+}
+
+// tv <- dv' - (Sq dq + Sv dv + Su du + Sp dtheta + Sn dv') / h, from the tangents before the step and dv' in rhs_all.
+template <class G>
+static void late_tangents(const Model& m, const Options& o, Work<G>& w, int ncol, bool theta) {
+  int nv = m.nv, nu = m.nu, up = 2 * nv;
+  T* out = w.Z;  // scratch of the same width, free by now
+  for (int i = 0; i < nv; ++i) {
+    T* row = out + i * ncol;
+    for (int c = 0; c < ncol; ++c) row[c] = T{};
+    for (int k = 0; k < nv; ++k)
+      for (int c = 0; c < ncol; ++c)
+        row[c] += w.Sq[i * nv + k] * w.tq[k * ncol + c] + w.Sv[i * nv + k] * w.tv[k * ncol + c] + w.Sn[i * nv + k] * w.rhs_all[k * ncol + c];
+    for (int k = 0; k < nu; ++k) row[up + k] += w.Su[i * nu + k];
+    for (int k = 0; theta && k < m.ntheta; ++k) row[up + nu + k] += w.Sp[i * m.ntheta + k];
+  }
+  for (int i = 0; i < nv * ncol; ++i) w.tv[i] = w.rhs_all[i] - out[i] * (1 / o.h);
 }
 
 // Columns: dq (nv), dv (nv), u (nu), then theta. tq, tv hold d(q, v)/d(columns) and are advanced by one step.
@@ -73,7 +90,8 @@ static void advance_tangents(const Model& m, const Options& o, Work<G>& w, int n
     if (theta) for (int k = 0; k < m.ntheta; ++k) row[up + nu + k] += w.Gp[i * m.ntheta + k];
   }
   solve_many(w.H, nv, pat, w.rhs_all, ncol);
-  push_tangent(m, w.qtan, w.tq, w.rhs_all, splat(o.h), ncol);
+  if (w.late) late_tangents(m, o, w, ncol, theta);  // tv becomes the tangent of the displacement / h
+  push_tangent(m, w.qtan, w.tq, w.late ? w.tv : w.rhs_all, splat(o.h), ncol);
   for (int i = 0; i < nv * ncol; ++i) w.tv[i] = w.rhs_all[i];
 }
 
@@ -107,12 +125,30 @@ static StepStats control_step_jacobian(const Model& m, const Options& o, Work<G>
   for (int i = 0; i < nv; ++i) w.tq[i * ncol + i] = w.tv[i * ncol + nv + i] = splat(1);
   if (o.leapfrog) { scaled(m, w.v, 0.5 * o.h, w.qtan); push_tangent(m, w.qtan, w.tq, w.tv, splat(0.5 * o.h), ncol); }
   StepStats st = control_step(m, o, w, [&](int) {
-    differentiate(m, o, w);
-    if (theta) parameter_terms(m, o, w);
+    differentiate(m, o, w, theta);
     advance_tangents(m, o, w, ncol, theta);
   });
   if (o.leapfrog) push_tangent(m, w.qtan, w.tq, w.tv, splat(-0.5 * o.h), ncol);  // qtan: the shift just made
   return st;
+}
+
+// Through dqtan = h dv' - S(...): lq, lu, lp take their parts, lv that of v'; that of v waits in tv.
+template <class G>
+static void late_cotangents(const Model& m, const Options& o, Work<G>& w, bool theta) {
+  int nv = m.nv;
+  T *along = w.tmp, *before = w.tv;
+  for (int i = 0; i < nv; ++i) along[i] = before[i] = T{};
+  pull_cotangent(m, w.qtan, w.lq, along, splat(1));
+  for (int i = 0; i < nv; ++i) {
+    w.lv[i] += o.h * along[i];
+    for (int k = 0; k < nv; ++k) {
+      w.lq[k] -= w.Sq[i * nv + k] * along[i];
+      w.lv[k] -= w.Sn[i * nv + k] * along[i];
+      before[k] -= w.Sv[i * nv + k] * along[i];
+    }
+    for (int k = 0; k < m.nu; ++k) w.lu[k] -= w.Su[i * m.nu + k] * along[i];
+    for (int k = 0; theta && k < m.ntheta; ++k) w.lp[k] -= w.Sp[i * m.ntheta + k] * along[i];
+  }
 }
 
 // Cotangents (w.lq, w.lv) of the next state become those of the state; w.lu, w.lp are added to. theta: parameters wanted.
@@ -131,10 +167,12 @@ static void control_step_backward(const Model& m, const Options& o, Work<G>& w, 
     free_velocity(m, w);
     find_bounces(m, o, w);
     set_kappa(m, o, w, o.backward);
-    implicit_system(m, o, w);
-    pull_cotangent(m, w.qtan, w.lq, w.lv, splat(o.h));
+    displacement(m, o, w);
+    implicit_system(m, o, w, theta);
+    if (w.late) late_cotangents(m, o, w, theta);
+    else pull_cotangent(m, w.qtan, w.lq, w.lv, splat(o.h));
     solve_transposed(w.H, nv, pattern_of(m, w), w.lv);
-    for (int i = 0; i < nv; ++i) { w.pvec[i] = w.lv[i]; w.lv[i] = T{}; }
+    for (int i = 0; i < nv; ++i) { w.pvec[i] = w.lv[i]; w.lv[i] = w.late ? w.tv[i] : T{}; }
     for (int i = 0; i < nv; ++i)
       for (int k = 0; k < nv; ++k) {
         w.lq[k] += w.Gq[i * nv + k] * w.pvec[i];
@@ -142,11 +180,8 @@ static void control_step_backward(const Model& m, const Options& o, Work<G>& w, 
       }
     for (int i = 0; i < nv; ++i)
       for (int k = 0; k < m.nu; ++k) w.lu[k] += w.Gu[i * m.nu + k] * w.pvec[i];
-    if (theta) {
-      parameter_terms(m, o, w);
-      for (int i = 0; i < nv; ++i)
-        for (int k = 0; k < m.ntheta; ++k) w.lp[k] += w.Gp[i * m.ntheta + k] * w.pvec[i];
-    }
+    for (int i = 0; i < nv; ++i)
+      for (int k = 0; theta && k < m.ntheta; ++k) w.lp[k] += w.Gp[i * m.ntheta + k] * w.pvec[i];
   }
   if (o.leapfrog) {  // the shift before the first step; its q is not needed, only the step h/2 v
     scaled(m, w.v, 0.5 * o.h, w.tmp);

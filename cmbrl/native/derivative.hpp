@@ -23,23 +23,23 @@ static void accelerations_and_twists(const Model& m, const Options& o, Work<G>& 
 
 // Smooth part of Gq, Gv, Gu.
 template <class G>
-static void smooth_terms(const Model& m, const Options& o, Work<G>& w) {
+static void smooth_terms(const Model& m, const Options& o, Work<G>& w, T* Gq, T* Gv, T* Gu) {
   int nv = m.nv;
-  for (int i = 0; i < nv * nv; ++i) w.Gq[i] = w.Gv[i] = T{};
-  for (int i = 0; i < nv * m.nu; ++i) w.Gu[i] = T{};
-  inverse_dynamics_derivatives(m, w, -o.h, w.Gq, w.Gv);
+  for (int i = 0; i < nv * nv; ++i) Gq[i] = Gv[i] = T{};
+  for (int i = 0; i < nv * m.nu; ++i) Gu[i] = T{};
+  inverse_dynamics_derivatives(m, w, -o.h, Gq, Gv);
   for (int i = 0; i < nv; ++i) {
     const T* p = w.P + m.oDof + i * kDofFields;
-    w.Gq[i * (nv + 1)] -= o.h * w.kp[i];
-    w.Gv[i * (nv + 1)] += w.M[i * (nv + 1)] - o.h * (p[kDamping] + w.kd[i]);
-    if (o.implicit_springs) w.Gv[i * (nv + 1)] -= o.h * o.h * w.kp[i];
+    Gq[i * (nv + 1)] -= o.h * w.kp[i];
+    Gv[i * (nv + 1)] += w.M[i * (nv + 1)] - o.h * (p[kDamping] + w.kd[i]);
+    if (o.implicit_springs) Gv[i * (nv + 1)] -= o.h * o.h * w.kp[i];
     for (int a = m.anc_ptr[i]; a < m.anc_ptr[i + 1]; ++a) {
       int j = m.anc_idx[a];
-      w.Gv[i * nv + j] += w.M[i * nv + j];
-      w.Gv[j * nv + i] += w.M[j * nv + i];
+      Gv[i * nv + j] += w.M[i * nv + j];
+      Gv[j * nv + i] += w.M[j * nv + i];
     }
   }
-  for (int a = 0; a < m.nact; ++a) w.Gu[m.act_dof[a] * m.nu + a] += o.h * w.open[a];
+  for (int a = 0; a < m.nact; ++a) Gu[m.act_dof[a] * m.nu + a] += o.h * w.open[a];
 }
 
 template <class G> static inline T impulse(const Contact<G>& c, int row) {
@@ -57,8 +57,27 @@ static inline Vec<G::N> response(const Contact<G>& c, const T* E) {
   return F;
 }
 
+// The wrench W w_kappa of a change of the contact's kappa.
 template <class G>
-static void contact_terms(const Model& m, Work<G>& w) {
+static inline Vec<G::N> kappa_response(const Contact<G>& c, T dkappa) {
+  T dn = keep(c.on, c.ipn * dkappa);
+  Vec<G::N> F = dn * c.Wr[0];
+  if (c.rows == 1) return F;
+  T b0 = c.mu * c.gam;
+  CMBRL_FOR(r, G::NT) {
+    T x = T{};
+    CMBRL_FOR(k, G::NT) x -= c.Ai[r][k] * (c.b[k] / b0 * dkappa + c.ta[k] * dn);
+    F += keep(c.on & c.rub, x) * c.Wr[1 + r];
+  }
+  return F;
+}
+
+// Impulses that act late in the step move the configuration by their momentum times this: the time of impact.
+template <class G> static inline T late_weight(const Contact<G>& c) { return keep(c.bounce > 0.0, c.time); }
+
+// Rows' part of Gq, Gv. late: of the momentum of late impulses instead, sum t_i J_i^T x_i at fixed t_i.
+template <class G>
+static void contact_terms(const Model& m, Work<G>& w, T* Gq, T* Gv, bool late) {
   int nv = m.nv;
   for (int gi = 0; gi < w.ngroups; ++gi) {
     int group = w.groups[gi].group, d0 = m.grp_dptr[group], nd = m.grp_dptr[group + 1] - d0;
@@ -70,10 +89,11 @@ static void contact_terms(const Model& m, Work<G>& w) {
       Feature<G> feature = find_feature(m, w, c.index);
       int A = m.con_bodyA[c.index], B = m.con_bodyB[c.index];
       Vec<G::N> relative = relative_twist<G>(m, w.tn, c.index) - c.carry * relative_twist<G>(m, w.vel, c.index);
+      T weight = late ? late_weight(c) : splat(1), pull = weight * c.carry;
       CMBRL_FOR(r, c.rows) {
-        F += impulse(c, r) * c.Wr[r];
-        Vec<G::N> FT = (c.carry * c.Th[r][0]) * c.Wr[0];
-        for (int k = 1; k < c.rows && r > 0; ++k) FT += (c.carry * c.Th[r][k]) * c.Wr[k];
+        F += (weight * impulse(c, r)) * c.Wr[r];
+        Vec<G::N> FT = (pull * c.Th[r][0]) * c.Wr[0];
+        for (int k = 1; k < c.rows && r > 0; ++k) FT += (pull * c.Th[r][k]) * c.Wr[k];
         CMBRL_FOR(a, G::N) CMBRL_FOR(b, G::N) K[a][b] += c.Wr[r][a] * FT[b];
       }
       for (int k = 0; k < nd; ++k) {
@@ -86,9 +106,9 @@ static void contact_terms(const Model& m, Work<G>& w) {
           Vec<G::N> dW = wrench_shift(c, s, r);
           E[r] = dot(dW, relative) + dot(c.Wr[r], swing);
           E[r] += r == 0 ? (c.dc_dphi + c.dRn_dphi * c.gam) * s.dphi : c.dRt_dphi * c.b[r - 1] * s.dphi;
-          w.Y[k] += impulse(c, r) * dW;
+          w.Y[k] += (weight * impulse(c, r)) * dW;
         }
-        w.Y[k] += response(c, E);
+        w.Y[k] += weight * response(c, E);
       }
     }
     for (int k = 0; k < nd; ++k) {
@@ -100,29 +120,18 @@ static void contact_terms(const Model& m, Work<G>& w) {
         int j = m.grp_dof[d0 + l];
         bool moves = m.grp_sign[d0 + l] == m.grp_sign[d0 + k] && (j > mdof || m.dof_jnt[j] == m.dof_jnt[mdof]);
         T q = dot(w.S[j], moves ? turned : w.Y[k]), v = dot(w.S[j], KS);
-        w.Gq[j * nv + mdof] += m.grp_sign[d0 + l] > 0 ? q : -q;
-        w.Gv[j * nv + mdof] += m.grp_sign[d0 + l] > 0 ? v : -v;
+        Gq[j * nv + mdof] += m.grp_sign[d0 + l] > 0 ? q : -q;
+        Gv[j * nv + mdof] += m.grp_sign[d0 + l] > 0 ? v : -v;
       }
     }
   }
+  if (late) return;
   for (int i = 0; i < w.nlim; ++i) {
     const Limit& l = w.lim[i];
-    w.Gq[l.dof * (nv + 1)] -= l.Th * (l.dc_dphi + l.dR_dphi * l.gam);
-    w.Gv[l.dof * (nv + 1)] += l.Th * l.carry;
+    Gq[l.dof * (nv + 1)] -= l.Th * (l.dc_dphi + l.dR_dphi * l.gam);
+    Gv[l.dof * (nv + 1)] += l.Th * l.carry;
   }
-  for (int i = 0; i < w.ndry; ++i) w.Gv[w.dry[i].dof * (nv + 1)] += w.dry[i].Th * w.dry[i].carry;
-}
-
-// Gq, Gv, Gu and the factor H at the solution in w (rows, vn); tn, vel, acc refer to vn afterwards.
-template <class G>
-static void implicit_system(const Model& m, const Options& o, Work<G>& w) {
-  accelerations_and_twists(m, o, w, w.vn);
-  smooth_terms(m, o, w);
-  InteriorPoint<G> ip(m, o, w);
-  ip.rho = T{};
-  ip.linearise_all(T{}, none());
-  ip.factorise();
-  contact_terms(m, w);
+  for (int i = 0; i < w.ndry; ++i) Gv[w.dry[i].dof * (nv + 1)] += w.dry[i].Th * w.dry[i].carry;
 }
 
 }  // namespace cmbrl::CMBRL_ISA

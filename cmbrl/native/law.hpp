@@ -11,8 +11,8 @@ struct Law { T c0, dc0, R, dR, carry; };  // derivatives with respect to the gap
 
 static inline void impedance(T r, T d0, T dmax, T width, double mid, double power, T& d, T& dd) {
   T wd = vmax(width, splat(1e-15));
-  T x = vabs(r) / wd;
-  Mask inside = x < 1.0;
+  T x = vmax(-r, T{}) / wd;  // before touching, the impedance of first contact
+  Mask inside = (r < 0.0) & (x < 1.0);
   x = vmin(x, splat(1));
   T y, dy;
   if (power == 2) {
@@ -33,8 +33,7 @@ static inline void impedance(T r, T d0, T dmax, T width, double mid, double powe
   d0 = vmin(vmax(d0, lo), hi);
   dmax = vmin(vmax(dmax, lo), hi);
   d = d0 + y * (dmax - d0);
-  dd = select(inside, dy * (dmax - d0) / wd, T{});
-  dd = select(r < 0.0, -dd, dd);
+  dd = select(inside, -dy * (dmax - d0) / wd, T{});
 }
 
 static inline void stiffness_damping(T ref0, T ref1, T dmax, double h, T& K, T& B) {

@@ -16,6 +16,9 @@ static void load_parameters(const Model& m, Work<G>& w, const double* const* the
   }
 }
 
+// Of the step's equation; or of that of late impulses, M~ shift = sum t_i J_i^T x_i (impact.hpp): its rows, its left side.
+enum class Part { step, late_rows, late_inertia };
+
 template <class G>
 struct ParameterColumns {
   const Model& m;
@@ -23,9 +26,12 @@ struct ParameterColumns {
   Work<G>& w;
   T* out;      // nv values, stride
   int stride;
+  Part part;
   T& at(int dof) { return out[dof * stride]; }
 
-  void add_wrench(int group, const Vec<G::N>& F) {
+  void add_wrench(const Contact<G>& c, Vec<G::N> F) {
+    int group = m.con_group[c.index];
+    if (part == Part::late_rows) F = late_weight(c) * F;
     for (int k = m.grp_dptr[group]; k < m.grp_dptr[group + 1]; ++k) {
       T f = dot(w.S[m.grp_dof[k]], F);
       at(m.grp_dof[k]) += m.grp_sign[k] > 0 ? f : -f;
@@ -34,8 +40,9 @@ struct ParameterColumns {
 
   void body(int b, const Inertia<G>& dI) {  // inverse dynamics is linear in the inertia
     Vec<G::N> f = dI * w.acc[b] + cross_force<G>(w.vel[b], dI * w.vel[b]);
+    double scale = part == Part::step ? o.h : 1;
     for (int d = m.body_lastdof[b]; d >= 0;) {
-      at(d) -= o.h * dot(w.S[d], f);
+      at(d) -= scale * dot(w.S[d], f);
       d = m.anc_ptr[d] < m.anc_ptr[d + 1] ? m.anc_idx[m.anc_ptr[d + 1] - 1] : -1;
     }
   }
@@ -65,10 +72,12 @@ struct ParameterColumns {
 
   void dof(int i, int field, double coef) {
     const T* p = w.P + m.oDof + i * kDofFields;
-    T dv = w.vn[i] - w.v[i];
+    bool late = part == Part::late_inertia;
+    T dv = late ? w.shift[i] : w.vn[i] - w.v[i];
+    if (late && field != kArmature && field != kDamping) return;
     switch (field) {
       case kArmature: at(i) -= coef * dv; break;
-      case kDamping: at(i) -= coef * o.h * w.vn[i]; break;
+      case kDamping: at(i) -= coef * o.h * (late ? dv : w.vn[i]); break;
       case kStiffness: {
         T stretch = w.q[m.dof_qadr[i]] - p[kSpringref];
         if (o.implicit_springs) stretch += o.h * w.vn[i];
@@ -97,8 +106,8 @@ struct ParameterColumns {
       E[r] = dot(dW, relative) + dphi * (r == 0 ? c.dc_dphi + c.dRn_dphi * c.gam : c.dRt_dphi * c.b[r - 1]);
       Y += impulse(c, r) * dW;
     }
-    Y += response(c, E);
-    add_wrench(m.con_group[c.index], coef * Y);
+    Y += response(c, E) + kappa_response(c, dphi * c.dc_dphi * c.slope);
+    add_wrench(c, coef * Y);
   }
 
   // Fields of the law: closed-form and scalar, so differenced in place (central, relative step 1e-6).
@@ -118,13 +127,13 @@ struct ParameterColumns {
     T dcarry = scale * (b.carry - a.carry), E[1 + G::NT];
     E[0] = select(c.bounce > 0.0, T{}, scale * (b.cn0 - a.cn0) - dcarry * dot(c.Wr[0], t)) + scale * (b.Rn - a.Rn) * c.gam;
     for (int r = 1; r < c.rows; ++r) E[r] = scale * (b.Rt - a.Rt) * c.b[r - 1] - dcarry * dot(c.Wr[r], t);
-    Vec<G::N> Y = response(c, E);
+    Vec<G::N> Y = response(c, E) + kappa_response(c, c.slope * (E[0] - scale * (b.Rn - a.Rn) * c.gam));
     if (field == kMu && c.rows > 1) {  // the cone itself
       T b0 = c.mu * c.gam, y[G::NT];
       CMBRL_FOR(r, G::NT) y[r] = c.gam * (c.b[r] * c.eta0 / b0 - c.eta[r]);
       CMBRL_FOR(r, G::NT) CMBRL_FOR(k, G::NT) Y += keep(c.on & c.rub, c.Ai[r][k] * y[k]) * c.Wr[1 + r];
     }
-    add_wrench(m.con_group[c.index], coef * Y);
+    add_wrench(c, coef * Y);
   }
 
   void actuator(int a, int field, double coef) {
@@ -137,6 +146,11 @@ struct ParameterColumns {
     Mask free = (force >= flo) & (force <= fhi);
     T pull = p[kBias1] * q + p[kBias2] * (v + dv);  // damping acts at the next velocity
     T spring = o.implicit_springs ? o.h * w.vn[d] : T{};
+    if (part == Part::late_inertia) {
+      if (field == kGear) at(d) += keep(free, coef * o.h * 2.0 * g * p[kBias2] * w.shift[d]);
+      if (field == kBias2) at(d) += keep(free, coef * o.h * g * g * w.shift[d]);
+      return;
+    }
     T r;
     switch (field) {
       case kGear: r = select(free, force + g * (pull + p[kBias2] * dv) + 2.0 * g * p[kBias1] * spring, vmin(vmax(force, flo), fhi)); break;
@@ -149,6 +163,7 @@ struct ParameterColumns {
   }
 
   void gravity(int axis, double coef) {
+    if (part != Part::step) return;
     Vec<G::N> lift = zero<G::N>();
     lift[G::A + axis] = splat(coef * o.h);
     for (int i = 0; i < m.nv; ++i) at(i) += dot(w.S[i], w.Ic[m.dof_body[i]] * lift);
@@ -158,6 +173,8 @@ struct ParameterColumns {
     for (int e = m.par_ptr[k]; e < m.par_ptr[k + 1];) {
       int idx = m.par_idx[e];
       double coef = m.par_coef[e];
+      bool row = idx >= m.oContact && idx < m.oAct;  // a contact's own, or its plane's
+      if ((part == Part::late_rows && !row) || (part == Part::late_inertia && row)) { ++e; continue; }
       if (idx < m.oDof) {  // consecutive entries of one body are one change of inertia
         int b = idx / m.body_fields;
         Inertia<G> dI{};
@@ -181,15 +198,31 @@ struct ParameterColumns {
       if (w.con[i].index != index) continue;
       if (field == kRadius) gap(w.con[i], -1, -0.5, coef);
       else if (field != kRestitution) law(w.con[i], field, coef);
+      else {  // c0 = -e speed
+        T E[1 + G::NT] = {};
+        E[0] = select(w.con[i].bounce > 0.0, -w.con[i].speed, T{});
+        add_wrench(w.con[i], coef * (response(w.con[i], E) + kappa_response(w.con[i], w.con[i].slope * E[0])));
+      }
     }
   }
 };
 
-// Gp (nv x ntheta) at the solution; needs implicit_system first.
+// d gap / d theta_k of a contact: radii and plane heights.
 template <class G>
-static void parameter_terms(const Model& m, const Options& o, Work<G>& w) {
-  for (int i = 0; i < m.nv * m.ntheta; ++i) w.Gp[i] = T{};
-  for (int k = 0; k < m.ntheta; ++k) ParameterColumns<G>{m, o, w, w.Gp + k, m.ntheta}.column(k);
+static T gap_of_parameter(const Model& m, const Contact<G>& c, int k) {
+  double d = 0;
+  for (int e = m.par_ptr[k]; e < m.par_ptr[k + 1]; ++e)
+    if (m.par_idx[e] == m.oContact + c.index * kContactFields + kRadius ||
+        (m.con_plane[c.index] >= 0 && m.par_idx[e] == m.oPlane + m.con_plane[c.index]))
+      d -= m.par_coef[e];
+  return splat(d);
+}
+
+// Columns of all parameters (nv x ntheta) at the solution; needs the smooth terms and the linearised rows.
+template <class G>
+static void parameter_terms(const Model& m, const Options& o, Work<G>& w, T* out, Part part = Part::step) {
+  if (part == Part::step) for (int i = 0; i < m.nv * m.ntheta; ++i) out[i] = T{};
+  for (int k = 0; k < m.ntheta; ++k) ParameterColumns<G>{m, o, w, out + k, m.ntheta, part}.column(k);
 }
 
 }  // namespace cmbrl::CMBRL_ISA

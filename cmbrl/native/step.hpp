@@ -144,6 +144,8 @@ static void find_bounces(const Model& m, const Options& o, Work<G>& w) {
       c.bounce = keep(hits, e);
       c.time = keep(hits, vmax(c.phi, T{}) / select(hits, speed, splat(1)));
       c.cn0 = select(hits, -e * speed, c.cn0);
+      c.dc_dphi = select(hits, T{}, c.dc_dphi);
+      c.speed = speed;
     }
 }
 

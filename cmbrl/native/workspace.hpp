@@ -24,7 +24,7 @@ struct Contact {
   Vec<G::N> Wr[1 + G::NT];           // wrench of a unit impulse along each row
   T phi, mu, Rn, Rt, carry, cn0, ct0[G::NT];
   T dc_dphi, dRn_dphi, dRt_dphi;     // of the law, at fixed impulses
-  T bounce, time;                    // restitution applied in this step (0: none) and the time of impact in it [s]
+  T bounce, time, speed;             // restitution applied in this step (0: none), time of impact in it [s], approach speed
   T kappa, slope;                    // slope: d kappa / d z
   T gam, s, b[G::NT], eta0, eta[G::NT];
   T r1, r2[G::NT];                   // linear residuals at the start; they shrink by exactly (1 - alpha)
@@ -63,7 +63,11 @@ struct Work {
   Limit* lim; int nlim;
   DryFriction* dry; int ndry;
   ActiveGroup* groups; int ngroups; bool coupled;  // coupled: a contact between two moving bodies is active
-  T *Gq, *Gv, *Gu, *Gp, *E;                // right-hand sides of the implicit derivative
+  T *Gq, *Gv, *Gu, *Gp;                // right-hand sides of the implicit derivative
+  T *Fq, *Fv, *Fu, *Fp;                    // the same for the free velocity: M~ dvf = Fq dq + ...
+  T *Sq, *Sv, *Su, *Sp, *Sn;               // M~ dshift = Sq dq + ... + Sn dv' (impacts at their time)
+  T *Z, *HF;                               // rows' free closing speeds by (q, v, u, theta); factor of M~
+  bool early, late;                        // the step has rows that look at vf; impulses that act late in it
   T *save;                                 // solver state of lanes that are done while others are retried
   T *qtan, *shift;                         // position correction of impacts at their time, integration scratch
   T *tq, *tv, *rhs_all;                    // tangents carried through substeps (nv x ncol)
@@ -89,7 +93,13 @@ struct Work {
     lim = A.take<Limit>(m.nlimit); dry = A.take<DryFriction>(nv);
     groups = A.take<ActiveGroup>(m.ngroup);
     Gq = A.take<T>(nv * nv); Gv = A.take<T>(nv * nv); Gu = A.take<T>(nv * (m.nu + 1)); Gp = A.take<T>(nv * (m.ntheta + 1));
-    E = A.take<T>((1 + G::NT) * nv);
+    auto block = [&](T*& q_, T*& v_, T*& u_, T*& p_, int rows) {
+      q_ = A.take<T>(rows * nv); v_ = A.take<T>(rows * nv); u_ = A.take<T>(rows * (m.nu + 1)); p_ = A.take<T>(rows * (m.ntheta + 1));
+    };
+    block(Fq, Fv, Fu, Fp, nv);
+    block(Sq, Sv, Su, Sp, nv);
+    Z = A.take<T>((m.ncontact + m.nlimit + nv) * ncol); HF = A.take<T>(nv * nv);
+    Sn = A.take<T>(nv * nv);
     save = A.take<T>(nv * 4 + m.ncontact * (3 + 2 * G::NT) + m.nlimit * 2);
     qtan = A.take<T>(nv); shift = A.take<T>(nv);
     tq = A.take<T>(nv * ncol); tv = A.take<T>(nv * ncol); rhs_all = A.take<T>(nv * ncol);
