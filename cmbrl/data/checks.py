@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 QUATERNION_TOLERANCE = 1e-3  #: on the norm; motion capture rounds to about 1e-6, other orders or units miss by far more
 TIME_STEP_TOLERANCE = 1e-3  #: relative; tells 0.0068 s from 1/148 s
 ROWS_FOR_KINEMATICS = 50  #: fewer rows do not tell whether velocities and positions belong together
+SENSOR_NOISE = 1e-4  #: changes of this size [m, rad] may be noise, which velocities do not explain
 UNEXPLAINED = 0.95  #: root-mean-square share of a position's change that its velocity must at least leave explained
 
 
@@ -148,7 +149,7 @@ def _check_kinematics(data: Transitions, scene: Scene) -> None:
     size = np.sqrt(np.mean(change**2, axis=0))
     velocities = (data.v, data.v_next, (data.v + data.v_next) / 2)
     rest = [np.sqrt(np.mean((change - data.dt * v) ** 2, axis=0)) for v in velocities]
-    unexplained = np.min(rest, axis=0) > UNEXPLAINED * size + 1e-6
+    unexplained = np.min(rest, axis=0) > UNEXPLAINED * size + SENSOR_NOISE
     if unexplained.any():
         raise UserError(
             f"velocity column {int(np.flatnonzero(unexplained)[0])} does not go with the change of its position over "

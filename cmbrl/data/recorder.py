@@ -113,11 +113,12 @@ def _without_warnings() -> Iterator[None]:
     """Swallows MuJoCo's warnings about scenes that are not ours (it prints them and leaves a MUJOCO_LOG.TXT)."""
     import mujoco
 
+    handler = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda text: None)
     try:
         yield
     finally:
-        mujoco.set_mju_user_warning(None)
+        mujoco.set_mju_user_warning(handler)
 
 
 def _mujoco_version() -> str:

@@ -60,6 +60,13 @@ def test_quaternions_must_be_unit(make_log):
         replace(log, q_next=bent).check(scene)
 
 
+def test_noise_on_a_resting_coordinate_is_no_mistake(make_log, slides):
+    log = make_log(lengths=(100, 100))
+    noise = np.random.default_rng(1).normal(0.0, 5e-5, log.q.shape)
+    still = replace(log, q=noise, q_next=noise[::-1], v=np.zeros_like(log.v), v_next=np.zeros_like(log.v))
+    still.check(slides)
+
+
 def test_velocities_must_go_with_positions(make_log, slides):
     log = make_log(lengths=(100, 100))
     swapped = replace(log, v=log.v[:, ::-1], v_next=log.v_next[:, ::-1])
