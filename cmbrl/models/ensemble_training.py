@@ -1,0 +1,166 @@
+"""Training of the neural ensemble: maximum likelihood; a held-out set decides when to stop and who is elite."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import inf
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor
+
+from cmbrl.errors import UserError
+
+if TYPE_CHECKING:
+    from cmbrl.data.transitions import Transitions
+    from cmbrl.models.ensemble import NeuralEnsemble
+    from cmbrl.models.ensemble_network import EnsembleNetwork
+
+MIN_ROWS = 10
+TINY = 1e-12  # a feature or target that varies less is constant
+
+
+@dataclass(frozen=True)
+class TrainingReport:
+    """What training did; errors are RMSE in units of the targets' standard deviation."""
+
+    rows: int  # trained on
+    holdout_rows: int
+    epochs: int
+    seconds: float
+    holdout_error: float  # mean of the elites
+    stopped: str  # "patience", "max_seconds" or "interrupted"
+
+
+class _Best:
+    """The best weights of each net so far, by its held-out error."""
+
+    def __init__(self, network: EnsembleNetwork, improvement: float) -> None:
+        self.network, self.improvement = network, improvement
+        self.layers = [*network.weights, *network.biases]
+        self.copies = [p.detach().clone() for p in self.layers]
+        self.error = torch.full((self.layers[0].shape[0],), torch.inf)  # (nets,) mean squared
+
+    def update(self, error: Tensor) -> bool:
+        """Keeps the nets that are better by the margin; says whether any was."""
+        better = error < self.error * (1 - self.improvement)
+        for copy, parameter in zip(self.copies, self.layers, strict=True):
+            copy[better] = parameter.detach()[better]
+        self.error = torch.where(better, error, self.error)
+        return bool(better.any())
+
+    def restore(self) -> None:
+        with torch.no_grad():
+            for copy, parameter in zip(self.copies, self.layers, strict=True):
+                parameter.copy_(copy)
+
+
+def train(
+    model: NeuralEnsemble,
+    data: Transitions,
+    seed: int,
+    progress: Callable[[float, str], None] | None,
+    max_seconds: float | None,
+    warm_start: bool,
+) -> TrainingReport:
+    """See `NeuralEnsemble.fit`."""
+    config, network = model.config, model.network
+    if len(data) < MIN_ROWS:
+        raise UserError(f"log of {len(data)} transitions: the neural ensemble needs at least {MIN_ROWS}: record more")
+    if abs(data.dt - model.dt) > 1e-6 * model.dt:
+        raise UserError(f"log has dt = {data.dt:g} s, the ensemble steps {model.dt:g} s: build it with dt of the log")
+    start = time.perf_counter()
+    generator = torch.Generator().manual_seed(seed)
+    inputs, targets = _training_pairs(model, data)
+    raw_targets = targets
+    order = torch.randperm(len(data), generator=generator)
+    held = min(int(config.holdout * len(data)), config.holdout_max)
+    kept = order[held:]
+    if not warm_start:
+        network.reset(generator)
+        _set_scales(network, inputs[kept], targets[kept], config.normalise_targets)
+    inputs = ((inputs - network.input_mean) / network.input_scale).float()
+    targets = ((targets - network.target_mean) / network.target_scale).float()
+    held_inputs, held_targets = inputs[order[:held]], targets[order[:held]]
+    inputs, targets = inputs[kept], targets[kept]
+
+    shape = (config.nets, len(kept))
+    if config.bootstrap:
+        rows = torch.randint(len(kept), shape, generator=generator)
+    else:
+        rows = torch.arange(len(kept)).expand(shape)
+    best = _Best(network, config.improvement)
+    epochs, stopped = 0, "patience"
+    try:
+        for stage, rate in enumerate(config.learning_rates):
+            optimiser = _optimiser(network, rate, config.weight_decay)
+            patience = max(config.patience, config.patience_updates * config.batch / len(kept))  # in epochs
+            stages_left = len(config.learning_rates) - stage
+            now = time.perf_counter() - start  # of the time left, a stage may use half, the last one all
+            deadline = inf if max_seconds is None else now + (max_seconds - now) * (0.5 if stages_left > 1 else 1.0)
+            stale = 0
+            while stale <= patience:
+                rows = torch.gather(rows, 1, torch.rand(shape, generator=generator).argsort(dim=1))
+                for batch in rows.split(config.batch, dim=1):
+                    optimiser.zero_grad()
+                    network.loss(inputs[batch], targets[batch], config.variance_regulariser).backward()
+                    optimiser.step()
+                epochs += 1
+                improved = best.update(_held_out_error(network, held_inputs, held_targets))
+                stale = 0 if improved else stale + 1
+                seconds = time.perf_counter() - start
+                if progress is not None:
+                    done = (stage + min(stale / patience, 1.0)) / len(config.learning_rates)
+                    done = max(done, seconds / max_seconds) if max_seconds is not None else done
+                    error = float(best.error.sort().values[: config.elites].mean().sqrt())
+                    progress(min(done, 1.0), f"epoch {epochs}, held-out error {error:.4f}")
+                if seconds > deadline:
+                    stopped = "max_seconds"
+                    break
+            best.restore()
+    except KeyboardInterrupt:
+        stopped = "interrupted"
+        best.restore()
+    model.elites = best.error.argsort()[: config.elites]
+    with torch.no_grad():
+        mean, _ = network(held_inputs.expand(config.elites, -1, -1), model.elites)
+    error = (mean.mean(dim=0) - held_targets) * network.target_scale / _deviation(raw_targets)
+    seconds = time.perf_counter() - start
+    return TrainingReport(len(kept), held, epochs, seconds, float(error.square().mean().sqrt()), stopped)
+
+
+def _training_pairs(model: NeuralEnsemble, data: Transitions) -> tuple[Tensor, Tensor]:
+    """Features (N, inputs) and targets (N, 2 nv): the change of q on the manifold, then that of v; float64."""
+    q, v, u, q_next, v_next = (torch.as_tensor(a) for a in (data.q, data.v, data.u, data.q_next, data.v_next))
+    return model.features(q, v, u), torch.cat([model.layout.difference(q, q_next), v_next - v], dim=1)
+
+
+def _deviation(columns: Tensor) -> Tensor:
+    """Standard deviation of every column, 1 where it is constant."""
+    deviation = columns.std(dim=0, correction=0)
+    return torch.where(deviation < TINY, torch.ones_like(deviation), deviation)
+
+
+def _set_scales(network: EnsembleNetwork, inputs: Tensor, targets: Tensor, normalise_targets: bool) -> None:
+    network.input_mean.copy_(inputs.mean(dim=0))
+    network.input_scale.copy_(_deviation(inputs))
+    network.target_mean.copy_(targets.mean(dim=0) if normalise_targets else torch.zeros_like(network.target_mean))
+    network.target_scale.copy_(_deviation(targets) if normalise_targets else torch.ones_like(network.target_scale))
+
+
+def _optimiser(network: EnsembleNetwork, rate: float, weight_decay: tuple[float, ...]) -> torch.optim.Adam:
+    """Adam whose L2 term acts on the weights, layer by layer, and neither on biases nor on the variance bounds."""
+    groups = [
+        {"params": [weight], "weight_decay": decay} for weight, decay in zip(network.weights, weight_decay, strict=True)
+    ]
+    free = [*network.biases, network.max_log_variance, network.min_log_variance]
+    return torch.optim.Adam([*groups, {"params": free}], lr=rate, fused=True)
+
+
+@torch.no_grad()
+def _held_out_error(network: EnsembleNetwork, inputs: Tensor, targets: Tensor) -> Tensor:
+    """Mean squared error (nets,) of each net, in the network's target units."""
+    mean, _ = network(inputs.expand(network.weights[0].shape[0], -1, -1))
+    return (mean - targets).square().mean(dim=(1, 2))
