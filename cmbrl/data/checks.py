@@ -19,7 +19,7 @@ QUATERNION_TOLERANCE = 1e-3  #: on the norm; motion capture rounds to about 1e-6
 TIME_STEP_TOLERANCE = 1e-3  #: relative; tells 0.0068 s from 1/148 s
 ROWS_FOR_KINEMATICS = 50  #: fewer rows do not tell whether velocities and positions belong together
 SENSOR_NOISE = 1e-4  #: changes of this size [m, rad] may be noise, which velocities do not explain
-UNEXPLAINED = 0.95  #: root-mean-square share of a position's change that its velocity must at least leave explained
+UNEXPLAINED = 0.95  #: a log is refused when velocities leave more of a change unexplained (share, root mean square)
 
 
 def numbers(name: str, value: Any) -> np.ndarray:
