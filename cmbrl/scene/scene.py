@@ -32,7 +32,7 @@ _INTEGRATORS = {
 CONTACT_LAWS = ("mujoco", "rigid")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Scene:
     """A world of moving bodies, joints, contact candidates and actuators. Made by ``from_mjcf``; never changes.
 
@@ -66,6 +66,12 @@ class Scene:
     compiler_warnings: tuple[str, ...]  # what MuJoCo had to say about the file
     joints: tuple[Joint, ...]  # of the core
     core: dict[str, Any]
+
+    def __repr__(self) -> str:
+        algebra = "planar" if self.planar else "spatial"
+        return (
+            f"Scene({self.name}: {algebra}, nq={self.nq}, nv={self.nv}, nu={self.nu}, {self.core['ncontact']} contacts)"
+        )
 
     @classmethod
     def from_mjcf(cls, path: str | Path, ignore: str | Iterable[str] = (), contact_law: str = "mujoco") -> Scene:

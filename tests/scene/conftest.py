@@ -1,0 +1,92 @@
+"""Scenes from short MJCF texts, MuJoCo's own model of the same text, and random trees."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from cmbrl.scene import Scene
+
+GYMNASIUM = sorted((Path(pytest.importorskip("gymnasium").__file__).parent / "envs/mujoco/assets").glob("*.xml"))
+G1 = Path(__file__).parents[3] / "shared/models/g1_reference.xml"
+Load = Callable[..., tuple[Scene, mujoco.MjModel]]
+
+
+@pytest.fixture
+def load(tmp_path: Path) -> Load:
+    """``load("<body>...</body>", rest="<actuator/>")``: the scene and MuJoCo's model of that worldbody."""
+
+    def make(
+        world: str, rest: str = "", ignore: Iterable[str] = (), contact_law: str = "mujoco"
+    ) -> tuple[Scene, mujoco.MjModel]:
+        file = tmp_path / "scene.xml"
+        file.write_text(f"<mujoco><worldbody>{world}</worldbody>{rest}</mujoco>", encoding="utf-8")
+        return Scene.from_mjcf(file, ignore, contact_law), mujoco.MjModel.from_xml_path(str(file))
+
+    return make
+
+
+@pytest.fixture(params=["hopper", "half_cheetah", "walker2d_v5", "humanoid"])
+def robot(request: pytest.FixtureRequest) -> tuple[Scene, mujoco.MjModel]:
+    """A robot of gymnasium and MuJoCo's model of it."""
+    file = next(file for file in GYMNASIUM if file.stem == request.param)
+    return Scene.from_mjcf(file), mujoco.MjModel.from_xml_path(str(file))
+
+
+@pytest.fixture
+def g1() -> Scene:
+    """The humanoid of ``shared/models``, a folder beside the repository."""
+    if not G1.exists():
+        pytest.skip(f"{G1} is not there")
+    return Scene.from_mjcf(G1)
+
+
+def random_tree(seed: int, bodies: int = 8, turn: str = "", planar: bool = False) -> str:
+    """A worldbody with random joints, offsets and inertias; some bodies have no joint, some have two.
+
+    ``planar``: only slides and hinges that move in one plane, x-y of a frame that ``turn`` (a quaternion) rotates.
+    """
+    rng = np.random.default_rng(seed)
+
+    def words(values: Iterable[float]) -> str:
+        return " ".join(f"{x:.17g}" for x in values)
+
+    def joints(body: int, root: bool) -> str:
+        kinds = ["hinge", "slide"] if planar else ["hinge", "slide", "ball"]
+        if root and not planar:
+            kinds.append("free")
+        out = ""
+        for number in range(1 if root else int(rng.integers(0, 3))):
+            kind = str(rng.choice(kinds))
+            if kind == "free":
+                return f'<freejoint name="j{body}"/>'
+            axis = rng.normal(size=3)
+            if planar:
+                axis = [0, 0, rng.choice([-1, 1])] if kind == "hinge" else [*axis[:2], 0]
+            where = rng.normal(size=3) * 0.1 if kind != "slide" else np.zeros(3)
+            extra = "" if kind == "ball" else f'ref="{rng.normal() * 0.3:.3f}" axis="{words(axis)}"'
+            out += f'<joint name="j{body}_{number}" type="{kind}" pos="{words(where)}" armature="0.01" {extra}/>'
+            if kind == "ball":
+                break
+        return out
+
+    def body(number: int) -> str:
+        children = [k for k in range(number + 1, bodies) if parents[k] == number]
+        quat = rng.normal(size=4)
+        if planar:
+            quat[1:3] = 0
+        inner = rng.normal(size=4)
+        return (
+            f'<body name="b{number}" pos="{words(rng.normal(size=3) * 0.3)}" quat="{words(quat)}">'
+            f'<inertial pos="{words(rng.normal(size=3) * 0.1)}" quat="{words(inner)}" mass="{rng.uniform(0.2, 2)}" '
+            f'diaginertia="{words(rng.uniform(0.02, 0.03, 3))}"/>'
+            f"{joints(number, parents[number] < 0)}{''.join(body(k) for k in children)}</body>"
+        )
+
+    parents = [-1] + [int(rng.integers(-1, k)) for k in range(1, bodies)]
+    trees = "".join(body(k) for k in range(bodies) if parents[k] < 0)
+    return f'<body name="base" quat="{turn}">{trees}</body>' if turn else trees

@@ -1,0 +1,142 @@
+"""Named parameters move the physical vector as the same change of the file does; info tells all of it."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from cmbrl.errors import UserError
+from cmbrl.scene import Scene
+
+from .conftest import Load
+
+WORLD = (
+    '<geom name="floor" type="plane" size="1 1 1" pos="0 0 {floor}"/>'
+    '<body name="cart" pos="0 0 1">'
+    '<joint name="x" type="slide" axis="1 0 0" damping="{damping}" stiffness="{stiffness}"/>'
+    '<inertial pos="{com} 0 0" mass="{mass}" diaginertia="{inertia} {inertia} {inertia}"/>'
+    '<body name="arm"><joint name="h" axis="0 1 0" armature="{armature}" frictionloss="{loss}"/>'
+    '<geom name="rod" type="capsule" size=".1" fromto="0 0 0 1 0 0" friction="{friction}" solref="{time} 1" mass="1"/>'
+    "</body></body>"
+)
+VALUES = {
+    "floor": 0.0, "damping": 2.0, "stiffness": 3.0, "com": 0.0, "mass": 2.0, "inertia": 0.1, "armature": 0.5,
+    "loss": 0.2, "friction": 1.5, "time": 0.05, "gear": 10.0, "g": -9.81,
+}  # fmt: skip
+
+
+def scene_with(load: Load, contact_law: str = "mujoco", **changes: float) -> Scene:
+    values = VALUES | changes
+    rest = '<option gravity="0 0 {g}"/><actuator><position joint="h" gear="{gear}" kp="7" kv="2"/></actuator>'
+    return load(WORLD.format(**values), rest.format(**values), contact_law=contact_law)[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "changes"),
+    [
+        ("mass.cart", 1.7, {"mass": 3.4, "inertia": 0.17}),
+        ("com_x.cart", 0.2, {"com": 0.2}),
+        ("damping.x", 5.0, {"damping": 5.0}),
+        ("stiffness.x", 4.0, {"stiffness": 4.0}),
+        ("armature.h", 0.7, {"armature": 0.7}),
+        ("frictionloss.h", 0.3, {"loss": 0.3}),
+        ("friction.rod", 2.5, {"friction": 2.5}),
+        ("plane_height.floor", -0.03, {"floor": -0.03}),
+        ("gear.h", 0.6, {"gear": 6.0}),
+        ("gravity", 1.1, {"g": -9.81 * 1.1}),
+    ],
+)
+def test_parameter_is_the_same_change_of_the_file(
+    name: str, value: float, changes: dict[str, float], load: Load
+) -> None:
+    scene, changed = scene_with(load), scene_with(load, **changes)
+    theta = scene.parameter_vector()
+    k = [p.name for p in scene.parameters].index(name)
+    theta[k] = value
+    assert scene.parameters[k].low < value < scene.parameters[k].high
+    assert physical(scene, theta) == pytest.approx(changed.core["P"], abs=1e-12)
+
+
+def physical(scene: Scene, theta: np.ndarray) -> np.ndarray:
+    core = scene.core
+    P = core["P"].copy()
+    for k, change in enumerate(theta - core["par_nominal"]):
+        entries = slice(core["par_ptr"][k], core["par_ptr"][k + 1])
+        np.add.at(P, core["par_idx"][entries], change * core["par_coef"][entries])
+    return P
+
+
+def test_contact_parameters_follow_the_law(load: Load) -> None:
+    soft, rigid = scene_with(load), scene_with(load, "rigid")
+    groups = [{p.group for p in scene.parameters} for scene in (soft, rigid)]
+    assert groups[0] - groups[1] == {"softness_time", "softness_scale"}
+    assert groups[1] - groups[0] == {"restitution"}
+    assert set(rigid.core["con_law"]) == {0}
+    assert set(soft.core["con_law"]) == {1}
+    moved = {p.name: p for p in soft.parameters}
+    assert moved["softness_time.rod"].nominal == pytest.approx((0.05 + 0.02) / 2)  # mixed with the floor's
+    assert moved["radius.rod"].nominal == 0.0
+    with pytest.raises(UserError, match="did you mean 'rigid'"):
+        scene_with(load, "rigd")
+
+
+def test_bounds_and_transforms_are_sound(robot: tuple[Scene, object]) -> None:
+    scene, _ = robot
+    assert len({p.name for p in scene.parameters}) == len(scene.parameters)
+    for p in scene.parameters:
+        assert p.low <= p.nominal <= p.high
+        assert p.name.split(".")[0] == p.group
+        assert p.low > 0 if p.transform == "log" else p.transform == "linear"
+    assert scene.parameter_vector() == pytest.approx(scene.core["par_nominal"])
+    assert len(scene.core["par_ptr"]) == len(scene.parameters) + 1
+
+
+def test_zero_damping_is_offered_off_the_floating_base(load: Load) -> None:
+    names = [p.name for p in scene_with(load).parameters]
+    assert "damping.h" in names
+    assert "armature.x" in names
+    base = '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>'
+    floating, _ = load(f'<body>{base}<geom size=".1"/></body>')
+    assert not [p.name for p in floating.parameters if p.group in ("damping", "armature")]
+
+
+def test_actuators(load: Load) -> None:
+    """A position servo: force = kp ctrl - kp q - kv v, on the geared coordinate."""
+    scene = scene_with(load)
+    core = scene.core
+    assert scene.actuator_names == ("h",)
+    assert core["P"][-2 - 5 : -2].tolist() == [10, 7, 0, -7, -2]
+    assert (core["act_dof"].tolist(), core["act_ctrl"].tolist()) == ([1], [[-np.inf, np.inf]])
+
+
+def test_limits_and_disabled_forces(load: Load) -> None:
+    world = '<body><joint name="h" range="-10 20" stiffness="2" damping="1" frictionloss="3"/><geom size=".1"/></body>'
+    scene, _ = load(world)
+    assert np.degrees([scene.core["lim_lo"][0], scene.core["lim_hi"][0]]) == pytest.approx([-10, 20])
+    off = 'limit="disable" frictionloss="disable" gravity="disable" spring="disable" damper="disable"'
+    nothing, _ = load(world, f"<option><flag {off}/></option>")
+    assert nothing.core["nlimit"] == 0
+    assert nothing.core["P"][4:9] == pytest.approx(np.zeros(5))
+    assert not nothing.core["P"][-2:].any()
+
+
+def test_info(robot: tuple[Scene, object]) -> None:
+    scene, _ = robot
+    told = json.loads(json.dumps(scene.to_dict(), allow_nan=False))
+    assert told["algebra"] == ("planar" if scene.planar else "spatial")
+    assert len(told["contacts"]) == scene.core["ncontact"]
+    assert [p["name"] for p in told["parameters"]] == [p.name for p in scene.parameters]
+    text = scene.describe()
+    for word in (scene.name, told["algebra"], scene.joint_names[0], scene.parameters[0].name, "point against plane"):
+        assert word in text
+
+
+def test_core_arrays_have_the_types_of_the_contract(robot: tuple[Scene, object]) -> None:
+    for name, value in robot[0].core.items():
+        if isinstance(value, np.ndarray):
+            assert value.flags.c_contiguous, name
+            assert value.dtype in (np.float64, np.int32), name
+        else:
+            assert type(value) in (bool, int), name

@@ -1,0 +1,140 @@
+"""Elements that are not modelled: refused in one line that names kind and element, or left out on demand and stated."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from cmbrl.errors import UserError
+from cmbrl.scene import Scene
+from cmbrl.scene.support import KINDS
+
+from .conftest import GYMNASIUM, Load
+
+SITES = '<site name="s1"/><body name="m"><joint name="h"/><geom name="g" size=".1"/><site name="s2"/></body>'
+BALL_JOINT = '<body><joint name="b" type="ball" {}/><geom size=".1"/></body>'
+HINGE = '<body name="m" {}><joint name="h" {}/><geom name="g" size=".1"/></body>'
+FLOOR = '<geom name="f" type="plane" size="1 1 1"/>'
+DROP = '<body pos="0 0 1"><freejoint/><geom name="g" {}/></body>'
+
+
+def actuator(tag: str, attributes: str) -> tuple[str, str]:
+    return HINGE.format("", ""), f'<actuator><{tag} name="motor" joint="h" {attributes}/></actuator>'
+
+
+CASES = {
+    "tendon": (
+        SITES,
+        '<tendon><spatial name="t" damping="1"><site site="s1"/><site site="s2"/></spatial></tendon>',
+        "t",
+    ),
+    "equality": (HINGE.format("", ""), '<equality><joint name="e" joint1="h"/></equality>', "e"),
+    "fluid": (HINGE.format("", ""), '<option viscosity=".1"/>', "viscosity 0.1"),
+    "gravcomp": (HINGE.format('gravcomp="1"', ""), "", "m"),
+    "joint_force_range": (HINGE.format("", 'actuatorfrcrange="-1 1"'), "", "h"),
+    "joint_limit_ball": (BALL_JOINT.format('range="0 1" limited="true"'), "", "b"),
+    "joint_spring_ball": (BALL_JOINT.format('stiffness="1"'), "", "b"),
+    "actuator_dynamics": (*actuator("general", 'dyntype="filter" dynprm="1"'), "motor"),
+    "actuator_bias": (*actuator("general", 'gaintype="affine" gainprm="1 2 0"'), "motor"),
+    "actuator_transmission": (
+        BALL_JOINT.format(""),
+        '<actuator><motor name="motor" joint="b" gear="1 0 0"/></actuator>',
+        "motor",
+    ),
+    "geom_type": (FLOOR + DROP.format('type="ellipsoid" size=".1 .2 .3"'), "", "g - f"),
+    "geom_pair": (
+        DROP.format('type="box" size=".1 .1 .1"') + '<geom name="f" type="box" size="1 1 1"/>',
+        "",
+        "a box with a box",
+    ),
+    "condim": (FLOOR + DROP.format('size=".1" condim="4"'), "", "condim 4"),
+    "friction_anisotropic": (
+        FLOOR + DROP.format('size=".1"'),
+        '<contact><pair geom1="f" geom2="g" friction="1 .5"/></contact>',
+        "friction 1 0.5",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", CASES)
+def test_refused_by_name_or_ignored(kind: str, load: Load) -> None:
+    world, rest, name = CASES[kind]
+    with pytest.raises(UserError) as caught:
+        load(world, rest)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert kind in message
+    assert name in message
+    assert f"--ignore {kind}" in message
+    scene, model = load(world, rest, ignore=[kind])
+    assert [x.kind for x in scene.left_out] == [kind]
+    assert scene.nu == model.nu
+    assert kind in scene.describe()
+
+
+def test_all_refusals_come_in_one_line(load: Load) -> None:
+    world = HINGE.format('gravcomp="1"', 'actuatorfrcrange="-1 1"')
+    with pytest.raises(UserError, match=r"1 more element.*--ignore gravcomp --ignore joint_force_range"):
+        load(world)
+    scene, _ = load(world, ignore="gravcomp,joint-force-range")
+    assert scene.ignore == ("gravcomp", "joint_force_range")
+    with pytest.raises(UserError, match="did you mean 'tendon'"):
+        load(world, ignore=["tendn"])
+
+
+def test_elements_that_do_nothing_are_left_out_silently(load: Load) -> None:
+    rest = (
+        '<tendon><fixed name="t"><joint joint="h" coef="1"/></fixed></tendon>'
+        '<equality><joint name="e" joint1="h" active="false"/></equality><sensor><jointpos joint="h"/></sensor>'
+    )
+    scene, _ = load(HINGE.format("", ""), rest)
+    assert [(x.kind, x.name) for x in scene.left_out] == [("tendon", "t"), ("equality", "e")]
+
+
+def test_unmodelled_contact_that_cannot_happen_is_no_obstacle(load: Load) -> None:
+    world = DROP.format('type="box" size=".1 .1 .1" contype="2" conaffinity="2"') + '<geom type="box" size="1 1 1"/>'
+    assert load(world)[0].contact_names == ()
+
+
+@pytest.mark.parametrize("file", GYMNASIUM, ids=lambda file: file.stem)
+def test_gymnasium(file: Path) -> None:
+    """Every MJCF of gymnasium loads; where something is not modelled, one line says what and how to load it."""
+    refused = {"pusher": ["geom_pair"], "pusher_v5": ["geom_pair"], "swimmer": ["fluid"]}.get(file.stem, [])
+    if refused:
+        with pytest.raises(UserError, match=f"--ignore {refused[0]}$"):
+            Scene.from_mjcf(file)
+    scene = Scene.from_mjcf(file, ignore=refused)
+    assert {x.kind for x in scene.left_out} <= {*refused, "tendon"}
+
+
+def test_bad_files(tmp_path: Path) -> None:
+    def message(path: Path) -> str:
+        with pytest.raises(UserError) as caught:
+            Scene.from_mjcf(path)
+        assert "\n" not in str(caught.value)
+        assert str(path) in str(caught.value)
+        return str(caught.value)
+
+    file = tmp_path / "scene.xml"
+    assert "no such file" in message(file)
+    file.write_bytes(b"\xff\xfe\x00 not text")
+    assert "not an MJCF" in message(file)
+    file.write_text("<robot name='r'/>", encoding="utf-8")
+    assert "<robot>" in message(file)
+    file.write_text("<mujoco><worldbody><body><geom/></body></worldbody></mujoco>", encoding="utf-8")
+    assert "cannot compile" in message(file)
+    file.write_text("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>", encoding="utf-8")
+    assert "nothing moves" in message(file)
+
+
+def test_mujocos_warnings_are_kept_and_leave_no_log_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    cheetah = Scene.from_mjcf(next(file for file in GYMNASIUM if file.stem == "half_cheetah"))
+    assert all("settotalmass" in warning for warning in cheetah.compiler_warnings)
+    assert os.listdir() == []
+
+
+def test_kinds_are_documented() -> None:
+    assert set(CASES) <= set(KINDS)
