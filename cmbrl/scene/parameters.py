@@ -138,12 +138,14 @@ def _contact_parameters(
         return [(layout.contact(k, field), 1.0) for k in rows]
 
     def by_value(rows: list[int], field: str) -> Iterator[tuple[str, float, list[int]]]:
-        """Contacts of one group that share a nominal value; the other geom tells them apart where there are several."""
+        """Contacts of one group by nominal value; where there are several, the first one's geoms tell them apart."""
         values = dict.fromkeys(float(P[layout.contact(k, field)]) for k in rows)
         for value in values:
             same = [k for k in rows if P[layout.contact(k, field)] == value]
-            other = name_of(model, "geom", candidates[same[0]].geoms[1])
-            yield f":{other}" if len(values) > 1 else "", value, same
+            first = candidates[same[0]]
+            told = first.geoms[1:] if first.body_b == WORLD else first.geoms
+            suffix = ":" + "-".join(name_of(model, "geom", geom) for geom in told)
+            yield suffix if len(values) > 1 else "", value, same
 
     for geom, rows in sorted(groups.items()):
         name = name_of(model, "geom", geom) if geom < model.ngeom else "pairs"

@@ -96,7 +96,7 @@ def obstacle_to_plane(tree: Tree, plane: PlaneOfMotion, candidate: Candidate, up
     """Why a candidate has no planar image, or None. ``up`` (3,): world normal of the plane it touches, if it does."""
     axis = plane.axis
     if candidate.kind == POINT_PLANE:
-        return "a plane is inclined out of the plane of motion" if up is None or abs(up @ axis) > _ALIGNED else None
+        return "the normal of a plane leaves the plane of motion" if up is None or abs(up @ axis) > _ALIGNED else None
     depth = 0.0  # how far both shapes together extend along the normal, where their section does not change
     for body, half in ((candidate.body_a, candidate.axis_a), (candidate.body_b, candidate.axis_b)):
         world = tree.turn(body, half)

@@ -82,6 +82,19 @@ def test_contact_parameters_follow_the_law(load: Load) -> None:
         scene_with(load, "rigd")
 
 
+def test_contacts_of_one_geom_with_different_friction_are_told_apart(load: Load) -> None:
+    ball = '<body pos="{0} 0 1"><freejoint/><geom name="ball{0}" size=".1" friction=".{1}"/></body>'
+    planes = '<geom name="ice" type="plane" size="1 1 1"/><geom name="tar" type="plane" size="1 1 1" friction="3"/>'
+    scene, _ = load(
+        planes.replace('"ice"', '"ice" friction=".1"') + ball.format(1, 2) + ball.format(2, 3) + ball.format(3, 3)
+    )
+    nominal = {p.name: p.nominal for p in scene.parameters if p.group == "friction"}
+    assert nominal["friction.ball1:ice"] == 0.2
+    assert nominal["friction.ball1:tar"] == 3
+    assert nominal["friction.pairs"] == 0.3
+    assert len(nominal) == 7
+
+
 def test_bounds_and_transforms_are_sound(robot: tuple[Scene, object]) -> None:
     scene, _ = robot
     assert len({p.name for p in scene.parameters}) == len(scene.parameters)
