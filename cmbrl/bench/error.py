@@ -7,8 +7,8 @@ Definitions
   the body frame), and the difference of the velocities: 2 nv coordinates.
 - Normalised: each coordinate divided by a standard deviation taken from the same log: at one step that of the
   coordinate's change over a row, at longer horizons that of the coordinate itself (about the intrinsic mean). All
-  coordinates are pooled: square, mean over coordinates and windows, root. Coordinates that do not change in the log
-  are left out. The median is over windows, of the same root mean square within a window.
+  coordinates are pooled: square, mean over coordinates and windows, root. A coordinate whose deviation is zero is left
+  out. The median is over windows, of the same root mean square within a window.
 - Physical: positions and rotations as the root mean square of a body's vector norm, angles per joint.
 - A prediction that is not finite counts as diverged, and makes the RMSE of its stratum infinite.
 """
@@ -101,17 +101,16 @@ def compare(
 
 
 def _scales(data: Transitions, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Standard deviations (2 nv,) of the change over a row and of the state; NaN where a coordinate does not change."""
+    """Standard deviations (2 nv,) of the change over a row and of the state; NaN where it is zero."""
     change = np.hstack([scene.difference(data.q, data.q_next), data.v_next - data.v]).std(axis=0)
     mean = data.q[0]
     for _ in range(10):  # the mean on the manifold: exact at once for translations, a few rounds for rotations
         offset = scene.difference(np.broadcast_to(mean, data.q.shape), data.q)
         mean = scene.integrate(mean, offset.mean(axis=0))
     state = np.hstack([offset.std(axis=0), data.v.std(axis=0)])
-    still = (change < STILL) | (state < STILL)
-    if still.all():
+    if (change < STILL).all():
         raise UserError("nothing changes in this log: there is no error to measure; give a log of a moving system")
-    return np.where(still, np.nan, change), np.where(still, np.nan, state)
+    return tuple(np.where(scale < STILL, np.nan, scale) for scale in (change, state))
 
 
 def _thin(rows: np.ndarray, count: int) -> np.ndarray:

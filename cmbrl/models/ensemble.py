@@ -43,21 +43,22 @@ class EnsembleConfig:
     elites: int = 5
     hidden: int = 4
     width: int = 200
-    batch: int = 64
+    batch: int = 128
     """Rows of a gradient step, per net. Original: 256."""
-    learning_rates: tuple[float, ...] = (1e-3, 3e-4, 1e-4)
-    """Adam's step size; each stage starts from the best weights of the one before. Original: 1e-3 only."""
+    learning_rate: float = 1e-3
+    """Adam's step size (at the start, when it falls)."""
+    updates: int | None = 10_000
+    """Length of training in gradient steps, over which the step size falls to zero as a cosine. Original: None, that
+    is a constant step size until patience ends; on small logs that stops after some hundred steps, far too early."""
     weight_decay: tuple[float, ...] = (2.5e-5, 5e-5, 7.5e-5, 7.5e-5, 1e-4)
     """L2 penalty per layer, first to last."""
     variance_regulariser: float = 0.01
     holdout: float = 0.2
     holdout_max: int = 5000
     patience: int = 5
-    """A stage ends when no net has improved on the held-out rows for more than so many epochs ..."""
-    patience_updates: int = 500
-    """... and so many gradient steps: an epoch of a short log holds few. Original: 0."""
+    """Without ``updates``: training ends when no net has improved on the held-out rows for more than so many epochs."""
     improvement: float = 0.01
-    """Relative fall of the held-out error that counts as better."""
+    """Relative fall of the held-out error that counts as better for patience."""
     bootstrap: bool = False
     """Every net sees its own sample of the rows, drawn with replacement: 37 % less data each. Original: yes."""
     normalise_targets: bool = True
@@ -71,7 +72,7 @@ class EnsembleConfig:
     @classmethod
     def original(cls) -> EnsembleConfig:
         """MBPO as published."""
-        return cls(batch=256, learning_rates=(1e-3,), patience_updates=0, bootstrap=True, normalise_targets=False)
+        return cls(batch=256, updates=None, bootstrap=True, normalise_targets=False)
 
 
 class NeuralEnsemble:

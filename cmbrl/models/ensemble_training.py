@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import inf
+from math import cos, pi
 from typing import TYPE_CHECKING
 
 import torch
@@ -29,9 +29,10 @@ class TrainingReport:
     rows: int  # trained on
     holdout_rows: int
     epochs: int
+    updates: int  # gradient steps
     seconds: float
     holdout_error: float  # mean of the elites
-    stopped: str  # "patience", "max_seconds" or "interrupted"
+    stopped: str  # by "updates", "patience", "max_seconds" or "interrupted"
 
 
 class _Best:
@@ -91,44 +92,44 @@ def train(
         rows = torch.randint(len(kept), shape, generator=generator)
     else:
         rows = torch.arange(len(kept)).expand(shape)
-    best = _Best(network, config.improvement)
-    epochs, stopped = 0, "patience"
+    fixed = config.updates is not None
+    best = _Best(network, 0.0 if fixed else config.improvement)
+    optimiser = _optimiser(network, config.learning_rate, config.weight_decay)
+    updates, epochs, stale, done, stopped = 0, 0, 0, 0.0, ""
     try:
-        for stage, rate in enumerate(config.learning_rates):
-            optimiser = _optimiser(network, rate, config.weight_decay)
-            patience = max(config.patience, config.patience_updates * config.batch / len(kept))  # in epochs
-            stages_left = len(config.learning_rates) - stage
-            now = time.perf_counter() - start  # of the time left, a stage may use half, the last one all
-            deadline = inf if max_seconds is None else now + (max_seconds - now) * (0.5 if stages_left > 1 else 1.0)
-            stale = 0
-            while stale <= patience:
-                rows = torch.gather(rows, 1, torch.rand(shape, generator=generator).argsort(dim=1))
-                for batch in rows.split(config.batch, dim=1):
-                    optimiser.zero_grad()
-                    network.loss(inputs[batch], targets[batch], config.variance_regulariser).backward()
-                    optimiser.step()
-                epochs += 1
-                improved = best.update(_held_out_error(network, held_inputs, held_targets))
-                stale = 0 if improved else stale + 1
-                seconds = time.perf_counter() - start
-                if progress is not None:
-                    done = (stage + min(stale / patience, 1.0)) / len(config.learning_rates)
-                    done = max(done, seconds / max_seconds) if max_seconds is not None else done
-                    error = float(best.error.sort().values[: config.elites].mean().sqrt())
-                    progress(min(done, 1.0), f"epoch {epochs}, held-out error {error:.4f}")
-                if seconds > deadline:
-                    stopped = "max_seconds"
+        while not stopped:
+            rows = torch.gather(rows, 1, torch.rand(shape, generator=generator).argsort(dim=1))
+            for batch in rows.split(config.batch, dim=1):
+                done = updates / config.updates if fixed else stale / (config.patience + 1)
+                if max_seconds is not None:
+                    done = max(done, (time.perf_counter() - start) / max(max_seconds, 1e-9))
+                if fixed:
+                    for group in optimiser.param_groups:
+                        group["lr"] = config.learning_rate * 0.5 * (1 + cos(pi * min(done, 1.0)))
+                if done >= 1:
                     break
-            best.restore()
+                optimiser.zero_grad()
+                network.loss(inputs[batch], targets[batch], config.variance_regulariser).backward()
+                optimiser.step()
+                updates += 1
+            epochs += 1
+            stale = 0 if best.update(_held_out_error(network, held_inputs, held_targets)) else stale + 1
+            if max_seconds is not None and time.perf_counter() - start >= max_seconds:
+                stopped = "max_seconds"
+            elif (updates >= config.updates) if fixed else (stale > config.patience):
+                stopped = "updates" if fixed else "patience"
+            if progress is not None:
+                error = float(best.error.sort().values[: config.elites].mean().sqrt())
+                progress(min(done, 1.0), f"epoch {epochs}, held-out error {error:.4f}")
     except KeyboardInterrupt:
         stopped = "interrupted"
-        best.restore()
+    best.restore()
     model.elites = best.error.argsort()[: config.elites]
     with torch.no_grad():
         mean, _ = network(held_inputs.expand(config.elites, -1, -1), model.elites)
     error = (mean.mean(dim=0) - held_targets) * network.target_scale / _deviation(raw_targets)
     seconds = time.perf_counter() - start
-    return TrainingReport(len(kept), held, epochs, seconds, float(error.square().mean().sqrt()), stopped)
+    return TrainingReport(len(kept), held, epochs, updates, seconds, float(error.square().mean().sqrt()), stopped)
 
 
 def _training_pairs(model: NeuralEnsemble, data: Transitions) -> tuple[Tensor, Tensor]:
