@@ -1,6 +1,8 @@
 // A control step (substeps with one control) of a pack: forward, with full Jacobian, with a tape, and backward from the tape.
 #pragma once
 #include "impact.hpp"
+
+
 #include "tape.hpp"
 
 namespace cmbrl::CMBRL_ISA {
@@ -73,26 +75,62 @@ static void late_tangents(const Model& m, const Options& o, Work<G>& w, int ncol
   for (int i = 0; i < nv * ncol; ++i) w.tv[i] = w.rhs_all[i] - out[i] * (1 / o.h);
 }
 
-// Columns: dq (nv), dv (nv), u (nu), then theta. tq, tv hold d(q, v)/d(columns) and are advanced by one step.
+// Right-hand sides of the first substep: the tangents are the identity, or the leapfrog's shift by h/2 v.
 template <class G>
-static void advance_tangents(const Model& m, const Options& o, Work<G>& w, int ncol, bool theta) {
-  int nv = m.nv, nu = m.nu, up = 2 * nv;
-  Pattern pat = pattern_of(m, w);
+static void first_right_sides(const Model& m, const Options& o, Work<G>& w, int ncol, bool theta) {
+  int nv = m.nv, nu = m.nu;
   for (int i = 0; i < nv; ++i) {
     T* row = w.rhs_all + i * ncol;
-    for (int c = 0; c < ncol; ++c) row[c] = T{};
-    for (int k = 0; k < nv; ++k) {
-      T a = w.Gq[i * nv + k], b = w.Gv[i * nv + k];
-      const T *x = w.tq + k * ncol, *y = w.tv + k * ncol;
-      for (int c = 0; c < ncol; ++c) row[c] += a * x[c] + b * y[c];
+    for (int k = 0; k < nv; ++k) { row[k] = w.Gq[i * nv + k]; row[nv + k] = w.Gv[i * nv + k]; }
+    for (int k = 0; k < nu; ++k) row[2 * nv + k] = w.Gu[i * nu + k];
+    for (int k = 0; theta && k < m.ntheta; ++k) row[2 * nv + nu + k] = w.Gp[i * m.ntheta + k];
+  }
+  if (!o.leapfrog) return;
+  for (int j = 0; j < m.njoint; ++j) {
+    int d = m.jnt_vadr[j];
+    if (m.jnt_type[j] != kBall) {
+      for (int i = 0; i < nv; ++i) w.rhs_all[i * ncol + nv + d] += 0.5 * o.h * w.rhs_all[i * ncol + d];
+      continue;
     }
-    for (int k = 0; k < nu; ++k) row[up + k] += w.Gu[i * nu + k];
-    if (theta) for (int k = 0; k < m.ntheta; ++k) row[up + nu + k] += w.Gp[i * m.ntheta + k];
+    for (int i = 0; i < nv; ++i) {  // columns times d(q shifted)/d(q, v), kept in tq
+      T* row = w.rhs_all + i * ncol;
+      T old[3] = {row[d], row[d + 1], row[d + 2]};
+      CMBRL_FOR(c, 3) {
+        T a = T{}, b = T{};
+        CMBRL_FOR(k, 3) { a += old[k] * w.tq[(d + k) * ncol + d + c]; b += old[k] * w.tq[(d + k) * ncol + nv + d + c]; }
+        row[d + c] = a;
+        row[nv + d + c] += b;
+      }
+    }
+  }
+}
+
+// Columns: dq (nv), dv (nv), u (nu), then theta. tq, tv hold d(q, v)/d(columns) and are advanced by one step.
+template <class G>
+static void advance_tangents(const Model& m, const Options& o, Work<G>& w, int ncol, bool theta, bool first) {
+  int nv = m.nv, nu = m.nu, up = 2 * nv;
+  Pattern pat = pattern_of(m, w);
+  if (first) {
+    first_right_sides(m, o, w, ncol, theta);
+  } else {
+    for (int i = 0; i < nv; ++i) {
+      T* row = w.rhs_all + i * ncol;
+      for (int c = 0; c < ncol; ++c) row[c] = T{};
+      for (int k = 0; k < nv; ++k) {
+        T a = w.Gq[i * nv + k], b = w.Gv[i * nv + k];
+        const T *x = w.tq + k * ncol, *y = w.tv + k * ncol;
+        for (int c = 0; c < ncol; ++c) row[c] += a * x[c] + b * y[c];
+      }
+      for (int k = 0; k < nu; ++k) row[up + k] += w.Gu[i * nu + k];
+      for (int k = 0; theta && k < m.ntheta; ++k) row[up + nu + k] += w.Gp[i * m.ntheta + k];
+    }
   }
   solve_many(w.H, nv, pat, w.rhs_all, ncol);
   if (w.late) late_tangents(m, o, w, ncol, theta);  // tv becomes the tangent of the displacement / h
   push_tangent(m, w.qtan, w.tq, w.late ? w.tv : w.rhs_all, splat(o.h), ncol);
-  for (int i = 0; i < nv * ncol; ++i) w.tv[i] = w.rhs_all[i];
+  T* moved = w.tv;
+  w.tv = w.rhs_all;
+  w.rhs_all = moved;
 }
 
 struct StepStats { Mask done, fallback; T iterations, residual; };
@@ -124,9 +162,9 @@ static StepStats control_step_jacobian(const Model& m, const Options& o, Work<G>
   for (int i = 0; i < nv * ncol; ++i) w.tq[i] = w.tv[i] = T{};
   for (int i = 0; i < nv; ++i) w.tq[i * ncol + i] = w.tv[i * ncol + nv + i] = splat(1);
   if (o.leapfrog) { scaled(m, w.v, 0.5 * o.h, w.qtan); push_tangent(m, w.qtan, w.tq, w.tv, splat(0.5 * o.h), ncol); }
-  StepStats st = control_step(m, o, w, [&](int) {
+  StepStats st = control_step(m, o, w, [&](int s) {
     differentiate(m, o, w, theta);
-    advance_tangents(m, o, w, ncol, theta);
+    advance_tangents(m, o, w, ncol, theta, s == 0);
   });
   if (o.leapfrog) push_tangent(m, w.qtan, w.tq, w.tv, splat(-0.5 * o.h), ncol);  // qtan: the shift just made
   return st;

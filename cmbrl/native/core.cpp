@@ -56,10 +56,10 @@ static void forward_packs(const Model& m, const Options& o, const Batch& b, int6
     StepStats st;
     if (b.jacobian) {
       st = control_step_jacobian(m, o, w, b.jacobian_theta, ncol);
-      for (int lane = 0; lane < l.n; ++lane) {
-        double* J = b.jacobian + l.at[lane] * (2 * nv) * ncol;
-        for (int i = 0; i < nv * ncol; ++i) { J[i] = w.tq[i][lane]; J[nv * ncol + i] = w.tv[i][lane]; }
-      }
+      double* J[W];
+      for (int lane = 0; lane < l.n; ++lane) J[lane] = b.jacobian + l.at[lane] * (2 * nv) * ncol;
+      for (int i = 0; i < nv * ncol; ++i)
+        for (int lane = 0; lane < l.n; ++lane) { J[lane][i] = w.tq[i][lane]; J[lane][nv * ncol + i] = w.tv[i][lane]; }
     } else {
       st = control_step(m, o, w, [&](int s) {
         if (b.impulse)

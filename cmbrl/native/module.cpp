@@ -4,9 +4,11 @@
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 
+#include <cstring>
 #include <memory>
 #include <optional>
 
+#include "buffers.hpp"
 #include "scene_data.hpp"
 #include "threads.hpp"
 
@@ -37,13 +39,20 @@ namespace generic { extern const Backend backend; }
 static const Backend& find_backend(const std::string&) { return generic::backend; }
 #endif
 
+struct Block { void* data; size_t bytes; };
+
 template <class X>
-static auto make_array(std::initializer_list<size_t> shape, X** data) {
+static auto make_array(std::initializer_list<size_t> shape, X** data) {  // not initialised
   size_t n = 1;
   for (size_t s : shape) n *= s;
-  X* p = new X[n ? n : 1]();
-  *data = p;
-  return nb::ndarray<nb::numpy, X>(p, shape, nb::capsule(p, [](void* q) noexcept { delete[] static_cast<X*>(q); }));
+  auto* block = new Block{Buffers::take(n * sizeof(X)), n * sizeof(X)};
+  *data = static_cast<X*>(block->data);
+  nb::capsule owner(block, [](void* p) noexcept {
+    auto* b = static_cast<Block*>(p);
+    Buffers::give_back(b->data, b->bytes);
+    delete b;
+  });
+  return nb::ndarray<nb::numpy, X>(*data, shape, owner);
 }
 
 static void check(const Array& a, const char* name, std::initializer_list<int64_t> shape) {  // -1: any
@@ -104,7 +113,10 @@ class Core {
     size_t ncol = 2 * m.nv + m.nu + (jacobian_theta ? m.ntheta : 0);
     if (jacobian) out["jacobian"] = make_array<double>({n, size_t(2 * m.nv), ncol}, &b.jacobian);
     if (tape) out["tape"] = make_array<double>({n, size_t(backend_.tape_size(m, o))}, &b.tape);
-    if (impulse) out["impulse"] = make_array<double>({n, size_t(m.ncontact)}, &b.impulse);
+    if (impulse) {
+      out["impulse"] = make_array<double>({n, size_t(m.ncontact)}, &b.impulse);
+      std::memset(b.impulse, 0, n * m.ncontact * sizeof(double));
+    }
     nb::gil_scoped_release release;
     run(b.n, threads, o, [&](int64_t s, int64_t e, void* w) { backend_.forward(m, o, b, s, e, w); });
     nb::gil_scoped_acquire acquire;
@@ -178,6 +190,7 @@ class Core {
     out["bias"] = make_array<double>({n, nv}, &bias);
     out["gap"] = make_array<double>({n, size_t(m.ncontact)}, &gap);
     out["J"] = make_array<double>({n, size_t(m.ncontact), rows, nv}, &J);
+    std::memset(J, 0, n * m.ncontact * rows * nv * sizeof(double));
     run(b.n, 1, o, [&](int64_t s, int64_t e, void* w) { backend_.dynamics(m, o, b, M, bias, gap, J, s, e, w); });
     return out;
   }
