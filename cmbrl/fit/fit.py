@@ -35,7 +35,7 @@ METHODS = ("random", "cma", "gauss-newton")
 
 @dataclass(frozen=True)
 class Budget:
-    """How much work each part of a fit may do; rows are transitions, drawn under the seed when there are more."""
+    """How much work each part of a fit may do; rows: predicted transitions, drawn under the seed if there are more."""
 
     trial_rows: int = 500  # of the training episodes, for each group that the selection tries
     trial_rounds: int = 4  # random search over the parameters of that group
@@ -207,10 +207,11 @@ def _split(data: Any, holdout: float, seed: int, needed: bool) -> tuple[Any, Any
 
 
 def _starts(data: Any, horizon: int, limit: int, seed: int) -> np.ndarray:
-    """At most ``limit`` rows to predict from, drawn without replacement, in the order of the log."""
+    """Rows to predict from, at most ``limit`` predicted transitions, drawn without replacement, in the log's order."""
     starts = data.windows(horizon)
     if len(starts) == 0:
         raise UserError(f"no episode has {horizon} transitions in a row: choose a shorter horizon")
+    limit = max(1, limit // horizon)
     if len(starts) <= limit:
         return starts
     draw = np.random.Generator(np.random.Philox(key=[seed & 0xFFFFFFFFFFFFFFFF, limit]))

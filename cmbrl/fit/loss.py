@@ -46,7 +46,7 @@ def huber(residual: np.ndarray, delta: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Errors:
-    """One parameter set, start by start: ``loss`` (n,), ``squares`` (n,) mean squared residual; count of failed steps."""
+    """One parameter set, start by start: ``loss`` (n,), mean ``squares`` (n,) of residuals; how many steps failed."""
 
     loss: np.ndarray
     squares: np.ndarray
@@ -145,7 +145,7 @@ class PredictionLoss:
         return out, failures
 
     def _linearised(self, space: Any, z: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (s, width) and their derivatives with respect to z (s, width, n), by the chain rule over the steps."""
+        """Residuals (s, width) and their derivatives with respect to z (s, width, n): the chain rule over steps."""
         data, scene, nv = self.data, self.model.scene, len(self.scales.v)
         q, v = data.q[starts], data.v[starts]
         residuals, jacobians, state = [], [], None
@@ -154,8 +154,9 @@ class PredictionLoss:
             q, v = step.q_next, step.v_next
             direct = step.jacobian[:, :, 2 * nv + scene.nu :]
             state = direct if state is None else step.jacobian[:, :, : 2 * nv] @ state + direct
-            residuals.append(self._scaled(scene.difference(data.q_next[starts + j], q), v - data.v_next[starts + j]))
-            # The tangent of the predicted state stands for that of the difference: equal for small rotation errors.
+            logged = data.q_next[starts + j], data.v_next[starts + j]
+            residuals.append(self._scaled(scene.difference(logged[0], q), v - logged[1]))
+            # The tangent of the prediction stands for that of the difference: equal for small rotation errors.
             jacobians.append(state / np.concatenate([self.scales.q, self.scales.v])[:, None])
         return np.concatenate(residuals, axis=1), np.concatenate(jacobians, axis=1) * space.slope(z)
 

@@ -3,7 +3,8 @@
 From the nominal model, each group that is not in yet is tried: a short search over its parameters, then Gauss-Newton
 over all that are in. The best group stays when the held-out loss falls beyond its noise, which is the standard error,
 over episodes, of the paired difference, and by at least ``LEAST_GAIN`` of the loss, since a log without noise makes
-any gain significant. At the end, groups that later ones have made superfluous are taken out again by the same rule.
+any gain significant. At the end, groups that later ones have made superfluous (out, they cost less than that) are
+taken out again.
 
 Trials are ordered by what each group gained last time and stop as soon as no other group promises more (Minoux,
 "Accelerated greedy algorithms", 1978); the selection ends only when every remaining group has failed on the present
@@ -115,8 +116,7 @@ class Selection:
             name = f"remove {len(incumbent.path)} {group}"
             none = np.zeros_like(columns)
             trial = self._trial(name, incumbent, incumbent.chosen & ~columns, start, none, before)
-            missed = Trial(trial.z, trial.chosen, trial.active, trial.errors, -trial.gain, trial.noise)
-            if not missed.counts(before.mean):
+            if trial.gain > -LEAST_GAIN * before.mean:
                 before = self._accept("remove", group, trial, incumbent)
 
     def _accept(self, move: str, group: str, trial: Trial, incumbent: Incumbent) -> Errors:
