@@ -154,10 +154,14 @@ def _contact_parameters(
             out.add("friction", name + suffix, value, low, high, "1", entries(same, "friction"))
         if rigid:
             out.add("restitution", name, 0.0, 0.0, 1.0, "1", entries(rows, "restitution"))
-            continue
         for suffix, value, same in by_value(rows, "solref0"):
             if value > 0:  # negative: a stiffness, which softness_scale has to stand for
                 out.add("softness_time", name + suffix, value, value / 10, value * 10, "s", entries(same, "solref0"))
+        if rigid:  # softness_time is then how fast an old penetration decays
+            continue
+        for suffix, value, same in by_value(rows, "solref1"):
+            if value > 0:
+                out.add("softness_damping", name + suffix, value, value / 10, value * 10, "1", entries(same, "solref1"))
         out.scale("softness_scale", name, 0.01, 100.0, P, [layout.contact(k, "rscale") for k in rows])
     rounded: dict[int, list[int]] = {}
     for k, c in enumerate(candidates):

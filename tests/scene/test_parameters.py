@@ -71,7 +71,7 @@ def physical(scene: Scene, theta: np.ndarray) -> np.ndarray:
 def test_contact_parameters_follow_the_law(load: Load) -> None:
     soft, rigid = scene_with(load), scene_with(load, "rigid")
     groups = [{p.group for p in scene.parameters} for scene in (soft, rigid)]
-    assert groups[0] - groups[1] == {"softness_time", "softness_scale"}
+    assert groups[0] - groups[1] == {"softness_damping", "softness_scale"}
     assert groups[1] - groups[0] == {"restitution"}
     assert set(rigid.core["con_law"]) == {0}
     assert set(soft.core["con_law"]) == {1}
