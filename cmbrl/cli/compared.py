@@ -3,20 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cmbrl.cli.progress import fraction
 from cmbrl.cli.sources import Source, load_log, load_source
 from cmbrl.errors import UserError, did_you_mean
+from cmbrl.files import read_json
+from cmbrl.registry import load_task, names
 
 if TYPE_CHECKING:
     from cmbrl.data import Transitions
     from cmbrl.models.ensemble import NeuralEnsemble
     from cmbrl.models.protocol import Model
+    from cmbrl.registry import Task
 
 BUILT_IN = ("hold", "ballistic", "nominal", "ensemble")
 FIT_FILE, ENSEMBLE_FILE = "fit.json", "ensemble.json"
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """What an ensemble learns from: a log's path (None: no ensemble asked for), the seed, and a limit in seconds."""
+
+    path: str | None
+    seed: int
+    seconds: float | None
 
 
 def check_words(words: Sequence[str]) -> None:
@@ -42,26 +55,29 @@ def common_source(words: Sequence[str], scene: str | None, ignore: Sequence[str]
             from cmbrl.fit import FitResult
 
             fitted = FitResult.load(word).model
-            return Source(fitted.scene.path, fitted.scene, fitted=fitted)
+            return Source(word, fitted.scene, task=_task_of(Path(word)), fitted=fitted)
     raise UserError("which scene? Give --scene SCENE|TASK, or name the folder of a fit among the models")
 
 
+def _task_of(folder: Path) -> Task | None:
+    """The task that a fit was of, if its run folder says so."""
+    configuration = folder / "config.json"
+    word = read_json(configuration).get("source") if configuration.exists() else None
+    return load_task(word) if word in names() else None
+
+
 def build_models(
-    words: Sequence[str], source: Source, data: Transitions, train: str | None, seed: int, threads: int
-) -> dict[str, Model]:
-    """Name -> model, in the order of ``words``; an ensemble is trained on the log ``train``.
+    words: Sequence[str], source: Source, data: Transitions, lesson: Lesson, threads: int
+) -> tuple[dict[str, Model], list[str]]:
+    """Name -> model, in the order of ``words``, and a line on how each that was trained here was trained.
 
     Raises UserError when a fit belongs to another scene or time step, or when the ensemble has nothing to learn from.
     """
     from cmbrl.models.baselines import Ballistic, HoldVelocity
-    from cmbrl.models.ensemble import NeuralEnsemble
 
-    lesson = None
-    if "ensemble" in words:
-        if train is None:
-            raise UserError("ensemble: has nothing to learn from: give --train FILE, a log other than --data")
-        lesson = load_log(train, source.scene)
+    train = _training_log(lesson, source) if "ensemble" in words else None
     models: dict[str, Model] = {}
+    notes: list[str] = []
     for word in words:
         if word == "hold":
             models[word] = HoldVelocity(source.scene, data.dt)
@@ -69,18 +85,31 @@ def build_models(
             models[word] = Ballistic(source.scene, data.dt)
         elif word == "nominal":
             models[word] = source.model(data, threads=threads)
-        elif word == "ensemble":
-            assert lesson is not None
-            models[word] = _trained(NeuralEnsemble(source.scene, data.dt), lesson, seed)
+        elif train is not None and word == "ensemble":
+            models[word], note = _trained(source, train, lesson)
+            notes.append(note)
         else:
             models[word] = _loaded(word, data, threads)
-    return models
+    return models, notes
 
 
-def _trained(ensemble: NeuralEnsemble, lesson: Transitions, seed: int) -> NeuralEnsemble:
-    with fraction(f"train ensemble on {len(lesson)} transitions") as progress:
-        ensemble.fit(lesson, seed=seed, progress=progress)
-    return ensemble
+def _training_log(lesson: Lesson, source: Source) -> Transitions:
+    if lesson.path is None:
+        raise UserError("ensemble: has nothing to learn from: give --train FILE, a log other than --data")
+    return load_log(lesson.path, source.scene)
+
+
+def _trained(source: Source, data: Transitions, lesson: Lesson) -> tuple[NeuralEnsemble, str]:
+    from cmbrl.models.ensemble import NeuralEnsemble
+
+    ensemble = NeuralEnsemble(source.scene, data.dt)
+    with fraction(f"train ensemble on {len(data)} transitions") as progress:
+        report = ensemble.fit(data, seed=lesson.seed, progress=progress, max_seconds=lesson.seconds)
+    note = (
+        f"ensemble: trained on {len(data)} transitions of {lesson.path}, seed {lesson.seed}, {report.epochs} epochs in "
+        f"{report.seconds:.0f} s (stopped by {report.stopped}), held-out error {report.holdout_error:.4f}"
+    )
+    return ensemble, note
 
 
 def _loaded(folder: str, data: Transitions, threads: int) -> Model:

@@ -1,0 +1,1 @@
+"""Measurements: model error on a log, speed against other simulators."""
