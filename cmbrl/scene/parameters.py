@@ -162,7 +162,7 @@ def _contact_parameters(
         for suffix, value, same in by_value(rows, "solref1"):
             if value > 0:
                 out.add("softness_damping", name + suffix, value, value / 10, value * 10, "1", entries(same, "solref1"))
-        out.scale("softness_scale", name, 0.01, 100.0, P, [layout.contact(k, "rscale") for k in rows])
+        out.scale("softness_scale", name, 1e-3, 1e4, P, [layout.contact(k, "rscale") for k in rows])
     rounded: dict[int, list[int]] = {}
     for k, c in enumerate(candidates):
         for geom, body in zip(c.geoms, (c.body_a, c.body_b), strict=True):
