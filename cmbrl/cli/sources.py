@@ -31,13 +31,14 @@ class Source:
         ``options`` override what the source says where they are not None.
         Raises UserError when the log's dt is no whole number of time steps.
         """
+        from cmbrl.contact import Barrier
         from cmbrl.models.complementarity import ComplementarityModel
 
         chosen = {name: value for name, value in options.items() if value is not None}
         if self.fitted is not None:
             return self.fitted.with_settings(parameters=self.scene.parameter_vector(), **chosen)
         if self.task is not None:
-            settings = self.task.model_options()
+            settings = self.task.model_options() | {"smoothing": Barrier(self.task.smoothing_kappa)}
         elif data is not None:
             step = float(chosen.get("time_step", self.scene.timestep))  # type: ignore[arg-type]
             settings = {"substeps": substeps(data.dt, step, self.word)}
