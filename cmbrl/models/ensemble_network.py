@@ -31,10 +31,10 @@ class EnsembleNetwork(nn.Module):
         self.register_buffer("target_mean", torch.zeros(outputs, dtype=torch.float64))
         self.register_buffer("target_scale", torch.ones(outputs, dtype=torch.float64))
 
-    def reset(self, generator: torch.Generator) -> None:
-        """Fresh weights as in the original: truncated normal of standard deviation 1 / (2 sqrt(inputs)), zero bias."""
+    def reset(self, generator: torch.Generator, gain: float = 0.5) -> None:
+        """Fresh weights: truncated normal of standard deviation gain / sqrt(inputs), zero bias."""
         for weight, bias in zip(self.weights, self.biases, strict=True):
-            deviation = 0.5 / weight.shape[1] ** 0.5
+            deviation = gain / weight.shape[1] ** 0.5
             nn.init.trunc_normal_(weight, 0.0, deviation, -2 * deviation, 2 * deviation, generator=generator)
             nn.init.zeros_(bias)
         nn.init.constant_(self.max_log_variance, 0.5)
@@ -57,12 +57,16 @@ class EnsembleNetwork(nn.Module):
         log_variance = self.min_log_variance + F.softplus(log_variance - self.min_log_variance)
         return mean, log_variance
 
-    def loss(self, inputs: Tensor, targets: Tensor, regulariser: float) -> Tensor:
+    def loss(self, inputs: Tensor, targets: Tensor, regulariser: float, beta: float = 0.0) -> Tensor:
         """Negative Gaussian log-likelihood (up to constants), summed over nets, mean over rows and outputs.
 
-        ``regulariser`` pulls the learned bounds of the log-variance together (.01 in the original).
+        ``regulariser`` pulls the learned bounds of the log-variance together (.01 in the original). ``beta`` weights
+        each term by its predicted variance to that power, held constant: 0 is the likelihood, which neglects what is
+        hard to predict; at 1 the mean is trained by squared error (Seitzer et al. 2022, arXiv 2203.09168).
         """
         mean, log_variance = self(inputs)
         misfit = (mean - targets).square() * torch.exp(-log_variance) + log_variance
+        if beta > 0:
+            misfit = misfit * torch.exp(beta * log_variance.detach())
         bounds = self.max_log_variance.sum() - self.min_log_variance.sum()
         return misfit.mean(dim=(1, 2)).sum() + regulariser * bounds

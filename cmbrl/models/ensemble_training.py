@@ -80,7 +80,7 @@ def train(
     held = min(int(config.holdout * len(data)), config.holdout_max)
     kept = order[held:]
     if not warm_start:
-        network.reset(generator)
+        network.reset(generator, config.initial_gain)
         _set_scales(network, inputs[kept], targets[kept], config.normalise_targets)
     inputs = ((inputs - network.input_mean) / network.input_scale).float()
     targets = ((targets - network.target_mean) / network.target_scale).float()
@@ -109,7 +109,7 @@ def train(
                 if done >= 1:
                     break
                 optimiser.zero_grad()
-                network.loss(inputs[batch], targets[batch], config.variance_regulariser).backward()
+                network.loss(inputs[batch], targets[batch], config.variance_regulariser, config.beta).backward()
                 optimiser.step()
                 updates += 1
             epochs += 1
