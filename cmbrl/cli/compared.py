@@ -100,11 +100,18 @@ def _training_log(lesson: Lesson, source: Source) -> Transitions:
 
 
 def _trained(source: Source, data: Transitions, lesson: Lesson) -> tuple[NeuralEnsemble, str]:
+    import torch
+
     from cmbrl.models.ensemble import NeuralEnsemble
 
     ensemble = NeuralEnsemble(source.scene, data.dt)
+    # One thread: the products are small, threads that wait for each other on a busy machine cost 40 times the time,
+    # and the same seed gives the same weights on any machine of one kind.
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
     with fraction(f"train ensemble on {len(data)} transitions") as progress:
         report = ensemble.fit(data, seed=lesson.seed, progress=progress, max_seconds=lesson.seconds)
+    torch.set_num_threads(threads)
     note = (
         f"ensemble: trained on {len(data)} transitions of {lesson.path}, seed {lesson.seed}, {report.epochs} epochs in "
         f"{report.seconds:.0f} s (stopped by {report.stopped}), held-out error {report.holdout_error:.4f}"
