@@ -110,7 +110,7 @@ def _scales(data: Transitions, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     state = np.hstack([offset.std(axis=0), data.v.std(axis=0)])
     if (change < STILL).all():
         raise UserError("nothing changes in this log: there is no error to measure; give a log of a moving system")
-    return tuple(np.where(scale < STILL, np.nan, scale) for scale in (change, state))
+    return np.where(change < STILL, np.nan, change), np.where(state < STILL, np.nan, state)
 
 
 def _thin(rows: np.ndarray, count: int) -> np.ndarray:

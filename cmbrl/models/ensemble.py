@@ -191,7 +191,9 @@ class NeuralEnsemble:
         weights = Path(folder) / WEIGHTS
         model = cls.__new__(cls)
         try:
-            config = {k: tuple(v) if isinstance(v, list) else v for k, v in description["config"].items()}
+            config: dict[str, Any] = {
+                k: tuple(v) if isinstance(v, list) else v for k, v in description["config"].items()
+            }
             layout, dropped = Layout.from_dict(description["layout"]), description["dropped"]
             model._build(layout, description["scene"], description["dt"], EnsembleConfig(**config), dropped)
             model.elites = torch.tensor(description["elites"])

@@ -19,6 +19,11 @@ class EnsembleNetwork(nn.Module):
     Inputs and outputs are in standardised units; the scales are buffers, so that they are saved with the weights.
     """
 
+    input_mean: Tensor  # (inputs,) float64
+    input_scale: Tensor
+    target_mean: Tensor  # (outputs,) float64
+    target_scale: Tensor
+
     def __init__(self, nets: int, inputs: int, outputs: int, hidden: int, width: int) -> None:
         super().__init__()
         sizes = [inputs, *[width] * hidden, 2 * outputs]

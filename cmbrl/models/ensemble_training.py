@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import cos, pi
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
@@ -92,18 +92,18 @@ def train(
         rows = torch.randint(len(kept), shape, generator=generator)
     else:
         rows = torch.arange(len(kept)).expand(shape)
-    fixed = config.updates is not None
-    best = _Best(network, 0.0 if fixed else config.improvement)
+    total = config.updates  # None: until patience ends
+    best = _Best(network, config.improvement if total is None else 0.0)
     optimiser = _optimiser(network, config.learning_rate, config.weight_decay)
     updates, epochs, stale, done, stopped = 0, 0, 0, 0.0, ""
     try:
         while not stopped:
             rows = torch.gather(rows, 1, torch.rand(shape, generator=generator).argsort(dim=1))
             for batch in rows.split(config.batch, dim=1):
-                done = updates / config.updates if fixed else stale / (config.patience + 1)
+                done = stale / (config.patience + 1) if total is None else updates / total
                 if max_seconds is not None:
                     done = max(done, (time.perf_counter() - start) / max(max_seconds, 1e-9))
-                if fixed:
+                if total is not None:
                     for group in optimiser.param_groups:
                         group["lr"] = config.learning_rate * 0.5 * (1 + cos(pi * min(done, 1.0)))
                 if done >= 1:
@@ -116,8 +116,10 @@ def train(
             stale = 0 if best.update(_held_out_error(network, held_inputs, held_targets)) else stale + 1
             if max_seconds is not None and time.perf_counter() - start >= max_seconds:
                 stopped = "max_seconds"
-            elif (updates >= config.updates) if fixed else (stale > config.patience):
-                stopped = "updates" if fixed else "patience"
+            elif total is None and stale > config.patience:
+                stopped = "patience"
+            elif total is not None and updates >= total:
+                stopped = "updates"
             if progress is not None:
                 error = float(best.error.sort().values[: config.elites].mean().sqrt())
                 progress(min(done, 1.0), f"epoch {epochs}, held-out error {error:.4f}")
@@ -153,7 +155,7 @@ def _set_scales(network: EnsembleNetwork, inputs: Tensor, targets: Tensor, norma
 
 def _optimiser(network: EnsembleNetwork, rate: float, weight_decay: tuple[float, ...]) -> torch.optim.Adam:
     """Adam whose L2 term acts on the weights, layer by layer, and neither on biases nor on the variance bounds."""
-    groups = [
+    groups: list[dict[str, Any]] = [
         {"params": [weight], "weight_decay": decay} for weight, decay in zip(network.weights, weight_decay, strict=True)
     ]
     free = [*network.biases, network.max_log_variance, network.min_log_variance]

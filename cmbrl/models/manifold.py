@@ -52,7 +52,8 @@ class Layout:
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Layout:
-        return cls(**{k: tuple(value) if isinstance(value, list) else value for k, value in values.items()})
+        lists_as_tuples: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+        return cls(**lists_as_tuples)
 
     def integrate(self, q: Tensor, dq: Tensor) -> Tensor:
         """q (+) dq, (B, nq) from (B, nq) and a tangent vector (B, nv): rotations turn in the body frame.
