@@ -55,9 +55,8 @@ def _bars(axes: Axes, table: ErrorTable, steps: int) -> None:
         errors = [table.entry(model, steps, stratum).error for stratum in strata]
         heights = [e if np.isfinite(e) else np.nan for e in errors]  # a diverged model has no bar
         axes.bar(np.arange(len(strata)) + (k + 0.5) * width - 0.4, heights, width)
-    axes.set_xticks(
-        np.arange(len(strata)), [f"{s.replace(', ', chr(10))}\n({n})" for s, n in strata.items()], fontsize="small"
-    )
+    labels = [f"{stratum}\n({windows})".replace(", ", ",\n") for stratum, windows in strata.items()]
+    axes.set_xticks(np.arange(len(strata)), labels, fontsize="small")
     unit = "change" if steps == 1 else "state"
     axes.set(yscale="log", ylabel=f"RMSE / std of the {unit}")
     axes.set_title(f"{steps} step{'s' * (steps > 1)}, by stratum (windows)", fontsize="medium")
