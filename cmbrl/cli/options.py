@@ -46,9 +46,9 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--contact-law",
-        choices=("mujoco", "rigid"),
-        help="mujoco: the softness of the MJCF; rigid: hard, with a restitution to fit (default: that of the task, "
-        "else mujoco)",
+        choices=("mujoco", "rigid", "spring-damper"),
+        help="mujoco: the softness of the MJCF; rigid: hard, with a restitution to fit; spring-damper: an implicit "
+        "spring and damper in each contact (default: that of the task, else mujoco)",
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from cmbrl.scene.actuators import Actuator
 from cmbrl.scene.layout import Layout
-from cmbrl.scene.records import BALL, HINGE, MUJOCO, POINT_PLANE, RIGID, SLIDE, WORLD, Array, Candidate, Tree
+from cmbrl.scene.records import BALL, CONTACT_LAWS, HINGE, POINT_PLANE, SLIDE, WORLD, Array, Candidate, ContactLaw, Tree
 from cmbrl.scene.reduction import PlaneOfMotion
 from cmbrl.scene.shapes import Shape
 
@@ -78,7 +78,11 @@ def _limit_arrays(model: mujoco.MjModel, tree: Tree) -> Core:
 
 
 def contact_arrays(
-    model: mujoco.MjModel, candidates: list[Candidate], planes: list[Shape], plane: PlaneOfMotion | None, rigid: bool
+    model: mujoco.MjModel,
+    candidates: list[Candidate],
+    planes: list[Shape],
+    plane: PlaneOfMotion | None,
+    contact_law: str,
 ) -> Core:
     """Contact candidates and the planes that they may touch."""
     dimension = 2 if plane else 3
@@ -103,7 +107,7 @@ def contact_arrays(
         "con_halfB": vectors("half_b"),
         "con_radiusB": doubles([c.radius_b for c in candidates], (-1,)),
         "con_dim": integers([law.dim for law in laws]),
-        "con_law": integers([RIGID if rigid else MUJOCO] * len(laws)),
+        "con_law": integers([CONTACT_LAWS[contact_law]] * len(laws)),
         "con_pyramid": integers([pyramid] * len(laws)),
         "con_impratio": doubles([float(model.opt.impratio)] * len(laws), (-1,)),
         "con_invweight": doubles([law.inverse_weight for law in laws], (-1,)),
@@ -112,6 +116,14 @@ def contact_arrays(
         "con_power": doubles([law.solimp[4] for law in laws], (-1,)),
         "plane_normal": doubles(normals @ plane.basis.T if plane else normals, (-1, dimension)),
     }
+
+
+def _spring_damper(law: ContactLaw) -> tuple[float, float]:
+    """Stiffness [N/m] and damping [N s/m] that give the contact's effective mass the time constant of the file's solref."""
+    (first, second), dmax, mass = law.solref, float(np.clip(law.solimp[1], 1e-4, 0.9999)), 1 / law.inverse_weight
+    if first > 0:
+        return mass / (dmax * first * second) ** 2, 2 * mass / (dmax * first)
+    return -mass * first / dmax**2, -mass * second / dmax
 
 
 def integers(values: Any) -> np.ndarray:
@@ -133,6 +145,7 @@ def physical_vector(
     actuators: list[Actuator],
     plane: PlaneOfMotion | None,
     layout: Layout,
+    contact_law: str,
 ) -> Array:
     """P (nP,) at the file's own values; its order is that of ``layout.py``."""
     off, flags = mujoco.mjtDisableBit, model.opt.disableflags
@@ -162,7 +175,7 @@ def physical_vector(
             law.friction,
             0.0,  # MJCF has no word for restitution
             c.radius_a + c.radius_b,
-            *law.solref,
+            *(_spring_damper(law) if contact_law == "spring-damper" else law.solref),
             *law.solimp[:3],
             1 / c.weight,
         ]

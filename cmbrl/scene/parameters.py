@@ -27,6 +27,12 @@ _UNITS = {  # of slides, of hinges and balls
     "frictionloss": ("N", "N m"),
 }
 
+_LAW_FIELDS = {  # fields of the law that are fitted; rigid: how fast an old penetration decays
+    "rigid": (("solref0", "softness_time", "s"),),
+    "mujoco": (("solref0", "softness_time", "s"), ("solref1", "softness_damping", "1")),
+    "spring-damper": (("solref0", "contact_stiffness", "N/m"), ("solref1", "contact_damping", "N s/m")),
+}
+
 
 @dataclass(frozen=True)
 class Moves:
@@ -63,7 +69,7 @@ def offer_parameters(
     layout: Layout,
     letters: tuple[str, ...],
     P: Array,
-    rigid: bool,
+    contact_law: str,
 ) -> Moves:
     """All parameters of a scene; ``letters`` name the axes of centres of mass, ``P`` (nP,) is the nominal vector."""
     out = _Collector()
@@ -79,7 +85,7 @@ def offer_parameters(
             if size > 0:
                 out.add(f"com_{letter}", body.name, 0.0, -size, size, "m", [(layout.com(k) + axis, 1.0)])
     _joint_parameters(model, tree, layout, P, out)
-    _contact_parameters(model, candidates, layout, P, rigid, out)
+    _contact_parameters(model, candidates, layout, P, contact_law, out)
     for k, ground in enumerate(planes):
         out.add("plane_height", name_of(model, "geom", ground.geom), 0.0, -0.1, 0.1, "m", [(layout.plane(k), 1.0)])
     for k, actuator in enumerate(actuators):
@@ -127,7 +133,7 @@ def _floating(tree: Tree, joint: Joint) -> bool:
 
 
 def _contact_parameters(
-    model: mujoco.MjModel, candidates: list[Candidate], layout: Layout, P: Array, rigid: bool, out: _Collector
+    model: mujoco.MjModel, candidates: list[Candidate], layout: Layout, P: Array, contact_law: str, out: _Collector
 ) -> None:
     """Friction and softness per geom that touches the world; contacts between moving bodies share ``pairs``."""
     groups: dict[int, list[int]] = {}
@@ -152,17 +158,14 @@ def _contact_parameters(
         for suffix, value, same in by_value([k for k in rows if candidates[k].law.dim > 1], "friction"):
             low, high = min(0.01, value / 2), max(5.0, 2 * value)
             out.add("friction", name + suffix, value, low, high, "1", entries(same, "friction"))
-        if rigid:
+        if contact_law == "rigid":
             out.add("restitution", name, 0.0, 0.0, 1.0, "1", entries(rows, "restitution"))
-        for suffix, value, same in by_value(rows, "solref0"):
-            if value > 0:  # negative: a stiffness, which softness_scale has to stand for
-                out.add("softness_time", name + suffix, value, value / 10, value * 10, "s", entries(same, "solref0"))
-        if rigid:  # softness_time is then how fast an old penetration decays
-            continue
-        for suffix, value, same in by_value(rows, "solref1"):
-            if value > 0:
-                out.add("softness_damping", name + suffix, value, value / 10, value * 10, "1", entries(same, "solref1"))
-        out.scale("softness_scale", name, 1e-3, 1e4, P, [layout.contact(k, "rscale") for k in rows])
+        for field, group, unit in _LAW_FIELDS[contact_law]:
+            for suffix, value, same in by_value(rows, field):
+                if value > 0:  # solref below zero is a stiffness, which softness_scale has to stand for
+                    out.add(group, name + suffix, value, value / 10, value * 10, unit, entries(same, field))
+        if contact_law == "mujoco":
+            out.scale("softness_scale", name, 1e-3, 1e4, P, [layout.contact(k, "rscale") for k in rows])
     rounded: dict[int, list[int]] = {}
     for k, c in enumerate(candidates):
         for geom, body in zip(c.geoms, (c.body_a, c.body_b), strict=True):

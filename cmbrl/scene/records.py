@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 WORLD = -1
 SLIDE, HINGE, BALL = 0, 1, 2
 POINT_PLANE, POINT_SHAPE, SEGMENT_SEGMENT = 0, 1, 2
-RIGID, MUJOCO = 0, 1
+CONTACT_LAWS = {"rigid": 0, "mujoco": 1, "spring-damper": 2}
 
 
 @dataclass(frozen=True)

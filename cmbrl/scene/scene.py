@@ -18,7 +18,18 @@ from cmbrl.scene.contacts import ContactBuilder
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.mjcf import compile_mjcf, name_of, read_tree
 from cmbrl.scene.parameters import offer_parameters
-from cmbrl.scene.records import BALL, POINT_PLANE, SLIDE, Array, Candidate, Joint, LeftOut, Parameter, Tree
+from cmbrl.scene.records import (
+    BALL,
+    CONTACT_LAWS,
+    POINT_PLANE,
+    SLIDE,
+    Array,
+    Candidate,
+    Joint,
+    LeftOut,
+    Parameter,
+    Tree,
+)
 from cmbrl.scene.reduction import PlaneOfMotion, find_plane, merge_points, obstacle_to_plane, project
 from cmbrl.scene.shapes import read_shape
 from cmbrl.scene.support import Gate, check_model
@@ -29,7 +40,6 @@ _INTEGRATORS = {
     "mjINT_IMPLICIT": "implicit",
     "mjINT_IMPLICITFAST": "implicit",
 }
-CONTACT_LAWS = ("mujoco", "rigid")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -43,7 +53,7 @@ class Scene:
     name: str
     path: str
     ignore: tuple[str, ...]
-    contact_law: str  # "mujoco" or "rigid"
+    contact_law: str  # one of CONTACT_LAWS
     nq: int
     nv: int
     nu: int
@@ -78,7 +88,8 @@ class Scene:
         """Reads an MJCF through MuJoCo's compiler.
 
         ``ignore``: kinds of unmodelled elements to leave out (``cmbrl.scene.support.KINDS``). ``contact_law``: "mujoco"
-        keeps the file's softness, "rigid" makes contacts hard with a restitution to fit (limits stay as in the file).
+        keeps the file's softness, "rigid" makes contacts hard with a restitution to fit, "spring-damper" puts an
+        implicit spring and damper in each contact, valid at large steps too (limits stay as in the file).
         Raises UserError, one line, for a missing file, a file that is no MJCF, or an element that is not modelled.
         """
         file = Path(path)
@@ -123,7 +134,6 @@ class Scene:
 def _build(
     cls: type[Scene], model: mujoco.MjModel, file: Path, gate: Gate, contact_law: str, warnings: tuple[str, ...]
 ) -> Scene:
-    rigid = contact_law == "rigid"
     tree = read_tree(model)
     plane, why = find_plane(tree, np.asarray(model.opt.gravity))
     normal = plane.axis if plane else None
@@ -140,9 +150,9 @@ def _build(
     grounds = sorted({c.geoms[1] for c in candidates if c.kind == POINT_PLANE})
     planes = [read_shape(model, geom, tree.frames) for geom in grounds]
     layout = Layout(2 if plane else 3, len(tree.bodies), model.nv, len(candidates), len(planes), len(actuators))
-    P = physical_vector(model, tree, candidates, planes, actuators, plane, layout)
+    P = physical_vector(model, tree, candidates, planes, actuators, plane, layout, contact_law)
     letters = plane.letters if plane else ("x", "y", "z")
-    moves = offer_parameters(model, tree, candidates, planes, actuators, layout, letters, P, rigid)
+    moves = offer_parameters(model, tree, candidates, planes, actuators, layout, letters, P, contact_law)
     core = {
         "planar": plane is not None,
         "nq": int(model.nq),
@@ -155,7 +165,7 @@ def _build(
         "nact": len(actuators),
         "plane_basis": plane.basis if plane else np.zeros((2, 3)),
         **tree_arrays(model, tree, plane),
-        **contact_arrays(model, candidates, planes, plane, rigid),
+        **contact_arrays(model, candidates, planes, plane, contact_law),
         "act_dof": integers([a.dof for a in actuators]),
         "act_qadr": integers([a.qadr for a in actuators]),
         "act_ctrl": doubles([a.control for a in actuators], (-1, 2)),
