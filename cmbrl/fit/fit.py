@@ -1,4 +1,4 @@
-"""The fit, top to bottom: split, select, search, polish, judge, refit, say what is known.
+"""The fit, top to bottom: select, search, polish, judge, say what is known.
 
 Random search alone leaves up to 11 times the loss that a Gauss-Newton polish reaches, and the polish alone starts in
 the valley of the nominal model: so search first, polish then (a cross-entropy search and Levenberg-Marquardt did the
@@ -19,9 +19,10 @@ import numpy as np
 
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.fit.cma import cma_search, require_library
+from cmbrl.fit.folds import Folds
 from cmbrl.fit.gauge import gauge_columns, set_of
 from cmbrl.fit.gauss_newton import gauss_newton
-from cmbrl.fit.loss import PredictionLoss, Scales
+from cmbrl.fit.loss import Errors, PredictionLoss, Scales
 from cmbrl.fit.objective import Objective
 from cmbrl.fit.parsimony import Incumbent, Selection
 from cmbrl.fit.random_search import random_search
@@ -37,16 +38,18 @@ METHODS = ("random", "cma", "gauss-newton")
 class Budget:
     """How much work each part of a fit may do; rows: predicted transitions, drawn under the seed if there are more."""
 
-    trial_rows: int = 500  # of the training episodes, for each group that the selection tries
-    trial_rounds: int = 4  # random search over the parameters of that group
+    trial_rows: int = 2000  # for each group that the selection tries: fewer would miss rare events
+    trial_rounds: int = 3  # random search over the parameters of that group
     trial_population: int = 32
     trial_iterations: int = 6  # Gauss-Newton over all that are in
-    held_out_rows: int = 2000  # to judge on
+    trial_fold_iterations: int = 3  # from there, without the episodes that are held out in turn
+    held_out_rows: int = 2000  # to judge a group on, all folds together
     search_rows: int = 1000  # search over everything selected
     search_rounds: int = 20
     search_population: int = 64
     polish_rows: int = 5000  # Gauss-Newton at the end
     polish_iterations: int = 15
+    fold_iterations: int = 5  # from there, without the episodes that are held out in turn
 
 
 def fit(
@@ -58,7 +61,6 @@ def fit(
     horizon: int = 1,
     holdout: float = 0.25,
     polish: bool = True,
-    refit: bool = True,
     huber: float = 0.5,
     budget: Budget | None = None,
     folder: str | os.PathLike[str] | None = None,
@@ -89,23 +91,30 @@ def fit(
     data.check(model.scene, dt=model.dt)
     space = Space.of(model.scene.parameters, model.parameters)
     wanted = None if groups is None else space.columns(space.groups if groups == "all" else _names(groups))
-    train, held_out = _split(data, holdout, seed, needed=groups is None)
-    scales = Scales.of(model.scene, train, huber)
-    settings = [seed, method, None if wanted is None else wanted.tolist(), horizon, holdout, polish, refit, huber]
+    count = _fold_count(data, holdout, needed=groups is None)
+    scales = Scales.of(model.scene, data, huber)
+    settings = [seed, method, None if wanted is None else wanted.tolist(), horizon, count, polish, huber]
     journal = Journal(folder, _fingerprint(model, data, settings, asdict(budget)), time_limit, progress)
 
-    def loss(rows: Any, limit: int) -> PredictionLoss:
-        return PredictionLoss(model, rows, _starts(rows, horizon, limit, seed), horizon, scales)
+    def loss(limit: int) -> PredictionLoss:
+        return PredictionLoss(model, data, _starts(data, horizon, limit, seed), horizon, scales)
 
-    judge = None if held_out is None else loss(held_out, budget.held_out_rows)
+    everything = loss(budget.polish_rows)
     admit = partial(_admit, model.scene.core, space)
     incumbent = Incumbent(np.zeros(len(space)), *np.zeros((2, len(space)), dtype=bool))
+    held_out: dict[str, Errors] = {}
     stopped = None
     try:
         if wanted is None:
-            trials = loss(train, budget.trial_rows)
-            shape = (budget.trial_rounds, budget.trial_population, budget.trial_iterations)
-            Selection(space, trials, judge, admit, seed, *shape, journal).run(incumbent)
+            trials = loss(budget.trial_rows)
+            folds = Folds.of(trials, loss(budget.held_out_rows), count, seed)
+            shape = (
+                budget.trial_rounds,
+                budget.trial_population,
+                budget.trial_iterations,
+                budget.trial_fold_iterations,
+            )
+            Selection(space, trials, folds, admit, seed, *shape, journal).run(incumbent)
         else:
             incumbent.chosen = wanted
             incumbent.active, incumbent.z = admit(wanted, incumbent.z)
@@ -113,21 +122,19 @@ def fit(
             if method != "gauss-newton":
                 search = {"random": random_search, "cma": cma_search}[method]
                 size = (budget.search_rounds, budget.search_population)
-                _search(search, loss(train, budget.search_rows), space, incumbent, seed, size, journal)
+                _search(search, loss(budget.search_rows), space, incumbent, seed, size, journal)
             if polish or method == "gauss-newton":
-                _polish("polish", loss(train, budget.polish_rows), space, incumbent, budget.polish_iterations, journal)
-                if refit and judge is not None:
-                    incumbent.before_refit = incumbent.z
-                    everything = loss(data, budget.polish_rows)
-                    _polish("refit", everything, space, incumbent, budget.polish_iterations, journal)
+                _polish(everything, space, incumbent, budget.polish_iterations, journal)
+        if count:
+            folds = Folds.of(everything, everything, count, seed)
+            held_out = _judge(folds, space, incumbent, budget.fold_iterations, journal)
     except (KeyboardInterrupt, OutOfTime) as reason:
         stopped = "time limit" if isinstance(reason, OutOfTime) else "interrupted"
     journal.report(0.95, "intervals")
-    losses = {"train": loss(train, budget.polish_rows), "held out": judge}
-    about = {"seed": seed, "method": method, "horizon": horizon, "stopped": stopped, "selection": None}
+    about = {"seed": seed, "method": method, "horizon": horizon, "folds": count, "stopped": stopped, "selection": None}
     if wanted is None:
         about["selection"] = incumbent.path
-    return conclude(model, data, space, losses, loss(data, budget.polish_rows), incumbent, journal, about)
+    return conclude(model, data, space, everything, held_out, incumbent, journal, about)
 
 
 def _search(
@@ -150,11 +157,9 @@ def _search(
     _take(incumbent, journal.unit("search", compute))
 
 
-def _polish(
-    name: str, loss: PredictionLoss, space: Space, incumbent: Incumbent, iterations: int, journal: Journal
-) -> None:
+def _polish(loss: PredictionLoss, space: Space, incumbent: Incumbent, iterations: int, journal: Journal) -> None:
     def compute() -> dict[str, Any]:
-        journal.report(0.8, name)
+        journal.report(0.8, "polish")
         candidates = 0
         keep = partial(setattr, incumbent, "z")
         for _ in range(2):  # the second time with the prior weighed by the errors that are left
@@ -164,7 +169,24 @@ def _polish(
             candidates += found.candidates
         return {"z": found.z.tolist(), "candidates": candidates}
 
-    _take(incumbent, journal.unit(name, compute))
+    _take(incumbent, journal.unit("polish", compute))
+
+
+def _judge(folds: Folds, space: Space, incumbent: Incumbent, iterations: int, journal: Journal) -> dict[str, Errors]:
+    """Errors on episodes that were held out, of the nominal model and of what was fitted to the other episodes."""
+
+    def compute() -> dict[str, Any]:
+        journal.report(0.9, "held-out episodes")
+        fitted, candidates = folds.refit(space, incumbent.active, incumbent.z, iterations, journal)
+        return {"folds": [z.tolist() for z in fitted], "candidates": candidates}
+
+    outcome = journal.unit("judge", compute)
+    incumbent.candidates += outcome["candidates"]
+    nominal = [np.zeros(len(space))] * len(folds.train)
+    return {
+        "held out, nominal": folds.errors(space, nominal),
+        "held out, fitted": folds.errors(space, [np.array(z) for z in outcome["folds"]]),
+    }
 
 
 def _take(incumbent: Incumbent, outcome: dict[str, Any]) -> None:
@@ -191,19 +213,20 @@ def _names(groups: str | Sequence[str]) -> list[str]:
     return [groups] if isinstance(groups, str) else list(groups)
 
 
-def _split(data: Any, holdout: float, seed: int, needed: bool) -> tuple[Any, Any]:
+def _fold_count(data: Any, holdout: float, needed: bool) -> int:
+    """How many folds hold out ``holdout`` of the episodes each; 0 for none."""
     if not 0.0 <= holdout < 1.0:
         raise UserError(f"holdout is {holdout}: give a share of the episodes from 0 to below 1")
     if holdout == 0.0:
         if needed:
             raise UserError("holdout 0 leaves nothing to choose parameters by: name them (groups) or hold episodes out")
-        return data, None
+        return 0
     if data.n_episodes < 2:
         raise UserError(
             "the log has one episode only, and a fit is judged on episodes it has not seen: record a second one, "
             "or name the parameters (groups) and set holdout to 0"
         )
-    return data.split(1.0 - holdout, seed=seed)
+    return min(max(round(1.0 / holdout), 2), data.n_episodes)
 
 
 def _starts(data: Any, horizon: int, limit: int, seed: int) -> np.ndarray:

@@ -13,9 +13,9 @@ from cmbrl.fit.objective import Objective
 from cmbrl.fit.random_search import Keep, Search, forget
 from cmbrl.fit.state import Journal
 
-_TRIALS = 10.0 ** np.arange(-2.0, 4.0)  # multiples of lambda tried in one batch
+_TRIALS = 10.0 ** np.arange(-1.0, 3.0)  # multiples of lambda tried in one batch: as many as the core's packs have lanes
 _LAMBDA_RANGE = (1e-8, 1e8)
-_DECREASE = 1e-5  # relative; less than this twice in a row is the end
+_DECREASE = 1e-4  # relative; less than this with hardly any damping, or twice in a row, is the end
 
 
 def gauss_newton(
@@ -41,7 +41,7 @@ def gauss_newton(
             damping = damping * _TRIALS[-1]
         damping = float(np.clip(damping, *_LAMBDA_RANGE))
         idle = idle + 1 if decrease <= _DECREASE * value else 0
-        if idle == 2:
+        if idle == 2 or (idle == 1 and decrease > 0.0 and damping < 1.0):
             break
     return Search(z, value, candidates)
 

@@ -83,6 +83,10 @@ class PredictionLoss:
         self.model, self.data, self.horizon, self.scales = model, data, horizon, scales
         self.starts = np.ascontiguousarray(starts, dtype=np.int64)
 
+    def on(self, starts: np.ndarray) -> PredictionLoss:
+        """The same loss on other ``starts``."""
+        return PredictionLoss(self.model, self.data, starts, self.horizon, self.scales)
+
     def values(self, theta: np.ndarray) -> np.ndarray:
         """Loss of candidates, (C, n) -> (C,): candidates x transitions in one native batch, cut to stay responsive."""
         data, scales = self.data, self.scales

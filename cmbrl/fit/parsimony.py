@@ -1,10 +1,10 @@
-"""No more parameters than the data ask for: selection by parameter group, judged on episodes that were held out.
+"""No more parameters than the data ask for: selection by parameter group, judged on episodes held out in turn.
 
 From the nominal model, each group that is not in yet is tried: a short search over its parameters, then Gauss-Newton
-over all that are in. The best group stays when the held-out loss falls beyond its noise, which is the standard error,
-over episodes, of the paired difference, and by at least ``LEAST_GAIN`` of the loss, since a log without noise makes
-any gain significant. At the end, groups that later ones have made superfluous (out, they cost less than that) are
-taken out again.
+over all that are in. The best group stays when the held-out loss falls by more than ``NOISE_FACTOR`` times its noise
+(see ``folds.paired_gain``; two rather than one, since the best of a dozen trials is looked at) and by at least
+``LEAST_GAIN`` of the loss, since a log without noise makes any gain significant. At the end, groups that later ones
+have made superfluous (out, they cost less than that) are taken out again.
 
 Trials are ordered by what each group gained last time and stop as soon as no other group promises more (Minoux,
 "Accelerated greedy algorithms", 1978); the selection ends only when every remaining group has failed on the present
@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from cmbrl.fit.folds import Folds, paired_gain
 from cmbrl.fit.gauss_newton import gauss_newton
 from cmbrl.fit.loss import Errors, PredictionLoss
 from cmbrl.fit.objective import Objective
@@ -26,8 +27,8 @@ from cmbrl.fit.random_search import random_search
 from cmbrl.fit.space import Space
 from cmbrl.fit.state import Journal
 
+NOISE_FACTOR = 2.0
 LEAST_GAIN = 0.01
-_LEAST_BLOCKS = 6  # with fewer held-out episodes than this they are cut into stretches of consecutive starts
 
 
 @dataclass
@@ -41,7 +42,6 @@ class Incumbent:
     z: np.ndarray
     chosen: np.ndarray
     active: np.ndarray
-    before_refit: np.ndarray | None = None
     path: list[dict[str, Any]] = field(default_factory=list)
     candidates: int = 0
 
@@ -59,32 +59,32 @@ class Trial:
 
     def counts(self, loss: float) -> bool:
         """Whether the fall of a held-out ``loss`` is more than noise, and worth a parameter."""
-        return self.gain > max(self.noise, LEAST_GAIN * loss)
+        return self.gain > max(NOISE_FACTOR * self.noise, LEAST_GAIN * loss)
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Forward selection, then elimination; ``train`` and ``held_out`` are losses on disjoint episodes.
+    """Forward selection, then elimination; ``loss`` is on all episodes, ``folds`` hold them out in turn.
 
     ``admit(chosen, z)`` takes the columns that carry no information of their own (gauge) out of ``chosen``; returns
     both.
     """
 
     space: Space
-    train: PredictionLoss
-    held_out: PredictionLoss
+    loss: PredictionLoss
+    folds: Folds
     admit: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
     seed: int
     rounds: int
     population: int
     iterations: int
+    fold_iterations: int
     journal: Journal
 
     def run(self, incumbent: Incumbent) -> None:
         """Adds groups to ``incumbent``, takes superfluous ones out; raises OutOfTime of the journal between trials."""
-        before = self.held_out.errors(self.space.theta(incumbent.z))
-        before = self._add(incumbent, before)
-        self._remove(incumbent, before)
+        nominal = self.folds.errors(self.space, [incumbent.z] * len(self.folds.train))
+        self._remove(incumbent, self._add(incumbent, nominal))
 
     def _add(self, incumbent: Incumbent, before: Errors) -> Errors:
         groups = list(dict.fromkeys(self.space.groups))
@@ -149,36 +149,19 @@ class Selection:
             self.journal.check_time()
             z, candidates = start, 0
             if (active & searched).any():
-                objective = Objective.at(self.train, self.space, active & searched, z)
+                objective = Objective.at(self.loss, self.space, active & searched, z)
                 found = random_search(objective, z, self.seed, self.rounds, self.population, self.journal, name)
                 z, candidates = found.z, found.candidates
             if active.any():
-                objective = Objective.at(self.train, self.space, active, z)
+                objective = Objective.at(self.loss, self.space, active, z)
                 found = gauss_newton(objective, z, self.iterations, self.journal)
                 z, candidates = found.z, candidates + found.candidates
-            return {"z": z.tolist(), "candidates": candidates}
+            fitted, more = self.folds.refit(self.space, active, z, self.fold_iterations, self.journal)
+            return {"z": z.tolist(), "folds": [f.tolist() for f in fitted], "candidates": candidates + more}
 
         outcome = self.journal.unit(name, compute)
         incumbent.candidates += outcome["candidates"]
         z = np.array(outcome["z"])
-        after = self.held_out.errors(self.space.theta(z))
-        gain, noise = paired_gain(before.loss, after.loss, _blocks(self.held_out))
+        after = self.folds.errors(self.space, [np.array(f) for f in outcome["folds"]])
+        gain, noise = paired_gain(before.loss, after.loss, self.folds.blocks())
         return Trial(z, chosen, active, after, gain, noise)
-
-
-def paired_gain(before: np.ndarray, after: np.ndarray, blocks: np.ndarray) -> tuple[float, float]:
-    """Mean fall of the loss (starts,) and its standard error over blocks (starts,) of starts that belong together."""
-    fall = before - after
-    mean = float(fall.mean())
-    sums = np.bincount(blocks, weights=fall - mean)
-    count = len(sums)
-    error = np.sqrt((sums**2).sum() * count / max(count - 1, 1)) / len(fall)
-    return mean, float(error)
-
-
-def _blocks(loss: PredictionLoss) -> np.ndarray:
-    """Block index (starts,): the episode, or a stretch of it when there are too few episodes to know their spread."""
-    episodes, index = np.unique(loss.data.episode[loss.starts], return_inverse=True)
-    if len(episodes) >= _LEAST_BLOCKS:
-        return index
-    return np.arange(len(index)) * _LEAST_BLOCKS // max(len(index), 1)

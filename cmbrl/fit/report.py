@@ -1,4 +1,4 @@
-"""From the last parameters to the result: errors on seen and unseen episodes, intervals, what the data leave open."""
+"""From the last parameters to the result: errors, intervals, what the data leave open."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from cmbrl.fit.identify import identify
-from cmbrl.fit.loss import PredictionLoss
+from cmbrl.fit.loss import Errors, PredictionLoss
 from cmbrl.fit.parsimony import Incumbent
 from cmbrl.fit.result import AT_BOUND, FITTED, FLAT, GAUGE, NOMINAL, FitResult, FittedParameter
 from cmbrl.fit.space import Space
@@ -18,22 +18,20 @@ def conclude(
     model: Any,
     data: Any,
     space: Space,
-    losses: dict[str, PredictionLoss | None],
-    everything: PredictionLoss,
+    loss: PredictionLoss,
+    held_out: dict[str, Errors],
     incumbent: Incumbent,
     journal: Journal,
     about: dict[str, Any],
 ) -> FitResult:
     """Builds the result at ``incumbent``.
 
-    ``losses``: name of a part of the data -> loss on it (None: no such part), judged at the nominal parameters and at
-    those from before a refit on all of the data. ``everything``: the loss that intervals come from.
+    ``loss`` is the one that was polished, intervals come from it; ``held_out``: errors on episodes held out in turn.
     """
     z, active = incumbent.z, incumbent.active
     final = model.with_parameters(space.theta(z))
-    equations = everything.normal_equations(space, z)
+    equations = loss.normal_equations(space, z)
     known = identify(space, z, active, equations)
-    unseen_z = z if incumbent.before_refit is None else incumbent.before_refit
     gauge = [name for k, name in enumerate(space.names) if incumbent.chosen[k] and not active[k]]
     bound = space.at_bound(z) & active
     value, status = space.theta(z), _status(space, active, bound, known.flat, gauge)
@@ -48,25 +46,21 @@ def conclude(
         )
         for k, name in enumerate(space.names)
     }
-    errors = {}
-    for part, loss in losses.items():
-        if loss is not None:
-            errors[f"{part}, nominal"] = _row(loss, space.nominal)
-            errors[f"{part}, fitted"] = _row(loss, space.theta(unseen_z))
-    if not np.array_equal(unseen_z, z):
-        errors["all, refitted"] = _row(everything, value)
+    errors = {"all, nominal": loss.errors(space.nominal), "all, fitted": loss.errors(value), **held_out}
     report = {
         **about,
         "data": {
             "transitions": len(data),
             "episodes": data.n_episodes,
             "dt": data.dt,
-            "train_episodes": len(np.unique(losses["train"].data.episode)),
         },
         "scene": model.scene.name,
         "model": model.to_config(),
-        "loss": errors,
-        "huber": everything.scales.huber,
+        "loss": {
+            part: {"loss": e.mean, "rmse": e.rmse, "starts": len(e.loss), "failures": e.failures}
+            for part, e in errors.items()
+        },
+        "huber": loss.scales.huber,
         "fitted": [n for k, n in enumerate(space.names) if active[k]],
         "not_fitted": [n for k, n in enumerate(space.names) if not active[k]],
         "at_bound": [n for k, n in enumerate(space.names) if bound[k]],
@@ -81,11 +75,6 @@ def conclude(
     }
     journal.report(1.0, "done")
     return FitResult(final, parameters, report)
-
-
-def _row(loss: PredictionLoss, theta: np.ndarray) -> dict[str, Any]:
-    errors = loss.errors(theta)
-    return {"loss": errors.mean, "rmse": errors.rmse, "starts": len(loss.starts), "failures": errors.failures}
 
 
 def _status(space: Space, active: np.ndarray, bound: np.ndarray, flat: np.ndarray, gauge: list[str]) -> list[str]:

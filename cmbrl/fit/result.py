@@ -112,7 +112,7 @@ def _lines(parameters: dict[str, FittedParameter], report: dict[str, Any]) -> li
     if report["stopped"] is not None:
         lines.append(f"STOPPED EARLY ({report['stopped']}): best so far")
     if report["selection"] is not None:
-        lines.append("groups selected by the fall of the held-out loss (noise: standard error over episodes):")
+        lines.append("groups selected by the fall of the held-out loss (its noise: standard error over episodes):")
         lines += [
             f"  {s['move']:<7}{s['group']:<20} {s['gain']:.4g} (noise {s['noise']:.2g}), RMSE {s['held_out_rmse']:.4f}"
             for s in report["selection"]

@@ -1,0 +1,85 @@
+"""Episodes held out in turn: every episode is predicted by parameters that have not seen it.
+
+One split of a small log often holds out no episode that tells a given parameter (one impact that rubs in ten); in
+turn, all of them judge. A fold starts from the parameters fitted on everything and converges on what it may see:
+Gauss-Newton with a prior forgets the start also where the fold's data say nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmbrl.fit.gauss_newton import gauss_newton
+from cmbrl.fit.loss import Errors, PredictionLoss
+from cmbrl.fit.objective import Objective
+from cmbrl.fit.space import Space
+from cmbrl.fit.state import Journal
+
+_LEAST_BLOCKS = 6  # with fewer episodes than this they are cut into stretches of consecutive starts
+
+
+@dataclass(frozen=True)
+class Folds:
+    """``train[k]`` and ``held_out[k]``: losses on disjoint episodes; the latter together are all of the episodes."""
+
+    train: tuple[PredictionLoss, ...]
+    held_out: tuple[PredictionLoss, ...]
+
+    @classmethod
+    def of(cls, train: PredictionLoss, judge: PredictionLoss, count: int, seed: int) -> Folds:
+        """``count`` folds by episode under ``seed``; ``train`` has the starts to fit on, ``judge`` those to judge on."""
+        episodes = np.unique(train.data.episode)
+        draw = np.random.Generator(np.random.Philox(key=[seed & 0xFFFFFFFFFFFFFFFF, count]))
+        fold_of = dict(zip(draw.permutation(episodes).tolist(), np.arange(len(episodes)) % count, strict=True))
+        row_fold = np.array([fold_of[e] for e in train.data.episode.tolist()])
+        pairs = [
+            (train.on(train.starts[row_fold[train.starts] != k]), judge.on(judge.starts[row_fold[judge.starts] == k]))
+            for k in range(count)
+        ]
+        # A fold may be empty where rows were drawn from many short episodes.
+        return cls(*zip(*[(t, h) for t, h in pairs if len(t.starts) and len(h.starts)], strict=True))
+
+    def refit(
+        self, space: Space, active: np.ndarray, z: np.ndarray, iterations: int, journal: Journal
+    ) -> tuple[list[np.ndarray], int]:
+        """``z`` (n,) refitted without each fold in turn, and the number of candidates that took."""
+        if not active.any():
+            return [z] * len(self.train), 0
+        fitted, candidates = [], 0
+        for train in self.train:
+            found = gauss_newton(Objective.at(train, space, active, z), z, iterations, journal)
+            fitted.append(found.z)
+            candidates += found.candidates
+        return fitted, candidates
+
+    def errors(self, space: Space, fitted: list[np.ndarray]) -> Errors:
+        """Held-out errors when fold k is predicted with ``fitted[k]``; starts are ordered by fold."""
+        parts = [loss.errors(space.theta(z)) for loss, z in zip(self.held_out, fitted, strict=True)]
+        return Errors(
+            np.concatenate([p.loss for p in parts]),
+            np.concatenate([p.squares for p in parts]),
+            sum(p.failures for p in parts),
+        )
+
+    def blocks(self) -> np.ndarray:
+        """Block index of every start, ordered by fold: its episode, or a stretch when there are few episodes."""
+        episodes = np.concatenate([loss.data.episode[loss.starts] for loss in self.held_out])
+        known, index = np.unique(episodes, return_inverse=True)
+        if len(known) >= _LEAST_BLOCKS:
+            return index
+        return np.arange(len(index)) * _LEAST_BLOCKS // len(index)
+
+
+def paired_gain(before: np.ndarray, after: np.ndarray, blocks: np.ndarray) -> tuple[float, float]:
+    """Mean fall of the loss (starts,) and its noise over blocks (starts,) of starts that belong together.
+
+    The noise is the standard error of the mean fall if it were zero, estimated from the blocks that got worse, each
+    counted with its mirror image: that one impact in ten tells the friction makes a fall uneven, not uncertain.
+    """
+    fall = before - after
+    worse = np.minimum(np.bincount(blocks, weights=fall), 0.0)
+    count = len(worse)
+    noise = np.sqrt(2.0 * (worse**2).sum() * count / max(count - 1, 1)) / len(fall)
+    return float(fall.mean()), float(noise)
