@@ -119,7 +119,7 @@ def contact_arrays(
 
 
 def _spring_damper(law: ContactLaw) -> tuple[float, float]:
-    """Stiffness [N/m] and damping [N s/m] that give the contact's effective mass the time constant of the file's solref."""
+    """Stiffness [N/m], damping [N s/m] that give the effective mass of the contact the time constant of its solref."""
     (first, second), dmax, mass = law.solref, float(np.clip(law.solimp[1], 1e-4, 0.9999)), 1 / law.inverse_weight
     if first > 0:
         return mass / (dmax * first * second) ** 2, 2 * mass / (dmax * first)
