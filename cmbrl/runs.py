@@ -16,8 +16,10 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from cmbrl.files import check_writable, write_json
+from cmbrl.errors import UserError
+from cmbrl.files import check_writable, read_json, write_json
 
+CONFIGURATION = "config.json"
 _PACKAGES = ("cmbrl", "numpy", "torch", "mujoco", "gymnasium", "pymunk", "cmaes", "minari")
 
 
@@ -48,15 +50,25 @@ def usable_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def check_run_folder(folder: str | os.PathLike[str], command: str) -> None:
+    """Raises UserError when ``folder`` cannot be written or holds the run of another command."""
+    place = Path(folder)
+    check_writable(place, folder=True)
+    if (place / CONFIGURATION).exists():
+        held = read_json(place / CONFIGURATION)
+        if not isinstance(held, dict) or held.get("command") != command:
+            raise UserError(f"{place}: holds a run of another command: choose another --out")
+
+
 def write_run(folder: str | os.PathLike[str], command: str, configuration: Mapping[str, Any]) -> Path:
     """Makes ``folder`` and writes ``config.json`` (resolved options) and ``environment.json`` into it.
 
-    Raises UserError when the folder cannot be written.
+    Raises UserError as ``check_run_folder`` does.
     """
+    check_run_folder(folder, command)
     place = Path(folder)
-    check_writable(place, folder=True)
     place.mkdir(parents=True, exist_ok=True)
-    write_json(place / "config.json", {"command": command, **configuration})
+    write_json(place / CONFIGURATION, {"command": command, **configuration})
     write_json(place / "environment.json", environment())
     return place
 

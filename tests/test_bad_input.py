@@ -60,6 +60,8 @@ MISTAKES = {
     "no scene to compare in": (f"{ERROR} hold", "--scene", ""),
     "ensemble without a log to learn from": (f"{ERROR} --scene hopper ensemble", "ensemble", "--train"),
     "log of another robot to compare on": ("error --data cheetah.npz --scene hopper hold", "cheetah.npz", "scene"),
+    "output holds another run": (f"{ERROR} --scene hopper hold --out run_of_fit", "run_of_fit", "another --out"),
+    "unknown row of a benchmark": ("bench speed --scene hoper", "hoper", "did you mean 'hopper"),
     "unknown benchmark": ("bench sped", "sped", "speed"),
 }
 
@@ -74,6 +76,8 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "damaged.npz").write_bytes(b"PK\x03\x04 and then nothing")
     (folder / "typo.yaml").write_text("source: hopper\nmethd: random\n", encoding="utf-8")
     (folder / "other.yaml").write_text("command: record\ntask: hopper\n", encoding="utf-8")
+    (folder / "run_of_fit").mkdir()
+    (folder / "run_of_fit" / "config.json").write_text('{"command": "fit"}', encoding="utf-8")
     load_task("hopper").record(200, seed=0).save(folder / "hopper.npz")
     load_task("cheetah").record(20, seed=0).save(folder / "cheetah.npz")
     with np.load(folder / "hopper.npz", allow_pickle=False) as archive:

@@ -12,6 +12,7 @@ from cmbrl.cli.sources import Source, load_log, load_source
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.files import read_json
 from cmbrl.registry import load_task, names
+from cmbrl.runs import CONFIGURATION
 
 if TYPE_CHECKING:
     from cmbrl.data import Transitions
@@ -32,8 +33,11 @@ class Lesson:
     seconds: float | None
 
 
-def check_words(words: Sequence[str]) -> None:
-    """Raises UserError on a word that is neither a model of ours nor a folder that holds one."""
+def check_words(words: Sequence[str], lesson: Lesson) -> None:
+    """Raises UserError on a word that is neither a model of ours nor a folder that holds one, and on an ensemble
+    without a log to learn from."""
+    if "ensemble" in words and lesson.path is None:
+        raise UserError("ensemble: has nothing to learn from: give --train FILE, a log other than --data")
     for word in words:
         if word in BUILT_IN:
             continue
@@ -61,7 +65,7 @@ def common_source(words: Sequence[str], scene: str | None, ignore: Sequence[str]
 
 def _task_of(folder: Path) -> Task | None:
     """The task that a fit was of, if its run folder says so."""
-    configuration = folder / "config.json"
+    configuration = folder / CONFIGURATION
     word = read_json(configuration).get("source") if configuration.exists() else None
     return load_task(word) if word in names() else None
 
@@ -75,7 +79,7 @@ def build_models(
     """
     from cmbrl.models.baselines import Ballistic, HoldVelocity
 
-    train = _training_log(lesson, source) if "ensemble" in words else None
+    train = load_log(lesson.path, source.scene) if "ensemble" in words and lesson.path else None
     models: dict[str, Model] = {}
     notes: list[str] = []
     for word in words:
@@ -91,12 +95,6 @@ def build_models(
         else:
             models[word] = _loaded(word, data, threads)
     return models, notes
-
-
-def _training_log(lesson: Lesson, source: Source) -> Transitions:
-    if lesson.path is None:
-        raise UserError("ensemble: has nothing to learn from: give --train FILE, a log other than --data")
-    return load_log(lesson.path, source.scene)
 
 
 def _trained(source: Source, data: Transitions, lesson: Lesson) -> tuple[NeuralEnsemble, str]:

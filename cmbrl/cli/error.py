@@ -10,7 +10,8 @@ from cmbrl.cli.configuration import resolved
 from cmbrl.cli.options import add_json, add_scene_options, add_seed, add_threads, positive, positive_number
 from cmbrl.cli.progress import fraction
 from cmbrl.cli.sources import load_log
-from cmbrl.files import check_writable, write_json, write_text
+from cmbrl.files import write_json, write_text
+from cmbrl.runs import check_run_folder, usable_cores, write_run
 
 CONTACT_GAP = 2e-3  # [m]
 
@@ -52,18 +53,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    from cmbrl.bench.error import compare
-    from cmbrl.runs import usable_cores, write_run
-
-    check_words(arguments.models)
+    lesson = Lesson(arguments.train, arguments.seed, arguments.train_seconds)
+    check_words(arguments.models, lesson)
     if arguments.out:
-        check_writable(arguments.out, folder=True)
+        check_run_folder(arguments.out, "error")
     source = common_source(arguments.models, arguments.scene, arguments.ignore, arguments.contact_law)
     data = load_log(arguments.data, source.scene)
-    threads = arguments.threads or usable_cores()
-    lesson = Lesson(arguments.train, arguments.seed, arguments.train_seconds)
-    models, notes = build_models(arguments.models, source, data, lesson, threads)
+    models, notes = build_models(arguments.models, source, data, lesson, arguments.threads or usable_cores())
     gap = arguments.contact_gap or (source.task.contact_gap if source.task else CONTACT_GAP)
+
+    from cmbrl.bench.error import compare  # imports torch: only now, so that a mistake above is told at once
+    from cmbrl.models.ensemble import NeuralEnsemble
+
     with fraction("compare") as progress:
         table = compare(models, data, source.scene, arguments.horizons, contact_gap=gap, progress=progress)
 
@@ -75,6 +76,7 @@ def run(arguments: argparse.Namespace) -> None:
         write_text(out / "error.txt", text)
         write_json(out / "error.json", result)
         table.plot(out / "error.png")
-        if "ensemble" in models:
-            models["ensemble"].save(out / "ensemble")  # minutes of training: can be named as a MODEL next time
+        trained = models.get("ensemble")
+        if isinstance(trained, NeuralEnsemble):
+            trained.save(out / "ensemble")  # minutes of training: can be named as a MODEL next time
     print(json.dumps(result, indent=2) if arguments.json else text, end="")

@@ -16,10 +16,10 @@ from cmbrl.cli.options import add_json, add_scene_options, add_seed, add_threads
 from cmbrl.cli.progress import fraction
 from cmbrl.cli.sources import load_log, load_source
 from cmbrl.errors import UserError, did_you_mean
-from cmbrl.files import check_writable
+from cmbrl.runs import check_run_folder, usable_cores, write_run
 
 if TYPE_CHECKING:
-    from cmbrl.models.complementarity import ComplementarityModel
+    from cmbrl.scene import Scene
 
 EXAMPLE = """
 cmbrl fit hopper --data hopper.npz --out runs/hopper
@@ -74,20 +74,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from cmbrl.fit import fit
-    from cmbrl.runs import usable_cores, write_run
-
     source = load_source(arguments.source, arguments.ignore, arguments.contact_law)
     data = load_log(arguments.data, source.scene)
     out = Path(arguments.out)
     _check_folder(out, arguments.resume)
+    start = start_values(source.scene, dict(arguments.set))
+
+    from cmbrl.fit import fit  # imports torch: only now, so that a mistake above is told at once
+
     model = source.model(
         data,
         time_step=arguments.time_step,
         integrator=arguments.integrator,
+        parameters=start,
         threads=arguments.threads or usable_cores(),
     )
-    model = model.with_parameters(start_values(model, dict(arguments.set)))
 
     with fraction(f"fit {source.scene.name}") as show:
         # `fit` tells its progress only after every check of its input has passed: until then nothing is written.
@@ -120,18 +121,17 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def start_values(model: ComplementarityModel, wanted: dict[str, float]) -> np.ndarray:
-    """The model's parameters (np,) with ``wanted`` (name -> value) put in.
+def start_values(scene: Scene, wanted: dict[str, float]) -> np.ndarray:
+    """The scene's nominal parameters (np,) with ``wanted`` (name -> value) put in.
 
     Raises UserError on a name that the scene does not have (with the nearest) and on a value outside its bounds.
     """
-    parameters = model.scene.parameters
-    theta = np.array(model.parameters, dtype=np.float64)
-    index = {parameter.name: k for k, parameter in enumerate(parameters)}
+    theta = scene.parameter_vector()
+    index = {parameter.name: k for k, parameter in enumerate(scene.parameters)}
     for name, value in wanted.items():
         if name not in index:
-            raise UserError(f"--set {name}: no such parameter in {model.scene.name}: {did_you_mean(name, index)}")
-        parameter = parameters[index[name]]
+            raise UserError(f"--set {name}: no such parameter in {scene.name}: {did_you_mean(name, index)}")
+        parameter = scene.parameters[index[name]]
         if not parameter.low <= value <= parameter.high:
             bounds = f"[{parameter.low:g}, {parameter.high:g}]"
             raise UserError(f"--set {name}={value:g}: outside its bounds {bounds}: choose a value within")
@@ -151,7 +151,7 @@ def share(text: str) -> float:
 
 
 def _check_folder(out: Path, resume: bool) -> None:
-    check_writable(out, folder=True)
+    check_run_folder(out, "fit")
     holds_fit = any((out / name).exists() for name in ("state.json", "fit.json"))
     if holds_fit and not resume:
         raise UserError(f"{out}: holds a fit: give --resume to go on with it, or choose another --out")

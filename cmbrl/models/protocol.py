@@ -16,8 +16,15 @@ class Model(Protocol):
     and a method ``reset_failures()``; the error table shows it.
     """
 
-    name: str  # shown in tables and legends
-    dt: float  # length of one step [s]: the control step of the log it is compared with
+    @property
+    def name(self) -> str:
+        """Shown in tables and legends."""
+        ...
+
+    @property
+    def dt(self) -> float:
+        """Length of one step [s]: the control step of the log it is compared with."""
+        ...
 
     def step(self, q: Tensor, v: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
         """(q', v') of shapes (B, nq), (B, nv) from q (B, nq), v (B, nv) and the control u (B, nu), all float64.
