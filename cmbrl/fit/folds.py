@@ -29,7 +29,7 @@ class Folds:
 
     @classmethod
     def of(cls, train: PredictionLoss, judge: PredictionLoss, count: int, seed: int) -> Folds:
-        """``count`` folds by episode under ``seed``; ``train`` has the starts to fit on, ``judge`` those to judge on."""
+        """``count`` folds by episode under ``seed``; starts to fit on are in ``train``, to judge on in ``judge``."""
         episodes = np.unique(train.data.episode)
         draw = np.random.Generator(np.random.Philox(key=[seed & 0xFFFFFFFFFFFFFFFF, count]))
         fold_of = dict(zip(draw.permutation(episodes).tolist(), np.arange(len(episodes)) % count, strict=True))

@@ -1,12 +1,14 @@
 """What the data say about each parameter, and what they cannot.
 
-At the optimum, with the Gauss-Newton information of the data ``F = n H / tau^2`` and the prior (identity in z):
+At the optimum, with the Gauss-Newton information of the data ``F = n H / tau^2``, tempered by 1 / ALIKE as in the
+objective, and the prior (identity in z):
 
-    cov = A^-1 (S + I) A^-1,   A = F + I,   S = E / (E - 1) sum_e (s_e - s) (s_e - s)^T
+    cov = A^-1 (S / ALIKE^2 + I) A^-1,   A = F / ALIKE + I,   S = E / (E - 1) sum_e (s_e - s) (s_e - s)^T
 
 where s_e is the score of episode e. This sandwich (Huber 1967; White 1982; clustered by episode) allows for residuals
 that are model error, hence alike within an episode. Episodes are few, so a parameter gets the larger of this variance
-and the naive A^-1. Directions in which F is below 1 are flat: there the log says less than the prior did.
+and the naive one, (F + I)^-1. Directions in which F / ALIKE is below 1 are flat: there the log says less than the
+prior did.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cmbrl.fit.loss import NormalEquations
+from cmbrl.fit.objective import ALIKE
 from cmbrl.fit.space import Space
 
 _NORMAL_95 = 1.96
@@ -48,18 +51,18 @@ def identify(space: Space, z: np.ndarray, fitted: np.ndarray, equations: NormalE
     directions = []
     if len(columns):
         information = scale * equations.hessian[np.ix_(columns, columns)]
-        covariance = np.linalg.inv(information + np.eye(len(columns)))
-        scores = scale * equations.episode_gradients[:, columns]
+        prior = np.eye(len(columns))
+        bread = np.linalg.inv(information / ALIKE + prior)
+        scores = scale / ALIKE * equations.episode_gradients[:, columns]
         scores = scores - scores.mean(axis=0)
-        episodes = len(scores)
-        spread = scores.T @ scores * episodes / max(episodes - 1, 1)
-        sandwich = covariance @ (spread + np.eye(len(columns))) @ covariance
-        variance[columns] = np.maximum(np.diag(sandwich), np.diag(covariance))
-        directions = _flat_directions(information, [space.names[k] for k in columns])
+        spread = scores.T @ scores * len(scores) / max(len(scores) - 1, 1)
+        sandwich = bread @ (spread + prior) @ bread
+        variance[columns] = np.maximum(np.diag(sandwich), np.diag(np.linalg.inv(information + prior)))
+        directions = _flat_directions(information / ALIKE, [space.names[k] for k in columns])
     half = _NORMAL_95 * np.sqrt(variance)
     low = np.where(fitted, space.theta(np.maximum(z - half, space.z_low)), space.theta(z))
     high = np.where(fitted, space.theta(np.minimum(z + half, space.z_high)), space.theta(z))
-    alone = scale * np.diag(equations.hessian)
+    alone = scale / ALIKE * np.diag(equations.hessian)
     return Identification(low, high, fitted & (variance > _FLAT_VARIANCE), ~fitted & (alone < 1.0), directions)
 
 

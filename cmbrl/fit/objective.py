@@ -1,9 +1,13 @@
 """What a search minimises: the prediction loss plus a Gaussian prior, over the parameters that may move.
 
-    J(z) = L(theta(z)) + s |z|^2 / 2,   s = tau^2 / n
+    J(z) = L(theta(z)) + s |z|^2 / 2,   s = ALIKE tau^2 / n
 
-This is the negative log posterior times tau^2 / n when residuals have variance tau^2 on n transitions: a parameter
-that the data say nothing about stays at its nominal value, and one that they do feels almost none of the prior.
+This is the negative log posterior times ALIKE tau^2 / n when residuals have variance tau^2 on n transitions and the
+likelihood is tempered by 1 / ALIKE: residuals are mostly model error, hence alike in neighbouring transitions, so ten
+of them count as one. A parameter that the data say nothing about stays at its nominal value, and one that they do
+feels almost none of the prior. ALIKE = 10 is our own choice: with 1 a single hard impact of the half-cheetah bends
+the softness of the geom that made it, with 1000 well-known parameters of the hopper are held back (held-out loss 15 %
+up).
 """
 
 from __future__ import annotations
@@ -15,6 +19,7 @@ import numpy as np
 from cmbrl.fit.loss import NormalEquations, PredictionLoss
 from cmbrl.fit.space import Space
 
+ALIKE = 10.0
 _VARIANCE_RANGE = (1e-6, 1.0)  # of a normalised residual: better is below the solver's accuracy, worse is no model
 
 
@@ -32,7 +37,7 @@ class Objective:
         """The objective whose residual variance is taken from the errors at ``z`` (n,)."""
         value = float(loss.values(space.theta(z)[None])[0])
         variance = float(np.clip(value / len(loss.scales.v), *_VARIANCE_RANGE))  # L sums r^2 / 2 over 2 nv coordinates
-        return cls(loss, space, active, variance / (len(loss.starts) * loss.horizon))
+        return cls(loss, space, active, ALIKE * variance / (len(loss.starts) * loss.horizon))
 
     def values(self, z: np.ndarray) -> np.ndarray:
         """J of candidates (C, n) -> (C,); not a number counts as infinitely bad."""
