@@ -1,7 +1,7 @@
 """How much each complementarity product is softened: the central-path parameter kappa [J] of every row.
 
-kappa multiplies an impulse [N s] by a velocity [m/s]; 0 is hard contact. A smoothing policy is data; the native core turns it
-into one kappa per contact and limit (``native/smoothing.hpp``).
+kappa multiplies an impulse [N s] by a velocity [m/s]; 0 is hard contact. A smoothing policy is data; the native core
+turns it into one kappa per contact and limit (``native/smoothing.hpp``).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ CONSTANT, GAUSSIAN = 0, 1
 
 @dataclass(frozen=True)
 class Exact:
-    """Hard contact to solver accuracy: kappa = ``relative`` * m g h * 1 m/s of the whole scene (a resting impulse off by as much)."""
+    """Hard contact to solver accuracy: kappa = ``relative`` * m g h * 1 m/s, m the mass of the whole scene."""
 
     relative: float = 1e-9
 
@@ -33,8 +33,8 @@ class Exact:
 class Barrier:
     """Constant softening (BS of Zhang, Jin & Wang, ICML 2023): every product equals ``kappa`` [J].
 
-    ``length`` [m] states it physically instead: kappa = length^2 / (2 F h^2), F [1/kg] the mean inverse weight of the scene's
-    contacts, so that the equivalent random perturbation of the closing speed has scale length / h.
+    ``length`` [m] states it physically instead: kappa = length^2 / (2 F h^2), F [1/kg] the mean inverse weight of the
+    scene's contacts, so that the equivalent random perturbation of the closing speed has scale length / h.
     """
 
     kappa: float | None = None
@@ -48,16 +48,17 @@ class Barrier:
             return _native(CONSTANT, _positive(self.kappa, "Barrier(kappa)"), 0.0, False)
         weights = scene.core["con_invweight"]
         weight = float(np.mean(weights)) if len(weights) else 1.0 / scene.total_mass
-        return _native(CONSTANT, _positive(self.length, "Barrier(length)") ** 2 / (2 * weight * time_step**2), 0.0, False)
+        length = _positive(self.length, "Barrier(length)")
+        return _native(CONSTANT, length**2 / (2 * weight * time_step**2), 0.0, False)
 
 
 @dataclass(frozen=True)
 class Adaptive:
-    """Softening by distance (ABS): kappa_i(z_i) such that a single contact's impulse is Gaussian-smoothed over ``length`` [m].
+    """Softening by distance (ABS): kappa_i(z_i) that smooths a single contact's impulse by a Gaussian of ``length`` [m].
 
-    kappa(z) = F rho(z) rho(-z), rho the Gaussian smoothing of max(-z, 0)/F (proposition 5.3 of the ABS paper in closed form);
-    z = J v_free + gap term is evaluated at the start of the step. One kappa per contact and limit is our choice (the paper has
-    one for all). ``floor`` [J] bounds it below; ``derivative="stop"`` treats kappa as a constant in the gradient.
+    kappa(z) = F rho(z) rho(-z), rho the Gaussian smoothing of max(-z, 0)/F (proposition 5.3 of the ABS paper in closed
+    form); z = J v_free + gap term is evaluated at the start of the step. One kappa per contact and limit is our choice
+    (the paper has one for all). ``floor`` [J] bounds it below; ``derivative="stop"`` treats kappa as a constant in the gradient.
     """
 
     length: float
@@ -68,7 +69,8 @@ class Adaptive:
         """The core's numbers; raises UserError for a length or floor that is not positive."""
         if self.derivative not in ("exact", "stop"):
             raise UserError(f"Adaptive(derivative={self.derivative!r}): use 'exact' or 'stop'")
-        return _native(GAUSSIAN, _positive(self.floor, "Adaptive(floor)"), _positive(self.length, "Adaptive(length)"), self.derivative == "stop")
+        floor, length = _positive(self.floor, "Adaptive(floor)"), _positive(self.length, "Adaptive(length)")
+        return _native(GAUSSIAN, floor, length, self.derivative == "stop")
 
 
 Smoothing = Exact | Barrier | Adaptive

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 class TangentMap:
     """Cotangents of a configuration (nq) <-> of its tangent space (nv), where ball joints carry quaternions wxyz.
 
-    A body-frame rotation d moves a unit quaternion by Q d / 2; cotangents map by the transpose there and by 2 Q^T back, so
-    that the product over steps is the product of the tangent Jacobians.
+    A body-frame rotation d moves a unit quaternion by Q d / 2; cotangents map by the transpose there and by 2 Q^T back,
+    so that the product over steps is the product of the tangent Jacobians.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -56,14 +56,17 @@ def tangent_map(scene: Scene) -> TangentMap:
 
 def _columns(q: np.ndarray) -> np.ndarray:  # (B, 4, 3): q (x) (0, e_k)
     w, x, y, z = q.T
-    return np.stack([np.stack([-x, -y, -z], 1), np.stack([w, -z, y], 1), np.stack([z, w, -x], 1), np.stack([-y, x, w], 1)], 1)
+    rows = ([-x, -y, -z], [w, -z, y], [z, w, -x], [-y, x, w])
+    return np.stack([np.stack(row, 1) for row in rows], 1)
 
 
 class NativeStep(torch.autograd.Function):
     """(q, v, u, theta) -> (q_next, v_next) of a ComplementarityModel."""
 
     @staticmethod
-    def forward(ctx: Any, q: torch.Tensor, v: torch.Tensor, u: torch.Tensor, theta: torch.Tensor, model: ComplementarityModel) -> Any:
+    def forward(  # type: ignore[override]
+        ctx: Any, q: torch.Tensor, v: torch.Tensor, u: torch.Tensor, theta: torch.Tensor, model: ComplementarityModel
+    ) -> Any:
         """Runs the native step; keeps its tape only when a gradient may be asked for."""
         arrays = [x.detach().contiguous().numpy() for x in (q, v, u, theta)]
         record = any(ctx.needs_input_grad[:4])
@@ -79,10 +82,10 @@ class NativeStep(torch.autograd.Function):
         q, _, u, theta = ctx.arrays
         model, tangent = ctx.model, ctx.model._tangent
         want_theta = ctx.needs_input_grad[3]
+        gq_next = tangent.to_tangent(ctx.q_next, gq_next.contiguous().numpy())
         out = model._core.backward(
-            u, theta, ctx.tape, tangent.to_tangent(ctx.q_next, gq_next.contiguous().numpy()), gv_next.contiguous().numpy(),
-            model._options, want_theta=want_theta, threads=model.threads,
-        )  # fmt: skip
+            u, theta, ctx.tape, gq_next, gv_next.contiguous().numpy(), model._options, want_theta, model.threads
+        )
         gtheta = None
         if want_theta:
             gtheta = torch.from_numpy(out["gtheta"])

@@ -17,6 +17,7 @@ from cmbrl.native import Core
 from cmbrl.scene import Scene
 
 INTEGRATORS = ("semi-implicit", "leapfrog")
+FAILURE_LOSS = 1e3  # what a failed solve adds to a candidate's loss
 
 
 class SolverWarning(RuntimeWarning):
@@ -25,9 +26,10 @@ class SolverWarning(RuntimeWarning):
 
 @dataclass(frozen=True)
 class StepResult:
-    """What one batched step returned, numpy: q_next (B, nq), v_next (B, nv), status (B,) 0 converged, 1 by the compliant
-    fallback, 2 failed; iterations (B,) summed over substeps; residual (B,) worst relative residual over substeps;
-    jacobian (B, 2 nv, 2 nv + nu [+ np]) of (q', v') in (q, v, u [, theta]), tangent space for q, where asked for;
+    """What one batched step returned, numpy.
+
+    q_next (B, nq), v_next (B, nv); status (B,) 0 converged, 1 by the compliant fallback, 2 failed; iterations (B,)
+    summed over substeps; residual (B,) worst relative residual over substeps; jacobian (B, 2 nv, 2 nv + nu [+ np]) of (q', v') in (q, v, u [, theta]), tangent space for q, where asked for;
     impulse (B, contacts) normal impulses [N s], where asked for."""
 
     q_next: np.ndarray
@@ -138,17 +140,21 @@ class ComplementarityModel:
         theta = scene.parameter_vector()
         for name, value in values.items():
             if name not in known:
-                raise UserError(f"parameter {name!r} is not one of scene {scene.name!r}: was the model fitted on another scene?")
+                raise UserError(
+                    f"{name!r} is no parameter of scene {scene.name!r}: was the model fitted on another one?"
+                )
             theta[known[name]] = value
         for key in ("smoothing", "backward_smoothing"):
             if key in config:
                 config[key] = smoothing_policies.from_config(config[key])
         return cls(scene, parameters=theta, **config)
 
-    def step(self, q: torch.Tensor, v: torch.Tensor, u: torch.Tensor, theta: torch.Tensor | None = None) -> tuple[torch.Tensor, torch.Tensor]:
+    def step(
+        self, q: torch.Tensor, v: torch.Tensor, u: torch.Tensor, theta: torch.Tensor | None = None
+    ) -> tuple[torch.Tensor, torch.Tensor]:
         """One control step, differentiable in q, v, u and theta by the implicit function theorem.
 
-        Args: q (B, nq), v (B, nv), u (B, nu) float64 CPU tensors; theta (np,) or (B, np), default this model's parameters.
+        Args: q (B, nq), v (B, nv), u (B, nu) float64 CPU tensors; theta (np,) or (B, np), default this model's own.
         Returns: q_next (B, nq), v_next (B, nv).
         Raises: UserError for a wrong shape or type. Warns SolverWarning when solves fail; ``failures`` counts them.
         """
@@ -157,10 +163,11 @@ class ComplementarityModel:
         self._check_tensor(u, "u", self.scene.nu)
         if not len(q) == len(v) == len(u):
             raise UserError(f"q, v, u have {len(q)}, {len(v)}, {len(u)} rows: give one row per element of the batch")
+        count = len(self.parameters)
         if theta is None:
             theta = torch.from_numpy(self.parameters)
-        elif theta.dtype != torch.float64 or theta.shape not in ((len(self.parameters),), (len(q), len(self.parameters))):
-            raise UserError(f"theta is {theta.dtype} {tuple(theta.shape)}: give float64 ({len(self.parameters)},) or one row per element")
+        elif theta.dtype != torch.float64 or theta.shape not in ((count,), (len(q), count)):
+            raise UserError(f"theta is {theta.dtype} {tuple(theta.shape)}: give float64 ({count},) or (batch, {count})")
         return NativeStep.apply(q, v, u, theta, self)
 
     def predict(
@@ -206,21 +213,31 @@ class ComplementarityModel:
     ) -> np.ndarray:
         """Mean loss (C,) of parameter candidates theta (C, np) in one native batch.
 
-        From every row in ``starts`` the logged controls are rolled ``horizon`` steps open loop; per step the Huber loss of
-        (prediction - log)/scale is summed over coordinates. A failed solve adds a large constant.
+        From every row in ``starts`` the logged controls are rolled ``horizon`` steps open loop; per step the Huber loss
+        of (prediction - log)/scale is summed over coordinates. A failed solve adds a large constant.
         """
         arrays = [np.ascontiguousarray(x, dtype=np.float64) for x in (q, v, u, q_next, v_next)]
+        theta, scale_q, scale_v = (np.ascontiguousarray(x, dtype=np.float64) for x in (theta, scale_q, scale_v))
+        starts = np.ascontiguousarray(starts, dtype=np.int64)
         losses = self._core.loss(
-            *arrays, np.ascontiguousarray(starts, dtype=np.int64), int(horizon), np.ascontiguousarray(theta, dtype=np.float64),
-            np.ascontiguousarray(scale_q, dtype=np.float64), np.ascontiguousarray(scale_v, dtype=np.float64), float(huber), 1e3,
-            self._options, threads=self.threads,
-        )  # fmt: skip
+            *arrays,
+            starts,
+            int(horizon),
+            theta,
+            scale_q,
+            scale_v,
+            float(huber),
+            FAILURE_LOSS,
+            self._options,
+            self.threads,
+        )
         return losses.mean(axis=1) / horizon
 
     def smooth_dynamics(self, q: np.ndarray, v: np.ndarray, theta: np.ndarray | None = None) -> dict[str, np.ndarray]:
-        """M (B, nv, nv) with armature, bias (B, nv), gap (B, nc) and contact rows J (B, nc, 2 or 3, nv): normal, tangents."""
-        theta = np.ascontiguousarray(self.parameters if theta is None else theta, dtype=np.float64)
-        return self._core.dynamics(np.ascontiguousarray(q, np.float64), np.ascontiguousarray(v, np.float64), theta, self._options)
+        """M (B, nv, nv) with armature, bias (B, nv), gap (B, nc), rows J (B, nc, 2 or 3, nv): normal, tangents."""
+        theta = self.parameters if theta is None else theta
+        q, v, theta = (np.ascontiguousarray(x, dtype=np.float64) for x in (q, v, theta))
+        return self._core.dynamics(q, v, theta, self._options)
 
     def reset_failures(self) -> None:
         """Start counting failed solves anew."""

@@ -1,7 +1,8 @@
 """Hopper: a one-legged planar robot; the real system is Gymnasium's Hopper-v5 (MuJoCo, 4 RK4 steps of 2 ms).
 
-The model takes 4 leapfrog steps of 2 ms: leapfrog is of second order like the smooth part of what it stands for, and MuJoCo's
-softness maps onto ours only at its own step (at 2 x 4 ms the unfitted model errs twice as much for half the time).
+The model takes 4 leapfrog steps of 2 ms: leapfrog is of second order like the smooth part of what it stands for, and
+MuJoCo's softness maps onto ours only at its own step (at 2 x 4 ms the unfitted model errs twice as much for half the
+time).
 """
 
 from __future__ import annotations
