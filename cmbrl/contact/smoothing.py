@@ -54,11 +54,12 @@ class Barrier:
 
 @dataclass(frozen=True)
 class Adaptive:
-    """Softening by distance (ABS): kappa_i(z_i) that smooths a single contact's impulse by a Gaussian of ``length`` [m].
+    """Softening by distance (ABS): kappa_i(z_i) that smooths a single contact's impulse by a Gaussian, ``length`` [m].
 
     kappa(z) = F rho(z) rho(-z), rho the Gaussian smoothing of max(-z, 0)/F (proposition 5.3 of the ABS paper in closed
     form); z = J v_free + gap term is evaluated at the start of the step. One kappa per contact and limit is our choice
-    (the paper has one for all). ``floor`` [J] bounds it below; ``derivative="stop"`` treats kappa as a constant in the gradient.
+    (the paper has one for all). ``floor`` [J] bounds it below; ``derivative="stop"`` takes kappa for a constant in the
+    gradient.
     """
 
     length: float
