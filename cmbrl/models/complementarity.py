@@ -32,6 +32,18 @@ class StepResult:
     summed over substeps; residual (B,) worst relative residual over substeps; jacobian (B, 2 nv, 2 nv + nu [+ np]) of
     (q', v') in (q, v, u [, theta]), tangent space for q, where asked for; impulse (B, contacts) summed normal impulses
     [N s], where asked for.
+    """
+
+    q_next: np.ndarray
+    v_next: np.ndarray
+    status: np.ndarray
+    iterations: np.ndarray
+    residual: np.ndarray
+    jacobian: np.ndarray | None = None
+    impulse: np.ndarray | None = None
+
+
+class ComplementarityModel:
     """Next-state model M (v' - v) = h (tau - bias) + J^T x with complementary contact, limits and friction.
 
     Args:
