@@ -11,6 +11,6 @@ $cmbrl record hopper --steps 5000 --seed 0 --out "$run/train.npz"
 $cmbrl record hopper --steps 2000 --seed 1 --out "$run/held_out.npz"
 $cmbrl fit --config configs/hopper.yaml --data "$run/train.npz" --out "$run/fit"
 # The ensemble takes most of the time; should the machine be slow it is stopped early, and the table says so.
-$cmbrl error --data "$run/held_out.npz" --train "$run/train.npz" --train-seconds 150 --out "$run/error" \
+$cmbrl error --data "$run/held_out.npz" --train "$run/train.npz" --train-seconds 100 --out "$run/error" \
   hold nominal ensemble "$run/fit"
 echo "run folder: $run (fit/ has the parameters, error/ the table and its plot)"

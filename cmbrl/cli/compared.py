@@ -93,8 +93,15 @@ def build_models(
             models[word], note = _trained(source, train, lesson)
             notes.append(note)
         else:
-            models[word] = _loaded(word, data, threads)
+            models[_label(word, words)] = _loaded(word, data, threads)
     return models, notes
+
+
+def _label(folder: str, words: Sequence[str]) -> str:
+    """A folder's last name, where no other word has the same; else the folder as it was typed."""
+    name = Path(folder).name
+    alone = sum(Path(word).name == name for word in words) == 1 and name not in BUILT_IN
+    return name if alone else folder
 
 
 def _trained(source: Source, data: Transitions, lesson: Lesson) -> tuple[NeuralEnsemble, str]:
