@@ -15,7 +15,7 @@ static inline void eliminate(T* H, int nv, Pattern p, int k) {
   T inv = 1.0 / H[k * nv + k];
   H[k * nv + k] = inv;  // the diagonal keeps its inverse
   const T* row = H + k * nv;
-  for (int a = p.ptr[k]; a < p.ptr[k + 1]; ++a) {
+  for (int a = p.ptr[k + 1] - 1; a >= p.ptr[k]; --a) {  // nearest ancestor first: it is eliminated next and waits for this
     int i = p.idx[a];
     T f = H[i * nv + k] * inv;
     H[i * nv + k] = f;
@@ -35,7 +35,8 @@ static inline void copy_row(T* to, const T* from, int nv, Pattern p, int k) {
 
 // Solve H x = b in place on the dofs [lowest, nv) listed downwards; x may hold several columns.
 static inline void solve_down(const T* H, int nv, Pattern p, int k, T* x) {
-  for (int a = p.ptr[k]; a < p.ptr[k + 1]; ++a) x[p.idx[a]] -= H[p.idx[a] * nv + k] * x[k];
+  T from = x[k];
+  for (int a = p.ptr[k + 1] - 1; a >= p.ptr[k]; --a) x[p.idx[a]] -= H[p.idx[a] * nv + k] * from;
 }
 static inline void solve_up(const T* H, int nv, Pattern p, int k, T* x) {
   T r = x[k];
