@@ -31,9 +31,10 @@ def run(
     files: Mapping[str, Path] | None = None,
     progress: Callable[[int], object] | None = None,
 ) -> dict[str, Any]:
-    """Counts by scene, contact law and smoothing: states, solved, by_fallback, flagged, silent (wrong and not flagged), nan.
+    """Counts by scene, law and smoothing: states, solved, by_fallback, flagged, silent (wrong and not flagged), nan.
 
-    ``sizes``: states per scene label; ``files``: MJCF of each label (:func:`bench_scenes`). ``progress(n)`` is called with the number of new states.
+    ``sizes``: states per scene label; ``files``: MJCF of each label (:func:`bench_scenes`). ``progress(n)`` is called
+    with the number of new states.
     """
     sizes = dict(SIZES if sizes is None else sizes)
     rows = []
@@ -90,8 +91,8 @@ def text(result: dict[str, Any]) -> str:
     lines = [
         f"wild states: 5 cm penetration, joints at limits, speeds to 20 m/s, friction 0 to 10; seed {result['seed']}",
         f"solved: relative residual <= {result['tolerance']:g}; silent: neither solved nor flagged",
-        f"{'scene':10} {'law':7} {'smoothing':11} {'states':>8} {'solved %':>9} {'fallback':>8} {'flagged':>8} {'silent':>7} "
-        f"{'NaN':>5} {'iterations':>10} {'residual':>9}",
+        f"{'scene':10} {'law':7} {'smoothing':11} {'states':>8} {'solved %':>9} {'fallback':>8} {'flagged':>8} "
+        f"{'silent':>7} {'NaN':>5} {'iterations':>10} {'residual':>9}",
     ]
     lines += [
         f"{r['scene']:10} {r['law']:7} {r['smoothing']:11} {r['states']:8d} {100 * r['solved'] / r['states']:9.4f} "

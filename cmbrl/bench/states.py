@@ -47,21 +47,17 @@ def random_states(
     their range, so that some are clamped. Every velocity is below ``ranges.speed``, in some states far below.
     """
     ranges = ranges or Ranges()
-    core, nv = scene.core, scene.nv
-    free = not core["nlimit"] and "rotation" in scene.coordinate_kinds
-    width = np.where([kind == "rotation" and free for kind in scene.coordinate_kinds], ranges.turn, ranges.spread)
-    q = scene.integrate(np.tile(scene.q0, (count, 1)), width * rng.normal(size=(count, nv)))
-    for adr, low, high in zip(core["lim_qadr"], core["lim_lo"], core["lim_hi"], strict=True):
-        inside, side = rng.uniform(low, high, count), rng.random(count) < 0.5
-        beyond = rng.choice([0.0, 1.0], count) * rng.uniform(0, 0.05, count)
-        at = np.where(side, low - beyond, high + beyond)
-        q[:, adr] = np.where(rng.random(count) < ranges.at_limit, at, inside)
-    _lower(scene, q, rng.uniform(*ranges.gap, count))
-    v = ranges.speed * rng.random((count, 1)) * rng.uniform(-1, 1, (count, nv))
+    core = scene.core
+    q = np.empty((0, scene.nq))
+    while len(q) < count:  # links of a robot may not overlap by more than it may sink into the ground
+        more = _configurations(scene, count, rng, ranges)
+        between = scene.gaps(more)[:, core["con_plane"] < 0].min(axis=1, initial=np.inf)
+        q = np.concatenate([q, more[between >= ranges.gap[0]]])
+    v = ranges.speed * rng.random((count, 1)) * rng.uniform(-1, 1, (count, scene.nv))
     control = np.reshape(core["act_ctrl"], (-1, 2))
     low, high = np.where(np.isfinite(control), control, [-1.0, 1.0]).T
     u = (low + high) / 2 + 0.75 * (high - low) * rng.uniform(-1, 1, (count, scene.nu))
-    return q, v, u
+    return q[:count], v, u
 
 
 def with_friction(scene: Scene, count: int, rng: np.random.Generator, highest: float = 10.0) -> np.ndarray:
@@ -71,6 +67,20 @@ def with_friction(scene: Scene, count: int, rng: np.random.Generator, highest: f
     friction = rng.uniform(0, highest, (count, len(columns)))
     theta[:, columns] = np.where(rng.random(friction.shape) < 0.1, 0.0, friction)
     return theta
+
+
+def _configurations(scene: Scene, count: int, rng: np.random.Generator, ranges: Ranges) -> np.ndarray:
+    core = scene.core
+    loose = not core["nlimit"] and "rotation" in scene.coordinate_kinds
+    width = np.where([kind == "rotation" and loose for kind in scene.coordinate_kinds], ranges.turn, ranges.spread)
+    q = scene.integrate(np.tile(scene.q0, (count, 1)), width * rng.normal(size=(count, scene.nv)))
+    for adr, low, high in zip(core["lim_qadr"], core["lim_lo"], core["lim_hi"], strict=True):
+        inside, side = rng.uniform(low, high, count), rng.random(count) < 0.5
+        beyond = rng.choice([0.0, 1.0], count) * rng.uniform(0, 0.05, count)
+        at = np.where(side, low - beyond, high + beyond)
+        q[:, adr] = np.where(rng.random(count) < ranges.at_limit, at, inside)
+    _lower(scene, q, rng.uniform(*ranges.gap, count))
+    return q
 
 
 def _lower(scene: Scene, q: np.ndarray, gap: np.ndarray) -> None:

@@ -138,10 +138,11 @@ static void find_contacts(const Model& m, const Options& o, Work<G>& w, const Ma
       T phi = F.dist - p[kRadius];
       w.all_phi[i] = phi;
       Mask on = given ? given[i] : all();
+      if (m.con_type[i] != kPointPlane) on &= vabs(F.dist) > 1e-9;  // crossing segments: no direction parts them
       if (!keep_all && !given) {
         typename G::V u = point_velocity<G>(w.vel[A], F.a);
         if (B >= 0) u -= point_velocity<G>(w.vel[B], F.a - F.dist * F.n);
-        on = phi * (1 / o.h) + dot(F.n, u) < o.prune;
+        on &= phi * (1 / o.h) + dot(F.n, u) < o.prune;
         if (!any(on)) continue;
       }
       Contact<G>& c = w.con[w.ncon++];

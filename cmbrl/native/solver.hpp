@@ -7,7 +7,9 @@
 
 namespace cmbrl::CMBRL_ISA {
 
-struct Strategy { double tau, sigma, start; bool corrector; int iterations; };
+// follow: along the path from a large kappa down, centred at each of them, instead of straight to the end, with a share
+// `friction` of the coefficients of friction, which then grows back: paths of large friction fold, those of small do not.
+struct Strategy { double tau, sigma, start; bool corrector, follow; int iterations; double friction = 1, growth = 1e3; };
 
 template <class G>
 struct InteriorPoint {
@@ -17,6 +19,7 @@ struct InteriorPoint {
   Work<G>& w;
   Pattern pat;
   T rho, zeta, count;
+  T linear;  // size of the linear residuals at the start, relative to the speeds of the rows; at least 1
 
   InteriorPoint(const Model& m_, const Options& o_, Work<G>& w_) : m(m_), o(o_), w(w_), pat(pattern_of(m_, w_)) {}
 
@@ -70,6 +73,8 @@ struct InteriorPoint {
     }
     zeta = vmax(zeta, splat(1e-12));
     if (factor > 1) zeta = vmax(zeta, splat(1));
+    linear = splat(1);
+    auto compare = [&](Mask on, T r, double root) { linear = vmax(linear, keep(on, factor * vabs(r) / (root * zeta))); };
     for (int g = 0; g < w.ngroups; ++g) {
       Vec<G::N> F = zero<G::N>();
       for (int i = w.groups[g].begin; i < w.groups[g].end; ++i) {
@@ -78,6 +83,7 @@ struct InteriorPoint {
         c.gam = zeta / root;
         c.s = zeta * root;
         c.r1 = c.s - (c.r1 + c.Rn * c.gam);
+        compare(c.on, c.r1, root);
         F += keep(c.on, c.gam) * c.Wr[0];
         for (int r = 1; r < c.rows; ++r) {
           c.b[r - 1] = c.eta[r - 1] = T{};
@@ -93,6 +99,7 @@ struct InteriorPoint {
       l.gam = zeta / root;
       l.s = zeta * root;
       l.r1 = l.s - (l.r1 + l.R * l.gam);
+      compare(l.on, l.r1, root);
       w.rv[l.dof] += keep(l.on, l.sign * l.gam);
     }
     for (int i = 0; i < w.ndry; ++i) {
@@ -331,25 +338,25 @@ struct InteriorPoint {
     rho *= 1.0 - alpha;
   }
 
-  // Largest distance of a product from its kappa, relative to kappa (and to round-off of the start's products).
-  T off_path() const {
+  // Largest distance of a product from kappa + centre, relative to that (and to round-off of the start's products).
+  T off_path(T centre) const {
     T worst = T{}, floor = 4e-16 * zeta * zeta / o.theta;
-    auto widen = [&](Mask on, T error, T kappa) { worst = vmax(worst, keep(on, vabs(error) / vmax(kappa, floor))); };
+    auto widen = [&](Mask on, T error, T kappa) { worst = vmax(worst, keep(on, vabs(error) / vmax(kappa + centre, floor))); };
     for (int i = 0; i < w.ncon; ++i) {
       const Contact<G>& c = w.con[i];
-      widen(c.on, c.gam * c.s - c.kappa, c.kappa);
+      widen(c.on, c.gam * c.s - c.kappa - centre, c.kappa);
       if (c.rows == 1) continue;
-      T b0 = c.mu * c.gam, head = b0 * c.eta0 - c.kappa;
+      T b0 = c.mu * c.gam, head = b0 * c.eta0 - c.kappa - centre;
       CMBRL_FOR(r, NT) {
         head += c.b[r] * c.eta[r];
         widen(c.on & c.rub, b0 * c.eta[r] + c.eta0 * c.b[r], c.kappa);
       }
       widen(c.on & c.rub, head, c.kappa);
     }
-    for (int i = 0; i < w.nlim; ++i) widen(w.lim[i].on, w.lim[i].gam * w.lim[i].s - w.lim[i].kappa, w.lim[i].kappa);
+    for (int i = 0; i < w.nlim; ++i) widen(w.lim[i].on, w.lim[i].gam * w.lim[i].s - w.lim[i].kappa - centre, w.lim[i].kappa);
     for (int i = 0; i < w.ndry; ++i) {
       const DryFriction& d = w.dry[i];
-      widen(d.on, d.b0 * d.eta0 + d.b * d.eta - d.kappa, d.kappa);
+      widen(d.on, d.b0 * d.eta0 + d.b * d.eta - d.kappa - centre, d.kappa);
       widen(d.on, d.b0 * d.eta + d.eta0 * d.b, d.kappa);
     }
     return worst;
@@ -364,14 +371,33 @@ struct InteriorPoint {
     return sum / vmax(count, splat(1));
   }
 
+  // One full Newton step to kappa in the lanes of `todo`, from residuals that were just computed.
+  void refine(Mask todo) {
+    rho = splat(1);
+    linearise_all(T{}, none());
+    factorise();
+    advance(keep(todo, vmin(direction() * 0.99, splat(1))));
+  }
+
+  void set_friction(T share) {
+    for (int i = 0; i < w.ncon; ++i) {
+      Contact<G>& c = w.con[i];
+      if (c.rows > 1) c.mu = select(c.rub, share * w.P[m.oContact + c.index * kContactFields + kMu], splat(1));
+    }
+  }
+
   // Runs the lanes of `todo`; returns those that converged. Lanes outside keep alpha = 0 and so keep their start.
   Mask run(Mask todo, const Strategy& st, T& iterations) {
     start(st.start);
-    T kappa = mean_kappa();
+    T kappa = mean_kappa(), centre = st.follow ? zeta * zeta : T{}, floor = 1e-6 * zeta * zeta;
     Mask busy = todo & (count > 0.0), done = todo & ~busy;
+    T slow = T{};  // short steps in a row: the path has folded, more of them would lead nowhere
+    T share = splat(st.friction);
+    if (st.friction < 1) set_friction(share);
     for (int it = 0; any(busy) && it <= st.iterations; ++it) {
       T nu = complementarity(T{});
-      Mask ready = busy & (off_path() <= o.theta) & (rho <= o.tolerance);
+      T off = off_path(centre);
+      Mask ready = busy & (centre <= 0.0) & (share >= 1.0) & (off <= o.theta) & (rho * linear <= o.tolerance);
       done |= ready;
       busy &= ~ready;
       if (!any(busy) || it == st.iterations) break;
@@ -389,12 +415,24 @@ struct InteriorPoint {
         sigma = select(shortened, vmax(sigma, splat(0.5)), sigma);
         linearise_all(select(excess > 0.0, sigma * excess, T{}), ~shortened);
       } else {
-        linearise_all(st.sigma * excess, none());
+        if (st.follow) {
+          Mask next = off < 0.5, grows = next & (share < 1.0) & (centre <= vmax(kappa, floor));
+          if (any(grows)) {
+            share = select(grows, vmin(st.growth * share, splat(1)), share);
+            set_friction(share);
+          }
+          centre = select(next & ~grows, st.sigma * centre, centre);
+          centre = select(centre > 0.1 * kappa, centre, T{});
+        }
+        linearise_all(st.follow ? centre : st.sigma * excess, none());
         factorise();
       }
       alpha = vmin(direction() * st.tau, splat(1));
       advance(keep(busy, alpha));
+      slow = select(alpha < 1e-3, slow + 1.0, T{});
+      busy &= slow < 4.0;
     }
+    if (st.friction < 1) set_friction(splat(1));
     return done;
   }
 };

@@ -151,44 +151,55 @@ static void find_bounces(const Model& m, const Options& o, Work<G>& w) {
 
 struct Outcome { Mask done, fallback; T iterations, residual; };
 
-// True residuals at the returned point: momentum, normal rows, products; each relative to its own scale.
+// Linear residuals computed afresh at the current point (they shrink by 1 - alpha only up to round-off), left in the rows
+// and in rv; returns them relative: momentum to the impulses, rows to the speeds of all rows.
 template <class G>
-static T true_residual(const Model& m, Work<G>& w, const InteriorPoint<G>& ip) {
+static T fresh_residuals(const Model& m, Work<G>& w, const InteriorPoint<G>& ip) {
   int nv = m.nv;
-  T* r = w.tmp;
-  T scale = splat(1e-12), worst = T{};
-  for (int i = 0; i < nv; ++i) r[i] = w.M[i * (nv + 1)] * w.delta[i];
+  T *r = w.rv, scale = splat(1e-12), momentum = T{}, speed = splat(1e-6), row = T{};
+  for (int k = 0; k < nv; ++k)
+    if (!w.dynamic[k]) { w.delta[k] = T{}; solve_up(w.H0, nv, ip.pat, k, w.delta); }
+  for (int k = 0; k < nv; ++k) { w.vn[k] = w.vf[k] + w.delta[k]; r[k] = -w.M[k * (nv + 1)] * w.delta[k]; }
   for (int i = 0; i < nv; ++i)
     for (int a = m.anc_ptr[i]; a < m.anc_ptr[i + 1]; ++a) {
       int j = m.anc_idx[a];
-      r[i] += w.M[i * nv + j] * w.delta[j];
-      r[j] += w.M[j * nv + i] * w.delta[i];
+      r[i] -= w.M[i * nv + j] * w.delta[j];
+      r[j] -= w.M[j * nv + i] * w.delta[i];
     }
   for (int i = 0; i < nv; ++i) scale = vmax(scale, vmax(vabs(r[i]), w.M[i * (nv + 1)] * vabs(w.vf[i])));
-  T velocity = splat(1e-6);
+  auto compare = [&](Mask on, T c, T slack, T compliance) {
+    T error = slack - c - compliance;
+    speed = vmax(speed, keep(on, vmax(vabs(c), vabs(compliance))));
+    row = vmax(row, keep(on, vabs(error)));
+    return error;
+  };
   for (int g = 0; g < w.ngroups; ++g) {
     Vec<G::N> t = ip.twist(w.groups[g].group, w.vn), F = zero<G::N>();
     for (int i = w.groups[g].begin; i < w.groups[g].end; ++i) {
-      const Contact<G>& c = w.con[i];
-      T cn = dot(c.Wr[0], t) + c.cn0;
-      velocity = vmax(velocity, keep(c.on, vmax(vabs(c.cn0), vabs(cn))));
-      worst = vmax(worst, keep(c.on, vabs(c.s - cn - c.Rn * c.gam)) / velocity);
-      F -= keep(c.on, c.gam) * c.Wr[0];
-      for (int k = 1; k < c.rows; ++k) F -= keep(c.on & c.rub, c.b[k - 1]) * c.Wr[k];
+      Contact<G>& c = w.con[i];
+      speed = vmax(speed, keep(c.on, vabs(c.cn0)));
+      c.r1 = compare(c.on, dot(c.Wr[0], t) + c.cn0, c.s, c.Rn * c.gam);
+      F += keep(c.on, c.gam) * c.Wr[0];
+      for (int k = 1; k < c.rows; ++k) {
+        c.r2[k - 1] = compare(c.on & c.rub, dot(c.Wr[k], t) + c.ct0[k - 1], c.eta[k - 1], c.Rt * c.b[k - 1]);
+        F += keep(c.on & c.rub, c.b[k - 1]) * c.Wr[k];
+      }
     }
     ip.add_wrench(w.groups[g].group, F, r);
   }
   for (int i = 0; i < w.nlim; ++i) {
-    const Limit& l = w.lim[i];
-    T cn = l.sign * w.vn[l.dof] + l.c0;
-    velocity = vmax(velocity, keep(l.on, vmax(vabs(l.c0), vabs(cn))));
-    worst = vmax(worst, keep(l.on, vabs(l.s - cn - l.R * l.gam)) / velocity);
-    r[l.dof] -= keep(l.on, l.sign * l.gam);
+    Limit& l = w.lim[i];
+    speed = vmax(speed, keep(l.on, vabs(l.c0)));
+    l.r1 = compare(l.on, l.sign * w.vn[l.dof] + l.c0, l.s, l.R * l.gam);
+    r[l.dof] += keep(l.on, l.sign * l.gam);
   }
-  for (int i = 0; i < w.ndry; ++i) r[w.dry[i].dof] -= keep(w.dry[i].on, w.dry[i].b);
-  T momentum = T{};
+  for (int i = 0; i < w.ndry; ++i) {
+    DryFriction& d = w.dry[i];
+    d.r2 = compare(d.on, w.vn[d.dof] + d.c0, d.eta, d.R * d.b);
+    r[d.dof] += keep(d.on, d.b);
+  }
   for (int i = 0; i < nv; ++i) momentum = vmax(momentum, vabs(r[i]));
-  return vmax(worst, momentum / scale);
+  return vmax(row / speed, momentum / scale);
 }
 
 template <class G, class F>
@@ -206,32 +217,48 @@ static void for_solver_state(const Model& m, Work<G>& w, F f) {
   for (int i = 0; i < w.ndry; ++i) { f(w.dry[i].b, w.save[k++]); f(w.dry[i].eta0, w.save[k++]); f(w.dry[i].eta, w.save[k++]); }
 }
 
-// Contact solve at the kappas set in the rows, with the ladder: aggressive, conservative, slightly compliant.
+// Contact solve at the kappas set in the rows, with the ladder: aggressive, conservative, friction growing from several
+// shares of it (where the path of the full friction folds), and the same with slightly compliant contacts.
 template <class G>
 static Outcome contact_solve(const Model& m, const Options& o, Work<G>& w) {
   InteriorPoint<G> ip(m, o, w);
-  const Strategy ladder[3] = {{G::NT == 1 ? 0.95 : 0.9, 0.3, 1, true, o.max_iterations},
-                              {0.9, 0.4, 3, false, 100},
-                              {0.9, 0.4, 3, false, 150}};
+  struct Rung { Strategy strategy; double compliance; };
+  static constexpr double tau = 0.9;
+  const Rung ladder[] = {{{G::NT == 1 ? 0.95 : 0.9, 0.3, 1, true, false, o.max_iterations}, 0},
+                         {{tau, 0.4, 3, false, false, 60}, 0},
+                         {{tau, 0.3, 3, false, true, 60, 0.3}, 0},
+                         {{tau, 0.3, 3, false, true, 60, 0.1}, 0},
+                         {{tau, 0.3, 3, false, true, 60, 0.5}, 0},
+                         {{tau, 0.3, 3, false, true, 60, 0.2}, 0},
+                         {{tau, 0.3, 3, false, true, 60, 0.7}, 0},
+                         {{tau, 0.3, 3, false, true, 120, 0.3, 1.3}, 0},
+                         {{tau, 0.3, 3, false, true, 60, 0.3}, 1e-3},
+                         {{tau, 0.3, 3, false, true, 150, 0.1, 1.3}, 1e-2}};
+  const int rungs = int(sizeof ladder / sizeof *ladder);
   Outcome out{none(), none(), T{}, T{}};
-  out.done = ip.run(all(), ladder[0], out.iterations);
-  for (int rung = 1; rung < 3 && any(~out.done); ++rung) {
+  out.done = ip.run(all(), ladder[0].strategy, out.iterations);
+  for (int rung = 1; rung < rungs && any(~out.done); ++rung) {
     Mask before = out.done;
     for_solver_state(m, w, [](T& x, T& kept) { kept = x; });
-    if (rung == 2)
-      for (int i = 0; i < w.ncon; ++i) {
-        T soft = keep(~before, splat(1e-4 * m.con_invweight[w.con[i].index]));
-        w.con[i].Rn += soft;
-        w.con[i].Rt += soft;
-      }
-    Mask now = ip.run(~before, ladder[rung], out.iterations);
+    bool compliant = ladder[rung].compliance > 0;
+    for (int i = 0; compliant && i < w.ncon; ++i) {
+      T soft = keep(~before, splat(ladder[rung].compliance * m.con_invweight[w.con[i].index]));
+      w.con[i].Rn += soft;
+      w.con[i].Rt += soft;
+    }
+    Mask now = ip.run(~before, ladder[rung].strategy, out.iterations);
     for_solver_state(m, w, [before](T& x, T& kept) { x = select(before, kept, x); });
     out.done |= now;
-    if (rung == 2) out.fallback |= now;
+    if (compliant) out.fallback |= now;
   }
-  for (int k = 0; k < m.nv; ++k)
-    if (!w.dynamic[k]) { w.delta[k] = T{}; solve_up(w.H0, m.nv, ip.pat, k, w.delta); }
-  for (int k = 0; k < m.nv; ++k) w.vn[k] = w.vf[k] + w.delta[k];
+  out.residual = fresh_residuals(m, w, ip);
+  for (int k = 0; k < 10; ++k) {  // Newton steps from fresh residuals where round-off spoilt them: iterative refinement
+    Mask todo = out.done & ~((out.residual <= o.tolerance) & (ip.off_path(T{}) <= o.theta));
+    if (!any(todo)) break;
+    ip.refine(todo);
+    out.residual = fresh_residuals(m, w, ip);
+  }
+  out.done &= (out.residual <= 10 * o.tolerance) & (ip.off_path(T{}) <= 10 * o.theta);  // NaN fails
   return out;
 }
 
@@ -283,9 +310,7 @@ static Outcome solve_step(const Model& m, const Options& o, Work<G>& w) {
   free_velocity(m, w);
   find_bounces(m, o, w);
   set_kappa(m, o, w, o.forward);
-  Outcome out = contact_solve(m, o, w);
-  out.residual = true_residual(m, w, InteriorPoint<G>(m, o, w));
-  return out;
+  return contact_solve(m, o, w);
 }
 
 // Tangent displacement of one step: h v' less what impacts inside the step lose by acting late (M~^-1 sum t_i J_i^T x_i).
