@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from importlib.util import find_spec
 
 import numpy as np
@@ -49,7 +50,7 @@ def cma_search(
         asked = [strategy.ask() for _ in range(population)]
         z = np.repeat(best[None], population, axis=0)
         z[:, inside] = np.array(asked)[:, : len(inside)]
-        values = journal.losses(name, index, lambda z=z: objective.values(z))
+        values = journal.losses(name, index, partial(objective.values, z))
         strategy.tell([(x, float(f)) for x, f in zip(asked, values, strict=True)])
         winner = int(values.argmin())
         if values[winner] < value:

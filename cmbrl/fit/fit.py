@@ -19,7 +19,7 @@ import numpy as np
 
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.fit.cma import cma_search, require_library
-from cmbrl.fit.folds import Folds
+from cmbrl.fit.folds import Folds, draw_starts, fold_count
 from cmbrl.fit.gauge import gauge_columns, set_of
 from cmbrl.fit.gauss_newton import gauss_newton
 from cmbrl.fit.loss import Errors, PredictionLoss, Scales
@@ -91,13 +91,13 @@ def fit(
     data.check(model.scene, dt=model.dt)
     space = Space.of(model.scene.parameters, model.parameters)
     wanted = None if groups is None else space.columns(space.groups if groups == "all" else _names(groups))
-    count = _fold_count(data, holdout, needed=groups is None)
+    count = fold_count(data, holdout, needed=groups is None)
     scales = Scales.of(model.scene, data, huber)
     settings = [seed, method, None if wanted is None else wanted.tolist(), horizon, count, polish, huber]
     journal = Journal(folder, _fingerprint(model, data, settings, asdict(budget)), time_limit, progress)
 
     def loss(limit: int) -> PredictionLoss:
-        return PredictionLoss(model, data, _starts(data, horizon, limit, seed), horizon, scales)
+        return PredictionLoss(model, data, draw_starts(data, horizon, limit, seed), horizon, scales)
 
     everything = loss(budget.polish_rows)
     admit = partial(_admit, model.scene.core, space)
@@ -211,34 +211,6 @@ def _admit(core: Any, space: Space, chosen: np.ndarray, z: np.ndarray) -> tuple[
 
 def _names(groups: str | Sequence[str]) -> list[str]:
     return [groups] if isinstance(groups, str) else list(groups)
-
-
-def _fold_count(data: Any, holdout: float, needed: bool) -> int:
-    """How many folds hold out ``holdout`` of the episodes each; 0 for none."""
-    if not 0.0 <= holdout < 1.0:
-        raise UserError(f"holdout is {holdout}: give a share of the episodes from 0 to below 1")
-    if holdout == 0.0:
-        if needed:
-            raise UserError("holdout 0 leaves nothing to choose parameters by: name them (groups) or hold episodes out")
-        return 0
-    if data.n_episodes < 2:
-        raise UserError(
-            "the log has one episode only, and a fit is judged on episodes it has not seen: record a second one, "
-            "or name the parameters (groups) and set holdout to 0"
-        )
-    return min(max(round(1.0 / holdout), 2), data.n_episodes)
-
-
-def _starts(data: Any, horizon: int, limit: int, seed: int) -> np.ndarray:
-    """Rows to predict from, at most ``limit`` predicted transitions, drawn without replacement, in the log's order."""
-    starts = data.windows(horizon)
-    if len(starts) == 0:
-        raise UserError(f"no episode has {horizon} transitions in a row: choose a shorter horizon")
-    limit = max(1, limit // horizon)
-    if len(starts) <= limit:
-        return starts
-    draw = np.random.Generator(np.random.Philox(key=[seed & 0xFFFFFFFFFFFFFFFF, limit]))
-    return np.sort(draw.choice(starts, limit, replace=False))
 
 
 def _fingerprint(model: Any, data: Any, settings: list[Any], budget: dict[str, Any]) -> str:

@@ -8,9 +8,11 @@ Gauss-Newton with a prior forgets the start also where the fold's data say nothi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from cmbrl.errors import UserError
 from cmbrl.fit.gauss_newton import gauss_newton
 from cmbrl.fit.loss import Errors, PredictionLoss
 from cmbrl.fit.objective import Objective
@@ -18,6 +20,40 @@ from cmbrl.fit.space import Space
 from cmbrl.fit.state import Journal
 
 _LEAST_BLOCKS = 6  # with fewer episodes than this they are cut into stretches of consecutive starts
+
+
+def fold_count(data: Any, holdout: float, needed: bool) -> int:
+    """How many folds hold out ``holdout`` of the episodes each; 0 for none, which is refused where one is ``needed``.
+
+    Raises UserError on a share outside [0, 1), and on a single episode.
+    """
+    if not 0.0 <= holdout < 1.0:
+        raise UserError(f"holdout is {holdout}: give a share of the episodes from 0 to below 1")
+    if holdout == 0.0:
+        if needed:
+            raise UserError("holdout 0 leaves nothing to choose parameters by: name them (groups) or hold episodes out")
+        return 0
+    if data.n_episodes < 2:
+        raise UserError(
+            "the log has one episode only, and a fit is judged on episodes it has not seen: record a second one, "
+            "or name the parameters (groups) and set holdout to 0"
+        )
+    return min(max(round(1.0 / holdout), 2), data.n_episodes)
+
+
+def draw_starts(data: Any, horizon: int, limit: int, seed: int) -> np.ndarray:
+    """Rows to predict from, at most ``limit`` predicted transitions, drawn without replacement, in the log's order.
+
+    Raises UserError when no episode has ``horizon`` transitions in a row.
+    """
+    starts = data.windows(horizon)
+    if len(starts) == 0:
+        raise UserError(f"no episode has {horizon} transitions in a row: choose a shorter horizon")
+    limit = max(1, limit // horizon)
+    if len(starts) <= limit:
+        return starts
+    draw = np.random.Generator(np.random.Philox(key=[seed & 0xFFFFFFFFFFFFFFFF, limit]))
+    return np.sort(draw.choice(starts, limit, replace=False))
 
 
 @dataclass(frozen=True)

@@ -25,15 +25,13 @@ def gauge_columns(core: Mapping[str, Any], free: np.ndarray) -> list[int]:
     bodies = int(core["nbody"])
     mass_at = np.arange(bodies) * _body_fields(core)
     owner = parameters_by_place(core)
-    held = []
+    held: list[int] = []
     for members in _sets(core):
-        masses = {b: _free_owner(owner, int(mass_at[b]), free) for b in members}
-        if any(k is None for k in masses.values()):
-            continue  # a known mass is an anchor
-        if any(_free_owner(owner, place, free) is None for place in _force_places(core, members)):
-            continue
-        heaviest = max(members, key=lambda b: core["P"][mass_at[b]])
-        held.append(masses[heaviest])
+        massive = [b for b in members if core["P"][mass_at[b]] > 0.0]  # a body that weighs nothing anchors nothing
+        places = [int(mass_at[b]) for b in massive] + _force_places(core, members)
+        if massive and all(_free_owner(owner, place, free) is not None for place in places):
+            heaviest = max(massive, key=lambda b: core["P"][mass_at[b]])
+            held.append(next(k for k in owner[int(mass_at[heaviest])] if free[k]))
     return held
 
 

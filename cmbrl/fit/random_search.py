@@ -11,6 +11,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -61,7 +62,7 @@ def random_search(
         z = propose(objective, best, moving, width, seed, name, index, population)
         if index == 0:
             z[0] = best
-        values = journal.losses(name, index, lambda z=z: objective.values(z))
+        values = journal.losses(name, index, partial(objective.values, z))
         winner = int(values.argmin())
         if values[winner] < value:
             step = np.abs(z[winner] - best)[moving]

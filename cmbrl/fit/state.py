@@ -48,16 +48,14 @@ class Journal:
         self._fingerprint, self._time_limit, self._progress = fingerprint, time_limit, progress
         self._started = self._written = time.monotonic()
         if self.path is not None:
-            self._open(Path(folder))
+            self._open(self.path)
 
-    def _open(self, folder: Path) -> None:
-        check_writable(folder, folder=True)
-        if self.path.exists():
-            state = read_json(self.path)
+    def _open(self, path: Path) -> None:
+        check_writable(path.parent, folder=True)
+        if path.exists():
+            state = read_json(path)
             if not isinstance(state, dict) or state.get("fingerprint") != self._fingerprint:
-                raise UserError(
-                    f"{self.path}: holds another fit (data, model or settings differ): choose another folder"
-                )
+                raise UserError(f"{path}: holds another fit (data, model or settings differ): choose another folder")
             self.units, self.rounds = state["units"], state["rounds"]
             self.seconds_before, self.resumed = state["seconds"], True
 
