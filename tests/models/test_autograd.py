@@ -1,0 +1,110 @@
+"""Gradients through torch: one step by gradcheck, rollouts against the product of the native Jacobians."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from cmbrl.bench.states import Ranges, random_states
+from cmbrl.contact import Barrier
+from cmbrl.models.complementarity import ComplementarityModel, SolverWarning
+from cmbrl.scene import Scene
+
+from ..scene.conftest import GYMNASIUM
+
+CUBE = Path(__file__).parents[2] / "tasks/cube_toss/scene.xml"
+HOPPER = next(file for file in GYMNASIUM if file.stem == "hopper")
+CALM = Ranges(gap=(0.0, 0.02), speed=0.5, at_limit=0.0)
+
+
+def tensors(*arrays: np.ndarray) -> list[torch.Tensor]:
+    return [torch.from_numpy(np.ascontiguousarray(x)).requires_grad_() for x in arrays]
+
+
+@pytest.mark.parametrize("integrator", ["semi-implicit", "leapfrog"])
+def test_gradcheck_of_one_step(integrator: str) -> None:
+    scene = Scene.from_mjcf(HOPPER)
+    smooth = Barrier(1e-2)
+    model = ComplementarityModel(scene, 2, smoothing=smooth, integrator=integrator, path_tolerance=1e-12)
+    q, v, u = tensors(*random_states(scene, 2, np.random.default_rng(0), CALM))
+    (theta,) = tensors(model.parameters * np.where(model.parameters > 0, 1.01, 1.0))
+    assert torch.autograd.gradcheck(model.step, (q, v, u, theta), eps=1e-6, atol=1e-5, rtol=1e-4)
+
+
+@pytest.mark.parametrize(("file", "law"), [(HOPPER, "mujoco"), (CUBE, "mujoco"), (CUBE, "rigid")])
+def test_rollout_is_the_product_of_the_jacobians(file: Path, law: str) -> None:
+    """32 steps of a batch: d loss / d (q, v, every u) backwards through torch and forwards by the chain rule."""
+    scene, horizon, batch = Scene.from_mjcf(file, contact_law=law), 32, 5
+    nv, nu = scene.nv, scene.nu
+    model = ComplementarityModel(scene, smoothing=Barrier(1e-3))
+    rng = np.random.default_rng(1)
+    q0, v0, _ = random_states(scene, batch, rng, CALM)
+    controls = rng.uniform(-1, 1, (batch, horizon, nu))
+    weight = rng.normal(size=(2, batch, nv))
+    q, v, u = tensors(q0, v0, controls)
+    q_end, v_end = q, v
+    for k in range(horizon):
+        q_end, v_end = model.step(q_end, v_end, u[:, k])
+    direction = model._tangent.to_configuration(q_end.detach().numpy(), weight[0])
+    loss = (q_end * torch.from_numpy(direction)).sum() + (v_end * torch.from_numpy(weight[1])).sum()
+    loss.backward()
+    states, steps, qk, vk = [], [], q0, v0
+    for k in range(horizon):
+        r = model.predict(qk, vk, controls[:, k], jacobian=True)
+        states.append((qk, vk))
+        steps.append(r.jacobian)
+        qk, vk = r.q_next, r.v_next
+    np.testing.assert_array_equal(qk, q_end.detach().numpy())
+    row = np.concatenate(weight, axis=1)[:, None]
+    gu = np.zeros((batch, horizon, nu))
+    for k in reversed(range(horizon)):
+        row = row @ steps[k]
+        gu[:, k], row = row[:, 0, 2 * nv :], row[:, :, : 2 * nv]
+    size = np.abs(row).max()
+    ours = model._tangent.to_tangent(q0, q.grad.numpy())
+    np.testing.assert_allclose(ours, row[:, 0, :nv], rtol=0, atol=1e-9 * size)
+    np.testing.assert_allclose(v.grad.numpy(), row[:, 0, nv:], rtol=0, atol=1e-9 * size)
+    np.testing.assert_allclose(u.grad.numpy(), gu, rtol=0, atol=1e-9 * max(size, np.abs(gu).max(initial=0)))
+
+
+def test_gradient_of_shared_parameters_is_the_sum() -> None:
+    scene = Scene.from_mjcf(CUBE)
+    model = ComplementarityModel(scene, smoothing=Barrier(1e-4))
+    q, v, u = tensors(*random_states(scene, 6, np.random.default_rng(2), CALM))
+    (shared,) = tensors(model.parameters)
+    (each,) = tensors(np.tile(model.parameters, (6, 1)))
+    for theta in (shared, each):
+        _, v_next = model.step(q, v, u, theta)
+        v_next.square().sum().backward()
+    np.testing.assert_allclose(shared.grad.numpy(), each.grad.numpy().sum(0), rtol=1e-12)
+
+
+def test_hard_forward_soft_backward() -> None:
+    """The value is that of the hard step, the gradient that of the soft one at the same state."""
+    scene = Scene.from_mjcf(CUBE)
+    hard = ComplementarityModel(scene, smoothing=Barrier(1e-8), backward_smoothing=Barrier(1e-2))
+    q, v, u = tensors(*random_states(scene, 4, np.random.default_rng(3), CALM))
+    q_next, v_next = hard.step(q, v, u)
+    exact = ComplementarityModel(scene, smoothing=Barrier(1e-8)).predict(*(x.detach().numpy() for x in (q, v, u)))
+    np.testing.assert_allclose(v_next.detach().numpy(), exact.v_next, rtol=0, atol=1e-9)
+    v_next.sum().backward()
+    soft = ComplementarityModel(scene, smoothing=Barrier(1e-2)).predict(
+        *(x.detach().numpy() for x in (q, v, u)), jacobian=True
+    )
+    nv = scene.nv
+    np.testing.assert_allclose(v.grad.numpy(), soft.jacobian[:, nv:, nv : 2 * nv].sum(1), rtol=0, atol=1e-7)
+    assert q_next.shape == q.shape
+
+
+def test_failed_solves_warn() -> None:
+    """A step that did not converge is counted and warned of, never passed on in silence."""
+    scene = Scene.from_mjcf(CUBE)
+    model = ComplementarityModel(scene)
+    q, v, u = random_states(scene, 2, np.random.default_rng(4), CALM)
+    v[0] = np.nan
+    with pytest.warns(SolverWarning, match="1 of 2"):
+        model.step(*(torch.from_numpy(x) for x in (q, v, u)))
+    assert model.failures == 1

@@ -1,0 +1,113 @@
+"""Results do not depend on threads, on the order of a batch, on its size, or on the instruction set."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cmbrl.bench.states import Ranges, random_states
+from cmbrl.contact import Adaptive, Barrier
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.native import Core
+from cmbrl.scene import Scene
+
+from ..scene.conftest import GYMNASIUM
+
+CUBE = Path(__file__).parents[2] / "tasks/cube_toss/scene.xml"
+HOPPER = next(file for file in GYMNASIUM if file.stem == "hopper")
+CALM = Ranges(gap=(-0.002, 0.01), speed=2.0)
+NAMES = ("q_next", "v_next", "status", "iterations", "residual", "jacobian", "impulse")
+
+
+@pytest.fixture(params=[HOPPER, CUBE], ids=["hopper", "cube"])
+def model(request: pytest.FixtureRequest) -> ComplementarityModel:
+    return ComplementarityModel(Scene.from_mjcf(request.param), substeps=2, smoothing=Barrier(1e-4))
+
+
+def batch(model: ComplementarityModel, count: int = 203) -> tuple[np.ndarray, ...]:
+    return random_states(model.scene, count, np.random.default_rng(0), CALM)
+
+
+def instruction_sets(scene: Scene) -> list[Core]:
+    found = []
+    flags = Path("/proc/cpuinfo").read_text(encoding="utf-8") if Path("/proc/cpuinfo").exists() else ""
+    for name, needs in (("sse2", ()), ("avx2", ("avx2", "fma")), ("avx512", ("avx512f", "avx512dq", "avx512vl"))):
+        if all(f" {need} " in flags for need in needs):
+            found.append(Core(scene.core, isa=name))
+    return found
+
+
+def test_one_and_two_threads_give_the_same_bits(model: ComplementarityModel) -> None:
+    q, v, u = batch(model)
+    both = model.with_settings(threads=2)
+    one, two = (m.predict(q, v, u, parameter_jacobian=True, impulse=True) for m in (model, both))
+    for name in NAMES:
+        np.testing.assert_array_equal(getattr(one, name), getattr(two, name), err_msg=name)
+    g = np.random.default_rng(1).normal(size=(2, len(q), model.scene.nv))
+    backward = []
+    for m in (model, both):
+        tape = m._core.forward(q, v, u, m.parameters, m._options, tape=True, threads=m.threads)["tape"]
+        back = m._core.backward(u, m.parameters, tape, *g, m._options, want_theta=True, threads=m.threads)
+        backward.append({k: np.array(x) for k, x in back.items()})
+    for name, x in backward[0].items():
+        np.testing.assert_array_equal(x, backward[1][name], err_msg=name)
+
+
+def test_loss_of_candidates_is_the_same_on_two_threads(model: ComplementarityModel) -> None:
+    q, v, u = batch(model, 80)
+    r = model.predict(q, v, u)
+    rng, nv = np.random.default_rng(2), model.scene.nv
+    theta = model.parameters * rng.uniform(0.9, 1.1, (13, len(model.parameters)))
+    common = (q, v, u, r.q_next, r.v_next, np.arange(79), 1, theta, np.ones(nv), np.ones(nv), 1.0)
+    one, two = (m.candidate_loss(*common) for m in (model, model.with_settings(threads=2)))
+    np.testing.assert_array_equal(one, two)
+    assert (one > 0).all()
+
+
+def test_order_and_size_of_a_batch_do_not_matter(model: ComplementarityModel) -> None:
+    q, v, u = batch(model)
+    whole = model.predict(q, v, u, parameter_jacobian=True)
+    order = np.random.default_rng(3).permutation(len(q))
+    shuffled = model.predict(q[order], v[order], u[order], parameter_jacobian=True)
+    single = model.predict(q[:1], v[:1], u[:1], parameter_jacobian=True)
+    for name in ("q_next", "v_next", "jacobian"):
+        x = getattr(whole, name)
+        scale = 1e-12 * max(1.0, np.abs(x).max())
+        np.testing.assert_allclose(getattr(shuffled, name), x[order], rtol=0, atol=scale)
+        np.testing.assert_allclose(getattr(single, name), x[:1], rtol=0, atol=scale)
+
+
+@pytest.mark.parametrize("smoothing", [Barrier(1e-4), Adaptive(length=0.01)], ids=["barrier", "adaptive"])
+def test_instruction_sets_agree(model: ComplementarityModel, smoothing: Barrier | Adaptive) -> None:
+    model = model.with_settings(smoothing=smoothing, path_tolerance=1e-10)
+    q, v, u = batch(model, 50)
+    cores = instruction_sets(model.scene)
+    results = [core.forward(q, v, u, model.parameters, model._options, jacobian=True) for core in cores]
+    assert len({core.isa for core in cores}) == len(cores)
+    for other in results[1:]:
+        for name in ("q_next", "v_next"):
+            np.testing.assert_allclose(other[name], results[0][name], rtol=0, atol=1e-9)
+        size = np.abs(results[0]["jacobian"]).max()
+        np.testing.assert_allclose(other["jacobian"], results[0]["jacobian"], rtol=0, atol=1e-6 * size)
+
+
+def test_substeps_chain(model: ComplementarityModel) -> None:
+    """Two substeps are two steps, in value and in Jacobian."""
+    model = model.with_settings(integrator="semi-implicit")
+    q, v, u = batch(model, 30)
+    nv, once = model.scene.nv, model.with_settings(substeps=1)
+    two = model.predict(q, v, u, parameter_jacobian=True)
+    first = once.predict(q, v, u, parameter_jacobian=True)
+    second = once.predict(first.q_next, first.v_next, u, parameter_jacobian=True)
+    np.testing.assert_allclose(second.v_next, two.v_next, rtol=0, atol=1e-12)
+    chained = second.jacobian[:, :, : 2 * nv] @ first.jacobian
+    chained[:, :, 2 * nv :] += second.jacobian[:, :, 2 * nv :]
+    np.testing.assert_allclose(chained, two.jacobian, rtol=0, atol=1e-9 * np.abs(chained).max())
+
+
+def test_empty_batch(model: ComplementarityModel) -> None:
+    r = model.predict(*(x[:0] for x in batch(model, 3)), jacobian=True)
+    assert r.q_next.shape == (0, model.scene.nq)
+    assert r.jacobian.shape[0] == 0
