@@ -117,8 +117,9 @@ def _trained(source: Source, data: Transitions, lesson: Lesson) -> tuple[NeuralE
     with fraction(f"train ensemble on {len(data)} transitions") as progress:
         report = ensemble.fit(data, seed=lesson.seed, progress=progress, max_seconds=lesson.seconds)
     torch.set_num_threads(threads)
+    log = Path(lesson.path or "").name
     note = (
-        f"ensemble: trained on {len(data)} transitions of {lesson.path}, seed {lesson.seed}, {report.epochs} epochs in "
+        f"ensemble: trained on {len(data)} transitions of {log}, seed {lesson.seed}, {report.epochs} epochs in "
         f"{report.seconds:.0f} s (stopped by {report.stopped}), held-out error {report.holdout_error:.4f}"
     )
     return ensemble, note
