@@ -13,6 +13,7 @@ from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
 
 _FORMAT = 1
+_NONE = "  none: the nominal model explains the held-out episodes as well as any other"
 FITTED, AT_BOUND, FLAT, GAUGE, NOMINAL = "fitted", "at bound", "flat", "gauge", "nominal"
 
 
@@ -116,7 +117,7 @@ def _lines(parameters: dict[str, FittedParameter], report: dict[str, Any]) -> li
         lines += [
             f"  {s['move']:<7}{s['group']:<20} {s['gain']:.4g} (noise {s['noise']:.2g}), RMSE {s['held_out_rmse']:.4f}"
             for s in report["selection"]
-        ] or ["  none: the nominal model explains the held-out episodes as well as any other"]
+        ] or [_NONE if report["stopped"] is None else "  none so far"]
     moved = {n: p for n, p in parameters.items() if p.status != NOMINAL}
     if moved:
         lines.append(f"  {'parameter':<36}{'value':>12}{'95 % interval':>28}{'nominal':>12}  status")
