@@ -38,6 +38,7 @@ MISTAKES = {
     "policy is no TorchScript": (f"{RECORD} --policy text.xml", "text.xml", "torch.jit"),
     "unknown format": ("record hopper --steps 5 --out new.csv", "new.csv", ".npz"),
     "output below a file": ("record hopper --steps 5 --out text.xml/new.npz", "text.xml/new.npz", "another place"),
+    "Minari folder exists": ("record hopper --steps 5 --out run_of_fit", "run_of_fit", "another name"),
     "published log not named": ("record cube_toss --steps 5 --out new.npz", "cube_toss", "--data"),
     "missing log": ("fit hopper --data nowhere.npz --out run", "nowhere.npz", "no such file"),
     "log is no npz": ("fit hopper --data damaged.npz --out run", "damaged.npz", ""),

@@ -13,6 +13,7 @@ import pytest
 
 from cmbrl.cli.main import COMMANDS, main
 
+CONFIGS = Path(__file__).parent.parent / "configs"
 FIT = ["fit", "hopper", "--data", "log.npz", "--groups", "friction", "--method", "gauss-newton"]
 
 
@@ -98,6 +99,13 @@ def test_fit_writes_a_run_folder_that_repeats_and_compares(command, place: Path)
         "run",
     }
     assert (place / "error/error.png").stat().st_size > 0
+
+
+@pytest.mark.parametrize("file", sorted(CONFIGS.glob("*.yaml")), ids=lambda file: file.stem)
+def test_every_configuration_is_understood_up_to_its_log(file: Path, command) -> None:
+    done = command("fit", "--config", file)
+    assert done.returncode == 2
+    assert f"runs/{file.stem}/train.npz: no such file" in done.stderr  # there is no log in the empty folder
 
 
 def test_start_values_are_taken_from_the_command_line(command, place: Path) -> None:

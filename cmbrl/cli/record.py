@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
 
 from cmbrl.cli.options import add_json, add_seed, positive
 from cmbrl.cli.progress import counting
 from cmbrl.errors import UserError, did_you_mean
-from cmbrl.files import check_writable
 
 EXAMPLE = """
 cmbrl record hopper --steps 5000 --out hopper.npz
@@ -34,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
+    from cmbrl.data.files import check_target
     from cmbrl.registry import load_task
 
     task = load_task(arguments.task)
@@ -42,7 +41,7 @@ def run(arguments: argparse.Namespace) -> None:
         raise UserError(f"{task.name} knows no behaviour {behaviour!r}: {did_you_mean(behaviour, task.behaviours)}")
     if (behaviour == "policy") != (arguments.policy is not None):
         raise UserError("--behaviour policy and --policy FILE go together: give both or neither")
-    _check_target(arguments.out)
+    check_target(arguments.out)  # now rather than after an hour of recording
     if behaviour == "policy":
         from cmbrl.data.behaviour import load_policy
 
@@ -64,12 +63,3 @@ def run(arguments: argparse.Namespace) -> None:
         print(
             f"{arguments.out}: {len(data)} transitions of {task.name} in {data.n_episodes} episodes, dt {data.dt:g} s"
         )
-
-
-def _check_target(out: str) -> None:
-    """Raises UserError now rather than after an hour of recording when the log could not be written."""
-    if out.startswith("minari:"):
-        return  # Minari's own root; its writer says what is wrong
-    if Path(out).suffix not in (".npz", ""):
-        raise UserError(f"{out}: unknown format: name it .npz, or name a folder or minari:ID for a Minari dataset")
-    check_writable(out)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from cmbrl.data import npz
 from cmbrl.errors import UserError
+from cmbrl.files import check_writable
 
 if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
@@ -17,6 +18,7 @@ MINARI_PREFIX = "minari:"
 
 def save(data: Transitions, path: str | os.PathLike[str]) -> None:
     """Writes ``data``; raises UserError when the name does not tell the format or the place cannot be written."""
+    check_target(path)
     if str(path).startswith(MINARI_PREFIX):
         from cmbrl.data import minari_io
 
@@ -24,10 +26,24 @@ def save(data: Transitions, path: str | os.PathLike[str]) -> None:
         minari_io.write(data, minari_io.root_path(dataset_id), dataset_id)
     elif Path(path).suffix == ".npz":
         npz.write(data, Path(path))
-    elif Path(path).suffix == "":
+    else:
         from cmbrl.data import minari_io
 
         minari_io.write(data, Path(path))
+
+
+def check_target(path: str | os.PathLike[str]) -> None:
+    """Raises UserError when the name does not tell the format or the place cannot be written; writes nothing.
+
+    For callers that have long work to do before they save.
+    """
+    is_id = str(path).startswith(MINARI_PREFIX)
+    if Path(path).suffix == ".npz" and not is_id:
+        check_writable(path)
+    elif is_id or Path(path).suffix == "":
+        from cmbrl.data import minari_io
+
+        minari_io.check_new(minari_io.root_path(str(path).removeprefix(MINARI_PREFIX)) if is_id else Path(path))
     else:
         raise UserError(f"{path}: unknown format: end in .npz, or name a folder or minari:ID for Minari")
 

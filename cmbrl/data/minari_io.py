@@ -19,7 +19,7 @@ import numpy as np
 
 from cmbrl.data.splitting import follows
 from cmbrl.errors import UserError
-from cmbrl.files import atomic_path
+from cmbrl.files import atomic_path, check_writable
 
 if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
@@ -42,6 +42,14 @@ def root_path(dataset_id: str) -> Path:
     return Path(get_dataset_path(dataset_id))
 
 
+def check_new(folder: Path) -> None:
+    """Raises UserError when the folder exists already, cannot be written, or Minari is missing; writes nothing."""
+    _minari()
+    if folder.exists():
+        raise UserError(f"{folder}: exists already: remove it or choose another name")
+    check_writable(folder)
+
+
 def write(data: Transitions, folder: Path, dataset_id: str | None = None) -> None:
     """Writes ``data`` as a dataset in ``folder``, whole or not at all; an episode with a gap inside becomes several.
 
@@ -49,12 +57,10 @@ def write(data: Transitions, folder: Path, dataset_id: str | None = None) -> Non
 
     Raises UserError when the folder exists already, cannot be written, or Minari is missing.
     """
-    _minari()
+    check_new(folder)
     folder = folder.absolute()  # Minari joins relative paths twice
     if len(data) == 0:
         raise UserError(f"{folder}: the log is empty: Minari needs at least one transition")
-    if folder.exists():
-        raise UserError(f"{folder}: exists already: remove it or choose another name")
     from gymnasium.spaces import Box, Dict
     from minari.data_collector import EpisodeBuffer
     from minari.dataset.minari_storage import MinariStorage
