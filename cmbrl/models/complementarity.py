@@ -30,8 +30,8 @@ class StepResult:
 
     q_next (B, nq), v_next (B, nv); status (B,) 0 converged, 1 by the compliant fallback, 2 failed; iterations (B,)
     summed over substeps; residual (B,) worst relative residual over substeps; jacobian (B, 2 nv, 2 nv + nu [+ np]) of
-    (q', v') in (q, v, u [, theta]), tangent space for q, where asked for; impulse (B, contacts) summed normal impulses
-    [N s], where asked for.
+    (q', v') in (q, v, u [, theta]), tangent space for q, where asked for; impulse (B, contacts, 2 or 3) [N s] along
+    the rows of ``smooth_dynamics``, summed over substeps, where asked for.
     """
 
     q_next: np.ndarray

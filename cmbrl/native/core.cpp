@@ -64,8 +64,13 @@ static void forward_packs(const Model& m, const Options& o, const Batch& b, int6
       st = control_step(m, o, w, [&](int s) {
         if (b.impulse)
           for (int i = 0; i < w.ncon; ++i)
-            for (int lane = 0; lane < l.n; ++lane)
-              if (w.con[i].on[lane]) b.impulse[l.at[lane] * m.ncontact + w.con[i].index] += w.con[i].gam[lane];
+            for (int lane = 0; lane < l.n; ++lane) {
+              const Contact<G>& c = w.con[i];
+              double* x = b.impulse + (l.at[lane] * m.ncontact + c.index) * (1 + G::NT);
+              if (c.on[lane]) x[0] += c.gam[lane];
+              for (int r = 1; r < c.rows; ++r)
+                if (c.on[lane] && c.rub[lane]) x[r] += c.b[r - 1][lane];
+            }
         if (!b.tape) return;
         if (!(o.backward == o.forward)) { set_kappa(m, o, w, o.backward); contact_solve(m, o, w); }
         double* block[W];

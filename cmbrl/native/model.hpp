@@ -73,7 +73,7 @@ struct Batch {
   int64_t q_stride, v_stride, u_stride, theta_stride;  // 0: shared by all elements
   double *q_next, *v_next;
   int32_t *status, *iterations;  // status: 0 converged, 1 by a fallback rung, 2 failed
-  double *residual, *impulse;    // impulse (n, ncontact): summed normal impulse over the substeps [N s]
+  double *residual, *impulse;    // impulse (n, ncontact, 1 + NT): normal, tangents, summed over the substeps [N s]
   double *jacobian;              // (n, 2 nv, 2 nv + nu [+ ntheta])
   int jacobian_theta;
   double *tape;                  // (n, tape_size), written by the forward pass and read by the backward pass

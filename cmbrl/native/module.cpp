@@ -114,8 +114,9 @@ class Core {
     if (jacobian) out["jacobian"] = make_array<double>({n, size_t(2 * m.nv), ncol}, &b.jacobian);
     if (tape) out["tape"] = make_array<double>({n, size_t(backend_.tape_size(m, o))}, &b.tape);
     if (impulse) {
-      out["impulse"] = make_array<double>({n, size_t(m.ncontact)}, &b.impulse);
-      std::memset(b.impulse, 0, n * m.ncontact * sizeof(double));
+      size_t rows = m.planar ? 2 : 3;
+      out["impulse"] = make_array<double>({n, size_t(m.ncontact), rows}, &b.impulse);
+      std::memset(b.impulse, 0, n * m.ncontact * rows * sizeof(double));
     }
     nb::gil_scoped_release release;
     run(b.n, threads, o, [&](int64_t s, int64_t e, void* w) { backend_.forward(m, o, b, s, e, w); });
