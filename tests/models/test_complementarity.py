@@ -1,0 +1,105 @@
+"""The model around the core: settings, parameters, refusals, JSON."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from cmbrl.contact import Adaptive, Barrier, Exact
+from cmbrl.errors import UserError
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.protocol import Model
+from cmbrl.scene import Scene
+
+CUBE = Path(__file__).parents[2] / "tasks/cube_toss/scene.xml"
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return Scene.from_mjcf(CUBE, contact_law="rigid")
+
+
+def state(scene: Scene, count: int = 3) -> list[torch.Tensor]:
+    v = torch.zeros(count, scene.nv, dtype=torch.float64)
+    return [torch.from_numpy(np.tile(scene.q0, (count, 1))), v, torch.zeros(count, scene.nu, dtype=torch.float64)]
+
+
+def test_fills_the_protocol(scene: Scene) -> None:
+    model = ComplementarityModel(scene, substeps=3)
+    assert isinstance(model, Model)
+    assert model.dt == pytest.approx(3 * scene.timestep)
+    q_next, v_next = model.step(*state(scene))
+    assert q_next.shape == (3, scene.nq)
+    assert v_next.shape == (3, scene.nv)
+    assert q_next.dtype == v_next.dtype == torch.float64
+    np.testing.assert_allclose(q_next[:, 3:].norm(dim=1).numpy(), 1.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("smoothing", [Exact(), Barrier(1e-3), Barrier(length=1e-3), Adaptive(length=0.02)])
+def test_config_round_trip(scene: Scene, smoothing: Exact | Barrier | Adaptive) -> None:
+    theta = scene.parameter_vector()
+    theta[0] *= 1.5
+    model = ComplementarityModel(scene, 2, 0.003, smoothing, "leapfrog", theta, backward_smoothing=Barrier(1e-2))
+    again = ComplementarityModel.from_config(scene, json.loads(json.dumps(model.to_config())))
+    assert again.to_config() == model.to_config()
+    for ours, theirs in zip(model.step(*state(scene)), again.step(*state(scene)), strict=True):
+        assert torch.equal(ours, theirs)
+
+
+def test_settings_and_parameters_are_replaced_on_a_copy(scene: Scene) -> None:
+    model = ComplementarityModel(scene)
+    theta = scene.parameter_vector() * np.where(scene.parameter_vector() > 0, 1.1, 1.0)
+    other = model.with_parameters(theta).with_settings(substeps=4)
+    assert (other.substeps, model.substeps) == (4, 1)
+    np.testing.assert_array_equal(other.parameters, theta)
+    np.testing.assert_array_equal(model.parameters, scene.parameter_vector())
+
+
+def test_parameter_jacobian_is_part_of_the_whole(scene: Scene) -> None:
+    model = ComplementarityModel(scene, smoothing=Barrier(1e-3))
+    q, v, u = (x.numpy() for x in state(scene))
+    q_next, _, dq, dv = model.parameter_jacobian(q, v, u)
+    whole = model.predict(q, v, u, parameter_jacobian=True)
+    np.testing.assert_array_equal(q_next, whole.q_next)
+    np.testing.assert_array_equal(np.concatenate([dq, dv], 1), whole.jacobian[:, :, 2 * scene.nv + scene.nu :])
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ({"substeps": 0}, "positive"),
+        ({"time_step": -1.0}, "positive"),
+        ({"integrator": "rk4"}, "semi-implicit, leapfrog"),
+        ({"parameters": np.ones(2)}, "shape"),
+        ({"smoothing": Barrier(-1.0)}, "positive finite"),
+        ({"smoothing": Barrier()}, "exactly one"),
+        ({"smoothing": Adaptive(length=0.1, derivative="half")}, "'exact' or 'stop'"),
+    ],
+)
+def test_settings_out_of_range_are_refused(scene: Scene, settings: dict, says: str) -> None:
+    with pytest.raises(UserError, match=says):
+        ComplementarityModel(scene, **settings)
+
+
+def test_parameter_out_of_bounds_is_named(scene: Scene) -> None:
+    theta = scene.parameter_vector()
+    theta[0] = -1.0
+    with pytest.raises(UserError, match=f"parameter {scene.parameters[0].name} = -1 is outside"):
+        ComplementarityModel(scene, parameters=theta)
+
+
+def test_wrong_tensors_are_refused(scene: Scene) -> None:
+    model = ComplementarityModel(scene)
+    q, v, u = state(scene)
+    with pytest.raises(UserError, match=r"q is torch\.float32"):
+        model.step(q.float(), v, u)
+    with pytest.raises(UserError, match="give float64 of shape"):
+        model.step(q, v[:, :3], u)
+    with pytest.raises(UserError, match="rows"):
+        model.step(q, v[:2], u)
+    with pytest.raises(UserError, match="theta"):
+        model.step(q, v, u, torch.zeros(3, dtype=torch.float64))
