@@ -69,16 +69,16 @@ def fit(
 ) -> FitResult:
     """Physical parameters of ``model`` that explain ``data``.
 
-    model:       starts at ``model.parameters``, which are also the centre of the prior. data:        Transitions of
-    the same robot, one transition per model step. method:      "random" or "cma" (search, then Gauss-Newton unless
-    ``polish`` is False), or "gauss-newton" (no search). groups:      None: as few parameter groups as held-out
-    episodes ask for; "all"; or names of groups or parameters. horizon:     steps predicted open loop before they are
-    compared with the log. holdout:     share of the episodes to judge on; 0 only with ``groups``. refit:       polish
-    once more on all episodes at the end (the held-out figures are those from before). huber:       residual, in
-    standard deviations of the change, from which errors count linearly. folder:      where the state is kept, so that
-    a killed fit goes on from there; nothing else is written. progress:    called with (fraction done, what is being
-    done). time_limit:  seconds after which the best so far is returned. Ctrl-C does the same. ``report["stopped"]``
-    says so.
+    model:       starts at ``model.parameters``, which are also the centre of the prior.
+    data:        Transitions of the same robot, one transition per model step.
+    method:      "random" or "cma" (search, then Gauss-Newton unless ``polish`` is False), or "gauss-newton" alone.
+    groups:      None: as few parameter groups as held-out episodes ask for; "all"; or names of groups or parameters.
+    horizon:     steps predicted open loop before they are compared with the log.
+    holdout:     share of the episodes to judge on; 0 only with ``groups``.
+    huber:       residual, in standard deviations of the change, from which errors count linearly.
+    folder:      where the state is kept, so that a killed fit goes on from there; nothing else is written.
+    progress:    called with (fraction done, what is being done).
+    time_limit:  seconds after which the best so far is returned. Ctrl-C does the same. ``report["stopped"]`` says so.
 
     The same seed gives the same result, whatever the number of threads. Raises UserError on data of another robot, on
     unknown names, on parameters outside their bounds, on a single episode, on a folder that cannot be used.
