@@ -1,9 +1,8 @@
 // Interior point for one step: predictor-corrector to a fixed central-path parameter kappa, split form
 //   gamma s = kappa,   (mu gamma, beta) o (eta0, eta) = kappa (1, 0)          [Mehrotra 1992; Dojo, arXiv 2203.00806]
-// in joint space, M + J^T Theta J with the sparsity of the tree. Lanes stop by themselves; masks keep them still.
+// Lanes stop by themselves; masks keep them still.
 #pragma once
-#include "contact.hpp"
-#include "factor.hpp"
+#include "newton.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -12,30 +11,13 @@ namespace cmbrl::CMBRL_ISA {
 struct Strategy { double tau, sigma, start; bool corrector, follow; int iterations; double friction = 1, growth = 1e3; };
 
 template <class G>
-struct InteriorPoint {
-  static constexpr int NT = G::NT;
-  const Model& m;
-  const Options& o;
-  Work<G>& w;
-  Pattern pat;
-  T rho, zeta, count;
+struct InteriorPoint : Newton<G> {
+  using Newton<G>::NT, Newton<G>::m, Newton<G>::o, Newton<G>::w, Newton<G>::rho;
+  using Newton<G>::twist, Newton<G>::add_wrench, Newton<G>::linearise_all, Newton<G>::factorise, Newton<G>::direction;
+  T zeta, count;
   T linear;  // size of the linear residuals at the start, relative to the speeds of the rows; at least 1
 
-  InteriorPoint(const Model& m_, const Options& o_, Work<G>& w_) : m(m_), o(o_), w(w_), pat(pattern_of(m_, w_)) {}
-
-  Vec<G::N> twist(int group, const T* x) const {
-    Vec<G::N> t = zero<G::N>();
-    for (int k = m.grp_dptr[group]; k < m.grp_dptr[group + 1]; ++k)
-      if (m.grp_sign[k] > 0) t += x[m.grp_dof[k]] * w.S[m.grp_dof[k]];
-      else t -= x[m.grp_dof[k]] * w.S[m.grp_dof[k]];
-    return t;
-  }
-  void add_wrench(int group, const Vec<G::N>& F, T* x) const {
-    for (int k = m.grp_dptr[group]; k < m.grp_dptr[group + 1]; ++k) {
-      T f = dot(w.S[m.grp_dof[k]], F);
-      x[m.grp_dof[k]] += m.grp_sign[k] > 0 ? f : -f;
-    }
-  }
+  using Newton<G>::Newton;
 
   // Centred start: every product equals zeta^2 (in rows scaled by the inverse weight).
   void start(double factor) {
@@ -109,196 +91,6 @@ struct InteriorPoint {
       d.eta0 = zeta * zeta / d.b0;
     }
     rho = splat(1);  // rv now holds J^T x0, the momentum residual -(M delta - J^T x) at the start
-  }
-
-  // Theta and the target part w of dx = w - Theta J dv, for targets (t4, t50, t5) minus the second-order terms.
-  void linearise(Contact<G>& c, T t4, T t50, const T* t5) {
-    c.t50 = t50;
-    T pn = c.s + c.gam * c.Rn;
-    T inv = c.ipn = 1.0 / pn;
-    c.Th[0][0] = keep(c.on, c.gam * inv);
-    c.w[0] = keep(c.on, (t4 - c.gam * c.s + c.gam * rho * c.r1) * inv);
-    if (c.rows == 1) return;
-    Mask on = c.on & c.rub;
-    T mu = c.mu, b0 = mu * c.gam, ib0 = 1.0 / b0;
-    T y[NT], A[NT][NT], B[NT][NT], *a = c.ta;
-    T q0 = t50 - b0 * c.eta0;
-    CMBRL_FOR(i, NT) q0 += c.b[i] * (rho * c.r2[i] - c.eta[i]);
-    CMBRL_FOR(i, NT) {
-      y[i] = t5[i] - b0 * c.eta[i] - c.eta0 * c.b[i] + b0 * rho * c.r2[i] - c.b[i] * ib0 * q0;
-      a[i] = mu * (c.eta[i] - c.b[i] * c.eta0 * ib0);
-      CMBRL_FOR(j, NT) {
-        B[i][j] = (i == j ? b0 : T{}) - c.b[i] * c.b[j] * ib0;
-        A[i][j] = (i == j ? c.eta0 : T{}) - c.b[i] * c.eta[j] * ib0 + c.Rt * B[i][j];
-      }
-    }
-    auto& Ai = c.Ai;
-    if constexpr (NT == 1) {
-      Ai[0][0] = 1.0 / A[0][0];
-    } else {
-      T idet = 1.0 / (A[0][0] * A[1][1] - A[0][1] * A[1][0]);
-      Ai[0][0] = A[1][1] * idet; Ai[1][1] = A[0][0] * idet;
-      Ai[0][1] = -A[0][1] * idet; Ai[1][0] = -A[1][0] * idet;
-    }
-    CMBRL_FOR(i, NT) {
-      T wn = T{}, tn = T{};
-      c.Th[0][1 + i] = T{};
-      CMBRL_FOR(j, NT) {
-        wn += Ai[i][j] * (y[j] - a[j] * c.w[0]);
-        tn -= Ai[i][j] * a[j];
-        T x = T{};
-        CMBRL_FOR(k, NT) x += Ai[i][k] * B[k][j];
-        c.Th[1 + i][1 + j] = keep(on, x);
-      }
-      c.w[1 + i] = keep(on, wn);
-      c.Th[1 + i][0] = keep(on, tn * c.Th[0][0]);
-    }
-  }
-  void linearise(Limit& l, T t4) {
-    T inv = 1.0 / (l.s + l.gam * l.R);
-    l.Th = keep(l.on, l.gam * inv);
-    l.w = keep(l.on, (t4 - l.gam * l.s + l.gam * rho * l.r1) * inv);
-  }
-  void linearise(DryFriction& d, T t50, T t5) {
-    d.t50 = t50;
-    T ib0 = 1.0 / d.b0, B = d.b0 - d.b * d.b * ib0;
-    T q0 = t50 - d.b0 * d.eta0 - d.b * d.eta + d.b * rho * d.r2;
-    T y = t5 - d.b0 * d.eta - d.eta0 * d.b + d.b0 * rho * d.r2 - d.b * ib0 * q0;
-    T inv = 1.0 / (d.eta0 - d.b * d.eta * ib0 + d.R * B);
-    d.Th = keep(d.on, B * inv);
-    d.w = keep(d.on, y * inv);
-  }
-
-  // Targets kappa_i + centre per product, in the lanes of `correct` minus the products of the last steps (Mehrotra's correction).
-  void linearise_all(T centre, Mask correct) {
-    for (int i = 0; i < w.ncon; ++i) {
-      Contact<G>& c = w.con[i];
-      T t4 = c.kappa + centre - keep(correct, c.dgam * c.ds), t50 = c.kappa + centre, t5[NT] = {};
-      if (c.rows > 1) {
-        T db0 = c.mu * c.dgam;
-        t50 -= keep(correct, db0 * c.deta0);
-        CMBRL_FOR(r, NT) {
-          t50 -= keep(correct, c.db[r] * c.deta[r]);
-          t5[r] = -keep(correct, db0 * c.deta[r] + c.deta0 * c.db[r]);
-        }
-      }
-      linearise(c, t4, t50, t5);
-    }
-    for (int i = 0; i < w.nlim; ++i) linearise(w.lim[i], w.lim[i].kappa + centre - keep(correct, w.lim[i].dgam * w.lim[i].ds));
-    for (int i = 0; i < w.ndry; ++i) {
-      DryFriction& d = w.dry[i];
-      linearise(d, d.kappa + centre - keep(correct, d.db * d.deta), -keep(correct, d.deta0 * d.db));
-    }
-  }
-
-  // H = H0 + J^T Theta J on the dynamic dofs, factorised. Contacts of one body pair are summed as one N x N matrix first.
-  void factorise() {
-    int nv = m.nv;
-    for (int i = 0; i < w.ndyn; ++i) copy_row(w.H, w.H0, nv, pat, w.dyn_list[i]);
-    for (int g = 0; g < w.ngroups; ++g) {
-      T K[G::N][G::N] = {};
-      for (int i = w.groups[g].begin; i < w.groups[g].end; ++i) {
-        const Contact<G>& c = w.con[i];
-        CMBRL_FOR(r, c.rows) {
-          Vec<G::N> F = c.Th[r][0] * c.Wr[0];
-          for (int k = 1; k < c.rows && r > 0; ++k) F += c.Th[r][k] * c.Wr[k];
-          CMBRL_FOR(a, G::N) CMBRL_FOR(b, G::N) K[a][b] += c.Wr[r][a] * F[b];
-        }
-      }
-      add_group_matrix(w.groups[g].group, K, w.H);
-    }
-    for (int i = 0; i < w.nlim; ++i) w.H[w.lim[i].dof * (nv + 1)] += w.lim[i].Th;
-    for (int i = 0; i < w.ndry; ++i) w.H[w.dry[i].dof * (nv + 1)] += w.dry[i].Th;
-    for (int i = 0; i < w.ndyn; ++i) eliminate(w.H, nv, pat, w.dyn_list[i]);
-  }
-  void add_group_matrix(int group, const T (*K)[G::N], T* H) const {
-    for (int a = m.grp_dptr[group]; a < m.grp_dptr[group + 1]; ++a) {
-      int j = m.grp_dof[a];
-      Vec<G::N> F = zero<G::N>();
-      CMBRL_FOR(r, G::N) CMBRL_FOR(c, G::N) F[r] += K[r][c] * w.S[j][c];
-      if (m.grp_sign[a] < 0) F = zero<G::N>() - F;
-      for (int b = m.grp_dptr[group]; b < m.grp_dptr[group + 1]; ++b) {
-        T x = dot(w.S[m.grp_dof[b]], F);
-        H[m.grp_dof[b] * m.nv + j] += m.grp_sign[b] > 0 ? x : -x;
-      }
-    }
-  }
-
-  // Newton direction for the current linearisation; returns the longest feasible step.
-  T direction() {
-    for (int i = 0; i < w.ndyn; ++i) w.rhs[w.dyn_list[i]] = rho * w.rv[w.dyn_list[i]];
-    for (int g = 0; g < w.ngroups; ++g) {
-      Vec<G::N> F = zero<G::N>();
-      for (int i = w.groups[g].begin; i < w.groups[g].end; ++i)
-        CMBRL_FOR(r, w.con[i].rows) F += w.con[i].w[r] * w.con[i].Wr[r];
-      add_wrench(w.groups[g].group, F, w.rhs);
-    }
-    for (int i = 0; i < w.nlim; ++i) w.rhs[w.lim[i].dof] += w.lim[i].sign * w.lim[i].w;
-    for (int i = 0; i < w.ndry; ++i) w.rhs[w.dry[i].dof] += w.dry[i].w;
-    for (int i = 0; i < w.ndyn; ++i) solve_down(w.H, m.nv, pat, w.dyn_list[i], w.rhs);
-    for (int i = w.ndyn - 1; i >= 0; --i) solve_up(w.H, m.nv, pat, w.dyn_list[i], w.rhs);
-
-    T alpha = splat(1e3);
-    for (int g = 0; g < w.ngroups; ++g) {
-      Vec<G::N> t = twist(w.groups[g].group, w.rhs);
-      for (int i = w.groups[g].begin; i < w.groups[g].end; ++i) step_of(w.con[i], t, alpha);
-    }
-    for (int i = 0; i < w.nlim; ++i) {
-      Limit& l = w.lim[i];
-      T jv = l.sign * w.rhs[l.dof];
-      l.dgam = l.w - l.Th * jv;
-      l.ds = keep(l.on, jv + l.R * l.dgam - rho * l.r1);
-      alpha = vmin(alpha, vmin(orthant(l.gam, l.dgam), orthant(l.s, l.ds)));
-    }
-    for (int i = 0; i < w.ndry; ++i) {
-      DryFriction& d = w.dry[i];
-      T jv = w.rhs[d.dof];
-      d.db = d.w - d.Th * jv;
-      d.deta = keep(d.on, jv + d.R * d.db - rho * d.r2);
-      T q0 = d.t50 - d.b0 * d.eta0 - d.b * d.eta;
-      d.deta0 = keep(d.on, (q0 - d.b * d.deta - d.eta * d.db) / d.b0);
-      T zero1[1] = {T{}};
-      alpha = vmin(alpha, vmin(cone<1>(d.b0, &d.b, zero1[0], &d.db), cone<1>(d.eta0, &d.eta, d.deta0, &d.deta)));
-    }
-    return alpha;
-  }
-
-  void step_of(Contact<G>& c, const Vec<G::N>& t, T& alpha) {
-    T jv[1 + NT];
-    CMBRL_FOR(r, c.rows) jv[r] = dot(c.Wr[r], t);
-    c.dgam = c.w[0] - c.Th[0][0] * jv[0];
-    c.ds = keep(c.on, jv[0] + c.Rn * c.dgam - rho * c.r1);
-    alpha = vmin(alpha, vmin(orthant(c.gam, c.dgam), orthant(c.s, c.ds)));
-    if (c.rows == 1) return;
-    Mask on = c.on & c.rub;
-    CMBRL_FOR(r, NT) {
-      c.db[r] = c.w[1 + r] - c.Th[1 + r][0] * jv[0];
-      CMBRL_FOR(k, NT) c.db[r] -= c.Th[1 + r][1 + k] * jv[1 + k];
-      c.deta[r] = keep(on, jv[1 + r] + c.Rt * c.db[r] - rho * c.r2[r]);
-    }
-    T b0 = c.mu * c.gam, db0 = keep(on, c.mu * c.dgam);
-    T q0 = c.t50 - b0 * c.eta0 - c.eta0 * db0;
-    CMBRL_FOR(r, NT) q0 -= c.b[r] * c.eta[r] + c.b[r] * c.deta[r] + c.eta[r] * c.db[r];
-    c.deta0 = keep(on, q0 / b0);
-    alpha = vmin(alpha, vmin(cone<NT>(b0, c.b, db0, c.db), cone<NT>(c.eta0, c.eta, c.deta0, c.deta)));
-  }
-
-  static T orthant(T x, T dx) { return select(dx < 0.0, -x / dx, splat(1e3)); }
-  // Longest step that keeps (x0, x) + a (dx0, dx) in the second-order cone.
-  template <int N> static T cone(T x0, const T* x, T dx0, const T* dx) {
-    T big = splat(1e3);
-    if constexpr (N == 1) {
-      return vmin(orthant(x0 + x[0], dx0 + dx[0]), orthant(x0 - x[0], dx0 - dx[0]));
-    } else {
-      T a = dx0 * dx0, b = x0 * dx0, c = x0 * x0;
-      CMBRL_FOR(i, N) { a -= dx[i] * dx[i]; b -= x[i] * dx[i]; c -= x[i] * x[i]; }
-      T disc = b * b - a * c;
-      T root = vsqrt(vmax(disc, T{}));
-      Mask hits = (a < 0.0) | ((b < 0.0) & (disc >= 0.0));
-      T den = root - b;
-      T alpha = select(hits & (den > 0.0), c / select(den > 0.0, den, splat(1)), big);
-      return vmin(alpha, orthant(x0, dx0));
-    }
   }
 
   T complementarity(T alpha) const {  // mean product after a step
