@@ -48,7 +48,7 @@ CASES = {
         "cmbrl record hopper --steps 1000 --seed 0 --out train_1000.npz",
         "cmbrl record hopper --steps 100 --seed 0 --out train_100.npz",
         "cmbrl record hopper --steps 5000 --seed 1 --out held_out.npz",
-        "cmbrl fit hopper --data train_1000.npz --out fitted_1000",
+        "cmbrl fit hopper --data train_1000.npz --out fitted_1000 --horizon 4",
         "cmbrl fit hopper --data train_1000.npz --out all_1000 --all-parameters",
         "cmbrl fit hopper --data train_100.npz --out all_100 --all-parameters",
         f"cmbrl fit hopper --data train_1000.npz --out wrong_1000 --all-parameters {WRONG_START}",
