@@ -16,15 +16,16 @@ EXAMPLE = """
 cmbrl bench speed
 cmbrl bench speed --scene "hopper rk4" --out runs/speed
 cmbrl bench robustness --json > robustness.json
+cmbrl bench derivatives --scene hopper
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "what",
-        choices=("speed", "robustness"),
+        choices=("speed", "robustness", "derivatives"),
         help="speed: steps and derivatives against MuJoCo's, as ratios; robustness: how often the solver reaches its "
-        "tolerance on wild random states",
+        "tolerance on wild random states; derivatives: against finite differences of the same softened step",
     )
     parser.add_argument(
         "--scene", action="append", metavar="LABEL", help="measure only this row (may be repeated; default: all)"
@@ -38,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     if arguments.out:
         check_run_folder(arguments.out, "bench")
-    measure = {"speed": _speed, "robustness": _robustness}[arguments.what]
+    measure = {"speed": _speed, "robustness": _robustness, "derivatives": _derivatives}[arguments.what]
     text, values, plot = measure(arguments)
     result = {arguments.what: values, "environment": environment()}
     if arguments.out:
@@ -74,3 +75,17 @@ def _robustness(arguments: argparse.Namespace) -> tuple[str, Any, Any]:
         threads = arguments.threads or usable_cores()
         result = robustness.run(sizes, arguments.seed, threads=threads, progress=progress)
     return robustness.text(result), result, None
+
+
+def _derivatives(arguments: argparse.Namespace) -> tuple[str, Any, Any]:
+    from cmbrl.bench import derivatives
+    from cmbrl.bench.states import bench_scenes
+    from cmbrl.errors import UserError, did_you_mean
+
+    scenes = bench_scenes()
+    for label in arguments.scene or ():
+        if label not in scenes:
+            raise UserError(f"unknown scene {label!r}: {did_you_mean(label, scenes)}")
+    chosen = {label: scenes[label] for label in arguments.scene or scenes}
+    result = derivatives.run(chosen, seed=arguments.seed, threads=arguments.threads or usable_cores())
+    return derivatives.text(result), result, None
