@@ -196,6 +196,7 @@ class ComplementarityModel:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """q_next (N, nq), v_next (N, nv) and their derivatives in theta, (N, nv, np) each (tangent space for q)."""
         r = self.predict(q, v, u, theta, parameter_jacobian=True)
+        assert r.jacobian is not None
         nv, first = self.scene.nv, 2 * self.scene.nv + self.scene.nu
         return r.q_next, r.v_next, r.jacobian[:, :nv, first:], r.jacobian[:, nv:, first:]
 
