@@ -40,7 +40,8 @@ def assert_exact(scene: Scene, states: int, restitution: float = 0.0, **settings
     for row in result["rows"]:
         assert row["median"] <= 1e-6, table
         assert row["worst"] <= 1e-4, table
-        assert row["across_kinks"] + row["vague"] <= 0.03 * row["columns"], table  # G1: 2.3 %, joints put on their limits
+        # On the G1, with joints put exactly on their limits, 2.3 % of the stencils straddle one.
+        assert row["across_kinks"] + row["vague"] <= 0.03 * row["columns"], table
         assert row["unsolved"] <= 0.01 * states, table
 
 
