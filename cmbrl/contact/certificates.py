@@ -10,39 +10,15 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Problem:
-    """One contact problem  M (v' - v_free) = J^T lambda  with the laws of n contacts.
-
-    M (nv, nv), J (n, 1 + nt, nv), v_free (nv,) [m/s], gap_term b (n,) [m/s] of the normal rows, mu (n,);
-    R (n, 1 + nt) [1/kg] compliance of the rows, zero for rigid contact.
-    """
-
-    M: Array
-    J: Array
-    v_free: Array
-    gap_term: Array
-    mu: Array
-    R: Array | float = 0.0
-
-    def __post_init__(self) -> None:
-        n, nv = len(self.J), len(self.v_free)
-        if self.J.ndim != 3 or self.J.shape[2] != nv or self.M.shape != (nv, nv):
-            raise ValueError(f"M {self.M.shape}, J {self.J.shape} and v_free ({nv},) do not belong together")
-        if np.shape(self.gap_term) != (n,) or np.shape(self.mu) != (n,):
-            raise ValueError(f"gap_term and mu must have one entry for each of the {n} contacts")
+from cmbrl.contact.problem import Array, ContactProblem
 
 
 @dataclass(frozen=True)
 class Residuals:
     """Zero means: momentum balance; the next gap is not negative; no force at a distance; inside the friction cone;
     friction opposes slip and is at its bound while slipping; all laws at once. Impulses relative to |M v_free| / n,
-    speeds to ``speed``, products to both."""
+    speeds to ``problem.speed``, products to both."""
 
     dynamics: float
     penetration: float
@@ -56,8 +32,8 @@ class Residuals:
         return max(asdict(self).values())
 
 
-def residuals(problem: Problem, v_next: Array, impulse: Array, speed: float) -> Residuals:
-    """Scores v' (nv,), lambda (n, 1 + nt); ``speed`` [m/s]: what velocities are compared with, max(g h, |u|)."""
+def residuals(problem: ContactProblem, v_next: Array, impulse: Array) -> Residuals:
+    """Scores v' (nv,) and lambda (n, 1 + nt) as a solution of the exact law."""
     momentum = problem.M @ problem.v_free
     error = problem.M @ (v_next - problem.v_free) - np.einsum("crv,cr->v", problem.J, impulse)
     scale = max(float(np.linalg.norm(momentum)), 1e-300)
@@ -65,8 +41,8 @@ def residuals(problem: Problem, v_next: Array, impulse: Array, speed: float) -> 
     if not len(impulse):
         return Residuals(dynamics, 0.0, 0.0, 0.0, 0.0, 0.0)
     force = scale / len(impulse)
-    c = problem.J @ v_next + problem.R * impulse
-    c[:, 0] += problem.gap_term
+    c = problem.J @ v_next + problem.b + problem.R * impulse
+    speed = problem.speed
     normal, friction, slip = impulse[:, 0], impulse[:, 1:], np.linalg.norm(c[:, 1:], axis=1)
     power = (friction * c[:, 1:]).sum(axis=1) + problem.mu * normal * slip
     return Residuals(
@@ -90,9 +66,8 @@ def project(x: Array, mu: Array) -> Array:
     return np.where(inside[:, None], x, onto)
 
 
-def _natural_map(problem: Problem, c: Array, impulse: Array) -> Array:
-    solved = np.linalg.solve(problem.M, problem.J.reshape(-1, len(problem.v_free)).T)
-    diagonal = np.einsum("rv,vr->r", problem.J.reshape(-1, len(problem.v_free)), solved).reshape(impulse.shape)
+def _natural_map(problem: ContactProblem, c: Array, impulse: Array) -> Array:
+    diagonal = np.diag(problem.delassus()).reshape(impulse.shape)
     step = 1.0 / np.maximum(diagonal.max(axis=1, keepdims=True), 1e-300)
     shifted = c.copy()
     shifted[:, 0] += problem.mu * np.linalg.norm(c[:, 1:], axis=1)

@@ -1,0 +1,99 @@
+"""One contact problem on its own, as every solver gets it: what a step asks of its contacts, without the robot.
+
+    M (v' - v_free) = J^T lambda,    c = J v' + b + R lambda,    K_mu contains lambda, c obeys Signorini and Coulomb
+
+Rows of a contact are (normal, tangents): nt = 1 tangent in the plane, 2 in space. A joint limit is a contact with
+mu = 0 and zero tangent rows. Files: one ``.npz`` holds many problems (:func:`save`, :func:`load`).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmbrl.errors import UserError
+from cmbrl.files import atomic_path
+
+Array = NDArray[np.float64]
+FIELDS = ("M", "J", "v_free", "b", "mu", "R")
+
+
+@dataclass(frozen=True)
+class ContactProblem:
+    """M (nv, nv); J (n, 1 + nt, nv); v_free (nv,) [m/s]; b (n, 1 + nt) [m/s]: gap term of the normal row (phi/h when
+    rigid), speed of a belt in the tangents; mu (n,); R (n, 1 + nt) [1/kg] compliance of the rows; speed [m/s]: what
+    velocities are compared with, max(g h, |u_free|).
+
+    Raises UserError when shapes do not belong together, something is not finite, or mu or R is negative.
+    """
+
+    M: Array
+    J: Array
+    v_free: Array
+    b: Array
+    mu: Array
+    R: Array
+    speed: float
+    name: str = "problem"
+
+    def __post_init__(self) -> None:
+        n, nv = len(self.mu), len(self.v_free)
+        rows = self.J.shape[1] if self.J.ndim == 3 else 0
+        shapes = {"M": (nv, nv), "J": (n, rows, nv), "v_free": (nv,), "b": (n, rows), "mu": (n,), "R": (n, rows)}
+        for field, shape in shapes.items():
+            value = getattr(self, field)
+            if value.shape != shape:
+                raise UserError(f"{self.name}: {field} is {value.shape} where {n} contacts and {nv} dofs need {shape}")
+            if not np.isfinite(value).all():
+                raise UserError(f"{self.name}: {field} is not finite")
+        if rows not in (2, 3):
+            raise UserError(f"{self.name}: J has {rows} rows a contact: 2 in the plane, 3 in space")
+        if (self.mu < 0).any() or (self.R < 0).any() or not self.speed > 0:
+            raise UserError(f"{self.name}: friction, compliance and speed must not be negative")
+
+    @property
+    def rows(self) -> Array:
+        """J with all rows below each other (n (1 + nt), nv)."""
+        return self.J.reshape(-1, len(self.v_free))
+
+    def delassus(self) -> Array:
+        """G = J M^-1 J^T (n (1 + nt), n (1 + nt)) [1/kg], without R."""
+        return self.rows @ np.linalg.solve(self.M, self.rows.T)
+
+    def free_contact_velocity(self) -> Array:
+        """J v_free + b, (n, 1 + nt) [m/s]."""
+        return self.J @ self.v_free + self.b
+
+    def velocity(self, impulse: Array) -> Array:
+        """v' (nv,) under the impulses lambda (n, 1 + nt)."""
+        return self.v_free + np.linalg.solve(self.M, self.rows.T @ impulse.ravel())
+
+
+def save(problems: Sequence[ContactProblem], path: str | os.PathLike[str]) -> None:
+    """Writes problems into one ``.npz``: arrays ``<k>/M``, ``<k>/J``, ... and ``names``, ``speeds``."""
+    arrays = {f"{k}/{field}": getattr(p, field) for k, p in enumerate(problems) for field in FIELDS}
+    names, speeds = np.array([p.name for p in problems]), np.array([p.speed for p in problems])
+    with atomic_path(path) as temporary, open(temporary, "wb") as file:
+        np.savez_compressed(file, names=names, speeds=speeds, **arrays)
+
+
+def load(path: str | os.PathLike[str]) -> list[ContactProblem]:
+    """Reads what :func:`save` wrote; raises UserError for a missing file or one that holds no contact problems."""
+    if not Path(path).is_file():
+        raise UserError(f"{path}: no such file: give a file written by 'cmbrl bench solvers --out DIR'")
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            speeds = data["speeds"]
+            return [
+                ContactProblem(
+                    **{field: data[f"{k}/{field}"] for field in FIELDS}, speed=float(speeds[k]), name=str(name)
+                )
+                for k, name in enumerate(data["names"])
+            ]
+    except (KeyError, ValueError, OSError) as error:
+        raise UserError(f"{path}: not a file of contact problems ({error})") from None
