@@ -1,0 +1,11 @@
+"""Contact solvers behind one face, each scored by ``cmbrl.contact.certificates`` on what it returns.
+
+``available()`` names those whose packages are installed, ``get(name)`` makes one.
+"""
+
+from __future__ import annotations
+
+from cmbrl.contact.solvers.protocol import Law, Solution, Solver
+from cmbrl.contact.solvers.registry import available, get
+
+__all__ = ["Law", "Solution", "Solver", "available", "get"]

@@ -1,0 +1,82 @@
+"""Names of solvers, what each needs installed, and how it is made; nothing is imported before it is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
+
+from cmbrl.contact.solvers.fixed_point import DeSaxce, Relaxed
+from cmbrl.contact.solvers.formulation import pyramid, second_order_cone
+from cmbrl.contact.solvers.protocol import Law, Solver
+from cmbrl.errors import UserError, did_you_mean
+
+HERE = "cmbrl.contact.solvers"
+QPSOLVERS = {  # name there -> the package that it comes with
+    "clarabel": "clarabel", "daqp": "daqp", "highs": "highspy", "osqp": "osqp", "piqp": "piqp",
+    "proxqp": "proxsuite", "quadprog": "quadprog", "scs": "scs",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Entry:
+    """``make(name, **options)``; ``needs``: modules that must be importable; ``install``: what pip is told."""
+
+    law: Law
+    make: Callable[..., Solver]
+    needs: tuple[str, ...] = ()
+    install: str = ""
+
+    @property
+    def installed(self) -> bool:
+        return all(find_spec(module) for module in self.needs)
+
+
+def available(law: Law | None = None) -> list[str]:
+    """Names of the solvers that can be used here, of one law or of all."""
+    return [name for name, entry in ENTRIES.items() if entry.installed and law in (None, entry.law)]
+
+
+def get(name: str, **options: Any) -> Solver:
+    """The solver of this name; ``options`` are its own settings (e.g. ``sweeps`` of "pgs").
+
+    Raises UserError for an unknown name, and for one whose package is missing, with the line that installs it.
+    """
+    if name not in ENTRIES:
+        raise UserError(f"unknown contact solver {name!r}: {did_you_mean(name, ENTRIES)}")
+    entry = ENTRIES[name]
+    if not entry.installed:
+        raise UserError(f"contact solver {name!r} is not installed: pip install {entry.install}")
+    return entry.make(name, **options)
+
+
+def _class(module: str, cls: str) -> Callable[..., Solver]:
+    return lambda name, **options: getattr(import_module(f"{HERE}.{module}"), cls)(name=name, **options)
+
+
+def _program(kind: type[Relaxed] | type[DeSaxce], module: str, formulate: Any = pyramid, **fixed: Any) -> Any:
+    def make(name: str, **options: Any) -> Solver:
+        lay_out = import_module(f"{HERE}.{module}").lay_out
+        return kind(name, partial(formulate, **options), partial(lay_out, **fixed) if fixed else lay_out)
+
+    return make
+
+
+ENTRIES: dict[str, Entry] = {
+    "pgs": Entry("exact", _class("pgs", "ProjectedGaussSeidel")),
+    "admm": Entry("exact", _class("admm", "AlternatingDirections")),
+    "convex": Entry("convex", _program(Relaxed, "daqp"), ("daqp",), "daqp"),
+    "desaxce": Entry("exact", _program(DeSaxce, "daqp"), ("daqp",), "daqp"),
+    "proxsuite": Entry("convex", _program(Relaxed, "proxsuite"), ("proxsuite",), "proxsuite"),
+    "desaxce proxsuite": Entry("exact", _program(DeSaxce, "proxsuite"), ("proxsuite",), "proxsuite"),
+    **{
+        f"qpsolvers {solver}": Entry(
+            "convex", _program(Relaxed, "through_qpsolvers", solver=solver), ("qpsolvers", package),
+            f"qpsolvers {package}",
+        )
+        for solver, package in QPSOLVERS.items()
+    },
+}  # fmt: skip
