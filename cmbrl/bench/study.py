@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from cmbrl.files import read_json, write_json, write_text
 
@@ -41,8 +44,14 @@ class Table:
     def text(self) -> str:
         """Aligned columns for a terminal."""
         cells = [list(map(str, self.columns)), *([shown(x) for x in row] for row in self.rows)]
-        widths = [max(len(row[k]) for row in cells) for k in range(len(self.columns))]
-        lines = ["  ".join(x.ljust(w) for x, w in zip(row, widths, strict=True)).rstrip() for row in cells]
+        columns = list(zip(*cells, strict=True))
+        widths = [max(map(len, column)) for column in columns]
+        left = [any(isinstance(row[k], str) for row in self.rows) for k in range(len(columns))]  # numbers to the right
+        lines = [
+            "  ".join(x.ljust(w) if ragged else x.rjust(w) for x, w, ragged in zip(row, widths, left, strict=True))
+            for row in cells
+        ]
+        lines = [line.rstrip() for line in lines]
         return "\n".join([self.title, *lines, *([self.note] if self.note else [])])
 
     def csv(self) -> str:
@@ -76,7 +85,11 @@ class Section:
         """Writes ``section.json`` and one CSV a table into ``folder``."""
         for k, table in enumerate(self.tables):
             write_text(folder / f"table_{k}.csv", table.csv())
-        write_json(folder / "section.json", asdict(self))
+        write_json(folder / "section.json", self.to_json())
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data: numpy's numbers as Python's, what is not finite as a word, since JSON has no such numbers."""
+        return _plain(asdict(self))
 
     @classmethod
     def read(cls, folder: Path) -> Section:
@@ -102,6 +115,16 @@ class Study:
     summary: str
     run: Callable[[Path, Settings, Progress], Section]
     scenes: Sequence[str] = ()
+
+
+def _plain(x: Any) -> Any:
+    if isinstance(x, dict):
+        return {str(key): _plain(value) for key, value in x.items()}
+    if isinstance(x, list | tuple):
+        return [_plain(value) for value in x]
+    if isinstance(x, np.ndarray | np.generic):
+        return _plain(x.tolist())
+    return str(x) if isinstance(x, float) and not math.isfinite(x) else x
 
 
 def shown(x: Cell) -> str:

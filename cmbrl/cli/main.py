@@ -19,7 +19,7 @@ COMMANDS = {
     "record": "log transitions from the real system of a task",
     "fit": "fit the physical parameters of a contact model to a log",
     "error": "compare models on a log: one step and open loop, by stratum",
-    "bench": "measure speed against MuJoCo in one run on the same states",
+    "bench": "measure models, solvers and gradients beside their rivals",
 }
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import textwrap
+from collections.abc import Callable
 from typing import NoReturn
 
 from cmbrl.errors import UserError
@@ -21,6 +22,12 @@ class Parser(argparse.ArgumentParser):
             formatter_class=argparse.RawDescriptionHelpFormatter,
             allow_abbrev=False,  # a script must not break when an option is added
         )
+        self.listing: Callable[[], str] | None = None  #: more for --help, made only when that is asked for
+
+    def format_help(self) -> str:
+        if self.listing:
+            self.description, self.listing = f"{self.description}\n\n{self.listing()}", None
+        return super().format_help()
 
     def error(self, message: str) -> NoReturn:
         raise UserError(f"{message}; see '{self.prog} --help'")

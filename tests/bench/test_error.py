@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from cmbrl import Scene, Transitions, UserError
-from cmbrl.bench.error import compare
+from cmbrl.bench.error.compare import compare
 from cmbrl.models.baselines import Ballistic, HoldVelocity
 
 DT = 0.01

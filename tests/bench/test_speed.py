@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from cmbrl import Scene, UserError
-from cmbrl.bench.peers_mujoco import EPISODE, MujocoStep, visit
-from cmbrl.bench.speed import measure, turns
-from cmbrl.bench.speed_candidates import draw
-from cmbrl.bench.speed_scenes import feet_only, speed_scenes
+from cmbrl.bench.speed.candidates import draw
+from cmbrl.bench.speed.measure import measure, turns
+from cmbrl.bench.speed.mujoco_peer import EPISODE, MujocoStep, visit
+from cmbrl.bench.speed.scenes import feet_only, speed_scenes
 from cmbrl.bench.states import G1
 from cmbrl.bench.timing import Spread, interleaved
 from cmbrl.models.complementarity import ComplementarityModel
@@ -71,7 +71,7 @@ def test_table(tmp_path: Path) -> None:
         (b, k) for b in (4, 16) for k in ("forward", "jacobian")
     }
     assert [row.scene for row in table.candidates] == ["cube", "cube rigid"]
-    text = table.text()
+    text = "\n\n".join(t.text() for t in table.tables())
     assert "cube rigid" in text
     assert "8 lanes" in text or "4 lanes" in text
     assert json.loads(json.dumps(table.to_json()))["rows"][0]["seconds"]["mj_step"]["median"] > 0
@@ -83,7 +83,7 @@ def test_rk4_has_no_differences() -> None:
     assert table.rows[0].peer == "RK4"
     assert table.rows[0].integrator == "leapfrog"
     assert "mjd_transitionFD" not in table.rows[0].seconds
-    assert "refused" in table.text()
+    assert "refused" in table.tables()[0].text()
 
 
 def test_unknown_scene_and_missing_g1(tmp_path: Path) -> None:

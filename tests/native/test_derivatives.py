@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from cmbrl.bench import derivatives
+from cmbrl.bench.derivatives import differences
+from cmbrl.bench.derivatives.study import table as table_of
 from cmbrl.contact import Barrier
 from cmbrl.scene import Scene
 
@@ -35,8 +36,8 @@ def scene_of(name: str, law: str) -> Scene:
 
 
 def assert_exact(scene: Scene, states: int, restitution: float = 0.0, **settings: object) -> None:
-    result = derivatives.run({scene.name: scene}, states, restitution=restitution, threads=1, **settings)  # type: ignore[arg-type]
-    table = derivatives.text(result)
+    result = differences.run({scene.name: scene}, states, restitution=restitution, threads=1, **settings)  # type: ignore[arg-type]
+    table = table_of(result).text()
     for row in result["rows"]:
         assert row["median"] <= 1e-6, table
         assert row["worst"] <= 1e-4, table
@@ -54,7 +55,7 @@ def test_soft_contact(name: str, states: int) -> None:
 @pytest.mark.parametrize("name", ["hopper", "cube"])
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
 def test_rigid_contact_and_restitution(name: str, restitution: float) -> None:
-    smoothings = {k: s for k, s in derivatives.SMOOTHINGS.items() if k != "exact"}
+    smoothings = {k: s for k, s in differences.SMOOTHINGS.items() if k != "exact"}
     assert_exact(scene_of(name, "rigid"), 30, restitution, smoothings=smoothings)
 
 
@@ -70,18 +71,18 @@ def test_dry_friction_springs_and_position_gains(tmp_path: Path) -> None:
 def test_kinks_are_counted_not_dropped() -> None:
     """A joint exactly at its limit margin: its column cannot be judged, and the table says so."""
     scene = scene_of("hopper", "mujoco")
-    result = derivatives.run({"hopper": scene}, 20, smoothings={"kappa 1e-4": Barrier(1e-4)}, threads=1)
+    result = differences.run({"hopper": scene}, 20, smoothings={"kappa 1e-4": Barrier(1e-4)}, threads=1)
     row = result["rows"][0]
     judged = sum(kind["count"] for kind in row["kinds"].values())
     assert judged + row["across_kinks"] + row["vague"] == row["columns"]
-    assert "kinks" in derivatives.text(result)
+    assert "kinks" in table_of(result).text()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("law", ["mujoco", "rigid"])
 @pytest.mark.parametrize("name", list(FILES))
 def test_thousand_states(name: str, law: str) -> None:
-    smoothings = dict(derivatives.SMOOTHINGS)
+    smoothings = dict(differences.SMOOTHINGS)
     if law == "rigid":
         del smoothings["exact"]  # hyperstatic states have derivatives like 1/kappa there
     assert_exact(scene_of(name, law), 1000, 0.5 if law == "rigid" else 0.0, smoothings=smoothings, parameters=30)

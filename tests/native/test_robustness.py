@@ -24,7 +24,7 @@ FILES = {
 def check(sizes: dict[str, int], share: float, laws: tuple[str, ...]) -> None:
     files = {name: file for name, file in FILES.items() if file.exists()}
     result = robustness.run(sizes, laws=laws, threads=1, files=files)
-    table = robustness.text(result)
+    table = robustness.table(result).text()
     for row in result["rows"]:
         assert row["nan"] == row["silent"] == 0, table
         assert row["flagged"] <= share * row["states"], table

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from cmbrl.files import atomic_path
 
 if TYPE_CHECKING:
-    from cmbrl.bench.speed_table import SpeedTable
+    from cmbrl.bench.speed.table import SpeedTable
 
 _BARS = (
     ("mjd_transitionFD", "MuJoCo: step and Jacobian by differences", "0.75"),

@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cmbrl.bench.peers_mujoco import Visited
+from cmbrl.bench.speed.mujoco_peer import Visited
 from cmbrl.bench.timing import Spread, interleaved
 from cmbrl.models.complementarity import ComplementarityModel
 

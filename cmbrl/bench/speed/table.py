@@ -1,4 +1,4 @@
-"""The speed table: as text, as JSON, as a picture."""
+"""The speed table: as tables, as JSON, as a picture."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from cmbrl.bench.study import Cell, Table
 from cmbrl.bench.timing import Spread
 
 # Ratios to mj_step that are aimed at: scene -> (what, at least).
@@ -55,7 +56,7 @@ class BatchRow:
 
 @dataclass(frozen=True)
 class CandidateRow:
-    """Seconds per candidate and state (`cmbrl.bench.speed_candidates`)."""
+    """Seconds per candidate and state (`cmbrl.bench.speed.candidates`)."""
 
     scene: str
     candidates: int
@@ -81,17 +82,13 @@ class SpeedTable:
     seed: int
     threads: int
 
-    def text(self) -> str:
-        """Three blocks: against MuJoCo, by batch and threads, candidates; medians, [lowest, highest] of the repeats."""
-        return "\n\n".join([self.machine, self._main(), self._batches(), self._candidates()])
+    def tables(self) -> list[Table]:
+        """Three: against MuJoCo, by batch and threads, candidates; medians, [lowest, highest] of the repeats."""
+        return [self._main(), self._batches(), self._candidates()]
 
-    def _main(self) -> str:
-        title = (
-            f"us per physics step on one core ({self.isa}; batch {self.batch}, {self.states} visited states, median of "
-            f"{self.repeats}); ratios are MuJoCo / ours, [lowest, highest]"
-        )
+    def _main(self) -> Table:
         heads = ["scene", "MuJoCo", "contacts", "mj_step", "mjd_FD", "kappa", "forward", "+jacobian", "+vjp"]
-        rows = [[*heads, "torch vjp", "step/forward", "step/jacobian", "step/vjp", "FD/jacobian", "aim"]]
+        rows: list[list[Cell]] = []
         for row in self.rows:
             s = row.seconds
             differences = s.get("mjd_transitionFD")
@@ -99,40 +96,50 @@ class SpeedTable:
                 [
                     row.scene,
                     f"{row.peer} {1e3 * row.time_step:.3g} ms",
-                    f"{row.contacts:.1f}",
+                    round(row.contacts, 1),
                     _us(s["mj_step"].median),
                     "refused" if differences is None else _us(differences.median),
                     row.smoothing,
                     *(_us(s[kind].median) for kind in ("forward", "jacobian", "vjp", "torch")),
                     *(_ratio(row.ratios[f"mj_step/{kind}"]) for kind in ("forward", "jacobian", "vjp")),
-                    "-" if differences is None else f"{row.ratios['mjd_transitionFD/jacobian'].median:.0f}",
+                    None if differences is None else f"{row.ratios['mjd_transitionFD/jacobian'].median:.0f}",
                     ", ".join(f"{kind} {least:g}: {self._met(row, kind, least)}" for kind, least in AIMS[row.scene]),
                 ]
             )
         failed = sum(row.failures for row in self.rows)
-        note = f"\nour solver failed on {failed} of {self.states * len(self.rows)} states" if failed else ""
-        return _aligned(rows, title) + note
+        note = f"ratios are MuJoCo / ours, above 1: ours is faster. {self.machine}"
+        if failed:
+            note += f"; our solver failed on {failed} of {self.states * len(self.rows)} states"
+        title = (
+            f"us per physics step on one core (batch {self.batch}, {self.states} visited states, median of "
+            f"{self.repeats})"
+        )
+        columns = [*heads, "torch vjp", "step/forward", "step/jacobian", "step/vjp", "FD/jacobian", "aim"]
+        return Table(title, columns, rows, note)
 
     @staticmethod
     def _met(row: SpeedRow, kind: str, least: float) -> str:
         return "met" if row.ratios[f"mj_step/{kind}"].median >= least else "missed"
 
-    def _batches(self) -> str:
-        rows = [["scene", "what", "batch", "1 thread", f"{self.threads} threads", "gain"]]
-        for r in self.scaling:
-            rows.append([r.scene, r.kind, str(r.batch), _us(r.one_thread.low), _us(r.threads.low), f"{r.gain:.2f}"])
-        title = "us of wall time per physics step (kappa 1e-4 J), fastest turn: other work on the machine counts"
-        return _aligned(rows, title)
+    def _batches(self) -> Table:
+        rows = [
+            [r.scene, r.kind, r.batch, _us(r.one_thread.low), _us(r.threads.low), round(r.gain, 2)]
+            for r in self.scaling
+        ]
+        columns = ["scene", "what", "batch", "1 thread", f"{self.threads} threads", "gain"]
+        note = "fastest turn: other work on the machine counts"
+        return Table("us of wall time per physics step (kappa 1e-4 J)", columns, rows, note)
 
-    def _candidates(self) -> str:
-        heads = ["scene", "candidates", "one by one", "states packed", "candidates packed"]
-        rows = [[*heads, "gain", "over states packed", "aim"]]
+    def _candidates(self) -> Table:
+        columns = ["scene", "candidates", "one by one", "states packed", "candidates packed"]
+        rows: list[list[Cell]] = []
         for r in self.candidates:
             costs = [_us(x.median) for x in (r.one_by_one, r.states_packed, r.candidates_packed)]
             met = "met" if r.gain.median >= CANDIDATE_AIM else "missed"
             gains = [_ratio(r.gain), _ratio(r.gain_over_states)]
-            rows.append([r.scene, str(r.candidates), *costs, *gains, f"{CANDIDATE_AIM:g}: {met}"])
-        return _aligned(rows, "us per candidate and state, one core (kappa 1e-4 J)")
+            rows.append([r.scene, r.candidates, *costs, *gains, f"{CANDIDATE_AIM:g}: {met}"])
+        title = "us per parameter candidate and state, one core (kappa 1e-4 J)"
+        return Table(title, [*columns, "gain", "over states packed", "aim"], rows)
 
     def to_json(self) -> dict[str, Any]:
         """Plain data; seconds."""
@@ -141,23 +148,16 @@ class SpeedTable:
 
     def plot(self, path: str | os.PathLike[str]) -> Path:
         """Draws the main table; ``path``: an image, or a folder, which gets ``speed.png``. Returns the file."""
-        from cmbrl.bench.speed_plots import plot  # matplotlib loads only when something is drawn
+        from cmbrl.bench.speed.plots import plot  # matplotlib loads only when something is drawn
 
         file = Path(path) if Path(path).suffix else Path(path) / "speed.png"
         plot(self, file)
         return file
 
 
-def _us(seconds: float) -> str:
-    return f"{1e6 * seconds:.3g}" if seconds < 1e-3 else f"{1e6 * seconds:.0f}"
+def _us(seconds: float) -> float:
+    return float(f"{1e6 * seconds:.3g}")
 
 
 def _ratio(ratio: Spread) -> str:
     return f"{ratio.median:.2f} [{ratio.low:.2f}, {ratio.high:.2f}]"
-
-
-def _aligned(rows: list[list[str]], title: str) -> str:
-    """Rows as a table: the first column to the left, the others to the right."""
-    first, *others = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = [[row[0].ljust(first), *(c.rjust(w) for c, w in zip(row[1:], others, strict=True))] for row in rows]
-    return "\n".join([title, *map("  ".join, lines)])

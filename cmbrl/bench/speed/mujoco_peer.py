@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from cmbrl.bench.speed_scenes import SpeedScene
+from cmbrl.bench.speed.scenes import SpeedScene
 
 STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 EPISODE = 100  #: physics steps of an episode

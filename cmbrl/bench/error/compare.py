@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
-from cmbrl.bench.error_table import Entry, ErrorTable, Horizon
+from cmbrl.bench.error.table import Entry, ErrorTable, Horizon
 from cmbrl.bench.strata import in_contact, is_moving, smallest_gap, window_strata
 from cmbrl.errors import UserError
 from cmbrl.models.protocol import Model, failures, reset_failures, rollout

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from cmbrl.files import atomic_path
 
 if TYPE_CHECKING:
-    from cmbrl.bench.error_table import ErrorTable
+    from cmbrl.bench.error.table import ErrorTable
 
 
 def plot(table: ErrorTable, path: str | os.PathLike[str]) -> None:

@@ -55,11 +55,13 @@ def run(
     restitution: float = 0.0,
     parameters: int = 60,
     threads: int = 2,
+    progress: Callable[[int], object] | None = None,
 ) -> dict[str, Any]:
     """Relative errors by scene and smoothing over random states near contact.
 
     ``restitution``: given to all contacts of rigid scenes; at 0 its derivative is one-sided and its columns are left
     out. ``parameters``: at most that many columns, spread over all kinds; a 29-joint robot has hundreds.
+    ``progress(1)`` is called after every scene and smoothing.
     """
     rows = []
     for name, scene in scenes.items():
@@ -75,6 +77,8 @@ def run(
             result = compare(model, *random_states(scene, states, np.random.default_rng(seed), RANGES), parameters)
             setting = {"scene": name, "law": scene.contact_law, "smoothing": label, "restitution": restitution}
             rows.append({**setting, **result})
+            if progress:
+                progress(1)
     return {"states": states, "seed": seed, "rows": rows}
 
 
@@ -114,24 +118,6 @@ def compare(model: ComplementarityModel, q: Array, v: Array, u: Array, parameter
     }
 
 
-def text(result: dict[str, Any]) -> str:
-    """The table of :func:`run`: error of all columns of a state together, then of the worst single column."""
-    lines = [
-        f"derivatives against finite differences, {result['states']} states near contact, seed {result['seed']}; "
-        "relative errors",
-        f"{'scene':10} {'law':7} {'smoothing':11} {'e':>4} {'median':>8} {'worst':>8} {'column':>8} {'columns':>8} "
-        f"{'kinks':>6} {'vague':>6} {'1-sided':>7} {'unsolved':>8}  worst kinds",
-    ]
-    for r in result["rows"]:
-        kinds = sorted(r["kinds"].items(), key=lambda item: -item[1]["worst"])[:3]
-        lines.append(
-            f"{r['scene']:10} {r['law']:7} {r['smoothing']:11} {r['restitution']:4.1f} {r['median']:8.1e} "
-            f"{r['worst']:8.1e} {r['worst_column']:8.1e} {r['columns']:8d} {r['across_kinks']:6d} {r['vague']:6d} "
-            f"{r['one_sided']:7d} {r['unsolved']:8d}  " + ", ".join(f"{k} {x['worst']:.0e}" for k, x in kinds)
-        )
-    return "\n".join(lines)
-
-
 def signature(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Array) -> NDArray[np.bool_]:
     """Discrete choices of one step, (B, n) bool: two points of a stencil that differ in one lie across a kink."""
     scene, core, h = model.scene, model.scene.core, model.time_step
@@ -166,9 +152,7 @@ def _clamps(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
     for k in np.flatnonzero(moved):
         entries = slice(core["par_ptr"][k], core["par_ptr"][k + 1])
         P[core["par_idx"][entries]] += moved[k] * core["par_coef"][entries]
-    layout = Layout(
-        2 if core["planar"] else 3, core["nbody"], scene.nv, core["ncontact"], core["nplane"], core["nact"]
-    )
+    layout = Layout(2 if core["planar"] else 3, core["nbody"], scene.nv, core["ncontact"], core["nplane"], core["nact"])
     time = P[[layout.contact(k, "solref0") for k in range(core["ncontact"])]]
     block = P[layout.actuator(0) : layout.gravity].reshape(-1, 5)
     gear, gain, bias0, bias1, bias2 = block.T
@@ -180,9 +164,7 @@ def _clamps(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
     return [u < low, u > high, force < least, force > most, shortest]
 
 
-def _columns(
-    model: ComplementarityModel, q: Array, v: Array, u: Array, parameters: int
-) -> tuple[list[Column], int]:
+def _columns(model: ComplementarityModel, q: Array, v: Array, u: Array, parameters: int) -> tuple[list[Column], int]:
     """All columns of state and control, a spread of the parameters', and how many of these are one-sided."""
     scene, theta, nv = model.scene, model.parameters, model.scene.nv
     columns = []

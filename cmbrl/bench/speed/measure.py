@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from cmbrl.bench.peers_mujoco import MujocoDifferences, MujocoStep, Visited, visit
-from cmbrl.bench.speed_candidates import compare_candidates
-from cmbrl.bench.speed_scenes import LABELS, SpeedScene, speed_scenes
-from cmbrl.bench.speed_table import BatchRow, CandidateRow, SpeedRow, SpeedTable
+from cmbrl.bench.speed.candidates import compare_candidates
+from cmbrl.bench.speed.mujoco_peer import MujocoDifferences, MujocoStep, Visited, visit
+from cmbrl.bench.speed.scenes import LABELS, SpeedScene, speed_scenes
+from cmbrl.bench.speed.table import BatchRow, CandidateRow, SpeedRow, SpeedTable
 from cmbrl.bench.states import G1
 from cmbrl.bench.timing import Spread, interleaved
 from cmbrl.contact import Barrier, Exact
@@ -47,7 +47,7 @@ def measure(
 
     Args:
         seed: of the visited states and the candidates.
-        scenes: labels, default all whose files are there (:mod:`cmbrl.bench.speed_scenes`).
+        scenes: labels, default all whose files are there (:mod:`cmbrl.bench.speed.scenes`).
         states: visited states per scene, at least ``batch``.
         batch: elements of one native call in the main table.
         batches: batch sizes of the scaling table, on one thread and on ``threads``.

@@ -128,7 +128,7 @@ class ErrorTable:
 
         ``path``: an image (its suffix, .png, .svg or .pdf, is the format), or a folder, which gets ``error.png``.
         """
-        from cmbrl.bench.error_plots import plot  # matplotlib loads only when something is drawn
+        from cmbrl.bench.error.plots import plot  # matplotlib loads only when something is drawn
 
         file = Path(path) if Path(path).suffix else Path(path) / "error.png"
         plot(self, file)

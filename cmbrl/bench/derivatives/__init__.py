@@ -1,0 +1,1 @@
+"""Derivatives of the step against finite differences of the same softened step."""
