@@ -62,12 +62,12 @@ def project(x: Array, mu: Array) -> Array:
     head = np.maximum((mu * size + normal) / (1 + mu**2), 0.0)
     direction = tangent / np.maximum(size, 1e-300)[:, None]
     onto = np.column_stack([head, (mu * head)[:, None] * direction])
-    inside = size <= mu * normal
+    inside = (size <= mu * normal) & (normal >= 0)
     return np.where(inside[:, None], x, onto)
 
 
 def _natural_map(problem: ContactProblem, c: Array, impulse: Array) -> Array:
-    diagonal = np.diag(problem.delassus()).reshape(impulse.shape)
+    diagonal = np.diag(problem.delassus()).reshape(impulse.shape) + problem.R  # what a row yields to its own impulse
     step = 1.0 / np.maximum(diagonal.max(axis=1, keepdims=True), 1e-300)
     shifted = c.copy()
     shifted[:, 0] += problem.mu * np.linalg.norm(c[:, 1:], axis=1)

@@ -74,6 +74,21 @@ class ContactProblem:
         return self.v_free + np.linalg.solve(self.M, self.rows.T @ impulse.ravel())
 
 
+def from_rows(rows: dict[str, Array], resolution: float, name: str) -> list[ContactProblem]:
+    """Problems of a batch of states from arrays over all candidates, of which ``active`` (B, rows) take part.
+
+    ``rows`` holds M (B, nv, nv), v_free (B, nv), J (B, rows, 1 + nt, nv), b, R, mu; ``resolution`` [m/s] is the speed
+    below which velocities are not told apart, g h.
+    """
+    problems = []
+    for k, active in enumerate(rows["active"].astype(bool)):
+        J, b, mu, R = (rows[key][k, active] for key in ("J", "b", "mu", "R"))
+        v_free = rows["v_free"][k]
+        speed = max(resolution, float(np.linalg.norm(J @ v_free + b)))
+        problems.append(ContactProblem(rows["M"][k], J, v_free, b, mu, R, speed, f"{name} {k}"))
+    return problems
+
+
 def save(problems: Sequence[ContactProblem], path: str | os.PathLike[str]) -> None:
     """Writes problems into one ``.npz``: arrays ``<k>/M``, ``<k>/J``, ... and ``names``, ``speeds``."""
     arrays = {f"{k}/{field}": getattr(p, field) for k, p in enumerate(problems) for field in FIELDS}

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 
 from cmbrl.contact import smoothing as smoothing_policies
+from cmbrl.contact.problem import ContactProblem, from_rows
 from cmbrl.contact.smoothing import Exact, Smoothing
 from cmbrl.errors import UserError
 from cmbrl.models.autograd import NativeStep, tangent_map
@@ -241,6 +242,21 @@ class ComplementarityModel:
         theta = self.parameters if theta is None else theta
         q, v, theta = (np.ascontiguousarray(x, dtype=np.float64) for x in (q, v, theta))
         return self._core.dynamics(q, v, theta, self._options)
+
+    def contact_problems(
+        self, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray | None = None
+    ) -> list[ContactProblem]:
+        """What the first physics step from each state (B, ...) asks of its contacts, as problems on their own.
+
+        Rows: contacts that are not pruned, then joint limits as contacts with mu = 0. M has armature and implicit
+        damping in it; b the gap term, restitution and what a soft law carries of the old velocity. Dry friction of
+        joints has no row in a contact problem: it is part of v_free, with the impulse of this model's own solution.
+        """
+        theta = self.parameters if theta is None else theta
+        q, v, u, theta = (np.ascontiguousarray(x, dtype=np.float64) for x in (q, v, u, theta))
+        gravity = self.scene.core["P"][-(2 if self.scene.planar else 3) :]
+        resolution = max(float(np.linalg.norm(gravity)), 1e-9) * self.time_step
+        return from_rows(self._core.rows(q, v, u, theta, self._options), resolution, self.scene.name)
 
     def reset_failures(self) -> None:
         """Start counting failed solves anew."""

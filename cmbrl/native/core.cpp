@@ -186,6 +186,68 @@ static void smooth_quantities(const Model& m, const Options& o, const Batch& b, 
   }
 }
 
+// Dry friction has no row here: it acts in v_free with the impulses it has in the core's own solution.
+template <class G>
+static void fold_dry_friction(const Model& m, const Options& o, Work<G>& w) {
+  set_kappa(m, o, w, o.forward);
+  InteriorPoint<G> ip(m, o, w);
+  contact_solve(m, o, w);
+  for (int i = 0; i < m.nv; ++i) w.shift[i] = T{};
+  for (int i = 0; i < w.ndry; ++i) w.shift[w.dry[i].dof] = keep(w.dry[i].on, w.dry[i].b);
+  for (int i = 0; i < w.ndyn; ++i) copy_row(w.H, w.H0, m.nv, ip.pat, w.dyn_list[i]);
+  for (int i = 0; i < w.ndyn; ++i) eliminate(w.H, m.nv, ip.pat, w.dyn_list[i]);
+  solve(w.H, m.nv, ip.pat, w.shift);
+  for (int i = 0; i < m.nv; ++i) w.vf[i] += w.shift[i];
+}
+
+// The rows of the first physics step of a control step. The arrays come in as zeros.
+template <class G>
+static void step_rows(const Model& m, const Options& o, const Batch& b, const RowBatch& out, int64_t begin, int64_t end, void* memory) {
+  Work<G>& w = open<G>(m, memory);
+  int nv = m.nv, rows = 1 + G::NT, nrow = m.ncontact + m.nlimit;
+  for (int64_t e = begin; e < end; e += W) {
+    Lanes l = lanes_from(e, end);
+    gather_parameters(m, b, l, w, e == begin);
+    gather(b.q, b.q_stride, m.nq, l, w.q);
+    gather(b.v, b.v_stride, nv, l, w.v);
+    gather(b.u, b.u_stride, m.nu, l, w.u);
+    for (int i = 0; i < nv * nv; ++i) w.M[i] = T{};
+    if (o.leapfrog) { scaled(m, w.v, 0.5 * o.h, w.qtan); integrate(m, w.q, w.qtan); }
+    prepare(m, o, w);
+    free_velocity(m, w);
+    find_bounces(m, o, w);
+    if (w.ndry) fold_dry_friction(m, o, w);
+    scatter(w.M, nv * nv, nv * nv, l, out.M);
+    scatter(w.vf, nv, nv, l, out.v_free);
+    for (int lane = 0; lane < l.n; ++lane) {
+      int64_t base = l.at[lane] * nrow;
+      for (int g = 0; g < w.ngroups; ++g)
+        for (int i = w.groups[g].begin; i < w.groups[g].end; ++i) {
+          const Contact<G>& c = w.con[i];
+          if (!c.on[lane]) continue;
+          int64_t at = base + c.index;
+          out.active[at] = 1;
+          out.mu[at] = c.rub[lane] ? c.mu[lane] : 0;
+          for (int r = 0; r < (c.rub[lane] ? c.rows : 1); ++r) {
+            out.b[at * rows + r] = (r ? c.ct0[r - 1] : c.cn0)[lane];
+            out.R[at * rows + r] = (r ? c.Rt : c.Rn)[lane];
+            for (int k = m.grp_dptr[w.groups[g].group]; k < m.grp_dptr[w.groups[g].group + 1]; ++k)
+              out.J[(at * rows + r) * nv + m.grp_dof[k]] = m.grp_sign[k] * dot(w.S[m.grp_dof[k]], c.Wr[r])[lane];
+          }
+        }
+      for (int i = 0; i < w.nlim; ++i) {
+        const Limit& c = w.lim[i];
+        if (!c.on[lane]) continue;
+        int64_t at = base + m.ncontact + c.index;
+        out.active[at] = 1;
+        out.b[at * rows] = c.c0[lane];
+        out.R[at * rows] = c.R[lane];
+        out.J[at * rows * nv + c.dof] = c.sign[lane];
+      }
+    }
+  }
+}
+
 #define CMBRL_EITHER(call) (m.planar ? call(Planar) : call(Spatial))
 extern const Backend backend;
 const Backend backend = {
@@ -206,6 +268,9 @@ const Backend backend = {
     [](const Model& m, const Options& o, const Batch& b, double* M, double* bias, double* gap, double* J, int64_t s, int64_t e, void* w) {
       m.planar ? smooth_quantities<Planar>(m, o, b, M, bias, gap, J, s, e, w)
                : smooth_quantities<Spatial>(m, o, b, M, bias, gap, J, s, e, w);
+    },
+    [](const Model& m, const Options& o, const Batch& b, const RowBatch& out, int64_t s, int64_t e, void* w) {
+      m.planar ? step_rows<Planar>(m, o, b, out, s, e, w) : step_rows<Spatial>(m, o, b, out, s, e, w);
     },
 };
 

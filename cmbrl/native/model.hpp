@@ -91,6 +91,13 @@ struct LossBatch {  // mean Huber loss of open-loop predictions, candidate by ca
   int64_t loss_stride;
 };
 
+// What a physics step asks of its contacts, limits last, as arrays over all nrow = ncontact + nlimit candidates; active: 0 pruned.
+struct RowBatch {
+  double *M, *v_free;        // (n, nv, nv) with armature and implicit damping, (n, nv)
+  double *J, *b, *mu, *R;    // (n, nrow, 1 + NT, nv), (n, nrow, 1 + NT), (n, nrow), (n, nrow, 1 + NT)
+  int32_t* active;           // (n, nrow)
+};
+
 struct Backend {  // one per instruction set
   const char* name;
   int width;
@@ -100,6 +107,7 @@ struct Backend {  // one per instruction set
   void (*backward)(const Model&, const Options&, const Batch&, int64_t begin, int64_t end, void* work);
   void (*loss)(const Model&, const Options&, const LossBatch&, int64_t candidate_pack, void* work);
   void (*dynamics)(const Model&, const Options&, const Batch&, double* M, double* bias, double* gap, double* J, int64_t begin, int64_t end, void* work);
+  void (*rows)(const Model&, const Options&, const Batch&, const RowBatch&, int64_t begin, int64_t end, void* work);
 };
 
 }  // namespace cmbrl

@@ -196,6 +196,32 @@ class Core {
     return out;
   }
 
+  nb::dict rows(Array q, Array v, Array u, std::optional<Array> theta, nb::dict options) {
+    const Model& m = data_->model;
+    Options o = options_from(options);
+    Batch b{};
+    b.n = int64_t(v.ndim() ? v.shape(0) : 0);
+    check(q, "q", {b.n, m.nq}); check(v, "v", {b.n, m.nv}); check(u, "u", {b.n, m.nu});
+    b.q = q.data(); b.v = v.data(); b.u = u.data();
+    b.q_stride = m.nq; b.v_stride = m.nv; b.u_stride = m.nu;
+    set_theta(b, theta);
+    size_t n = b.n, nv = m.nv, nrow = m.ncontact + m.nlimit, rows = m.planar ? 2 : 3;
+    nb::dict out;
+    RowBatch r{};
+    out["M"] = make_array<double>({n, nv, nv}, &r.M);
+    out["v_free"] = make_array<double>({n, nv}, &r.v_free);
+    out["J"] = make_array<double>({n, nrow, rows, nv}, &r.J);
+    out["b"] = make_array<double>({n, nrow, rows}, &r.b);
+    out["mu"] = make_array<double>({n, nrow}, &r.mu);
+    out["R"] = make_array<double>({n, nrow, rows}, &r.R);
+    out["active"] = make_array<int32_t>({n, nrow}, &r.active);
+    for (auto [block, size] : {std::pair{r.J, rows * nv}, {r.b, rows}, {r.mu, size_t(1)}, {r.R, rows}})
+      std::memset(block, 0, n * nrow * size * sizeof(double));
+    std::memset(r.active, 0, n * nrow * sizeof(int32_t));
+    run(b.n, 1, o, [&](int64_t s, int64_t e, void* w) { backend_.rows(m, o, b, r, s, e, w); });
+    return out;
+  }
+
   std::string isa() const { return backend_.name; }
   int width() const { return backend_.width; }
 
@@ -242,6 +268,7 @@ NB_MODULE(_core, module) {
       .def("loss", &cmbrl::Core::loss, "q"_a, "v"_a, "u"_a, "q_next"_a, "v_next"_a, "starts"_a, "horizon"_a, "theta"_a, "scale_q"_a,
            "scale_v"_a, "huber"_a, "fail_penalty"_a, "options"_a, "threads"_a = 1)
       .def("dynamics", &cmbrl::Core::dynamics, "q"_a, "v"_a, "theta"_a.none(), "options"_a)
+      .def("rows", &cmbrl::Core::rows, "q"_a, "v"_a, "u"_a, "theta"_a.none(), "options"_a)
       .def_prop_ro("isa", &cmbrl::Core::isa)
       .def_prop_ro("width", &cmbrl::Core::width);
 }

@@ -79,6 +79,8 @@ def test_projection_is_the_nearest_point_of_the_cone() -> None:
         y = np.column_stack([head, turn])
         assert (np.linalg.norm(x - p, axis=1) <= np.linalg.norm(x - y, axis=1) + 1e-12).all()
     np.testing.assert_allclose(project(p, mu), p, atol=1e-12)
+    limit = np.array([[-1.0, 0.0, 0.0]])  # never pulls
+    np.testing.assert_array_equal(project(limit, np.zeros(1)), np.zeros((1, 3)))
 
 
 def test_shapes_that_do_not_fit_are_refused() -> None:
