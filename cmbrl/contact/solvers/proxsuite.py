@@ -1,4 +1,4 @@
-"""ProxQP through its own dense interface: an augmented Lagrangian method (Bambade, El-Kazdadi, Taylor, Carpentier 2022).
+"""ProxQP through its own dense interface: an augmented Lagrangian method (Bambade, El-Kazdadi, Taylor and others 2022).
 
 The duality gap is checked too: without it complementarity stays at 1e-1 to 1e-4 whatever the tolerance.
 """

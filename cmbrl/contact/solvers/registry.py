@@ -53,8 +53,8 @@ def get(name: str, **options: Any) -> Solver:
     return entry.make(name, **options)
 
 
-def _class(module: str, cls: str) -> Callable[..., Solver]:
-    return lambda name, **options: getattr(import_module(f"{HERE}.{module}"), cls)(name=name, **options)
+def _class(module: str, cls: str, **fixed: Any) -> Callable[..., Solver]:
+    return lambda name, **options: getattr(import_module(f"{HERE}.{module}"), cls)(name=name, **fixed, **options)
 
 
 def _program(kind: type[Relaxed] | type[DeSaxce], module: str, formulate: Any = pyramid, **fixed: Any) -> Any:
@@ -68,10 +68,24 @@ def _program(kind: type[Relaxed] | type[DeSaxce], module: str, formulate: Any = 
 ENTRIES: dict[str, Entry] = {
     "pgs": Entry("exact", _class("pgs", "ProjectedGaussSeidel")),
     "admm": Entry("exact", _class("admm", "AlternatingDirections")),
+    "pinocchio admm": Entry("exact", _class("pinocchio", "Pinocchio", method="ADMM"), ("pinocchio",), "pin"),
+    "pinocchio pgs": Entry("exact", _class("pinocchio", "Pinocchio", method="PGS"), ("pinocchio",), "pin"),
+    "pinocchio admm convex": Entry(
+        "convex", _class("pinocchio", "Pinocchio", method="ADMM", law="convex"), ("pinocchio",), "pin"
+    ),
     "convex": Entry("convex", _program(Relaxed, "daqp"), ("daqp",), "daqp"),
     "desaxce": Entry("exact", _program(DeSaxce, "daqp"), ("daqp",), "daqp"),
     "proxsuite": Entry("convex", _program(Relaxed, "proxsuite"), ("proxsuite",), "proxsuite"),
     "desaxce proxsuite": Entry("exact", _program(DeSaxce, "proxsuite"), ("proxsuite",), "proxsuite"),
+    "clarabel": Entry("convex", _program(Relaxed, "clarabel", second_order_cone), ("clarabel",), "clarabel"),
+    "desaxce clarabel": Entry("exact", _program(DeSaxce, "clarabel", second_order_cone), ("clarabel",), "clarabel"),
+    **{
+        f"cvxpy {solver.lower()}": Entry(
+            "convex", _program(Relaxed, "through_cvxpy", second_order_cone, solver=solver), ("cvxpy", solver.lower()),
+            f"cvxpy {solver.lower()}",
+        )
+        for solver in ("CLARABEL", "SCS")
+    },
     **{
         f"qpsolvers {solver}": Entry(
             "convex", _program(Relaxed, "through_qpsolvers", solver=solver), ("qpsolvers", package),
