@@ -29,7 +29,7 @@ class ContactSpace:
     def of(cls, problem: ContactProblem) -> ContactSpace:
         """Of a problem with at least one contact."""
         delassus = problem.delassus()
-        diagonal = np.diag(delassus).reshape(problem.b.shape).max(axis=1, keepdims=True)
+        diagonal = (np.diag(delassus).reshape(problem.b.shape) + problem.R).max(axis=1, keepdims=True)
         momentum = float(np.linalg.norm(problem.M @ problem.v_free))
         force = momentum / len(problem.mu) or problem.speed / float(diagonal.max())
         scale = force / problem.speed

@@ -1,0 +1,1 @@
+"""Contact solvers on the same problems: speed against residual, and derivatives against the exact one."""
