@@ -1,0 +1,62 @@
+"""Estimators of the gradient of an expected value: first order (pathwise), zeroth order, and bundles of either.
+
+Suh, Simchowitz, Zhang & Tedrake, "Do Differentiable Simulators Give Better Policy Gradients?" (ICML 2022), section 2.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from cmbrl.gradients.estimate import Array, Estimate, Objective
+
+
+def pathwise(objective: Objective, x: Array, samples: int) -> Estimate:
+    """First order: mean of the derivatives of every sample at the same x (n,)."""
+    return _first_order(objective, np.tile(x, (samples, 1)))
+
+
+def first_order_bundle(objective: Objective, x: Array, std: float, samples: int, rng: np.random.Generator) -> Estimate:
+    """d/dx E f(x + w), w normal with deviation ``std``, as the mean of f'(x + w).
+
+    Unbiased only where f is continuous: jumps of f contribute nothing, and ramps narrower than std / samples are
+    missed by most batches ("empirical bias").
+    """
+    return _first_order(objective, x + std * rng.normal(size=(samples, len(x))))
+
+
+def zeroth_order_bundle(objective: Objective, x: Array, std: float, samples: int, rng: np.random.Generator) -> Estimate:
+    """d/dx E f(x + w) as the mean of w (f(x + w) - f(x - w)) / (2 std^2): values only, unbiased for jumps too.
+
+    Antithetic pairs in place of the baseline f(x): two values a sample either way, and even terms of f cancel.
+    """
+    w = std * rng.normal(size=(samples, len(x)))
+    with torch.no_grad():
+        up, down = (objective(torch.from_numpy(x + sign * w)).numpy() for sign in (1, -1))
+    return Estimate.of(w * ((up - down) / (2 * std**2))[:, None], 2 * samples * objective.steps)
+
+
+def finite_differences(objective: Objective, x: Array, step: float, samples: int) -> Estimate:
+    """Central differences of every sample along every coordinate, the same randomness on both sides: a reference.
+
+    The mean is the gradient of the expected value averaged over x +- step in each coordinate; its standard error says
+    how far the mean over ``samples`` may be off.
+    """
+    gradients = np.empty((samples, len(x)))
+    with torch.no_grad():
+        for k, unit in enumerate(np.eye(len(x))):
+            up, down = (objective(torch.from_numpy(np.tile(x + s * unit, (samples, 1)))) for s in (step, -step))
+            gradients[:, k] = (up - down).numpy() / (2 * step)
+    return Estimate.of(gradients, 2 * len(x) * samples * objective.steps)
+
+
+def _first_order(objective: Objective, points: Array) -> Estimate:
+    """Every row of the batch depends on its own row of x alone, so one backward pass gives all their gradients."""
+    x = torch.tensor(points, requires_grad=True)
+    value = objective(x).sum()
+    gradients = torch.zeros_like(x)
+    if value.requires_grad:  # a piecewise constant function may have no graph at all
+        (found,) = torch.autograd.grad(value, x, allow_unused=True)
+        gradients = gradients if found is None else found
+    steps = len(points) * objective.steps
+    return Estimate.of(gradients.numpy(), steps, steps)

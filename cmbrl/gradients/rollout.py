@@ -1,0 +1,75 @@
+"""The return of a policy over a horizon, as a function of its parameters, one initial state a sample."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from cmbrl.errors import UserError
+from cmbrl.models.protocol import Model
+
+Policy = Callable[[Tensor, Tensor, Tensor], Tensor]  #: parameters (B, n), q (B, nq), v (B, nv) -> u (B, nu)
+Reward = Callable[[Tensor, Tensor, Tensor], Tensor]  #: u (B, nu), q' (B, nq), v' (B, nv) -> (B,)
+
+
+@dataclass(frozen=True)
+class TanhPolicy:
+    """u = limit tanh(W y + b) with y = features(q, v) (B, f); parameters (B, nu (f + 1)): rows of (W, b)."""
+
+    features: Callable[[Tensor, Tensor], Tensor]
+    count: int  #: f
+    controls: int  #: nu
+    limit: float = 1.0
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return self.controls * (self.count + 1)
+
+    def __call__(self, x: Tensor, q: Tensor, v: Tensor) -> Tensor:
+        """Controls (B, nu); every sample has its own parameters x (B, size)."""
+        weights = x.view(len(x), self.controls, self.count + 1)
+        drive = torch.einsum("buf,bf->bu", weights[:, :, :-1], self.features(q, v)) + weights[:, :, -1]
+        return self.limit * torch.tanh(drive)
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """Sum of rewards over ``horizon`` control steps from the states q (B, nq), v (B, nv): an ``Objective``.
+
+    Args:
+        model: any differentiable next-state model; its smoothing decides what the derivative is.
+        policy: controls of parameters and state.
+        reward: of the control and the state that it led to.
+        horizon: control steps, at least 1.
+        q, v: initial states, float64; sample i always starts at row i.
+        scale: length of a step in model steps (a bundle takes 1 + its size of them).
+    """
+
+    model: Model
+    policy: Policy
+    reward: Reward
+    horizon: int
+    q: Tensor
+    v: Tensor
+    scale: int = 1
+
+    @property
+    def steps(self) -> int:
+        """Model steps of one sample."""
+        return self.horizon * self.scale
+
+    def __call__(self, x: Tensor) -> Tensor:
+        """Returns (B,) of policies with parameters x (B, n); raises UserError unless there is one row a start."""
+        if len(x) != len(self.q):
+            raise UserError(f"{len(x)} policies for {len(self.q)} initial states: give one row for each")
+        q, v = self.q, self.v
+        total = torch.zeros(len(x), dtype=torch.float64)
+        for _ in range(self.horizon):
+            u = self.policy(x, q, v)
+            q, v = self.model.step(q, v, u)
+            total = total + self.reward(u, q, v)
+        return total
