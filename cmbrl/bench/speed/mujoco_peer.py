@@ -47,17 +47,13 @@ def visit(scene: SpeedScene, count: int, seed: int) -> Visited:
         "q_next": np.empty((count, model.nq)), "v_next": np.empty((count, model.nv)),
         "state": np.empty((count, mujoco.mj_stateSize(model, STATE))), "warmstart": np.empty((count, model.nv)),
     }  # fmt: skip
-    servo = model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE
     contacts = 0
     for i in range(count):
         step = i % EPISODE
         if step == 0:
             _start(scene, data, rng)
         if step % HOLD == 0:
-            noise = rng.uniform(-1, 1, model.nu) * scene.reach
-            limited = (model.actuator_ctrllimited != 0) & ~servo
-            low, high = model.actuator_ctrlrange.T
-            data.ctrl[:] = scene.hold + np.where(limited, (low + high) / 2 + noise * (high - low) / 2, noise)
+            data.ctrl[:] = random_control(scene, rng)
         mujoco.mj_getState(model, data, arrays["state"][i], STATE)
         for name, value in (("q", data.qpos), ("v", data.qvel), ("u", data.ctrl), ("warmstart", data.qacc_warmstart)):
             arrays[name][i] = value
@@ -65,6 +61,16 @@ def visit(scene: SpeedScene, count: int, seed: int) -> Visited:
         contacts += data.ncon
         arrays["q_next"][i], arrays["v_next"][i] = data.qpos, data.qvel
     return Visited(**arrays, contacts=contacts / count)
+
+
+def random_control(scene: SpeedScene, rng: np.random.Generator) -> np.ndarray:
+    """A random action (nu,) about the pose that the scene holds."""
+    model = scene.peer
+    noise = rng.uniform(-1, 1, model.nu) * scene.reach
+    servo = model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE
+    limited = (model.actuator_ctrllimited != 0) & ~servo
+    low, high = model.actuator_ctrlrange.T
+    return scene.hold + np.where(limited, (low + high) / 2 + noise * (high - low) / 2, noise)
 
 
 def _start(scene: SpeedScene, data: mujoco.MjData, rng: np.random.Generator) -> None:
