@@ -1,10 +1,10 @@
 """The space a fit searches: named physical parameters, bounded, each measured in widths of its prior.
 
-A parameter ``theta`` of transform "log" is searched as ``t = log theta``, of transform "linear" as ``t = theta``.
-Both are then written as ``z = (t - t_nominal) / sd`` with ``sd`` a sixth of the distance between the bounds in ``t``:
-the bounds are three prior standard deviations either side where the nominal value lies midway. So z = 0 is what the
-user believed, one unit of z is a plausible error of any parameter, and the prior is standard normal. The width is our
-own choice.
+A parameter ``theta`` of transform "log" is searched as ``t = log theta``, of transform "logit" (a share, between 0 and
+1) as ``t = log(theta / (1 - theta))``, of transform "linear" as ``t = theta``. All are then written as
+``z = (t - t_nominal) / sd`` with ``sd`` a sixth of the distance between the bounds in ``t``: the bounds are three prior
+standard deviations either side where the nominal value lies midway. So z = 0 is what the user believed, one unit of z
+is a plausible error of any parameter, and the prior is standard normal. The width is our own choice.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Space:
     nominal: np.ndarray
     low: np.ndarray
     high: np.ndarray
-    log: np.ndarray
+    transform: np.ndarray
     sd: np.ndarray
 
     @classmethod
@@ -47,10 +47,10 @@ class Space:
                 raise UserError(
                     f"parameter {p.name} = {value:g} is outside its bounds [{p.low:g}, {p.high:g}]: change it"
                 )
-        log = np.array([p.transform == "log" for p in parameters], dtype=bool)
-        sd = (_t(high, log) - _t(low, log)) / _BOUNDS_WIDTH_IN_SD
+        transform = np.array([p.transform for p in parameters])
+        sd = (_t(high, transform) - _t(low, transform)) / _BOUNDS_WIDTH_IN_SD
         names, groups, units = zip(*((p.name, p.group, p.unit) for p in parameters), strict=True)
-        return cls(names, groups, units, nominal, low, high, log, sd)
+        return cls(names, groups, units, nominal, low, high, transform, sd)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -58,12 +58,14 @@ class Space:
     def theta(self, z: np.ndarray) -> np.ndarray:
         """Parameters (..., n) at ``z`` (..., n); exactly the nominal value at z = 0."""
         step = self.sd * z
-        moved = np.where(self.log, self.nominal * np.exp(np.where(self.log, step, 0.0)), self.nominal + step)
-        return np.clip(moved, self.low, self.high)
+        linear, logit = self.transform == "linear", self.transform == "logit"
+        factor = np.exp(np.where(linear, 0.0, step))  # of theta, or of theta / (1 - theta)
+        scaled = self.nominal * factor / np.where(logit, 1.0 + self.nominal * (factor - 1.0), 1.0)
+        return np.clip(np.where(linear, self.nominal + step, scaled), self.low, self.high)
 
     def z(self, theta: np.ndarray) -> np.ndarray:
         """The inverse of ``theta``: (..., n) -> (..., n)."""
-        return (_t(np.asarray(theta, dtype=float), self.log) - _t(self.nominal, self.log)) / self.sd
+        return (_t(np.asarray(theta, dtype=float), self.transform) - _t(self.nominal, self.transform)) / self.sd
 
     @property
     def z_low(self) -> np.ndarray:
@@ -75,7 +77,11 @@ class Space:
 
     def slope(self, z: np.ndarray) -> np.ndarray:
         """d theta / d z at ``z``, (n,)."""
-        return np.where(self.log, self.theta(z), 1.0) * self.sd
+        theta = self.theta(z)
+        return (
+            np.select([self.transform == "log", self.transform == "logit"], [theta, theta * (1.0 - theta)], 1.0)
+            * self.sd
+        )
 
     def at_bound(self, z: np.ndarray, tolerance: float = 1e-6) -> np.ndarray:
         """True (n,) where z is on a bound, to ``tolerance`` of the distance between the bounds.
@@ -100,5 +106,8 @@ class Space:
         return chosen
 
 
-def _t(theta: np.ndarray, log: np.ndarray) -> np.ndarray:
-    return np.where(log, np.log(np.where(log, theta, 1.0)), theta)
+def _t(theta: np.ndarray, transform: np.ndarray) -> np.ndarray:
+    log, logit = transform == "log", transform == "logit"
+    return np.where(transform == "linear", theta, np.log(np.where(log | logit, theta, 1.0))) - np.log1p(
+        -np.where(logit, theta, 0.0)
+    )

@@ -20,6 +20,8 @@ from cmbrl.scene.shapes import Shape
 
 Entries = Iterable[tuple[int, float]]
 
+_SHARES = ("impedance_low", "impedance_high")  # between 0 and 1, and what counts is how near to either
+
 _UNITS = {  # of slides, of hinges and balls
     "damping": ("N s/m", "N m s/rad"),
     "armature": ("kg", "kg m^2"),
@@ -32,6 +34,13 @@ _LAW_FIELDS = {  # fields of the law that are fitted; rigid: how fast an old pen
     "mujoco": (("solref0", "softness_time", "s"), ("solref1", "softness_damping", "1")),
     "spring-damper": (("solref0", "contact_stiffness", "N/m"), ("solref1", "contact_damping", "N s/m")),
 }
+
+# How softly MuJoCo's contact resists, from first touch to ``width`` deep: solimp, inside the limits MuJoCo clips it to.
+_IMPEDANCE_FIELDS = (
+    ("d0", "impedance_low", 0.001, 0.9999, "1"),
+    ("dmax", "impedance_high", 0.001, 0.9999, "1"),
+    ("width", "impedance_width", 1e-5, 0.1, "m"),
+)
 
 
 @dataclass(frozen=True)
@@ -50,9 +59,9 @@ class _Collector:
         self.entries: list[list[tuple[int, float]]] = []
 
     def add(self, group: str, of: str, value: float, low: float, high: float, unit: str, entries: Entries) -> None:
-        """Adds a parameter; its transform is "log" where only positive values make sense, else "linear"."""
+        """Adds a parameter; its transform is "log" where only positive values make sense, "logit" for impedances."""
         name = f"{group}.{of}" if of else group
-        transform = "log" if low > 0 else "linear"
+        transform = "linear" if low <= 0 else "logit" if group in _SHARES else "log"
         self.parameters.append(Parameter(name, group, value, low, high, transform, unit))
         self.entries.append(list(entries))
 
@@ -166,6 +175,10 @@ def _contact_parameters(
                     out.add(group, name + suffix, value, value / 10, value * 10, unit, entries(same, field))
         if contact_law == "mujoco":
             out.scale("softness_scale", name, 1e-3, 1e4, P, [layout.contact(k, "rscale") for k in rows])
+            for field, group, low, high, unit in _IMPEDANCE_FIELDS:
+                for suffix, value, same in by_value(rows, field):
+                    if low <= value <= high:  # MuJoCo allows 0, from where no scale leads away
+                        out.add(group, name + suffix, value, low, high, unit, entries(same, field))
     rounded: dict[int, list[int]] = {}
     for k, c in enumerate(candidates):
         for geom, body in zip(c.geoms, (c.body_a, c.body_b), strict=True):

@@ -32,7 +32,8 @@ class LeftOut:
 class Parameter:
     """A number that can be fitted; the physical vector P is affine in it (see ``parameters.py``).
 
-    ``transform`` says in which coordinate a search should move: "log" for scales and positive constants, else "linear".
+    ``transform`` says in which coordinate a search should move: "log" for scales and positive constants, "logit" for
+    shares between 0 and 1, else "linear".
     """
 
     name: str

@@ -13,7 +13,7 @@ from cmbrl.errors import UserError
 from cmbrl.fit import Budget, FitResult
 from cmbrl.fit.loss import PredictionLoss, Scales
 from cmbrl.fit.space import Space
-from tasks import ball_throw
+from tasks import ball_throw, cube_toss
 from tasks import hopper as hopper_task
 
 QUICK = Budget(trial_rows=200, trial_rounds=2, trial_population=16, search_rows=300, search_rounds=5, polish_rows=600)
@@ -64,13 +64,41 @@ def test_core_and_fit_agree_on_the_loss_and_its_gradient(hopper, horizon):
     np.testing.assert_allclose(gradient[free], numeric[free], rtol=1e-3, atol=1e-4 * np.abs(gradient).max())
 
 
+def test_derivatives_in_the_impedance_of_a_soft_contact():
+    """Cubes pressed into the board at all depths, against central differences of the same step."""
+    scene = cmbrl.Scene.from_mjcf(cube_toss.TASK.scene_path, contact_law="mujoco")
+    model = cmbrl.ComplementarityModel(scene, smoothing=cmbrl.Barrier(1e-6))
+    names = [p.name for p in scene.parameters]
+    theta = scene.parameter_vector()
+    for name, value in {"low": 0.3, "high": 0.8, "width": 0.01}.items():
+        theta[names.index(f"impedance_{name}.cube")] = value
+    draw = np.random.default_rng(0)
+    q = np.tile(scene.q0, (200, 1))
+    q[:, 2] = 0.0524 - draw.uniform(0.0, 0.012, 200)
+    v = draw.normal(scale=0.5, size=(200, 6))
+    u = np.zeros((200, 0))
+    _, _, _, slope = model.parameter_jacobian(q, v, u, theta)
+    for name in ("impedance_low", "impedance_high", "impedance_width"):
+        k = names.index(f"{name}.cube")
+        step = 1e-5 * theta[k] * np.eye(len(theta))[k]
+        numeric = (model.predict(q, v, u, theta + step).v_next - model.predict(q, v, u, theta - step).v_next) / (
+            2 * step[k]
+        )
+        assert np.abs(numeric).max() > 0.01
+        error = np.abs(slope[:, :, k] - numeric).max(axis=1) / np.abs(numeric).max()
+        assert np.median(error) < 1e-6
+        assert (error < 1e-4).mean() > 0.97  # the rest straddle the depth where the impedance curve bends
+
+
 def test_every_parameter_that_the_log_can_tell_changes_the_loss(hopper):
     model, data = hopper
     space, loss = _objective_parts(model, data, 1)
     nominal = loss.values(space.nominal[None])[0]
     moved = loss.values(space.theta(0.3 * np.eye(len(space))))
     idle = {n for n, value in zip(space.names, moved, strict=True) if value == nominal}
-    # Random actions from an upright start: neither torso, thigh nor leg reach the floor, nor each other.
+    # Random actions from an upright start: neither torso, thigh nor leg reach the floor, nor each other. The foot's
+    # impedance is the same at all depths, so over which depth it changes makes no difference.
+    idle -= {"impedance_width.foot_geom"}
     assert {n.split(".")[1].split("_")[0] for n in idle} <= {"torso", "thigh", "leg", "pairs"}
     for name in ("mass.foot", "damping.foot_joint", "armature.leg_joint", "gear.thigh_joint", "gravity"):
         assert name not in idle

@@ -1,5 +1,7 @@
 """The search space: transforms, bounds, names; and which masses stand for the unit of force."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -25,6 +27,21 @@ def test_slope_is_the_derivative(carts):
     step = 1e-6
     numeric = (space.theta(z + step) - space.theta(z - step)) / (2 * step)
     np.testing.assert_allclose(space.slope(z), numeric, rtol=1e-6)
+
+
+def test_shares_move_by_their_odds():
+    """theta / (1 - theta) is multiplied by the same factor for the same step, and no step leaves (0, 1)."""
+    shares = [SimpleNamespace(name=n, group="share", low=0.001, high=0.9999, transform="logit", unit="") for n in "abc"]
+    space = Space.of(shares, np.array([0.1, 0.5, 0.95]))
+    assert np.array_equal(space.theta(np.zeros(3)), space.nominal)
+    moved = space.theta(np.full(3, 0.4))
+    odds = moved / (1.0 - moved) * (1.0 - space.nominal) / space.nominal
+    np.testing.assert_allclose(odds, np.exp(0.4 * space.sd), rtol=1e-12)
+    np.testing.assert_allclose(space.z(moved), 0.4, rtol=1e-12)
+    numeric = (space.theta(np.full(3, 0.4 + 1e-6)) - space.theta(np.full(3, 0.4 - 1e-6))) / 2e-6
+    np.testing.assert_allclose(space.slope(np.full(3, 0.4)), numeric, rtol=1e-8)
+    assert np.array_equal(space.theta(np.full(3, 50.0)), space.high)
+    assert np.array_equal(space.theta(np.full(3, -50.0)), space.low)
 
 
 def test_start_on_a_bound_is_not_a_bound_that_was_hit(carts):

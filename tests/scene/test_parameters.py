@@ -18,12 +18,14 @@ WORLD = (
     '<joint name="x" type="slide" axis="1 0 0" damping="{damping}" stiffness="{stiffness}"/>'
     '<inertial pos="{com} 0 0" mass="{mass}" diaginertia="{inertia} {inertia} {inertia}"/>'
     '<body name="arm"><joint name="h" axis="0 1 0" armature="{armature}" frictionloss="{loss}"/>'
-    '<geom name="rod" type="capsule" size=".1" fromto="0 0 0 1 0 0" friction="{friction}" solref="{time} 1" mass="1"/>'
+    '<geom name="rod" type="capsule" size=".1" fromto="0 0 0 1 0 0" friction="{friction}" solref="{time} 1" '
+    'solimp="{low} {high} {width}" mass="1"/>'
     "</body></body>"
 )
 VALUES = {
     "floor": 0.0, "damping": 2.0, "stiffness": 3.0, "com": 0.0, "mass": 2.0, "inertia": 0.1, "armature": 0.5,
     "loss": 0.2, "friction": 1.5, "time": 0.05, "gear": 10.0, "g": -9.81,
+    "low": 0.8, "high": 0.96, "width": 0.003,
 }  # fmt: skip
 
 
@@ -43,6 +45,9 @@ def scene_with(load: Load, contact_law: str = "mujoco", **changes: float) -> Sce
         ("armature.h", 0.7, {"armature": 0.7}),
         ("frictionloss.h", 0.3, {"loss": 0.3}),
         ("friction.rod", 2.5, {"friction": 2.5}),
+        ("impedance_low.rod", (0.3 + 0.9) / 2, {"low": 0.3}),  # mixed with the floor's
+        ("impedance_high.rod", (0.97 + 0.95) / 2, {"high": 0.97}),
+        ("impedance_width.rod", (0.02 + 0.001) / 2, {"width": 0.02}),
         ("plane_height.floor", -0.03, {"floor": -0.03}),
         ("gear.h", 0.6, {"gear": 6.0}),
         ("gravity", 1.1, {"g": -9.81 * 1.1}),
@@ -71,7 +76,8 @@ def physical(scene: Scene, theta: np.ndarray) -> np.ndarray:
 def test_contact_parameters_follow_the_law(load: Load) -> None:
     soft, rigid = scene_with(load), scene_with(load, "rigid")
     groups = [{p.group for p in scene.parameters} for scene in (soft, rigid)]
-    assert groups[0] - groups[1] == {"softness_damping", "softness_scale"}
+    impedance = {"impedance_low", "impedance_high", "impedance_width"}
+    assert groups[0] - groups[1] == {"softness_damping", "softness_scale"} | impedance
     assert groups[1] - groups[0] == {"restitution"}
     assert set(rigid.core["con_law"]) == {0}
     assert set(soft.core["con_law"]) == {1}
@@ -101,7 +107,8 @@ def test_bounds_and_transforms_are_sound(robot: tuple[Scene, object]) -> None:
     for p in scene.parameters:
         assert p.low <= p.nominal <= p.high
         assert p.name.split(".")[0] == p.group
-        assert p.low > 0 if p.transform == "log" else p.transform == "linear"
+        assert p.transform == "linear" or p.low > 0
+        assert p.transform != "logit" or p.high < 1
     assert scene.parameter_vector() == pytest.approx(scene.core["par_nominal"])
     assert len(scene.core["par_ptr"]) == len(scene.parameters) + 1
 
