@@ -4,31 +4,43 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
+from cmbrl.bench.report.page import write_page
+from cmbrl.bench.report.runs import Bar, Run, run_studies, summary
 from cmbrl.bench.studies import STUDIES, load
-from cmbrl.bench.study import Settings, Study
+from cmbrl.bench.study import Progress, Section, Settings
 from cmbrl.cli.configuration import resolved
 from cmbrl.cli.options import Parser, add_json, add_seed, add_threads
-from cmbrl.cli.progress import fraction
+from cmbrl.cli.progress import counting, fraction
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.runs import check_run_folder, environment, usable_cores, write_run
 
+ALL = "all"
 EXAMPLE = """
 cmbrl bench speed
 cmbrl bench speed --scene "hopper rk4" --out runs/bench
 cmbrl bench robustness --quick --json > robustness.json
+cmbrl bench all --quick --out runs/bench     a page of everything, in less than ten minutes
 """
 
 
 def add_arguments(parser: Parser) -> None:
-    parser.add_argument("study", metavar="STUDY", help="one of the studies below")
+    parser.add_argument("study", metavar="STUDY", help="one of the studies above, or all")
     parser.add_argument(
         "--scene", action="append", metavar="LABEL", help="measure only this scene (may be repeated; default: all)"
     )
-    parser.add_argument("--out", metavar="DIR", help="write tables, JSON and pictures into this folder")
-    parser.add_argument("--quick", action="store_true", help="fewer points: a minute or so a study")
+    parser.add_argument(
+        "--out",
+        metavar="DIR",
+        help="keep tables, JSON and pictures in DIR/STUDY and a page of all studies there in DIR/report.html; what is "
+        "finished in DIR is not measured again, what was interrupted goes on",
+    )
+    parser.add_argument("--quick", action="store_true", help="fewer points and repeats: a minute or so a study")
     add_threads(parser)
     add_seed(parser)
     add_json(parser)
@@ -36,32 +48,73 @@ def add_arguments(parser: Parser) -> None:
 
 
 def _listing() -> str:
-    return "\n".join(["studies:", *(f"  {name:17s}{load(name).summary}" for name in STUDIES)])
+    lines = [f"  {name:17s}{load(name).summary}" for name in STUDIES]
+    return "\n".join(["studies:", *lines, f"  {ALL:17s}every one of them, onto one page (needs --out)"])
 
 
-def run(arguments: argparse.Namespace) -> None:
-    study = load(arguments.study)
+def run(arguments: argparse.Namespace) -> int:
+    names = _names(arguments)
     threads = arguments.threads or usable_cores()
-    settings = Settings(arguments.quick, arguments.seed, threads, _scenes(study, arguments.scene))
-    if arguments.out:
-        check_run_folder(arguments.out, "bench")
-    with tempfile.TemporaryDirectory() as temporary, fraction(f"bench {study.name}") as progress:
-        folder = Path(temporary)
-        if arguments.out:
-            folder = write_run(arguments.out, "bench", resolved(arguments)) / study.name
-            folder.mkdir(exist_ok=True)
-        section = study.run(folder, settings, progress)
-        section.write(folder)
+    settings = Settings(arguments.quick, arguments.seed, threads, tuple(arguments.scene) if arguments.scene else None)
+    with _folder(arguments) as out, _bars(len(names)) as bar:
+        runs = run_studies({name: STUDIES[name] for name in names}, out, settings, bar)
+        sections = {run.name: Section.read(out / run.name) for run in runs if run.status == "finished"}
+        page = write_page(out) if arguments.out else None
     if arguments.json:
-        print(json.dumps({study.name: section.to_json(), "environment": environment()}, indent=2))
+        found = {name: section.to_json() for name, section in sections.items()}
+        print(json.dumps({**found, "environment": environment()}, indent=2))
+    elif arguments.study == ALL:
+        print(summary(runs))
     else:
-        hint = "" if arguments.out or not section.figures else "\n\n--out DIR writes the pictures"
-        print(section.terminal() + hint)
+        print("".join(section.terminal() + "\n" for section in sections.values()), end="")
+    return _tell(runs, page)
 
 
-def _scenes(study: Study, labels: list[str] | None) -> tuple[str, ...] | None:
-    """The labels as asked for; raises UserError for one that the study does not know."""
-    for label in labels or ():
+def _names(arguments: argparse.Namespace) -> list[str]:
+    """The studies asked for; raises UserError for an unknown study or scene."""
+    if arguments.study == ALL:
+        if not arguments.out or arguments.scene:
+            raise UserError(f"bench {ALL}: {'scenes are of one study' if arguments.out else 'needs --out DIR'}")
+        return list(STUDIES)
+    study = load(arguments.study)
+    for label in arguments.scene or ():
         if label not in study.scenes:
             raise UserError(f"{study.name}: unknown scene {label!r}: {did_you_mean(label, study.scenes)}")
-    return tuple(labels) if labels else None
+    return [study.name]
+
+
+@contextmanager
+def _folder(arguments: argparse.Namespace) -> Iterator[Path]:
+    """``--out``, with how the command was called in it, or a folder that is gone afterwards."""
+    if arguments.out:
+        check_run_folder(arguments.out, "bench")
+        yield write_run(arguments.out, "bench", resolved(arguments))
+    else:
+        with tempfile.TemporaryDirectory() as temporary:
+            yield Path(temporary)
+
+
+@contextmanager
+def _bars(total: int) -> Iterator[Bar]:
+    """A bar over all studies when there are several, and below it one for the study that runs."""
+    with counting("bench", total, unit="study") if total > 1 else nullcontext(lambda n: None) as count:
+
+        @contextmanager
+        def bar(name: str) -> Iterator[Progress]:
+            with fraction(name) as progress:
+                yield progress
+            count(1)
+
+        yield bar
+
+
+def _tell(runs: list[Run], page: Path | None) -> int:
+    """Says on stderr what failed and where the page is; returns the exit code."""
+    failed = [run for run in runs if run.error is not None]
+    if len(runs) == 1 and failed and not failed[0].details:
+        raise UserError(failed[0].error or "")
+    for run in failed:
+        print(f"{run.details.rstrip()}\ncmbrl: {run.name}: {run.error}".lstrip(), file=sys.stderr)
+    if page:
+        print(f"{page}: pictures and tables of every study in that folder", file=sys.stderr)
+    return 1 if failed else 0
