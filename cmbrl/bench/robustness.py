@@ -15,13 +15,14 @@ import numpy as np
 from cmbrl.bench.states import WILD, bench_scenes, random_states, with_friction
 from cmbrl.bench.study import Progress, Section, Settings, Study, Table
 from cmbrl.contact import Barrier, Exact
+from cmbrl.contact.smoothing import Smoothing
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
 
 TOLERANCE = 1e-8  #: relative residual of momentum, rows and cones that counts as solved
 BATCH = 10_000
 SIZES = {"hopper": 1_000_000, "cheetah": 1_000_000, "cube_toss": 1_000_000, "g1": 100_000}
-SMOOTHINGS = {"exact": Exact(), "kappa 1e-4": Barrier(1e-4)}
+SMOOTHINGS: dict[str, Smoothing] = {"exact": Exact(), "kappa 1e-4": Barrier(1e-4)}
 
 
 def run(

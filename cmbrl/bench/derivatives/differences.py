@@ -24,6 +24,7 @@ from cmbrl.scene import Scene
 from cmbrl.scene.layout import Layout
 
 Array = NDArray[np.float64]
+Point = tuple[Array, Array, Array, Array]  #: q (B, nq), v (B, nv), u (B, nu), theta (np,)
 STEPS = (1e-6, 1e-5, 1e-7, 1e-8, 1e-9, 1e-10)  #: m, rad, m/s, controls; parameters in natural units
 RESOLVED = 1e-6  #: relative difference of 4-point and 2-point value below which no other step is tried
 VAGUE = 1e-3  #: the same, above which finite differences cannot tell: the column is left out and counted
@@ -44,7 +45,7 @@ class Column:
 
     kind: str
     place: int
-    shift: Callable[[float], tuple[Array, ...]]
+    shift: Callable[[float], Point]
 
 
 def run(
@@ -88,6 +89,7 @@ def compare(model: ComplementarityModel, q: Array, v: Array, u: Array, parameter
     ``median`` and ``worst`` are over states, all comparable columns of one together; ``kinds`` over single columns.
     """
     r = model.predict(q, v, u, jacobian=True, parameter_jacobian=True)
+    assert r.jacobian is not None  # it was asked for
     solved = r.status == 0
     columns, one_sided = _columns(model, q, v, u, parameters)
     errors: dict[str, list[Array]] = {}
@@ -167,14 +169,22 @@ def _clamps(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
 def _columns(model: ComplementarityModel, q: Array, v: Array, u: Array, parameters: int) -> tuple[list[Column], int]:
     """All columns of state and control, a spread of the parameters', and how many of these are one-sided."""
     scene, theta, nv = model.scene, model.parameters, model.scene.nv
-    columns = []
-    for k, unit in enumerate(np.eye(nv)):
-        steps = np.tile(unit, (len(q), 1))
-        columns.append(Column("q", k, lambda x, steps=steps: (scene.integrate(q, x * steps), v, u, theta)))
-    for k, unit in enumerate(np.eye(nv)):
-        columns.append(Column("v", nv + k, lambda x, unit=unit: (q, v + x * unit, u, theta)))
-    for k, unit in enumerate(np.eye(scene.nu)):
-        columns.append(Column("u", 2 * nv + k, lambda x, unit=unit: (q, v, u + x * unit, theta)))
+
+    def in_q(unit: Array) -> Callable[[float], Point]:
+        return lambda x: (scene.integrate(q, np.tile(x * unit, (len(q), 1))), v, u, theta)
+
+    def in_v(unit: Array) -> Callable[[float], Point]:
+        return lambda x: (q, v + x * unit, u, theta)
+
+    def in_u(unit: Array) -> Callable[[float], Point]:
+        return lambda x: (q, v, u + x * unit, theta)
+
+    def in_theta(unit: Array) -> Callable[[float], Point]:
+        return lambda x: (q, v, u, theta + x * unit)
+
+    columns = [Column("q", k, in_q(unit)) for k, unit in enumerate(np.eye(nv))]
+    columns += [Column("v", nv + k, in_v(unit)) for k, unit in enumerate(np.eye(nv))]
+    columns += [Column("u", 2 * nv + k, in_u(unit)) for k, unit in enumerate(np.eye(scene.nu))]
     groups: dict[str, list[int]] = {}
     for k, p in enumerate(scene.parameters):
         groups.setdefault(p.group, []).append(k)
@@ -183,8 +193,7 @@ def _columns(model: ComplementarityModel, q: Array, v: Array, u: Array, paramete
     share = max(1, parameters // len(groups)) if groups else 0
     for name, places in groups.items():
         for k in places[:: max(1, -(-len(places) // share))]:
-            unit = np.eye(len(theta))[k]
-            columns.append(Column(name, 2 * nv + scene.nu + k, lambda x, unit=unit: (q, v, u, theta + x * unit)))
+            columns.append(Column(name, 2 * nv + scene.nu + k, in_theta(np.eye(len(theta))[k])))
     return columns, len(one_sided)
 
 
@@ -198,7 +207,7 @@ def _judge(
         rows = np.flatnonzero(best > RESOLVED * np.maximum(size, NEGLIGIBLE))
         if not len(rows):
             break
-        points = [_take(column.shift(x), rows, count) for x in (-2 * step, -step, step, 2 * step)]
+        points = [_take(column.shift(x), rows) for x in (-2 * step, -step, step, 2 * step)]
         ends = [signature(model, *points[k]) == here[rows] for k in (0, 3)]
         smooth = ends[0].all(axis=1) & ends[1].all(axis=1)
         values = []
@@ -217,8 +226,9 @@ def _judge(
     return error, size, best
 
 
-def _take(arrays: tuple[Array, ...], rows: NDArray[np.int64], count: int) -> tuple[Array, ...]:
-    return tuple(x[rows] if x.ndim == 2 and len(x) == count else x for x in arrays)
+def _take(point: Point, rows: NDArray[np.int64]) -> Point:
+    q, v, u, theta = point
+    return q[rows], v[rows], u[rows], theta
 
 
 def _summary(errors: np.ndarray) -> dict[str, float]:

@@ -31,13 +31,14 @@ def compare_candidates(
 ) -> tuple[Spread, Spread, Spread, Spread, Spread]:
     """Seconds one by one, with states packed, with candidates packed; ratios of the first two over the last."""
     chosen = np.linspace(0, len(visited.q) - 1, min(STATES, len(visited.q))).astype(int)
-    log = [np.ascontiguousarray(x[chosen]) for x in (visited.q, visited.v, visited.u, visited.q_next, visited.v_next)]
+    q, v, u = (np.ascontiguousarray(x[chosen]) for x in (visited.q, visited.v, visited.u))
+    q_next, v_next = (np.ascontiguousarray(x[chosen]) for x in (visited.q_next, visited.v_next))
     starts, scale = np.arange(len(chosen), dtype=np.int64), np.ones(model.scene.nv)
     theta = draw(model, candidates, seed)
     alone = theta[:ALONE]
 
     def loss(of: np.ndarray) -> None:
-        model.candidate_loss(*log, starts, 1, of, scale, scale, 1.0)
+        model.candidate_loss(q, v, u, q_next, v_next, starts, 1, of, scale, scale, 1.0)
 
     def one_by_one() -> None:
         for row in alone:
@@ -45,7 +46,7 @@ def compare_candidates(
 
     def states_packed() -> None:
         for row in alone:
-            model.predict(*log[:3], theta=row)
+            model.predict(q, v, u, theta=row)
 
     n = len(chosen)
     work: dict[str, tuple[Callable[[], object], int]] = {

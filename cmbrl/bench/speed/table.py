@@ -122,7 +122,7 @@ class SpeedTable:
         return "met" if row.ratios[f"mj_step/{kind}"].median >= least else "missed"
 
     def _batches(self) -> Table:
-        rows = [
+        rows: list[list[Cell]] = [
             [r.scene, r.kind, r.batch, _us(r.one_thread.low), _us(r.threads.low), round(r.gain, 2)]
             for r in self.scaling
         ]
