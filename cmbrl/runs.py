@@ -20,7 +20,11 @@ from cmbrl.errors import UserError
 from cmbrl.files import check_writable, read_json, write_json
 
 CONFIGURATION = "config.json"
-_PACKAGES = ("cmbrl", "numpy", "torch", "mujoco", "gymnasium", "pymunk", "cmaes", "minari")
+_PACKAGES = (
+    *("cmbrl", "numpy", "scipy", "torch", "mujoco", "gymnasium", "pymunk", "cmaes", "minari", "scikit-learn"),
+    *("qpsolvers", "proxsuite", "daqp", "quadprog", "piqp", "osqp", "clarabel", "scs", "highspy", "cvxpy"),
+    *("cvxpylayers", "diffcp", "pin"),
+)
 
 
 def versions() -> dict[str, str]:
