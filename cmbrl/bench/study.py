@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -101,7 +102,8 @@ class Section:
 
     def terminal(self) -> str:
         """Title, text and tables for a terminal."""
-        return "\n\n".join([self.title, self.text, *(t.text() for t in self.tables)])
+        paragraphs = [textwrap.fill(paragraph, 110) for paragraph in self.text.split("\n\n")]
+        return "\n\n".join([self.title, *paragraphs, *(t.text() for t in self.tables)])
 
 
 @dataclass(frozen=True)
