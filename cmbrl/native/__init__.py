@@ -1,5 +1,6 @@
-"""The compiled core (``_core``); :mod:`cmbrl.models.complementarity` is its only user-facing door."""
+"""The compiled core (``_core``); its user-facing doors are :mod:`cmbrl.models.complementarity` and
+:mod:`cmbrl.contact.solvers.native`."""
 
-from cmbrl.native._core import Core
+from cmbrl.native._core import Core, solve_problems
 
-__all__ = ["Core"]
+__all__ = ["Core", "solve_problems"]

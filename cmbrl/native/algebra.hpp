@@ -32,6 +32,7 @@ static inline Vec<3> cross(const Vec<3>& a, const Vec<3>& b) {
 
 struct Planar {
   static constexpr int D = 2, A = 1, N = 3, NT = 1, SYM = 1;
+  static constexpr bool kColumnPerDof = true;
   using V = Vec<2>;
   using Motion = Vec<3>;  // (omega, vx, vy)
   using Ang = Vec<1>;
@@ -58,6 +59,7 @@ struct Planar {
 
 struct Spatial {
   static constexpr int D = 3, A = 3, N = 6, NT = 2, SYM = 6;
+  static constexpr bool kColumnPerDof = true;
   using V = Vec<3>;
   using Motion = Vec<6>;
   using Ang = Vec<3>;

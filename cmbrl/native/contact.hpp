@@ -150,7 +150,8 @@ static void find_contacts(const Model& m, const Options& o, Work<G>& w, const Ma
       c.index = i;
       c.rows = m.con_dim[i] > 1 ? 1 + G::NT : 1;
       c.rub = c.rows > 1 ? p[kMu] > 1e-9 : none();
-      c.mu = select(c.rub, p[kMu], splat(1));
+      c.mu = c.full_mu = select(c.rub, p[kMu], splat(1));
+      c.root = splat(__builtin_sqrt(m.con_invweight[i]));
       c.phi = phi;
       c.p = F.a - (feature_radiusA(m, w, i) + 0.5 * phi) * F.n;
       c.d[0] = F.n;

@@ -1,5 +1,6 @@
 // The core for one instruction set (CMBRL_ISA): packs of lanes in and out of the caller's arrays. Compiled once per set.
 #include "control.hpp"
+#include "problems.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -18,13 +19,6 @@ static Work<G>& open(const Model& m, void* memory) {  // memory: zeroed, 64-byte
   return *w;
 }
 
-struct Lanes { int64_t at[W]; int n; };  // the last pack of a batch repeats its last element
-static Lanes lanes_from(int64_t begin, int64_t end) {
-  Lanes l;
-  l.n = int(end - begin < W ? end - begin : W);
-  for (int i = 0; i < W; ++i) l.at[i] = begin + (i < l.n ? i : l.n - 1);
-  return l;
-}
 static void gather(const double* x, int64_t stride, int n, const Lanes& l, T* out) {
   for (int i = 0; i < n; ++i)
     for (int lane = 0; lane < W; ++lane) out[i][lane] = x[l.at[lane] * stride + i];
@@ -271,6 +265,12 @@ const Backend backend = {
     },
     [](const Model& m, const Options& o, const Batch& b, const RowBatch& out, int64_t s, int64_t e, void* w) {
       m.planar ? step_rows<Planar>(m, o, b, out, s, e, w) : step_rows<Spatial>(m, o, b, out, s, e, w);
+    },
+    [](const Structure& m, const ProblemBatch& b) {
+      return b.tangents == 1 ? problem_bytes<Rows<1>>(m, b.contacts) : problem_bytes<Rows<2>>(m, b.contacts);
+    },
+    [](const Structure& m, const ProblemBatch& b, int64_t s, int64_t e, void* w) {
+      b.tangents == 1 ? solve_problems<Rows<1>>(m, b, s, e, w) : solve_problems<Rows<2>>(m, b, s, e, w);
     },
 };
 

@@ -7,7 +7,7 @@
 namespace cmbrl::CMBRL_ISA {
 
 struct Pattern { const int *ptr, *idx; };
-template <class G> static inline Pattern pattern_of(const Model& m, const Work<G>& w) {
+template <class G> static inline Pattern pattern_of(const Structure& m, const SolverWork<G>& w) {
   return w.coupled ? Pattern{m.fill_ptr, m.fill_idx} : Pattern{m.anc_ptr, m.anc_idx};
 }
 
@@ -74,6 +74,28 @@ static inline void solve_many(const T* H, int nv, Pattern p, T* x, int ncol) {
     T inv = H[k * nv + k];
     for (int c = 0; c < ncol; ++c) row[c] *= inv;
   }
+}
+
+// Finds the dofs that rows touch, straight or through the pattern; the others are eliminated now, once a step (in H0 and H).
+template <class G>
+static void eliminate_untouched(const Structure& m, SolverWork<G>& w) {
+  int nv = m.nv;
+  Pattern pat = pattern_of(m, w);
+  for (int i = 0; i < nv; ++i) w.dynamic[i] = 0;
+  for (int g = 0; g < w.ngroups; ++g)
+    for (int k = m.grp_dptr[w.groups[g].group]; k < m.grp_dptr[w.groups[g].group + 1]; ++k) w.dynamic[m.grp_dof[k]] = 1;
+  for (int i = 0; i < w.nlim; ++i) w.dynamic[w.lim[i].dof] = 1;
+  for (int i = 0; i < w.ndry; ++i) w.dynamic[w.dry[i].dof] = 1;
+  w.ndyn = 0;
+  for (int k = nv - 1; k >= 0; --k) {
+    if (w.dynamic[k]) {
+      w.dyn_list[w.ndyn++] = k;
+      for (int a = pat.ptr[k]; a < pat.ptr[k + 1]; ++a) w.dynamic[pat.idx[a]] = 1;
+    }
+    copy_row(w.H0, w.M, nv, pat, k);
+  }
+  for (int k = nv - 1; k >= 0; --k)
+    if (!w.dynamic[k]) { eliminate(w.H0, nv, pat, k); copy_row(w.H, w.H0, nv, pat, k); }
 }
 
 }  // namespace cmbrl::CMBRL_ISA

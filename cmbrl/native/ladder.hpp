@@ -9,7 +9,7 @@ struct Outcome { Mask done, fallback; T iterations, residual; };
 // Linear residuals computed afresh at the current point (they shrink by 1 - alpha only up to round-off), left in the rows
 // and in rv; returns them relative: momentum to the impulses, rows to the speeds of all rows.
 template <class G>
-static T fresh_residuals(const Model& m, Work<G>& w, const InteriorPoint<G>& ip) {
+static T fresh_residuals(const Structure& m, SolverWork<G>& w, const InteriorPoint<G>& ip) {
   int nv = m.nv;
   T *r = w.rv, scale = splat(1e-12), momentum = T{}, speed = splat(1e-6), row = T{};
   for (int k = 0; k < nv; ++k)
@@ -58,7 +58,7 @@ static T fresh_residuals(const Model& m, Work<G>& w, const InteriorPoint<G>& ip)
 }
 
 template <class G, class F>
-static void for_solver_state(const Model& m, Work<G>& w, F f) {
+static void for_solver_state(const Structure& m, SolverWork<G>& w, F f) {
   int k = 0;
   for (int i = 0; i < m.nv; ++i) f(w.delta[i], w.save[k++]);
   for (int i = 0; i < w.ncon; ++i) {
@@ -75,7 +75,7 @@ static void for_solver_state(const Model& m, Work<G>& w, F f) {
 // Contact solve at the kappas set in the rows, with the ladder: aggressive, conservative, friction growing from several
 // shares of it (where the path of the full friction folds), and the same with slightly compliant contacts.
 template <class G>
-static Outcome contact_solve(const Model& m, const Options& o, Work<G>& w) {
+static Outcome contact_solve(const Structure& m, const Options& o, SolverWork<G>& w) {
   InteriorPoint<G> ip(m, o, w);
   struct Rung { Strategy strategy; double compliance; };
   static constexpr double tau = 0.9;
@@ -97,7 +97,7 @@ static Outcome contact_solve(const Model& m, const Options& o, Work<G>& w) {
     for_solver_state(m, w, [](T& x, T& kept) { kept = x; });
     bool compliant = ladder[rung].compliance > 0;
     for (int i = 0; compliant && i < w.ncon; ++i) {
-      T soft = keep(~before, splat(ladder[rung].compliance * m.con_invweight[w.con[i].index]));
+      T soft = keep(~before, ladder[rung].compliance * w.con[i].root * w.con[i].root);
       w.con[i].Rn += soft;
       w.con[i].Rt += soft;
     }

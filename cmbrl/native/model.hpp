@@ -14,8 +14,16 @@ enum ContactField { kMu, kRestitution, kRadius, kSolref0, kSolref1, kD0, kDmax, 
 enum DofField { kArmature, kDamping, kStiffness, kSpringref, kFrictionloss, kDofFields };
 enum ActuatorField { kGear, kGain, kBias0, kBias1, kBias2, kActuatorFields };
 
-struct Model {
-  int planar, D, nq, nv, nu, nbody, njoint, ncontact, nplane, nlimit, nact, nP, ntheta, ngroup;
+// Which dofs couple: all that a contact solve knows of the robot.
+struct Structure {
+  int nv;
+  const int *anc_ptr, *anc_idx;    // ancestors of a dof on its own chain: the pattern of the mass matrix
+  const int *fill_ptr, *fill_idx;  // the same with the fill-in of contacts between bodies
+  const int *grp_dptr, *grp_dof, *grp_sign;  // dofs of J's columns, by group of contacts
+};
+
+struct Model : Structure {
+  int planar, D, nq, nu, nbody, njoint, ncontact, nplane, nlimit, nact, nP, ntheta, ngroup;
   int body_fields, oDof, oContact, oPlane, oAct, oGravity;  // layout of P; bodies start at 0
 
   const int *body_parent, *body_jadr, *body_jnum;
@@ -39,9 +47,7 @@ struct Model {
 
   // derived
   const int *dof_body, *dof_jnt, *dof_qadr, *body_lastdof;
-  const int *anc_ptr, *anc_idx;            // ancestors of a dof on its own chain: the pattern of the mass matrix
-  const int *fill_ptr, *fill_idx;          // the same with the fill-in of contacts between bodies
-  const int *grp_A, *grp_B, *grp_cptr, *grp_con, *grp_dptr, *grp_dof, *grp_sign;  // contacts by body pair; dofs of J's columns
+  const int *grp_A, *grp_B, *grp_cptr, *grp_con;  // contacts by body pair
   const int *con_group;
   int max_group_dofs;
 };
@@ -98,6 +104,8 @@ struct RowBatch {
   int32_t* active;           // (n, nrow)
 };
 
+struct ProblemBatch;
+
 struct Backend {  // one per instruction set
   const char* name;
   int width;
@@ -108,6 +116,8 @@ struct Backend {  // one per instruction set
   void (*loss)(const Model&, const Options&, const LossBatch&, int64_t candidate_pack, void* work);
   void (*dynamics)(const Model&, const Options&, const Batch&, double* M, double* bias, double* gap, double* J, int64_t begin, int64_t end, void* work);
   void (*rows)(const Model&, const Options&, const Batch&, const RowBatch&, int64_t begin, int64_t end, void* work);
+  int64_t (*problem_size)(const Structure&, const ProblemBatch&);  // bytes
+  void (*problems)(const Structure&, const ProblemBatch&, int64_t begin, int64_t end, void* work);
 };
 
 }  // namespace cmbrl

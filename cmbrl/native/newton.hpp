@@ -9,24 +9,26 @@ namespace cmbrl::CMBRL_ISA {
 template <class G>
 struct Newton {
   static constexpr int NT = G::NT;
-  const Model& m;
+  const Structure& m;
   const Options& o;
-  Work<G>& w;
+  SolverWork<G>& w;
   Pattern pat;
   T rho;  // what is left of the linear residuals of the start
 
-  Newton(const Model& m_, const Options& o_, Work<G>& w_) : m(m_), o(o_), w(w_), pat(pattern_of(m_, w_)) {}
+  Newton(const Structure& m_, const Options& o_, SolverWork<G>& w_) : m(m_), o(o_), w(w_), pat(pattern_of(m_, w_)) {}
 
+  // The unit twist of the k-th entry of the groups' dofs: one per dof, or one per entry where groups see a dof differently.
+  const Vec<G::N>& column(int k) const { return w.S[G::kColumnPerDof ? m.grp_dof[k] : k]; }
   Vec<G::N> twist(int group, const T* x) const {
     Vec<G::N> t = zero<G::N>();
     for (int k = m.grp_dptr[group]; k < m.grp_dptr[group + 1]; ++k)
-      if (m.grp_sign[k] > 0) t += x[m.grp_dof[k]] * w.S[m.grp_dof[k]];
-      else t -= x[m.grp_dof[k]] * w.S[m.grp_dof[k]];
+      if (m.grp_sign[k] > 0) t += x[m.grp_dof[k]] * column(k);
+      else t -= x[m.grp_dof[k]] * column(k);
     return t;
   }
   void add_wrench(int group, const Vec<G::N>& F, T* x) const {
     for (int k = m.grp_dptr[group]; k < m.grp_dptr[group + 1]; ++k) {
-      T f = dot(w.S[m.grp_dof[k]], F);
+      T f = dot(column(k), F);
       x[m.grp_dof[k]] += m.grp_sign[k] > 0 ? f : -f;
     }
   }
@@ -134,11 +136,12 @@ struct Newton {
   void add_group_matrix(int group, const T (*K)[G::N], T* H) const {
     for (int a = m.grp_dptr[group]; a < m.grp_dptr[group + 1]; ++a) {
       int j = m.grp_dof[a];
+      const Vec<G::N>& S = column(a);
       Vec<G::N> F = zero<G::N>();
-      CMBRL_FOR(r, G::N) CMBRL_FOR(c, G::N) F[r] += K[r][c] * w.S[j][c];
+      CMBRL_FOR(r, G::N) CMBRL_FOR(c, G::N) F[r] += K[r][c] * S[c];
       if (m.grp_sign[a] < 0) F = zero<G::N>() - F;
       for (int b = m.grp_dptr[group]; b < m.grp_dptr[group + 1]; ++b) {
-        T x = dot(w.S[m.grp_dof[b]], F);
+        T x = dot(column(b), F);
         H[m.grp_dof[b] * m.nv + j] += m.grp_sign[b] > 0 ? x : -x;
       }
     }

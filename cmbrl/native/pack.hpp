@@ -62,4 +62,12 @@ static inline void sincos(T x, T& s, T& c) {
   c = select(((k + 1) & 2) != 0, -cc, cc);
 }
 
+struct Lanes { int64_t at[W]; int n; };  // the last pack of a batch repeats its last element
+static inline Lanes lanes_from(int64_t begin, int64_t end) {
+  Lanes l;
+  l.n = int(end - begin < W ? end - begin : W);
+  for (int i = 0; i < W; ++i) l.at[i] = begin + (i < l.n ? i : l.n - 1);
+  return l;
+}
+
 }  // namespace cmbrl::CMBRL_ISA

@@ -59,6 +59,7 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
                      splat(m.lim_invweight[i]));
     Limit& l = w.lim[w.nlim++];
     l.on = on; l.index = i; l.dof = m.lim_dof[i];
+    l.root = splat(__builtin_sqrt(m.lim_invweight[i]));
     l.sign = sign; l.phi = phi; l.R = L.R; l.dR_dphi = L.dR; l.carry = L.carry; l.dc_dphi = L.dc0;
     l.c0 = L.c0 - L.carry * sign * w.v[l.dof];
   }
@@ -71,6 +72,7 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
     DryFriction& d = w.dry[w.ndry++];
     d.on = on; d.dof = i; d.R = L.R; d.carry = L.carry;
     d.b0 = select(on, o.h * loss, splat(1));
+    d.root = splat(__builtin_sqrt(m.dof_invweight[i]));
     d.c0 = -L.carry * w.v[i];
   }
 }

@@ -23,20 +23,19 @@ struct InteriorPoint : Newton<G> {
   void start(double factor) {
     zeta = T{};
     count = T{};
-    auto widen = [&](Mask on, T c, T kappa, double weight) {
-      zeta = vmax(zeta, keep(on, vmax(factor * vabs(c) * (1 / __builtin_sqrt(weight)), vsqrt(kappa))));
+    auto widen = [&](Mask on, T c, T kappa, T root) {
+      zeta = vmax(zeta, keep(on, vmax(factor * vabs(c) / root, vsqrt(kappa))));
     };
     for (int k = 0; k < m.nv; ++k) w.rv[k] = w.delta[k] = T{};
     for (int g = 0; g < w.ngroups; ++g) {
       Vec<G::N> t = twist(w.groups[g].group, w.vf);
       for (int i = w.groups[g].begin; i < w.groups[g].end; ++i) {
         Contact<G>& c = w.con[i];
-        double weight = m.con_invweight[c.index];
         c.r1 = dot(c.Wr[0], t) + c.cn0;
-        widen(c.on, c.r1, c.kappa, weight);
+        widen(c.on, c.r1, c.kappa, c.root);
         for (int r = 1; r < c.rows; ++r) {
           c.r2[r - 1] = dot(c.Wr[r], t) + c.ct0[r - 1];
-          widen(c.on, c.r2[r - 1], c.kappa, weight);
+          widen(c.on, c.r2[r - 1], c.kappa, c.root);
         }
         count += select(c.on, splat(1), T{}) + select(c.on & c.rub, splat(1), T{});
       }
@@ -44,49 +43,50 @@ struct InteriorPoint : Newton<G> {
     for (int i = 0; i < w.nlim; ++i) {
       Limit& l = w.lim[i];
       l.r1 = l.sign * w.vf[l.dof] + l.c0;
-      widen(l.on, l.r1, l.kappa, m.lim_invweight[l.index]);
+      widen(l.on, l.r1, l.kappa, l.root);
       count += select(l.on, splat(1), T{});
     }
     for (int i = 0; i < w.ndry; ++i) {
       DryFriction& d = w.dry[i];
       d.r2 = w.vf[d.dof] + d.c0;
-      widen(d.on, d.r2, d.kappa, m.dof_invweight[d.dof]);
+      widen(d.on, d.r2, d.kappa, d.root);
       count += select(d.on, splat(1), T{});
     }
     zeta = vmax(zeta, splat(1e-12));
     if (factor > 1) zeta = vmax(zeta, splat(1));
     linear = splat(1);
-    auto compare = [&](Mask on, T r, double root) { linear = vmax(linear, keep(on, factor * vabs(r) / (root * zeta))); };
+    auto compare = [&](Mask on, T r, T root) { linear = vmax(linear, keep(on, factor * vabs(r) / (root * zeta))); };
     for (int g = 0; g < w.ngroups; ++g) {
       Vec<G::N> F = zero<G::N>();
       for (int i = w.groups[g].begin; i < w.groups[g].end; ++i) {
         Contact<G>& c = w.con[i];
-        double root = __builtin_sqrt(m.con_invweight[c.index]);
-        c.gam = zeta / root;
-        c.s = zeta * root;
+        c.gam = zeta / c.root;
+        c.s = zeta * c.root;
         c.r1 = c.s - (c.r1 + c.Rn * c.gam);
-        compare(c.on, c.r1, root);
+        compare(c.on, c.r1, c.root);
         F += keep(c.on, c.gam) * c.Wr[0];
         for (int r = 1; r < c.rows; ++r) {
           c.b[r - 1] = c.eta[r - 1] = T{};
           c.r2[r - 1] = -c.r2[r - 1];
         }
         c.eta0 = c.s / c.mu;
+        c.dgam = c.ds = c.deta0 = T{};  // what a failed solve left here must not be seen: 0 * NaN is NaN
+        CMBRL_FOR(r, NT) c.db[r] = c.deta[r] = T{};
       }
       add_wrench(w.groups[g].group, F, w.rv);
     }
     for (int i = 0; i < w.nlim; ++i) {
       Limit& l = w.lim[i];
-      double root = __builtin_sqrt(m.lim_invweight[l.index]);
-      l.gam = zeta / root;
-      l.s = zeta * root;
+      l.gam = zeta / l.root;
+      l.s = zeta * l.root;
       l.r1 = l.s - (l.r1 + l.R * l.gam);
-      compare(l.on, l.r1, root);
+      l.dgam = l.ds = T{};
+      compare(l.on, l.r1, l.root);
       w.rv[l.dof] += keep(l.on, l.sign * l.gam);
     }
     for (int i = 0; i < w.ndry; ++i) {
       DryFriction& d = w.dry[i];
-      d.b = d.eta = T{};
+      d.b = d.eta = d.db = d.deta = d.deta0 = T{};
       d.r2 = -d.r2;
       d.eta0 = zeta * zeta / d.b0;
     }
@@ -174,7 +174,7 @@ struct InteriorPoint : Newton<G> {
   void set_friction(T share) {
     for (int i = 0; i < w.ncon; ++i) {
       Contact<G>& c = w.con[i];
-      if (c.rows > 1) c.mu = select(c.rub, share * w.P[m.oContact + c.index * kContactFields + kMu], splat(1));
+      if (c.rows > 1) c.mu = select(c.rub, share * c.full_mu, splat(1));
     }
   }
 

@@ -7,26 +7,12 @@
 
 namespace cmbrl::CMBRL_ISA {
 
-// Which dofs a row touches; the others are eliminated now, once. H becomes a factor of M~ itself; vf the free velocity.
+// H becomes a factor of M~ itself; vf the free velocity.
 template <class G>
 static void free_velocity(const Model& m, Work<G>& w) {
   int nv = m.nv;
   Pattern pat = pattern_of(m, w);
-  for (int i = 0; i < nv; ++i) w.dynamic[i] = 0;
-  for (int g = 0; g < w.ngroups; ++g)
-    for (int k = m.grp_dptr[w.groups[g].group]; k < m.grp_dptr[w.groups[g].group + 1]; ++k) w.dynamic[m.grp_dof[k]] = 1;
-  for (int i = 0; i < w.nlim; ++i) w.dynamic[w.lim[i].dof] = 1;
-  for (int i = 0; i < w.ndry; ++i) w.dynamic[w.dry[i].dof] = 1;
-  w.ndyn = 0;
-  for (int k = nv - 1; k >= 0; --k) {
-    if (w.dynamic[k]) {
-      w.dyn_list[w.ndyn++] = k;
-      for (int a = pat.ptr[k]; a < pat.ptr[k + 1]; ++a) w.dynamic[pat.idx[a]] = 1;
-    }
-    copy_row(w.H0, w.M, nv, pat, k);
-  }
-  for (int k = nv - 1; k >= 0; --k)
-    if (!w.dynamic[k]) { eliminate(w.H0, nv, pat, k); copy_row(w.H, w.H0, nv, pat, k); }
+  eliminate_untouched(m, w);
   for (int i = 0; i < w.ndyn; ++i) copy_row(w.H, w.H0, nv, pat, w.dyn_list[i]);
   for (int i = 0; i < w.ndyn; ++i) eliminate(w.H, nv, pat, w.dyn_list[i]);
   for (int i = 0; i < nv; ++i) w.vf[i] = w.rhs[i];

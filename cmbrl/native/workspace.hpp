@@ -22,6 +22,7 @@ struct Contact {
   int index, rows;                   // candidate number; 1 or 1 + NT
   typename G::V p, d[1 + G::NT];     // point and directions (normal, tangents)
   Vec<G::N> Wr[1 + G::NT];           // wrench of a unit impulse along each row
+  T root, full_mu;                   // of the inverse weight of its rows; mu itself may be a share of the full one
   T phi, mu, Rn, Rt, carry, cn0, ct0[G::NT];
   T dc_dphi, dRn_dphi, dRt_dphi;     // of the law, at fixed impulses
   T bounce, time, speed;             // restitution applied in this step (0: none), time of impact in it [s], approach speed
@@ -36,39 +37,59 @@ struct Contact {
 struct Limit {  // joint limit: a normal law on one coordinate
   Mask on;
   int index, dof;
-  T sign, phi, R, carry, c0, dc_dphi, dR_dphi, kappa, slope, gam, s, r1, w, Th, dgam, ds;
+  T root, sign, phi, R, carry, c0, dc_dphi, dR_dphi, kappa, slope, gam, s, r1, w, Th, dgam, ds;
 };
 
 struct DryFriction {  // joint friction loss: a cone of fixed head on one coordinate
   Mask on;
   int dof;
-  T R, carry, c0, b0, kappa, b, eta0, eta, r2, t50, w, Th, db, deta0, deta;
+  T root, R, carry, c0, b0, kappa, b, eta0, eta, r2, t50, w, Th, db, deta0, deta;
 };
 
 struct ActiveGroup { int group, begin, end; };  // contacts of one body pair stand together
 
+// What the contact solve works on.
 template <class G>
-struct Work {
-  using V = typename G::V;
-  using Motion = Vec<G::N>;
-  T *P, *q, *v, *u, *vf, *vn, *vstep;      // parameters, state, control, free and next velocity
-  typename G::Rot* R; V* pos;              // bodies, relative to O
-  Inertia<G> *I, *Ic;
-  Motion *vel, *acc, *f, *fc, *S, *psid, *psidd, *sdot, *vlam, *tn, *tnlam;  // tn: twists under the next velocity
-  T *X, *Xc; V *mom, *momc;
-  T *bias, *tau, *a, *kd, *kp, *open, *delta, *rhs, *rv, *tmp;
+struct SolverWork {
+  T *vf, *vn, *delta, *rhs, *rv;           // free and next velocity, their difference, direction, momentum residual
   T *M, *H, *H0;                           // nv x nv row-major, pattern entries only
+  Vec<G::N>* S;                            // unit twists of the dofs
   uint8_t *dynamic; int *dyn_list; int ndyn;
-  Contact<G>* con; int ncon; T* all_phi; Mask *con_on, *lim_on;
+  Contact<G>* con; int ncon;
   Limit* lim; int nlim;
   DryFriction* dry; int ndry;
   ActiveGroup* groups; int ngroups; bool coupled;  // coupled: a contact between two moving bodies is active
+  T *save;                                 // solver state of lanes that are done while others are retried
+
+  void take(Arena& A, int nv, int columns, int contacts, int limits, int dry_rows, int group_count) {
+    vf = A.take<T>(nv); vn = A.take<T>(nv);
+    delta = A.take<T>(nv); rhs = A.take<T>(nv); rv = A.take<T>(nv);
+    M = A.take<T>(nv * nv); H = A.take<T>(nv * nv); H0 = A.take<T>(nv * nv);
+    S = A.take<Vec<G::N>>(columns);
+    dynamic = A.take<uint8_t>(nv); dyn_list = A.take<int>(nv);
+    con = A.take<Contact<G>>(contacts);
+    lim = A.take<Limit>(limits); dry = A.take<DryFriction>(dry_rows);
+    groups = A.take<ActiveGroup>(group_count);
+    save = A.take<T>(nv + 3 * dry_rows + contacts * (3 + 2 * G::NT) + limits * 2);
+  }
+};
+
+template <class G>
+struct Work : SolverWork<G> {
+  using V = typename G::V;
+  using Motion = Vec<G::N>;
+  T *P, *q, *v, *u, *vstep;                // parameters, state, control, next velocity
+  typename G::Rot* R; V* pos;              // bodies, relative to O
+  Inertia<G> *I, *Ic;
+  Motion *vel, *acc, *f, *fc, *psid, *psidd, *sdot, *vlam, *tn, *tnlam;  // tn: twists under the next velocity
+  T *X, *Xc; V *mom, *momc;
+  T *bias, *tau, *a, *kd, *kp, *open, *tmp;
+  T* all_phi; Mask *con_on, *lim_on;
   T *Gq, *Gv, *Gu, *Gp;                // right-hand sides of the implicit derivative
   T *Fq, *Fv, *Fu, *Fp;                    // the same for the free velocity: M~ dvf = Fq dq + ...
   T *Sq, *Sv, *Su, *Sp, *Sn;               // M~ dshift = Sq dq + ... + Sn dv' (impacts at their time)
   T *Z, *HF;                               // rows' free closing speeds by (q, v, u, theta); factor of M~
   bool early, late;                        // the step has rows that look at vf; impulses that act late in it
-  T *save;                                 // solver state of lanes that are done while others are retried
   T *qtan, *shift;                         // position correction of impacts at their time, integration scratch
   T *tq, *tv, *rhs_all;                    // tangents carried through substeps (nv x ncol)
   T *lq, *lv, *lu, *lp, *pvec;             // cotangents
@@ -78,20 +99,17 @@ struct Work {
   Work(Arena& A, const Model& m) {
     int nv = m.nv, nb = m.nbody, ncol = 2 * nv + m.nu + m.ntheta;
     P = A.take<T>(m.nP); q = A.take<T>(m.nq); v = A.take<T>(nv); u = A.take<T>(m.nu + 1);
-    vf = A.take<T>(nv); vn = A.take<T>(nv); vstep = A.take<T>(nv);
+    vstep = A.take<T>(nv);
+    this->take(A, nv, nv, m.ncontact, m.nlimit, nv, m.ngroup);
     R = A.take<typename G::Rot>(nb); pos = A.take<V>(nb);
     I = A.take<Inertia<G>>(nb); Ic = A.take<Inertia<G>>(nb);
     vel = A.take<Motion>(nb); acc = A.take<Motion>(nb); f = A.take<Motion>(nb); fc = A.take<Motion>(nb); tn = A.take<Motion>(nb);
-    S = A.take<Motion>(nv); psid = A.take<Motion>(nv); psidd = A.take<Motion>(nv); sdot = A.take<Motion>(nv);
+    psid = A.take<Motion>(nv); psidd = A.take<Motion>(nv); sdot = A.take<Motion>(nv);
     vlam = A.take<Motion>(nv); tnlam = A.take<Motion>(nv);
     X = A.take<T>(nb * G::NX); Xc = A.take<T>(nb * G::NX); mom = A.take<V>(nb); momc = A.take<V>(nb);
     bias = A.take<T>(nv); tau = A.take<T>(nv); a = A.take<T>(nv); kd = A.take<T>(nv); kp = A.take<T>(nv); open = A.take<T>(m.nact + 1);
-    delta = A.take<T>(nv); rhs = A.take<T>(nv); rv = A.take<T>(nv); tmp = A.take<T>(nv);
-    M = A.take<T>(nv * nv); H = A.take<T>(nv * nv); H0 = A.take<T>(nv * nv);
-    dynamic = A.take<uint8_t>(nv); dyn_list = A.take<int>(nv);
-    con = A.take<Contact<G>>(m.ncontact); all_phi = A.take<T>(m.ncontact); con_on = A.take<Mask>(m.ncontact); lim_on = A.take<Mask>(m.nlimit);
-    lim = A.take<Limit>(m.nlimit); dry = A.take<DryFriction>(nv);
-    groups = A.take<ActiveGroup>(m.ngroup);
+    tmp = A.take<T>(nv);
+    all_phi = A.take<T>(m.ncontact); con_on = A.take<Mask>(m.ncontact); lim_on = A.take<Mask>(m.nlimit);
     Gq = A.take<T>(nv * nv); Gv = A.take<T>(nv * nv); Gu = A.take<T>(nv * (m.nu + 1)); Gp = A.take<T>(nv * (m.ntheta + 1));
     auto block = [&](T*& q_, T*& v_, T*& u_, T*& p_, int rows) {
       q_ = A.take<T>(rows * nv); v_ = A.take<T>(rows * nv); u_ = A.take<T>(rows * (m.nu + 1)); p_ = A.take<T>(rows * (m.ntheta + 1));
@@ -100,7 +118,6 @@ struct Work {
     block(Sq, Sv, Su, Sp, nv);
     Z = A.take<T>((m.ncontact + m.nlimit + nv) * ncol); HF = A.take<T>(nv * nv);
     Sn = A.take<T>(nv * nv);
-    save = A.take<T>(nv * 4 + m.ncontact * (3 + 2 * G::NT) + m.nlimit * 2);
     qtan = A.take<T>(nv); shift = A.take<T>(nv);
     tq = A.take<T>(nv * ncol); tv = A.take<T>(nv * ncol); rhs_all = A.take<T>(nv * ncol);
     lq = A.take<T>(nv); lv = A.take<T>(nv); lu = A.take<T>(m.nu + 1); lp = A.take<T>(m.ntheta + 1); pvec = A.take<T>(nv);

@@ -1,0 +1,102 @@
+// From a point of the path to the solution at kappa = 0: Newton on the projections that state the exact law,
+//   gamma = max(0, gamma - a u_n),   beta = P_{mu gamma}(beta - a u_t),   u = J v' + b + R lambda
+// (Alart & Curnier, CMAME 1991), with a proximal term kEps / a on every row that is held, so that redundant contacts keep
+// the matrix regular; it vanishes at the solution. Directions are solved for by the interior point's own elimination.
+#pragma once
+#include "ladder.hpp"
+
+namespace cmbrl::CMBRL_ISA {
+
+template <class G>
+struct Polish : InteriorPoint<G> {
+  using InteriorPoint<G>::NT, InteriorPoint<G>::m, InteriorPoint<G>::o, InteriorPoint<G>::w, InteriorPoint<G>::rho;
+  using InteriorPoint<G>::InteriorPoint;
+  T momentum;  // relative momentum residual at the current point
+
+  // Slacks become the rows' velocities u; returns the natural map of the exact law, as a norm over all rows.
+  T natural_map() {
+    momentum = fresh_residuals(m, w, *this);
+    T sum = T{};
+    for (int i = 0; i < w.ncon; ++i) {
+      Contact<G>& c = w.con[i];
+      c.s -= c.r1;
+      c.r1 = T{};
+      T a = 1.0 / (c.root * c.root), zt[NT], size = T{}, slip = T{};
+      if (c.rows > 1)
+        CMBRL_FOR(r, NT) {
+          c.eta[r] = keep(c.rub, c.eta[r] - c.r2[r]);
+          c.r2[r] = T{};
+          zt[r] = keep(c.rub, c.b[r]) - a * c.eta[r];
+          size += zt[r] * zt[r];
+          slip += c.eta[r] * c.eta[r];
+        }
+      T mu = c.rows > 1 ? keep(c.rub, c.mu) : T{};
+      size = vsqrt(size);
+      T zn = c.gam - a * (c.s + mu * vsqrt(slip));
+      Mask inside = (size <= mu * zn) & (zn >= 0.0);
+      T head = select(inside, zn, vmax((mu * size + zn) / (1.0 + mu * mu), T{}));
+      T scale = select(inside, splat(1), mu * head / vmax(size, splat(1e-300))), e = c.gam - head;
+      sum += keep(c.on, e * e);
+      for (int r = 1; r < c.rows; ++r) {
+        e = keep(c.on & c.rub, c.b[r - 1] - scale * zt[r - 1]);
+        sum += e * e;
+      }
+    }
+    return vsqrt(sum);
+  }
+
+  void linearise(Contact<G>& c, double eps) {
+    T weight = c.root * c.root, a = 1.0 / weight;
+    T zn = vmax(c.gam - a * c.s, T{});
+    Mask held = c.on & (zn > 0.0);
+    T stiff = 1.0 / (c.Rn + eps * weight);
+    c.Th[0][0] = keep(held, stiff);
+    c.w[0] = select(held, -c.s * stiff, keep(c.on, -c.gam));
+    if (c.rows == 1) return;
+    Mask on = held & c.rub;
+    T z[NT], size = T{};
+    CMBRL_FOR(r, NT) { z[r] = c.b[r] - a * c.eta[r]; size += z[r] * z[r]; }
+    size = vmax(vsqrt(size), splat(1e-300));
+    Mask sticks = size <= c.mu * zn;
+    T inv = 1.0 / size, along = T{}, k = c.mu * zn * inv;  // k < 1 while sliding
+    CMBRL_FOR(r, NT) { z[r] *= inv; along += z[r] * c.b[r]; }
+    T den = 1.0 / (1.0 - k + k * (a * c.Rt + eps)), hold = 1.0 / (c.Rt + eps * weight), turn = k * a * den;
+    T target = c.mu * (c.gam + c.w[0]) - along;
+    CMBRL_FOR(i, NT) {
+      T sliding = target * z[i] - den * (c.b[i] - along * z[i]);
+      c.w[1 + i] = select(on, select(sticks, -c.eta[i] * hold, sliding), keep(c.on & c.rub, -c.b[i]));
+      c.Th[0][1 + i] = T{};
+      c.Th[1 + i][0] = keep(on & ~sticks, c.mu * c.Th[0][0] * z[i]);
+      CMBRL_FOR(j, NT) {
+        T same = i == j ? splat(1) : T{};
+        c.Th[1 + i][1 + j] = keep(on, select(sticks, same * hold, turn * (same - z[i] * z[j])));
+      }
+    }
+  }
+
+  void linearise_exact(double eps) {
+    for (int i = 0; i < w.ncon; ++i) linearise(w.con[i], eps);
+    this->factorise();
+  }
+
+  // Full Newton steps in the lanes of `todo` until the natural map is below tolerance * scale; returns the lanes that got there.
+  Mask run(Mask todo, T scale, double tolerance, int steps, T& natural, T& iterations) {
+    constexpr double kEps = 1e-7;
+    Mask done = none();
+    for (int k = 0;; ++k) {
+      T now = natural_map();
+      natural = select(todo, now, natural);
+      Mask ready = todo & (now <= tolerance * scale) & (momentum <= tolerance);
+      done |= ready;
+      todo &= ~ready & (now < 1e300);
+      if (!any(todo) || k == steps) return done;
+      iterations += select(todo, splat(1), T{});
+      rho = splat(1);
+      linearise_exact(kEps);
+      this->direction();
+      this->advance(keep(todo, splat(1)));
+    }
+  }
+};
+
+}  // namespace cmbrl::CMBRL_ISA

@@ -1,0 +1,30 @@
+// Contact problems on their own, given by arrays: what the caller passes in, and which of their entries can be non-zero.
+#pragma once
+#include <cstdint>
+#include <vector>
+
+#include "model.hpp"
+
+namespace cmbrl {
+
+struct ProblemBatch {  // C arrays, first axis n; null where an output is not wanted
+  int64_t n;
+  int nv, contacts, tangents;
+  const double *M, *J, *v_free, *b, *mu, *R;  // (nv, nv), (contacts, 1 + tangents, nv), (nv), (contacts, 1 + tangents), (contacts), as b
+  const double* kappa;  // (n) [J]; null: the exact law
+  double tolerance;     // exact law: on the natural map, relative to |M v_free| / contacts
+  double *v, *impulse, *residual, *derivative;  // (nv), (contacts, 1 + tangents), (), dv'/dv_free (nv, nv)
+  int32_t *status, *iterations;
+};
+
+// Union of the non-zeros of all problems of a batch, in the order of elimination of a tree: from the last dof to the first.
+class ProblemStructure {
+ public:
+  Structure structure{};
+  explicit ProblemStructure(const ProblemBatch& b);
+
+ private:
+  std::vector<int> anc_ptr_, anc_idx_, fill_ptr_, fill_idx_, dof_ptr_, dof_, sign_;
+};
+
+}  // namespace cmbrl
