@@ -11,6 +11,8 @@ STUDIES = {
     "speed": "cmbrl.bench.speed.study",
     "robustness": "cmbrl.bench.robustness",
     "derivatives": "cmbrl.bench.derivatives.study",
+    "simulators": "cmbrl.bench.simulators.study",
+    "gradient-scenes": "cmbrl.bench.gradients.scenes",
 }  #: name -> module whose ``STUDY`` it is
 
 

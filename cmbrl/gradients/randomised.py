@@ -81,12 +81,12 @@ class RandomisedModel:
 class _Bundle(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, q: Tensor, v: Tensor, u: Tensor, bundle: RandomisedModel) -> Any:  # type: ignore[override]
-        arrays = [x.detach().numpy() for x in (q, v, u)]
-        r = bundle.model.predict(*arrays)
+        here = (q.detach().numpy(), v.detach().numpy(), u.detach().numpy())
+        r = bundle.model.predict(*here)
         bundle.failures += int((r.status == 2).sum())
         if any(ctx.needs_input_grad[:3]):
-            ctx.jacobian = bundle.mean_jacobian(*arrays)
-            ctx.scene, ctx.q, ctx.q_next = bundle.model.scene, arrays[0], r.q_next
+            ctx.jacobian = bundle.mean_jacobian(*here)
+            ctx.scene, ctx.q, ctx.q_next = bundle.model.scene, here[0], r.q_next
         return torch.from_numpy(r.q_next), torch.from_numpy(r.v_next)
 
     @staticmethod

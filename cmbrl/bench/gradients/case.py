@@ -1,0 +1,153 @@
+"""A scene whose derivative is known in closed form, and the ways to differentiate it: ours, differences, MuJoCo's."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from cmbrl.contact.smoothing import Smoothing
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.scene import Scene
+
+Array = NDArray[np.float64]
+Start = Callable[[Tensor, float], tuple[Tensor, Tensor, Tensor]]
+Output = Callable[[Tensor, Tensor], Tensor]
+STEPS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)  #: of the differences, in the parameter's own unit
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A scalar outcome of one simulation as a function of parameters p (n,), with d outcome / d p.
+
+    Args:
+        label: of the scene, as in the failure bank ("G1").
+        title: what happens.
+        outcome, names: of the scalar and of its parameters.
+        mjcf: text; ``{contact}`` stands where MuJoCo takes ``mujoco_contact`` as an attribute of its geoms.
+        at: the parameters (n,) at which to differentiate.
+        start: parameters (B, n) and the kappa [J] of the model -> q, v, u, the control held throughout.
+        output: final q, v -> outcome (B,).
+        time_step, steps: h [s] and how many.
+        truth: true derivative (n,); ``upper`` as well where any value between them is one (a kink).
+        softened: kappa [J] -> the derivative of the softened law in closed form, where there is one.
+        restitution: of all contacts.
+        leapfrog: integrate by shifted positions (exact for constant forces).
+        tolerance: of a pass, relative to the larger of 1 and the truth.
+        rival: whether MuJoCo can stand in for the scene; ``mujoco_contact``: with which contact.
+        remark: what the scene is there to show.
+        weakness: why we miss the truth, for a scene on which we do.
+    """
+
+    label: str
+    title: str
+    outcome: str
+    names: tuple[str, ...]
+    mjcf: str
+    at: tuple[float, ...]
+    start: Start
+    output: Output
+    time_step: float
+    steps: int
+    truth: tuple[float, ...]
+    upper: tuple[float, ...] | None = None
+    softened: Callable[[float], Array] | None = None
+    restitution: float = 0.0
+    leapfrog: bool = False
+    tolerance: float = 1e-3
+    rival: bool = True
+    mujoco_contact: str = ""
+    remark: str = ""
+    weakness: str = ""
+
+    def model(self, smoothing: Smoothing) -> ComplementarityModel:
+        """Rigid contact with the case's restitution; one control step is the whole simulation; nothing is pruned."""
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "scene.xml"
+            file.write_text(self.mjcf.replace("{contact}", ""), encoding="utf-8")
+            scene = Scene.from_mjcf(file, contact_law="rigid")
+        theta = scene.parameter_vector()
+        theta[[p.group == "restitution" for p in scene.parameters]] = self.restitution
+        return ComplementarityModel(
+            scene, self.steps, self.time_step, smoothing, "leapfrog" if self.leapfrog else "semi-implicit", theta,
+            prune=np.inf, path_tolerance=1e-12,
+        )  # fmt: skip
+
+    def value(self, model: ComplementarityModel, p: Tensor) -> Tensor:
+        """Outcomes (B,) of parameters p (B, n), differentiable."""
+        q, v, u = self.start(p, kappa_of(model))
+        return self.output(*model.step(q, v, u))
+
+    def derivative(self, model: ComplementarityModel) -> Array:
+        """Ours (n,): one backward pass by the implicit function theorem."""
+        p = torch.tensor([self.at], dtype=torch.float64, requires_grad=True)
+        (gradient,) = torch.autograd.grad(self.value(model, p).sum(), p)
+        return np.asarray(gradient[0].numpy())
+
+    def differences(self, model: ComplementarityModel) -> Array:
+        """Central differences (n,) of the same model, at the same kappa."""
+
+        def values(points: Array) -> Array:
+            with torch.no_grad():
+                return np.asarray(self.value(model, torch.from_numpy(points)).numpy())
+
+        return central_differences(values, np.array(self.at))
+
+    def mujoco_differences(self) -> Array | None:
+        """Central differences (n,) of MuJoCo at the same time step; None where it cannot express the scene."""
+        if not self.rival:
+            return None
+        model = mujoco.MjModel.from_xml_string(self.mjcf.replace("{contact}", self.mujoco_contact))
+        model.opt.timestep = self.time_step
+        if self.leapfrog:
+            model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+        data = mujoco.MjData(model)
+
+        def values(points: Array) -> Array:
+            start = self.start(torch.from_numpy(points), 0.0)
+            ends = np.array([_simulate(model, data, *row, self.steps) for row in zip(*start, strict=True)])
+            return np.asarray(self.output(*(torch.from_numpy(x) for x in np.split(ends, [model.nq], axis=1))).numpy())
+
+        return central_differences(values, np.array(self.at))
+
+
+def kappa_of(model: ComplementarityModel) -> float:
+    """Constant kappa [J] of a model's forward pass; the floor of an adaptive one."""
+    return float(model.smoothing.resolve(model.scene, model.time_step)["kappa"])
+
+
+def central_differences(values: Callable[[Array], Array], at: Array) -> Array:
+    """(n,) of a scalar: per coordinate the step at which the 4-point and the 2-point value agree best."""
+    out = np.empty(len(at))
+    offsets = np.array([[-2.0], [-1.0], [1.0], [2.0]])
+    for k, unit in enumerate(np.eye(len(at))):
+        best = np.inf
+        for step in STEPS:
+            f = values(at + step * offsets * unit)
+            two = (f[2] - f[1]) / (2 * step)
+            four = (4 * two - (f[3] - f[0]) / (4 * step)) / 3
+            doubt = abs(four - two) + 1e-14 * (1 + np.abs(f).max()) / step
+            if doubt < best:
+                best, out[k] = doubt, four
+    return out
+
+
+def stacked(p: Tensor, *columns: Tensor | float) -> Tensor:
+    """(B, len(columns)) of columns of p and constants, for p (B, n)."""
+    return torch.stack([torch.as_tensor(c, dtype=p.dtype).expand(len(p)) for c in columns], dim=1)
+
+
+def _simulate(model: Any, data: Any, q: Tensor, v: Tensor, u: Tensor, steps: int) -> Array:
+    mujoco.mj_resetData(model, data)
+    data.qpos[:], data.qvel[:], data.ctrl[:] = q.numpy(), v.numpy(), u.numpy()
+    for _ in range(steps):
+        mujoco.mj_step(model, data)
+    return np.concatenate([data.qpos, data.qvel])
