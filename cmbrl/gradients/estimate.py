@@ -16,10 +16,13 @@ class Objective(Protocol):
     """Independent samples of a scalar: values (B,) of the arguments x (B, n), float64, each of its own row alone.
 
     Row i must use the same randomness (initial state, noise) whenever it is asked, so that differences between two
-    calls are differences in x. ``steps``: model steps that one sample costs.
+    calls are differences in x.
     """
 
-    steps: int
+    @property
+    def steps(self) -> int:
+        """Model steps that one sample costs."""
+        ...
 
     def __call__(self, x: Tensor) -> Tensor:
         """Values (B,) at x (B, n)."""

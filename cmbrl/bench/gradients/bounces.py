@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from torch import Tensor
 
-from cmbrl.bench.gradients.case import Case, stacked
+from cmbrl.bench.gradients.case import Case, position, stacked
 
 NO_GRAVITY = '<option gravity="0 0 0"/>'
 ELASTIC = 'solref="-10000 0" solimp="1 1 .001"'  #: MuJoCo's undamped spring: it has no restitution
@@ -72,7 +72,7 @@ def _oblique_hit() -> Iterator[Case]:
     for outcome, axis, truth in (("x", 0, 0.3), ("height", 1, 0.0)):
         yield Case(
             label="G3", title="inelastic oblique hit, mu = 0.3", outcome=outcome, names=("height0",), mjcf=OBLIQUE,
-            at=(0.603,), start=start, output=lambda q, v, axis=axis: q[:, axis], time_step=0.01, steps=100,
+            at=(0.603,), start=start, output=position(axis), time_step=0.01, steps=100,
             truth=(truth,), remark="activation by penetration gives 0 and 1, or spikes of 150 and -499",
         )  # fmt: skip
 
@@ -89,7 +89,7 @@ def _billiard(bounces: int) -> Case:
 
     return Case(
         label="G10", title=f"dispersing billiard, {bounces} bounces", outcome="y", names=("y0",), mjcf=BILLIARD,
-        at=(0.0,), start=start, output=lambda q, v: q[:, 1], time_step=5e-4, steps=2000 * bounces,
+        at=(0.0,), start=start, output=position(1), time_step=5e-4, steps=2000 * bounces,
         truth=(float(exact[0, 0]),), restitution=1.0, tolerance=1e-2, rival=bounces == 1, mujoco_contact=ELASTIC,
         remark="grows by the factor 1 + 2 L/r and more with every bounce; exact up to O(h)",
     )  # fmt: skip

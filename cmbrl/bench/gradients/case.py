@@ -140,6 +140,16 @@ def central_differences(values: Callable[[Array], Array], at: Array) -> Array:
     return out
 
 
+def position(k: int) -> Output:
+    """The outcome that is coordinate k of the final configuration."""
+    return lambda q, v: q[:, k]
+
+
+def velocity(k: int) -> Output:
+    """The outcome that is coordinate k of the final velocity."""
+    return lambda q, v: v[:, k]
+
+
 def stacked(p: Tensor, *columns: Tensor | float) -> Tensor:
     """(B, len(columns)) of columns of p and constants, for p (B, n)."""
     return torch.stack([torch.as_tensor(c, dtype=p.dtype).expand(len(p)) for c in columns], dim=1)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from torch import Tensor
 
-from cmbrl.bench.gradients.case import Array, Case, stacked
+from cmbrl.bench.gradients.case import Array, Case, position, stacked
 
 GRAVITY = 9.81
 PENDULUM = """<mujoco><worldbody><body><joint type="hinge" axis="0 1 0"/>
@@ -47,7 +47,7 @@ def _pendulum(seconds: int) -> Case:
 
     return Case(
         label="G11", title=f"double pendulum, T = {seconds} s", outcome="angle 1", names=("angle 1",), mjcf=PENDULUM,
-        at=(START[0],), start=start, output=lambda q, v: q[:, 0], time_step=5e-4, steps=2000 * seconds,
+        at=(START[0],), start=start, output=position(0), time_step=5e-4, steps=2000 * seconds,
         truth=(true_growth(seconds),), leapfrog=True, tolerance=2e-2,
         remark="grows like exp(Lambda T) without any contact: clip or shorten",
         weakness="the path's own error of O(h) has grown as well",

@@ -16,10 +16,11 @@ from scipy.integrate import quad
 from scipy.stats import norm
 from torch import Tensor
 
-from cmbrl.bench.gradients.case import Array, Case, stacked
+from cmbrl.bench.gradients.case import Array, Case, position, stacked
 from cmbrl.contact.smoothing import Smoothing
 from cmbrl.gradients import Estimate, first_order_bundle, zeroth_order_bundle
 from cmbrl.gradients.estimate import Objective
+from cmbrl.models.complementarity import ComplementarityModel
 
 RADIUS, EDGE, SPEED, SECONDS = 0.05, 0.3, 1.0, 0.6  #: ball [m], face of the wall [m], level speed [m/s], flight [s]
 WALL = f"""<mujoco><option gravity="0 0 0"/><worldbody>
@@ -64,18 +65,18 @@ class _Simulated:
     """A case as an objective."""
 
     case: Case
-    model: object
+    model: ComplementarityModel
     steps: int
 
     def __call__(self, x: Tensor) -> Tensor:
-        return self.case.value(self.model, x)  # type: ignore[arg-type]
+        return self.case.value(self.model, x)
 
 
 def jumps(smoothing: Smoothing) -> list[Jump]:
     """G5, G6 at several widths, G7 simulated under ``smoothing``."""
     std, at = 0.5, 0.2
     steep = [
-        Jump("G6", f"ramp of width {width:g}", _Function(lambda x, w=width: torch.clamp(x / w + 0.5, 0, 1)), at, std,
+        Jump("G6", f"ramp of width {width:g}", _Function(_ramp(width)), at, std,
              (norm.cdf((width / 2 - at) / std) - norm.cdf((-width / 2 - at) / std)) / width)
         for width in (0.1, 0.01, 0.0001)
     ]  # fmt: skip
@@ -86,6 +87,10 @@ def jumps(smoothing: Smoothing) -> list[Jump]:
         Jump("G7", "ball over a wall", _Simulated(case, case.model(smoothing), case.steps), 0.0, 0.1,
              expected_slope(0.0, 0.1)),
     ]  # fmt: skip
+
+
+def _ramp(width: float) -> Callable[[Tensor], Tensor]:
+    return lambda x: torch.clamp(x / width + 0.5, 0, 1)
 
 
 def over_the_wall() -> Case:
@@ -100,7 +105,7 @@ def over_the_wall() -> Case:
     slope = (landing(height + step) - landing(height - step)) / (2 * step)
     return Case(
         label="G7", title="ball over the edge of a wall", outcome="x", names=("height",), mjcf=WALL, at=(height,),
-        start=start, output=lambda q, v: q[:, 0], time_step=h, steps=round(SECONDS / h), truth=(float(slope),),
+        start=start, output=position(0), time_step=h, steps=round(SECONDS / h), truth=(float(slope),),
         tolerance=3e-2, remark="on the ramp; of the expectation, see the estimators",
         weakness="the normal is that of the step's start, so that the way the point of impact moves is missed at any h",
     )  # fmt: skip

@@ -95,12 +95,25 @@ def measure(case: Case) -> Iterator[Row]:
             softened[name] = case.softened(smoothing.kappa)
     rival = case.mujoco_differences()
     for k, name in enumerate(case.names):
-        upper = case.upper[k] if case.upper else case.truth[k]
         yield Row(
-            case.label, case.title, f"d {case.outcome}/d {name}", case.truth[k], upper,
-            *({s: float(x[k]) for s, x in held.items()} for held in (ours, differences, softened)),
-            None if rival is None else float(rival[k]), case.tolerance, case.remark, case.weakness, failures,
-        )  # fmt: skip
+            label=case.label,
+            title=case.title,
+            wrt=f"d {case.outcome}/d {name}",
+            truth=case.truth[k],
+            upper=case.upper[k] if case.upper else case.truth[k],
+            ours=_column(ours, k),
+            differences=_column(differences, k),
+            softened=_column(softened, k),
+            mujoco=None if rival is None else float(rival[k]),
+            tolerance=case.tolerance,
+            remark=case.remark,
+            weakness=case.weakness,
+            failures=failures,
+        )
+
+
+def _column(held: dict[str, Array], k: int) -> dict[str, float]:
+    return {name: float(x[k]) for name, x in held.items()}
 
 
 def run(folder: Path, settings: Settings, progress: Progress) -> Section:

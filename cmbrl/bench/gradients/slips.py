@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from torch import Tensor
 
-from cmbrl.bench.gradients.case import Array, Case, stacked
+from cmbrl.bench.gradients.case import Array, Case, position, stacked, velocity
 from cmbrl.bench.gradients.touches import BLOCK
 
 GRAVITY, FRICTION = 9.81, 0.5
@@ -33,7 +33,7 @@ def _stick_to_slip() -> Iterator[Case]:
     for share, low, high in ((0.5, 0.0, None), (1.0, 0.0, 0.5), (1.5, 0.5, None)):
         yield Case(
             label="G8", title=f"pushed block, F = {share} mu m g, T = 1 s", outcome="x", names=("F",), mjcf=SLIDER,
-            at=(share * FRICTION * GRAVITY,), start=_hovering, output=lambda q, v: q[:, 0], time_step=0.01, steps=100,
+            at=(share * FRICTION * GRAVITY,), start=_hovering, output=position(0), time_step=0.01, steps=100,
             truth=(low,), upper=None if high is None else (high,), leapfrog=True,
             remark="at the threshold any slope in [0, T^2/2m] is one",
         )  # fmt: skip
@@ -48,7 +48,7 @@ def _sticking() -> Case:
 
     return Case(
         label="G13", title="sticking block, F = 0.8 mu m g", outcome="speed", names=("F",), mjcf=SLIDER, at=(force,),
-        start=_hovering, output=lambda q, v: v[:, 0], time_step=h, steps=100, truth=(0.0,), softened=softened,
+        start=_hovering, output=velocity(0), time_step=h, steps=100, truth=(0.0,), softened=softened,
         remark="creep has a slope, which is bias: kappa (B^2 + beta^2)/(B^2 - beta^2)^2",
     )  # fmt: skip
 
@@ -62,6 +62,6 @@ def _pushed() -> Iterator[Case]:
     for force in (0.8, 1.2):
         yield Case(
             label="G15", title=f"block pushed with F = {force} mu m g", outcome="x", names=("F",), mjcf=BLOCK,
-            at=(force,), start=start, output=lambda q, v: q[:, 0], time_step=h, steps=1,
+            at=(force,), start=start, output=position(0), time_step=h, steps=1,
             truth=(h * h if force > 1 else 0.0,), tolerance=1e-4, rival=False, remark="the slope jumps from 0 to h^2",
         )  # fmt: skip

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from torch import Tensor
 
-from cmbrl.bench.gradients.case import Array, Case, stacked
+from cmbrl.bench.gradients.case import Array, Case, position, stacked, velocity
 
 PUSHER = """<mujoco><option gravity="0 0 0"/><worldbody>
 <body><joint type="slide" axis="1 0 0"/><geom size=".1" mass="1" condim="1"/></body>
@@ -45,7 +45,7 @@ def _out_of_reach() -> Case:
 
     return Case(
         label="G4", title="box out of reach, gap 2 cm", outcome="box speed", names=("pusher speed",), mjcf=PUSHER,
-        at=(0.0,), start=start, output=lambda q, v: v[:, 1], time_step=h, steps=1, truth=(0.0,),
+        at=(0.0,), start=start, output=velocity(1), time_step=h, steps=1, truth=(0.0,),
         softened=lambda kappa: np.array([-slope(gap / h, 2.0, kappa)]),
         remark="true gradient 0: kappa supplies the only signal, about kappa/z^2, and it is bias",
     )  # fmt: skip
@@ -59,7 +59,7 @@ def _make_or_break() -> Case:
 
     return Case(
         label="G9", title="make or break: z = 0", outcome="v'", names=("v",), mjcf=POINT, at=(9.81 * h,), start=start,
-        output=lambda q, v: v[:, 0], time_step=h, steps=1, truth=(0.0,), upper=(1.0,),
+        output=velocity(0), time_step=h, steps=1, truth=(0.0,), upper=(1.0,),
         softened=lambda kappa: np.array([0.5]), remark="any slope in [0, 1] is one; every kappa gives the middle",
     )  # fmt: skip
 
@@ -71,7 +71,7 @@ def _hyperstatic() -> Iterator[Case]:
     for outcome, k in (("v_z'", 2), ("omega_x'", 3)):
         yield Case(
             label="G14", title="cube resting on 4 corners", outcome=outcome, names=("v_z", "omega_x"), mjcf=CUBE,
-            at=(0.0, 0.0), start=start, output=lambda q, v, k=k: v[:, k], time_step=1e-3, steps=1, truth=(0.0, 0.0),
+            at=(0.0, 0.0), start=start, output=velocity(k), time_step=1e-3, steps=1, truth=(0.0, 0.0),
             rival=False,
             remark="J^T lambda takes up the whole change of momentum; a KKT matrix of the active set is singular here",
         )  # fmt: skip
@@ -91,7 +91,7 @@ def _lift() -> Iterator[Case]:
 
         yield Case(
             label="G15", title=f"block lifted with F = {force} m g", outcome="height", names=("F",), mjcf=BLOCK,
-            at=(force,), start=start, output=lambda q, v: q[:, 1], time_step=h, steps=1,
+            at=(force,), start=start, output=position(1), time_step=h, steps=1,
             truth=(h * h if force > 1 else 0.0,), softened=softened, tolerance=1e-4, rival=False,
             remark="the slope jumps from 0 to h^2",
         )  # fmt: skip
