@@ -114,7 +114,8 @@ def _tell(runs: list[Run], page: Path | None) -> int:
     if len(runs) == 1 and failed and not failed[0].details:
         raise UserError(failed[0].error or "")
     for run in failed:
-        print(f"{run.details.rstrip()}\ncmbrl: {run.name}: {run.error}".lstrip(), file=sys.stderr)
+        details = run.details if len(runs) == 1 else ""  # of many, they stand in the report
+        print(f"{details.rstrip()}\ncmbrl: {run.name}: {run.error}".lstrip(), file=sys.stderr)
     if page:
         print(f"{page}: pictures and tables of every study in that folder", file=sys.stderr)
     return 1 if failed else 0
