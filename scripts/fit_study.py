@@ -17,7 +17,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-DOCS = Path(__file__).resolve().parent.parent / "docs" / "fit"
+ROOT = Path(__file__).resolve().parent.parent
+DOCS = ROOT / "docs" / "fit"
 
 WRONG = {  # 30 % off, alternating in sign
     "mass.torso": 1.3, "mass.thigh": 0.7, "mass.leg": 1.3, "mass.foot": 0.7,
@@ -25,6 +26,13 @@ WRONG = {  # 30 % off, alternating in sign
     "damping.thigh_joint": 0.7, "damping.leg_joint": 1.3, "damping.foot_joint": 0.7, "friction.foot_geom": 1.4,
 }  # fmt: skip
 WRONG_START = " ".join(f"--set {name}={value}" for name, value in WRONG.items())
+
+HARD = " ".join(f"--groups {g}" for g in "friction plane_height com_x com_y com_z restitution softness_time".split())
+SOFT = " ".join(
+    f"--groups {g}"
+    for g in "friction plane_height com_x com_y com_z softness_time softness_damping softness_scale impedance_low "
+    "impedance_high impedance_width".split()
+)
 
 CASES = {
     "ball": [
@@ -36,12 +44,13 @@ CASES = {
     "cube": [
         "python -c \"import os, cmbrl; a, b = cmbrl.Transitions.load(os.environ['CMBRL_DATA']).split(0.6, seed=0); "
         "a.save('train.npz'); b.save('held_out.npz')\"",
-        "cmbrl fit cube_toss --data train.npz --out hard --groups friction --groups plane_height --groups com_x "
-        "--groups com_y --groups com_z --groups restitution --groups softness_time",
-        "cmbrl fit cube_toss --data train.npz --out soft --contact-law mujoco --groups friction --groups plane_height "
-        "--groups com_x --groups com_y --groups com_z --groups softness_time --groups softness_damping "
-        "--groups softness_scale",
-        "cmbrl error --data held_out.npz --train train.npz --out error hold ballistic nominal ensemble hard soft",
+        "python scripts/cube_rounding.py",
+        f"cmbrl fit cube_toss --data train.npz --out sharp_hard {HARD}",
+        f"cmbrl fit cube_toss --data train.npz --out sharp_soft --contact-law mujoco {SOFT}",
+        f"cmbrl fit cube_rounded --data train.npz --out round_hard --contact-law rigid {HARD}",
+        f"cmbrl fit cube_rounded --data train.npz --out round_soft {SOFT}",
+        "cmbrl error --scene cube_toss --data held_out.npz --train train.npz --out error hold ballistic nominal "
+        "ensemble sharp_hard sharp_soft round_hard round_soft",
     ],
     "hopper": [
         "cmbrl record hopper --steps 20000 --seed 0 --out train_20000.npz",
@@ -86,6 +95,7 @@ def study(case: str, folder: Path) -> None:
         print(f"{case}: {command}", file=sys.stderr)
         words = shlex.split(command)
         program = [sys.executable, "-m", "cmbrl"] if words[0] == "cmbrl" else [sys.executable]
+        words = [str(ROOT / word) if word.startswith("scripts/") else word for word in words]
         done = subprocess.run(program + words[1:], cwd=folder, env=os.environ, capture_output=True, text=True)
         if done.returncode:
             sys.exit(f"{command}\n{done.stderr}")

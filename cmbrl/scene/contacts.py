@@ -18,7 +18,7 @@ from cmbrl.scene.records import (
     LeftOut,
     Tree,
 )
-from cmbrl.scene.shapes import Shape, plane_points, read_shape
+from cmbrl.scene.shapes import Shape, plane_points, read_shape, roundings
 from cmbrl.scene.support import Gate
 
 _POINTWISE = ("sphere", "capsule", "box", "cylinder", "mesh")
@@ -38,6 +38,7 @@ class ContactBuilder:
         self.candidates: list[Candidate] = []
         self.dropped: list[LeftOut] = []
         self._shapes: dict[int, Shape] = {}
+        self._roundings = roundings(model)
 
     def build(self) -> None:
         """Fills ``candidates`` and ``dropped``; tells the gate of pairs that are not modelled."""
@@ -53,7 +54,7 @@ class ContactBuilder:
 
     def _shape(self, geom: int) -> Shape:
         if geom not in self._shapes:
-            self._shapes[geom] = read_shape(self.model, geom, self.tree.frames)
+            self._shapes[geom] = read_shape(self.model, geom, self.tree.frames, self._roundings.get(geom, 0.0))
         return self._shapes[geom]
 
     def _law(self, a: Shape, b: Shape, pair: int) -> ContactLaw:
@@ -161,5 +162,5 @@ def _sphere_box(ball: Shape, box: Shape, law: ContactLaw) -> Candidate:
     zero = np.zeros(3)
     return Candidate(
         POINT_SHAPE, (ball.geom, box.geom), ball.body, box.body,
-        ball.pos, zero, box.pos, zero, box.rot, box.size, ball.radius, 0.0, law,
+        ball.pos, zero, box.pos, zero, box.rot, box.core, ball.radius, box.radius, law,
     )  # fmt: skip

@@ -1,4 +1,8 @@
-"""The features of a geom that may touch something: points and segments with a radius, boxes; in the body frame."""
+"""The features of a geom that may touch something: points and segments with a radius, boxes; in the body frame.
+
+MJCF has no rounded box, and real ones have no sharp corners: ``<numeric name="rounding:GEOM" data="R"/>`` under
+``<custom>`` rounds the edges and corners of the box GEOM to R [m]. MuJoCo itself reads past it.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from cmbrl.errors import UserError, did_you_mean
 from cmbrl.scene.manifold import quaternion_matrix
+from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import Array, Frame
 
 _GEOM = mujoco.mjtGeom
@@ -22,6 +28,7 @@ _NAMES = {
     int(_GEOM.mjGEOM_HFIELD): "height field",
     int(_GEOM.mjGEOM_SDF): "SDF",
 }
+_ROUNDING = "rounding:"
 _RIM_POINTS = 8
 _HULL_POINTS = 32
 
@@ -38,6 +45,7 @@ class Shape:
     size: Array  # (3,) as in MuJoCo: radius, half length, half sizes
     bound: float  # radius of a sphere around pos that holds it
     hull: Array  # (n, 3) points of a mesh in the geom frame, else empty
+    rounding: float = 0.0  # of a box's edges
 
     @property
     def axis(self) -> Array:
@@ -46,8 +54,13 @@ class Shape:
 
     @property
     def radius(self) -> float:
-        """What rounds the feature off: the radius of a sphere or capsule, zero for the corners of other shapes."""
-        return float(self.size[0]) if self.kind in ("sphere", "capsule") else 0.0
+        """What rounds the feature off: of a sphere or capsule its radius, of a box the rounding of its edges."""
+        return float(self.size[0]) if self.kind in ("sphere", "capsule") else self.rounding
+
+    @property
+    def core(self) -> Array:
+        """Half sizes (3,) of the box that the rounding is laid around."""
+        return self.size - self.rounding
 
     def reach_along(self, direction: Array) -> float:
         """Half the extent [m] along a unit direction (3,) of the body frame."""
@@ -63,7 +76,7 @@ class Shape:
         return self.bound
 
 
-def read_shape(model: mujoco.MjModel, geom: int, frames: list[Frame]) -> Shape:
+def read_shape(model: mujoco.MjModel, geom: int, frames: list[Frame], rounding: float = 0.0) -> Shape:
     """The shape of a geom of the file, in the frame of its moving body."""
     frame = frames[model.geom_bodyid[geom]]
     kind = _NAMES.get(int(model.geom_type[geom]), "other")
@@ -77,7 +90,29 @@ def read_shape(model: mujoco.MjModel, geom: int, frames: list[Frame]) -> Shape:
         model.geom_size[geom].copy(),
         float(np.linalg.norm(hull, axis=1).max()) if len(hull) else float(model.geom_rbound[geom]),
         hull,
+        rounding,
     )
+
+
+def roundings(model: mujoco.MjModel) -> dict[int, float]:
+    """Geom number -> rounding [m] of its edges, as the file says. Raises UserError on no box, or one too small."""
+    found: dict[int, float] = {}
+    geoms = {name_of(model, "geom", geom): geom for geom in range(model.ngeom)}
+    for number in range(model.nnumeric):
+        label = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_NUMERIC, number)
+        name = label.removeprefix(_ROUNDING)
+        if name == label:
+            continue
+        if name not in geoms:
+            raise UserError(f"numeric {label!r}: no geom of that name: {did_you_mean(name, geoms)}")
+        geom = geoms[name]
+        value, half = float(model.numeric_data[model.numeric_adr[number]]), float(model.geom_size[geom].min())
+        if model.geom_type[geom] != _GEOM.mjGEOM_BOX:
+            raise UserError(f"numeric {label!r}: the geom is no box, and only boxes are rounded: take it out")
+        if not 0.0 <= value < half:
+            raise UserError(f"numeric {label!r} is {value:g} m: give at least 0 and less than half the box, {half:g} m")
+        found[geom] = value
+    return found
 
 
 def plane_points(shape: Shape, normal_axis: Array | None) -> list[tuple[Array, float, int]]:
@@ -92,7 +127,7 @@ def plane_points(shape: Shape, normal_axis: Array | None) -> list[tuple[Array, f
         return [(shape.pos + end * shape.axis, shape.radius, 1) for end in ends]
     if shape.kind == "box":
         signs = np.array(np.meshgrid((-1, 1), (-1, 1), (-1, 1), indexing="ij")).reshape(3, -1).T
-        local = signs * shape.size
+        local = signs * shape.core
     elif shape.kind == "cylinder":
         radius, half = shape.size[:2]
         along = 0.0
@@ -109,7 +144,7 @@ def plane_points(shape: Shape, normal_axis: Array | None) -> list[tuple[Array, f
         local = np.vstack([np.column_stack([rim, np.full(len(rim), end)]) for end in (-half, half)])
     else:
         local = shape.hull
-    points += [(shape.pos + shape.rot @ point, 0.0, 1) for point in local]
+    points += [(shape.pos + shape.rot @ point, shape.radius, 1) for point in local]
     return points
 
 

@@ -77,6 +77,37 @@ def test_gaps_of_boxes_and_meshes(load: Load) -> None:
     assert_same_gaps(scene, model, spread=0.3)
 
 
+def test_gaps_of_a_rounded_box(load: Load) -> None:
+    """Core half sizes plus the rounding along the face, and along the diagonal of the core in the corner."""
+    world = (
+        '<geom name="floor" type="plane" size="1 1 1"/>'
+        '<body name="box"><freejoint/><geom name="box" type="box" size=".3 .2 .1" mass="1"/></body>'
+        '<body name="ball" pos="0 0 5"><freejoint/><geom name="ball" size=".2"/></body>'
+    )
+    round_ = '<custom><numeric name="rounding:{0}" data="{1}"/></custom>'
+    scene, _ = load(world, round_.format("box", 0.04))
+    rows = [k for k, name in enumerate(scene.contact_names) if {"box", "floor"} == set(name.split(" - "))]
+    (sphere,) = [k for k, name in enumerate(scene.contact_names) if {"box", "ball"} == set(name.split(" - "))]
+    q = np.repeat(scene.q0[None], 2, axis=0)
+    q[:, 2] = 1.0
+    core = np.array([0.26, 0.16, 0.06])
+    down = core / np.linalg.norm(core)  # the corner that is turned down
+    axis, angle = np.cross(down, [0, 0, -1]), np.arccos(-down[2])
+    q[1, 3], q[1, 4:7] = np.cos(angle / 2), np.sin(angle / 2) * axis / np.linalg.norm(axis)
+    q[0, 7:10], q[1, 7:10] = [0.3 + 0.3, 0.2 + 0.4, 1.0], [0.0, 0.0, 9.0]  # off an edge of the box that stands upright
+    gaps = scene.gaps(q)
+    assert gaps[0, rows].min() == pytest.approx(1 - 0.1)
+    assert gaps[1, rows].min() == pytest.approx(1 - np.linalg.norm(core) - 0.04)
+    assert gaps[0, sphere] == pytest.approx(np.hypot(0.3 + 0.04, 0.4 + 0.04) - 0.2 - 0.04)
+    for name, value, message in (
+        ("bax", 0.04, "did you mean 'box'"),
+        ("ball", 0.04, "only boxes are rounded"),
+        ("box", 0.1, "less than half the box"),
+    ):
+        with pytest.raises(UserError, match=message):
+            load(world, round_.format(name, value))
+
+
 def test_gaps_of_robots(robot: tuple[Scene, mujoco.MjModel]) -> None:
     """Every contact that MuJoCo finds in random states is a candidate with the same gap and the same parameters."""
     scene, model = robot

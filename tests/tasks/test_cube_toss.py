@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cmbrl import UserError
-from tasks.cube_toss import DT, TASK
+from tasks.cube_toss import DT, ROUNDED, TASK
 
 LENGTHS = (30, 20, 40)
 
@@ -63,6 +63,18 @@ def test_scene(tosses):
     assert scene.total_mass == pytest.approx(0.37)
     assert {"friction.cube", "restitution.cube", "plane_height.board"} <= {p.name for p in scene.parameters}
     TASK.record(60, log=str(tosses)).check(scene, dt=TASK.control_dt)
+
+
+def test_rounded_edges_leave_the_faces_where_they_are():
+    sharp, rounded = TASK.load_scene(), ROUNDED.load_scene()
+    q = np.stack([sharp.q0, sharp.q0])
+    q[:, 2] = 0.2
+    half = 0.5 * np.arccos(-1 / np.sqrt(3))  # turns a corner down, about x = -y
+    q[1, 3:] = np.cos(half), np.sin(half) / np.sqrt(2), -np.sin(half) / np.sqrt(2), 0.0
+    face, corner = sharp.gaps(q).min(axis=1) - rounded.gaps(q).min(axis=1)
+    assert face == pytest.approx(0.0, abs=1e-12)
+    assert corner == pytest.approx(-0.0055 * (np.sqrt(3) - 1))
+    assert ROUNDED.name == "cube_rounded"
 
 
 @pytest.mark.skipif("CMBRL_DATA" not in os.environ, reason="set CMBRL_DATA to the folder of cube_tosses.npz")
