@@ -67,8 +67,8 @@ def _text(results: Sequence[Result]) -> str:
     states = max((result.states for result in results), default=0)
     missing = absent()
     parts = [
-        f"Trajectories of 0.26 to 0.8 s from {states} states in and near contact, under the same random actions, at time "
-        "steps from four times the file's down.",
+        f"Trajectories of 0.26 to 0.8 s from {states} states in and near contact, under the same random actions, at "
+        "time steps from four times the file's down.",
         "Cost: processor time per simulated second. MuJoCo runs in its C rollout, one trajectory after the other; ours "
         f"in batches of {LANES} (`cmbrl bench speed` has other sizes); pymunk steps from Python, its only way; MJX, "
         "where it is installed, only without --quick, since it compiles for 20 s and more a scene (not counted).",
@@ -79,8 +79,8 @@ def _text(results: Sequence[Result]) -> str:
         "no friction; with it, MuJoCo's pyramid and its convex friction differ from a round cone with Coulomb's law.",
         "A constant kappa belongs to the step for which it was chosen: impulses shrink with the step and kappa does "
         "not, so its error grows again at small steps.",
-        "pymunk has no hopper: it joins free bodies by iterated constraints, without armature and joint springs. MuJoCo "
-        "has no ball: it knows no restitution.",
+        "pymunk has no hopper: it joins free bodies by iterated constraints, without armature and joint springs. "
+        "MuJoCo has no ball: it knows no restitution.",
     ]
     if missing:
         parts.append(f"Not installed, so not measured: {', '.join(missing)}.")
