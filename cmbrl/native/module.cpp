@@ -256,34 +256,38 @@ class Core {
   }
 };
 
-// Solves contact problems of one shape; see cmbrl.contact.solvers.native.
-static nb::dict solve_problems(Array M, Array J, Array v_free, Array b, Array mu, Array R, std::optional<Array> kappa,
-                               double tolerance, bool derivative, int threads, const std::string& isa) {
-  static std::mutex mutex;
-  static ThreadPool pool;
-  static std::vector<std::vector<char>> memory;
-  if (J.ndim() != 4 || (J.shape(2) != 2 && J.shape(2) != 3)) throw nb::value_error("J must be (batch, contacts, 2 or 3, nv)");
-  ProblemBatch p{};
-  p.n = J.shape(0); p.contacts = int(J.shape(1)); p.tangents = int(J.shape(2)) - 1; p.nv = int(J.shape(3));
-  int64_t rows = 1 + p.tangents;
-  check(M, "M", {p.n, p.nv, p.nv}); check(v_free, "v_free", {p.n, p.nv}); check(b, "b", {p.n, p.contacts, rows});
-  check(mu, "mu", {p.n, p.contacts}); check(R, "R", {p.n, p.contacts, rows});
-  if (kappa) check(*kappa, "kappa", {p.n});
-  p.M = M.data(); p.J = J.data(); p.v_free = v_free.data(); p.b = b.data(); p.mu = mu.data(); p.R = R.data();
-  p.kappa = kappa ? kappa->data() : nullptr;
-  p.tolerance = tolerance;
-  size_t n = p.n, nv = p.nv;
-  nb::dict out;
-  out["v"] = make_array<double>({n, nv}, &p.v);
-  out["impulse"] = make_array<double>({n, size_t(p.contacts), size_t(rows)}, &p.impulse);
-  out["status"] = make_array<int32_t>({n}, &p.status);
-  out["iterations"] = make_array<int32_t>({n}, &p.iterations);
-  out["residual"] = make_array<double>({n}, &p.residual);
-  if (derivative) out["derivative"] = make_array<double>({n, nv, nv}, &p.derivative);
-  {
+// Contact problems of one shape: arrays in, kept as they are; every solve writes the same arrays. See
+// cmbrl.contact.solvers.native.
+class Problems {
+ public:
+  Problems(Array M, Array J, Array v_free, Array b, Array mu, Array R, bool derivative) : inputs_{M, J, v_free, b, mu, R} {
+    if (J.ndim() != 4 || (J.shape(2) != 2 && J.shape(2) != 3)) throw nb::value_error("J must be (batch, contacts, 2 or 3, nv)");
+    ProblemBatch& p = batch_;
+    p.n = J.shape(0); p.contacts = int(J.shape(1)); p.tangents = int(J.shape(2)) - 1; p.nv = int(J.shape(3));
+    int64_t rows = 1 + p.tangents;
+    check(M, "M", {p.n, p.nv, p.nv}); check(v_free, "v_free", {p.n, p.nv}); check(b, "b", {p.n, p.contacts, rows});
+    check(mu, "mu", {p.n, p.contacts}); check(R, "R", {p.n, p.contacts, rows});
+    p.M = M.data(); p.J = J.data(); p.v_free = v_free.data(); p.b = b.data(); p.mu = mu.data(); p.R = R.data();
+    size_t n = p.n, nv = p.nv;
+    out_["v"] = make_array<double>({n, nv}, &p.v);
+    out_["impulse"] = make_array<double>({n, size_t(p.contacts), size_t(rows)}, &p.impulse);
+    out_["status"] = make_array<int32_t>({n}, &p.status);
+    out_["iterations"] = make_array<int32_t>({n}, &p.iterations);
+    out_["residual"] = make_array<double>({n}, &p.residual);
+    if (derivative) out_["derivative"] = make_array<double>({n, nv, nv}, &p.derivative);
+  }
+
+  void solve(double tolerance, std::optional<Array> kappa, int threads, const std::string& isa) {
+    static std::mutex mutex;
+    static ThreadPool pool;
+    static std::vector<std::vector<char>> memory;
+    ProblemBatch& p = batch_;
+    if (kappa) check(*kappa, "kappa", {p.n});
+    p.kappa = kappa ? kappa->data() : nullptr;
+    p.tolerance = tolerance;
+    const Backend& backend = find_backend(isa);
     nb::gil_scoped_release release;
     std::lock_guard<std::mutex> lock(mutex);
-    const Backend& backend = find_backend(isa);
     ProblemStructure structure(p);
     size_t bytes = backend.problem_size(structure.structure, p) + 64;
     threads = std::max(1, threads);
@@ -296,15 +300,24 @@ static nb::dict solve_problems(Array M, Array J, Array v_free, Array b, Array mu
       backend.problems(structure.structure, p, c * chunk, std::min(p.n, (c + 1) * chunk), reinterpret_cast<void*>(base));
     });
   }
-  return out;
-}
+
+  nb::dict results() const { return out_; }
+
+ private:
+  Array inputs_[6];
+  ProblemBatch batch_{};
+  nb::dict out_;
+};
 
 }  // namespace cmbrl
 
 NB_MODULE(_core, module) {
   using namespace nb::literals;
-  module.def("solve_problems", &cmbrl::solve_problems, "M"_a, "J"_a, "v_free"_a, "b"_a, "mu"_a, "R"_a, "kappa"_a.none(),
-             "tolerance"_a, "derivative"_a = false, "threads"_a = 1, "isa"_a = "");
+  nb::class_<cmbrl::Problems>(module, "Problems", "Contact problems of one shape; see cmbrl.contact.solvers.native.")
+      .def(nb::init<Array, Array, Array, Array, Array, Array, bool>(), "M"_a, "J"_a, "v_free"_a, "b"_a, "mu"_a, "R"_a,
+           "derivative"_a = false)
+      .def("solve", &cmbrl::Problems::solve, "tolerance"_a, "kappa"_a.none() = nb::none(), "threads"_a = 1, "isa"_a = "")
+      .def_prop_ro("results", &cmbrl::Problems::results);
   nb::class_<cmbrl::Core>(module, "Core", "Batched complementarity step of one scene; see cmbrl.models.ComplementarityModel.")
       .def(nb::init<nb::dict, const std::string&>(), "scene"_a, "isa"_a = "")
       .def("forward", &cmbrl::Core::forward, "q"_a, "v"_a, "u"_a, "theta"_a.none(), "options"_a, "jacobian"_a = false,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cmbrl.contact.problem import FIELDS, Array, ContactProblem
 from cmbrl.contact.solvers.protocol import Finish, Law, Run, Solution, Solver
 from cmbrl.errors import UserError
-from cmbrl.native import solve_problems
+from cmbrl.native import Problems
 
 DEFAULT_TOLERANCE = 1e-11
 
@@ -40,11 +40,15 @@ class Batch:
         arrays = {field: np.array([getattr(p, field) for p in problems]) for field in FIELDS}
         return cls(**{field: np.ascontiguousarray(x, dtype=np.float64) for field, x in arrays.items()})
 
+    def native(self, derivative: bool = False) -> Problems:
+        """Handle of the core on these arrays: ``solve(tolerance, kappa, threads)`` writes the arrays in ``results``."""
+        return Problems(self.M, self.J, self.v_free, self.b, self.mu, self.R, derivative)
+
 
 @dataclass(frozen=True)
 class Solutions:
-    """v (B, nv), impulse (B, n, 1 + nt) [N s]; status (B,) 0 solved, 1 solved with compliance added (softened law only),
-    2 failed; residual (B,): of the exact law the natural map relative to |M v_free| / n, of the softened law the largest
+    """v (B, nv), impulse (B, n, 1 + nt) [N s]; status (B,) 0 solved, 1 solved with compliance added (softened law),
+    2 failed; residual (B,): of the exact law the natural map relative to |M v_free| / n, of the softened the largest
     relative linear residual; derivative dv'/dv_free (B, nv, nv) by the implicit function theorem where asked for."""
 
     v: Array
@@ -78,33 +82,33 @@ def solve(
         kappa = np.broadcast_to(np.asarray(kappa, dtype=np.float64), len(batch.v_free)).copy()
         if not (kappa > 0).all():
             raise UserError("kappa must be positive; leave it out for the exact law")
-    return Solutions(
-        **solve_problems(
-            batch.M, batch.J, batch.v_free, batch.b, batch.mu, batch.R, kappa, tolerance, derivative, threads
-        )
-    )  # fmt: skip
+    native = batch.native(derivative)
+    native.solve(tolerance, kappa, threads)
+    return Solutions(**native.results)
 
 
 @dataclass(frozen=True)
 class InteriorPoint(Solver):
-    """One problem at a time. ``relative_kappa``: softened law, kappa in units of the largest energy c^2 / G of a row."""
+    """One problem at a time. ``law`` "exact", or "softened": the tolerance is then kappa itself in units of the largest
+    energy c^2 / G of a row."""
 
     name: str = "ours"
-    relative_kappa: float | None = None
-
-    @property
-    def law(self) -> Law:  # type: ignore[override]
-        return "exact" if self.relative_kappa is None else "softened"
+    law: Law = "exact"
 
     def prepare(self, problem: ContactProblem) -> Run:
-        batch = Batch.of([problem])
-        kappa = None if self.relative_kappa is None else self.relative_kappa * _energy(problem)
+        native = Batch.of([problem]).native()
+        energy = np.array([_energy(problem)])
 
         def run(tolerance: float) -> Finish:
-            found = solve(batch, kappa, tolerance)
-            return lambda: Solution(found.v[0], found.impulse[0], int(found.iterations[0]), found.status[0] == 0)
+            native.solve(tolerance, None if self.law == "exact" else tolerance * energy)
+            return lambda: _solution(native.results)
 
         return run
+
+
+def _solution(results: dict[str, Array]) -> Solution:
+    v, impulse = results["v"][0].copy(), results["impulse"][0].copy()
+    return Solution(v, impulse, int(results["iterations"][0]), bool(results["status"][0] == 0))
 
 
 def _energy(problem: ContactProblem) -> float:
