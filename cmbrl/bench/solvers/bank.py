@@ -10,11 +10,11 @@ import numpy as np
 from cmbrl.contact.problem import Array, ContactProblem
 
 G, H = 9.81, 1e-3
-FEASIBLE_ONLY_SOFT = "F17 slot, rigid"  #: has no solution: two walls overlap
+INFEASIBLE = "F17 slot, rigid"  #: has no solution: two walls overlap
 
 
 def bank() -> list[ContactProblem]:
-    """All of them, named "bank/F..."; :data:`FEASIBLE_ONLY_SOFT` is there to see what solvers say about it."""
+    """All of them, named "bank/F..."; :data:`INFEASIBLE` is there to see what solvers say about it."""
     problems = [stack(n, top) for n in (2, 5, 10) for top in (1.0, 1e3, 1e6)]
     problems += [
         cube("F2 cube at rest"),
@@ -23,7 +23,7 @@ def bank() -> list[ContactProblem]:
         rod("F15 Painleve rod, mu 1.5", 1.5),
         rod("F15 Painleve rod, mu 2", 2.0),
         rod("F16 three solutions", 2.0, separating=0.1),
-        slot(FEASIBLE_ONLY_SOFT, 0.0),
+        slot(INFEASIBLE, 0.0),
         slot("F17 slot, compliant", 1e-2),
         cube("F20 mu 0", v=(0.0, 1.0, 0.0), mu=0.0),
         cube("F20 mu 1000", v=(0.0, 1.0, 0.0), mu=1e3),

@@ -66,6 +66,8 @@ def _program(kind: type[Relaxed] | type[DeSaxce], module: str, formulate: Any = 
 
 
 ENTRIES: dict[str, Entry] = {
+    "ours": Entry("exact", _class("native", "InteriorPoint")),
+    "ours softened": Entry("softened", _class("native", "InteriorPoint", law="softened")),
     "pgs": Entry("exact", _class("pgs", "ProjectedGaussSeidel")),
     "admm": Entry("exact", _class("admm", "AlternatingDirections")),
     "pinocchio admm": Entry("exact", _class("pinocchio", "Pinocchio", method="ADMM"), ("pinocchio",), "pin"),
