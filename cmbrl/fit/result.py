@@ -55,6 +55,7 @@ class FitResult:
             "path": str(Path(scene.path).resolve()),
             "ignore": list(scene.ignore),
             "contact_law": scene.contact_law,
+            "reduce": scene.reduce,
         }
         write_json(place / "model.json", {"scene": source, "settings": self.model.to_config()})
         write_text(place / "report.txt", self.report_text() + "\n")
@@ -91,7 +92,12 @@ def _load_model(file: Path, parameters: dict[str, FittedParameter]) -> Complemen
     config = read_json(file)
     try:
         source, settings = config["scene"], config["settings"]
-        scene = Scene.from_mjcf(source["path"], ignore=source["ignore"], contact_law=source["contact_law"])
+        scene = Scene.from_mjcf(
+            source["path"],
+            ignore=source["ignore"],
+            contact_law=source["contact_law"],
+            reduce=source.get("reduce", True),
+        )
     except (KeyError, TypeError):
         raise UserError(f"{file}: damaged: fit again") from None
     if {p.name for p in scene.parameters} != set(parameters):

@@ -29,12 +29,19 @@ class ContactBuilder:
     """Walks over the pairs that MuJoCo would test and keeps the candidates that can touch."""
 
     def __init__(
-        self, model: mujoco.MjModel, tree: Tree, normal: Array | None, gate: Gate, outlines: bool = False
+        self,
+        model: mujoco.MjModel,
+        tree: Tree,
+        normal: Array | None,
+        gate: Gate,
+        outlines: bool = False,
+        keep_far: bool = False,
     ) -> None:
         """``normal`` (3,): unit axis about which everything turns, if the tree moves in a plane, else None;
-        ``outlines``: contacts are planar too, so a cylinder is its outline in the plane of motion."""
+        ``outlines``: contacts are planar too, so a cylinder is its outline in the plane of motion;
+        ``keep_far``: keep candidates that can never touch, as far as their shapes are modelled."""
         self.model, self.tree, self.normal, self.gate = model, tree, normal, gate
-        self.outlines = outlines
+        self.outlines, self.keep_far = outlines, keep_far
         self.candidates: list[Candidate] = []
         self.dropped: list[LeftOut] = []
         self._shapes: dict[int, Shape] = {}
@@ -96,12 +103,12 @@ class ContactBuilder:
         for point, radius, weight in plane_points(shape, axis):
             height = height_range(self.model, self.tree, shape.body, point, up)
             low = height.low - radius - ground
-            if low >= law.margin and height.constant:
-                why = f"no joint changes its distance of {low:.3g} m"
-            elif low > law.margin:
-                why = "it is out of reach"
-            elif height.constant and law.dim == 1:
+            if height.constant and law.dim == 1 and low < law.margin:
                 why = "no joint changes its distance and it has no friction"
+            elif low >= law.margin and height.constant and not self.keep_far:
+                why = f"no joint changes its distance of {low:.3g} m"
+            elif low > law.margin and not self.keep_far:
+                why = "it is out of reach"
             else:
                 self.candidates.append(_point_plane(shape, plane, point, radius, weight, law))
                 continue
@@ -112,7 +119,9 @@ class ContactBuilder:
     def _between(self, a: Shape, b: Shape, pair: int) -> None:
         law = self._law(a, b, pair)
         nearest = closest_approach(self.model, self.tree, a.body, a.pos, b.body, b.pos) - a.bound - b.bound
-        if nearest > law.margin:
+        kinds = {a.kind, b.kind}
+        modelled = kinds <= {*_ROUND} or kinds == {"sphere", "box"}
+        if nearest > law.margin and not (self.keep_far and modelled):
             self._drop(a, b, f"they cannot come nearer than {nearest:.3g} m")
             return
         if self.normal is not None:  # motion in a plane keeps both at their distance along its normal
@@ -121,7 +130,6 @@ class ContactBuilder:
             if apart > law.margin:
                 self._drop(a, b, f"they move in parallel planes {apart:.3g} m apart")
                 return
-        kinds = {a.kind, b.kind}
         label = pair_label(self.model, a.geom, b.geom)
         if a.kind in _ROUND and b.kind in _ROUND:
             self.candidates.append(_round_pair(a, b, law))

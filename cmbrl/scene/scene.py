@@ -54,6 +54,7 @@ class Scene:
     path: str
     ignore: tuple[str, ...]
     contact_law: str  # one of CONTACT_LAWS
+    reduce: bool  # False: nothing was simplified, as asked for
     nq: int
     nv: int
     nu: int
@@ -84,12 +85,16 @@ class Scene:
         )
 
     @classmethod
-    def from_mjcf(cls, path: str | Path, ignore: str | Iterable[str] = (), contact_law: str = "mujoco") -> Scene:
+    def from_mjcf(
+        cls, path: str | Path, ignore: str | Iterable[str] = (), contact_law: str = "mujoco", reduce: bool = True
+    ) -> Scene:
         """Reads an MJCF through MuJoCo's compiler.
 
         ``ignore``: kinds of unmodelled elements to leave out (``cmbrl.scene.support.KINDS``). ``contact_law``: "mujoco"
         keeps the file's softness, "rigid" makes contacts hard with a restitution to fit, "spring-damper" puts an
-        implicit spring and damper in each contact, valid at large steps too (limits stay as in the file).
+        implicit spring and damper in each contact, valid at large steps too (limits stay as in the file). ``reduce``:
+        False keeps spatial algebra for a scene that moves in a plane, candidates that can never touch and points that
+        coincide: the same motion at a higher cost, to check what reduction leaves out.
         Raises UserError, one line, for a missing file, a file that is no MJCF, or an element that is not modelled.
         """
         file = Path(path)
@@ -100,7 +105,7 @@ class Scene:
         if model.nv == 0:
             raise UserError(f"{file}: nothing moves, it has no joints: give a body at least one joint")
         check_model(model, gate)
-        return _build(cls, model, file, gate, contact_law, tuple(warnings))
+        return _build(cls, model, file, gate, contact_law, reduce, tuple(warnings))
 
     def parameter_vector(self) -> Array:
         """Nominal values (np,) of ``parameters``."""
@@ -132,12 +137,18 @@ class Scene:
 
 
 def _build(
-    cls: type[Scene], model: mujoco.MjModel, file: Path, gate: Gate, contact_law: str, warnings: tuple[str, ...]
+    cls: type[Scene],
+    model: mujoco.MjModel,
+    file: Path,
+    gate: Gate,
+    contact_law: str,
+    reduce: bool,
+    warnings: tuple[str, ...],
 ) -> Scene:
     tree = read_tree(model)
-    plane, why = find_plane(tree, np.asarray(model.opt.gravity))
+    plane, why = find_plane(tree, np.asarray(model.opt.gravity)) if reduce else (None, "reduction is off")
     normal = plane.axis if plane else None
-    builder = ContactBuilder(model, tree, normal, gate, outlines=plane is not None)
+    builder = ContactBuilder(model, tree, normal, gate, outlines=plane is not None, keep_far=not reduce)
     builder.build()
     actuators = read_actuators(model, gate)
     gate.close()
@@ -146,7 +157,7 @@ def _build(
         builder = ContactBuilder(model, tree, normal, Gate(gate.file, gate.ignore))  # now with the rims of cylinders
         builder.build()
     candidates = [project(tree, plane, c) for c in builder.candidates] if plane else builder.candidates
-    candidates, merged = merge_points(candidates)
+    candidates, merged = merge_points(candidates) if reduce else (candidates, 0)
     grounds = sorted({c.geoms[1] for c in candidates if c.kind == POINT_PLANE})
     planes = [read_shape(model, geom, tree.frames) for geom in grounds]
     layout = Layout(2 if plane else 3, len(tree.bodies), model.nv, len(candidates), len(planes), len(actuators))
@@ -183,6 +194,7 @@ def _build(
         path=str(file),
         ignore=gate.ignore,
         contact_law=contact_law,
+        reduce=reduce,
         nq=int(model.nq),
         nv=int(model.nv),
         nu=len(actuators),

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cmbrl.bench.states import random_states
+from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
 
 from .conftest import Load
@@ -139,3 +141,33 @@ def test_bodies_without_joints_are_fused(load: Load) -> None:
 def _first_contact(scene: Scene) -> int:
     core = scene.core
     return core["nbody"] * 4 + 5 * core["nv"]
+
+
+def test_without_reduction_the_same_motion(robot: tuple[Scene, object]) -> None:
+    reduced = robot[0]
+    if not reduced.planar:
+        pytest.skip("moves in space anyway")
+    full = Scene.from_mjcf(reduced.path, reduce=False)
+    assert not full.planar
+    assert full.planar_why == "reduction is off"
+    states = random_states(reduced, 64, np.random.default_rng(0))
+    a, b = (ComplementarityModel(s, prune=p, path_tolerance=1e-9) for s, p in ((reduced, 3.0), (full, np.inf)))
+    flat, spatial = (model.predict(*states) for model in (a, b))
+    assert (flat.status == 0).all()
+    assert np.allclose(flat.v_next, spatial.v_next, atol=1e-5)
+    assert np.allclose(flat.q_next, spatial.q_next, atol=1e-7)
+
+
+def test_without_reduction_every_candidate_stays(load: Load) -> None:
+    """Also those out of reach and points that coincide in the plane, but no pair of shapes that is not modelled."""
+    link = '<geom name="arm" type="capsule" fromto="0 0 0 .9 0 0" size=".1"/>'
+    arm = f'<body pos="0 0 2"><joint axis="0 1 0"/>{link}</body>'
+    far = '<body pos="9 0 9"><joint axis="0 1 0"/><geom name="far" type="box" size=".1 .1 .1"/></body>'
+    reduced, _ = load(FLOOR + arm + far)
+    full = Scene.from_mjcf(reduced.path, reduce=False)
+    assert reduced.contact_names == ()
+    assert sorted(full.contact_names) == ["arm - floor"] * 2 + ["far - floor"] * 8
+    assert len(full.dropped_contacts) == 1  # capsule against box
+    flat, _ = load(FLOOR + body('type="box" size=".3 .2 .1"'))
+    both = Scene.from_mjcf(flat.path, reduce=False)
+    assert (flat.core["ncontact"], both.core["ncontact"], both.merged_points) == (4, 8, 0)
