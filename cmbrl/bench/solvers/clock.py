@@ -7,7 +7,7 @@ once in the lanes of a vector register); DAQP's set-up and solve as its own time
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 
@@ -39,10 +39,10 @@ class Clock:
     daqp: float | None
 
 
-def clocks(seed: int, quick: bool) -> list[Clock]:
-    """Every robot with rigid and with soft rows."""
+def clocks(seed: int, quick: bool, robots: Collection[str]) -> list[Clock]:
+    """Each of ``robots`` with rigid and with soft rows."""
     by_robot: dict[str, list[ContactProblem]] = {}
-    for p in visited(QUICK_STATES if quick else STATES, seed):
+    for p in visited(QUICK_STATES if quick else STATES, seed, robots):
         by_robot.setdefault(p.name.rpartition("/")[0], []).append(p)
     return [_clock(robot, problems) for robot, problems in by_robot.items()]
 

@@ -7,6 +7,7 @@ used instead, so that others can rerun the same ones or bring their own.
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,8 +21,8 @@ from cmbrl.contact.problem import ContactProblem, load, save
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
 
-SCENES = ("hopper euler", "cheetah", "cube")
-VISITED = ("hopper", "cheetah", "cube", "g1 feet")
+SCENES = {"hopper": "hopper euler", "cheetah": "cheetah", "cube": "cube", "g1 feet": "g1 feet"}
+VISITED = tuple(SCENES)
 YIELDING = "soft rows"  #: the same robots with MuJoCo's soft contact rows
 FAMILIES = (*VISITED, YIELDING, "bank", "random")
 STATES, QUICK_STATES = 20, 3
@@ -45,14 +46,15 @@ def problem_set(folder: Path, seed: int, quick: bool) -> list[ContactProblem]:
     return problems
 
 
-def visited(states: int, seed: int) -> list[ContactProblem]:
-    """``states`` problems of every robot with rigid contact, and a quarter of that with its file's soft rows.
+def visited(states: int, seed: int, robots: Collection[str] = VISITED) -> list[ContactProblem]:
+    """``states`` problems of each of ``robots`` with rigid contact, and a quarter of that with its file's soft rows.
 
     The states are MuJoCo's under random actions; of those that would penetrate if nothing pushed, evenly spread ones.
     The G1 is left out where its file is not there.
     """
     problems = []
-    for scene in speed_scenes([*SCENES, *(["g1 feet"] if G1.exists() else [])]):
+    labels = [SCENES[robot] for robot in VISITED if robot in robots and (robot != "g1 feet" or G1.exists())]
+    for scene in speed_scenes(labels):
         label = scene.label.removesuffix(" euler")
         seen = visit(scene, STEPS, seed)
         problems += _spread(_problems(_rigid(scene), seen), states, label)

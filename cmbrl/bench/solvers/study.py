@@ -15,7 +15,7 @@ from cmbrl.bench.solvers.gradients import measure_gradients
 from cmbrl.bench.solvers.kappa import kappa_curves
 from cmbrl.bench.solvers.measure import QUICK_REPEATS, QUICK_TOLERANCES, REPEATS, TOLERANCES, Cell, measure
 from cmbrl.bench.solvers.plots import FIGURES
-from cmbrl.bench.solvers.problems import FAMILIES, family, problem_set
+from cmbrl.bench.solvers.problems import FAMILIES, VISITED, family, problem_set
 from cmbrl.bench.solvers.summary import Summary
 from cmbrl.bench.study import Figure, Progress, Section, Settings, Study
 from cmbrl.contact.problem import ContactProblem
@@ -38,12 +38,12 @@ def _study(folder: Path, settings: Settings, progress: Progress) -> Section:
     for file, draw in FIGURES.items():
         draw(summary, folder / file)
     progress(0.9, "derivatives")
-    points = measure_gradients(problems, settings.seed, settings.quick)
+    points = measure_gradients(chosen, settings.seed, settings.quick)
     gradients.plot(points, folder / "gradients.png")
     curves = kappa_curves()
     kappa.plot(curves, folder / "kappa.png")
     progress(0.95, "core against core")
-    timed = clock.clocks(settings.seed, settings.quick)
+    timed = clock.clocks(settings.seed, settings.quick, [r for r in VISITED if r in summary.families])
     tables = [aims(summary, timed), *summary.tables(), clock.table(timed), gradients.table(points)]
     values = {
         "problems": len(chosen), "solvers": summary.laws, "clocks": [asdict(c) for c in timed],

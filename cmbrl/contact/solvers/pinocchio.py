@@ -1,9 +1,9 @@
 """Pinocchio's contact solvers on the Delassus matrix (Carpentier, Le Lidec and Montaut 2024).
 
-Its rows are (tangents, normal), always two tangents: planar contacts get one that nothing moves. Units are those
-of our own ADMM. Compliance goes on the diagonal, since its own scalar compliance is ignored. A solve without
-contacts ends the process, so none gets here. The flag of its Gauss-Seidel solver says "converged" on stacks with half
-the force missing.
+Its rows are (tangents, normal), always two tangents: planar contacts get one that is coupled to nothing. Units are
+those of our own ADMM. Compliance goes on the diagonal, since its own scalar compliance is ignored. A solve without contacts
+ends the process, so none gets here. The flag of its Gauss-Seidel solver says "converged" on stacks with half the force
+missing.
 """
 
 from __future__ import annotations
@@ -37,6 +37,8 @@ class Pinocchio(Solver):
         size = 3 * len(problem.mu)
         G, g = np.zeros((size, size)), np.zeros(size)
         G[np.ix_(place, place)], g[place] = space.G, space.g
+        still = np.flatnonzero(np.diag(G) == 0)  # rows that nothing moves; its Gauss-Seidel divides by the diagonal
+        G[still, still] = G[still // 3 * 3 + 2, still // 3 * 3 + 2]
         models, data = _constraints(problem.mu)
         make, make_settings, make_result = (
             getattr(pin, self.method + part) for part in ("ConstraintSolver", "SolverSettings", "SolverResult")

@@ -1,0 +1,132 @@
+"""The study of contact solvers: a tiny run of it, and its parts against closed forms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cmbrl.bench.solvers.bank import INFEASIBLE, bank, cube, slot, stack
+from cmbrl.bench.solvers.gradients import references, sliding_block
+from cmbrl.bench.solvers.kappa import kappa_curves
+from cmbrl.bench.solvers.measure import Cell
+from cmbrl.bench.solvers.problems import random_problem, visited
+from cmbrl.bench.solvers.reference import Unclear, cone_derivative
+from cmbrl.bench.solvers.scores import Score, score
+from cmbrl.bench.solvers.study import STUDY
+from cmbrl.bench.solvers.summary import Summary
+from cmbrl.bench.study import Section, Settings
+from cmbrl.contact.problem import save
+from cmbrl.contact.solvers import Solution, available, get
+
+MU, GH = 0.4, 9.81e-3
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Section]:
+    """The study on four problems of its own file: heavy on light, a sliding cube, no solution, a random one."""
+    folder = tmp_path_factory.mktemp("solvers")
+    own = [stack(2, 1e6), cube("sliding", v=(0.0, 1.0, 0.0)), slot(INFEASIBLE, 0.0)]
+    save([*own, random_problem(2, 1.0, np.random.default_rng(0), planar=True)], folder / "problems.npz")
+    section = STUDY.run(folder, Settings(quick=True), lambda share, what: None)
+    section.write(folder)
+    return folder, section
+
+
+def test_study_writes_what_it_shows(run: tuple[Path, Section]) -> None:
+    folder, section = run
+    assert {f.file for f in section.figures} <= {p.name for p in folder.iterdir()}
+    assert Section.read(folder).title == section.title
+    assert len(list((folder / "cells").iterdir())) == 4
+    assert section.values["problems"] == 4
+    assert section.values["kappa against closed forms"] < 1e-2
+
+
+def test_failures_are_counted_and_the_infeasible_is_not(run: tuple[Path, Section]) -> None:
+    table = next(t for t in run[1].tables if t.title.startswith("Solved below 1e-08"))
+    failed = {row[0]: row[-1] for row in table.rows}
+    assert failed["ours"] == 0
+    assert failed["pgs"] == 1  # heavy on light
+    assert {row[0]: row[2] for row in table.rows}["ours"] == "2/2"
+    if "convex" in failed:
+        assert failed["convex"] >= 1  # the sliding cube takes off
+
+
+def test_second_run_takes_the_cells_of_the_first(run: tuple[Path, Section]) -> None:
+    folder, first = run
+    before = {p: p.stat().st_mtime_ns for p in (folder / "cells").iterdir()}
+    again = STUDY.run(folder, Settings(quick=True), lambda share, what: None)
+    assert {p: p.stat().st_mtime_ns for p in (folder / "cells").iterdir()} == before
+    assert again.tables[1].rows == first.tables[1].rows
+
+
+def test_relaxation_is_scored_on_both_laws() -> None:
+    p, normal = sliding_block(), (MU + GH) / (1 + MU**2)
+    answer = Solution(np.array([0.0, 1 - MU * normal, normal - GH]), np.array([[normal, 0.0, -MU * normal]]), 1, True)
+    got = score(p, answer)
+    assert got.exact > 0.1
+    assert max(got.convex, got.relaxed) < 1e-12
+    assert score(p, Solution(answer.v * np.nan, answer.impulse, 1, True)).exact == np.inf
+
+
+def test_summary_takes_the_cheapest_setting_that_solves() -> None:
+    def cell(tolerance: float, seconds: float, residual: float) -> Cell:
+        return Cell("bank/one", "x", "exact", tolerance, seconds, 1, True, Score(residual, 0.0, 0.0, 0.0, 0.0))
+
+    summary = Summary.of([cell(1e-4, 1e-6, 1e-5), cell(1e-8, 3e-6, 1e-9), cell(1e-12, 2e-6, 1e-9)])
+    assert summary.times("x", 1e-4) == {"bank/one": 1e-6}
+    assert summary.times("x", 1e-8) == {"bank/one": 2e-6}
+    assert summary.times("x", 1e-12) == {}
+
+
+def test_reference_derivative_of_the_sliding_block() -> None:
+    """Relaxation: du_n/dv_free = (0, mu, mu^2)/(1 + mu^2); exact law: dv_t/dv_n = mu, du_n = 0."""
+    found = references(sliding_block())
+    for law in ("round", "pyramid"):
+        if law in found:
+            assert found[law][2] == pytest.approx(np.array([0.0, MU, MU**2]) / (1 + MU**2), abs=1e-7)
+    assert found["exact"][1:] == pytest.approx(np.array([[0.0, 1.0, MU], [0.0, 0.0, 0.0]]), abs=1e-12)
+    assert found["exact"][0, 0] == pytest.approx(1 - MU * GH / (1 - MU * GH + MU * GH), abs=1e-9)
+
+
+@pytest.mark.parametrize("planar", [True, False])
+def test_reference_derivative_against_differences(planar: bool) -> None:
+    p = random_problem(2, 10.0, np.random.default_rng(5), planar)
+    solver, w, step = get("ours"), np.random.default_rng(0).normal(size=6), 1e-6
+    ends = [solver.solve(replace(p, v_free=p.v_free + s * w), 1e-12).v for s in (step, -step)]
+    assert cone_derivative(p, solver.solve(p, 1e-12)) @ w == pytest.approx((ends[0] - ends[1]) / (2 * step), abs=1e-6)
+
+
+def test_redundant_contacts_have_no_reference() -> None:
+    p = cube("at rest")
+    with pytest.raises(Unclear):
+        cone_derivative(p, get("ours").solve(p, 1e-12))
+
+
+def test_kappa_follows_its_closed_forms() -> None:
+    assert kappa_curves(5).worst() < 1e-2
+
+
+def test_bank_is_solved_where_it_can_be() -> None:
+    for p in bank():
+        exact = score(p, get("ours").solve(p, 1e-11)).exact
+        assert (exact < 1e-8) == (not p.name.endswith(INFEASIBLE)), p.name
+
+
+def test_visited_problems_press_on_their_contacts() -> None:
+    problems = visited(4, 0, ["hopper"])
+    assert [p.name.split("/")[0] for p in problems] == ["hopper"] * 4 + ["soft rows"]
+    assert all(p.free_contact_velocity()[:, 0].min() < 0 for p in problems)
+
+
+@pytest.mark.skipif("convex" not in available(), reason="needs daqp")
+def test_every_rival_differentiates_the_relaxation_alike() -> None:
+    from cmbrl.bench.solvers.gradient_rivals import rivals
+
+    p, w = sliding_block(), np.array([0.3, -1.0, 0.5])
+    reference = references(p)
+    for rival in rivals():
+        got = rival.lay_out(p, w)(rival.settings[-1])
+        assert got == pytest.approx(w @ reference[rival.law], abs=1e-3), rival.name
