@@ -61,9 +61,9 @@ _TEXT = (
     "nothing near, where the reduced step solves nothing; 'no cones': a contact declared frictionless is one row. "
     f"Forward steps in batches of {BATCH}, processor time of one thread, variants taking turns; both solved to a path "
     "tolerance of 1e-9, so that a difference is what was left out. A row that is left out would have exerted "
-    "kappa / (its speed of separation): that is the median with 'all candidates'. Pruning looks at the speed before the "
-    "step (3 m/s by default), so a point that a blow elsewhere on the robot drives down within the step is missed: "
-    "those are the states counted as changed (prune=inf keeps them)."
+    "kappa / (its speed of separation): that is the median with 'all candidates'. Pruning looks at the speed before "
+    "the step (3 m/s by default), so a point or a joint that a blow elsewhere on the robot drives to its limit within "
+    "the step is missed: those are the states counted as changed (prune=inf keeps them)."
 )
 
 
@@ -116,8 +116,8 @@ def _table(rows: Sequence[Row]) -> Table:
         "iterations", "failed", "states",
     ]  # fmt: skip
     note = (
-        "Ratio to the first variant of the scene, and difference to its next state (m, rad; per second); changed: states "
-        f"with a difference above {CHANGED:g}; iterations of the contact solver, mean."
+        "Ratio to the first variant of the scene, and difference to its next state (m, rad; per second); changed: "
+        f"states with a difference above {CHANGED:g}; iterations of the contact solver, mean."
     )
     return Table("Cost and difference of each reduction", columns, cells, note)
 
