@@ -266,9 +266,7 @@ const Backend backend = {
     [](const Model& m, const Options& o, const Batch& b, const RowBatch& out, int64_t s, int64_t e, void* w) {
       m.planar ? step_rows<Planar>(m, o, b, out, s, e, w) : step_rows<Spatial>(m, o, b, out, s, e, w);
     },
-    [](const Structure& m, const ProblemBatch& b) {
-      return b.tangents == 1 ? problem_bytes<Rows<1>>(m, b.contacts) : problem_bytes<Rows<2>>(m, b.contacts);
-    },
+    [](const ProblemBatch& b) { return b.tangents == 1 ? problem_bytes<Rows<1>>(b) : problem_bytes<Rows<2>>(b); },
     [](const Structure& m, const ProblemBatch& b, int64_t s, int64_t e, void* w) {
       b.tangents == 1 ? solve_problems<Rows<1>>(m, b, s, e, w) : solve_problems<Rows<2>>(m, b, s, e, w);
     },

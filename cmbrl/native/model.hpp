@@ -116,8 +116,8 @@ struct Backend {  // one per instruction set
   void (*loss)(const Model&, const Options&, const LossBatch&, int64_t candidate_pack, void* work);
   void (*dynamics)(const Model&, const Options&, const Batch&, double* M, double* bias, double* gap, double* J, int64_t begin, int64_t end, void* work);
   void (*rows)(const Model&, const Options&, const Batch&, const RowBatch&, int64_t begin, int64_t end, void* work);
-  int64_t (*problem_size)(const Structure&, const ProblemBatch&);  // bytes
-  void (*problems)(const Structure&, const ProblemBatch&, int64_t begin, int64_t end, void* work);
+  int64_t (*problem_size)(const ProblemBatch&);  // bytes
+  void (*problems)(const Structure&, const ProblemBatch&, int64_t begin, int64_t end, void* work);  // up to width of them
 };
 
 }  // namespace cmbrl

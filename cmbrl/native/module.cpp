@@ -288,16 +288,16 @@ class Problems {
     const Backend& backend = find_backend(isa);
     nb::gil_scoped_release release;
     std::lock_guard<std::mutex> lock(mutex);
-    ProblemStructure structure(p);
-    size_t bytes = backend.problem_size(structure.structure, p) + 64;
+    size_t bytes = backend.problem_size(p) + 64;
     threads = std::max(1, threads);
     if (int(memory.size()) < threads) memory.resize(threads);
     for (auto& block : memory)
       if (block.size() < bytes) block.assign(bytes, 0);
-    int64_t chunk = threads == 1 ? p.n : backend.width, chunks = p.n ? (p.n + chunk - 1) / chunk : 0;
-    pool.run(chunks, threads, [&](int64_t c, int thread) {
+    pool.run((p.n + backend.width - 1) / backend.width, threads, [&](int64_t pack, int thread) {
       uintptr_t base = (reinterpret_cast<uintptr_t>(memory[thread].data()) + 63) / 64 * 64;
-      backend.problems(structure.structure, p, c * chunk, std::min(p.n, (c + 1) * chunk), reinterpret_cast<void*>(base));
+      int64_t begin = pack * backend.width, end = std::min(p.n, begin + backend.width);
+      ProblemStructure structure(p, begin, end);
+      backend.problems(structure.structure, p, begin, end, reinterpret_cast<void*>(base));
     });
   }
 

@@ -13,6 +13,16 @@ struct Polish : InteriorPoint<G> {
   using InteriorPoint<G>::InteriorPoint;
   T momentum;  // relative momentum residual at the current point
 
+  // No impulses: where bodies would be without contact.
+  void rest() {
+    for (int k = 0; k < m.nv; ++k) w.delta[k] = T{};
+    for (int i = 0; i < w.ncon; ++i) {
+      Contact<G>& c = w.con[i];
+      c.gam = c.s = c.eta0 = T{};
+      CMBRL_FOR(r, NT) c.b[r] = c.eta[r] = T{};
+    }
+  }
+
   // Slacks become the rows' velocities u; returns the natural map of the exact law, as a norm over all rows.
   T natural_map() {
     momentum = fresh_residuals(m, w, *this);

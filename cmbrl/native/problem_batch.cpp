@@ -23,11 +23,11 @@ void fill_in(uint8_t* p, int nv, std::vector<int>& ptr, std::vector<int>& idx) {
 }
 }  // namespace
 
-ProblemStructure::ProblemStructure(const ProblemBatch& b) {
+ProblemStructure::ProblemStructure(const ProblemBatch& b, int64_t begin, int64_t end) {
   int nv = b.nv, rows = 1 + b.tangents;
   std::vector<uint8_t> pattern(2 * nv * nv + b.contacts * nv, 0);
   uint8_t *mass = pattern.data(), *both = mass + nv * nv, *column = both + nv * nv;
-  for (int64_t k = 0; k < b.n; ++k) {
+  for (int64_t k = begin; k < end; ++k) {
     const double *M = b.M + k * nv * nv, *J = b.J + k * b.contacts * rows * nv;
     for (int i = 0; i < nv * nv; ++i) mass[i] |= M[i] != 0;
     for (int c = 0; c < b.contacts; ++c)

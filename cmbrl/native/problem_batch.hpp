@@ -17,11 +17,11 @@ struct ProblemBatch {  // C arrays, first axis n; null where an output is not wa
   int32_t *status, *iterations;
 };
 
-// Union of the non-zeros of all problems of a batch, in the order of elimination of a tree: from the last dof to the first.
+// Union of the non-zeros of problems [begin, end) of a batch, in the order of elimination of a tree: from the last dof to the first.
 class ProblemStructure {
  public:
   Structure structure{};
-  explicit ProblemStructure(const ProblemBatch& b);
+  ProblemStructure(const ProblemBatch& b, int64_t begin, int64_t end);
 
  private:
   std::vector<int> anc_ptr_, anc_idx_, fill_ptr_, fill_idx_, dof_ptr_, dof_, sign_;

@@ -172,15 +172,6 @@ struct ProblemPack {
   }
 };
 
-template <class G>
-static int64_t problem_bytes(const Structure& m, int contacts) {
-  Arena a{nullptr};
-  SolverWork<G> probe;
-  probe.take(a, m.nv, m.grp_dptr[contacts], contacts, 0, 0, contacts);
-  a.template take<T>(m.nv * m.nv);
-  return a.used;
-}
-
 // The softened law: every product equals kappa.
 template <class G>
 static void solve_on_path(ProblemPack<G>& pack, Options& o, T* X) {
@@ -201,8 +192,8 @@ static void solve_on_path(ProblemPack<G>& pack, Options& o, T* X) {
   pack.store_derivative(all(), X);
 }
 
-// The exact law: down the path until the contacts know what they do, then Newton on the law itself. Where the path was left
-// too early for that, further down. The natural map decides; what does not reach the tolerance is flagged.
+// The exact law: Newton on the law itself, from rest, which finds most answers in a few steps; else from the path, at a
+// kappa where contacts know what they do, or further down. The natural map decides; what it does not pass is flagged.
 template <class G>
 static void solve_exactly(ProblemPack<G>& pack, Options& o, T* X) {
   SolverWork<G>& w = pack.w;
@@ -212,6 +203,18 @@ static void solve_exactly(ProblemPack<G>& pack, Options& o, T* X) {
   int solved[W] = {}, failed[W];
   for (int& f : failed) f = 2;
   Polish<G> polish(pack.m, o, w);
+  auto finish = [&](int steps) {  // the lanes that Newton solves from where they are
+    Mask now = polish.run(open, pack.scale, pack.b.tolerance, steps, natural, iterations);
+    pack.store(now, natural / pack.scale, solved, iterations);
+    if (pack.b.derivative) {
+      polish.linearise_exact(1e-8);
+      pack.store_derivative(now, X);
+    }
+    open &= ~now;
+  };
+  polish.rest();
+  finish(5);
+  if (!any(open)) return;
   for (double kappa : {1e-8, 1e-11}) {
     o.theta = kappa > 1e-10 ? 0.1 : 1e-3;
     for (int i = 0; i < w.ncon; ++i) w.con[i].kappa = splat(kappa);
@@ -219,13 +222,7 @@ static void solve_exactly(ProblemPack<G>& pack, Options& o, T* X) {
     iterations += keep(open, used);
     for (int i = 0; i < w.ncon; ++i) pack.load_compliance(w.con[i], pack.mass);
     for_solver_state(pack.m, w, [](T& x, T& kept) { kept = x; });
-    Mask now = polish.run(open, pack.scale, pack.b.tolerance, 8, natural, iterations);
-    pack.store(now, natural / pack.scale, solved, iterations);
-    if (pack.b.derivative) {
-      polish.linearise_exact(1e-8);
-      pack.store_derivative(now, X);
-    }
-    open &= ~now;
+    finish(8);
     if (!any(open)) return;
   }
   for_solver_state(pack.m, w, [open](T& x, T& kept) { x = select(open, kept, x); });
@@ -237,21 +234,31 @@ static void solve_exactly(ProblemPack<G>& pack, Options& o, T* X) {
 }
 
 template <class G>
+static T* open_problems(const ProblemBatch& b, Arena& arena, SolverWork<G>& w) {  // returns room for the derivative
+  w.take(arena, b.nv, b.contacts * b.nv, b.contacts, 0, 0, b.contacts);
+  return arena.template take<T>(b.nv * b.nv);
+}
+template <class G>
+static int64_t problem_bytes(const ProblemBatch& b) {
+  Arena arena{nullptr};
+  SolverWork<G> probe;
+  open_problems(b, arena, probe);
+  return arena.used;
+}
+
+template <class G>
 static void solve_problems(const Structure& m, const ProblemBatch& b, int64_t begin, int64_t end, void* memory) {
   Arena arena{static_cast<char*>(memory)};
   SolverWork<G> w;
-  w.take(arena, m.nv, m.grp_dptr[b.contacts], b.contacts, 0, 0, b.contacts);
-  T* X = arena.template take<T>(m.nv * m.nv);
+  T* X = open_problems(b, arena, w);
   Options o{};
   o.max_iterations = 40;
-  for (int64_t e = begin; e < end; e += W) {
-    ProblemPack<G> pack{m, b, w, lanes_from(e, end), {}, {}, {}};
-    pack.load();
-    pack.weigh();
-    pack.normalise();
-    if (b.kappa) solve_on_path(pack, o, X);
-    else solve_exactly(pack, o, X);
-  }
+  ProblemPack<G> pack{m, b, w, lanes_from(begin, end), {}, {}, {}};
+  pack.load();
+  pack.weigh();
+  pack.normalise();
+  if (b.kappa) solve_on_path(pack, o, X);
+  else solve_exactly(pack, o, X);
 }
 
 }  // namespace cmbrl::CMBRL_ISA
