@@ -20,13 +20,12 @@ SCENES: tuple[BankScene, ...] = tuple(scene for family in FAMILIES for scene in 
 ABSENT = (
     Absent("F23, mass 0", "massless link", "MuJoCo's compiler refuses a moving body without mass in one line; see F23"),
     Absent("F26", "rattleback", "an ellipsoid against a plane is refused in one line (geom_type): no such contact"),
-    Absent("F30", "our own bias", "no other simulator has a kappa: its own table below"),
 )
 
 
 def simulators() -> list[Simulator]:
     """The columns: ours first, then the rivals that are installed."""
-    columns: list[Simulator] = [Ours(HARD), Ours(SOFT, "mujoco"), MuJoCo()]
+    columns: list[Simulator] = [Ours(HARD), Ours(SOFT, "mujoco"), MuJoCo(), MuJoCo("MuJoCo stiff", True)]
     if find_spec("pymunk"):
         columns.append(Pymunk())
     columns.append(SolverStepper(f"PGS, {SWEEPS} sweeps", get("pgs", sweeps=SWEEPS)))

@@ -33,9 +33,9 @@ class Run:
 class Case:
     """One world and its start.
 
-    mjcf: the text that every simulator is built from. horizon [s]; 0 asks for a single step. error: of a run, as a share
-    of the scene's own scale (a stopping distance, a free fall, ...). q, v: start, default qpos0 and rest. control (nu,)
-    is held. restitution: of every contact. samples: how many states are looked at, default every physics step.
+    mjcf: the text that every simulator is built from. horizon [s]; 0 asks for a single step. error: of a run, as a
+    share of the scene's own scale (a stopping distance, a free fall, ...). q, v: start, default qpos0 and rest. control
+    (nu,) is held. restitution: of every contact. samples: how many states are looked at, default every physics step.
     contacts: whether anything may touch.
     """
 
@@ -59,9 +59,9 @@ class Case:
 class BankScene:
     """Cases that share a truth; a simulator's error is that of its worst case.
 
-    label: "F4". kind: how scenes.md section 5 judges it ("one step", "trajectory", "residual", "conservation").
-    truth: the formula and where it is from. breaks: what fails, and in whom. tolerance(h): the largest error that passes.
-    order: of the error in h, None where it does not depend on h. steps: sizes it runs at; shown: the
+    label: "F4". kind: how it is judged ("one step", "trajectory", "residual", "conservation").
+    truth: the formula and where it is from. breaks: what fails, and in whom. tolerance(h): the largest error that
+    passes. order: of the error in h, None where it does not depend on h. steps: sizes it runs at; shown: the
     one in the main table, default DEFAULT_STEP, else the smallest.
     """
 
@@ -109,7 +109,7 @@ class NotExpressibleError(Exception):
 
 
 def resting_bias(h: float) -> float:
-    """Ten times what the default kappa (1e-9 m g h * 1 m/s) does to a resting impulse, relative: scenes.md section 5."""
+    """Ten times what the default kappa (1e-9 m g h * 1 m/s) does to a resting impulse, relative: our choice."""
     return 10 * 1e-9 / (G * h)
 
 

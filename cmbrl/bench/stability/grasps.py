@@ -116,19 +116,22 @@ SCENES = (
     ),
     BankScene(
         "F21", "joint limit and contact", FAMILY, "one step", "both share the load, nothing moves (statics)",
-        "redundant rows, limits as penalties", (_limit_and_floor(),), lambda h: 10 * resting_bias(h), None, (0.01, 0.001),
+        "redundant rows, limits as penalties", (_limit_and_floor(),), lambda h: 10 * resting_bias(h), None,
+        (0.01, 0.001),
     ),
     BankScene(
         "F22", "hanging chain, inertia 1 : 1e6", FAMILY, "conservation",
         "energy constant; the support carries the total weight (mechanics)",
-        "approximate diagonals, drift of maximal coordinates", (_supported_chain(), _swinging_chain(10.0, 4, 0.3, 1e3, 1e-3)),
+        "approximate diagonals, drift of maximal coordinates",
+        (_supported_chain(), _swinging_chain(10.0, 4, 0.3, 1e3, 1e-3)),
         proportional(20.0), 1, (0.001, 0.0001, 0.00005), shown=0.0001,
-        note="the links' own vibration, 2 sqrt(tension/(m l)) = 1.4e4 rad/s, makes explicit smooth forces unstable above "
-        "h = 0.14 ms, in every simulator here",
+        note="the links' own vibration, 2 sqrt(tension/(m l)) = 1.4e4 rad/s, makes explicit smooth forces unstable "
+        "above h = 0.14 ms, in every simulator here",
     ),
     BankScene(
         "F22b", "double pendulum, 100 s", FAMILY, "conservation", "energy constant (mechanics)",
         "semi-implicit stepping is not symplectic where the mass matrix moves",
         (_swinging_chain(100.0, 2, 1.0, 1.0, 1.0),), constant(1e-2),
+        note="first order: centrifugal and Coriolis forces are taken at the start of the step, as in MuJoCo's Euler",
     ),
 )  # fmt: skip

@@ -97,7 +97,8 @@ SCENES = (
         lambda h: 10 * resting_bias(h), None, (0.01, 0.001, 0.0001),
     ),
     BankScene(
-        "F16", "rod with three solutions", FAMILY, "residual", "separation, sliding or jam: residual 0 (Signorini, Coulomb)",
+        "F16", "rod with three solutions", FAMILY, "residual",
+        "separation, sliding or jam: residual 0 (Signorini, Coulomb)",
         "assuming a unique solution", (_lifting(),), lambda h: 10 * resting_bias(h), None, (0.01, 0.001),
     ),
     BankScene(

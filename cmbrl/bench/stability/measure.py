@@ -33,6 +33,11 @@ class Cell:
     seconds: float | None = None
 
     @property
+    def partial(self) -> bool:
+        """Whether only some of the scene's cases are expressible."""
+        return self.error is not None and bool(self.why)
+
+    @property
     def verdict(self) -> str:
         """PASS within the scene's tolerance, NEAR within one per cent, else FAIL; ABSENT without words for it."""
         if self.error is None:

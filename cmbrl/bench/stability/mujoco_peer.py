@@ -1,6 +1,8 @@
-"""MuJoCo as a simulator of the bank: mj_step on the very MJCF, elliptic cones, Newton's method."""
+"""MuJoCo as a simulator of the bank: mj_step on the very MJCF, elliptic cones, Newton's method; and made stiff."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -9,13 +11,22 @@ from cmbrl.bench.stability.case import Case
 from cmbrl.bench.stability.simulators import start_state
 
 
+@dataclass(frozen=True)
 class MuJoCo:
-    """At MuJoCo's own settings but for the step and the cone; restitution is what the MJCF's solref makes of it."""
+    """At MuJoCo's own settings but for the step and the cone; restitution is what the MJCF's solref makes of it.
 
-    name = "MuJoCo"
+    ``stiff``: as hard as MuJoCo's contacts get, solref (2 h, 1), solimp .99 .9999, impratio 100, no matter what the
+    MJCF says, but for contacts that are to bounce.
+    """
+
+    name: str = "MuJoCo"
+    stiff: bool = False
 
     def start(self, case: Case, h: float) -> MuJoCoUnderWay:
-        return MuJoCoUnderWay(case, h)
+        simulation = MuJoCoUnderWay(case, h)
+        if self.stiff:
+            simulation.stiffen()
+        return simulation
 
 
 class MuJoCoUnderWay:
@@ -27,6 +38,14 @@ class MuJoCoUnderWay:
         self._data = mujoco.MjData(self._model)
         self._data.qpos[:], self._data.qvel[:] = start_state(case)
         self._data.ctrl[:] = case.control
+
+    def stiffen(self) -> None:
+        """See :class:`MuJoCo`."""
+        model = self._model
+        model.opt.impratio = 100
+        for reference, impedance in ((model.geom_solref, model.geom_solimp), (model.jnt_solref, model.jnt_solimp)):
+            reference[reference[:, 0] > 0] = 2 * model.opt.timestep, 1
+            impedance[:, :3] = 0.99, 0.9999, 1e-4
 
     @property
     def q(self) -> np.ndarray:

@@ -9,6 +9,9 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import NullFormatter
 
 from cmbrl.bench.stability.case import BankScene
 from cmbrl.bench.stability.measure import ABSENT, FAIL, NEAR, PASS
@@ -17,7 +20,7 @@ from cmbrl.files import atomic_path
 
 COLOURS = {PASS: "#c7e9c0", NEAR: "#fff2b3", FAIL: "#f7b6a8", ABSENT: "#eeeeee"}
 MARKS = {PASS: "✓", NEAR: "≈", FAIL: "✗", ABSENT: ""}
-LINES = ("#084594", "#6baed6", "#d94801", "#7a0177", "#636363", "#238b45")
+LINES = ("#084594", "#6baed6", "#d94801", "#fdae6b", "#7a0177", "#636363", "#238b45")
 CEILING = 10.0  #: where errors beyond it, and runs that blew up, are drawn
 
 
@@ -41,6 +44,7 @@ def heat_map(
                 text = f"{MARKS[FAIL]} blew up"
             else:
                 text = f"{MARKS[cell.verdict]} {cell.error:.0e}".replace("e-0", "e-").replace("e+0", "e")
+                text += "°" * cell.partial
             axes.text(j, i, text, ha="center", va="center", fontsize=7, family="DejaVu Sans")
         if i and scene.family != scenes[i - 1].family:
             axes.axhline(i - 0.5, color="0.2", lw=1.2)
@@ -52,8 +56,10 @@ def heat_map(
     axes.set_yticks(np.arange(len(scenes)) - 0.5, minor=True)
     axes.grid(which="minor", color="white", lw=1)
     axes.tick_params(which="minor", length=0)
-    handles = [_patch(COLOURS[k], f"{MARKS[k]} {k}") for k in order]
-    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=8)
+    labels = [f"{MARKS[k]} {k}".strip() for k in order]
+    handles = [_patch(COLOURS[k], label) for k, label in zip(order, labels, strict=True)]
+    handles.append(Line2D([], [], ls="none", label="° some cases not expressible"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=5, frameon=False, fontsize=8)
     _save(figure, path)
 
 
@@ -77,7 +83,8 @@ def curves(scenes: Sequence[BankScene], names: Sequence[str], cells: Cells, path
             axes.loglog(h, shown, "o-", color=colour, ms=4 if front else 3, lw=2 if front else 1.1, label=name,
                         zorder=3 if front else 2)  # fmt: skip
             axes.loglog(h[high], shown[high], "x", color=colour, ms=8, mew=2, zorder=4)
-        h = np.array(sorted(scene.steps))
+        h = np.array(sorted({h for label, _, h in cells if label == scene.label}))
+        axes.xaxis.set_minor_formatter(NullFormatter())
         axes.loglog(h, [scene.tolerance(x) for x in h], "k--", lw=1, label="tolerance")
         axes.set_title(scene.name, fontsize=9)
         axes.set_ylim(1e-12 / 3, CEILING * 3)
@@ -90,14 +97,12 @@ def curves(scenes: Sequence[BankScene], names: Sequence[str], cells: Cells, path
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
     labels = [n for n in (*names, "tolerance") if n in handles]
-    figure.legend([handles[n] for n in labels], labels, loc="outside lower center", ncols=len(labels), frameon=False,
+    figure.legend([handles[n] for n in labels], labels, loc="outside upper center", ncols=len(labels), frameon=False,
                   fontsize=8)  # fmt: skip
     _save(figure, path)
 
 
-def _patch(colour: str, label: str):  # type: ignore[no-untyped-def]
-    from matplotlib.patches import Patch
-
+def _patch(colour: str, label: str) -> Patch:
     return Patch(facecolor=colour, edgecolor="0.5", label=label)
 
 

@@ -1,8 +1,8 @@
 """Chipmunk (through pymunk) as a simulator of the bank: planar worlds of free, sliding and turning bodies.
 
-The space is built from the compiled MJCF: x and z become its plane, a body that cannot turn gets an infinite moment, one
-that moves along one axis only a groove joint. Chipmunk multiplies the friction and elasticity of two shapes, so each
-gets the square root. Its slop of 0.1 length units is meant for pixels; here it is 0.1 mm.
+The space is built from the compiled MJCF: x and z become its plane, a body that cannot turn gets an infinite moment,
+one that moves along one axis only a groove joint. Chipmunk multiplies the friction and elasticity of two shapes, so
+each gets the square root. Its slop of 0.1 length units is meant for pixels; here it is 0.1 mm.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """How far a step is from every solution of the exact law, judged by its velocities alone.
 
 Where solutions are not unique (F3, F16), and from simulators that do not hand out impulses, v' is given and the best
-impulses are sought among those that the law allows at these velocities: none where a contact opens, on the edge of the
-cone against the slip where it slides, anywhere in the cone where it sticks. What M (v' - v_free) - J' lambda then leaves
-over, and what the gaps lack, is the error.
+impulses are sought among those that the law allows at these velocities: none where a contact opens, on the edge of
+the cone against the slip where it slides, anywhere in the cone where it sticks. What M (v' - v_free) - J' lambda then
+leaves over, and what the gaps lack, is the error.
 """
 
 from __future__ import annotations

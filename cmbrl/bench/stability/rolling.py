@@ -1,4 +1,4 @@
-"""Rolling: spheres that slide until they roll, on the flat and on inclines, and the plate of SimBenchmark. F8, F9, F10."""
+"""Rolling: spheres that slide until they roll, on the flat and on inclines, SimBenchmark's plate. F8, F9, F10."""
 
 from __future__ import annotations
 

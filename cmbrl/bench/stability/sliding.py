@@ -107,8 +107,8 @@ def _diagonal(mu: float) -> Case:
 
 
 def _conveyor() -> Case:
-    """Undamped oscillation about mu m g/k with amplitude v_belt sqrt(m/k); the belt is a box on a slide that a motor and a
-    damper of 1e6 N s/m hold at its speed to 3e-6 m/s."""
+    """Undamped oscillation about mu m g/k with amplitude v_belt sqrt(m/k); the belt is a box on a slide that a motor
+    and a damper of 1e6 N s/m hold at its speed to 3e-6 m/s."""
     m, k, mu, speed, T = 1.0, 100.0, 0.3, 0.2, 10.0
     centre, amplitude = mu * m * G / k, speed * sqrt(m / k)
     mass = body(

@@ -71,8 +71,8 @@ SCENES = (
     ),
     BankScene(
         "F2", "hyperstatic cube", FAMILY, "one step", "sum of normal impulses m g h, J' lambda unique (statics)",
-        "dual QPs (singular), Cholesky of the Delassus matrix", (_resting_cube(),), lambda h: 10 * resting_bias(h), None,
-        (0.01, 0.001),
+        "dual QPs (singular), Cholesky of the Delassus matrix", (_resting_cube(),), lambda h: 10 * resting_bias(h),
+        None, (0.01, 0.001),
     ),
     BankScene(
         "F3", "cube sliding and spinning", FAMILY, "residual", "residual 0; v' is not unique (Signorini, Coulomb)",

@@ -23,11 +23,14 @@ def verdicts(scenes: Sequence[BankScene], names: Sequence[str], cells: Cells, st
         entries: list[Entry] = []
         for name in names:
             cell = cells[scene.label, name, h]
-            entries.append(None if cell.error is None else f"{GLYPHS[cell.verdict]} {cell.error:.1e}")
+            entries.append(
+                None if cell.error is None else f"{GLYPHS[cell.verdict]} {cell.error:.1e}" + "°" * cell.partial
+            )
         rows.append([scene.name, h, scene.tolerance(h), *entries])
     note = (
-        "Error of the worst case as a share of the scene's own scale (way, free fall, weight). pass: within the scene's "
-        "tolerance; near: beyond it, but within 1 %; FAIL: more, or a step given up; -: not expressible."
+        "Error of the worst case as a share of the scene's own scale (way, free fall, weight). pass: within the "
+        "scene's tolerance; near: beyond it, but within 1 %; FAIL: more, or a step given up; -: not expressible; °: some "
+        "of its cases are not."
     )
     return Table("Failure bank", ["scene", "h [s]", "tolerance", *names], rows, note)
 
@@ -53,8 +56,8 @@ def costs(scenes: Sequence[BankScene], names: Sequence[str], cells: Cells, steps
         if any(shown):
             rows.append([scene.name, *(None if s is None else 1e6 * s for s in shown)])
     note = (
-        "Processor time of one thread, one state, many steps a call. PGS and the relaxation are driven from Python, step "
-        "by step: their cost is an upper bound. The first case of a scene."
+        "Processor time of one thread, one state, many steps a call. PGS and the relaxation are driven from Python, "
+        "step by step: their cost is an upper bound. The first case of a scene."
     )
     return Table("Cost [us per step]", ["scene", *names], rows, note)
 
