@@ -16,6 +16,7 @@ STUDIES = {
     "simulators": "cmbrl.bench.simulators.study",
     "reduction": "cmbrl.bench.reduction.study",
     "gradient-scenes": "cmbrl.bench.gradients.scenes",
+    "gradients": "cmbrl.bench.gradients.study",
     "learning": "cmbrl.bench.learning.study",
 }  #: name -> module whose ``STUDY`` it is
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -31,37 +32,47 @@ class Objective(Protocol):
 
 @dataclass(frozen=True)
 class Estimate:
-    """A gradient as a mean of independent samples.
+    """A gradient as the mean of independent samples.
 
-    ``mean`` (n,); ``variance`` (n,) of ONE sample, unbiased, so that the mean has variance / samples; ``steps``: model
-    steps taken in all, ``derivative_steps``: how many of them were also differentiated; ``failed``: samples that were
-    not finite and are in neither mean nor variance.
+    ``gradients`` (N, n), one a sample, in the order of the objective's randomness; rows that are not finite are in
+    neither mean nor variance, but counted in ``failed``. ``steps``: model steps taken in all; ``derivative_steps``: how
+    many of them were also differentiated.
     """
 
-    mean: Array
-    variance: Array
-    samples: int
+    gradients: Array
     steps: int
     derivative_steps: int = 0
-    failed: int = 0
 
-    @classmethod
-    def of(cls, gradients: Array, steps: int, derivative_steps: int = 0) -> Estimate:
-        """From per-sample gradients (N, n); rows that are not finite are left out and counted."""
-        finite = np.isfinite(gradients).all(axis=1)
-        kept = gradients[finite]
-        if not len(kept):
-            nothing = np.full(gradients.shape[1], np.nan)
-            return cls(nothing, nothing, 0, steps, derivative_steps, len(gradients))
-        variance = kept.var(axis=0, ddof=1) if len(kept) > 1 else np.full(kept.shape[1], np.nan)
-        return cls(kept.mean(axis=0), variance, len(kept), steps, derivative_steps, int((~finite).sum()))
+    @cached_property
+    def _finite(self) -> Array:
+        return self.gradients[np.isfinite(self.gradients).all(axis=1)]
 
     @property
-    def standard_error(self) -> float:
-        """Of the mean as a vector: square root of the trace of its covariance."""
-        return float(np.sqrt(self.variance.sum() / self.samples)) if self.samples else float("nan")
+    def samples(self) -> int:
+        """How many samples are in the mean."""
+        return len(self._finite)
+
+    @property
+    def failed(self) -> int:
+        """Samples that were not finite."""
+        return len(self.gradients) - self.samples
+
+    @property
+    def mean(self) -> Array:
+        """(n,); NaN without a finite sample."""
+        return self._finite.mean(axis=0) if self.samples else np.full(self.gradients.shape[1], np.nan)
+
+    @property
+    def variance(self) -> Array:
+        """(n,) of ONE sample, unbiased: the mean has variance / samples; NaN for fewer than two."""
+        return self._finite.var(axis=0, ddof=1) if self.samples > 1 else np.full(self.gradients.shape[1], np.nan)
 
     @property
     def total_variance(self) -> float:
         """Trace of the covariance of one sample."""
         return float(self.variance.sum())
+
+    @property
+    def standard_error(self) -> float:
+        """Of the mean as a vector: square root of the trace of its covariance."""
+        return float(np.sqrt(self.total_variance / self.samples)) if self.samples else float("nan")

@@ -33,7 +33,7 @@ def zeroth_order_bundle(objective: Objective, x: Array, std: float, samples: int
     w = std * rng.normal(size=(samples, len(x)))
     with torch.no_grad():
         up, down = (objective(torch.from_numpy(x + sign * w)).numpy() for sign in (1, -1))
-    return Estimate.of(w * ((up - down) / (2 * std**2))[:, None], 2 * samples * objective.steps)
+    return Estimate(w * ((up - down) / (2 * std**2))[:, None], 2 * samples * objective.steps)
 
 
 def finite_differences(objective: Objective, x: Array, step: float, samples: int) -> Estimate:
@@ -47,7 +47,7 @@ def finite_differences(objective: Objective, x: Array, step: float, samples: int
         for k, unit in enumerate(np.eye(len(x))):
             up, down = (objective(torch.from_numpy(np.tile(x + s * unit, (samples, 1)))) for s in (step, -step))
             gradients[:, k] = (up - down).numpy() / (2 * step)
-    return Estimate.of(gradients, 2 * len(x) * samples * objective.steps)
+    return Estimate(gradients, 2 * len(x) * samples * objective.steps)
 
 
 def _first_order(objective: Objective, points: Array) -> Estimate:
@@ -59,4 +59,4 @@ def _first_order(objective: Objective, points: Array) -> Estimate:
         (found,) = torch.autograd.grad(value, x, allow_unused=True)
         gradients = gradients if found is None else found
     steps = len(points) * objective.steps
-    return Estimate.of(gradients.numpy(), steps, steps)
+    return Estimate(gradients.numpy(), steps, steps)

@@ -12,6 +12,7 @@ from cmbrl.errors import UserError
 from cmbrl.models.protocol import Model
 
 Policy = Callable[[Tensor, Tensor, Tensor], Tensor]  #: parameters (B, n), q (B, nq), v (B, nv) -> u (B, nu)
+Launch = Callable[[Tensor, Tensor, Tensor], tuple[Tensor, Tensor]]  #: parameters, q, v -> q, v at the start
 Reward = Callable[[Tensor, Tensor, Tensor], Tensor]  #: u (B, nu), q' (B, nq), v' (B, nv) -> (B,)
 
 
@@ -46,7 +47,8 @@ class Rollout:
         reward: of the control and the state that it led to.
         horizon: control steps, at least 1.
         q, v: initial states, float64; sample i always starts at row i.
-        scale: length of a step in model steps (a bundle takes 1 + its size of them).
+        scale: what a step costs in model steps (a bundle takes 1 + its size of them).
+        launch: what the parameters make of the initial state (a throw); default nothing.
     """
 
     model: Model
@@ -56,6 +58,7 @@ class Rollout:
     q: Tensor
     v: Tensor
     scale: int = 1
+    launch: Launch | None = None
 
     @property
     def steps(self) -> int:
@@ -66,7 +69,7 @@ class Rollout:
         """Returns (B,) of policies with parameters x (B, n); raises UserError unless there is one row a start."""
         if len(x) != len(self.q):
             raise UserError(f"{len(x)} policies for {len(self.q)} initial states: give one row for each")
-        q, v = self.q, self.v
+        q, v = self.launch(x, self.q, self.v) if self.launch else (self.q, self.v)
         total = torch.zeros(len(x), dtype=torch.float64)
         for _ in range(self.horizon):
             u = self.policy(x, q, v)
