@@ -1,0 +1,1 @@
+"""Learned models: held-out error against transitions, fit time and prediction time (`cmbrl bench learning`)."""
