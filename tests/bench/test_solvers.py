@@ -29,7 +29,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Section]:
     """The study on four problems of its own file: heavy on light, a sliding cube, no solution, a random one."""
     folder = tmp_path_factory.mktemp("solvers")
     own = [stack(2, 1e6), cube("sliding", v=(0.0, 1.0, 0.0)), slot(INFEASIBLE, 0.0)]
-    save([*own, random_problem(2, 1.0, np.random.default_rng(0), planar=True)], folder / "problems.npz")
+    save([*own, random_problem(2, 6, 1.0, np.random.default_rng(0), planar=True)], folder / "problems.npz")
     section = STUDY.run(folder, Settings(quick=True), lambda share, what: None)
     section.write(folder)
     return folder, section
@@ -93,7 +93,7 @@ def test_reference_derivative_of_the_sliding_block() -> None:
 
 @pytest.mark.parametrize("planar", [True, False])
 def test_reference_derivative_against_differences(planar: bool) -> None:
-    p = random_problem(2, 10.0, np.random.default_rng(5), planar)
+    p = random_problem(2, 6, 10.0, np.random.default_rng(5), planar)
     solver, w, step = get("ours"), np.random.default_rng(0).normal(size=6), 1e-6
     ends = [solver.solve(replace(p, v_free=p.v_free + s * w), 1e-12).v for s in (step, -step)]
     assert cone_derivative(p, solver.solve(p, 1e-12)) @ w == pytest.approx((ends[0] - ends[1]) / (2 * step), abs=1e-6)

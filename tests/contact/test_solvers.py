@@ -75,7 +75,7 @@ def test_incline_sticks_below_and_slides_above_the_threshold(name: str, slope: f
 def test_exact_solvers_reach_their_law(name: str, planar: bool) -> None:
     if name in PYRAMID and not planar:
         pytest.skip("a friction pyramid is not the exact cone in space")
-    p = random_problem(2, 10.0, np.random.default_rng(3), planar)
+    p = random_problem(2, 6, 10.0, np.random.default_rng(3), planar)
     found = get(name, **({"sweeps": 20_000} if name == "pgs" else {})).solve(p, 1e-12)
     score = residuals(p, found.v, found.impulse)
     assert max(score.natural_map, score.dynamics, score.penetration) < (1e-6 if name == "desaxce clarabel" else 1e-8)

@@ -170,7 +170,7 @@ def _cvxpylayers(problem: ContactProblem, w: Array) -> Product:
     root, rows = np.linalg.cholesky(program.H).T, program.J.shape[1]
     x, linear = cp.Variable(len(program.f)), cp.Parameter(len(program.f))
     c = program.C @ x - program.offset
-    cones = [cp.SOC(c[k], c[k + 1 : k + rows]) for k in range(0, len(program.C), rows)]
+    cones: list[cp.Constraint] = [cp.SOC(c[k], c[k + 1 : k + rows]) for k in range(0, len(program.C), rows)]
     cost = cp.Minimize(cp.sum_squares(root @ x) / 2 + linear @ x)
     layer = CvxpyLayer(cp.Problem(cost, cones), [linear], [x])
     f, cotangent = torch.from_numpy(program.f).requires_grad_(), torch.from_numpy(_cotangent(program, w))

@@ -144,7 +144,7 @@ def table(points: list[Point]) -> Table:
     """Each rival at its most exact setting, per scene."""
     laws = {r.name: {"exact": "exact", "round": "relaxation, round cones", "pyramid": "relaxation, pyramid"}[r.law]
             for r in rivals()}  # fmt: skip
-    rows = []
+    rows: list[list[str | float | None]] = []
     for scene, rival in dict.fromkeys((p.scene, p.rival) for p in points):
         best = min((p for p in points if (p.scene, p.rival) == (scene, rival)), key=lambda p: p.error)
         rows.append([scene, rival, laws[rival], best.setting, 1e6 * best.seconds, best.error, best.model])

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -23,6 +23,7 @@ from cmbrl.contact.solvers.protocol import Finish, Run, Solution, Solver
 TOLERANCES, QUICK_TOLERANCES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12), (1e-4, 1e-8, 1e-12)
 REPEATS, QUICK_REPEATS = 5, 2
 SHORT = 3e-4  # [s] a clock reading covers at least this much work
+BUDGET = 1.0  # [s] for one solve
 LONG = 2e-2  # [s] what takes longer than this is timed once, by the solve that is scored
 
 
@@ -53,11 +54,13 @@ class Cell:
 def measure(
     problem: ContactProblem, solvers: Sequence[Solver], tolerances: Sequence[float], repeats: int
 ) -> list[Cell]:
-    """Cells of all solvers at all tolerances on ``problem``."""
+    """Cells of all solvers on ``problem`` at all tolerances, which fall. A solver over its budget has had its chance:
+    that answer stands for the tighter tolerances too."""
     runs = {solver.name: _prepared(solver, problem) for solver in solvers}
-    cells = []
+    cells: list[Cell] = []
+    spent: dict[str, Cell] = {}
     for tolerance in tolerances:
-        first = {name: _timed(run, tolerance) for name, run in runs.items()}
+        first = {name: _timed(run, tolerance) for name, run in runs.items() if name not in spent}
         work = {
             name: (_repeated(runs[name], tolerance, units), units)
             for name, (seconds, _) in first.items()
@@ -65,6 +68,9 @@ def measure(
         }
         turns: Mapping[str, np.ndarray] = interleaved(work, repeats, clock=time.process_time) if work else {}
         for solver in solvers:
+            if solver.name in spent:
+                cells.append(replace(spent[solver.name], tolerance=tolerance))
+                continue
             seconds, solution = first[solver.name]
             if solver.name in turns:
                 seconds = float(np.median(turns[solver.name]))
@@ -72,6 +78,8 @@ def measure(
                 Cell(problem.name, solver.name, solver.law, tolerance, seconds, solution.iterations, bool(solution.ok),
                      score(problem, solution))
             )  # fmt: skip
+            if seconds > BUDGET:
+                spent[solver.name] = cells[-1]
     return cells
 
 

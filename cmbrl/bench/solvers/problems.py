@@ -27,7 +27,6 @@ YIELDING = "soft rows"  #: the same robots with MuJoCo's soft contact rows
 FAMILIES = (*VISITED, YIELDING, "bank", "random")
 STATES, QUICK_STATES = 20, 3
 STEPS = 2000  # of MuJoCo, from which the states are drawn
-DOFS = 30  # of a random problem of more than two contacts
 
 
 def family(problem: ContactProblem) -> str:
@@ -63,30 +62,36 @@ def visited(states: int, seed: int, robots: Collection[str] = VISITED) -> list[C
     return problems
 
 
-def random_problem(contacts: int, spread: float, rng: np.random.Generator, planar: bool = False) -> ContactProblem:
+def random_problem(
+    contacts: int, dofs: int, spread: float, rng: np.random.Generator, planar: bool = False
+) -> ContactProblem:
     """Feasible: some velocity opens every contact within its dual cone. Inertias spread over ``spread`` to 1.
 
     Rows are random directions, mu up to 2, free speeds of about 1 m/s, gaps of a tenth of that a step.
     """
-    nt, nv = 1 if planar else 2, 6 if contacts <= 2 else DOFS
-    basis = np.linalg.qr(rng.normal(size=(nv, nv)))[0]
-    M = (basis * spread ** rng.uniform(0, 1, nv)) @ basis.T
-    J = rng.normal(size=(contacts, 1 + nt, nv)) / np.sqrt(nv)
+    nt = 1 if planar else 2
+    basis = np.linalg.qr(rng.normal(size=(dofs, dofs)))[0]
+    M = (basis * spread ** rng.uniform(0, 1, dofs)) @ basis.T
+    J = rng.normal(size=(contacts, 1 + nt, dofs)) / np.sqrt(dofs)
     mu = rng.uniform(0, 2, contacts)
-    opening = 0.1 * rng.normal(size=nv)
+    opening = 0.1 * rng.normal(size=dofs)
     c, b = J @ opening, np.zeros((contacts, 1 + nt))
     b[:, 0] = mu * np.linalg.norm(c[:, 1:], axis=1) + 0.1 * rng.uniform(0, 1, contacts) - c[:, 0]
-    name = f"{contacts} contacts, inertias 1:{spread:g}{', planar' if planar else ''}"
-    return problem(name, (M + M.T) / 2, J, rng.normal(size=nv), mu, b, family="random")
+    name = f"{contacts} contacts, {dofs} dofs, inertias 1:{spread:g}{', planar' if planar else ''}"
+    return problem(name, (M + M.T) / 2, J, rng.normal(size=dofs), mu, b, family="random")
 
 
 def random_problems(seed: int, quick: bool) -> list[ContactProblem]:
-    """Up to 64 contacts and inertias spread to 1e6; two of each kind (quick: one, up to 16 contacts)."""
+    """Up to 64 contacts (quick: 16) on few and on many dofs, inertias alike and spread to 1e6; some planar.
+
+    On few dofs there are up to six rows for every one of them, far more than gravity ever loads on a robot.
+    """
     rng = np.random.default_rng(seed)
-    sizes, copies = ((2, 8, 16), 1) if quick else ((2, 8, 16, 32, 64), 2)
-    kinds = [(n, spread) for n in sizes for spread in (1.0, 1e6)]
-    problems = [random_problem(*kind, rng) for kind in kinds for _ in range(copies)]
-    return problems + [random_problem(n, 1e6, rng, planar=True) for n in sizes[:3]]
+    sizes = (2, 8, 16) if quick else (2, 8, 16, 32, 64)
+    dofs = {n: (6,) if n == 2 else sorted({30, 3 * n}) for n in sizes}
+    kinds = [(n, nv, spread) for n in sizes for nv in dofs[n] for spread in (1.0, 1e6)]
+    problems = [random_problem(*kind, rng) for kind in kinds]
+    return problems + [random_problem(n, dofs[n][0], 1e6, rng, planar=True) for n in sizes[:3]]
 
 
 def _rigid(scene: SpeedScene) -> Scene:

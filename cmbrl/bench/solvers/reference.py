@@ -39,7 +39,7 @@ def cone_derivative(problem: ContactProblem, solution: Solution, relaxed: bool =
         raise Unclear("redundant contacts")
     right = np.zeros((nv + m, nv))
     right[:nv] = problem.M
-    return np.linalg.solve(A, right)[:nv]
+    return np.asarray(np.linalg.solve(A, right)[:nv], dtype=np.float64)
 
 
 def _mode(dc: Array, dx: Array, c: Array, x: Array, mu: float, force: float, speed: float, relaxed: bool) -> Array:

@@ -1,9 +1,9 @@
 """Pinocchio's contact solvers on the Delassus matrix (Carpentier, Le Lidec and Montaut 2024).
 
 Its rows are (tangents, normal), always two tangents: planar contacts get one that is coupled to nothing. Units are
-those of our own ADMM. Compliance goes on the diagonal, since its own scalar compliance is ignored. A solve without contacts
-ends the process, so none gets here. The flag of its Gauss-Seidel solver says "converged" on stacks with half the force
-missing.
+those of our own ADMM. Compliance goes on the diagonal, since its own scalar compliance is ignored. A solve without
+contacts ends the process, so none gets here. The flag of its Gauss-Seidel solver says "converged" on stacks with half
+the force missing.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ def lay_out(program: Program, solver: str) -> Callable[[float], Resolve]:
     root = np.linalg.cholesky(program.H).T
     x, f, lower = cp.Variable(len(program.f)), cp.Parameter(len(program.f)), cp.Parameter(len(program.C))
     rows = program.J.shape[1]
-    cones = []
+    cones: list[cp.Constraint] = []
     for k in range(0, len(program.C), rows):
         c = program.C[k : k + rows] @ x - lower[k : k + rows]
         cones.append(cp.SOC(c[0], c[1:]))
