@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from cmbrl.bench.gradients.contenders import FAMILIES
 from cmbrl.bench.gradients.measure import Quality
@@ -36,7 +37,7 @@ def against_length(rows: Sequence[Quality], systems: Sequence[str], horizon: int
             points = [r for r in here if r.family == family]
             if family == "randomised":
                 points = [r for r in points if r.bundle == max(p.bundle or 0 for p in points)]
-            _draw(panels[:, column], family, points, lambda r: r.length)
+            _draw(panels[:, column], family, points, [r.length or np.nan for r in points])
         panels[1, column].set_xlabel("smoothing length [m]\n(zeroth order: deviation of parameters)", fontsize="small")
     _finish(figure, panels, path)
 
@@ -51,7 +52,7 @@ def against_horizon(rows: Sequence[Quality], systems: Sequence[str], length: flo
             points = [r for r in here if r.family == family and r.length in (None, wanted)]
             if family == "randomised":
                 points = [r for r in points if r.bundle == max(p.bundle or 0 for p in points)]
-            _draw(panels[:, column], family, points, lambda r: r.horizon)
+            _draw(panels[:, column], family, points, [r.horizon for r in points])
         panels[1, column].set_xlabel("horizon [control steps]", fontsize="small")
     _finish(figure, panels, path, ticks=sorted({r.horizon for r in rows}))
 
@@ -65,7 +66,7 @@ def against_cost(
         here = [r for r in rows if r.system == system and r.horizon == horizon and r.contender in cost[system]]
         for family in FAMILIES:
             points = [r for r in here if r.family == family]
-            _draw(panels[:, column], family, points, lambda r, s=system: cost[s][r.contender], line=False)
+            _draw(panels[:, column], family, points, [cost[system][r.contender] for r in points], line=False)
         panels[1, column].set_xlabel("us a sample", fontsize="small")
     _finish(figure, panels, path)
 
@@ -83,21 +84,21 @@ def _grid(systems: Sequence[str], title: str) -> tuple[Figure, Any]:
 
 
 def _draw(
-    panels: Sequence[Axes], family: str, points: Sequence[Quality], x: Callable[[Quality], Any], line: bool = True
+    panels: Sequence[Axes], family: str, points: Sequence[Quality], x: Sequence[float], line: bool = True
 ) -> None:
     """Bias in panels[0], hollow where it is within twice its error; deviation in panels[1]."""
     colour, dash, marker = STYLES[family]
     for axes, values in zip(panels, ([r.bias for r in points], [r.deviation for r in points]), strict=True):
         y = np.clip(values, LOW, HIGH)
-        if points and x(points[0]) is None:  # no smoothing at all: a level
+        if points and np.isnan(x[0]):  # no smoothing at all: a level
             axes.axhline(y[0], color=colour, lw=1.2, label=FAMILIES[family])
             continue
-        axes.plot([x(r) for r in points], y, color=colour, ls=dash if line else "none", lw=1.2, label=FAMILIES[family],
+        axes.plot(x, y, color=colour, ls=dash if line else "none", lw=1.2, label=FAMILIES[family],
                   marker="none")  # fmt: skip
-        for r, value, shown in zip(points, values, y, strict=True):
+        for r, at, value, shown in zip(points, x, values, y, strict=True):
             hollow = axes is panels[0] and not r.resolved
             beyond = value > HIGH
-            axes.plot(x(r), shown, color=colour, marker="^" if beyond else marker, ms=9 if beyond else 5,
+            axes.plot(at, shown, color=colour, marker="^" if beyond else marker, ms=9 if beyond else 5,
                       mfc="white" if hollow else colour, clip_on=False)  # fmt: skip
     if points and family == "exact":
         panels[0].axhline(np.clip(points[-1].reference_error, LOW, HIGH), color="0.6", ls=":", lw=1.2)
@@ -107,9 +108,13 @@ def _finish(figure: Figure, panels: Any, path: Path, ticks: Sequence[int] = ()) 
     for axes in panels.ravel():
         axes.set(xscale="log", yscale="log", ylim=(LOW, HIGH))
         axes.grid(alpha=0.3)
+        axes.xaxis.set_minor_formatter(NullFormatter())
         if ticks:
             axes.set_xticks(ticks, [str(x) for x in ticks])
             axes.set_xticks([], minor=True)
+        elif np.log10(axes.get_xlim()[1] / axes.get_xlim()[0]) < 2:
+            axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     handles = [
         panels[0, 0].plot([], [], color=c, ls=d, marker="none" if f == "exact" else m, ms=5, label=FAMILIES[f])[0]
         for f, (c, d, m) in STYLES.items()
