@@ -14,9 +14,10 @@ import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection
 from pathlib import Path
+from threading import Thread
 
 from cmbrl.bench.study import Progress, Settings
 from cmbrl.errors import UserError
@@ -70,6 +71,7 @@ def run_apart(module: str, folder: Path, settings: Settings, progress: Progress)
 
 def _work(module: str, folder: Path, settings: Settings, pipe: Connection) -> None:
     """What runs in the other process."""
+    Thread(target=_end_with_parent, daemon=True).start()
     with (folder / OUTPUT).open("w", encoding="utf-8") as output:
         for stream in (1, 2):  # the descriptors, since C libraries do not ask sys.stdout
             os.dup2(output.fileno(), stream)
@@ -91,6 +93,14 @@ def _work(module: str, folder: Path, settings: Settings, pipe: Connection) -> No
             pipe.send("done")
         finally:
             sys.stdout.flush()
+
+
+def _end_with_parent() -> None:
+    """A command that was killed must not leave a study behind that goes on for hours."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 @contextmanager

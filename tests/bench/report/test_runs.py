@@ -145,3 +145,39 @@ def test_ctrl_c_is_one_line_and_goes_on(command, tmp_path: Path) -> None:
     done = command(*typed)
     assert done.returncode == 0, done.stderr
     assert Run.read(tmp_path / "out/robustness").status == "finished"
+
+
+def test_a_killed_command_leaves_no_process_behind(tmp_path: Path) -> None:
+    code = (
+        "import pathlib, sys; from cmbrl.bench.report.runs import run_studies; from cmbrl.bench.study import Settings;"
+        "from contextlib import nullcontext; sys.path.insert(0, '.');"
+        "run_studies({'slow': 'slow_study'}, pathlib.Path('out'), Settings(), lambda name: nullcontext(print))"
+    )
+    slow = """
+import os, time
+from cmbrl.bench.study import Study
+def run(folder, settings, progress):
+    (folder / "pid").write_text(str(os.getpid()))
+    time.sleep(60)
+STUDY = Study("slow", "a study that takes its time", run)
+"""
+    (tmp_path / "slow_study.py").write_text(slow, encoding="utf-8")
+    running = subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path)
+    pid = tmp_path / "out/slow/pid"
+    while not (pid.exists() and pid.read_text()):
+        assert running.poll() is None
+        time.sleep(0.02)
+    running.kill()
+    running.wait()
+    end = time.monotonic() + 20
+    while _lives(int(pid.read_text())):
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def _lives(pid: int) -> bool:
+    state = Path(f"/proc/{pid}/stat")
+    try:
+        return state.read_text().rpartition(")")[2].split()[0] != "Z"  # an orphan may wait for a reaper
+    except OSError:
+        return False
