@@ -8,16 +8,16 @@ from cmbrl.bench.study import Study
 from cmbrl.errors import UserError, did_you_mean
 
 STUDIES = {
-    "speed": "cmbrl.bench.speed.study",
     "solvers": "cmbrl.bench.solvers.study",
     "stability": "cmbrl.bench.stability.study",
-    "robustness": "cmbrl.bench.robustness",
-    "derivatives": "cmbrl.bench.derivatives.study",
     "simulators": "cmbrl.bench.simulators.study",
     "reduction": "cmbrl.bench.reduction.study",
-    "gradient-scenes": "cmbrl.bench.gradients.scenes",
     "gradients": "cmbrl.bench.gradients.study",
+    "gradient-scenes": "cmbrl.bench.gradients.scenes",
     "learning": "cmbrl.bench.learning.study",
+    "speed": "cmbrl.bench.speed.study",
+    "derivatives": "cmbrl.bench.derivatives.study",
+    "robustness": "cmbrl.bench.robustness",
 }  #: name -> module whose ``STUDY`` it is
 
 

@@ -6,7 +6,6 @@ jinja2 fills it in, because it escapes what it fills in, and torch brings it alo
 from __future__ import annotations
 
 import base64
-import mimetypes
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from PIL import Image
 
 from cmbrl.bench.report.runs import Run
 from cmbrl.bench.studies import STUDIES
@@ -21,7 +21,23 @@ from cmbrl.bench.study import Cell, Section, shown
 from cmbrl.files import write_text
 
 PAGE = "report.html"
+CSS_INCH = 96  # pixels
 GOOD, BAD = {"pass", "passed", "met", "solved", "ok"}, {"fail", "failed", "missed", "unsolved", "diverged"}
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture inside the page; ``width`` [CSS pixels] shows its letters in the size that they were drawn in."""
+
+    uri: str
+    width: int
+
+    @classmethod
+    def read(cls, file: Path) -> Picture:
+        """Of a file that states its dots per inch, as matplotlib's do."""
+        with Image.open(file) as image:
+            kind, width = image.get_format_mimetype(), image.width * CSS_INCH / image.info.get("dpi", (CSS_INCH,))[0]
+        return cls(f"data:{kind};base64,{base64.b64encode(file.read_bytes()).decode('ascii')}", round(width))
 
 
 @dataclass(frozen=True)
@@ -30,7 +46,7 @@ class Chapter:
 
     run: Run
     section: Section | None
-    pictures: dict[str, str]  # file -> data URI
+    pictures: dict[str, Picture]  # by file name
 
 
 def write_page(out: Path) -> Path:
@@ -54,13 +70,8 @@ def _chapter(folder: Path) -> Chapter | None:
     if run is None:
         return None
     section = Section.read(folder) if run.status == "finished" else None
-    pictures = {figure.file: _data_uri(folder / figure.file) for figure in section.figures} if section else {}
+    pictures = {figure.file: Picture.read(folder / figure.file) for figure in section.figures} if section else {}
     return Chapter(run, section, pictures)
-
-
-def _data_uri(file: Path) -> str:
-    kind = mimetypes.guess_type(file.name)[0] or "application/octet-stream"
-    return f"data:{kind};base64,{base64.b64encode(file.read_bytes()).decode('ascii')}"
 
 
 def _machines(chapters: Sequence[Chapter]) -> list[dict[str, Any]]:
