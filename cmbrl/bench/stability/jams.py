@@ -66,12 +66,15 @@ def _slot() -> Case:
     return Case("1 mm too tight on both sides", mjcf, 0.0, error)
 
 
+def thrown_out(tangent: float, mu: float, m: float, M: float, N: float) -> float:
+    """Acceleration [m/s^2] of a wedge M of half-angle a that blocks m squeeze with N each: none if tan a <= mu, else
+    N/(m tan a + M/(2 tan(a - atan mu))) (both faces slide; Newton for wedge and blocks)."""
+    return N / (m * tangent + M / (2 * tan(atan(tangent) - atan(mu)))) if tangent > mu else 0.0
+
+
 def _wedge(tangent: float, mu: float) -> Case:
-    """Blocks of mass m squeeze a wedge M of half-angle a with N each: it locks if tan a <= mu, else it is thrown out
-    at N/(m tan a + M/(2 tan(a - atan mu))) (statics; both faces slide)."""
     m, M, N, angle, radius, half, T = 1.0, 1.0, 20.0, atan(tangent), 0.1, (0.05, 0.5, 0.5), 0.1
-    slips = tangent > mu
-    a = N / (m * tan(angle) + M / (2 * tan(angle - atan(mu)))) if slips else 0.0
+    a = thrown_out(tangent, mu, m, M, N)
     faces = "".join(
         box(f"face{k}", half, M / 2, f'pos="{s * half[0]} 0 0" euler="0 {s * degrees(angle):.15g} 0"')
         for k, s in enumerate((1, -1))

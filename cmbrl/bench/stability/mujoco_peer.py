@@ -61,4 +61,9 @@ class MuJoCoUnderWay:
         return sum(int(self._data.warning[kind].number) for kind in bad)
 
     def step(self, count: int) -> None:
-        mujoco.mj_step(self._model, self._data, nstep=count)
+        handler = mujoco.get_mju_user_warning()
+        mujoco.set_mju_user_warning(lambda _: None)  # the default one leaves a log file in the working directory
+        try:
+            mujoco.mj_step(self._model, self._data, nstep=count)
+        finally:
+            mujoco.set_mju_user_warning(handler)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
@@ -57,7 +58,7 @@ def heat_map(
     axes.grid(which="minor", color="white", lw=1)
     axes.tick_params(which="minor", length=0)
     labels = [f"{MARKS[k]} {k}".strip() for k in order]
-    handles = [_patch(COLOURS[k], label) for k, label in zip(order, labels, strict=True)]
+    handles: list[Artist] = [_patch(COLOURS[k], label) for k, label in zip(order, labels, strict=True)]
     handles.append(Line2D([], [], ls="none", label="° some cases not expressible"))
     figure.legend(handles=handles, loc="outside lower center", ncols=5, frameon=False, fontsize=8)
     _save(figure, path)
@@ -80,19 +81,19 @@ def curves(scenes: Sequence[BankScene], names: Sequence[str], cells: Cells, path
             high = error > CEILING
             shown = np.clip(error, 1e-12, CEILING)
             front = name == names[0]
-            axes.loglog(h, shown, "o-", color=colour, ms=4 if front else 3, lw=2 if front else 1.1, label=name,
-                        zorder=3 if front else 2)  # fmt: skip
+            axes.loglog(h, shown, "o-", color=colour, ms=6 if front else 3, lw=3.5 if front else 1.1, label=name,
+                        zorder=1 if front else 2)  # fmt: skip
             axes.loglog(h[high], shown[high], "x", color=colour, ms=8, mew=2, zorder=4)
         h = np.array(sorted({h for label, _, h in cells if label == scene.label}))
-        axes.xaxis.set_minor_formatter(NullFormatter())
         axes.loglog(h, [scene.tolerance(x) for x in h], "k--", lw=1, label="tolerance")
         axes.set_title(scene.name, fontsize=9)
+        axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set_ylim(1e-12 / 3, CEILING * 3)
         axes.grid(alpha=0.3)
         axes.tick_params(labelsize=7)
     figure.supxlabel("physics step h [s]", fontsize=9)
     figure.supylabel("error, share of the scene's scale (x: off the chart, or blew up)", fontsize=9)
-    handles, labels = {}, []
+    handles: dict[str, Artist] = {}
     for axes in panels[: len(scenes)]:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)

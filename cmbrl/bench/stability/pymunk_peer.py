@@ -19,7 +19,7 @@ from cmbrl.errors import UserError
 try:
     import pymunk
 except ImportError:
-    pymunk = None
+    pymunk = None  # type: ignore[assignment]
 
 ITERATIONS, SLOP = 50, 1e-4  # Chipmunk's defaults: 10 and 0.1
 LONG = 1000.0  # half-length of what stands for an infinite line [m]
@@ -134,15 +134,16 @@ class PymunkUnderWay:
         mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
         axes = turn.reshape(3, 3)[np.ix_([0, 2], [0, 2])]
         centre, size = np.array([place[0], place[2]]), model.geom_size[geom]
+        shape: pymunk.Shape
         if kind == SPHERE:
             shape = pymunk.Circle(carrier, float(size[0]), tuple(centre))
         elif kind == BOX:
             corners = [centre + axes @ (sx * size[0], sz * size[2]) for sx in (-1, 1) for sz in (-1, 1)]
-            shape = pymunk.Poly(carrier, [tuple(map(float, c)) for c in corners])
+            shape = pymunk.Poly(carrier, [(float(x), float(z)) for x, z in corners])
         elif kind == PLANE:
             normal, along = axes[:, 1], axes[:, 0]
             a, b = (centre - normal + s * LONG * along for s in (-1, 1))  # a thick line whose upper side is the plane
-            shape = pymunk.Segment(carrier, tuple(map(float, a)), tuple(map(float, b)), 1.0)
+            shape = pymunk.Segment(carrier, (float(a[0]), float(a[1])), (float(b[0]), float(b[1])), 1.0)
         else:
             raise NotExpressibleError("a shape that is neither a plane, a sphere nor a box")
         rubs = model.geom_condim[geom] > 1

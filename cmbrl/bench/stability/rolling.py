@@ -50,13 +50,18 @@ def _on_incline(tangent: float, mu: float, spin: float = 0.0) -> Case:
     return Case(f"tan {tangent:g}, mu {mu:g}", mjcf, T, error, v=(0, 0, spin))
 
 
-def _plate(direction: tuple[float, float], balls: int) -> Case:
-    """n balls on a plate that F = 150 N pulls along ``direction``; f1 = mu1 (M + n m) g, f2 = (F - f1)/(3.5 M/m + n),
-    balls f2/m, plate (F - f1 - n f2)/M (Kang and Hwangbo, SimBenchmark). mu1 of the ground wins by priority."""
-    M, m, n, mu1, mu2, F, T = 10.0, 1.0, balls**2, 0.4, 0.8, 150.0, 0.2
-    f1 = mu1 * (M + n * m) * G
+def plate_and_balls(M: float, m: float, n: int, mu: float, F: float) -> tuple[float, float]:
+    """Accelerations [m/s^2] of a plate that F pulls over the ground, and of n balls that roll on it: with
+    f1 = mu (M + n m) g and f2 = (F - f1)/(3.5 M/m + n), (F - f1 - n f2)/M and f2/m (Kang and Hwangbo, SimBenchmark)."""
+    f1 = mu * (M + n * m) * G
     f2 = (F - f1) / (3.5 * M / m + n)
-    a_ball, a_plate = f2 / m, (F - f1 - n * f2) / M
+    return (F - f1 - n * f2) / M, f2 / m
+
+
+def _plate(direction: tuple[float, float], balls: int) -> Case:
+    """The friction of the ground wins by priority over the balls' larger one."""
+    M, m, n, mu1, mu2, F, T = 10.0, 1.0, balls**2, 0.4, 0.8, 150.0, 0.2
+    a_plate, a_ball = plate_and_balls(M, m, n, mu1, F)
     ground = f'<geom name="ground" type="plane" size="50 50 1" friction="{mu1} 0 0" priority="1"/>'
     plate = body("plate", (0, 0, 0.05), "xyz", box("plate", (2.5, 2.5, 0.05), M))
     spots = [(i - (balls - 1) / 2, j - (balls - 1) / 2) for i in range(balls) for j in range(balls)]

@@ -29,8 +29,8 @@ def verdicts(scenes: Sequence[BankScene], names: Sequence[str], cells: Cells, st
         rows.append([scene.name, h, scene.tolerance(h), *entries])
     note = (
         "Error of the worst case as a share of the scene's own scale (way, free fall, weight). pass: within the "
-        "scene's tolerance; near: beyond it, but within 1 %; FAIL: more, or a step given up; -: not expressible; °: some "
-        "of its cases are not."
+        "scene's tolerance; near: beyond it, but within 1 %; FAIL: more, or a step given up; -: not expressible; °: "
+        "some of its cases are not."
     )
     return Table("Failure bank", ["scene", "h [s]", "tolerance", *names], rows, note)
 
