@@ -22,7 +22,7 @@ from cmbrl.contact.solvers.protocol import Finish, Run, Solution, Solver
 
 TOLERANCES, QUICK_TOLERANCES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12), (1e-4, 1e-8, 1e-12)
 REPEATS, QUICK_REPEATS = 5, 2
-SHORT = 3e-4  # [s] a clock reading covers at least this much work
+SHORT = 1e-3  # [s] a clock reading covers about this much work, so that other solvers' data are out of the caches
 BUDGET = 1.0  # [s] for one solve
 LONG = 2e-2  # [s] what takes longer than this is timed once, by the solve that is scored
 
@@ -100,9 +100,14 @@ def _prepared(solver: Solver, problem: ContactProblem) -> Callable[[float], Fini
 
 
 def _timed(run: Run, tolerance: float) -> tuple[float, Solution]:
-    begin = time.process_time()
-    finish = run(tolerance)
-    seconds = max(time.process_time() - begin, 1e-7)
+    """Once, and where that was short once more: a first call finds nothing in the caches."""
+    seconds = 0.0
+    for _ in range(2):
+        begin = time.process_time()
+        finish = run(tolerance)
+        seconds = max(time.process_time() - begin, 1e-7)
+        if seconds > LONG:
+            break
     return seconds, finish()
 
 
