@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from cmbrl.bench.learning.cells import HORIZONS
 from cmbrl.bench.learning.results import Results, middle
@@ -28,7 +29,7 @@ STYLES = {
     "ensemble, tuned": ("#cb181d", "<"),
     "ensemble, tuned and larger": ("#67000d", ">"),
 }
-LOW, HIGH = 0.01, 5.0  # errors outside are drawn on the edge
+LOW, HIGH = 0.01, 20.0  # errors outside are drawn on the edge
 LABELS = {1: "RMSE / std of the change", 20: "RMSE / std of the state", 100: "RMSE / std of the state"}
 Panel = Callable[[Axes, Results, str, int], None]
 
@@ -49,7 +50,7 @@ def draw(results: Results, folder: Path) -> dict[str, str]:
 
 def _grid(results: Results, path: Path, panel: Panel, horizons: Sequence[int]) -> None:
     """One panel per task and horizon, one legend below."""
-    figure = Figure(figsize=(4.3 * len(horizons), 3.3 * len(results.tasks) + 1.1), layout="constrained")
+    figure = Figure(figsize=(4.3 * max(3, len(horizons)), 3.3 * len(results.tasks) + 1.1), layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.subplots(len(results.tasks), len(horizons), squeeze=False)
     for task, line in zip(results.tasks, grid, strict=True):
@@ -60,7 +61,7 @@ def _grid(results: Results, path: Path, panel: Panel, horizons: Sequence[int]) -
             axes.tick_params(labelsize="small")
             axes.grid(alpha=0.25)
     handles = [
-        Axes.plot(grid[0, 0], [], [], color=colour, marker=marker, label=model, markersize=5)[0]
+        Line2D([], [], color=colour, marker=marker, label=model, markersize=5)
         for model, (colour, marker) in STYLES.items()
         if model in results.models
     ]
@@ -73,7 +74,7 @@ def _inside(errors: np.ndarray) -> np.ndarray:
     return np.clip(errors, LOW * 1.04, HIGH / 1.04)
 
 
-def _points(axes: Axes, x: np.ndarray, errors: np.ndarray, colour: str, marker: str, size: float = 12) -> None:
+def _points(axes: Axes, x: np.ndarray, errors: np.ndarray, colour: str, marker: str, size: float) -> None:
     """Errors (n,) at x (n,); those outside the axes sit on the edge as triangles that point outwards."""
     for mask, shape in (
         ((errors >= LOW) & (errors <= HIGH), marker),
@@ -81,7 +82,7 @@ def _points(axes: Axes, x: np.ndarray, errors: np.ndarray, colour: str, marker: 
         (errors < LOW, 7),
     ):
         if mask.any():
-            axes.scatter(x[mask], _inside(errors[mask]), size, colour, shape, alpha=0.45, linewidths=0)
+            axes.scatter(x[mask], _inside(errors[mask]), size, colour, shape, alpha=0.6, linewidths=0)
 
 
 def _against_transitions(axes: Axes, results: Results, task: str, horizon: int) -> None:
@@ -98,10 +99,12 @@ def _against_transitions(axes: Axes, results: Results, task: str, horizon: int) 
         known = [(n, middle(c)) for n, c in zip(sizes, columns, strict=True) if len(c)]
         axes.plot([n for n, _ in known], _inside(np.array([e for _, e in known])), color=colour, lw=1.3)
         for n, errors in zip(sizes, columns, strict=True):
-            _points(axes, np.full(len(errors), float(n)), errors, colour, marker, 18)
+            _points(axes, np.full(len(errors), float(n)), errors, colour, marker, 30)
     axes.set(xscale="log", yscale="log", ylim=(LOW, HIGH), xlabel="transitions")
     if learnt:
         axes.set_xlim(min(learnt) / 1.5, max(learnt) * 1.5)
+        axes.set_xticks(sorted(set(learnt)), [f"{n:,}" for n in sorted(set(learnt))])
+        axes.minorticks_off()
 
 
 def _against_fit_time(axes: Axes, results: Results, task: str, horizon: int) -> None:
@@ -118,7 +121,7 @@ def _against_fit_time(axes: Axes, results: Results, task: str, horizon: int) -> 
             errors = results.errors(task, model, rows, horizon)
             seconds = results.cost(task, model, rows, "fit_seconds")[: len(errors)]
             if len(errors):
-                _points(axes, seconds, errors, colour, marker, 10 * np.log10(rows / 20))
+                _points(axes, seconds, errors, colour, marker, 14 * np.log10(rows / 20))
                 path.append((float(np.median(seconds)), float(np.median(errors))))
         if path:
             x, y = np.array(path).T
@@ -148,18 +151,18 @@ def _strata(axes: Axes, results: Results, task: str, horizon: int) -> None:
     """Bars at the size that most models were trained on; whiskers from the best to the worst seed."""
     rows = common_rows(results)
     models = [m for m in results.models if rows in results.sizes(task, m) or not results.learns(task, m)]
-    strata = ("flight", "contact")
     width = 0.85 / max(1, len(models))
-    for k, model in enumerate(models):
-        size = rows if results.learns(task, model) else 0
-        for place, stratum in enumerate(strata):
-            errors = _inside(results.errors(task, model, size, horizon, stratum))
-            if len(errors):
-                y = float(np.median(errors))
-                whisker = [[y - errors.min()], [errors.max() - y]]
-                x = place + (k + 0.5) * width - 0.425
-                axes.bar(x, y, width, color=STYLES[model][0], yerr=whisker, error_kw={"lw": 0.7})
-    axes.set_xticks(range(len(strata)), strata)
+    found = []
+    for stratum in ("flight", "contact"):
+        columns = [results.errors(task, m, rows if results.learns(task, m) else 0, horizon, stratum) for m in models]
+        if not any(len(c) for c in columns):
+            continue  # no window of so many steps without contact
+        for k, (model, errors) in enumerate(zip(models, columns, strict=True)):
+            y, low, high = _inside(np.array([np.median(errors), errors.min(), errors.max()]))
+            x = len(found) + (k + 0.5) * width - 0.425
+            axes.bar(x, y, width, color=STYLES[model][0], yerr=[[y - low], [high - y]], error_kw={"lw": 0.7})
+        found.append(stratum)
+    axes.set_xticks(range(len(found)), found)
     axes.set(yscale="log", ylim=(LOW, HIGH), xlabel=f"trained on {rows:,} transitions")
 
 
