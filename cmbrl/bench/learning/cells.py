@@ -58,11 +58,12 @@ def plan(tasks: Sequence[str], sizes: Sequence[int], seeds: Sequence[int], quick
 
 
 def run(cell: Cell, system: Callable[[], System], folder: Path) -> dict[str, Any]:
-    """The cell's values, from its file if it is there; a model that cannot be trained is kept with its reason."""
+    """The cell's values, from its file if it is there; a model that could not be trained then is tried again."""
     file = cell.file(folder)
     if file.exists():
         held: dict[str, Any] = read_json(file)
-        return held
+        if "failed" not in held:
+            return held
     about = {"task": cell.task, "model": cell.contender.name, "rows": cell.rows, "seed": cell.seed}
     values = {**about, **_measure(cell, system())}
     write_json(file, values)

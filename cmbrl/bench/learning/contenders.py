@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 
-from cmbrl.bench.learning import gaussian_process, mujoco_sysid
+from cmbrl.bench.learning import mujoco_sysid
 from cmbrl.bench.learning.logs import System, wrong_parameters
 from cmbrl.data.transitions import Transitions
+from cmbrl.errors import UserError
 from cmbrl.fit import fit
 from cmbrl.models.baselines import HoldVelocity
 from cmbrl.models.complementarity import ComplementarityModel
@@ -86,7 +88,11 @@ def _ensemble(config: EnsembleConfig) -> Train:
 
 def _process(system: System, log: Transitions | None, seed: int) -> tuple[Model, dict[str, Any]]:
     assert log is not None
-    model = gaussian_process.GaussianProcess(system.scene, log, seed)
+    if find_spec("sklearn") is None:
+        raise UserError("scikit-learn is not installed: pip install 'cmbrl[bench]'")
+    from cmbrl.bench.learning.gaussian_process import GaussianProcess
+
+    model = GaussianProcess(system.scene, log, seed)
     return model, {"parameters": int(np.size(model.process.kernel_.theta)), "kernel": str(model.process.kernel_)}
 
 
@@ -115,7 +121,7 @@ CONTENDERS = (
               quick_rows=200, stops=_SYSID_STOPS),
     Contender("mujoco.sysid, other integrator", _sysid(other=True), max_rows=5_000, all_seeds_to=1_000,
               quick_rows=200, stops=_SYSID_STOPS),
-    Contender("Gaussian process", _process, max_rows=gaussian_process.MAX_ROWS,
+    Contender("Gaussian process", _process, max_rows=5_000,
               stops="memory grows with the square and time with the cube of the rows"),
     Contender("ensemble (MBPO)", _ensemble(_ORIGINAL), all_seeds_to=20_000, stops=_PATIENCE),
     Contender("ensemble (MBPO), targets normalised", _ensemble(replace(_ORIGINAL, normalise_targets=True)),

@@ -2,8 +2,8 @@
 
 One kernel for all coordinates (a constant times a squared exponential with a length scale per input, plus white noise);
 its hyperparameters maximise the marginal likelihood on at most ``HYPER_ROWS`` rows, then the posterior is exact on all
-rows. Memory grows with the square of the rows and time with their cube, so that it ends at ``MAX_ROWS``: at 20,000 rows
-the kernel matrix alone takes 3.2 GB.
+rows. Memory grows with the square of the rows and time with their cube: at 20,000 rows the kernel matrix alone takes
+3.2 GB.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from cmbrl.models.manifold import Layout, invariant_translations
 from cmbrl.scene import Scene
 
 HYPER_ROWS = 500
-MAX_ROWS = 5_000
 CHUNK = 512  # rows predicted at once: bounds memory
 
 

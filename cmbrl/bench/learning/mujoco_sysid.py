@@ -41,7 +41,7 @@ def sysid_model(
     from mujoco import sysid
 
     if not hasattr(sysid, "optimize"):  # the toolbox imports as an empty module when a dependency of it is missing
-        raise UserError("mujoco.sysid is not complete: pip install 'mujoco[sysid]'")
+        raise UserError("mujoco.sysid is not complete: pip install 'cmbrl[bench]' (or 'mujoco[sysid]')")
     base = compiled(task.scene_path, integrator)
     substeps = round(data.dt / base.opt.timestep)
     parameters = sysid.ParameterDict()

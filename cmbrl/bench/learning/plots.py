@@ -82,7 +82,7 @@ def _points(axes: Axes, x: np.ndarray, errors: np.ndarray, colour: str, marker: 
         (errors < LOW, 7),
     ):
         if mask.any():
-            axes.scatter(x[mask], _inside(errors[mask]), size, colour, shape, alpha=0.6, linewidths=0)
+            axes.scatter(x[mask], _inside(errors[mask]), size, colour, marker=shape, alpha=0.6, linewidths=0)
 
 
 def _against_transitions(axes: Axes, results: Results, task: str, horizon: int) -> None:
@@ -141,8 +141,8 @@ def _against_prediction_time(axes: Axes, results: Results, task: str, horizon: i
         ends = [float(np.median(results.cost(task, model, rows, key))) for key in ("batch", "alone")]
         axes.plot(ends, [y, y], color=colour, lw=0.8, alpha=0.6)
         size = 40 if marker == "." else 26
-        axes.scatter(ends[0], y, size, colour, marker, zorder=3)
-        axes.scatter(ends[1], y, size, "white", marker, edgecolors=colour, linewidths=1, zorder=3)
+        axes.scatter(ends[0], y, size, colour, marker=marker, zorder=3)
+        axes.scatter(ends[1], y, size, "white", marker=marker, edgecolors=colour, linewidths=1, zorder=3)
     axes.set(xscale="log", yscale="log", ylim=(LOW, HIGH))
     axes.set_xlabel("us per transition (filled: in batches, hollow: alone)", fontsize="small")
 
