@@ -1,6 +1,6 @@
 // The contact solve with its fallbacks, and the residuals that decide whether a result may pass.
 #pragma once
-#include "solver.hpp"
+#include "continuation.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -77,7 +77,8 @@ static void for_solver_state(const Structure& m, SolverWork<G>& w, F f) {
 template <class G>
 static Outcome contact_solve(const Structure& m, const Options& o, SolverWork<G>& w) {
   InteriorPoint<G> ip(m, o, w);
-  struct Rung { Strategy strategy; double compliance; };
+  Continuation<G> curve(m, o, w);
+  struct Rung { Strategy strategy; double compliance; bool arclength = false; };
   static constexpr double tau = 0.9;
   const Rung ladder[] = {{{G::NT == 1 ? 0.95 : 0.9, 0.3, 1, true, false, o.max_iterations}, 0},
                          {{tau, 0.4, 3, false, false, 60}, 0},
@@ -87,6 +88,8 @@ static Outcome contact_solve(const Structure& m, const Options& o, SolverWork<G>
                          {{tau, 0.3, 3, false, true, 60, 0.2}, 0},
                          {{tau, 0.3, 3, false, true, 60, 0.7}, 0},
                          {{tau, 0.3, 3, false, true, 120, 0.3, 1.3}, 0},
+                         {{tau, 0.3, 3, false, false, 400}, 0, true},
+                         {{tau, 0.3, 30, false, false, 400}, 0, true},
                          {{tau, 0.3, 3, false, true, 60, 0.3}, 1e-3},
                          {{tau, 0.3, 3, false, true, 150, 0.1, 1.3}, 1e-2}};
   const int rungs = int(sizeof ladder / sizeof *ladder);
@@ -101,7 +104,8 @@ static Outcome contact_solve(const Structure& m, const Options& o, SolverWork<G>
       w.con[i].Rn += soft;
       w.con[i].Rt += soft;
     }
-    Mask now = ip.run(~before, ladder[rung].strategy, out.iterations);
+    Mask now = ladder[rung].arclength ? curve.run(~before, ladder[rung].strategy, out.iterations)
+                                      : ip.run(~before, ladder[rung].strategy, out.iterations);
     for_solver_state(m, w, [before](T& x, T& kept) { x = select(before, kept, x); });
     out.done |= now;
     if (compliant) out.fallback |= now;

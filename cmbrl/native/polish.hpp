@@ -104,7 +104,7 @@ struct Polish : InteriorPoint<G> {
       rho = splat(1);
       linearise_exact(kEps);
       this->direction();
-      this->advance(keep(todo, splat(1)));
+      this->advance(todo, splat(1));
     }
   }
 };

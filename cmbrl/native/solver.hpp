@@ -112,22 +112,21 @@ struct InteriorPoint : Newton<G> {
     return nu / vmax(count, splat(1));
   }
 
-  void advance(T alpha) {  // alpha is zero in lanes that have stopped
-    for (int i = 0; i < w.ndyn; ++i) w.delta[w.dyn_list[i]] += alpha * w.rhs[w.dyn_list[i]];
+  // A step in the lanes of `moving`; the others may have found no direction at all (NaN) and stay where they are.
+  void advance(Mask moving, T alpha) {
+    auto add = [&](T& x, T dx) { x += keep(moving, alpha * dx); };
+    for (int i = 0; i < w.ndyn; ++i) add(w.delta[w.dyn_list[i]], w.rhs[w.dyn_list[i]]);
     for (int i = 0; i < w.ncon; ++i) {
       Contact<G>& c = w.con[i];
-      c.gam += alpha * c.dgam;
-      c.s += alpha * c.ds;
+      add(c.gam, c.dgam);
+      add(c.s, c.ds);
       if (c.rows == 1) continue;
-      c.eta0 += alpha * c.deta0;
-      CMBRL_FOR(r, NT) { c.b[r] += alpha * c.db[r]; c.eta[r] += alpha * c.deta[r]; }
+      add(c.eta0, c.deta0);
+      CMBRL_FOR(r, NT) { add(c.b[r], c.db[r]); add(c.eta[r], c.deta[r]); }
     }
-    for (int i = 0; i < w.nlim; ++i) { w.lim[i].gam += alpha * w.lim[i].dgam; w.lim[i].s += alpha * w.lim[i].ds; }
-    for (int i = 0; i < w.ndry; ++i) {
-      DryFriction& d = w.dry[i];
-      d.b += alpha * d.db; d.eta0 += alpha * d.deta0; d.eta += alpha * d.deta;
-    }
-    rho *= 1.0 - alpha;
+    for (int i = 0; i < w.nlim; ++i) { add(w.lim[i].gam, w.lim[i].dgam); add(w.lim[i].s, w.lim[i].ds); }
+    for (int i = 0; i < w.ndry; ++i) { add(w.dry[i].b, w.dry[i].db); add(w.dry[i].eta0, w.dry[i].deta0); add(w.dry[i].eta, w.dry[i].deta); }
+    rho *= 1.0 - keep(moving, alpha);
   }
 
   // Largest distance of a product from kappa + centre, relative to that (and to round-off of the start's products).
@@ -168,7 +167,8 @@ struct InteriorPoint : Newton<G> {
     rho = splat(1);
     linearise_all(T{}, none());
     factorise();
-    advance(keep(todo, vmin(direction() * 0.99, splat(1))));
+    T alpha = vmin(direction() * 0.99, splat(1));
+    advance(todo, alpha);
   }
 
   void set_friction(T share) {
@@ -181,6 +181,10 @@ struct InteriorPoint : Newton<G> {
   // Runs the lanes of `todo`; returns those that converged. Lanes outside keep alpha = 0 and so keep their start.
   Mask run(Mask todo, const Strategy& st, T& iterations) {
     start(st.start);
+    return descend(todo, st, iterations);
+  }
+
+  Mask descend(Mask todo, const Strategy& st, T& iterations) {  // from the current point
     T kappa = mean_kappa(), centre = st.follow ? zeta * zeta : T{}, floor = 1e-6 * zeta * zeta;
     Mask busy = todo & (count > 0.0), done = todo & ~busy;
     T slow = T{};  // short steps in a row: the path has folded, more of them would lead nowhere
@@ -222,7 +226,7 @@ struct InteriorPoint : Newton<G> {
         factorise();
       }
       alpha = vmin(direction() * tau, splat(1));
-      advance(keep(busy, alpha));
+      advance(busy, alpha);
       slow = select(alpha < 1e-3, slow + 1.0, T{});
       busy &= slow < 4.0;
     }

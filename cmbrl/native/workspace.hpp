@@ -59,7 +59,7 @@ struct SolverWork {
   Limit* lim; int nlim;
   DryFriction* dry; int ndry;
   ActiveGroup* groups; int ngroups; bool coupled;  // coupled: a contact between two moving bodies is active
-  T *save;                                 // solver state of lanes that are done while others are retried
+  T *save, *path;                          // solver state of lanes that are done while others are retried; of a continuation
 
   void take(Arena& A, int nv, int columns, int contacts, int limits, int dry_rows, int group_count) {
     vf = A.take<T>(nv); vn = A.take<T>(nv);
@@ -70,7 +70,8 @@ struct SolverWork {
     con = A.take<Contact<G>>(contacts);
     lim = A.take<Limit>(limits); dry = A.take<DryFriction>(dry_rows);
     groups = A.take<ActiveGroup>(group_count);
-    save = A.take<T>(nv + 3 * dry_rows + contacts * (3 + 2 * G::NT) + limits * 2);
+    int state = nv + 3 * dry_rows + contacts * (3 + 2 * G::NT) + limits * 2;
+    save = A.take<T>(state); path = A.take<T>(3 * state);
   }
 };
 
