@@ -27,12 +27,10 @@ WRONG = {  # 30 % off, alternating in sign
 }  # fmt: skip
 WRONG_START = " ".join(f"--set {name}={value}" for name, value in WRONG.items())
 
-HARD = " ".join(f"--groups {g}" for g in "friction plane_height com_x com_y com_z restitution softness_time".split())
-SOFT = " ".join(
-    f"--groups {g}"
-    for g in "friction plane_height com_x com_y com_z softness_time softness_damping softness_scale impedance_low "
-    "impedance_high impedance_width".split()
-)
+BODY = ["friction", "plane_height", "com_x", "com_y", "com_z"]
+SOFTNESS = ["softness_time", "softness_damping", "softness_scale", "impedance_low", "impedance_high", "impedance_width"]
+HARD = " ".join(f"--groups {group}" for group in [*BODY, "restitution", "softness_time"])
+SOFT = " ".join(f"--groups {group}" for group in [*BODY, *SOFTNESS])
 
 CASES = {
     "ball": [

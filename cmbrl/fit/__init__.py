@@ -4,7 +4,7 @@
 ``space``          named, bounded, transformed parameters; ``gauge``: which mass stands for the unit of force
 ``loss``           prediction errors of many candidates, Gauss-Newton equations; ``objective``: the same with the prior
 ``random_search``  candidates around the best so far; ``cma`` and ``gauss_newton``: the rivals, and the polish
-``parsimony``      no more parameters than held-out episodes ask for
+``parsimony``      no more parameters than held-out episodes ask for; ``forecast``: what a group of them promises
 ``identify``       intervals, and what the data cannot tell
 ``state``          a killed fit goes on; ``result``: what comes out, and its folder
 

@@ -40,9 +40,9 @@ class Budget:
 
     trial_rows: int = 2000  # for each group that the selection tries: fewer would miss rare events
     trial_rounds: int = 3  # random search over the parameters of that group
-    trial_population: int = 32
+    trial_population: int = 16
     trial_iterations: int = 6  # Gauss-Newton over all that are in
-    trial_fold_iterations: int = 3  # from there, without the episodes that are held out in turn
+    trial_fold_iterations: int = 1  # from there, without the episodes that are held out in turn
     held_out_rows: int = 2000  # to judge a group on, all folds together
     search_rows: int = 1000  # search over everything selected
     search_rounds: int = 20

@@ -11,6 +11,7 @@ import numpy as np
 
 from cmbrl.fit.objective import Objective
 from cmbrl.fit.random_search import Keep, Search, forget
+from cmbrl.fit.space import Space
 from cmbrl.fit.state import Journal
 
 _TRIALS = 10.0 ** np.arange(-1.0, 3.0)  # multiples of lambda tried in one batch: as many as the core's packs have lanes
@@ -28,7 +29,12 @@ def gauss_newton(
     for _ in range(iterations):
         journal.check_time()
         equations = objective.normal_equations(z)
-        points = np.stack([_step(objective, z, equations.gradient, equations.hessian, damping * m) for m in _TRIALS])
+        points = np.stack(
+            [
+                damped_step(objective.space, objective.active, z, equations.gradient, equations.hessian, damping * m)
+                for m in _TRIALS
+            ]
+        )
         values = objective.values(points)
         candidates += len(points)
         winner = int(values.argmin())
@@ -46,10 +52,12 @@ def gauss_newton(
     return Search(z, value, candidates)
 
 
-def _step(objective: Objective, z: np.ndarray, gradient: np.ndarray, hessian: np.ndarray, damping: float) -> np.ndarray:
-    """The damped step from ``z``; what it would push through a bound stays there, and the rest is solved again."""
-    low, high = objective.space.z_low, objective.space.z_high
-    free = objective.active & ~((z <= low) & (gradient > 0.0)) & ~((z >= high) & (gradient < 0.0))
+def damped_step(
+    space: Space, active: np.ndarray, z: np.ndarray, gradient: np.ndarray, hessian: np.ndarray, damping: float
+) -> np.ndarray:
+    """The damped step from ``z`` over ``active``; what it would push through a bound stays there, the rest follows."""
+    low, high = space.z_low, space.z_high
+    free = active & ~((z <= low) & (gradient > 0.0)) & ~((z >= high) & (gradient < 0.0))
     point = z.copy()
     while free.any():
         inner = hessian[np.ix_(free, free)]

@@ -115,25 +115,29 @@ class PredictionLoss:
         loss = huber(residual, self.scales.huber).sum(axis=2).mean(axis=1)
         return Errors(loss, (residual**2).mean(axis=(1, 2)), failures)
 
-    def normal_equations(self, space: Any, z: np.ndarray) -> NormalEquations:
-        """The Gauss-Newton model at ``z`` over all parameters, from the implicit derivatives of the step."""
-        n, episodes = len(space), np.unique(self.data.episode)
+    def normal_equations(self, space: Any, z: np.ndarray, active: np.ndarray | None = None) -> NormalEquations:
+        """The Gauss-Newton model at ``z`` from the implicit derivatives of the step.
+
+        It is over all parameters, or over the ``active`` (n,) ones, with zeros for the others.
+        """
+        columns = np.arange(len(space)) if active is None else np.flatnonzero(active)
+        n, episodes = len(columns), np.unique(self.data.episode)
         gradients, hessian, size = np.zeros((len(episodes), n)), np.zeros((n, n)), 0.0
         width = 2 * len(self.scales.v) * self.horizon
-        block = max(1, _JACOBIAN_NUMBERS // (width * n))
+        block = max(1, _JACOBIAN_NUMBERS // (width * max(n, 1)))
         for i in range(0, len(self.starts), block):
             starts = self.starts[i : i + block]
-            residual, jacobian = self._linearised(space, z, starts)  # (s, width), (s, width, n)
+            residual, jacobian = self._linearised(space, z, starts, columns)  # (s, width), (s, width, n)
             weight = np.minimum(1.0, self.scales.huber / np.maximum(np.abs(residual), 1e-300))
-            slopes = np.einsum("swn,sw->sn", jacobian, weight * residual)
+            slopes = ((weight * residual)[:, None] @ jacobian)[:, 0]
             np.add.at(gradients, np.searchsorted(episodes, self.data.episode[starts]), slopes)
             rows = (np.sqrt(weight)[:, :, None] * jacobian).reshape(-1, n)
             hessian += rows.T @ rows
             size += float((weight * residual**2).sum())
         count = len(self.starts) * self.horizon
-        return NormalEquations(
-            gradients.sum(axis=0) / count, hessian / count, gradients / count, count, size / (len(self.starts) * width)
-        )
+        by_episode, square = np.zeros((len(episodes), len(space))), np.zeros((len(space), len(space)))
+        by_episode[:, columns], square[np.ix_(columns, columns)] = gradients / count, hessian / count
+        return NormalEquations(by_episode.sum(axis=0), square, by_episode, count, size / (len(self.starts) * width))
 
     def _residual(self, theta: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, int]:
         """Residuals (s, horizon, 2 nv) of one parameter set (n,) or of one per start (s, n), and failed steps."""
@@ -148,21 +152,23 @@ class PredictionLoss:
             out[:, j] = self._scaled(scene.difference(data.q_next[starts + j], q), v - data.v_next[starts + j])
         return out, failures
 
-    def _linearised(self, space: Any, z: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (s, width) and their derivatives with respect to z (s, width, n): the chain rule over steps."""
+    def _linearised(
+        self, space: Any, z: np.ndarray, starts: np.ndarray, columns: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals (s, width), and their derivatives in the ``columns`` (n,) of z by the chain rule (s, width, n)."""
         data, scene, nv = self.data, self.model.scene, len(self.scales.v)
         q, v = data.q[starts], data.v[starts]
         residuals, jacobians, state = [], [], None
         for j in range(self.horizon):
             step = self.model.predict(q, v, data.u[starts + j], theta=space.theta(z), parameter_jacobian=True)
             q, v = step.q_next, step.v_next
-            direct = step.jacobian[:, :, 2 * nv + scene.nu :]
+            direct = step.jacobian[:, :, 2 * nv + scene.nu + columns]
             state = direct if state is None else step.jacobian[:, :, : 2 * nv] @ state + direct
             logged = data.q_next[starts + j], data.v_next[starts + j]
             residuals.append(self._scaled(scene.difference(logged[0], q), v - logged[1]))
             # The tangent of the prediction stands for that of the difference: equal for small rotation errors.
             jacobians.append(state / np.concatenate([self.scales.q, self.scales.v])[:, None])
-        return np.concatenate(residuals, axis=1), np.concatenate(jacobians, axis=1) * space.slope(z)
+        return np.concatenate(residuals, axis=1), np.concatenate(jacobians, axis=1) * space.slope(z)[columns]
 
     def _scaled(self, dq: np.ndarray, dv: np.ndarray) -> np.ndarray:
         return np.concatenate([dq / self.scales.q, dv / self.scales.v], axis=-1)

@@ -45,8 +45,8 @@ class Objective:
         return np.where(np.isnan(total), np.inf, total)
 
     def normal_equations(self, z: np.ndarray) -> NormalEquations:
-        """Gradient and Gauss-Newton Hessian of J at ``z`` (n,), over all parameters."""
-        equations = self.loss.normal_equations(self.space, z)
+        """Gradient and Gauss-Newton Hessian of J at ``z`` (n,), over the active parameters."""
+        equations = self.loss.normal_equations(self.space, z, self.active)
         return replace(
             equations,
             gradient=equations.gradient + self.strength * z,

@@ -1,25 +1,26 @@
 """No more parameters than the data ask for: selection by parameter group, judged on episodes held out in turn.
 
-From the nominal model, each group that is not in yet is tried: a short search over its parameters, then Gauss-Newton
-over all that are in. The best group stays when the held-out loss falls by more than ``NOISE_FACTOR`` times its noise
-(see ``folds.paired_gain``; two rather than one, since the best of a dozen trials is looked at) and by at least
-``LEAST_GAIN`` of the loss, since a log without noise makes any gain significant. At the end, groups that later ones
-have made superfluous (out, they cost less than that) are taken out again.
-
-Trials are ordered by what each group gained last time and stop as soon as no other group promises more (Minoux,
-"Accelerated greedy algorithms", 1978); the selection ends only when every remaining group has failed on the present
-model.
+From the nominal model, groups that are not in yet are ranked by what they promise (``forecast``), and the first few of
+them are tried: a short search over the group's parameters, then Gauss-Newton over all that are in. The best group
+stays when the held-out loss falls by more than ``NOISE_FACTOR`` times its noise (see ``folds.paired_gain``; two rather
+than one, since the best of several trials is looked at) and by at least ``LEAST_GAIN`` of the loss, since a log without
+noise makes any gain significant. When no group alone is worth it, several together may be (masses tell nothing while
+gears and armatures are held): all that remain are let loose in the forecast, those that would not be missed by
+``LEAST_GAIN`` go out one by one, and what is left is tried as one. Groups whose derivatives are blank (restitution
+before anything bounces) come last. At the end, groups that later ones have made superfluous (out, they cost less than
+that) are taken out again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from cmbrl.fit.folds import Folds, paired_gain
+from cmbrl.fit.forecast import Forecast
 from cmbrl.fit.gauss_newton import gauss_newton
 from cmbrl.fit.loss import Errors, PredictionLoss
 from cmbrl.fit.objective import Objective
@@ -29,6 +30,7 @@ from cmbrl.fit.state import Journal
 
 NOISE_FACTOR = 2.0
 LEAST_GAIN = 0.01
+TRIED = 3  # groups a round, at most: forecasts are near enough for the best to be among the first
 
 
 @dataclass
@@ -83,33 +85,52 @@ class Selection:
 
     def run(self, incumbent: Incumbent) -> None:
         """Adds groups to ``incumbent``, takes superfluous ones out; raises OutOfTime of the journal between trials."""
-        nominal = self.folds.errors(self.space, [incumbent.z] * len(self.folds.train))
-        self._remove(incumbent, self._add(incumbent, nominal))
+        before = self.folds.errors(self.space, [incumbent.z] * len(self.folds.train))
+        while (after := self._add(incumbent, before)) is not None:
+            before = after
+        self._remove(incumbent, before)
 
-    def _add(self, incumbent: Incumbent, before: Errors) -> Errors:
-        groups = list(dict.fromkeys(self.space.groups))
-        promise = dict.fromkeys(groups, np.inf)
-        while True:
-            tried: dict[str, Trial] = {}
-            winner: str | None = None
-            remaining = [g for g in groups if not incumbent.chosen[self.space.columns([g])].any()]
-            for group in sorted(remaining, key=lambda g: (-promise[g], groups.index(g))):
-                if winner is not None and tried[winner].gain >= promise[group]:
-                    break
-                done = 1.0 - 0.7 ** (len(incumbent.path) + len(tried) / len(groups))
-                self.journal.report(0.6 * done, f"trying {group}")
-                columns = self.space.columns([group])
-                name = f"add {len(incumbent.path)} {group}"
-                trial = self._trial(name, incumbent, incumbent.chosen | columns, incumbent.z, columns, before)
-                tried[group], promise[group] = trial, trial.gain
-                if trial.counts(before.mean) and (winner is None or trial.gain > tried[winner].gain):
-                    winner = group
-            if winner is None:
-                return before
-            before = self._accept("add", winner, tried[winner], incumbent)
+    def _add(self, incumbent: Incumbent, before: Errors) -> Errors | None:
+        """Adds the best group, else a set of groups, else a blank one; the errors then, or None if nothing counts."""
+        strength = Objective.at(self.loss, self.space, incumbent.active, incumbent.z).strength
+        forecast = Forecast.at(self.folds, self.space, incumbent.z, strength)
+
+        def promise(groups: Sequence[str]) -> float:
+            return forecast.gain(self.admit(incumbent.chosen | self.space.columns(groups), incumbent.z)[0])
+
+        remaining = self._remaining(incumbent)
+        blank = [g for g in remaining if forecast.blank(self.space.columns([g]))]
+        ranked = sorted((g for g in remaining if g not in blank), key=lambda g: -promise([g]))
+        winner: tuple[str, Trial] | None = None
+        for group in ranked[:TRIED]:
+            if winner is not None and winner[1].gain >= promise([group]):
+                break
+            trial = self._try(incumbent, [group], before)
+            if trial.counts(before.mean) and (winner is None or trial.gain > winner[1].gain):
+                winner = group, trial
+        if winner is None and len(together := _needed(ranked, promise, LEAST_GAIN * before.mean)) > 1:
+            trial = self._try(incumbent, together, before)
+            winner = (" + ".join(together), trial) if trial.counts(before.mean) else None
+        for group in blank if winner is None else ():
+            trial = self._try(incumbent, [group], before)
+            if trial.counts(before.mean):
+                winner = group, trial
+                break
+        return None if winner is None else self._accept("add", *winner, incumbent)
+
+    def _remaining(self, incumbent: Incumbent) -> list[str]:
+        groups = dict.fromkeys(self.space.groups)
+        return [g for g in groups if not incumbent.chosen[self.space.columns([g])].any()]
+
+    def _try(self, incumbent: Incumbent, groups: list[str], before: Errors) -> Trial:
+        self.journal.report(0.6 * (1.0 - 0.8 ** len(incumbent.path)), f"trying {', '.join(groups)}")
+        columns = self.space.columns(groups)
+        name = f"add {len(incumbent.path)} {' + '.join(groups)}"
+        return self._trial(name, incumbent, incumbent.chosen | columns, incumbent.z, columns, before)
 
     def _remove(self, incumbent: Incumbent, before: Errors) -> None:
-        for group in [step["group"] for step in incumbent.path[:-1]]:  # the last one has just proved its worth
+        remaining = self._remaining(incumbent)
+        for group in [g for g in dict.fromkeys(self.space.groups) if g not in remaining]:
             self.journal.report(0.6, f"leaving out {group}")
             columns = self.space.columns([group])
             start = np.where(columns, 0.0, incumbent.z)
@@ -165,3 +186,15 @@ class Selection:
         after = self.folds.errors(self.space, [np.array(f) for f in outcome["folds"]])
         gain, noise = paired_gain(before.loss, after.loss, self.folds.blocks())
         return Trial(z, chosen, active, after, gain, noise)
+
+
+def _needed(groups: Sequence[str], promise: Callable[[Sequence[str]], float], least: float) -> list[str]:
+    """``groups`` without those that would not be missed: the least of them goes out while it costs below ``least``."""
+    kept = list(groups)
+    while kept:
+        without = {g: promise([other for other in kept if other != g]) for g in kept}
+        dispensable = max(kept, key=lambda g: without[g])
+        if promise(kept) - without[dispensable] >= least:
+            break
+        kept.remove(dispensable)
+    return kept

@@ -36,6 +36,17 @@ def test_gradient_equals_finite_differences(setup):
     np.testing.assert_allclose(by_episode, equations.gradient, atol=1e-12)
 
 
+def test_equations_over_some_columns_are_those_of_all_with_zeros(setup):
+    space, loss = setup
+    z = 0.1 * np.ones(len(space))
+    active = space.columns(["gear", "tilt"])
+    whole, part = loss.normal_equations(space, z), loss.normal_equations(space, z, active)
+    np.testing.assert_allclose(part.gradient, np.where(active, whole.gradient, 0.0), rtol=1e-12)
+    np.testing.assert_allclose(part.hessian, np.where(np.outer(active, active), whole.hessian, 0.0), rtol=1e-12)
+    np.testing.assert_allclose(part.episode_gradients, np.where(active, whole.episode_gradients, 0.0), rtol=1e-12)
+    assert (part.starts, part.variance) == (whole.starts, whole.variance)
+
+
 def test_every_parameter_but_the_idle_one_changes_the_loss(setup):
     space, loss = setup
     nominal = loss.values(space.nominal[None])[0]

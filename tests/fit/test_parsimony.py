@@ -1,0 +1,62 @@
+"""What the selection tries: forecasts against refits, and sets of groups that only help together."""
+
+import numpy as np
+import pytest
+
+import cmbrl
+from cmbrl.fit.folds import Folds, draw_starts
+from cmbrl.fit.forecast import Forecast
+from cmbrl.fit.loss import PredictionLoss, Scales
+from cmbrl.fit.objective import Objective
+from cmbrl.fit.parsimony import _needed
+from cmbrl.fit.space import Space
+from cmbrl.fit.state import Journal
+
+
+@pytest.fixture
+def setup(carts):
+    model = carts.model(2)
+    data = carts.record(carts.truth(2, gear_1=0.9, tilt=0.1), episodes=12, steps=40, noise=2e-3)
+    space = Space.of(model.scene.parameters, model.parameters)
+    loss = PredictionLoss(model, data, draw_starts(data, 1, 2000, 0), 1, Scales.of(model.scene, data, 2.0))
+    return space, loss, Folds.of(loss, loss, 4, seed=0)
+
+
+@pytest.mark.parametrize("groups", [["gear"], ["tilt"], ["gear", "tilt"], ["mass", "damping", "tilt"]])
+def test_forecast_is_near_what_a_refit_gains(setup, groups):
+    space, loss, folds = setup
+    z, active = np.zeros(len(space)), space.columns(groups)
+    strength = Objective.at(loss, space, active, z).strength
+    forecast = Forecast.at(folds, space, z, strength).gain(active)
+    fitted, _ = folds.refit(space, active, z, 10, Journal(None, "test"))
+    before, after = folds.errors(space, [z] * 4), folds.errors(space, fitted)
+    assert forecast == pytest.approx(before.mean - after.mean, rel=0.1)
+    assert forecast > 0.02 * before.mean
+
+
+def test_a_group_that_changes_no_prediction_is_blank_and_promises_nothing(setup):
+    space, _, folds = setup
+    forecast = Forecast.at(folds, space, np.zeros(len(space)), 1e-3)
+    assert [g for g in dict.fromkeys(space.groups) if forecast.blank(space.columns([g]))] == ["bumper"]
+    assert forecast.gain(space.columns(["bumper"])) == 0.0
+    assert forecast.gain(np.zeros(len(space), dtype=bool)) == 0.0
+
+
+def test_a_set_keeps_what_only_helps_together():
+    def promise(groups):
+        return 1.0 * ({"a", "b"} <= set(groups)) + 0.05 * ("c" in groups) + 0.2 * ("d" in groups)
+
+    assert _needed(["a", "b", "c", "d"], promise, 0.1) == ["a", "b", "d"]
+    assert _needed(["a", "c"], promise, 0.1) == []
+
+
+def test_groups_that_help_only_together_are_added_as_one(carts, monkeypatch):
+    """With the bar so high that no group alone gets over it, both of two are still found."""
+    data = carts.record(carts.truth(2, gear_1=0.7, tilt=0.4), episodes=20, steps=40, noise=1e-3)
+    alone = cmbrl.fit(carts.model(2), data, groups=["gear"]).report["loss"]
+    fall = 1.0 - alone["held out, fitted"]["loss"] / alone["held out, nominal"]["loss"]
+    assert fall < 0.9
+    monkeypatch.setattr("cmbrl.fit.parsimony.Trial.counts", lambda trial, loss: trial.gain > 0.9 * loss)
+    result = cmbrl.fit(carts.model(2), data)
+    assert {"gear", "tilt"} <= set(result.report["selection"][0]["group"].split(" + "))
+    assert result.parameters["tilt"].value == pytest.approx(0.4, rel=0.02)
