@@ -9,11 +9,11 @@ leaves over, and what the gaps lack, is the error.
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import nnls
 
 from cmbrl.bench.stability.case import Array, Run
 from cmbrl.bench.stability.ours import model_of
 from cmbrl.contact.problem import ContactProblem
+from cmbrl.errors import UserError
 
 STILL = 1e-5  #: speeds below this share of the problem's own count as none
 SIDES = 64  #: generators of the cone of a sticking contact
@@ -27,7 +27,13 @@ def law_error(run: Run) -> float:
 
 
 def distance_to_law(problem: ContactProblem, v_next: Array) -> float:
-    """max(momentum left over / |M v_free|, penetration / speed) of v' (nv,); both relative."""
+    """max(momentum left over / |M v_free|, penetration / speed) of v' (nv,); both relative.
+
+    Raises UserError without scipy, which fits the impulses."""
+    try:
+        from scipy.optimize import nnls
+    except ImportError:
+        raise UserError("scipy is not installed: pip install 'cmbrl[bench]'") from None
     c = problem.J @ v_next + problem.b
     still = STILL * problem.speed
     columns = [
