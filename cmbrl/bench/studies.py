@@ -12,6 +12,7 @@ STUDIES = {
     "stability": "cmbrl.bench.stability.study",
     "simulators": "cmbrl.bench.simulators.study",
     "reduction": "cmbrl.bench.reduction.study",
+    "stiffness": "cmbrl.bench.stiffness.study",
     "gradients": "cmbrl.bench.gradients.study",
     "gradient-scenes": "cmbrl.bench.gradients.scenes",
     "learning": "cmbrl.bench.learning.study",

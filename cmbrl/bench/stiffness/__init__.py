@@ -1,0 +1,1 @@
+"""How the stiffness of contact decides what a model can learn."""
