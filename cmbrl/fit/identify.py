@@ -25,6 +25,7 @@ _NORMAL_95 = 1.96
 _NAMED = 0.3  # of the largest coefficient: smaller ones are not worth naming
 _MAX_NAMED = 6
 _FLAT_VARIANCE = 0.5  # of the prior's
+_SILENT = 1e-6  # information, in units of the prior's, of a parameter that the log says nothing about at all
 
 
 @dataclass(frozen=True)
@@ -67,13 +68,15 @@ def identify(space: Space, z: np.ndarray, fitted: np.ndarray, equations: NormalE
 
 
 def _flat_directions(information: np.ndarray, names: list[str]) -> list[dict]:
-    values, vectors = np.linalg.eigh(information)
-    found = []
+    silent = np.diag(information) < _SILENT  # each is a direction of its own; together they could be turned at will
+    found = [{"information": 0.0, "parameters": {names[k]: 1.0}} for k in np.flatnonzero(silent)]
+    told = np.flatnonzero(~silent)
+    values, vectors = np.linalg.eigh(information[np.ix_(told, told)])
     for value, vector in zip(values, vectors.T, strict=True):
         if value >= 1.0:
             break
         vector = vector / vector[np.abs(vector).argmax()]
         order = np.argsort(-np.abs(vector), kind="stable")[:_MAX_NAMED]
-        named = {names[k]: round(float(vector[k]), 3) for k in order if abs(vector[k]) >= _NAMED}
+        named = {names[told[k]]: round(float(vector[k]), 3) for k in order if abs(vector[k]) >= _NAMED}
         found.append({"information": max(float(value), 0.0), "parameters": named})
     return found

@@ -3,7 +3,7 @@
 import numpy as np
 
 from cmbrl.fit.gauss_newton import gauss_newton
-from cmbrl.fit.identify import identify
+from cmbrl.fit.identify import _flat_directions, identify
 from cmbrl.fit.loss import PredictionLoss, Scales
 from cmbrl.fit.objective import Objective
 from cmbrl.fit.space import Space
@@ -36,6 +36,13 @@ def test_the_unit_of_force_is_a_flat_direction(carts):
     scale = next(d for d in directions if "mass.0" in d)
     assert set(scale) == {"mass.0", "damping.0", "frictionloss.0", "gear.0"}
     assert min(scale.values()) > 0.99  # all by the same factor
+
+
+def test_parameters_without_any_information_are_not_mixed():
+    information = np.zeros((4, 4))
+    information[:2, :2] = [[2.0, -2.0], [-2.0, 2.0]]
+    found = _flat_directions(information, ["a", "b", "c", "d"])
+    assert [d["parameters"] for d in found] == [{"c": 1.0}, {"d": 1.0}, {"a": 1.0, "b": 1.0}]
 
 
 def test_what_is_not_fitted_is_seen_or_not(carts):
