@@ -115,8 +115,7 @@ def measure(label: str, effort: Effort, seed: int, progress: Callable[[float], o
             )
         )  # fmt: skip
     known = {
-        name: {"floor": floors[name], "truth": float(np.median(errors(scene, limits[name], limits[truth])))}
-        for name in limits
+        name: {"floor": floors[name], "truth": _middle(errors(scene, limits[name], limits[truth]))} for name in limits
     }
     return Result(label, truth, scene.file_step, scene.interval, scene.horizon, effort.states, rows, known)
 
@@ -144,7 +143,7 @@ def _limits(
         if engine.limit not in found:
             best = _finest(scene, engine)
             found[engine.limit], coarser = best.run(steps).q, best.run(steps // 2).q
-            floors[engine.limit] = float(np.median(errors(scene, coarser, found[engine.limit])))
+            floors[engine.limit] = _middle(errors(scene, coarser, found[engine.limit]))
     return found, floors
 
 
@@ -158,6 +157,10 @@ def _finest(scene: TrajectoryScene, engine: Engine) -> Engine:
 def _truth(limits: dict[str, np.ndarray]) -> str:
     """What stands for reality: a closed form, else pymunk's rigid limit, else MuJoCo's."""
     return next(name for name in ("closed form", "pymunk", "MuJoCo", "ours, rigid") if name in limits)
+
+
+def _middle(values: np.ndarray) -> float:
+    return min(float(np.median(values)), LOST)  # JSON knows no infinity
 
 
 def _quantiles(values: np.ndarray) -> list[float | None]:
