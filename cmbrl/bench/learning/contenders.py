@@ -119,7 +119,7 @@ CONTENDERS = (
               quick_rows=200, stops=_SYSID_STOPS),
     Contender("mujoco.sysid, other integrator", _sysid(other=True), max_rows=5_000, all_seeds_to=1_000,
               quick_rows=200, stops=_SYSID_STOPS),
-    Contender("Gaussian process", _process, max_rows=5_000, all_seeds_to=1_000,
+    Contender("Gaussian process", _process, max_rows=5_000, all_seeds_to=1_000, quick_rows=200,
               stops="memory grows with the square and time with the cube of the rows"),
     Contender("ensemble (MBPO)", _ensemble(_ORIGINAL), all_seeds_to=20_000, stops=_PATIENCE),
     Contender("ensemble (MBPO), targets normalised", _ensemble(replace(_ORIGINAL, normalise_targets=True)),
