@@ -108,8 +108,9 @@ struct Continuation : InteriorPoint<G> {
     }
   }
 
-  // Lanes of `todo` along the path to where kappa dominates, then to kappa; returns those that got there.
-  Mask run(Mask todo, const Strategy& st, T& iterations) {
+  // Lanes of `todo` along the path to t = `until`, or to where kappa dominates, then straight to kappa, since round-off blurs
+  // the direction of the path near its end; returns those that got there.
+  Mask run(Mask todo, const Strategy& st, double until, T& iterations) {
     this->start(st.start);
     int size = m.nv + w.ncon * (3 + 2 * NT) + 2 * w.nlim + 3 * w.ndry;
     T *unit = w.path, *before = unit + size, *kept = before + size;
@@ -133,7 +134,7 @@ struct Continuation : InteriorPoint<G> {
       for_unknowns([&](T& x, T&, T, int k) { x = select(back, before[k], x); });
       t = select(back, t_before, t);
       length = select(there, vmin(1.6 * length, splat(2)), 0.3 * length);
-      arrived |= there & (t * zeta * zeta <= 0.1 * kappa);
+      arrived |= there & (t <= vmax(splat(until), 0.1 * kappa / (zeta * zeta)));
       busy &= ~arrived & (length > 1e-5) & (t < 1e4);
     }
     rho = t;

@@ -78,7 +78,7 @@ template <class G>
 static Outcome contact_solve(const Structure& m, const Options& o, SolverWork<G>& w) {
   InteriorPoint<G> ip(m, o, w);
   Continuation<G> curve(m, o, w);
-  struct Rung { Strategy strategy; double compliance; bool arclength = false; };
+  struct Rung { Strategy strategy; double compliance, arclength = 0; };
   static constexpr double tau = 0.9;
   const Rung ladder[] = {{{G::NT == 1 ? 0.95 : 0.9, 0.3, 1, true, false, o.max_iterations}, 0},
                          {{tau, 0.4, 3, false, false, 60}, 0},
@@ -88,8 +88,10 @@ static Outcome contact_solve(const Structure& m, const Options& o, SolverWork<G>
                          {{tau, 0.3, 3, false, true, 60, 0.2}, 0},
                          {{tau, 0.3, 3, false, true, 60, 0.7}, 0},
                          {{tau, 0.3, 3, false, true, 120, 0.3, 1.3}, 0},
-                         {{tau, 0.3, 3, false, false, 400}, 0, true},
-                         {{tau, 0.3, 30, false, false, 400}, 0, true},
+                         {{tau, 0.3, 3, false, true, 600}, 0, 1e-6},
+                         {{tau, 0.3, 3, false, true, 600}, 0, 1e-9},
+                         {{tau, 0.3, 30, false, true, 600}, 0, 1e-9},
+                         {{tau, 0.3, 3, false, true, 1000}, 0, 1e-16},
                          {{tau, 0.3, 3, false, true, 60, 0.3}, 1e-3},
                          {{tau, 0.3, 3, false, true, 150, 0.1, 1.3}, 1e-2}};
   const int rungs = int(sizeof ladder / sizeof *ladder);
@@ -104,8 +106,8 @@ static Outcome contact_solve(const Structure& m, const Options& o, SolverWork<G>
       w.con[i].Rn += soft;
       w.con[i].Rt += soft;
     }
-    Mask now = ladder[rung].arclength ? curve.run(~before, ladder[rung].strategy, out.iterations)
-                                      : ip.run(~before, ladder[rung].strategy, out.iterations);
+    Mask now = ladder[rung].arclength > 0 ? curve.run(~before, ladder[rung].strategy, ladder[rung].arclength, out.iterations)
+                                          : ip.run(~before, ladder[rung].strategy, out.iterations);
     for_solver_state(m, w, [before](T& x, T& kept) { x = select(before, kept, x); });
     out.done |= now;
     if (compliant) out.fallback |= now;

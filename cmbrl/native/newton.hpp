@@ -14,6 +14,7 @@ struct Newton {
   SolverWork<G>& w;
   Pattern pat;
   T rho;  // what is left of the linear residuals of the start
+  double yield = 0;  // rows are linearised as if they yielded by this share of their weight: a better conditioned matrix
 
   Newton(const Structure& m_, const Options& o_, SolverWork<G>& w_) : m(m_), o(o_), w(w_), pat(pattern_of(m_, w_)) {}
 
@@ -36,7 +37,7 @@ struct Newton {
   // Theta and the target part w of dx = w - Theta J dv, for targets (t4, t50, t5) minus the second-order terms.
   void linearise(Contact<G>& c, T t4, T t50, const T* t5) {
     c.t50 = t50;
-    T pn = c.s + c.gam * c.Rn;
+    T soft = yield * c.root * c.root, pn = c.s + c.gam * (c.Rn + soft);
     T inv = c.ipn = 1.0 / pn;
     c.Th[0][0] = keep(c.on, c.gam * inv);
     c.w[0] = keep(c.on, (t4 - c.gam * c.s + c.gam * rho * c.r1) * inv);
@@ -51,7 +52,7 @@ struct Newton {
       a[i] = mu * (c.eta[i] - c.b[i] * c.eta0 * ib0);
       CMBRL_FOR(j, NT) {
         B[i][j] = (i == j ? b0 : T{}) - c.b[i] * c.b[j] * ib0;
-        A[i][j] = (i == j ? c.eta0 : T{}) - c.b[i] * c.eta[j] * ib0 + c.Rt * B[i][j];
+        A[i][j] = (i == j ? c.eta0 : T{}) - c.b[i] * c.eta[j] * ib0 + (c.Rt + soft) * B[i][j];
       }
     }
     auto& Ai = c.Ai;

@@ -15,15 +15,16 @@ struct InteriorPoint : Newton<G> {
   using Newton<G>::NT, Newton<G>::m, Newton<G>::o, Newton<G>::w, Newton<G>::rho;
   using Newton<G>::twist, Newton<G>::add_wrench, Newton<G>::linearise_all, Newton<G>::factorise, Newton<G>::direction;
   T zeta, count;
+  T speed;   // largest of the rows: their velocities are known to some 1e-16 of it
   T linear;  // size of the linear residuals at the start, relative to the speeds of the rows; at least 1
 
   using Newton<G>::Newton;
 
   // Centred start: every product equals zeta^2 (in rows scaled by the inverse weight).
   void start(double factor) {
-    zeta = T{};
-    count = T{};
-    auto widen = [&](Mask on, T c, T kappa, T root) {
+    zeta = speed = count = T{};
+    auto widen = [&](Mask on, T c, T free, T kappa, T root) {
+      speed = vmax(speed, keep(on, vmax(vabs(c), vabs(free))));
       zeta = vmax(zeta, keep(on, vmax(factor * vabs(c) / root, vsqrt(kappa))));
     };
     for (int k = 0; k < m.nv; ++k) w.rv[k] = w.delta[k] = T{};
@@ -32,10 +33,10 @@ struct InteriorPoint : Newton<G> {
       for (int i = w.groups[g].begin; i < w.groups[g].end; ++i) {
         Contact<G>& c = w.con[i];
         c.r1 = dot(c.Wr[0], t) + c.cn0;
-        widen(c.on, c.r1, c.kappa, c.root);
+        widen(c.on, c.r1, c.r1 - c.cn0, c.kappa, c.root);
         for (int r = 1; r < c.rows; ++r) {
           c.r2[r - 1] = dot(c.Wr[r], t) + c.ct0[r - 1];
-          widen(c.on, c.r2[r - 1], c.kappa, c.root);
+          widen(c.on, c.r2[r - 1], c.r2[r - 1] - c.ct0[r - 1], c.kappa, c.root);
         }
         count += select(c.on, splat(1), T{}) + select(c.on & c.rub, splat(1), T{});
       }
@@ -43,13 +44,13 @@ struct InteriorPoint : Newton<G> {
     for (int i = 0; i < w.nlim; ++i) {
       Limit& l = w.lim[i];
       l.r1 = l.sign * w.vf[l.dof] + l.c0;
-      widen(l.on, l.r1, l.kappa, l.root);
+      widen(l.on, l.r1, l.r1 - l.c0, l.kappa, l.root);
       count += select(l.on, splat(1), T{});
     }
     for (int i = 0; i < w.ndry; ++i) {
       DryFriction& d = w.dry[i];
       d.r2 = w.vf[d.dof] + d.c0;
-      widen(d.on, d.r2, d.kappa, d.root);
+      widen(d.on, d.r2, d.r2, d.kappa, d.root);
       count += select(d.on, splat(1), T{});
     }
     zeta = vmax(zeta, splat(1e-12));
@@ -129,26 +130,29 @@ struct InteriorPoint : Newton<G> {
     rho *= 1.0 - keep(moving, alpha);
   }
 
-  // Largest distance of a product from kappa + centre, relative to that (and to round-off of the start's products).
+  // Largest distance of a product from kappa + centre, relative to that, and to what round-off of the rows' velocities makes
+  // of it at the impulse x.
   T off_path(T centre) const {
-    T worst = T{}, floor = 4e-16 * zeta * zeta / o.theta;
-    auto widen = [&](Mask on, T error, T kappa) { worst = vmax(worst, keep(on, vabs(error) / vmax(kappa + centre, floor))); };
+    T worst = T{}, floor = 4e-16 * zeta * zeta / o.theta, noise = 1e-14 * speed / o.theta;
+    auto widen = [&](Mask on, T error, T kappa, T x) {
+      worst = vmax(worst, keep(on, vabs(error) / vmax(kappa + centre, vmax(floor, noise * x))));
+    };
     for (int i = 0; i < w.ncon; ++i) {
       const Contact<G>& c = w.con[i];
-      widen(c.on, c.gam * c.s - c.kappa - centre, c.kappa);
+      widen(c.on, c.gam * c.s - c.kappa - centre, c.kappa, c.gam);
       if (c.rows == 1) continue;
       T b0 = c.mu * c.gam, head = b0 * c.eta0 - c.kappa - centre;
       CMBRL_FOR(r, NT) {
         head += c.b[r] * c.eta[r];
-        widen(c.on & c.rub, b0 * c.eta[r] + c.eta0 * c.b[r], c.kappa);
+        widen(c.on & c.rub, b0 * c.eta[r] + c.eta0 * c.b[r], c.kappa, b0);
       }
-      widen(c.on & c.rub, head, c.kappa);
+      widen(c.on & c.rub, head, c.kappa, b0);
     }
-    for (int i = 0; i < w.nlim; ++i) widen(w.lim[i].on, w.lim[i].gam * w.lim[i].s - w.lim[i].kappa - centre, w.lim[i].kappa);
+    for (int i = 0; i < w.nlim; ++i) widen(w.lim[i].on, w.lim[i].gam * w.lim[i].s - w.lim[i].kappa - centre, w.lim[i].kappa, w.lim[i].gam);
     for (int i = 0; i < w.ndry; ++i) {
       const DryFriction& d = w.dry[i];
-      widen(d.on, d.b0 * d.eta0 + d.b * d.eta - d.kappa - centre, d.kappa);
-      widen(d.on, d.b0 * d.eta + d.eta0 * d.b, d.kappa);
+      widen(d.on, d.b0 * d.eta0 + d.b * d.eta - d.kappa - centre, d.kappa, d.b0);
+      widen(d.on, d.b0 * d.eta + d.eta0 * d.b, d.kappa, d.b0);
     }
     return worst;
   }
@@ -162,10 +166,13 @@ struct InteriorPoint : Newton<G> {
     return sum / vmax(count, splat(1));
   }
 
-  // One full Newton step to kappa in the lanes of `todo`, from residuals that were just computed.
+  // One Newton step to kappa in the lanes of `todo`, from residuals that were just computed; its matrix is one that round-off
+  // cannot spoil (see yield), so that a few of them end at the same point.
   void refine(Mask todo) {
     rho = splat(1);
+    this->yield = 1e-9;
     linearise_all(T{}, none());
+    this->yield = 0;
     factorise();
     T alpha = vmin(direction() * 0.99, splat(1));
     advance(todo, alpha);
@@ -185,7 +192,7 @@ struct InteriorPoint : Newton<G> {
   }
 
   Mask descend(Mask todo, const Strategy& st, T& iterations) {  // from the current point
-    T kappa = mean_kappa(), centre = st.follow ? zeta * zeta : T{}, floor = 1e-6 * zeta * zeta;
+    T kappa = mean_kappa(), centre = st.follow ? rho * zeta * zeta : T{}, floor = 1e-6 * zeta * zeta;
     Mask busy = todo & (count > 0.0), done = todo & ~busy;
     T slow = T{};  // short steps in a row: the path has folded, more of them would lead nowhere
     T share = splat(st.friction);
