@@ -11,12 +11,14 @@ import pytest
 import torch
 
 from cmbrl import UserError
+from cmbrl.bench.learning import cells, study
 from cmbrl.bench.learning.cells import Cell, plan, run
 from cmbrl.bench.learning.contenders import CONTENDERS, SIZES, Contender
 from cmbrl.bench.learning.logs import System, record, wrong_parameters
 from cmbrl.bench.learning.mujoco_model import GROUPS, MujocoModel, compiled, with_parameters
 from cmbrl.bench.learning.results import Results
 from cmbrl.bench.learning.study import section
+from cmbrl.bench.study import Settings
 from cmbrl.models.baselines import HoldVelocity
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.registry import load_task
@@ -136,11 +138,11 @@ def test_gaussian_process_keeps_what_has_diverged(hopper: System) -> None:
 
 
 def test_plan_begins_with_small_logs_and_respects_limits() -> None:
-    cells = plan(ROBOTS, SIZES, (0, 1, 2), quick=False)
-    assert [c.rows for c in cells] == sorted(c.rows for c in cells)
-    assert len({c.file(Path()) for c in cells}) == len(cells)
+    planned = plan(ROBOTS, SIZES, (0, 1, 2), quick=False)
+    assert [c.rows for c in planned] == sorted(c.rows for c in planned)
+    assert len({c.file(Path()) for c in planned}) == len(planned)
     for contender in CONTENDERS:
-        mine = [c for c in cells if c.contender is contender]
+        mine = [c for c in planned if c.contender is contender]
         assert max(c.rows for c in mine) == (contender.max_rows if contender.learns else 0)
         assert {c.seed for c in mine if c.rows > contender.all_seeds_to} <= {0}
     assert {c.rows for c in plan(("hopper",), (200, 1000), (0,), quick=True)} == {0, 200, 1000}
@@ -178,16 +180,28 @@ def _cell(model: str, rows: int, seed: int, error: float | None) -> dict:
 def test_section_of_a_study_that_is_not_finished(tmp_path: Path) -> None:
     learnt = [_cell("fitted, all parameters", 200, seed, error) for seed, error in enumerate((0.02, 0.04, 0.09))]
     failed = {"task": "hopper", "model": "Gaussian process", "rows": 200, "seed": 0, "failed": "not installed"}
-    cells = [_cell("hold", 0, 0, 0.7), *learnt, _cell("ensemble (MBPO)", 1000, 0, None), failed]
-    found = section(Results(cells), tmp_path)
+    values = [_cell("hold", 0, 0, 0.7), *learnt, _cell("ensemble (MBPO)", 1000, 0, None), failed]
+    found = section(Results(values), tmp_path)
     rows = {(row[1], row[2]): row for row in found.tables[0].rows}
     assert rows["fitted, all parameters", 200][3:5] == [3, 0.04]  # seeds, median
     assert rows["ensemble (MBPO)", 1000][4] == np.inf
     assert ("Gaussian process", 200) not in rows
     assert "not installed" in found.text
-    assert len(found.tables[1].rows) == len(cells)
+    assert len(found.tables[1].rows) == len(values)
     assert all((tmp_path / figure.file).stat().st_size > 10_000 for figure in found.figures)
     found.write(tmp_path)
+
+
+def test_study_runs_and_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cells, "CONTENDERS", [c for c in CONTENDERS if not c.learns])
+    monkeypatch.setattr(study, "QUICK_TEST_ROWS", 100)
+    monkeypatch.setattr(study, "QUICK_LASTING_ROWS", 4000)
+    shares: list[float] = []
+    first = study.STUDY.run(tmp_path, Settings(quick=True), lambda share, text: shares.append(share))
+    assert [row[1] for row in first.tables[0].rows] == ["hold", "wrong MJCF", "true MJCF"]
+    assert shares == sorted(shares)
+    monkeypatch.setattr(study, "System", None)  # what is kept needs no system
+    assert study.STUDY.run(tmp_path, Settings(quick=True), lambda share, text: None).tables == first.tables
 
 
 def test_contenders_of_one_seed_say_why() -> None:

@@ -39,7 +39,7 @@ class Cell:
     def file(self, folder: Path) -> Path:
         """Where it is kept."""
         name = "".join(c if c.isalnum() else "_" for c in self.contender.name)
-        return folder / "cells" / f"{self.task}-{name}-{self.rows}-{self.seed}.json"
+        return folder / f"{self.task}-{name}-{self.rows}-{self.seed}.json"
 
 
 def plan(tasks: Sequence[str], sizes: Sequence[int], seeds: Sequence[int], quick: bool) -> list[Cell]:

@@ -35,12 +35,12 @@ class System:
     lasting: Transitions
 
     @classmethod
-    def of(cls, name: str, rows: int, lasting_rows: int, horizon: int, seed: int = 0) -> System:
+    def of(cls, name: str, rows: int, lasting_rows: int, horizon: int) -> System:
         """The system called ``name``, tested on ``rows`` rows and on the episodes of at least ``horizon`` rows among
         ``lasting_rows`` of PD control."""
         task = load_task(name)
-        held_out = record(task, rows, TEST_SEED + seed)
-        lasting = task.record(lasting_rows, seed=TEST_SEED + seed + 1, behaviour="pd")
+        held_out = record(task, rows, TEST_SEED)
+        lasting = task.record(lasting_rows, seed=TEST_SEED + 1, behaviour="pd")
         known, counts = np.unique(lasting.episode, return_counts=True)
         long_enough = np.isin(lasting.episode, known[counts >= horizon])
         return cls(task, task.load_scene(), held_out, lasting.select(long_enough))

@@ -39,7 +39,7 @@ def draw(results: Results, folder: Path) -> dict[str, str]:
     _grid(results, folder / "transitions.png", _against_transitions, HORIZONS)
     _grid(results, folder / "fit_time.png", _against_fit_time, HORIZONS)
     _grid(results, folder / "prediction_time.png", _against_prediction_time, HORIZONS)
-    _grid(results, folder / "strata.png", _strata, (1, 20))
+    _grid(results, folder / "strata.png", _strata, (1,))
     return {
         "transitions.png": "Error against transitions",
         "fit_time.png": "Error against fit time",
@@ -50,7 +50,7 @@ def draw(results: Results, folder: Path) -> dict[str, str]:
 
 def _grid(results: Results, path: Path, panel: Panel, horizons: Sequence[int]) -> None:
     """One panel per task and horizon, one legend below."""
-    figure = Figure(figsize=(4.3 * max(3, len(horizons)), 3.3 * len(results.tasks) + 1.1), layout="constrained")
+    figure = Figure(figsize=(max(8.6, 4.3 * len(horizons)), 3.3 * len(results.tasks) + 1.1), layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.subplots(len(results.tasks), len(horizons), squeeze=False)
     for task, line in zip(results.tasks, grid, strict=True):
@@ -65,7 +65,8 @@ def _grid(results: Results, path: Path, panel: Panel, horizons: Sequence[int]) -
         for model, (colour, marker) in STYLES.items()
         if model in results.models
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize="small")
+    columns = 4 if len(horizons) > 1 else 3
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False, fontsize="small")
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=150)
 
@@ -121,7 +122,7 @@ def _against_fit_time(axes: Axes, results: Results, task: str, horizon: int) -> 
             errors = results.errors(task, model, rows, horizon)
             seconds = results.cost(task, model, rows, "fit_seconds")[: len(errors)]
             if len(errors):
-                _points(axes, seconds, errors, colour, marker, 14 * np.log10(rows / 20))
+                _points(axes, seconds, errors, colour, marker, 18 * np.log10(rows / 10))
                 path.append((float(np.median(seconds)), float(np.median(errors))))
         if path:
             x, y = np.array(path).T
