@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -61,7 +62,7 @@ def record(task: Task, rows: int, seed: int) -> Transitions:
     first = task.record(rows - rows // 2, seed=seed, behaviour="random")
     second = task.record(rows // 2, seed=seed, behaviour="pd")
     offset = int(first.episode.max()) + 1
-    stacked = {
+    stacked: dict[str, Any] = {
         name: np.concatenate([getattr(first, name), getattr(second, name)])
         for name in ("q", "v", "u", "q_next", "v_next")
     }

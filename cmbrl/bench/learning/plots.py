@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.markers import MarkerStyle
 
 from cmbrl.bench.learning.cells import HORIZONS
 from cmbrl.bench.learning.results import Results, middle
@@ -77,13 +79,16 @@ def _inside(errors: np.ndarray) -> np.ndarray:
 
 def _points(axes: Axes, x: np.ndarray, errors: np.ndarray, colour: str, marker: str, size: float) -> None:
     """Errors (n,) at x (n,); those outside the axes sit on the edge as triangles that point outwards."""
-    for mask, shape in (
+    places: tuple[tuple[np.ndarray, Any], ...] = (
         ((errors >= LOW) & (errors <= HIGH), marker),
         (errors > HIGH, 6),
         (errors < LOW, 7),
-    ):
+    )
+    for mask, shape in places:
         if mask.any():
-            axes.scatter(x[mask], _inside(errors[mask]), size, colour, marker=shape, alpha=0.6, linewidths=0)
+            axes.scatter(
+                x[mask], _inside(errors[mask]), size, colour, marker=MarkerStyle(shape), alpha=0.6, linewidths=0
+            )
 
 
 def _against_transitions(axes: Axes, results: Results, task: str, horizon: int) -> None:
@@ -153,7 +158,7 @@ def _strata(axes: Axes, results: Results, task: str, horizon: int) -> None:
     rows = common_rows(results)
     models = [m for m in results.models if rows in results.sizes(task, m) or not results.learns(task, m)]
     width = 0.85 / max(1, len(models))
-    found = []
+    found: list[str] = []
     for stratum in ("flight", "contact"):
         columns = [results.errors(task, m, rows if results.learns(task, m) else 0, horizon, stratum) for m in models]
         if not any(len(c) for c in columns):

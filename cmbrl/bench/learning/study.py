@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +46,7 @@ def _study(folder: Path, settings: Settings, progress: Progress) -> Section:
     done = []
     for k, cell in enumerate(cells):
         progress(k / len(cells), f"{cell.task}, {cell.contender.name}, {cell.rows} transitions, seed {cell.seed}")
-        done.append(run(cell, lambda task=cell.task: system(task), kept))
+        done.append(run(cell, partial(system, cell.task), kept))
     return section(Results(done), folder)
 
 
