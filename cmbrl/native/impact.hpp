@@ -1,5 +1,5 @@
 // The implicit system of a step, with the parts that look at the free velocity vf or act late in the step: adaptive kappa(z),
-// Newton restitution J v' + e J vf, impulses at their time of impact. Folded into the matrices of derivative.hpp, so that
+// Newton restitution at the time of impact, impulses that act then. Folded into the matrices of derivative.hpp, so that
 // Jacobians and vector-Jacobian products need not know:
 //   H dv' = Gq dq + Gv dv + Gu du + Gp dtheta,    dqtan = h dv' - (Sq dq + Sv dv + Su du + Sp dtheta + Sn dv').
 #pragma once
@@ -56,6 +56,28 @@ static void through_free_velocity(const Model& m, const Work<G>& w, const T* j, 
 }
 template <class G>
 static T* row_of_Z(const Model& m, const Work<G>& w, int row) { return w.Z + row * (2 * m.nv + m.nu + m.ntheta); }
+// The same of cn0 of a bounce.
+template <class G>
+static T* row_of_bounce(const Model& m, const Work<G>& w, int row) { return row_of_Z(m, w, w.ncon + w.nlim + row); }
+
+// d cn0 = by_free d(J vf) + by_start d(J v) + by_gap dphi; z: the row of d(J vf).
+template <class G>
+static void bounce_terms(const Model& m, Work<G>& w, int i, const T* z, bool theta) {
+  const Contact<G>& c = w.con[i];
+  int group = m.con_group[c.index], A = m.con_bodyA[c.index], B = m.con_bodyB[c.index];
+  T* t = row_of_bounce(m, w, i);
+  for (int k = 0; k < 2 * m.nv + m.nu + m.ntheta; ++k) t[k] = c.by_free * z[k];
+  Feature<G> feature = find_feature(m, w, c.index);
+  Vec<G::N> relative = relative_twist<G>(m, w.vel, c.index);
+  for (int a = m.grp_dptr[group]; a < m.grp_dptr[group + 1]; ++a) {
+    int d = m.grp_dof[a], sign = m.grp_sign[a];
+    Shift<G> s = shift_by_dof(m, w, c, feature, w.S[d], sign);
+    T swing = dot(c.Wr[0], cross_motion<G>(w.S[d], w.vel[sign > 0 ? A : B] - w.vlam[d])), column = dot(c.Wr[0], w.S[d]);
+    t[d] += c.by_start * (dot(wrench_shift(c, s, 0), relative) + (sign > 0 ? swing : -swing)) + c.by_gap * s.dphi;
+    t[m.nv + d] += c.by_start * (sign > 0 ? column : -column);
+  }
+  for (int k = 0; theta && k < m.ntheta; ++k) t[2 * m.nv + m.nu + k] += c.by_gap * gap_of_parameter(m, c, k);
+}
 
 // Sensitivities of the free closing coordinate J vf + c0 of contact rows and limits that need it.
 template <class G>
@@ -79,6 +101,7 @@ static void closing_terms(const Model& m, Work<G>& w, bool theta) {
       z[nv + d] = -c.carry * w.tmp[d];
     }
     through_free_velocity(m, w, w.tmp, theta, z);
+    if (any(c.bounce > 0.0)) bounce_terms(m, w, i, z, theta);
   }
   for (int i = 0; i < w.nlim; ++i) {
     Limit& l = w.lim[i];
@@ -103,12 +126,13 @@ static void add_outer(const Model& m, const T* g, const T* z, bool theta, T* Aq,
   }
 }
 
-// What a change dz of the closing coordinate does to the momentum of one contact: through kappa and through restitution.
+// What a change of the closing coordinate does to the momentum of one contact, through kappa; and one of its cn0.
+template <class G> static Vec<G::N> closing_response(const Contact<G>& c) { return kappa_response(c, c.slope); }
 template <class G>
-static Vec<G::N> closing_response(const Contact<G>& c) {
+static Vec<G::N> bounce_response(const Contact<G>& c) {
   T E[1 + G::NT] = {};
-  E[0] = c.bounce;
-  return response(c, E) + kappa_response(c, c.slope * (1.0 + c.bounce));
+  E[0] = keep(c.bounce > 0.0, splat(1));
+  return response(c, E) + kappa_response(c, keep(c.bounce > 0.0, c.slope));
 }
 
 template <class G>
@@ -124,6 +148,10 @@ static void fold_closing_terms(const Model& m, const Options& o, Work<G>& w, boo
       g[l.dof] = keep(l.on, l.sign * l.slope / (l.s + l.gam * l.R));
     }
     add_outer<G>(m, g, row_of_Z(m, w, i), theta, w.Gq, w.Gv, w.Gu, w.Gp);
+    if (i >= w.ncon || !any(w.con[i].bounce > 0.0)) continue;
+    for (int k = 0; k < m.nv; ++k) g[k] = T{};
+    ip.add_wrench(m.con_group[w.con[i].index], bounce_response(w.con[i]), g);
+    add_outer<G>(m, g, row_of_bounce(m, w, i), theta, w.Gq, w.Gv, w.Gu, w.Gp);
   }
 }
 
@@ -157,6 +185,9 @@ static void late_terms(const Model& m, const Options& o, Work<G>& w, bool theta)
     for (int k = 0; k < nv; ++k) g[k] = T{};
     ip.add_wrench(group, keep(open, c.time * per_speed) * F + weight * closing_response(c), g);
     add_outer<G>(m, g, row_of_Z(m, w, i), theta, w.Sq, w.Sv, w.Su, w.Sp);
+    for (int k = 0; k < nv; ++k) g[k] = T{};
+    ip.add_wrench(group, weight * bounce_response(c), g);
+    add_outer<G>(m, g, row_of_bounce(m, w, i), theta, w.Sq, w.Sv, w.Su, w.Sp);
     for (int k = 0; k < nv; ++k) g[k] = T{};
     ip.add_wrench(group, keep(open, per_speed) * F, g);
     Feature<G> feature = find_feature(m, w, c.index);

@@ -198,9 +198,9 @@ struct ParameterColumns {
       if (w.con[i].index != index) continue;
       if (field == kRadius) gap(w.con[i], -1, -0.5, coef);
       else if (field != kRestitution) law(w.con[i], field, coef);
-      else {  // c0 = -e speed
+      else {
         T E[1 + G::NT] = {};
-        E[0] = select(w.con[i].bounce > 0.0, -w.con[i].speed, T{});
+        E[0] = select(w.con[i].bounce > 0.0, w.con[i].by_e, T{});
         add_wrench(w.con[i], coef * (response(w.con[i], E) + kappa_response(w.con[i], w.con[i].slope * E[0])));
       }
     }

@@ -20,24 +20,58 @@ static void free_velocity(const Model& m, Work<G>& w) {
   for (int i = 0; i < nv; ++i) w.vf[i] += w.v[i];
 }
 
-// Newton restitution of rigid contacts that close within the step: J v' + e J vf >= 0, the impulse acting at the time of impact.
+// Restitution of a contact; only rigid ones have it.
 template <class G>
-static void find_bounces(const Model& m, const Options& o, Work<G>& w) {
-  for (int g = 0; g < w.ngroups; ++g)
+static T restitution(const Model& m, const Work<G>& w, const Contact<G>& c) {
+  return m.con_law[c.index] == kRigid ? w.P[m.oContact + c.index * kContactFields + kRestitution] : T{};
+}
+
+// Approach speeds under vf, and the lanes in which vf violates some row: in the others no impulse is to be expected.
+template <class G>
+static Mask closing_lanes(const Model& m, const Options& o, Work<G>& w) {
+  InteriorPoint<G> ip(m, o, w);
+  Mask closing = none();
+  for (int g = 0; g < w.ngroups; ++g) {
+    Vec<G::N> t = ip.twist(w.groups[g].group, w.vf);
     for (int i = w.groups[g].begin; i < w.groups[g].end; ++i) {
       Contact<G>& c = w.con[i];
-      if (m.con_law[c.index] != kRigid) continue;
-      T e = w.P[m.oContact + c.index * kContactFields + kRestitution];
-      if (!any(e > 0.0)) continue;
-      InteriorPoint<G> ip(m, o, w);
-      T speed = -dot(c.Wr[0], ip.twist(w.groups[g].group, w.vf));
-      Mask hits = c.on & (e > 0.0) & (speed > o.rest_speed) & (c.phi < speed * o.h);
-      c.bounce = keep(hits, e);
-      c.time = keep(hits, vmax(c.phi, T{}) / select(hits, speed, splat(1)));
-      c.cn0 = select(hits, -e * speed, c.cn0);
-      c.dc_dphi = select(hits, T{}, c.dc_dphi);
-      c.speed = speed;
+      c.speed = -dot(c.Wr[0], t);
+      closing |= c.on & (c.cn0 < c.speed);
     }
+  }
+  for (int i = 0; i < w.nlim; ++i) closing |= w.lim[i].on & (w.lim[i].sign * w.vf[w.lim[i].dof] + w.lim[i].c0 < 0.0);
+  return closing;
+}
+
+// Newton restitution of rigid contacts that close within the step, at their time of impact: with s the approach speed then,
+// the speed after it is e s, and J v' = e s - (J v's loss from then on). vf is the speed in the middle of the way from q to
+// q', so that s = speed + (share - 1/2) gain; without the gain a bounce under gravity has a derivative of the wrong sign.
+// A bounce that is still to come leaves its row out, which would brake without restitution at a distance, unless other
+// impulses of this step may bring it about early.
+template <class G>
+static void find_bounces(const Model& m, const Options& o, Work<G>& w) {
+  bool any_bounce = false;
+  for (int i = 0; i < w.ncon; ++i) any_bounce |= any(restitution(m, w, w.con[i]) > 0.0);
+  if (!any_bounce) return;
+  Mask closing = closing_lanes(m, o, w);
+  for (int i = 0; i < w.ncon; ++i) {
+    Contact<G>& c = w.con[i];
+    T e = restitution(m, w, c);
+    Mask fast = c.on & (e > 0.0) & (c.speed > o.rest_speed), hits = fast & (c.phi < c.speed * o.h);
+    c.on = c.on & (hits | ~fast | closing);
+    T gain = c.speed + dot(c.Wr[0], relative_twist<G>(m, w.vel, c.index));
+    T share = vmax(c.phi, T{}) / select(hits, c.speed * o.h, splat(1));  // of the step until the impact
+    T target = c.speed - (1.0 + e) * (c.speed + (share - 0.5) * gain);
+    Mask held = hits & (target < 0.0), open = held & (c.phi > 0.0);  // never may the row let the gap close on
+    c.bounce = keep(hits, e);
+    c.time = keep(hits, share * o.h);
+    c.cn0 = select(hits, vmin(target, T{}), c.cn0);
+    c.dc_dphi = select(hits, T{}, c.dc_dphi);
+    c.by_e = -keep(held, c.speed + (share - 0.5) * gain);
+    c.by_gap = -keep(open, (1.0 + e) * gain / select(open, c.speed * o.h, splat(1)));
+    c.by_start = keep(held, (1.0 + e) * (0.5 - share));
+    c.by_free = keep(held, (1.0 + e) * (0.5 + share) - 1.0) + c.by_gap * share * o.h;
+  }
 }
 
 // Whole step: from (w.q, w.v, w.u) to w.vn; the caller integrates.

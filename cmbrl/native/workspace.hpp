@@ -26,6 +26,7 @@ struct Contact {
   T phi, mu, Rn, Rt, carry, cn0, ct0[G::NT];
   T dc_dphi, dRn_dphi, dRt_dphi;     // of the law, at fixed impulses
   T bounce, time, speed;             // restitution applied in this step (0: none), time of impact in it [s], approach speed
+  T by_free, by_start, by_gap, by_e; // d cn0 of a bounce by J vf, J v, gap and restitution
   T kappa, slope;                    // slope: d kappa / d z
   T gam, s, b[G::NT], eta0, eta[G::NT];
   T r1, r2[G::NT];                   // linear residuals at the start; they shrink by exactly (1 - alpha)
@@ -117,7 +118,7 @@ struct Work : SolverWork<G> {
     };
     block(Fq, Fv, Fu, Fp, nv);
     block(Sq, Sv, Su, Sp, nv);
-    Z = A.take<T>((m.ncontact + m.nlimit + nv) * ncol); HF = A.take<T>(nv * nv);
+    Z = A.take<T>((2 * m.ncontact + m.nlimit + nv) * ncol); HF = A.take<T>(nv * nv);
     Sn = A.take<T>(nv * nv);
     qtan = A.take<T>(nv); shift = A.take<T>(nv);
     tq = A.take<T>(nv * ncol); tv = A.take<T>(nv * ncol); rhs_all = A.take<T>(nv * ncol);
