@@ -14,6 +14,7 @@ from cmbrl import UserError
 from cmbrl.bench.studies import STUDIES, load
 from cmbrl.bench.study import Figure, Section, Table
 
+DOCUMENT = Path(__file__).parents[2] / "docs/bench.md"
 # Packages that `cmbrl bench` uses when they are there; scipy comes along with others.
 OPTIONAL = ["qpsolvers", "proxsuite", "daqp", "quadprog", "piqp", "osqp", "clarabel", "scs", "highspy", "cvxpy"]
 OPTIONAL += ["cvxpylayers", "diffcp", "sklearn", "pinocchio", "pymunk", "gymnasium", "minari", "cmaes"]
@@ -48,6 +49,7 @@ def test_every_study_is_what_it_is_called(name: str) -> None:
     study = load(name)
     assert study.name == name
     assert 10 < len(study.summary) < 90  # one line of `cmbrl bench --help`
+    assert f"| `{name}` |" in DOCUMENT.read_text(encoding="utf-8")
 
 
 def test_unknown_study() -> None:
