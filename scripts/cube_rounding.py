@@ -20,7 +20,7 @@ GROUPS = {
     "rigid": ["friction", "plane_height", "com_x", "com_y", "com_z", "softness_time"],
     "mujoco": [
         "friction", "plane_height", "com_x", "com_y", "com_z", "softness_time", "softness_damping", "softness_scale",
-        "impedance_low", "impedance_high", "impedance_width",
+        "impedance_low", "impedance_high", "impedance_width", "radius",
     ],
 }  # fmt: skip
 RADII = (0.0, 1.0, 2.0, 3.0, 4.0, 4.5, 5.0, 5.5, 6.0, 6.5, 7.0, 8.0)  # [mm]

@@ -46,7 +46,8 @@ CASES = {
         f"cmbrl fit cube_toss --data train.npz --out sharp_hard {HARD}",
         f"cmbrl fit cube_toss --data train.npz --out sharp_soft --contact-law mujoco {SOFT}",
         f"cmbrl fit cube_rounded --data train.npz --out round_hard --contact-law rigid {HARD}",
-        f"cmbrl fit cube_rounded --data train.npz --out round_soft {SOFT}",
+        f"cmbrl fit cube_rounded --data train.npz --out round_soft {SOFT} --groups radius",
+        "python scripts/cube_noise.py",
         "cmbrl error --scene cube_toss --data held_out.npz --train train.npz --out error hold ballistic nominal "
         "ensemble sharp_hard sharp_soft round_hard round_soft",
     ],
