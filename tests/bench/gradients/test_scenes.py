@@ -13,7 +13,7 @@ from cmbrl.bench.study import Section, Settings
 from cmbrl.contact import Barrier, Exact
 
 CASES = [case for case in scenes.all_cases() if case.steps < 3000]
-MISSES = ("elastic bounce at the end of a step", "ball over the edge of a wall", "double pendulum, T = 4 s")
+MISSES = ("ball over the edge of a wall", "double pendulum, T = 4 s")
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.label}-{case.title}-{case.outcome}")
@@ -37,7 +37,7 @@ def test_bias_is_the_closed_form(kappa: float, case: Case) -> None:
 @pytest.mark.parametrize("kappa", [1e-6, 1e-3])
 def test_matches_differences_at_the_same_kappa(kappa: float) -> None:
     for case in CASES:
-        if case.title in MISSES or case.steps > 500:
+        if case.steps > 500 or case.title == "elastic bounce at the end of a step":  # a switch: one-sided
             continue
         model = case.model(Barrier(kappa))
         np.testing.assert_allclose(case.derivative(model), case.differences(model), rtol=1e-5, atol=1e-5)
