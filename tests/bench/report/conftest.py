@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cmbrl.bench import studies
+from cmbrl.bench.studies import STUDIES
 from cmbrl.bench.study import Progress
 
 MODULES = {
@@ -65,18 +65,20 @@ FAKES = {name.removesuffix("_study"): name for name in MODULES}
 
 
 @pytest.fixture
-def fakes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
-    """Name -> module of the studies above, in place of the real ones."""
+def fakes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, str]]:
+    """Name -> module of the studies above, in place of the real ones; in the same dictionary, whoever imported it."""
     place = tmp_path / "modules"
     place.mkdir()
     for name, text in MODULES.items():
         (place / f"{name}.py").write_text(text, encoding="utf-8")
         monkeypatch.delitem(sys.modules, name, raising=False)
     monkeypatch.syspath_prepend(place)  # a spawned process gets sys.path
-    monkeypatch.setattr(studies, "STUDIES", FAKES)
-    monkeypatch.setattr("cmbrl.bench.report.page.STUDIES", FAKES)
-    monkeypatch.setattr("cmbrl.cli.bench.STUDIES", FAKES)
-    return FAKES
+    real = dict(STUDIES)
+    STUDIES.clear()
+    STUDIES.update(FAKES)
+    yield FAKES
+    STUDIES.clear()
+    STUDIES.update(real)
 
 
 @contextmanager
