@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Every benchmark at full size into runs/bench (hours; Ctrl-C, and the same command goes on), and the two charts of the
-# README from it. Options go to the command, e.g. --quick or --threads 1.
+# Every benchmark at full size into runs/bench (hours; Ctrl-C, and the same command goes on), and from it the two charts of
+# the README and what docs/speed.md shows. Options go to the command, e.g. --threads 1.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 scripts/setup.sh
@@ -8,3 +8,4 @@ scripts/setup.sh
 cp runs/bench/solvers/work_precision.png docs/solvers.png
 cp runs/bench/learning/transitions.png docs/learning.png
 cp runs/bench/speed/speed.png docs/speed.png
+.venv/bin/cmbrl bench speed --out runs/bench "$@" > docs/speed.txt  # measured above: this only prints it
