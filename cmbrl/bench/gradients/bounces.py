@@ -21,6 +21,9 @@ TWO_BALLS = f"""<mujoco>{NO_GRAVITY}<worldbody>
 OBLIQUE = f"""<mujoco>{NO_GRAVITY}<worldbody><geom type="plane" size="9 9 1" friction=".3"/>
 <body><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>
 <geom size=".1" mass="1" pos="0 0 .1" friction=".3"/></body></worldbody></mujoco>"""
+ROLLING = f"""<mujoco>{NO_GRAVITY}<worldbody><geom type="plane" size="9 9 1" friction="5"/>
+<body pos="0 0 .1"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>
+<joint type="hinge" axis="0 1 0"/><geom size=".1" mass="1" friction="5"/></body></worldbody></mujoco>"""
 BILLIARD = f"""<mujoco>{NO_GRAVITY}<worldbody><geom size=".5" pos="-1.1 0 0" condim="1" {{contact}}/>
 <geom size=".5" pos="1.1 0 0" condim="1" {{contact}}/>
 <body><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>
@@ -30,11 +33,12 @@ BILLIARD = f"""<mujoco>{NO_GRAVITY}<worldbody><geom size=".5" pos="-1.1 0 0" con
 def cases() -> Iterator[Case]:
     """In the order of the bank."""
     yield _elastic_bounce(1.001, "within a step")
-    yield _elastic_bounce(1.0, "at the end of a step")
+    yield _elastic_bounce(1.0, "at the end of a step", "differences straddle the switch from one step to the next")
     for rate in (50, 500):
         yield _falling(rate)
     yield _two_balls()
     yield from _oblique_hit()
+    yield _rolling_bounce()
     for bounces in (1, 3, 5):
         yield _billiard(bounces)
     for rate in (30, 60, 120, 480):
@@ -45,11 +49,11 @@ def _drop_start(p: Tensor, kappa: float) -> tuple[Tensor, Tensor, Tensor]:
     return p[:, :1] - 0.1, p[:, 1:2], p[:, :0]  # the gap is the height of the centre less the radius
 
 
-def _elastic_bounce(height: float, when: str) -> Case:
+def _elastic_bounce(height: float, when: str, weakness: str = "") -> Case:
     return Case(
         label="G1", title=f"elastic bounce {when}", outcome="height", names=("height0", "v0"), mjcf=DROP,
         at=(height, -2.0), start=_drop_start, output=lambda q, v: q[:, 0] + 0.1, time_step=1 / 480, steps=480,
-        truth=(-1.0, -1.0), restitution=1.0, mujoco_contact=ELASTIC,
+        truth=(-1.0, -1.0), restitution=1.0, mujoco_contact=ELASTIC, weakness=weakness,
         remark="stepping without a time of impact gives +1 and -0.1",
     )  # fmt: skip
 
@@ -95,6 +99,20 @@ def _oblique_hit() -> Iterator[Case]:
         )  # fmt: skip
 
 
+def _rolling_bounce() -> Case:
+    """A sphere that stops slipping in the impact: v_x falls to 5/7, so that x(T) = v_x t + (5/7) v_x (T - t)."""
+
+    def start(p: Tensor, kappa: float) -> tuple[Tensor, Tensor, Tensor]:
+        return stacked(p, 0.0, p[:, 0], 0.0), stacked(p, 2.0, -1.0, 0.0), p[:, :0]
+
+    return Case(
+        label="G3", title="bounce that starts to roll, e = 0.8", outcome="x", names=("height0",), mjcf=ROLLING,
+        at=(0.503,), start=start, output=position(0), time_step=0.01, steps=100, truth=(2.0 - 10.0 / 7.0,),
+        restitution=0.8, rival=False, remark="the friction of an impact acts at its point",
+        weakness="the lever arm is that of the step's start, half a gap too long, at any h",
+    )  # fmt: skip
+
+
 def _billiard(bounces: int) -> Case:
     """Between two discs along the line of their centres; transversally a product of flights and reflections."""
     path, radius = 1.0, 0.6
@@ -107,7 +125,7 @@ def _billiard(bounces: int) -> Case:
 
     return Case(
         label="G10", title=f"dispersing billiard, {bounces} bounces", outcome="y", names=("y0",), mjcf=BILLIARD,
-        at=(0.0,), start=start, output=position(1), time_step=5e-4, steps=2000 * bounces,
+        at=(0.0,), start=start, output=position(1), time_step=1 / 1999, steps=1999 * bounces,
         truth=(float(exact[0, 0]),), restitution=1.0, tolerance=1e-2, rival=bounces == 1, mujoco_contact=ELASTIC,
         remark="grows by the factor 1 + 2 L/r and more with every bounce; exact up to O(h)",
     )  # fmt: skip

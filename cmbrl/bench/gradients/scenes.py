@@ -72,7 +72,10 @@ class Row:
         astray = [name for name in self.ours if self.mismatch(name) > MATCH]
         if self.weakness_shows:
             return f"misses the truth: {self.weakness}"
-        return f"truth met; differs from differences at {', '.join(astray)}" if astray else "pass"
+        if astray:
+            reason = f": {self.weakness}" if self.weakness else ""
+            return f"truth met; differs from differences at {len(astray)} of {len(self.ours)} smoothings{reason}"
+        return "pass"
 
 
 def all_cases() -> list[Case]:

@@ -20,7 +20,8 @@ dotted line (at the longest horizon). Smoothing softens the derivative alone or 
 ("both"); a smoothing length sigma stands for noise of sigma/h on the closing speed of a contact: constant kappa =
 sigma^2/(2 F h^2), the Gaussian schedule kappa(z), or a bundle of Jacobians at positions disturbed by sigma. Deviation
 is the root of the variance of one sample: N samples have 1/sqrt(N) of it. Hollow markers: the bias is within twice its
-standard error; arrows: beyond the axis. Parameters, policies and rewards are our choice. """
+standard error; arrows: beyond the axis. Parameters, policies and rewards are our choice. That the exact gradient of the
+ball is biased is the friction of its impacts (see G3 in the gradient scenes). """
 
 
 def run(folder: Path, settings: Settings, progress: Progress) -> Section:
