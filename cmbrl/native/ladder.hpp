@@ -116,7 +116,7 @@ static Outcome contact_solve(const Structure& m, const Options& o, SolverWork<G>
   for (int k = 0; k < 10; ++k) {  // Newton steps from fresh residuals where round-off spoilt them: iterative refinement
     Mask todo = out.done & ~((out.residual <= o.tolerance) & (ip.off_path(T{}) <= o.theta));
     if (!any(todo)) break;
-    ip.refine(todo);
+    ip.refine(todo, k < 3 ? 0 : 1e-9);
     out.residual = fresh_residuals(m, w, ip);
   }
   out.done &= (out.residual <= 10 * o.tolerance) & (ip.off_path(T{}) <= 10 * o.theta);  // NaN fails

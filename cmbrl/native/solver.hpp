@@ -166,11 +166,11 @@ struct InteriorPoint : Newton<G> {
     return sum / vmax(count, splat(1));
   }
 
-  // One Newton step to kappa in the lanes of `todo`, from residuals that were just computed; its matrix is one that round-off
-  // cannot spoil (see yield), so that a few of them end at the same point.
-  void refine(Mask todo) {
+  // One Newton step to kappa in the lanes of `todo`, from residuals that were just computed; with yield, a matrix that
+  // round-off cannot spoil, so that a few of them end at the same point.
+  void refine(Mask todo, double yield) {
     rho = splat(1);
-    this->yield = 1e-9;
+    this->yield = yield;
     linearise_all(T{}, none());
     this->yield = 0;
     factorise();
