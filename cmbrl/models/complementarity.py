@@ -190,6 +190,10 @@ class ComplementarityModel:
             *arrays, theta, self._options, jacobian=jacobian or parameter_jacobian, jacobian_theta=parameter_jacobian,
             impulse=impulse, threads=self.threads,
         )  # fmt: skip
+        if impulse and (jacobian or parameter_jacobian):  # the core keeps impulses on its pass without Jacobians only
+            out["impulse"] = self._core.forward(*arrays, theta, self._options, impulse=True, threads=self.threads)[
+                "impulse"
+            ]
         return StepResult(**out)
 
     def parameter_jacobian(

@@ -103,3 +103,14 @@ def test_wrong_tensors_are_refused(scene: Scene) -> None:
         model.step(q, v[:2], u)
     with pytest.raises(UserError, match="theta"):
         model.step(q, v, u, torch.zeros(3, dtype=torch.float64))
+
+
+def test_impulses_come_with_jacobians_too(scene: Scene) -> None:
+    """The cube at rest on the ground: what the contacts give is the same whether or not it is differentiated."""
+    model = ComplementarityModel(scene, smoothing=Barrier(1e-6))
+    q, v, u = (x.numpy().copy() for x in state(scene))
+    q[:, 2] -= scene.gaps(scene.q0).min()
+    plain, both = model.predict(q, v, u, impulse=True), model.predict(q, v, u, impulse=True, jacobian=True)
+    assert plain.impulse is not None
+    assert plain.impulse[:, :, 0].sum() > 0
+    np.testing.assert_array_equal(both.impulse, plain.impulse)
