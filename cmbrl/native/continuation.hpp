@@ -108,9 +108,8 @@ struct Continuation : InteriorPoint<G> {
     }
   }
 
-  // Lanes of `todo` along the path to t = `until`, or to where kappa dominates, then straight to kappa, since round-off blurs
-  // the direction of the path near its end; returns those that got there.
-  Mask run(Mask todo, const Strategy& st, double until, T& iterations) {
+  // Lanes of `todo` along the path to t = `until`, or to where kappa dominates; returns those that got there.
+  Mask trace(Mask todo, const Strategy& st, double until, T& iterations) {
     this->start(st.start);
     int size = m.nv + w.ncon * (3 + 2 * NT) + 2 * w.nlim + 3 * w.ndry;
     T *unit = w.path, *before = unit + size, *kept = before + size;
@@ -138,7 +137,12 @@ struct Continuation : InteriorPoint<G> {
       busy &= ~arrived & (length > 1e-5) & (t < 1e4);
     }
     rho = t;
-    return this->descend(arrived, st, iterations);
+    return arrived;
+  }
+
+  // The same, and straight to kappa from there: near its end round-off blurs the direction of the path.
+  Mask run(Mask todo, const Strategy& st, double until, T& iterations) {
+    return this->descend(trace(todo, st, until, iterations), st, iterations);
   }
 };
 

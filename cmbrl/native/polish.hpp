@@ -3,7 +3,7 @@
 // (Alart & Curnier, CMAME 1991), with a proximal term kEps / a on every row that is held, so that redundant contacts keep
 // the matrix regular; it vanishes at the solution. Directions are solved for by the interior point's own elimination.
 #pragma once
-#include "ladder.hpp"
+#include "residuals.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -11,6 +11,7 @@ template <class G>
 struct Polish : InteriorPoint<G> {
   using InteriorPoint<G>::NT, InteriorPoint<G>::m, InteriorPoint<G>::o, InteriorPoint<G>::w, InteriorPoint<G>::rho;
   using InteriorPoint<G>::InteriorPoint;
+  explicit Polish(const InteriorPoint<G>& from) : InteriorPoint<G>(from) {}
   T momentum;  // relative momentum residual at the current point
 
   // No impulses: where bodies would be without contact.
@@ -52,6 +53,20 @@ struct Polish : InteriorPoint<G> {
         sum += e * e;
       }
     }
+    for (int i = 0; i < w.nlim; ++i) {
+      Limit& l = w.lim[i];
+      l.s -= l.r1;
+      l.r1 = T{};
+      T e = keep(l.on, l.gam - vmax(l.gam - l.s / (l.root * l.root), T{}));
+      sum += e * e;
+    }
+    for (int i = 0; i < w.ndry; ++i) {
+      DryFriction& d = w.dry[i];
+      d.eta -= d.r2;
+      d.r2 = T{};
+      T e = keep(d.on, d.b - vmin(vmax(d.b - d.eta / (d.root * d.root), -d.b0), d.b0));
+      sum += e * e;
+    }
     return vsqrt(sum);
   }
 
@@ -86,7 +101,59 @@ struct Polish : InteriorPoint<G> {
 
   void linearise_exact(double eps) {
     for (int i = 0; i < w.ncon; ++i) linearise(w.con[i], eps);
+    for (int i = 0; i < w.nlim; ++i) {
+      Limit& l = w.lim[i];
+      T weight = l.root * l.root;
+      Mask held = l.on & (l.gam - l.s / weight > 0.0);
+      l.Th = keep(held, 1.0 / (l.R + eps * weight));
+      l.w = select(held, -l.s * l.Th, keep(l.on, -l.gam));
+    }
+    for (int i = 0; i < w.ndry; ++i) {
+      DryFriction& d = w.dry[i];
+      T weight = d.root * d.root, z = d.b - d.eta / weight;
+      Mask sticks = d.on & (vabs(z) <= d.b0);
+      d.Th = keep(sticks, 1.0 / (d.R + eps * weight));
+      d.w = select(sticks, -d.eta * d.Th, keep(d.on, select(z > 0.0, d.b0, -d.b0) - d.b));
+    }
     this->factorise();
+  }
+
+  // From a solution of the exact law to the point with the same impulses, or velocities, whose products equal kappa.
+  void onto_path(Mask lanes) {
+    auto pair = [&](Mask on, T& x, T& y, T weight, T kappa) {
+      Mask pressed = x * weight > y;
+      T big = vmax(select(pressed, x * weight, y), vsqrt(kappa * weight));
+      x = select(lanes & on, select(pressed, big / weight, kappa / big), x);
+      y = select(lanes & on, select(pressed, kappa * weight / big, big), y);
+    };
+    for (int i = 0; i < w.ncon; ++i) {
+      Contact<G>& c = w.con[i];
+      pair(c.on, c.gam, c.s, c.root * c.root, c.kappa);
+      if (c.rows == 1) continue;
+      Mask on = lanes & c.on & c.rub;
+      T b0 = c.mu * c.gam, size = T{}, slip = T{};
+      CMBRL_FOR(r, NT) { size += c.b[r] * c.b[r]; slip += c.eta[r] * c.eta[r]; }
+      T weight = c.root * c.root, inside = b0 - size / b0;  // room in the cone
+      Mask sticks = weight * inside > vsqrt(slip);  // friction is kept, and makes the slip; else the slip makes the friction
+      T head = 0.5 * (c.kappa / b0 + vsqrt(c.kappa * c.kappa / (b0 * b0) + 4.0 * slip));
+      T stuck = c.kappa / vmax(inside, vsqrt(c.kappa / weight));
+      c.eta0 = select(on, select(sticks, stuck, head), c.eta0);
+      CMBRL_FOR(r, NT) {
+        T eta = c.eta[r], b = c.b[r];
+        c.eta[r] = select(on & sticks, -stuck * b / b0, eta);
+        c.b[r] = select(on & ~sticks, -b0 * eta / head, b);
+      }
+    }
+    for (int i = 0; i < w.nlim; ++i) pair(w.lim[i].on, w.lim[i].gam, w.lim[i].s, w.lim[i].root * w.lim[i].root, w.lim[i].kappa);
+    for (int i = 0; i < w.ndry; ++i) {
+      DryFriction& d = w.dry[i];
+      T head = 0.5 * (d.kappa / d.b0 + vsqrt(d.kappa * d.kappa / (d.b0 * d.b0) + 4.0 * d.eta * d.eta)), inside = d.b0 - d.b * d.b / d.b0;
+      T weight = d.root * d.root, stuck = d.kappa / vmax(inside, vsqrt(d.kappa / weight)), eta = d.eta;
+      Mask on = lanes & d.on, sticks = weight * inside > vabs(eta);
+      d.eta0 = select(on, select(sticks, stuck, head), d.eta0);
+      d.eta = select(on & sticks, -stuck * d.b / d.b0, eta);
+      d.b = select(on & ~sticks, -d.b0 * eta / head, d.b);
+    }
   }
 
   // Full Newton steps in the lanes of `todo` until the natural map is below tolerance * scale; returns the lanes that got there.
