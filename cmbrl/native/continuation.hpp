@@ -127,12 +127,13 @@ struct Continuation : InteriorPoint<G> {
       norm = select(sense < 0.0, splat(-1), splat(1)) / vsqrt(1.0 + norm);
       unit_t = norm;
       for_unknowns([&](T& x, T& dx, T scale, int k) { dx *= norm; unit[k] = scale * dx; before[k] = x; });
-      T t_before = t;
-      move(busy, vmin(length, 0.7 * longest()), unit_t);
+      T t_before = t, step = vmin(length, 0.7 * longest());
+      busy &= step > 1e-5;  // the edge of a cone turns away from every straight step
+      move(busy, step, unit_t);
       Mask there = correct(busy, unit, unit_t, kept), back = busy & ~there;
       for_unknowns([&](T& x, T&, T, int k) { x = select(back, before[k], x); });
       t = select(back, t_before, t);
-      length = select(there, vmin(1.6 * length, splat(2)), 0.3 * length);
+      length = select(there, vmin(1.6 * length, splat(2)), 0.3 * step);
       arrived |= there & (t <= vmax(splat(until), 0.1 * kappa / (zeta * zeta)));
       busy &= ~arrived & (length > 1e-5) & (t < 1e4);
     }
