@@ -42,12 +42,19 @@ def main() -> None:
         model = cmbrl.fit(model, train, groups=GROUPS).model
         touching = in_contact(test, sharp, TASK.contact_gap)
         rows = touching & is_moving(test, sharp)
-        fitted = rms(model.predict(test.q, test.v, test.u).v_next - test.v_next, rows)
+        error = model.predict(test.q, test.v, test.u).v_next - test.v_next
+        fitted = rms(error, rows)
         ratio = rms(test.v - test.v_next, rows) / fitted
         print(f"split {seed}: fitted {fitted[0]:.4f} {fitted[1]:.3f}, {ratio[0]:.2f} and {ratio[1]:.3f} times", end="")
         position, rotation = frame_noise(test, ~touching)
         noise = sent_through(model, test, rows, position, rotation)
-        print(f"; noise {1e6 * position:.0f} um {1e3 * rotation:.2f} mrad a frame, of it {noise[0]:.4f} {noise[1]:.3f}")
+        print(
+            f"; noise {1e6 * position:.0f} um {1e3 * rotation:.2f} mrad a frame, of it {noise[0]:.4f} {noise[1]:.3f}",
+            end="",
+        )
+        squares = np.sort((error[rows, 3:] ** 2).sum(axis=1))
+        worst = squares[-len(squares) // 20 :].sum() / squares.sum()
+        print(f"; {100 * worst:.0f} % of the squared spin error in the worst 5 % of rows")
 
 
 def rms(error: np.ndarray, rows: np.ndarray) -> np.ndarray:
