@@ -1,6 +1,6 @@
 // Batches of contact problems that come as arrays: the step's own contact solve on rows without bodies behind them.
 #pragma once
-#include "polish.hpp"
+#include "ladder.hpp"
 #include "problem_batch.hpp"
 
 namespace cmbrl::CMBRL_ISA {
