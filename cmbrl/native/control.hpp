@@ -1,8 +1,6 @@
 // A control step (substeps with one control) of a pack: forward, with full Jacobian, with a tape, and backward from the tape.
 #pragma once
 #include "impact.hpp"
-
-
 #include "tape.hpp"
 
 namespace cmbrl::CMBRL_ISA {
@@ -48,14 +46,12 @@ static void scaled(const Model& m, const T* v, double k, T* out) {
   for (int i = 0; i < m.nv; ++i) out[i] = k * v[i];
 }
 
-// The step's rows re-solved at the backward smoothing where it differs, then the implicit system. Uses w.vn of that solve.
+// The step's rows solved again at the backward smoothing where it differs; returns the lanes that have a derivative there.
 template <class G>
-static void differentiate(const Model& m, const Options& o, Work<G>& w, bool theta) {
-  if (!(o.backward == o.forward)) {
-    set_kappa(m, o, w, o.backward);
-    contact_solve(m, o, w);
-  }
-  implicit_system(m, o, w, theta);
+static Mask solve_backward(const Model& m, const Options& o, Work<G>& w) {
+  if (o.backward == o.forward) return all();
+  set_kappa(m, o, w, o.backward);
+  return contact_solve(m, o, w).done;
 }
 
 // tv <- dv' - (Sq dq + Sv dv + Su du + Sp dtheta + Sn dv') / h, from the tangents before the step and dv' in rhs_all.
@@ -135,7 +131,8 @@ static void advance_tangents(const Model& m, const Options& o, Work<G>& w, int n
 
 struct StepStats { Mask done, fallback; T iterations, residual; };
 
-// Forward control step on (w.q, w.v, w.u), in place. record(substep) runs after each solve, before the state moves on.
+// Forward control step on (w.q, w.v, w.u), in place. record(substep) runs after each solve, before the state moves on, and
+// returns the lanes in which what it records is good; a step is done where it is.
 template <class G, class Record>
 static StepStats control_step(const Model& m, const Options& o, Work<G>& w, Record record) {
   StepStats st{all(), none(), T{}, T{}};
@@ -148,7 +145,7 @@ static StepStats control_step(const Model& m, const Options& o, Work<G>& w, Reco
     st.residual = vmax(st.residual, r.residual);
     displacement(m, o, w);
     for (int i = 0; i < m.nv; ++i) w.vstep[i] = w.vn[i];
-    record(s);
+    st.done &= record(s);
     integrate(m, w.q, w.qtan);
     for (int i = 0; i < m.nv; ++i) w.v[i] = w.vstep[i];
   }
@@ -163,8 +160,10 @@ static StepStats control_step_jacobian(const Model& m, const Options& o, Work<G>
   for (int i = 0; i < nv; ++i) w.tq[i * ncol + i] = w.tv[i * ncol + nv + i] = splat(1);
   if (o.leapfrog) { scaled(m, w.v, 0.5 * o.h, w.qtan); push_tangent(m, w.qtan, w.tq, w.tv, splat(0.5 * o.h), ncol); }
   StepStats st = control_step(m, o, w, [&](int s) {
-    differentiate(m, o, w, theta);
+    Mask good = solve_backward(m, o, w);
+    implicit_system(m, o, w, theta);
     advance_tangents(m, o, w, ncol, theta, s == 0);
+    return good;
   });
   if (o.leapfrog) push_tangent(m, w.qtan, w.tq, w.tv, splat(-0.5 * o.h), ncol);  // qtan: the shift just made
   return st;

@@ -65,11 +65,12 @@ static void forward_packs(const Model& m, const Options& o, const Batch& b, int6
               for (int r = 1; r < c.rows; ++r)
                 if (c.on[lane] && c.rub[lane]) x[r] += c.b[r - 1][lane];
             }
-        if (!b.tape) return;
-        if (!(o.backward == o.forward)) { set_kappa(m, o, w, o.backward); contact_solve(m, o, w); }
+        if (!b.tape) return all();
+        Mask good = solve_backward(m, o, w);
         double* block[W];
         for (int lane = 0; lane < W; ++lane) block[lane] = b.tape + l.at[lane] * stride * o.substeps + s * stride;
         tape_write(m, w, block);
+        return good;
       });
     }
     scatter(w.q, m.nq, m.nq, l, b.q_next);
@@ -127,7 +128,7 @@ static void candidate_loss(const Model& m, const Options& o, const LossBatch& b,
     for (int i = 0; i < m.nv; ++i) w.v[i] = splat(b.v[row * m.nv + i]);
     for (int k = 0; k < b.horizon; ++k, ++row) {
       for (int i = 0; i < m.nu; ++i) w.u[i] = splat(b.u[row * m.nu + i]);
-      StepStats st = control_step(m, o, w, [](int) {});
+      StepStats st = control_step(m, o, w, [](int) { return all(); });
       const double *qn = b.q_next + row * m.nq, *vn = b.v_next + row * m.nv;
       for (int j = 0; j < m.njoint; ++j) {
         int a = m.jnt_qadr[j], d = m.jnt_vadr[j];
