@@ -43,10 +43,10 @@ class Cell:
 
 
 def plan(tasks: Sequence[str], sizes: Sequence[int], seeds: Sequence[int], quick: bool) -> list[Cell]:
-    """Every cell, small logs first, so that a run that ends early has said most."""
+    """Every cell, seed by seed and small logs first, so that a run that ends early has said most."""
     cells = []
-    for rows in (0, *sizes):
-        for seed in seeds:
+    for seed in seeds:
+        for rows in (0, *sizes):
             for task in tasks:
                 for contender in CONTENDERS:
                     wanted = rows > 0 if contender.learns else rows == 0 and seed == seeds[0]
