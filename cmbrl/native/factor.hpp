@@ -6,9 +6,8 @@
 
 namespace cmbrl::CMBRL_ISA {
 
-struct Pattern { const int *ptr, *idx; };
 template <class G> static inline Pattern pattern_of(const Structure& m, const SolverWork<G>& w) {
-  return w.coupled ? Pattern{m.fill_ptr, m.fill_idx} : Pattern{m.anc_ptr, m.anc_idx};
+  return w.coupled ? w.fill : Pattern{m.anc_ptr, m.anc_idx};
 }
 
 static inline void eliminate(T* H, int nv, Pattern p, int k) {

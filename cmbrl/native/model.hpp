@@ -15,10 +15,12 @@ enum DofField { kArmature, kDamping, kStiffness, kSpringref, kFrictionloss, kDof
 enum ActuatorField { kGear, kGain, kBias0, kBias1, kBias2, kActuatorFields };
 
 // Which dofs couple: all that a contact solve knows of the robot.
+struct Pattern { const int *ptr, *idx; };  // of row k: idx[ptr[k]] to idx[ptr[k + 1]], all below k
+
 struct Structure {
   int nv;
   const int *anc_ptr, *anc_idx;    // ancestors of a dof on its own chain: the pattern of the mass matrix
-  const int *fill_ptr, *fill_idx;  // the same with the fill-in of contacts between bodies
+  Pattern fill;                    // of a contact problem, with the fill-in of its rows; a scene finds it step by step
   const int *grp_dptr, *grp_dof, *grp_sign;  // dofs of J's columns, by group of contacts
 };
 

@@ -50,7 +50,7 @@ ProblemStructure::ProblemStructure(const ProblemBatch& b, int64_t begin, int64_t
   fill_idx_.reserve(nv * nv / 2);
   fill_in(mass, nv, anc_ptr_, anc_idx_);
   fill_in(both, nv, fill_ptr_, fill_idx_);
-  structure = {nv, anc_ptr_.data(), anc_idx_.data(), fill_ptr_.data(), fill_idx_.data(), dof_ptr_.data(), dof_.data(), sign_.data()};
+  structure = {nv, anc_ptr_.data(), anc_idx_.data(), {fill_ptr_.data(), fill_idx_.data()}, dof_ptr_.data(), dof_.data(), sign_.data()};
 }
 
 }  // namespace cmbrl

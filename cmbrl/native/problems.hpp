@@ -34,9 +34,10 @@ struct ProblemPack {
     w.ncon = w.ngroups = b.contacts;
     w.nlim = w.ndry = 0;
     w.coupled = true;
+    w.fill = m.fill;
     for (int i = 0; i < nv; ++i) {
       w.vf[i] = at(b.v_free, nv, i);
-      for (int a = m.fill_ptr[i]; a < m.fill_ptr[i + 1]; ++a) w.M[i * nv + m.fill_idx[a]] = w.M[m.fill_idx[a] * nv + i] = T{};
+      for (int a = m.fill.ptr[i]; a < m.fill.ptr[i + 1]; ++a) w.M[i * nv + m.fill.idx[a]] = w.M[m.fill.idx[a] * nv + i] = T{};
       w.M[i * (nv + 1)] = at(b.M, nv * nv, i * (nv + 1));
       for (int a = m.anc_ptr[i]; a < m.anc_ptr[i + 1]; ++a) {
         int j = m.anc_idx[a];

@@ -57,7 +57,6 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.par_idx = i("par_idx", m.par_ptr[m.ntheta]); m.par_coef = d("par_coef", m.par_ptr[m.ntheta]);
   derive_chains();
   derive_groups();
-  derive_patterns();
 }
 
 void SceneData::derive_chains() {
@@ -123,27 +122,6 @@ void SceneData::derive_groups() {
   m.grp_A = keep("grp_A", A); m.grp_B = keep("grp_B", B); m.grp_cptr = keep("grp_cptr", cptr); m.grp_con = keep("grp_con", con);
   m.grp_dptr = keep("grp_dptr", dptr); m.grp_dof = keep("grp_dof", dof); m.grp_sign = keep("grp_sign", sign);
   m.con_group = keep("con_group", group_of);
-}
-
-void SceneData::derive_patterns() {  // fill-in of the leaf-to-root elimination when bodies of different chains touch
-  Model& m = model;
-  std::vector<std::set<int>> pattern(m.nv);
-  for (int k = 0; k < m.nv; ++k) pattern[k].insert(m.anc_idx + m.anc_ptr[k], m.anc_idx + m.anc_ptr[k + 1]);
-  for (int g = 0; g < m.ngroup; ++g) {
-    if (m.grp_B[g] < 0) continue;
-    for (int a = m.grp_dptr[g]; a < m.grp_dptr[g + 1]; ++a)
-      for (int b = m.grp_dptr[g]; b < a; ++b) pattern[m.grp_dof[a]].insert(m.grp_dof[b]);
-  }
-  for (int k = m.nv - 1; k >= 0; --k)
-    for (int a : pattern[k])
-      for (int b : pattern[k]) if (b < a) pattern[a].insert(b);
-  std::vector<int> ptr{0}, idx;
-  for (auto& s : pattern) {
-    idx.insert(idx.end(), s.begin(), s.end());
-    ptr.push_back(int(idx.size()));
-  }
-  ints_["fill_ptr"] = ptr; ints_["fill_idx"] = idx;
-  m.fill_ptr = ints_["fill_ptr"].data(); m.fill_idx = ints_["fill_idx"].data();
 }
 
 }  // namespace cmbrl

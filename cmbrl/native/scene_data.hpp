@@ -25,7 +25,6 @@ class SceneData {
   const double* d(const std::string& name, size_t size);
   void derive_chains();
   void derive_groups();
-  void derive_patterns();
 };
 
 }  // namespace cmbrl

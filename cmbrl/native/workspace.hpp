@@ -59,7 +59,8 @@ struct SolverWork {
   Contact<G>* con; int ncon;
   Limit* lim; int nlim;
   DryFriction* dry; int ndry;
-  ActiveGroup* groups; int ngroups; bool coupled;  // coupled: a contact between two moving bodies is active
+  ActiveGroup* groups; int ngroups;
+  bool coupled; Pattern fill;              // a contact between two moving bodies is active; pattern of the factor then
   T *save, *path;                          // solver state of lanes that are done while others are retried; of a continuation
 
   void take(Arena& A, int nv, int columns, int contacts, int limits, int dry_rows, int group_count) {
@@ -76,6 +77,8 @@ struct SolverWork {
   }
 };
 
+static inline int words(int nv) { return (nv + 63) / 64; }
+
 template <class G>
 struct Work : SolverWork<G> {
   using V = typename G::V;
@@ -87,6 +90,7 @@ struct Work : SolverWork<G> {
   T *X, *Xc; V *mom, *momc;
   T *bias, *tau, *a, *kd, *kp, *open, *tmp;
   T* all_phi; Mask *con_on, *lim_on;
+  uint64_t* bits; int *fill_ptr, *fill_idx;  // the pattern as bits, and as lists
   T *Gq, *Gv, *Gu, *Gp;                // right-hand sides of the implicit derivative
   T *Fq, *Fv, *Fu, *Fp;                    // the same for the free velocity: M~ dvf = Fq dq + ...
   T *Sq, *Sv, *Su, *Sp, *Sn;               // M~ dshift = Sq dq + ... + Sn dv' (impacts at their time)
@@ -112,6 +116,7 @@ struct Work : SolverWork<G> {
     bias = A.take<T>(nv); tau = A.take<T>(nv); a = A.take<T>(nv); kd = A.take<T>(nv); kp = A.take<T>(nv); open = A.take<T>(m.nact + 1);
     tmp = A.take<T>(nv);
     all_phi = A.take<T>(m.ncontact); con_on = A.take<Mask>(m.ncontact); lim_on = A.take<Mask>(m.nlimit);
+    bits = A.take<uint64_t>(nv * words(nv)); fill_ptr = A.take<int>(nv + 1); fill_idx = A.take<int>(nv * (nv - 1) / 2);
     Gq = A.take<T>(nv * nv); Gv = A.take<T>(nv * nv); Gu = A.take<T>(nv * (m.nu + 1)); Gp = A.take<T>(nv * (m.ntheta + 1));
     auto block = [&](T*& q_, T*& v_, T*& u_, T*& p_, int rows) {
       q_ = A.take<T>(rows * nv); v_ = A.take<T>(rows * nv); u_ = A.take<T>(rows * (m.nu + 1)); p_ = A.take<T>(rows * (m.ntheta + 1));
