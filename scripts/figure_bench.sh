@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Every benchmark at full size into runs/bench (hours; Ctrl-C, and the same command goes on), and from it the two charts of
-# the README and what docs/speed.md shows. Options go to the command, e.g. --threads 1.
+# the README, what docs/speed.md shows and the outputs and pictures in docs/bench. Options go to the command, e.g. --threads 1.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 scripts/setup.sh
@@ -9,3 +9,12 @@ cp runs/bench/solvers/work_precision.png docs/solvers.png
 cp runs/bench/learning/transitions.png docs/learning.png
 cp runs/bench/speed/speed.png docs/speed.png
 .venv/bin/cmbrl bench speed --out runs/bench "$@" > docs/speed.txt  # measured above: this only prints it
+for study in solvers stability reduction robustness simulators gradient-scenes gradients derivatives stiffness learning; do
+  .venv/bin/cmbrl bench "$study" --out runs/bench "$@" > "docs/bench/$study.txt"
+done
+cp runs/bench/solvers/profile.png docs/bench/solvers_profile.png
+cp runs/bench/stability/bank.png docs/bench/stability.png
+cp runs/bench/simulators/simulators_own.png docs/bench/simulators.png
+cp runs/bench/simulators/simulators_truth.png docs/bench/simulators_truth.png
+cp runs/bench/reduction/reduction.png docs/bench/reduction.png
+cp runs/bench/gradient-scenes/gradient_scenes.png docs/bench/gradient-scenes.png
