@@ -1,6 +1,6 @@
 // From a point of the path to the solution at kappa = 0: Newton on the projections that state the exact law,
 //   gamma = max(0, gamma - a u_n),   beta = P_{mu gamma}(beta - a u_t),   u = J v' + b + R lambda
-// (Alart & Curnier, CMAME 1991), with a proximal term kEps / a on every row that is held, so that redundant contacts keep
+// (Alart & Curnier, CMAME 1991), with a proximal term pull / a on every row that is held, so that redundant contacts keep
 // the matrix regular; it vanishes at the solution. Directions are solved for by the interior point's own elimination.
 #pragma once
 #include "residuals.hpp"
@@ -12,7 +12,8 @@ struct Polish : InteriorPoint<G> {
   using InteriorPoint<G>::NT, InteriorPoint<G>::m, InteriorPoint<G>::o, InteriorPoint<G>::w, InteriorPoint<G>::rho;
   using InteriorPoint<G>::InteriorPoint;
   explicit Polish(const InteriorPoint<G>& from) : InteriorPoint<G>(from) {}
-  T momentum;  // relative momentum residual at the current point
+  T momentum;          // relative momentum residual at the current point
+  double pull = 1e-7;  // proximal term of a step
 
   // No impulses: where bodies would be without contact.
   void rest() {
@@ -83,12 +84,13 @@ struct Polish : InteriorPoint<G> {
     CMBRL_FOR(r, NT) { z[r] = c.b[r] - a * c.eta[r]; size += z[r] * z[r]; }
     size = vmax(vsqrt(size), splat(1e-300));
     Mask sticks = size <= c.mu * zn;
-    T inv = 1.0 / size, along = T{}, k = c.mu * zn * inv;  // k < 1 while sliding
-    CMBRL_FOR(r, NT) { z[r] *= inv; along += z[r] * c.b[r]; }
+    T inv = 1.0 / size, along = T{}, ahead = T{}, k = c.mu * zn * inv;  // k < 1 while sliding
+    CMBRL_FOR(r, NT) { z[r] *= inv; along += z[r] * c.b[r]; ahead += z[r] * c.eta[r]; }
     T den = 1.0 / (1.0 - k + k * (a * c.Rt + eps)), hold = 1.0 / (c.Rt + eps * weight), turn = k * a * den;
     T target = c.mu * (c.gam + c.w[0]) - along;
     CMBRL_FOR(i, NT) {
-      T sliding = target * z[i] - den * (c.b[i] - along * z[i]);
+      T across = a * (c.eta[i] - ahead * z[i]);  // what b has across z, without the cancellation: den may be 1 / eps
+      T sliding = target * z[i] - den * across;
       c.w[1 + i] = select(on, select(sticks, -c.eta[i] * hold, sliding), keep(c.on & c.rub, -c.b[i]));
       c.Th[0][1 + i] = T{};
       c.Th[1 + i][0] = keep(on & ~sticks, c.mu * c.Th[0][0] * z[i]);
@@ -158,7 +160,6 @@ struct Polish : InteriorPoint<G> {
 
   // Full Newton steps in the lanes of `todo` until the natural map is below tolerance * scale; returns the lanes that got there.
   Mask run(Mask todo, T scale, double tolerance, int steps, T& natural, T& iterations) {
-    constexpr double kEps = 1e-7;
     Mask done = none();
     for (int k = 0;; ++k) {
       T now = natural_map();
@@ -169,7 +170,7 @@ struct Polish : InteriorPoint<G> {
       if (!any(todo) || k == steps) return done;
       iterations += select(todo, splat(1), T{});
       rho = splat(1);
-      linearise_exact(kEps);
+      linearise_exact(pull);
       this->direction();
       this->advance(todo, splat(1));
     }

@@ -2,6 +2,7 @@
 #pragma once
 #include "ladder.hpp"
 #include "problem_batch.hpp"
+#include "proximal.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -194,7 +195,8 @@ static void solve_on_path(ProblemPack<G>& pack, Options& o, T* X) {
 }
 
 // The exact law: Newton on the law itself, from rest, which finds most answers in a few steps; else from the path, at a
-// kappa where contacts know what they do, or further down. The natural map decides; what it does not pass is flagged.
+// kappa where contacts know what they do, or further down; where redundant contacts make that unclear, proximal points. The
+// natural map decides; what it does not pass is flagged.
 template <class G>
 static void solve_exactly(ProblemPack<G>& pack, Options& o, T* X) {
   SolverWork<G>& w = pack.w;
@@ -203,9 +205,8 @@ static void solve_exactly(ProblemPack<G>& pack, Options& o, T* X) {
   T iterations = T{}, natural = splat(__builtin_inf());
   int solved[W] = {}, failed[W];
   for (int& f : failed) f = 2;
-  Polish<G> polish(pack.m, o, w);
-  auto finish = [&](int steps) {  // the lanes that Newton solves from where they are
-    Mask now = polish.run(open, pack.scale, pack.b.tolerance, steps, natural, iterations);
+  ProximalPoints<G> polish(pack.m, o, w);
+  auto finish = [&](Mask now) {  // lanes that are solved
     pack.store(now, natural / pack.scale, solved, iterations);
     if (pack.b.derivative) {
       polish.linearise_exact(1e-8);
@@ -213,8 +214,9 @@ static void solve_exactly(ProblemPack<G>& pack, Options& o, T* X) {
     }
     open &= ~now;
   };
+  auto newton = [&](int steps) { finish(polish.run(open, pack.scale, pack.b.tolerance, steps, natural, iterations)); };
   polish.rest();
-  finish(5);
+  newton(5);
   if (!any(open)) return;
   for (double kappa : {1e-8, 1e-11}) {
     o.theta = kappa > 1e-10 ? 0.1 : 1e-3;
@@ -223,11 +225,12 @@ static void solve_exactly(ProblemPack<G>& pack, Options& o, T* X) {
     iterations += keep(open, used);
     for (int i = 0; i < w.ncon; ++i) pack.load_compliance(w.con[i], pack.mass);
     for_solver_state(pack.m, w, [](T& x, T& kept) { kept = x; });
-    finish(8);
+    newton(8);
     if (!any(open)) return;
   }
-  for_solver_state(pack.m, w, [open](T& x, T& kept) { x = select(open, kept, x); });
-  natural = polish.natural_map();
+  for_solver_state(pack.m, w, [](T& x, T& kept) { x = kept; });
+  finish(polish.approach(open, pack.scale, pack.b.tolerance, 120, natural, iterations));
+  if (!any(open)) return;
   pack.store(open, natural / pack.scale, failed, iterations);
   if (!pack.b.derivative) return;
   polish.linearise_exact(1e-8);

@@ -62,6 +62,39 @@ def test_heavy_on_top_stack(ratio: float) -> None:
     assert found.status[0] == 0
 
 
+def plate(load: tuple[float, float], gaps: tuple[float, ...] = (0.0,) * 4, pull: float = 0.0) -> ContactProblem:
+    """A unit mass at ``load`` on a plate with corners at (+-1, +-1), pulled along x at ``pull`` times its weight."""
+    corners = np.array([(1.0, 1.0, 0.0), (-1.0, 1.0, 0.0), (-1.0, -1.0, 0.0), (1.0, -1.0, 0.0)]) - [*load, 0.0]
+    axes = np.eye(3)[[2, 0, 1]]  # normal, tangents
+    J = np.array([[[*axis, *np.cross(corner, axis)] for axis in axes] for corner in corners])
+    v_free = np.array([pull * G * H, 0, -G * H, 0, 0, 0])
+    b = np.zeros((4, 3))
+    b[:, 0] = G * H * np.array(gaps)
+    return ContactProblem(np.diag([1, 1, 1, 0.3, 0.4, 0.5]), J, v_free, b, np.full(4, 0.5), np.zeros_like(b), G * H)
+
+
+@pytest.mark.parametrize(
+    ("problem", "loads"),
+    [
+        (plate((1.0, 0.0)), (0.5, 0, 0, 0.5)),  # over an edge: the other corners touch without load
+        (plate((1.0, 1.0)), (1, 0, 0, 0)),
+        (plate((0.0, 0.0), gaps=(1e-6, 0, 0, 0)), (0, 0.5, 0, 0.5)),  # one corner hardly lifted: a diagonal bears all
+        (plate((0.0, 0.0), gaps=(1e-8, 0, 0, 0)), (0, 0.5, 0, 0.5)),
+        (plate((0.0, 0.0), pull=0.5), None),  # friction exactly at its bound and no slip
+        (plate((1.0, 0.0), pull=0.5), (0.5, 0, 0, 0.5)),
+    ],
+)
+def test_degenerate_plates(problem: ContactProblem, loads: tuple[float, ...] | None) -> None:
+    found = native.solve([problem], tolerance=1e-11)
+    score = residuals(problem, found.v[0], found.impulse[0])
+    assert found.status[0] == 0
+    assert max(score.natural_map, score.dynamics) < 1e-10
+    np.testing.assert_allclose(found.v[0], 0, atol=1e-10 * G * H)
+    np.testing.assert_allclose(found.impulse[0].sum(axis=0), [G * H, -problem.v_free[0], 0], atol=1e-9 * G * H)
+    if loads is not None:
+        np.testing.assert_allclose(found.impulse[0, :, 0], np.array(loads) * G * H, atol=1e-8 * G * H)
+
+
 def test_units_do_not_matter() -> None:
     rng = np.random.default_rng(3)
     p = random_problem(rng, 4, 6, 2)
