@@ -18,3 +18,5 @@ cp runs/bench/simulators/simulators_own.png docs/bench/simulators.png
 cp runs/bench/simulators/simulators_truth.png docs/bench/simulators_truth.png
 cp runs/bench/reduction/reduction.png docs/bench/reduction.png
 cp runs/bench/gradient-scenes/gradient_scenes.png docs/bench/gradient-scenes.png
+cp runs/bench/gradients/gradient_cost.png docs/bench/gradients.png
+cp runs/bench/stiffness/stiffness.png docs/bench/stiffness.png
