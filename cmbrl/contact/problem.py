@@ -12,6 +12,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,5 +111,9 @@ def load(path: str | os.PathLike[str]) -> list[ContactProblem]:
                 )
                 for k, name in enumerate(data["names"])
             ]
-    except (KeyError, ValueError, OSError) as error:
-        raise UserError(f"{path}: not a file of contact problems ({error})") from None
+    except UserError:  # the problem that is wrong is named
+        raise
+    except (KeyError, ValueError, TypeError, IndexError, EOFError, OSError, BadZipFile) as error:
+        raise UserError(
+            f"{path}: not a file of contact problems ({type(error).__name__}): write it with 'cmbrl bench solvers --out DIR'"
+        ) from None
