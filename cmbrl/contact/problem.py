@@ -114,6 +114,5 @@ def load(path: str | os.PathLike[str]) -> list[ContactProblem]:
     except UserError:  # the problem that is wrong is named
         raise
     except (KeyError, ValueError, TypeError, IndexError, EOFError, OSError, BadZipFile) as error:
-        raise UserError(
-            f"{path}: not a file of contact problems ({type(error).__name__}): write it with 'cmbrl bench solvers --out DIR'"
-        ) from None
+        what = f"{path}: not a file of contact problems ({type(error).__name__})"
+        raise UserError(f"{what}: write one with 'cmbrl bench solvers --out DIR'") from None
