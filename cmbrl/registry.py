@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from cmbrl.data.behaviour import Policy
     from cmbrl.data.recorder import Progress
     from cmbrl.data.transitions import Transitions
+    from cmbrl.envs.mdp import MDP
+    from cmbrl.envs.system import System
     from cmbrl.scene import Scene
 
 GROUP = "cmbrl.tasks"
@@ -59,6 +61,8 @@ class Task:
     moving: Callable[[np.ndarray], np.ndarray] | None = None
     """Mask (N,) of the velocities (N, nv) that count as moving: splits the contact stratum into moving and resting."""
     behaviours: tuple[str, ...] = ("random", "pd", "policy")  #: what the real system can be driven by; first: default
+    mdp: Callable[[], MDP] | None = None  #: what is asked of the robot, for a task that policies are trained on
+    system: Callable[[], System] | None = None  #: makes the real system that a policy is tried on
     takes_log: bool = False  #: the real system is a log, so that its recorder reads a file
     recorder: Callable[..., Transitions]
     """``recorder(n_steps=, seed=, behaviour=, progress=)``, and ``log=`` where ``takes_log``: see :meth:`record`."""

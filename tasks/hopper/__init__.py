@@ -25,6 +25,18 @@ def _record(**arguments: Any) -> Any:
     return record_gymnasium("Hopper-v5", **arguments)
 
 
+def _mdp() -> Any:
+    from tasks.hopper.mdp import mdp
+
+    return mdp()
+
+
+def _system() -> Any:
+    from cmbrl.envs.system import MujocoSystem
+
+    return MujocoSystem(_scene(), frame_skip=4, camera="track")
+
+
 TASK = Task(
     name="hopper",
     description="Hopper-v5: one leg, planar, 3 motors; episodes end when it falls",
@@ -35,4 +47,6 @@ TASK = Task(
     integrator="leapfrog",
     contact_gap=1e-3,
     recorder=_record,
+    mdp=_mdp,
+    system=_system,
 )

@@ -1,0 +1,56 @@
+"""What is asked of a robot, written once: the fitted model, the real system and Gymnasium all use these functions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+
+def _same_state(q: Tensor, v: Tensor, action: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    return q, v, action
+
+
+@dataclass(frozen=True, kw_only=True)
+class MDP:
+    """A Markov decision process over states (q, v); batched torch functions, float64, differentiable where it matters.
+
+    Args:
+        observations, actions: their numbers n_o, n_a; actions lie in [-1, 1].
+        observe: q (B, nq), v (B, nv) -> (B, n_o).
+        reward: q, v, action (B, n_a), q', v' -> (B,): of one step, differentiable.
+        terminated: q', v' (B, ...) -> (B,) bool: the episode ends there, worth nothing from then on. A time limit is no
+            termination.
+        reset: count, generator -> q, v of that many initial states, float64.
+        dt: duration of a step [s].
+        episode_steps: time limit.
+        act: q, v, action -> q, v, u: what an action does to the state before the step, and the control (B, nu) during
+            it. Default: the action is the control.
+        repeat: model steps that one step of the process takes, the control held.
+        shaping: q', v' -> (B,), added to the reward in training only (never in what is reported): a barrier around the
+            termination, whose reward is discontinuous and has no gradient. Default none.
+    """
+
+    observations: int
+    actions: int
+    observe: Callable[[Tensor, Tensor], Tensor]
+    reward: Callable[[Tensor, Tensor, Tensor, Tensor, Tensor], Tensor]
+    terminated: Callable[[Tensor, Tensor], Tensor]
+    reset: Callable[[int, torch.Generator], tuple[Tensor, Tensor]]
+    dt: float
+    episode_steps: int
+    act: Callable[[Tensor, Tensor, Tensor], tuple[Tensor, Tensor, Tensor]] = _same_state
+    repeat: int = 1
+    shaping: Callable[[Tensor, Tensor], Tensor] | None = None
+
+
+def never(q: Tensor, v: Tensor) -> Tensor:
+    """Termination of a task whose episodes end by time only."""
+    return torch.zeros(len(q), dtype=torch.bool)
+
+
+def uniform(count: int, width: int, bound: float, generator: torch.Generator) -> Tensor:
+    """(count, width) in [-bound, bound), float64."""
+    return bound * (2 * torch.rand(count, width, generator=generator, dtype=torch.float64) - 1)

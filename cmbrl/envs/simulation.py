@@ -1,0 +1,149 @@
+"""A decision process on a differentiable model, many episodes side by side, restarted as they end."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from cmbrl.envs.mdp import MDP
+from cmbrl.models.complementarity import ComplementarityModel, SolverWarning
+from cmbrl.models.protocol import Model
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """What makes every episode in the model a little different, so that a policy cannot live off the model's errors.
+
+    Args:
+        linear, angular: standard deviations of the noise added to velocities after each step [m/s, rad/s].
+        parameters: each physical parameter of an episode is scaled by a factor uniform in 1 +- this; 0.2 is 20 %.
+    """
+
+    linear: float = 0.0
+    angular: float = 0.0
+    parameters: float = 0.0
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of all episodes; a row that ended (``terminated`` or ``truncated``) has been restarted since.
+
+    observation (B, n_o) of the state before the action; action (B, n_a); reward (B,), shaped, differentiable;
+    next_observation (B, n_o) before the restart, differentiable.
+    """
+
+    observation: Tensor
+    action: Tensor
+    reward: Tensor
+    next_observation: Tensor
+    terminated: Tensor
+    truncated: Tensor
+
+
+class Simulation:
+    """``count`` episodes of ``mdp`` on ``model``, float64; rows that fail or are not finite terminate.
+
+    Args:
+        mdp, model: the process and what moves it.
+        count: episodes side by side.
+        seed: of resets, noise and parameters.
+        disturbance: see there; parameters vary on a complementarity model only.
+        shaped: whether rewards include ``mdp.shaping``.
+        stagger: start episodes at different ages, so that time limits do not coincide.
+    """
+
+    def __init__(
+        self,
+        mdp: MDP,
+        model: Model,
+        count: int,
+        seed: int = 0,
+        disturbance: Disturbance | None = None,
+        shaped: bool = False,
+        stagger: bool = False,
+    ) -> None:
+        self.mdp, self.model, self.count = mdp, model, count
+        self.disturbance = disturbance or Disturbance()
+        self.generator = torch.Generator().manual_seed(seed)
+        self.shaping = mdp.shaping if shaped else None
+        self.steps_taken = 0
+        self.q, self.v = mdp.reset(count, self.generator)
+        self.age = torch.zeros(count, dtype=torch.long)
+        if stagger:
+            self.age = torch.randint(mdp.episode_steps, (count,), generator=self.generator)
+        self.theta = self._parameters(count)
+        self._noise = self._noise_scale()
+
+    def observe(self) -> Tensor:
+        """(B, n_o) of the present states, differentiable in what they came from."""
+        return self.mdp.observe(self.q, self.v)
+
+    def detach(self) -> None:
+        """Cuts the graph: the present states become constants."""
+        self.q, self.v = self.q.detach(), self.v.detach()
+
+    def step(self, observation: Tensor, action: Tensor) -> Step:
+        """Moves every episode by one step; ``observation`` is that of ``observe`` and only passed on."""
+        mdp = self.mdp
+        q, v, u = mdp.act(self.q, self.v, action)
+        for _ in range(mdp.repeat):
+            q, v = self._advance(q, v, u)
+        if self._noise is not None:
+            v = v + self._noise * torch.randn(v.shape, generator=self.generator, dtype=v.dtype)
+        reward = mdp.reward(self.q, self.v, action, q, v)
+        if self.shaping is not None:
+            reward = reward + self.shaping(q, v)
+        self.steps_taken += self.count * mdp.repeat
+        self.age += 1
+        with torch.no_grad():
+            lost = ~(torch.isfinite(q).all(dim=1) & torch.isfinite(v).all(dim=1))
+            terminated = mdp.terminated(q, v) | lost
+            truncated = (self.age >= mdp.episode_steps) & ~terminated
+            done = terminated | truncated
+        next_observation = mdp.observe(q, v)
+        self.q, self.v = self._restart(q, v, done) if done.any() else (q, v)
+        return Step(observation, action, reward, next_observation, terminated, truncated)
+
+    def _advance(self, q: Tensor, v: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
+        if isinstance(self.model, ComplementarityModel):
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", SolverWarning)  # counted in model.failures, which the trainer reports
+                return self.model.step(q, v, u, self.theta)
+        return self.model.step(q, v, u)
+
+    def _restart(self, q: Tensor, v: Tensor, done: Tensor) -> tuple[Tensor, Tensor]:
+        rows = done.nonzero()[:, 0]
+        fresh_q, fresh_v = self.mdp.reset(len(rows), self.generator)
+        self.age[rows] = 0
+        if self.theta is not None and self.disturbance.parameters:
+            self.theta[rows] = self._parameters(len(rows))
+        return q.index_copy(0, rows, fresh_q), v.index_copy(0, rows, fresh_v)
+
+    def _parameters(self, count: int) -> Tensor | None:
+        """Physical parameters (count, np) of as many episodes, within their bounds; None for one set for all."""
+        if not isinstance(self.model, ComplementarityModel) or not self.disturbance.parameters:
+            return None
+        theta = torch.from_numpy(self.model.parameters)
+        draw = 2 * torch.rand(count, len(theta), generator=self.generator, dtype=theta.dtype) - 1
+        bounds = np.array([(p.low, p.high) for p in self.model.scene.parameters])
+        low, high = torch.from_numpy(bounds.T)
+        return torch.clamp(theta * (1 + self.disturbance.parameters * draw), low, high)
+
+    def _noise_scale(self) -> Tensor | None:
+        """(nv,) standard deviation of the velocity noise."""
+        if not (self.disturbance.linear or self.disturbance.angular):
+            return None
+        scene = self.model.scene  # type: ignore[attr-defined]
+        slides = torch.from_numpy(linear_velocities(scene))
+        return torch.where(slides, self.disturbance.linear, self.disturbance.angular).double()
+
+
+def linear_velocities(scene) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """Mask (nv,) of the velocities in m/s; the others are in rad/s."""
+    mask = np.zeros(scene.nv, dtype=bool)
+    mask[scene.core["jnt_vadr"][scene.core["jnt_type"] == 0]] = True
+    return mask

@@ -1,0 +1,1 @@
+"""Policies: one readable file an algorithm."""
