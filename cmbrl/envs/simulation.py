@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import warnings
+from collections import deque
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -32,13 +34,14 @@ class Disturbance:
 class Step:
     """One step of all episodes; a row that ended (``terminated`` or ``truncated``) has been restarted since.
 
-    observation (B, n_o) of the state before the action; action (B, n_a); reward (B,), shaped, differentiable;
-    next_observation (B, n_o) before the restart, differentiable.
+    observation (B, n_o) of the state before the action; action (B, n_a); reward (B,) of the task and ``shaping`` (B,)
+    to add to it in training; next_observation (B, n_o) before the restart; the last three are differentiable.
     """
 
     observation: Tensor
     action: Tensor
     reward: Tensor
+    shaping: Tensor
     next_observation: Tensor
     terminated: Tensor
     truncated: Tensor
@@ -52,7 +55,6 @@ class Simulation:
         count: episodes side by side.
         seed: of resets, noise and parameters.
         disturbance: see there; parameters vary on a complementarity model only.
-        shaped: whether rewards include ``mdp.shaping``.
         stagger: start episodes at different ages, so that time limits do not coincide.
     """
 
@@ -63,16 +65,16 @@ class Simulation:
         count: int,
         seed: int = 0,
         disturbance: Disturbance | None = None,
-        shaped: bool = False,
         stagger: bool = False,
     ) -> None:
         self.mdp, self.model, self.count = mdp, model, count
         self.disturbance = disturbance or Disturbance()
         self.generator = torch.Generator().manual_seed(seed)
-        self.shaping = mdp.shaping if shaped else None
+        self.finished: deque[tuple[float, int]] = deque(maxlen=count)  #: return and length of the last episodes
         self.steps_taken = 0
         self.q, self.v = mdp.reset(count, self.generator)
         self.age = torch.zeros(count, dtype=torch.long)
+        self.returns = torch.zeros(count, dtype=torch.float64)
         if stagger:
             self.age = torch.randint(mdp.episode_steps, (count,), generator=self.generator)
         self.theta = self._parameters(count)
@@ -89,14 +91,14 @@ class Simulation:
     def step(self, observation: Tensor, action: Tensor) -> Step:
         """Moves every episode by one step; ``observation`` is that of ``observe`` and only passed on."""
         mdp = self.mdp
-        q, v, u = mdp.act(self.q, self.v, action)
+        control = action.double()
+        q, v, u = mdp.act(self.q, self.v, control)
         for _ in range(mdp.repeat):
             q, v = self._advance(q, v, u)
         if self._noise is not None:
             v = v + self._noise * torch.randn(v.shape, generator=self.generator, dtype=v.dtype)
-        reward = mdp.reward(self.q, self.v, action, q, v)
-        if self.shaping is not None:
-            reward = reward + self.shaping(q, v)
+        reward = mdp.reward(self.q, self.v, control, q, v)
+        shaping = mdp.shaping(q, v) if mdp.shaping is not None else torch.zeros_like(reward)
         self.steps_taken += self.count * mdp.repeat
         self.age += 1
         with torch.no_grad():
@@ -104,9 +106,32 @@ class Simulation:
             terminated = mdp.terminated(q, v) | lost
             truncated = (self.age >= mdp.episode_steps) & ~terminated
             done = terminated | truncated
+            self.returns += torch.where(lost, 0.0, reward)
         next_observation = mdp.observe(q, v)
         self.q, self.v = self._restart(q, v, done) if done.any() else (q, v)
-        return Step(observation, action, reward, next_observation, terminated, truncated)
+        return Step(observation, action, reward, shaping, next_observation, terminated, truncated)
+
+    def state(self) -> dict[str, Any]:
+        """Everything that the next step depends on."""
+        return {
+            "q": self.q.detach(),
+            "v": self.v.detach(),
+            "age": self.age,
+            "returns": self.returns,
+            "theta": self.theta,
+            "finished": [list(episode) for episode in self.finished],
+            "steps_taken": self.steps_taken,
+            "generator": self.generator.get_state(),
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Goes on from what ``state`` returned."""
+        self.q, self.v, self.age, self.returns = (state[k].clone() for k in ("q", "v", "age", "returns"))
+        self.theta = None if state["theta"] is None else state["theta"].clone()
+        self.finished.clear()
+        self.finished.extend((value, length) for value, length in state["finished"])
+        self.steps_taken = state["steps_taken"]
+        self.generator.set_state(state["generator"])
 
     def _advance(self, q: Tensor, v: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
         if isinstance(self.model, ComplementarityModel):
@@ -118,7 +143,8 @@ class Simulation:
     def _restart(self, q: Tensor, v: Tensor, done: Tensor) -> tuple[Tensor, Tensor]:
         rows = done.nonzero()[:, 0]
         fresh_q, fresh_v = self.mdp.reset(len(rows), self.generator)
-        self.age[rows] = 0
+        self.finished.extend(zip(self.returns[rows].tolist(), self.age[rows].tolist(), strict=True))
+        self.age[rows], self.returns[rows] = 0, 0.0
         if self.theta is not None and self.disturbance.parameters:
             self.theta[rows] = self._parameters(len(rows))
         return q.index_copy(0, rows, fresh_q), v.index_copy(0, rows, fresh_v)
