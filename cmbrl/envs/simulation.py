@@ -12,7 +12,9 @@ import torch
 from torch import Tensor
 
 from cmbrl.envs.mdp import MDP
+from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel, SolverWarning
+from cmbrl.models.manifold import Layout
 from cmbrl.models.protocol import Model
 
 
@@ -163,13 +165,16 @@ class Simulation:
         """(nv,) standard deviation of the velocity noise."""
         if not (self.disturbance.linear or self.disturbance.angular):
             return None
-        scene = self.model.scene  # type: ignore[attr-defined]
-        slides = torch.from_numpy(linear_velocities(scene))
-        return torch.where(slides, self.disturbance.linear, self.disturbance.angular).double()
+        scale = torch.full(self.v.shape[1:], self.disturbance.angular, dtype=self.v.dtype)
+        scale[list(layout_of(self.model).slides_v)] = self.disturbance.linear
+        return scale
 
 
-def linear_velocities(scene) -> np.ndarray:  # type: ignore[no-untyped-def]
-    """Mask (nv,) of the velocities in m/s; the others are in rad/s."""
-    mask = np.zeros(scene.nv, dtype=bool)
-    mask[scene.core["jnt_vadr"][scene.core["jnt_type"] == 0]] = True
-    return mask
+def layout_of(model: Model) -> Layout:
+    """Which velocities are linear and which angular; raises UserError for a model that does not know its robot."""
+    if isinstance(model, ComplementarityModel):
+        return Layout.from_scene(model.scene)
+    layout = getattr(model, "layout", None)
+    if layout is None:
+        raise UserError(f"{model.name} has no layout, which velocity noise needs: set linear and angular to 0")
+    return layout

@@ -107,6 +107,7 @@ class NeuralEnsemble:
         inputs = self.features(torch.zeros(1, layout.nq), torch.zeros(1, layout.nv), torch.zeros(1, layout.nu)).shape[1]
         self.network = EnsembleNetwork(config.nets, inputs, 2 * layout.nv, config.hidden, config.width)
         self.network.reset(torch.Generator().manual_seed(0))
+        self.network.requires_grad_(False)  # only `fit` learns: a step is differentiated in q, v and u alone
 
     def features(self, q: Tensor, v: Tensor, u: Tensor) -> Tensor:
         """Inputs of the nets before standardisation, (B, inputs)."""
@@ -140,15 +141,24 @@ class NeuralEnsemble:
     def _change(self, q: Tensor, v: Tensor, u: Tensor, sample: bool, generator: torch.Generator | None) -> Tensor:
         network = self.network
         standard = (self.features(q, v, u) - network.input_mean) / network.input_scale
-        inputs = standard.to(network.weights[0].dtype).expand(len(self.elites), -1, -1)
-        mean, log_variance = network(inputs, self.elites)
+        inputs = standard.to(network.weights[0].dtype)
         if sample:
-            chosen = torch.randint(len(self.elites), (len(q),), generator=generator), torch.arange(len(q))
-            noise = torch.randn(mean.shape[1:], generator=generator, dtype=mean.dtype)
-            predicted = mean[chosen] + noise * torch.exp(0.5 * log_variance[chosen])
+            predicted = self._draw(inputs, generator)
         else:
+            mean, _ = network(inputs.expand(len(self.elites), -1, -1), self.elites)
             predicted = mean.mean(dim=0)
         return network.target_mean + network.target_scale * predicted.double()
+
+    def _draw(self, inputs: Tensor, generator: torch.Generator | None) -> Tensor:
+        """A value (B, outputs) from the Gaussian of one elite per row of inputs (B, n); no row asks the other elites."""
+        chosen = torch.randint(len(self.elites), (len(inputs),), generator=generator)
+        width = self.network.target_mean.shape[0]
+        drawn = torch.randn(len(inputs), width, generator=generator, dtype=inputs.dtype)
+        for k, elite in enumerate(self.elites):
+            rows = (chosen == k).nonzero()[:, 0]
+            mean, log_variance = self.network(inputs[rows][None], elite[None])
+            drawn = drawn.index_copy(0, rows, mean[0] + drawn[rows] * torch.exp(0.5 * log_variance[0]))
+        return drawn
 
     def fit(
         self,
@@ -157,17 +167,18 @@ class NeuralEnsemble:
         progress: Callable[[float, str], None] | None = None,
         max_seconds: float | None = None,
         warm_start: bool = False,
+        updates: int | None = None,
     ) -> TrainingReport:
         """Trains on ``data`` (its dt must be this model's) and keeps the best weights of every net.
 
         ``progress(share, text)`` is called after each epoch with the share of the work done and the held-out error;
         ``max_seconds`` ends training early with the best so far, as Ctrl-C does; ``warm_start`` continues from the
-        present weights and scales.
+        present weights, the inputs standardised anew; ``updates`` gradient steps instead of the configuration's.
         Raises UserError when the log is too short or has another control step.
         """
         from cmbrl.models.ensemble_training import train  # imports this module's types
 
-        return train(self, data, seed, progress, max_seconds, warm_start)
+        return train(self, data, seed, progress, max_seconds, warm_start, updates)
 
     def save(self, folder: str | os.PathLike[str]) -> None:
         """Writes ``weights.safetensors`` and ``ensemble.json`` into ``folder``."""

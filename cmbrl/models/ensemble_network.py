@@ -45,6 +45,15 @@ class EnsembleNetwork(nn.Module):
         nn.init.constant_(self.max_log_variance, 0.5)
         nn.init.constant_(self.min_log_variance, -10.0)
 
+    @torch.no_grad()
+    def standardise_inputs(self, mean: Tensor, scale: Tensor) -> None:
+        """Takes new scales (inputs,) and mends the first layer, so that the nets stay the same functions."""
+        weight, bias = self.weights[0], self.biases[0]
+        bias += (((mean - self.input_mean) / self.input_scale).to(weight.dtype) @ weight)[:, None]
+        weight *= (scale / self.input_scale).to(weight.dtype)[:, None]
+        self.input_mean.copy_(mean)
+        self.input_scale.copy_(scale)
+
     def forward(self, inputs: Tensor, nets: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """Mean and log-variance (nets, B, outputs) of standardised inputs (nets, B, inputs).
 

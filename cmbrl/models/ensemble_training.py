@@ -65,6 +65,7 @@ def train(
     progress: Callable[[float, str], None] | None,
     max_seconds: float | None,
     warm_start: bool,
+    updates_asked: int | None = None,
 ) -> TrainingReport:
     """See `NeuralEnsemble.fit`."""
     config, network = model.config, model.network
@@ -79,7 +80,9 @@ def train(
     order = torch.randperm(len(data), generator=generator)
     held = min(int(config.holdout * len(data)), config.holdout_max)
     kept = order[held:]
-    if not warm_start:
+    if warm_start:
+        network.standardise_inputs(inputs[kept].mean(dim=0), _deviation(inputs[kept]))
+    else:
         network.reset(generator, config.initial_gain)
         _set_scales(network, inputs[kept], targets[kept], config.normalise_targets)
     inputs = ((inputs - network.input_mean) / network.input_scale).float()
@@ -92,10 +95,11 @@ def train(
         rows = torch.randint(len(kept), shape, generator=generator)
     else:
         rows = torch.arange(len(kept)).expand(shape)
-    total = config.updates  # None: until patience ends
+    total = config.updates if updates_asked is None else updates_asked  # None: until patience ends
     best = _Best(network, config.improvement if total is None else 0.0)
     optimiser = _optimiser(network, config.learning_rate, config.weight_decay)
     updates, epochs, stale, done, stopped = 0, 0, 0, 0.0, ""
+    network.requires_grad_(True)
     try:
         while not stopped:
             rows = torch.gather(rows, 1, torch.rand(shape, generator=generator).argsort(dim=1))
@@ -126,6 +130,7 @@ def train(
     except KeyboardInterrupt:
         stopped = "interrupted"
     best.restore()
+    network.requires_grad_(False)
     model.elites = best.error.argsort()[: config.elites]
     with torch.no_grad():
         mean, _ = network(held_inputs.expand(config.elites, -1, -1), model.elites)

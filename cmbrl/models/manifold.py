@@ -47,6 +47,12 @@ class Layout:
             ball_v=tuple(a for kind, _, a in joints if kind == BALL),
         )
 
+    @property
+    def slides_v(self) -> tuple[int, ...]:
+        """Addresses in v of the velocities in m/s; all others are in rad/s."""
+        pairs = zip(self.scalar_q, self.scalar_v, strict=True)
+        return tuple(velocity for position, velocity in pairs if position not in self.hinges_q)
+
     def to_dict(self) -> dict[str, Any]:
         return asdict(self)
 

@@ -171,3 +171,39 @@ def test_one_batched_product_equals_net_by_net() -> None:
     assert (log_variance > -10).all()
     picked, _ = network(x.expand(2, -1, -1), torch.tensor([2, 0]))
     assert torch.allclose(picked, mean[[2, 0]])
+
+
+def test_new_input_scales_leave_the_function_as_it_was(body: Scene) -> None:
+    model = NeuralEnsemble(body, DT, SMALL)
+    model.network.double()
+    q, v, u = tensors(falling(body, 20))
+    before = model.step(q, v, u)
+    width = model.network.input_mean.shape[0]
+    draw = torch.Generator().manual_seed(0)
+    mean, scale = (torch.rand(2, width, generator=draw, dtype=torch.float64) + 0.5).unbind()
+    model.network.standardise_inputs(mean, scale)
+    assert torch.equal(model.network.input_mean, mean)
+    for a, b in zip(before, model.step(q, v, u), strict=True):
+        np.testing.assert_allclose(a.numpy(), b.numpy(), atol=1e-12)
+
+
+def test_draws_have_the_mean_and_deviation_of_the_elites(body: Scene) -> None:
+    model = NeuralEnsemble(body, DT, SMALL)
+    model.elites = torch.tensor([2, 0])
+    count = 40_000
+    q, v, u = (a[:1].expand(count, -1) for a in tensors(falling(body, 10)))
+    inputs = (model.features(q[:1], v[:1], u[:1])).float()
+    mean, log_variance = model.network(inputs.expand(2, -1, -1), model.elites)
+    expected = mean[:, 0].mean(dim=0)
+    variance = log_variance[:, 0].exp().mean(dim=0) + mean[:, 0].var(dim=0, correction=0)  # law of total variance
+    drawn = model.step(q, v, u, sample=True, generator=torch.Generator().manual_seed(3))[1] - v
+    columns = slice(v.shape[1], None)
+    error = (drawn.mean(dim=0) - expected[columns]) / (variance[columns] / count).sqrt()
+    assert error.abs().max() < 5
+    np.testing.assert_allclose(drawn.var(dim=0).numpy(), variance[columns].numpy(), rtol=0.05)
+
+
+def test_updates_asked_for_replace_those_of_the_configuration(body: Scene) -> None:
+    model = NeuralEnsemble(body, DT, SMALL)
+    assert model.fit(falling(body, 50), updates=7).updates == 7
+    assert not any(p.requires_grad for p in model.network.parameters())
