@@ -37,6 +37,7 @@ class SHACConfig:
     actor_rate: float = 2e-3  #: Adam's; falls linearly to 0
     critic_rate: float = 1e-3
     clip: float = 1.0  #: largest norm of an actor gradient
+    tame: float = 5.0  #: an episode's gradient in its state is cut to so many times the median of all; inf: never
     critic_epochs: int = 4  #: passes over a window
     critic_batches: int = 2  #: minibatches of a pass
     target_share: float = 0.2  #: of the old target critic that is kept at each update
@@ -103,6 +104,7 @@ class SHAC:
             action = self.policy.sample(observation.float(), noise)
             action.retain_grad()
             steps.append(simulation.step(observation, action))
+            simulation.q, simulation.v = Tamed.apply(simulation.q, simulation.v, c.tame)
         return steps
 
     def _actor_loss(self, steps: list[Step]) -> Tensor:
@@ -213,6 +215,26 @@ class Critic:
     def __call__(self, observations: Tensor) -> Tensor:
         """(B,) of observations (B, n_o), float32."""
         return self.scale * self.net(self.normaliser(observations))[:, 0]
+
+
+class Tamed(torch.autograd.Function):
+    """The identity on states q (B, nq), v (B, nv); backwards, rows longer than ``factor`` medians are cut to that.
+
+    A few episodes that stumble have gradients 10^4 times those of the others, and would be all that an update sees.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, q: Tensor, v: Tensor, factor: float) -> Any:  # type: ignore[override]
+        """The same states."""
+        ctx.factor = factor
+        return q.view_as(q), v.view_as(v)
+
+    @staticmethod
+    def backward(ctx: Any, gq: Tensor, gv: Tensor) -> Any:  # type: ignore[override]
+        """Cotangents with their long rows cut."""
+        length = torch.cat([gq, gv], dim=1).norm(dim=1)
+        share = (ctx.factor * length.nanmedian() / length).clamp(max=1.0).nan_to_num(nan=0.0, posinf=1.0)[:, None]
+        return finite(gq) * share, finite(gv) * share, None
 
 
 def finite(x: Tensor) -> Tensor:
