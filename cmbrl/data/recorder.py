@@ -60,7 +60,7 @@ def record_gymnasium(
     import gymnasium
 
     try:
-        with _without_warnings():
+        with without_mujoco_warnings():
             env = gymnasium.make(environment, disable_env_checker=True, max_episode_steps=episode_steps)
     except gymnasium.error.DependencyNotInstalled as error:
         raise UserError(f"{environment} cannot start ({error}): pip install 'cmbrl[tasks]'") from None
@@ -109,7 +109,7 @@ def _roll(
 
 
 @contextmanager
-def _without_warnings() -> Iterator[None]:
+def without_mujoco_warnings() -> Iterator[None]:
     """Swallows MuJoCo's warnings about scenes that are not ours (it prints them and leaves a MUJOCO_LOG.TXT)."""
     import mujoco
 

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from cmbrl.data.recorder import without_mujoco_warnings
 from cmbrl.errors import UserError
 
 
@@ -46,7 +47,8 @@ class MujocoSystem:
 
         self._mujoco = mujoco
         try:
-            self.model = mujoco.MjModel.from_xml_path(os.fspath(path))
+            with without_mujoco_warnings():  # it would leave a log file in the working folder
+                self.model = mujoco.MjModel.from_xml_path(os.fspath(path))
         except ValueError as error:
             raise UserError(f"{path}: MuJoCo cannot read it ({str(error).splitlines()[0]})") from None
         self.data = mujoco.MjData(self.model)

@@ -26,6 +26,18 @@ def _record(**arguments: Any) -> Any:
     return record_gymnasium("HalfCheetah-v5", episode_steps=EPISODE_STEPS, **arguments)
 
 
+def _mdp() -> Any:
+    from tasks.cheetah.mdp import mdp
+
+    return mdp()
+
+
+def _system() -> Any:
+    from cmbrl.envs.system import MujocoSystem
+
+    return MujocoSystem(_scene(), frame_skip=5, camera="track")
+
+
 TASK = Task(
     name="cheetah",
     description="HalfCheetah-v5: two legs, planar, 6 motors; episodes of 200 control steps",
@@ -34,4 +46,6 @@ TASK = Task(
     substeps=5,
     time_step=0.01,
     recorder=_record,
+    mdp=_mdp,
+    system=_system,
 )
