@@ -24,12 +24,12 @@ class Disturbance:
 
     Args:
         linear, angular: standard deviations of the noise added to velocities after each step [m/s, rad/s].
-        parameters: each physical parameter of an episode is scaled by a factor uniform in 1 +- this; 0.2 is 20 %.
+        parameters: (K, np) sets of physical parameters, of which each episode draws one; None: the model's own.
     """
 
     linear: float = 0.0
     angular: float = 0.0
-    parameters: float = 0.0
+    parameters: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -71,16 +71,23 @@ class Simulation:
     ) -> None:
         self.mdp, self.model, self.count = mdp, model, count
         self.disturbance = disturbance or Disturbance()
+        self.stagger = stagger
         self.generator = torch.Generator().manual_seed(seed)
         self.finished: deque[tuple[float, int]] = deque(maxlen=count)  #: return and length of the last episodes
         self.steps_taken = 0
-        self.q, self.v = mdp.reset(count, self.generator)
-        self.age = torch.zeros(count, dtype=torch.long)
-        self.returns = torch.zeros(count, dtype=torch.float64)
-        if stagger:
-            self.age = torch.randint(mdp.episode_steps, (count,), generator=self.generator)
-        self.theta = self._parameters(count)
+        self.restart()
         self._noise = self._noise_scale()
+
+    def restart(self, seed: int | None = None) -> None:
+        """Starts all episodes anew, as a simulation of this ``seed`` does where one is given."""
+        if seed is not None:
+            self.generator.manual_seed(seed)
+        self.q, self.v = self.mdp.reset(self.count, self.generator)
+        self.age = torch.zeros(self.count, dtype=torch.long)
+        self.returns = torch.zeros(self.count, dtype=torch.float64)
+        if self.stagger:
+            self.age = torch.randint(self.mdp.episode_steps, (self.count,), generator=self.generator)
+        self.theta = self._parameters(self.count)
 
     def observe(self) -> Tensor:
         """(B, n_o) of the present states, differentiable in what they came from."""
@@ -147,19 +154,17 @@ class Simulation:
         fresh_q, fresh_v = self.mdp.reset(len(rows), self.generator)
         self.finished.extend(zip(self.returns[rows].tolist(), self.age[rows].tolist(), strict=True))
         self.age[rows], self.returns[rows] = 0, 0.0
-        if self.theta is not None and self.disturbance.parameters:
-            self.theta[rows] = self._parameters(len(rows))
+        theta = self._parameters(len(rows))
+        if self.theta is not None and theta is not None:
+            self.theta[rows] = theta
         return q.index_copy(0, rows, fresh_q), v.index_copy(0, rows, fresh_v)
 
     def _parameters(self, count: int) -> Tensor | None:
-        """Physical parameters (count, np) of as many episodes, within their bounds; None for one set for all."""
-        if not isinstance(self.model, ComplementarityModel) or not self.disturbance.parameters:
+        """Physical parameters (count, np) of as many episodes; None for the model's own."""
+        table = self.disturbance.parameters
+        if table is None:
             return None
-        theta = torch.from_numpy(self.model.parameters)
-        draw = 2 * torch.rand(count, len(theta), generator=self.generator, dtype=theta.dtype) - 1
-        bounds = np.array([(p.low, p.high) for p in self.model.scene.parameters])
-        low, high = torch.from_numpy(bounds.T)
-        return torch.clamp(theta * (1 + self.disturbance.parameters * draw), low, high)
+        return torch.from_numpy(table)[torch.randint(len(table), (count,), generator=self.generator)]
 
     def _noise_scale(self) -> Tensor | None:
         """(nv,) standard deviation of the velocity noise."""
@@ -178,3 +183,10 @@ def layout_of(model: Model) -> Layout:
     if layout is None:
         raise UserError(f"{model.name} has no layout, which velocity noise needs: set linear and angular to 0")
     return layout
+
+
+def spread(model: ComplementarityModel, relative: float, count: int = 256, seed: int = 0) -> np.ndarray:
+    """Parameter sets (count, np) with each parameter scaled by its own factor, uniform in 1 +- ``relative``."""
+    factor = 1.0 + relative * np.random.default_rng(seed).uniform(-1.0, 1.0, (count, len(model.parameters)))
+    low, high = np.array([(p.low, p.high) for p in model.scene.parameters]).T
+    return np.clip(model.parameters * factor, low, high)

@@ -1,0 +1,39 @@
+"""Real systems side by side, stepped like a model: what runs on a model runs on them too, but for gradients."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from cmbrl.envs.system import SystemFactory
+
+
+class SystemBatch:
+    """``count`` systems as a :class:`cmbrl.models.protocol.Model`, for :class:`cmbrl.envs.simulation.Simulation`.
+
+    Row k is system k: while it is asked to go on from where it is, it does so undisturbed, with whatever it remembers
+    (a solver's warm start); asked for another state, it is reset to it. Not differentiable.
+    """
+
+    name = "real"
+
+    def __init__(self, system: SystemFactory, count: int) -> None:
+        self.systems = [system() for _ in range(count)]
+        self._present: list[tuple[np.ndarray, np.ndarray] | None] = [None] * count
+
+    @property
+    def dt(self) -> float:
+        """Duration of a step [s]."""
+        return self.systems[0].dt
+
+    def step(self, q: Tensor, v: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
+        """(q', v') of every system: q (count, nq), v (count, nv), u (count, nu), float64."""
+        rows = zip(*(x.detach().numpy() for x in (q, v, u)), strict=True)
+        for k, (system, (q_row, v_row, u_row)) in enumerate(zip(self.systems, rows, strict=True)):
+            present = self._present[k]
+            if present is None or not (np.array_equal(q_row, present[0]) and np.array_equal(v_row, present[1])):
+                system.reset(q_row, v_row)
+            self._present[k] = system.step(u_row)
+        q_next, v_next = (torch.from_numpy(np.stack(x)) for x in zip(*self._present, strict=True))  # type: ignore[arg-type]
+        return q_next, v_next
