@@ -1,18 +1,25 @@
-"""Policy gradients and how good they are: per-sample gradients of a rollout, bundles over noise, finite differences."""
+"""Policy gradients: estimators with their variance and cost, and models that smooth the derivative."""
 
+from cmbrl.gradients.aobg import BiasBound, aobg
 from cmbrl.gradients.estimate import Estimate, Objective
 from cmbrl.gradients.estimators import finite_differences, first_order_bundle, pathwise, zeroth_order_bundle
+from cmbrl.gradients.pipps import total_propagation
 from cmbrl.gradients.randomised import RandomisedModel
 from cmbrl.gradients.rollout import Rollout, TanhPolicy
+from cmbrl.gradients.score import score_function
 
 __all__ = [
+    "BiasBound",
     "Estimate",
     "Objective",
     "RandomisedModel",
     "Rollout",
     "TanhPolicy",
+    "aobg",
     "finite_differences",
     "first_order_bundle",
     "pathwise",
+    "score_function",
+    "total_propagation",
     "zeroth_order_bundle",
 ]

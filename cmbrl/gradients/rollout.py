@@ -9,11 +9,13 @@ import torch
 from torch import Tensor
 
 from cmbrl.errors import UserError
-from cmbrl.models.protocol import Model
+from cmbrl.models.protocol import Model, forget
 
 Policy = Callable[[Tensor, Tensor, Tensor], Tensor]  #: parameters (B, n), q (B, nq), v (B, nv) -> u (B, nu)
 Launch = Callable[[Tensor, Tensor, Tensor], tuple[Tensor, Tensor]]  #: parameters, q, v -> q, v at the start
 Reward = Callable[[Tensor, Tensor, Tensor], Tensor]  #: u (B, nu), q' (B, nq), v' (B, nv) -> (B,)
+Act = Callable[[Tensor], Tensor]  #: the policy's control (B, nu) -> the one that is applied
+Arrive = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]  #: the model's next state -> the one that is gone on from
 
 
 @dataclass(frozen=True)
@@ -67,12 +69,19 @@ class Rollout:
 
     def __call__(self, x: Tensor) -> Tensor:
         """Returns (B,) of policies with parameters x (B, n); raises UserError unless there is one row a start."""
+        return torch.stack(self.rewards(x)).sum(dim=0)
+
+    def rewards(self, x: Tensor, act: Act | None = None, arrive: Arrive | None = None) -> list[Tensor]:
+        """Rewards (B,) step by step, with noise put in by ``act`` (on controls) and ``arrive`` (on states)."""
         if len(x) != len(self.q):
             raise UserError(f"{len(x)} policies for {len(self.q)} initial states: give one row for each")
         q, v = self.launch(x, self.q, self.v) if self.launch else (self.q, self.v)
-        total = torch.zeros(len(x), dtype=torch.float64)
+        forget(self.model)
+        rewards = []
         for _ in range(self.horizon):
             u = self.policy(x, q, v)
+            u = act(u) if act else u
             q, v = self.model.step(q, v, u)
-            total = total + self.reward(u, q, v)
-        return total
+            q, v = arrive(q, v) if arrive else (q, v)
+            rewards.append(self.reward(u, q, v))
+        return rewards

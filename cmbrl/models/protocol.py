@@ -58,3 +58,9 @@ def reset_failures(model: Model) -> None:
     """Sets the count of failed steps to zero, for models that keep one."""
     if hasattr(model, "reset_failures"):
         model.reset_failures()
+
+
+def forget(model: Model) -> None:
+    """Starts all rows anew, for models that keep something of a batch between its steps (a bundle's branches)."""
+    if hasattr(model, "forget"):
+        model.forget()
