@@ -19,6 +19,8 @@ COMMANDS = {
     "record": "log transitions from the real system of a task",
     "fit": "fit the physical parameters of a contact model to a log",
     "error": "compare models on a log: one step and open loop, by stratum",
+    "train": "train a policy on a model, or in the real system",
+    "evaluate": "what a policy earns in the real system and in a model",
     "bench": "measure models, solvers and gradients beside their rivals",
 }
 
@@ -67,7 +69,7 @@ def _dispatch(arguments: list[str]) -> int:
 
 def _overview() -> str:
     lines = ["usage: cmbrl COMMAND ...", "", "Contact models from logged transitions.", "", "commands:"]
-    lines += [f"  {name:8s}{text}" for name, text in COMMANDS.items()]
+    lines += [f"  {name:10s}{text}" for name, text in COMMANDS.items()]
     lines += ["", "example:", "  cmbrl info hopper", ""]
     lines += ["'cmbrl COMMAND --help' has a command's options and examples."]
     return "\n".join(lines)

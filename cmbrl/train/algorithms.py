@@ -17,7 +17,11 @@ from typing import Any
 
 from cmbrl.errors import UserError, did_you_mean
 
-CONTACT, ENSEMBLE, REAL = "contact", "ensemble", "real"  #: kinds of model: a scene's or a fit's, neural, the real system
+CONTACT, ENSEMBLE, REAL = (
+    "contact",
+    "ensemble",
+    "real",
+)  #: kinds of model: a scene's or a fit's, neural, the real system
 
 
 @dataclass(frozen=True)

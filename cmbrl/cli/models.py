@@ -1,0 +1,147 @@
+"""``--model M``: what a policy is trained or tried on, from the word on the command line to an object that steps."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cmbrl.cli.compared import ENSEMBLE_FILE, FIT_FILE
+from cmbrl.cli.options import positive_number
+from cmbrl.cli.sources import load_source
+from cmbrl.errors import UserError, did_you_mean
+
+if TYPE_CHECKING:
+    from cmbrl.envs.mdp import MDP
+    from cmbrl.envs.system import SystemFactory
+    from cmbrl.models.protocol import Model
+    from cmbrl.registry import Task
+
+NOMINAL, REAL = "nominal", "real"
+MODEL_HELP = "nominal (the task's scene as it is), the run folder of a fit, the folder of an ensemble"
+
+
+@dataclass(frozen=True)
+class Softness:
+    """``--smoothing``: "exact", or "barrier" or "adaptive" with its kappa [J] or length [m]."""
+
+    kind: str
+    size: float = 0.0
+
+    def __str__(self) -> str:
+        return self.kind if self.kind == "exact" else f"{self.kind}={self.size:g}"
+
+    def build(self) -> Any:
+        """The smoothing policy that it stands for."""
+        from cmbrl.contact import Adaptive, Barrier, Exact
+
+        if self.kind == "exact":
+            return Exact()
+        return Barrier(kappa=self.size) if self.kind == "barrier" else Adaptive(length=self.size)
+
+
+def softness(text: str) -> Softness:
+    """``exact``, ``barrier=KAPPA`` or ``adaptive=LENGTH``."""
+    kind, sign, size = text.partition("=")
+    if kind == "exact" and not sign:
+        return Softness(kind)
+    if kind in ("barrier", "adaptive") and sign:
+        return Softness(kind, positive_number(size))
+    raise argparse.ArgumentTypeError(f"{text!r} is not exact, barrier=KAPPA or adaptive=LENGTH, e.g. barrier=1e-4")
+
+
+def add_smoothing(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--smoothing",
+        type=softness,
+        metavar="S",
+        help="how contacts of the model are softened: exact, barrier=KAPPA [J] or adaptive=LENGTH [m] (default: as the "
+        "task or the fit has it)",
+    )
+
+
+def decision_process(task: Task) -> MDP:
+    """What is asked of the task's robot; raises UserError for a task without it."""
+    if task.mdp is None:
+        raise UserError(f"task {task.name!r} has no reward (Task.mdp): policies are for {_with_mdp()}")
+    return task.mdp()
+
+
+def real_system(task: Task) -> SystemFactory:
+    """What makes the task's real system; raises UserError for a task without one."""
+    if task.system is None:
+        raise UserError(f"task {task.name!r} has no real system to act in (Task.system): use --model")
+    return task.system
+
+
+def check_model(word: str) -> None:
+    """Raises UserError unless ``word`` is nominal, real, or a folder that holds a fit or an ensemble."""
+    if word in (NOMINAL, REAL):
+        return
+    if not Path(word).is_dir():
+        raise UserError(f"no model {word!r}: {did_you_mean(word, (NOMINAL, REAL))} Or name the folder of a fit")
+    if not _is_fit(word) and not _is_ensemble(word):
+        raise UserError(f"{word}: holds neither a fit ({FIT_FILE}) nor an ensemble ({ENSEMBLE_FILE})")
+
+
+def kind_of(word: str) -> str:
+    """The kind of model that a checked ``word`` names, in the words of `cmbrl.train.algorithms`."""
+    from cmbrl.train.algorithms import CONTACT, ENSEMBLE
+
+    if word == REAL:
+        return REAL
+    return CONTACT if word == NOMINAL or _is_fit(word) else ENSEMBLE
+
+
+def load_model(word: str, task: Task, mdp: MDP, smoothing: Softness | None = None, threads: int | None = None) -> Model:
+    """The next-state model that a checked ``word`` names (any but "real").
+
+    Raises UserError when it is of another robot or control step than the task's, or smoothing is asked of an ensemble.
+    """
+    options: dict[str, Any] = {"threads": threads} if threads else {}
+    if smoothing is not None:
+        options["smoothing"] = smoothing.build()
+    if word == NOMINAL:
+        model: Any = load_source(task.name).model(**options)
+    elif _is_fit(word):
+        from cmbrl.fit import FitResult
+
+        model = FitResult.load(word).model.with_settings(**options)
+    else:
+        from cmbrl.models.ensemble import NeuralEnsemble
+
+        if smoothing is not None:
+            raise UserError(f"{word}: an ensemble has no contacts to soften: leave --smoothing out")
+        model = NeuralEnsemble.load(word)
+    _check_fits(word, model, task, mdp)
+    return model
+
+
+def _check_fits(word: str, model: Any, task: Task, mdp: MDP) -> None:
+    """The model must take the task's states and controls, and its step must be the process's."""
+    import torch
+
+    q, v = mdp.reset(1, torch.Generator().manual_seed(0))
+    _, _, u = mdp.act(q, v, torch.zeros(1, mdp.actions, dtype=q.dtype))
+    owner = getattr(model, "layout", None) or model.scene
+    have, need = (owner.nq, owner.nv, owner.nu), (q.shape[1], v.shape[1], u.shape[1])
+    if have != need:
+        raise UserError(f"{word}: is of another robot: nq, nv, nu {have}, task {task.name!r} has {need}")
+    step = mdp.dt / mdp.repeat
+    if abs(model.dt - step) > 1e-6 * step:
+        raise UserError(f"{word}: steps {model.dt:g} s, task {task.name!r} {step:g} s: fit on a log of that step")
+
+
+def _is_fit(word: str) -> bool:
+    return (Path(word) / FIT_FILE).exists()
+
+
+def _is_ensemble(word: str) -> bool:
+    return (Path(word) / ENSEMBLE_FILE).exists()
+
+
+def _with_mdp() -> str:
+    from cmbrl.registry import load_task, names
+
+    return ", ".join(name for name in names() if load_task(name).mdp is not None) or "no task here"

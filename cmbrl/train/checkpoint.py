@@ -1,0 +1,97 @@
+"""A trainer's whole state in one safetensors file, without pickle: tensors as they are, all else as JSON beside them.
+
+The nesting (dicts with any simple keys, lists, tuples) is a JSON skeleton in the file's metadata, in which
+``{"tensor": "12"}`` stands for the tensor of that name. One file, renamed into place: a kill leaves the old or the new.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+from cmbrl.errors import UserError
+from cmbrl.files import atomic_path
+
+_SKELETON = "skeleton"
+
+
+def save_state(path: str | os.PathLike[str], state: Any) -> None:
+    """Writes ``state``, whole or not at all.
+
+    Nested dicts (keys: str, int, bool, None), lists and tuples of tensors, numpy arrays, numbers (NaN too, integers of
+    any size), strings, booleans and None; all come back with their types and bits. Raises TypeError on anything else.
+    """
+    tensors: dict[str, Tensor] = {}
+    skeleton = json.dumps(_pack(state, tensors), allow_nan=False)
+    with atomic_path(path) as temporary:
+        save_file(tensors, temporary, metadata={_SKELETON: skeleton})
+
+
+def load_state(path: str | os.PathLike[str]) -> Any:
+    """Reads what ``save_state`` wrote; raises UserError that names the file when it is missing or damaged."""
+    file = Path(path)
+    if not file.is_file():
+        raise UserError(f"{file}: no such file")
+    try:
+        with safe_open(file, framework="pt") as opened:
+            tensors = {name: opened.get_tensor(name) for name in opened.keys()}  # noqa: SIM118 (no mapping)
+            skeleton = json.loads(opened.metadata()[_SKELETON])
+        return _unpack(skeleton, tensors)
+    except (SafetensorError, OSError, KeyError, TypeError, ValueError) as error:
+        raise UserError(f"{file}: not a checkpoint, or damaged ({error}): start the run again") from None
+
+
+def _pack(value: Any, tensors: dict[str, Tensor]) -> Any:
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else {"float": repr(float(value))}
+    if isinstance(value, np.generic):
+        return _pack(value.item(), tensors)
+    if isinstance(value, Tensor | np.ndarray):
+        name = str(len(tensors))
+        is_tensor = isinstance(value, Tensor)
+        # A copy: safetensors refuses tensors that share memory, and an optimiser's state may hold the same one twice.
+        tensors[name] = (value.detach() if isinstance(value, Tensor) else torch.from_numpy(value)).clone().contiguous()
+        return {"tensor" if is_tensor else "array": name}
+    if isinstance(value, dict):
+        return {"dict": [[_key(key), _pack(item, tensors)] for key, item in value.items()]}
+    if isinstance(value, list):
+        return [_pack(item, tensors) for item in value]
+    if isinstance(value, tuple):
+        return {"tuple": [_pack(item, tensors) for item in value]}
+    raise TypeError(f"a checkpoint cannot hold a {type(value).__name__}")
+
+
+def _key(key: Any) -> Any:
+    if key is None or isinstance(key, bool | int | str):
+        return key
+    raise TypeError(f"a checkpoint cannot hold the key {key!r}")
+
+
+def _unpack(packed: Any, tensors: dict[str, Tensor]) -> Any:
+    if isinstance(packed, list):
+        return [_unpack(item, tensors) for item in packed]
+    if not isinstance(packed, dict):
+        return packed
+    ((kind, content),) = packed.items()
+    if kind == "tensor":
+        return tensors[content]
+    if kind == "array":
+        return tensors[content].numpy()
+    if kind == "float":
+        return float(content)
+    if kind == "tuple":
+        return tuple(_unpack(item, tensors) for item in content)
+    if kind == "dict":
+        return {key: _unpack(item, tensors) for key, item in content}
+    raise ValueError(f"unknown entry {kind!r}")

@@ -1,0 +1,205 @@
+"""A training run in a folder: iterations, metrics, checkpoints; killed and resumed, it ends at the same bits.
+
+metrics.csv              one row an iteration        checkpoint.safetensors    all that the next iteration needs
+policy.json, policy.safetensors                      the policy at the last checkpoint
+train.json, metrics.png  how it ended                diverged.npz              last states of a run that diverged
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from cmbrl.errors import UserError
+from cmbrl.files import atomic_path, write_json
+from cmbrl.train.checkpoint import load_state, save_state
+from cmbrl.train.metrics import MetricsLog, Row
+from cmbrl.train.metrics_plot import plot_metrics
+from cmbrl.train.policy_file import save_policy
+from cmbrl.train.trainer import Diverged, Trainer
+
+CHECKPOINT, RESULT, PLOT, DIVERGED = "checkpoint.safetensors", "train.json", "metrics.png", "diverged.npz"
+FINISHED, INTERRUPTED, HAS_DIVERGED = "finished", "interrupted", "diverged"
+_PATIENCE = 20  # iterations in a row with a loss or gradient that is not finite; most trainers give up before
+_WATCHED = ("loss", "gradient_norm", "critic_loss")
+
+Progress = Callable[[float, str], object]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended: "finished" or "interrupted"; iterations and seconds over all its parts, and its last row."""
+
+    stopped: str
+    iteration: int
+    seconds: float
+    last: Row
+
+
+class Run:
+    """``trainer`` in ``folder``, from the checkpoint there if ``resume``.
+
+    Args:
+        trainer: a fresh one, made as it was made before when it resumes.
+        folder: made when missing.
+        about: what policy.json says beside the architecture: task, algorithm, ...
+        resume: go on from the folder's checkpoint.
+        checkpoint_seconds: time between checkpoints; there is one before the first iteration and one at the end.
+
+    Raises UserError when there is no checkpoint to resume from, or it is another trainer's.
+    """
+
+    def __init__(
+        self,
+        trainer: Trainer,
+        folder: str | os.PathLike[str],
+        about: Mapping[str, Any],
+        resume: bool = False,
+        checkpoint_seconds: float = 60.0,
+    ) -> None:
+        self.trainer, self.folder, self.about = trainer, Path(folder), dict(about)
+        self.checkpoint_seconds = checkpoint_seconds
+        self.iteration, self.seconds = 0, 0.0
+        self._unusable = 0
+        self.folder.mkdir(parents=True, exist_ok=True)
+        if resume:
+            self._restore()
+        else:
+            self._checkpoint()
+
+    def train(self, iterations: int, progress: Progress | None = None) -> Outcome:
+        """Goes on until ``iterations`` are done in all, or until Ctrl-C, which lets the present one end.
+
+        ``progress(share, text)`` is called after each iteration. Raises Diverged when the run cannot go on; the last
+        states are in diverged.npz then, and the last checkpoint stays.
+        """
+        started, saved = time.monotonic() - self.seconds, time.monotonic()
+        log = MetricsLog(self.folder, self.iteration)
+        try:
+            with _interruptible() as interrupted:
+                while self.iteration < iterations and not interrupted():
+                    metrics = self.trainer.update()
+                    self.iteration += 1
+                    self.seconds = time.monotonic() - started
+                    log.append({"iteration": self.iteration, "seconds": self.seconds, **metrics})
+                    self._watch(metrics)
+                    if progress is not None:
+                        progress(self.iteration / iterations, progress_text(log.rows[-1]))
+                    if time.monotonic() - saved > self.checkpoint_seconds:
+                        self._checkpoint()
+                        saved = time.monotonic()
+                self._checkpoint()
+            stopped = FINISHED if self.iteration >= iterations else INTERRUPTED
+            return self._conclude(stopped, log)
+        except Diverged as error:
+            raise self._give_up(error, log) from None
+        finally:
+            log.close()
+
+    def _checkpoint(self) -> None:
+        state = {"iteration": self.iteration, "seconds": self.seconds, "trainer": self.trainer.state()}
+        save_state(self.folder / CHECKPOINT, state)
+        save_policy(self.trainer.policy, self.folder, self.about | {"iteration": self.iteration})
+
+    def _restore(self) -> None:
+        path = self.folder / CHECKPOINT
+        state = load_state(path)
+        try:
+            self.trainer.restore(state["trainer"])
+            self.iteration, self.seconds = state["iteration"], state["seconds"]
+        except (KeyError, TypeError, ValueError, RuntimeError) as error:
+            raise UserError(f"{path}: is not of this run ({error}): choose another --out") from None
+
+    def _watch(self, metrics: Mapping[str, float]) -> None:
+        """Raises Diverged on weights that are not finite, and on too many such losses or gradients in a row."""
+        if not all(bool(torch.isfinite(p).all()) for p in self.trainer.policy.parameters()):
+            raise Diverged(f"the policy's weights are not finite after iteration {self.iteration}", self._states())
+        usable = all(math.isfinite(metrics.get(name, 0.0)) for name in _WATCHED)
+        self._unusable = 0 if usable else self._unusable + 1
+        if self._unusable > _PATIENCE:
+            raise Diverged(f"losses or gradients of {self._unusable} iterations were not finite", self._states())
+
+    def _states(self) -> dict[str, np.ndarray]:
+        """The states of the trainer's simulation, where it has one."""
+        simulation = getattr(self.trainer, "simulation", None)
+        return {} if simulation is None else {name: getattr(simulation, name).detach().numpy() for name in ("q", "v")}
+
+    def _give_up(self, error: Diverged, log: MetricsLog) -> Diverged:
+        with atomic_path(self.folder / DIVERGED) as temporary:
+            np.savez(temporary, **error.states)  # type: ignore[arg-type]
+        self._conclude(HAS_DIVERGED, log)
+        return Diverged(f"{error}; the last states are in {self.folder / DIVERGED}", error.states)
+
+    def _conclude(self, stopped: str, log: MetricsLog) -> Outcome:
+        last = log.rows[-1] if log.rows else {}
+        result = {"stopped": stopped, "iteration": self.iteration, "seconds": round(self.seconds, 3)}
+        known = {name: value if math.isfinite(value) else None for name, value in last.items()}
+        write_json(self.folder / RESULT, {**result, "last": known})
+        if log.rows:
+            title = ", ".join(f"{name} {value}" for name, value in self.about.items())
+            plot_metrics(log.rows, self.folder / PLOT, title)
+        return Outcome(stopped, self.iteration, self.seconds, last)
+
+
+def progress_text(row: Mapping[str, float]) -> str:
+    """A row in few words: return, gradient norm and variance, samples, seconds; what was not measured is left out.
+
+    >>> progress_text({"return": 312.4, "gradient_norm": 0.71, "steps": 204800, "seconds": 12.3})
+    'return 312, gradient 0.71, 205k model steps, 12 s'
+    """
+    parts = [f"return {row['return']:.4g}"] if "return" in row else []
+    if "gradient_norm" in row:
+        variance = f" (variance {row['gradient_variance']:.2g})" if "gradient_variance" in row else ""
+        parts.append(f"gradient {row['gradient_norm']:.2g}{variance}")
+    if row.get("transitions"):
+        parts.append(f"{_short(row['transitions'])} real steps")
+    if row.get("steps"):
+        parts.append(f"{_short(row['steps'])} model steps")
+    return ", ".join([*parts, f"{row['seconds']:.0f} s"])
+
+
+def _short(count: float) -> str:
+    """A count in at most four characters and a unit."""
+    for size, unit in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if count >= size:
+            return f"{count / size:.3g}{unit}"
+    return f"{count:.0f}"
+
+
+@contextmanager
+def _interruptible() -> Iterator[Callable[[], bool]]:
+    """Gives a function that tells whether Ctrl-C was pressed; a second Ctrl-C interrupts at once.
+
+    An update that is cut in its middle leaves a trainer that no checkpoint should keep: so it may end first.
+    """
+    asked = False
+
+    def ask(*_: object) -> None:
+        nonlocal asked
+        if asked:
+            raise KeyboardInterrupt
+        asked = True
+        print(
+            "\ncmbrl: stopping after this iteration (Ctrl-C again: at once, from the last checkpoint)", file=sys.stderr
+        )
+
+    try:
+        previous = signal.signal(signal.SIGINT, ask)
+    except ValueError:  # not in the main thread, which is where Ctrl-C arrives
+        yield lambda: False
+        return
+    try:
+        yield lambda: asked
+    finally:
+        signal.signal(signal.SIGINT, previous)
