@@ -185,8 +185,15 @@ def layout_of(model: Model) -> Layout:
     return layout
 
 
-def spread(model: ComplementarityModel, relative: float, count: int = 256, seed: int = 0) -> np.ndarray:
-    """Parameter sets (count, np) with each parameter scaled by its own factor, uniform in 1 +- ``relative``."""
-    factor = 1.0 + relative * np.random.default_rng(seed).uniform(-1.0, 1.0, (count, len(model.parameters)))
+def parameter_sets(model: Model, relative: float, count: int = 256, seed: int = 0) -> np.ndarray | None:
+    """Sets (count, np) for a ``Disturbance``: the model's candidates, each number scaled by 1 +- up to ``relative``.
+
+    A model without candidates has its own parameters scaled; None for one that has no parameters, or nothing to vary.
+    """
+    if not isinstance(model, ComplementarityModel) or (model.candidates is None and not relative):
+        return None
+    rng = np.random.default_rng(seed)
+    base = model.parameters[None] if model.candidates is None else model.candidates
+    chosen = base[rng.integers(len(base), size=count)]
     low, high = np.array([(p.low, p.high) for p in model.scene.parameters]).T
-    return np.clip(model.parameters * factor, low, high)
+    return np.clip(chosen * (1.0 + relative * rng.uniform(-1.0, 1.0, chosen.shape)), low, high)

@@ -35,6 +35,7 @@ class Identification:
     ``flat`` (n,) bool: fitted, yet the data leave at least half of the prior's variance. ``unseen`` (n,) bool: not
     fitted, and the data would not tell it either. ``directions``: flat combinations of fitted parameters, each
     {"information", "parameters": {name: coefficient}} with coefficients in prior standard deviations, the largest 1.
+    ``covariance`` (n, n) in z: its diagonal is what the intervals show; zero for what is not fitted or flat.
     """
 
     low: np.ndarray
@@ -42,6 +43,7 @@ class Identification:
     flat: np.ndarray
     unseen: np.ndarray
     directions: list[dict]
+    covariance: np.ndarray
 
 
 def identify(space: Space, z: np.ndarray, fitted: np.ndarray, equations: NormalEquations) -> Identification:
@@ -50,6 +52,7 @@ def identify(space: Space, z: np.ndarray, fitted: np.ndarray, equations: NormalE
     variance = np.ones(len(space))
     columns = np.flatnonzero(fitted)
     directions = []
+    covariance = np.zeros((len(space), len(space)))
     if len(columns):
         information = scale * equations.hessian[np.ix_(columns, columns)]
         prior = np.eye(len(columns))
@@ -59,12 +62,16 @@ def identify(space: Space, z: np.ndarray, fitted: np.ndarray, equations: NormalE
         spread = scores.T @ scores * len(scores) / max(len(scores) - 1, 1)
         sandwich = bread @ (spread + prior) @ bread
         variance[columns] = np.maximum(np.diag(sandwich), np.diag(np.linalg.inv(information + prior)))
+        wider = np.sqrt(variance[columns] / np.diag(sandwich))
+        covariance[np.ix_(columns, columns)] = sandwich * np.outer(wider, wider)
         directions = _flat_directions(information / ALIKE, [space.names[k] for k in columns])
     half = _NORMAL_95 * np.sqrt(variance)
     low = np.where(fitted, space.theta(np.maximum(z - half, space.z_low)), space.theta(z))
     high = np.where(fitted, space.theta(np.minimum(z + half, space.z_high)), space.theta(z))
     alone = scale / ALIKE * np.diag(equations.hessian)
-    return Identification(low, high, fitted & (variance > _FLAT_VARIANCE), ~fitted & (alone < 1.0), directions)
+    flat = fitted & (variance > _FLAT_VARIANCE)
+    covariance[flat], covariance[:, flat] = 0.0, 0.0
+    return Identification(low, high, flat, ~fitted & (alone < 1.0), directions, covariance)
 
 
 def _flat_directions(information: np.ndarray, names: list[str]) -> list[dict]:

@@ -68,6 +68,7 @@ def conclude(
         "flat_directions": known.directions,
         "unseen": [n for k, n in enumerate(space.names) if known.unseen[k] and n not in gauge],
         "gauge": gauge,
+        "covariance": _covariance(space, known.covariance),
         "left_out": [{"kind": e.kind, "name": e.name, "why": e.why} for e in model.scene.left_out],
         "candidates": incumbent.candidates,
         "seconds": {"total": journal.seconds, "before_resuming": journal.seconds_before},
@@ -75,6 +76,12 @@ def conclude(
     }
     journal.report(1.0, "done")
     return FitResult(final, parameters, report)
+
+
+def _covariance(space: Space, covariance: np.ndarray) -> dict[str, Any]:
+    """Of the parameters that the data tell, in prior standard deviations: what ``FitResult.draws`` draws from."""
+    told = np.flatnonzero(np.diag(covariance) > 0.0)
+    return {"parameters": [space.names[k] for k in told], "matrix": covariance[np.ix_(told, told)].tolist()}
 
 
 def _status(space: Space, active: np.ndarray, bound: np.ndarray, flat: np.ndarray, gauge: list[str]) -> list[str]:

@@ -7,8 +7,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cmbrl.errors import UserError
 from cmbrl.files import check_writable, read_json, write_json, write_text
+from cmbrl.fit.space import Space
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
 
@@ -82,6 +85,28 @@ class FitResult:
         except (AttributeError, KeyError, TypeError):
             raise UserError(f"{place / 'fit.json'}: damaged: fit again") from None
         return cls(_load_model(place / "model.json", parameters), parameters, report)
+
+    def draws(self, count: int, seed: int = 0) -> np.ndarray:
+        """Parameter sets (count, np) that explain the log about as well: normal around the fit, within the bounds.
+
+        Only parameters that the data tell vary; together, as the covariance of the fit says (see
+        ``cmbrl.fit.identify``).
+        """
+        scene = self.model.scene
+        nominal = np.array([self.parameters[p.name].nominal for p in scene.parameters])
+        space = Space.of(scene.parameters, nominal)
+        saved = self.report["covariance"]
+        told = [space.names.index(name) for name in saved["parameters"]]
+        z = np.tile(space.z(self.model.parameters), (count, 1))
+        if told:
+            values, vectors = np.linalg.eigh(np.array(saved["matrix"]))
+            root = vectors * np.sqrt(np.maximum(values, 0.0))
+            z[:, told] += np.random.default_rng(seed).normal(size=(count, len(told))) @ root.T
+        return space.theta(z)
+
+    def uncertain_model(self, count: int = 256, seed: int = 0) -> ComplementarityModel:
+        """The fitted model with ``count`` draws beside it as its candidates: what policies are trained on."""
+        return self.model.with_settings(candidates=self.draws(count, seed))
 
     def report_text(self) -> str:
         """The report for people: what was fitted, how well, and what the data leave open."""

@@ -60,6 +60,8 @@ class ComplementarityModel:
         implicit_springs: take joint springs and position gains implicitly too (MuJoCo takes only velocity gains).
         prune: rows predicted to separate faster than this [m/s] are left out of the solve; ``inf`` keeps all.
         path_tolerance: how near every complementarity product is brought to its kappa, relative to it.
+        candidates: (K, np) sets of parameters that explain what is known about as well as ``parameters`` do, for who
+            trains or judges under the model's uncertainty; stepping does not look at them.
 
     Raises:
         UserError: for a setting out of its range.
@@ -80,6 +82,7 @@ class ComplementarityModel:
         implicit_springs: bool = False,
         prune: float = 3.0,
         path_tolerance: float = 1e-6,
+        candidates: np.ndarray | None = None,
     ) -> None:
         self.scene = scene
         self.substeps = int(substeps)
@@ -96,6 +99,7 @@ class ComplementarityModel:
         if self.integrator not in INTEGRATORS:
             raise UserError(f"unknown integrator {self.integrator!r}: use one of {', '.join(INTEGRATORS)}")
         self.parameters = self._checked_parameters(parameters)
+        self.candidates = None if candidates is None else np.array([self._checked_parameters(x) for x in candidates])
         self.failures = 0
         self._core = Core(scene.core)
         self._options = {
@@ -119,8 +123,8 @@ class ComplementarityModel:
         return self.substeps * self.time_step
 
     def with_parameters(self, theta: np.ndarray) -> ComplementarityModel:
-        """The same model with other physical parameters (np,)."""
-        return ComplementarityModel(self.scene, parameters=theta, **self._settings())
+        """The same model with other physical parameters (np,), and no candidates beside them."""
+        return ComplementarityModel(self.scene, parameters=theta, **{**self._settings(), "candidates": None})
 
     def with_settings(self, **settings: Any) -> ComplementarityModel:
         """The same model with some constructor settings replaced."""
@@ -129,6 +133,7 @@ class ComplementarityModel:
     def to_config(self) -> dict[str, Any]:
         """JSON-able settings and parameters (without the scene, which its own file describes)."""
         settings = self._settings()
+        del settings["candidates"]  # the folder of the fit has them
         for key in ("smoothing", "backward_smoothing"):
             settings[key] = smoothing_policies.to_config(settings[key])
         names = [p.name for p in self.scene.parameters]
@@ -277,6 +282,7 @@ class ComplementarityModel:
             "implicit_springs": self.implicit_springs,
             "prune": self.prune,
             "path_tolerance": self.path_tolerance,
+            "candidates": self.candidates,
         }
 
     def _count_failures(self, status: np.ndarray) -> None:

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from cmbrl.envs.mdp import MDP
-from cmbrl.envs.simulation import Disturbance, Simulation, Step
+from cmbrl.envs.simulation import Disturbance, Simulation, Step, parameter_sets
 from cmbrl.models.protocol import Model
 from cmbrl.train.policy import Architecture, Policy, network
 from cmbrl.train.trainer import Diverged
@@ -45,7 +45,7 @@ class SHACConfig:
     log_std_end: float = -2.3
     noise_linear: float = 0.03  #: velocity noise of each step [m/s]
     noise_angular: float = 0.1  #: [rad/s]
-    parameter_spread: float = 0.0  #: physical parameters of each episode, relative: 0.2 is +-20 %
+    parameter_spread: float = 0.0  #: physical parameters of an episode vary by +- this, beside the model's candidates
     variance_every: int = 20  #: updates between measurements of the gradient's variance over episodes
 
 
@@ -56,7 +56,8 @@ class SHAC:
         self.mdp, self.model, self.config = mdp, model, config
         torch.manual_seed(seed)  # initial weights
         self.generator = torch.Generator().manual_seed(seed)
-        disturbance = Disturbance(config.noise_linear, config.noise_angular, config.parameter_spread)
+        sets = parameter_sets(model, config.parameter_spread, seed=seed)
+        disturbance = Disturbance(config.noise_linear, config.noise_angular, sets)
         self.simulation = Simulation(mdp, model, config.environments, seed, disturbance, stagger=True)
         self.policy = Policy(Architecture(mdp.observations, mdp.actions, config.actor_hidden))
         self.critic = Critic(self.policy, config.critic_hidden, scale=1.0 / (1.0 - config.discount))
