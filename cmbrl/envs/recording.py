@@ -1,0 +1,114 @@
+"""A robot that acts in the real system, episode after episode, and whose every transition is kept."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from cmbrl.data.transitions import Transitions
+from cmbrl.envs.mdp import MDP
+from cmbrl.envs.system import SystemFactory
+
+
+class Recording:
+    """One robot of ``system`` in ``mdp``; ``seed`` is that of the initial states."""
+
+    def __init__(self, mdp: MDP, system: SystemFactory, seed: int = 0) -> None:
+        self.mdp, self.robot = mdp, system()
+        self.generator = torch.Generator().manual_seed(seed)
+        self.finished: list[tuple[float, int]] = []  #: return and length of the episodes that ended
+        self._rows: list[np.ndarray] = []  # (q, v, u, q', v') of each transition
+        self._episodes: list[int] = []
+        self.q, self.v = mdp.reset(1, self.generator)
+        self.value, self.age, self._placed = 0.0, 0, False
+
+    def observe(self) -> Tensor:
+        """(1, n_o) of the present state."""
+        return self.mdp.observe(self.q, self.v)
+
+    def place(self) -> None:
+        """Puts the robot into its present state once more.
+
+        A simulator remembers more than its state (MuJoCo starts its solver from the last forces): after this it goes
+        on as one that was just restored does.
+        """
+        self._placed = False
+
+    def step(self, action: Tensor) -> dict[str, Tensor]:
+        """One step of the process under action (1, n_a): its row, by the names that follow, float64.
+
+        observation, action, reward, next_observation, terminated, and the state q, v before the step.
+        """
+        mdp = self.mdp
+        before_q, before_v, u = mdp.act(self.q, self.v, action)
+        if not (self._placed and torch.equal(before_q, self.q) and torch.equal(before_v, self.v)):
+            self.robot.reset(before_q[0].numpy(), before_v[0].numpy())
+            self._placed = True
+        state = before_q[0].numpy(), before_v[0].numpy()
+        for _ in range(mdp.repeat):
+            after = self.robot.step(u[0].numpy())
+            self._rows.append(np.concatenate([*state, u[0].numpy(), *after]))
+            self._episodes.append(len(self.finished))
+            state = after
+        q, v = (torch.from_numpy(x)[None] for x in state)
+        row = outcome(mdp, self.q, self.v, action, q, v)
+        self.q, self.v, self.age = q, v, self.age + 1
+        self.value += float(row["reward"])
+        if bool(row["terminated"]) or self.age >= mdp.episode_steps:
+            self.finished.append((self.value, self.age))
+            self.q, self.v = mdp.reset(1, self.generator)
+            self.value, self.age, self._placed = 0.0, 0, False
+        return row
+
+    @property
+    def transitions(self) -> int:
+        """Their number so far."""
+        return len(self._rows)
+
+    def log(self) -> Transitions:
+        """All transitions so far."""
+        q, v, u, q_next, v_next = np.split(np.stack(self._rows), self._edges(), axis=1)
+        episode = np.array(self._episodes)
+        return Transitions(q=q, v=v, u=u, q_next=q_next, v_next=v_next, dt=self.robot.dt, episode=episode)
+
+    def _edges(self) -> np.ndarray:
+        nq, nv = self.q.shape[1], self.v.shape[1]
+        return np.cumsum([nq, nv, self._rows[0].size - 2 * (nq + nv), nq])
+
+    def state(self) -> dict[str, Any]:
+        """Everything that the next step depends on after ``place``, and the transitions."""
+        return {
+            "q": self.q,
+            "v": self.v,
+            "value": self.value,
+            "age": self.age,
+            "finished": [list(episode) for episode in self.finished],
+            "rows": np.stack(self._rows) if self._rows else None,
+            "episodes": list(self._episodes),
+            "generator": self.generator.get_state(),
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Goes on from what ``state`` returned."""
+        self.q, self.v, self.value, self.age = (state[k] for k in ("q", "v", "value", "age"))
+        self.finished = [(value, length) for value, length in state["finished"]]
+        self._rows = [] if state["rows"] is None else list(state["rows"])
+        self._episodes = list(state["episodes"])
+        self.generator.set_state(state["generator"])
+        self.place()
+
+
+def outcome(mdp: MDP, q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: Tensor) -> dict[str, Tensor]:
+    """Rows of B steps of the process: the state before and what an off-policy algorithm learns from, by name."""
+    return {
+        "q": q,
+        "v": v,
+        "observation": mdp.observe(q, v),
+        "action": action,
+        "reward": mdp.reward(q, v, action, q_next, v_next),
+        "next_observation": mdp.observe(q_next, v_next),
+        "terminated": mdp.terminated(q_next, v_next).double(),
+    }

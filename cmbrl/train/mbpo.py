@@ -1,0 +1,326 @@
+"""MBPO: short rollouts of a neural ensemble, branched off real states, feed a soft actor-critic.
+
+Janner, Fu, Zhang, Levine, "When to Trust Your Model: Model-Based Policy Optimization" (NeurIPS 2019, arXiv 1906.08253);
+the settings are those of the authors' TensorFlow code, whose ensemble is ours with ``EnsembleConfig.original()``. The
+soft actor-critic is Stable-Baselines3's. What differs favours MBPO: reward and termination of imagined steps are
+computed from the predicted states by the task's own functions, while the original learns the reward; and hopper's
+termination tests both of its bounds (the original only the upper one).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from cmbrl.data.transitions import Transitions
+from cmbrl.envs.mdp import MDP
+from cmbrl.envs.recording import Recording, outcome
+from cmbrl.envs.system import SystemFactory
+from cmbrl.errors import UserError
+from cmbrl.models.ensemble import NeuralEnsemble
+from cmbrl.models.protocol import Model
+from cmbrl.train import stable_baselines as sb3
+from cmbrl.train.policy import Architecture, Policy
+from cmbrl.train.pool import Mixture, Pool
+from cmbrl.train.trainer import Diverged
+
+
+@dataclass(frozen=True)
+class MBPOConfig:
+    """Defaults: the original's for Hopper, 125,000 real steps. ``cheetah`` and ``two_cores`` are other settings."""
+
+    iterations: int = 480  #: blocks
+    block: int = 250  #: real steps between refits (with a log alone: as many rounds of updates)
+    warmup: int = 5000  #: random real steps before the first block; a log takes their place
+    updates_per_step: int = 20  #: of the soft actor-critic, per real step
+    real_share: float = 0.05  #: of each of its batches
+    rollouts: int = 100_000  #: branched off at each refit
+    length_start: int = 1  #: model steps of a rollout; grows linearly from epoch_start to epoch_end
+    length_end: int = 15
+    epoch_start: int = 20
+    epoch_end: int = 150
+    epoch: int = 1000  #: real steps of an epoch
+    keep_blocks: int = 4  #: imagined steps older than this are forgotten
+    hidden: tuple[int, ...] = (256, 256)  #: of actor and critics
+    rate: float = 3e-4
+    batch: int = 256
+    discount: float = 0.99
+    target_share: float = 0.005  #: of the critics that their targets take on at each update
+    target_entropy: float = -1.0
+    refit_updates: int | None = None  #: gradient steps of every fit but the first; None: as the ensemble's config says
+    max_seconds: float | None = None  #: wall clock; the policy at that time counts, later updates do nothing
+
+    @classmethod
+    def cheetah(cls) -> MBPOConfig:
+        """The original's for HalfCheetah: 400,000 real steps, rollouts of one step."""
+        return cls(iterations=1580, updates_per_step=40, length_end=1, target_entropy=-3.0)
+
+    def two_cores(self) -> MBPOConfig:
+        """A cheaper run for a small machine, our choice: a fifth of the rollouts, short refits."""
+        return replace(self, rollouts=20_000, refit_updates=300)
+
+
+class MBPO:
+    """``update`` is one block: refit, branch, then real steps with updates of the policy after each.
+
+    Args:
+        mdp: the task.
+        model: an ensemble whose ``config`` says how it is fitted; it is fitted here, from scratch.
+        config: see there.
+        seed: of everything random.
+        system: makes the real system; without it no real step is taken and ``data`` is all that is known.
+        data: the log to start from. Its controls must be the task's actions.
+
+    Raises UserError when there is neither system nor data, or a log whose controls are not actions.
+    """
+
+    def __init__(
+        self,
+        mdp: MDP,
+        model: NeuralEnsemble,
+        config: MBPOConfig,
+        seed: int = 0,
+        system: SystemFactory | None = None,
+        data: Transitions | None = None,
+    ) -> None:
+        if system is None and data is None:
+            raise UserError("MBPO has neither a real system nor a log to learn from: name one (--data LOG)")
+        self.mdp, self.model, self.config, self.seed, self.data = mdp, model, config, seed, data
+        self.generator = torch.Generator().manual_seed(seed)
+        self.randomness = sb3.GlobalRandomness(seed)
+        self.recording = Recording(mdp, system, seed) if system is not None else None
+        rewards = {"observation": mdp.observations, "action": mdp.actions, "reward": 1}
+        widths = {**rewards, "next_observation": mdp.observations, "terminated": 1}
+        q, v = mdp.reset(1, torch.Generator().manual_seed(seed))
+        known = len(data) if data is not None else config.warmup
+        everything = known + config.iterations * config.block
+        self.real = Pool({"q": q.shape[1], "v": v.shape[1], **widths}, everything, torch.float64)
+        self.imagined = Pool(widths, 1)
+        with self.randomness:
+            self.sac = _soft_actor_critic(mdp, config)
+        self.sac.replay_buffer = Mixture(self.real, self.imagined, config.real_share, self.generator)
+        self.policy = Policy(Architecture(mdp.observations, mdp.actions, config.hidden, "relu", False, "tanh", False))
+        self._take_policy()
+        self.iteration, self.steps, self.model_error = 0, 0, float("nan")
+        self.seconds = dict.fromkeys(("fit", "branch", "robot", "policy"), 0.0)
+
+    @property
+    def over(self) -> bool:
+        """Whether ``max_seconds`` have been used up."""
+        return self._left() <= 0
+
+    @property
+    def transitions(self) -> int:
+        """Real transitions known so far."""
+        logged = len(self.data) if self.data is not None else 0
+        return logged + (self.recording.transitions if self.recording is not None else 0)
+
+    def update(self) -> dict[str, float]:
+        """One block; returns its metrics. Raises Diverged when the policy is not finite any more."""
+        with self.randomness, torch.no_grad():
+            if not self.over:
+                if self.iteration == 0:
+                    self._begin()
+                if self.iteration == 0 or self.recording is not None:
+                    self._refit()
+                self._branch()
+                self._improve()
+        self.iteration += 1
+        self._take_policy()
+        return self._metrics()
+
+    def _begin(self) -> None:
+        """The first real rows: the log, or random actions."""
+        if self.data is not None:
+            self.real.add(self._logged(self.data))
+        elif self.recording is not None:
+            with self._clock("robot"):
+                for _ in range(self.config.warmup):
+                    action = 2 * torch.rand(1, self.mdp.actions, generator=self.generator, dtype=torch.float64) - 1
+                    self.real.add(self.recording.step(action))
+
+    def _logged(self, data: Transitions) -> dict[str, Tensor]:
+        q, v, u, q_next, v_next = (torch.from_numpy(a) for a in (data.q, data.v, data.u, data.q_next, data.v_next))
+        acted = self.mdp.act(q, v, u) if self.mdp.repeat == 1 and u.shape[1] == self.mdp.actions else ()
+        if not (acted and all(torch.equal(a, b) for a, b in zip(acted, (q, v, u), strict=True))):
+            raise UserError("the log's controls are not this task's actions: let MBPO collect its own transitions")
+        return outcome(self.mdp, q, v, u, q_next, v_next)
+
+    def _refit(self) -> None:
+        """Fits the ensemble to all real transitions, from its present weights but for the first time."""
+        again = self.iteration > 0
+        updates = self.config.refit_updates if again else None
+        limit = self._left() if self.config.max_seconds is not None else None
+        with self._clock("fit"), torch.enable_grad():
+            log, seed = self._log(), self.seed + self.iteration
+            report = self.model.fit(log, seed, max_seconds=limit, warm_start=again, updates=updates)
+        self.model_error = report.holdout_error
+
+    def _log(self) -> Transitions:
+        own = self.recording.log() if self.recording is not None and self.recording.transitions else None
+        both = [log for log in (self.data, own) if log is not None]
+        columns: dict[str, Any] = {
+            name: np.concatenate([getattr(log, name) for log in both]) for name in ("q", "v", "u", "q_next", "v_next")
+        }
+        return replace(both[0], **columns, episode=np.arange(len(columns["q"])))  # a fit asks for no order
+
+    def _branch(self) -> None:
+        """Fills the pool of imagined steps."""
+        c = self.config
+        length = rollout_length(c, self.iteration)
+        self.imagined.resize(c.rollouts * length * c.keep_blocks)
+        with self._clock("branch"):
+            start = self.real.sample(c.rollouts, self.generator)
+            for rows in branch(self.mdp, self.model, self._act, start["q"], start["v"], length, self.generator):
+                self.imagined.add(rows)
+                self.steps += len(rows["reward"]) * self.mdp.repeat
+
+    def _improve(self) -> None:
+        """Real steps, as far as there is a robot, and after each the updates of the policy, as far as time allows."""
+        if self.recording is not None:
+            self.recording.place()
+        for _ in range(self.config.block):
+            if self.over:
+                break
+            if self.recording is not None:
+                with self._clock("robot"):
+                    self.real.add(self.recording.step(self._act(self.recording.observe())))
+            with self._clock("policy"), torch.enable_grad():
+                self.sac.train(self.config.updates_per_step, self.config.batch)
+
+    def _act(self, observation: Tensor) -> Tensor:
+        """Random actions (B, n_a) of the present policy, float64."""
+        return self.sac.actor(observation.float(), deterministic=False).double()
+
+    def _take_policy(self) -> None:
+        actor = self.sac.actor
+        sb3.copy_layers([*actor.latent_pi, actor.mu], self.policy)
+        if not all(torch.isfinite(p).all() for p in self.policy.parameters()):
+            newest = self.real.columns(self.real.newest(1000))
+            raise Diverged("MBPO: the policy is not finite: lower its rate", {k: newest[k].numpy() for k in ("q", "v")})
+
+    def _metrics(self) -> dict[str, float]:
+        found = {
+            "steps": float(self.steps),
+            "transitions": float(self.transitions),
+            "rollout_length": float(rollout_length(self.config, self.iteration - 1)),
+            "model_error": self.model_error,
+            **{f"seconds_{part}": seconds for part, seconds in self.seconds.items()},
+        }
+        logged = self.sac.logger.name_to_value
+        found |= {k: float(logged[f"train/{k}"]) for k in ("critic_loss", "actor_loss", "ent_coef") if logged}
+        if logged:
+            found["gradient_norm"] = sb3.gradient_norm(self.sac.actor)
+        episodes = self.recording.finished[-5:] if self.recording is not None else []
+        if episodes:
+            returns, lengths = zip(*episodes, strict=True)
+            found |= {"return": sum(returns) / len(episodes), "length": sum(lengths) / len(episodes)}
+        return found
+
+    @contextmanager
+    def _clock(self, part: str) -> Iterator[None]:
+        started = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[part] += time.perf_counter() - started
+
+    def _left(self) -> float:
+        limit = self.config.max_seconds
+        return float("inf") if limit is None else limit - sum(self.seconds.values())
+
+    def state(self) -> dict[str, Any]:
+        """Everything that the next update depends on; with the original's rollouts hundreds of MB."""
+        return {
+            "iteration": self.iteration,
+            "steps": self.steps,
+            "model_error": self.model_error,
+            "seconds": dict(self.seconds),
+            "sac": sb3.parameters(self.sac),
+            "network": self.model.network.state_dict(),
+            "elites": self.model.elites,
+            "real": self.real.state(),
+            "imagined": self.imagined.state(),
+            "recording": self.recording.state() if self.recording is not None else None,
+            "generator": self.generator.get_state(),
+            "randomness": self.randomness.state(),
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Goes on from what ``state`` returned, bit for bit."""
+        self.iteration, self.steps, self.model_error = (state[k] for k in ("iteration", "steps", "model_error"))
+        self.seconds = dict(state["seconds"])
+        sb3.set_parameters(self.sac, state["sac"])
+        self.model.network.load_state_dict(state["network"])
+        self.model.elites = state["elites"]
+        self.real.restore(state["real"])
+        self.imagined.restore(state["imagined"])
+        if self.recording is not None:
+            self.recording.restore(state["recording"])
+        self.generator.set_state(state["generator"])
+        self.randomness.restore(state["randomness"])
+        self._take_policy()
+
+
+def rollout_length(config: MBPOConfig, iteration: int) -> int:
+    """Model steps of the rollouts of block ``iteration`` (from 0): the original's truncated linear schedule."""
+    epoch = iteration * config.block // config.epoch
+    share = (epoch - config.epoch_start) / (config.epoch_end - config.epoch_start)
+    return int(config.length_start + min(max(share, 0.0), 1.0) * (config.length_end - config.length_start))
+
+
+def branch(
+    mdp: MDP,
+    model: Model,
+    act: Callable[[Tensor], Tensor],
+    q: Tensor,
+    v: Tensor,
+    length: int,
+    generator: torch.Generator,
+) -> Iterator[dict[str, Tensor]]:
+    """The rows (see ``outcome``) of each of ``length`` imagined steps from the states q, v, (B, ...).
+
+    A rollout ends where the task terminates, or where the model's prediction is not finite, which is no row.
+    """
+    for _ in range(length):
+        action = act(mdp.observe(q, v))
+        next_q, next_v, u = mdp.act(q, v, action)
+        for _ in range(mdp.repeat):
+            next_q, next_v = model.step(next_q, next_v, u, sample=True, generator=generator)  # type: ignore[call-arg]
+        kept = torch.isfinite(next_q).all(dim=1) & torch.isfinite(next_v).all(dim=1)
+        q, v, action, next_q, next_v = (x[kept] for x in (q, v, action, next_q, next_v))
+        rows = outcome(mdp, q, v, action, next_q, next_v)
+        yield rows
+        goes_on = rows["terminated"] == 0
+        q, v = next_q[goes_on], next_v[goes_on]
+        if not len(q):
+            return
+
+
+def _soft_actor_critic(mdp: MDP, config: MBPOConfig) -> Any:
+    """Stable-Baselines3's, without an environment of its own."""
+    sac = sb3.library().SAC(
+        "MlpPolicy",
+        env=None,
+        learning_rate=config.rate,
+        batch_size=config.batch,
+        buffer_size=1,
+        tau=config.target_share,
+        gamma=config.discount,
+        target_entropy=config.target_entropy,
+        policy_kwargs={"net_arch": list(config.hidden)},
+        device="cpu",
+        _init_setup_model=False,
+    )
+    sac.observation_space, sac.action_space = sb3.spaces(mdp.observations, mdp.actions)
+    sac.n_envs = 1
+    sac._setup_model()
+    sac.set_logger(sb3.quiet_logger())
+    return sac
