@@ -102,8 +102,8 @@ def _text(found: dict[str, Evaluation]) -> str:
         cells = "".join(f"{f'{e.returns[k]:.1f}, {e.lengths[k]:d}':>{width}s}" for e in found.values())
         lines.append(f"{k:8d}{cells}")
     for name, measure in (("mean", "mean"), ("st.dev.", "std")):
-        cells = (f"{getattr(e.returns, measure)():.1f}, {getattr(e.lengths, measure)():.0f}" for e in found.values())
-        lines.append(f"{name:>8s}" + "".join(f"{cell:>{width}s}" for cell in cells))
+        row = [f"{getattr(e.returns, measure)():.1f}, {getattr(e.lengths, measure)():.0f}" for e in found.values()]
+        lines.append(f"{name:>8s}" + "".join(f"{cell:>{width}s}" for cell in row))
     if len(found) == 2:
         real, model = (float(e.returns.mean()) for e in found.values())
         lines.append(f"real less model: {real - model:+.1f}" + (f" ({real / model:.0%})" if model > 0 else ""))

@@ -48,9 +48,8 @@ def configure(config: Any, settings: Mapping[str, str], algorithm: str) -> Any:
 
 def listing(config: Any) -> list[str]:
     """One line a hyperparameter: name, default, and the comment behind it in the source."""
-    comments = dict(
-        match.groups() for line in inspect.getsource(config).splitlines() if (match := _COMMENT.match(line))
-    )
+    found = map(_COMMENT.match, inspect.getsource(config).splitlines())
+    comments = {match[1]: match[2] for match in found if match}
     rows = []
     for field in dataclasses.fields(config):
         head = f"{field.name}={_shown(field.default)}"

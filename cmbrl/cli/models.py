@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from cmbrl.models.protocol import Model
     from cmbrl.registry import Task
 
-NOMINAL, REAL = "nominal", "real"
+NOMINAL, ENSEMBLE, REAL = "nominal", "ensemble", "real"
+_BUILT_IN = (NOMINAL, ENSEMBLE, REAL)
 MODEL_HELP = "nominal (the task's scene as it is), the run folder of a fit, the folder of an ensemble"
 
 
@@ -76,22 +77,27 @@ def real_system(task: Task) -> SystemFactory:
 
 
 def check_model(word: str) -> None:
-    """Raises UserError unless ``word`` is nominal, real, or a folder that holds a fit or an ensemble."""
-    if word in (NOMINAL, REAL):
+    """Raises UserError unless ``word`` is nominal, ensemble, real, or a folder that holds a fit or an ensemble."""
+    if word in _BUILT_IN:
         return
     if not Path(word).is_dir():
-        raise UserError(f"no model {word!r}: {did_you_mean(word, (NOMINAL, REAL))} Or name the folder of a fit")
+        raise UserError(f"no model {word!r}: {did_you_mean(word, _BUILT_IN)} Or name the folder of a fit")
     if not _is_fit(word) and not _is_ensemble(word):
         raise UserError(f"{word}: holds neither a fit ({FIT_FILE}) nor an ensemble ({ENSEMBLE_FILE})")
 
 
 def kind_of(word: str) -> str:
     """The kind of model that a checked ``word`` names, in the words of `cmbrl.train.algorithms`."""
-    from cmbrl.train.algorithms import CONTACT, ENSEMBLE
+    from cmbrl.train import algorithms as kinds
 
-    if word == REAL:
-        return REAL
-    return CONTACT if word == NOMINAL or _is_fit(word) else ENSEMBLE
+    if word in _BUILT_IN:
+        return {NOMINAL: kinds.CONTACT, ENSEMBLE: kinds.UNTRAINED, REAL: kinds.REAL}[word]
+    return kinds.CONTACT if _is_fit(word) else kinds.ENSEMBLE
+
+
+def usual_word(kind: str) -> str:
+    """What ``--model`` is when it is not given, for an algorithm that usually trains on ``kind``."""
+    return next((word for word in _BUILT_IN if kind_of(word) == kind), NOMINAL)
 
 
 def load_model(word: str, task: Task, mdp: MDP, smoothing: Softness | None = None, threads: int | None = None) -> Model:
@@ -109,11 +115,14 @@ def load_model(word: str, task: Task, mdp: MDP, smoothing: Softness | None = Non
 
         model = FitResult.load(word).model.with_settings(**options)
     else:
-        from cmbrl.models.ensemble import NeuralEnsemble
+        from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
 
         if smoothing is not None:
             raise UserError(f"{word}: an ensemble has no contacts to soften: leave --smoothing out")
-        model = NeuralEnsemble.load(word)
+        if word == ENSEMBLE:
+            model = NeuralEnsemble(task.load_scene(), task.control_dt, EnsembleConfig.original())
+        else:
+            model = NeuralEnsemble.load(word)
     _check_fits(word, model, task, mdp)
     return model
 

@@ -13,7 +13,6 @@ from cmbrl.cli.configuration import resolved
 from cmbrl.cli.hyperparameters import configure, listing, setting
 from cmbrl.cli.models import (
     MODEL_HELP,
-    NOMINAL,
     REAL,
     add_smoothing,
     check_model,
@@ -21,6 +20,7 @@ from cmbrl.cli.models import (
     kind_of,
     load_model,
     real_system,
+    usual_word,
 )
 from cmbrl.cli.options import Parser, add_json, add_seed, add_threads, positive, positive_number
 from cmbrl.cli.progress import fraction
@@ -44,11 +44,14 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument("task", metavar="TASK", help="the name of a task")
     parser.add_argument("--algorithm", required=True, metavar="A", help="one of those above")
     parser.add_argument(
-        "--model", metavar="M", help=f"{MODEL_HELP}, or real (default: {NOMINAL}, or {REAL} where A has no model)"
+        "--model",
+        metavar="M",
+        help=f"{MODEL_HELP}; ensemble (a neural one that A trains itself); real (default: the first that A trains on)",
     )
     parser.add_argument("--out", required=True, metavar="DIR", help="the run folder to write")
     parser.add_argument("--iterations", type=positive, metavar="N", help="updates of the policy (default: A's own)")
     parser.add_argument("--data", metavar="FILE", help="a log to begin with, for an algorithm that learns its model")
+    parser.add_argument("--offline", action="store_true", help="take no real steps: learn from --data alone")
     parser.add_argument(
         "--set",
         action="append",
@@ -73,7 +76,7 @@ def _listing() -> str:
 
     lines = ["algorithms, each with its hyperparameters for --set and their defaults:"]
     for name, algorithm in ALGORITHMS.items():
-        lines += [f"  {name}: {algorithm.summary}; trains on: {', '.join(algorithm.models)}"]
+        lines += [f"  {name}: {algorithm.summary}; on a {', '.join(algorithm.models)}"]
         lines += listing(algorithm.load()[1])
     return "\n".join(lines)
 
@@ -127,11 +130,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _choose_model(arguments: argparse.Namespace, chosen: Algorithm) -> None:
-    """Puts the default in for ``--model``, and checks what was named."""
-    from cmbrl.train.algorithms import CONTACT
-
+    """Puts the default in for ``--model``, and checks what was named against what the algorithm can."""
     if arguments.model is None:
-        arguments.model = NOMINAL if CONTACT in chosen.models else REAL
+        arguments.model = usual_word(chosen.models[0])
     check_model(arguments.model)
     kind = kind_of(arguments.model)
     if kind not in chosen.models:
@@ -139,10 +140,12 @@ def _choose_model(arguments: argparse.Namespace, chosen: Algorithm) -> None:
         raise UserError(
             f"--model {arguments.model}: {arguments.algorithm} cannot train on that ({kind}), only on {can}"
         )
-    if arguments.smoothing and kind == REAL:
+    if arguments.smoothing and arguments.model == REAL:
         raise UserError("--smoothing: the real system has no contacts to soften: leave it out")
     if arguments.data and "data" not in chosen.takes:
         raise UserError(f"--data: {arguments.algorithm} learns from no log: fit a model to it and name that as --model")
+    if arguments.offline and not (arguments.data and "system" in chosen.takes):
+        raise UserError("--offline: is for an algorithm that takes real steps, and needs --data FILE instead of them")
 
 
 def _extras(takes: Iterable[str], arguments: argparse.Namespace, task: Any) -> dict[str, Any]:
@@ -150,7 +153,7 @@ def _extras(takes: Iterable[str], arguments: argparse.Namespace, task: Any) -> d
     found: dict[str, Any] = {}
     for name in takes:
         if name == "system":
-            found[name] = real_system(task)
+            found[name] = None if arguments.offline else real_system(task)
         elif name == "scene":
             found[name] = task.load_scene()
         else:

@@ -1,10 +1,12 @@
 """The algorithms by name: where each lies and what it trains on. A new one is one file and one line here.
 
-A trainer is called as ``Trainer(mdp, model, config, seed=...)``. ``model`` is what ``--model`` names: a differentiable
-next-state model, or, for the word "real", the function that makes the task's real system
-(:data:`cmbrl.envs.system.SystemFactory`). What an algorithm needs beside that it lists in ``takes`` and gets by keyword:
+A trainer is called as ``Trainer(mdp, model, config, seed=...)``. ``model`` is what ``--model`` names: a next-state model,
+an ensemble that nothing has been learned from yet ("ensemble"), or the function that makes the task's real system
+("real", :data:`cmbrl.envs.system.SystemFactory`). What an algorithm needs beside that it lists in ``takes`` and gets by
+keyword:
 
-- ``system``: the function that makes the task's real system, for one that collects transitions as it goes
+- ``system``: the function that makes the task's real system, for one that collects transitions as it goes; None when
+  it shall learn from a log alone (``--offline``)
 - ``data``: the log of ``--data`` (:class:`cmbrl.Transitions`), or None where none was given
 - ``scene``: the task's :class:`cmbrl.Scene`
 """
@@ -26,7 +28,7 @@ CONTACT, ENSEMBLE, REAL = (
 
 @dataclass(frozen=True)
 class Algorithm:
-    """``place`` is "module:Trainer:Config"; ``models`` the kinds that it can train on."""
+    """``place`` is "module:Trainer:Config"; ``models`` the kinds that it can train on, the usual one first."""
 
     place: str
     summary: str

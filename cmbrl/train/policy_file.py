@@ -71,9 +71,8 @@ def load_policy(folder: str | os.PathLike[str]) -> SavedPolicy:
     if not isinstance(described, dict) or described.pop("format", None) != _FORMAT:
         raise UserError(f"{place / DESCRIPTION}: not a policy of this version: train it again")
     try:
-        fields = described.pop("architecture")
-        architecture = Architecture(**{k: tuple(v) if isinstance(v, list) else v for k, v in fields.items()})
-        policy = Policy(architecture)
+        fields: dict[str, Any] = described.pop("architecture")
+        policy = Policy(Architecture(**fields | {"hidden": tuple(fields["hidden"])}))
         policy.load_state_dict(load_file(place / WEIGHTS))
     except (AttributeError, KeyError, TypeError, RuntimeError, SafetensorError, OSError) as error:
         raise UserError(f"{place / WEIGHTS}: does not fit {DESCRIPTION}, or damaged ({error}): train again") from None

@@ -1,0 +1,63 @@
+"""A policy for other programs: ONNX and TorchScript, both with the observation scaling inside.
+
+Both take float32 observations (batch, n_o) and give deterministic actions (batch, n_a) in [-1, 1]. The TorchScript file
+is what ``cmbrl record --behaviour policy --policy FILE`` takes.
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
+from importlib.util import find_spec
+from io import StringIO
+
+import torch
+
+from cmbrl.errors import UserError
+from cmbrl.files import atomic_path
+from cmbrl.train.policy import Policy
+
+INPUT, OUTPUT = "observation", "action"
+
+
+def export_torchscript(policy: Policy, path: str | os.PathLike[str]) -> None:
+    """Writes a TorchScript module; raises UserError when ``path`` cannot be written."""
+    with atomic_path(path) as temporary, _quietly():
+        traced = torch.jit.trace(policy.eval(), _example(policy))
+        torch.jit.freeze(traced).save(str(temporary))  # type: ignore[no-untyped-call]
+
+
+def export_onnx(policy: Policy, path: str | os.PathLike[str]) -> None:
+    """Writes one ONNX file, input "observation", output "action", batch free.
+
+    Raises UserError when ``path`` cannot be written or what exports is not installed.
+    """
+    for package in ("onnx", "onnxscript"):
+        if find_spec(package) is None:
+            raise UserError(f"{package} is not installed, which writes ONNX: pip install 'cmbrl[export]'")
+    with atomic_path(path) as temporary, _quietly():
+        torch.onnx.export(
+            policy.eval(),
+            (_example(policy),),
+            str(temporary),
+            input_names=[INPUT],
+            output_names=[OUTPUT],
+            dynamic_shapes=({0: torch.export.Dim("batch")},),
+            external_data=False,
+            dynamo=True,
+            verbose=False,
+        )
+
+
+def _example(policy: Policy) -> torch.Tensor:
+    return torch.zeros(2, policy.architecture.observations)
+
+
+@contextmanager
+def _quietly() -> Iterator[None]:
+    """Without what the exporters print and warn of: their own next versions."""
+    with warnings.catch_warnings(), redirect_stdout(StringIO()):
+        warnings.simplefilter("ignore")
+        yield
