@@ -27,6 +27,10 @@ class SystemBatch:
         """Duration of a step [s]."""
         return self.systems[0].dt
 
+    def place(self) -> None:
+        """Has every system reset to its state at the next step, so that it remembers no more than one just restored."""
+        self._present = [None] * len(self.systems)
+
     def step(self, q: Tensor, v: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
         """(q', v') of every system: q (count, nq), v (count, nv), u (count, nu), float64."""
         rows = zip(*(x.detach().numpy() for x in (q, v, u)), strict=True)

@@ -150,7 +150,7 @@ class NeuralEnsemble:
         return network.target_mean + network.target_scale * predicted.double()
 
     def _draw(self, inputs: Tensor, generator: torch.Generator | None) -> Tensor:
-        """A value (B, outputs) from the Gaussian of one elite per row of inputs (B, n); no row asks the other elites."""
+        """A value (B, outputs) from the Gaussian of one elite per row of inputs (B, n), the only one asked."""
         chosen = torch.randint(len(self.elites), (len(inputs),), generator=generator)
         width = self.network.target_mean.shape[0]
         drawn = torch.randn(len(inputs), width, generator=generator, dtype=inputs.dtype)

@@ -101,3 +101,24 @@ def spaces(observations: int, actions: int) -> tuple[Any, Any]:
     """Gymnasium's spaces of a process: all observations (n_o,), actions (n_a,) in [-1, 1]; float32."""
     box = library("gymnasium").spaces.Box
     return box(-np.inf, np.inf, (observations,), np.float32), box(-1.0, 1.0, (actions,), np.float32)
+
+
+_COLUMNS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
+
+
+def buffer_state(algorithm: Any) -> dict[str, Any] | None:
+    """The filled part of an off-policy algorithm's replay buffer; None for others."""
+    buffer = getattr(algorithm, "replay_buffer", None)
+    if buffer is None:
+        return None
+    columns = {name: getattr(buffer, name)[: buffer.size()] for name in _COLUMNS}
+    return {"columns": columns, "pos": buffer.pos, "full": buffer.full}
+
+
+def restore_buffer(algorithm: Any, state: dict[str, Any] | None) -> None:
+    """Fills the replay buffer with what ``buffer_state`` returned."""
+    if state is not None:
+        buffer = algorithm.replay_buffer
+        for name, rows in state["columns"].items():
+            getattr(buffer, name)[: len(rows)] = rows
+        buffer.pos, buffer.full = state["pos"], state["full"]
