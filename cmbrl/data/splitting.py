@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -46,3 +48,27 @@ def window_starts(data: Transitions, k: int) -> np.ndarray:
         return np.empty(0, dtype=np.int64)
     breaks = np.concatenate([[0], np.cumsum(~follows(data))])  # how many breaks lie before a row
     return np.flatnonzero(breaks[k - 1 :] == breaks[: len(data) - k + 1]).astype(np.int64)
+
+
+def joined(logs: Sequence[Transitions]) -> Transitions:
+    """The rows of all ``logs`` in order, their episodes numbered on.
+
+    Raises UserError on none, and on logs of different shapes or time steps.
+    """
+    if not logs:
+        raise UserError("no logs to join: give at least one")
+    first = logs[0]
+    for k, log in enumerate(logs):
+        if (log.q.shape[1], log.v.shape[1], log.u.shape[1], log.dt) != (*_widths(first), first.dt):
+            raise UserError(f"log {k} is of another robot or time step than log 0: join logs of one robot only")
+    arrays = {name: np.concatenate([getattr(log, name) for log in logs]) for name in _ARRAYS}
+    offsets = np.cumsum([0, *(log.episode.max() + 1 for log in logs[:-1])])
+    episode = np.concatenate([log.episode + offset for log, offset in zip(logs, offsets, strict=True)])
+    return replace(first, **arrays, episode=episode)
+
+
+_ARRAYS = ("q", "v", "u", "q_next", "v_next")
+
+
+def _widths(log: Transitions) -> tuple[int, ...]:
+    return log.q.shape[1], log.v.shape[1], log.u.shape[1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -58,6 +59,14 @@ class Transitions:
         """
         picked = {name: getattr(self, name)[rows] for name in ("q", "v", "u", "q_next", "v_next", "episode")}
         return replace(self, **picked)
+
+    @staticmethod
+    def joined(logs: Sequence[Transitions]) -> Transitions:
+        """All rows of logs of one robot, in order, no two with an episode in common; names and source of the first.
+
+        Raises UserError on logs of different shapes or time steps, and on none.
+        """
+        return splitting.joined(logs)
 
     def split(self, fraction: float, seed: int = 0) -> tuple[Transitions, Transitions]:
         """Two logs without a common episode: ``fraction`` of the episodes (rounded, at least one), and the others.

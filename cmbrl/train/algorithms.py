@@ -44,6 +44,12 @@ class Algorithm:
 
 ALGORITHMS = {
     "shac": Algorithm("cmbrl.train.shac:SHAC:SHACConfig", "short windows of first-order gradients, valued by a critic"),
+    "loop": Algorithm(
+        "cmbrl.train.loop:Loop:LoopConfig",
+        "the complementarity-model loop: act, fit, improve by SHAC on draws from the fit, and again",
+        (CONTACT,),
+        ("system", "data"),
+    ),
 }
 
 

@@ -48,6 +48,10 @@ class SHACConfig:
     parameter_spread: float = 0.0  #: physical parameters of an episode vary by +- this, beside the model's candidates
     variance_every: int = 20  #: updates between measurements of the gradient's variance over episodes
 
+    def noise_std(self, progress: float) -> float:
+        """Standard deviation of the exploration noise when this share of the updates is done."""
+        return math.exp(self.log_std_start + progress * (self.log_std_end - self.log_std_start))
+
 
 class SHAC:
     """``update`` is one window and one step of actor and critic; float32 nets over float64 dynamics."""
@@ -96,7 +100,7 @@ class SHAC:
     def _window(self, progress: float) -> list[Step]:
         """Rolls ``horizon`` steps from where the last window ended, with the graph of this window alone."""
         c, simulation = self.config, self.simulation
-        std = math.exp(c.log_std_start + progress * (c.log_std_end - c.log_std_start))
+        std = c.noise_std(progress)
         simulation.detach()
         steps = []
         for _ in range(c.horizon):

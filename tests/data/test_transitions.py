@@ -102,3 +102,15 @@ def test_select_keeps_what_belongs_to_the_log(make_log):
     assert part.joint_names == ("left", "right")
     assert part.source == {"system": "x"}
     assert len(log.select([])) == 0
+
+
+def test_joined_logs_keep_their_rows_and_share_no_episode(make_log):
+    log = make_log()
+    both = Transitions.joined([log, log])
+    np.testing.assert_array_equal(both.v_next, np.concatenate([log.v_next, log.v_next]))
+    assert both.n_episodes == 2 * log.n_episodes
+    assert len(both.windows(2)) == 2 * len(log.windows(2))
+    with pytest.raises(UserError, match="another robot or time step"):
+        Transitions.joined([log, replace(log, dt=2 * log.dt)])
+    with pytest.raises(UserError, match="no logs"):
+        Transitions.joined([])

@@ -1,0 +1,179 @@
+"""The complementarity-model loop: fit, improve, execute, append, and again.
+
+Zhang, Jin & Wang, "Adaptive Barrier Smoothing for First-Order Policy Gradient with Contact Dynamics" (ICML 2023),
+algorithm 2. Of its own here: policies improve on draws from the fit's posterior, several from different seeds side by
+side, and which of them (and of their snapshots) goes on is decided by the return in the model under these draws and
+velocity noise, never by a return in the real system.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import torch
+
+from cmbrl.data.transitions import Transitions
+from cmbrl.envs.evaluation import evaluate_model
+from cmbrl.envs.mdp import MDP
+from cmbrl.envs.recording import Recording
+from cmbrl.envs.simulation import Disturbance, parameter_sets
+from cmbrl.envs.system import SystemFactory
+from cmbrl.fit import fit
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.train.policy import Policy
+from cmbrl.train.shac import SHAC, SHACConfig
+
+EPISODE_STEPS = 200  # of a recorded episode, at most
+
+
+@dataclass(frozen=True)
+class LoopConfig(SHACConfig):
+    """SHAC's settings and those of the loop; ``iterations`` are all updates, of every round and policy together."""
+
+    iterations: int = 2000
+    rounds: int = 1  #: of executing, fitting and improving
+    transitions: int = 1000  #: real ones of the first round, by random actions; a log that is given counts
+    more: int = 1000  #: real ones of each further round, by the policy with its exploration noise
+    policies: int = 2  #: trained side by side in each round, of which the best goes on
+    draws: int = 256  #: parameter sets from the fit's posterior
+    score_every: int = 100  #: updates between scores of a policy; the best snapshot counts
+    score_episodes: int = 64
+
+    def shac(self) -> SHACConfig:
+        """The settings of one policy in one round."""
+        names = [field.name for field in fields(SHACConfig)]
+        own = SHACConfig(**{name: getattr(self, name) for name in names})
+        return replace(own, iterations=max(1, self.iterations // (self.rounds * self.policies)))
+
+
+class Loop:
+    """``model``: the nominal one, whose parameters are fitted; ``system``: makes the real system; ``data``: a log."""
+
+    def __init__(
+        self,
+        mdp: MDP,
+        model: ComplementarityModel,
+        config: LoopConfig,
+        seed: int = 0,
+        *,
+        system: SystemFactory,
+        data: Transitions | None = None,
+    ) -> None:
+        self.mdp, self.nominal, self.config, self.seed = mdp, model, config, seed
+        self.given = data
+        # Restarts give the fit episodes to set against each other, and states near the start to learn from.
+        self.recording = Recording(replace(mdp, episode_steps=min(mdp.episode_steps, EPISODE_STEPS)), system, seed)
+        self.generator = torch.Generator().manual_seed(seed)
+        self.round, self.candidate = 0, 0
+        self.best: dict[str, Any] = {"score": -float("inf"), "policy": None}  # of this round
+        self.settings = config.shac()
+        self.model: ComplementarityModel | None = None
+        self.trainer = SHAC(mdp, model, self.settings, seed)  # its policy acts before the first fit; then replaced
+
+    @property
+    def policy(self) -> Policy:
+        """The best of what this round has trained, or the one that it began with."""
+        return self.trainer.policy
+
+    def update(self) -> dict[str, float]:
+        """One update of one policy; before the first of a round the robot acts and the model is fitted."""
+        if self.model is None:
+            self._execute()
+            self._fit()
+            self._begin_policy()
+        metrics = self.trainer.update()
+        done = self.trainer.iteration >= self.settings.iterations
+        if self.trainer.iteration % self.config.score_every == 0 or done:
+            metrics["score"] = self._score()
+        if done:
+            self._end_policy()
+        counted = {"transitions": float(self._transitions()), "round": float(self.round)}
+        return metrics | counted | {"policy": float(self.candidate)}
+
+    def _execute(self) -> None:
+        """Real transitions: by random actions at first (unless a log was given), then by the policy with noise."""
+        wanted = self.config.transitions + self.round * self.config.more - self._transitions()
+        for _ in range(wanted):
+            shape = (1, self.mdp.actions)
+            if self.round == 0:
+                action = 2 * torch.rand(shape, generator=self.generator, dtype=torch.float64) - 1
+            else:
+                noise = self.settings.noise_std(1.0) * torch.randn(shape, generator=self.generator)
+                with torch.no_grad():
+                    action = self.policy.sample(self.recording.observe().float(), noise).double()
+            self.recording.step(action)
+
+    def _transitions(self) -> int:
+        return self.recording.transitions + (len(self.given) if self.given is not None else 0)
+
+    def _fit(self) -> None:
+        """All parameters, from the nominal ones, on everything seen so far."""
+        logs = [log for log in (self.given, self.recording.log() if self.recording.transitions else None) if log]
+        result = fit(self.nominal, Transitions.joined(logs), seed=self.seed + self.round, groups="all")
+        self.model = result.uncertain_model(self.config.draws, self.seed)
+
+    def _begin_policy(self) -> None:
+        """A fresh policy in the first round; later the best so far, with new optimisers and a new critic.
+
+        SHAC draws its parameter sets by its own seed, so that every policy and every round sees others.
+        """
+        assert self.model is not None
+        seed = self.seed + 1000 * self.candidate + 100 * self.round
+        self.trainer = SHAC(self.mdp, self.model, self.settings, seed)
+        if self.round:
+            self.trainer.policy.load_state_dict(self.best["policy"])
+
+    def _score(self) -> float:
+        """Mean return in the model under its uncertainty; a snapshot that beats all of the round is kept."""
+        assert self.model is not None
+        c = self.settings
+        sets = parameter_sets(self.model, c.parameter_spread, seed=self.seed + 1)
+        disturbance = Disturbance(c.noise_linear, c.noise_angular, sets)
+        found = evaluate_model(
+            self.policy, self.mdp, self.model, self.config.score_episodes, self.seed + 1, disturbance
+        )
+        score = float(found.returns.mean())
+        if score > self.best["score"]:
+            snapshot = {name: value.clone() for name, value in self.policy.state_dict().items()}
+            self.best = {"score": score, "policy": snapshot}
+        return score
+
+    def _end_policy(self) -> None:
+        """The next policy of this round, or the next round; the best goes on."""
+        self.candidate += 1
+        if self.candidate < self.config.policies:
+            self._begin_policy()
+            return
+        self.trainer.policy.load_state_dict(self.best["policy"])
+        self.candidate = 0
+        self.round += 1
+        if self.round < self.config.rounds:
+            self.model = None
+            self.best["score"] = -float("inf")
+
+    def state(self) -> dict[str, Any]:
+        """Everything that the next update depends on, but for the log that was given."""
+        model = self.model
+        return {
+            "round": self.round,
+            "candidate": self.candidate,
+            "best": self.best,
+            "recording": self.recording.state(),
+            "generator": self.generator.get_state(),
+            "parameters": None if model is None else torch.from_numpy(model.parameters),
+            "draws": None if model is None else torch.from_numpy(model.candidates),
+            "trainer": self.trainer.state(),
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Goes on from what ``state`` returned, bit for bit."""
+        self.round, self.candidate, self.best = state["round"], state["candidate"], state["best"]
+        self.recording.restore(state["recording"])
+        self.generator.set_state(state["generator"])
+        self.model = None
+        if state["parameters"] is not None:
+            settings = {"parameters": state["parameters"].numpy(), "candidates": state["draws"].numpy()}
+            self.model = self.nominal.with_settings(**settings)
+        self.trainer = SHAC(self.mdp, self.model or self.nominal, self.settings, self.seed)
+        self.trainer.restore(state["trainer"])
