@@ -65,12 +65,22 @@ class NativeStep(torch.autograd.Function):
 
     @staticmethod
     def forward(  # type: ignore[override]
-        ctx: Any, q: torch.Tensor, v: torch.Tensor, u: torch.Tensor, theta: torch.Tensor, model: ComplementarityModel
+        ctx: Any,
+        q: torch.Tensor,
+        v: torch.Tensor,
+        u: torch.Tensor,
+        theta: torch.Tensor,
+        model: ComplementarityModel,
+        details: dict[str, np.ndarray] | None = None,
     ) -> Any:
-        """Runs the native step; keeps its tape only when a gradient may be asked for."""
+        """Runs the native step, with its tape if a gradient may be asked for; puts impulses into ``details``."""
         arrays = [x.detach().contiguous().numpy() for x in (q, v, u, theta)]
         record = any(ctx.needs_input_grad[:4])
-        out = model._core.forward(*arrays, model._options, tape=record, threads=model.threads)
+        out = model._core.forward(
+            *arrays, model._options, tape=record, impulse=details is not None, threads=model.threads
+        )
+        if details is not None:
+            details["impulse"] = out["impulse"]
         model._count_failures(out["status"])
         if record:
             ctx.model, ctx.arrays, ctx.tape, ctx.q_next = model, arrays, out["tape"], out["q_next"]
@@ -92,4 +102,4 @@ class NativeStep(torch.autograd.Function):
             if theta.ndim == 1:
                 gtheta = gtheta.sum(0)
         gq = torch.from_numpy(tangent.to_configuration(q, out["gq"]))
-        return gq, torch.from_numpy(out["gv"]), torch.from_numpy(out["gu"]), gtheta, None
+        return gq, torch.from_numpy(out["gv"]), torch.from_numpy(out["gu"]), gtheta, None, None

@@ -158,11 +158,17 @@ class ComplementarityModel:
         return cls(scene, parameters=theta, **config)
 
     def step(
-        self, q: torch.Tensor, v: torch.Tensor, u: torch.Tensor, theta: torch.Tensor | None = None
+        self,
+        q: torch.Tensor,
+        v: torch.Tensor,
+        u: torch.Tensor,
+        theta: torch.Tensor | None = None,
+        details: dict[str, np.ndarray] | None = None,
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """One control step, differentiable in q, v, u and theta by the implicit function theorem.
 
-        Args: q (B, nq), v (B, nv), u (B, nu) float64 CPU tensors; theta (np,) or (B, np), default this model's own.
+        Args: q (B, nq), v (B, nv), u (B, nu) float64 CPU tensors; theta (np,) or (B, np), default this model's own;
+            details: filled with "impulse", as in :class:`StepResult`, without derivative.
         Returns: q_next (B, nq), v_next (B, nv).
         Raises: UserError for a wrong shape or type. Warns SolverWarning when solves fail; ``failures`` counts them.
         """
@@ -176,7 +182,7 @@ class ComplementarityModel:
             theta = torch.from_numpy(self.parameters)
         elif theta.dtype != torch.float64 or theta.shape not in ((count,), (len(q), count)):
             raise UserError(f"theta is {theta.dtype} {tuple(theta.shape)}: give float64 ({count},) or (batch, {count})")
-        return NativeStep.apply(q, v, u, theta, self)
+        return NativeStep.apply(q, v, u, theta, self, details)
 
     def predict(
         self,
