@@ -31,6 +31,8 @@ class MDP:
         repeat: model steps that one step of the process takes, the control held.
         shaping: q', v' -> (B,), added to the reward in training only (never in what is reported): a barrier around the
             termination, whose reward is discontinuous and has no gradient. Default none.
+        info: arguments as of ``reward`` -> by name (B,): what environments tell of a step besides, such as the parts of
+            the reward. Default nothing.
     """
 
     observations: int
@@ -44,6 +46,7 @@ class MDP:
     act: Callable[[Tensor, Tensor, Tensor], tuple[Tensor, Tensor, Tensor]] = _same_state
     repeat: int = 1
     shaping: Callable[[Tensor, Tensor], Tensor] | None = None
+    info: Callable[[Tensor, Tensor, Tensor, Tensor, Tensor], dict[str, Tensor]] | None = None
 
 
 def never(q: Tensor, v: Tensor) -> Tensor:

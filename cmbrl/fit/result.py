@@ -13,7 +13,7 @@ from cmbrl.errors import UserError
 from cmbrl.files import check_writable, read_json, write_json, write_text
 from cmbrl.fit.space import Space
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.scene import Scene
+from cmbrl.models.named import load_complementarity
 
 _FORMAT = 1
 _NONE = "  none: the nominal model explains the held-out episodes as well as any other"
@@ -114,20 +114,10 @@ class FitResult:
 
 
 def _load_model(file: Path, parameters: dict[str, FittedParameter]) -> ComplementarityModel:
-    config = read_json(file)
-    try:
-        source, settings = config["scene"], config["settings"]
-        scene = Scene.from_mjcf(
-            source["path"],
-            ignore=source["ignore"],
-            contact_law=source["contact_law"],
-            reduce=source.get("reduce", True),
-        )
-    except (KeyError, TypeError):
-        raise UserError(f"{file}: damaged: fit again") from None
-    if {p.name for p in scene.parameters} != set(parameters):
-        raise UserError(f"{file}: the scene {source['path']} has other parameters than when it was fitted: fit again")
-    return ComplementarityModel.from_config(scene, settings)
+    model = load_complementarity(file)
+    if {p.name for p in model.scene.parameters} != set(parameters):
+        raise UserError(f"{file}: its scene has other parameters than when it was fitted: fit again")
+    return model
 
 
 def _lines(parameters: dict[str, FittedParameter], report: dict[str, Any]) -> list[str]:

@@ -35,7 +35,7 @@ def _mdp() -> Any:
 def _system() -> Any:
     from cmbrl.envs.system import MujocoSystem
 
-    return MujocoSystem(_scene(), frame_skip=5, camera="track")
+    return MujocoSystem(_scene(), frame_skip=5)
 
 
 TASK = Task(

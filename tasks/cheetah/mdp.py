@@ -18,9 +18,24 @@ def observe(q: Tensor, v: Tensor) -> Tensor:
     return torch.cat([q[:, 1:], v], dim=1)
 
 
+def parts(q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: Tensor) -> dict[str, Tensor]:
+    """By name (B,): forward speed [m/s], and the price -0.1 |action|^2."""
+    return {
+        "reward_forward": (q_next[:, 0] - q[:, 0]) / DT,
+        "reward_ctrl": -0.1 * action.square().sum(dim=1),
+    }
+
+
 def reward(q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: Tensor) -> Tensor:
-    """(B,): forward speed [m/s], less 0.1 |action|^2."""
-    return (q_next[:, 0] - q[:, 0]) / DT - 0.1 * action.square().sum(dim=1)
+    """(B,): the sum of its parts."""
+    forward, price = parts(q, v, action, q_next, v_next).values()
+    return forward + price
+
+
+def info(q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: Tensor) -> dict[str, Tensor]:
+    """What Gymnasium's HalfCheetah-v5 tells of a step."""
+    told = parts(q, v, action, q_next, v_next)
+    return {"x_position": q_next[:, 0], "x_velocity": told["reward_forward"], **told}
 
 
 def reset(count: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
@@ -33,5 +48,5 @@ def mdp() -> MDP:
     """HalfCheetah-v5; never terminates."""
     return MDP(
         observations=17, actions=6, observe=observe, reward=reward, terminated=never, reset=reset, dt=DT,
-        episode_steps=1000,
+        episode_steps=1000, info=info,
     )  # fmt: skip

@@ -34,7 +34,7 @@ def _mdp() -> Any:
 def _system() -> Any:
     from cmbrl.envs.system import MujocoSystem
 
-    return MujocoSystem(_scene(), frame_skip=4, camera="track")
+    return MujocoSystem(_scene(), frame_skip=4)
 
 
 TASK = Task(

@@ -32,10 +32,25 @@ def terminated(q: Tensor, v: Tensor) -> Tensor:
     return ~healthy(q, v)
 
 
+def parts(q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: Tensor) -> dict[str, Tensor]:
+    """By name (B,): 1 while healthy, forward speed [m/s], and the price -1e-3 |action|^2."""
+    return {
+        "reward_survive": healthy(q_next, v_next).to(q.dtype),
+        "reward_forward": (q_next[:, 0] - q[:, 0]) / DT,
+        "reward_ctrl": -1e-3 * action.square().sum(dim=1),
+    }
+
+
 def reward(q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: Tensor) -> Tensor:
-    """(B,): 1 while healthy, forward speed [m/s], less 1e-3 |action|^2."""
-    alive = healthy(q_next, v_next).to(q.dtype)
-    return alive + (q_next[:, 0] - q[:, 0]) / DT - 1e-3 * action.square().sum(dim=1)
+    """(B,): the sum of its parts."""
+    alive, forward, price = parts(q, v, action, q_next, v_next).values()
+    return alive + forward + price
+
+
+def info(q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: Tensor) -> dict[str, Tensor]:
+    """What Gymnasium's Hopper-v5 tells of a step."""
+    told = parts(q, v, action, q_next, v_next)
+    return {"x_position": q_next[:, 0], "x_velocity": told["reward_forward"], **told}
 
 
 def barrier(q: Tensor, v: Tensor) -> Tensor:
@@ -53,5 +68,5 @@ def mdp() -> MDP:
     """Hopper-v5."""
     return MDP(
         observations=11, actions=3, observe=observe, reward=reward, terminated=terminated, reset=reset, dt=DT,
-        episode_steps=1000, shaping=barrier,
+        episode_steps=1000, shaping=barrier, info=info,
     )  # fmt: skip

@@ -39,12 +39,14 @@ def test_an_episode_is_gymnasiums(task, name):
         while not ended and t < 150:
             assert np.array_equal(mdp.observe(q, v)[0], observation)
             u = rng.uniform(-1, 1, mdp.actions)
-            observation, reward, ended, _, _ = env.step(u)
+            observation, reward, ended, _, told = env.step(u)
             state = system.step(u)
             assert np.array_equal(state[0], data.qpos), "bit for bit"
             assert np.array_equal(state[1], data.qvel)
             q_next, v_next = map(row, state)
             assert mdp.reward(q, v, row(u), q_next, v_next).item() == pytest.approx(reward, abs=1e-12, rel=1e-12)
+            for key, value in mdp.info(q, v, row(u), q_next, v_next).items():
+                assert value.item() == pytest.approx(told[key], abs=1e-12), key
             assert mdp.terminated(q_next, v_next).item() == ended
             q, v, t = q_next, v_next, t + 1
         ends.append(ended)

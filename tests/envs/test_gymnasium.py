@@ -1,0 +1,172 @@
+"""Our Gymnasium ids: Gymnasium's and Stable-Baselines3's own checkers, and the real ones against the originals."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from cmbrl import UserError, registry
+from cmbrl.registry import load_task
+
+pytest.importorskip("gymnasium")
+import gymnasium
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+
+from cmbrl.envs.gymnasium_env import MDPEnv
+from cmbrl.envs.model_system import ModelSystem
+from cmbrl.envs.registration import IDS, register
+from cmbrl.models.named import named_model, nominal_model
+
+ALL = pytest.mark.parametrize("name", IDS)
+
+
+@pytest.fixture(autouse=True)
+def _without_graphics(monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL"):
+        monkeypatch.delenv(name, raising=False)
+
+
+def test_every_task_with_a_process_has_its_ids():
+    assert {"cmbrl/Hopper-v0", "cmbrl/HopperReal-v0", "cmbrl/Cheetah-v0", "cmbrl/CheetahReal-v0"} <= set(IDS)
+    assert not any("Cube" in name for name in IDS)
+
+
+@ALL
+def test_gymnasiums_checker_passes(name):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message=".*Box observation space (min|max)imum value is.*infinity")
+        check_env(gymnasium.make(name, render_mode="rgb_array").unwrapped)
+
+
+@ALL
+def test_stable_baselines_checker_passes(name):
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    checker.check_env(gymnasium.make(name))
+
+
+@pytest.mark.parametrize("algorithm", ["PPO", "SAC"])
+def test_stable_baselines_learns_on_a_single_environment(algorithm):
+    sb3 = pytest.importorskip("stable_baselines3")
+    env = gymnasium.make("cmbrl/HopperReal-v0")
+    options = {"n_steps": 64} if algorithm == "PPO" else {"learning_starts": 60, "buffer_size": 200}
+    learner = getattr(sb3, algorithm)("MlpPolicy", env, seed=0, device="cpu", **options).learn(128)
+    assert learner.num_timesteps == 128
+    assert len(learner.ep_info_buffer) > 0
+
+
+def test_the_real_hopper_is_gymnasiums():
+    """From the same state and with the same actions: the same observations, rewards, ends and infos."""
+    ours, theirs = gymnasium.make("cmbrl/HopperReal-v0"), gymnasium.make("Hopper-v5")
+    theirs.reset(seed=0)
+    observation, _ = ours.reset(seed=0)
+    inner = ours.unwrapped
+    theirs.unwrapped.set_state(inner._q[0].numpy(), inner._v[0].numpy())
+    rng = np.random.default_rng(0)
+    ended = False
+    while not ended:
+        action = rng.uniform(-1, 1, 3)
+        observation, reward, ended, truncated, info = ours.step(action)
+        o, r, e, _, i = theirs.step(action)
+        assert np.array_equal(observation, o)
+        assert reward == pytest.approx(r, abs=1e-12)
+        assert ended == e
+        assert not truncated
+        for key, value in info.items():
+            assert value == pytest.approx(i[key], abs=1e-12)
+    assert ours.observation_space == theirs.observation_space
+    assert ours.action_space == theirs.action_space
+
+
+@pytest.mark.parametrize("name", ["cmbrl/Hopper-v0", "cmbrl/HopperReal-v0"])
+def test_a_vector_row_is_a_single_environment(name):
+    """Rows started from given states move as single environments do, until they end and are restarted in that step."""
+    single, many = gymnasium.make(name).unwrapped, gymnasium.make_vec(name, num_envs=2)
+    assert many.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    first, _ = many.reset(seed=3)
+    single.reset(seed=0)
+    single._q, single._v = many.simulation.q[1:].clone(), many.simulation.v[1:].clone()
+    single.system.reset(single._q[0].numpy(), single._v[0].numpy())
+    rng = np.random.default_rng(1)
+    ended = False
+    while not ended:
+        actions = rng.uniform(-1, 1, (2, 3)).astype(np.float32)
+        observations, rewards, terminated, truncated, infos = many.step(actions)
+        observation, reward, ended, _, _ = single.step(actions[1])
+        assert rewards[1] == pytest.approx(reward, abs=1e-9)
+        assert terminated[1] == ended
+        last = infos["final_obs"][1] if ended else observations[1]
+        assert np.allclose(last, observation, atol=1e-9)
+    assert infos["_final_obs"][1]
+    assert not truncated[1]
+    assert np.abs(observations[1] - first[1]).max() < 0.02, "a fresh start"
+    again, _ = many.reset(seed=3)
+    assert np.array_equal(again, first)
+    assert not np.array_equal(many.reset()[0], first)
+
+
+def test_time_limit_and_seeds():
+    task = load_task("hopper")
+    env = MDPEnv(replace(task.mdp(), episode_steps=3), ModelSystem(nominal_model(task)))
+    first, _ = env.reset(seed=1)
+    ends = [env.step(np.zeros(3))[2:4] for _ in range(3)]
+    assert ends == [(False, False), (False, False), (False, True)]
+    second, _ = env.reset()
+    assert not np.array_equal(first, second)
+    assert np.array_equal(env.reset(seed=1)[0], first)
+    assert np.array_equal(env.reset()[0], second)
+
+
+def test_actions_are_clipped_and_a_lost_state_ends_the_episode():
+    task = load_task("hopper")
+    env = MDPEnv(task.mdp(), ModelSystem(nominal_model(task)))
+    env.reset(seed=0)
+    a = env.step(np.full(3, 5.0))[0]
+    env.reset(seed=0)
+    assert np.array_equal(env.step(np.ones(3))[0], a)
+    env.system.reset(np.full(6, np.nan), np.zeros(6))
+    observation, reward, terminated, truncated, _ = env.step(np.zeros(3))
+    assert np.isfinite(observation).all()
+    assert np.isfinite(reward)
+    assert terminated
+    assert not truncated
+
+
+def test_models_by_name_and_as_objects(tmp_path):
+    task = load_task("hopper")
+    model = nominal_model(task)
+    model = model.with_parameters(model.parameters * 1.01)
+    given = gymnasium.make("cmbrl/Hopper-v0", model=model)
+    assert given.unwrapped.system.model is model
+    assert isinstance(named_model("nominal", task), type(model))
+    with pytest.raises(UserError, match="neither 'nominal' nor a folder"):
+        gymnasium.make("cmbrl/Hopper-v0", model=tmp_path)
+    with pytest.raises(UserError, match="render_mode 'human'"):
+        MDPEnv(task.mdp(), ModelSystem(model), render_mode="human")
+
+
+def test_a_task_of_this_process_and_one_without_a_process(monkeypatch):
+    monkeypatch.setattr(registry, "_registered", {})
+    mine = replace(load_task("hopper"), name="my_hopper", system=None)
+    registry.register(mine)
+    assert register(mine) == ["cmbrl/MyHopper-v0"]
+    assert register(load_task("cube_toss")) == []
+    envs = gymnasium.make_vec("cmbrl/MyHopper-v0", num_envs=3)
+    assert envs.reset(seed=0)[0].shape == (3, 11)
+    del gymnasium.registry["cmbrl/MyHopper-v0"]
+
+
+def test_pictures():
+    env = gymnasium.make("cmbrl/Hopper-v0", render_mode="rgb_array", width=80, height=60)
+    env.reset(seed=0)
+    assert env.render().shape == (60, 80, 3)
+    assert env.metadata["render_fps"] == 125
+    real = gymnasium.make("cmbrl/HopperReal-v0", render_mode="rgb_array", width=80, height=60)
+    real.reset(seed=0)
+    assert np.array_equal(real.render(), env.render()), "the same state in the same scene"
+    assert torch.equal(real.unwrapped._q, env.unwrapped._q)
