@@ -1,13 +1,14 @@
 """The complementarity-model loop: fit, improve, execute, append, and again.
 
 Zhang, Jin & Wang, "Adaptive Barrier Smoothing for First-Order Policy Gradient with Contact Dynamics" (ICML 2023),
-algorithm 2. Of its own here: policies improve on draws from the fit's posterior, several from different seeds side by
-side, and which of them (and of their snapshots) goes on is decided by the return in the model under these draws and
-velocity noise, never by a return in the real system.
+algorithm 2. Of its own here: policies improve on draws from the fit's posterior; several begin, from different seeds,
+and the best of them is trained to the end. Which one, and which of its snapshots counts, is decided by the return in
+the model under these draws and velocity noise, never by a return in the real system.
 """
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -31,11 +32,12 @@ EPISODE_STEPS = 200  # of a recorded episode, at most
 class LoopConfig(SHACConfig):
     """SHAC's settings and those of the loop; ``iterations`` are all updates, of every round and policy together."""
 
-    iterations: int = 2000
+    iterations: int = 3000
     rounds: int = 1  #: of executing, fitting and improving
     transitions: int = 1000  #: real ones of the first round, by random actions; a log that is given counts
     more: int = 1000  #: real ones of each further round, by the policy with its exploration noise
-    policies: int = 2  #: trained side by side in each round, of which the best goes on
+    policies: int = 3  #: begun in each round
+    trial: float = 0.25  #: share of its updates that each of them gets, before the best is trained to the end
     draws: int = 256  #: parameter sets from the fit's posterior
     score_every: int = 100  #: updates between scores of a policy; the best snapshot counts
     score_episodes: int = 64
@@ -44,7 +46,15 @@ class LoopConfig(SHACConfig):
         """The settings of one policy in one round."""
         names = [field.name for field in fields(SHACConfig)]
         own = SHACConfig(**{name: getattr(self, name) for name in names})
-        return replace(own, iterations=max(1, self.iterations // (self.rounds * self.policies)))
+        return replace(own, iterations=max(1, int(self.iterations / (self.rounds * (1 + self._extra())))))
+
+    def trial_updates(self) -> int:
+        """Updates of each policy before one is chosen."""
+        return max(1, round(self.trial * self.shac().iterations)) if self.policies > 1 else 0
+
+    def _extra(self) -> float:
+        """Work on policies that are not trained to the end, in units of one that is."""
+        return self.trial * (self.policies - 1)
 
 
 class Loop:
@@ -65,9 +75,10 @@ class Loop:
         # Restarts give the fit episodes to set against each other, and states near the start to learn from.
         self.recording = Recording(replace(mdp, episode_steps=min(mdp.episode_steps, EPISODE_STEPS)), system, seed)
         self.generator = torch.Generator().manual_seed(seed)
-        self.round, self.candidate = 0, 0
+        self.round = 0
         self.best: dict[str, Any] = {"score": -float("inf"), "policy": None}  # of this round
-        self.settings = config.shac()
+        self.tried: list[dict[str, Any]] = []  # score and trainer's state of each policy whose trial is over
+        self.settings, self.trial_updates = config.shac(), config.trial_updates()
         self.model: ComplementarityModel | None = None
         self.trainer = SHAC(mdp, model, self.settings, seed)  # its policy acts before the first fit; then replaced
 
@@ -78,18 +89,21 @@ class Loop:
 
     def update(self) -> dict[str, float]:
         """One update of one policy; before the first of a round the robot acts and the model is fitted."""
-        if self.model is None:
+        if self.model is None:  # a round begins
             self._execute()
             self._fit()
             self._begin_policy()
         metrics = self.trainer.update()
+        tried = self.trainer.iteration == self.trial_updates and len(self.tried) < self.config.policies
         done = self.trainer.iteration >= self.settings.iterations
-        if self.trainer.iteration % self.config.score_every == 0 or done:
+        if self.trainer.iteration % self.config.score_every == 0 or tried or done:
             metrics["score"] = self._score()
-        if done:
-            self._end_policy()
+        if tried:
+            self._end_trial(metrics["score"])
+        elif done:
+            self._end_round()
         counted = {"transitions": float(self._transitions()), "round": float(self.round)}
-        return metrics | counted | {"policy": float(self.candidate)}
+        return metrics | counted
 
     def _execute(self) -> None:
         """Real transitions: by random actions at first (unless a log was given), then by the policy with noise."""
@@ -119,7 +133,7 @@ class Loop:
         SHAC draws its parameter sets by its own seed, so that every policy and every round sees others.
         """
         assert self.model is not None
-        seed = self.seed + 1000 * self.candidate + 100 * self.round
+        seed = self.seed + 1000 * len(self.tried) + 100 * self.round
         self.trainer = SHAC(self.mdp, self.model, self.settings, seed)
         if self.round:
             self.trainer.policy.load_state_dict(self.best["policy"])
@@ -139,17 +153,19 @@ class Loop:
             self.best = {"score": score, "policy": snapshot}
         return score
 
-    def _end_policy(self) -> None:
-        """The next policy of this round, or the next round; the best goes on."""
-        self.candidate += 1
-        if self.candidate < self.config.policies:
-            self._begin_policy()
-            return
+    def _end_trial(self, score: float) -> None:
+        """The next policy's trial, or after the last the best of them goes on where its trial ended."""
+        self.tried.append({"score": score, "trainer": copy.deepcopy(self.trainer.state())})
+        self._begin_policy()
+        if len(self.tried) == self.config.policies:
+            self.trainer.restore(max(self.tried, key=lambda one: one["score"])["trainer"])
+
+    def _end_round(self) -> None:
+        """The best snapshot is the round's policy; the next round begins with acting."""
         self.trainer.policy.load_state_dict(self.best["policy"])
-        self.candidate = 0
         self.round += 1
         if self.round < self.config.rounds:
-            self.model = None
+            self.model, self.tried = None, []
             self.best["score"] = -float("inf")
 
     def state(self) -> dict[str, Any]:
@@ -157,8 +173,8 @@ class Loop:
         model = self.model
         return {
             "round": self.round,
-            "candidate": self.candidate,
             "best": self.best,
+            "tried": self.tried,
             "recording": self.recording.state(),
             "generator": self.generator.get_state(),
             "parameters": None if model is None else torch.from_numpy(model.parameters),
@@ -168,12 +184,12 @@ class Loop:
 
     def restore(self, state: dict[str, Any]) -> None:
         """Goes on from what ``state`` returned, bit for bit."""
-        self.round, self.candidate, self.best = state["round"], state["candidate"], state["best"]
+        self.round, self.best, self.tried = state["round"], state["best"], state["tried"]
         self.recording.restore(state["recording"])
         self.generator.set_state(state["generator"])
         self.model = None
         if state["parameters"] is not None:
             settings = {"parameters": state["parameters"].numpy(), "candidates": state["draws"].numpy()}
             self.model = self.nominal.with_settings(**settings)
-        self.trainer = SHAC(self.mdp, self.model or self.nominal, self.settings, self.seed)
+            self._begin_policy()  # with the draws that it had
         self.trainer.restore(state["trainer"])

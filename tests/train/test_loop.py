@@ -12,8 +12,8 @@ from cmbrl.train.loop import Loop, LoopConfig
 
 pytest.importorskip("gymnasium", reason="the hopper's real system is Gymnasium's MJCF")
 SMALL = LoopConfig(
-    iterations=8, rounds=2, policies=2, transitions=120, more=60, environments=8, horizon=4, actor_hidden=(16,),
-    critic_hidden=(16,), score_every=2, score_episodes=4, draws=8,
+    iterations=12, rounds=2, policies=2, trial=0.5, transitions=120, more=60, environments=8, horizon=4,
+    actor_hidden=(16,), critic_hidden=(16,), score_every=2, score_episodes=4, draws=8,
 )  # fmt: skip
 
 
@@ -24,11 +24,13 @@ def make_loop():
     return lambda **extra: Loop(task.mdp(), model, SMALL, seed=3, system=task.system, **extra)
 
 
-def test_rounds_policies_and_transitions_are_counted(make_loop):
+def test_rounds_trials_and_transitions_are_counted(make_loop):
+    """A round: two trials of 2 updates, then 2 more of the better one."""
     loop = make_loop()
     rows = [loop.update() for _ in range(SMALL.iterations)]
-    assert [row["transitions"] for row in rows] == 4 * [120] + 4 * [180]
-    assert ["score" in row for row in rows] == 4 * [False, True]
+    assert SMALL.shac().iterations == 4
+    assert [row["transitions"] for row in rows] == 6 * [120] + 6 * [180]
+    assert ["score" in row for row in rows] == 6 * [False, True]
     assert loop.round == 2
     fitted = loop.model
     assert fitted is not None
@@ -36,16 +38,18 @@ def test_rounds_policies_and_transitions_are_counted(make_loop):
     assert not np.allclose(fitted.parameters, loop.nominal.parameters)
 
 
-def test_the_best_scored_snapshot_of_a_round_goes_on(make_loop):
+def test_the_better_of_the_trials_goes_on_and_the_best_snapshot_counts(make_loop):
     loop = make_loop()
-    best = -np.inf
-    for _ in range(4):
-        best = max(best, loop.update().get("score", -np.inf))
-        kept = loop.best
-    assert loop.round == 1
+    scores = [loop.update().get("score", -np.inf) for _ in range(4)]
+    assert [one["score"] for one in loop.tried] == scores[1::2]
+    chosen = max(loop.tried, key=lambda one: one["score"])["trainer"]
     for name, value in loop.policy.state_dict().items():
-        torch.testing.assert_close(value, kept["policy"][name], rtol=0, atol=0)
-    assert best > 0
+        torch.testing.assert_close(value, chosen["policy"][name], rtol=0, atol=0)
+    scores += [loop.update().get("score", -np.inf) for _ in range(2)]
+    assert loop.round == 1
+    assert loop.best["score"] == -np.inf  # the next round begins anew
+    for name, value in loop.policy.state_dict().items():
+        torch.testing.assert_close(value, loop.best["policy"][name], rtol=0, atol=0)
 
 
 def test_a_given_log_counts_and_only_the_rest_is_recorded(make_loop):
@@ -55,11 +59,12 @@ def test_a_given_log_counts_and_only_the_rest_is_recorded(make_loop):
     assert loop.recording.transitions == 20
 
 
-@pytest.mark.parametrize("stop", [1, 5])
+@pytest.mark.parametrize("stop", [1, 3, 5, 7])
 def test_it_goes_on_bit_for_bit(make_loop, stop):
     through, stopped, resumed = make_loop(), make_loop(), make_loop()
     for _ in range(stop):
-        through.update(), stopped.update()
+        through.update()
+        stopped.update()
     resumed.restore(stopped.state())
     for _ in range(2):
         a, b = through.update(), resumed.update()
