@@ -166,7 +166,7 @@ class Loop:
         self.round += 1
         if self.round < self.config.rounds:
             self.model, self.tried = None, []
-            self.best["score"] = -float("inf")
+            self.best = {**self.best, "score": -float("inf")}
 
     def state(self) -> dict[str, Any]:
         """Everything that the next update depends on, but for the log that was given."""
