@@ -20,7 +20,7 @@ from cmbrl.errors import UserError
 try:
     from stable_baselines3.common.vec_env.base_vec_env import VecEnv
 except ImportError:
-    raise UserError("stable-baselines3 is not installed: pip install 'cmbrl[baselines]'") from None
+    raise UserError("stable-baselines3 is not installed: pip install 'cmbrl[train]'") from None
 
 
 class Sb3VecEnv(VecEnv):

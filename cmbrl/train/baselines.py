@@ -106,17 +106,18 @@ class Baseline(ABC):
         self.mdp, self.config = mdp, config
         self.real = None if isinstance(model, Model) else SystemBatch(model, config.environments)
         self.simulation = Simulation(mdp, self.real or model, config.environments, seed)  # type: ignore[arg-type]
-        environment: Any = Sb3VecEnv(self.simulation)
+        rows = environment = Sb3VecEnv(self.simulation)
         self.scales: Any = None
         if self.scales_observations:
             normalised = sb3.library("stable_baselines3.common.vec_env").VecNormalize
             discount = getattr(config, "discount", 1.0)
             environment = self.scales = normalised(
-                environment, norm_reward=self.scales_rewards, gamma=discount, epsilon=EPSILON
+                rows, norm_reward=self.scales_rewards, gamma=discount, epsilon=EPSILON
             )
         self.randomness = sb3.GlobalRandomness(seed)
         with self.randomness:
             self.algorithm = self.make(environment, seed)
+        rows._reset_seeds()  # the simulation has its own; a seed kept for the next reset would undo a restore
         self.algorithm.set_logger(sb3.quiet_logger())
         self.policy = Policy(self.architecture())
         self.iteration = 0

@@ -15,7 +15,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -165,11 +164,7 @@ class MBPO:
 
     def _log(self) -> Transitions:
         own = self.recording.log() if self.recording is not None and self.recording.transitions else None
-        both = [log for log in (self.data, own) if log is not None]
-        columns: dict[str, Any] = {
-            name: np.concatenate([getattr(log, name) for log in both]) for name in ("q", "v", "u", "q_next", "v_next")
-        }
-        return replace(both[0], **columns, episode=np.arange(len(columns["q"])))  # a fit asks for no order
+        return Transitions.joined([log for log in (self.data, own) if log is not None])
 
     def _branch(self) -> None:
         """Fills the pool of imagined steps."""
@@ -239,6 +234,7 @@ class MBPO:
     def state(self) -> dict[str, Any]:
         """Everything that the next update depends on; with the original's rollouts hundreds of MB."""
         return {
+            "seed": self.seed,
             "iteration": self.iteration,
             "steps": self.steps,
             "model_error": self.model_error,
@@ -255,7 +251,8 @@ class MBPO:
 
     def restore(self, state: dict[str, Any]) -> None:
         """Goes on from what ``state`` returned, bit for bit."""
-        self.iteration, self.steps, self.model_error = (state[k] for k in ("iteration", "steps", "model_error"))
+        self.seed, self.iteration, self.steps = (state[k] for k in ("seed", "iteration", "steps"))
+        self.model_error = state["model_error"]
         self.seconds = dict(state["seconds"])
         sb3.set_parameters(self.sac, state["sac"])
         self.model.network.load_state_dict(state["network"])
