@@ -1,14 +1,13 @@
 """The algorithms by name: where each lies and what it trains on. A new one is one file and one line here.
 
-A trainer is called as ``Trainer(mdp, model, config, seed=...)``. ``model`` is what ``--model`` names: a next-state model,
-an ensemble that nothing has been learned from yet ("ensemble"), or the function that makes the task's real system
-("real", :data:`cmbrl.envs.system.SystemFactory`). What an algorithm needs beside that it lists in ``takes`` and gets by
-keyword:
+A trainer is called as ``Trainer(mdp, model, config, seed=...)``. ``model`` is what ``--model`` names: a next-state
+model, an ensemble that nothing has been learned from yet ("ensemble"), or the function that makes the task's real
+system ("real", :data:`cmbrl.envs.system.SystemFactory`). What an algorithm needs beside that it lists in ``takes`` and
+gets by keyword:
 
 - ``system``: the function that makes the task's real system, for one that collects transitions as it goes; None when
   it shall learn from a log alone (``--offline``)
 - ``data``: the log of ``--data`` (:class:`cmbrl.Transitions`), or None where none was given
-- ``scene``: the task's :class:`cmbrl.Scene`
 """
 
 from __future__ import annotations
@@ -19,11 +18,9 @@ from typing import Any
 
 from cmbrl.errors import UserError, did_you_mean
 
-CONTACT, ENSEMBLE, REAL = (
-    "contact",
-    "ensemble",
-    "real",
-)  #: kinds of model: a scene's or a fit's, neural, the real system
+# Kinds of model: a scene's or a fit's; a trained neural one; a neural one that the algorithm trains; the real system.
+CONTACT, ENSEMBLE, UNTRAINED, REAL = "contact model", "trained ensemble", "untrained ensemble", "real system"
+_ANY = (REAL, CONTACT, ENSEMBLE)
 
 
 @dataclass(frozen=True)
@@ -50,6 +47,15 @@ ALGORITHMS = {
         (CONTACT,),
         ("system", "data"),
     ),
+    "mbpo": Algorithm(
+        "cmbrl.train.mbpo:MBPO:MBPOConfig",
+        "short rollouts of a neural ensemble, which it fits as it goes, feed a soft actor-critic",
+        (UNTRAINED,),
+        ("system", "data"),
+    ),
+    "sac": Algorithm("cmbrl.train.baselines:SAC:SACConfig", "soft actor-critic, model-free", _ANY),
+    "ppo": Algorithm("cmbrl.train.baselines:PPO:PPOConfig", "proximal policy optimisation, model-free", _ANY),
+    "ars": Algorithm("cmbrl.train.baselines:ARS:ARSConfig", "augmented random search of a linear policy", _ANY),
 }
 
 
