@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import ast
 import dataclasses
 import inspect
 import math
@@ -26,12 +25,15 @@ def setting(text: str) -> tuple[str, str]:
     return name, value
 
 
-def configure(config: Any, settings: Mapping[str, str], algorithm: str) -> Any:
+def configure(config: Any, settings: Mapping[str, str], algorithm: str, task: str) -> Any:
     """An object of the dataclass ``config`` with ``settings`` (name -> text) put in.
+
+    Where ``config`` has a classmethod named as the task, its values stand in for the defaults.
 
     Raises UserError on an unknown name (with the nearest), on text that is not of the field's type, and on a number
     below what its default allows: one that is positive as a whole number stays so, one that is not negative too.
     """
+    usual = getattr(config, task)() if inspect.ismethod(getattr(config, task, None)) else config()
     fields = {field.name: field for field in dataclasses.fields(config)}
     hints = typing.get_type_hints(config)
     values = {}
@@ -43,13 +45,13 @@ def configure(config: Any, settings: Mapping[str, str], algorithm: str) -> Any:
             _check_sign(values[name], fields[name].default)
         except ValueError as error:
             raise UserError(f"--set {name}={text}: {error}") from None
-    return config(**values)
+    return dataclasses.replace(usual, **values)
 
 
 def listing(config: Any) -> list[str]:
-    """One line a hyperparameter: name, default, and the comment behind it in the source."""
-    found = map(_COMMENT.match, inspect.getsource(config).splitlines())
-    comments = {match[1]: match[2] for match in found if match}
+    """One line a hyperparameter: name, default, and the comment behind it in the source of the class or its base."""
+    lines = (line for c in reversed(config.__mro__[:-1]) for line in inspect.getsource(c).splitlines())
+    comments = {match[1]: match[2] for match in map(_COMMENT.match, lines) if match}
     rows = []
     for field in dataclasses.fields(config):
         head = f"{field.name}={_shown(field.default)}"
@@ -88,15 +90,18 @@ def _convert(text: str, hint: Any) -> Any:
 
 
 def _number(text: str, kind: type) -> int | float:
+    """A float may be inf, which switches some limits off; NaN is no number."""
     try:
-        value = ast.literal_eval(text)
-    except (ValueError, SyntaxError):
-        value = None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError("a finite number is needed")
-    if kind is int and value != int(value):
+        value = float(text)
+    except ValueError:
+        raise ValueError("a number is needed") from None
+    if math.isnan(value):
+        raise ValueError("a number is needed")
+    if kind is float:
+        return value
+    if not value.is_integer():
         raise ValueError("a whole number is needed")
-    return kind(value)  # type: ignore[no-any-return]
+    return int(value)
 
 
 def _check_sign(value: Any, default: Any) -> None:

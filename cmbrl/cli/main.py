@@ -21,6 +21,8 @@ COMMANDS = {
     "error": "compare models on a log: one step and open loop, by stratum",
     "train": "train a policy on a model, or in the real system",
     "evaluate": "what a policy earns in the real system and in a model",
+    "play": "a clip of a policy in the real system and in a model, or an interactive viewer",
+    "export": "write a policy as ONNX or TorchScript",
     "bench": "measure models, solvers and gradients beside their rivals",
 }
 

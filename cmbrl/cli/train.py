@@ -75,9 +75,14 @@ def _listing() -> str:
     from cmbrl.train.algorithms import ALGORITHMS
 
     lines = ["algorithms, each with its hyperparameters for --set and their defaults:"]
+    told: dict[type, tuple[str, list[str]]] = {}  # configuration -> algorithm, lines
     for name, algorithm in ALGORITHMS.items():
-        lines += [f"  {name}: {algorithm.summary}; on a {', '.join(algorithm.models)}"]
-        lines += listing(algorithm.load()[1])
+        config = algorithm.load()[1]
+        base, known = told.get(config.__base__, ("", []))
+        told[config] = name, listing(config)
+        lines += [f"  {name}: {algorithm.summary}; on a {' or '.join(algorithm.models)}"]
+        lines += [f"    those of {base}, and"] if base else []
+        lines += [line for line in told[config][1] if line not in known]
     return "\n".join(lines)
 
 
@@ -95,7 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
     settings = dict(arguments.set)
     if arguments.iterations:
         settings["iterations"] = str(arguments.iterations)
-    config = configure(config_class, settings, arguments.algorithm)
+    config = configure(config_class, settings, arguments.algorithm, task.name)
 
     import torch
 
@@ -154,8 +159,6 @@ def _extras(takes: Iterable[str], arguments: argparse.Namespace, task: Any) -> d
     for name in takes:
         if name == "system":
             found[name] = None if arguments.offline else real_system(task)
-        elif name == "scene":
-            found[name] = task.load_scene()
         else:
             found[name] = load_log(arguments.data, task.load_scene()) if arguments.data else None
     return found

@@ -15,7 +15,7 @@ from cmbrl.envs.mdp import MDP
 from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel, SolverWarning
 from cmbrl.models.manifold import Layout
-from cmbrl.models.protocol import Model
+from cmbrl.models.protocol import Model, forget, model_state, restore_model
 
 
 @dataclass(frozen=True)
@@ -95,6 +95,7 @@ class Simulation:
 
     def detach(self) -> None:
         """Cuts the graph: the present states become constants."""
+        forget(self.model)
         self.q, self.v = self.q.detach(), self.v.detach()
 
     def step(self, observation: Tensor, action: Tensor) -> Step:
@@ -131,6 +132,7 @@ class Simulation:
             "finished": [list(episode) for episode in self.finished],
             "steps_taken": self.steps_taken,
             "generator": self.generator.get_state(),
+            "model": model_state(self.model),
         }
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -141,13 +143,14 @@ class Simulation:
         self.finished.extend((value, length) for value, length in state["finished"])
         self.steps_taken = state["steps_taken"]
         self.generator.set_state(state["generator"])
+        restore_model(self.model, state["model"])
 
     def _advance(self, q: Tensor, v: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
-        if isinstance(self.model, ComplementarityModel):
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", SolverWarning)  # counted in model.failures, which the trainer reports
-                return self.model.step(q, v, u, self.theta)
-        return self.model.step(q, v, u)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SolverWarning)  # counted in model.failures, which the trainer reports
+            if self.theta is None:
+                return self.model.step(q, v, u)
+            return self.model.step(q, v, u, self.theta)  # type: ignore[call-arg]
 
     def _restart(self, q: Tensor, v: Tensor, done: Tensor) -> tuple[Tensor, Tensor]:
         rows = done.nonzero()[:, 0]
@@ -190,6 +193,7 @@ def parameter_sets(model: Model, relative: float, count: int = 256, seed: int = 
 
     A model without candidates has its own parameters scaled; None for one that has no parameters, or nothing to vary.
     """
+    model = getattr(model, "model", model)  # what is inside a bundle
     if not isinstance(model, ComplementarityModel) or (model.candidates is None and not relative):
         return None
     rng = np.random.default_rng(seed)

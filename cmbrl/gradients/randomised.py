@@ -11,6 +11,7 @@ from torch import Tensor
 from cmbrl.errors import UserError
 from cmbrl.models.autograd import tangent_map
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.manifold import Layout
 
 
 class RandomisedModel:
@@ -41,8 +42,9 @@ class RandomisedModel:
         if samples < 1 or not max(position, velocity, control) > 0 or min(position, velocity, control) < 0:
             raise UserError(f"bundle of {samples} samples, noise {position}, {velocity}, {control}: give some of each")
         self.model, self.samples = model, samples
+        self.layout = Layout.from_scene(model.scene)
         self.noise = (position, velocity, control)
-        self.failures = 0
+        self.failures = self.steps = 0  #: of the whole bundle
         self._rng = np.random.default_rng(seed)
 
     @property
@@ -55,20 +57,36 @@ class RandomisedModel:
         """Control step [s]."""
         return self.model.dt
 
-    def step(self, q: Tensor, v: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
-        """(q', v') of shapes (B, nq), (B, nv), float64, differentiable in q (B, nq), v (B, nv) and u (B, nu)."""
-        return _Bundle.apply(q, v, u, self)
+    def reset_failures(self) -> None:
+        """Start counting failed solves anew."""
+        self.failures = 0
 
-    def mean_jacobian(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
+    def state(self) -> dict[str, Any]:
+        """What the next step depends on."""
+        return {"rng": self._rng.bit_generator.state, "steps": self.steps}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Goes on from what ``state`` returned."""
+        self._rng.bit_generator.state, self.steps = state["rng"], state["steps"]
+
+    def step(self, q: Tensor, v: Tensor, u: Tensor, theta: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """(q', v') of shapes (B, nq), (B, nv), float64, differentiable in q (B, nq), v (B, nv) and u (B, nu).
+
+        Not in the physical parameters theta (np,) or (B, np), which are constants.
+        """
+        return _Bundle.apply(q, v, u, self, None if theta is None else theta.detach().numpy())
+
+    def mean_jacobian(self, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray | None = None) -> np.ndarray:
         """(B, 2 nv, 2 nv + nu), tangent space for q; steps that fail are left out of the mean and counted."""
         total: np.ndarray | float = 0.0
         count = np.zeros(len(q))
+        self.steps += self.samples * len(q)
         for _ in range(self.samples):
             dq, dv, du = (
                 std * self._rng.normal(size=(len(q), width))
                 for std, width in zip(self.noise, (v.shape[1], v.shape[1], u.shape[1]), strict=True)
             )
-            r = self.model.predict(self.model.scene.integrate(q, dq), v + dv, u + du, jacobian=True)
+            r = self.model.predict(self.model.scene.integrate(q, dq), v + dv, u + du, theta, jacobian=True)
             assert r.jacobian is not None
             solved = r.status != 2
             self.failures += int((~solved).sum())
@@ -80,12 +98,15 @@ class RandomisedModel:
 
 class _Bundle(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, q: Tensor, v: Tensor, u: Tensor, bundle: RandomisedModel) -> Any:  # type: ignore[override]
+    def forward(  # type: ignore[override]
+        ctx: Any, q: Tensor, v: Tensor, u: Tensor, bundle: RandomisedModel, theta: np.ndarray | None
+    ) -> Any:
         here = (q.detach().numpy(), v.detach().numpy(), u.detach().numpy())
-        r = bundle.model.predict(*here)
+        r = bundle.model.predict(*here, theta)
+        bundle.steps += len(here[0])
         bundle.failures += int((r.status == 2).sum())
         if any(ctx.needs_input_grad[:3]):
-            ctx.jacobian = bundle.mean_jacobian(*here)
+            ctx.jacobian = bundle.mean_jacobian(*here, theta)
             ctx.scene, ctx.q, ctx.q_next = bundle.model.scene, here[0], r.q_next
         return torch.from_numpy(r.q_next), torch.from_numpy(r.v_next)
 
@@ -99,5 +120,6 @@ class _Bundle(torch.autograd.Function):
             torch.from_numpy(back_q),
             torch.from_numpy(back[:, nv : 2 * nv]),
             torch.from_numpy(back[:, 2 * nv :]),
+            None,
             None,
         )

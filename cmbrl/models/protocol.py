@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import torch
 from torch import Tensor
@@ -64,3 +64,14 @@ def forget(model: Model) -> None:
     """Starts all rows anew, for models that keep something of a batch between its steps (a bundle's branches)."""
     if hasattr(model, "forget"):
         model.forget()
+
+
+def model_state(model: Model) -> dict[str, Any] | None:
+    """What a model's next step depends on beside its arguments (its random numbers), between windows; mostly None."""
+    return model.state() if hasattr(model, "state") else None
+
+
+def restore_model(model: Model, state: dict[str, Any] | None) -> None:
+    """Goes on from what ``model_state`` returned."""
+    if state is not None and hasattr(model, "restore"):
+        model.restore(state)

@@ -6,6 +6,7 @@ is what ``cmbrl record --behaviour policy --policy FILE`` takes.
 
 from __future__ import annotations
 
+import logging
 import os
 import warnings
 from collections.abc import Iterator
@@ -57,7 +58,13 @@ def _example(policy: Policy) -> torch.Tensor:
 
 @contextmanager
 def _quietly() -> Iterator[None]:
-    """Without what the exporters print and warn of: their own next versions."""
+    """Without what the exporters print, warn of and log: their next versions, and packages that no policy needs."""
+    logger = logging.getLogger("torch.onnx")
+    level = logger.level
     with warnings.catch_warnings(), redirect_stdout(StringIO()):
         warnings.simplefilter("ignore")
-        yield
+        logger.setLevel(logging.ERROR)
+        try:
+            yield
+        finally:
+            logger.setLevel(level)

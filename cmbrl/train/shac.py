@@ -7,6 +7,7 @@ an episode), and exploration noise that follows a schedule instead of being lear
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -204,8 +205,9 @@ class SHAC:
         self.policy.load_state_dict(state["policy"])
         self.critic.net.load_state_dict(state["critic"])
         self.target.net.load_state_dict(state["target"])
-        self.actor_optimiser.load_state_dict(state["actor_optimiser"])
-        self.critic_optimiser.load_state_dict(state["critic_optimiser"])
+        # Adam takes tensors as they are, and would write into the state that it was given.
+        self.actor_optimiser.load_state_dict(copy.deepcopy(state["actor_optimiser"]))
+        self.critic_optimiser.load_state_dict(copy.deepcopy(state["critic_optimiser"]))
         self.generator.set_state(state["generator"])
         self.simulation.restore(state["simulation"])
 
