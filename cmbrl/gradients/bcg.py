@@ -182,7 +182,7 @@ class BundledContactModel:
         for x in inputs:
             if x.requires_grad:  # a lost branch has a zero message, which its broken derivative would turn into NaN
                 x.register_hook(lambda g: torch.where(finite[:, None], g, 0.0))
-        q, v = self._model_step(*inputs, parameters)
+        q, v = self._model_step(inputs[0], inputs[1], inputs[2], parameters)
         finite &= torch.isfinite(q.detach()).all(dim=1) & torch.isfinite(v.detach()).all(dim=1)
         q, v = q.unflatten(0, (bundles, count)), v.unflatten(0, (bundles, count))
         alive = b.alive & finite.view(bundles, count)

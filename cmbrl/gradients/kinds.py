@@ -1,0 +1,80 @@
+"""What a model's derivative is, by name. The simulation stays the same in all of them but BCG."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from cmbrl.contact.smoothing import Adaptive, Barrier
+from cmbrl.errors import UserError, did_you_mean
+from cmbrl.gradients.bcg import BundleConfig, BundledContactModel
+from cmbrl.gradients.randomised import RandomisedModel
+from cmbrl.models.complementarity import ComplementarityModel
+
+DerivativeModel = ComplementarityModel | RandomisedModel | BundledContactModel
+
+
+@dataclass(frozen=True)
+class Kind:
+    """``options`` and their defaults; None has no default here but in what is made."""
+
+    summary: str
+    options: dict[str, Any]
+    make: Callable[..., DerivativeModel]
+
+
+def _exact(model: ComplementarityModel, seed: int) -> ComplementarityModel:
+    return model.with_settings(backward_smoothing=model.smoothing)
+
+
+def _barrier(model: ComplementarityModel, seed: int, kappa: float | None, length: float | None) -> ComplementarityModel:
+    return model.with_settings(backward_smoothing=Barrier(kappa, length))
+
+
+def _adaptive(model: ComplementarityModel, seed: int, length: float, floor: float) -> ComplementarityModel:
+    return model.with_settings(backward_smoothing=Adaptive(length, floor))
+
+
+def _bundle(model: ComplementarityModel, seed: int, **noise: Any) -> RandomisedModel:
+    return RandomisedModel(model, seed=seed, **noise)
+
+
+def _bcg(model: ComplementarityModel, seed: int, **config: Any) -> BundledContactModel:
+    return BundledContactModel(model, BundleConfig(**config), seed)
+
+
+_BCG = BundleConfig()
+KINDS: dict[str, Kind] = {
+    "exact": Kind("of the step as it is simulated (plain FOPG on hard contact)", {}, _exact),
+    "barrier": Kind("constant kappa [J] or length [m] (BS)", {"kappa": None, "length": None}, _barrier),
+    "adaptive": Kind("kappa by distance, length [m] (ABS)", {"length": 1e-3, "floor": 1e-8}, _adaptive),
+    "bundle": Kind(
+        "mean Jacobian over noise in every step",
+        {"samples": 16, "position": 1e-3, "velocity": 0.0, "control": 0.0},
+        _bundle,
+    ),
+    "bcg": Kind("Bundled Contact Gradients: branches near contact", vars(_BCG).copy(), _bcg),
+}
+
+
+def derivative_model(
+    model: ComplementarityModel, kind: str = "exact", seed: int = 0, **options: Any
+) -> DerivativeModel:
+    """``model`` with its derivative of the given kind; ``seed`` is that of its noise, if it has some.
+
+    Raises UserError for an unknown kind or option, or a value out of its range.
+    """
+    if kind not in KINDS:
+        raise UserError(f"unknown derivative {kind!r}: {did_you_mean(kind, KINDS)}")
+    known = KINDS[kind].options
+    for name in options:
+        if name not in known:
+            remedy = did_you_mean(name, known) if known else "it has none"
+            raise UserError(f"derivative {kind!r} has no option {name!r}: {remedy}")
+    return KINDS[kind].make(model, seed, **(known | options))
+
+
+def steps_taken(model: object, simulated: int) -> int:
+    """Model steps: those that a bundle counts itself, else as many as were simulated."""
+    return int(getattr(model, "steps", simulated))

@@ -1,0 +1,59 @@
+"""Every kind of derivative by name, the options it takes, and what it leaves as it is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from cmbrl.contact import Adaptive, Barrier, Exact
+from cmbrl.errors import UserError
+from cmbrl.gradients import BundledContactModel, RandomisedModel, derivative_model
+from cmbrl.gradients.kinds import KINDS, steps_taken
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.registry import load_task
+
+
+@pytest.fixture(scope="module")
+def model() -> ComplementarityModel:
+    task = load_task("hopper")
+    return ComplementarityModel(task.load_scene(), **task.model_options(), smoothing=Exact())
+
+
+OPTIONS = {"barrier": {"kappa": 1e-3}, "bcg": {"trigger": 1e9}}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_simulation_stays(kind: str, model: ComplementarityModel) -> None:
+    """Each kind steps as the model does (BCG with a trigger that is never reached), and differentiates."""
+    made = derivative_model(model, kind, **OPTIONS.get(kind, {}))
+    q = torch.from_numpy(np.tile(model.scene.q0, (2, 1))).requires_grad_()
+    v, u = torch.zeros(2, 6, dtype=torch.float64), torch.zeros(2, 3, dtype=torch.float64)
+    ours, plain = made.step(q, v, u), model.step(q, v, u)
+    assert torch.equal(ours[0], plain[0])
+    assert torch.equal(ours[1], plain[1])
+    (gradient,) = torch.autograd.grad(ours[1].sum(), q)
+    assert torch.isfinite(gradient).all()
+    assert steps_taken(made, 2) == {"bundle": 2 + 2 * 16}.get(kind, 2)
+
+
+def test_what_is_made(model: ComplementarityModel) -> None:
+    assert derivative_model(model, "exact").backward_smoothing == Exact()
+    assert derivative_model(model, "barrier", length=1e-3).backward_smoothing == Barrier(length=1e-3)
+    assert derivative_model(model, "adaptive", length=2e-3).backward_smoothing == Adaptive(2e-3)
+    assert derivative_model(model, "adaptive").smoothing == Exact()
+    bundle = derivative_model(model, "bundle", samples=4, velocity=0.1)
+    assert isinstance(bundle, RandomisedModel)
+    assert (bundle.samples, bundle.noise) == (4, (1e-3, 0.1, 0.0))
+    bcg = derivative_model(model, "bcg", branches=3)
+    assert isinstance(bcg, BundledContactModel)
+    assert (bcg.config.branches, bcg.config.length) == (3, 2)
+
+
+def test_refusals(model: ComplementarityModel) -> None:
+    with pytest.raises(UserError, match="did you mean 'adaptive'"):
+        derivative_model(model, "adaptiv")
+    with pytest.raises(UserError, match="did you mean 'length'"):
+        derivative_model(model, "adaptive", lenght=1.0)
+    with pytest.raises(UserError, match="exactly one"):
+        derivative_model(model, "barrier")
