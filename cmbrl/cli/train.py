@@ -80,7 +80,7 @@ def _listing() -> str:
         config = algorithm.load()[1]
         base, known = told.get(config.__base__, ("", []))
         told[config] = name, listing(config)
-        lines += [f"  {name}: {algorithm.summary}; on a {' or '.join(algorithm.models)}"]
+        lines += [f"  {name}: {algorithm.summary} ({', '.join(algorithm.models)})"]
         lines += [f"    those of {base}, and"] if base else []
         lines += [line for line in told[config][1] if line not in known]
     return "\n".join(lines)

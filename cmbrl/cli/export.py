@@ -1,0 +1,38 @@
+"""``cmbrl export``: a policy as ONNX or TorchScript, for other programs."""
+
+from __future__ import annotations
+
+import argparse
+
+from cmbrl.errors import UserError
+from cmbrl.files import check_writable
+
+EXAMPLE = """
+cmbrl export runs/policy --onnx policy.onnx
+cmbrl export runs/policy --torchscript policy.pt
+cmbrl record hopper --steps 1000 --behaviour policy --policy policy.pt --out on_policy.npz
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("policy", metavar="POLICY", help="the folder of a policy: a `cmbrl train` run")
+    parser.add_argument("--onnx", metavar="FILE", help="write ONNX: float32 observations (batch, n) to actions")
+    parser.add_argument("--torchscript", metavar="FILE", help="write TorchScript, as `cmbrl record --policy` takes it")
+
+
+def run(arguments: argparse.Namespace) -> None:
+    files = [path for path in (arguments.onnx, arguments.torchscript) if path]
+    if not files:
+        raise UserError("nothing to write: give --onnx FILE, --torchscript FILE, or both")
+    for path in files:
+        check_writable(path)
+
+    from cmbrl.train.export import export_onnx, export_torchscript
+    from cmbrl.train.policy_file import load_policy
+
+    saved = load_policy(arguments.policy)
+    if arguments.onnx:
+        export_onnx(saved.policy, arguments.onnx)
+    if arguments.torchscript:
+        export_torchscript(saved.policy, arguments.torchscript)
+    print("\n".join(f"{path}: observations (batch, {saved.policy.architecture.observations})" for path in files))

@@ -1,0 +1,77 @@
+"""One episode of a policy from a given state, every configuration kept: what a clip shows."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from cmbrl.envs.evaluation import Actor
+from cmbrl.envs.mdp import MDP
+from cmbrl.envs.system import SystemFactory
+from cmbrl.models.complementarity import SolverWarning
+
+Advance = Callable[[Tensor, Tensor, Tensor], tuple[Tensor, Tensor]]  #: q (1, nq), v (1, nv), u (1, nu) -> q', v'
+
+
+@dataclass(frozen=True)
+class Episode:
+    """Configurations ``q`` (T + 1, nq) every ``dt`` [s], the return so far (T + 1,), and whether it terminated."""
+
+    q: np.ndarray
+    returns: np.ndarray
+    dt: float
+    terminated: bool
+
+
+@torch.no_grad()
+def play_episode(actor: Actor, mdp: MDP, start: tuple[Tensor, Tensor], advance: Advance, seconds: float) -> Episode:
+    """The deterministic policy from ``start`` (q (1, nq), v (1, nv)) for ``seconds``, or until the episode ends.
+
+    ``advance`` is a model's ``step`` or ``real_step(system)``. A state that is not finite terminates.
+    """
+    q, v = start
+    total = 0.0
+    shown, returns = [q[0].numpy()], [0.0]
+    terminated = False
+    for _ in range(min(mdp.episode_steps, max(1, round(seconds / mdp.dt)))):
+        action = actor(mdp.observe(q, v).float()).double()
+        q_next, v_next, u = mdp.act(q, v, action)
+        for _ in range(mdp.repeat):
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", SolverWarning)  # a picture shows what came of it
+                q_next, v_next = advance(q_next, v_next, u)
+            shown.append(q_next[0].numpy())
+            returns.append(total)
+        if not (torch.isfinite(q_next).all() and torch.isfinite(v_next).all()):
+            keep = np.isfinite(np.stack(shown)).all(axis=1)
+            return Episode(np.stack(shown)[keep], np.array(returns)[keep], mdp.dt / mdp.repeat, True)
+        total += float(mdp.reward(q, v, action, q_next, v_next))
+        returns[-1] = total
+        q, v = q_next, v_next
+        terminated = bool(mdp.terminated(q, v))
+        if terminated:
+            break
+    return Episode(np.stack(shown), np.array(returns), mdp.dt / mdp.repeat, terminated)
+
+
+def real_step(system: SystemFactory) -> Advance:
+    """A robot of the real system as a function of state and control.
+
+    It is put into a state only where that is not the one it is in already: a simulator remembers more than its state.
+    """
+    robot = system()
+    present: list[Tensor] = []
+
+    def advance(q: Tensor, v: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
+        if not (present and torch.equal(present[0], q) and torch.equal(present[1], v)):
+            robot.reset(q[0].numpy(), v[0].numpy())
+        q_next, v_next = (torch.from_numpy(x)[None] for x in robot.step(u[0].numpy()))
+        present[:] = q_next, v_next
+        return q_next, v_next
+
+    return advance
