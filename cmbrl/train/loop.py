@@ -108,6 +108,7 @@ class Loop:
     def _execute(self) -> None:
         """Real transitions: by random actions at first (unless a log was given), then by the policy with noise."""
         wanted = self.config.transitions + self.round * self.config.more - self._transitions()
+        self.recording.place()  # as after a restart, so that a resumed run records the same
         for _ in range(wanted):
             shape = (1, self.mdp.actions)
             if self.round == 0:

@@ -54,7 +54,7 @@ class MBPOConfig:
     target_share: float = 0.005  #: of the critics that their targets take on at each update
     target_entropy: float = -1.0
     refit_updates: int | None = None  #: gradient steps of every fit but the first; None: as the ensemble's config says
-    max_seconds: float | None = None  #: wall clock; the policy at that time counts, later updates do nothing
+    max_seconds: float | None = None  #: wall clock, after which a run is over; the policy at that time counts
 
     @classmethod
     def cheetah(cls) -> MBPOConfig:

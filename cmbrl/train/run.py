@@ -88,7 +88,7 @@ class Run:
         log = MetricsLog(self.folder, self.iteration)
         try:
             with _interruptible() as interrupted:
-                while self.iteration < iterations and not interrupted():
+                while self.iteration < iterations and not (interrupted() or self._over()):
                     metrics = self.trainer.update()
                     self.iteration += 1
                     self.seconds = time.monotonic() - started
@@ -100,12 +100,16 @@ class Run:
                         self._checkpoint()
                         saved = time.monotonic()
                 self._checkpoint()
-            stopped = FINISHED if self.iteration >= iterations else INTERRUPTED
+            stopped = FINISHED if self.iteration >= iterations or self._over() else INTERRUPTED
             return self._conclude(stopped, log)
         except Diverged as error:
             raise self._give_up(error, log) from None
         finally:
             log.close()
+
+    def _over(self) -> bool:
+        """Whether a trainer with a limit of its own, such as one on seconds, has reached it."""
+        return bool(getattr(self.trainer, "over", False))
 
     def _checkpoint(self) -> None:
         state = {"iteration": self.iteration, "seconds": self.seconds, "trainer": self.trainer.state()}
