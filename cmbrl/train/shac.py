@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -47,6 +47,7 @@ class SHACConfig:
     noise_linear: float = 0.03  #: velocity noise of each step [m/s]
     noise_angular: float = 0.1  #: [rad/s]
     parameter_spread: float = 0.0  #: physical parameters of an episode vary by +- this, beside the model's candidates
+    episode_steps: int = 1000  #: after which an episode is cut and begun anew, if the task does not do so before
     variance_every: int = 20  #: updates between measurements of the gradient's variance over episodes
 
     def noise_std(self, progress: float) -> float:
@@ -58,6 +59,7 @@ class SHAC:
     """``update`` is one window and one step of actor and critic; float32 nets over float64 dynamics."""
 
     def __init__(self, mdp: MDP, model: Model, config: SHACConfig, seed: int = 0) -> None:
+        mdp = replace(mdp, episode_steps=min(mdp.episode_steps, config.episode_steps))
         self.mdp, self.model, self.config = mdp, model, config
         torch.manual_seed(seed)  # initial weights
         self.generator = torch.Generator().manual_seed(seed)
