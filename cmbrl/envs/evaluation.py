@@ -43,7 +43,8 @@ def evaluate_real(
     robots = [system() for _ in range(episodes)]
     running = np.ones(episodes, dtype=bool)
     returns, lengths = np.zeros(episodes), np.zeros(episodes, dtype=int)
-    history: list[list[tuple[np.ndarray, ...]]] = [[(x.numpy(), y.numpy())] for x, y in zip(q, v, strict=True)]
+    states = zip(q.numpy().copy(), v.numpy().copy(), strict=True)  # q and v are overwritten below
+    history: list[list[tuple[np.ndarray, ...]]] = [[state] for state in states]
     started = False
     for _ in range(mdp.episode_steps):
         rows = np.flatnonzero(running)

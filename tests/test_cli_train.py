@@ -1,0 +1,312 @@
+"""train, evaluate, play, export from end to end, small; and their mistakes: one line, exit code 2, nothing written."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from cmbrl.cli.hyperparameters import configure, listing
+from cmbrl.cli.main import main
+from cmbrl.cli.models import softness
+from cmbrl.data.transitions import Transitions
+from cmbrl.envs.episode import play_episode, real_step
+from cmbrl.envs.evaluation import evaluate_model, evaluate_real
+from cmbrl.errors import UserError
+from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
+from cmbrl.registry import load_task
+from cmbrl.train.algorithms import ALGORITHMS
+from cmbrl.train.checkpoint import load_state
+from cmbrl.train.policy import Architecture, Policy
+from cmbrl.train.policy_file import load_policy, save_policy
+
+SMALL = ["--set", "environments=4", "--set", "horizon=4", "--threads", "1"]
+TRAIN = ["train", "hopper", "--algorithm", "shac", *SMALL]
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a run of SHAC, and one that holds an ensemble."""
+    folder = tmp_path_factory.mktemp("train")
+    assert main([*TRAIN, "--iterations", "4", "--out", str(folder / "run")]) == 0
+    scene = load_task("hopper").load_scene()
+    NeuralEnsemble(scene, 0.008, EnsembleConfig(nets=2, elites=1, width=8)).save(folder / "ensemble")
+    NeuralEnsemble(scene, 0.02, EnsembleConfig(nets=2, elites=1, width=8)).save(folder / "slow_ensemble")
+    cheetah = load_task("cheetah")
+    NeuralEnsemble(cheetah.load_scene(), 0.008, EnsembleConfig(nets=2, elites=1)).save(folder / "cheetah_ensemble")
+    (folder / "other_run").mkdir()
+    (folder / "other_run/config.json").write_text('{"command": "fit"}')
+    (folder / "empty").mkdir()
+    save_policy(Policy(Architecture(11, 3, (4,))), folder / "of_no_task", {"task": "cube_toss"})
+    spoiled = Policy(Architecture(11, 3, (4,)))
+    with torch.no_grad():
+        spoiled.net[0].weight.fill_(float("nan"))
+    save_policy(spoiled, folder / "spoiled", {"task": "hopper"})
+    return folder
+
+
+def weights(folder: Path) -> dict[str, bytes]:
+    return {name: value.numpy().tobytes() for name, value in load_policy(folder).policy.state_dict().items()}
+
+
+def test_a_run_folder_holds_all_of_a_run(place: Path) -> None:
+    run = place / "run"
+    names = {path.name for path in run.iterdir()}
+    assert names >= {"config.json", "environment.json", "metrics.csv", "metrics.png", "checkpoint.safetensors",
+                     "policy.json", "policy.safetensors", "train.json"}  # fmt: skip
+    assert any(name.startswith("events.out.tfevents") for name in names)
+    assert json.loads((run / "config.json").read_text())["model"] == "nominal"
+    assert len((run / "metrics.csv").read_text().splitlines()) == 5
+    assert load_state(run / "checkpoint.safetensors")["iteration"] == 4
+
+
+def test_killed_and_resumed_from_its_own_configuration(place: Path, tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "cmbrl", *TRAIN, "--iterations", "4", "--out", "run", "--checkpoint-seconds", "1e-6"],
+        cwd=tmp_path,
+    )
+    while not (tmp_path / "run/metrics.csv").exists():
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    config = tmp_path / "run/config.json"
+    out = ["--out", str(tmp_path / "run")]
+    assert main(["train", "--config", str(config), *out, "--resume"]) == 0
+    assert weights(tmp_path / "run") == weights(place / "run")
+
+
+def test_a_finished_run_goes_on_with_more_iterations(place: Path, tmp_path: Path) -> None:
+    out = ["--out", str(tmp_path / "run")]
+    assert main([*TRAIN, "--iterations", "2", *out]) == 0
+    assert main([*TRAIN, "--iterations", "3", *out, "--resume", "--json"]) == 0
+    assert len((tmp_path / "run/metrics.csv").read_text().splitlines()) == 4
+
+
+def test_evaluate_shows_the_gap_in_numbers_that_python_gives(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["evaluate", str(place / "run"), "--episodes", "2", "--seed", "5", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["in"]
+    task = load_task("hopper")
+    assert task.mdp is not None
+    assert task.system is not None
+    policy = load_policy(place / "run").policy
+    real = evaluate_real(policy, task.mdp(), task.system, 2, seed=5)
+    assert found["real"]["returns"] == real.returns.tolist()
+    assert found["real"]["lengths"] == real.lengths.tolist()
+    assert set(found) == {"real", "nominal"}
+    assert main(["evaluate", str(place / "run"), "--model", str(place / "ensemble"), "--real", "--episodes", "2"]) == 0
+    shown = capsys.readouterr().out
+    assert "real less model" in shown
+    assert main(["evaluate", str(place / "run"), "--real", "--episodes", "1"]) == 0
+    assert "model" not in capsys.readouterr().out
+
+
+def test_an_episode_that_is_played_is_the_one_that_is_evaluated(place: Path) -> None:
+    task = load_task("hopper")
+    assert task.mdp is not None
+    assert task.system is not None
+    mdp, policy = task.mdp(), load_policy(place / "run").policy
+    from cmbrl.cli.models import load_model
+
+    model = load_model("nominal", task, mdp, threads=1)
+    for advance, evaluated in (
+        (real_step(task.system), evaluate_real(policy, mdp, task.system, 1, seed=2, keep=True)),
+        (model.step, evaluate_model(policy, mdp, model, 1, seed=2)),
+    ):
+        start = mdp.reset(1, torch.Generator().manual_seed(2))
+        episode = play_episode(policy, mdp, start, advance, seconds=100.0)
+        assert len(episode.q) == evaluated.lengths[0] + 1
+        assert episode.terminated
+        np.testing.assert_allclose(episode.returns[-1], evaluated.returns[0], rtol=1e-12)
+        if evaluated.q:
+            np.testing.assert_array_equal(episode.q, evaluated.q[0])
+
+
+@pytest.mark.parametrize("suffix", ["mp4", "gif"])
+def test_a_clip_shows_both_side_by_side(suffix: str, place: Path, command, tmp_path: Path) -> None:
+    done = command("play", place / "run", "--out", f"clip.{suffix}", "--seconds", "0.2")
+    if "nothing can be drawn" in done.stderr:
+        pytest.skip(done.stderr)
+    assert done.returncode == 0, done.stderr
+    frames = _frames(tmp_path / f"clip.{suffix}")
+    assert len(frames) == int(done.stdout.split(": ")[1].split()[0])
+    assert frames[0].shape == (384, 960, 3)
+    assert np.ptp(frames[0][30:, :480]) > 50  # something is drawn on the left
+    assert np.ptp(frames[0][30:, 480:]) > 50  # and on the right
+    same = np.abs(frames[0][30:, :480].astype(float) - frames[0][30:, 480:]).mean()
+    assert same < 3.0  # the start is the same
+
+
+def _frames(path: Path) -> list[np.ndarray]:
+    if path.suffix == ".gif":
+        with Image.open(path) as clip:
+            found = []
+            for k in range(clip.n_frames):
+                clip.seek(k)
+                found.append(np.asarray(clip.convert("RGB")))
+            return found
+    imageio = pytest.importorskip("imageio.v3")
+    return list(imageio.imread(path, plugin="FFMPEG"))
+
+
+def test_what_cannot_draw_says_what_to_install(place: Path, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "cmbrl", "play", str(place / "run"), "--out", "clip.gif"],
+        cwd=tmp_path, capture_output=True, text=True, env={**_environment(), "MUJOCO_GL": "glx"},
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert "apt-get install libegl1" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def _environment() -> dict[str, str]:
+    import os
+
+    return {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+
+
+def test_an_exported_policy_records(place: Path, tmp_path: Path) -> None:
+    script, log = tmp_path / "policy.pt", tmp_path / "log.npz"
+    assert main(["export", str(place / "run"), "--torchscript", str(script)]) == 0
+    assert main(["record", "hopper", "--steps", "20", "--policy", str(script), "--out", str(log)]) == 0
+    data = Transitions.load(log)
+    task = load_task("hopper")
+    assert task.mdp is not None
+    observed = task.mdp().observe(torch.from_numpy(data.q), torch.from_numpy(data.v)).float()
+    expected = load_policy(place / "run").policy(observed).detach().numpy()
+    np.testing.assert_allclose(data.u, expected, rtol=0, atol=1e-6)
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """For the parser of hyperparameters."""
+
+    count: int = 3  #: of things
+    size: float = 0.5
+    signed: float = -1.0
+    widths: tuple[int, ...] = (8, 4)
+    name: Literal["elu", "tanh"] = "elu"
+    limit: int | None = None
+    on: bool = False
+
+    @classmethod
+    def cheetah(cls) -> Settings:
+        return cls(count=7)
+
+
+def test_hyperparameters_are_of_their_types() -> None:
+    given = {
+        "count": "1e1",
+        "size": "inf",
+        "signed": "-2",
+        "widths": "16,8",
+        "name": "tanh",
+        "limit": "5",
+        "on": "true",
+    }
+    assert configure(Settings, given, "toy", "hopper") == Settings(10, float("inf"), -2.0, (16, 8), "tanh", 5, True)
+    assert configure(Settings, {"widths": "(16, 8)", "limit": "none"}, "toy", "cheetah") == Settings(7, widths=(16, 8))
+    assert listing(Settings)[0].split() == ["count=3", "of", "things"]
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("count", "0"), ("count", "1.5"), ("count", "inf"), ("count", "many"), ("size", "nan"), ("size", "-1"),
+     ("widths", "8,0"), ("name", "eluu"), ("on", "yes"), ("coutn", "1"), ("limit", "-3.2")],
+)  # fmt: skip
+def test_a_bad_hyperparameter_is_one_line(name: str, text: str) -> None:
+    with pytest.raises(UserError, match=f"--set {name}"):
+        configure(Settings, {name: text}, "toy", "hopper")
+
+
+def test_smoothing_is_said_in_words() -> None:
+    assert [str(softness(text)) for text in ("exact", "barrier=1e-4", "adaptive=0.01")] == [
+        "exact",
+        "barrier=0.0001",
+        "adaptive=0.01",
+    ]
+
+
+@pytest.mark.parametrize("name", sorted(ALGORITHMS))
+def test_every_algorithm_has_a_configuration_that_can_be_set(name: str) -> None:
+    trainer, config = ALGORITHMS[name].load()
+    assert callable(trainer)
+    assert configure(config, {"iterations": "7"}, name, "hopper").iterations == 7
+    for field in dataclasses.fields(config):
+        if isinstance(field.default, int | float | str) and not isinstance(field.default, bool):
+            value = configure(config, {field.name: str(field.default)}, name, "hopper")
+            assert getattr(value, field.name) == field.default
+
+
+NEW = "train hopper --out new --iterations 1"
+# What the user types -> what the line must tell: the place, and where there is one, the remedy.
+MISTAKES = {
+    "unknown algorithm": (f"{NEW} --algorithm shaq", "unknown algorithm 'shaq'", "did you mean 'shac'"),
+    "no algorithm": (NEW, "--algorithm", "cmbrl train --help"),
+    "unknown task": ("train hoper --algorithm shac --out new", "'hoper'", "did you mean 'hopper'"),
+    "task without reward": ("train cube_toss --algorithm shac --out new", "cube_toss", "hopper"),
+    "no such model": (f"{NEW} --algorithm shac --model nominla", "nominla", "did you mean 'nominal'"),
+    "folder without model": (f"{NEW} --algorithm shac --model empty", "empty", "fit.json"),
+    "model of another robot": (f"{NEW} --algorithm shac --model cheetah_ensemble", "cheetah_ensemble", "another robot"),
+    "model of another step": (f"{NEW} --algorithm shac --model slow_ensemble", "0.02", "0.008"),
+    "real for a gradient": (f"{NEW} --algorithm shac --model real", "real", "contact model"),
+    "smoothing of an ensemble": (f"{NEW} --algorithm shac --model ensemble_x --smoothing exact", "ensemble_x", ""),
+    "softening an ensemble": (f"{NEW} --algorithm shac --model ./ensemble --smoothing exact", "--smoothing", "leave"),
+    "unknown smoothing": (f"{NEW} --algorithm shac --smoothing soft", "'soft'", "barrier=KAPPA"),
+    "no iterations": ("train hopper --algorithm shac --out new --iterations 0", "--iterations", "below 1"),
+    "unknown hyperparameter": (f"{NEW} --algorithm shac --set horzon=3", "horzon", "did you mean 'horizon'"),
+    "hyperparameter is NaN": (f"{NEW} --algorithm shac --set discount=nan", "discount", "number"),
+    "hyperparameter of no use": (f"{NEW} --algorithm shac --set horizon=0", "horizon", "at least 1"),
+    "a log that is not used": (f"{NEW} --algorithm shac --data log.npz", "--data", "fit"),
+    "offline without a log": (f"{NEW} --algorithm loop --offline", "--offline", "--data"),
+    "missing log": (f"{NEW} --algorithm loop --data log.npz", "log.npz", "no such file"),
+    "folder of another command": ("train hopper --algorithm shac --out other_run", "other_run", "another --out"),
+    "folder holds a run": ("train hopper --algorithm shac --out run", "run", "--resume"),
+    "nothing to resume": (f"{NEW} --algorithm shac --resume", "new", "leave --resume out"),
+    "resumed with other options": (f"{' '.join(TRAIN)} --out run --resume --seed 1", "seed 0", "another --out"),
+    "not a policy": ("evaluate empty", "policy.json", "cmbrl train"),
+    "policy with NaN": ("evaluate spoiled", "spoiled", "not finite"),
+    "policy of a task without reward": ("evaluate of_no_task", "cube_toss", ""),
+    "evaluated in an unknown model": ("evaluate run --model nominla", "nominla", "nominal"),
+    "no policy to play": ("play empty --out clip.gif", "policy.json", ""),
+    "no clip format": ("play run --out clip.avi", "clip.avi", ".mp4"),
+    "neither clip nor viewer": ("play run", "--out", ""),
+    "viewer without a display": ("play run --viewer", "no display", "--out"),
+    "nothing to export": ("export run", "--onnx", "--torchscript"),
+    "export over a folder": ("export run --onnx empty", "empty", "folder"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES, ids=lambda name: name.replace(" ", "-"))
+def test_one_line_exit_2_nothing_written(
+    mistake: str, place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(place)
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    typed, what, remedy = MISTAKES[mistake]
+    before = _snapshot(place)
+    code: Any = main(typed.split())
+    shown = capsys.readouterr()
+    assert code == 2, shown
+    assert shown.out == ""
+    assert shown.err.startswith("cmbrl: ")
+    assert shown.err.count("\n") == 1, shown.err
+    assert what in shown.err
+    assert remedy in shown.err
+    assert _snapshot(place) == before
+
+
+def _snapshot(folder: Path) -> dict[str, int]:
+    return {str(path.relative_to(folder)): path.stat().st_mtime_ns for path in folder.rglob("*")}
