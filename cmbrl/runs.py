@@ -23,7 +23,7 @@ CONFIGURATION = "config.json"
 _PACKAGES = (
     *("cmbrl", "numpy", "scipy", "torch", "mujoco", "gymnasium", "pymunk", "cmaes", "minari", "scikit-learn"),
     *("qpsolvers", "proxsuite", "daqp", "quadprog", "piqp", "osqp", "clarabel", "scs", "highspy", "cvxpy"),
-    *("cvxpylayers", "diffcp", "pin"),
+    *("cvxpylayers", "diffcp", "pin", "stable-baselines3", "sb3-contrib"),
 )
 
 
