@@ -41,6 +41,10 @@ class Algorithm:
 
 ALGORITHMS = {
     "shac": Algorithm("cmbrl.train.shac:SHAC:SHACConfig", "short windows of first-order gradients, valued by a critic"),
+    "fopg": Algorithm(
+        "cmbrl.train.fopg:FOPG:FOPGConfig",
+        "policy gradients of windows or whole episodes: pathwise, score function, AoBG or PIPPS",
+    ),
     "loop": Algorithm(
         "cmbrl.train.loop:Loop:LoopConfig",
         "the complementarity-model loop: act, fit, improve by SHAC on draws from the fit, and again",

@@ -79,14 +79,16 @@ class Policy(nn.Module):
 
     def forward(self, observation: Tensor) -> Tensor:
         """Deterministic actions (B, n_a) in [-1, 1] of observations (B, n_o), float32."""
-        return self._squash(self._drive(observation))
+        return self.squash(self.drive(observation))
 
     def sample(self, observation: Tensor, noise: Tensor) -> Tensor:
         """Actions with ``noise`` (B, n_a) added before the squashing: differentiable (reparameterised)."""
-        return self._squash(self._drive(observation) + noise)
+        return self.squash(self.drive(observation) + noise)
 
-    def _drive(self, observation: Tensor) -> Tensor:
+    def drive(self, observation: Tensor) -> Tensor:
+        """What is squashed, without noise (B, n_a)."""
         return self.net(self.normaliser(observation) if self.architecture.normalise else observation)
 
-    def _squash(self, drive: Tensor) -> Tensor:
+    def squash(self, drive: Tensor) -> Tensor:
+        """Actions (B, n_a) of a drive, in [-1, 1]."""
         return torch.tanh(drive) if self.architecture.squash == "tanh" else drive.clamp(-1.0, 1.0)
