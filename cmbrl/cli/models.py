@@ -62,6 +62,32 @@ def add_smoothing(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_derivative(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--derivative",
+        metavar="D",
+        help="what the model's derivative is: exact (default), barrier:kappa=1e-4 (BS), adaptive:length=1e-3 (ABS), "
+        "bundle:samples=16,position=1e-3, bcg:branches=10",
+    )
+
+
+def differentiated(model: Any, text: str, seed: int, refits: bool) -> Any:
+    """``model`` with its derivative as in ``--derivative``; ``refits``: the algorithm changes the model's parameters.
+
+    Raises UserError for what is no contact model, and for a bundle around a model that is to be fitted.
+    """
+    from cmbrl.gradients.kinds import derivative_model, parse_derivative
+    from cmbrl.models.complementarity import ComplementarityModel
+
+    if not isinstance(model, ComplementarityModel):
+        raise UserError("--derivative: is of contacts, and this model has none: leave it out")
+    kind, options = parse_derivative(text)
+    found = derivative_model(model, kind, seed, **options)
+    if refits and not isinstance(found, ComplementarityModel):
+        raise UserError(f"--derivative {text}: this algorithm fits its model, which a {kind} cannot be: use adaptive")
+    return found
+
+
 def decision_process(task: Task) -> MDP:
     """What is asked of the task's robot; raises UserError for a task without it."""
     if task.mdp is None:

@@ -14,9 +14,11 @@ from cmbrl.cli.hyperparameters import configure, listing, setting
 from cmbrl.cli.models import (
     MODEL_HELP,
     REAL,
+    add_derivative,
     add_smoothing,
     check_model,
     decision_process,
+    differentiated,
     kind_of,
     load_model,
     real_system,
@@ -61,6 +63,7 @@ def add_arguments(parser: Parser) -> None:
         help="a hyperparameter of A (may be repeated; lists as 128,64)",
     )
     add_smoothing(parser)
+    add_derivative(parser)
     parser.add_argument("--resume", action="store_true", help="go on with the run that DIR holds")
     parser.add_argument(
         "--checkpoint-seconds", type=positive_number, default=60.0, metavar="S", help="between checkpoints (default 60)"
@@ -112,6 +115,8 @@ def run(arguments: argparse.Namespace) -> int:
         model: Any = real_system(task)
     else:
         model = load_model(arguments.model, task, mdp, arguments.smoothing, arguments.threads or usable_cores())
+    if arguments.derivative:
+        model = differentiated(model, arguments.derivative, arguments.seed, "system" in chosen.takes)
     trainer = trainer_class(mdp, model, config, seed=arguments.seed, **_extras(chosen.takes, arguments, task))
     about = {name: getattr(arguments, name) for name in ("task", "algorithm", "model", "seed")}
     out = write_run(arguments.out, "train", wanted)

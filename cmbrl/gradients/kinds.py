@@ -75,6 +75,20 @@ def derivative_model(
     return KINDS[kind].make(model, seed, **(known | options))
 
 
+def parse_derivative(text: str) -> tuple[str, dict[str, Any]]:
+    """``adaptive:length=1e-3,floor=1e-8`` as ("adaptive", {...}); raises UserError where a value is no number."""
+    kind, _, rest = text.partition(":")
+    options: dict[str, Any] = {}
+    for part in filter(None, rest.split(",")):
+        name, _, value = part.partition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            raise UserError(f"derivative {text!r}: {part!r} is not of the form name=number") from None
+        options[name.strip()] = int(number) if number.is_integer() and number >= 1 else number
+    return kind.strip(), options
+
+
 def steps_taken(model: object, simulated: int) -> int:
     """Model steps: those that a bundle counts itself, else as many as were simulated."""
     return int(getattr(model, "steps", simulated))

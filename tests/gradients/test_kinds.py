@@ -9,7 +9,7 @@ import torch
 from cmbrl.contact import Adaptive, Barrier, Exact
 from cmbrl.errors import UserError
 from cmbrl.gradients import BundledContactModel, RandomisedModel, derivative_model
-from cmbrl.gradients.kinds import KINDS, steps_taken
+from cmbrl.gradients.kinds import KINDS, parse_derivative, steps_taken
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.registry import load_task
 
@@ -48,6 +48,14 @@ def test_what_is_made(model: ComplementarityModel) -> None:
     bcg = derivative_model(model, "bcg", branches=3)
     assert isinstance(bcg, BundledContactModel)
     assert (bcg.config.branches, bcg.config.length) == (3, 2)
+
+
+def test_words_of_the_command_line() -> None:
+    assert parse_derivative("exact") == ("exact", {})
+    assert parse_derivative("bcg:branches=4,trigger=1e2") == ("bcg", {"branches": 4, "trigger": 100})
+    assert parse_derivative("adaptive:length=1e-3") == ("adaptive", {"length": 1e-3})
+    with pytest.raises(UserError, match="not of the form name=number"):
+        parse_derivative("adaptive:length")
 
 
 def test_refusals(model: ComplementarityModel) -> None:

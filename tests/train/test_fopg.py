@@ -9,6 +9,8 @@ import pytest
 import torch
 from torch import Tensor
 
+from cmbrl.cli.models import differentiated
+from cmbrl.contact import Adaptive
 from cmbrl.envs.mdp import MDP, never, uniform
 from cmbrl.errors import UserError
 from cmbrl.gradients import derivative_model
@@ -179,6 +181,17 @@ def test_goes_on_bit_for_bit(estimator: str, kind: str) -> None:
 def test_aobg_with_a_bound_of_nothing_is_zeroth_order() -> None:
     trainer = linear_policy("aobg", process(), 64, bias=0.0)
     assert trainer.update()["first_order_weight"] == 0.0
+
+
+def test_derivative_of_the_command_line() -> None:
+    task = load_task("hopper")
+    model = ComplementarityModel(task.load_scene(), **task.model_options())
+    assert differentiated(model, "adaptive:length=2e-3", 0, refits=True).backward_smoothing == Adaptive(2e-3)
+    assert differentiated(model, "bcg:branches=4", 0, refits=False).config.branches == 4
+    with pytest.raises(UserError, match="fits its model"):
+        differentiated(model, "bcg", 0, refits=True)
+    with pytest.raises(UserError, match="has none"):
+        differentiated(Linear(), "adaptive", 0, refits=False)
 
 
 def test_refusals() -> None:
