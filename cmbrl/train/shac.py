@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import torch
 from torch import Tensor, nn
@@ -49,6 +49,11 @@ class SHACConfig:
     parameter_spread: float = 0.0  #: physical parameters of an episode vary by +- this, beside the model's candidates
     episode_steps: int = 1000  #: after which an episode is cut and begun anew, if the task does not do so before
     variance_every: int = 20  #: updates between measurements of the gradient's variance over episodes
+
+    @classmethod
+    def cheetah(cls) -> Self:
+        """Shorter windows, for gradients grow over its 50 ms steps; restarts, for it may end up on its back."""
+        return cls(iterations=1500, environments=256, horizon=10, discount=0.99, noise_angular=0.3, episode_steps=200)
 
     def noise_std(self, progress: float) -> float:
         """Standard deviation of the exploration noise when this share of the updates is done."""
