@@ -55,7 +55,9 @@ class Pool:
 
     def restore(self, state: dict[str, Any]) -> None:
         """Goes on from what ``state`` returned; every row at its old place."""
-        self.rows = torch.zeros(state["capacity"], self.rows.shape[1], dtype=self.rows.dtype)
+        wrapped = state["written"] > state["capacity"]  # until then a run that was lengthened may keep more rows
+        capacity = state["capacity"] if wrapped else max(state["capacity"], len(self.rows))
+        self.rows = torch.zeros(capacity, self.rows.shape[1], dtype=self.rows.dtype)
         self.written = state["written"] - len(state["rows"])
         places = (self.written + torch.arange(len(state["rows"]))) % len(self.rows)
         self.rows[places] = state["rows"]
