@@ -55,6 +55,7 @@ class Task:
     substeps: int  #: physics steps of the model per transition
     time_step: float  #: physics step of the model [s]; substeps * time_step is control_dt
     integrator: str = "semi-implicit"  #: "semi-implicit" or "leapfrog"
+    implicit_springs: bool = False  #: whether the model takes joint springs implicitly, for stiff ones at a long step
     contact_law: str = "mujoco"  #: "mujoco" (the MJCF's softness) or "rigid" (hard, with a restitution to fit)
     smoothing_kappa: float = 1e-4  #: central-path parameter of the default model [J]
     contact_gap: float = 2e-3  #: a transition counts as contact when a gap is below this before or after it [m]
@@ -87,7 +88,12 @@ class Task:
 
     def model_options(self) -> dict[str, Any]:
         """Time stepping of the task's model: keyword arguments of :class:`cmbrl.ComplementarityModel`."""
-        return {"substeps": self.substeps, "time_step": self.time_step, "integrator": self.integrator}
+        return {
+            "substeps": self.substeps,
+            "time_step": self.time_step,
+            "integrator": self.integrator,
+            "implicit_springs": self.implicit_springs,
+        }
 
     def record(
         self,
