@@ -21,15 +21,24 @@ SETTINGS = "model.json"  #: in the folder of a fit: the scene and how the model 
 def named_model(word: str | os.PathLike[str], task: Task) -> ComplementarityModel | NeuralEnsemble:
     """``task``'s nominal model, or what the folder ``word`` holds.
 
-    Raises UserError when the folder holds no model.
+    Raises UserError when the folder holds no model, or one of another robot or control step.
     """
     if word == NOMINAL:
         return nominal_model(task)
     if (Path(word) / SETTINGS).exists():
-        return load_complementarity(Path(word) / SETTINGS)
-    if (Path(word) / DESCRIPTION).exists():
-        return NeuralEnsemble.load(word)
-    raise UserError(f"{word}: neither {NOMINAL!r} nor a folder that holds a fit ({SETTINGS}) or an ensemble")
+        model: ComplementarityModel | NeuralEnsemble = load_complementarity(Path(word) / SETTINGS)
+    elif (Path(word) / DESCRIPTION).exists():
+        model = NeuralEnsemble.load(word)
+    else:
+        raise UserError(f"{word}: neither {NOMINAL!r} nor a folder that holds a fit ({SETTINGS}) or an ensemble")
+    scene = task.load_scene()
+    owner = model.scene if isinstance(model, ComplementarityModel) else model.layout
+    have, need = (owner.nq, owner.nv, owner.nu), (scene.nq, scene.nv, scene.nu)
+    if have != need:
+        raise UserError(f"{word}: is of another robot: nq, nv, nu {have}, task {task.name!r} has {need}")
+    if abs(model.dt - task.control_dt) > 1e-6 * task.control_dt:
+        raise UserError(f"{word}: steps {model.dt:g} s, task {task.name!r} {task.control_dt:g} s: fit on such a log")
+    return model
 
 
 def nominal_model(task: Task, **options: Any) -> ComplementarityModel:

@@ -20,6 +20,7 @@ from gymnasium.vector import AutoresetMode
 from cmbrl.envs.gymnasium_env import MDPEnv
 from cmbrl.envs.model_system import ModelSystem
 from cmbrl.envs.registration import IDS, register
+from cmbrl.files import write_json
 from cmbrl.models.named import named_model, nominal_model
 
 ALL = pytest.mark.parametrize("name", IDS)
@@ -144,6 +145,18 @@ def test_models_by_name_and_as_objects(tmp_path):
     given = gymnasium.make("cmbrl/Hopper-v0", model=model)
     assert given.unwrapped.system.model is model
     assert isinstance(named_model("nominal", task), type(model))
+    scene = {"path": model.scene.path, "ignore": [], "contact_law": "mujoco"}
+    (tmp_path / "fit").mkdir()
+    (tmp_path / "slow").mkdir()
+    write_json(tmp_path / "fit" / "model.json", {"scene": scene, "settings": model.to_config()})
+    fitted = gymnasium.make("cmbrl/Hopper-v0", model=tmp_path / "fit").unwrapped.system.model
+    assert np.array_equal(fitted.parameters, model.parameters)
+    with pytest.raises(UserError, match="another robot"):
+        gymnasium.make("cmbrl/Cheetah-v0", model=tmp_path / "fit")
+    slow = model.with_settings(substeps=8).to_config()
+    write_json(tmp_path / "slow" / "model.json", {"scene": scene, "settings": slow})
+    with pytest.raises(UserError, match=r"steps 0.016 s, task 'hopper' 0.008 s"):
+        gymnasium.make("cmbrl/Hopper-v0", model=tmp_path / "slow")
     with pytest.raises(UserError, match="neither 'nominal' nor a folder"):
         gymnasium.make("cmbrl/Hopper-v0", model=tmp_path)
     with pytest.raises(UserError, match="render_mode 'human'"):
