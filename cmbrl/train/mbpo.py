@@ -53,7 +53,8 @@ class MBPOConfig:
     discount: float = 0.99
     target_share: float = 0.005  #: of the critics that their targets take on at each update
     target_entropy: float = -1.0
-    refit_updates: int | None = None  #: gradient steps of every fit but the first; None: as the ensemble's config says
+    fit_updates: int | None = None  #: gradient steps of the ensemble's first fit; None: as its own config says
+    refit_updates: int | None = None  #: of every later one, which begins with the present weights
     max_seconds: float | None = None  #: wall clock, after which a run is over; the policy at that time counts
 
     @classmethod
@@ -62,8 +63,8 @@ class MBPOConfig:
         return cls(iterations=1580, updates_per_step=40, length_end=1, target_entropy=-3.0)
 
     def two_cores(self) -> MBPOConfig:
-        """A cheaper run for a small machine, our choice: a fifth of the rollouts, short refits."""
-        return replace(self, rollouts=20_000, refit_updates=300)
+        """A cheaper run for a small machine, our choice: a fifth of the rollouts, short fits."""
+        return replace(self, rollouts=20_000, fit_updates=2000, refit_updates=300)
 
 
 class MBPO:
@@ -155,7 +156,7 @@ class MBPO:
     def _refit(self) -> None:
         """Fits the ensemble to all real transitions, from its present weights but for the first time."""
         again = self.iteration > 0
-        updates = self.config.refit_updates if again else None
+        updates = self.config.refit_updates if again else self.config.fit_updates
         limit = self._left() if self.config.max_seconds is not None else None
         with self._clock("fit"), torch.enable_grad():
             log, seed = self._log(), self.seed + self.iteration

@@ -18,6 +18,7 @@ from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
 from cmbrl.train.checkpoint import load_state, save_state
 from cmbrl.train.mbpo import MBPO, MBPOConfig, branch, rollout_length
 from cmbrl.train.pool import Mixture, Pool
+from cmbrl.train.run import Run
 
 from . import slider
 
@@ -166,6 +167,8 @@ def test_stops_when_the_time_is_up(tmp_path: Path) -> None:
     assert (metrics["steps"], metrics["transitions"]) == (0, 0)
     assert all(torch.equal(a, b) for a, b in zip(before, mbpo.policy.parameters(), strict=True))
     assert not trainer(tmp_path, replace(SMALL, max_seconds=1e9)).over
+    outcome = Run(mbpo, tmp_path / "run", about={}).train(iterations=100)
+    assert (outcome.stopped, outcome.iteration) == ("finished", 0)
 
 
 def test_says_what_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
