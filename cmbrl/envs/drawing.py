@@ -5,16 +5,22 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import warnings
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
+from cmbrl.data.recorder import without_mujoco_warnings
 from cmbrl.errors import UserError
 
 _PROBE = """import mujoco
 model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>")
 mujoco.Renderer(model, 16, 16).render()"""
+_SKY, _LIGHT, _DARK = (0.93, 0.95, 0.97), (0.82, 0.84, 0.86), (0.7, 0.73, 0.76)
+_FIXED, _MOVING = (0.35, 0.4, 0.48), (0.85, 0.5, 0.2)
+_OURS = "cmbrl "  # begins the names of what is added, which no name of the file's should equal
+_GREY = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of a geom that has none
 _SHADOWS = 1024  # pixels: MuJoCo's 4096 take half the time of a picture where the processor draws it
 _REMEDY = "install Mesa's EGL (apt-get install libegl1 libgl1-mesa-dri) or OSMesa (apt-get install libosmesa6)"
 
@@ -47,7 +53,7 @@ class SceneDrawer:
     """Draws the MJCF at ``path`` in pictures of ``width`` x ``height``; close it at the end.
 
     The camera is the MJCF's first; without one it looks along +y at all that is not a plane, so that every one of the
-    configurations ``seen`` (N, nq) is in the picture.
+    configurations ``seen`` (N, nq) is in the picture. An MJCF without lights, sky or colours gets ours.
 
     Raises UserError when MuJoCo cannot draw here.
     """
@@ -56,7 +62,7 @@ class SceneDrawer:
         import mujoco
 
         self._mujoco = mujoco
-        self.model = mujoco.MjModel.from_xml_path(path)
+        self.model = _dressed(mujoco, path)
         self.model.vis.quality.shadowsize = min(self.model.vis.quality.shadowsize, _SHADOWS)
         self.data = mujoco.MjData(self.model)
         self.camera: Any = 0 if self.model.ncam else self._whole_view(seen, width / height)
@@ -95,3 +101,35 @@ class SceneDrawer:
         camera.distance = 1.15 * max(size[2], size[0] / aspect) / (2 * np.tan(half_angle)) + size[1] / 2
         camera.azimuth, camera.elevation = 90.0, -8.0
         return camera
+
+
+def _dressed(mujoco: Any, path: str) -> Any:
+    """The compiled MJCF; where it has no sky, light or ground pattern, or MuJoCo's grey for a colour, with ours."""
+    with without_mujoco_warnings(), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # said when the scene was read
+        spec = mujoco.MjSpec.from_file(path)
+        _add_sky_and_ground(mujoco, spec)
+        model = spec.compile()
+    if not model.nlight:
+        model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = 0.45, 0.5
+    plain = (model.geom_matid < 0) & (model.geom_rgba == _GREY).all(axis=1)
+    moving = model.body_weldid[model.geom_bodyid] > 0
+    for which, colour in ((moving, _MOVING), (~moving, _FIXED)):
+        model.geom_rgba[plain & which, :3] = colour
+    return model
+
+
+def _add_sky_and_ground(mujoco: Any, spec: Any) -> None:
+    """A bright sky, and squares of 0.5 m on planes without a material, over which motion can be seen."""
+    kind, pattern = mujoco.mjtTexture, mujoco.mjtBuiltin
+    if not any(texture.type == kind.mjTEXTURE_SKYBOX for texture in spec.textures):
+        sky = {"builtin": pattern.mjBUILTIN_GRADIENT, "rgb1": _SKY, "rgb2": _SKY, "width": 64, "height": 384}
+        spec.add_texture(name=_OURS + "sky", type=kind.mjTEXTURE_SKYBOX, **sky)
+    planes = [g for g in spec.geoms if g.type == mujoco.mjtGeom.mjGEOM_PLANE and not g.material]
+    if planes:
+        squares = {"builtin": pattern.mjBUILTIN_CHECKER, "rgb1": _LIGHT, "rgb2": _DARK, "width": 256, "height": 256}
+        spec.add_texture(name=_OURS + "squares", type=kind.mjTEXTURE_2D, **squares)
+        ground = spec.add_material(name=_OURS + "ground", texuniform=True, texrepeat=(1.0, 1.0))
+        ground.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = _OURS + "squares"
+    for geom in planes:
+        geom.material = _OURS + "ground"
