@@ -93,6 +93,17 @@ def test_a_finished_run_goes_on_with_more_iterations(place: Path, tmp_path: Path
     assert len((tmp_path / "run/metrics.csv").read_text().splitlines()) == 4
 
 
+def test_a_run_that_diverges_says_so_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = tmp_path / "run"
+    assert main([*TRAIN, "--set", "actor_rate=1e38", "--iterations", "30", "--out", str(run)]) == 1
+    shown = capsys.readouterr()
+    assert shown.err.count("\n") == 1
+    assert "diverged.npz" in shown.err
+    with np.load(run / "diverged.npz") as states:
+        assert states["q"].shape == (4, 6)
+    assert json.loads((run / "train.json").read_text())["stopped"] == "diverged"
+
+
 def test_evaluate_shows_the_gap_in_numbers_that_python_gives(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["evaluate", str(place / "run"), "--episodes", "2", "--seed", "5", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["in"]
@@ -132,7 +143,7 @@ def test_an_episode_that_is_played_is_the_one_that_is_evaluated(place: Path) -> 
             np.testing.assert_array_equal(episode.q, evaluated.q[0])
 
 
-@pytest.mark.parametrize("suffix", ["mp4", "gif"])
+@pytest.mark.parametrize("suffix", [pytest.param("mp4", marks=pytest.mark.slow), "gif"])
 def test_a_clip_shows_both_side_by_side(suffix: str, place: Path, command, tmp_path: Path) -> None:
     done = command("play", place / "run", "--out", f"clip.{suffix}", "--seconds", "0.2")
     if "nothing can be drawn" in done.stderr:
