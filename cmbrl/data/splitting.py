@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -61,7 +61,7 @@ def joined(logs: Sequence[Transitions]) -> Transitions:
     for k, log in enumerate(logs):
         if (log.q.shape[1], log.v.shape[1], log.u.shape[1], log.dt) != (*_widths(first), first.dt):
             raise UserError(f"log {k} is of another robot or time step than log 0: join logs of one robot only")
-    arrays = {name: np.concatenate([getattr(log, name) for log in logs]) for name in _ARRAYS}
+    arrays: dict[str, Any] = {name: np.concatenate([getattr(log, name) for log in logs]) for name in _ARRAYS}
     offsets = np.cumsum([0, *(log.episode.max() + 1 for log in logs[:-1])])
     episode = np.concatenate([log.episode + offset for log, offset in zip(logs, offsets, strict=True)])
     return replace(first, **arrays, episode=episode)

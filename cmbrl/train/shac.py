@@ -17,6 +17,7 @@ from torch import Tensor, nn
 
 from cmbrl.envs.mdp import MDP
 from cmbrl.envs.simulation import Disturbance, Simulation, Step, parameter_sets
+from cmbrl.gradients.per_sample import per_sample_gradients
 from cmbrl.models.protocol import Model
 from cmbrl.train.policy import Architecture, Policy, network
 from cmbrl.train.trainer import Diverged
@@ -259,17 +260,15 @@ def finite(x: Tensor) -> Tensor:
 def gradient_variance(policy: Policy, steps: list[Step]) -> float:
     """Trace of the covariance over episodes of one episode's policy gradient.
 
-    The parameters act through the actions alone, so an episode's gradient is the sum over its steps of the action's
-    Jacobian transposed times the loss's total derivative in that action, which the backward pass has left there.
+    The backward pass has left the loss's total derivative in every action there.
     """
     observations = torch.stack([s.observation.detach().float() for s in steps], dim=1)  # (B, H, n_o)
-    drives = torch.stack([s.action.grad * (1 - s.action.detach().square()) for s in steps], dim=1)
-    parameters = {name: p.detach() for name, p in policy.net.named_parameters()}
-
-    def pulled(parameters: dict[str, Tensor], x: Tensor, cotangent: Tensor) -> Tensor:
-        return (torch.func.functional_call(policy.net, parameters, (x,)) * cotangent).sum()
-
-    x = policy.normaliser(observations)
-    gradients = torch.func.vmap(torch.func.grad(pulled), in_dims=(None, 0, 0))(parameters, x, drives)
-    rows = torch.cat([g.flatten(1) for g in gradients.values()], dim=1) * len(x)
+    messages = torch.stack([_at_drive(s.action) for s in steps], dim=1)
+    rows = per_sample_gradients(policy.net, policy.normaliser(observations), messages) * len(observations)
     return float(rows.var(dim=0).sum())
+
+
+def _at_drive(action: Tensor) -> Tensor:
+    """The derivative that the backward pass left at an action, taken through the tanh to the net's output."""
+    assert action.grad is not None
+    return action.grad * (1 - action.detach().square())

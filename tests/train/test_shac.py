@@ -1,0 +1,108 @@
+"""SHAC's parts against closed forms, and that it learns to stand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+import cmbrl
+from cmbrl.envs.evaluation import evaluate_model
+from cmbrl.registry import load_task
+from cmbrl.train.shac import SHAC, SHACConfig, Tamed, gradient_variance
+
+pytest.importorskip("gymnasium", reason="the hopper's MJCF is Gymnasium's")
+SMALL = SHACConfig(iterations=10, environments=6, horizon=5, actor_hidden=(16,), critic_hidden=(16,), clip=float("inf"))
+
+
+def make(config: SHACConfig = SMALL, seed: int = 0) -> SHAC:
+    task = load_task("hopper")
+    model = cmbrl.ComplementarityModel(task.load_scene(), smoothing=cmbrl.Barrier(1e-4), **task.model_options())
+    return SHAC(task.mdp(), model, config, seed)
+
+
+def backward(trainer: SHAC) -> list:
+    steps = trainer._window(0.0)
+    trainer._actor_loss(steps).backward()
+    return steps
+
+
+def test_gradients_of_single_episodes_have_the_mean_that_autograd_finds():
+    from cmbrl.gradients.per_sample import per_sample_gradients
+    from cmbrl.train.shac import _at_drive
+
+    trainer = make()
+    steps = backward(trainer)
+    observations = torch.stack([s.observation.detach().float() for s in steps], dim=1)
+    messages = torch.stack([_at_drive(s.action) for s in steps], dim=1)
+    policy = trainer.policy
+    rows = per_sample_gradients(policy.net, policy.normaliser(observations), messages)
+    found = torch.cat([p.grad.flatten() for p in policy.net.parameters()])
+    torch.testing.assert_close(rows.sum(dim=0), found, rtol=1e-4, atol=1e-5 * float(found.abs().max()))
+    expected = (rows * len(rows)).var(dim=0).sum()
+    assert gradient_variance(policy, steps) == pytest.approx(float(expected), rel=1e-5)
+
+
+def test_the_loss_s_derivative_in_an_action_is_that_of_differences():
+    """Through dynamics, reward, shaping and the critic at the window's end; noise off, so that a window repeats."""
+    config = replace(SMALL, noise_linear=0.0, noise_angular=0.0, tame=float("inf"))
+    trainer = make(config)
+    start, random = trainer.simulation.state(), trainer.generator.get_state()
+    steps = backward(trainer)
+    k, row, joint, step = 1, 2, 1, 1e-3
+
+    def loss(change: float) -> float:
+        """Of the same window with that one action moved; the policy answers what comes of it."""
+        trainer.simulation.restore(start)
+        trainer.generator.set_state(random)
+        taken = []
+        with torch.no_grad():
+            for j in range(config.horizon):
+                observation = trainer.simulation.observe()
+                noise = config.noise_std(0.0) * torch.randn(config.environments, 3, generator=trainer.generator)
+                action = trainer.policy.sample(observation.float(), noise)
+                action[row, joint] += change * (j == k)
+                taken.append(trainer.simulation.step(observation, action))
+            return float(trainer._actor_loss(taken))
+
+    # float32 values of the critic limit the differences
+    difference = (loss(step) - loss(-step)) / (2 * step)
+    assert float(steps[k].action.grad[row, joint]) == pytest.approx(difference, rel=2e-2, abs=1e-4)
+
+
+def test_td_lambda_targets_are_the_weighted_sums_of_n_step_returns():
+    trainer = make()
+    c = trainer.config
+    steps = trainer._window(0.0)
+    _, targets = trainer._targets(steps)
+    assert not any((s.terminated | s.truncated).any() for s in steps)
+    values = [trainer.target(s.next_observation.detach().float()).detach() for s in steps]
+    rewards = [(s.reward + s.shaping).detach().float() for s in steps]
+
+    def n_step(n: int) -> torch.Tensor:
+        return sum(c.discount**k * rewards[k] for k in range(n)) + c.discount**n * values[n - 1]
+
+    last = len(steps)
+    weighted = sum((1 - c.trace) * c.trace ** (n - 1) * n_step(n) for n in range(1, last))
+    expected = weighted + c.trace ** (last - 1) * n_step(last)
+    torch.testing.assert_close(targets[: len(expected)], expected, rtol=1e-4, atol=1e-3)
+
+
+def test_tamed_cuts_long_rows_to_the_median_s_multiple_and_nothing_else():
+    q, v = (torch.zeros(5, 1, dtype=torch.float64, requires_grad=True) for _ in range(2))
+    lengths = torch.tensor([1.0, 2.0, 3.0, 100.0, float("nan")], dtype=torch.float64)[:, None]
+    out_q, _ = Tamed.apply(q, v, 4.0)
+    out_q.backward(lengths)
+    torch.testing.assert_close(q.grad[:, 0], torch.tensor([1.0, 2.0, 3.0, 8.0, 0.0], dtype=torch.float64))
+
+
+def test_it_learns_to_stand():
+    config = SHACConfig(iterations=60, environments=32, horizon=16)
+    trainer = make(config)
+    before = evaluate_model(trainer.policy, trainer.mdp, trainer.model, 4, seed=1).lengths.mean()
+    for _ in range(config.iterations):
+        metrics = trainer.update()
+    after = evaluate_model(trainer.policy, trainer.mdp, trainer.model, 4, seed=1).lengths.mean()
+    assert metrics["steps"] == 60 * 32 * 16
+    assert after > 3 * before
