@@ -2,8 +2,8 @@
 
 Zhang, Jin & Wang, "Adaptive Barrier Smoothing for First-Order Policy Gradient with Contact Dynamics" (ICML 2023),
 algorithm 2. Of its own here: policies improve on draws from the fit's posterior; several begin, from different seeds,
-and the best of them is trained to the end. Which one, and which of its snapshots counts, is decided by the return in
-the model under these draws and velocity noise, never by a return in the real system.
+and the best of them is trained to the end. Which one is decided by the return in the model under these draws and
+velocity noise, never by a return in the real system; the last policy counts, not the best on the way.
 """
 
 from __future__ import annotations
@@ -32,15 +32,14 @@ EPISODE_STEPS = 200  # of a recorded episode, at most
 class LoopConfig(SHACConfig):
     """SHAC's settings and those of the loop; ``iterations`` are all updates, of every round and policy together."""
 
-    iterations: int = 3000
+    iterations: int = 4500
     rounds: int = 1  #: of executing, fitting and improving
     transitions: int = 1000  #: real ones of the first round, by random actions; a log that is given counts
     more: int = 1000  #: real ones of each further round, by the policy with its exploration noise
     policies: int = 3  #: begun in each round
     trial: float = 0.25  #: share of its updates that each of them gets, before the best is trained to the end; 1: all
     draws: int = 256  #: parameter sets from the fit's posterior
-    score_every: int = 100  #: updates between scores of a policy; the best snapshot counts
-    score_episodes: int = 64
+    score_episodes: int = 256  #: in the model, by which policies are compared
 
     @classmethod
     def cheetah(cls) -> Self:
@@ -81,7 +80,7 @@ class Loop:
         self.recording = Recording(replace(mdp, episode_steps=min(mdp.episode_steps, EPISODE_STEPS)), system, seed)
         self.generator = torch.Generator().manual_seed(seed)
         self.round = 0
-        self.best: dict[str, Any] = {"score": -float("inf"), "policy": None}  # of this round
+        self.before: dict[str, torch.Tensor] = {}  # the policy at the end of the last round
         self.tried: list[dict[str, Any]] = []  # score and trainer's state of each policy whose trial is over
         self.settings, self.trial_updates = config.shac(), config.trial_updates()
         self.model: ComplementarityModel | None = None
@@ -89,7 +88,7 @@ class Loop:
 
     @property
     def policy(self) -> Policy:
-        """The best of what this round has trained, or the one that it began with."""
+        """The one that is being trained."""
         return self.trainer.policy
 
     def update(self) -> dict[str, float]:
@@ -100,12 +99,11 @@ class Loop:
             self._begin_policy()
         metrics = self.trainer.update()
         tried = self.trainer.iteration == self.trial_updates and len(self.tried) < self.config.policies
-        last = self.trainer.iteration == self.settings.iterations
-        if self.trainer.iteration % self.config.score_every == 0 or tried or last:
+        if tried or self.trainer.iteration == self.settings.iterations:
             metrics["score"] = self._score()
         if tried:
             self._end_trial(metrics["score"])
-        if self.trainer.iteration >= self.settings.iterations:
+        if self.trainer.iteration == self.settings.iterations:  # also where a trial is all of it
             self._end_round()
         counted = {"transitions": float(self._transitions()), "round": float(self.round)}
         return metrics | counted
@@ -134,7 +132,7 @@ class Loop:
         self.model = result.uncertain_model(self.config.draws, self.seed)
 
     def _begin_policy(self) -> None:
-        """A fresh policy in the first round; later the best so far, with new optimisers and a new critic.
+        """A fresh policy in the first round; later that of the last round, with new optimisers and a new critic.
 
         SHAC draws its parameter sets by its own seed, so that every policy and every round sees others.
         """
@@ -142,10 +140,10 @@ class Loop:
         seed = self.seed + 1000 * len(self.tried) + 100 * self.round
         self.trainer = SHAC(self.mdp, self.model, self.settings, seed)
         if self.round:
-            self.trainer.policy.load_state_dict(self.best["policy"])
+            self.trainer.policy.load_state_dict(self.before)
 
     def _score(self) -> float:
-        """Mean return in the model under its uncertainty; a snapshot that beats all of the round is kept."""
+        """Mean return in the model under its uncertainty and noise."""
         assert self.model is not None
         c = self.settings
         sets = parameter_sets(self.model, c.parameter_spread, seed=self.seed + 1)
@@ -153,11 +151,7 @@ class Loop:
         found = evaluate_model(
             self.policy, self.mdp, self.model, self.config.score_episodes, self.seed + 1, disturbance
         )
-        score = float(found.returns.mean())
-        if score > self.best["score"]:
-            snapshot = {name: value.clone() for name, value in self.policy.state_dict().items()}
-            self.best = {"score": score, "policy": snapshot}
-        return score
+        return float(found.returns.mean())
 
     def _end_trial(self, score: float) -> None:
         """The next policy's trial, or after the last the best of them goes on where its trial ended."""
@@ -167,19 +161,18 @@ class Loop:
             self.trainer.restore(max(self.tried, key=lambda one: one["score"])["trainer"])
 
     def _end_round(self) -> None:
-        """The best snapshot is the round's policy; the next round begins with acting."""
-        self.trainer.policy.load_state_dict(self.best["policy"])
+        """The next round begins with acting."""
         self.round += 1
         if self.round < self.config.rounds:
+            self.before = {name: value.clone() for name, value in self.policy.state_dict().items()}
             self.model, self.tried = None, []
-            self.best = {**self.best, "score": -float("inf")}
 
     def state(self) -> dict[str, Any]:
         """Everything that the next update depends on, but for the log that was given."""
         model = self.model
         return {
             "round": self.round,
-            "best": self.best,
+            "before": self.before,
             "tried": self.tried,
             "recording": self.recording.state(),
             "generator": self.generator.get_state(),
@@ -190,7 +183,7 @@ class Loop:
 
     def restore(self, state: dict[str, Any]) -> None:
         """Goes on from what ``state`` returned, bit for bit."""
-        self.round, self.best, self.tried = state["round"], state["best"], state["tried"]
+        self.round, self.before, self.tried = state["round"], state["before"], state["tried"]
         self.recording.restore(state["recording"])
         self.generator.set_state(state["generator"])
         self.model = None

@@ -29,7 +29,7 @@ PATIENCE = 10  # updates in a row whose gradient is not finite, before a run is 
 class SHACConfig:
     """Defaults: the hopper recipe of the reference prototype."""
 
-    iterations: int = 1000  #: updates of the policy
+    iterations: int = 3000  #: updates of the policy
     environments: int = 64  #: episodes side by side
     horizon: int = 32  #: steps of a window
     discount: float = 0.995
