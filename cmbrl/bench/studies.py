@@ -17,6 +17,7 @@ STUDIES = {
     "gradient-scenes": "cmbrl.bench.gradients.scenes",
     "learning": "cmbrl.bench.learning.study",
     "speed": "cmbrl.bench.speed.study",
+    "training": "cmbrl.bench.speed.training",
     "derivatives": "cmbrl.bench.derivatives.study",
     "robustness": "cmbrl.bench.robustness",
 }  #: name -> module whose ``STUDY`` it is

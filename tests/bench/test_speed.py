@@ -15,6 +15,8 @@ from cmbrl.bench.speed.measure import measure, turns
 from cmbrl.bench.speed.mujoco_peer import EPISODE, MujocoStep, visit
 from cmbrl.bench.speed.scenes import feet_only, speed_scenes
 from cmbrl.bench.states import G1
+from cmbrl.bench.studies import load
+from cmbrl.bench.study import Settings
 from cmbrl.bench.timing import Spread, interleaved
 from cmbrl.models.complementarity import ComplementarityModel
 
@@ -106,3 +108,12 @@ def test_g1_on_its_feet(tmp_path: Path) -> None:
     assert visited.q[:, 2].min() > 0.5  # stands for an episode
     assert 1 < visited.contacts <= 8
     assert model.nv == scene.nv
+
+
+def test_training_study_has_a_row_a_task(tmp_path: Path) -> None:
+    pytest.importorskip("gymnasium", reason="the tasks' MJCFs are Gymnasium's")
+    section = load("training").run(tmp_path, Settings(quick=True, scenes=("hopper",)), lambda share, text: None)
+    (row,) = section.tables[0].rows
+    cells = dict(zip(section.tables[0].columns, row, strict=True))
+    assert cells["control steps"] == 64 * 32
+    assert 0 < cells["core alone [ms]"] < cells["rollout and gradient [ms]"]
