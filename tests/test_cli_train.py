@@ -129,7 +129,7 @@ def test_an_episode_that_is_played_is_the_one_that_is_evaluated(place: Path) -> 
     mdp, policy = task.mdp(), load_policy(place / "run").policy
     from cmbrl.cli.models import load_model
 
-    model = load_model("nominal", task, mdp, threads=1)
+    model = load_model("nominal", task, threads=1)
     for advance, evaluated in (
         (real_step(task.system), evaluate_real(policy, mdp, task.system, 1, seed=2, keep=True)),
         (model.step, evaluate_model(policy, mdp, model, 1, seed=2)),
@@ -268,7 +268,7 @@ MISTAKES = {
     "unknown task": ("train hoper --algorithm shac --out new", "'hoper'", "did you mean 'hopper'"),
     "task without reward": ("train cube_toss --algorithm shac --out new", "cube_toss", "hopper"),
     "no such model": (f"{NEW} --algorithm shac --model nominla", "nominla", "did you mean 'nominal'"),
-    "folder without model": (f"{NEW} --algorithm shac --model empty", "empty", "fit.json"),
+    "folder without model": (f"{NEW} --algorithm shac --model empty", "empty", "model.json"),
     "model of another robot": (f"{NEW} --algorithm shac --model cheetah_ensemble", "cheetah_ensemble", "another robot"),
     "model of another step": (f"{NEW} --algorithm shac --model slow_ensemble", "0.02", "0.008"),
     "real for a gradient": (f"{NEW} --algorithm shac --model real", "real", "contact model"),

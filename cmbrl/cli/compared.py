@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from cmbrl.cli.progress import fraction
 from cmbrl.cli.sources import Source, load_log, load_source
-from cmbrl.errors import UserError, did_you_mean
+from cmbrl.errors import UserError
 from cmbrl.files import read_json
 from cmbrl.registry import load_task, names
 from cmbrl.runs import CONFIGURATION
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from cmbrl.registry import Task
 
 BUILT_IN = ("hold", "ballistic", "nominal", "ensemble")
-FIT_FILE, ENSEMBLE_FILE = "fit.json", "ensemble.json"
 
 
 @dataclass(frozen=True)
@@ -38,13 +37,10 @@ def check_words(words: Sequence[str], lesson: Lesson) -> None:
     without a log to learn from."""
     if "ensemble" in words and lesson.path is None:
         raise UserError("ensemble: has nothing to learn from: give --train FILE, a log other than --data")
+    from cmbrl.models.named import check_name
+
     for word in words:
-        if word in BUILT_IN:
-            continue
-        if not Path(word).is_dir():
-            raise UserError(f"no model {word!r}: {did_you_mean(word, BUILT_IN)} Or name the folder of a fit")
-        if not any((Path(word) / name).exists() for name in (FIT_FILE, ENSEMBLE_FILE)):
-            raise UserError(f"{word}: holds neither a fit ({FIT_FILE}) nor an ensemble ({ENSEMBLE_FILE})")
+        check_name(word, BUILT_IN)
 
 
 def common_source(words: Sequence[str], scene: str | None, ignore: Sequence[str], contact_law: str | None) -> Source:
@@ -54,11 +50,11 @@ def common_source(words: Sequence[str], scene: str | None, ignore: Sequence[str]
     """
     if scene is not None:
         return load_source(scene, ignore, contact_law)
-    for word in words:
-        if (Path(word) / FIT_FILE).exists():
-            from cmbrl.fit import FitResult
+    from cmbrl.models.named import SETTINGS, holds_fit, load_complementarity
 
-            fitted = FitResult.load(word).model
+    for word in words:
+        if holds_fit(word):
+            fitted = load_complementarity(Path(word) / SETTINGS)
             return Source(word, fitted.scene, task=_task_of(Path(word)), fitted=fitted)
     raise UserError("which scene? Give --scene SCENE|TASK, or name the folder of a fit among the models")
 
@@ -126,13 +122,9 @@ def _trained(source: Source, data: Transitions, lesson: Lesson) -> tuple[NeuralE
 
 
 def _loaded(folder: str, data: Transitions, threads: int) -> Model:
-    from cmbrl.fit import FitResult
-    from cmbrl.models.ensemble import NeuralEnsemble
+    from cmbrl.models.named import saved_model
 
-    if (Path(folder) / FIT_FILE).exists():
-        model: Model = FitResult.load(folder).model.with_settings(threads=threads)
-    else:
-        model = NeuralEnsemble.load(folder)
+    model = saved_model(folder, threads=threads)
     if abs(model.dt - data.dt) > 1e-6 * data.dt:
         raise UserError(f"{folder}: steps {model.dt:g} s, the log has dt {data.dt:g} s: compare on a log of that step")
     return model

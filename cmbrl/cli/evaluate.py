@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> None:
         system = real_system(task)
         found[REAL] = evaluate_real(saved.policy, mdp, system, arguments.episodes, arguments.seed)
     if word is not None:
-        model = load_model(word, task, mdp, arguments.smoothing, arguments.threads or usable_cores())
+        model = load_model(word, task, arguments.smoothing, arguments.threads or usable_cores())
         found[word] = evaluate_model(saved.policy, mdp, model, arguments.episodes, arguments.seed)
     if arguments.json:
         print(json.dumps({"policy": arguments.policy, "task": task.name, **_to_json(found)}, indent=2))

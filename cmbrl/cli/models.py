@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cmbrl.cli.compared import ENSEMBLE_FILE, FIT_FILE
 from cmbrl.cli.options import positive_number
-from cmbrl.cli.sources import load_source
-from cmbrl.errors import UserError, did_you_mean
+from cmbrl.errors import UserError
 
 if TYPE_CHECKING:
     from cmbrl.envs.mdp import MDP
@@ -92,7 +89,13 @@ def decision_process(task: Task) -> MDP:
     """What is asked of the task's robot; raises UserError for a task without it."""
     if task.mdp is None:
         raise UserError(f"task {task.name!r} has no reward (Task.mdp): policies are for {_with_mdp()}")
-    return task.mdp()
+    mdp = task.mdp()
+    if abs(mdp.dt / mdp.repeat - task.control_dt) > 1e-6 * task.control_dt:
+        raise UserError(
+            f"task {task.name!r}: its process (Task.mdp) takes {mdp.repeat} model steps in {mdp.dt:g} s, of "
+            f"{task.control_dt:g} s each: mend dt, repeat or control_dt"
+        )
+    return mdp
 
 
 def real_system(task: Task) -> SystemFactory:
@@ -104,21 +107,19 @@ def real_system(task: Task) -> SystemFactory:
 
 def check_model(word: str) -> None:
     """Raises UserError unless ``word`` is nominal, ensemble, real, or a folder that holds a fit or an ensemble."""
-    if word in _BUILT_IN:
-        return
-    if not Path(word).is_dir():
-        raise UserError(f"no model {word!r}: {did_you_mean(word, _BUILT_IN)} Or name the folder of a fit")
-    if not _is_fit(word) and not _is_ensemble(word):
-        raise UserError(f"{word}: holds neither a fit ({FIT_FILE}) nor an ensemble ({ENSEMBLE_FILE})")
+    from cmbrl.models.named import check_name
+
+    check_name(word, _BUILT_IN)
 
 
 def kind_of(word: str) -> str:
     """The kind of model that a checked ``word`` names, in the words of `cmbrl.train.algorithms`."""
+    from cmbrl.models.named import holds_fit
     from cmbrl.train import algorithms as kinds
 
     if word in _BUILT_IN:
         return {NOMINAL: kinds.CONTACT, ENSEMBLE: kinds.UNTRAINED, REAL: kinds.REAL}[word]
-    return kinds.CONTACT if _is_fit(word) else kinds.ENSEMBLE
+    return kinds.CONTACT if holds_fit(word) else kinds.ENSEMBLE
 
 
 def usual_word(kind: str) -> str:
@@ -126,54 +127,16 @@ def usual_word(kind: str) -> str:
     return next((word for word in _BUILT_IN if kind_of(word) == kind), NOMINAL)
 
 
-def load_model(word: str, task: Task, mdp: MDP, smoothing: Softness | None = None, threads: int | None = None) -> Model:
-    """The next-state model that a checked ``word`` names (any but "real").
+def load_model(word: str, task: Task, smoothing: Softness | None = None, threads: int | None = None) -> Model:
+    """The next-state model that a checked ``word`` names (any but "real"); raises UserError as ``named_model`` does."""
+    from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
+    from cmbrl.models.named import named_model
 
-    Raises UserError when it is of another robot or control step than the task's, or smoothing is asked of an ensemble.
-    """
-    options: dict[str, Any] = {"threads": threads} if threads else {}
-    if smoothing is not None:
-        options["smoothing"] = smoothing.build()
-    if word == NOMINAL:
-        model: Any = load_source(task.name).model(**options)
-    elif _is_fit(word):
-        from cmbrl.fit import FitResult
-
-        model = FitResult.load(word).model.with_settings(**options)
-    else:
-        from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
-
+    if word == ENSEMBLE:
         if smoothing is not None:
-            raise UserError(f"{word}: an ensemble has no contacts to soften: leave --smoothing out")
-        if word == ENSEMBLE:
-            model = NeuralEnsemble(task.load_scene(), task.control_dt, EnsembleConfig.original())
-        else:
-            model = NeuralEnsemble.load(word)
-    _check_fits(word, model, task, mdp)
-    return model
-
-
-def _check_fits(word: str, model: Any, task: Task, mdp: MDP) -> None:
-    """The model must take the task's states and controls, and its step must be the process's."""
-    import torch
-
-    q, v = mdp.reset(1, torch.Generator().manual_seed(0))
-    _, _, u = mdp.act(q, v, torch.zeros(1, mdp.actions, dtype=q.dtype))
-    owner = getattr(model, "layout", None) or model.scene
-    have, need = (owner.nq, owner.nv, owner.nu), (q.shape[1], v.shape[1], u.shape[1])
-    if have != need:
-        raise UserError(f"{word}: is of another robot: nq, nv, nu {have}, task {task.name!r} has {need}")
-    step = mdp.dt / mdp.repeat
-    if abs(model.dt - step) > 1e-6 * step:
-        raise UserError(f"{word}: steps {model.dt:g} s, task {task.name!r} {step:g} s: fit on a log of that step")
-
-
-def _is_fit(word: str) -> bool:
-    return (Path(word) / FIT_FILE).exists()
-
-
-def _is_ensemble(word: str) -> bool:
-    return (Path(word) / ENSEMBLE_FILE).exists()
+            raise UserError("--smoothing: an ensemble has no contacts to soften: leave it out")
+        return NeuralEnsemble(task.load_scene(), task.control_dt, EnsembleConfig.original())
+    return named_model(word, task, smoothing.build() if smoothing else None, threads)
 
 
 def _with_mdp() -> str:

@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> None:
     advances: dict[str, Any] = {"real": real_step(real_system(task))}
     word = None if arguments.viewer else model_word(saved.about, arguments.model, real_only=False)
     if word is not None:
-        advances["model"] = load_model(word, task, mdp, arguments.smoothing).step
+        advances["model"] = load_model(word, task, arguments.smoothing).step
     episodes = {
         title: play_episode(saved.policy, mdp, start, advance, arguments.seconds) for title, advance in advances.items()
     }

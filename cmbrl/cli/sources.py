@@ -31,20 +31,18 @@ class Source:
         ``options`` override what the source says where they are not None.
         Raises UserError when the log's dt is no whole number of time steps.
         """
-        from cmbrl.contact import Barrier
         from cmbrl.models.complementarity import ComplementarityModel
+        from cmbrl.models.named import nominal_model
 
         chosen = {name: value for name, value in options.items() if value is not None}
         if self.fitted is not None:
             return self.fitted.with_settings(parameters=self.scene.parameter_vector(), **chosen)
         if self.task is not None:
-            settings = self.task.model_options() | {"smoothing": Barrier(self.task.smoothing_kappa)}
-        elif data is not None:
+            return nominal_model(self.task, self.scene, **chosen)
+        if data is not None:
             step = float(chosen.get("time_step", self.scene.timestep))  # type: ignore[arg-type]
-            settings = {"substeps": substeps(data.dt, step, self.word)}
-        else:
-            settings = {}
-        return ComplementarityModel(self.scene, **(settings | chosen))
+            chosen = {"substeps": substeps(data.dt, step, self.word)} | chosen
+        return ComplementarityModel(self.scene, **chosen)  # type: ignore[arg-type]
 
 
 def substeps(dt: float, time_step: float, word: str) -> int:

@@ -114,7 +114,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.model == REAL:
         model: Any = real_system(task)
     else:
-        model = load_model(arguments.model, task, mdp, arguments.smoothing, arguments.threads or usable_cores())
+        model = load_model(arguments.model, task, arguments.smoothing, arguments.threads or usable_cores())
     if arguments.derivative:
         model = differentiated(model, arguments.derivative, arguments.seed, "system" in chosen.takes)
     trainer = trainer_class(mdp, model, config, seed=arguments.seed, **_extras(chosen.takes, arguments, task))

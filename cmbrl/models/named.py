@@ -6,8 +6,8 @@ import os
 from pathlib import Path
 from typing import Any
 
-from cmbrl.contact.smoothing import Barrier
-from cmbrl.errors import UserError
+from cmbrl.contact.smoothing import Barrier, Smoothing
+from cmbrl.errors import UserError, did_you_mean
 from cmbrl.files import read_json
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.ensemble import DESCRIPTION, NeuralEnsemble
@@ -18,19 +18,31 @@ NOMINAL = "nominal"
 SETTINGS = "model.json"  #: in the folder of a fit: the scene and how the model steps it
 
 
-def named_model(word: str | os.PathLike[str], task: Task) -> ComplementarityModel | NeuralEnsemble:
-    """``task``'s nominal model, or what the folder ``word`` holds.
+def holds_fit(folder: str | os.PathLike[str]) -> bool:
+    """Whether ``folder`` is that of a fit."""
+    return (Path(folder) / SETTINGS).exists()
+
+
+def check_name(word: str | os.PathLike[str], known: tuple[str, ...] = (NOMINAL,)) -> None:
+    """Raises UserError unless ``word`` is among the ``known`` ones, or a folder that holds a fit or an ensemble."""
+    if word in known:
+        return
+    if not Path(word).is_dir():
+        raise UserError(f"no model {str(word)!r}: {did_you_mean(str(word), known)} Or name the folder of a fit")
+    if not holds_fit(word) and not (Path(word) / DESCRIPTION).exists():
+        raise UserError(f"{word}: holds neither a fit ({SETTINGS}) nor an ensemble ({DESCRIPTION})")
+
+
+def named_model(
+    word: str | os.PathLike[str], task: Task, smoothing: Smoothing | None = None, threads: int | None = None
+) -> ComplementarityModel | NeuralEnsemble:
+    """``task``'s nominal model, or what the folder ``word`` holds; see ``saved_model``.
 
     Raises UserError when the folder holds no model, or one of another robot or control step.
     """
     if word == NOMINAL:
-        return nominal_model(task)
-    if (Path(word) / SETTINGS).exists():
-        model: ComplementarityModel | NeuralEnsemble = load_complementarity(Path(word) / SETTINGS)
-    elif (Path(word) / DESCRIPTION).exists():
-        model = NeuralEnsemble.load(word)
-    else:
-        raise UserError(f"{word}: neither {NOMINAL!r} nor a folder that holds a fit ({SETTINGS}) or an ensemble")
+        return nominal_model(task, **_given(smoothing, threads))
+    model = saved_model(word, smoothing, threads)
     scene = task.load_scene()
     owner = model.scene if isinstance(model, ComplementarityModel) else model.layout
     have, need = (owner.nq, owner.nv, owner.nu), (scene.nq, scene.nv, scene.nu)
@@ -41,10 +53,33 @@ def named_model(word: str | os.PathLike[str], task: Task) -> ComplementarityMode
     return model
 
 
-def nominal_model(task: Task, **options: Any) -> ComplementarityModel:
-    """The model of the task's scene with its nominal parameters; ``options`` override the task's settings."""
+def saved_model(
+    folder: str | os.PathLike[str], smoothing: Smoothing | None = None, threads: int | None = None
+) -> ComplementarityModel | NeuralEnsemble:
+    """The model that ``folder`` holds; a fit with other smoothing or threads where given.
+
+    Raises UserError when it holds none, and when an ensemble shall be smoothed.
+    """
+    check_name(folder)
+    if holds_fit(folder):
+        return load_complementarity(Path(folder) / SETTINGS).with_settings(**_given(smoothing, threads))
+    if smoothing is not None:
+        raise UserError(f"{folder}: an ensemble has no contacts to soften: leave the smoothing out")
+    return NeuralEnsemble.load(folder)
+
+
+def _given(smoothing: Smoothing | None, threads: int | None) -> dict[str, Any]:
+    chosen = {"smoothing": smoothing, "threads": threads}
+    return {name: value for name, value in chosen.items() if value is not None}
+
+
+def nominal_model(task: Task, scene: Scene | None = None, **options: Any) -> ComplementarityModel:
+    """The model of the task's scene with its nominal parameters; ``options`` override the task's settings.
+
+    ``scene``: the task's, where it is at hand or was read otherwise than the task says.
+    """
     settings = task.model_options() | {"smoothing": Barrier(task.smoothing_kappa)}
-    return ComplementarityModel(task.load_scene(), **(settings | options))
+    return ComplementarityModel(scene or task.load_scene(), **(settings | options))
 
 
 def load_complementarity(file: Path) -> ComplementarityModel:
