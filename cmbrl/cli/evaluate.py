@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cmbrl.cli.models import (
@@ -53,7 +54,7 @@ def run(arguments: argparse.Namespace) -> None:
     saved = load_policy(arguments.policy)
     task = load_task(saved.task)
     mdp = decision_process(task)
-    word = model_word(saved.about, arguments.model, arguments.real)
+    word = model_word(Path(arguments.policy), saved.about, arguments.model, arguments.real)
     found: dict[str, Evaluation] = {}
     if arguments.real or arguments.model is None:
         system = real_system(task)
@@ -67,12 +68,17 @@ def run(arguments: argparse.Namespace) -> None:
         print(_text(found))
 
 
-def model_word(about: dict[str, Any], named: str | None, real_only: bool) -> str | None:
+def model_word(policy: Path, about: dict[str, Any], named: str | None, real_only: bool) -> str | None:
     """The model to try the policy in: the one named, else the one it was trained on unless ``real_only``.
+
+    An algorithm that fits its model has left that in the policy's folder.
 
     Raises UserError when that one is not there any more.
     """
-    word = named if named is not None or real_only else about.get("model")
+    word = named
+    if named is None and not real_only:
+        own = policy / "fit"
+        word = str(own) if own.is_dir() else about.get("model")
     if word is None or word == REAL:
         return None
     check_model(word)

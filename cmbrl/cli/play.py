@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from pathlib import Path
 from typing import Any
 
 from cmbrl.cli.evaluate import model_word
@@ -50,18 +51,20 @@ def run(arguments: argparse.Namespace) -> None:
 
     import torch
 
-    from cmbrl.envs.episode import play_episode, real_step
+    from cmbrl.envs.episode import play_episode
+    from cmbrl.envs.system_batch import SystemBatch
     from cmbrl.registry import load_task
 
     task = load_task(saved.task)
     mdp = decision_process(task)
     start = mdp.reset(1, torch.Generator().manual_seed(arguments.seed))
-    advances: dict[str, Any] = {"real": real_step(real_system(task))}
-    word = None if arguments.viewer else model_word(saved.about, arguments.model, real_only=False)
+    models: dict[str, Any] = {"real": SystemBatch(real_system(task), 1)}
+    policy = Path(arguments.policy)
+    word = None if arguments.viewer else model_word(policy, saved.about, arguments.model, real_only=False)
     if word is not None:
-        advances["model"] = load_model(word, task, arguments.smoothing).step
+        models["model"] = load_model(word, task, arguments.smoothing)
     episodes = {
-        title: play_episode(saved.policy, mdp, start, advance, arguments.seconds) for title, advance in advances.items()
+        title: play_episode(saved.policy, mdp, start, model, arguments.seconds) for title, model in models.items()
     }
     if arguments.viewer:
         _show(task.scene_path, episodes["real"])

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import Any, Self
 
 import torch
@@ -20,7 +21,7 @@ from cmbrl.envs.mdp import MDP
 from cmbrl.envs.recording import Recording
 from cmbrl.envs.simulation import Disturbance, parameter_sets
 from cmbrl.envs.system import SystemFactory
-from cmbrl.fit import fit
+from cmbrl.fit import FitResult, fit
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.train.policy import Policy
 from cmbrl.train.shac import SHAC, SHACConfig
@@ -84,6 +85,7 @@ class Loop:
         self.tried: list[dict[str, Any]] = []  # score and trainer's state of each policy whose trial is over
         self.settings, self.trial_updates = config.shac(), config.trial_updates()
         self.model: ComplementarityModel | None = None
+        self.fitted: FitResult | None = None  # of this process; a resumed run has that of before in its folder
         self.trainer = SHAC(mdp, model, self.settings, seed)  # its policy acts before the first fit; then replaced
 
     @property
@@ -128,8 +130,8 @@ class Loop:
     def _fit(self) -> None:
         """All parameters, from the nominal ones, on everything seen so far."""
         logs = [log for log in (self.given, self.recording.log() if self.recording.transitions else None) if log]
-        result = fit(self.nominal, Transitions.joined(logs), seed=self.seed + self.round, groups="all")
-        self.model = result.uncertain_model(self.config.draws, self.seed)
+        self.fitted = fit(self.nominal, Transitions.joined(logs), seed=self.seed + self.round, groups="all")
+        self.model = self.fitted.uncertain_model(self.config.draws, self.seed)
 
     def _begin_policy(self) -> None:
         """A fresh policy in the first round; later that of the last round, with new optimisers and a new critic.
@@ -166,6 +168,11 @@ class Loop:
         if self.round < self.config.rounds:
             self.before = {name: value.clone() for name, value in self.policy.state_dict().items()}
             self.model, self.tried = None, []
+
+    def keep(self, folder: Path) -> None:
+        """The last fit, in ``folder``/fit as `cmbrl fit` leaves one: to be looked at, compared, trained on."""
+        if self.fitted is not None:
+            self.fitted.save(folder / "fit")
 
     def state(self) -> dict[str, Any]:
         """Everything that the next update depends on, but for the log that was given."""

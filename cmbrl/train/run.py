@@ -115,6 +115,8 @@ class Run:
         state = {"iteration": self.iteration, "seconds": self.seconds, "trainer": self.trainer.state()}
         save_state(self.folder / CHECKPOINT, state)
         save_policy(self.trainer.policy, self.folder, self.about | {"iteration": self.iteration})
+        if hasattr(self.trainer, "keep"):
+            self.trainer.keep(self.folder)
 
     def _restore(self) -> None:
         path = self.folder / CHECKPOINT

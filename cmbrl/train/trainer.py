@@ -19,7 +19,11 @@ class Diverged(UserError):
 
 
 class Trainer(Protocol):
-    """One algorithm on one task: ``update`` until ``config.iterations`` are done."""
+    """One algorithm on one task: ``update`` until ``config.iterations`` are done.
+
+    It may also have ``over``, true when its budget is spent, and ``keep(folder)``, called at every checkpoint, for what
+    people will want of it beside the policy.
+    """
 
     policy: Policy
     iteration: int

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 import cmbrl
+from cmbrl.fit import FitResult
 from cmbrl.registry import load_task
 from cmbrl.train.loop import Loop, LoopConfig
 
@@ -77,3 +78,12 @@ def test_it_goes_on_bit_for_bit(make_loop, stop):
     for _ in range(2):
         a, b = through.update(), resumed.update()
         assert a == b
+
+
+def test_the_fit_is_left_as_a_run_folder_of_cmbrl_fit(make_loop, tmp_path):
+    loop = make_loop()
+    loop.update()
+    loop.keep(tmp_path)
+    kept = FitResult.load(tmp_path / "fit")
+    np.testing.assert_array_equal(kept.model.parameters, loop.model.parameters)
+    np.testing.assert_allclose(kept.draws(SMALL.draws, seed=3), loop.model.candidates)
