@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from cmbrl.envs.drawing import SceneDrawer
+from cmbrl.envs.drawing import Drawer
 from cmbrl.envs.episode import Episode
 from cmbrl.errors import UserError
 from cmbrl.files import atomic_path
@@ -36,7 +36,7 @@ def check_clip_path(path: str | os.PathLike[str]) -> None:
 def write_clip(path: str | os.PathLike[str], scene: str, episodes: Mapping[str, Episode]) -> int:
     """Draws ``episodes`` (title -> episode) of the MJCF ``scene`` in real time; returns the number of frames.
 
-    Raises UserError when nothing can be drawn or written here.
+    Raises UserError when nothing can be written here.
     """
     check_clip_path(path)
     dt = next(iter(episodes.values())).dt
@@ -68,7 +68,7 @@ def _write_mp4(path: Path, frames: list[np.ndarray], seconds: float) -> None:
 def _frames(scene: str, episodes: Mapping[str, Episode], stride: int) -> list[np.ndarray]:
     """Pictures (CAPTION + HEIGHT, panels * WIDTH, 3); an episode that has ended stands still."""
     seen = np.concatenate([episode.q[::stride] for episode in episodes.values()])
-    drawer = SceneDrawer(scene, seen, WIDTH, HEIGHT)
+    drawer = Drawer(scene, WIDTH, HEIGHT, seen)
     try:
         panels = [_panels(drawer, title, episode, stride) for title, episode in episodes.items()]
     finally:
@@ -77,13 +77,13 @@ def _frames(scene: str, episodes: Mapping[str, Episode], stride: int) -> list[np
     return [np.concatenate([p[min(k, len(p) - 1)] for p in panels], axis=1) for k in range(longest)]
 
 
-def _panels(drawer: SceneDrawer, title: str, episode: Episode, stride: int) -> list[np.ndarray]:
+def _panels(drawer: Drawer, title: str, episode: Episode, stride: int) -> list[np.ndarray]:
     """Captioned pictures of every ``stride``-th configuration and of the last."""
     last = len(episode.q) - 1
     return [_panel(drawer, title, episode, k) for k in (*range(0, last, stride), last)]
 
 
-def _panel(drawer: SceneDrawer, title: str, episode: Episode, k: int) -> np.ndarray:
+def _panel(drawer: Drawer, title: str, episode: Episode, k: int) -> np.ndarray:
     text = f"{title}   {k * episode.dt:.2f} s   return {episode.returns[k]:.1f}"
     if k == len(episode.q) - 1 and episode.terminated:
         text += "   ended"

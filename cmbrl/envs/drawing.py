@@ -1,4 +1,4 @@
-"""Pictures of a scene at a configuration, by MuJoCo's renderer: of the real system and of a model alike."""
+"""Pictures of a scene at a configuration, of the real system and of a model alike; a graphics driver helps."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from cmbrl.data.recorder import without_mujoco_warnings
+from cmbrl.envs.side_view import side_view
 from cmbrl.errors import UserError
 
 _PROBE = """import mujoco
@@ -19,9 +20,12 @@ model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></wor
 mujoco.Renderer(model, 16, 16).render()"""
 _SKY, _LIGHT, _DARK = (0.93, 0.95, 0.97), (0.82, 0.84, 0.86), (0.7, 0.73, 0.76)
 _FIXED, _MOVING = (0.35, 0.4, 0.48), (0.85, 0.5, 0.2)
+_TILT = np.radians(8.0)  # our camera looks down by
 _OURS = "cmbrl "  # begins the names of what is added, which no name of the file's should equal
+_CAMERA = _OURS + "camera"
 _GREY = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of a geom that has none
 _SHADOWS = 1024  # pixels: MuJoCo's 4096 take half the time of a picture where the processor draws it
+_FLAT = "drawn flat, since MuJoCo's renderer does not start"
 _REMEDY = "install Mesa's EGL (apt-get install libegl1 libgl1-mesa-dri) or OSMesa (apt-get install libosmesa6)"
 
 
@@ -33,59 +37,65 @@ def has_display() -> bool:
 def choose_renderer() -> None:
     """Without a display, sets MUJOCO_GL to what draws off screen here; call it before mujoco is first imported.
 
-    Each candidate is tried in a process of its own, since a broken driver may take its process down. Raises UserError
-    that says what to install when none draws.
+    Each candidate is tried in a process of its own, since a broken driver may take its process down. Warns with what to
+    install when none draws; raises UserError when MUJOCO_GL names one that does not.
     """
-    if has_display() and "MUJOCO_GL" not in os.environ:
+    named = os.environ.get("MUJOCO_GL")
+    if has_display() and not named:
         return
-    candidates = [os.environ["MUJOCO_GL"]] if "MUJOCO_GL" in os.environ else ["egl", "osmesa"]
-    for name in candidates:
+    for name in [named] if named else ["egl", "osmesa"]:
         tried = subprocess.run(
             [sys.executable, "-c", _PROBE], env=os.environ | {"MUJOCO_GL": name}, capture_output=True
         )
         if tried.returncode == 0:
             os.environ["MUJOCO_GL"] = name
             return
-    raise UserError(f"nothing can be drawn without a display ({' and '.join(candidates)} failed): {_REMEDY}")
+    if named:
+        raise UserError(f"MUJOCO_GL={named} does not draw here: unset it, or {_REMEDY}")
+    warnings.warn(f"{_FLAT}: {_REMEDY}", stacklevel=2)
 
 
-class SceneDrawer:
-    """Draws the MJCF at ``path`` in pictures of ``width`` x ``height``; close it at the end.
+class Drawer:
+    """Pictures of the MJCF at ``path``, ``width`` x ``height``; close it at the end.
 
-    The camera is the MJCF's first; without one it looks along +y at all that is not a plane, so that every one of the
-    configurations ``seen`` (N, nq) is in the picture. An MJCF without lights, sky or colours gets ours.
-
-    Raises UserError when MuJoCo cannot draw here.
+    By MuJoCo's renderer where there is a display or MUJOCO_GL is set; else, or where it does not start (a warning says
+    what to install), flat. The camera is the MJCF's first; without one it looks along +y at all that is not a plane, so
+    that every one of the configurations ``seen`` (N, nq) is in the picture. An MJCF without lights, sky or colours gets
+    ours.
     """
 
-    def __init__(self, path: str, seen: Iterable[np.ndarray], width: int = 480, height: int = 360) -> None:
+    def __init__(
+        self, path: str, width: int = 480, height: int = 360, seen: Iterable[np.ndarray] | None = None
+    ) -> None:
         import mujoco
 
+        self.width, self.height = width, height
         self._mujoco = mujoco
         self.model = _dressed(mujoco, path)
-        self.model.vis.quality.shadowsize = min(self.model.vis.quality.shadowsize, _SHADOWS)
         self.data = mujoco.MjData(self.model)
-        self.camera: Any = 0 if self.model.ncam else self._whole_view(seen, width / height)
-        try:
-            self._renderer = mujoco.Renderer(self.model, height, width)
-        except Exception as error:  # whatever the graphics driver raises
-            raise UserError(f"MuJoCo cannot draw here ({error}): set MUJOCO_GL=egl, or {_REMEDY}") from None
+        if self.model.camera(0).name == _CAMERA:
+            self._look_at(*(self._box(seen) if seen is not None else _extent(self.model)))
+        self._renderer = _renderer(mujoco, self.model, width, height) if _graphics() else None
 
     def draw(self, q: np.ndarray) -> np.ndarray:
         """A picture (height, width, 3) uint8 of the configuration q (nq,)."""
         self._place(q)
-        self._renderer.update_scene(self.data, self.camera)
+        if self._renderer is None:
+            return side_view(self.model, self.data, 0, self.width, self.height)
+        self._renderer.update_scene(self.data, 0)
         return np.asarray(self._renderer.render())
 
     def close(self) -> None:
-        self._renderer.close()
+        """Frees what the graphics driver holds."""
+        if self._renderer is not None:
+            self._renderer.close()
 
     def _place(self, q: np.ndarray) -> None:
         self.data.qpos[:] = q
         self._mujoco.mj_forward(self.model, self.data)
 
-    def _whole_view(self, seen: Iterable[np.ndarray], aspect: float) -> Any:
-        """A camera that has the box around all geoms, planes left out, in view."""
+    def _box(self, seen: Iterable[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Corners (3,) of the box around all geoms but planes, at all configurations."""
         solid = self.model.geom_type != self._mujoco.mjtGeom.mjGEOM_PLANE
         radius = self.model.geom_rbound[solid, None]
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
@@ -94,13 +104,39 @@ class SceneDrawer:
             centre = self.data.geom_xpos[solid]
             low = np.minimum(low, (centre - radius).min(axis=0))
             high = np.maximum(high, (centre + radius).max(axis=0))
+        return low, high
+
+    def _look_at(self, low: np.ndarray, high: np.ndarray) -> None:
+        """Puts our camera where it has a box in view."""
         size = high - low
-        half_angle = np.radians(self.model.vis.global_.fovy) / 2
-        camera = self._mujoco.MjvCamera()
-        camera.lookat[:] = (low + high) / 2
-        camera.distance = 1.15 * max(size[2], size[0] / aspect) / (2 * np.tan(half_angle)) + size[1] / 2
-        camera.azimuth, camera.elevation = 90.0, -8.0
-        return camera
+        tall = max(size[2], size[0] * self.height / self.width)
+        distance = 1.15 * tall / (2 * np.tan(np.radians(self.model.cam_fovy[0]) / 2)) + size[1] / 2
+        back = np.array([0.0, -np.cos(_TILT), np.sin(_TILT)])
+        self.model.cam_pos[0] = (low + high) / 2 + distance * back
+        half = (np.pi / 2 - _TILT) / 2  # a camera looks along -z: turned about x it looks along +y, and down a little
+        self.model.cam_quat[0] = np.cos(half), np.sin(half), 0.0, 0.0
+
+
+def _graphics() -> bool:
+    """Whether MuJoCo's renderer can be expected to start."""
+    return has_display() or bool(os.environ.get("MUJOCO_GL"))
+
+
+def _renderer(mujoco: Any, model: Any, width: int, height: int) -> Any:
+    """MuJoCo's, or None with a warning."""
+    frame = model.vis.global_
+    frame.offwidth, frame.offheight = max(frame.offwidth, width), max(frame.offheight, height)
+    model.vis.quality.shadowsize = min(model.vis.quality.shadowsize, _SHADOWS)
+    try:
+        return mujoco.Renderer(model, height, width)
+    except Exception as error:  # whatever the graphics driver raises
+        warnings.warn(f"{_FLAT} ({error}): set MUJOCO_GL=egl, or {_REMEDY}", stacklevel=3)
+        return None
+
+
+def _extent(model: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of a box around the scene as MuJoCo measures it."""
+    return model.stat.center - model.stat.extent, model.stat.center + model.stat.extent
 
 
 def _dressed(mujoco: Any, path: str) -> Any:
@@ -109,6 +145,8 @@ def _dressed(mujoco: Any, path: str) -> Any:
         warnings.simplefilter("ignore")  # said when the scene was read
         spec = mujoco.MjSpec.from_file(path)
         _add_sky_and_ground(mujoco, spec)
+        if not spec.cameras:
+            spec.worldbody.add_camera(name=_CAMERA)
         model = spec.compile()
     if not model.nlight:
         model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = 0.45, 0.5

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,10 +11,8 @@ from torch import Tensor
 
 from cmbrl.envs.evaluation import Actor
 from cmbrl.envs.mdp import MDP
-from cmbrl.envs.system import SystemFactory
 from cmbrl.models.complementarity import SolverWarning
-
-Advance = Callable[[Tensor, Tensor, Tensor], tuple[Tensor, Tensor]]  #: q (1, nq), v (1, nv), u (1, nu) -> q', v'
+from cmbrl.models.protocol import Model
 
 
 @dataclass(frozen=True)
@@ -29,10 +26,11 @@ class Episode:
 
 
 @torch.no_grad()
-def play_episode(actor: Actor, mdp: MDP, start: tuple[Tensor, Tensor], advance: Advance, seconds: float) -> Episode:
+def play_episode(actor: Actor, mdp: MDP, start: tuple[Tensor, Tensor], model: Model, seconds: float) -> Episode:
     """The deterministic policy from ``start`` (q (1, nq), v (1, nv)) for ``seconds``, or until the episode ends.
 
-    ``advance`` is a model's ``step`` or ``real_step(system)``. A state that is not finite terminates.
+    In reality ``model`` is a :class:`cmbrl.envs.system_batch.SystemBatch` of one system. A state that is not finite
+    terminates.
     """
     q, v = start
     total = 0.0
@@ -44,7 +42,7 @@ def play_episode(actor: Actor, mdp: MDP, start: tuple[Tensor, Tensor], advance: 
         for _ in range(mdp.repeat):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", SolverWarning)  # a picture shows what came of it
-                q_next, v_next = advance(q_next, v_next, u)
+                q_next, v_next = model.step(q_next, v_next, u)
             shown.append(q_next[0].numpy())
             returns.append(total)
         if not (torch.isfinite(q_next).all() and torch.isfinite(v_next).all()):
@@ -57,21 +55,3 @@ def play_episode(actor: Actor, mdp: MDP, start: tuple[Tensor, Tensor], advance: 
         if terminated:
             break
     return Episode(np.stack(shown), np.array(returns), mdp.dt / mdp.repeat, terminated)
-
-
-def real_step(system: SystemFactory) -> Advance:
-    """A robot of the real system as a function of state and control.
-
-    It is put into a state only where that is not the one it is in already: a simulator remembers more than its state.
-    """
-    robot = system()
-    present: list[Tensor] = []
-
-    def advance(q: Tensor, v: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
-        if not (present and torch.equal(present[0], q) and torch.equal(present[1], v)):
-            robot.reset(q[0].numpy(), v[0].numpy())
-        q_next, v_next = (torch.from_numpy(x)[None] for x in robot.step(u[0].numpy()))
-        present[:] = q_next, v_next
-        return q_next, v_next
-
-    return advance

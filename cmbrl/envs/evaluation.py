@@ -12,6 +12,7 @@ from torch import Tensor
 from cmbrl.envs.mdp import MDP
 from cmbrl.envs.simulation import Disturbance, Simulation
 from cmbrl.envs.system import SystemFactory
+from cmbrl.envs.system_batch import SystemBatch
 from cmbrl.models.protocol import Model
 
 Actor = Callable[[Tensor], Tensor]  #: observations (B, n_o) float32 -> actions (B, n_a) in [-1, 1]
@@ -40,32 +41,23 @@ def evaluate_real(
 ) -> Evaluation:
     """Episodes of the deterministic policy in the real system; the same seed starts from the same states."""
     q, v = mdp.reset(episodes, torch.Generator().manual_seed(seed))
-    robots = [system() for _ in range(episodes)]
-    running = np.ones(episodes, dtype=bool)
+    robots = SystemBatch(system, episodes)
     returns, lengths = np.zeros(episodes), np.zeros(episodes, dtype=int)
-    states = zip(q.numpy().copy(), v.numpy().copy(), strict=True)  # q and v are overwritten below
-    history: list[list[tuple[np.ndarray, ...]]] = [[state] for state in states]
-    started = False
+    history: list[list[tuple[np.ndarray, ...]]] = [[state] for state in zip(q.numpy(), v.numpy(), strict=True)]
+    running = np.arange(episodes)
     for _ in range(mdp.episode_steps):
-        rows = np.flatnonzero(running)
-        action = actor(mdp.observe(q[rows], v[rows]).float()).double()
-        before_q, before_v, u = mdp.act(q[rows], v[rows], action)
-        after = []
-        for k, row in enumerate(rows):
-            if not started or not (torch.equal(before_q[k], q[row]) and torch.equal(before_v[k], v[row])):
-                robots[row].reset(before_q[k].numpy(), before_v[k].numpy())
-            for _ in range(mdp.repeat):
-                state = robots[row].step(u[k].numpy())
-                if keep:
-                    history[row].append((*state, u[k].numpy()))
-            after.append(state)
-        started = True
-        q_next, v_next = (torch.from_numpy(np.stack(x)) for x in zip(*after, strict=True))
-        returns[rows] += mdp.reward(q[rows], v[rows], action, q_next, v_next).numpy()
-        lengths[rows] += 1
-        running[rows[mdp.terminated(q_next, v_next).numpy()]] = False
-        q[rows], v[rows] = q_next, v_next
-        if not running.any():
+        action = actor(mdp.observe(q, v).float()).double()
+        q_next, v_next, u = mdp.act(q, v, action)
+        for _ in range(mdp.repeat):
+            q_next, v_next = robots.step(q_next, v_next, u, running.tolist())
+            if keep:
+                for k, *row in zip(running, q_next.numpy(), v_next.numpy(), u.numpy(), strict=True):
+                    history[k].append(tuple(row))
+        returns[running] += mdp.reward(q, v, action, q_next, v_next).numpy()
+        lengths[running] += 1
+        goes_on = ~mdp.terminated(q_next, v_next)
+        running, q, v = running[goes_on.numpy()], q_next[goes_on], v_next[goes_on]
+        if not len(running):
             break
     if not keep:
         return Evaluation(returns, lengths)

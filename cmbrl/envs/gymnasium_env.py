@@ -1,16 +1,19 @@
-"""A decision process in one system, the real one or a model of it, as a Gymnasium environment."""
+"""A decision process on a model or in the real system as a Gymnasium environment."""
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
 import torch
 
+from cmbrl.envs.drawing import Drawer
 from cmbrl.envs.mdp import MDP
 from cmbrl.envs.spaces import action_space, observation_space
-from cmbrl.envs.system import System
 from cmbrl.errors import UserError
+from cmbrl.models.complementarity import SolverWarning
+from cmbrl.models.protocol import Model, forget
 
 try:
     import gymnasium
@@ -25,7 +28,8 @@ class MDPEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     tells of a step, such as ``x_position`` and the parts of the reward. A state that is not finite terminates.
 
     Args:
-        mdp, system: what is asked, and of whom.
+        mdp, model: what is asked, and of whom; a :class:`cmbrl.envs.system_batch.SystemBatch` of one in reality.
+        scene: path of the MJCF that pictures are drawn in.
         render_mode: None, or "rgb_array": ``render`` then returns a picture (height, width, 3).
         width, height: of pictures.
     """
@@ -33,16 +37,23 @@ class MDPEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012  (the type is Gymnasium's)
 
     def __init__(
-        self, mdp: MDP, system: System, render_mode: str | None = None, width: int = 480, height: int = 360
+        self,
+        mdp: MDP,
+        model: Model,
+        scene: str,
+        render_mode: str | None = None,
+        width: int = 480,
+        height: int = 360,
     ) -> None:
         if render_mode not in (None, "rgb_array"):
             raise UserError(f"render_mode {render_mode!r}: use None or 'rgb_array'")
-        self.mdp, self.system = mdp, system
+        self.mdp, self.model, self.scene = mdp, model, scene
         self.render_mode, self.width, self.height = render_mode, width, height
         self.metadata = {"render_modes": ["rgb_array"], "render_fps": max(1, round(1 / mdp.dt))}
         self.observation_space, self.action_space = observation_space(mdp), action_space(mdp)
         self._q = self._v = torch.empty(0)
         self._age = 0
+        self._drawer: Drawer | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -51,7 +62,7 @@ class MDPEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         super().reset(seed=seed)
         generator = torch.Generator().manual_seed(int(self.np_random.integers(2**63)))
         self._q, self._v = self.mdp.reset(1, generator)
-        self.system.reset(self._q[0].numpy(), self._v[0].numpy())
+        forget(self.model)
         self._age = 0
         return self._observe(), {}
 
@@ -61,12 +72,11 @@ class MDPEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if not self._q.numel():
             raise UserError("the episode has not begun: call reset()")
         a = torch.from_numpy(np.clip(action, -1.0, 1.0).astype(np.float64))[None]
-        q, v, u = self.mdp.act(self._q, self._v, a)
-        if not (torch.equal(q, self._q) and torch.equal(v, self._v)):
-            self.system.reset(q[0].numpy(), v[0].numpy())
-        for _ in range(self.mdp.repeat):
-            state = self.system.step(u[0].numpy())
-        q_next, v_next = (torch.from_numpy(x.copy())[None] for x in state)
+        q_next, v_next, u = self.mdp.act(self._q, self._v, a)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SolverWarning)  # counted in the model's ``failures``
+            for _ in range(self.mdp.repeat):
+                q_next, v_next = self.model.step(q_next, v_next, u)
         reward = self.mdp.reward(self._q, self._v, a, q_next, v_next).nan_to_num(0.0, 0.0, 0.0).item()
         info = {} if self.mdp.info is None else self.mdp.info(self._q, self._v, a, q_next, v_next)
         lost = not (torch.isfinite(q_next).all() and torch.isfinite(v_next).all())
@@ -78,7 +88,17 @@ class MDPEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def render(self) -> np.ndarray | None:  # type: ignore[override]
         """A picture (height, width, 3) uint8 of the present state; None without a render mode."""
-        return self.system.render(self.width, self.height) if self.render_mode else None
+        if self.render_mode is None:
+            return None
+        if self._drawer is None:
+            self._drawer = Drawer(self.scene, self.width, self.height)
+        return self._drawer.draw(self._q[0].numpy())
+
+    def close(self) -> None:
+        """Frees what pictures took."""
+        if self._drawer is not None:
+            self._drawer.close()
+            self._drawer = None
 
     def _observe(self) -> np.ndarray:
         return self.mdp.observe(self._q, self._v)[0].nan_to_num(0.0, 0.0, 0.0).numpy()

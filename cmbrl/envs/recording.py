@@ -11,19 +11,20 @@ from torch import Tensor
 from cmbrl.data.transitions import Transitions
 from cmbrl.envs.mdp import MDP
 from cmbrl.envs.system import SystemFactory
+from cmbrl.envs.system_batch import SystemBatch
 
 
 class Recording:
     """One robot of ``system`` in ``mdp``; ``seed`` is that of the initial states."""
 
     def __init__(self, mdp: MDP, system: SystemFactory, seed: int = 0) -> None:
-        self.mdp, self.robot = mdp, system()
+        self.mdp, self.robot = mdp, SystemBatch(system, 1)
         self.generator = torch.Generator().manual_seed(seed)
         self.finished: list[tuple[float, int]] = []  #: return and length of the episodes that ended
         self._rows: list[np.ndarray] = []  # (q, v, u, q', v') of each transition
         self._episodes: list[int] = []
         self.q, self.v = mdp.reset(1, self.generator)
-        self.value, self.age, self._placed = 0.0, 0, False
+        self.value, self.age = 0.0, 0
 
     def observe(self) -> Tensor:
         """(1, n_o) of the present state."""
@@ -35,7 +36,7 @@ class Recording:
         A simulator remembers more than its state (MuJoCo starts its solver from the last forces): after this it goes
         on as one that was just restored does.
         """
-        self._placed = False
+        self.robot.forget()
 
     def step(self, action: Tensor) -> dict[str, Tensor]:
         """One step of the process under action (1, n_a): its row, by the names that follow, float64.
@@ -43,24 +44,19 @@ class Recording:
         observation, action, reward, next_observation, terminated, and the state q, v before the step.
         """
         mdp = self.mdp
-        before_q, before_v, u = mdp.act(self.q, self.v, action)
-        if not (self._placed and torch.equal(before_q, self.q) and torch.equal(before_v, self.v)):
-            self.robot.reset(before_q[0].numpy(), before_v[0].numpy())
-            self._placed = True
-        state = before_q[0].numpy(), before_v[0].numpy()
+        q, v, u = mdp.act(self.q, self.v, action)
         for _ in range(mdp.repeat):
-            after = self.robot.step(u[0].numpy())
-            self._rows.append(np.concatenate([*state, u[0].numpy(), *after]))
+            after = self.robot.step(q, v, u)
+            self._rows.append(torch.cat([q, v, u, *after], dim=1)[0].numpy())
             self._episodes.append(len(self.finished))
-            state = after
-        q, v = (torch.from_numpy(x)[None] for x in state)
+            q, v = after
         row = outcome(mdp, self.q, self.v, action, q, v)
         self.q, self.v, self.age = q, v, self.age + 1
         self.value += float(row["reward"])
         if bool(row["terminated"]) or self.age >= mdp.episode_steps:
             self.finished.append((self.value, self.age))
             self.q, self.v = mdp.reset(1, self.generator)
-            self.value, self.age, self._placed = 0.0, 0, False
+            self.value, self.age = 0.0, 0
         return row
 
     @property

@@ -14,7 +14,6 @@ import os
 from typing import Any
 
 from cmbrl.envs.gymnasium_env import MDPEnv
-from cmbrl.envs.model_system import ModelSystem
 from cmbrl.envs.simulation import Simulation
 from cmbrl.envs.system_batch import SystemBatch
 from cmbrl.envs.vector_env import MDPVectorEnv
@@ -33,7 +32,7 @@ def make_model(task: str, model: str | os.PathLike[str] | Model = NOMINAL, **opt
     """``task`` on its nominal model, on what a folder holds, or on a model that is given; options of MDPEnv."""
     known = load_task(task)
     assert known.mdp is not None
-    return MDPEnv(known.mdp(), ModelSystem(_model(model, known)), **options)
+    return MDPEnv(known.mdp(), _model(model, known), known.scene_path, **options)
 
 
 def make_real(task: str, **options: Any) -> MDPEnv:
@@ -41,7 +40,7 @@ def make_real(task: str, **options: Any) -> MDPEnv:
     known = load_task(task)
     assert known.mdp is not None
     assert known.system is not None
-    return MDPEnv(known.mdp(), known.system(), **options)
+    return MDPEnv(known.mdp(), SystemBatch(known.system, 1), known.scene_path, **options)
 
 
 def make_model_vector(

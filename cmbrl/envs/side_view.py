@@ -13,8 +13,8 @@ MARKS = 0.5  # m between marks on the ground, which show that a robot moves when
 SHARP = 3  # drawn so many times larger, then reduced
 
 
-def side_view(model: Any, data: Any, camera: str | int, width: int, height: int) -> np.ndarray:
-    """(height, width, 3) uint8 of ``data`` (after mj_forward) by ``camera``: a name, an index, or -1 for none."""
+def side_view(model: Any, data: Any, camera: int, width: int, height: int) -> np.ndarray:
+    """(height, width, 3) uint8 of ``data`` (after mj_forward), seen by the camera of that index."""
     view = _View(model, data, camera, width * SHARP, height * SHARP)
     image = Image.new("RGB", view.size, SKY)
     draw = ImageDraw.Draw(image)
@@ -33,17 +33,12 @@ def side_view(model: Any, data: Any, camera: str | int, width: int, height: int)
 class _View:
     """From the world [m] to pixels, along the camera's line of sight."""
 
-    def __init__(self, model: Any, data: Any, camera: str | int, width: int, height: int) -> None:
+    def __init__(self, model: Any, data: Any, camera: int, width: int, height: int) -> None:
         self.size = (width, height)
-        index = model.camera(camera).id if isinstance(camera, str) else camera
-        if index >= 0:
-            self.axes = data.cam_xmat[index].reshape(3, 3).T  # right, up, back
-            self.centre = data.cam_xpos[index]
-            distance = abs(self.axes[2] @ (self.centre - model.stat.center))
-            tall = 2 * distance * np.tan(np.radians(model.cam_fovy[index]) / 2)
-        else:
-            self.axes = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
-            self.centre, tall = model.stat.center, 2 * model.stat.extent
+        self.axes = data.cam_xmat[camera].reshape(3, 3).T  # right, up, back
+        self.centre = data.cam_xpos[camera]
+        distance = abs(self.axes[2] @ (self.centre - model.stat.center))
+        tall = 2 * distance * np.tan(np.radians(model.cam_fovy[camera]) / 2)
         self.scale = height / tall  # pixels per metre
 
     def pixels(self, points: np.ndarray) -> np.ndarray:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from cmbrl.data.recorder import without_mujoco_warnings
-from cmbrl.envs.side_view import side_view
 from cmbrl.errors import UserError
 
 
@@ -30,10 +28,6 @@ class System(Protocol):
         """The state (q', v') after holding u for dt."""
         ...
 
-    def render(self, width: int, height: int) -> np.ndarray:
-        """A picture of the present state, (height, width, 3) uint8."""
-        ...
-
 
 SystemFactory = Callable[[], System]
 
@@ -41,11 +35,10 @@ SystemFactory = Callable[[], System]
 class MujocoSystem:
     """MuJoCo with the MJCF's own options, ``frame_skip`` steps of it at a time, as Gymnasium's robots run.
 
-    ``camera`` of the pictures: default the file's first one, else a free one. Raises UserError when the file cannot be
-    read.
+    Raises UserError when the file cannot be read.
     """
 
-    def __init__(self, path: str | os.PathLike[str], frame_skip: int = 1, camera: str | int | None = None) -> None:
+    def __init__(self, path: str | os.PathLike[str], frame_skip: int = 1) -> None:
         import mujoco
 
         self._mujoco = mujoco
@@ -56,8 +49,6 @@ class MujocoSystem:
             raise UserError(f"{path}: MuJoCo cannot read it ({str(error).splitlines()[0]})") from None
         self.data = mujoco.MjData(self.model)
         self.frame_skip = frame_skip
-        self.camera: str | int = min(self.model.ncam, 1) - 1 if camera is None else camera
-        self._renderer: Any = None
 
     @property
     def dt(self) -> float:
@@ -75,26 +66,3 @@ class MujocoSystem:
         self.data.ctrl[:] = u
         self._mujoco.mj_step(self.model, self.data, self.frame_skip)
         return self.data.qpos.copy(), self.data.qvel.copy()
-
-    def render(self, width: int = 480, height: int = 360) -> np.ndarray:
-        """A picture by MuJoCo's renderer where there is a display or MUJOCO_GL is set, else drawn flat by us.
-
-        Raises UserError when MuJoCo's renderer does not start.
-        """
-        if not _graphics():
-            return side_view(self.model, self.data, self.camera, width, height)
-        if self._renderer is None or (self._renderer.height, self._renderer.width) != (height, width):
-            try:
-                self._renderer = self._mujoco.Renderer(self.model, height, width)
-            except Exception as error:  # of the driver, of any kind
-                raise UserError(
-                    f"MuJoCo's renderer does not start ({type(error).__name__}): set MUJOCO_GL to another of glfw, "
-                    "egl, osmesa, or unset it and DISPLAY for a flat picture"
-                ) from None
-        self._renderer.update_scene(self.data, self.camera)
-        return np.asarray(self._renderer.render())
-
-
-def _graphics() -> bool:
-    """Whether MuJoCo's renderer can be expected to start."""
-    return sys.platform != "linux" or any(os.environ.get(x) for x in ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL"))

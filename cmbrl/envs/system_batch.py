@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -27,17 +29,19 @@ class SystemBatch:
         """Duration of a step [s]."""
         return self.systems[0].dt
 
-    def place(self) -> None:
+    def forget(self) -> None:
         """Has every system reset to its state at the next step, so that it remembers no more than one just restored."""
         self._present = [None] * len(self.systems)
 
-    def step(self, q: Tensor, v: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
-        """(q', v') of every system: q (count, nq), v (count, nv), u (count, nu), float64."""
-        rows = zip(*(x.detach().numpy() for x in (q, v, u)), strict=True)
-        for k, (system, (q_row, v_row, u_row)) in enumerate(zip(self.systems, rows, strict=True)):
+    def step(self, q: Tensor, v: Tensor, u: Tensor, rows: Sequence[int] | None = None) -> tuple[Tensor, Tensor]:
+        """(q', v') of every system, or of those in ``rows``: q (B, nq), v (B, nv), u (B, nu), float64."""
+        after = []
+        states = zip(*(x.detach().numpy() for x in (q, v, u)), strict=True)
+        for k, (q_row, v_row, u_row) in zip(rows or range(len(self.systems)), states, strict=True):
             present = self._present[k]
             if present is None or not (np.array_equal(q_row, present[0]) and np.array_equal(v_row, present[1])):
-                system.reset(q_row, v_row)
-            self._present[k] = system.step(u_row)
-        q_next, v_next = (torch.from_numpy(np.stack(x)) for x in zip(*self._present, strict=True))  # type: ignore[arg-type]
+                self.systems[k].reset(q_row, v_row)
+            present = self._present[k] = self.systems[k].step(u_row)
+            after.append(present)
+        q_next, v_next = (torch.from_numpy(np.stack(x)) for x in zip(*after, strict=True))
         return q_next, v_next

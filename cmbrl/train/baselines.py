@@ -19,7 +19,7 @@ from cmbrl.envs.mdp import MDP
 from cmbrl.envs.simulation import Simulation
 from cmbrl.envs.system import SystemFactory
 from cmbrl.envs.system_batch import SystemBatch
-from cmbrl.models.protocol import Model
+from cmbrl.models.protocol import Model, forget
 from cmbrl.train import stable_baselines as sb3
 from cmbrl.train.policy import Architecture, Policy
 
@@ -141,8 +141,7 @@ class Baseline(ABC):
 
     def update(self) -> dict[str, float]:
         """One iteration; returns its metrics."""
-        if self.real is not None:
-            self.real.place()
+        forget(self.simulation.model)
         with self.randomness:
             self.algorithm.learn(self.steps(), log_interval=None, reset_num_timesteps=False)
         self.iteration += 1

@@ -11,7 +11,6 @@ its time is off by at most 20 us (0.1 mm at 5 m/s); the overlap that remains is 
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -44,7 +43,6 @@ class BallSystem:
         self.elasticity = elasticity  #: the ball's
         self._space: Any = None
         self._ball: Any = None
-        self._view: Any = None
 
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
         """A fresh world with the ball in the state q (3,), v (3,)."""
@@ -69,15 +67,6 @@ class BallSystem:
         for _ in range(SUBSTEPS):
             self._space.step(CONTROL_DT / SUBSTEPS)
         return self._state()
-
-    def render(self, width: int = 480, height: int = 360) -> np.ndarray:
-        """A picture (height, width, 3) of the present state, drawn in the scene's MJCF."""
-        from cmbrl.envs.system import MujocoSystem
-
-        if self._view is None:
-            self._view = MujocoSystem(Path(__file__).with_name("scene.xml"))
-        self._view.reset(*self._state())
-        return self._view.render(width, height)
 
     def _state(self) -> tuple[np.ndarray, np.ndarray]:
         ball = self._ball

@@ -27,7 +27,7 @@ def record(name: str, scene: Path, mdp: MDP, n_steps: int, seed: int, behaviour:
     ``behaviour``: "random", "pd", or a policy from the process's observation (n_o,) to a control (nu,).
     """
     robot = Recording(mdp, lambda: system(scene), seed)
-    model = robot.robot.model  # type: ignore[attr-defined]
+    model = robot.robot.systems[0].model  # type: ignore[attr-defined]
     control = controller(behaviour, model, np.random.default_rng([seed, 1]))
     for _ in range(n_steps):
         action = control(robot.observe()[0].numpy(), robot.q[0].numpy(), robot.v[0].numpy())

@@ -18,7 +18,6 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 from cmbrl.envs.gymnasium_env import MDPEnv
-from cmbrl.envs.model_system import ModelSystem
 from cmbrl.envs.registration import IDS, register
 from cmbrl.files import write_json
 from cmbrl.models.named import named_model, nominal_model
@@ -92,7 +91,6 @@ def test_a_vector_row_is_a_single_environment(name):
     first, _ = many.reset(seed=3)
     single.reset(seed=0)
     single._q, single._v = many.simulation.q[1:].clone(), many.simulation.v[1:].clone()
-    single.system.reset(single._q[0].numpy(), single._v[0].numpy())
     rng = np.random.default_rng(1)
     ended = False
     while not ended:
@@ -113,7 +111,7 @@ def test_a_vector_row_is_a_single_environment(name):
 
 def test_time_limit_and_seeds():
     task = load_task("hopper")
-    env = MDPEnv(replace(task.mdp(), episode_steps=3), ModelSystem(nominal_model(task)))
+    env = MDPEnv(replace(task.mdp(), episode_steps=3), nominal_model(task), task.scene_path)
     first, _ = env.reset(seed=1)
     ends = [env.step(np.zeros(3))[2:4] for _ in range(3)]
     assert ends == [(False, False), (False, False), (False, True)]
@@ -125,12 +123,12 @@ def test_time_limit_and_seeds():
 
 def test_actions_are_clipped_and_a_lost_state_ends_the_episode():
     task = load_task("hopper")
-    env = MDPEnv(task.mdp(), ModelSystem(nominal_model(task)))
+    env = MDPEnv(task.mdp(), nominal_model(task), task.scene_path)
     env.reset(seed=0)
     a = env.step(np.full(3, 5.0))[0]
     env.reset(seed=0)
     assert np.array_equal(env.step(np.ones(3))[0], a)
-    env.system.reset(np.full(6, np.nan), np.zeros(6))
+    env._q = torch.full((1, 6), torch.nan, dtype=torch.float64)
     observation, reward, terminated, truncated, _ = env.step(np.zeros(3))
     assert np.isfinite(observation).all()
     assert np.isfinite(reward)
@@ -143,13 +141,13 @@ def test_models_by_name_and_as_objects(tmp_path):
     model = nominal_model(task)
     model = model.with_parameters(model.parameters * 1.01)
     given = gymnasium.make("cmbrl/Hopper-v0", model=model)
-    assert given.unwrapped.system.model is model
+    assert given.unwrapped.model is model
     assert isinstance(named_model("nominal", task), type(model))
     scene = {"path": model.scene.path, "ignore": [], "contact_law": "mujoco"}
     (tmp_path / "fit").mkdir()
     (tmp_path / "slow").mkdir()
     write_json(tmp_path / "fit" / "model.json", {"scene": scene, "settings": model.to_config()})
-    fitted = gymnasium.make("cmbrl/Hopper-v0", model=tmp_path / "fit").unwrapped.system.model
+    fitted = gymnasium.make("cmbrl/Hopper-v0", model=tmp_path / "fit").unwrapped.model
     assert np.array_equal(fitted.parameters, model.parameters)
     with pytest.raises(UserError, match="another robot"):
         gymnasium.make("cmbrl/Cheetah-v0", model=tmp_path / "fit")
@@ -160,7 +158,7 @@ def test_models_by_name_and_as_objects(tmp_path):
     with pytest.raises(UserError, match="holds neither a fit"):
         gymnasium.make("cmbrl/Hopper-v0", model=tmp_path)
     with pytest.raises(UserError, match="render_mode 'human'"):
-        MDPEnv(task.mdp(), ModelSystem(model), render_mode="human")
+        MDPEnv(task.mdp(), model, task.scene_path, render_mode="human")
 
 
 def test_a_task_of_this_process_and_one_without_a_process(monkeypatch):

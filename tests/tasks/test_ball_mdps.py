@@ -111,19 +111,6 @@ def end(model, mdp, q, v, a):
     return q[0]
 
 
-@EACH
-def test_pictures(name, monkeypatch):
-    for variable in ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL"):
-        monkeypatch.delenv(variable, raising=False)
-    system = load_task(name).system()
-    system.reset(np.array([0.0, 0.5, 0.0]), np.zeros(3))
-    first = system.render(120, 90)
-    system.step(np.empty(0))
-    system.reset(np.array([0.5, 0.5, 0.0]), np.zeros(3))
-    assert first.shape == (90, 120, 3)
-    assert not np.array_equal(first, system.render(120, 90))
-
-
 def test_recordings_of_the_variants():
     """The inelastic ball keeps nothing of its normal speed."""
     log = load_task("ball_slide").record(300, seed=0)

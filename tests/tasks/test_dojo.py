@@ -8,8 +8,9 @@ import torch
 
 from cmbrl.contact import Exact
 from cmbrl.envs.evaluation import evaluate_model, evaluate_real
-from cmbrl.envs.model_system import ModelSystem
+from cmbrl.envs.system_batch import SystemBatch
 from cmbrl.models.named import nominal_model
+from cmbrl.models.protocol import rollout
 from tasks.dojo import CHEETAH, HOPPER
 from tasks.dojo import mdp as processes
 
@@ -55,16 +56,14 @@ def test_the_cheetahs_rest_posture_stands_on_both_feet():
 @BOTH
 def test_dropped_it_comes_to_stand_like_mujoco_and_the_floor_carries_its_weight(task):
     model = nominal_model(task, smoothing=Exact())
-    real, ours = task.system(), ModelSystem(model)
     q, _ = task.mdp().reset(1, torch.Generator().manual_seed(3))
-    for system in (real, ours):
-        system.reset(q[0].numpy(), np.zeros(model.scene.nv))
-    u = np.zeros(model.scene.nu)
-    for _ in range(20):
-        (q_real, _), (q_ours, v_ours) = real.step(u), ours.step(u)
-    assert np.abs(q_real - q_ours).max() < 0.02
+    u = torch.zeros(1, 20, model.scene.nu, dtype=torch.float64)
+    (q_real, _), (q_ours, v_ours) = (
+        rollout(m, q, torch.zeros_like(q), u) for m in (SystemBatch(task.system, 1), model)
+    )
+    assert (q_real[:, -1] - q_ours[:, -1]).abs().max() < 0.02
     assert model.failures == 0
-    step = model.predict(q_ours[None], v_ours[None], u[None], impulse=True)
+    step = model.predict(q_ours[:, -1].numpy(), v_ours[:, -1].numpy(), u[:, 0].numpy(), impulse=True)
     weight = 9.81 * model.scene.total_mass * model.dt
     assert step.impulse[0, :, 0].sum() == pytest.approx(weight, rel=0.02)
 
