@@ -20,6 +20,7 @@ STUDIES = {
     "training": "cmbrl.bench.speed.training",
     "derivatives": "cmbrl.bench.derivatives.study",
     "robustness": "cmbrl.bench.robustness",
+    "mission": "cmbrl.bench.policies.mission",
 }  #: name -> module whose ``STUDY`` it is
 
 

@@ -1,0 +1,1 @@
+"""How policies are learned: by which estimator, from how many samples, in how many seconds."""

@@ -1,0 +1,163 @@
+"""The contenders of the mission: how each trainer is made from a task, a random log and a seed; how long it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import partial
+from typing import Any
+
+from cmbrl.bench.policies.runs import Contest, Plan
+from cmbrl.data.transitions import Transitions
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
+from cmbrl.models.protocol import Model
+from cmbrl.registry import Task
+from cmbrl.train.baselines import PPO, SAC, PPOConfig, SACConfig
+from cmbrl.train.loop import Loop, LoopConfig
+from cmbrl.train.mbpo import MBPO, MBPOConfig
+from cmbrl.train.shac import SHAC
+from cmbrl.train.trainer import Trainer
+
+LOOP, NOMINAL = "complementarity loop", "nominal MJCF"
+MBPO_LOG, SHAC_NEURAL = "MBPO, same log", "SHAC on neural ensemble, same log"
+MBPO_ONLINE, SAC_ONLINE, PPO_ONLINE = "MBPO online", "SAC online", "PPO online"
+ENDLESS = 1_000_000  # iterations of a run that ends by its seconds
+
+
+@dataclass(frozen=True)
+class Work:
+    """Sizes of the study; ``seconds`` are of processor time, of one run of a method that has no end of its own."""
+
+    seeds: Mapping[str, Mapping[str, int]] = field(
+        default_factory=lambda: {
+            "hopper": {LOOP: 10, NOMINAL: 3, MBPO_LOG: 3, SHAC_NEURAL: 3, MBPO_ONLINE: 1, SAC_ONLINE: 3, PPO_ONLINE: 3},
+            "cheetah": {LOOP: 5, NOMINAL: 3, MBPO_LOG: 3, SHAC_NEURAL: 3, MBPO_ONLINE: 1, SAC_ONLINE: 3, PPO_ONLINE: 3},
+        }
+    )  #: scene -> method -> number of seeds
+    transitions: int = 1000  #: of the random log that a seed's methods share
+    seconds: float = 340.0  #: about what the loop takes on the hopper
+    points: int = 8  #: of a curve
+    ensemble_updates: int = 2000  #: of the ensemble that SHAC trains on
+    loop: Mapping[str, Any] = field(default_factory=dict)  #: other settings of the loop (and of SHAC) than the task's
+    mbpo: Mapping[str, Any] = field(default_factory=dict)  #: of MBPO, than ``two_cores``
+    sac: Mapping[str, Any] = field(default_factory=dict)
+    ppo: Mapping[str, Any] = field(default_factory=dict)
+
+
+_SMALL_LOOP = {
+    "iterations": 6, "policies": 2, "environments": 8, "horizon": 4, "draws": 8, "score_episodes": 4,
+    "episode_steps": 50, "actor_hidden": (16,), "critic_hidden": (16,),
+}  # fmt: skip
+QUICK = Work(
+    seeds={
+        name: dict.fromkeys((LOOP, NOMINAL, MBPO_LOG, SHAC_NEURAL, MBPO_ONLINE, SAC_ONLINE, PPO_ONLINE), 1)
+        for name in ("hopper", "cheetah")
+    },
+    transitions=200, seconds=2.0, points=2, ensemble_updates=50, loop=_SMALL_LOOP,
+    mbpo={"warmup": 200, "block": 10, "rollouts": 200, "fit_updates": 20, "refit_updates": 5, "hidden": (16, 16)},
+    sac={"warmup": 200, "block": 50, "hidden": (16, 16)}, ppo={"horizon": 128, "hidden": (16, 16)},
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a method is given: a task, its nominal model, the seed's random log (None: it collects its own)."""
+
+    task: Task
+    contest: Contest
+    nominal: ComplementarityModel
+    work: Work
+    seed: int
+    log: Transitions | None
+
+    def loop_config(self) -> LoopConfig:
+        """The task's preset, with what the study changes."""
+        chosen = {"transitions": self.work.transitions, **self.work.loop}
+        return replace(preset(LoopConfig, self.task.name), **chosen)
+
+
+@dataclass(frozen=True)
+class Method:
+    """``make`` builds the trainer (on the clock), ``model`` the one that its policy believes in; ``plan`` its length.
+
+    ``takes_log``: whether it learns from the seed's random log.
+    """
+
+    make: Callable[[Setup], Trainer]
+    plan: Callable[[Setup], Plan]
+    model: Callable[[Any], Model] | None = None
+    takes_log: bool = False
+
+
+def preset(config: Any, task: str) -> Any:
+    """The configuration's preset of the task's name, or its defaults."""
+    return getattr(config, task, config)()
+
+
+def _loop(s: Setup) -> Trainer:
+    return Loop(s.contest.mdp, s.nominal, s.loop_config(), s.seed, system=s.contest.system, data=s.log)
+
+
+def _nominal(s: Setup) -> Trainer:
+    return SHAC(s.contest.mdp, s.nominal, s.loop_config().shac(), s.seed)
+
+
+def _shac_neural(s: Setup) -> Trainer:
+    assert s.log is not None
+    config = EnsembleConfig(updates=s.work.ensemble_updates)
+    ensemble = NeuralEnsemble(s.task.load_scene(), s.task.control_dt, config)
+    ensemble.fit(s.log, s.seed)
+    return SHAC(s.contest.mdp, ensemble, s.loop_config().shac(), s.seed)
+
+
+def _mbpo(s: Setup, online: bool) -> Trainer:
+    config = replace(preset(MBPOConfig, s.task.name).two_cores(), **s.work.mbpo)
+    ensemble = NeuralEnsemble(s.task.load_scene(), s.task.control_dt, EnsembleConfig.original())
+    return MBPO(s.contest.mdp, ensemble, config, s.seed, s.contest.system if online else None, s.log)
+
+
+def _sac(s: Setup) -> Trainer:
+    return SAC(s.contest.mdp, s.contest.system, replace(preset(SACConfig, s.task.name), **s.work.sac), s.seed)
+
+
+def _ppo(s: Setup) -> Trainer:
+    return PPO(s.contest.mdp, s.contest.system, replace(preset(PPOConfig, s.task.name), **s.work.ppo), s.seed)
+
+
+def _whole_loop(s: Setup) -> Plan:
+    return Plan(s.loop_config().iterations, points=s.work.points)
+
+
+def _one_policy(s: Setup) -> Plan:
+    return Plan(s.loop_config().shac().iterations, points=s.work.points)
+
+
+def _seconds(s: Setup) -> Plan:
+    return Plan(ENDLESS, s.work.seconds, s.work.points)
+
+
+def _own(trainer: Any) -> Model:
+    return trainer.model  # type: ignore[no-any-return]
+
+
+METHODS = {
+    LOOP: Method(_loop, _whole_loop, _own, takes_log=True),
+    NOMINAL: Method(_nominal, _one_policy, _own),
+    MBPO_LOG: Method(partial(_mbpo, online=False), _seconds, _own, takes_log=True),
+    SHAC_NEURAL: Method(_shac_neural, _one_policy, _own, takes_log=True),
+    MBPO_ONLINE: Method(partial(_mbpo, online=True), _seconds, _own),
+    SAC_ONLINE: Method(_sac, _seconds),
+    PPO_ONLINE: Method(_ppo, _seconds),
+}
+
+
+def settings_of(work: Work) -> dict[str, Any]:
+    """What a cell depends on beside scene, method and seed: JSON types."""
+    return {f.name: _plain(getattr(work, f.name)) for f in fields(work) if f.name != "seeds"}
+
+
+def _plain(x: Any) -> Any:
+    if isinstance(x, Mapping):
+        return {k: _plain(v) for k, v in x.items()}
+    return list(x) if isinstance(x, tuple) else x
