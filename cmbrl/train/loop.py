@@ -141,7 +141,7 @@ class Loop:
         assert self.model is not None
         seed = self.seed + 1000 * len(self.tried) + 100 * self.round
         self.trainer = SHAC(self.mdp, self.model, self.settings, seed)
-        if self.round:
+        if self.before:  # not merely a later round: a finished run that is restored has none
             self.trainer.policy.load_state_dict(self.before)
 
     def _score(self) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -59,6 +61,17 @@ def test_the_next_round_begins_with_the_last_one_s_policy(make_loop):
     loop._begin_policy()
     for name, value in loop.policy.net.state_dict().items():
         torch.testing.assert_close(value, before[name], rtol=0, atol=0)
+
+
+def test_a_run_of_one_round_is_restored_when_it_is_over(make_loop):
+    """It has no policy of a round before."""
+    loop, again = make_loop(), make_loop()
+    loop.config = again.config = replace(SMALL, rounds=1)
+    while loop.round == 0:
+        loop.update()
+    again.restore(loop.state())
+    for name, value in again.policy.state_dict().items():
+        torch.testing.assert_close(value, loop.policy.state_dict()[name], rtol=0, atol=0)
 
 
 def test_a_given_log_counts_and_only_the_rest_is_recorded(make_loop):

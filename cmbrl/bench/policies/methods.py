@@ -16,7 +16,7 @@ from cmbrl.registry import Task
 from cmbrl.train.baselines import PPO, SAC, PPOConfig, SACConfig
 from cmbrl.train.loop import Loop, LoopConfig
 from cmbrl.train.mbpo import MBPO, MBPOConfig
-from cmbrl.train.shac import SHAC
+from cmbrl.train.shac import SHAC, SHACConfig
 from cmbrl.train.trainer import Trainer
 
 LOOP, NOMINAL = "complementarity loop", "nominal MJCF"
@@ -39,6 +39,7 @@ class Work:
     seconds: float = 340.0  #: about what the loop takes on the hopper
     points: int = 8  #: of a curve
     ensemble_updates: int = 2000  #: of the ensemble that SHAC trains on
+    neural_iterations: int = 1200  #: of SHAC on it, at most: on the hopper they take the loop's time
     loop: Mapping[str, Any] = field(default_factory=dict)  #: other settings of the loop (and of SHAC) than the task's
     mbpo: Mapping[str, Any] = field(default_factory=dict)  #: of MBPO, than ``two_cores``
     sac: Mapping[str, Any] = field(default_factory=dict)
@@ -108,7 +109,12 @@ def _shac_neural(s: Setup) -> Trainer:
     config = EnsembleConfig(updates=s.work.ensemble_updates)
     ensemble = NeuralEnsemble(s.task.load_scene(), s.task.control_dt, config)
     ensemble.fit(s.log, s.seed)
-    return SHAC(s.contest.mdp, ensemble, s.loop_config().shac(), s.seed)
+    return SHAC(s.contest.mdp, ensemble, _neural_config(s), s.seed)
+
+
+def _neural_config(s: Setup) -> SHACConfig:
+    own = s.loop_config().shac()
+    return replace(own, iterations=min(own.iterations, s.work.neural_iterations))
 
 
 def _mbpo(s: Setup, online: bool) -> Trainer:
@@ -133,6 +139,10 @@ def _one_policy(s: Setup) -> Plan:
     return Plan(s.loop_config().shac().iterations, points=s.work.points)
 
 
+def _neural(s: Setup) -> Plan:
+    return Plan(_neural_config(s).iterations, points=s.work.points)
+
+
 def _seconds(s: Setup) -> Plan:
     return Plan(ENDLESS, s.work.seconds, s.work.points)
 
@@ -145,7 +155,7 @@ METHODS = {
     LOOP: Method(_loop, _whole_loop, _own, takes_log=True),
     NOMINAL: Method(_nominal, _one_policy, _own),
     MBPO_LOG: Method(partial(_mbpo, online=False), _seconds, _own, takes_log=True),
-    SHAC_NEURAL: Method(_shac_neural, _one_policy, _own, takes_log=True),
+    SHAC_NEURAL: Method(_shac_neural, _neural, _own, takes_log=True),
     MBPO_ONLINE: Method(partial(_mbpo, online=True), _seconds, _own),
     SAC_ONLINE: Method(_sac, _seconds),
     PPO_ONLINE: Method(_ppo, _seconds),

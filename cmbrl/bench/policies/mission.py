@@ -16,7 +16,7 @@ import torch
 
 from cmbrl.bench.cells import kept
 from cmbrl.bench.policies.methods import LOOP, METHODS, NOMINAL, QUICK, Setup, Work, settings_of
-from cmbrl.bench.policies.mission_plots import draw
+from cmbrl.bench.policies.mission_plots import TIME, TRANSITIONS, draw
 from cmbrl.bench.policies.runs import (
     NOISE_ANGULAR,
     NOISE_LINEAR,
@@ -131,11 +131,15 @@ def _figures(scene: str, results: Sequence[Result], folder: Path) -> list[Figure
     own = [r for r in results if r["scene"] == scene]
     seen = "Lines: the deterministic policy on the way (3 episodes); dots: the last policy of each run (10 episodes). "
     captions = {
-        "transitions": seen + "Every run is drawn; policies of the nominal MJCF, which no transition taught, are "
-        "dashes across. Hollow stars: MBPO as reported, not run here.",
-        "seconds": seen + "Wall clock of training alone, fits included, on a machine that ran other work beside it.",
+        TRANSITIONS: seen
+        + "Every run is drawn, methods on the same log a little side by side; dashes across: policies "
+        "of the nominal MJCF, which no transition taught. Hollow stars: MBPO as reported (Janner et al. 2019, read by "
+        "eye from the plot), not run here.",
+        TIME: seen
+        + "Time of training alone, fits included; the machine ran other work beside it, which the wall clock "
+        "counts.",
     }
-    titles = {"transitions": "Return against real transitions", "seconds": "Return against training time"}
+    titles = {TRANSITIONS: "Return against real transitions", TIME: "Return against training time"}
     return [
         Figure(draw(scene, own, kind, folder), f"{scene}: {titles[kind]}", caption)
         for kind, caption in captions.items()
@@ -206,7 +210,7 @@ def _text(results: Sequence[Result], work: Work) -> str:
         f"{quick}Every method begins with a policy that knows nothing; those on a log share, seed by seed, one of "
         f"{work.transitions:,} transitions by random actions. The complementarity loop fits its contact model to that "
         "log and improves policies on draws from the fit; it chooses among them by their return in the model alone. "
-        "The last policy of a run counts, not the best on the way; no run is left out, and seeds from "
+        "The last policy of a run counts, not the best on the way; no run that was made is left out, and seeds from "
         f"{FIRST_SEED} up were not used before: settings were chosen on others. "
         f"'{NOMINAL}' is the same training without any data: the real system here is MuJoCo with the very same MJCF, "
         "so it says what a right file alone is worth; where it does as well, the log was not needed. MBPO, SAC and PPO "
@@ -214,6 +218,10 @@ def _text(results: Sequence[Result], work: Work) -> str:
         "finished); online they may take as many transitions as fit. With their authors' "
         "hours they get further: the stars are what MBPO is reported to reach."
     )
+    planned = [job for job in jobs(work, SCENES, FIRST_SEED) if job[0] in {r["scene"] for r in results}]
+    missing = len(planned) - len(results)
+    if missing:
+        how += f" {missing} of {len(planned)} planned runs have not been made: the table says how many there are."
     failed = [f"{r['scene']}, {r['method']}, seed {r['seed']}: {r['failed']}." for r in results if r["failed"]]
     return "\n\n".join([how, " ".join(["Ended early:", *failed]) if failed else "No run diverged."])
 

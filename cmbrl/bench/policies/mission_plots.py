@@ -16,7 +16,7 @@ from cmbrl.files import atomic_path
 
 STYLES = {
     LOOP: ("#08519c", "o"),
-    NOMINAL: ("0.35", "_"),
+    NOMINAL: ("0.35", "x"),
     MBPO_LOG: ("#fdae6b", "v"),
     SHAC_NEURAL: ("#cb181d", "s"),
     MBPO_ONLINE: ("#d94801", "^"),
@@ -25,44 +25,52 @@ STYLES = {
 }
 REPORTED = {"hopper": [(50_000, 1700), (75_000, 3100), (100_000, 3300), (120_000, 3350)]}
 """MBPO's return after so many transitions: Janner et al. 2019 (arXiv 1906.08253), read by eye from the plot."""
-_AXES = {"transitions": ("transitions", "real transitions"), "seconds": ("wall", "seconds of training (wall clock)")}
+TRANSITIONS, TIME = "transitions", "time"
+_PANELS = {
+    TRANSITIONS: {"transitions": "real transitions"},
+    TIME: {"cpu": "processor seconds of training", "wall": "wall clock of training [s]"},
+}
+_ASIDE = {MBPO_LOG: 1.08, SHAC_NEURAL: 0.92}  # of the abscissa, where methods have the same number of transitions
 
 
 def draw(scene: str, results: Sequence[dict[str, Any]], kind: str, folder: Path) -> str:
-    """Writes one picture of a scene's runs, ``kind`` "transitions" or "seconds"; its file name."""
-    figure = Figure(figsize=(8.6, 5.0), layout="constrained")
+    """Writes one picture of a scene's runs, ``kind`` TRANSITIONS or TIME; its file name."""
+    panels = _PANELS[kind]
+    figure = Figure(figsize=(5.2 * len(panels) + 2.0, 5.2), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplots()
-    key, label = _AXES[kind]
-    named: set[str] = set()
-    for result in results:
-        _run(axes, result, key, named)
-    if kind == "transitions" and scene in REPORTED:
-        axes.plot(*zip(*REPORTED[scene], strict=True), "*", color="#d94801", mfc="none", ms=10,
-                  label="MBPO as reported (from its authors' plot)")  # fmt: skip
-    axes.set(xscale="log", xlabel=label, ylabel="return in the real system", title=scene)
-    axes.grid(alpha=0.3)
-    figure.legend(loc="outside right upper", frameon=False, fontsize="small")
+    for axes, (key, label) in zip(
+        figure.subplots(1, len(panels), sharey=True, squeeze=False)[0], panels.items(), strict=True
+    ):
+        for result in results:
+            _run(axes, result, key)
+        axes.set(xscale="log", xlabel=label)
+        axes.grid(alpha=0.3)
+    first = figure.axes[0]
+    if kind == TRANSITIONS and scene in REPORTED:
+        first.plot(*zip(*REPORTED[scene], strict=True), "*", color="#d94801", mfc="none", ms=10,
+                   label="MBPO as reported (its authors' plot)")  # fmt: skip
+    first.set(ylabel=f"{scene}: return in the real system")
+    handles = dict(zip(*reversed(first.get_legend_handles_labels()), strict=True))  # one of each method's runs
+    figure.legend(handles.values(), handles, loc="outside lower center", ncols=3, frameon=False, fontsize="small")
     file = f"{scene}_{kind}.png"
     with atomic_path(folder / file) as temporary:
         figure.savefig(temporary, dpi=140)
     return file
 
 
-def _run(axes: Axes, result: dict[str, Any], key: str, named: set[str]) -> None:
-    """One run: its curve where the abscissa moves along it, and its last policy."""
+def _run(axes: Axes, result: dict[str, Any], key: str) -> None:
+    """One run: its curve, where there is one along this axis, and its last policy."""
     method = result["method"]
     colour, marker = STYLES[method]
     real = [x for x in (result.get("real") or {}).get("returns", ()) if x is not None]
-    if not real:
+    if not real or result[key] is None:
         return
     last = float(np.mean(real))
-    label = None if method in named else method
-    named.add(method)
-    if key == "transitions" and not result[key]:
-        axes.axhline(last, color=colour, ls="--", lw=0.9, alpha=0.7, label=label)
+    if not result[key]:
+        axes.axhline(last, color=colour, ls="--", lw=0.9, alpha=0.7, label=method)
         return
     curve = [(p[key], p["real"]) for p in result["curve"] if p["real"] is not None]
     if len({x for x, _ in curve}) > 1:
         axes.plot(*zip(*curve, strict=True), "-", color=colour, lw=0.8, alpha=0.6)
-    axes.plot(result[key], last, marker, color=colour, ms=6, alpha=0.8, label=label)
+    aside = _ASIDE.get(method, 1.0) if key == "transitions" else 1.0
+    axes.plot(aside * result[key], last, marker, color=colour, ms=6, alpha=0.8, label=method)
