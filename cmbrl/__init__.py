@@ -1,4 +1,4 @@
-"""Contact models from logged transitions.
+"""Contact models from logged transitions, and policies trained on them.
 
 >>> import cmbrl
 >>> scene = cmbrl.Scene.from_mjcf("hopper.xml")                   # what is in the world

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cmbrl.cli.main import main
 from cmbrl.registry import load_task
 
 BALL = '<mujoco><worldbody><geom name="floor" type="plane" size="1 1 1"/>{}</worldbody>{}</mujoco>'
@@ -99,16 +100,19 @@ def _head(log: dict[str, np.ndarray], rows: int) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda name: name.replace(" ", "-"))
-def test_one_line_exit_2_nothing_written(mistake: str, inputs: Path, command) -> None:
+def test_one_line_exit_2_nothing_written(
+    mistake: str, inputs: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     typed, place, remedy = MISTAKES[mistake]
     before = _snapshot(inputs)
-    done = command(*typed.split(), cwd=inputs)
-    assert done.returncode == 2, done.stderr
-    assert done.stdout == ""
-    assert done.stderr.startswith("cmbrl: ")
-    assert done.stderr.count("\n") == 1, done.stderr
-    assert place in done.stderr
-    assert remedy in done.stderr
+    monkeypatch.chdir(inputs)
+    assert main(typed.split()) == 2
+    shown = capfd.readouterr()
+    assert shown.out == ""
+    assert shown.err.startswith("cmbrl: ")
+    assert shown.err.count("\n") == 1, shown.err
+    assert place in shown.err
+    assert remedy in shown.err
     assert _snapshot(inputs) == before
 
 

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+import yaml
 
 from cmbrl.cli.main import COMMANDS, main
 
@@ -102,10 +103,20 @@ def test_fit_writes_a_run_folder_that_repeats_and_compares(command, place: Path)
 
 
 @pytest.mark.parametrize("file", sorted(CONFIGS.glob("*.yaml")), ids=lambda file: file.stem)
-def test_every_configuration_is_understood_up_to_its_log(file: Path, command) -> None:
-    done = command("fit", "--config", file)
-    assert done.returncode == 2
-    assert f"runs/{file.stem}/train.npz: no such file" in done.stderr  # there is no log in the empty folder
+def test_every_configuration_is_understood(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In an empty folder: up to the log of a fit, the model of a policy, or the run that is to be gone on with."""
+    monkeypatch.chdir(tmp_path)
+    settings = yaml.safe_load(file.read_text())
+    stopped = {
+        "fit": [f"runs/{file.stem}/train.npz: no such file"],
+        "train": [f"no model '{settings.get('model')}'", f"runs/{file.stem}: holds no run to go on with"],
+    }[settings["command"]]
+    options = ["--resume"] if settings["command"] == "train" else []
+    assert main([settings["command"], "--config", str(file), *options]) == 2
+    shown = capsys.readouterr().err
+    assert any(line in shown for line in stopped), shown
 
 
 def test_start_values_are_taken_from_the_command_line(command, place: Path) -> None:

@@ -49,6 +49,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "other_run/config.json").write_text('{"command": "fit"}')
     (folder / "empty").mkdir()
     save_policy(Policy(Architecture(11, 3, (4,))), folder / "of_no_task", {"task": "cube_toss"})
+    save_policy(Policy(Architecture(17, 6, (4,))), folder / "of_cheetah", {"task": "hopper"})
     spoiled = Policy(Architecture(11, 3, (4,)))
     with torch.no_grad():
         spoiled.net[0].weight.fill_(float("nan"))
@@ -186,7 +187,7 @@ def _environment() -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
 
 
-def test_an_exported_policy_records(place: Path, tmp_path: Path) -> None:
+def test_an_exported_policy_records(place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     script, log = tmp_path / "policy.pt", tmp_path / "log.npz"
     assert main(["export", str(place / "run"), "--torchscript", str(script)]) == 0
     assert main(["record", "hopper", "--steps", "20", "--policy", str(script), "--out", str(log)]) == 0
@@ -196,6 +197,11 @@ def test_an_exported_policy_records(place: Path, tmp_path: Path) -> None:
     observed = task.mdp().observe(torch.from_numpy(data.q), torch.from_numpy(data.v)).float()
     expected = load_policy(place / "run").policy(observed).detach().numpy()
     np.testing.assert_allclose(data.u, expected, rtol=0, atol=1e-6)
+    capsys.readouterr()
+    assert main(["record", "cheetah", "--steps", "5", "--policy", str(script), "--out", str(tmp_path / "no.npz")]) == 2
+    shown = capsys.readouterr().err
+    assert shown.startswith(f"cmbrl: {script}: fails on the 17 observations of this robot")
+    assert shown.count("\n") == 1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -282,6 +288,15 @@ MISTAKES = {
     "unknown hyperparameter": (f"{NEW} --algorithm shac --set horzon=3", "horzon", "did you mean 'horizon'"),
     "hyperparameter is NaN": (f"{NEW} --algorithm shac --set discount=nan", "discount", "number"),
     "hyperparameter of no use": (f"{NEW} --algorithm shac --set horizon=0", "horizon", "at least 1"),
+    "squashed by nothing known": (f"{NEW} --algorithm fopg --set squash=tan", "squash", "did you mean 'tanh'"),
+    "discount of 1": (f"{NEW} --algorithm shac --set discount=1", "discount", "below 1"),
+    "refused by the library": (f"{NEW} --algorithm ppo --set batch=1", "PPO", "batch_size"),
+    "unknown derivative": (f"{NEW} --algorithm shac --derivative adaptiv", "adaptiv", "did you mean 'adaptive'"),
+    "half a sample": (f"{NEW} --algorithm shac --derivative bundle:samples=2.5", "samples=2.5", "whole number"),
+    "derivative without contacts": (f"{NEW} --algorithm sac --derivative exact", "--derivative", "leave it out"),
+    "a bundle that is to be fitted": (f"{NEW} --algorithm loop --derivative bundle", "bundle", "adaptive"),
+    "seed beyond all generators": (f"{NEW} --algorithm shac --seed 99999999999", "--seed", "is above"),
+    "threads without end": (f"{NEW} --algorithm shac --threads 9999", "--threads", "above 256"),
     "a log that is not used": (f"{NEW} --algorithm shac --data log.npz", "--data", "fit"),
     "offline without a log": (f"{NEW} --algorithm loop --offline", "--offline", "--data"),
     "missing log": (f"{NEW} --algorithm loop --data log.npz", "log.npz", "no such file"),
@@ -292,6 +307,8 @@ MISTAKES = {
     "not a policy": ("evaluate empty", "policy.json", "cmbrl train"),
     "policy with NaN": ("evaluate spoiled", "spoiled", "not finite"),
     "policy of a task without reward": ("evaluate of_no_task", "cube_toss", ""),
+    "policy of another robot": ("evaluate of_cheetah", "17 observations", "train again"),
+    "played on another robot": ("play of_cheetah --out clip.gif", "17 observations", "train again"),
     "evaluated in an unknown model": ("evaluate run --model nominla", "nominla", "nominal"),
     "no policy to play": ("play empty --out clip.gif", "policy.json", ""),
     "no clip format": ("play run --out clip.avi", "clip.avi", ".mp4"),

@@ -12,9 +12,9 @@ from cmbrl.cli.models import (
     REAL,
     add_smoothing,
     check_model,
-    decision_process,
     load_model,
     real_system,
+    saved_policy,
 )
 from cmbrl.cli.options import add_json, add_seed, add_threads, positive
 from cmbrl.errors import UserError
@@ -48,12 +48,8 @@ def run(arguments: argparse.Namespace) -> None:
             raise UserError("--model real: the real system is no model: give --real")
 
     from cmbrl.envs.evaluation import evaluate_model, evaluate_real
-    from cmbrl.registry import load_task
-    from cmbrl.train.policy_file import load_policy
 
-    saved = load_policy(arguments.policy)
-    task = load_task(saved.task)
-    mdp = decision_process(task)
+    saved, task, mdp = saved_policy(arguments.policy)
     word = model_word(Path(arguments.policy), saved.about, arguments.model, arguments.real)
     found: dict[str, Evaluation] = {}
     if arguments.real or arguments.model is None:
@@ -105,12 +101,12 @@ def _text(found: dict[str, Evaluation]) -> str:
     lines = [f"{'episode':>8s}" + "".join(f"{where:>{width}s}" for where in found)]
     lines += [f"{'':8s}" + f"{'return, length':>{width}s}" * len(found)]
     for k in range(len(next(iter(found.values())).returns)):
-        cells = "".join(f"{f'{e.returns[k]:.1f}, {e.lengths[k]:d}':>{width}s}" for e in found.values())
+        cells = "".join(f"{f'{e.returns[k]:.4g}, {e.lengths[k]:d}':>{width}s}" for e in found.values())
         lines.append(f"{k:8d}{cells}")
     for name, measure in (("mean", "mean"), ("st.dev.", "std")):
-        row = [f"{getattr(e.returns, measure)():.1f}, {getattr(e.lengths, measure)():.0f}" for e in found.values()]
+        row = [f"{getattr(e.returns, measure)():.4g}, {getattr(e.lengths, measure)():.0f}" for e in found.values()]
         lines.append(f"{name:>8s}" + "".join(f"{cell:>{width}s}" for cell in row))
     if len(found) == 2:
         real, model = (float(e.returns.mean()) for e in found.values())
-        lines.append(f"real less model: {real - model:+.1f}" + (f" ({real / model:.0%})" if model > 0 else ""))
+        lines.append(f"real less model: {real - model:+.4g}" + (f" ({real / model:.0%})" if model > 0 else ""))
     return "\n".join(lines)

@@ -70,7 +70,8 @@ def _dispatch(arguments: list[str]) -> int:
 
 
 def _overview() -> str:
-    lines = ["usage: cmbrl COMMAND ...", "", "Contact models from logged transitions.", "", "commands:"]
+    what = "Contact models from logged transitions, and policies trained on them."
+    lines = ["usage: cmbrl COMMAND ...", "", what, "", "commands:"]
     lines += [f"  {name:10s}{text}" for name, text in COMMANDS.items()]
     lines += ["", "example:", "  cmbrl info hopper", ""]
     lines += ["'cmbrl COMMAND --help' has a command's options and examples."]

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from cmbrl.envs.system import SystemFactory
     from cmbrl.models.protocol import Model
     from cmbrl.registry import Task
+    from cmbrl.train.policy_file import SavedPolicy
 
 NOMINAL, ENSEMBLE, REAL = "nominal", "ensemble", "real"
 _BUILT_IN = (NOMINAL, ENSEMBLE, REAL)
@@ -96,6 +97,24 @@ def decision_process(task: Task) -> MDP:
             f"{task.control_dt:g} s each: mend dt, repeat or control_dt"
         )
     return mdp
+
+
+def saved_policy(folder: str) -> tuple[SavedPolicy, Task, MDP]:
+    """The policy in ``folder``, its task, and what is asked there; raises UserError when they do not fit together."""
+    from cmbrl.registry import load_task
+    from cmbrl.train.policy_file import load_policy
+
+    saved = load_policy(folder)
+    task = load_task(saved.task)
+    mdp = decision_process(task)
+    shape = saved.policy.architecture
+    have, need = (shape.observations, shape.actions), (mdp.observations, mdp.actions)
+    if have != need:
+        raise UserError(
+            f"{folder}: takes {have[0]} observations for {have[1]} actions, task {task.name!r} has {need[0]} and "
+            f"{need[1]}: train again"
+        )
+    return saved, task, mdp
 
 
 def real_system(task: Task) -> SystemFactory:

@@ -38,7 +38,7 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 
 
 def add_seed(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--seed", type=natural, default=0, metavar="N", help="seed of everything random (default 0)")
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of everything random (default 0)")
 
 
 def add_scene_options(parser: argparse.ArgumentParser) -> None:
@@ -62,16 +62,21 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
 def add_threads(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--threads",
-        type=positive,
+        type=threads,
         default=None,
         metavar="N",
         help="threads (default: all cores; results do not depend on it)",
     )
 
 
-def natural(text: str) -> int:
-    """A whole number >= 0."""
-    return _whole(text, 0)
+def seed(text: str) -> int:
+    """A whole number >= 0 that every generator of random numbers takes, with room for those derived from it."""
+    return _whole(text, 0, 2**31 - 1)
+
+
+def threads(text: str) -> int:
+    """A number of threads that a machine may have: each takes memory."""
+    return _whole(text, 1, 256)
 
 
 def positive(text: str) -> int:
@@ -95,13 +100,15 @@ def assignment(text: str) -> tuple[str, float]:
     return name, _number(value)
 
 
-def _whole(text: str, least: int) -> int:
+def _whole(text: str, least: int, most: int | None = None) -> int:
     try:
         value = int(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
     if value < least:
         raise argparse.ArgumentTypeError(f"{value} is below {least}")
+    if most is not None and value > most:
+        raise argparse.ArgumentTypeError(f"{value} is above {most}")
     return value
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cmbrl.cli.evaluate import model_word
-from cmbrl.cli.models import MODEL_HELP, add_smoothing, check_model, decision_process, load_model, real_system
+from cmbrl.cli.models import MODEL_HELP, add_smoothing, check_model, load_model, real_system, saved_policy
 from cmbrl.cli.options import add_seed, positive_number
 from cmbrl.errors import UserError
 from cmbrl.files import check_writable
@@ -34,29 +34,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
+    from cmbrl.envs.clip import check_clip_path
     from cmbrl.envs.drawing import choose_renderer, has_display
-    from cmbrl.train.policy_file import load_policy
 
-    saved = load_policy(arguments.policy)
+    saved, task, mdp = saved_policy(arguments.policy)
     if arguments.model is not None:
         check_model(arguments.model)
     if arguments.viewer and not has_display():
         raise UserError("--viewer: there is no display to open a window on: make a clip with --out FILE.mp4")
     if arguments.out:
-        choose_renderer()  # before anything imports mujoco, as the next line does
-        from cmbrl.envs.clip import check_clip_path
-
         check_clip_path(arguments.out)
         check_writable(arguments.out)
+        choose_renderer()  # before anything imports mujoco, as the next lines do
 
     import torch
 
     from cmbrl.envs.episode import play_episode
     from cmbrl.envs.system_batch import SystemBatch
-    from cmbrl.registry import load_task
 
-    task = load_task(saved.task)
-    mdp = decision_process(task)
     start = mdp.reset(1, torch.Generator().manual_seed(arguments.seed))
     models: dict[str, Any] = {"real": SystemBatch(real_system(task), 1)}
     policy = Path(arguments.policy)
@@ -72,7 +67,7 @@ def run(arguments: argparse.Namespace) -> None:
     from cmbrl.envs.clip import write_clip
 
     frames = write_clip(arguments.out, task.scene_path, episodes)
-    told = (f"{title} return {e.returns[-1]:.1f} in {(len(e.q) - 1) * e.dt:.2f} s" for title, e in episodes.items())
+    told = (f"{title} return {e.returns[-1]:.4g} in {(len(e.q) - 1) * e.dt:.2f} s" for title, e in episodes.items())
     print(f"{arguments.out}: {frames} frames: {', '.join(told)}")
 
 

@@ -97,13 +97,13 @@ def run(arguments: argparse.Namespace) -> int:
     chosen = algorithm(arguments.algorithm)
     mdp = decision_process(task)
     _choose_model(arguments, chosen)
-    wanted = resolved(arguments) | {"smoothing": arguments.smoothing and str(arguments.smoothing)}
-    _check_folder(Path(arguments.out), arguments.resume, wanted)
     trainer_class, config_class = chosen.load()
     settings = dict(arguments.set)
     if arguments.iterations:
         settings["iterations"] = str(arguments.iterations)
     config = configure(config_class, settings, arguments.algorithm, task.name)
+    wanted = resolved(arguments) | {"smoothing": arguments.smoothing and str(arguments.smoothing)}
+    _check_folder(Path(arguments.out), arguments.resume, wanted)
 
     import torch
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -69,21 +70,27 @@ def load_policy(path: str | Path) -> Policy:
     """A policy saved with TorchScript: float32 observations (1, n_obs) to controls (1, nu), run without gradients.
 
     TorchScript is loaded because it is a program of its own restricted language, not a Python pickle.
-    Raises UserError when the file is missing or is not TorchScript.
+    Raises UserError when the file is missing or is not TorchScript, and when it fails on an observation.
     """
     import torch
 
     if not Path(path).is_file():
         raise UserError(f"{path}: no such policy file: save one with torch.jit.script(policy).save(FILE)")
     try:
-        module = torch.jit.load(str(path), map_location="cpu").eval()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # torch's: what follows TorchScript is no program file
+            module = torch.jit.load(str(path), map_location="cpu").eval()
     except (RuntimeError, ValueError) as error:
         first = str(error).strip().splitlines()[0] if str(error).strip() else "unknown reason"
         raise UserError(f"{path}: not a TorchScript policy ({first}): save it with torch.jit.script") from None
 
     def policy(observation: np.ndarray) -> np.ndarray:
-        with torch.no_grad():
-            return module(torch.as_tensor(observation, dtype=torch.float32)[None])[0].numpy()
+        try:
+            with torch.no_grad():
+                return module(torch.as_tensor(observation, dtype=torch.float32)[None])[0].numpy()
+        except RuntimeError as error:
+            last = str(error).strip().splitlines()[-1]
+            raise UserError(f"{path}: fails on the {len(observation)} observations of this robot ({last})") from None
 
     return policy
 

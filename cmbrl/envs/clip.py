@@ -5,15 +5,17 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from cmbrl.envs.drawing import Drawer
-from cmbrl.envs.episode import Episode
 from cmbrl.errors import UserError
 from cmbrl.files import atomic_path
+
+if TYPE_CHECKING:  # it imports mujoco, which must not be before a renderer is chosen
+    from cmbrl.envs.episode import Episode
 
 WIDTH, HEIGHT, CAPTION = 480, 360, 24  # pixels of a panel: video codecs want multiples of 16 in all
 _FRAMES_PER_SECOND = {".mp4": 30, ".gif": 15}  # a GIF is large as it is
@@ -84,7 +86,7 @@ def _panels(drawer: Drawer, title: str, episode: Episode, stride: int) -> list[n
 
 
 def _panel(drawer: Drawer, title: str, episode: Episode, k: int) -> np.ndarray:
-    text = f"{title}   {k * episode.dt:.2f} s   return {episode.returns[k]:.1f}"
+    text = f"{title}   {k * episode.dt:.2f} s   return {episode.returns[k]:.4g}"
     if k == len(episode.q) - 1 and episode.terminated:
         text += "   ended"
     panel = Image.new("RGB", (WIDTH, CAPTION + HEIGHT), "white")

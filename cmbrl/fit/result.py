@@ -13,7 +13,7 @@ from cmbrl.errors import UserError
 from cmbrl.files import check_writable, read_json, write_json, write_text
 from cmbrl.fit.space import Space
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.named import load_complementarity
+from cmbrl.models.named import SETTINGS, load_complementarity
 
 _FORMAT = 1
 _NONE = "  none: the nominal model explains the held-out episodes as well as any other"
@@ -60,7 +60,7 @@ class FitResult:
             "contact_law": scene.contact_law,
             "reduce": scene.reduce,
         }
-        write_json(place / "model.json", {"scene": source, "settings": self.model.to_config()})
+        write_json(place / SETTINGS, {"scene": source, "settings": self.model.to_config()})
         write_text(place / "report.txt", self.report_text() + "\n")
         write_json(
             place / "fit.json",
@@ -84,7 +84,7 @@ class FitResult:
             report = saved["report"]
         except (AttributeError, KeyError, TypeError):
             raise UserError(f"{place / 'fit.json'}: damaged: fit again") from None
-        return cls(_load_model(place / "model.json", parameters), parameters, report)
+        return cls(_load_model(place / SETTINGS, parameters), parameters, report)
 
     def draws(self, count: int, seed: int = 0) -> np.ndarray:
         """Parameter sets (count, np) that explain the log about as well: normal around the fit, within the bounds.

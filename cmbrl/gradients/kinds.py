@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -72,6 +73,8 @@ def derivative_model(
         if name not in known:
             remedy = did_you_mean(name, known) if known else "it has none"
             raise UserError(f"derivative {kind!r} has no option {name!r}: {remedy}")
+        if isinstance(known[name], int) and not isinstance(options[name], int):
+            raise UserError(f"derivative {kind!r}, {name}={options[name]:g}: a whole number above 0 is needed")
     return KINDS[kind].make(model, seed, **(known | options))
 
 
@@ -84,7 +87,9 @@ def parse_derivative(text: str) -> tuple[str, dict[str, Any]]:
         try:
             number = float(value)
         except ValueError:
-            raise UserError(f"derivative {text!r}: {part!r} is not of the form name=number") from None
+            number = math.nan
+        if not math.isfinite(number):
+            raise UserError(f"derivative {text!r}: {part!r} is not of the form name=number")
         options[name.strip()] = int(number) if number.is_integer() and number >= 1 else number
     return kind.strip(), options
 

@@ -25,6 +25,7 @@ from cmbrl.errors import UserError
 from cmbrl.files import atomic_path, read_json, write_json
 from cmbrl.models.ensemble_network import EnsembleNetwork
 from cmbrl.models.manifold import Layout, invariant_translations, rotation_matrix
+from cmbrl.models.named import ENSEMBLE
 
 if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from cmbrl.scene import Scene
 
 CHUNK = 8192  # rows per forward pass: bounds the memory of large batches
-WEIGHTS, DESCRIPTION = "weights.safetensors", "ensemble.json"
+WEIGHTS = "weights.safetensors"
 
 
 @dataclass(frozen=True)
@@ -193,12 +194,12 @@ class NeuralEnsemble:
             "elites": self.elites.tolist(),
             "config": asdict(self.config),
         }
-        write_json(Path(folder) / DESCRIPTION, description)
+        write_json(Path(folder) / ENSEMBLE, description)
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str]) -> NeuralEnsemble:
         """Reads what `save` wrote; the scene is not needed. Raises UserError when it is missing or does not fit."""
-        description: dict[str, Any] = read_json(Path(folder) / DESCRIPTION)
+        description: dict[str, Any] = read_json(Path(folder) / ENSEMBLE)
         weights = Path(folder) / WEIGHTS
         model = cls.__new__(cls)
         try:

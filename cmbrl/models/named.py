@@ -1,21 +1,27 @@
-"""Models by name: "nominal", a task's scene as its file has it, or a folder that holds a fit or an ensemble."""
+"""Models by name: "nominal", a task's scene as its file has it, or a folder that holds a fit or an ensemble.
+
+torch and mujoco are imported only for what is loaded: names are checked at once, and before a renderer is chosen.
+"""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from cmbrl.contact.smoothing import Barrier, Smoothing
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.files import read_json
-from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.ensemble import DESCRIPTION, NeuralEnsemble
-from cmbrl.registry import Task
-from cmbrl.scene import Scene
+
+if TYPE_CHECKING:
+    from cmbrl.contact.smoothing import Smoothing
+    from cmbrl.models.complementarity import ComplementarityModel
+    from cmbrl.models.ensemble import NeuralEnsemble
+    from cmbrl.registry import Task
+    from cmbrl.scene import Scene
 
 NOMINAL = "nominal"
 SETTINGS = "model.json"  #: in the folder of a fit: the scene and how the model steps it
+ENSEMBLE = "ensemble.json"  #: in the folder of an ensemble
 
 
 def holds_fit(folder: str | os.PathLike[str]) -> bool:
@@ -28,9 +34,9 @@ def check_name(word: str | os.PathLike[str], known: tuple[str, ...] = (NOMINAL,)
     if word in known:
         return
     if not Path(word).is_dir():
-        raise UserError(f"no model {str(word)!r}: {did_you_mean(str(word), known)} Or name the folder of a fit")
-    if not holds_fit(word) and not (Path(word) / DESCRIPTION).exists():
-        raise UserError(f"{word}: holds neither a fit ({SETTINGS}) nor an ensemble ({DESCRIPTION})")
+        raise UserError(f"no model {str(word)!r} and no folder of one: {did_you_mean(str(word), known)}")
+    if not holds_fit(word) and not (Path(word) / ENSEMBLE).exists():
+        raise UserError(f"{word}: holds neither a fit ({SETTINGS}) nor an ensemble ({ENSEMBLE})")
 
 
 def named_model(
@@ -44,7 +50,7 @@ def named_model(
         return nominal_model(task, **_given(smoothing, threads))
     model = saved_model(word, smoothing, threads)
     scene = task.load_scene()
-    owner = model.scene if isinstance(model, ComplementarityModel) else model.layout
+    owner = getattr(model, "layout", None) or model.scene  # type: ignore[union-attr]
     have, need = (owner.nq, owner.nv, owner.nu), (scene.nq, scene.nv, scene.nu)
     if have != need:
         raise UserError(f"{word}: is of another robot: nq, nv, nu {have}, task {task.name!r} has {need}")
@@ -65,6 +71,8 @@ def saved_model(
         return load_complementarity(Path(folder) / SETTINGS).with_settings(**_given(smoothing, threads))
     if smoothing is not None:
         raise UserError(f"{folder}: an ensemble has no contacts to soften: leave the smoothing out")
+    from cmbrl.models.ensemble import NeuralEnsemble
+
     return NeuralEnsemble.load(folder)
 
 
@@ -78,12 +86,18 @@ def nominal_model(task: Task, scene: Scene | None = None, **options: Any) -> Com
 
     ``scene``: the task's, where it is at hand or was read otherwise than the task says.
     """
+    from cmbrl.contact.smoothing import Barrier
+    from cmbrl.models.complementarity import ComplementarityModel
+
     settings = task.model_options() | {"smoothing": Barrier(task.smoothing_kappa)}
     return ComplementarityModel(scene or task.load_scene(), **(settings | options))
 
 
 def load_complementarity(file: Path) -> ComplementarityModel:
     """The model that a ``model.json`` describes; raises UserError when it is damaged or its scene is gone."""
+    from cmbrl.models.complementarity import ComplementarityModel
+    from cmbrl.scene import Scene
+
     config = read_json(file)
     try:
         source, settings = config["scene"], config["settings"]

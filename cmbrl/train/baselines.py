@@ -19,6 +19,7 @@ from cmbrl.envs.mdp import MDP
 from cmbrl.envs.simulation import Simulation
 from cmbrl.envs.system import SystemFactory
 from cmbrl.envs.system_batch import SystemBatch
+from cmbrl.errors import UserError
 from cmbrl.models.protocol import Model, forget
 from cmbrl.train import stable_baselines as sb3
 from cmbrl.train.policy import Architecture, Policy
@@ -115,8 +116,11 @@ class Baseline(ABC):
                 rows, norm_reward=self.scales_rewards, gamma=discount, epsilon=EPSILON
             )
         self.randomness = sb3.GlobalRandomness(seed)
-        with self.randomness:
-            self.algorithm = self.make(environment, seed)
+        try:
+            with self.randomness:
+                self.algorithm = self.make(environment, seed)
+        except (AssertionError, ValueError) as error:  # of the library, about settings
+            raise UserError(f"{type(self).__name__}: {error}: choose other settings") from None
         rows._reset_seeds()  # the simulation has its own; a seed kept for the next reset would undo a restore
         self.algorithm.set_logger(sb3.quiet_logger())
         self.policy = Policy(self.architecture())

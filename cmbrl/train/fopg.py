@@ -45,7 +45,7 @@ class FOPGConfig:
     hidden: tuple[int, ...] = (32, 32)
     norm: bool = True  #: LayerNorm in the net
     normalise: bool = True  #: standardise observations
-    squash: str = "tanh"  #: how the net's output is brought into [-1, 1]: "tanh" or "clip"
+    squash: Literal["tanh", "clip"] = "tanh"  #: how the net's output is brought into [-1, 1]: "tanh" or "clip"
     rate: float = 2e-3  #: Adam's; falls linearly to 0
     clip: float = 1.0  #: largest norm of a gradient
     std: float = 0.2  #: of the noise on the net's output; only pathwise can do without

@@ -75,7 +75,8 @@ def load_policy(folder: str | os.PathLike[str]) -> SavedPolicy:
         policy = Policy(Architecture(**fields | {"hidden": tuple(fields["hidden"])}))
         policy.load_state_dict(load_file(place / WEIGHTS))
     except (AttributeError, KeyError, TypeError, RuntimeError, SafetensorError, OSError) as error:
-        raise UserError(f"{place / WEIGHTS}: does not fit {DESCRIPTION}, or damaged ({error}): train again") from None
+        last = str(error).strip().splitlines()[-1].strip()
+        raise UserError(f"{place / WEIGHTS}: does not fit {DESCRIPTION}, or damaged ({last}): train again") from None
     if not all(torch.isfinite(value).all() for value in policy.state_dict().values()):
         raise UserError(f"{place / WEIGHTS}: holds weights that are not finite: the run diverged, train again")
     described.pop("observation_scaling", None)

@@ -17,6 +17,7 @@ from torch import Tensor, nn
 
 from cmbrl.envs.mdp import MDP
 from cmbrl.envs.simulation import Disturbance, Simulation, Step, parameter_sets
+from cmbrl.errors import UserError
 from cmbrl.gradients.per_sample import per_sample_gradients
 from cmbrl.models.protocol import Model
 from cmbrl.train.policy import Architecture, Policy, network
@@ -55,6 +56,10 @@ class SHACConfig:
     def cheetah(cls) -> Self:
         """Shorter windows, for gradients grow over its 50 ms steps; restarts, for it may end up on its back."""
         return cls(iterations=1500, environments=256, horizon=10, discount=0.99, noise_angular=0.3, episode_steps=200)
+
+    def __post_init__(self) -> None:
+        if not self.discount < 1:
+            raise UserError(f"discount = {self.discount:g}: must be below 1, for a critic values what is endless")
 
     def noise_std(self, progress: float) -> float:
         """Standard deviation of the exploration noise when this share of the updates is done."""

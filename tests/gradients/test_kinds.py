@@ -56,6 +56,8 @@ def test_words_of_the_command_line() -> None:
     assert parse_derivative("adaptive:length=1e-3") == ("adaptive", {"length": 1e-3})
     with pytest.raises(UserError, match="not of the form name=number"):
         parse_derivative("adaptive:length")
+    with pytest.raises(UserError, match="not of the form name=number"):
+        parse_derivative("bcg:position=nan")
 
 
 def test_refusals(model: ComplementarityModel) -> None:
@@ -65,3 +67,5 @@ def test_refusals(model: ComplementarityModel) -> None:
         derivative_model(model, "adaptive", lenght=1.0)
     with pytest.raises(UserError, match="exactly one"):
         derivative_model(model, "barrier")
+    with pytest.raises(UserError, match=r"samples=2\.5: a whole number above 0"):
+        derivative_model(model, "bundle", samples=2.5)
