@@ -85,7 +85,7 @@ class Method:
     ``takes_log``: whether it learns from the seed's random log.
     """
 
-    make: Callable[[Setup], Trainer]
+    make: Callable[[Setup], Any]
     plan: Callable[[Setup], Plan]
     model: Callable[[Any], Model] | None = None
     takes_log: bool = False
@@ -96,7 +96,7 @@ def preset(config: Any, task: str) -> Any:
     return getattr(config, task, config)()
 
 
-def _loop(s: Setup) -> Trainer:
+def _loop(s: Setup) -> Loop:
     return Loop(s.contest.mdp, s.nominal, s.loop_config(), s.seed, system=s.contest.system, data=s.log)
 
 

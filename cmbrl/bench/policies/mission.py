@@ -215,8 +215,8 @@ def _text(results: Sequence[Result], work: Work) -> str:
         f"'{NOMINAL}' is the same training without any data: the real system here is MuJoCo with the very same MJCF, "
         "so it says what a right file alone is worth; where it does as well, the log was not needed. MBPO, SAC and PPO "
         f"get {work.seconds:g} s of processor time a run, counted without evaluations (an update that has begun is "
-        "finished); online they may take as many transitions as fit. With their authors' "
-        "hours they get further: the stars are what MBPO is reported to reach."
+        "finished); online they may take as many transitions as fit. With their authors' hours they get further: the "
+        "stars are what MBPO is reported to reach."
     )
     planned = [job for job in jobs(work, SCENES, FIRST_SEED) if job[0] in {r["scene"] for r in results}]
     missing = len(planned) - len(results)
