@@ -218,6 +218,8 @@ def _text(results: Sequence[Result], work: Work) -> str:
         "finished); online they may take as many transitions as fit. With their authors' hours they get further: the "
         "stars are what MBPO is reported to reach."
     )
+    if any(r["method"] == LOOP and len(r["curve"]) == 1 for r in results) and work is not QUICK:
+        how += " Loops without a line were run by `cmbrl train`, with the same settings, and judged at their end alone."
     planned = [job for job in jobs(work, SCENES, FIRST_SEED) if job[0] in {r["scene"] for r in results}]
     missing = len(planned) - len(results)
     if missing:

@@ -158,6 +158,8 @@ def finished(folder: Path, loop: Loop, wanted: dict[str, Any], contest: Contest)
     if ended["stopped"] == "interrupted":
         raise UserError(f"{folder}: is not finished: `cmbrl train --resume` it, or move it away")
     state = load_state(folder / "checkpoint.safetensors")
+    if ended["stopped"] == "finished" and state["iteration"] != loop.config.iterations:
+        raise UserError(f"{folder}: had {state['iteration']} iterations, not {loop.config.iterations}: move it away")
     loop.restore(state["trainer"])
     clock = read_json(folder / "time.json") if (folder / "time.json").exists() else None
     costs = {
