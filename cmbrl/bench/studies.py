@@ -20,6 +20,8 @@ STUDIES = {
     "training": "cmbrl.bench.speed.training",
     "derivatives": "cmbrl.bench.derivatives.study",
     "robustness": "cmbrl.bench.robustness",
+    "estimators": "cmbrl.bench.policies.known_scene",
+    "horizons": "cmbrl.bench.policies.horizons",
     "mission": "cmbrl.bench.policies.mission",
 }  #: name -> module whose ``STUDY`` it is
 
