@@ -24,7 +24,7 @@ SMALL = LoopConfig(
 def make_loop():
     task = load_task("hopper")
     model = cmbrl.ComplementarityModel(task.load_scene(), smoothing=cmbrl.Barrier(1e-4), **task.model_options())
-    return lambda **extra: Loop(task.mdp(), model, SMALL, seed=3, system=task.system, **extra)
+    return lambda config=SMALL, **extra: Loop(task.mdp(), model, config, seed=3, system=task.system, **extra)
 
 
 def test_rounds_trials_and_transitions_are_counted(make_loop):
@@ -100,3 +100,13 @@ def test_the_fit_is_left_as_a_run_folder_of_cmbrl_fit(make_loop, tmp_path):
     kept = FitResult.load(tmp_path / "fit")
     np.testing.assert_array_equal(kept.model.parameters, loop.model.parameters)
     np.testing.assert_allclose(kept.draws(SMALL.draws, seed=3), loop.model.candidates)
+
+
+def test_where_a_trial_is_all_of_it_the_best_policy_counts(make_loop):
+    loop = make_loop(config=replace(SMALL, iterations=8, rounds=1, trial=1.0))
+    scores = [loop.update().get("score") for _ in range(8)]
+    assert [score is not None for score in scores] == 2 * [False, False, False, True]
+    assert loop.round == 1
+    chosen = max(loop.tried, key=lambda one: one["score"])["trainer"]
+    for name, value in loop.policy.state_dict().items():
+        torch.testing.assert_close(value, chosen["policy"][name], rtol=0, atol=0)

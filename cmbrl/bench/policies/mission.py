@@ -32,7 +32,7 @@ from cmbrl.models.named import nominal_model
 from cmbrl.registry import load_task
 
 SCENES = ("hopper", "cheetah")
-FIRST_SEED = 100  # smaller ones were used to choose settings
+FIRST_SEED = 200  # settings were chosen on smaller ones
 GOAL = 3000.0  # return that solves the hopper
 Job = tuple[str, str, int]  # scene, method, seed
 
