@@ -102,6 +102,15 @@ def test_fit_writes_a_run_folder_that_repeats_and_compares(command, place: Path)
     assert (place / "error/error.png").stat().st_size > 0
 
 
+def test_a_folder_of_the_same_name_hides_no_task(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "hopper").mkdir()
+    assert main(["info", "hopper"]) == 0
+    assert "torso" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("file", sorted(CONFIGS.glob("*.yaml")), ids=lambda file: file.stem)
 def test_every_configuration_is_understood(
     file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -48,6 +48,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "other_run").mkdir()
     (folder / "other_run/config.json").write_text('{"command": "fit"}')
     (folder / "empty").mkdir()
+    load_task("hopper").record(5, seed=0).save(folder / "hopper.npz")
     save_policy(Policy(Architecture(11, 3, (4,))), folder / "of_no_task", {"task": "cube_toss"})
     save_policy(Policy(Architecture(17, 6, (4,))), folder / "of_cheetah", {"task": "hopper"})
     spoiled = Policy(Architecture(11, 3, (4,)))
@@ -299,6 +300,7 @@ MISTAKES = {
     "threads without end": (f"{NEW} --algorithm shac --threads 9999", "--threads", "above 256"),
     "a log that is not used": (f"{NEW} --algorithm shac --data log.npz", "--data", "fit"),
     "offline without a log": (f"{NEW} --algorithm loop --offline", "--offline", "--data"),
+    "offline without acting": (f"{NEW} --algorithm loop --offline --data hopper.npz", "--offline", "shac"),
     "missing log": (f"{NEW} --algorithm loop --data log.npz", "log.npz", "no such file"),
     "folder of another command": ("train hopper --algorithm shac --out other_run", "other_run", "another --out"),
     "folder holds a run": ("train hopper --algorithm shac --out run", "run", "--resume"),

@@ -68,7 +68,7 @@ def load_log(path: str, scene: Scene) -> Transitions:
 
 
 def load_source(word: str, ignore: Sequence[str] = (), contact_law: str | None = None) -> Source:
-    """The scene of an MJCF file (anything that ends in .xml, has a slash, or exists) or of a registered task.
+    """The scene of an MJCF file (anything that ends in .xml, has a slash, or is a file) or of a registered task.
 
     Raises UserError: no such file, unknown task (with the nearest name), or whatever the importer refuses.
     """
@@ -76,7 +76,7 @@ def load_source(word: str, ignore: Sequence[str] = (), contact_law: str | None =
     from cmbrl.scene import Scene
 
     path = Path(word)
-    is_file = path.suffix.lower() in (".xml", ".mjcf") or "/" in word or path.exists()
+    is_file = path.suffix.lower() in (".xml", ".mjcf") or "/" in word or path.is_file()
     task = None if is_file else load_task(word)
     law = contact_law or (task.contact_law if task else "mujoco")
     scene = Scene.from_mjcf(task.scene_path if task else word, ignore=ignore, contact_law=law)

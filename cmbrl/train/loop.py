@@ -22,6 +22,7 @@ from cmbrl.envs.mdp import MDP
 from cmbrl.envs.recording import Recording
 from cmbrl.envs.simulation import Disturbance, parameter_sets
 from cmbrl.envs.system import SystemFactory
+from cmbrl.errors import UserError
 from cmbrl.fit import FitResult, fit
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.train.policy import Policy
@@ -64,7 +65,10 @@ class LoopConfig(SHACConfig):
 
 
 class Loop:
-    """``model``: the nominal one, whose parameters are fitted; ``system``: makes the real system; ``data``: a log."""
+    """``model``: the nominal one, whose parameters are fitted; ``system``: makes the real system; ``data``: a log.
+
+    Raises UserError without a system.
+    """
 
     def __init__(
         self,
@@ -73,9 +77,11 @@ class Loop:
         config: LoopConfig,
         seed: int = 0,
         *,
-        system: SystemFactory,
+        system: SystemFactory | None,
         data: Transitions | None = None,
     ) -> None:
+        if system is None:
+            raise UserError("the loop acts in the real system: leave --offline out, or fit the log and train by shac")
         self.mdp, self.nominal, self.config, self.seed = mdp, model, config, seed
         self.given = data
         # Restarts give the fit episodes to set against each other, and states near the start to learn from.
