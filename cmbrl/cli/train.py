@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 EXAMPLE = """
 cmbrl train hopper --algorithm shac --out runs/policy
-cmbrl train hopper --algorithm shac --model runs/hopper --out runs/policy --iterations 500 --set horizon=24
+cmbrl train hopper --algorithm shac --model runs/hopper/fit --out runs/policy --iterations 500 --set horizon=24
 cmbrl train --config runs/policy/config.json --resume
 """
 _MAY_CHANGE = {"iterations", "threads", "checkpoint_seconds", "out", "command"}  # when a run is resumed
