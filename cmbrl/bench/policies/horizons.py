@@ -18,11 +18,11 @@ METHOD = (
     "Three situations: {situations}. The gradient is that of the hard return over the horizon, averaged over starts "
     f"and over noise of {STD:g} on the weights of a linear policy, which every estimator gets from samples: pathwise "
     "ones from derivatives at noisy weights (exact, softened, or bundled; simulations are hard), zeroth order from "
-    "pairs of returns, AoBG from both. The truth is zeroth order from {truth:,} pairs, which has no bias; where its own "
-    "signal is low, as the lines in grey say, a cosine says little. Learning: {updates} updates of {batch} episodes each from "
-    "a policy that hardly acts, {seeds} seeds, no tuning for any of them; gains are in units of the standard deviation "
-    "of the first return over starts. A control step is 8 ms (hopper) or 50 ms (half-cheetah). Rewards, starts and "
-    "sizes are our choice."
+    "pairs of returns, AoBG from both. The truth is zeroth order from {truth:,} pairs, which has no bias; where its "
+    "own signal is low, as the lines in grey say, a cosine says little. Learning: {updates} updates of {batch} "
+    "episodes each from a policy that hardly acts, {seeds} seeds, no tuning for any of them; gains are in units of "
+    "the standard deviation of the first return over starts. A control step is 8 ms (hopper) or 50 ms (half-cheetah)."
+    " Rewards, starts and sizes are our choice."
 )
 FIGURES = (
     Figure("horizon_gradients.png", "The gradient over the horizon", "Norm of the mean, signal (norm over the standard "
@@ -59,7 +59,7 @@ def section(found: Sequence[dict[str, Any]], learned: Sequence[dict[str, Any]], 
         situations="; ".join(f"{name}: {SITUATIONS[name].title}" for name in places),
         truth=work.truth, updates=work.updates, batch=work.batch, seeds=work.seeds,
     )  # fmt: skip
-    text = "\n\n".join([method, " ".join(_findings(found, learned, place) for place in places)])
+    text = "\n\n".join([method, *(_findings(found, learned, place) for place in places)])
     values = {"gradients": list(found), "learning": list(learned)}
     tables = [_learning_table(learned), _gradient_table(found)]
     return Section("Long horizons, stiff contact, chaos", text, tables, FIGURES, values)

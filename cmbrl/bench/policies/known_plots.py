@@ -14,6 +14,8 @@ from matplotlib.figure import Figure as Canvas
 from cmbrl.bench.policies.contenders import CONTENDERS
 from cmbrl.files import atomic_path
 
+_RATIOS = (-10, -2, 0, 1, 2, 5, 10, 100)
+
 
 def curves(outcomes: Sequence[dict[str, Any]], tasks: Sequence[str], names: Sequence[str], path: Path) -> None:
     """Return against model steps (log) and against seconds, one row a task; all seeds, medians at equal marks."""
@@ -51,7 +53,7 @@ def _lines(axes: Axes, runs: Sequence[dict[str, Any]], key: str, name: str) -> N
 
 
 def qualities(probes: dict[str, dict[str, dict[str, Any]]], path: Path) -> None:
-    """Noise, slopes claimed and true, and their difference, of every estimator at one policy; one row a task."""
+    """Noise, slopes claimed and true, and their ratio, of every estimator at one policy; one row a task."""
     figure = Canvas(figsize=(12, 3.6 * len(probes)), layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(len(probes), 3, squeeze=False, sharey="row")
@@ -65,15 +67,17 @@ def qualities(probes: dict[str, dict[str, dict[str, Any]]], path: Path) -> None:
             for key, fill, off in (("claimed", "white", -0.12), ("true", colour, 0.12)):
                 row[1].errorbar(f[key], k + off, xerr=2 * (f[f"{key}_error"] or 0.0), fmt="o", color=colour, mfc=fill,
                                 capsize=3)  # fmt: skip
-            row[2].plot((f["claimed"] - f["true"]) / abs(f["true"]), k, "o", color=colour)
+            row[2].plot(f["claimed"] / f["true"], k, "o", color=colour)
         row[0].set_yticks(range(len(found)), list(found))
         row[0].invert_yaxis()
         row[0].set(xscale="log", xlabel="noise: standard error / norm", title=task)
         row[0].axvline(1.0, color="0.5", ls=":")
         row[1].set(xlabel="slope along the estimate: claimed (open), true (full)")
         row[1].set_xscale("symlog", linthresh=_least(found))
-        row[2].set(xlabel="(claimed - true) / |true|")
-        row[2].set_xscale("symlog", linthresh=1.0)
+        row[2].set(xlabel="claimed / true")
+        row[2].set_xscale("symlog", linthresh=2.0)
+        row[2].set_xticks(_RATIOS, [f"{x:g}" for x in _RATIOS])
+        row[2].axvline(1.0, color="0.5", ls=":")
         for axes in row[1:]:
             axes.axvline(0.0, color="0.5", lw=0.8)
         for axes in row:

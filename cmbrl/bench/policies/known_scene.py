@@ -31,7 +31,7 @@ METHOD = (
     "policy and no critic; SHAC, dashed, is what the package's trainer makes of the same derivative. Every run has the "
     "same seconds of processor time ({seconds}), and learning rates fall with the share of them that is spent. Returns "
     "are those of whole episodes of the policy without noise. Settings are our choice, and those of SHAC: none was "
-    "tuned for any of the estimators."
+    "tuned for any of the estimators. Seeds: {seeds}."
 )
 FIGURES = (
     Figure("returns.png", "Return against samples and against seconds", "Every seed a thin line, the median thick; "
@@ -42,7 +42,7 @@ FIGURES = (
            "mean over the windows of one sample each, relative to its norm (at and above 1 nothing is known of the "
            "direction). Middle: slope of the return along the estimate's own direction, as claimed by the estimator "
            "(open) and by differences of the hard return over a small step (full), both with two standard errors. "
-           "Right: claimed less true, as a share of the true slope: the bias of a step that is taken."),
+           "Right: their ratio, 1 for an estimator without bias over such a step."),
 )  # fmt: skip
 
 
@@ -71,9 +71,10 @@ def section(outcomes: Sequence[Outcome], probes: Probes, folder: Path, work: Wor
     qualities(probes, folder / "gradients.png")
     method = METHOD.format(
         windows=", ".join(f"{work.learning[t].horizon} ({t})" for t in tasks),
+        seeds=work.seeds,
         seconds=", ".join(f"{t} {work.seconds[t]:g} s" for t in tasks),
     )
-    claims = " ".join(claim for task in tasks for claim in _claims(outcomes, probes[task], task))
+    claims = "\n\n".join(" ".join(_claims(outcomes, probes[task], task)) for task in tasks)
     tables = [_table(outcomes, tasks), _probe_table(probes)]
     title = "Gradient estimators on a known scene"
     values = {"runs": list(outcomes), "gradients": probes}
