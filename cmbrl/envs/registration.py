@@ -3,7 +3,7 @@
 Gymnasium 1.x looks for no plugins: import this module, or name it in the id.
 
 >>> import gymnasium, cmbrl.envs.registration
->>> env = gymnasium.make("cmbrl/Hopper-v0", model="runs/hopper/fit", render_mode="rgb_array")  # a fit; default "nominal"
+>>> env = gymnasium.make("cmbrl/Hopper-v0", model="runs/hopper/fit", render_mode="rgb_array")  # default "nominal"
 >>> envs = gymnasium.make_vec("cmbrl/Hopper-v0", num_envs=64)                              # autoreset in the same step
 >>> env = gymnasium.make("cmbrl.envs.registration:cmbrl/HopperReal-v0")
 """

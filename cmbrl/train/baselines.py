@@ -23,6 +23,7 @@ from cmbrl.errors import UserError
 from cmbrl.models.protocol import Model, forget
 from cmbrl.train import stable_baselines as sb3
 from cmbrl.train.policy import Architecture, Policy
+from cmbrl.train.trainer import episode_metrics
 
 EPSILON = 1e-5  # added to the variance of observations: that of our policies (the library's default is 1e-8)
 
@@ -156,10 +157,7 @@ class Baseline(ABC):
         metrics |= {} if norm != norm else {"gradient_norm": norm}  # none before the first update, and none in ARS
         logged = self.algorithm.logger.name_to_value
         metrics |= {k.removeprefix("train/"): float(x) for k, x in logged.items() if k.endswith("loss")}
-        if self.simulation.finished:
-            returns, lengths = zip(*self.simulation.finished, strict=True)
-            metrics |= {"return": sum(returns) / len(returns), "length": sum(lengths) / len(lengths)}
-        return metrics
+        return metrics | episode_metrics(self.simulation.finished)
 
     def _take_policy(self) -> None:
         sb3.copy_layers(self.actor(), self.policy)

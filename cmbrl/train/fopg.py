@@ -26,7 +26,7 @@ from cmbrl.gradients.pipps import Future, NoisyNode
 from cmbrl.gradients.score import leave_one_out
 from cmbrl.models.protocol import Model
 from cmbrl.train.policy import Architecture, Policy
-from cmbrl.train.trainer import Diverged
+from cmbrl.train.trainer import Diverged, episode_metrics
 
 ESTIMATORS = ("pathwise", "zeroth", "aobg", "pipps")
 PATIENCE = 10  # updates in a row without a usable gradient, before a run is given up
@@ -133,10 +133,7 @@ class FOPG:
         }
         if self.config.estimator == "aobg":
             metrics["first_order_weight"] = self.weight
-        if finished := [episode for s in self.simulations for episode in s.finished]:
-            returns, lengths = zip(*finished, strict=True)
-            metrics |= {"return": sum(returns) / len(finished), "length": sum(lengths) / len(finished)}
-        return metrics
+        return metrics | episode_metrics([episode for s in self.simulations for episode in s.finished])
 
     def _ascend(self, gradient: Tensor) -> float:
         """One step along the gradient (n,), clipped; returns its norm."""

@@ -28,7 +28,7 @@ from cmbrl.models.protocol import Model
 from cmbrl.train import stable_baselines as sb3
 from cmbrl.train.policy import Architecture, Policy
 from cmbrl.train.pool import Mixture, Pool
-from cmbrl.train.trainer import Diverged
+from cmbrl.train.trainer import Diverged, episode_metrics
 
 
 @dataclass(frozen=True)
@@ -214,11 +214,7 @@ class MBPO:
         found |= {k: float(logged[f"train/{k}"]) for k in ("critic_loss", "actor_loss", "ent_coef") if logged}
         if logged:
             found["gradient_norm"] = sb3.gradient_norm(self.sac.actor)
-        episodes = self.recording.finished[-5:] if self.recording is not None else []
-        if episodes:
-            returns, lengths = zip(*episodes, strict=True)
-            found |= {"return": sum(returns) / len(episodes), "length": sum(lengths) / len(episodes)}
-        return found
+        return found | episode_metrics(self.recording.finished[-5:] if self.recording is not None else [])
 
     @contextmanager
     def _clock(self, part: str) -> Iterator[None]:
@@ -304,7 +300,10 @@ def branch(
 
 def _soft_actor_critic(mdp: MDP, config: MBPOConfig) -> Any:
     """Stable-Baselines3's, without an environment of its own."""
-    sac = sb3.library().SAC(
+    library = sb3.library()
+    from cmbrl.envs.spaces import action_space, observation_space  # needs gymnasium, which the library brings
+
+    sac = library.SAC(
         "MlpPolicy",
         env=None,
         learning_rate=config.rate,
@@ -317,7 +316,7 @@ def _soft_actor_critic(mdp: MDP, config: MBPOConfig) -> Any:
         device="cpu",
         _init_setup_model=False,
     )
-    sac.observation_space, sac.action_space = sb3.spaces(mdp.observations, mdp.actions)
+    sac.observation_space, sac.action_space = observation_space(mdp), action_space(mdp)
     sac.n_envs = 1
     sac._setup_model()
     sac.set_logger(sb3.quiet_logger())

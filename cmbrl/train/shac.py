@@ -21,7 +21,7 @@ from cmbrl.errors import UserError
 from cmbrl.gradients.per_sample import per_sample_gradients
 from cmbrl.models.protocol import Model
 from cmbrl.train.policy import Architecture, Policy, network
-from cmbrl.train.trainer import Diverged
+from cmbrl.train.trainer import Diverged, episode_metrics
 
 PATIENCE = 10  # updates in a row whose gradient is not finite, before a run is given up
 
@@ -188,15 +188,8 @@ class SHAC:
         return metrics
 
     def _episode_metrics(self) -> dict[str, float]:
-        finished = self.simulation.finished
-        metrics = {
-            "steps": float(self.simulation.steps_taken),
-            "failures": float(getattr(self.model, "failures", 0)),
-        }
-        if finished:
-            returns, lengths = zip(*finished, strict=True)
-            metrics |= {"return": sum(returns) / len(finished), "length": sum(lengths) / len(finished)}
-        return metrics
+        steps, failures = self.simulation.steps_taken, getattr(self.model, "failures", 0)
+        return {"steps": float(steps), "failures": float(failures), **episode_metrics(self.simulation.finished)}
 
     def state(self) -> dict[str, Any]:
         """Everything that the next update depends on."""

@@ -97,12 +97,6 @@ def quiet_logger() -> Any:
     return logger.Logger(folder=None, output_formats=[])
 
 
-def spaces(observations: int, actions: int) -> tuple[Any, Any]:
-    """Gymnasium's spaces of a process: all observations (n_o,), actions (n_a,) in [-1, 1]; float32."""
-    box = library("gymnasium").spaces.Box
-    return box(-np.inf, np.inf, (observations,), np.float32), box(-1.0, 1.0, (actions,), np.float32)
-
-
 _COLUMNS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 

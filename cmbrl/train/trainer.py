@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,6 +17,14 @@ class Diverged(UserError):
     def __init__(self, message: str, states: dict[str, np.ndarray]) -> None:
         super().__init__(message)
         self.states = states
+
+
+def episode_metrics(finished: Collection[tuple[float, int]]) -> dict[str, float]:
+    """Mean "return" and "length" of episodes (return, length); nothing where none has ended."""
+    if not finished:
+        return {}
+    returns, lengths = zip(*finished, strict=True)
+    return {"return": sum(returns) / len(finished), "length": sum(lengths) / len(finished)}
 
 
 class Trainer(Protocol):
