@@ -18,7 +18,8 @@ A task registers itself; cmbrl never imports one by name. Your own task becomes 
     my_robot = "my_robot.task:TASK"
 
 After ``pip install -e .`` of your package, ``cmbrl info my_robot`` and every other command know it. Without a package,
-in a script or notebook: ``cmbrl.registry.register(TASK)``.
+in a script or notebook: ``cmbrl.registry.register(TASK)``. With ``mdp`` and ``system`` policies can be trained for it:
+docs/policies.md has a whole example.
 """
 
 from __future__ import annotations
