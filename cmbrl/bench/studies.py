@@ -23,6 +23,7 @@ STUDIES = {
     "estimators": "cmbrl.bench.policies.known_scene",
     "horizons": "cmbrl.bench.policies.horizons",
     "mission": "cmbrl.bench.policies.mission",
+    "throws": "cmbrl.bench.policies.throws.study",
 }  #: name -> module whose ``STUDY`` it is
 
 

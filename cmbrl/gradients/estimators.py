@@ -1,6 +1,8 @@
 """Estimators of the gradient of an expected value: first order (pathwise), zeroth order, and bundles of either.
 
 Suh, Simchowitz, Zhang & Tedrake, "Do Differentiable Simulators Give Better Policy Gradients?" (ICML 2022), section 2.
+
+The bundles and ``pathwise`` take one point x (n,) for all samples, or one (samples, n) for each.
 """
 
 from __future__ import annotations
@@ -12,8 +14,8 @@ from cmbrl.gradients.estimate import Array, Estimate, Objective
 
 
 def pathwise(objective: Objective, x: Array, samples: int) -> Estimate:
-    """First order: mean of the derivatives of every sample at the same x (n,)."""
-    return _first_order(objective, np.tile(x, (samples, 1)))
+    """First order: mean of the derivatives of every sample at x."""
+    return _first_order(objective, np.broadcast_to(x, (samples, x.shape[-1])))
 
 
 def first_order_bundle(objective: Objective, x: Array, std: float, samples: int, rng: np.random.Generator) -> Estimate:
@@ -22,7 +24,7 @@ def first_order_bundle(objective: Objective, x: Array, std: float, samples: int,
     Unbiased only where f is continuous: jumps of f contribute nothing, and ramps narrower than std / samples are
     missed by most batches ("empirical bias").
     """
-    return _first_order(objective, x + std * rng.normal(size=(samples, len(x))))
+    return _first_order(objective, x + std * rng.normal(size=(samples, x.shape[-1])))
 
 
 def zeroth_order_bundle(objective: Objective, x: Array, std: float, samples: int, rng: np.random.Generator) -> Estimate:
@@ -30,7 +32,7 @@ def zeroth_order_bundle(objective: Objective, x: Array, std: float, samples: int
 
     Antithetic pairs in place of the baseline f(x): two values a sample either way, and even terms of f cancel.
     """
-    w = std * rng.normal(size=(samples, len(x)))
+    w = std * rng.normal(size=(samples, x.shape[-1]))
     with torch.no_grad():
         up, down = (objective(torch.from_numpy(x + sign * w)).numpy() for sign in (1, -1))
     return Estimate(w * ((up - down) / (2 * std**2))[:, None], 2 * samples * objective.steps)

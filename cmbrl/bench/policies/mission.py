@@ -6,13 +6,10 @@ of random actions per seed. The last policy of every run counts, and every run i
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from cmbrl.bench.cells import kept
 from cmbrl.bench.policies.methods import LOOP, METHODS, NOMINAL, QUICK, Setup, Work, settings_of
@@ -27,6 +24,7 @@ from cmbrl.bench.policies.runs import (
     finished,
     random_log,
 )
+from cmbrl.bench.policies.workers import compute
 from cmbrl.bench.study import Cell, Figure, Progress, Section, Settings, Study, Table
 from cmbrl.models.named import nominal_model
 from cmbrl.registry import load_task
@@ -94,29 +92,18 @@ def _given(setup: Setup, made: Path) -> Result:
     return finished(made, loop, wanted | {"smoothing": None, "derivative": None}, setup.contest)
 
 
-def _every(todo: Sequence[Job], work: Work, folder: Path, processes: int) -> Iterator[tuple[Job, Result]]:
-    """Runs side by side: training is one thread's work."""
-    if processes == 1:
-        yield from ((job, cell(job, work, folder)) for job in todo)
-        return
-    workers = ProcessPoolExecutor(processes, get_context("spawn"), initializer=torch.set_num_threads, initargs=(1,))
-    with workers as pool:
-        started = {pool.submit(cell, job, work, folder): job for job in todo}
-        for one in as_completed(started):
-            yield started[one], one.result()
-
-
 def _study(folder: Path, settings: Settings, progress: Progress) -> Section:
-    torch.set_num_threads(1)
     work = QUICK if settings.quick else Work()
     scenes = settings.scenes or (SCENES[:1] if settings.quick else SCENES)
     todo = jobs(work, scenes, FIRST_SEED + settings.seed)
     place = folder / "quick" if settings.quick else folder
-    done: dict[Job, Result] = {}
-    for job, result in _every(todo, work, place, settings.threads):
-        done[job] = result
-        progress(len(done) / len(todo), f"{job[0]}, {job[1]}, seed {job[2]}")
-    return section([done[job] for job in todo], folder, work)
+    done = compute(
+        cell,
+        [(job, work, place) for job in todo],
+        settings.threads,
+        lambda n: progress(n / len(todo), f"{n} of {len(todo)} runs"),
+    )
+    return section(done, folder, work)
 
 
 def section(results: Sequence[Result], folder: Path, work: Work) -> Section:
