@@ -135,10 +135,15 @@ class Loop:
         return self.recording.transitions + (len(self.given) if self.given is not None else 0)
 
     def _fit(self) -> None:
-        """All parameters, from the nominal ones, on everything seen so far."""
+        """All parameters, from the nominal ones, on everything seen so far.
+
+        A derivative that is softer than the simulation is for policies; parameters are sought by the simulation's own.
+        """
         logs = [log for log in (self.given, self.recording.log() if self.recording.transitions else None) if log]
-        self.fitted = fit(self.nominal, Transitions.joined(logs), seed=self.seed + self.round, groups="all")
-        self.model = self.fitted.uncertain_model(self.config.draws, self.seed)
+        sought = self.nominal.with_settings(backward_smoothing=self.nominal.smoothing)
+        self.fitted = fit(sought, Transitions.joined(logs), seed=self.seed + self.round, groups="all")
+        fitted = self.fitted.uncertain_model(self.config.draws, self.seed)
+        self.model = fitted.with_settings(backward_smoothing=self.nominal.backward_smoothing)
 
     def _begin_policy(self) -> None:
         """A fresh policy in the first round; later that of the last round, with new optimisers and a new critic.

@@ -21,7 +21,7 @@ from cmbrl.train.run import Run
 from cmbrl.train.trainer import Diverged
 
 pytest.importorskip("gymnasium", reason="the hopper's real system is Gymnasium's MJCF")
-SMALL = replace(QUICK, transitions=150, seconds=0.5, ensemble_updates=10)
+SMALL = replace(QUICK, transitions=150, seconds={"hopper": 0.5}, ensemble_updates=10)
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 import cmbrl
+from cmbrl.contact.smoothing import Adaptive
 from cmbrl.fit import FitResult
 from cmbrl.registry import load_task
 from cmbrl.train.loop import Loop, LoopConfig
@@ -100,6 +101,16 @@ def test_the_fit_is_left_as_a_run_folder_of_cmbrl_fit(make_loop, tmp_path):
     kept = FitResult.load(tmp_path / "fit")
     np.testing.assert_array_equal(kept.model.parameters, loop.model.parameters)
     np.testing.assert_allclose(kept.draws(SMALL.draws, seed=3), loop.model.candidates)
+
+
+def test_a_soft_derivative_is_for_the_policy_and_not_for_the_fit(make_loop):
+    loop, soft = make_loop(), make_loop()
+    soft.nominal = soft.nominal.with_settings(backward_smoothing=Adaptive(1e-3))
+    for one in (loop, soft):
+        one.update()
+    np.testing.assert_array_equal(loop.model.candidates, soft.model.candidates)
+    assert soft.model.backward_smoothing == Adaptive(1e-3)
+    assert soft.model.smoothing == loop.model.smoothing
 
 
 def test_where_a_trial_is_all_of_it_the_best_policy_counts(make_loop):

@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 from cmbrl.bench.policies.runs import Contest, Plan
+from cmbrl.contact.smoothing import Adaptive
 from cmbrl.data.transitions import Transitions
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
@@ -19,24 +20,27 @@ from cmbrl.train.mbpo import MBPO, MBPOConfig
 from cmbrl.train.shac import SHAC, SHACConfig
 from cmbrl.train.trainer import Trainer
 
-LOOP, NOMINAL = "complementarity loop", "nominal MJCF"
+LOOP, LOOP_ABS, NOMINAL = "complementarity loop", "complementarity loop, ABS", "nominal MJCF"
 MBPO_LOG, SHAC_NEURAL = "MBPO, same log", "SHAC on neural ensemble, same log"
 MBPO_ONLINE, SAC_ONLINE, PPO_ONLINE = "MBPO online", "SAC online", "PPO online"
 ENDLESS = 1_000_000  # iterations of a run that ends by its seconds
+_RIVALS = {LOOP_ABS: 3, NOMINAL: 3, MBPO_LOG: 3, SHAC_NEURAL: 3, MBPO_ONLINE: 1, SAC_ONLINE: 3, PPO_ONLINE: 3}
 
 
 @dataclass(frozen=True)
 class Work:
-    """Sizes of the study; ``seconds`` are of processor time, of one run of a method that has no end of its own."""
+    """Sizes of the study."""
 
     seeds: Mapping[str, Mapping[str, int]] = field(
         default_factory=lambda: {
-            "hopper": {LOOP: 10, NOMINAL: 3, MBPO_LOG: 3, SHAC_NEURAL: 3, MBPO_ONLINE: 1, SAC_ONLINE: 3, PPO_ONLINE: 3},
-            "cheetah": {LOOP: 5, NOMINAL: 3, MBPO_LOG: 3, SHAC_NEURAL: 3, MBPO_ONLINE: 1, SAC_ONLINE: 3, PPO_ONLINE: 3},
+            "hopper": {LOOP: 10, **_RIVALS},
+            "cheetah": {LOOP: 5, **_RIVALS},
         }
     )  #: scene -> method -> number of seeds
     transitions: int = 1000  #: of the random log that a seed's methods share
-    seconds: float = 340.0  #: about what the loop takes on the hopper
+    seconds: Mapping[str, float] = field(
+        default_factory=lambda: {"hopper": 420.0, "cheetah": 150.0}
+    )  #: scene -> processor time of a run of a method that has no end of its own: what the loop takes there
     points: int = 8  #: of a curve
     ensemble_updates: int = 2000  #: of the ensemble that SHAC trains on
     neural_iterations: int = 1200  #: of SHAC on it, at most: on the hopper they take the loop's time
@@ -52,10 +56,10 @@ _SMALL_LOOP = {
 }  # fmt: skip
 QUICK = Work(
     seeds={
-        name: dict.fromkeys((LOOP, NOMINAL, MBPO_LOG, SHAC_NEURAL, MBPO_ONLINE, SAC_ONLINE, PPO_ONLINE), 1)
+        name: dict.fromkeys((LOOP, *_RIVALS), 1)
         for name in ("hopper", "cheetah")
     },
-    transitions=200, seconds=2.0, points=2, ensemble_updates=50, loop=_SMALL_LOOP,
+    transitions=200, seconds={"hopper": 2.0, "cheetah": 2.0}, points=2, ensemble_updates=50, loop=_SMALL_LOOP,
     mbpo={"warmup": 200, "block": 10, "rollouts": 200, "fit_updates": 20, "refit_updates": 5, "hidden": (16, 16)},
     sac={"warmup": 200, "block": 50, "hidden": (16, 16)}, ppo={"horizon": 128, "hidden": (16, 16)},
 )  # fmt: skip
@@ -98,6 +102,11 @@ def preset(config: Any, task: str) -> Any:
 
 def _loop(s: Setup) -> Loop:
     return Loop(s.contest.mdp, s.nominal, s.loop_config(), s.seed, system=s.contest.system, data=s.log)
+
+
+def _loop_abs(s: Setup) -> Loop:
+    """`cmbrl train --derivative adaptive:length=1e-3`: as ABS in the study of estimators."""
+    return _loop(replace(s, nominal=s.nominal.with_settings(backward_smoothing=Adaptive(1e-3))))
 
 
 def _nominal(s: Setup) -> Trainer:
@@ -144,7 +153,7 @@ def _neural(s: Setup) -> Plan:
 
 
 def _seconds(s: Setup) -> Plan:
-    return Plan(ENDLESS, s.work.seconds, s.work.points)
+    return Plan(ENDLESS, s.work.seconds[s.task.name], s.work.points)
 
 
 def _own(trainer: Any) -> Model:
@@ -153,6 +162,7 @@ def _own(trainer: Any) -> Model:
 
 METHODS = {
     LOOP: Method(_loop, _whole_loop, _own, takes_log=True),
+    LOOP_ABS: Method(_loop_abs, _whole_loop, _own, takes_log=True),
     NOMINAL: Method(_nominal, _one_policy, _own),
     MBPO_LOG: Method(partial(_mbpo, online=False), _seconds, _own, takes_log=True),
     SHAC_NEURAL: Method(_shac_neural, _neural, _own, takes_log=True),

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from cmbrl.bench.cells import kept
-from cmbrl.bench.policies.methods import LOOP, METHODS, NOMINAL, QUICK, Setup, Work, settings_of
+from cmbrl.bench.policies.methods import LOOP, LOOP_ABS, METHODS, NOMINAL, QUICK, Setup, Work, settings_of
 from cmbrl.bench.policies.mission_plots import TIME, TRANSITIONS, draw
 from cmbrl.bench.policies.runs import (
     NOISE_ANGULAR,
@@ -190,18 +190,21 @@ def _middle(values: Sequence[float | None]) -> float | None:
 
 
 def _text(results: Sequence[Result], work: Work) -> str:
+    scenes = list(dict.fromkeys(r["scene"] for r in results))
     quick = (
         "This was a quick run, far too short to learn: it shows only what the study makes. " if work is QUICK else ""
     )
+    seconds = ", ".join(f"{work.seconds[scene]:g} s on the {scene}" for scene in scenes)
     how = (
         f"{quick}Every method begins with a policy that knows nothing; those on a log share, seed by seed, one of "
         f"{work.transitions:,} transitions by random actions. The complementarity loop fits its contact model to that "
         "log and improves policies on draws from the fit; it chooses among them by their return in the model alone. "
+        f"Its gradients are those of the simulation, softened by a constant; '{LOOP_ABS}' differentiates by ABS, 1 mm. "
         "The last policy of a run counts, not the best on the way; no run that was made is left out, and seeds from "
         f"{FIRST_SEED} up were not used before: settings were chosen on others. "
         f"'{NOMINAL}' is the same training without any data: the real system here is MuJoCo with the very same MJCF, "
         "so it says what a right file alone is worth; where it does as well, the log was not needed. MBPO, SAC and PPO "
-        f"get {work.seconds:g} s of processor time a run, counted without evaluations (an update that has begun is "
+        f"get {seconds} of processor time a run, counted without evaluations (an update that has begun is "
         "finished); online they may take as many transitions as fit. With their authors' hours they get further: the "
         "stars are what MBPO is reported to reach."
     )

@@ -11,11 +11,21 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from cmbrl.bench.policies.methods import LOOP, MBPO_LOG, MBPO_ONLINE, NOMINAL, PPO_ONLINE, SAC_ONLINE, SHAC_NEURAL
+from cmbrl.bench.policies.methods import (
+    LOOP,
+    LOOP_ABS,
+    MBPO_LOG,
+    MBPO_ONLINE,
+    NOMINAL,
+    PPO_ONLINE,
+    SAC_ONLINE,
+    SHAC_NEURAL,
+)
 from cmbrl.files import atomic_path
 
 STYLES = {
     LOOP: ("#08519c", "o"),
+    LOOP_ABS: ("#6baed6", "o"),
     NOMINAL: ("0.35", "x"),
     MBPO_LOG: ("#fdae6b", "v"),
     SHAC_NEURAL: ("#cb181d", "s"),
@@ -30,7 +40,11 @@ _PANELS = {
     TRANSITIONS: {"transitions": "real transitions"},
     TIME: {"cpu": "processor seconds of training", "wall": "wall clock of training [s]"},
 }
-_ASIDE = {MBPO_LOG: 1.08, SHAC_NEURAL: 0.92}  # of the abscissa, where methods have the same number of transitions
+_ASIDE = {
+    LOOP_ABS: 0.96,
+    MBPO_LOG: 1.08,
+    SHAC_NEURAL: 0.92,
+}  # of the abscissa, where methods have the same number of transitions
 
 
 def draw(scene: str, results: Sequence[dict[str, Any]], kind: str, folder: Path) -> str:

@@ -83,7 +83,7 @@ class Training:
         """All of it; whatever a user could have been told ends it early and is noted."""
         try:
             self.trainer = self._clocked(make)
-            while self.share() < 1.0:
+            while self.iteration == 0 or self.share() < 1.0:  # making it may have taken all of a short run's seconds
                 self.last = self._clocked(self.trainer.update)
                 self.iteration += 1
                 if self.share() * self.plan.points >= len(self.curve) + 1 - 1e-9:
