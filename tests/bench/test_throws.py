@@ -14,7 +14,7 @@ from cmbrl.bench.policies.throws.cells import QUICK, plan, process
 from cmbrl.bench.policies.throws.contenders import CONTENDERS, THROWS
 from cmbrl.bench.policies.throws.descent import Range, Rule, centred, real_distances
 from cmbrl.bench.policies.throws.models import TASKS, fits, fitted, hard_model, known
-from cmbrl.bench.policies.throws.summary import verdict
+from cmbrl.bench.policies.throws.summary import claims_table, verdict
 from cmbrl.bench.study import Settings
 
 TINY = replace(
@@ -84,16 +84,17 @@ def test_claims_are_judged_by_share_then_median() -> None:
         return {"task": "t", "scene": "known scene", "contender": name, "model": [[1.0, 1.0], list(last)]}
 
     cells = [run("ABS 1 cm", 0.01, 0.02), run("BS 1e-2 J", 0.01, 0.9), run("FOPG", 0.5, 0.5), run("ZOPG", 0.04, 0.03)]
-    told = verdict(cells)
-    assert "'ABS beats BS' repeats (100% against 50%" in told
-    assert "'BS beats zeroth order' does not repeat" in told
-    assert "Best of all: ABS 1 cm, 100%" in told
+    rows = {row[2]: row for row in claims_table(cells).rows}
+    assert rows["ABS beats BS"][3:8] == ["repeats", "ABS 1 cm", "BS 1e-2 J", 1.0, 0.5]
+    assert rows["ABS beats BS"][8:] == [0.5, 0.0]  # of the pairs, one is equal
+    assert rows["BS beats zeroth order"][3] == "does not"
+    assert "'BS beats FOPG' repeats in 1 of 1 scenes" in verdict(cells)
 
 
 def test_the_study_draws_and_goes_on_from_what_it_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     settings = Settings(quick=True, seed=0, threads=1, scenes=None)
     section = study.run(tmp_path, settings, lambda *_: None, TINY)
     assert all((tmp_path / figure.file).stat().st_size > 5000 for figure in section.figures)
-    assert [len(table.rows) for table in section.tables] == [1, 8, 4]
+    assert [len(table.rows) for table in section.tables] == [8, 1, 8, 4]
     monkeypatch.setattr("cmbrl.bench.policies.throws.cells.fits", None)  # would fail if it were called again
     assert study.run(tmp_path, settings, lambda *_: None, TINY).text == section.text

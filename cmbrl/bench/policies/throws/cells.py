@@ -14,7 +14,9 @@ from cmbrl.bench.cells import kept
 from cmbrl.bench.policies.throws.contenders import CONTENDERS
 from cmbrl.bench.policies.throws.descent import Range, Rule, centred, real_distances, unwarned
 from cmbrl.bench.policies.throws.models import TASKS, Fitted, fits, fitted, hard_model, known
+from cmbrl.envs.mdp import MDP
 from cmbrl.gradients.estimate import Array
+from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.registry import load_task
 
 KNOWN, FITTED = "known scene", "fitted model"
@@ -36,7 +38,7 @@ class Work:
     draws: int = 64  #: sets of parameters that a fit holds possible
     mission_seeds: int = 10
     candidates: int = 512  #: random decisions of which the mission's descents start at the best
-    mission_starts: int = 8
+    mission_starts: int = 16
     mission: Rule = field(default_factory=lambda: Rule(rate=0.05, std=0.05))
     judged: int = 128  #: throws in the model that choose among the mission's decisions
     real_starts: int = 10  #: other starts at which a chosen decision is thrown in the real system
@@ -90,7 +92,8 @@ def mission_cell(folder: Path, task: str, seed: int, models: list[Outcome], work
     """From each fit of one seed to one decision, and what it does in the real system.
 
     Descents under the fit's draws start at the best of many random decisions in the model; the decision with the best
-    mean return over draws is thrown: ``real`` from the middle of the starts, ``spread`` the mean distance over others.
+    mean return over draws, of a start or an end, is thrown: ``real`` from the middle of the starts, ``spread`` the
+    mean distance over others.
     ``undescended``: real distance of the best random decision [m].
     """
     sizes = [work.candidates, work.mission_starts, work.draws, work.judged, work.real_starts]
@@ -117,9 +120,9 @@ def plan(task: str, model: Fitted, seed: int, work: Work) -> Outcome:
     wall, cpu = time.perf_counter(), time.process_time()
     random = np.random.default_rng(seed).uniform(-1.0, 1.0, (work.candidates, mdp.actions))
     first = _best(Range(middle, hard, np.tile(model.theta, (work.candidates, 1, 1))), random, work.mission_starts, 1)[0]
-    place = Range(middle, hard, np.tile(model.draws, (work.mission_starts, 1, 1)))
-    found = place.descend(CONTENDERS[PLANNER], first, work.mission, seed)[-1]
-    ordered, returns = _best(place, found, 1, work.judged)
+    path = _under_draws(middle, hard, model, len(first)).descend(CONTENDERS[PLANNER], first, work.mission, seed)
+    found = np.concatenate([first, path[-1]])
+    ordered, returns = _best(_under_draws(middle, hard, model, len(found)), found, 1, work.judged)
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     chosen, undescended = real_distances(middle, system, np.stack([ordered[0], first[0]]))
     spread = real_distances(mdp, system, np.tile(ordered, (work.real_starts, 1)), seed).mean()
@@ -128,6 +131,10 @@ def plan(task: str, model: Fitted, seed: int, work: Work) -> Outcome:
         "model": float(np.sqrt(-returns[0])), "decision": ordered[0].tolist(),
         "wall": wall + model.wall, "cpu": cpu + model.cpu, "recording": model.recording,
     }  # fmt: skip
+
+
+def _under_draws(mdp: MDP, hard: ComplementarityModel, model: Fitted, runs: int) -> Range:
+    return Range(mdp, hard, np.tile(model.draws, (runs, 1, 1)))
 
 
 def _best(place: Range, decisions: Array, count: int, throws: int) -> tuple[Array, Array]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -38,13 +37,7 @@ def learning_curves(cells: Sequence[Outcome], path: Path) -> None:
             if task == tasks[0]:
                 axes.set_title(family, fontsize="medium")
                 axes.legend(fontsize="x-small", loc="lower left")
-        last = len(cell["model"]) - 1
-        upper = row[-1].secondary_xaxis("top", functions=_scaled(cell["steps"] / last / 1000)) if last else None
-        if upper and task != tasks[0]:
-            upper.set_xlabel("model steps of a run [thousands]", fontsize="x-small")
-            upper.tick_params(labelsize="x-small")
-    for axes in panels[-1]:
-        axes.set_xlabel("iteration")
+            axes.set_xlabel(f"iteration of {cell['steps'] // max(1, len(distances) - 1)} model steps")
     _save(figure, path)
 
 
@@ -118,10 +111,6 @@ def mission(rows: Sequence[Outcome], path: Path) -> None:
 
 def _of(cells: Sequence[Outcome], key: str) -> list[str]:
     return list(dict.fromkeys(c[key] for c in cells))
-
-
-def _scaled(factor: float) -> Any:
-    return (lambda x: x * factor, lambda x: x / factor)
 
 
 def _canvas(width: float, height: float) -> Figure:
