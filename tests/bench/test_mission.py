@@ -46,6 +46,17 @@ def test_quick_study_has_a_cell_of_each_method_and_computes_none_twice(tmp_path,
     assert second.tables == first.tables
 
 
+def test_what_is_not_installed_is_left_out_and_named(tmp_path, monkeypatch):
+    small = replace(SMALL, seeds={"hopper": {NOMINAL: 1, PPO_ONLINE: 1}, "cheetah": {}})
+    monkeypatch.setattr(mission, "QUICK", small)
+    absent = {name: replace(m, library=m.library and "absent_library") for name, m in METHODS.items()}
+    monkeypatch.setattr(mission, "METHODS", absent)
+    section = mission.STUDY.run(tmp_path, Settings(quick=True, scenes=("hopper",)), lambda *_: None)
+    assert [row[0] for row in section.tables[0].rows] == [NOMINAL]
+    assert "not installed" in section.text
+    assert PPO_ONLINE in section.text
+
+
 def test_the_shared_log_is_what_a_loop_of_that_seed_records(contest):
     config = LoopConfig(transitions=60, iterations=1, policies=1, environments=2, horizon=2)
     loop = Loop(contest.mdp, contest.nominal, config, 5, system=contest.system)

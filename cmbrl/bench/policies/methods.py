@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
+from importlib.util import find_spec
 from typing import Any
 
 from cmbrl.bench.policies.runs import Contest, Plan
@@ -23,6 +24,7 @@ from cmbrl.train.trainer import Trainer
 LOOP, LOOP_ABS, NOMINAL = "complementarity loop", "complementarity loop, ABS", "nominal MJCF"
 MBPO_LOG, SHAC_NEURAL = "MBPO, same log", "SHAC on neural ensemble, same log"
 MBPO_ONLINE, SAC_ONLINE, PPO_ONLINE = "MBPO online", "SAC online", "PPO online"
+_SB3 = "stable_baselines3"
 ENDLESS = 1_000_000  # iterations of a run that ends by its seconds
 _RIVALS = {LOOP_ABS: 3, NOMINAL: 3, MBPO_LOG: 3, SHAC_NEURAL: 3, MBPO_ONLINE: 1, SAC_ONLINE: 3, PPO_ONLINE: 3}
 
@@ -86,13 +88,18 @@ class Setup:
 class Method:
     """``make`` builds the trainer (on the clock), ``model`` the one that its policy believes in; ``plan`` its length.
 
-    ``takes_log``: whether it learns from the seed's random log.
+    ``takes_log``: whether it learns from the seed's random log. ``library``: what it cannot be made without.
     """
 
     make: Callable[[Setup], Any]
     plan: Callable[[Setup], Plan]
     model: Callable[[Any], Model] | None = None
     takes_log: bool = False
+    library: str | None = None
+
+    def available(self) -> bool:
+        """Whether its library is installed."""
+        return self.library is None or find_spec(self.library) is not None
 
 
 def preset(config: Any, task: str) -> Any:
@@ -164,11 +171,11 @@ METHODS = {
     LOOP: Method(_loop, _whole_loop, _own, takes_log=True),
     LOOP_ABS: Method(_loop_abs, _whole_loop, _own, takes_log=True),
     NOMINAL: Method(_nominal, _one_policy, _own),
-    MBPO_LOG: Method(partial(_mbpo, online=False), _seconds, _own, takes_log=True),
+    MBPO_LOG: Method(partial(_mbpo, online=False), _seconds, _own, takes_log=True, library=_SB3),
     SHAC_NEURAL: Method(_shac_neural, _neural, _own, takes_log=True),
-    MBPO_ONLINE: Method(partial(_mbpo, online=True), _seconds, _own),
-    SAC_ONLINE: Method(_sac, _seconds),
-    PPO_ONLINE: Method(_ppo, _seconds),
+    MBPO_ONLINE: Method(partial(_mbpo, online=True), _seconds, _own, library=_SB3),
+    SAC_ONLINE: Method(_sac, _seconds, library=_SB3),
+    PPO_ONLINE: Method(_ppo, _seconds, library=_SB3),
 }
 
 

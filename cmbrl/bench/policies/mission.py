@@ -95,7 +95,7 @@ def _given(setup: Setup, made: Path) -> Result:
 def _study(folder: Path, settings: Settings, progress: Progress) -> Section:
     work = QUICK if settings.quick else Work()
     scenes = settings.scenes or (SCENES[:1] if settings.quick else SCENES)
-    todo = jobs(work, scenes, FIRST_SEED + settings.seed)
+    todo = [job for job in jobs(work, scenes, FIRST_SEED + settings.seed) if METHODS[job[1]].available()]
     place = folder / "quick" if settings.quick else folder
     done = compute(
         cell,
@@ -214,6 +214,9 @@ def _text(results: Sequence[Result], work: Work) -> str:
     missing = len(planned) - len(results)
     if missing:
         how += f" {missing} of {len(planned)} planned runs have not been made: the table says how many there are."
+    absent = [name for name, method in METHODS.items() if not method.available()]
+    if absent:
+        how += f" Left out, for Stable-Baselines3 is not installed (pip install 'cmbrl[train]'): {', '.join(absent)}."
     failed = [f"{r['scene']}, {r['method']}, seed {r['seed']}: {r['failed']}." for r in results if r["failed"]]
     return "\n\n".join([how, " ".join(["Ended early:", *failed]) if failed else "No run diverged."])
 
