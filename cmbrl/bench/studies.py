@@ -20,10 +20,10 @@ STUDIES = {
     "training": "cmbrl.bench.speed.training",
     "derivatives": "cmbrl.bench.derivatives.study",
     "robustness": "cmbrl.bench.robustness",
-    "estimators": "cmbrl.bench.policies.known_scene",
-    "horizons": "cmbrl.bench.policies.horizons",
-    "mission": "cmbrl.bench.policies.mission",
-    "throws": "cmbrl.bench.policies.throws.study",
+    "estimators": "cmbrl.bench.estimators.study",
+    "horizons": "cmbrl.bench.horizons.study",
+    "mission": "cmbrl.bench.mission.study",
+    "throws": "cmbrl.bench.throws.study",
 }  #: name -> module whose ``STUDY`` it is
 
 

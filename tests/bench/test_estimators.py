@@ -8,15 +8,18 @@ import numpy as np
 import pytest
 import torch
 
-from cmbrl.bench.policies import horizon_cells, horizons, known_cells, known_scene
-from cmbrl.bench.policies.contenders import CONTENDERS
-from cmbrl.bench.policies.horizon_cells import NAMES, Ask
-from cmbrl.bench.policies.known_cells import cell, nominal
-from cmbrl.bench.policies.probe import probe
-from cmbrl.bench.policies.search import BatchedARS
-from cmbrl.bench.policies.situations import SITUATIONS
-from cmbrl.bench.policies.valued import Learning, Valued
-from cmbrl.bench.policies.workers import compute
+from cmbrl.bench.estimators import cells as known_cells
+from cmbrl.bench.estimators import study as known_scene
+from cmbrl.bench.estimators.cells import cell, nominal
+from cmbrl.bench.estimators.contenders import CONTENDERS
+from cmbrl.bench.estimators.probe import probe
+from cmbrl.bench.estimators.search import BatchedARS
+from cmbrl.bench.estimators.valued import Learning, Valued
+from cmbrl.bench.horizons import cells as horizon_cells
+from cmbrl.bench.horizons import study as horizons
+from cmbrl.bench.horizons.cells import NAMES, Ask
+from cmbrl.bench.horizons.situations import SITUATIONS
+from cmbrl.bench.workers import compute
 from cmbrl.train.baselines import ARSConfig
 
 SMALL = Learning(samples=4, horizon=3, episode_steps=30)

@@ -17,9 +17,9 @@ import torch
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
 from cmbrl.bench.cells import kept
-from cmbrl.bench.policies.contenders import ABS, CONTENDERS
-from cmbrl.bench.policies.known_cells import Work, nominal
-from cmbrl.bench.policies.valued import Learning, Valued
+from cmbrl.bench.estimators.cells import Work, nominal
+from cmbrl.bench.estimators.contenders import ABS, CONTENDERS
+from cmbrl.bench.estimators.valued import Learning, Valued
 from cmbrl.gradients.estimate import Estimate
 
 STEP = 0.02  #: length of a difference in the space of all weights, less than one of Adam's updates

@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Canvas
 
-from cmbrl.bench.policies.contenders import CONTENDERS, EXACT
-from cmbrl.bench.policies.horizon_cells import NAMES
-from cmbrl.bench.policies.situations import SITUATIONS
+from cmbrl.bench.estimators.contenders import CONTENDERS, EXACT
+from cmbrl.bench.horizons.cells import NAMES
+from cmbrl.bench.horizons.situations import SITUATIONS
 from cmbrl.files import atomic_path
 
 _ROWS = {"norm": "norm of the mean", "signal": "norm / standard error", "cosine": "cosine to the truth",

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cmbrl.bench.policies.throws.contenders import Contender
+from cmbrl.bench.throws.contenders import Contender
 from cmbrl.envs.evaluation import evaluate_real
 from cmbrl.envs.mdp import MDP
 from cmbrl.envs.system import SystemFactory

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.bench.policies.horizon_cells import NAMES, QUICK, STD, Work, learn, quality, truth
-from cmbrl.bench.policies.horizon_plots import gains, qualities
-from cmbrl.bench.policies.situations import SITUATIONS
-from cmbrl.bench.policies.workers import compute
+from cmbrl.bench.horizons.cells import NAMES, QUICK, STD, Work, learn, quality, truth
+from cmbrl.bench.horizons.plots import gains, qualities
+from cmbrl.bench.horizons.situations import SITUATIONS
 from cmbrl.bench.study import Cell, Figure, Progress, Section, Settings, Study, Table
+from cmbrl.bench.workers import compute
 
 METHOD = (
     "Three situations: {situations}. The gradient is that of the hard return over the horizon, averaged over starts "

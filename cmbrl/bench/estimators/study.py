@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.bench.policies.contenders import ABS, CONTENDERS, EXACT, SWEEP
-from cmbrl.bench.policies.known_cells import QUICK, Outcome, Work, cell
-from cmbrl.bench.policies.known_plots import curves, qualities
-from cmbrl.bench.policies.probe import probe
-from cmbrl.bench.policies.workers import compute
+from cmbrl.bench.estimators.cells import QUICK, Outcome, Work, cell
+from cmbrl.bench.estimators.contenders import ABS, CONTENDERS, EXACT, SWEEP
+from cmbrl.bench.estimators.plots import curves, qualities
+from cmbrl.bench.estimators.probe import probe
 from cmbrl.bench.study import Cell, Figure, Progress, Section, Settings, Study, Table
+from cmbrl.bench.workers import compute
 
 TASKS = ("hopper", "cheetah")
 Probes = dict[str, dict[str, dict[str, Any]]]  #: task -> estimator -> what :func:`judge` found

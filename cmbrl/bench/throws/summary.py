@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cmbrl.bench.policies.throws.cells import Outcome
-from cmbrl.bench.policies.throws.contenders import ABS, BS, CONTENDERS, of_family
-from cmbrl.bench.policies.throws.figures import AIM, medians
 from cmbrl.bench.study import Cell, Table
+from cmbrl.bench.throws.cells import Outcome
+from cmbrl.bench.throws.contenders import ABS, BS, CONTENDERS, of_family
+from cmbrl.bench.throws.figures import AIM, medians
 
 
 def runs_table(cells: Sequence[Outcome]) -> Table:

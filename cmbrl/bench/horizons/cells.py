@@ -16,8 +16,8 @@ import numpy as np
 import torch
 
 from cmbrl.bench.cells import kept
-from cmbrl.bench.policies.contenders import ABS, CONTENDERS, EXACT
-from cmbrl.bench.policies.situations import SITUATIONS, Situation
+from cmbrl.bench.estimators.contenders import ABS, CONTENDERS, EXACT
+from cmbrl.bench.horizons.situations import SITUATIONS, Situation
 from cmbrl.gradients import Estimate, aobg
 from cmbrl.gradients.estimate import Array
 from cmbrl.gradients.kinds import DerivativeModel

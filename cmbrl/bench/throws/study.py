@@ -10,8 +10,9 @@ from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
 
-from cmbrl.bench.policies.throws import figures
-from cmbrl.bench.policies.throws.cells import (
+from cmbrl.bench.study import Figure, Progress, Section, Settings, Study
+from cmbrl.bench.throws import figures
+from cmbrl.bench.throws.cells import (
     FITTED,
     KNOWN,
     PLANNER,
@@ -24,8 +25,8 @@ from cmbrl.bench.policies.throws.cells import (
     mission_cell,
     variance_cell,
 )
-from cmbrl.bench.policies.throws.contenders import CONTENDERS
-from cmbrl.bench.policies.throws.summary import (
+from cmbrl.bench.throws.contenders import CONTENDERS
+from cmbrl.bench.throws.summary import (
     claims_table,
     mission_table,
     mission_verdict,
@@ -34,8 +35,7 @@ from cmbrl.bench.policies.throws.summary import (
     variance_verdict,
     verdict,
 )
-from cmbrl.bench.policies.workers import compute
-from cmbrl.bench.study import Figure, Progress, Section, Settings, Study
+from cmbrl.bench.workers import compute
 from cmbrl.registry import load_task
 
 

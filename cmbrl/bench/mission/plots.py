@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from cmbrl.bench.policies.methods import (
+from cmbrl.bench.mission.methods import (
     LOOP,
     LOOP_ABS,
     MBPO_LOG,

@@ -11,9 +11,9 @@ import numpy as np
 import torch
 
 from cmbrl.bench.cells import kept
-from cmbrl.bench.policies.throws.contenders import CONTENDERS
-from cmbrl.bench.policies.throws.descent import Range, Rule, centred, real_distances, unwarned
-from cmbrl.bench.policies.throws.models import TASKS, Fitted, fits, fitted, hard_model, known
+from cmbrl.bench.throws.contenders import CONTENDERS
+from cmbrl.bench.throws.descent import Range, Rule, centred, real_distances, unwarned
+from cmbrl.bench.throws.models import TASKS, Fitted, fits, fitted, hard_model, known
 from cmbrl.envs.mdp import MDP
 from cmbrl.gradients.estimate import Array
 from cmbrl.models.complementarity import ComplementarityModel
@@ -55,7 +55,7 @@ QUICK = Work(
 
 
 def fit_cell(folder: Path, task: str, seed: int, work: Work) -> list[Outcome]:
-    """The fits of one seed, see :func:`cmbrl.bench.policies.throws.models.fits`."""
+    """The fits of one seed, see :func:`cmbrl.bench.throws.models.fits`."""
     key = {"throws": list(work.throws), "draws": work.draws}
     return kept(folder / f"fit_{task}_{seed}.json", key, lambda: fits(task, work.throws, work.draws, seed))
 

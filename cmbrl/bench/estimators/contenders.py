@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from cmbrl.bench.policies.search import BatchedARS
-from cmbrl.bench.policies.valued import Learning, Valued
+from cmbrl.bench.estimators.search import BatchedARS
+from cmbrl.bench.estimators.valued import Learning, Valued
 from cmbrl.envs.mdp import MDP
 from cmbrl.gradients.kinds import DerivativeModel, derivative_model
 from cmbrl.models.complementarity import ComplementarityModel

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from cmbrl.bench.cells import kept
-from cmbrl.bench.policies.contenders import CONTENDERS
-from cmbrl.bench.policies.valued import Learning
+from cmbrl.bench.estimators.contenders import CONTENDERS
+from cmbrl.bench.estimators.valued import Learning
 from cmbrl.envs.evaluation import evaluate_model
 from cmbrl.envs.mdp import MDP
 from cmbrl.models.complementarity import ComplementarityModel

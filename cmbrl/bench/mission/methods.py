@@ -8,7 +8,7 @@ from functools import partial
 from importlib.util import find_spec
 from typing import Any
 
-from cmbrl.bench.policies.runs import Contest, Plan
+from cmbrl.bench.mission.runs import Contest, Plan
 from cmbrl.contact.smoothing import Adaptive
 from cmbrl.data.transitions import Transitions
 from cmbrl.models.complementarity import ComplementarityModel

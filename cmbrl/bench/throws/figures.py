@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from cmbrl.bench.policies.throws.cells import SCENES, Outcome
-from cmbrl.bench.policies.throws.contenders import CONTENDERS, FAMILIES, of_family
-from cmbrl.bench.policies.throws.models import TASKS
+from cmbrl.bench.throws.cells import SCENES, Outcome
+from cmbrl.bench.throws.contenders import CONTENDERS, FAMILIES, of_family
+from cmbrl.bench.throws.models import TASKS
 from cmbrl.files import atomic_path
 
 AIM = 0.05  #: m

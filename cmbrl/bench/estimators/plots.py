@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Canvas
 
-from cmbrl.bench.policies.contenders import CONTENDERS
+from cmbrl.bench.estimators.contenders import CONTENDERS
 from cmbrl.files import atomic_path
 
 _RATIOS = (-10, -2, 0, 1, 2, 5, 10, 100)

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from cmbrl.bench.cells import kept
-from cmbrl.bench.policies.methods import LOOP, LOOP_ABS, METHODS, NOMINAL, QUICK, Setup, Work, settings_of
-from cmbrl.bench.policies.mission_plots import TIME, TRANSITIONS, draw
-from cmbrl.bench.policies.runs import (
+from cmbrl.bench.mission.methods import LOOP, LOOP_ABS, METHODS, NOMINAL, QUICK, Setup, Work, settings_of
+from cmbrl.bench.mission.plots import TIME, TRANSITIONS, draw
+from cmbrl.bench.mission.runs import (
     NOISE_ANGULAR,
     NOISE_LINEAR,
     SPREAD,
@@ -24,8 +24,8 @@ from cmbrl.bench.policies.runs import (
     finished,
     random_log,
 )
-from cmbrl.bench.policies.workers import compute
 from cmbrl.bench.study import Cell, Figure, Progress, Section, Settings, Study, Table
+from cmbrl.bench.workers import compute
 from cmbrl.models.named import nominal_model
 from cmbrl.registry import load_task
 

@@ -1,0 +1,1 @@
+"""Where exact gradients fail: long horizons, stiff contact, chaotic starts."""

@@ -1,1 +1,0 @@
-"""How policies are learned: by which estimator, from how many samples, in how many seconds."""
