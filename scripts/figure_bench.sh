@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Every benchmark at full size into runs/bench (hours; Ctrl-C, and the same command goes on), and from it the two charts of
-# the README, what docs/speed.md shows and the outputs and pictures in docs/bench. Options go to the command, e.g. --threads 1.
+# the README, what docs/speed.md shows and the outputs and pictures in docs/bench and docs/results. Options go to the
+# command, e.g. --threads 1.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 scripts/setup.sh
@@ -20,3 +21,12 @@ cp runs/bench/reduction/reduction.png docs/bench/reduction.png
 cp runs/bench/gradient-scenes/gradient_scenes.png docs/bench/gradient-scenes.png
 cp runs/bench/gradients/gradient_cost.png docs/bench/gradients.png
 cp runs/bench/stiffness/stiffness.png docs/bench/stiffness.png
+for study in estimators horizons throws mission; do
+  .venv/bin/cmbrl bench "$study" --out runs/bench "$@" > "docs/results/$study.txt"
+done
+cp runs/bench/mission/{hopper,cheetah}_{transitions,time}.png docs/results/
+cp runs/bench/throws/throws_{known,real,mission,variance}.png docs/results/
+for picture in returns kappa gradients; do
+  cp "runs/bench/estimators/$picture.png" "docs/results/estimators_$picture.png"
+done
+cp runs/bench/horizons/horizon_{gradients,learning}.png docs/results/

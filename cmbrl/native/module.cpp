@@ -97,12 +97,7 @@ class Core {
                    bool tape, bool impulse, int threads) {
     const Model& m = data_->model;
     Options o = options_from(options);
-    Batch b{};
-    b.n = int64_t(v.ndim() ? v.shape(0) : 0);
-    check(q, "q", {b.n, m.nq}); check(v, "v", {b.n, m.nv}); check(u, "u", {b.n, m.nu});
-    b.q = q.data(); b.v = v.data(); b.u = u.data();
-    b.q_stride = m.nq; b.v_stride = m.nv; b.u_stride = m.nu;
-    set_theta(b, theta);
+    Batch b = states(q, v, &u, theta);
     nb::dict out;
     size_t n = b.n;
     out["q_next"] = make_array<double>({n, size_t(m.nq)}, &b.q_next);
@@ -180,11 +175,7 @@ class Core {
   nb::dict dynamics(Array q, Array v, std::optional<Array> theta, nb::dict options) {
     const Model& m = data_->model;
     Options o = options_from(options);
-    Batch b{};
-    b.n = int64_t(v.ndim() ? v.shape(0) : 0);
-    check(q, "q", {b.n, m.nq}); check(v, "v", {b.n, m.nv});
-    b.q = q.data(); b.v = v.data(); b.q_stride = m.nq; b.v_stride = m.nv;
-    set_theta(b, theta);
+    Batch b = states(q, v, nullptr, theta);
     nb::dict out;
     size_t n = b.n, nv = m.nv, rows = m.planar ? 2 : 3;
     double *M, *bias, *gap, *J;
@@ -200,12 +191,7 @@ class Core {
   nb::dict rows(Array q, Array v, Array u, std::optional<Array> theta, nb::dict options) {
     const Model& m = data_->model;
     Options o = options_from(options);
-    Batch b{};
-    b.n = int64_t(v.ndim() ? v.shape(0) : 0);
-    check(q, "q", {b.n, m.nq}); check(v, "v", {b.n, m.nv}); check(u, "u", {b.n, m.nu});
-    b.q = q.data(); b.v = v.data(); b.u = u.data();
-    b.q_stride = m.nq; b.v_stride = m.nv; b.u_stride = m.nu;
-    set_theta(b, theta);
+    Batch b = states(q, v, &u, theta);
     size_t n = b.n, nv = m.nv, nrow = m.ncontact + m.nlimit, rows = m.planar ? 2 : 3;
     nb::dict out;
     RowBatch r{};
@@ -233,7 +219,23 @@ class Core {
   std::mutex mutex_;
   std::vector<std::unique_ptr<char, decltype(&std::free)>> memory_;
 
-  void set_theta(Batch& b, const std::optional<Array>& theta) {
+  // As many states as v has rows, with controls and parameters where there are some.
+  Batch states(const Array& q, const Array& v, const Array* u, const std::optional<Array>& theta) const {
+    const Model& m = data_->model;
+    Batch b{};
+    b.n = int64_t(v.ndim() ? v.shape(0) : 0);
+    check(q, "q", {b.n, m.nq}); check(v, "v", {b.n, m.nv});
+    b.q = q.data(); b.v = v.data();
+    b.q_stride = m.nq; b.v_stride = m.nv;
+    if (u) {
+      check(*u, "u", {b.n, m.nu});
+      b.u = u->data();
+      b.u_stride = m.nu;
+    }
+    set_theta(b, theta);
+    return b;
+  }
+  void set_theta(Batch& b, const std::optional<Array>& theta) const {
     if (!theta) return;
     int64_t nt = data_->model.ntheta;
     b.theta = theta->data();
