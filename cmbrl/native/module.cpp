@@ -315,6 +315,7 @@ class Problems {
 
 NB_MODULE(_core, module) {
   using namespace nb::literals;
+  nb::set_leak_warnings(false);  // a model that a script still holds when the interpreter ends is no fault
   nb::class_<cmbrl::Problems>(module, "Problems", "Contact problems of one shape; see cmbrl.contact.solvers.native.")
       .def(nb::init<Array, Array, Array, Array, Array, Array, bool>(), "M"_a, "J"_a, "v_free"_a, "b"_a, "mu"_a, "R"_a,
            "derivative"_a = false)
