@@ -45,7 +45,9 @@ class Work:
     )  #: scene -> processor time of a run of a method that has no end of its own: what the loop takes there
     points: int = 8  #: of a curve
     ensemble_updates: int = 2000  #: of the ensemble that SHAC trains on
-    neural_iterations: int = 1200  #: of SHAC on it, at most: on the hopper they take the loop's time
+    neural_iterations: int = (
+        1200  #: of SHAC on it, at most: on the hopper they take the time of one of the loop's policies
+    )
     loop: Mapping[str, Any] = field(default_factory=dict)  #: other settings of the loop (and of SHAC) than the task's
     mbpo: Mapping[str, Any] = field(default_factory=dict)  #: of MBPO, than ``two_cores``
     sac: Mapping[str, Any] = field(default_factory=dict)
@@ -134,7 +136,10 @@ def _neural_config(s: Setup) -> SHACConfig:
 
 
 def _mbpo(s: Setup, online: bool) -> Trainer:
-    config = replace(preset(MBPOConfig, s.task.name).two_cores(), **s.work.mbpo)
+    config = preset(MBPOConfig, s.task.name).two_cores()
+    if not online:  # rollouts as long as they get in the end: its schedule goes by real transitions, which do not come
+        config = replace(config, length_start=config.length_end)
+    config = replace(config, **s.work.mbpo)
     ensemble = NeuralEnsemble(s.task.load_scene(), s.task.control_dt, EnsembleConfig.original())
     return MBPO(s.contest.mdp, ensemble, config, s.seed, s.contest.system if online else None, s.log)
 
