@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Canvas
+from matplotlib.ticker import SymmetricalLogLocator
 
 from cmbrl.bench.estimators.contenders import CONTENDERS
 from cmbrl.files import atomic_path
@@ -70,10 +71,12 @@ def qualities(probes: dict[str, dict[str, dict[str, Any]]], path: Path) -> None:
             row[2].plot(f["claimed"] / f["true"], k, "o", color=colour)
         row[0].set_yticks(range(len(found)), list(found))
         row[0].invert_yaxis()
-        row[0].set(xscale="log", xlabel="noise: standard error / norm", title=task)
+        row[0].set(xlim=(0, None), xlabel="noise: standard error / norm", title=task)
         row[0].axvline(1.0, color="0.5", ls=":")
         row[1].set(xlabel="slope along the estimate: claimed (open), true (full)")
-        row[1].set_xscale("symlog", linthresh=_least(found))
+        least = _least(found)
+        row[1].set_xscale("symlog", linthresh=least)
+        row[1].xaxis.set_major_locator(SymmetricalLogLocator(base=100, linthresh=least))
         row[2].set(xlabel="claimed / true")
         row[2].set_xscale("symlog", linthresh=2.0)
         row[2].set_xticks(_RATIOS, [f"{x:g}" for x in _RATIOS])
@@ -86,8 +89,8 @@ def qualities(probes: dict[str, dict[str, dict[str, Any]]], path: Path) -> None:
 
 
 def _least(found: dict[str, dict[str, Any]]) -> float:
-    """Where the axis of slopes turns linear: the largest error of a true one, below which signs mean little."""
-    return max([f["true_error"] or 0.0 for f in found.values()] + [1e-9])
+    """Where the axis of slopes turns linear: above the errors of true ones, below which signs mean little."""
+    return 100.0 ** np.ceil(np.log10(max([f["true_error"] or 0.0 for f in found.values()] + [1e-9])) / 2)
 
 
 def _save(figure: Canvas, path: Path) -> None:
