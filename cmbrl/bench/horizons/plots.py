@@ -16,13 +16,12 @@ from cmbrl.bench.horizons.cells import NAMES
 from cmbrl.bench.horizons.situations import SITUATIONS
 from cmbrl.files import atomic_path
 
-_ROWS = {"norm": "norm of the mean", "signal": "norm / standard error", "cosine": "cosine to the truth",
-         "failed": "share not finite"}  # fmt: skip
+_ROWS = {"norm": "norm of the mean", "signal": "norm / standard error", "cosine": "cosine to the truth"}
 
 
 def qualities(found: Sequence[dict[str, Any]], places: Sequence[str], path: Path) -> None:
-    """One column a situation; rows: norm, signal, cosine, share of samples that are not finite."""
-    figure = Canvas(figsize=(4.2 * len(places) + 0.6, 11), layout="constrained")
+    """One column a situation; rows: norm, signal, cosine."""
+    figure = Canvas(figsize=(4.2 * len(places) + 0.6, 8.5), layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(len(_ROWS), len(places), squeeze=False, sharex=True, sharey="row")
     for column, place in enumerate(places):
@@ -40,7 +39,6 @@ def qualities(found: Sequence[dict[str, Any]], places: Sequence[str], path: Path
             _horizons(axes, here)
         panels[1, column].axhline(1.0, color="0.5", lw=0.8)
         panels[2, column].axhline(0.0, color="0.5", lw=0.8)
-        panels[3, column].set_ylim(-0.03, 1.03)
         panels[-1, column].set_xlabel("horizon [control steps]")
         panels[0, column].set_title(SITUATIONS[place].title, fontsize="medium")
     for axes, label in zip(panels[:, 0], _ROWS.values(), strict=True):

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from cmbrl.bench.estimators.contenders import EXACT
 from cmbrl.bench.horizons.cells import NAMES, QUICK, STD, Work, learn, quality, truth
 from cmbrl.bench.horizons.plots import gains, qualities
 from cmbrl.bench.horizons.situations import SITUATIONS
@@ -26,7 +27,7 @@ METHOD = (
 )
 FIGURES = (
     Figure("horizon_gradients.png", "The gradient over the horizon", "Norm of the mean, signal (norm over the standard "
-           "error of the mean: below 1 it is noise), cosine to the truth, and samples that are not finite."),
+           "error of the mean: below 1 it is noise), cosine to the truth."),
     Figure("horizon_learning.png", "Does one still learn?", "Return gained in a short training on the horizon, every "
            "seed a mark, lines through medians; below 0 it got worse."),
 )  # fmt: skip
@@ -66,10 +67,12 @@ def section(found: Sequence[dict[str, Any]], learned: Sequence[dict[str, Any]], 
 
 
 def _findings(found: Sequence[dict[str, Any]], learned: Sequence[dict[str, Any]], place: str) -> str:
-    """From which horizon on the exact gradient is noise, and who gains how much over the longest one."""
-    exact = sorted((f["horizon"], f["signal"]) for f in found if f["situation"] == place and f["name"] == "exact")
-    lost = [horizon for horizon, signal in exact if signal is None or signal < 1]
-    noise = f"is below its own noise at {', '.join(map(str, lost))} steps" if lost else "is above its noise throughout"
+    """How far the exact gradient and the mixed one point the right way, and who gains how much over most steps."""
+    cosines = []
+    for name in (EXACT, "AoBG"):
+        own = sorted((f["horizon"], f["cosine"]) for f in found if (f["situation"], f["name"]) == (place, name))
+        shown = ", ".join(f"{cosine:.2f} ({horizon})" for horizon, cosine in own if cosine is not None)
+        cosines.append(f"{name} {shown}")
     here = [x for x in learned if x["situation"] == place]
     longest = max(x["horizon"] for x in here)
     order = sorted(
@@ -78,7 +81,8 @@ def _findings(found: Sequence[dict[str, Any]], learned: Sequence[dict[str, Any]]
     every = [x["name"] for _, x in order if min(x["gains"]) > 0]
     shown = ", ".join(f"{x['name']} {gain:.2g}" for gain, x in order)
     return (
-        f"{place}: the exact gradient {noise}. Gains over {longest} steps, medians: {shown}; better in every seed: "
+        f"{place}: cosine to the truth (over how many steps): {'; '.join(cosines)}. Gains over {longest} steps, "
+        f"medians: {shown}; better in every seed: "
         f"{', '.join(every) or 'none'}."
     )
 
