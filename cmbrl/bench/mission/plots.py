@@ -40,11 +40,8 @@ _PANELS = {
     TRANSITIONS: {"transitions": "real transitions"},
     TIME: {"cpu": "processor seconds of training", "wall": "wall clock of training [s]"},
 }
-_ASIDE = {
-    LOOP_ABS: 0.96,
-    MBPO_LOG: 1.08,
-    SHAC_NEURAL: 0.92,
-}  # of the abscissa, where methods have the same number of transitions
+_ASIDE = {LOOP: 1.0, LOOP_ABS: 0.8, MBPO_LOG: 1.25, SHAC_NEURAL: 1.4}  # of the abscissa, where transitions are equal
+_BESIDE = 1.025  # from one run of a method to the next
 
 
 def draw(scene: str, results: Sequence[dict[str, Any]], kind: str, folder: Path) -> str:
@@ -55,8 +52,10 @@ def draw(scene: str, results: Sequence[dict[str, Any]], kind: str, folder: Path)
     for axes, (key, label) in zip(
         figure.subplots(1, len(panels), sharey=True, squeeze=False)[0], panels.items(), strict=True
     ):
-        for result in results:
-            _run(axes, result, key)
+        for method in STYLES:
+            own = [result for result in results if result["method"] == method]
+            for k, result in enumerate(own):
+                _run(axes, result, key, _BESIDE ** (k - (len(own) - 1) / 2))
         axes.set(xscale="log", xlabel=label)
         axes.grid(alpha=0.3)
     first = figure.axes[0]
@@ -72,8 +71,11 @@ def draw(scene: str, results: Sequence[dict[str, Any]], kind: str, folder: Path)
     return file
 
 
-def _run(axes: Axes, result: dict[str, Any], key: str) -> None:
-    """One run: its curve, where there is one along this axis, and its last policy."""
+def _run(axes: Axes, result: dict[str, Any], key: str, beside: float) -> None:
+    """One run: its curve, where there is one along this axis, and its last policy.
+
+    ``beside``: of the abscissa, so that runs on as many transitions do not hide each other.
+    """
     method = result["method"]
     colour, marker = STYLES[method]
     real = [x for x in (result.get("real") or {}).get("returns", ()) if x is not None]
@@ -86,5 +88,5 @@ def _run(axes: Axes, result: dict[str, Any], key: str) -> None:
     curve = [(p[key], p["real"]) for p in result["curve"] if p["real"] is not None]
     if len({x for x, _ in curve}) > 1:
         axes.plot(*zip(*curve, strict=True), "-", color=colour, lw=0.8, alpha=0.6)
-    aside = _ASIDE.get(method, 1.0) if key == "transitions" else 1.0
+    aside = beside * _ASIDE[method] if key == "transitions" and method in _ASIDE else 1.0
     axes.plot(aside * result[key], last, marker, color=colour, ms=6, alpha=0.8, label=method)
