@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 from cmbrl.bench.mission.methods import (
     LOOP,
@@ -57,6 +58,9 @@ def draw(scene: str, results: Sequence[dict[str, Any]], kind: str, folder: Path)
             for k, result in enumerate(own):
                 _run(axes, result, key, _BESIDE ** (k - (len(own) - 1) / 2))
         axes.set(xscale="log", xlabel=label)
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
+        axes.xaxis.set_minor_locator(NullLocator())
         axes.grid(alpha=0.3)
     first = figure.axes[0]
     if kind == TRANSITIONS and scene in REPORTED:
