@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from cmbrl.errors import UserError, did_you_mean
+from cmbrl.train.algorithms import preset
 
 _COMMENT = re.compile(r"^    (\w+): .*?(?:  #:? (.*))?$")
 
@@ -26,14 +27,11 @@ def setting(text: str) -> tuple[str, str]:
 
 
 def configure(config: Any, settings: Mapping[str, str], algorithm: str, task: str) -> Any:
-    """An object of the dataclass ``config`` with ``settings`` (name -> text) put in.
-
-    Where ``config`` has a classmethod named as the task, its values stand in for the defaults.
+    """An object of the dataclass ``config`` with ``settings`` (name -> text) put into the task's preset.
 
     Raises UserError on an unknown name (with the nearest), on text that is not of the field's type, and on a number
     below what its default allows: one that is positive as a whole number stays so, one that is not negative too.
     """
-    usual = getattr(config, task)() if inspect.ismethod(getattr(config, task, None)) else config()
     fields = {field.name: field for field in dataclasses.fields(config)}
     hints = typing.get_type_hints(config)
     values = {}
@@ -45,7 +43,7 @@ def configure(config: Any, settings: Mapping[str, str], algorithm: str, task: st
             _check_sign(values[name], fields[name].default)
         except ValueError as error:
             raise UserError(f"--set {name}={text}: {error}") from None
-    return dataclasses.replace(usual, **values)
+    return dataclasses.replace(preset(config, task), **values)
 
 
 def listing(config: Any) -> list[str]:

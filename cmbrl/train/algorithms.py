@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from importlib import import_module
+from inspect import ismethod
 from typing import Any
 
 from cmbrl.errors import UserError, did_you_mean
@@ -68,3 +69,9 @@ def algorithm(name: str) -> Algorithm:
     if name not in ALGORITHMS:
         raise UserError(f"unknown algorithm {name!r}: {did_you_mean(name, ALGORITHMS)}")
     return ALGORITHMS[name]
+
+
+def preset(config: Any, task: str) -> Any:
+    """The settings of the dataclass ``config`` for a task: its classmethod of that name, else its defaults."""
+    named = getattr(config, task, None)
+    return named() if ismethod(named) else config()

@@ -15,6 +15,7 @@ from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
 from cmbrl.models.protocol import Model
 from cmbrl.registry import Task
+from cmbrl.train.algorithms import preset
 from cmbrl.train.baselines import PPO, SAC, PPOConfig, SACConfig
 from cmbrl.train.loop import Loop, LoopConfig
 from cmbrl.train.mbpo import MBPO, MBPOConfig
@@ -45,9 +46,7 @@ class Work:
     )  #: scene -> processor time of a run of a method that has no end of its own: what the loop takes there
     points: int = 8  #: of a curve
     ensemble_updates: int = 2000  #: of the ensemble that SHAC trains on
-    neural_iterations: int = (
-        1200  #: of SHAC on it, at most: on the hopper they take the time of one of the loop's policies
-    )
+    neural_iterations: int = 1200  #: of SHAC on it, at most: on the hopper the time of one of the loop's policies
     loop: Mapping[str, Any] = field(default_factory=dict)  #: other settings of the loop (and of SHAC) than the task's
     mbpo: Mapping[str, Any] = field(default_factory=dict)  #: of MBPO, than ``two_cores``
     sac: Mapping[str, Any] = field(default_factory=dict)
@@ -59,10 +58,7 @@ _SMALL_LOOP = {
     "episode_steps": 50, "actor_hidden": (16,), "critic_hidden": (16,),
 }  # fmt: skip
 QUICK = Work(
-    seeds={
-        name: dict.fromkeys((LOOP, *_RIVALS), 1)
-        for name in ("hopper", "cheetah")
-    },
+    seeds={name: dict.fromkeys((LOOP, *_RIVALS), 1) for name in ("hopper", "cheetah")},
     transitions=200, seconds={"hopper": 2.0, "cheetah": 2.0}, points=2, ensemble_updates=50, loop=_SMALL_LOOP,
     mbpo={"warmup": 200, "block": 10, "rollouts": 200, "fit_updates": 20, "refit_updates": 5, "hidden": (16, 16)},
     sac={"warmup": 200, "block": 50, "hidden": (16, 16)}, ppo={"horizon": 128, "hidden": (16, 16)},
@@ -102,11 +98,6 @@ class Method:
     def available(self) -> bool:
         """Whether its library is installed."""
         return self.library is None or find_spec(self.library) is not None
-
-
-def preset(config: Any, task: str) -> Any:
-    """The configuration's preset of the task's name, or its defaults."""
-    return getattr(config, task, config)()
 
 
 def _loop(s: Setup) -> Loop:
