@@ -92,9 +92,10 @@ def test_claims_are_judged_by_share_then_median() -> None:
 
 
 def test_the_study_draws_and_goes_on_from_what_it_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    settings = Settings(quick=True, seed=0, threads=1, scenes=None)
-    section = study.run(tmp_path, settings, lambda *_: None, TINY)
+    settings = Settings(quick=True, scenes=("ball_slide",))
+    monkeypatch.setattr(study, "QUICK", replace(TINY, tasks=tuple(TASKS)))
+    section = study.STUDY.run(tmp_path, settings, lambda *_: None)
     assert all((tmp_path / figure.file).stat().st_size > 5000 for figure in section.figures)
     assert [len(table.rows) for table in section.tables] == [8, 1, 8, 4]
     monkeypatch.setattr("cmbrl.bench.throws.cells.fits", None)  # would fail if it were called again
-    assert study.run(tmp_path, settings, lambda *_: None, TINY).text == section.text
+    assert study.STUDY.run(tmp_path, settings, lambda *_: None).text == section.text

@@ -7,6 +7,7 @@ Dynamics" (ICML 2023), whose constants are lost: worlds, noise and step rule are
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -26,6 +27,7 @@ from cmbrl.bench.throws.cells import (
     variance_cell,
 )
 from cmbrl.bench.throws.contenders import CONTENDERS
+from cmbrl.bench.throws.models import TASKS
 from cmbrl.bench.throws.summary import (
     claims_table,
     mission_table,
@@ -40,7 +42,8 @@ from cmbrl.registry import load_task
 
 
 def _study(folder: Path, settings: Settings, progress: Progress) -> Section:
-    return run(folder, settings, progress, QUICK if settings.quick else Work())
+    work = QUICK if settings.quick else Work()
+    return run(folder, settings, progress, replace(work, tasks=settings.scenes or work.tasks))
 
 
 def run(folder: Path, settings: Settings, progress: Progress, work: Work) -> Section:
@@ -118,4 +121,6 @@ def text(runs: Sequence[Outcome], planned: Sequence[Outcome], variances: Sequenc
     )
 
 
-STUDY = Study("throws", "launch velocity of a ball by eleven gradient estimators, and from 50 throws", _study)
+STUDY = Study(
+    "throws", "launch velocity of a ball by eleven gradient estimators, and from 50 throws", _study, tuple(TASKS)
+)
