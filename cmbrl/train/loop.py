@@ -49,6 +49,11 @@ class LoopConfig(SHACConfig):
         """SHAC's settings for it; its policies differ less, so that a quarter of one tells which of two goes on."""
         return replace(super().cheetah(), iterations=1875, trial=0.25)
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 < self.trial <= 1:
+            raise UserError(f"trial = {self.trial:g}: is a share of a policy's updates: above 0, at most 1")
+
     def shac(self) -> SHACConfig:
         """The settings of one policy in one round."""
         names = [field.name for field in fields(SHACConfig)]

@@ -121,3 +121,9 @@ def test_where_a_trial_is_all_of_it_the_best_policy_counts(make_loop):
     chosen = max(loop.tried, key=lambda one: one["score"])["trainer"]
     for name, value in loop.policy.state_dict().items():
         torch.testing.assert_close(value, chosen["policy"][name], rtol=0, atol=0)
+
+
+@pytest.mark.parametrize("trial", [0.0, 1.5, float("nan")])
+def test_a_trial_is_a_share(trial):
+    with pytest.raises(UserError, match="is a share"):
+        LoopConfig(trial=trial)
