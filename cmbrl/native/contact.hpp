@@ -121,36 +121,22 @@ static inline void tangents(const Spatial&, const Vec<3>& n, Vec<3>* d) {
   d[1] = cross(n, d[0]);
 }
 
-// Pattern of the factor when bodies of different chains touch: eliminating k, from the leaves on, couples all that k is
-// coupled to. Only the contacts of this step count: many bodies that might touch each other would fill the matrix.
+// Pattern of the factor when bodies of different chains touch. Only the contacts of this step count: many bodies that might
+// touch each other would fill the matrix.
 template <class G>
 static void find_fill(const Model& m, Work<G>& w) {
-  int nv = m.nv, n = words(nv);
-  auto row = [&](int k) { return w.bits + k * n; };
-  auto couple = [&](int k, int with) { row(k)[with / 64] |= uint64_t(1) << with % 64; };
-  for (int i = 0; i < nv * n; ++i) w.bits[i] = 0;
-  for (int k = 0; k < nv; ++k)
-    for (int a = m.anc_ptr[k]; a < m.anc_ptr[k + 1]; ++a) couple(k, m.anc_idx[a]);
+  FillPattern fill{w.bits, m.nv};
+  fill.clear();
+  for (int k = 0; k < m.nv; ++k)
+    for (int a = m.anc_ptr[k]; a < m.anc_ptr[k + 1]; ++a) fill.couple(k, m.anc_idx[a]);
   for (int i = 0; i < w.ngroups; ++i) {
     int g = w.groups[i].group;
     if (m.grp_B[g] < 0) continue;
     for (int a = m.grp_dptr[g]; a < m.grp_dptr[g + 1]; ++a)
-      for (int b = m.grp_dptr[g]; b < a; ++b) couple(m.grp_dof[a], m.grp_dof[b]);
+      for (int b = m.grp_dptr[g]; b < a; ++b) fill.couple(m.grp_dof[a], m.grp_dof[b]);
   }
-  for (int k = nv - 1; k >= 0; --k)
-    for (int word = 0; word < n; ++word)
-      for (uint64_t left = row(k)[word]; left; left &= left - 1) {
-        int a = 64 * word + __builtin_ctzll(left);
-        for (int x = 0; x < a / 64; ++x) row(a)[x] |= row(k)[x];
-        row(a)[a / 64] |= row(k)[a / 64] & ((uint64_t(1) << a % 64) - 1);
-      }
-  int count = 0;
-  for (int k = 0; k < nv; ++k) {
-    w.fill_ptr[k] = count;
-    for (int word = 0; word < n; ++word)
-      for (uint64_t left = row(k)[word]; left; left &= left - 1) w.fill_idx[count++] = 64 * word + __builtin_ctzll(left);
-  }
-  w.fill_ptr[nv] = count;
+  fill.fill_in();
+  fill.list(w.fill_ptr, w.fill_idx);
   w.fill = {w.fill_ptr, w.fill_idx};
 }
 

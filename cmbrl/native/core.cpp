@@ -1,6 +1,5 @@
 // The core for one instruction set (CMBRL_ISA): packs of lanes in and out of the caller's arrays. Compiled once per set.
 #include "control.hpp"
-#include "problems.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -266,10 +265,6 @@ const Backend backend = {
     },
     [](const Model& m, const Options& o, const Batch& b, const RowBatch& out, int64_t s, int64_t e, void* w) {
       m.planar ? step_rows<Planar>(m, o, b, out, s, e, w) : step_rows<Spatial>(m, o, b, out, s, e, w);
-    },
-    [](const ProblemBatch& b) { return b.tangents == 1 ? problem_bytes<Rows<1>>(b) : problem_bytes<Rows<2>>(b); },
-    [](const Structure& m, const ProblemBatch& b, int64_t s, int64_t e, void* w) {
-      b.tangents == 1 ? solve_problems<Rows<1>>(m, b, s, e, w) : solve_problems<Rows<2>>(m, b, s, e, w);
     },
 };
 

@@ -106,8 +106,6 @@ struct RowBatch {
   int32_t* active;           // (n, nrow)
 };
 
-struct ProblemBatch;
-
 struct Backend {  // one per instruction set
   const char* name;
   int width;
@@ -118,8 +116,6 @@ struct Backend {  // one per instruction set
   void (*loss)(const Model&, const Options&, const LossBatch&, int64_t candidate_pack, void* work);
   void (*dynamics)(const Model&, const Options&, const Batch&, double* M, double* bias, double* gap, double* J, int64_t begin, int64_t end, void* work);
   void (*rows)(const Model&, const Options&, const Batch&, const RowBatch&, int64_t begin, int64_t end, void* work);
-  int64_t (*problem_size)(const ProblemBatch&);  // bytes
-  void (*problems)(const Structure&, const ProblemBatch&, int64_t begin, int64_t end, void* work);  // up to width of them
 };
 
 }  // namespace cmbrl

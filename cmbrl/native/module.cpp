@@ -19,25 +19,36 @@ using Index = nb::ndarray<const int64_t, nb::c_contig, nb::device::cpu>;
 
 namespace cmbrl {
 
+#define CMBRL_DECLARE(isa)                                                                      \
+  namespace isa { extern const Backend backend; extern const ProblemBackend problem_backend; } \
+  namespace isa##_pair { extern const ProblemBackend problem_backend; }
+#define CMBRL_ENTRY(isa) {isa::backend, isa::problem_backend, isa##_pair::problem_backend}
+
+struct InstructionSet {
+  const Backend& steps;
+  const ProblemBackend &problems, &few_problems;
+};
+
 #if defined(__x86_64__)
-namespace sse2 { extern const Backend backend; }
-namespace avx2 { extern const Backend backend; }
-namespace avx512 { extern const Backend backend; }
-static const Backend& best_backend() {
+CMBRL_DECLARE(sse2)
+CMBRL_DECLARE(avx2)
+CMBRL_DECLARE(avx512)
+static const InstructionSet& find_isa(const std::string& name) {  // the best of this processor where no name is given
+  static const InstructionSet sets[] = {CMBRL_ENTRY(sse2), CMBRL_ENTRY(avx2), CMBRL_ENTRY(avx512)};
   __builtin_cpu_init();
-  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl")) return avx512::backend;
-  if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) return avx2::backend;
-  return sse2::backend;
-}
-static const Backend& find_backend(const std::string& name) {
-  if (name.empty()) return best_backend();
-  for (const Backend* b : {&sse2::backend, &avx2::backend, &avx512::backend})
-    if (name == b->name) return *b;
-  throw nb::value_error("unknown instruction set; known: sse2, avx2, avx512");
+  bool avx512 = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl");
+  bool avx2 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+  int best = avx512 ? 2 : avx2 ? 1 : 0;
+  for (int k = best; k >= 0; --k)
+    if (name.empty() || name == sets[k].steps.name) return sets[k];
+  throw nb::value_error("unknown instruction set, or one that this processor lacks; known: sse2, avx2, avx512");
 }
 #else
-namespace generic { extern const Backend backend; }
-static const Backend& find_backend(const std::string&) { return generic::backend; }
+CMBRL_DECLARE(generic)
+static const InstructionSet& find_isa(const std::string&) {
+  static const InstructionSet set = CMBRL_ENTRY(generic);
+  return set;
+}
 #endif
 
 struct Block { void* data; size_t bytes; };
@@ -78,7 +89,7 @@ static Options options_from(nb::dict d) {
 
 class Core {
  public:
-  Core(nb::dict scene, const std::string& isa) : backend_(find_backend(isa)) {
+  Core(nb::dict scene, const std::string& isa) : backend_(find_isa(isa).steps) {
     std::map<std::string, std::vector<int>> ints;
     std::map<std::string, std::vector<double>> doubles;
     std::map<std::string, int> sizes;
@@ -283,23 +294,27 @@ class Problems {
     static std::mutex mutex;
     static ThreadPool pool;
     static std::vector<std::vector<char>> memory;
+    static std::vector<ProblemStructure> structures;
     ProblemBatch& p = batch_;
     if (kappa) check(*kappa, "kappa", {p.n});
     p.kappa = kappa ? kappa->data() : nullptr;
     p.tolerance = tolerance;
-    const Backend& backend = find_backend(isa);
+    const InstructionSet& set = find_isa(isa);
+    const ProblemBackend& backend = p.n <= set.few_problems.width ? set.few_problems : set.problems;
     nb::gil_scoped_release release;
     std::lock_guard<std::mutex> lock(mutex);
-    size_t bytes = backend.problem_size(p) + 64;
+    size_t bytes = backend.workspace_size(p) + 64;
     threads = std::max(1, threads);
-    if (int(memory.size()) < threads) memory.resize(threads);
+    if (int(memory.size()) < threads) {
+      memory.resize(threads);
+      structures.resize(threads);
+    }
     for (auto& block : memory)
       if (block.size() < bytes) block.assign(bytes, 0);
     pool.run((p.n + backend.width - 1) / backend.width, threads, [&](int64_t pack, int thread) {
       uintptr_t base = (reinterpret_cast<uintptr_t>(memory[thread].data()) + 63) / 64 * 64;
       int64_t begin = pack * backend.width, end = std::min(p.n, begin + backend.width);
-      ProblemStructure structure(p, begin, end);
-      backend.problems(structure.structure, p, begin, end, reinterpret_cast<void*>(base));
+      backend.solve(structures[thread].of(p, begin, end), p, begin, end, reinterpret_cast<void*>(base));
     });
   }
 

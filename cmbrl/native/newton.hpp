@@ -20,17 +20,19 @@ struct Newton {
 
   // The unit twist of the k-th entry of the groups' dofs: one per dof, or one per entry where groups see a dof differently.
   const Vec<G::N>& column(int k) const { return w.S[G::kColumnPerDof ? m.grp_dof[k] : k]; }
+  // Dofs that carry body B of a pair count against those of A; where every entry has its own column, that has the sign.
+  bool against(int k) const { return G::kColumnPerDof && m.grp_sign[k] < 0; }
   Vec<G::N> twist(int group, const T* x) const {
     Vec<G::N> t = zero<G::N>();
     for (int k = m.grp_dptr[group]; k < m.grp_dptr[group + 1]; ++k)
-      if (m.grp_sign[k] > 0) t += x[m.grp_dof[k]] * column(k);
-      else t -= x[m.grp_dof[k]] * column(k);
+      if (against(k)) t -= x[m.grp_dof[k]] * column(k);
+      else t += x[m.grp_dof[k]] * column(k);
     return t;
   }
   void add_wrench(int group, const Vec<G::N>& F, T* x) const {
     for (int k = m.grp_dptr[group]; k < m.grp_dptr[group + 1]; ++k) {
       T f = dot(column(k), F);
-      x[m.grp_dof[k]] += m.grp_sign[k] > 0 ? f : -f;
+      x[m.grp_dof[k]] += against(k) ? -f : f;
     }
   }
 
@@ -135,18 +137,20 @@ struct Newton {
     for (int i = 0; i < w.ndyn; ++i) eliminate(w.H, nv, pat, w.dyn_list[i]);
   }
   void add_group_matrix(int group, const T (*K)[G::N], T* H) const {
-    for (int a = m.grp_dptr[group]; a < m.grp_dptr[group + 1]; ++a) {
-      int j = m.grp_dof[a];
+    int begin = m.grp_dptr[group], end = m.grp_dptr[group + 1];
+    for (int a = begin; a < end; ++a) {
       const Vec<G::N>& S = column(a);
-      Vec<G::N> F = zero<G::N>();
-      CMBRL_FOR(r, G::N) CMBRL_FOR(c, G::N) F[r] += K[r][c] * S[c];
-      if (m.grp_sign[a] < 0) F = zero<G::N>() - F;
-      for (int b = m.grp_dptr[group]; b < m.grp_dptr[group + 1]; ++b) {
-        T x = dot(column(b), F);
-        H[m.grp_dof[b] * m.nv + j] += m.grp_sign[b] > 0 ? x : -x;
+      Vec<G::N> F = S[0] * row_of(K, 0);
+      for (int r = 1; r < G::N; ++r) F += S[r] * row_of(K, r);
+      if (against(a)) F = zero<G::N>() - F;
+      T* row = H + m.grp_dof[a] * m.nv;
+      for (int b = begin; b < end; ++b) {
+        T x = dot(F, column(b));
+        row[m.grp_dof[b]] += against(b) ? -x : x;
       }
     }
   }
+  static const Vec<G::N>& row_of(const T (*K)[G::N], int r) { return reinterpret_cast<const Vec<G::N>&>(*K[r]); }
 
   // Newton direction for the current linearisation; returns the longest feasible step.
   T direction() {

@@ -1,5 +1,6 @@
 // A pack: W doubles that run through the same arithmetic in lock-step, one environment (or parameter candidate) a lane.
-// GCC/Clang vector extensions, so the same source serves SSE2, AVX2 and AVX-512; the width follows the target.
+// GCC/Clang vector extensions, so the same source serves SSE2, AVX2 and AVX-512; the width follows the target,
+// unless CMBRL_WIDTH sets it.
 #pragma once
 #include <cmath>
 #include <cstdint>
@@ -8,7 +9,9 @@
 
 namespace cmbrl::CMBRL_ISA {
 
-#if defined(__AVX512F__)
+#if defined(CMBRL_WIDTH)
+constexpr int W = CMBRL_WIDTH;
+#elif defined(__AVX512F__)
 constexpr int W = 8;
 #else
 constexpr int W = 4;

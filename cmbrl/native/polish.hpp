@@ -158,15 +158,26 @@ struct Polish : InteriorPoint<G> {
     }
   }
 
-  // Full Newton steps in the lanes of `todo` until the natural map is below tolerance * scale; returns the lanes that got there.
+  // From a point of the path on to the kappas that are set now; returns the lanes that got there.
+  Mask resume(Mask todo, T& iterations) {
+    this->measure(1);
+    this->linear = fresh_residuals(m, w, *this);
+    rho = splat(1);
+    return this->descend(todo, {0.9, 0.3, 1, true, false, 20}, iterations);
+  }
+
+  // Full Newton steps in the lanes of `todo` until the natural map is below tolerance * scale; returns the lanes that got
+  // there. A lane that a step takes far from every solution has left where Newton converges: more steps would be luck.
   Mask run(Mask todo, T scale, double tolerance, int steps, T& natural, T& iterations) {
     Mask done = none();
+    T lost = T{};
     for (int k = 0;; ++k) {
       T now = natural_map();
+      if (k == 0) lost = vmax(10.0 * now, 0.3 * scale);
       natural = select(todo, now, natural);
       Mask ready = todo & (now <= tolerance * scale) & (momentum <= tolerance);
       done |= ready;
-      todo &= ~ready & (now < 1e300);
+      todo &= ~ready & (now < lost);
       if (!any(todo) || k == steps) return done;
       iterations += select(todo, splat(1), T{});
       rho = splat(1);

@@ -17,14 +17,22 @@ struct ProblemBatch {  // C arrays, first axis n; null where an output is not wa
   int32_t *status, *iterations;
 };
 
-// Union of the non-zeros of problems [begin, end) of a batch, in the order of elimination of a tree: from the last dof to the first.
+// Union of the non-zeros of problems of a batch, in the order of elimination of a tree: from the last dof to the first.
 class ProblemStructure {
  public:
-  Structure structure{};
-  ProblemStructure(const ProblemBatch& b, int64_t begin, int64_t end);
+  const Structure& of(const ProblemBatch& b, int64_t begin, int64_t end);  // stands until the next call
 
  private:
+  Structure structure_{};
+  std::vector<uint64_t> bits_;
   std::vector<int> anc_ptr_, anc_idx_, fill_ptr_, fill_idx_, dof_ptr_, dof_, sign_;
+};
+
+// One per instruction set and width.
+struct ProblemBackend {
+  int width;
+  int64_t (*workspace_size)(const ProblemBatch&);  // bytes
+  void (*solve)(const Structure&, const ProblemBatch&, int64_t begin, int64_t end, void* work);  // up to width of them
 };
 
 }  // namespace cmbrl

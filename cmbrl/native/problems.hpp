@@ -97,6 +97,7 @@ struct ProblemPack {
           u += w.S[k][r] * w.vf[m.grp_dof[k]];
         }
         for (int k = last > first ? m.grp_dof[last - 1] : -1; k >= 0; --k) {
+          if (!any(w.rhs[k] != 0.0)) continue;  // of another branch of the tree
           solve_down(w.H, nv, pat, k, w.rhs);
           G_rr += w.rhs[k] * w.rhs[k] * w.H[k * (nv + 1)];
         }
@@ -215,20 +216,29 @@ static void solve_exactly(ProblemPack<G>& pack, Options& o, T* X) {
     open &= ~now;
   };
   auto newton = [&](int steps) { finish(polish.run(open, pack.scale, pack.b.tolerance, steps, natural, iterations)); };
+  auto set_kappa = [&](double kappa) {
+    o.theta = kappa > 1e-10 ? 0.1 : 1e-3;
+    for (int i = 0; i < w.ncon; ++i) w.con[i].kappa = splat(kappa);
+  };
+  auto newton_from_here = [&](int steps) {  // and back
+    for_solver_state(pack.m, w, [](T& x, T& kept) { kept = x; });
+    newton(steps);
+    for_solver_state(pack.m, w, [](T& x, T& kept) { x = kept; });
+  };
   polish.rest();
   newton(5);
   if (!any(open)) return;
-  for (double kappa : {1e-8, 1e-11}) {
-    o.theta = kappa > 1e-10 ? 0.1 : 1e-3;
-    for (int i = 0; i < w.ncon; ++i) w.con[i].kappa = splat(kappa);
-    T used = contact_solve(pack.m, o, w).iterations;
-    iterations += keep(open, used);
-    for (int i = 0; i < w.ncon; ++i) pack.load_compliance(w.con[i], pack.mass);
-    for_solver_state(pack.m, w, [](T& x, T& kept) { kept = x; });
-    newton(8);
-    if (!any(open)) return;
-  }
-  for_solver_state(pack.m, w, [](T& x, T& kept) { x = kept; });
+  set_kappa(1e-8);
+  T used = contact_solve(pack.m, o, w).iterations;
+  iterations += keep(open, used);
+  for (int i = 0; i < w.ncon; ++i) pack.load_compliance(w.con[i], pack.mass);
+  newton_from_here(8);
+  if (!any(open)) return;
+  set_kappa(1e-11);
+  Mask there = polish.resume(open, iterations);
+  for_solver_state(pack.m, w, [there](T& x, T& kept) { x = select(there, x, kept); });
+  newton_from_here(8);
+  if (!any(open)) return;
   finish(polish.approach(open, pack.scale, pack.b.tolerance, 120, natural, iterations));
   if (!any(open)) return;
   pack.store(open, natural / pack.scale, failed, iterations);

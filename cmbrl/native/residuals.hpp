@@ -16,8 +16,9 @@ static T fresh_residuals(const Structure& m, SolverWork<G>& w, const InteriorPoi
   for (int i = 0; i < nv; ++i)
     for (int a = m.anc_ptr[i]; a < m.anc_ptr[i + 1]; ++a) {
       int j = m.anc_idx[a];
-      r[i] -= w.M[i * nv + j] * w.delta[j];
-      r[j] -= w.M[j * nv + i] * w.delta[i];
+      T M_ij = w.M[i * nv + j];
+      r[i] -= M_ij * w.delta[j];
+      r[j] -= M_ij * w.delta[i];
     }
   for (int i = 0; i < nv; ++i) scale = vmax(scale, vmax(vabs(r[i]), w.M[i * (nv + 1)] * vabs(w.vf[i])));
   auto compare = [&](Mask on, T c, T slack, T compliance) {

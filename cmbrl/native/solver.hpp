@@ -20,14 +20,13 @@ struct InteriorPoint : Newton<G> {
 
   using Newton<G>::Newton;
 
-  // Centred start: every product equals zeta^2 (in rows scaled by the inverse weight).
-  void start(double factor) {
+  // What the rows are like before anything pushes: their speeds, left in r1 and r2, and the size zeta of a centred start.
+  void measure(double factor) {
     zeta = speed = count = T{};
     auto widen = [&](Mask on, T c, T free, T kappa, T root) {
       speed = vmax(speed, keep(on, vmax(vabs(c), vabs(free))));
       zeta = vmax(zeta, keep(on, vmax(factor * vabs(c) / root, vsqrt(kappa))));
     };
-    for (int k = 0; k < m.nv; ++k) w.rv[k] = w.delta[k] = T{};
     for (int g = 0; g < w.ngroups; ++g) {
       Vec<G::N> t = twist(w.groups[g].group, w.vf);
       for (int i = w.groups[g].begin; i < w.groups[g].end; ++i) {
@@ -55,6 +54,12 @@ struct InteriorPoint : Newton<G> {
     }
     zeta = vmax(zeta, splat(1e-12));
     if (factor > 1) zeta = vmax(zeta, splat(1));
+  }
+
+  // Centred start: every product equals zeta^2 (in rows scaled by the inverse weight).
+  void start(double factor) {
+    measure(factor);
+    for (int k = 0; k < m.nv; ++k) w.rv[k] = w.delta[k] = T{};
     linear = splat(1);
     auto compare = [&](Mask on, T r, T root) { linear = vmax(linear, keep(on, factor * vabs(r) / (root * zeta))); };
     for (int g = 0; g < w.ngroups; ++g) {

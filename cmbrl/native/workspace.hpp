@@ -1,6 +1,7 @@
 // Scratch memory of one thread: every array of one step of one pack, carved from one arena. Sized by the scene, allocated once.
 #pragma once
 #include "algebra.hpp"
+#include "fill.hpp"
 #include "model.hpp"
 
 namespace cmbrl::CMBRL_ISA {
@@ -77,8 +78,6 @@ struct SolverWork {
   }
 };
 
-static inline int words(int nv) { return (nv + 63) / 64; }
-
 template <class G>
 struct Work : SolverWork<G> {
   using V = typename G::V;
@@ -116,7 +115,7 @@ struct Work : SolverWork<G> {
     bias = A.take<T>(nv); tau = A.take<T>(nv); a = A.take<T>(nv); kd = A.take<T>(nv); kp = A.take<T>(nv); open = A.take<T>(m.nact + 1);
     tmp = A.take<T>(nv);
     all_phi = A.take<T>(m.ncontact); con_on = A.take<Mask>(m.ncontact); lim_on = A.take<Mask>(m.nlimit);
-    bits = A.take<uint64_t>(nv * words(nv)); fill_ptr = A.take<int>(nv + 1); fill_idx = A.take<int>(nv * (nv - 1) / 2);
+    bits = A.take<uint64_t>(nv * FillPattern::words(nv)); fill_ptr = A.take<int>(nv + 1); fill_idx = A.take<int>(nv * (nv - 1) / 2);
     Gq = A.take<T>(nv * nv); Gv = A.take<T>(nv * nv); Gu = A.take<T>(nv * (m.nu + 1)); Gp = A.take<T>(nv * (m.ntheta + 1));
     auto block = [&](T*& q_, T*& v_, T*& u_, T*& p_, int rows) {
       q_ = A.take<T>(rows * nv); v_ = A.take<T>(rows * nv); u_ = A.take<T>(rows * (m.nu + 1)); p_ = A.take<T>(rows * (m.ntheta + 1));

@@ -152,6 +152,30 @@ def test_batches_do_not_depend_on_threads() -> None:
     np.testing.assert_allclose(one.v, [a.v[0] for a in alone], atol=1e-8)
 
 
+@pytest.mark.parametrize("isa", ["sse2", "avx2", "avx512"])
+def test_every_instruction_set_and_width_solves_sparse_problems(isa: str) -> None:
+    """70 dofs in chains of 10, more than one word of the pattern; alone (two lanes) and three at a time (all lanes)."""
+    rng = np.random.default_rng(13)
+    problems = []
+    for p in [random_problem(rng, 6, 70, 2) for _ in range(3)]:
+        chains = np.kron(np.eye(7), np.ones((10, 10)))
+        touched = np.repeat(np.eye(7)[[0, 0, 2, 5, 6, 6]] + np.eye(7)[[0, 3, 2, 6, 6, 1]], 10, axis=1) > 0
+        problems.append(replace(p, M=p.M * chains, J=p.J * touched[:, None, :]))
+    try:
+        batch = native.Batch.of(problems).native(derivative=True)
+        batch.solve(1e-11, isa=isa)
+    except ValueError as error:
+        pytest.skip(str(error))  # another architecture
+    for k, p in enumerate(problems):
+        alone = native.Batch.of([p]).native(derivative=True)
+        alone.solve(1e-11, isa=isa)
+        for found, at in ((batch.results, k), (alone.results, 0)):
+            assert found["status"][at] == 0
+            assert residuals(p, found["v"][at], found["impulse"][at]).worst() < 1e-9
+        for name in ("v", "impulse", "derivative"):
+            np.testing.assert_allclose(alone.results[name][0], batch.results[name][k], atol=1e-9)
+
+
 def test_what_does_not_make_a_batch_is_refused() -> None:
     rng = np.random.default_rng(11)
     with pytest.raises(UserError, match="one shape"):
