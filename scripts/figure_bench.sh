@@ -15,6 +15,7 @@ for study in solvers stability reduction robustness simulators gradient-scenes g
 done
 cp runs/bench/solvers/profile.png docs/bench/solvers_profile.png
 cp runs/bench/stability/bank.png docs/bench/stability.png
+cp runs/bench/stability/steps.png docs/bench/stability_steps.png
 cp runs/bench/simulators/simulators_own.png docs/bench/simulators.png
 cp runs/bench/simulators/simulators_truth.png docs/bench/simulators_truth.png
 cp runs/bench/reduction/reduction.png docs/bench/reduction.png

@@ -97,22 +97,21 @@ SCENES = (
         "F15", "Painleve's rod", FAMILY, "one step",
         "jam: the tip stops, lambda = (2, 1.5) N s for every mu >= 4/3 (derived; acceleration level has no solution)",
         "acceleration LCPs; PGS and proximal fixed points diverge", (_painleve(1.4), _painleve(2.0), _painleve(5.0)),
-        lambda h: 10 * resting_bias(h), None, (0.01, 0.001, 0.0001),
+        lambda h: 10 * resting_bias(h),
     ),
     BankScene(
         "F16", "rod with three solutions", FAMILY, "residual",
         "separation, sliding or jam: residual 0 (Signorini, Coulomb)",
-        "assuming a unique solution", (_lifting(),), lambda h: 10 * resting_bias(h), None, (0.01, 0.001),
+        "assuming a unique solution", (_lifting(),), lambda h: 10 * resting_bias(h),
     ),
     BankScene(
         "F17", "over-tight slot", FAMILY, "one step", "no rigid solution; compliant: v = 0 by symmetry",
-        "interior points and ADMM diverge", (_slot(),), constant(1e-6), None, (0.01, 0.001),
+        "interior points and ADMM diverge", (_slot(),), constant(1e-6),
     ),
     BankScene(
         "F19", "symmetric wedge", FAMILY, "trajectory",
         "locks if tan a <= mu, else N/(m tan a + M/(2 tan(a - atan mu))) (statics)",
         "PGS injects energy; the convex relaxation opens the wedge",
-        (_wedge(0.3, 0.6), _wedge(0.495, 0.5), _wedge(0.505, 0.5), _wedge(0.8, 0.4)), constant(1e-4), None,
-        (0.01, 0.005, 0.001),
+        (_wedge(0.3, 0.6), _wedge(0.495, 0.5), _wedge(0.505, 0.5), _wedge(0.8, 0.4)), constant(1e-4),
     ),
 )  # fmt: skip

@@ -95,7 +95,7 @@ SCENES = (
         "F10", "rolling plate, 25 balls", FAMILY, "trajectory",
         "f1 = mu1 (M + n m) g, f2 = (F - f1)/(3.5 M/m + n); balls f2/m, plate (F - f1 - n f2)/M (SimBenchmark)",
         "pyramids: no motion off-axis, wrong motion on-axis",
-        (_plate((0, 1), 5), _plate((0.5, sqrt(0.75)), 5)), constant(1e-4), None, (0.005, 0.001),
+        (_plate((0, 1), 5), _plate((0.5, sqrt(0.75)), 5)), constant(1e-4),
         note="0.2 s instead of 4 s: the accelerations are constant",
     ),
 )  # fmt: skip

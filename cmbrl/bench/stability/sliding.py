@@ -167,7 +167,7 @@ SCENES = (
             _box_on_incline(0.4, 0.3, 1.0), _box_on_incline(0.6, 0.8, 0.5), _box_on_incline(0.505, 0.8, 0.5),
             _box_on_incline(0.495, 0.8, 0.5), _box_on_incline(0.303, 0.3, 0.5), _box_on_incline(0.297, 0.3, 0.5),
         ),
-        proportional(2.0, 1e-5), 1, (0.02, 0.01, 0.005, 0.002, 0.001, 0.0005),
+        proportional(2.0, 1e-5), 1,
     ),
     BankScene(
         "F7", "45 degree slide", FAMILY, "trajectory", "straight line of length v0^2/(2 mu g) (isotropic Coulomb cone)",
@@ -178,13 +178,13 @@ SCENES = (
         "F11", "conveyor and spring", FAMILY, "trajectory",
         "oscillates about mu m g/k with amplitude v_belt sqrt(m/k), undamped (Coulomb)",
         "numerical damping shrinks the amplitude; explicit friction chatters",
-        (_conveyor(),), proportional(20.0), 1, (0.01, 0.005, 0.002, 0.001, 0.0005),
+        (_conveyor(),), proportional(20.0), 1,
         note="the belt is a box on a driven slide: nothing special in the model",
     ),
     BankScene(
         "F20", "no and extreme friction", FAMILY, "one step",
         "mu = 0: v constant. mu = 1e3: pivots, w = 3 (v0 - g h)/(4 a) (rigid body impact about an edge)",
         "division by mu, dual cone of slope 1/mu",
-        (_frictionless(), _infinite_friction()), lambda h: 10 * resting_bias(h), None, (0.005, 0.001, 0.0005),
+        (_frictionless(), _infinite_friction()), lambda h: 10 * resting_bias(h),
     ),
 )  # fmt: skip

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cmbrl.bench.stability import bias, plots, tables
 from cmbrl.bench.stability.bank import ABSENT, HARD, SCENES, SWEEPS, simulators
-from cmbrl.bench.stability.case import BankScene
+from cmbrl.bench.stability.case import QUICK, SWEEP, BankScene
 from cmbrl.bench.stability.measure import FAIL, NEAR, Cell, remembered
 from cmbrl.bench.stability.simulators import Simulator
 from cmbrl.bench.stability.solver_steppers import SolverStepper
@@ -39,7 +39,8 @@ def run(folder: Path, settings: Settings, progress: Progress) -> Section:
     cells = measure_all(scenes, columns, steps, folder / "cells", settings.quick, progress)
     biases = bias.measure()
     lists = [
-        tables.verdicts(scenes, names, cells, steps), tables.counts(scenes, names, cells, steps), bias.table(biases),
+        tables.verdicts(scenes, names, cells, steps), tables.counts(scenes, names, cells, steps),
+        tables.sweep(scenes, names, cells, QUICK if settings.quick else SWEEP), bias.table(biases),
         tables.orders(scenes, names, cells), tables.costs(scenes, names, cells, steps),
         tables.reasons(scenes, names, cells, steps), tables.truths(scenes, ABSENT),
     ]  # fmt: skip

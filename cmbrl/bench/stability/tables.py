@@ -48,6 +48,27 @@ def counts(scenes: Sequence[BankScene], names: Sequence[str], cells: Cells, step
     return Table("Counts at the shown step, and over all steps that were run", columns, rows)
 
 
+def sweep(scenes: Sequence[BankScene], names: Sequence[str], cells: Cells, sizes: Sequence[float]) -> Table:
+    """How the first simulator does at each of ``sizes``, and at how many of them each simulator passes."""
+    rows: list[list[Entry]] = []
+    for scene in scenes:
+        first = [cells.get((scene.label, names[0], h)) for h in sizes]
+        if sum(c is not None for c in first) < 2:
+            continue
+        shown = [None if c is None or c.error is None else f"{GLYPHS[c.verdict]} {c.error:.0e}" for c in first]
+        passed: list[Entry] = []
+        for name in names[1:]:
+            run = [c for h in sizes if (c := cells.get((scene.label, name, h))) and c.verdict != ABSENT]
+            passed.append(f"{sum(c.verdict == PASS for c in run)} of {len(run)}" if run else None)
+        rows.append([scene.name, *shown, *passed])
+    note = (
+        f"Verdict and error of {names[0]} as in the first table, at every step; then at how many of these steps the "
+        "others pass. -: that step was not run (a note in the last table says why), or the scene is not expressible."
+    )
+    return Table(f"The same from {1 / max(sizes):g} to {1 / min(sizes):,.0f} Hz: {names[0]}",
+                 ["scene", *(f"{h:g} s" for h in sizes), *names[1:]], rows, note)  # fmt: skip
+
+
 def costs(scenes: Sequence[BankScene], names: Sequence[str], cells: Cells, steps: dict[str, float]) -> Table:
     """Microseconds per physics step."""
     rows: list[list[Entry]] = []
