@@ -46,7 +46,7 @@ struct ProximalPoints : Polish<G> {
   // From the current point, in some `budget` of Newton steps a lane; returns the lanes of `todo` that got there. Contacts only.
   Mask approach(Mask todo, T scale, double tolerance, int budget, T& natural, T& iterations) {
     Mask done = none();
-    T eps = splat(1e-4), spent = T{}, unused = T{};
+    T eps = splat(1e-4), lowest = splat(1e-9), spent = T{}, unused = T{};
     this->pull = 0;
     for_law([](T& x, T& kept) { kept = x; });
     for (;;) {
@@ -61,7 +61,8 @@ struct ProximalPoints : Polish<G> {
       for_point([back](T& x, T& kept) { x = select(back, kept, x); });
       for_law([](T& x, T& kept) { x = kept; });
       T share = select(found, select(steps <= 3.0, splat(0.1), select(steps <= 5.0, splat(0.3), splat(1))), splat(10));
-      eps = vmin(vmax(share * eps, splat(1e-9)), splat(0.1));
+      lowest = select(found, vmax(0.5 * lowest, splat(1e-9)), 10.0 * eps);  // where round-off stopped Newton, not at once again
+      eps = vmin(vmax(share * eps, lowest), splat(0.1));
       spent += vmax(steps, splat(1));
       iterations += steps;
     }
