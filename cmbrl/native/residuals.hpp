@@ -13,13 +13,16 @@ static T fresh_residuals(const Structure& m, SolverWork<G>& w, const InteriorPoi
   for (int k = 0; k < nv; ++k)
     if (!w.dynamic[k]) { w.delta[k] = T{}; solve_up(w.H0, nv, ip.pat, k, w.delta); }
   for (int k = 0; k < nv; ++k) { w.vn[k] = w.vf[k] + w.delta[k]; r[k] = -w.M[k * (nv + 1)] * w.delta[k]; }
-  for (int i = 0; i < nv; ++i)
+  for (int i = 0; i < nv; ++i) {
+    T sum = r[i], delta = w.delta[i];
     for (int a = m.anc_ptr[i]; a < m.anc_ptr[i + 1]; ++a) {
       int j = m.anc_idx[a];
       T M_ij = w.M[i * nv + j];
-      r[i] -= M_ij * w.delta[j];
-      r[j] -= M_ij * w.delta[i];
+      sum -= M_ij * w.delta[j];
+      r[j] -= M_ij * delta;
     }
+    r[i] = sum;
+  }
   for (int i = 0; i < nv; ++i) scale = vmax(scale, vmax(vabs(r[i]), w.M[i * (nv + 1)] * vabs(w.vf[i])));
   auto compare = [&](Mask on, T c, T slack, T compliance) {
     T error = slack - c - compliance;
