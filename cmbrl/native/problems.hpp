@@ -202,6 +202,7 @@ template <class G>
 static void solve_exactly(ProblemPack<G>& pack, Options& o, T* X) {
   SolverWork<G>& w = pack.w;
   o.tolerance = 1e-8;
+  o.theta = 0.1;
   Mask open = all();
   T iterations = T{}, natural = splat(__builtin_inf());
   int solved[W] = {}, failed[W];
@@ -217,7 +218,6 @@ static void solve_exactly(ProblemPack<G>& pack, Options& o, T* X) {
   };
   auto newton = [&](int steps) { finish(polish.run(open, pack.scale, pack.b.tolerance, steps, natural, iterations)); };
   auto set_kappa = [&](double kappa) {
-    o.theta = kappa > 1e-10 ? 0.1 : 1e-3;
     for (int i = 0; i < w.ncon; ++i) w.con[i].kappa = splat(kappa);
   };
   auto newton_from_here = [&](int steps) {  // and back
