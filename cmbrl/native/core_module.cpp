@@ -1,0 +1,223 @@
+// cmbrl.native.Core: the batched step of one scene, its derivatives, losses of candidates, and what it is made of.
+#include <cstring>
+#include <memory>
+
+#include "arrays.hpp"
+#include "instruction_sets.hpp"
+#include "scene_data.hpp"
+#include "threads.hpp"
+
+namespace cmbrl {
+
+static Smoothing smoothing_from(nb::dict d) {
+  return {nb::cast<int>(d["mode"]), nb::cast<double>(d["kappa"]), nb::cast<double>(d["length"]), nb::cast<int>(d["stop"])};
+}
+static Options options_from(nb::dict d) {
+  Options o;
+  o.h = nb::cast<double>(d["h"]); o.substeps = nb::cast<int>(d["substeps"]); o.leapfrog = nb::cast<int>(d["leapfrog"]);
+  o.implicit_springs = nb::cast<int>(d["implicit_springs"]);
+  o.forward = smoothing_from(nb::cast<nb::dict>(d["forward"])); o.backward = smoothing_from(nb::cast<nb::dict>(d["backward"]));
+  o.prune = nb::cast<double>(d["prune"]); o.tolerance = nb::cast<double>(d["tolerance"]); o.theta = nb::cast<double>(d["theta"]);
+  o.max_iterations = nb::cast<int>(d["max_iterations"]); o.rest_speed = nb::cast<double>(d["rest_speed"]);
+  return o;
+}
+
+class Core {
+ public:
+  Core(nb::dict scene, const std::string& isa) : backend_(find_isa(isa).steps) {
+    std::map<std::string, std::vector<int>> ints;
+    std::map<std::string, std::vector<double>> doubles;
+    std::map<std::string, int> sizes;
+    for (auto [key, value] : scene) {
+      std::string name = nb::cast<std::string>(key);
+      nb::ndarray<const int32_t, nb::c_contig, nb::device::cpu> a;
+      Array b;
+      if (nb::try_cast(value, a, false)) ints[name].assign(a.data(), a.data() + a.size());
+      else if (nb::try_cast(value, b, false)) doubles[name].assign(b.data(), b.data() + b.size());
+      else if (int size; nb::try_cast(value, size)) sizes[name] = size;
+    }
+    data_ = std::make_unique<SceneData>(std::move(ints), std::move(doubles), sizes);
+  }
+
+  nb::dict forward(Array q, Array v, Array u, std::optional<Array> theta, nb::dict options, bool jacobian, bool jacobian_theta,
+                   bool tape, bool impulse, int threads) {
+    const Model& m = data_->model;
+    Options o = options_from(options);
+    Batch b = states(q, v, &u, theta);
+    nb::dict out;
+    size_t n = b.n;
+    out["q_next"] = make_array<double>({n, size_t(m.nq)}, &b.q_next);
+    out["v_next"] = make_array<double>({n, size_t(m.nv)}, &b.v_next);
+    out["status"] = make_array<int32_t>({n}, &b.status);
+    out["iterations"] = make_array<int32_t>({n}, &b.iterations);
+    out["residual"] = make_array<double>({n}, &b.residual);
+    b.jacobian_theta = jacobian_theta;
+    size_t ncol = 2 * m.nv + m.nu + (jacobian_theta ? m.ntheta : 0);
+    if (jacobian) out["jacobian"] = make_array<double>({n, size_t(2 * m.nv), ncol}, &b.jacobian);
+    if (tape) out["tape"] = make_array<double>({n, size_t(backend_.tape_size(m, o))}, &b.tape);
+    if (impulse) {
+      size_t rows = m.planar ? 2 : 3;
+      out["impulse"] = make_array<double>({n, size_t(m.ncontact), rows}, &b.impulse);
+      std::memset(b.impulse, 0, n * m.ncontact * rows * sizeof(double));
+    }
+    nb::gil_scoped_release release;
+    run(b.n, threads, o, [&](int64_t s, int64_t e, void* w) { backend_.forward(m, o, b, s, e, w); });
+    nb::gil_scoped_acquire acquire;
+    return out;
+  }
+
+  nb::dict backward(Array u, std::optional<Array> theta, Array tape, Array gq_next, Array gv_next, nb::dict options, bool want_theta, int threads) {
+    const Model& m = data_->model;
+    Options o = options_from(options);
+    Batch b{};
+    b.n = int64_t(gv_next.ndim() ? gv_next.shape(0) : 0);
+    check(u, "u", {b.n, m.nu}); check(tape, "tape", {b.n, backend_.tape_size(m, o)});
+    check(gq_next, "gq_next", {b.n, m.nv}); check(gv_next, "gv_next", {b.n, m.nv});
+    b.u = u.data(); b.u_stride = m.nu;
+    b.tape = const_cast<double*>(tape.data());
+    b.gq_next = gq_next.data(); b.gv_next = gv_next.data();
+    set_theta(b, theta);
+    nb::dict out;
+    size_t n = b.n;
+    out["gq"] = make_array<double>({n, size_t(m.nv)}, &b.gq);
+    out["gv"] = make_array<double>({n, size_t(m.nv)}, &b.gv);
+    out["gu"] = make_array<double>({n, size_t(m.nu)}, &b.gu);
+    if (want_theta) out["gtheta"] = make_array<double>({n, size_t(m.ntheta)}, &b.gtheta);
+    nb::gil_scoped_release release;
+    run(b.n, threads, o, [&](int64_t s, int64_t e, void* w) { backend_.backward(m, o, b, s, e, w); });
+    nb::gil_scoped_acquire acquire;
+    return out;
+  }
+
+  nb::object loss(Array q, Array v, Array u, Array q_next, Array v_next, Index starts, int horizon, Array theta, Array scale_q,
+                  Array scale_v, double huber, double fail_penalty, nb::dict options, int threads) {
+    const Model& m = data_->model;
+    Options o = options_from(options);
+    int64_t rows = int64_t(v.ndim() ? v.shape(0) : 0);
+    check(q, "q", {rows, m.nq}); check(v, "v", {rows, m.nv}); check(u, "u", {rows, m.nu});
+    check(q_next, "q_next", {rows, m.nq}); check(v_next, "v_next", {rows, m.nv});
+    check(theta, "theta", {-1, m.ntheta}); check(scale_q, "scale_q", {m.nv}); check(scale_v, "scale_v", {m.nv});
+    for (size_t i = 0; i < starts.size(); ++i)
+      if (starts.data()[i] < 0 || starts.data()[i] + horizon > rows) throw nb::value_error("a start and its horizon leave the log");
+    LossBatch b{int64_t(theta.shape(0)), int64_t(starts.size()), horizon, q.data(), v.data(), u.data(), q_next.data(), v_next.data(),
+                theta.data(), scale_q.data(), scale_v.data(), starts.data(), huber, fail_penalty, nullptr, 0};
+    auto out = make_array<double>({size_t(b.ncandidate), size_t(b.nstart)}, &b.loss);
+    int64_t width = backend_.width, packs = (b.ncandidate + width - 1) / width, slices = (b.nstart + 255) / 256;
+    {
+      nb::gil_scoped_release release;
+      run(packs * slices, threads, o, [&](int64_t s, int64_t, void* w) {
+        LossBatch part = b;
+        int64_t slice = s % slices;
+        part.starts = b.starts + slice * 256;
+        part.nstart = std::min<int64_t>(256, b.nstart - slice * 256);
+        part.loss_stride = b.nstart;
+        part.loss = b.loss + slice * 256;
+        backend_.loss(m, o, part, s / slices * width, w);
+      }, 1);
+    }
+    return nb::cast(out);
+  }
+
+  nb::dict dynamics(Array q, Array v, std::optional<Array> theta, nb::dict options) {
+    const Model& m = data_->model;
+    Options o = options_from(options);
+    Batch b = states(q, v, nullptr, theta);
+    nb::dict out;
+    size_t n = b.n, nv = m.nv, rows = m.planar ? 2 : 3;
+    double *M, *bias, *gap, *J;
+    out["M"] = make_array<double>({n, nv, nv}, &M);
+    out["bias"] = make_array<double>({n, nv}, &bias);
+    out["gap"] = make_array<double>({n, size_t(m.ncontact)}, &gap);
+    out["J"] = make_array<double>({n, size_t(m.ncontact), rows, nv}, &J);
+    std::memset(J, 0, n * m.ncontact * rows * nv * sizeof(double));
+    run(b.n, 1, o, [&](int64_t s, int64_t e, void* w) { backend_.dynamics(m, o, b, M, bias, gap, J, s, e, w); });
+    return out;
+  }
+
+  nb::dict rows(Array q, Array v, Array u, std::optional<Array> theta, nb::dict options) {
+    const Model& m = data_->model;
+    Options o = options_from(options);
+    Batch b = states(q, v, &u, theta);
+    size_t n = b.n, nv = m.nv, nrow = m.ncontact + m.nlimit, rows = m.planar ? 2 : 3;
+    nb::dict out;
+    RowBatch r{};
+    out["M"] = make_array<double>({n, nv, nv}, &r.M);
+    out["v_free"] = make_array<double>({n, nv}, &r.v_free);
+    out["J"] = make_array<double>({n, nrow, rows, nv}, &r.J);
+    out["b"] = make_array<double>({n, nrow, rows}, &r.b);
+    out["mu"] = make_array<double>({n, nrow}, &r.mu);
+    out["R"] = make_array<double>({n, nrow, rows}, &r.R);
+    out["active"] = make_array<int32_t>({n, nrow}, &r.active);
+    for (auto [block, size] : {std::pair{r.J, rows * nv}, {r.b, rows}, {r.mu, size_t(1)}, {r.R, rows}})
+      std::memset(block, 0, n * nrow * size * sizeof(double));
+    std::memset(r.active, 0, n * nrow * sizeof(int32_t));
+    run(b.n, 1, o, [&](int64_t s, int64_t e, void* w) { backend_.rows(m, o, b, r, s, e, w); });
+    return out;
+  }
+
+  std::string isa() const { return backend_.name; }
+  int width() const { return backend_.width; }
+
+ private:
+  const Backend& backend_;
+  std::unique_ptr<SceneData> data_;
+  ThreadPool pool_;
+  std::mutex mutex_;
+  std::vector<std::unique_ptr<char, decltype(&std::free)>> memory_;
+
+  // As many states as v has rows, with controls and parameters where there are some.
+  Batch states(const Array& q, const Array& v, const Array* u, const std::optional<Array>& theta) const {
+    const Model& m = data_->model;
+    Batch b{};
+    b.n = int64_t(v.ndim() ? v.shape(0) : 0);
+    check(q, "q", {b.n, m.nq}); check(v, "v", {b.n, m.nv});
+    b.q = q.data(); b.v = v.data();
+    b.q_stride = m.nq; b.v_stride = m.nv;
+    if (u) {
+      check(*u, "u", {b.n, m.nu});
+      b.u = u->data();
+      b.u_stride = m.nu;
+    }
+    set_theta(b, theta);
+    return b;
+  }
+  void set_theta(Batch& b, const std::optional<Array>& theta) const {
+    if (!theta) return;
+    int64_t nt = data_->model.ntheta;
+    b.theta = theta->data();
+    if (theta->ndim() == 2) { check(*theta, "theta", {b.n, nt}); b.theta_stride = nt; }
+    else check(*theta, "theta", {nt});
+  }
+  template <class F>
+  void run(int64_t n, int threads, const Options& o, F job, int64_t per_chunk = 0) {
+    std::lock_guard<std::mutex> lock(mutex_);
+    threads = std::max(1, threads);
+    int64_t bytes = (backend_.workspace_size(data_->model, o) + 63) / 64 * 64;
+    while (int(memory_.size()) < threads) {
+      void* p = std::aligned_alloc(64, bytes);
+      std::memset(p, 0, bytes);
+      memory_.emplace_back(static_cast<char*>(p), &std::free);
+    }
+    int64_t chunk = per_chunk ? per_chunk : 8 * backend_.width, chunks = (n + chunk - 1) / chunk;
+    if (!per_chunk && threads == 1) { chunk = n; chunks = n > 0; }
+    pool_.run(chunks, threads, [&](int64_t c, int thread) { job(c * chunk, std::min(n, (c + 1) * chunk), memory_[thread].get()); });
+  }
+};
+
+void bind_core(nb::module_& module) {
+  using namespace nb::literals;
+  nb::class_<Core>(module, "Core", "Batched complementarity step of one scene; see cmbrl.models.ComplementarityModel.")
+      .def(nb::init<nb::dict, const std::string&>(), "scene"_a, "isa"_a = "")
+      .def("forward", &Core::forward, "q"_a, "v"_a, "u"_a, "theta"_a.none(), "options"_a, "jacobian"_a = false,
+           "jacobian_theta"_a = false, "tape"_a = false, "impulse"_a = false, "threads"_a = 1)
+      .def("backward", &Core::backward, "u"_a, "theta"_a.none(), "tape"_a, "gq_next"_a, "gv_next"_a, "options"_a,
+           "want_theta"_a = false, "threads"_a = 1)
+      .def("loss", &Core::loss, "q"_a, "v"_a, "u"_a, "q_next"_a, "v_next"_a, "starts"_a, "horizon"_a, "theta"_a, "scale_q"_a,
+           "scale_v"_a, "huber"_a, "fail_penalty"_a, "options"_a, "threads"_a = 1)
+      .def("dynamics", &Core::dynamics, "q"_a, "v"_a, "theta"_a.none(), "options"_a)
+      .def("rows", &Core::rows, "q"_a, "v"_a, "u"_a, "theta"_a.none(), "options"_a)
+      .def_prop_ro("isa", &Core::isa)
+      .def_prop_ro("width", &Core::width);
+}
+
+}  // namespace cmbrl

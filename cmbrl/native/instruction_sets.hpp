@@ -1,0 +1,17 @@
+// Which copies of the hot code there are, and which of them this processor runs best.
+#pragma once
+#include <string>
+
+#include "model.hpp"
+#include "problem_batch.hpp"
+
+namespace cmbrl {
+
+struct InstructionSet {
+  const Backend& steps;
+  const ProblemBackend &problems, &few_problems;
+};
+
+const InstructionSet& find_isa(const std::string& name);  // empty: the best; throws std::invalid_argument
+
+}  // namespace cmbrl
