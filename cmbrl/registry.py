@@ -55,7 +55,7 @@ class Task:
     control_dt: float  #: duration of one transition [s]
     substeps: int  #: physics steps of the model per transition
     time_step: float  #: physics step of the model [s]; substeps * time_step is control_dt
-    integrator: str = "semi-implicit"  #: "semi-implicit" or "leapfrog"
+    integrator: str = "semi-implicit"  #: "semi-implicit", "leapfrog" or "midpoint"
     implicit_springs: bool = False  #: whether the model takes joint springs implicitly, for stiff ones at a long step
     contact_law: str = "mujoco"  #: "mujoco" (the MJCF's softness) or "rigid" (hard, with a restitution to fit)
     smoothing_kappa: float = 1e-4  #: central-path parameter of the default model [J]

@@ -17,7 +17,7 @@ from cmbrl.models.autograd import NativeStep, tangent_map
 from cmbrl.native import Core
 from cmbrl.scene import Scene
 
-INTEGRATORS = ("semi-implicit", "leapfrog")
+INTEGRATORS = ("semi-implicit", "leapfrog", "midpoint")
 FAILURE_LOSS = 1e3  # what a failed solve adds to a candidate's loss
 
 
@@ -53,8 +53,9 @@ class ComplementarityModel:
         time_step: h [s]; default the scene's.
         smoothing: :class:`Exact` (default), :class:`Barrier` or :class:`Adaptive`.
         backward_smoothing: the policy of the derivative where it differs (simulate hard, differentiate soft).
-        integrator: "semi-implicit" or "leapfrog" (positions shifted by half a step: second order for smooth forces);
-            default leapfrog for an MJCF with RK4, else semi-implicit.
+        integrator: "semi-implicit"; "leapfrog" (positions shifted by half a step: second order for forces of position);
+            "midpoint" (the same with centrifugal and gyroscopic forces half a step ahead: second order without contact,
+            for a third more time). Default leapfrog for an MJCF with RK4, else semi-implicit.
         parameters: theta (np,), natural units, order of ``scene.parameters``; default nominal.
         threads: native threads; results do not depend on it.
         implicit_springs: take joint springs and position gains implicitly too (MuJoCo takes only velocity gains).
@@ -105,7 +106,8 @@ class ComplementarityModel:
         self._options = {
             "h": self.time_step,
             "substeps": self.substeps,
-            "leapfrog": int(self.integrator == "leapfrog"),
+            "leapfrog": int(self.integrator != "semi-implicit"),
+            "midpoint": int(self.integrator == "midpoint"),
             "implicit_springs": int(self.implicit_springs),
             "forward": self.smoothing.resolve(scene, self.time_step),
             "backward": self.backward_smoothing.resolve(scene, self.time_step),

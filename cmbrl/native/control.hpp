@@ -201,7 +201,7 @@ static void control_step_backward(const Model& m, const Options& o, Work<G>& w, 
       scaled(m, w.vn, -0.5 * o.h, w.tmp);
       pull_cotangent(m, w.tmp, w.lq, w.lv, splat(-0.5 * o.h));
     }
-    free_velocity(m, w);
+    free_velocity(m, o, w);
     find_bounces(m, o, w);
     set_kappa(m, o, w, o.backward);
     displacement(m, o, w);

@@ -208,7 +208,7 @@ static void step_rows(const Model& m, const Options& o, const Batch& b, const Ro
     for (int i = 0; i < nv * nv; ++i) w.M[i] = T{};
     if (o.leapfrog) { scaled(m, w.v, 0.5 * o.h, w.qtan); integrate(m, w.q, w.qtan); }
     prepare(m, o, w);
-    free_velocity(m, w);
+    free_velocity(m, o, w);
     find_bounces(m, o, w);
     if (w.ndry) fold_dry_friction(m, o, w);
     scatter(w.M, nv * nv, nv * nv, l, out.M);

@@ -15,6 +15,7 @@ static Smoothing smoothing_from(nb::dict d) {
 static Options options_from(nb::dict d) {
   Options o;
   o.h = nb::cast<double>(d["h"]); o.substeps = nb::cast<int>(d["substeps"]); o.leapfrog = nb::cast<int>(d["leapfrog"]);
+  o.midpoint = nb::cast<int>(d["midpoint"]);
   o.implicit_springs = nb::cast<int>(d["implicit_springs"]);
   o.forward = smoothing_from(nb::cast<nb::dict>(d["forward"])); o.backward = smoothing_from(nb::cast<nb::dict>(d["backward"]));
   o.prune = nb::cast<double>(d["prune"]); o.tolerance = nb::cast<double>(d["tolerance"]); o.theta = nb::cast<double>(d["theta"]);

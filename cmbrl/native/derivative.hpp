@@ -21,13 +21,34 @@ static void accelerations_and_twists(const Model& m, const Options& o, Work<G>& 
   }
 }
 
-// Smooth part of Gq, Gv, Gu.
+// out += A B for A (nv x nv), B (nv x ncol).
+static inline void add_product(int nv, const T* A, const T* B, int ncol, T* out) {
+  for (int i = 0; i < nv; ++i)
+    for (int k = 0; k < nv; ++k)
+      for (int c = 0; c < ncol; ++c) out[i * ncol + c] += A[i * nv + k] * B[k * ncol + c];
+}
+
+// Smooth part of Gq, Gv, Gu for a step that ends at vn. Leaves twists under v and vn, which rows look at; of a bias that is
+// taken ahead C, and the twists and accelerations there.
 template <class G>
-static void smooth_terms(const Model& m, const Options& o, Work<G>& w, T* Gq, T* Gv, T* Gu) {
+static void smooth_terms(const Model& m, const Options& o, Work<G>& w, const T* vn, T* Gq, T* Gv, T* Gu) {
   int nv = m.nv;
   for (int i = 0; i < nv * nv; ++i) Gq[i] = Gv[i] = T{};
   for (int i = 0; i < nv * m.nu; ++i) Gu[i] = T{};
-  inverse_dynamics_derivatives(m, w, -o.h, Gq, Gv);
+  accelerations_and_twists(m, o, w, vn);
+  if (w.ahead) {
+    for (int i = 0; i < nv * nv; ++i) w.C[i] = T{};
+    w.swap_velocity();
+    inverse_dynamics(m, w, w.v, w.a, w.tmp);
+    inverse_dynamics_derivatives(m, w, -o.h, Gq, w.C);
+    w.swap_velocity();
+    add_product(nv, w.C, w.Bq, nv, Gq);
+    add_product(nv, w.C, w.Bv, nv, Gv);
+    add_product(nv, w.C, w.Bu, m.nu, Gu);
+    inverse_dynamics(m, w, w.v, w.a, w.tmp);  // for vlam
+  } else {
+    inverse_dynamics_derivatives(m, w, -o.h, Gq, Gv);
+  }
   for (int i = 0; i < nv; ++i) {
     const T* p = w.P + m.oDof + i * kDofFields;
     Gq[i * (nv + 1)] -= o.h * w.kp[i];

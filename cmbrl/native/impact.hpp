@@ -9,8 +9,7 @@ namespace cmbrl::CMBRL_ISA {
 
 template <class G>
 static void smooth_and_rows(const Model& m, const Options& o, Work<G>& w, bool theta) {
-  accelerations_and_twists(m, o, w, w.vn);
-  smooth_terms(m, o, w, w.Gq, w.Gv, w.Gu);
+  smooth_terms(m, o, w, w.vn, w.Gq, w.Gv, w.Gu);
   InteriorPoint<G> ip(m, o, w);
   ip.rho = T{};
   ip.linearise_all(T{}, none());
@@ -19,29 +18,42 @@ static void smooth_and_rows(const Model& m, const Options& o, Work<G>& w, bool t
   if (theta) parameter_terms(m, o, w, w.Gp);
 }
 
-// F: dvf = Fq dq + Fv dv + Fu du + Fp dtheta; HF: the factor of M~. Twists under vf are left in w.tn.
+// F: dvf = Fq dq + Fv dv + Fu du + Fp dtheta of a velocity without contact; HF: the factor of M~. Twists under vf are left
+// in w.tn.
 template <class G>
-static void free_terms(const Model& m, const Options& o, Work<G>& w, bool theta) {
+static void free_terms(const Model& m, const Options& o, Work<G>& w, bool theta, T* vf, T* Fq, T* Fv, T* Fu, T* Fp) {
   int nv = m.nv;
   Pattern pat = pattern_of(m, w);
   for (int i = 0; i < w.ndyn; ++i) copy_row(w.H, w.H0, nv, pat, w.dyn_list[i]);
   for (int i = 0; i < w.ndyn; ++i) eliminate(w.H, nv, pat, w.dyn_list[i]);
   for (int i = 0; i < nv; ++i) copy_row(w.HF, w.H, nv, pat, i);
-  accelerations_and_twists(m, o, w, w.vf);
-  smooth_terms(m, o, w, w.Fq, w.Fv, w.Fu);
-  solve_many(w.HF, nv, pat, w.Fq, nv);
-  solve_many(w.HF, nv, pat, w.Fv, nv);
-  solve_many(w.HF, nv, pat, w.Fu, m.nu);
+  smooth_terms(m, o, w, vf, Fq, Fv, Fu);
+  solve_many(w.HF, nv, pat, Fq, nv);
+  solve_many(w.HF, nv, pat, Fv, nv);
+  solve_many(w.HF, nv, pat, Fu, m.nu);
   if (!theta) return;
   int ncon = w.ncon, ndry = w.ndry;
   T* vn = w.vn;
   w.ncon = w.ndry = 0;
-  w.vn = w.vf;
-  parameter_terms(m, o, w, w.Fp);
+  w.vn = vf;
+  parameter_terms(m, o, w, Fp);
   w.vn = vn;
   w.ncon = ncon;
   w.ndry = ndry;
-  solve_many(w.HF, nv, pat, w.Fp, m.ntheta);
+  solve_many(w.HF, nv, pat, Fp, m.ntheta);
+}
+
+// B of a midpoint step: vb is half way to the free velocity that the bias at v leads to.
+template <class G>
+static void bias_terms(const Model& m, const Options& o, Work<G>& w, bool theta) {
+  int nv = m.nv;
+  T* vf = w.pvec;
+  for (int i = 0; i < nv; ++i) vf[i] = 2.0 * w.vb[i] - w.v[i];
+  free_terms(m, o, w, theta, vf, w.Bq, w.Bv, w.Bu, w.Bp);
+  for (int i = 0; i < nv * nv; ++i) { w.Bq[i] *= 0.5; w.Bv[i] *= 0.5; }
+  for (int i = 0; i < nv; ++i) w.Bv[i * (nv + 1)] += 0.5;
+  for (int i = 0; i < nv * m.nu; ++i) w.Bu[i] *= 0.5;
+  for (int i = 0; theta && i < nv * m.ntheta; ++i) w.Bp[i] *= 0.5;
 }
 
 // z += j . dvf for a covector j (nv); z = (q, v, u, theta).
@@ -223,7 +235,9 @@ static void late_terms(const Model& m, const Options& o, Work<G>& w, bool theta)
 // G, S and the factor H at the solution in w (rows, vn).
 template <class G>
 static void implicit_system(const Model& m, const Options& o, Work<G>& w, bool theta) {
-  w.late = w.early = false;
+  w.late = w.early = w.ahead = false;
+  if (o.midpoint) bias_terms(m, o, w, theta);
+  w.ahead = o.midpoint;
   for (int i = 0; i < w.ncon; ++i) {
     w.late |= any(w.con[i].bounce > 0.0);
     w.early |= any(w.con[i].slope != 0.0);
@@ -231,7 +245,7 @@ static void implicit_system(const Model& m, const Options& o, Work<G>& w, bool t
   for (int i = 0; i < w.nlim; ++i) w.early |= any(w.lim[i].slope != 0.0);
   w.early |= w.late;
   if (w.early) {
-    free_terms(m, o, w, theta);
+    free_terms(m, o, w, theta, w.vf, w.Fq, w.Fv, w.Fu, w.Fp);
     closing_terms(m, w, theta);
   }
   smooth_and_rows(m, o, w, theta);

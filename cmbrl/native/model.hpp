@@ -65,7 +65,7 @@ struct Smoothing {
 
 struct Options {
   double h;
-  int substeps, leapfrog, implicit_springs;
+  int substeps, leapfrog, midpoint, implicit_springs;  // midpoint: velocity-dependent forces half a step ahead
   Smoothing forward, backward;
   double prune;      // [m/s] rows predicted to separate faster are left out; infinity keeps all
   double tolerance;  // relative, on the linear residuals; products to within theta * kappa

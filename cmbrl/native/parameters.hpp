@@ -39,7 +39,9 @@ struct ParameterColumns {
   }
 
   void body(int b, const Inertia<G>& dI) {  // inverse dynamics is linear in the inertia
-    Vec<G::N> f = dI * w.acc[b] + cross_force<G>(w.vel[b], dI * w.vel[b]);
+    bool ahead = part == Part::step && w.ahead;
+    const Vec<G::N> &acc = (ahead ? w.bacc : w.acc)[b], &vel = (ahead ? w.bvel : w.vel)[b];
+    Vec<G::N> f = dI * acc + cross_force<G>(vel, dI * vel);
     double scale = part == Part::step ? o.h : 1;
     for (int d = m.body_lastdof[b]; d >= 0;) {
       at(d) -= scale * dot(w.S[d], f);
@@ -223,6 +225,7 @@ template <class G>
 static void parameter_terms(const Model& m, const Options& o, Work<G>& w, T* out, Part part = Part::step) {
   if (part == Part::step) for (int i = 0; i < m.nv * m.ntheta; ++i) out[i] = T{};
   for (int k = 0; k < m.ntheta; ++k) ParameterColumns<G>{m, o, w, out + k, m.ntheta, part}.column(k);
+  if (part == Part::step && w.ahead) add_product(m.nv, w.C, w.Bp, m.ntheta, out);
 }
 
 }  // namespace cmbrl::CMBRL_ISA

@@ -7,9 +7,10 @@
 
 namespace cmbrl::CMBRL_ISA {
 
-// H becomes a factor of M~ itself; vf the free velocity.
+// H becomes a factor of M~ itself; vf the free velocity. A midpoint step takes centrifugal and gyroscopic forces half way
+// to where those of its start lead without contact (explicit midpoint rule: second order).
 template <class G>
-static void free_velocity(const Model& m, Work<G>& w) {
+static void free_velocity(const Model& m, const Options& o, Work<G>& w) {
   int nv = m.nv;
   Pattern pat = pattern_of(m, w);
   eliminate_untouched(m, w);
@@ -18,6 +19,14 @@ static void free_velocity(const Model& m, Work<G>& w) {
   for (int i = 0; i < nv; ++i) w.vf[i] = w.rhs[i];
   solve(w.H, nv, pat, w.vf);
   for (int i = 0; i < nv; ++i) w.vf[i] += w.v[i];
+  if (!o.midpoint) return;
+  for (int i = 0; i < nv; ++i) w.vb[i] = 0.5 * (w.v[i] + w.vf[i]);
+  w.swap_velocity();
+  inverse_dynamics<G>(m, w, w.v, nullptr, w.tmp);
+  w.swap_velocity();
+  for (int i = 0; i < nv; ++i) w.tmp[i] = o.h * (w.bias[i] - w.tmp[i]);
+  solve(w.H, nv, pat, w.tmp);
+  for (int i = 0; i < nv; ++i) w.vf[i] += w.tmp[i];
 }
 
 // Restitution of a contact; only rigid ones have it.
@@ -78,7 +87,7 @@ static void find_bounces(const Model& m, const Options& o, Work<G>& w) {
 template <class G>
 static Outcome solve_step(const Model& m, const Options& o, Work<G>& w) {
   prepare(m, o, w);
-  free_velocity(m, w);
+  free_velocity(m, o, w);
   find_bounces(m, o, w);
   set_kappa(m, o, w, o.forward);
   return contact_solve(m, o, w);

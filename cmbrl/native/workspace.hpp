@@ -90,6 +90,9 @@ struct Work : SolverWork<G> {
   T *bias, *tau, *a, *kd, *kp, *open, *tmp;
   T* all_phi; Mask *con_on, *lim_on;
   uint64_t* bits; int *fill_ptr, *fill_idx;  // the pattern as bits, and as lists
+  T* vb; Motion *bvel, *bacc;          // where the bias is taken in a midpoint step: velocity, its twists and accelerations
+  T *C, *Bq, *Bv, *Bu, *Bp;            // -h dbias/dv there; dvb = Bq dq + Bv dv + Bu du + Bp dtheta
+  bool ahead;                          // smooth terms and parameters take the bias at vb
   T *Gq, *Gv, *Gu, *Gp;                // right-hand sides of the implicit derivative
   T *Fq, *Fv, *Fu, *Fp;                    // the same for the free velocity: M~ dvf = Fq dq + ...
   T *Sq, *Sv, *Su, *Sp, *Sn;               // M~ dshift = Sq dq + ... + Sn dv' (impacts at their time)
@@ -100,6 +103,13 @@ struct Work : SolverWork<G> {
   T *lq, *lv, *lu, *lp, *pvec;             // cotangents
   Vec<G::N>* Y;
   V O;
+
+  // Swaps what belongs to v with what belongs to vb, for inverse dynamics there.
+  void swap_velocity() {
+    T* x = v; v = vb; vb = x;
+    Motion* y = vel; vel = bvel; bvel = y;
+    y = acc; acc = bacc; bacc = y;
+  }
 
   Work(Arena& A, const Model& m) {
     int nv = m.nv, nb = m.nbody, ncol = 2 * nv + m.nu + m.ntheta;
@@ -120,6 +130,8 @@ struct Work : SolverWork<G> {
     auto block = [&](T*& q_, T*& v_, T*& u_, T*& p_, int rows) {
       q_ = A.take<T>(rows * nv); v_ = A.take<T>(rows * nv); u_ = A.take<T>(rows * (m.nu + 1)); p_ = A.take<T>(rows * (m.ntheta + 1));
     };
+    vb = A.take<T>(nv); bvel = A.take<Motion>(nb); bacc = A.take<Motion>(nb); C = A.take<T>(nv * nv);
+    block(Bq, Bv, Bu, Bp, nv);
     block(Fq, Fv, Fu, Fp, nv);
     block(Sq, Sv, Su, Sp, nv);
     Z = A.take<T>((2 * m.ncontact + m.nlimit + nv) * ncol); HF = A.take<T>(nv * nv);

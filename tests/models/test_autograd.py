@@ -24,7 +24,7 @@ def tensors(*arrays: np.ndarray) -> list[torch.Tensor]:
     return [torch.from_numpy(np.ascontiguousarray(x)).requires_grad_() for x in arrays]
 
 
-@pytest.mark.parametrize("integrator", ["semi-implicit", "leapfrog"])
+@pytest.mark.parametrize("integrator", ["semi-implicit", "leapfrog", "midpoint"])
 def test_gradcheck_of_one_step(integrator: str) -> None:
     scene = Scene.from_mjcf(HOPPER)
     smooth = Barrier(1e-2)

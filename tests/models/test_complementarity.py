@@ -73,7 +73,7 @@ def test_parameter_jacobian_is_part_of_the_whole(scene: Scene) -> None:
     [
         ({"substeps": 0}, "positive"),
         ({"time_step": -1.0}, "positive"),
-        ({"integrator": "rk4"}, "semi-implicit, leapfrog"),
+        ({"integrator": "rk4"}, "semi-implicit, leapfrog, midpoint"),
         ({"parameters": np.ones(2)}, "shape"),
         ({"smoothing": Barrier(-1.0)}, "positive finite"),
         ({"smoothing": Barrier()}, "exactly one"),

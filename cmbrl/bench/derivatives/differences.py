@@ -123,7 +123,7 @@ def compare(model: ComplementarityModel, q: Array, v: Array, u: Array, parameter
 def signature(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Array) -> NDArray[np.bool_]:
     """Discrete choices of one step, (B, n) bool: two points of a stencil that differ in one lie across a kink."""
     scene, core, h = model.scene, model.scene.core, model.time_step
-    if model.integrator == "leapfrog":
+    if model.integrator != "semi-implicit":
         q = scene.integrate(q, 0.5 * h * v)
     smooth = model.smooth_dynamics(q, v, theta)
     gap, normal = smooth["gap"], smooth["J"][:, :, 0]
