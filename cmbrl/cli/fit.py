@@ -62,7 +62,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="start from this value of a parameter (may be repeated)",
     )
     parser.add_argument("--time-step", type=positive_number, metavar="S", help="physics step in seconds")
-    parser.add_argument("--integrator", choices=("semi-implicit", "leapfrog", "midpoint"), help="time stepping of the model")
+    parser.add_argument(
+        "--integrator", choices=("semi-implicit", "leapfrog", "midpoint"), help="time stepping of the model"
+    )
     parser.add_argument(
         "--time-limit", type=positive_number, metavar="S", help="stop after S seconds with the best so far"
     )

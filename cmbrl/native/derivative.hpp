@@ -21,11 +21,19 @@ static void accelerations_and_twists(const Model& m, const Options& o, Work<G>& 
   }
 }
 
-// out += A B for A (nv x nv), B (nv x ncol).
-static inline void add_product(int nv, const T* A, const T* B, int ncol, T* out) {
-  for (int i = 0; i < nv; ++i)
-    for (int k = 0; k < nv; ++k)
-      for (int c = 0; c < ncol; ++c) out[i * ncol + c] += A[i * nv + k] * B[k * ncol + c];
+// out += A B for A (nv x nv) with the pattern of the mass matrix, B (nv x ncol).
+static inline void add_product(const Model& m, const T* A, const T* B, int ncol, T* out) {
+  auto add_row = [&](int i, int k) {
+    T x = A[i * m.nv + k];
+    for (int c = 0; c < ncol; ++c) out[i * ncol + c] += x * B[k * ncol + c];
+  };
+  for (int i = 0; i < m.nv; ++i) {
+    add_row(i, i);
+    for (int a = m.anc_ptr[i]; a < m.anc_ptr[i + 1]; ++a) {
+      add_row(i, m.anc_idx[a]);
+      add_row(m.anc_idx[a], i);
+    }
+  }
 }
 
 // Smooth part of Gq, Gv, Gu for a step that ends at vn. Leaves twists under v and vn, which rows look at; of a bias that is
@@ -42,9 +50,9 @@ static void smooth_terms(const Model& m, const Options& o, Work<G>& w, const T* 
     inverse_dynamics(m, w, w.v, w.a, w.tmp);
     inverse_dynamics_derivatives(m, w, -o.h, Gq, w.C);
     w.swap_velocity();
-    add_product(nv, w.C, w.Bq, nv, Gq);
-    add_product(nv, w.C, w.Bv, nv, Gv);
-    add_product(nv, w.C, w.Bu, m.nu, Gu);
+    add_product(m, w.C, w.Bq, nv, Gq);
+    add_product(m, w.C, w.Bv, nv, Gv);
+    add_product(m, w.C, w.Bu, m.nu, Gu);
     inverse_dynamics(m, w, w.v, w.a, w.tmp);  // for vlam
   } else {
     inverse_dynamics_derivatives(m, w, -o.h, Gq, Gv);

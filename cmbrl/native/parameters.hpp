@@ -225,7 +225,7 @@ template <class G>
 static void parameter_terms(const Model& m, const Options& o, Work<G>& w, T* out, Part part = Part::step) {
   if (part == Part::step) for (int i = 0; i < m.nv * m.ntheta; ++i) out[i] = T{};
   for (int k = 0; k < m.ntheta; ++k) ParameterColumns<G>{m, o, w, out + k, m.ntheta, part}.column(k);
-  if (part == Part::step && w.ahead) add_product(m.nv, w.C, w.Bp, m.ntheta, out);
+  if (part == Part::step && w.ahead) add_product(m, w.C, w.Bp, m.ntheta, out);
 }
 
 }  // namespace cmbrl::CMBRL_ISA

@@ -34,12 +34,15 @@ def test_gradcheck_of_one_step(integrator: str) -> None:
     assert torch.autograd.gradcheck(model.step, (q, v, u, theta), eps=1e-6, atol=1e-5, rtol=1e-4)
 
 
-@pytest.mark.parametrize(("file", "law"), [(HOPPER, "mujoco"), (CUBE, "mujoco"), (CUBE, "rigid")])
-def test_rollout_is_the_product_of_the_jacobians(file: Path, law: str) -> None:
+@pytest.mark.parametrize(
+    ("file", "law", "integrator"),
+    [(HOPPER, "mujoco", None), (CUBE, "mujoco", None), (CUBE, "rigid", None), (CUBE, "rigid", "midpoint")],
+)
+def test_rollout_is_the_product_of_the_jacobians(file: Path, law: str, integrator: str | None) -> None:
     """32 steps of a batch: d loss / d (q, v, every u) backwards through torch and forwards by the chain rule."""
     scene, horizon, batch = Scene.from_mjcf(file, contact_law=law), 32, 5
     nv, nu = scene.nv, scene.nu
-    model = ComplementarityModel(scene, smoothing=Barrier(1e-3))
+    model = ComplementarityModel(scene, smoothing=Barrier(1e-3), integrator=integrator)
     rng = np.random.default_rng(1)
     q0, v0, _ = random_states(scene, batch, rng, CALM)
     controls = rng.uniform(-1, 1, (batch, horizon, nu))

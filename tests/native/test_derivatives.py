@@ -59,6 +59,17 @@ def test_rigid_contact_and_restitution(name: str, restitution: float) -> None:
     assert_exact(scene_of(name, "rigid"), 30, restitution, smoothings=smoothings)
 
 
+@pytest.mark.parametrize(
+    ("name", "law", "states"),
+    [("hopper", "mujoco", 20), ("hopper", "rigid", 20), ("cube", "rigid", 20), ("g1", "mujoco", 2)],
+)
+def test_midpoint_steps(name: str, law: str, states: int) -> None:
+    """Of exact contact too, adaptive smoothing and bounces, which look at the free velocity."""
+    smoothings = {k: s for k, s in differences.SMOOTHINGS.items() if k in ("kappa 1e-4", "adaptive")}
+    restitution = 0.5 if law == "rigid" else 0.0
+    assert_exact(scene_of(name, law), states, restitution, smoothings=smoothings, integrator="midpoint")
+
+
 def test_dry_friction_springs_and_position_gains(tmp_path: Path) -> None:
     file = tmp_path / "scene.xml"
     file.write_text(DRY, encoding="utf-8")

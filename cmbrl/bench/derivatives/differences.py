@@ -55,6 +55,7 @@ def run(
     smoothings: Mapping[str, Smoothing] | None = None,
     restitution: float = 0.0,
     parameters: int = 60,
+    integrator: str | None = None,
     threads: int = 2,
     progress: Callable[[int], object] | None = None,
 ) -> dict[str, Any]:
@@ -62,6 +63,7 @@ def run(
 
     ``restitution``: given to all contacts of rigid scenes; at 0 its derivative is one-sided and its columns are left
     out. ``parameters``: at most that many columns, spread over all kinds; a 29-joint robot has hundreds.
+    ``integrator``: default the model's.
     ``progress(1)`` is called after every scene and smoothing.
     """
     rows = []
@@ -73,7 +75,12 @@ def run(
             times = np.array([p.group == "softness_time" for p in scene.parameters], dtype=bool)
             theta[times] *= 1.25  # off MuJoCo's least time constant, where files like to put it
             model = ComplementarityModel(
-                scene, smoothing=smoothing, parameters=theta, path_tolerance=1e-12, threads=threads
+                scene,
+                smoothing=smoothing,
+                integrator=integrator,
+                parameters=theta,
+                path_tolerance=1e-12,
+                threads=threads,
             )
             result = compare(model, *random_states(scene, states, np.random.default_rng(seed), RANGES), parameters)
             setting = {"scene": name, "law": scene.contact_law, "smoothing": label, "restitution": restitution}

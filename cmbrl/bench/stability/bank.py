@@ -14,7 +14,7 @@ from cmbrl.bench.stability.solver_steppers import SolverStepper
 from cmbrl.contact.solvers import get
 
 SWEEPS = 50  #: of the PGS column: what a game engine can afford
-HARD, SOFT = "ours hard", "ours soft"
+HARD, MIDPOINT, SOFT = "ours hard", "ours midpoint", "ours soft"
 FAMILIES = (stacks, sliding, rolling, bouncing, jams, grasps, motion)
 SCENES: tuple[BankScene, ...] = tuple(scene for family in FAMILIES for scene in family.SCENES)
 ABSENT = (
@@ -25,7 +25,9 @@ ABSENT = (
 
 def simulators() -> list[Simulator]:
     """The columns: ours first, then the rivals that are installed."""
-    columns: list[Simulator] = [Ours(HARD), Ours(SOFT, "mujoco"), MuJoCo(), MuJoCo("MuJoCo stiff", True)]
+    columns: list[Simulator] = [
+        Ours(HARD), Ours(MIDPOINT, integrator="midpoint"), Ours(SOFT, "mujoco"), MuJoCo(), MuJoCo("MuJoCo stiff", True)
+    ]  # fmt: skip
     if find_spec("pymunk"):
         columns.append(Pymunk())
     columns.append(SolverStepper(f"PGS, {SWEEPS} sweeps", get("pgs", sweeps=SWEEPS)))

@@ -16,7 +16,7 @@ FAILED = 2  #: status of a solve that did not converge
 
 
 def model_of(
-    case: Case, h: float, contact_law: str = "rigid", smoothing: Smoothing | None = None
+    case: Case, h: float, contact_law: str = "rigid", smoothing: Smoothing | None = None, integrator: str | None = None
 ) -> ComplementarityModel:
     """The model of a case at its default settings, restitution set where the law knows it."""
     try:
@@ -28,19 +28,22 @@ def model_of(
     if case.restitution and not bounces.any():
         raise NotExpressibleError("soft contacts have no coefficient of restitution")
     theta[bounces] = case.restitution
-    return ComplementarityModel(scene, time_step=h, smoothing=smoothing or Exact(), parameters=theta)
+    return ComplementarityModel(
+        scene, time_step=h, smoothing=smoothing or Exact(), integrator=integrator, parameters=theta
+    )
 
 
 @dataclass(frozen=True)
 class Ours:
-    """``contact_law``: "rigid" or "mujoco"; ``smoothing``: default exact."""
+    """``contact_law``: "rigid" or "mujoco"; ``smoothing``: default exact; ``integrator``: default the model's."""
 
     name: str
     contact_law: str = "rigid"
     smoothing: Smoothing = field(default_factory=Exact)
+    integrator: str | None = None
 
     def start(self, case: Case, h: float) -> OursUnderWay:
-        return OursUnderWay(case, model_of(case, h, self.contact_law, self.smoothing))
+        return OursUnderWay(case, model_of(case, h, self.contact_law, self.smoothing, self.integrator))
 
 
 class OursUnderWay:

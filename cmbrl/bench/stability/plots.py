@@ -21,7 +21,7 @@ from cmbrl.files import atomic_path
 
 COLOURS = {PASS: "#c7e9c0", NEAR: "#fff2b3", FAIL: "#f7b6a8", ABSENT: "#eeeeee"}
 MARKS = {PASS: "✓", NEAR: "≈", FAIL: "✗", ABSENT: ""}
-LINES = ("#084594", "#6baed6", "#d94801", "#fdae6b", "#7a0177", "#636363", "#238b45")
+LINES = ("#084594", "#e7298a", "#6baed6", "#d94801", "#fdae6b", "#7a0177", "#636363", "#238b45")
 CEILING = 10.0  #: where errors beyond it, and runs that blew up, are drawn
 
 

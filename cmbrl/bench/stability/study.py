@@ -17,7 +17,9 @@ LABELS = tuple(scene.label for scene in SCENES)
 TEXT = (
     "Scenes where contact simulators are known to break, each judged by a truth in closed form, by the residual "
     "of the exact law, or by what must be conserved; never by another simulator. One MJCF drives all columns. "
-    "ours hard: the rigid law at default settings; ours soft: the softness of the MJCF; MuJoCo: mj_step with "
+    "ours hard: the rigid law at default settings; ours midpoint: the same with the integrator of that name, which "
+    "solves contact half a step ahead of the state (so that F3, judged at the state, is not its); ours soft: the "
+    "softness of the MJCF; MuJoCo: mj_step with "
     "elliptic cones at its own defaults; MuJoCo stiff: solref (2 h, 1), solimp .99 .9999, impratio 100; pymunk: "
     f"Chipmunk with {SWEEPS} iterations and a slop of 0.1 mm, planar scenes; PGS ({SWEEPS} sweeps from zero) and "
     "the convex relaxation (DAQP) get our rigid contact problem of every step and move by q + h v', so their "

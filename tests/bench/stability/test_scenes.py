@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from cmbrl.bench.stability import bias
-from cmbrl.bench.stability.bank import HARD, SCENES
+from cmbrl.bench.stability.bank import HARD, MIDPOINT, SCENES
 from cmbrl.bench.stability.case import SWEEP, BankScene, NotExpressibleError
 from cmbrl.bench.stability.measure import FAIL, NEAR, PASS, measure
 from cmbrl.bench.stability.mujoco_peer import MuJoCo
@@ -62,6 +62,15 @@ def test_trajectories_converge_at_first_order() -> None:
         case = BY_LABEL[label].cases[0]
         coarse, fine = (case.error(simulate(Ours(HARD), case, h)[0]) for h in (0.004, 0.002))
         assert coarse / fine == pytest.approx(2, rel=0.1), label
+
+
+@pytest.mark.parametrize("label", sorted(MISSED))
+def test_midpoint_steps_keep_energy_and_momentum_to_second_order(label: str) -> None:
+    scene, ours = BY_LABEL[label], Ours(MIDPOINT, integrator="midpoint")
+    cells = [measure(scene, ours, h, timed=False) for h in (0.002, 0.001)]
+    assert all(cell.verdict == PASS for cell in cells)
+    coarse, fine = (cell.error or 0.0 for cell in cells)
+    assert coarse / fine == pytest.approx(4, rel=0.1)
 
 
 @pytest.mark.parametrize("effect", bias.BIASES, ids=lambda b: b.name.split(",")[0])
