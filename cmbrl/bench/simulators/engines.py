@@ -11,6 +11,7 @@ from cmbrl.bench.simulators.ours import Ours
 from cmbrl.bench.simulators.pymunk_peer import Pymunk
 from cmbrl.bench.simulators.scenes import TrajectoryScene
 from cmbrl.contact import Barrier, Exact
+from cmbrl.models.complementarity import INTEGRATORS
 
 KAPPA = 1e-4  #: [J] of the softened variant
 
@@ -19,7 +20,7 @@ def engines(scene: TrajectoryScene, compiled: bool = True) -> list[Engine]:
     """Every simulator that can express the scene; ``compiled``: also those that compile for 20 s and more first."""
     found: list[Engine] = []
     if "mujoco" in scene.models:
-        found += [Ours(scene, "mujoco", integrator, Exact()) for integrator in ("semi-implicit", "leapfrog")]
+        found += [Ours(scene, "mujoco", integrator, Exact()) for integrator in INTEGRATORS]
         found.append(Ours(scene, "mujoco", "leapfrog", Barrier(KAPPA)))
     else:
         found.append(Ours(scene, "rigid", "semi-implicit", Exact()))

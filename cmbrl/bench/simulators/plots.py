@@ -18,6 +18,7 @@ from cmbrl.files import atomic_path
 _STYLES = {
     "ours, MuJoCo's softness, semi-implicit": ("#6baed6", "o", "-"),
     "ours, MuJoCo's softness, leapfrog": ("#084594", "s", "-"),
+    "ours, MuJoCo's softness, midpoint": ("#810f7c", "X", "-"),
     "ours, MuJoCo's softness, leapfrog, kappa 0.0001 J": ("#4292c6", "D", ":"),
     "ours, rigid, semi-implicit": ("#74c476", "o", "-"),
     "ours, rigid, leapfrog": ("#006d2c", "^", "-"),
