@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 import cmbrl
-from cmbrl.bench.strata import in_contact, is_moving
-from tasks.cube_toss import ROUNDED, TASK
+from cmbrl.accuracy.strata import in_contact, is_moving
+from cmbrl.tasks.cube_toss import ROUNDED, TASK
 
 GROUPS = [
     "friction", "plane_height", "com_x", "com_y", "com_z", "softness_time", "softness_damping", "softness_scale",

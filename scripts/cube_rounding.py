@@ -14,7 +14,7 @@ import tempfile
 from pathlib import Path
 
 import cmbrl
-from tasks.cube_toss import ROUNDED
+from cmbrl.tasks.cube_toss import ROUNDED
 
 GROUPS = {
     "rigid": ["friction", "plane_height", "com_x", "com_y", "com_z", "softness_time"],

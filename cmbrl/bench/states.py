@@ -51,10 +51,10 @@ def random_states(
     q = np.empty((0, scene.nq))
     while len(q) < count:  # links of a robot may not overlap by more than it may sink into the ground
         more = _configurations(scene, count, rng, ranges)
-        between = scene.gaps(more)[:, core["con_plane"] < 0].min(axis=1, initial=np.inf)
+        between = scene.gaps(more)[:, core.con_plane < 0].min(axis=1, initial=np.inf)
         q = np.concatenate([q, more[between >= ranges.gap[0]]])
     v = ranges.speed * rng.random((count, 1)) * rng.uniform(-1, 1, (count, scene.nv))
-    control = np.reshape(core["act_ctrl"], (-1, 2))
+    control = np.reshape(core.act_ctrl, (-1, 2))
     low, high = np.where(np.isfinite(control), control, [-1.0, 1.0]).T
     u = (low + high) / 2 + 0.75 * (high - low) * rng.uniform(-1, 1, (count, scene.nu))
     return q[:count], v, u
@@ -71,10 +71,10 @@ def with_friction(scene: Scene, count: int, rng: np.random.Generator, highest: f
 
 def _configurations(scene: Scene, count: int, rng: np.random.Generator, ranges: Ranges) -> np.ndarray:
     core = scene.core
-    loose = not core["nlimit"] and "rotation" in scene.coordinate_kinds
+    loose = not core.nlimit and "rotation" in scene.coordinate_kinds
     width = np.where([kind == "rotation" and loose for kind in scene.coordinate_kinds], ranges.turn, ranges.spread)
     q = scene.integrate(np.tile(scene.q0, (count, 1)), width * rng.normal(size=(count, scene.nv)))
-    for adr, low, high in zip(core["lim_qadr"], core["lim_lo"], core["lim_hi"], strict=True):
+    for adr, low, high in zip(core.lim_qadr, core.lim_lo, core.lim_hi, strict=True):
         inside, side = rng.uniform(low, high, count), rng.random(count) < 0.5
         beyond = rng.choice([0.0, 1.0], count) * rng.uniform(0, 0.05, count)
         at = np.where(side, low - beyond, high + beyond)
@@ -85,8 +85,8 @@ def _configurations(scene: Scene, count: int, rng: np.random.Generator, ranges: 
 
 def _lower(scene: Scene, q: np.ndarray, gap: np.ndarray) -> None:
     """Moves the root along the position coordinate that is nearest to the normal of the first plane, in place."""
-    planes = np.flatnonzero(scene.core["con_plane"] >= 0)
-    roots = [j for j in scene.joints if j.kind == 0 and scene.core["body_parent"][j.body] < 0]
+    planes = np.flatnonzero(scene.core.con_plane >= 0)
+    roots = [j for j in scene.joints if j.kind == 0 and scene.core.body_parent[j.body] < 0]
     if not len(planes) or not roots:
         return
     step, here = 1e-3, scene.gaps(scene.q0)[planes]

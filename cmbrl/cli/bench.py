@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
+from cmbrl.bench.registry import STUDIES, load
 from cmbrl.bench.report.page import write_page
 from cmbrl.bench.report.runs import Bar, Run, run_studies, summary
-from cmbrl.bench.studies import STUDIES, load
 from cmbrl.bench.study import Progress, Section, Settings
 from cmbrl.cli.configuration import resolved
 from cmbrl.cli.options import Parser, add_json, add_seed, add_threads

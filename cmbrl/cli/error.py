@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> None:
     models, notes = build_models(arguments.models, source, data, lesson, arguments.threads or usable_cores())
     gap = arguments.contact_gap or (source.task.contact_gap if source.task else CONTACT_GAP)
 
-    from cmbrl.bench.error.compare import compare  # imports torch: only now, so that a mistake above is told at once
+    from cmbrl.accuracy.compare import compare  # imports torch: only now, so that a mistake above is told at once
     from cmbrl.models.ensemble import NeuralEnsemble
 
     with fraction("compare") as progress:

@@ -46,7 +46,7 @@ class Barrier:
             raise UserError("Barrier needs exactly one of kappa=[J] and length=[m]")
         if self.kappa is not None:
             return _native(CONSTANT, _positive(self.kappa, "Barrier(kappa)"), 0.0, False)
-        weights = scene.core["con_invweight"]
+        weights = scene.core.con_invweight
         weight = float(np.mean(weights)) if len(weights) else 1.0 / scene.total_mass
         length = _positive(self.length, "Barrier(length)")
         return _native(CONSTANT, length**2 / (2 * weight * time_step**2), 0.0, False)

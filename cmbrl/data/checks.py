@@ -125,8 +125,8 @@ def _check_names(kind: str, found: tuple[str, ...], wanted: tuple[str, ...], sce
 
 
 def _check_quaternions(data: Transitions, scene: Scene) -> None:
-    ball = np.asarray(scene.core["jnt_type"]) == 2
-    for address in np.asarray(scene.core["jnt_qadr"])[ball]:
+    ball = np.asarray(scene.core.jnt_type) == 2
+    for address in np.asarray(scene.core.jnt_qadr)[ball]:
         for name in ("q", "q_next"):
             norm = np.linalg.norm(getattr(data, name)[:, address : address + 4], axis=1)
             bad = np.flatnonzero(np.abs(norm - 1.0) > QUATERNION_TOLERANCE)

@@ -224,7 +224,7 @@ def _fingerprint(model: Any, data: Any, settings: list[Any], budget: dict[str, A
         data.v_next,
         data.episode,
         model.parameters,
-        model.scene.core["P"],
+        model.scene.core.P,
     ):
         digest.update(np.ascontiguousarray(array).tobytes())
     config = {k: v for k, v in model.to_config().items() if k != "threads"}

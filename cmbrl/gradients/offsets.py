@@ -26,7 +26,7 @@ class ContactOffsets:
     def __init__(self, model: ComplementarityModel, position: float, velocity: float, damping: float) -> None:
         self.model, self.deviations, self.damping = model, (position, velocity), damping
         core = model.scene.core
-        pairs = list(zip(core["con_bodyA"].tolist(), core["con_bodyB"].tolist(), strict=True))
+        pairs = list(zip(core.con_bodyA.tolist(), core.con_bodyB.tolist(), strict=True))
         self.groups = [np.flatnonzero([p == pair for p in pairs]) for pair in sorted(set(pairs))]
         self.chains = np.array([_chain(model.scene, pairs[group[0]]) for group in self.groups]).reshape(
             -1, model.scene.nv
@@ -58,7 +58,7 @@ def _chain(scene: Scene, pair: tuple[int, int]) -> Array:
     for end in pair:
         body = end
         while body != WORLD:
-            parent = int(core["body_parent"][body])
+            parent = int(core.body_parent[body])
             if parent != WORLD or (alone and body == end) or not _floats(scene, body):
                 mask[_coordinates(scene, body)] = 1.0
             body = parent
@@ -68,8 +68,8 @@ def _chain(scene: Scene, pair: tuple[int, int]) -> Array:
 def _floats(scene: Scene, body: int) -> bool:
     """Whether a body without parent slides in every direction: a base, not the first link of an arm."""
     core = scene.core
-    first = core["body_jadr"][body]
-    kinds = core["jnt_type"][first : first + core["body_jnum"][body]]
+    first = core.body_jadr[body]
+    kinds = core.jnt_type[first : first + core.body_jnum[body]]
     return int((kinds == SLIDE).sum()) == (2 if scene.planar else 3)
 
 

@@ -23,9 +23,9 @@ class TangentMap:
     def __init__(self, scene: Scene) -> None:
         core = scene.core
         self.nq, self.nv = scene.nq, scene.nv
-        ball = core["jnt_type"] == 2
-        self.ball_q, self.ball_v = core["jnt_qadr"][ball], core["jnt_vadr"][ball]
-        self.plain_q, self.plain_v = core["jnt_qadr"][~ball], core["jnt_vadr"][~ball]
+        ball = core.jnt_type == 2
+        self.ball_q, self.ball_v = core.jnt_qadr[ball], core.jnt_vadr[ball]
+        self.plain_q, self.plain_v = core.jnt_qadr[~ball], core.jnt_vadr[~ball]
         self.trivial = not ball.any()
 
     def to_tangent(self, q: np.ndarray, g: np.ndarray) -> np.ndarray:

@@ -45,12 +45,12 @@ class Ballistic:
         self.dt = float(dt)
         self.layout = Layout.from_scene(scene)
         dimension = 2 if scene.planar else 3
-        gravity = scene.core["P"][-dimension:]  # the physical vector ends with gravity [m/s^2]
+        gravity = scene.core.P[-dimension:]  # the physical vector ends with gravity [m/s^2]
         self.acceleration = torch.zeros(scene.nv, dtype=torch.float64)  # (nv,) [m/s^2 or rad/s^2]
         for joint, _, v_address in free_translations(scene):
-            body = int(scene.core["jnt_body"][joint])
-            frame = scene.core["body_rot"][body]
-            self.acceleration[v_address] = float(gravity @ _to_world(frame, scene.core["jnt_axis"][joint]))
+            body = int(scene.core.jnt_body[joint])
+            frame = scene.core.body_rot[body]
+            self.acceleration[v_address] = float(gravity @ _to_world(frame, scene.core.jnt_axis[joint]))
 
     def step(self, q: Tensor, v: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
         """(q', v') of shapes (B, nq), (B, nv); the control is not looked at."""

@@ -102,7 +102,7 @@ class ComplementarityModel:
         self.parameters = self._checked_parameters(parameters)
         self.candidates = None if candidates is None else np.array([self._checked_parameters(x) for x in candidates])
         self.failures = 0
-        self._core = Core(scene.core)
+        self._core = Core(scene.core.to_native())
         self._options = {
             "h": self.time_step,
             "substeps": self.substeps,
@@ -271,7 +271,7 @@ class ComplementarityModel:
         """
         theta = self.parameters if theta is None else theta
         q, v, u, theta = (np.ascontiguousarray(x, dtype=np.float64) for x in (q, v, u, theta))
-        gravity = self.scene.core["P"][-(2 if self.scene.planar else 3) :]
+        gravity = self.scene.core.P[-(2 if self.scene.planar else 3) :]
         resolution = max(float(np.linalg.norm(gravity)), 1e-9) * self.time_step
         return from_rows(self._core.rows(q, v, u, theta, self._options), resolution, self.scene.name)
 

@@ -16,7 +16,7 @@ from torch import Tensor
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
 
-BALL = 2  # joint type of scene.core["jnt_type"]; 0 slide, 1 hinge
+BALL = 2  # joint type of scene.core.jnt_type; 0 slide, 1 hinge
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,9 @@ class Layout:
 
     @classmethod
     def from_scene(cls, scene: Scene) -> Layout:
-        kinds, q_address, v_address = (scene.core[k].tolist() for k in ("jnt_type", "jnt_qadr", "jnt_vadr"))
+        kinds, q_address, v_address = (
+            x.tolist() for x in (scene.core.jnt_type, scene.core.jnt_qadr, scene.core.jnt_vadr)
+        )
         joints = list(zip(kinds, q_address, v_address, strict=True))
         return cls(
             nq=scene.nq,
@@ -129,14 +131,14 @@ def free_translations(scene: Scene) -> list[tuple[int, int, int]]:
     """
     core = scene.core
     found = []
-    for body, parent in enumerate(core["body_parent"].tolist()):
+    for body, parent in enumerate(core.body_parent.tolist()):
         if parent >= 0:
             continue
-        first = int(core["body_jadr"][body])
-        for joint in range(first, first + int(core["body_jnum"][body])):
-            if core["jnt_type"][joint] != 0:
+        first = int(core.body_jadr[body])
+        for joint in range(first, first + int(core.body_jnum[body])):
+            if core.jnt_type[joint] != 0:
                 break
-            found.append((joint, int(core["jnt_qadr"][joint]), int(core["jnt_vadr"][joint])))
+            found.append((joint, int(core.jnt_qadr[joint]), int(core.jnt_vadr[joint])))
     return found
 
 
@@ -151,18 +153,16 @@ def invariant_translations(scene: Scene) -> list[int]:
     q = scene.integrate(np.repeat(scene.q0[None], 8, axis=0), rng.uniform(-0.5, 0.5, (8, scene.nv)))
     gaps = scene.gaps(q)
     # the physical vector: bodies (4 or 10 numbers), dofs (5), contacts (9), planes (1), actuators (5), gravity
-    first_dof = int(core["nbody"]) * (4 if scene.planar else 10)
-    first_actuator = first_dof + 5 * scene.nv + 9 * int(core["ncontact"]) + int(core["nplane"])
+    first_dof = int(core.nbody) * (4 if scene.planar else 10)
+    first_actuator = first_dof + 5 * scene.nv + 9 * int(core.ncontact) + int(core.nplane)
     found = []
     for _, q_address, v_address in free_translations(scene):
         shifted = q.copy()
         shifted[:, q_address] += 0.37
-        limited = v_address in core["lim_dof"].tolist()
-        sprung = core["P"][first_dof + 5 * v_address + 2] != 0
+        limited = v_address in core.lim_dof.tolist()
+        sprung = core.P[first_dof + 5 * v_address + 2] != 0
         servo = any(
-            core["P"][first_actuator + 5 * k + 3] != 0
-            for k, dof in enumerate(core["act_dof"].tolist())
-            if dof == v_address
+            core.P[first_actuator + 5 * k + 3] != 0 for k, dof in enumerate(core.act_dof.tolist()) if dof == v_address
         )
         if not (limited or sprung or servo) and np.allclose(scene.gaps(shifted), gaps, rtol=0, atol=1e-9):
             found.append(q_address)

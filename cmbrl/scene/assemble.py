@@ -13,10 +13,10 @@ from cmbrl.scene.records import BALL, CONTACT_LAWS, HINGE, POINT_PLANE, SLIDE, W
 from cmbrl.scene.reduction import PlaneOfMotion
 from cmbrl.scene.shapes import Shape
 
-Core = dict[str, Any]
+Arrays = dict[str, Any]
 
 
-def tree_arrays(model: mujoco.MjModel, tree: Tree, plane: PlaneOfMotion | None) -> Core:
+def tree_arrays(model: mujoco.MjModel, tree: Tree, plane: PlaneOfMotion | None) -> Arrays:
     """Bodies and joints, in the plane of motion where there is one."""
     joints = tree.joints
     dimension = 2 if plane else 3
@@ -60,7 +60,7 @@ def tree_arrays(model: mujoco.MjModel, tree: Tree, plane: PlaneOfMotion | None) 
     }
 
 
-def _limit_arrays(model: mujoco.MjModel, tree: Tree) -> Core:
+def _limit_arrays(model: mujoco.MjModel, tree: Tree) -> Arrays:
     off = mujoco.mjtDisableBit
     enabled = not model.opt.disableflags & (off.mjDSBL_LIMIT | off.mjDSBL_CONSTRAINT)
     limited = [j for j in tree.joints if enabled and j.kind in (SLIDE, HINGE) and model.jnt_limited[j.source]]
@@ -83,7 +83,7 @@ def contact_arrays(
     planes: list[Shape],
     plane: PlaneOfMotion | None,
     contact_law: str,
-) -> Core:
+) -> Arrays:
     """Contact candidates and the planes that they may touch."""
     dimension = 2 if plane else 3
     laws = [c.law for c in candidates]

@@ -5,69 +5,66 @@ Conventions are MuJoCo's: a hinge or ball turns the body about its anchor, a sli
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
+from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.manifold import quaternion_matrix
 from cmbrl.scene.records import BALL, POINT_PLANE, SEGMENT_SEGMENT, SLIDE, Array
 
-Core = dict[str, Any]
 
-
-def body_poses(core: Core, q: Array) -> tuple[Array, Array]:
+def body_poses(core: CoreArrays, q: Array) -> tuple[Array, Array]:
     """Positions (..., nb, D) [m] and rotations (..., nb, D, D) at configurations q (..., nq)."""
     q = np.asarray(q, dtype=np.float64)
-    planar, batch = core["planar"], q.shape[:-1]
+    planar, batch = core.planar, q.shape[:-1]
     D = 2 if planar else 3
-    nb = core["nbody"]
+    nb = core.nbody
     pos, rot = np.zeros((*batch, nb, D)), np.zeros((*batch, nb, D, D))
     for b in range(nb):
-        parent = core["body_parent"][b]
-        x, R = core["body_pos"][b], _fixed_rotation(core["body_rot"][b])
+        parent = core.body_parent[b]
+        x, R = core.body_pos[b], _fixed_rotation(core.body_rot[b])
         if parent >= 0:
             x, R = pos[..., parent, :] + rot[..., parent, :, :] @ x, rot[..., parent, :, :] @ R
-        for j in range(core["body_jadr"][b], core["body_jadr"][b] + core["body_jnum"][b]):
-            kind, i, axis, local = core["jnt_type"][j], core["jnt_qadr"][j], core["jnt_axis"][j], core["jnt_pos"][j]
+        for j in range(core.body_jadr[b], core.body_jadr[b] + core.body_jnum[b]):
+            kind, i, axis, local = core.jnt_type[j], core.jnt_qadr[j], core.jnt_axis[j], core.jnt_pos[j]
             if kind == SLIDE:
-                x = x + (R @ axis) * (q[..., i] - core["jnt_q0"][j])[..., None]
+                x = x + (R @ axis) * (q[..., i] - core.jnt_q0[j])[..., None]
                 continue
             anchor = x + R @ local
             if kind == BALL:
                 R = R @ quaternion_matrix(q[..., i : i + 4])
             else:
-                R = R @ _turn(axis, q[..., i] - core["jnt_q0"][j], planar)
+                R = R @ _turn(axis, q[..., i] - core.jnt_q0[j], planar)
             x = anchor - R @ local
         pos[..., b, :], rot[..., b, :, :] = x, R
     return pos, rot
 
 
-def gaps(core: Core, q: Array) -> Array:
+def gaps(core: CoreArrays, q: Array) -> Array:
     """Gap [m] (..., ncontact) of every candidate at configurations q (..., nq), at the nominal parameters."""
     q = np.asarray(q, dtype=np.float64)
     pos, rot = body_poses(core, q)
     D = pos.shape[-1]
-    layout = Layout(D, core["nbody"], core["nv"], core["ncontact"], core["nplane"], core["nact"])
-    P = core["P"]
-    out = np.empty((*q.shape[:-1], core["ncontact"]))
-    for i in range(core["ncontact"]):
-        a, b = core["con_bodyA"][i], core["con_bodyB"][i]
-        point = _place(pos, rot, a, core["con_posA"][i])
-        if core["con_type"][i] == POINT_PLANE:
-            k = core["con_plane"][i]
-            distance = point @ core["plane_normal"][k] - P[layout.plane(k)]
+    layout = Layout(D, core.nbody, core.nv, core.ncontact, core.nplane, core.nact)
+    P = core.P
+    out = np.empty((*q.shape[:-1], core.ncontact))
+    for i in range(core.ncontact):
+        a, b = core.con_bodyA[i], core.con_bodyB[i]
+        point = _place(pos, rot, a, core.con_posA[i])
+        if core.con_type[i] == POINT_PLANE:
+            k = core.con_plane[i]
+            distance = point @ core.plane_normal[k] - P[layout.plane(k)]
         else:
-            relative = point - _place(pos, rot, b, core["con_posB"][i])
-            axis_b = _direction(rot, b, core["con_axisB"][i])
-            if core["con_type"][i] == SEGMENT_SEGMENT:
-                distance = _segments(relative, _direction(rot, a, core["con_axisA"][i]), axis_b)
-            elif np.any(core["con_halfB"][i]):
-                axes = core["con_rotB"][i].reshape(D, D)
+            relative = point - _place(pos, rot, b, core.con_posB[i])
+            axis_b = _direction(rot, b, core.con_axisB[i])
+            if core.con_type[i] == SEGMENT_SEGMENT:
+                distance = _segments(relative, _direction(rot, a, core.con_axisA[i]), axis_b)
+            elif np.any(core.con_halfB[i]):
+                axes = core.con_rotB[i].reshape(D, D)
                 frame = axes if b < 0 else rot[..., b, :, :] @ axes
-                distance = _box(np.swapaxes(frame, -1, -2) @ relative[..., None], core["con_halfB"][i])
+                distance = _box(np.swapaxes(frame, -1, -2) @ relative[..., None], core.con_halfB[i])
             else:
-                length = _dot(core["con_axisB"][i], core["con_axisB"][i])
+                length = _dot(core.con_axisB[i], core.con_axisB[i])
                 t = np.clip(_dot(axis_b, relative) / (length if length > 0 else 1.0), -1, 1)
                 distance = np.linalg.norm(relative - t[..., None] * axis_b, axis=-1)
         out[..., i] = distance - P[layout.contact(i, "radius")]

@@ -26,14 +26,14 @@ def to_dict(scene: Scene) -> dict[str, Any]:
         "ignore": list(scene.ignore),
         "algebra": "planar" if scene.planar else "spatial",
         "algebra_why": scene.planar_why,
-        "plane_basis": core["plane_basis"].tolist() if scene.planar else None,
+        "plane_basis": core.plane_basis.tolist() if scene.planar else None,
         "nq": scene.nq,
         "nv": scene.nv,
         "nu": scene.nu,
         "timestep_s": scene.timestep,
         "integrator": scene.integrator,
         "total_mass_kg": scene.total_mass,
-        "gravity_m_s2": core["P"][-(2 if scene.planar else 3) :].tolist(),
+        "gravity_m_s2": core.P[-(2 if scene.planar else 3) :].tolist(),
         "bodies": list(scene.body_names),
         "joints": list(scene.joint_names),
         "coordinates": [
@@ -42,21 +42,21 @@ def to_dict(scene: Scene) -> dict[str, Any]:
         ],
         "contact_law": scene.contact_law,
         "contacts": [
-            {"pair": name, "type": _TYPES[core["con_type"][k]], "condim": int(core["con_dim"][k])}
+            {"pair": name, "type": _TYPES[core.con_type[k]], "condim": int(core.con_dim[k])}
             for k, name in enumerate(scene.contact_names)
         ],
         "contacts_merged": scene.merged_points,
         "contacts_dropped": [{"pair": drop.name, "why": drop.why} for drop in scene.dropped_contacts],
         "limits": [
             {"coordinate": scene.coordinate_names[dof], "low": float(low), "high": float(high)}
-            for dof, low, high in zip(core["lim_dof"], core["lim_lo"], core["lim_hi"], strict=True)
+            for dof, low, high in zip(core.lim_dof, core.lim_lo, core.lim_hi, strict=True)
         ],
         "actuators": [
             {
                 "name": name,
-                "coordinate": scene.coordinate_names[core["act_dof"][k]],
-                "control": _bounds(core["act_ctrl"][k]),
-                "force": _bounds(core["act_force"][k]),
+                "coordinate": scene.coordinate_names[core.act_dof[k]],
+                "control": _bounds(core.act_ctrl[k]),
+                "force": _bounds(core.act_force[k]),
             }
             for k, name in enumerate(scene.actuator_names)
         ],
@@ -72,22 +72,22 @@ def to_dict(scene: Scene) -> dict[str, Any]:
 def describe(scene: Scene) -> str:
     """The same for people: one screen for a small robot; long lists of pairs are counted by reason."""
     core = scene.core
-    gravity = np.array2string(core["P"][-(2 if scene.planar else 3) :], precision=4, suppress_small=True)
+    gravity = np.array2string(core.P[-(2 if scene.planar else 3) :], precision=4, suppress_small=True)
     lines = [
         f"{scene.name}: {scene.path}",
         f"  algebra      {'planar' if scene.planar else 'spatial'}: {scene.planar_why}",
         f"  size         nq {scene.nq}, nv {scene.nv}, nu {scene.nu}; "
-        f"{core['nbody']} moving bodies, {scene.total_mass:.4g} kg",
+        f"{core.nbody} moving bodies, {scene.total_mass:.4g} kg",
         f"  file's step  {scene.timestep:g} s, {scene.integrator}; gravity {gravity} m/s^2",
         "  coordinates  "
         + _wrap(f"{n} ({k})" for n, k in zip(scene.coordinate_names, scene.coordinate_kinds, strict=True)),
-        f"  limits       {core['nlimit']}"
+        f"  limits       {core.nlimit}"
         + _listed(
             f"{scene.coordinate_names[dof]} [{low:.4g}, {high:.4g}]"
-            for dof, low, high in zip(core["lim_dof"], core["lim_lo"], core["lim_hi"], strict=True)
+            for dof, low, high in zip(core.lim_dof, core.lim_lo, core.lim_hi, strict=True)
         ),
         f"  actuators    {scene.nu}" + _listed(_actuator_line(scene, k) for k in range(scene.nu)),
-        f"  contacts     {core['ncontact']} candidates, law {scene.contact_law}" + _contact_lines(scene),
+        f"  contacts     {core.ncontact} candidates, law {scene.contact_law}" + _contact_lines(scene),
         f"  parameters   {len(scene.parameters)} that can be fitted (nominal, bounds, unit)",
     ]
     width = max((len(p.name) for p in scene.parameters), default=0)
@@ -120,17 +120,17 @@ def _listed(words: Iterable[str]) -> str:
 
 
 def _actuator_line(scene: Scene, k: int) -> str:
-    control, force = _bounds(scene.core["act_ctrl"][k]), _bounds(scene.core["act_force"][k])
+    control, force = _bounds(scene.core.act_ctrl[k]), _bounds(scene.core.act_force[k])
     text = scene.actuator_names[k]
-    if scene.coordinate_names[scene.core["act_dof"][k]] != text:
-        text += f" on {scene.coordinate_names[scene.core['act_dof'][k]]}"
+    if scene.coordinate_names[scene.core.act_dof[k]] != text:
+        text += f" on {scene.coordinate_names[scene.core.act_dof[k]]}"
     text += f" ctrl [{control[0]:g}, {control[1]:g}]" if control else ""
     return text + (f" force [{force[0]:g}, {force[1]:g}]" if force else "")
 
 
 def _contact_lines(scene: Scene) -> str:
     core = scene.core
-    kinds = zip(scene.contact_names, core["con_type"], core["con_dim"], strict=True)
+    kinds = zip(scene.contact_names, core.con_type, core.con_dim, strict=True)
     counts = Counter((name, _TYPES[kind], int(dim)) for name, kind, dim in kinds)
     lines = [f"{count} x {name}, {kind}, condim {dim}" for (name, kind, dim), count in counts.items()]
     if len(lines) > 40:

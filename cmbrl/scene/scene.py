@@ -15,6 +15,7 @@ from cmbrl.scene import kinematics, manifold, report
 from cmbrl.scene.actuators import read_actuators
 from cmbrl.scene.assemble import contact_arrays, doubles, integers, physical_vector, tree_arrays
 from cmbrl.scene.contacts import ContactBuilder
+from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.mjcf import compile_mjcf, name_of, read_tree
 from cmbrl.scene.parameters import offer_parameters
@@ -76,13 +77,11 @@ class Scene:
     merged_points: int
     compiler_warnings: tuple[str, ...]  # what MuJoCo had to say about the file
     joints: tuple[Joint, ...]  # of the core
-    core: dict[str, Any]
+    core: CoreArrays
 
     def __repr__(self) -> str:
         algebra = "planar" if self.planar else "spatial"
-        return (
-            f"Scene({self.name}: {algebra}, nq={self.nq}, nv={self.nv}, nu={self.nu}, {self.core['ncontact']} contacts)"
-        )
+        return f"Scene({self.name}: {algebra}, nq={self.nq}, nv={self.nv}, nu={self.nu}, {self.core.ncontact} contacts)"
 
     @classmethod
     def from_mjcf(
@@ -164,30 +163,31 @@ def _build(
     P = physical_vector(model, tree, candidates, planes, actuators, plane, layout, contact_law)
     letters = plane.letters if plane else ("x", "y", "z")
     moves = offer_parameters(model, tree, candidates, planes, actuators, layout, letters, P, contact_law)
-    core = {
-        "planar": plane is not None,
-        "nq": int(model.nq),
-        "nv": int(model.nv),
-        "nu": len(actuators),
-        "nbody": len(tree.bodies),
-        "njoint": len(tree.joints),
-        "ncontact": len(candidates),
-        "nplane": len(planes),
-        "nact": len(actuators),
-        "plane_basis": plane.basis if plane else np.zeros((2, 3)),
-        **tree_arrays(model, tree, plane),
+    joints_and_limits = tree_arrays(model, tree, plane)
+    core = CoreArrays(
+        planar=plane is not None,
+        nq=int(model.nq),
+        nv=int(model.nv),
+        nu=len(actuators),
+        nbody=len(tree.bodies),
+        njoint=len(tree.joints),
+        ncontact=len(candidates),
+        nplane=len(planes),
+        nlimit=len(joints_and_limits["lim_dof"]),
+        nact=len(actuators),
+        plane_basis=plane.basis if plane else np.zeros((2, 3)),
+        **joints_and_limits,
         **contact_arrays(model, candidates, planes, plane, contact_law),
-        "act_dof": integers([a.dof for a in actuators]),
-        "act_qadr": integers([a.qadr for a in actuators]),
-        "act_ctrl": doubles([a.control for a in actuators], (-1, 2)),
-        "act_force": doubles([a.force for a in actuators], (-1, 2)),
-        "P": P,
-        "par_ptr": moves.ptr,
-        "par_idx": moves.idx,
-        "par_coef": moves.coef,
-        "par_nominal": np.array([p.nominal for p in moves.parameters], dtype=np.float64),
-    }
-    core["nlimit"] = len(core["lim_dof"])
+        act_dof=integers([a.dof for a in actuators]),
+        act_qadr=integers([a.qadr for a in actuators]),
+        act_ctrl=doubles([a.control for a in actuators], (-1, 2)),
+        act_force=doubles([a.force for a in actuators], (-1, 2)),
+        P=P,
+        par_ptr=moves.ptr,
+        par_idx=moves.idx,
+        par_coef=moves.coef,
+        par_nominal=np.array([p.nominal for p in moves.parameters], dtype=np.float64),
+    )
     names, kinds = _coordinates(tree)
     return cls(
         name=_model_name(model, file),

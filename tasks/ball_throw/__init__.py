@@ -21,17 +21,17 @@ def _task(name: str, description: str, throw: str, **world: float) -> Task:
     """``throw``: its name in mdp.py; ``world``: what differs from the standard one, see real.py."""
 
     def record(**arguments: Any) -> Any:
-        from tasks.ball_throw.real import record
+        from cmbrl.tasks.ball_throw.real import record
 
         return record(**arguments, **world, name=name)
 
     def mdp() -> Any:
-        from tasks.ball_throw import mdp
+        from cmbrl.tasks.ball_throw import mdp
 
         return mdp.mdp(getattr(mdp, throw))
 
     def system() -> Any:
-        from tasks.ball_throw.real import BallSystem
+        from cmbrl.tasks.ball_throw.real import BallSystem
 
         return BallSystem(**world)
 

@@ -27,7 +27,7 @@ def _record(**arguments: Any) -> Any:
 
 
 def _mdp() -> Any:
-    from tasks.cheetah.mdp import mdp
+    from cmbrl.tasks.cheetah.mdp import mdp
 
     return mdp()
 

@@ -23,7 +23,7 @@ def _moving(v: Any) -> Any:
 
 
 def _record(**arguments: Any) -> Any:
-    from tasks.cube_toss.real import record
+    from cmbrl.tasks.cube_toss.real import record
 
     return record(**arguments)
 

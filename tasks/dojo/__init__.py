@@ -18,17 +18,17 @@ def _task(robot: str, description: str) -> Task:
     name, scene = f"{robot}_dojo", Path(__file__).with_name(f"{robot}.xml")
 
     def mdp() -> Any:
-        from tasks.dojo import mdp as processes
+        from cmbrl.tasks.dojo import mdp as processes
 
         return getattr(processes, robot)()
 
     def system() -> Any:
-        from tasks.dojo import real
+        from cmbrl.tasks.dojo import real
 
         return real.system(scene)
 
     def record(**arguments: Any) -> Any:
-        from tasks.dojo import real
+        from cmbrl.tasks.dojo import real
 
         return real.record(name, scene, mdp(), **arguments)
 

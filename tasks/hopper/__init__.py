@@ -26,7 +26,7 @@ def _record(**arguments: Any) -> Any:
 
 
 def _mdp() -> Any:
-    from tasks.hopper.mdp import mdp
+    from cmbrl.tasks.hopper.mdp import mdp
 
     return mdp()
 

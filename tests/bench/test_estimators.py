@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 import torch
 
-from cmbrl.bench.estimators import cells as known_cells
-from cmbrl.bench.estimators import study as known_scene
-from cmbrl.bench.estimators.cells import cell, nominal
-from cmbrl.bench.estimators.contenders import CONTENDERS
-from cmbrl.bench.estimators.probe import probe
-from cmbrl.bench.estimators.search import BatchedARS
-from cmbrl.bench.estimators.valued import Learning, Valued
-from cmbrl.bench.horizons import cells as horizon_cells
-from cmbrl.bench.horizons import study as horizons
-from cmbrl.bench.horizons.cells import NAMES, Ask
-from cmbrl.bench.horizons.situations import SITUATIONS
+from cmbrl.bench.studies.estimators import cells as known_cells
+from cmbrl.bench.studies.estimators import study as known_scene
+from cmbrl.bench.studies.estimators.cells import cell, nominal
+from cmbrl.bench.studies.estimators.contenders import CONTENDERS
+from cmbrl.bench.studies.estimators.probe import probe
+from cmbrl.bench.studies.estimators.search import BatchedARS
+from cmbrl.bench.studies.estimators.valued import Learning, Valued
+from cmbrl.bench.studies.horizons import cells as horizon_cells
+from cmbrl.bench.studies.horizons import study as horizons
+from cmbrl.bench.studies.horizons.cells import NAMES, Ask
+from cmbrl.bench.studies.horizons.situations import SITUATIONS
 from cmbrl.bench.workers import compute
 from cmbrl.train.baselines import ARSConfig
 

@@ -11,13 +11,13 @@ import pytest
 import torch
 
 from cmbrl import UserError
-from cmbrl.bench.learning import cells, study
-from cmbrl.bench.learning.cells import Cell, plan, run
-from cmbrl.bench.learning.contenders import CONTENDERS, SIZES, Contender
-from cmbrl.bench.learning.logs import System, record, wrong_parameters
-from cmbrl.bench.learning.mujoco_model import GROUPS, MujocoModel, compiled, with_parameters
-from cmbrl.bench.learning.results import Results
-from cmbrl.bench.learning.study import section
+from cmbrl.bench.studies.learning import cells, study
+from cmbrl.bench.studies.learning.cells import Cell, plan, run
+from cmbrl.bench.studies.learning.contenders import CONTENDERS, SIZES, Contender
+from cmbrl.bench.studies.learning.logs import System, record, wrong_parameters
+from cmbrl.bench.studies.learning.mujoco_model import GROUPS, MujocoModel, compiled, with_parameters
+from cmbrl.bench.studies.learning.results import Results
+from cmbrl.bench.studies.learning.study import section
 from cmbrl.bench.study import Settings
 from cmbrl.models.baselines import HoldVelocity
 from cmbrl.models.complementarity import ComplementarityModel
@@ -98,7 +98,7 @@ def test_sysid_finds_the_wrong_parameters(hopper: System) -> None:
 
     if not hasattr(sysid, "optimize"):
         pytest.skip("mujoco[sysid] is not installed: its import is an empty module")
-    from cmbrl.bench.learning.mujoco_sysid import sysid_model
+    from cmbrl.bench.studies.learning.mujoco_sysid import sysid_model
 
     model, _ = sysid_model(hopper.task, hopper.scene, record(hopper.task, 100, 0), wrong_parameters(hopper.scene))
     true = compiled(hopper.task.scene_path)
@@ -109,7 +109,7 @@ def test_sysid_finds_the_wrong_parameters(hopper: System) -> None:
 def test_gaussian_process_is_its_closed_form(hopper: System) -> None:
     """Posterior mean K(x, X) (K(X, X) + s^2 I)^-1 y (Rasmussen and Williams 2006, eq. 2.23)."""
     pytest.importorskip("sklearn")
-    from cmbrl.bench.learning.gaussian_process import GaussianProcess
+    from cmbrl.bench.studies.learning.gaussian_process import GaussianProcess
 
     log = record(hopper.task, 30, seed=0)
     model = GaussianProcess(hopper.scene, log)
@@ -127,7 +127,7 @@ def test_gaussian_process_is_its_closed_form(hopper: System) -> None:
 
 def test_gaussian_process_keeps_what_has_diverged(hopper: System) -> None:
     pytest.importorskip("sklearn")
-    from cmbrl.bench.learning.gaussian_process import GaussianProcess
+    from cmbrl.bench.studies.learning.gaussian_process import GaussianProcess
 
     log = record(hopper.task, 20, seed=0)
     q, v, u = (torch.as_tensor(x[:2]).clone() for x in (log.q, log.v, log.u))

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from cmbrl.bench.mission import study as mission
-from cmbrl.bench.mission.methods import LOOP, METHODS, NOMINAL, PPO_ONLINE, QUICK
-from cmbrl.bench.mission.runs import Contest, Plan, Training, random_log
+from cmbrl.bench.studies.mission import study as mission
+from cmbrl.bench.studies.mission.methods import LOOP, METHODS, NOMINAL, PPO_ONLINE, QUICK
+from cmbrl.bench.studies.mission.runs import Contest, Plan, Training, random_log
 from cmbrl.bench.study import Settings
 from cmbrl.errors import UserError
 from cmbrl.files import read_json, write_json

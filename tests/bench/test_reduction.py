@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cmbrl.bench.reduction.cases import groups
-from cmbrl.bench.reduction.study import STUDY, measure
+from cmbrl.bench.studies.reduction.cases import groups
+from cmbrl.bench.studies.reduction.study import STUDY, measure
 from cmbrl.bench.study import Settings
 
 

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from cmbrl.bench.cells import kept
-from cmbrl.bench.simulators.engines import engines
-from cmbrl.bench.simulators.measure import Effort, Result, Row, errors, measure
-from cmbrl.bench.simulators.mujoco_peer import Mujoco, integrators
-from cmbrl.bench.simulators.ours import Ours
-from cmbrl.bench.simulators.planar import GRAVITY, Disc, bounces
-from cmbrl.bench.simulators.pymunk_peer import Pymunk
-from cmbrl.bench.simulators.scenes import TrajectoryScene, available, build
-from cmbrl.bench.simulators.study import cost_of, section
+from cmbrl.bench.studies.simulators.engines import engines
+from cmbrl.bench.studies.simulators.measure import Effort, Result, Row, errors, measure
+from cmbrl.bench.studies.simulators.mujoco_peer import Mujoco, integrators
+from cmbrl.bench.studies.simulators.ours import Ours
+from cmbrl.bench.studies.simulators.planar import GRAVITY, Disc, bounces
+from cmbrl.bench.studies.simulators.pymunk_peer import Pymunk
+from cmbrl.bench.studies.simulators.scenes import TrajectoryScene, available, build
+from cmbrl.bench.studies.simulators.study import cost_of, section
 from cmbrl.contact import Exact
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
@@ -84,7 +84,7 @@ def test_mujoco_runs_as_mj_step_does() -> None:
 @pytest.mark.slow
 def test_mjx_takes_mujocos_steps() -> None:
     pytest.importorskip("mujoco.mjx")
-    from cmbrl.bench.simulators.mjx_peer import Mjx
+    from cmbrl.bench.studies.simulators.mjx_peer import Mjx
 
     scene = build("hopper", 2, 0)
     assert errors(scene, Mjx(scene).run(4).q, Mujoco(scene, "euler").run(4).q).max() < 1e-9

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cmbrl.bench.solvers.bank import INFEASIBLE, bank, cube, slot, stack
-from cmbrl.bench.solvers.gradients import references, sliding_block
-from cmbrl.bench.solvers.kappa import kappa_curves
-from cmbrl.bench.solvers.measure import Cell
-from cmbrl.bench.solvers.problems import random_problem, visited
-from cmbrl.bench.solvers.reference import Unclear, cone_derivative
-from cmbrl.bench.solvers.scores import Score, score
-from cmbrl.bench.solvers.study import STUDY
-from cmbrl.bench.solvers.summary import Summary
+from cmbrl.bench.studies.solvers.bank import INFEASIBLE, bank, cube, slot, stack
+from cmbrl.bench.studies.solvers.gradients import references, sliding_block
+from cmbrl.bench.studies.solvers.kappa import kappa_curves
+from cmbrl.bench.studies.solvers.measure import Cell
+from cmbrl.bench.studies.solvers.problems import random_problem, visited
+from cmbrl.bench.studies.solvers.reference import Unclear, cone_derivative
+from cmbrl.bench.studies.solvers.scores import Score, score
+from cmbrl.bench.studies.solvers.study import STUDY
+from cmbrl.bench.studies.solvers.summary import Summary
 from cmbrl.bench.study import Section, Settings
 from cmbrl.contact.problem import save
 from cmbrl.contact.solvers import Solution, available, get
@@ -123,7 +123,7 @@ def test_visited_problems_press_on_their_contacts() -> None:
 
 @pytest.mark.skipif("convex" not in available(), reason="needs daqp")
 def test_every_rival_differentiates_the_relaxation_alike() -> None:
-    from cmbrl.bench.solvers.gradient_rivals import rivals
+    from cmbrl.bench.studies.solvers.gradient_rivals import rivals
 
     p, w = sliding_block(), np.array([0.3, -1.0, 0.5])
     reference = references(p)

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from cmbrl import Scene, UserError
-from cmbrl.bench.speed.candidates import draw
-from cmbrl.bench.speed.measure import measure, turns
-from cmbrl.bench.speed.mujoco_peer import EPISODE, MujocoStep, visit
-from cmbrl.bench.speed.scenes import feet_only, speed_scenes
+from cmbrl.bench.registry import load
 from cmbrl.bench.states import G1
-from cmbrl.bench.studies import load
+from cmbrl.bench.studies.speed.candidates import draw
+from cmbrl.bench.studies.speed.measure import measure, turns
+from cmbrl.bench.studies.speed.mujoco_peer import EPISODE, MujocoStep, visit
+from cmbrl.bench.studies.speed.scenes import feet_only, speed_scenes
 from cmbrl.bench.study import Settings
 from cmbrl.bench.timing import Spread, interleaved
 from cmbrl.models.complementarity import ComplementarityModel
@@ -101,8 +101,8 @@ def test_g1_on_its_feet(tmp_path: Path) -> None:
     file = tmp_path / "g1.xml"
     file.write_text(feet_only(G1), encoding="utf-8")
     scene, model = Scene.from_mjcf(file), mujoco.MjModel.from_xml_path(str(file))
-    assert scene.core["ncontact"] == 8
-    assert set(scene.core["con_dim"]) == {3}
+    assert scene.core.ncontact == 8
+    assert set(scene.core.con_dim) == {3}
     assert abs(scene.total_mass - Scene.from_mjcf(G1).total_mass) < 1e-9
     visited = visit(speed_scenes(["g1 feet"])[0], EPISODE, seed=0)
     assert visited.q[:, 2].min() > 0.5  # stands for an episode

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cmbrl.bench.stiffness.cells import Work, errors, run
-from cmbrl.bench.stiffness.study import section
-from cmbrl.bench.stiffness.tosses import TOSS_STEPS, record
-from cmbrl.bench.strata import in_contact
+from cmbrl.accuracy.strata import in_contact
+from cmbrl.bench.studies.stiffness.cells import Work, errors, run
+from cmbrl.bench.studies.stiffness.study import section
+from cmbrl.bench.studies.stiffness.tosses import TOSS_STEPS, record
 from cmbrl.fit import Budget
 from cmbrl.models.baselines import Ballistic, HoldVelocity
 from cmbrl.registry import load_task

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cmbrl import UserError
-from cmbrl.bench.studies import STUDIES, load
+from cmbrl.bench.registry import STUDIES, load
 from cmbrl.bench.study import Figure, Section, Table
 
 DOCUMENT = Path(__file__).parents[2] / "docs/bench.md"

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import torch
 
+from cmbrl.bench.studies.throws import study
+from cmbrl.bench.studies.throws.cells import QUICK, plan, process
+from cmbrl.bench.studies.throws.contenders import CONTENDERS, THROWS
+from cmbrl.bench.studies.throws.descent import Range, Rule, centred, real_distances
+from cmbrl.bench.studies.throws.models import TASKS, fits, fitted, hard_model, known
+from cmbrl.bench.studies.throws.summary import claims_table, verdict
 from cmbrl.bench.study import Settings
-from cmbrl.bench.throws import study
-from cmbrl.bench.throws.cells import QUICK, plan, process
-from cmbrl.bench.throws.contenders import CONTENDERS, THROWS
-from cmbrl.bench.throws.descent import Range, Rule, centred, real_distances
-from cmbrl.bench.throws.models import TASKS, fits, fitted, hard_model, known
-from cmbrl.bench.throws.summary import claims_table, verdict
 
 TINY = replace(
     QUICK, tasks=("ball_slide",), contenders=("ABS 1 cm", "BS 1e-2 J", "FOPG", "ZOPG"), rule=Rule(iterations=2),
@@ -97,5 +97,5 @@ def test_the_study_draws_and_goes_on_from_what_it_kept(tmp_path: Path, monkeypat
     section = study.STUDY.run(tmp_path, settings, lambda *_: None)
     assert all((tmp_path / figure.file).stat().st_size > 5000 for figure in section.figures)
     assert [len(table.rows) for table in section.tables] == [8, 1, 8, 4]
-    monkeypatch.setattr("cmbrl.bench.throws.cells.fits", None)  # would fail if it were called again
+    monkeypatch.setattr("cmbrl.bench.studies.throws.cells.fits", None)  # would fail if it were called again
     assert study.STUDY.run(tmp_path, settings, lambda *_: None).text == section.text

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cmbrl.bench.solvers.bank import problem, stack
-from cmbrl.bench.solvers.problems import random_problem
+from cmbrl.bench.studies.solvers.bank import problem, stack
+from cmbrl.bench.studies.solvers.problems import random_problem
 from cmbrl.contact.certificates import residuals
 from cmbrl.contact.problem import ContactProblem
 from cmbrl.contact.solvers import available, get, registry

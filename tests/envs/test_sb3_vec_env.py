@@ -10,7 +10,7 @@ from cmbrl import UserError
 from cmbrl.envs.simulation import Simulation
 from cmbrl.envs.system_batch import SystemBatch
 from cmbrl.models.complementarity import ComplementarityModel
-from tasks.hopper import TASK
+from cmbrl.tasks.hopper import TASK
 
 pytest.importorskip("gymnasium")
 pytest.importorskip("stable_baselines3")

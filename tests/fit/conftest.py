@@ -54,13 +54,13 @@ class CartScene:
         physical = np.zeros(14 * n + 2)
         for field, at in zip(FIELDS, np.reshape(places, (4, n)), strict=True):
             physical[at] = NOMINAL[field]
-        self.core = {
+        self.core = SimpleNamespace(**{
             "planar": True, "nbody": n, "nv": n, "ncontact": 0, "nplane": 0, "P": physical,
             "body_parent": np.full(n, -1), "con_bodyA": np.empty(0, int), "con_bodyB": np.empty(0, int),
             "jnt_type": np.zeros(n, int), "jnt_body": np.arange(n), "jnt_qadr": np.arange(n), "jnt_vadr": np.arange(n),
             "act_dof": np.arange(n), "par_idx": np.array([*places, 14 * n]),
             "par_ptr": np.array([*range(4 * n + 2), 4 * n + 1]),
-        }  # fmt: skip
+        })  # fmt: skip
 
     def parameter_vector(self) -> np.ndarray:
         return np.array([p.nominal for p in self.parameters])

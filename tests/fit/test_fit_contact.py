@@ -13,8 +13,8 @@ from cmbrl.errors import UserError
 from cmbrl.fit import Budget, FitResult
 from cmbrl.fit.loss import PredictionLoss, Scales
 from cmbrl.fit.space import Space
-from tasks import ball_throw, cube_toss
-from tasks import hopper as hopper_task
+from cmbrl.tasks import ball_throw, cube_toss
+from cmbrl.tasks import hopper as hopper_task
 
 QUICK = Budget(trial_rows=200, trial_rounds=2, trial_population=16, search_rows=300, search_rounds=5, polish_rows=600)
 

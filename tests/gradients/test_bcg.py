@@ -288,7 +288,7 @@ def test_refusals(models: dict[str, ComplementarityModel]) -> None:
 @pytest.mark.skipif(not G1.exists(), reason="the G1's MJCF is not there")
 def test_g1() -> None:
     """Without noise the model's states and gradients; each foot is a chain of six joints, the pelvis in neither."""
-    from cmbrl.bench.speed.scenes import speed_scenes
+    from cmbrl.bench.studies.speed.scenes import speed_scenes
 
     (found,) = speed_scenes(["g1 feet"])
     scene = found.scene

@@ -35,7 +35,7 @@ def instruction_sets(scene: Scene) -> list[Core]:
     found = []
     for name in ("sse2", "avx2", "avx512"):
         with suppress(ValueError):  # not this processor's
-            found.append(Core(scene.core, isa=name))
+            found.append(Core(scene.core.to_native(), isa=name))
     return found
 
 

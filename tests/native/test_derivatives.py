@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from cmbrl.bench.derivatives import differences
-from cmbrl.bench.derivatives.study import table as table_of
+from cmbrl.bench.studies.derivatives import differences
+from cmbrl.bench.studies.derivatives.study import table as table_of
 from cmbrl.contact import Barrier
 from cmbrl.scene import Scene
 

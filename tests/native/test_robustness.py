@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cmbrl.bench import robustness
+from cmbrl.bench.studies.robustness import study as robustness
 from cmbrl.contact import Barrier, Exact
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene

@@ -113,7 +113,7 @@ def test_gaps_of_robots(robot: tuple[Scene, mujoco.MjModel]) -> None:
     scene, model = robot
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
     ours, core = candidates_by_pair(scene), scene.core
-    layout = Layout(2 if scene.planar else 3, core["nbody"], scene.nv, core["ncontact"], core["nplane"], core["nact"])
+    layout = Layout(2 if scene.planar else 3, core.nbody, scene.nv, core.ncontact, core.nplane, core.nact)
     q = scene.integrate(scene.q0, rng.normal(size=(30, scene.nv)))
     gaps, seen = scene.gaps(q), 0
     for k in range(len(q)):
@@ -123,9 +123,9 @@ def test_gaps_of_robots(robot: tuple[Scene, mujoco.MjModel]) -> None:
             for contact in contacts:
                 row = ours[pair][int(np.argmin(np.abs(gaps[k, ours[pair]] - contact.dist)))]
                 assert gaps[k, row] == pytest.approx(contact.dist, abs=1e-9)
-                P = core["P"][layout.contact(row) : layout.contact(row + 1)]
-                assert core["con_dim"][row] == contact.dim
-                assert core["con_margin"][row] == pytest.approx(contact.includemargin)
+                P = core.P[layout.contact(row) : layout.contact(row + 1)]
+                assert core.con_dim[row] == contact.dim
+                assert core.con_margin[row] == pytest.approx(contact.includemargin)
                 assert contact.dim == 1 or P[0] == pytest.approx(contact.friction[0])
                 assert P[3:8] == pytest.approx([*contact.solref, *contact.solimp[:3]])
                 seen += 1
@@ -151,13 +151,13 @@ def test_mixing_is_that_of_mujoco(load: Load) -> None:
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         contact, core = data.contact[0], scene.core
-        P = core["P"][Layout(3, 1, 6, 1, 1, 0).contact(0) :]
-        assert core["con_dim"][0] == contact.dim
+        P = core.P[Layout(3, 1, 6, 1, 1, 0).contact(0) :]
+        assert core.con_dim[0] == contact.dim
         assert contact.dim == 1 or P[0] == pytest.approx(contact.friction[0])
         assert P[3:8] == pytest.approx([*contact.solref, *contact.solimp[:3]])
-        assert (core["con_mid"][0], core["con_power"][0]) == pytest.approx(tuple(contact.solimp[3:]))
-        assert core["con_margin"][0] == pytest.approx(contact.includemargin)
-        assert core["con_invweight"][0] == pytest.approx(model.body_invweight0[1, 0])
+        assert (core.con_mid[0], core.con_power[0]) == pytest.approx(tuple(contact.solimp[3:]))
+        assert core.con_margin[0] == pytest.approx(contact.includemargin)
+        assert core.con_invweight[0] == pytest.approx(model.body_invweight0[1, 0])
 
 
 def test_explicit_pairs_and_exclusions(load: Load) -> None:
@@ -172,8 +172,8 @@ def test_explicit_pairs_and_exclusions(load: Load) -> None:
     assert scene.contact_names == ("b - c",)
     scene, _ = load(world, '<contact><pair geom1="b" geom2="a" condim="1" solref="-900 -9" margin=".01"/></contact>')
     row = scene.contact_names.index("a - b")
-    assert scene.core["con_dim"][row] == 1
-    assert scene.core["con_margin"][row] == 0.01
+    assert scene.core.con_dim[row] == 1
+    assert scene.core.con_margin[row] == 0.01
     scene, _ = load(world, '<option><flag contact="disable"/></option>')
     assert scene.contact_names == ()
 
@@ -185,7 +185,7 @@ def test_fixed_shapes_stand_on_the_world_side(load: Load) -> None:
         ignore=["geom_pair"],
     )
     assert scene.contact_names == ("rod - ball",)
-    assert scene.core["con_bodyB"].tolist() == [-1]
+    assert scene.core.con_bodyB.tolist() == [-1]
     assert [x.kind for x in scene.left_out] == ["geom_pair"]
 
 
@@ -218,7 +218,7 @@ def test_large_meshes_keep_32_points_of_their_hull(load: Load) -> None:
         '<geom type="plane" size="1 1 1"/><body><freejoint/><geom type="mesh" mesh="gem"/></body>',
         f'<asset><mesh name="gem" vertex="{vertices}"/></asset>',
     )
-    kept = scene.core["con_posA"]
+    kept = scene.core.con_posA
     assert len(kept) == 32
     distance = np.linalg.norm(points[:, None] - (kept - model.geom_pos[1])[None], axis=-1).min(axis=1)
     assert distance.max() < 0.6  # the sphere is covered

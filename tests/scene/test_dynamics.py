@@ -18,23 +18,23 @@ def mass_matrix(scene: Scene, q: np.ndarray) -> np.ndarray:
     """M (nv, nv) from kinetic energy: sum of m Jv'Jv + Jw'I Jw, Jacobians by central differences of ``body_poses``."""
     core, nv = scene.core, scene.nv
     D = 2 if scene.planar else 3
-    layout = Layout(D, core["nbody"], nv, core["ncontact"], core["nplane"], core["nact"])
+    layout = Layout(D, core.nbody, nv, core.ncontact, core.nplane, core.nact)
     steps = STEP * np.vstack([np.eye(nv), -np.eye(nv)])
     pos, rot = scene.body_poses(scene.integrate(q, steps))
     _, here = scene.body_poses(q)
-    M = np.diag([core["P"][layout.dof(k)] for k in range(nv)])
-    for b in range(core["nbody"]):
-        com = core["P"][layout.com(b) : layout.inertia(b)]
+    M = np.diag([core.P[layout.dof(k)] for k in range(nv)])
+    for b in range(core.nbody):
+        com = core.P[layout.com(b) : layout.inertia(b)]
         centre = pos[:, b] + rot[:, b] @ com
         Jv = (centre[:nv] - centre[nv:]) / (2 * STEP)
         turn = here[b].T @ (rot[:nv, b] - rot[nv:, b]) / (2 * STEP)
-        I = core["P"][layout.inertia(b) : layout.mass(b + 1)]  # noqa: E741
+        I = core.P[layout.inertia(b) : layout.mass(b + 1)]  # noqa: E741
         if D == 2:
             Jw, I = turn[:, 1:, 0], I.reshape(1, 1)  # noqa: E741
         else:
             Jw = np.column_stack([turn[:, 2, 1], turn[:, 0, 2], turn[:, 1, 0]])
             I = np.array([[I[0], I[3], I[4]], [I[3], I[1], I[5]], [I[4], I[5], I[2]]])  # noqa: E741
-        M += core["P"][layout.mass(b)] * Jv @ Jv.T + Jw @ I @ Jw.T
+        M += core.P[layout.mass(b)] * Jv @ Jv.T + Jw @ I @ Jw.T
     return M
 
 
@@ -60,7 +60,7 @@ def test_robots(robot: tuple[Scene, mujoco.MjModel]) -> None:
 @pytest.mark.parametrize("seed", range(6))
 def test_random_trees(seed: int, load: Load) -> None:
     scene, model = load(random_tree(seed))
-    assert scene.core["nbody"] < model.nbody
+    assert scene.core.nbody < model.nbody
     assert_same_mass_matrix(scene, model, seed)
 
 
@@ -80,11 +80,11 @@ def test_gravity_lies_in_the_plane(load: Load) -> None:
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     core = scene.core
-    layout = Layout(2, core["nbody"], scene.nv, core["ncontact"], core["nplane"], core["nact"])
+    layout = Layout(2, core.nbody, scene.nv, core.ncontact, core.nplane, core.nact)
     pos, rot = scene.body_poses(scene.integrate(scene.q0, STEP * np.vstack([np.eye(scene.nv), -np.eye(scene.nv)])))
     energy = np.zeros(2 * scene.nv)
-    for b in range(core["nbody"]):
-        centre = pos[:, b] + rot[:, b] @ core["P"][layout.com(b) : layout.com(b) + 2]
-        energy -= core["P"][layout.mass(b)] * centre @ core["P"][layout.gravity :]
+    for b in range(core.nbody):
+        centre = pos[:, b] + rot[:, b] @ core.P[layout.com(b) : layout.com(b) + 2]
+        energy -= core.P[layout.mass(b)] * centre @ core.P[layout.gravity :]
     slope = (energy[: scene.nv] - energy[scene.nv :]) / (2 * STEP)
     assert slope == pytest.approx(data.qfrc_bias, abs=1e-8)

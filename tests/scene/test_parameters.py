@@ -61,15 +61,15 @@ def test_parameter_is_the_same_change_of_the_file(
     k = [p.name for p in scene.parameters].index(name)
     theta[k] = value
     assert scene.parameters[k].low < value < scene.parameters[k].high
-    assert physical(scene, theta) == pytest.approx(changed.core["P"], abs=1e-12)
+    assert physical(scene, theta) == pytest.approx(changed.core.P, abs=1e-12)
 
 
 def physical(scene: Scene, theta: np.ndarray) -> np.ndarray:
     core = scene.core
-    P = core["P"].copy()
-    for k, change in enumerate(theta - core["par_nominal"]):
-        entries = slice(core["par_ptr"][k], core["par_ptr"][k + 1])
-        np.add.at(P, core["par_idx"][entries], change * core["par_coef"][entries])
+    P = core.P.copy()
+    for k, change in enumerate(theta - core.par_nominal):
+        entries = slice(core.par_ptr[k], core.par_ptr[k + 1])
+        np.add.at(P, core.par_idx[entries], change * core.par_coef[entries])
     return P
 
 
@@ -79,8 +79,8 @@ def test_contact_parameters_follow_the_law(load: Load) -> None:
     impedance = {"impedance_low", "impedance_high", "impedance_width"}
     assert groups[0] - groups[1] == {"softness_damping", "softness_scale"} | impedance
     assert groups[1] - groups[0] == {"restitution"}
-    assert set(rigid.core["con_law"]) == {0}
-    assert set(soft.core["con_law"]) == {1}
+    assert set(rigid.core.con_law) == {0}
+    assert set(soft.core.con_law) == {1}
     moved = {p.name: p for p in soft.parameters}
     assert moved["softness_time.rod"].nominal == pytest.approx((0.05 + 0.02) / 2)  # mixed with the floor's
     assert moved["radius.rod"].nominal == 0.0
@@ -109,8 +109,8 @@ def test_bounds_and_transforms_are_sound(robot: tuple[Scene, object]) -> None:
         assert p.name.split(".")[0] == p.group
         assert p.transform == "linear" or p.low > 0
         assert p.transform != "logit" or p.high < 1
-    assert scene.parameter_vector() == pytest.approx(scene.core["par_nominal"])
-    assert len(scene.core["par_ptr"]) == len(scene.parameters) + 1
+    assert scene.parameter_vector() == pytest.approx(scene.core.par_nominal)
+    assert len(scene.core.par_ptr) == len(scene.parameters) + 1
 
 
 def test_zero_damping_is_offered_off_the_floating_base(load: Load) -> None:
@@ -127,26 +127,26 @@ def test_actuators(load: Load) -> None:
     scene = scene_with(load)
     core = scene.core
     assert scene.actuator_names == ("h",)
-    assert core["P"][-2 - 5 : -2].tolist() == [10, 7, 0, -7, -2]
-    assert (core["act_dof"].tolist(), core["act_ctrl"].tolist()) == ([1], [[-np.inf, np.inf]])
+    assert core.P[-2 - 5 : -2].tolist() == [10, 7, 0, -7, -2]
+    assert (core.act_dof.tolist(), core.act_ctrl.tolist()) == ([1], [[-np.inf, np.inf]])
 
 
 def test_limits_and_disabled_forces(load: Load) -> None:
     world = '<body><joint name="h" range="-10 20" stiffness="2" damping="1" frictionloss="3"/><geom size=".1"/></body>'
     scene, _ = load(world)
-    assert np.degrees([scene.core["lim_lo"][0], scene.core["lim_hi"][0]]) == pytest.approx([-10, 20])
+    assert np.degrees([scene.core.lim_lo[0], scene.core.lim_hi[0]]) == pytest.approx([-10, 20])
     off = 'limit="disable" frictionloss="disable" gravity="disable" spring="disable" damper="disable"'
     nothing, _ = load(world, f"<option><flag {off}/></option>")
-    assert nothing.core["nlimit"] == 0
-    assert nothing.core["P"][4:9] == pytest.approx(np.zeros(5))
-    assert not nothing.core["P"][-2:].any()
+    assert nothing.core.nlimit == 0
+    assert nothing.core.P[4:9] == pytest.approx(np.zeros(5))
+    assert not nothing.core.P[-2:].any()
 
 
 def test_info(robot: tuple[Scene, object]) -> None:
     scene, _ = robot
     told = json.loads(json.dumps(scene.to_dict(), allow_nan=False))
     assert told["algebra"] == ("planar" if scene.planar else "spatial")
-    assert len(told["contacts"]) == scene.core["ncontact"]
+    assert len(told["contacts"]) == scene.core.ncontact
     assert [p["name"] for p in told["parameters"]] == [p.name for p in scene.parameters]
     text = scene.describe()
     for word in (scene.name, told["algebra"], scene.joint_names[0], scene.parameters[0].name, "point against plane"):
@@ -154,7 +154,7 @@ def test_info(robot: tuple[Scene, object]) -> None:
 
 
 def test_core_arrays_have_the_types_of_the_contract(robot: tuple[Scene, object]) -> None:
-    for name, value in robot[0].core.items():
+    for name, value in vars(robot[0].core).items():
         if isinstance(value, np.ndarray):
             assert value.flags.c_contiguous, name
             assert value.dtype in (np.float64, np.int32), name

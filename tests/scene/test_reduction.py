@@ -23,8 +23,8 @@ def body(geom: str, joints: str = PLANAR, pos: str = "0 0 1") -> str:
 def test_plane_of_x_z_robots(load: Load) -> None:
     scene, _ = load(body('size=".1"'))
     assert scene.planar
-    assert scene.core["plane_basis"].tolist() == [[1, 0, 0], [0, 0, 1]]
-    assert scene.core["jnt_axis"].tolist() == [[1, 0], [0, 1], [-1, 0]]  # about +y: from z to x, against e1 to e2
+    assert scene.core.plane_basis.tolist() == [[1, 0, 0], [0, 0, 1]]
+    assert scene.core.jnt_axis.tolist() == [[1, 0], [0, 1], [-1, 0]]  # about +y: from z to x, against e1 to e2
     assert [p.name for p in scene.parameters if p.group.startswith("com")][:1] == ["com_x.body1"]
 
 
@@ -82,10 +82,10 @@ def test_box_corners_merge_in_pairs(load: Load) -> None:
     """Two corners on one spot are twice as stiff as one: each stands for two, at half the softness."""
     flat, _ = load(FLOOR + body('type="box" size=".3 .2 .1"'))
     assert flat.planar
-    assert flat.core["ncontact"] == 4
+    assert flat.core.ncontact == 4
     assert flat.merged_points == 4
-    assert np.abs(flat.core["con_posA"]).tolist() == [[0.3, 0.1]] * 4
-    assert sorted(flat.core["P"][_first_contact(flat) + 8 :: 9][:4]) == [0.5] * 4
+    assert np.abs(flat.core.con_posA).tolist() == [[0.3, 0.1]] * 4
+    assert sorted(flat.core.P[_first_contact(flat) + 8 :: 9][:4]) == [0.5] * 4
 
 
 @pytest.mark.parametrize(
@@ -99,8 +99,8 @@ def test_box_corners_merge_in_pairs(load: Load) -> None:
 )
 def test_sections_in_the_plane(geom: str, points: list[list[float]], radius: float, load: Load) -> None:
     scene, _ = load(FLOOR + body(geom))
-    assert sorted(np.round(scene.core["con_posA"], 12).tolist()) == pytest.approx(np.array(points))
-    assert scene.core["P"][_first_contact(scene) + 2] == radius
+    assert sorted(np.round(scene.core.con_posA, 12).tolist()) == pytest.approx(np.array(points))
+    assert scene.core.P[_first_contact(scene) + 2] == radius
 
 
 def test_out_of_reach(load: Load) -> None:
@@ -133,14 +133,14 @@ def test_bodies_without_joints_are_fused(load: Load) -> None:
         '<body name="c"><joint/><geom size=".1"/></body></body></body>'
     )
     assert scene.body_names == ("a", "c")
-    assert scene.core["P"][:4].tolist() == [4, 0.75, 0, 0]
-    assert scene.core["body_pos"].tolist() == [[0, 0, 0], [1, 0, 0]]
-    assert scene.core["body_rot"][0].tolist() == np.eye(3).ravel().tolist()
+    assert scene.core.P[:4].tolist() == [4, 0.75, 0, 0]
+    assert scene.core.body_pos.tolist() == [[0, 0, 0], [1, 0, 0]]
+    assert scene.core.body_rot[0].tolist() == np.eye(3).ravel().tolist()
 
 
 def _first_contact(scene: Scene) -> int:
     core = scene.core
-    return core["nbody"] * 4 + 5 * core["nv"]
+    return core.nbody * 4 + 5 * core.nv
 
 
 def test_without_reduction_the_same_motion(robot: tuple[Scene, object]) -> None:
@@ -170,4 +170,4 @@ def test_without_reduction_every_candidate_stays(load: Load) -> None:
     assert len(full.dropped_contacts) == 1  # capsule against box
     flat, _ = load(FLOOR + body('type="box" size=".3 .2 .1"'))
     both = Scene.from_mjcf(flat.path, reduce=False)
-    assert (flat.core["ncontact"], both.core["ncontact"], both.merged_points) == (4, 8, 0)
+    assert (flat.core.ncontact, both.core.ncontact, both.merged_points) == (4, 8, 0)

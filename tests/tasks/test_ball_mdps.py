@@ -10,10 +10,10 @@ from cmbrl.contact import Exact
 from cmbrl.envs.evaluation import evaluate_model, evaluate_real
 from cmbrl.models.named import nominal_model
 from cmbrl.registry import load_task
-from tasks.ball_throw import mdp as throws
+from cmbrl.tasks.ball_throw import mdp as throws
 
 pytest.importorskip("pymunk")
-from tasks.ball_throw import real
+from cmbrl.tasks.ball_throw import real
 
 # Where a scan of the real system over the launch velocities found the goal [m/s].
 SOLUTIONS = {

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from cmbrl import UserError
-from tasks.ball_throw import TASK
+from cmbrl.tasks.ball_throw import TASK
 
 pytest.importorskip("pymunk")
-from tasks.ball_throw import real
+from cmbrl.tasks.ball_throw import real
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cmbrl import UserError
-from tasks.cube_toss import DT, ROUNDED, TASK
+from cmbrl.tasks.cube_toss import DT, ROUNDED, TASK
 
 LENGTHS = (30, 20, 40)
 

@@ -11,8 +11,8 @@ from cmbrl.envs.evaluation import evaluate_model, evaluate_real
 from cmbrl.envs.system_batch import SystemBatch
 from cmbrl.models.named import nominal_model
 from cmbrl.models.protocol import rollout
-from tasks.dojo import CHEETAH, HOPPER
-from tasks.dojo import mdp as processes
+from cmbrl.tasks.dojo import CHEETAH, HOPPER
+from cmbrl.tasks.dojo import mdp as processes
 
 BOTH = pytest.mark.parametrize("task", [HOPPER, CHEETAH], ids=lambda task: task.name)
 MASSES = {

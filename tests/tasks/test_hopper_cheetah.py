@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from cmbrl import UserError
-from tasks.cheetah import TASK as CHEETAH
-from tasks.hopper import TASK as HOPPER
+from cmbrl.tasks.cheetah import TASK as CHEETAH
+from cmbrl.tasks.hopper import TASK as HOPPER
 
 pytest.importorskip("gymnasium")
 TASKS = pytest.mark.parametrize("task", [HOPPER, CHEETAH], ids=lambda task: task.name)

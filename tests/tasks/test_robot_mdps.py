@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from tasks.cheetah import TASK as CHEETAH
-from tasks.hopper import TASK as HOPPER
+from cmbrl.tasks.cheetah import TASK as CHEETAH
+from cmbrl.tasks.hopper import TASK as HOPPER
 
 gymnasium = pytest.importorskip("gymnasium")
 TASKS = pytest.mark.parametrize(

@@ -15,8 +15,8 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from PIL import Image
 
+from cmbrl.bench.registry import STUDIES
 from cmbrl.bench.report.runs import Run
-from cmbrl.bench.studies import STUDIES
 from cmbrl.bench.study import Cell, Section, shown
 from cmbrl.files import write_text
 

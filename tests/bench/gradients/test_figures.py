@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from cmbrl.bench.gradients import figures, figures_policy
-from cmbrl.bench.gradients.systems import SYSTEMS
+from cmbrl.bench.studies.gradients import figures, figures_policy
+from cmbrl.bench.studies.gradients.systems import SYSTEMS
 from cmbrl.contact import Barrier
 
 SCRIPTS = Path(__file__).parents[3] / "scripts"

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cmbrl.bench.gradients import chaos, jumps, scenes
-from cmbrl.bench.gradients.case import Case, central_differences
+from cmbrl.bench.studies.gradients import chaos, jumps, scenes
+from cmbrl.bench.studies.gradients.case import Case, central_differences
 from cmbrl.bench.study import Section, Settings
 from cmbrl.contact import Barrier, Exact
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cmbrl.bench.gradients.contenders import Contender, contenders
-from cmbrl.bench.gradients.measure import judge
-from cmbrl.bench.gradients.study import STUDY
-from cmbrl.bench.gradients.systems import SYSTEMS
+from cmbrl.bench.studies.gradients.contenders import Contender, contenders
+from cmbrl.bench.studies.gradients.measure import judge
+from cmbrl.bench.studies.gradients.study import STUDY
+from cmbrl.bench.studies.gradients.systems import SYSTEMS
 from cmbrl.bench.study import Section, Settings
 from cmbrl.contact import Barrier
 from cmbrl.gradients import finite_differences, pathwise

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cmbrl.bench.studies import STUDIES
+from cmbrl.bench.registry import STUDIES
 from cmbrl.bench.study import Progress
 
 MODULES = {

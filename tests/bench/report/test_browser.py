@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
+from cmbrl.bench.registry import STUDIES
 from cmbrl.bench.report.page import PAGE, write_page
 from cmbrl.bench.report.runs import run_studies
-from cmbrl.bench.studies import STUDIES
 from cmbrl.bench.study import Section, Settings
 
 from .conftest import no_bar

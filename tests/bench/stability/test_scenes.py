@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from cmbrl.bench.stability import bias
-from cmbrl.bench.stability.bank import HARD, MIDPOINT, SCENES
-from cmbrl.bench.stability.case import SWEEP, BankScene, NotExpressibleError
-from cmbrl.bench.stability.measure import FAIL, NEAR, PASS, measure
-from cmbrl.bench.stability.mujoco_peer import MuJoCo
-from cmbrl.bench.stability.ours import Ours, model_of
-from cmbrl.bench.stability.simulators import simulate
-from cmbrl.bench.stability.worlds import GROUND, body, world
+from cmbrl.bench.studies.stability import bias
+from cmbrl.bench.studies.stability.bank import HARD, MIDPOINT, SCENES
+from cmbrl.bench.studies.stability.case import SWEEP, BankScene, NotExpressibleError
+from cmbrl.bench.studies.stability.measure import FAIL, NEAR, PASS, measure
+from cmbrl.bench.studies.stability.mujoco_peer import MuJoCo
+from cmbrl.bench.studies.stability.ours import Ours, model_of
+from cmbrl.bench.studies.stability.simulators import simulate
+from cmbrl.bench.studies.stability.worlds import GROUND, body, world
 
 MISSED = {"F22b", "F25b", "F25c"}  # first order in h without contact: velocity-dependent forces are explicit
 LONG = {"F10"}

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cmbrl.bench.stability.bank import SCENES, simulators
-from cmbrl.bench.stability.measure import ABSENT, FAIL, NEAR, PASS, Cell, remembered
-from cmbrl.bench.stability.mujoco_peer import MuJoCo
-from cmbrl.bench.stability.ours import Ours
-from cmbrl.bench.stability.simulators import simulate
-from cmbrl.bench.stability.study import STUDY
-from cmbrl.bench.stability.tables import slope_of
+from cmbrl.bench.studies.stability.bank import SCENES, simulators
+from cmbrl.bench.studies.stability.measure import ABSENT, FAIL, NEAR, PASS, Cell, remembered
+from cmbrl.bench.studies.stability.mujoco_peer import MuJoCo
+from cmbrl.bench.studies.stability.ours import Ours
+from cmbrl.bench.studies.stability.simulators import simulate
+from cmbrl.bench.studies.stability.study import STUDY
+from cmbrl.bench.studies.stability.tables import slope_of
 from cmbrl.bench.study import Settings
 
 BY_LABEL = {scene.label: scene for scene in SCENES}

@@ -9,9 +9,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
-from cmbrl.bench.stability import bouncing, jams, motion, rolling, sliding
-from cmbrl.bench.stability.case import G
-from cmbrl.bench.stability.residual import distance_to_law
+from cmbrl.bench.studies.stability import bouncing, jams, motion, rolling, sliding
+from cmbrl.bench.studies.stability.case import G
+from cmbrl.bench.studies.stability.residual import distance_to_law
 from cmbrl.contact.problem import ContactProblem
 
 

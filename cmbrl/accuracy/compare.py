@@ -1,0 +1,191 @@
+"""How wrong a model is on a log: one step and open loop, by stratum, in normalised and in physical units.
+
+Definitions
+- A window of horizon k is k consecutive rows of one episode. The model sees the state at its start and the k logged
+  controls; its error is that of the predicted state after the last of them. Windows overlap and never cross episodes.
+- Error of a state: the tangent vector from the logged to the predicted configuration (rotations as rotation vectors in
+  the body frame), and the difference of the velocities: 2 nv coordinates.
+- Normalised: each coordinate divided by a standard deviation taken from the same log: at one step that of the
+  coordinate's change over a row, at longer horizons that of the coordinate itself (about the intrinsic mean). All
+  coordinates are pooled: square, mean over coordinates and windows, root. A coordinate whose deviation is zero is left
+  out. The median is over windows, of the same root mean square within a window.
+- Physical: positions and rotations as the root mean square of a body's vector norm, angles per joint.
+- A prediction that is not finite counts as diverged, and makes the RMSE of its stratum infinite.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+
+from cmbrl.accuracy.strata import in_contact, is_moving, smallest_gap, window_strata
+from cmbrl.accuracy.table import Entry, ErrorTable, Horizon
+from cmbrl.errors import UserError
+from cmbrl.models.protocol import Model, failures, reset_failures, rollout
+
+if TYPE_CHECKING:
+    from cmbrl.data.transitions import Transitions
+    from cmbrl.scene import Scene
+
+CHUNK = 8192  # windows rolled out in one batch
+STILL = 1e-9  # a coordinate whose standard deviation is below this [m, rad, m/s, rad/s] does not change
+KINDS = ("position", "angle", "rotation")
+
+
+def compare(
+    models: Mapping[str, Model],
+    data: Transitions,
+    scene: Scene,
+    horizons: Sequence[int] = (1, 5, 20, 100),
+    contact_gap: float = 2e-3,
+    max_windows: int = 2000,
+    progress: Callable[[float, str], None] | None = None,
+) -> ErrorTable:
+    """Predicts ``data`` with every model (name shown -> model) and tabulates the errors defined above.
+
+    contact_gap: [m] a row is in contact when a candidate is nearer than this before or after it.
+    max_windows: horizons beyond 1 use at most so many windows, evenly spread over the log; one step uses every row.
+    progress:    called with the share of the work done and what is being done.
+    Horizons for which the log has no window are left out. Raises UserError when data, scene and models do not belong
+    together, or nothing changes in the log.
+    """
+    data.check(scene)
+    for name, model in models.items():
+        if abs(model.dt - data.dt) > 1e-6 * data.dt:
+            raise UserError(f"{name}: steps {model.dt:g} s, the log {data.dt:g} s: use the log's control step")
+    if min(horizons, default=0) < 1:
+        raise UserError(f"horizons {list(horizons)}: give whole numbers of at least 1")
+    change_scale, state_scale = _scales(data, scene)
+    contact, moving = in_contact(data, scene, contact_gap), is_moving(data, scene)
+    starts = {k: _thin(data.windows(k), len(data) if k == 1 else max_windows) for k in sorted(set(horizons))}
+    starts = {k: rows for k, rows in starts.items() if len(rows)}
+    total = max(1, sum(k * len(rows) for k, rows in starts.items()) * len(models))
+
+    entries, about, curves, done = [], [], {}, 0
+    for k, rows in starts.items():
+        strata = window_strata(rows, k, contact, moving)
+        logged = np.stack([data.q_next[rows + j] for j in range(k)], axis=1)
+        depth = _depth(scene, logged)
+        counts = {name: int(mask.sum()) for name, mask in strata.items()}
+        about.append(Horizon(k, counts, 1e3 * float(depth.max()), 1e3 * float(depth.mean())))
+        scale = change_scale if k == 1 else state_scale
+        for name, model in models.items():
+            if progress is not None:
+                progress(done / total, f"{name}, {k} steps")
+            reset_failures(model)
+            began = time.perf_counter()
+            q, v = _predict(model, data, rows, k)
+            seconds = time.perf_counter() - began
+            error = _error(scene, data, rows, q, v)  # (W, k, 2 nv)
+            depth = _depth(scene, q)
+            for stratum, mask in strata.items():
+                whole = stratum == "all"
+                entries.append(
+                    Entry(
+                        model=name,
+                        horizon=k,
+                        stratum=stratum,
+                        **_summary(error[mask, -1], depth[mask], scale, scene),
+                        failures=failures(model) if whole else None,
+                        step_microseconds=1e6 * seconds / (k * len(rows)) if whole else None,
+                    )
+                )
+            if k == max(starts):
+                curves[name] = [_pooled(error[:, j], state_scale) for j in range(k)]
+            done += k * len(rows)
+    return ErrorTable(entries=entries, horizons=about, curves=curves, contact_gap=contact_gap, dt=data.dt)
+
+
+def _scales(data: Transitions, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Standard deviations (2 nv,) of the change over a row and of the state; NaN where it is zero."""
+    change = np.hstack([scene.difference(data.q, data.q_next), data.v_next - data.v]).std(axis=0)
+    mean = data.q[0]
+    for _ in range(10):  # the mean on the manifold: exact at once for translations, a few rounds for rotations
+        offset = scene.difference(np.broadcast_to(mean, data.q.shape), data.q)
+        mean = scene.integrate(mean, offset.mean(axis=0))
+    state = np.hstack([offset.std(axis=0), data.v.std(axis=0)])
+    if (change < STILL).all():
+        raise UserError("nothing changes in this log: there is no error to measure; give a log of a moving system")
+    return np.where(change < STILL, np.nan, change), np.where(state < STILL, np.nan, state)
+
+
+def _thin(rows: np.ndarray, count: int) -> np.ndarray:
+    """At most ``count`` of the rows, evenly spread."""
+    if len(rows) <= count:
+        return rows
+    return rows[np.linspace(0, len(rows) - 1, count).astype(np.int64)]
+
+
+def _predict(model: Model, data: Transitions, starts: np.ndarray, horizon: int) -> tuple[np.ndarray, np.ndarray]:
+    """States (W, horizon, nq) and (W, horizon, nv) that the model predicts open loop from each start."""
+    parts = []
+    with torch.no_grad():
+        for some in np.array_split(starts, -(-len(starts) // CHUNK)):
+            controls = data.u[some[:, None] + np.arange(horizon)]
+            q, v = rollout(model, *(torch.as_tensor(a) for a in (data.q[some], data.v[some], controls)))
+            parts.append((q.numpy(), v.numpy()))
+    return np.concatenate([q for q, _ in parts]), np.concatenate([v for _, v in parts])
+
+
+def _error(scene: Scene, data: Transitions, starts: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Error (W, k, 2 nv) of predicted states (W, k, .) after each step."""
+    rows = starts[:, None] + np.arange(q.shape[1])
+    with np.errstate(all="ignore"):
+        return np.concatenate([scene.difference(data.q_next[rows], q), v - data.v_next[rows]], axis=-1)
+
+
+def _depth(scene: Scene, q: np.ndarray) -> np.ndarray:
+    """Deepest penetration [m] at each of the states (W, k, nq): (W, k), zero without, NaN where q is not finite."""
+    flat = q.reshape(-1, q.shape[-1])
+    finite = np.isfinite(flat).all(axis=1)
+    depth = np.full(len(flat), np.nan)
+    if finite.any():
+        depth[finite] = np.maximum(0.0, -smallest_gap(scene, flat[finite]))
+    return depth.reshape(q.shape[:2])
+
+
+def _pooled(error: np.ndarray, scale: np.ndarray) -> float:
+    """Root mean square over windows and coordinates of error (W, 2 nv) / scale; inf when a prediction diverged."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        squares = np.square(error[:, np.isfinite(scale)] / scale[np.isfinite(scale)])
+        value = float(np.sqrt(squares.mean()))
+    return value if np.isfinite(value) else float("inf")
+
+
+def _summary(error: np.ndarray, depth: np.ndarray, scale: np.ndarray, scene: Scene) -> dict:
+    """What an entry says about the windows of one stratum: error (W, 2 nv) at the end, depth (W, k) on the way."""
+    finite = np.isfinite(error).all(axis=1)
+    used = np.isfinite(scale)
+    with np.errstate(over="ignore", invalid="ignore"):
+        within = np.sqrt(np.square(error[:, used] / scale[used]).mean(axis=1))
+    reached = depth[np.isfinite(depth)]
+    return {
+        "windows": len(error),
+        "error": _pooled(error, scale),
+        "median": float(np.median(np.where(np.isfinite(within), within, np.inf))),
+        "physical": _physical(error, scene),
+        "penetration_max_mm": 1e3 * float(reached.max()) if len(reached) else float("nan"),
+        "penetration_mean_mm": 1e3 * float(reached.mean()) if len(reached) else float("nan"),
+        "diverged": int((~finite).sum()),
+    }
+
+
+def _physical(error: np.ndarray, scene: Scene) -> dict[str, float]:
+    """RMSE [m, rad, m/s, rad/s] of each kind of coordinate and its velocity that the scene has."""
+    kinds = np.array(scene.coordinate_kinds)
+    found = {}
+    for half, suffix in enumerate(("", "_velocity")):
+        for kind in KINDS:
+            columns = error[:, half * scene.nv : (half + 1) * scene.nv][:, kinds == kind]
+            count = columns.shape[1]
+            if count == 0:
+                continue
+            vector = {"position": min(count, 2 if scene.planar else 3), "angle": 1, "rotation": 3}[kind]
+            with np.errstate(over="ignore", invalid="ignore"):
+                value = float(np.sqrt(vector * np.square(columns).mean()))
+            found[kind + suffix] = value if np.isfinite(value) else float("inf")
+    return found

@@ -1,0 +1,63 @@
+"""The picture of an error table: how errors grow with the horizon, and where (flight, contact) they arise."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from cmbrl.files import atomic_path
+
+if TYPE_CHECKING:
+    from cmbrl.accuracy.table import ErrorTable
+
+
+def plot(table: ErrorTable, path: str | os.PathLike[str]) -> None:
+    """Writes the figure of ``table`` to ``path``; its suffix is the format.
+
+    Built without pyplot, so that nothing of the caller's matplotlib state is touched.
+    """
+    shown = [h for h in table.horizons if h.steps == 1] or table.horizons[:1]
+    longest = table.horizons[-1]
+    if longest.steps != shown[0].steps:
+        shown.append(longest)
+    figure = Figure(figsize=(4.5 * (1 + len(shown)), 3.8), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(1, 1 + len(shown), squeeze=False)[0]
+    _curves(axes[0], table)
+    for panel, horizon in zip(axes[1:], shown, strict=True):
+        _bars(panel, table, horizon.steps)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=max(1, len(labels)), frameon=False)
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, dpi=150)
+
+
+def _curves(axes: Axes, table: ErrorTable) -> None:
+    """One curve per model, over the steps of the longest windows."""
+    for name, errors in table.curves.items():
+        axes.plot(np.arange(1, len(errors) + 1), errors, label=name, marker="." if len(errors) < 30 else None)
+    axes.set(xscale="log", yscale="log", xlabel="steps predicted open loop", ylabel="RMSE / std of the state")
+    windows = table.horizons[-1].windows["all"]
+    axes.set_title(f"error against horizon ({windows} windows)", fontsize="medium")
+    axes.grid(alpha=0.3)
+
+
+def _bars(axes: Axes, table: ErrorTable, steps: int) -> None:
+    """One group of bars per stratum, one bar per model."""
+    strata = next(h.windows for h in table.horizons if h.steps == steps)
+    width = 0.8 / len(table.models)
+    for k, model in enumerate(table.models):
+        errors = [table.entry(model, steps, stratum).error for stratum in strata]
+        heights = [e if np.isfinite(e) else np.nan for e in errors]  # a diverged model has no bar
+        axes.bar(np.arange(len(strata)) + (k + 0.5) * width - 0.4, heights, width)
+    labels = [f"{stratum}\n({windows})".replace(", ", ",\n") for stratum, windows in strata.items()]
+    axes.set_xticks(np.arange(len(strata)), labels, fontsize="small")
+    unit = "change" if steps == 1 else "state"
+    axes.set(yscale="log", ylabel=f"RMSE / std of the {unit}")
+    axes.set_title(f"{steps} step{'s' * (steps > 1)}, by stratum (windows)", fontsize="medium")
+    axes.grid(alpha=0.3, axis="y")

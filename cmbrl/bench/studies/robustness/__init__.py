@@ -1,0 +1,1 @@
+"""How often the solver reaches its tolerance on wild random states."""

@@ -1,0 +1,101 @@
+"""The same solves without Python: our solver on a batch through one call, DAQP by its own clock.
+
+One call of a small problem through Python is mostly the call. So beside the latency of one call stands what the solve
+alone costs: ours on all problems of one shape in one call, per problem (throughput, one thread, several problems at
+once in the lanes of a vector register); DAQP's set-up and solve as its own timer counts them, for the relaxation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+
+import numpy as np
+
+from cmbrl.bench.studies.solvers.problems import visited
+from cmbrl.bench.study import Table
+from cmbrl.bench.timing import interleaved
+from cmbrl.contact.certificates import residuals
+from cmbrl.contact.problem import ContactProblem
+from cmbrl.contact.solvers.formulation import pyramid
+from cmbrl.contact.solvers.native import Batch
+
+STATES, QUICK_STATES = 256, 32
+TURNS = 7
+LEVEL, TOLERANCE = 1e-10, 1e-11  #: what counts as solved; what ours is asked for
+
+
+@dataclass(frozen=True)
+class Clock:
+    """One robot: seconds per problem of ours by single calls and in batches and of DAQP by its own clock (None where it
+    is not installed), and how many of its problems ours brought below the level."""
+
+    robot: str
+    count: int
+    solved: int
+    call: float
+    batch: float
+    daqp: float | None
+
+
+def clocks(seed: int, quick: bool, robots: Collection[str]) -> list[Clock]:
+    """Each of ``robots`` with rigid and with soft rows."""
+    by_robot: dict[str, list[ContactProblem]] = {}
+    for p in visited(QUICK_STATES if quick else STATES, seed, robots):
+        by_robot.setdefault(p.name.rpartition("/")[0], []).append(p)
+    return [_clock(robot, problems) for robot, problems in by_robot.items()]
+
+
+def table(rows: Sequence[Clock]) -> Table:
+    """Microseconds and ratios."""
+    cells = [
+        [c.robot, f"{c.solved}/{c.count}", 1e6 * c.call, 1e6 * c.batch, c.daqp and 1e6 * c.daqp,
+         c.daqp and c.batch / c.daqp, c.daqp and c.call / c.daqp]
+        for c in rows
+    ]  # fmt: skip
+    return Table(
+        "Core against core, one thread",
+        ["problems", "ours: below 1e-10", "ours, one call [us]", "ours, batch [us]", "daqp, own clock [us]",
+         "ours batch / daqp", "ours call / daqp"],
+        cells,
+        "Ours solves the exact law; 'below' counts its natural map and momentum balance. DAQP solves the relaxation: "
+        "set-up and solve by its own timer, without Python. Medians of turns of the mean over problems.",
+    )  # fmt: skip
+
+
+def _clock(robot: str, problems: Sequence[ContactProblem]) -> Clock:
+    shapes: dict[tuple[int, ...], list[ContactProblem]] = {}
+    for p in problems:
+        shapes.setdefault(p.J.shape, []).append(p)
+    batches = [Batch.of(group).native() for group in shapes.values()]
+    singles = [Batch.of([p]).native() for p in problems]
+    work = {
+        "batch": (lambda: [b.solve(TOLERANCE) for b in batches], len(problems)),
+        "call": (lambda: [b.solve(TOLERANCE) for b in singles], len(problems)),
+    }
+    seconds = {name: float(np.median(x)) for name, x in interleaved(work, TURNS).items()}
+    solved = 0
+    for group, batch in zip(shapes.values(), batches, strict=True):
+        found = batch.results
+        scores = [residuals(p, v, x) for p, v, x in zip(group, found["v"], found["impulse"], strict=True)]
+        solved += sum(max(s.natural_map, s.dynamics) <= LEVEL for s in scores)
+    return Clock(robot, len(problems), solved, seconds["call"], seconds["batch"], _daqp(problems))
+
+
+def _daqp(problems: Sequence[ContactProblem]) -> float | None:
+    """Seconds per problem by its own clock, median over turns of the mean; None where it is not installed."""
+    if not find_spec("daqp"):
+        return None
+    import daqp
+
+    asked = []
+    for p in problems:
+        q = pyramid(p)
+        C = np.ascontiguousarray(q.C)
+        asked.append((q.H, q.f, C, np.full(len(C), 1e30), q.offset, np.zeros(len(C), dtype=np.int32)))
+    means = []
+    for _ in range(TURNS):
+        infos = [daqp.solve(*arrays)[3] for arrays in asked]
+        means.append(np.mean([info["setup_time"] + info["solve_time"] for info in infos]))
+    return float(np.median(means))

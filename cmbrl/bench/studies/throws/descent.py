@@ -1,0 +1,133 @@
+"""Descent to a launch velocity: many runs side by side on one batched model, each with its own decision and parameters.
+
+A decision is the action of the task's process, two numbers in [-1, 1]. What is maximised is the return from the starts
+of that process and, where there are several, by the sets of parameters that explain a log.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from cmbrl.bench.studies.throws.contenders import Contender
+from cmbrl.envs.evaluation import evaluate_real
+from cmbrl.envs.mdp import MDP
+from cmbrl.envs.system import SystemFactory
+from cmbrl.gradients.estimate import Array
+from cmbrl.models.complementarity import ComplementarityModel, SolverWarning
+
+
+@dataclass(frozen=True)
+class Rule:
+    """How every estimator steps; the same for all, see the study's text."""
+
+    iterations: int = 40
+    throws: int = 6  #: of a gradient, whatever they are spent on
+    rate: float = 0.1  #: Adam's, falls linearly to 0; an action's range is 2
+    std: float = 0.1  #: of the noise on the decision, for those that need some; falls as the rate does
+
+
+@dataclass(frozen=True)
+class Throw:
+    """Returns of one throw each, an ``Objective`` of the decisions: starts q (B, nq), v (B, nv), parameters (B, np)."""
+
+    mdp: MDP
+    model: ComplementarityModel
+    q: Tensor
+    v: Tensor
+    theta: Tensor
+
+    @property
+    def steps(self) -> int:
+        """Model steps of a throw."""
+        return self.mdp.repeat
+
+    def __call__(self, x: Tensor) -> Tensor:
+        """Minus the squared distance to the goal (B,) [m^2] of the decisions x (B, n)."""
+        q, v, u = self.mdp.act(self.q, self.v, x)
+        for _ in range(self.mdp.repeat):
+            q, v = self.model.step(q, v, u, self.theta)
+        return self.mdp.reward(self.q, self.v, x, q, v)
+
+
+@dataclass(frozen=True)
+class Range:
+    """Where R runs throw: ``sets`` (R, K, np), the parameters that each holds possible, are drawn anew each throw."""
+
+    mdp: MDP
+    model: ComplementarityModel
+    sets: Array
+
+    def descend(self, contender: Contender, start: Array, rule: Rule, seed: int) -> Array:
+        """Decisions (iterations + 1, R, n) from ``start`` (R, n) on; a gradient that is not finite moves nothing."""
+        rng, generator = np.random.default_rng(seed), torch.Generator().manual_seed(seed)
+        soft = self.model.with_settings(backward_smoothing=contender.smoothing)
+        x = torch.tensor(start, requires_grad=True)
+        adam = torch.optim.Adam([x], rule.rate)
+        path = [start]
+        for k in range(rule.iterations):
+            left = 1 - k / rule.iterations
+            adam.param_groups[0]["lr"], std = rule.rate * left, rule.std * left
+            with unwarned():
+                found = contender.estimates(
+                    lambda count: self.throw(soft, count, rng, generator), path[-1], rule.throws, std, rng
+                )
+            gradient = np.stack([estimate.mean for estimate in found])
+            x.grad = -torch.from_numpy(np.where(np.isfinite(gradient), gradient, 0.0))
+            adam.step()
+            with torch.no_grad():
+                x.clamp_(-1.0, 1.0)
+            path.append(x.detach().numpy().copy())
+        return np.stack(path)
+
+    def throw(
+        self, model: ComplementarityModel, count: int, rng: np.random.Generator, generator: torch.Generator
+    ) -> Throw:
+        """``count`` throws for each run, from starts and with parameters drawn now."""
+        runs, choices, width = self.sets.shape
+        chosen = rng.integers(choices, size=(runs, count))
+        theta = np.take_along_axis(self.sets, chosen[..., None], axis=1).reshape(-1, width)
+        return Throw(self.mdp, model, *self.mdp.reset(runs * count, generator), torch.from_numpy(theta))
+
+    def returns(self, x: Array, count: int, seed: int) -> Array:
+        """Mean return (R,) of decisions x (R, n) over ``count`` throws of the hard model."""
+        throw = self.throw(self.model, count, np.random.default_rng(seed), torch.Generator().manual_seed(seed))
+        with torch.no_grad(), unwarned():
+            return throw(torch.from_numpy(np.repeat(x, count, axis=0))).reshape(len(x), count).mean(dim=1).numpy()
+
+    def distances(self, path: Array) -> Array:
+        """Distance to the goal [m] (T, R) of decisions (T, R, n), from the middle of the starts, by the first set."""
+        times, runs, _ = path.shape
+        mdp = centred(self.mdp)
+        q, v = mdp.reset(times * runs, torch.Generator())
+        theta = torch.from_numpy(np.tile(self.sets[:, 0], (times, 1)))
+        with torch.no_grad(), unwarned():
+            value = Throw(mdp, self.model, q, v, theta)(torch.from_numpy(path.reshape(times * runs, -1)))
+        return np.sqrt(-value.numpy()).reshape(times, runs)
+
+
+def centred(mdp: MDP) -> MDP:
+    """The process whose every start is the middle of those that ``mdp`` draws (uniform: the mean of the extremes)."""
+    q, v = (x.aminmax(dim=0) for x in mdp.reset(4096, torch.Generator().manual_seed(0)))
+    middle_q, middle_v = ((x.min + x.max)[None] / 2 for x in (q, v))
+    return replace(mdp, reset=lambda count, generator: (middle_q.repeat(count, 1), middle_v.repeat(count, 1)))
+
+
+def real_distances(mdp: MDP, system: SystemFactory, x: Array, seed: int = 0) -> Array:
+    """Distance to the goal [m] (R,) in the real system of the decisions x (R, n), one throw each."""
+    actions = torch.from_numpy(x)
+    return np.sqrt(-evaluate_real(lambda o: actions, mdp, system, len(x), seed).returns)
+
+
+@contextmanager
+def unwarned() -> Iterator[None]:
+    """Solves that fail make a sample that is not finite, or a wrong one, which the result shows."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SolverWarning)
+        yield

@@ -1,0 +1,1 @@
+"""What an update of a policy costs, next to MuJoCo simulating as many control steps."""

@@ -1,0 +1,93 @@
+"""The arrays that the C++ core is built from: sizes, tree, contact candidates, limits, actuators, parameters.
+
+Shapes: nb moving bodies, nj joints, nc contacts, np planes, nl limits, na actuators, D = 2 (planar) or 3. Integers are
+int32 and all else float64, C-contiguous. Index -1 is the world.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmbrl.scene.records import Array
+
+Integers = NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class CoreArrays:
+    """See :mod:`cmbrl.scene.layout` for what the physical vector ``P`` holds."""
+
+    planar: bool
+    nq: int
+    nv: int
+    nu: int
+    nbody: int
+    njoint: int
+    ncontact: int
+    nplane: int
+    nlimit: int
+    nact: int
+    plane_basis: Array  # (2, 3) directions of the plane of motion; zeros in space
+
+    body_parent: Integers  # (nb,)
+    body_pos: Array  # (nb, D) frame in the parent's, joints at qpos0
+    body_rot: Array  # (nb, 2) cosine and sine, or (nb, 9) by rows
+    body_jadr: Integers  # (nb,) first joint
+    body_jnum: Integers  # (nb,)
+    jnt_type: Integers  # (nj,) a JointKind
+    jnt_body: Integers  # (nj,)
+    jnt_qadr: Integers  # (nj,)
+    jnt_vadr: Integers  # (nj,)
+    jnt_axis: Array  # (nj, D)
+    jnt_pos: Array  # (nj, D) anchor in the body frame
+    jnt_q0: Array  # (nj,)
+    dof_soft: Array  # (nv, 7) solref, solimp of dry friction
+    dof_invweight: Array  # (nv,)
+
+    lim_dof: Integers  # (nl,)
+    lim_qadr: Integers  # (nl,)
+    lim_lo: Array  # (nl,)
+    lim_hi: Array  # (nl,)
+    lim_margin: Array  # (nl,)
+    lim_soft: Array  # (nl, 7)
+    lim_invweight: Array  # (nl,)
+
+    con_type: Integers  # (nc,) a ContactKind
+    con_bodyA: Integers  # (nc,)
+    con_bodyB: Integers  # (nc,)
+    con_plane: Integers  # (nc,) -1 without a plane
+    con_posA: Array  # (nc, D)
+    con_axisA: Array  # (nc, D)
+    con_posB: Array  # (nc, D)
+    con_axisB: Array  # (nc, D)
+    con_rotB: Array  # (nc, D * D)
+    con_halfB: Array  # (nc, D)
+    con_radiusB: Array  # (nc,)
+    con_dim: Integers  # (nc,) 1 or 3
+    con_law: Integers  # (nc,) a value of CONTACT_LAWS
+    con_pyramid: Integers  # (nc,)
+    con_impratio: Array  # (nc,)
+    con_invweight: Array  # (nc,)
+    con_margin: Array  # (nc,)
+    con_mid: Array  # (nc,)
+    con_power: Array  # (nc,)
+    plane_normal: Array  # (np, D)
+
+    act_dof: Integers  # (na,)
+    act_qadr: Integers  # (na,)
+    act_ctrl: Array  # (na, 2)
+    act_force: Array  # (na, 2)
+
+    P: Array  # (nP,) nominal physical vector
+    par_ptr: Integers  # (n + 1,) of n parameters: where the places of each begin in par_idx
+    par_idx: Integers  # places in P
+    par_coef: Array
+    par_nominal: Array  # (n,)
+
+    def to_native(self) -> dict[str, Any]:
+        """By name, as the core takes them."""
+        return dict(vars(self))
