@@ -12,6 +12,7 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from datetime import UTC, datetime
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ _PACKAGES = (
 )
 
 
+@cache
 def versions() -> dict[str, str]:
     """Name -> version of Python and of every package that a number may depend on, as far as installed."""
     found = {"python": platform.python_version()}
@@ -38,6 +40,7 @@ def versions() -> dict[str, str]:
     return found
 
 
+@cache
 def hardware() -> dict[str, Any]:
     """Processor, usable cores, memory [GiB] and operating system."""
     return {
@@ -98,6 +101,7 @@ def _processor() -> str:
     return platform.processor() or platform.machine()
 
 
+@cache
 def _commit() -> str | None:
     """The commit of the checkout that holds this file, with `-dirty` when it was changed; None outside a checkout."""
     root = Path(__file__).resolve().parent.parent

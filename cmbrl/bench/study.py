@@ -1,36 +1,41 @@
-"""What a benchmark is: a study writes pictures and tables into a folder and returns a section that says what they show.
+"""What a benchmark is: a study runs jobs, draws pictures and returns a section with its tables and findings.
 
-``cmbrl bench NAME`` runs one, ``cmbrl bench all`` every one, and the report is made of the sections alone, so that a
-killed run goes on with the studies that are still missing.
+``cmbrl bench NAME`` runs one study and ``cmbrl bench all`` every one. The report is made of the sections alone.
 """
 
 from __future__ import annotations
 
 import csv
 import io
-import math
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from cmbrl.files import read_json, write_json, write_text
+from cmbrl.jobs import Runner
+from cmbrl.jobs.job import plain
+from cmbrl.jobs.runner import Progress as Progress
+from cmbrl.jobs.store import Accept
 
-Progress = Callable[[float, str], object]  #: called with the share that is done, 0 to 1, and what is being done
 Cell = str | float | int | None  #: None: not applicable
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How a study is run. ``quick``: a minute or so, same charts with fewer points; ``scenes``: labels, default all."""
+    """How a study is run.
+
+    quick: a minute or so, the same charts with fewer points. threads: workers, and threads of the core where it is
+    measured. scenes: labels, default all. backend and accept: as in :class:`cmbrl.jobs.Runner`.
+    """
 
     quick: bool = False
     seed: int = 0
     threads: int = 1
     scenes: tuple[str, ...] | None = None
+    backend: str = "loky"
+    accept: Accept = "exact"
 
 
 @dataclass(frozen=True)
@@ -90,7 +95,8 @@ class Section:
 
     def to_json(self) -> dict[str, Any]:
         """Plain data: numpy's numbers as Python's, what is not finite as a word, since JSON has no such numbers."""
-        return _plain(asdict(self))
+        found: dict[str, Any] = plain(asdict(self))
+        return found
 
     @classmethod
     def read(cls, folder: Path) -> Section:
@@ -108,25 +114,15 @@ class Section:
 
 @dataclass(frozen=True)
 class Study:
-    """``run(folder, settings, progress)`` writes its pictures into ``folder`` and returns the section.
+    """``run(folder, settings, runner)`` computes by ``runner``, draws into ``folder`` and returns the section.
 
-    ``summary`` is its line in ``cmbrl bench --help``; ``scenes`` the labels that ``--scene`` takes (empty: none).
+    summary: its line in ``cmbrl bench --help``. scenes: the labels that ``--scene`` takes; none if empty.
     """
 
     name: str
     summary: str
-    run: Callable[[Path, Settings, Progress], Section]
+    run: Callable[[Path, Settings, Runner], Section]
     scenes: Sequence[str] = ()
-
-
-def _plain(x: Any) -> Any:
-    if isinstance(x, dict):
-        return {str(key): _plain(value) for key, value in x.items()}
-    if isinstance(x, list | tuple):
-        return [_plain(value) for value in x]
-    if isinstance(x, np.ndarray | np.generic):
-        return _plain(x.tolist())
-    return str(x) if isinstance(x, float) and not math.isfinite(x) else x
 
 
 def shown(x: Cell) -> str:
@@ -136,3 +132,8 @@ def shown(x: Cell) -> str:
     if isinstance(x, float):
         return f"{x:.4g}"
     return str(x)
+
+
+def with_progress(run: Callable[[Path, Settings, Progress], Section]) -> Callable[[Path, Settings, Runner], Section]:
+    """A study that runs without jobs."""
+    return lambda folder, settings, runner: run(folder, settings, runner.progress)

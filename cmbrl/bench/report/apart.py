@@ -21,6 +21,7 @@ from threading import Thread
 
 from cmbrl.bench.study import Progress, Settings
 from cmbrl.errors import UserError
+from cmbrl.jobs import JobError, Runner
 
 OUTPUT = "output.txt"
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -84,9 +85,12 @@ def _work(module: str, folder: Path, settings: Settings, pipe: Connection) -> No
                 pipe.send(("progress", share, text))
 
         try:
-            import_module(module).STUDY.run(folder, settings, progress).write(folder)
+            runner = Runner(folder / "cells", settings.threads, settings.backend, settings.accept, progress)
+            import_module(module).STUDY.run(folder, settings, runner).write(folder)
         except UserError as error:
             pipe.send(("mistake", str(error)))
+        except JobError as error:
+            pipe.send(("failed", str(error), error.details))
         except Exception as error:
             pipe.send(("failed", f"{type(error).__name__}: {error}", traceback.format_exc()))
         else:

@@ -19,14 +19,14 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Canvas
 from cmbrl.bench.study import Figure, Section, Study, Table
 
-def run(folder, settings, progress):
+def run(folder, settings, runner):
     print("noise of a library")
     os.write(1, b"noise of a C library")
     with (folder / "calls").open("a") as file:
         file.write(os.environ["OMP_NUM_THREADS"])
     figures = []
     for k in range(3):
-        progress(k / 3, f"picture {k}")
+        runner.progress(k / 3, f"picture {k}")
         canvas = Canvas(figsize=(4, 3))
         FigureCanvasAgg(canvas)
         canvas.subplots().plot([0, k, 1])

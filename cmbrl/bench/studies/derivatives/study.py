@@ -7,7 +7,7 @@ from typing import Any
 
 from cmbrl.bench.states import SCENES, bench_scenes
 from cmbrl.bench.studies.derivatives.differences import SMOOTHINGS, run
-from cmbrl.bench.study import Progress, Section, Settings, Study, Table
+from cmbrl.bench.study import Progress, Section, Settings, Study, Table, with_progress
 from cmbrl.errors import UserError
 
 STATES, QUICK_STATES = 1000, 20
@@ -57,4 +57,6 @@ def _study(folder: Path, settings: Settings, progress: Progress) -> Section:
     return Section("Derivatives of the step", text, [table(result)], values=result)
 
 
-STUDY = Study("derivatives", "our derivatives against finite differences of the same softened step", _study, SCENES)
+STUDY = Study(
+    "derivatives", "our derivatives against finite differences of the same softened step", with_progress(_study), SCENES
+)

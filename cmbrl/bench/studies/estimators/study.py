@@ -16,7 +16,7 @@ from cmbrl.bench.studies.estimators.cells import QUICK, Outcome, Work, cell
 from cmbrl.bench.studies.estimators.contenders import ABS, CONTENDERS, EXACT, SWEEP
 from cmbrl.bench.studies.estimators.plots import curves, qualities
 from cmbrl.bench.studies.estimators.probe import probe
-from cmbrl.bench.study import Cell, Figure, Progress, Section, Settings, Study, Table
+from cmbrl.bench.study import Cell, Figure, Progress, Section, Settings, Study, Table, with_progress
 from cmbrl.bench.workers import compute
 
 TASKS = ("hopper", "cheetah")
@@ -180,4 +180,6 @@ def _probe_table(probes: Probes) -> Table:
     return Table("Gradients at one policy, early in training", columns, rows, note)
 
 
-STUDY = Study("estimators", "policies by gradient estimator on known scenes, equal seconds", _study, TASKS)
+STUDY = Study(
+    "estimators", "policies by gradient estimator on known scenes, equal seconds", with_progress(_study), TASKS
+)

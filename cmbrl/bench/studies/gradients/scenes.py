@@ -12,7 +12,7 @@ import numpy as np
 from cmbrl.bench.studies.gradients import bounces, chaos, jumps, slips, touches
 from cmbrl.bench.studies.gradients.case import Array, Case
 from cmbrl.bench.studies.gradients.scene_plots import plot_bias, plot_jumps
-from cmbrl.bench.study import Cell, Figure, Progress, Section, Settings, Study, Table
+from cmbrl.bench.study import Cell, Figure, Progress, Section, Settings, Study, Table, with_progress
 from cmbrl.contact import Adaptive, Barrier, Exact
 from cmbrl.contact.smoothing import Smoothing
 
@@ -207,4 +207,9 @@ def _findings(rows: Sequence[Row]) -> str:
     return text + (f" The truth is missed in {', '.join(missed)}: reasons in the table." if missed else "")
 
 
-STUDY = Study("gradient-scenes", "derivatives of G1 to G15 against closed forms and finite differences", run, LABELS)
+STUDY = Study(
+    "gradient-scenes",
+    "derivatives of G1 to G15 against closed forms and finite differences",
+    with_progress(run),
+    LABELS,
+)

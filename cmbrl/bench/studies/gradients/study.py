@@ -10,7 +10,7 @@ from cmbrl.bench.studies.gradients.contenders import LENGTHS, contenders
 from cmbrl.bench.studies.gradients.measure import Quality, costs, judge
 from cmbrl.bench.studies.gradients.plots import against_cost, against_horizon, against_length
 from cmbrl.bench.studies.gradients.systems import SYSTEMS
-from cmbrl.bench.study import Cell, Figure, Progress, Section, Settings, Study, Table
+from cmbrl.bench.study import Cell, Figure, Progress, Section, Settings, Study, Table, with_progress
 
 LENGTH = 1e-3  #: the smoothing length [m] at which horizons are compared
 TITLE = "Policy gradients: bias, variance and cost of every estimator"
@@ -84,4 +84,4 @@ def _findings(rows: Sequence[Quality], horizon: int) -> str:
     return f"Least error of 64 samples at horizon {horizon}: " + "; ".join(best) + "."
 
 
-STUDY = Study("gradients", "bias, variance and cost of policy-gradient estimators", run, tuple(SYSTEMS))
+STUDY = Study("gradients", "bias, variance and cost of policy-gradient estimators", with_progress(run), tuple(SYSTEMS))

@@ -12,7 +12,7 @@ from cmbrl.bench.studies.estimators.contenders import EXACT
 from cmbrl.bench.studies.horizons.cells import NAMES, QUICK, STD, Work, learn, quality, truth
 from cmbrl.bench.studies.horizons.plots import gains, qualities
 from cmbrl.bench.studies.horizons.situations import SITUATIONS
-from cmbrl.bench.study import Cell, Figure, Progress, Section, Settings, Study, Table
+from cmbrl.bench.study import Cell, Figure, Progress, Section, Settings, Study, Table, with_progress
 from cmbrl.bench.workers import compute
 
 METHOD = (
@@ -109,5 +109,9 @@ def _gradient_table(found: Sequence[dict[str, Any]]) -> Table:
     return Table("Gradients of the first policy", columns, rows, "Not finite: share of samples. A dash: no number.")
 
 
-STUDY = Study("horizons", "gradients over 32 to 512 steps: stiff contact, chaos, and who still learns", _study,
-              tuple(SITUATIONS))  # fmt: skip
+STUDY = Study(
+    "horizons",
+    "gradients over 32 to 512 steps: stiff contact, chaos, and who still learns",
+    with_progress(_study),
+    tuple(SITUATIONS),
+)

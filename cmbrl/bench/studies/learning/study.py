@@ -13,7 +13,7 @@ from cmbrl.bench.studies.learning.contenders import CONTENDERS, QUICK_SIZES, SIZ
 from cmbrl.bench.studies.learning.logs import System
 from cmbrl.bench.studies.learning.plots import common_rows, draw
 from cmbrl.bench.studies.learning.results import Results, every_seed, medians, middle
-from cmbrl.bench.study import Figure, Progress, Section, Settings, Study
+from cmbrl.bench.study import Figure, Progress, Section, Settings, Study, with_progress
 
 TASKS = ("hopper", "cheetah")
 SEEDS, TEST_ROWS, LASTING_ROWS = 3, 5_000, 40_000
@@ -108,4 +108,6 @@ def _left_out(results: Results) -> str:
     return " ".join(["Left out:", *lines, *(["Could not be trained:", *failed] if failed else [])])
 
 
-STUDY = Study("learning", "error of learned models against data, fit time and prediction time", _study, TASKS)
+STUDY = Study(
+    "learning", "error of learned models against data, fit time and prediction time", with_progress(_study), TASKS
+)

@@ -24,7 +24,7 @@ from cmbrl.bench.studies.mission.runs import (
     finished,
     random_log,
 )
-from cmbrl.bench.study import Cell, Figure, Progress, Section, Settings, Study, Table
+from cmbrl.bench.study import Cell, Figure, Progress, Section, Settings, Study, Table, with_progress
 from cmbrl.bench.workers import compute
 from cmbrl.models.named import nominal_model
 from cmbrl.registry import load_task
@@ -222,4 +222,6 @@ def _text(results: Sequence[Result], work: Work) -> str:
     return "\n\n".join([how, " ".join(["Ended early:", *failed]) if failed else "No run diverged."])
 
 
-STUDY = Study("mission", "what policies earn in the real system, from how much data and computing", _study, SCENES)
+STUDY = Study(
+    "mission", "what policies earn in the real system, from how much data and computing", with_progress(_study), SCENES
+)

@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Canvas
 
 from cmbrl.bench.studies.reduction.cases import LABELS, Group, Variant, groups
-from cmbrl.bench.study import Cell, Figure, Progress, Section, Settings, Study, Table
+from cmbrl.bench.study import Cell, Figure, Progress, Section, Settings, Study, Table, with_progress
 from cmbrl.bench.timing import Spread, interleaved
 from cmbrl.files import atomic_path
 
@@ -150,4 +150,6 @@ def plot(rows: Sequence[Row], path: Path) -> None:
         figure.savefig(temporary, dpi=150)
 
 
-STUDY = Study("reduction", "planar algebra, pruning, early exit: time saved, difference made", _study, LABELS)
+STUDY = Study(
+    "reduction", "planar algebra, pruning, early exit: time saved, difference made", with_progress(_study), LABELS
+)

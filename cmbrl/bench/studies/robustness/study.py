@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cmbrl.bench.states import WILD, bench_scenes, random_states, with_friction
-from cmbrl.bench.study import Progress, Section, Settings, Study, Table
+from cmbrl.bench.study import Progress, Section, Settings, Study, Table, with_progress
 from cmbrl.contact import Barrier, Exact
 from cmbrl.contact.smoothing import Smoothing
 from cmbrl.models.complementarity import ComplementarityModel
@@ -120,4 +120,9 @@ def _study(folder: Path, settings: Settings, progress: Progress) -> Section:
     return Section("Robustness of the solver", text, [table(result)], values=result)
 
 
-STUDY = Study("robustness", "how often our solver reaches its tolerance on wild random states", _study, tuple(SIZES))
+STUDY = Study(
+    "robustness",
+    "how often our solver reaches its tolerance on wild random states",
+    with_progress(_study),
+    tuple(SIZES),
+)

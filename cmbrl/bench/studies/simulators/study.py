@@ -16,7 +16,7 @@ from cmbrl.bench.studies.simulators.measure import LOST, QUICK, Effort, Result, 
 from cmbrl.bench.studies.simulators.ours import LANES
 from cmbrl.bench.studies.simulators.plots import plot
 from cmbrl.bench.studies.simulators.scenes import LABELS, available
-from cmbrl.bench.study import Cell, Figure, Progress, Section, Settings, Study, Table
+from cmbrl.bench.study import Cell, Figure, Progress, Section, Settings, Study, Table, with_progress
 
 GOAL = 0.01  #: relative error whose cost the table names
 
@@ -140,4 +140,6 @@ def cost_of(rows: Sequence[Row], goal: float) -> float | None:
     return None
 
 
-STUDY = Study("simulators", "seconds per simulated second against trajectory error, with rivals", _study, LABELS)
+STUDY = Study(
+    "simulators", "seconds per simulated second against trajectory error, with rivals", with_progress(_study), LABELS
+)

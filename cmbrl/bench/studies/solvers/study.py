@@ -17,7 +17,7 @@ from cmbrl.bench.studies.solvers.measure import QUICK_REPEATS, QUICK_TOLERANCES,
 from cmbrl.bench.studies.solvers.plots import FIGURES
 from cmbrl.bench.studies.solvers.problems import FAMILIES, VISITED, family, problem_set
 from cmbrl.bench.studies.solvers.summary import Summary
-from cmbrl.bench.study import Figure, Progress, Section, Settings, Study
+from cmbrl.bench.study import Figure, Progress, Section, Settings, Study, with_progress
 from cmbrl.contact.problem import ContactProblem
 from cmbrl.contact.solvers import Solver, available, get
 from cmbrl.files import read_json, write_json
@@ -71,4 +71,4 @@ def _cached(
     return cells
 
 
-STUDY = Study("solvers", "contact solvers on the same problems: time against residual", _study, FAMILIES)
+STUDY = Study("solvers", "contact solvers on the same problems: time against residual", with_progress(_study), FAMILIES)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from cmbrl.bench.studies.speed.measure import measure, turns
 from cmbrl.bench.studies.speed.scenes import LABELS
-from cmbrl.bench.study import Figure, Progress, Section, Settings, Study
+from cmbrl.bench.study import Figure, Progress, Section, Settings, Study, with_progress
 
 REPEATS, QUICK_REPEATS = 9, 3
 STATES, QUICK_STATES = 4096, 1024
@@ -38,4 +38,4 @@ def _study(folder: Path, settings: Settings, progress: Progress) -> Section:
     return Section("Speed against MuJoCo", text, result.tables(), figures, result.to_json())
 
 
-STUDY = Study("speed", "steps and derivatives against MuJoCo's, as ratios of one run", _study, LABELS)
+STUDY = Study("speed", "steps and derivatives against MuJoCo's, as ratios of one run", with_progress(_study), LABELS)

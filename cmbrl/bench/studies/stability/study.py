@@ -11,7 +11,7 @@ from cmbrl.bench.studies.stability.case import QUICK, SWEEP, BankScene
 from cmbrl.bench.studies.stability.measure import FAIL, NEAR, Cell, remembered
 from cmbrl.bench.studies.stability.simulators import Simulator
 from cmbrl.bench.studies.stability.solver_steppers import SolverStepper
-from cmbrl.bench.study import Figure, Progress, Section, Settings, Study
+from cmbrl.bench.study import Figure, Progress, Section, Settings, Study, with_progress
 
 LABELS = tuple(scene.label for scene in SCENES)
 TEXT = (
@@ -88,4 +88,6 @@ def _text(scenes: list[BankScene], cells: tables.Cells, steps: dict[str, float])
     return f"{TEXT} {missed_by_ours}"
 
 
-STUDY = Study("stability", "the failure bank: scenes with a known truth under ours and rivals", run, LABELS)
+STUDY = Study(
+    "stability", "the failure bank: scenes with a known truth under ours and rivals", with_progress(run), LABELS
+)

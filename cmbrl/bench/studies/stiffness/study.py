@@ -19,7 +19,7 @@ from matplotlib.figure import Figure as Canvas
 from cmbrl.bench.cells import kept
 from cmbrl.bench.studies.stiffness.cells import QUICK, Work, run
 from cmbrl.bench.studies.stiffness.tosses import FRICTION
-from cmbrl.bench.study import Cell, Figure, Progress, Section, Settings, Study, Table
+from cmbrl.bench.study import Cell, Figure, Progress, Section, Settings, Study, Table, with_progress
 from cmbrl.files import atomic_path
 
 _STYLES = {
@@ -103,4 +103,4 @@ def plot(cells: Sequence[Outcome], path: Path) -> None:
         figure.savefig(temporary, dpi=140)
 
 
-STUDY = Study("stiffness", "one-step error of fitted and neural models by stiffness of contact", _study)
+STUDY = Study("stiffness", "one-step error of fitted and neural models by stiffness of contact", with_progress(_study))

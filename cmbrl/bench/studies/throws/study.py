@@ -36,7 +36,7 @@ from cmbrl.bench.studies.throws.summary import (
     variance_verdict,
     verdict,
 )
-from cmbrl.bench.study import Figure, Progress, Section, Settings, Study
+from cmbrl.bench.study import Figure, Progress, Section, Settings, Study, with_progress
 from cmbrl.bench.workers import compute
 from cmbrl.registry import load_task
 
@@ -122,5 +122,8 @@ def text(runs: Sequence[Outcome], planned: Sequence[Outcome], variances: Sequenc
 
 
 STUDY = Study(
-    "throws", "launch velocity of a ball by eleven gradient estimators, and from 50 throws", _study, tuple(TASKS)
+    "throws",
+    "launch velocity of a ball by eleven gradient estimators, and from 50 throws",
+    with_progress(_study),
+    tuple(TASKS),
 )

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from cmbrl.bench.study import Progress, Section, Settings, Study, Table
+from cmbrl.bench.study import Progress, Section, Settings, Study, Table, with_progress
 from cmbrl.bench.timing import Spread, interleaved
 from cmbrl.contact import Barrier
 from cmbrl.envs.mdp import MDP
@@ -102,4 +102,6 @@ def _mujoco(system: System, mdp: MDP, count: int) -> None:
             system.reset(q, v)
 
 
-STUDY = Study("training", "one update of a policy beside MuJoCo simulating as many steps", _study, LABELS)
+STUDY = Study(
+    "training", "one update of a policy beside MuJoCo simulating as many steps", with_progress(_study), LABELS
+)

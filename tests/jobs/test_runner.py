@@ -1,0 +1,144 @@
+"""Jobs are kept, resumed and told apart; workers that die cost their job; Ray and Dask give the bits of one process."""
+
+from __future__ import annotations
+
+import json
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from cmbrl import UserError
+from cmbrl.jobs import Job, JobError, Runner
+from cmbrl.jobs.job import plain
+
+MODULE = """
+import os, signal, time
+from pathlib import Path
+import numpy as np
+from cmbrl.errors import UserError
+
+def noise(seed, log):
+    with open(log, "a") as file:
+        file.write(f"{seed}\\n")
+    return {"seed": seed, "sum": float(np.random.default_rng(seed).normal(size=1000).sum()), "bad": float("inf")}
+
+def dies_once(seed, log):
+    marker = Path(log).with_name(f"died_{seed}")
+    if seed == 2 and not marker.exists():
+        marker.touch()
+        time.sleep(0.5)
+        os.kill(os.getpid(), signal.SIGKILL)
+    return noise(seed, log)
+
+def dies(seed):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+def fails(seed, log):
+    if seed == 1:
+        raise ZeroDivisionError("no such number")
+    if seed == 3:
+        raise UserError("seed 3: choose another")
+    return noise(seed, log)
+"""
+
+
+@pytest.fixture
+def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A module of functions that workers can import, too."""
+    (tmp_path / "job_functions.py").write_text(MODULE, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
+    monkeypatch.delitem(sys.modules, "job_functions", raising=False)
+    import job_functions
+
+    return job_functions
+
+
+def jobs(function, count: int, tmp_path: Path) -> list[Job]:
+    return [Job(f"seed {k}", function, {"seed": k, "log": str(tmp_path / "log")}) for k in range(count)]
+
+
+def calls(tmp_path: Path) -> list[int]:
+    return sorted(map(int, (tmp_path / "log").read_text().split()))
+
+
+def test_results_are_kept_and_say_where_they_are_from(work, tmp_path: Path) -> None:
+    runner = Runner(tmp_path / "kept")
+    first = runner.run(jobs(work.noise, 3, tmp_path))
+    assert [x["seed"] for x in first] == [0, 1, 2]
+    assert first[0]["bad"] == "inf"
+    assert runner.run(jobs(work.noise, 4, tmp_path))[:3] == first
+    assert calls(tmp_path) == [0, 1, 2, 3]  # only the new one was computed
+    held = json.loads((tmp_path / "kept" / "seed_1.json").read_text())
+    assert held["value"] == first[1]
+    assert held["key"]["inputs"]["seed"] == 1
+    assert {"commit", "hardware", "versions", "started"} <= held["made"].keys()
+
+
+def test_other_inputs_code_or_machine_are_other_results(work, tmp_path: Path) -> None:
+    kept, job = tmp_path / "kept", jobs(work.noise, 1, tmp_path)[0]
+    Runner(kept).run([job])
+    file = kept / job.file
+    whole = json.loads(file.read_text())
+
+    def again(change, accept: str = "exact") -> bool:
+        """Whether the job runs again after its file was changed."""
+        held = json.loads(json.dumps(whole))
+        change(held)
+        file.write_text(json.dumps(held))
+        before = len(calls(tmp_path))
+        Runner(kept, accept=accept).run([job])
+        return len(calls(tmp_path)) > before
+
+    assert not again(lambda held: None)
+    assert again(lambda held: held["key"]["inputs"].update(seed=7), "any")
+    assert again(lambda held: held["key"].update(code="other"))
+    assert again(lambda held: held["key"].update(code="other"), "machine")
+    assert not again(lambda held: held["key"].update(code="other"), "any")
+    assert again(lambda held: held["made"]["hardware"].update(processor="other"))
+    assert not again(lambda held: held["made"]["hardware"].update(processor="other"), "machine")
+    file.write_text("{")
+    Runner(kept).run([job])
+    assert json.loads(file.read_text())["value"] == whole["value"]
+
+
+@pytest.mark.parametrize("n_jobs", [1, 2])
+def test_a_failing_job_stops_no_other(work, tmp_path: Path, n_jobs: int) -> None:
+    runner = Runner(tmp_path / "kept", n_jobs)
+    with pytest.raises(JobError, match="seed 1: ZeroDivisionError: no such number") as error:
+        runner.run(jobs(work.fails, 3, tmp_path))
+    assert "Traceback" in error.value.details
+    assert calls(tmp_path) == [0, 2]
+    with pytest.raises(UserError, match="seed 3: choose another"):
+        runner.run(jobs(work.fails, 4, tmp_path)[2:])
+
+
+def test_a_killed_worker_costs_only_time(work, tmp_path: Path) -> None:
+    alone = Runner(tmp_path / "alone").run(jobs(work.noise, 5, tmp_path))
+    (tmp_path / "log").unlink()
+    together = Runner(tmp_path / "together", n_jobs=2).run(jobs(work.dies_once, 5, tmp_path))
+    assert together == alone
+    with pytest.raises(JobError, match="seed: its worker died 3 times"):
+        Runner(tmp_path / "dead", n_jobs=2).run([Job("seed", work.dies, {"seed": k}) for k in (0,)])
+
+
+@pytest.mark.parametrize(("backend", "package"), [("ray", "ray"), ("dask", "distributed")])
+def test_a_cluster_gives_the_bits_of_one_process(work, tmp_path: Path, backend: str, package: str) -> None:
+    if find_spec(package) is None:
+        pytest.skip(f"{package} is not installed")
+    alone = Runner(tmp_path / "alone").run(jobs(work.noise, 5, tmp_path))
+    (tmp_path / "log").unlink()
+    cluster = Runner(tmp_path / "cluster", n_jobs=2, backend=backend).run(jobs(work.dies_once, 5, tmp_path))
+    assert cluster == alone
+    assert (tmp_path / "died_2").exists()
+
+
+def test_what_jobs_refuse(work, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="share a name"):
+        Runner(tmp_path).run([*jobs(work.noise, 1, tmp_path)] * 2)
+    with pytest.raises(UserError, match="unknown back end 'rays': did you mean 'ray'"):
+        Runner(tmp_path / "kept", 2, "rays").run(jobs(work.noise, 2, tmp_path))
+    with pytest.raises(TypeError, match="a path is no input of a job"):
+        plain({"file": tmp_path})
