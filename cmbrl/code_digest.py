@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import re
 from collections.abc import Iterator
 from functools import cache
 from importlib.machinery import PathFinder
@@ -15,6 +16,7 @@ from pathlib import Path
 
 PACKAGE = "cmbrl"
 ROOT = Path(__file__).parent
+_NAMED = re.compile(rf"^({PACKAGE}(?:\.\w+)+)(?::|$)")
 
 
 @cache
@@ -81,7 +83,10 @@ def _documented(node: ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFun
 
 @cache
 def _imports(name: str) -> tuple[str, ...]:
-    """Names that may be modules of this package, from every import in the file but those for type checkers."""
+    """Names that may be modules of this package, from every import in the file but those for type checkers.
+
+    A string such as "cmbrl.train.shac:SHAC" counts too: what it names is imported when it is needed.
+    """
     source = _source(name)
     assert source is not None
     found: set[str] = set()
@@ -90,6 +95,8 @@ def _imports(name: str) -> tuple[str, ...]:
             found.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
             found.update([node.module, *(f"{node.module}.{alias.name}" for alias in node.names)])
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and name != PACKAGE:
+            found.update(match[1] for match in _NAMED.finditer(node.value))
     return tuple(x for x in found if x.split(".")[0] == PACKAGE)
 
 

@@ -17,10 +17,12 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from cmbrl.code_digest import code_digest
 from cmbrl.errors import UserError
 from cmbrl.files import check_writable, read_json, write_json
 
 CONFIGURATION = "config.json"
+ENVIRONMENT = "environment.json"
 _PACKAGES = (
     *("cmbrl", "numpy", "scipy", "torch", "mujoco", "gymnasium", "pymunk", "cmaes", "minari", "scikit-learn"),
     *("qpsolvers", "proxsuite", "daqp", "quadprog", "piqp", "osqp", "clarabel", "scs", "highspy", "cvxpy"),
@@ -70,13 +72,18 @@ def check_run_folder(folder: str | os.PathLike[str], command: str) -> None:
 def write_run(folder: str | os.PathLike[str], command: str, configuration: Mapping[str, Any]) -> Path:
     """Makes ``folder`` and writes ``config.json`` (resolved options) and ``environment.json`` into it.
 
+    The environment of a run that is resumed stays what it was; each resumption is added to its list "resumed".
     Raises UserError as ``check_run_folder`` does.
     """
     check_run_folder(folder, command)
     place = Path(folder)
     place.mkdir(parents=True, exist_ok=True)
     write_json(place / CONFIGURATION, {"command": command, **configuration})
-    write_json(place / "environment.json", environment())
+    now = {**environment(), "code": code_digest(f"cmbrl.cli.{command}")}
+    if (place / ENVIRONMENT).exists():
+        first = read_json(place / ENVIRONMENT)
+        now = {**first, "resumed": [*first.get("resumed", []), now]}
+    write_json(place / ENVIRONMENT, now)
     return place
 
 

@@ -54,7 +54,8 @@ def resolved(arguments: argparse.Namespace) -> dict[str, Any]:
     return values
 
 
-def _read(path: Path, prog: str) -> Mapping[str, Any]:
+def read_configuration(path: Path) -> dict[str, Any]:
+    """What a YAML or JSON file holds; raises UserError when it is missing, malformed or no mapping."""
     try:
         loaded = yaml.safe_load(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -63,6 +64,11 @@ def _read(path: Path, prog: str) -> Mapping[str, Any]:
         raise UserError(f"{path}: not readable as YAML ({error})") from None
     if not isinstance(loaded, dict) or not all(isinstance(key, str) for key in loaded):
         raise UserError(f"{path}: a mapping of option names to values is needed")
+    return loaded
+
+
+def _read(path: Path, prog: str) -> Mapping[str, Any]:
+    loaded = read_configuration(path)
     command = loaded.pop("command", None)
     if command is not None and command != prog.split()[-1]:
         raise UserError(f"{path}: is a configuration of 'cmbrl {command}', not of '{prog}'")

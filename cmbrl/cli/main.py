@@ -23,6 +23,7 @@ COMMANDS = {
     "evaluate": "what a policy earns in the real system and in a model",
     "play": "a clip of a policy in the real system and in a model, or an interactive viewer",
     "export": "write a policy as ONNX or TorchScript",
+    "sweep": "run one configuration under many seeds, on this machine, Ray or Dask",
     "bench": "measure models, solvers and gradients beside their rivals",
 }
 

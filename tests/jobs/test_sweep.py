@@ -1,0 +1,92 @@
+"""A configuration under many seeds gives what each seed gives alone; it resumes, and a Slurm array does the same."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cmbrl.cli import main
+
+CONFIG = """
+command: train
+task: ball_throw
+algorithm: shac
+iterations: 2
+set: {environments: 4, horizon: 1}
+"""
+
+
+@pytest.fixture
+def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    pytest.importorskip("pymunk")
+    monkeypatch.chdir(tmp_path)
+    file = tmp_path / "throw.yaml"
+    file.write_text(CONFIG, encoding="utf-8")
+    return file
+
+
+def policy(folder: Path) -> bytes:
+    return (folder / "policy.safetensors").read_bytes()
+
+
+def test_every_seed_is_what_it_is_alone(config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["sweep", "throw.yaml", "--seeds", "3:5", "--out", "sweep", "--jobs", "2"]) == 0
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()[2:]] == [
+        "3", "4", "median", "lowest", "highest"
+    ]  # fmt: skip
+    for seed in (3, 4):
+        assert main(["train", "--config", "throw.yaml", "--seed", str(seed), "--out", f"alone_{seed}"]) == 0
+        assert policy(tmp_path / f"sweep/seed_{seed}") == policy(tmp_path / f"alone_{seed}")
+    kept = json.loads((tmp_path / "sweep/sweep.json").read_text())
+    assert kept["seeds"] == [3, 4]
+    assert {"commit", "hardware", "versions"} <= kept["environment"].keys()
+    before = (tmp_path / "sweep/seed_3/policy.safetensors").stat().st_mtime_ns
+    assert main(["sweep", "throw.yaml", "--seeds", "3:6", "--out", "sweep"]) == 0  # only seed 5 is new
+    assert (tmp_path / "sweep/seed_3/policy.safetensors").stat().st_mtime_ns == before
+    assert policy(tmp_path / "sweep/seed_5")
+
+
+def test_mistakes_are_one_line(config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for typed, said in (
+        (["--seeds", "5:5"], "give at least one seed"),
+        (["--seeds", "a"], "neither A:B nor a list"),
+        (["--seeds", "0:2", "--backend", "slurm"], "invalid choice"),
+    ):
+        assert main(["sweep", "throw.yaml", "--out", "sweep", *typed]) == 2
+        assert said in capsys.readouterr().err
+    config.write_text(CONFIG.replace("iterations: 2", "iterations: two"), encoding="utf-8")
+    assert main(["sweep", "throw.yaml", "--seeds", "0:1", "--out", "sweep"]) == 2
+    assert "seed 0: " in capsys.readouterr().err
+    config.write_text("task: hopper\n", encoding="utf-8")
+    assert main(["sweep", "throw.yaml", "--seeds", "0:1", "--out", "other"]) == 2
+    assert "no `command: train`" in capsys.readouterr().err
+    assert not (tmp_path / "other").exists()
+
+
+def test_a_run_of_other_code_is_not_passed_off_as_this_one(config: Path, tmp_path: Path) -> None:
+    typed = ["sweep", "throw.yaml", "--seeds", "0:1", "--out", "sweep"]
+    assert main(typed) == 0
+    (tmp_path / "sweep/seeds/seed_0.json").unlink()
+    about = tmp_path / "sweep/seed_0/environment.json"
+    about.write_text(json.dumps(json.loads(about.read_text()) | {"code": "other"}))
+    assert main(typed) == 2
+
+
+def test_the_slurm_array_does_the_same(config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["sweep", "throw.yaml", "--seeds", "3:5", "--out", "array", "--slurm"]) == 0
+    script = capsys.readouterr().out
+    assert "#SBATCH --array=3-4\n" in script
+    (tmp_path / "array").mkdir()
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin/cmbrl").write_text(f'#!/bin/sh\nexec {sys.executable} -m cmbrl "$@"\n')
+    (tmp_path / "bin/cmbrl").chmod(0o755)
+    environment = {**os.environ, "SLURM_ARRAY_TASK_ID": "3", "PATH": f"{tmp_path}/bin:{os.environ['PATH']}"}
+    done = subprocess.run(["bash", "-c", script], env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert main(["sweep", "throw.yaml", "--seeds", "3:4", "--out", "sweep"]) == 0
+    assert policy(tmp_path / "array/seed_3") == policy(tmp_path / "sweep/seed_3")
