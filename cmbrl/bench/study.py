@@ -11,13 +11,14 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from cmbrl.bench import provenance
 from cmbrl.files import read_json, write_json, write_text
 from cmbrl.jobs import Runner
 from cmbrl.jobs.job import plain
 from cmbrl.jobs.runner import Progress as Progress
 from cmbrl.jobs.store import Accept
+from cmbrl.table import WIDTH, Table
 from cmbrl.table import Cell as Cell
-from cmbrl.table import Table
 from cmbrl.table import shown as shown
 
 
@@ -48,14 +49,18 @@ class Figure:
 
 @dataclass(frozen=True)
 class Section:
-    """A study's result. ``text``: what was measured, how, and what came out, in a paragraph or two; ``values``: the
-    same for machines (JSON)."""
+    """A study's result.
+
+    text: what was measured, how, and what came out, in a paragraph or two. values: the same for machines (JSON).
+    made: with which code, where and from how many seeds (:mod:`cmbrl.bench.provenance`).
+    """
 
     title: str
     text: str
     tables: Sequence[Table] = ()
     figures: Sequence[Figure] = ()
     values: dict[str, Any] = field(default_factory=dict)
+    made: dict[str, Any] = field(default_factory=dict)
 
     def write(self, folder: Path) -> None:
         """Writes ``section.json`` and one CSV a table into ``folder``."""
@@ -77,9 +82,10 @@ class Section:
         return cls(**held)
 
     def terminal(self) -> str:
-        """Title, text and tables for a terminal."""
-        paragraphs = [textwrap.fill(paragraph, 110) for paragraph in self.text.split("\n\n")]
-        return "\n\n".join([self.title, *paragraphs, *(t.text() for t in self.tables)])
+        """Title, text and tables for a terminal, and where the numbers are from."""
+        paragraphs = [textwrap.fill(paragraph, WIDTH) for paragraph in self.text.split("\n\n")]
+        made = [textwrap.fill(provenance.line(self.made), WIDTH)] if self.made else []
+        return "\n\n".join([self.title, *paragraphs, *(t.text() for t in self.tables), *made])
 
 
 @dataclass(frozen=True)

@@ -10,27 +10,33 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
+from cmbrl.bench.provenance import results
 from cmbrl.bench.registry import STUDIES, load
 from cmbrl.bench.report.page import write_page
-from cmbrl.bench.report.runs import Bar, Run, run_studies, summary
+from cmbrl.bench.report.runs import Bar, StudyRun, run_studies, summary
 from cmbrl.bench.study import Progress, Section, Settings
 from cmbrl.cli.configuration import resolved
 from cmbrl.cli.options import Parser, add_json, add_seed, add_threads
 from cmbrl.cli.progress import counting, fraction
 from cmbrl.errors import UserError, did_you_mean
+from cmbrl.jobs.backends import BACKENDS
 from cmbrl.runs import check_run_folder, environment, usable_cores, write_run
 
-ALL = "all"
+ALL, STALE = "all", "stale"
 EXAMPLE = """
 cmbrl bench speed
 cmbrl bench speed --scene "hopper rk4" --out runs/bench
 cmbrl bench robustness --quick --json > robustness.json
 cmbrl bench all --quick --out runs/bench     a page of everything, in less than ten minutes
+cmbrl bench stale docs                       stored results, and whether their code has changed since
 """
 
 
 def add_arguments(parser: Parser) -> None:
-    parser.add_argument("study", metavar="STUDY", help="one of the studies above, or all")
+    parser.add_argument("study", metavar="STUDY", help="one of the studies above, all, or stale")
+    parser.add_argument(
+        "paths", metavar="PATH", nargs="*", help="files and folders that stale looks into (default: docs runs)"
+    )
     parser.add_argument(
         "--scene", action="append", metavar="LABEL", help="measure only this scene (may be repeated; default: all)"
     )
@@ -42,6 +48,20 @@ def add_arguments(parser: Parser) -> None:
     )
     parser.add_argument("--quick", action="store_true", help="fewer points and repeats: a minute or so a study")
     add_threads(parser)
+    parser.add_argument(
+        "--backend",
+        choices=BACKENDS,
+        default="loky",
+        help="where the jobs of a study run: processes here (loky), or the cluster of RAY_ADDRESS or "
+        "DASK_SCHEDULER_ADDRESS; jobs that take times stay here",
+    )
+    parser.add_argument(
+        "--accept",
+        choices=("exact", "machine", "any"),
+        default="exact",
+        help="kept results that count: of this code on this processor (exact), of this code anywhere (machine), of "
+        "any code (any)",
+    )
     add_seed(parser)
     add_json(parser)
     parser.listing = _listing
@@ -49,13 +69,20 @@ def add_arguments(parser: Parser) -> None:
 
 def _listing() -> str:
     lines = [f"  {name:17s}{load(name).summary}" for name in STUDIES]
-    return "\n".join(["studies:", *lines, f"  {ALL:17s}every one of them, onto one page (needs --out)"])
+    lines += [f"  {ALL:17s}every one of them, onto one page (needs --out)"]
+    lines += [f"  {STALE:17s}no study: lists stored results and whether their code has changed since"]
+    return "\n".join(["studies:", *lines])
 
 
 def run(arguments: argparse.Namespace) -> int:
+    if arguments.study == STALE:
+        return _stale(arguments)
     names = _names(arguments)
     threads = arguments.threads or usable_cores()
-    settings = Settings(arguments.quick, arguments.seed, threads, tuple(arguments.scene) if arguments.scene else None)
+    scenes = tuple(arguments.scene) if arguments.scene else None
+    settings = Settings(
+        arguments.quick, arguments.seed, threads, scenes, backend=arguments.backend, accept=arguments.accept
+    )
     with _folder(arguments) as out, _bars(len(names)) as bar:
         runs = run_studies({name: STUDIES[name] for name in names}, out, settings, bar)
         sections = {run.name: Section.read(out / run.name) for run in runs if run.status == "finished"}
@@ -70,8 +97,22 @@ def run(arguments: argparse.Namespace) -> int:
     return _tell(runs, page)
 
 
+def _stale(arguments: argparse.Namespace) -> int:
+    """Prints the list; the exit code is 0 whatever it says."""
+    places = [Path(path) for path in arguments.paths or ("docs", "runs")]
+    for place in places if arguments.paths else ():
+        if not place.exists():
+            raise UserError(f"{place}: no such file or folder")
+    found = results([place for place in places if place.exists()])
+    rows = [dict(zip(found.columns, row, strict=True)) for row in found.rows]
+    print(json.dumps(rows, indent=2) if arguments.json else found.text())
+    return 0
+
+
 def _names(arguments: argparse.Namespace) -> list[str]:
     """The studies asked for; raises UserError for an unknown study or scene."""
+    if arguments.paths:
+        raise UserError(f"{arguments.paths[0]}: files and folders are for `cmbrl bench {STALE}`")
     if arguments.study == ALL:
         if not arguments.out or arguments.scene:
             raise UserError(f"bench {ALL}: {'scenes are of one study' if arguments.out else 'needs --out DIR'}")
@@ -108,7 +149,7 @@ def _bars(total: int) -> Iterator[Bar]:
         yield bar
 
 
-def _tell(runs: list[Run], page: Path | None) -> int:
+def _tell(runs: list[StudyRun], page: Path | None) -> int:
     """Says on stderr what failed and where the page is; returns the exit code."""
     failed = [run for run in runs if run.error is not None]
     if len(runs) == 1 and failed and not failed[0].details:

@@ -53,6 +53,12 @@ class Runner:
     backend: str = "loky"
     accept: Accept = "exact"
     progress: Progress = field(default=lambda share, text: None)
+    _seeds: set[Any] = field(default_factory=set)
+
+    @property
+    def seeds(self) -> int:
+        """How many seeds the jobs had so far, counting those without one as one."""
+        return max(1, len(self._seeds))
 
     def run(
         self, jobs: Sequence[Job], what: str = "job", share: tuple[float, float] = (0.0, 1.0), alone: bool = False
@@ -64,6 +70,7 @@ class Runner:
         Raises UserError or JobError for the first job that failed, after all others are done and kept.
         """
         store = Store(self.folder, self.accept)
+        self._seeds |= {job.inputs["seed"] for job in jobs if "seed" in job.inputs}
         results = {job.file: store.get(job) for job in jobs}
         if len(results) < len(jobs):
             raise ValueError(f"two jobs share a name among {sorted(job.name for job in jobs)}")

@@ -13,12 +13,14 @@ import time
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib import import_module
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection
 from pathlib import Path
 from threading import Thread
 
+from cmbrl.bench.provenance import made
 from cmbrl.bench.study import Progress, Settings
 from cmbrl.errors import UserError
 from cmbrl.jobs import JobError, Runner
@@ -86,7 +88,8 @@ def _work(module: str, folder: Path, settings: Settings, pipe: Connection) -> No
 
         try:
             runner = Runner(folder / "cells", settings.threads, settings.backend, settings.accept, progress)
-            import_module(module).STUDY.run(folder, settings, runner).write(folder)
+            section = import_module(module).STUDY.run(folder, settings, runner)
+            replace(section, made=made(module, runner.seeds)).write(folder)
         except UserError as error:
             pipe.send(("mistake", str(error)))
         except JobError as error:

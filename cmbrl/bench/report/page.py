@@ -16,7 +16,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from PIL import Image
 
 from cmbrl.bench.registry import STUDIES
-from cmbrl.bench.report.runs import Run
+from cmbrl.bench.report.runs import StudyRun
 from cmbrl.bench.study import Cell, Section, shown
 from cmbrl.files import write_text
 
@@ -44,7 +44,7 @@ class Picture:
 class Chapter:
     """One study on the page; ``section`` is None while it has failed or is not finished."""
 
-    run: Run
+    run: StudyRun
     section: Section | None
     pictures: dict[str, Picture]  # by file name
 
@@ -66,7 +66,7 @@ def write_page(out: Path) -> Path:
 
 
 def _chapter(folder: Path) -> Chapter | None:
-    run = Run.read(folder)
+    run = StudyRun.read(folder)
     if run is None:
         return None
     section = Section.read(folder) if run.status == "finished" else None

@@ -1,7 +1,7 @@
-"""Studies one after the other into ``DIR/NAME``: what is finished stays, what fails is recorded, the others go on.
+"""Studies one after the other into ``DIR/NAME``. A finished study stays; a study that fails stops no other.
 
-``run.json`` beside a study's section says how it was run (settings, command line, versions, hardware, commit) and how
-it ended. It is written before the study starts, so that a folder is never continued with other settings.
+``run.json`` in a study's folder says how it was run (settings, command line, versions, hardware, commit) and how it
+ended. It is written before the study starts, so that a folder is never continued with other settings.
 """
 
 from __future__ import annotations
@@ -9,31 +9,42 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from cmbrl.bench.report.apart import StudyFailed, run_apart
 from cmbrl.bench.study import Progress, Settings
+from cmbrl.code_digest import code_digest
 from cmbrl.errors import UserError
 from cmbrl.files import read_json, write_json
-from cmbrl.runs import environment
+from cmbrl.runs import environment, hardware
 
 RECORD = "run.json"
 Bar = Callable[[str], AbstractContextManager[Progress]]  #: opens the progress bar of the study of that name
 
 
 @dataclass(frozen=True)
-class Run:
-    """How a study was run and how it ended. ``seconds``: wall time of the last go, None while it has not ended;
-    ``error``: one line, None when it went well; ``details``: the traceback of an error that is no user's mistake."""
+class StudyRun:
+    """How a study was run and how it ended.
+
+    settings: what the result depends on. environments: where each go was made, the first one first. code: digest of
+    the study's code. seconds: wall time of the last go, None while it has not ended. error: one line, None when it
+    went well. details: the traceback of an error that the user cannot fix.
+    """
 
     name: str
     settings: dict[str, Any]
-    environment: dict[str, Any]
+    environments: list[dict[str, Any]]
+    code: str
     seconds: float | None = None
     error: str | None = None
     details: str = ""
+
+    @property
+    def environment(self) -> dict[str, Any]:
+        """That of the last go."""
+        return self.environments[-1]
 
     @property
     def status(self) -> str:
@@ -43,19 +54,33 @@ class Run:
         return "interrupted" if self.seconds is None else "finished"
 
     @classmethod
-    def read(cls, folder: Path) -> Run | None:
-        """The record in ``folder``, None where no study was begun."""
-        return cls(**read_json(folder / RECORD)) if (folder / RECORD).exists() else None
+    def read(cls, folder: Path) -> StudyRun | None:
+        """The record in ``folder``, None where no study was begun.
+
+        Raises UserError for a record of another format.
+        """
+        if not (folder / RECORD).exists():
+            return None
+        try:
+            return cls(**read_json(folder / RECORD))
+        except TypeError:
+            raise UserError(f"{folder / RECORD}: of another version: choose another --out, or remove it") from None
+
+    def counts(self, code: str, settings: Settings) -> bool:
+        """Whether this is a finished run of the present code, as far as ``settings.accept`` asks for that."""
+        here = settings.accept != "exact" or self.environment["hardware"]["processor"] == hardware()["processor"]
+        return self.status == "finished" and here and (settings.accept == "any" or self.code == code)
 
 
-def run_studies(studies: Mapping[str, str], out: Path, settings: Settings, bar: Bar) -> list[Run]:
+def run_studies(studies: Mapping[str, str], out: Path, settings: Settings, bar: Bar) -> list[StudyRun]:
     """Runs the studies (name -> module) that are not finished in ``out`` yet; returns the records of all.
 
-    Raises UserError, before anything is run, when a folder holds a study that was begun with other settings.
+    A study whose code has changed since runs again. Raises UserError, before anything is run, when a folder holds a
+    study that was begun with other settings.
     """
-    plain = _plain(settings)
+    plain = _identity(settings)
     for name in studies:
-        held = Run.read(out / name)
+        held = StudyRun.read(out / name)
         if held and held.settings != plain:
             changed = ", ".join(key for key in plain if held.settings.get(key) != plain[key])
             raise UserError(
@@ -69,31 +94,33 @@ def run_studies(studies: Mapping[str, str], out: Path, settings: Settings, bar: 
     return runs
 
 
-def _run(name: str, module: str, folder: Path, settings: Settings, progress: Progress) -> Run:
-    held = Run.read(folder)
-    if held and held.status == "finished":
+def _run(name: str, module: str, folder: Path, settings: Settings, progress: Progress) -> StudyRun:
+    held, code = StudyRun.read(folder), code_digest(module)
+    if held and held.counts(code, settings):
         return held
     folder.mkdir(parents=True, exist_ok=True)
-    record: dict[str, Any] = {"name": name, "settings": _plain(settings), "environment": environment()}
-    write_json(folder / RECORD, asdict(Run(**record)))
+    before = held.environments if held and held.code == code else []
+    run = StudyRun(name, _identity(settings), [*before, environment()], code)
+    write_json(folder / RECORD, asdict(run))
     begin = time.monotonic()
     try:
         run_apart(module, folder, settings, progress)
     except UserError as error:
-        record["error"] = str(error)
+        run = replace(run, error=str(error))
     except StudyFailed as error:
-        record |= {"error": str(error), "details": error.details}
-    run = Run(**record, seconds=time.monotonic() - begin)
+        run = replace(run, error=str(error), details=error.details)
+    run = replace(run, seconds=time.monotonic() - begin)
     write_json(folder / RECORD, asdict(run))
     return run
 
 
-def _plain(settings: Settings) -> dict[str, Any]:
-    """As JSON gives it back."""
-    return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(settings).items()}
+def _identity(settings: Settings) -> dict[str, Any]:
+    """The settings that a result depends on, as JSON gives them back."""
+    scenes = list(settings.scenes) if settings.scenes else None
+    return {"quick": settings.quick, "seed": settings.seed, "scenes": scenes}
 
 
-def summary(runs: Sequence[Run]) -> str:
+def summary(runs: Sequence[StudyRun]) -> str:
     """One line a study: how it ended and how long it took."""
     lines = []
     for run in runs:

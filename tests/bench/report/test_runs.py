@@ -15,7 +15,7 @@ import pytest
 
 from cmbrl import UserError
 from cmbrl.bench.report.page import write_page
-from cmbrl.bench.report.runs import Run, run_studies, summary
+from cmbrl.bench.report.runs import StudyRun, run_studies, summary
 from cmbrl.bench.study import Section, Settings
 from cmbrl.cli import main
 
@@ -25,11 +25,11 @@ QUICK = Settings(quick=True)
 
 
 @pytest.fixture
-def runs(fakes: dict[str, str], tmp_path: Path) -> list[Run]:
+def runs(fakes: dict[str, str], tmp_path: Path) -> list[StudyRun]:
     return run_studies(fakes, tmp_path / "out", QUICK, no_bar)
 
 
-def test_each_ends_in_its_own_way(runs: list[Run], tmp_path: Path) -> None:
+def test_each_ends_in_its_own_way(runs: list[StudyRun], tmp_path: Path) -> None:
     good, raising, dying, refusing = runs
     assert [run.status for run in runs] == ["finished", "failed", "failed", "failed"]
     section = Section.read(tmp_path / "out/good")
@@ -46,7 +46,7 @@ def test_each_ends_in_its_own_way(runs: list[Run], tmp_path: Path) -> None:
     assert "SIGSEGV" in summary(runs)
 
 
-def test_goes_on_where_it_was_killed(runs: list[Run], fakes: dict[str, str], tmp_path: Path) -> None:
+def test_goes_on_where_it_was_killed(runs: list[StudyRun], fakes: dict[str, str], tmp_path: Path) -> None:
     again = run_studies(fakes, tmp_path / "out", QUICK, no_bar)
     assert again[0] == runs[0]  # not run again
     assert again[1].environment["started"] >= runs[1].environment["started"]
@@ -97,7 +97,7 @@ class Page(HTMLParser):
         return [attributes for name, attributes in self.tags if name == tag]
 
 
-def test_page_is_self_contained_and_accessible(runs: list[Run], tmp_path: Path) -> None:
+def test_page_is_self_contained_and_accessible(runs: list[StudyRun], tmp_path: Path) -> None:
     text = write_page(tmp_path / "out").read_text(encoding="utf-8")
     page = Page(text)
     assert page.open == []
@@ -141,10 +141,10 @@ def test_ctrl_c_is_one_line_and_goes_on(command, tmp_path: Path) -> None:
     running.send_signal(signal.SIGINT)  # to the command alone; it has to end the study's process
     assert running.communicate(timeout=60)[1] == "cmbrl: interrupted\n"
     assert running.returncode == 130
-    assert Run.read(tmp_path / "out/robustness").status == "interrupted"
+    assert StudyRun.read(tmp_path / "out/robustness").status == "interrupted"
     done = command(*typed)
     assert done.returncode == 0, done.stderr
-    assert Run.read(tmp_path / "out/robustness").status == "finished"
+    assert StudyRun.read(tmp_path / "out/robustness").status == "finished"
 
 
 def test_a_killed_command_leaves_no_process_behind(tmp_path: Path) -> None:
