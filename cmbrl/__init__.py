@@ -1,13 +1,13 @@
 """Contact models from logged transitions, and policies trained on them.
 
 >>> import cmbrl
->>> scene = cmbrl.Scene.from_mjcf("hopper.xml")                   # what is in the world
->>> model = cmbrl.ComplementarityModel(scene, substeps=4)         # how it moves
->>> data = cmbrl.Transitions.load("hopper.npz")                   # what was seen
->>> result = cmbrl.fit(model, data, seed=0)                       # result.report says how well it explains data
+>>> scene = cmbrl.Scene.from_mjcf("hopper.xml")                   # the world
+>>> model = cmbrl.ComplementarityModel(scene)                     # how it moves
+>>> data = cmbrl.Transitions.load("hopper.npz")                   # the log
+>>> result = cmbrl.fit(model, data, seed=0)                       # result.report: how well it explains the log
 >>> q_next, v_next = result.model.step(q, v, u)                   # torch float64, differentiable, batch first
 
-Names are loaded when first used, so that ``cmbrl --help`` does not wait for torch.
+Names load on first use, so that ``cmbrl --help`` does not wait for torch.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from cmbrl.contact.smoothing import Adaptive, Barrier, Exact
     from cmbrl.data.transitions import Transitions
     from cmbrl.errors import UserError
-    from cmbrl.fit import fit
+    from cmbrl.fitting.fit import fit
     from cmbrl.models.complementarity import ComplementarityModel
     from cmbrl.scene import Scene
 
@@ -31,6 +31,7 @@ _HOME = {
     "Scene": "cmbrl.scene",
     "Transitions": "cmbrl.data.transitions",
     "UserError": "cmbrl.errors",
+    "fit": "cmbrl.fitting.fit",
 }
 
 __all__ = [
@@ -49,8 +50,6 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name in _HOME:
         value = getattr(import_module(_HOME[name]), name)
-    elif name == "fit":
-        value = import_module("cmbrl.fit")  # a package that can be called: see cmbrl/fit/__init__.py
     elif name == "__version__":
         from importlib.metadata import version
 

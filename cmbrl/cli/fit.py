@@ -82,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
     _check_folder(out, arguments.resume)
     start = start_values(source.scene, dict(arguments.set))
 
-    from cmbrl.fit import fit  # imports torch: only now, so that a mistake above is told at once
+    from cmbrl.fitting import fit  # imports torch: only now, so that a mistake above is told at once
 
     model = source.model(
         data,

@@ -7,6 +7,7 @@ import json
 
 from cmbrl.cli.options import add_json, add_scene_options
 from cmbrl.cli.sources import load_source
+from cmbrl.scene.report import describe, to_dict
 
 EXAMPLE = """
 cmbrl info hopper
@@ -23,6 +24,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     source = load_source(arguments.source, arguments.ignore, arguments.contact_law)
     if arguments.json:
-        print(json.dumps(source.scene.to_dict(), indent=2, allow_nan=False))
+        print(json.dumps(to_dict(source.scene), indent=2, allow_nan=False))
     else:
-        print(source.scene.describe())
+        print(describe(source.scene))

@@ -14,8 +14,8 @@ from torch import Tensor
 from cmbrl.envs.mdp import MDP
 from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel, SolverWarning
-from cmbrl.models.manifold import Layout
-from cmbrl.models.protocol import Model, forget, model_state, restore_model
+from cmbrl.models.manifold import Coordinates
+from cmbrl.models.protocol import HasCoordinates, Model, forget, model_state, restore_model
 
 
 @dataclass(frozen=True)
@@ -174,18 +174,15 @@ class Simulation:
         if not (self.disturbance.linear or self.disturbance.angular):
             return None
         scale = torch.full(self.v.shape[1:], self.disturbance.angular, dtype=self.v.dtype)
-        scale[list(layout_of(self.model).slides_v)] = self.disturbance.linear
+        scale[list(coordinates_of(self.model).slides_v)] = self.disturbance.linear
         return scale
 
 
-def layout_of(model: Model) -> Layout:
-    """Which velocities are linear and which angular; raises UserError for a model that does not know its robot."""
-    if isinstance(model, ComplementarityModel):
-        return Layout.from_scene(model.scene)
-    layout = getattr(model, "layout", None)
-    if layout is None:
-        raise UserError(f"{model.name} has no layout, which velocity noise needs: set linear and angular to 0")
-    return layout
+def coordinates_of(model: Model) -> Coordinates:
+    """Which velocities are linear and which angular; raises UserError for a model that does not know."""
+    if not isinstance(model, HasCoordinates):
+        raise UserError(f"{model.name} has no coordinates, which velocity noise needs; set linear and angular to 0")
+    return model.coordinates
 
 
 def parameter_sets(model: Model, relative: float, count: int = 256, seed: int = 0) -> np.ndarray | None:

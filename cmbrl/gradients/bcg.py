@@ -18,7 +18,7 @@ from torch import Tensor
 from cmbrl.errors import UserError
 from cmbrl.gradients.offsets import ContactOffsets
 from cmbrl.models.complementarity import ComplementarityModel, SolverWarning
-from cmbrl.models.manifold import Layout
+from cmbrl.models.manifold import Coordinates
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class BundledContactModel:
             raise UserError(f"{c}: give at least one branch and step, no negative noise, and some damping")
         weight = 9.81 * model.scene.total_mass
         self.trigger = 1.2 * weight if c.trigger is None else c.trigger
-        self.model, self.layout = model, Layout.from_scene(model.scene)
+        self.model, self.coordinates = model, Coordinates.from_scene(model.scene)
         self.offsets = ContactOffsets(model, c.position, c.velocity, c.damping)
         self.steps = self.bundles = self.lost = 0
         self._rng = np.random.default_rng(seed)
@@ -163,7 +163,7 @@ class BundledContactModel:
         spread_q = q[rows][:, None].expand(-1, count, -1)
         self.bundles += len(rows)
         return _Branches(
-            rows, torch.full_like(rows, self.config.length), self.layout.integrate(spread_q, torch.from_numpy(dq)),
+            rows, torch.full_like(rows, self.config.length), self.coordinates.integrate(spread_q, torch.from_numpy(dq)),
             v[rows][:, None] + torch.from_numpy(dv), torch.ones(len(rows), count, dtype=torch.bool), q[rows], v[rows],
         )  # fmt: skip
 
@@ -187,7 +187,7 @@ class BundledContactModel:
         q, v = q.unflatten(0, (bundles, count)), v.unflatten(0, (bundles, count))
         alive = b.alive & finite.view(bundles, count)
         self.lost += int((b.alive & ~alive).sum())
-        mean_q, mean_v = mean_state(self.layout, q, v, alive)
+        mean_q, mean_v = mean_state(self.coordinates, q, v, alive)
         return _Branches(b.rows, b.left - 1, q, v, alive, mean_q, mean_v)
 
     def _model_step(
@@ -199,7 +199,7 @@ class BundledContactModel:
             return self.model.step(q, v, u, theta, details)
 
 
-def mean_state(layout: Layout, q: Tensor, v: Tensor, alive: Tensor) -> tuple[Tensor, Tensor]:
+def mean_state(coordinates: Coordinates, q: Tensor, v: Tensor, alive: Tensor) -> tuple[Tensor, Tensor]:
     """(R, nq), (R, nv): arithmetic mean of the branches (R, B, ...) that are alive (R, B); NaN where none is.
 
     Quaternions are brought to the sign of the first branch alive, averaged, and made unit again.
@@ -211,12 +211,12 @@ def mean_state(layout: Layout, q: Tensor, v: Tensor, alive: Tensor) -> tuple[Ten
     mean_v = (share * v).sum(dim=1)
     first = alive.int().argmax(dim=1)
     weights = share.expand_as(q).clone()
-    for a in layout.ball_q:
+    for a in coordinates.ball_q:
         quaternion = q[..., a : a + 4].detach()
         reference = quaternion[torch.arange(len(q)), first][:, None]
         weights[..., a : a + 4] *= torch.where((quaternion * reference).sum(dim=-1, keepdim=True) < 0, -1.0, 1.0)
     mean_q = (weights * q).sum(dim=1)
-    for a in layout.ball_q:
+    for a in coordinates.ball_q:
         length = mean_q[:, a : a + 4].norm(dim=1, keepdim=True)
         mean_q = torch.cat([mean_q[:, :a], mean_q[:, a : a + 4] / length, mean_q[:, a + 4 :]], dim=1)
     return mean_q, mean_v

@@ -6,7 +6,7 @@ import numpy as np
 
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
-from cmbrl.scene.records import SLIDE, WORLD, Array
+from cmbrl.scene.records import WORLD, Array, JointKind
 
 
 class ContactOffsets:
@@ -70,7 +70,7 @@ def _floats(scene: Scene, body: int) -> bool:
     core = scene.core
     first = core.body_jadr[body]
     kinds = core.jnt_type[first : first + core.body_jnum[body]]
-    return int((kinds == SLIDE).sum()) == (2 if scene.planar else 3)
+    return int((kinds == JointKind.SLIDE).sum()) == (2 if scene.planar else 3)
 
 
 def _coordinates(scene: Scene, body: int) -> list[int]:

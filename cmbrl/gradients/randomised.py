@@ -9,9 +9,10 @@ import torch
 from torch import Tensor
 
 from cmbrl.errors import UserError
-from cmbrl.models.autograd import tangent_map
+from cmbrl.models.autograd import TangentMap
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.manifold import Layout
+from cmbrl.models.manifold import Coordinates
+from cmbrl.native import SolverStatus
 
 
 class RandomisedModel:
@@ -42,7 +43,7 @@ class RandomisedModel:
         if samples < 1 or not max(position, velocity, control) > 0 or min(position, velocity, control) < 0:
             raise UserError(f"bundle of {samples} samples, noise {position}, {velocity}, {control}: give some of each")
         self.model, self.samples = model, samples
-        self.layout = Layout.from_scene(model.scene)
+        self.coordinates = Coordinates.from_scene(model.scene)
         self.noise = (position, velocity, control)
         self.failures = self.steps = 0  #: of the whole bundle
         self._rng = np.random.default_rng(seed)
@@ -88,7 +89,7 @@ class RandomisedModel:
             )
             r = self.model.predict(self.model.scene.integrate(q, dq), v + dv, u + du, theta, jacobian=True)
             assert r.jacobian is not None
-            solved = r.status != 2
+            solved = r.status != SolverStatus.FAILED
             self.failures += int((~solved).sum())
             total = total + np.where(solved[:, None, None], r.jacobian, 0.0)
             count += solved
@@ -104,7 +105,7 @@ class _Bundle(torch.autograd.Function):
         here = (q.detach().numpy(), v.detach().numpy(), u.detach().numpy())
         r = bundle.model.predict(*here, theta)
         bundle.steps += len(here[0])
-        bundle.failures += int((r.status == 2).sum())
+        bundle.failures += int((r.status == SolverStatus.FAILED).sum())
         if any(ctx.needs_input_grad[:3]):
             ctx.jacobian = bundle.mean_jacobian(*here, theta)
             ctx.scene, ctx.q, ctx.q_next = bundle.model.scene, here[0], r.q_next
@@ -112,7 +113,7 @@ class _Bundle(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, gq: Tensor, gv: Tensor) -> Any:  # type: ignore[override]
-        tangent, nv = tangent_map(ctx.scene), ctx.scene.nv
+        tangent, nv = TangentMap(ctx.scene), ctx.scene.nv
         cotangent = np.concatenate([tangent.to_tangent(ctx.q_next, gq.numpy()), gv.numpy()], axis=1)
         back = np.einsum("bi,bij->bj", cotangent, ctx.jacobian)
         back_q = tangent.to_configuration(ctx.q, np.ascontiguousarray(back[:, :nv]))

@@ -1,35 +1,35 @@
-"""The native step as one torch.autograd.Function: forward keeps a tape, backward is one native call."""
+"""The native step and its derivative: a forward pass with a tape, a backward pass, and both as a torch function."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
 
+from cmbrl.native import Core
 from cmbrl.scene import Scene
-
-if TYPE_CHECKING:
-    from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.scene.records import JointKind
 
 
 class TangentMap:
-    """Cotangents of a configuration (nq) <-> of its tangent space (nv), where ball joints carry quaternions wxyz.
+    """Maps cotangents of configurations (nq) to and from their tangent space (nv).
 
-    A body-frame rotation d moves a unit quaternion by Q d / 2; cotangents map by the transpose there and by 2 Q^T back,
-    so that the product over steps is the product of the tangent Jacobians.
+    They differ for ball joints, whose coordinates are quaternions wxyz. A body-frame rotation d moves a unit quaternion
+    by Q d / 2. Cotangents map to the tangent space by the transpose, Q^T / 2, and back by 2 Q, so that a product over
+    steps is the product of the tangent Jacobians.
     """
 
     def __init__(self, scene: Scene) -> None:
         core = scene.core
         self.nq, self.nv = scene.nq, scene.nv
-        ball = core.jnt_type == 2
+        ball = core.jnt_type == JointKind.BALL
         self.ball_q, self.ball_v = core.jnt_qadr[ball], core.jnt_vadr[ball]
         self.plain_q, self.plain_v = core.jnt_qadr[~ball], core.jnt_vadr[~ball]
         self.trivial = not ball.any()
 
     def to_tangent(self, q: np.ndarray, g: np.ndarray) -> np.ndarray:
-        """(B, nv) from a cotangent g (B, nq) at q (B, nq)."""
+        """Tangent cotangents (B, nv) from cotangents g (B, nq) at q (B, nq)."""
         if self.trivial:
             return np.ascontiguousarray(g)
         out = np.empty((len(q), self.nv))
@@ -39,7 +39,7 @@ class TangentMap:
         return out
 
     def to_configuration(self, q: np.ndarray, g: np.ndarray) -> np.ndarray:
-        """(B, nq) from a tangent cotangent g (B, nv) at q."""
+        """Cotangents (B, nq) from tangent cotangents g (B, nv) at q (B, nq)."""
         if self.trivial:
             return g
         out = np.empty((len(q), self.nq))
@@ -49,19 +49,44 @@ class TangentMap:
         return out
 
 
-def tangent_map(scene: Scene) -> TangentMap:
-    """The map of a scene's configurations."""
-    return TangentMap(scene)
-
-
 def _columns(q: np.ndarray) -> np.ndarray:  # (B, 4, 3): q (x) (0, e_k)
     w, x, y, z = q.T
     rows = ([-x, -y, -z], [w, -z, y], [z, w, -x], [-y, x, w])
     return np.stack([np.stack(row, 1) for row in rows], 1)
 
 
+class Stepper:
+    """The native core of a scene with fixed settings and thread count.
+
+    ``options`` are the core's settings by name; arrays are C-contiguous float64. :class:`ComplementarityModel` checks
+    its input and owns one; call this directly only to time or inspect the native step.
+    """
+
+    def __init__(self, scene: Scene, options: dict[str, Any], threads: int) -> None:
+        self.core, self.options, self.threads = Core(scene.core.to_native()), options, threads
+        self.tangent = TangentMap(scene)
+
+    @property
+    def instruction_set(self) -> str:
+        """The instruction set that the core runs on, and how many states it packs."""
+        return f"{self.core.isa}, {self.core.width} lanes"
+
+    def forward(self, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray, **wanted: bool) -> dict[str, Any]:
+        """One control step from q (B, nq), v (B, nv), u (B, nu) at theta (np,) or (B, np).
+
+        ``wanted``: extra results among tape, jacobian, jacobian_theta and impulse.
+        """
+        return self.core.forward(q, v, u, theta, self.options, threads=self.threads, **wanted)
+
+    def backward(
+        self, u: np.ndarray, theta: np.ndarray, tape: Any, gq: np.ndarray, gv: np.ndarray, want_theta: bool = False
+    ) -> dict[str, np.ndarray]:
+        """Tangent cotangents gq, gv (B, nv), gu (B, nu) and perhaps gtheta (B, np), from those of the next state."""
+        return self.core.backward(u, theta, tape, gq, gv, self.options, want_theta, self.threads)
+
+
 class NativeStep(torch.autograd.Function):
-    """(q, v, u, theta) -> (q_next, v_next) of a ComplementarityModel."""
+    """(q, v, u, theta) -> (q_next, v_next) of a :class:`Stepper`."""
 
     @staticmethod
     def forward(  # type: ignore[override]
@@ -70,36 +95,33 @@ class NativeStep(torch.autograd.Function):
         v: torch.Tensor,
         u: torch.Tensor,
         theta: torch.Tensor,
-        model: ComplementarityModel,
-        details: dict[str, np.ndarray] | None = None,
+        stepper: Stepper,
+        report: dict[str, np.ndarray],
+        impulse: bool,
     ) -> Any:
-        """Runs the native step, with its tape if a gradient may be asked for; puts impulses into ``details``."""
+        """Runs the native step, with a tape if a gradient is needed; puts "status" and "impulse" into ``report``."""
         arrays = [x.detach().contiguous().numpy() for x in (q, v, u, theta)]
         record = any(ctx.needs_input_grad[:4])
-        out = model._core.forward(
-            *arrays, model._options, tape=record, impulse=details is not None, threads=model.threads
-        )
-        if details is not None:
-            details["impulse"] = out["impulse"]
-        model._count_failures(out["status"])
+        out = stepper.forward(*arrays, tape=record, impulse=impulse)
+        report["status"] = out["status"]
+        if impulse:
+            report["impulse"] = out["impulse"]
         if record:
-            ctx.model, ctx.arrays, ctx.tape, ctx.q_next = model, arrays, out["tape"], out["q_next"]
+            ctx.stepper, ctx.arrays, ctx.tape, ctx.q_next = stepper, arrays, out["tape"], out["q_next"]
         return torch.from_numpy(out["q_next"]), torch.from_numpy(out["v_next"])
 
     @staticmethod
     def backward(ctx: Any, gq_next: torch.Tensor, gv_next: torch.Tensor) -> Any:  # type: ignore[override]
         """Vector-Jacobian product from the tape."""
         q, _, u, theta = ctx.arrays
-        model, tangent = ctx.model, ctx.model._tangent
+        stepper: Stepper = ctx.stepper
         want_theta = ctx.needs_input_grad[3]
-        gq_next = tangent.to_tangent(ctx.q_next, gq_next.contiguous().numpy())
-        out = model._core.backward(
-            u, theta, ctx.tape, gq_next, gv_next.contiguous().numpy(), model._options, want_theta, model.threads
-        )
+        gq_tangent = stepper.tangent.to_tangent(ctx.q_next, gq_next.contiguous().numpy())
+        out = stepper.backward(u, theta, ctx.tape, gq_tangent, gv_next.contiguous().numpy(), want_theta)
         gtheta = None
         if want_theta:
             gtheta = torch.from_numpy(out["gtheta"])
             if theta.ndim == 1:
                 gtheta = gtheta.sum(0)
-        gq = torch.from_numpy(tangent.to_configuration(q, out["gq"]))
-        return gq, torch.from_numpy(out["gv"]), torch.from_numpy(out["gu"]), gtheta, None, None
+        gq = torch.from_numpy(stepper.tangent.to_configuration(q, out["gq"]))
+        return gq, torch.from_numpy(out["gv"]), torch.from_numpy(out["gu"]), gtheta, None, None, None

@@ -1,4 +1,4 @@
-"""The complementarity model: a scene, how it is stepped, and the physical parameters it is stepped with."""
+"""The complementarity model: a scene, its time stepping and its physical parameters."""
 
 from __future__ import annotations
 
@@ -13,26 +13,29 @@ from cmbrl.contact import smoothing as smoothing_policies
 from cmbrl.contact.problem import ContactProblem, from_rows
 from cmbrl.contact.smoothing import Exact, Smoothing
 from cmbrl.errors import UserError
-from cmbrl.models.autograd import NativeStep, tangent_map
-from cmbrl.native import Core
+from cmbrl.models.autograd import NativeStep, Stepper
+from cmbrl.models.manifold import Coordinates
+from cmbrl.models.windows import Windows
+from cmbrl.native import SolverStatus
 from cmbrl.scene import Scene
 
 INTEGRATORS = ("semi-implicit", "leapfrog", "midpoint")
-FAILURE_LOSS = 1e3  # what a failed solve adds to a candidate's loss
+FAILURE_LOSS = 1e3  # added to a candidate's loss by a failed solve
+_DT_TOLERANCE = 1e-6  # relative: a control step must be a whole number of physics steps
 
 
 class SolverWarning(RuntimeWarning):
-    """Some contact solves of a batch did not converge; their results are flagged in ``StepResult.status``."""
+    """Some contact solves of a batch did not converge; ``StepResult.status`` tells which."""
 
 
 @dataclass(frozen=True)
 class StepResult:
-    """What one batched step returned, numpy.
+    """Result of one batched step, in numpy.
 
-    q_next (B, nq), v_next (B, nv); status (B,) 0 converged, 1 by the compliant fallback, 2 failed; iterations (B,)
-    summed over substeps; residual (B,) worst relative residual over substeps; jacobian (B, 2 nv, 2 nv + nu [+ np]) of
-    (q', v') in (q, v, u [, theta]), tangent space for q, where asked for; impulse (B, contacts, 2 or 3) [N s] along
-    the rows of ``smooth_dynamics``, summed over substeps, where asked for.
+    q_next (B, nq); v_next (B, nv); status (B,), a :class:`~cmbrl.native.SolverStatus`; iterations (B,), summed over
+    substeps; residual (B,), the worst relative residual over substeps. On request: jacobian (B, 2 nv, 2 nv + nu
+    [+ np]) of (q', v') in (q, v, u [, theta]), with q in tangent space; impulse (B, contacts, 2 or 3) [N s] along the
+    rows of ``smooth_dynamics``, summed over substeps.
     """
 
     q_next: np.ndarray
@@ -48,24 +51,25 @@ class ComplementarityModel:
     """Next-state model M (v' - v) = h (tau - bias) + J^T x with complementary contact, limits and friction.
 
     Args:
-        scene: what is in the world.
+        scene: the world.
         substeps: physics steps in one control step.
-        time_step: h [s]; default the scene's.
+        time_step: h [s]; default: the file's.
         smoothing: :class:`Exact` (default), :class:`Barrier` or :class:`Adaptive`.
-        backward_smoothing: the policy of the derivative where it differs (simulate hard, differentiate soft).
-        integrator: "semi-implicit"; "leapfrog" (positions shifted by half a step: second order for forces of position);
-            "midpoint" (the same with centrifugal and gyroscopic forces half a step ahead: second order for all of them;
-            derivatives cost 10 to 60 % more). Default leapfrog for an MJCF with RK4, else semi-implicit.
-        parameters: theta (np,), natural units, order of ``scene.parameters``; default nominal.
+        backward_smoothing: the policy of the derivative (simulate hard, differentiate soft); default: ``smoothing``.
+        integrator: "semi-implicit"; "leapfrog" (positions shifted by half a step: second order in forces that depend on
+            position); or "midpoint" (leapfrog with centrifugal and gyroscopic forces half a step ahead: second order in
+            all forces; derivatives cost 10 to 60 % more). Default: leapfrog if the file asks for RK4, otherwise
+            semi-implicit.
+        parameters: theta (np,) in natural units, in the order of ``scene.parameters``; default: nominal.
         threads: native threads; results do not depend on it.
-        implicit_springs: take joint springs and position gains implicitly too (MuJoCo takes only velocity gains).
-        prune: rows predicted to separate faster than this [m/s] are left out of the solve; ``inf`` keeps all.
-        path_tolerance: how near every complementarity product is brought to its kappa, relative to it.
-        candidates: (K, np) sets of parameters that explain what is known about as well as ``parameters`` do, for who
-            trains or judges under the model's uncertainty; stepping does not look at them.
+        implicit_springs: treat joint springs and position gains implicitly (MuJoCo does so for velocity gains only).
+        prune: contacts predicted to separate faster than this [m/s] are left out of the solve; ``inf`` keeps all.
+        path_tolerance: relative distance of every complementarity product from its kappa at the solution.
+        candidates: (K, np) parameter sets that explain the data about as well as ``parameters``, for training or
+            evaluation under model uncertainty; stepping ignores them.
 
     Raises:
-        UserError: for a setting out of its range.
+        UserError: for a setting out of range.
     """
 
     name = "complementarity"
@@ -96,14 +100,13 @@ class ComplementarityModel:
         self.prune = float(prune)
         self.path_tolerance = float(path_tolerance)
         if self.substeps < 1 or not self.time_step > 0:
-            raise UserError(f"substeps = {substeps}, time_step = {self.time_step}: both must be positive")
+            raise UserError(f"substeps = {substeps}, time_step = {self.time_step}: give positive values")
         if self.integrator not in INTEGRATORS:
-            raise UserError(f"unknown integrator {self.integrator!r}: use one of {', '.join(INTEGRATORS)}")
+            raise UserError(f"unknown integrator {self.integrator!r}; use one of {', '.join(INTEGRATORS)}")
         self.parameters = self._checked_parameters(parameters)
         self.candidates = None if candidates is None else np.array([self._checked_parameters(x) for x in candidates])
         self.failures = 0
-        self._core = Core(scene.core.to_native())
-        self._options = {
+        options = {
             "h": self.time_step,
             "substeps": self.substeps,
             "leapfrog": int(self.integrator != "semi-implicit"),
@@ -117,15 +120,32 @@ class ComplementarityModel:
             "max_iterations": 40,
             "rest_speed": 3 * 9.81 * self.time_step,
         }
-        self._tangent = tangent_map(scene)
+        self.stepper = Stepper(scene, options, self.threads)
+        self.coordinates = Coordinates.from_scene(scene)
 
     @property
     def dt(self) -> float:
         """Control step [s]."""
         return self.substeps * self.time_step
 
+    def for_log(self, dt: float) -> ComplementarityModel:
+        """This model with one control step per transition of ``dt`` [s] of a log.
+
+        A model of one substep (the default) gets as many as ``dt`` takes. Raises UserError if ``dt`` is not a whole
+        number of time steps. A model with other substeps is returned as it is.
+        """
+        count = round(dt / self.time_step)
+        if self.substeps != 1 or count == 1:
+            return self
+        if count < 1 or abs(count * self.time_step - dt) > _DT_TOLERANCE * dt:
+            raise UserError(
+                f"the log's dt {dt:g} s is not a whole number of time steps of {self.time_step:g} s "
+                f"({self.scene.name}): set another time step (--time-step)"
+            )
+        return self.with_settings(substeps=count)
+
     def with_parameters(self, theta: np.ndarray) -> ComplementarityModel:
-        """The same model with other physical parameters (np,), and no candidates beside them."""
+        """The same model with other physical parameters (np,) and without candidates."""
         return ComplementarityModel(self.scene, parameters=theta, **{**self._settings(), "candidates": None})
 
     def with_settings(self, **settings: Any) -> ComplementarityModel:
@@ -133,9 +153,9 @@ class ComplementarityModel:
         return ComplementarityModel(self.scene, **{"parameters": self.parameters, **self._settings(), **settings})
 
     def to_config(self) -> dict[str, Any]:
-        """JSON-able settings and parameters (without the scene, which its own file describes)."""
+        """Settings and parameters as JSON types; the scene is described by its own file."""
         settings = self._settings()
-        del settings["candidates"]  # the folder of the fit has them
+        del settings["candidates"]  # kept in the folder of the fit
         for key in ("smoothing", "backward_smoothing"):
             settings[key] = smoothing_policies.to_config(settings[key])
         names = [p.name for p in self.scene.parameters]
@@ -143,7 +163,7 @@ class ComplementarityModel:
 
     @classmethod
     def from_config(cls, scene: Scene, config: dict[str, Any]) -> ComplementarityModel:
-        """Inverse of :meth:`to_config`; raises UserError when the config names a parameter the scene does not have."""
+        """Inverse of :meth:`to_config`; raises UserError for a parameter that the scene does not have."""
         config = dict(config)
         values = config.pop("parameters", {})
         known = {p.name: i for i, p in enumerate(scene.parameters)}
@@ -151,7 +171,7 @@ class ComplementarityModel:
         for name, value in values.items():
             if name not in known:
                 raise UserError(
-                    f"{name!r} is no parameter of scene {scene.name!r}: was the model fitted on another one?"
+                    f"{name!r} is not a parameter of scene {scene.name!r}; was the model fitted to another scene?"
                 )
             theta[known[name]] = value
         for key in ("smoothing", "backward_smoothing"):
@@ -169,22 +189,30 @@ class ComplementarityModel:
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """One control step, differentiable in q, v, u and theta by the implicit function theorem.
 
-        Args: q (B, nq), v (B, nv), u (B, nu) float64 CPU tensors; theta (np,) or (B, np), default this model's own;
-            details: filled with "impulse", as in :class:`StepResult`, without derivative.
+        Args:
+            q, v, u: (B, nq), (B, nv), (B, nu) float64 CPU tensors.
+            theta: (np,) or (B, np); default: this model's parameters.
+            details: a dict that receives "impulse", as in :class:`StepResult`, without a derivative.
+
         Returns: q_next (B, nq), v_next (B, nv).
-        Raises: UserError for a wrong shape or type. Warns SolverWarning when solves fail; ``failures`` counts them.
+        Raises: UserError for a wrong shape or type. Warns SolverWarning if solves fail; ``failures`` counts them.
         """
         self._check_tensor(q, "q", self.scene.nq)
         self._check_tensor(v, "v", self.scene.nv)
         self._check_tensor(u, "u", self.scene.nu)
         if not len(q) == len(v) == len(u):
-            raise UserError(f"q, v, u have {len(q)}, {len(v)}, {len(u)} rows: give one row per element of the batch")
+            raise UserError(f"q, v, u have {len(q)}, {len(v)}, {len(u)} rows; give the same number of rows")
         count = len(self.parameters)
         if theta is None:
             theta = torch.from_numpy(self.parameters)
         elif theta.dtype != torch.float64 or theta.shape not in ((count,), (len(q), count)):
-            raise UserError(f"theta is {theta.dtype} {tuple(theta.shape)}: give float64 ({count},) or (batch, {count})")
-        return NativeStep.apply(q, v, u, theta, self, details)
+            raise UserError(f"theta is {theta.dtype} {tuple(theta.shape)}; give float64 ({count},) or (batch, {count})")
+        report: dict[str, np.ndarray] = {}
+        q_next, v_next = NativeStep.apply(q, v, u, theta, self.stepper, report, details is not None)
+        if details is not None:
+            details["impulse"] = report["impulse"]
+        self._count_failures(report["status"])
+        return q_next, v_next
 
     def predict(
         self,
@@ -196,17 +224,15 @@ class ComplementarityModel:
         parameter_jacobian: bool = False,
         impulse: bool = False,
     ) -> StepResult:
-        """The same step on numpy arrays with everything the solver reports; theta (np,) or (B, np)."""
+        """The same step on numpy arrays, with what the solver reports; theta (np,) or (B, np)."""
         arrays = [np.ascontiguousarray(x, dtype=np.float64) for x in (q, v, u)]
         theta = np.ascontiguousarray(self.parameters if theta is None else theta, dtype=np.float64)
-        out = self._core.forward(
-            *arrays, theta, self._options, jacobian=jacobian or parameter_jacobian, jacobian_theta=parameter_jacobian,
-            impulse=impulse, threads=self.threads,
-        )  # fmt: skip
-        if impulse and (jacobian or parameter_jacobian):  # the core keeps impulses on its pass without Jacobians only
-            out["impulse"] = self._core.forward(*arrays, theta, self._options, impulse=True, threads=self.threads)[
-                "impulse"
-            ]
+        jacobian = jacobian or parameter_jacobian
+        out = self.stepper.forward(
+            *arrays, theta, jacobian=jacobian, jacobian_theta=parameter_jacobian, impulse=impulse
+        )
+        if impulse and jacobian:  # the core returns impulses only without Jacobians
+            out["impulse"] = self.stepper.forward(*arrays, theta, impulse=True)["impulse"]
         return StepResult(**out)
 
     def parameter_jacobian(
@@ -218,65 +244,43 @@ class ComplementarityModel:
         nv, first = self.scene.nv, 2 * self.scene.nv + self.scene.nu
         return r.q_next, r.v_next, r.jacobian[:, :nv, first:], r.jacobian[:, nv:, first:]
 
-    def candidate_loss(
-        self,
-        q: np.ndarray,
-        v: np.ndarray,
-        u: np.ndarray,
-        q_next: np.ndarray,
-        v_next: np.ndarray,
-        starts: np.ndarray,
-        horizon: int,
-        theta: np.ndarray,
-        scale_q: np.ndarray,
-        scale_v: np.ndarray,
-        huber: float,
-    ) -> np.ndarray:
-        """Mean loss (C,) of parameter candidates theta (C, np) in one native batch.
+    def candidate_loss(self, theta: np.ndarray, windows: Windows) -> np.ndarray:
+        """Mean loss (C,) of parameter candidates theta (C, np) over ``windows``, in one native batch.
 
-        From every row in ``starts`` the logged controls are rolled ``horizon`` steps open loop; per step the Huber loss
-        of (prediction - log)/scale is summed over coordinates. A failed solve adds a large constant.
+        Every window is predicted open loop. The Huber loss of (prediction - log) / scale is summed over coordinates and
+        averaged over steps and windows. A failed solve adds a large constant.
         """
-        arrays = [np.ascontiguousarray(x, dtype=np.float64) for x in (q, v, u, q_next, v_next)]
-        theta, scale_q, scale_v = (np.ascontiguousarray(x, dtype=np.float64) for x in (theta, scale_q, scale_v))
-        starts = np.ascontiguousarray(starts, dtype=np.int64)
-        losses = self._core.loss(
-            *arrays,
-            starts,
-            int(horizon),
-            theta,
-            scale_q,
-            scale_v,
-            float(huber),
-            FAILURE_LOSS,
-            self._options,
-            self.threads,
-        )
-        return losses.mean(axis=1) / horizon
+        data, scales = windows.data, windows.scales
+        losses = self.stepper.core.loss(
+            data.q, data.v, data.u, data.q_next, data.v_next, windows.starts, windows.horizon,
+            np.ascontiguousarray(theta, dtype=np.float64), scales.q, scales.v, scales.huber, FAILURE_LOSS,
+            self.stepper.options, self.threads,
+        )  # fmt: skip
+        return losses.mean(axis=1) / windows.horizon
 
     def smooth_dynamics(self, q: np.ndarray, v: np.ndarray, theta: np.ndarray | None = None) -> dict[str, np.ndarray]:
-        """M (B, nv, nv) with armature, bias (B, nv), gap (B, nc), rows J (B, nc, 2 or 3, nv): normal, tangents."""
+        """M (B, nv, nv) with armature, bias (B, nv), gap (B, nc), and rows J (B, nc, 2 or 3, nv): normal, tangents."""
         theta = self.parameters if theta is None else theta
         q, v, theta = (np.ascontiguousarray(x, dtype=np.float64) for x in (q, v, theta))
-        return self._core.dynamics(q, v, theta, self._options)
+        return self.stepper.core.dynamics(q, v, theta, self.stepper.options)
 
     def contact_problems(
         self, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray | None = None
     ) -> list[ContactProblem]:
-        """What the first physics step from each state (B, ...) asks of its contacts, as problems on their own.
+        """The contact problem of the first physics step from each state (B, ...).
 
-        Rows: contacts that are not pruned, then joint limits as contacts with mu = 0. M has armature and implicit
-        damping in it; b the gap term, restitution and what a soft law carries of the old velocity. Dry friction of
-        joints has no row in a contact problem: it is part of v_free, with the impulse of this model's own solution.
+        Rows: contacts that are not pruned, then joint limits as contacts with mu = 0. M includes armature and implicit
+        damping; b includes the gap term, restitution, and the old velocity under a soft law. Dry joint friction has no
+        row in a contact problem; v_free includes its impulse, taken from this model's own solution.
         """
         theta = self.parameters if theta is None else theta
         q, v, u, theta = (np.ascontiguousarray(x, dtype=np.float64) for x in (q, v, u, theta))
-        gravity = self.scene.core.P[-(2 if self.scene.planar else 3) :]
-        resolution = max(float(np.linalg.norm(gravity)), 1e-9) * self.time_step
-        return from_rows(self._core.rows(q, v, u, theta, self._options), resolution, self.scene.name)
+        resolution = max(float(np.linalg.norm(self.scene.gravity)), 1e-9) * self.time_step
+        rows = self.stepper.core.rows(q, v, u, theta, self.stepper.options)
+        return from_rows(rows, resolution, self.scene.name)
 
     def reset_failures(self) -> None:
-        """Start counting failed solves anew."""
+        """Sets ``failures`` to zero."""
         self.failures = 0
 
     def _settings(self) -> dict[str, Any]:
@@ -294,17 +298,19 @@ class ComplementarityModel:
         }
 
     def _count_failures(self, status: np.ndarray) -> None:
-        failed = int((status == 2).sum())
+        failed = int((status == SolverStatus.FAILED).sum())
         if failed:
             self.failures += failed
-            warnings.warn(f"{failed} of {len(status)} contact solves did not converge", SolverWarning, stacklevel=4)
+            warnings.warn(f"{failed} of {len(status)} contact solves did not converge", SolverWarning, stacklevel=3)
 
     def _checked_parameters(self, theta: np.ndarray | None) -> np.ndarray:
         if theta is None:
             return self.scene.parameter_vector()
         theta = np.array(theta, dtype=np.float64)
         if theta.shape != (len(self.scene.parameters),):
-            raise UserError(f"parameters have shape {theta.shape}: the scene has {len(self.scene.parameters)}")
+            raise UserError(
+                f"parameters have shape {theta.shape}; scene {self.scene.name!r} has {len(self.scene.parameters)}"
+            )
         for p, x in zip(self.scene.parameters, theta, strict=True):
             if not p.low <= x <= p.high:
                 raise UserError(f"parameter {p.name} = {x:g} is outside its bounds [{p.low:g}, {p.high:g}]")
@@ -312,4 +318,4 @@ class ComplementarityModel:
 
     def _check_tensor(self, x: torch.Tensor, name: str, width: int) -> None:
         if x.dtype != torch.float64 or x.ndim != 2 or x.shape[1] != width:
-            raise UserError(f"{name} is {x.dtype} {tuple(x.shape)}: give float64 of shape (batch, {width})")
+            raise UserError(f"{name} is {x.dtype} {tuple(x.shape)}; give float64 of shape (batch, {width})")

@@ -1,4 +1,4 @@
-"""Several multilayer perceptrons as one: every layer of all nets is a single batched matrix product.
+"""Several multilayer perceptrons as one: each layer of all nets is a single batched matrix product.
 
 The probabilistic net of PETS (Chua et al. 2018, arXiv 1805.12114) as MBPO uses it (Janner et al. 2019, arXiv
 1906.08253): swish layers, a Gaussian output with diagonal covariance, learned bounds on the log-variance.
@@ -16,7 +16,7 @@ from torch.nn import functional as F
 class EnsembleNetwork(nn.Module):
     """``nets`` independent perceptrons with ``hidden`` layers of ``width``: inputs -> mean and log-variance of outputs.
 
-    Inputs and outputs are in standardised units; the scales are buffers, so that they are saved with the weights.
+    Inputs and outputs are standardised; the scales are buffers, saved with the weights.
     """
 
     input_mean: Tensor  # (inputs,) float64
@@ -47,7 +47,7 @@ class EnsembleNetwork(nn.Module):
 
     @torch.no_grad()
     def standardise_inputs(self, mean: Tensor, scale: Tensor) -> None:
-        """Takes new scales (inputs,) and mends the first layer, so that the nets stay the same functions."""
+        """Sets new scales (inputs,) and adapts the first layer, so that the nets stay the same functions."""
         weight, bias = self.weights[0], self.biases[0]
         bias += (((mean - self.input_mean) / self.input_scale).to(weight.dtype) @ weight)[:, None]
         weight *= (scale / self.input_scale).to(weight.dtype)[:, None]
@@ -57,7 +57,7 @@ class EnsembleNetwork(nn.Module):
     def forward(self, inputs: Tensor, nets: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """Mean and log-variance (nets, B, outputs) of standardised inputs (nets, B, inputs).
 
-        ``nets``: indices of the nets to evaluate; all of them by default.
+        ``nets``: indices of the nets to evaluate; default: all.
         """
         hidden = inputs
         for k, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
@@ -75,8 +75,8 @@ class EnsembleNetwork(nn.Module):
         """Negative Gaussian log-likelihood (up to constants), summed over nets, mean over rows and outputs.
 
         ``regulariser`` pulls the learned bounds of the log-variance together (.01 in the original). ``beta`` weights
-        each term by its predicted variance to that power, held constant: 0 is the likelihood, which neglects what is
-        hard to predict; at 1 the mean is trained by squared error (Seitzer et al. 2022, arXiv 2203.09168).
+        each term by its predicted variance to that power, held constant: 0 is the likelihood, which neglects outputs
+        that are hard to predict; 1 trains the mean by squared error (Seitzer et al. 2022, arXiv 2203.09168).
         """
         mean, log_variance = self(inputs)
         misfit = (mean - targets).square() * torch.exp(-log_variance) + log_variance

@@ -1,4 +1,4 @@
-"""Training of the neural ensemble: maximum likelihood; a held-out set decides when to stop and who is elite."""
+"""Training of the neural ensemble by maximum likelihood; held-out rows choose when to stop and which nets predict."""
 
 from __future__ import annotations
 
@@ -6,17 +6,14 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import cos, pi
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from cmbrl.errors import UserError
-
-if TYPE_CHECKING:
-    from cmbrl.data.transitions import Transitions
-    from cmbrl.models.ensemble import NeuralEnsemble
-    from cmbrl.models.ensemble_network import EnsembleNetwork
+from cmbrl.models.ensemble_config import EnsembleConfig
+from cmbrl.models.ensemble_network import EnsembleNetwork
 
 MIN_ROWS = 10
 TINY = 1e-12  # a feature or target that varies less is constant
@@ -24,7 +21,7 @@ TINY = 1e-12  # a feature or target that varies less is constant
 
 @dataclass(frozen=True)
 class TrainingReport:
-    """What training did; errors are RMSE in units of the targets' standard deviation."""
+    """Summary of a training; the error is an RMSE in units of the targets' standard deviation."""
 
     rows: int  # trained on
     holdout_rows: int
@@ -45,7 +42,7 @@ class _Best:
         self.error = torch.full((self.layers[0].shape[0],), torch.inf)  # (nets,) mean squared
 
     def update(self, error: Tensor) -> bool:
-        """Keeps the nets that are better by the margin; says whether any was."""
+        """Keeps the nets that improved by the margin; returns whether any did."""
         better = error < self.error * (1 - self.improvement)
         for copy, parameter in zip(self.copies, self.layers, strict=True):
             copy[better] = parameter.detach()[better]
@@ -59,26 +56,27 @@ class _Best:
 
 
 def train(
-    model: NeuralEnsemble,
-    data: Transitions,
+    network: EnsembleNetwork,
+    config: EnsembleConfig,
+    inputs: Tensor,
+    targets: Tensor,
     seed: int,
     progress: Callable[[float, str], None] | None,
     max_seconds: float | None,
     warm_start: bool,
     updates_asked: int | None = None,
-) -> TrainingReport:
-    """See `NeuralEnsemble.fit`."""
-    config, network = model.config, model.network
-    if len(data) < MIN_ROWS:
-        raise UserError(f"log of {len(data)} transitions: the neural ensemble needs at least {MIN_ROWS}: record more")
-    if abs(data.dt - model.dt) > 1e-6 * model.dt:
-        raise UserError(f"log has dt = {data.dt:g} s, the ensemble steps {model.dt:g} s: build it with dt of the log")
+) -> tuple[TrainingReport, Tensor]:
+    """Trains ``network`` on inputs (N, n) and targets (N, 2 nv), float64; returns a report and the elite nets.
+
+    The other arguments are those of `NeuralEnsemble.fit`. Raises UserError if there are too few rows.
+    """
+    if len(inputs) < MIN_ROWS:
+        raise UserError(f"the log has {len(inputs)} transitions; the ensemble needs at least {MIN_ROWS}: record more")
     start = time.perf_counter()
     generator = torch.Generator().manual_seed(seed)
-    inputs, targets = _training_pairs(model, data)
     raw_targets = targets
-    order = torch.randperm(len(data), generator=generator)
-    held = min(int(config.holdout * len(data)), config.holdout_max)
+    order = torch.randperm(len(inputs), generator=generator)
+    held = min(int(config.holdout * len(inputs)), config.holdout_max)
     kept = order[held:]
     if warm_start:
         network.standardise_inputs(inputs[kept].mean(dim=0), _deviation(inputs[kept]))
@@ -131,22 +129,17 @@ def train(
         stopped = "interrupted"
     best.restore()
     network.requires_grad_(False)
-    model.elites = best.error.argsort()[: config.elites]
+    elites = best.error.argsort()[: config.elites]
     with torch.no_grad():
-        mean, _ = network(held_inputs.expand(config.elites, -1, -1), model.elites)
+        mean, _ = network(held_inputs.expand(config.elites, -1, -1), elites)
     error = (mean.mean(dim=0) - held_targets) * network.target_scale / _deviation(raw_targets)
     seconds = time.perf_counter() - start
-    return TrainingReport(len(kept), held, epochs, updates, seconds, float(error.square().mean().sqrt()), stopped)
-
-
-def _training_pairs(model: NeuralEnsemble, data: Transitions) -> tuple[Tensor, Tensor]:
-    """Features (N, inputs) and targets (N, 2 nv): the change of q on the manifold, then that of v; float64."""
-    q, v, u, q_next, v_next = (torch.as_tensor(a) for a in (data.q, data.v, data.u, data.q_next, data.v_next))
-    return model.features(q, v, u), torch.cat([model.layout.difference(q, q_next), v_next - v], dim=1)
+    held_out = float(error.square().mean().sqrt())
+    return TrainingReport(len(kept), held, epochs, updates, seconds, held_out, stopped), elites
 
 
 def _deviation(columns: Tensor) -> Tensor:
-    """Standard deviation of every column, 1 where it is constant."""
+    """Standard deviation of every column; 1 for a constant column."""
     deviation = columns.std(dim=0, correction=0)
     return torch.where(deviation < TINY, torch.ones_like(deviation), deviation)
 
@@ -159,7 +152,7 @@ def _set_scales(network: EnsembleNetwork, inputs: Tensor, targets: Tensor, norma
 
 
 def _optimiser(network: EnsembleNetwork, rate: float, weight_decay: tuple[float, ...]) -> torch.optim.Adam:
-    """Adam whose L2 term acts on the weights, layer by layer, and neither on biases nor on the variance bounds."""
+    """Adam with an L2 term on the weights, layer by layer, but not on biases or variance bounds."""
     groups: list[dict[str, Any]] = [
         {"params": [weight], "weight_decay": decay} for weight, decay in zip(network.weights, weight_decay, strict=True)
     ]

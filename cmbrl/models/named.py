@@ -1,6 +1,6 @@
-"""Models by name: "nominal", a task's scene as its file has it, or a folder that holds a fit or an ensemble.
+"""Models by name: "nominal" (a task's scene at the file's values), or a folder with a fit or an ensemble.
 
-torch and mujoco are imported only for what is loaded: names are checked at once, and before a renderer is chosen.
+torch and mujoco are imported only to load a model, so that names are checked at once.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.files import read_json
+from cmbrl.models.ensemble_config import ENSEMBLE
 
 if TYPE_CHECKING:
     from cmbrl.contact.smoothing import Smoothing
@@ -20,57 +21,60 @@ if TYPE_CHECKING:
     from cmbrl.scene import Scene
 
 NOMINAL = "nominal"
-SETTINGS = "model.json"  #: in the folder of a fit: the scene and how the model steps it
-ENSEMBLE = "ensemble.json"  #: in the folder of an ensemble
+SETTINGS = "model.json"  #: the scene and the model's settings, in the folder of a fit
 
 
 def holds_fit(folder: str | os.PathLike[str]) -> bool:
-    """Whether ``folder`` is that of a fit."""
+    """Whether ``folder`` holds a fit."""
     return (Path(folder) / SETTINGS).exists()
 
 
 def check_name(word: str | os.PathLike[str], known: tuple[str, ...] = (NOMINAL,)) -> None:
-    """Raises UserError unless ``word`` is among the ``known`` ones, or a folder that holds a fit or an ensemble."""
+    """Raises UserError unless ``word`` is one of ``known``, or a folder with a fit or an ensemble."""
     if word in known:
         return
     if not Path(word).is_dir():
-        raise UserError(f"no model {str(word)!r} and no folder of one: {did_you_mean(str(word), known)}")
+        raise UserError(f"{str(word)!r} is neither a model nor a folder; {did_you_mean(str(word), known)}")
     if not holds_fit(word) and not (Path(word) / ENSEMBLE).exists():
-        raise UserError(f"{word}: holds neither a fit ({SETTINGS}) nor an ensemble ({ENSEMBLE})")
+        raise UserError(
+            f"{word}: contains neither a fit ({SETTINGS}) nor an ensemble ({ENSEMBLE}); give the folder of one"
+        )
 
 
 def named_model(
     word: str | os.PathLike[str], task: Task, smoothing: Smoothing | None = None, threads: int | None = None
 ) -> ComplementarityModel | NeuralEnsemble:
-    """``task``'s nominal model, or what the folder ``word`` holds; see ``saved_model``.
+    """``task``'s nominal model, or the model in the folder ``word`` (see ``saved_model``).
 
-    Raises UserError when the folder holds no model, or one of another robot or control step.
+    Raises UserError if the folder has no model, or one of another robot or control step.
     """
     if word == NOMINAL:
         return nominal_model(task, **_given(smoothing, threads))
     model = saved_model(word, smoothing, threads)
     scene = task.load_scene()
-    owner = getattr(model, "layout", None) or model.scene  # type: ignore[union-attr]
-    have, need = (owner.nq, owner.nv, owner.nu), (scene.nq, scene.nv, scene.nu)
+    own = model.coordinates
+    have, need = (own.nq, own.nv, own.nu), (scene.nq, scene.nv, scene.nu)
     if have != need:
-        raise UserError(f"{word}: is of another robot: nq, nv, nu {have}, task {task.name!r} has {need}")
+        raise UserError(f"{word}: model of another robot: nq, nv, nu {have}, task {task.name!r} has {need}")
     if abs(model.dt - task.control_dt) > 1e-6 * task.control_dt:
-        raise UserError(f"{word}: steps {model.dt:g} s, task {task.name!r} {task.control_dt:g} s: fit on such a log")
+        raise UserError(
+            f"{word}: steps {model.dt:g} s, task {task.name!r} {task.control_dt:g} s; fit a log of this task"
+        )
     return model
 
 
 def saved_model(
     folder: str | os.PathLike[str], smoothing: Smoothing | None = None, threads: int | None = None
 ) -> ComplementarityModel | NeuralEnsemble:
-    """The model that ``folder`` holds; a fit with other smoothing or threads where given.
+    """The model in ``folder``; ``smoothing`` and ``threads`` replace those of a fit.
 
-    Raises UserError when it holds none, and when an ensemble shall be smoothed.
+    Raises UserError if there is none, or if ``smoothing`` is given for an ensemble.
     """
     check_name(folder)
     if holds_fit(folder):
         return load_complementarity(Path(folder) / SETTINGS).with_settings(**_given(smoothing, threads))
     if smoothing is not None:
-        raise UserError(f"{folder}: an ensemble has no contacts to soften: leave the smoothing out")
+        raise UserError(f"{folder}: smoothing does not apply to an ensemble; drop it")
     from cmbrl.models.ensemble import NeuralEnsemble
 
     return NeuralEnsemble.load(folder)
@@ -82,9 +86,9 @@ def _given(smoothing: Smoothing | None, threads: int | None) -> dict[str, Any]:
 
 
 def nominal_model(task: Task, scene: Scene | None = None, **options: Any) -> ComplementarityModel:
-    """The model of the task's scene with its nominal parameters; ``options`` override the task's settings.
+    """The model of the task's scene at its nominal parameters; ``options`` override the task's settings.
 
-    ``scene``: the task's, where it is at hand or was read otherwise than the task says.
+    ``scene``: the task's scene if already loaded, perhaps with other import options.
     """
     from cmbrl.contact.smoothing import Barrier
     from cmbrl.models.complementarity import ComplementarityModel
@@ -94,7 +98,7 @@ def nominal_model(task: Task, scene: Scene | None = None, **options: Any) -> Com
 
 
 def load_complementarity(file: Path) -> ComplementarityModel:
-    """The model that a ``model.json`` describes; raises UserError when it is damaged or its scene is gone."""
+    """The model of a ``model.json``; raises UserError if the file is damaged or the scene is missing."""
     from cmbrl.models.complementarity import ComplementarityModel
     from cmbrl.scene import Scene
 
@@ -108,5 +112,5 @@ def load_complementarity(file: Path) -> ComplementarityModel:
             reduce=source.get("reduce", True),
         )
     except (KeyError, TypeError):
-        raise UserError(f"{file}: damaged: fit again") from None
+        raise UserError(f"{file}: damaged; fit again") from None
     return ComplementarityModel.from_config(scene, settings)

@@ -1,20 +1,19 @@
-"""What every next-state model is: one batched step of a known length in time, and the rollout built from it."""
+"""The interface of every next-state model: one batched step of a known duration. Optional abilities have their own."""
 
 from __future__ import annotations
 
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import torch
 from torch import Tensor
 
+if TYPE_CHECKING:
+    from cmbrl.models.manifold import Coordinates
+
 
 @runtime_checkable
 class Model(Protocol):
-    """A next-state model over one control step.
-
-    A model whose step solves something may also count the steps that did not converge: an attribute ``failures: int``
-    and a method ``reset_failures()``; the error table shows it.
-    """
+    """A next-state model over one control step."""
 
     @property
     def name(self) -> str:
@@ -23,23 +22,68 @@ class Model(Protocol):
 
     @property
     def dt(self) -> float:
-        """Length of one step [s]: the control step of the log it is compared with."""
+        """Duration of one step [s]: the control step of the logs it is compared with."""
         ...
 
     def step(self, q: Tensor, v: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
         """(q', v') of shapes (B, nq), (B, nv) from q (B, nq), v (B, nv) and the control u (B, nu), all float64.
 
-        The control is held over the whole step. Layout of q and v: MuJoCo's (free joint: world position, quaternion
+        The control is held over the whole step. q and v have MuJoCo's layout (free joint: world position, quaternion
         wxyz; world linear and body angular velocity).
         """
         ...
 
 
-def rollout(model: Model, q: Tensor, v: Tensor, controls: Tensor) -> tuple[Tensor, Tensor]:
-    """Open-loop prediction: (B, H, nq) and (B, H, nv), the states after each of the H controls (B, H, nu).
+@runtime_checkable
+class CountsFailures(Protocol):
+    """A model that counts the steps whose solver did not converge."""
 
-    q (B, nq) and v (B, nv) are the states at the start; only they are seen, never a later logged state.
-    Differentiable when the model's step is.
+    @property
+    def failures(self) -> int:
+        """Failed steps since the last ``reset_failures``."""
+        ...
+
+    def reset_failures(self) -> None:
+        """Sets ``failures`` to zero."""
+        ...
+
+
+@runtime_checkable
+class Remembers(Protocol):
+    """A model that keeps something of a batch between its steps, such as the branches of a bundle."""
+
+    def forget(self) -> None:
+        """Treats the next step of every row as its first."""
+        ...
+
+
+@runtime_checkable
+class Resumable(Protocol):
+    """A model whose next step depends on more than its arguments, such as a stream of random numbers."""
+
+    def state(self) -> Any:
+        """What the next step depends on, for a checkpoint."""
+        ...
+
+    def restore(self, state: Any) -> None:
+        """Continues from what ``state`` returned."""
+        ...
+
+
+@runtime_checkable
+class HasCoordinates(Protocol):
+    """A model that knows the kinds of its coordinates."""
+
+    @property
+    def coordinates(self) -> Coordinates:
+        """Where rotations and quaternions are in q and v."""
+        ...
+
+
+def rollout(model: Model, q: Tensor, v: Tensor, controls: Tensor) -> tuple[Tensor, Tensor]:
+    """Open-loop prediction from q (B, nq), v (B, nv): the states (B, H, nq), (B, H, nv) after each control (B, H, nu).
+
+    Differentiable if the model's step is.
     """
     positions, velocities = [], []
     for control in controls.unbind(dim=1):
@@ -50,28 +94,28 @@ def rollout(model: Model, q: Tensor, v: Tensor, controls: Tensor) -> tuple[Tenso
 
 
 def failures(model: Model) -> int | None:
-    """Steps that did not converge since the last ``reset_failures``; None for a model that solves nothing."""
-    return getattr(model, "failures", None)
+    """Failed steps since the last ``reset_failures``; None for a model that solves nothing."""
+    return model.failures if isinstance(model, CountsFailures) else None
 
 
 def reset_failures(model: Model) -> None:
-    """Sets the count of failed steps to zero, for models that keep one."""
-    if hasattr(model, "reset_failures"):
+    """Sets the count of failed steps to zero, for a model that keeps one."""
+    if isinstance(model, CountsFailures):
         model.reset_failures()
 
 
 def forget(model: Model) -> None:
-    """Starts all rows anew, for models that keep something of a batch between its steps (a bundle's branches)."""
-    if hasattr(model, "forget"):
+    """Clears what a model keeps of a batch between its steps, if anything."""
+    if isinstance(model, Remembers):
         model.forget()
 
 
-def model_state(model: Model) -> dict[str, Any] | None:
-    """What a model's next step depends on beside its arguments (its random numbers), between windows; mostly None."""
-    return model.state() if hasattr(model, "state") else None
+def model_state(model: Model) -> Any:
+    """What a model's next step depends on beyond its arguments; None for most models."""
+    return model.state() if isinstance(model, Resumable) else None
 
 
-def restore_model(model: Model, state: dict[str, Any] | None) -> None:
-    """Goes on from what ``model_state`` returned."""
-    if state is not None and hasattr(model, "restore"):
+def restore_model(model: Model, state: Any) -> None:
+    """Continues from what ``model_state`` returned."""
+    if state is not None and isinstance(model, Resumable):
         model.restore(state)

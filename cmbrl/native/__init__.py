@@ -1,6 +1,17 @@
-"""The compiled core (``_core``); its user-facing doors are :mod:`cmbrl.models.complementarity` and
-:mod:`cmbrl.contact.solvers.native`."""
+"""The compiled core. Use it through :mod:`cmbrl.models.complementarity` and :mod:`cmbrl.contact.solvers.native`."""
+
+from __future__ import annotations
+
+from enum import IntEnum
 
 from cmbrl.native._core import Core, Problems
 
-__all__ = ["Core", "Problems"]
+__all__ = ["Core", "Problems", "SolverStatus"]
+
+
+class SolverStatus(IntEnum):
+    """How a contact solve of the core ended."""
+
+    CONVERGED = 0
+    FALLBACK = 1  # converged with added compliance
+    FAILED = 2

@@ -1,4 +1,4 @@
-"""What is in the world, and no more: a scene read from an MJCF, reduced, with named parameters."""
+"""Scenes: worlds read from an MJCF, with named parameters."""
 
 from cmbrl.scene.records import LeftOut, Parameter
 from cmbrl.scene.scene import Scene

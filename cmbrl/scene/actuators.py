@@ -1,4 +1,4 @@
-"""Actuators: force = gain ctrl + bias0 + bias1 length + bias2 velocity, clamped, times gear on one hinge or slide."""
+"""Actuators: the clamped force gain ctrl + bias0 + bias1 length + bias2 velocity, times gear, on one hinge or slide."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cmbrl.scene.support import Gate
 
 @dataclass(frozen=True)
 class Actuator:
-    """One entry of the control vector. An actuator that was left out keeps its entry and has gear 0."""
+    """One entry of the control vector. An actuator that is left out keeps its entry, with gear 0."""
 
     name: str
     dof: int
@@ -29,7 +29,7 @@ class Actuator:
 
 
 def read_actuators(model: mujoco.MjModel, gate: Gate) -> list[Actuator]:
-    """One actuator per control, in the order of ``ctrl``; the gate hears of what is not modelled."""
+    """One actuator per control, in the order of ``ctrl``; reports unsupported ones to the gate."""
     count = len(model.actuator_trntype)
     actuators: list[Actuator] = []
     for k in range(count):
@@ -43,7 +43,7 @@ def read_actuators(model: mujoco.MjModel, gate: Gate) -> list[Actuator]:
 
 
 def _modelled(model: mujoco.MjModel, k: int, controls: int, gate: Gate) -> bool:
-    """Whether the actuator acts in the scene; what speaks against it goes to the gate."""
+    """Whether the actuator acts in the scene; if not, the gate is told why."""
     name = name_of(model, "actuator", k)
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ACTUATION:
         gate.note("actuator", name, "the file disables actuation")
@@ -76,7 +76,7 @@ def _modelled(model: mujoco.MjModel, k: int, controls: int, gate: Gate) -> bool:
         gate.refuse("actuator_bias", name, f"gain {gain}, bias {bias}")
         sound = False
     if (poly := getattr(model, "actuator_dampingpoly", None)) is not None and np.any(poly[k]):
-        gate.refuse("actuator_bias", name, "damping that is not linear", "only the linear term is kept")
+        gate.refuse("actuator_bias", name, "nonlinear damping", "reduced to the linear term")
     return bool(sound)
 
 

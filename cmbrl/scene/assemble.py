@@ -1,4 +1,4 @@
-"""The arrays the C++ core is built from. Shapes: nb moving bodies, nj joints, nc contacts, D = 2 (planar) or 3."""
+"""Builds the arrays of the C++ core from the records of a scene."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from cmbrl.scene.actuators import Actuator
 from cmbrl.scene.layout import Layout
-from cmbrl.scene.records import BALL, CONTACT_LAWS, HINGE, POINT_PLANE, SLIDE, WORLD, Array, Candidate, ContactLaw, Tree
+from cmbrl.scene.records import CONTACT_LAWS, WORLD, Array, Candidate, ContactKind, ContactLaw, JointKind, Tree
 from cmbrl.scene.reduction import PlaneOfMotion
 from cmbrl.scene.shapes import Shape
 
@@ -17,7 +17,7 @@ Arrays = dict[str, Any]
 
 
 def tree_arrays(model: mujoco.MjModel, tree: Tree, plane: PlaneOfMotion | None) -> Arrays:
-    """Bodies and joints, in the plane of motion where there is one."""
+    """Bodies and joints, in the plane of motion if there is one."""
     joints = tree.joints
     dimension = 2 if plane else 3
     pos: list[Array] = []
@@ -36,7 +36,7 @@ def tree_arrays(model: mujoco.MjModel, tree: Tree, plane: PlaneOfMotion | None) 
             rot.append(body.rot.ravel())
     for joint in joints:
         anchor.append(plane.local(tree, joint.body, joint.pos) if plane else joint.pos)
-        if plane and joint.kind == HINGE:
+        if plane and joint.kind == JointKind.HINGE:
             axis.append(np.array([np.sign(tree.turn(joint.body, joint.axis) @ plane.axis), 0.0]))
         else:
             axis.append(plane.local(tree, joint.body, joint.axis) if plane else joint.axis)
@@ -63,7 +63,11 @@ def tree_arrays(model: mujoco.MjModel, tree: Tree, plane: PlaneOfMotion | None) 
 def _limit_arrays(model: mujoco.MjModel, tree: Tree) -> Arrays:
     off = mujoco.mjtDisableBit
     enabled = not model.opt.disableflags & (off.mjDSBL_LIMIT | off.mjDSBL_CONSTRAINT)
-    limited = [j for j in tree.joints if enabled and j.kind in (SLIDE, HINGE) and model.jnt_limited[j.source]]
+    limited = [
+        j
+        for j in tree.joints
+        if enabled and j.kind in (JointKind.SLIDE, JointKind.HINGE) and model.jnt_limited[j.source]
+    ]
     limited = [j for j in limited if model.jnt_type[j.source] != mujoco.mjtJoint.mjJNT_FREE]
     source = [joint.source for joint in limited]
     return {
@@ -84,7 +88,7 @@ def contact_arrays(
     plane: PlaneOfMotion | None,
     contact_law: str,
 ) -> Arrays:
-    """Contact candidates and the planes that they may touch."""
+    """Contact candidates, and the planes that they may touch."""
     dimension = 2 if plane else 3
     laws = [c.law for c in candidates]
     normals = np.array([ground.rot[:, 2] for ground in planes]).reshape(-1, 3)
@@ -98,7 +102,7 @@ def contact_arrays(
         "con_type": integers([c.kind for c in candidates]),
         "con_bodyA": integers([c.body_a for c in candidates]),
         "con_bodyB": integers([c.body_b for c in candidates]),
-        "con_plane": integers([number[c.geoms[1]] if c.kind == POINT_PLANE else -1 for c in candidates]),
+        "con_plane": integers([number[c.geoms[1]] if c.kind == ContactKind.POINT_PLANE else -1 for c in candidates]),
         "con_posA": vectors("pos_a"),
         "con_axisA": vectors("axis_a"),
         "con_posB": vectors("pos_b"),
@@ -119,7 +123,7 @@ def contact_arrays(
 
 
 def _spring_damper(law: ContactLaw) -> tuple[float, float]:
-    """Stiffness [N/m], damping [N s/m] that give the effective mass of the contact the time constant of its solref."""
+    """Stiffness [N/m] and damping [N s/m] that give the contact's effective mass the time constant of its solref."""
     (first, second), dmax, mass = law.solref, float(np.clip(law.solimp[1], 1e-4, 0.9999)), 1 / law.inverse_weight
     if first > 0:
         return mass / (dmax * first * second) ** 2, 2 * mass / (dmax * first)
@@ -147,7 +151,7 @@ def physical_vector(
     layout: Layout,
     contact_law: str,
 ) -> Array:
-    """P (nP,) at the file's own values; its order is that of ``layout.py``."""
+    """P (nP,) at the values of the file, in the order of ``layout.py``."""
     off, flags = mujoco.mjtDisableBit, model.opt.disableflags
     P = np.zeros(layout.size)
     for k, body in enumerate(tree.bodies):
@@ -161,8 +165,10 @@ def physical_vector(
         else:
             P[inertia : inertia + 6] = I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]
     for joint in tree.joints:
-        stiffness = model.jnt_stiffness[joint.source] if joint.kind != BALL and not flags & off.mjDSBL_SPRING else 0.0
-        for dof in range(joint.vadr, joint.vadr + (3 if joint.kind == BALL else 1)):
+        stiffness = (
+            model.jnt_stiffness[joint.source] if joint.kind != JointKind.BALL and not flags & off.mjDSBL_SPRING else 0.0
+        )
+        for dof in joint.dofs:
             P[layout.dof(dof, "armature")] = model.dof_armature[dof]
             P[layout.dof(dof, "damping")] = 0.0 if flags & off.mjDSBL_DAMPER else model.dof_damping[dof]
             P[layout.dof(dof, "stiffness")] = stiffness
@@ -173,7 +179,7 @@ def physical_vector(
         law, first = c.law, layout.contact(k)
         P[first : first + 9] = [
             law.friction,
-            0.0,  # MJCF has no word for restitution
+            0.0,  # MJCF cannot express restitution
             c.radius_a + c.radius_b,
             *(_spring_damper(law) if contact_law == "spring-damper" else law.solref),
             *law.solimp[:3],

@@ -1,4 +1,4 @@
-"""Contact candidates: what may touch what, as points, segments, boxes; what never touches is dropped, with a reason."""
+"""Contact candidates: points, segments and boxes that may touch. Pairs that never can are dropped, with a reason."""
 
 from __future__ import annotations
 
@@ -7,17 +7,7 @@ import numpy as np
 
 from cmbrl.scene.mixing import collision_pairs, contact_law, pair_label
 from cmbrl.scene.reach import closest_approach, height_range
-from cmbrl.scene.records import (
-    POINT_PLANE,
-    POINT_SHAPE,
-    SEGMENT_SEGMENT,
-    WORLD,
-    Array,
-    Candidate,
-    ContactLaw,
-    LeftOut,
-    Tree,
-)
+from cmbrl.scene.records import WORLD, Array, Candidate, ContactKind, ContactLaw, LeftOut, Tree
 from cmbrl.scene.shapes import Shape, plane_points, read_shape, roundings
 from cmbrl.scene.support import Gate
 
@@ -26,7 +16,7 @@ _ROUND = ("sphere", "capsule")
 
 
 class ContactBuilder:
-    """Walks over the pairs that MuJoCo would test and keeps the candidates that can touch."""
+    """Turns the pairs that MuJoCo would test into candidates, keeping those that can touch."""
 
     def __init__(
         self,
@@ -37,9 +27,12 @@ class ContactBuilder:
         outlines: bool = False,
         keep_far: bool = False,
     ) -> None:
-        """``normal`` (3,): unit axis about which everything turns, if the tree moves in a plane, else None;
-        ``outlines``: contacts are planar too, so a cylinder is its outline in the plane of motion;
-        ``keep_far``: keep candidates that can never touch, as far as their shapes are modelled."""
+        """
+        Args:
+            normal: (3,) unit normal of the plane of motion; None for a spatial tree.
+            outlines: contacts are planar too, so a cylinder becomes its outline in the plane of motion.
+            keep_far: keep candidates that can never touch, if their shapes are supported.
+        """
         self.model, self.tree, self.normal, self.gate = model, tree, normal, gate
         self.outlines, self.keep_far = outlines, keep_far
         self.candidates: list[Candidate] = []
@@ -48,7 +41,7 @@ class ContactBuilder:
         self._roundings = roundings(model)
 
     def build(self) -> None:
-        """Fills ``candidates`` and ``dropped``; tells the gate of pairs that are not modelled."""
+        """Fills ``candidates`` and ``dropped``; reports unsupported pairs to the gate."""
         for first, second, pair in collision_pairs(self.model):
             a, b = self._shape(first), self._shape(second)
             if a.kind == b.kind == "plane":
@@ -92,9 +85,9 @@ class ContactBuilder:
         if shape.kind not in _POINTWISE:
             low = height_range(self.model, self.tree, shape.body, shape.pos, up).low - shape.bound - ground
             if low > law.margin:
-                self._drop(shape, plane, f"it cannot come nearer than {low:.3g} m")
+                self._drop(shape, plane, f"it stays at least {low:.3g} m away")
             else:
-                self.gate.refuse("geom_type", label, f"contact of a geom of type {shape.kind}")
+                self.gate.refuse("geom_type", label, f"contact with a geom of type {shape.kind}")
             return
         axis = None
         if self.outlines and self.normal is not None:
@@ -122,7 +115,7 @@ class ContactBuilder:
         kinds = {a.kind, b.kind}
         modelled = kinds <= {*_ROUND} or kinds == {"sphere", "box"}
         if nearest > law.margin and not (self.keep_far and modelled):
-            self._drop(a, b, f"they cannot come nearer than {nearest:.3g} m")
+            self._drop(a, b, f"they stay at least {nearest:.3g} m apart")
             return
         if self.normal is not None:  # motion in a plane keeps both at their distance along its normal
             offset = abs(self.normal @ (self.tree.place(a.body, a.pos) - self.tree.place(b.body, b.pos)))
@@ -140,7 +133,7 @@ class ContactBuilder:
             else:
                 self.candidates.append(_sphere_box(ball, box, law))
         elif odd := kinds - {*_POINTWISE}:
-            self.gate.refuse("geom_type", label, f"contact of a geom of type {odd.pop()}")
+            self.gate.refuse("geom_type", label, f"contact with a geom of type {odd.pop()}")
         else:
             self.gate.refuse("geom_pair", label, f"contact of a {a.kind} with a {b.kind}")
 
@@ -148,18 +141,18 @@ class ContactBuilder:
 def _point_plane(shape: Shape, plane: Shape, point: Array, radius: float, weight: int, law: ContactLaw) -> Candidate:
     zero = np.zeros(3)
     return Candidate(
-        POINT_PLANE, (shape.geom, plane.geom), shape.body, WORLD,
+        ContactKind.POINT_PLANE, (shape.geom, plane.geom), shape.body, WORLD,
         point, zero, zero, zero, np.eye(3), zero, radius, 0.0, law, weight,
     )  # fmt: skip
 
 
 def _round_pair(a: Shape, b: Shape, law: ContactLaw) -> Candidate:
-    """Spheres and capsules: the point of A against the segment of B, or segment against segment; B may be the world."""
+    """Spheres and capsules: a point of A against a segment of B, or two segments; B may be the world."""
     if WORLD in (a.body, b.body):
         a, b = (b, a) if a.body == WORLD else (a, b)
     elif a.kind == "capsule" and b.kind == "sphere":
         a, b = b, a
-    kind = SEGMENT_SEGMENT if a.kind == "capsule" else POINT_SHAPE
+    kind = ContactKind.SEGMENT_SEGMENT if a.kind == "capsule" else ContactKind.POINT_SHAPE
     return Candidate(
         kind, (a.geom, b.geom), a.body, b.body,
         a.pos, a.axis, b.pos, b.axis, np.eye(3), np.zeros(3), a.radius, b.radius, law,
@@ -169,6 +162,6 @@ def _round_pair(a: Shape, b: Shape, law: ContactLaw) -> Candidate:
 def _sphere_box(ball: Shape, box: Shape, law: ContactLaw) -> Candidate:
     zero = np.zeros(3)
     return Candidate(
-        POINT_SHAPE, (ball.geom, box.geom), ball.body, box.body,
+        ContactKind.POINT_SHAPE, (ball.geom, box.geom), ball.body, box.body,
         ball.pos, zero, box.pos, zero, box.rot, box.core, ball.radius, box.radius, law,
     )  # fmt: skip

@@ -1,7 +1,7 @@
-"""The arrays that the C++ core is built from: sizes, tree, contact candidates, limits, actuators, parameters.
+"""Input of the C++ core: sizes, tree, contact candidates, limits, actuators, parameters.
 
-Shapes: nb moving bodies, nj joints, nc contacts, np planes, nl limits, na actuators, D = 2 (planar) or 3. Integers are
-int32 and all else float64, C-contiguous. Index -1 is the world.
+Shapes: nb moving bodies, nj joints, nc contacts, np planes, nl limits, na actuators, D = 2 (planar) or 3. Arrays
+are C-contiguous, int32 or float64. Index -1 is the world.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cmbrl.scene.layout import Layout
 from cmbrl.scene.records import Array
 
 Integers = NDArray[np.int32]
@@ -19,7 +20,7 @@ Integers = NDArray[np.int32]
 
 @dataclass(frozen=True, eq=False)
 class CoreArrays:
-    """See :mod:`cmbrl.scene.layout` for what the physical vector ``P`` holds."""
+    """The arrays of one scene; :mod:`cmbrl.scene.layout` gives the order of the physical vector ``P``."""
 
     planar: bool
     nq: int
@@ -31,10 +32,10 @@ class CoreArrays:
     nplane: int
     nlimit: int
     nact: int
-    plane_basis: Array  # (2, 3) directions of the plane of motion; zeros in space
+    plane_basis: Array  # (2, 3) directions of the plane of motion; zeros for spatial scenes
 
     body_parent: Integers  # (nb,)
-    body_pos: Array  # (nb, D) frame in the parent's, joints at qpos0
+    body_pos: Array  # (nb, D) frame in the parent's frame, with the joints at qpos0
     body_rot: Array  # (nb, 2) cosine and sine, or (nb, 9) by rows
     body_jadr: Integers  # (nb,) first joint
     body_jnum: Integers  # (nb,)
@@ -59,7 +60,7 @@ class CoreArrays:
     con_type: Integers  # (nc,) a ContactKind
     con_bodyA: Integers  # (nc,)
     con_bodyB: Integers  # (nc,)
-    con_plane: Integers  # (nc,) -1 without a plane
+    con_plane: Integers  # (nc,) -1 if not against a plane
     con_posA: Array  # (nc, D)
     con_axisA: Array  # (nc, D)
     con_posB: Array  # (nc, D)
@@ -83,11 +84,16 @@ class CoreArrays:
     act_force: Array  # (na, 2)
 
     P: Array  # (nP,) nominal physical vector
-    par_ptr: Integers  # (n + 1,) of n parameters: where the places of each begin in par_idx
-    par_idx: Integers  # places in P
+    par_ptr: Integers  # (n + 1,) for n parameters: where the offsets of each begin in par_idx
+    par_idx: Integers  # offsets into P
     par_coef: Array
     par_nominal: Array  # (n,)
 
+    @property
+    def layout(self) -> Layout:
+        """Offsets into ``P``."""
+        return Layout(2 if self.planar else 3, self.nbody, self.nv, self.ncontact, self.nplane, self.nact)
+
     def to_native(self) -> dict[str, Any]:
-        """By name, as the core takes them."""
+        """The arrays by name, as the core takes them."""
         return dict(vars(self))

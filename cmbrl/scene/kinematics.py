@@ -1,4 +1,4 @@
-"""Positions of bodies and gaps of contact candidates in numpy, over any batch shape: for reports and strata, not speed.
+"""Body positions and contact gaps in numpy, for any batch shape. For reports; the core computes them faster.
 
 Conventions are MuJoCo's: a hinge or ball turns the body about its anchor, a slide moves it along its axis.
 """
@@ -8,17 +8,15 @@ from __future__ import annotations
 import numpy as np
 
 from cmbrl.scene.core_arrays import CoreArrays
-from cmbrl.scene.layout import Layout
 from cmbrl.scene.manifold import quaternion_matrix
-from cmbrl.scene.records import BALL, POINT_PLANE, SEGMENT_SEGMENT, SLIDE, Array
+from cmbrl.scene.records import Array, ContactKind, JointKind
 
 
 def body_poses(core: CoreArrays, q: Array) -> tuple[Array, Array]:
     """Positions (..., nb, D) [m] and rotations (..., nb, D, D) at configurations q (..., nq)."""
     q = np.asarray(q, dtype=np.float64)
     planar, batch = core.planar, q.shape[:-1]
-    D = 2 if planar else 3
-    nb = core.nbody
+    D, nb = core.layout.dimension, core.nbody
     pos, rot = np.zeros((*batch, nb, D)), np.zeros((*batch, nb, D, D))
     for b in range(nb):
         parent = core.body_parent[b]
@@ -27,11 +25,11 @@ def body_poses(core: CoreArrays, q: Array) -> tuple[Array, Array]:
             x, R = pos[..., parent, :] + rot[..., parent, :, :] @ x, rot[..., parent, :, :] @ R
         for j in range(core.body_jadr[b], core.body_jadr[b] + core.body_jnum[b]):
             kind, i, axis, local = core.jnt_type[j], core.jnt_qadr[j], core.jnt_axis[j], core.jnt_pos[j]
-            if kind == SLIDE:
+            if kind == JointKind.SLIDE:
                 x = x + (R @ axis) * (q[..., i] - core.jnt_q0[j])[..., None]
                 continue
             anchor = x + R @ local
-            if kind == BALL:
+            if kind == JointKind.BALL:
                 R = R @ quaternion_matrix(q[..., i : i + 4])
             else:
                 R = R @ _turn(axis, q[..., i] - core.jnt_q0[j], planar)
@@ -45,19 +43,18 @@ def gaps(core: CoreArrays, q: Array) -> Array:
     q = np.asarray(q, dtype=np.float64)
     pos, rot = body_poses(core, q)
     D = pos.shape[-1]
-    layout = Layout(D, core.nbody, core.nv, core.ncontact, core.nplane, core.nact)
-    P = core.P
+    layout, P = core.layout, core.P
     out = np.empty((*q.shape[:-1], core.ncontact))
     for i in range(core.ncontact):
         a, b = core.con_bodyA[i], core.con_bodyB[i]
         point = _place(pos, rot, a, core.con_posA[i])
-        if core.con_type[i] == POINT_PLANE:
+        if core.con_type[i] == ContactKind.POINT_PLANE:
             k = core.con_plane[i]
             distance = point @ core.plane_normal[k] - P[layout.plane(k)]
         else:
             relative = point - _place(pos, rot, b, core.con_posB[i])
             axis_b = _direction(rot, b, core.con_axisB[i])
-            if core.con_type[i] == SEGMENT_SEGMENT:
+            if core.con_type[i] == ContactKind.SEGMENT_SEGMENT:
                 distance = _segments(relative, _direction(rot, a, core.con_axisA[i]), axis_b)
             elif np.any(core.con_halfB[i]):
                 axes = core.con_rotB[i].reshape(D, D)
@@ -97,7 +94,7 @@ def _dot(a: Array, b: Array) -> Array:
 
 
 def _box(local: Array, half: Array) -> Array:
-    """Signed distance of points (..., D, 1) in a box's frame: outside to the surface, inside minus the way out."""
+    """Signed distance of points (..., D, 1), in the frame of a box, to its surface; negative inside."""
     beyond = np.abs(local[..., 0]) - half
     outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1)
     return np.where(np.all(beyond < 0, axis=-1), beyond.max(axis=-1), outside)

@@ -1,4 +1,4 @@
-"""Where each number stands in the physical vector P of the core.
+"""Offsets into the physical vector P of the core: the one place that knows its order.
 
 P = per body [mass, centre of mass (D), inertia about it (planar 1: about the axis; spatial xx yy zz xy xz yz)],
     per degree of freedom [armature, damping, stiffness, spring reference, friction loss],
@@ -17,7 +17,7 @@ ACTUATOR_FIELDS = ("gear", "gain", "bias0", "bias1", "bias2")
 
 @dataclass(frozen=True)
 class Layout:
-    """Offsets into P for a scene of the given sizes; ``dimension`` D is 2 or 3."""
+    """Offsets for a scene of these sizes; ``dimension`` D is 2 (planar) or 3."""
 
     dimension: int
     nbody: int
@@ -28,10 +28,12 @@ class Layout:
 
     @property
     def body_fields(self) -> int:
+        """Numbers per body."""
         return 1 + self.dimension + self.inertia_fields
 
     @property
     def inertia_fields(self) -> int:
+        """Numbers of one inertia."""
         return 1 if self.dimension == 2 else 6
 
     def mass(self, body: int) -> int:
@@ -57,8 +59,10 @@ class Layout:
 
     @property
     def gravity(self) -> int:
+        """Gravity (D,) is the end of P."""
         return self.actuator(self.nact)
 
     @property
     def size(self) -> int:
+        """Length of P."""
         return self.gravity + self.dimension

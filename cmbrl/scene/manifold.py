@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cmbrl.scene.records import BALL, Array, Joint
+from cmbrl.scene.records import Array, Joint, JointKind
 
 
 def quaternion_matrix(q: Array) -> Array:
@@ -63,7 +63,7 @@ def difference(joints: Sequence[Joint], nv: int, q_from: Array, q_to: Array) -> 
     out = np.empty((*q_from.shape[:-1], nv))
     for joint in joints:
         i, k = joint.qadr, joint.vadr
-        if joint.kind == BALL:
+        if joint.kind == JointKind.BALL:
             out[..., k : k + 3] = rotation_between(q_from[..., i : i + 4], q_to[..., i : i + 4])
         else:
             out[..., k] = q_to[..., i] - q_from[..., i]
@@ -77,7 +77,7 @@ def integrate(joints: Sequence[Joint], q: Array, dv: Array) -> Array:
     out = np.broadcast_to(q, (*shape, q.shape[-1])).copy()
     for joint in joints:
         i, k = joint.qadr, joint.vadr
-        if joint.kind == BALL:
+        if joint.kind == JointKind.BALL:
             out[..., i : i + 4] = rotate_by(out[..., i : i + 4], np.broadcast_to(dv[..., k : k + 3], (*shape, 3)))
         else:
             out[..., i] += dv[..., k]

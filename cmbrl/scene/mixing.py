@@ -1,4 +1,4 @@
-"""Which geoms MuJoCo lets collide, and with which contact parameters (its documentation, "Computation > Collision")."""
+"""Which geoms collide, and with which parameters, by MuJoCo's rules (its documentation, "Computation > Collision")."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cmbrl.scene.support import Gate
 
 
 def collision_pairs(model: mujoco.MjModel) -> Iterator[tuple[int, int, int]]:
-    """Pairs of geoms (first, second, explicit pair or -1) that may collide by MuJoCo's filters, moving ones only."""
+    """Pairs (first geom, second geom, explicit pair or -1) that pass MuJoCo's filters and can move."""
     off = mujoco.mjtDisableBit
     if model.opt.disableflags & (off.mjDSBL_CONTACT | off.mjDSBL_CONSTRAINT):
         return
@@ -50,14 +50,14 @@ def collision_pairs(model: mujoco.MjModel) -> Iterator[tuple[int, int, int]]:
 
 
 def contact_law(model: mujoco.MjModel, first: int, second: int, pair: int, gate: Gate) -> ContactLaw:
-    """The parameters of one contact: those of an explicit pair, else mixed from both geoms by priority and solmix."""
+    """The parameters of one contact: from an explicit pair, or mixed from both geoms by priority and solmix."""
     label = pair_label(model, first, second)
     if pair >= 0:
         dim, friction = int(model.pair_dim[pair]), model.pair_friction[pair]
         solref, solimp = model.pair_solref[pair], model.pair_solimp[pair]
         margin = model.pair_margin[pair] - (0.0 if _margins_add() else model.pair_gap[pair])
         if np.any(model.pair_solreffriction[pair]):
-            gate.note("solreffriction", label, "friction follows the solref of the normal direction")
+            gate.note("solreffriction", label, "friction uses the solref of the normal direction")
     else:
         rank = int(model.geom_priority[first]) - int(model.geom_priority[second])
         dims = model.geom_condim[first], model.geom_condim[second]
@@ -79,10 +79,10 @@ def contact_law(model: mujoco.MjModel, first: int, second: int, pair: int, gate:
         solref, solimp = model.opt.o_solref, model.opt.o_solimp
         margin, friction = model.opt.o_margin, model.opt.o_friction
     if dim > 3:
-        gate.refuse("condim", label, f"condim {dim}", "taken as condim 3")
+        gate.refuse("condim", label, f"condim {dim}", "treated as condim 3")
         dim = 3
     if dim == 3 and friction[0] != friction[1]:
-        gate.refuse("friction_anisotropic", label, f"friction {friction[0]:g} {friction[1]:g}", "the first is taken")
+        gate.refuse("friction_anisotropic", label, f"friction {friction[0]:g} {friction[1]:g}", "the first applies")
     weight = model.body_invweight0[model.geom_bodyid[first], 0] + model.body_invweight0[model.geom_bodyid[second], 0]
     return ContactLaw(
         dim, float(friction[0]) if dim > 1 else 0.0, solref.copy(), solimp.copy(), float(margin), float(weight)
@@ -90,7 +90,7 @@ def contact_law(model: mujoco.MjModel, first: int, second: int, pair: int, gate:
 
 
 def pair_label(model: mujoco.MjModel, first: int, second: int) -> str:
-    """Both geoms by name, for messages."""
+    """Names of both geoms, for messages."""
     return f"{name_of(model, 'geom', first)} - {name_of(model, 'geom', second)}"
 
 
@@ -107,7 +107,7 @@ def _solmix(first: float, second: float) -> float:
 
 @lru_cache(maxsize=1)
 def _margins_add() -> bool:
-    """Whether this MuJoCo adds two margins (since 3.9) or takes the larger one less the gap; found by trying."""
+    """Whether this MuJoCo adds two margins (since 3.9) or subtracts the gap from the larger; found by trying."""
     model = mujoco.MjModel.from_xml_string(
         "<mujoco><worldbody><geom size='1' margin='.25'/>"
         "<body pos='2 0 0'><freejoint/><geom size='1' margin='.5'/></body></worldbody></mujoco>"

@@ -1,4 +1,4 @@
-"""From a file to a tree of moving bodies: MuJoCo's own compiler reads the MJCF, bodies without joints are fused."""
+"""Reads an MJCF with MuJoCo's compiler and fuses its bodies into a tree of moving bodies."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from cmbrl.errors import UserError
 from cmbrl.scene.manifold import quaternion_matrix
-from cmbrl.scene.records import BALL, HINGE, SLIDE, WORLD, Array, Body, Frame, Joint, Tree
+from cmbrl.scene.records import WORLD, Array, Body, Frame, Joint, JointKind, Tree
 
 _OBJECTS = {
     "body": mujoco.mjtObj.mjOBJ_BODY,
@@ -25,33 +25,33 @@ _OBJECTS = {
 
 
 def compile_mjcf(path: Path) -> tuple[mujoco.MjModel, list[str]]:
-    """Compiles an MJCF file; gives the model and MuJoCo's warnings.
+    """Compiles an MJCF file; returns the model and MuJoCo's warnings.
 
-    Raises UserError when the file is missing, is not an MJCF, or does not compile.
+    Raises UserError if the file is missing, is not an MJCF, or does not compile.
     """
     if not path.is_file():
-        raise UserError(f"{path}: no such file: give the path of an MJCF (.xml)")
+        raise UserError(f"{path}: no such file; give the path of an MJCF (.xml)")
     try:
         root = ElementTree.parse(path).getroot()
     except (ElementTree.ParseError, UnicodeDecodeError) as error:
-        raise UserError(f"{path}: not an MJCF, not even XML ({error}): give an .xml with a <mujoco> root") from None
+        raise UserError(f"{path}: not an MJCF: invalid XML ({error})") from None
     except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror})") from None
+        raise UserError(f"{path}: cannot be read ({error.strerror}); check its permissions") from None
     if root.tag != "mujoco":
-        raise UserError(f"{path}: not an MJCF: its root element is <{root.tag}>, not <mujoco>")
+        raise UserError(f"{path}: not an MJCF: the root element is <{root.tag}>, expected <mujoco>")
     warnings: list[str] = []
     handler = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(warnings.append)  # the default one leaves a log file in the working directory
+    mujoco.set_mju_user_warning(warnings.append)  # the default handler writes a log file
     try:
         return mujoco.MjModel.from_xml_path(str(path)), warnings
     except ValueError as error:
-        raise UserError(f"{path}: MuJoCo cannot compile it: {error}") from None
+        raise UserError(f"{path}: MuJoCo cannot compile this file: {error}") from None
     finally:
         mujoco.set_mju_user_warning(handler)
 
 
 def name_of(model: mujoco.MjModel, kind: str, number: int) -> str:
-    """The name of an element of the file; ``<kind><number>`` where it has none (an actuator: that of its joint)."""
+    """Name of an element of the file. Unnamed ones are ``<kind><number>``; an actuator takes its joint's name."""
     name = mujoco.mj_id2name(model, _OBJECTS[kind], number)
     if name:
         return name
@@ -67,7 +67,7 @@ def name_of(model: mujoco.MjModel, kind: str, number: int) -> str:
 
 
 def read_tree(model: mujoco.MjModel) -> Tree:
-    """The moving bodies with inertia and joints. A free joint becomes three slides along the world axes and a ball."""
+    """The moving bodies, with inertia and joints. A free joint becomes three slides along the world axes and a ball."""
     bodies: list[Body] = []
     frames: list[Frame] = []
     for number in range(model.nbody):
@@ -83,7 +83,7 @@ def read_tree(model: mujoco.MjModel) -> Tree:
         index = len(bodies)
         first = int(model.body_jntadr[number])
         free = model.jnt_type[first] == mujoco.mjtJoint.mjJNT_FREE
-        if free:  # its coordinates place it in the world
+        if free:  # its coordinates are world coordinates
             pos, rot = np.zeros(3), np.eye(3)
         body = Body(name_of(model, "body", number), carrier.body, pos, rot)
         for joint in range(first, first + int(model.body_jntnum[number])):
@@ -105,12 +105,14 @@ def _read_joint(model: mujoco.MjModel, number: int, body: int) -> list[Joint]:
     kind, qadr, vadr = int(model.jnt_type[number]), int(model.jnt_qposadr[number]), int(model.jnt_dofadr[number])
     zero = np.zeros(3)
     if kind == mujoco.mjtJoint.mjJNT_FREE:
-        slides = [Joint(name, SLIDE, body, qadr + k, vadr + k, np.eye(3)[k], zero, 0.0, number) for k in range(3)]
-        return [*slides, Joint(name, BALL, body, qadr + 3, vadr + 3, zero, zero, 0.0, number)]
+        slides = [
+            Joint(name, JointKind.SLIDE, body, qadr + k, vadr + k, np.eye(3)[k], zero, 0.0, number) for k in range(3)
+        ]
+        return [*slides, Joint(name, JointKind.BALL, body, qadr + 3, vadr + 3, zero, zero, 0.0, number)]
     pos = model.jnt_pos[number].copy()
     if kind == mujoco.mjtJoint.mjJNT_BALL:
-        return [Joint(name, BALL, body, qadr, vadr, zero, pos, 0.0, number)]
-    kind = SLIDE if kind == mujoco.mjtJoint.mjJNT_SLIDE else HINGE
+        return [Joint(name, JointKind.BALL, body, qadr, vadr, zero, pos, 0.0, number)]
+    kind = JointKind.SLIDE if kind == mujoco.mjtJoint.mjJNT_SLIDE else JointKind.HINGE
     return [Joint(name, kind, body, qadr, vadr, model.jnt_axis[number].copy(), pos, float(model.qpos0[qadr]), number)]
 
 
@@ -121,7 +123,7 @@ def _nominal_poses(model: mujoco.MjModel, bodies: list[Body]) -> tuple[Array, Ar
         origin, axes = (pos[body.parent], rot[body.parent]) if body.parent != WORLD else (np.zeros(3), np.eye(3))
         pos[index], rot[index] = origin + axes @ body.pos, axes @ body.rot
         first = body.joints[0]
-        if len(body.joints) == 4 and body.joints[3].kind == BALL and first.source == body.joints[3].source:
+        if len(body.joints) == 4 and body.joints[3].kind == JointKind.BALL and first.source == body.joints[3].source:
             pos[index] = model.qpos0[first.qadr : first.qadr + 3]
             rot[index] = quaternion_matrix(model.qpos0[first.qadr + 3 : first.qadr + 7])
     return pos, rot

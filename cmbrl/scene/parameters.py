@@ -1,7 +1,7 @@
-"""The numbers of a scene that can be fitted, by name, and how each moves the physical vector.
+"""The numbers of a scene that can be fitted: their names, bounds, and effect on the physical vector.
 
-P(theta) = P0 + sum_k (theta_k - nominal_k) D_k with sparse D_k: scales have nominal 1, shifts 0, others their value.
-Bounds are physical and generous: they keep a search sane and are no prior.
+P(theta) = P0 + sum_k (theta_k - nominal_k) D_k with sparse D_k. The nominal value of a scale is 1, of a shift 0.
+Bounds are physical and generous: they keep a search sane and are not a prior.
 """
 
 from __future__ import annotations
@@ -15,27 +15,27 @@ import numpy as np
 from cmbrl.scene.actuators import Actuator
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.mjcf import name_of
-from cmbrl.scene.records import BALL, SLIDE, WORLD, Array, Candidate, Joint, Parameter, Tree
+from cmbrl.scene.records import WORLD, Array, Candidate, Joint, JointKind, Parameter, Tree
 from cmbrl.scene.shapes import Shape
 
 Entries = Iterable[tuple[int, float]]
 
-_SHARES = ("impedance_low", "impedance_high")  # between 0 and 1, and what counts is how near to either
+_SHARES = ("impedance_low", "impedance_high")  # between 0 and 1, searched on a logit scale
 
-_UNITS = {  # of slides, of hinges and balls
+_UNITS = {  # for slides, for hinges and balls
     "damping": ("N s/m", "N m s/rad"),
     "armature": ("kg", "kg m^2"),
     "stiffness": ("N/m", "N m/rad"),
     "frictionloss": ("N", "N m"),
 }
 
-_LAW_FIELDS = {  # fields of the law that are fitted; rigid: how fast an old penetration decays
+_LAW_FIELDS = {  # rigid: the time in which a penetration decays
     "rigid": (("solref0", "softness_time", "s"),),
     "mujoco": (("solref0", "softness_time", "s"), ("solref1", "softness_damping", "1")),
     "spring-damper": (("solref0", "contact_stiffness", "N/m"), ("solref1", "contact_damping", "N s/m")),
 }
 
-# How softly MuJoCo's contact resists, from first touch to ``width`` deep: solimp, inside the limits MuJoCo clips it to.
+# MuJoCo's solimp: impedance at first touch, at depth ``width``, and that width. Bounds are those MuJoCo clips to.
 _IMPEDANCE_FIELDS = (
     ("d0", "impedance_low", 0.001, 0.9999, "1"),
     ("dmax", "impedance_high", 0.001, 0.9999, "1"),
@@ -45,7 +45,7 @@ _IMPEDANCE_FIELDS = (
 
 @dataclass(frozen=True)
 class Moves:
-    """Parameters with the columns D in compressed form: idx and coef of parameter k stand at ptr[k]:ptr[k+1]."""
+    """Parameters and their columns D, compressed: entries ptr[k]:ptr[k+1] of idx and coef belong to parameter k."""
 
     parameters: tuple[Parameter, ...]
     ptr: np.ndarray
@@ -59,7 +59,7 @@ class _Collector:
         self.entries: list[list[tuple[int, float]]] = []
 
     def add(self, group: str, of: str, value: float, low: float, high: float, unit: str, entries: Entries) -> None:
-        """Adds a parameter; its transform is "log" where only positive values make sense, "logit" for impedances."""
+        """Adds a parameter. Its transform is "log" for positive bounds, "logit" for impedances, otherwise "linear"."""
         name = f"{group}.{of}" if of else group
         transform = "linear" if low <= 0 else "logit" if group in _SHARES else "log"
         self.parameters.append(Parameter(name, group, value, low, high, transform, unit))
@@ -80,7 +80,7 @@ def offer_parameters(
     P: Array,
     contact_law: str,
 ) -> Moves:
-    """All parameters of a scene; ``letters`` name the axes of centres of mass, ``P`` (nP,) is the nominal vector."""
+    """All parameters of a scene. ``letters`` name the axes of centres of mass; ``P`` (nP,) is the nominal vector."""
     out = _Collector()
     massive = [k for k in range(len(tree.bodies)) if P[layout.mass(k)] > 0]
     for k in massive:
@@ -90,7 +90,9 @@ def offer_parameters(
     for axis, letter in enumerate(letters):
         for k in massive:
             body = tree.bodies[k]
-            size = 1.5 * float(np.sqrt(np.trace(body.inertia) / 2 / body.mass))  # gyration: 1.7 of it reach a rod's end
+            size = 1.5 * float(
+                np.sqrt(np.trace(body.inertia) / 2 / body.mass)
+            )  # 1.7 radii of gyration reach the end of a rod
             if size > 0:
                 out.add(f"com_{letter}", body.name, 0.0, -size, size, "m", [(layout.com(k) + axis, 1.0)])
     _joint_parameters(model, tree, layout, P, out)
@@ -114,19 +116,19 @@ def offer_parameters(
 
 
 def _joint_parameters(model: mujoco.MjModel, tree: Tree, layout: Layout, P: Array, out: _Collector) -> None:
-    """Damping, armature, stiffness, friction loss: what the file gives; zero damping and armature off floating bases.
+    """Joint parameters that are nonzero in the file, and zero damping and armature except on floating bases.
 
-    Their upper bounds come from the inertia M at qpos0: armature up to M, damping up to M times 5/s.
+    The inertia M at qpos0 bounds those zeros: armature up to M, damping up to M times 5/s.
     """
     by_source: dict[int, list[Joint]] = {}
     for joint in tree.joints:
         by_source.setdefault(joint.source, []).append(joint)
     for field, rate in (("damping", 5.0), ("armature", 1.0), ("stiffness", 0.0), ("frictionloss", 0.0)):
         for joints in by_source.values():
-            dofs = [d for joint in joints for d in range(joint.vadr, joint.vadr + (3 if joint.kind == BALL else 1))]
+            dofs = [d for joint in joints for d in joint.dofs]
             indices = [layout.dof(d, field) for d in dofs]
             value, name = float(P[indices[0]]), joints[0].name
-            unit = _UNITS[field][int(joints[-1].kind != SLIDE)]
+            unit = _UNITS[field][int(joints[-1].kind != JointKind.SLIDE)]
             if value > 0:
                 out.add(field, name, value, value / 20, value * 20, unit, [(i, 1.0) for i in indices])
             elif rate and not _floating(tree, joints[0]):
@@ -136,7 +138,7 @@ def _joint_parameters(model: mujoco.MjModel, tree: Tree, layout: Layout, P: Arra
 
 
 def _floating(tree: Tree, joint: Joint) -> bool:
-    """Whether a joint places a body in space (free, or one of several on a body that hangs from the world)."""
+    """Whether a joint places a body in space: a free joint, or one of several between a body and the world."""
     body = tree.bodies[joint.body]
     return body.parent == WORLD and len(body.joints) > 1
 
@@ -144,7 +146,7 @@ def _floating(tree: Tree, joint: Joint) -> bool:
 def _contact_parameters(
     model: mujoco.MjModel, candidates: list[Candidate], layout: Layout, P: Array, contact_law: str, out: _Collector
 ) -> None:
-    """Friction and softness per geom that touches the world; contacts between moving bodies share ``pairs``."""
+    """Friction and softness of each geom that touches the world; contacts between moving bodies share ``pairs``."""
     groups: dict[int, list[int]] = {}
     for k, c in enumerate(candidates):
         groups.setdefault(c.geoms[0] if c.body_b == WORLD else model.ngeom, []).append(k)
@@ -153,7 +155,7 @@ def _contact_parameters(
         return [(layout.contact(k, field), 1.0) for k in rows]
 
     def by_value(rows: list[int], field: str) -> Iterator[tuple[str, float, list[int]]]:
-        """Contacts of one group by nominal value; where there are several, the first one's geoms tell them apart."""
+        """Splits a group by nominal value; several values are told apart by the geoms of their first contact."""
         values = dict.fromkeys(float(P[layout.contact(k, field)]) for k in rows)
         for value in values:
             same = [k for k in rows if P[layout.contact(k, field)] == value]
@@ -171,13 +173,13 @@ def _contact_parameters(
             out.add("restitution", name, 0.0, 0.0, 1.0, "1", entries(rows, "restitution"))
         for field, group, unit in _LAW_FIELDS[contact_law]:
             for suffix, value, same in by_value(rows, field):
-                if value > 0:  # solref below zero is a stiffness, which softness_scale has to stand for
+                if value > 0:  # a negative solref is a stiffness, which softness_scale covers
                     out.add(group, name + suffix, value, value / 10, value * 10, unit, entries(same, field))
         if contact_law == "mujoco":
             out.scale("softness_scale", name, 1e-3, 1e4, P, [layout.contact(k, "rscale") for k in rows])
             for field, group, low, high, unit in _IMPEDANCE_FIELDS:
                 for suffix, value, same in by_value(rows, field):
-                    if low <= value <= high:  # MuJoCo allows 0, from where no scale leads away
+                    if low <= value <= high:  # MuJoCo allows 0, which no scaling can change
                         out.add(group, name + suffix, value, low, high, unit, entries(same, field))
     rounded: dict[int, list[int]] = {}
     for k, c in enumerate(candidates):

@@ -1,6 +1,6 @@
-"""How far joints can carry a point: bounds that prove that two things never meet.
+"""How far joints can carry a point: bounds that prove that two geoms never meet.
 
-Limits of slides are taken with slack (a tenth of their range and 5 cm), because they are soft; hinges turn freely here.
+Limits are soft, so slides get slack (a tenth of their range and 5 cm). Hinges turn freely here.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from cmbrl.scene.records import SLIDE, Array, Joint, Tree
+from cmbrl.scene.records import Array, Joint, JointKind, Tree
 
 _PARALLEL = 1e-9
 
@@ -28,13 +28,13 @@ class HeightRange:
 def height_range(model: mujoco.MjModel, tree: Tree, body: int, point: Array, direction: Array) -> HeightRange:
     """Range of ``direction . x`` for a point (3,) of a moving body; ``direction`` (3,) is a unit vector of the world.
 
-    Turning about ``direction`` changes no height; from the first other rotation on, the point stays within a sphere.
+    Rotation about ``direction`` changes no height. After the first other rotation, the point stays within a sphere.
     """
     low = high = float(direction @ tree.place(body, point))
     moves = False
     chain = [(index, joint) for index in tree.chain(body) for joint in tree.bodies[index].joints]
     for k, (index, joint) in enumerate(chain):
-        if joint.kind == SLIDE:
+        if joint.kind == JointKind.SLIDE:
             slope = float(direction @ tree.turn(index, joint.axis))
             if abs(slope) > _PARALLEL:
                 moves = True
@@ -51,7 +51,7 @@ def height_range(model: mujoco.MjModel, tree: Tree, body: int, point: Array, dir
 def closest_approach(
     model: mujoco.MjModel, tree: Tree, body_a: int, point_a: Array, body_b: int, point_b: Array
 ) -> float:
-    """Lower bound [m] of the distance between two points of different bodies; may be negative."""
+    """Lower bound [m], possibly negative, on the distance between two points of different bodies."""
     path_a, path_b = tree.chain(body_a), tree.chain(body_b)
     shared = 0
     while shared < min(len(path_a), len(path_b)) and path_a[shared] == path_b[shared]:
@@ -61,7 +61,7 @@ def closest_approach(
         joints = [(index, joint) for index in path[shared:] for joint in tree.bodies[index].joints]
         end = tree.place(body, point)
         centre, slack = end, 0.0
-        while joints and joints[0][1].kind == SLIDE:
+        while joints and joints[0][1].kind == JointKind.SLIDE:
             slack += max(abs(x) for x in _travel(model, joints[0][1]))
             joints = joints[1:]
         if joints:
@@ -72,10 +72,10 @@ def closest_approach(
 
 
 def _arm(model: mujoco.MjModel, tree: Tree, joints: Sequence[tuple[int, Joint]], end: Array) -> float:
-    """Longest distance [m] from the first joint's anchor to ``end`` (world, at qpos0), over all joint positions."""
+    """Largest distance [m] from the first joint's anchor to ``end`` (world, at qpos0) over all joint positions."""
     length, last = 0.0, tree.place(joints[0][0], joints[0][1].pos)
     for index, joint in joints[1:]:
-        if joint.kind == SLIDE:
+        if joint.kind == JointKind.SLIDE:
             length += max(abs(x) for x in _travel(model, joint))
         else:
             anchor = tree.place(index, joint.pos)
@@ -84,7 +84,7 @@ def _arm(model: mujoco.MjModel, tree: Tree, joints: Sequence[tuple[int, Joint]],
 
 
 def _travel(model: mujoco.MjModel, joint: Joint) -> tuple[float, float]:
-    """Least and largest displacement [m] of a slide from qpos0."""
+    """Smallest and largest displacement [m] of a slide from qpos0."""
     if not model.jnt_limited[joint.source]:
         return -np.inf, np.inf
     low, high = model.jnt_range[joint.source]

@@ -1,12 +1,13 @@
-"""The plain records a scene is made of, between MuJoCo's compiled model and the arrays of the core.
+"""Plain records between MuJoCo's compiled model and the arrays of the core.
 
-Lengths in m, angles in rad, masses in kg. A "moving body" is one that has joints; bodies without joints are fused into
-the moving body (or the world) that carries them. Index -1 is the world.
+Lengths in m, angles in rad, masses in kg. A "moving body" has joints; a body without joints is fused into the moving
+body (or the world) that carries it. Index -1 is the world.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +15,28 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 WORLD = -1
-SLIDE, HINGE, BALL = 0, 1, 2
-POINT_PLANE, POINT_SHAPE, SEGMENT_SEGMENT = 0, 1, 2
-CONTACT_LAWS = {"rigid": 0, "mujoco": 1, "spring-damper": 2}
+CONTACT_LAWS = {"rigid": 0, "mujoco": 1, "spring-damper": 2}  # the core's number of each law
+
+
+class JointKind(IntEnum):
+    """Kinds of joints, as the core numbers them. A free joint is three slides and a ball."""
+
+    SLIDE = 0
+    HINGE = 1
+    BALL = 2
+
+
+class ContactKind(IntEnum):
+    """Kinds of contact candidates, as the core numbers them."""
+
+    POINT_PLANE = 0
+    POINT_SHAPE = 1
+    SEGMENT_SEGMENT = 2
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Something that the file holds and the scene does not: what it is, its name, and why it was left out."""
+    """An element of the file that the scene leaves out: its kind, its name and the reason."""
 
     kind: str
     name: str
@@ -30,10 +45,10 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number that can be fitted; the physical vector P is affine in it (see ``parameters.py``).
+    """A number that can be fitted. The physical vector P is affine in it (see ``parameters.py``).
 
-    ``transform`` says in which coordinate a search should move: "log" for scales and positive constants, "logit" for
-    shares between 0 and 1, else "linear".
+    ``transform`` is the coordinate in which a search moves: "log" for scales and positive constants, "logit" for
+    shares between 0 and 1, otherwise "linear".
     """
 
     name: str
@@ -47,26 +62,31 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Joint:
-    """One joint of the core; a free joint of the file has become three slides and a ball."""
+    """One joint of the core. A free joint of the file becomes three slides and a ball."""
 
     name: str
-    kind: int  # SLIDE, HINGE or BALL
+    kind: JointKind
     body: int
     qadr: int
     vadr: int
     axis: Array  # (3,) unit, in the body frame
     pos: Array  # (3,) in the body frame
-    q0: float  # qpos0 of a slide or hinge, else 0
+    q0: float  # qpos0 of a slide or hinge, otherwise 0
     source: int  # number of the joint in the file
+
+    @property
+    def dofs(self) -> range:
+        """Its places in v: one, or three for a ball."""
+        return range(self.vadr, self.vadr + (3 if self.kind == JointKind.BALL else 1))
 
 
 @dataclass
 class Body:
-    """One moving body with everything that is welded to it."""
+    """One moving body, including everything welded to it."""
 
     name: str
     parent: int
-    pos: Array  # (3,) of its frame in the parent's frame, joints at qpos0
+    pos: Array  # (3,) of its frame in the parent's frame, with the joints at qpos0
     rot: Array  # (3, 3) child to parent
     joints: list[Joint] = field(default_factory=list)
     mass: float = 0.0
@@ -74,7 +94,7 @@ class Body:
     inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))  # about the centre of mass, body axes
 
     def add_mass(self, mass: float, com: Array, inertia: Array) -> None:
-        """Adds a rigid part: its mass, centre of mass (3,) and inertia about that (3, 3), both in this body's frame."""
+        """Adds a rigid part: mass, centre of mass (3,) and inertia about it (3, 3), all in this body's frame."""
         total = self.mass + mass
         if total <= 0.0:
             return
@@ -91,7 +111,7 @@ def _point_inertia(mass: float, r: Array) -> Array:
 
 @dataclass(frozen=True)
 class Frame:
-    """Where a body of the file sits: the moving body it is welded to (or WORLD) and its pose in that body's frame."""
+    """Pose of a body of the file in the frame of the moving body (or WORLD) that it is welded to."""
 
     body: int
     pos: Array
@@ -100,7 +120,7 @@ class Frame:
 
 @dataclass
 class Tree:
-    """All moving bodies, parents first, and where each body of the file went."""
+    """All moving bodies, parents first, and the frame of every body of the file."""
 
     bodies: list[Body]
     frames: list[Frame]  # by body number of the file
@@ -130,22 +150,22 @@ class Tree:
 
 @dataclass(frozen=True)
 class ContactLaw:
-    """What MuJoCo's mixing rules make of the parameters of two geoms, or what an explicit pair says."""
+    """Contact parameters of two geoms: mixed by MuJoCo's rules, or given by an explicit pair."""
 
     dim: int  # 1 or 3
     friction: float
     solref: Array  # (2,)
     solimp: Array  # (5,)
-    margin: float  # [m] gap at which the constraint starts to act
+    margin: float  # [m] the constraint acts below this gap
     inverse_weight: float  # sum of both bodies' translational invweight0
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """Two features that may touch: point against plane, point against a shape, or segment against segment."""
+    """Two features that may touch."""
 
-    kind: int  # POINT_PLANE, POINT_SHAPE, SEGMENT_SEGMENT
-    geoms: tuple[int, int]  # numbers of A's and B's geom in the file
+    kind: ContactKind
+    geoms: tuple[int, int]  # numbers of the geoms A and B in the file
     body_a: int
     body_b: int
     pos_a: Array  # (D,) in A's frame
@@ -157,4 +177,4 @@ class Candidate:
     radius_a: float
     radius_b: float
     law: ContactLaw
-    weight: int = 1  # how many points of the file this one stands for (planar scenes)
+    weight: int = 1  # number of points of the file that this one replaces (planar scenes)

@@ -1,8 +1,8 @@
-"""Whether everything moves in one plane, and the same scene written in that plane.
+"""Detects that everything moves in one plane, and rewrites the scene in that plane.
 
-A tree is planar when every joint is a slide in the plane or a hinge about its normal; offsets along the normal then
-change nothing. The plane's basis (e1, e2) and the axis a = e1 x e2, about which planar angles are positive, are world
-vectors; for robots that move in x-z they are x, z and -y.
+A tree is planar if every joint is a slide in the plane or a hinge about its normal; offsets along the normal then
+change nothing. The basis (e1, e2) of the plane and the axis a = e1 x e2 of positive planar angles are world vectors.
+For robots that move in x-z they are x, z and -y.
 """
 
 from __future__ import annotations
@@ -11,18 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cmbrl.scene.records import (
-    BALL,
-    HINGE,
-    POINT_PLANE,
-    POINT_SHAPE,
-    SEGMENT_SEGMENT,
-    WORLD,
-    Array,
-    Candidate,
-    Joint,
-    Tree,
-)
+from cmbrl.scene.records import WORLD, Array, Candidate, ContactKind, Joint, JointKind, Tree
 
 _ALIGNED = 1e-9
 
@@ -36,25 +25,25 @@ class PlaneOfMotion:
     rot: Array  # (nb, 2, 2) planar rotation of the bodies' frames at qpos0
 
     def local(self, tree: Tree, body: int, vector: Array) -> Array:
-        """A vector or point (3,) of a body's frame in its planar frame (2,); the world's frame: plane coordinates."""
+        """Maps a vector or point (3,) of a body's (or the world's) frame to its planar frame (2,)."""
         flat = self.basis @ tree.turn(body, vector)
         return flat if body == WORLD else self.rot[body].T @ flat
 
     @property
     def letters(self) -> tuple[str, str]:
-        """Names of the two directions: x, y, z where they are world axes, else 1 and 2."""
+        """Names of the two directions: x, y, z if they are world axes, otherwise 1 and 2."""
         named = ["xyz"[int(np.argmax(np.abs(e)))] if np.max(np.abs(e)) > 1 - _ALIGNED else "" for e in self.basis]
         return (named[0], named[1]) if all(named) else ("1", "2")
 
 
 def find_plane(tree: Tree, gravity: Array) -> tuple[PlaneOfMotion | None, str]:
-    """The plane in which all joints move, or None, and why; ``gravity`` (3,) picks it where joints leave a choice."""
+    """The plane in which all joints move, or None; and the reason. ``gravity`` (3,) decides where joints do not."""
     turns: list[tuple[Joint, Array]] = []
     slides: list[tuple[Joint, Array]] = []
     for joint in tree.joints:
-        if joint.kind == BALL:
-            return None, f"joint {joint.name} turns about every axis"
-        (turns if joint.kind == HINGE else slides).append((joint, tree.turn(joint.body, joint.axis)))
+        if joint.kind == JointKind.BALL:
+            return None, f"joint {joint.name} rotates about every axis"
+        (turns if joint.kind == JointKind.HINGE else slides).append((joint, tree.turn(joint.body, joint.axis)))
     normal = turns[0][1] if turns else _slide_normal([axis for _, axis in slides], gravity)
     for joint, axis in turns:
         if np.linalg.norm(np.cross(axis, normal)) > _ALIGNED:
@@ -66,9 +55,9 @@ def find_plane(tree: Tree, gravity: Array) -> tuple[PlaneOfMotion | None, str]:
     axis = np.cross(*basis)
     rot = np.tile(np.eye(2), (len(tree.bodies), 1, 1))
     for k, world in enumerate(tree.world_rot):
-        if np.linalg.norm(world @ axis - axis) < _ALIGNED:  # else its axes have no planar image: take the world's
+        if np.linalg.norm(world @ axis - axis) < _ALIGNED:  # otherwise keep the world's axes
             rot[k] = basis @ world @ basis.T
-    return PlaneOfMotion(basis, axis, rot), "every joint slides in one plane or turns about its normal"
+    return PlaneOfMotion(basis, axis, rot), "every joint slides in one plane or rotates about its normal"
 
 
 def _slide_normal(axes: list[Array], gravity: Array) -> Array:
@@ -80,7 +69,7 @@ def _slide_normal(axes: list[Array], gravity: Array) -> Array:
 
 
 def _basis(normal: Array) -> Array:
-    """Rows e1, e2 of the plane: e2 as near to world z as it can be (y where the normal is z), e1 along +x or +y."""
+    """Rows e1, e2 of the plane: e2 as close to world z as possible (y if the normal is z), e1 along +x or +y."""
     near = np.round(normal)
     if np.linalg.norm(normal - near) < _ALIGNED:
         normal = near
@@ -93,11 +82,11 @@ def _basis(normal: Array) -> Array:
 
 
 def obstacle_to_plane(tree: Tree, plane: PlaneOfMotion, candidate: Candidate, up: Array | None) -> str | None:
-    """Why a candidate has no planar image, or None. ``up`` (3,): world normal of the plane it touches, if it does."""
+    """Why a candidate has no planar image, or None. ``up`` (3,): world normal of the plane it may touch, if any."""
     axis = plane.axis
-    if candidate.kind == POINT_PLANE:
+    if candidate.kind == ContactKind.POINT_PLANE:
         return "the normal of a plane leaves the plane of motion" if up is None or abs(up @ axis) > _ALIGNED else None
-    depth = 0.0  # how far both shapes together extend along the normal, where their section does not change
+    depth = 0.0  # extent of both shapes along the normal, over which their section is constant
     for body, half in ((candidate.body_a, candidate.axis_a), (candidate.body_b, candidate.axis_b)):
         world = tree.turn(body, half)
         along = float(abs(world @ axis))
@@ -111,12 +100,12 @@ def obstacle_to_plane(tree: Tree, plane: PlaneOfMotion, candidate: Candidate, up
         depth += candidate.half_b[int(np.argmax(sides))]
     offset = tree.place(candidate.body_a, candidate.pos_a) - tree.place(candidate.body_b, candidate.pos_b)
     if abs(offset @ axis) > depth + _ALIGNED:
-        return "two round shapes meet beside the plane of their centres"
+        return "two round shapes touch outside the plane of their centres"
     return None
 
 
 def project(tree: Tree, plane: PlaneOfMotion, candidate: Candidate) -> Candidate:
-    """The planar image of a candidate: sections of its shapes, vectors (2,), a point where a capsule lies across."""
+    """The planar image of a candidate: vectors (2,), sections of its shapes; a capsule along the normal is a point."""
     a, b = candidate.body_a, candidate.body_b
     rot_b, half_b = np.eye(2), np.zeros(2)
     if np.any(candidate.half_b):
@@ -133,12 +122,12 @@ def project(tree: Tree, plane: PlaneOfMotion, candidate: Candidate) -> Candidate
         rot_b=rot_b,
         half_b=half_b,
     )
-    if candidate.kind != SEGMENT_SEGMENT:
+    if candidate.kind != ContactKind.SEGMENT_SEGMENT:
         return image
-    if not np.any(image.axis_a):  # a capsule that lies across is a point here, and points stand first
-        return replace(image, kind=POINT_SHAPE)
+    if not np.any(image.axis_a):  # a capsule along the normal is a point, and the point comes first
+        return replace(image, kind=ContactKind.POINT_SHAPE)
     if not np.any(image.axis_b) and b != WORLD:
-        return replace(_swapped(image), kind=POINT_SHAPE)
+        return replace(_swapped(image), kind=ContactKind.POINT_SHAPE)
     return image
 
 
@@ -147,7 +136,7 @@ def _section(half: Array) -> Array:
 
 
 def _swapped(c: Candidate) -> Candidate:
-    """A and B exchanged (no boxes)."""
+    """The same candidate with A and B exchanged (no boxes)."""
     return replace(
         c,
         geoms=c.geoms[::-1],
@@ -163,7 +152,7 @@ def _swapped(c: Candidate) -> Candidate:
 
 
 def merge_points(candidates: list[Candidate]) -> tuple[list[Candidate], int]:
-    """Joins candidates of one pair of geoms that coincide; their ``weight`` adds up. Returns them and how many went."""
+    """Merges coinciding candidates of a pair of geoms, adding their weights; returns them and the number removed."""
     kept: dict[tuple[object, ...], Candidate] = {}
     for c in candidates:
         where = tuple(np.round(np.concatenate([c.pos_a, c.axis_a, c.pos_b, c.axis_b]), 9) + 0.0)

@@ -1,24 +1,22 @@
-"""What ``cmbrl info`` says of a scene, as JSON types and as text."""
+"""The output of ``cmbrl info``: a scene as JSON types and as text."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from cmbrl.scene.records import LeftOut
+from cmbrl.scene.scene import Scene
 
-if TYPE_CHECKING:
-    from cmbrl.scene.scene import Scene
-
-_TYPES = ("point against plane", "point against shape", "segment against segment")
+_TYPES = ("point against plane", "point against shape", "segment against segment")  # by ContactKind
 
 
 def to_dict(scene: Scene) -> dict[str, Any]:
-    """The scene as JSON types: sizes, coordinates, contacts, limits, actuators, parameters, what was left out."""
+    """Sizes, coordinates, contacts, limits, actuators, parameters and left-out elements as JSON types."""
     core = scene.core
     return {
         "name": scene.name,
@@ -33,7 +31,7 @@ def to_dict(scene: Scene) -> dict[str, Any]:
         "timestep_s": scene.timestep,
         "integrator": scene.integrator,
         "total_mass_kg": scene.total_mass,
-        "gravity_m_s2": core.P[-(2 if scene.planar else 3) :].tolist(),
+        "gravity_m_s2": scene.gravity.tolist(),
         "bodies": list(scene.body_names),
         "joints": list(scene.joint_names),
         "coordinates": [
@@ -70,9 +68,9 @@ def to_dict(scene: Scene) -> dict[str, Any]:
 
 
 def describe(scene: Scene) -> str:
-    """The same for people: one screen for a small robot; long lists of pairs are counted by reason."""
+    """The same as text: one screen for a small robot; long lists are counted by reason."""
     core = scene.core
-    gravity = np.array2string(core.P[-(2 if scene.planar else 3) :], precision=4, suppress_small=True)
+    gravity = np.array2string(scene.gravity, precision=4, suppress_small=True)
     lines = [
         f"{scene.name}: {scene.path}",
         f"  algebra      {'planar' if scene.planar else 'spatial'}: {scene.planar_why}",
@@ -100,7 +98,7 @@ def describe(scene: Scene) -> str:
 
 
 def _bounds(pair: np.ndarray) -> list[float] | None:
-    """JSON knows no infinity: None where unlimited."""
+    """None if unlimited: JSON has no infinity."""
     return pair.tolist() if np.all(np.isfinite(pair)) else None
 
 
@@ -136,13 +134,13 @@ def _contact_lines(scene: Scene) -> str:
     if len(lines) > 40:
         lines = [*lines[:40], f"and {len(lines) - 40} more pairs (--json lists all)"]
     if scene.merged_points:
-        lines.append(f"merged: {scene.merged_points} points that coincide with another")
+        lines.append(f"merged: {scene.merged_points} duplicate points")
     dropped = [replace(drop, kind="dropped:") for drop in scene.dropped_contacts]
     return "".join(f"\n    {line}" for line in lines) + "".join(f"\n{line}" for line in _by_reason(dropped))
 
 
 def _by_reason(elements: Sequence[LeftOut]) -> list[str]:
-    """One line for all elements of one kind and reason; at most three are named."""
+    """One line per kind and reason, naming at most three elements."""
     groups: dict[tuple[str, str], list[str]] = {}
     for element in elements:
         groups.setdefault((element.kind, element.why), []).append(element.name)

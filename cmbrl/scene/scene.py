@@ -1,17 +1,16 @@
-"""The scene: what is in the world, read from an MJCF, reduced to what matters, ready for the core and for fitting."""
+"""The scene: a world read from an MJCF, simplified where that changes nothing, ready for the core and for a fit."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
 
 from cmbrl.errors import UserError, did_you_mean
-from cmbrl.scene import kinematics, manifold, report
+from cmbrl.scene import kinematics, manifold
 from cmbrl.scene.actuators import read_actuators
 from cmbrl.scene.assemble import contact_arrays, doubles, integers, physical_vector, tree_arrays
 from cmbrl.scene.contacts import ContactBuilder
@@ -19,18 +18,7 @@ from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.mjcf import compile_mjcf, name_of, read_tree
 from cmbrl.scene.parameters import offer_parameters
-from cmbrl.scene.records import (
-    BALL,
-    CONTACT_LAWS,
-    POINT_PLANE,
-    SLIDE,
-    Array,
-    Candidate,
-    Joint,
-    LeftOut,
-    Parameter,
-    Tree,
-)
+from cmbrl.scene.records import CONTACT_LAWS, Array, Candidate, ContactKind, Joint, JointKind, LeftOut, Parameter, Tree
 from cmbrl.scene.reduction import PlaneOfMotion, find_plane, merge_points, obstacle_to_plane, project
 from cmbrl.scene.shapes import read_shape
 from cmbrl.scene.support import Gate, check_model
@@ -45,28 +33,28 @@ _INTEGRATORS = {
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Scene:
-    """A world of moving bodies, joints, contact candidates and actuators. Made by ``from_mjcf``; never changes.
+    """A world of moving bodies, joints, contact candidates and actuators. Immutable; made by ``from_mjcf``.
 
-    Layout of q, v, u is MuJoCo's. ``core`` holds the arrays the native core is built from; ``parameters`` are what a
-    fit may change, in the order of every parameter vector.
+    q, v and u have MuJoCo's layout. ``core`` holds the input of the native core. ``parameters`` lists what a fit may
+    change, in the order of every parameter vector.
     """
 
     name: str
     path: str
     ignore: tuple[str, ...]
     contact_law: str  # one of CONTACT_LAWS
-    reduce: bool  # False: nothing was simplified, as asked for
+    reduce: bool  # False: nothing was simplified, on request
     nq: int
     nv: int
     nu: int
     planar: bool
     planar_why: str
-    timestep: float  # [s] of the file
-    integrator: str  # of the file: "euler", "implicit" or "rk4"
+    timestep: float  # [s] the file's
+    integrator: str  # the file's: "euler", "implicit" or "rk4"
     q0: Array  # (nq,)
     total_mass: float  # [kg] of the moving bodies
     body_names: tuple[str, ...]
-    joint_names: tuple[str, ...]  # as in the file; a free joint is one
+    joint_names: tuple[str, ...]  # as in the file; a free joint counts as one
     coordinate_names: tuple[str, ...]  # (nv,)
     coordinate_kinds: tuple[str, ...]  # (nv,) "position", "angle" or "rotation"
     actuator_names: tuple[str, ...]
@@ -75,8 +63,8 @@ class Scene:
     left_out: tuple[LeftOut, ...]
     dropped_contacts: tuple[LeftOut, ...]
     merged_points: int
-    compiler_warnings: tuple[str, ...]  # what MuJoCo had to say about the file
-    joints: tuple[Joint, ...]  # of the core
+    compiler_warnings: tuple[str, ...]  # MuJoCo's warnings about the file
+    joints: tuple[Joint, ...]  # as the core has them
     core: CoreArrays
 
     def __repr__(self) -> str:
@@ -89,12 +77,17 @@ class Scene:
     ) -> Scene:
         """Reads an MJCF through MuJoCo's compiler.
 
-        ``ignore``: kinds of unmodelled elements to leave out (``cmbrl.scene.support.KINDS``). ``contact_law``: "mujoco"
-        keeps the file's softness, "rigid" makes contacts hard with a restitution to fit, "spring-damper" puts an
-        implicit spring and damper in each contact, valid at large steps too (limits stay as in the file). ``reduce``:
-        False keeps spatial algebra for a scene that moves in a plane, candidates that can never touch and points that
-        coincide: the same motion at a higher cost, to check what reduction leaves out.
-        Raises UserError, one line, for a missing file, a file that is no MJCF, or an element that is not modelled.
+        Args:
+            path: the MJCF file.
+            ignore: kinds of unsupported elements to leave out (``cmbrl.scene.support.KINDS``).
+            contact_law: "mujoco" keeps the file's softness; "rigid" makes contacts hard, with a restitution to fit;
+                "spring-damper" puts an implicit spring and damper in each contact, stable at large steps too. Joint
+                limits stay as in the file.
+            reduce: False keeps spatial algebra for planar scenes, candidates that can never touch and duplicate points.
+                The motion is the same at a higher cost; use it to check the simplification.
+
+        Raises:
+            UserError: for a missing file, a file that is not an MJCF, or an unsupported element.
         """
         file = Path(path)
         gate = Gate(str(file), ignore)
@@ -102,16 +95,33 @@ class Scene:
         if contact_law not in CONTACT_LAWS:
             raise UserError(f"unknown contact law {contact_law!r}: {did_you_mean(contact_law, CONTACT_LAWS)}")
         if model.nv == 0:
-            raise UserError(f"{file}: nothing moves, it has no joints: give a body at least one joint")
+            raise UserError(f"{file}: the model has no joints, so nothing moves; add a joint")
         check_model(model, gate)
         return _build(cls, model, file, gate, contact_law, reduce, tuple(warnings))
+
+    @property
+    def layout(self) -> Layout:
+        """Offsets into the physical vector ``core.P``."""
+        return self.core.layout
+
+    @property
+    def gravity(self) -> Array:
+        """Nominal gravity (D,) [m/s^2], in the plane of motion for planar scenes."""
+        return self.core.P[self.layout.gravity :]
 
     def parameter_vector(self) -> Array:
         """Nominal values (np,) of ``parameters``."""
         return np.array([p.nominal for p in self.parameters], dtype=np.float64)
 
+    def physical_vector(self, theta: Array) -> Array:
+        """The core's physical vector P (nP,), in the order of ``layout``, at parameters ``theta`` (np,)."""
+        core, P = self.core, self.core.P.copy()
+        change = np.repeat(theta - core.par_nominal, np.diff(core.par_ptr))
+        np.add.at(P, core.par_idx, change * core.par_coef)
+        return P
+
     def difference(self, q_from: Array, q_to: Array) -> Array:
-        """Tangent vectors (..., nv) from ``q_from`` to ``q_to`` (..., nq): m, rad; rotations in the body frame."""
+        """Tangent vectors (..., nv) [m, rad] from ``q_from`` to ``q_to`` (..., nq); rotations in the body frame."""
         return manifold.difference(self.joints, self.nv, q_from, q_to)
 
     def integrate(self, q: Array, dv: Array) -> Array:
@@ -119,20 +129,12 @@ class Scene:
         return manifold.integrate(self.joints, q, dv)
 
     def gaps(self, q: Array) -> Array:
-        """Gaps [m] (..., ncontact) of all candidates at the nominal parameters; negative: penetration."""
+        """Gaps [m] (..., ncontact) of all candidates at the nominal parameters; negative means penetration."""
         return kinematics.gaps(self.core, q)
 
     def body_poses(self, q: Array) -> tuple[Array, Array]:
         """Positions (..., nb, D) and rotations (..., nb, D, D) of the moving bodies in the world (or its plane)."""
         return kinematics.body_poses(self.core, q)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Everything ``cmbrl info --json`` prints, as JSON types."""
-        return report.to_dict(self)
-
-    def describe(self) -> str:
-        """Everything ``cmbrl info`` prints."""
-        return report.describe(self)
 
 
 def _build(
@@ -153,11 +155,11 @@ def _build(
     gate.close()
     if plane and (obstacle := _obstacle(model, tree, plane, builder.candidates)):
         plane, why = None, obstacle
-        builder = ContactBuilder(model, tree, normal, Gate(gate.file, gate.ignore))  # now with the rims of cylinders
+        builder = ContactBuilder(model, tree, normal, Gate(gate.file, gate.ignore))  # now with cylinder rims
         builder.build()
     candidates = [project(tree, plane, c) for c in builder.candidates] if plane else builder.candidates
     candidates, merged = merge_points(candidates) if reduce else (candidates, 0)
-    grounds = sorted({c.geoms[1] for c in candidates if c.kind == POINT_PLANE})
+    grounds = sorted({c.geoms[1] for c in candidates if c.kind == ContactKind.POINT_PLANE})
     planes = [read_shape(model, geom, tree.frames) for geom in grounds]
     layout = Layout(2 if plane else 3, len(tree.bodies), model.nv, len(candidates), len(planes), len(actuators))
     P = physical_vector(model, tree, candidates, planes, actuators, plane, layout, contact_law)
@@ -221,30 +223,30 @@ def _build(
 
 
 def _obstacle(model: mujoco.MjModel, tree: Tree, plane: PlaneOfMotion, candidates: list[Candidate]) -> str | None:
-    """Why the contacts of a planar tree need space, with the names of the first such pair; None when they do not."""
+    """Why the contacts of a planar tree need spatial algebra, naming the first such pair; None if they do not."""
     for c in candidates:
-        up = read_shape(model, c.geoms[1], tree.frames).rot[:, 2] if c.kind == POINT_PLANE else None
+        up = read_shape(model, c.geoms[1], tree.frames).rot[:, 2] if c.kind == ContactKind.POINT_PLANE else None
         if reason := obstacle_to_plane(tree, plane, c, up):
             return f"{reason} ({name_of(model, 'geom', c.geoms[0])} - {name_of(model, 'geom', c.geoms[1])})"
     return None
 
 
 def _model_name(model: mujoco.MjModel, file: Path) -> str:
-    """``<mujoco model="...">``, the first entry of the model's names; the file's stem where the file gives none."""
+    """The name in ``<mujoco model="...">``, or the file's stem if it has none."""
     name = bytes(model.names).split(b"\0", 1)[0].decode()
     return file.stem if name in ("", "MuJoCo Model") else name.replace(" ", "_")
 
 
 def _coordinates(tree: Tree) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names and kinds of the nv velocity coordinates, in their order."""
+    """Names and kinds of the nv velocity coordinates, in order."""
     names, kinds = [], []
     for joint in tree.joints:
         parts = [other for other in tree.bodies[joint.body].joints if other.source == joint.source]
-        prefix = f"{joint.name}." if len(parts) > 1 or joint.kind == BALL else joint.name
-        if joint.kind == BALL:
+        prefix = f"{joint.name}." if len(parts) > 1 or joint.kind == JointKind.BALL else joint.name
+        if joint.kind == JointKind.BALL:
             names += [f"{prefix}r{letter}" for letter in "xyz"]
             kinds += ["rotation"] * 3
         else:
             names.append(prefix + "xyz"[parts.index(joint)] if len(parts) > 1 else prefix)
-            kinds.append("position" if joint.kind == SLIDE else "angle")
+            kinds.append("position" if joint.kind == JointKind.SLIDE else "angle")
     return tuple(names), tuple(kinds)

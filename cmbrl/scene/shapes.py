@@ -1,7 +1,7 @@
-"""The features of a geom that may touch something: points and segments with a radius, boxes; in the body frame.
+"""The features of a geom that may touch something: points and segments with a radius, and boxes, in the body frame.
 
-MJCF has no rounded box, and real ones have no sharp corners: ``<numeric name="rounding:GEOM" data="R"/>`` under
-``<custom>`` rounds the edges and corners of the box GEOM to R [m]. MuJoCo itself reads past it.
+Real boxes have no sharp corners, but MJCF has no rounded box. ``<numeric name="rounding:GEOM" data="R"/>`` under
+``<custom>`` rounds the edges and corners of the box GEOM to R [m]; MuJoCo itself ignores it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _HULL_POINTS = 32
 
 @dataclass(frozen=True)
 class Shape:
-    """A geom in the frame of the moving body (or world) that carries it."""
+    """A geom in the frame of the moving body (or the world) that carries it."""
 
     geom: int
     kind: str
@@ -43,8 +43,8 @@ class Shape:
     pos: Array  # (3,)
     rot: Array  # (3, 3)
     size: Array  # (3,) as in MuJoCo: radius, half length, half sizes
-    bound: float  # radius of a sphere around pos that holds it
-    hull: Array  # (n, 3) points of a mesh in the geom frame, else empty
+    bound: float  # radius of a bounding sphere around pos
+    hull: Array  # (n, 3) points of a mesh in the geom frame, otherwise empty
     rounding: float = 0.0  # of a box's edges
 
     @property
@@ -54,12 +54,12 @@ class Shape:
 
     @property
     def radius(self) -> float:
-        """What rounds the feature off: of a sphere or capsule its radius, of a box the rounding of its edges."""
+        """Radius of a sphere or capsule, or the rounding of a box."""
         return float(self.size[0]) if self.kind in ("sphere", "capsule") else self.rounding
 
     @property
     def core(self) -> Array:
-        """Half sizes (3,) of the box that the rounding is laid around."""
+        """Half sizes (3,) of the box without its rounding."""
         return self.size - self.rounding
 
     def reach_along(self, direction: Array) -> float:
@@ -95,7 +95,7 @@ def read_shape(model: mujoco.MjModel, geom: int, frames: list[Frame], rounding: 
 
 
 def roundings(model: mujoco.MjModel) -> dict[int, float]:
-    """Geom number -> rounding [m] of its edges, as the file says. Raises UserError on no box, or one too small."""
+    """Geom number -> rounding [m] from the file. Raises UserError if the geom is not a box or is too small."""
     found: dict[int, float] = {}
     geoms = {name_of(model, "geom", geom): geom for geom in range(model.ngeom)}
     for number in range(model.nnumeric):
@@ -104,22 +104,24 @@ def roundings(model: mujoco.MjModel) -> dict[int, float]:
         if name == label:
             continue
         if name not in geoms:
-            raise UserError(f"numeric {label!r}: no geom of that name: {did_you_mean(name, geoms)}")
+            raise UserError(f"numeric {label!r}: no such geom; {did_you_mean(name, geoms)}")
         geom = geoms[name]
         value, half = float(model.numeric_data[model.numeric_adr[number]]), float(model.geom_size[geom].min())
         if model.geom_type[geom] != _GEOM.mjGEOM_BOX:
-            raise UserError(f"numeric {label!r}: the geom is no box, and only boxes are rounded: take it out")
+            raise UserError(f"numeric {label!r}: only boxes can be rounded; remove it")
         if not 0.0 <= value < half:
-            raise UserError(f"numeric {label!r} is {value:g} m: give at least 0 and less than half the box, {half:g} m")
+            raise UserError(
+                f"numeric {label!r} is {value:g} m; give at least 0 and less than the smallest half size, {half:g} m"
+            )
         found[geom] = value
     return found
 
 
 def plane_points(shape: Shape, normal_axis: Array | None) -> list[tuple[Array, float, int]]:
-    """The points (position (3,) in the body frame, radius, weight) by which a shape touches a plane.
+    """The points (position (3,) in the body frame, radius, weight) with which a shape touches a plane.
 
-    ``normal_axis`` (3,), in the body frame, is given for motion in a plane: a cylinder then gives the points of its
-    outline in that plane (a disc or a rectangle), which are exact, instead of eight on each rim.
+    ``normal_axis`` (3,), in the body frame, is the normal of the plane of motion, if any. A cylinder is then its exact
+    outline in that plane (a disc or a rectangle) instead of eight points on each rim.
     """
     points: list[tuple[Array, float, int]] = []
     if shape.kind in ("sphere", "capsule"):
@@ -134,7 +136,7 @@ def plane_points(shape: Shape, normal_axis: Array | None) -> list[tuple[Array, f
         if normal_axis is not None:
             side = shape.rot.T @ normal_axis
             along = abs(side[2])
-            if along > 1 - 1e-8:  # it rolls in the plane; MuJoCo touches with both rims
+            if along > 1 - 1e-8:  # it rolls in the plane; weight 2 because MuJoCo touches with both rims
                 return [(shape.pos, float(radius), 2)]
         if normal_axis is not None and along < 1e-8:
             rim = np.array([[-side[1], side[0]], [side[1], -side[0]]]) * radius
@@ -149,9 +151,9 @@ def plane_points(shape: Shape, normal_axis: Array | None) -> list[tuple[Array, f
 
 
 def hull_points(model: mujoco.MjModel, mesh: int) -> Array:
-    """At most 32 vertices (n, 3) of a mesh's convex hull, chosen farthest first; frame of the geom.
+    """At most 32 vertices (n, 3) of a mesh's convex hull in the geom frame, chosen farthest first.
 
-    The hull is the one MuJoCo keeps in ``mesh_graph`` (numvert, numface, edge addresses, vertex numbers, ...).
+    The hull is in MuJoCo's ``mesh_graph``: numvert, numface, edge addresses, vertex numbers, ...
     """
     first = int(model.mesh_vertadr[mesh])
     points = np.asarray(model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])], dtype=np.float64)

@@ -1,4 +1,4 @@
-"""What is not modelled: such an element is refused by name, unless its kind is to be ignored, which is then stated."""
+"""Unsupported elements of a file: each is refused by name, or left out and reported when its kind is ignored."""
 
 from __future__ import annotations
 
@@ -14,53 +14,53 @@ from cmbrl.scene.records import LeftOut
 KINDS = {
     "tendon": "tendons that exert a force",
     "equality": "equality constraints",
-    "fluid": "forces of a fluid: density, viscosity, wind",
+    "fluid": "fluid forces: density, viscosity, wind",
     "flex": "deformable bodies",
     "plugin": "engine plugins",
-    "gravcomp": "gravity compensation of bodies",
+    "gravcomp": "gravity compensation",
     "actuator_dynamics": "actuators with a state or a delay",
-    "actuator_transmission": "actuators that drive something else than one hinge or slide",
-    "actuator_bias": "actuators whose force is not gain ctrl + bias0 + bias1 length + bias2 velocity",
-    "joint_limit_ball": "limits of ball joints",
-    "joint_spring_ball": "springs of ball and free joints",
-    "joint_polynomial": "springs and dampers that are not linear",
-    "joint_force_range": "limits on the total actuator force of a joint",
-    "geom_type": "contact of height fields, SDFs, ellipsoids",
-    "geom_pair": "contact between shapes other than planes, spheres and capsules (a box: against spheres)",
-    "condim": "torsional and rolling friction (condim 4 and 6, taken as 3 when ignored)",
-    "friction_anisotropic": "pairs with two different sliding frictions (the first is taken when ignored)",
+    "actuator_transmission": "actuators that do not drive exactly one hinge or slide",
+    "actuator_bias": "actuators with a force other than gain ctrl + bias0 + bias1 length + bias2 velocity",
+    "joint_limit_ball": "limits on ball joints",
+    "joint_spring_ball": "springs on ball and free joints",
+    "joint_polynomial": "nonlinear springs and dampers",
+    "joint_force_range": "limits on the total actuator force at a joint",
+    "geom_type": "contact with height fields, SDFs and ellipsoids",
+    "geom_pair": "contact between shapes other than planes, spheres and capsules (boxes against spheres are supported)",
+    "condim": "torsional and rolling friction (if ignored, condim 4 and 6 become 3)",
+    "friction_anisotropic": "pairs with two different sliding frictions (if ignored, the first applies)",
     "adhesion": "contact adhesion",
-    "surface_velocity": "surfaces that move by themselves",
+    "surface_velocity": "moving surfaces",
     "integrator": "MuJoCo's discrete integrator",
 }
 
 
 class Gate:
-    """Collects what is left out of one scene; ``close`` raises one line about what may not be left out silently."""
+    """Collects the unsupported elements of one file; ``close`` raises unless all of them are ignored."""
 
     def __init__(self, file: str, ignore: str | Iterable[str]) -> None:
         names = ignore.split(",") if isinstance(ignore, str) else list(ignore)
         self.ignore = tuple(dict.fromkeys(name.strip().replace("-", "_") for name in names if name.strip()))
         for name in self.ignore:
             if name not in KINDS:
-                raise UserError(f"--ignore {name}: unknown kind, {did_you_mean(name, KINDS)}")
+                raise UserError(f"--ignore {name}: unknown kind; {did_you_mean(name, KINDS)}")
         self.file = file
         self.left_out: list[LeftOut] = []
         self._refused: dict[str, list[tuple[str, str]]] = {}
 
     def refuse(self, kind: str, name: str, why: str, instead: str = "left out") -> None:
-        """An element that is not modelled: left out when ``kind`` is ignored (``instead``: what happens then)."""
+        """Reports an unsupported element. It is left out if ``kind`` is ignored; ``instead`` says what happens then."""
         if kind in self.ignore:
-            self.left_out.append(LeftOut(kind, name, f"{why}; {instead} by --ignore {kind}"))
+            self.left_out.append(LeftOut(kind, name, f"{why}; {instead} (--ignore {kind})"))
         else:
             self._refused.setdefault(kind, []).append((name, why))
 
     def note(self, kind: str, name: str, why: str) -> None:
-        """An element that is left out without loss."""
+        """Reports an element that is left out without changing the motion."""
         self.left_out.append(LeftOut(kind, name, why))
 
     def close(self) -> None:
-        """Raises UserError, one line: the first refused element by name, how many more, and the remedy."""
+        """Raises UserError that names the first refused element, counts the others, and says how to leave them out."""
         if not self._refused:
             return
         kind, elements = next(iter(self._refused.items()))
@@ -69,12 +69,12 @@ class Gate:
         kinds, remedy = ", ".join(self._refused), " ".join(f"--ignore {each}" for each in self._refused)
         more = f" (and {count} more element{'s' if count > 1 else ''} of kind {kinds})" if count else ""
         raise UserError(
-            f"{self.file}: {kind} {name!r} is not modelled: {why}{more}: take it out of the file, or load with {remedy}"
+            f"{self.file}: {kind} {name!r} is not supported: {why}{more}; remove it from the file or pass {remedy}"
         )
 
 
 def _find(model: mujoco.MjModel, field: str, rows: int) -> np.ndarray:
-    """Numbers of the elements with a nonzero entry in ``field``; none where this version of MuJoCo lacks the field."""
+    """Indices of the elements with a nonzero ``field``; none if this version of MuJoCo lacks the field."""
     values = getattr(model, field, None)
     if values is None or rows == 0:
         return np.zeros(0, dtype=int)
@@ -82,14 +82,14 @@ def _find(model: mujoco.MjModel, field: str, rows: int) -> np.ndarray:
 
 
 def check_model(model: mujoco.MjModel, gate: Gate) -> None:
-    """Tells the gate of every element of the file that is not modelled, apart from actuators and contacts."""
+    """Reports every unsupported element to the gate, apart from actuators and contacts."""
     option, disabled = model.opt, mujoco.mjtDisableBit
     for k in range(model.ntendon):
         _check_tendon(model, k, gate)
     for k in range(model.neq):
         name = name_of(model, "equality", k)
         if not model.eq_active0[k] or option.disableflags & (disabled.mjDSBL_EQUALITY | disabled.mjDSBL_CONSTRAINT):
-            gate.note("equality", name, "it is not active")
+            gate.note("equality", name, "not active")
         else:
             kind = mujoco.mjtEq(int(model.eq_type[k])).name.removeprefix("mjEQ_").lower()
             gate.refuse("equality", name, f"a {kind} constraint")
@@ -98,23 +98,23 @@ def check_model(model: mujoco.MjModel, gate: Gate) -> None:
     for k in range(model.nflex):
         gate.refuse("flex", name_of(model, "flex", k), "a deformable body")
     if model.nplugin:
-        gate.refuse("plugin", "extension", f"{model.nplugin} plugin instance(s)")
+        gate.refuse("plugin", "extension", f"{model.nplugin} plugin instance{'s' * (model.nplugin > 1)}")
     if not option.disableflags & disabled.mjDSBL_GRAVITY and np.any(option.gravity):
         for body in _find(model, "body_gravcomp", model.nbody):
             gate.refuse("gravcomp", name_of(model, "body", int(body)), f"gravcomp {model.body_gravcomp[body]:g}")
     if "DISCRETE" in mujoco.mjtIntegrator(option.integrator).name:
-        gate.refuse("integrator", "option", "integrator discrete", "semi-implicit Euler is used")
+        gate.refuse("integrator", "option", "integrator discrete", "replaced by semi-implicit Euler")
     _check_joints(model, gate)
     if (exact := getattr(mujoco.mjtEnableBit, "mjENBL_DIAGEXACT", None)) and option.enableflags & exact:
-        gate.note("diagexact", "option", "softness uses the constant inverse weights at qpos0")
+        gate.note("diagexact", "option", "softness uses the inverse weights at qpos0")
     if option.disableflags & disabled.mjDSBL_REFSAFE:
-        gate.note("refsafe", "option", "time constants of contacts and limits are kept above twice the time step")
+        gate.note("refsafe", "option", "time constants of contacts and limits stay above twice the time step")
     if option.disableflags & disabled.mjDSBL_EULERDAMP:
         gate.note("eulerdamp", "option", "joint damping stays implicit")
     if option.noslip_iterations:
-        gate.note("noslip", "option", "friction is solved once, without a noslip pass")
+        gate.note("noslip", "option", "there is no noslip pass")
     for body in np.flatnonzero(model.body_mocapid >= 0):
-        gate.note("mocap", name_of(model, "body", int(body)), "it stays where the file puts it")
+        gate.note("mocap", name_of(model, "body", int(body)), "it stays where the file places it")
 
 
 def _check_tendon(model: mujoco.MjModel, k: int, gate: Gate) -> None:
@@ -156,7 +156,7 @@ def _check_joints(model: mujoco.MjModel, gate: Gate) -> None:
     ):
         for k in _find(model, field, rows):
             name = name_of(model, "joint", int(owner[k]))
-            gate.refuse("joint_polynomial", name, f"nonzero {field[4:-4]} polynomial", "only the linear term is kept")
+            gate.refuse("joint_polynomial", name, f"nonzero {field[4:-4]} polynomial", "reduced to the linear term")
 
 
 def _any(model: mujoco.MjModel, field: str, k: int) -> bool:

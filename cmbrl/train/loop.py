@@ -23,7 +23,7 @@ from cmbrl.envs.recording import Recording
 from cmbrl.envs.simulation import Disturbance, parameter_sets
 from cmbrl.envs.system import SystemFactory
 from cmbrl.errors import UserError
-from cmbrl.fit import FitResult, fit
+from cmbrl.fitting import FitResult, fit
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.train.policy import Policy
 from cmbrl.train.shac import SHAC, SHACConfig

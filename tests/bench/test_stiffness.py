@@ -11,7 +11,7 @@ from cmbrl.accuracy.strata import in_contact
 from cmbrl.bench.studies.stiffness.cells import Work, errors, run
 from cmbrl.bench.studies.stiffness.study import section
 from cmbrl.bench.studies.stiffness.tosses import TOSS_STEPS, record
-from cmbrl.fit import Budget
+from cmbrl.fitting import Budget
 from cmbrl.models.baselines import Ballistic, HoldVelocity
 from cmbrl.registry import load_task
 

@@ -15,7 +15,7 @@ from cmbrl.errors import UserError
 from cmbrl.gradients.bcg import BundleConfig, BundledContactModel, mean_state
 from cmbrl.gradients.offsets import ContactOffsets
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.manifold import Layout
+from cmbrl.models.manifold import Coordinates
 from cmbrl.registry import load_task
 from cmbrl.scene import Scene
 
@@ -94,7 +94,7 @@ def test_with_noise_it_is_the_derivative_of_the_mean(name: str, models: dict[str
     model = models[name]
     q, v, u = start(model, name, 1)
     bundled = BundledContactModel(model, BundleConfig(3, 2, trigger=1e-3, position=1e-3, velocity=0.02))
-    rng, scene, layout = np.random.default_rng(1), model.scene, Layout.from_scene(model.scene)
+    rng, scene, layout = np.random.default_rng(1), model.scene, Coordinates.from_scene(model.scene)
     dq, dv = bundled.offsets.draw(q.numpy(), v.numpy(), np.ones((1, len(scene.contact_names))), None, 3, rng)
     bundled.offsets.draw = lambda q, v, load, *_: (np.repeat(dq, len(q), 0), np.repeat(dv, len(q), 0))  # type: ignore
     weight = torch.from_numpy(rng.normal(size=2 * scene.nv))
@@ -166,7 +166,7 @@ def test_restarted_rows_drop_their_bundle(models: dict[str, ComplementarityModel
     assert torch.equal(q2[:1], fresh[0])
     assert torch.equal(v2[:1], fresh[1])
     one = model.step(branches.q[1], branches.v[1] + 0.01, u[1:].expand(3, -1))
-    expected = mean_state(bundled.layout, one[0][None], one[1][None], torch.ones(1, 3, dtype=torch.bool))
+    expected = mean_state(bundled.coordinates, one[0][None], one[1][None], torch.ones(1, 3, dtype=torch.bool))
     torch.testing.assert_close(q2[1:], expected[0])
     torch.testing.assert_close(v2[1:], expected[1])
 
@@ -209,7 +209,7 @@ def test_broken_branches_leave_the_mean(models: dict[str, ComplementarityModel])
 
 def test_mean_of_quaternions(models: dict[str, ComplementarityModel]) -> None:
     """Of q and -q it is q; of two turns by +-a about one axis no turn; always of unit length."""
-    layout = Layout.from_scene(models["cube"].scene)
+    layout = Coordinates.from_scene(models["cube"].scene)
     q = torch.zeros(1, 2, 7, dtype=torch.float64)
     q[0, 0, 3:], q[0, 1, 3:] = torch.tensor([0.6, 0.8, 0, 0]), -torch.tensor([0.6, 0.8, 0, 0])
     v, alive = torch.zeros(1, 2, 6, dtype=torch.float64), torch.ones(1, 2, dtype=torch.bool)

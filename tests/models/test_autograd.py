@@ -51,7 +51,7 @@ def test_rollout_is_the_product_of_the_jacobians(file: Path, law: str, integrato
     q_end, v_end = q, v
     for k in range(horizon):
         q_end, v_end = model.step(q_end, v_end, u[:, k])
-    direction = model._tangent.to_configuration(q_end.detach().numpy(), weight[0])
+    direction = model.stepper.tangent.to_configuration(q_end.detach().numpy(), weight[0])
     loss = (q_end * torch.from_numpy(direction)).sum() + (v_end * torch.from_numpy(weight[1])).sum()
     loss.backward()
     states, steps, qk, vk = [], [], q0, v0
@@ -67,7 +67,7 @@ def test_rollout_is_the_product_of_the_jacobians(file: Path, law: str, integrato
         row = row @ steps[k]
         gu[:, k], row = row[:, 0, 2 * nv :], row[:, :, : 2 * nv]
     size = np.abs(row).max()
-    ours = model._tangent.to_tangent(q0, q.grad.numpy())
+    ours = model.stepper.tangent.to_tangent(q0, q.grad.numpy())
     np.testing.assert_allclose(ours, row[:, 0, :nv], rtol=0, atol=1e-9 * size)
     np.testing.assert_allclose(v.grad.numpy(), row[:, 0, nv:], rtol=0, atol=1e-9 * size)
     np.testing.assert_allclose(u.grad.numpy(), gu, rtol=0, atol=1e-9 * max(size, np.abs(gu).max(initial=0)))

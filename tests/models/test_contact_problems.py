@@ -38,7 +38,7 @@ def test_the_steps_answer_solves_the_exported_problem(name: str, law: str) -> No
     for kappa in (1e-6, 1e-8, 1e-10):
         model = ComplementarityModel(scene, smoothing=Barrier(kappa), path_tolerance=1e-3)
         answer = model.predict(q, v, u, impulse=True)
-        active = model._core.rows(q, v, u, model.parameters, model._options)["active"].astype(bool)
+        active = model.stepper.core.rows(q, v, u, model.parameters, model.stepper.options)["active"].astype(bool)
         scores = []
         for k, problem in enumerate(model.contact_problems(q, v, u)):
             contact = answer.impulse[k, active[k, : len(answer.impulse[k])]]

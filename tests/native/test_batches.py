@@ -10,7 +10,9 @@ import pytest
 
 from cmbrl.bench.states import Ranges, random_states
 from cmbrl.contact import Adaptive, Barrier
+from cmbrl.data.transitions import Transitions
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.windows import Scales, Windows
 from cmbrl.native import Core
 from cmbrl.scene import Scene
 
@@ -48,8 +50,8 @@ def test_one_and_two_threads_give_the_same_bits(model: ComplementarityModel) -> 
     g = np.random.default_rng(1).normal(size=(2, len(q), model.scene.nv))
     backward = []
     for m in (model, both):
-        tape = m._core.forward(q, v, u, m.parameters, m._options, tape=True, threads=m.threads)["tape"]
-        back = m._core.backward(u, m.parameters, tape, *g, m._options, want_theta=True, threads=m.threads)
+        tape = m.stepper.forward(q, v, u, m.parameters, tape=True)["tape"]
+        back = m.stepper.backward(u, m.parameters, tape, *g, want_theta=True)
         backward.append({k: np.array(x) for k, x in back.items()})
     for name, x in backward[0].items():
         np.testing.assert_array_equal(x, backward[1][name], err_msg=name)
@@ -60,8 +62,9 @@ def test_loss_of_candidates_is_the_same_on_two_threads(model: ComplementarityMod
     r = model.predict(q, v, u)
     rng, nv = np.random.default_rng(2), model.scene.nv
     theta = model.parameters * rng.uniform(0.9, 1.1, (13, len(model.parameters)))
-    common = (q, v, u, r.q_next, r.v_next, np.arange(79), 1, theta, np.ones(nv), np.ones(nv), 1.0)
-    one, two = (m.candidate_loss(*common) for m in (model, model.with_settings(threads=2)))
+    log = Transitions(q=q, v=v, u=u, q_next=r.q_next, v_next=r.v_next, dt=model.dt, episode=np.zeros(len(q)))
+    windows = Windows(log, np.arange(79), 1, Scales(np.ones(nv), np.ones(nv), 1.0))
+    one, two = (m.candidate_loss(theta, windows) for m in (model, model.with_settings(threads=2)))
     np.testing.assert_array_equal(one, two)
     assert (one > 0).all()
 
@@ -84,7 +87,7 @@ def test_instruction_sets_agree(model: ComplementarityModel, smoothing: Barrier 
     model = model.with_settings(smoothing=smoothing, path_tolerance=1e-10)
     q, v, u = batch(model, 50)
     cores = instruction_sets(model.scene)
-    results = [core.forward(q, v, u, model.parameters, model._options, jacobian=True) for core in cores]
+    results = [core.forward(q, v, u, model.parameters, model.stepper.options, jacobian=True) for core in cores]
     assert len({core.isa for core in cores}) == len(cores)
     for other in results[1:]:
         for name in ("q_next", "v_next"):

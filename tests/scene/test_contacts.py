@@ -10,7 +10,6 @@ import pytest
 
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
-from cmbrl.scene.layout import Layout
 from cmbrl.scene.mjcf import name_of
 
 from .conftest import Load
@@ -101,8 +100,8 @@ def test_gaps_of_a_rounded_box(load: Load) -> None:
     assert gaps[0, sphere] == pytest.approx(np.hypot(0.3 + 0.04, 0.4 + 0.04) - 0.2 - 0.04)
     for name, value, message in (
         ("bax", 0.04, "did you mean 'box'"),
-        ("ball", 0.04, "only boxes are rounded"),
-        ("box", 0.1, "less than half the box"),
+        ("ball", 0.04, "only boxes can be rounded"),
+        ("box", 0.1, "less than the smallest half size"),
     ):
         with pytest.raises(UserError, match=message):
             load(world, round_.format(name, value))
@@ -113,7 +112,7 @@ def test_gaps_of_robots(robot: tuple[Scene, mujoco.MjModel]) -> None:
     scene, model = robot
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
     ours, core = candidates_by_pair(scene), scene.core
-    layout = Layout(2 if scene.planar else 3, core.nbody, scene.nv, core.ncontact, core.nplane, core.nact)
+    layout = scene.layout
     q = scene.integrate(scene.q0, rng.normal(size=(30, scene.nv)))
     gaps, seen = scene.gaps(q), 0
     for k in range(len(q)):
@@ -151,7 +150,7 @@ def test_mixing_is_that_of_mujoco(load: Load) -> None:
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         contact, core = data.contact[0], scene.core
-        P = core.P[Layout(3, 1, 6, 1, 1, 0).contact(0) :]
+        P = core.P[scene.layout.contact(0) :]
         assert core.con_dim[0] == contact.dim
         assert contact.dim == 1 or P[0] == pytest.approx(contact.friction[0])
         assert P[3:8] == pytest.approx([*contact.solref, *contact.solimp[:3]])

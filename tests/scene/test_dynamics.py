@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from cmbrl.scene import Scene
-from cmbrl.scene.layout import Layout
 
 from .conftest import Load, random_tree
 
@@ -18,7 +17,7 @@ def mass_matrix(scene: Scene, q: np.ndarray) -> np.ndarray:
     """M (nv, nv) from kinetic energy: sum of m Jv'Jv + Jw'I Jw, Jacobians by central differences of ``body_poses``."""
     core, nv = scene.core, scene.nv
     D = 2 if scene.planar else 3
-    layout = Layout(D, core.nbody, nv, core.ncontact, core.nplane, core.nact)
+    layout = scene.layout
     steps = STEP * np.vstack([np.eye(nv), -np.eye(nv)])
     pos, rot = scene.body_poses(scene.integrate(q, steps))
     _, here = scene.body_poses(q)
@@ -80,11 +79,11 @@ def test_gravity_lies_in_the_plane(load: Load) -> None:
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     core = scene.core
-    layout = Layout(2, core.nbody, scene.nv, core.ncontact, core.nplane, core.nact)
+    layout = scene.layout
     pos, rot = scene.body_poses(scene.integrate(scene.q0, STEP * np.vstack([np.eye(scene.nv), -np.eye(scene.nv)])))
     energy = np.zeros(2 * scene.nv)
     for b in range(core.nbody):
         centre = pos[:, b] + rot[:, b] @ core.P[layout.com(b) : layout.com(b) + 2]
-        energy -= core.P[layout.mass(b)] * centre @ core.P[layout.gravity :]
+        energy -= core.P[layout.mass(b)] * centre @ scene.gravity
     slope = (energy[: scene.nv] - energy[scene.nv :]) / (2 * STEP)
     assert slope == pytest.approx(data.qfrc_bias, abs=1e-8)

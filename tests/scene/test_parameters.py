@@ -9,6 +9,7 @@ import pytest
 
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
+from cmbrl.scene.report import describe, to_dict
 
 from .conftest import Load
 
@@ -61,16 +62,7 @@ def test_parameter_is_the_same_change_of_the_file(
     k = [p.name for p in scene.parameters].index(name)
     theta[k] = value
     assert scene.parameters[k].low < value < scene.parameters[k].high
-    assert physical(scene, theta) == pytest.approx(changed.core.P, abs=1e-12)
-
-
-def physical(scene: Scene, theta: np.ndarray) -> np.ndarray:
-    core = scene.core
-    P = core.P.copy()
-    for k, change in enumerate(theta - core.par_nominal):
-        entries = slice(core.par_ptr[k], core.par_ptr[k + 1])
-        np.add.at(P, core.par_idx[entries], change * core.par_coef[entries])
-    return P
+    assert scene.physical_vector(theta) == pytest.approx(changed.core.P, abs=1e-12)
 
 
 def test_contact_parameters_follow_the_law(load: Load) -> None:
@@ -144,11 +136,11 @@ def test_limits_and_disabled_forces(load: Load) -> None:
 
 def test_info(robot: tuple[Scene, object]) -> None:
     scene, _ = robot
-    told = json.loads(json.dumps(scene.to_dict(), allow_nan=False))
+    told = json.loads(json.dumps(to_dict(scene), allow_nan=False))
     assert told["algebra"] == ("planar" if scene.planar else "spatial")
     assert len(told["contacts"]) == scene.core.ncontact
     assert [p["name"] for p in told["parameters"]] == [p.name for p in scene.parameters]
-    text = scene.describe()
+    text = describe(scene)
     for word in (scene.name, told["algebra"], scene.joint_names[0], scene.parameters[0].name, "point against plane"):
         assert word in text
 

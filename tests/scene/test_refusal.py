@@ -9,6 +9,7 @@ import pytest
 
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
+from cmbrl.scene.report import describe
 from cmbrl.scene.support import KINDS
 
 from .conftest import GYMNASIUM, Load
@@ -71,7 +72,7 @@ def test_refused_by_name_or_ignored(kind: str, load: Load) -> None:
     scene, model = load(world, rest, ignore=[kind])
     assert [x.kind for x in scene.left_out] == [kind]
     assert scene.nu == model.nu
-    assert kind in scene.describe()
+    assert kind in describe(scene)
 
 
 def test_all_refusals_come_in_one_line(load: Load) -> None:

@@ -11,7 +11,7 @@ import torch
 import cmbrl
 from cmbrl.contact.smoothing import Adaptive
 from cmbrl.errors import UserError
-from cmbrl.fit import FitResult
+from cmbrl.fitting import FitResult
 from cmbrl.registry import load_task
 from cmbrl.train.loop import Loop, LoopConfig
 

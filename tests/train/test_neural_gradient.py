@@ -65,7 +65,7 @@ def test_shac_learns_on_the_ensemble_what_holds_in_reality(tmp_path: Path) -> No
 def test_velocity_noise_is_linear_or_angular_by_joint(tmp_path: Path) -> None:
     (tmp_path / "cart.xml").write_text(CART, encoding="utf-8")
     model = NeuralEnsemble(Scene.from_mjcf(tmp_path / "cart.xml"), slider.DT, NET)
-    assert model.layout.slides_v == (0,)
+    assert model.coordinates.slides_v == (0,)
     still = replace(slider.mdp(), reset=lambda count, generator: torch.zeros(2, count, 2, dtype=torch.float64).unbind())
     velocities = []
     for disturbance in (None, Disturbance(linear=0.5, angular=0.1)):

@@ -20,8 +20,8 @@ from cmbrl.bench.states import Ranges, random_states
 from cmbrl.contact import Adaptive, Barrier, Exact
 from cmbrl.contact.smoothing import Smoothing
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.native import SolverStatus
 from cmbrl.scene import Scene
-from cmbrl.scene.layout import Layout
 
 Array = NDArray[np.float64]
 Point = tuple[Array, Array, Array, Array]  #: q (B, nq), v (B, nv), u (B, nu), theta (np,)
@@ -97,7 +97,7 @@ def compare(model: ComplementarityModel, q: Array, v: Array, u: Array, parameter
     """
     r = model.predict(q, v, u, jacobian=True, parameter_jacobian=True)
     assert r.jacobian is not None  # it was asked for
-    solved = r.status == 0
+    solved = r.status == SolverStatus.CONVERGED
     columns, one_sided = _columns(model, q, v, u, parameters)
     errors: dict[str, list[Array]] = {}
     across = vague = total = 0
@@ -156,12 +156,7 @@ def signature(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: 
 
 def _clamps(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Array) -> list[NDArray[np.bool_]]:
     scene, core = model.scene, model.scene.core
-    P = np.array(core.P)
-    moved = theta - core.par_nominal
-    for k in np.flatnonzero(moved):
-        entries = slice(core.par_ptr[k], core.par_ptr[k + 1])
-        P[core.par_idx[entries]] += moved[k] * core.par_coef[entries]
-    layout = Layout(2 if core.planar else 3, core.nbody, scene.nv, core.ncontact, core.nplane, core.nact)
+    P, layout = scene.physical_vector(theta), scene.layout
     time = P[[layout.contact(k, "solref0") for k in range(core.ncontact)]]
     block = P[layout.actuator(0) : layout.gravity].reshape(-1, 5)
     gear, gain, bias0, bias1, bias2 = block.T

@@ -11,7 +11,7 @@ from cmbrl.bench.studies.learning import mujoco_sysid
 from cmbrl.bench.studies.learning.logs import System, wrong_parameters
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
-from cmbrl.fit import fit
+from cmbrl.fitting import fit
 from cmbrl.models.baselines import HoldVelocity
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble

@@ -18,7 +18,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 from torch import Tensor
 
 from cmbrl.data.transitions import Transitions
-from cmbrl.models.manifold import Layout, invariant_translations
+from cmbrl.models.manifold import Coordinates, invariant_translations
 from cmbrl.scene import Scene
 
 HYPER_ROWS = 300
@@ -33,7 +33,7 @@ class GaussianProcess:
     def __init__(self, scene: Scene, data: Transitions, seed: int = 0) -> None:
         """Learns from ``data``; ``seed`` draws the rows that the hyperparameters are found on."""
         self.dt = data.dt
-        self._layout = Layout.from_scene(scene)
+        self._coordinates = Coordinates.from_scene(scene)
         dropped = invariant_translations(scene)
         self._kept = [a for a in range(scene.nq) if a not in dropped]
         inputs = self._features(data.q, data.v, data.u)
@@ -66,7 +66,7 @@ class GaussianProcess:
                 predicted[rows] = np.stack([p.predict(inputs[rows]) for p in self.processes], axis=1)
         change = torch.as_tensor(self._target_mean + self._target_scale * predicted)
         nv = v.shape[1]
-        return self._layout.integrate(q, change[:, :nv]), v + change[:, nv:]
+        return self._coordinates.integrate(q, change[:, :nv]), v + change[:, nv:]
 
 
 def _deviation(columns: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ from cmbrl.bench.studies.reduction.cases import LABELS, Group, Variant, groups
 from cmbrl.bench.study import Cell, Figure, Progress, Section, Settings, Study, Table, with_progress
 from cmbrl.bench.timing import Spread, interleaved
 from cmbrl.files import atomic_path
+from cmbrl.native import SolverStatus
 
 BATCH = 256  #: elements of one native call
 CHANGED = 1e-3  #: |dv'| above which a state counts as changed [m/s, rad/s]
@@ -90,7 +91,7 @@ def measure(group: Group, repeats: int) -> list[Row]:
                 position_difference=float(np.max(np.abs(moved))),
                 changed=int((off > CHANGED).sum()),
                 iterations=float(np.mean(result.iterations)),
-                failures=int((result.status == 2).sum()),
+                failures=int((result.status == SolverStatus.FAILED).sum()),
                 states=len(group.q),
             )
         )

@@ -17,6 +17,7 @@ from cmbrl.bench.study import Progress, Section, Settings, Study, Table, with_pr
 from cmbrl.contact import Barrier, Exact
 from cmbrl.contact.smoothing import Smoothing
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.native import SolverStatus
 from cmbrl.scene import Scene
 
 TOLERANCE = 1e-8  #: relative residual of momentum, rows and cones that counts as solved
@@ -65,12 +66,12 @@ def measure(
         r = model.predict(q, v, u, theta)
         finite = np.isfinite(r.v_next).all(axis=1) & np.isfinite(r.q_next).all(axis=1)
         accurate = finite & (r.residual <= TOLERANCE)
-        flagged = r.status == 2
+        flagged = r.status == SolverStatus.FAILED
         solved = accurate & ~flagged
         for key, mask in (
             ("states", np.ones(n, bool)),
             ("solved", solved),
-            ("by_fallback", solved & (r.status == 1)),
+            ("by_fallback", solved & (r.status == SolverStatus.FALLBACK)),
             ("flagged", flagged),
             ("silent", ~accurate & ~flagged),
             ("nan", ~finite),

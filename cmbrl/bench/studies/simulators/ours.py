@@ -11,6 +11,7 @@ from cmbrl.bench.studies.simulators.scenes import TrajectoryScene
 from cmbrl.contact import Barrier
 from cmbrl.contact.smoothing import Smoothing
 from cmbrl.models.complementarity import SolverWarning
+from cmbrl.native import SolverStatus
 
 LANES = 64  #: elements of one native call: initial states are repeated up to it, and the time divided
 
@@ -42,5 +43,5 @@ class Ours:
                 step = model.predict(q, v, u[:, k])
                 q, v = step.q_next, step.v_next
                 out[:, k] = q[:n]
-                unsolved += int((step.status[:n] == 2).sum())
+                unsolved += int((step.status[:n] == SolverStatus.FAILED).sum())
         return Path(out, unsolved)

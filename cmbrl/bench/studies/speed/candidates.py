@@ -15,7 +15,9 @@ import numpy as np
 
 from cmbrl.bench.studies.speed.mujoco_peer import Visited
 from cmbrl.bench.timing import Spread, interleaved
+from cmbrl.data.transitions import Transitions
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.windows import Scales, Windows
 
 STATES = 256  #: at most; spread over the visited ones
 ALONE = 8  #: candidates that go one by one in a turn: their cost does not depend on their number
@@ -33,12 +35,14 @@ def compare_candidates(
     chosen = np.linspace(0, len(visited.q) - 1, min(STATES, len(visited.q))).astype(int)
     q, v, u = (np.ascontiguousarray(x[chosen]) for x in (visited.q, visited.v, visited.u))
     q_next, v_next = (np.ascontiguousarray(x[chosen]) for x in (visited.q_next, visited.v_next))
-    starts, scale = np.arange(len(chosen), dtype=np.int64), np.ones(model.scene.nv)
+    log = Transitions(q=q, v=v, u=u, q_next=q_next, v_next=v_next, dt=model.dt, episode=np.zeros(len(q)))
+    one = np.ones(model.scene.nv)
+    windows = Windows(log, np.arange(len(chosen)), 1, Scales(one, one, 1.0))
     theta = draw(model, candidates, seed)
     alone = theta[:ALONE]
 
     def loss(of: np.ndarray) -> None:
-        model.candidate_loss(q, v, u, q_next, v_next, starts, 1, of, scale, scale, 1.0)
+        model.candidate_loss(of, windows)
 
     def one_by_one() -> None:
         for row in alone:

@@ -24,6 +24,7 @@ from cmbrl.bench.timing import Spread, interleaved
 from cmbrl.contact import Barrier, Exact
 from cmbrl.contact.smoothing import Smoothing
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.native import SolverStatus
 from cmbrl.runs import hardware, versions
 
 SMOOTHINGS: dict[str, Smoothing] = {"exact": Exact(), "1e-4 J": Barrier(1e-4)}
@@ -65,7 +66,7 @@ def measure(
     for scene in speed_scenes(scenes, g1):
         visited = visit(scene, states, seed)
         models = {name: _model(scene, smoothing) for name, smoothing in SMOOTHINGS.items()}
-        isa = f"{models['exact']._core.isa}, {models['exact']._core.width} lanes"
+        isa = models["exact"].stepper.instruction_set
         rows += _compare(scene, visited, models, batch, repeats, progress)
         scaling += _scale(scene, visited, batches, threads, repeats, progress)
         costs = compare_candidates(models["1e-4 J"], visited, candidates, repeats, seed, progress)
@@ -136,7 +137,7 @@ def _compare(
                 seconds={kind: Spread.of(x) for kind, x in times.items()},
                 ratios={kind: Spread.of(x) for kind, x in ratios.items()},
                 iterations=float(result.iterations.mean()),
-                failures=int((result.status == 2).sum()),
+                failures=int((result.status == SolverStatus.FAILED).sum()),
             )
         )
     return rows
@@ -173,11 +174,10 @@ class _Ours:
             self._model.predict(q, v, u, jacobian=True)
 
     def _vjp(self) -> None:  # what NativeStep does, without torch around it
-        model = self._model
-        core, options, theta = model._core, model._options, model.parameters
+        stepper, theta = self._model.stepper, self._model.parameters
         for (q, v, u), (gq, gv) in zip(self._chunks, self._cotangents, strict=True):
-            out = core.forward(q, v, u, theta, options, tape=True, threads=model.threads)
-            core.backward(u, theta, out["tape"], gq, gv, options, threads=model.threads)
+            out = stepper.forward(q, v, u, theta, tape=True)
+            stepper.backward(u, theta, out["tape"], gq, gv)
 
     def _torch(self) -> None:
         for q, v, u in self._tensors:

@@ -11,8 +11,7 @@ from cmbrl.bench.studies.stability.simulators import scene_of, start_state
 from cmbrl.contact.smoothing import Exact, Smoothing
 from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
-
-FAILED = 2  #: status of a solve that did not converge
+from cmbrl.native import SolverStatus
 
 
 def model_of(
@@ -60,4 +59,4 @@ class OursUnderWay:
             self._models[count] = self._models[1].with_settings(substeps=count)
         r = self._models[count].predict(self.q[None], self.v[None], self._u)
         self.q, self.v = r.q_next[0], r.v_next[0]
-        self.failures += int(r.status[0] == FAILED)
+        self.failures += int(r.status[0] == SolverStatus.FAILED)

@@ -12,7 +12,7 @@ import torch
 from cmbrl.accuracy.strata import in_contact
 from cmbrl.bench.studies.stiffness.tosses import record
 from cmbrl.data.transitions import Transitions
-from cmbrl.fit import Budget, fit
+from cmbrl.fitting import Budget, fit
 from cmbrl.models.baselines import Ballistic
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble

@@ -10,7 +10,7 @@ import numpy as np
 
 from cmbrl.contact.smoothing import Exact
 from cmbrl.data.transitions import Transitions
-from cmbrl.fit import fit
+from cmbrl.fitting import fit
 from cmbrl.gradients.estimate import Array
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.named import nominal_model

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from cmbrl.fit.loss import PredictionLoss, Scales
-from cmbrl.fit.objective import Objective
-from cmbrl.fit.space import Space
+from cmbrl.fitting.loss import PredictionLoss
+from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.space import Space
+from cmbrl.models.windows import Scales, Windows
 
 
 @pytest.fixture(params=[1, 3])
@@ -14,7 +15,7 @@ def setup(carts, request):
     model = carts.model(2)
     space = Space.of(model.scene.parameters, model.parameters)
     scales = Scales.of(model.scene, data, huber=0.3)  # many residuals beyond it
-    loss = PredictionLoss(model, data, data.windows(request.param), request.param, scales)
+    loss = PredictionLoss(model, Windows(data, data.windows(request.param), request.param, scales))
     return space, loss
 
 

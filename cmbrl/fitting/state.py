@@ -1,8 +1,7 @@
-"""A fit that survives being killed: every finished piece of work is written down and not done twice.
+"""The journal of a fit: records finished work, so that a killed fit resumes without repeating it.
 
-A fit is a deterministic function of the losses it is told. So nothing about the searches themselves is stored, only
-those losses (and the outcome of each finished unit of work): a resumed fit runs the same code and arrives at the same
-numbers.
+A fit is a deterministic function of its losses. The journal stores these losses and the outcome of each finished unit
+of work, but no state of a search: a resumed fit runs the same code to the same numbers.
 """
 
 from __future__ import annotations
@@ -23,14 +22,14 @@ _SECONDS_BETWEEN_WRITES = 0.5
 
 
 class OutOfTime(Exception):
-    """The time limit has passed; the best so far is what the fit returns."""
+    """The time limit has passed; the fit returns the best parameters so far."""
 
 
 class Journal:
-    """Outcomes of finished units and losses of unfinished ones, kept in ``folder`` (None: in memory only).
+    """Outcomes of finished units and losses of unfinished ones, in ``folder`` (None: in memory only).
 
-    ``fingerprint`` stands for data, model and settings. Raises UserError when the folder holds the state of another
-    fit or cannot be written.
+    ``fingerprint`` identifies data, model and settings. Raises UserError if the folder contains another fit or cannot
+    be written.
     """
 
     def __init__(
@@ -55,17 +54,19 @@ class Journal:
         if path.exists():
             state = read_json(path)
             if not isinstance(state, dict) or state.get("fingerprint") != self._fingerprint:
-                raise UserError(f"{path}: holds another fit (data, model or settings differ): choose another folder")
+                raise UserError(
+                    f"{path}: belongs to another fit (data, model or settings differ); choose another folder"
+                )
             self.units, self.rounds = state["units"], state["rounds"]
             self.seconds_before, self.resumed = state["seconds"], True
 
     @property
     def seconds(self) -> float:
-        """Working time so far, of this run and of those before it."""
+        """Working time so far, including earlier runs."""
         return self.seconds_before + time.monotonic() - self._started
 
     def unit(self, name: str, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-        """The outcome (JSON-able) of the unit ``name``: from the journal, else computed and written."""
+        """The outcome (JSON types) of the unit ``name``: from the journal, or computed and written."""
         if name not in self.units:
             outcome = compute()
             self.units[name] = outcome
@@ -74,29 +75,30 @@ class Journal:
         return self.units[name]
 
     def losses(self, search: str, index: int, compute: Callable[[], np.ndarray]) -> np.ndarray:
-        """The losses of round ``index`` of ``search``: from the journal, else computed and written now and then.
+        """Losses of round ``index`` of ``search``: from the journal, or computed, and written from time to time.
 
-        Raises OutOfTime before computing beyond the time limit.
+        Raises OutOfTime instead of computing beyond the time limit.
         """
         known = self.rounds.setdefault(search, [])
         if index >= len(known):
             self.check_time()
-            known.append([float(x) for x in np.minimum(compute(), 1e300)])  # JSON knows no infinity
+            known.append([float(x) for x in np.minimum(compute(), 1e300)])  # JSON has no infinity
             if time.monotonic() - self._written > _SECONDS_BETWEEN_WRITES:
                 self.write()
         return np.array(known[index])
 
     def check_time(self) -> None:
-        """Raises OutOfTime when the time limit of this run has passed."""
+        """Raises OutOfTime if the time limit of this run has passed."""
         if self._time_limit is not None and time.monotonic() - self._started > self._time_limit:
             raise OutOfTime
 
     def report(self, fraction: float, text: str) -> None:
-        """Tells the caller's progress bar; ``fraction`` of the whole work in [0, 1]."""
+        """Reports progress to the caller; ``fraction`` of the whole work in [0, 1]."""
         if self._progress is not None:
             self._progress(fraction, text)
 
     def write(self) -> None:
+        """Writes the journal, if it has a folder."""
         if self.path is not None:
             self._written = time.monotonic()
             write_json(

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from cmbrl import Scene
-from cmbrl.models.manifold import Layout, invariant_translations, rotation_matrix, turn
+from cmbrl.models.manifold import Coordinates, invariant_translations, rotation_matrix, turn
 
 FLOOR = '<geom type="plane" size="5 5 .1"/>'
 ARM = '<body pos="0 0 1"><freejoint/><geom size=".1"/><body><joint type="ball"/><geom size=".05" pos=".3 0 0"/>'
@@ -23,23 +23,23 @@ def scene(folder: Path, world: str, rest: str = "") -> Scene:
 
 def test_torch_and_numpy_agree(tmp_path: Path) -> None:
     arm = scene(tmp_path, FLOOR + ARM)
-    layout = Layout.from_scene(arm)
+    coordinates = Coordinates.from_scene(arm)
     rng = np.random.default_rng(0)
     q = arm.integrate(np.repeat(arm.q0[None], 50, axis=0), rng.normal(size=(50, arm.nv)))
     step = rng.normal(size=(50, arm.nv))
     step[0] = 0.0
-    moved = layout.integrate(torch.as_tensor(q), torch.as_tensor(step))
+    moved = coordinates.integrate(torch.as_tensor(q), torch.as_tensor(step))
     np.testing.assert_allclose(moved.numpy(), arm.integrate(q, step), atol=1e-12)
-    back = layout.difference(torch.as_tensor(q), moved)
+    back = coordinates.difference(torch.as_tensor(q), moved)
     np.testing.assert_allclose(back.numpy(), arm.difference(q, moved.numpy()), atol=1e-12)
     flipped = moved.clone()
     flipped[:, 3:7] *= -1  # the same rotation
-    np.testing.assert_allclose(layout.difference(torch.as_tensor(q), flipped).numpy(), back.numpy(), atol=1e-12)
+    np.testing.assert_allclose(coordinates.difference(torch.as_tensor(q), flipped).numpy(), back.numpy(), atol=1e-12)
 
 
-def test_layout_survives_json(tmp_path: Path) -> None:
-    layout = Layout.from_scene(scene(tmp_path, FLOOR + ARM))
-    assert Layout.from_dict(layout.to_dict()) == layout
+def test_coordinates_survive_json(tmp_path: Path) -> None:
+    coordinates = Coordinates.from_scene(scene(tmp_path, FLOOR + ARM))
+    assert Coordinates.from_dict(coordinates.to_dict()) == coordinates
 
 
 def test_turning_is_differentiable_at_no_rotation() -> None:

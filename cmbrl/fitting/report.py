@@ -1,4 +1,4 @@
-"""From the last parameters to the result: errors, intervals, what the data leave open."""
+"""Turns the final parameters into the result: errors, intervals, and what the data leave open."""
 
 from __future__ import annotations
 
@@ -6,17 +6,20 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.fit.identify import identify
-from cmbrl.fit.loss import Errors, PredictionLoss
-from cmbrl.fit.parsimony import Incumbent
-from cmbrl.fit.result import AT_BOUND, FITTED, FLAT, GAUGE, NOMINAL, FitResult, FittedParameter
-from cmbrl.fit.space import Space
-from cmbrl.fit.state import Journal
+from cmbrl.data.transitions import Transitions
+from cmbrl.fitting.fitted_parameter import AT_BOUND, FITTED, FLAT, GAUGE, NOMINAL, FittedParameter
+from cmbrl.fitting.identify import identify
+from cmbrl.fitting.loss import Errors, PredictionLoss
+from cmbrl.fitting.parsimony import Incumbent
+from cmbrl.fitting.result import FitResult
+from cmbrl.fitting.space import Space
+from cmbrl.fitting.state import Journal
+from cmbrl.models.complementarity import ComplementarityModel
 
 
 def conclude(
-    model: Any,
-    data: Any,
+    model: ComplementarityModel,
+    data: Transitions,
     space: Space,
     loss: PredictionLoss,
     held_out: dict[str, Errors],
@@ -26,7 +29,8 @@ def conclude(
 ) -> FitResult:
     """Builds the result at ``incumbent``.
 
-    ``loss`` is the one that was polished, intervals come from it; ``held_out``: errors on episodes held out in turn.
+    ``loss`` is the polished one and gives the intervals; ``held_out``: errors on episodes held out in turn; ``about``:
+    settings to record.
     """
     z, active = incumbent.z, incumbent.active
     final = model.with_parameters(space.theta(z))
@@ -49,18 +53,14 @@ def conclude(
     errors = {"all, nominal": loss.errors(space.nominal), "all, fitted": loss.errors(value), **held_out}
     report = {
         **about,
-        "data": {
-            "transitions": len(data),
-            "episodes": data.n_episodes,
-            "dt": data.dt,
-        },
+        "data": {"transitions": len(data), "episodes": data.n_episodes, "dt": data.dt},
         "scene": model.scene.name,
         "model": model.to_config(),
         "loss": {
             part: {"loss": e.mean, "rmse": e.rmse, "starts": len(e.loss), "failures": e.failures}
             for part, e in errors.items()
         },
-        "huber": loss.scales.huber,
+        "huber": loss.windows.scales.huber,
         "fitted": [n for k, n in enumerate(space.names) if active[k]],
         "not_fitted": [n for k, n in enumerate(space.names) if not active[k]],
         "at_bound": [n for k, n in enumerate(space.names) if bound[k]],
@@ -79,7 +79,7 @@ def conclude(
 
 
 def _covariance(space: Space, covariance: np.ndarray) -> dict[str, Any]:
-    """Of the parameters that the data tell, in prior standard deviations: what ``FitResult.draws`` draws from."""
+    """Covariance of the informed parameters in prior standard deviations, for ``FitResult.draws``."""
     told = np.flatnonzero(np.diag(covariance) > 0.0)
     return {"parameters": [space.names[k] for k in told], "matrix": covariance[np.ix_(told, told)].tolist()}
 

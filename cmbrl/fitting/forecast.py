@@ -1,13 +1,13 @@
-"""What letting more parameters move promises on held-out episodes, without fitting anything: a score test by fold.
+"""Forecasts how much the held-out loss falls if more parameters may move, without a fit: a score test by fold.
 
-Around the incumbent z the Gauss-Newton equations of every fold make its loss a quadratic function of dz. Leaving out
-one fold in turn, the step that the others (and the prior) ask for,
+Around the incumbent z, the Gauss-Newton equations of every fold make its loss quadratic in dz. For each fold left out,
+the optimal step of the others (and the prior),
 
     dz_k = argmin over the active columns of  sum_(j != k) n_j L_j(dz) / sum_(j != k) n_j + s |z + dz|^2 / 2,
 
-is put into the quadratic of the fold left out: the sum of those falls is the forecast. One linearisation of the log
-thus ranks all groups, and all sets of groups (Rao's score test, 1948, judged on held-out data). It is within a few per
-cent of the fall that a refit finds, except where the step is long or the derivative at z is blank.
+is inserted into the quadratic of the fold left out; the forecast is the sum of these falls. One linearisation of the
+log thus ranks all groups and sets of groups (Rao's score test, 1948, on held-out data). It is within a few per cent of
+the fall after a refit, unless the step is long or the derivative at z is zero.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cmbrl.fit.folds import Folds
-from cmbrl.fit.gauss_newton import damped_step
-from cmbrl.fit.space import Space
+from cmbrl.fitting.folds import Folds
+from cmbrl.fitting.gauss_newton import damped_step
+from cmbrl.fitting.space import Space
 
-_DAMPING = 1e-3  # relative: parameters that do the same thing must not run apart
+_DAMPING = 1e-3  # relative: keeps parameters with the same effect together
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Forecast:
 
     @classmethod
     def at(cls, folds: Folds, space: Space, z: np.ndarray, strength: float) -> Forecast:
-        """Linearises the predictions of all folds at ``z``; ``strength`` is that of the prior in the objective."""
+        """Linearises the predictions of all folds at ``z``; ``strength`` is the prior's in the objective."""
         parts = [loss.normal_equations(space, z) for loss in folds.held_out]
         starts = np.array([part.starts for part in parts], dtype=float)
         return cls(
@@ -49,11 +49,11 @@ class Forecast:
         )
 
     def blank(self, columns: np.ndarray) -> bool:
-        """Whether no prediction changes with any of ``columns`` (n,) to first order: then there is no forecast."""
+        """Whether no prediction changes with ``columns`` (n,) to first order, so that there is no forecast."""
         return not np.diagonal(self.hessians, axis1=1, axis2=2)[:, columns].any()
 
     def gain(self, active: np.ndarray) -> float:
-        """By how much the mean held-out loss falls when ``active`` (n,) may move."""
+        """Fall of the mean held-out loss if ``active`` (n,) may move."""
         if not active.any():
             return 0.0
         total = 0.0

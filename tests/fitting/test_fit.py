@@ -7,8 +7,8 @@ import pytest
 
 import cmbrl
 from cmbrl.errors import UserError
-from cmbrl.fit import Budget
-from cmbrl.fit import state as state_module
+from cmbrl.fitting import Budget, FittedParameter, report_text
+from cmbrl.fitting import state as state_module
 
 QUICK = Budget(trial_rounds=3, trial_population=16, search_rounds=4, search_population=16)
 
@@ -81,13 +81,14 @@ class Killed(BaseException):
     """Stands for the end of the process: nothing may catch it."""
 
 
-def _killed_after(model, calls, error):
-    whole = model.candidate_loss
+def _killed_after(model, calls, error, times=1000):
+    whole, left = model.candidate_loss, [times]
 
-    def candidate_loss(**arguments):
-        if model.calls >= calls:
+    def candidate_loss(*arguments):
+        if model.calls >= calls and left[0]:
+            left[0] -= 1
             raise error
-        return whole(**arguments)
+        return whole(*arguments)
 
     model.candidate_loss = candidate_loss
     return model
@@ -117,6 +118,36 @@ def test_ctrl_c_leaves_the_best_so_far(carts, data, calls):
     loss = result.report["loss"]
     assert loss["all, fitted"]["loss"] <= loss["all, nominal"]["loss"]
     assert "STOPPED EARLY (interrupted)" in result.report_text()
+
+
+@pytest.mark.parametrize("calls", [0, 130])
+def test_a_stopped_fit_shows_held_out_errors(carts, data, calls):
+    model = _killed_after(carts.model(2), calls, KeyboardInterrupt(), times=1)
+    result = cmbrl.fit(model, data, budget=QUICK)
+    assert result.report["stopped"] == "interrupted"
+    loss = result.report["loss"]
+    assert loss["held out, fitted"]["loss"] <= loss["held out, nominal"]["loss"]
+    assert "held out, fitted" in result.report_text()
+
+
+def test_long_lists_of_the_report_are_folded():
+    names = [f"damping.a_rather_long_joint_name_{k}" for k in range(41)]
+    parameters = {name: FittedParameter(1.0, 0.5, 2.0, 1.0, "flat") for name in names}
+    parameters["mass.torso"] = FittedParameter(1.2, 1.1, 1.3, 1.0, "fitted", "1")
+    row = {"rmse": 0.1, "loss": 0.2, "failures": 0}
+    report = {
+        "data": {"transitions": 9, "episodes": 3}, "method": "random", "seed": 0, "seconds": {"total": 1.0},
+        "candidates": 5, "horizon": 1, "loss": {"all, fitted": row}, "stopped": None, "selection": None,
+        "flat_directions": [{"parameters": {name: 1.0}} for name in names],
+        "at_bound": [], "unseen": names, "gauge": ["mass.foot"],
+        "left_out": [{"kind": "tendon", "name": name, "why": "ignored"} for name in names],
+    }  # fmt: skip
+    text = report_text.render(parameters, report)
+    assert "41 parameters flat" in text
+    assert text.count("and 38 more (--json lists all)") == 4
+    assert "mass.foot" in text
+    assert names[3] not in text
+    assert max(map(len, text.splitlines())) <= 100
 
 
 def test_time_limit(carts, data, tmp_path):
@@ -149,8 +180,8 @@ def test_one_episode_only(carts):
         ({"method": "cmma"}, "did you mean 'cma'"),
         ({"groups": ["dampng"]}, "did you mean 'damping'"),
         ({"holdout": 1.5}, "holdout is 1.5"),
-        ({"holdout": 0.0}, "leaves nothing to choose"),
-        ({"horizon": 99}, "no episode has 99 transitions"),
+        ({"holdout": 0.0}, "selecting parameters needs held-out episodes"),
+        ({"horizon": 99}, "no episode has 99 consecutive transitions"),
     ],
 )
 def test_bad_options(carts, data, options, message, tmp_path):
@@ -161,7 +192,7 @@ def test_bad_options(carts, data, options, message, tmp_path):
 
 def test_folder_of_another_fit(carts, data, tmp_path):
     cmbrl.fit(carts.model(2), data, groups=["tilt"], budget=QUICK, folder=tmp_path)
-    with pytest.raises(UserError, match="holds another fit"):
+    with pytest.raises(UserError, match="belongs to another fit"):
         cmbrl.fit(carts.model(2), data, groups=["gear"], budget=QUICK, folder=tmp_path)
     (tmp_path / "state.json").write_text("{")
     with pytest.raises(UserError, match="not readable as JSON"):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cmbrl.errors import UserError
-from cmbrl.fit.gauge import gauge_columns, set_of
-from cmbrl.fit.space import Space
+from cmbrl.fitting.gauge import gauge_columns, set_of
+from cmbrl.fitting.space import Space
 
 
 def test_transform_is_inverted_and_nominal_is_exact(carts):

@@ -1,9 +1,9 @@
-"""Adaptive random search: candidates around the best so far, most near, some far, widths that follow what succeeds.
+"""Adaptive random search: most candidates near the best so far, some far; widths follow the steps that succeed.
 
-A candidate is (seed, round, index) and nothing else: its numbers come from a counter-based generator (Philox, Salmon
-et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011), so the search is the same however many threads
-evaluate it. Methods of this family are surveyed in Spall, "Introduction to Stochastic Search and Optimization",
-chapter 2; the scheme of widths is our own choice.
+A candidate depends on (seed, search, round, index) only: its numbers come from a counter-based generator (Philox,
+Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011), so the number of threads does not matter. Spall,
+"Introduction to Stochastic Search and Optimization", chapter 2, surveys such methods; the adaptation of the widths is
+our choice.
 """
 
 from __future__ import annotations
@@ -15,30 +15,30 @@ from functools import partial
 
 import numpy as np
 
-from cmbrl.fit.objective import Objective
-from cmbrl.fit.state import Journal
+from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.state import Journal
 
 _FIRST_WIDTH = 0.6  # prior standard deviations
 _WIDTH_RANGE = (1e-3, 1.5)
-_FAR_EVERY, _FAR_WIDTH = 8, 1.5  # one candidate in eight is drawn from the (widened) prior, to leave a wrong valley
+_FAR_EVERY, _FAR_WIDTH = 8, 1.5  # one candidate in eight comes from the widened prior, to leave a wrong valley
 _SHRINK, _FOLLOW = 0.8, 2.0
 _DECADES = 1.5  # the length of a step is log-uniform over this many decades below its width
 
 
 @dataclass(frozen=True)
 class Search:
-    """What a search returns: the best z (n,), its objective, and how many candidates it took."""
+    """Result of a search: the best z (n,), its objective and the number of candidates."""
 
     z: np.ndarray
     value: float
     candidates: int
 
 
-Keep = Callable[[np.ndarray], None]  # told every new best z, so that an interrupted search is not lost
+Keep = Callable[[np.ndarray], None]  # receives every new best z, so that an interrupted search is not lost
 
 
 def forget(z: np.ndarray) -> None:
-    """The Keep of a search whose unfinished outcome is of no use."""
+    """A Keep that keeps nothing."""
 
 
 def random_search(
@@ -53,7 +53,7 @@ def random_search(
 ) -> Search:
     """Minimises ``objective`` from ``start`` (n,) with ``rounds`` batches of ``population`` candidates.
 
-    Raises OutOfTime of the journal between batches.
+    Raises the journal's OutOfTime between batches.
     """
     moving = np.flatnonzero(objective.active)
     best, value = objective.clip(start), np.inf
@@ -88,7 +88,7 @@ def propose(
     """Candidates (population, n) of round ``index`` of the search ``name``, inside the bounds."""
     z = np.repeat(centre[None], population, axis=0)
     key = [seed & 0xFFFFFFFFFFFFFFFF, zlib.crc32(name.encode())]
-    share = max(0.3, min(1.0, 2.0 / max(len(moving), 1)))  # of the parameters that one candidate moves
+    share = max(0.3, min(1.0, 2.0 / max(len(moving), 1)))  # of the parameters that a candidate moves
     for i in range(population):
         draw = np.random.Generator(np.random.Philox(key=key, counter=[0, 0, i, index]))
         chosen = draw.random(len(moving)) < share

@@ -10,9 +10,10 @@ pytest.importorskip("pymunk")
 
 import cmbrl
 from cmbrl.errors import UserError
-from cmbrl.fit import Budget, FitResult
-from cmbrl.fit.loss import PredictionLoss, Scales
-from cmbrl.fit.space import Space
+from cmbrl.fitting import Budget, FitResult
+from cmbrl.fitting.loss import PredictionLoss
+from cmbrl.fitting.space import Space
+from cmbrl.models.windows import Scales, Windows
 from cmbrl.tasks import ball_throw, cube_toss
 from cmbrl.tasks import hopper as hopper_task
 
@@ -45,7 +46,7 @@ def _wrong(model, change=1.3):
 def _objective_parts(model, data, horizon):
     space = Space.of(model.scene.parameters, model.parameters)
     scales = Scales.of(model.scene, data, huber=0.5)
-    return space, PredictionLoss(model, data, data.windows(horizon), horizon, scales)
+    return space, PredictionLoss(model, Windows(data, data.windows(horizon), horizon, scales))
 
 
 @pytest.mark.parametrize("horizon", [1, 3])
@@ -151,3 +152,13 @@ def test_saved_fit_comes_back(ball, tmp_path):
             FitResult.load(tmp_path)
     with pytest.raises(UserError, match="no such file"):
         FitResult.load(tmp_path / "nowhere")
+
+
+def test_a_bare_model_gets_the_substeps_of_the_log(hopper):
+    model, data = hopper
+    bare = cmbrl.ComplementarityModel(model.scene, integrator=model.integrator, time_step=model.time_step)
+    assert bare.substeps == 1 < model.substeps
+    result = cmbrl.fit(bare, data, groups=["gear"], method="gauss-newton", budget=QUICK)
+    assert result.model.substeps == model.substeps
+    with pytest.raises(UserError, match="not a whole number of time steps"):
+        cmbrl.fit(bare.with_settings(time_step=0.003), data, groups=["gear"])

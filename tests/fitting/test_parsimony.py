@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 import cmbrl
-from cmbrl.fit.folds import Folds, draw_starts
-from cmbrl.fit.forecast import Forecast
-from cmbrl.fit.loss import PredictionLoss, Scales
-from cmbrl.fit.objective import Objective
-from cmbrl.fit.parsimony import _needed
-from cmbrl.fit.space import Space
-from cmbrl.fit.state import Journal
+from cmbrl.fitting.folds import Folds, draw_starts
+from cmbrl.fitting.forecast import Forecast
+from cmbrl.fitting.loss import PredictionLoss
+from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.parsimony import _needed
+from cmbrl.fitting.space import Space
+from cmbrl.fitting.state import Journal
+from cmbrl.models.windows import Scales, Windows
 
 
 @pytest.fixture
@@ -18,7 +19,7 @@ def setup(carts):
     model = carts.model(2)
     data = carts.record(carts.truth(2, gear_1=0.9, tilt=0.1), episodes=12, steps=40, noise=2e-3)
     space = Space.of(model.scene.parameters, model.parameters)
-    loss = PredictionLoss(model, data, draw_starts(data, 1, 2000, 0), 1, Scales.of(model.scene, data, 2.0))
+    loss = PredictionLoss(model, Windows(data, draw_starts(data, 1, 2000, 0), 1, Scales.of(model.scene, data, 2.0)))
     return space, loss, Folds.of(loss, loss, 4, seed=0)
 
 
@@ -56,7 +57,7 @@ def test_groups_that_help_only_together_are_added_as_one(carts, monkeypatch):
     alone = cmbrl.fit(carts.model(2), data, groups=["gear"]).report["loss"]
     fall = 1.0 - alone["held out, fitted"]["loss"] / alone["held out, nominal"]["loss"]
     assert fall < 0.9
-    monkeypatch.setattr("cmbrl.fit.parsimony.Trial.counts", lambda trial, loss: trial.gain > 0.9 * loss)
+    monkeypatch.setattr("cmbrl.fitting.parsimony.Trial.counts", lambda trial, loss: trial.gain > 0.9 * loss)
     result = cmbrl.fit(carts.model(2), data)
     assert {"gear", "tilt"} <= set(result.report["selection"][0]["group"].split(" + "))
     assert result.parameters["tilt"].value == pytest.approx(0.4, rel=0.02)

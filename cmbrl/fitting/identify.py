@@ -1,4 +1,4 @@
-"""What the data say about each parameter, and what they cannot.
+"""Intervals of the fitted parameters, and what the data leave open.
 
 At the optimum, with the Gauss-Newton information of the data ``F = n H / tau^2``, tempered by 1 / ALIKE as in the
 objective, and the prior (identity in z):
@@ -6,9 +6,8 @@ objective, and the prior (identity in z):
     cov = A^-1 (S / ALIKE^2 + I) A^-1,   A = F / ALIKE + I,   S = E / (E - 1) sum_e (s_e - s) (s_e - s)^T
 
 where s_e is the score of episode e. This sandwich (Huber 1967; White 1982; clustered by episode) allows for residuals
-that are model error, hence alike within an episode. Episodes are few, so a parameter gets the larger of this variance
-and the naive one, (F + I)^-1. Directions in which F / ALIKE is below 1 are flat: there the log says less than the
-prior did.
+that are model error, hence similar within an episode. Episodes are few, so a parameter gets the larger of this variance
+and the naive one, (F + I)^-1. Directions with F / ALIKE below 1 are flat: the log says less there than the prior.
 """
 
 from __future__ import annotations
@@ -17,25 +16,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cmbrl.fit.loss import NormalEquations
-from cmbrl.fit.objective import ALIKE
-from cmbrl.fit.space import Space
+from cmbrl.fitting.loss import NormalEquations
+from cmbrl.fitting.objective import ALIKE
+from cmbrl.fitting.space import Space
 
 _NORMAL_95 = 1.96
-_NAMED = 0.3  # of the largest coefficient: smaller ones are not worth naming
+_NAMED = 0.3  # of the largest coefficient; smaller ones are not named
 _MAX_NAMED = 6
 _FLAT_VARIANCE = 0.5  # of the prior's
-_SILENT = 1e-6  # information, in units of the prior's, of a parameter that the log says nothing about at all
+_SILENT = 1e-6  # information, in units of the prior's, below which the log says nothing
 
 
 @dataclass(frozen=True)
 class Identification:
-    """``low``, ``high`` (n,): 95 % intervals in the parameters' own units (nominal value where not fitted).
+    """``low``, ``high`` (n,): 95 % intervals in the parameters' own units; the nominal value if not fitted.
 
-    ``flat`` (n,) bool: fitted, yet the data leave at least half of the prior's variance. ``unseen`` (n,) bool: not
-    fitted, and the data would not tell it either. ``directions``: flat combinations of fitted parameters, each
+    ``flat`` (n,) bool: fitted, but the data leave at least half of the prior's variance. ``unseen`` (n,) bool: not
+    fitted, and the data would not determine it. ``directions``: flat combinations of fitted parameters, each
     {"information", "parameters": {name: coefficient}} with coefficients in prior standard deviations, the largest 1.
-    ``covariance`` (n, n) in z: its diagonal is what the intervals show; zero for what is not fitted or flat.
+    ``covariance`` (n, n) in z, consistent with the intervals; zero for parameters that are not fitted or flat.
     """
 
     low: np.ndarray
@@ -47,7 +46,7 @@ class Identification:
 
 
 def identify(space: Space, z: np.ndarray, fitted: np.ndarray, equations: NormalEquations) -> Identification:
-    """Reads intervals and flat directions of the ``fitted`` columns at ``z`` off ``equations`` (without the prior)."""
+    """Intervals and flat directions of the ``fitted`` columns at ``z``, from ``equations`` without the prior."""
     scale = equations.starts / max(equations.variance, 1e-12)
     variance = np.ones(len(space))
     columns = np.flatnonzero(fitted)
@@ -75,7 +74,7 @@ def identify(space: Space, z: np.ndarray, fitted: np.ndarray, equations: NormalE
 
 
 def _flat_directions(information: np.ndarray, names: list[str]) -> list[dict]:
-    silent = np.diag(information) < _SILENT  # each is a direction of its own; together they could be turned at will
+    silent = np.diag(information) < _SILENT  # one direction each; together, any rotation of them would do
     found = [{"information": 0.0, "parameters": {names[k]: 1.0}} for k in np.flatnonzero(silent)]
     told = np.flatnonzero(~silent)
     values, vectors = np.linalg.eigh(information[np.ix_(told, told)])

@@ -1,7 +1,7 @@
 """Levenberg-Marquardt on the Huberised residuals with the Gaussian prior, inside the bounds.
 
 Each iteration solves ``(H + lambda diag H) dz = -g`` with H = J^T W J + s I from the implicit derivatives of the step
-and the Huber weights W, for several lambda at once; all trial points are one batch of candidates, and the best one is
+and the Huber weights W, for several lambda at once. All trial points are one batch of candidates; the best is
 kept (Marquardt, J. SIAM 11, 1963; iteratively reweighted: Holland and Welsch, 1977).
 """
 
@@ -9,20 +9,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from cmbrl.fit.objective import Objective
-from cmbrl.fit.random_search import Keep, Search, forget
-from cmbrl.fit.space import Space
-from cmbrl.fit.state import Journal
+from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.random_search import Keep, Search, forget
+from cmbrl.fitting.space import Space
+from cmbrl.fitting.state import Journal
 
-_TRIALS = 10.0 ** np.arange(-1.0, 3.0)  # multiples of lambda tried in one batch: as many as the core's packs have lanes
+_TRIALS = 10.0 ** np.arange(
+    -1.0, 3.0
+)  # multiples of lambda tried in one batch, as many as a pack of the core has lanes
 _LAMBDA_RANGE = (1e-8, 1e8)
-_DECREASE = 1e-4  # relative; less than this with hardly any damping, or twice in a row, is the end
+_DECREASE = 1e-4  # relative; a smaller decrease ends the search if damping is small, or the second time
 
 
 def gauss_newton(
     objective: Objective, start: np.ndarray, iterations: int, journal: Journal, keep: Keep = forget
 ) -> Search:
-    """Minimises ``objective`` from ``start`` (n,). Raises OutOfTime of the journal between iterations."""
+    """Minimises ``objective`` from ``start`` (n,). Raises the journal's OutOfTime between iterations."""
     z = objective.clip(start)
     value = float(objective.values(z[None])[0])
     damping, idle, candidates = 1e-3, 0, 1
@@ -55,14 +57,14 @@ def gauss_newton(
 def damped_step(
     space: Space, active: np.ndarray, z: np.ndarray, gradient: np.ndarray, hessian: np.ndarray, damping: float
 ) -> np.ndarray:
-    """The damped step from ``z`` over ``active``; what it would push through a bound stays there, the rest follows."""
+    """The damped step from ``z`` over ``active``. Parameters that reach a bound stay there; the others adjust."""
     low, high = space.z_low, space.z_high
     free = active & ~((z <= low) & (gradient > 0.0)) & ~((z >= high) & (gradient < 0.0))
     point = z.copy()
     while free.any():
         inner = hessian[np.ix_(free, free)]
         system = inner + damping * np.diag(np.diag(inner))
-        held = np.where(free, 0.0, point - z)  # what parameters on their bound have moved already
+        held = np.where(free, 0.0, point - z)  # steps of the parameters on their bounds
         right = -(gradient + hessian @ held)[free]
         point[free] = z[free] + np.linalg.solve(system, right)
         beyond = free & ((point < low) | (point > high))

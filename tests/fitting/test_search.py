@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from cmbrl.fit.cma import cma_search
-from cmbrl.fit.gauss_newton import gauss_newton
-from cmbrl.fit.loss import PredictionLoss, Scales
-from cmbrl.fit.objective import Objective
-from cmbrl.fit.random_search import propose, random_search
-from cmbrl.fit.space import Space
-from cmbrl.fit.state import Journal
+from cmbrl.fitting.cma import cma_search
+from cmbrl.fitting.gauss_newton import gauss_newton
+from cmbrl.fitting.loss import PredictionLoss
+from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.random_search import propose, random_search
+from cmbrl.fitting.space import Space
+from cmbrl.fitting.state import Journal
+from cmbrl.models.windows import Scales, Windows
 
 TRUTH = {"damping_0": 2.2, "gear_0": 0.6, "tilt": 0.5}
 
@@ -18,7 +19,7 @@ def _objective(carts, truth=TRUTH, active=("damping", "gear", "tilt")):
     data = carts.record(carts.truth(1, **truth), episodes=4, steps=40)
     model = carts.model()
     space = Space.of(model.scene.parameters, model.parameters)
-    loss = PredictionLoss(model, data, data.windows(1), 1, Scales.of(model.scene, data, 1.0))
+    loss = PredictionLoss(model, Windows(data, data.windows(1), 1, Scales.of(model.scene, data, 1.0)))
     return Objective(loss, space, space.columns(active), strength=1e-9)
 
 

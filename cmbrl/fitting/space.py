@@ -1,28 +1,27 @@
-"""The space a fit searches: named physical parameters, bounded, each measured in widths of its prior.
+"""The search space of a fit: named, bounded physical parameters in standard deviations of their priors.
 
-A parameter ``theta`` of transform "log" is searched as ``t = log theta``, of transform "logit" (a share, between 0 and
-1) as ``t = log(theta / (1 - theta))``, of transform "linear" as ``t = theta``. All are then written as
-``z = (t - t_nominal) / sd`` with ``sd`` a sixth of the distance between the bounds in ``t``: the bounds are three prior
-standard deviations either side where the nominal value lies midway. So z = 0 is what the user believed, one unit of z
-is a plausible error of any parameter, and the prior is standard normal. The width is our own choice.
+A parameter ``theta`` is searched as ``t = log theta`` (transform "log"), ``t = log(theta / (1 - theta))`` ("logit", for
+shares between 0 and 1) or ``t = theta`` ("linear"), written as ``z = (t - t_nominal) / sd``. ``sd`` is a sixth of the
+distance between the bounds in ``t``, so bounds around a central nominal value are three standard deviations away. Thus
+z = 0 is the user's belief, a unit of z is a plausible error, and the prior is standard normal. The width is our choice.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from cmbrl.errors import UserError, did_you_mean
+from cmbrl.scene import Parameter
 
 _BOUNDS_WIDTH_IN_SD = 6.0
 
 
 @dataclass(frozen=True)
 class Space:
-    """Parameters in the order of ``scene.parameters``; arrays have shape (n,), theta in the parameter's own unit."""
+    """Parameters in the order of ``scene.parameters``; arrays are (n,), theta in the parameter's own unit."""
 
     names: tuple[str, ...]
     groups: tuple[str, ...]
@@ -34,19 +33,17 @@ class Space:
     sd: np.ndarray
 
     @classmethod
-    def of(cls, parameters: Sequence[Any], theta: np.ndarray) -> Space:
-        """The space of ``scene.parameters`` around ``theta`` (n,), which is the centre of the prior.
+    def of(cls, parameters: Sequence[Parameter], theta: np.ndarray) -> Space:
+        """The space of ``scene.parameters`` around ``theta`` (n,), the centre of the prior.
 
-        Raises UserError when a value of ``theta`` lies outside its bounds.
+        Raises UserError if a value of ``theta`` is outside its bounds.
         """
         nominal = np.array(theta, dtype=float)
         low = np.array([p.low for p in parameters], dtype=float)
         high = np.array([p.high for p in parameters], dtype=float)
         for p, value in zip(parameters, nominal, strict=True):
             if not p.low <= value <= p.high:
-                raise UserError(
-                    f"parameter {p.name} = {value:g} is outside its bounds [{p.low:g}, {p.high:g}]: change it"
-                )
+                raise UserError(f"parameter {p.name} = {value:g} is outside its bounds [{p.low:g}, {p.high:g}]")
         transform = np.array([p.transform for p in parameters])
         sd = (_t(high, transform) - _t(low, transform)) / _BOUNDS_WIDTH_IN_SD
         names, groups, units = zip(*((p.name, p.group, p.unit) for p in parameters), strict=True)
@@ -56,7 +53,7 @@ class Space:
         return len(self.names)
 
     def theta(self, z: np.ndarray) -> np.ndarray:
-        """Parameters (..., n) at ``z`` (..., n); exactly the nominal value at z = 0."""
+        """Parameters (..., n) at ``z`` (..., n); exactly nominal at z = 0."""
         step = self.sd * z
         linear, logit = self.transform == "linear", self.transform == "logit"
         factor = np.exp(np.where(linear, 0.0, step))  # of theta, or of theta / (1 - theta)
@@ -64,15 +61,17 @@ class Space:
         return np.clip(np.where(linear, self.nominal + step, scaled), self.low, self.high)
 
     def z(self, theta: np.ndarray) -> np.ndarray:
-        """The inverse of ``theta``: (..., n) -> (..., n)."""
+        """Inverse of ``theta``: (..., n) -> (..., n)."""
         return (_t(np.asarray(theta, dtype=float), self.transform) - _t(self.nominal, self.transform)) / self.sd
 
     @property
     def z_low(self) -> np.ndarray:
+        """Lower bounds (n,) in z."""
         return self.z(self.low)
 
     @property
     def z_high(self) -> np.ndarray:
+        """Upper bounds (n,) in z."""
         return self.z(self.high)
 
     def slope(self, z: np.ndarray) -> np.ndarray:
@@ -84,24 +83,21 @@ class Space:
         )
 
     def at_bound(self, z: np.ndarray, tolerance: float = 1e-6) -> np.ndarray:
-        """True (n,) where z is on a bound, to ``tolerance`` of the distance between the bounds.
+        """Mask (n,) of parameters on a bound, within ``tolerance`` of the distance between the bounds.
 
-        A parameter that starts on its bound and has not moved (no damping, no restitution) is not on it by the fit.
+        A parameter that started on its bound and has not moved (no damping, no restitution) does not count.
         """
         near = tolerance * _BOUNDS_WIDTH_IN_SD
         return ((z <= self.z_low + near) | (z >= self.z_high - near)) & (np.abs(z) > near)
 
     def columns(self, wanted: Iterable[str]) -> np.ndarray:
-        """True (n,) for every parameter that ``wanted`` names, by its own name or by its group.
-
-        Raises UserError on a name that is neither.
-        """
+        """Mask (n,) of the parameters in ``wanted``, by name or by group. Raises UserError for an unknown name."""
         chosen = np.zeros(len(self), dtype=bool)
         for name in wanted:
             hit = np.array([name in (n, g) for n, g in zip(self.names, self.groups, strict=True)])
             if not hit.any():
                 known = {*self.names, *self.groups}
-                raise UserError(f"no parameter or group named {name!r} in this scene: {did_you_mean(name, known)}")
+                raise UserError(f"no parameter or group {name!r} in this scene; {did_you_mean(name, known)}")
             chosen |= hit
         return chosen
 

@@ -1,4 +1,4 @@
-"""CMA-ES, a rival of the random search (library ``cmaes``; Hansen, "The CMA evolution strategy", arXiv 1604.00772)."""
+"""CMA-ES as an alternative to the random search (package cmaes; Hansen, arXiv 1604.00772)."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from importlib.util import find_spec
 import numpy as np
 
 from cmbrl.errors import UserError
-from cmbrl.fit.objective import Objective
-from cmbrl.fit.random_search import Keep, Search, forget
-from cmbrl.fit.state import Journal
+from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.random_search import Keep, Search, forget
+from cmbrl.fitting.state import Journal
 
 _FIRST_WIDTH = 0.5  # prior standard deviations
 
@@ -27,14 +27,14 @@ def cma_search(
 ) -> Search:
     """Minimises ``objective`` from ``start`` (n,) with ``rounds`` generations of ``population`` candidates.
 
-    Raises OutOfTime of the journal between generations.
+    Raises the journal's OutOfTime between generations.
     """
     from cmaes import CMA
 
     moving = np.flatnonzero(objective.active)
     best = objective.clip(start)
     value = float(journal.losses(f"{name}/start", 0, lambda: objective.values(best[None]))[0])
-    if len(moving) == 1:  # the library refuses one dimension: a second one that does nothing keeps it content
+    if len(moving) == 1:  # the library needs two dimensions: add one without effect
         moving = np.append(moving, -1)
     inside = moving[moving >= 0]
     strategy = CMA(
@@ -60,9 +60,9 @@ def cma_search(
 
 
 def require_library() -> None:
-    """Raises UserError when the library is missing."""
+    """Raises UserError if the library is missing."""
     if find_spec("cmaes") is None:
-        raise UserError("method 'cma' needs the library cmaes: pip install 'cmbrl[fit]'")
+        raise UserError("method 'cma' needs the package cmaes: pip install 'cmbrl[fit]'")
 
 
 def _bound(edge: np.ndarray, moving: np.ndarray, filler: float) -> np.ndarray:

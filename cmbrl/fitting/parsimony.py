@@ -1,14 +1,15 @@
-"""No more parameters than the data ask for: selection by parameter group, judged on episodes held out in turn.
+"""The fewest parameters that the data supports: selection by group, judged on episodes held out in turn.
 
-From the nominal model, groups that are not in yet are ranked by what they promise (``forecast``), and the first few of
-them are tried: a short search over the group's parameters, then Gauss-Newton over all that are in. The best group
-stays when the held-out loss falls by more than ``NOISE_FACTOR`` times its noise (see ``folds.paired_gain``; two rather
-than one, since the best of several trials is looked at) and by at least ``LEAST_GAIN`` of the loss, since a log without
-noise makes any gain significant. When no group alone is worth it, several together may be (masses tell nothing while
-gears and armatures are held): all that remain are let loose in the forecast, those that would not be missed by
-``LEAST_GAIN`` go out one by one, and what is left is tried as one. Groups whose derivatives are blank (restitution
-before anything bounces) come last. At the end, groups that later ones have made superfluous (out, they cost less than
-that) are taken out again.
+Starting from the nominal model, the remaining groups are ranked by forecast gain (``forecast``). The first few are
+tried: a short search over the group's parameters, then Gauss-Newton over all selected ones. The best group stays if the
+held-out loss falls by more than ``NOISE_FACTOR`` times its noise (``folds.paired_gain``; two rather than one, because
+it is the best of several trials) and by at least ``LEAST_GAIN`` of the loss, because without noise any gain would be
+significant.
+
+If no group helps alone, several may help together (masses are uninformative while gears and armatures are held). All
+remaining groups enter the forecast, those that contribute less than ``LEAST_GAIN`` leave it one by one, and the rest is
+tried as a whole. Groups with zero derivatives (restitution before anything bounces) come last. At the end, groups that
+later ones made superfluous are removed.
 """
 
 from __future__ import annotations
@@ -19,26 +20,26 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.fit.folds import Folds, paired_gain
-from cmbrl.fit.forecast import Forecast
-from cmbrl.fit.gauss_newton import gauss_newton
-from cmbrl.fit.loss import Errors, PredictionLoss
-from cmbrl.fit.objective import Objective
-from cmbrl.fit.random_search import random_search
-from cmbrl.fit.space import Space
-from cmbrl.fit.state import Journal
+from cmbrl.fitting.budget import Budget
+from cmbrl.fitting.folds import Folds, paired_gain
+from cmbrl.fitting.forecast import Forecast
+from cmbrl.fitting.gauss_newton import gauss_newton
+from cmbrl.fitting.loss import Errors, PredictionLoss
+from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.random_search import random_search
+from cmbrl.fitting.space import Space
+from cmbrl.fitting.state import Journal
 
 NOISE_FACTOR = 2.0
 LEAST_GAIN = 0.01
-TRIED = 3  # groups a round, at most: forecasts are near enough for the best to be among the first
+TRIED = 3  # groups per round: forecasts are accurate enough for the best to be among the first
 
 
 @dataclass
 class Incumbent:
-    """The best parameters so far, and how they were reached: what an interrupted fit falls back on.
+    """The best parameters so far, returned if the fit is interrupted, and how they were reached.
 
-    ``chosen`` (n,): parameters whose group was selected or asked for; ``active``: those of them that may move (not
-    the gauge). ``before_refit``: where z was when the held-out episodes had not been seen yet, once they are.
+    ``chosen`` (n,): parameters selected or asked for; ``active`` (n,): the chosen ones that may move (not the gauge).
     """
 
     z: np.ndarray
@@ -50,7 +51,7 @@ class Incumbent:
 
 @dataclass(frozen=True)
 class Trial:
-    """The fit with one group more or less: its held-out ``errors``, by how much the loss fell and the noise of that."""
+    """A fit with one group more or less: its held-out ``errors``, the fall of the loss and the noise of that fall."""
 
     z: np.ndarray
     chosen: np.ndarray
@@ -60,16 +61,15 @@ class Trial:
     noise: float
 
     def counts(self, loss: float) -> bool:
-        """Whether the fall of a held-out ``loss`` is more than noise, and worth a parameter."""
+        """Whether the fall of the held-out ``loss`` exceeds noise and is worth a parameter."""
         return self.gain > max(NOISE_FACTOR * self.noise, LEAST_GAIN * loss)
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Forward selection, then elimination; ``loss`` is on all episodes, ``folds`` hold them out in turn.
+    """Forward selection, then elimination. ``loss`` is on all episodes; ``folds`` hold them out in turn.
 
-    ``admit(chosen, z)`` takes the columns that carry no information of their own (gauge) out of ``chosen``; returns
-    both.
+    ``admit(chosen, z)`` returns ``chosen`` without the gauge, and ``z`` with the gauge at nominal values.
     """
 
     space: Space
@@ -77,21 +77,18 @@ class Selection:
     folds: Folds
     admit: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
     seed: int
-    rounds: int
-    population: int
-    iterations: int
-    fold_iterations: int
+    budget: Budget
     journal: Journal
 
     def run(self, incumbent: Incumbent) -> None:
-        """Adds groups to ``incumbent``, takes superfluous ones out; raises OutOfTime of the journal between trials."""
+        """Adds groups to ``incumbent`` and removes superfluous ones; raises the journal's OutOfTime between trials."""
         before = self.folds.errors(self.space, [incumbent.z] * len(self.folds.train))
         while (after := self._add(incumbent, before)) is not None:
             before = after
         self._remove(incumbent, before)
 
     def _add(self, incumbent: Incumbent, before: Errors) -> Errors | None:
-        """Adds the best group, else a set of groups, else a blank one; the errors then, or None if nothing counts."""
+        """Adds the best group, a set of groups, or a blank one; returns the new errors, or None if nothing helps."""
         strength = Objective.at(self.loss, self.space, incumbent.active, incumbent.z).strength
         forecast = Forecast.at(self.folds, self.space, incumbent.z, strength)
 
@@ -131,7 +128,7 @@ class Selection:
     def _remove(self, incumbent: Incumbent, before: Errors) -> None:
         remaining = self._remaining(incumbent)
         for group in [g for g in dict.fromkeys(self.space.groups) if g not in remaining]:
-            self.journal.report(0.6, f"leaving out {group}")
+            self.journal.report(0.6, f"removing {group}")
             columns = self.space.columns([group])
             start = np.where(columns, 0.0, incumbent.z)
             name = f"remove {len(incumbent.path)} {group}"
@@ -163,7 +160,8 @@ class Selection:
         searched: np.ndarray,
         before: Errors,
     ) -> Trial:
-        """Fits ``chosen`` from ``start``: random search over the ``searched`` among them, Gauss-Newton over all."""
+        """Fits ``chosen`` from ``start``: random search over the ``searched`` ones, then Gauss-Newton over all."""
+        budget = self.budget
         active, start = self.admit(chosen, start)
 
         def compute() -> dict[str, Any]:
@@ -171,13 +169,15 @@ class Selection:
             z, candidates = start, 0
             if (active & searched).any():
                 objective = Objective.at(self.loss, self.space, active & searched, z)
-                found = random_search(objective, z, self.seed, self.rounds, self.population, self.journal, name)
+                found = random_search(
+                    objective, z, self.seed, budget.trial_rounds, budget.trial_population, self.journal, name
+                )
                 z, candidates = found.z, found.candidates
             if active.any():
                 objective = Objective.at(self.loss, self.space, active, z)
-                found = gauss_newton(objective, z, self.iterations, self.journal)
+                found = gauss_newton(objective, z, budget.trial_iterations, self.journal)
                 z, candidates = found.z, candidates + found.candidates
-            fitted, more = self.folds.refit(self.space, active, z, self.fold_iterations, self.journal)
+            fitted, more = self.folds.refit(self.space, active, z, budget.trial_fold_iterations, self.journal)
             return {"z": z.tolist(), "folds": [f.tolist() for f in fitted], "candidates": candidates + more}
 
         outcome = self.journal.unit(name, compute)
@@ -189,7 +189,7 @@ class Selection:
 
 
 def _needed(groups: Sequence[str], promise: Callable[[Sequence[str]], float], least: float) -> list[str]:
-    """``groups`` without those that would not be missed: the least of them goes out while it costs below ``least``."""
+    """``groups`` after dropping the least useful one, again and again, as long as that costs less than ``least``."""
     kept = list(groups)
     while kept:
         without = {g: promise([other for other in kept if other != g]) for g in kept}

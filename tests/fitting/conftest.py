@@ -15,7 +15,9 @@ import numpy as np
 import pytest
 
 from cmbrl.data.transitions import Transitions
-from cmbrl.fit.loss import huber as huber_loss
+from cmbrl.fitting.loss import huber as huber_loss
+from cmbrl.models.windows import Windows
+from cmbrl.scene.layout import Layout
 
 H = 0.02
 FIELDS = ("mass", "damping", "frictionloss", "gear")
@@ -48,17 +50,18 @@ class CartScene:
             Parameter("tilt", "tilt", 0.0, -2.0, 2.0, "linear", "m/s^2"),
             Parameter("bumper", "bumper", 0.0, 0.0, 1.0, "linear", ""),
         )
-        bodies, dofs = 4 * np.arange(n), 4 * n + 5 * np.arange(n)
-        actuators = 9 * n + 5 * np.arange(n)
-        places = [*bodies, *(dofs + 1), *(dofs + 4), *actuators]
-        physical = np.zeros(14 * n + 2)
+        layout = Layout(dimension=2, nbody=n, nv=n, ncontact=0, nplane=0, nact=n)
+        places = [layout.mass(i) for i in range(n)]
+        places += [layout.dof(i, field) for field in ("damping", "frictionloss") for i in range(n)]
+        places += [layout.actuator(i) for i in range(n)]
+        physical = np.zeros(layout.size)
         for field, at in zip(FIELDS, np.reshape(places, (4, n)), strict=True):
             physical[at] = NOMINAL[field]
         self.core = SimpleNamespace(**{
-            "planar": True, "nbody": n, "nv": n, "ncontact": 0, "nplane": 0, "P": physical,
+            "nbody": n, "nv": n, "P": physical, "layout": layout,
             "body_parent": np.full(n, -1), "con_bodyA": np.empty(0, int), "con_bodyB": np.empty(0, int),
             "jnt_type": np.zeros(n, int), "jnt_body": np.arange(n), "jnt_qadr": np.arange(n), "jnt_vadr": np.arange(n),
-            "act_dof": np.arange(n), "par_idx": np.array([*places, 14 * n]),
+            "act_dof": np.arange(n), "par_idx": np.array([*places, layout.gravity]),
             "par_ptr": np.array([*range(4 * n + 2), 4 * n + 1]),
         })  # fmt: skip
 
@@ -81,6 +84,9 @@ class CartModel:
 
     def with_parameters(self, theta: np.ndarray) -> CartModel:
         return CartModel(self.scene, theta)
+
+    def for_log(self, dt: float) -> CartModel:
+        return self
 
     def to_config(self) -> dict[str, Any]:
         return {"carts": self.scene.nv, "parameters": self.parameters.tolist()}
@@ -111,19 +117,18 @@ class CartModel:
             jacobian = np.concatenate([position, velocity], axis=1)
         return SimpleNamespace(q_next=q + H * v_next, v_next=v_next, status=np.zeros(len(q), int), jacobian=jacobian)
 
-    def candidate_loss(
-        self, q: Any, v: Any, u: Any, q_next: Any, v_next: Any, starts: Any, horizon: int, theta: Any,
-        scale_q: Any, scale_v: Any, huber: float,
-    ) -> np.ndarray:  # fmt: skip
+    def candidate_loss(self, theta: np.ndarray, windows: Windows) -> np.ndarray:
         self.calls += 1
+        data, starts, horizon, scales = windows.data, windows.starts, windows.horizon, windows.scales
         losses = np.zeros(len(theta))
         for c, candidate in enumerate(theta):
-            a, b = q[starts], v[starts]
+            a, b = data.q[starts], data.v[starts]
             for j in range(horizon):
-                step = self.predict(a, b, u[starts + j], candidate)
+                rows = starts + j
+                step = self.predict(a, b, data.u[rows], candidate)
                 a, b = step.q_next, step.v_next
-                residual = np.hstack([(a - q_next[starts + j]) / scale_q, (b - v_next[starts + j]) / scale_v])
-                losses[c] += huber_loss(residual, huber).sum() / (len(starts) * horizon)
+                residual = np.hstack([(a - data.q_next[rows]) / scales.q, (b - data.v_next[rows]) / scales.v])
+                losses[c] += huber_loss(residual, scales.huber).sum() / (len(starts) * horizon)
         return losses
 
 

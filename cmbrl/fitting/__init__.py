@@ -1,0 +1,20 @@
+"""From a log to physical parameters: ``cmbrl.fit(model, data)`` is :func:`cmbrl.fitting.fit.fit`. In order of reading:
+
+``fit``            the whole procedure, top to bottom; ``budget``: how much work each part may do
+``space``          named, bounded, transformed parameters; ``gauge``: which mass fixes the unit of force
+``loss``           prediction errors of candidates, Gauss-Newton equations; ``objective``: the same plus the prior
+``random_search``  candidates around the best so far; ``cma`` and ``gauss_newton``: the alternatives, and the polish
+``parsimony``      the fewest parameters that the held-out data supports; ``forecast``: the gain that a group promises
+``folds``          episodes held out in turn
+``identify``       intervals, and what the data leave open
+``state``          resumes a fit that was killed; ``result``, ``report``, ``report_text``: what comes out
+"""
+
+from __future__ import annotations
+
+from cmbrl.fitting.budget import Budget
+from cmbrl.fitting.fit import fit
+from cmbrl.fitting.fitted_parameter import FittedParameter
+from cmbrl.fitting.result import FitResult
+
+__all__ = ["Budget", "FitResult", "FittedParameter", "fit"]

@@ -1,0 +1,23 @@
+"""How much work each part of a fit may do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Rows are predicted transitions, drawn under the seed if the log has more."""
+
+    trial_rows: int = 2000  # for each group that the selection tries: fewer would miss rare events
+    trial_rounds: int = 3  # random search over the parameters of that group
+    trial_population: int = 16
+    trial_iterations: int = 6  # Gauss-Newton over all selected parameters
+    trial_fold_iterations: int = 1  # from there, without the episodes held out in turn
+    held_out_rows: int = 2000  # to judge a group on, all folds together
+    search_rows: int = 1000  # search over all selected parameters
+    search_rounds: int = 20
+    search_population: int = 64
+    polish_rows: int = 5000  # final Gauss-Newton
+    polish_iterations: int = 15
+    fold_iterations: int = 5  # from there, without the episodes held out in turn

@@ -1,0 +1,124 @@
+"""Episodes held out in turn, so that every episode is predicted by parameters that were fitted without it.
+
+A single split of a small log often holds out no episode that informs a given parameter (say, one sliding impact in
+ten). A fold starts from the parameters fitted to everything and converges on its own episodes: Gauss-Newton with a
+prior forgets the start, even where the fold's data are uninformative.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmbrl.data.transitions import Transitions
+from cmbrl.errors import UserError
+from cmbrl.fitting.gauss_newton import gauss_newton
+from cmbrl.fitting.loss import Errors, PredictionLoss
+from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.space import Space
+from cmbrl.fitting.state import Journal
+
+_LEAST_BLOCKS = 6  # fewer episodes are cut into this many runs of consecutive starts
+
+
+def fold_count(data: Transitions, holdout: float, needed: bool) -> int:
+    """Number of folds that each hold out a share ``holdout`` of the episodes; 0 for no folds.
+
+    Raises UserError for a share outside [0, 1), for a single episode, and for no folds if they are ``needed``.
+    """
+    if not 0.0 <= holdout < 1.0:
+        raise UserError(f"holdout is {holdout}; give a share of the episodes, at least 0 and below 1")
+    if holdout == 0.0:
+        if needed:
+            raise UserError(
+                "selecting parameters needs held-out episodes: name the parameters (groups), or set holdout above 0"
+            )
+        return 0
+    if data.n_episodes < 2:
+        raise UserError(
+            "the log has one episode only, and held-out episodes judge the fit: record a second one, "
+            "or name the parameters (groups) and set holdout to 0"
+        )
+    return min(max(round(1.0 / holdout), 2), data.n_episodes)
+
+
+def draw_starts(data: Transitions, horizon: int, limit: int, seed: int) -> np.ndarray:
+    """Rows to predict from, in the log's order, drawn without replacement for at most ``limit`` transitions.
+
+    Raises UserError if no episode has ``horizon`` consecutive transitions.
+    """
+    starts = data.windows(horizon)
+    if len(starts) == 0:
+        raise UserError(f"no episode has {horizon} consecutive transitions; choose a shorter horizon")
+    limit = max(1, limit // horizon)
+    if len(starts) <= limit:
+        return starts
+    draw = np.random.Generator(np.random.Philox(key=[seed & 0xFFFFFFFFFFFFFFFF, limit]))
+    return np.sort(draw.choice(starts, limit, replace=False))
+
+
+@dataclass(frozen=True)
+class Folds:
+    """Losses ``train[k]`` and ``held_out[k]`` on disjoint episodes; the held-out ones together are all episodes."""
+
+    train: tuple[PredictionLoss, ...]
+    held_out: tuple[PredictionLoss, ...]
+
+    @classmethod
+    def of(cls, train: PredictionLoss, judge: PredictionLoss, count: int, seed: int) -> Folds:
+        """``count`` folds by episode under ``seed``, with windows to fit in ``train`` and to judge by in ``judge``."""
+        episode, starts, judged = train.windows.data.episode, train.windows.starts, judge.windows.starts
+        episodes = np.unique(episode)
+        draw = np.random.Generator(np.random.Philox(key=[seed & 0xFFFFFFFFFFFFFFFF, count]))
+        fold_of = dict(zip(draw.permutation(episodes).tolist(), np.arange(len(episodes)) % count, strict=True))
+        row_fold = np.array([fold_of[e] for e in episode.tolist()])
+        pairs = [
+            (train.on(starts[row_fold[starts] != k]), judge.on(judged[row_fold[judged] == k])) for k in range(count)
+        ]
+        # A fold may be empty if rows were drawn from many short episodes.
+        return cls(*zip(*[(t, h) for t, h in pairs if t.steps and h.steps], strict=True))
+
+    def refit(
+        self, space: Space, active: np.ndarray, z: np.ndarray, iterations: int, journal: Journal
+    ) -> tuple[list[np.ndarray], int]:
+        """``z`` (n,) refitted without each fold in turn, and the number of candidates used."""
+        if not active.any():
+            return [z] * len(self.train), 0
+        fitted, candidates = [], 0
+        for train in self.train:
+            found = gauss_newton(Objective.at(train, space, active, z), z, iterations, journal)
+            fitted.append(found.z)
+            candidates += found.candidates
+        return fitted, candidates
+
+    def errors(self, space: Space, fitted: list[np.ndarray]) -> Errors:
+        """Held-out errors of fold k at ``fitted[k]``, with starts ordered by fold."""
+        parts = [loss.errors(space.theta(z)) for loss, z in zip(self.held_out, fitted, strict=True)]
+        return Errors(
+            np.concatenate([p.loss for p in parts]),
+            np.concatenate([p.squares for p in parts]),
+            sum(p.failures for p in parts),
+        )
+
+    def blocks(self) -> np.ndarray:
+        """Block of every start, ordered by fold: its episode, or a run of starts if there are few episodes."""
+        windows = [loss.windows for loss in self.held_out]
+        episodes = np.concatenate([w.data.episode[w.starts] for w in windows])
+        known, index = np.unique(episodes, return_inverse=True)
+        if len(known) >= _LEAST_BLOCKS:
+            return index
+        return np.arange(len(index)) * _LEAST_BLOCKS // len(index)
+
+
+def paired_gain(before: np.ndarray, after: np.ndarray, blocks: np.ndarray) -> tuple[float, float]:
+    """Mean fall of the loss (starts,), and its noise given the blocks (starts,) of the starts.
+
+    The noise is the standard error of a zero mean fall, estimated from the blocks that got worse, each counted with its
+    mirror image: if one impact in ten informs the friction, the fall is uneven but not uncertain.
+    """
+    fall = before - after
+    worse = np.minimum(np.bincount(blocks, weights=fall), 0.0)
+    count = len(worse)
+    noise = np.sqrt(2.0 * (worse**2).sum() * count / max(count - 1, 1)) / len(fall)
+    return float(fall.mean()), float(noise)

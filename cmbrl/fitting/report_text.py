@@ -1,0 +1,95 @@
+"""The report of a fit as text, at most 100 columns wide; long lists are folded."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from cmbrl.fitting.fitted_parameter import FLAT, NOMINAL, FittedParameter
+
+WIDTH = 100
+_SHOWN = 3  # elements of a list that is folded
+_FOLDED_FROM = 7  # elements
+
+_NONE = "  none: the nominal model explains the held-out episodes equally well"
+_LISTS = (  # key in the report, text in front of the names
+    ("at_bound", "on a bound"),
+    ("unseen", "not fitted, and not determined by this log"),
+    ("gauge", "held fixed, because motion does not determine the unit of force"),
+)
+
+
+def render(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any]) -> str:
+    """What was fitted, how well, and what the data leave open; ``report`` is that of a ``FitResult``."""
+    lines = [*_errors(report), *_selection(report), *_table(parameters), *_open(parameters, report)]
+    return "\n".join(lines)
+
+
+def _errors(report: Mapping[str, Any]) -> Iterator[str]:
+    data = report["data"]
+    yield (
+        f"fit of {data['transitions']} transitions in {data['episodes']} episodes by {report['method']}, "
+        f"seed {report['seed']}, {report['seconds']['total']:.1f} s, {report['candidates']} candidates"
+    )
+    steps = "1 step" if report["horizon"] == 1 else f"{report['horizon']} steps"
+    yield f"error over {steps}: RMSE (1 = the standard deviation of the change) and Huber loss"
+    yield f"  {'':<36}{'RMSE':>10}{'loss':>12}{'failed':>8}"
+    for part, row in report["loss"].items():
+        yield f"  {part:<36}{row['rmse']:>10.4f}{row['loss']:>12.4g}{row['failures']:>8d}"
+    if report["stopped"] is not None:
+        yield f"STOPPED EARLY ({report['stopped']}): best so far"
+
+
+def _selection(report: Mapping[str, Any]) -> Iterator[str]:
+    moves = report["selection"]
+    if moves is None:
+        return
+    yield "groups selected by the fall of the held-out loss (noise: standard error over episodes):"
+    for s in moves:
+        fall = f"{s['gain']:.4g} (noise {s['noise']:.2g}), RMSE {s['held_out_rmse']:.4f}"
+        yield f"  {s['move']:<7}{s['group']:<20} {fall}"
+    if not moves:
+        yield _NONE if report["stopped"] is None else "  none so far"
+
+
+def _table(parameters: Mapping[str, FittedParameter]) -> Iterator[str]:
+    shown = {name: p for name, p in parameters.items() if p.status not in (NOMINAL, FLAT)}
+    rows = [["parameter", "value", "95 % interval", "nominal", "status", "unit"]]
+    for name, p in shown.items():
+        rows.append([name, f"{p.value:.5g}", f"[{p.low:.5g}, {p.high:.5g}]", f"{p.nominal:.5g}", p.status, p.unit])
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    for row in rows if shown else ():
+        cells = [c.rjust(w) if k in (1, 2, 3) else c.ljust(w) for k, (c, w) in enumerate(zip(row, widths, strict=True))]
+        yield ("  " + "  ".join(cells)).rstrip()
+
+
+def _open(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any]) -> Iterator[str]:
+    """What the data leave open, and what the scene leaves out."""
+    flat = [name for name, p in parameters.items() if p.status == FLAT]
+    if flat:
+        yield from _folded(f"{len(flat)} parameter{'s' * (len(flat) > 1)} flat (hardly informed by the data)", flat)
+    directions = [
+        " ".join(f"{c:+.2f} {name}" for name, c in d["parameters"].items()) for d in report["flat_directions"]
+    ]
+    if directions:
+        title = f"flat directions ({len(directions)}; the data say less than the prior)"
+        yield from _folded(title, directions, "; ")
+    for key, title in _LISTS:
+        if report[key]:
+            yield from _folded(title, report[key])
+    left_out: dict[tuple[str, str], list[str]] = {}
+    for element in report["left_out"]:
+        left_out.setdefault((element["kind"], element["why"]), []).append(element["name"])
+    for (kind, why), names in left_out.items():
+        yield from _folded(f"left out of the scene ({why}): {kind}", names, separator=", ", colon="")
+
+
+def _folded(title: str, names: Sequence[str], separator: str = ", ", colon: str = ":") -> list[str]:
+    """``title: a, b, c and 38 more (--json lists all)``, wrapped."""
+    shown, more = list(names), ""
+    if len(names) >= _FOLDED_FROM:
+        shown, more = shown[:_SHOWN], f" and {len(names) - _SHOWN} more (--json lists all)"
+    return textwrap.wrap(
+        f"{title}{colon} {separator.join(shown)}{more}", WIDTH, subsequent_indent="  ", break_long_words=False
+    )
