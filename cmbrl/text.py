@@ -1,4 +1,4 @@
-"""Values given as text: ``name=value`` for the fields of a dataclass, and ``kind:name=value,...`` for one of many kinds.
+"""Values given as text: ``name=value`` for a field of a dataclass, ``kind:name=value,...`` for one of several kinds.
 
 ``cmbrl train --set`` uses the first, ``--smoothing`` and ``--derivative`` the second.
 """

@@ -85,7 +85,7 @@ def parse_derivative(text: str) -> tuple[str, dict[str, Any]]:
     options: dict[str, Any] = {}
     for name, value in texts.items():
         try:
-            number = parse_number(value)
+            number = float(parse_number(value))
             if math.isinf(number):
                 raise ValueError("must be finite")
         except ValueError as error:
