@@ -17,7 +17,8 @@ CONTACT_GAP = 2e-3  # [m]
 
 EXAMPLE = """
 cmbrl error --data held_out.npz --scene hopper hold nominal
-cmbrl error --data held_out.npz --train train.npz --out runs/error hold nominal ensemble runs/hopper
+cmbrl error --data held_out.npz --out runs/error hold nominal runs/hopper
+cmbrl error --data held_out.npz --train train.npz --scene hopper nominal ensemble
 """
 
 

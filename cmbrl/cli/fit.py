@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 EXAMPLE = """
 cmbrl fit hopper --data hopper.npz --out runs/hopper
-cmbrl fit robot.xml --data log.npz --out runs/robot --set friction.foot=0.5 --groups friction --groups mass
+cmbrl fit robot.xml --data log.npz --out runs/robot --groups friction --set friction.foot=0.5
 cmbrl fit --config configs/hopper.yaml --seed 1 --out runs/again
 """
 

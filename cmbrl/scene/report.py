@@ -1,7 +1,8 @@
-"""What ``cmbrl info`` says of a scene, as JSON types and as text."""
+"""The output of ``cmbrl info``: a scene as JSON types and as text."""
 
 from __future__ import annotations
 
+import textwrap
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -9,16 +10,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cmbrl.scene.records import LeftOut
+from cmbrl.scene.records import LeftOut, Parameter
 
 if TYPE_CHECKING:
     from cmbrl.scene.scene import Scene
 
+_WIDTH = 98  # of the text
 _TYPES = ("point against plane", "point against shape", "segment against segment")
 
 
 def to_dict(scene: Scene) -> dict[str, Any]:
-    """The scene as JSON types: sizes, coordinates, contacts, limits, actuators, parameters, what was left out."""
+    """Sizes, coordinates, contacts, limits, actuators, parameters and left-out elements as JSON types."""
     core = scene.core
     return {
         "name": scene.name,
@@ -70,7 +72,7 @@ def to_dict(scene: Scene) -> dict[str, Any]:
 
 
 def describe(scene: Scene) -> str:
-    """The same for people: one screen for a small robot; long lists of pairs are counted by reason."""
+    """The same as text: one screen for a small robot; long lists are counted by reason."""
     core = scene.core
     gravity = np.array2string(core.P[-(2 if scene.planar else 3) :], precision=4, suppress_small=True)
     lines = [
@@ -88,30 +90,54 @@ def describe(scene: Scene) -> str:
         ),
         f"  actuators    {scene.nu}" + _listed(_actuator_line(scene, k) for k in range(scene.nu)),
         f"  contacts     {core.ncontact} candidates, law {scene.contact_law}" + _contact_lines(scene),
-        f"  parameters   {len(scene.parameters)} that can be fitted (nominal, bounds, unit)",
+        f"  parameters   {len(scene.parameters)} that can be fitted; the name is GROUP.OF, e.g. for --set",
+        *_parameter_lines(scene.parameters),
     ]
-    width = max((len(p.name) for p in scene.parameters), default=0)
-    for p in scene.parameters:
-        lines.append(f"    {p.name:<{width}}  {p.nominal:<10.5g} [{p.low:.4g}, {p.high:.4g}] {p.unit}")
     lines.append(f"  left out     {len(scene.left_out) or 'nothing'}")
     lines += _by_reason(scene.left_out)
     lines += [f"  MuJoCo says  {warning}" for warning in scene.compiler_warnings]
-    return "\n".join(lines)
+    return "\n".join(line for long in lines for line in _folded(long))
 
 
 def _bounds(pair: np.ndarray) -> list[float] | None:
-    """JSON knows no infinity: None where unlimited."""
+    """None if unlimited: JSON has no infinity."""
     return pair.tolist() if np.all(np.isfinite(pair)) else None
 
 
-def _wrap(words: Iterable[str], indent: int = 15, width: int = 110) -> str:
+def _wrap(words: Iterable[str], indent: int = 15) -> str:
+    """``words`` with commas, in lines that stand ``indent`` columns from the left."""
     lines, line = [], ""
     for word in words:
-        if line and len(line) + len(word) > width - indent:
+        if line and len(line) + len(word) + 3 > _WIDTH - indent:
             lines.append(line)
             line = ""
         line += (", " if line else "") + word
     return (",\n" + " " * indent).join([*lines, line])
+
+
+def _folded(text: str) -> list[str]:
+    """The lines of ``text``, those that are too long broken between words."""
+    return [
+        part
+        for line in text.splitlines()
+        for part in textwrap.wrap(line, _WIDTH, subsequent_indent=" " * 15, break_long_words=False, break_on_hyphens=False) or [line]
+    ]
+
+
+def _parameter_lines(parameters: Sequence[Parameter]) -> list[str]:
+    """One entry per group and nominal value, with the widest bounds in it."""
+    entries: dict[tuple[str, float, str], list[Parameter]] = {}
+    groups = list(dict.fromkeys(p.group for p in parameters))
+    for p in sorted(parameters, key=lambda p: groups.index(p.group)):
+        entries.setdefault((p.group, p.nominal, p.unit), []).append(p)
+    rows = [(("GROUP", "nominal", "bounds", "unit"), ["OF"])]
+    for (group, nominal, unit), members in entries.items():
+        bounds = f"[{min(p.low for p in members):.4g}, {max(p.high for p in members):.4g}]"
+        of = [p.name.removeprefix(group).removeprefix(".") or "the scene" for p in members]
+        rows.append(((group, f"{nominal:.5g}", bounds, "" if unit == "1" else unit), of))
+    widths = [max(len(cells[column]) for cells, _ in rows) + 2 for column in range(4)]
+    heads = ["    " + "".join(f"{c:{width}s}" for c, width in zip(cells, widths, strict=True)) for cells, _ in rows]
+    return [head + _wrap(of, len(head)) for head, (_, of) in zip(heads, rows, strict=True)]
 
 
 def _listed(words: Iterable[str]) -> str:
@@ -136,13 +162,13 @@ def _contact_lines(scene: Scene) -> str:
     if len(lines) > 40:
         lines = [*lines[:40], f"and {len(lines) - 40} more pairs (--json lists all)"]
     if scene.merged_points:
-        lines.append(f"merged: {scene.merged_points} points that coincide with another")
+        lines.append(f"merged: {scene.merged_points} duplicate points")
     dropped = [replace(drop, kind="dropped:") for drop in scene.dropped_contacts]
     return "".join(f"\n    {line}" for line in lines) + "".join(f"\n{line}" for line in _by_reason(dropped))
 
 
 def _by_reason(elements: Sequence[LeftOut]) -> list[str]:
-    """One line for all elements of one kind and reason; at most three are named."""
+    """One entry per kind and reason, naming at most three elements."""
     groups: dict[tuple[str, str], list[str]] = {}
     for element in elements:
         groups.setdefault((element.kind, element.why), []).append(element.name)
