@@ -118,7 +118,7 @@ def check_folder(out: Path, command: str, holds_run: bool, resume: bool) -> None
     if holds_run and not resume:
         raise UserError(f"{out}: already holds a run: resume it with --resume, or choose another --out")
     if resume and not holds_run:
-        raise UserError(f"{out}: no {command} to resume here; drop --resume")
+        raise UserError(f"{out}: no `cmbrl {command}` run to resume here; drop --resume")
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
