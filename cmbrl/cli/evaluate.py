@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from cmbrl.envs.evaluation import Evaluation
 
 EXAMPLE = """
-cmbrl evaluate runs/policy                     # in the real system and the model it was trained on
+cmbrl evaluate runs/policy                      # in the real system and the model
 cmbrl evaluate runs/policy --real --episodes 50 --json
 cmbrl evaluate runs/policy --model runs/other_fit
 """
