@@ -56,6 +56,13 @@ MISTAKES = {
     "output is a file": ("fit hopper --data hopper.npz --out text.xml", "text.xml", "another"),
     "nothing to resume": (f"{FIT} --resume", "run", "--resume"),
     "missing configuration": ("fit --config none.yaml", "none.yaml", "no such"),
+    "whole number of 5,000 digits": ("fit --config digits.yaml", "digits.yaml", "YAML"),
+    "value of the wrong type in a configuration": ("fit --config wrong.yaml", "wrong.yaml", "--horizon"),
+    "value that is not a choice": ("fit --config choice.yaml", "choice.yaml", "'gauss-newton'"),
+    "nested value in a configuration": ("fit --config nested.yaml", "nested.yaml", "--groups"),
+    "switch that is not on or off": ("fit --config switch.yaml", "switch.yaml", "true or false"),
+    "all parameters and some": (f"{FIT} --all-parameters --groups mass", "--groups", "drop one"),
+    "some by a configuration and all": ("fit --config groups.yaml --all-parameters", "--groups", "drop one"),
     "unknown key in a configuration": ("fit --config typo.yaml", "typo.yaml", "did you mean 'method'"),
     "configuration of another command": ("fit --config other.yaml", "other.yaml", "cmbrl record"),
     "no model of that name": (f"{ERROR} --scene hopper hodl", "hodl", "did you mean 'hold'"),
@@ -78,6 +85,13 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "damaged.npz").write_bytes(b"PK\x03\x04 and then nothing")
     (folder / "typo.yaml").write_text("source: hopper\nmethd: random\n", encoding="utf-8")
     (folder / "other.yaml").write_text("command: record\ntask: hopper\n", encoding="utf-8")
+    (folder / "digits.yaml").write_text(f"source: hopper\nseed: {'9' * 5000}\n", encoding="utf-8")
+    (folder / "wrong.yaml").write_text("source: hopper\nhorizon: many\n", encoding="utf-8")
+    (folder / "choice.yaml").write_text("source: hopper\nmethod: magic\n", encoding="utf-8")
+    (folder / "nested.yaml").write_text("source: hopper\ngroups: [{mass: 1}]\n", encoding="utf-8")
+    (folder / "switch.yaml").write_text("source: hopper\nresume: perhaps\n", encoding="utf-8")
+    groups = "source: hopper\ndata: hopper.npz\nout: run\ngroups: [mass]\n"
+    (folder / "groups.yaml").write_text(groups, encoding="utf-8")
     (folder / "run_of_fit").mkdir()
     (folder / "run_of_fit" / "config.json").write_text('{"command": "fit"}', encoding="utf-8")
     load_task("hopper").record(200, seed=0).save(folder / "hopper.npz")

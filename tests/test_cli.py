@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -10,11 +11,52 @@ import time
 from pathlib import Path
 
 import pytest
+import torch
 import yaml
 
+from cmbrl.accuracy.named_models import train_ensemble
 from cmbrl.cli.main import COMMANDS, main
+from cmbrl.cli.options import Parser, assignment, resolved, seed
+from cmbrl.errors import UserError
+from cmbrl.models.ensemble import NeuralEnsemble
 
 CONFIGS = Path(__file__).parent.parent / "configs"
+# Packages of the extras, as they are imported.
+OPTIONAL = [
+    "gymnasium",
+    "pymunk",
+    "cmaes",
+    "minari",
+    "h5py",
+    "stable_baselines3",
+    "sb3_contrib",
+    "tensorboard",
+    "imageio",
+]
+OPTIONAL += [
+    "imageio_ffmpeg",
+    "onnx",
+    "onnxscript",
+    "onnxruntime",
+    "scipy",
+    "sklearn",
+    "qpsolvers",
+    "proxsuite",
+    "daqp",
+]
+OPTIONAL += [
+    "quadprog",
+    "piqp",
+    "osqp",
+    "clarabel",
+    "scs",
+    "highspy",
+    "cvxpy",
+    "cvxpylayers",
+    "pinocchio",
+    "ray",
+    "dask",
+]
 FIT = ["fit", "hopper", "--data", "log.npz", "--groups", "friction", "--method", "gauss-newton"]
 
 
@@ -40,7 +82,9 @@ def test_overview_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([]) == 0
     overview = capsys.readouterr().out
     assert all(f"  {name}" in overview for name in COMMANDS)
-    assert main(["--version"]) == 0
+    with pytest.raises(SystemExit) as stopped:
+        main(["--version"])
+    assert stopped.value.code == 0
     assert capsys.readouterr().out.startswith("cmbrl ")
 
 
@@ -56,7 +100,9 @@ def test_info_says_the_same_as_text_and_as_json(command) -> None:
     assert text.returncode == 0, text.stderr
     known = json.loads(command("info", "hopper", "--json").stdout)
     assert (known["nq"], known["nv"], known["nu"]) == (6, 6, 3)
-    assert all(parameter["name"] in text.stdout for parameter in known["parameters"])
+    rows = text.stdout.split("GROUP ")[1].replace(",", "").split()
+    assert all(set(parameter["name"].split(".")) <= set(rows) for parameter in known["parameters"])
+    assert len(text.stdout.splitlines()) < 60  # 61 parameters, folded
     assert "planar" in text.stdout
 
 
@@ -115,17 +161,119 @@ def test_a_folder_of_the_same_name_hides_no_task(
 def test_every_configuration_is_understood(
     file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """In an empty folder: up to the log of a fit, the model of a policy, or the run that is to be gone on with."""
+    """In an empty folder: up to the log of a fit, the model of a policy, or the run to resume."""
     monkeypatch.chdir(tmp_path)
     settings = yaml.safe_load(file.read_text())
     stopped = {
         "fit": [f"runs/{file.stem}/train.npz: no such file"],
-        "train": [f"no model '{settings.get('model')}'", f"runs/{file.stem}: holds no run to go on with"],
+        "train": [f"no model '{settings.get('model')}'", f"runs/{file.stem}: no `cmbrl train` run to resume here"],
     }[settings["command"]]
     options = ["--resume"] if settings["command"] == "train" else []
     assert main([settings["command"], "--config", str(file), *options]) == 2
     shown = capsys.readouterr().err
     assert any(line in shown for line in stopped), shown
+
+
+def test_a_configuration_keeps_every_value_of_a_list(
+    tmp_path: Path, place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Lists, positional lists and mappings from a file; typed options replace or, where repeatable, add to them."""
+    monkeypatch.chdir(place)
+    file = tmp_path / "error.yaml"
+    file.write_text(f"data: log.npz\nscene: hopper\nmodels: [hold, ballistic]\nhorizons: [1, 5]\nout: {tmp_path}/a\n")
+    assert main(["error", "--config", str(file)]) == 0
+    entries = json.loads((tmp_path / "a/error.json").read_text())["entries"]
+    assert {(entry["model"], entry["horizon"]) for entry in entries} == {
+        (model, horizon) for model in ("hold", "ballistic") for horizon in (1, 5)
+    }
+    typed = ["nominal", "--config", str(file), "--horizons", "2", "--out", str(tmp_path / "b")]
+    assert main(["error", *typed]) == 0
+    held = json.loads((tmp_path / "b/config.json").read_text())
+    assert (held["models"], held["horizons"], held["data"]) == (["nominal"], [2], "log.npz")
+
+
+def test_a_configuration_is_the_default_of_every_kind_of_option(tmp_path: Path) -> None:
+    parser = Parser("cmbrl toy", "", "")
+    parser.add_argument("task")
+    parser.add_argument("--set", action="append", default=[], type=assignment)
+    parser.add_argument("--groups", action="append")
+    parser.add_argument("--seed", type=seed, default=0)
+    parser.add_argument("--law", choices=("hard", "soft"))
+    parser.add_argument("--fast", action="store_true")
+    parser.add_argument("--out", required=True)
+    parser.add_config()
+    file = tmp_path / "toy.json"
+    file.write_text(
+        '{"task": "a", "set": {"x": 1, "y": [2, 3]}, "groups": ["g"], "seed": 4, "law": "soft", "fast": true, "out": "o"}'
+    )
+    given = parser.parse(["--config", str(file), "--set", "x=5", "--groups", "h", "--seed", "6"])
+    assert resolved(given) == {
+        "task": "a", "set": {"x": "5", "y": "2,3"}, "groups": ["g", "h"], "seed": 6, "law": "soft", "fast": True,
+        "out": "o",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", [*sorted(COMMANDS), ""])
+def test_help_needs_no_optional_package_and_fits_a_terminal(name: str) -> None:
+    """As after `pip install .`: every package of an extra is missing. Also in a terminal wider than 100 columns."""
+    code = (
+        f"import sys; sys.modules.update(dict.fromkeys({OPTIONAL}));"  # None: as if it were not installed
+        f"from cmbrl.cli import main; main({[name, '--help'] if name else ['--help']})"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=os.environ | {"COLUMNS": "200"}
+    )
+    assert done.returncode == 0, done.stderr
+    assert f"usage: cmbrl {name}".rstrip() in done.stdout
+    assert [line for line in done.stdout.splitlines() if len(line) > 100] == []
+
+
+@pytest.mark.parametrize(
+    ("typed", "missing"),
+    [
+        ("info hopper", "tasks"),
+        ("record ball_throw --steps 5 --out new.npz", "tasks"),
+        ("record ball_throw --steps 5 --out minari:a/b-v0", "data"),
+        ("train ball_throw --algorithm ppo --out new", "train"),
+    ],
+)
+def test_a_missing_package_is_one_line(typed: str, missing: str, tmp_path: Path) -> None:
+    code = (
+        f"import sys; sys.modules.update(dict.fromkeys({OPTIONAL}));"
+        f"from cmbrl.cli import main; sys.exit(main({typed.split()}))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert f"pip install 'cmbrl[{missing}]'" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_output_fits_a_terminal(
+    place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(place)
+    for typed in ("info hopper", "info cheetah", "info ball_throw", " ".join([*FIT, "--out", "narrow"])):
+        assert main(typed.split()) == 0
+        wide = [line for line in capsys.readouterr().out.splitlines() if len(line) > 100]
+        assert [line for line in wide if not line.endswith(".xml")] == [], typed  # a path is as long as it is
+
+
+def test_an_ensemble_that_fails_leaves_torch_as_it_was() -> None:
+    class Failing(NeuralEnsemble):
+        def __init__(self) -> None:
+            pass
+
+        def fit(self, *_: object, **__: object) -> None:  # type: ignore[override]
+            assert torch.get_num_threads() == 1
+            raise UserError("too short")
+
+    torch.set_num_threads(2)
+    try:
+        with pytest.raises(UserError, match="too short"):
+            train_ensemble(Failing(), None)  # type: ignore[arg-type]
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(1)
 
 
 def test_start_values_are_taken_from_the_command_line(command, place: Path) -> None:

@@ -15,8 +15,7 @@ from cmbrl.bench.registry import STUDIES, load
 from cmbrl.bench.report.page import write_page
 from cmbrl.bench.report.runs import Bar, StudyRun, run_studies, summary
 from cmbrl.bench.study import Progress, Section, Settings
-from cmbrl.cli.configuration import resolved
-from cmbrl.cli.options import Parser, add_json, add_seed, add_threads
+from cmbrl.cli.options import Parser, add_json, add_seed, add_threads, resolved
 from cmbrl.cli.progress import counting, fraction
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.jobs.backends import BACKENDS

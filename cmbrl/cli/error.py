@@ -1,23 +1,24 @@
-"""``cmbrl error``: how wrong models are on a log, one step and open loop, by stratum."""
+"""``cmbrl error``: how wrong models are on a log, one step ahead and open loop, by stratum."""
 
 from __future__ import annotations
 
 import argparse
 import json
 
-from cmbrl.cli.compared import BUILT_IN, Lesson, build_models, check_words, common_source
-from cmbrl.cli.configuration import resolved
-from cmbrl.cli.options import add_json, add_scene_options, add_seed, add_threads, positive, positive_number
+from cmbrl.accuracy.named_models import BUILT_IN, ENSEMBLE, build_models, common_source, train_ensemble
+from cmbrl.cli.options import add_json, add_scene_options, add_seed, add_threads, positive, positive_number, resolved
 from cmbrl.cli.progress import fraction
-from cmbrl.cli.sources import load_log
+from cmbrl.errors import UserError
 from cmbrl.files import write_json, write_text
+from cmbrl.models.source import load_log
 from cmbrl.runs import check_run_folder, usable_cores, write_run
 
 CONTACT_GAP = 2e-3  # [m]
 
 EXAMPLE = """
 cmbrl error --data held_out.npz --scene hopper hold nominal
-cmbrl error --data held_out.npz --train train.npz --out runs/error hold nominal ensemble runs/hopper
+cmbrl error --data held_out.npz --out runs/error hold nominal runs/hopper
+cmbrl error --data held_out.npz --train train.npz --scene hopper nominal ensemble
 """
 
 
@@ -26,26 +27,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "models",
         metavar="MODEL",
         nargs="+",
-        help=f"{', '.join(BUILT_IN)} (hold: velocity stays; nominal: the MJCF as it is; ensemble: neural, trained on "
-        "--train), or the folder of a fit or of a saved ensemble",
+        help=f"{', '.join(BUILT_IN)} (hold: constant velocity; ballistic: no contact; nominal: the MJCF unchanged; "
+        "ensemble: neural, trained on --train), or the folder of a fit or a saved ensemble",
     )
-    parser.add_argument("--data", required=True, metavar="FILE", help="the log to predict, unseen by any fit")
-    parser.add_argument("--scene", metavar="SCENE|TASK", help="the scene (default: that of the first fit named)")
+    parser.add_argument("--data", required=True, metavar="FILE", help="the log to predict, not used in any fit")
+    parser.add_argument("--scene", metavar="SCENE|TASK", help="the scene (default: that of the first fit)")
     parser.add_argument("--train", metavar="FILE", help="the log that the ensemble learns from")
     parser.add_argument(
         "--train-seconds", type=positive_number, metavar="S", help="stop training the ensemble after S seconds"
     )
     parser.add_argument(
-        "--horizons", type=positive, nargs="+", default=[1, 5, 20, 100], metavar="K", help="steps ahead (1 5 20 100)"
+        "--horizons", type=positive, nargs="+", default=[1, 5, 20, 100], metavar="K", help="steps (default 1 5 20 100)"
     )
     parser.add_argument(
         "--contact-gap",
         type=positive_number,
         metavar="M",
-        help=f"a transition is in contact when a gap is below this before or after it (default: the task's, else "
+        help="a transition is in contact if a gap is smaller than this before or after it (default: the task's, else "
         f"{CONTACT_GAP} m)",
     )
-    parser.add_argument("--out", metavar="DIR", help="also write table, JSON, plot and the trained ensemble there")
+    parser.add_argument("--out", metavar="DIR", help="write table, JSON, plot and the trained ensemble there")
     add_scene_options(parser)
     add_threads(parser)
     add_seed(parser)
@@ -53,30 +54,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    lesson = Lesson(arguments.train, arguments.seed, arguments.train_seconds)
-    check_words(arguments.models, lesson)
+    words = arguments.models
+    if ENSEMBLE in words and arguments.train is None:
+        raise UserError("ensemble: no log to learn from; give one other than --data by --train FILE")
     if arguments.out:
         check_run_folder(arguments.out, "error")
-    source = common_source(arguments.models, arguments.scene, arguments.ignore, arguments.contact_law)
+    source = common_source(words, arguments.scene, arguments.ignore, arguments.contact_law)
     data = load_log(arguments.data, source.scene)
-    models, notes = build_models(arguments.models, source, data, lesson, arguments.threads or usable_cores())
     gap = arguments.contact_gap or (source.task.contact_gap if source.task else CONTACT_GAP)
+    models = build_models(words, source, data, arguments.threads or usable_cores())
+    notes = []
+    if ENSEMBLE in words:
+        log = load_log(arguments.train, source.scene)
+        with fraction(f"train ensemble on {len(log)} transitions") as progress:
+            note = train_ensemble(models[ENSEMBLE], log, arguments.seed, arguments.train_seconds, progress)
+        notes.append(f"ensemble: {arguments.train}: {note}")
 
-    from cmbrl.accuracy.compare import compare  # imports torch: only now, so that a mistake above is told at once
-    from cmbrl.models.ensemble import NeuralEnsemble
+    from cmbrl.accuracy.compare import compare
 
     with fraction("compare") as progress:
         table = compare(models, data, source.scene, arguments.horizons, contact_gap=gap, progress=progress)
-
     notes += [f"left out of the scene: {e.kind} {e.name} ({e.why})" for e in source.scene.left_out]
-    text = "\n".join([table.text(), *notes]).rstrip("\n") + "\n"
+    text = "\n".join([table.text(), *notes]).rstrip("\n")
     result = {**table.to_json(), "notes": notes}
     if arguments.out:
         out = write_run(arguments.out, "error", resolved(arguments))
-        write_text(out / "error.txt", text)
+        write_text(out / "error.txt", text + "\n")
         write_json(out / "error.json", result)
         table.plot(out / "error.png")
-        trained = models.get("ensemble")
-        if isinstance(trained, NeuralEnsemble):
-            trained.save(out / "ensemble")  # minutes of training: can be named as a MODEL next time
-    print(json.dumps(result, indent=2) if arguments.json else text, end="")
+        if ENSEMBLE in words:
+            models[ENSEMBLE].save(out / "ensemble")  # minutes of training: can be named as a MODEL next time
+    print(json.dumps(result, indent=2) if arguments.json else text)

@@ -17,7 +17,7 @@ cmbrl record hopper --steps 1000 --behaviour policy --policy policy.pt --out on_
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("policy", metavar="POLICY", help="the folder of a policy: a `cmbrl train` run")
     parser.add_argument("--onnx", metavar="FILE", help="write ONNX: float32 observations (batch, n) to actions")
-    parser.add_argument("--torchscript", metavar="FILE", help="write TorchScript, as `cmbrl record --policy` takes it")
+    parser.add_argument("--torchscript", metavar="FILE", help="write TorchScript, for `cmbrl record --policy`")
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -30,9 +30,10 @@ def run(arguments: argparse.Namespace) -> None:
     from cmbrl.train.export import export_onnx, export_torchscript
     from cmbrl.train.policy_file import load_policy
 
-    saved = load_policy(arguments.policy)
+    policy = load_policy(arguments.policy).policy
     if arguments.onnx:
-        export_onnx(saved.policy, arguments.onnx)
+        export_onnx(policy, arguments.onnx)
     if arguments.torchscript:
-        export_torchscript(saved.policy, arguments.torchscript)
-    print("\n".join(f"{path}: observations (batch, {saved.policy.architecture.observations})" for path in files))
+        export_torchscript(policy, arguments.torchscript)
+    for path in files:
+        print(f"{path}: observations (batch, {policy.architecture.observations})")

@@ -1,4 +1,4 @@
-"""``cmbrl info``: what a scene models, what it leaves out, what can be fitted."""
+"""``cmbrl info``: what a scene models, what it leaves out, and what can be fitted."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import argparse
 import json
 
 from cmbrl.cli.options import add_json, add_scene_options
-from cmbrl.cli.sources import load_source
-from cmbrl.scene.report import describe, to_dict
+from cmbrl.models.source import load_source
 
 EXAMPLE = """
 cmbrl info hopper
@@ -22,8 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    source = load_source(arguments.source, arguments.ignore, arguments.contact_law)
-    if arguments.json:
-        print(json.dumps(to_dict(source.scene), indent=2, allow_nan=False))
-    else:
-        print(describe(source.scene))
+    from cmbrl.scene.report import describe, to_dict
+
+    scene = load_source(arguments.source, arguments.ignore, arguments.contact_law).scene
+    print(json.dumps(to_dict(scene), indent=2, allow_nan=False) if arguments.json else describe(scene))

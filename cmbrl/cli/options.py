@@ -1,28 +1,99 @@
-"""The parser (one-line errors) and the option types that several commands share."""
+"""The parser of a command, ``--config``, and the options and types that several commands share."""
 
 from __future__ import annotations
 
 import argparse
 import math
+import shutil
 import textwrap
-from collections.abc import Callable
-from typing import NoReturn
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NoReturn
 
-from cmbrl.errors import UserError
+import yaml
+
+from cmbrl.errors import UserError, did_you_mean
+from cmbrl.runs import check_run_folder
+from cmbrl.text import LARGEST, shortened
+
+WIDTH = 98  #: of help texts, at most
+MODEL_HELP = "nominal (the task's scene as in its file), or the folder of a fit or an ensemble"
+_NOT_SAVED = {"config", "json", "resume"}  # not part of what a run is
 
 
 class Parser(argparse.ArgumentParser):
-    """argparse with a mistake as UserError (one line) instead of a usage text, and examples kept as written."""
+    """argparse with one-line errors (UserError), examples in the help, and ``--config FILE``."""
 
-    def __init__(self, prog: str, description: str, epilog: str) -> None:
+    def __init__(self, prog: str, description: str, examples: str) -> None:
+        width = min(WIDTH, shutil.get_terminal_size().columns - 2)
         super().__init__(
             prog=prog,
             description=description,
-            epilog="examples:\n" + textwrap.indent(epilog.strip("\n"), "  "),
-            formatter_class=argparse.RawDescriptionHelpFormatter,
+            epilog="examples:\n" + textwrap.indent(examples.strip("\n"), "  "),
+            formatter_class=lambda prog: argparse.RawDescriptionHelpFormatter(prog, width=width),
             allow_abbrev=False,  # a script must not break when an option is added
         )
-        self.listing: Callable[[], str] | None = None  #: more for --help, made only when that is asked for
+        self.listing: Callable[[], str] | None = None  #: more for --help, computed only for that
+
+    def add_config(self) -> None:
+        """Adds ``--config FILE``, which :meth:`parse` reads."""
+        self.add_argument(
+            "--config",
+            metavar="FILE",
+            help="YAML or JSON file of options; options given here override it (the config.json of a run folder "
+            "repeats its run)",
+        )
+
+    def parse(self, arguments: Sequence[str]) -> argparse.Namespace:
+        """The options in ``arguments``, with the values of a ``--config`` file as defaults.
+
+        Raises UserError on invalid options, and on a file that is missing, malformed, or has an unknown option.
+        """
+        finder = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+        finder.add_argument("--config")
+        path = finder.parse_known_args(arguments)[0].config
+        if path is not None:
+            self._use_configuration(Path(path))
+        return self.parse_args(arguments)
+
+    def _use_configuration(self, path: Path) -> None:
+        actions = {action.dest: action for action in self._actions if action.dest not in ("help", "config")}
+        given = read_configuration(path)
+        command = given.pop("command", None)
+        if command is not None and command != self.prog.split()[-1]:
+            raise UserError(f"{path}: a configuration of 'cmbrl {command}', not of '{self.prog}'")
+        for key, value in given.items():
+            dest = key.replace("-", "_")
+            if dest not in actions:
+                raise UserError(f"{path}: {key!r} is not an option of '{self.prog}': {did_you_mean(dest, actions)}")
+            if value is None:
+                continue
+            action = actions[dest]
+            try:
+                action.default = self._converted(action, value)
+            except argparse.ArgumentError as error:
+                raise UserError(f"{path}: {error}") from None
+            action.required = False
+            if not action.option_strings:
+                action.nargs = "*" if action.nargs == "+" else "?"
+
+    def _converted(self, action: argparse.Action, value: Any) -> Any:
+        """A value from a file as argparse would make it from words; raises ArgumentError if it does not fit."""
+        if action.nargs == 0:  # a switch
+            if not isinstance(value, bool):
+                raise argparse.ArgumentError(action, "must be true or false")
+            return value
+
+        def converted(item: Any) -> Any:
+            found = self._get_value(action, _word(action, item))
+            self._check_value(action, found)
+            return found
+
+        if action.nargs != "+" and not isinstance(action, argparse._AppendAction):
+            return converted(value)
+        if isinstance(value, dict):
+            value = [f"{name}={_word(action, one)}" for name, one in value.items()]
+        return [converted(item) for item in (value if isinstance(value, list) else [value])]
 
     def format_help(self) -> str:
         if self.listing:
@@ -33,90 +104,134 @@ class Parser(argparse.ArgumentParser):
         raise UserError(f"{message}; see '{self.prog} --help'")
 
 
+def resolved(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The options of a command as JSON values, for config.json of a run folder."""
+    values = {key: value for key, value in vars(arguments).items() if key not in _NOT_SAVED}
+    if isinstance(values.get("set"), list):
+        values["set"] = dict(values["set"])
+    return values
+
+
+def check_folder(out: Path, command: str, holds_run: bool, resume: bool) -> None:
+    """Raises UserError unless ``out`` can take a new run of ``command``, or holds the one to resume."""
+    check_run_folder(out, command)
+    if holds_run and not resume:
+        raise UserError(f"{out}: already holds a run: resume it with --resume, or choose another --out")
+    if resume and not holds_run:
+        raise UserError(f"{out}: no `cmbrl {command}` run to resume here; drop --resume")
+
+
 def add_json(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--json", action="store_true", help="print JSON for machines instead of text")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of text")
 
 
 def add_seed(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of everything random (default 0)")
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of all random numbers (default 0)")
+
+
+def add_threads(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--threads", type=threads, metavar="N", help="threads (default: all cores; results do not depend on it)"
+    )
 
 
 def add_scene_options(parser: argparse.ArgumentParser) -> None:
-    """How a scene is read: see `cmbrl.cli.sources.load_source`."""
+    """Options of :func:`cmbrl.models.source.load_source`."""
     parser.add_argument(
         "--ignore",
         action="append",
         default=[],
         metavar="KIND",
-        help="leave out an unsupported kind of MJCF element instead of refusing the file (may be repeated); "
-        "what was left out is stated in every report",
+        help="leave out an unsupported kind of MJCF element instead of refusing the file (repeatable); reports list "
+        "what was left out",
     )
     parser.add_argument(
         "--contact-law",
         choices=("mujoco", "rigid", "spring-damper"),
-        help="mujoco: the softness of the MJCF; rigid: hard, with a restitution to fit; spring-damper: an implicit "
-        "spring and damper in each contact (default: that of the task, else mujoco)",
+        help="mujoco: softness from the MJCF; rigid: hard, with a restitution to fit; spring-damper: an implicit "
+        "spring and damper in each contact (default: the task's, else mujoco)",
     )
 
 
-def add_threads(parser: argparse.ArgumentParser) -> None:
+def add_smoothing(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--threads",
-        type=threads,
-        default=None,
-        metavar="N",
-        help="threads (default: all cores; results do not depend on it)",
+        "--smoothing",
+        metavar="S",
+        help="softening of the simulated contacts: exact, barrier:kappa=1e-4 [J], barrier:length=1e-3 [m] or "
+        "adaptive:length=1e-3 [m] (default: that of the task or the fit)",
     )
 
 
 def seed(text: str) -> int:
-    """A whole number >= 0 that every generator of random numbers takes, with room for those derived from it."""
+    """A whole number >= 0 that every random generator accepts, with room for seeds derived from it."""
     return _whole(text, 0, 2**31 - 1)
 
 
 def threads(text: str) -> int:
-    """A number of threads that a machine may have: each takes memory."""
+    """A number of threads: each takes memory."""
     return _whole(text, 1, 256)
 
 
 def positive(text: str) -> int:
     """A whole number >= 1."""
-    return _whole(text, 1)
+    return _whole(text, 1, LARGEST)
 
 
 def positive_number(text: str) -> float:
     """A finite number > 0."""
-    value = _number(text)
+    value = number(text)
     if value <= 0:
         raise argparse.ArgumentTypeError(f"{text!r} is not above 0")
     return value
 
 
-def assignment(text: str) -> tuple[str, float]:
-    """``name=value`` with a finite value."""
-    name, sign, value = text.partition("=")
-    if not (name and sign):
-        raise argparse.ArgumentTypeError(f"{text!r} is not of the form name=value, e.g. friction.foot=0.8")
-    return name, _number(value)
-
-
-def _whole(text: str, least: int, most: int | None = None) -> int:
-    try:
-        value = int(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
-    if value < least:
-        raise argparse.ArgumentTypeError(f"{value} is below {least}")
-    if most is not None and value > most:
-        raise argparse.ArgumentTypeError(f"{value} is above {most}")
-    return value
-
-
-def _number(text: str) -> float:
+def number(text: str) -> float:
+    """A finite number."""
     try:
         value = float(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
+        value = math.nan
     if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text!r} is not finite")
+        raise argparse.ArgumentTypeError(f"{shortened(text)!r} is not a finite number")
     return value
+
+
+def assignment(text: str) -> tuple[str, str]:
+    """``name=value`` as its parts."""
+    name, sign, value = text.partition("=")
+    if not (name and sign):
+        raise argparse.ArgumentTypeError(f"{shortened(text)!r} is not name=value, as in friction.foot=0.8")
+    return name, value
+
+
+def _whole(text: str, least: int, most: int) -> int:
+    try:
+        value = int(text)
+    except ValueError:  # also for more digits than Python reads
+        raise argparse.ArgumentTypeError(f"{shortened(text)!r} is not a whole number") from None
+    if not least <= value <= most:
+        raise argparse.ArgumentTypeError(
+            f"{shortened(text)} is {f'below {least}' if value < least else f'above {most}'}"
+        )
+    return value
+
+
+def _word(action: argparse.Action, value: Any) -> str:
+    """A value from a file as it would be typed; raises ArgumentError for what cannot be."""
+    parts = value if isinstance(value, list) else [value]
+    if not all(isinstance(part, str | int | float | None) for part in parts):
+        raise argparse.ArgumentError(action, "must be text, a number, or a list of them")
+    return ",".join(map(str, parts))
+
+
+def read_configuration(path: Path) -> dict[str, Any]:
+    """The mapping in a YAML or JSON file; raises UserError when it is missing, malformed or not a mapping."""
+    try:
+        loaded = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise UserError(f"{path}: no such configuration file") from None
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+        raise UserError(f"{path}: not readable as YAML ({shortened(str(error), 200)})") from None
+    if not isinstance(loaded, dict) or not all(isinstance(key, str) for key in loaded):
+        raise UserError(f"{path}: not a mapping of option names to values")
+    return loaded

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import argparse
 import time
-from pathlib import Path
 from typing import Any
 
-from cmbrl.cli.evaluate import model_word
-from cmbrl.cli.models import MODEL_HELP, add_smoothing, check_model, load_model, real_system, saved_policy
-from cmbrl.cli.options import add_seed, positive_number
+from cmbrl.cli.options import MODEL_HELP, add_seed, add_smoothing, positive_number
 from cmbrl.errors import UserError
 from cmbrl.files import check_writable
 
@@ -22,12 +19,11 @@ cmbrl play runs/policy --viewer
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("policy", metavar="POLICY", help="the folder of a policy: a `cmbrl train` run")
-    where = parser.add_mutually_exclusive_group(required=True)
-    where.add_argument("--out", metavar="FILE", help="the clip to write: NAME.mp4 or NAME.gif")
-    where.add_argument("--viewer", action="store_true", help="show the real system in MuJoCo's window instead")
-    parser.add_argument("--model", metavar="M", help=f"beside the real system: {MODEL_HELP} (default: as trained)")
+    parser.add_argument("--out", metavar="FILE", help="the clip to write: NAME.mp4 or NAME.gif")
+    parser.add_argument("--viewer", action="store_true", help="show the real system in MuJoCo's viewer instead")
+    parser.add_argument("--model", metavar="M", help=f"next to the real system: {MODEL_HELP} (default: as trained)")
     parser.add_argument(
-        "--seconds", type=positive_number, default=10.0, metavar="S", help="of the episode, at most (default 10)"
+        "--seconds", type=positive_number, default=10.0, metavar="S", help="length of the clip, at most (default 10)"
     )
     add_smoothing(parser)
     add_seed(parser)
@@ -36,12 +32,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     from cmbrl.envs.clip import check_clip_path
     from cmbrl.envs.drawing import choose_renderer, has_display
+    from cmbrl.envs.of_task import real_system
+    from cmbrl.train.models import REAL, check_model, load_model
+    from cmbrl.train.saved import Trained
 
-    saved, task, mdp = saved_policy(arguments.policy)
+    if bool(arguments.out) == arguments.viewer:
+        raise UserError("give either --out FILE or --viewer")
+    if arguments.model == REAL:
+        raise UserError("--model real: `real` is not a model, and is always shown; name a model or drop --model")
+    trained = Trained.load(arguments.policy)
+    policy, task, mdp = trained.saved.policy, trained.task, trained.mdp
     if arguments.model is not None:
         check_model(arguments.model)
     if arguments.viewer and not has_display():
-        raise UserError("--viewer: there is no display to open a window on: make a clip with --out FILE.mp4")
+        raise UserError("--viewer: there is no display to open a window on; make a clip with --out FILE.mp4")
     if arguments.out:
         check_clip_path(arguments.out)
         check_writable(arguments.out)
@@ -54,13 +58,10 @@ def run(arguments: argparse.Namespace) -> None:
 
     start = mdp.reset(1, torch.Generator().manual_seed(arguments.seed))
     models: dict[str, Any] = {"real": SystemBatch(real_system(task), 1)}
-    policy = Path(arguments.policy)
-    word = None if arguments.viewer else model_word(policy, saved.about, arguments.model, real_only=False)
+    word = None if arguments.viewer else arguments.model or trained.usual_model()
     if word is not None:
         models["model"] = load_model(word, task, arguments.smoothing)
-    episodes = {
-        title: play_episode(saved.policy, mdp, start, model, arguments.seconds) for title, model in models.items()
-    }
+    episodes = {title: play_episode(policy, mdp, start, model, arguments.seconds) for title, model in models.items()}
     if arguments.viewer:
         _show(task.scene_path, episodes["real"])
         return
@@ -72,7 +73,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _show(scene: str, episode: Any) -> None:
-    """The episode in a window, again and again in real time, until it is closed."""
+    """Repeats the episode in a window, in real time, until the window is closed."""
     import mujoco
     import mujoco.viewer
 

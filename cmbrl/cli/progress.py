@@ -1,4 +1,4 @@
-"""Progress bars on stderr: shown on a terminal, silent everywhere else."""
+"""Progress bars on stderr, shown only on a terminal."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from tqdm import tqdm
 
 @contextmanager
 def counting(what: str, total: int, unit: str = "step") -> Iterator[Callable[[int], object]]:
-    """Gives a function to call with the number of units done since its last call."""
+    """Yields a function to call with the number of units done since its last call."""
     with tqdm(desc=what, total=total, unit=unit, disable=None, leave=False, dynamic_ncols=True) as bar:
         yield bar.update
 
 
 @contextmanager
 def fraction(what: str) -> Iterator[Callable[[float, str], None]]:
-    """Gives a function to call with the share of the work that is done, 0 to 1, and what is being done."""
+    """Yields a function to call with the share of the work done, 0 to 1, and a short text."""
     shape = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}{postfix}"
     with tqdm(desc=what, total=1.0, disable=None, leave=False, dynamic_ncols=True, bar_format=shape) as bar:
 

@@ -18,15 +18,15 @@ cmbrl record cube_toss --steps 10000 --data cube_tosses.npz --out cube.npz
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("task", metavar="TASK", help="the name of a task")
-    parser.add_argument("--steps", type=positive, required=True, metavar="N", help="control steps to record")
+    parser.add_argument("--steps", type=positive, required=True, metavar="N", help="transitions to record")
     parser.add_argument(
         "--out", required=True, metavar="FILE", help="the log to write: NAME.npz, a folder (Minari) or minari:ID"
     )
     parser.add_argument(
-        "--behaviour", metavar="NAME", help="what acts: random, pd or policy (default: the task's first)"
+        "--behaviour", metavar="NAME", help="how to choose actions: random, pd or policy (default: the task's first)"
     )
     parser.add_argument("--policy", metavar="FILE", help="the TorchScript policy, for --behaviour policy")
-    parser.add_argument("--data", metavar="FILE", help="the published log, for a task whose real system is one")
+    parser.add_argument("--data", metavar="FILE", help="the published log, for a task whose real system is a log")
     add_seed(parser)
     add_json(parser)
 
@@ -38,9 +38,9 @@ def run(arguments: argparse.Namespace) -> None:
     task = load_task(arguments.task)
     behaviour = arguments.behaviour or ("policy" if arguments.policy else task.behaviours[0])
     if behaviour not in task.behaviours:
-        raise UserError(f"{task.name} knows no behaviour {behaviour!r}: {did_you_mean(behaviour, task.behaviours)}")
+        raise UserError(f"{task.name} has no behaviour {behaviour!r}: {did_you_mean(behaviour, task.behaviours)}")
     if (behaviour == "policy") != (arguments.policy is not None):
-        raise UserError("--behaviour policy and --policy FILE go together: give both or neither")
+        raise UserError("--behaviour policy and --policy FILE need each other: give both or neither")
     check_target(arguments.out)  # now rather than after an hour of recording
     if behaviour == "policy":
         from cmbrl.data.behaviour import load_policy
@@ -49,17 +49,8 @@ def run(arguments: argparse.Namespace) -> None:
     with counting(f"record {task.name}", total=arguments.steps) as progress:
         data = task.record(arguments.steps, arguments.seed, behaviour, progress, arguments.data)
     data.save(arguments.out)
-    summary = {
-        "task": task.name,
-        "file": arguments.out,
-        "transitions": len(data),
-        "episodes": data.n_episodes,
-        "dt": data.dt,
-        "source": data.source,
-    }
     if arguments.json:
-        print(json.dumps(summary, indent=2))
+        summary = {"task": task.name, "file": arguments.out, "transitions": len(data), "episodes": data.n_episodes}
+        print(json.dumps({**summary, "dt": data.dt, "source": data.source}, indent=2))
     else:
-        print(
-            f"{arguments.out}: {len(data)} transitions of {task.name} in {data.n_episodes} episodes, dt {data.dt:g} s"
-        )
+        print(f"{arguments.out}: {len(data)} transitions of {task.name}, {data.n_episodes} episodes, dt {data.dt:g} s")

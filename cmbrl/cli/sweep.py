@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.cli.configuration import read_configuration
-from cmbrl.cli.options import add_json, positive
+from cmbrl.cli.options import add_json, positive, read_configuration
 from cmbrl.cli.progress import fraction
 from cmbrl.code_digest import code_digest
 from cmbrl.errors import UserError

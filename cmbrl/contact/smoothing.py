@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.errors import UserError
+from cmbrl.errors import UserError, did_you_mean
 from cmbrl.scene import Scene
+from cmbrl.text import parse_fields, parse_kind
 
 CONSTANT, GAUSSIAN = 0, 1
 
@@ -75,7 +76,21 @@ class Adaptive:
 
 
 Smoothing = Exact | Barrier | Adaptive
-_KINDS = {"exact": Exact, "barrier": Barrier, "adaptive": Adaptive}
+_KINDS: dict[str, type[Smoothing]] = {"exact": Exact, "barrier": Barrier, "adaptive": Adaptive}
+_LARGEST = 1e12  # far beyond any energy [J] or length [m] of a robot; squares of it are still finite
+
+
+def parse_smoothing(text: str) -> Smoothing:
+    """``exact``, ``barrier:kappa=1e-4``, ``barrier:length=1e-3`` or ``adaptive:length=1e-3`` as a policy.
+
+    Raises UserError on an unknown kind or option and on a value of the wrong type.
+    """
+    kind, options = parse_kind(text)
+    if kind not in _KINDS:
+        raise UserError(f"unknown smoothing {kind!r}: {did_you_mean(kind, _KINDS)} Example: barrier:kappa=1e-4")
+    if kind == "adaptive" and "length" not in options:
+        raise UserError(f"smoothing {text!r}: needs a length [m], as in adaptive:length=1e-3")
+    return _KINDS[kind](**parse_fields(_KINDS[kind], options, f"smoothing {kind!r}"))
 
 
 def to_config(smoothing: Smoothing) -> dict[str, Any]:
@@ -97,6 +112,6 @@ def _native(mode: int, kappa: float, length: float, stop: bool) -> dict[str, Any
 
 
 def _positive(value: float | None, name: str) -> float:
-    if value is None or not np.isfinite(value) or value <= 0:
-        raise UserError(f"{name} = {value}: give a positive finite number")
+    if value is None or not 0 < value <= _LARGEST:
+        raise UserError(f"{name} = {value}: give a positive finite number, at most {_LARGEST:g}")
     return float(value)

@@ -12,6 +12,7 @@ from cmbrl.errors import UserError, did_you_mean
 from cmbrl.gradients.bcg import BundleConfig, BundledContactModel
 from cmbrl.gradients.randomised import RandomisedModel
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.text import LARGEST, parse_kind, parse_number, shortened
 
 DerivativeModel = ComplementarityModel | RandomisedModel | BundledContactModel
 
@@ -79,19 +80,18 @@ def derivative_model(
 
 
 def parse_derivative(text: str) -> tuple[str, dict[str, Any]]:
-    """``adaptive:length=1e-3,floor=1e-8`` as ("adaptive", {...}); raises UserError where a value is no number."""
-    kind, _, rest = text.partition(":")
+    """``adaptive:length=1e-3,floor=1e-8`` as ("adaptive", {...}); raises UserError where a value is not a number."""
+    kind, texts = parse_kind(text)
     options: dict[str, Any] = {}
-    for part in filter(None, rest.split(",")):
-        name, _, value = part.partition("=")
+    for name, value in texts.items():
         try:
-            number = float(value)
-        except ValueError:
-            number = math.nan
-        if not math.isfinite(number):
-            raise UserError(f"derivative {text!r}: {part!r} is not of the form name=number")
-        options[name.strip()] = int(number) if number.is_integer() and number >= 1 else number
-    return kind.strip(), options
+            number = float(parse_number(value))
+            if math.isinf(number):
+                raise ValueError("must be finite")
+        except ValueError as error:
+            raise UserError(f"derivative {kind!r}, {name}={shortened(value)}: {error}") from None
+        options[name] = int(number) if number.is_integer() and 1 <= number <= LARGEST else number
+    return kind, options
 
 
 def steps_taken(model: object, simulated: int) -> int:

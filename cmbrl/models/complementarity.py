@@ -225,14 +225,14 @@ class ComplementarityModel:
         impulse: bool = False,
     ) -> StepResult:
         """The same step on numpy arrays, with what the solver reports; theta (np,) or (B, np)."""
-        arrays = [np.ascontiguousarray(x, dtype=np.float64) for x in (q, v, u)]
+        q, v, u = (np.ascontiguousarray(x, dtype=np.float64) for x in (q, v, u))
         theta = np.ascontiguousarray(self.parameters if theta is None else theta, dtype=np.float64)
         jacobian = jacobian or parameter_jacobian
         out = self.stepper.forward(
-            *arrays, theta, jacobian=jacobian, jacobian_theta=parameter_jacobian, impulse=impulse
+            q, v, u, theta, jacobian=jacobian, jacobian_theta=parameter_jacobian, impulse=impulse
         )
         if impulse and jacobian:  # the core returns impulses only without Jacobians
-            out["impulse"] = self.stepper.forward(*arrays, theta, impulse=True)["impulse"]
+            out["impulse"] = self.stepper.forward(q, v, u, theta, impulse=True)["impulse"]
         return StepResult(**out)
 
     def parameter_jacobian(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -9,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.scene.records import LeftOut
+from cmbrl.scene.records import LeftOut, Parameter
 from cmbrl.scene.scene import Scene
 
+_WIDTH = 98  # of the text
 _TYPES = ("point against plane", "point against shape", "segment against segment")  # by ContactKind
 
 
@@ -86,15 +88,13 @@ def describe(scene: Scene) -> str:
         ),
         f"  actuators    {scene.nu}" + _listed(_actuator_line(scene, k) for k in range(scene.nu)),
         f"  contacts     {core.ncontact} candidates, law {scene.contact_law}" + _contact_lines(scene),
-        f"  parameters   {len(scene.parameters)} that can be fitted (nominal, bounds, unit)",
+        f"  parameters   {len(scene.parameters)} that can be fitted; the name is GROUP.OF, e.g. for --set",
+        *_parameter_lines(scene.parameters),
     ]
-    width = max((len(p.name) for p in scene.parameters), default=0)
-    for p in scene.parameters:
-        lines.append(f"    {p.name:<{width}}  {p.nominal:<10.5g} [{p.low:.4g}, {p.high:.4g}] {p.unit}")
     lines.append(f"  left out     {len(scene.left_out) or 'nothing'}")
     lines += _by_reason(scene.left_out)
     lines += [f"  MuJoCo says  {warning}" for warning in scene.compiler_warnings]
-    return "\n".join(lines)
+    return "\n".join(line for long in lines for line in _folded(long))
 
 
 def _bounds(pair: np.ndarray) -> list[float] | None:
@@ -102,14 +102,43 @@ def _bounds(pair: np.ndarray) -> list[float] | None:
     return pair.tolist() if np.all(np.isfinite(pair)) else None
 
 
-def _wrap(words: Iterable[str], indent: int = 15, width: int = 110) -> str:
+def _wrap(words: Iterable[str], indent: int = 15) -> str:
+    """``words`` with commas, in lines that stand ``indent`` columns from the left."""
     lines, line = [], ""
     for word in words:
-        if line and len(line) + len(word) > width - indent:
+        if line and len(line) + len(word) + 3 > _WIDTH - indent:
             lines.append(line)
             line = ""
         line += (", " if line else "") + word
     return (",\n" + " " * indent).join([*lines, line])
+
+
+def _folded(text: str) -> list[str]:
+    """The lines of ``text``, those that are too long broken between words."""
+    return [
+        part
+        for line in text.splitlines()
+        for part in textwrap.wrap(
+            line, _WIDTH, subsequent_indent=" " * 15, break_long_words=False, break_on_hyphens=False
+        )
+        or [line]
+    ]
+
+
+def _parameter_lines(parameters: Sequence[Parameter]) -> list[str]:
+    """One entry per group and nominal value, with the widest bounds in it."""
+    entries: dict[tuple[str, float, str], list[Parameter]] = {}
+    groups = list(dict.fromkeys(p.group for p in parameters))
+    for p in sorted(parameters, key=lambda p: groups.index(p.group)):
+        entries.setdefault((p.group, p.nominal, p.unit), []).append(p)
+    rows = [(("GROUP", "nominal", "bounds", "unit"), ["OF"])]
+    for (group, nominal, unit), members in entries.items():
+        bounds = f"[{min(p.low for p in members):.4g}, {max(p.high for p in members):.4g}]"
+        of = [p.name.removeprefix(group).removeprefix(".") or "the scene" for p in members]
+        rows.append(((group, f"{nominal:.5g}", bounds, "" if unit == "1" else unit), of))
+    widths = [max(len(cells[column]) for cells, _ in rows) + 2 for column in range(4)]
+    heads = ["    " + "".join(f"{c:{width}s}" for c, width in zip(cells, widths, strict=True)) for cells, _ in rows]
+    return [head + _wrap(of, len(head)) for head, (_, of) in zip(heads, rows, strict=True)]
 
 
 def _listed(words: Iterable[str]) -> str:
@@ -140,7 +169,7 @@ def _contact_lines(scene: Scene) -> str:
 
 
 def _by_reason(elements: Sequence[LeftOut]) -> list[str]:
-    """One line per kind and reason, naming at most three elements."""
+    """One entry per kind and reason, naming at most three elements."""
     groups: dict[tuple[str, str], list[str]] = {}
     for element in elements:
         groups.setdefault((element.kind, element.why), []).append(element.name)

@@ -54,9 +54,9 @@ def test_words_of_the_command_line() -> None:
     assert parse_derivative("exact") == ("exact", {})
     assert parse_derivative("bcg:branches=4,trigger=1e2") == ("bcg", {"branches": 4, "trigger": 100})
     assert parse_derivative("adaptive:length=1e-3") == ("adaptive", {"length": 1e-3})
-    with pytest.raises(UserError, match="not of the form name=number"):
+    with pytest.raises(UserError, match="is not name=value"):
         parse_derivative("adaptive:length")
-    with pytest.raises(UserError, match="not of the form name=number"):
+    with pytest.raises(UserError, match="must be a number"):
         parse_derivative("bcg:position=nan")
 
 

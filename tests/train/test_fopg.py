@@ -9,7 +9,6 @@ import pytest
 import torch
 from torch import Tensor
 
-from cmbrl.cli.models import differentiated
 from cmbrl.contact import Adaptive
 from cmbrl.envs.mdp import MDP, never, uniform
 from cmbrl.errors import UserError
@@ -18,6 +17,7 @@ from cmbrl.gradients.per_sample import per_sample_gradients
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.registry import load_task
 from cmbrl.train.fopg import ESTIMATORS, FOPG, FOPGConfig
+from cmbrl.train.models import with_derivative
 from cmbrl.train.policy import network
 from cmbrl.train.trainer import Diverged
 
@@ -186,12 +186,12 @@ def test_aobg_with_a_bound_of_nothing_is_zeroth_order() -> None:
 def test_derivative_of_the_command_line() -> None:
     task = load_task("hopper")
     model = ComplementarityModel(task.load_scene(), **task.model_options())
-    assert differentiated(model, "adaptive:length=2e-3", 0, refits=True).backward_smoothing == Adaptive(2e-3)
-    assert differentiated(model, "bcg:branches=4", 0, refits=False).config.branches == 4
+    assert with_derivative(model, "adaptive:length=2e-3", 0, refits=True).backward_smoothing == Adaptive(2e-3)
+    assert with_derivative(model, "bcg:branches=4", 0, refits=False).config.branches == 4
     with pytest.raises(UserError, match="fits its model"):
-        differentiated(model, "bcg", 0, refits=True)
-    with pytest.raises(UserError, match="has none"):
-        differentiated(Linear(), "adaptive", 0, refits=False)
+        with_derivative(model, "bcg", 0, refits=True)
+    with pytest.raises(UserError, match="only to a contact model"):
+        with_derivative(Linear(), "adaptive", 0, refits=False)
 
 
 def test_refusals() -> None:

@@ -1,0 +1,114 @@
+"""The models that `cmbrl error` compares, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cmbrl.errors import UserError
+from cmbrl.files import read_json
+from cmbrl.models.source import Source, load_source
+from cmbrl.registry import load_task, names
+from cmbrl.runs import CONFIGURATION
+
+if TYPE_CHECKING:
+    from cmbrl.data import Transitions
+    from cmbrl.models.ensemble import NeuralEnsemble
+    from cmbrl.models.protocol import Model
+    from cmbrl.registry import Task
+
+HOLD, BALLISTIC, NOMINAL, ENSEMBLE = "hold", "ballistic", "nominal", "ensemble"
+BUILT_IN = (HOLD, BALLISTIC, NOMINAL, ENSEMBLE)
+
+
+def common_source(
+    words: Sequence[str], scene: str | None = None, ignore: Sequence[str] = (), contact_law: str | None = None
+) -> Source:
+    """The scene to compare in: ``scene``, or that of the first fit among ``words``.
+
+    Raises UserError on a word that is neither built in nor the folder of a model, and when there is no scene.
+    """
+    from cmbrl.models.named import SETTINGS, check_name, holds_fit, load_complementarity
+
+    for word in words:
+        check_name(word, BUILT_IN)
+    if scene is not None:
+        return load_source(scene, ignore, contact_law)
+    for word in words:
+        if holds_fit(word):
+            fitted = load_complementarity(Path(word) / SETTINGS)
+            return Source(word, fitted.scene, task=_task_of(Path(word)), fitted=fitted)
+    raise UserError("no scene: give --scene SCENE|TASK, or name the folder of a fit among the models")
+
+
+def build_models(words: Sequence[str], source: Source, data: Transitions, threads: int) -> dict[str, Any]:
+    """Name -> model, in the order of ``words``; the "ensemble" is still to be trained.
+
+    Raises UserError when a folder's model is of another scene or time step.
+    """
+    from cmbrl.models.baselines import Ballistic, HoldVelocity
+    from cmbrl.models.ensemble import NeuralEnsemble
+
+    make: dict[str, Callable[[], Model]] = {
+        HOLD: lambda: HoldVelocity(source.scene, data.dt),
+        BALLISTIC: lambda: Ballistic(source.scene, data.dt),
+        NOMINAL: lambda: source.model(data, threads=threads),
+        ENSEMBLE: lambda: NeuralEnsemble(source.scene, data.dt),
+    }
+    return {_label(word, words): make[word]() if word in make else _loaded(word, data, threads) for word in words}
+
+
+def train_ensemble(
+    ensemble: NeuralEnsemble,
+    data: Transitions,
+    seed: int = 0,
+    max_seconds: float | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> str:
+    """Trains on one thread of torch, so that the result depends on the seed alone; returns one line about it.
+
+    The matrices are small: more threads would only wait for each other.
+    """
+    with _one_thread():
+        report = ensemble.fit(data, seed=seed, progress=progress, max_seconds=max_seconds)
+    return (
+        f"trained on {len(data)} transitions, seed {seed}, {report.epochs} epochs in {report.seconds:.0f} s "
+        f"(stopped by {report.stopped}), held-out error {report.holdout_error:.4f}"
+    )
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def _task_of(folder: Path) -> Task | None:
+    """The task of the fit in ``folder``, if its configuration names one."""
+    configuration = folder / CONFIGURATION
+    word = read_json(configuration).get("source") if configuration.exists() else None
+    return load_task(word) if word in names() else None
+
+
+def _label(word: str, words: Sequence[str]) -> str:
+    """The last name of a folder if no other word has the same, else the folder as given."""
+    name = Path(word).name
+    unique = sum(Path(other).name == name for other in words) == 1 and name not in BUILT_IN
+    return name if unique else word
+
+
+def _loaded(folder: str, data: Transitions, threads: int) -> Model:
+    from cmbrl.models.named import saved_model
+
+    model = saved_model(folder, threads=threads)
+    if abs(model.dt - data.dt) > 1e-6 * data.dt:
+        raise UserError(f"{folder}: has a step of {model.dt:g} s, the log has dt {data.dt:g} s: use a log of that step")
+    return model

@@ -1,0 +1,34 @@
+"""The decision process and the real system of a task, checked: not every task has them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cmbrl.errors import UserError
+from cmbrl.registry import load_task, names
+
+if TYPE_CHECKING:
+    from cmbrl.envs.mdp import MDP
+    from cmbrl.envs.system import SystemFactory
+    from cmbrl.registry import Task
+
+
+def decision_process(task: Task) -> MDP:
+    """The task's decision process; raises UserError if it has none, or one of another control step."""
+    if task.mdp is None:
+        others = ", ".join(name for name in names() if load_task(name).mdp is not None)
+        raise UserError(f"task {task.name!r} has no reward (Task.mdp); tasks with one: {others or 'none'}")
+    mdp = task.mdp()
+    if abs(mdp.dt / mdp.repeat - task.control_dt) > 1e-6 * task.control_dt:
+        raise UserError(
+            f"task {task.name!r}: Task.mdp takes {mdp.repeat} model steps in {mdp.dt:g} s, but Task.control_dt is "
+            f"{task.control_dt:g} s: fix dt, repeat or control_dt"
+        )
+    return mdp
+
+
+def real_system(task: Task) -> SystemFactory:
+    """The function that makes the task's real system; raises UserError if it has none."""
+    if task.system is None:
+        raise UserError(f"task {task.name!r} has no real system (Task.system): use --model")
+    return task.system

@@ -1,0 +1,83 @@
+"""Scenes and logs by name: an MJCF file or a task, and the nominal model that steps it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cmbrl.errors import UserError
+
+if TYPE_CHECKING:
+    from cmbrl.data.transitions import Transitions
+    from cmbrl.models.complementarity import ComplementarityModel
+    from cmbrl.registry import Task
+    from cmbrl.scene import Scene
+
+
+@dataclass(frozen=True)
+class Source:
+    """A scene, and the task or the fitted model that defines its time stepping, if it came from one."""
+
+    word: str
+    scene: Scene
+    task: Task | None = None
+    fitted: ComplementarityModel | None = None
+
+    def model(self, data: Transitions | None = None, **options: Any) -> ComplementarityModel:
+        """The model with nominal parameters. Without a task, the substeps follow from the log's dt.
+
+        ``options`` that are not None override the settings of the task or the fit.
+        Raises UserError when the log's dt is not a whole number of time steps.
+        """
+        from cmbrl.models.complementarity import ComplementarityModel
+        from cmbrl.models.named import nominal_model
+
+        chosen = {name: value for name, value in options.items() if value is not None}
+        if self.fitted is not None:
+            return self.fitted.with_settings(parameters=self.scene.parameter_vector(), **chosen)
+        if self.task is not None:
+            return nominal_model(self.task, self.scene, **chosen)
+        if data is not None:
+            step = chosen.get("time_step", self.scene.timestep)
+            chosen = {"substeps": substeps(data.dt, step, self.word)} | chosen
+        return ComplementarityModel(self.scene, **chosen)
+
+
+def load_source(word: str, ignore: Sequence[str] = (), contact_law: str | None = None) -> Source:
+    """The scene of an MJCF file (a word that ends in .xml, has a slash, or is a file) or of a registered task.
+
+    Raises UserError on a missing file, an unknown task, and whatever the importer refuses.
+    """
+    from cmbrl.registry import load_task
+    from cmbrl.scene import Scene
+
+    path = Path(word)
+    is_file = path.suffix.lower() in (".xml", ".mjcf") or "/" in word or path.is_file()
+    task = None if is_file else load_task(word)
+    law = contact_law or (task.contact_law if task else "mujoco")
+    scene = Scene.from_mjcf(task.scene_path if task else word, ignore=ignore, contact_law=law)
+    return Source(word, scene, task=task)
+
+
+def load_log(path: str, scene: Scene) -> Transitions:
+    """The log in ``path``, checked against ``scene``; raises UserError that names the file."""
+    from cmbrl.data import Transitions
+
+    data = Transitions.load(path)
+    try:
+        data.check(scene)
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
+    return data
+
+
+def substeps(dt: float, time_step: float, word: str) -> int:
+    """The number of physics steps of ``time_step`` [s] in a transition of ``dt`` [s]; raises UserError if not whole."""
+    count = round(dt / time_step)
+    if count < 1 or abs(count * time_step - dt) > 1e-6 * dt:
+        raise UserError(
+            f"the log's dt {dt:g} s is not a whole number of time steps {time_step:g} s of {word}: use --time-step"
+        )
+    return count

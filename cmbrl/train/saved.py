@@ -1,0 +1,50 @@
+"""A trained policy in its folder, with its task and the model to try it in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from cmbrl.envs.mdp import MDP
+from cmbrl.envs.of_task import decision_process
+from cmbrl.errors import UserError
+from cmbrl.registry import Task, load_task
+from cmbrl.train.models import REAL, check_model
+from cmbrl.train.policy_file import SavedPolicy, load_policy
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A policy from ``folder``, and the task and process that it acts in."""
+
+    folder: Path
+    saved: SavedPolicy
+    task: Task
+    mdp: MDP
+
+    @classmethod
+    def load(cls, folder: str) -> Trained:
+        """Raises UserError when the folder holds no policy, or one that does not fit its task."""
+        saved = load_policy(folder)
+        task = load_task(saved.task)
+        mdp = decision_process(task)
+        shape = saved.policy.architecture
+        have, need = (shape.observations, shape.actions), (mdp.observations, mdp.actions)
+        if have != need:
+            raise UserError(
+                f"{folder}: takes {have[0]} observations and gives {have[1]} actions, but task {task.name!r} has "
+                f"{need[0]} and {need[1]}: train again"
+            )
+        return cls(Path(folder), saved, task, mdp)
+
+    def usual_model(self) -> str | None:
+        """The name of the model it was trained on, or fitted as it trained; None for the real system or an unknown one.
+
+        Raises UserError when that model is missing.
+        """
+        fitted = self.folder / "fit"
+        word = str(fitted) if fitted.is_dir() else self.saved.about.get("model")
+        if word is None or word == REAL:
+            return None
+        check_model(word)
+        return word

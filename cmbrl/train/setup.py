@@ -1,0 +1,105 @@
+"""A training run from names: which task, algorithm, model and hyperparameters, checked before any work starts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from cmbrl.envs.mdp import MDP
+from cmbrl.envs.of_task import decision_process, real_system
+from cmbrl.errors import UserError
+from cmbrl.models.source import load_log
+from cmbrl.registry import Task, load_task
+from cmbrl.text import parse_fields
+from cmbrl.train.algorithms import algorithm, preset
+from cmbrl.train.models import REAL, check_model, kind_of, load_model, usual_model, with_derivative
+from cmbrl.train.trainer import Trainer
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A training run, checked by :func:`set_up`; ``trainer`` loads the model and the log."""
+
+    task: Task
+    algorithm: str
+    model: str
+    config: Any  #: the algorithm's configuration dataclass
+    mdp: MDP
+    data: str | None
+    offline: bool
+    smoothing: str | None
+    derivative: str | None
+    seed: int
+    threads: int | None
+
+    def trainer(self) -> Trainer:
+        """A fresh trainer; raises UserError on a model or log that does not fit the task."""
+        chosen = algorithm(self.algorithm)
+        model: Any
+        if self.model == REAL:
+            model = real_system(self.task)
+        else:
+            model = load_model(self.model, self.task, self.smoothing, self.threads)
+        if self.derivative:
+            model = with_derivative(model, self.derivative, self.seed, refits="system" in chosen.takes)
+        extras: dict[str, Any] = {}
+        if "system" in chosen.takes:
+            extras["system"] = None if self.offline else real_system(self.task)
+        if "data" in chosen.takes:
+            extras["data"] = load_log(self.data, self.task.load_scene()) if self.data else None
+        return chosen.load()[0](self.mdp, model, self.config, seed=self.seed, **extras)
+
+
+def set_up(
+    task: str,
+    algorithm_name: str | None = None,
+    model: str | None = None,
+    settings: Mapping[str, str] | None = None,
+    *,
+    data: str | None = None,
+    offline: bool = False,
+    smoothing: str | None = None,
+    derivative: str | None = None,
+    seed: int = 0,
+    threads: int | None = None,
+) -> Setup:
+    """A checked training run.
+
+    Args:
+        task: name of a registered task with a reward.
+        algorithm_name: a name of ``cmbrl.train.algorithms``; None: see :func:`recommended`.
+        model: "nominal", "ensemble", "real", or the folder of a fit or an ensemble; None: the algorithm's usual one.
+        settings: hyperparameters as text, over those of the task.
+        data: file of a log to start from, for an algorithm that learns its model.
+        offline: take no real steps, learn from ``data`` alone.
+        smoothing: of the simulation, e.g. "barrier:kappa=1e-4"; None: that of the task or the fit.
+        derivative: what the model's derivative is, e.g. "adaptive:length=1e-3"; None: that of the simulation.
+        seed: of everything random.
+        threads: of the native core; results do not depend on it.
+
+    Raises UserError on names, values and combinations that do not work.
+    """
+    found = load_task(task)
+    name = algorithm_name or recommended(found, model)
+    chosen = algorithm(name)
+    mdp = decision_process(found)
+    model = model or usual_model(chosen.models[0])
+    check_model(model)
+    if kind_of(model) not in chosen.models:
+        possible = " or ".join(chosen.models)
+        raise UserError(f"--model {model}: {name} cannot train on a {kind_of(model)}, only on a {possible}")
+    if smoothing and model == REAL:
+        raise UserError("--smoothing does not apply to the real system: drop it")
+    if data and "data" not in chosen.takes:
+        raise UserError(f"--data: {name} does not learn from a log: fit a model to it and name that by --model")
+    if offline and not (data and "system" in chosen.takes):
+        raise UserError("--offline needs --data FILE and an algorithm that takes real steps")
+    config_class = chosen.load()[1]
+    config = replace(preset(config_class, found.name), **parse_fields(config_class, settings or {}, name))
+    return Setup(found, name, model, config, mdp, data, offline, smoothing, derivative, seed, threads)
+
+
+def recommended(task: Task, model: str | None = None) -> str:
+    """The default algorithm: the loop where there is a real system to learn from and no model is named, else SHAC."""
+    return "loop" if task.system is not None and model is None else "shac"
