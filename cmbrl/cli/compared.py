@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -40,7 +40,8 @@ def check_words(words: Sequence[str], lesson: Lesson) -> None:
     from cmbrl.models.named import check_name
 
     for word in words:
-        check_name(word, BUILT_IN)
+        if not _is_file(word):
+            check_name(word, BUILT_IN)
 
 
 def common_source(words: Sequence[str], scene: str | None, ignore: Sequence[str], contact_law: str | None) -> Source:
@@ -88,16 +89,35 @@ def build_models(
         elif train is not None and word == "ensemble":
             models[word], note = _trained(source, train, lesson)
             notes.append(note)
+        elif _is_file(word):
+            models[_label(word, words)] = _of_file(word, source, data, threads)
         else:
             models[_label(word, words)] = _loaded(word, data, threads)
     return models, notes
 
 
-def _label(folder: str, words: Sequence[str]) -> str:
-    """A folder's last name, where no other word has the same; else the folder as it was typed."""
-    name = Path(folder).name
-    alone = sum(Path(word).name == name for word in words) == 1 and name not in BUILT_IN
-    return name if alone else folder
+def _is_file(word: str) -> bool:
+    return Path(word).suffix.lower() in (".xml", ".mjcf")
+
+
+def _label(path: str, words: Sequence[str]) -> str:
+    """The last name of a folder, or a file's without suffix, where no other word has the same; else the path as typed."""
+    name = _last_name(path)
+    alone = sum(_last_name(word) == name for word in words) == 1 and name not in BUILT_IN
+    return name if alone else path
+
+
+def _last_name(word: str) -> str:
+    return Path(word).stem if _is_file(word) else Path(word).name
+
+
+def _of_file(path: str, source: Source, data: Transitions, threads: int) -> Model:
+    """The model of another MJCF of the same robot, unfitted and stepped as ``source`` is."""
+    scene = load_source(path, source.scene.ignore, source.scene.contact_law).scene
+    have, need = ((s.nq, s.nv, s.nu) for s in (scene, source.scene))
+    if have != need:
+        raise UserError(f"{path}: describes another robot: nq, nv, nu are {have}, the log has {need}")
+    return replace(source, word=path, scene=scene, fitted=None).model(data, threads=threads)
 
 
 def _trained(source: Source, data: Transitions, lesson: Lesson) -> tuple[NeuralEnsemble, str]:

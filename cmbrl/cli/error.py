@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="MODEL",
         nargs="+",
         help=f"{', '.join(BUILT_IN)} (hold: velocity stays; nominal: the MJCF as it is; ensemble: neural, trained on "
-        "--train), or the folder of a fit or of a saved ensemble",
+        "--train), the folder of a fit or of a saved ensemble, or FILE.xml, another MJCF of the same robot",
     )
     parser.add_argument("--data", required=True, metavar="FILE", help="the log to predict, unseen by any fit")
     parser.add_argument("--scene", metavar="SCENE|TASK", help="the scene (default: that of the first fit named)")
