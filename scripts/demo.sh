@@ -4,6 +4,7 @@
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 scripts/setup.sh
+SECONDS=0
 
 run=${1:-runs/demo-$(date +%Y%m%d-%H%M%S)}
 cmbrl=.venv/bin/cmbrl
@@ -14,4 +15,4 @@ $cmbrl fit hopper_payload --data "$run/train.npz" --out "$run/fitted"
 # A neural ensemble learns from the same transitions; on a slow computer it is stopped early, and the table says so.
 $cmbrl error --data "$run/held_out.npz" --train "$run/train.npz" --train-seconds 100 --horizons 1 5 20 --out "$run/error" \
   hold ensemble nominal "$run/fitted" "$run/true_file.xml"
-echo "run folder: $run (fitted/ has the parameters, error/ the table and its plot)"
+echo "run folder after ${SECONDS} s: $run (fitted/ has the parameters, error/ the table and its plot)"
