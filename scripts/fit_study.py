@@ -69,7 +69,7 @@ CASES = {
         "cmbrl record hopper_payload --steps 5000 --seed 100 --out held_out.npz",
         *(f"cmbrl fit hopper_payload --data train_{seed}.npz --out seed_{seed}" for seed in range(5)),
         "python -m cmbrl.tasks.hopper_payload.real true_file.xml",
-        "cmbrl error --data held_out.npz --out error --horizons 1 5 20 hold nominal "
+        "cmbrl error --data held_out.npz --horizons 1 5 20 --out error hold nominal "
         "seed_0 seed_1 seed_2 seed_3 seed_4 true_file.xml",
     ],
     "cheetah": [
