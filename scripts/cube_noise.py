@@ -2,11 +2,11 @@
 
     CMBRL_DATA=/path/to/cube_tosses.npz .venv/bin/python scripts/cube_noise.py
 
-In flight the velocity is known to change by gravity alone, so what its log changes besides is noise: a difference of
-two velocities comes from three positions, and if these have independent errors of standard deviation s its variance is
-6 s^2 / dt^2. (Air would make the estimate too large, smoothing of the capture over frames too small.) Errors of that
-size are then put on three neighbouring frames, from which both the state and what it is compared with are made, and
-sent through the fitted model. The fit is repeated on other splits of the tosses.
+In flight, gravity alone changes the velocity; whatever else changes in its log is noise. A difference of two velocities
+comes from three positions. If these have independent errors of standard deviation s, the variance of the difference is
+6 s^2 / dt^2. (Air would make the estimate too large, smoothing of the capture over frames too small.) Errors of that size
+are then added to three neighbouring frames, from which both the state and its successor are computed, and sent through
+the fitted model. The fit is repeated on other splits of the tosses.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
     CMBRL_DATA=/path/to/cube_tosses.npz .venv/bin/python scripts/cube_rounding.py
 
 Fits the training tosses of docs/fit/cube.md once for every radius (about two minutes) and prints the Huber loss and the
-RMSE on tosses held out in turn among them. The held-out log of that page is not looked at.
+RMSE, cross-validated within them. It does not use the held-out log of that page.
 """
 
 from __future__ import annotations

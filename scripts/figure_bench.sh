@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Every benchmark at full size into runs/bench (hours; Ctrl-C, and the same command goes on), and from it the two charts of
-# the README, what docs/speed.md shows and the outputs and pictures in docs/bench and docs/results. Options go to the
-# command, e.g. --threads 1.
+# Runs every benchmark at full size into runs/bench (hours; after Ctrl-C the same command continues) and writes the charts
+# of the README and the outputs and pictures of docs/speed.md, docs/bench and docs/results. Options go to the command,
+# e.g. --threads 1.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 scripts/setup.sh
@@ -9,7 +9,7 @@ scripts/setup.sh
 cp runs/bench/solvers/work_precision.png docs/solvers.png
 cp runs/bench/learning/transitions.png docs/learning.png
 cp runs/bench/speed/speed.png docs/speed.png
-.venv/bin/cmbrl bench speed --out runs/bench "$@" > docs/speed.txt  # measured above: this only prints it
+.venv/bin/cmbrl bench speed --out runs/bench "$@" > docs/speed.txt  # printed, not measured again
 for study in solvers stability reduction robustness simulators gradient-scenes gradients derivatives stiffness learning; do
   .venv/bin/cmbrl bench "$study" --out runs/bench "$@" > "docs/bench/$study.txt"
 done

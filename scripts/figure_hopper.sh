@@ -1,8 +1,12 @@
 #!/usr/bin/env bash
-# Makes docs/hopper_error.png and docs/hopper_error.txt, the figure and the numbers of the README, by running the demo.
+# Writes docs/hopper_error.png and docs/hopper_error.txt, the figure and the numbers of the README, by running the demo.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 run=$(mktemp -d)/hopper
 scripts/demo.sh "$run"
 cp "$run/error/error.png" docs/hopper_error.png
-cp "$run/error/error.txt" docs/hopper_error.txt
+{
+  cat "$run/error/error.txt"
+  echo
+  .venv/bin/python -c 'from cmbrl.bench.provenance import line, made; print(line(made("cmbrl.cli.error", seeds=1)))'
+} > docs/hopper_error.txt

@@ -2,7 +2,7 @@
 
     .venv/bin/python scripts/fingerprint.py > before.txt      ...      diff before.txt after.txt
 
-The digests depend on the machine (processor, versions), so compare two runs on the same one.
+The digests depend on processor and versions, so compare two runs on one computer.
 """
 
 from __future__ import annotations

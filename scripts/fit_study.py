@@ -1,10 +1,10 @@
-"""The figures of docs/fit: what fits recover and how the fitted models predict, beside their rivals.
+"""The pages of docs/fit: what fits recover, and how the fitted models predict next to other models.
 
     .venv/bin/python scripts/fit_study.py [CASE ...] [--runs FOLDER]
 
 Runs the commands below with the cmbrl of this environment (about 40 minutes on 2 cores for all cases, most of it the
-neural ensembles) and writes docs/fit/CASE.md with every command and what it printed, and the error plot beside it. The
-cube needs the published tosses: CMBRL_DATA=/path/to/cube_tosses.npz.
+neural ensembles) and writes docs/fit/CASE.md with every command and what it printed, and the error plot. The cube needs
+the published tosses: CMBRL_DATA=/path/to/cube_tosses.npz.
 """
 
 from __future__ import annotations
@@ -63,6 +63,14 @@ CASES = {
         f"cmbrl fit hopper --data train_100.npz --out wrong_100 --all-parameters {WRONG_START}",
         "cmbrl error --data held_out.npz --train train_20000.npz --out error "
         "hold nominal ensemble fitted_1000 all_1000 all_100 wrong_1000 wrong_100",
+    ],
+    "hopper_payload": [
+        *(f"cmbrl record hopper_payload --steps 2000 --seed {seed} --out train_{seed}.npz" for seed in range(5)),
+        "cmbrl record hopper_payload --steps 5000 --seed 100 --out held_out.npz",
+        *(f"cmbrl fit hopper_payload --data train_{seed}.npz --out seed_{seed}" for seed in range(5)),
+        "python -m cmbrl.tasks.hopper_payload.real true_file.xml",
+        "cmbrl error --data held_out.npz --horizons 1 5 20 --out error hold nominal "
+        "seed_0 seed_1 seed_2 seed_3 seed_4 true_file.xml",
     ],
     "cheetah": [
         "cmbrl record cheetah --steps 20000 --seed 0 --out train_20000.npz",

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes .venv with cmbrl built and installed in it (editable) at the tested versions. Does nothing when all is in place.
+# Creates .venv with cmbrl built and installed in it (editable) at the tested versions; does nothing when all is in place.
 #   scripts/setup.sh            PYTHON=python3.12 scripts/setup.sh   to choose the interpreter
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -17,7 +17,7 @@ compiler=${CXX:-}
 echo 'int main() { return []<class T>(T x) { return x; }(0); }' | "${compiler:-c++}" -std=c++20 -x c++ -fsyntax-only - 2>/dev/null \
   || { echo "setup: no C++20 compiler found (tried ${compiler:-g++, clang++}): install g++ >= 11 or set CXX" >&2; exit 2; }
 
-# What was installed is remembered by a digest of everything that the installation depends on.
+# A digest of everything that the installation depends on tells whether it is up to date.
 digest=$({ "$python" -VV; echo "$compiler"; cat pyproject.toml CMakeLists.txt configs/constraints.txt cmbrl/native/*.[ch]pp; pwd; } | cksum)
 stamp=.venv/cmbrl-setup
 if [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$digest" ]; then exit 0; fi
@@ -26,9 +26,13 @@ echo "setup: building cmbrl into .venv (a few minutes the first time)" >&2
 [ -x .venv/bin/python ] || "$python" -m venv .venv
 export PIP_DISABLE_PIP_VERSION_CHECK=1
 CXX=$compiler .venv/bin/python -m pip install -qq --constraint configs/constraints.txt --editable '.[tasks,fit,data,train,play,export,dev]'
-# The rivals of the benchmarks, by name so that the core is not built again. Some have no wheel everywhere; that stops nothing.
-.venv/bin/python -c 'import tomllib; extras = tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]
-print(*extras["bench"], *extras["pinocchio"], sep="\n")' > .venv/rivals.txt
-.venv/bin/python -m pip install -qq --constraint configs/constraints.txt --requirement .venv/rivals.txt \
-  || echo "setup: not all solvers of 'cmbrl bench' could be installed here; the studies leave out what is missing" >&2
+# Optional packages, by name so that the core is not built again. Some have no wheel for every platform: then go on without.
+optional() {
+  .venv/bin/python -c 'import sys, tomllib; extras = tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]
+for name in sys.argv[1:]: print(*extras[name], sep="\n")' "$@" > .venv/optional.txt
+  .venv/bin/python -m pip install -qq --constraint configs/constraints.txt --requirement .venv/optional.txt
+}
+optional bench pinocchio \
+  || echo "setup: not all competitors of 'cmbrl bench' could be installed; the studies leave out what is missing" >&2
+optional ray dask || echo "setup: Ray or Dask could not be installed; their tests are skipped" >&2
 echo "$digest" > "$stamp"

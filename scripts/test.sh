@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Sets up and runs the checks and the tests; further arguments go to pytest, e.g. scripts/test.sh -m slow
+# Sets up, then runs checks and tests. Arguments go to pytest, e.g. scripts/test.sh -m slow
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 scripts/setup.sh

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,7 +35,8 @@ def common_source(
     from cmbrl.models.named import SETTINGS, check_name, holds_fit, load_complementarity
 
     for word in words:
-        check_name(word, BUILT_IN)
+        if not _is_file(word):
+            check_name(word, BUILT_IN)
     if scene is not None:
         return load_source(scene, ignore, contact_law)
     for word in words:
@@ -46,7 +49,7 @@ def common_source(
 def build_models(words: Sequence[str], source: Source, data: Transitions, threads: int) -> dict[str, Any]:
     """Name -> model, in the order of ``words``; the "ensemble" is still to be trained.
 
-    Raises UserError when a folder's model is of another scene or time step.
+    Raises UserError when the model of a folder or a file is of another robot or time step.
     """
     from cmbrl.models.baselines import Ballistic, HoldVelocity
     from cmbrl.models.ensemble import NeuralEnsemble
@@ -57,7 +60,11 @@ def build_models(words: Sequence[str], source: Source, data: Transitions, thread
         NOMINAL: lambda: source.model(data, threads=threads),
         ENSEMBLE: lambda: NeuralEnsemble(source.scene, data.dt),
     }
-    return {_label(word, words): make[word]() if word in make else _loaded(word, data, threads) for word in words}
+    for word in words:
+        if word not in make:
+            load = partial(_of_file, word, source) if _is_file(word) else partial(_loaded, word)
+            make[word] = partial(load, data, threads)
+    return {_label(word, words): make[word]() for word in words}
 
 
 def train_ensemble(
@@ -99,10 +106,27 @@ def _task_of(folder: Path) -> Task | None:
 
 
 def _label(word: str, words: Sequence[str]) -> str:
-    """The last name of a folder if no other word has the same, else the folder as given."""
-    name = Path(word).name
-    unique = sum(Path(other).name == name for other in words) == 1 and name not in BUILT_IN
+    """The last name of a folder, or of a file without its suffix, if no other word has the same; else the word."""
+    name = _last_name(word)
+    unique = sum(_last_name(other) == name for other in words) == 1 and (name not in BUILT_IN or word == name)
     return name if unique else word
+
+
+def _last_name(word: str) -> str:
+    return Path(word).stem if _is_file(word) else Path(word).name
+
+
+def _is_file(word: str) -> bool:
+    return Path(word).suffix.lower() in (".xml", ".mjcf")
+
+
+def _of_file(path: str, source: Source, data: Transitions, threads: int) -> Model:
+    """The model of another MJCF of the same robot, not fitted, with the time stepping of ``source``."""
+    scene = load_source(path, source.scene.ignore, source.scene.contact_law).scene
+    have, need = ((s.nq, s.nv, s.nu) for s in (scene, source.scene))
+    if have != need:
+        raise UserError(f"{path}: another robot: nq, nv, nu are {have}, the log has {need}")
+    return replace(source, word=path, scene=scene, fitted=None).model(data, threads=threads)
 
 
 def _loaded(folder: str, data: Transitions, threads: int) -> Model:

@@ -39,10 +39,8 @@ class Source:
             return self.fitted.with_settings(parameters=self.scene.parameter_vector(), **chosen)
         if self.task is not None:
             return nominal_model(self.task, self.scene, **chosen)
-        if data is not None:
-            step = chosen.get("time_step", self.scene.timestep)
-            chosen = {"substeps": substeps(data.dt, step, self.word)} | chosen
-        return ComplementarityModel(self.scene, **chosen)
+        model = ComplementarityModel(self.scene, **chosen)
+        return model if data is None else model.for_log(data.dt)
 
 
 def load_source(word: str, ignore: Sequence[str] = (), contact_law: str | None = None) -> Source:
@@ -71,13 +69,3 @@ def load_log(path: str, scene: Scene) -> Transitions:
     except UserError as error:
         raise UserError(f"{path}: {error}") from None
     return data
-
-
-def substeps(dt: float, time_step: float, word: str) -> int:
-    """The number of physics steps of ``time_step`` [s] in a transition of ``dt`` [s]; raises UserError if not whole."""
-    count = round(dt / time_step)
-    if count < 1 or abs(count * time_step - dt) > 1e-6 * dt:
-        raise UserError(
-            f"the log's dt {dt:g} s is not a whole number of time steps {time_step:g} s of {word}: use --time-step"
-        )
-    return count
