@@ -4,7 +4,7 @@
 
 In flight, gravity alone changes the velocity; whatever else changes in its log is noise. A difference of two velocities
 comes from three positions. If these have independent errors of standard deviation s, the variance of the difference is
-6 s^2 / dt^2. (Air would make the estimate too large, smoothing of the capture over frames too small.) Errors of that size
+6 s^2 / dt^2. (Air would make the estimate too large, smoothing of the capture over frames too small.) Errors that size
 are then added to three neighbouring frames, from which both the state and its successor are computed, and sent through
 the fitted model. The fit is repeated on other splits of the tosses.
 """

@@ -166,7 +166,7 @@ def test_every_configuration_is_understood(
     settings = yaml.safe_load(file.read_text())
     stopped = {
         "fit": [f"runs/{file.stem}/train.npz: no such file"],
-        "train": [f"no model '{settings.get('model')}'", f"runs/{file.stem}: no `cmbrl train` run to resume here"],
+        "train": [f"'{settings.get('model')}' is neither a model nor a folder", f"runs/{file.stem}: no `cmbrl train` run to resume here"],
     }[settings["command"]]
     options = ["--resume"] if settings["command"] == "train" else []
     assert main([settings["command"], "--config", str(file), *options]) == 2
@@ -204,7 +204,8 @@ def test_a_configuration_is_the_default_of_every_kind_of_option(tmp_path: Path) 
     parser.add_config()
     file = tmp_path / "toy.json"
     file.write_text(
-        '{"task": "a", "set": {"x": 1, "y": [2, 3]}, "groups": ["g"], "seed": 4, "law": "soft", "fast": true, "out": "o"}'
+        '{"task": "a", "set": {"x": 1, "y": [2, 3]}, "groups": ["g"], "seed": 4, "law": "soft", "fast": true,'
+        ' "out": "o"}'
     )
     given = parser.parse(["--config", str(file), "--set", "x=5", "--groups", "h", "--seed", "6"])
     assert resolved(given) == {

@@ -28,7 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="MODEL",
         nargs="+",
         help=f"{', '.join(BUILT_IN)} (hold: constant velocity; ballistic: no contact; nominal: the MJCF unchanged; "
-        "ensemble: neural, trained on --train), the folder of a fit or a saved ensemble, or FILE.xml, another MJCF of the robot",
+        "ensemble: neural, trained on --train), the folder of a fit or a saved ensemble, or FILE.xml, another MJCF of "
+        "the robot",
     )
     parser.add_argument("--data", required=True, metavar="FILE", help="the log to predict, not used in any fit")
     parser.add_argument("--scene", metavar="SCENE|TASK", help="the scene (default: that of the first fit)")
