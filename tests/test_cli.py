@@ -166,7 +166,10 @@ def test_every_configuration_is_understood(
     settings = yaml.safe_load(file.read_text())
     stopped = {
         "fit": [f"runs/{file.stem}/train.npz: no such file"],
-        "train": [f"'{settings.get('model')}' is neither a model nor a folder", f"runs/{file.stem}: no `cmbrl train` run to resume here"],
+        "train": [
+            f"'{settings.get('model')}' is neither a model nor a folder",
+            f"runs/{file.stem}: no `cmbrl train` run to resume here",
+        ],
     }[settings["command"]]
     options = ["--resume"] if settings["command"] == "train" else []
     assert main([settings["command"], "--config", str(file), *options]) == 2
