@@ -11,7 +11,7 @@ from torch import Tensor
 from cmbrl.errors import UserError
 from cmbrl.models.protocol import Model, forget
 
-Policy = Callable[[Tensor, Tensor, Tensor], Tensor]  #: parameters (B, n), q (B, nq), v (B, nv) -> u (B, nu)
+ParametricPolicy = Callable[[Tensor, Tensor, Tensor], Tensor]  #: parameters (B, n), q (B, nq), v (B, nv) -> u (B, nu)
 Launch = Callable[[Tensor, Tensor, Tensor], tuple[Tensor, Tensor]]  #: parameters, q, v -> q, v at the start
 Reward = Callable[[Tensor, Tensor, Tensor], Tensor]  #: u (B, nu), q' (B, nq), v' (B, nv) -> (B,)
 Act = Callable[[Tensor], Tensor]  #: the policy's control (B, nu) -> the one that is applied
@@ -54,7 +54,7 @@ class Rollout:
     """
 
     model: Model
-    policy: Policy
+    policy: ParametricPolicy
     reward: Reward
     horizon: int
     q: Tensor

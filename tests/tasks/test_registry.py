@@ -83,7 +83,7 @@ def test_recording_checks_what_is_asked():
     assert len(OURS.record(3, seed=7, behaviour="pd")) == 3
     with pytest.raises(UserError, match="at least 1"):
         OURS.record(0)
-    with pytest.raises(UserError, match="no behaviour 'randm': did you mean 'random'"):
+    with pytest.raises(UserError, match="unknown behaviour 'randm': did you mean 'random'"):
         OURS.record(3, behaviour="randm")
     with pytest.raises(UserError, match="--policy FILE"):
         OURS.record(3, behaviour="policy")

@@ -109,7 +109,7 @@ def test_pathwise_is_the_plain_backward_pass() -> None:
     assert task.mdp is not None
     model = ComplementarityModel(task.load_scene(), **task.model_options())
     trainer = FOPG(task.mdp(), model, FOPGConfig(samples=6, horizon=8))
-    window = trainer._roll(trainer.simulation)
+    window = trainer.roll(trainer.simulation)
     plain = torch.autograd.grad(window.total() / 6, list(trainer.policy.net.parameters()), retain_graph=True)
     ours = trainer._pathwise(window)
     np.testing.assert_allclose(ours.mean, torch.cat([g.flatten() for g in plain]), rtol=1e-3, atol=1e-4)

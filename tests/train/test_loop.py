@@ -126,5 +126,5 @@ def test_where_a_trial_is_all_of_it_the_best_policy_counts(make_loop):
 
 @pytest.mark.parametrize("trial", [0.0, 1.5, float("nan")])
 def test_a_trial_is_a_share(trial):
-    with pytest.raises(UserError, match="is a share"):
+    with pytest.raises(UserError, match="must be a share"):
         LoopConfig(trial=trial)
