@@ -13,7 +13,7 @@ from cmbrl.registry import Task
 from cmbrl.tasks.zoo import ARS_CHEETAH, PPO_CHEETAH
 
 EPISODE_STEPS = 200
-TRAINING = {
+TRAINING: dict[str, dict[str, Any]] = {
     # Restarts, because it may end up on its back.
     "shac": {
         "iterations": 1500, "environments": 256, "window": 0.5, "discount": 0.99, "episode_steps": EPISODE_STEPS,

@@ -14,7 +14,7 @@ from cmbrl.registry import Task
 from cmbrl.tasks.zoo import ARS_HOPPER, PPO_HOPPER
 
 # Not tuned for these robots.
-TRAINING = {
+TRAINING: dict[str, dict[str, Any]] = {
     "shac": {"environments": 64, "window": 1.6, "discount": 0.995, "noise_linear": 0.03, "noise_angular": 0.1},
     "fopg": {"window": 1.6, "discount": 0.99},
     "mbpo": {"length_end": 15, "target_entropy": -1.0},

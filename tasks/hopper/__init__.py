@@ -12,7 +12,7 @@ from typing import Any
 from cmbrl.registry import Task
 from cmbrl.tasks.zoo import ARS_HOPPER, PPO_HOPPER
 
-TRAINING = {
+TRAINING: dict[str, dict[str, Any]] = {
     "shac": {
         "environments": 64, "window": 0.256, "discount": 0.995, "noise_linear": 0.03, "noise_angular": 0.1,
     },

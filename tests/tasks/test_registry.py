@@ -94,6 +94,16 @@ def test_recording_checks_what_is_asked():
         replace(OURS, behaviours=("random",)).record(3, behaviour=lambda observation: observation)
 
 
+def test_a_recording_has_as_many_transitions_as_were_asked_for():
+    """A recorder that counts steps of a process, each of several transitions, returns more."""
+    longer = replace(OURS, recorder=lambda n_steps, **rest: record(5 * n_steps, **rest))
+    log = longer.record(4)
+    assert len(log) == 4
+    shorter = replace(OURS, recorder=lambda n_steps, **rest: record(n_steps - 1, **rest))
+    with pytest.raises(UserError, match="its recorder returned 3 transitions of 4"):
+        shorter.record(4)
+
+
 def test_tasks_import_nothing_heavy():
     code = (
         "import sys\nfrom cmbrl.tasks import ball_throw, cheetah, cube_toss, dojo, hopper\n"

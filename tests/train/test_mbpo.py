@@ -55,6 +55,13 @@ def test_rollouts_grow_as_published() -> None:
     assert {rollout_length(configure("mbpo", load_task("cheetah")), k) for k in (0, 700, 1579)} == {1}
 
 
+def test_rollouts_may_jump_instead_of_growing() -> None:
+    """epoch_end = epoch_start, or before it."""
+    for end in (2, 1):
+        config = MBPOConfig(block=1000, epoch_start=2, epoch_end=end, length_start=1, length_end=5)
+        assert [rollout_length(config, k) for k in range(4)] == ([1, 1, 5, 5] if end == 2 else [1, 5, 5, 5])
+
+
 class Jumps:
     """Moves every state by .3 [m], to nowhere from where v is 1."""
 

@@ -59,7 +59,7 @@ def judge(name: str, judged: FOPG, seed: int) -> dict[str, float | None]:
     window; ``claimed`` and ``true``: slopes of a window's return along the estimate, ``claimed_error`` and
     ``true_error`` their standard errors; ``failed``: share of windows that are not finite.
     """
-    learning = Learning(judged.config.samples, judged.config.horizon, judged.config.discount)
+    learning = Learning(judged.config.samples, judged.horizon, judged.config.discount)
     trainer = CONTENDERS[name].trainer(judged.mdp, judged.model, learning, seed)  # type: ignore[arg-type]
     assert isinstance(trainer, FOPG)
     _copy(judged, trainer)
