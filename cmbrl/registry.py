@@ -1,6 +1,6 @@
-"""Tasks by name: a scene, the real system that it stands for, and how to step its model.
+"""Tasks by name: a scene, the real system it describes, and how to step its model.
 
-A task registers itself; cmbrl never imports one by name. Your own task becomes a first-class one in two steps::
+A task registers itself; cmbrl never imports one by name. Your own task is added in two steps::
 
     # my_robot/task.py: keep the module light, import simulators inside the recorder
     from pathlib import Path
@@ -18,14 +18,14 @@ A task registers itself; cmbrl never imports one by name. Your own task becomes 
     my_robot = "my_robot.task:TASK"
 
 After ``pip install -e .`` of your package, ``cmbrl info my_robot`` and every other command know it. Without a package,
-in a script or notebook: ``cmbrl.registry.register(TASK)``. With ``mdp`` and ``system`` policies can be trained for it:
-docs/policies.md has a whole example.
+in a script or notebook, call ``cmbrl.registry.register(TASK)``. Add ``mdp`` and ``system`` to train policies for it;
+docs/policies.md has a complete example.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -33,9 +33,7 @@ from typing import TYPE_CHECKING, Any
 from cmbrl.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:
-    import numpy as np
-
-    from cmbrl.data.behaviour import Policy
+    from cmbrl.data.behaviour import PolicyFunction
     from cmbrl.data.recorder import Progress
     from cmbrl.data.transitions import Transitions
     from cmbrl.envs.mdp import MDP
@@ -47,25 +45,43 @@ GROUP = "cmbrl.tasks"
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """What is needed to record, fit and judge one robot. A model of it takes ``substeps`` steps of ``time_step``."""
+    """What is needed to record, fit and judge one robot, and to train policies for it.
+
+    Raises UserError unless ``substeps`` steps of ``time_step`` make a control step.
+    """
 
     name: str  #: as typed on the command line
     description: str  #: one line for lists
-    scene: Path | Callable[[], Path]  #: the MJCF, or what finds it when asked (so that a task imports nothing heavy)
+    scene: Path | Callable[[], Path]  #: the MJCF, or a function that finds it (so that a task imports nothing heavy)
     control_dt: float  #: duration of one transition [s]
     substeps: int  #: physics steps of the model per transition
     time_step: float  #: physics step of the model [s]; substeps * time_step is control_dt
     integrator: str = "semi-implicit"  #: "semi-implicit", "leapfrog" or "midpoint"
-    implicit_springs: bool = False  #: whether the model takes joint springs implicitly, for stiff ones at a long step
+    implicit_springs: bool = False  #: treat joint springs implicitly: for stiff springs and long steps
     contact_law: str = "mujoco"  #: "mujoco" (the MJCF's softness) or "rigid" (hard, with a restitution to fit)
-    smoothing_kappa: float = 1e-4  #: central-path parameter of the default model [J]
-    contact_gap: float = 2e-3  #: a transition counts as contact when a gap is below this before or after it [m]
-    moving: Callable[[np.ndarray], np.ndarray] | None = None
-    """Mask (N,) of the velocities (N, nv) that count as moving: splits the contact stratum into moving and resting."""
-    behaviours: tuple[str, ...] = ("random", "pd", "policy")  #: what the real system can be driven by; first: default
-    mdp: Callable[[], MDP] | None = None  #: what is asked of the robot, for a task that policies are trained on
+    smoothing_kappa: float = 1e-4
+    """Softening of contacts in the default model, kappa [J]: impulse times gap velocity equals it in every contact.
+
+    A body of weight W at rest floats kappa / W above rigid ground, 10 um for 1 kg at the default. Choose kappa so that
+    this distance does not matter for your robot. Larger values tell gradients of contacts that have not happened yet,
+    but bias the simulation and its gradients; smaller ones do the reverse. Try a tenth and ten times the value, and
+    compare the held-out error.
+    """
+    contact_gap: float = 2e-3  #: a transition counts as contact if a gap is below this before or after it [m]
+    behaviours: tuple[str, ...] = (
+        "random",
+        "pd",
+        "policy",
+    )  #: what can drive the real system; the first is the default
+    mdp: Callable[[], MDP] | None = None  #: reward, observation, reset: for a task with policies
     system: Callable[[], System] | None = None  #: makes the real system that a policy is tried on
-    takes_log: bool = False  #: the real system is a log, so that its recorder reads a file
+    training: Mapping[str, Mapping[str, Any]] = field(default_factory=dict, hash=False)
+    """Training settings of this task: algorithm -> setting -> value, such as {"shac": {"window": 0.3}}.
+
+    `cmbrl train --help` lists algorithms and settings. What is left out is derived from the task: see
+    `cmbrl.train.recipe`. "loop" uses the settings of "shac" too, except its number of iterations.
+    """
+    takes_log: bool = False  #: the real system is a log: the recorder reads a file
     recorder: Callable[..., Transitions]
     """``recorder(n_steps=, seed=, behaviour=, progress=)``, and ``log=`` where ``takes_log``: see :meth:`record`."""
 
@@ -73,12 +89,12 @@ class Task:
         if abs(self.substeps * self.time_step - self.control_dt) > 1e-9 * self.control_dt:
             raise UserError(
                 f"task {self.name!r}: {self.substeps} substeps of {self.time_step} s do not make a control step of "
-                f"{self.control_dt} s: mend one of them"
+                f"{self.control_dt} s: change one of them"
             )
 
     @property
     def scene_path(self) -> str:
-        """Path of the MJCF; raises UserError when the package that ships it is not installed."""
+        """Path of the MJCF; raises UserError if the package that ships it is not installed."""
         return str(self.scene() if callable(self.scene) else self.scene)
 
     def load_scene(self, ignore: Iterable[str] = ()) -> Scene:
@@ -100,23 +116,24 @@ class Task:
         self,
         n_steps: int,
         seed: int = 0,
-        behaviour: str | Policy | None = None,
+        behaviour: str | PolicyFunction | None = None,
         progress: Progress | None = None,
         log: str | None = None,
     ) -> Transitions:
-        """``n_steps`` transitions of the real system; the same arguments give the same log.
+        """Exactly ``n_steps`` transitions of the real system; the same arguments give the same log.
 
         Args:
             n_steps: number of transitions, at least 1.
             seed: of resets, behaviour, and choice of episodes.
-            behaviour: one of ``behaviours`` or a policy (observation (n_obs,) to control (nu,)); default the first.
-            progress: called with the number of new transitions now and then.
-            log: file of the real system's log, for a task whose real system is one.
+            behaviour: one of ``behaviours`` (default: the first), or a policy: observation (n_obs,) to control (nu,).
+            progress: called from time to time with the number of new transitions.
+            log: file of the real system's log, for a task whose real system is a log.
 
-        Raises UserError on an unknown behaviour and on what the real system cannot do.
+        Raises UserError for an unknown behaviour, for what the real system cannot do, and for a recorder that returns
+        too few transitions.
         """
         if n_steps < 1:
-            raise UserError(f"{n_steps} transitions asked of {self.name}: at least 1 is needed")
+            raise UserError(f"{self.name}: cannot record {n_steps} transitions: ask for at least 1")
         behaviour = self.behaviours[0] if behaviour is None else behaviour
         if callable(behaviour):
             if "policy" not in self.behaviours:
@@ -124,28 +141,33 @@ class Task:
         elif behaviour == "policy":
             raise UserError("behaviour 'policy' needs the policy itself: name its file with --policy FILE")
         elif behaviour not in self.behaviours:
-            raise UserError(f"{self.name} knows no behaviour {behaviour!r}: {did_you_mean(behaviour, self.behaviours)}")
+            raise UserError(f"{self.name}: unknown behaviour {behaviour!r}: {did_you_mean(behaviour, self.behaviours)}")
         extra = {"log": log} if self.takes_log else {}
         if log is not None and not self.takes_log:
-            raise UserError(f"{self.name} is recorded from a simulation, not from {log}: leave --data out")
-        return self.recorder(n_steps=n_steps, seed=seed, behaviour=behaviour, progress=progress, **extra)
+            raise UserError(f"{self.name} is recorded from a simulation, not from {log}: drop --data")
+        data = self.recorder(n_steps=n_steps, seed=seed, behaviour=behaviour, progress=progress, **extra)
+        if len(data) < n_steps:
+            raise UserError(
+                f"{self.name}: its recorder returned {len(data)} transitions of {n_steps}: fix Task.recorder"
+            )
+        return data if len(data) == n_steps else data.select(slice(n_steps))
 
 
 _registered: dict[str, Task] = {}
 
 
 def register(task: Task) -> None:
-    """Makes ``task`` known in this process, before (and over) an installed task of the same name."""
+    """Makes ``task`` known in this process; it takes precedence over an installed task of the same name."""
     _registered[task.name] = task
 
 
 def names() -> list[str]:
-    """All task names, sorted; nothing is imported for it."""
+    """All task names, sorted; without importing any task."""
     return sorted({*_registered, *_installed()})
 
 
 def load_task(name: str) -> Task:
-    """The task called ``name``; raises UserError with the nearest name when there is none, or when it fails to load."""
+    """The task called ``name``; raises UserError with the nearest name if there is none, or if it fails to load."""
     if name in _registered:
         return _registered[name]
     installed = _installed()
@@ -155,9 +177,11 @@ def load_task(name: str) -> Task:
         task: Any = installed[name].load()
     except Exception as error:  # a task is foreign code: whatever it raises, say which task
         place = installed[name].value
-        raise UserError(f"task {name!r} cannot be loaded from {place} ({error!r}): mend or uninstall it") from error
+        raise UserError(f"task {name!r} cannot be loaded from {place} ({error!r}): fix or uninstall it") from error
     if not isinstance(task, Task):
-        raise UserError(f"task {name!r}: {installed[name].value} is not a cmbrl.registry.Task: name the object itself")
+        raise UserError(
+            f"task {name!r}: {installed[name].value} is not a cmbrl.registry.Task: point to the Task object"
+        )
     return task
 
 

@@ -136,13 +136,13 @@ def run(arguments: argparse.Namespace) -> int:
 
     import torch
 
-    from cmbrl.train.run import INTERRUPTED, RESULT, Run, progress_text
+    from cmbrl.train.run import INTERRUPTED, RESULT, TrainingRun, progress_text
     from cmbrl.train.trainer import Diverged
 
     torch.set_num_threads(1)  # the nets are small, and results must not depend on the number of threads
     trainer = setup.trainer()
     write_run(out, "train", wanted)
-    training = Run(trainer, out, about, arguments.resume, arguments.checkpoint_seconds)
+    training = TrainingRun(trainer, out, about, arguments.resume, arguments.checkpoint_seconds)
     try:
         with fraction(f"train {setup.task.name}") as progress:
             outcome = training.train(setup.config.iterations, progress)

@@ -11,14 +11,14 @@ import numpy as np
 
 from cmbrl.errors import UserError
 
-Policy = Callable[[np.ndarray], Any]
+PolicyFunction = Callable[[np.ndarray], Any]
 """A policy takes the real system's own observation (n_obs,) and returns the control (nu,)."""
 
 Controller = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """A controller takes observation, q (nq,) and v (nv,) and returns the control (nu,) within its range."""
 
 
-def controller(behaviour: str | Policy, model: Any, rng: np.random.Generator) -> Controller:
+def controller(behaviour: str | PolicyFunction, model: Any, rng: np.random.Generator) -> Controller:
     """The controller that ``behaviour`` names ("random", "pd") or that wraps a policy, for a ``mujoco.MjModel``."""
     low, high = _control_range(model)
     if callable(behaviour):
@@ -66,7 +66,7 @@ class PdNoise:
         return np.clip(share * np.maximum(np.abs(self._low), np.abs(self._high)), self._low, self._high)
 
 
-def load_policy(path: str | Path) -> Policy:
+def load_policy(path: str | Path) -> PolicyFunction:
     """A policy saved with TorchScript: float32 observations (1, n_obs) to controls (1, nu), run without gradients.
 
     TorchScript is loaded because it is a program of its own restricted language, not a Python pickle.

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.data.behaviour import Policy, controller
+from cmbrl.data.behaviour import PolicyFunction, controller
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
 
@@ -37,7 +37,7 @@ def record_gymnasium(
     environment: str,
     n_steps: int,
     seed: int = 0,
-    behaviour: str | Policy = "random",
+    behaviour: str | PolicyFunction = "random",
     progress: Progress | None = None,
     episode_steps: int = 1000,
 ) -> Transitions:
@@ -71,7 +71,7 @@ def record_gymnasium(
 
 
 def _roll(
-    env: Any, name: str, n_steps: int, seed: int, behaviour: str | Policy, progress: Progress | None
+    env: Any, name: str, n_steps: int, seed: int, behaviour: str | PolicyFunction, progress: Progress | None
 ) -> Transitions:
     model, data = env.unwrapped.model, env.unwrapped.data
     # Resets draw from the environment's generator (seeded once below), behaviours from this one: apart, so that a

@@ -14,18 +14,18 @@ from cmbrl.envs.drawing import Drawer
 from cmbrl.errors import UserError
 from cmbrl.files import atomic_path
 
-if TYPE_CHECKING:  # it imports mujoco, which must not be before a renderer is chosen
+if TYPE_CHECKING:  # it imports mujoco, which must wait until a renderer is chosen
     from cmbrl.envs.episode import Episode
 
-WIDTH, HEIGHT, CAPTION = 480, 360, 24  # pixels of a panel: video codecs want multiples of 16 in all
-_FRAMES_PER_SECOND = {".mp4": 30, ".gif": 15}  # a GIF is large as it is
+WIDTH, HEIGHT, CAPTION = 480, 360, 24  # pixels of a panel; video codecs need multiples of 16 in total
+_FRAMES_PER_SECOND = {".mp4": 30, ".gif": 15}  # GIFs are large
 
 
 def check_clip_path(path: str | os.PathLike[str]) -> None:
-    """Raises UserError unless the suffix is a format that can be written here."""
+    """Raises UserError unless the suffix is a format that this installation can write."""
     suffix = Path(path).suffix.lower()
     if suffix not in _FRAMES_PER_SECOND:
-        raise UserError(f"{path}: a clip is an .mp4 or a .gif: choose one of these suffixes")
+        raise UserError(f"{path}: unknown clip format: use .mp4 or .gif")
     if suffix == ".mp4":
         try:
             import imageio_ffmpeg
@@ -38,7 +38,7 @@ def check_clip_path(path: str | os.PathLike[str]) -> None:
 def write_clip(path: str | os.PathLike[str], scene: str, episodes: Mapping[str, Episode]) -> int:
     """Draws ``episodes`` (title -> episode) of the MJCF ``scene`` in real time; returns the number of frames.
 
-    Raises UserError when nothing can be written here.
+    Raises UserError if the format cannot be written.
     """
     check_clip_path(path)
     dt = next(iter(episodes.values())).dt
@@ -68,7 +68,7 @@ def _write_mp4(path: Path, frames: list[np.ndarray], seconds: float) -> None:
 
 
 def _frames(scene: str, episodes: Mapping[str, Episode], stride: int) -> list[np.ndarray]:
-    """Pictures (CAPTION + HEIGHT, panels * WIDTH, 3); an episode that has ended stands still."""
+    """Pictures (CAPTION + HEIGHT, panels * WIDTH, 3); an episode that has ended is frozen."""
     seen = np.concatenate([episode.q[::stride] for episode in episodes.values()])
     drawer = Drawer(scene, WIDTH, HEIGHT, seen)
     try:

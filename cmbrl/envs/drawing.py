@@ -1,4 +1,4 @@
-"""Pictures of a scene at a configuration, of the real system and of a model alike; a graphics driver helps."""
+"""Pictures of a scene at a configuration, by MuJoCo's renderer or, without a graphics driver, drawn flat."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></wor
 mujoco.Renderer(model, 16, 16).render()"""
 _SKY, _LIGHT, _DARK = (0.93, 0.95, 0.97), (0.82, 0.84, 0.86), (0.7, 0.73, 0.76)
 _FIXED, _MOVING = (0.35, 0.4, 0.48), (0.85, 0.5, 0.2)
-_TILT = np.radians(8.0)  # our camera looks down by
-_OURS = "cmbrl "  # begins the names of what is added, which no name of the file's should equal
+_TILT = np.radians(8.0)  # our camera looks down by this angle
+_OURS = "cmbrl "  # prefix of added names, so that they differ from the file's
 _CAMERA = _OURS + "camera"
 _GREY = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of a geom that has none
-_SHADOWS = 1024  # pixels: MuJoCo's 4096 take half the time of a picture where the processor draws it
-_FLAT = "drawn flat, since MuJoCo's renderer does not start"
+_SHADOWS = 1024  # pixels; MuJoCo's 4096 take half of the drawing time on a CPU
+_FLAT = "drawn flat, because MuJoCo's renderer does not start"
 _REMEDY = "install Mesa's EGL (apt-get install libegl1 libgl1-mesa-dri) or OSMesa (apt-get install libosmesa6)"
 
 
@@ -35,10 +35,10 @@ def has_display() -> bool:
 
 
 def choose_renderer() -> None:
-    """Without a display, sets MUJOCO_GL to what draws off screen here; call it before mujoco is first imported.
+    """Without a display, sets MUJOCO_GL to an off-screen renderer that works; call it before importing mujoco.
 
-    Each candidate is tried in a process of its own, since a broken driver may take its process down. Warns with what to
-    install when none draws; raises UserError when MUJOCO_GL names one that does not.
+    Each candidate is tried in its own process, because a broken driver may crash it. If none works, a warning says what
+    to install. Raises UserError if the user's MUJOCO_GL does not work.
     """
     named = os.environ.get("MUJOCO_GL")
     if has_display() and not named:
@@ -58,10 +58,9 @@ def choose_renderer() -> None:
 class Drawer:
     """Pictures of the MJCF at ``path``, ``width`` x ``height``; close it at the end.
 
-    By MuJoCo's renderer where there is a display or MUJOCO_GL is set; else, or where it does not start (a warning says
-    what to install), flat. The camera is the MJCF's first; without one it looks along +y at all that is not a plane, so
-    that every one of the configurations ``seen`` (N, nq) is in the picture. An MJCF without lights, sky or colours gets
-    ours.
+    MuJoCo's renderer draws if there is a display or MUJOCO_GL is set; otherwise, or if it does not start (a warning
+    says what to install), pictures are flat. The camera is the MJCF's first one. Without one, ours looks along +y and
+    shows everything but planes at all configurations ``seen`` (N, nq). Missing lights, sky and colours are added.
     """
 
     def __init__(
@@ -86,7 +85,7 @@ class Drawer:
         return np.asarray(self._renderer.render())
 
     def close(self) -> None:
-        """Frees what the graphics driver holds."""
+        """Frees the graphics driver's resources."""
         if self._renderer is not None:
             self._renderer.close()
 
@@ -95,7 +94,7 @@ class Drawer:
         self._mujoco.mj_forward(self.model, self.data)
 
     def _box(self, seen: Iterable[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Corners (3,) of the box around all geoms but planes, at all configurations."""
+        """Corners (3,) of the box around all geoms except planes, at all configurations."""
         solid = self.model.geom_type != self._mujoco.mjtGeom.mjGEOM_PLANE
         radius = self.model.geom_rbound[solid, None]
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
@@ -107,13 +106,13 @@ class Drawer:
         return low, high
 
     def _look_at(self, low: np.ndarray, high: np.ndarray) -> None:
-        """Puts our camera where it has a box in view."""
+        """Places our camera so that it sees a box."""
         size = high - low
         tall = max(size[2], size[0] * self.height / self.width)
         distance = 1.15 * tall / (2 * np.tan(np.radians(self.model.cam_fovy[0]) / 2)) + size[1] / 2
         back = np.array([0.0, -np.cos(_TILT), np.sin(_TILT)])
         self.model.cam_pos[0] = (low + high) / 2 + distance * back
-        half = (np.pi / 2 - _TILT) / 2  # a camera looks along -z: turned about x it looks along +y, and down a little
+        half = (np.pi / 2 - _TILT) / 2  # a camera looks along -z; turned about x it looks along +y and slightly down
         self.model.cam_quat[0] = np.cos(half), np.sin(half), 0.0, 0.0
 
 
@@ -140,9 +139,9 @@ def _extent(model: Any) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _dressed(mujoco: Any, path: str) -> Any:
-    """The compiled MJCF; where it has no sky, light or ground pattern, or MuJoCo's grey for a colour, with ours."""
+    """The compiled MJCF, with our sky, light, ground pattern and colours where it has none."""
     with without_mujoco_warnings(), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # said when the scene was read
+        warnings.simplefilter("ignore")  # shown when the scene was read
         spec = mujoco.MjSpec.from_file(path)
         _add_sky_and_ground(mujoco, spec)
         if not spec.cameras:
@@ -158,7 +157,7 @@ def _dressed(mujoco: Any, path: str) -> Any:
 
 
 def _add_sky_and_ground(mujoco: Any, spec: Any) -> None:
-    """A bright sky, and squares of 0.5 m on planes without a material, over which motion can be seen."""
+    """A bright sky, and squares of 0.5 m on planes without a material, so that motion can be seen."""
     kind, pattern = mujoco.mjtTexture, mujoco.mjtBuiltin
     if not any(texture.type == kind.mjTEXTURE_SKYBOX for texture in spec.textures):
         sky = {"builtin": pattern.mjBUILTIN_GRADIENT, "rgb1": _SKY, "rgb2": _SKY, "width": 64, "height": 384}

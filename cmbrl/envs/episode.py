@@ -1,4 +1,4 @@
-"""One episode of a policy from a given state, every configuration kept: what a clip shows."""
+"""One episode of a policy from a given state with every configuration, for clips."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Episode:
 def play_episode(actor: Actor, mdp: MDP, start: tuple[Tensor, Tensor], model: Model, seconds: float) -> Episode:
     """The deterministic policy from ``start`` (q (1, nq), v (1, nv)) for ``seconds``, or until the episode ends.
 
-    In reality ``model`` is a :class:`cmbrl.envs.system_batch.SystemBatch` of one system. A state that is not finite
+    For the real system, ``model`` is a :class:`cmbrl.envs.system_batch.SystemBatch` of one. A state that is not finite
     terminates.
     """
     q, v = start
@@ -41,7 +41,7 @@ def play_episode(actor: Actor, mdp: MDP, start: tuple[Tensor, Tensor], model: Mo
         q_next, v_next, u = mdp.act(q, v, action)
         for _ in range(mdp.repeat):
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", SolverWarning)  # a picture shows what came of it
+                warnings.simplefilter("ignore", SolverWarning)  # a clip shows the result anyway
                 q_next, v_next = model.step(q_next, v_next, u)
             shown.append(q_next[0].numpy())
             returns.append(total)

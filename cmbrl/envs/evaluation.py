@@ -1,4 +1,4 @@
-"""What a policy is worth: whole episodes in the real system or in a model, without noise."""
+"""Returns of a policy: whole episodes in the real system or in a model, without noise."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ Actor = Callable[[Tensor], Tensor]  #: observations (B, n_o) float32 -> actions 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Undiscounted returns (E,) without shaping, and lengths (E,) in steps, of as many episodes.
+    """Undiscounted returns (E,) without shaping, and lengths (E,) in steps, of E episodes.
 
-    ``q``, ``v``, ``u``: per episode the states (T + 1, nq), (T + 1, nv) and controls (T, nu), where kept.
+    ``q``, ``v``, ``u``: per episode the states (T + 1, nq), (T + 1, nv) and controls (T, nu), if kept.
     """
 
     returns: np.ndarray
@@ -39,7 +39,10 @@ class Evaluation:
 def evaluate_real(
     actor: Actor, mdp: MDP, system: SystemFactory, episodes: int, seed: int = 0, keep: bool = False
 ) -> Evaluation:
-    """Episodes of the deterministic policy in the real system; the same seed starts from the same states."""
+    """Episodes of the deterministic policy in the real system; the same seed starts from the same states.
+
+    An episode whose state is not finite ends there, as in a model; that step earns nothing if its reward is not finite.
+    """
     q, v = mdp.reset(episodes, torch.Generator().manual_seed(seed))
     robots = SystemBatch(system, episodes)
     returns, lengths = np.zeros(episodes), np.zeros(episodes, dtype=int)
@@ -53,9 +56,10 @@ def evaluate_real(
             if keep:
                 for k, *row in zip(running, q_next.numpy(), v_next.numpy(), u.numpy(), strict=True):
                     history[k].append(tuple(row))
-        returns[running] += mdp.reward(q, v, action, q_next, v_next).numpy()
+        returns[running] += mdp.reward(q, v, action, q_next, v_next).nan_to_num().numpy()
         lengths[running] += 1
-        goes_on = ~mdp.terminated(q_next, v_next)
+        finite = torch.isfinite(q_next).all(dim=1) & torch.isfinite(v_next).all(dim=1)
+        goes_on = finite & ~mdp.terminated(q_next, v_next)
         running, q, v = running[goes_on.numpy()], q_next[goes_on], v_next[goes_on]
         if not len(running):
             break
@@ -69,7 +73,10 @@ def evaluate_real(
 def evaluate_model(
     actor: Actor, mdp: MDP, model: Model, episodes: int, seed: int = 0, disturbance: Disturbance | None = None
 ) -> Evaluation:
-    """Episodes of the deterministic policy in a model, all in one batch, under ``disturbance`` if given."""
+    """Episodes of the deterministic policy in a model, all in one batch, under ``disturbance`` if given.
+
+    An episode whose state is not finite ends there.
+    """
     simulation = Simulation(mdp, model, episodes, seed, disturbance)
     running = torch.ones(episodes, dtype=torch.bool)
     returns, lengths = torch.zeros(episodes, dtype=torch.float64), torch.zeros(episodes)

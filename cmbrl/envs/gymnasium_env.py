@@ -24,12 +24,13 @@ except ImportError:
 class MDPEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """One episode at a time; actions are clipped to [-1, 1], rewards are without shaping.
 
-    The time limit is the process's own, told as ``truncated``: no wrapper is needed. ``info`` holds what the process
-    tells of a step, such as ``x_position`` and the parts of the reward. A state that is not finite terminates.
+    The process's time limit is reported as ``truncated``. ``info`` holds what ``MDP.info`` gives, such as
+    ``x_position`` and the parts of the reward. A state that is not finite terminates.
 
     Args:
-        mdp, model: what is asked, and of whom; a :class:`cmbrl.envs.system_batch.SystemBatch` of one in reality.
-        scene: path of the MJCF that pictures are drawn in.
+        mdp: the decision process.
+        model: what moves it; for the real system, a :class:`cmbrl.envs.system_batch.SystemBatch` of one.
+        scene: path of the MJCF for pictures.
         render_mode: None, or "rgb_array": ``render`` then returns a picture (height, width, 3).
         width, height: of pictures.
     """
@@ -58,7 +59,7 @@ class MDPEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """A new episode; the same ``seed`` gives the same. No options."""
+        """Starts an episode; the same ``seed`` gives the same one. No options."""
         super().reset(seed=seed)
         generator = torch.Generator().manual_seed(int(self.np_random.integers(2**63)))
         self._q, self._v = self.mdp.reset(1, generator)
@@ -87,7 +88,7 @@ class MDPEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return self._observe(), reward, terminated, truncated, {name: x.item() for name, x in info.items()}
 
     def render(self) -> np.ndarray | None:  # type: ignore[override]
-        """A picture (height, width, 3) uint8 of the present state; None without a render mode."""
+        """A picture (height, width, 3) uint8 of the current state; None without a render mode."""
         if self.render_mode is None:
             return None
         if self._drawer is None:
@@ -95,7 +96,7 @@ class MDPEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return self._drawer.draw(self._q[0].numpy())
 
     def close(self) -> None:
-        """Frees what pictures took."""
+        """Frees the renderer."""
         if self._drawer is not None:
             self._drawer.close()
             self._drawer = None

@@ -1,4 +1,4 @@
-"""What is asked of a robot, written once: the fitted model, the real system and Gymnasium all use these functions."""
+"""A task's reward, observation, termination and reset, defined once for models, real systems and Gymnasium."""
 
 from __future__ import annotations
 
@@ -21,18 +21,19 @@ class MDP:
         observations, actions: their numbers n_o, n_a; actions lie in [-1, 1].
         observe: q (B, nq), v (B, nv) -> (B, n_o).
         reward: q, v, action (B, n_a), q', v' -> (B,): of one step, differentiable.
-        terminated: q', v' (B, ...) -> (B,) bool: the episode ends there, worth nothing from then on. A time limit is no
+        terminated: q', v' (B, ...) -> (B,) bool: the episode ends there and earns nothing more. A time limit is not a
             termination.
         reset: count, generator -> q, v of that many initial states, float64.
-        dt: duration of a step [s].
-        episode_steps: time limit.
-        act: q, v, action -> q, v, u: what an action does to the state before the step, and the control (B, nu) during
-            it. Default: the action is the control.
-        repeat: model steps that one step of the process takes, the control held.
-        shaping: q', v' -> (B,), added to the reward in training only (never in what is reported): a barrier around the
-            termination, whose reward is discontinuous and has no gradient. Default none.
-        info: arguments as of ``reward`` -> by name (B,): what environments tell of a step besides, such as the parts of
-            the reward. Default nothing.
+        dt: duration of a step [s]: ``repeat`` times the task's ``control_dt``.
+        episode_steps: time limit, in steps of the process.
+        act: q, v, action -> q, v, u: the state from which the step starts, and the control (B, nu) held during it.
+            Default: the action is the control and the state stays. A throw sets the launch velocity here.
+        repeat: model steps in one step of the process: an action is held for ``repeat`` control steps, and a log of the
+            robot gets ``repeat`` transitions. Default 1.
+        shaping: q', v' -> (B,), added to the reward in training only, never in what is reported. Termination is
+            discontinuous and has no gradient, so that a barrier before it helps. Default none.
+        info: as ``reward``, but -> name -> (B,): what environments report of a step, such as the parts of the reward.
+            Default nothing.
     """
 
     observations: int
@@ -50,7 +51,7 @@ class MDP:
 
 
 def never(q: Tensor, v: Tensor) -> Tensor:
-    """Termination of a task whose episodes end by time only."""
+    """Termination for a task whose episodes end only by the time limit."""
     return torch.zeros(len(q), dtype=torch.bool)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from cmbrl.errors import UserError
@@ -16,8 +17,7 @@ if TYPE_CHECKING:
 def decision_process(task: Task) -> MDP:
     """The task's decision process; raises UserError if it has none, or one of another control step."""
     if task.mdp is None:
-        others = ", ".join(name for name in names() if load_task(name).mdp is not None)
-        raise UserError(f"task {task.name!r} has no reward (Task.mdp); tasks with one: {others or 'none'}")
+        raise UserError(f"task {task.name!r} has no reward (Task.mdp); tasks with one: {_with_one() or 'none'}")
     mdp = task.mdp()
     if abs(mdp.dt / mdp.repeat - task.control_dt) > 1e-6 * task.control_dt:
         raise UserError(
@@ -32,3 +32,12 @@ def real_system(task: Task) -> SystemFactory:
     if task.system is None:
         raise UserError(f"task {task.name!r} has no real system (Task.system): use --model")
     return task.system
+
+
+def _with_one() -> str:
+    """Names of the tasks that have a process; those that fail to load are left out."""
+    found = []
+    for name in names():
+        with suppress(UserError):
+            found += [name] if load_task(name).mdp is not None else []
+    return ", ".join(found)

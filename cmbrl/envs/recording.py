@@ -1,4 +1,4 @@
-"""A robot that acts in the real system, episode after episode, and whose every transition is kept."""
+"""A robot that acts in the real system, episode after episode, and keeps every transition."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cmbrl.envs.system_batch import SystemBatch
 
 
 class Recording:
-    """One robot of ``system`` in ``mdp``; ``seed`` is that of the initial states."""
+    """One robot of ``system`` in ``mdp``; ``seed`` draws the initial states."""
 
     def __init__(self, mdp: MDP, system: SystemFactory, seed: int = 0) -> None:
         self.mdp, self.robot = mdp, SystemBatch(system, 1)
@@ -27,21 +27,21 @@ class Recording:
         self.value, self.age = 0.0, 0
 
     def observe(self) -> Tensor:
-        """(1, n_o) of the present state."""
+        """(1, n_o) of the current state."""
         return self.mdp.observe(self.q, self.v)
 
     def place(self) -> None:
-        """Puts the robot into its present state once more.
+        """Resets the robot to its current state.
 
-        A simulator remembers more than its state (MuJoCo starts its solver from the last forces): after this it goes
-        on as one that was just restored does.
+        A simulator remembers more than its state (MuJoCo starts its solver from the last forces). After this call it
+        continues as one that was just restored.
         """
         self.robot.forget()
 
     def step(self, action: Tensor) -> dict[str, Tensor]:
-        """One step of the process under action (1, n_a): its row, by the names that follow, float64.
+        """One step of the process under action (1, n_a), which adds ``mdp.repeat`` transitions.
 
-        observation, action, reward, next_observation, terminated, and the state q, v before the step.
+        Returns its row, float64: observation, action, reward, next_observation, terminated, and the state q, v before.
         """
         mdp = self.mdp
         q, v, u = mdp.act(self.q, self.v, action)
@@ -61,7 +61,7 @@ class Recording:
 
     @property
     def transitions(self) -> int:
-        """Their number so far."""
+        """Number of transitions so far."""
         return len(self._rows)
 
     def log(self) -> Transitions:
@@ -88,7 +88,7 @@ class Recording:
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Goes on from what ``state`` returned."""
+        """Continues from what ``state`` returned."""
         self.q, self.v, self.value, self.age = (state[k] for k in ("q", "v", "value", "age"))
         self.finished = [(value, length) for value, length in state["finished"]]
         self._rows = [] if state["rows"] is None else list(state["rows"])

@@ -1,6 +1,6 @@
 """Tasks with a decision process as Gymnasium ids: ``cmbrl/Hopper-v0`` on a model, ``cmbrl/HopperReal-v0`` in reality.
 
-Gymnasium 1.x looks for no plugins: import this module, or name it in the id.
+Gymnasium 1.x does not load plugins: import this module, or name it in the id.
 
 >>> import gymnasium, cmbrl.envs.registration
 >>> env = gymnasium.make("cmbrl/Hopper-v0", model="runs/hopper/fit", render_mode="rgb_array")  # default "nominal"
@@ -11,9 +11,13 @@ Gymnasium 1.x looks for no plugins: import this module, or name it in the id.
 from __future__ import annotations
 
 import os
+import warnings
+from dataclasses import replace
 from typing import Any
 
 from cmbrl.envs.gymnasium_env import MDPEnv
+from cmbrl.envs.mdp import MDP
+from cmbrl.envs.of_task import decision_process, real_system
 from cmbrl.envs.simulation import Simulation
 from cmbrl.envs.system_batch import SystemBatch
 from cmbrl.envs.vector_env import MDPVectorEnv
@@ -29,58 +33,79 @@ except ImportError:
 
 
 def make_model(task: str, model: str | os.PathLike[str] | Model = NOMINAL, **options: Any) -> MDPEnv:
-    """``task`` on its nominal model, on what a folder holds, or on a model that is given; options of MDPEnv."""
+    """``task`` on its nominal model, on the model in a folder, or on a given model; ``options`` are MDPEnv's."""
     known = load_task(task)
-    assert known.mdp is not None
-    return MDPEnv(known.mdp(), _model(model, known), known.scene_path, **options)
+    return MDPEnv(_process(known), _model(model, known), known.scene_path, **options)
 
 
 def make_real(task: str, **options: Any) -> MDPEnv:
-    """``task`` in its real system; options of MDPEnv."""
+    """``task`` in its real system; ``options`` are MDPEnv's."""
     known = load_task(task)
-    assert known.mdp is not None
-    assert known.system is not None
-    return MDPEnv(known.mdp(), SystemBatch(known.system, 1), known.scene_path, **options)
+    return MDPEnv(_process(known), SystemBatch(real_system(known), 1), known.scene_path, **options)
 
 
 def make_model_vector(
-    task: str, num_envs: int = 1, model: str | os.PathLike[str] | Model = NOMINAL, render_mode: None = None
+    task: str,
+    num_envs: int = 1,
+    model: str | os.PathLike[str] | Model = NOMINAL,
+    max_episode_steps: int | None = None,
+    render_mode: None = None,
 ) -> MDPVectorEnv:
     """``num_envs`` episodes of ``task`` on a model, all in one native call."""
     known = load_task(task)
-    assert known.mdp is not None
-    return MDPVectorEnv(Simulation(known.mdp(), _model(model, known), num_envs))
+    return MDPVectorEnv(Simulation(_process(known, max_episode_steps), _model(model, known), num_envs))
 
 
-def make_real_vector(task: str, num_envs: int = 1, render_mode: None = None) -> MDPVectorEnv:
-    """``num_envs`` episodes of ``task``, each in a real system of its own."""
+def make_real_vector(
+    task: str, num_envs: int = 1, max_episode_steps: int | None = None, render_mode: None = None
+) -> MDPVectorEnv:
+    """``num_envs`` episodes of ``task``, each in its own real system."""
     known = load_task(task)
-    assert known.mdp is not None
-    assert known.system is not None
-    return MDPVectorEnv(Simulation(known.mdp(), SystemBatch(known.system, num_envs), num_envs))
+    systems = SystemBatch(real_system(known), num_envs)
+    return MDPVectorEnv(Simulation(_process(known, max_episode_steps), systems, num_envs))
 
 
 def register(task: Task) -> list[str]:
-    """Makes the ids of a task known to Gymnasium, and returns them: none without an MDP, no Real without a system."""
+    """Registers the ids of a task with Gymnasium, and returns them: none without an MDP, no Real without a system."""
     if task.mdp is None:
         return []
     here, stem = __name__, "cmbrl/" + "".join(word.capitalize() for word in task.name.split("_"))
     entries = {f"{stem}-v0": ("make_model", "make_model_vector")}
     if task.system is not None:
         entries[f"{stem}Real-v0"] = ("make_real", "make_real_vector")
+    limit = task.mdp().episode_steps
     for name, (single, vector) in entries.items():
         gymnasium.register(
             id=name,
             entry_point=f"{here}:{single}",
             vector_entry_point=f"{here}:{vector}",
+            max_episode_steps=limit,
             kwargs={"task": task.name},
         )
     return list(entries)
+
+
+def register_all() -> list[str]:
+    """Registers all installed tasks and returns their ids; a task that fails to load is left out with a warning."""
+    found = []
+    for name in names():
+        try:
+            found += register(load_task(name))
+        except Exception as error:  # a task is foreign code: one that is broken must not take the others with it
+            told = str(error) if isinstance(error, UserError) else f"task {name!r} fails ({error!r})"
+            warnings.warn(f"no environment for {name}: {told}", stacklevel=2)
+    return found
+
+
+def _process(task: Task, episode_steps: int | None = None) -> MDP:
+    """The task's decision process, with a shorter time limit if given."""
+    mdp = decision_process(task)
+    return mdp if episode_steps is None else replace(mdp, episode_steps=min(mdp.episode_steps, episode_steps))
 
 
 def _model(model: str | os.PathLike[str] | Model, task: Task) -> Model:
     return named_model(model, task) if isinstance(model, (str, os.PathLike)) else model
 
 
-IDS = [name for task in names() for name in register(load_task(task))]
-"""The ids of all installed tasks. A task of this process only: ``register(task)``."""
+IDS = register_all()
+"""The ids of all installed tasks. For a task of this process only, call ``register(task)``."""

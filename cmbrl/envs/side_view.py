@@ -1,4 +1,4 @@
-"""A flat picture of a MuJoCo state for machines without graphics: what a camera sees, without perspective."""
+"""A flat picture of a MuJoCo state for computers without graphics: a camera's view, without perspective."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from PIL import Image, ImageDraw
 
 SKY, GROUND = (236, 240, 245), (196, 201, 208)
 MOVING, FIXED, EDGE = (214, 140, 62), (120, 128, 140), (60, 52, 44)
-MARKS = 0.5  # m between marks on the ground, which show that a robot moves when the camera moves with it
-SHARP = 3  # drawn so many times larger, then reduced
+MARKS = 0.5  # m between marks on the ground, which show motion when the camera follows the robot
+SHARP = 3  # drawn this many times larger, then reduced
 
 
 def side_view(model: Any, data: Any, camera: int, width: int, height: int) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections import deque
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -20,11 +20,11 @@ from cmbrl.models.protocol import HasCoordinates, Model, forget, model_state, re
 
 @dataclass(frozen=True)
 class Disturbance:
-    """What makes every episode in the model a little different, so that a policy cannot live off the model's errors.
+    """What makes every episode in the model a little different, so that a policy cannot exploit the model's errors.
 
     Args:
         linear, angular: standard deviations of the noise added to velocities after each step [m/s, rad/s].
-        parameters: (K, np) sets of physical parameters, of which each episode draws one; None: the model's own.
+        parameters: (K, np) sets of physical parameters; each episode draws one. None: the model's own.
     """
 
     linear: float = 0.0
@@ -34,10 +34,11 @@ class Disturbance:
 
 @dataclass(frozen=True)
 class Step:
-    """One step of all episodes; a row that ended (``terminated`` or ``truncated``) has been restarted since.
+    """One step of all episodes; rows that ended (``terminated`` or ``truncated``) have been restarted.
 
-    observation (B, n_o) of the state before the action; action (B, n_a); reward (B,) of the task and ``shaping`` (B,)
-    to add to it in training; next_observation (B, n_o) before the restart; the last three are differentiable.
+    observation (B, n_o) of the state before the action; action (B, n_a); the task's reward (B,) and the ``shaping``
+    (B,) to add in training; next_observation (B, n_o) before a restart. Reward, shaping and next_observation are
+    differentiable.
     """
 
     observation: Tensor
@@ -53,10 +54,10 @@ class Simulation:
     """``count`` episodes of ``mdp`` on ``model``, float64; rows that fail or are not finite terminate.
 
     Args:
-        mdp, model: the process and what moves it.
+        mdp, model: the decision process and what moves it.
         count: episodes side by side.
         seed: of resets, noise and parameters.
-        disturbance: see there; parameters vary on a complementarity model only.
+        disturbance: see there; only a complementarity model has parameters to vary.
         stagger: start episodes at different ages, so that time limits do not coincide.
     """
 
@@ -79,7 +80,7 @@ class Simulation:
         self._noise = self._noise_scale()
 
     def restart(self, seed: int | None = None) -> None:
-        """Starts all episodes anew, as a simulation of this ``seed`` does where one is given."""
+        """Restarts all episodes; with ``seed``, as a new simulation of that seed starts."""
         if seed is not None:
             self.generator.manual_seed(seed)
         self.q, self.v = self.mdp.reset(self.count, self.generator)
@@ -90,16 +91,16 @@ class Simulation:
         self.theta = self._parameters(self.count)
 
     def observe(self) -> Tensor:
-        """(B, n_o) of the present states, differentiable in what they came from."""
+        """(B, n_o) of the current states, differentiable."""
         return self.mdp.observe(self.q, self.v)
 
     def detach(self) -> None:
-        """Cuts the graph: the present states become constants."""
+        """Cuts the graph: the current states become constants."""
         forget(self.model)
         self.q, self.v = self.q.detach(), self.v.detach()
 
     def step(self, observation: Tensor, action: Tensor) -> Step:
-        """Moves every episode by one step; ``observation`` is that of ``observe`` and only passed on."""
+        """Moves every episode by one step; ``observation`` comes from ``observe`` and is only passed on."""
         mdp = self.mdp
         control = action.double()
         q, v, u = mdp.act(self.q, self.v, control)
@@ -136,7 +137,7 @@ class Simulation:
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Goes on from what ``state`` returned."""
+        """Continues from what ``state`` returned."""
         self.q, self.v, self.age, self.returns = (state[k].clone() for k in ("q", "v", "age", "returns"))
         self.theta = None if state["theta"] is None else state["theta"].clone()
         self.finished.clear()
@@ -178,6 +179,13 @@ class Simulation:
         return scale
 
 
+@runtime_checkable
+class _Wraps(Protocol):
+    """A model around another, such as a bundle of `cmbrl.gradients`."""
+
+    model: ComplementarityModel
+
+
 def coordinates_of(model: Model) -> Coordinates:
     """Which velocities are linear and which angular; raises UserError for a model that does not know."""
     if not isinstance(model, HasCoordinates):
@@ -188,13 +196,13 @@ def coordinates_of(model: Model) -> Coordinates:
 def parameter_sets(model: Model, relative: float, count: int = 256, seed: int = 0) -> np.ndarray | None:
     """Sets (count, np) for a ``Disturbance``: the model's candidates, each number scaled by 1 +- up to ``relative``.
 
-    A model without candidates has its own parameters scaled; None for one that has no parameters, or nothing to vary.
+    Without candidates, the model's own parameters are scaled. None if there are no parameters, or nothing to vary.
     """
-    model = getattr(model, "model", model)  # what is inside a bundle
-    if not isinstance(model, ComplementarityModel) or (model.candidates is None and not relative):
+    inner = model.model if isinstance(model, _Wraps) else model
+    if not isinstance(inner, ComplementarityModel) or (inner.candidates is None and not relative):
         return None
     rng = np.random.default_rng(seed)
-    base = model.parameters[None] if model.candidates is None else model.candidates
+    base = inner.parameters[None] if inner.candidates is None else inner.candidates
     chosen = base[rng.integers(len(base), size=count)]
-    low, high = np.array([(p.low, p.high) for p in model.scene.parameters]).T
+    low, high = np.array([(p.low, p.high) for p in inner.scene.parameters]).T
     return np.clip(chosen * (1.0 + relative * rng.uniform(-1.0, 1.0, chosen.shape)), low, high)

@@ -14,7 +14,7 @@ except ImportError:
 
 
 def observation_space(mdp: MDP) -> Box:
-    """Observations (n_o,), float64 and unbounded as those of Gymnasium's MuJoCo robots."""
+    """Observations (n_o,), float64 and unbounded, as for Gymnasium's MuJoCo robots."""
     return Box(-np.inf, np.inf, (mdp.observations,), np.float64)
 
 

@@ -1,4 +1,4 @@
-"""The real system behind a task, as far as a policy meets it; and MuJoCo as one."""
+"""The real system of a task as a policy sees it, and MuJoCo as one."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ SystemFactory = Callable[[], System]
 class MujocoSystem:
     """MuJoCo with the MJCF's own options, ``frame_skip`` steps of it at a time, as Gymnasium's robots run.
 
-    Raises UserError when the file cannot be read.
+    Raises UserError if the file cannot be read.
     """
 
     def __init__(self, path: str | os.PathLike[str], frame_skip: int = 1) -> None:
@@ -56,7 +56,7 @@ class MujocoSystem:
         return float(self.model.opt.timestep * self.frame_skip)
 
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
-        """Forgets everything, then takes the state q (nq,), v (nv,)."""
+        """Resets everything, then sets the state q (nq,), v (nv,)."""
         self._mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:], self.data.qvel[:] = q, v
         self._mujoco.mj_forward(self.model, self.data)

@@ -1,4 +1,4 @@
-"""Real systems side by side, stepped like a model: what runs on a model runs on them too, but for gradients."""
+"""Real systems side by side, stepped like a model but without gradients."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from cmbrl.envs.system import SystemFactory
 class SystemBatch:
     """``count`` systems as a :class:`cmbrl.models.protocol.Model`, for :class:`cmbrl.envs.simulation.Simulation`.
 
-    Row k is system k: while it is asked to go on from where it is, it does so undisturbed, with whatever it remembers
-    (a solver's warm start); asked for another state, it is reset to it. Not differentiable.
+    Row k is system k. A step from the state where it is continues undisturbed, with whatever the system remembers (a
+    solver's warm start); a step from another state resets it first. Not differentiable.
     """
 
     name = "real"
@@ -30,7 +30,7 @@ class SystemBatch:
         return self.systems[0].dt
 
     def forget(self) -> None:
-        """Has every system reset to its state at the next step, so that it remembers no more than one just restored."""
+        """Resets every system to its state at the next step, so that it remembers no more than a restored one."""
         self._present = [None] * len(self.systems)
 
     def step(self, q: Tensor, v: Tensor, u: Tensor, rows: Sequence[int] | None = None) -> tuple[Tensor, Tensor]:

@@ -1,4 +1,4 @@
-"""Many episodes of a decision process as one Gymnasium vector environment: on a model, a native call a step."""
+"""Many episodes of a decision process as one Gymnasium vector environment; on a model, one native call per step."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ except ImportError:
 class MDPVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """All episodes of a simulation; autoreset mode SAME_STEP.
 
-    The step that ends an episode returns the first observation of the next one; the last one of the old stands in
-    ``infos["final_obs"][k]``, its mask in ``infos["_final_obs"]``, as in Gymnasium's own vector environments. Actions
-    are clipped to [-1, 1]; rewards are without shaping; a row that is not finite terminates.
+    The step that ends an episode returns the first observation of the next one. As in Gymnasium's own vector
+    environments, ``infos["final_obs"][k]`` is the old episode's last observation, and ``infos["_final_obs"]`` their
+    mask. Actions are clipped to [-1, 1]; rewards are without shaping; a row that is not finite terminates.
     """
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}  # noqa: RUF012
@@ -40,7 +40,7 @@ class MDPVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """New episodes in all rows, (B, n_o); the same ``seed`` gives the same. No options."""
+        """Starts new episodes in all rows, (B, n_o); the same ``seed`` gives the same ones. No options."""
         super().reset(seed=seed)
         self.simulation.restart(int(self.np_random.integers(2**63)))
         return self.simulation.observe().numpy(), {}

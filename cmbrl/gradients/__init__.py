@@ -1,4 +1,4 @@
-"""Policy gradients: estimators with their variance and cost, and models that smooth the derivative."""
+"""Policy gradients: estimators with their variance and cost, and models with smoothed derivatives."""
 
 from cmbrl.gradients.aobg import BiasBound, aobg
 from cmbrl.gradients.bcg import BundleConfig, BundledContactModel

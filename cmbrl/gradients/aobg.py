@@ -1,4 +1,4 @@
-"""Alpha-order gradient (AoBG): first and zeroth order weighted by variance, as far as a bound on the bias allows.
+"""Alpha-order gradient (AoBG): first and zeroth order, weighted by variance within a bound on the bias.
 
 Suh, Simchowitz, Zhang & Tedrake, "Do Differentiable Simulators Give Better Policy Gradients?" (ICML 2022), section 4.
 """
@@ -15,10 +15,10 @@ from cmbrl.gradients.estimate import Estimate
 
 @dataclass(frozen=True)
 class BiasBound:
-    """How much the mixture may be off. The default, infinite gamma, is pure inverse variance: no bound at all.
+    """How biased the mixture may be. The default, infinite gamma, is pure inverse variance: no bound.
 
     Args:
-        gamma: largest bias of the mixture, in units of the gradient.
+        gamma: largest bias allowed, in units of the gradient.
         delta: probability with which the bound may fail.
         scale: L, bound on a zeroth-order sample in the concentration inequality, in units of the gradient.
     """
@@ -28,7 +28,7 @@ class BiasBound:
     scale: float = 1.0
 
     def uncertainty(self, zeroth: Estimate) -> float:
-        """epsilon: how far the mean of the zeroth-order samples may be off (vector Bernstein inequality)."""
+        """epsilon: bound on the error of the mean of the zeroth-order samples (vector Bernstein inequality)."""
         samples, log = zeroth.samples, np.log((zeroth.gradients.shape[1] + 1) / self.delta)
         return float(np.sqrt(2 * zeroth.total_variance * log / samples) + 2 * self.scale * log / (3 * samples))
 
@@ -36,8 +36,8 @@ class BiasBound:
 def weight(v1: float, v0: float, distance: float, gamma: float = np.inf, epsilon: float = 0.0) -> float:
     """a in [0, 1] that minimises a^2 v1 + (1 - a)^2 v0 subject to epsilon + a distance <= gamma.
 
-    v1, v0: variances of the first- and zeroth-order means; distance between the two. 0 where even a = 0 may break the
-    bound (epsilon > gamma); 1/2 where both variances vanish and the bound does not decide.
+    v1, v0: variances of the first- and zeroth-order means; ``distance`` between the two means. The result is 0 if even
+    a = 0 may break the bound (epsilon > gamma), and 1/2 if both variances vanish and the bound does not decide.
     """
     if epsilon > gamma:
         return 0.0
@@ -46,13 +46,13 @@ def weight(v1: float, v0: float, distance: float, gamma: float = np.inf, epsilon
 
 
 def aobg(first: Estimate, zeroth: Estimate, bound: BiasBound | None = None) -> tuple[Estimate, float]:
-    """a g1 + (1 - a) g0 and a, from INDEPENDENT samples (their own noise and initial states), as many of each.
+    """a g1 + (1 - a) g0 and a, from equally many INDEPENDENT samples, each with its own noise and initial states.
 
-    Raises UserError for unequal numbers of samples. Each pair of samples is one of the mixture, so that variance and
-    cost add up; a pair of which one is not finite is left out.
+    Raises UserError for unequal numbers of samples. A pair of samples is one sample of the mixture, so that variances
+    and costs add up; a pair in which one is not finite is left out.
     """
     if first.gradients.shape != zeroth.gradients.shape:
-        raise UserError(f"{first.gradients.shape} and {zeroth.gradients.shape} gradients: give as many of each")
+        raise UserError(f"{first.gradients.shape} and {zeroth.gradients.shape} gradients: give equally many of each")
     bound = bound or BiasBound()
     distance = float(np.linalg.norm(first.mean - zeroth.mean))
     v1, v0 = (e.total_variance / max(e.samples, 1) for e in (first, zeroth))

@@ -1,8 +1,8 @@
-"""Bundled Contact Gradients (BCG): near stiff contact a few perturbed branches are stepped side by side and averaged.
+"""Bundled Contact Gradients (BCG): near stiff contact, a few perturbed branches are stepped side by side and averaged.
 
-Aditya et al., "Bundled Contact Gradients" (arXiv 2609.30951), from their project page; no code was released. Where a
-contact carries more than ``trigger``, B branches start at offsets of the contacting chains, share the action, and their
-mean goes on; the sensitivities are the mean of the branches', their offsets constants.
+Aditya et al., "Bundled Contact Gradients" (arXiv 2609.30951), after their project page; no code was released. Where a
+contact carries more than ``trigger``, B branches start at offsets of the contacting chains and share the action; their
+mean is the next state. Its sensitivities are the mean of the branches', with the offsets taken as constants.
 """
 
 from __future__ import annotations
@@ -23,22 +23,31 @@ from cmbrl.models.manifold import Coordinates
 
 @dataclass(frozen=True)
 class BundleConfig:
-    """Defaults: the paper's, except for the trigger."""
+    """Defaults are the paper's, except for duration and trigger.
+
+    A bundle lasts ``duration`` (the paper: 40 ms), but at least two control steps: over a single one, branches would
+    only be averaged where they start. ``length`` gives it in control steps instead.
+    """
 
     branches: int = 10
-    length: int = 2  #: control steps of a bundle
+    duration: float = 0.016  #: of a bundle [s]
+    length: int | None = None  #: control steps of a bundle; overrides duration
     trigger: float | None = None
-    """Normal force, mean over a control step, that starts a bundle [N]; None: 1.2 times the scene's weight, which is
-    what the paper's 400 N are for its robot."""
+    """Normal force, mean over a control step, that starts a bundle [N]. None: 1.2 times the scene's weight, the same
+    ratio as the paper's 400 N for its robot."""
     position: float = 0.01  #: standard deviation of each Cartesian component [m]
     velocity: float = 0.02  #: [m/s]
     damping: float = 1e-4  #: of the pseudo-inverse
 
+    def steps(self, dt: float) -> int:
+        """Control steps of ``dt`` [s] in a bundle."""
+        return max(2, round(self.duration / dt)) if self.length is None else self.length
+
 
 @dataclass(frozen=True)
 class _Branches:
-    """Bundles that go on: rows (R,) of the batch, control steps left (R,), branch states (R, B, ...), which are alive
-    (R, B), and the mean state (R, ...) that the last step returned."""
+    """Running bundles: rows (R,) of the batch, control steps left (R,), branch states (R, B, ...), which of them are
+    alive (R, B), and the mean state (R, ...) that the last step returned."""
 
     rows: Tensor
     left: Tensor
@@ -56,17 +65,18 @@ class _Branches:
 class BundledContactModel:
     """``model`` with contact-triggered bundles: a ``Model`` with a memory.
 
-    Between steps it keeps the branches of every row of the batch. A row whose position is not the one that the last
-    step returned has been restarted, and its bundle is dropped; a push of the velocity is passed on to the branches;
-    where the graph has been cut, bundles are dropped. Each row costs one step, one that starts a bundle 1 + B (a plain
-    step finds the force), one that continues it B. ``lost`` counts broken branches, ``steps`` model steps.
+    Between steps it keeps the branches of every row of the batch. If a row's position is not the one that the last step
+    returned, it has been restarted and its bundle is dropped. A change of the velocity is passed on to the branches.
+    Bundles are also dropped where the graph has been cut. A row costs one step; a row that starts a bundle 1 + B (a
+    plain step finds the force); a row that continues one B. ``lost`` counts broken branches, ``steps`` model steps.
 
-    Raises UserError for fewer than one branch or step, or negative noise or damping.
+    Raises UserError for fewer than one branch or step, a duration that is not positive, or negative noise or damping.
     """
 
     def __init__(self, model: ComplementarityModel, config: BundleConfig | None = None, seed: int = 0) -> None:
         c = self.config = config or BundleConfig()
-        if min(c.branches, c.length) < 1 or min(c.position, c.velocity) < 0 or not c.damping > 0:
+        self.length = c.steps(model.dt) if c.duration > 0 else 0  #: of a bundle, in control steps
+        if min(c.branches, self.length) < 1 or min(c.position, c.velocity) < 0 or not c.damping > 0:
             raise UserError(f"{c}: give at least one branch and step, no negative noise, and some damping")
         weight = 9.81 * model.scene.total_mass
         self.trigger = 1.2 * weight if c.trigger is None else c.trigger
@@ -78,7 +88,7 @@ class BundledContactModel:
 
     @property
     def name(self) -> str:
-        """Of the model, with the size of the bundle."""
+        """The model's name with the size of the bundle."""
         return f"{self.model.name}, BCG of {self.config.branches}"
 
     @property
@@ -92,7 +102,7 @@ class BundledContactModel:
         return self.model.failures
 
     def reset_failures(self) -> None:
-        """Start counting failed solves anew."""
+        """Sets the count of failed solves to zero."""
         self.model.reset_failures()
 
     def forget(self) -> None:
@@ -100,11 +110,11 @@ class BundledContactModel:
         self._kept = None
 
     def state(self) -> dict[str, Any]:
-        """What the next step depends on, once bundles are dropped."""
+        """What the next step depends on after bundles are dropped."""
         return {"rng": self._rng.bit_generator.state, "counts": [self.steps, self.bundles, self.lost]}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Goes on from what ``state`` returned."""
+        """Continues from what ``state`` returned."""
         self.forget()
         self._rng.bit_generator.state = state["rng"]
         self.steps, self.bundles, self.lost = state["counts"]
@@ -112,7 +122,7 @@ class BundledContactModel:
     def step(self, q: Tensor, v: Tensor, u: Tensor, theta: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """(q', v') of shapes (B, nq), (B, nv), float64; differentiable in q, v, u and parameters theta.
 
-        A row of which no branch stays finite is NaN.
+        A row is NaN if none of its branches stays finite.
         """
         kept = self._follow(q, v)
         single = torch.ones(len(q), dtype=torch.bool)
@@ -139,7 +149,7 @@ class BundledContactModel:
         )
 
     def _follow(self, q: Tensor, v: Tensor) -> _Branches | None:
-        """Branches of the rows that go on from where the last step left them, moved along with the velocity."""
+        """Branches of the rows that continue where the last step left them, moved with the velocity."""
         kept = self._kept
         if kept is None or int(kept.rows.max()) >= len(q) or (kept.q.requires_grad and not q.requires_grad):
             return None
@@ -150,7 +160,7 @@ class BundledContactModel:
         return replace(kept, q=kept.q + pull_q, v=kept.v + pull_v)  # pull_q is zero: it carries the gradient
 
     def _start(self, q: Tensor, v: Tensor, theta: Tensor | None, free: Tensor, force: np.ndarray) -> _Branches | None:
-        """Branches of those rows among ``free`` of which a contact carries more than the trigger; force (R, nc)."""
+        """Branches of the rows in ``free`` in which a contact carries more than the trigger; force (R, nc)."""
         load = np.where(force > self.trigger, force, 0.0)
         found = np.flatnonzero(load.any(axis=1)) if load.size else np.empty(0, dtype=int)
         if not len(found):
@@ -163,12 +173,12 @@ class BundledContactModel:
         spread_q = q[rows][:, None].expand(-1, count, -1)
         self.bundles += len(rows)
         return _Branches(
-            rows, torch.full_like(rows, self.config.length), self.coordinates.integrate(spread_q, torch.from_numpy(dq)),
+            rows, torch.full_like(rows, self.length), self.coordinates.integrate(spread_q, torch.from_numpy(dq)),
             v[rows][:, None] + torch.from_numpy(dv), torch.ones(len(rows), count, dtype=torch.bool), q[rows], v[rows],
         )  # fmt: skip
 
     def _advance(self, b: _Branches, u: Tensor, theta: Tensor | None) -> _Branches:
-        """One control step of all branches and their mean."""
+        """One control step of all branches, and their mean."""
         bundles, count = b.alive.shape
         shared = u[b.rows][:, None].expand(-1, count, -1)
         parameters = _rows(theta, b.rows)
@@ -180,7 +190,7 @@ class BundledContactModel:
         inputs = [x.flatten(0, 1) for x in (*states, shared)]
         finite = torch.ones(bundles * count, dtype=torch.bool)
         for x in inputs:
-            if x.requires_grad:  # a lost branch has a zero message, which its broken derivative would turn into NaN
+            if x.requires_grad:  # a lost branch has a zero message; its broken derivative would turn it into NaN
                 x.register_hook(lambda g: torch.where(finite[:, None], g, 0.0))
         q, v = self._model_step(inputs[0], inputs[1], inputs[2], parameters)
         finite &= torch.isfinite(q.detach()).all(dim=1) & torch.isfinite(v.detach()).all(dim=1)
@@ -200,7 +210,7 @@ class BundledContactModel:
 
 
 def mean_state(coordinates: Coordinates, q: Tensor, v: Tensor, alive: Tensor) -> tuple[Tensor, Tensor]:
-    """(R, nq), (R, nv): arithmetic mean of the branches (R, B, ...) that are alive (R, B); NaN where none is.
+    """(R, nq), (R, nv): arithmetic mean of the living branches (R, B, ...), alive (R, B); NaN where none is.
 
     Quaternions are brought to the sign of the first branch alive, averaged, and made unit again.
     """
@@ -223,7 +233,7 @@ def mean_state(coordinates: Coordinates, q: Tensor, v: Tensor, alive: Tensor) ->
 
 
 def _rows(theta: Tensor | None, rows: Tensor) -> Tensor | None:
-    """Parameters of some rows: one vector (np,) is everyone's."""
+    """Parameters of some rows; one vector (np,) is shared by all."""
     return theta if theta is None or theta.ndim == 1 else theta[rows]
 
 

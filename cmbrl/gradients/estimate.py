@@ -1,4 +1,4 @@
-"""What every gradient estimator returns, and what it is asked to differentiate."""
+"""What every gradient estimator returns, and what it differentiates."""
 
 from __future__ import annotations
 
@@ -14,15 +14,14 @@ Array = NDArray[np.float64]
 
 
 class Objective(Protocol):
-    """Independent samples of a scalar: values (B,) of the arguments x (B, n), float64, each of its own row alone.
+    """Independent samples of a scalar: values (B,) at arguments x (B, n), float64, each depending on its own row only.
 
-    Row i must use the same randomness (initial state, noise) whenever it is asked, so that differences between two
-    calls are differences in x.
+    Row i must use the same randomness (initial state, noise) in every call, so that two calls differ only by x.
     """
 
     @property
     def steps(self) -> int:
-        """Model steps that one sample costs."""
+        """Model steps per sample."""
         ...
 
     def __call__(self, x: Tensor) -> Tensor:
@@ -34,9 +33,9 @@ class Objective(Protocol):
 class Estimate:
     """A gradient as the mean of independent samples.
 
-    ``gradients`` (N, n), one a sample, in the order of the objective's randomness; rows that are not finite are in
-    neither mean nor variance, but counted in ``failed``. ``steps``: model steps taken in all; ``derivative_steps``: how
-    many of them were also differentiated.
+    ``gradients`` (N, n): one row per sample, in the order of the objective's randomness. Rows that are not finite are
+    excluded from mean and variance and counted in ``failed``. ``steps``: model steps taken; ``derivative_steps``: how
+    many of them were differentiated.
     """
 
     gradients: Array
@@ -49,7 +48,7 @@ class Estimate:
 
     @property
     def samples(self) -> int:
-        """How many samples are in the mean."""
+        """Number of samples in the mean."""
         return len(self._finite)
 
     @property
@@ -64,7 +63,7 @@ class Estimate:
 
     @property
     def variance(self) -> Array:
-        """(n,) of ONE sample, unbiased: the mean has variance / samples; NaN for fewer than two."""
+        """(n,) of ONE sample, unbiased; that of the mean is variance / samples. NaN for fewer than two samples."""
         return self._finite.var(axis=0, ddof=1) if self.samples > 1 else np.full(self.gradients.shape[1], np.nan)
 
     @property

@@ -2,7 +2,7 @@
 
 Suh, Simchowitz, Zhang & Tedrake, "Do Differentiable Simulators Give Better Policy Gradients?" (ICML 2022), section 2.
 
-The bundles and ``pathwise`` take one point x (n,) for all samples, or one (samples, n) for each.
+The bundles and ``pathwise`` take one point x (n,) for all samples, or one point per sample (samples, n).
 """
 
 from __future__ import annotations
@@ -14,23 +14,23 @@ from cmbrl.gradients.estimate import Array, Estimate, Objective
 
 
 def pathwise(objective: Objective, x: Array, samples: int) -> Estimate:
-    """First order: mean of the derivatives of every sample at x."""
+    """First order: mean over samples of the derivative at x."""
     return _first_order(objective, np.broadcast_to(x, (samples, x.shape[-1])))
 
 
 def first_order_bundle(objective: Objective, x: Array, std: float, samples: int, rng: np.random.Generator) -> Estimate:
-    """d/dx E f(x + w), w normal with deviation ``std``, as the mean of f'(x + w).
+    """d/dx E f(x + w), w normal with standard deviation ``std``, as the mean of f'(x + w).
 
-    Unbiased only where f is continuous: jumps of f contribute nothing, and ramps narrower than std / samples are
-    missed by most batches ("empirical bias").
+    Unbiased only where f is continuous: jumps of f contribute nothing, and most batches miss ramps narrower than
+    std / samples ("empirical bias").
     """
     return _first_order(objective, x + std * rng.normal(size=(samples, x.shape[-1])))
 
 
 def zeroth_order_bundle(objective: Objective, x: Array, std: float, samples: int, rng: np.random.Generator) -> Estimate:
-    """d/dx E f(x + w) as the mean of w (f(x + w) - f(x - w)) / (2 std^2): values only, unbiased for jumps too.
+    """d/dx E f(x + w) as the mean of w (f(x + w) - f(x - w)) / (2 std^2): values only, unbiased even for jumps.
 
-    Antithetic pairs in place of the baseline f(x): two values a sample either way, and even terms of f cancel.
+    Antithetic pairs replace the baseline f(x): both take two values per sample, and here even terms of f cancel.
     """
     w = std * rng.normal(size=(samples, x.shape[-1]))
     with torch.no_grad():
@@ -39,10 +39,10 @@ def zeroth_order_bundle(objective: Objective, x: Array, std: float, samples: int
 
 
 def finite_differences(objective: Objective, x: Array, step: float, samples: int) -> Estimate:
-    """Central differences of every sample along every coordinate, the same randomness on both sides: a reference.
+    """Reference: central differences of every sample along every coordinate, with the same randomness on both sides.
 
-    The mean is the gradient of the expected value averaged over x +- step in each coordinate; its standard error says
-    how far the mean over ``samples`` may be off.
+    The mean is the gradient of the expected value averaged over x +- step in each coordinate; its standard error is due
+    to the number of ``samples``.
     """
     gradients = np.empty((samples, len(x)))
     with torch.no_grad():
@@ -53,7 +53,7 @@ def finite_differences(objective: Objective, x: Array, step: float, samples: int
 
 
 def _first_order(objective: Objective, points: Array) -> Estimate:
-    """Every row of the batch depends on its own row of x alone, so one backward pass gives all their gradients."""
+    """Each row of the batch depends on its own row of x only, so that one backward pass gives all gradients."""
     x = torch.tensor(points, requires_grad=True)
     value = objective(x).sum()
     gradients = torch.zeros_like(x)

@@ -1,10 +1,10 @@
-"""What a model's derivative is, by name. The simulation stays the same in all of them but BCG."""
+"""A model's derivative by name. Only BCG changes the simulation as well."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from cmbrl.contact.smoothing import Adaptive, Barrier
@@ -19,7 +19,7 @@ DerivativeModel = ComplementarityModel | RandomisedModel | BundledContactModel
 
 @dataclass(frozen=True)
 class Kind:
-    """``options`` and their defaults; None has no default here but in what is made."""
+    """``options`` and their defaults; for None, what is made has its own."""
 
     summary: str
     options: dict[str, Any]
@@ -46,9 +46,8 @@ def _bcg(model: ComplementarityModel, seed: int, **config: Any) -> BundledContac
     return BundledContactModel(model, BundleConfig(**config), seed)
 
 
-_BCG = BundleConfig()
 KINDS: dict[str, Kind] = {
-    "exact": Kind("of the step as it is simulated (plain FOPG on hard contact)", {}, _exact),
+    "exact": Kind("derivative of the step as simulated (plain FOPG on hard contact)", {}, _exact),
     "barrier": Kind("constant kappa [J] or length [m] (BS)", {"kappa": None, "length": None}, _barrier),
     "adaptive": Kind("kappa by distance, length [m] (ABS)", {"length": 1e-3, "floor": 1e-8}, _adaptive),
     "bundle": Kind(
@@ -56,16 +55,16 @@ KINDS: dict[str, Kind] = {
         {"samples": 16, "position": 1e-3, "velocity": 0.0, "control": 0.0},
         _bundle,
     ),
-    "bcg": Kind("Bundled Contact Gradients: branches near contact", vars(_BCG).copy(), _bcg),
+    "bcg": Kind("Bundled Contact Gradients: branches near contact", asdict(BundleConfig()), _bcg),
 }
 
 
 def derivative_model(
     model: ComplementarityModel, kind: str = "exact", seed: int = 0, **options: Any
 ) -> DerivativeModel:
-    """``model`` with its derivative of the given kind; ``seed`` is that of its noise, if it has some.
+    """``model`` with a derivative of the given kind; ``seed`` draws its noise, if any.
 
-    Raises UserError for an unknown kind or option, or a value out of its range.
+    Raises UserError for an unknown kind or option, or a value out of range.
     """
     if kind not in KINDS:
         raise UserError(f"unknown derivative {kind!r}: {did_you_mean(kind, KINDS)}")
@@ -74,7 +73,8 @@ def derivative_model(
         if name not in known:
             remedy = did_you_mean(name, known) if known else "it has none"
             raise UserError(f"derivative {kind!r} has no option {name!r}: {remedy}")
-        if isinstance(known[name], int) and not isinstance(options[name], int):
+        counts = isinstance(known[name], int) or (name == "length" and kind == "bcg")
+        if counts and not isinstance(options[name], int):
             raise UserError(f"derivative {kind!r}, {name}={options[name]:g}: a whole number above 0 is needed")
     return KINDS[kind].make(model, seed, **(known | options))
 
@@ -95,5 +95,5 @@ def parse_derivative(text: str) -> tuple[str, dict[str, Any]]:
 
 
 def steps_taken(model: object, simulated: int) -> int:
-    """Model steps: those that a bundle counts itself, else as many as were simulated."""
-    return int(getattr(model, "steps", simulated))
+    """Model steps: as a bundle counts them, else as many as were simulated."""
+    return model.steps if isinstance(model, RandomisedModel | BundledContactModel) else simulated

@@ -1,4 +1,4 @@
-"""Cartesian noise at the contacting end of a chain, brought into its joints through a damped pseudo-inverse."""
+"""Cartesian noise at the contacting end of a chain, mapped to its joints by a damped pseudo-inverse."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from cmbrl.scene.records import WORLD, Array, JointKind
 class ContactOffsets:
     """Random offsets (dq, dv) of the chains that are in contact (Bundled Contact Gradients, Aditya et al.).
 
-    A chain ends at a link in contact; where it touches in several places, the most loaded one is moved. It has the
-    coordinates between the link and what carries it: a floating base is part of its own chain only, so that one foot
-    does not move the other. Of a contact between two moving links the one moves relative to the other. The choice of
-    point, and to leave out the base, are ours; the paper says "final link".
+    A chain ends at a link in contact; if the link touches in several places, the most loaded point is moved. The chain
+    has the coordinates between the link and its base. A floating base belongs to its own chain only, so that one foot
+    does not move the other. In a contact between two moving links, one moves relative to the other. The choice of the
+    point and the exclusion of the base are ours; the paper says "final link".
 
     Args:
-        model: whose contacts.
+        model: whose contacts are moved.
         position, velocity: standard deviation of each Cartesian component [m, m/s].
         damping: lambda of J^T (J J^T + lambda I)^-1.
     """
@@ -36,7 +36,9 @@ class ContactOffsets:
         self, q: Array, v: Array, load: Array, theta: Array | None, branches: int, rng: np.random.Generator
     ) -> tuple[Array, Array]:
         """(R, branches, nv) each, tangent at q (R, nq); ``load`` (R, nc) is positive for contacts that trigger."""
-        rows = self.model.smooth_dynamics(q, v, theta)["J"]  # normal and tangents: an isotropic frame as good as any
+        rows = self.model.smooth_dynamics(q, v, theta)[
+            "J"
+        ]  # normal and tangents; the noise is isotropic, so that any frame will do
         dq, dv = (np.zeros((len(q), branches, v.shape[1])) for _ in range(2))
         for group, chain in zip(self.groups, self.chains, strict=True):
             touching = np.flatnonzero(load[:, group].max(axis=1) > 0)
@@ -66,7 +68,7 @@ def _chain(scene: Scene, pair: tuple[int, int]) -> Array:
 
 
 def _floats(scene: Scene, body: int) -> bool:
-    """Whether a body without parent slides in every direction: a base, not the first link of an arm."""
+    """Whether a body without parent slides in every direction: a floating base, not the first link of an arm."""
     core = scene.core
     first = core.body_jadr[body]
     kinds = core.jnt_type[first : first + core.body_jnum[body]]

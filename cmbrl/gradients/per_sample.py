@@ -1,4 +1,4 @@
-"""One gradient for each sample from messages to the actions: parameters act through the actions alone."""
+"""Per-sample gradients of a policy net from messages to its outputs."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from torch import Tensor, nn
 def per_sample_gradients(net: nn.Module, inputs: Tensor, messages: Tensor) -> Tensor:
     """(N, n) in the order of ``net.parameters()``: sum over steps of the net's Jacobian transposed times the message.
 
-    inputs (N, H, i) that the net saw, messages (N, H, o): the total derivative of each sample's value in the net's
-    outputs. Whatever an estimator is, it is a choice of messages; this is the rest of every one.
+    inputs (N, H, i) of the net, messages (N, H, o): the total derivative of each sample's value with respect to the
+    net's outputs. Parameters act through the outputs only, so that estimators differ in their messages alone.
     """
     parameters = {name: p.detach() for name, p in net.named_parameters()}
 

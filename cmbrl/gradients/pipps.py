@@ -1,7 +1,7 @@
-"""Total propagation (PIPPS): at every noisy node the path gradient and the score function, by inverse variance.
+"""Total propagation (PIPPS): path gradient and score function, mixed by inverse variance at every noisy node.
 
 Parmas, Rasmussen, Peters & Doya, "PIPPS: Flexible Model-Based Policy Search Robust to the Curse of Chaos" (ICML 2018),
-algorithm 1. Their model is noisy everywhere; into a deterministic simulator the noise is put here.
+algorithm 1. Their model is noisy everywhere; here noise is added to a deterministic simulator.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from cmbrl.gradients.score import leave_one_out
 
 
 class Future:
-    """Return of every particle from some node onwards, (N,): known only once the rollout is over."""
+    """Return (N,) of every particle from some node onwards, known only after the rollout."""
 
     def __init__(self) -> None:
         self.value: Tensor | None = None
 
 
 class NoisyNode(torch.autograd.Function):
-    """mean (N, n) + std * unit noise; backwards, the message to the mean is that of total propagation.
+    """mean (N, n) + std * unit noise; backwards, the mean gets total propagation's message.
 
-    The derivative must be that of the SUM of the particles' returns (not of their mean, nor of a loss).
+    Differentiate the SUM of the particles' returns (neither their mean nor a loss).
     """
 
     @staticmethod
@@ -39,22 +39,22 @@ class NoisyNode(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, path: Tensor) -> Any:  # type: ignore[override]
-        """``path`` is the reparameterised message; raises UserError where the future was not filled in."""
+        """``path`` is the reparameterised message; raises UserError if the future was not filled in."""
         value = ctx.future.value
         if value is None:
-            raise UserError("a noisy node does not know its future: set its value before backward()")
+            raise UserError("a noisy node does not know its return: set Future.value before backward()")
         score = (value - leave_one_out(value))[:, None] * ctx.noise / ctx.std
         return combine(path, score.to(path.dtype)), None, None, None
 
 
 def combine(path: Tensor, score: Tensor) -> Tensor:
-    """Both messages (N, n), weighted by the inverse of their variances over the particles; equally if both vanish.
+    """Both messages (N, n), weighted by the inverse of their variances over particles; equally if both vanish.
 
-    Particles whose message is not finite are in neither variance. A variance that overflows counts as infinite.
+    Particles whose message is not finite are excluded from its variance. A variance that overflows counts as infinite.
     """
     variances = [_spread(message) for message in (path, score)]
     k = path_weight(*variances)
-    if k == 0.0:  # a path message that is not a number must not come through 0 * NaN
+    if k == 0.0:  # avoids 0 * NaN
         return score
     return score + k * (path - score)
 
@@ -87,14 +87,14 @@ def total_propagation(
 ) -> Estimate:
     """Gradient in x (n,) of the expected return with noise ``std`` on controls and ``state_std`` on (q, v), each step.
 
-    One particle starts from each of the rollout's initial states. The particles share baselines and weights, so that
-    their gradients are slightly dependent, and the mean has a bias of order 1/N.
-    Raises UserError without noise on the controls, or for noise on quaternions.
+    One particle starts from each of the rollout's initial states. Particles share baselines and weights, so that their
+    gradients are slightly dependent and the mean has a bias of order 1/N.
+    Raises UserError without noise on controls, and for noise on quaternions.
     """
     if not std > 0 or min(state_std) < 0:
-        raise UserError(f"total propagation with noise {std} on controls, {state_std} on states: give a positive first")
+        raise UserError(f"total propagation with noise {std} on controls, {state_std} on states: give a positive std")
     if state_std[0] > 0 and rollout.q.shape[1] != rollout.v.shape[1]:
-        raise UserError("noise on positions that are quaternions: give noise on velocities only, state_std = (0, ...)")
+        raise UserError("quaternions cannot have additive noise: give noise on velocities only, state_std = (0, ...)")
     at_controls: list[Future] = []
     at_states: list[Future] = []
 
@@ -115,7 +115,7 @@ def total_propagation(
     samples = len(rollout.q)
     parameters = torch.tensor(np.tile(x, (samples, 1)), requires_grad=True)
     rewards = rollout.rewards(parameters, act, arrive)
-    # The state after step t decides r_t (reward of the state that a control leads to) and all that follow.
+    # The state after step t decides r_t, the reward of the state that a control leads to, and all later rewards.
     for control, state, value in zip(at_controls, at_states, returns_to_go([r.detach() for r in rewards]), strict=True):
         control.value = state.value = value
     (gradients,) = torch.autograd.grad(torch.stack(rewards).sum(), parameters)

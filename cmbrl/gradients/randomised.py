@@ -16,16 +16,16 @@ from cmbrl.native import SolverStatus
 
 
 class RandomisedModel:
-    """Steps as ``model`` does; its derivative is the mean Jacobian at ``samples`` perturbed states and controls.
+    """Steps like ``model``; its derivative is the mean Jacobian at ``samples`` perturbed states and controls.
 
     First-order bundle of the dynamics, A, B = mean of d f(x + dx, u + du) (Suh, Pang & Tedrake, "Bundled gradients
     through contact via randomized smoothing", RA-L 2022). Each evaluation costs 1 + ``samples`` steps.
 
     Args:
-        model: what is stepped, with its own smoothing (hard, as a rule).
+        model: what is stepped, with its own smoothing (usually hard).
         samples: size of the bundle, at least 1.
-        position, velocity, control: standard deviations, natural units of the coordinates (m, rad; per second).
-        seed: of the noise; calls draw from one stream.
+        position, velocity, control: standard deviations in units of the coordinates (m, rad; per second).
+        seed: of the noise; all calls draw from one stream.
 
     Raises:
         UserError: for an empty bundle or one without noise.
@@ -41,7 +41,9 @@ class RandomisedModel:
         seed: int = 0,
     ) -> None:
         if samples < 1 or not max(position, velocity, control) > 0 or min(position, velocity, control) < 0:
-            raise UserError(f"bundle of {samples} samples, noise {position}, {velocity}, {control}: give some of each")
+            raise UserError(
+                f"bundle of {samples} samples, noise {position}, {velocity}, {control}: give some of each, none below 0"
+            )
         self.model, self.samples = model, samples
         self.coordinates = Coordinates.from_scene(model.scene)
         self.noise = (position, velocity, control)
@@ -50,7 +52,7 @@ class RandomisedModel:
 
     @property
     def name(self) -> str:
-        """Of the model, with the size of the bundle."""
+        """The model's name with the size of the bundle."""
         return f"{self.model.name}, bundle of {self.samples}"
 
     @property
@@ -59,7 +61,7 @@ class RandomisedModel:
         return self.model.dt
 
     def reset_failures(self) -> None:
-        """Start counting failed solves anew."""
+        """Sets the count of failed solves to zero."""
         self.failures = 0
 
     def state(self) -> dict[str, Any]:
@@ -67,7 +69,7 @@ class RandomisedModel:
         return {"rng": self._rng.bit_generator.state, "steps": self.steps}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Goes on from what ``state`` returned."""
+        """Continues from what ``state`` returned."""
         self._rng.bit_generator.state, self.steps = state["rng"], state["steps"]
 
     def step(self, q: Tensor, v: Tensor, u: Tensor, theta: Tensor | None = None) -> tuple[Tensor, Tensor]:
@@ -94,7 +96,7 @@ class RandomisedModel:
             total = total + np.where(solved[:, None, None], r.jacobian, 0.0)
             count += solved
         with np.errstate(invalid="ignore"):
-            return np.asarray(total / count[:, None, None])  # NaN where all failed: never silent
+            return np.asarray(total / count[:, None, None])  # NaN where all failed
 
 
 class _Bundle(torch.autograd.Function):

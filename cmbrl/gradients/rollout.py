@@ -1,4 +1,4 @@
-"""The return of a policy over a horizon, as a function of its parameters, one initial state a sample."""
+"""The return of a policy over a horizon as a function of its parameters, one initial state per sample."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from torch import Tensor
 from cmbrl.errors import UserError
 from cmbrl.models.protocol import Model, forget
 
-Policy = Callable[[Tensor, Tensor, Tensor], Tensor]  #: parameters (B, n), q (B, nq), v (B, nv) -> u (B, nu)
+ParametricPolicy = Callable[[Tensor, Tensor, Tensor], Tensor]  #: parameters (B, n), q (B, nq), v (B, nv) -> u (B, nu)
 Launch = Callable[[Tensor, Tensor, Tensor], tuple[Tensor, Tensor]]  #: parameters, q, v -> q, v at the start
 Reward = Callable[[Tensor, Tensor, Tensor], Tensor]  #: u (B, nu), q' (B, nq), v' (B, nv) -> (B,)
-Act = Callable[[Tensor], Tensor]  #: the policy's control (B, nu) -> the one that is applied
-Arrive = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]  #: the model's next state -> the one that is gone on from
+Act = Callable[[Tensor], Tensor]  #: the policy's control (B, nu) -> the applied one
+Arrive = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]  #: the model's next state -> the one to continue from
 
 
 @dataclass(frozen=True)
@@ -44,17 +44,17 @@ class Rollout:
     """Sum of rewards over ``horizon`` control steps from the states q (B, nq), v (B, nv): an ``Objective``.
 
     Args:
-        model: any differentiable next-state model; its smoothing decides what the derivative is.
-        policy: controls of parameters and state.
-        reward: of the control and the state that it led to.
+        model: any differentiable next-state model; its smoothing determines the derivative.
+        policy: maps parameters and state to controls.
+        reward: of the control and the state that it leads to.
         horizon: control steps, at least 1.
         q, v: initial states, float64; sample i always starts at row i.
-        scale: what a step costs in model steps (a bundle takes 1 + its size of them).
-        launch: what the parameters make of the initial state (a throw); default nothing.
+        scale: model steps per step (1 + its size for a bundle).
+        launch: applies the parameters to the initial state (a throw); default: nothing.
     """
 
     model: Model
-    policy: Policy
+    policy: ParametricPolicy
     reward: Reward
     horizon: int
     q: Tensor
@@ -68,11 +68,11 @@ class Rollout:
         return self.horizon * self.scale
 
     def __call__(self, x: Tensor) -> Tensor:
-        """Returns (B,) of policies with parameters x (B, n); raises UserError unless there is one row a start."""
+        """Returns (B,) of policies with parameters x (B, n); raises UserError unless there is one row per start."""
         return torch.stack(self.rewards(x)).sum(dim=0)
 
     def rewards(self, x: Tensor, act: Act | None = None, arrive: Arrive | None = None) -> list[Tensor]:
-        """Rewards (B,) step by step, with noise put in by ``act`` (on controls) and ``arrive`` (on states)."""
+        """Rewards (B,) of each step, with noise added by ``act`` (on controls) and ``arrive`` (on states)."""
         if len(x) != len(self.q):
             raise UserError(f"{len(x)} policies for {len(self.q)} initial states: give one row for each")
         q, v = self.launch(x, self.q, self.v) if self.launch else (self.q, self.v)

@@ -1,4 +1,4 @@
-"""Zeroth order with noise on the controls: the score function (REINFORCE) with a baseline; values only, no derivatives.
+"""Zeroth order with noise on the controls: the score function (REINFORCE) with a baseline; no derivatives.
 
 Williams, "Simple statistical gradient-following algorithms" (Machine Learning 1992); the baselines: Suh et al., "Do
 Differentiable Simulators Give Better Policy Gradients?" (ICML 2022), definition 2.5, and the mean of the other samples.
@@ -23,12 +23,12 @@ def score_function(
     """Gradient in x (n,) of E V(w), controls u_t = pi + w_t, w normal: mean of [V(w) - b] sum_t (dpi/dx)^T w_t / std^2.
 
     Args:
-        rollout: V is its return; one sample from each of its initial states.
+        rollout: its return is V; one sample per initial state.
         std: of the noise, in units of the control.
-        baseline: b: "nominal" V(0) of the same initial state (a second rollout each), "others" the mean return of the
-            other samples (free), "none".
+        baseline: b. "nominal": V(0) of the same initial state (costs a second rollout); "others": the mean return of
+            the other samples (free); "none".
 
-    Raises UserError for an unknown baseline, no noise, or parameters that act on the launch, where no noise is.
+    Raises UserError for an unknown baseline, no noise, or parameters that act on the launch, which has no noise.
     """
     samples = len(rollout.q)
     if baseline not in BASELINES or not std > 0 or rollout.launch is not None:
@@ -43,7 +43,7 @@ def score_function(
         nonlocal score
         noise = torch.from_numpy(std * rng.normal(size=mean.shape))
         score = score + (mean * noise).sum(dim=1) / std**2
-        return mean.detach() + noise  # states carry no graph, so that nothing of the model is differentiated
+        return mean.detach() + noise  # states carry no graph, so that the model is not differentiated
 
     value = torch.stack(rollout.rewards(parameters, act)).sum(dim=0).detach()
     cost = rollout.steps

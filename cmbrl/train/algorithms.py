@@ -1,20 +1,19 @@
-"""The algorithms by name: where each lies and what it trains on. A new one is one file and one line here.
+"""The algorithms by name: where each is defined and what it trains on. A new one is one file and one line here.
 
-A trainer is called as ``Trainer(mdp, model, config, seed=...)``. ``model`` is what ``--model`` names: a next-state
-model, an ensemble that nothing has been learned from yet ("ensemble"), or the function that makes the task's real
-system ("real", :data:`cmbrl.envs.system.SystemFactory`). What an algorithm needs beside that it lists in ``takes`` and
-gets by keyword:
+A trainer is called as ``Trainer(mdp, model, config, seed=...)`` and is a :class:`cmbrl.train.trainer.Trainer`.
+``model`` is what ``--model`` names: a next-state model, an untrained ensemble ("ensemble"), or the function that makes
+the task's real system ("real", :data:`cmbrl.envs.system.SystemFactory`). ``config`` comes from
+:func:`cmbrl.train.recipe.configure`. An algorithm that needs more lists it in ``takes`` and gets it by keyword:
 
-- ``system``: the function that makes the task's real system, for one that collects transitions as it goes; None when
-  it shall learn from a log alone (``--offline``)
-- ``data``: the log of ``--data`` (:class:`cmbrl.Transitions`), or None where none was given
+- ``system``: the function that makes the task's real system, for an algorithm that collects transitions while it
+  trains; None if it should learn from a log alone (``--offline``)
+- ``data``: the log given by ``--data`` (:class:`cmbrl.Transitions`), or None
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from importlib import import_module
-from inspect import ismethod
 from typing import Any
 
 from cmbrl.errors import UserError, did_you_mean
@@ -26,12 +25,16 @@ _ANY = (REAL, CONTACT, ENSEMBLE)
 
 @dataclass(frozen=True)
 class Algorithm:
-    """``place`` is "module:Trainer:Config"; ``models`` the kinds that it can train on, the usual one first."""
+    """``place`` is "module:Trainer:Config"; ``models`` the kinds that it can train on, the default first.
+
+    ``base``: the algorithm that it trains policies by; what a task sets for that one holds here too.
+    """
 
     place: str
     summary: str
     models: tuple[str, ...] = (CONTACT, ENSEMBLE)
     takes: tuple[str, ...] = ()
+    base: str | None = None
 
     def load(self) -> tuple[Any, Any]:
         """The trainer's class and that of its configuration, imported now."""
@@ -41,20 +44,23 @@ class Algorithm:
 
 
 ALGORITHMS = {
-    "shac": Algorithm("cmbrl.train.shac:SHAC:SHACConfig", "short windows of first-order gradients, valued by a critic"),
+    "shac": Algorithm(
+        "cmbrl.train.shac:SHAC:SHACConfig", "first-order gradients over short windows, whose ends a critic values"
+    ),
     "fopg": Algorithm(
         "cmbrl.train.fopg:FOPG:FOPGConfig",
         "policy gradients of windows or whole episodes: pathwise, score function, AoBG or PIPPS",
     ),
     "loop": Algorithm(
         "cmbrl.train.loop:Loop:LoopConfig",
-        "the complementarity-model loop: act, fit, improve by SHAC on draws from the fit, and again",
+        "the complementarity-model loop: act, fit, improve by SHAC on draws from the fit, repeat",
         (CONTACT,),
         ("system", "data"),
+        base="shac",
     ),
     "mbpo": Algorithm(
         "cmbrl.train.mbpo:MBPO:MBPOConfig",
-        "short rollouts of a neural ensemble, which it fits as it goes, feed a soft actor-critic",
+        "soft actor-critic on short rollouts of a neural ensemble, which is fitted during training",
         (UNTRAINED,),
         ("system", "data"),
     ),
@@ -64,14 +70,8 @@ ALGORITHMS = {
 }
 
 
-def algorithm(name: str) -> Algorithm:
-    """The algorithm called ``name``; raises UserError with the nearest name when there is none."""
+def algorithm(name: str, where: str = "") -> Algorithm:
+    """The algorithm called ``name``; raises UserError with the nearest name, led by ``where``, if there is none."""
     if name not in ALGORITHMS:
-        raise UserError(f"unknown algorithm {name!r}: {did_you_mean(name, ALGORITHMS)}")
+        raise UserError(f"{where}{': ' if where else ''}unknown algorithm {name!r}: {did_you_mean(name, ALGORITHMS)}")
     return ALGORITHMS[name]
-
-
-def preset(config: Any, task: str) -> Any:
-    """The settings of the dataclass ``config`` for a task: its classmethod of that name, else its defaults."""
-    named = getattr(config, task, None)
-    return named() if ismethod(named) else config()

@@ -1,13 +1,13 @@
-"""Model-free rivals from Stable-Baselines3 and its contrib: SAC, PPO and ARS, on a model or in the real system.
+"""Model-free competitors from Stable-Baselines3 and its contrib: SAC, PPO and ARS, on a model or in the real system.
 
-Their settings are those of RL Baselines3 Zoo (github.com/DLR-RM/rl-baselines3-zoo, hyperparams/*.yml) for Hopper, and
-``cheetah()`` those for HalfCheetah: SAC of the v3 robots (the library's defaults, but for 10,000 random steps first),
-PPO of v4, ARS of v3 (the closest to its paper). Trained actors become our policies, observation scaling included.
+Defaults are the library's, except for SAC's 10,000 random steps at the start, which RL Baselines3 Zoo
+(github.com/DLR-RM/rl-baselines3-zoo) uses for both Hopper and HalfCheetah. Trained actors become our policies,
+observation scaling included.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -21,74 +21,65 @@ from cmbrl.envs.system import SystemFactory
 from cmbrl.envs.system_batch import SystemBatch
 from cmbrl.errors import UserError
 from cmbrl.models.protocol import Model, forget
+from cmbrl.settings import setting
 from cmbrl.train import stable_baselines as sb3
 from cmbrl.train.policy import Architecture, Policy
-from cmbrl.train.trainer import episode_metrics
+from cmbrl.train.randomness import GlobalRandomness
+from cmbrl.train.trainer import Trainer, episode_metrics
 
-EPSILON = 1e-5  # added to the variance of observations: that of our policies (the library's default is 1e-8)
+EPSILON = 1e-5  # added to the variance of observations, as in our policies (the library's default is 1e-8)
 
 
 @dataclass(frozen=True)
 class SACConfig:
-    """Soft actor-critic, Haarnoja et al. 2018 (arXiv 1812.05905); the temperature is learned."""
+    """Soft actor-critic, Haarnoja et al. 2018 (arXiv 1812.05905), with a learned temperature."""
 
-    iterations: int = 1000
-    block: int = 1000  #: environment steps of an iteration
-    environments: int = 1  #: side by side; there is one update per step of each
-    warmup: int = 10_000  #: random steps first
-    hidden: tuple[int, ...] = (256, 256)  #: of actor and critics
-    rate: float = 3e-4
-    batch: int = 256
-    buffer: int = 1_000_000  #: steps kept
-    discount: float = 0.99
-    target_share: float = 0.005  #: of the critics that their targets take on at each update
+    iterations: int = setting(1000, "iterations of the run", least=1)
+    block: int = setting(1000, "environment steps of each iteration", least=1)
+    environments: int = setting(1, "environments side by side; one update per step of each", least=1)
+    warmup: int = setting(10_000, "random steps before learning starts", least=1)
+    hidden: tuple[int, ...] = setting((256, 256), "hidden layers of actor and critics", least=1)
+    rate: float = setting(3e-4, "learning rate", least=0)
+    batch: int = setting(256, "size of a batch", least=1)
+    buffer: int = setting(1_000_000, "steps kept in the replay buffer", least=1)
+    discount: float = setting(0.99, "discount per control step", least=0)
+    target_share: float = setting(0.005, "share of the critics that their targets take on at each update", least=0)
 
 
 @dataclass(frozen=True)
 class PPOConfig:
     """Proximal policy optimisation, Schulman et al. 2017 (arXiv 1707.06347); observations and rewards are scaled."""
 
-    iterations: int = 1954  #: with one environment a million steps
-    environments: int = 1  #: side by side
-    horizon: int = 512  #: steps of each in an iteration
-    epochs: int = 5  #: passes over them
-    batch: int = 32
-    rate: float = 9.80828e-05
-    discount: float = 0.999
-    trace: float = 0.99  #: lambda of the advantages
-    clip: float = 0.2  #: of the ratio of new to old probability
-    entropy: float = 0.00229519  #: weight of the entropy
-    value: float = 0.835671  #: weight of the critic's loss
-    gradient: float = 0.7  #: largest norm
-    log_std: float = -2.0  #: of the first policy's noise; learned
-    hidden: tuple[int, ...] = (256, 256)  #: of actor and critic
-
-    @classmethod
-    def cheetah(cls) -> PPOConfig:
-        """For HalfCheetah."""
-        return cls(epochs=20, batch=64, rate=2.0633e-05, discount=0.98, trace=0.92, clip=0.1, entropy=0.000401762,
-                   value=0.58096, gradient=0.8)  # fmt: skip
+    iterations: int = setting(489, "iterations of the run", least=1)
+    environments: int = setting(1, "environments side by side", least=1)
+    horizon: int = setting(2048, "control steps of each environment in an iteration", least=1)
+    epochs: int = setting(10, "passes over the steps of an iteration", least=1)
+    batch: int = setting(64, "size of a batch", least=1)
+    rate: float = setting(3e-4, "learning rate", least=0)
+    discount: float = setting(0.99, "discount per control step", least=0)
+    trace: float = setting(0.95, "lambda of the generalised advantages", least=0)
+    clip: float = setting(0.2, "clipping range of the ratio of new to old probability", least=0)
+    entropy: float = setting(0.0, "weight of the entropy", least=0)
+    value: float = setting(0.5, "weight of the critic's loss", least=0)
+    gradient: float = setting(0.5, "largest norm of a gradient", least=0)
+    log_std: float = setting(0.0, "log standard deviation of the first policy's noise, which is learned")
+    hidden: tuple[int, ...] = setting((64, 64), "hidden layers of actor and critic", least=1)
 
 
 @dataclass(frozen=True)
 class ARSConfig:
     """Augmented random search, Mania et al. 2018 (arXiv 1803.07055): a linear policy of scaled observations."""
 
-    iterations: int = 500
-    environments: int = 1  #: side by side; each direction is tried for an episode of each
-    rate: float = 0.01
-    deviation: float = 0.025  #: of the weights' perturbations
-    directions: int = 8  #: tried in an iteration, each forth and back
-    best: int = 4  #: of them that are used
-    alive: float = -1.0  #: added to each reward, to take the bonus for staying upright out
-
-    @classmethod
-    def cheetah(cls) -> ARSConfig:
-        """For HalfCheetah."""
-        return cls(rate=0.02, deviation=0.03, directions=32, alive=0.0)
+    iterations: int = setting(500, "iterations of the run", least=1)
+    environments: int = setting(1, "environments side by side; each direction is tried for an episode in each", least=1)
+    rate: float = setting(0.02, "step size", least=0)
+    deviation: float = setting(0.05, "standard deviation of the perturbed weights", least=0)
+    directions: int = setting(8, "directions tried in an iteration, each both ways", least=1)
+    best: int = setting(8, "directions used, those with the largest returns", least=1)
+    alive: float = setting(0.0, "added to each reward: -1 removes a bonus of 1 for staying upright")
 
 
-class Baseline(ABC):
+class Baseline(Trainer):
     """An algorithm of the library as a trainer.
 
     Args:
@@ -96,8 +87,11 @@ class Baseline(ABC):
         model: what moves it: a next-state model, or the function that makes the real system.
         config: of the algorithm.
         seed: of everything random.
+
+    Raises UserError if the library is not installed or refuses the settings.
     """
 
+    simulation: Simulation
     scales_observations: ClassVar[bool] = True
     scales_rewards: ClassVar[bool] = False
 
@@ -112,11 +106,9 @@ class Baseline(ABC):
         self.scales: Any = None
         if self.scales_observations:
             normalised = sb3.library("stable_baselines3.common.vec_env").VecNormalize
-            discount = getattr(config, "discount", 1.0)
-            environment = self.scales = normalised(
-                rows, norm_reward=self.scales_rewards, gamma=discount, epsilon=EPSILON
-            )
-        self.randomness = sb3.GlobalRandomness(seed)
+            gamma = config.discount if self.scales_rewards else 1.0  # rewards are scaled by their discounted sum
+            environment = self.scales = normalised(rows, norm_reward=self.scales_rewards, gamma=gamma, epsilon=EPSILON)
+        self.randomness = GlobalRandomness(seed)
         try:
             with self.randomness:
                 self.algorithm = self.make(environment, seed)
@@ -134,7 +126,7 @@ class Baseline(ABC):
 
     @abstractmethod
     def architecture(self) -> Architecture:
-        """Of the policy that stands for its actor."""
+        """Of the policy that copies the actor."""
 
     @abstractmethod
     def actor(self) -> Sequence[nn.Module]:
@@ -142,7 +134,7 @@ class Baseline(ABC):
 
     @abstractmethod
     def steps(self) -> int:
-        """Environment steps that an iteration takes at least."""
+        """Smallest number of environment steps in an iteration."""
 
     def update(self) -> dict[str, float]:
         """One iteration; returns its metrics."""
@@ -182,7 +174,7 @@ class Baseline(ABC):
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Goes on from what ``state`` returned, bit for bit."""
+        """Continues from what ``state`` returned, bit for bit."""
         self.iteration = state["iteration"]
         sb3.set_parameters(self.algorithm, state["library"])
         for name, value in zip(_LAST, state["last"], strict=True):
@@ -246,7 +238,7 @@ class PPO(Baseline):
 
 
 class ARS(Baseline):
-    """``update`` is one step of the search: an episode of each environment for each direction, forth and back."""
+    """``update`` is one step of the search: an episode of each environment for each direction, both ways."""
 
     def make(self, environment: Any, seed: int) -> Any:
         c = self.config

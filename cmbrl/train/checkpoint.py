@@ -1,7 +1,8 @@
-"""A trainer's whole state in one safetensors file, without pickle: tensors as they are, all else as JSON beside them.
+"""A trainer's whole state in one safetensors file, without pickle: tensors as they are, everything else as JSON.
 
 The nesting (dicts with any simple keys, lists, tuples) is a JSON skeleton in the file's metadata, in which
-``{"tensor": "12"}`` stands for the tensor of that name. One file, renamed into place: a kill leaves the old or the new.
+``{"tensor": "12"}`` stands for the tensor of that name. The file is renamed into place: a kill leaves the old or the
+new one.
 """
 
 from __future__ import annotations
@@ -25,10 +26,10 @@ _SKELETON = "skeleton"
 
 
 def save_state(path: str | os.PathLike[str], state: Any) -> None:
-    """Writes ``state``, whole or not at all.
+    """Writes ``state``, completely or not at all.
 
     Nested dicts (keys: str, int, bool, None), lists and tuples of tensors, numpy arrays, numbers (NaN too, integers of
-    any size), strings, booleans and None; all come back with their types and bits. Raises TypeError on anything else.
+    any size), strings, booleans and None; all come back with their types and bits. Raises TypeError for anything else.
     """
     tensors: dict[str, Tensor] = {}
     skeleton = json.dumps(_pack(state, tensors), allow_nan=False)
@@ -37,7 +38,7 @@ def save_state(path: str | os.PathLike[str], state: Any) -> None:
 
 
 def load_state(path: str | os.PathLike[str]) -> Any:
-    """Reads what ``save_state`` wrote; raises UserError that names the file when it is missing or damaged."""
+    """Reads what ``save_state`` wrote; raises UserError that names the file if it is missing or damaged."""
     file = Path(path)
     if not file.is_file():
         raise UserError(f"{file}: no such file")
@@ -60,7 +61,7 @@ def _pack(value: Any, tensors: dict[str, Tensor]) -> Any:
     if isinstance(value, Tensor | np.ndarray):
         name = str(len(tensors))
         is_tensor = isinstance(value, Tensor)
-        # A copy: safetensors refuses tensors that share memory, and an optimiser's state may hold the same one twice.
+        # A copy: safetensors refuses tensors that share memory, and an optimiser's state may hold one twice.
         tensors[name] = (value.detach() if isinstance(value, Tensor) else torch.from_numpy(value)).clone().contiguous()
         return {"tensor" if is_tensor else "array": name}
     if isinstance(value, dict):

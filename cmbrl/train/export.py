@@ -1,7 +1,7 @@
-"""A policy for other programs: ONNX and TorchScript, both with the observation scaling inside.
+"""A policy for other programs: ONNX and TorchScript, both including the observation scaling.
 
-Both take float32 observations (batch, n_o) and give deterministic actions (batch, n_a) in [-1, 1]. The TorchScript file
-is what ``cmbrl record --behaviour policy --policy FILE`` takes.
+Both map float32 observations (batch, n_o) to deterministic actions (batch, n_a) in [-1, 1]. ``cmbrl record --behaviour
+policy --policy FILE`` takes the TorchScript file.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ INPUT, OUTPUT = "observation", "action"
 
 
 def export_torchscript(policy: Policy, path: str | os.PathLike[str]) -> None:
-    """Writes a TorchScript module; raises UserError when ``path`` cannot be written."""
+    """Writes a TorchScript module; raises UserError if ``path`` cannot be written."""
     with atomic_path(path) as temporary, _quietly():
         traced = torch.jit.trace(policy.eval(), _example(policy))
         torch.jit.freeze(traced).save(str(temporary))  # type: ignore[no-untyped-call]
 
 
 def export_onnx(policy: Policy, path: str | os.PathLike[str]) -> None:
-    """Writes one ONNX file, input "observation", output "action", batch free.
+    """Writes one ONNX file with input "observation", output "action" and any batch size.
 
-    Raises UserError when ``path`` cannot be written or what exports is not installed.
+    Raises UserError if ``path`` cannot be written or an exporter is not installed.
     """
     for package in ("onnx", "onnxscript"):
         if find_spec(package) is None:
-            raise UserError(f"{package} is not installed, which writes ONNX: pip install 'cmbrl[export]'")
+            raise UserError(f"writing ONNX needs {package}: pip install 'cmbrl[export]'")
     with atomic_path(path) as temporary, _quietly():
         torch.onnx.export(
             policy.eval(),
@@ -58,7 +58,7 @@ def _example(policy: Policy) -> torch.Tensor:
 
 @contextmanager
 def _quietly() -> Iterator[None]:
-    """Without what the exporters print, warn of and log: their next versions, and packages that no policy needs."""
+    """Silences what the exporters print and log about their future versions and about packages that no policy needs."""
     logger = logging.getLogger("torch.onnx")
     level = logger.level
     with warnings.catch_warnings(), redirect_stdout(StringIO()):

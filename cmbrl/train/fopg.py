@@ -1,67 +1,83 @@
-"""FOPG: policy gradients of returns through the model, over whole episodes or windows, by four estimators.
+"""FOPG: policy gradients of returns through the model, over windows or whole episodes, by four estimators.
 
-Pathwise (backpropagation through time), score function, their bounded mixture (AoBG), and total propagation (PIPPS):
-methods of :mod:`cmbrl.gradients` on a policy net. Each is a choice of messages to the net's outputs, one for each
-sample and step, of which the per-sample gradients follow; mean, variance and cost are those of an ``Estimate``.
+Pathwise (backpropagation through time), score function, their bounded mixture (AoBG) and total propagation (PIPPS):
+the methods of :mod:`cmbrl.gradients` on a policy net. Each chooses messages to the net's outputs, one per sample and
+step, from which the per-sample gradients follow. With a critic, SHAC's, the ends of windows are valued.
 """
 
 from __future__ import annotations
 
-import copy
 import math
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import dataclass, fields
+from typing import Literal
 
 import torch
 from torch import Tensor
 
 from cmbrl.envs.mdp import MDP
-from cmbrl.envs.simulation import Disturbance, Simulation, parameter_sets
+from cmbrl.envs.simulation import Simulation, Step
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.gradients.aobg import BiasBound, aobg
 from cmbrl.gradients.estimate import Estimate
-from cmbrl.gradients.kinds import steps_taken
 from cmbrl.gradients.per_sample import per_sample_gradients
 from cmbrl.gradients.pipps import Future, NoisyNode
 from cmbrl.gradients.score import leave_one_out
 from cmbrl.models.protocol import Model
-from cmbrl.train.policy import Architecture, Policy
-from cmbrl.train.trainer import Diverged, episode_metrics
+from cmbrl.settings import setting
+from cmbrl.train.critic import BETAS, check_discount
+from cmbrl.train.policy import Architecture
+from cmbrl.train.windows import WindowConfig, WindowLearner, decayed
 
 ESTIMATORS = ("pathwise", "zeroth", "aobg", "pipps")
-PATIENCE = 10  # updates in a row without a usable gradient, before a run is given up
+PLAIN_BETAS = (0.9, 0.999)  # of Adam where there is no critic
 
 
 @dataclass(frozen=True)
-class FOPGConfig:
-    """Defaults are our choice: SHAC's window without a critic."""
+class FOPGConfig(WindowConfig):
+    """Settings of FOPG; our choice."""
 
-    iterations: int = 500  #: updates of the policy
-    samples: int = 64  #: episodes side by side; AoBG takes twice as many, half of them for either order
-    horizon: int = 32  #: steps of a window; 0: a whole episode
-    restart: bool = False  #: start every window anew (full horizon), instead of where the last one ended (truncated)
-    estimator: Literal["pathwise", "zeroth", "aobg", "pipps"] = "pathwise"
-    discount: float = 0.99
-    hidden: tuple[int, ...] = (32, 32)
-    norm: bool = True  #: LayerNorm in the net
-    normalise: bool = True  #: standardise observations
-    squash: Literal["tanh", "clip"] = "tanh"  #: how the net's output is brought into [-1, 1]: "tanh" or "clip"
-    rate: float = 2e-3  #: Adam's; falls linearly to 0
-    clip: float = 1.0  #: largest norm of a gradient
-    std: float = 0.2  #: of the noise on the net's output; only pathwise can do without
-    bias: float = math.inf  #: AoBG's gamma: largest bias allowed; inf: pure inverse variance
-    bias_delta: float = 0.05  #: probability with which that bound may fail
-    bias_scale: float = 1.0  #: bound on a zeroth-order sample, in units of the gradient
-    noise_linear: float = 0.0  #: velocity noise of each step [m/s]
-    noise_angular: float = 0.0  #: [rad/s]
-    parameter_spread: float = 0.0  #: physical parameters of each episode, relative: 0.2 is +-20 %
+    iterations: int = setting(500, "updates of the policy", least=1)
+    samples: int = setting(64, "episodes side by side; aobg takes twice as many, half for each order", least=1)
+    horizon: int | None = setting(None, "control steps of a window; overrides window; 0: a whole episode", least=0)
+    restart: bool = setting(False, "start every window from a reset instead of where the last one ended")
+    estimator: Literal["pathwise", "zeroth", "aobg", "pipps"] = setting(
+        "pathwise", "gradient estimator: pathwise, zeroth (score function), aobg or pipps"
+    )
+    critic: bool = setting(False, "value the ends of windows by a critic")
+    hidden: tuple[int, ...] = setting((32, 32), "hidden layers of the policy", least=1)
+    norm: bool = setting(True, "LayerNorm in the policy")
+    normalise: bool = setting(True, "standardise observations")
+    squash: Literal["tanh", "clip"] = setting("tanh", "how the net's output is brought into [-1, 1]: tanh or clip")
+    rate: float = setting(2e-3, "learning rate (Adam); falls linearly to 0", least=0)
+    std: float = setting(0.2, "standard deviation of the noise on the net's output; only pathwise works at 0", least=0)
+    std_end: float | None = setting(None, "the same at the end, reached geometrically; none: constant", above=0)
+    bias: float = setting(math.inf, "gamma of aobg: largest bias allowed; inf: pure inverse variance", least=0)
+    bias_delta: float = setting(0.05, "probability with which that bound may fail", least=0)
+    bias_scale: float = setting(1.0, "bound on a zeroth-order sample, in units of the gradient", least=0)
+
+    def __post_init__(self) -> None:
+        if self.estimator not in ESTIMATORS:
+            raise UserError(f"unknown estimator {self.estimator!r}: {did_you_mean(self.estimator, ESTIMATORS)}")
+        if self.estimator != "pathwise" and not self.std > 0:
+            raise UserError(f"estimator {self.estimator!r} with std = {self.std}: needs noise on the actions")
+        if self.std_end is not None and not self.std > 0:
+            raise UserError(f"std = {self.std} cannot fall to std_end = {self.std_end}: choose std above 0")
+        if self.critic:
+            check_discount(self.discount)
+
+    def noise_std(self, progress: float) -> float:
+        """Standard deviation of the noise when this share of the updates is done."""
+        if self.std_end is None:
+            return self.std
+        return decayed(math.log(self.std), math.log(self.std_end), progress)
 
 
 @dataclass(frozen=True)
 class Window:
     """What a rollout of H steps left, (H, N, ...): the net's ``inputs``, its outputs, what was added to them, rewards.
 
-    ``rewards`` are discounted from the start of the window or of the episode; ``ended`` says where an episode did.
+    ``rewards`` are discounted from the start of the window or of the episode, with the critic's value of open ends;
+    ``ended`` says where an episode did; ``steps`` are the simulation's.
     """
 
     inputs: Tensor
@@ -70,6 +86,7 @@ class Window:
     rewards: list[Tensor]
     ended: list[Tensor]
     futures: list[Future]
+    steps: list[Step]
 
     def total(self) -> Tensor:
         """Sum over samples and steps."""
@@ -85,83 +102,69 @@ class Window:
         return found[::-1]
 
 
-class FOPG:
-    """``update`` is one window (AoBG: two) and one step of Adam."""
+class FOPG(WindowLearner):
+    """``update`` is one window (aobg: two, with noise of their own) and one step of Adam along the estimate."""
+
+    title, remedy = "FOPG", "shorten the window, or smooth more"
+    config: FOPGConfig
 
     def __init__(self, mdp: MDP, model: Model, config: FOPGConfig, seed: int = 0) -> None:
-        self.mdp, self.model, self.config = mdp, model, config
-        if config.estimator not in ESTIMATORS:
-            raise UserError(f"unknown estimator {config.estimator!r}: {did_you_mean(config.estimator, ESTIMATORS)}")
-        if config.estimator != "pathwise" and not config.std > 0:
-            raise UserError(f"estimator {config.estimator!r} with std = {config.std}: it needs noise on the actions")
-        torch.manual_seed(seed)  # initial weights
-        self.generator = torch.Generator().manual_seed(seed)
-        table = parameter_sets(model, config.parameter_spread, seed=seed)
-        disturbance = Disturbance(config.noise_linear, config.noise_angular, table)
-        self.horizon = config.horizon or mdp.episode_steps
-        count = 2 if config.estimator == "aobg" else 1
-        self.simulations = [
-            Simulation(mdp, model, config.samples, seed + 7919 * k, disturbance, stagger=not config.restart)
-            for k in range(count)
-        ]
-        self.simulation = self.simulations[0]
-        shape = {"hidden": config.hidden, "norm": config.norm, "squash": config.squash, "normalise": config.normalise}
-        self.policy = Policy(Architecture(mdp.observations, mdp.actions, **shape))  # type: ignore[arg-type]
-        self.policy.normaliser.update(self.simulation.observe().float())
-        self.optimiser = torch.optim.Adam(self.policy.net.parameters(), config.rate)
+        c = config
+        super().__init__(
+            mdp,
+            model,
+            c,
+            seed,
+            architecture=Architecture(
+                mdp.observations, mdp.actions, c.hidden, norm=c.norm, squash=c.squash, normalise=c.normalise
+            ),
+            rate=c.rate,
+            betas=BETAS if c.critic else PLAIN_BETAS,
+            count=c.samples,
+            generator=torch.Generator().manual_seed(seed),
+            # Its own generator, so that the noise of the windows does not depend on whether there is a critic.
+            critic=torch.Generator().manual_seed(seed) if c.critic else None,
+            batches=2 if c.estimator == "aobg" else 1,
+            stagger=not c.restart,
+        )
+        self.std = c.noise_std(0.0)  #: of the noise in the present update
         self.weight = math.nan  #: AoBG's share of the first order
-        self.iteration = self.unusable = 0
-        self._seen: list[Tensor] = []
+        self._windows: list[Window] = []  # of the last estimate
 
-    def update(self) -> dict[str, float]:
-        """One update; returns its metrics. Raises Diverged when gradients stay unusable."""
-        progress = min(self.iteration / self.config.iterations, 1.0)
-        for group in self.optimiser.param_groups:
-            group["lr"] = self.config.rate * (1.0 - progress)
+    def gradient(self, progress: float) -> dict[str, float]:
+        """Rolls a window and leaves the clipped estimate in the policy; see the base class."""
+        self.std = self.config.noise_std(progress)
         estimate = self.estimate()
-        norm = self._ascend(torch.from_numpy(estimate.mean).float())
-        for observations in self._seen:
-            self.policy.normaliser.update(observations[torch.isfinite(observations).all(dim=1)])
-        self._seen.clear()
-        self.iteration += 1
+        gradient = torch.from_numpy(estimate.mean).float()
+        norm = float(gradient.norm())
+        scale = min(1.0, self.config.clip / norm) if norm > 0 else 1.0
+        parameters = list(self.policy.net.parameters())
+        for p, part in zip(parameters, gradient.split([p.numel() for p in parameters]), strict=True):
+            p.grad = -scale * part.view_as(p)
         metrics = {
             "gradient_norm": norm,
             "gradient_variance": estimate.total_variance,
             "failed_samples": float(estimate.failed),
-            "failures": float(getattr(self.model, "failures", 0)),
-            "steps": float(steps_taken(self.model, sum(s.steps_taken for s in self.simulations))),
         }
-        if self.config.estimator == "aobg":
-            metrics["first_order_weight"] = self.weight
-        return metrics | episode_metrics([episode for s in self.simulations for episode in s.finished])
+        return metrics | ({"first_order_weight": self.weight} if self.config.estimator == "aobg" else {})
 
-    def _ascend(self, gradient: Tensor) -> float:
-        """One step along the gradient (n,), clipped; returns its norm."""
-        norm = float(gradient.norm())
-        if not math.isfinite(norm):
-            self.unusable += 1
-            if self.unusable > PATIENCE:
-                raise Diverged(
-                    f"FOPG: {self.unusable} gradients in a row were not finite: shorten the horizon, or smooth more",
-                    {"q": self.simulation.q.detach().numpy(), "v": self.simulation.v.detach().numpy()},
-                )
-            return norm
-        self.unusable = 0
-        parameters = list(self.policy.net.parameters())
-        scale = min(1.0, self.config.clip / norm) if norm > 0 else 1.0
-        for p, part in zip(parameters, gradient.split([p.numel() for p in parameters]), strict=True):
-            p.grad = -scale * part.view_as(p)
-        self.optimiser.step()
-        return norm
+    def learn(self) -> dict[str, float]:
+        """Updates the normaliser, and the critic if there is one."""
+        for window in self._windows:
+            observations = torch.cat([step.observation.detach().float() for step in window.steps])
+            self.policy.normaliser.update(observations[torch.isfinite(observations).all(dim=1)])
+        windows, self._windows = [window.steps for window in self._windows], []
+        return {} if self.critic is None else {"critic_loss": self.critic.fit(side_by_side(windows))}
 
     def estimate(self) -> Estimate:
         """Gradient of a window's expected return at the present policy (n,), in the order of the net's parameters."""
         c = self.config
+        self._windows = []
         if c.estimator == "zeroth":
             return self._score(self.simulation)
         if c.estimator == "pipps":
             return self._total_propagation(self.simulation)
-        first = self._pathwise(self._roll(self.simulation))
+        first = self._pathwise(self.roll(self.simulation))
         if c.estimator == "pathwise":
             return first
         bound = BiasBound(c.bias, c.bias_delta, c.bias_scale)
@@ -170,7 +173,7 @@ class FOPG:
 
     def _total_propagation(self, simulation: Simulation) -> Estimate:
         """As pathwise, but at every noisy node of the graph path and score message are combined."""
-        window = self._roll(simulation, nodes=True)
+        window = self.roll(simulation, nodes=True)
         for future, value in zip(window.futures, window.returns_to_go(), strict=True):
             future.value = value
         return self._pathwise(window)
@@ -181,66 +184,65 @@ class FOPG:
         return self._gathered(window, torch.stack(messages), derivatives=True)
 
     def _score(self, simulation: Simulation) -> Estimate:
-        """Score function with rewards to go, less the mean of the other samples' (their noise is independent)."""
+        """Score function with rewards to go, minus the mean of the other samples' (their noise is independent)."""
         with torch.no_grad():
-            window = self._roll(simulation)
+            window = self.roll(simulation)
         advantage = torch.stack([value - leave_one_out(value) for value in window.returns_to_go()])
-        return self._gathered(window, advantage[..., None] * window.noise / self.config.std, derivatives=False)
+        return self._gathered(window, advantage[..., None] * window.noise / self.std, derivatives=False)
 
     def _gathered(self, window: Window, messages: Tensor, derivatives: bool) -> Estimate:
+        self._windows.append(window)
         inputs = window.inputs.transpose(0, 1)
         gradients = per_sample_gradients(self.policy.net, inputs, messages.float().transpose(0, 1))
         steps = len(window.rewards) * self.config.samples * self.mdp.repeat
         return Estimate(gradients.double().numpy(), steps, steps if derivatives else 0)
 
-    def _roll(self, simulation: Simulation, nodes: bool = False) -> Window:
-        """``horizon`` steps with noise on the net's output; with ``nodes`` the noise is a node of total propagation."""
+    def roll(self, simulation: Simulation, nodes: bool = False) -> Window:
+        """A window with noise on the net's output; with ``nodes`` the noise is a node of total propagation."""
         c, policy = self.config, self.policy
         simulation.detach()
         if c.restart:
             simulation.restart()
         running = torch.ones(c.samples, dtype=torch.bool)  # false once the first episode is over, if windows restart
         discount = torch.ones(c.samples, dtype=torch.float64)
-        seen, noises, w = [], [], Window(torch.empty(0), [], torch.empty(0), [], [], [])
-        for _ in range(self.horizon):
+        noises, w = [], Window(torch.empty(0), [], torch.empty(0), [], [], [], [])
+        for k in range(self.horizon):
             observation = simulation.observe()
             output = policy.drive(observation.float())
             noise = torch.randn(output.shape, generator=self.generator) * running[:, None]
             future = Future()
-            noisy = NoisyNode.apply(output, noise, c.std, future) if nodes else output + c.std * noise
+            noisy = NoisyNode.apply(output, noise, self.std, future) if nodes else output + self.std * noise
             step = simulation.step(observation, policy.squash(noisy))
-            reward = step.reward + step.shaping
+            reward = self._valued(step, last=k == self.horizon - 1) + step.shaping
             w.rewards.append(torch.where(torch.isfinite(reward) & running, discount * reward, 0.0))
             ended = step.terminated | step.truncated
             discount = torch.where(ended, 1.0, c.discount * discount)
             running = running & ~ended if c.restart else running
-            seen.append(observation.detach().float())
             noises.append(noise)
+            w.steps.append(step)
             w.outputs.append(output)
             w.ended.append(ended)
             w.futures.append(future)
             if not running.any():
                 break
-        self._seen.append(torch.cat(seen))
+        seen = [step.observation.detach().float() for step in w.steps]
         inputs = torch.stack([policy.normaliser(o) if c.normalise else o for o in seen])
-        return Window(inputs, w.outputs, torch.stack(noises), w.rewards, w.ended, w.futures)
+        return Window(inputs, w.outputs, torch.stack(noises), w.rewards, w.ended, w.futures, w.steps)
 
-    def state(self) -> dict[str, Any]:
-        """Everything that the next update depends on."""
-        return {
-            "iteration": self.iteration,
-            "unusable": self.unusable,
-            "policy": self.policy.state_dict(),
-            "optimiser": self.optimiser.state_dict(),
-            "generator": self.generator.get_state(),
-            "simulations": [simulation.state() for simulation in self.simulations],
-        }
+    def _valued(self, step: Step, last: bool) -> Tensor:
+        """The step's reward (N,), plus the critic's value of episodes that the window or a time limit cuts there."""
+        if self.critic is None:
+            return step.reward
+        rows = (~step.terminated if last else step.truncated).nonzero()[:, 0]
+        if not len(rows):
+            return step.reward
+        value = self.config.discount * self.critic.value(step.next_observation[rows].float())
+        return step.reward.index_add(0, rows, value.double())
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Goes on from what ``state`` returned, bit for bit."""
-        self.iteration, self.unusable = state["iteration"], state["unusable"]
-        self.policy.load_state_dict(state["policy"])
-        self.optimiser.load_state_dict(copy.deepcopy(state["optimiser"]))
-        self.generator.set_state(state["generator"])
-        for simulation, kept in zip(self.simulations, state["simulations"], strict=True):
-            simulation.restore(kept)
+
+def side_by_side(windows: list[list[Step]]) -> list[Step]:
+    """Windows of equal length as one window of all their rows."""
+    return [
+        Step(*(torch.cat([getattr(s, f.name) for s in steps]) for f in fields(Step)))
+        for steps in zip(*windows, strict=True)
+    ]

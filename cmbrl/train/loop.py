@@ -1,10 +1,10 @@
-"""The complementarity-model loop: fit, improve, execute, append, and again.
+"""The complementarity-model loop: act in the real system, fit the model, improve the policy in it, repeat.
 
 Zhang, Jin & Wang, "Adaptive Barrier Smoothing for First-Order Policy Gradient with Contact Dynamics" (ICML 2023),
-algorithm 2. Of its own here: policies improve on draws from the fit's posterior, under velocity noise; several are
-trained from different seeds, to the end or on trial, and the best goes on. Which one is decided by its return in the
-model under these draws, never by a return in the real system. Without the noise, for that return ranks policies as the
-real system does (rank correlation 0.99 over ten hoppers), and the one with noise does not (0.43).
+algorithm 2. Three things are our own. Policies improve on draws from the fit's posterior, under velocity noise. Several
+are trained from different seeds, to the end or for a trial, and the best is kept. The best is the one with the highest
+return in the model under these draws, never in the real system. That return is measured without noise, because it then
+ranks policies as the real system does (rank correlation 0.99 over ten hoppers, against 0.43 with noise).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 import copy
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import torch
 
@@ -25,34 +25,30 @@ from cmbrl.envs.system import SystemFactory
 from cmbrl.errors import UserError
 from cmbrl.fitting import FitResult, fit
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.train.policy import Policy
+from cmbrl.settings import setting
 from cmbrl.train.shac import SHAC, SHACConfig
+from cmbrl.train.trainer import Trainer
 
 EPISODE_STEPS = 200  # of a recorded episode, at most
 
 
 @dataclass(frozen=True)
 class LoopConfig(SHACConfig):
-    """SHAC's settings and those of the loop; ``iterations`` are all updates, of every round and policy together."""
+    """SHAC's settings and the loop's; ``iterations`` are the updates of all rounds and policies together."""
 
-    iterations: int = 6000
-    rounds: int = 1  #: of executing, fitting and improving
-    transitions: int = 1000  #: real ones of the first round, by random actions; a log that is given counts
-    more: int = 1000  #: real ones of each further round, by the policy with its exploration noise
-    policies: int = 2  #: begun in each round
-    trial: float = 1.0  #: share of its updates that each of them gets, before the best is trained to the end
-    draws: int = 256  #: parameter sets from the fit's posterior
-    score_episodes: int = 128  #: in the model, by which policies are compared
-
-    @classmethod
-    def cheetah(cls) -> Self:
-        """SHAC's settings for it; its policies differ less, so that a quarter of one tells which of two goes on."""
-        return replace(super().cheetah(), iterations=1875, trial=0.25)
+    iterations: int = setting(6000, "updates of all rounds and policies together", least=1)
+    rounds: int = setting(1, "rounds of acting, fitting and improving", least=1)
+    transitions: int = setting(1000, "real transitions of the first round, by random actions; a log counts", least=1)
+    more: int = setting(1000, "real transitions of each further round, by the policy with its noise", least=1)
+    policies: int = setting(2, "policies started in each round", least=1)
+    trial: float = setting(1.0, "share of its updates that each policy gets before the best one is chosen", above=0)
+    draws: int = setting(256, "parameter sets drawn from the fit's posterior", least=1)
+    score_episodes: int = setting(128, "model episodes by which policies are compared", least=1)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 0 < self.trial <= 1:
-            raise UserError(f"trial = {self.trial:g}: is a share of a policy's updates: above 0, at most 1")
+            raise UserError(f"trial = {self.trial:g}: must be a share of a policy's updates: above 0, at most 1")
 
     def shac(self) -> SHACConfig:
         """The settings of one policy in one round."""
@@ -65,11 +61,11 @@ class LoopConfig(SHACConfig):
         return max(1, round(self.trial * self.shac().iterations)) if self.policies > 1 else 0
 
     def _extra(self) -> float:
-        """Work on policies that are not trained to the end, in units of one that is."""
+        """Updates of policies that are not trained to the end, in units of one that is."""
         return self.trial * (self.policies - 1)
 
 
-class Loop:
+class Loop(Trainer):
     """``model``: the nominal one, whose parameters are fitted; ``system``: makes the real system; ``data``: a log.
 
     Raises UserError without a system.
@@ -86,27 +82,22 @@ class Loop:
         data: Transitions | None = None,
     ) -> None:
         if system is None:
-            raise UserError("the loop acts in the real system: leave --offline out, or fit the log and train by shac")
+            raise UserError("loop acts in the real system: drop --offline, or `cmbrl fit` the log and train by shac")
         self.mdp, self.nominal, self.config, self.seed = mdp, model, config, seed
         self.given = data
-        # Restarts give the fit episodes to set against each other, and states near the start to learn from.
+        # Short episodes: the fit can hold some out, and sees many states near the start.
         self.recording = Recording(replace(mdp, episode_steps=min(mdp.episode_steps, EPISODE_STEPS)), system, seed)
         self.generator = torch.Generator().manual_seed(seed)
         self.round = 0
         self.before: dict[str, torch.Tensor] = {}  # the policy at the end of the last round
-        self.tried: list[dict[str, Any]] = []  # score and trainer's state of each policy whose trial is over
+        self.tried: list[dict[str, Any]] = []  # score and trainer's state of each policy after its trial
         self.settings, self.trial_updates = config.shac(), config.trial_updates()
         self.model: ComplementarityModel | None = None
-        self.fitted: FitResult | None = None  # of this process; a resumed run has that of before in its folder
-        self.trainer = SHAC(mdp, model, self.settings, seed)  # its policy acts before the first fit; then replaced
-
-    @property
-    def policy(self) -> Policy:
-        """The one that is being trained."""
-        return self.trainer.policy
+        self.fitted: FitResult | None = None  # by this process; an earlier one is in the run folder
+        self._begin(model, seed)  # its policy acts before the first fit
 
     def update(self) -> dict[str, float]:
-        """One update of one policy; before the first of a round the robot acts and the model is fitted."""
+        """One update of one policy; at the start of a round, the robot acts and the model is fitted before it."""
         if self.model is None:  # a round begins
             self._execute()
             self._fit()
@@ -117,17 +108,17 @@ class Loop:
             metrics["score"] = self._score()
         if tried:
             self._end_trial(metrics["score"])
-        if self.trainer.iteration == self.settings.iterations:  # also where a trial is all of it
+        if self.trainer.iteration == self.settings.iterations:  # also where a trial is the whole training
             self._end_round()
         counted = {"transitions": float(self._transitions()), "round": float(self.round)}
         return metrics | counted
 
     def _execute(self) -> None:
-        """Real transitions: by random actions at first (unless a log was given), then by the policy with noise."""
-        wanted = self.config.transitions + self.round * self.config.more - self._transitions()
+        """Real transitions: by random actions in the first round (unless a log was given), then by the noisy policy."""
+        wanted = self.config.transitions + self.round * self.config.more
         self.recording.place()  # as after a restart, so that a resumed run records the same
-        for _ in range(wanted):
-            shape = (1, self.mdp.actions)
+        shape = (1, self.mdp.actions)
+        while self._transitions() < wanted:
             if self.round == 0:
                 action = 2 * torch.rand(shape, generator=self.generator, dtype=torch.float64) - 1
             else:
@@ -140,26 +131,29 @@ class Loop:
         return self.recording.transitions + (len(self.given) if self.given is not None else 0)
 
     def _fit(self) -> None:
-        """All parameters, from the nominal ones, on everything seen so far.
+        """Fits all parameters, from the nominal ones, to everything seen so far.
 
-        A derivative that is softer than the simulation is for policies; parameters are sought by the simulation's own.
+        A derivative softer than the simulation is for policies; parameters are fitted with the simulation's own.
         """
         logs = [log for log in (self.given, self.recording.log() if self.recording.transitions else None) if log]
-        sought = self.nominal.with_settings(backward_smoothing=self.nominal.smoothing)
-        self.fitted = fit(sought, Transitions.joined(logs), seed=self.seed + self.round, groups="all")
+        start = self.nominal.with_settings(backward_smoothing=self.nominal.smoothing)
+        self.fitted = fit(start, Transitions.joined(logs), seed=self.seed + self.round, groups="all")
         fitted = self.fitted.uncertain_model(self.config.draws, self.seed)
         self.model = fitted.with_settings(backward_smoothing=self.nominal.backward_smoothing)
 
     def _begin_policy(self) -> None:
-        """A fresh policy in the first round; later that of the last round, with new optimisers and a new critic.
+        """A fresh policy in the first round; later the last round's, with new optimisers and a new critic.
 
-        SHAC draws its parameter sets by its own seed, so that every policy and every round sees others.
+        SHAC draws its parameter sets by its own seed, so that every policy and every round sees different ones.
         """
         assert self.model is not None
-        seed = self.seed + 1000 * len(self.tried) + 100 * self.round
-        self.trainer = SHAC(self.mdp, self.model, self.settings, seed)
-        if self.before:  # not merely a later round: a finished run that is restored has none
+        self._begin(self.model, self.seed + 1000 * len(self.tried) + 100 * self.round)
+        if self.before:  # a restored run of one round has none
             self.trainer.policy.load_state_dict(self.before)
+
+    def _begin(self, model: ComplementarityModel, seed: int) -> None:
+        self.trainer = SHAC(self.mdp, model, self.settings, seed)
+        self.policy = self.trainer.policy
 
     def _score(self) -> float:
         """Mean return in the model under its uncertainty."""
@@ -170,26 +164,26 @@ class Loop:
         return float(found.returns.mean())
 
     def _end_trial(self, score: float) -> None:
-        """The next policy's trial, or after the last the best of them goes on where its trial ended."""
+        """Starts the next policy's trial; after the last one, the best continues where its trial ended."""
         self.tried.append({"score": score, "trainer": copy.deepcopy(self.trainer.state())})
         self._begin_policy()
         if len(self.tried) == self.config.policies:
             self.trainer.restore(max(self.tried, key=lambda one: one["score"])["trainer"])
 
     def _end_round(self) -> None:
-        """The next round begins with acting."""
+        """Prepares the next round, which begins with acting."""
         self.round += 1
         if self.round < self.config.rounds:
             self.before = {name: value.clone() for name, value in self.policy.state_dict().items()}
             self.model, self.tried = None, []
 
     def keep(self, folder: Path) -> None:
-        """The last fit, in ``folder``/fit as `cmbrl fit` leaves one: to be looked at, compared, trained on."""
+        """Writes the last fit to ``folder``/fit, as `cmbrl fit` does, to be inspected, compared and trained on."""
         if self.fitted is not None:
             self.fitted.save(folder / "fit")
 
     def state(self) -> dict[str, Any]:
-        """Everything that the next update depends on, but for the log that was given."""
+        """Everything that the next update depends on, except the given log."""
         model = self.model
         return {
             "round": self.round,
@@ -203,7 +197,7 @@ class Loop:
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Goes on from what ``state`` returned, bit for bit."""
+        """Continues from what ``state`` returned, bit for bit."""
         self.round, self.before, self.tried = state["round"], state["before"], state["tried"]
         self.recording.restore(state["recording"])
         self.generator.set_state(state["generator"])

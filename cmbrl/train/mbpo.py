@@ -1,10 +1,10 @@
 """MBPO: short rollouts of a neural ensemble, branched off real states, feed a soft actor-critic.
 
 Janner, Fu, Zhang, Levine, "When to Trust Your Model: Model-Based Policy Optimization" (NeurIPS 2019, arXiv 1906.08253);
-the settings are those of the authors' TensorFlow code, whose ensemble is ours with ``EnsembleConfig.original()``. The
-soft actor-critic is Stable-Baselines3's. What differs favours MBPO: reward and termination of imagined steps are
-computed from the predicted states by the task's own functions, while the original learns the reward; and hopper's
-termination tests both of its bounds (the original only the upper one).
+the settings are those of the authors' TensorFlow code; ``EnsembleConfig.original()`` gives their ensemble. The soft
+actor-critic is Stable-Baselines3's. Two differences favour MBPO here: reward and termination of imagined steps are
+computed from the predicted states by the task's own functions (the original learns the reward), and the hopper's
+termination tests both bounds (the original tests only the upper one).
 """
 
 from __future__ import annotations
@@ -25,60 +25,57 @@ from cmbrl.envs.system import SystemFactory
 from cmbrl.errors import UserError
 from cmbrl.models.ensemble import NeuralEnsemble
 from cmbrl.models.protocol import Model
+from cmbrl.settings import setting
 from cmbrl.train import stable_baselines as sb3
 from cmbrl.train.policy import Architecture, Policy
 from cmbrl.train.pool import Mixture, Pool
-from cmbrl.train.trainer import Diverged, episode_metrics
+from cmbrl.train.randomness import GlobalRandomness
+from cmbrl.train.trainer import Diverged, Trainer, episode_metrics
 
 
 @dataclass(frozen=True)
 class MBPOConfig:
-    """Defaults: the original's for Hopper, 125,000 real steps. ``cheetah`` and ``two_cores`` are other settings."""
+    """Settings of MBPO; the defaults are the original's for Hopper, 125,000 real steps."""
 
-    iterations: int = 480  #: blocks
-    block: int = 250  #: real steps between refits (with a log alone: as many rounds of updates)
-    warmup: int = 5000  #: random real steps before the first block; a log takes their place
-    updates_per_step: int = 20  #: of the soft actor-critic, per real step
-    real_share: float = 0.05  #: of each of its batches
-    rollouts: int = 100_000  #: branched off at each refit
-    length_start: int = 1  #: model steps of a rollout; grows linearly from epoch_start to epoch_end
-    length_end: int = 15
-    epoch_start: int = 20
-    epoch_end: int = 150
-    epoch: int = 1000  #: real steps of an epoch
-    keep_blocks: int = 4  #: imagined steps older than this are forgotten
-    hidden: tuple[int, ...] = (256, 256)  #: of actor and critics
-    rate: float = 3e-4
-    batch: int = 256
-    discount: float = 0.99
-    target_share: float = 0.005  #: of the critics that their targets take on at each update
-    target_entropy: float = -1.0
-    fit_updates: int | None = None  #: gradient steps of the ensemble's first fit; None: as its own config says
-    refit_updates: int | None = None  #: of every later one, which begins with the present weights
-    max_seconds: float | None = None  #: wall clock, after which a run is over; the policy at that time counts
-
-    @classmethod
-    def cheetah(cls) -> MBPOConfig:
-        """The original's for HalfCheetah: 400,000 real steps, rollouts of one step."""
-        return cls(iterations=1580, updates_per_step=40, length_end=1, target_entropy=-3.0)
+    iterations: int = setting(480, "blocks of the run", least=1)
+    block: int = setting(250, "real steps between refits (without a real system: rounds of updates)", least=1)
+    warmup: int = setting(5000, "random real steps before the first block; a log replaces them", least=1)
+    updates_per_step: int = setting(20, "updates of the soft actor-critic per real step", least=1)
+    real_share: float = setting(0.05, "share of real steps in each of its batches", least=0)
+    rollouts: int = setting(100_000, "model rollouts started at each refit", least=1)
+    length_start: int = setting(1, "model steps of a rollout until epoch_start", least=1)
+    length_end: int = setting(15, "model steps of a rollout from epoch_end on; linear in between", least=1)
+    epoch_start: int = setting(20, "epoch at which rollouts begin to grow", least=0)
+    epoch_end: int = setting(150, "epoch at which rollouts are fully grown", least=0)
+    epoch: int = setting(1000, "real steps of an epoch", least=1)
+    keep_blocks: int = setting(4, "imagined steps older than this number of blocks are forgotten", least=1)
+    hidden: tuple[int, ...] = setting((256, 256), "hidden layers of actor and critics", least=1)
+    rate: float = setting(3e-4, "learning rate of the soft actor-critic", least=0)
+    batch: int = setting(256, "size of its batches", least=1)
+    discount: float = setting(0.99, "discount per control step", least=0)
+    target_share: float = setting(0.005, "share of the critics that their targets take on at each update", least=0)
+    target_entropy: float = setting(-1.0, "target entropy of the policy")
+    fit_updates: int | None = setting(None, "gradient steps of the ensemble's first fit; none: its own", least=1)
+    refit_updates: int | None = setting(None, "the same for later fits, which start from the present weights", least=1)
+    max_seconds: float | None = setting(None, "wall-clock limit, after which the run ends", least=0)
 
     def two_cores(self) -> MBPOConfig:
-        """A cheaper run for a small machine, our choice: a fifth of the rollouts, short fits."""
+        """A cheaper run, our choice: a fifth of the rollouts, short fits."""
         return replace(self, rollouts=20_000, fit_updates=2000, refit_updates=300)
 
 
-class MBPO:
+class MBPO(Trainer):
     """``update`` is one block: refit, branch, then real steps with updates of the policy after each.
 
     Args:
         mdp: the task.
-        model: an ensemble whose ``config`` says how it is fitted; it is fitted here, from scratch.
+        model: an ensemble, which is fitted here from scratch as its ``config`` says.
         config: see there.
         seed: of everything random.
-        system: makes the real system; without it no real step is taken and ``data`` is all that is known.
+        system: makes the real system; without it no real step is taken and ``data`` is all there is.
         data: the log to start from. Its controls must be the task's actions.
 
-    Raises UserError when there is neither system nor data, or a log whose controls are not actions.
+    Raises UserError if there is neither system nor data, or if a log's controls are not actions.
     """
 
     def __init__(
@@ -91,10 +88,10 @@ class MBPO:
         data: Transitions | None = None,
     ) -> None:
         if system is None and data is None:
-            raise UserError("MBPO has neither a real system nor a log to learn from: name one (--data LOG)")
+            raise UserError("MBPO has neither a real system nor a log to learn from: give a log (--data LOG)")
         self.mdp, self.model, self.config, self.seed, self.data = mdp, model, config, seed, data
         self.generator = torch.Generator().manual_seed(seed)
-        self.randomness = sb3.GlobalRandomness(seed)
+        self.randomness = GlobalRandomness(seed)
         self.recording = Recording(mdp, system, seed) if system is not None else None
         rewards = {"observation": mdp.observations, "action": mdp.actions, "reward": 1}
         widths = {**rewards, "next_observation": mdp.observations, "terminated": 1}
@@ -123,7 +120,7 @@ class MBPO:
         return logged + (self.recording.transitions if self.recording is not None else 0)
 
     def update(self) -> dict[str, float]:
-        """One block; returns its metrics. Raises Diverged when the policy is not finite any more."""
+        """One block; returns its metrics. Raises Diverged once the policy is not finite."""
         with self.randomness, torch.no_grad():
             if not self.over:
                 if self.iteration == 0:
@@ -154,7 +151,7 @@ class MBPO:
         return outcome(self.mdp, q, v, u, q_next, v_next)
 
     def _refit(self) -> None:
-        """Fits the ensemble to all real transitions, from its present weights but for the first time."""
+        """Fits the ensemble to all real transitions, after the first time from its present weights."""
         again = self.iteration > 0
         updates = self.config.refit_updates if again else self.config.fit_updates
         limit = self._left() if self.config.max_seconds is not None else None
@@ -179,7 +176,7 @@ class MBPO:
                 self.steps += len(rows["reward"]) * self.mdp.repeat
 
     def _improve(self) -> None:
-        """Real steps, as far as there is a robot, and after each the updates of the policy, as far as time allows."""
+        """Real steps if there is a robot, each followed by updates of the policy, as far as time allows."""
         if self.recording is not None:
             self.recording.place()
         for _ in range(self.config.block):
@@ -229,7 +226,7 @@ class MBPO:
         return float("inf") if limit is None else limit - sum(self.seconds.values())
 
     def state(self) -> dict[str, Any]:
-        """Everything that the next update depends on; with the original's rollouts hundreds of MB."""
+        """Everything that the next update depends on; hundreds of MB with the original's rollouts."""
         return {
             "seed": self.seed,
             "iteration": self.iteration,
@@ -247,7 +244,7 @@ class MBPO:
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Goes on from what ``state`` returned, bit for bit."""
+        """Continues from what ``state`` returned, bit for bit."""
         self.seed, self.iteration, self.steps = (state[k] for k in ("seed", "iteration", "steps"))
         self.model_error = state["model_error"]
         self.seconds = dict(state["seconds"])
@@ -264,9 +261,13 @@ class MBPO:
 
 
 def rollout_length(config: MBPOConfig, iteration: int) -> int:
-    """Model steps of the rollouts of block ``iteration`` (from 0): the original's truncated linear schedule."""
+    """Model steps of the rollouts of block ``iteration`` (from 0): the original's truncated linear schedule.
+
+    A jump where ``epoch_end`` is not after ``epoch_start``.
+    """
     epoch = iteration * config.block // config.epoch
-    share = (epoch - config.epoch_start) / (config.epoch_end - config.epoch_start)
+    growth = config.epoch_end - config.epoch_start
+    share = (epoch - config.epoch_start) / growth if growth > 0 else float(epoch >= config.epoch_end)
     return int(config.length_start + min(max(share, 0.0), 1.0) * (config.length_end - config.length_start))
 
 
@@ -281,7 +282,7 @@ def branch(
 ) -> Iterator[dict[str, Tensor]]:
     """The rows (see ``outcome``) of each of ``length`` imagined steps from the states q, v, (B, ...).
 
-    A rollout ends where the task terminates, or where the model's prediction is not finite, which is no row.
+    A rollout ends where the task terminates or the model's prediction is not finite; the latter gives no row.
     """
     for _ in range(length):
         action = act(mdp.observe(q, v))

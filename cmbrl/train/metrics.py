@@ -1,4 +1,4 @@
-"""What a run measured, one row an iteration: a CSV file that survives kills, and TensorBoard where it is installed."""
+"""What a run measured, one row per iteration: a CSV file that survives kills, and TensorBoard if installed."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ Row = dict[str, float]
 
 
 class MetricsLog:
-    """``metrics.csv`` in ``folder``, and event files beside it; ``rows`` is what the CSV holds.
+    """``metrics.csv`` in ``folder``, and TensorBoard's event files; ``rows`` is the content of the CSV file.
 
-    ``iteration`` is the one that the run goes on from: rows after it (written, then lost by a kill before the next
-    checkpoint) are forgotten, in the CSV and in TensorBoard. Close it at the end.
+    ``iteration`` is the one that the run continues from. Later rows (written, then lost by a kill before the next
+    checkpoint) are dropped from the CSV file and from TensorBoard. Close it at the end.
     """
 
     def __init__(self, folder: Path, iteration: int = 0) -> None:
@@ -32,7 +32,7 @@ class MetricsLog:
         self._board = _event_writer(folder, iteration)
 
     def append(self, row: Mapping[str, float]) -> None:
-        """Takes one row in; a metric that is new in this row becomes a further column."""
+        """Appends one row; a metric that is new in this row becomes another column."""
         self.rows.append(dict(row))
         new = [name for name in row if name not in self.columns]
         self.columns += new
@@ -67,9 +67,9 @@ def _number(value: float) -> int | float:
 
 
 def read_metrics(path: Path) -> list[Row]:
-    """The rows of a ``metrics.csv``, without what was not measured in a row; a line cut short by a kill is left out.
+    """The rows of a ``metrics.csv``, each with what was measured in it; a line cut short by a kill is left out.
 
-    Raises UserError that names the file when it is missing or holds no numbers.
+    Raises UserError that names the file if it is missing or holds no numbers.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -80,7 +80,7 @@ def read_metrics(path: Path) -> list[Row]:
 
 
 def _event_writer(folder: Path, iteration: int) -> Any:
-    """TensorBoard's writer, or None where it is not installed."""
+    """TensorBoard's writer, or None if it is not installed."""
     if find_spec("tensorboard") is None:
         return None
     from torch.utils.tensorboard import SummaryWriter

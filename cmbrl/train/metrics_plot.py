@@ -1,4 +1,4 @@
-"""The picture of a run: return and gradient over samples and over wall-clock time."""
+"""The picture of a run: return and gradient against steps and against wall-clock time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _REAL, _MODEL = "real transitions", "model steps"
 
 
 def plot_metrics(rows: list[Row], path: Path, title: str) -> None:
-    """Writes the figure to ``path``; its suffix is the format. Built without pyplot."""
+    """Writes the figure to ``path``; its suffix gives the format. Built without pyplot."""
     real = any(row.get("transitions") for row in rows)
     axes_of = {"transitions" if real else "steps": _REAL if real else _MODEL, "seconds": "wall clock [s]"}
     figure = Figure(figsize=(9.0, 5.6), layout="constrained")
@@ -32,7 +32,7 @@ def plot_metrics(rows: list[Row], path: Path, title: str) -> None:
         _curve(lower, rows, key, "gradient_variance", "tab:orange", "variance")
         if lower.lines:
             lower.set_yscale("log")
-            # Not 10^k in mathtext: its parser keeps exceptions, whose frames keep the run's model alive until the end.
+            # Not 10^k in mathtext: its parser keeps exceptions, whose frames would keep the run's model alive.
             lower.yaxis.set_major_formatter("{x:g}")
             lower.yaxis.set_minor_formatter(NullFormatter())
         else:

@@ -12,7 +12,7 @@ ACTIVATIONS = {"elu": nn.ELU, "relu": nn.ReLU, "tanh": nn.Tanh, "silu": nn.SiLU}
 
 
 class Normaliser(nn.Module):
-    """Running mean and deviation of observations (B, n_o), by the parallel update of Chan et al. (1979)."""
+    """Running mean and variance of observations (B, n_o), by the parallel update of Chan et al. (1979)."""
 
     mean: Tensor
     variance: Tensor
@@ -25,7 +25,7 @@ class Normaliser(nn.Module):
         self.register_buffer("count", torch.tensor(1e-4, dtype=torch.float64))
 
     def update(self, x: Tensor) -> None:
-        """Takes the rows of x (B, n_o) in."""
+        """Includes the rows of x (B, n_o)."""
         variance, mean = torch.var_mean(x, dim=0, correction=0)
         total = self.count + len(x)
         share = (len(x) / total).to(x.dtype)
@@ -57,19 +57,19 @@ def network(
 
 @dataclass(frozen=True)
 class Architecture:
-    """What a policy's net looks like; the defaults are SHAC's form."""
+    """What a policy's net looks like; the defaults are SHAC's."""
 
     observations: int
     actions: int
     hidden: tuple[int, ...] = (128, 64)
     activation: str = "elu"  #: one of ACTIVATIONS
     norm: bool = True  #: LayerNorm after each activation
-    squash: str = "tanh"  #: how the net's output is brought into [-1, 1]: "tanh" or "clip"
+    squash: str = "tanh"  #: how the net's output is mapped into [-1, 1]: "tanh" or "clip"
     normalise: bool = True  #: whether observations are standardised
 
 
 class Policy(nn.Module):
-    """a = squash(net(normalised o) + noise), float32; the deterministic action is that without noise."""
+    """a = squash(net(normalised o) + noise), float32; the deterministic action has no noise."""
 
     def __init__(self, architecture: Architecture) -> None:
         super().__init__()
@@ -86,7 +86,7 @@ class Policy(nn.Module):
         return self.squash(self.drive(observation) + noise)
 
     def drive(self, observation: Tensor) -> Tensor:
-        """What is squashed, without noise (B, n_a)."""
+        """The net's output before squashing, without noise (B, n_a)."""
         return self.net(self.normaliser(observation) if self.architecture.normalise else observation)
 
     def squash(self, drive: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""A policy on disk: ``policy.safetensors`` (weights and observation scaling) and ``policy.json`` (what they are of)."""
+"""A policy on disk: ``policy.safetensors`` (weights, observation scaling) and ``policy.json`` (their description)."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ _SCALING = {
 
 @dataclass(frozen=True)
 class SavedPolicy:
-    """``about``: where it comes from, "task", "algorithm", "model" and "seed" among it as far as known."""
+    """``about``: where it comes from; "task", "algorithm", "model" and "seed" as far as known."""
 
     policy: Policy
     about: dict[str, Any]
 
     @property
     def task(self) -> str:
-        """The name of the task that it acts in; raises UserError when the file does not say it."""
+        """The name of the task that it acts in; raises UserError if the file does not say."""
         if not isinstance(self.about.get("task"), str):
-            raise UserError(f"{DESCRIPTION}: does not say of which task the policy is: train it again")
+            raise UserError(f"{DESCRIPTION}: does not name the policy's task: train it again")
         return self.about["task"]
 
 
 def save_policy(policy: Policy, folder: str | os.PathLike[str], about: Mapping[str, Any]) -> Path:
-    """Writes both files into ``folder``; ``about`` (JSON-able) says what the policy is for.
+    """Writes both files into ``folder``; ``about`` (JSON types) says what the policy is for.
 
-    Raises UserError when the folder cannot be written.
+    Raises UserError if the folder cannot be written.
     """
     place = Path(folder)
     check_writable(place, folder=True)
@@ -63,10 +63,10 @@ def save_policy(policy: Policy, folder: str | os.PathLike[str], about: Mapping[s
 
 
 def load_policy(folder: str | os.PathLike[str]) -> SavedPolicy:
-    """Reads what ``save_policy`` wrote. Raises UserError that names the file: missing, damaged, or not finite."""
+    """Reads what ``save_policy`` wrote. Raises UserError that names a file that is missing, damaged or not finite."""
     place = Path(folder)
     if not (place / DESCRIPTION).is_file():
-        raise UserError(f"{place}: holds no policy ({DESCRIPTION}): name the folder of a `cmbrl train` run")
+        raise UserError(f"{place}: no policy here ({DESCRIPTION} is missing): give the folder of a `cmbrl train` run")
     described = read_json(place / DESCRIPTION)
     if not isinstance(described, dict) or described.pop("format", None) != _FORMAT:
         raise UserError(f"{place / DESCRIPTION}: not a policy of this version: train it again")
@@ -78,6 +78,6 @@ def load_policy(folder: str | os.PathLike[str]) -> SavedPolicy:
         last = str(error).strip().splitlines()[-1].strip()
         raise UserError(f"{place / WEIGHTS}: does not fit {DESCRIPTION}, or damaged ({last}): train again") from None
     if not all(torch.isfinite(value).all() for value in policy.state_dict().values()):
-        raise UserError(f"{place / WEIGHTS}: holds weights that are not finite: the run diverged, train again")
+        raise UserError(f"{place / WEIGHTS}: weights are not finite, the run diverged: train again")
     described.pop("observation_scaling", None)
     return SavedPolicy(policy.eval(), described)

@@ -1,4 +1,4 @@
-"""Rows of named columns in a ring, and batches drawn from two of them in fixed shares."""
+"""Rows of named columns in a ring buffer, and batches drawn from two such buffers in fixed shares."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ class Pool:
     def __init__(self, widths: dict[str, int], capacity: int, dtype: torch.dtype = torch.float32) -> None:
         self.widths = widths
         self.rows = torch.zeros(capacity, sum(widths.values()), dtype=dtype)
-        self.written = 0  # rows in all its life
+        self.written = 0  # rows ever added
 
     def __len__(self) -> int:
         return min(self.written, len(self.rows))
 
     def add(self, columns: dict[str, Tensor]) -> None:
-        """Takes as many rows in as the columns (N, width) or (N,) have."""
+        """Adds the rows of the columns, each (N, width) or (N,)."""
         block = torch.cat([columns[name].reshape(-1, width) for name, width in self.widths.items()], dim=1)
         block = block[-len(self.rows) :].to(self.rows.dtype)
         self.rows[(self.written + torch.arange(len(block))) % len(self.rows)] = block
@@ -42,7 +42,7 @@ class Pool:
         return self.rows[(self.written - count + torch.arange(count)) % len(self.rows)]
 
     def resize(self, capacity: int) -> None:
-        """Another capacity; the newest rows stay."""
+        """Changes the capacity; the newest rows stay."""
         if capacity != len(self.rows):
             kept = self.newest(capacity)
             self.rows = torch.zeros(capacity, self.rows.shape[1], dtype=self.rows.dtype)
@@ -54,8 +54,8 @@ class Pool:
         return {"capacity": len(self.rows), "rows": self.newest(len(self)), "written": self.written}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Goes on from what ``state`` returned; every row at its old place."""
-        wrapped = state["written"] > state["capacity"]  # until then a run that was lengthened may keep more rows
+        """Continues from what ``state`` returned; every row at its old place."""
+        wrapped = state["written"] > state["capacity"]  # until it is full, a longer resumed run may need more rows
         capacity = state["capacity"] if wrapped else max(state["capacity"], len(self.rows))
         self.rows = torch.zeros(capacity, self.rows.shape[1], dtype=self.rows.dtype)
         self.written = state["written"] - len(state["rows"])
@@ -65,7 +65,7 @@ class Pool:
 
 
 class Mixture:
-    """Stands in for Stable-Baselines3's replay buffer: ``share`` of a batch from ``real``, the rest ``imagined``."""
+    """Replaces Stable-Baselines3's replay buffer: ``share`` of a batch from ``real``, the rest from ``imagined``."""
 
     def __init__(self, real: Pool, imagined: Pool, share: float, generator: torch.Generator) -> None:
         self.real, self.imagined, self.share, self.generator = real, imagined, share, generator

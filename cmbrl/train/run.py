@@ -1,8 +1,8 @@
-"""A training run in a folder: iterations, metrics, checkpoints; killed and resumed, it ends at the same bits.
+"""A training run in a folder: iterations, metrics, checkpoints. A killed and resumed run ends at the same bits.
 
-metrics.csv              one row an iteration        checkpoint.safetensors    all that the next iteration needs
+metrics.csv              one row per iteration       checkpoint.safetensors    everything the next iteration needs
 policy.json, policy.safetensors                      the policy at the last checkpoint
-train.json, metrics.png  how it ended                diverged.npz              last states of a run that diverged
+train.json, metrics.png  how the run ended           diverged.npz              last states of a run that diverged
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from cmbrl.train.trainer import Diverged, Trainer
 
 CHECKPOINT, RESULT, PLOT, DIVERGED = "checkpoint.safetensors", "train.json", "metrics.png", "diverged.npz"
 FINISHED, INTERRUPTED, HAS_DIVERGED = "finished", "interrupted", "diverged"
-_PATIENCE = 20  # iterations in a row with a loss or gradient that is not finite; most trainers give up before
+_PATIENCE = 20  # iterations in a row whose loss or gradient is not finite; most trainers give up earlier
 _WATCHED = ("loss", "gradient_norm", "critic_loss")
 
 Progress = Callable[[float, str], object]
@@ -39,7 +39,7 @@ Progress = Callable[[float, str], object]
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended: "finished" or "interrupted"; iterations and seconds over all its parts, and its last row."""
+    """How a run ended ("finished" or "interrupted"), its iterations and seconds in all parts, its last row."""
 
     stopped: str
     iteration: int
@@ -47,17 +47,17 @@ class Outcome:
     last: Row
 
 
-class Run:
-    """``trainer`` in ``folder``, from the checkpoint there if ``resume``.
+class TrainingRun:
+    """Trains ``trainer`` in ``folder``.
 
     Args:
-        trainer: a fresh one, made as it was made before when it resumes.
-        folder: made when missing.
-        about: what policy.json says beside the architecture: task, algorithm, ...
-        resume: go on from the folder's checkpoint.
-        checkpoint_seconds: time between checkpoints; there is one before the first iteration and one at the end.
+        trainer: a fresh one; to resume, made with the same arguments as before.
+        folder: created if missing.
+        about: what policy.json says besides the architecture: task, algorithm, ...
+        resume: continue from the folder's checkpoint.
+        checkpoint_seconds: time between checkpoints; there is also one before the first iteration and one at the end.
 
-    Raises UserError when there is no checkpoint to resume from, or it is another trainer's.
+    Raises UserError if there is no checkpoint to resume from, or if it belongs to another trainer.
     """
 
     def __init__(
@@ -79,16 +79,16 @@ class Run:
             self._checkpoint()
 
     def train(self, iterations: int, progress: Progress | None = None) -> Outcome:
-        """Goes on until ``iterations`` are done in all, or until Ctrl-C, which lets the present one end.
+        """Continues until ``iterations`` are done in all, or until Ctrl-C, which lets the current one finish.
 
-        ``progress(share, text)`` is called after each iteration. Raises Diverged when the run cannot go on; the last
-        states are in diverged.npz then, and the last checkpoint stays.
+        ``progress(share, text)`` is called after each iteration. Raises Diverged if the run cannot continue; then
+        diverged.npz holds the last states, and the last checkpoint is kept.
         """
         started, saved = time.monotonic() - self.seconds, time.monotonic()
         log = MetricsLog(self.folder, self.iteration)
         try:
             with _interruptible() as interrupted:
-                while self.iteration < iterations and not (interrupted() or self._over()):
+                while self.iteration < iterations and not (interrupted() or self.trainer.over):
                     metrics = self.trainer.update()
                     self.iteration += 1
                     self.seconds = time.monotonic() - started
@@ -100,23 +100,18 @@ class Run:
                         self._checkpoint()
                         saved = time.monotonic()
                 self._checkpoint()
-            stopped = FINISHED if self.iteration >= iterations or self._over() else INTERRUPTED
+            stopped = FINISHED if self.iteration >= iterations or self.trainer.over else INTERRUPTED
             return self._conclude(stopped, log)
         except Diverged as error:
             raise self._give_up(error, log) from None
         finally:
             log.close()
 
-    def _over(self) -> bool:
-        """Whether a trainer with a limit of its own, such as one on seconds, has reached it."""
-        return bool(getattr(self.trainer, "over", False))
-
     def _checkpoint(self) -> None:
         state = {"iteration": self.iteration, "seconds": self.seconds, "trainer": self.trainer.state()}
         save_state(self.folder / CHECKPOINT, state)
         save_policy(self.trainer.policy, self.folder, self.about | {"iteration": self.iteration})
-        if hasattr(self.trainer, "keep"):
-            self.trainer.keep(self.folder)
+        self.trainer.keep(self.folder)
 
     def _restore(self) -> None:
         path = self.folder / CHECKPOINT
@@ -125,10 +120,11 @@ class Run:
             self.trainer.restore(state["trainer"])
             self.iteration, self.seconds = state["iteration"], state["seconds"]
         except (KeyError, TypeError, ValueError, RuntimeError) as error:
-            raise UserError(f"{path}: is not of this run ({error}): choose another --out") from None
+            last = str(error).strip().splitlines()[-1].strip()
+            raise UserError(f"{path}: does not belong to this run ({last}): choose another --out") from None
 
     def _watch(self, metrics: Mapping[str, float]) -> None:
-        """Raises Diverged on weights that are not finite, and on too many such losses or gradients in a row."""
+        """Raises Diverged if weights are not finite, or losses or gradients too many times in a row."""
         if not all(bool(torch.isfinite(p).all()) for p in self.trainer.policy.parameters()):
             raise Diverged(f"the policy's weights are not finite after iteration {self.iteration}", self._states())
         usable = all(math.isfinite(metrics.get(name, 0.0)) for name in _WATCHED)
@@ -138,8 +134,8 @@ class Run:
 
     def _states(self) -> dict[str, np.ndarray]:
         """The states of the trainer's simulation, where it has one."""
-        simulation = getattr(self.trainer, "simulation", None)
-        return {} if simulation is None else {name: getattr(simulation, name).detach().numpy() for name in ("q", "v")}
+        simulation = self.trainer.simulation
+        return {} if simulation is None else {"q": simulation.q.detach().numpy(), "v": simulation.v.detach().numpy()}
 
     def _give_up(self, error: Diverged, log: MetricsLog) -> Diverged:
         with atomic_path(self.folder / DIVERGED) as temporary:
@@ -159,7 +155,7 @@ class Run:
 
 
 def progress_text(row: Mapping[str, float]) -> str:
-    """A row in few words: return, gradient norm and variance, samples, seconds; what was not measured is left out.
+    """A row in a few words: return, gradient norm and variance, steps, seconds, as far as they were measured.
 
     >>> progress_text({"return": 312.4, "gradient_norm": 0.71, "steps": 204800, "seconds": 12.3})
     'return 312, gradient 0.71, 205k model steps, 12 s'
@@ -187,7 +183,7 @@ def _short(count: float) -> str:
 def _interruptible() -> Iterator[Callable[[], bool]]:
     """Gives a function that tells whether Ctrl-C was pressed; a second Ctrl-C interrupts at once.
 
-    An update that is cut in its middle leaves a trainer that no checkpoint should keep: so it may end first.
+    The current update finishes first, so that no checkpoint holds a half-updated trainer.
     """
     asked = False
 
@@ -202,7 +198,7 @@ def _interruptible() -> Iterator[Callable[[], bool]]:
 
     try:
         previous = signal.signal(signal.SIGINT, ask)
-    except ValueError:  # not in the main thread, which is where Ctrl-C arrives
+    except ValueError:  # not in the main thread, where Ctrl-C arrives
         yield lambda: False
         return
     try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from cmbrl.envs.mdp import MDP
@@ -12,8 +12,9 @@ from cmbrl.errors import UserError
 from cmbrl.models.source import load_log
 from cmbrl.registry import Task, load_task
 from cmbrl.text import parse_fields
-from cmbrl.train.algorithms import algorithm, preset
+from cmbrl.train.algorithms import algorithm
 from cmbrl.train.models import REAL, check_model, kind_of, load_model, usual_model, with_derivative
+from cmbrl.train.recipe import configure
 from cmbrl.train.trainer import Trainer
 
 
@@ -95,8 +96,7 @@ def set_up(
         raise UserError(f"--data: {name} does not learn from a log: fit a model to it and name that by --model")
     if offline and not (data and "system" in chosen.takes):
         raise UserError("--offline needs --data FILE and an algorithm that takes real steps")
-    config_class = chosen.load()[1]
-    config = replace(preset(config_class, found.name), **parse_fields(config_class, settings or {}, name))
+    config = configure(name, found, parse_fields(chosen.load()[1], settings or {}, name))
     return Setup(found, name, model, config, mdp, data, offline, smoothing, derivative, seed, threads)
 
 

@@ -1,4 +1,4 @@
-"""What Stable-Baselines3 needs around it here: its import, its global random numbers, its nets as our policies."""
+"""Adapters around Stable-Baselines3: its import, its nets as our policies, its state in our checkpoints."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from importlib import import_module
 from typing import Any
 
-import numpy as np
 import torch
 from torch import nn
 
@@ -22,40 +21,6 @@ def library(name: str = "stable_baselines3") -> Any:
         raise UserError(f"{name} cannot be imported ({error}): pip install 'cmbrl[train]'") from None
 
 
-class GlobalRandomness:
-    """The global generators of torch and numpy, which Stable-Baselines3 draws from, with states of their own.
-
-    Inside ``with`` they go on from where the last ``with`` left them; outside nobody notices. So a run depends on its
-    seed alone, and on what ``state`` tells after a resume.
-    """
-
-    def __init__(self, seed: int) -> None:
-        self._inside = torch.Generator().manual_seed(seed).get_state(), np.random.RandomState(seed).get_state()
-        self._outside: Any = None
-
-    def __enter__(self) -> None:
-        self._outside = _exchange(self._inside)
-
-    def __exit__(self, *exception: object) -> None:
-        self._inside = _exchange(self._outside)
-
-    def state(self) -> Any:
-        """Tensors, arrays and numbers."""
-        return self._inside
-
-    def restore(self, state: Any) -> None:
-        """Goes on from what ``state`` returned."""
-        self._inside = state
-
-
-def _exchange(states: Any) -> Any:
-    """Puts states into the global generators and returns those that they had."""
-    former = torch.get_rng_state(), np.random.get_state()  # noqa: NPY002 (the library's own source)
-    torch.set_rng_state(states[0])
-    np.random.set_state(states[1])  # noqa: NPY002
-    return former
-
-
 def copy_layers(source: Iterable[nn.Module], policy: Policy) -> None:
     """Copies the linear layers among the modules ``source``, in order, into the policy's net; no bias counts as 0."""
     linear = [layer for layer in source if isinstance(layer, nn.Linear)]
@@ -67,7 +32,7 @@ def copy_layers(source: Iterable[nn.Module], policy: Policy) -> None:
 
 
 def parameters(algorithm: Any) -> dict[str, Any]:
-    """Weights and optimisers of an algorithm of the library, and how far it is."""
+    """Weights and optimisers of an algorithm of the library, and its number of steps."""
     found = {"parameters": algorithm.get_parameters(), "num_timesteps": algorithm.num_timesteps}
     for name in ("log_ent_coef", "weights"):  # SAC's temperature; ARS's vector: neither is among its parameters
         if isinstance(getattr(algorithm, name, None), torch.Tensor):
@@ -76,7 +41,7 @@ def parameters(algorithm: Any) -> dict[str, Any]:
 
 
 def set_parameters(algorithm: Any, state: dict[str, Any]) -> None:
-    """Goes on from what ``parameters`` returned."""
+    """Continues from what ``parameters`` returned."""
     algorithm.set_parameters(state["parameters"])
     algorithm.num_timesteps = state["num_timesteps"]
     with torch.no_grad():

@@ -1,18 +1,21 @@
-"""What every algorithm is, and how it says that it cannot go on."""
+"""What every training algorithm is, and how it reports that it cannot continue."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Collection
-from typing import Any, Protocol
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from cmbrl.envs.simulation import Simulation
 from cmbrl.errors import UserError
 from cmbrl.train.policy import Policy
 
 
 class Diverged(UserError):
-    """A run that cannot go on; ``states`` are its last ones, for whoever looks for the reason."""
+    """A run that cannot continue; ``states`` are its last ones, to look for the reason."""
 
     def __init__(self, message: str, states: dict[str, np.ndarray]) -> None:
         super().__init__(message)
@@ -20,31 +23,36 @@ class Diverged(UserError):
 
 
 def episode_metrics(finished: Collection[tuple[float, int]]) -> dict[str, float]:
-    """Mean "return" and "length" of episodes (return, length); nothing where none has ended."""
+    """Mean "return" and "length" of episodes (return, length); empty if none has ended."""
     if not finished:
         return {}
     returns, lengths = zip(*finished, strict=True)
     return {"return": sum(returns) / len(finished), "length": sum(lengths) / len(finished)}
 
 
-class Trainer(Protocol):
-    """One algorithm on one task: ``update`` until ``config.iterations`` are done.
+class Trainer(ABC):
+    """One algorithm on one task: call ``update`` until ``config.iterations`` are done."""
 
-    It may also have ``over``, true when its budget is spent, and ``keep(folder)``, called at every checkpoint, for what
-    people will want of it beside the policy.
-    """
+    policy: Policy  #: as trained so far
+    iteration: int  #: updates done so far
+    simulation: Simulation | None = None  #: whose last states a diverged run keeps; None where there is none
 
-    policy: Policy
-    iteration: int
-
+    @abstractmethod
     def update(self) -> dict[str, float]:
-        """One iteration; returns its metrics, "steps" (of the model) among them."""
-        ...
+        """One iteration; returns its metrics, among them the number of model "steps". Raises Diverged."""
 
+    @abstractmethod
     def state(self) -> dict[str, Any]:
         """Nested dicts and lists of tensors, numbers and None: everything that the next update depends on."""
-        ...
 
+    @abstractmethod
     def restore(self, state: dict[str, Any]) -> None:
-        """Goes on from what ``state`` returned."""
-        ...
+        """Continues from what ``state`` returned, bit for bit."""
+
+    @property
+    def over(self) -> bool:
+        """Whether a budget other than ``config.iterations``, such as one on seconds, is spent."""
+        return False
+
+    def keep(self, folder: Path) -> None:  # noqa: B027 (optional: most trainers keep nothing else)
+        """Writes what users want besides the policy into ``folder``; called at every checkpoint."""

@@ -1,7 +1,7 @@
 """Half-cheetah: a planar runner; the real system is Gymnasium's HalfCheetah-v5 (MuJoCo, 5 Euler steps of 10 ms).
 
-10 ms is far from converged in the real system itself, so the model takes the very same steps. Random actions never end
-an episode; recorded ones are cut at 200 control steps (10 s), so that small logs can be split by episode too.
+Steps of 10 ms are far from converged in the real system itself, so the model takes the same steps. Random actions never
+end an episode; recorded episodes are cut at 200 control steps (10 s), so that small logs can be split by episode.
 """
 
 from __future__ import annotations
@@ -10,8 +10,23 @@ from pathlib import Path
 from typing import Any
 
 from cmbrl.registry import Task
+from cmbrl.tasks.zoo import ARS_CHEETAH, PPO_CHEETAH
 
 EPISODE_STEPS = 200
+TRAINING: dict[str, dict[str, Any]] = {
+    # Restarts, because it may end up on its back.
+    "shac": {
+        "iterations": 1500, "environments": 256, "window": 0.5, "discount": 0.99, "episode_steps": EPISODE_STEPS,
+        "noise_linear": 0.03, "noise_angular": 0.3,
+    },
+    # Its policies differ little, so that a quarter of the training tells which of two should continue.
+    "loop": {"iterations": 1875, "trial": 0.25},
+    "fopg": {"window": 1.6, "discount": 0.99, "episode_steps": 1000},
+    # As its authors have it: 400,000 real steps, rollouts of one step.
+    "mbpo": {"iterations": 1580, "updates_per_step": 40, "length_end": 1, "target_entropy": -3.0},
+    "ppo": PPO_CHEETAH,
+    "ars": ARS_CHEETAH,
+}  # fmt: skip
 
 
 def _scene() -> Path:
@@ -48,4 +63,5 @@ TASK = Task(
     recorder=_record,
     mdp=_mdp,
     system=_system,
+    training=TRAINING,
 )

@@ -1,8 +1,8 @@
-"""Hopper and half-cheetah as the ABS paper had them: those of the Dojo simulator, rigid contact, one step of 50 ms.
+"""The hopper and half-cheetah of the ABS paper: robots of the Dojo simulator, rigid contact, one step of 50 ms.
 
-Dojo's own environments are no longer kept up and need Julia; masses, lengths, springs and rewards are theirs, the files
-are ours. The springs of the cheetah would be unstable at 50 ms if they were taken explicitly. MuJoCo at 1 ms on the
-same file stands for the real system.
+Dojo's own environments are no longer maintained and need Julia. Masses, lengths, springs and rewards are theirs, the
+files are ours. The half-cheetah's springs are treated implicitly, because explicit ones are unstable at 50 ms. The real
+system is MuJoCo at 1 ms on the same file.
 """
 
 from __future__ import annotations
@@ -11,10 +11,20 @@ from pathlib import Path
 from typing import Any
 
 from cmbrl.registry import Task
+from cmbrl.tasks.zoo import ARS_HOPPER, PPO_HOPPER
+
+# Not tuned for these robots.
+TRAINING: dict[str, dict[str, Any]] = {
+    "shac": {"environments": 64, "window": 1.6, "discount": 0.995, "noise_linear": 0.03, "noise_angular": 0.1},
+    "fopg": {"window": 1.6, "discount": 0.99},
+    "mbpo": {"length_end": 15, "target_entropy": -1.0},
+    "ppo": PPO_HOPPER,
+    "ars": ARS_HOPPER,
+}
 
 
 def _task(robot: str, description: str) -> Task:
-    """``robot``: the name of its file and of its process in mdp.py."""
+    """``robot``: the name of its file, and of its decision process in mdp.py."""
     name, scene = f"{robot}_dojo", Path(__file__).with_name(f"{robot}.xml")
 
     def mdp() -> Any:
@@ -45,6 +55,7 @@ def _task(robot: str, description: str) -> Task:
         recorder=record,
         mdp=mdp,
         system=system,
+        training=TRAINING,
     )
 
 

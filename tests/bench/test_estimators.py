@@ -12,15 +12,16 @@ from cmbrl.bench.studies.estimators import cells as known_cells
 from cmbrl.bench.studies.estimators import study as known_scene
 from cmbrl.bench.studies.estimators.cells import cell, nominal
 from cmbrl.bench.studies.estimators.contenders import CONTENDERS
+from cmbrl.bench.studies.estimators.learning import Learning
 from cmbrl.bench.studies.estimators.probe import probe
 from cmbrl.bench.studies.estimators.search import BatchedARS
-from cmbrl.bench.studies.estimators.valued import Learning, Valued
 from cmbrl.bench.studies.horizons import cells as horizon_cells
 from cmbrl.bench.studies.horizons import study as horizons
 from cmbrl.bench.studies.horizons.cells import NAMES, Ask
 from cmbrl.bench.studies.horizons.situations import SITUATIONS
 from cmbrl.bench.workers import compute
 from cmbrl.train.baselines import ARSConfig
+from cmbrl.train.fopg import FOPG
 
 SMALL = Learning(samples=4, horizon=3, episode_steps=30)
 WORK = known_cells.Work(
@@ -34,12 +35,13 @@ TINY = horizon_cells.Work(
 
 def test_a_window_is_worth_its_rewards_and_the_value_of_its_end() -> None:
     mdp, hard = nominal("hopper")
-    learner = Valued(mdp, hard, SMALL, seed=0)
-    window = learner._roll(learner.simulation)
-    steps = learner.simulation.steps
+    learner = FOPG(mdp, hard, SMALL.fopg("pathwise"), seed=0)
+    window = learner.roll(learner.simulation)
+    steps = window.steps
     assert not any(bool((s.terminated | s.truncated).any()) for s in steps)
     rewards = sum(SMALL.discount**k * (s.reward + s.shaping) for k, s in enumerate(steps))
-    value = learner.shac.target(steps[-1].next_observation.float()).double()
+    assert learner.critic is not None
+    value = learner.critic.value(steps[-1].next_observation.float()).double()
     assert torch.allclose(sum(window.rewards), rewards + SMALL.discount**SMALL.horizon * value)
 
 

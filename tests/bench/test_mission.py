@@ -17,7 +17,7 @@ from cmbrl.files import read_json, write_json
 from cmbrl.models.named import nominal_model
 from cmbrl.registry import load_task
 from cmbrl.train.loop import Loop, LoopConfig
-from cmbrl.train.run import Run
+from cmbrl.train.run import TrainingRun
 from cmbrl.train.trainer import Diverged
 
 pytest.importorskip("gymnasium", reason="the hopper's real system is Gymnasium's MJCF")
@@ -98,7 +98,7 @@ def test_a_loop_by_the_command_line_is_taken_as_it_is(tmp_path):
     here = mission.cell(job, SMALL, tmp_path / "here")
     setup = mission._setup(job, SMALL)
     made = tmp_path / "there" / "runs" / "hopper_3"
-    run = Run(METHODS[LOOP].make(replace(setup, log=None)), made, {"task": "hopper"})
+    run = TrainingRun(METHODS[LOOP].make(replace(setup, log=None)), made, {"task": "hopper"})
     run.train(setup.loop_config().iterations)
     options = {"task": "hopper", "algorithm": "loop", "seed": 3, "set": {}, "iterations": None, "data": None}
     write_json(made / "config.json", options)

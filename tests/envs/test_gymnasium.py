@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from importlib.metadata import EntryPoint
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 from cmbrl.envs.gymnasium_env import MDPEnv
-from cmbrl.envs.registration import IDS, register
+from cmbrl.envs.registration import IDS, make_real, register, register_all
 from cmbrl.files import write_json
 from cmbrl.models.named import named_model, nominal_model
 
@@ -170,6 +171,48 @@ def test_a_task_of_this_process_and_one_without_a_process(monkeypatch):
     envs = gymnasium.make_vec("cmbrl/MyHopper-v0", num_envs=3)
     assert envs.reset(seed=0)[0].shape == (3, 11)
     del gymnasium.registry["cmbrl/MyHopper-v0"]
+
+
+def test_the_time_limit_is_in_the_spec_and_can_be_shortened():
+    for name, steps in (("cmbrl/Hopper-v0", 1000), ("cmbrl/CheetahDojoReal-v0", 80), ("cmbrl/BallThrow-v0", 1)):
+        assert gymnasium.spec(name).max_episode_steps == steps
+    env = gymnasium.make("cmbrl/Cheetah-v0", max_episode_steps=2)
+    envs = gymnasium.make_vec("cmbrl/Cheetah-v0", num_envs=2, max_episode_steps=2)
+    env.reset(seed=0)
+    envs.reset(seed=0)
+    ends = [env.step(np.zeros(6))[2:4] for _ in range(2)]
+    many = [envs.step(np.zeros((2, 6), np.float32))[3].tolist() for _ in range(2)]
+    assert ends == [(False, False), (False, True)]
+    assert many == [[False, False], [True, True]]
+
+
+def test_a_broken_task_takes_no_other_with_it(monkeypatch):
+    """One whose module is missing, and one whose process cannot be made."""
+
+    def broken():
+        raise ValueError("no process")
+
+    monkeypatch.setattr(registry, "_registered", {})
+    registry.register(replace(load_task("hopper"), name="broken_process", mdp=broken))
+    installed = {"aaa": EntryPoint("aaa", "no_such_module:TASK", registry.GROUP), **registry._installed()}
+    monkeypatch.setattr(registry, "_installed", lambda: installed)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        found = register_all()
+    told = [str(w.message) for w in caught if str(w.message).startswith("no environment for")]
+    assert len(told) == 2
+    assert "no_such_module" in told[0]
+    assert "no process" in told[1]
+    assert set(found) == set(IDS)
+
+
+def test_what_a_task_lacks_is_one_line(monkeypatch):
+    monkeypatch.setattr(registry, "_registered", {})
+    registry.register(replace(load_task("hopper"), name="no_system", system=None))
+    with pytest.raises(UserError, match="has no real system"):
+        make_real("no_system")
+    with pytest.raises(UserError, match="has no reward"):
+        make_real("cube_toss")
 
 
 def test_pictures():

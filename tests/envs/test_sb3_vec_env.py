@@ -14,6 +14,7 @@ from cmbrl.tasks.hopper import TASK
 
 pytest.importorskip("gymnasium")
 pytest.importorskip("stable_baselines3")
+import gymnasium
 import stable_baselines3 as sb3
 from stable_baselines3.common.vec_env import VecMonitor
 
@@ -52,6 +53,19 @@ def test_a_step_is_the_simulations_and_ends_restart_with_the_last_observation_ke
             assert not infos[k]["TimeLimit.truncated"]
         ended += done.sum()
     assert ended > 0
+
+
+def test_our_gymnasium_vector_environment_is_taken_and_others_are_refused():
+    """Also behind a wrapper of Gymnasium's."""
+    ours = gymnasium.make_vec("cmbrl/Hopper-v0", num_envs=3)
+    for envs in (ours, gymnasium.wrappers.vector.RecordEpisodeStatistics(ours)):
+        taken = Sb3VecEnv(envs)
+        assert taken.simulation is ours.unwrapped.simulation
+        assert taken.reset().shape == (3, 11)
+    others = gymnasium.make_vec("CartPole-v1", num_envs=2, vectorization_mode="sync")
+    with pytest.raises(UserError, match=r"not SyncVectorEnv.*make_vec") as error:
+        Sb3VecEnv(others)
+    assert "\n" not in str(error.value)
 
 
 def test_the_time_limit_is_told_apart_from_a_fall(model):

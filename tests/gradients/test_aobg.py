@@ -86,7 +86,7 @@ def test_first_order_that_is_no_number_does_not_count() -> None:
     mixed, a = aobg(Estimate(np.full((2, 1), np.nan), 2), zeroth)
     assert a == 0
     assert mixed.mean == 2.0
-    with pytest.raises(UserError, match="as many of each"):
+    with pytest.raises(UserError, match="equally many of each"):
         aobg(Estimate(np.zeros((3, 1)), 3), zeroth)
 
 

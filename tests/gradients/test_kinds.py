@@ -8,7 +8,7 @@ import torch
 
 from cmbrl.contact import Adaptive, Barrier, Exact
 from cmbrl.errors import UserError
-from cmbrl.gradients import BundledContactModel, RandomisedModel, derivative_model
+from cmbrl.gradients import BundleConfig, BundledContactModel, RandomisedModel, derivative_model
 from cmbrl.gradients.kinds import KINDS, parse_derivative, steps_taken
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.registry import load_task
@@ -47,7 +47,16 @@ def test_what_is_made(model: ComplementarityModel) -> None:
     assert (bundle.samples, bundle.noise) == (4, (1e-3, 0.1, 0.0))
     bcg = derivative_model(model, "bcg", branches=3)
     assert isinstance(bcg, BundledContactModel)
-    assert (bcg.config.branches, bcg.config.length) == (3, 2)
+    assert (bcg.config.branches, bcg.length) == (3, 2)
+
+
+def test_a_bundle_lasts_as_long_at_any_control_step() -> None:
+    """In seconds, but never below two steps; a length in steps overrides it."""
+    config = BundleConfig(duration=0.04)
+    assert [config.steps(dt) for dt in (0.002, 0.008, 0.02, 0.05)] == [20, 5, 2, 2]
+    for name in ("hopper", "cheetah", "hopper_dojo", "cheetah_dojo", "ball_throw"):
+        assert BundleConfig().steps(load_task(name).control_dt) == 2, name
+    assert BundleConfig(length=7).steps(0.05) == 7
 
 
 def test_words_of_the_command_line() -> None:

@@ -83,7 +83,7 @@ def test_recording_checks_what_is_asked():
     assert len(OURS.record(3, seed=7, behaviour="pd")) == 3
     with pytest.raises(UserError, match="at least 1"):
         OURS.record(0)
-    with pytest.raises(UserError, match="no behaviour 'randm': did you mean 'random'"):
+    with pytest.raises(UserError, match="unknown behaviour 'randm': did you mean 'random'"):
         OURS.record(3, behaviour="randm")
     with pytest.raises(UserError, match="--policy FILE"):
         OURS.record(3, behaviour="policy")
@@ -92,6 +92,16 @@ def test_recording_checks_what_is_asked():
     assert replace(OURS, takes_log=True).record(3, log="tosses.npz").source["log"] == "tosses.npz"
     with pytest.raises(UserError, match="cannot be driven by a policy: choose random"):
         replace(OURS, behaviours=("random",)).record(3, behaviour=lambda observation: observation)
+
+
+def test_a_recording_has_as_many_transitions_as_were_asked_for():
+    """A recorder that counts steps of a process, each of several transitions, returns more."""
+    longer = replace(OURS, recorder=lambda n_steps, **rest: record(5 * n_steps, **rest))
+    log = longer.record(4)
+    assert len(log) == 4
+    shorter = replace(OURS, recorder=lambda n_steps, **rest: record(n_steps - 1, **rest))
+    with pytest.raises(UserError, match="its recorder returned 3 transitions of 4"):
+        shorter.record(4)
 
 
 def test_tasks_import_nothing_heavy():

@@ -21,10 +21,13 @@ from . import slider
 pytest.importorskip("stable_baselines3")
 pytest.importorskip("sb3_contrib")
 
+# A task that needs seconds, and the epochs and directions that suit it.
 SMALL: dict[type[Baseline], Any] = {
     SAC: SACConfig(block=100, warmup=50, hidden=(24, 24), batch=40, rate=3e-3, discount=0.9, buffer=250),
-    PPO: PPOConfig(environments=4, horizon=64, hidden=(24, 24), rate=3e-3, discount=0.9, log_std=-1.0, batch=64),
-    ARS: ARSConfig(environments=4, rate=0.3, deviation=0.2, alive=0.0),
+    PPO: PPOConfig(
+        environments=4, horizon=64, hidden=(24, 24), rate=3e-3, discount=0.9, log_std=-1.0, batch=64, epochs=5
+    ),
+    ARS: ARSConfig(environments=4, rate=0.3, deviation=0.2, best=4),
 }
 ALL = pytest.mark.parametrize("kind", [SAC, PPO, ARS])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +20,8 @@ from cmbrl.registry import load_task
 from cmbrl.train.fopg import ESTIMATORS, FOPG, FOPGConfig
 from cmbrl.train.models import with_derivative
 from cmbrl.train.policy import network
-from cmbrl.train.trainer import Diverged
+from cmbrl.train.shac import SHAC, SHACConfig
+from cmbrl.train.trainer import Diverged, Trainer
 
 A, B, COST, START, STD, DISCOUNT, HORIZON = 0.9, 0.4, 0.2, 0.3, 0.1, 0.95, 5
 
@@ -109,7 +111,7 @@ def test_pathwise_is_the_plain_backward_pass() -> None:
     assert task.mdp is not None
     model = ComplementarityModel(task.load_scene(), **task.model_options())
     trainer = FOPG(task.mdp(), model, FOPGConfig(samples=6, horizon=8))
-    window = trainer._roll(trainer.simulation)
+    window = trainer.roll(trainer.simulation)
     plain = torch.autograd.grad(window.total() / 6, list(trainer.policy.net.parameters()), retain_graph=True)
     ours = trainer._pathwise(window)
     np.testing.assert_allclose(ours.mean, torch.cat([g.flatten() for g in plain]), rtol=1e-3, atol=1e-4)
@@ -192,6 +194,55 @@ def test_derivative_of_the_command_line() -> None:
         with_derivative(model, "bcg", 0, refits=True)
     with pytest.raises(UserError, match="only to a contact model"):
         with_derivative(Linear(), "adaptive", 0, refits=False)
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_the_critic_values_open_ends_and_learns(estimator: str) -> None:
+    """The window's last reward holds the discounted value; the critic's loss falls while the policy stands still."""
+    trainer = linear_policy(
+        estimator, process(episode_steps=50, spread=0.3), 64, restart=False, horizon=4, critic=True, rate=0.0,
+        normalise=True, critic_rate=1e-2,
+    )  # fmt: skip
+    assert trainer.critic is not None
+    window = trainer.roll(trainer.simulation)
+    open_ends = [~s.terminated if k == 3 else s.truncated for k, s in enumerate(window.steps)]
+    discount = torch.ones(64, dtype=torch.float64)
+    for step, reward, ends in zip(window.steps, window.rewards, open_ends, strict=True):
+        value = trainer.critic.value(step.next_observation.float()).double()
+        expected = discount * (step.reward + torch.where(ends, DISCOUNT * value, 0.0))
+        torch.testing.assert_close(reward, expected, rtol=1e-5, atol=1e-5)  # the critic is float32
+        discount = torch.where(step.truncated, 1.0, DISCOUNT * discount)
+    losses = [trainer.update()["critic_loss"] for _ in range(60)]
+    assert np.mean(losses[-10:]) < 0.2 * losses[0]
+
+
+@pytest.mark.parametrize("make", [lambda: linear_policy("pathwise", process(), 4), lambda: shac()])
+def test_the_caller_s_random_numbers_are_untouched(make: Callable[[], Trainer]) -> None:
+    """And weights depend on the seed alone."""
+    torch.manual_seed(3)
+    expected = torch.rand(4)
+    torch.manual_seed(3)
+    trainer = make()
+    trainer.update()
+    assert torch.equal(torch.rand(4), expected)
+    again = make()
+    again.update()
+    for a, b in zip(trainer.policy.parameters(), again.policy.parameters(), strict=True):
+        assert torch.equal(a, b)
+
+
+def shac() -> SHAC:
+    config = SHACConfig(environments=4, horizon=3, noise_linear=0.0, noise_angular=0.0)
+    return SHAC(process(), Linear(), config)
+
+
+def test_the_noise_falls_where_an_end_is_given() -> None:
+    assert [FOPGConfig(std=0.4, std_end=0.1).noise_std(p) for p in (0.0, 0.5, 1.0)] == pytest.approx([0.4, 0.2, 0.1])
+    assert FOPGConfig(std=0.4).noise_std(1.0) == 0.4
+    with pytest.raises(UserError, match="cannot fall"):
+        FOPGConfig(std=0.0, std_end=0.1)
+    with pytest.raises(UserError, match="must be below 1"):
+        FOPGConfig(critic=True, discount=1.0)
 
 
 def test_refusals() -> None:

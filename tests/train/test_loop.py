@@ -76,6 +76,15 @@ def test_a_run_of_one_round_is_restored_when_it_is_over(make_loop):
         torch.testing.assert_close(value, loop.policy.state_dict()[name], rtol=0, atol=0)
 
 
+def test_transitions_are_counted_and_not_steps_of_the_process(make_loop):
+    """One step of the process may hold its action for several of them."""
+    loop = make_loop()
+    held = replace(loop.mdp, repeat=5)
+    loop.mdp = loop.recording.mdp = held
+    loop._execute()
+    assert loop._transitions() == SMALL.transitions
+
+
 def test_a_given_log_counts_and_only_the_rest_is_recorded(make_loop):
     log = load_task("hopper").record(100, seed=5)
     loop = make_loop(data=log)
@@ -126,5 +135,5 @@ def test_where_a_trial_is_all_of_it_the_best_policy_counts(make_loop):
 
 @pytest.mark.parametrize("trial", [0.0, 1.5, float("nan")])
 def test_a_trial_is_a_share(trial):
-    with pytest.raises(UserError, match="is a share"):
+    with pytest.raises(UserError, match="must be a share"):
         LoopConfig(trial=trial)

@@ -15,10 +15,12 @@ from cmbrl import Transitions, UserError
 from cmbrl.envs.evaluation import evaluate_real
 from cmbrl.envs.recording import Recording
 from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
+from cmbrl.registry import load_task
 from cmbrl.train.checkpoint import load_state, save_state
 from cmbrl.train.mbpo import MBPO, MBPOConfig, branch, rollout_length
 from cmbrl.train.pool import Mixture, Pool
-from cmbrl.train.run import Run
+from cmbrl.train.recipe import configure
+from cmbrl.train.run import TrainingRun
 
 from . import slider
 
@@ -50,7 +52,14 @@ def logged(folder: Path, rows: int = 200) -> Transitions:
 def test_rollouts_grow_as_published() -> None:
     lengths = {k: rollout_length(MBPOConfig(), 4 * k) for k in (0, 20, 85, 149, 150, 400)}  # 4 blocks an epoch
     assert lengths == {0: 1, 20: 1, 85: 8, 149: 14, 150: 15, 400: 15}
-    assert {rollout_length(MBPOConfig.cheetah(), k) for k in (0, 700, 1579)} == {1}
+    assert {rollout_length(configure("mbpo", load_task("cheetah")), k) for k in (0, 700, 1579)} == {1}
+
+
+def test_rollouts_may_jump_instead_of_growing() -> None:
+    """epoch_end = epoch_start, or before it."""
+    for end in (2, 1):
+        config = MBPOConfig(block=1000, epoch_start=2, epoch_end=end, length_start=1, length_end=5)
+        assert [rollout_length(config, k) for k in range(4)] == ([1, 1, 5, 5] if end == 2 else [1, 5, 5, 5])
 
 
 class Jumps:
@@ -167,7 +176,7 @@ def test_stops_when_the_time_is_up(tmp_path: Path) -> None:
     assert (metrics["steps"], metrics["transitions"]) == (0, 0)
     assert all(torch.equal(a, b) for a, b in zip(before, mbpo.policy.parameters(), strict=True))
     assert not trainer(tmp_path, replace(SMALL, max_seconds=1e9)).over
-    outcome = Run(mbpo, tmp_path / "run", about={}).train(iterations=100)
+    outcome = TrainingRun(mbpo, tmp_path / "run", about={}).train(iterations=100)
     assert (outcome.stopped, outcome.iteration) == ("finished", 0)
 
 

@@ -18,9 +18,10 @@ from cmbrl.registry import load_task
 from cmbrl.train.metrics import read_metrics
 from cmbrl.train.policy import Architecture, Policy
 from cmbrl.train.policy_file import load_policy, save_policy
-from cmbrl.train.run import CHECKPOINT, DIVERGED, RESULT, Run, progress_text
+from cmbrl.train.randomness import GlobalRandomness
+from cmbrl.train.run import CHECKPOINT, DIVERGED, RESULT, TrainingRun, progress_text
 from cmbrl.train.shac import SHAC, SHACConfig
-from cmbrl.train.trainer import Diverged
+from cmbrl.train.trainer import Diverged, Trainer
 
 ABOUT = {"task": "hopper", "algorithm": "toy"}
 
@@ -30,15 +31,15 @@ class ToyConfig:
     iterations: int = 12
 
 
-class Toy:
+class Toy(Trainer):
     """Fits a policy to random targets by Adam: all kinds of state that a real trainer has, in microseconds."""
 
     def __init__(
         self, spoil_at: int | None = None, raise_at: int | None = None, interrupt_at: int | None = None
     ) -> None:
-        torch.manual_seed(5)
         self.config = ToyConfig()
-        self.policy = Policy(Architecture(3, 2, (4,)))
+        with GlobalRandomness(5):
+            self.policy = Policy(Architecture(3, 2, (4,)))
         self.optimiser = torch.optim.Adam(self.policy.net.parameters(), 1e-2)
         self.generator = torch.Generator().manual_seed(0)
         self.numpy = np.random.default_rng(0)
@@ -107,17 +108,17 @@ class Killed(BaseException):
 def test_killed_and_resumed_is_bit_for_bit_the_uninterrupted_run(make: Any, tmp_path: Path) -> None:
     whole, killed, resumed = make(), make(), make()
     total = whole.config.iterations
-    Run(whole, tmp_path / "whole", ABOUT).train(total)
+    TrainingRun(whole, tmp_path / "whole", ABOUT).train(total)
 
     def kill_late(share: float, _: str) -> None:
         if share >= 2 / 3:
             raise Killed
 
     with pytest.raises(Killed):  # after a checkpoint at each iteration but the last that was done
-        Run(killed, tmp_path / "killed", ABOUT, checkpoint_seconds=1e-9).train(total, kill_late)
+        TrainingRun(killed, tmp_path / "killed", ABOUT, checkpoint_seconds=1e-9).train(total, kill_late)
     lines = (tmp_path / "killed/metrics.csv").read_text()
     (tmp_path / "killed/metrics.csv").write_text(lines + "1,0.5")  # a kill in the middle of a line
-    run = Run(resumed, tmp_path / "killed", ABOUT, resume=True)
+    run = TrainingRun(resumed, tmp_path / "killed", ABOUT, resume=True)
     assert 0 < run.iteration < len(lines.splitlines()) - 1  # the row beyond the checkpoint was there, and is done again
     outcome = run.train(total)
 
@@ -130,26 +131,26 @@ def test_killed_and_resumed_is_bit_for_bit_the_uninterrupted_run(make: Any, tmp_
 
 
 def test_a_kill_before_the_first_iteration_ends_can_be_resumed(tmp_path: Path) -> None:
-    Run(Toy(), tmp_path, ABOUT)
-    run = Run(Toy(), tmp_path, ABOUT, resume=True)
+    TrainingRun(Toy(), tmp_path, ABOUT)
+    run = TrainingRun(Toy(), tmp_path, ABOUT, resume=True)
     assert run.train(2).iteration == 2
 
 
 def test_ctrl_c_ends_after_the_iteration_and_keeps_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     toy = Toy(interrupt_at=3)
-    outcome = Run(toy, tmp_path, ABOUT).train(12)
+    outcome = TrainingRun(toy, tmp_path, ABOUT).train(12)
     assert (outcome.stopped, outcome.iteration) == ("interrupted", 3)
     assert "stopping" in capsys.readouterr().err
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     resumed, whole = Toy(), Toy()
-    assert Run(resumed, tmp_path, ABOUT, resume=True).train(12).stopped == "finished"
-    Run(whole, tmp_path / "whole", ABOUT).train(12)
+    assert TrainingRun(resumed, tmp_path, ABOUT, resume=True).train(12).stopped == "finished"
+    TrainingRun(whole, tmp_path / "whole", ABOUT).train(12)
     assert bits(resumed.policy) == bits(whole.policy)
 
 
 def test_a_run_that_gives_up_keeps_its_last_states_and_checkpoint(tmp_path: Path) -> None:
     with pytest.raises(Diverged, match=r"toy: gave up.*diverged\.npz"):
-        Run(Toy(raise_at=5), tmp_path, ABOUT).train(12)
+        TrainingRun(Toy(raise_at=5), tmp_path, ABOUT).train(12)
     with np.load(tmp_path / DIVERGED) as states:
         np.testing.assert_array_equal(states["q"], np.full((2, 3), 7.0))
     result = json.loads((tmp_path / RESULT).read_text())
@@ -159,16 +160,16 @@ def test_a_run_that_gives_up_keeps_its_last_states_and_checkpoint(tmp_path: Path
 
 def test_weights_that_are_not_finite_stop_a_run_before_they_are_saved(tmp_path: Path) -> None:
     with pytest.raises(Diverged, match="weights are not finite after iteration 4"):
-        Run(Toy(spoil_at=4), tmp_path, ABOUT, checkpoint_seconds=1e-9).train(12)
+        TrainingRun(Toy(spoil_at=4), tmp_path, ABOUT, checkpoint_seconds=1e-9).train(12)
     assert load_policy(tmp_path).about["iteration"] == 3
 
 
 def test_a_checkpoint_of_another_trainer_is_refused(tmp_path: Path) -> None:
-    Run(Toy(), tmp_path, ABOUT)
+    TrainingRun(Toy(), tmp_path, ABOUT)
     other = Toy()
     other.policy = Policy(Architecture(3, 2, (5,)))
-    with pytest.raises(UserError, match="is not of this run"):
-        Run(other, tmp_path, ABOUT, resume=True)
+    with pytest.raises(UserError, match="does not belong to this run"):
+        TrainingRun(other, tmp_path, ABOUT, resume=True)
 
 
 def test_a_policy_file_comes_back_with_its_scaling(tmp_path: Path) -> None:

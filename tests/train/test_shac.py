@@ -10,7 +10,7 @@ import torch
 import cmbrl
 from cmbrl.envs.evaluation import evaluate_model
 from cmbrl.registry import load_task
-from cmbrl.train.shac import SHAC, SHACConfig, Tamed, gradient_variance
+from cmbrl.train.shac import SHAC, SHACConfig, Tamed, at_drive, gradient_variance
 
 pytest.importorskip("gymnasium", reason="the hopper's MJCF is Gymnasium's")
 SMALL = SHACConfig(iterations=10, environments=6, horizon=5, actor_hidden=(16,), critic_hidden=(16,), clip=float("inf"))
@@ -23,19 +23,18 @@ def make(config: SHACConfig = SMALL, seed: int = 0) -> SHAC:
 
 
 def backward(trainer: SHAC) -> list:
-    steps = trainer._window(0.0)
-    trainer._actor_loss(steps).backward()
+    steps = trainer.roll(0.0)
+    trainer.loss(steps).backward()
     return steps
 
 
 def test_gradients_of_single_episodes_have_the_mean_that_autograd_finds():
     from cmbrl.gradients.per_sample import per_sample_gradients
-    from cmbrl.train.shac import _at_drive
 
     trainer = make()
     steps = backward(trainer)
     observations = torch.stack([s.observation.detach().float() for s in steps], dim=1)
-    messages = torch.stack([_at_drive(s.action) for s in steps], dim=1)
+    messages = torch.stack([at_drive(s.action) for s in steps], dim=1)
     policy = trainer.policy
     rows = per_sample_gradients(policy.net, policy.normaliser(observations), messages)
     found = torch.cat([p.grad.flatten() for p in policy.net.parameters()])
@@ -64,7 +63,7 @@ def test_the_loss_s_derivative_in_an_action_is_that_of_differences():
                 action = trainer.policy.sample(observation.float(), noise)
                 action[row, joint] += change * (j == k)
                 taken.append(trainer.simulation.step(observation, action))
-            return float(trainer._actor_loss(taken))
+            return float(trainer.loss(taken))
 
     # float32 values of the critic limit the differences
     difference = (loss(step) - loss(-step)) / (2 * step)
@@ -74,10 +73,10 @@ def test_the_loss_s_derivative_in_an_action_is_that_of_differences():
 def test_td_lambda_targets_are_the_weighted_sums_of_n_step_returns():
     trainer = make()
     c = trainer.config
-    steps = trainer._window(0.0)
-    _, targets = trainer._targets(steps)
+    steps = trainer.roll(0.0)
+    _, targets = trainer.critic.targets(steps)
     assert not any((s.terminated | s.truncated).any() for s in steps)
-    values = [trainer.target(s.next_observation.detach().float()).detach() for s in steps]
+    values = [trainer.critic.value(s.next_observation.detach().float()).detach() for s in steps]
     rewards = [(s.reward + s.shaping).detach().float() for s in steps]
 
     def n_step(n: int) -> torch.Tensor:

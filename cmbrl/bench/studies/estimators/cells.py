@@ -13,13 +13,13 @@ import numpy as np
 
 from cmbrl.bench.cells import kept
 from cmbrl.bench.studies.estimators.contenders import CONTENDERS
-from cmbrl.bench.studies.estimators.valued import Learning
+from cmbrl.bench.studies.estimators.learning import Learning
 from cmbrl.envs.evaluation import evaluate_model
 from cmbrl.envs.mdp import MDP
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.protocol import failures
 from cmbrl.registry import load_task
-from cmbrl.train.baselines import ARSConfig
+from cmbrl.train.recipe import configure
 from cmbrl.train.trainer import Diverged
 
 EVALUATION_SEED = 1_000_000
@@ -28,8 +28,10 @@ Outcome = dict[str, Any]
 
 def _learning() -> dict[str, Learning]:
     return {
-        "hopper": Learning(samples=32, discount=0.98),
-        "cheetah": Learning(horizon=10, discount=0.99, episode_steps=200, search=ARSConfig.cheetah()),
+        "hopper": Learning(samples=32, discount=0.98, search=configure("ars", load_task("hopper"))),
+        "cheetah": Learning(
+            horizon=10, discount=0.99, episode_steps=200, search=configure("ars", load_task("cheetah"))
+        ),
     }
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from cmbrl.bench.studies.estimators.learning import Learning
 from cmbrl.bench.studies.estimators.search import BatchedARS
-from cmbrl.bench.studies.estimators.valued import Learning, Valued
 from cmbrl.envs.mdp import MDP
 from cmbrl.gradients.kinds import DerivativeModel, derivative_model
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.train.fopg import FOPG
 from cmbrl.train.shac import SHAC
 
 
@@ -31,16 +32,14 @@ class Contender:
         """``hard`` with this contender's derivative."""
         return derivative_model(hard, self.kind, seed, **self.options)
 
-    def trainer(
-        self, mdp: MDP, hard: ComplementarityModel, learning: Learning, seed: int
-    ) -> Valued | SHAC | BatchedARS:
+    def trainer(self, mdp: MDP, hard: ComplementarityModel, learning: Learning, seed: int) -> FOPG | SHAC | BatchedARS:
         """Who learns ``mdp`` on ``hard`` by this estimator."""
         model = self.model(hard, seed)
         if self.estimator == "ars":
             return BatchedARS(mdp, model, learning.search, learning.episode_steps, seed)
         if self.estimator == "shac":
             return SHAC(mdp, model, learning.shac(), seed)
-        return Valued(mdp, model, learning, self.estimator, seed)
+        return FOPG(mdp, model, learning.fopg(self.estimator), seed)
 
 
 ABS, EXACT, BARRIERS = "ABS", "exact", ("BS 1e-6", "BS 1e-4", "BS 1e-2")

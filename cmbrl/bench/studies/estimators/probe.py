@@ -8,7 +8,6 @@ is rough, a derivative may be right at its point and tell nothing of that step.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +18,9 @@ from torch.nn.utils import parameters_to_vector, vector_to_parameters
 from cmbrl.bench.cells import kept
 from cmbrl.bench.studies.estimators.cells import Work, nominal
 from cmbrl.bench.studies.estimators.contenders import ABS, CONTENDERS
-from cmbrl.bench.studies.estimators.valued import Learning, Valued
+from cmbrl.bench.studies.estimators.learning import Learning
 from cmbrl.gradients.estimate import Estimate
+from cmbrl.train.fopg import FOPG
 
 STEP = 0.02  #: length of a difference in the space of all weights, less than one of Adam's updates
 WARM = 5  #: windows from the reset to the states at which gradients are taken
@@ -38,30 +38,30 @@ def probe(folder: Path, task: str, seed: int, work: Work) -> dict[str, Any]:
     def compute() -> dict[str, Any]:
         mdp, hard = nominal(task)
         teacher = CONTENDERS[ABS].trainer(mdp, hard, learning, seed)
-        assert isinstance(teacher, Valued)
+        assert isinstance(teacher, FOPG)
         for _ in range(work.probe_updates):
             teacher.update()
         wide = Learning(samples, learning.horizon, learning.discount, learning.episode_steps)
-        judged = Valued(mdp, hard, wide, "pathwise", seed + 1)
+        judged = FOPG(mdp, hard, wide.fopg("pathwise"), seed + 1)
         _copy(teacher, judged)
         with torch.no_grad():
             for _ in range(WARM):
-                judged._roll(judged.simulation)
+                judged.roll(judged.simulation)
         return {name: judge(name, judged, seed) for name in names}
 
     return kept(folder / f"probe_{task}_{seed}.json", key, compute)
 
 
-def judge(name: str, judged: Valued, seed: int) -> dict[str, float | None]:
+def judge(name: str, judged: FOPG, seed: int) -> dict[str, float | None]:
     """One estimator at the policy and the states of ``judged``.
 
     ``noise``: standard error of the mean of one window of each sample, relative to its norm; ``variance``: of one
     window; ``claimed`` and ``true``: slopes of a window's return along the estimate, ``claimed_error`` and
     ``true_error`` their standard errors; ``failed``: share of windows that are not finite.
     """
-    learning = Learning(judged.config.samples, judged.config.horizon, judged.config.discount)
-    trainer = CONTENDERS[name].trainer(judged.mdp, judged.shac.model, learning, seed)  # type: ignore[arg-type]
-    assert isinstance(trainer, Valued)
+    learning = Learning(judged.config.samples, judged.horizon, judged.config.discount)
+    trainer = CONTENDERS[name].trainer(judged.mdp, judged.model, learning, seed)  # type: ignore[arg-type]
+    assert isinstance(trainer, FOPG)
     _copy(judged, trainer)
     for simulation in trainer.simulations:
         simulation.restore(judged.simulation.state() | {"model": None})
@@ -83,7 +83,7 @@ def judge(name: str, judged: Valued, seed: int) -> dict[str, float | None]:
     }
 
 
-def slope(judged: Valued, direction: np.ndarray) -> tuple[float, float]:
+def slope(judged: FOPG, direction: np.ndarray) -> tuple[float, float]:
     """Slope of a window's hard return, with the critic's value of its end, along a unit vector; and its error."""
     state, parameters = judged.simulation.state(), list(judged.policy.net.parameters())
     here = parameters_to_vector(parameters).detach()
@@ -93,7 +93,7 @@ def slope(judged: Valued, direction: np.ndarray) -> tuple[float, float]:
         judged.simulation.restore(state)
         judged.generator.manual_seed(NOISE_SEED + 1)
         with torch.no_grad():
-            window = judged._roll(judged.simulation)
+            window = judged.roll(judged.simulation)
         values.append(torch.stack(window.rewards).sum(dim=0))
     vector_to_parameters(here, parameters)
     judged.simulation.restore(state)
@@ -101,11 +101,13 @@ def slope(judged: Valued, direction: np.ndarray) -> tuple[float, float]:
     return float(difference.mean()), float(difference.std(ddof=1) / np.sqrt(len(difference)))
 
 
-def _copy(source: Valued, target: Valued) -> None:
+def _copy(source: FOPG, target: FOPG) -> None:
     """Policy, critic and the size of the noise; the normaliser, too, is a copy that no longer moves with its source."""
     target.policy.load_state_dict(source.policy.state_dict())
-    target.shac.target.net.load_state_dict(source.shac.target.net.state_dict())
-    target.config = replace(target.config, std=source.config.std)
+    assert target.critic is not None
+    assert source.critic is not None
+    target.critic.target.load_state_dict(source.critic.target.state_dict())
+    target.std = source.std
 
 
 def _number(x: Any) -> float | None:

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from cmbrl.bench.studies.gradients.case import Array
-from cmbrl.gradients.rollout import Launch, Policy, Reward, Rollout, TanhPolicy
+from cmbrl.gradients.rollout import Launch, ParametricPolicy, Reward, Rollout, TanhPolicy
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.protocol import Model
 from cmbrl.registry import load_task
@@ -42,7 +42,7 @@ class System:
     title: str
     scene: Scene
     settings: dict[str, Any]
-    policy: Policy
+    policy: ParametricPolicy
     at: Array
     reward: Reward
     q0: Array

@@ -15,10 +15,10 @@ from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
 from cmbrl.models.protocol import Model
 from cmbrl.registry import Task
-from cmbrl.train.algorithms import preset
-from cmbrl.train.baselines import PPO, SAC, PPOConfig, SACConfig
+from cmbrl.train.baselines import PPO, SAC
 from cmbrl.train.loop import Loop, LoopConfig
-from cmbrl.train.mbpo import MBPO, MBPOConfig
+from cmbrl.train.mbpo import MBPO
+from cmbrl.train.recipe import configure
 from cmbrl.train.shac import SHAC, SHACConfig
 from cmbrl.train.trainer import Trainer
 
@@ -77,9 +77,9 @@ class Setup:
     log: Transitions | None
 
     def loop_config(self) -> LoopConfig:
-        """The task's preset, with what the study changes."""
-        chosen = {"transitions": self.work.transitions, **self.work.loop}
-        return replace(preset(LoopConfig, self.task.name), **chosen)
+        """The task's settings, with what the study changes."""
+        config: LoopConfig = configure("loop", self.task, {"transitions": self.work.transitions, **self.work.loop})
+        return config
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def _neural_config(s: Setup) -> SHACConfig:
 
 
 def _mbpo(s: Setup, online: bool) -> Trainer:
-    config = preset(MBPOConfig, s.task.name).two_cores()
+    config = configure("mbpo", s.task).two_cores()
     if not online:  # rollouts as long as they get in the end: its schedule goes by real transitions, which do not come
         config = replace(config, length_start=config.length_end)
     config = replace(config, **s.work.mbpo)
@@ -136,11 +136,11 @@ def _mbpo(s: Setup, online: bool) -> Trainer:
 
 
 def _sac(s: Setup) -> Trainer:
-    return SAC(s.contest.mdp, s.contest.system, replace(preset(SACConfig, s.task.name), **s.work.sac), s.seed)
+    return SAC(s.contest.mdp, s.contest.system, configure("sac", s.task, s.work.sac), s.seed)
 
 
 def _ppo(s: Setup) -> Trainer:
-    return PPO(s.contest.mdp, s.contest.system, replace(preset(PPOConfig, s.task.name), **s.work.ppo), s.seed)
+    return PPO(s.contest.mdp, s.contest.system, configure("ppo", s.task, s.work.ppo), s.seed)
 
 
 def _whole_loop(s: Setup) -> Plan:

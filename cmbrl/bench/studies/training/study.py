@@ -59,14 +59,14 @@ def _row(label: str, settings: Settings) -> list[Any]:
     steps: list[Any] = []
 
     def rollout() -> None:
-        steps[:] = trainer._window(0.0)
+        steps[:] = trainer.roll(0.0)
         trainer.policy.net.zero_grad()
-        trainer._actor_loss(steps).backward()
+        trainer.loss(steps).backward()
 
     work: dict[str, tuple[Callable[[], object], int]] = {
         "update": (trainer.update, 1),
         "rollout": (rollout, 1),
-        "critic": (lambda: trainer._fit_critic(steps), 1),
+        "critic": (lambda: trainer.critic.fit(steps), 1),
         "core": (lambda: _core(trainer.simulation), 1),
         "mujoco": (lambda: _mujoco(system, mdp, ENVIRONMENTS * HORIZON), 1),
     }

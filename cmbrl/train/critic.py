@@ -1,0 +1,129 @@
+"""The critic that values the ends of windows: a net, a target that follows it slowly, and TD(lambda) regression.
+
+Xu et al., "Accelerated Policy Learning with Parallel Differentiable Simulation" (ICLR 2022), section 4.2.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from cmbrl.envs.simulation import Step
+from cmbrl.errors import UserError
+from cmbrl.settings import setting
+from cmbrl.train.policy import Policy, network
+
+BETAS = (0.7, 0.95)  # of Adam, as in the SHAC paper
+
+
+@dataclass(frozen=True)
+class CriticConfig:
+    """Settings of the critic, shared by all algorithms that have one."""
+
+    trace: float = setting(0.95, "lambda of the critic's TD(lambda) targets", least=0)
+    critic_hidden: tuple[int, ...] = setting((64, 64), "hidden layers of the critic", least=1)
+    critic_rate: float = setting(1e-3, "learning rate of the critic (Adam)", least=0)
+    critic_epochs: int = setting(4, "passes of the critic over a window", least=1)
+    critic_batches: int = setting(2, "minibatches of each pass", least=1)
+    target_share: float = setting(0.2, "share of the old target critic that is kept at each update", least=0)
+
+
+class Critic:
+    """Estimates the discounted return that follows an observation.
+
+    Both nets read observations through the policy's normaliser. Their outputs are multiplied by 1 / (1 - discount), so
+    that they are about 1 for rewards of about 1.
+
+    Args:
+        policy: whose returns are estimated.
+        config: see there.
+        discount: per step, below 1.
+        generator: draws the order of minibatches.
+    """
+
+    def __init__(self, policy: Policy, config: CriticConfig, discount: float, generator: torch.Generator) -> None:
+        self.config, self.discount, self.generator = config, discount, generator
+        self.scale = 1.0 / (1.0 - discount)
+        self.normaliser = policy.normaliser
+        self.net, self.target = (network(policy.architecture.observations, config.critic_hidden, 1) for _ in range(2))
+        self.target.load_state_dict(self.net.state_dict())
+        self.target.requires_grad_(False)
+        self.optimiser = torch.optim.Adam(self.net.parameters(), config.critic_rate, betas=BETAS)
+
+    def value(self, observations: Tensor) -> Tensor:
+        """(B,) of observations (B, n_o), float32, by the slow target; differentiable in the observations."""
+        return self.scale * self.target(self.normaliser(observations))[:, 0]
+
+    def fit(self, steps: Sequence[Step]) -> float:
+        """Regression on the TD(lambda) targets of a window; returns the mean loss.
+
+        Then the normaliser takes in the window's observations, and the target moves towards the net.
+        """
+        c = self.config
+        observations, targets = self.targets(steps)
+        usable = torch.isfinite(observations).all(dim=1) & torch.isfinite(targets)
+        observations, targets = observations[usable], targets[usable]
+        total = 0.0
+        for _ in range(c.critic_epochs):
+            order = torch.randperm(len(targets), generator=self.generator)
+            for rows in order.chunk(c.critic_batches):
+                predicted = self.scale * self.net(self.normaliser(observations[rows]))[:, 0]
+                loss = ((predicted - targets[rows]) / self.scale).square().mean()
+                self.optimiser.zero_grad()
+                loss.backward()
+                self.optimiser.step()
+                total += loss.item()
+        with torch.no_grad():
+            for old, new in zip(self.target.parameters(), self.net.parameters(), strict=True):
+                old.lerp_(new, 1.0 - c.target_share)
+        self.normaliser.update(observations)
+        return total / (c.critic_epochs * c.critic_batches)
+
+    @torch.no_grad()
+    def targets(self, steps: Sequence[Step]) -> tuple[Tensor, Tensor]:
+        """Observations (H B, n_o) of the window and their TD(lambda) targets (H B,), both float32."""
+        trace = self.config.trace
+        values = self.value(torch.cat([s.next_observation for s in steps]).float()).view(len(steps), -1)
+        following = values[-1]
+        targets = []
+        for step, value in zip(reversed(steps), reversed(values), strict=True):
+            mixed = torch.where(step.truncated, value, (1 - trace) * value + trace * following)
+            later = torch.where(step.terminated, 0.0, mixed)
+            following = (finite(step.reward + step.shaping) + self.discount * later).float()
+            targets.append(following)
+        return torch.cat([s.observation for s in steps]).float(), torch.cat(targets[::-1])
+
+    def state(self) -> dict[str, Any]:
+        """Everything that the next ``fit`` depends on."""
+        return {
+            "net": self.net.state_dict(),
+            "target": self.target.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+            "generator": self.generator.get_state(),
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continues from what ``state`` returned."""
+        self.net.load_state_dict(state["net"])
+        self.target.load_state_dict(state["target"])
+        # Adam takes tensors as they are, and would write into the given state.
+        self.optimiser.load_state_dict(copy.deepcopy(state["optimiser"]))
+        self.generator.set_state(state["generator"])
+
+
+def check_discount(discount: float) -> None:
+    """Raises UserError unless the discount is below 1."""
+    if not discount < 1:
+        raise UserError(
+            f"discount = {discount:g}: must be below 1, because the critic estimates an infinite-horizon return"
+        )
+
+
+def finite(x: Tensor) -> Tensor:
+    """x with 0 where it is not finite: the last step of an episode that the solver lost."""
+    return torch.where(torch.isfinite(x), x, 0.0)

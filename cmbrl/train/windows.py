@@ -1,0 +1,169 @@
+"""What learners on short windows of many episodes share: SHAC and FOPG differ in how a window becomes a gradient."""
+
+from __future__ import annotations
+
+import copy
+import math
+from abc import abstractmethod
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import torch
+
+from cmbrl.envs.mdp import MDP
+from cmbrl.envs.simulation import Disturbance, Simulation, parameter_sets
+from cmbrl.gradients.kinds import steps_taken
+from cmbrl.models.protocol import Model, failures
+from cmbrl.settings import setting
+from cmbrl.train.critic import Critic, CriticConfig
+from cmbrl.train.policy import Architecture, Policy
+from cmbrl.train.randomness import GlobalRandomness
+from cmbrl.train.trainer import Diverged, Trainer, episode_metrics
+
+PATIENCE = 10  # updates in a row without a finite gradient before a run is given up
+
+
+@dataclass(frozen=True)
+class WindowConfig(CriticConfig):
+    """Settings of windows, noise and steps; where a task gives none, `cmbrl.train.recipe` derives them from it."""
+
+    iterations: int = setting(1000, "updates of the policy", least=1)
+    window: float = setting(0.256, "length of a window [s]", above=0)
+    horizon: int | None = setting(None, "control steps of a window; overrides window", least=1)
+    discount: float = setting(0.99, "discount per control step", least=0)
+    episode_steps: int | None = setting(
+        None, "control steps after which a training episode restarts, if the task does not end it before", least=1
+    )
+    clip: float = setting(1.0, "largest norm of a policy gradient", least=0)
+    noise_linear: float = setting(0.0, "velocity noise added after each step [m/s]", least=0)
+    noise_angular: float = setting(0.0, "velocity noise added after each step [rad/s]", least=0)
+    parameter_spread: float = setting(
+        0.0, "each episode's physical parameters vary by up to this share, on top of the fit's draws", least=0
+    )
+
+    def steps(self, mdp: MDP) -> int:
+        """Control steps of a window in ``mdp``; a ``horizon`` of 0 is a whole episode."""
+        if self.horizon is None:
+            return max(1, round(self.window / mdp.dt))
+        return self.horizon or mdp.episode_steps
+
+
+def decayed(log_start: float, log_end: float, progress: float) -> float:
+    """A positive number that falls geometrically from exp(log_start) to exp(log_end) while progress goes 0 to 1."""
+    return math.exp(log_start + progress * (log_end - log_start))
+
+
+class WindowLearner(Trainer):
+    """``update`` rolls a window, takes one step of Adam along its gradient, then lets the critic learn from it.
+
+    Nets are float32, dynamics float64. The learning rate falls linearly to 0. Updates without a finite gradient are
+    skipped; after PATIENCE of them in a row the run is given up.
+
+    Args:
+        mdp: the task.
+        model: what moves it.
+        config: see there.
+        seed: of everything random; the caller's global generators are not touched.
+        architecture: of the policy.
+        rate: Adam's, at the start.
+        betas: Adam's.
+        count: episodes side by side.
+        generator: draws the noise on actions.
+        critic: draws the critic's minibatches; None: windows end without a value.
+        batches: simulations of as many episodes, with noise of their own.
+        stagger: start episodes at different ages.
+    """
+
+    title: ClassVar[str]
+    remedy: ClassVar[str]  #: what to try when gradients stay unusable
+    simulation: Simulation
+
+    def __init__(
+        self,
+        mdp: MDP,
+        model: Model,
+        config: WindowConfig,
+        seed: int,
+        *,
+        architecture: Architecture,
+        rate: float,
+        betas: tuple[float, float],
+        count: int,
+        generator: torch.Generator,
+        critic: torch.Generator | None,
+        batches: int = 1,
+        stagger: bool = True,
+    ) -> None:
+        limit = min(mdp.episode_steps, config.episode_steps or mdp.episode_steps)
+        self.mdp, self.model, self.config, self.rate = replace(mdp, episode_steps=limit), model, config, rate
+        self.horizon, self.generator = config.steps(self.mdp), generator
+        table = parameter_sets(model, config.parameter_spread, seed=seed)
+        disturbance = Disturbance(config.noise_linear, config.noise_angular, table)
+        self.simulations = [
+            Simulation(self.mdp, model, count, seed + 7919 * k, disturbance, stagger=stagger) for k in range(batches)
+        ]
+        self.simulation = self.simulations[0]
+        with GlobalRandomness(seed):  # initial weights
+            self.policy = Policy(architecture)
+            self.critic = None if critic is None else Critic(self.policy, config, config.discount, critic)
+        self.policy.normaliser.update(self.simulation.observe().float())
+        self.optimiser = torch.optim.Adam(self.policy.net.parameters(), rate, betas=betas)
+        self.iteration = self.unusable = 0
+
+    @abstractmethod
+    def gradient(self, progress: float) -> dict[str, float]:
+        """Rolls a window and leaves the clipped gradient of the loss in the policy's parameters.
+
+        ``progress`` is the share of updates done. Returns metrics, among them "gradient_norm" before clipping.
+        """
+
+    @abstractmethod
+    def learn(self) -> dict[str, float]:
+        """Lets normaliser and critic take in the last window; returns metrics."""
+
+    def update(self) -> dict[str, float]:
+        """One update; returns its metrics. Raises Diverged when gradients stay unusable."""
+        progress = min(self.iteration / self.config.iterations, 1.0)
+        for group in self.optimiser.param_groups:
+            group["lr"] = self.rate * (1.0 - progress)
+        metrics = self.gradient(progress)
+        self._step(metrics["gradient_norm"])
+        metrics |= self.learn()
+        self.iteration += 1
+        simulated = sum(simulation.steps_taken for simulation in self.simulations)
+        metrics |= {"steps": float(steps_taken(self.model, simulated)), "failures": float(failures(self.model) or 0)}
+        return metrics | episode_metrics([episode for s in self.simulations for episode in s.finished])
+
+    def _step(self, norm: float) -> None:
+        if math.isfinite(norm):
+            self.unusable = 0
+            self.optimiser.step()
+            return
+        self.unusable += 1
+        if self.unusable > PATIENCE:
+            states = {"q": self.simulation.q.detach().numpy(), "v": self.simulation.v.detach().numpy()}
+            raise Diverged(f"{self.title}: {self.unusable} gradients in a row were not finite: {self.remedy}", states)
+
+    def state(self) -> dict[str, Any]:
+        """Everything that the next update depends on."""
+        return {
+            "iteration": self.iteration,
+            "unusable": self.unusable,
+            "policy": self.policy.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+            "critic": None if self.critic is None else self.critic.state(),
+            "generator": self.generator.get_state(),
+            "simulations": [simulation.state() for simulation in self.simulations],
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continues from what ``state`` returned, bit for bit."""
+        self.iteration, self.unusable = state["iteration"], state["unusable"]
+        self.policy.load_state_dict(state["policy"])
+        # Adam takes tensors as they are, and would write into the given state.
+        self.optimiser.load_state_dict(copy.deepcopy(state["optimiser"]))
+        if self.critic is not None:
+            self.critic.restore(state["critic"])
+        self.generator.set_state(state["generator"])
+        for simulation, kept in zip(self.simulations, state["simulations"], strict=True):
+            simulation.restore(kept)

@@ -1,0 +1,137 @@
+"""An algorithm's settings come from the task and its control step, never from its name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+import torch
+
+from cmbrl.errors import UserError
+from cmbrl.models.named import nominal_model
+from cmbrl.registry import Task, load_task
+from cmbrl.train.algorithms import ALGORITHMS
+from cmbrl.train.baselines import PPOConfig
+from cmbrl.train.recipe import configure
+from cmbrl.train.shac import SHAC
+
+pytest.importorskip("gymnasium", reason="the robots' MJCF are Gymnasium's")
+
+
+def process(dt: float, episode_steps: int, observations: int = 11, actions: int = 3) -> Task:
+    """A task that says nothing of training."""
+    hopper = load_task("hopper")
+    assert hopper.mdp is not None
+    mdp = replace(hopper.mdp(), dt=dt, episode_steps=episode_steps, observations=observations, actions=actions)
+    return replace(hopper, name="mine", training={}, mdp=lambda: mdp, control_dt=dt, substeps=1, time_step=dt)
+
+
+def test_bundled_tasks_have_the_settings_that_they_were_tuned_with() -> None:
+    """Windows in steps; those of Dojo's robots and of throws are the hopper's, as their numbers of steps go."""
+    wanted = {
+        "hopper": (3000, 64, 32, 0.995, 0.03, 0.1, 1000),
+        "cheetah": (1500, 256, 10, 0.99, 0.03, 0.3, 200),
+        "hopper_dojo": (3000, 64, 32, 0.995, 0.03, 0.1, 80),
+        "cheetah_dojo": (3000, 64, 32, 0.995, 0.03, 0.1, 80),
+        "ball_throw": (3000, 64, 32, 0.995, 0.03, 0.1, 1),
+        "ball_over": (3000, 64, 32, 0.995, 0.03, 0.1, 1),
+        "ball_slide": (3000, 64, 32, 0.995, 0.03, 0.1, 1),
+    }
+    for name, expected in wanted.items():
+        task = load_task(name)
+        assert task.mdp is not None
+        c, mdp = configure("shac", task), task.mdp()
+        limit = min(mdp.episode_steps, c.episode_steps)
+        found = (c.iterations, c.environments, c.steps(mdp), c.discount, c.noise_linear, c.noise_angular, limit)
+        assert found == expected, name
+        assert (c.actor_hidden, c.critic_hidden) == ((128, 64), (64, 64))
+        fopg = configure("fopg", task)
+        assert (fopg.steps(mdp), fopg.discount) == (32, 0.99), name
+        assert min(fopg.episode_steps, mdp.episode_steps) == mdp.episode_steps
+    assert (configure("loop", load_task("hopper")).iterations, configure("loop", load_task("hopper")).trial) == (
+        6000,
+        1,
+    )
+    loop = configure("loop", load_task("cheetah"))
+    assert (loop.iterations, loop.trial, loop.environments, loop.noise_angular) == (1875, 0.25, 256, 0.3)
+    mbpo = {name: configure("mbpo", load_task(name)) for name in ("hopper", "cheetah", "cheetah_dojo", "ball_over")}
+    assert {n: (c.length_end, c.target_entropy) for n, c in mbpo.items()} == {
+        "hopper": (15, -1), "cheetah": (1, -3), "cheetah_dojo": (15, -1), "ball_over": (15, -1)
+    }  # fmt: skip
+
+
+def test_the_name_of_a_task_does_not_matter() -> None:
+    """A copy of the half-cheetah under another name trains bit for bit like it, and needs its settings for that."""
+    task = load_task("cheetah")
+    policies = []
+    for one in (task, replace(task, name="runner"), replace(task, training={})):
+        config = replace(configure("shac", one), environments=4)
+        assert one.mdp is not None
+        trainer = SHAC(one.mdp(), nominal_model(one, threads=1), config, seed=1)
+        for _ in range(2):
+            trainer.update()
+        policies.append(torch.cat([p.flatten() for p in trainer.policy.parameters()]))
+    assert torch.equal(policies[0], policies[1])
+    assert not torch.equal(policies[0], policies[2])
+
+
+@pytest.mark.parametrize(
+    ("dt", "steps", "environments", "discount", "episode"),
+    [(0.008, 32, 64, 0.995, 1000), (0.02, 18, 128, 1 - 1 / 125, 500), (0.05, 10, 256, 0.99, 200)],
+)
+def test_a_task_that_says_nothing_gets_what_follows_from_its_control_step(
+    dt: float, steps: int, environments: int, discount: float, episode: int
+) -> None:
+    task = process(dt, 1000)
+    assert task.mdp is not None
+    config = configure("shac", task)
+    assert config.steps(task.mdp()) == steps
+    assert config.window == pytest.approx(steps * dt)
+    assert (config.environments, config.discount, config.episode_steps) == (environments, discount, episode)
+    assert config.noise_linear**2 / dt == pytest.approx(0.34**2), "the same intensity at any step"
+    assert configure("fopg", task).steps(task.mdp()) == steps
+
+
+def test_sizes_follow_too() -> None:
+    short = process(0.02, 5)
+    assert short.mdp is not None
+    assert configure("shac", short).steps(short.mdp()) == 5, "no window beyond an episode"
+    large = configure("shac", process(0.02, 1000, observations=60, actions=20))
+    assert (large.actor_hidden, large.critic_hidden) == ((512, 256), (256, 256))
+    assert configure("mbpo", process(0.02, 1000, actions=20)).target_entropy == -10
+    assert configure("ppo", process(0.02, 1000)) == PPOConfig(), "the library's own"
+
+
+def test_windows_in_steps_override_those_in_seconds() -> None:
+    task = load_task("cheetah")
+    assert task.mdp is not None
+    for changes, steps in (({}, 10), ({"window": 0.2}, 4), ({"horizon": 24}, 24), ({"window": 1e-9}, 1)):
+        assert configure("shac", task, changes).steps(task.mdp()) == steps
+    assert configure("fopg", task, {"horizon": 0}).steps(task.mdp()) == 1000, "a whole episode"
+
+
+@pytest.mark.parametrize("name", ALGORITHMS)
+def test_a_task_can_set_every_algorithm(name: str) -> None:
+    task = replace(load_task("hopper"), training={name: {"iterations": 7}})
+    assert configure(name, task).iterations == 7
+    assert configure(name, task, {"iterations": 9}).iterations == 9
+
+
+@pytest.mark.parametrize(
+    ("training", "words"),
+    [
+        ({"shaq": {}}, "task 'mine': training: unknown algorithm 'shaq': did you mean 'shac'"),
+        ({"shac": {"windw": 1.0}}, r"task 'mine': training\['shac'\]: no setting 'windw': did you mean 'window'"),
+        ({"shac": {"environments": 0}}, r"task 'mine': training\['shac'\]: environments = 0: must be at least 1"),
+        ({"shac": {"window": 0.0}}, r"window = 0.0: must be above 0"),
+    ],
+)
+def test_wrong_settings_of_a_task_are_one_line(training: dict[str, Any], words: str) -> None:
+    with pytest.raises(UserError, match=words):
+        configure("shac", replace(process(0.02, 100), training=training))
+
+
+def test_a_task_without_reward_has_no_settings() -> None:
+    with pytest.raises(UserError, match=r"cube_toss.*has no reward"):
+        configure("shac", load_task("cube_toss"))
