@@ -1,7 +1,6 @@
-"""Everyone who can differentiate a contact step here: one vector-Jacobian product w' dv'/dv_free, solve included.
+"""Derivatives of contact steps by other solvers: one vector-Jacobian product w' dv'/dv_free, solve included.
 
-A rival is laid out for a problem and a cotangent w (nv,) and returns the product (nv,) for a setting that trades time
-for accuracy. ``law``: whose derivative it is, "exact", or the relaxation with "round" cones or with a "pyramid".
+All of them differentiate the convex relaxation, with "round" cones or with a friction "pyramid".
 """
 
 from __future__ import annotations
@@ -15,15 +14,19 @@ import numpy as np
 
 from cmbrl.contact.problem import Array, ContactProblem
 from cmbrl.contact.solvers.formulation import Program, pyramid, second_order_cone
-from cmbrl.contact.solvers.native import Batch, solve
 
 Product = Callable[[float], Array]
 FORWARD = 1e-10  #: tolerance of ProxQP's solve and of its backward solve
+DIFFERENCES = (1e-2, 1e-4, 1e-6, 1e-8)  #: steps of finite differences, relative to the problem's speed
 
 
 @dataclass(frozen=True)
-class Rival:
-    """``settings``: what the product is called with, one after the other; ``meaning`` says what they are."""
+class SolverGradient:
+    """A way to differentiate a solve.
+
+    law: that it differentiates. lay_out: prepares a problem and a cotangent w (nv,); the function it returns takes one
+    of ``settings``, which trade time for accuracy, and returns the product (nv,). meaning: of the settings.
+    """
 
     name: str
     law: Literal["exact", "round", "pyramid"]
@@ -32,64 +35,22 @@ class Rival:
     meaning: str
 
 
-def rivals() -> list[Rival]:
-    """Those that are installed."""
-    steps, damping, tolerances = (1e-2, 1e-4, 1e-6, 1e-8), (1e-4, 1e-6, 1e-8, 1e-10), (1e-3, 1e-5, 1e-7, 1e-9)
-    out = [
-        Rival("ours, implicit", "exact", _implicit, (1e-4, 1e-6, 1e-8, 1e-11), "tolerance"),
-        Rival("ours, implicit, softened", "exact", _softened, (1e-2, 1e-4, 1e-6, 1e-8), "kappa / (speed^2 mass)"),
-        Rival("ours, central differences", "exact", _batch_differences, steps, "step / speed"),
-    ]
-    if find_spec("daqp"):
-        out.append(Rival("daqp, central differences", "pyramid", _differences, steps, "step / speed"))
-    if find_spec("proxsuite"):
-        out += [
-            Rival("proxqp, its own backward", "pyramid", _proxqp, damping, "damping of the backward solve"),
-            Rival("proxqp, torch layer", "pyramid", _proxqp_layer, damping, "damping of the backward solve"),
-        ]
-    if find_spec("cvxpylayers"):
-        out.append(Rival("cvxpylayers", "round", _cvxpylayers, tolerances, "tolerance"))
-    return out
-
-
-def _implicit(problem: ContactProblem, w: Array) -> Product:
-    """The whole matrix by the implicit function theorem, though only a product is asked for."""
-    native = Batch.of([problem]).native(derivative=True)
-
-    def product(tolerance: float) -> Array:
-        native.solve(tolerance)
-        return w @ native.results["derivative"][0]
-
-    return product
-
-
-def _softened(problem: ContactProblem, w: Array) -> Product:
-    """The same of the softened law: its error here is the bias of kappa, not a mistake in differentiating."""
-    native = Batch.of([problem]).native(derivative=True)
-    energy = problem.speed**2 / float(np.diag(problem.delassus()).max())
-
-    def product(kappa: float) -> Array:
-        native.solve(1e-11, np.array([kappa * energy]))
-        return w @ native.results["derivative"][0]
-
-    return product
-
-
-def _batch_differences(problem: ContactProblem, w: Array) -> Product:
-    """Central differences of ours, all 2 nv solves in one call."""
-    one, nv = Batch.of([problem]), len(w)
-    held = {name: np.repeat(getattr(one, name), 2 * nv, axis=0) for name in ("M", "J", "b", "mu", "R")}
-
-    def product(step: float) -> Array:
-        shift = step * problem.speed * np.vstack([np.eye(nv), -np.eye(nv)])
-        ends = solve(Batch(v_free=problem.v_free + shift, **held)).v @ w
-        return (ends[:nv] - ends[nv:]) / (2 * step * problem.speed)
-
-    return product
+def solver_gradients() -> list[SolverGradient]:
+    """Those whose packages are installed."""
+    damping, tolerances = (1e-4, 1e-6, 1e-8, 1e-10), (1e-3, 1e-5, 1e-7, 1e-9)
+    every = {
+        "daqp": [SolverGradient("DAQP, central differences", "pyramid", _differences, DIFFERENCES, "step")],
+        "proxsuite": [
+            SolverGradient("ProxQP, own backward pass", "pyramid", _proxqp, damping, "damping"),
+            SolverGradient("ProxQP, QPLayer for torch", "pyramid", _proxqp_layer, damping, "damping"),
+        ],
+        "cvxpylayers": [SolverGradient("cvxpylayers", "round", _cvxpylayers, tolerances, "tolerance")],
+    }
+    return [one for package, found in every.items() if find_spec(package) for one in found]
 
 
 def _differences(problem: ContactProblem, w: Array) -> Product:
-    """Central differences of DAQP, a call for each of 2 nv solves."""
+    """Central differences of DAQP, one call for each of 2 nv solves."""
     import daqp
 
     program = pyramid(problem)
@@ -108,12 +69,12 @@ def _differences(problem: ContactProblem, w: Array) -> Product:
 
 
 def _cotangent(program: Program, w: Array) -> Array:
-    """w for the program's variable, which may have the velocities of compliant rows behind it."""
+    """w for the program's variable, which ends with the velocities of compliant rows, if any."""
     return np.concatenate([w, np.zeros(len(program.f) - len(w))])
 
 
 def _in_v_free(program: Program, in_f: Array, w: Array) -> Array:
-    """From the derivative in f = -H v_free to that in v_free."""
+    """From the derivative in f = -H v_free to the derivative in v_free."""
     return -(program.H @ in_f)[: len(w)]
 
 
@@ -149,7 +110,7 @@ def _proxqp_layer(problem: ContactProblem, w: Array) -> Product:
 
     def product(damping: float) -> Array:
         before = torch.get_default_dtype()
-        torch.set_default_dtype(torch.float64)  # the layer makes its gradients in the default type
+        torch.set_default_dtype(torch.float64)  # the layer creates its gradients in the default type
         try:
             layer = QPFunction(eps=FORWARD, eps_backward=FORWARD, rho_backward=damping, mu_backward=damping)
             x = layer(H, f, none, none, C, lower, upper)[0][0]
@@ -176,14 +137,8 @@ def _cvxpylayers(problem: ContactProblem, w: Array) -> Product:
     f, cotangent = torch.from_numpy(program.f).requires_grad_(), torch.from_numpy(_cotangent(program, w))
 
     def product(tolerance: float) -> Array:
-        options = {
-            "solve_method": "Clarabel",
-            "mode": "dense",
-            "tol_feas": tolerance,
-            "tol_gap_abs": tolerance,
-            "tol_gap_rel": tolerance,
-        }
-        (value,) = layer(f, solver_args=options)
+        tolerances = dict.fromkeys(("tol_feas", "tol_gap_abs", "tol_gap_rel"), tolerance)
+        (value,) = layer(f, solver_args={"solve_method": "Clarabel", "mode": "dense", **tolerances})
         (in_f,) = torch.autograd.grad(value, f, cotangent)
         return _in_v_free(program, in_f.numpy(), w)
 
