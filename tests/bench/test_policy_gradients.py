@@ -54,7 +54,7 @@ def _quality(family: str, length: float | None, horizon: int, bias: float, bundl
 def test_pictures_draw_the_cells() -> None:
     rows = [_quality("exact", None, h, 0.15) for h in (4, 16)]
     rows += [_quality("barrier", length, h, 10 * length * h) for length in (1e-3, 1e-2) for h in (4, 16)]
-    bias, deviation = plots.schedules(rows, ["ball"]).axes
+    bias, deviation = plots.schedules(rows).axes
     assert (bias.get_ylabel(), deviation.get_ylabel()) == ("bias", "deviation of one sample")
     curves = [np.array(line.get_xydata()) for line in bias.get_lines() if len(line.get_xdata()) == 2]
     assert any(np.allclose(curve, [[4, 0.4], [16, 1.6]]) for curve in curves)
@@ -67,11 +67,11 @@ def test_pictures_draw_the_cells() -> None:
 
 def test_pictures_of_bundles_show_the_largest() -> None:
     rows = [_quality("randomised", 1e-3, 32, bias, bundle) for bundle, bias in ((4, 0.5), (16, 0.3))]
-    shown = [line.get_ydata()[0] for line in plots.against_length(rows, ["ball"], 32).axes[0].get_lines() if
+    shown = [line.get_ydata()[0] for line in plots.against_length(rows, 32).axes[0].get_lines() if
              line.get_marker() == "D"]  # fmt: skip
     assert shown == [0.3]
     cost = {"ball": {row.arm: 1.0 for row in rows}}
-    every = plots.against_cost(rows, ["ball"], 32, cost).axes[0].get_lines()
+    every = plots.against_cost(rows, 32, cost).axes[0].get_lines()
     assert [line.get_ydata()[0] for line in every if line.get_marker() == "D"] == [0.5, 0.3]
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -104,27 +104,17 @@ def _proxqp_layer(problem: ContactProblem, w: Array) -> Product:
 
     program = pyramid(problem)
     H, C, lower = (torch.from_numpy(np.ascontiguousarray(x)) for x in (program.H, program.C, program.offset))
-    f = torch.from_numpy(program.f).requires_grad_()
     none, upper = torch.empty(0, dtype=torch.float64), torch.full_like(lower, 1e20)
-    cotangent = torch.from_numpy(_cotangent(program, w))
 
-    def product(damping: float) -> Array:
-        before = torch.get_default_dtype()
-        torch.set_default_dtype(torch.float64)  # the layer creates its gradients in the default type
-        try:
-            layer = QPFunction(eps=FORWARD, eps_backward=FORWARD, rho_backward=damping, mu_backward=damping)
-            x = layer(H, f, none, none, C, lower, upper)[0][0]
-            (in_f,) = torch.autograd.grad(x, f, cotangent)
-        finally:
-            torch.set_default_dtype(before)
-        return _in_v_free(program, in_f.numpy(), w)
+    def solve(f: Any, damping: float) -> Any:
+        layer = QPFunction(eps=FORWARD, eps_backward=FORWARD, rho_backward=damping, mu_backward=damping)
+        return layer(H, f, none, none, C, lower, upper)[0][0]
 
-    return product
+    return _by_torch(program, w, solve)
 
 
 def _cvxpylayers(problem: ContactProblem, w: Array) -> Product:
     import cvxpy as cp
-    import torch
     from cvxpylayers.torch import CvxpyLayer
 
     program = second_order_cone(problem)
@@ -134,12 +124,27 @@ def _cvxpylayers(problem: ContactProblem, w: Array) -> Product:
     cones: list[cp.Constraint] = [cp.SOC(c[k], c[k + 1 : k + rows]) for k in range(0, len(program.C), rows)]
     cost = cp.Minimize(cp.sum_squares(root @ x) / 2 + linear @ x)
     layer = CvxpyLayer(cp.Problem(cost, cones), [linear], [x])
+
+    def solve(f: Any, tolerance: float) -> Any:
+        tolerances = dict.fromkeys(("tol_feas", "tol_gap_abs", "tol_gap_rel"), tolerance)
+        return layer(f, solver_args={"solve_method": "Clarabel", "mode": "dense", **tolerances})[0]
+
+    return _by_torch(program, w, solve)
+
+
+def _by_torch(program: Program, w: Array, solve: Callable[[Any, float], Any]) -> Product:
+    """Backward through ``solve``: linear term f, setting -> x, both tensors."""
+    import torch
+
     f, cotangent = torch.from_numpy(program.f).requires_grad_(), torch.from_numpy(_cotangent(program, w))
 
-    def product(tolerance: float) -> Array:
-        tolerances = dict.fromkeys(("tol_feas", "tol_gap_abs", "tol_gap_rel"), tolerance)
-        (value,) = layer(f, solver_args={"solve_method": "Clarabel", "mode": "dense", **tolerances})
-        (in_f,) = torch.autograd.grad(value, f, cotangent)
+    def product(setting: float) -> Array:
+        before = torch.get_default_dtype()
+        torch.set_default_dtype(torch.float64)  # QPLayer creates its gradients in the default type
+        try:
+            (in_f,) = torch.autograd.grad(solve(f, setting), f, cotangent)
+        finally:
+            torch.set_default_dtype(before)
         return _in_v_free(program, in_f.numpy(), w)
 
     return product

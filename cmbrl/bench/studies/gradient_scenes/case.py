@@ -112,16 +112,14 @@ class Case:
             model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
         data = mujoco.MjData(model)
 
-        def end(q: Tensor, v: Tensor, u: Tensor) -> Array:
-            mujoco.mj_resetData(model, data)
-            data.qpos[:], data.qvel[:], data.ctrl[:] = q.numpy(), v.numpy(), u.numpy()
-            for _ in range(self.steps):
-                mujoco.mj_step(model, data)
-            return np.concatenate([data.qpos, data.qvel])
-
         def values(points: Array) -> Array:
-            ends = np.array([end(*row) for row in zip(*self.start(torch.from_numpy(points), 0.0), strict=True)])
-            return np.asarray(self.output(*(torch.from_numpy(x) for x in np.split(ends, [model.nq], axis=1))).numpy())
+            ends = []
+            for q, v, u in zip(*self.start(torch.from_numpy(points), 0.0), strict=True):
+                mujoco.mj_resetData(model, data)
+                data.qpos[:], data.qvel[:], data.ctrl[:] = q, v, u
+                mujoco.mj_step(model, data, nstep=self.steps)
+                ends.append((torch.tensor(data.qpos), torch.tensor(data.qvel)))
+            return np.asarray(self.output(*(torch.stack(x) for x in zip(*ends, strict=True))).numpy())
 
         return central_differences(values, np.array(self.at))
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,114 +15,96 @@ from cmbrl.bench.figures import legend_below, panels
 from cmbrl.bench.studies.gradients.arms import FAMILIES
 from cmbrl.bench.studies.gradients.cells import Quality
 
-Style = tuple[str, str, str]  #: colour, line, marker
-STYLES: dict[str, Style] = {
+STYLES = {
     "exact": ("black", "-", "o"), "barrier": ("#1f77b4", "-", "s"), "adaptive": ("#d62728", "-", "^"),
     "barrier, both": ("#6baed6", "--", "P"), "adaptive, both": ("#fc8d59", "--", "X"),
     "randomised": ("#2ca02c", "-", "D"), "zeroth order": ("#9467bd", "-", "v"),
-}  # fmt: skip
-SHADES = {
-    "barrier": ("#c6dbef", "#6baed6", "#2171b5", "#08306b"),
-    "adaptive": ("#fcbba1", "#fb6a4a", "#cb181d", "#67000d"),
-}  #: by smoothing length, from short to long
+}  #: colour, line, marker by family  # fmt: skip
+SCHEDULES = {
+    "barrier": ("constant kappa (BS)", ("#c6dbef", "#6baed6", "#2171b5", "#08306b")),
+    "adaptive": ("kappa by distance (ABS)", ("#fcbba1", "#fb6a4a", "#cb181d", "#67000d")),
+}  #: name, and colours from short to long smoothing lengths
 LOW, HIGH = 1e-3, 1e3  #: relative errors are drawn inside these; arrows mark larger ones
 
 
-def against_length(rows: Sequence[Quality], systems: Sequence[str], horizon: int) -> Figure:
-    """Two rows of panels, bias above and deviation below, one column a system."""
-    figure, grid = _grid(systems, f"horizon of {horizon} control steps")
-    for column, system in enumerate(systems):
-        for family, style in STYLES.items():
-            points = _largest([r for r in rows if (r.system, r.horizon, r.family) == (system, horizon, family)])
-            _draw(grid[:, column], style, points, [r.length or np.nan for r in points])
-        grid[1, column].set_xlabel("smoothing length [m]\n(zeroth order: deviation of parameters)", fontsize="small")
-    _finish(grid)
-    _families(figure)
-    return figure
+@dataclass(frozen=True)
+class Curve:
+    """One entry of the legend, and the cells that belong to it."""
+
+    label: str
+    style: tuple[str, str, str]
+    rows: Sequence[Quality]
 
 
-def against_horizon(rows: Sequence[Quality], systems: Sequence[str], length: float) -> Figure:
-    """The same against the horizon, every family at one smoothing length (zeroth order at its middle deviation)."""
-    figure, grid = _grid(systems, f"smoothing length {length:g} m; zeroth order: deviation 0.01")
-    for column, system in enumerate(systems):
-        for family, style in STYLES.items():
-            wanted = (None, 1e-2 if family == "zeroth order" else length)
-            here = [r for r in rows if (r.system, r.family) == (system, family) and r.length in wanted]
-            points = _largest(here)
-            _draw(grid[:, column], style, points, [r.horizon for r in points])
-    _horizons(grid, rows)
-    _families(figure)
-    return figure
+def against_length(rows: Sequence[Quality], horizon: int) -> Figure:
+    """Every family at one horizon."""
+    curves = _families(_largest(r for r in rows if r.horizon == horizon))
+    xlabel = "smoothing length [m]\n(zeroth order: deviation of parameters)"
+    return _picture(curves, f"horizon of {horizon} control steps", xlabel, lambda r: r.length or np.nan)
 
 
-def schedules(rows: Sequence[Quality], systems: Sequence[str]) -> Figure:
-    """Constant kappa against kappa by distance in the derivative, over the horizon: a curve a smoothing length."""
-    figure, grid = _grid(systems, "hard simulations; smoothing in the derivative alone")
-    curves: dict[tuple[str, float | None], Style] = {("exact", None): STYLES["exact"]}
-    for family, shades in SHADES.items():
+def against_horizon(rows: Sequence[Quality], length: float) -> Figure:
+    """Every family at one smoothing length, zeroth order at its middle deviation."""
+    wanted = {"exact": None, "zeroth order": 1e-2}
+    curves = _families(_largest(r for r in rows if r.length == wanted.get(r.family, length)))
+    return _over_horizons(curves, f"smoothing length {length:g} m; zeroth order: deviation 0.01")
+
+
+def schedules(rows: Sequence[Quality]) -> Figure:
+    """Constant kappa against kappa by distance in the derivative, a curve a smoothing length."""
+    curves = [Curve("hard", STYLES["exact"], [r for r in rows if r.family == "exact"])]
+    for family, (name, colours) in SCHEDULES.items():
         lengths = sorted({r.length for r in rows if r.family == family and r.length})
-        curves |= {(family, x): (colour, *STYLES[family][1:]) for x, colour in zip(lengths, shades, strict=False)}
-    for column, system in enumerate(systems):
-        for (family, length), style in curves.items():
-            points = [r for r in rows if (r.system, r.family, r.length) == (system, family, length)]
-            _draw(grid[:, column], style, points, [r.horizon for r in points])
-    _horizons(grid, rows)
-    names = {"exact": "hard", "barrier": "constant kappa (BS)", "adaptive": "kappa by distance (ABS)"}
-    _legend(figure, {f"{names[f]}{f', {1000 * x:g} mm' if x else ''}": style for (f, x), style in curves.items()}, 5)
+        for length, colour in zip(lengths, colours, strict=False):
+            own = [r for r in rows if (r.family, r.length) == (family, length)]
+            curves.append(Curve(f"{name}, {1000 * length:g} mm", (colour, *STYLES[family][1:]), own))
+    return _over_horizons(curves, "hard simulations; smoothing in the derivative alone")
+
+
+def against_cost(rows: Sequence[Quality], horizon: int, cost: Mapping[str, Mapping[str, float]]) -> Figure:
+    """Every length and bundle size at one horizon as a point; down and left is better."""
+    curves = _families([r for r in rows if r.horizon == horizon])
+    title = f"horizon of {horizon} control steps, all smoothing lengths and bundle sizes"
+    return _picture(curves, title, "processor time of a sample [µs]", lambda r: cost[r.system][r.arm], line=False)
+
+
+def _families(rows: Sequence[Quality]) -> list[Curve]:
+    return [Curve(FAMILIES[f], style, [r for r in rows if r.family == f]) for f, style in STYLES.items()]
+
+
+def _largest(rows: Iterable[Quality]) -> list[Quality]:
+    """Without smaller bundles than the largest."""
+    held = list(rows)
+    size = max((r.bundle or 0 for r in held), default=0)
+    return [r for r in held if r.bundle in (None, size)]
+
+
+def _over_horizons(curves: Sequence[Curve], title: str) -> Figure:
+    ticks = sorted({r.horizon for curve in curves for r in curve.rows})
+    figure = _picture(curves, title, "horizon [control steps]", lambda r: r.horizon)
+    for axes in figure.axes:
+        axes.set_xticks(ticks, [str(x) for x in ticks])
+        axes.set_xticks([], minor=True)
     return figure
 
 
-def against_cost(
-    rows: Sequence[Quality], systems: Sequence[str], horizon: int, cost: dict[str, dict[str, float]]
+def _picture(
+    curves: Sequence[Curve], title: str, xlabel: str, x: Callable[[Quality], float], line: bool = True
 ) -> Figure:
-    """The same against microseconds a sample: every length and bundle size is a point; down and left is better."""
-    figure, grid = _grid(systems, f"horizon of {horizon} control steps, all smoothing lengths and bundle sizes")
-    for column, system in enumerate(systems):
-        for family, style in STYLES.items():
-            here = [r for r in rows if (r.system, r.horizon, r.family) == (system, horizon, family)]
-            points = [r for r in here if r.arm in cost[system]]
-            _draw(grid[:, column], style, points, [cost[system][r.arm] for r in points], line=False)
-        grid[1, column].set_xlabel("processor time of a sample [µs]", fontsize="small")
-    _finish(grid)
-    _families(figure)
-    return figure
-
-
-def _largest(points: list[Quality]) -> list[Quality]:
-    """Those with the largest bundle, where there are bundles."""
-    size = max((r.bundle or 0 for r in points), default=0)
-    return [r for r in points if (r.bundle or 0) == size]
-
-
-def _grid(systems: Sequence[str], title: str) -> tuple[Figure, Any]:
+    """Two rows of panels, bias above and deviation below, one column a system."""
+    systems = list(dict.fromkeys(r.system for curve in curves for r in curve.rows))
     figure, grid = panels(2, len(systems), 3.1 * len(systems) + 0.8, 6.6, sharey=True, sharex="col")
     figure.suptitle(f"{title}; all relative to the norm of the true gradient", fontsize="medium")
-    for axes, system in zip(grid[0], systems, strict=True):
-        axes.set_title(system, fontsize="medium")
-    grid[0, 0].set_ylabel("bias")
-    grid[1, 0].set_ylabel("deviation of one sample")
-    return figure, grid
-
-
-def _draw(pair: Sequence[Axes], style: Style, points: Sequence[Quality], x: Sequence[float], line: bool = True) -> None:
-    """Bias in the first of ``pair``, open where it is within twice its error; deviation in the second."""
-    colour, dash, marker = style
-    for axes, values in zip(pair, ([r.bias for r in points], [r.deviation for r in points]), strict=True):
-        y = np.clip(values, LOW, HIGH)
-        if points and np.isnan(x[0]):  # no smoothing at all: a level
-            axes.axhline(y[0], color=colour, lw=1.2)
-            continue
-        axes.plot(x, y, color=colour, ls=dash if line else "none", lw=1.2)
-        for r, at, value, shown in zip(points, x, values, y, strict=True):
-            beyond = value > HIGH
-            face = "white" if axes is pair[0] and not r.resolved else colour
-            axes.plot(at, shown, color=colour, marker="^" if beyond else marker, ms=9 if beyond else 5, mfc=face,
-                      clip_on=False)  # fmt: skip
-    if points and points[0].family == "exact":
-        pair[0].axhline(np.clip(points[-1].reference_error, LOW, HIGH), color="0.6", ls=":", lw=1.2)
-
-
-def _finish(grid: Any) -> None:
+    for column, system in zip(grid.T, systems, strict=True):
+        column[0].set_title(system, fontsize="medium")
+        for curve in curves:
+            points = [r for r in curve.rows if r.system == system]
+            at = [x(r) for r in points]
+            _draw(column[0], curve, at, [r.bias for r in points], [r.resolved for r in points], line)
+            _draw(column[1], curve, at, [r.deviation for r in points], [True] * len(points), line)
+        longest = max((r for c in curves for r in c.rows if r.system == system), key=lambda r: r.horizon)
+        column[0].axhline(np.clip(longest.reference_error, LOW, HIGH), color="0.6", ls=":", lw=1.2)
+        column[1].set_xlabel(xlabel, fontsize="small")
     for axes in grid.ravel():
         axes.set(xscale="log", yscale="log", ylim=(LOW, HIGH))
         axes.grid(alpha=0.3)
@@ -130,22 +112,24 @@ def _finish(grid: Any) -> None:
         if np.log10(axes.get_xlim()[1] / axes.get_xlim()[0]) < 2:
             axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    for axes, name in zip(grid[:, 0], ("bias", "deviation of one sample"), strict=True):
+        axes.set_ylabel(name)
+    looks = [(curve.label, *curve.style) for curve in curves]
+    handles = [Line2D([], [], color=c, ls=d, marker=m, ms=5, label=label) for label, c, d, m in looks]
+    legend_below(figure, ncols=3, handles=handles)
+    return figure
 
 
-def _horizons(grid: Any, rows: Sequence[Quality]) -> None:
-    _finish(grid)
-    ticks = sorted({r.horizon for r in rows})
-    for axes in grid.ravel():
-        axes.set_xticks(ticks, [str(x) for x in ticks])
-        axes.set_xticks([], minor=True)
-    for axes in grid[1]:
-        axes.set_xlabel("horizon [control steps]", fontsize="small")
-
-
-def _families(figure: Figure) -> None:
-    _legend(figure, {FAMILIES[family]: style for family, style in STYLES.items()}, 3)
-
-
-def _legend(figure: Figure, styles: dict[str, Style], ncols: int) -> None:
-    handles = [Line2D([], [], color=c, ls=d, marker=m, ms=5, label=label) for label, (c, d, m) in styles.items()]
-    legend_below(figure, ncols=ncols, handles=handles)
+def _draw(
+    axes: Axes, curve: Curve, at: Sequence[float], values: Sequence[float], full: Sequence[bool], line: bool
+) -> None:
+    """A point is open unless ``full``; a curve without smoothing length is a level."""
+    (colour, dash, marker), y = curve.style, np.clip(values, LOW, HIGH)
+    if at and np.isnan(at[0]):
+        axes.axhline(y[0], color=colour, lw=1.2)
+        return
+    axes.plot(at, y, color=colour, ls=dash if line else "none", lw=1.2)
+    for k, value in enumerate(values):
+        beyond = value > HIGH
+        axes.plot(at[k], y[k], color=colour, marker="^" if beyond else marker, ms=9 if beyond else 5,
+                  mfc=colour if full[k] else "white", clip_on=False)  # fmt: skip

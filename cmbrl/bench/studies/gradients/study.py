@@ -32,10 +32,10 @@ def run(folder: Path, settings: Settings, runner: Runner) -> Section:
     asked = {"arms": compared, "horizon": HORIZON, "samples": 64, "repeats": 1 if quick else 5}
     jobs = [Job(f"{name} costs", cells.costs, {"system": name, **asked}) for name in names]
     cost = dict(zip(names, runner.run(jobs, "cost", (0.8, 1.0), alone=True), strict=True))
-    save(plots.against_cost(rows, names, HORIZON, cost), folder / "gradient_cost.png")
-    save(plots.against_length(rows, names, HORIZON), folder / "gradient_length.png")
-    save(plots.against_horizon(rows, names, LENGTH), folder / "gradient_horizon.png")
-    save(plots.schedules(rows, names), folder / "gradient_schedules.png")
+    save(plots.against_cost(rows, HORIZON, cost), folder / "gradient_cost.png")
+    save(plots.against_length(rows, HORIZON), folder / "gradient_length.png")
+    save(plots.against_horizon(rows, LENGTH), folder / "gradient_horizon.png")
+    save(plots.schedules(rows), folder / "gradient_schedules.png")
     text = f"{WORDS('method')}\n\n{tables.findings(rows, HORIZON)}"
     shown = [tables.estimators(rows, cost, HORIZON)]
     return Section(WORDS("title"), text, shown, WORDS.figures(), {"qualities": rows, "us_per_sample": cost})

@@ -87,12 +87,9 @@ def ball() -> System:
 
 def push_impact() -> System:
     """A pusher drives into a free box, with linear feedback of gap and speeds."""
-
-    def features(q: Tensor, v: Tensor) -> Tensor:
-        return torch.stack([q[:, 1] - q[:, 0], v[:, 0], v[:, 1]], dim=1)
-
+    policy = TanhPolicy(lambda q, v: torch.stack([q[:, 1] - q[:, 0], v[:, 0], v[:, 1]], dim=1), 3, 1)
     return System(
-        "push impact", "box push: impact", rigid_scene(PUSHER), {"time_step": 0.01}, TanhPolicy(features, 3, 1),
+        "push impact", "box push: impact", rigid_scene(PUSHER), {"time_step": 0.01}, policy,
         np.array([0.5, -0.1, -0.1, 0.3]), lambda u, q, v: -0.01 * (q[:, 1] - 0.3) ** 2,
         np.array([0.08, 0.0]), np.zeros(2), (0.005, 0.3), 1e-3,
     )  # fmt: skip
@@ -100,12 +97,9 @@ def push_impact() -> System:
 
 def push_friction() -> System:
     """A block on the floor, pushed with a force near the threshold of sliding; some starts stick, some slip."""
-
-    def features(q: Tensor, v: Tensor) -> Tensor:
-        return torch.stack([q[:, 0], v[:, 0]], dim=1)
-
+    policy = TanhPolicy(lambda q, v: torch.stack([q[:, 0], v[:, 0]], dim=1), 2, 1)
     return System(
-        "push friction", "box push: friction", rigid_scene(BLOCK), {"time_step": 0.01}, TanhPolicy(features, 2, 1),
+        "push friction", "box push: friction", rigid_scene(BLOCK), {"time_step": 0.01}, policy,
         np.array([-1.0, -0.1, 0.6]), lambda u, q, v: -0.01 * (q[:, 0] - 0.2) ** 2,
         np.zeros(2), np.zeros(2), (0.0, 0.3), 1e-3,
     )  # fmt: skip
@@ -122,12 +116,8 @@ def cheetah() -> System:
 
 
 SYSTEMS: dict[str, Callable[[], System]] = {
-    "ball": ball,
-    "push impact": push_impact,
-    "push friction": push_friction,
-    "hopper": hopper,
-    "cheetah": cheetah,
-}
+    "ball": ball, "push impact": push_impact, "push friction": push_friction, "hopper": hopper, "cheetah": cheetah,
+}  # fmt: skip
 
 
 def _robot(

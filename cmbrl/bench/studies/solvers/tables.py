@@ -19,20 +19,13 @@ from cmbrl.bench.words import Words
 WORDS = Words("cmbrl.bench.studies.solvers")
 LEVELS = (1e-4, 1e-8)  #: "solved" means an error on the exact law below this
 LABELS = {
-    "ours": "cmbrl",
-    "ours softened": "cmbrl, softened law",
-    "pgs": "Gauss-Seidel (Python loop)",
-    "admm": "ADMM (Python loop)",
-    "pinocchio admm": "Pinocchio ADMM",
-    "pinocchio pgs": "Pinocchio Gauss-Seidel",
-    "desaxce": "DAQP, De Saxcé loop",
-    "desaxce proxsuite": "ProxQP, De Saxcé loop",
-    "desaxce clarabel": "Clarabel, De Saxcé loop",
-    "convex": "DAQP, relaxation",
-    "proxsuite": "ProxQP, relaxation",
-    "clarabel": "Clarabel, relaxation",
-    "pinocchio admm convex": "Pinocchio ADMM, relaxation",
-}  #: names of solvers for readers; the others keep the name that ``cmbrl.contact.solvers.get`` takes
+    "ours": "cmbrl", "ours softened": "cmbrl, softened law",
+    "pgs": "Gauss-Seidel (Python loop)", "admm": "ADMM (Python loop)",
+    "pinocchio admm": "Pinocchio ADMM", "pinocchio pgs": "Pinocchio Gauss-Seidel",
+    "desaxce": "DAQP, De Saxcé loop", "desaxce proxsuite": "ProxQP, De Saxcé loop",
+    "desaxce clarabel": "Clarabel, De Saxcé loop", "convex": "DAQP, relaxation", "proxsuite": "ProxQP, relaxation",
+    "clarabel": "Clarabel, relaxation", "pinocchio admm convex": "Pinocchio ADMM, relaxation",
+}  #: names of solvers for readers; others keep the name that ``cmbrl.contact.solvers.get`` takes  # fmt: skip
 LAWS = {"exact": "exact", "round": "relaxation, round cones", "pyramid": "relaxation, pyramid"}
 
 
