@@ -75,11 +75,11 @@ def test_relaxation_is_scored_on_both_laws() -> None:
 
 def test_summary_takes_the_cheapest_setting_that_solves() -> None:
     def cell(tolerance: float, seconds: float, residual: float) -> Cell:
-        return Cell("bank/one", "x", "exact", tolerance, seconds, 1, True, Score(residual, 0.0, 0.0, 0.0, 0.0))
+        return Cell("hard cases/one", "x", "exact", tolerance, seconds, 1, True, Score(residual, 0.0, 0.0, 0.0, 0.0))
 
     summary = Summary.of([cell(1e-4, 1e-6, 1e-5), cell(1e-8, 3e-6, 1e-9), cell(1e-12, 2e-6, 1e-9)])
-    assert summary.times("x", 1e-4) == {"bank/one": 1e-6}
-    assert summary.times("x", 1e-8) == {"bank/one": 2e-6}
+    assert summary.times("x", 1e-4) == {"hard cases/one": 1e-6}
+    assert summary.times("x", 1e-8) == {"hard cases/one": 2e-6}
     assert summary.times("x", 1e-12) == {}
 
 

@@ -96,7 +96,7 @@ def solved(summary: Summary, level: float) -> Table:
         rows.append([*row, summary.count - total])
     columns = [x for family in summary.families for x in (family, "us")]
     title = f"Solved below {level:g} on the exact law"
-    return Table(title, ["solver", "law aimed at", *columns, "failed in all"], rows, WORDS("tables.solved"))
+    return Table(title, ["solver", "law", *columns, "failed in all"], rows, WORDS("tables.solved"))
 
 
 def worst(summary: Summary) -> Table:
@@ -107,7 +107,7 @@ def worst(summary: Summary) -> Table:
         for solver in summary.solvers
     ]
     title = "Worst error on the exact law at the tightest tolerance"
-    return Table(title, ["solver", "law aimed at", *summary.families], rows, WORDS("tables.worst"))
+    return Table(title, ["solver", "law", *summary.families], rows, WORDS("tables.worst"))
 
 
 def relaxed(summary: Summary) -> Table:
