@@ -14,7 +14,7 @@ STUDIES = {
     "reduction": "cmbrl.bench.studies.reduction.study",
     "stiffness": "cmbrl.bench.studies.stiffness.study",
     "gradients": "cmbrl.bench.studies.gradients.study",
-    "gradient-scenes": "cmbrl.bench.studies.gradients.scenes",
+    "gradient-scenes": "cmbrl.bench.studies.gradient_scenes.study",
     "learning": "cmbrl.bench.studies.learning.study",
     "speed": "cmbrl.bench.studies.speed.study",
     "training": "cmbrl.bench.studies.training.study",

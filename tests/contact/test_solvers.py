@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cmbrl.bench.studies.solvers.bank import problem, stack
+from cmbrl.bench.studies.solvers.hard_cases import problem, stack
 from cmbrl.bench.studies.solvers.problems import random_problem
 from cmbrl.contact.certificates import residuals
 from cmbrl.contact.problem import ContactProblem

@@ -1,1 +1,1 @@
-"""Gradients through contact: scenes with known derivatives, and what every estimator costs in bias and variance."""
+"""Policy gradients through contact: bias, variance and cost of every estimator."""

@@ -1,22 +1,20 @@
-"""What policy gradients are measured on: a thrown ball, a pushed box (impact, friction), hopper and half-cheetah.
+"""Systems for policy gradients: a thrown ball, a pushed box (impact, friction), hopper and half-cheetah.
 
 Every system is simulated hard (rigid contact); an estimator may smooth the derivative alone. Parameters, noise and
-rewards are our choice: the ABS paper publishes neither its policies nor its constants.
+rewards are not those of the ABS paper, which are not published.
 """
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from cmbrl.bench.studies.gradients.case import Array
+from cmbrl.bench.studies.gradient_scenes.case import Array, rigid_scene
 from cmbrl.gradients.rollout import Launch, ParametricPolicy, Reward, Rollout, TanhPolicy
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.protocol import Model
@@ -36,7 +34,7 @@ BLOCK = """<mujoco><option timestep=".01"/><worldbody><geom type="plane" size="9
 
 @dataclass(frozen=True)
 class System:
-    """A policy on a model: parameters ``at`` (n,), initial states q0, v0 with normal noise, and what is rewarded."""
+    """A policy on a model: parameters ``at`` (n,), initial states q0, v0 with normal noise, and a reward."""
 
     name: str
     title: str
@@ -53,7 +51,7 @@ class System:
     theta: Array | None = field(default=None)  #: physical parameters, default nominal
 
     def model(self, **smoothing: Any) -> ComplementarityModel:
-        """With ``smoothing`` and ``backward_smoothing`` as of :class:`ComplementarityModel`."""
+        """With ``smoothing`` and ``backward_smoothing`` of :class:`ComplementarityModel`."""
         return ComplementarityModel(self.scene, parameters=self.theta, **self.settings, **smoothing)
 
     def rollout(self, model: Model, horizon: int, samples: int, seed: int = 0, scale: int = 1) -> Rollout:
@@ -68,7 +66,7 @@ class System:
 
 
 def ball() -> System:
-    """The task's disc with the restitution and friction of the real one; the throw is the parameter."""
+    """The task's disc with restitution and friction of the real system; the throw is the parameter."""
     task = load_task("ball_throw")
     scene = task.load_scene()
     theta = scene.parameter_vector()
@@ -88,48 +86,38 @@ def ball() -> System:
 
 
 def push_impact() -> System:
-    """A pusher drives into a free box; linear feedback of gap and speeds."""
-
-    def features(q: Tensor, v: Tensor) -> Tensor:
-        return torch.stack([q[:, 1] - q[:, 0], v[:, 0], v[:, 1]], dim=1)
-
+    """A pusher drives into a free box, with linear feedback of gap and speeds."""
+    policy = TanhPolicy(lambda q, v: torch.stack([q[:, 1] - q[:, 0], v[:, 0], v[:, 1]], dim=1), 3, 1)
     return System(
-        "push impact", "box push: impact", _scene(PUSHER), {"time_step": 0.01}, TanhPolicy(features, 3, 1),
+        "push impact", "box push: impact", rigid_scene(PUSHER), {"time_step": 0.01}, policy,
         np.array([0.5, -0.1, -0.1, 0.3]), lambda u, q, v: -0.01 * (q[:, 1] - 0.3) ** 2,
         np.array([0.08, 0.0]), np.zeros(2), (0.005, 0.3), 1e-3,
     )  # fmt: skip
 
 
 def push_friction() -> System:
-    """A block on the floor under a force near the threshold of sliding: some starts stick, some slip."""
-
-    def features(q: Tensor, v: Tensor) -> Tensor:
-        return torch.stack([q[:, 0], v[:, 0]], dim=1)
-
+    """A block on the floor, pushed with a force near the threshold of sliding; some starts stick, some slip."""
+    policy = TanhPolicy(lambda q, v: torch.stack([q[:, 0], v[:, 0]], dim=1), 2, 1)
     return System(
-        "push friction", "box push: friction", _scene(BLOCK), {"time_step": 0.01}, TanhPolicy(features, 2, 1),
+        "push friction", "box push: friction", rigid_scene(BLOCK), {"time_step": 0.01}, policy,
         np.array([-1.0, -0.1, 0.6]), lambda u, q, v: -0.01 * (q[:, 0] - 0.2) ** 2,
         np.zeros(2), np.zeros(2), (0.0, 0.3), 1e-3,
     )  # fmt: skip
 
 
 def hopper() -> System:
-    """Forward speed less 0.001 |u|^2, 36 weights drawn once; no episode ends, a fallen hopper goes on."""
+    """Reward: forward speed - 0.001 |u|^2; 36 random weights. No episode ends; a fallen hopper goes on."""
     return _robot("hopper", "hopper", lambda q, v: torch.cat([q[:, 1:], v], dim=1), 11, 1e-3, 0.3)
 
 
 def cheetah() -> System:
-    """Forward speed less 0.1 |u|^2; 36 weights on height, pitch and the speeds of the trunk."""
+    """Reward: forward speed - 0.1 |u|^2; 36 random weights on height, pitch and speeds of the trunk."""
     return _robot("cheetah", "half-cheetah", lambda q, v: torch.cat([q[:, 1:3], v[:, :3]], dim=1), 5, 0.1, 0.3)
 
 
 SYSTEMS: dict[str, Callable[[], System]] = {
-    "ball": ball,
-    "push impact": push_impact,
-    "push friction": push_friction,
-    "hopper": hopper,
-    "cheetah": cheetah,
-}
+    "ball": ball, "push impact": push_impact, "push friction": push_friction, "hopper": hopper, "cheetah": cheetah,
+}  # fmt: skip
 
 
 def _robot(
@@ -143,10 +131,3 @@ def _robot(
         name, title, scene, task.model_options(), policy, at, lambda u, q, v: v[:, 0] - cost * (u**2).sum(dim=1),
         scene.q0, np.zeros(scene.nv), (0.02, 0.1), 1e-3,
     )  # fmt: skip
-
-
-def _scene(mjcf: str) -> Scene:
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "scene.xml"
-        file.write_text(mjcf, encoding="utf-8")
-        return Scene.from_mjcf(file, contact_law="rigid")

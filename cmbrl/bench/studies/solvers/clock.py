@@ -1,20 +1,19 @@
-"""The same solves without Python: our solver on a batch through one call, DAQP by its own clock.
+"""The same solves without Python: our solver on a batch in one call, DAQP by its own clock.
 
-One call of a small problem through Python is mostly the call. So beside the latency of one call stands what the solve
-alone costs: ours on all problems of one shape in one call, per problem (throughput, one thread, several problems at
-once in the lanes of a vector register); DAQP's set-up and solve as its own timer counts them, for the relaxation.
+A call of a small problem through Python is mostly overhead, so this measures the solve alone. Ours: all problems of one
+shape in one call, on one thread, several problems at once in the lanes of a vector register. DAQP: set-up and solve of
+the relaxation, by its own timer.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 
 import numpy as np
 
 from cmbrl.bench.studies.solvers.problems import visited
-from cmbrl.bench.study import Table
 from cmbrl.bench.timing import interleaved
 from cmbrl.contact.certificates import residuals
 from cmbrl.contact.problem import ContactProblem
@@ -23,13 +22,13 @@ from cmbrl.contact.solvers.native import Batch
 
 STATES, QUICK_STATES = 256, 32
 TURNS = 7
-LEVEL, TOLERANCE = 1e-10, 1e-11  #: what counts as solved; what ours is asked for
+LEVEL, TOLERANCE = 1e-10, 1e-11  #: residual that counts as solved; tolerance that ours is given
 
 
 @dataclass(frozen=True)
 class Clock:
-    """One robot: seconds per problem of ours by single calls and in batches and of DAQP by its own clock (None where it
-    is not installed), and how many of its problems ours brought below the level."""
+    """One robot: seconds a problem of ours by single calls and in batches, of DAQP by its own clock (None where it is
+    not installed), and how many of its problems ours brought below the level."""
 
     robot: str
     count: int
@@ -39,29 +38,12 @@ class Clock:
     daqp: float | None
 
 
-def clocks(seed: int, quick: bool, robots: Collection[str]) -> list[Clock]:
-    """Each of ``robots`` with rigid and with soft rows."""
-    by_robot: dict[str, list[ContactProblem]] = {}
-    for p in visited(QUICK_STATES if quick else STATES, seed, robots):
-        by_robot.setdefault(p.name.rpartition("/")[0], []).append(p)
-    return [_clock(robot, problems) for robot, problems in by_robot.items()]
-
-
-def table(rows: Sequence[Clock]) -> Table:
-    """Microseconds and ratios."""
-    cells = [
-        [c.robot, f"{c.solved}/{c.count}", 1e6 * c.call, 1e6 * c.batch, c.daqp and 1e6 * c.daqp,
-         c.daqp and c.batch / c.daqp, c.daqp and c.call / c.daqp]
-        for c in rows
-    ]  # fmt: skip
-    return Table(
-        "Core against core, one thread",
-        ["problems", "ours: below 1e-10", "ours, one call [us]", "ours, batch [us]", "daqp, own clock [us]",
-         "ours batch / daqp", "ours call / daqp"],
-        cells,
-        "Ours solves the exact law; 'below' counts its natural map and momentum balance. DAQP solves the relaxation: "
-        "set-up and solve by its own timer, without Python. Medians of turns of the mean over problems.",
-    )  # fmt: skip
+def clocks(robot: str, states: int, seed: int) -> list[Clock]:
+    """``robot`` with rigid and with soft contact."""
+    kinds: dict[str, list[ContactProblem]] = {}
+    for p in visited(states, seed, [robot]):
+        kinds.setdefault(p.name.rpartition("/")[0], []).append(p)
+    return [_clock(kind, problems) for kind, problems in kinds.items()]
 
 
 def _clock(robot: str, problems: Sequence[ContactProblem]) -> Clock:
@@ -84,7 +66,7 @@ def _clock(robot: str, problems: Sequence[ContactProblem]) -> Clock:
 
 
 def _daqp(problems: Sequence[ContactProblem]) -> float | None:
-    """Seconds per problem by its own clock, median over turns of the mean; None where it is not installed."""
+    """Seconds a problem by its own clock: median over turns of the mean over problems."""
     if not find_spec("daqp"):
         return None
     import daqp

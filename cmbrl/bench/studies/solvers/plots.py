@@ -1,91 +1,91 @@
-"""Work-precision by family and performance profiles; who fails is shown by number, not left out."""
+"""Work-precision by family, performance profiles, derivatives, kappa. Legends count failures."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from cmbrl.bench.studies.solvers.summary import LEVELS, Summary
-from cmbrl.files import atomic_path
+from cmbrl.bench.figures import legend_below, panels
+from cmbrl.bench.studies.solvers.derivatives import Point
+from cmbrl.bench.studies.solvers.hard_cases import G, H
+from cmbrl.bench.studies.solvers.kappa import GAP
+from cmbrl.bench.studies.solvers.tables import LABELS, LEVELS, Summary
 
-FLOOR, CEILING = 1e-17, 1e1  #: residuals are drawn inside these
-#: exact law: strong colours, full lines; the relaxation: grey to brown, dashed
+FLOOR, CEILING = 1e-14, 1e1  #: errors are drawn inside these
+COLUMNS = 4  #: panels in a row
+#: exact law: strong colours, full lines; the relaxation: grey to brown, dashed; loops in Python: open markers
 STYLES: dict[str, tuple[str, str, str]] = {
-    "ours": ("#d62728", "-", "o"),
-    "ours softened": ("#ff9896", ":", "o"),
-    "pgs": ("#1f77b4", "-", "v"),
-    "admm": ("#17becf", "-", "^"),
-    "pinocchio admm": ("#2ca02c", "-", "s"),
-    "pinocchio pgs": ("#98df8a", "-", "D"),
-    "desaxce": ("#9467bd", "-", "P"),
-    "desaxce proxsuite": ("#e377c2", "-", "X"),
-    "desaxce clarabel": ("#ff7f0e", "-", "*"),
-    "convex": ("black", "--", "P"),
-    "proxsuite": ("0.35", "--", "X"),
-    "clarabel": ("0.5", "--", "*"),
+    "ours": ("#d62728", "-", "o"), "ours softened": ("#ff9896", ":", "o"),
+    "pgs": ("#1f77b4", "-", "v"), "admm": ("#17becf", "-", "^"),
+    "pinocchio admm": ("#2ca02c", "-", "s"), "pinocchio pgs": ("#98df8a", "-", "D"),
+    "desaxce": ("#9467bd", "-", "P"), "desaxce proxsuite": ("#e377c2", "-", "X"),
+    "desaxce clarabel": ("#ff7f0e", "-", "*"), "convex": ("black", "--", "P"),
+    "proxsuite": ("0.35", "--", "X"), "clarabel": ("0.5", "--", "*"),
     "pinocchio admm convex": ("#8c564b", "--", "s"),
-}
-LABELS = {"convex": "daqp (relaxation)", "proxsuite": "proxqp (relaxation)", "clarabel": "clarabel (relaxation)",
-          "pinocchio admm convex": "pinocchio admm (relaxation)", "desaxce": "daqp, De Saxcé loop",
-          "desaxce proxsuite": "proxqp, De Saxcé loop", "desaxce clarabel": "clarabel, De Saxcé loop"}  # fmt: skip
+}  # fmt: skip
+GRADIENTS = {
+    "cmbrl, implicit": ("#d62728", "o"), "cmbrl, implicit, softened": ("#ff9896", "o"),
+    "cmbrl, central differences": ("#9467bd", "s"), "DAQP, central differences": ("black", "P"),
+    "ProxQP, own backward pass": ("#1f77b4", "X"), "ProxQP, QPLayer for torch": ("#17becf", "X"),
+    "cvxpylayers": ("#2ca02c", "D"),
+}  # fmt: skip
+PRECISION = 1e-16  #: smaller errors of derivatives are drawn here
 
 
-def style(solver: str) -> dict[str, object]:
-    """Colour, line and marker of a solver, the same in every chart."""
-    colour, line, marker = STYLES.get(solver, ("0.75", ":", "."))
+def style(solver: str, place: int = 0) -> dict[str, Any]:
+    """Colour, line and marker of a solver, the same in every chart; of the others by their place."""
+    colour, line, marker = STYLES.get(solver, (f"C{place % 10}", ":", "o^sDv<>ph"[place % 9]))
+    look = {"color": colour, "linestyle": line, "marker": marker, "label": LABELS.get(solver, solver)}
+    if "Python loop" in str(look["label"]):
+        look["markerfacecolor"] = "white"
     heavy = solver == "ours"
-    return {"color": colour, "linestyle": line, "marker": marker, "markersize": 6 if heavy else 4,
-            "linewidth": 2.2 if heavy else 1.1, "zorder": 5 if heavy else 3,
-            "label": LABELS.get(solver, solver)}  # fmt: skip
+    return look | {"markersize": 6 if heavy else 4, "linewidth": 2.2 if heavy else 1.1, "zorder": 5 if heavy else 3}
 
 
-def work_precision(summary: Summary, path: str | os.PathLike[str]) -> None:
-    """Exact law: microseconds against the 90th percentile of the residual, one panel a family."""
-    shown = [s for s in summary.solvers if s in STYLES]
-    _panels(summary, shown, "exact", "residual on the exact law, 90th percentile", path)
+def work_precision(summary: Summary) -> Figure:
+    """Microseconds against the error on the exact law, one panel a family."""
+    return _precision(summary, [s for s in summary.solvers if s in STYLES], "exact", "error on the exact law")
 
 
-def relaxed_precision(summary: Summary, path: str | os.PathLike[str]) -> None:
-    """The relaxation's own complementarity, for the solvers that aim at it."""
+def relaxed_precision(summary: Summary) -> Figure:
+    """The same for solvers of the relaxation, on their own law."""
     shown = [s for s in summary.solvers if summary.laws[s] == "convex"]
-    _panels(summary, shown, "convex", "power, momentum, penetration: 90th percentile", path)
+    return _precision(summary, shown, "convex", "error on the relaxation")
 
 
-def _panels(summary: Summary, shown: list[str], measure: str, label: str, path: str | os.PathLike[str]) -> None:
-    families = list(summary.families)
-    figure = Figure(figsize=(13, 3.4 * -(-len(families) // 4) + 1), layout="constrained")
-    FigureCanvasAgg(figure)
-    grid = figure.subplots(-(-len(families) // 4), min(4, len(families)), squeeze=False, sharey=True).ravel()
-    for axes, family in zip(grid, families, strict=False):
-        problems = summary.families[family]
-        for solver in shown:
-            time, residual = summary.curve(solver, problems, measure)
-            axes.plot(time, np.clip(residual, FLOOR, CEILING), **_own(solver, shown))
+def _precision(summary: Summary, shown: list[str], measure: str, label: str) -> Figure:
+    count = len(summary.families)
+    rows, columns = -(-count // COLUMNS), min(COLUMNS, count)
+    figure, grid = panels(rows, columns, 3.25 * columns, 3.4 * rows + 1, sharey=True)
+    for axes, (family, problems) in zip(grid.ravel(), summary.families.items(), strict=False):
+        for place, solver in enumerate(shown):
+            time, error = summary.curve(solver, problems, measure)
+            axes.plot(time, np.clip(error, FLOOR, CEILING), **style(solver, place))
         axes.axhspan(1e-1, CEILING * 3, color="0.5", alpha=0.08)
-        axes.set(xscale="log", yscale="log", ylim=(FLOOR / 3, CEILING * 3), xlabel="µs per solve")
+        axes.set(xscale="log", yscale="log", ylim=(FLOOR / 3, CEILING * 3), xlabel="time of a solve [µs]")
         axes.set_title(f"{family} ({len(problems)} problems)", fontsize="medium")
         axes.grid(alpha=0.25)
-    for axes in grid[len(families) :]:
+    for axes in grid[:, 0]:
+        axes.set_ylabel(f"{label},\n90th percentile", fontsize="small")
+    spare = grid.ravel()[count:]
+    for axes in spare:
         axes.set_axis_off()
-    for axes in grid[:: min(4, len(families))]:
-        axes.set_ylabel(label, fontsize="small")
-    _save(figure, grid[0], path)
+    if len(spare):
+        spare[0].legend(*grid[0, 0].get_legend_handles_labels(), loc="center", frameon=False, fontsize="small")
+    else:
+        legend_below(figure)
+    return figure
 
 
-def profile(summary: Summary, path: str | os.PathLike[str]) -> None:
+def profile(summary: Summary) -> Figure:
     """Share of all feasible problems solved within a factor of the fastest solver, at both levels."""
     shown = [s for s in summary.solvers if s in STYLES]
     problems = [name for family in summary.families.values() for name in family]
-    figure = Figure(figsize=(12, 5), layout="constrained")
-    FigureCanvasAgg(figure)
-    grid = figure.subplots(1, len(LEVELS), sharey=True)
-    for axes, level in zip(grid, LEVELS, strict=True):
+    figure, grid = panels(1, len(LEVELS), 12, 5, sharey=True)
+    for axes, level in zip(grid[0], LEVELS, strict=True):
         times = {solver: summary.times(solver, level) for solver in shown}
         best = {name: min((t[name] for t in times.values() if name in t), default=np.inf) for name in problems}
         for solver, solved in times.items():
@@ -95,29 +95,49 @@ def profile(summary: Summary, path: str | os.PathLike[str]) -> None:
             look["label"] = f"{look['label']}: {len(problems) - len(ratio)} failed"
             axes.plot([*ratio, 1e4], [*share, share[-1] if len(share) else 0.0], **look)
         axes.set(xscale="log", xlim=(1, 1e4), ylim=(-0.02, 1.02), xlabel="time / time of the fastest on that problem")
-        axes.set_title(f"solved: residual on the exact law below {level:g}", fontsize="medium")
+        axes.set_title(f"solved: error on the exact law below {level:g}", fontsize="medium")
         axes.grid(alpha=0.25)
         axes.legend(fontsize="x-small", loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3, frameon=False)
-    grid[0].set_ylabel(f"share of the {len(problems)} feasible problems")
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=150)
+    grid[0, 0].set_ylabel(f"share of the {len(problems)} feasible problems")
+    return figure
 
 
-def _own(solver: str, shown: list[str]) -> dict[str, object]:
-    """Its style; solvers without one of their own get one by their place."""
-    if solver in STYLES:
-        return style(solver)
-    k = shown.index(solver)
-    return style(solver) | {"color": f"C{k % 10}", "marker": "o^sDv<>ph"[k % 9]}
+def derivatives(points: Sequence[Point]) -> Figure:
+    """Time of a product against its error, one panel a scene; pyramids have open markers."""
+    scenes = list(dict.fromkeys(p.scene for p in points))
+    figure, (grid,) = panels(1, len(scenes), 3.2 * len(scenes), 4.6, sharey=True)
+    for axes, scene in zip(grid, scenes, strict=True):
+        for arm in dict.fromkeys(p.arm for p in points):
+            own = [p for p in points if p.scene == scene and p.arm == arm]
+            colour, marker = GRADIENTS[arm]
+            face = "white" if any(p.law == "pyramid" for p in own) else colour
+            axes.plot([1e6 * p.seconds for p in own], [np.clip(p.error, PRECISION, 10) for p in own], color=colour,
+                      marker=marker, markerfacecolor=face, linewidth=1, markersize=5, label=arm)  # fmt: skip
+        axes.set(xscale="log", yscale="log", xlabel="time of a product [µs]", ylim=(PRECISION / 3, 30))
+        axes.set_title(scene, fontsize="medium")
+        axes.grid(alpha=0.25)
+    grid[0].set_ylabel("relative error to the derivative of its own law", fontsize="small")
+    legend_below(figure)
+    return figure
 
 
-def _save(figure: Figure, axes: Axes, path: str | os.PathLike[str]) -> None:
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False, fontsize="small")
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=150)
-
-
-FIGURES: dict[str, Callable[[Summary, Path], None]] = {
-    "work_precision.png": work_precision, "profile.png": profile, "relaxed.png": relaxed_precision
-}  # fmt: skip
+def kappa(curves: Mapping[str, Any]) -> Figure:
+    """Bias on the left, Lipschitz constant of the gradient on the right; markers measured, lines in closed form."""
+    figure, ((left, right),) = panels(1, 2, 11, 4.4)
+    x = np.array(curves["kappa"]) / (G * H)
+    shown = [
+        (left, "hover", "o", "hover speed of a resting mass [m/s]"),
+        (left, "creep", "s", "creep of a loaded block [m/s]"),
+        (left, "impulse at a distance", "^", f"impulse at {1e3 * GAP:g} mm / (m g h)"),
+        (right, "Lipschitz", "D", "largest |d² impulse / d speed²| [kg s/m]"),
+    ]
+    for k, (axes, key, marker, label) in enumerate(shown):
+        axes.plot(x, curves["measured"][key], marker, color=f"C{k}", label=label)
+        axes.plot(x, curves["closed"][key], "-", color=f"C{k}", linewidth=1)
+    left.set_title("bias (lines: closed forms)", fontsize="medium")
+    right.set_title("Lipschitz constant of the gradient (line: 1 / (4 G^{3/2} √κ))", fontsize="medium")
+    for axes in (left, right):
+        axes.set(xscale="log", yscale="log", xlabel="κ / (m g h · 1 m/s)")
+        axes.grid(alpha=0.25)
+        axes.legend(frameon=False, fontsize="small")
+    return figure

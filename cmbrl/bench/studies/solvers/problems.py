@@ -1,7 +1,7 @@
-"""The problems that all solvers get: the failure bank, states that robots visit, and random ones.
+"""The problems that all solvers get: states that robots visit, hard cases, and random ones.
 
-A problem's name is "family/what". ``problems.npz`` in the study's folder holds them; where it is already there, it is
-used instead, so that others can rerun the same ones or bring their own.
+A problem's name is "family/what". The study saves them as ``problems.npz`` in its folder. A file that is already there
+is used instead, so that others can rerun the same problems or bring their own.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from cmbrl.bench.states import G1
-from cmbrl.bench.studies.solvers.bank import bank, problem
+from cmbrl.bench.studies.solvers.hard_cases import FAMILY, hard_cases, problem
 from cmbrl.bench.studies.speed.mujoco_peer import Visited, visit
 from cmbrl.bench.studies.speed.scenes import SpeedScene, feet_only, speed_scenes
 from cmbrl.contact.problem import ContactProblem, load, save
@@ -23,8 +23,8 @@ from cmbrl.scene import Scene
 
 SCENES = {"hopper": "hopper euler", "cheetah": "cheetah", "cube": "cube", "g1 feet": "g1 feet"}
 VISITED = tuple(SCENES)
-YIELDING = "soft rows"  #: the same robots with MuJoCo's soft contact rows
-FAMILIES = (*VISITED, YIELDING, "bank", "random")
+YIELDING = "soft contact"  #: the same robots with MuJoCo's soft contact law
+FAMILIES = (*VISITED, YIELDING, FAMILY, "random")
 STATES, QUICK_STATES = 20, 3
 STEPS = 2000  # of MuJoCo, from which the states are drawn
 
@@ -35,21 +35,21 @@ def family(problem: ContactProblem) -> str:
 
 
 def problem_set(folder: Path, seed: int, quick: bool) -> list[ContactProblem]:
-    """Those of ``folder``/problems.npz, or new ones, which are saved there."""
+    """The problems in ``folder``/problems.npz, or new ones, which are saved there."""
     file = folder / "problems.npz"
     if file.is_file():
         return load(file)
     states = QUICK_STATES if quick else STATES
-    problems = [*visited(states, seed), *bank(), *random_problems(seed, quick)]
+    problems = [*visited(states, seed), *hard_cases(), *random_problems(seed, quick)]
     save(problems, file)
     return problems
 
 
 def visited(states: int, seed: int, robots: Collection[str] = VISITED) -> list[ContactProblem]:
-    """``states`` problems of each of ``robots`` with rigid contact, and a quarter of that with its file's soft rows.
+    """``states`` problems of each of ``robots`` with rigid contact, and a quarter as many with its file's soft contact.
 
-    The states are MuJoCo's under random actions; of those that would penetrate if nothing pushed, evenly spread ones.
-    The G1 is left out where its file is not there.
+    States come from MuJoCo under random actions: evenly spread ones among those that would penetrate without contact
+    forces. The G1 is left out if its file is missing.
     """
     problems = []
     labels = [SCENES[robot] for robot in VISITED if robot in robots and (robot != "g1 feet" or G1.exists())]
@@ -65,9 +65,9 @@ def visited(states: int, seed: int, robots: Collection[str] = VISITED) -> list[C
 def random_problem(
     contacts: int, dofs: int, spread: float, rng: np.random.Generator, planar: bool = False
 ) -> ContactProblem:
-    """Feasible: some velocity opens every contact within its dual cone. Inertias spread over ``spread`` to 1.
+    """A feasible problem: some velocity opens every contact within its dual cone. Inertias range from 1 to ``spread``.
 
-    Rows are random directions, mu up to 2, free speeds of about 1 m/s, gaps of a tenth of that a step.
+    Rows are random directions, mu is at most 2, free speeds are about 1 m/s, and gaps a tenth of that a step.
     """
     nt = 1 if planar else 2
     basis = np.linalg.qr(rng.normal(size=(dofs, dofs)))[0]
@@ -82,15 +82,14 @@ def random_problem(
 
 
 def random_problems(seed: int, quick: bool) -> list[ContactProblem]:
-    """Up to 64 contacts (quick: 16) on few and on many dofs, inertias alike and spread to 1e6; some planar.
+    """Up to 64 contacts (quick: 16) on few and on many dofs, with inertias alike and spread to 1e6; some planar.
 
-    On few dofs there are up to six rows for every one of them, far more than gravity ever loads on a robot.
+    On few dofs each has up to six rows, far more than gravity loads on a robot.
     """
     rng = np.random.default_rng(seed)
     sizes = (2, 8, 16) if quick else (2, 8, 16, 32, 64)
     dofs = {n: (6,) if n == 2 else sorted({30, 3 * n}) for n in sizes}
-    kinds = [(n, nv, spread) for n in sizes for nv in dofs[n] for spread in (1.0, 1e6)]
-    problems = [random_problem(*kind, rng) for kind in kinds]
+    problems = [random_problem(n, nv, spread, rng) for n in sizes for nv in dofs[n] for spread in (1.0, 1e6)]
     return problems + [random_problem(n, dofs[n][0], 1e6, rng, planar=True) for n in sizes[:3]]
 
 

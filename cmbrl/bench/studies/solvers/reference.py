@@ -1,8 +1,8 @@
-"""Exact derivatives of a contact step, from which contacts of a converged answer stick, slide or separate.
+"""Exact derivatives of a contact step, given which contacts of a converged answer stick, slide or separate.
 
-Inside one such combination the laws are smooth equations, so dv'/dv_free is one linear solve: no kappa, no differences.
+Within such a combination the laws are smooth equations, so dv'/dv_free is one linear solve without kappa or differences.
 With t = c_t/|c_t|, a sticking contact has dc = 0; a sliding one dc_n = 0 (exact law) or dc_n = mu t'dc_t (convex
-relaxation) and d(lambda_t + mu lambda_n t) = 0; a separated one has no impulse. A friction pyramid has its active rows.
+relaxation) and d(lambda_t + mu lambda_n t) = 0; a separated one has no impulse. A friction pyramid uses active rows.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ CLEAR = 1e-6  #: relative distance from a change of mode below which no derivati
 
 
 class Unclear(ValueError):
-    """The answer is too near a change of mode, or its contacts are redundant: there is no one derivative."""
+    """The answer is too close to a change of mode, or its contacts are redundant: no unique derivative exists."""
 
 
 def cone_derivative(problem: ContactProblem, solution: Solution, relaxed: bool = False) -> Array:
@@ -43,7 +43,7 @@ def cone_derivative(problem: ContactProblem, solution: Solution, relaxed: bool =
 
 
 def _mode(dc: Array, dx: Array, c: Array, x: Array, mu: float, force: float, speed: float, relaxed: bool) -> Array:
-    """The rows of one contact that are zero in every direction: (1 + nt, nv + m)."""
+    """Rows (1 + nt, nv + m) of one contact whose product with (dv', dlambda) is zero."""
     slip, friction = float(np.linalg.norm(c[1:])), float(np.linalg.norm(x[1:]))
     if x[0] < CLEAR * force:
         if c[0] - (mu * slip if relaxed else 0.0) < CLEAR * speed:
@@ -66,7 +66,7 @@ def _mode(dc: Array, dx: Array, c: Array, x: Array, mu: float, force: float, spe
 def pyramid_derivative(program: Program) -> Array:
     """dv'/dv_free (nv, nv) of the relaxation with the friction pyramid of ``program``; DAQP finds the active rows.
 
-    Raises Unclear where active rows are dependent or a multiplier is nearly zero without being so.
+    Raises Unclear where active rows are dependent or a multiplier is small but not zero.
     """
     from cmbrl.contact.solvers.daqp import lay_out
 

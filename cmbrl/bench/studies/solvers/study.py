@@ -1,74 +1,66 @@
-"""``cmbrl bench solvers``: contact solvers on the same problems, speed against residual."""
+"""``cmbrl bench solvers``: contact solvers on the same problems, time against error."""
 
 from __future__ import annotations
 
-import hashlib
-import warnings
-from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 
-from cmbrl.bench.studies.solvers import clock, gradients, kappa
-from cmbrl.bench.studies.solvers.aims import aims
-from cmbrl.bench.studies.solvers.captions import CAPTIONS, TEXT
-from cmbrl.bench.studies.solvers.gradients import measure_gradients
+from cmbrl.bench.figures import save
+from cmbrl.bench.studies.solvers import cells, clock, derivatives, plots, tables
 from cmbrl.bench.studies.solvers.kappa import kappa_curves
-from cmbrl.bench.studies.solvers.measure import QUICK_REPEATS, QUICK_TOLERANCES, REPEATS, TOLERANCES, Cell, measure
-from cmbrl.bench.studies.solvers.plots import FIGURES
 from cmbrl.bench.studies.solvers.problems import FAMILIES, VISITED, family, problem_set
-from cmbrl.bench.studies.solvers.summary import Summary
-from cmbrl.bench.study import Figure, Progress, Section, Settings, Study, with_progress
-from cmbrl.contact.problem import ContactProblem
-from cmbrl.contact.solvers import Solver, available, get
-from cmbrl.files import read_json, write_json
-
-SWEEPS = 5000  # of our Gauss-Seidel, as many as the alternating-direction solvers have iterations
+from cmbrl.bench.studies.solvers.tables import LEVELS, WORDS, Summary
+from cmbrl.bench.study import Section, Settings, Study
+from cmbrl.contact.solvers import available
+from cmbrl.jobs import Job, Runner
 
 
-def _study(folder: Path, settings: Settings, progress: Progress) -> Section:
-    problems = problem_set(folder, settings.seed, settings.quick)
-    chosen = [p for p in problems if settings.scenes is None or family(p) in settings.scenes]
-    solvers = [get(name, **({"sweeps": SWEEPS} if name == "pgs" else {})) for name in available()]
-    tolerances, repeats = (QUICK_TOLERANCES, QUICK_REPEATS) if settings.quick else (TOLERANCES, REPEATS)
-    cells: list[Cell] = []
-    for k, problem in enumerate(chosen):
-        progress(0.9 * k / len(chosen), problem.name)
-        cells += _cached(folder, problem, solvers, tolerances, repeats)
-    summary = Summary.of(cells)
-    for file, draw in FIGURES.items():
-        draw(summary, folder / file)
-    progress(0.9, "derivatives")
-    points = measure_gradients(chosen, settings.seed, settings.quick)
-    gradients.plot(points, folder / "gradients.png")
-    curves = kappa_curves()
-    kappa.plot(curves, folder / "kappa.png")
-    progress(0.95, "core against core")
-    timed = clock.clocks(settings.seed, settings.quick, [r for r in VISITED if r in summary.families])
-    tables = [aims(summary, timed), *summary.tables(), clock.table(timed), gradients.table(points)]
+def run(folder: Path, settings: Settings, runner: Runner) -> Section:
+    """All families of problems, or ``settings.scenes`` of them; every job takes times, so they run one at a time."""
+    quick, seed = settings.quick, settings.seed
+    problems = problem_set(folder, seed, quick)
+    chosen = {k: p for k, p in enumerate(problems) if settings.scenes is None or family(p) in settings.scenes}
+    asked = {
+        "solvers": available(),
+        "tolerances": cells.QUICK_TOLERANCES if quick else cells.TOLERANCES,
+        "repeats": cells.QUICK_REPEATS if quick else cells.REPEATS,
+    }
+    jobs = [Job(f"{k:03d} {p.name}", cells.measure, {"problem": p, **asked}) for k, p in chosen.items()]
+    solves = runner.run(jobs, "problem", (0.0, 0.85), alone=True)
+    summary = Summary.of(cells.Cell.of(cell) for found in solves for cell in found)
+
+    turns = derivatives.QUICK_TURNS if quick else derivatives.TURNS
+    jobs = [
+        Job(f"derivatives {scene}", derivatives.differentiate,
+            {"scene": scene, "problem": p, "seed": seed, "turns": turns})
+        for scene, p in derivatives.chosen(list(chosen.values())).items()
+    ]  # fmt: skip
+    products = runner.run(jobs, "derivative", (0.85, 0.9), alone=True)
+    points = [derivatives.Point(**point) for found in products for point in found]
+
+    states = clock.QUICK_STATES if quick else clock.STATES
+    robots = [r for r in VISITED if r in summary.families]
+    jobs = [Job(f"clock {r}", clock.clocks, {"robot": r, "states": states, "seed": seed}) for r in robots]
+    clocks = [clock.Clock(**c) for found in runner.run(jobs, "robot", (0.9, 0.98), alone=True) for c in found]
+    (curves,) = runner.run([Job("kappa", kappa_curves)], "kappa", (0.98, 1.0))
+
+    pictures = {
+        "work_precision.png": plots.work_precision(summary),
+        "profile.png": plots.profile(summary),
+        "relaxed.png": plots.relaxed_precision(summary),
+        "kappa.png": plots.kappa(curves),
+        "gradients.png": plots.derivatives(points),
+    }
+    for file, picture in pictures.items():
+        save(picture, folder / file)
+    shown = [
+        *(tables.solved(summary, level) for level in LEVELS), tables.worst(summary), tables.relaxed(summary),
+        tables.core_against_core(clocks), tables.derivatives(points),
+    ]  # fmt: skip
     values = {
-        "problems": len(chosen), "solvers": summary.laws, "clocks": [asdict(c) for c in timed],
-        "gradients": [asdict(p) for p in points], "kappa against closed forms": curves.worst(),
+        "problems": len(chosen), "solvers": summary.laws, "clocks": clocks, "gradients": points,
+        "kappa against closed forms": curves["worst"],
     }  # fmt: skip
-    figures = [Figure(file, *caption) for file, caption in CAPTIONS.items()]
-    progress(1.0, "done")
-    return Section("Contact solvers on the same problems", TEXT, tables, figures, values)
+    return Section(WORDS("title"), WORDS("method"), shown, WORDS.figures(), values)
 
 
-def _cached(
-    folder: Path, problem: ContactProblem, solvers: Sequence[Solver], tolerances: Sequence[float], repeats: int
-) -> list[Cell]:
-    """Cells of a problem from the folder, where a run before has measured the same."""
-    asked = [problem.name, [s.name for s in solvers], list(tolerances), repeats]
-    arrays = b"".join(x.tobytes() for x in (problem.M, problem.J, problem.v_free, problem.b, problem.mu, problem.R))
-    key = hashlib.sha256(repr(asked).encode() + arrays).hexdigest()[:16]
-    file = folder / "cells" / f"{key}.json"
-    if file.is_file():
-        return [Cell.from_json(held) for held in read_json(file)]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # solvers on their own troubles, which the scores show
-        cells = measure(problem, solvers, tolerances, repeats)
-    write_json(file, [cell.to_json() for cell in cells])
-    return cells
-
-
-STUDY = Study("solvers", "contact solvers on the same problems: time against residual", with_progress(_study), FAMILIES)
+STUDY = Study("solvers", "contact solvers on the same problems: time against error", run, FAMILIES)

@@ -1,4 +1,4 @@
-"""The estimators that are compared, by family and smoothing length; roll-outs are hard unless the family says not."""
+"""The estimators that are compared, by family and smoothing length. Roll-outs are hard unless the family says "both"."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from cmbrl.gradients import Estimate, RandomisedModel, pathwise, zeroth_order_bu
 from cmbrl.models.protocol import failures
 
 LENGTHS = (1e-5, 1e-4, 1e-3, 1e-2)  #: smoothing lengths [m]
-#: family -> what it is; the order of legends
 FAMILIES = {
     "exact": "pathwise, hard (plain FOPG)",
     "barrier": "pathwise, constant kappa in the derivative (BS)",
@@ -23,13 +22,13 @@ FAMILIES = {
     "adaptive, both": "pathwise, kappa by distance in simulation and derivative",
     "randomised": "pathwise, bundle of Jacobians in every step",
     "zeroth order": "zeroth order over policy parameters",
-}
+}  #: names in legends, in their order
 
 
 @dataclass(frozen=True)
-class Contender:
-    """One estimator. ``length``: smoothing length [m], of zeroth order the deviation of the parameters; ``bundle``: its
-    size, where there is one."""
+class Arm:
+    """One estimator. ``length``: smoothing length [m]; of zeroth order, the deviation of the parameters. ``bundle``:
+    size of a bundle."""
 
     family: str
     length: float | None = None
@@ -45,12 +44,11 @@ class Contender:
         """Of a constant schedule [J]."""
         if not self.family.startswith("barrier"):
             return None
-        kappa = Barrier(length=self.length).resolve(system.scene, system.settings["time_step"])["kappa"]
-        return float(kappa)
+        return float(Barrier(length=self.length).resolve(system.scene, system.settings["time_step"])["kappa"])
 
     def estimate(self, system: System, horizon: int, samples: int, seed: int) -> tuple[Estimate, int]:
         """From ``samples`` initial states, and the number of solves that failed."""
-        model, scale = system.model(), 1
+        model = system.model()
         if self.length is not None and self.family in ("barrier", "adaptive"):
             model = system.model(backward_smoothing=_smoothing(self.family, self.length))
         elif self.length is not None and self.family.endswith("both"):
@@ -59,25 +57,25 @@ class Contender:
             bundle = RandomisedModel(model, self.bundle, position=self.length, seed=seed)
             objective = system.rollout(bundle, horizon, samples, seed, scale=1 + self.bundle)
             return pathwise(objective, system.at, samples), bundle.failures
-        objective = system.rollout(model, horizon, samples, seed, scale)
+        objective = system.rollout(model, horizon, samples, seed)
         if self.family == "zeroth order" and self.length is not None:
             rng = np.random.default_rng(seed + 1)
             return zeroth_order_bundle(objective, system.at, self.length, samples, rng), failures(model) or 0
         return pathwise(objective, system.at, samples), failures(model) or 0
 
 
-def contenders(lengths: Sequence[float] = LENGTHS, bundles: Sequence[int] = (4, 16)) -> Iterator[Contender]:
-    """Every family at every length; bundles at the larger size, and at all sizes for the last length but one."""
-    yield Contender("exact")
+def arms(lengths: Sequence[float] = LENGTHS, bundles: Sequence[int] = (4, 16)) -> Iterator[Arm]:
+    """Every family at every length; bundles of the largest size, and of all sizes at the last length but one."""
+    yield Arm("exact")
     for family in ("barrier", "adaptive", "barrier, both", "adaptive, both"):
         for length in lengths:
-            yield Contender(family, length)
+            yield Arm(family, length)
     for length in lengths[1:]:
-        yield Contender("randomised", length, bundles[-1])
+        yield Arm("randomised", length, bundles[-1])
     for bundle in bundles[:-1]:
-        yield Contender("randomised", lengths[-2], bundle)
+        yield Arm("randomised", lengths[-2], bundle)
     for deviation in (1e-3, 1e-2, 1e-1):
-        yield Contender("zeroth order", deviation)
+        yield Arm("zeroth order", deviation)
 
 
 def _smoothing(family: str, length: float) -> Smoothing:

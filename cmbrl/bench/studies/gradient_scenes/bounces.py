@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 from torch import Tensor
 
-from cmbrl.bench.studies.gradients.case import Case, position, stacked
+from cmbrl.bench.studies.gradient_scenes.case import Case, position, stacked
 
 NO_GRAVITY = '<option gravity="0 0 0"/>'
-ELASTIC = 'solref="-10000 0" solimp="1 1 .001"'  #: MuJoCo's undamped spring: it has no restitution
+ELASTIC = 'solref="-10000 0" solimp="1 1 .001"'  #: an undamped spring, since MuJoCo has no restitution
 DROP = f"""<mujoco>{NO_GRAVITY}<worldbody><geom type="plane" size="9 9 1" {{contact}}/>
 <body><joint type="slide" axis="0 0 1"/><geom size=".1" mass="1" pos="0 0 .1" {{contact}}/></body>
 </worldbody></mujoco>"""
@@ -31,14 +31,35 @@ BILLIARD = f"""<mujoco>{NO_GRAVITY}<worldbody><geom size=".5" pos="-1.1 0 0" con
 
 
 def cases() -> Iterator[Case]:
-    """In the order of the bank."""
+    """By label."""
     yield _elastic_bounce(1.001, "within a step")
     yield _elastic_bounce(1.0, "at the end of a step", "differences straddle the switch from one step to the next")
     for rate in (50, 500):
         yield _falling(rate)
-    yield _two_balls()
-    yield from _oblique_hit()
-    yield _rolling_bounce()
+    yield Case(
+        label="G2", title="two equal balls, e = 1", outcome="x2", names=("x1", "x2", "v1", "v2"), mjcf=TWO_BALLS,
+        at=(0.0, 0.52, 1.0, 0.0),
+        start=lambda p, kappa: (stacked(p, p[:, 0], p[:, 1] - 0.52), p[:, 2:4], p[:, :0]),
+        output=lambda q, v: q[:, 1] + 0.52, time_step=1 / 480, steps=480, truth=(1.0, 0.0, 1.0, 0.0), restitution=1.0,
+        mujoco_contact=ELASTIC, remark="a published engine returned (.75, .25, .91, .08)",
+    )  # fmt: skip
+    for outcome, axis, truth in (("x", 0, 0.3), ("height", 1, 0.0)):
+        yield Case(
+            label="G3", title="inelastic oblique hit, mu = 0.3", outcome=outcome, names=("height0",), mjcf=OBLIQUE,
+            at=(0.603,),
+            start=lambda p, kappa: (stacked(p, 0.0, p[:, 0] - 0.1), stacked(p, 2.0, -1.0), p[:, :0]),
+            output=position(axis), time_step=0.01, steps=100, truth=(truth,),
+            remark="activation by penetration gives 0 and 1, or spikes of 150 and -499",
+        )  # fmt: skip
+    # A sphere that stops slipping in the impact: v_x falls to 5/7, so that x(T) = v_x t + (5/7) v_x (T - t).
+    yield Case(
+        label="G3", title="bounce that starts to roll, e = 0.8", outcome="x", names=("height0",), mjcf=ROLLING,
+        at=(0.503,),
+        start=lambda p, kappa: (stacked(p, 0.0, p[:, 0], 0.0), stacked(p, 2.0, -1.0, 0.0), p[:, :0]),
+        output=position(0), time_step=0.01, steps=100, truth=(2.0 - 10.0 / 7.0,), restitution=0.8, in_mujoco=False,
+        remark="the friction of an impact acts at its point",
+        weakness="the lever arm is taken at the start of the step, half a gap too long, at any h",
+    )  # fmt: skip
     for bounces in (1, 3, 5):
         yield _billiard(bounces)
     for rate in (30, 60, 120, 480):
@@ -46,7 +67,7 @@ def cases() -> Iterator[Case]:
 
 
 def _drop_start(p: Tensor, kappa: float) -> tuple[Tensor, Tensor, Tensor]:
-    return p[:, :1] - 0.1, p[:, 1:2], p[:, :0]  # the gap is the height of the centre less the radius
+    return p[:, :1] - 0.1, p[:, 1:2], p[:, :0]  # the gap is the height of the centre minus the radius
 
 
 def _elastic_bounce(height: float, when: str, weakness: str = "") -> Case:
@@ -62,54 +83,12 @@ def _falling(rate: int) -> Case:
     """Dropped from rest: v+ = e g t_c, so that height(T) = e g t_c (T - t_c) - g (T - t_c)^2/2 with t_c^2 = 2 gap/g."""
     gap, seconds, e = 0.5, 0.5, 0.8
     impact = np.sqrt(2 * gap / 9.81)
-
-    def start(p: Tensor, kappa: float) -> tuple[Tensor, Tensor, Tensor]:
-        return p, 0 * p, p[:, :0]
-
     return Case(
         label="G1", title=f"bounce under gravity, e = 0.8, h = 1/{rate} s", outcome="height", names=("height0",),
-        mjcf=DROP.replace(NO_GRAVITY, ""), at=(gap,), start=start, output=position(0), time_step=1 / rate,
-        steps=round(seconds * rate), truth=(float((1 + e) * (seconds - impact) / impact - e),), restitution=e,
-        leapfrog=True, tolerance=2e-2, rival=False,
-        remark="-e at every h where the speed of impact does not depend on the time of impact",
-    )  # fmt: skip
-
-
-def _two_balls() -> Case:
-    def start(p: Tensor, kappa: float) -> tuple[Tensor, Tensor, Tensor]:
-        return stacked(p, p[:, 0], p[:, 1] - 0.52), p[:, 2:4], p[:, :0]
-
-    return Case(
-        label="G2", title="two equal balls, e = 1", outcome="x2", names=("x1", "x2", "v1", "v2"), mjcf=TWO_BALLS,
-        at=(0.0, 0.52, 1.0, 0.0), start=start, output=lambda q, v: q[:, 1] + 0.52, time_step=1 / 480, steps=480,
-        truth=(1.0, 0.0, 1.0, 0.0), restitution=1.0, mujoco_contact=ELASTIC,
-        remark="a published engine returned (.75, .25, .91, .08)",
-    )  # fmt: skip
-
-
-def _oblique_hit() -> Iterator[Case]:
-    def start(p: Tensor, kappa: float) -> tuple[Tensor, Tensor, Tensor]:
-        return stacked(p, 0.0, p[:, 0] - 0.1), stacked(p, 2.0, -1.0), p[:, :0]
-
-    for outcome, axis, truth in (("x", 0, 0.3), ("height", 1, 0.0)):
-        yield Case(
-            label="G3", title="inelastic oblique hit, mu = 0.3", outcome=outcome, names=("height0",), mjcf=OBLIQUE,
-            at=(0.603,), start=start, output=position(axis), time_step=0.01, steps=100,
-            truth=(truth,), remark="activation by penetration gives 0 and 1, or spikes of 150 and -499",
-        )  # fmt: skip
-
-
-def _rolling_bounce() -> Case:
-    """A sphere that stops slipping in the impact: v_x falls to 5/7, so that x(T) = v_x t + (5/7) v_x (T - t)."""
-
-    def start(p: Tensor, kappa: float) -> tuple[Tensor, Tensor, Tensor]:
-        return stacked(p, 0.0, p[:, 0], 0.0), stacked(p, 2.0, -1.0, 0.0), p[:, :0]
-
-    return Case(
-        label="G3", title="bounce that starts to roll, e = 0.8", outcome="x", names=("height0",), mjcf=ROLLING,
-        at=(0.503,), start=start, output=position(0), time_step=0.01, steps=100, truth=(2.0 - 10.0 / 7.0,),
-        restitution=0.8, rival=False, remark="the friction of an impact acts at its point",
-        weakness="the lever arm is that of the step's start, half a gap too long, at any h",
+        mjcf=DROP.replace(NO_GRAVITY, ""), at=(gap,), start=lambda p, kappa: (p, 0 * p, p[:, :0]), output=position(0),
+        time_step=1 / rate, steps=round(seconds * rate),
+        truth=(float((1 + e) * (seconds - impact) / impact - e),), restitution=e, leapfrog=True, tolerance=2e-2,
+        in_mujoco=False, remark="-e at every h if the speed of impact does not depend on the time of impact",
     )  # fmt: skip
 
 
@@ -119,20 +98,17 @@ def _billiard(bounces: int) -> Case:
     flight = np.array([[1.0, path], [0.0, 1.0]])
     half, bounce = np.array([[1.0, path / 2], [0.0, 1.0]]), np.array([[1.0, 0.0], [2 / radius, 1.0]])
     exact = half @ np.linalg.matrix_power(bounce @ flight, bounces - 1) @ bounce @ half
-
-    def start(p: Tensor, kappa: float) -> tuple[Tensor, Tensor, Tensor]:
-        return stacked(p, 0.0, p[:, 0]), stacked(p, 1.0, 0.0), p[:, :0]
-
     return Case(
         label="G10", title=f"dispersing billiard, {bounces} bounces", outcome="y", names=("y0",), mjcf=BILLIARD,
-        at=(0.0,), start=start, output=position(1), time_step=1 / 1999, steps=1999 * bounces,
-        truth=(float(exact[0, 0]),), restitution=1.0, tolerance=1e-2, rival=bounces == 1, mujoco_contact=ELASTIC,
-        remark="grows by the factor 1 + 2 L/r and more with every bounce; exact up to O(h)",
+        at=(0.0,), start=lambda p, kappa: (stacked(p, 0.0, p[:, 0]), stacked(p, 1.0, 0.0), p[:, :0]),
+        output=position(1), time_step=1 / 1999, steps=1999 * bounces, truth=(float(exact[0, 0]),), restitution=1.0,
+        tolerance=1e-2, in_mujoco=bounces == 1, mujoco_contact=ELASTIC,
+        remark="grows by at least the factor 1 + 2 L/r at every bounce; exact up to O(h)",
     )  # fmt: skip
 
 
 def _target(rate: int) -> Case:
-    """The loss's sign is what DiffTaichi's discretised bounce got wrong."""
+    """The sign of the derivative of this loss was wrong in DiffTaichi's discretised bounce."""
     target, height = 1.0, 1.003
     slope = 2 * (0.1 + 2.0 - (height - 0.1) - target)
     return Case(

@@ -1,6 +1,6 @@
-"""One-step problems of the failure bank, each with an answer known by hand or by its residuals alone.
+"""One-step problems that break contact solvers, with answers known by hand or judged by their residuals alone.
 
-Units: kg, m, s; gravity 9.81, step 1 ms. The labels F1 ... F28 are those of the bank (``cmbrl bench stability``).
+Units: kg, m, s; gravity 9.81, step 1 ms. Labels F1 to F28 are the scenes of ``cmbrl bench stability``.
 """
 
 from __future__ import annotations
@@ -10,13 +10,14 @@ import numpy as np
 from cmbrl.contact.problem import Array, ContactProblem
 
 G, H = 9.81, 1e-3
+FAMILY = "hard cases"
 INFEASIBLE = "F17 slot, rigid"  #: has no solution: two walls overlap
 
 
-def bank() -> list[ContactProblem]:
-    """All of them, named "bank/F..."; :data:`INFEASIBLE` is there to see what solvers say about it."""
-    problems = [stack(n, top) for n in (2, 5, 10) for top in (1.0, 1e3, 1e6)]
-    problems += [
+def hard_cases() -> list[ContactProblem]:
+    """All of them. Nobody can solve :data:`INFEASIBLE`; it shows how solvers react."""
+    return [
+        *(stack(n, top) for n in (2, 5, 10) for top in (1.0, 1e3, 1e6)),
         cube("F2 cube at rest"),
         cube("F3 cube sliding and spinning", v=(0.3, 1.0, -0.5), spin=3.0),
         cube("F4 cube sliding", v=(0.0, 1.0, 0.0)),
@@ -28,23 +29,22 @@ def bank() -> list[ContactProblem]:
         cube("F20 mu 0", v=(0.0, 1.0, 0.0), mu=0.0),
         cube("F20 mu 1000", v=(0.0, 1.0, 0.0), mu=1e3),
         limit_and_floor(),
-        graze(),
+        problem("F28 graze", np.eye(2), np.array([[[0.0, 1.0], [1.0, 0.0]]]), np.array([1.0, 0.0]), np.array([0.4])),
     ]
-    return problems
 
 
 def problem(name: str, M: Array, J: Array, v_free: Array, mu: Array, b: Array | None = None, R: float = 0.0,
-            family: str = "bank") -> ContactProblem:  # fmt: skip
-    """Fills in what is usually zero, and the speed scale."""
+            family: str = FAMILY) -> ContactProblem:  # fmt: skip
+    """A problem with its speed scale; ``b`` and ``R`` default to zero."""
     b = np.zeros(J.shape[:2]) if b is None else b
     speed = max(G * H, float(np.linalg.norm(J @ v_free + b)))
     return ContactProblem(M, J, v_free, b, mu, np.full(b.shape, R), speed, f"{family}/{name}")
 
 
 def stack(n: int, top: float) -> ContactProblem:
-    """F1: n point masses of 1 kg in the plane on top of each other, the highest of ``top`` kg, at rest.
+    """F1: ``n`` point masses of 1 kg at rest in the plane, stacked; the highest has ``top`` kg.
 
-    Truth: impulse of contact k is g h times all that is above it, v' = 0.
+    Truth: v' = 0, and the impulse of contact k is g h times the mass above it.
     """
     masses = np.ones(n)
     masses[-1] = top
@@ -59,7 +59,7 @@ def stack(n: int, top: float) -> ContactProblem:
 
 def cube(name: str, v: tuple[float, float, float] = (0.0, 0.0, 0.0), spin: float = 0.0, mu: float = 0.4,
          side: float = 0.2) -> ContactProblem:  # fmt: skip
-    """F2, F3, F4, F20: a cube of 1 kg on its four lower corners (hyperstatic: G has rank 6 of 12)."""
+    """F2, F3, F4, F20: a cube of 1 kg on its four lower corners; hyperstatic, as G has rank 6 of 12."""
     half, inertia = side / 2, side**2 / 6
     corners = [np.array([x, y, -half]) for x in (half, -half) for y in (half, -half)]
     J = np.stack([point_rows(r) for r in corners])
@@ -76,7 +76,7 @@ def point_rows(r: Array) -> Array:
 def rod(name: str, mu: float, separating: float = 0.0) -> ContactProblem:
     """F15, F16: a rod (half-length 1, 1 kg, tan theta = 2) whose tip slides at 5 m/s into the ground.
 
-    Truth of F15 as h -> 0: it jams, impulses 1.5 and 2.0 N s, for mu >= 4/3. ``separating`` [m/s]: speed of the tip.
+    Truth of F15 as h -> 0: for mu >= 4/3 it jams, with impulses 1.5 and 2.0 N s. ``separating`` [m/s]: tip speed.
     """
     sine, cosine = 2 / np.sqrt(5), 1 / np.sqrt(5)
     J = np.array([[[0.0, 1.0, -cosine], [1.0, 0.0, sine]]])
@@ -86,20 +86,15 @@ def rod(name: str, mu: float, separating: float = 0.0) -> ContactProblem:
 
 
 def slot(name: str, R: float) -> ContactProblem:
-    """F17: a slider between two walls that both overlap it by 1 mm; rigid it has no solution, else impulses are 1/R."""
+    """F17: a slider that both walls overlap by 1 mm. Rigid, it has no solution; otherwise impulses are 1/R."""
     J = np.array([[[1.0, 0.0], [0.0, 1.0]], [[-1.0, 0.0], [0.0, 1.0]]])
     return problem(name, np.eye(2), J, np.array([0.0, -G * H]), np.zeros(2), np.array([[-1.0, 0.0]] * 2), R)
 
 
 def limit_and_floor() -> ContactProblem:
-    """F21: a pendulum (1 m, 1 kg, rod) that hangs on its joint limit and on the floor at once; v' = 0."""
+    """F21: a pendulum (rod, 1 m, 1 kg) that rests on its joint limit and on the floor; v' = 0."""
     angle = 0.5
     J = np.array([[[np.cos(angle)], [np.sin(angle)]], [[1.0], [0.0]]])
     return problem(
         "F21 limit and floor", np.array([[1 / 3]]), J, np.array([-1.5 * G * H * np.cos(angle)]), np.array([0.5, 0.0])
     )
-
-
-def graze() -> ContactProblem:
-    """F28: a point that touches and neither closes nor opens; the impulse is zero."""
-    return problem("F28 graze", np.eye(2), np.array([[[0.0, 1.0], [1.0, 0.0]]]), np.array([1.0, 0.0]), np.array([0.4]))

@@ -1,4 +1,4 @@
-"""A scene whose derivative is known in closed form, and the ways to differentiate it: ours, differences, MuJoCo's."""
+"""A scene whose derivative is known in closed form, and three ways to differentiate it: ours, differences, MuJoCo's."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -29,22 +28,22 @@ class Case:
     """A scalar outcome of one simulation as a function of parameters p (n,), with d outcome / d p.
 
     Args:
-        label: of the scene, as in the failure bank ("G1").
+        label: of the scene ("G1").
         title: what happens.
         outcome, names: of the scalar and of its parameters.
-        mjcf: text; ``{contact}`` stands where MuJoCo takes ``mujoco_contact`` as an attribute of its geoms.
+        mjcf: text; ``{contact}`` marks where geoms get ``mujoco_contact`` as attributes in MuJoCo.
         at: the parameters (n,) at which to differentiate.
-        start: parameters (B, n) and the kappa [J] of the model -> q, v, u, the control held throughout.
+        start: parameters (B, n) and the kappa [J] of the model -> q, v, u; the control is held throughout.
         output: final q, v -> outcome (B,).
-        time_step, steps: h [s] and how many.
-        truth: true derivative (n,); ``upper`` as well where any value between them is one (a kink).
-        softened: kappa [J] -> the derivative of the softened law in closed form, where there is one.
+        time_step, steps: h [s] and their number.
+        truth: true derivative (n,). With ``upper``, any value between the two is one (a kink).
+        softened: kappa [J] -> derivative of the softened law in closed form, where it exists.
         restitution: of all contacts.
-        leapfrog: integrate by shifted positions (exact for constant forces).
-        tolerance: of a pass, relative to the larger of 1 and the truth.
-        rival: whether MuJoCo can stand in for the scene; ``mujoco_contact``: with which contact.
-        remark: what the scene is there to show.
-        weakness: why we miss the truth, for a scene on which we do.
+        leapfrog: whether to integrate by shifted positions (exact for constant forces).
+        tolerance: relative to the larger of 1 and the truth.
+        in_mujoco: whether MuJoCo can express the scene; ``mujoco_contact``: with which contact.
+        remark: what the scene shows.
+        weakness: why our derivative misses the truth, if it does.
     """
 
     label: str
@@ -63,17 +62,19 @@ class Case:
     restitution: float = 0.0
     leapfrog: bool = False
     tolerance: float = 1e-3
-    rival: bool = True
+    in_mujoco: bool = True
     mujoco_contact: str = ""
     remark: str = ""
     weakness: str = ""
 
+    @property
+    def name(self) -> str:
+        """Unique among all cases."""
+        return f"{self.label} {self.title}, {self.outcome}"
+
     def model(self, smoothing: Smoothing) -> ComplementarityModel:
-        """Rigid contact with the case's restitution; one control step is the whole simulation; nothing is pruned."""
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / "scene.xml"
-            file.write_text(self.mjcf.replace("{contact}", ""), encoding="utf-8")
-            scene = Scene.from_mjcf(file, contact_law="rigid")
+        """Rigid contact with the case's restitution, no pruning; one control step is the whole simulation."""
+        scene = rigid_scene(self.mjcf.replace("{contact}", ""))
         theta = scene.parameter_vector()
         theta[[p.group == "restitution" for p in scene.parameters]] = self.restitution
         return ComplementarityModel(
@@ -83,8 +84,8 @@ class Case:
 
     def value(self, model: ComplementarityModel, p: Tensor) -> Tensor:
         """Outcomes (B,) of parameters p (B, n), differentiable."""
-        q, v, u = self.start(p, kappa_of(model))
-        return self.output(*model.step(q, v, u))
+        kappa = float(model.smoothing.resolve(model.scene, model.time_step)["kappa"])
+        return self.output(*model.step(*self.start(p, kappa)))
 
     def derivative(self, model: ComplementarityModel) -> Array:
         """Ours (n,): one backward pass by the implicit function theorem."""
@@ -103,7 +104,7 @@ class Case:
 
     def mujoco_differences(self) -> Array | None:
         """Central differences (n,) of MuJoCo at the same time step; None where it cannot express the scene."""
-        if not self.rival:
+        if not self.in_mujoco:
             return None
         model = mujoco.MjModel.from_xml_string(self.mjcf.replace("{contact}", self.mujoco_contact))
         model.opt.timestep = self.time_step
@@ -112,20 +113,27 @@ class Case:
         data = mujoco.MjData(model)
 
         def values(points: Array) -> Array:
-            start = self.start(torch.from_numpy(points), 0.0)
-            ends = np.array([_simulate(model, data, *row, self.steps) for row in zip(*start, strict=True)])
-            return np.asarray(self.output(*(torch.from_numpy(x) for x in np.split(ends, [model.nq], axis=1))).numpy())
+            ends = []
+            for q, v, u in zip(*self.start(torch.from_numpy(points), 0.0), strict=True):
+                mujoco.mj_resetData(model, data)
+                data.qpos[:], data.qvel[:], data.ctrl[:] = q, v, u
+                mujoco.mj_step(model, data, nstep=self.steps)
+                ends.append((torch.tensor(data.qpos), torch.tensor(data.qvel)))
+            return np.asarray(self.output(*(torch.stack(x) for x in zip(*ends, strict=True))).numpy())
 
         return central_differences(values, np.array(self.at))
 
 
-def kappa_of(model: ComplementarityModel) -> float:
-    """Constant kappa [J] of a model's forward pass; the floor of an adaptive one."""
-    return float(model.smoothing.resolve(model.scene, model.time_step)["kappa"])
+def rigid_scene(mjcf: str) -> Scene:
+    """The scene of an MJCF text, with rigid contact."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "scene.xml"
+        file.write_text(mjcf, encoding="utf-8")
+        return Scene.from_mjcf(file, contact_law="rigid")
 
 
 def central_differences(values: Callable[[Array], Array], at: Array) -> Array:
-    """(n,) of a scalar: per coordinate the step at which the 4-point and the 2-point value agree best."""
+    """(n,) of a scalar, per coordinate at the step for which the 4-point and the 2-point value agree best."""
     out = np.empty(len(at))
     offsets = np.array([[-2.0], [-1.0], [1.0], [2.0]])
     for k, unit in enumerate(np.eye(len(at))):
@@ -153,11 +161,3 @@ def velocity(k: int) -> Output:
 def stacked(p: Tensor, *columns: Tensor | float) -> Tensor:
     """(B, len(columns)) of columns of p and constants, for p (B, n)."""
     return torch.stack([torch.as_tensor(c, dtype=p.dtype).expand(len(p)) for c in columns], dim=1)
-
-
-def _simulate(model: Any, data: Any, q: Tensor, v: Tensor, u: Tensor, steps: int) -> Array:
-    mujoco.mj_resetData(model, data)
-    data.qpos[:], data.qvel[:], data.ctrl[:] = q.numpy(), v.numpy(), u.numpy()
-    for _ in range(steps):
-        mujoco.mj_step(model, data)
-    return np.concatenate([data.qpos, data.qvel])

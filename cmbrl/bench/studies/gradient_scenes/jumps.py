@@ -1,7 +1,7 @@
-"""Where the pathwise gradient misses the point: a jump, a steep ramp, a ball over a wall (G5, G6, G7).
+"""Where a pathwise gradient misses the truth: a jump, a steep ramp, a ball over a wall (G5, G6, G7).
 
-G5 and G6 are functions, not mechanics: they judge the estimators alone. G7 is their mechanical form: a ball of radius r
-flies level at a wall; low it stops there, high it passes, and on the edge the landing point climbs a ramp of width r.
+G5 and G6 are functions, not mechanics, and test the estimators alone. G7 is their mechanical form: a ball of radius r
+flies level towards a wall. Low, it stops there; high, it passes; at the edge the landing point climbs a ramp of width r.
 """
 
 from __future__ import annotations
@@ -16,11 +16,10 @@ from scipy.integrate import quad
 from scipy.stats import norm
 from torch import Tensor
 
-from cmbrl.bench.studies.gradients.case import Array, Case, position, stacked
+from cmbrl.bench.studies.gradient_scenes.case import Array, Case, position, stacked
 from cmbrl.contact.smoothing import Smoothing
 from cmbrl.gradients import Estimate, first_order_bundle, zeroth_order_bundle
 from cmbrl.gradients.estimate import Objective
-from cmbrl.models.complementarity import ComplementarityModel
 
 RADIUS, EDGE, SPEED, SECONDS = 0.05, 0.3, 1.0, 0.6  #: ball [m], face of the wall [m], level speed [m/s], flight [s]
 WALL = f"""<mujoco><option gravity="0 0 0"/><worldbody>
@@ -50,69 +49,52 @@ class Jump:
 
 
 @dataclass(frozen=True)
-class _Function:
-    """A formula as an objective: it takes no model steps."""
+class Function:
+    """Values (B,) of x (B, 1) as an objective; ``steps``: model steps of one value."""
 
     f: Callable[[Tensor], Tensor]
     steps: int = 0
 
     def __call__(self, x: Tensor) -> Tensor:
-        return self.f(x[:, 0])
-
-
-@dataclass(frozen=True)
-class _Simulated:
-    """A case as an objective."""
-
-    case: Case
-    model: ComplementarityModel
-    steps: int
-
-    def __call__(self, x: Tensor) -> Tensor:
-        return self.case.value(self.model, x)
+        return self.f(x)
 
 
 def jumps(smoothing: Smoothing) -> list[Jump]:
     """G5, G6 at several widths, G7 simulated under ``smoothing``."""
     std, at = 0.5, 0.2
-    steep = [
-        Jump("G6", f"ramp of width {width:g}", _Function(_ramp(width)), at, std,
-             (norm.cdf((width / 2 - at) / std) - norm.cdf((-width / 2 - at) / std)) / width)
-        for width in (0.1, 0.01, 0.0001)
-    ]  # fmt: skip
+
+    def ramp(width: float) -> Jump:
+        truth = (norm.cdf((width / 2 - at) / std) - norm.cdf((-width / 2 - at) / std)) / width
+        objective = Function(lambda x: torch.clamp(x[:, 0] / width + 0.5, 0, 1))
+        return Jump("G6", f"ramp of width {width:g}", objective, at, std, truth)
+
     case = over_the_wall()
+    model = case.model(smoothing)
+    flight = Function(lambda x: case.value(model, x), case.steps)
     return [
-        Jump("G5", "Heaviside", _Function(lambda x: (x > 0).double()), at, std, float(norm.pdf(at / std) / std)),
-        *steep,
-        Jump("G7", "ball over a wall", _Simulated(case, case.model(smoothing), case.steps), 0.0, 0.1,
-             expected_slope(0.0, 0.1)),
-    ]  # fmt: skip
-
-
-def _ramp(width: float) -> Callable[[Tensor], Tensor]:
-    return lambda x: torch.clamp(x / width + 0.5, 0, 1)
+        Jump(
+            "G5", "Heaviside step", Function(lambda x: (x[:, 0] > 0).double()), at, std, float(norm.pdf(at / std) / std)
+        ),
+        *map(ramp, (0.1, 0.01, 0.0001)),
+        Jump("G7", "ball over a wall", flight, 0.0, 0.1, expected_slope(0.0, 0.1)),
+    ]
 
 
 def over_the_wall() -> Case:
     """x at the end as a function of the height of flight; V h is a twentieth of the radius."""
-    h = 0.05 * RADIUS / SPEED
-
-    def start(p: Tensor, kappa: float) -> tuple[Tensor, Tensor, Tensor]:
-        return stacked(p, 0.0, p[:, 0]), stacked(p, SPEED, 0.0), p[:, :0]
-
-    height = 0.5 * RADIUS
-    step = 1e-6
+    h, height, step = 0.05 * RADIUS / SPEED, 0.5 * RADIUS, 1e-6
     slope = (landing(height + step) - landing(height - step)) / (2 * step)
     return Case(
         label="G7", title="ball over the edge of a wall", outcome="x", names=("height",), mjcf=WALL, at=(height,),
-        start=start, output=position(0), time_step=h, steps=round(SECONDS / h), truth=(float(slope),),
-        tolerance=3e-2, remark="on the ramp; of the expectation, see the estimators",
-        weakness="the normal is that of the step's start, so that the way the point of impact moves is missed at any h",
+        start=lambda p, kappa: (stacked(p, 0.0, p[:, 0]), stacked(p, SPEED, 0.0), p[:, :0]), output=position(0),
+        time_step=h, steps=round(SECONDS / h), truth=(float(slope),), tolerance=3e-2,
+        remark="on the ramp; for the expectation, see the estimators",
+        weakness="the normal is taken at the start of the step, so the motion of the point of impact is missed at any h",
     )  # fmt: skip
 
 
 def landing(height: float) -> float:
-    """x after the flight: through above r, stopped below 0, between them the normal speed at the edge is lost."""
+    """x after the flight: it passes above r and stops below 0; between, it loses its normal speed at the edge."""
     lift = np.clip(height / RADIUS, 0.0, 1.0)
     if height >= RADIUS:
         return SPEED * SECONDS
@@ -128,9 +110,3 @@ def expected_slope(at: float, std: float) -> float:
         for a, b in pairwise(breaks)
     ]
     return float(sum(pieces))
-
-
-def values(case: Case, smoothing: Smoothing, heights: Array) -> Array:
-    """Landing points of the simulation (n,)."""
-    with torch.no_grad():
-        return np.asarray(case.value(case.model(smoothing), torch.from_numpy(heights[:, None])).numpy())

@@ -6,17 +6,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
-from cmbrl.bench.studies.gradients import chaos, jumps, scenes
-from cmbrl.bench.studies.gradients.case import Case, central_differences
+from cmbrl.bench.studies.gradient_scenes import chaos, jumps, plots
+from cmbrl.bench.studies.gradient_scenes.case import Case, central_differences
+from cmbrl.bench.studies.gradient_scenes.cells import KAPPAS, SMOOTHINGS, Bundle, Row, all_cases
+from cmbrl.bench.studies.gradient_scenes.study import STUDY
 from cmbrl.bench.study import Section, Settings
 from cmbrl.contact import Barrier, Exact
+from cmbrl.jobs import Runner
 
-CASES = [case for case in scenes.all_cases() if case.steps < 3000]
+CASES = [case for case in all_cases().values() if case.steps < 3000]
 MISSES = ("bounce that starts to roll, e = 0.8", "ball over the edge of a wall", "double pendulum, T = 4 s")
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.label}-{case.title}-{case.outcome}")
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_hard_derivative(case: Case) -> None:
     """Of the default model: the truth within the case's tolerance, unless the case names a reason for missing it."""
     ours = case.derivative(case.model(Exact()))
@@ -26,7 +30,7 @@ def test_hard_derivative(case: Case) -> None:
     assert met.all() or case.weakness
 
 
-@pytest.mark.parametrize("case", [c for c in CASES if c.softened], ids=lambda case: f"{case.label}-{case.title}")
+@pytest.mark.parametrize("case", [c for c in CASES if c.softened], ids=lambda case: case.name)
 @pytest.mark.parametrize("kappa", [1e-7, 1e-5])
 def test_bias_is_the_closed_form(kappa: float, case: Case) -> None:
     """G4, G9, G13, G15: the softened derivative is what the law says, within 1 %."""
@@ -52,7 +56,8 @@ def test_differences_of_a_cubic() -> None:
 def test_landing_point_is_what_the_model_simulates() -> None:
     """The closed form behind G7, up to the step of the simulation."""
     heights = np.array([-0.02, 0.01, 0.02, 0.03, 0.06])
-    simulated = jumps.values(jumps.over_the_wall(), Exact(), heights)
+    case = jumps.over_the_wall()
+    simulated = case.value(case.model(Exact()), torch.from_numpy(heights[:, None])).detach().numpy()
     np.testing.assert_allclose(simulated, [jumps.landing(x) for x in heights], atol=5e-3)
 
 
@@ -74,11 +79,44 @@ def test_growth_of_the_pendulum() -> None:
     assert abs(chaos.true_growth(2.0)) > 50
 
 
+def _row(title: str, ours: float, label: str = "G3") -> Row:
+    """A derivative whose truth is 1, found as ``ours`` at every smoothing and as 1 by differences."""
+    found, one = dict.fromkeys(SMOOTHINGS, ours), dict.fromkeys(SMOOTHINGS, 1.0)
+    return Row(label, title, "d x/d p", 1.0, 1.0, found, one, {}, None, 1e-3, "remark", "reason", 0)
+
+
+def test_verdicts() -> None:
+    assert _row("right", 1.0).verdict == "pass"
+    assert _row("near", 1.0005).verdict == "truth met; differs from differences at 9 of 9 smoothings: reason"
+    assert _row("wrong", 1.5).verdict == "misses the truth: reason"
+
+
+def test_picture_of_bias_names_its_scenes_and_keeps_misses_apart() -> None:
+    left, right = plots.bias([_row("hit", 1.0005), _row("roll", 1.5), _row("lost", 1.0, "G14")]).axes
+    curves = {line.get_label(): line for line in left.get_lines()}
+    assert list(curves) == ["G3 oblique hit", "G3 roll: misses the truth", "G14 cube on four corners"]
+    assert [line.get_linestyle() for line in curves.values()] == ["-", "--", "-"]
+    np.testing.assert_allclose(curves["G3 oblique hit"].get_xydata(), [[kappa, 5e-4] for kappa in KAPPAS], rtol=1e-6)
+    assert left.get_xlabel() == right.get_xlabel() == "kappa [J]"
+
+
+def test_picture_of_jumps_shows_what_estimators_report() -> None:
+    bundles = [
+        Bundle("G5", "step", order, size, 1.0, 0.0, 1 / size, reported, 0.0)
+        for order, reported in (("first order", 0.0), ("zeroth order", 0.5))
+        for size in (10, 100)
+    ]
+    (axes,) = plots.across_jumps(bundles).axes
+    shown = {line.get_label(): line.get_ydata() for line in axes.get_lines()}
+    np.testing.assert_array_equal(shown["first order"], [0.1, 0.01])
+    np.testing.assert_array_equal(shown["zeroth order, as reported"], [0.5, 0.5])
+    assert [text.get_text() for text in axes.texts] == ["first order reports 0"]
+
+
 def test_study(tmp_path: Path) -> None:
-    section = scenes.STUDY.run(tmp_path, Settings(quick=True, scenes=("G4", "G5", "G9")), lambda share, what: None)
-    section.write(tmp_path)
+    settings = Settings(quick=True, scenes=("G4", "G5", "G9"))
+    STUDY.run(tmp_path, settings, Runner(tmp_path / "cells")).write(tmp_path)
     read = Section.read(tmp_path)
     assert {row["verdict"] for row in read.values["rows"]} == {"pass"}
     assert [t.title for t in read.tables] == ["Derivatives by scene", "Estimators across jumps, 1,000 samples"]
-    for figure in read.figures:
-        assert (tmp_path / figure.file).stat().st_size > 10_000
+    assert {figure.file for figure in read.figures} == {file.name for file in tmp_path.glob("*.png")}

@@ -1,4 +1,4 @@
-"""No contact at all: the gradient of a double pendulum grows by itself (G11)."""
+"""No contact: the gradient of a double pendulum grows by itself (G11)."""
 
 from __future__ import annotations
 
@@ -6,25 +6,31 @@ from collections.abc import Iterator
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from torch import Tensor
 
-from cmbrl.bench.studies.gradients.case import Array, Case, position, stacked
+from cmbrl.bench.studies.gradient_scenes.case import Array, Case, position, stacked
 
 GRAVITY = 9.81
 PENDULUM = """<mujoco><worldbody><body><joint type="hinge" axis="0 1 0"/>
 <inertial pos="0 0 -1" mass="1" diaginertia="1e-9 1e-9 1e-9"/><body pos="0 0 -1"><joint type="hinge" axis="0 1 0"/>
 <inertial pos="0 0 -1" mass="1" diaginertia="1e-9 1e-9 1e-9"/></body></body></worldbody></mujoco>"""
-START = (2.6, 0.4)  #: angles [rad] from hanging, the second relative to the first; released at rest, above both pivots
+START = (2.6, 0.4)  #: angles [rad] from hanging, the second relative to the first; at rest, above both pivots
 
 
 def cases() -> Iterator[Case]:
     """Longer and longer."""
     for seconds in (1, 2, 4):
-        yield _pendulum(seconds)
+        yield Case(
+            label="G11", title=f"double pendulum, T = {seconds} s", outcome="angle 1", names=("angle 1",),
+            mjcf=PENDULUM, at=(START[0],),
+            start=lambda p, kappa: (stacked(p, p[:, 0], START[1]), stacked(p, 0.0, 0.0), p[:, :0]),
+            output=position(0), time_step=5e-4, steps=2000 * seconds, truth=(true_growth(seconds),), leapfrog=True,
+            tolerance=2e-2, remark="grows like exp(Lambda T) without contact: clip or shorten",
+            weakness="the O(h) error of the path itself has grown as well",
+        )  # fmt: skip
 
 
 def true_growth(seconds: float, step: float = 1e-6) -> float:
-    """d (first angle at the end) / d (first angle at the start): differences of the equations of motion to 1e-13."""
+    """d (first angle at the end) / d (first angle at the start): differences of an integration to 1e-13."""
 
     def rate(_: float, s: Array) -> Array:
         a, b = s[0], s[0] + s[1]  # absolute angles of two point masses of 1 kg on massless rods of 1 m
@@ -39,16 +45,3 @@ def true_growth(seconds: float, step: float = 1e-6) -> float:
         for x in (-step, step)
     ]
     return float((ends[1] - ends[0]) / (2 * step))
-
-
-def _pendulum(seconds: int) -> Case:
-    def start(p: Tensor, kappa: float) -> tuple[Tensor, Tensor, Tensor]:
-        return stacked(p, p[:, 0], START[1]), stacked(p, 0.0, 0.0), p[:, :0]
-
-    return Case(
-        label="G11", title=f"double pendulum, T = {seconds} s", outcome="angle 1", names=("angle 1",), mjcf=PENDULUM,
-        at=(START[0],), start=start, output=position(0), time_step=5e-4, steps=2000 * seconds,
-        truth=(true_growth(seconds),), leapfrog=True, tolerance=2e-2,
-        remark="grows like exp(Lambda T) without any contact: clip or shorten",
-        weakness="the path's own error of O(h) has grown as well",
-    )  # fmt: skip

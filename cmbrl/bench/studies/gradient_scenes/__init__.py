@@ -1,0 +1,1 @@
+"""Derivatives through contact against closed forms and finite differences, scene by scene."""
