@@ -97,7 +97,7 @@ class MujocoStep:
 
 
 class MujocoDifferences:
-    """``mjd_transitionFD`` with forward differences (1e-6) at the visited states ``rows``: step and Jacobian in (q, v, u).
+    """``mjd_transitionFD`` (step and Jacobian) with forward differences of 1e-6 at the visited states ``rows``.
 
     MuJoCo has no batched version, so this loops in Python; 1 to 2 us a call do not matter. MuJoCo refuses RK4.
     """

@@ -14,10 +14,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from cmbrl.bench.states import G1
-from cmbrl.bench.studies.simulators.planar import Disc, Rectangle, ball, box
 from cmbrl.bench.peers.mujoco_steps import EPISODE, HOLD, random_control, visit
 from cmbrl.bench.scenes import feet_only, paired
+from cmbrl.bench.states import G1
+from cmbrl.bench.studies.simulators.planar import Disc, Rectangle, ball, box
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
 from cmbrl.scene.records import CONTACT_LAWS

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from cmbrl.bench.states import G1
-from cmbrl.bench.studies.solvers.bank import bank, problem
 from cmbrl.bench.peers.mujoco_steps import Visited, visit
 from cmbrl.bench.scenes import PairedScene, feet_only, paired
+from cmbrl.bench.states import G1
+from cmbrl.bench.studies.solvers.bank import bank, problem
 from cmbrl.contact.problem import ContactProblem, load, save
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene

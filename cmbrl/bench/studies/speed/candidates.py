@@ -31,8 +31,8 @@ def compare_candidates(
     theta = draw(model, candidates, seed)
     alone = theta[:ALONE]
 
-    def loss(of: np.ndarray) -> None:
-        model.candidate_loss(q, v, u, q_next, v_next, starts, 1, of, scale, scale, 1.0)
+    def loss(of: np.ndarray) -> object:
+        return model.candidate_loss(q, v, u, q_next, v_next, starts, 1, of, scale, scale, 1.0)
 
     n = len(chosen)
     work: Work = {

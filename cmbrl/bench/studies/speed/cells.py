@@ -134,7 +134,8 @@ def _ours(model: ComplementarityModel, visited: Visited, batch: int) -> dict[str
 
     def backward() -> None:
         for chunk in tensors:
-            q_next, v_next = model.step(*(x.detach().requires_grad_() for x in chunk))
+            q, v, u = (x.detach().requires_grad_() for x in chunk)
+            q_next, v_next = model.step(q, v, u)
             (q_next.sum() + v_next.sum()).backward()
 
     return dict(zip(OURS, (forward, jacobian, vjp, backward), strict=True))
@@ -144,7 +145,8 @@ def _by_batch(
     pair: PairedScene, visited: Visited, batches: tuple[int, ...], threads: int, repeats: int
 ) -> list[dict[str, Any]]:
     """Wall time of step and Jacobian by batch size, on one thread and on several; ``gain``: of their fastest turns."""
-    n, kinds, work = len(visited.q), ("forward", "jacobian"), {}
+    n, kinds = len(visited.q), ("forward", "jacobian")
+    work: Work = {}
     models = {"one": _model(pair, Barrier(1e-4)), "many": _model(pair, Barrier(1e-4), threads)}
     for size in batches:
         for name, model in models.items():

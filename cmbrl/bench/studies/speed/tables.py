@@ -67,4 +67,4 @@ def _us(seconds: float) -> float:
 
 
 def _ratio(spread: dict[str, float] | None) -> str | None:
-    return spread and f"{spread['median']:.2f} [{spread['low']:.2f}, {spread['high']:.2f}]"
+    return None if spread is None else f"{spread['median']:.2f} [{spread['low']:.2f}, {spread['high']:.2f}]"
