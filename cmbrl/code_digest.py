@@ -21,7 +21,7 @@ _NAMED = re.compile(rf"^({PACKAGE}(?:\.\w+)+)(?::|$)")
 
 @cache
 def code_digest(module: str) -> str:
-    """Sixteen hexadecimal digits for the module ``module`` ("cmbrl.fit.fit") and everything it imports from here."""
+    """Sixteen hexadecimal digits for ``module`` ("cmbrl.fitting.fit") and everything it imports from here."""
     seen = hashlib.sha256()
     for name in sorted(_closure(module)):
         seen.update(f"{name} {_own_digest(name)}\n".encode())

@@ -1,55 +1,79 @@
-"""Random states on which the core is judged: near contact, penetrating, at joint limits, fast, with any friction."""
+"""Scenes of the studies by label, and random states: near contact, penetrating, at joint limits, fast."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from cmbrl.errors import UserError
 from cmbrl.registry import load_task
 from cmbrl.scene import Scene
 
-G1 = Path(__file__).parents[3] / "shared/models/g1_reference.xml"  #: a folder beside the repository; not part of it
+G1 = Path(os.environ.get("CMBRL_G1") or Path(__file__).parents[3] / "shared/models/g1_reference.xml")
+NO_G1 = "the G1 needs its MJCF: set CMBRL_G1"
 SCENES = ("hopper", "cheetah", "cube_toss", "g1")
 
 
 @dataclass(frozen=True)
 class Ranges:
-    """How wild the states are. Gaps of the lowest contact [m], speeds [m/s, rad/s], share of joints at a limit."""
+    """How far the random states spread."""
 
-    gap: tuple[float, float] = (-0.005, 0.005)
-    speed: float = 1.0
-    at_limit: float = 0.2
-    spread: float = 0.3  #: of joint positions without limits, and about the initial pose [m, rad]
-    turn: float = 3.0  #: of free rotations [rad]; floating bases of robots get ``spread``
+    gap: tuple[float, float] = (-0.005, 0.005)  #: of the lowest contact [m]
+    speed: float = 1.0  #: largest [m/s, rad/s]
+    at_limit: float = 0.2  #: share of joints at a limit
+    spread: float = 0.3  #: of joints without limits, and of floating bases about the initial pose [m, rad]
+    turn: float = 3.0  #: of free rotations of a scene without joint limits [rad]
 
 
 WILD = Ranges(gap=(-0.05, 0.02), speed=20.0)
 
 
+def available(labels: Sequence[str], chosen: Sequence[str] | None = None) -> list[str]:
+    """The ``chosen`` ones of ``labels`` (default all) in their order, without the G1's where its MJCF is missing.
+
+    Raises UserError where a scene of the G1 is chosen by name and its MJCF is missing.
+    """
+    wanted = [label for label in labels if chosen is None or label in chosen]
+    without = [label for label in wanted if G1.exists() or not label.startswith("g1")]
+    if chosen is not None and len(without) < len(wanted):
+        raise UserError(NO_G1)
+    return without
+
+
+def left_out(labels: Sequence[str], measured: Sequence[str], chosen: Sequence[str] | None) -> str:
+    """The sentence on the scenes that are missing although nobody restricted the study; empty if there are none."""
+    missing = [] if chosen else [label for label in labels if label not in measured]
+    return f"Left out: {', '.join(missing)} ({NO_G1})." if missing else ""
+
+
+def scene_file(label: str) -> Path:
+    """The MJCF of one of ``SCENES``."""
+    return G1 if label == "g1" else Path(load_task(label).scene_path)
+
+
 def bench_scenes(files: Mapping[str, Path] | None = None, contact_law: str = "mujoco") -> dict[str, Scene]:
-    """Scenes by label; ``files`` maps labels to MJCF files, by default the tasks and the G1 where its file is there."""
+    """Scenes by label from their MJCFs, by default all of ``SCENES`` that are available."""
     if files is None:
-        files = {name: Path(load_task(name).scene_path) for name in SCENES[:3]}
-        if G1.exists():
-            files["g1"] = G1
-    return {name: Scene.from_mjcf(path, contact_law=contact_law) for name, path in files.items()}
+        files = {label: scene_file(label) for label in available(SCENES)}
+    return {label: Scene.from_mjcf(path, contact_law=contact_law) for label, path in files.items()}
 
 
 def random_states(
     scene: Scene, count: int, rng: np.random.Generator, ranges: Ranges | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """q (count, nq), v (count, nv), u (count, nu): the lowest contact with the ground has a gap in ``ranges.gap``.
+    """Random q (count, nq), v (count, nv) and u (count, nu) in ``ranges``.
 
-    Joints with limits are uniform in them, some exactly at one and up to 0.05 rad or m beyond; controls fill 1.5 times
-    their range, so that some are clamped. Every velocity is below ``ranges.speed``, in some states far below.
+    Joints are uniform within their limits, and some lie on a limit or up to 0.05 rad or m beyond it. Controls fill 1.5
+    times their range, so some are clamped. States differ in how fast they are.
     """
     ranges = ranges or Ranges()
     core = scene.core
     q = np.empty((0, scene.nq))
-    while len(q) < count:  # links of a robot may not overlap by more than it may sink into the ground
+    while len(q) < count:  # links may overlap no deeper than the robot may sink into the ground
         more = _configurations(scene, count, rng, ranges)
         between = scene.gaps(more)[:, core.con_plane < 0].min(axis=1, initial=np.inf)
         q = np.concatenate([q, more[between >= ranges.gap[0]]])
@@ -61,7 +85,7 @@ def random_states(
 
 
 def with_friction(scene: Scene, count: int, rng: np.random.Generator, highest: float = 10.0) -> np.ndarray:
-    """Parameters (count, np): nominal, but every friction coefficient uniform in [0, highest], a tenth of them zero."""
+    """Nominal parameters (count, np), but friction coefficients uniform in [0, highest], a tenth of them zero."""
     theta = np.tile(scene.parameter_vector(), (count, 1))
     columns = [k for k, p in enumerate(scene.parameters) if p.group == "friction"]
     friction = rng.uniform(0, highest, (count, len(columns)))
@@ -84,7 +108,7 @@ def _configurations(scene: Scene, count: int, rng: np.random.Generator, ranges: 
 
 
 def _lower(scene: Scene, q: np.ndarray, gap: np.ndarray) -> None:
-    """Moves the root along the position coordinate that is nearest to the normal of the first plane, in place."""
+    """Moves the root, in place, along the slide that changes the gaps to planes most, to the lowest gap ``gap``."""
     planes = np.flatnonzero(scene.core.con_plane >= 0)
     roots = [j for j in scene.joints if j.kind == 0 and scene.core.body_parent[j.body] < 0]
     if not len(planes) or not roots:

@@ -1,4 +1,4 @@
-"""Timing on a machine that is never quiet: what is to be compared takes turns, and ratios are taken within a turn."""
+"""Times under varying load: the pieces of work to be compared take turns, and ratios are taken within a turn."""
 
 from __future__ import annotations
 
@@ -6,15 +6,17 @@ import gc
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 Clock = Callable[[], float]
+Work = dict[Any, tuple[Callable[[], object], int]]  #: name -> (function, units of work in one call, at least 1)
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Median, smallest and largest of the repeats."""
+    """Median, lowest and highest of the repeats."""
 
     median: float
     low: float
@@ -22,23 +24,23 @@ class Spread:
 
     @classmethod
     def of(cls, values: np.ndarray) -> Spread:
-        """Of a row of repeats (repeats,)."""
+        """Of repeats (n,)."""
         return cls(float(np.median(values)), float(np.min(values)), float(np.max(values)))
 
 
 def interleaved(
-    work: Mapping[str, tuple[Callable[[], object], int]],
+    work: Mapping[Any, tuple[Callable[[], object], int]],
     repeats: int,
     clock: Clock = time.thread_time,
     progress: Callable[[int], object] | None = None,
-) -> dict[str, np.ndarray]:
-    """Seconds per unit (repeats,) of every piece of work, A B C A B C ..., after one turn that does not count.
+) -> dict[Any, np.ndarray]:
+    """Seconds per unit (repeats,) of every piece of ``work``, A B C A B C ..., after one turn that does not count.
 
     Args:
-        work: name -> (function, units of work in one call, at least 1).
+        work: see :data:`Work`.
         repeats: turns that count, at least 1.
         clock: ``time.thread_time`` counts the processor time of the calling thread, so that other processes do not
-            count; ``time.perf_counter`` for work on several threads.
+            count; ``time.perf_counter`` is for work on several threads.
         progress: called with 1 after every turn, the first one included.
     """
     seconds = {name: np.empty(repeats) for name in work}

@@ -1,8 +1,7 @@
-"""The study of learned models on tiny logs: the wrong start, rivals against closed forms, cells, tables, pictures."""
+"""The study of learned models on tiny logs: the wrong start, peers against closed forms, cells, tables, pictures."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import mujoco
@@ -11,14 +10,16 @@ import pytest
 import torch
 
 from cmbrl import UserError
-from cmbrl.bench.studies.learning import cells, study
-from cmbrl.bench.studies.learning.cells import Cell, plan, run
-from cmbrl.bench.studies.learning.contenders import CONTENDERS, SIZES, Contender
-from cmbrl.bench.studies.learning.logs import System, record, wrong_parameters
-from cmbrl.bench.studies.learning.mujoco_model import GROUPS, MujocoModel, compiled, with_parameters
+from cmbrl.bench.peers import mujoco_sysid
+from cmbrl.bench.peers.mujoco_model import GROUPS, MujocoModel, robot_model, with_parameters
+from cmbrl.bench.studies.learning import arms, plots, study
+from cmbrl.bench.studies.learning.arms import ARMS, SIZES, Arm
+from cmbrl.bench.studies.learning.cells import measure
+from cmbrl.bench.studies.learning.logs import WRONG_GROUPS, System, record, system, wrong_parameters
 from cmbrl.bench.studies.learning.results import Results
-from cmbrl.bench.studies.learning.study import section
+from cmbrl.bench.studies.learning.study import plan, section
 from cmbrl.bench.study import Settings
+from cmbrl.jobs import Runner
 from cmbrl.models.baselines import HoldVelocity
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.registry import load_task
@@ -29,7 +30,7 @@ ROBOTS = ("hopper", "cheetah")
 
 @pytest.fixture(scope="module")
 def hopper() -> System:
-    return System.of("hopper", rows=120, lasting_rows=600, horizon=40)
+    return system("hopper", 120, 600, 40)
 
 
 def test_log_is_half_random_half_pd_and_never_joins_their_episodes() -> None:
@@ -65,7 +66,7 @@ def test_mujoco_with_our_parameters_has_our_mass_matrix_and_bias(robot: str) -> 
         p = scene.parameters[k]
         low, high = (p.nominal * 0.8, p.nominal * 1.2) if p.nominal else (0.1 * p.low, 0.1 * p.high)
         theta[k] = rng.uniform(low, high)
-    changed = with_parameters(compiled(task.scene_path), {scene.parameters[k].name: theta[k] for k in shared})
+    changed = with_parameters(robot_model(task.scene_path), {scene.parameters[k].name: theta[k] for k in shared})
     data, M = mujoco.MjData(changed), np.empty((scene.nv, scene.nv))
     data.qpos[:], data.qvel[:] = changed.qpos0 + rng.normal(size=scene.nq), rng.normal(size=scene.nv)
     mujoco.mj_forward(changed, data)
@@ -80,28 +81,25 @@ def test_mujoco_with_our_parameters_has_our_mass_matrix_and_bias(robot: str) -> 
 
 def test_a_parameter_that_mujoco_does_not_know_is_refused() -> None:
     with pytest.raises(UserError, match="radius"):
-        with_parameters(compiled(load_task("hopper").scene_path), {"radius.foot_geom": 0.01})
+        with_parameters(robot_model(load_task("hopper").scene_path), {"radius.foot_geom": 0.01})
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_mujoco_model_is_the_real_system(robot: str) -> None:
     task = load_task(robot)
     log = record(task, 40, seed=0)
-    base = compiled(task.scene_path)
+    base = robot_model(task.scene_path)
     q, v = MujocoModel(base, round(log.dt / base.opt.timestep)).step(*map(torch.as_tensor, (log.q, log.v, log.u)))
     assert np.allclose(q, log.q_next, atol=1e-6)
     assert np.allclose(v, log.v_next, atol=1e-4)
 
 
 def test_sysid_finds_the_wrong_parameters(hopper: System) -> None:
-    from mujoco import sysid
-
-    if not hasattr(sysid, "optimize"):
-        pytest.skip("mujoco[sysid] is not installed: its import is an empty module")
-    from cmbrl.bench.studies.learning.mujoco_sysid import sysid_model
-
-    model, _ = sysid_model(hopper.task, hopper.scene, record(hopper.task, 100, 0), wrong_parameters(hopper.scene))
-    true = compiled(hopper.task.scene_path)
+    if not mujoco_sysid.installed():
+        pytest.skip("mujoco[sysid] is not installed")
+    log, start = record(hopper.task, 100, 0), wrong_parameters(hopper.scene)
+    model, _ = mujoco_sysid.identified(hopper.scene, log, start, WRONG_GROUPS)
+    true = robot_model(hopper.task.scene_path)
     assert np.allclose(model.model.body_mass, true.body_mass, rtol=1e-3)
     assert np.allclose(model.model.actuator_gear, true.actuator_gear, rtol=1e-3)
 
@@ -109,7 +107,7 @@ def test_sysid_finds_the_wrong_parameters(hopper: System) -> None:
 def test_gaussian_process_is_its_closed_form(hopper: System) -> None:
     """Posterior mean K(x, X) (K(X, X) + s^2 I)^-1 y (Rasmussen and Williams 2006, eq. 2.23)."""
     pytest.importorskip("sklearn")
-    from cmbrl.bench.studies.learning.gaussian_process import GaussianProcess
+    from cmbrl.bench.peers.gaussian_process import GaussianProcess
 
     log = record(hopper.task, 30, seed=0)
     model = GaussianProcess(hopper.scene, log)
@@ -127,7 +125,7 @@ def test_gaussian_process_is_its_closed_form(hopper: System) -> None:
 
 def test_gaussian_process_keeps_what_has_diverged(hopper: System) -> None:
     pytest.importorskip("sklearn")
-    from cmbrl.bench.studies.learning.gaussian_process import GaussianProcess
+    from cmbrl.bench.peers.gaussian_process import GaussianProcess
 
     log = record(hopper.task, 20, seed=0)
     q, v, u = (torch.as_tensor(x[:2]).clone() for x in (log.q, log.v, log.u))
@@ -138,36 +136,42 @@ def test_gaussian_process_keeps_what_has_diverged(hopper: System) -> None:
 
 
 def test_plan_begins_with_small_logs_and_respects_limits() -> None:
-    planned = plan(ROBOTS, SIZES, (0, 1, 2), quick=False)
-    order = [(c.seed, c.rows) for c in planned]
+    jobs = plan(ROBOTS, SIZES, (0, 1, 2), quick=False)
+    order = [(job.inputs["seed"], job.inputs["rows"]) for job in jobs]
     assert order == sorted(order)
-    assert len({c.file(Path()) for c in planned}) == len(planned)
-    for contender in CONTENDERS:
-        mine = [c for c in planned if c.contender is contender]
-        assert max(c.rows for c in mine) == (contender.max_rows if contender.learns else 0)
-        assert {c.seed for c in mine if c.rows > contender.all_seeds_to} <= {0}
-    assert {c.rows for c in plan(("hopper",), (200, 1000), (0,), quick=True)} == {0, 200, 1000}
+    assert len({job.file for job in jobs}) == len(jobs)
+    for name, arm in ARMS.items():
+        mine = [job.inputs for job in jobs if job.inputs["model"] == name]
+        if arm.available():
+            assert max(cell["rows"] for cell in mine) == (arm.max_rows if arm.learns else 0)
+            assert {cell["seed"] for cell in mine if cell["rows"] > arm.all_seeds_to} <= {0}
+    assert {job.inputs["rows"] for job in plan(("hopper",), (200, 1000), (0,), quick=True)} == {0, 200, 1000}
 
 
-def test_cell_is_measured_once_and_a_failure_again(hopper: System, tmp_path: Path) -> None:
-    trained = []
+def test_error_of_a_cell_is_its_definition() -> None:
+    log = system("hopper", 120, 600, 100).held_out
+    change = np.hstack([log.q_next - log.q, log.v_next - log.v])
+    coasted = np.hstack([change[:, :6] - log.dt * log.v, change[:, 6:]])
+    cell = measure("hopper", "hold", 0, 0, test_rows=120, lasting_rows=600)
+    assert cell["errors"]["1"]["all"]["error"] == pytest.approx(np.sqrt(np.square(coasted / change.std(axis=0)).mean()))
+    assert cell["fit_seconds"] == 0
 
-    def train(system: System, log: object, seed: int) -> tuple[HoldVelocity, dict]:
-        trained.append(seed)
-        if len(trained) == 1:
-            raise UserError("not today")
-        return HoldVelocity(system.scene, system.held_out.dt), {}
 
-    cell = Cell("hopper", Contender("hold", train, learns=False), 0, 0)
-    assert run(cell, lambda: hopper, tmp_path)["failed"] == "not today"
-    values = run(cell, lambda: hopper, tmp_path)
-    assert run(cell, lambda: hopper, tmp_path) == values == json.loads(cell.file(tmp_path).read_text())
-    assert len(trained) == 2
-    change = np.hstack([hopper.held_out.q_next - hopper.held_out.q, hopper.held_out.v_next - hopper.held_out.v])
-    coasted = np.hstack([change[:, :6] - hopper.held_out.dt * hopper.held_out.v, change[:, 6:]])
-    assert values["errors"]["1"]["all"]["error"] == pytest.approx(
-        np.sqrt(np.square(coasted / change.std(axis=0)).mean())
-    )
+def test_a_model_that_cannot_be_trained_has_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    def train(tested: System, log: object, seed: int) -> tuple[HoldVelocity, dict]:
+        raise UserError("not today")
+
+    monkeypatch.setitem(ARMS, "hold", Arm(train, learns=False))
+    cell = measure("hopper", "hold", 0, 0, test_rows=120, lasting_rows=600)
+    assert cell == {"task": "hopper", "model": "hold", "rows": 0, "seed": 0, "failed": "not today"}
+
+
+def test_what_is_not_installed_is_left_out_with_a_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(arms, "find_spec", lambda name: None)
+    assert not ARMS["Gaussian process"].available()
+    assert "Gaussian process" not in {job.inputs["model"] for job in plan(ROBOTS, SIZES, (0,), quick=False)}
+    text = section(Results([_cell("hold", 0, 0, 0.7)]), tmp_path).text
+    assert "Gaussian process (scikit-learn is not installed: pip install 'cmbrl[bench]')" in text
 
 
 def _cell(model: str, rows: int, seed: int, error: float | None) -> dict:
@@ -189,22 +193,35 @@ def test_section_of_a_study_that_is_not_finished(tmp_path: Path) -> None:
     assert ("Gaussian process", 200) not in rows
     assert "not installed" in found.text
     assert len(found.tables[1].rows) == len(values)
-    assert all((tmp_path / figure.file).stat().st_size > 10_000 for figure in found.figures)
+    assert all((tmp_path / figure.file).read_bytes().startswith(b"\x89PNG") for figure in found.figures)
     found.write(tmp_path)
 
 
+def test_errors_outside_the_axes_sit_on_the_edge() -> None:
+    cells = [_cell("ensemble (MBPO)", 200, seed, error) for seed, error in enumerate((0.5, 1e-4, None))]
+    figure = plots.grid(Results(cells), plots.against_transitions, (1,))
+    (axes,) = figure.axes
+    heights = sorted(y for points in axes.collections for y in points.get_offsets()[:, 1])
+    assert heights == pytest.approx([plots.LOW * 1.04, 0.5, plots.HIGH / 1.04])
+    assert "standard deviation of the change" in axes.get_ylabel()
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["ensemble (MBPO)"]
+
+
+def test_every_arm_has_a_style() -> None:
+    assert set(plots.STYLES) == set(ARMS)
+
+
 def test_study_runs_and_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cells, "CONTENDERS", [c for c in CONTENDERS if not c.learns])
-    monkeypatch.setattr(study, "QUICK_TEST_ROWS", 100)
-    monkeypatch.setattr(study, "QUICK_LASTING_ROWS", 4000)
+    monkeypatch.setattr(study, "ARMS", {name: arm for name, arm in ARMS.items() if not arm.learns})
+    monkeypatch.setattr(study, "QUICK_TESTS", {"test_rows": 100, "lasting_rows": 4000})
     shares: list[float] = []
-    first = study.STUDY.run(tmp_path, Settings(quick=True), lambda share, text: shares.append(share))
+    runner = Runner(tmp_path / "cells", progress=lambda share, text: shares.append(share))
+    first = study.STUDY.run(tmp_path, Settings(quick=True), runner)
     assert [row[1] for row in first.tables[0].rows] == ["hold", "wrong MJCF", "true MJCF"]
     assert shares == sorted(shares)
-    monkeypatch.setattr(study, "System", None)  # what is kept needs no system
-    assert study.STUDY.run(tmp_path, Settings(quick=True), lambda share, text: None).tables == first.tables
+    assert study.STUDY.run(tmp_path, Settings(quick=True), runner).tables == first.tables  # times are not new
 
 
-def test_contenders_of_one_seed_say_why() -> None:
-    limited = [c for c in CONTENDERS if c.max_rows < SIZES[-1] or c.all_seeds_to < c.max_rows]
-    assert all(c.stops for c in limited)
+def test_arms_of_one_seed_say_why() -> None:
+    limited = [arm for arm in ARMS.values() if arm.max_rows < SIZES[-1] or arm.all_seeds_to < arm.max_rows]
+    assert all(arm.stops for arm in limited)

@@ -1,24 +1,36 @@
-"""The speed table's structure, on tiny sizes; no test asserts a time."""
+"""The speed study's structure on tiny sizes; no test asserts a time."""
 
 from __future__ import annotations
 
-import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from matplotlib.container import BarContainer
 
 from cmbrl import Scene, UserError
+from cmbrl.bench import states
+from cmbrl.bench.peers.mujoco_steps import EPISODE, MujocoStep, visit
 from cmbrl.bench.registry import load
-from cmbrl.bench.states import G1
+from cmbrl.bench.scenes import LABELS, feet_only, paired
+from cmbrl.bench.studies.speed import study
 from cmbrl.bench.studies.speed.candidates import draw
-from cmbrl.bench.studies.speed.measure import measure, turns
-from cmbrl.bench.studies.speed.mujoco_peer import EPISODE, MujocoStep, visit
-from cmbrl.bench.studies.speed.scenes import feet_only, speed_scenes
-from cmbrl.bench.study import Settings
+from cmbrl.bench.studies.speed.plots import bars
+from cmbrl.bench.study import Section, Settings
 from cmbrl.bench.timing import Spread, interleaved
+from cmbrl.jobs import Runner
 from cmbrl.models.complementarity import ComplementarityModel
+
+TINY = {"states": 20, "batch": 8, "batches": (4, 16), "repeats": 2, "candidates": 9}
+
+
+def section(folder: Path, scenes: tuple[str, ...] | None, monkeypatch: pytest.MonkeyPatch) -> Section:
+    monkeypatch.setattr(study, "QUICK", TINY)
+    return study.STUDY.run(folder, Settings(quick=True, scenes=scenes), Runner(folder / "cells"))
 
 
 def test_interleaves_and_counts_units() -> None:
@@ -34,7 +46,7 @@ def test_interleaves_and_counts_units() -> None:
 
 @pytest.fixture(scope="module")
 def cube():
-    return speed_scenes(["cube"])[0]
+    return paired("cube")
 
 
 def test_visited_states_are_mujocos_trajectory(cube) -> None:
@@ -42,7 +54,7 @@ def test_visited_states_are_mujocos_trajectory(cube) -> None:
     assert np.array_equal(visited.q[1:EPISODE], visited.q_next[: EPISODE - 1])
     step = MujocoStep(cube.peer, visited)
     step()
-    after = step._out["state"][:, 0, 1 : 1 + cube.peer.nq]
+    after = step.state[:, 0, 1 : 1 + cube.peer.nq]
     assert np.array_equal(after, visited.q_next)  # the timed step, with its warm start, is the one of the trajectory
     assert np.array_equal(visit(cube, 20, seed=1).v, visited.v[:20])
 
@@ -56,55 +68,66 @@ def test_candidates_keep_their_bounds(cube) -> None:
     assert (np.ptp(theta, axis=0) > 0).all()
 
 
-def test_table(tmp_path: Path) -> None:
-    labels = ["cube rigid", "cube"]
-    calls: list[int] = []
-    table = measure(
-        scenes=labels, states=20, batch=8, batches=(4, 16), repeats=2, candidates=9, progress=lambda n: calls.append(n)
-    )
-    assert sum(calls) == turns(labels, 2)
-    assert [(row.scene, row.smoothing) for row in table.rows] == [
+def test_section(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = section(tmp_path, ("cube rigid", "cube"), monkeypatch)
+    rows = found.values["rows"]
+    assert [(row["scene"], row["smoothing"]) for row in rows] == [
         (scene, smoothing) for scene in ("cube", "cube rigid") for smoothing in ("exact", "1e-4 J")
     ]
-    for row in table.rows:
-        assert set(row.seconds) == {"mj_step", "mjd_transitionFD", "forward", "jacobian", "vjp", "torch"}
-        assert all(0 < s.low <= s.median <= s.high for s in (*row.seconds.values(), *row.ratios.values()))
-    assert {(row.batch, row.kind) for row in table.scaling} == {
+    for row in rows:
+        assert set(row["seconds"]) == {"mj_step", "mjd_transitionFD", "forward", "jacobian", "vjp", "torch"}
+        spreads = [*row["seconds"].values(), *row["ratios"].values()]
+        assert all(0 < s["low"] <= s["median"] <= s["high"] for s in spreads)
+    assert {(r["batch"], r["kind"]) for r in found.values["scaling"]} == {
         (b, k) for b in (4, 16) for k in ("forward", "jacobian")
     }
-    assert [row.scene for row in table.candidates] == ["cube", "cube rigid"]
-    text = "\n\n".join(t.text() for t in table.tables())
-    assert "cube rigid" in text
-    assert "8 lanes" in text or "4 lanes" in text
-    assert json.loads(json.dumps(table.to_json()))["rows"][0]["seconds"]["mj_step"]["median"] > 0
-    assert table.plot(tmp_path).read_bytes().startswith(b"\x89PNG")
+    for row, shown in zip(found.values["scaling"], found.tables[2].rows, strict=True):  # of the fastest turns
+        assert shown[-1] == pytest.approx(row["one_thread"]["low"] / row["threads"]["low"], abs=0.01)
+    assert [row[0] for row in found.tables[3].rows] == ["cube", "cube rigid"]
+    assert "lanes" in found.tables[0].note
+    assert not any("aim" in column for table in found.tables for column in table.columns)
+    (axes,) = bars(found.values).axes
+    heights = {c.get_label(): [bar.get_height() for bar in c] for c in axes.containers if isinstance(c, BarContainer)}
+    soft = [row["seconds"]["mj_step"]["median"] for row in rows if row["smoothing"] == "1e-4 J"]
+    assert heights["MuJoCo: mj_step"] == pytest.approx(1e6 * np.array(soft))
+    assert (tmp_path / "speed.png").read_bytes().startswith(b"\x89PNG")
+    assert section(tmp_path, ("cube rigid", "cube"), monkeypatch).tables == found.tables  # kept: times are not new
 
 
-def test_rk4_has_no_differences() -> None:
-    table = measure(scenes=["hopper rk4"], states=8, batch=8, batches=(8,), repeats=1, candidates=2)
-    assert table.rows[0].peer == "RK4"
-    assert table.rows[0].integrator == "leapfrog"
-    assert "mjd_transitionFD" not in table.rows[0].seconds
-    assert "refused" in table.tables()[0].text()
+def test_rk4_has_no_differences(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = section(tmp_path, ("hopper rk4",), monkeypatch)
+    row = found.values["rows"][0]
+    assert (row["peer"], row["integrator"]) == ("RK4", "leapfrog")
+    assert "mjd_transitionFD" not in row["seconds"]
+    assert "refused" in found.tables[0].rows[0]
 
 
-def test_unknown_scene_and_missing_g1(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="did you mean 'cheetah'"):
-        measure(scenes=["chetah"])
-    with pytest.raises(UserError, match=r"none\.xml"):
-        measure(scenes=["g1"], g1=tmp_path / "none.xml")
-    assert turns(None, 1, tmp_path / "none.xml") == 3 * 2 * 5
+def test_without_its_mjcf_the_g1_is_left_out_with_a_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(states, "G1", tmp_path / "none.xml")
+    assert states.available(LABELS) == [label for label in LABELS if not label.startswith("g1")]
+    for choose in (lambda: states.available(LABELS, ["g1"]), lambda: paired("g1 feet")):
+        with pytest.raises(UserError, match="the G1 needs its MJCF: set CMBRL_G1"):
+            choose()
+    monkeypatch.setattr(study, "LABELS", ("cube", "g1"))
+    assert "Left out: g1 (the G1 needs its MJCF: set CMBRL_G1)" in section(tmp_path, None, monkeypatch).text
 
 
-@pytest.mark.skipif(not G1.exists(), reason="the G1's file is not part of the repository")
+def test_the_g1_is_where_the_environment_says(tmp_path: Path) -> None:
+    code = "from cmbrl.bench.states import G1; print(G1)"
+    environment = {**os.environ, "CMBRL_G1": str(tmp_path / "mine.xml")}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == str(tmp_path / "mine.xml")
+
+
+@pytest.mark.skipif(not states.G1.exists(), reason=states.NO_G1)
 def test_g1_on_its_feet(tmp_path: Path) -> None:
     file = tmp_path / "g1.xml"
-    file.write_text(feet_only(G1), encoding="utf-8")
+    file.write_text(feet_only(states.G1), encoding="utf-8")
     scene, model = Scene.from_mjcf(file), mujoco.MjModel.from_xml_path(str(file))
     assert scene.core.ncontact == 8
     assert set(scene.core.con_dim) == {3}
-    assert abs(scene.total_mass - Scene.from_mjcf(G1).total_mass) < 1e-9
-    visited = visit(speed_scenes(["g1 feet"])[0], EPISODE, seed=0)
+    assert abs(scene.total_mass - Scene.from_mjcf(states.G1).total_mass) < 1e-9
+    visited = visit(paired("g1 feet"), EPISODE, seed=0)
     assert visited.q[:, 2].min() > 0.5  # stands for an episode
     assert 1 < visited.contacts <= 8
     assert model.nv == scene.nv
@@ -112,8 +135,9 @@ def test_g1_on_its_feet(tmp_path: Path) -> None:
 
 def test_training_study_has_a_row_a_task(tmp_path: Path) -> None:
     pytest.importorskip("gymnasium", reason="the tasks' MJCFs are Gymnasium's")
-    section = load("training").run(tmp_path, Settings(quick=True, scenes=("hopper",)), lambda share, text: None)
-    (row,) = section.tables[0].rows
-    cells = dict(zip(section.tables[0].columns, row, strict=True))
+    settings = Settings(quick=True, scenes=("hopper",))
+    found = load("training").run(tmp_path, settings, Runner(tmp_path / "cells"))
+    (row,) = found.tables[0].rows
+    cells = dict(zip(found.tables[0].columns, row, strict=True))
     assert cells["control steps"] == 64 * 32
     assert 0 < cells["core alone [ms]"] < cells["rollout and gradient [ms]"]

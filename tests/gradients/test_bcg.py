@@ -288,9 +288,9 @@ def test_refusals(models: dict[str, ComplementarityModel]) -> None:
 @pytest.mark.skipif(not G1.exists(), reason="the G1's MJCF is not there")
 def test_g1() -> None:
     """Without noise the model's states and gradients; each foot is a chain of six joints, the pelvis in neither."""
-    from cmbrl.bench.studies.speed.scenes import speed_scenes
+    from cmbrl.bench.scenes import paired
 
-    (found,) = speed_scenes(["g1 feet"])
+    found = paired("g1 feet")
     scene = found.scene
     model = ComplementarityModel(scene, 2, 0.002, Barrier(1e-4))
     q = torch.from_numpy(found.start[None])

@@ -1,7 +1,7 @@
 """Where a pathwise gradient misses the truth: a jump, a steep ramp, a ball over a wall (G5, G6, G7).
 
 G5 and G6 are functions, not mechanics, and test the estimators alone. G7 is their mechanical form: a ball of radius r
-flies level towards a wall. Low, it stops there; high, it passes; at the edge the landing point climbs a ramp of width r.
+flies level towards a wall. Low, it stops there; high, it passes; at the edge where it lands climbs a ramp of width r.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from scipy.integrate import quad
 from scipy.stats import norm
 from torch import Tensor
 
-from cmbrl.bench.studies.gradient_scenes.case import Array, Case, position, stacked
+from cmbrl.bench.studies.gradient_scenes.case import Case, position, stacked
 from cmbrl.contact.smoothing import Smoothing
 from cmbrl.gradients import Estimate, first_order_bundle, zeroth_order_bundle
 from cmbrl.gradients.estimate import Objective
@@ -89,7 +89,7 @@ def over_the_wall() -> Case:
         start=lambda p, kappa: (stacked(p, 0.0, p[:, 0]), stacked(p, SPEED, 0.0), p[:, :0]), output=position(0),
         time_step=h, steps=round(SECONDS / h), truth=(float(slope),), tolerance=3e-2,
         remark="on the ramp; for the expectation, see the estimators",
-        weakness="the normal is taken at the start of the step, so the motion of the point of impact is missed at any h",
+        weakness="the normal is taken at the start of the step, so the moving point of impact is missed at any h",
     )  # fmt: skip
 
 

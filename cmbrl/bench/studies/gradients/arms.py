@@ -1,4 +1,4 @@
-"""The estimators that are compared, by family and smoothing length. Roll-outs are hard unless the family says "both"."""
+"""The estimators that are compared, by family and smoothing length. Rollouts are hard unless the family says "both"."""
 
 from __future__ import annotations
 

@@ -1,24 +1,20 @@
-"""A cell of the study: one model trained on one log, its errors, what training and prediction cost; kept as JSON."""
+"""One model trained on one log: its errors, and what training and prediction cost."""
 
 from __future__ import annotations
 
 import gc
 import math
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
 from cmbrl.accuracy.compare import compare
-from cmbrl.bench.studies.learning.contenders import CONTENDERS, Contender
-from cmbrl.bench.studies.learning.logs import System, training_log
+from cmbrl.bench.studies.learning.arms import ARMS
+from cmbrl.bench.studies.learning.logs import System, system, training_log
 from cmbrl.bench.timing import interleaved
 from cmbrl.errors import UserError
-from cmbrl.files import read_json, write_json
 from cmbrl.models.protocol import Model
 
 SHORT, LONG = (1, 20), 100
@@ -27,104 +23,61 @@ WINDOWS = 500  # of the horizons beyond one step
 BATCH, ALONE, REPEATS = 1024, 8, 5
 
 
-@dataclass(frozen=True)
-class Cell:
-    """What is trained on what; ``rows`` is 0 for a model that learns nothing."""
+def measure(task: str, model: str, rows: int, seed: int, test_rows: int, lasting_rows: int) -> dict[str, Any]:
+    """The cell of the arm called ``model`` on a log of ``rows`` (0 for an arm that learns nothing).
 
-    task: str
-    contender: Contender
-    rows: int
-    seed: int
-
-    def file(self, folder: Path) -> Path:
-        """Where it is kept."""
-        name = "".join(c if c.isalnum() else "_" for c in self.contender.name)
-        return folder / f"{self.task}-{name}-{self.rows}-{self.seed}.json"
-
-
-def plan(tasks: Sequence[str], sizes: Sequence[int], seeds: Sequence[int], quick: bool) -> list[Cell]:
-    """Every cell, seed by seed and small logs first, so that a run that ends early has said most."""
-    cells = []
-    for seed in seeds:
-        for rows in (0, *sizes):
-            for task in tasks:
-                for contender in CONTENDERS:
-                    wanted = rows > 0 if contender.learns else rows == 0 and seed == seeds[0]
-                    several = rows <= contender.all_seeds_to or seed == seeds[0]
-                    largest = contender.quick_rows if quick else contender.max_rows
-                    if wanted and several and rows <= largest and task in contender.tasks:
-                        cells.append(Cell(task, contender, rows, seed))
-    return cells
-
-
-def run(cell: Cell, system: Callable[[], System], folder: Path) -> dict[str, Any]:
-    """The cell's values, from its file if it is there; a model that could not be trained then is tried again."""
-    file = cell.file(folder)
-    if file.exists():
-        held: dict[str, Any] = read_json(file)
-        if "failed" not in held:
-            return held
-    about = {"task": cell.task, "model": cell.contender.name, "rows": cell.rows, "seed": cell.seed}
-    values = {**about, **_measure(cell, system())}
-    write_json(file, values)
-    return values
-
-
-def _measure(cell: Cell, system: System) -> dict[str, Any]:
-    log = training_log(cell.task, cell.rows, cell.seed) if cell.contender.learns else None
+    ``test_rows`` and ``lasting_rows`` are the sizes of the test logs. A model that could not be trained has the reason
+    in "failed" and no numbers.
+    """
+    about = {"task": task, "model": model, "rows": rows, "seed": seed}
+    arm, tested = ARMS[model], system(task, test_rows, lasting_rows, LONG)
+    log = training_log(task, rows, seed) if arm.learns else None
     gc.collect()
     began = time.process_time()
     try:
-        model, training = cell.contender.train(system, log, cell.seed)
+        trained, training = arm.train(tested, log, seed)
     except UserError as error:
-        return {"failed": str(error)}
+        return {**about, "failed": str(error)}
     seconds = time.process_time() - began
     return {
-        "fit_seconds": seconds if cell.contender.learns else 0.0,
+        **about,
+        "fit_seconds": seconds if arm.learns else 0.0,
         "training": training,
-        "prediction_microseconds": prediction_time(model, system),
-        "errors": errors(model, system),
+        "prediction_microseconds": prediction_time(trained, tested),
+        "errors": errors(trained, tested),
     }
 
 
-def errors(model: Model, system: System) -> dict[str, dict[str, Any]]:
+def errors(model: Model, tested: System) -> dict[str, dict[str, Any]]:
     """Horizon -> stratum -> normalised RMSE and median, windows, and how many predictions were not finite.
 
-    An infinite error is None, as JSON knows none. The longest horizon is missing where no episode lasted for it.
+    An infinite error is None. The longest horizon is missing where no episode lasted for it.
     """
-    gap = system.task.contact_gap
-    tables = [compare({"model": model}, system.held_out, system.scene, SHORT, gap, WINDOWS)]
-    if len(system.lasting.windows(LONG)):
-        tables.append(compare({"model": model}, system.lasting, system.scene, (LONG,), gap, WINDOWS))
+    logs = {SHORT: tested.held_out, (LONG,): tested.lasting}
     found: dict[str, dict[str, Any]] = {}
-    for entry in (entry for table in tables for entry in table.entries):
-        found.setdefault(str(entry.horizon), {})[entry.stratum] = {
-            "error": _finite(entry.error),
-            "median": _finite(entry.median),
-            "windows": entry.windows,
-            "diverged": entry.diverged,
-        }
+    for horizons, log in logs.items():
+        if log is tested.lasting and not len(log.windows(LONG)):
+            continue
+        table = compare({"model": model}, log, tested.scene, horizons, tested.task.contact_gap, WINDOWS)
+        for entry in table.entries:
+            found.setdefault(str(entry.horizon), {})[entry.stratum] = {
+                "error": entry.error if math.isfinite(entry.error) else None,
+                "median": entry.median if math.isfinite(entry.median) else None,
+                "windows": entry.windows,
+                "diverged": entry.diverged,
+            }
     return found
 
 
-def prediction_time(model: Model, system: System) -> dict[str, float]:
+def prediction_time(model: Model, tested: System) -> dict[str, float]:
     """Microseconds of processor time per transition: in batches of 1,024, and one state at a time."""
-    rows = np.resize(np.arange(len(system.held_out)), BATCH)
-    states = [torch.as_tensor(getattr(system.held_out, name)[rows]) for name in ("q", "v", "u")]
-    single = [[x[k : k + 1] for x in states] for k in range(ALONE)]
-
-    def batch() -> None:
-        with torch.no_grad():
-            model.step(*states)
-
-    def alone() -> None:
-        with torch.no_grad():
-            for state in single:
-                model.step(*state)
-
-    seconds = interleaved({"batch": (batch, BATCH), "alone": (alone, ALONE)}, REPEATS)
+    rows = np.resize(np.arange(len(tested.held_out)), BATCH)
+    q, v, u = (torch.as_tensor(getattr(tested.held_out, name)[rows]) for name in ("q", "v", "u"))
+    singles = [(q[k : k + 1], v[k : k + 1], u[k : k + 1]) for k in range(ALONE)]
+    with torch.no_grad():
+        work = {
+            "batch": (lambda: model.step(q, v, u), BATCH),
+            "alone": (lambda: [model.step(*state) for state in singles], ALONE),
+        }
+        seconds = interleaved(work, REPEATS)
     return {name: 1e6 * float(np.median(repeats)) for name, repeats in seconds.items()}
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -14,10 +14,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from cmbrl.bench.peers.mujoco_steps import EPISODE, HOLD, random_control, visit
+from cmbrl.bench.scenes import feet_only, paired
 from cmbrl.bench.states import G1
 from cmbrl.bench.studies.simulators.planar import Disc, Rectangle, ball, box
-from cmbrl.bench.studies.speed.mujoco_peer import EPISODE, HOLD, random_control, visit
-from cmbrl.bench.studies.speed.scenes import feet_only, speed_scenes
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
 from cmbrl.scene.records import CONTACT_LAWS
@@ -76,7 +76,7 @@ def build(label: str, states: int, seed: int) -> TrajectoryScene:
 
 
 def _robot(label: str, states: int, seed: int) -> TrajectoryScene:
-    source = speed_scenes([_SPEED_SCENES.get(label, label)])[0]
+    source = paired(_SPEED_SCENES.get(label, label))
     with tempfile.TemporaryDirectory() as folder:
         file = Path(source.scene.path)
         if label == "g1 feet":

@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -130,7 +131,7 @@ def differentiate(scene: str, problem: ContactProblem, seed: int, turns: int) ->
     points = []
     for arm in (arm for arm in arms() if arm.law in law):
         product = arm.lay_out(problem, w)
-        work = {str(setting): ((lambda s=setting: product(s)), 1) for setting in arm.settings}
+        work = {str(setting): (partial(product, setting), 1) for setting in arm.settings}
         seconds = interleaved(work, turns, clock=time.process_time)
         model = _distance(law[arm.law], law["exact"])
         for setting in arm.settings:

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
+from cmbrl.bench.peers.mujoco_steps import Visited, visit
+from cmbrl.bench.scenes import PairedScene, feet_only, paired
 from cmbrl.bench.states import G1
 from cmbrl.bench.studies.solvers.hard_cases import FAMILY, hard_cases, problem
-from cmbrl.bench.studies.speed.mujoco_peer import Visited, visit
-from cmbrl.bench.studies.speed.scenes import SpeedScene, feet_only, speed_scenes
 from cmbrl.contact.problem import ContactProblem, load, save
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
@@ -53,7 +53,7 @@ def visited(states: int, seed: int, robots: Collection[str] = VISITED) -> list[C
     """
     problems = []
     labels = [SCENES[robot] for robot in VISITED if robot in robots and (robot != "g1 feet" or G1.exists())]
-    for scene in speed_scenes(labels):
+    for scene in map(paired, labels):
         label = scene.label.removesuffix(" euler")
         seen = visit(scene, STEPS, seed)
         problems += _spread(_problems(_rigid(scene), seen), states, label)
@@ -93,7 +93,7 @@ def random_problems(seed: int, quick: bool) -> list[ContactProblem]:
     return problems + [random_problem(n, dofs[n][0], 1e6, rng, planar=True) for n in sizes[:3]]
 
 
-def _rigid(scene: SpeedScene) -> Scene:
+def _rigid(scene: PairedScene) -> Scene:
     if scene.label != "g1 feet":
         return Scene.from_mjcf(scene.scene.path, contact_law="rigid")
     with tempfile.TemporaryDirectory() as folder:  # a Scene is read from a file

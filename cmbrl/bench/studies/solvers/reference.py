@@ -1,6 +1,6 @@
 """Exact derivatives of a contact step, given which contacts of a converged answer stick, slide or separate.
 
-Within such a combination the laws are smooth equations, so dv'/dv_free is one linear solve without kappa or differences.
+Within such a combination the laws are smooth equations, so dv'/dv_free is one linear solve, without kappa or steps.
 With t = c_t/|c_t|, a sticking contact has dc = 0; a sliding one dc_n = 0 (exact law) or dc_n = mu t'dc_t (convex
 relaxation) and d(lambda_t + mu lambda_n t) = 0; a separated one has no impulse. A friction pyramid uses active rows.
 """

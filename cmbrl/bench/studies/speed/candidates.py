@@ -1,72 +1,58 @@
-"""What it costs to score parameter candidates: a pack of candidates on one state against one candidate after the other.
+"""What it costs to score parameter candidates, per candidate and state, in three ways.
 
-Per candidate and state, three ways:
-  one by one: one candidate on one state at a time, a pack with a single useful lane (``candidate_loss`` of one);
-  states packed: one candidate on a batch of different states, one state a lane (``predict``);
-  candidates packed: a batch of candidates on one state after the other, one candidate a lane (``candidate_loss``):
-    lanes share the state, so they share contacts and nearly the number of solver iterations.
+One by one: one candidate on one state at a time, so a pack has a single useful lane (``candidate_loss`` of one).
+States packed: one candidate on a batch of different states, one state a lane (``predict``).
+Candidates packed: a batch of candidates on one state after the other, one candidate a lane (``candidate_loss``). Its
+lanes share the state, and with it the contacts and nearly the number of solver iterations.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
-from cmbrl.bench.studies.speed.mujoco_peer import Visited
-from cmbrl.bench.timing import Spread, interleaved
+from cmbrl.bench.peers.mujoco_steps import Visited
+from cmbrl.bench.timing import Spread, Work, interleaved
 from cmbrl.data.transitions import Transitions
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.windows import Scales, Windows
 
 STATES = 256  #: at most; spread over the visited ones
-ALONE = 8  #: candidates that go one by one in a turn: their cost does not depend on their number
+ALONE = 8  #: candidates that go one by one in a turn; their cost does not depend on their number
 
 
 def compare_candidates(
-    model: ComplementarityModel,
-    visited: Visited,
-    candidates: int,
-    repeats: int,
-    seed: int,
-    progress: Callable[[int], object] | None = None,
-) -> tuple[Spread, Spread, Spread, Spread, Spread]:
-    """Seconds one by one, with states packed, with candidates packed; ratios of the first two over the last."""
+    model: ComplementarityModel, visited: Visited, candidates: int, repeats: int, seed: int
+) -> dict[str, Any]:
+    """Seconds of the three ways; ``gain`` and ``gain_over_states`` are the ratios of the first two to the last."""
     chosen = np.linspace(0, len(visited.q) - 1, min(STATES, len(visited.q))).astype(int)
-    q, v, u = (np.ascontiguousarray(x[chosen]) for x in (visited.q, visited.v, visited.u))
-    q_next, v_next = (np.ascontiguousarray(x[chosen]) for x in (visited.q_next, visited.v_next))
-    log = Transitions(q=q, v=v, u=u, q_next=q_next, v_next=v_next, dt=model.dt, episode=np.zeros(len(q)))
-    one = np.ones(model.scene.nv)
-    windows = Windows(log, np.arange(len(chosen)), 1, Scales(one, one, 1.0))
+    arrays = visited.q, visited.v, visited.u, visited.q_next, visited.v_next
+    rows = Transitions(*(x[chosen] for x in arrays), dt=model.dt)
+    scale = np.ones(model.scene.nv)
+    windows = Windows(rows, np.arange(len(chosen)), 1, Scales(scale, scale, 1.0))
     theta = draw(model, candidates, seed)
     alone = theta[:ALONE]
 
-    def loss(of: np.ndarray) -> None:
-        model.candidate_loss(of, windows)
-
-    def one_by_one() -> None:
-        for row in alone:
-            loss(row[None])
-
-    def states_packed() -> None:
-        for row in alone:
-            model.predict(q, v, u, theta=row)
+    def loss(of: np.ndarray) -> object:
+        return model.candidate_loss(of, windows)
 
     n = len(chosen)
-    work: dict[str, tuple[Callable[[], object], int]] = {
-        "one": (one_by_one, n * len(alone)),
-        "states": (states_packed, n * len(alone)),
+    work: Work = {
+        "one": (lambda: [loss(row[None]) for row in alone], n * len(alone)),
+        "states": (lambda: [model.predict(rows.q, rows.v, rows.u, theta=row) for row in alone], n * len(alone)),
         "candidates": (lambda: loss(theta), n * len(theta)),
     }
-    s = interleaved(work, repeats, progress=progress)
-    packed = s["candidates"]
-    return (
-        Spread.of(s["one"]),
-        Spread.of(s["states"]),
-        Spread.of(packed),
-        Spread.of(s["one"] / packed),
-        Spread.of(s["states"] / packed),
-    )
+    seconds = interleaved(work, repeats)
+    one, states, packed = (seconds[name] for name in work)
+    return {
+        "candidates": candidates,
+        "one_by_one": Spread.of(one),
+        "states_packed": Spread.of(states),
+        "candidates_packed": Spread.of(packed),
+        "gain": Spread.of(one / packed),
+        "gain_over_states": Spread.of(states / packed),
+    }
 
 
 def draw(model: ComplementarityModel, count: int, seed: int) -> np.ndarray:

@@ -1,55 +1,44 @@
-"""The picture of a speed table: microseconds per physics step by scene, MuJoCo's beside ours."""
+"""The picture of the speed study."""
 
 from __future__ import annotations
 
-import os
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from cmbrl.files import atomic_path
+from cmbrl.bench.figures import legend_below, panels
 
-if TYPE_CHECKING:
-    from cmbrl.bench.studies.speed.table import SpeedTable
-
-_BARS = (
-    ("mjd_transitionFD", "MuJoCo: step and Jacobian by differences", "0.75"),
-    ("mj_step", "MuJoCo: mj_step", "0.45"),
-    ("forward", "ours: step", "#9ecae1"),
-    ("vjp", "ours: step and vector-Jacobian product", "#4292c6"),
-    ("jacobian", "ours: step and full Jacobian", "#084594"),
-)
+BARS = {
+    "mjd_transitionFD": ("MuJoCo: step and Jacobian by differences", "0.75"),
+    "mj_step": ("MuJoCo: mj_step", "0.45"),
+    "forward": ("ours: step", "#9ecae1"),
+    "vjp": ("ours: step and vector-Jacobian product", "#4292c6"),
+    "jacobian": ("ours: step and full Jacobian", "#084594"),
+}
 
 
-def plot(table: SpeedTable, path: str | os.PathLike[str], smoothing: str = "1e-4 J") -> None:
-    """Writes the figure of the rows at ``smoothing`` to ``path``; its suffix is the format.
-
-    Built without pyplot, so that nothing of the caller's matplotlib state is touched. Whiskers: lowest and highest
-    repeat.
-    """
-    rows = [row for row in table.rows if row.smoothing == smoothing]
-    figure = Figure(figsize=(max(8.5, 1.5 * len(rows) + 2), 4.2), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots()
-    width = 0.85 / len(_BARS)
-    for k, (kind, label, colour) in enumerate(_BARS):
-        at = np.array([i for i, row in enumerate(rows) if kind in row.seconds])
-        spreads = [row.seconds[kind] for row in rows if kind in row.seconds]
-        if not spreads:
+def bars(values: dict[str, Any], smoothing: str = "1e-4 J") -> Figure:
+    """Times by scene at ``smoothing``. Numbers stand above the whiskers, which span the turns."""
+    rows = [row for row in values["rows"] if row["smoothing"] == smoothing]
+    figure, grid = panels(1, 1, max(8.5, 1.5 * len(rows) + 2), 4.2)
+    axes, width = grid[0, 0], 0.85 / len(BARS)
+    for k, (kind, (label, colour)) in enumerate(BARS.items()):
+        found = [(i, row["seconds"][kind]) for i, row in enumerate(rows) if kind in row["seconds"]]
+        if not found:
             continue
-        heights = 1e6 * np.array([s.median for s in spreads])
-        whiskers = np.abs(1e6 * np.array([[s.low for s in spreads], [s.high for s in spreads]]) - heights)
-        place = at + (k - (len(_BARS) - 1) / 2) * width
-        axes.bar(place, heights, width, yerr=whiskers, label=label, color=colour, error_kw={"lw": 0.6})
-        for x, height in zip(place, heights, strict=True):
-            number = f"{height:.2g}" if height < 100 else f"{height:.0f}"
-            axes.annotate(number, (x, height), (0, 3), textcoords="offset points", ha="center", fontsize=6)
-    axes.set_xticks(range(len(rows)), [f"{row.scene}\n{row.contacts:.1f} contacts" for row in rows], fontsize="small")
-    axes.set(yscale="log", ylabel="us per physics step, one core")
-    axes.set_title(f"batch {table.batch}, kappa {smoothing}, {table.isa}", fontsize="medium")
+        places = np.array([i for i, _ in found]) + (k - (len(BARS) - 1) / 2) * width
+        low, middle, high = 1e6 * np.array([[s[key] for key in ("low", "median", "high")] for _, s in found]).T
+        whiskers = [middle - low, high - middle]
+        axes.bar(places, middle, width, yerr=whiskers, label=label, color=colour, error_kw={"lw": 0.6})
+        for x, time, top in zip(places, middle, high, strict=True):
+            number = f"{time:.2g}" if time < 100 else f"{time:.0f}"
+            axes.annotate(number, (x, top), (0, 3), textcoords="offset points", ha="center", fontsize=6)
+    axes.set_xticks(
+        range(len(rows)), [f"{row['scene']}\n{row['contacts']:.1f} contacts" for row in rows], fontsize="small"
+    )
+    axes.set(yscale="log", ylabel="microseconds per physics step, one core")
+    axes.set_title(f"batch {values['batch']}, kappa {smoothing}, {values['isa']}", fontsize="medium")
     axes.grid(alpha=0.3, axis="y")
-    figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize="small")
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=150)
+    legend_below(figure, ncols=3)
+    return figure

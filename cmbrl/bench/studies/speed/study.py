@@ -1,41 +1,47 @@
-"""``cmbrl bench speed``: microseconds per step and per derivative, MuJoCo's beside ours."""
+"""``cmbrl bench speed``: microseconds per step and per derivative, next to MuJoCo's."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from cmbrl.bench.studies.speed.measure import measure, turns
-from cmbrl.bench.studies.speed.scenes import LABELS
-from cmbrl.bench.study import Figure, Progress, Section, Settings, Study, with_progress
+from cmbrl.bench.figures import save
+from cmbrl.bench.scenes import LABELS
+from cmbrl.bench.states import available, left_out
+from cmbrl.bench.studies.speed.cells import measure
+from cmbrl.bench.studies.speed.plots import bars
+from cmbrl.bench.studies.speed.tables import WORDS, tables
+from cmbrl.bench.study import Section, Settings, Study
+from cmbrl.jobs import Job, Runner
+from cmbrl.runs import hardware, versions
 
-REPEATS, QUICK_REPEATS = 9, 3
-STATES, QUICK_STATES = 4096, 1024
-
-
-def _study(folder: Path, settings: Settings, progress: Progress) -> Section:
-    repeats, states = (QUICK_REPEATS, QUICK_STATES) if settings.quick else (REPEATS, STATES)
-    total, done = turns(settings.scenes, repeats), 0
-
-    def count(new: int) -> None:
-        nonlocal done
-        done += new
-        progress(done / total, f"turn {done} of {total}")
-
-    batches = (64, 512) if settings.quick else (64, 512, 4096)
-    result = measure(
-        settings.seed, settings.scenes, states, batches=batches, threads=settings.threads, repeats=repeats,
-        progress=count,
-    )  # fmt: skip
-    result.plot(folder / "speed.png")
-    text = (
-        "Our step and its derivatives against MuJoCo's on states that MuJoCo visits, per physics step and per core, "
-        "as processor time of the calling thread. MuJoCo and ours take turns; a ratio is of one turn. Derivatives "
-        "include the step: 'jacobian' is the full matrix, 'vjp' one cotangent through step and tape, 'torch vjp' the "
-        "same by loss.backward()."
-    )
-    caption = "Microseconds per physics step by scene, log scale; whiskers from the lowest to the highest turn."
-    figures = [Figure("speed.png", "Step and derivatives, ours and MuJoCo's", caption)]
-    return Section("Speed against MuJoCo", text, result.tables(), figures, result.to_json())
+FULL = {"states": 4096, "batch": 512, "batches": (64, 512, 4096), "repeats": 9, "candidates": 64}
+QUICK = {**FULL, "states": 1024, "batches": (64, 512), "repeats": 3}
 
 
-STUDY = Study("speed", "steps and derivatives against MuJoCo's, as ratios of one run", with_progress(_study), LABELS)
+def _study(folder: Path, settings: Settings, runner: Runner) -> Section:
+    scenes = available(LABELS, settings.scenes)
+    size = {**(QUICK if settings.quick else FULL), "threads": settings.threads, "seed": settings.seed}
+    name = f"{'quick' if settings.quick else 'full'} {settings.threads}"
+    jobs = [Job(f"{scene} {name}", measure, {"scene": scene, **size}) for scene in scenes]
+    found = runner.run(jobs, "scene", alone=True)
+    isa = found[0]["isa"] if found else ""
+    values = {
+        "rows": [row for cell in found for row in cell["rows"]],
+        "scaling": [row for cell in found for row in cell["scaling"]],
+        "candidates": [cell["candidates"] for cell in found],
+        "machine": _machine(isa),
+        "isa": isa,
+        **{key: size[key] for key in ("batch", "states", "repeats", "seed", "threads")},
+    }
+    save(bars(values), folder / "speed.png")
+    text = " ".join([WORDS("method"), left_out(LABELS, scenes, settings.scenes)]).strip()
+    return Section(WORDS("title"), text, tables(values), WORDS.figures(), values)
+
+
+def _machine(isa: str) -> str:
+    known = versions()
+    packages = ", ".join(f"{name} {known[name]}" for name in ("cmbrl", "mujoco", "numpy", "torch") if name in known)
+    return f"{hardware()['processor']}, {hardware()['cores']} cores, {isa}; {packages}"
+
+
+STUDY = Study("speed", WORDS("summary"), _study, LABELS)

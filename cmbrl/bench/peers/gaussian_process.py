@@ -1,9 +1,10 @@
-"""A Gaussian process as next-state model: scikit-learn's, with the same inputs and targets as the neural ensemble.
+"""A Gaussian process as next-state model: scikit-learn's, with the inputs and targets of the neural ensemble.
 
-One process a coordinate, with a kernel of its own (a constant times a squared exponential with a length scale per
-input, plus white noise), as in PILCO; one for all errs a third more on 1,000 hopper transitions. Hyperparameters
-maximise the marginal likelihood on at most ``HYPER_ROWS`` rows, then the posterior is exact on all rows. Memory grows
-with the square of the rows and time with their cube: at 20,000 rows a kernel matrix takes 3.2 GB, as do its factors.
+One process per coordinate, as in PILCO (Deisenroth and Rasmussen 2011). Its kernel is a constant times a squared
+exponential with a length scale per input, plus white noise. One process for all coordinates has an error a third larger
+on 1,000 hopper transitions. Hyperparameters maximise the marginal likelihood of at most ``HYPER_ROWS`` rows; then the
+posterior is exact on all rows. Memory grows with the square of the rows and time with their cube: at 20,000 rows, a
+kernel matrix and its factors take 3.2 GB each.
 """
 
 from __future__ import annotations
@@ -22,16 +23,16 @@ from cmbrl.models.manifold import Coordinates, invariant_translations
 from cmbrl.scene import Scene
 
 HYPER_ROWS = 300
-CHUNK = 512  # rows predicted at once: bounds memory
+CHUNK = 512  # rows predicted at once, to bound memory
 
 
 class GaussianProcess:
-    """q' = q (+) dq, v' = v + dv with (dq, dv) the posterior mean given standardised (q, v, u)."""
+    """q' = q (+) dq, v' = v + dv with (dq, dv) the posterior mean at the standardised (q, v, u)."""
 
     name = "Gaussian process"
 
     def __init__(self, scene: Scene, data: Transitions, seed: int = 0) -> None:
-        """Learns from ``data``; ``seed`` draws the rows that the hyperparameters are found on."""
+        """Learns from ``data``; ``seed`` draws the rows for the hyperparameters."""
         self.dt = data.dt
         self._coordinates = Coordinates.from_scene(scene)
         dropped = invariant_translations(scene)
@@ -47,7 +48,7 @@ class GaussianProcess:
         kernel += WhiteKernel(1e-2, (1e-8, 1e1))
         self.processes = []
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ConvergenceWarning)  # length scales of inputs that do not matter go far
+            warnings.simplefilter("ignore", ConvergenceWarning)  # irrelevant inputs drive length scales to a bound
             for column in targets.T:
                 found = GaussianProcessRegressor(kernel, random_state=seed).fit(inputs[some], column[some])
                 self.processes.append(GaussianProcessRegressor(found.kernel_, optimizer=None).fit(inputs, column))
@@ -58,7 +59,7 @@ class GaussianProcess:
     def step(self, q: Tensor, v: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
         """(q', v') of shapes (B, nq), (B, nv), float64."""
         inputs = (self._features(q.numpy(), v.numpy(), u.numpy()) - self._mean) / self._scale
-        # What has diverged stays so: the kernel of a NaN is an error in scikit-learn.
+        # Diverged states stay so; scikit-learn raises an error for a NaN.
         finite = np.isfinite(inputs).all(axis=1)
         predicted = np.full((len(inputs), len(self._target_mean)), np.nan)
         for rows in np.array_split(np.flatnonzero(finite), -(-int(finite.sum()) // CHUNK) or 1):

@@ -1,4 +1,4 @@
-"""MuJoCo's own step as next-state model, with the parameters of our scene written into its compiled model."""
+"""MuJoCo's step as a next-state model, with the parameters of our scene written into its compiled model."""
 
 from __future__ import annotations
 
@@ -11,30 +11,25 @@ import torch
 from mujoco import rollout
 from torch import Tensor
 
+from cmbrl.bench.peers.mujoco import compiled
+from cmbrl.bench.peers.mujoco_steps import STATE
 from cmbrl.errors import UserError
 
-STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 JOINT_FIELDS = {"damping": "dof_damping", "armature": "dof_armature", "frictionloss": "dof_frictionloss"}
 GROUPS = (
     *("mass", "com_x", "com_y", "com_z", "damping", "armature", "stiffness", "frictionloss"),
     *("friction", "gear", "gravity"),
 )
-"""Parameter groups that mean the same in MuJoCo. Left out: what softens a contact, radii and the height of a plane."""
+"""Parameter groups that mean the same in MuJoCo; contact softness, radii and plane heights do not."""
 
 
-def compiled(path: str, integrator: str | None = None) -> mujoco.MjModel:
-    """The MJCF compiled, with another ``integrator`` ("EULER", "RK4", "IMPLICITFAST") where given.
+def robot_model(path: str, integrator: str | None = None) -> mujoco.MjModel:
+    """The MJCF compiled, with another ``integrator`` of ``cmbrl.bench.peers.mujoco.INTEGRATORS`` where given.
 
-    Planes get no friction: MuJoCo takes the larger of two geoms, so that a contact's friction is that of the robot's.
+    Planes lose their friction, so that every contact has the friction of the robot's geom. MuJoCo takes the larger
+    coefficient of two geoms, so the robot's geoms first get at least the plane's.
     """
-    warning = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda text: None)  # about old attributes of files that are not ours
-    try:
-        model = mujoco.MjModel.from_xml_path(path)
-    finally:
-        mujoco.set_mju_user_warning(warning)
-    if integrator is not None:
-        model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
+    model = compiled(path, integrator)
     planes = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
     for plane in np.flatnonzero(planes):
         model.geom_friction[~planes] = np.maximum(model.geom_friction[~planes], model.geom_friction[plane])
@@ -43,10 +38,10 @@ def compiled(path: str, integrator: str | None = None) -> mujoco.MjModel:
 
 
 def with_parameters(base: mujoco.MjModel, values: Mapping[str, float]) -> mujoco.MjModel:
-    """A copy of ``base`` with parameters of :data:`GROUPS` by their names in ``scene.parameters``.
+    """A copy of ``base`` with ``values`` of parameters by their names in ``scene.parameters``.
 
-    Scales (mass with its inertia, gear, gravity) count from ``base``. What MuJoCo's compiler derives from them follows.
-    Raises UserError for a parameter that means nothing here.
+    Mass (with inertia), gear and gravity are factors on the values of ``base``. What MuJoCo's compiler derives from
+    parameters is updated. Raises UserError for a parameter outside :data:`GROUPS`.
     """
     model = copy.copy(base)
     for name, value in values.items():
@@ -69,13 +64,13 @@ def with_parameters(base: mujoco.MjModel, values: Mapping[str, float]) -> mujoco
         elif group == "gravity":
             model.opt.gravity[:] *= value
         else:
-            raise UserError(f"parameter {name!r} means nothing to a compiled MuJoCo model: choose from {GROUPS}")
+            raise UserError(f"a compiled MuJoCo model has no parameter {name!r}; choose from {GROUPS}")
     mujoco.mj_setConst(model, mujoco.MjData(model))
     return model
 
 
 def _motor(model: mujoco.MjModel, name: str) -> int:
-    """Number of the actuator of that name; one without a name goes by its joint's."""
+    """Number of the actuator called ``name``; an actuator without a name has its joint's."""
     for k in range(model.nu):
         if name in (model.actuator(k).name, model.joint(model.actuator_trnid[k, 0]).name):
             return k
@@ -83,7 +78,7 @@ def _motor(model: mujoco.MjModel, name: str) -> int:
 
 
 class MujocoModel:
-    """``substeps`` steps of MuJoCo with the control held, from a state without warm start."""
+    """``substeps`` steps of MuJoCo under a constant control, without warm start."""
 
     name = "MuJoCo"
 
@@ -96,7 +91,7 @@ class MujocoModel:
         """(q', v') of shapes (B, nq), (B, nv), float64."""
         start = full_states(self.model, q.numpy(), v.numpy())
         control = np.repeat(u.numpy()[:, None], self.substeps, axis=1)
-        # A list of one data: rollout then runs in the calling thread, whose time is what is measured.
+        # With a list of one MjData, rollout runs in the calling thread, so that its processor time is counted.
         state, _ = rollout.rollout(self.model, [self._data], start, control)
         nq, nv = self.model.nq, self.model.nv
         end = torch.from_numpy(state[:, -1, 1 : 1 + nq + nv].copy())
@@ -104,7 +99,7 @@ class MujocoModel:
 
 
 def full_states(model: mujoco.MjModel, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """MuJoCo's state vectors (B, n): time zero, q, v; raises UserError for a model with more state than that."""
+    """MuJoCo's state vectors (B, n): time zero, q (B, nq), v (B, nv). Raises UserError for a model with more state."""
     if mujoco.mj_stateSize(model, STATE) != 1 + model.nq + model.nv:
-        raise UserError("this MuJoCo model has actuator or plugin states, of which a log knows nothing")
+        raise UserError("this MuJoCo model has actuator or plugin states, which logs do not record")
     return np.hstack([np.zeros((len(q), 1)), q, v])

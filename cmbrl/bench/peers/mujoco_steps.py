@@ -1,9 +1,8 @@
-"""MuJoCo as the peer of the speed table: the states it visits, its step, its finite-difference Jacobian.
+"""States that MuJoCo visits, and its timed step and finite-difference Jacobian from them.
 
-The step runs in ``mujoco.rollout`` with one step per visited state: a loop in C over ``mj_setState`` and ``mj_step``,
-since a loop in Python would add its own 1 to 2 us to every step. Every state comes with the warm start that ``mj_step``
-had there on its trajectory, so that the solver starts as well as in a real simulation (without it the G1 takes 10 %
-longer; with it, times are within 3 % of a rollout along the whole trajectory).
+The step runs in ``mujoco.rollout`` with one step per visited state, a loop in C over ``mj_setState`` and ``mj_step``; a
+loop in Python would add 1 to 2 us to every step. Every state comes with the warm start that ``mj_step`` had there on
+its trajectory, so the solver starts as well as in a simulation: times are within 3 % of a rollout along the trajectory.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from cmbrl.bench.studies.speed.scenes import SpeedScene
+from cmbrl.bench.scenes import PairedScene
 
 STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 EPISODE = 100  #: physics steps of an episode
@@ -23,14 +22,11 @@ HOLD = 4  #: physics steps of one random action
 
 @dataclass(frozen=True)
 class Visited:
-    """States on MuJoCo's trajectories, in time order, what came next, and what a rollout from them needs.
+    """n states along MuJoCo's trajectories, the states that followed, and what a rollout from them needs."""
 
-    q, q_next (n, nq), v, v_next (n, nv), u (n, nu).
-    """
-
-    q: np.ndarray
-    v: np.ndarray
-    u: np.ndarray
+    q: np.ndarray  # (n, nq)
+    v: np.ndarray  # (n, nv)
+    u: np.ndarray  # (n, nu)
     q_next: np.ndarray
     v_next: np.ndarray
     state: np.ndarray  # (n, nstate) full physics state
@@ -38,32 +34,30 @@ class Visited:
     contacts: float  # mean number of MuJoCo's contacts
 
 
-def visit(scene: SpeedScene, count: int, seed: int) -> Visited:
+def visit(scene: PairedScene, count: int, seed: int) -> Visited:
     """``count`` states of episodes under random actions held for 4 steps, from perturbed starts."""
     model, rng = scene.peer, np.random.default_rng(seed)
     data = mujoco.MjData(model)
-    arrays = {
-        "q": np.empty((count, model.nq)), "v": np.empty((count, model.nv)), "u": np.empty((count, model.nu)),
-        "q_next": np.empty((count, model.nq)), "v_next": np.empty((count, model.nv)),
-        "state": np.empty((count, mujoco.mj_stateSize(model, STATE))), "warmstart": np.empty((count, model.nv)),
-    }  # fmt: skip
-    contacts = 0
+    rows: dict[str, list[np.ndarray]] = {name: [] for name in ("q", "v", "u", "q_next", "v_next", "state", "warmstart")}
+    contacts, state = 0, np.empty(mujoco.mj_stateSize(model, STATE))
     for i in range(count):
         step = i % EPISODE
         if step == 0:
             _start(scene, data, rng)
         if step % HOLD == 0:
             data.ctrl[:] = random_control(scene, rng)
-        mujoco.mj_getState(model, data, arrays["state"][i], STATE)
-        for name, value in (("q", data.qpos), ("v", data.qvel), ("u", data.ctrl), ("warmstart", data.qacc_warmstart)):
-            arrays[name][i] = value
+        mujoco.mj_getState(model, data, state, STATE)
+        before = {"q": data.qpos, "v": data.qvel, "u": data.ctrl, "state": state, "warmstart": data.qacc_warmstart}
+        for name, value in before.items():
+            rows[name].append(value.copy())
         mujoco.mj_step(model, data)
         contacts += data.ncon
-        arrays["q_next"][i], arrays["v_next"][i] = data.qpos, data.qvel
-    return Visited(**arrays, contacts=contacts / count)
+        rows["q_next"].append(data.qpos.copy())
+        rows["v_next"].append(data.qvel.copy())
+    return Visited(**{name: np.array(values) for name, values in rows.items()}, contacts=contacts / count)
 
 
-def random_control(scene: SpeedScene, rng: np.random.Generator) -> np.ndarray:
+def random_control(scene: PairedScene, rng: np.random.Generator) -> np.ndarray:
     """A random action (nu,) about the pose that the scene holds."""
     model = scene.peer
     noise = rng.uniform(-1, 1, model.nu) * scene.reach
@@ -73,7 +67,7 @@ def random_control(scene: SpeedScene, rng: np.random.Generator) -> np.ndarray:
     return scene.hold + np.where(limited, (low + high) / 2 + noise * (high - low) / 2, noise)
 
 
-def _start(scene: SpeedScene, data: mujoco.MjData, rng: np.random.Generator) -> None:
+def _start(scene: PairedScene, data: mujoco.MjData, rng: np.random.Generator) -> None:
     model = scene.peer
     mujoco.mj_resetData(model, data)
     data.qpos[:] = scene.start
@@ -85,28 +79,27 @@ def _start(scene: SpeedScene, data: mujoco.MjData, rng: np.random.Generator) -> 
 
 
 class MujocoStep:
-    """``mj_step`` from every visited state, one after the other, on one thread; calling it steps them all once."""
+    """``mj_step`` on one thread; calling it takes one step from every visited state."""
 
     def __init__(self, model: mujoco.MjModel, visited: Visited) -> None:
         self._model, self._data, self._visited = model, mujoco.MjData(model), visited
         n = len(visited.q)
         self._control = visited.u[:, None, :] if model.nu else None
-        self._out = {
-            "state": np.empty((n, 1, visited.state.shape[1])),
-            "sensordata": np.empty((n, 1, model.nsensordata)),
-        }
+        self.state = np.empty((n, 1, visited.state.shape[1]))  # after the step
+        self._sensors = np.empty((n, 1, model.nsensordata))
 
     def __call__(self) -> None:
         v = self._visited
         rollout.rollout(
-            self._model, self._data, v.state, self._control, nstep=1, initial_warmstart=v.warmstart, **self._out
-        )
+            self._model, self._data, v.state, self._control, nstep=1, initial_warmstart=v.warmstart,
+            state=self.state, sensordata=self._sensors,
+        )  # fmt: skip
 
 
 class MujocoDifferences:
-    """``mjd_transitionFD``, forward differences (1e-6), over the states ``rows``: step and Jacobian in (q, v, u).
+    """``mjd_transitionFD`` (step and Jacobian) with forward differences of 1e-6 at the visited states ``rows``.
 
-    MuJoCo has no batch of it: a loop in Python, whose 1 to 2 us a call do not show. RK4 is refused by MuJoCo.
+    MuJoCo has no batched version, so this loops in Python; 1 to 2 us a call do not matter. MuJoCo refuses RK4.
     """
 
     def __init__(self, model: mujoco.MjModel, visited: Visited, rows: np.ndarray) -> None:

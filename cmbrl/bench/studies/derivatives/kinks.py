@@ -1,0 +1,60 @@
+"""Which discrete choices a step makes: two states that choose differently lie on two sides of a kink."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.scene.layout import Layout
+
+Array = NDArray[np.float64]
+
+
+def choices(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Array) -> NDArray[np.bool_]:
+    """The choices (B, n) of a step from q (B, nq), v (B, nv) under u (B, nu) with parameters theta (np,).
+
+    They are the signs of gaps and limit margins, the nearer limit, clamped controls, forces and time constants, rows
+    left out of the solve, and whether restitution acts.
+    """
+    scene, core, h = model.scene, model.scene.core, model.time_step
+    if model.integrator != "semi-implicit":
+        q = scene.integrate(q, 0.5 * h * v)
+    smooth = model.smooth_dynamics(q, v, theta)
+    gap, normal = smooth["gap"], smooth["J"][:, :, 0]
+    speed = np.einsum("bcv,bv->bc", normal, v)
+    x = q[:, core.lim_qadr]
+    below, above = x - core.lim_lo, core.lim_hi - x
+    near, side = np.minimum(below, above), np.where(below < above, 1.0, -1.0)
+    parts = [
+        gap > 0,
+        gap > core.con_margin,
+        gap / h + speed < model.prune,
+        below < above,
+        near > core.lim_margin,
+        near / h + side * v[:, core.lim_dof] < model.prune,
+        *_clamps(model, q, v, u, theta),
+    ]
+    if any(p.group == "restitution" for p in scene.parameters):
+        free = model.with_settings(prune=-1e300, parameters=None, integrator="semi-implicit", substeps=1)
+        approach = -np.einsum("bcv,bv->bc", normal, free.predict(q, v, u, theta).v_next)
+        parts += [approach > 3 * 9.81 * h, gap < approach * h]
+    return np.concatenate(parts, axis=1)
+
+
+def _clamps(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Array) -> list[NDArray[np.bool_]]:
+    scene, core = model.scene, model.scene.core
+    P = np.array(core.P)
+    moved = theta - core.par_nominal
+    for k in np.flatnonzero(moved):
+        entries = slice(core.par_ptr[k], core.par_ptr[k + 1])
+        P[core.par_idx[entries]] += moved[k] * core.par_coef[entries]
+    layout = Layout(2 if core.planar else 3, core.nbody, scene.nv, core.ncontact, core.nplane, core.nact)
+    time = P[[layout.contact(k, "solref0") for k in range(core.ncontact)]]
+    gear, gain, bias0, bias1, bias2 = P[layout.actuator(0) : layout.gravity].reshape(-1, 5).T
+    low, high = np.reshape(core.act_ctrl, (-1, 2)).T
+    least, most = np.reshape(core.act_force, (-1, 2)).T
+    length, rate = gear * q[:, core.act_qadr], gear * v[:, core.act_dof]
+    force = gain * np.clip(u, low, high) + bias0 + bias1 * length + bias2 * rate
+    shortest = np.tile(time > 2 * model.time_step, (len(q), 1))  # MuJoCo's least time constant
+    return [u < low, u > high, force < least, force > most, shortest]

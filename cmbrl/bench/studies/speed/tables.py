@@ -1,0 +1,70 @@
+"""Tables of the speed study: medians over turns with [lowest, highest]."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cmbrl.bench.study import Cell, Table
+from cmbrl.bench.words import Words
+
+WORDS = Words("cmbrl.bench.studies.speed")
+COSTS = ("one_by_one", "states_packed", "candidates_packed")
+
+
+def tables(values: dict[str, Any]) -> list[Table]:
+    """Times against MuJoCo's, their ratios, times by batch and threads, candidates."""
+    return [_times(values), _ratios(values), _batches(values), _candidates(values)]
+
+
+def _times(values: dict[str, Any]) -> Table:
+    rows: list[list[Cell]] = []
+    for row in values["rows"]:
+        us = {kind: _us(spread["median"]) for kind, spread in row["seconds"].items()}
+        rows.append(
+            [
+                row["scene"], row["smoothing"], f"{row['peer']} {1e3 * row['time_step']:.3g} ms",
+                round(row["contacts"], 1), us["mj_step"], us.get("mjd_transitionFD", "refused"),
+                *(us[kind] for kind in ("forward", "jacobian", "vjp", "torch")),
+            ]
+        )  # fmt: skip
+    failed, total = sum(row["failures"] for row in values["rows"]), values["states"] * len(values["rows"])
+    note = [WORDS("tables.times.note"), values["machine"]]
+    note += [WORDS("tables.times.failed", failed=failed, total=total)] if failed else []
+    columns = ["scene", "kappa", "MuJoCo", "contacts", "mj_step", "mjd_FD", "step", "+Jacobian", "+VJP", "torch VJP"]
+    return Table(WORDS("tables.times.title", **values), columns, rows, " ".join(note))
+
+
+def _ratios(values: dict[str, Any]) -> Table:
+    kinds = ("mj_step/forward", "mj_step/jacobian", "mj_step/vjp", "mjd_transitionFD/jacobian")
+    rows: list[list[Cell]] = [
+        [row["scene"], row["smoothing"], *(_ratio(row["ratios"].get(kind)) for kind in kinds)] for row in values["rows"]
+    ]
+    columns = ["scene", "kappa", "mj_step / step", "mj_step / Jacobian", "mj_step / VJP", "mjd_FD / Jacobian"]
+    return Table(WORDS("tables.ratios.title"), columns, rows, WORDS("tables.ratios.note"))
+
+
+def _batches(values: dict[str, Any]) -> Table:
+    rows: list[list[Cell]] = [
+        [r["scene"], r["kind"], r["batch"], _us(r["one_thread"]["low"]), _us(r["threads"]["low"]), round(r["gain"], 2)]
+        for r in values["scaling"]
+    ]
+    columns = ["scene", "what", "batch", "1 thread", f"threads={values['threads']}", "gain"]
+    return Table(WORDS("tables.batches.title"), columns, rows, WORDS("tables.batches.note"))
+
+
+def _candidates(values: dict[str, Any]) -> Table:
+    rows: list[list[Cell]] = [
+        [r["scene"], r["candidates"], *(_us(r[cost]["median"]) for cost in COSTS),
+         _ratio(r["gain"]), _ratio(r["gain_over_states"])]
+        for r in values["candidates"]
+    ]  # fmt: skip
+    columns = ["scene", "candidates", *(cost.replace("_", " ") for cost in COSTS), "gain", "gain over states packed"]
+    return Table(WORDS("tables.candidates.title"), columns, rows, WORDS("tables.candidates.note"))
+
+
+def _us(seconds: float) -> float:
+    return float(f"{1e6 * seconds:.3g}")
+
+
+def _ratio(spread: dict[str, float] | None) -> str | None:
+    return None if spread is None else f"{spread['median']:.2f} [{spread['low']:.2f}, {spread['high']:.2f}]"
