@@ -27,8 +27,8 @@ def compare_candidates(
 ) -> dict[str, Any]:
     """Seconds of the three ways; ``gain`` and ``gain_over_states`` are the ratios of the first two to the last."""
     chosen = np.linspace(0, len(visited.q) - 1, min(STATES, len(visited.q))).astype(int)
-    arrays = visited.q, visited.v, visited.u, visited.q_next, visited.v_next
-    rows = Transitions(*(x[chosen] for x in arrays), dt=model.dt)
+    arrays = {name: getattr(visited, name)[chosen] for name in ("q", "v", "u", "q_next", "v_next")}
+    rows = Transitions(**arrays, dt=model.dt, episode=np.arange(len(chosen)))
     scale = np.ones(model.scene.nv)
     windows = Windows(rows, np.arange(len(chosen)), 1, Scales(scale, scale, 1.0))
     theta = draw(model, candidates, seed)
