@@ -7,9 +7,8 @@ halves. The test logs come from other seeds.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -61,12 +60,7 @@ def record(task: Task, rows: int, seed: int) -> Transitions:
     """A log of ``rows`` (at least 2) transitions: half random actions, half PD control with noise."""
     first = task.record(rows - rows // 2, seed=seed, behaviour="random")
     second = task.record(rows // 2, seed=seed, behaviour="pd")
-    offset = int(first.episode.max()) + 1
-    stacked: dict[str, Any] = {
-        name: np.concatenate([getattr(first, name), getattr(second, name)])
-        for name in ("q", "v", "u", "q_next", "v_next")
-    }
-    return replace(first, **stacked, episode=np.concatenate([first.episode, second.episode + offset]))
+    return Transitions.joined([first, second])
 
 
 def wrong_parameters(scene: Scene) -> np.ndarray:
