@@ -1,4 +1,4 @@
-"""Files that are either whole or absent: everything is written under a temporary name and renamed."""
+"""Files that are complete or absent: everything is written under a temporary name, then renamed."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from cmbrl.errors import UserError
 
 @contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Gives a temporary path beside ``path`` (same suffix); renames it to ``path`` on success, removes it on any error.
+    """Yields a temporary path next to ``path`` (same suffix); renames it to ``path`` on success, removes it on error.
 
-    Missing parent folders are made. A folder may be written too, when ``path`` does not exist yet.
-    Raises UserError when the folder cannot be written.
+    Creates missing parent folders. The path may be a folder if ``path`` does not exist yet. Raises UserError if the
+    folder cannot be written.
     """
     target = Path(path)
     check_writable(target)
@@ -37,16 +37,16 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def check_writable(path: str | os.PathLike[str], folder: bool = False) -> None:
-    """Raises UserError unless ``path`` can be created or replaced (``folder``: filled); leaves nothing behind.
+    """Raises UserError unless the file ``path`` can be created or replaced (``folder``: the folder filled).
 
-    Permission bits do not tell (read-only mounts, root), so a probe file is created and removed in the nearest
+    Permission bits are not enough (read-only mounts, root), so it creates and removes a probe file in the nearest
     existing folder.
     """
     target = Path(path)
     if folder and target.exists() and not target.is_dir():
-        raise UserError(f"{target}: is a file, a folder is needed: choose another --out")
+        raise UserError(f"{target}: is a file, not a folder; choose another --out")
     if not folder and target.is_dir():
-        raise UserError(f"{target}: is a folder, a file is needed: name a file inside it")
+        raise UserError(f"{target}: is a folder, not a file; name a file inside it")
     place = target if folder else target.parent
     while not place.exists():
         place = place.parent
@@ -54,22 +54,22 @@ def check_writable(path: str | os.PathLike[str], folder: bool = False) -> None:
         with tempfile.TemporaryFile(dir=place):
             pass
     except OSError as error:
-        raise UserError(f"{target}: cannot be written ({error.strerror} in {place}): choose another place") from None
+        raise UserError(f"{target}: cannot be written ({error.strerror} in {place}); choose another place") from None
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Writes ``text`` as UTF-8, whole or not at all."""
+    """Writes ``text`` as UTF-8, completely or not at all."""
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
 def write_json(path: str | os.PathLike[str], value: Any) -> None:
-    """Writes ``value`` as readable JSON, whole or not at all; raises ValueError on NaN, which JSON does not know."""
+    """Writes ``value`` as indented JSON, completely or not at all; raises ValueError for NaN or infinity."""
     write_text(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
 
 
 def read_json(path: str | os.PathLike[str]) -> Any:
-    """Reads a JSON file; raises UserError that names the file when it is missing or not JSON."""
+    """Reads a JSON file; raises UserError that names the file if it is missing or not JSON."""
     file = Path(path)
     try:
         return json.loads(file.read_text(encoding="utf-8"))

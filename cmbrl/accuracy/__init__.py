@@ -1,1 +1,1 @@
-"""How wrong models are on a log: one step and open loop, by stratum (`cmbrl error`)."""
+"""Errors of models on a log (`cmbrl error`)."""

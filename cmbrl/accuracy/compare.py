@@ -1,16 +1,16 @@
-"""How wrong a model is on a log: one step and open loop, by stratum, in normalised and in physical units.
+"""How wrong models are on a log: one step and open loop, by stratum, in normalised and in physical units.
 
 Definitions
 - A window of horizon k is k consecutive rows of one episode. The model sees the state at its start and the k logged
-  controls; its error is that of the predicted state after the last of them. Windows overlap and never cross episodes.
-- Error of a state: the tangent vector from the logged to the predicted configuration (rotations as rotation vectors in
-  the body frame), and the difference of the velocities: 2 nv coordinates.
-- Normalised: each coordinate divided by a standard deviation taken from the same log: at one step that of the
-  coordinate's change over a row, at longer horizons that of the coordinate itself (about the intrinsic mean). All
-  coordinates are pooled: square, mean over coordinates and windows, root. A coordinate whose deviation is zero is left
-  out. The median is over windows, of the same root mean square within a window.
-- Physical: positions and rotations as the root mean square of a body's vector norm, angles per joint.
-- A prediction that is not finite counts as diverged, and makes the RMSE of its stratum infinite.
+  controls; its error is that of the predicted state after the last control. Windows overlap but never cross episodes.
+- The error of a state has 2 nv coordinates: the tangent vector from the logged to the predicted configuration
+  (rotations as rotation vectors in the body frame), and the difference of the velocities.
+- Normalised errors divide each coordinate by a standard deviation from the same log: of its change over a row at one
+  step, of the coordinate itself (about the intrinsic mean) at longer horizons. They are root mean squares over
+  coordinates and windows, without coordinates of zero deviation. The median is over windows, of the root mean square
+  within a window.
+- Physical errors are root mean squares of a body's vector norm for positions and rotations, and per joint for angles.
+- A prediction that is not finite counts as diverged and makes the error of its stratum infinite.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from cmbrl.scene import Scene
 
 CHUNK = 8192  # windows rolled out in one batch
-STILL = 1e-9  # a coordinate whose standard deviation is below this [m, rad, m/s, rad/s] does not change
+STILL = 1e-9  # a coordinate with a smaller standard deviation [m, rad, m/s, rad/s] is constant
 KINDS = ("position", "angle", "rotation")
 
 
@@ -45,20 +45,24 @@ def compare(
     max_windows: int = 2000,
     progress: Callable[[float, str], None] | None = None,
 ) -> ErrorTable:
-    """Predicts ``data`` with every model (name shown -> model) and tabulates the errors defined above.
+    """Predicts ``data`` with every model (by the name to show) and tabulates the errors defined above.
 
-    contact_gap: [m] a row is in contact when a candidate is nearer than this before or after it.
-    max_windows: horizons beyond 1 use at most so many windows, evenly spread over the log; one step uses every row.
-    progress:    called with the share of the work done and what is being done.
-    Horizons for which the log has no window are left out. Raises UserError when data, scene and models do not belong
-    together, or nothing changes in the log.
+    Args:
+        models, data, scene: models of the scene, and a log of it.
+        horizons: steps; horizons without a window in the log are left out.
+        contact_gap: [m] a row is in contact if a candidate is closer than this before or after it.
+        max_windows: horizons above 1 use at most this many windows, evenly spread; one step uses every row.
+        progress: called with the share of the work done and the current activity.
+
+    Raises:
+        UserError: if data, scene and models do not belong together, or nothing changes in the log.
     """
     data.check(scene)
     for name, model in models.items():
         if abs(model.dt - data.dt) > 1e-6 * data.dt:
-            raise UserError(f"{name}: steps {model.dt:g} s, the log {data.dt:g} s: use the log's control step")
+            raise UserError(f"{name}: steps {model.dt:g} s, the log {data.dt:g} s; use the log's control step")
     if min(horizons, default=0) < 1:
-        raise UserError(f"horizons {list(horizons)}: give whole numbers of at least 1")
+        raise UserError(f"horizons {list(horizons)}; give whole numbers of at least 1")
     change_scale, state_scale = _scales(data, scene)
     contact, moving = in_contact(data, scene, contact_gap), is_moving(data, scene)
     starts = {k: _thin(data.windows(k), len(data) if k == 1 else max_windows) for k in sorted(set(horizons))}
@@ -101,27 +105,27 @@ def compare(
 
 
 def _scales(data: Transitions, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Standard deviations (2 nv,) of the change over a row and of the state; NaN where it is zero."""
+    """Standard deviations (2 nv,) of the change over a row and of the state; NaN if zero."""
     change = np.hstack([scene.difference(data.q, data.q_next), data.v_next - data.v]).std(axis=0)
     mean = data.q[0]
-    for _ in range(10):  # the mean on the manifold: exact at once for translations, a few rounds for rotations
+    for _ in range(10):  # mean on the manifold: exact at once for translations, iterative for rotations
         offset = scene.difference(np.broadcast_to(mean, data.q.shape), data.q)
         mean = scene.integrate(mean, offset.mean(axis=0))
     state = np.hstack([offset.std(axis=0), data.v.std(axis=0)])
     if (change < STILL).all():
-        raise UserError("nothing changes in this log: there is no error to measure; give a log of a moving system")
+        raise UserError("nothing changes in this log; give a log of a moving system")
     return np.where(change < STILL, np.nan, change), np.where(state < STILL, np.nan, state)
 
 
 def _thin(rows: np.ndarray, count: int) -> np.ndarray:
-    """At most ``count`` of the rows, evenly spread."""
+    """At most ``count`` rows, evenly spread."""
     if len(rows) <= count:
         return rows
     return rows[np.linspace(0, len(rows) - 1, count).astype(np.int64)]
 
 
 def _predict(model: Model, data: Transitions, starts: np.ndarray, horizon: int) -> tuple[np.ndarray, np.ndarray]:
-    """States (W, horizon, nq) and (W, horizon, nv) that the model predicts open loop from each start."""
+    """States (W, horizon, nq), (W, horizon, nv) predicted open loop from each start."""
     parts = []
     with torch.no_grad():
         for some in np.array_split(starts, -(-len(starts) // CHUNK)):
@@ -132,14 +136,14 @@ def _predict(model: Model, data: Transitions, starts: np.ndarray, horizon: int) 
 
 
 def _error(scene: Scene, data: Transitions, starts: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Error (W, k, 2 nv) of predicted states (W, k, .) after each step."""
+    """Errors (W, k, 2 nv) of predicted states (W, k, .)."""
     rows = starts[:, None] + np.arange(q.shape[1])
     with np.errstate(all="ignore"):
         return np.concatenate([scene.difference(data.q_next[rows], q), v - data.v_next[rows]], axis=-1)
 
 
 def _depth(scene: Scene, q: np.ndarray) -> np.ndarray:
-    """Deepest penetration [m] at each of the states (W, k, nq): (W, k), zero without, NaN where q is not finite."""
+    """Deepest penetration [m] (W, k) at the states (W, k, nq): zero without contact, NaN where q is not finite."""
     flat = q.reshape(-1, q.shape[-1])
     finite = np.isfinite(flat).all(axis=1)
     depth = np.full(len(flat), np.nan)
@@ -149,7 +153,7 @@ def _depth(scene: Scene, q: np.ndarray) -> np.ndarray:
 
 
 def _pooled(error: np.ndarray, scale: np.ndarray) -> float:
-    """Root mean square over windows and coordinates of error (W, 2 nv) / scale; inf when a prediction diverged."""
+    """Root mean square of error (W, 2 nv) / scale; inf if a prediction diverged."""
     with np.errstate(over="ignore", invalid="ignore"):
         squares = np.square(error[:, np.isfinite(scale)] / scale[np.isfinite(scale)])
         value = float(np.sqrt(squares.mean()))
@@ -157,7 +161,7 @@ def _pooled(error: np.ndarray, scale: np.ndarray) -> float:
 
 
 def _summary(error: np.ndarray, depth: np.ndarray, scale: np.ndarray, scene: Scene) -> dict:
-    """What an entry says about the windows of one stratum: error (W, 2 nv) at the end, depth (W, k) on the way."""
+    """Fields of an entry, from the final errors (W, 2 nv) and the depths (W, k) of the windows of one stratum."""
     finite = np.isfinite(error).all(axis=1)
     used = np.isfinite(scale)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -175,7 +179,7 @@ def _summary(error: np.ndarray, depth: np.ndarray, scale: np.ndarray, scene: Sce
 
 
 def _physical(error: np.ndarray, scene: Scene) -> dict[str, float]:
-    """RMSE [m, rad, m/s, rad/s] of each kind of coordinate and its velocity that the scene has."""
+    """RMSE [m, rad, m/s, rad/s] of each kind of coordinate in the scene, and of its velocity."""
     kinds = np.array(scene.coordinate_kinds)
     found = {}
     for half, suffix in enumerate(("", "_velocity")):

@@ -1,25 +1,22 @@
-"""The picture of an error table: how errors grow with the horizon, and where (flight, contact) they arise."""
+"""The figure of an error table: growth of errors with the horizon, and errors by stratum."""
 
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from cmbrl.accuracy.table import ErrorTable
 from cmbrl.files import atomic_path
-
-if TYPE_CHECKING:
-    from cmbrl.accuracy.table import ErrorTable
 
 
 def plot(table: ErrorTable, path: str | os.PathLike[str]) -> None:
-    """Writes the figure of ``table`` to ``path``; its suffix is the format.
+    """Writes the figure of ``table`` to ``path``, in the format of its suffix.
 
-    Built without pyplot, so that nothing of the caller's matplotlib state is touched.
+    Does not use pyplot, so the caller's matplotlib state does not change.
     """
     shown = [h for h in table.horizons if h.steps == 1] or table.horizons[:1]
     longest = table.horizons[-1]
@@ -48,7 +45,7 @@ def _curves(axes: Axes, table: ErrorTable) -> None:
 
 
 def _bars(axes: Axes, table: ErrorTable, steps: int) -> None:
-    """One group of bars per stratum, one bar per model."""
+    """A group of bars per stratum, a bar per model."""
     strata = next(h.windows for h in table.horizons if h.steps == steps)
     width = 0.8 / len(table.models)
     for k, model in enumerate(table.models):

@@ -72,6 +72,7 @@ def run(arguments: argparse.Namespace) -> None:
         notes.append(f"ensemble: {arguments.train}: {note}")
 
     from cmbrl.accuracy.compare import compare
+    from cmbrl.accuracy.plots import plot
 
     with fraction("compare") as progress:
         table = compare(models, data, source.scene, arguments.horizons, contact_gap=gap, progress=progress)
@@ -82,7 +83,7 @@ def run(arguments: argparse.Namespace) -> None:
         out = write_run(arguments.out, "error", resolved(arguments))
         write_text(out / "error.txt", text + "\n")
         write_json(out / "error.json", result)
-        table.plot(out / "error.png")
+        plot(table, out / "error.png")
         if ENSEMBLE in words:
             models[ENSEMBLE].save(out / "ensemble")  # minutes of training: can be named as a MODEL next time
     print(json.dumps(result, indent=2) if arguments.json else text)

@@ -1,4 +1,4 @@
-"""The contact problem: how softly complementarity is solved."""
+"""The contact problem, its smoothing and its solvers."""
 
 from cmbrl.contact.smoothing import Adaptive, Barrier, Exact, Smoothing
 

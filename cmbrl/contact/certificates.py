@@ -1,8 +1,8 @@
-"""How well velocities and impulses satisfy the contact laws, recomputed from the problem itself: no solver's own flag.
+"""How well velocities and impulses satisfy the contact laws, computed from the problem, not from a solver's flag.
 
 Rows of a contact are (normal, tangents); impulses lambda (n, 1 + nt), nt = 1 in the plane and 2 in space. With
 c = J v' + b + R lambda the exact law is  K_mu contains lambda, perpendicular to c + mu |c_t| e_n, in the dual cone
-(De Saxce and Feng 1998). The natural map measures all of it at once; the rest says which part fails.
+(De Saxce and Feng 1998). The natural map measures everything at once; the other residuals show which part fails.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from cmbrl.contact.problem import Array, ContactProblem
 
 @dataclass(frozen=True)
 class Residuals:
-    """Zero means: momentum balance; the next gap is not negative; no force at a distance; inside the friction cone;
-    friction opposes slip and is at its bound while slipping; all laws at once. Impulses relative to |M v_free| / n,
-    speeds to ``problem.speed``, products to both."""
+    """Violations, in order: momentum balance; penetration; force at a distance; friction outside its cone; friction
+    that does not oppose slip, or is below its bound while slipping; all laws at once (natural map). Impulses are
+    relative to |M v_free| / n, speeds to ``problem.speed``, products to both."""
 
     dynamics: float
     penetration: float
@@ -28,12 +28,12 @@ class Residuals:
     natural_map: float
 
     def worst(self) -> float:
-        """The largest of all."""
+        """The largest residual."""
         return max(asdict(self).values())
 
 
 def residuals(problem: ContactProblem, v_next: Array, impulse: Array) -> Residuals:
-    """Scores v' (nv,) and lambda (n, 1 + nt) as a solution of the exact law."""
+    """Residuals of v' (nv,) and lambda (n, 1 + nt) under the exact law."""
     momentum = problem.M @ problem.v_free
     error = problem.M @ (v_next - problem.v_free) - np.einsum("crv,cr->v", problem.J, impulse)
     scale = max(float(np.linalg.norm(momentum)), 1e-300)
@@ -56,7 +56,7 @@ def residuals(problem: ContactProblem, v_next: Array, impulse: Array) -> Residua
 
 
 def project(x: Array, mu: Array) -> Array:
-    """Projection (n, 1 + nt) of x on the friction cones {|x_t| <= mu x_n}; mu = 0 leaves the normal half line."""
+    """Projection (n, 1 + nt) of x onto the friction cones {|x_t| <= mu x_n}; for mu = 0, the normal half line."""
     normal, tangent = x[:, 0], x[:, 1:]
     size = np.linalg.norm(tangent, axis=1)
     head = np.maximum((mu * size + normal) / (1 + mu**2), 0.0)
@@ -67,7 +67,7 @@ def project(x: Array, mu: Array) -> Array:
 
 
 def _natural_map(problem: ContactProblem, c: Array, impulse: Array) -> Array:
-    diagonal = np.diag(problem.delassus()).reshape(impulse.shape) + problem.R  # what a row yields to its own impulse
+    diagonal = np.diag(problem.delassus()).reshape(impulse.shape) + problem.R  # response of a row to its own impulse
     step = 1.0 / np.maximum(diagonal.max(axis=1, keepdims=True), 1e-300)
     shifted = c.copy()
     shifted[:, 0] += problem.mu * np.linalg.norm(c[:, 1:], axis=1)

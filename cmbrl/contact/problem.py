@@ -1,9 +1,9 @@
-"""One contact problem on its own, as every solver gets it: what a step asks of its contacts, without the robot.
+"""A single contact problem as solvers see it: one step of a robot, without the robot.
 
     M (v' - v_free) = J^T lambda,    c = J v' + b + R lambda,    K_mu contains lambda, c obeys Signorini and Coulomb
 
 Rows of a contact are (normal, tangents): nt = 1 tangent in the plane, 2 in space. A joint limit is a contact with
-mu = 0 and zero tangent rows. Files: one ``.npz`` holds many problems (:func:`save`, :func:`load`).
+mu = 0 and zero tangent rows. A ``.npz`` file holds many problems (:func:`save`, :func:`load`).
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ FIELDS = ("M", "J", "v_free", "b", "mu", "R")
 
 @dataclass(frozen=True)
 class ContactProblem:
-    """M (nv, nv); J (n, 1 + nt, nv); v_free (nv,) [m/s]; b (n, 1 + nt) [m/s]: gap term of the normal row (phi/h when
-    rigid), speed of a belt in the tangents; mu (n,); R (n, 1 + nt) [1/kg] compliance of the rows; speed [m/s]: what
-    velocities are compared with, max(g h, |u_free|).
+    """M (nv, nv); J (n, 1 + nt, nv); v_free (nv,) [m/s]; b (n, 1 + nt) [m/s]: gap term of the normal row (phi/h if
+    rigid), surface speed in the tangents; mu (n,); R (n, 1 + nt) [1/kg] compliance of the rows; speed [m/s]: the scale
+    of velocities, max(g h, |u_free|).
 
-    Raises UserError when shapes do not belong together, something is not finite, or mu or R is negative.
+    Raises UserError if shapes disagree, a value is not finite, mu or R is negative, or speed is not positive.
     """
 
     M: Array
@@ -49,17 +49,22 @@ class ContactProblem:
         for field, shape in shapes.items():
             value = getattr(self, field)
             if value.shape != shape:
-                raise UserError(f"{self.name}: {field} is {value.shape} where {n} contacts and {nv} dofs need {shape}")
+                raise UserError(
+                    f"{self.name}: {field} has shape {value.shape}; {n} contacts and {nv} dofs need {shape}"
+                )
             if not np.isfinite(value).all():
                 raise UserError(f"{self.name}: {field} is not finite")
         if rows not in (2, 3):
-            raise UserError(f"{self.name}: J has {rows} rows a contact: 2 in the plane, 3 in space")
-        if (self.mu < 0).any() or (self.R < 0).any() or not self.speed > 0:
-            raise UserError(f"{self.name}: friction, compliance and speed must not be negative")
+            raise UserError(f"{self.name}: J has {rows} rows per contact; give 2 in the plane, 3 in space")
+        for field, what in (("mu", "friction"), ("R", "compliance")):
+            if (getattr(self, field) < 0).any():
+                raise UserError(f"{self.name}: {field} ({what}) is negative; give values of at least 0")
+        if not 0 < self.speed < np.inf:
+            raise UserError(f"{self.name}: speed is {self.speed:g}; give a positive, finite scale of velocities [m/s]")
 
     @property
     def rows(self) -> Array:
-        """J with all rows below each other (n (1 + nt), nv)."""
+        """J with its rows stacked, (n (1 + nt), nv)."""
         return self.J.reshape(-1, len(self.v_free))
 
     def delassus(self) -> Array:
@@ -76,10 +81,10 @@ class ContactProblem:
 
 
 def from_rows(rows: dict[str, Array], resolution: float, name: str) -> list[ContactProblem]:
-    """Problems of a batch of states from arrays over all candidates, of which ``active`` (B, rows) take part.
+    """Problems of a batch of states from arrays over all candidates, of which ``active`` (B, rows) enter.
 
-    ``rows`` holds M (B, nv, nv), v_free (B, nv), J (B, rows, 1 + nt, nv), b, R, mu; ``resolution`` [m/s] is the speed
-    below which velocities are not told apart, g h.
+    ``rows`` has M (B, nv, nv), v_free (B, nv), J (B, rows, 1 + nt, nv), b, R and mu. ``resolution`` [m/s], g h, is the
+    smallest speed that matters.
     """
     problems = []
     for k, active in enumerate(rows["active"].astype(bool)):
@@ -99,9 +104,9 @@ def save(problems: Sequence[ContactProblem], path: str | os.PathLike[str]) -> No
 
 
 def load(path: str | os.PathLike[str]) -> list[ContactProblem]:
-    """Reads what :func:`save` wrote; raises UserError for a missing file or one that holds no contact problems."""
+    """Reads what :func:`save` wrote; raises UserError if the file is missing or has no contact problems."""
     if not Path(path).is_file():
-        raise UserError(f"{path}: no such file: give a file written by 'cmbrl bench solvers --out DIR'")
+        raise UserError(f"{path}: no such file; give one written by 'cmbrl bench solvers --out DIR'")
     try:
         with np.load(path, allow_pickle=False) as data:
             speeds = data["speeds"]
@@ -111,8 +116,8 @@ def load(path: str | os.PathLike[str]) -> list[ContactProblem]:
                 )
                 for k, name in enumerate(data["names"])
             ]
-    except UserError:  # the problem that is wrong is named
+    except UserError:  # it names the problem
         raise
     except (KeyError, ValueError, TypeError, IndexError, EOFError, OSError, BadZipFile) as error:
         what = f"{path}: not a file of contact problems ({type(error).__name__})"
-        raise UserError(f"{what}: write one with 'cmbrl bench solvers --out DIR'") from None
+        raise UserError(f"{what}; write one with 'cmbrl bench solvers --out DIR'") from None

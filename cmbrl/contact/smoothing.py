@@ -1,7 +1,7 @@
 """How much each complementarity product is softened: the central-path parameter kappa [J] of every row.
 
-kappa multiplies an impulse [N s] by a velocity [m/s]; 0 is hard contact. A smoothing policy is data; the native core
-turns it into one kappa per contact and limit (``native/smoothing.hpp``).
+kappa is an impulse [N s] times a velocity [m/s]; 0 is hard contact. A smoothing policy is data; the native core turns
+it into one kappa per contact and limit (``native/smoothing.hpp``).
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ class Exact:
 class Barrier:
     """Constant softening (BS of Zhang, Jin & Wang, ICML 2023): every product equals ``kappa`` [J].
 
-    ``length`` [m] states it physically instead: kappa = length^2 / (2 F h^2), F [1/kg] the mean inverse weight of the
-    scene's contacts, so that the equivalent random perturbation of the closing speed has scale length / h.
+    Alternatively, ``length`` [m] sets kappa = length^2 / (2 F h^2), with F [1/kg] the mean inverse weight of the
+    scene's contacts; the equivalent random perturbation of the closing speed then has scale length / h.
     """
 
     kappa: float | None = None
@@ -55,12 +55,12 @@ class Barrier:
 
 @dataclass(frozen=True)
 class Adaptive:
-    """Softening by distance (ABS): kappa_i(z_i) that smooths a single contact's impulse by a Gaussian, ``length`` [m].
+    """Softening by distance (ABS): kappa_i(z_i) smooths a single contact's impulse by a Gaussian of ``length`` [m].
 
     kappa(z) = F rho(z) rho(-z), rho the Gaussian smoothing of max(-z, 0)/F (proposition 5.3 of the ABS paper in closed
-    form); z = J v_free + gap term is evaluated at the start of the step. One kappa per contact and limit is our choice
-    (the paper has one for all). ``floor`` [J] bounds it below; ``derivative="stop"`` takes kappa for a constant in the
-    gradient.
+    form); z = J v_free + gap term is evaluated at the start of the step. The paper has one kappa for all contacts; one
+    per contact and limit is our choice. ``floor`` [J] bounds kappa below; ``derivative="stop"`` treats kappa as a
+    constant in the gradient.
     """
 
     length: float
@@ -70,7 +70,7 @@ class Adaptive:
     def resolve(self, scene: Scene, time_step: float) -> dict[str, Any]:
         """The core's numbers; raises UserError for a length or floor that is not positive."""
         if self.derivative not in ("exact", "stop"):
-            raise UserError(f"Adaptive(derivative={self.derivative!r}): use 'exact' or 'stop'")
+            raise UserError(f"Adaptive(derivative={self.derivative!r}); use 'exact' or 'stop'")
         floor, length = _positive(self.floor, "Adaptive(floor)"), _positive(self.length, "Adaptive(length)")
         return _native(GAUSSIAN, floor, length, self.derivative == "stop")
 
@@ -94,7 +94,7 @@ def parse_smoothing(text: str) -> Smoothing:
 
 
 def to_config(smoothing: Smoothing) -> dict[str, Any]:
-    """JSON-able description of a policy."""
+    """Description of a policy in JSON types."""
     return {"kind": type(smoothing).__name__.lower(), **asdict(smoothing)}
 
 
@@ -103,7 +103,7 @@ def from_config(config: dict[str, Any]) -> Smoothing:
     fields = dict(config)
     kind = fields.pop("kind", None)
     if kind not in _KINDS:
-        raise UserError(f"unknown smoothing {kind!r}: use one of {', '.join(_KINDS)}")
+        raise UserError(f"unknown smoothing {kind!r}; use one of {', '.join(_KINDS)}")
     return _KINDS[kind](**fields)
 
 
@@ -113,5 +113,5 @@ def _native(mode: int, kappa: float, length: float, stop: bool) -> dict[str, Any
 
 def _positive(value: float | None, name: str) -> float:
     if value is None or not 0 < value <= _LARGEST:
-        raise UserError(f"{name} = {value}: give a positive finite number, at most {_LARGEST:g}")
+        raise UserError(f"{name} = {value}; give a positive number, at most {_LARGEST:g}")
     return float(value)

@@ -1,4 +1,4 @@
-"""Transitions: what was seen. Read, check, split, write; record them from a real system."""
+"""Logs of transitions: read, checked, split and written, or recorded from a real system."""
 
 from cmbrl.data.trajectories import read_trajectories
 from cmbrl.data.transitions import Transitions

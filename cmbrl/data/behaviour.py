@@ -1,4 +1,4 @@
-"""What drives a robot while it is recorded: random actions, PD control with noise, or a policy."""
+"""Controllers for recording: random actions, PD control with noise, or a policy."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ import numpy as np
 from cmbrl.errors import UserError
 
 PolicyFunction = Callable[[np.ndarray], Any]
-"""A policy takes the real system's own observation (n_obs,) and returns the control (nu,)."""
+"""Maps the real system's observation (n_obs,) to the control (nu,)."""
 
 Controller = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""A controller takes observation, q (nq,) and v (nv,) and returns the control (nu,) within its range."""
+"""Maps observation, q (nq,) and v (nv,) to the control (nu,), within its range."""
 
 
 def controller(behaviour: str | PolicyFunction, model: Any, rng: np.random.Generator) -> Controller:
-    """The controller that ``behaviour`` names ("random", "pd") or that wraps a policy, for a ``mujoco.MjModel``."""
+    """The controller of a ``mujoco.MjModel``: "random", "pd", or a policy."""
     low, high = _control_range(model)
     if callable(behaviour):
         return lambda observation, q, v: np.clip(_as_control(behaviour(observation), model.nu), low, high)
@@ -27,21 +27,21 @@ def controller(behaviour: str | PolicyFunction, model: Any, rng: np.random.Gener
         return lambda observation, q, v: rng.uniform(low, high)
     if behaviour == "pd":
         return PdNoise(model, rng)
-    raise UserError(f"behaviour {behaviour!r} is not known: choose random or pd, or give a policy")
+    raise UserError(f"unknown behaviour {behaviour!r}; give random, pd or a policy")
 
 
 class PdNoise:
-    """PD control towards joint targets that jump now and then, plus white noise (our choice of constants).
+    """PD control towards joint targets that change from time to time, plus white noise. The constants are our choice.
 
-    Smooth motion near the initial posture, where uniform actions jerk: Hopper-v5 stands about twice as long. Torque
-    motors on hinges are assumed: control is torque / gear, so that gains in its unit fit motors of any strength.
+    Motion is smoother than under uniform actions and stays near the initial posture: Hopper-v5 stands about twice as
+    long. It assumes torque motors on hinges; control is torque / gear, so the gains suit motors of any strength.
     """
 
     stiffness = 1.0  #: full control at 1 rad from the target [1/rad]
-    damping = 0.05  #: twice as much chatters when held over 50 ms on the half-cheetah's light limbs [s/rad]
+    damping = 0.05  #: twice as much chatters on the half-cheetah's light limbs at 50 ms [s/rad]
     noise = 0.1  #: standard deviation of the noise, as a share of full control
-    reach = 0.2  #: targets lie this far [rad] around the initial posture, at most
-    hold = 10  #: a target is held for so many control steps
+    reach = 0.2  #: largest distance of targets from the initial posture [rad]
+    hold = 10  #: control steps per target
 
     def __init__(self, model: Any, rng: np.random.Generator) -> None:
         joint = model.actuator_trnid[:, 0]
@@ -67,22 +67,22 @@ class PdNoise:
 
 
 def load_policy(path: str | Path) -> PolicyFunction:
-    """A policy saved with TorchScript: float32 observations (1, n_obs) to controls (1, nu), run without gradients.
+    """A TorchScript policy: float32 observations (1, n_obs) to controls (1, nu), run without gradients.
 
-    TorchScript is loaded because it is a program of its own restricted language, not a Python pickle.
-    Raises UserError when the file is missing or is not TorchScript, and when it fails on an observation.
+    TorchScript is a restricted language, so unlike a pickle it can be loaded safely. Raises UserError if the file is
+    missing or not TorchScript, or if the policy fails on an observation.
     """
     import torch
 
     if not Path(path).is_file():
-        raise UserError(f"{path}: no such policy file: save one with torch.jit.script(policy).save(FILE)")
+        raise UserError(f"{path}: no such policy file; save one with torch.jit.script(policy).save(FILE)")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # torch's: what follows TorchScript is no program file
+            warnings.simplefilter("ignore", DeprecationWarning)  # torch deprecates TorchScript
             module = torch.jit.load(str(path), map_location="cpu").eval()
     except (RuntimeError, ValueError) as error:
         first = str(error).strip().splitlines()[0] if str(error).strip() else "unknown reason"
-        raise UserError(f"{path}: not a TorchScript policy ({first}): save it with torch.jit.script") from None
+        raise UserError(f"{path}: not a TorchScript policy ({first}); save it with torch.jit.script") from None
 
     def policy(observation: np.ndarray) -> np.ndarray:
         try:
@@ -90,13 +90,15 @@ def load_policy(path: str | Path) -> PolicyFunction:
                 return module(torch.as_tensor(observation, dtype=torch.float32)[None])[0].numpy()
         except RuntimeError as error:
             last = str(error).strip().splitlines()[-1]
-            raise UserError(f"{path}: fails on the {len(observation)} observations of this robot ({last})") from None
+            raise UserError(
+                f"{path}: the policy fails on {len(observation)} observations ({last}); is it of another robot?"
+            ) from None
 
     return policy
 
 
 def _control_range(model: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Control range (nu,), (nu,); an unlimited actuator is driven within [-1, 1]."""
+    """Bounds (nu,), (nu,) of the control; [-1, 1] for unlimited actuators."""
     limited = model.actuator_ctrllimited.astype(bool)[:, None]
     low, high = np.where(limited, model.actuator_ctrlrange, [-1.0, 1.0]).T
     return low, high
@@ -105,5 +107,5 @@ def _control_range(model: Any) -> tuple[np.ndarray, np.ndarray]:
 def _as_control(value: Any, nu: int) -> np.ndarray:
     control = np.asarray(value, dtype=np.float64)
     if control.shape != (nu,) or not np.isfinite(control).all():
-        raise UserError(f"the policy returned shape {control.shape}, or NaN: {nu} finite numbers are needed")
+        raise UserError(f"the policy returned shape {control.shape} or NaN; it must return {nu} finite numbers")
     return control

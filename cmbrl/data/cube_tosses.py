@@ -7,35 +7,31 @@ are backward differences: ``v[k+1] = (p[k+1] - p[k]) / dt``.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from cmbrl.data.trajectories import read_trajectories
+from cmbrl.data.fields import Fields
+from cmbrl.data.stacking import stack
 from cmbrl.errors import UserError
-
-if TYPE_CHECKING:
-    from cmbrl.data.transitions import Transitions
 
 #: world position [m], unit quaternion w x y z, world linear [m/s] and body angular velocity [rad/s], rows per toss, s
 KEYS = ("position", "quaternion_wxyz", "linear_velocity", "angular_velocity_body", "toss_lengths", "dt")
 
 
 def is_layout(found: dict[str, np.ndarray]) -> bool:
-    """Whether an npz with these arrays is a file of tosses."""
+    """Whether these arrays are those of the published file."""
     return all(name in found for name in KEYS)
 
 
-def convert(found: dict[str, np.ndarray]) -> Transitions:
-    """Transitions (nq 7, nv 6, nu 0) of the tosses, one toss an episode; the layout is already that of a free joint.
+def convert(found: dict[str, np.ndarray]) -> Fields:
+    """The tosses as transitions (nq 7, nv 6, nu 0), one episode each, in the layout of a free joint.
 
-    Raises UserError when arrays and toss lengths disagree.
+    Raises UserError if arrays and toss lengths disagree.
     """
     rows = len(found["position"])
     for name, columns in zip(KEYS[:4], (3, 4, 3, 3), strict=True):
         if found[name].shape != (rows, columns):
-            raise UserError(f"{name} has shape {found[name].shape}, not {(rows, columns)}: load the published file")
-    return read_trajectories(
+            raise UserError(f"{name} has shape {found[name].shape}, expected {(rows, columns)}; use the published file")
+    return stack(
         q=np.concatenate([found["position"], found["quaternion_wxyz"]], axis=1),
         v=np.concatenate([found["linear_velocity"], found["angular_velocity_body"]], axis=1),
         lengths=found["toss_lengths"],

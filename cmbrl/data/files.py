@@ -1,23 +1,20 @@
-"""Which reader or writer a path asks for: ``NAME.npz``, a Minari dataset folder, or ``minari:ID``."""
+"""Chooses the reader or writer of a path: ``NAME.npz``, a Minari dataset folder, or ``minari:ID``."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from cmbrl.data import npz
+from cmbrl.data.fields import Fields
 from cmbrl.errors import UserError
 from cmbrl.files import check_writable
-
-if TYPE_CHECKING:
-    from cmbrl.data.transitions import Transitions
 
 MINARI_PREFIX = "minari:"
 
 
-def save(data: Transitions, path: str | os.PathLike[str]) -> None:
-    """Writes ``data``; raises UserError when the name does not tell the format or the place cannot be written."""
+def save(data: Fields, path: str | os.PathLike[str]) -> None:
+    """Writes ``data``; raises UserError for an unknown format or a place that cannot be written."""
     check_target(path)
     if str(path).startswith(MINARI_PREFIX):
         from cmbrl.data import minari_io
@@ -33,9 +30,9 @@ def save(data: Transitions, path: str | os.PathLike[str]) -> None:
 
 
 def check_target(path: str | os.PathLike[str]) -> None:
-    """Raises UserError when the name does not tell the format or the place cannot be written; writes nothing.
+    """Raises UserError for an unknown format or a place that cannot be written; writes nothing.
 
-    For callers that have long work to do before they save.
+    For callers with long work to do before they save.
     """
     is_id = str(path).startswith(MINARI_PREFIX)
     if Path(path).suffix == ".npz" and not is_id:
@@ -45,22 +42,22 @@ def check_target(path: str | os.PathLike[str]) -> None:
 
         minari_io.check_new(minari_io.root_path(str(path).removeprefix(MINARI_PREFIX)) if is_id else Path(path))
     else:
-        raise UserError(f"{path}: unknown format: end in .npz, or name a folder or minari:ID for Minari")
+        raise UserError(f"{path}: unknown format; give NAME.npz, or a folder or minari:ID for Minari")
 
 
-def load(path: str | os.PathLike[str]) -> Transitions:
-    """Reads a log; raises UserError when it is missing, of another kind, empty, or fails a check at the door."""
+def load(path: str | os.PathLike[str]) -> Fields:
+    """Reads a log; raises UserError if it is missing, of another kind or damaged."""
     if str(path).startswith(MINARI_PREFIX):
         from cmbrl.data import minari_io
 
         return minari_io.read(minari_io.root_path(str(path).removeprefix(MINARI_PREFIX)))
     file = Path(path)
     if not file.exists():
-        raise UserError(f"{file}: no such file: record a log with `cmbrl record`, or check the path")
+        raise UserError(f"{file}: no such file; record a log with `cmbrl record`, or check the path")
     if file.is_dir() or file.suffix in (".hdf5", ".h5"):
         from cmbrl.data import minari_io
 
         return minari_io.read(file)
     if file.suffix == ".npz":
         return npz.read(file)
-    raise UserError(f"{file}: unknown format: a log is a .npz file, a Minari dataset folder, or minari:ID")
+    raise UserError(f"{file}: unknown format; give a .npz file, a Minari dataset folder, or minari:ID")

@@ -1,10 +1,9 @@
-"""Logs as Minari datasets: the public format. Works offline; nothing is downloaded.
+"""Logs as Minari datasets, a public format. Works offline; nothing is downloaded.
 
 A dataset is a folder with ``data/main_data.hdf5`` and ``data/metadata.json`` (Minari 0.5, hdf5 format). An episode of
-T transitions is written as T+1 observations ``{"qpos": (nq,), "qvel": (nv,)}``, T actions (nu,), and rewards of zero,
-since a log has none. The time step, names and source stand in the metadata under "cmbrl".
-Read are such datasets, and others whose observations or infos hold raw ``qpos`` and ``qvel`` (observation vectors are
-not enough: Gymnasium's leave x out and clip).
+T transitions is written as T+1 observations ``{"qpos": (nq,), "qvel": (nv,)}``, T actions (nu,), and zero rewards,
+because a log has none. The metadata has the time step, names and source under "cmbrl". Other datasets can be read if
+their observations or infos contain raw ``qpos`` and ``qvel``; Gymnasium's observation vectors omit x and are clipped.
 """
 
 from __future__ import annotations
@@ -13,24 +12,23 @@ import json
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, cast
 
 import numpy as np
 
+from cmbrl.data.fields import Fields
 from cmbrl.data.splitting import follows
 from cmbrl.errors import UserError
 from cmbrl.files import atomic_path, check_writable
 
-if TYPE_CHECKING:
-    from cmbrl.data.transitions import Transitions
-
 KEY = "cmbrl"
+_ABOUT = {"dt": "dt", "joints": "joint_names", "actuators": "actuator_names", "source": "source"}  # there: here
 
 
 def root_path(dataset_id: str) -> Path:
     """Folder of a dataset in Minari's own root (MINARI_DATASETS_PATH, or ~/.minari/datasets).
 
-    Raises UserError when the id is not Minari's ``(NAMESPACE/)NAME-vN``, and when Minari is missing.
+    Raises UserError if the id is not Minari's ``(NAMESPACE/)NAME-vN``, or Minari is missing.
     """
     _minari()
     from minari.dataset.minari_dataset import DATASET_ID_RE
@@ -38,29 +36,29 @@ def root_path(dataset_id: str) -> Path:
 
     match = DATASET_ID_RE.fullmatch(dataset_id)
     if match is None or match.group("version") is None:
-        raise UserError(f"minari:{dataset_id}: not an id of Minari: write minari:NAME-v0 or minari:NAMESPACE/NAME-v0")
+        raise UserError(f"minari:{dataset_id}: not a Minari id; write minari:NAME-v0 or minari:NAMESPACE/NAME-v0")
     return Path(get_dataset_path(dataset_id))
 
 
 def check_new(folder: Path) -> None:
-    """Raises UserError when the folder exists already, cannot be written, or Minari is missing; writes nothing."""
+    """Raises UserError if the folder exists or cannot be written, or Minari is missing; writes nothing."""
     _minari()
     if folder.exists():
-        raise UserError(f"{folder}: exists already: remove it or choose another name")
+        raise UserError(f"{folder}: already exists; remove it or choose another name")
     check_writable(folder)
 
 
-def write(data: Transitions, folder: Path, dataset_id: str | None = None) -> None:
-    """Writes ``data`` as a dataset in ``folder``, whole or not at all; an episode with a gap inside becomes several.
+def write(data: Fields, folder: Path, dataset_id: str | None = None) -> None:
+    """Writes ``data`` as a dataset in ``folder``, completely or not at all; an episode with gaps becomes several.
 
-    ``dataset_id`` is Minari's name for it; by default the folder's name, with version 0 if it has none.
-
-    Raises UserError when the folder exists already, cannot be written, or Minari is missing.
+    ``dataset_id`` is Minari's name; default: the folder's name, with version 0 if it has none. Raises UserError if the
+    folder exists or cannot be written, or Minari is missing.
     """
     check_new(folder)
     folder = folder.absolute()  # Minari joins relative paths twice
-    if len(data) == 0:
-        raise UserError(f"{folder}: the log is empty: Minari needs at least one transition")
+    rows = len(data["q"])
+    if rows == 0:
+        raise UserError(f"{folder}: the log is empty; Minari needs at least one transition")
     from gymnasium.spaces import Box, Dict
     from minari.data_collector import EpisodeBuffer
     from minari.dataset.minari_storage import MinariStorage
@@ -69,20 +67,20 @@ def write(data: Transitions, folder: Path, dataset_id: str | None = None) -> Non
         return Box(-np.inf, np.inf, (columns,), np.float64)
 
     starts = np.concatenate([[0], np.flatnonzero(~follows(data)) + 1])
-    ends = np.concatenate([starts[1:], [len(data)]])
+    ends = np.concatenate([starts[1:], [rows]])
     buffers = [
         _episode(EpisodeBuffer, data, int(a), int(b), i) for i, (a, b) in enumerate(zip(starts, ends, strict=True))
     ]
     if dataset_id is None:
         dataset_id = folder.name if folder.name.rpartition("-v")[2].isdigit() else f"{folder.name}-v0"
-    about = {"dt": data.dt, "joints": data.joint_names, "actuators": data.actuator_names, "source": data.source}
+    about = {key: data[name] for key, name in _ABOUT.items()}  # type: ignore[literal-required]
     with atomic_path(folder) as temporary:
         (temporary / "data").mkdir(parents=True)
         # The storage itself, because create_dataset_from_buffers only writes to Minari's root.
         storage = MinariStorage.new(
             temporary / "data",
-            observation_space=Dict({"qpos": space(data.q.shape[1]), "qvel": space(data.v.shape[1])}),
-            action_space=space(data.u.shape[1]),
+            observation_space=Dict({"qpos": space(data["q"].shape[1]), "qvel": space(data["v"].shape[1])}),
+            action_space=space(data["u"].shape[1]),
             data_format="hdf5",
         )
         storage.update_metadata(
@@ -96,67 +94,76 @@ def write(data: Transitions, folder: Path, dataset_id: str | None = None) -> Non
         storage.update_episodes(buffers)
 
 
-def read(path: Path) -> Transitions:
-    """Reads the dataset in folder ``path`` (or the dataset that an .hdf5 file in it belongs to); one episode each.
+def read(path: Path) -> Fields:
+    """Reads the dataset in the folder ``path``, or the one that the .hdf5 file ``path`` belongs to.
 
-    Raises UserError: not a dataset, no raw states in it, no time step, empty, or refused by a check.
+    Raises UserError if it is not a dataset, is damaged or empty, or lacks raw states or a time step.
     """
     minari = _minari()
-    from cmbrl.data.transitions import Transitions
-
     folder = (path if path.is_dir() else path.parent).absolute()
     folder = folder / "data" if (folder / "data").is_dir() else folder
     if not (folder / "metadata.json").is_file():
-        raise UserError(f"{path}: not a Minari dataset (no metadata.json in {folder}): check the path")
+        raise UserError(f"{path}: not a Minari dataset (no metadata.json in {folder}); check the path")
     try:
         dataset = minari.MinariDataset(folder)
         stored = [_arrays(path, episode) for episode in dataset.iterate_episodes()]
-        metadata = dataset.storage.metadata
-    except (OSError, ValueError, KeyError, AssertionError, json.JSONDecodeError) as error:
-        if isinstance(error, UserError):
-            raise
-        raise UserError(f"{path}: not readable as a Minari dataset ({error!r})") from None
+        metadata = dict(dataset.storage.metadata)
+    except UserError:
+        raise
+    except Exception as error:  # Minari does not check what it reads, so anything may come
+        raise UserError(f"{path}: not readable as a Minari dataset ({error!r}); record it again") from None
     stored = [arrays for arrays in stored if len(arrays["u"])]
     if not stored:
-        raise UserError(f"{path}: the log is empty: record at least one transition")
-    about: dict[str, Any] = json.loads(metadata[KEY]) if KEY in metadata else {"dt": _environment_dt(path, dataset)}
+        raise UserError(f"{path}: the log is empty; record at least one transition")
+    about = _about(path, metadata[KEY]) if KEY in metadata else {"dt": _environment_dt(path, dataset)}
     try:
-        return Transitions(
-            **{name: np.concatenate([arrays[name] for arrays in stored]) for name in stored[0]},
-            dt=about["dt"],
-            episode=np.repeat(np.arange(len(stored)), [len(arrays["u"]) for arrays in stored]),
-            joint_names=tuple(about.get("joints", ())),
-            actuator_names=tuple(about.get("actuators", ())),
-            source=about.get("source", {"minari": metadata.get("dataset_id", "")}),
-        )
-    except (UserError, ValueError) as error:
-        raise UserError(f"{path}: {error}") from None
+        rows = {name: np.concatenate([arrays[name] for arrays in stored]) for name in stored[0]}
+    except ValueError:
+        raise UserError(f"{path}: its episodes have different numbers of columns; record one robot only") from None
+    episode = np.repeat(np.arange(len(stored)), [len(arrays["u"]) for arrays in stored])
+    source = {"source": {"minari": metadata.get("dataset_id", "")}}
+    return cast(Fields, {**rows, "episode": episode, **source, **about})
+
+
+def _about(path: Path, text: Any) -> dict[str, Any]:
+    """What the metadata of a dataset of ours says about it; raises UserError if it is damaged."""
+    try:
+        about = json.loads(text)
+    except (TypeError, ValueError):
+        about = None
+    if not isinstance(about, dict) or "dt" not in about:
+        raise UserError(f"{path}: its metadata has no time step ({KEY}: dt); record the log again")
+    names = [about.get(key, []) for key in ("joints", "actuators")]
+    named = all(isinstance(x, list) and all(isinstance(name, str) for name in x) for x in names)
+    if not named or not isinstance(about.get("source", {}), dict):
+        raise UserError(f"{path}: its metadata ({KEY}: joints, actuators, source) is damaged; record the log again")
+    return {here: about[there] for there, here in _ABOUT.items() if there in about}
 
 
 def _minari() -> Any:
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # its imports warn about formats that are not used here
+            warnings.simplefilter("ignore")  # about formats that are not used here
             import h5py  # noqa: F401
             import minari
-            import PIL  # noqa: F401  # minari's hdf5 extra needs Pillow and does not ask for it
+            import PIL  # noqa: F401  # minari's hdf5 extra needs Pillow without requiring it
     except ImportError as error:
         raise UserError(
-            f"{error.name or 'minari'} is missing, which Minari logs need: pip install 'cmbrl[data]'"
+            f"{error.name or 'minari'} is missing; Minari logs need it: pip install 'cmbrl[data]'"
         ) from None
     return minari
 
 
-def _episode(buffer: Any, data: Transitions, start: int, end: int, number: int) -> Any:
+def _episode(buffer: Any, data: Fields, start: int, end: int, number: int) -> Any:
     rows = slice(start, end)
     length = end - start
     return buffer(
         id=number,
         observations={
-            "qpos": np.concatenate([data.q[rows], data.q_next[end - 1 : end]]),
-            "qvel": np.concatenate([data.v[rows], data.v_next[end - 1 : end]]),
+            "qpos": np.concatenate([data["q"][rows], data["q_next"][end - 1 : end]]),
+            "qvel": np.concatenate([data["v"][rows], data["v_next"][end - 1 : end]]),
         },
-        actions=data.u[rows],
+        actions=data["u"][rows],
         rewards=[0.0] * length,
         terminations=[False] * length,
         truncations=[False] * (length - 1) + [True],
@@ -172,22 +179,22 @@ def _arrays(path: Path, episode: Any) -> dict[str, np.ndarray]:
             break
     else:
         raise UserError(
-            f"{path}: neither observations nor infos hold qpos and qvel: record raw states, as `cmbrl record` does"
+            f"{path}: neither observations nor infos contain qpos and qvel; record raw states, as `cmbrl record` does"
         )
     u = np.asarray(episode.actions, dtype=np.float64).reshape(len(episode.rewards), -1)
     if not len(q) == len(v) == len(u) + 1:
         raise UserError(
-            f"{path}: episode {episode.id} has {len(q)} states for {len(u)} actions: one more state is needed"
+            f"{path}: episode {episode.id} has {len(q)} states for {len(u)} actions; one more state is needed"
         )
     return {"q": q[:-1], "v": v[:-1], "u": u, "q_next": q[1:], "v_next": v[1:]}
 
 
 def _environment_dt(path: Path, dataset: Any) -> float:
-    """Control step [s] of the environment that a foreign dataset names."""
+    """Control step [s] of the environment of a dataset by others."""
     try:
         return float(dataset.recover_environment().unwrapped.dt)
     except Exception as error:  # an environment is foreign code, and may not be installed
         raise UserError(
-            f"{path}: the dataset does not tell its time step and its environment does not start ({error!r}): "
+            f"{path}: the dataset has no time step, and its environment does not start ({error!r}); "
             "load it in Python and make Transitions with dt="
         ) from None

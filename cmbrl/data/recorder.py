@@ -1,4 +1,4 @@
-"""Recording from a Gymnasium MuJoCo environment: raw states and controls, never its observations."""
+"""Records raw states and controls from a Gymnasium MuJoCo environment."""
 
 from __future__ import annotations
 
@@ -20,16 +20,13 @@ Progress = Callable[[int], object]
 
 
 def gymnasium_asset(name: str) -> Path:
-    """The path of an MJCF that Gymnasium ships, found without importing it.
-
-    Raises UserError with the line that installs Gymnasium when it is missing.
-    """
+    """Path of an MJCF that Gymnasium ships, found without importing it. Raises UserError if it is missing."""
     spec = find_spec("gymnasium")
     if spec is None or not spec.submodule_search_locations:
-        raise UserError(f"gymnasium is not installed, which ships {name}: pip install 'cmbrl[tasks]'")
+        raise UserError(f"gymnasium, which ships {name}, is not installed: pip install 'cmbrl[tasks]'")
     path = Path(spec.submodule_search_locations[0]) / "envs" / "mujoco" / "assets" / name
     if not path.is_file():
-        raise UserError(f"{path}: gymnasium does not ship this scene any more: pip install 'gymnasium[mujoco]>=1.0'")
+        raise UserError(f"{path}: not in this version of gymnasium: pip install 'gymnasium[mujoco]>=1.0'")
     return path
 
 
@@ -41,22 +38,21 @@ def record_gymnasium(
     progress: Progress | None = None,
     episode_steps: int = 1000,
 ) -> Transitions:
-    """``n_steps`` transitions of a Gymnasium MuJoCo environment, every reset and termination starting a new episode.
+    """Records ``n_steps`` transitions of a Gymnasium MuJoCo environment; every reset starts a new episode.
 
-    States are MuJoCo's own ``qpos`` and ``qvel`` (observations clip Hopper's velocities at +-10 and leave x out); ``u``
-    is the ``ctrl`` that acted during the whole control step. The same seed gives the same log, and a shorter log is
-    the beginning of a longer one.
+    States are MuJoCo's ``qpos`` and ``qvel`` (observations omit x and clip velocities). ``u`` is the ``ctrl`` that
+    acted during the whole control step. The same seed gives the same log; a shorter log is the start of a longer one.
 
     Args:
         environment: Gymnasium id, such as "Hopper-v5".
-        n_steps: number of transitions over all episodes; the last episode is cut.
+        n_steps: transitions over all episodes; the last episode is cut.
         seed: of resets and behaviour.
         behaviour: "random" (uniform over the control range), "pd", or a policy.
-        progress: told about each recorded transition.
-        episode_steps: an episode ends after so many control steps even if it did not terminate.
+        progress: called with 1 after each transition.
+        episode_steps: longest episode, in control steps.
     """
     if find_spec("gymnasium") is None:
-        raise UserError(f"gymnasium is not installed, which simulates {environment}: pip install 'cmbrl[tasks]'")
+        raise UserError(f"gymnasium, which simulates {environment}, is not installed: pip install 'cmbrl[tasks]'")
     import gymnasium
 
     try:
@@ -74,8 +70,8 @@ def _roll(
     env: Any, name: str, n_steps: int, seed: int, behaviour: str | PolicyFunction, progress: Progress | None
 ) -> Transitions:
     model, data = env.unwrapped.model, env.unwrapped.data
-    # Resets draw from the environment's generator (seeded once below), behaviours from this one: apart, so that a
-    # behaviour that draws more does not change where episodes start.
+    # Resets draw from the environment's generator (seeded once below) and behaviours from this one, so that the starts
+    # of episodes do not depend on the behaviour.
     control = controller(behaviour, model, np.random.default_rng([seed, 1]))
     q, q_next = np.empty((2, n_steps, model.nq))
     v, v_next = np.empty((2, n_steps, model.nv))
@@ -110,7 +106,7 @@ def _roll(
 
 @contextmanager
 def without_mujoco_warnings() -> Iterator[None]:
-    """Swallows MuJoCo's warnings about scenes that are not ours (it prints them and leaves a MUJOCO_LOG.TXT)."""
+    """Silences MuJoCo's warnings about scenes by others; it would print them and write MUJOCO_LOG.TXT."""
     import mujoco
 
     handler = mujoco.get_mju_user_warning()

@@ -1,74 +1,71 @@
-"""Which rows go together: splits that never cut an episode, windows that never cross one."""
+"""Which rows belong together: splits by episode, windows within an episode, logs joined end to end."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cmbrl.data.fields import ROWS, Fields
 from cmbrl.errors import UserError
-
-if TYPE_CHECKING:
-    from cmbrl.data.transitions import Transitions
 
 
 def episode_mask(episode: np.ndarray, fraction: float, seed: int) -> np.ndarray:
-    """Mask (N,) of the rows whose episode is among the ``fraction`` drawn without replacement under ``seed``.
+    """Mask (N,) of the rows in a random ``fraction`` of the episodes (N,).
 
-    Raises UserError when a split would leave one side empty whatever is drawn.
+    Raises UserError for a fraction outside (0, 1), or a single episode.
     """
     if not 0.0 < fraction < 1.0:
-        raise UserError(f"fraction is {fraction}: a share between 0 and 1 (both excluded) of the episodes is needed")
+        raise UserError(f"fraction is {fraction}; give a share of the episodes above 0 and below 1")
     known = np.unique(episode)
     if len(known) < 2:
         raise UserError(
-            f"the log has {len(known)} episode, a split by episode needs at least two: record more, "
-            "or give a log of its own for testing"
+            f"the log has {len(known)} episode{'s' * (len(known) != 1)}, but a split needs two; record more, "
+            "or test on a separate log"
         )
     count = min(max(round(fraction * len(known)), 1), len(known) - 1)
     chosen = np.random.default_rng(seed).permutation(known)[:count]
     return np.isin(episode, chosen)
 
 
-def follows(data: Transitions) -> np.ndarray:
-    """Mask (N-1,): row i+1 is of the same episode as row i and begins in the state in which row i ended."""
-    same = data.episode[1:] == data.episode[:-1]
-    for now, after in ((data.q, data.q_next), (data.v, data.v_next)):
+def follows(log: Fields) -> np.ndarray:
+    """Mask (N-1,): row i+1 continues the episode of row i from the state in which row i ended."""
+    same = log["episode"][1:] == log["episode"][:-1]
+    for now, after in ((log["q"], log["q_next"]), (log["v"], log["v_next"])):
         same = same & np.isclose(now[1:], after[:-1], rtol=1e-9, atol=1e-9).all(axis=1)
     return same
 
 
-def window_starts(data: Transitions, k: int) -> np.ndarray:
-    """Rows that start k consecutive transitions (int64, ascending, overlapping); empty when no episode is that long."""
+def window_starts(log: Fields, k: int) -> np.ndarray:
+    """Rows that start k consecutive transitions: int64, ascending, overlapping; empty if no episode is that long."""
     if k < 1:
-        raise UserError(f"a window of {k} transitions: give 1 or more")
-    if len(data) < k:
+        raise UserError(f"a window has {k} transitions; give at least 1")
+    rows = len(log["q"])
+    if rows < k:
         return np.empty(0, dtype=np.int64)
-    breaks = np.concatenate([[0], np.cumsum(~follows(data))])  # how many breaks lie before a row
-    return np.flatnonzero(breaks[k - 1 :] == breaks[: len(data) - k + 1]).astype(np.int64)
+    breaks = np.concatenate([[0], np.cumsum(~follows(log))])  # number of breaks before a row
+    return np.flatnonzero(breaks[k - 1 :] == breaks[: rows - k + 1]).astype(np.int64)
 
 
-def joined(logs: Sequence[Transitions]) -> Transitions:
-    """The rows of all ``logs`` in order, their episodes numbered on.
+def joined(logs: Sequence[Fields]) -> Fields:
+    """The rows of all ``logs`` in order, with their episodes renumbered so that no two coincide.
 
-    Raises UserError on none, and on logs of different shapes or time steps.
+    Raises UserError for no logs, and for logs of different shapes or time steps.
     """
     if not logs:
-        raise UserError("no logs to join: give at least one")
+        raise UserError("no logs to join; give at least one")
     first = logs[0]
     for k, log in enumerate(logs):
-        if (log.q.shape[1], log.v.shape[1], log.u.shape[1], log.dt) != (*_widths(first), first.dt):
-            raise UserError(f"log {k} is of another robot or time step than log 0: join logs of one robot only")
-    arrays: dict[str, Any] = {name: np.concatenate([getattr(log, name) for log in logs]) for name in _ARRAYS}
-    offsets = np.cumsum([0, *(log.episode.max() + 1 for log in logs[:-1])])
-    episode = np.concatenate([log.episode + offset for log, offset in zip(logs, offsets, strict=True)])
-    return replace(first, **arrays, episode=episode)
+        if _kind(log) != _kind(first):
+            raise UserError(f"log {k} has another robot or time step than log 0; join logs of one robot only")
+    episodes, unused = [], 0
+    for log in logs:
+        episode = log["episode"] + unused - log["episode"].min(initial=0)  # numbers below zero would collide
+        unused = episode.max(initial=unused - 1) + 1
+        episodes.append(episode)
+    rows: Fields = {name: np.concatenate([log[name] for log in logs]) for name in ROWS}  # type: ignore[literal-required, assignment]
+    return {**first, **rows, "episode": np.concatenate(episodes)}
 
 
-_ARRAYS = ("q", "v", "u", "q_next", "v_next")
-
-
-def _widths(log: Transitions) -> tuple[int, ...]:
-    return log.q.shape[1], log.v.shape[1], log.u.shape[1]
+def _kind(log: Fields) -> tuple[float, ...]:
+    return log["q"].shape[1], log["v"].shape[1], log["u"].shape[1], log["dt"]

@@ -1,15 +1,17 @@
-"""The log: stacked transitions ``(q, v, u) -> (q_next, v_next)`` with their time step and episode."""
+"""The log: transitions ``(q, v, u) -> (q_next, v_next)`` with their time step and episodes."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from cmbrl.data import checks, splitting
+from cmbrl.data.fields import ROWS, Fields
+from cmbrl.errors import UserError
 
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
@@ -17,12 +19,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Transitions:
-    """N transitions of one robot; row i: ``u[i]``, held for ``dt``, led from ``(q[i], v[i])`` to the next state.
+    """N transitions of one robot. In row i, ``u[i]``, held for ``dt``, leads from ``(q[i], v[i])`` to the next state.
 
-    The layout is MuJoCo's: a free joint is world position and quaternion w x y z in ``q``, world linear and *body*
-    angular velocity in ``v``; slides in m, hinges in rad. Anything that numpy can convert (CPU tensors too) is taken.
-    Rows of one episode are contiguous and in time order. Construction checks shapes and values (see
-    :mod:`cmbrl.data.checks`) and raises :class:`cmbrl.UserError` that names the array and the row.
+    The layout is MuJoCo's: for a free joint, ``q`` has the world position and a quaternion w x y z, ``v`` the world
+    linear and *body* angular velocity; slides are in m, hinges in rad. Anything that numpy converts is accepted. The
+    rows of an episode are contiguous and in time order. Construction checks shapes and values
+    (:mod:`cmbrl.data.checks`) and raises :class:`cmbrl.UserError` that names the array and the row.
     """
 
     q: np.ndarray  #: (N, nq) configuration before the step [m, rad, unit quaternion]
@@ -31,10 +33,10 @@ class Transitions:
     q_next: np.ndarray  #: (N, nq) configuration after the step
     v_next: np.ndarray  #: (N, nv) velocity after the step
     dt: float  #: duration of one transition [s]
-    episode: np.ndarray  #: (N,) int64, the episode that a row belongs to
-    joint_names: tuple[str, ...] = ()  #: names in the order of ``q``; empty when the source does not tell
-    actuator_names: tuple[str, ...] = ()  #: names in the order of ``u``; empty when the source does not tell
-    source: dict[str, Any] = field(default_factory=dict)  #: where the log comes from (task, behaviour, seed, versions)
+    episode: np.ndarray  #: (N,) int64, the episode of each row
+    joint_names: tuple[str, ...] = ()  #: names in the order of ``q``; empty if unknown
+    actuator_names: tuple[str, ...] = ()  #: names in the order of ``u``; empty if unknown
+    source: dict[str, Any] = field(default_factory=dict)  #: origin of the log (task, behaviour, seed, versions)
 
     def __post_init__(self) -> None:
         for name, array in checks.stacked(self.q, self.v, self.u, self.q_next, self.v_next).items():
@@ -52,51 +54,62 @@ class Transitions:
         """Number of episodes."""
         return len(np.unique(self.episode))
 
-    def select(self, rows: Any) -> Transitions:
-        """The rows that an index array, a boolean mask (N,) or a slice picks, in the order given.
+    def fields(self) -> Fields:
+        """The constructor's arguments."""
+        return cast(Fields, dict(vars(self)))
 
-        Raises UserError when the order given tears an episode apart.
+    def select(self, rows: Any) -> Transitions:
+        """The rows of an index array, a boolean mask (N,) or a slice, in that order.
+
+        Raises UserError if the order splits an episode.
         """
-        picked = {name: getattr(self, name)[rows] for name in ("q", "v", "u", "q_next", "v_next", "episode")}
+        picked = {name: getattr(self, name)[rows] for name in (*ROWS, "episode")}
         return replace(self, **picked)
 
     @staticmethod
     def joined(logs: Sequence[Transitions]) -> Transitions:
-        """All rows of logs of one robot, in order, no two with an episode in common; names and source of the first.
+        """All rows of several logs of one robot, in order, without common episodes; names and source of the first.
 
-        Raises UserError on logs of different shapes or time steps, and on none.
+        Raises UserError for logs of different shapes or time steps, and for no logs.
         """
-        return splitting.joined(logs)
+        return Transitions(**splitting.joined([log.fields() for log in logs]))
 
     def split(self, fraction: float, seed: int = 0) -> tuple[Transitions, Transitions]:
-        """Two logs without a common episode: ``fraction`` of the episodes (rounded, at least one), and the others.
+        """Two logs: a random ``fraction`` of the episodes (rounded, at least one), and the others.
 
-        The same seed gives the same split; rows keep their order. Raises UserError on a single episode and on a
-        fraction outside (0, 1).
+        The same seed gives the same split; rows keep their order. Raises UserError for a single episode, or a fraction
+        outside (0, 1).
         """
         first = splitting.episode_mask(self.episode, fraction, seed)
         return self.select(first), self.select(~first)
 
     def windows(self, k: int) -> np.ndarray:
-        """Rows (int64) that start k consecutive transitions, each beginning in the state in which the former ended."""
-        return splitting.window_starts(self, k)
+        """Rows (int64) that start k consecutive transitions, each from the state in which the last one ended."""
+        return splitting.window_starts(self.fields(), k)
 
     def check(self, scene: Scene, dt: float | None = None) -> None:
-        """Raises UserError unless this is a log of ``scene``'s robot (and of time step ``dt`` [s], when given)."""
-        checks.against_scene(self, scene, dt)
+        """Raises UserError unless this is a log of ``scene``'s robot, with time step ``dt`` [s] if given."""
+        checks.against_scene(self.fields(), scene, dt)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes ``NAME.npz``, a Minari folder (no suffix) or ``minari:ID`` in Minari's root, whole or not at all."""
+        """Writes ``NAME.npz``, a Minari folder (no suffix), or ``minari:ID`` in Minari's root; all or nothing."""
         from cmbrl.data import files
 
-        files.save(self, path)
+        files.save(self.fields(), path)
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> Transitions:
         """Reads what :meth:`save` writes, other Minari datasets with raw states, and npz files of trajectories.
 
-        Raises UserError that names the file when it is missing, of another kind, empty or damaged.
+        Raises UserError that names the file if it is missing, of another kind, empty or damaged.
         """
         from cmbrl.data import files
 
-        return files.load(path)
+        fields = files.load(path)
+        try:
+            log = Transitions(**fields)
+        except UserError as error:
+            raise UserError(f"{path}: {error}") from None
+        if len(log) == 0:
+            raise UserError(f"{path}: the log is empty; record at least one transition")
+        return log

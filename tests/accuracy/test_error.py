@@ -11,6 +11,7 @@ import torch
 
 from cmbrl import Scene, Transitions, UserError
 from cmbrl.accuracy.compare import compare
+from cmbrl.accuracy.plots import plot
 from cmbrl.models.baselines import Ballistic, HoldVelocity
 
 DT = 0.01
@@ -149,9 +150,23 @@ def test_text_and_plot(tmp_path: Path, cube: Scene) -> None:
     assert "normalised error by horizon" in text
     assert "20 steps (200 ms)" in text
     assert all(len(line) == len(line.rstrip()) for line in text.splitlines())
-    assert table.plot(tmp_path).stat().st_size > 10_000
-    assert table.plot(tmp_path / "error.svg").read_text(encoding="utf-8").startswith("<?xml")
-    assert sorted(p.name for p in tmp_path.glob("error.*")) == ["error.png", "error.svg"]
+    assert max(map(len, text.splitlines())) <= 100
+    plot(table, tmp_path / "error.svg")
+    drawn = (tmp_path / "error.svg").read_text(encoding="utf-8")
+    for words in (*models, "steps predicted open loop", "flight"):
+        assert f"<!-- {words}" in drawn
+
+
+def test_wide_tables_continue_below_and_lose_no_column(cube: Scene) -> None:
+    models = {f"runs/fits/of/the/cube/number/{k}": HoldVelocity(cube, DT) for k in range(3)}
+    table = compare(models, tosses(cube), cube)
+    text = table.text()
+    assert max(map(len, text.splitlines())) <= 100
+    for head in ("error", "median", "time", "position", "rotation", "velocity", "spin", "max.pen.", "mean pen."):
+        assert head in text
+    for head in ("diverged", "failed", "angle "):  # empty everywhere
+        assert head not in text
+    assert text.count("/the/cube/number/2") > 4
 
 
 def test_angles_are_reported_per_joint(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -49,3 +50,17 @@ def test_a_problem_with_nan_is_named(tmp_path: Path) -> None:
     np.savez(tmp_path / "problems.npz", **arrays)
     with pytest.raises(UserError, match="one: M is not finite"):
         load(tmp_path / "problems.npz")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"speed": 0.0}, "speed is 0; give a positive"),
+        ({"speed": np.inf}, "speed is inf; give a positive"),
+        ({"mu": np.array([-0.1])}, r"mu \(friction\) is negative"),
+        ({"R": np.full((1, 2), -1.0)}, r"R \(compliance\) is negative"),
+    ],
+)
+def test_the_wrong_field_is_named(change: dict, message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        replace(problem("one"), **change)

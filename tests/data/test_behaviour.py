@@ -55,7 +55,7 @@ def test_a_policy_must_return_one_number_per_actuator(model, value):
 
 
 def test_unknown_behaviour(model):
-    with pytest.raises(UserError, match="'dance' is not known"):
+    with pytest.raises(UserError, match="unknown behaviour 'dance'"):
         controller("dance", model, np.random.default_rng(0))
 
 

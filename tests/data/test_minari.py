@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import builtins
+import json
 
 import numpy as np
 import pytest
@@ -87,15 +88,15 @@ def test_raw_states_in_infos_are_found_and_others_refused(make_log, tmp_path):
             ]
         )
     assert same(log, Transitions.load(tmp_path / "with"))
-    with pytest.raises(UserError, match="neither observations nor infos hold qpos and qvel"):
+    with pytest.raises(UserError, match="neither observations nor infos contain qpos and qvel"):
         Transitions.load(tmp_path / "without")
 
 
 def test_places_that_do_not_work(make_log, tmp_path):
-    with pytest.raises(UserError, match="not an id of Minari"):
+    with pytest.raises(UserError, match="not a Minari id"):
         make_log().save("minari:no version")
     (tmp_path / "folder").mkdir()
-    with pytest.raises(UserError, match="exists already"):
+    with pytest.raises(UserError, match="already exists"):
         make_log().save(tmp_path / "folder")
     with pytest.raises(UserError, match="not a Minari dataset"):
         Transitions.load(tmp_path / "folder")
@@ -116,3 +117,31 @@ def test_missing_minari_is_said_with_the_line_that_installs_it(make_log, tmp_pat
     with pytest.raises(UserError, match=r"minari is missing.*pip install 'cmbrl\[data\]'"):
         make_log().save(tmp_path / "log")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("about", "message"),
+    [
+        ("{", "no time step"),
+        ("[]", "no time step"),
+        ("{}", "no time step"),
+        ('{"dt": "soon"}', "dt is 'soon'"),
+        ('{"dt": 0.01, "joints": 3}', "damaged"),
+        ('{"dt": 0.01, "source": [1]}', "damaged"),
+    ],
+)
+def test_malformed_metadata_is_one_line(make_log, tmp_path, about, message):
+    make_log().save(tmp_path / "log")
+    file = tmp_path / "log" / "data" / "metadata.json"
+    metadata = json.loads(file.read_text())
+    file.write_text(json.dumps({**metadata, "cmbrl": about}))
+    with pytest.raises(UserError, match=message) as caught:
+        Transitions.load(tmp_path / "log")
+    assert str(tmp_path / "log") in str(caught.value)
+
+
+def test_metadata_of_the_wrong_type_is_one_line(make_log, tmp_path):
+    make_log().save(tmp_path / "log")
+    (tmp_path / "log" / "data" / "metadata.json").write_text("[1, 2]")
+    with pytest.raises(UserError, match="not readable as a Minari dataset"):
+        Transitions.load(tmp_path / "log")

@@ -42,8 +42,8 @@ def test_the_difference_of_a_scene_is_used():
     ("arguments", "words"),
     [
         ({"lengths": [3, 3]}, "sum to the number of rows"),
-        ({"lengths": [1] * 5, "v": np.zeros((5, 1))}, "enough rows"),
-        ({"lengths": [2, 2, 1]}, "enough rows"),
+        ({"lengths": [1] * 5, "v": np.zeros((5, 1))}, "too short"),
+        ({"lengths": [2, 2, 1]}, "too short"),
         ({"lengths": [5], "v": np.zeros((4, 1))}, "v has shape"),
         ({"lengths": [5], "u": np.zeros(5)}, "u has shape"),
         ({"lengths": [5], "v": [[0], [0], [0], [np.nan], [0]]}, "NaN in row 3 of v"),

@@ -28,8 +28,8 @@ def test_everything_becomes_float64_and_tensors_are_taken(make_log):
     ("change", "words"),
     [
         ({"q": np.zeros(8)}, "two axes"),
-        ({"v": np.zeros((7, 2))}, "v has 7 rows and q has 8"),
-        ({"q_next": np.zeros((8, 3))}, "q_next and q"),
+        ({"v": np.zeros((7, 2))}, "v has 7 rows, q has 8"),
+        ({"q_next": np.zeros((8, 3))}, "q_next has 3 columns, q has 2"),
         ({"q": np.zeros((8, 1)), "q_next": np.zeros((8, 1))}, "swapped"),
         ({"u": [["a"]] * 8}, "not an array of numbers"),
         ({"dt": 0.0}, "dt is"),
@@ -37,7 +37,7 @@ def test_everything_becomes_float64_and_tensors_are_taken(make_log):
         ({"dt": "fast"}, "dt is"),
         ({"episode": np.zeros(7)}, "episode has shape"),
         ({"episode": np.full(8, 0.5)}, "whole numbers"),
-        ({"episode": [0, 0, 0, 1, 1, 1, 0, 0]}, "episode 0 comes back"),
+        ({"episode": [0, 0, 0, 1, 1, 1, 0, 0]}, "episode 0 resumes"),
     ],
 )
 def test_malformed_logs_are_refused(make_log, change, words):
@@ -73,9 +73,9 @@ def test_neither_side_of_a_split_is_empty(make_log, fraction):
 
 
 def test_split_needs_two_episodes_and_a_share(make_log):
-    with pytest.raises(UserError, match=r"1 episode.*at least two"):
+    with pytest.raises(UserError, match=r"1 episode.*needs two"):
         make_log(lengths=(50,)).split(0.8)
-    with pytest.raises(UserError, match="between 0 and 1"):
+    with pytest.raises(UserError, match="above 0 and below 1"):
         make_log().split(1.0)
 
 
@@ -86,7 +86,7 @@ def test_windows_stay_inside_an_episode(make_log):
     assert log.windows(4).tolist() == [0, 1]
     assert log.windows(6).tolist() == []
     assert log.windows(100).tolist() == []
-    with pytest.raises(UserError, match="1 or more"):
+    with pytest.raises(UserError, match="give at least 1"):
         log.windows(0)
 
 
@@ -114,3 +114,16 @@ def test_joined_logs_keep_their_rows_and_share_no_episode(make_log):
         Transitions.joined([log, replace(log, dt=2 * log.dt)])
     with pytest.raises(UserError, match="no logs"):
         Transitions.joined([])
+
+
+def test_joined_logs_may_be_empty(make_log):
+    log = make_log()
+    for logs in ([log.select([]), log], [log, log.select([]), log], [log.select([])]):
+        assert Transitions.joined(logs).n_episodes == sum(each.n_episodes for each in logs)
+
+
+def test_joined_logs_with_negative_episode_numbers_share_no_episode(make_log):
+    log = make_log()
+    negative = replace(log, episode=log.episode - 2)  # -2, -1
+    for logs in ([negative, log], [log, negative], [negative, negative, log]):
+        assert Transitions.joined(logs).n_episodes == 2 * len(logs)

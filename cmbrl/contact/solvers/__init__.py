@@ -1,6 +1,6 @@
-"""Contact solvers behind one face, each scored by ``cmbrl.contact.certificates`` on what it returns.
+"""Contact solvers with one interface; ``cmbrl.contact.certificates`` scores what they return.
 
-``available()`` names those whose packages are installed, ``get(name)`` makes one.
+``available()`` lists those whose packages are installed; ``get(name)`` makes one.
 """
 
 from __future__ import annotations

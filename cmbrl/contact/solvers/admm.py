@@ -1,8 +1,8 @@
 """ADMM on the complementarity problem over impulses, as in Simple and Pinocchio (Carpentier, Le Lidec, Montaut 2024).
 
-x-step: (G + (mu_p + tau rho) 1) x = -(g + s - tau rho y - mu_p x - z); y = P_K(x - z/(tau rho)); z -= tau rho (x - y);
-s = mu |z_t| e_n. G is diagonalised once, so a new rho costs no factorisation. rho = sqrt(L m) (L/m)^p with the power p
-moved by .05 whenever the primal and dual residuals differ by more than ten times.
+x-step: (G + (mu_p + tau rho) 1) x = -(g + s - tau rho y - mu_p x - z); y = P_K(x - z/(tau rho));
+z -= tau rho (x - y); s = mu |z_t| e_n. G is diagonalised once, so a new rho costs no factorisation. rho = sqrt(L m)
+(L/m)^p; the power p changes by 0.05 if the primal and dual residuals differ more than tenfold.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ ITERATIONS = 5000
 
 @dataclass(frozen=True)
 class AlternatingDirections(Solver):
-    """Stops where the primal and the dual residual are below the tolerance, or after ``iterations``."""
+    """Stops when the primal and dual residuals are below the tolerance, or after ``iterations``."""
 
     iterations: int = ITERATIONS
     name: str = "admm"
@@ -43,7 +43,7 @@ class AlternatingDirections(Solver):
 
 
 def solve(space: ContactSpace, tolerance: float, iterations: int) -> tuple[Array, int, bool]:
-    """Impulses (m,) inside the cones, iterations used, whether both residuals came below the tolerance."""
+    """Impulses (m,) inside the cones, iterations used, and whether both residuals are below the tolerance."""
     values, vectors = np.linalg.eigh(space.G)
     scale = max(float(values[-1]), 1e-300)  # of the natural map: residuals of c count as impulses of c / G
     lowest = PROXIMAL * scale

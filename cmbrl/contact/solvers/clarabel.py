@@ -1,6 +1,6 @@
 """Clarabel through its own interface: an interior-point method for cone programs (Goulart and Chen 2024).
 
-It takes the friction cones as they are, so in space it is the one convex rival without a pyramid.
+It takes second-order friction cones, so it needs no pyramid in space.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from cmbrl.contact.solvers.formulation import Program
 
 
 def lay_out(program: Program) -> Callable[[float], Resolve]:
-    """Set up once; later right-hand sides are updates of the same factorisation pattern."""
+    """Sets a solver up once; new right-hand sides update it."""
     P, A = scipy.sparse.csc_matrix(np.triu(program.H)), scipy.sparse.csc_matrix(-program.C)
     cones = [clarabel.SecondOrderConeT(program.J.shape[1])] * len(program.b)
 

@@ -1,7 +1,7 @@
-"""The exact law over the impulses alone, without units: c = G x + g, K_mu contains x, c obeys Signorini and Coulomb.
+"""The exact law in impulses only, without units: c = G x + g, K_mu contains x, c obeys Signorini and Coulomb.
 
 G is the Delassus matrix with compliance on its diagonal. Impulses are in units of |M v_free| / n and speeds in units of
-the problem's, so that the natural map here is the certificates' headline number.
+the problem's, so that the natural map here equals the one in the certificates.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class ContactSpace:
 
     @classmethod
     def of(cls, problem: ContactProblem) -> ContactSpace:
-        """Of a problem with at least one contact."""
+        """From a problem with at least one contact."""
         delassus = problem.delassus()
         diagonal = (np.diag(delassus).reshape(problem.b.shape) + problem.R).max(axis=1, keepdims=True)
         momentum = float(np.linalg.norm(problem.M @ problem.v_free))

@@ -1,6 +1,6 @@
 """DAQP through its own interface: a dual active-set method for small dense QPs (Arnstrom, Bemporad and Axehill 2022).
 
-The answer has round-off accuracy whatever the tolerance, which is the allowed violation of a constraint.
+The tolerance is the allowed constraint violation; answers have round-off accuracy anyway.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from cmbrl.contact.solvers.formulation import Program
 
 
 def lay_out(program: Program) -> Callable[[float], Resolve]:
-    """A solver of ``program`` that is set up anew for every right-hand side: DAQP's Python call has no other way."""
+    """Sets a solver up for every right-hand side, because DAQP's Python interface cannot update one."""
     H, f, C = (np.ascontiguousarray(x) for x in (program.H, program.f, program.C))
     upper, sense = np.full(len(C), 1e30), np.zeros(len(C), dtype=np.int32)
 

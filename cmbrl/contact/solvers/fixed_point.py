@@ -1,8 +1,8 @@
-"""The two laws that a convex program solver can answer: the relaxation in one solve, the exact law by repeating it.
+"""Two laws from a solver of convex programs: the relaxation in one solve, the exact law by iteration.
 
-The exact law by the De Saxce fixed point (Acary, Cadoux, Lemarechal and Malick 2011): solve with the shift mu s, set
-s to the slip of the answer, until it no longer changes. One sliding mass contracts by mu^2/(1 + mu^2) a solve; large
-friction may not contract at all.
+The exact law follows from the De Saxce fixed point (Acary, Cadoux, Lemarechal and Malick 2011): solve with the shift
+mu s, set s to the slip of the answer, and repeat until it no longer changes. One sliding mass contracts by
+mu^2 / (1 + mu^2) per solve; with large friction the iteration may not contract at all.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from cmbrl.contact.solvers.protocol import Finish, Law, Run, Solution, Solver
 
 @dataclass(frozen=True)
 class Answer:
-    """x (n,), multipliers (m,) of the rows, iterations where told, the solver's own flag."""
+    """x (n,), multipliers (m,) of the rows, iterations if known, and the solver's own flag."""
 
     x: Array
     multipliers: Array
@@ -29,14 +29,13 @@ class Answer:
 
 
 Resolve = Callable[[Array], Answer]  #: lower (m,) -> answer
-BackEnd = Callable[[Program, float], Resolve]  #: sets a solver up for a program at a tolerance
 Formulate = Callable[[ContactProblem], Program]
 LayOut = Callable[[Program], Callable[[float], Resolve]]
 
 
 @dataclass(frozen=True)
 class Relaxed(Solver):
-    """The convex relaxation: one solve with s = 0. ``lay_out`` is the back end."""
+    """The convex relaxation: one solve with s = 0. ``lay_out`` sets the program solver up."""
 
     name: str
     formulate: Formulate
@@ -55,7 +54,7 @@ class Relaxed(Solver):
 
 @dataclass(frozen=True)
 class DeSaxce(Solver):
-    """The exact law of the cone (in the plane and for second-order cones), of the pyramid otherwise."""
+    """The exact law, for the cone (in the plane and for second-order cones) or for the pyramid."""
 
     name: str
     formulate: Formulate

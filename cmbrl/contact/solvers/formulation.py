@@ -1,13 +1,13 @@
-"""Contact as a convex program over the velocity, in the one form that every program solver gets.
+"""Contact as a convex program over the velocity, in one form for all program solvers.
 
     min 1/2 (v - v_f)' M (v - v_f)   subject to   J v + b + mu s e_n  in the dual friction cone of every contact
 
 s = 0 is the convex relaxation (Anitescu and Potra 1997); s = |c_t| of the answer is the exact law (De Saxce and Feng
-1998; the fixed point is in fixed_point.py). The Hessian is definite, so v' is unique even when contacts are redundant,
-and multipliers are the impulses. Compliant rows get a velocity of their own: with y = sqrt(R) lambda, c = J v + b +
+1998; the fixed point is in fixed_point.py). The Hessian is definite, so v' is unique even with redundant contacts;
+the multipliers are the impulses. Compliant rows get an extra velocity: with y = sqrt(R) lambda, c = J v + b +
 sqrt(R) y and the cost grows by y'y/2.
 
-Everything is scaled: velocities by the problem's speed, masses by the largest, rows to norm one in contact space.
+Velocities are scaled by the problem's speed, masses by the largest, rows to norm one in contact space.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ GENERATORS = 8  #: edges of the friction pyramid in space; in the plane two edge
 class Program:
     """min 1/2 x'Hx + f'x over C x >= lower(s), by rows (a pyramid) or by blocks of rows (a second-order cone).
 
-    ``W`` (m, 1 + nt) turns the velocity of a row's contact, ``contact`` (m,), into the row; ``J``, ``b`` are the
-    problem's with the rows of compliance, in scaled units. ``cone``: blocks of (normal, tangents) per contact.
+    ``W`` (m, 1 + nt) maps the velocity of the contact ``contact`` (m,) of a row to the row. ``J`` and ``b`` are the
+    problem's in scaled units, with compliance. ``cone``: rows come in blocks (normal, tangents) per contact.
     """
 
     problem: ContactProblem
@@ -47,7 +47,7 @@ class Program:
         return self.offset - self.lift * slip[self.contact]
 
     def slip(self, x: Array) -> Array:
-        """What s must equal at x for the exact law of this cone, (n,): |c_t|, or its polyhedral norm."""
+        """The s (n,) that gives the exact law of this cone at x: |c_t|, or its polyhedral norm."""
         tangent = (self.J @ x + self.b)[:, 1:]
         if self.cone:
             return np.linalg.norm(tangent, axis=1)
@@ -62,14 +62,14 @@ class Program:
         return x[: len(self.problem.v_free)] * self.problem.speed
 
     def impulse(self, multipliers: Array) -> Array:
-        """lambda (n, 1 + nt) [N s] of multipliers (m,) >= 0 (or in the cone)."""
+        """lambda (n, 1 + nt) [N s] from multipliers (m,) >= 0 (or in the cone)."""
         out = np.zeros_like(self.problem.b)
         np.add.at(out, self.contact, self.W * multipliers[:, None])
         return out * (self.mass * self.problem.speed)
 
 
 def pyramid(problem: ContactProblem, generators: int = GENERATORS) -> Program:
-    """Friction pyramids with ``generators`` edges in space, the exact cone in the plane."""
+    """Friction pyramids with ``generators`` edges in space; the exact cone in the plane."""
     nt = problem.b.shape[1] - 1
     angles = 2 * np.pi * np.arange(generators) / generators
     edges = np.array([[1.0], [-1.0]]) if nt == 1 else np.column_stack([np.cos(angles), np.sin(angles)])
@@ -83,7 +83,7 @@ def pyramid(problem: ContactProblem, generators: int = GENERATORS) -> Program:
 
 
 def second_order_cone(problem: ContactProblem) -> Program:
-    """One block (c_n + mu s, mu c_t) per contact; rows are those of the block, one after the other."""
+    """One block of rows (c_n + mu s, mu c_t) per contact."""
     n, rows = problem.b.shape
     size = np.sqrt(1 + problem.mu**2)
     W = np.zeros((n, rows, rows))

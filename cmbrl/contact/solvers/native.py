@@ -1,7 +1,8 @@
-"""Our own interior point on contact problems given by their arrays, many of one shape at a time.
+"""Our interior-point method on batches of contact problems of one shape.
 
-The exact law: along the central path until every contact knows whether it is open, sticks or slides, then Newton on the
-law itself (projections of Alart and Curnier, CMAME 1991). The softened law: every complementarity product equals kappa.
+The exact law: follow the central path until every contact is known to be open, sticking or sliding, then apply Newton's
+method to the law (projections of Alart and Curnier, CMAME 1991). The softened law: every complementarity product equals
+kappa.
 """
 
 from __future__ import annotations
@@ -15,15 +16,15 @@ from numpy.typing import NDArray
 from cmbrl.contact.problem import FIELDS, Array, ContactProblem
 from cmbrl.contact.solvers.protocol import Finish, Law, Run, Solution, Solver
 from cmbrl.errors import UserError
-from cmbrl.native import Problems
+from cmbrl.native import Problems, SolverStatus
 
 DEFAULT_TOLERANCE = 1e-11
 
 
 @dataclass(frozen=True)
 class Batch:
-    """Problems of one shape below each other: M (B, nv, nv), J (B, n, 1 + nt, nv), v_free (B, nv), b, R (B, n, 1 + nt),
-    mu (B, n). The tangents of a contact share one compliance: the first tangent's."""
+    """Stacked problems of one shape: M (B, nv, nv), J (B, n, 1 + nt, nv), v_free (B, nv), b, R (B, n, 1 + nt),
+    mu (B, n). The compliance of a contact's first tangent applies to all its tangents."""
 
     M: Array
     J: Array
@@ -34,22 +35,22 @@ class Batch:
 
     @classmethod
     def of(cls, problems: Sequence[ContactProblem]) -> Batch:
-        """Raises UserError for no problems, or for different numbers of dofs, contacts or tangents."""
+        """Stacks problems; raises UserError for none, or for different numbers of dofs, contacts or tangents."""
         if len({p.J.shape for p in problems}) != 1:
-            raise UserError("a batch takes problems of one shape, at least one: group them by J.shape")
+            raise UserError("a batch takes at least one problem, all of one shape; group them by J.shape")
         arrays = {field: np.array([getattr(p, field) for p in problems]) for field in FIELDS}
         return cls(**{field: np.ascontiguousarray(x, dtype=np.float64) for field, x in arrays.items()})
 
     def native(self, derivative: bool = False) -> Problems:
-        """Handle of the core on these arrays: ``solve(tolerance, kappa, threads)`` writes the arrays in ``results``."""
+        """The core's handle on these arrays; ``solve(tolerance, kappa, threads)`` fills its ``results``."""
         return Problems(self.M, self.J, self.v_free, self.b, self.mu, self.R, derivative)
 
 
 @dataclass(frozen=True)
 class Solutions:
-    """v (B, nv), impulse (B, n, 1 + nt) [N s]; status (B,) 0 solved, 1 solved with compliance added (softened law),
-    2 failed; residual (B,): of the exact law the natural map relative to |M v_free| / n, of the softened the largest
-    relative linear residual; derivative dv'/dv_free (B, nv, nv) by the implicit function theorem where asked for."""
+    """v (B, nv); impulse (B, n, 1 + nt) [N s]; status (B,), a :class:`~cmbrl.native.SolverStatus`; residual (B,): for
+    the exact law the natural map relative to |M v_free| / n, for the softened law the largest relative linear residual;
+    derivative dv'/dv_free (B, nv, nv) by the implicit function theorem, on request."""
 
     v: Array
     impulse: Array
@@ -69,19 +70,19 @@ def solve(
     """Solves problems of one shape.
 
     Args:
-        problems: a :class:`Batch`, or problems to make one of.
-        kappa: None for the exact law; else the softened law at this central-path parameter [J], one or (B,).
+        problems: a :class:`Batch`, or problems to stack.
+        kappa: None for the exact law, or the central-path parameter [J] of the softened law, a number or (B,).
         tolerance: exact law: natural map, relative to |M v_free| / n.
-        derivative: also dv'/dv_free (of the exact law: of the piece of it that the solution lies on).
+        derivative: also return dv'/dv_free (under the exact law, of the smooth piece at the solution).
         threads: native threads; results do not depend on it.
 
-    Raises: UserError where problems do not make a batch or kappa is not positive.
+    Raises: UserError if the problems cannot be stacked, or kappa is not positive.
     """
     batch = problems if isinstance(problems, Batch) else Batch.of(problems)
     if kappa is not None:
         kappa = np.broadcast_to(np.asarray(kappa, dtype=np.float64), len(batch.v_free)).copy()
         if not (kappa > 0).all():
-            raise UserError("kappa must be positive; leave it out for the exact law")
+            raise UserError("kappa must be positive; drop it for the exact law")
     native = batch.native(derivative)
     native.solve(tolerance, kappa, threads)
     return Solutions(**native.results)
@@ -89,8 +90,8 @@ def solve(
 
 @dataclass(frozen=True)
 class InteriorPoint(Solver):
-    """One problem at a time. ``law`` "exact", or "softened": the tolerance is then kappa itself in units of the largest
-    energy c^2 / G of a row."""
+    """One problem at a time. For ``law`` "softened", the tolerance is kappa in units of the largest energy c^2 / G of a
+    row."""
 
     name: str = "ours"
     law: Law = "exact"
@@ -108,7 +109,7 @@ class InteriorPoint(Solver):
 
 def _solution(results: dict[str, Array]) -> Solution:
     v, impulse = results["v"][0].copy(), results["impulse"][0].copy()
-    return Solution(v, impulse, int(results["iterations"][0]), bool(results["status"][0] == 0))
+    return Solution(v, impulse, int(results["iterations"][0]), bool(results["status"][0] == SolverStatus.CONVERGED))
 
 
 def _energy(problem: ContactProblem) -> float:

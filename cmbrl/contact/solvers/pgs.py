@@ -1,9 +1,9 @@
-"""Projected Gauss-Seidel: contact after contact, first its normal impulse, then its friction, each projected.
+"""Projected Gauss-Seidel: for each contact in turn, projects first the normal impulse, then friction.
 
-Friction goes onto the disc of radius mu gamma (exact cone, no pyramid), so a fixed point obeys the exact law without
-De Saxce's shift (Jourdan, Alart and Jean 1998). A sweep contracts an error by 1/(1 + m_bottom/m_top) on a two-mass
-stack: heavy on light takes forever, and that is the method's, not the program's, fault. A loop in Python, since its
-matrices are too small for anything else to pay.
+Friction is projected onto the disc of radius mu gamma (exact cone, no pyramid), so a fixed point obeys the exact law
+without De Saxce's shift (Jourdan, Alart and Jean 1998). On a stack of two masses, a sweep contracts the error by
+1 / (1 + m_bottom / m_top): heavy on light converges slowly, which is inherent to the method. The loop is in Python,
+because the matrices are too small for vectorisation to pay.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ SWEEPS = 1000
 
 @dataclass(frozen=True)
 class ProjectedGaussSeidel(Solver):
-    """At most ``sweeps``; stops where the natural map is below the tolerance (looked at once impulses change less)."""
+    """At most ``sweeps``; stops when the natural map is below the tolerance (checked once impulses change less)."""
 
     sweeps: int = SWEEPS
     name: str = "pgs"
@@ -52,7 +52,7 @@ Contact = tuple[slice, Array, list[float], list[list[float]], float, float, floa
 
 
 def _contacts(space: ContactSpace) -> list[Contact]:
-    """Of each contact: its entries, rows of G, g, block of G, 1/G_nn, step of friction, mu."""
+    """For each contact: its entries, rows of G, g, block of G, 1 / G_nn, friction step, mu."""
     out: list[Contact] = []
     for i, mu in enumerate(space.mu):
         own = slice(i * space.rows, (i + 1) * space.rows)
@@ -66,7 +66,7 @@ def _contacts(space: ContactSpace) -> list[Contact]:
 
 
 def sweep(contacts: list[Contact], x: Array) -> float:
-    """One pass over all contacts, in place; returns the largest change of an entry."""
+    """One in-place pass over all contacts; returns the largest change of an entry."""
     change = 0.0
     for own, G, g, block, normal_step, friction_step, mu in contacts:
         c, old = (G @ x).tolist(), x[own].tolist()

@@ -1,9 +1,9 @@
 """Pinocchio's contact solvers on the Delassus matrix (Carpentier, Le Lidec and Montaut 2024).
 
-Its rows are (tangents, normal), always two tangents: planar contacts get one that is coupled to nothing. Units are
-those of our own ADMM. Compliance goes on the diagonal, since its own scalar compliance is ignored. A solve without
-contacts ends the process, so none gets here. The flag of its Gauss-Seidel solver says "converged" on stacks with half
-the force missing.
+Its rows are (tangents, normal) with two tangents; planar contacts get an uncoupled second one. Units are those of our
+ADMM. Compliance goes on the diagonal, because Pinocchio ignores its own scalar compliance. A solve without contacts
+would end the process, so none gets here. Its Gauss-Seidel solver reports "converged" on stacks with half the force
+missing.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ ITERATIONS = 5000
 
 @dataclass(frozen=True)
 class Pinocchio(Solver):
-    """``method`` "ADMM" or "PGS"; ``law`` "convex" leaves De Saxce's shift out (which its PGS cannot)."""
+    """``method``: "ADMM" or "PGS". ``law`` "convex" omits De Saxce's shift (ADMM only)."""
 
     name: str
     method: str
@@ -37,7 +37,7 @@ class Pinocchio(Solver):
         size = 3 * len(problem.mu)
         G, g = np.zeros((size, size)), np.zeros(size)
         G[np.ix_(place, place)], g[place] = space.G, space.g
-        still = np.flatnonzero(np.diag(G) == 0)  # rows that nothing moves; its Gauss-Seidel divides by the diagonal
+        still = np.flatnonzero(np.diag(G) == 0)  # rows without mobility; its Gauss-Seidel divides by the diagonal
         G[still, still] = G[still // 3 * 3 + 2, still // 3 * 3 + 2]
         models, data = _constraints(problem.mu)
         make, make_settings, make_result = (
@@ -65,12 +65,12 @@ def _finish(problem: ContactProblem, space: ContactSpace, place: np.ndarray, res
 
 
 def _places(contacts: int, rows: int) -> np.ndarray:
-    """Where our rows (normal, tangents) stand among Pinocchio's (tangent, tangent, normal)."""
+    """Indices of our rows (normal, tangents) among Pinocchio's (tangent, tangent, normal)."""
     return (3 * np.arange(contacts)[:, None] + np.array([2, 0, 1])[:rows]).ravel()
 
 
 def _constraints(mu: Array) -> tuple[Any, Any]:
-    """Point contacts on a model of one body: the solvers read only their friction, everything else is in G."""
+    """Point contacts on a model of one body: the solvers read only the friction; everything else is in G."""
     model = pin.Model()
     joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "body")
     models, data = pin.StdVec_ConstraintModel(), pin.StdVec_ConstraintData()

@@ -1,10 +1,11 @@
-"""What every contact solver looks like from outside: problem in, velocity and impulses out, nothing believed."""
+"""The interface of every contact solver: a problem in, velocity and impulses out."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 
@@ -16,8 +17,8 @@ DEFAULT_TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class Solution:
-    """v (nv,) [m/s] at the end of the step, impulse (n, 1 + nt) [N s], iterations where the solver tells, ``ok``: its
-    own flag, which no score looks at."""
+    """v (nv,) [m/s] at the end of the step; impulse (n, 1 + nt) [N s]; iterations, if known; ``ok``: the solver's own
+    flag, which scores ignore."""
 
     v: Array
     impulse: Array
@@ -26,12 +27,12 @@ class Solution:
 
     @classmethod
     def of_impulse(cls, problem: ContactProblem, impulse: Array, iterations: int | None, ok: bool) -> Solution:
-        """For solvers in contact space: v' follows from the impulses (n, 1 + nt)."""
+        """Solution of a solver in contact space: v' follows from the impulses (n, 1 + nt)."""
         return cls(problem.velocity(impulse), impulse, iterations, ok)
 
     @classmethod
     def failed(cls, problem: ContactProblem) -> Solution:
-        """What stands for a solver that gave up or raised: free motion, no impulses."""
+        """Stands for a solver that failed: free motion, no impulses."""
         return cls(problem.v_free.copy(), np.zeros_like(problem.b), None, False)
 
 
@@ -39,22 +40,24 @@ Finish = Callable[[], Solution]
 Run = Callable[[float], Finish]
 
 
-class Solver(Protocol):
-    """A solver of contact problems; ``law`` is what it solves: "exact" Signorini-Coulomb, its "convex" relaxation
-    (no De Saxce shift) or a "softened" law.
+class Solver(ABC):
+    """A solver of contact problems. ``law`` is what it solves: "exact" Signorini-Coulomb, its "convex" relaxation (no
+    De Saxce shift) or a "softened" law.
 
-    Work comes in three parts, so that a benchmark can time the middle one alone: ``prepare(problem)`` lays out the
-    arrays that the solver's own interface takes and returns ``run``; ``run(tolerance)`` solves from scratch and returns
-    ``finish``; ``finish()`` translates the answer back.
+    Work comes in three parts, so that a benchmark can time the middle one alone: ``prepare(problem)`` converts the
+    input and returns ``run``; ``run(tolerance)`` solves from scratch and returns ``finish``; ``finish()`` converts the
+    answer.
     """
 
     name: str
     law: Law
 
-    def prepare(self, problem: ContactProblem) -> Run: ...
+    @abstractmethod
+    def prepare(self, problem: ContactProblem) -> Run:
+        """Converts a problem with at least one contact to the solver's own input."""
 
     def solve(self, problem: ContactProblem, tolerance: float = DEFAULT_TOLERANCE) -> Solution:
-        """All three at once; ``tolerance`` is relative and means what the solver makes of it."""
+        """All three parts; ``tolerance`` is relative, and its meaning is the solver's."""
         if not len(problem.mu):
             return Solution(problem.v_free.copy(), np.zeros_like(problem.b), 0, True)
         return self.prepare(problem)(tolerance)()

@@ -1,6 +1,6 @@
 """ProxQP through its own dense interface: an augmented Lagrangian method (Bambade, El-Kazdadi, Taylor and others 2022).
 
-The duality gap is checked too: without it complementarity stays at 1e-1 to 1e-4 whatever the tolerance.
+The duality gap is checked too; without it, complementarity stays at 1e-1 to 1e-4 for any tolerance.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from cmbrl.contact.solvers.formulation import Program
 
 
 def lay_out(program: Program) -> Callable[[float], Resolve]:
-    """Set up once; later right-hand sides start from the answer before."""
+    """Sets a solver up once; new right-hand sides start from the last answer."""
 
     def set_up(tolerance: float) -> Resolve:
         qp = proxqp.dense.QP(len(program.f), 0, len(program.C))

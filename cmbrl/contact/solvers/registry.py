@@ -1,4 +1,4 @@
-"""Names of solvers, what each needs installed, and how it is made; nothing is imported before it is asked for."""
+"""Solvers by name, with the packages they need; each is imported on first use."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cmbrl.contact.solvers.protocol import Law, Solver
 from cmbrl.errors import UserError, did_you_mean
 
 HERE = "cmbrl.contact.solvers"
-QPSOLVERS = {  # name there -> the package that it comes with
+QPSOLVERS = {  # its name -> its package
     "clarabel": "clarabel", "daqp": "daqp", "highs": "highspy", "osqp": "osqp", "piqp": "piqp",
     "proxqp": "proxsuite", "quadprog": "quadprog", "scs": "scs",
 }  # fmt: skip
@@ -23,7 +23,7 @@ QPSOLVERS = {  # name there -> the package that it comes with
 
 @dataclass(frozen=True)
 class Entry:
-    """``make(name, **options)``; ``needs``: modules that must be importable; ``install``: what pip is told."""
+    """``make(name, **options)``; ``needs``: modules that must be importable; ``install``: arguments of pip."""
 
     law: Law
     make: Callable[..., Solver]
@@ -32,21 +32,22 @@ class Entry:
 
     @property
     def installed(self) -> bool:
+        """Whether all needed modules can be imported."""
         return all(find_spec(module) for module in self.needs)
 
 
 def available(law: Law | None = None) -> list[str]:
-    """Names of the solvers that can be used here, of one law or of all."""
+    """Names of the installed solvers of one law, or of all."""
     return [name for name, entry in ENTRIES.items() if entry.installed and law in (None, entry.law)]
 
 
 def get(name: str, **options: Any) -> Solver:
     """The solver of this name; ``options`` are its own settings (e.g. ``sweeps`` of "pgs").
 
-    Raises UserError for an unknown name, and for one whose package is missing, with the line that installs it.
+    Raises UserError for an unknown name or a missing package.
     """
     if name not in ENTRIES:
-        raise UserError(f"unknown contact solver {name!r}: {did_you_mean(name, ENTRIES)}")
+        raise UserError(f"unknown contact solver {name!r}; {did_you_mean(name, ENTRIES)}")
     entry = ENTRIES[name]
     if not entry.installed:
         raise UserError(f"contact solver {name!r} is not installed: pip install {entry.install}")

@@ -1,7 +1,7 @@
-"""The cone program written in cvxpy, as most people would: readable, and a few milliseconds a solve.
+"""The cone program in cvxpy: readable, at a few milliseconds per solve.
 
-Cost and bounds are parameters, and the problem is compiled before the clock starts (disciplined parametrised
-programming), so what is timed is a solve with new numbers.
+Cost and bounds are parameters and the problem is compiled in advance (disciplined parametrised programming), so only a
+solve with new numbers is timed.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ TOLERANCE: dict[str, Callable[[float], dict[str, Any]]] = {
 
 
 def lay_out(program: Program, solver: str) -> Callable[[float], Resolve]:
-    """``solver``: cvxpy's name of it."""
+    """Compiles ``program`` for cvxpy's solver of this name."""
     root = np.linalg.cholesky(program.H).T
     x, f, lower = cp.Variable(len(program.f)), cp.Parameter(len(program.f)), cp.Parameter(len(program.C))
     rows = program.J.shape[1]

@@ -1,4 +1,4 @@
-"""QP solvers through the common face of ``qpsolvers``, which sets the solver up anew at every call."""
+"""QP solvers through the common interface of ``qpsolvers``, which sets the solver up at every call."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from cmbrl.contact.problem import Array
 from cmbrl.contact.solvers.fixed_point import Answer, Resolve
 from cmbrl.contact.solvers.formulation import Program
 
-SPARSE = ("clarabel", "highs", "osqp", "scs")  #: these take compressed columns and warn when given anything else
-#: the settings by which each is held to a tolerance; defaults of the first-order methods are 1e-3 to 1e-5
+SPARSE = ("clarabel", "highs", "osqp", "scs")  #: these take compressed columns and warn about anything else
+#: settings for a tolerance; defaults of the first-order methods are 1e-3 to 1e-5
 TOLERANCE: dict[str, Callable[[float], dict[str, Any]]] = {
     "clarabel": lambda e: {"tol_feas": e, "tol_gap_abs": e, "tol_gap_rel": e},
     "daqp": lambda e: {"primal_tol": min(e, 1e-6)},
@@ -29,7 +29,7 @@ TOLERANCE: dict[str, Callable[[float], dict[str, Any]]] = {
 
 
 def lay_out(program: Program, solver: str) -> Callable[[float], Resolve]:
-    """A solver of ``program`` by the solver that ``qpsolvers`` knows under this name."""
+    """Sets up the solver that ``qpsolvers`` knows by this name."""
     P, G = program.H, -program.C
     if solver in SPARSE:
         P, G = scipy.sparse.csc_matrix(P), scipy.sparse.csc_matrix(G)
@@ -41,7 +41,7 @@ def lay_out(program: Program, solver: str) -> Callable[[float], Resolve]:
             problem = qpsolvers.Problem(P, program.f, G, -lower)
             try:
                 solved = qpsolvers.solve_problem(problem, solver=solver, **options)
-            except (qpsolvers.SolverError, ValueError):  # quadprog raises for a Hessian or constraints it dislikes
+            except (qpsolvers.SolverError, ValueError):  # quadprog raises ValueError for some inputs
                 return Answer(np.full(len(program.f), np.nan), np.full(len(program.C), np.nan), None, False)
             if solved.x is None or solved.z is None:
                 return Answer(np.full(len(program.f), np.nan), np.full(len(program.C), np.nan), None, False)

@@ -11,7 +11,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from cmbrl.data.splitting import joined
 from cmbrl.data.transitions import Transitions
 from cmbrl.registry import Task, load_task
 from cmbrl.scene import Scene
@@ -55,7 +54,7 @@ def training_log(task: str, rows: int, seed: int) -> Transitions:
 def record(task: Task, rows: int, seed: int) -> Transitions:
     """A log of ``rows`` (at least 2) transitions: half random actions, half PD control with noise."""
     halves = {"random": rows - rows // 2, "pd": rows // 2}
-    return joined([task.record(count, seed=seed, behaviour=behaviour) for behaviour, count in halves.items()])
+    return Transitions.joined([task.record(count, seed=seed, behaviour=behaviour) for behaviour, count in halves.items()])
 
 
 def wrong_parameters(scene: Scene) -> np.ndarray:
