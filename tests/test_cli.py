@@ -252,14 +252,18 @@ def test_a_missing_package_is_one_line(typed: str, missing: str, tmp_path: Path)
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    "typed", ["info hopper", "info cheetah", "info ball_throw", "fit hopper", "error hold nominal"]
+)
 def test_output_fits_a_terminal(
-    place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    typed: str, place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(place)
-    for typed in ("info hopper", "info cheetah", "info ball_throw", " ".join([*FIT, "--out", "narrow"])):
-        assert main(typed.split()) == 0
-        wide = [line for line in capsys.readouterr().out.splitlines() if len(line) > 100]
-        assert [line for line in wide if not line.endswith(".xml")] == [], typed  # a path is as long as it is
+    options = {"fit": [*FIT[2:], "--out", "narrow"], "error": ["--data", "log.npz", "--scene", "hopper"]}
+    words = typed.split()
+    assert main([*words, *options.get(words[0], [])]) == 0
+    wide = [line for line in capsys.readouterr().out.splitlines() if len(line) > 100]
+    assert [line for line in wide if not line.endswith(".xml")] == []  # a path is as long as it is
 
 
 def test_an_ensemble_that_fails_leaves_torch_as_it_was() -> None:

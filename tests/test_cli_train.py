@@ -93,11 +93,14 @@ def test_killed_and_resumed_from_its_own_configuration(place: Path, tmp_path: Pa
     assert weights(tmp_path / "run") == weights(place / "run")
 
 
-def test_a_finished_run_goes_on_with_more_iterations(place: Path, tmp_path: Path) -> None:
-    out = ["--out", str(tmp_path / "run")]
-    assert main([*TRAIN, "--iterations", "2", *out]) == 0
-    assert main([*TRAIN, "--iterations", "3", *out, "--resume", "--json"]) == 0
-    assert len((tmp_path / "run/metrics.csv").read_text().splitlines()) == 4
+def test_a_finished_run_continues_with_more_iterations(tmp_path: Path) -> None:
+    """Also when no algorithm was named: the configuration has the one that was chosen."""
+    run, typed = tmp_path / "run", ["train", "hopper", "--model", "nominal", *SMALL]
+    assert main([*typed, "--iterations", "2", "--out", str(run)]) == 0
+    assert json.loads((run / "config.json").read_text())["algorithm"] == "shac"
+    assert main([*typed, "--iterations", "3", "--out", str(run), "--resume", "--json"]) == 0
+    assert main(["train", "--config", str(run / "config.json"), "--iterations", "4", "--resume"]) == 0
+    assert len((run / "metrics.csv").read_text().splitlines()) == 5
 
 
 def test_a_run_that_diverges_says_so_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -125,6 +128,7 @@ def test_evaluate_shows_the_gap_in_numbers_that_python_gives(place: Path, capsys
     assert main(["evaluate", str(place / "run"), "--model", str(place / "ensemble"), "--real", "--episodes", "2"]) == 0
     shown = capsys.readouterr().out
     assert "real - model: " in shown
+    assert all(len(line) <= 100 for line in shown.splitlines())
     assert main(["evaluate", str(place / "run"), "--real", "--episodes", "1"]) == 0
     assert "model" not in capsys.readouterr().out
 

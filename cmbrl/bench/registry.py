@@ -28,9 +28,15 @@ STUDIES = {
 
 
 def load(name: str) -> Study:
-    """The study of that name; raises UserError with the nearest one for an unknown name."""
+    """The study of that name; raises UserError for an unknown name, and for a study whose packages are missing."""
     if name not in STUDIES:
         raise UserError(f"unknown study {name!r}: {did_you_mean(name, STUDIES)}")
-    study = import_module(STUDIES[name]).STUDY
+    try:
+        study = import_module(STUDIES[name]).STUDY
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package == "cmbrl":
+            raise
+        raise UserError(f"{package} is not installed: pip install 'cmbrl[bench]'") from None
     assert isinstance(study, Study)
     return study

@@ -26,8 +26,8 @@ EXAMPLE = """
 cmbrl bench speed
 cmbrl bench speed --scene "hopper rk4" --out runs/bench
 cmbrl bench robustness --quick --json > robustness.json
-cmbrl bench all --quick --out runs/bench     a page of everything, in less than ten minutes
-cmbrl bench stale docs                       stored results, and whether their code has changed since
+cmbrl bench all --quick --out runs/bench     # a page of everything, in less than ten minutes
+cmbrl bench stale docs                       # stored results, and whether their code has changed
 """
 
 
@@ -67,10 +67,17 @@ def add_arguments(parser: Parser) -> None:
 
 
 def _listing() -> str:
-    lines = [f"  {name:17s}{load(name).summary}" for name in STUDIES]
+    lines = [f"  {name:17s}{_summary(name)}" for name in STUDIES]
     lines += [f"  {ALL:17s}every one of them, onto one page (needs --out)"]
     lines += [f"  {STALE:17s}no study: lists stored results and whether their code has changed since"]
     return "\n".join(["studies:", *lines])
+
+
+def _summary(name: str) -> str:
+    try:
+        return load(name).summary
+    except UserError as error:
+        return f"({error})"
 
 
 def run(arguments: argparse.Namespace) -> int:
