@@ -16,8 +16,8 @@ from cmbrl.bench.studies.learning import arms, plots, study
 from cmbrl.bench.studies.learning.arms import ARMS, SIZES, Arm
 from cmbrl.bench.studies.learning.cells import measure
 from cmbrl.bench.studies.learning.logs import WRONG_GROUPS, System, record, system, wrong_parameters
-from cmbrl.bench.studies.learning.results import Results
 from cmbrl.bench.studies.learning.study import plan, section
+from cmbrl.bench.studies.learning.tables import grouped
 from cmbrl.bench.study import Settings
 from cmbrl.jobs import Runner
 from cmbrl.models.baselines import HoldVelocity
@@ -170,7 +170,7 @@ def test_what_is_not_installed_is_left_out_with_a_reason(tmp_path: Path, monkeyp
     monkeypatch.setattr(arms, "find_spec", lambda name: None)
     assert not ARMS["Gaussian process"].available()
     assert "Gaussian process" not in {job.inputs["model"] for job in plan(ROBOTS, SIZES, (0,), quick=False)}
-    text = section(Results([_cell("hold", 0, 0, 0.7)]), tmp_path).text
+    text = section([_cell("hold", 0, 0, 0.7)], tmp_path).text
     assert "Gaussian process (scikit-learn is not installed: pip install 'cmbrl[bench]')" in text
 
 
@@ -186,7 +186,7 @@ def test_section_of_a_study_that_is_not_finished(tmp_path: Path) -> None:
     learnt = [_cell("fitted, all parameters", 200, seed, error) for seed, error in enumerate((0.02, 0.04, 0.09))]
     failed = {"task": "hopper", "model": "Gaussian process", "rows": 200, "seed": 0, "failed": "not installed"}
     values = [_cell("hold", 0, 0, 0.7), *learnt, _cell("ensemble (MBPO)", 1000, 0, None), failed]
-    found = section(Results(values), tmp_path)
+    found = section(values, tmp_path)
     rows = {(row[1], row[2]): row for row in found.tables[0].rows}
     assert rows["fitted, all parameters", 200][3:5] == [3, 0.04]  # seeds, median
     assert rows["ensemble (MBPO)", 1000][4] == np.inf
@@ -199,7 +199,7 @@ def test_section_of_a_study_that_is_not_finished(tmp_path: Path) -> None:
 
 def test_errors_outside_the_axes_sit_on_the_edge() -> None:
     cells = [_cell("ensemble (MBPO)", 200, seed, error) for seed, error in enumerate((0.5, 1e-4, None))]
-    figure = plots.grid(Results(cells), plots.against_transitions, (1,))
+    figure = plots.grid(grouped(cells), plots.against_transitions, (1,))
     (axes,) = figure.axes
     heights = sorted(y for points in axes.collections for y in points.get_offsets()[:, 1])
     assert heights == pytest.approx([plots.LOW * 1.04, 0.5, plots.HIGH / 1.04])

@@ -14,8 +14,8 @@ from torch import Tensor
 from cmbrl.bench.peers.mujoco import compiled
 from cmbrl.bench.peers.mujoco_steps import STATE
 from cmbrl.errors import UserError
+from cmbrl.scene.mjcf import name_of
 
-JOINT_FIELDS = {"damping": "dof_damping", "armature": "dof_armature", "frictionloss": "dof_frictionloss"}
 GROUPS = (
     *("mass", "com_x", "com_y", "com_z", "damping", "armature", "stiffness", "frictionloss"),
     *("friction", "gear", "gravity"),
@@ -44,62 +44,49 @@ def with_parameters(base: mujoco.MjModel, values: Mapping[str, float]) -> mujoco
     parameters is updated. Raises UserError for a parameter outside :data:`GROUPS`.
     """
     model = copy.copy(base)
+    motors = [name_of(model, "actuator", k) for k in range(model.nu)]
     for name, value in values.items():
         group, _, of = name.partition(".")
+        if group not in GROUPS:
+            raise UserError(f"a compiled MuJoCo model has no parameter {name!r}; choose from {', '.join(GROUPS)}")
         if group == "mass":
-            body = model.body(of).id
-            model.body_mass[body] *= value
-            model.body_inertia[body] *= value
-        elif group.startswith("com_") and group in GROUPS:
-            model.body_ipos[model.body(of).id, "xyz".index(group[-1])] += value
-        elif group in JOINT_FIELDS:
-            joint = model.joint(of)
-            getattr(model, JOINT_FIELDS[group])[joint.dofadr[0] : joint.dofadr[0] + len(joint.damping)] = value
-        elif group == "stiffness":
-            model.jnt_stiffness[model.joint(of).id] = value
+            model.body(of).mass *= value
+            model.body(of).inertia *= value
+        elif group.startswith("com_"):
+            model.body(of).ipos["xyz".index(group[-1])] += value
         elif group == "friction":
-            model.geom_friction[model.geom(of).id, 0] = value
+            model.geom(of).friction[0] = value
         elif group == "gear":
-            model.actuator_gear[_motor(model, of)] *= value
+            model.actuator_gear[motors.index(of)] *= value
         elif group == "gravity":
             model.opt.gravity[:] *= value
-        else:
-            raise UserError(f"a compiled MuJoCo model has no parameter {name!r}; choose from {GROUPS}")
+        else:  # of a joint's degrees of freedom
+            getattr(model.joint(of), group)[:] = value
     mujoco.mj_setConst(model, mujoco.MjData(model))
     return model
 
 
-def _motor(model: mujoco.MjModel, name: str) -> int:
-    """Number of the actuator called ``name``; an actuator without a name has its joint's."""
-    for k in range(model.nu):
-        if name in (model.actuator(k).name, model.joint(model.actuator_trnid[k, 0]).name):
-            return k
-    raise UserError(f"no actuator {name!r} in this MuJoCo model")
-
-
 class MujocoModel:
-    """``substeps`` steps of MuJoCo under a constant control, without warm start."""
+    """``substeps`` steps of MuJoCo under a constant control, without warm start.
+
+    Raises UserError for a model whose state is more than time, q and v.
+    """
 
     name = "MuJoCo"
 
     def __init__(self, model: mujoco.MjModel, substeps: int) -> None:
+        if mujoco.mj_stateSize(model, STATE) != 1 + model.nq + model.nv:
+            raise UserError("this MuJoCo model has actuator or plugin states, which logs do not record")
         self.model, self.substeps = model, substeps
         self.dt = float(substeps * model.opt.timestep)
         self._data = mujoco.MjData(model)
 
     def step(self, q: Tensor, v: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
         """(q', v') of shapes (B, nq), (B, nv), float64."""
-        start = full_states(self.model, q.numpy(), v.numpy())
+        start = np.hstack([np.zeros((len(q), 1)), q.numpy(), v.numpy()])
         control = np.repeat(u.numpy()[:, None], self.substeps, axis=1)
         # With a list of one MjData, rollout runs in the calling thread, so that its processor time is counted.
         state, _ = rollout.rollout(self.model, [self._data], start, control)
         nq, nv = self.model.nq, self.model.nv
         end = torch.from_numpy(state[:, -1, 1 : 1 + nq + nv].copy())
         return end[:, :nq], end[:, nq:]
-
-
-def full_states(model: mujoco.MjModel, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """MuJoCo's state vectors (B, n): time zero, q (B, nq), v (B, nv). Raises UserError for a model with more state."""
-    if mujoco.mj_stateSize(model, STATE) != 1 + model.nq + model.nv:
-        raise UserError("this MuJoCo model has actuator or plugin states, which logs do not record")
-    return np.hstack([np.zeros((len(q), 1)), q, v])

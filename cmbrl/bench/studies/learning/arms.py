@@ -52,10 +52,6 @@ def updates_for(rows: int) -> int:
     return 2_000 if rows <= 1_000 else 3_000 if rows <= 5_000 else 6_000 if rows <= 20_000 else 8_000
 
 
-def _hold(system: System, log: None, seed: int) -> Trained:
-    return HoldVelocity(system.scene, system.held_out.dt), {}
-
-
 def _from_mjcf(system: System, wrong: bool) -> ComplementarityModel:
     parameters = wrong_parameters(system.scene) if wrong else None
     return ComplementarityModel(system.scene, parameters=parameters, **system.task.model_options())
@@ -94,7 +90,7 @@ _sysid_arm = partial(Arm, max_rows=5_000, quick_rows=200, stops="its time grows 
 _PATIENCE = "its stopping rule lets it train for minutes"
 
 ARMS = {
-    "hold": Arm(_hold, learns=False),
+    "hold": Arm(lambda system, log, seed: (HoldVelocity(system.scene, system.held_out.dt), {}), learns=False),
     "wrong MJCF": Arm(lambda system, log, seed: (_from_mjcf(system, wrong=True), {}), learns=False),
     "true MJCF": Arm(lambda system, log, seed: (_from_mjcf(system, wrong=False), {}), learns=False),
     "fitted, all parameters": Arm(
