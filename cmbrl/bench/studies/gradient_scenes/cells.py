@@ -93,16 +93,11 @@ def all_cases() -> dict[str, Case]:
 def measure(name: str) -> list[Row]:
     """One row for each parameter of the case called ``name``."""
     case = all_cases()[name]
-    ours: dict[str, Array] = {}
-    differences: dict[str, Array] = {}
-    softened: dict[str, Array] = {}
-    failures = 0
-    for kind, smoothing in SMOOTHINGS.items():
-        model = case.model(smoothing)
-        ours[kind], differences[kind] = case.derivative(model), case.differences(model)
-        failures += model.failures
-        if case.softened and isinstance(smoothing, Barrier) and smoothing.kappa is not None:
-            softened[kind] = case.softened(smoothing.kappa)
+    models = {kind: case.model(smoothing) for kind, smoothing in SMOOTHINGS.items()}
+    ours = {kind: case.derivative(model) for kind, model in models.items()}
+    differences = {kind: case.differences(model) for kind, model in models.items()}
+    softened = {f"kappa {kappa:.0e}": case.softened(kappa) for kappa in KAPPAS} if case.softened else {}
+    failures = sum(model.failures for model in models.values())
     mujoco, upper = case.mujoco_differences(), case.upper or case.truth
     return [
         Row(case.label, case.title, f"d {case.outcome}/d {wrt}", case.truth[k], upper[k], _column(ours, k),

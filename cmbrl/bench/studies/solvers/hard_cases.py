@@ -95,6 +95,5 @@ def limit_and_floor() -> ContactProblem:
     """F21: a pendulum (rod, 1 m, 1 kg) that rests on its joint limit and on the floor; v' = 0."""
     angle = 0.5
     J = np.array([[[np.cos(angle)], [np.sin(angle)]], [[1.0], [0.0]]])
-    return problem(
-        "F21 limit and floor", np.array([[1 / 3]]), J, np.array([-1.5 * G * H * np.cos(angle)]), np.array([0.5, 0.0])
-    )
+    v_free = np.array([-1.5 * G * H * np.cos(angle)])
+    return problem("F21 limit and floor", np.array([[1 / 3]]), J, v_free, np.array([0.5, 0.0]))

@@ -63,7 +63,8 @@ class Summary:
     def tightest(self, solver: str, problems: Iterable[str] | None = None) -> list[Cell]:
         """The same at the solver's tightest tolerance."""
         cells = self.of_solver(solver, problems)
-        return [c for c in cells if c.tolerance == min(c.tolerance for c in cells)]
+        tolerance = min(c.tolerance for c in cells)
+        return [c for c in cells if c.tolerance == tolerance]
 
     def times(self, solver: str, level: float, problems: Iterable[str] | None = None) -> dict[str, float]:
         """Problem -> seconds of the fastest setting whose error on the exact law is below ``level``, if any."""
