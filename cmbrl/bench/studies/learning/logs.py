@@ -54,7 +54,9 @@ def training_log(task: str, rows: int, seed: int) -> Transitions:
 def record(task: Task, rows: int, seed: int) -> Transitions:
     """A log of ``rows`` (at least 2) transitions: half random actions, half PD control with noise."""
     halves = {"random": rows - rows // 2, "pd": rows // 2}
-    return Transitions.joined([task.record(count, seed=seed, behaviour=behaviour) for behaviour, count in halves.items()])
+    return Transitions.joined(
+        [task.record(count, seed=seed, behaviour=behaviour) for behaviour, count in halves.items()]
+    )
 
 
 def wrong_parameters(scene: Scene) -> np.ndarray:
