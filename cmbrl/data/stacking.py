@@ -38,9 +38,11 @@ def stack(
     now = np.flatnonzero(same & usable[:-1])
     if len(now) == 0:
         raise UserError("every trajectory is too short; a transition takes 2 rows, or 3 without velocities")
-    return Fields(  # type: ignore[typeddict-item]
-        q=q[now], v=v[now], u=u[now], q_next=q[now + 1], v_next=v[now + 1], dt=dt, episode=episode[now], **about
-    )
+    found: Fields = {
+        **about, "q": q[now], "v": v[now], "u": u[now], "q_next": q[now + 1], "v_next": v[now + 1], "dt": dt,
+        "episode": episode[now],
+    }  # type: ignore[typeddict-item]  # fmt: skip
+    return found
 
 
 def _backward_difference(
