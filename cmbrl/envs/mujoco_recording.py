@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from cmbrl.data.behaviour import Policy, controller
+from cmbrl.data.behaviour import PolicyFunction, controller
 from cmbrl.data.recorder import Progress
 from cmbrl.data.transitions import Transitions
 from cmbrl.envs.mdp import MDP
@@ -22,7 +22,7 @@ def record_mujoco(
     system: Callable[[], MujocoSystem],
     n_steps: int,
     seed: int,
-    behaviour: str | Policy,
+    behaviour: str | PolicyFunction,
     progress: Progress | None,
 ) -> Transitions:
     """``n_steps`` transitions; every reset and termination starts a new episode. The same seed gives the same log.

@@ -65,6 +65,7 @@ def _untrained(wrong: bool) -> Train:
 
 def _fitted(groups: str | None) -> Train:
     def train(system: System, log: Transitions | None, seed: int) -> tuple[Model, dict[str, Any]]:
+        assert log is not None  # every fitted model has one
         result = fit(_nominal(system, wrong=True), log, seed=seed, groups=groups)
         moved = sum(p.status != "nominal" for p in result.parameters.values())
         return result.model, {"parameters": moved, "candidates": result.report["candidates"]}
