@@ -6,17 +6,17 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from cmbrl.accuracy.columns import EMPTY, aligned, number
+from cmbrl.table import Cell, Table
 
-# column of the text table, its unit, key in Entry.physical, factor from SI
-PHYSICAL_COLUMNS = (
-    ("position", "mm", "position", 1e3),
-    ("angle", "mrad", "angle", 1e3),
-    ("rotation", "mrad", "rotation", 1e3),
-    ("velocity", "m/s", "position_velocity", 1.0),
-    ("ang.vel.", "rad/s", "angle_velocity", 1.0),
-    ("spin", "rad/s", "rotation_velocity", 1.0),
+PHYSICAL_COLUMNS = (  # column of the text table, key in Entry.physical, factor from SI
+    ("position mm", "position", 1e3),
+    ("angle mrad", "angle", 1e3),
+    ("rotation mrad", "rotation", 1e3),
+    ("velocity m/s", "position_velocity", 1.0),
+    ("ang.vel. rad/s", "angle_velocity", 1.0),
+    ("spin rad/s", "rotation_velocity", 1.0),
 )
+_LABEL = 20  # characters of a model's name in the text, so that it fits next to a stratum
 
 
 @dataclass(frozen=True)
@@ -71,11 +71,13 @@ class ErrorTable:
 
     def text(self) -> str:
         """A summary, then a table per horizon with a line per stratum and model; at most 100 columns wide."""
-        columns = [
-            [_steps(h.steps), *(number(self.entry(m, h.steps).error) for m in self.models)] for h in self.horizons
+        rows: list[list[Cell]] = [
+            [_shortened(m), *(self.entry(m, h.steps).error for h in self.horizons)] for m in self.models
         ]
-        summary = aligned("normalised error by horizon (all strata)", [["model", *self.models]], columns)
-        return "\n\n".join([summary, *(self._details(horizon) for horizon in self.horizons)])
+        summary = Table(
+            "normalised error by horizon (all strata)", ["model", *(_steps(h.steps) for h in self.horizons)], rows
+        )
+        return "\n\n".join([summary.text(), *(self._details(horizon) for horizon in self.horizons)])
 
     def _details(self, horizon: Horizon) -> str:
         unit = "change over a step" if horizon.steps == 1 else "state"
@@ -91,24 +93,23 @@ class ErrorTable:
             for entry in self.entries
             if (entry.horizon, entry.stratum) == (horizon.steps, stratum)
         ]
-        first = self.models[0]
-        strata = [f"{e.stratum} ({e.windows})" if e.model == first else "" for e in entries]
-        values = [
-            ["error", "", *(number(e.error) for e in entries)],
-            ["median", "", *(number(e.median) for e in entries)],
-            ["diverged", "", *(str(e.diverged or EMPTY) for e in entries)],
-            ["failed", "", *(EMPTY if e.failures is None else str(e.failures) for e in entries)],
-            ["time", "us/step", *(number(e.step_microseconds) for e in entries)],
-        ]
-        for head, unit, key, factor in PHYSICAL_COLUMNS:
-            scaled = [factor * e.physical[key] if key in e.physical else None for e in entries]
-            values.append([head, unit, *map(number, scaled)])
-        values += [
-            ["max.pen.", "mm", *(number(e.penetration_max_mm) for e in entries)],
-            ["mean pen.", "mm", *(number(e.penetration_mean_mm) for e in entries)],
-        ]
-        labels = [["stratum (windows)", "", *strata], ["model", "", *(e.model for e in entries)]]
-        return aligned(title, labels, values, heads=2)
+        columns: dict[str, list[Cell]] = {
+            "stratum (windows)": [f"{e.stratum} ({e.windows})" if e.model == self.models[0] else "" for e in entries],
+            "model": [_shortened(e.model) for e in entries],
+            "error": [e.error for e in entries],
+            "median": [e.median for e in entries],
+            "diverged": [e.diverged or None for e in entries],
+            "failed": [e.failures for e in entries],
+            "us/step": [e.step_microseconds for e in entries],
+            **{
+                title: [factor * e.physical[key] if key in e.physical else None for e in entries]
+                for title, key, factor in PHYSICAL_COLUMNS
+            },
+            "max.pen. mm": [e.penetration_max_mm for e in entries],
+            "mean pen. mm": [e.penetration_mean_mm for e in entries],
+        }
+        shown = {name: cells for name, cells in columns.items() if any(cell is not None for cell in cells)}
+        return Table(title, list(shown), list(zip(*shown.values(), strict=True))).text()
 
     def to_json(self) -> dict[str, Any]:
         """JSON types in SI units (mm where a name says so); None replaces values that are not finite."""
@@ -123,6 +124,11 @@ class ErrorTable:
 
 def _steps(count: int) -> str:
     return "1 step" if count == 1 else f"{count} steps"
+
+
+def _shortened(name: str) -> str:
+    """The end of a long name, which tells folders apart."""
+    return name if len(name) <= _LABEL else "..." + name[-(_LABEL - 3) :]
 
 
 def _plain(value: Any) -> Any:

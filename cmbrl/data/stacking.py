@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -38,11 +38,8 @@ def stack(
     now = np.flatnonzero(same & usable[:-1])
     if len(now) == 0:
         raise UserError("every trajectory is too short; a transition takes 2 rows, or 3 without velocities")
-    found: Fields = {
-        **about, "q": q[now], "v": v[now], "u": u[now], "q_next": q[now + 1], "v_next": v[now + 1], "dt": dt,
-        "episode": episode[now],
-    }  # type: ignore[typeddict-item]  # fmt: skip
-    return found
+    rows = Fields(q=q[now], v=v[now], u=u[now], q_next=q[now + 1], v_next=v[now + 1], dt=dt, episode=episode[now])
+    return cast(Fields, {**rows, **about})
 
 
 def _backward_difference(

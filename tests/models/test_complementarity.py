@@ -75,7 +75,7 @@ def test_parameter_jacobian_is_part_of_the_whole(scene: Scene) -> None:
         ({"time_step": -1.0}, "positive"),
         ({"integrator": "rk4"}, "semi-implicit, leapfrog, midpoint"),
         ({"parameters": np.ones(2)}, "shape"),
-        ({"smoothing": Barrier(-1.0)}, "positive finite"),
+        ({"smoothing": Barrier(-1.0)}, "give a positive number"),
         ({"smoothing": Barrier()}, "exactly one"),
         ({"smoothing": Adaptive(length=0.1, derivative="half")}, "'exact' or 'stop'"),
     ],
