@@ -274,7 +274,7 @@ def test_help_lists_hyperparameters_with_their_help(capsys: pytest.CaptureFixtur
         for field in dataclasses.fields(algorithm.load()[1]):
             assert f"\n    {field.name}=" in shown
             assert field.metadata.get("help", "").split(" ")[0] in shown
-    assert shown.count("critic_epochs=") == 1
+    assert shown.count("actor_rate=") == 1
 
 
 @pytest.mark.parametrize("name", sorted(ALGORITHMS))
@@ -320,6 +320,7 @@ MISTAKES = {
         "did you mean 'horizon'",
     ),
     "hyperparameter is NaN": (f"{NEW} --algorithm shac --set discount=nan", "discount", "number"),
+    "hyperparameter out of its bounds": (f"{NEW} --algorithm shac --set environments=0", "environments", "at least 1"),
     "squashed by nothing known": (f"{NEW} --algorithm fopg --set squash=tan", "squash", "did you mean 'tanh'"),
     "discount of 1": (f"{NEW} --algorithm shac --set discount=1", "discount", "below 1"),
     "refused by the library": (f"{NEW} --algorithm ppo --set batch=1", "PPO", "batch_size"),
