@@ -13,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from cmbrl.bench.peers.mujoco import compiled
 from cmbrl.contact.smoothing import Smoothing
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
@@ -106,10 +107,8 @@ class Case:
         """Central differences (n,) of MuJoCo at the same time step; None where it cannot express the scene."""
         if not self.in_mujoco:
             return None
-        model = mujoco.MjModel.from_xml_string(self.mjcf.replace("{contact}", self.mujoco_contact))
+        model = compiled(self.mjcf.replace("{contact}", self.mujoco_contact), "rk4" if self.leapfrog else None)
         model.opt.timestep = self.time_step
-        if self.leapfrog:
-            model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
         data = mujoco.MjData(model)
 
         def values(points: Array) -> Array:

@@ -84,7 +84,7 @@ def profile(summary: Summary) -> Figure:
     """Share of all feasible problems solved within a factor of the fastest solver, at both levels."""
     shown = [s for s in summary.solvers if s in STYLES]
     problems = [name for family in summary.families.values() for name in family]
-    figure, grid = panels(1, len(LEVELS), 12, 5, sharey=True)
+    figure, grid = panels(1, len(LEVELS), 13, 5.2, sharey=True)
     for axes, level in zip(grid[0], LEVELS, strict=True):
         times = {solver: summary.times(solver, level) for solver in shown}
         best = {name: min((t[name] for t in times.values() if name in t), default=np.inf) for name in problems}
