@@ -98,7 +98,7 @@ def test_work_precision_marks_loops_in_python_and_leaves_no_panel_empty() -> Non
         for solver in ("ours", "pgs")
         for tolerance in (1e-2, 1e-6)
     ]
-    axes = plots.work_precision(Summary.of(cells)).axes
+    axes = plots.precision(Summary.of(cells), "exact").axes
     labels = [line.get_label() for line in axes[0].get_lines()]
     assert labels == ["cmbrl", "Gauss-Seidel (Python loop)"]
     assert [line.get_markerfacecolor() for line in axes[0].get_lines()] == ["#d62728", "white"]

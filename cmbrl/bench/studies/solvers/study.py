@@ -50,9 +50,9 @@ def run(folder: Path, settings: Settings, runner: Runner) -> Section:
     (curves,) = runner.run([Job("kappa", kappa_curves)], "kappa", (0.98, 1.0))
 
     pictures = {
-        "work_precision.png": plots.work_precision(summary),
+        "work_precision.png": plots.precision(summary, "exact"),
         "profile.png": plots.profile(summary),
-        "relaxed.png": plots.relaxed_precision(summary),
+        "relaxed.png": plots.precision(summary, "convex"),
         "kappa.png": plots.kappa(curves),
         "gradients.png": plots.derivatives(points),
     }
