@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cmbrl.bench import states
 from cmbrl.bench.studies.solvers import plots
 from cmbrl.bench.studies.solvers.cells import Cell, Score, score
 from cmbrl.bench.studies.solvers.derivatives import arms, references, sliding_block
@@ -20,6 +21,7 @@ from cmbrl.bench.studies.solvers.tables import Summary
 from cmbrl.bench.study import Section, Settings
 from cmbrl.contact.problem import save
 from cmbrl.contact.solvers import Solution, available, get
+from cmbrl.errors import UserError
 from cmbrl.jobs import Runner
 from cmbrl.jobs.job import plain
 
@@ -96,7 +98,7 @@ def test_work_precision_marks_loops_in_python_and_leaves_no_panel_empty() -> Non
         for solver in ("ours", "pgs")
         for tolerance in (1e-2, 1e-6)
     ]
-    axes = plots.work_precision(Summary.of(cells)).axes
+    axes = plots.precision(Summary.of(cells), "exact").axes
     labels = [line.get_label() for line in axes[0].get_lines()]
     assert labels == ["cmbrl", "Gauss-Seidel (Python loop)"]
     assert [line.get_markerfacecolor() for line in axes[0].get_lines()] == ["#d62728", "white"]
@@ -151,3 +153,12 @@ def test_every_arm_differentiates_its_law_alike() -> None:
     for arm in arms():
         got = arm.lay_out(p, w)(arm.settings[-1])
         assert got == pytest.approx(w @ reference[arm.law], abs=1e-3), arm.name
+
+
+def test_a_missing_g1_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Its problems are left out with a reason; asked for by name it is an error in one line."""
+    monkeypatch.setattr(states, "G1", tmp_path / "missing.xml")
+    assert visited(1, 0, ["g1 feet"]) == []
+    save([cube("sliding", v=(0.0, 1.0, 0.0))], tmp_path / "problems.npz")
+    with pytest.raises(UserError, match="no problems of g1 feet: .*CMBRL_G1"):
+        STUDY.run(tmp_path, Settings(quick=True, scenes=("g1 feet",)), Runner(tmp_path / "cells"))

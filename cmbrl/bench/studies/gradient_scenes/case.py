@@ -13,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from cmbrl.bench.peers.mujoco import compiled
 from cmbrl.contact.smoothing import Smoothing
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
@@ -25,47 +26,28 @@ STEPS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)  #: of the differences, in th
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """A scalar outcome of one simulation as a function of parameters p (n,), with d outcome / d p.
+    """A scalar outcome of one simulation as a function of parameters p (n,), with d outcome / d p."""
 
-    Args:
-        label: of the scene ("G1").
-        title: what happens.
-        outcome, names: of the scalar and of its parameters.
-        mjcf: text; ``{contact}`` marks where geoms get ``mujoco_contact`` as attributes in MuJoCo.
-        at: the parameters (n,) at which to differentiate.
-        start: parameters (B, n) and the kappa [J] of the model -> q, v, u; the control is held throughout.
-        output: final q, v -> outcome (B,).
-        time_step, steps: h [s] and their number.
-        truth: true derivative (n,). With ``upper``, any value between the two is one (a kink).
-        softened: kappa [J] -> derivative of the softened law in closed form, where it exists.
-        restitution: of all contacts.
-        leapfrog: whether to integrate by shifted positions (exact for constant forces).
-        tolerance: relative to the larger of 1 and the truth.
-        in_mujoco: whether MuJoCo can express the scene; ``mujoco_contact``: with which contact.
-        remark: what the scene shows.
-        weakness: why our derivative misses the truth, if it does.
-    """
-
-    label: str
-    title: str
+    label: str  #: of the scene ("G1")
+    title: str  #: what happens
     outcome: str
-    names: tuple[str, ...]
-    mjcf: str
-    at: tuple[float, ...]
-    start: Start
-    output: Output
-    time_step: float
+    names: tuple[str, ...]  #: of the parameters
+    mjcf: str  #: text; ``{contact}`` marks where geoms get ``mujoco_contact`` as attributes in MuJoCo
+    at: tuple[float, ...]  #: the parameters (n,) at which to differentiate
+    start: Start  #: parameters (B, n) and the kappa [J] of the model -> q, v, u; the control is held throughout
+    output: Output  #: final q, v -> outcome (B,)
+    time_step: float  #: [s]
     steps: int
-    truth: tuple[float, ...]
-    upper: tuple[float, ...] | None = None
-    softened: Callable[[float], Array] | None = None
-    restitution: float = 0.0
-    leapfrog: bool = False
-    tolerance: float = 1e-3
-    in_mujoco: bool = True
+    truth: tuple[float, ...]  #: true derivative (n,)
+    upper: tuple[float, ...] | None = None  #: any value from ``truth`` to this is one (a kink)
+    softened: Callable[[float], Array] | None = None  #: kappa [J] -> derivative of the softened law in closed form
+    restitution: float = 0.0  #: of all contacts
+    leapfrog: bool = False  #: integrate by shifted positions (exact for constant forces)
+    tolerance: float = 1e-3  #: relative to the larger of 1 and the truth
+    in_mujoco: bool = True  #: whether MuJoCo can express the scene
     mujoco_contact: str = ""
-    remark: str = ""
-    weakness: str = ""
+    remark: str = ""  #: what the scene shows
+    weakness: str = ""  #: why our derivative misses the truth, if it does
 
     @property
     def name(self) -> str:
@@ -106,10 +88,8 @@ class Case:
         """Central differences (n,) of MuJoCo at the same time step; None where it cannot express the scene."""
         if not self.in_mujoco:
             return None
-        model = mujoco.MjModel.from_xml_string(self.mjcf.replace("{contact}", self.mujoco_contact))
+        model = compiled(self.mjcf.replace("{contact}", self.mujoco_contact), "rk4" if self.leapfrog else None)
         model.opt.timestep = self.time_step
-        if self.leapfrog:
-            model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
         data = mujoco.MjData(model)
 
         def values(points: Array) -> Array:

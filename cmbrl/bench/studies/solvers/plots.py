@@ -13,6 +13,7 @@ from cmbrl.bench.studies.solvers.derivatives import Point
 from cmbrl.bench.studies.solvers.hard_cases import G, H
 from cmbrl.bench.studies.solvers.kappa import GAP
 from cmbrl.bench.studies.solvers.tables import LABELS, LEVELS, Summary
+from cmbrl.contact.solvers import Law
 
 FLOOR, CEILING = 1e-14, 1e1  #: errors are drawn inside these
 COLUMNS = 4  #: panels in a row
@@ -45,31 +46,23 @@ def style(solver: str, place: int = 0) -> dict[str, Any]:
     return look | {"markersize": 6 if heavy else 4, "linewidth": 2.2 if heavy else 1.1, "zorder": 5 if heavy else 3}
 
 
-def work_precision(summary: Summary) -> Figure:
-    """Microseconds against the error on the exact law, one panel a family."""
-    return _precision(summary, [s for s in summary.solvers if s in STYLES], "exact", "error on the exact law")
-
-
-def relaxed_precision(summary: Summary) -> Figure:
-    """The same for solvers of the relaxation, on their own law."""
-    shown = [s for s in summary.solvers if summary.laws[s] == "convex"]
-    return _precision(summary, shown, "convex", "error on the relaxation")
-
-
-def _precision(summary: Summary, shown: list[str], measure: str, label: str) -> Figure:
+def precision(summary: Summary, law: Law) -> Figure:
+    """Time against error, one panel a family: on the exact law, or on the convex relaxation for solvers of it."""
+    shown = [s for s in summary.solvers if (summary.laws[s] == "convex" if law == "convex" else s in STYLES)]
     count = len(summary.families)
     rows, columns = -(-count // COLUMNS), min(COLUMNS, count)
     figure, grid = panels(rows, columns, 3.25 * columns, 3.4 * rows + 1, sharey=True)
     for axes, (family, problems) in zip(grid.ravel(), summary.families.items(), strict=False):
         for place, solver in enumerate(shown):
-            time, error = summary.curve(solver, problems, measure)
+            time, error = summary.curve(solver, problems, law)
             axes.plot(time, np.clip(error, FLOOR, CEILING), **style(solver, place))
         axes.axhspan(1e-1, CEILING * 3, color="0.5", alpha=0.08)
         axes.set(xscale="log", yscale="log", ylim=(FLOOR / 3, CEILING * 3), xlabel="time of a solve [µs]")
         axes.set_title(f"{family} ({len(problems)} problems)", fontsize="medium")
         axes.grid(alpha=0.25)
     for axes in grid[:, 0]:
-        axes.set_ylabel(f"{label},\n90th percentile", fontsize="small")
+        judge = "convex relaxation" if law == "convex" else "exact law"
+        axes.set_ylabel(f"error on the {judge},\n90th percentile", fontsize="small")
     spare = grid.ravel()[count:]
     for axes in spare:
         axes.set_axis_off()
@@ -84,7 +77,7 @@ def profile(summary: Summary) -> Figure:
     """Share of all feasible problems solved within a factor of the fastest solver, at both levels."""
     shown = [s for s in summary.solvers if s in STYLES]
     problems = [name for family in summary.families.values() for name in family]
-    figure, grid = panels(1, len(LEVELS), 12, 5, sharey=True)
+    figure, grid = panels(1, len(LEVELS), 13, 5.2, sharey=True)
     for axes, level in zip(grid[0], LEVELS, strict=True):
         times = {solver: summary.times(solver, level) for solver in shown}
         best = {name: min((t[name] for t in times.values() if name in t), default=np.inf) for name in problems}

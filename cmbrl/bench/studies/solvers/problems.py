@@ -15,7 +15,7 @@ import numpy as np
 
 from cmbrl.bench.peers.mujoco_steps import Visited, visit
 from cmbrl.bench.scenes import PairedScene, feet_only, paired
-from cmbrl.bench.states import G1
+from cmbrl.bench.states import G1, available
 from cmbrl.bench.studies.solvers.hard_cases import FAMILY, hard_cases, problem
 from cmbrl.contact.problem import ContactProblem, load, save
 from cmbrl.models.complementarity import ComplementarityModel
@@ -52,8 +52,7 @@ def visited(states: int, seed: int, robots: Collection[str] = VISITED) -> list[C
     forces. The G1 is left out if its file is missing.
     """
     problems = []
-    labels = [SCENES[robot] for robot in VISITED if robot in robots and (robot != "g1 feet" or G1.exists())]
-    for scene in map(paired, labels):
+    for scene in (paired(SCENES[robot]) for robot in available(VISITED) if robot in robots):
         label = scene.label.removesuffix(" euler")
         seen = visit(scene, STEPS, seed)
         problems += _spread(_problems(_rigid(scene), seen), states, label)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from cmbrl.bench import states
 from cmbrl.bench.figures import save
 from cmbrl.bench.studies.solvers import cells, clock, derivatives, plots, tables
 from cmbrl.bench.studies.solvers.kappa import kappa_curves
@@ -11,14 +12,19 @@ from cmbrl.bench.studies.solvers.problems import FAMILIES, VISITED, family, prob
 from cmbrl.bench.studies.solvers.tables import LEVELS, WORDS, Summary
 from cmbrl.bench.study import Section, Settings, Study
 from cmbrl.contact.solvers import available
+from cmbrl.errors import UserError
 from cmbrl.jobs import Job, Runner
 
 
 def run(folder: Path, settings: Settings, runner: Runner) -> Section:
     """All families of problems, or ``settings.scenes`` of them; every job takes times, so they run one at a time."""
     quick, seed = settings.quick, settings.seed
+    robots = states.available(VISITED)
     problems = problem_set(folder, seed, quick)
     chosen = {k: p for k, p in enumerate(problems) if settings.scenes is None or family(p) in settings.scenes}
+    if not chosen:
+        wanted = ", ".join(settings.scenes or FAMILIES)
+        raise UserError(f"no problems of {wanted}: choose another --scene or --out ({states.NO_G1})")
     asked = {
         "solvers": available(),
         "tolerances": cells.QUICK_TOLERANCES if quick else cells.TOLERANCES,
@@ -37,16 +43,16 @@ def run(folder: Path, settings: Settings, runner: Runner) -> Section:
     products = runner.run(jobs, "derivative", (0.85, 0.9), alone=True)
     points = [derivatives.Point(**point) for found in products for point in found]
 
-    states = clock.QUICK_STATES if quick else clock.STATES
-    robots = [r for r in VISITED if r in summary.families]
-    jobs = [Job(f"clock {r}", clock.clocks, {"robot": r, "states": states, "seed": seed}) for r in robots]
+    count = clock.QUICK_STATES if quick else clock.STATES
+    timed = [robot for robot in robots if robot in summary.families]
+    jobs = [Job(f"clock {robot}", clock.clocks, {"robot": robot, "states": count, "seed": seed}) for robot in timed]
     clocks = [clock.Clock(**c) for found in runner.run(jobs, "robot", (0.9, 0.98), alone=True) for c in found]
     (curves,) = runner.run([Job("kappa", kappa_curves)], "kappa", (0.98, 1.0))
 
     pictures = {
-        "work_precision.png": plots.work_precision(summary),
+        "work_precision.png": plots.precision(summary, "exact"),
         "profile.png": plots.profile(summary),
-        "relaxed.png": plots.relaxed_precision(summary),
+        "relaxed.png": plots.precision(summary, "convex"),
         "kappa.png": plots.kappa(curves),
         "gradients.png": plots.derivatives(points),
     }
@@ -60,7 +66,8 @@ def run(folder: Path, settings: Settings, runner: Runner) -> Section:
         "problems": len(chosen), "solvers": summary.laws, "clocks": clocks, "gradients": points,
         "kappa against closed forms": curves["worst"],
     }  # fmt: skip
-    return Section(WORDS("title"), WORDS("method"), shown, WORDS.figures(), values)
+    text = f"{WORDS('method')}\n\n{states.left_out(VISITED, robots, settings.scenes)}".strip()
+    return Section(WORDS("title"), text, shown, WORDS.figures(), values)
 
 
 STUDY = Study("solvers", "contact solvers on the same problems: time against error", run, FAMILIES)
