@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import mujoco
@@ -39,13 +41,21 @@ def compile_mjcf(path: Path) -> tuple[mujoco.MjModel, list[str]]:
         raise UserError(f"{path}: cannot be read ({error.strerror}); check its permissions") from None
     if root.tag != "mujoco":
         raise UserError(f"{path}: not an MJCF: the root element is <{root.tag}>, expected <mujoco>")
+    with quiet() as warnings:
+        try:
+            return mujoco.MjModel.from_xml_path(str(path)), warnings
+        except ValueError as error:
+            raise UserError(f"{path}: MuJoCo cannot compile this file: {error}") from None
+
+
+@contextmanager
+def quiet() -> Iterator[list[str]]:
+    """Collects MuJoCo's warnings; by default MuJoCo prints them and writes MUJOCO_LOG.TXT to the working directory."""
     warnings: list[str] = []
     handler = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(warnings.append)  # the default handler writes a log file
+    mujoco.set_mju_user_warning(warnings.append)
     try:
-        return mujoco.MjModel.from_xml_path(str(path)), warnings
-    except ValueError as error:
-        raise UserError(f"{path}: MuJoCo cannot compile this file: {error}") from None
+        yield warnings
     finally:
         mujoco.set_mju_user_warning(handler)
 
