@@ -6,11 +6,10 @@ from math import atan, cos, degrees, sqrt, tan
 
 import numpy as np
 
-from cmbrl.bench.studies.stability.case import BankScene, Case, G, Run, constant, resting_bias
-from cmbrl.bench.studies.stability.residual import law_error
+from cmbrl.bench.studies.stability.case import BankScene, Case, G, Run, constant, resting
+from cmbrl.bench.studies.stability.laws import law_error
 from cmbrl.bench.studies.stability.worlds import GROUND, body, box, sphere, world
 
-FAMILY = "jams"
 TIP = 1e-8  # radius of the sphere that stands for the rod's tip [m]
 COS, SIN = 1 / sqrt(5), 2 / sqrt(5)  # of the rod's angle with the ground, tan = 2
 INERTIA = 1 / 3  # of a uniform rod of mass 1 and half-length 1 about its centre [kg m^2]
@@ -93,25 +92,11 @@ def _wedge(tangent: float, mu: float) -> Case:
 
 
 SCENES = (
+    BankScene("F15", "one step", (_painleve(1.4), _painleve(2.0), _painleve(5.0)), resting),
+    BankScene("F16", "residual", (_lifting(),), resting),
+    BankScene("F17", "one step", (_slot(),), constant(1e-6)),
     BankScene(
-        "F15", "Painleve's rod", FAMILY, "one step",
-        "jam: the tip stops, lambda = (2, 1.5) N s for every mu >= 4/3 (derived; acceleration level has no solution)",
-        "acceleration LCPs; PGS and proximal fixed points diverge", (_painleve(1.4), _painleve(2.0), _painleve(5.0)),
-        lambda h: 10 * resting_bias(h),
+        "F19", "trajectory", (_wedge(0.3, 0.6), _wedge(0.495, 0.5), _wedge(0.505, 0.5), _wedge(0.8, 0.4)),
+        constant(1e-4),
     ),
-    BankScene(
-        "F16", "rod with three solutions", FAMILY, "residual",
-        "separation, sliding or jam: residual 0 (Signorini, Coulomb)",
-        "assuming a unique solution", (_lifting(),), lambda h: 10 * resting_bias(h),
-    ),
-    BankScene(
-        "F17", "over-tight slot", FAMILY, "one step", "no rigid solution; compliant: v = 0 by symmetry",
-        "interior points and ADMM diverge", (_slot(),), constant(1e-6),
-    ),
-    BankScene(
-        "F19", "symmetric wedge", FAMILY, "trajectory",
-        "locks if tan a <= mu, else N/(m tan a + M/(2 tan(a - atan mu))) (statics)",
-        "PGS injects energy; the convex relaxation opens the wedge",
-        (_wedge(0.3, 0.6), _wedge(0.495, 0.5), _wedge(0.505, 0.5), _wedge(0.8, 0.4)), constant(1e-4),
-    ),
-)  # fmt: skip
+)
