@@ -1,8 +1,4 @@
-"""Two planar scenes that pymunk can express: a disc that bounces, with its closed form, and a box that is tossed.
-
-Trees of bodies are out of its reach by construction: it joins maximal-coordinate bodies by iterated constraints and has
-neither armature nor joint springs, so a hopper there would be another robot.
-"""
+"""Two planar scenes: a disc that bounces, with its closed form, and a box that is thrown."""
 
 from __future__ import annotations
 
@@ -12,7 +8,7 @@ import numpy as np
 
 GRAVITY = 9.81  # [m/s^2]
 _JOINTS = '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>'
-_TEXT = """<mujoco model="{name}"><option timestep="{step}" gravity="0 0 -{gravity}"/><worldbody>
+_TEXT = """<mujoco model="{name}"><option timestep="0.005" gravity="0 0 -{gravity}"/><worldbody>
 <geom name="ground" type="plane" size="50 50 1" friction="{friction}"/>
 <body name="{name}">{joints}<inertial pos="0 0 0" mass="{mass}" diaginertia="{inertia} {inertia} {inertia}"/>
 <geom name="{name}" type="{kind}" size="{size}" friction="{friction}"/></body></worldbody></mujoco>"""
@@ -56,7 +52,7 @@ def ball(states: int, seed: int) -> tuple:
 
 
 def box(states: int, seed: int) -> tuple:
-    """The same of a box, thrown from low with a spin, so that it lands on a corner, slides and comes to rest."""
+    """The same for a box thrown from low with a spin: it lands on a corner, slides and comes to rest."""
     body, rng = Rectangle(), np.random.default_rng([seed, 3])
     q = np.column_stack([np.zeros(states), rng.uniform(0.13, 0.25, states), rng.uniform(-np.pi, np.pi, states)])
     v = np.column_stack([rng.uniform(-1.5, 1.5, states), rng.uniform(-1, 0.5, states), rng.uniform(-6, 6, states)])
@@ -67,7 +63,7 @@ def box(states: int, seed: int) -> tuple:
 def _mjcf(name: str, kind: str, size: str, body: Disc | Rectangle) -> str:
     return _TEXT.format(
         name=name, kind=kind, size=size, joints=_JOINTS, mass=body.mass, inertia=body.inertia, friction=body.friction,
-        step=0.005, gravity=GRAVITY,
+        gravity=GRAVITY,
     )  # fmt: skip
 
 

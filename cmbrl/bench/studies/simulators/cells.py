@@ -1,27 +1,25 @@
 """One scene's measurement: limits, errors against them, and processor time, all simulators taking turns.
 
 Error of a trajectory: root mean square over coordinates (m, rad) and ends of intervals of the difference to a
-reference, relative to how far the reference moves: 1 is as wrong as not moving. What is not finite or farther than 10
-counts as failed and stays in the quantiles as infinite.
+reference, relative to how far the reference moves: an error of 1 is as wrong as not moving. What is not finite or
+farther off than 10 counts as failed and stays in the quantiles as infinite.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from cmbrl.bench.studies.simulators.engine import Engine, Path
-from cmbrl.bench.studies.simulators.engines import engines
-from cmbrl.bench.studies.simulators.mujoco_peer import Mujoco
-from cmbrl.bench.studies.simulators.ours import Ours
+from cmbrl.bench.peers.simulator import Array
+from cmbrl.bench.studies.simulators.arms import Arm, arms
 from cmbrl.bench.studies.simulators.planar import Disc, bounces
 from cmbrl.bench.studies.simulators.scenes import TrajectoryScene, build
 from cmbrl.bench.timing import interleaved
-from cmbrl.contact import Exact
 
 LOST = 10.0  #: relative error from which a trajectory counts as failed
 
@@ -45,7 +43,6 @@ class Row:
     """One simulator at one step. Errors: quantiles (10 %, median, 90 %) over initial states, None where infinite."""
 
     engine: str
-    family: str
     limit: str
     step: float  # [s]
     seconds: float  # of the processor per simulated second
@@ -68,59 +65,42 @@ class Result:
     rows: list[Row]
     limits: dict[str, dict[str, float]]
 
-    def to_json(self) -> dict[str, Any]:
-        return asdict(self)
-
     @classmethod
-    def from_json(cls, held: dict[str, Any]) -> Result:
+    def read(cls, held: dict[str, Any]) -> Result:
+        """From what a job kept."""
         return cls(**{**held, "rows": [Row(**row) for row in held["rows"]]})
 
 
-def measure(label: str, effort: Effort, seed: int, progress: Callable[[float], object]) -> Result:
-    """Simulates the scene ``label``; ``progress`` is told the share that is done."""
+def measure(label: str, effort: Effort, seed: int) -> Result:
+    """Simulates the scene ``label``; takes times, so it has to run alone."""
     scene = build(label, effort.states, seed)
-    running = engines(scene, effort.compiled)
+    running = arms(scene, effort.compiled)
     limits, floors = _limits(scene, running, effort.reference)
     truth = _truth(limits)
-    progress(0.3)
-    last: dict[tuple[int, int], Path] = {}
-    work: dict[str, tuple[Callable[[], object], int]] = {}
+    paths: dict[str, tuple[Array, int]] = {}
 
-    def job(i: int, steps: int) -> Callable[[], None]:
-        def run() -> None:
-            last[i, steps] = running[i].run(steps)
+    def run(key: str, arm: Arm, steps: int) -> None:
+        paths[key] = arm.run(scene, steps)
 
-        return run
-
-    cells = [(i, steps) for steps in effort.steps for i in range(len(running))]
-    for i, steps in cells:
-        work[f"{i}/{steps}"] = (job(i, steps), running[i].copies * effort.states)
-    turns = 0
-
-    def turned(new: int) -> None:
-        nonlocal turns
-        turns += new
-        progress(0.3 + 0.7 * turns / (effort.repeats + 1))
-
-    seconds = interleaved(work, effort.repeats, time.process_time, turned)  # MJX has threads of its own
+    pairs = {f"{arm.name}/{steps}": (arm, steps) for steps in effort.steps for arm in running}
+    work: dict[str, tuple[Callable[[], object], int]] = {
+        key: (partial(run, key, arm, steps), arm.copies * effort.states) for key, (arm, steps) in pairs.items()
+    }
+    seconds = interleaved(work, effort.repeats, time.process_time)  # MJX has threads of its own
     rows = []
-    for i, steps in cells:
-        engine, path = running[i], last[i, steps]
-        own, far = (errors(scene, path.q, limits[name]) for name in (engine.limit, truth))
-        cost = float(np.median(seconds[f"{i}/{steps}"])) / scene.horizon
-        rows.append(
-            Row(
-                engine.name, engine.family, engine.limit, scene.interval / steps, cost, _quantiles(own),
-                _quantiles(far), int(np.isinf(own).sum()), path.unsolved,
-            )
-        )  # fmt: skip
+    for key, (arm, steps) in pairs.items():
+        q, unsolved = paths[key]
+        own, far = errors(scene, q, limits[arm.limit]), errors(scene, q, limits[truth])
+        cost, failed = float(np.median(seconds[key])) / scene.horizon, int(np.isinf(own).sum())
+        step = scene.interval / steps
+        rows.append(Row(arm.name, arm.limit, step, cost, _quantiles(own), _quantiles(far), failed, unsolved))
     known = {
         name: {"floor": floors[name], "truth": _middle(errors(scene, limits[name], limits[truth]))} for name in limits
     }
     return Result(label, truth, scene.file_step, scene.interval, scene.horizon, effort.states, rows, known)
 
 
-def errors(scene: TrajectoryScene, q: np.ndarray, reference: np.ndarray) -> np.ndarray:
+def errors(scene: TrajectoryScene, q: Array, reference: Array) -> Array:
     """Relative errors (n,) of trajectories q (n, intervals, nq); infinite where a trajectory is lost."""
     start = np.broadcast_to(scene.q[:, None], reference.shape)
     moved = scene.scene.difference(np.ascontiguousarray(start), reference)
@@ -130,39 +110,29 @@ def errors(scene: TrajectoryScene, q: np.ndarray, reference: np.ndarray) -> np.n
     return np.where(relative < LOST, relative, np.inf)
 
 
-def _limits(
-    scene: TrajectoryScene, running: Sequence[Engine], steps: int
-) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+def _limits(scene: TrajectoryScene, running: Sequence[Arm], steps: int) -> tuple[dict[str, Array], dict[str, float]]:
     """Trajectories at the smallest step, by law, and how much halving the step still changed them (median)."""
-    found: dict[str, np.ndarray] = {}
+    found: dict[str, Array] = {}
     floors: dict[str, float] = {}
     if isinstance(scene.flat, Disc):
         times = scene.interval * np.arange(1, scene.u.shape[1] + 1)
         found["closed form"], floors["closed form"] = bounces(scene.flat, scene.q, scene.v, times), 0.0
-    for engine in running:
-        if engine.limit not in found:
-            best = _finest(scene, engine)
-            found[engine.limit], coarser = best.run(steps).q, best.run(steps // 2).q
-            floors[engine.limit] = _middle(errors(scene, coarser, found[engine.limit]))
+    for arm in running:
+        if arm.limit not in found:
+            found[arm.limit] = arm.finest(scene, steps)
+            floors[arm.limit] = _middle(errors(scene, arm.finest(scene, steps // 2), found[arm.limit]))
     return found, floors
 
 
-def _finest(scene: TrajectoryScene, engine: Engine) -> Engine:
-    """The engine of the same law that converges fastest between impacts: of second order (ours), fourth (MuJoCo)."""
-    if isinstance(engine, Ours):
-        return Ours(scene, engine.law, "leapfrog", Exact(), copies=1)
-    return Mujoco(scene, "rk4") if isinstance(engine, Mujoco) else engine
-
-
-def _truth(limits: dict[str, np.ndarray]) -> str:
+def _truth(limits: dict[str, Array]) -> str:
     """What stands for reality: a closed form, else pymunk's rigid limit, else MuJoCo's."""
     return next(name for name in ("closed form", "pymunk", "MuJoCo", "ours, rigid") if name in limits)
 
 
-def _middle(values: np.ndarray) -> float:
-    return min(float(np.median(values)), LOST)  # JSON knows no infinity
+def _middle(values: Array) -> float:
+    return min(float(np.median(values)), LOST)
 
 
-def _quantiles(values: np.ndarray) -> list[float | None]:
+def _quantiles(values: Array) -> list[float | None]:
     found = np.quantile(values, (0.1, 0.5, 0.9), method="nearest")
     return [float(x) if np.isfinite(x) else None for x in found]
