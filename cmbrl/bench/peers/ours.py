@@ -13,9 +13,8 @@ from cmbrl.bench.peers.simulator import Array, NotExpressibleError, Simulator, W
 from cmbrl.contact.smoothing import Smoothing
 from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.native import SolverStatus
 from cmbrl.scene import Scene
-
-FAILED = 2  #: status of a solve that did not converge
 
 
 @lru_cache(maxsize=512)
@@ -65,7 +64,7 @@ class Ours(Simulator):
         u = np.array(control, dtype=np.float64)[None]
         r = self.model(self._h, count).predict(self._q[None], self._v[None], u)
         self._q, self._v = r.q_next[0], r.v_next[0]
-        self.failures += int(r.status[0] == FAILED)
+        self.failures += int(r.status[0] == SolverStatus.FAILED)
 
     def state(self) -> tuple[Array, Array]:
         return self._q.copy(), self._v.copy()
@@ -77,5 +76,5 @@ class Ours(Simulator):
             r = model.predict(q, v, u[:, k])
             q, v = r.q_next, r.v_next
             out[:, k] = q
-            failures += int((r.status == FAILED).sum())
+            failures += int((r.status == SolverStatus.FAILED).sum())
         return out, failures
