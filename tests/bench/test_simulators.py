@@ -46,7 +46,7 @@ def arm_of(scene: TrajectoryScene, name: str) -> Arm:
 def test_ball_converges_to_the_closed_form(name: str) -> None:
     scene = build("ball", 4, 0)
     times = scene.interval * np.arange(1, scene.u.shape[1] + 1)
-    truth = bounces(scene.flat, scene.q, scene.v, times)
+    truth = bounces(scene.disc, scene.q, scene.v, times)
     coarse, fine = (errors(scene, arm_of(scene, name).run(scene, steps)[0], truth).max() for steps in (4, 128))
     assert fine < min(5e-3, coarse / 4)
 
@@ -59,7 +59,7 @@ def test_rigid_box_and_pymunk_share_their_limit() -> None:
 
 def test_softness_without_friction_has_mujocos_limit() -> None:
     q, v, u = np.array([[0.0, 0.11]]), np.array([[0.3, -1.0]]), np.zeros((1, 10, 0))
-    scene = TrajectoryScene("drop", World(DROP), ("mujoco",), None, 0.02, 0.004, q, v, u)
+    scene = TrajectoryScene("drop", World(DROP), None, 0.02, 0.004, q, v, u)
     truth = mujoco(scene, "rk4").run(scene, 2048)[0]
     soft = ours(scene, "mujoco", "semi-implicit")
     coarse, fine = (errors(scene, soft.run(scene, steps)[0], truth)[0] for steps in (16, 1024))

@@ -6,6 +6,7 @@ import tempfile
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -47,7 +48,7 @@ class Ours(Simulator):
         if world.restitution and not bounces.any():
             raise NotExpressibleError("soft contacts have no coefficient of restitution")
         theta[bounces] = world.restitution
-        self._settings = {"parameters": theta, "smoothing": smoothing, "integrator": integrator}
+        self._settings: dict[str, Any] = {"parameters": theta, "smoothing": smoothing, "integrator": integrator}
         self._models: dict[tuple[float, int], ComplementarityModel] = {}
 
     def model(self, h: float, substeps: int = 1) -> ComplementarityModel:

@@ -1,7 +1,7 @@
 """Chipmunk 2D (through pymunk): planar worlds of free, sliding and turning bodies.
 
-The space is built from the compiled MJCF. x and z become its plane; a body that cannot turn gets an infinite moment, one
-that moves along a single axis a groove joint. Chipmunk multiplies the friction and elasticity of two shapes, so each
+The space is built from the compiled MJCF. x and z become its plane; a body that cannot turn gets an infinite moment,
+one that moves along a single axis a groove joint. Chipmunk multiplies the friction and elasticity of two shapes, so each
 shape gets the square root. Trees of bodies are left out: Chipmunk joins free bodies by iterated constraints and has
 neither armature nor joint springs, so they would be other robots.
 """
@@ -60,7 +60,7 @@ class Pymunk(Simulator):
             carrier.position = place
             space.add(carrier)
             if groove:
-                space.add(pymunk.GrooveJoint(space.static_body, carrier, *groove, (0, 0)))
+                space.add(pymunk.GrooveJoint(space.static_body, carrier, groove[0], groove[1], (0, 0)))
             carriers.append(carrier)
         for body, kind, arguments, attributes in self._shapes:
             shape = kind(carriers[body], *arguments)
@@ -141,6 +141,7 @@ def _shape(model: mujoco.MjModel, geom: int, elasticity: float) -> tuple[int, An
     mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
     axes = turn.reshape(3, 3)[np.ix_([0, 2], [0, 2])]
     centre, size = model.geom_pos[geom][[0, 2]], model.geom_size[geom]
+    kind: Any
     arguments: tuple[Any, ...]
     match int(model.geom_type[geom]):
         case mujoco.mjtGeom.mjGEOM_SPHERE:

@@ -1,7 +1,7 @@
 """One cell: how a scene's contact solver does on wild random states, and whether it reports every failure.
 
-States penetrate by up to 5 cm, lie at joint limits, move at up to 20 m/s (rad/s), with friction coefficients anywhere in
-[0, 10]: worse than anything a robot meets, so a solver that fails silently would show.
+States penetrate by up to 5 cm, lie at joint limits and move at up to 20 m/s (rad/s), with friction coefficients anywhere
+in [0, 10]: worse than anything a robot meets, so a solver that fails silently would show.
 """
 
 from __future__ import annotations

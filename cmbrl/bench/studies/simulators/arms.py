@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Protocol
@@ -12,8 +13,7 @@ from cmbrl.bench.peers.mjx import Mjx
 from cmbrl.bench.peers.mujoco import INTEGRATORS, MuJoCo
 from cmbrl.bench.peers.ours import Ours
 from cmbrl.bench.peers.pymunk import Pymunk
-from cmbrl.bench.peers.simulator import Array
-from cmbrl.bench.studies.simulators.planar import Disc
+from cmbrl.bench.peers.simulator import Array, NotExpressibleError
 from cmbrl.bench.studies.simulators.scenes import TrajectoryScene
 from cmbrl.contact import Barrier, Exact
 from cmbrl.contact.smoothing import Smoothing
@@ -71,28 +71,23 @@ def ours(scene: TrajectoryScene, law: str, integrator: str, smoothing: Smoothing
 
 def mujoco(scene: TrajectoryScene, integrator: str) -> Arm:
     """MuJoCo with one of its integrators."""
-    return Arm(
-        f"MuJoCo, {integrator}", "MuJoCo", MuJoCo(scene.world, integrator), sharp=MuJoCo(scene.world, "rk4")
-    )
+    return Arm(f"MuJoCo, {integrator}", "MuJoCo", MuJoCo(scene.world, integrator), sharp=MuJoCo(scene.world, "rk4"))
 
 
 def arms(scene: TrajectoryScene, compiled: bool = True) -> list[Arm]:
     """Every simulator that can express the scene; ``compiled``: also those that first compile for 20 s and more."""
-    found: list[Arm] = []
-    if "mujoco" in scene.laws:
-        found += [ours(scene, "mujoco", integrator) for integrator in complementarity.INTEGRATORS]
-        found.append(ours(scene, "mujoco", "leapfrog", Barrier(KAPPA)))
+    rigid = ours(scene, "rigid", "leapfrog")
+    if scene.world.restitution:  # neither MuJoCo nor soft contact has it
+        found = [ours(scene, "rigid", "semi-implicit"), rigid]
     else:
-        found.append(ours(scene, "rigid", "semi-implicit"))
-    found.append(ours(scene, "rigid", "leapfrog"))
-    if "spring-damper" in scene.laws:
-        found.append(ours(scene, "spring-damper", "leapfrog"))
-    if not scene.world.restitution:  # MuJoCo has no restitution
+        found = [ours(scene, "mujoco", integrator) for integrator in complementarity.INTEGRATORS]
+        found += [ours(scene, "mujoco", "leapfrog", Barrier(KAPPA)), rigid, ours(scene, "spring-damper", "leapfrog")]
         found += [mujoco(scene, integrator) for integrator in INTEGRATORS]
         if compiled and _installed("mujoco.mjx"):
             found.append(Arm("MJX, euler", "MuJoCo", Mjx(scene.world), max(1, LANES // len(scene.q))))
-    if scene.flat is not None and _installed("pymunk"):
-        found.append(Arm("pymunk", "closed form" if isinstance(scene.flat, Disc) else "pymunk", Pymunk(scene.world)))
+    if _installed("pymunk"):
+        with suppress(NotExpressibleError):
+            found.append(Arm("pymunk", "closed form" if scene.disc else "pymunk", Pymunk(scene.world)))
     return found
 
 

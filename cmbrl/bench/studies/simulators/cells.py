@@ -17,7 +17,7 @@ import numpy as np
 
 from cmbrl.bench.peers.simulator import Array
 from cmbrl.bench.studies.simulators.arms import Arm, arms
-from cmbrl.bench.studies.simulators.planar import Disc, bounces
+from cmbrl.bench.studies.simulators.planar import bounces
 from cmbrl.bench.studies.simulators.scenes import TrajectoryScene, build
 from cmbrl.bench.timing import interleaved
 
@@ -114,9 +114,9 @@ def _limits(scene: TrajectoryScene, running: Sequence[Arm], steps: int) -> tuple
     """Trajectories at the smallest step, by law, and how much halving the step still changed them (median)."""
     found: dict[str, Array] = {}
     floors: dict[str, float] = {}
-    if isinstance(scene.flat, Disc):
+    if scene.disc:
         times = scene.interval * np.arange(1, scene.u.shape[1] + 1)
-        found["closed form"], floors["closed form"] = bounces(scene.flat, scene.q, scene.v, times), 0.0
+        found["closed form"], floors["closed form"] = bounces(scene.disc, scene.q, scene.v, times), 0.0
     for arm in running:
         if arm.limit not in found:
             found[arm.limit] = arm.finest(scene, steps)

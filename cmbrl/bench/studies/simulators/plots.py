@@ -52,7 +52,7 @@ def plot(results: Sequence[Result], own: bool) -> Figure:
 def _panel(axes: Axes, result: Result, own: bool) -> None:
     by_name = sorted(result.rows, key=lambda row: (row.engine, -row.step))
     curves = {name: list(rows) for name, rows in groupby(by_name, key=lambda row: row.engine)}
-    top = 3 * max((y for row in result.rows if (y := _median(row, own)) < np.inf), default=1.0)
+    top = 3 * max((_median(row, own) for row in result.rows if _median(row, own) < np.inf), default=1.0)
     for name, rows in curves.items():
         colour, marker, dash = _STYLES.get(name, _OTHER)
         x, y = [row.seconds for row in rows], np.array([_median(row, own) for row in rows])

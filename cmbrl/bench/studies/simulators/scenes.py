@@ -15,11 +15,10 @@ import numpy as np
 from cmbrl.bench.peers.ours import scene_of
 from cmbrl.bench.peers.simulator import Array, World
 from cmbrl.bench.states import G1
-from cmbrl.bench.studies.simulators.planar import Disc, Rectangle, ball, box
+from cmbrl.bench.studies.simulators.planar import FILE_STEP, INTERVAL, Disc, box_mjcf, thrown_boxes, thrown_discs
 from cmbrl.bench.studies.speed.mujoco_peer import EPISODE, HOLD, random_control, visit
 from cmbrl.bench.studies.speed.scenes import feet_only, speed_scenes
 from cmbrl.scene import Scene
-from cmbrl.scene.records import CONTACT_LAWS
 
 ROBOTS = ("hopper", "cheetah", "cube", "g1 feet")
 LABELS = (*ROBOTS, "ball", "box")
@@ -33,8 +32,7 @@ class TrajectoryScene:
 
     label: str
     world: World
-    laws: tuple[str, ...]  # contact laws under which ours can express it
-    flat: Disc | Rectangle | None  # what closed forms need; None for what is not planar
+    disc: Disc | None  # if it is one: a disc has a closed form
     interval: float  # [s] between controls and between comparisons
     file_step: float  # [s] that the file, or its author, asks for
     q: Array  # (n, nq)
@@ -48,8 +46,8 @@ class TrajectoryScene:
 
     @property
     def scene(self) -> Scene:
-        """Ours under any of the laws, to compare configurations."""
-        return scene_of(self.world.mjcf, self.laws[0])
+        """Ours, to compare configurations."""
+        return scene_of(self.world.mjcf, "rigid")
 
 
 def available(labels: Iterable[str] | None = None, g1: Path = G1) -> list[str]:
@@ -62,10 +60,10 @@ def build(label: str, states: int, seed: int) -> TrajectoryScene:
     """The scene ``label`` with ``states`` initial states; raises UserError where its file is not there."""
     if label in ROBOTS:
         return _robot(label, states, seed)
-    text, flat, q, v, interval, intervals, file_step = (ball if label == "ball" else box)(states, seed)
-    laws = ("rigid",) if flat.restitution else tuple(CONTACT_LAWS)
-    u = np.zeros((states, intervals, 0))
-    return TrajectoryScene(label, World(text, flat.restitution), laws, flat, interval, file_step, q, v, u)
+    disc = Disc() if label == "ball" else None
+    q, v, intervals = (thrown_discs if disc else thrown_boxes)(states, seed)
+    world = World(disc.mjcf(), disc.restitution) if disc else World(box_mjcf())
+    return TrajectoryScene(label, world, disc, INTERVAL, FILE_STEP, q, v, np.zeros((states, intervals, 0)))
 
 
 def _robot(label: str, states: int, seed: int) -> TrajectoryScene:
@@ -78,6 +76,4 @@ def _robot(label: str, states: int, seed: int) -> TrajectoryScene:
     rng = np.random.default_rng([seed, 1])
     intervals = round(_HORIZON[label] / interval)
     u = np.array([[random_control(source, rng) for _ in range(intervals)] for _ in rows])
-    return TrajectoryScene(
-        label, world, tuple(CONTACT_LAWS), None, interval, file_step, visited.q[rows], visited.v[rows], u
-    )
+    return TrajectoryScene(label, world, None, interval, file_step, visited.q[rows], visited.v[rows], u)

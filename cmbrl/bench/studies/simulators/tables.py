@@ -24,9 +24,7 @@ def costs(results: Sequence[Result]) -> Table:
             at = min(mine, key=lambda row: abs(row.step - result.file_step))
             lost, unsolved = sum(row.failed for row in mine), sum(row.unsolved for row in mine)
             error = (at.own[1], at.truth[1], at.truth[2])
-            rows.append(
-                [result.label, engine, 1e3 * at.step, at.seconds, *error, cost_of(mine, GOAL), lost, unsolved]
-            )
+            rows.append([result.label, engine, 1e3 * at.step, at.seconds, *error, cost_of(mine, GOAL), lost, unsolved])
     columns = [
         "scene", "simulator", "step [ms]", "s per sim s", "error, own limit", "error, truth", "90 %",
         "s per sim s at 1 % of own limit", "lost", "unsolved",

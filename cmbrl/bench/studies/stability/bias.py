@@ -17,7 +17,7 @@ from cmbrl.bench.peers.ours import Ours
 from cmbrl.bench.peers.simulator import World
 from cmbrl.bench.studies.stability.case import WORDS, G
 from cmbrl.bench.studies.stability.worlds import GROUND, body, sphere, tilted, world
-from cmbrl.bench.study import Table
+from cmbrl.bench.study import Cell, Table
 from cmbrl.contact.smoothing import Barrier
 from cmbrl.models.complementarity import ComplementarityModel, StepResult
 
@@ -93,7 +93,7 @@ def measure(effect: str) -> Pairs:
 
 def table(found: Mapping[str, Pairs]) -> Table:
     """Worst deviation from the closed form over all kappas, and the size at the smallest and largest."""
-    rows = []
+    rows: list[list[Cell]] = []
     for name, pairs in found.items():
         measured, formula = np.array(pairs).T
         worst = float(np.abs(measured / formula - 1).max())

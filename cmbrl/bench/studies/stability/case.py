@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -43,7 +44,7 @@ class Case:
     name: str
     mjcf: str
     horizon: float
-    error: Callable[[Run], float]
+    error: Callable[[Run], Any]
     q: Sequence[float] | None = None
     v: Sequence[float] | None = None
     control: Sequence[float] = ()
@@ -116,6 +117,13 @@ class BankScene:
         """The step whose result is in the main table."""
         wanted = self.shown or DEFAULT_STEP
         return wanted if wanted in sizes else min(sizes)
+
+
+def unrest(run: Run, length: float) -> float:
+    """How far a run is from rest at its end: the last step's change of v in falls, way and speed in ``length`` [m]."""
+    change = np.abs(run.v[-1] - run.v[-2]).max() / (G * run.h)
+    moved = np.abs(run.q[-1] - run.q[0]).max() / length
+    return float(max(change, moved, np.abs(run.v[-1]).max() / np.sqrt(G * length)))
 
 
 def resting(h: float) -> float:

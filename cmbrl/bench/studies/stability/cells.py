@@ -71,7 +71,7 @@ def measure(scene: BankScene, arm: str, h: float) -> Cell:
             continue
         run = simulate(simulator, case, h)
         finite = len(run.t) > case.steps(h) // case.every(h) and np.isfinite(run.q[-1]).all()
-        error = case.error(run) if finite else float("inf")
+        error = float(case.error(run)) if finite else float("inf")
         error = error if np.isfinite(error) else float("inf")
         failures += simulator.failures
         if worst is None or error > worst:

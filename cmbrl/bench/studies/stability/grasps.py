@@ -15,21 +15,19 @@ PAD, THING = 'contype="1" conaffinity="0"', 'contype="0" conaffinity="1"'  # pad
 
 def _grasp(share: float) -> Case:
     """Two pads squeeze an object of mass m with N each: it holds if 2 mu N >= m g, else falls with g - 2 mu N/m."""
-    m, mu, radius, half, T = 1.0, 0.5, 0.05, 0.05, 0.5
+    m, mu, radius, half = 1.0, 0.5, 0.05, 0.05
     N = share * m * G / (2 * mu)
     a = max(0.0, G - 2 * mu * N / m)
     pads = [
         body(f"pad{k}", (s * (radius + half), 0, 0), "x", box(f"pad{k}", (half, 0.5, 3.0), 1.0, PAD))
         for k, s in enumerate((1, -1))
     ]
-
-    def error(run: Run) -> float:
-        t = run.t[-1]
-        return float(abs(run.v[-1, 0] + a * t) / (G * t))
-
     thing = body("thing", (0, 0, 0), "z", sphere("thing", radius, m, THING))
     mjcf = world(thing, *pads, mu=mu, motors=("pad0_x", "pad1_x"))
-    return Case(f"2 mu N = {share:g} m g", mjcf, T, error, control=(-N, N))
+    return Case(
+        f"2 mu N = {share:g} m g", mjcf, 0.5,
+        lambda run: abs(run.v[-1, 0] + a * run.t[-1]) / (G * run.t[-1]), control=(-N, N),
+    )  # fmt: skip
 
 
 def _limit_and_floor() -> Case:
@@ -47,21 +45,16 @@ def _limit_and_floor() -> Case:
     return Case("tip on the floor, hinge at 0", world(GROUND, arm, mu=0.4), T, error)
 
 
-def _chain(links: int, root: str, tip: float = 1e3, link: float = 1e-3, length: float = 0.2) -> str:
-    """Links of mass ``link`` hang on hinges from ``root`` (what stands inside the first body); the last one carries
-    ``tip``. They touch nothing."""
+def _chain(links: int, tip: float = 1e3, link: float = 1e-3, length: float = 0.2) -> str:
+    """Links of mass ``link`` hang on hinges, the last one carries ``tip``. They touch nothing."""
     inside = ""
     for k in reversed(range(links)):
-        mass = tip if k == links - 1 else link
-        geom = (
-            f'<geom type="sphere" size="0.02" pos="0 0 {-length}" mass="{mass}" contype="0" conaffinity="0"/>'
-            f'<body name="link{k + 1}" pos="0 0 {-length}">' if k < links - 1 else
-            f'<geom type="sphere" size="0.02" pos="0 0 {-length}" mass="{mass}" contype="0" conaffinity="0"/>'
-        )  # fmt: skip
-        inside = f'<joint name="hinge{k}" type="hinge" axis="0 1 0"/>{geom}{inside}' + (
-            "</body>" if k < links - 1 else ""
+        mass, drop = tip if k == links - 1 else link, length if k else 0
+        inside = (
+            f'<body name="link{k}" pos="0 0 {-drop}"><joint name="hinge{k}" type="hinge" axis="0 1 0"/><geom type="sphere" '
+            f'size="0.02" pos="0 0 {-length}" mass="{mass}" contype="0" conaffinity="0"/>{inside}</body>'
         )
-    return f'<body name="link0" pos="0 0 0">{root}{inside}</body>'
+    return inside
 
 
 def _supported_chain() -> Case:
@@ -69,7 +62,7 @@ def _supported_chain() -> Case:
     radius, T = 0.1, 0.5
     carriage = (
         f'<body name="carriage" pos="0 0 {radius}"><joint name="lift" type="slide" axis="0 0 1"/>'
-        f'<geom name="wheel" type="sphere" size="{radius}" mass="1e-3"/>{_chain(4, "")}</body>'
+        f'<geom name="wheel" type="sphere" size="{radius}" mass="1e-3"/>{_chain(4)}</body>'
     )
 
     def error(run: Run) -> float:
@@ -89,7 +82,7 @@ def _swinging_chain(T: float, links: int, angle: float, tip: float, link: float)
         return float(np.abs(e - e[0]).max() / swing)
 
     q = (angle, *[0.0] * (links - 1))
-    mjcf = world(_chain(links, "", tip, link))
+    mjcf = world(_chain(links, tip, link))
     return Case(f"swings for {T:g} s", mjcf, T, error, q=q, samples=200, contacts=False)
 
 
@@ -101,4 +94,4 @@ SCENES = (
         (0.001, 0.0001, 0.00005), shown=0.0001,
     ),
     BankScene("F22b", "conservation", (_swinging_chain(100.0, 2, 1.0, 1.0, 1.0),), constant(1e-2)),
-)
+)  # fmt: skip

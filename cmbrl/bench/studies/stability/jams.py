@@ -57,12 +57,8 @@ def _slot() -> Case:
         f'<geom name="wall{k}" type="plane" size="5 5 1" pos="{-s * (radius - tight):.15g} 0 0" zaxis="{s} 0 0"/>'
         for k, s in enumerate((1, -1))
     )
-
-    def error(run: Run) -> float:
-        return float(abs(run.v[1, 0]) * run.h / tight)
-
     mjcf = world(walls, body("slider", (0, 0, 0), "x", sphere("slider", radius)), gravity=(0, 0, 0))
-    return Case("1 mm too tight on both sides", mjcf, 0.0, error)
+    return Case("1 mm too tight on both sides", mjcf, 0.0, lambda run: abs(run.v[1, 0]) * run.h / tight)
 
 
 def thrown_out(tangent: float, mu: float, m: float, M: float, N: float) -> float:
@@ -72,7 +68,7 @@ def thrown_out(tangent: float, mu: float, m: float, M: float, N: float) -> float
 
 
 def _wedge(tangent: float, mu: float) -> Case:
-    m, M, N, angle, radius, half, T = 1.0, 1.0, 20.0, atan(tangent), 0.1, (0.05, 0.5, 0.5), 0.1
+    m, M, N, angle, radius, half = 1.0, 1.0, 20.0, atan(tangent), 0.1, (0.05, 0.5, 0.5)
     a = thrown_out(tangent, mu, m, M, N)
     faces = "".join(
         box(f"face{k}", half, M / 2, f'pos="{s * half[0]} 0 0" euler="0 {s * degrees(angle):.15g} 0"')
@@ -80,15 +76,13 @@ def _wedge(tangent: float, mu: float) -> Case:
     )
     reach = half[0] + (radius + half[0]) / cos(angle)  # where a block touches at the height of the wedge's origin
     blocks = [body(f"block{k}", (s * reach, 0, 0), "x", sphere(f"block{k}", radius, m)) for k, s in enumerate((1, -1))]
-
-    def error(run: Run) -> float:
-        t = run.t[-1]
-        return float(abs(run.v[-1, 0] - a * t) / (N / M * t))
-
     mjcf = world(
         body("wedge", (0, 0, 0), "z", faces), *blocks, mu=mu, gravity=(0, 0, 0), motors=("block0_x", "block1_x")
     )
-    return Case(f"tan = {tangent:g}, mu = {mu:g}", mjcf, T, error, control=(-N, N))
+    return Case(
+        f"tan = {tangent:g}, mu = {mu:g}", mjcf, 0.1,
+        lambda run: abs(run.v[-1, 0] - a * run.t[-1]) / (N / M * run.t[-1]), control=(-N, N),
+    )  # fmt: skip
 
 
 SCENES = (
@@ -99,4 +93,4 @@ SCENES = (
         "F19", "trajectory", (_wedge(0.3, 0.6), _wedge(0.495, 0.5), _wedge(0.505, 0.5), _wedge(0.8, 0.4)),
         constant(1e-4),
     ),
-)
+)  # fmt: skip

@@ -85,4 +85,4 @@ SCENES = (
         "F9", "trajectory", (_on_incline(0.3, 0.4), _on_incline(1.0, 0.2), _on_incline(0.3, 0.0, 1.0)), constant(1e-4)
     ),
     BankScene("F10", "trajectory", (_plate((0, 1), 5), _plate((0.5, sqrt(0.75)), 5)), constant(1e-4)),
-)
+)  # fmt: skip

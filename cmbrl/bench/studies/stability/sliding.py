@@ -41,13 +41,11 @@ def _incline(tangent: float, mu: float) -> Case:
     """Velocity after one second against a = g (sin - mu cos) or rest, as a share of g sin t."""
     angle = atan(tangent)
     a = max(0.0, G * (sin(angle) - mu * cos(angle)))
-
-    def error(run: Run) -> float:
-        t = run.t[-1]
-        return float(np.hypot(run.v[-1, 0] - a * t, run.v[-1, 1]) / (G * sin(angle) * t))
-
     mjcf = world(GROUND, _cube("xzr"), mu=mu, gravity=tilted(angle))
-    return Case(f"tan = mu {tangent / mu:.4g}", mjcf, 1.0, error)
+    return Case(
+        f"tan = mu {tangent / mu:.4g}", mjcf, 1.0,
+        lambda run: np.hypot(run.v[-1, 0] - a * run.t[-1], run.v[-1, 1]) / (G * sin(angle) * run.t[-1]),
+    )  # fmt: skip
 
 
 def tipping(angle: float, width: float, height: float, times: np.ndarray) -> np.ndarray:
@@ -129,10 +127,8 @@ def _conveyor() -> Case:
 
 
 def _frictionless() -> Case:
-    def error(run: Run) -> float:
-        return float(np.abs(run.v[:, 1] - V0).max() / V0)
-
-    return Case("mu = 0", world(GROUND, _cube("f")), 0.2, error, v=(0, V0, 0, 0, 0, 0))
+    mjcf = world(GROUND, _cube("f"))
+    return Case("mu = 0", mjcf, 0.2, lambda run: np.abs(run.v[:, 1] - V0).max() / V0, v=(0, V0, 0, 0, 0, 0))
 
 
 def _infinite_friction() -> Case:
@@ -163,4 +159,4 @@ SCENES = (
     BankScene("F7", "trajectory", (_diagonal(0.5),), proportional(V0 / stopping_distance(0.5)), 1),
     BankScene("F11", "trajectory", (_conveyor(),), proportional(20.0), 1),
     BankScene("F20", "one step", (_frictionless(), _infinite_friction()), resting),
-)
+)  # fmt: skip

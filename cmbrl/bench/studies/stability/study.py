@@ -37,20 +37,14 @@ def run(folder: Path, settings: Settings, runner: Runner) -> Section:
 
 def measure_all(scenes: list[BankScene], quick: bool, runner: Runner) -> tables.Cells:
     """Every scene under every simulator at every step; if quick, those that step in Python only at the shown one."""
-    shown = {s.label: s.shown_step(s.sizes(quick)) for s in scenes}
-    work = [
-        {"scene": s.label, "arm": arm, "h": h}
-        for s in scenes
-        for arm in arms()
-        for h in s.sizes(quick)
-        if h == shown[s.label] or not (quick and arm in IN_PYTHON)
-    ]
-    named = [("{scene} {arm} {h:g} s".format(**inputs), inputs) for inputs in work]
-    held = runner.run([Job(name, cell, inputs) for name, inputs in named], "cell", (0.0, 0.8))
+    work = [(s, arm, h, h == s.shown_step(s.sizes(quick))) for s in scenes for arm in arms() for h in s.sizes(quick)]
+    work = [(s, arm, h, shown) for s, arm, h, shown in work if shown or not (quick and arm in IN_PYTHON)]
+    jobs = [Job(f"{s.label} {arm} {h:g} s", cell, {"scene": s.label, "arm": arm, "h": h}) for s, arm, h, _ in work]
+    held = runner.run(jobs, "cell", (0.0, 0.8))
     timed = {
-        k: Job(f"cost {named[k][0]}", seconds, {**inputs, "case": held[k]["runs"]})
-        for k, inputs in enumerate(work)
-        if inputs["h"] == shown[str(inputs["scene"])] and held[k]["runs"]
+        k: Job(f"cost {job.name}", seconds, {**job.inputs, "case": found["runs"]})
+        for k, (job, found, (*_, shown)) in enumerate(zip(jobs, held, work, strict=True))
+        if shown and found["runs"]
     }
     spent = dict(zip(timed, runner.run(list(timed.values()), "cost", (0.8, 0.9), alone=True), strict=True))
     cells = [Cell.read(found, spent.get(k)) for k, found in enumerate(held)]

@@ -56,8 +56,8 @@ def counts(results: Results) -> Table:
     for name in results.names:
         shown = [results.shown(s, name).verdict for s in results.scenes]
         everywhere = [c.verdict for c in results.cells.values() if c.simulator == name and c.verdict != ABSENT]
-        verdicts = (shown.count(v) for v in (PASS, NEAR, FAIL, ABSENT))
-        rows.append([name, *verdicts, everywhere.count(PASS), len(everywhere)])
+        found = [shown.count(v) for v in (PASS, NEAR, FAIL, ABSENT)]
+        rows.append([name, *found, everywhere.count(PASS), len(everywhere)])
     columns = ["simulator", PASS, NEAR, FAIL, ABSENT, "passes at all steps", "of"]
     return Table("Counts at the shown step, and over all steps that were run", columns, rows)
 
@@ -74,7 +74,7 @@ def sweep(results: Results, sizes: Sequence[float]) -> Table:
         for cells in found[1:]:
             run = [c.verdict for c in cells if c and c.verdict != ABSENT]
             passed.append(f"{run.count(PASS)} of {len(run)}" if run else None)
-        rows.append([scene.name, *(c and _verdict(c, 0, partial="") for c in found[0]), *passed])
+        rows.append([scene.name, *(None if c is None else _verdict(c, 0, partial="") for c in found[0]), *passed])
     title = f"The same from {1 / max(sizes):g} to {1 / min(sizes):,.0f} Hz: {first}"
     return Table(title, ["scene", *(f"{h:g} s" for h in sizes), *others], rows, WORDS("tables.sweep", first=first))
 
