@@ -252,9 +252,7 @@ def test_a_missing_package_is_one_line(typed: str, missing: str, tmp_path: Path)
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    "typed", ["info hopper", "info cheetah", "info ball_throw", "fit hopper"]
-)
+@pytest.mark.parametrize("typed", ["info hopper", "info cheetah", "info ball_throw", "fit hopper"])
 def test_output_fits_a_terminal(
     typed: str, place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

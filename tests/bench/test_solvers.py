@@ -160,5 +160,5 @@ def test_a_missing_g1_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) 
     monkeypatch.setattr(states, "G1", tmp_path / "missing.xml")
     assert visited(1, 0, ["g1 feet"]) == []
     save([cube("sliding", v=(0.0, 1.0, 0.0))], tmp_path / "problems.npz")
-    with pytest.raises(UserError, match="no problems of g1 feet: .*CMBRL_G1"):
+    with pytest.raises(UserError, match=r"no problems of g1 feet: .*CMBRL_G1"):
         STUDY.run(tmp_path, Settings(quick=True, scenes=("g1 feet",)), Runner(tmp_path / "cells"))

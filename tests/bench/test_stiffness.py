@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from cmbrl.accuracy.strata import in_contact
-from cmbrl.bench.studies.stiffness.cells import Work, errors, run
-from cmbrl.bench.studies.stiffness.study import section
+from cmbrl.bench.studies.stiffness.cells import Work, cell, errors
+from cmbrl.bench.studies.stiffness.study import plot, table
 from cmbrl.bench.studies.stiffness.tosses import TOSS_STEPS, record
 from cmbrl.fitting import Budget
 from cmbrl.models.baselines import Ballistic, HoldVelocity
@@ -42,19 +40,24 @@ def test_errors_are_relative_to_the_change() -> None:
 
 
 @pytest.mark.slow
-def test_a_fit_of_the_right_law_wins(tmp_path: Path) -> None:
+def test_a_fit_of_the_right_law_wins() -> None:
     small = Budget(trial_rows=200, trial_rounds=1, trial_population=8, held_out_rows=200, search_rows=200,
                    search_rounds=2, search_population=16, polish_rows=300, polish_iterations=4)  # fmt: skip
-    models = run(500.0, 0, Work(rows=300, test_rows=300, updates=20, budget=small))
+    models = cell(500.0, 0, Work(rows=300, test_rows=300, updates=20, budget=small))
     assert models["soft, fitted"]["all"] < min(models[m]["all"] for m in ("soft, nominal", "neural ensemble"))
 
 
-def test_section_shows_every_seed(tmp_path: Path) -> None:
+def test_every_seed_is_shown() -> None:
+    """Seed 1 errs twice as much as seed 0."""
     names = ("soft, fitted", "soft, nominal", "rigid, fitted", "rigid, nominal", "neural ensemble", "ballistic")
     error = {"all": 0.5, "contact": 0.6, "flight": 0.1, "turn": 1.0, "seconds": 2.0}
     cells = [
-        {"stiffness": k, "seed": s, "models": {name: error for name in names}} for k in (100.0, 500.0) for s in (0, 1)
+        {"stiffness": k, "seed": s, "models": {n: {key: (1 + s) * e for key, e in error.items()} for n in names}}
+        for k in (100.0, 500.0)
+        for s in (0, 1)
     ]
-    written = section(cells, tmp_path, 1000)
-    assert (tmp_path / "stiffness.png").stat().st_size > 10_000
-    assert len(written.tables[0].rows) == 4 * len(names)
+    assert len(table(cells).rows) == 4 * len(names)
+    for axes, key in zip(plot(cells).axes, ("all", "contact", "turn"), strict=True):
+        dots, medians = axes.get_lines()[:2]
+        assert dots.get_xydata().tolist() == [[c["stiffness"], c["models"]["ballistic"][key]] for c in cells]
+        assert medians.get_ydata() == pytest.approx([1.5 * error[key]] * 2)

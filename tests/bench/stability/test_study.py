@@ -1,4 +1,4 @@
-"""The study on two scenes: every column, tables that add up, pictures, cells that are remembered, verdicts."""
+"""The study on two scenes: every column, tables that add up, pictures, verdicts; simulators that start alike."""
 
 from __future__ import annotations
 
@@ -7,35 +7,43 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cmbrl.bench.studies.stability.bank import SCENES, simulators
-from cmbrl.bench.studies.stability.measure import ABSENT, FAIL, NEAR, PASS, Cell, remembered
-from cmbrl.bench.studies.stability.mujoco_peer import MuJoCo
-from cmbrl.bench.studies.stability.ours import Ours
-from cmbrl.bench.studies.stability.simulators import simulate
+from cmbrl.bench.peers.mujoco import MuJoCo
+from cmbrl.bench.studies.stability import plots
+from cmbrl.bench.studies.stability.bank import HARD, SCENES, arms
+from cmbrl.bench.studies.stability.cells import ABSENT, FAIL, NEAR, PASS, Cell, measure, simulate
 from cmbrl.bench.studies.stability.study import STUDY
-from cmbrl.bench.studies.stability.tables import slope_of
+from cmbrl.bench.studies.stability.tables import Results, slope_of
 from cmbrl.bench.study import Settings
-
-BY_LABEL = {scene.label: scene for scene in SCENES}
+from cmbrl.jobs import Runner
 
 
 def test_study_writes_tables_and_pictures(tmp_path: Path) -> None:
-    section = STUDY.run(tmp_path, Settings(quick=True, scenes=("F13", "F28")), lambda share, what: None)
+    section = STUDY.run(tmp_path, Settings(quick=True, scenes=("F13", "F28")), Runner(tmp_path / "cells"))
     section.write(tmp_path)
-    names = [s.name for s in simulators()]
     bank, counts = section.tables[0], section.tables[1]
     assert [row[0].split()[0] for row in bank.rows] == ["F13", "F28"]
-    assert list(bank.columns[3:]) == names
+    assert list(bank.columns[3:]) == list(arms())
     assert all(sum(row[1:5]) == 2 for row in counts.rows)
-    for figure in section.figures:
-        assert (tmp_path / figure.file).stat().st_size > 10_000
-    assert len(list((tmp_path / "cells").glob("*.json"))) == len(section.values["cells"])
+    assert all((tmp_path / figure.file).is_file() for figure in section.figures)
+    shown = [cell for cell in section.values["cells"] if cell["h"] == 0.001]
+    assert all(cell["seconds"] > 0 for cell in shown if cell["runs"])
 
 
-def test_cells_are_remembered(tmp_path: Path) -> None:
-    scene = BY_LABEL["F28"]
-    first = remembered(scene, Ours("ours"), 1e-3, True, tmp_path)
-    assert remembered(scene, Ours("ours"), 1e-3, True, tmp_path) == first  # a second run would time anew
+def test_pictures_show_every_cell() -> None:
+    """F4 at two steps: one simulator passes and misses, one blows up, one cannot express it."""
+    scene, names = SCENES["F4"], ("a", "b", "c")
+    errors = {("a", 0.001): 1e-6, ("a", 0.005): 2e-3, ("b", 0.001): float("inf"), ("b", 0.005): 0.5, ("c", 0.001): None}
+    cells = {("F4", name, h): Cell("F4", name, h, e, 1e-4) for (name, h), e in errors.items()}
+    results = Results([scene], names, cells, True)
+    axes = plots.heat_map(results).axes[0]
+    assert [text.get_text() for text in axes.texts] == ["✓ 1e-6", "✗ blew up", "–"]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["F4 sliding cube"]
+    panel = plots.curves(results).axes[0]
+    lines = {line.get_label(): line for line in panel.get_lines()}
+    assert list(lines["a"].get_ydata()) == [1e-6, 2e-3]
+    assert list(lines["b"].get_ydata()) == [plots.CEILING, 0.5]
+    assert list(lines["tolerance"].get_ydata()) == [scene.tolerance(h) for h in (0.001, 0.005)]
+    assert "c" not in lines
 
 
 @pytest.mark.parametrize(
@@ -55,8 +63,8 @@ def test_slope_of_a_power() -> None:
 @pytest.mark.parametrize("label", ["F4", "F12", "F18"])
 def test_all_columns_start_where_the_case_does(label: str) -> None:
     """The same MJCF for all: q and v at the start agree, and free fall of the first step too where nothing touches."""
-    case = BY_LABEL[label].cases[-1]
-    runs = [simulate(s, case, 1e-3)[0] for s in simulators() if s.name in ("ours hard", "MuJoCo", "pymunk")]
+    case = SCENES[label].cases[-1]
+    runs = [simulate(arms()[name](case.world), case, 1e-3) for name in (HARD, "MuJoCo", "pymunk")]
     for run in runs[1:]:
         np.testing.assert_allclose(run.q[0], runs[0].q[0], atol=1e-12)
         np.testing.assert_allclose(run.v[0], runs[0].v[0], atol=1e-12)
@@ -66,6 +74,12 @@ def test_all_columns_start_where_the_case_does(label: str) -> None:
 
 
 def test_a_run_that_blows_up_is_a_failure() -> None:
-    case = BY_LABEL["F22"].cases[1]
-    run, failures = simulate(MuJoCo(), case, 1e-3)
-    assert failures or not np.isfinite(run.q[-1]).all() or case.error(run) > 1
+    case = SCENES["F22"].cases[1]
+    simulator = MuJoCo(case.world)
+    run = simulate(simulator, case, 1e-3)
+    assert simulator.failures or not np.isfinite(run.q[-1]).all() or case.error(run) > 1
+
+
+def test_a_world_that_is_not_planar_is_not_for_pymunk() -> None:
+    cell = measure(SCENES["F7"], "pymunk", 1e-3)
+    assert (cell.error, cell.verdict, cell.why) == (None, ABSENT, "(1, 1)/sqrt 2: not planar")

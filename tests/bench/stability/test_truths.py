@@ -11,7 +11,7 @@ from scipy.special import ellipk
 
 from cmbrl.bench.studies.stability import bouncing, jams, motion, rolling, sliding
 from cmbrl.bench.studies.stability.case import G
-from cmbrl.bench.studies.stability.residual import distance_to_law
+from cmbrl.bench.studies.stability.laws import distance_to_law
 from cmbrl.contact.problem import ContactProblem
 
 

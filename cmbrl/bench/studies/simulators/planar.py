@@ -1,8 +1,4 @@
-"""Two planar scenes that pymunk can express: a disc that bounces, with its closed form, and a box that is tossed.
-
-Trees of bodies are out of its reach by construction: it joins maximal-coordinate bodies by iterated constraints and has
-neither armature nor joint springs, so a hopper there would be another robot.
-"""
+"""Two planar scenes: a disc that bounces, with its closed form, and a box that is thrown."""
 
 from __future__ import annotations
 
@@ -10,12 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cmbrl.bench.peers.simulator import Array
+
 GRAVITY = 9.81  # [m/s^2]
-_JOINTS = '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>'
+INTERVAL, FILE_STEP = 0.02, 0.005  # [s]
+_WIDTH, _HEIGHT = 0.1, 0.05  # half sides of the box [m]; it has a mass of 1 kg
 _TEXT = """<mujoco model="{name}"><option timestep="{step}" gravity="0 0 -{gravity}"/><worldbody>
-<geom name="ground" type="plane" size="50 50 1" friction="{friction}"/>
-<body name="{name}">{joints}<inertial pos="0 0 0" mass="{mass}" diaginertia="{inertia} {inertia} {inertia}"/>
-<geom name="{name}" type="{kind}" size="{size}" friction="{friction}"/></body></worldbody></mujoco>"""
+<geom name="ground" type="plane" size="50 50 1" friction="{friction}"/><body name="{name}">
+<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>
+<inertial pos="0 0 0" mass="{mass}" diaginertia="{inertia} {inertia} {inertia}"/>
+<geom name="{name}" {shape} friction="{friction}"/></body></worldbody></mujoco>"""
 
 
 @dataclass(frozen=True)
@@ -31,47 +31,40 @@ class Disc:
     def inertia(self) -> float:
         return self.mass * self.radius**2 / 2
 
-
-@dataclass(frozen=True)
-class Rectangle:
-    """SI units; half sides; inelastic."""
-
-    mass: float = 1.0
-    half_width: float = 0.1
-    half_height: float = 0.05
-    friction: float = 0.4
-    restitution: float = 0.0
-
-    @property
-    def inertia(self) -> float:
-        return self.mass * (self.half_width**2 + self.half_height**2) / 3
+    def mjcf(self) -> str:
+        """The disc above the ground z = 0; it has no attribute for restitution."""
+        return _mjcf("ball", f'type="sphere" size="{self.radius}"', self.mass, self.inertia, self.friction)
 
 
-def ball(states: int, seed: int) -> tuple:
-    """MJCF, disc, q, v (states, 3), interval [s], intervals, step of the file [s]; q = x, z, angle about +y."""
-    disc, rng = Disc(), np.random.default_rng([seed, 2])
+def box_mjcf() -> str:
+    """An inelastic box above the ground z = 0."""
+    inertia = 1.0 * (_WIDTH**2 + _HEIGHT**2) / 3
+    return _mjcf("box", f'type="box" size="{_WIDTH} 0.1 {_HEIGHT}"', 1.0, inertia, 0.4)
+
+
+def thrown_discs(states: int, seed: int) -> tuple[Array, Array, int]:
+    """q, v (states, 3) and the number of intervals; q = x, z, angle about +y."""
+    rng = np.random.default_rng([seed, 2])
     q = np.column_stack([np.zeros(states), rng.uniform(0.2, 0.8, states), np.zeros(states)])
     v = np.column_stack([rng.uniform(-3, 3, states), rng.uniform(-2, 1, states), rng.uniform(-20, 20, states)])
-    return _mjcf("ball", "sphere", f"{disc.radius}", disc), disc, q, v, 0.02, 40, 0.005
+    return q, v, 40
 
 
-def box(states: int, seed: int) -> tuple:
-    """The same of a box, thrown from low with a spin, so that it lands on a corner, slides and comes to rest."""
-    body, rng = Rectangle(), np.random.default_rng([seed, 3])
+def thrown_boxes(states: int, seed: int) -> tuple[Array, Array, int]:
+    """The same for a box thrown from low with a spin: it lands on a corner, slides and comes to rest."""
+    rng = np.random.default_rng([seed, 3])
     q = np.column_stack([np.zeros(states), rng.uniform(0.13, 0.25, states), rng.uniform(-np.pi, np.pi, states)])
     v = np.column_stack([rng.uniform(-1.5, 1.5, states), rng.uniform(-1, 0.5, states), rng.uniform(-6, 6, states)])
-    size = f"{body.half_width} 0.1 {body.half_height}"
-    return _mjcf("box", "box", size, body), body, q, v, 0.02, 25, 0.005
+    return q, v, 25
 
 
-def _mjcf(name: str, kind: str, size: str, body: Disc | Rectangle) -> str:
+def _mjcf(name: str, shape: str, mass: float, inertia: float, friction: float) -> str:
     return _TEXT.format(
-        name=name, kind=kind, size=size, joints=_JOINTS, mass=body.mass, inertia=body.inertia, friction=body.friction,
-        step=0.005, gravity=GRAVITY,
-    )  # fmt: skip
+        name=name, shape=shape, mass=mass, inertia=inertia, friction=friction, step=FILE_STEP, gravity=GRAVITY
+    )
 
 
-def bounces(disc: Disc, q: np.ndarray, v: np.ndarray, times: np.ndarray) -> np.ndarray:
+def bounces(disc: Disc, q: Array, v: Array, times: Array) -> Array:
     """Closed form: configurations (n, len(times), 3) of discs thrown at t = 0 from q, v (n, 3) onto the ground z = 0.
 
     Parabolas between impacts; an impact reverses the normal velocity times the restitution, and friction, at most mu
@@ -94,11 +87,11 @@ def bounces(disc: Disc, q: np.ndarray, v: np.ndarray, times: np.ndarray) -> np.n
     return out
 
 
-def _fly(q: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
+def _fly(q: Array, v: Array, t: float) -> Array:
     return q + t * v - np.array([0.0, 0.5 * GRAVITY * t * t, 0.0])
 
 
-def _impact(disc: Disc, v: np.ndarray) -> np.ndarray:
+def _impact(disc: Disc, v: Array) -> Array:
     normal = -(1 + disc.restitution) * disc.mass * v[1]
     slip = v[0] - disc.radius * v[2]
     friction = np.clip(-disc.mass * slip / 3, -disc.friction * normal, disc.friction * normal)

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
+from itertools import groupby
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter
 
-from cmbrl.bench.studies.simulators.measure import Result, Row
-from cmbrl.files import atomic_path
+from cmbrl.bench.figures import legend_below, panels
+from cmbrl.bench.studies.simulators.cells import Result, Row
 
 _STYLES = {
     "ours, MuJoCo's softness, semi-implicit": ("#6baed6", "o", "-"),
@@ -34,40 +33,34 @@ _STYLES = {
 _OTHER = ("0.5", ".", "-")
 
 
-def plot(results: Sequence[Result], path: str | os.PathLike[str], own: bool) -> None:
-    """Writes one panel a scene; ``own``: against the limit of each simulator's own law, else against the truth."""
+def plot(results: Sequence[Result], own: bool) -> Figure:
+    """One panel a scene; ``own``: against the limit of each simulator's own law, else against the truth."""
     columns = min(2, len(results))
-    lines = -(-len(results) // columns)
-    figure = Figure(figsize=(6.6 * columns, 4.7 * lines + 1.3), layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(lines, columns, squeeze=False).ravel()
-    for axes, result in zip(panels, results, strict=False):
+    rows = -(-len(results) // columns)
+    figure, grid = panels(rows, columns, 6.6 * columns, 4.7 * rows + 1.3)
+    for axes, result in zip(grid.ravel(), results, strict=False):
         _panel(axes, result, own)
-    for axes in panels[len(results) :]:
+    for axes in grid.ravel()[len(results) :]:
         axes.remove()
     names = dict.fromkeys(row.engine for result in results for row in result.rows)
-    handles = [_handle(name) for name in (n for n in _STYLES if n in names)]
-    handles += [_handle(name) for name in names if name not in _STYLES]
+    handles = [_handle(name) for name in sorted(names, key=[*_STYLES, *names].index)]
     ring = Line2D([], [], ls="", marker="o", mfc="none", mec="k", ms=11, label="the file's own step")
-    figure.legend(handles=[*handles, ring], loc="outside lower center", ncols=3, frameon=False, fontsize="small")
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=130)
+    legend_below(figure, ncols=3, handles=[*handles, ring])
+    return figure
 
 
 def _panel(axes: Axes, result: Result, own: bool) -> None:
-    curves: dict[str, list[Row]] = {}
-    for row in sorted(result.rows, key=lambda row: -row.step):
-        curves.setdefault(row.engine, []).append(row)
-    top = 3 * max((_median(row, own) for row in result.rows if not _hidden(row, own)), default=1.0)
+    by_name = sorted(result.rows, key=lambda row: (row.engine, -row.step))
+    curves = {name: list(rows) for name, rows in groupby(by_name, key=lambda row: row.engine)}
+    top = 3 * max((_median(row, own) for row in result.rows if _median(row, own) < np.inf), default=1.0)
     for name, rows in curves.items():
         colour, marker, dash = _STYLES.get(name, _OTHER)
-        kept = [row for row in rows if not _hidden(row, own)]
-        x, y = [row.seconds for row in kept], [_median(row, own) for row in kept]
-        axes.plot(x, y, dash, marker=marker, color=colour, ms=4, lw=1.2)
-        for row in kept:
+        x, y = [row.seconds for row in rows], np.array([_median(row, own) for row in rows])
+        shown = np.isfinite(y)
+        axes.plot(np.array(x)[shown], y[shown], dash, marker=marker, color=colour, ms=4, lw=1.2)
+        for row in rows:
             if np.isclose(row.step, result.file_step):
                 axes.plot(row.seconds, _median(row, own), "o", mfc="none", mec=colour, ms=11, mew=1.1)
-        for row in rows:
             if row.failed:
                 axes.plot(row.seconds, top, marker, color=colour, ms=4, clip_on=False)
                 _note(axes, f"{row.failed}", row.seconds, top, (0, 5), colour)
@@ -75,35 +68,38 @@ def _panel(axes: Axes, result: Result, own: bool) -> None:
     axes.set_ylim(top=top)
     axes.margins(x=0.08)
     axes.xaxis.set_minor_formatter(NullFormatter())
-    swept = [rows for name, rows in curves.items() if "kappa" not in name]
-    by_cost = sorted(swept, key=lambda rows: rows[-1].seconds)
-    for rows, shift in ((by_cost[0], (-3, -10)), (by_cost[-1], (9, 5))):
-        for row in rows:
-            if not _hidden(row, own):
-                _note(axes, f"{1e3 * row.step:.2g} ms", row.seconds, _median(row, own), shift, "0.35")
+    _label_steps(axes, [rows for name, rows in curves.items() if "kappa" not in name], own)
     if own:
-        floor = max(limit["floor"] for limit in result.limits.values())
-        bottom = axes.get_ylim()[0]
-        if floor > bottom:  # what the references themselves are off by
-            axes.axhspan(bottom, floor, color="0.92", zorder=0)
-            axes.set_ylim(bottom=bottom)
-        truth = "the limit of its own law"
-    else:
-        truth = "the closed form" if result.truth == "closed form" else f"{result.truth}'s limit"
-    lost = any(row.failed for row in result.rows)
-    title = f"{result.label}: {result.horizon:.2g} s from {result.states} states"
-    axes.set_title(title + ("; at the top edge: trajectories lost" if lost else ""), fontsize="medium", pad=14)
+        _grey(axes, max(limit["floor"] for limit in result.limits.values()))
+    against = {"own": "the limit of its own law", "closed form": "the closed form"}
+    truth = against.get("own" if own else result.truth, f"{result.truth}'s limit")
+    lost = "; at the top edge: trajectories lost" if any(row.failed for row in result.rows) else ""
+    title = f"{result.label}: {result.horizon:.2g} s from {result.states} states{lost}"
+    axes.set_title(title, fontsize="medium", pad=14)
     axes.set_ylabel(f"error to {truth}, relative to the motion", fontsize="small")
     axes.grid(alpha=0.25)
+
+
+def _label_steps(axes: Axes, curves: list[list[Row]], own: bool) -> None:
+    """Writes the steps at the points of the cheapest and of the dearest curve."""
+    by_cost = sorted(curves, key=lambda rows: rows[-1].seconds)
+    for rows, shift in ((by_cost[0], (-3, -10)), (by_cost[-1], (9, 5))):
+        for row in rows:
+            if np.isfinite(_median(row, own)):
+                _note(axes, f"{1e3 * row.step:.2g} ms", row.seconds, _median(row, own), shift, "0.35")
+
+
+def _grey(axes: Axes, floor: float) -> None:
+    """What the references themselves are off by."""
+    bottom = axes.get_ylim()[0]
+    if floor > bottom:
+        axes.axhspan(bottom, floor, color="0.92", zorder=0)
+        axes.set_ylim(bottom=bottom)
 
 
 def _median(row: Row, own: bool) -> float:
     value = (row.own if own else row.truth)[1]
     return np.inf if value is None else value
-
-
-def _hidden(row: Row, own: bool) -> bool:
-    return not np.isfinite(_median(row, own))
 
 
 def _note(axes: Axes, text: str, x: float, y: float, shift: tuple[int, int], colour: str) -> None:

@@ -6,11 +6,10 @@ from math import atan, cos, degrees, sqrt, tan
 
 import numpy as np
 
-from cmbrl.bench.studies.stability.case import BankScene, Case, G, Run, constant, resting_bias
-from cmbrl.bench.studies.stability.residual import law_error
+from cmbrl.bench.studies.stability.case import BankScene, Case, G, Run, constant, resting
+from cmbrl.bench.studies.stability.laws import law_error
 from cmbrl.bench.studies.stability.worlds import GROUND, body, box, sphere, world
 
-FAMILY = "jams"
 TIP = 1e-8  # radius of the sphere that stands for the rod's tip [m]
 COS, SIN = 1 / sqrt(5), 2 / sqrt(5)  # of the rod's angle with the ground, tan = 2
 INERTIA = 1 / 3  # of a uniform rod of mass 1 and half-length 1 about its centre [kg m^2]
@@ -58,12 +57,8 @@ def _slot() -> Case:
         f'<geom name="wall{k}" type="plane" size="5 5 1" pos="{-s * (radius - tight):.15g} 0 0" zaxis="{s} 0 0"/>'
         for k, s in enumerate((1, -1))
     )
-
-    def error(run: Run) -> float:
-        return float(abs(run.v[1, 0]) * run.h / tight)
-
     mjcf = world(walls, body("slider", (0, 0, 0), "x", sphere("slider", radius)), gravity=(0, 0, 0))
-    return Case("1 mm too tight on both sides", mjcf, 0.0, error)
+    return Case("1 mm too tight on both sides", mjcf, 0.0, lambda run: abs(run.v[1, 0]) * run.h / tight)
 
 
 def thrown_out(tangent: float, mu: float, m: float, M: float, N: float) -> float:
@@ -73,7 +68,7 @@ def thrown_out(tangent: float, mu: float, m: float, M: float, N: float) -> float
 
 
 def _wedge(tangent: float, mu: float) -> Case:
-    m, M, N, angle, radius, half, T = 1.0, 1.0, 20.0, atan(tangent), 0.1, (0.05, 0.5, 0.5), 0.1
+    m, M, N, angle, radius, half = 1.0, 1.0, 20.0, atan(tangent), 0.1, (0.05, 0.5, 0.5)
     a = thrown_out(tangent, mu, m, M, N)
     faces = "".join(
         box(f"face{k}", half, M / 2, f'pos="{s * half[0]} 0 0" euler="0 {s * degrees(angle):.15g} 0"')
@@ -81,37 +76,21 @@ def _wedge(tangent: float, mu: float) -> Case:
     )
     reach = half[0] + (radius + half[0]) / cos(angle)  # where a block touches at the height of the wedge's origin
     blocks = [body(f"block{k}", (s * reach, 0, 0), "x", sphere(f"block{k}", radius, m)) for k, s in enumerate((1, -1))]
-
-    def error(run: Run) -> float:
-        t = run.t[-1]
-        return float(abs(run.v[-1, 0] - a * t) / (N / M * t))
-
     mjcf = world(
         body("wedge", (0, 0, 0), "z", faces), *blocks, mu=mu, gravity=(0, 0, 0), motors=("block0_x", "block1_x")
     )
-    return Case(f"tan = {tangent:g}, mu = {mu:g}", mjcf, T, error, control=(-N, N))
+    return Case(
+        f"tan = {tangent:g}, mu = {mu:g}", mjcf, 0.1,
+        lambda run: abs(run.v[-1, 0] - a * run.t[-1]) / (N / M * run.t[-1]), control=(-N, N),
+    )  # fmt: skip
 
 
 SCENES = (
+    BankScene("F15", "one step", (_painleve(1.4), _painleve(2.0), _painleve(5.0)), resting),
+    BankScene("F16", "residual", (_lifting(),), resting),
+    BankScene("F17", "one step", (_slot(),), constant(1e-6)),
     BankScene(
-        "F15", "Painleve's rod", FAMILY, "one step",
-        "jam: the tip stops, lambda = (2, 1.5) N s for every mu >= 4/3 (derived; acceleration level has no solution)",
-        "acceleration LCPs; PGS and proximal fixed points diverge", (_painleve(1.4), _painleve(2.0), _painleve(5.0)),
-        lambda h: 10 * resting_bias(h),
-    ),
-    BankScene(
-        "F16", "rod with three solutions", FAMILY, "residual",
-        "separation, sliding or jam: residual 0 (Signorini, Coulomb)",
-        "assuming a unique solution", (_lifting(),), lambda h: 10 * resting_bias(h),
-    ),
-    BankScene(
-        "F17", "over-tight slot", FAMILY, "one step", "no rigid solution; compliant: v = 0 by symmetry",
-        "interior points and ADMM diverge", (_slot(),), constant(1e-6),
-    ),
-    BankScene(
-        "F19", "symmetric wedge", FAMILY, "trajectory",
-        "locks if tan a <= mu, else N/(m tan a + M/(2 tan(a - atan mu))) (statics)",
-        "PGS injects energy; the convex relaxation opens the wedge",
-        (_wedge(0.3, 0.6), _wedge(0.495, 0.5), _wedge(0.505, 0.5), _wedge(0.8, 0.4)), constant(1e-4),
+        "F19", "trajectory", (_wedge(0.3, 0.6), _wedge(0.495, 0.5), _wedge(0.505, 0.5), _wedge(0.8, 0.4)),
+        constant(1e-4),
     ),
 )  # fmt: skip

@@ -6,13 +6,12 @@ from math import atan, cos, pi, sin, sqrt
 
 import numpy as np
 
-from cmbrl.bench.studies.stability.case import BankScene, Case, G, Run, constant, proportional, resting_bias
+from cmbrl.bench.studies.stability.case import BankScene, Case, G, Run, constant, proportional, resting
 from cmbrl.bench.studies.stability.worlds import GROUND, body, box, sphere, tilted, world
 
 SIDE, V0 = 0.2, 1.0  # of the cube [m], of its start [m/s]
 HALF = SIDE / 2
 DAMPER = 1e6  # of the conveyor [N s/m]
-FAMILY = "sliding"
 
 
 def _cube(joints: str) -> str:
@@ -42,13 +41,11 @@ def _incline(tangent: float, mu: float) -> Case:
     """Velocity after one second against a = g (sin - mu cos) or rest, as a share of g sin t."""
     angle = atan(tangent)
     a = max(0.0, G * (sin(angle) - mu * cos(angle)))
-
-    def error(run: Run) -> float:
-        t = run.t[-1]
-        return float(np.hypot(run.v[-1, 0] - a * t, run.v[-1, 1]) / (G * sin(angle) * t))
-
     mjcf = world(GROUND, _cube("xzr"), mu=mu, gravity=tilted(angle))
-    return Case(f"tan = mu {tangent / mu:.4g}", mjcf, 1.0, error)
+    return Case(
+        f"tan = mu {tangent / mu:.4g}", mjcf, 1.0,
+        lambda run: np.hypot(run.v[-1, 0] - a * run.t[-1], run.v[-1, 1]) / (G * sin(angle) * run.t[-1]),
+    )  # fmt: skip
 
 
 def tipping(angle: float, width: float, height: float, times: np.ndarray) -> np.ndarray:
@@ -130,10 +127,8 @@ def _conveyor() -> Case:
 
 
 def _frictionless() -> Case:
-    def error(run: Run) -> float:
-        return float(np.abs(run.v[:, 1] - V0).max() / V0)
-
-    return Case("mu = 0", world(GROUND, _cube("f")), 0.2, error, v=(0, V0, 0, 0, 0, 0))
+    mjcf = world(GROUND, _cube("f"))
+    return Case("mu = 0", mjcf, 0.2, lambda run: np.abs(run.v[:, 1] - V0).max() / V0, v=(0, V0, 0, 0, 0, 0))
 
 
 def _infinite_friction() -> Case:
@@ -148,43 +143,20 @@ def _infinite_friction() -> Case:
 
 
 SCENES = (
+    BankScene("F4", "trajectory", (_slide(0.4),), proportional(V0 / stopping_distance(0.4)), 1),
     BankScene(
-        "F4", "sliding cube", FAMILY, "trajectory",
-        "v = v0 - mu g t, stops after v0^2/(2 mu g), stays down (Coulomb)",
-        "convex relaxation: launch, then gliding at a gap mu h v",
-        (_slide(0.4),), proportional(V0 / stopping_distance(0.4)), 1,
+        "F5", "trajectory", tuple(_incline(0.5 * (1 + e), 0.5) for e in (-0.1, -0.01, -0.002, 0.002, 0.01, 0.1)),
+        constant(1e-4),
     ),
     BankScene(
-        "F5", "incline at threshold", FAMILY, "trajectory",
-        "sticks if tan <= mu, else a = g (sin - mu cos) (Coulomb)", "soft models creep",
-        tuple(_incline(0.5 * (1 + e), 0.5) for e in (-0.1, -0.01, -0.002, 0.002, 0.01, 0.1)), constant(1e-4),
-    ),
-    BankScene(
-        "F6", "box on an incline", FAMILY, "trajectory",
-        "slides if mu < tan, tips if w/H < tan, whichever comes first (Coulomb; pendulum about the edge)",
-        "wrong contact points, pyramids",
+        "F6", "trajectory",
         (
             _box_on_incline(0.4, 0.3, 1.0), _box_on_incline(0.6, 0.8, 0.5), _box_on_incline(0.505, 0.8, 0.5),
             _box_on_incline(0.495, 0.8, 0.5), _box_on_incline(0.303, 0.3, 0.5), _box_on_incline(0.297, 0.3, 0.5),
         ),
         proportional(2.0, 1e-5), 1,
     ),
-    BankScene(
-        "F7", "45 degree slide", FAMILY, "trajectory", "straight line of length v0^2/(2 mu g) (isotropic Coulomb cone)",
-        "pyramids deflect to an axis, or brake sqrt 2 too hard",
-        (_diagonal(0.5),), proportional(V0 / stopping_distance(0.5)), 1,
-    ),
-    BankScene(
-        "F11", "conveyor and spring", FAMILY, "trajectory",
-        "oscillates about mu m g/k with amplitude v_belt sqrt(m/k), undamped (Coulomb)",
-        "numerical damping shrinks the amplitude; explicit friction chatters",
-        (_conveyor(),), proportional(20.0), 1,
-        note="the belt is a box on a driven slide: nothing special in the model",
-    ),
-    BankScene(
-        "F20", "no and extreme friction", FAMILY, "one step",
-        "mu = 0: v constant. mu = 1e3: pivots, w = 3 (v0 - g h)/(4 a) (rigid body impact about an edge)",
-        "division by mu, dual cone of slope 1/mu",
-        (_frictionless(), _infinite_friction()), lambda h: 10 * resting_bias(h),
-    ),
+    BankScene("F7", "trajectory", (_diagonal(0.5),), proportional(V0 / stopping_distance(0.5)), 1),
+    BankScene("F11", "trajectory", (_conveyor(),), proportional(20.0), 1),
+    BankScene("F20", "one step", (_frictionless(), _infinite_friction()), resting),
 )  # fmt: skip

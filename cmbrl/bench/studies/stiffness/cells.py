@@ -1,4 +1,4 @@
-"""One cell of the sweep: every model learns from the same tosses on ground of one stiffness; judged one step ahead."""
+"""One cell of the sweep: all models learn from the same tosses on ground of one stiffness, judged one step ahead."""
 
 from __future__ import annotations
 
@@ -44,12 +44,8 @@ _SMALL = Budget(
 QUICK = Work(stiffness=(100.0, 2500.0), seeds=1, test_rows=2000, updates=500, budget=_SMALL)
 
 
-def run(stiffness: float, seed: int, work: Work) -> dict[str, dict[str, float]]:
-    """Model -> errors of v' and seconds of training (processor time), all models on the same ``work.rows`` rows.
-
-    ``all``, ``contact``, ``flight``: root mean square over rows and coordinates, relative to the standard deviation of
-    the change of each coordinate in the test log; ``turn`` [rad/s]: of the angular velocity, all rows.
-    """
+def cell(stiffness: float, seed: int, work: Work) -> dict[str, dict[str, float]]:
+    """Errors of v' by model (:func:`errors`), and seconds of training (processor time), all from the same rows."""
     log, test = record(stiffness, work.rows, seed), record(stiffness, work.test_rows, _TEST_SEED + seed)
     out: dict[str, dict[str, float]] = {}
 
@@ -76,7 +72,11 @@ def run(stiffness: float, seed: int, work: Work) -> dict[str, dict[str, float]]:
 
 @torch.no_grad()
 def errors(model: Model, test: Transitions) -> dict[str, float]:
-    """One-step errors on ``test``, see :func:`run`."""
+    """One-step errors on ``test``.
+
+    ``all``, ``contact``, ``flight``: root mean square over rows and coordinates, relative to the standard deviation of
+    the change of each coordinate in ``test``. ``turn`` [rad/s]: of the angular velocity, all rows.
+    """
     predicted = model.step(*(torch.as_tensor(x) for x in (test.q, test.v, test.u)))[1].numpy()
     off = predicted - test.v_next
     squares = np.mean((off / np.std(test.v_next - test.v, axis=0)) ** 2, axis=1)

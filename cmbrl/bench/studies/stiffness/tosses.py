@@ -1,7 +1,7 @@
 """The real systems of the sweep: a cube tossed on ground of a given stiffness, simulated finely by MuJoCo.
 
-The cube is that of the task ``cube_toss``; what its MJCF guesses wrong is friction, stiffness and damping. Stiffness k
-and damping b are MuJoCo's ``solref = (-k, -b)``, per unit of mass: [1/s^2] and [1/s].
+The cube is that of the task ``cube_toss``, whose MJCF has a wrong friction, stiffness and damping. Stiffness k and
+damping b are MuJoCo's ``solref = (-k, -b)``, per unit of mass: [1/s^2] and [1/s].
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from cmbrl.bench.peers.mujoco import compiled
 from cmbrl.data.transitions import Transitions
 from cmbrl.registry import load_task
 
@@ -21,8 +22,8 @@ _FINE = 8  # MuJoCo's RK4 steps in a transition
 def record(stiffness: float, rows: int, seed: int) -> Transitions:
     """``rows`` transitions of tosses on ground of ``stiffness`` [1/s^2], the last toss cut; same seed, same tosses."""
     task = load_task("cube_toss")
-    model = mujoco.MjModel.from_xml_path(task.scene_path)
-    model.opt.integrator, model.opt.timestep = mujoco.mjtIntegrator.mjINT_RK4, task.control_dt / _FINE
+    model = compiled(task.scene_path, "rk4")
+    model.opt.timestep = task.control_dt / _FINE
     model.geom_solref[:] = -stiffness, -2 * DAMPING_RATIO * np.sqrt(stiffness)
     model.geom_friction[:, 0] = FRICTION
     data, rng = mujoco.MjData(model), np.random.default_rng(seed)
@@ -42,7 +43,7 @@ def record(stiffness: float, rows: int, seed: int) -> Transitions:
 
 
 def _throw(model: mujoco.MjModel, data: mujoco.MjData, rng: np.random.Generator) -> None:
-    """A random pose from 0.12 to 0.25 m up, 1 m/s and 5 rad/s in standard deviation."""
+    """A random pose 0.12 to 0.25 m above the ground, with velocities of 1 m/s and 5 rad/s in standard deviation."""
     mujoco.mj_resetData(model, data)
     pose = rng.normal(size=4)
     data.qpos[:] = 0.0, 0.0, rng.uniform(0.12, 0.25), *(pose / np.linalg.norm(pose))
