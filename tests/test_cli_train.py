@@ -209,7 +209,7 @@ def test_an_exported_policy_records(place: Path, tmp_path: Path, capsys: pytest.
     capsys.readouterr()
     assert main(["record", "cheetah", "--steps", "5", "--policy", str(script), "--out", str(tmp_path / "no.npz")]) == 2
     shown = capsys.readouterr().err
-    assert shown.startswith(f"cmbrl: {script}: fails on the 17 observations of this robot")
+    assert shown.startswith(f"cmbrl: {script}: the policy fails on 17 observations")
     assert shown.count("\n") == 1
 
 
