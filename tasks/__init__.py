@@ -1,1 +1,1 @@
-"""Tasks that come with cmbrl: one folder each, known to it only by their entry points."""
+"""The bundled tasks, one folder each; cmbrl knows them only by their entry points."""

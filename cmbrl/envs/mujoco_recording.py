@@ -39,7 +39,7 @@ def record_mujoco(
     model = system().model
     robot = Recording(mdp, system, seed)
     control = controller(behaviour, model, np.random.default_rng([seed, 1]))
-    for _ in range(n_steps):
+    while robot.transitions < n_steps:
         action = control(robot.observe()[0].numpy(), robot.q[0].numpy(), robot.v[0].numpy())
         robot.step(torch.from_numpy(np.asarray(action, dtype=np.float64))[None])
         if progress is not None:

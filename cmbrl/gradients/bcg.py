@@ -30,7 +30,6 @@ class BundleConfig:
     """
 
     branches: int = 10
-    duration: float = 0.016  #: of a bundle [s]
     length: int | None = None  #: control steps of a bundle; overrides duration
     trigger: float | None = None
     """Normal force, mean over a control step, that starts a bundle [N]. None: 1.2 times the scene's weight, the same
@@ -38,6 +37,7 @@ class BundleConfig:
     position: float = 0.01  #: standard deviation of each Cartesian component [m]
     velocity: float = 0.02  #: [m/s]
     damping: float = 1e-4  #: of the pseudo-inverse
+    duration: float = 0.016  #: of a bundle [s]
 
     def steps(self, dt: float) -> int:
         """Control steps of ``dt`` [s] in a bundle."""

@@ -1,8 +1,8 @@
-"""Throwing the ball at a goal: one step of the process is a whole throw, its action the launch velocity.
+"""Throwing the ball at a goal: one step of the process is a whole throw, and its action the launch velocity.
 
-The ball throw of the ABS paper (Zhang, Jin, Wang, ICML 2023) has a contact before the goal; its constants are lost, so
-these are ours. In each variant the goal can only be reached after contact, and gradient descent from the middle of the
-action's range meets what it is known to fail at: a cliff, a plateau, or both.
+The ball throw of the ABS paper (Zhang, Jin, Wang, ICML 2023) has a contact before the goal. Its constants are not
+published, so these are ours. In each variant the goal can only be reached after contact, and gradient descent from the
+middle of the action's range meets a cliff, a plateau, or both.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from torch import Tensor
 from cmbrl.envs.mdp import MDP, uniform
 
 STEP = 0.01  # s, of the model
-SPREAD = 0.02  # m, that a throw's start is off by at most
+SPREAD = 0.02  # m, largest deviation of a throw's start
 
 
 @dataclass(frozen=True)
 class Throw:
-    """From where [m], where to [m], how fast (least and most along x, along z [m/s]), and how long it flies [s]."""
+    """Start [m], goal [m], range of the launch speed along x and along z [m/s], and duration [s]."""
 
     start: tuple[float, float]
     goal: tuple[float, float]
@@ -29,16 +29,16 @@ class Throw:
     duration: float
 
 
-# Off the ground and off the wall back to the goal; thrown too low, the ball leaps over the wall instead: a cliff.
+# Off the ground and off the wall, back to the goal. Thrown too low, the ball leaps over the wall instead: a cliff.
 BANK = Throw(start=(-0.6, 0.7), goal=(-0.59, 0.5), speed_x=(3.0, 8.0), speed_z=(-6.0, -1.0), duration=0.8)
-# It does not bounce, and slides until it rolls; thrown too fast, it ends at the wall however fast: a plateau.
+# It does not bounce, and slides until it rolls. Thrown too fast, it always ends at the wall: a plateau.
 SLIDE = Throw(start=(-1.2, 0.7), goal=(0.4, 0.1), speed_x=(1.0, 7.0), speed_z=(-3.0, 0.0), duration=1.0)
-# Off the ground and over the wall: by a hair lower, the ball hits its edge and ends elsewhere, or before it.
+# Off the ground and over the wall. Slightly lower, the ball hits the wall's edge and ends elsewhere, or before it.
 OVER = Throw(start=(-0.8, 0.7), goal=(1.6, 0.5), speed_x=(1.5, 4.5), speed_z=(-5.5, -2.5), duration=0.8)
 
 
 def mdp(throw: Throw) -> MDP:
-    """Reward: minus the squared distance to the goal [m^2] at the end; ``info`` tells the distance [m]."""
+    """Reward: minus the squared distance to the goal [m^2] at the end; ``info`` has the distance [m]."""
     goal = torch.tensor(throw.goal, dtype=torch.float64)
     low, high = torch.tensor([throw.speed_x, throw.speed_z], dtype=torch.float64).T
 
@@ -64,10 +64,10 @@ def mdp(throw: Throw) -> MDP:
 
 
 def observe(q: Tensor, v: Tensor) -> Tensor:
-    """(B, 6): place, spin angle and their rates, as they are."""
+    """(B, 6): position, spin angle and their rates."""
     return torch.cat([q, v], dim=1)
 
 
 def landed(q: Tensor, v: Tensor) -> Tensor:
-    """(B,) bool: after the throw there is nothing more to earn."""
+    """(B,) bool: every throw ends its episode."""
     return torch.ones(len(q), dtype=torch.bool)

@@ -1,12 +1,12 @@
-"""The real system of the ball: a disc in pymunk (Chipmunk 2D), simulated finely enough to pass for continuous.
+"""The real system of the ball: a disc in pymunk (Chipmunk 2D), in steps so fine that it is nearly continuous.
 
 Chipmunk multiplies the elasticities and the frictions of two shapes (cpArbiterUpdate in Chipmunk2D's cpArbiter.c), so a
 contact here has friction 0.5 * 0.4 = 0.2 and, with a ball of elasticity 0.9, restitution 0.9 * 0.8 = 0.72, on the
 ground as on the wall. The plane of motion is steep, not vertical: gravity along it is 9.5 m/s^2.
 
-Settings that make it clean: no collision slop (Chipmunk lets shapes overlap by 0.1 length units by default, the whole
-radius here), no damping, and 500 substeps of 20 us per control step. An impact is noticed at the end of a substep, so
-its time is off by at most 20 us (0.1 mm at 5 m/s); the overlap that remains is pushed out by position only.
+Settings: no collision slop (by default Chipmunk lets shapes overlap by 0.1 length units, the whole radius here), no
+damping, and 500 substeps of 20 us per control step. An impact is detected at the end of a substep, so that its time is
+off by at most 20 us (0.1 mm at 5 m/s); the remaining overlap is removed by moving the ball, not by changing its speed.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class BallSystem:
         try:
             import pymunk
         except ImportError:
-            raise UserError("pymunk is not installed, which simulates the ball: pip install 'cmbrl[tasks]'") from None
+            raise UserError("simulating the ball needs pymunk: pip install 'cmbrl[tasks]'") from None
         self.pymunk = pymunk
         self.elasticity = elasticity  #: the ball's
         self._space: Any = None
@@ -50,7 +50,7 @@ class BallSystem:
         space = self._space = pymunk.Space()
         space.gravity = (0.0, -GRAVITY)
         space.collision_slop = 0.0
-        ground = pymunk.Segment(space.static_body, (-50.0, -1.0), (50.0, -1.0), 1.0)  # its upper side lies at height 0
+        ground = pymunk.Segment(space.static_body, (-50.0, -1.0), (50.0, -1.0), 1.0)  # its top is at height 0
         wall = pymunk.Segment(space.static_body, (WALL_X, 0.0), (WALL_X, WALL_HEIGHT), WALL_RADIUS)
         for shape in (ground, wall):
             shape.elasticity, shape.friction = WORLD_ELASTICITY, WORLD_FRICTION
@@ -81,7 +81,7 @@ def record(
     elasticity: float = BALL_ELASTICITY,
     name: str = "ball_throw",
 ) -> Transitions:
-    """``n_steps`` transitions of throws from random states left of the wall, the same for the same seed.
+    """``n_steps`` transitions of throws from random states left of the wall; the same seed gives the same log.
 
     The only behaviour is "random": there is no control after the throw (nu = 0).
     """

@@ -1,6 +1,6 @@
 """HalfCheetah-v5's observation, reward and reset (Gymnasium 1.x, gymnasium/envs/mujoco/half_cheetah_v5.py).
 
-q = (x, z, pitch, back thigh, shin, foot, front thigh, shin, foot), v its rates; z = 0 stands for a torso at 0.7 m.
+q = (x, z, pitch, back thigh, shin, foot, front thigh, shin, foot), v its rates; z = 0 means a torso height of 0.7 m.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ DT = 0.05  # s
 
 
 def observe(q: Tensor, v: Tensor) -> Tensor:
-    """(B, 17): all of q but x, and the velocities as they are."""
+    """(B, 17): all of q but x, and the velocities."""
     return torch.cat([q[:, 1:], v], dim=1)
 
 
 def parts(q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: Tensor) -> dict[str, Tensor]:
-    """By name (B,): forward speed [m/s], and the price -0.1 |action|^2."""
+    """By name (B,): forward speed [m/s], and the control cost -0.1 |action|^2."""
     return {
         "reward_forward": (q_next[:, 0] - q[:, 0]) / DT,
         "reward_ctrl": -0.1 * action.square().sum(dim=1),
@@ -33,7 +33,7 @@ def reward(q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: Tensor)
 
 
 def info(q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: Tensor) -> dict[str, Tensor]:
-    """What Gymnasium's HalfCheetah-v5 tells of a step."""
+    """What Gymnasium's HalfCheetah-v5 reports of a step."""
     told = parts(q, v, action, q_next, v_next)
     return {"x_position": q_next[:, 0], "x_velocity": told["reward_forward"], **told}
 

@@ -1,4 +1,4 @@
-"""The real system of the cube: a file of its tosses, of which whole ones are drawn."""
+"""The real system of the cube: a file of tosses, from which whole tosses are drawn."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FILE = "cube_tosses.npz"
 def record(n_steps: int, seed: int, behaviour: str, progress: Any, log: str | None) -> Transitions:
     """``n_steps`` transitions of tosses drawn under ``seed`` without replacement, the last one cut.
 
-    Raises UserError when no file is named, when it does not exist, and when it holds fewer transitions.
+    Raises UserError if no file is named, if it does not exist, or if it has fewer transitions.
     """
     data = Transitions.load(_find(log))
     if n_steps > len(data):

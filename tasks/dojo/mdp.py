@@ -1,7 +1,7 @@
-"""What Dojo's environments (v0.1.0) ask of hopper and half-cheetah, as its sources and scripts tell it.
+"""The decision processes of Dojo's hopper and half-cheetah (v0.1.0), after its sources and scripts.
 
-Actions are held to [-1, 1] here (there they are unbounded), and its clipping of each reward to [-1, 1] in training is
-left out. Episodes last 80 steps of 50 ms, as in its training scripts for the half-cheetah.
+Actions are limited to [-1, 1] here (unbounded there), and rewards are not clipped to [-1, 1] in training. Episodes last
+80 steps of 50 ms, as in its training scripts for the half-cheetah.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def hopper_observation(q: Tensor, v: Tensor) -> Tensor:
 
 
 def hopper_reward(q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: Tensor) -> Tensor:
-    """(B,): forward speed of the torso [m/s], plus 0.1, less 1e-4 |action|^2."""
+    """(B,): forward speed of the torso [m/s], plus 0.1, minus 1e-4 |action|^2."""
     return v_next[:, 0] + 0.1 - 1e-4 * action.square().sum(dim=1)
 
 
@@ -33,7 +33,7 @@ def hopper_fell(q: Tensor, v: Tensor) -> Tensor:
 
 
 def hopper_reset(count: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-    """States upright and at rest with the foot 4 cm above the floor, everything off by up to 5e-3."""
+    """States upright and at rest with the foot 4 cm above the floor, each coordinate and velocity off by up to 5e-3."""
     q = uniform(count, 6, 5e-3, generator)
     q[:, 1] += HEIGHT
     return q, uniform(count, 6, 5e-3, generator)
@@ -45,14 +45,14 @@ def cheetah_observation(q: Tensor, v: Tensor) -> Tensor:
 
 
 def cheetah_reward(q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: Tensor) -> Tensor:
-    """(B,): forward speed of the torso [m/s], less 0.1 |action|^2."""
+    """(B,): forward speed of the torso [m/s], minus 0.1 |action|^2."""
     return v_next[:, 0] - 0.1 * action.square().sum(dim=1)
 
 
 def cheetah_reset(count: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-    """States near the rest posture, everything off by up to 0.1; lifted by 0.1 m, so that feet start above the floor.
+    """States near the rest posture, each coordinate and velocity off by up to 0.1, lifted by 0.1 m.
 
-    The lift is ours: without it half of the feet would start inside the floor.
+    The lift is ours: without it, half of the feet would start inside the floor.
     """
     q = uniform(count, 9, 0.1, generator)
     q[:, 1] += REST_HEIGHT + DROP

@@ -1,4 +1,4 @@
-"""The real system of Dojo's robots: MuJoCo at 1 ms on the same file, with contacts as hard as it takes."""
+"""The real system of Dojo's robots: MuJoCo at 1 ms on the same file, with its hardest contacts."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from cmbrl.envs.mdp import MDP, uniform
 DT = 0.008  # s
 START = (0.0, 1.25, 0.0, 0.0, 0.0, 0.0)
 LOW, PITCH, STATE = 0.7, 0.2, 100.0  # m, rad, both: healthy above, within, within
-SAFE_HEIGHT, SAFE_PITCH, SLOPE = 0.95, 0.12, 50.0  # of the barrier in training: our choice
+SAFE_HEIGHT, SAFE_PITCH, SLOPE = 0.95, 0.12, 50.0  # of the training barrier, our choice
 
 
 def observe(q: Tensor, v: Tensor) -> Tensor:
@@ -22,7 +22,7 @@ def observe(q: Tensor, v: Tensor) -> Tensor:
 
 
 def healthy(q: Tensor, v: Tensor) -> Tensor:
-    """(B,) bool: upright enough to go on; false for a state that is not finite."""
+    """(B,) bool: upright enough to continue; false for a state that is not finite."""
     bounded = (q[:, 2:].abs() < STATE).all(dim=1) & (v.abs() < STATE).all(dim=1)
     return bounded & (q[:, 1] > LOW) & (q[:, 2].abs() < PITCH)
 
@@ -33,7 +33,7 @@ def terminated(q: Tensor, v: Tensor) -> Tensor:
 
 
 def parts(q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: Tensor) -> dict[str, Tensor]:
-    """By name (B,): 1 while healthy, forward speed [m/s], and the price -1e-3 |action|^2."""
+    """By name (B,): 1 while healthy, forward speed [m/s], and the control cost -1e-3 |action|^2."""
     return {
         "reward_survive": healthy(q_next, v_next).to(q.dtype),
         "reward_forward": (q_next[:, 0] - q[:, 0]) / DT,
@@ -48,13 +48,13 @@ def reward(q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: Tensor)
 
 
 def info(q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: Tensor) -> dict[str, Tensor]:
-    """What Gymnasium's Hopper-v5 tells of a step."""
+    """What Gymnasium's Hopper-v5 reports of a step."""
     told = parts(q, v, action, q_next, v_next)
     return {"x_position": q_next[:, 0], "x_velocity": told["reward_forward"], **told}
 
 
 def barrier(q: Tensor, v: Tensor) -> Tensor:
-    """(B,): slopes down before the hopper is too low or too tilted; hoppers fall by height more often than by pitch."""
+    """(B,): falls before the hopper is too low or too tilted; hoppers end by height more often than by pitch."""
     return -SLOPE * ((q[:, 2].abs() - SAFE_PITCH).clamp(min=0.0) + (SAFE_HEIGHT - q[:, 1]).clamp(min=0.0))
 
 

@@ -156,7 +156,7 @@ def test_models_by_name_and_as_objects(tmp_path):
     write_json(tmp_path / "slow" / "model.json", {"scene": scene, "settings": slow})
     with pytest.raises(UserError, match=r"steps 0.016 s, task 'hopper' 0.008 s"):
         gymnasium.make("cmbrl/Hopper-v0", model=tmp_path / "slow")
-    with pytest.raises(UserError, match="holds neither a fit"):
+    with pytest.raises(UserError, match="neither a fit"):
         gymnasium.make("cmbrl/Hopper-v0", model=tmp_path)
     with pytest.raises(UserError, match="render_mode 'human'"):
         MDPEnv(task.mdp(), model, task.scene_path, render_mode="human")

@@ -178,5 +178,5 @@ def test_refusals() -> None:
     rng = np.random.default_rng(0)
     with pytest.raises(UserError, match="one of nominal, others, none"):
         score_function(chain(3), AT, STD, rng, "mean")
-    with pytest.raises(UserError, match="give a positive first"):
+    with pytest.raises(UserError, match="give a positive std"):
         total_propagation(chain(3), AT, 0.0, rng)
