@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cmbrl.bench.cells import kept
-from cmbrl.bench.studies.estimators.contenders import CONTENDERS
+from cmbrl.bench.studies.estimators.arms import ARMS
 from cmbrl.bench.studies.estimators.learning import Learning
 from cmbrl.envs.evaluation import evaluate_model
 from cmbrl.envs.mdp import MDP
@@ -41,7 +41,7 @@ class Work:
 
     seconds: Mapping[str, float] = field(default_factory=lambda: {"hopper": 24.0, "cheetah": 10.0})
     learning: Mapping[str, Learning] = field(default_factory=_learning)
-    contenders: tuple[str, ...] = tuple(CONTENDERS)
+    contenders: tuple[str, ...] = tuple(ARMS)
     seeds: int = 3
     marks: int = 6  #: evaluations along a run
     episodes: int = 4  #: of each of them
@@ -65,7 +65,7 @@ def nominal(name: str) -> tuple[MDP, ComplementarityModel]:
 
 def cell(folder: Path, task: str, name: str, seed: int, work: Work) -> Outcome:
     """The outcome of :func:`train`, from its file in ``folder`` if it is there."""
-    learning, contender = work.learning[task], CONTENDERS[name]
+    learning, contender = work.learning[task], ARMS[name]
     key = {"task": task, "contender": asdict(contender), "seed": seed, "seconds": work.seconds[task],
            "learning": asdict(learning), "marks": work.marks,
            "episodes": [work.episodes, work.final_episodes]}  # fmt: skip
@@ -80,7 +80,7 @@ def train(task: str, name: str, seed: int, work: Work) -> Outcome:
     first update; ``returns``: the final policy's; ``unusable``: updates without a finite gradient.
     """
     mdp, hard = nominal(task)
-    trainer = CONTENDERS[name].trainer(mdp, hard, work.learning[task], seed)
+    trainer = ARMS[name].trainer(mdp, hard, work.learning[task], seed)
     budget, spent, steps = work.seconds[task], 0.0, 0.0
     noises: list[float] = []
     unusable, diverged = 0, ""

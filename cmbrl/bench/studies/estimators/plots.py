@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import SymmetricalLogLocator
 
-from cmbrl.bench.studies.estimators.contenders import CONTENDERS
+from cmbrl.bench.studies.estimators.arms import ARMS
 from cmbrl.files import atomic_path
 
 _RATIOS = (-10, -2, 0, 1, 2, 5, 10, 100)
@@ -38,7 +38,7 @@ def curves(outcomes: Sequence[dict[str, Any]], tasks: Sequence[str], names: Sequ
 
 
 def _lines(axes: Axes, runs: Sequence[dict[str, Any]], key: str, name: str) -> None:
-    style = CONTENDERS[name]
+    style = ARMS[name]
     marks = []
     for run in runs:
         marks.append([(m[key], m["return"]) for m in run["curve"]])
@@ -60,7 +60,7 @@ def qualities(probes: dict[str, dict[str, dict[str, Any]]], path: Path) -> None:
     panels = figure.subplots(len(probes), 3, squeeze=False, sharey="row")
     for row, (task, found) in zip(panels, probes.items(), strict=True):
         for k, (name, f) in enumerate(found.items()):
-            colour = CONTENDERS[name].colour
+            colour = ARMS[name].colour
             if f["noise"] is not None:
                 row[0].plot(f["noise"], k, "o", color=colour)
             if f["claimed"] is None or f["true"] is None:

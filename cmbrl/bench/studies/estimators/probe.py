@@ -16,8 +16,8 @@ import torch
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
 from cmbrl.bench.cells import kept
+from cmbrl.bench.studies.estimators.arms import ABS, ARMS
 from cmbrl.bench.studies.estimators.cells import Work, nominal
-from cmbrl.bench.studies.estimators.contenders import ABS, CONTENDERS
 from cmbrl.bench.studies.estimators.learning import Learning
 from cmbrl.gradients.estimate import Estimate
 from cmbrl.train.fopg import FOPG
@@ -29,15 +29,15 @@ NOISE_SEED = 17
 
 def probe(folder: Path, task: str, seed: int, work: Work) -> dict[str, Any]:
     """Name -> :func:`judge`, kept in ``folder``; the policy is that of ABS after ``work.probe_updates`` updates."""
-    names = [n for n in work.contenders if CONTENDERS[n].estimator not in ("shac", "ars")]
+    names = [n for n in work.contenders if ARMS[n].estimator not in ("shac", "ars")]
     learning, samples = work.learning[task], work.probe_samples
     key = {"task": task, "seed": seed, "names": names, "updates": work.probe_updates, "samples": samples,
            "windows": [learning.samples, learning.horizon, learning.discount, learning.episode_steps],
-           "contenders": [str(CONTENDERS[n]) for n in names]}  # fmt: skip
+           "contenders": [str(ARMS[n]) for n in names]}  # fmt: skip
 
     def compute() -> dict[str, Any]:
         mdp, hard = nominal(task)
-        teacher = CONTENDERS[ABS].trainer(mdp, hard, learning, seed)
+        teacher = ARMS[ABS].trainer(mdp, hard, learning, seed)
         assert isinstance(teacher, FOPG)
         for _ in range(work.probe_updates):
             teacher.update()
@@ -60,7 +60,7 @@ def judge(name: str, judged: FOPG, seed: int) -> dict[str, float | None]:
     ``true_error`` their standard errors; ``failed``: share of windows that are not finite.
     """
     learning = Learning(judged.config.samples, judged.horizon, judged.config.discount)
-    trainer = CONTENDERS[name].trainer(judged.mdp, judged.model, learning, seed)  # type: ignore[arg-type]
+    trainer = ARMS[name].trainer(judged.mdp, judged.model, learning, seed)  # type: ignore[arg-type]
     assert isinstance(trainer, FOPG)
     _copy(judged, trainer)
     for simulation in trainer.simulations:

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from cmbrl.bench.studies.estimators.arms import ABS, ARMS, EXACT, SWEEP
 from cmbrl.bench.studies.estimators.cells import QUICK, Outcome, Work, cell
-from cmbrl.bench.studies.estimators.contenders import ABS, CONTENDERS, EXACT, SWEEP
 from cmbrl.bench.studies.estimators.plots import curves, qualities
 from cmbrl.bench.studies.estimators.probe import probe
 from cmbrl.bench.study import Cell, Figure, Progress, Section, Settings, Study, Table, with_progress
@@ -67,7 +67,7 @@ def _study(folder: Path, settings: Settings, progress: Progress) -> Section:
 def section(outcomes: Sequence[Outcome], probes: Probes, folder: Path, work: Work) -> Section:
     """Pictures into ``folder``, tables and text of finished runs."""
     tasks = list(probes)
-    curves(outcomes, tasks, [n for n in CONTENDERS if n not in SWEEP or n in (ABS, EXACT, "BS 1e-4")],
+    curves(outcomes, tasks, [n for n in ARMS if n not in SWEEP or n in (ABS, EXACT, "BS 1e-4")],
            folder / "returns.png")  # fmt: skip
     curves(outcomes, tasks, SWEEP, folder / "kappa.png")
     qualities(probes, folder / "gradients.png")
@@ -86,7 +86,7 @@ def section(outcomes: Sequence[Outcome], probes: Probes, folder: Path, work: Wor
 def _claims(outcomes: Sequence[Outcome], probe: dict[str, dict[str, Any]], task: str) -> list[str]:
     """What the ABS paper says of returns and gradients, against what these runs show."""
     means = {n: [np.mean(o["returns"]) for o in outcomes if o["task"] == task and o["contender"] == n]
-             for n in CONTENDERS}  # fmt: skip
+             for n in ARMS}  # fmt: skip
     middle = {n: float(np.median(x)) for n, x in means.items() if x and n != "SHAC"}
     order = sorted(middle, key=lambda n: -middle[n])
     shown = ", ".join(f"{n} {middle[n]:.0f}" for n in order)
@@ -123,7 +123,7 @@ def _table(outcomes: Sequence[Outcome], tasks: Sequence[str]) -> Table:
     seeds = sorted({o["seed"] for o in outcomes})
     rows: list[list[Cell]] = []
     for task in tasks:
-        for name in CONTENDERS:
+        for name in ARMS:
             runs = {o["seed"]: o for o in outcomes if o["task"] == task and o["contender"] == name}
             if not runs:
                 continue
@@ -140,7 +140,7 @@ def _table(outcomes: Sequence[Outcome], tasks: Sequence[str]) -> Table:
             ])  # fmt: skip
     columns = ["task", "estimator", *(f"seed {seed}" for seed in seeds), "median", "noise", "steps", "ms", "updates",
                "not finite", "unsolved", "given up"]  # fmt: skip
-    kinds = "; ".join(f"{name}: {c.summary}" for name, c in CONTENDERS.items())
+    kinds = "; ".join(f"{name}: {c.summary}" for name, c in ARMS.items())
     note = (
         "Mean return of the final policy, every seed, and their median. Noise: standard error of the gradient relative "
         "to its norm, median over updates. Steps, ms: model steps and processor time of an update. Not finite: updates "

@@ -15,7 +15,7 @@ from cmbrl.train.shac import SHAC
 
 
 @dataclass(frozen=True)
-class Contender:
+class Arm:
     """``kind`` and ``options`` are the model's derivative (`cmbrl.gradients.kinds`); the simulation stays hard.
 
     ``estimator`` is one of FOPG's, or "shac" or "ars" for those two learners as they are.
@@ -43,19 +43,19 @@ class Contender:
 
 
 ABS, EXACT, BARRIERS = "ABS", "exact", ("BS 1e-6", "BS 1e-4", "BS 1e-2")
-CONTENDERS = {
-    ABS: Contender("pathwise, kappa by distance in the derivative, 1 mm", "#cb181d", "adaptive", {"length": 1e-3}),
-    "BS 1e-6": Contender("pathwise, kappa = 1e-6 J in the derivative", "#9ecae1", "barrier", {"kappa": 1e-6}),
-    "BS 1e-4": Contender("pathwise, kappa = 1e-4 J", "#4292c6", "barrier", {"kappa": 1e-4}),
-    "BS 1e-2": Contender("pathwise, kappa = 1e-2 J", "#08306b", "barrier", {"kappa": 1e-2}),
-    EXACT: Contender("pathwise, hard derivative (plain FOPG)", "black"),
-    "bundle": Contender("mean Jacobian of 8 states off by 1 mm", "#e6ab02", "bundle", {"samples": 8, "position": 1e-3}),
-    "BCG": Contender("Bundled Contact Gradients, 10 branches near contact", "#66a61e", "bcg"),
-    "AoBG": Contender("exact and zeroth order, by inverse variance", "#7570b3", estimator="aobg"),
-    "PIPPS": Contender("total propagation: the same at every step", "#e7298a", estimator="pipps"),
-    "zeroth": Contender("score function with rewards to go, no derivative", "#a6761d", estimator="zeroth"),
-    "ARS": Contender("random search of a linear policy, no critic", "0.55", estimator="ars"),
-    "SHAC": Contender(
+ARMS = {
+    ABS: Arm("pathwise, kappa by distance in the derivative, 1 mm", "#cb181d", "adaptive", {"length": 1e-3}),
+    "BS 1e-6": Arm("pathwise, kappa = 1e-6 J in the derivative", "#9ecae1", "barrier", {"kappa": 1e-6}),
+    "BS 1e-4": Arm("pathwise, kappa = 1e-4 J", "#4292c6", "barrier", {"kappa": 1e-4}),
+    "BS 1e-2": Arm("pathwise, kappa = 1e-2 J", "#08306b", "barrier", {"kappa": 1e-2}),
+    EXACT: Arm("pathwise, hard derivative (plain FOPG)", "black"),
+    "bundle": Arm("mean Jacobian of 8 states off by 1 mm", "#e6ab02", "bundle", {"samples": 8, "position": 1e-3}),
+    "BCG": Arm("Bundled Contact Gradients, 10 branches near contact", "#66a61e", "bcg"),
+    "AoBG": Arm("exact and zeroth order, by inverse variance", "#7570b3", estimator="aobg"),
+    "PIPPS": Arm("total propagation: the same at every step", "#e7298a", estimator="pipps"),
+    "zeroth": Arm("score function with rewards to go, no derivative", "#a6761d", estimator="zeroth"),
+    "ARS": Arm("random search of a linear policy, no critic", "0.55", estimator="ars"),
+    "SHAC": Arm(
         "the package's trainer with ABS: cuts samples' gradients", "#fc9272", "adaptive", {"length": 1e-3}, "shac", "--"
     ),
 }  #: by name, the order of tables and legends
