@@ -1,4 +1,4 @@
-"""Estimators that learn policies: the learner against identities, cells that are kept, sections that draw."""
+"""Estimators that learn policies: the learner against identities, pictures against tables."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import torch
 from matplotlib.figure import Figure
 
 from cmbrl.bench.studies.estimators import cells as known_cells
+from cmbrl.bench.studies.estimators import plots as known_plots
 from cmbrl.bench.studies.estimators import study as known_scene
-from cmbrl.bench.studies.estimators.cells import cell, nominal
-from cmbrl.bench.studies.estimators.learning import Learning
-from cmbrl.bench.studies.estimators.probe import probe
+from cmbrl.bench.studies.estimators.cells import Budget
+from cmbrl.bench.studies.estimators.learning import Learning, nominal
 from cmbrl.bench.studies.estimators.search import BatchedARS
 from cmbrl.bench.studies.horizons import cells as horizon_cells
 from cmbrl.bench.studies.horizons import plots as horizon_plots
@@ -21,15 +21,14 @@ from cmbrl.bench.studies.horizons import study as horizons
 from cmbrl.bench.studies.horizons.cells import NAMES, gradients
 from cmbrl.bench.studies.horizons.situations import SITUATIONS
 from cmbrl.bench.study import Settings
-from cmbrl.bench.workers import compute
 from cmbrl.jobs import Runner
 from cmbrl.train.baselines import ARSConfig
 from cmbrl.train.fopg import FOPG
 
 SMALL = Learning(samples=4, horizon=3, episode_steps=30)
 WORK = known_cells.Work(
-    seconds={"hopper": 0.02}, learning={"hopper": SMALL}, contenders=("ABS", "exact", "AoBG", "ARS", "SHAC"), seeds=1,
-    marks=1, episodes=1, final_episodes=2, probe_updates=1, probe_samples=8,
+    {"hopper": Budget(0.02, 1, 1, 2)}, {"hopper": SMALL}, ("ABS", "exact", "AoBG", "ARS", "SHAC"), seeds=2,
+    probe_updates=1, probe_samples=8,
 )  # fmt: skip
 SHORT = horizon_cells.Training(1, batch=2, seeds=2, judged=3)
 TINY = horizon_cells.Work((2, 3), samples=4, pairs=8, learning=(2,), training=SHORT)
@@ -76,21 +75,23 @@ def test_groups_are_the_policies_own() -> None:
     assert not np.allclose(both[1].gradients, swapped[1].gradients)
 
 
-def test_known_scene_is_kept_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    jobs = [(tmp_path, "hopper", name, 0, WORK) for name in WORK.contenders]
-    outcomes = compute(cell, jobs, 1, lambda k: None)
-    assert all(len(o["returns"]) == 2 and o["curve"][0]["updates"] == 0 and o["updates"] > 0 for o in outcomes)
-    assert all(o["curve"][-1]["steps"] > 0 for o in outcomes)
-    found = probe(tmp_path, "hopper", 0, WORK)
+def test_known_scene_is_drawn_as_the_tables_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: dict[str, Figure] = {}
+    monkeypatch.setattr(known_plots, "save", lambda figure, path: drawn.setdefault(path.name, figure))
+    monkeypatch.setattr(known_scene, "QUICK", WORK)
+    section = known_scene.STUDY.run(tmp_path, Settings(quick=True, scenes=("hopper",)), Runner(tmp_path / "cells"))
+    runs, found = section.values["runs"], section.values["gradients"]["hopper"]
+    assert all(len(o["returns"]) == 2 and o["curve"][0]["updates"] == 0 and o["updates"] > 0 for o in runs)
+    assert all(o["curve"][-1]["steps"] > 0 for o in runs)
     assert set(found) == {"ABS", "exact", "AoBG"}
     assert abs(found["exact"]["true"]) > 0
-    monkeypatch.setattr(known_cells, "train", None)  # cannot be called again
-    assert compute(cell, jobs, 1, lambda k: None) == outcomes
-    section = known_scene.section(outcomes, {"hopper": found}, tmp_path, WORK)
-    assert all((tmp_path / figure.file).stat().st_size > 10_000 for figure in section.figures)
-    assert len(section.tables[0].rows) == len(jobs)
+    assert list(drawn) == [figure.file for figure in section.figures]
+    table = section.tables[0]
+    medians = {row[1]: row[table.columns.index("median")] for row in table.rows}
+    assert set(medians) == set(WORK.arms)
+    ends = {line.get_label(): line.get_ydata()[-1] for axes in drawn["returns.png"].axes for line in axes.get_lines()}
+    assert {name: ends[name] for name in medians} == pytest.approx(medians)
     assert "adaptive smoothing learns best" in section.text
-    section.write(tmp_path)
 
 
 def test_horizons_are_drawn_as_the_tables_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -108,9 +109,3 @@ def test_horizons_are_drawn_as_the_tables_say(tmp_path: Path, monkeypatch: pytes
             (line,) = [line for line in axes.get_lines() if line.get_label() == name]
             assert list(line.get_ydata()) == [row[column] for row in gradients.rows if row[2] == name]
     assert all(x["cosine_range"][0] <= x["cosine_range"][1] for x in section.values["gradients"])
-
-
-@pytest.mark.slow
-def test_workers_give_what_one_process_gives(tmp_path: Path) -> None:
-    jobs = [(2.0, k) for k in range(3)]
-    assert compute(pow, jobs, 2, lambda k: None) == compute(pow, jobs, 1, lambda k: None)

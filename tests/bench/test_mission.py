@@ -11,7 +11,7 @@ import torch
 from cmbrl.bench.studies.mission import arms, plots, tables
 from cmbrl.bench.studies.mission import study as mission
 from cmbrl.bench.studies.mission.arms import ARMS, LOOP, NOMINAL, PPO_ONLINE, QUICK
-from cmbrl.bench.studies.mission.runs import Plan, Setup, Training, random_log
+from cmbrl.bench.studies.mission.runs import Setup, Training, random_log
 from cmbrl.bench.study import Settings
 from cmbrl.jobs import Runner
 from cmbrl.train.loop import Loop, LoopConfig
@@ -92,15 +92,15 @@ class Failing:
 
 def test_a_run_that_diverges_is_judged_by_what_it_has_and_says_so(setup):
     policy = ARMS[NOMINAL].make(setup).policy
-    training = Training(replace(setup, log=range(7)), Plan(iterations=8, points=8))
-    result = training.run(lambda _: Failing(policy)).result(None)
+    training = Training(replace(setup, log=range(7), work=replace(SMALL, points=8)), iterations=8)
+    result = training.run(lambda _: Failing(policy)).result(modelled=False)
     assert result["failed"] == "lost"
     assert [point["steps"] for point in result["curve"]] == [10, 20]
     assert result["transitions"] == 7
     assert len(result["real"]["returns"]) == 10
     with torch.no_grad():
         next(policy.parameters()).fill_(float("nan"))
-    assert "real" not in training.result(None)  # a policy of NaNs is none
+    assert "real" not in training.result(modelled=False)  # a policy of NaNs is none
 
 
 def test_jobs_go_seed_by_seed():

@@ -8,10 +8,9 @@ from functools import partial
 from importlib.util import find_spec
 from typing import Any
 
-from cmbrl.bench.studies.mission.runs import Plan, Result, Setup, Training, Work
+from cmbrl.bench.studies.mission.runs import Result, Setup, Training, Work
 from cmbrl.contact.smoothing import Adaptive
 from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
-from cmbrl.models.protocol import Model
 from cmbrl.train.baselines import PPO, SAC
 from cmbrl.train.loop import Loop, LoopConfig
 from cmbrl.train.mbpo import MBPO
@@ -22,7 +21,6 @@ from cmbrl.train.trainer import Trainer
 LOOP, LOOP_ABS, NOMINAL = "complementarity loop", "complementarity loop, ABS", "nominal MJCF"
 MBPO_LOG, SHAC_NEURAL = "MBPO, same log", "SHAC on neural ensemble, same log"
 MBPO_ONLINE, SAC_ONLINE, PPO_ONLINE = "MBPO online", "SAC online", "PPO online"
-ENDLESS = 1_000_000  #: iterations of a run that ends by its seconds
 QUICK = Work(
     transitions=200, seconds={"hopper": 2.0, "cheetah": 2.0}, points=2, ensemble_updates=50,
     loop={"iterations": 6, "policies": 2, "environments": 8, "horizon": 4, "draws": 8, "score_episodes": 4,
@@ -34,7 +32,7 @@ QUICK = Work(
 
 @dataclass(frozen=True)
 class Arm:
-    """``make`` builds the trainer (on the clock), ``plan`` says how long it runs.
+    """``make`` builds the trainer (on the clock); ``iterations`` of it, None: until the scene's seconds are spent.
 
     ``colour``, ``marker``: in pictures. ``takes_log``: whether it learns from the seed's random log. ``modelled``:
     whether its policy is trained on a model, ``trainer.model``. ``library``: what it needs to be installed.
@@ -43,7 +41,7 @@ class Arm:
     colour: str
     marker: str
     make: Callable[[Setup], Any]
-    plan: Callable[[Setup], Plan]
+    iterations: Callable[[Setup], int] | None = None
     takes_log: bool = False
     modelled: bool = True
     library: str | None = None
@@ -57,13 +55,8 @@ def train(scene: str, arm: str, seed: int, work: Work) -> Result:
     """One run, judged at its end."""
     chosen = ARMS[arm]
     setup = Setup.of(scene, seed, work, chosen.takes_log)
-    training = Training(setup, chosen.plan(setup)).run(chosen.make)
-    return {"scene": scene, "arm": arm, "seed": seed, **training.result(_model if chosen.modelled else None)}
-
-
-def _model(trainer: Any) -> Model:
-    model: Model = trainer.model
-    return model
+    training = Training(setup, chosen.iterations and chosen.iterations(setup)).run(chosen.make)
+    return {"scene": scene, "arm": arm, "seed": seed, **training.result(chosen.modelled)}
 
 
 def _config(s: Setup) -> LoopConfig:
@@ -114,30 +107,14 @@ def _ppo(s: Setup) -> Trainer:
     return PPO(s.mdp, s.system, configure("ppo", s.task, s.work.ppo), s.seed)
 
 
-def _whole_loop(s: Setup) -> Plan:
-    return Plan(_config(s).iterations, points=s.work.points)
-
-
-def _one_policy(s: Setup) -> Plan:
-    return Plan(_config(s).shac().iterations, points=s.work.points)
-
-
-def _neural(s: Setup) -> Plan:
-    return Plan(_neural_config(s).iterations, points=s.work.points)
-
-
-def _seconds(s: Setup) -> Plan:
-    return Plan(ENDLESS, s.work.seconds[s.task.name], s.work.points)
-
-
-_online = partial(Arm, plan=_seconds, library="stable_baselines3")
+_SB3 = "stable_baselines3"
 ARMS = {
-    LOOP: Arm("#08519c", "o", _loop, _whole_loop, takes_log=True),
-    LOOP_ABS: Arm("#6baed6", "o", _loop_abs, _whole_loop, takes_log=True),
-    NOMINAL: Arm("0.35", "x", _nominal, _one_policy),
-    MBPO_LOG: _online("#fdae6b", "v", partial(_mbpo, online=False), takes_log=True),
-    SHAC_NEURAL: Arm("#cb181d", "s", _shac_neural, _neural, takes_log=True),
-    MBPO_ONLINE: _online("#d94801", "^", partial(_mbpo, online=True)),
-    SAC_ONLINE: _online("#238b45", "D", _sac, modelled=False),
-    PPO_ONLINE: _online("#6a51a3", "P", _ppo, modelled=False),
+    LOOP: Arm("#08519c", "o", _loop, lambda s: _config(s).iterations, takes_log=True),
+    LOOP_ABS: Arm("#6baed6", "o", _loop_abs, lambda s: _config(s).iterations, takes_log=True),
+    NOMINAL: Arm("0.35", "x", _nominal, lambda s: _config(s).shac().iterations),
+    MBPO_LOG: Arm("#fdae6b", "v", partial(_mbpo, online=False), takes_log=True, library=_SB3),
+    SHAC_NEURAL: Arm("#cb181d", "s", _shac_neural, lambda s: _neural_config(s).iterations, takes_log=True),
+    MBPO_ONLINE: Arm("#d94801", "^", partial(_mbpo, online=True), library=_SB3),
+    SAC_ONLINE: Arm("#238b45", "D", _sac, modelled=False, library=_SB3),
+    PPO_ONLINE: Arm("#6a51a3", "P", _ppo, modelled=False, library=_SB3),
 }  #: by name, in the order of tables and legends

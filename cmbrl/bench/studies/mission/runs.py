@@ -26,7 +26,6 @@ from cmbrl.models.named import nominal_model
 from cmbrl.models.protocol import Model
 from cmbrl.registry import Task, load_task
 from cmbrl.train.loop import EPISODE_STEPS
-from cmbrl.train.trainer import Trainer
 
 EPISODES, CURVE_EPISODES = 10, 3  #: of the last policy in each system; of one point of the curve
 EPISODE_SEED, CURVE_SEED = 9_000, 7_000  #: the same starts for every policy
@@ -86,30 +85,21 @@ class Setup:
         }
 
 
-@dataclass(frozen=True)
-class Plan:
-    """Length of a run: at most ``iterations``, and no new update after ``seconds`` of processor time.
+class Training:
+    """A run in progress: ``costs`` so far, the ``curve``, and what ended it early (``failed``).
 
-    ``points``: of the curve, the end included, evenly over the share of the limit that is nearer.
+    It has ``iterations``, or if that is None, no new update after the processor time that the study gives a scene.
     """
 
-    iterations: int
-    seconds: float = math.inf
-    points: int = 8
-
-
-class Training:
-    """A run in progress: ``costs`` so far, the ``curve``, and what ended it early (``failed``)."""
-
-    def __init__(self, setup: Setup, plan: Plan) -> None:
-        self.setup, self.plan = setup, plan
+    def __init__(self, setup: Setup, iterations: int | None) -> None:
+        self.setup, self.iterations = setup, iterations
         known = 0 if setup.log is None else len(setup.log)
         self.costs: Result = {"iteration": 0, "cpu": 0.0, "wall": 0.0, "transitions": known, "steps": 0}
         self.curve: list[Result] = []
         self.failed: str | None = None
-        self.trainer: Trainer | None = None
+        self.trainer: Any = None
 
-    def run(self, make: Callable[[Setup], Trainer]) -> Training:
+    def run(self, make: Callable[[Setup], Any]) -> Training:
         """Trains to the end. ``make`` is called on the clock, because it may fit a model; a UserError ends the run."""
         try:
             self.trainer = self._clocked(lambda: make(self.setup))
@@ -117,7 +107,7 @@ class Training:
                 metrics = self._clocked(self.trainer.update)
                 self.costs |= {key: int(metrics[key]) for key in ("transitions", "steps") if key in metrics}
                 self.costs["iteration"] += 1
-                if self.share() * self.plan.points >= len(self.curve) + 1 - 1e-9:
+                if self.share() * self.setup.work.points >= len(self.curve) + 1 - 1e-9:
                     setup, policy = self.setup, self.trainer.policy
                     judged = evaluate_real(policy, setup.mdp, setup.system, CURVE_EPISODES, CURVE_SEED)
                     self.curve.append({**self.costs, "real": _number(judged.returns.mean())})
@@ -127,14 +117,16 @@ class Training:
 
     def share(self) -> float:
         """Share of the run that is done."""
-        return min(1.0, max(self.costs["iteration"] / self.plan.iterations, self.costs["cpu"] / self.plan.seconds))
+        if self.iterations is None:
+            return min(1.0, float(self.costs["cpu"]) / self.setup.work.seconds[self.setup.task.name])
+        return min(1.0, float(self.costs["iteration"]) / self.iterations)
 
-    def result(self, model: Callable[[Any], Model] | None) -> Result:
-        """Plain data of the run; ``model`` gives the model that a trainer's policy was trained on, None without one."""
+    def result(self, modelled: bool) -> Result:
+        """Plain data of the run; ``modelled``: the policy is also judged in ``trainer.model``."""
         found = {**self.costs, "failed": self.failed, "curve": self.curve}
         if self.trainer is None or not all(bool(x.isfinite().all()) for x in self.trainer.policy.parameters()):
             return found
-        return found | self.setup.judge(self.trainer.policy, None if model is None else model(self.trainer))
+        return found | self.setup.judge(self.trainer.policy, self.trainer.model if modelled else None)
 
     def _clocked(self, work: Callable[[], Any]) -> Any:
         cpu, wall = time.process_time(), time.perf_counter()

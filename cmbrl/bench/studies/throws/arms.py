@@ -40,8 +40,3 @@ ARMS = {
     "ZOPG": Arm(SAMPLED, "#a6591d", (ZEROTH,)),
     "AoBG": Arm(SAMPLED, "#6a51a3", (ZEROTH, FIRST)),
 }  #: by name, in the order of tables and legends
-
-
-def of_family(family: str, names: tuple[str, ...]) -> list[str]:
-    """Those of ``names`` that belong to ``family``."""
-    return [name for name in names if ARMS[name].family == family]

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from cmbrl.bench.figures import legend_below, panels, save
-from cmbrl.bench.studies.throws.arms import ARMS, FAMILIES, of_family
+from cmbrl.bench.studies.throws.arms import ARMS, FAMILIES
 from cmbrl.bench.studies.throws.cells import FITTED, KNOWN, TASKS, Outcome
 from cmbrl.bench.studies.throws.tables import AIM, spread
 
@@ -56,8 +56,9 @@ def _by_family(cells: Sequence[Outcome], label: str, draw: Draw, path: Path) -> 
         row[0].set(ylabel=f"{task}\n{label}", yscale="log")
         for family, one in zip(FAMILIES, row, strict=True):
             one.grid(alpha=0.3)
-            for name in of_family(family, tuple(_of(cells, "arm"))):
-                draw(one, next(c for c in cells if (c["task"], c["arm"]) == (task, name)), ARMS[name].colour)
+            for cell in cells:
+                if cell["task"] == task and ARMS[cell["arm"]].family == family:
+                    draw(one, cell, ARMS[cell["arm"]].colour)
     for family, one in zip(FAMILIES, axes[0], strict=True):
         one.set_title(family, fontsize="medium")
         one.legend(fontsize="x-small", loc="best")

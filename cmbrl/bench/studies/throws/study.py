@@ -11,21 +11,8 @@ from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
-from cmbrl.bench.studies.throws import plots, tables
-from cmbrl.bench.studies.throws.cells import (
-    FITTED,
-    KNOWN,
-    PLANNER,
-    QUICK,
-    TASKS,
-    Outcome,
-    Work,
-    descent,
-    fits,
-    known,
-    plan,
-    variance,
-)
+from cmbrl.bench.studies.throws import cells, plots, tables
+from cmbrl.bench.studies.throws.cells import FITTED, KNOWN, PLANNER, QUICK, TASKS, Outcome, Work
 from cmbrl.bench.study import Section, Settings, Study
 from cmbrl.jobs import Job, Runner
 from cmbrl.registry import load_task
@@ -38,27 +25,27 @@ def run(folder: Path, settings: Settings, runner: Runner) -> Section:
     seeds = range(seed, seed + max(work.seeds, work.planned))
     pairs = list(product(work.tasks, seeds))
     fitting = [
-        Job(f"fit {task} {s}", fits, {"task": task, "throws": work.throws, "draws": work.draws, "seed": s})
+        Job(f"fit {task} {s}", cells.fits, {"task": task, "throws": work.throws, "draws": work.draws, "seed": s})
         for task, s in pairs
     ]
     found = dict(zip(pairs, runner.run(fitting, "fit", (0.0, 0.2)), strict=True))
     thetas = {(FITTED, task): [found[task, s][-1]["theta"] for s in seeds[: work.seeds]] for task in work.tasks}
-    thetas |= {(KNOWN, task): [known(task).tolist()] * work.seeds for task in work.tasks}
+    thetas |= {(KNOWN, task): [cells.known(task).tolist()] * work.seeds for task in work.tasks}
     common = {"rule": work.rule, "starts": work.starts, "seed": seed}
     descents = [
-        Job(f"descent {task} {scene} {arm}", descent,
+        Job(f"descent {task} {scene} {arm}", cells.descent,
             {"task": task, "scene": scene, "arm": arm, "thetas": thetas[scene, task], **common})
         for scene, task, arm in product((KNOWN, FITTED), work.tasks, work.arms)
     ]  # fmt: skip
     planning = [
-        Job(f"plan {task} {s} {throws}", plan,
+        Job(f"plan {task} {s} {throws}", cells.plan,
             {"task": task, "seed": s, "throws": throws, "model": model, "planning": work.planning})
         for task, s in product(work.tasks, seeds[: work.planned])
         for throws, model in zip(work.throws, found[task, s], strict=True)
     ]  # fmt: skip
     sizes = {"lengths": work.lengths, "points": work.points, "samples": work.samples, "std": work.rule.std}
     looks = [
-        Job(f"variance {task} {arm}", variance, {"task": task, "arm": arm, **sizes, "seed": seed})
+        Job(f"variance {task} {arm}", cells.variance, {"task": task, "arm": arm, **sizes, "seed": seed})
         for task, arm in product(work.tasks, work.arms)
     ]
     runs = runner.run(descents, "descent", (0.2, 0.8))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cmbrl.bench.studies.throws.arms import ABS, BS, of_family
+from cmbrl.bench.studies.throws.arms import ABS, ARMS, BS
 from cmbrl.bench.studies.throws.cells import Outcome
 from cmbrl.bench.study import Cell, Table
 from cmbrl.bench.words import Words
@@ -61,8 +61,8 @@ def claims_table(cells: Sequence[Outcome]) -> Table:
     rows: list[list[Cell]] = []
     for task, scene in dict.fromkeys((c["task"], c["scene"]) for c in cells):
         last = {c["arm"]: np.array(c["model"])[-1] for c in cells if (c["task"], c["scene"]) == (task, scene)}
-        groups = {"ABS": of_family(ABS, tuple(last)), "BS": of_family(BS, tuple(last)), "FOPG": ["FOPG"],
-                  "zeroth order": ["ZOPG"]}  # fmt: skip
+        groups = {"ABS": [n for n in last if ARMS[n].family == ABS], "BS": [n for n in last if ARMS[n].family == BS],
+                  "FOPG": ["FOPG"], "zeroth order": ["ZOPG"]}  # fmt: skip
         best = {label: min(names, key=lambda name: _rank(last[name])) for label, names in groups.items()}
         for better, worse in CLAIMS:
             a, b = best[better], best[worse]
