@@ -22,7 +22,7 @@ def curves(outcomes: Sequence[Outcome], tasks: Sequence[str], groups: Mapping[st
         task, key = tasks[k // 2], ("steps", "seconds")[k % 2]
         for one, names in zip(row, groups.values(), strict=True):
             one.sharey(axes[k // 2 * 2, 0])
-            one.label_outer()
+            one.tick_params(labelleft=one is row[0])
             for name in names:
                 _lines(one, [o for o in outcomes if (o["task"], o["arm"]) == (task, name)], key, name)
             one.set_xlabel({"steps": "model steps", "seconds": "seconds of processor time"}[key])
@@ -33,7 +33,7 @@ def curves(outcomes: Sequence[Outcome], tasks: Sequence[str], groups: Mapping[st
         row[0].set_ylabel(f"{task}: return of an episode")
     for one, title in zip(axes[0], groups, strict=True):
         one.set_title(title, fontsize="medium")
-        one.legend(fontsize="small", loc="upper left")
+        one.legend(fontsize="small", loc="best")
     save(figure, path)
 
 
