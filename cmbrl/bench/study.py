@@ -99,8 +99,3 @@ class Study:
     summary: str
     run: Callable[[Path, Settings, Runner], Section]
     scenes: Sequence[str] = ()
-
-
-def with_progress(run: Callable[[Path, Settings, Progress], Section]) -> Callable[[Path, Settings, Runner], Section]:
-    """A study that runs without jobs."""
-    return lambda folder, settings, runner: run(folder, settings, runner.progress)

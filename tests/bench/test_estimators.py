@@ -1,4 +1,4 @@
-"""Estimators that learn policies: the learner against identities, cells that are kept, sections that draw."""
+"""Estimators that learn policies: the learner against identities, pictures against tables."""
 
 from __future__ import annotations
 
@@ -7,30 +7,31 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from matplotlib.figure import Figure
 
 from cmbrl.bench.studies.estimators import cells as known_cells
+from cmbrl.bench.studies.estimators import plots as known_plots
 from cmbrl.bench.studies.estimators import study as known_scene
-from cmbrl.bench.studies.estimators.cells import cell, nominal
-from cmbrl.bench.studies.estimators.contenders import CONTENDERS
-from cmbrl.bench.studies.estimators.learning import Learning
-from cmbrl.bench.studies.estimators.probe import probe
+from cmbrl.bench.studies.estimators.cells import Budget
+from cmbrl.bench.studies.estimators.learning import Learning, nominal
 from cmbrl.bench.studies.estimators.search import BatchedARS
 from cmbrl.bench.studies.horizons import cells as horizon_cells
+from cmbrl.bench.studies.horizons import plots as horizon_plots
 from cmbrl.bench.studies.horizons import study as horizons
-from cmbrl.bench.studies.horizons.cells import NAMES, Ask
+from cmbrl.bench.studies.horizons.cells import NAMES, gradients
 from cmbrl.bench.studies.horizons.situations import SITUATIONS
-from cmbrl.bench.workers import compute
+from cmbrl.bench.study import Settings
+from cmbrl.jobs import Runner
 from cmbrl.train.baselines import ARSConfig
 from cmbrl.train.fopg import FOPG
 
 SMALL = Learning(samples=4, horizon=3, episode_steps=30)
 WORK = known_cells.Work(
-    seconds={"hopper": 0.02}, learning={"hopper": SMALL}, contenders=("ABS", "exact", "AoBG", "ARS", "SHAC"), seeds=1,
-    marks=1, episodes=1, final_episodes=2, probe_updates=1, probe_samples=8,
+    {"hopper": Budget(0.02, 1, 1, 2)}, {"hopper": SMALL}, ("ABS", "exact", "AoBG", "ARS", "SHAC"), seeds=2,
+    probe_updates=1, probe_samples=8,
 )  # fmt: skip
-TINY = horizon_cells.Work(
-    horizons=(2, 3), samples=4, truth=8, learning=(2,), updates=1, batch=2, seeds=2, judged=3
-)  # fmt: skip
+SHORT = horizon_cells.Training(1, batch=2, seeds=2, judged=3)
+TINY = horizon_cells.Work((2, 3), samples=4, pairs=8, learning=(2,), training=SHORT)
 
 
 def test_a_window_is_worth_its_rewards_and_the_value_of_its_end() -> None:
@@ -56,12 +57,9 @@ def test_search_climbs_along_the_directions_that_paid() -> None:
 
 def test_first_and_zeroth_order_agree_where_nothing_touches() -> None:
     """Over one step in the air the return is smooth, so that both orders have the same mean."""
-    situation = SITUATIONS["stiff"]
-    policy, model = situation.policy(), situation.model()
-    x = situation.start(policy.size, 0)[None]
-    found = {}
+    x, found = SITUATIONS["stiff"].start(0)[None], {}
     for name in ("exact", "zeroth", "AoBG"):
-        (found[name],) = Ask(name, situation, 2).groups(x, 400, 0, CONTENDERS[name].model(model, 0), policy)
+        (found[name],) = gradients("stiff", 2, name, x, 400, 0)
     exact = found["exact"].mean
     for name in ("zeroth", "AoBG"):
         error = np.linalg.norm(found[name].mean - exact)
@@ -69,47 +67,45 @@ def test_first_and_zeroth_order_agree_where_nothing_touches() -> None:
 
 
 def test_groups_are_the_policies_own() -> None:
-    situation = SITUATIONS["soft"]
-    policy, model = situation.policy(), situation.model()
-    x = np.stack([situation.start(policy.size, k) for k in (0, 1)])
-    both = Ask("exact", situation, 2).groups(x, 3, 5, model, policy)
-    assert [e.gradients.shape for e in both] == [(3, policy.size)] * 2
-    again = Ask("exact", situation, 2).groups(x, 3, 5, model, policy)
-    assert np.array_equal(both[1].gradients, again[1].gradients)
+    x = np.stack([SITUATIONS["soft"].start(k) for k in (0, 1)])
+    both = gradients("soft", 2, "exact", x, 3, 5)
+    assert [e.gradients.shape for e in both] == [(3, x.shape[1])] * 2
+    swapped = gradients("soft", 2, "exact", x[[0, 0]], 3, 5)
+    assert np.array_equal(both[0].gradients, swapped[0].gradients)
+    assert not np.allclose(both[1].gradients, swapped[1].gradients)
 
 
-def test_known_scene_is_kept_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    jobs = [(tmp_path, "hopper", name, 0, WORK) for name in WORK.contenders]
-    outcomes = compute(cell, jobs, 1, lambda k: None)
-    assert all(len(o["returns"]) == 2 and o["curve"][0]["updates"] == 0 and o["updates"] > 0 for o in outcomes)
-    assert all(o["curve"][-1]["steps"] > 0 for o in outcomes)
-    found = probe(tmp_path, "hopper", 0, WORK)
+def test_known_scene_is_drawn_as_the_tables_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: dict[str, Figure] = {}
+    monkeypatch.setattr(known_plots, "save", lambda figure, path: drawn.setdefault(path.name, figure))
+    monkeypatch.setattr(known_scene, "QUICK", WORK)
+    section = known_scene.STUDY.run(tmp_path, Settings(quick=True, scenes=("hopper",)), Runner(tmp_path / "cells"))
+    runs, found = section.values["runs"], section.values["gradients"]["hopper"]
+    assert all(len(o["returns"]) == 2 and o["curve"][0]["updates"] == 0 and o["updates"] > 0 for o in runs)
+    assert all(o["curve"][-1]["steps"] > 0 for o in runs)
     assert set(found) == {"ABS", "exact", "AoBG"}
     assert abs(found["exact"]["true"]) > 0
-    monkeypatch.setattr(known_cells, "train", None)  # cannot be called again
-    assert compute(cell, jobs, 1, lambda k: None) == outcomes
-    section = known_scene.section(outcomes, {"hopper": found}, tmp_path, WORK)
-    assert all((tmp_path / figure.file).stat().st_size > 10_000 for figure in section.figures)
-    assert len(section.tables[0].rows) == len(jobs)
+    assert list(drawn) == [figure.file for figure in section.figures]
+    table = section.tables[0]
+    medians = {row[1]: row[table.columns.index("median")] for row in table.rows}
+    assert set(medians) == set(WORK.arms)
+    ends = {line.get_label(): line.get_ydata()[-1] for axes in drawn["returns.png"].axes for line in axes.get_lines()}
+    assert {name: ends[name] for name in medians} == pytest.approx(medians)
     assert "adaptive smoothing learns best" in section.text
-    section.write(tmp_path)
 
 
-def test_horizons_are_kept_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    place = "soft"
-    looks = [(tmp_path, place, h, name, 0, TINY) for h in TINY.horizons for name in NAMES]
-    found = compute(horizon_cells.quality, looks, 1, lambda k: None)
-    learned = compute(horizon_cells.learn, [(tmp_path, place, 2, n, 0, TINY) for n in NAMES], 1, lambda k: None)
-    assert all(len(x["gains"]) == TINY.seeds and x["skipped"] == 0 for x in learned)
-    monkeypatch.setattr(horizon_cells, "Ask", None)
-    assert compute(horizon_cells.quality, looks, 1, lambda k: None) == found
-    section = horizons.section(found, learned, tmp_path, TINY)
-    assert all((tmp_path / figure.file).stat().st_size > 10_000 for figure in section.figures)
-    assert len(section.tables[1].rows) == len(looks)
-    section.write(tmp_path)
-
-
-@pytest.mark.slow
-def test_workers_give_what_one_process_gives(tmp_path: Path) -> None:
-    jobs = [(2.0, k) for k in range(3)]
-    assert compute(pow, jobs, 2, lambda k: None) == compute(pow, jobs, 1, lambda k: None)
+def test_horizons_are_drawn_as_the_tables_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: dict[str, Figure] = {}
+    monkeypatch.setattr(horizon_plots, "save", lambda figure, path: drawn.setdefault(path.name, figure))
+    monkeypatch.setattr(horizons, "QUICK", TINY)
+    section = horizons.STUDY.run(tmp_path, Settings(quick=True, scenes=("soft",)), Runner(tmp_path / "cells"))
+    learning, gradients = section.tables
+    assert list(drawn) == [figure.file for figure in section.figures]
+    assert [len(table.rows) for table in section.tables] == [len(NAMES), 2 * len(NAMES)]
+    assert all(row[5] is not None and row[-2] == 0 for row in learning.rows)  # a median, nothing skipped
+    norms, _, cosines = drawn["horizon_gradients.png"].axes
+    for axes, column in ((norms, 3), (cosines, 5)):
+        for name in NAMES:
+            (line,) = [line for line in axes.get_lines() if line.get_label() == name]
+            assert list(line.get_ydata()) == [row[column] for row in gradients.rows if row[2] == name]
+    assert all(x["cosine_range"][0] <= x["cosine_range"][1] for x in section.values["gradients"])

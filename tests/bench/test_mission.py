@@ -1,4 +1,4 @@
-"""The mission on a tiny scale: every method makes a policy, cells are kept, runs of `cmbrl train` count."""
+"""The mission on a tiny scale: every method makes a policy, runs are kept, a run that diverges is a result."""
 
 from __future__ import annotations
 
@@ -8,16 +8,13 @@ import numpy as np
 import pytest
 import torch
 
+from cmbrl.bench.studies.mission import arms, plots, tables
 from cmbrl.bench.studies.mission import study as mission
-from cmbrl.bench.studies.mission.methods import LOOP, METHODS, NOMINAL, PPO_ONLINE, QUICK
-from cmbrl.bench.studies.mission.runs import Contest, Plan, Training, random_log
+from cmbrl.bench.studies.mission.arms import ARMS, LOOP, NOMINAL, PPO_ONLINE, QUICK
+from cmbrl.bench.studies.mission.runs import Setup, Training, random_log
 from cmbrl.bench.study import Settings
-from cmbrl.errors import UserError
-from cmbrl.files import read_json, write_json
-from cmbrl.models.named import nominal_model
-from cmbrl.registry import load_task
+from cmbrl.jobs import Runner
 from cmbrl.train.loop import Loop, LoopConfig
-from cmbrl.train.run import TrainingRun
 from cmbrl.train.trainer import Diverged
 
 pytest.importorskip("gymnasium", reason="the hopper's real system is Gymnasium's MJCF")
@@ -25,43 +22,57 @@ SMALL = replace(QUICK, transitions=150, seconds={"hopper": 0.5}, ensemble_update
 
 
 @pytest.fixture
-def contest():
-    task = load_task("hopper")
-    return Contest.of(task, nominal_model(task, threads=1))
+def setup():
+    return Setup.of("hopper", 5, SMALL, takes_log=False)
 
 
-def test_quick_study_has_a_cell_of_each_method_and_computes_none_twice(tmp_path, monkeypatch):
+@pytest.fixture
+def drawn(monkeypatch):
+    """The figures by file name, instead of files."""
+    found = {}
+    monkeypatch.setattr(plots, "save", lambda figure, path: found.setdefault(path.name, figure))
+    return found
+
+
+def test_quick_study_has_a_run_of_each_method_and_computes_none_twice(tmp_path, monkeypatch, drawn):
     pytest.importorskip("stable_baselines3")
     monkeypatch.setattr(mission, "QUICK", SMALL)
-    settings = Settings(quick=True, scenes=("hopper",))
-    first = mission.STUDY.run(tmp_path, settings, lambda *_: None)
-    assert [row[0] for row in first.tables[0].rows] == list(METHODS)
-    assert all((tmp_path / figure.file).stat().st_size > 10_000 for figure in first.figures)
+    settings, runner = Settings(quick=True, scenes=("hopper",)), Runner(tmp_path)
+    first = mission.STUDY.run(tmp_path, settings, runner)
+    assert [row[0] for row in first.tables[0].rows] == list(ARMS)
     for cell in first.values["cells"]:
         assert cell["failed"] is None
         assert len(cell["real"]["returns"]) == 10
         assert cell["curve"][-1]["iteration"] == cell["iteration"]  # the last point is the last policy
-    monkeypatch.setattr(mission, "_run", lambda *_: pytest.fail("computed again"))
-    second = mission.STUDY.run(tmp_path, settings, lambda *_: None)
-    assert second.tables == first.tables
+    assert list(drawn) == [figure.file for figure in first.figures]
+    strip, collected = drawn["hopper_transitions.png"].axes
+    labels = [label.get_text() for label in strip.get_xticklabels()]
+    given = [arm for arm in ARMS if ARMS[arm].takes_log]
+    assert labels[: len(given) + 1] == ["150", "150", "0", "150", "150"]
+    last = {line.get_label(): line.get_ydata()[0] for line in strip.get_lines() + collected.get_lines()}
+    for row in first.tables[0].rows:
+        assert last[row[0]] == row[6]  # one run: its return is the median
+    made = {file: file.stat().st_mtime_ns for file in tmp_path.iterdir()}
+    assert mission.STUDY.run(tmp_path, settings, runner).tables == first.tables
+    assert made == {file: file.stat().st_mtime_ns for file in tmp_path.iterdir()}
 
 
-def test_what_is_not_installed_is_left_out_and_named(tmp_path, monkeypatch):
-    small = replace(SMALL, seeds={"hopper": {NOMINAL: 1, PPO_ONLINE: 1}, "cheetah": {}})
-    monkeypatch.setattr(mission, "QUICK", small)
-    absent = {name: replace(m, library=m.library and "absent_library") for name, m in METHODS.items()}
-    monkeypatch.setattr(mission, "METHODS", absent)
-    section = mission.STUDY.run(tmp_path, Settings(quick=True, scenes=("hopper",)), lambda *_: None)
+def test_what_is_not_installed_is_left_out_and_named(tmp_path, monkeypatch, drawn):
+    absent = {name: replace(ARMS[name], library=ARMS[name].library and "absent") for name in (NOMINAL, PPO_ONLINE)}
+    monkeypatch.setattr(mission, "QUICK", SMALL)
+    for module in (mission, plots, tables, arms):
+        monkeypatch.setattr(module, "ARMS", absent)
+    section = mission.STUDY.run(tmp_path, Settings(quick=True, scenes=("hopper",)), Runner(tmp_path))
     assert [row[0] for row in section.tables[0].rows] == [NOMINAL]
     assert "not installed" in section.text
     assert PPO_ONLINE in section.text
 
 
-def test_the_shared_log_is_what_a_loop_of_that_seed_records(contest):
+def test_the_shared_log_is_what_a_loop_of_that_seed_records(setup):
     config = LoopConfig(transitions=60, iterations=1, policies=1, environments=2, horizon=2)
-    loop = Loop(contest.mdp, contest.nominal, config, 5, system=contest.system)
+    loop = Loop(setup.mdp, setup.nominal, config, 5, system=setup.system)
     loop._execute()
-    own, shared = loop.recording.log(), random_log(contest.mdp, contest.system, 60, 5)
+    own, shared = loop.recording.log(), random_log(setup.mdp, setup.system, 60, 5)
     for name in ("q", "v", "u", "q_next", "v_next", "episode"):
         np.testing.assert_array_equal(getattr(own, name), getattr(shared, name))
 
@@ -79,51 +90,22 @@ class Failing:
         return {"steps": 10.0 * self.iteration}
 
 
-def test_a_run_that_diverges_is_judged_by_what_it_has_and_says_so(contest):
-    policy = METHODS[NOMINAL].make(mission._setup(("hopper", NOMINAL, 0), SMALL)).policy
-    training = Training(contest, Plan(iterations=8, points=8), known=7)
-    result = training.run(lambda: Failing(policy)).result(None)
+def test_a_run_that_diverges_is_judged_by_what_it_has_and_says_so(setup):
+    policy = ARMS[NOMINAL].make(setup).policy
+    training = Training(replace(setup, log=range(7), work=replace(SMALL, points=8)), iterations=8)
+    result = training.run(lambda _: Failing(policy)).result(modelled=False)
     assert result["failed"] == "lost"
     assert [point["steps"] for point in result["curve"]] == [10, 20]
     assert result["transitions"] == 7
     assert len(result["real"]["returns"]) == 10
     with torch.no_grad():
         next(policy.parameters()).fill_(float("nan"))
-    assert "real" not in training.result(None)  # a policy of NaNs is none
-
-
-def test_a_loop_by_the_command_line_is_taken_as_it_is(tmp_path):
-    """The same loop run in a folder, as `cmbrl train` does it, and here: one policy, one return."""
-    job = ("hopper", LOOP, 3)
-    here = mission.cell(job, SMALL, tmp_path / "here")
-    setup = mission._setup(job, SMALL)
-    made = tmp_path / "there" / "runs" / "hopper_3"
-    run = TrainingRun(METHODS[LOOP].make(replace(setup, log=None)), made, {"task": "hopper"})
-    run.train(setup.loop_config().iterations)
-    options = {"task": "hopper", "algorithm": "loop", "seed": 3, "set": {}, "iterations": None, "data": None}
-    write_json(made / "config.json", options)
-    write_json(made / "time.json", {"user": 2.0, "system": 0.5})
-    there = mission.cell(job, SMALL, tmp_path / "there")
-    assert there["cpu"] == 2.5
-    for name in ("real", "model", "disturbed", "transitions", "iteration"):
-        assert there[name] == here[name]
-    write_json(made / "config.json", {**options, "seed": 4})
-    with pytest.raises(UserError, match="was run with seed 4, not 3"):
-        mission.cell(job, SMALL, _fresh(tmp_path / "there"))
-
-
-def _fresh(folder):
-    """The folder without its cells."""
-    for file in (folder / "cells").iterdir():
-        assert read_json(file)["key"]["cmbrl train"]
-        file.unlink()
-    return folder
+    assert "real" not in training.result(modelled=False)  # a policy of NaNs is none
 
 
 def test_jobs_go_seed_by_seed():
-    work = replace(SMALL, seeds={"hopper": {LOOP: 2, PPO_ONLINE: 1}})
-    assert mission.jobs(work, ("hopper",), 100) == [
-        ("hopper", LOOP, 100),
-        ("hopper", PPO_ONLINE, 100),
-        ("hopper", LOOP, 101),
-    ]
+    made = [job.name for job in mission.jobs(replace(SMALL), ("hopper",), 100)]
+    assert made[:2] == [f"hopper-{arm}-100" for arm in list(ARMS)[:2]]
+    assert made[-1] == f"hopper-{LOOP}-109"
+    assert sum(name.endswith(f"{LOOP}-101") for name in made) == 1
+    assert len({job.file for job in mission.jobs(QUICK, mission.SCENES, 0)}) == 2 * len(ARMS)

@@ -9,18 +9,17 @@ import numpy as np
 import pytest
 import torch
 
-from cmbrl.bench.studies.throws import study
-from cmbrl.bench.studies.throws.cells import QUICK, plan, process
-from cmbrl.bench.studies.throws.contenders import CONTENDERS, THROWS
-from cmbrl.bench.studies.throws.descent import Range, Rule, centred, real_distances
-from cmbrl.bench.studies.throws.models import TASKS, fits, fitted, hard_model, known
-from cmbrl.bench.studies.throws.summary import claims_table, verdict
+from cmbrl.bench.studies.throws import plots, study
+from cmbrl.bench.studies.throws.arms import ARMS, FAMILIES
+from cmbrl.bench.studies.throws.cells import QUICK, TASKS, Planning, fits, hard_model, known, plan, process
+from cmbrl.bench.studies.throws.descent import Range, Rule, Sampler, centred, real_distances
+from cmbrl.bench.studies.throws.tables import claims_table, verdict
 from cmbrl.bench.study import Settings
+from cmbrl.jobs import Runner
 
 TINY = replace(
-    QUICK, tasks=("ball_slide",), contenders=("ABS 1 cm", "BS 1e-2 J", "FOPG", "ZOPG"), rule=Rule(iterations=2),
-    candidates=16, mission_starts=1, mission=Rule(iterations=1), lengths=(5, 10), points=2, samples=2, judged=2,
-    real_starts=1,
+    QUICK, tasks=("ball_slide",), rule=Rule(iterations=2), lengths=(5, 10), points=2, samples=2,
+    planning=Planning(Rule(iterations=1), candidates=16, starts=1, judged=2, real_starts=1),
 )  # fmt: skip
 
 
@@ -47,24 +46,21 @@ def test_a_throw_of_the_known_scene_ends_where_the_real_one_does(task: str) -> N
     assert np.median(gap) < 0.05
 
 
-@pytest.mark.parametrize("name", [name for name in CONTENDERS if name != "FOPG"])
+@pytest.mark.parametrize("name", [name for name in ARMS if name != "FOPG"])
 def test_every_estimator_finds_the_slope_of_a_slide_that_is_smooth(slide: Range, name: str) -> None:
     """Where the ball stops before the wall, all means agree with a central difference, over the ripples of 1 ms steps.
 
     They make a tenth of the slope.
     """
-    contender, x, eps = CONTENDERS[name], np.array([[-0.5, 0.5]]), 0.02
-    rng, generator = np.random.default_rng(1), torch.Generator().manual_seed(1)
-    soft = slide.model.with_settings(backward_smoothing=contender.smoothing)
-    count = 400 * THROWS[contender.order]
-    (found,) = contender.estimates(lambda n: slide.throw(soft, n, rng, generator), x, count, 0.02, rng)
+    x, eps = np.array([[-0.5, 0.5]]), 0.02
+    (found,) = Sampler(slide, ARMS[name], seed=1)(x, 400 * ARMS[name].throws, 0.02)
     sides = [[slide.returns(x + sign * eps * axis, 1, 0)[0] for sign in (1, -1)] for axis in np.eye(2)]
     slope = np.array([(up - down) / (2 * eps) for up, down in sides])
     assert np.linalg.norm(found.mean - slope) < 4 * found.standard_error + 0.1 * np.linalg.norm(slope)
 
 
 def test_descent_by_the_hard_derivative_comes_nearer(slide: Range) -> None:
-    path = slide.descend(CONTENDERS["FOPG"], np.array([[-0.5, 0.5]]), Rule(iterations=20), seed=0)
+    path = slide.descend(ARMS["FOPG"], np.array([[-0.5, 0.5]]), Rule(iterations=20), seed=0)
     distances = slide.distances(path)
     assert distances[-1, 0] < 0.5 * distances[0, 0]
 
@@ -74,14 +70,14 @@ def test_a_fit_finds_the_friction_that_ten_throws_show() -> None:
     names = [p.name for p in hard_model("ball_slide").scene.parameters]
     k = names.index("friction.ball")
     assert found["theta"][k] == pytest.approx(known("ball_slide")[k], rel=0.05)
-    assert fitted(found).draws.shape == (4, len(names))
-    outcome = plan("ball_slide", fitted(found), 0, TINY)
+    assert found["draws"].shape == (4, len(names))
+    outcome = plan("ball_slide", 0, 10, found, TINY.planning)
     assert 0 <= outcome["real"] < 3
 
 
 def test_claims_are_judged_by_share_then_median() -> None:
     def run(name: str, *last: float) -> dict[str, object]:
-        return {"task": "t", "scene": "known scene", "contender": name, "model": [[1.0, 1.0], list(last)]}
+        return {"task": "t", "scene": "known scene", "arm": name, "model": [[1.0, 1.0], list(last)]}
 
     cells = [run("ABS 1 cm", 0.01, 0.02), run("BS 1e-2 J", 0.01, 0.9), run("FOPG", 0.5, 0.5), run("ZOPG", 0.04, 0.03)]
     rows = {row[2]: row for row in claims_table(cells).rows}
@@ -92,10 +88,18 @@ def test_claims_are_judged_by_share_then_median() -> None:
 
 
 def test_the_study_draws_and_goes_on_from_what_it_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    settings = Settings(quick=True, scenes=("ball_slide",))
+    drawn = {}
+    monkeypatch.setattr(plots, "save", lambda figure, path: drawn.setdefault(path.name, figure))
+    settings, runner = Settings(quick=True, scenes=("ball_slide",)), Runner(tmp_path / "cells")
     monkeypatch.setattr(study, "QUICK", replace(TINY, tasks=tuple(TASKS)))
-    section = study.STUDY.run(tmp_path, settings, lambda *_: None)
-    assert all((tmp_path / figure.file).stat().st_size > 5000 for figure in section.figures)
+    section = study.STUDY.run(tmp_path, settings, runner)
     assert [len(table.rows) for table in section.tables] == [8, 1, 8, 4]
-    monkeypatch.setattr("cmbrl.bench.studies.throws.cells.fits", None)  # would fail if it were called again
-    assert study.STUDY.run(tmp_path, settings, lambda *_: None).text == section.text
+    assert list(drawn) == [figure.file for figure in section.figures]
+    families = [axes.get_title() for axes in drawn["throws_variance.png"].axes]
+    assert families == list(FAMILIES)
+    median = drawn["throws_variance.png"].axes[-1].get_lines()[0]
+    row = next(row for row in section.tables[3].rows if row[1] == "ZOPG")
+    np.testing.assert_array_equal(median.get_xydata(), [[50, row[2]], [100, row[3]]])
+    made = {file: file.stat().st_mtime_ns for file in runner.folder.iterdir()}
+    assert study.STUDY.run(tmp_path, settings, runner).text == section.text
+    assert made == {file: file.stat().st_mtime_ns for file in runner.folder.iterdir()}  # nothing is computed again

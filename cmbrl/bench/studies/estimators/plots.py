@@ -2,97 +2,78 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure as Canvas
-from matplotlib.ticker import SymmetricalLogLocator
+from matplotlib.ticker import NullFormatter, SymmetricalLogLocator
 
-from cmbrl.bench.studies.estimators.contenders import CONTENDERS
-from cmbrl.files import atomic_path
-
-_RATIOS = (-10, -2, 0, 1, 2, 5, 10, 100)
+from cmbrl.bench.figures import panels, save
+from cmbrl.bench.studies.estimators.arms import ARMS
+from cmbrl.bench.studies.estimators.cells import Outcome
+from cmbrl.bench.studies.estimators.tables import Probes
 
 
-def curves(outcomes: Sequence[dict[str, Any]], tasks: Sequence[str], names: Sequence[str], path: Path) -> None:
-    """Return against model steps (log) and against seconds, one row a task; all seeds, medians at equal marks."""
-    figure = Canvas(figsize=(12, 4.3 * len(tasks) + 0.8), layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(len(tasks), 2, squeeze=False, sharey="row")
-    for row, task in zip(panels, tasks, strict=True):
-        for name in names:
-            runs = [o for o in outcomes if o["task"] == task and o["contender"] == name]
-            for axes, key in zip(row, ("steps", "seconds"), strict=True):
-                _lines(axes, runs, key, name)
-        row[0].set(xscale="log", xlabel="model steps", ylabel=f"{task}: return of an episode, no noise")
-        row[1].set(xlabel="seconds of processor time")
-        for axes in row:
-            axes.grid(alpha=0.3)
-    handles = {line.get_label(): line for line in panels[0, 1].get_lines() if not line.get_label().startswith("_")}
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=6, frameon=False)
-    _save(figure, path)
+def curves(outcomes: Sequence[Outcome], tasks: Sequence[str], groups: Mapping[str, Sequence[str]], path: Path) -> None:
+    """Return against model steps and against seconds, two rows a task, a column for each group of estimators."""
+    figure, axes = panels(2 * len(tasks), len(groups), 3.4 * len(groups) + 0.6, 5.2 * len(tasks) + 0.4, sharex="row")
+    for k, row in enumerate(axes):
+        task, key = tasks[k // 2], ("steps", "seconds")[k % 2]
+        for one, names in zip(row, groups.values(), strict=True):
+            one.sharey(axes[k // 2 * 2, 0])
+            one.tick_params(labelleft=one is row[0])
+            for name in names:
+                _lines(one, [o for o in outcomes if (o["task"], o["arm"]) == (task, name)], key, name)
+            one.set_xlabel({"steps": "model steps", "seconds": "seconds of processor time"}[key])
+            one.grid(alpha=0.3)
+            if key == "steps":
+                one.set_xscale("log")
+                one.xaxis.set_minor_formatter(NullFormatter())
+        row[0].set_ylabel(f"{task}: return of an episode")
+    for one, title in zip(axes[0], groups, strict=True):
+        one.set_title(title, fontsize="medium")
+        one.legend(fontsize="small", loc="best")
+    save(figure, path)
 
 
-def _lines(axes: Axes, runs: Sequence[dict[str, Any]], key: str, name: str) -> None:
-    style = CONTENDERS[name]
-    marks = []
+def _lines(axes: Axes, runs: Sequence[Outcome], key: str, name: str) -> None:
+    """Every run thin, the median thick; both end in the return that the table shows."""
+    colour, paths = ARMS[name].colour, []
     for run in runs:
-        marks.append([(m[key], m["return"]) for m in run["curve"]])
-        x, y = np.array(marks[-1]).T
-        shown = slice(1 if key == "steps" else 0, None)  # no step has been taken at the first mark
-        axes.plot(x[shown], y[shown], style.dash, color=style.colour, lw=0.6, alpha=0.5)
+        y = [*(m["return"] for m in run["curve"][:-1]), np.mean(run["returns"])]
+        path = np.array([[m[key] for m in run["curve"]], y])
+        paths.append(path[:, 1:] if key == "steps" else path)  # no step has been taken at the first mark
+        axes.plot(*paths[-1], color=colour, lw=0.7, alpha=0.5)
         if run["diverged"]:
-            axes.plot(x[-1], y[-1], "x", color=style.colour, ms=8)
-    whole = [m for m in marks if len(m) == max(map(len, marks))]
+            axes.plot(*paths[-1][:, -1], "x", color=colour, ms=8)
+    whole = [path for path in paths if path.shape == max(p.shape for p in paths)]
     if whole:
-        x, y = np.median(np.array(whole), axis=0)[1 if key == "steps" else 0 :].T
-        axes.plot(x, y, style.dash, color=style.colour, lw=2, marker="o", ms=3, label=name)
+        axes.plot(*np.median(whole, axis=0), color=colour, lw=2, marker="o", ms=3, label=name)
 
 
-def qualities(probes: dict[str, dict[str, dict[str, Any]]], path: Path) -> None:
-    """Noise, slopes claimed and true, and their ratio, of every estimator at one policy; one row a task."""
-    figure = Canvas(figsize=(12, 3.6 * len(probes)), layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(len(probes), 3, squeeze=False, sharey="row")
-    for row, (task, found) in zip(panels, probes.items(), strict=True):
+def qualities(probes: Probes, path: Path) -> None:
+    """Noise, and slopes claimed and true, of every estimator at one policy; one row a task."""
+    figure, axes = panels(len(probes), 2, 11, 3.6 * len(probes), sharey="row")
+    for (noise, slopes), (task, found) in zip(axes, probes.items(), strict=True):
         for k, (name, f) in enumerate(found.items()):
-            colour = CONTENDERS[name].colour
-            if f["noise"] is not None:
-                row[0].plot(f["noise"], k, "o", color=colour)
+            colour = ARMS[name].colour
+            noise.plot(np.nan if f["noise"] is None else f["noise"], k, "o", color=colour)
             if f["claimed"] is None or f["true"] is None:
                 continue
             for key, fill, off in (("claimed", "white", -0.12), ("true", colour, 0.12)):
-                row[1].errorbar(f[key], k + off, xerr=2 * (f[f"{key}_error"] or 0.0), fmt="o", color=colour, mfc=fill,
+                slopes.errorbar(f[key], k + off, xerr=2 * (f[f"{key}_error"] or 0.0), fmt="o", color=colour, mfc=fill,
                                 capsize=3)  # fmt: skip
-            row[2].plot(f["claimed"] / f["true"], k, "o", color=colour)
-        row[0].set_yticks(range(len(found)), list(found))
-        row[0].invert_yaxis()
-        row[0].set(xlim=(0, None), xlabel="noise: standard error / norm", title=task)
-        row[0].axvline(1.0, color="0.5", ls=":")
-        row[1].set(xlabel="slope along the estimate: claimed (open), true (full)")
-        least = _least(found)
-        row[1].set_xscale("symlog", linthresh=least)
-        row[1].xaxis.set_major_locator(SymmetricalLogLocator(base=100, linthresh=least))
-        row[2].set(xlabel="claimed / true")
-        row[2].set_xscale("symlog", linthresh=2.0)
-        row[2].set_xticks(_RATIOS, [f"{x:g}" for x in _RATIOS])
-        row[2].axvline(1.0, color="0.5", ls=":")
-        for axes in row[1:]:
-            axes.axvline(0.0, color="0.5", lw=0.8)
-        for axes in row:
-            axes.grid(alpha=0.3)
-    _save(figure, path)
-
-
-def _least(found: dict[str, dict[str, Any]]) -> float:
-    """Where the axis of slopes turns linear: above the errors of true ones, below which signs mean little."""
-    return 100.0 ** np.ceil(np.log10(max([f["true_error"] or 0.0 for f in found.values()] + [1e-9])) / 2)
-
-
-def _save(figure: Canvas, path: Path) -> None:
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=130)
+        noise.set_yticks(range(len(found)), list(found))
+        noise.invert_yaxis()
+        noise.set(xlim=(0, None), xlabel="noise: standard error / norm", title=task)
+        noise.axvline(1.0, color="0.5", ls=":")
+        # The axis turns linear below the largest error of a true slope, where signs mean little.
+        least = 100.0 ** np.ceil(np.log10(max([f["true_error"] or 0.0 for f in found.values()] + [1e-9])) / 2)
+        slopes.set_xscale("symlog", linthresh=least)
+        slopes.xaxis.set_major_locator(SymmetricalLogLocator(base=100, linthresh=least))
+        slopes.set_xlabel("slope along the estimate: claimed (open), true (full)")
+        slopes.axvline(0.0, color="0.5", lw=0.8)
+        for one in (noise, slopes):
+            one.grid(alpha=0.3)
+    save(figure, path)

@@ -1,67 +1,52 @@
-"""Every estimator's gradient at one and the same policy: how noisy it is, and how much of what it promises is true.
+"""The gradient job: every estimator at one and the same policy; how noisy it is, and how much of its promise is true.
 
-Half of the windows give a direction; the other half say how steep the estimator takes the return to be along it, and
-differences of the hard return on noise of its own say how steep it is. So no gradient in thousands of parameters has to
-be known, and neither half flatters the other. The differences are over a step such as learning takes: where the return
-is rough, a derivative may be right at its point and tell nothing of that step.
+Half of the windows give a direction. The other half give the slope of the return along it as the estimator claims it,
+and differences of the hard return, on separate noise, give the true slope. So no gradient in thousands of parameters
+has to be known, and neither half flatters the other. The differences are over a step as in learning: where the return
+is rough, a derivative may be right at its point and say nothing about that step.
 """
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import torch
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
-from cmbrl.bench.cells import kept
-from cmbrl.bench.studies.estimators.cells import Work, nominal
-from cmbrl.bench.studies.estimators.contenders import ABS, CONTENDERS
+from cmbrl.bench.studies.estimators.arms import ABS, ARMS, EXACT
 from cmbrl.bench.studies.estimators.learning import Learning
 from cmbrl.gradients.estimate import Estimate
 from cmbrl.train.fopg import FOPG
 
-STEP = 0.02  #: length of a difference in the space of all weights, less than one of Adam's updates
+STEP = 0.02  #: length of a difference in the space of all weights, shorter than an update by Adam
 WARM = 5  #: windows from the reset to the states at which gradients are taken
 NOISE_SEED = 17
 
 
-def probe(folder: Path, task: str, seed: int, work: Work) -> dict[str, Any]:
-    """Name -> :func:`judge`, kept in ``folder``; the policy is that of ABS after ``work.probe_updates`` updates."""
-    names = [n for n in work.contenders if CONTENDERS[n].estimator not in ("shac", "ars")]
-    learning, samples = work.learning[task], work.probe_samples
-    key = {"task": task, "seed": seed, "names": names, "updates": work.probe_updates, "samples": samples,
-           "windows": [learning.samples, learning.horizon, learning.discount, learning.episode_steps],
-           "contenders": [str(CONTENDERS[n]) for n in names]}  # fmt: skip
-
-    def compute() -> dict[str, Any]:
-        mdp, hard = nominal(task)
-        teacher = CONTENDERS[ABS].trainer(mdp, hard, learning, seed)
-        assert isinstance(teacher, FOPG)
-        for _ in range(work.probe_updates):
-            teacher.update()
-        wide = Learning(samples, learning.horizon, learning.discount, learning.episode_steps)
-        judged = FOPG(mdp, hard, wide.fopg("pathwise"), seed + 1)
-        _copy(teacher, judged)
-        with torch.no_grad():
-            for _ in range(WARM):
-                judged.roll(judged.simulation)
-        return {name: judge(name, judged, seed) for name in names}
-
-    return kept(folder / f"probe_{task}_{seed}.json", key, compute)
+def probe(task: str, arms: Sequence[str], seed: int, learning: Learning, updates: int, samples: int) -> dict[str, Any]:
+    """Name -> :func:`judge` at the policy of ABS after so many ``updates``, from ``samples`` windows each."""
+    teacher = ARMS[ABS].trainer(task, learning, seed)
+    for _ in range(updates):
+        teacher.update()
+    wide = replace(learning, samples=samples)
+    judged = ARMS[EXACT].trainer(task, wide, seed + 1)
+    _copy(teacher, judged)
+    with torch.no_grad():
+        for _ in range(WARM):
+            judged.roll(judged.simulation)
+    return {name: judge(judged, ARMS[name].trainer(task, wide, seed)) for name in arms}
 
 
-def judge(name: str, judged: FOPG, seed: int) -> dict[str, float | None]:
-    """One estimator at the policy and the states of ``judged``.
+def judge(judged: FOPG, trainer: FOPG) -> dict[str, float | None]:
+    """The estimator of ``trainer`` at the policy and the states of ``judged``.
 
-    ``noise``: standard error of the mean of one window of each sample, relative to its norm; ``variance``: of one
-    window; ``claimed`` and ``true``: slopes of a window's return along the estimate, ``claimed_error`` and
+    ``noise``: standard error of the mean over the windows of one sample each, relative to its norm; ``variance``: of
+    one window; ``claimed`` and ``true``: slopes of a window's return along the estimate, ``claimed_error`` and
     ``true_error`` their standard errors; ``failed``: share of windows that are not finite.
     """
-    learning = Learning(judged.config.samples, judged.horizon, judged.config.discount)
-    trainer = CONTENDERS[name].trainer(judged.mdp, judged.model, learning, seed)  # type: ignore[arg-type]
-    assert isinstance(trainer, FOPG)
     _copy(judged, trainer)
     for simulation in trainer.simulations:
         simulation.restore(judged.simulation.state() | {"model": None})
@@ -72,15 +57,16 @@ def judge(name: str, judged: FOPG, seed: int) -> dict[str, float | None]:
     true, error = slope(judged, direction)
     claims = halves[1].gradients @ direction
     claims = claims[np.isfinite(claims)]
-    return {
-        "noise": _number(estimate.standard_error / np.linalg.norm(estimate.mean)),
-        "variance": _number(estimate.total_variance),
-        "claimed": _number(claims.mean()),
-        "claimed_error": _number(claims.std() / np.sqrt(len(claims))),
-        "true": _number(true),
-        "true_error": _number(error),
+    found = {
+        "noise": estimate.standard_error / np.linalg.norm(estimate.mean),
+        "variance": estimate.total_variance,
+        "claimed": claims.mean(),
+        "claimed_error": claims.std() / np.sqrt(len(claims)),
+        "true": true,
+        "true_error": error,
         "failed": estimate.failed / len(estimate.gradients),
     }
+    return {key: float(x) if np.isfinite(x) else None for key, x in found.items()}
 
 
 def slope(judged: FOPG, direction: np.ndarray) -> tuple[float, float]:
@@ -102,13 +88,9 @@ def slope(judged: FOPG, direction: np.ndarray) -> tuple[float, float]:
 
 
 def _copy(source: FOPG, target: FOPG) -> None:
-    """Policy, critic and the size of the noise; the normaliser, too, is a copy that no longer moves with its source."""
+    """Copies policy with normaliser, critic and the size of the noise."""
     target.policy.load_state_dict(source.policy.state_dict())
     assert target.critic is not None
     assert source.critic is not None
     target.critic.target.load_state_dict(source.critic.target.state_dict())
     target.std = source.std
-
-
-def _number(x: Any) -> float | None:
-    return float(x) if np.isfinite(x) else None

@@ -1,7 +1,7 @@
 """Augmented random search with all directions side by side on one batched model.
 
-Mania, Guy & Recht 2018 (arXiv 1803.07055), version V2-t: a linear policy of scaled observations. The library's search
-(`cmbrl.train.baselines`) tries one direction after the other, which would spend equal seconds on Python, not on search.
+Mania, Guy & Recht 2018 (arXiv 1803.07055), version V2-t: a linear policy of scaled observations. The search of
+`cmbrl.train.baselines` tries one direction after the other, so in equal seconds most of its time would go to Python.
 """
 
 from __future__ import annotations

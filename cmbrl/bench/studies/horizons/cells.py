@@ -1,179 +1,143 @@
-"""One situation, one horizon, one estimator: what its gradient is like, and whether one learns by it.
+"""The jobs of the study: one situation, one horizon, one estimator; what its gradient is like, and whether one learns.
 
-All estimators ask for the gradient of the same thing: the hard return, averaged over starts and over normal noise of
-deviation ``STD`` on the policy's weights, which makes it smooth. First-order ones differentiate at noisy weights,
-zeroth order takes differences of opposite noise, AoBG mixes both. Rows that belong together are groups, one a seed.
+All estimators estimate the gradient of the same objective, which is smooth: the hard return, averaged over starts and
+over normal noise of deviation ``STD`` on the policy's weights. First-order ones differentiate at noisy weights, zeroth
+order takes differences of opposite noise, AoBG mixes both.
 """
 
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import torch
 
-from cmbrl.bench.cells import kept
-from cmbrl.bench.studies.estimators.contenders import ABS, CONTENDERS, EXACT
+from cmbrl.bench.groups import FIRST, ZEROTH, estimates
+from cmbrl.bench.studies.estimators.arms import ABS, ARMS, EXACT
 from cmbrl.bench.studies.horizons.situations import SITUATIONS, Situation
-from cmbrl.gradients import Estimate, aobg
+from cmbrl.gradients import Estimate, Rollout
 from cmbrl.gradients.estimate import Array
 from cmbrl.gradients.kinds import DerivativeModel
-from cmbrl.gradients.rollout import Rollout, TanhPolicy
 
 STD = 0.05  #: of the noise on weights
 HELD_OUT = 10_000_000  #: seed of the starts on which learners are judged
+RESAMPLES = 400  #: of the bootstrap
 NAMES = (EXACT, "BS 1e-4", ABS, "bundle", "BCG", "zeroth", "AoBG")
+ORDERS = {"pathwise": (FIRST,), "zeroth": (ZEROTH,), "aobg": (FIRST, ZEROTH)}  #: by an arm's estimator
+Outcome = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Training:
+    """A short training."""
+
+    updates: int = 30
+    batch: int = 8  #: episodes of an update
+    rate: float = 0.05  #: of Adam, in weights
+    seeds: int = 3  #: first policies, trained side by side
+    judged: int = 32  #: episodes on which a policy is judged
 
 
 @dataclass(frozen=True)
 class Work:
-    """Sizes."""
+    """Sizes of the study."""
 
     horizons: tuple[int, ...] = (32, 64, 128, 256, 512)
-    samples: int = 64  #: of the gradient that is looked at
-    truth: int = 2048  #: pairs of zeroth order that it is compared with
-    learning: tuple[int, ...] = (32, 128, 512)  #: horizons at which policies are trained
-    updates: int = 30
-    batch: int = 8  #: episodes of an update
-    rate: float = 0.05  #: of Adam, in weights
-    seeds: int = 3
-    judged: int = 32  #: episodes by which a policy is judged
+    samples: int = 64  #: of every gradient
+    pairs: int = 2048  #: of the zeroth-order reference
+    learning: tuple[int, ...] = (32, 128, 512)  #: horizons of the trainings
+    training: Training = field(default_factory=Training)
 
 
-QUICK = Work(horizons=(8, 32), samples=16, truth=64, learning=(8, 32), updates=3, batch=4, seeds=2, judged=8)
+QUICK = Work((8, 32), samples=16, pairs=64, learning=(8, 32), training=Training(3, batch=4, seeds=2, judged=8))
 
 
-@dataclass(frozen=True)
-class Ask:
-    """A gradient estimator on a situation over one horizon."""
-
-    name: str
-    situation: Situation
-    horizon: int
-
-    def groups(
-        self, weights: Array, rows: int, seed: int, model: DerivativeModel, policy: TanhPolicy
-    ) -> list[Estimate]:
-        """One estimate from ``rows`` samples for each of the policies (G, n)."""
-        rng = np.random.default_rng(seed)
-        x = np.repeat(weights, rows, axis=0)
-
-        def split(found: Array) -> list[Estimate]:
-            return [Estimate(part, 0) for part in found.reshape(len(weights), rows, -1)]
-
-        def rollout(shift: int) -> Rollout:
-            return self.situation.rollout(model, policy, self.horizon, len(x), 2 * seed + shift)
-
-        kind = CONTENDERS[self.name].estimator
-        with np.errstate(over="ignore", invalid="ignore"):
-            if kind == "zeroth":
-                return split(zeroth_order(rollout(1), x, rng))
-            first = split(first_order(rollout(0), x, rng))
-            if kind == "pathwise":
-                return first
-            zeroth = split(zeroth_order(rollout(1), x, rng))
-            return [aobg(a, b)[0] for a, b in zip(first, zeroth, strict=True)]
-
-
-def first_order(rollout: Rollout, x: Array, rng: np.random.Generator) -> Array:
-    """Derivatives (B, n) of each row's return at its own weights (B, n), disturbed."""
-    points = torch.tensor(x + STD * rng.normal(size=x.shape), requires_grad=True)
-    (found,) = torch.autograd.grad(rollout(points).sum(), points)
-    return np.asarray(found.numpy())
-
-
-def zeroth_order(rollout: Rollout, x: Array, rng: np.random.Generator) -> Array:
-    """w (f(x + w) - f(x - w)) / (2 STD^2), a row each (B, n)."""
-    w = STD * rng.normal(size=x.shape)
-    with torch.no_grad():
-        up, down = (rollout(torch.from_numpy(x + sign * w)).numpy() for sign in (1, -1))
-    return np.asarray(w * ((up - down) / (2 * STD**2))[:, None])
-
-
-def truth(folder: Path, place: str, horizon: int, seed: int, work: Work) -> dict[str, Any]:
-    """{"mean": (n,), "error": of it}: zeroth order from many starts, without bias whatever contact does."""
+def gradients(
+    place: str, horizon: int, arm: str, x: Array, rows: int, seed: int, model: DerivativeModel | None = None
+) -> list[Estimate]:
+    """One estimate by ``arm`` from ``rows`` episodes for each of the policies x (G, n); ``model`` spares making it."""
     situation = SITUATIONS[place]
-    key = {"situation": asdict(situation), "horizon": horizon, "seed": seed, "pairs": work.truth, "std": STD}
+    model = model or ARMS[arm].model(situation.model(), seed)
 
-    def compute() -> dict[str, Any]:
-        policy = situation.policy()
-        x = situation.start(policy.size, seed)[None]
-        (found,) = Ask("zeroth", situation, horizon).groups(x, work.truth, seed + 1000, situation.model(), policy)
-        return {"mean": found.mean.tolist(), "error": found.standard_error}
+    def rollout(order: str) -> Rollout:
+        starts = 2 * seed + (order == ZEROTH)
+        return situation.rollout(model, situation.policy(), horizon, len(x) * rows, starts)
 
-    return dict(kept(folder / f"{place}_{horizon}_truth_{seed}.json", key, compute))
+    return estimates(ORDERS[ARMS[arm].estimator], rollout, x, rows, STD, np.random.default_rng(seed))
 
 
-def quality(folder: Path, place: str, horizon: int, name: str, seed: int, work: Work) -> dict[str, Any]:
-    """The estimate at the first policy: ``norm``, ``signal`` (norm over the standard error of the mean), ``cosine`` to
-    the truth and ``truth_signal``, ``failed`` (share of samples), ``ms`` a sample. Without a finite value: None."""
-    situation, against = SITUATIONS[place], truth(folder, place, horizon, seed, work)
-    key = {"situation": asdict(situation), "horizon": horizon, "contender": asdict(CONTENDERS[name]), "seed": seed,
-           "samples": work.samples, "pairs": work.truth, "std": STD}  # fmt: skip
-
-    def compute() -> dict[str, Any]:
-        policy = situation.policy()
-        x = situation.start(policy.size, seed)[None]
-        model = CONTENDERS[name].model(situation.model(), seed)
-        begin = time.process_time()
-        (found,) = Ask(name, situation, horizon).groups(x, work.samples, seed, model, policy)
-        spent = time.process_time() - begin
-        mean, norm = found.mean, float(np.linalg.norm(found.mean))
-        right = np.array(against["mean"])
-        return {
-            "situation": place, "horizon": horizon, "name": name, "norm": _number(norm),
-            "signal": _number(norm / found.standard_error),
-            "cosine": _number(mean @ right / (norm * np.linalg.norm(right))),
-            "truth_norm": float(np.linalg.norm(right)),
-            "truth_signal": float(np.linalg.norm(right) / against["error"]),
-            "failed": found.failed / len(found.gradients), "ms": 1e3 * spent / work.samples,
-        }  # fmt: skip
-
-    return dict(kept(folder / f"{place}_{horizon}_{name}_{seed}.json".replace(" ", "_"), key, compute))
+def reference(place: str, horizon: int, pairs: int, seed: int) -> Outcome:
+    """``mean`` (n,) and its standard ``error``: zeroth order from many starts, unbiased whatever contact does."""
+    (found,) = gradients(place, horizon, "zeroth", SITUATIONS[place].start(seed)[None], pairs, seed + 1000)
+    return {"mean": found.mean, "error": found.standard_error}
 
 
-def learn(folder: Path, place: str, horizon: int, name: str, seed: int, work: Work) -> dict[str, Any]:
+def quality(place: str, horizon: int, arm: str, samples: int, against: Outcome, seed: int) -> Outcome:
+    """The estimate at the first policy, compared with ``against``, a :func:`reference`. None: not finite.
+
+    ``norm``; ``signal``: norm over the standard error of the mean; ``cosine`` to the reference; ``norm_range`` and
+    ``cosine_range``: 5 and 95 % of a bootstrap over samples; ``failed``: share of samples; ``ms`` per sample.
+    """
+    x, model = SITUATIONS[place].start(seed)[None], ARMS[arm].model(SITUATIONS[place].model(), seed)
+    begin = time.process_time()
+    (found,) = gradients(place, horizon, arm, x, samples, seed, model)
+    spent = time.process_time() - begin
+    mean, norm = found.mean, float(np.linalg.norm(found.mean))
+    right = np.array(against["mean"])
+    return {
+        "situation": place, "horizon": horizon, "arm": arm, "norm": _number(norm),
+        "signal": _number(norm / found.standard_error),
+        "cosine": _number(mean @ right / (norm * np.linalg.norm(right))),
+        "truth_norm": float(np.linalg.norm(right)),
+        "truth_signal": float(np.linalg.norm(right) / against["error"]),
+        "failed": found.failed / len(found.gradients), "ms": 1e3 * spent / samples, **_ranges(found, right, seed),
+    }  # fmt: skip
+
+
+def _ranges(found: Estimate, right: Array, seed: int) -> dict[str, list[float] | None]:
+    finite = found.gradients[np.isfinite(found.gradients).all(axis=1)]
+    if not len(finite):
+        return {"norm_range": None, "cosine_range": None}
+    rows = np.random.default_rng(seed).integers(len(finite), size=(RESAMPLES, len(finite)))
+    means = np.stack([finite[chosen].mean(axis=0) for chosen in rows])
+    norms = np.linalg.norm(means, axis=1)
+    ranges = {"norm_range": norms, "cosine_range": means @ right / (norms * np.linalg.norm(right))}
+    return {key: np.quantile(x, (0.05, 0.95)).tolist() if np.isfinite(x).all() else None for key, x in ranges.items()}
+
+
+def learn(place: str, horizon: int, arm: str, training: Training, seed: int) -> Outcome:
     """All seeds side by side: ``gains``, the final return less the first on starts never trained on, in units of its
     standard deviation over the starts; ``skipped``: updates without a finite gradient, of all seeds."""
     situation = SITUATIONS[place]
-    key = {"situation": asdict(situation), "horizon": horizon, "contender": asdict(CONTENDERS[name]), "seed": seed,
-           "updates": work.updates, "batch": work.batch, "rate": work.rate, "seeds": work.seeds, "judged": work.judged,
-           "std": STD}  # fmt: skip
-
-    def compute() -> dict[str, Any]:
-        policy, hard = situation.policy(), situation.model()
-        model = CONTENDERS[name].model(hard, seed)
-        ask = Ask(name, situation, horizon)
-        x = torch.tensor(np.stack([situation.start(policy.size, seed + k) for k in range(work.seeds)]))
-        before = _judged(situation, policy, horizon, x, work)
-        optimiser = torch.optim.Adam([x.requires_grad_()], work.rate, betas=(0.7, 0.95))
-        skipped = 0
-        begin = time.process_time()
-        for update in range(work.updates):
-            found = ask.groups(x.detach().numpy(), work.batch, 1000 * (seed + 1) + update, model, policy)
-            means = np.stack([e.mean for e in found])
-            usable = np.asarray(np.isfinite(means).all(axis=1))
-            skipped += int((~usable).sum())
-            x.grad = torch.from_numpy(-np.where(usable[:, None], means, 0.0))
-            optimiser.step()
-        seconds = time.process_time() - begin
-        gains = (_judged(situation, policy, horizon, x.detach(), work).mean(1) - before.mean(1)) / before.std(1)
-        return {"situation": place, "horizon": horizon, "name": name, "gains": gains.tolist(), "skipped": skipped,
-                "seconds": seconds}  # fmt: skip
-
-    return dict(kept(folder / f"{place}_{horizon}_{name}_{seed}_learned.json".replace(" ", "_"), key, compute))
+    model = ARMS[arm].model(situation.model(), seed)
+    x = torch.tensor(np.stack([situation.start(seed + k) for k in range(training.seeds)]))
+    before = _judged(situation, horizon, x, training.judged)
+    optimiser = torch.optim.Adam([x.requires_grad_()], training.rate, betas=(0.7, 0.95))
+    skipped = 0
+    begin = time.process_time()
+    for update in range(training.updates):
+        noise = 1000 * (seed + 1) + update
+        found = gradients(place, horizon, arm, x.detach().numpy(), training.batch, noise, model)
+        means = np.stack([e.mean for e in found])
+        usable = np.asarray(np.isfinite(means).all(axis=1))
+        skipped += int((~usable).sum())
+        x.grad = torch.from_numpy(-np.where(usable[:, None], means, 0.0))
+        optimiser.step()
+    seconds = time.process_time() - begin
+    after = _judged(situation, horizon, x.detach(), training.judged)
+    gains = (after.mean(1) - before.mean(1)) / before.std(1)
+    return {"situation": place, "horizon": horizon, "arm": arm, "gains": gains, "skipped": skipped, "seconds": seconds}
 
 
-def _judged(situation: Situation, policy: TanhPolicy, horizon: int, x: torch.Tensor, work: Work) -> Array:
-    """Returns (G, judged) of the policies (G, n) in the hard model, all from the same starts."""
+def _judged(situation: Situation, horizon: int, x: torch.Tensor, episodes: int) -> Array:
+    """Returns (G, episodes) of the policies (G, n) in the hard model, all from the same starts."""
     returns = []
     for weights in x:
-        rollout = situation.rollout(situation.model(), policy, horizon, work.judged, HELD_OUT)
+        rollout = situation.rollout(situation.model(), situation.policy(), horizon, episodes, HELD_OUT)
         with torch.no_grad():
-            returns.append(rollout(weights.expand(work.judged, -1)).numpy())
+            returns.append(rollout(weights.expand(episodes, -1)).numpy())
     return np.stack(returns)
 
 

@@ -1,4 +1,4 @@
-"""Where gradients over long horizons are tried: hard contact, that of MJCF files, and starts that are chaotic."""
+"""Where gradients over long horizons are tried: rigid contact, the soft contact of MJCF files, chaotic starts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cmbrl.models.protocol import Model
 from cmbrl.registry import Task, load_task
 from cmbrl.scene import Scene
 
-ROOT = 2  #: coordinates of the torso's place, which come first
+ROOT = 2  #: coordinates of the torso's position, which come first
 
 
 @cache
@@ -29,15 +29,15 @@ def task_of(name: str) -> tuple[Task, MDP]:
 
 @dataclass(frozen=True)
 class Situation:
-    """A robot under a linear policy behind a tanh, from random starts. Rewards and starts are our choice.
+    """A robot under a linear policy followed by a tanh, from random starts.
 
     ``speed``: standard deviation of every angular velocity at the start [rad/s], on top of the task's own reset.
     """
 
     title: str
     task: str
-    law: str  #: "mujoco" (the softness that the MJCF states) or "rigid"
-    height: float  #: of the torso that is worth most, in the root's coordinate [m]
+    law: str  #: contact law: "mujoco" (softness as in the MJCF) or "rigid"
+    height: float  #: best height of the torso, in the root's coordinate [m]
     speed: float
 
     def model(self) -> ComplementarityModel:
@@ -47,18 +47,18 @@ class Situation:
         return ComplementarityModel(scene, **task.model_options())
 
     def policy(self) -> TanhPolicy:
-        """Controls of the task's observation, velocities at a tenth."""
+        """From the task's observation, with velocities scaled by 0.1, to controls."""
         task, mdp = task_of(self.task)
         scale = torch.ones(mdp.observations, dtype=torch.float64)
         scale[-task.load_scene().nv :] = 0.1
         return TanhPolicy(lambda q, v: scale * mdp.observe(q, v), mdp.observations, mdp.actions)
 
-    def start(self, size: int, seed: int) -> np.ndarray:
-        """Weights (n,) of the first policy, small: it hardly acts."""
-        return 0.1 * np.random.default_rng(seed).normal(size=size)
+    def start(self, seed: int) -> np.ndarray:
+        """Weights (n,) of the first policy, so small that it hardly acts."""
+        return 0.1 * np.random.default_rng(seed).normal(size=self.policy().size)
 
     def rollout(self, model: Model, policy: TanhPolicy, horizon: int, count: int, seed: int) -> Rollout:
-        """``count`` episodes; the same seed has the same starts, whatever the model's derivative is."""
+        """``count`` episodes; starts depend on the seed only."""
         _, mdp = task_of(self.task)
         generator = torch.Generator().manual_seed(seed)
         q, v = mdp.reset(count, generator)
@@ -66,7 +66,7 @@ class Situation:
         return Rollout(model, policy, self.reward, horizon, q, v)
 
     def reward(self, u: Tensor, q: Tensor, v: Tensor) -> Tensor:
-        """(B,): forward way [m] less what it costs to tilt or to be at another height; no episode ends early."""
+        """(B,): distance forward [m] minus costs of tilt and of the wrong height; no episode ends early."""
         return task_of(self.task)[0].control_dt * (v[:, 0] - q[:, 2].square() - 4 * (q[:, 1] - self.height).square())
 
 

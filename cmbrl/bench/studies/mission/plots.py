@@ -4,93 +4,77 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
-from cmbrl.bench.studies.mission.methods import (
-    LOOP,
-    LOOP_ABS,
-    MBPO_LOG,
-    MBPO_ONLINE,
-    NOMINAL,
-    PPO_ONLINE,
-    SAC_ONLINE,
-    SHAC_NEURAL,
-)
-from cmbrl.files import atomic_path
+from cmbrl.bench.figures import legend_below, panels, save
+from cmbrl.bench.studies.mission.arms import ARMS
+from cmbrl.bench.studies.mission.runs import Result
+from cmbrl.bench.studies.mission.tables import mean
 
-STYLES = {
-    LOOP: ("#08519c", "o"),
-    LOOP_ABS: ("#6baed6", "o"),
-    NOMINAL: ("0.35", "x"),
-    MBPO_LOG: ("#fdae6b", "v"),
-    SHAC_NEURAL: ("#cb181d", "s"),
-    MBPO_ONLINE: ("#d94801", "^"),
-    SAC_ONLINE: ("#238b45", "D"),
-    PPO_ONLINE: ("#6a51a3", "P"),
-}
 REPORTED = {"hopper": [(50_000, 1700), (75_000, 3100), (100_000, 3300), (120_000, 3350)]}
 """MBPO's return after so many transitions: Janner et al. 2019 (arXiv 1906.08253), read by eye from the plot."""
-TRANSITIONS, TIME = "transitions", "time"
-_PANELS = {
-    TRANSITIONS: {"transitions": "real transitions"},
-    TIME: {"cpu": "processor seconds of training", "wall": "wall clock of training [s]"},
-}
-_ASIDE = {LOOP: 1.0, LOOP_ABS: 0.8, MBPO_LOG: 1.25, SHAC_NEURAL: 1.4}  # of the abscissa, where transitions are equal
-_BESIDE = 1.025  # from one run of a method to the next
 
 
-def draw(scene: str, results: Sequence[dict[str, Any]], kind: str, folder: Path) -> str:
-    """Writes one picture of a scene's runs, ``kind`` TRANSITIONS or TIME; its file name."""
-    panels = _PANELS[kind]
-    figure = Figure(figsize=(5.2 * len(panels) + 2.0, 5.2), layout="constrained")
-    FigureCanvasAgg(figure)
-    for axes, (key, label) in zip(
-        figure.subplots(1, len(panels), sharey=True, squeeze=False)[0], panels.items(), strict=True
-    ):
-        for method in STYLES:
-            own = [result for result in results if result["method"] == method]
-            for k, result in enumerate(own):
-                _run(axes, result, key, _BESIDE ** (k - (len(own) - 1) / 2))
-        axes.set(xscale="log", xlabel=label)
-        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
-        axes.xaxis.set_minor_locator(NullLocator())
-        axes.grid(alpha=0.3)
-    first = figure.axes[0]
-    if kind == TRANSITIONS and scene in REPORTED:
-        first.plot(*zip(*REPORTED[scene], strict=True), "*", color="#d94801", mfc="none", ms=10,
-                   label="MBPO as reported (its authors' plot)")  # fmt: skip
-    first.set(ylabel=f"{scene}: return in the real system")
-    handles = dict(zip(*reversed(first.get_legend_handles_labels()), strict=True))  # one of each method's runs
-    figure.legend(handles.values(), handles, loc="outside lower center", ncols=3, frameon=False, fontsize="small")
-    file = f"{scene}_{kind}.png"
-    with atomic_path(folder / file) as temporary:
-        figure.savefig(temporary, dpi=140)
-    return file
+def transitions(scene: str, results: Sequence[Result], path: Path) -> None:
+    """Left, arm by arm: runs that all took the same number of transitions. Right: the others, over transitions."""
+    counts = {arm: {p["transitions"] for r in _of(results, arm) for p in (r, *r["curve"])} for arm in ARMS}
+    fixed = [arm for arm, found in counts.items() if len(found) == 1]
+    figure, ((strip, axes),) = panels(1, 2, 10.5, 5.4, sharey=True, width_ratios=(2, 3))
+    for k, arm in enumerate(fixed):
+        own = _of(results, arm)
+        for x, result in zip(k + np.linspace(-0.25, 0.25, len(own) + 2)[1:-1], own, strict=True):
+            _last(strip, arm, x, result)
+    strip.set_xticks(range(len(fixed)), [f"{next(iter(counts[arm])):,}" for arm in fixed])
+    strip.set(xlim=(-0.6, len(fixed) - 0.4), xlabel="real transitions given", ylabel=f"{scene}: real return")
+    strip.grid(alpha=0.3, axis="y")
+    for arm in ARMS:
+        if arm not in fixed:
+            _curves(axes, results, arm, "transitions")
+    if scene in REPORTED:
+        axes.plot(*zip(*REPORTED[scene], strict=True), "*", color="#d94801", mfc="none", ms=10,
+                  label="MBPO as reported (its authors' plot)")  # fmt: skip
+    _log(axes, "real transitions collected")
+    legend_below(figure, ncols=3)
+    save(figure, path)
 
 
-def _run(axes: Axes, result: dict[str, Any], key: str, beside: float) -> None:
-    """One run: its curve, where there is one along this axis, and its last policy.
+def times(scene: str, results: Sequence[Result], path: Path) -> None:
+    """Real return over processor time and over wall-clock time of training."""
+    figure, (row,) = panels(1, 2, 12.4, 5.2, sharey=True)
+    for axes, key, label in zip(row, ("cpu", "wall"), ("processor time", "wall-clock time"), strict=True):
+        for arm in ARMS:
+            _curves(axes, results, arm, key)
+        _log(axes, f"{label} of training [s]")
+    row[0].set_ylabel(f"{scene}: real return")
+    legend_below(figure, ncols=3)
+    save(figure, path)
 
-    ``beside``: of the abscissa, so that runs on as many transitions do not hide each other.
-    """
-    method = result["method"]
-    colour, marker = STYLES[method]
-    real = [x for x in (result.get("real") or {}).get("returns", ()) if x is not None]
-    if not real or result[key] is None:
-        return
-    last = float(np.mean(real))
-    if not result[key]:
-        axes.axhline(last, color=colour, ls="--", lw=0.9, alpha=0.7, label=method)
-        return
-    curve = [(p[key], p["real"]) for p in result["curve"] if p["real"] is not None]
-    if len({x for x, _ in curve}) > 1:
-        axes.plot(*zip(*curve, strict=True), "-", color=colour, lw=0.8, alpha=0.6)
-    aside = beside * _ASIDE[method] if key == "transitions" and method in _ASIDE else 1.0
-    axes.plot(aside * result[key], last, marker, color=colour, ms=6, alpha=0.8, label=method)
+
+def _curves(axes: Axes, results: Sequence[Result], arm: str, key: str) -> None:
+    """Every run of an arm: its curve and its last policy."""
+    for result in _of(results, arm):
+        curve = [(p[key], p["real"]) for p in result["curve"] if p["real"] is not None]
+        if len(curve) > 1:
+            axes.plot(*zip(*curve, strict=True), "-", color=ARMS[arm].colour, lw=0.8, alpha=0.6)
+        _last(axes, arm, result[key], result)
+
+
+def _last(axes: Axes, arm: str, x: float, result: Result) -> None:
+    value = mean(result, "real")
+    axes.plot(x, np.nan if value is None else value, ARMS[arm].marker, color=ARMS[arm].colour, ms=6, alpha=0.8,
+              label=arm, ls="")  # fmt: skip
+
+
+def _log(axes: Axes, label: str) -> None:
+    axes.set(xscale="log", xlabel=label)
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:,.7g}"))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.grid(alpha=0.3)
+
+
+def _of(results: Sequence[Result], arm: str) -> list[Result]:
+    return [r for r in results if r["arm"] == arm]

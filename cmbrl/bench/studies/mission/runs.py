@@ -1,19 +1,17 @@
-"""One training run as a cell of a study: a curve of real returns, what training cost, what the last policy is worth.
+"""One training run: a curve of real returns, what training cost, and what the last policy is worth.
 
-The clocks stand still while a policy is judged. A run that diverges is a result: it says so, and its last policy that
-can act is judged as any other.
+The clocks stop while a policy is judged. A run that diverges is a result too: it says so, and its last policy is judged
+like any other if it can still act.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from cmbrl.data.transitions import Transitions
@@ -23,156 +21,120 @@ from cmbrl.envs.recording import Recording
 from cmbrl.envs.simulation import Disturbance, parameter_sets
 from cmbrl.envs.system import SystemFactory
 from cmbrl.errors import UserError
-from cmbrl.files import read_json
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.named import nominal_model
 from cmbrl.models.protocol import Model
-from cmbrl.registry import Task
-from cmbrl.train.checkpoint import load_state
-from cmbrl.train.loop import EPISODE_STEPS, Loop
-from cmbrl.train.trainer import Trainer
+from cmbrl.registry import Task, load_task
+from cmbrl.train.loop import EPISODE_STEPS
 
-EPISODES, CURVE_EPISODES = 10, 3  # of the last policy, in each system; of one point of the curve
-EPISODE_SEED, CURVE_SEED = 9_000, 7_000  # the same starts for every policy
-NOISE_LINEAR, NOISE_ANGULAR, SPREAD = 0.03, 0.1, 0.2  # of the disturbed episodes: m/s, rad/s, share of each parameter
+EPISODES, CURVE_EPISODES = 10, 3  #: of the last policy in each system; of one point of the curve
+EPISODE_SEED, CURVE_SEED = 9_000, 7_000  #: the same starts for every policy
+NOISE_LINEAR, NOISE_ANGULAR, SPREAD = 0.03, 0.1, 0.2  #: of disturbed episodes: m/s, rad/s, share of each parameter
 Result = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Contest:
-    """Where policies are judged: the process, its real system, and the nominal model to disturb."""
+class Work:
+    """Sizes of the study; the mappings at the end change settings of algorithms."""
 
-    mdp: MDP
-    system: SystemFactory
-    nominal: Model
-
-    @classmethod
-    def of(cls, task: Task, nominal: Model) -> Contest:
-        """That of a task; raises UserError when it has no decision process or no real system."""
-        if task.mdp is None or task.system is None:
-            raise UserError(f"{task.name}: has no decision process with a real system: choose another scene")
-        return cls(task.mdp(), task.system, nominal)
+    transitions: int = 1000  #: of the random log that a seed's arms share
+    seconds: Mapping[str, float] = field(default_factory=lambda: {"hopper": 420.0, "cheetah": 150.0})
+    """scene -> processor time of a run without an end of its own, about what the loop takes there"""
+    points: int = 8  #: of a curve
+    ensemble_updates: int = 2000  #: of the ensemble that SHAC trains on
+    neural_iterations: int = 1200  #: of SHAC on it, at most: on the hopper the time of one of the loop's policies
+    loop: Mapping[str, Any] = field(default_factory=dict)  #: of the loop and of SHAC
+    mbpo: Mapping[str, Any] = field(default_factory=dict)
+    sac: Mapping[str, Any] = field(default_factory=dict)
+    ppo: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
-class Plan:
-    """How long a run is: ``iterations`` at most, and ``seconds`` of processor time, after which an update is its last.
+class Setup:
+    """What an arm is given: a task, its nominal model, the seed's random log (None: it collects its own)."""
 
-    ``points``: of the curve, the end included, evenly over the share of the limit that is nearer.
+    task: Task
+    mdp: MDP
+    system: SystemFactory
+    nominal: ComplementarityModel
+    work: Work
+    seed: int
+    log: Transitions | None
+
+    @classmethod
+    def of(cls, scene: str, seed: int, work: Work, takes_log: bool) -> Setup:
+        """That of a task by name."""
+        task = load_task(scene)
+        assert task.mdp is not None
+        assert task.system is not None
+        mdp = task.mdp()
+        log = random_log(mdp, task.system, work.transitions, seed) if takes_log else None
+        return cls(task, mdp, task.system, nominal_model(task, threads=1), work, seed, log)
+
+    def judge(self, policy: Actor, model: Model | None) -> Result:
+        """Episodes in the real system, in the ``model`` that the policy was trained on (None: none), and disturbed.
+
+        Disturbed, for all arms alike: in the nominal model with noise on every velocity and varied parameters.
+        """
+        varied = parameter_sets(self.nominal, SPREAD, seed=EPISODE_SEED)
+        noise = Disturbance(NOISE_LINEAR, NOISE_ANGULAR, varied)
+        return {
+            "real": _told(evaluate_real(policy, self.mdp, self.system, EPISODES, EPISODE_SEED)),
+            "model": None if model is None else _told(evaluate_model(policy, self.mdp, model, EPISODES, EPISODE_SEED)),
+            "disturbed": _told(evaluate_model(policy, self.mdp, self.nominal, EPISODES, EPISODE_SEED, noise)),
+        }
+
+
+class Training:
+    """A run in progress: ``costs`` so far, the ``curve``, and what ended it early (``failed``).
+
+    It has ``iterations``, or if that is None, no new update after the processor time that the study gives a scene.
     """
 
-    iterations: int
-    seconds: float = math.inf
-    points: int = 8
+    def __init__(self, setup: Setup, iterations: int | None) -> None:
+        self.setup, self.iterations = setup, iterations
+        known = 0 if setup.log is None else len(setup.log)
+        self.costs: Result = {"iteration": 0, "cpu": 0.0, "wall": 0.0, "transitions": known, "steps": 0}
+        self.curve: list[Result] = []
+        self.failed: str | None = None
+        self.trainer: Any = None
 
-
-@dataclass
-class Training:
-    """A trainer under way: ``make`` is called on the clock, for it may fit a model."""
-
-    contest: Contest
-    plan: Plan
-    known: int  # real transitions that were given
-    cpu: float = 0.0
-    wall: float = 0.0
-    iteration: int = 0
-    curve: list[Result] = field(default_factory=list)
-    last: dict[str, float] = field(default_factory=dict)  # metrics
-    failed: str | None = None
-    trainer: Trainer | None = None
-
-    def run(self, make: Callable[[], Trainer]) -> Training:
-        """All of it; whatever a user could have been told ends it early and is noted."""
+    def run(self, make: Callable[[Setup], Any]) -> Training:
+        """Trains to the end. ``make`` is called on the clock, because it may fit a model; a UserError ends the run."""
         try:
-            self.trainer = self._clocked(make)
-            while self.iteration == 0 or self.share() < 1.0:  # making it may have taken all of a short run's seconds
-                self.last = self._clocked(self.trainer.update)
-                self.iteration += 1
-                if self.share() * self.plan.points >= len(self.curve) + 1 - 1e-9:
-                    self.curve.append(self._point(self.trainer))
+            self.trainer = self._clocked(lambda: make(self.setup))
+            while self.costs["iteration"] == 0 or self.share() < 1.0:  # making it may take a short run's seconds
+                metrics = self._clocked(self.trainer.update)
+                self.costs |= {key: int(metrics[key]) for key in ("transitions", "steps") if key in metrics}
+                self.costs["iteration"] += 1
+                if self.share() * self.setup.work.points >= len(self.curve) + 1 - 1e-9:
+                    setup, policy = self.setup, self.trainer.policy
+                    judged = evaluate_real(policy, setup.mdp, setup.system, CURVE_EPISODES, CURVE_SEED)
+                    self.curve.append({**self.costs, "real": _number(judged.returns.mean())})
         except UserError as error:  # Diverged is one
             self.failed = str(error)
         return self
 
     def share(self) -> float:
-        """Of the run that is done."""
-        return min(1.0, max(self.iteration / self.plan.iterations, self.cpu / self.plan.seconds))
+        """Share of the run that is done."""
+        if self.iterations is None:
+            return min(1.0, float(self.costs["cpu"]) / self.setup.work.seconds[self.setup.task.name])
+        return min(1.0, float(self.costs["iteration"]) / self.iterations)
 
-    def transitions(self) -> int:
-        """Real ones so far."""
-        return int(self.last.get("transitions", self.known))
+    def result(self, modelled: bool) -> Result:
+        """Plain data of the run; ``modelled``: the policy is also judged in ``trainer.model``."""
+        found = {**self.costs, "failed": self.failed, "curve": self.curve}
+        if self.trainer is None or not all(bool(x.isfinite().all()) for x in self.trainer.policy.parameters()):
+            return found
+        return found | self.setup.judge(self.trainer.policy, self.trainer.model if modelled else None)
 
     def _clocked(self, work: Callable[[], Any]) -> Any:
         cpu, wall = time.process_time(), time.perf_counter()
         try:
             return work()
         finally:
-            self.cpu += time.process_time() - cpu
-            self.wall += time.perf_counter() - wall
-
-    def _point(self, trainer: Trainer) -> Result:
-        judged = evaluate_real(trainer.policy, self.contest.mdp, self.contest.system, CURVE_EPISODES, CURVE_SEED)
-        return {**self._costs(), "real": number(judged.returns.mean())}
-
-    def _costs(self) -> Result:
-        return {
-            "iteration": self.iteration,
-            "cpu": self.cpu,
-            "wall": self.wall,
-            "transitions": self.transitions(),
-            "steps": int(self.last.get("steps", 0)),
-        }
-
-    def result(self, model: Callable[[Any], Model] | None) -> Result:
-        """Plain data of the run; ``model`` gives the one that a trainer's policy believes in, None without any."""
-        found = {**self._costs(), "failed": self.failed, "curve": self.curve}
-        if self.trainer is None or not acts(self.trainer):
-            return found
-        believed = None if model is None else model(self.trainer)
-        return found | judge(self.trainer.policy, self.contest, believed)
-
-
-def judge(policy: Actor, contest: Contest, model: Model | None) -> Result:
-    """Episodes of ``policy`` in the real system, in the ``model`` that it was trained on (None: none), and disturbed.
-
-    Disturbed: in the nominal contact model with noise on every velocity and parameters that vary, for all the same.
-    """
-    mdp, nominal = contest.mdp, contest.nominal
-    varied = Disturbance(NOISE_LINEAR, NOISE_ANGULAR, parameter_sets(nominal, SPREAD, seed=EPISODE_SEED))
-    return {
-        "real": told(evaluate_real(policy, mdp, contest.system, EPISODES, EPISODE_SEED)),
-        "model": None if model is None else told(evaluate_model(policy, mdp, model, EPISODES, EPISODE_SEED)),
-        "disturbed": told(evaluate_model(policy, mdp, nominal, EPISODES, EPISODE_SEED, varied)),
-    }
-
-
-def finished(folder: Path, loop: Loop, wanted: dict[str, Any], contest: Contest) -> Result:
-    """The result of a loop that ``cmbrl train`` ran to its end in ``folder``, as if it had been run here.
-
-    ``loop`` is one made alike, ``wanted`` the options that must have been given. Such a run has one point of a curve,
-    its end, and says how much processor time it took only where ``time.json`` says it ({"user": s, "system": s}).
-    Raises UserError when it is of another kind, or not finished.
-    """
-    held, ended = read_json(folder / "config.json"), read_json(folder / "train.json")
-    for name, value in wanted.items():
-        if held.get(name) != value:
-            raise UserError(f"{folder}: was run with {name} {held.get(name)}, not {value}: move it away")
-    if ended["stopped"] == "interrupted":
-        raise UserError(f"{folder}: is not finished: `cmbrl train --resume` it, or move it away")
-    state = load_state(folder / "checkpoint.safetensors")
-    if ended["stopped"] == "finished" and state["iteration"] != loop.config.iterations:
-        raise UserError(f"{folder}: had {state['iteration']} iterations, not {loop.config.iterations}: move it away")
-    loop.restore(state["trainer"])
-    clock = read_json(folder / "time.json") if (folder / "time.json").exists() else None
-    costs = {
-        "iteration": state["iteration"],
-        "cpu": clock and clock["user"] + clock["system"],
-        "wall": state["seconds"],
-        "transitions": int(ended["last"]["transitions"]),
-        "steps": int(ended["last"]["steps"]),
-    }
-    failed = None if ended["stopped"] == "finished" else "diverged"
-    result = {**costs, "failed": failed, **judge(loop.policy, contest, loop.model)}
-    point = {**costs, "real": number(np.mean([x for x in result["real"]["returns"] if x is not None]))}
-    return {**result, "curve": [point]}
+            self.costs["cpu"] += time.process_time() - cpu
+            self.costs["wall"] += time.perf_counter() - wall
 
 
 def random_log(mdp: MDP, system: SystemFactory, transitions: int, seed: int) -> Transitions:
@@ -184,16 +146,9 @@ def random_log(mdp: MDP, system: SystemFactory, transitions: int, seed: int) -> 
     return recording.log()
 
 
-def acts(trainer: Trainer) -> bool:
-    """Whether the policy's weights are numbers."""
-    return all(bool(weights.isfinite().all()) for weights in trainer.policy.parameters())
+def _told(judged: Evaluation) -> Result:
+    return {"returns": [_number(x) for x in judged.returns], "lengths": [int(n) for n in judged.lengths]}
 
 
-def told(judged: Evaluation) -> Result:
-    """Returns and lengths as plain data."""
-    return {"returns": [number(x) for x in judged.returns], "lengths": [int(n) for n in judged.lengths]}
-
-
-def number(x: float) -> float | None:
-    """x for JSON, which knows no NaN and no infinity."""
+def _number(x: float) -> float | None:
     return float(x) if math.isfinite(x) else None

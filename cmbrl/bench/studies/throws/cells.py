@@ -1,178 +1,175 @@
-"""The parts of the study, each kept in a file: fits, descents by one estimator, the mission, variances."""
+"""The jobs of the study: fits of recorded throws, descents by one estimator, decisions planned on a fit, variances."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import torch
 
-from cmbrl.bench.cells import kept
-from cmbrl.bench.studies.throws.contenders import CONTENDERS
-from cmbrl.bench.studies.throws.descent import Range, Rule, centred, real_distances, unwarned
-from cmbrl.bench.studies.throws.models import TASKS, Fitted, fits, fitted, hard_model, known
+from cmbrl.bench.studies.throws.arms import ARMS
+from cmbrl.bench.studies.throws.descent import Range, Rule, Sampler, centred, real_distances
+from cmbrl.contact.smoothing import Exact
 from cmbrl.envs.mdp import MDP
+from cmbrl.envs.system import SystemFactory
+from cmbrl.fitting import fit
 from cmbrl.gradients.estimate import Array
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.named import nominal_model
 from cmbrl.registry import load_task
 
+TASKS = {
+    "ball_throw": "off ground and wall, and back",
+    "ball_over": "over the wall by a bounce",
+    "ball_slide": "slide to a stop, no bounce",
+}  #: task -> its subtitle in pictures
+TRUTH = {"restitution.ball": 0.72, "friction.ball": 0.2, "gravity": 9.5 / 9.81}  #: pymunk's world
+UNKNOWN = ("friction", "restitution", "gravity")  #: parameters that the scene file only guesses
+TRANSITIONS = 100  #: per recorded throw
+LOG_SEED = 6000  #: first seed of the logs; settings were chosen on other logs
 KNOWN, FITTED = "known scene", "fitted model"
-SCENES = (KNOWN, FITTED)
-PLANNER = "ZOPG"  #: of the mission: the only one that improves good first decisions on all three known scenes
+PLANNER = "ZOPG"  #: the only arm that improves good first decisions on all three known scenes
 Outcome = dict[str, Any]
 
 
 @dataclass(frozen=True)
+class Planning:
+    """How a decision is planned on a fit."""
+
+    rule: Rule = field(default_factory=lambda: Rule(rate=0.05, std=0.05))
+    candidates: int = 512  #: random decisions, the best of which start a descent
+    starts: int = 16
+    judged: int = 128  #: throws in the model that choose among the ends
+    real_starts: int = 10  #: other starts from which the chosen decision is thrown in the real system
+
+
+@dataclass(frozen=True)
 class Work:
-    """Sizes. ``throws``: recorded ones that a model is fitted on, the last for the comparison."""
+    """Sizes of the study."""
 
     tasks: tuple[str, ...] = tuple(TASKS)
-    contenders: tuple[str, ...] = tuple(CONTENDERS)
+    arms: tuple[str, ...] = tuple(ARMS)
     rule: Rule = field(default_factory=Rule)
     starts: int = 8  #: first decisions, the same for every estimator and seed
-    seeds: int = 5  #: of noise, each with a log and a fit of its own
-    throws: tuple[int, ...] = (10, 25, 50)
-    draws: int = 64  #: sets of parameters that a fit holds possible
-    mission_seeds: int = 10
-    candidates: int = 512  #: random decisions of which the mission's descents start at the best
-    mission_starts: int = 16
-    mission: Rule = field(default_factory=lambda: Rule(rate=0.05, std=0.05))
-    judged: int = 128  #: throws in the model that choose among the mission's decisions
-    real_starts: int = 10  #: other starts at which a chosen decision is thrown in the real system
-    lengths: tuple[int, ...] = (5, 10, 20, 40, 80)  #: steps of 10 ms, for the variance
-    points: int = 16  #: decisions at which it is measured
-    samples: int = 16  #: of each, of six throws
+    seeds: int = 5  #: of noise, each with its own log and fit
+    throws: tuple[int, ...] = (10, 25, 50)  #: recorded throws that a model is fitted to; descents use the last
+    draws: int = 64  #: parameter sets from the uncertainty of a fit
+    planned: int = 10  #: seeds for which a decision is planned
+    planning: Planning = field(default_factory=Planning)
+    lengths: tuple[int, ...] = (5, 10, 20, 40, 80)  #: for the variance, in steps of 10 ms
+    points: int = 16  #: decisions at which the variance is measured
+    samples: int = 16  #: at each of them, of six throws
 
 
 QUICK = Work(
-    contenders=("ABS 1 cm", "BS 1e-2 J", "FOPG", "ZOPG"), rule=Rule(iterations=8), starts=2, seeds=1, throws=(10,),
-    mission_seeds=1, candidates=128, mission_starts=2, mission=Rule(iterations=8), judged=16, real_starts=2,
+    arms=("ABS 1 cm", "BS 1e-2 J", "FOPG", "ZOPG"), rule=Rule(iterations=8), starts=2, seeds=1, throws=(10,),
+    planned=1, planning=Planning(Rule(iterations=8), candidates=128, starts=2, judged=16, real_starts=2),
     lengths=(10, 40), points=3, samples=4,
 )  # fmt: skip
 
 
-def fit_cell(folder: Path, task: str, seed: int, work: Work) -> list[Outcome]:
-    """The fits of one seed, see :func:`cmbrl.bench.studies.throws.models.fits`."""
-    key = {"throws": list(work.throws), "draws": work.draws}
-    return kept(folder / f"fit_{task}_{seed}.json", key, lambda: fits(task, work.throws, work.draws, seed))
+def fits(task: str, throws: Sequence[int], draws: int, seed: int) -> list[Outcome]:
+    """One fit for each number of throws; a smaller log is the beginning of a larger one.
 
-
-def descent_cell(
-    folder: Path, task: str, scene: str, name: str, models: list[list[Outcome]], work: Work, seed: int
-) -> Outcome:
-    """All runs of one estimator: a row for each seed and start.
-
-    ``model``: distances (T, R) in the model descended on, ``real``: (R,) of the last decisions in the real system, both
-    from the middle of the starts [m]; ``steps``: model steps of a run; ``cpu``: seconds of all runs.
+    ``theta`` (np,); ``draws`` (K, np): parameters that explain the log about as well; ``wall``, ``cpu`` [s] of the fit;
+    ``recording`` [s]: processor time of simulating the largest log.
     """
-    key = {"contender": str(CONTENDERS[name]), "rule": asdict(work.rule), "starts": work.starts, "seeds": work.seeds,
-           "fits": [work.throws[-1], work.draws] if scene == FITTED else None, "seed": seed}  # fmt: skip
-
-    def compute() -> Outcome:
-        mdp, system = process(task)
-        thetas = [fitted(m[-1]).theta for m in models] if scene == FITTED else [known(task)] * work.seeds
-        place = Range(centred(mdp), hard_model(task), np.repeat(thetas, work.starts, axis=0)[:, None])
-        begin = time.process_time()
-        first = np.random.default_rng(seed).uniform(-1.0, 1.0, (work.starts, mdp.actions))
-        path = place.descend(CONTENDERS[name], np.tile(first, (work.seeds, 1)), work.rule, seed)
-        cpu = time.process_time() - begin
-        return {
-            "task": task, "scene": scene, "contender": name, "cpu": cpu, "model": place.distances(path).tolist(),
-            "real": real_distances(centred(mdp), system, path[-1]).tolist(),
-            "decisions": path[-1].tolist(), "steps": work.rule.iterations * work.rule.throws * mdp.repeat,
-        }  # fmt: skip
-
-    return kept(folder / f"descent_{task}_{scene}_{name}.json".replace(" ", "_"), key, compute)
+    begin = time.process_time()
+    log = load_task(task).record(max(throws) * TRANSITIONS, seed=LOG_SEED + seed)
+    recording = time.process_time() - begin
+    found = []
+    for count in throws:
+        wall, cpu = time.perf_counter(), time.process_time()
+        part = log.select(np.arange(len(log)) < count * TRANSITIONS)
+        best = fit(hard_model(task), part, seed=seed, groups=UNKNOWN)
+        found.append({
+            "theta": best.model.parameters, "draws": best.draws(draws, seed), "recording": recording,
+            "wall": time.perf_counter() - wall, "cpu": time.process_time() - cpu,
+        })  # fmt: skip
+    return found
 
 
-def mission_cell(folder: Path, task: str, seed: int, models: list[Outcome], work: Work) -> list[Outcome]:
-    """From each fit of one seed to one decision, and what it does in the real system.
+def descent(task: str, scene: str, arm: str, thetas: Sequence[Array], rule: Rule, starts: int, seed: int) -> Outcome:
+    """All runs of one estimator: ``starts`` first decisions on each of the models ``thetas`` (seeds, np).
 
-    Descents under the fit's draws start at the best of many random decisions in the model; the decision with the best
-    mean return over draws, of a start or an end, is thrown: ``real`` from the middle of the starts, ``spread`` the
-    mean distance over others.
-    ``undescended``: real distance of the best random decision [m].
+    ``model``: distances (T, R) in the model, ``real``: (R,) of the last decisions in the real system, both from the
+    middle of the starts [m]; ``steps``: model steps of a run; ``cpu``: seconds of all runs.
     """
-    sizes = [work.candidates, work.mission_starts, work.draws, work.judged, work.real_starts]
-    key = {
-        "rule": asdict(work.mission),
-        "throws": list(work.throws),
-        "planner": str(CONTENDERS[PLANNER]),
-        "sizes": sizes,
-    }
-
-    def compute() -> list[Outcome]:
-        return [
-            {"task": task, "seed": seed, "throws": count, **plan(task, fitted(model), seed, work)}
-            for count, model in zip(work.throws, models, strict=True)
-        ]
-
-    return kept(folder / f"mission_{task}_{seed}.json", key, compute)
-
-
-def plan(task: str, model: Fitted, seed: int, work: Work) -> Outcome:
-    """See :func:`mission_cell`; ``wall`` and ``cpu`` [s] are of fit and descent, ``recording`` [s] of 50 throws."""
     mdp, system = process(task)
-    middle, hard = centred(mdp), hard_model(task)
-    wall, cpu = time.perf_counter(), time.process_time()
-    random = np.random.default_rng(seed).uniform(-1.0, 1.0, (work.candidates, mdp.actions))
-    first = _best(Range(middle, hard, np.tile(model.theta, (work.candidates, 1, 1))), random, work.mission_starts, 1)[0]
-    path = _under_draws(middle, hard, model, len(first)).descend(CONTENDERS[PLANNER], first, work.mission, seed)
-    found = np.concatenate([first, path[-1]])
-    ordered, returns = _best(_under_draws(middle, hard, model, len(found)), found, 1, work.judged)
-    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-    chosen, undescended = real_distances(middle, system, np.stack([ordered[0], first[0]]))
-    spread = real_distances(mdp, system, np.tile(ordered, (work.real_starts, 1)), seed).mean()
+    place = Range(centred(mdp), hard_model(task), np.repeat(thetas, starts, axis=0)[:, None])
+    begin = time.process_time()
+    first = np.random.default_rng(seed).uniform(-1.0, 1.0, (starts, mdp.actions))
+    path = place.descend(ARMS[arm], np.tile(first, (len(thetas), 1)), rule, seed)
+    cpu = time.process_time() - begin
     return {
-        "real": float(chosen), "spread": float(spread), "undescended": float(undescended),
-        "model": float(np.sqrt(-returns[0])), "decision": ordered[0].tolist(),
-        "wall": wall + model.wall, "cpu": cpu + model.cpu, "recording": model.recording,
+        "task": task, "scene": scene, "arm": arm, "cpu": cpu, "model": place.distances(path),
+        "real": real_distances(centred(mdp), system, path[-1]), "decisions": path[-1],
+        "steps": rule.iterations * rule.throws * mdp.repeat,
     }  # fmt: skip
 
 
-def _under_draws(mdp: MDP, hard: ComplementarityModel, model: Fitted, runs: int) -> Range:
-    return Range(mdp, hard, np.tile(model.draws, (runs, 1, 1)))
+def plan(task: str, seed: int, throws: int, model: Outcome, planning: Planning) -> Outcome:
+    """From one of :func:`fits`, of ``throws`` throws, to a decision and what it does in the real system.
+
+    Descents over the fit's draws start at the best random decisions in the model. The decision with the best mean
+    return over draws, of a start or an end, is thrown. ``real``: distance from the middle of the starts, ``spread``:
+    mean distance over other starts, ``undescended``: real distance of the best random decision [m]; ``wall`` and
+    ``cpu`` [s] include the fit.
+    """
+    mdp, system = process(task)
+    middle, hard, draws = centred(mdp), hard_model(task), np.array(model["draws"])
+
+    def best(sets: Array, decisions: Array, count: int, judged: int) -> tuple[Array, Array]:
+        returns = Range(middle, hard, np.tile(sets, (len(decisions), 1, 1))).returns(decisions, judged, seed=0)
+        order = np.argsort(-returns)[:count]  # what is not finite comes last
+        return decisions[order], returns[order]
+
+    wall, cpu = time.perf_counter(), time.process_time()
+    random = np.random.default_rng(seed).uniform(-1.0, 1.0, (planning.candidates, mdp.actions))
+    first, _ = best(np.array([model["theta"]]), random, planning.starts, 1)
+    path = Range(middle, hard, np.tile(draws, (len(first), 1, 1))).descend(ARMS[PLANNER], first, planning.rule, seed)
+    chosen, returns = best(draws, np.concatenate([first, path[-1]]), 1, planning.judged)
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    real, undescended = real_distances(middle, system, np.stack([chosen[0], first[0]]))
+    return {
+        "task": task, "seed": seed, "throws": throws, "real": real, "undescended": undescended,
+        "spread": real_distances(mdp, system, np.tile(chosen, (planning.real_starts, 1)), seed).mean(),
+        "model": np.sqrt(-returns[0]), "decision": chosen[0], "wall": wall + model["wall"], "cpu": cpu + model["cpu"],
+        "recording": model["recording"],
+    }  # fmt: skip
 
 
-def _best(place: Range, decisions: Array, count: int, throws: int) -> tuple[Array, Array]:
-    """The ``count`` decisions with the best mean return over ``throws`` in the model, and those returns."""
-    returns = place.returns(decisions, throws, seed=0)
-    order = np.argsort(-returns)[:count]  # what is not finite comes last
-    return decisions[order], returns[order]
+def variance(task: str, arm: str, lengths: Sequence[int], points: int, samples: int, std: float, seed: int) -> Outcome:
+    """``variance`` (lengths, points): of the gradient of one throw's cost on the known scene; None: not finite.
+
+    It is the trace of the covariance of the mean, times the throws that the mean took.
+    """
+    mdp, _ = process(task)
+    sets = np.tile(known(task), (points, 1, 1))
+    x = np.random.default_rng(seed + 1).uniform(-1.0, 1.0, (points, mdp.actions))
+    rows = []
+    for length in lengths:
+        place = Range(replace(mdp, repeat=length), hard_model(task), sets)
+        found = [e.standard_error**2 * e.steps / length for e in Sampler(place, ARMS[arm], seed)(x, 6 * samples, std)]
+        rows.append([value if np.isfinite(value) else None for value in found])
+    return {"task": task, "arm": arm, "variance": rows}
 
 
-def variance_cell(folder: Path, task: str, name: str, work: Work, seed: int) -> Outcome:
-    """``variance`` (lengths, points): of a gradient of one throw's cost, on the known scene."""
-    key = {"contender": str(CONTENDERS[name]), "lengths": list(work.lengths), "points": work.points,
-           "samples": work.samples, "std": work.rule.std, "seed": seed}  # fmt: skip
-
-    def compute() -> Outcome:
-        mdp, _ = process(task)
-        sets = np.tile(known(task), (work.points, 1, 1))
-        points = np.random.default_rng(seed + 1).uniform(-1.0, 1.0, (work.points, mdp.actions))
-        found = [variances(Range(replace(mdp, repeat=n), hard_model(task), sets), name, points, work, seed)
-                 for n in work.lengths]  # fmt: skip
-        return {"task": task, "contender": name, "variance": found}
-
-    return kept(folder / f"variance_{task}_{name}.json".replace(" ", "_"), key, compute)
+def hard_model(task: str) -> ComplementarityModel:
+    """The task's model before any fit, hard, on one thread."""
+    return nominal_model(load_task(task), smoothing=Exact())
 
 
-def variances(place: Range, name: str, points: Array, work: Work, seed: int) -> list[float | None]:
-    """Trace of the covariance of the mean, times the throws that it took, at each of the points."""
-    rng, generator = np.random.default_rng(seed), torch.Generator().manual_seed(seed)
-    soft = place.model.with_settings(backward_smoothing=CONTENDERS[name].smoothing)
-    with unwarned():
-        found = CONTENDERS[name].estimates(
-            lambda count: place.throw(soft, count, rng, generator), points, 6 * work.samples, work.rule.std, rng
-        )
-    values = [e.standard_error**2 * e.steps / place.mdp.repeat for e in found]
-    return [float(x) if np.isfinite(x) else None for x in values]
+def known(task: str) -> Array:
+    """The parameters (np,) of the real system."""
+    model = hard_model(task)
+    truth = TRUTH | ({"restitution.ball": 0.0} if task == "ball_slide" else {})
+    return np.array([truth.get(p.name, x) for p, x in zip(model.scene.parameters, model.parameters, strict=True)])
 
 
-def process(name: str) -> tuple[Any, Any]:
+def process(name: str) -> tuple[MDP, SystemFactory]:
     """The task's process and its real system."""
     task = load_task(name)
     assert task.mdp is not None

@@ -1,7 +1,7 @@
-"""Descent to a launch velocity: many runs side by side on one batched model, each with its own decision and parameters.
+"""Descent to a launch velocity: many runs in one batch, each with its own decision and its own model parameters.
 
-A decision is the action of the task's process, two numbers in [-1, 1]. What is maximised is the return from the starts
-of that process and, where there are several, by the sets of parameters that explain a log.
+A decision is the action of the task's process, two numbers in [-1, 1]. The objective is the mean return over the starts
+of that process and, where there are several, over the parameter sets that explain a log.
 """
 
 from __future__ import annotations
@@ -15,22 +15,23 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cmbrl.bench.studies.throws.contenders import Contender
+from cmbrl.bench.groups import estimates
+from cmbrl.bench.studies.throws.arms import Arm
 from cmbrl.envs.evaluation import evaluate_real
 from cmbrl.envs.mdp import MDP
 from cmbrl.envs.system import SystemFactory
-from cmbrl.gradients.estimate import Array
+from cmbrl.gradients.estimate import Array, Estimate
 from cmbrl.models.complementarity import ComplementarityModel, SolverWarning
 
 
 @dataclass(frozen=True)
 class Rule:
-    """How every estimator steps; the same for all, see the study's text."""
+    """How every estimator steps."""
 
     iterations: int = 40
-    throws: int = 6  #: of a gradient, whatever they are spent on
-    rate: float = 0.1  #: Adam's, falls linearly to 0; an action's range is 2
-    std: float = 0.1  #: of the noise on the decision, for those that need some; falls as the rate does
+    throws: int = 6  #: per gradient, however they are spent
+    rate: float = 0.1  #: of Adam, falls linearly to 0; an action's range is 2
+    std: float = 0.1  #: of the noise on the decision where an estimator needs noise; falls like the rate
 
 
 @dataclass(frozen=True)
@@ -56,29 +57,43 @@ class Throw:
         return self.mdp.reward(self.q, self.v, x, q, v)
 
 
+class Sampler:
+    """Gradients by one arm at fresh starts, parameters and noise, all drawn from one seed."""
+
+    def __init__(self, place: Range, arm: Arm, seed: int) -> None:
+        self.place, self.arm = place, arm
+        self.rng, self.generator = np.random.default_rng(seed), torch.Generator().manual_seed(seed)
+        self.soft = place.model.with_settings(backward_smoothing=arm.smoothing)
+
+    def __call__(self, x: Array, throws: int, std: float) -> list[Estimate]:
+        """One estimate for each of the decisions x (R, n), from ``throws`` throws each."""
+        samples = throws // self.arm.throws
+
+        def fresh(order: str) -> Throw:
+            return self.place.throw(self.soft, samples, self.rng, self.generator)
+
+        with unwarned():
+            return estimates(self.arm.orders, fresh, x, samples, std, self.rng)
+
+
 @dataclass(frozen=True)
 class Range:
-    """Where R runs throw: ``sets`` (R, K, np), the parameters that each holds possible, are drawn anew each throw."""
+    """Where R runs throw. Every throw draws one of the run's possible parameter sets, ``sets`` (R, K, np)."""
 
     mdp: MDP
     model: ComplementarityModel
     sets: Array
 
-    def descend(self, contender: Contender, start: Array, rule: Rule, seed: int) -> Array:
+    def descend(self, arm: Arm, start: Array, rule: Rule, seed: int) -> Array:
         """Decisions (iterations + 1, R, n) from ``start`` (R, n) on; a gradient that is not finite moves nothing."""
-        rng, generator = np.random.default_rng(seed), torch.Generator().manual_seed(seed)
-        soft = self.model.with_settings(backward_smoothing=contender.smoothing)
+        gradients = Sampler(self, arm, seed)
         x = torch.tensor(start, requires_grad=True)
         adam = torch.optim.Adam([x], rule.rate)
         path = [start]
         for k in range(rule.iterations):
             left = 1 - k / rule.iterations
-            adam.param_groups[0]["lr"], std = rule.rate * left, rule.std * left
-            with unwarned():
-                found = contender.estimates(
-                    lambda count: self.throw(soft, count, rng, generator), path[-1], rule.throws, std, rng
-                )
-            gradient = np.stack([estimate.mean for estimate in found])
+            adam.param_groups[0]["lr"] = rule.rate * left
+            gradient = np.stack([found.mean for found in gradients(path[-1], rule.throws, rule.std * left)])
             x.grad = -torch.from_numpy(np.where(np.isfinite(gradient), gradient, 0.0))
             adam.step()
             with torch.no_grad():
@@ -89,7 +104,7 @@ class Range:
     def throw(
         self, model: ComplementarityModel, count: int, rng: np.random.Generator, generator: torch.Generator
     ) -> Throw:
-        """``count`` throws for each run, from starts and with parameters drawn now."""
+        """``count`` throws for each run, with starts and parameters drawn now."""
         runs, choices, width = self.sets.shape
         chosen = rng.integers(choices, size=(runs, count))
         theta = np.take_along_axis(self.sets, chosen[..., None], axis=1).reshape(-1, width)
@@ -113,21 +128,21 @@ class Range:
 
 
 def centred(mdp: MDP) -> MDP:
-    """The process whose every start is the middle of those that ``mdp`` draws (uniform: the mean of the extremes)."""
+    """The process with every start in the middle of those that ``mdp`` draws (uniform: the mean of the extremes)."""
     q, v = (x.aminmax(dim=0) for x in mdp.reset(4096, torch.Generator().manual_seed(0)))
     middle_q, middle_v = ((x.min + x.max)[None] / 2 for x in (q, v))
     return replace(mdp, reset=lambda count, generator: (middle_q.repeat(count, 1), middle_v.repeat(count, 1)))
 
 
 def real_distances(mdp: MDP, system: SystemFactory, x: Array, seed: int = 0) -> Array:
-    """Distance to the goal [m] (R,) in the real system of the decisions x (R, n), one throw each."""
+    """Distance to the goal [m] (R,) in the real system for the decisions x (R, n), one throw each."""
     actions = torch.from_numpy(x)
     return np.sqrt(-evaluate_real(lambda o: actions, mdp, system, len(x), seed).returns)
 
 
 @contextmanager
 def unwarned() -> Iterator[None]:
-    """Solves that fail make a sample that is not finite, or a wrong one, which the result shows."""
+    """Silences warnings of failed solves: their samples are wrong or not finite, which the result shows."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SolverWarning)
         yield

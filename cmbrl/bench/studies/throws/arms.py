@@ -1,0 +1,42 @@
+"""The gradient estimators that search for a launch velocity: what each one samples and smooths, and its colour."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cmbrl.bench.groups import FIRST, POINT, ZEROTH
+from cmbrl.contact.smoothing import Adaptive, Barrier, Exact, Smoothing
+
+BUNDLE, HARD = (FIRST,), Exact()
+
+
+@dataclass(frozen=True)
+class Arm:
+    """One estimator. ``orders``: see :func:`cmbrl.bench.groups.estimates`; only the derivative is smoothed."""
+
+    family: str
+    colour: str
+    orders: tuple[str, ...]
+    smoothing: Smoothing = HARD
+
+    @property
+    def throws(self) -> int:
+        """Throws per sample."""
+        return sum(2 if order == ZEROTH else 1 for order in self.orders)
+
+
+ABS, BS, HARD_FIRST, SAMPLED = "adaptive (ABS)", "barrier (BS)", "first order, hard", "zeroth order and mixed"
+FAMILIES = (ABS, BS, HARD_FIRST, SAMPLED)
+ARMS = {
+    "ABS 1 mm": Arm(ABS, "#fb8a63", BUNDLE, Adaptive(1e-3)),
+    "ABS 1 cm": Arm(ABS, "#ef3b2c", BUNDLE, Adaptive(1e-2)),
+    "ABS 3 cm": Arm(ABS, "#b2101b", BUNDLE, Adaptive(3e-2)),
+    "ABS 10 cm": Arm(ABS, "#5a0010", BUNDLE, Adaptive(1e-1)),
+    "BS 1e-4 J": Arm(BS, "#56a0d3", BUNDLE, Barrier(1e-4)),
+    "BS 1e-2 J": Arm(BS, "#2171b5", BUNDLE, Barrier(1e-2)),
+    "BS 1 J": Arm(BS, "#08306b", BUNDLE, Barrier(1.0)),
+    "FOPG": Arm(HARD_FIRST, "black", (POINT,)),
+    "bundle": Arm(HARD_FIRST, "#d39400", BUNDLE),
+    "ZOPG": Arm(SAMPLED, "#a6591d", (ZEROTH,)),
+    "AoBG": Arm(SAMPLED, "#6a51a3", (ZEROTH, FIRST)),
+}  #: by name, in the order of tables and legends
