@@ -7,7 +7,7 @@
 ``parsimony``      the fewest parameters that the held-out data supports; ``forecast``: the gain that a group promises
 ``folds``          episodes held out in turn
 ``identify``       intervals, and what the data leave open
-``state``          resumes a fit that was killed; ``result``, ``report``, ``report_text``: what comes out
+``state``          resumes a fit that was killed; ``result``, ``report``, ``report_text``: the result
 """
 
 from __future__ import annotations

@@ -14,6 +14,7 @@ from cmbrl.contact.certificates import Residuals, project, residuals
 from cmbrl.contact.problem import ContactProblem
 from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.native import SolverStatus
 from cmbrl.scene import Scene
 
 G, H = 9.81, 1e-3
@@ -97,7 +98,7 @@ def test_core_satisfies_the_laws_of_hard_contact() -> None:
     for kappa in (1e-6, 1e-9):
         model = ComplementarityModel(scene, smoothing=Barrier(kappa), prune=np.inf)
         r = model.predict(q, v, u, impulse=True)
-        assert (r.status == 0).all()
+        assert (r.status == SolverStatus.CONVERGED).all()
         smooth = model.smooth_dynamics(q, v)
         mu = np.full(8, scene.parameter_vector()[[p.group == "friction" for p in scene.parameters]][0])
         scores = []

@@ -11,6 +11,7 @@ from cmbrl.contact.certificates import residuals
 from cmbrl.contact.problem import ContactProblem
 from cmbrl.contact.solvers import native
 from cmbrl.errors import UserError
+from cmbrl.native import SolverStatus
 
 G, H = 9.81, 1e-3
 
@@ -47,7 +48,7 @@ def test_exact_law_on_random_problems(contacts: int, nt: int) -> None:
     problems = [random_problem(rng, contacts, 7, nt) for _ in range(50)]
     found = native.solve(problems, tolerance=1e-11)
     scores = [residuals(p, v, x) for p, v, x in zip(problems, found.v, found.impulse, strict=True)]
-    solved = found.status == 0
+    solved = found.status == SolverStatus.CONVERGED
     assert solved.mean() >= 0.98
     assert max(s.worst() for s, good in zip(scores, solved, strict=True) if good) < 1e-9
     np.testing.assert_allclose(found.residual, [s.natural_map for s in scores], atol=1e-13)
@@ -59,7 +60,7 @@ def test_heavy_on_top_stack(ratio: float) -> None:
     found = native.solve([problem])
     above = np.cumsum(np.diag(problem.M)[::-2])[::-1]
     np.testing.assert_allclose(found.impulse[0, :, 0], above * G * H, rtol=1e-9)
-    assert found.status[0] == 0
+    assert found.status[0] == SolverStatus.CONVERGED
 
 
 def plate(load: tuple[float, float], gaps: tuple[float, ...] = (0.0,) * 4, pull: float = 0.0) -> ContactProblem:
@@ -87,7 +88,7 @@ def plate(load: tuple[float, float], gaps: tuple[float, ...] = (0.0,) * 4, pull:
 def test_degenerate_plates(problem: ContactProblem, loads: tuple[float, ...] | None) -> None:
     found = native.solve([problem], tolerance=1e-11)
     score = residuals(problem, found.v[0], found.impulse[0])
-    assert found.status[0] == 0
+    assert found.status[0] == SolverStatus.CONVERGED
     assert max(score.natural_map, score.dynamics) < 1e-10
     np.testing.assert_allclose(found.v[0], 0, atol=1e-10 * G * H)
     np.testing.assert_allclose(found.impulse[0].sum(axis=0), [G * H, -problem.v_free[0], 0], atol=1e-9 * G * H)
@@ -102,7 +103,7 @@ def test_units_do_not_matter() -> None:
     for mass, speed in ((1e-6, 1e3), (1e6, 1e-4)):
         scaled = replace(p, M=mass * p.M, v_free=speed * p.v_free, b=speed * p.b)
         found = native.solve([scaled])
-        assert found.status[0] == 0
+        assert found.status[0] == SolverStatus.CONVERGED
         np.testing.assert_allclose(found.v[0], speed * first.v[0], rtol=1e-8)
         unit = mass * speed
         np.testing.assert_allclose(found.impulse[0], unit * first.impulse[0], rtol=1e-6, atol=1e-9 * unit)
@@ -112,10 +113,10 @@ def test_over_tight_slot_is_flagged_and_compliance_cures_it() -> None:
     J = np.array([[[1.0, 0.0], [0.0, 1.0]], [[-1.0, 0.0], [0.0, 1.0]]])
     b, mu = np.array([[-1.0, 0.0], [-1.0, 0.0]]), np.full(2, 0.3)
     slot = ContactProblem(np.eye(2), J, np.array([0.1, 0.2]), b, mu, np.zeros_like(b), 1.0)
-    assert native.solve([slot]).status[0] == 2
+    assert native.solve([slot]).status[0] == SolverStatus.FAILED
     soft = replace(slot, R=np.full_like(b, 1e-3))
     found = native.solve([soft])
-    assert found.status[0] == 0
+    assert found.status[0] == SolverStatus.CONVERGED
     assert residuals(soft, found.v[0], found.impulse[0]).natural_map < 1e-6
 
 
@@ -123,7 +124,7 @@ def test_softened_law_puts_every_product_at_kappa() -> None:
     rng = np.random.default_rng(5)
     problems, kappa = [random_problem(rng, 3, 6, 2) for _ in range(9)], np.geomspace(1e-1, 1e-6, 9)
     found = native.solve(problems, kappa)
-    assert (found.status == 0).all()
+    assert (found.status == SolverStatus.CONVERGED).all()
     for k, p in enumerate(problems):
         normal = found.impulse[k, :, 0]
         opening = (p.J[:, 0] @ found.v[k]) + p.b[:, 0]
@@ -170,7 +171,7 @@ def test_every_instruction_set_and_width_solves_sparse_problems(isa: str) -> Non
         alone = native.Batch.of([p]).native(derivative=True)
         alone.solve(1e-11, isa=isa)
         for found, at in ((batch.results, k), (alone.results, 0)):
-            assert found["status"][at] == 0
+            assert found["status"][at] == SolverStatus.CONVERGED
             assert residuals(p, found["v"][at], found["impulse"][at]).worst() < 1e-9
         for name in ("v", "impulse", "derivative"):
             np.testing.assert_allclose(alone.results[name][0], batch.results[name][k], atol=1e-9)

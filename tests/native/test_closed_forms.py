@@ -12,6 +12,7 @@ import pytest
 from cmbrl.contact import Adaptive, Barrier
 from cmbrl.contact.smoothing import Smoothing
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.native import SolverStatus
 from cmbrl.scene import Scene
 
 G, MASS, H = 9.81, 2.0, 1e-3
@@ -50,7 +51,7 @@ def simulate(model: ComplementarityModel, q: np.ndarray, v: np.ndarray, steps: i
     qs, vs = [q], [v]
     for _ in range(steps):
         r = model.predict(qs[-1][None], vs[-1][None], np.zeros((1, 0)))
-        assert r.status[0] == 0
+        assert r.status[0] == SolverStatus.CONVERGED
         qs.append(r.q_next[0])
         vs.append(r.v_next[0])
     return np.array(qs), np.array(vs)

@@ -10,6 +10,7 @@ import pytest
 from cmbrl.bench.studies.robustness.cells import SMOOTHINGS, TOLERANCE, measure, wild_batch
 from cmbrl.contact import Barrier, Exact
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.native import SolverStatus
 from cmbrl.scene import Scene
 
 from ..scene.conftest import G1, GYMNASIUM
@@ -53,13 +54,15 @@ def test_a_derivative_that_cannot_be_had_is_flagged() -> None:
     scene = Scene.from_mjcf(G1, contact_law="rigid")
     q, v, u, theta = wild_batch(scene, 1500, np.random.default_rng(1))
     hard = ComplementarityModel(scene, smoothing=Exact())
-    failed = hard.predict(q, v, u, theta).status == 2
+    failed = hard.predict(q, v, u, theta).status == SolverStatus.FAILED
     assert failed.any()
     q, v, u, theta = (x[failed] for x in (q, v, u, theta))
     mixed = hard.with_settings(smoothing=Barrier(1e-2))
-    assert (mixed.predict(q, v, u, theta).status == 0).all()
+    assert (mixed.predict(q, v, u, theta).status == SolverStatus.CONVERGED).all()
     differentiated = mixed.with_settings(backward_smoothing=Exact()).predict(q, v, u, theta, jacobian=True)
-    assert (differentiated.status == 2).mean() > 0.5  # the hard solve starts elsewhere, and may be luckier
+    assert (
+        differentiated.status == SolverStatus.FAILED
+    ).mean() > 0.5  # the hard solve starts elsewhere, and may be luckier
 
 
 def test_nan_in_the_state_is_flagged() -> None:
@@ -67,7 +70,7 @@ def test_nan_in_the_state_is_flagged() -> None:
     q, v, u, theta = wild_batch(model.scene, 8, np.random.default_rng(0))
     v[3, 2] = np.nan
     r = model.predict(q, v, u, theta)
-    assert r.status[3] == 2
+    assert r.status[3] == SolverStatus.FAILED
     assert np.isfinite(np.delete(r.v_next, 3, axis=0)).all()
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from cmbrl.bench.states import random_states
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.native import SolverStatus
 from cmbrl.scene import Scene
 
 from .conftest import Load
@@ -58,7 +59,7 @@ def test_inclined_planes(geom: str, plane: str, reason: str | None, load: Load) 
     assert_same_gaps(scene, model)
 
 
-def test_shapes_beside_the_plane_need_space(load: Load) -> None:
+def test_shapes_outside_the_plane_need_space(load: Load) -> None:
     """Two discs that move in parallel planes, too near to pass: their distance in space is not that in the plane."""
     ball = '<body pos="{}"><joint type="slide" axis="1 0 0"/><joint axis="0 1 0"/><geom size=".2" margin="5"/></body>'
     near, model = load(ball.format("0 0 1") + ball.format("1 .1 1"))
@@ -152,7 +153,7 @@ def test_without_reduction_the_same_motion(robot: tuple[Scene, object]) -> None:
     states = random_states(reduced, 64, np.random.default_rng(0))
     a, b = (ComplementarityModel(s, prune=p, path_tolerance=1e-9) for s, p in ((reduced, 3.0), (full, np.inf)))
     flat, spatial = (model.predict(*states) for model in (a, b))
-    assert (flat.status == 0).all()
+    assert (flat.status == SolverStatus.CONVERGED).all()
     assert np.allclose(flat.v_next, spatial.v_next, atol=1e-5)
     assert np.allclose(flat.q_next, spatial.q_next, atol=1e-7)
 

@@ -21,6 +21,7 @@ from cmbrl.bench.studies.derivatives.kinks import Array, choices
 from cmbrl.contact import Adaptive, Barrier, Exact
 from cmbrl.contact.smoothing import Smoothing
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.native import SolverStatus
 from cmbrl.scene import Scene
 
 Point = tuple[Array, Array, Array, Array]  #: q (B, nq), v (B, nv), u (B, nu), theta (np,)
@@ -84,7 +85,7 @@ def compare(model: ComplementarityModel, q: Array, v: Array, u: Array, parameter
     """
     r = model.predict(q, v, u, jacobian=True, parameter_jacobian=True)
     assert r.jacobian is not None  # it was asked for
-    solved = r.status == 0
+    solved = r.status == SolverStatus.CONVERGED
     columns, one_sided = _columns(model, q, v, u, parameters)
     errors: dict[str, list[Array]] = {}
     across = vague = total = 0
