@@ -12,6 +12,7 @@ import numpy as np
 from cmbrl.errors import UserError
 from cmbrl.registry import load_task
 from cmbrl.scene import Scene
+from cmbrl.scene.records import JointKind
 
 G1 = Path(os.environ.get("CMBRL_G1") or Path(__file__).parents[3] / "shared/models/g1_reference.xml")
 NO_G1 = "the G1 needs its MJCF: set CMBRL_G1"
@@ -110,7 +111,7 @@ def _configurations(scene: Scene, count: int, rng: np.random.Generator, ranges: 
 def _lower(scene: Scene, q: np.ndarray, gap: np.ndarray) -> None:
     """Moves the root, in place, along the slide that changes the gaps to planes most, to the lowest gap ``gap``."""
     planes = np.flatnonzero(scene.core.con_plane >= 0)
-    roots = [j for j in scene.joints if j.kind == 0 and scene.core.body_parent[j.body] < 0]
+    roots = [j for j in scene.joints if j.kind == JointKind.SLIDE and scene.core.body_parent[j.body] < 0]
     if not len(planes) or not roots:
         return
     step, here = 1e-3, scene.gaps(scene.q0)[planes]
