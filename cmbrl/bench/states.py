@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -51,16 +51,9 @@ def left_out(labels: Sequence[str], measured: Sequence[str], chosen: Sequence[st
     return f"Left out: {', '.join(missing)} ({NO_G1})." if missing else ""
 
 
-def scene_file(label: str) -> Path:
-    """The MJCF of one of ``SCENES``."""
-    return G1 if label == "g1" else Path(load_task(label).scene_path)
-
-
-def bench_scenes(files: Mapping[str, Path] | None = None, contact_law: str = "mujoco") -> dict[str, Scene]:
-    """Scenes by label from their MJCFs, by default all of ``SCENES`` that are available."""
-    if files is None:
-        files = {label: scene_file(label) for label in available(SCENES)}
-    return {label: Scene.from_mjcf(path, contact_law=contact_law) for label, path in files.items()}
+def bench_scene(label: str, contact_law: str = "mujoco") -> Scene:
+    """One of ``SCENES``, as its MJCF describes it but for the contact law."""
+    return Scene.from_mjcf(G1 if label == "g1" else load_task(label).scene_path, contact_law=contact_law)
 
 
 def random_states(
