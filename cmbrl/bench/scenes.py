@@ -9,6 +9,7 @@ from __future__ import annotations
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from cmbrl.bench import states
 from cmbrl.bench.peers.mujoco import compiled
 from cmbrl.errors import UserError
+from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.registry import load_task
 from cmbrl.scene import Scene
 
@@ -40,6 +42,11 @@ class PairedScene:
     hold: np.ndarray  # control (nu,) about which random actions vary
     reach: float  # size of random actions as a share of the control range; [rad] for a servo
     toss: bool  # starts in the air with a spin instead of on the ground
+
+    def model(self, **settings: Any) -> ComplementarityModel:
+        """Our model with MuJoCo's time step; ``settings`` go to its constructor."""
+        step = self.peer.opt.timestep
+        return ComplementarityModel(self.scene, time_step=step, integrator=self.integrator, **settings)
 
 
 def paired(label: str) -> PairedScene:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +12,7 @@ import numpy as np
 from cmbrl.errors import UserError
 from cmbrl.registry import load_task
 from cmbrl.scene import Scene
+from cmbrl.scene.records import JointKind
 
 G1 = Path(os.environ.get("CMBRL_G1") or Path(__file__).parents[3] / "shared/models/g1_reference.xml")
 NO_G1 = "the G1 needs its MJCF: set CMBRL_G1"
@@ -50,16 +51,9 @@ def left_out(labels: Sequence[str], measured: Sequence[str], chosen: Sequence[st
     return f"Left out: {', '.join(missing)} ({NO_G1})." if missing else ""
 
 
-def scene_file(label: str) -> Path:
-    """The MJCF of one of ``SCENES``."""
-    return G1 if label == "g1" else Path(load_task(label).scene_path)
-
-
-def bench_scenes(files: Mapping[str, Path] | None = None, contact_law: str = "mujoco") -> dict[str, Scene]:
-    """Scenes by label from their MJCFs, by default all of ``SCENES`` that are available."""
-    if files is None:
-        files = {label: scene_file(label) for label in available(SCENES)}
-    return {label: Scene.from_mjcf(path, contact_law=contact_law) for label, path in files.items()}
+def bench_scene(label: str, contact_law: str = "mujoco") -> Scene:
+    """One of ``SCENES``, as its MJCF describes it but for the contact law."""
+    return Scene.from_mjcf(G1 if label == "g1" else load_task(label).scene_path, contact_law=contact_law)
 
 
 def random_states(
@@ -110,7 +104,7 @@ def _configurations(scene: Scene, count: int, rng: np.random.Generator, ranges: 
 def _lower(scene: Scene, q: np.ndarray, gap: np.ndarray) -> None:
     """Moves the root, in place, along the slide that changes the gaps to planes most, to the lowest gap ``gap``."""
     planes = np.flatnonzero(scene.core.con_plane >= 0)
-    roots = [j for j in scene.joints if j.kind == 0 and scene.core.body_parent[j.body] < 0]
+    roots = [j for j in scene.joints if j.kind == JointKind.SLIDE and scene.core.body_parent[j.body] < 0]
     if not len(planes) or not roots:
         return
     step, here = 1e-3, scene.gaps(scene.q0)[planes]

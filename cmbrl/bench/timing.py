@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-Clock = Callable[[], float]
 Work = dict[Any, tuple[Callable[[], object], int]]  #: name -> (function, units of work in one call, at least 1)
 
 
@@ -29,10 +28,7 @@ class Spread:
 
 
 def interleaved(
-    work: Mapping[Any, tuple[Callable[[], object], int]],
-    repeats: int,
-    clock: Clock = time.thread_time,
-    progress: Callable[[int], object] | None = None,
+    work: Mapping[Any, tuple[Callable[[], object], int]], repeats: int, clock: Callable[[], float] = time.thread_time
 ) -> dict[Any, np.ndarray]:
     """Seconds per unit (repeats,) of every piece of ``work``, A B C A B C ..., after one turn that does not count.
 
@@ -41,7 +37,6 @@ def interleaved(
         repeats: turns that count, at least 1.
         clock: ``time.thread_time`` counts the processor time of the calling thread, so that other processes do not
             count; ``time.perf_counter`` is for work on several threads.
-        progress: called with 1 after every turn, the first one included.
     """
     seconds = {name: np.empty(repeats) for name in work}
     collects = gc.isenabled()
@@ -54,8 +49,6 @@ def interleaved(
                 spent = clock() - begin
                 if turn >= 0:
                     seconds[name][turn] = max(spent, 1e-12) / units
-            if progress:
-                progress(1)
     finally:
         if collects:
             gc.enable()

@@ -30,8 +30,8 @@ def test_spatial_algebra_changes_nothing_but_the_cost() -> None:
 
 
 def test_states_in_flight_are_not_solved() -> None:
-    found = group("cube in flight", 100, 0)
-    model, (q, v, u) = found.variants[0].model, found.states
+    variants, (q, v, u) = group("cube in flight", 100, 0)
+    model = variants[0].model
     after = model.predict(q, v, u)
     assert (after.iterations == 0).all()
     gravity = np.array([0, 0, -9.81, 0, 0, 0])  # a cube's inertia is isotropic: free flight in closed form

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
+from cmbrl.bench.states import G1, NO_G1
 from cmbrl.contact import Barrier
 from cmbrl.envs.simulation import Simulation
 from cmbrl.errors import UserError
@@ -27,7 +26,6 @@ WALKER = f"""<mujoco><option timestep="0.005"/><worldbody><geom name="ground" ty
 <body pos="0 0 .62"><freejoint/><geom type="box" size=".1 .1 .1" mass="5" contype="0" conaffinity="0"/>
 {LEG.format(n="l", y=0.1)}{LEG.format(n="r", y=-0.1)}</body></worldbody>
 <actuator><motor joint="hip_l"/><motor joint="knee_l"/></actuator></mujoco>"""
-G1 = Path(__file__).parents[3] / "shared/models/g1_reference.xml"
 NAMES = ("hopper", "cheetah", "cube", "walker")
 
 
@@ -285,7 +283,7 @@ def test_refusals(models: dict[str, ComplementarityModel]) -> None:
             BundledContactModel(models["hopper"], config)
 
 
-@pytest.mark.skipif(not G1.exists(), reason="the G1's MJCF is not there")
+@pytest.mark.skipif(not G1.exists(), reason=NO_G1)
 def test_g1() -> None:
     """Without noise the model's states and gradients; each foot is a chain of six joints, the pelvis in neither."""
     from cmbrl.bench.scenes import paired

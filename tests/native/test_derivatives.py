@@ -8,11 +8,12 @@ from typing import Any
 
 import pytest
 
+from cmbrl.bench.states import G1, NO_G1
 from cmbrl.bench.studies.derivatives.differences import SMOOTHINGS, measure
 from cmbrl.bench.studies.derivatives.study import table as table_of
 from cmbrl.scene import Scene
 
-from ..scene.conftest import G1, GYMNASIUM
+from ..scene.conftest import GYMNASIUM
 
 CUBE = Path(__file__).parents[2] / "tasks/cube_toss/scene.xml"
 FILES = {
@@ -32,7 +33,7 @@ range="-60 60" limited="true"/>
 
 def scene_of(name: str, law: str) -> Scene:
     if not FILES[name].exists():
-        pytest.skip(f"{FILES[name]} is not there")
+        pytest.skip(NO_G1)
     return Scene.from_mjcf(FILES[name], contact_law=law)
 
 

@@ -7,13 +7,14 @@ from itertools import product
 import numpy as np
 import pytest
 
+from cmbrl.bench.states import G1, NO_G1
 from cmbrl.bench.studies.robustness.cells import SMOOTHINGS, TOLERANCE, measure, wild_batch
 from cmbrl.contact import Barrier, Exact
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.native import SolverStatus
 from cmbrl.scene import Scene
 
-from ..scene.conftest import G1, GYMNASIUM
+from ..scene.conftest import GYMNASIUM
 from .test_derivatives import CUBE
 
 FILES = {
@@ -48,7 +49,7 @@ def test_rigid_contact() -> None:
     check({"g1": 200}, 1e-2, ("rigid",))
 
 
-@pytest.mark.skipif(not G1.exists(), reason="shared/models/g1_reference.xml is not here")
+@pytest.mark.skipif(not G1.exists(), reason=NO_G1)
 def test_a_derivative_that_cannot_be_had_is_flagged() -> None:
     """Simulated soft, differentiated hard: where the hard solve fails, so has the step with its derivative."""
     scene = Scene.from_mjcf(G1, contact_law="rigid")

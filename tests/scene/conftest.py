@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from cmbrl.bench.states import G1, NO_G1
 from cmbrl.scene import Scene
 
 GYMNASIUM = sorted((Path(pytest.importorskip("gymnasium").__file__).parent / "envs/mujoco/assets").glob("*.xml"))
-G1 = Path(__file__).parents[3] / "shared/models/g1_reference.xml"
 Load = Callable[..., tuple[Scene, mujoco.MjModel]]
 
 
@@ -39,9 +39,9 @@ def robot(request: pytest.FixtureRequest) -> tuple[Scene, mujoco.MjModel]:
 
 @pytest.fixture
 def g1() -> Scene:
-    """The humanoid of ``shared/models``, a folder beside the repository."""
+    """A humanoid robot."""
     if not G1.exists():
-        pytest.skip(f"{G1} is not there")
+        pytest.skip(NO_G1)
     return Scene.from_mjcf(G1)
 
 

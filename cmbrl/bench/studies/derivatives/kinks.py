@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.scene.layout import Layout
 
 Array = NDArray[np.float64]
 
@@ -44,12 +43,7 @@ def choices(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
 
 def _clamps(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Array) -> list[NDArray[np.bool_]]:
     scene, core = model.scene, model.scene.core
-    P = np.array(core.P)
-    moved = theta - core.par_nominal
-    for k in np.flatnonzero(moved):
-        entries = slice(core.par_ptr[k], core.par_ptr[k + 1])
-        P[core.par_idx[entries]] += moved[k] * core.par_coef[entries]
-    layout = Layout(2 if core.planar else 3, core.nbody, scene.nv, core.ncontact, core.nplane, core.nact)
+    P, layout = scene.physical_vector(theta), scene.layout
     time = P[[layout.contact(k, "solref0") for k in range(core.ncontact)]]
     gear, gain, bias0, bias1, bias2 = P[layout.actuator(0) : layout.gravity].reshape(-1, 5).T
     low, high = np.reshape(core.act_ctrl, (-1, 2)).T

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from cmbrl.bench.states import SCENES, available, left_out, scene_file
+from cmbrl.bench.states import SCENES, available, bench_scene, left_out
 from cmbrl.bench.studies.derivatives.differences import SMOOTHINGS, measure
 from cmbrl.bench.study import Section, Settings, Study, Table
 from cmbrl.bench.words import Words
 from cmbrl.jobs import Job, Runner
-from cmbrl.scene import Scene
 
 STATES, QUICK_STATES = 1000, 20
 WORDS = Words("cmbrl.bench.studies.derivatives")
@@ -23,7 +22,7 @@ KEYS = (
 
 def cell(scene: str, smoothing: str, states: int, seed: int) -> dict[str, Any]:
     """The errors of one scene under one smoothing."""
-    return {"scene": scene, **measure(Scene.from_mjcf(scene_file(scene)), smoothing, states, seed)}
+    return {"scene": scene, **measure(bench_scene(scene), smoothing, states, seed)}
 
 
 def table(rows: Sequence[dict[str, Any]], states: int) -> Table:

@@ -6,7 +6,7 @@ The first variant of a group is what a user gets; the others compute the same mo
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -46,31 +46,28 @@ class Variant:
         return self.model.predict(q, v, u, theta=self.theta)
 
 
-@dataclass(frozen=True)
-class Group:
-    """Variants that must give the same next states from ``states`` = q (n, nq), v (n, nv), u (n, nu)."""
-
-    variants: list[Variant]
-    states: tuple[np.ndarray, np.ndarray, np.ndarray]
+States = tuple[np.ndarray, np.ndarray, np.ndarray]  #: q (n, nq), v (n, nv), u (n, nu)
 
 
-def group(label: str, count: int, seed: int) -> Group:
-    """The group ``label`` of ``SOURCES`` at ``count`` visited states, fewer where only some apply."""
+def group(label: str, count: int, seed: int) -> tuple[list[Variant], States]:
+    """The variants of ``label`` (in ``SOURCES``) and ``count`` visited states, fewer where only some apply.
+
+    All variants must give the same next states.
+    """
     source = paired(SOURCES[label])
     visited = visit(source, count, seed)
     states = visited.q, visited.v, visited.u
     if label == "cube, frictionless":
-        return Group(_frictionless(source), states)
-    model = _model(source, source.scene)
+        return _frictionless(source), states
+    model = source.model(path_tolerance=PRECISE)
     if label.endswith("flight"):
         kept = model.predict(*states).iterations == 0  # nothing near, so nothing was solved
-        q, v, u = (x[kept] for x in states)
-        return Group([Variant("no solve", model), _unpruned(model)], (q, v, u))
+        return [Variant("no solve", model), _unpruned(model)], (states[0][kept], states[1][kept], states[2][kept])
     variants = [Variant("reduced", model), _unpruned(model)]
     if source.scene.planar:
-        full = _model(source, Scene.from_mjcf(source.scene.path, reduce=False))
+        full = replace(source, scene=Scene.from_mjcf(source.scene.path, reduce=False)).model(path_tolerance=PRECISE)
         variants += [Variant("spatial", full), _unpruned(full, "spatial, all candidates")]
-    return Group(variants, states)
+    return variants, states
 
 
 def _frictionless(source: PairedScene) -> list[Variant]:
@@ -83,16 +80,13 @@ def _frictionless(source: PairedScene) -> list[Variant]:
         file = Path(folder) / "frictionless.xml"
         file.write_text(spec.to_xml(), encoding="utf-8")
         smooth = Scene.from_mjcf(file)
-    cones = _model(source, source.scene)
+    cones = source.model(path_tolerance=PRECISE)
     theta = cones.parameters.copy()
     theta[[p.group == "friction" for p in source.scene.parameters]] = 0.0
-    return [Variant("no cones", _model(source, smooth)), Variant("cones of zero friction", cones, theta)]
-
-
-def _model(source: PairedScene, scene: Scene) -> ComplementarityModel:
-    return ComplementarityModel(
-        scene, time_step=source.peer.opt.timestep, integrator=source.integrator, path_tolerance=PRECISE
-    )
+    return [
+        Variant("no cones", replace(source, scene=smooth).model(path_tolerance=PRECISE)),
+        Variant("cones of zero friction", cones, theta),
+    ]
 
 
 def _unpruned(model: ComplementarityModel, name: str = "all candidates") -> Variant:
@@ -105,16 +99,16 @@ def measure(scene: str, states: int, seed: int, repeats: int) -> list[dict[str, 
     Differences to the first variant's next state are the largest over coordinates, then the largest over states or,
     where it says typical, their median. ``changed`` counts states whose velocity differs by more than ``CHANGED``.
     """
-    found = group(scene, states, seed)
-    count = len(found.states[0])
-    parts = [tuple(x[i : i + BATCH] for x in found.states) for i in range(0, count, BATCH)]
-    work = {v.name: (lambda v=v: [v.step(*part) for part in parts], count) for v in found.variants}  # type: ignore[misc]
+    variants, found = group(scene, states, seed)
+    count = len(found[0])
+    parts = [tuple(x[i : i + BATCH] for x in found) for i in range(0, count, BATCH)]
+    work = {v.name: (lambda v=v: [v.step(*part) for part in parts], count) for v in variants}  # type: ignore[misc]
     seconds = interleaved(work, repeats)
-    first = found.variants[0]
-    base = first.step(*found.states)
+    first = variants[0]
+    base = first.step(*found)
     rows = []
-    for variant in found.variants:
-        result = variant.step(*found.states)
+    for variant in variants:
+        result = variant.step(*found)
         moved = first.model.scene.difference(base.q_next, result.q_next)
         off = np.max(np.abs(result.v_next - base.v_next), axis=1)
         rows.append(

@@ -15,19 +15,10 @@ from cmbrl.jobs import Job, Runner
 LABELS = tuple(SOURCES)
 WORDS = Words("cmbrl.bench.studies.reduction")
 COLUMNS = {
-    "scene": "scene",
-    "variant": "variant",
-    "candidates": "candidates",
-    "seconds": "us",
-    "ratio": "ratio",
-    "velocity_difference": "max |dv'|",
-    "typical_difference": "median |dv'|",
-    "position_difference": "max |dq'|",
-    "changed": "changed",
-    "iterations": "iterations",
-    "failures": "failed",
-    "states": "states",
-}
+    "scene": "scene", "variant": "variant", "candidates": "candidates", "seconds": "us", "ratio": "ratio",
+    "velocity_difference": "max |dv'|", "typical_difference": "median |dv'|", "position_difference": "max |dq'|",
+    "changed": "changed", "iterations": "iterations", "failures": "failed", "states": "states",
+}  # fmt: skip
 
 
 def _study(folder: Path, settings: Settings, runner: Runner) -> Section:

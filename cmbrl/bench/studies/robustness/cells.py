@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.bench.states import WILD, bench_scenes, random_states, with_friction
+from cmbrl.bench.states import WILD, bench_scene, random_states, with_friction
 from cmbrl.contact import Barrier, Exact
 from cmbrl.contact.smoothing import Smoothing
 from cmbrl.models.complementarity import ComplementarityModel
@@ -24,7 +24,7 @@ SMOOTHINGS: dict[str, Smoothing] = {"exact": Exact(), "kappa 1e-4": Barrier(1e-4
 
 def cell(scene: str, law: str, smoothing: str, count: int, seed: int) -> dict[str, Any]:
     """:func:`measure` for one of the bench scenes."""
-    model = ComplementarityModel(bench_scenes(contact_law=law)[scene], smoothing=SMOOTHINGS[smoothing])
+    model = ComplementarityModel(bench_scene(scene, law), smoothing=SMOOTHINGS[smoothing])
     return {"scene": scene, "law": law, "smoothing": smoothing, **measure(model, count, seed)}
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from cmbrl.bench.states import G1
+from cmbrl.bench.states import available, left_out
 from cmbrl.bench.studies.robustness.cells import SMOOTHINGS, TOLERANCE, cell
 from cmbrl.bench.study import Section, Settings, Study, Table
 from cmbrl.bench.words import Words
@@ -18,7 +18,7 @@ WORDS = Words("cmbrl.bench.studies.robustness")
 
 
 def run(folder: Path, settings: Settings, runner: Runner) -> Section:
-    chosen = [label for label in settings.scenes or SIZES if label != "g1" or G1.exists()]
+    chosen = available(tuple(SIZES), settings.scenes)
     cells = [
         {"scene": scene, "law": law, "smoothing": smoothing, "count": SIZES[scene] // (100 if settings.quick else 1)}
         for law in LAWS
@@ -28,7 +28,8 @@ def run(folder: Path, settings: Settings, runner: Runner) -> Section:
     jobs = [Job("{scene} {law} {smoothing}".format(**c), cell, {**c, "seed": settings.seed}) for c in cells]
     rows = runner.run(jobs, "cell")
     values = {"tolerance": TOLERANCE, "seed": settings.seed, "rows": rows}
-    return Section(WORDS("title"), WORDS("method"), [table(rows)], values=values)
+    text = " ".join([WORDS("method"), left_out(tuple(SIZES), chosen, settings.scenes)]).strip()
+    return Section(WORDS("title"), text, [table(rows)], values=values)
 
 
 def table(rows: Sequence[dict[str, Any]]) -> Table:

@@ -39,21 +39,17 @@ def measure(
     candidates: int,
     seed: int,
 ) -> dict[str, Any]:
-    """All times of one scene.
+    """All times of one of ``cmbrl.bench.scenes.LABELS``, from ``states`` visited states drawn with ``seed``.
 
     Args:
-        scene: label, one of ``cmbrl.bench.scenes.LABELS``.
-        states: visited states, at least ``batch``.
         batch: elements of one native call in the comparison with MuJoCo.
         batches: batch sizes measured on one thread and on ``threads``.
-        threads: see ``batches``.
         repeats: turns that count.
         candidates: parameter vectors scored at once.
-        seed: of the visited states and the candidates.
     """
     pair = paired(scene)
     visited = visit(pair, states, seed)
-    model = _model(pair, Barrier(1e-4))
+    model = pair.model(smoothing=Barrier(1e-4))
     return {
         "isa": model.stepper.instruction_set,
         "rows": _against_mujoco(pair, visited, batch, repeats),
@@ -62,17 +58,10 @@ def measure(
     }
 
 
-def _model(pair: PairedScene, smoothing: Smoothing, threads: int = 1) -> ComplementarityModel:
-    h = pair.peer.opt.timestep
-    return ComplementarityModel(
-        pair.scene, smoothing=smoothing, time_step=h, integrator=pair.integrator, threads=threads
-    )
-
-
 def _against_mujoco(pair: PairedScene, visited: Visited, batch: int, repeats: int) -> list[dict[str, Any]]:
     """One row per smoothing; MuJoCo's step takes its turn right before each group of ours."""
     n, step = len(visited.q), MujocoStep(pair.peer, visited)
-    models = {name: _model(pair, smoothing) for name, smoothing in SMOOTHINGS.items()}
+    models = {name: pair.model(smoothing=smoothing) for name, smoothing in SMOOTHINGS.items()}
     work: Work = {}
     for name, model in models.items():
         ours = _ours(model, visited, batch)
@@ -148,7 +137,7 @@ def _by_batch(
     """Wall time of step and Jacobian by batch size, on one thread and on several; ``gain``: of their fastest turns."""
     n, kinds = len(visited.q), ("forward", "jacobian")
     work: Work = {}
-    models = {"one": _model(pair, Barrier(1e-4)), "many": _model(pair, Barrier(1e-4), threads)}
+    models = {name: pair.model(smoothing=Barrier(1e-4), threads=k) for name, k in (("one", 1), ("many", threads))}
     for size in batches:
         for name, model in models.items():
             ours = _ours(model, visited, size)
