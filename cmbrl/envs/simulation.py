@@ -189,7 +189,9 @@ class _Wraps(Protocol):
 def coordinates_of(model: Model) -> Coordinates:
     """Which velocities are linear and which angular; raises UserError for a model that does not know."""
     if not isinstance(model, HasCoordinates):
-        raise UserError(f"{model.name} has no coordinates, which velocity noise needs; set linear and angular to 0")
+        raise UserError(
+            f"{model.name} has no coordinates, which velocity noise needs; set noise_linear and noise_angular to 0"
+        )
     return model.coordinates
 
 

@@ -80,5 +80,5 @@ def test_noise_needs_a_model_that_knows_its_robot(tmp_path: Path) -> None:
     class Nobody:
         name, dt = "nobody", slider.DT
 
-    with pytest.raises(UserError, match="nobody has no layout"):
+    with pytest.raises(UserError, match="nobody has no coordinates"):
         Simulation(slider.mdp(), Nobody(), 2, disturbance=Disturbance(linear=0.1))  # type: ignore[arg-type]
