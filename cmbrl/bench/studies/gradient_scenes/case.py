@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -14,9 +12,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from cmbrl.bench.peers.mujoco import compiled
+from cmbrl.bench.peers.ours import scene_of
 from cmbrl.contact.smoothing import Smoothing
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.scene import Scene
 
 Array = NDArray[np.float64]
 Start = Callable[[Tensor, float], tuple[Tensor, Tensor, Tensor]]
@@ -56,7 +54,7 @@ class Case:
 
     def model(self, smoothing: Smoothing) -> ComplementarityModel:
         """Rigid contact with the case's restitution, no pruning; one control step is the whole simulation."""
-        scene = rigid_scene(self.mjcf.replace("{contact}", ""))
+        scene = scene_of(self.mjcf.replace("{contact}", ""), "rigid")
         theta = scene.parameter_vector()
         theta[[p.group == "restitution" for p in scene.parameters]] = self.restitution
         return ComplementarityModel(
@@ -102,14 +100,6 @@ class Case:
             return np.asarray(self.output(*(torch.stack(x) for x in zip(*ends, strict=True))).numpy())
 
         return central_differences(values, np.array(self.at))
-
-
-def rigid_scene(mjcf: str) -> Scene:
-    """The scene of an MJCF text, with rigid contact."""
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "scene.xml"
-        file.write_text(mjcf, encoding="utf-8")
-        return Scene.from_mjcf(file, contact_law="rigid")
 
 
 def central_differences(values: Callable[[Array], Array], at: Array) -> Array:

@@ -14,7 +14,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cmbrl.bench.studies.gradient_scenes.case import Array, rigid_scene
+from cmbrl.bench.peers.ours import scene_of
+from cmbrl.contact.problem import Array
 from cmbrl.gradients.rollout import Launch, ParametricPolicy, Reward, Rollout, TanhPolicy
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.protocol import Model
@@ -89,7 +90,7 @@ def push_impact() -> System:
     """A pusher drives into a free box, with linear feedback of gap and speeds."""
     policy = TanhPolicy(lambda q, v: torch.stack([q[:, 1] - q[:, 0], v[:, 0], v[:, 1]], dim=1), 3, 1)
     return System(
-        "push impact", "box push: impact", rigid_scene(PUSHER), {"time_step": 0.01}, policy,
+        "push impact", "box push: impact", scene_of(PUSHER, "rigid"), {"time_step": 0.01}, policy,
         np.array([0.5, -0.1, -0.1, 0.3]), lambda u, q, v: -0.01 * (q[:, 1] - 0.3) ** 2,
         np.array([0.08, 0.0]), np.zeros(2), (0.005, 0.3), 1e-3,
     )  # fmt: skip
@@ -99,7 +100,7 @@ def push_friction() -> System:
     """A block on the floor, pushed with a force near the threshold of sliding; some starts stick, some slip."""
     policy = TanhPolicy(lambda q, v: torch.stack([q[:, 0], v[:, 0]], dim=1), 2, 1)
     return System(
-        "push friction", "box push: friction", rigid_scene(BLOCK), {"time_step": 0.01}, policy,
+        "push friction", "box push: friction", scene_of(BLOCK, "rigid"), {"time_step": 0.01}, policy,
         np.array([-1.0, -0.1, 0.6]), lambda u, q, v: -0.01 * (q[:, 0] - 0.2) ** 2,
         np.zeros(2), np.zeros(2), (0.0, 0.3), 1e-3,
     )  # fmt: skip

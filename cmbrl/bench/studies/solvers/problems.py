@@ -6,7 +6,6 @@ is used instead, so that others can rerun the same problems or bring their own.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from cmbrl.bench.peers.mujoco_steps import Visited, visit
-from cmbrl.bench.scenes import PairedScene, feet_only, paired
+from cmbrl.bench.peers.ours import scene_of
+from cmbrl.bench.scenes import feet_only, paired
 from cmbrl.bench.states import G1, available
 from cmbrl.bench.studies.solvers.hard_cases import FAMILY, hard_cases, problem
 from cmbrl.contact.problem import ContactProblem, load, save
@@ -55,7 +55,8 @@ def visited(states: int, seed: int, robots: Collection[str] = VISITED) -> list[C
     for scene in (paired(SCENES[robot]) for robot in available(VISITED) if robot in robots):
         label = scene.label.removesuffix(" euler")
         seen = visit(scene, STEPS, seed)
-        problems += _spread(_problems(_rigid(scene), seen), states, label)
+        rigid = feet_only(G1) if label == "g1 feet" else Path(scene.scene.path)
+        problems += _spread(_problems(scene_of(rigid, "rigid"), seen), states, label)
         problems += [replace(p, name=f"{YIELDING}/{p.name}") for p in
                      _spread(_problems(scene.scene, seen), max(states // 4, 1), label)]  # fmt: skip
     return problems
@@ -90,15 +91,6 @@ def random_problems(seed: int, quick: bool) -> list[ContactProblem]:
     dofs = {n: (6,) if n == 2 else sorted({30, 3 * n}) for n in sizes}
     problems = [random_problem(n, nv, spread, rng) for n in sizes for nv in dofs[n] for spread in (1.0, 1e6)]
     return problems + [random_problem(n, dofs[n][0], 1e6, rng, planar=True) for n in sizes[:3]]
-
-
-def _rigid(scene: PairedScene) -> Scene:
-    if scene.label != "g1 feet":
-        return Scene.from_mjcf(scene.scene.path, contact_law="rigid")
-    with tempfile.TemporaryDirectory() as folder:  # a Scene is read from a file
-        edited = Path(folder) / "g1_feet.xml"
-        edited.write_text(feet_only(G1), encoding="utf-8")
-        return Scene.from_mjcf(edited, contact_law="rigid")
 
 
 def _problems(scene: Scene, seen: Visited) -> list[ContactProblem]:
