@@ -85,7 +85,8 @@ def _documented(node: ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFun
 def _imports(name: str) -> tuple[str, ...]:
     """Names that may be modules of this package, from every import in the file but those for type checkers.
 
-    A string such as "cmbrl.train.shac:SHAC" counts too: what it names is imported when it is needed.
+    A string such as "cmbrl.train.shac:SHAC" counts too: what it names is imported when it is needed. One that names a
+    package counts for all of its modules.
     """
     source = _source(name)
     assert source is not None
@@ -96,8 +97,17 @@ def _imports(name: str) -> tuple[str, ...]:
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
             found.update([node.module, *(f"{node.module}.{alias.name}" for alias in node.names)])
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and name != PACKAGE:
-            found.update(match[1] for match in _NAMED.finditer(node.value))
+            for match in _NAMED.finditer(node.value):
+                found.update([match[1], *_members(match[1])])
     return tuple(x for x in found if x.split(".")[0] == PACKAGE)
+
+
+def _members(name: str) -> list[str]:
+    """The modules of the package ``name``; none for a module."""
+    source = _source(name)
+    if source is None or source.name != "__init__.py":
+        return []
+    return [f"{name}.{file.stem}" for file in source.parent.glob("*.py") if file.stem != "__init__"]
 
 
 def _running(node: ast.AST) -> Iterator[ast.AST]:

@@ -64,11 +64,13 @@ def test_the_digest_sees_code_and_nothing_else(tmp_path: Path, monkeypatch: pyte
     )
     assert digest("def f(x):\n    return x + 2\n") != first
     one = digest("from cmbrl.errors import UserError\n")
-    two = digest("if TYPE_CHECKING:\n    from cmbrl.fit import fit\n")
+    two = digest("if TYPE_CHECKING:\n    from cmbrl.fitting import fit\n")
     assert "cmbrl.errors" in code_digest._closure("cmbrl.files")
     assert "cmbrl.train.shac" in code_digest._closure("cmbrl.cli.train")  # named in a string
     assert "cmbrl.tasks.hopper.mdp" in code_digest._closure("cmbrl.registry")
-    assert "cmbrl.fit" not in code_digest._closure("cmbrl.scene.scene")
+    assert "cmbrl.contact.solvers.admm" in code_digest._closure("cmbrl.contact.solvers.registry")  # by its package
+    assert "cmbrl.fitting.fit" in code_digest._closure("cmbrl.cli.fit")
+    assert "cmbrl.fitting.fit" not in code_digest._closure("cmbrl.scene.scene")
     assert one != two
 
 
