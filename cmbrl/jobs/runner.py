@@ -104,7 +104,7 @@ class Runner:
         waiting = list(jobs)
         for attempt in range(ATTEMPTS):
             try:
-                for name, outcome in self._parallel(waiting):
+                for name, outcome in self._parallel(tuple(waiting)):  # joblib takes from it as jobs end
                     job = next(job for job in waiting if job.name == name)
                     waiting.remove(job)
                     yield job, outcome
