@@ -94,6 +94,8 @@ class Runner:
             if outcome.user:
                 raise UserError(outcome.error or "")
             raise JobError(f"{job.name}: {outcome.error}", outcome.details)
+        if lost := [job.name for job in jobs if results[job.file] is MISSING]:
+            raise JobError(f"{lost[0]}: the back end returned nothing for it", "")
         return [results[job.file] for job in jobs]
 
     def _outcomes(self, jobs: Sequence[Job], alone: bool) -> Any:
@@ -104,7 +106,7 @@ class Runner:
         waiting = list(jobs)
         for attempt in range(ATTEMPTS):
             try:
-                for name, outcome in self._parallel(tuple(waiting)):  # read while jobs leave ``waiting``
+                for name, outcome in self._parallel(tuple(waiting)):  # joblib takes from it as jobs end
                     job = next(job for job in waiting if job.name == name)
                     waiting.remove(job)
                     yield job, outcome

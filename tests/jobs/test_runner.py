@@ -121,6 +121,14 @@ def test_a_failing_job_stops_no_other(work, tmp_path: Path, n_jobs: int) -> None
         runner.run(jobs(work.fails, 4, tmp_path)[2:])
 
 
+def test_two_workers_do_every_job(work, tmp_path: Path) -> None:
+    """More jobs than joblib hands out at first: those that end early must not displace those that wait."""
+    alone = Runner(tmp_path / "alone").run(jobs(work.noise, 40, tmp_path))
+    (tmp_path / "log").unlink()
+    assert Runner(tmp_path / "together", n_jobs=2).run(jobs(work.noise, 40, tmp_path)) == alone
+    assert calls(tmp_path) == list(range(40))
+
+
 def test_a_killed_worker_costs_only_time(work, tmp_path: Path) -> None:
     alone = Runner(tmp_path / "alone").run(jobs(work.noise, 5, tmp_path))
     (tmp_path / "log").unlink()
