@@ -77,12 +77,6 @@ def test_results_are_kept_and_say_where_they_are_from(work, tmp_path: Path) -> N
     assert {"commit", "hardware", "versions", "started"} <= held["made"].keys()
 
 
-def test_workers_do_more_jobs_than_are_dispatched_at_once(work, tmp_path: Path) -> None:
-    found = Runner(tmp_path / "kept", n_jobs=2).run(jobs(work.noise, 30, tmp_path))
-    assert found == Runner(tmp_path / "one").run(jobs(work.noise, 30, tmp_path))
-    assert calls(tmp_path) == sorted([*range(30), *range(30)])
-
-
 def test_other_inputs_code_or_machine_are_other_results(work, tmp_path: Path) -> None:
     kept, job = tmp_path / "kept", jobs(work.noise, 1, tmp_path)[0]
     Runner(kept).run([job])
