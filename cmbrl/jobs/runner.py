@@ -17,7 +17,7 @@ from cmbrl.jobs.job import Job
 from cmbrl.jobs.store import MISSING, Accept, Store
 
 Progress = Callable[[float, str], object]  #: called with the share that is done, 0 to 1, and what is being done
-ATTEMPTS = 3  #: times that a job is begun whose worker dies
+ATTEMPTS = 3  #: times in a row that workers may die without a job being done
 
 
 class JobError(Exception):
@@ -46,6 +46,7 @@ class Runner:
     backend: "loky" (processes of this machine), "ray" or "dask".
     accept: which kept results count, see :data:`cmbrl.jobs.store.Accept`.
     progress: called after every job.
+    seeds_a_job: how many seeds one job computes side by side.
     """
 
     folder: Path
@@ -53,12 +54,13 @@ class Runner:
     backend: str = "loky"
     accept: Accept = "exact"
     progress: Progress = field(default=lambda share, text: None)
+    seeds_a_job: int = 1
     _seeds: set[Any] = field(default_factory=set)
 
     @property
     def seeds(self) -> int:
         """How many seeds the jobs had so far, counting those without one as one."""
-        return max(1, len(self._seeds))
+        return max(1, len(self._seeds)) * self.seeds_a_job
 
     def run(
         self, jobs: Sequence[Job], what: str = "job", share: tuple[float, float] = (0.0, 1.0), alone: bool = False
@@ -103,21 +105,22 @@ class Runner:
         if alone or (self.n_jobs == 1 and self.backend == "loky"):
             yield from ((job, compute(job, self.folder)) for job in jobs)
             return
-        waiting = list(jobs)
-        for attempt in range(ATTEMPTS):
+        waiting, fruitless = list(jobs), 0
+        while waiting:
+            before = len(waiting)
             try:
                 for name, outcome in self._parallel(tuple(waiting)):  # joblib takes from it as jobs end
                     job = next(job for job in waiting if job.name == name)
                     waiting.remove(job)
                     yield job, outcome
-                return
-            except BrokenProcessPool:
-                if attempt == ATTEMPTS - 1:
-                    raise JobError(f"{waiting[0].name}: its worker died {ATTEMPTS} times", "") from None
+            except BrokenProcessPool:  # a worker died; what the others have kept is done
                 kept = Store(self.folder)
                 for job in [job for job in waiting if kept.get(job) is not MISSING]:
                     waiting.remove(job)
                     yield job, Outcome(kept.get(job))
+            fruitless = fruitless + 1 if len(waiting) == before else 0
+            if fruitless == ATTEMPTS:
+                raise JobError(f"{waiting[0].name}: its worker died {ATTEMPTS} times", "")
 
     def _parallel(self, jobs: Sequence[Job]) -> Any:
         if not jobs:

@@ -36,6 +36,7 @@ def run(folder: Path, settings: Settings, runner: Runner) -> Section:
             {"place": place, "horizon": horizon, "arm": arm, "training": work.training, "seed": seed})
         for horizon, place, arm in product(work.learning, places, NAMES)
     ]  # fmt: skip
+    runner.seeds_a_job = work.training.seeds  # of the trainings; gradients have one
     found = runner.run(looks, "gradient", (0.1, 0.4))
     return section(found, runner.run(lessons, "training", (0.4, 1.0)), folder, work)
 
