@@ -1,7 +1,6 @@
-"""A run folder says how it came about: the resolved configuration, the versions, the hardware.
+"""What a run folder says about its run: the resolved configuration, the code, the versions and the hardware.
 
-``config.json`` can be given back to the command (``--config``) to repeat the run; ``environment.json`` is what a number
-needs beside it.
+``config.json`` repeats the run when it is passed to the command by ``--config``. ``environment.json`` holds the rest.
 """
 
 from __future__ import annotations
@@ -88,7 +87,7 @@ def write_run(folder: str | os.PathLike[str], command: str, configuration: Mappi
 
 
 def environment() -> dict[str, Any]:
-    """What stands beside a number: start time, command line, commit (in a checkout), versions, hardware."""
+    """Start time, command line, commit (in a checkout), versions and hardware of this process."""
     return {
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "command_line": [Path(sys.argv[0]).name, *sys.argv[1:]],

@@ -76,4 +76,4 @@ def _floats(scene: Scene, body: int) -> bool:
 
 
 def _coordinates(scene: Scene, body: int) -> list[int]:
-    return [k for j in scene.joints if j.body == body for k in range(j.vadr, j.vadr + (3 if j.kind == 2 else 1))]
+    return [k for j in scene.joints if j.body == body for k in range(j.vadr, j.vadr + (3 if j.kind == JointKind.BALL else 1))]

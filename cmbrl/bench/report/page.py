@@ -88,7 +88,7 @@ def _machines(chapters: Sequence[Chapter]) -> list[dict[str, Any]]:
 
 
 def _kind(cell: Cell) -> str:
-    """The class of a table cell: numbers stand to the right, verdicts have a colour beside their word."""
+    """The class of a table cell: numbers are aligned to the right, verdicts have a colour."""
     if isinstance(cell, str) and cell not in ("nan", "inf", "-inf"):
         words = set(cell.lower().replace(",", " ").split())
         return "bad" if words & BAD else "good" if words & GOOD else "text"
