@@ -66,7 +66,6 @@ def curves(results: Results) -> Figure:
         axes.axis("off")
     for axes, scene in zip(grid.ravel(), scenes, strict=False):
         _curves_of(axes, scene, results)
-    figure.supxlabel("physics step h [s]", fontsize=9)
     figure.supylabel("error, share of the scene's scale (x: off the chart, or blew up)", fontsize=9)
     legend_below(figure, ncols=len(results.names) + 1)
     return figure
@@ -84,6 +83,7 @@ def _curves_of(axes: Axes, scene: BankScene, results: Results) -> None:
     steps = sorted({h for label, _, h in results.cells if label == scene.label})
     axes.loglog(steps, [scene.tolerance(h) for h in steps], "k--", lw=1, label="tolerance")
     axes.set_title(scene.name, fontsize=9)
+    axes.set_xlabel("physics step h [s]", fontsize=8)
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_ylim(FLOOR / 3, CEILING * 3)
     axes.grid(alpha=0.3)
