@@ -76,4 +76,5 @@ def _floats(scene: Scene, body: int) -> bool:
 
 
 def _coordinates(scene: Scene, body: int) -> list[int]:
-    return [k for j in scene.joints if j.body == body for k in range(j.vadr, j.vadr + (3 if j.kind == JointKind.BALL else 1))]
+    joints = [joint for joint in scene.joints if joint.body == body]
+    return [k for joint in joints for k in range(joint.vadr, joint.vadr + (3 if joint.kind == JointKind.BALL else 1))]

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
+import time
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -34,6 +36,10 @@ def dies_once(seed, log):
 
 def dies(seed):
     os.kill(os.getpid(), signal.SIGKILL)
+
+def sleeps(seed, log):
+    Path(log).with_name(f"pid_{seed}").write_text(str(os.getpid()))
+    time.sleep(120)
 
 def fails(seed, log):
     if seed == 1:
@@ -130,6 +136,33 @@ def test_a_killed_worker_costs_only_time(work, tmp_path: Path) -> None:
     assert together == alone
     with pytest.raises(JobError, match="seed: its worker died 3 times"):
         Runner(tmp_path / "dead", n_jobs=2).run([Job("seed", work.dies, {"seed": k}) for k in (0,)])
+
+
+def test_workers_end_with_a_killed_driver(work, tmp_path: Path) -> None:
+    program = (
+        "import job_functions; from pathlib import Path; from cmbrl.jobs import Job, Runner; "
+        f"jobs = [Job(f'seed {{k}}', job_functions.sleeps, {{'seed': k, 'log': {str(tmp_path / 'log')!r}}}) "
+        f"for k in (0, 1)]; Runner(Path({str(tmp_path / 'kept')!r}), 2).run(jobs)"
+    )
+    driver = subprocess.Popen([sys.executable, "-c", program])
+    files = [tmp_path / f"pid_{k}" for k in (0, 1)]
+    assert within(60, lambda: all(file.exists() and file.read_text() for file in files))
+    driver.kill()
+    driver.wait()
+    assert within(30, lambda: not any(alive(int(file.read_text())) for file in files))
+
+
+def within(seconds: float, true) -> bool:
+    """Whether ``true()`` comes true in time."""
+    end = time.monotonic() + seconds
+    while not true() and time.monotonic() < end:
+        time.sleep(0.1)
+    return bool(true())
+
+
+def alive(pid: int) -> bool:
+    state = Path(f"/proc/{pid}/stat")
+    return state.exists() and state.read_text().split(")")[-1].split()[0] != "Z"
 
 
 @pytest.mark.parametrize(("backend", "package"), [("ray", "ray"), ("dask", "distributed")])
