@@ -23,7 +23,7 @@ from cmbrl.files import check_writable, read_json, write_json
 CONFIGURATION = "config.json"
 ENVIRONMENT = "environment.json"
 _PACKAGES = (
-    *("cmbrl", "numpy", "scipy", "torch", "mujoco", "gymnasium", "pymunk", "cmaes", "minari", "scikit-learn"),
+    *("cmbrl", "numpy", "scipy", "torch", "mujoco", "joblib", "gymnasium", "pymunk", "cmaes", "minari", "scikit-learn"),
     *("qpsolvers", "proxsuite", "daqp", "quadprog", "piqp", "osqp", "clarabel", "scs", "highspy", "cvxpy"),
     *("cvxpylayers", "diffcp", "pin", "stable-baselines3", "sb3-contrib"),
 )

@@ -56,10 +56,10 @@ def add_arguments(parser: Parser) -> None:
     )
     parser.add_argument(
         "--accept",
-        choices=("exact", "machine", "any"),
+        choices=("exact", "code", "any"),
         default="exact",
-        help="kept results that count: of this code on this processor (exact), of this code anywhere (machine), of "
-        "any code (any)",
+        help="kept results that count: of this code, processor and versions of packages (exact); of this code anywhere "
+        "(code); of any code (any)",
     )
     add_seed(parser)
     add_json(parser)

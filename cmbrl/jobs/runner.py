@@ -6,7 +6,7 @@ import os
 import threading
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -19,6 +19,7 @@ from cmbrl.errors import UserError
 from cmbrl.jobs.backends import backend
 from cmbrl.jobs.job import Job
 from cmbrl.jobs.store import MISSING, Accept, Store
+from cmbrl.runs import environment
 
 Progress = Callable[[float, str], object]  #: called with the share that is done, 0 to 1, and what is being done
 ATTEMPTS = 3  #: times in a row that workers may die without a job being done
@@ -34,9 +35,10 @@ class JobError(Exception):
 
 @dataclass(frozen=True)
 class Outcome:
-    """A result, or what went wrong; ``user``: the error is one that the user can fix."""
+    """A result and where it was ``made``, or what went wrong; ``user``: the error is one that the user can fix."""
 
     value: Any = None
+    made: Mapping[str, Any] = field(default_factory=dict)
     error: str | None = None
     details: str = ""
     user: bool = False
@@ -75,7 +77,7 @@ class Runner:
         process, for jobs that take times.
         Raises UserError or JobError for the first job that failed, after all others are done and kept.
         """
-        store = Store(self.folder, self.accept)
+        store, kept = Store(self.folder, self.accept), Store(self.folder, "code")
         self._seeds |= {job.inputs["seed"] for job in jobs if "seed" in job.inputs}
         results = {job.file: store.get(job) for job in jobs}
         if len(results) < len(jobs):
@@ -83,8 +85,8 @@ class Runner:
         waiting = [job for job in jobs if results[job.file] is MISSING]
 
         def done(job: Job, outcome: Outcome) -> None:
-            if outcome.error is None and store.get(job) is MISSING:  # made where this folder is out of sight
-                store.put(job, outcome.value)
+            if outcome.error is None and kept.get(job) is MISSING:  # made where this folder is out of sight
+                kept.put(job, outcome.value, outcome.made)
             count = sum(value is not MISSING for value in results.values())
             self.progress(share[0] + (share[1] - share[0]) * count / len(jobs), f"{what} {count} of {len(jobs)}")
 
@@ -169,7 +171,7 @@ def compute(job: Job, folder: Path) -> Outcome:
         return Outcome(error=f"{type(error).__name__}: {error}", details=traceback.format_exc())
     finally:
         torch.set_num_threads(threads)
-    store = Store(folder)
+    store, made = Store(folder), environment()
     if store.reachable():
-        store.put(job, value)
-    return Outcome(value)
+        store.put(job, value, made)
+    return Outcome(value, made)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -10,10 +11,10 @@ from typing import Any, Literal
 from cmbrl.errors import UserError
 from cmbrl.files import read_json, write_json
 from cmbrl.jobs.job import Job
-from cmbrl.runs import environment, hardware
+from cmbrl.runs import hardware, versions
 
-Accept = Literal["exact", "machine", "any"]
-"""Which kept results count: made by this code on this kind of machine; by this code anywhere; by any code anywhere."""
+Accept = Literal["exact", "code", "any"]
+"""Which kept results count: of this code, processor and versions of packages; of this code anywhere; of any code."""
 
 MISSING = object()
 
@@ -33,14 +34,15 @@ class Store:
             wanted = job.key()
             same = all(key[name] == wanted[name] for name in ("function", "inputs"))
             same &= self.accept == "any" or key["code"] == wanted["code"]
-            same &= self.accept != "exact" or made["hardware"]["processor"] == hardware()["processor"]
+            here = made["hardware"]["processor"] == hardware()["processor"] and made["versions"] == versions()
+            same &= self.accept != "exact" or here
             return held["value"] if same else MISSING
         except (UserError, KeyError, TypeError):
             return MISSING
 
-    def put(self, job: Job, value: Any) -> None:
-        """Keeps ``value``, whole or not at all."""
-        write_json(self.folder / job.file, {"key": job.key(), "made": environment(), "value": value})
+    def put(self, job: Job, value: Any, made: Mapping[str, Any]) -> None:
+        """Keeps ``value``, whole or not at all. ``made``: the environment of the process that computed it."""
+        write_json(self.folder / job.file, {"key": job.key(), "made": made, "value": value})
 
     def reachable(self) -> bool:
         """Whether this process sees the folder: a worker on another machine may not."""

@@ -135,7 +135,8 @@ class ContactBuilder:
         elif odd := kinds - {*_POINTWISE}:
             self.gate.refuse("geom_type", label, f"contact with a geom of type {odd.pop()}")
         else:
-            self.gate.refuse("geom_pair", label, f"contact of a {a.kind} with a {b.kind}")
+            hint = " (a capsule in place of the cylinder is)" if "cylinder" in kinds and kinds & {*_ROUND} else ""
+            self.gate.refuse("geom_pair", label, f"contact of a {a.kind} with a {b.kind}{hint}")
 
 
 def _point_plane(shape: Shape, plane: Shape, point: Array, radius: float, weight: int, law: ContactLaw) -> Candidate:

@@ -75,6 +75,12 @@ def test_refused_by_name_or_ignored(kind: str, load: Load) -> None:
     assert kind in describe(scene)
 
 
+def test_cylinder_against_sphere_offers_a_capsule(load: Load) -> None:
+    world = DROP.format('type="sphere" size=".1"') + '<geom name="f" type="cylinder" size="1 1"/>'
+    with pytest.raises(UserError, match=r"a capsule in place of the cylinder is\).*--ignore geom_pair"):
+        load(world)
+
+
 def test_all_refusals_come_in_one_line(load: Load) -> None:
     world = HINGE.format('gravcomp="1"', 'actuatorfrcrange="-1 1"')
     with pytest.raises(UserError, match=r"1 more element.*--ignore gravcomp --ignore joint_force_range"):
