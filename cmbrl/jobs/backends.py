@@ -6,8 +6,10 @@ Ray and Dask connect to the cluster that RAY_ADDRESS or DASK_SCHEDULER_ADDRESS n
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from threading import Thread
 from typing import Any
 
 from joblib import parallel_config
@@ -32,8 +34,20 @@ def backend(name: str, n_jobs: int) -> Iterator[None]:
 
 @contextmanager
 def _loky(n_jobs: int) -> Iterator[None]:
-    with parallel_config(backend="loky", n_jobs=n_jobs, inner_max_num_threads=1):
+    ends: Any = {"initializer": _end_with, "initargs": (os.getpid(),)}
+    with parallel_config(backend="loky", n_jobs=n_jobs, inner_max_num_threads=1, **ends):
         yield
+
+
+def _end_with(driver: int) -> None:
+    """Ends this worker when its driver is gone, for a killed driver ends no workers, which would compute on."""
+
+    def watch() -> None:
+        while os.getppid() == driver:
+            time.sleep(1)
+        os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
 
 
 @contextmanager

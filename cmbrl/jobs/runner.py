@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import os
-import threading
-import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -135,26 +131,12 @@ class Runner:
             # Ray and Dask have no generators: results come back together, but each worker keeps its own at once.
             how = {"return_as": "generator_unordered"} if self.backend == "loky" else {}
             yield from Parallel(n_jobs=self.n_jobs, batch_size=1, **how)(
-                delayed(_named)(job, self.folder, os.getpid()) for job in jobs
+                delayed(_named)(job, self.folder) for job in jobs
             )
 
 
-def _named(job: Job, folder: Path, driver: int) -> tuple[str, Outcome]:
-    if os.getppid() == driver:
-        _end_with(driver)
+def _named(job: Job, folder: Path) -> tuple[str, Outcome]:
     return job.name, compute(job, folder)
-
-
-@cache
-def _end_with(driver: int) -> None:
-    """Ends this worker when its driver is gone, for a killed driver ends no workers, which would compute on."""
-
-    def watch() -> None:
-        while os.getppid() == driver:
-            time.sleep(1)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 def compute(job: Job, folder: Path) -> Outcome:
