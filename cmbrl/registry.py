@@ -36,9 +36,9 @@ if TYPE_CHECKING:
     from cmbrl.data.behaviour import PolicyFunction
     from cmbrl.data.recorder import Progress
     from cmbrl.data.transitions import Transitions
-    from cmbrl.envs.mdp import MDP
-    from cmbrl.envs.system import System
+    from cmbrl.mdp import MDP
     from cmbrl.scene import Scene
+    from cmbrl.system import System
 
 GROUP = "cmbrl.tasks"
 

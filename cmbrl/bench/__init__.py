@@ -1,1 +1,1 @@
-"""Measurements: model error on a log, speed against other simulators."""
+"""Measurements of models, solvers, gradients and policies next to their competitors."""

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from cmbrl.envs.evaluation import Actor
-from cmbrl.envs.mdp import MDP
+from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import SolverWarning
 from cmbrl.models.protocol import Model
 

@@ -9,11 +9,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cmbrl.envs.mdp import MDP
 from cmbrl.envs.simulation import Disturbance, Simulation
-from cmbrl.envs.system import SystemFactory
 from cmbrl.envs.system_batch import SystemBatch
+from cmbrl.mdp import MDP
 from cmbrl.models.protocol import Model
+from cmbrl.system import SystemFactory
 
 Actor = Callable[[Tensor], Tensor]  #: observations (B, n_o) float32 -> actions (B, n_a) in [-1, 1]
 

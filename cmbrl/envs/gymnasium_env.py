@@ -9,9 +9,9 @@ import numpy as np
 import torch
 
 from cmbrl.envs.drawing import Drawer
-from cmbrl.envs.mdp import MDP
 from cmbrl.envs.spaces import action_space, observation_space
 from cmbrl.errors import UserError
+from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import SolverWarning
 from cmbrl.models.protocol import Model, forget
 

@@ -11,9 +11,9 @@ import torch
 from cmbrl.data.behaviour import PolicyFunction, controller
 from cmbrl.data.recorder import Progress
 from cmbrl.data.transitions import Transitions
-from cmbrl.envs.mdp import MDP
 from cmbrl.envs.recording import Recording
-from cmbrl.envs.system import MujocoSystem
+from cmbrl.mdp import MDP
+from cmbrl.system import MujocoSystem
 
 
 def record_mujoco(

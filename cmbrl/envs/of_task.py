@@ -9,9 +9,9 @@ from cmbrl.errors import UserError
 from cmbrl.registry import load_task, names
 
 if TYPE_CHECKING:
-    from cmbrl.envs.mdp import MDP
-    from cmbrl.envs.system import SystemFactory
+    from cmbrl.mdp import MDP
     from cmbrl.registry import Task
+    from cmbrl.system import SystemFactory
 
 
 def decision_process(task: Task) -> MDP:

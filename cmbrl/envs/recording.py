@@ -9,9 +9,9 @@ import torch
 from torch import Tensor
 
 from cmbrl.data.transitions import Transitions
-from cmbrl.envs.mdp import MDP
-from cmbrl.envs.system import SystemFactory
 from cmbrl.envs.system_batch import SystemBatch
+from cmbrl.mdp import MDP
+from cmbrl.system import SystemFactory
 
 
 class Recording:

@@ -16,12 +16,12 @@ from dataclasses import replace
 from typing import Any
 
 from cmbrl.envs.gymnasium_env import MDPEnv
-from cmbrl.envs.mdp import MDP
 from cmbrl.envs.of_task import decision_process, real_system
 from cmbrl.envs.simulation import Simulation
 from cmbrl.envs.system_batch import SystemBatch
 from cmbrl.envs.vector_env import MDPVectorEnv
 from cmbrl.errors import UserError
+from cmbrl.mdp import MDP
 from cmbrl.models.named import NOMINAL, named_model
 from cmbrl.models.protocol import Model
 from cmbrl.registry import Task, load_task, names

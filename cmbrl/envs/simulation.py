@@ -11,8 +11,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cmbrl.envs.mdp import MDP
 from cmbrl.errors import UserError
+from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import ComplementarityModel, SolverWarning
 from cmbrl.models.manifold import Coordinates
 from cmbrl.models.protocol import HasCoordinates, Model, forget, model_state, restore_model

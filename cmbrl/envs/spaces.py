@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cmbrl.envs.mdp import MDP
 from cmbrl.errors import UserError
+from cmbrl.mdp import MDP
 
 try:
     from gymnasium.spaces import Box

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cmbrl.envs.system import SystemFactory
+from cmbrl.system import SystemFactory
 
 
 class SystemBatch:

@@ -2,7 +2,7 @@
 
 A trainer is called as ``Trainer(mdp, model, config, seed=...)`` and is a :class:`cmbrl.train.trainer.Trainer`.
 ``model`` is what ``--model`` names: a next-state model, an untrained ensemble ("ensemble"), or the function that makes
-the task's real system ("real", :data:`cmbrl.envs.system.SystemFactory`). ``config`` comes from
+the task's real system ("real", :data:`cmbrl.system.SystemFactory`). ``config`` comes from
 :func:`cmbrl.train.recipe.configure`. An algorithm that needs more lists it in ``takes`` and gets it by keyword:
 
 - ``system``: the function that makes the task's real system, for an algorithm that collects transitions while it

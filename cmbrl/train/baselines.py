@@ -15,13 +15,13 @@ from typing import Any, ClassVar
 import torch
 from torch import nn
 
-from cmbrl.envs.mdp import MDP
 from cmbrl.envs.simulation import Simulation
-from cmbrl.envs.system import SystemFactory
 from cmbrl.envs.system_batch import SystemBatch
 from cmbrl.errors import UserError
+from cmbrl.mdp import MDP
 from cmbrl.models.protocol import Model, forget
 from cmbrl.settings import setting
+from cmbrl.system import SystemFactory
 from cmbrl.train import stable_baselines as sb3
 from cmbrl.train.policy import Architecture, Policy
 from cmbrl.train.randomness import GlobalRandomness

@@ -14,7 +14,6 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from cmbrl.envs.mdp import MDP
 from cmbrl.envs.simulation import Simulation, Step
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.gradients.aobg import BiasBound, aobg
@@ -22,6 +21,7 @@ from cmbrl.gradients.estimate import Estimate
 from cmbrl.gradients.per_sample import per_sample_gradients
 from cmbrl.gradients.pipps import Future, NoisyNode
 from cmbrl.gradients.score import leave_one_out
+from cmbrl.mdp import MDP
 from cmbrl.models.protocol import Model
 from cmbrl.settings import setting
 from cmbrl.train.critic import BETAS, check_discount

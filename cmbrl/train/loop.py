@@ -18,14 +18,14 @@ import torch
 
 from cmbrl.data.transitions import Transitions
 from cmbrl.envs.evaluation import evaluate_model
-from cmbrl.envs.mdp import MDP
 from cmbrl.envs.recording import Recording
 from cmbrl.envs.simulation import Disturbance, parameter_sets
-from cmbrl.envs.system import SystemFactory
 from cmbrl.errors import UserError
 from cmbrl.fitting import FitResult, fit
+from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.settings import setting
+from cmbrl.system import SystemFactory
 from cmbrl.train.shac import SHAC, SHACConfig
 from cmbrl.train.trainer import Trainer
 

@@ -19,13 +19,13 @@ import torch
 from torch import Tensor
 
 from cmbrl.data.transitions import Transitions
-from cmbrl.envs.mdp import MDP
 from cmbrl.envs.recording import Recording, outcome
-from cmbrl.envs.system import SystemFactory
 from cmbrl.errors import UserError
+from cmbrl.mdp import MDP
 from cmbrl.models.ensemble import NeuralEnsemble
 from cmbrl.models.protocol import Model
 from cmbrl.settings import setting
+from cmbrl.system import SystemFactory
 from cmbrl.train import stable_baselines as sb3
 from cmbrl.train.policy import Architecture, Policy
 from cmbrl.train.pool import Mixture, Pool

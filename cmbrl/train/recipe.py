@@ -15,8 +15,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from cmbrl.envs.mdp import MDP
 from cmbrl.envs.of_task import decision_process
+from cmbrl.mdp import MDP
 from cmbrl.registry import Task
 from cmbrl.settings import check_settings
 from cmbrl.train.algorithms import algorithm

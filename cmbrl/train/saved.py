@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from cmbrl.envs.mdp import MDP
 from cmbrl.envs.of_task import decision_process
 from cmbrl.errors import UserError
+from cmbrl.mdp import MDP
 from cmbrl.registry import Task, load_task
 from cmbrl.train.models import REAL, check_model
 from cmbrl.train.policy_file import SavedPolicy, load_policy

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from cmbrl.envs.mdp import MDP
 from cmbrl.envs.of_task import decision_process, real_system
 from cmbrl.errors import UserError
+from cmbrl.mdp import MDP
 from cmbrl.models.source import load_log
 from cmbrl.registry import Task, load_task
 from cmbrl.text import parse_fields

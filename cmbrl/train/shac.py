@@ -13,9 +13,9 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from cmbrl.envs.mdp import MDP
 from cmbrl.envs.simulation import Step
 from cmbrl.gradients.per_sample import per_sample_gradients
+from cmbrl.mdp import MDP
 from cmbrl.models.protocol import Model
 from cmbrl.settings import setting
 from cmbrl.train.critic import BETAS, Critic, check_discount, finite

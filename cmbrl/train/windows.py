@@ -10,9 +10,9 @@ from typing import Any, ClassVar
 
 import torch
 
-from cmbrl.envs.mdp import MDP
 from cmbrl.envs.simulation import Disturbance, Simulation, parameter_sets
 from cmbrl.gradients.kinds import steps_taken
+from cmbrl.mdp import MDP
 from cmbrl.models.protocol import Model, failures
 from cmbrl.settings import setting
 from cmbrl.train.critic import Critic, CriticConfig

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from cmbrl.envs.mdp import MDP, uniform
+from cmbrl.mdp import MDP, uniform
 
 STEP = 0.01  # s, of the model
 SPREAD = 0.02  # m, largest deviation of a throw's start

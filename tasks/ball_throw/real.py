@@ -30,7 +30,7 @@ EPISODE_STEPS = 100  # a recorded throw lasts 1 s: two or three bounces
 
 
 class BallSystem:
-    """The ball as a :class:`cmbrl.envs.system.System`: q = x, z, spin angle about +y; no control (nu = 0)."""
+    """The ball as a :class:`cmbrl.system.System`: q = x, z, spin angle about +y; no control (nu = 0)."""
 
     dt = CONTROL_DT
 

@@ -48,7 +48,7 @@ def _mdp() -> Any:
 
 
 def _system() -> Any:
-    from cmbrl.envs.system import MujocoSystem
+    from cmbrl.system import MujocoSystem
 
     return MujocoSystem(_scene(), frame_skip=5)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from cmbrl.envs.mdp import MDP, never, uniform
+from cmbrl.mdp import MDP, never, uniform
 
 DT = 0.05  # s
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from cmbrl.envs.mdp import MDP, never, uniform
+from cmbrl.mdp import MDP, never, uniform
 
 DT, STEPS = 0.05, 80  # s, steps of an episode
 HEIGHT, LOW, PITCH, STATE = 1.25, 0.7, 0.2, 100.0  # m, m, rad, both: start; healthy above, within, within

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from cmbrl.data.transitions import Transitions
-from cmbrl.envs.mdp import MDP
 from cmbrl.envs.mujoco_recording import record_mujoco
-from cmbrl.envs.system import MujocoSystem
+from cmbrl.mdp import MDP
+from cmbrl.system import MujocoSystem
 
 
 def system(scene: Path) -> MujocoSystem:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from cmbrl.envs.mdp import MDP, uniform
+from cmbrl.mdp import MDP, uniform
 
 DT = 0.008  # s
 START = (0.0, 1.25, 0.0, 0.0, 0.0, 0.0)

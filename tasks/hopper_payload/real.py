@@ -13,9 +13,9 @@ from xml.etree import ElementTree
 
 from cmbrl.data.transitions import Transitions
 from cmbrl.envs.mujoco_recording import record_mujoco
-from cmbrl.envs.system import MujocoSystem
 from cmbrl.errors import UserError
 from cmbrl.registry import Task
+from cmbrl.system import MujocoSystem
 
 CHANGES = {  # (element of hopper.xml, attribute): (nominal, real)
     ("motor[@joint='thigh_joint']", "gear"): (200.0, 160.0),  # N m at full control

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from cmbrl.envs.evaluation import evaluate_model, evaluate_real
-from cmbrl.envs.mdp import MDP, never
+from cmbrl.mdp import MDP, never
 
 LAST = 3  # steps after which the state is lost
 

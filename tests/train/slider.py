@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from cmbrl import Scene
-from cmbrl.envs.mdp import MDP, uniform
-from cmbrl.envs.system import MujocoSystem, SystemFactory
+from cmbrl.mdp import MDP, uniform
+from cmbrl.system import MujocoSystem, SystemFactory
 
 DT, MASS, GEAR, END = 0.05, 2.0, 8.0, 1.0
 XML = f"""<mujoco><option timestep="{DT}" gravity="0 0 0"/><worldbody><body>

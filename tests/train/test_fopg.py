@@ -11,10 +11,10 @@ import torch
 from torch import Tensor
 
 from cmbrl.contact import Adaptive
-from cmbrl.envs.mdp import MDP, never, uniform
 from cmbrl.errors import UserError
 from cmbrl.gradients import derivative_model
 from cmbrl.gradients.per_sample import per_sample_gradients
+from cmbrl.mdp import MDP, never, uniform
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.registry import load_task
 from cmbrl.train.fopg import ESTIMATORS, FOPG, FOPGConfig

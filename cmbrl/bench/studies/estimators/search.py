@@ -9,8 +9,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from cmbrl.envs.mdp import MDP
 from cmbrl.envs.simulation import Simulation
+from cmbrl.mdp import MDP
 from cmbrl.models.protocol import Model
 from cmbrl.train.baselines import ARSConfig
 from cmbrl.train.policy import Architecture, Policy

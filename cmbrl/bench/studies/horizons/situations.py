@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cmbrl.envs.mdp import MDP
 from cmbrl.gradients import Rollout, TanhPolicy
+from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.protocol import Model
 from cmbrl.registry import Task, load_task

@@ -16,15 +16,15 @@ import torch
 
 from cmbrl.data.transitions import Transitions
 from cmbrl.envs.evaluation import Actor, Evaluation, evaluate_model, evaluate_real
-from cmbrl.envs.mdp import MDP
 from cmbrl.envs.recording import Recording
 from cmbrl.envs.simulation import Disturbance, parameter_sets
-from cmbrl.envs.system import SystemFactory
 from cmbrl.errors import UserError
+from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.named import nominal_model
 from cmbrl.models.protocol import Model
 from cmbrl.registry import Task, load_task
+from cmbrl.system import SystemFactory
 from cmbrl.train.loop import EPISODE_STEPS
 
 EPISODES, CURVE_EPISODES = 10, 3  #: of the last policy in each system; of one point of the curve

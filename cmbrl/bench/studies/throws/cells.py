@@ -12,13 +12,13 @@ import numpy as np
 from cmbrl.bench.studies.throws.arms import ARMS
 from cmbrl.bench.studies.throws.descent import Range, Rule, Sampler, centred, real_distances
 from cmbrl.contact.smoothing import Exact
-from cmbrl.envs.mdp import MDP
-from cmbrl.envs.system import SystemFactory
 from cmbrl.fitting import fit
 from cmbrl.gradients.estimate import Array
+from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.named import nominal_model
 from cmbrl.registry import load_task
+from cmbrl.system import SystemFactory
 
 TASKS = {
     "ball_throw": "off ground and wall, and back",

@@ -18,10 +18,10 @@ from torch import Tensor
 from cmbrl.bench.groups import estimates
 from cmbrl.bench.studies.throws.arms import Arm
 from cmbrl.envs.evaluation import evaluate_real
-from cmbrl.envs.mdp import MDP
-from cmbrl.envs.system import SystemFactory
 from cmbrl.gradients.estimate import Array, Estimate
+from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import ComplementarityModel, SolverWarning
+from cmbrl.system import SystemFactory
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ import torch
 
 from cmbrl.bench.timing import Spread, Work, interleaved
 from cmbrl.contact import Barrier
-from cmbrl.envs.mdp import MDP
 from cmbrl.envs.simulation import Simulation
-from cmbrl.envs.system import System
+from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.registry import load_task
+from cmbrl.system import System
 from cmbrl.train.shac import SHAC, SHACConfig
 
 ENVIRONMENTS, HORIZON = 64, 32
