@@ -15,13 +15,13 @@ from cmbrl.cli.options import add_json, positive, read_configuration
 from cmbrl.cli.progress import fraction
 from cmbrl.code_digest import code_digest
 from cmbrl.errors import UserError
-from cmbrl.files import check_writable, read_json, write_json
+from cmbrl.files import atomic_path, check_writable, read_json, write_json
 from cmbrl.jobs import Job, Runner
 from cmbrl.jobs.backends import BACKENDS
 from cmbrl.runs import ENVIRONMENT, environment, usable_cores
 
 EXAMPLE = """
-cmbrl sweep configs/hopper_loop.yaml --seeds 0:10 --out runs/seeds
+cmbrl sweep configs/hopper_loop.yaml --seeds 0:10
 cmbrl sweep configs/hopper_loop.yaml --seeds 0:100 --out runs/seeds --backend ray --jobs 64
 cmbrl sweep configs/hopper_loop.yaml --seeds 0:10 --out runs/seeds --slurm > seeds.sh
 """
@@ -34,7 +34,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seeds", type=seeds, required=True, metavar="A:B", help="seeds A to B - 1, or a list such as 0,3,7"
     )
-    parser.add_argument("--out", required=True, metavar="DIR", help="one run folder a seed in DIR, and DIR/sweep.json")
+    parser.add_argument(
+        "--out",
+        metavar="DIR",
+        help="one run folder a seed in DIR, DIR/sweep.json with all results, and DIR/slurm.sh, an array job that does "
+        "the same (default: runs/CONFIG-seeds)",
+    )
     parser.add_argument(
         "--jobs", type=positive, metavar="N", help="runs at a time, one thread each (default: all cores)"
     )
@@ -45,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="loky: processes here; ray, dask: the cluster of RAY_ADDRESS or DASK_SCHEDULER_ADDRESS, whose machines "
         "have to see DIR (default: loky)",
     )
-    parser.add_argument("--slurm", action="store_true", help="only print a Slurm array job that does the same")
+    parser.add_argument("--slurm", action="store_true", help="only print that array job")
     add_json(parser)
 
 
@@ -62,15 +67,19 @@ def seeds(text: str) -> list[int]:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    config, out = Path(arguments.sweep), Path(arguments.out)
+    config = Path(arguments.sweep)
+    out = Path(arguments.out or f"runs/{config.stem}-seeds")
     options = dict(read_configuration(config))
     command = options.get("command")
     if command not in COMMANDS:
         raise UserError(f"{config}: no `command: train` or `command: fit` in it: add the line that says which to run")
+    array = slurm(command, config, arguments.seeds, out)
     if arguments.slurm:
-        print(slurm(command, config, arguments.seeds, out))
+        print(array)
         return 0
     check_writable(out, folder=True)
+    with atomic_path(out / "slurm.sh") as script:
+        script.write_text(array + "\n", encoding="utf-8")
     options = {name: value for name, value in options.items() if name not in _OWN}
     folder = str(out.resolve())
     jobs = [
@@ -83,7 +92,11 @@ def run(arguments: argparse.Namespace) -> int:
         results = runner.run(jobs, "run")
     summary = {"command": command, "options": options, "seeds": arguments.seeds, "runs": results}
     write_json(out / "sweep.json", {**summary, "environment": environment()})
-    print(json.dumps(summary, indent=2) if arguments.json else table(command, arguments.seeds, results))
+    if arguments.json:
+        print(json.dumps(summary, indent=2))
+    else:
+        print(table(command, arguments.seeds, results))
+        print(f"\n{out}: one run folder a seed; the same as a Slurm array: sbatch {out / 'slurm.sh'}")
     return 0
 
 
@@ -151,7 +164,7 @@ def slurm(command: str, config: Path, seeds: Sequence[int], out: Path) -> str:
             f"#SBATCH --array={array}",
             "#SBATCH --cpus-per-task=1",
             f"#SBATCH --output={out}/slurm_%a.txt",
-            "# Submit it from this folder after: mkdir -p " + here,
+            f"# Submit it from {shlex.quote(str(Path.cwd()))} after: mkdir -p {here}",
             f"run={here}/seed_$SLURM_ARRAY_TASK_ID",
             '[ -e "$run/checkpoint.safetensors" ] || [ -e "$run/state.json" ] && resume=--resume',
             f"cmbrl {command} --config {shlex.quote(str(config))} --threads 1 \\",

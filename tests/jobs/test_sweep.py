@@ -36,9 +36,9 @@ def policy(folder: Path) -> bytes:
 
 def test_every_seed_is_what_it_is_alone(config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["sweep", "throw.yaml", "--seeds", "3:5", "--out", "sweep", "--jobs", "2"]) == 0
-    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()[2:]] == [
-        "3", "4", "median", "lowest", "highest"
-    ]  # fmt: skip
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines[2:7]] == ["3", "4", "median", "lowest", "highest"]
+    assert lines[-1].endswith("sbatch sweep/slurm.sh")
     for seed in (3, 4):
         assert main(["train", "--config", "throw.yaml", "--seed", str(seed), "--out", f"alone_{seed}"]) == 0
         assert policy(tmp_path / f"sweep/seed_{seed}") == policy(tmp_path / f"alone_{seed}")
@@ -88,5 +88,8 @@ def test_the_slurm_array_does_the_same(config: Path, tmp_path: Path, capsys: pyt
     environment = {**os.environ, "SLURM_ARRAY_TASK_ID": "3", "PATH": f"{tmp_path}/bin:{os.environ['PATH']}"}
     done = subprocess.run(["bash", "-c", script], env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert main(["sweep", "throw.yaml", "--seeds", "3:4", "--out", "sweep"]) == 0
-    assert policy(tmp_path / "array/seed_3") == policy(tmp_path / "sweep/seed_3")
+    assert main(["sweep", "throw.yaml", "--seeds", "3:4"]) == 0
+    assert policy(tmp_path / "array/seed_3") == policy(tmp_path / "runs/throw-seeds/seed_3")
+    written = (tmp_path / "runs/throw-seeds/slurm.sh").read_text()
+    assert "#SBATCH --array=3-3\n" in written
+    assert "run=runs/throw-seeds/seed_$SLURM_ARRAY_TASK_ID\n" in written
