@@ -4,9 +4,9 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 run=$(mktemp -d)/hopper
 scripts/demo.sh "$run"
+made=$(.venv/bin/python -c 'from cmbrl.bench.provenance import line, made; print(line(made("cmbrl.cli.error", seeds=1)))')
 cp "$run/error/error.png" docs/hopper_error.png
 {
-  cat "$run/error/error.txt"
-  echo
-  .venv/bin/python -c 'from cmbrl.bench.provenance import line, made; print(line(made("cmbrl.cli.error", seeds=1)))'
+  sed "s|$run/||" "$run/error/error.txt"
+  printf '\n%s\n' "$made"
 } > docs/hopper_error.txt
