@@ -1,4 +1,4 @@
-"""What all studies share: tables as text and CSV, sections that survive a file, a list that needs no rival."""
+"""What all studies share: tables as text and CSV, sections that survive a file, a list that needs no competitor."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_unknown_study() -> None:
         load("sped")
 
 
-def test_help_needs_no_rival_installed() -> None:
+def test_help_needs_no_competitor_installed() -> None:
     code = (
         f"import sys; sys.modules.update(dict.fromkeys({OPTIONAL}));"  # None: as if it were not installed
         "from cmbrl.cli import main; main(['bench', '--help'])"
