@@ -1,4 +1,4 @@
-"""First-order gradients through the neural ensemble: SHAC on it is the like-for-like competitor of SHAC on our model."""
+"""First-order gradients through the neural ensemble: SHAC on it is the direct competitor of SHAC on our model."""
 
 from __future__ import annotations
 
