@@ -9,7 +9,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,21 +18,12 @@ from cmbrl.data.transitions import Transitions
 from cmbrl.fitting.loss import huber as huber_loss
 from cmbrl.models.windows import Windows
 from cmbrl.scene.layout import Layout
+from cmbrl.scene.records import Parameter
 
 H = 0.02
 FIELDS = ("mass", "damping", "frictionloss", "gear")
 NOMINAL = {"mass": 2.0, "damping": 0.5, "frictionloss": 0.8, "gear": 3.0}
 WIDTH = 0.05
-
-
-class Parameter(NamedTuple):
-    name: str
-    group: str
-    nominal: float
-    low: float
-    high: float
-    transform: str
-    unit: str
 
 
 class CartScene:
