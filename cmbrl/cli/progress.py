@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from threading import RLock
 
 from tqdm import tqdm
+
+tqdm.set_lock(RLock())  # tqdm's own lock is a semaphore of the system, which a worker that is ended leaves behind
 
 
 @contextmanager
