@@ -13,6 +13,10 @@ export PIP_DISABLE_PIP_VERSION_CHECK=1
 
 cd "$folder"  # away from the sources: what is imported below is what was installed
 cmbrl=$folder/venv/bin/cmbrl
+if venv/bin/python -c 'import tasks' 2> missing.txt; then
+  echo "check_install: 'import tasks' works: the bundled tasks belong into cmbrl.tasks" >&2; exit 1
+fi
+tail -n 1 missing.txt
 $cmbrl --help > overview.txt
 commands=$(sed -n '/^commands:/,/^$/s/^  \([a-z]*\) .*/\1/p' overview.txt)
 [ "$(wc -w <<< "$commands")" -ge 9 ] || { echo "check_install: too few commands in 'cmbrl --help'" >&2; exit 1; }
