@@ -60,12 +60,16 @@ def _dispatch(arguments: Sequence[str]) -> int:
         return 0
     if name not in COMMANDS:
         raise UserError(f"unknown command {name!r}: {did_you_mean(name, COMMANDS)}")
-    # Only the chosen command is imported: `cmbrl info` must not wait for torch.
+    return import_module(f"cmbrl.cli.{name}").run(parser_of(name).parse(chosen.arguments)) or 0
+
+
+def parser_of(name: str) -> Parser:
+    """The parser of a command. Only that command is imported: `cmbrl info` must not wait for torch."""
     command = import_module(f"cmbrl.cli.{name}")
     parser = Parser(f"cmbrl {name}", COMMANDS[name], command.EXAMPLE)
     command.add_arguments(parser)
     parser.add_config()
-    return command.run(parser.parse(chosen.arguments)) or 0
+    return parser
 
 
 def _overview() -> Parser:

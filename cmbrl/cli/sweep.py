@@ -6,6 +6,7 @@ import argparse
 import json
 import shlex
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -73,13 +74,14 @@ def run(arguments: argparse.Namespace) -> int:
     command = options.get("command")
     if command not in COMMANDS:
         raise UserError(f"{config}: no `command: train` or `command: fit` in it: add the line that says which to run")
+    from cmbrl.cli.main import parser_of
+
+    parser_of(command).parse(["--config", str(config), "--out", str(out)])  # a mistake is found before any run starts
     array = slurm(command, config, arguments.seeds, out)
     if arguments.slurm:
         print(array)
         return 0
     check_writable(out, folder=True)
-    with atomic_path(out / "slurm.sh") as script:
-        script.write_text(array + "\n", encoding="utf-8")
     options = {name: value for name, value in options.items() if name not in _OWN}
     folder = str(out.resolve())
     jobs = [
@@ -89,7 +91,13 @@ def run(arguments: argparse.Namespace) -> int:
     ]  # fmt: skip
     with fraction(f"sweep {config.stem}") as progress:
         runner = Runner(out / "seeds", arguments.jobs or usable_cores(), arguments.backend, progress=progress)
-        results = runner.run(jobs, "run")
+        try:
+            results = runner.run(jobs, "run")
+        except UserError:
+            _remove_empty(out / "seeds", out)
+            raise
+    with atomic_path(out / "slurm.sh") as script:
+        script.write_text(array + "\n", encoding="utf-8")
     summary = {"command": command, "options": options, "seeds": arguments.seeds, "runs": results}
     write_json(out / "sweep.json", {**summary, "environment": environment()})
     if arguments.json:
@@ -123,9 +131,19 @@ def one_seed(command: str, options: dict[str, Any], seed: int, folder: str, home
         code = main([command, *typed, *(["--resume"] if begun else [])])
     if code not in (0, 1):  # 1: the run diverged, which is a result
         last = (place / "output.txt").read_text(encoding="utf-8").strip().splitlines()
+        if not begun:  # a mistake that was found before anything was computed leaves nothing behind
+            (place / "sweep_options.json").unlink()
+            (place / "output.txt").unlink()
+            _remove_empty(place)
         raise UserError(f"seed {seed}: {last[-1].removeprefix('cmbrl: ') if last else f'ended with code {code}'}")
     result = read_json(place / COMMANDS[command])
     return {"seed": seed, "code": code, "result": _short(command, result)}
+
+
+def _remove_empty(*folders: Path) -> None:
+    for folder in folders:
+        with suppress(OSError):  # it is not empty
+            folder.rmdir()
 
 
 def _short(command: str, result: dict[str, Any]) -> dict[str, Any]:
