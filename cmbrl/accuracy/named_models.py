@@ -80,6 +80,8 @@ def train_ensemble(
     """
     with _one_thread():
         report = ensemble.fit(data, seed=seed, progress=progress, max_seconds=max_seconds)
+    if report.stopped == "interrupted":  # an ensemble that Ctrl-C has cut short would be compared as if it were whole
+        raise KeyboardInterrupt
     return (
         f"trained on {len(data)} transitions, seed {seed}, {report.epochs} epochs in {report.seconds:.0f} s "
         f"(stopped by {report.stopped}), held-out error {report.holdout_error:.4f}"

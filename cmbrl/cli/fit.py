@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cmbrl.cli.options import (
+    EXIT_INTERRUPTED,
     add_json,
     add_scene_options,
     add_seed,
@@ -125,7 +126,7 @@ def run(arguments: argparse.Namespace) -> int:
     print(json.dumps(read_json(out / "fit.json"), indent=2) if arguments.json else result.report_text())
     if result.report["stopped"] == "interrupted":
         print(f"cmbrl: interrupted: the best fit so far is in {out}; continue it with --resume", file=sys.stderr)
-        return 130
+        return EXIT_INTERRUPTED
     return 0
 
 

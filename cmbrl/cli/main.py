@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from importlib.metadata import version
 
-from cmbrl.cli.options import Parser
+from cmbrl.cli.options import EXIT_INTERRUPTED, Parser
 from cmbrl.errors import UserError, did_you_mean
 
 # name -> summary; the module cmbrl.cli.NAME has EXAMPLE, add_arguments(parser) and run(arguments) -> exit code or None.
@@ -39,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         print("cmbrl: interrupted", file=sys.stderr)
-        return 130
+        return EXIT_INTERRUPTED
     except BrokenPipeError:
         # The reader has gone (`cmbrl info hopper | head`): keep the interpreter from complaining at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

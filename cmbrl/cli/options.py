@@ -16,6 +16,7 @@ from cmbrl.errors import UserError, did_you_mean
 from cmbrl.runs import check_run_folder
 from cmbrl.text import LARGEST, shortened
 
+EXIT_INTERRUPTED = 130  #: exit code after Ctrl-C
 WIDTH = 98  #: of help texts, at most
 MODEL_HELP = "nominal (the task's scene as in its file), or the folder of a fit or an ensemble"
 _NOT_SAVED = {"config", "json", "resume"}  # not part of what a run is

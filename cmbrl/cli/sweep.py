@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.cli.options import add_json, positive, read_configuration
+from cmbrl.cli.options import EXIT_INTERRUPTED, add_json, positive, read_configuration
 from cmbrl.cli.progress import fraction
 from cmbrl.code_digest import code_digest
 from cmbrl.errors import UserError
@@ -129,6 +129,8 @@ def one_seed(command: str, options: dict[str, Any], seed: int, folder: str, home
     os.makedirs(home, exist_ok=True)
     with (place / "output.txt").open("a") as output, redirect_stdout(output), redirect_stderr(output), chdir(home):
         code = main([command, *typed, *(["--resume"] if begun else [])])
+    if code == EXIT_INTERRUPTED:  # Ctrl-C ends the sweep, not only this run of it
+        raise KeyboardInterrupt
     if code not in (0, 1):  # 1: the run diverged, which is a result
         last = (place / "output.txt").read_text(encoding="utf-8").strip().splitlines()
         if not begun:  # a mistake that was found before anything was computed leaves nothing behind

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from cmbrl.cli.options import (
+    EXIT_INTERRUPTED,
     MODEL_HELP,
     WIDTH,
     Parser,
@@ -155,7 +156,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"{out}: {outcome.iteration} iterations: {progress_text(outcome.last)}")
     if outcome.stopped == INTERRUPTED:
         print(f"cmbrl: interrupted: the policy so far is in {out}; continue it with --resume", file=sys.stderr)
-        return 130
+        return EXIT_INTERRUPTED
     return 0
 
 

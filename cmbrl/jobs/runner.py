@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -94,7 +97,7 @@ class Runner:
                 failed.append((job, outcome))
             done(job, outcome)
         if failed:
-            job, outcome = failed[0]
+            job, outcome = min(failed, key=lambda pair: jobs.index(pair[0]))
             if outcome.user:
                 raise UserError(outcome.error or "")
             raise JobError(f"{job.name}: {outcome.error}", outcome.details)
@@ -139,6 +142,30 @@ def _named(job: Job, folder: Path) -> tuple[str, Outcome]:
     return job.name, compute(job, folder)
 
 
+@contextmanager
+def _all_of_it() -> Iterator[None]:
+    """Raises KeyboardInterrupt after a body that Ctrl-C has cut short, even where it returned what it had so far.
+
+    A fit and the training of an ensemble do so, and their half of a result must not be kept.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    caught: list[int] = []
+
+    def note(number: int, frame: Any) -> None:
+        caught.append(number)
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if caught:
+        raise KeyboardInterrupt
+
+
 def compute(job: Job, folder: Path) -> Outcome:
     """Runs one job with one thread for torch, and keeps its result where this process sees the folder."""
     import torch
@@ -146,7 +173,8 @@ def compute(job: Job, folder: Path) -> Outcome:
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        value = job.run()
+        with _all_of_it():
+            value = job.run()
     except UserError as error:
         return Outcome(error=str(error), user=True)
     except Exception as error:

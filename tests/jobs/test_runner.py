@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 import time
@@ -40,6 +41,13 @@ def dies(seed):
 def sleeps(seed, log):
     Path(log).with_name(f"pid_{seed}").write_text(str(os.getpid()))
     time.sleep(120)
+
+def returns_early(seed, log):
+    try:  # as a fit, which returns its best so far
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(60)
+    except KeyboardInterrupt:
+        return noise(seed, log)
 
 def fails(seed, log):
     if seed == 1:
@@ -121,6 +129,22 @@ def test_a_failing_job_stops_no_other(work, tmp_path: Path, n_jobs: int) -> None
     assert calls(tmp_path) == [0, 2]
     with pytest.raises(UserError, match="seed 3: choose another"):
         runner.run(jobs(work.fails, 4, tmp_path)[2:])
+
+
+def test_half_a_result_is_not_kept(work, tmp_path: Path) -> None:
+    handler = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        Runner(tmp_path / "kept").run(jobs(work.returns_early, 1, tmp_path))
+    assert calls(tmp_path) == [0]
+    assert list((tmp_path / "kept").iterdir()) == []
+    assert signal.getsignal(signal.SIGINT) is handler
+
+
+def test_the_first_failure_in_the_order_of_jobs_is_reported(work, tmp_path: Path) -> None:
+    runner = Runner(tmp_path / "kept", 2)
+    for _ in range(3):
+        with pytest.raises(JobError, match="seed 1:"):
+            runner.run(jobs(work.fails, 4, tmp_path))
 
 
 def test_two_workers_do_every_job(work, tmp_path: Path) -> None:

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -70,6 +73,28 @@ def test_mistakes_are_one_line(config: Path, tmp_path: Path, capsys: pytest.Capt
     assert main(["sweep", "throw.yaml", "--seeds", "0:1", "--out", "other"]) == 2
     assert "no `command: train`" in capsys.readouterr().err
     assert not (tmp_path / "other").exists()
+
+
+def test_ctrl_c_ends_the_sweep_and_the_same_command_goes_on(config: Path, tmp_path: Path) -> None:
+    config.write_text(CONFIG.replace("iterations: 2", "iterations: 400"), encoding="utf-8")
+    typed = ["sweep", "throw.yaml", "--seeds", "0:2", "--out", "sweep", "--jobs", "1"]
+    begun = tmp_path / "sweep/seed_0/metrics.csv"
+
+    def interrupt() -> None:
+        end = time.monotonic() + 60
+        while not begun.exists() and time.monotonic() < end:
+            time.sleep(0.05)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    thread = threading.Thread(target=interrupt)
+    thread.start()
+    assert main(typed) == 130
+    thread.join()
+    assert not (tmp_path / "sweep/seed_1").exists()
+    assert list((tmp_path / "sweep/seeds").iterdir()) == []
+    assert main(typed) == 0
+    rows = (tmp_path / "sweep/seed_0/metrics.csv").read_text().splitlines()
+    assert len(rows) == 401
 
 
 def test_a_run_of_other_code_is_not_passed_off_as_this_one(config: Path, tmp_path: Path) -> None:
