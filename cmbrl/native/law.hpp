@@ -1,7 +1,8 @@
 // Contact and limit laws: what a gap asks of the velocity after the step, and how softly.
 // Every row reads  c = J v' + R x - carry J v + c0(phi),  0 <= x _|_ c >= 0 (normal), Coulomb with maximal dissipation (tangent).
 // MuJoCo's solref/solimp written for impulses: its documentation, "Computation > Constraint model"; the pyramid's regulariser
-// as an equivalent (R_n, R_t) pair: R_e (lambda_n^2/8 + lambda_t^2/(4 mu^2)) is the cost of its four edges.
+// as an equivalent (R_n, R_t) pair: R_e (lambda_n^2/8 + lambda_t^2/(4 mu^2)) is the cost of its four edges, so that
+// R_n = R_e/4 and R_t = R_e/(2 mu^2), with R_e = 2 mu^2 (1 + mu^2)/impratio times the compliance of a frictionless row.
 #pragma once
 #include "workspace.hpp"
 
@@ -9,10 +10,18 @@ namespace cmbrl::CMBRL_ISA {
 
 struct Law { T c0, dc0, R, dR, carry; };  // derivatives with respect to the gap
 
+// Bounds are those that MuJoCo clips solimp to; without a width its sigmoid is flat, at the mean of both ends.
+static inline T share(T d) { return vmin(vmax(d, splat(1e-4)), splat(0.9999)); }
 static inline void impedance(T r, T d0, T dmax, T width, double mid, double power, T& d, T& dd) {
-  T wd = vmax(width, splat(1e-15));
+  constexpr double kNoWidth = 1e-15;
+  mid = mid < 1e-4 ? 1e-4 : mid > 0.9999 ? 0.9999 : mid;
+  power = power < 1 ? 1 : power;
+  d0 = share(d0);
+  dmax = share(dmax);
+  Mask flat = width <= kNoWidth;
+  T wd = vmax(width, splat(kNoWidth));
   T x = vmax(-r, T{}) / wd;  // before touching, the impedance of first contact
-  Mask inside = (r < 0.0) & (x < 1.0);
+  Mask inside = (r < 0.0) & (x < 1.0) & ~flat;
   x = vmin(x, splat(1));
   T y, dy;
   if (power == 2) {
@@ -29,15 +38,12 @@ static inline void impedance(T r, T d0, T dmax, T width, double mid, double powe
       dy[i] = power * t;
     }
   }
-  T lo = splat(1e-4), hi = splat(0.9999);
-  d0 = vmin(vmax(d0, lo), hi);
-  dmax = vmin(vmax(dmax, lo), hi);
-  d = d0 + y * (dmax - d0);
+  d = d0 + select(flat, splat(0.5), y) * (dmax - d0);
   dd = select(inside, -dy * (dmax - d0) / wd, T{});
 }
 
 static inline void stiffness_damping(T ref0, T ref1, T dmax, double h, T& K, T& B) {
-  dmax = vmin(vmax(dmax, splat(1e-4)), splat(0.9999));
+  dmax = share(dmax);
   Mask standard = ref0 > 0.0;
   T tc = vmax(ref0, splat(2 * h));
   T dr = select(standard, ref1, splat(1));
@@ -72,7 +78,7 @@ static void contact_law(const Model& m, const Options& o, Contact<G>& c, const T
       T weight = scale * m.con_invweight[i];
       if (c.rows > 1 && m.con_pyramid[i]) {
         weight = select(c.rub, weight * mu2 * (1.0 + mu2) * (0.5 / m.con_impratio[i]), weight);
-        ratio = select(c.rub, 2.0 / mu2 * m.con_impratio[i], one);
+        ratio = select(c.rub, 2.0 / mu2, one);
       } else {
         ratio = splat(1 / m.con_impratio[i]);
       }
