@@ -47,11 +47,14 @@ static void scaled(const Model& m, const T* v, double k, T* out) {
 }
 
 // The step's rows solved again at the backward smoothing where it differs; returns the lanes that have a derivative there.
+// vn and shift become those of that smoothing, which is what is differentiated; qtan and vstep stay where the state goes.
 template <class G>
 static Mask solve_backward(const Model& m, const Options& o, Work<G>& w) {
   if (o.backward == o.forward) return all();
   set_kappa(m, o, w, o.backward);
-  return contact_solve(m, o, w).done;
+  Mask done = contact_solve(m, o, w).done;
+  late_shift(m, o, w);
+  return done;
 }
 
 // tv <- dv' - (Sq dq + Sv dv + Su du + Sp dtheta + Sn dv') / h, from the tangents before the step and dv' in rhs_all.
@@ -198,13 +201,13 @@ static void control_step_backward(const Model& m, const Options& o, Work<G>& w, 
     for (int lane = 0; lane < W; ++lane) block[lane] = tape[lane] + s * stride;
     tape_read(m, o, w, block);
     if (o.leapfrog && s == o.substeps - 1) {
-      scaled(m, w.vn, -0.5 * o.h, w.tmp);
+      scaled(m, w.vstep, -0.5 * o.h, w.tmp);
       pull_cotangent(m, w.tmp, w.lq, w.lv, splat(-0.5 * o.h));
     }
     free_velocity(m, o, w);
     find_bounces(m, o, w);
     set_kappa(m, o, w, o.backward);
-    displacement(m, o, w);
+    late_shift(m, o, w);
     implicit_system(m, o, w, theta);
     if (w.late) late_cotangents(m, o, w, theta);
     else pull_cotangent(m, w.qtan, w.lq, w.lv, splat(o.h));

@@ -93,10 +93,10 @@ static Outcome solve_step(const Model& m, const Options& o, Work<G>& w) {
   return contact_solve(m, o, w);
 }
 
-// Tangent displacement of one step: h v' less what impacts inside the step lose by acting late (M~^-1 sum t_i J_i^T x_i).
+// What impacts inside the step lose of the way h v' by acting late, M~^-1 sum t_i J_i^T x_i, into w.shift.
 template <class G>
-static void displacement(const Model& m, const Options& o, Work<G>& w) {
-  for (int i = 0; i < m.nv; ++i) { w.qtan[i] = o.h * w.vn[i]; w.shift[i] = T{}; }
+static void late_shift(const Model& m, const Options& o, Work<G>& w) {
+  for (int i = 0; i < m.nv; ++i) w.shift[i] = T{};
   bool late = false;
   InteriorPoint<G> ip(m, o, w);
   for (int g = 0; g < w.ngroups; ++g)
@@ -112,7 +112,13 @@ static void displacement(const Model& m, const Options& o, Work<G>& w) {
   for (int i = 0; i < w.ndyn; ++i) copy_row(w.H, w.H0, m.nv, ip.pat, w.dyn_list[i]);
   for (int i = 0; i < w.ndyn; ++i) eliminate(w.H, m.nv, ip.pat, w.dyn_list[i]);
   solve(w.H, m.nv, ip.pat, w.shift);
-  for (int i = 0; i < m.nv; ++i) w.qtan[i] -= w.shift[i];
+}
+
+// Tangent displacement of one step.
+template <class G>
+static void displacement(const Model& m, const Options& o, Work<G>& w) {
+  late_shift(m, o, w);
+  for (int i = 0; i < m.nv; ++i) w.qtan[i] = o.h * w.vn[i] - w.shift[i];
 }
 
 }  // namespace cmbrl::CMBRL_ISA

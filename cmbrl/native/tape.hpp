@@ -1,5 +1,6 @@
-// What the backward pass needs of a control step: per substep the state, the next velocity and the solution of the rows,
-// from which everything else is computed again without a solve. One block of doubles per element.
+// What the backward pass needs of a control step: per substep the state and where it goes (displacement, velocity), and the
+// velocity and rows at the backward smoothing, from which everything else is computed again without a solve. One block of
+// doubles per element.
 #pragma once
 #include "step.hpp"
 
@@ -7,7 +8,7 @@ namespace cmbrl::CMBRL_ISA {
 
 template <class G>
 static int64_t tape_stride(const Model& m) {  // per substep
-  return m.nq + 3 * int64_t(m.nv) + m.ncontact * (3 + 2 * G::NT) + 2 * m.nlimit + 3 * m.nv;
+  return m.nq + 4 * int64_t(m.nv) + m.ncontact * (3 + 2 * G::NT) + 2 * m.nlimit + 3 * m.nv;
 }
 
 // Calls f(value, slot) for every number of the tape that has a place in the workspace now.
@@ -18,6 +19,7 @@ static void for_tape(const Model& m, Work<G>& w, F f) {
   for (int i = 0; i < m.nv; ++i) f(w.v[i], k++, all());
   for (int i = 0; i < m.nv; ++i) f(w.vn[i], k++, all());
   for (int i = 0; i < m.nv; ++i) f(w.qtan[i], k++, all());
+  for (int i = 0; i < m.nv; ++i) f(w.vstep[i], k++, all());
   int per = 3 + 2 * G::NT;
   for (int i = 0; i < w.ncon; ++i) {
     Contact<G>& c = w.con[i];
@@ -53,7 +55,7 @@ static void tape_read(const Model& m, const Options& o, Work<G>& w, const double
     for (int lane = 0; lane < W; ++lane) if (on[lane]) x[lane] = tape[lane][slot];
   };
   for_tape(m, w, load_slot);
-  int64_t contacts = m.nq + 3 * int64_t(m.nv), limits = contacts + m.ncontact * (3 + 2 * G::NT);
+  int64_t contacts = m.nq + 4 * int64_t(m.nv), limits = contacts + m.ncontact * (3 + 2 * G::NT);
   for (int i = 0; i < m.ncontact; ++i)
     for (int lane = 0; lane < W; ++lane) w.con_on[i][lane] = tape[lane][contacts + i * (3 + 2 * G::NT)] > 0 ? -1 : 0;
   for (int i = 0; i < m.nlimit; ++i)
