@@ -185,3 +185,14 @@ def test_what_does_not_make_a_batch_is_refused() -> None:
         native.solve([])
     with pytest.raises(UserError, match="positive"):
         native.solve([random_problem(rng, 2, 6, 2)], kappa=0.0)
+
+
+def test_uneven_compliance_of_tangents_is_refused() -> None:
+    """The friction cone is round; a contact without friction may have any."""
+    problem = random_problem(np.random.default_rng(0), 2, 6, 2)
+    mu, R = np.array([0.0, 0.5]), np.full((2, 3), 1e-3)
+    R[0, 2] = 1.0
+    assert native.solve([replace(problem, mu=mu, R=R)]).status[0] == SolverStatus.CONVERGED
+    R[1, 2] = 2e-3
+    with pytest.raises(UserError, match=r"problem 0, contact 1: .* 0.001 and 0.002; make them equal"):
+        native.solve([replace(problem, mu=mu, R=R)])

@@ -19,12 +19,16 @@ from cmbrl.errors import UserError
 from cmbrl.native import Problems, SolverStatus
 
 DEFAULT_TOLERANCE = 1e-11
+_EVEN = 1e-9  # relative difference of two compliances that are meant to be equal
 
 
 @dataclass(frozen=True)
 class Batch:
     """Stacked problems of one shape: M (B, nv, nv), J (B, n, 1 + nt, nv), v_free (B, nv), b, R (B, n, 1 + nt),
-    mu (B, n). The compliance of a contact's first tangent applies to all its tangents."""
+    mu (B, n).
+
+    Raises UserError if the tangents of a contact with friction differ in compliance: the cone is round.
+    """
 
     M: Array
     J: Array
@@ -32,6 +36,15 @@ class Batch:
     b: Array
     mu: Array
     R: Array
+
+    def __post_init__(self) -> None:
+        uneven = (self.mu > 0) & (np.ptp(self.R[..., 1:], axis=-1) > _EVEN * self.R[..., 1:].max(axis=-1))
+        if uneven.any():
+            problem, contact = np.argwhere(uneven)[0]
+            values = " and ".join(f"{x:.6g}" for x in self.R[problem, contact, 1:])
+            raise UserError(
+                f"problem {problem}, contact {contact}: its tangents have compliances R of {values}; make them equal"
+            )
 
     @classmethod
     def of(cls, problems: Sequence[ContactProblem]) -> Batch:
