@@ -9,7 +9,8 @@ import numpy as np
 
 from cmbrl.scene.actuators import Actuator
 from cmbrl.scene.layout import Layout
-from cmbrl.scene.records import CONTACT_LAWS, WORLD, Array, Candidate, ContactKind, ContactLaw, JointKind, Tree
+from cmbrl.scene.mjcf import limits_act
+from cmbrl.scene.records import CONTACT_LAWS, WORLD, Array, Candidate, ContactLaw, JointKind, Tree
 from cmbrl.scene.reduction import PlaneOfMotion
 from cmbrl.scene.shapes import Shape
 
@@ -61,12 +62,10 @@ def tree_arrays(model: mujoco.MjModel, tree: Tree, plane: PlaneOfMotion | None) 
 
 
 def _limit_arrays(model: mujoco.MjModel, tree: Tree) -> Arrays:
-    off = mujoco.mjtDisableBit
-    enabled = not model.opt.disableflags & (off.mjDSBL_LIMIT | off.mjDSBL_CONSTRAINT)
     limited = [
         j
         for j in tree.joints
-        if enabled and j.kind in (JointKind.SLIDE, JointKind.HINGE) and model.jnt_limited[j.source]
+        if limits_act(model) and j.kind in (JointKind.SLIDE, JointKind.HINGE) and model.jnt_limited[j.source]
     ]
     limited = [j for j in limited if model.jnt_type[j.source] != mujoco.mjtJoint.mjJNT_FREE]
     source = [joint.source for joint in limited]
@@ -102,7 +101,7 @@ def contact_arrays(
         "con_type": integers([c.kind for c in candidates]),
         "con_bodyA": integers([c.body_a for c in candidates]),
         "con_bodyB": integers([c.body_b for c in candidates]),
-        "con_plane": integers([number[c.geoms[1]] if c.kind == ContactKind.POINT_PLANE else -1 for c in candidates]),
+        "con_plane": integers([number[c.geoms[1]] if c.kind.on_plane else -1 for c in candidates]),
         "con_posA": vectors("pos_a"),
         "con_axisA": vectors("axis_a"),
         "con_posB": vectors("pos_b"),

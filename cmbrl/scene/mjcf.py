@@ -137,3 +137,9 @@ def _nominal_poses(model: mujoco.MjModel, bodies: list[Body]) -> tuple[Array, Ar
             pos[index] = model.qpos0[first.qadr : first.qadr + 3]
             rot[index] = quaternion_matrix(model.qpos0[first.qadr + 3 : first.qadr + 7])
     return pos, rot
+
+
+def limits_act(model: mujoco.MjModel) -> bool:
+    """Whether the file lets joint limits act."""
+    off = mujoco.mjtDisableBit
+    return not model.opt.disableflags & (off.mjDSBL_LIMIT | off.mjDSBL_CONSTRAINT)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from cmbrl.scene.mjcf import limits_act
 from cmbrl.scene.records import Array, Joint, JointKind, Tree
 
 _PARALLEL = 1e-9
@@ -85,7 +86,7 @@ def _arm(model: mujoco.MjModel, tree: Tree, joints: Sequence[tuple[int, Joint]],
 
 def _travel(model: mujoco.MjModel, joint: Joint) -> tuple[float, float]:
     """Smallest and largest displacement [m] of a slide from qpos0."""
-    if not model.jnt_limited[joint.source]:
+    if not (limits_act(model) and model.jnt_limited[joint.source]):
         return -np.inf, np.inf
     low, high = model.jnt_range[joint.source]
     slack = 0.1 * (high - low) + 0.05

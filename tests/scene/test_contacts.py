@@ -223,6 +223,13 @@ def test_large_meshes_keep_32_points_of_their_hull(load: Load) -> None:
     assert distance.max() < 0.6  # the sphere is covered
 
 
+def test_limits_that_the_file_disables_bound_nothing(load: Load) -> None:
+    ball = '<body pos="0 0 1"><joint type="slide" axis="0 0 1" range="-.2 .2" limited="true"/><geom size=".1"/></body>'
+    world = f'<geom type="plane" size="1 1 1"/>{ball}'
+    assert load(world)[0].core.ncontact == 0
+    assert load(world, '<option><flag limit="disable"/></option>')[0].core.ncontact == 1
+
+
 def test_moving_box_against_fixed_sphere_is_refused(load: Load) -> None:
     with pytest.raises(UserError, match="fixed sphere"):
         load('<geom name="ball" size=".2"/><body pos="1 0 0"><freejoint/><geom type="box" size=".1 .1 .1"/></body>')
