@@ -2,6 +2,7 @@
 #pragma once
 #include "dynamics.hpp"
 #include "law.hpp"
+#include "rim.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -31,8 +32,12 @@ static Feature<G> find_feature(const Model& m, const Work<G>& w, int i) {
     return body >= 0 ? G::rotate(w.R[body], x) : x;
   };
   F.a = place(A, m.con_posA + i * D);
-  if (m.con_type[i] == kPointPlane) {
+  if (m.con_plane[i] >= 0) {
     F.n = plane_normal<G>(m, m.con_plane[i]);
+    if (m.con_type[i] == kRimPlane) {
+      F.axisA = turn(A, m.con_axisA + i * D);
+      F.a = F.a - Rim(F.axisA, F.n).arm();
+    }
     F.dist = dot(F.n, F.a + w.O) - w.P[m.oPlane + m.con_plane[i]];
     return F;
   }
@@ -157,7 +162,7 @@ static void find_contacts(const Model& m, const Options& o, Work<G>& w, const Ma
       T phi = F.dist - p[kRadius];
       w.all_phi[i] = phi;
       Mask on = given ? given[i] : all();
-      if (m.con_type[i] != kPointPlane) on &= vabs(F.dist) > 1e-9;  // crossing segments: no direction parts them
+      if (m.con_plane[i] < 0) on &= vabs(F.dist) > 1e-9;  // crossing segments: no direction parts them
       if (!keep_all && !given) {
         typename G::V u = point_velocity<G>(w.vel[A], F.a);
         if (B >= 0) u -= point_velocity<G>(w.vel[B], F.a - F.dist * F.n);
@@ -197,9 +202,13 @@ static Shift<G> shift_of(const Model& m, const Work<G>& w, const Contact<G>& c, 
   Shift<G> s;
   int i = c.index;
   V u = point_velocity<G>(xi, F.a);
+  if (m.con_type[i] == kRimPlane) {
+    Rim rim(F.axisA, F.n);
+    u = u + G::turn(ang<G>(xi), rim.arm()) - rim.arm_shift(G::turn(ang<G>(xi), F.axisA));
+  }
   s.dphi = dot(F.n, u);
   V dn = zero<G::D>();
-  if (m.con_type[i] != kPointPlane) {
+  if (m.con_plane[i] < 0) {
     V dd = u;
     if (m.con_type[i] == kSegmentSegment) {
       V turned = G::turn(ang<G>(xi), F.axisA), d = F.dist * F.n;

@@ -6,7 +6,7 @@
 namespace cmbrl {
 
 enum JointType { kSlide = 0, kHinge = 1, kBall = 2 };
-enum ContactType { kPointPlane = 0, kPointBox = 1, kSegmentSegment = 2 };
+enum ContactType { kPointPlane = 0, kPointBox = 1, kSegmentSegment = 2, kRimPlane = 3 };
 enum ContactLaw { kRigid = 0, kMujoco = 1, kSpringDamper = 2 };
 
 // Offsets of one field inside the block of a contact, a degree of freedom, an actuator in the physical vector P.

@@ -1,4 +1,4 @@
-"""Contact candidates: points, segments and boxes that may touch. Pairs that never can are dropped, with a reason."""
+"""Contact candidates: points, segments, boxes, rims that may touch. Pairs that never can are dropped, with a reason."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from cmbrl.scene.mixing import collision_pairs, contact_law, pair_label
 from cmbrl.scene.reach import closest_approach, height_range
 from cmbrl.scene.records import WORLD, Array, Candidate, ContactKind, ContactLaw, LeftOut, Tree
-from cmbrl.scene.shapes import Shape, plane_points, read_shape, roundings
+from cmbrl.scene.shapes import Shape, Touch, read_shape, roundings, touches
 from cmbrl.scene.support import Gate
 
 _POINTWISE = ("sphere", "capsule", "box", "cylinder", "mesh")
@@ -93,9 +93,9 @@ class ContactBuilder:
         if self.outlines and self.normal is not None:
             axis = self.tree.turn(shape.body, np.eye(3)).T @ self.normal
         reasons: dict[str, int] = {}
-        for point, radius, weight in plane_points(shape, axis):
-            height = height_range(self.model, self.tree, shape.body, point, up)
-            low = height.low - radius - ground
+        for touch in touches(shape, axis):
+            height = height_range(self.model, self.tree, shape.body, touch.pos, up)
+            low = height.low - touch.reach - ground
             if height.constant and law.dim == 1 and low < law.margin:
                 why = "no joint changes its distance and it has no friction"
             elif low >= law.margin and height.constant and not self.keep_far:
@@ -103,7 +103,7 @@ class ContactBuilder:
             elif low > law.margin and not self.keep_far:
                 why = "it is out of reach"
             else:
-                self.candidates.append(_point_plane(shape, plane, point, radius, weight, law))
+                self.candidates.append(_on_plane(shape, plane, touch, law))
                 continue
             reasons[why] = reasons.get(why, 0) + 1
         for why, count in reasons.items():
@@ -139,11 +139,12 @@ class ContactBuilder:
             self.gate.refuse("geom_pair", label, f"contact of a {a.kind} with a {b.kind}{hint}")
 
 
-def _point_plane(shape: Shape, plane: Shape, point: Array, radius: float, weight: int, law: ContactLaw) -> Candidate:
+def _on_plane(shape: Shape, plane: Shape, touch: Touch, law: ContactLaw) -> Candidate:
     zero = np.zeros(3)
+    kind = ContactKind.RIM_PLANE if np.any(touch.rim) else ContactKind.POINT_PLANE
     return Candidate(
-        ContactKind.POINT_PLANE, (shape.geom, plane.geom), shape.body, WORLD,
-        point, zero, zero, zero, np.eye(3), zero, radius, 0.0, law, weight,
+        kind, (shape.geom, plane.geom), shape.body, WORLD,
+        touch.pos, touch.rim, zero, zero, np.eye(3), zero, touch.radius, 0.0, law, touch.weight,
     )  # fmt: skip
 
 

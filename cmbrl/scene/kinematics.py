@@ -11,6 +11,8 @@ from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.manifold import quaternion_matrix
 from cmbrl.scene.records import Array, ContactKind, JointKind
 
+_FLAT = 1e-3  # [rad]
+
 
 def body_poses(core: CoreArrays, q: Array) -> tuple[Array, Array]:
     """Positions (..., nb, D) [m] and rotations (..., nb, D, D) at configurations q (..., nq)."""
@@ -48,8 +50,10 @@ def gaps(core: CoreArrays, q: Array) -> Array:
     for i in range(core.ncontact):
         a, b = core.con_bodyA[i], core.con_bodyB[i]
         point = _place(pos, rot, a, core.con_posA[i])
-        if core.con_type[i] == ContactKind.POINT_PLANE:
-            k = core.con_plane[i]
+        k = core.con_plane[i]
+        if k >= 0:
+            if core.con_type[i] == ContactKind.RIM_PLANE:
+                point = point - _rim_arm(_direction(rot, a, core.con_axisA[i]), core.plane_normal[k])
             distance = point @ core.plane_normal[k] - P[layout.plane(k)]
         else:
             relative = point - _place(pos, rot, b, core.con_posB[i])
@@ -91,6 +95,18 @@ def _direction(rot: Array, body: int, local: Array) -> Array:
 
 def _dot(a: Array, b: Array) -> Array:
     return np.sum(a * b, axis=-1)
+
+
+def _rim_arm(axis: Array, normal: Array) -> Array:
+    """From the point of a rim that is nearest to a plane to its centre; ``axis`` is as long as the rim's radius.
+
+    Of a rim that lies flat, within a tilt of _FLAT, the point moves to the centre: see ``rim.hpp`` of the core.
+    """
+    square = _dot(axis, axis)
+    down = normal - (axis @ normal / square)[..., None] * axis
+    q = _dot(down, down)
+    g = np.where(q >= _FLAT**2, 1 / np.sqrt(np.maximum(q, _FLAT**2)), (3 - q / _FLAT**2) / (2 * _FLAT))
+    return (np.sqrt(square) * g)[..., None] * down
 
 
 def _box(local: Array, half: Array) -> Array:

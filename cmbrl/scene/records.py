@@ -32,6 +32,12 @@ class ContactKind(IntEnum):
     POINT_PLANE = 0
     POINT_SHAPE = 1
     SEGMENT_SEGMENT = 2
+    RIM_PLANE = 3  # the lowest point of a circle: a cylinder's edge
+
+    @property
+    def on_plane(self) -> bool:
+        """Whether B is a plane of the world."""
+        return self in (ContactKind.POINT_PLANE, ContactKind.RIM_PLANE)
 
 
 @dataclass(frozen=True)
@@ -169,7 +175,7 @@ class Candidate:
     body_a: int
     body_b: int
     pos_a: Array  # (D,) in A's frame
-    axis_a: Array  # (D,) half segment vector
+    axis_a: Array  # (D,) half segment vector; of a rim: across it, as long as its radius
     pos_b: Array
     axis_b: Array
     rot_b: Array  # (D, D) frame of a box
@@ -177,4 +183,4 @@ class Candidate:
     radius_a: float
     radius_b: float
     law: ContactLaw
-    weight: int = 1  # number of points of the file that this one replaces (planar scenes)
+    weight: float = 1.0  # number of MuJoCo's points that this one stands for

@@ -84,8 +84,10 @@ def _basis(normal: Array) -> Array:
 def obstacle_to_plane(tree: Tree, plane: PlaneOfMotion, candidate: Candidate, up: Array | None) -> str | None:
     """Why a candidate has no planar image, or None. ``up`` (3,): world normal of the plane it may touch, if any."""
     axis = plane.axis
-    if candidate.kind == ContactKind.POINT_PLANE:
-        return "the normal of a plane leaves the plane of motion" if up is None or abs(up @ axis) > _ALIGNED else None
+    if candidate.kind.on_plane:
+        if up is None or abs(up @ axis) > _ALIGNED:
+            return "the normal of a plane leaves the plane of motion"
+        return "a cylinder is oblique to the plane of motion" if candidate.kind == ContactKind.RIM_PLANE else None
     depth = 0.0  # extent of both shapes along the normal, over which their section is constant
     for body, half in ((candidate.body_a, candidate.axis_a), (candidate.body_b, candidate.axis_b)):
         world = tree.turn(body, half)

@@ -18,7 +18,7 @@ from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.mjcf import compile_mjcf, name_of, read_tree
 from cmbrl.scene.parameters import offer_parameters
-from cmbrl.scene.records import CONTACT_LAWS, Array, Candidate, ContactKind, Joint, JointKind, LeftOut, Parameter, Tree
+from cmbrl.scene.records import CONTACT_LAWS, Array, Candidate, Joint, JointKind, LeftOut, Parameter, Tree
 from cmbrl.scene.reduction import PlaneOfMotion, find_plane, merge_points, obstacle_to_plane, project
 from cmbrl.scene.shapes import read_shape
 from cmbrl.scene.support import Gate, check_model
@@ -155,11 +155,11 @@ def _build(
     gate.close()
     if plane and (obstacle := _obstacle(model, tree, plane, builder.candidates)):
         plane, why = None, obstacle
-        builder = ContactBuilder(model, tree, normal, Gate(gate.file, gate.ignore))  # now with cylinder rims
+        builder = ContactBuilder(model, tree, normal, Gate(gate.file, gate.ignore))  # now with rims
         builder.build()
     candidates = [project(tree, plane, c) for c in builder.candidates] if plane else builder.candidates
     candidates, merged = merge_points(candidates) if reduce else (candidates, 0)
-    grounds = sorted({c.geoms[1] for c in candidates if c.kind == ContactKind.POINT_PLANE})
+    grounds = sorted({c.geoms[1] for c in candidates if c.kind.on_plane})
     planes = [read_shape(model, geom, tree.frames) for geom in grounds]
     layout = Layout(2 if plane else 3, len(tree.bodies), model.nv, len(candidates), len(planes), len(actuators))
     P = physical_vector(model, tree, candidates, planes, actuators, plane, layout, contact_law)
@@ -225,7 +225,7 @@ def _build(
 def _obstacle(model: mujoco.MjModel, tree: Tree, plane: PlaneOfMotion, candidates: list[Candidate]) -> str | None:
     """Why the contacts of a planar tree need spatial algebra, naming the first such pair; None if they do not."""
     for c in candidates:
-        up = read_shape(model, c.geoms[1], tree.frames).rot[:, 2] if c.kind == ContactKind.POINT_PLANE else None
+        up = read_shape(model, c.geoms[1], tree.frames).rot[:, 2] if c.kind.on_plane else None
         if reason := obstacle_to_plane(tree, plane, c, up):
             return f"{reason} ({name_of(model, 'geom', c.geoms[0])} - {name_of(model, 'geom', c.geoms[1])})"
     return None

@@ -1,4 +1,4 @@
-"""The features of a geom that may touch something: points and segments with a radius, and boxes, in the body frame.
+"""The features of a geom that may touch something, in the body frame: points and segments with a radius, boxes, rims.
 
 Real boxes have no sharp corners, but MJCF has no rounded box. ``<numeric name="rounding:GEOM" data="R"/>`` under
 ``<custom>`` rounds the edges and corners of the box GEOM to R [m]; MuJoCo itself ignores it.
@@ -6,7 +6,7 @@ Real boxes have no sharp corners, but MJCF has no rounded box. ``<numeric name="
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
@@ -29,8 +29,9 @@ _NAMES = {
     int(_GEOM.mjGEOM_SDF): "SDF",
 }
 _ROUNDING = "rounding:"
-_RIM_POINTS = 8
 _HULL_POINTS = 32
+_FEET = 4  # of each end of a cylinder, with two of MuJoCo's three points to share: the third is the rim's
+_INSET = 0.9  # of the radius; so feet stay clear of the ground where the cylinder rolls
 
 
 @dataclass(frozen=True)
@@ -117,37 +118,58 @@ def roundings(model: mujoco.MjModel) -> dict[int, float]:
     return found
 
 
-def plane_points(shape: Shape, normal_axis: Array | None) -> list[tuple[Array, float, int]]:
-    """The points (position (3,) in the body frame, radius, weight) with which a shape touches a plane.
+@dataclass(frozen=True)
+class Touch:
+    """What of a shape touches a plane: a point (3,) with a radius, or the rim about that point across ``rim`` (3,)."""
+
+    pos: Array
+    radius: float = 0.0
+    weight: float = 1.0  # number of MuJoCo's points that it stands for
+    rim: Array = field(default_factory=lambda: np.zeros(3))  # as long as the rim's radius
+
+    @property
+    def reach(self) -> float:
+        """How far [m] the shape extends from ``pos`` here."""
+        return self.radius + float(np.linalg.norm(self.rim))
+
+
+def touches(shape: Shape, normal_axis: Array | None) -> list[Touch]:
+    """All with which a shape touches a plane, in the body frame.
 
     ``normal_axis`` (3,), in the body frame, is the normal of the plane of motion, if any. A cylinder is then its exact
-    outline in that plane (a disc or a rectangle) instead of eight points on each rim.
+    outline in that plane (a disc or a rectangle), unless it is oblique to it.
     """
-    points: list[tuple[Array, float, int]] = []
     if shape.kind in ("sphere", "capsule"):
         ends = (-1, 1) if shape.kind == "capsule" else (0,)
-        return [(shape.pos + end * shape.axis, shape.radius, 1) for end in ends]
+        return [Touch(shape.pos + end * shape.axis, shape.radius) for end in ends]
     if shape.kind == "box":
         signs = np.array(np.meshgrid((-1, 1), (-1, 1), (-1, 1), indexing="ij")).reshape(3, -1).T
         local = signs * shape.core
     elif shape.kind == "cylinder":
         radius, half = shape.size[:2]
-        along = 0.0
-        if normal_axis is not None:
-            side = shape.rot.T @ normal_axis
-            along = abs(side[2])
-            if along > 1 - 1e-8:  # it rolls in the plane; weight 2 because MuJoCo touches with both rims
-                return [(shape.pos, float(radius), 2)]
-        if normal_axis is not None and along < 1e-8:
-            rim = np.array([[-side[1], side[0]], [side[1], -side[0]]]) * radius
-        else:
-            angle = 2 * np.pi * np.arange(_RIM_POINTS) / _RIM_POINTS
-            rim = radius * np.column_stack([np.cos(angle), np.sin(angle)])
-        local = np.vstack([np.column_stack([rim, np.full(len(rim), end)]) for end in (-half, half)])
+        side = np.zeros(3) if normal_axis is None else shape.rot.T @ normal_axis
+        if abs(side[2]) > 1 - 1e-8:  # it rolls in the plane; weight 2 because MuJoCo touches with both rims
+            return [Touch(shape.pos, float(radius), 2.0)]
+        if normal_axis is None or abs(side[2]) > 1e-8:
+            return _round_touches(shape)
+        edge = np.array([[-side[1], side[0]], [side[1], -side[0]]]) * radius
+        local = np.vstack([np.column_stack([edge, np.full(2, end)]) for end in (-half, half)])
     else:
         local = shape.hull
-    points += [(shape.pos + shape.rot @ point, shape.radius, 1) for point in local]
-    return points
+    return [Touch(shape.pos + shape.rot @ point, shape.radius) for point in local]
+
+
+def _round_touches(cylinder: Shape) -> list[Touch]:
+    """Of each end the rim, on which a cylinder rolls and tips over, and the feet on which it stands."""
+    radius, half = cylinder.size[:2]
+    angle = 2 * np.pi * np.arange(_FEET) / _FEET
+    feet = _INSET * radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    found = []
+    for end in (-half, half):
+        centre = cylinder.pos + end * cylinder.rot[:, 2]
+        found.append(Touch(centre, rim=radius * cylinder.rot[:, 2]))
+        found += [Touch(centre + cylinder.rot[:, :2] @ foot, weight=2 / _FEET) for foot in feet]
+    return found
 
 
 def hull_points(model: mujoco.MjModel, mesh: int) -> Array:
