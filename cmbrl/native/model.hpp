@@ -25,7 +25,8 @@ struct Structure {
 };
 
 struct Model : Structure {
-  int planar, D, nq, nu, nbody, njoint, ncontact, nplane, nlimit, nact, nP, ntheta, ngroup;
+  int planar, implicit_gains;  // implicit_gains: velocity gains of actuators act at the next velocity, as damping does
+  int D, nq, nu, nbody, njoint, ncontact, nplane, nlimit, nact, nP, ntheta, ngroup;
   int body_fields, oDof, oContact, oPlane, oAct, oGravity;  // layout of P; bodies start at 0
 
   const int *body_parent, *body_jadr, *body_jnum;

@@ -141,14 +141,15 @@ struct ParameterColumns {
   void actuator(int a, int field, double coef) {
     const T* p = w.P + m.oAct + a * kActuatorFields;
     int d = m.act_dof[a];
-    T q = w.q[m.act_qadr[a]], v = w.v[d], dv = w.vn[d] - v, g = p[kGear];
+    T q = w.q[m.act_qadr[a]], v = w.v[d], dv = m.implicit_gains ? w.vn[d] - v : T{}, g = p[kGear];
     T flo = splat(m.act_force[2 * a]), fhi = splat(m.act_force[2 * a + 1]);
     T ctrl = vmin(vmax(w.u[a], splat(m.act_ctrl[2 * a])), splat(m.act_ctrl[2 * a + 1]));
     T force = p[kGain] * ctrl + p[kBias0] + g * (p[kBias1] * q + p[kBias2] * v);
     Mask free = (force >= flo) & (force <= fhi);
-    T pull = p[kBias1] * q + p[kBias2] * (v + dv);  // damping acts at the next velocity
+    T pull = p[kBias1] * q + p[kBias2] * (v + dv);
     T spring = o.implicit_springs ? o.h * w.vn[d] : T{};
     if (part == Part::late_inertia) {
+      if (!m.implicit_gains) return;
       if (field == kGear) at(d) += keep(free, coef * o.h * 2.0 * g * p[kBias2] * w.shift[d]);
       if (field == kBias2) at(d) += keep(free, coef * o.h * g * g * w.shift[d]);
       return;

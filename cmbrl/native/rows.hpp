@@ -4,7 +4,7 @@
 
 namespace cmbrl::CMBRL_ISA {
 
-// tau, and what of the joint forces is taken implicitly: M~ = M + armature + h (D + kd) [+ h^2 (K + kp)].
+// tau, and what of the joint forces is taken implicitly: M~ = M + armature + h (D [+ kd]) [+ h^2 (K + kp)].
 template <class G>
 static void joint_forces(const Model& m, const Options& o, Work<G>& w) {
   for (int i = 0; i < m.nv; ++i) {
@@ -30,7 +30,7 @@ static void joint_forces(const Model& m, const Options& o, Work<G>& w) {
     const T* p = w.P + m.oDof + i * kDofFields;
     T spring = w.kp[i] + (m.dof_qadr[i] >= 0 ? p[kStiffness] : T{});
     w.kp[i] = spring;
-    T diag = p[kArmature] + o.h * (p[kDamping] + w.kd[i]);
+    T diag = p[kArmature] + o.h * (m.implicit_gains ? p[kDamping] + w.kd[i] : p[kDamping]);
     w.rhs[i] = o.h * (w.tau[i] - w.bias[i]);
     if (o.implicit_springs) {
       diag += o.h * o.h * spring;

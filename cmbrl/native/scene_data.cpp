@@ -23,6 +23,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   Model& m = model;
   auto size = [&](const char* name) { return sizes.at(name); };
   m.planar = size("planar");
+  m.implicit_gains = size("implicit_gains");
   m.D = m.planar ? 2 : 3;
   m.nq = size("nq"); m.nv = size("nv"); m.nu = size("nu");
   m.nbody = size("nbody"); m.njoint = size("njoint"); m.ncontact = size("ncontact");

@@ -23,6 +23,7 @@ class CoreArrays:
     """The arrays of one scene; :mod:`cmbrl.scene.layout` gives the order of the physical vector ``P``."""
 
     planar: bool
+    implicit_gains: bool  # velocity gains act at the next velocity; False: at the last one, as in MuJoCo's Euler
     nq: int
     nv: int
     nu: int

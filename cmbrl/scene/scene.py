@@ -166,8 +166,10 @@ def _build(
     letters = plane.letters if plane else ("x", "y", "z")
     moves = offer_parameters(model, tree, candidates, planes, actuators, layout, letters, P, contact_law)
     joints_and_limits = tree_arrays(model, tree, plane)
+    integrator = _INTEGRATORS.get(mujoco.mjtIntegrator(model.opt.integrator).name, "euler")
     core = CoreArrays(
         planar=plane is not None,
+        implicit_gains=integrator != "euler",
         nq=int(model.nq),
         nv=int(model.nv),
         nu=len(actuators),
@@ -203,7 +205,7 @@ def _build(
         planar=plane is not None,
         planar_why=why,
         timestep=float(model.opt.timestep),
-        integrator=_INTEGRATORS.get(mujoco.mjtIntegrator(model.opt.integrator).name, "euler"),
+        integrator=integrator,
         q0=np.array(model.qpos0),
         total_mass=float(sum(body.mass for body in tree.bodies)),
         body_names=tuple(body.name for body in tree.bodies),
