@@ -11,7 +11,7 @@ from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.manifold import quaternion_matrix
 from cmbrl.scene.records import Array, ContactKind, JointKind
 
-_FLAT = 1e-3  # [rad]
+FLAT_TILT = 1e-3  # [rad] of a rim; the core's kFlat
 
 
 def body_poses(core: CoreArrays, q: Array) -> tuple[Array, Array]:
@@ -100,12 +100,12 @@ def _dot(a: Array, b: Array) -> Array:
 def _rim_arm(axis: Array, normal: Array) -> Array:
     """From the point of a rim that is nearest to a plane to its centre; ``axis`` is as long as the rim's radius.
 
-    Of a rim that lies flat, within a tilt of _FLAT, the point moves to the centre: see ``rim.hpp`` of the core.
+    Of a rim that lies flat, within a tilt of FLAT_TILT, the point moves to the centre: see ``rim.hpp`` of the core.
     """
     square = _dot(axis, axis)
     down = normal - (axis @ normal / square)[..., None] * axis
     q = _dot(down, down)
-    g = np.where(q >= _FLAT**2, 1 / np.sqrt(np.maximum(q, _FLAT**2)), (3 - q / _FLAT**2) / (2 * _FLAT))
+    g = np.where(q >= FLAT_TILT**2, 1 / np.sqrt(np.maximum(q, FLAT_TILT**2)), (3 - q / FLAT_TILT**2) / (2 * FLAT_TILT))
     return (np.sqrt(square) * g)[..., None] * down
 
 

@@ -65,6 +65,7 @@ def to_dict(scene: Scene) -> dict[str, Any]:
             for p in scene.parameters
         ],
         "compiler_warnings": list(scene.compiler_warnings),
+        "differences": [{"kind": x.kind, "name": x.name, "why": x.why} for x in scene.differences],
         "left_out": [{"kind": x.kind, "name": x.name, "why": x.why} for x in scene.left_out],
     }
 
@@ -91,6 +92,8 @@ def describe(scene: Scene) -> str:
         f"  parameters   {len(scene.parameters)} that can be fitted; the name is GROUP.OF, e.g. for --set",
         *_parameter_lines(scene.parameters),
     ]
+    if scene.differences:
+        lines += ["  unlike MuJoCo", *_by_reason(scene.differences)]
     lines.append(f"  left out     {len(scene.left_out) or 'nothing'}")
     lines += _by_reason(scene.left_out)
     lines += [f"  MuJoCo says  {warning}" for warning in scene.compiler_warnings]

@@ -15,6 +15,7 @@ from cmbrl.scene.actuators import read_actuators
 from cmbrl.scene.assemble import contact_arrays, doubles, integers, physical_vector, tree_arrays
 from cmbrl.scene.contacts import ContactBuilder
 from cmbrl.scene.core_arrays import CoreArrays
+from cmbrl.scene.differences import differences
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.mjcf import compile_mjcf, name_of, read_tree
 from cmbrl.scene.parameters import offer_parameters
@@ -62,6 +63,7 @@ class Scene:
     parameters: tuple[Parameter, ...]
     left_out: tuple[LeftOut, ...]
     dropped_contacts: tuple[LeftOut, ...]
+    differences: tuple[LeftOut, ...]  # what is modelled in another way than in MuJoCo
     merged_points: int
     compiler_warnings: tuple[str, ...]  # MuJoCo's warnings about the file
     joints: tuple[Joint, ...]  # as the core has them
@@ -217,6 +219,7 @@ def _build(
         parameters=moves.parameters,
         left_out=tuple(gate.left_out),
         dropped_contacts=tuple(builder.dropped),
+        differences=differences(model, candidates, contact_law, integrator),
         merged_points=merged,
         compiler_warnings=warnings,
         joints=tuple(tree.joints),

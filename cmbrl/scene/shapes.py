@@ -172,10 +172,10 @@ def _round_touches(cylinder: Shape) -> list[Touch]:
     return found
 
 
-def hull_points(model: mujoco.MjModel, mesh: int) -> Array:
-    """At most 32 vertices (n, 3) of a mesh's convex hull in the geom frame, chosen farthest first.
+def hull_vertices(model: mujoco.MjModel, mesh: int) -> Array:
+    """All vertices (n, 3) of a mesh's convex hull in the geom frame.
 
-    The hull is in MuJoCo's ``mesh_graph``: numvert, numface, edge addresses, vertex numbers, ...
+    They are in MuJoCo's ``mesh_graph``: numvert, numface, edge addresses, vertex numbers, ...
     """
     first = int(model.mesh_vertadr[mesh])
     points = np.asarray(model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])], dtype=np.float64)
@@ -183,6 +183,12 @@ def hull_points(model: mujoco.MjModel, mesh: int) -> Array:
     if graph >= 0:
         count = int(model.mesh_graph[graph])
         points = points[model.mesh_graph[graph + 2 + count : graph + 2 + 2 * count]]
+    return points
+
+
+def hull_points(model: mujoco.MjModel, mesh: int) -> Array:
+    """At most 32 of ``hull_vertices``, chosen farthest first."""
+    points = hull_vertices(model, mesh)
     if len(points) <= _HULL_POINTS:
         return points
     chosen = [int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))]

@@ -17,7 +17,8 @@ LONG = 'type="capsule" size=".05 .5"'
 BOX = 'type="box" size=".3 .2 .25"'
 ROUNDED = '<custom><numeric name="rounding:b" data=".05"/></custom>'
 FREE = "<freejoint/>"
-PLANAR = '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/><joint type="hinge" axis="0 1 0"/>'  # A capsule's axis is turned into the plane by its zaxis.
+SLIDES = '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>'
+PLANAR = SLIDES + '<joint type="hinge" axis="0 1 0"/>'
 
 
 @dataclass(frozen=True)

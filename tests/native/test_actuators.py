@@ -1,4 +1,4 @@
-"""Velocity gains of actuators act as the file's integrator has them: explicitly in Euler files, otherwise implicitly."""
+"""Velocity gains of actuators act as in the file's integrator: explicitly in Euler files, otherwise implicitly."""
 
 from __future__ import annotations
 

@@ -1,0 +1,82 @@
+"""What a scene models in another way than MuJoCo, in words and with its size, for ``cmbrl info``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+
+from cmbrl.scene.kinematics import FLAT_TILT
+from cmbrl.scene.mjcf import name_of
+from cmbrl.scene.records import Array, Candidate, ContactKind, LeftOut
+from cmbrl.scene.shapes import hull_points, hull_vertices
+
+_MESH, _CYLINDER = mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_CYLINDER
+_ROUNDS = 300  # of Frank-Wolfe
+_RIM_ERROR = 0.18 * FLAT_TILT  # of the radius: the most that the point of a nearly flat rim is too high
+
+
+def differences(
+    model: mujoco.MjModel, candidates: list[Candidate], contact_law: str, integrator: str
+) -> tuple[LeftOut, ...]:
+    """Approximations of shapes, then differences of the laws; nothing that the file does not use."""
+    return (*_shapes(model, candidates), *_laws(model, candidates, contact_law), *_stepping(model, integrator))
+
+
+def _shapes(model: mujoco.MjModel, candidates: list[Candidate]) -> Iterator[LeftOut]:
+    on_plane = dict.fromkeys(c.geoms[0] for c in candidates if c.kind.on_plane)
+    for geom in on_plane:
+        name, mesh = name_of(model, "geom", geom), int(model.geom_dataid[geom])
+        if model.geom_type[geom] == _MESH and (error := hull_error(model, mesh)) > 0:
+            count, kept = len(hull_vertices(model, mesh)), len(hull_points(model, mesh))
+            why = f"it touches by {kept} of its hull's {count} vertices; others lie up to {_millimetres(error)} outside"
+            yield LeftOut("mesh", name, why)
+    for geom in dict.fromkeys(c.geoms[0] for c in candidates if c.kind == ContactKind.RIM_PLANE):
+        tilt, depth = 1e3 * FLAT_TILT, _millimetres(_RIM_ERROR * model.geom_size[geom, 0])
+        why = f"it stands on feet inside its rim; tilted by less than {tilt:g} mrad it may sink in by {depth}"
+        yield LeftOut("cylinder", name_of(model, "geom", geom), why)
+    for c in candidates:
+        if c.kind == ContactKind.SEGMENT_SEGMENT:
+            label = " - ".join(name_of(model, "geom", geom) for geom in c.geoms)
+            yield LeftOut("capsules", label, "one point of contact; MuJoCo has two where capsules lie side by side")
+
+
+def _laws(model: mujoco.MjModel, candidates: list[Candidate], contact_law: str) -> Iterator[LeftOut]:
+    if contact_law != "mujoco" or not any(c.law.dim > 1 for c in candidates):
+        return
+    if model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL:
+        why = "round instead of the file's pyramid, with the softness that the pyramid has while it sticks"
+        yield LeftOut("friction", "cone", why)
+    why = "MuJoCo's normal force grows with the speed of sliding, up to a hop; here it does not (exact Coulomb)"
+    yield LeftOut("friction", "sliding", why)
+
+
+def _stepping(model: mujoco.MjModel, integrator: str) -> Iterator[LeftOut]:
+    if integrator == "rk4":
+        why = "by default stepped by leapfrog (second order); velocity gains and damping act at the next velocity"
+        yield LeftOut("integrator", "RK4", why)
+    elif integrator == "euler" and np.any(model.dof_damping):
+        why = "joint damping is implicit in the contact solve too; MuJoCo adds it afterwards"
+        yield LeftOut("integrator", "Euler", why)
+
+
+def _millimetres(length: float) -> str:
+    return f"{float(f'{1e3 * length:.2g}'):g} mm"
+
+
+def hull_error(model: mujoco.MjModel, mesh: int) -> float:
+    """Largest distance [m] of a vertex of a mesh's hull from the hull of the vertices that are kept.
+
+    From above, within a per cent or so: Frank-Wolfe iterations for the nearest points.
+    """
+    points, kept = hull_vertices(model, mesh), hull_points(model, mesh)
+    if len(points) == len(kept):
+        return 0.0
+    nearest: Array = np.repeat(kept.mean(axis=0)[None], len(points), axis=0)
+    for _ in range(_ROUNDS):
+        towards = kept[np.argmin((nearest - points) @ kept.T, axis=1)] - nearest
+        length = np.maximum(np.sum(towards**2, axis=1), 1e-300)
+        share = np.clip(np.sum((points - nearest) * towards, axis=1) / length, 0.0, 1.0)
+        nearest += share[:, None] * towards
+    return float(np.linalg.norm(points - nearest, axis=1).max())
