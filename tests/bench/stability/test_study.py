@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cmbrl.bench.peers.mujoco import MuJoCo
-from cmbrl.bench.studies.stability import plots
-from cmbrl.bench.studies.stability.bank import HARD, SCENES, arms
+from cmbrl.bench.studies.stability import midpoint, plots
+from cmbrl.bench.studies.stability.bank import HARD, MIDPOINT, SCENES, arms
 from cmbrl.bench.studies.stability.cells import ABSENT, FAIL, NEAR, PASS, Cell, measure, simulate
 from cmbrl.bench.studies.stability.study import STUDY
 from cmbrl.bench.studies.stability.tables import Results, slope_of
@@ -27,6 +27,24 @@ def test_study_writes_tables_and_pictures(tmp_path: Path) -> None:
     assert all((tmp_path / figure.file).is_file() for figure in section.figures)
     shown = [cell for cell in section.values["cells"] if cell["h"] == 0.001]
     assert all(cell["seconds"] > 0 for cell in shown if cell["runs"])
+
+
+def test_conservation_scenes_say_what_midpoint_costs(tmp_path: Path) -> None:
+    """Those that the default step misses pass with midpoint, whose work stands beside the verdicts."""
+    missed = [label for label in ("F25b", "F25c") if SCENES[label].kind == "conservation"]
+    assert missed == ["F25b", "F25c"]
+    for label in missed:
+        verdicts = [measure(SCENES[label], arm, 0.001).verdict for arm in (HARD, MIDPOINT)]
+        assert verdicts == [NEAR, PASS]
+    scenes = [SCENES["F25b"], SCENES["F2"], SCENES["F13"]]
+    assert [s.label for s in midpoint.asked(scenes)] == ["F25b", "F2"]
+    work = {s.label: midpoint.measure(s.label) for s in scenes[:2]}
+    cells = {(s.label, name, 0.001): Cell(s.label, name, 0.001, 0.0, 1.0) for s in scenes for name in (HARD, MIDPOINT)}
+    table = midpoint.table(Results(scenes, [HARD, MIDPOINT], cells, True), work)
+    rows = {str(row[0]).split()[0]: dict(zip(table.columns, row, strict=True)) for row in table.rows}
+    assert rows["F25b"]["its iterations"] == rows["F25b"]["of midpoint"] == 0
+    assert 0 < rows["F2"]["its iterations"] < 20
+    assert all(0.2 < row[name] < 5 for row in rows.values() for name in ("time of a step", "of its Jacobian"))
 
 
 def test_pictures_show_every_cell() -> None:

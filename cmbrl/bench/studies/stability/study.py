@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from cmbrl.bench.figures import save
-from cmbrl.bench.studies.stability import bias, plots, tables
+from cmbrl.bench.studies.stability import bias, midpoint, plots, tables
 from cmbrl.bench.studies.stability.bank import HARD, IN_PYTHON, SCENES, SWEEPS, arms
 from cmbrl.bench.studies.stability.case import QUICK, SWEEP, WORDS, BankScene
 from cmbrl.bench.studies.stability.cells import FAIL, NEAR, Cell, cell, seconds
@@ -18,7 +18,10 @@ def run(folder: Path, settings: Settings, runner: Runner) -> Section:
     scenes = [s for s in SCENES.values() if settings.scenes is None or s.label in settings.scenes]
     results = tables.Results(scenes, list(arms()), measure_all(scenes, settings.quick, runner), settings.quick)
     effects = [Job(f"F30 {name}", bias.measure, {"effect": name}) for name in bias.EFFECTS]
-    biases = dict(zip(bias.EFFECTS, runner.run(effects, "bias", (0.9, 1.0)), strict=True))
+    biases = dict(zip(bias.EFFECTS, runner.run(effects, "bias", (0.9, 0.95)), strict=True))
+    compared = [Job(f"midpoint {s.label}", midpoint.measure, {"scene": s.label}) for s in midpoint.asked(scenes)]
+    costs = runner.run(compared, "midpoint", (0.95, 1.0), alone=True)
+    work = {job.inputs["scene"]: found for job, found in zip(compared, costs, strict=True)}
     drawn = {"bank.png": plots.heat_map(results), "bias.png": bias.plot(biases)}
     if any(s.kind in plots.CURVED for s in scenes):
         drawn["steps.png"] = plots.curves(results)
@@ -29,8 +32,14 @@ def run(folder: Path, settings: Settings, runner: Runner) -> Section:
         bias.table(biases), tables.orders(results), tables.costs(results), tables.reasons(results),
         tables.truths(results),
     ]  # fmt: skip
+    if work:
+        lists.insert(1, midpoint.table(results, work))
     figures = [WORDS.figure(file) for file in ("bank.png", "steps.png", "bias.png") if file in drawn]
-    values = {"cells": [{**asdict(c), "verdict": c.verdict} for c in results.cells.values()], "bias": biases}
+    values = {
+        "cells": [{**asdict(c), "verdict": c.verdict} for c in results.cells.values()],
+        "bias": biases,
+        "midpoint": work,
+    }
     text = f"{WORDS('method', sweeps=SWEEPS)} {_missed(scenes, results)}"
     return Section(WORDS("title"), text, lists, figures, values)
 
