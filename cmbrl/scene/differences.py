@@ -13,7 +13,9 @@ from cmbrl.scene.records import Array, Candidate, ContactKind, LeftOut
 from cmbrl.scene.shapes import hull_points, hull_vertices
 
 _MESH, _CYLINDER = mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_CYLINDER
+_MESH_POINTS = 4  # of MuJoCo's contact between a mesh and a plane
 _ROUNDS = 300  # of Frank-Wolfe
+_FLAT_SIDE = 1e-5  # of a mesh's size: how far points of one side may be apart; MuJoCo keeps vertices as floats
 _RIM_ERROR = 0.18 * FLAT_TILT  # of the radius: the most that the point of a nearly flat rim is too high
 
 
@@ -28,9 +30,14 @@ def _shapes(model: mujoco.MjModel, candidates: list[Candidate]) -> Iterator[Left
     on_plane = dict.fromkeys(c.geoms[0] for c in candidates if c.kind.on_plane)
     for geom in on_plane:
         name, mesh = name_of(model, "geom", geom), int(model.geom_dataid[geom])
-        if model.geom_type[geom] == _MESH and (error := hull_error(model, mesh)) > 0:
+        if model.geom_type[geom] != _MESH:
+            continue
+        if (error := hull_error(model, mesh)) > 0:
             count, kept = len(hull_vertices(model, mesh)), len(hull_points(model, mesh))
             why = f"it touches by {kept} of its hull's {count} vertices; others lie up to {_millimetres(error)} outside"
+            yield LeftOut("mesh", name, why)
+        if (most := flat_side(model, mesh)) > _MESH_POINTS:
+            why = f"a flat side touches with {most} points; MuJoCo's with at most {_MESH_POINTS}, so it is softer"
             yield LeftOut("mesh", name, why)
     for geom in dict.fromkeys(c.geoms[0] for c in candidates if c.kind == ContactKind.RIM_PLANE):
         tilt, depth = 1e3 * FLAT_TILT, _millimetres(_RIM_ERROR * model.geom_size[geom, 0])
@@ -61,22 +68,47 @@ def _stepping(model: mujoco.MjModel, integrator: str) -> Iterator[LeftOut]:
         yield LeftOut("integrator", "Euler", why)
 
 
+def flat_side(model: mujoco.MjModel, mesh: int) -> int:
+    """The most kept vertices of a mesh that lie in one face of its hull; 0 if MuJoCo has not kept its faces."""
+    graph = int(model.mesh_graphadr[mesh])
+    if graph < 0:
+        return 0
+    vertices, faces = (int(x) for x in model.mesh_graph[graph : graph + 2])
+    start = graph + 2 + 3 * vertices + 3 * faces  # after edge addresses, vertex numbers and edges
+    corners = model.mesh_graph[start : start + 3 * faces].reshape(-1, 3) + model.mesh_vertadr[mesh]
+    a, b, c = np.asarray(model.mesh_vert[corners], dtype=np.float64).transpose(1, 0, 2)
+    normal = np.cross(b - a, c - a)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    kept = hull_points(model, mesh)
+    height = kept @ normal.T - np.sum(a * normal, axis=1)
+    return int((np.abs(height) < _FLAT_SIDE * np.ptp(kept)).sum(axis=0).max(initial=0))
+
+
 def _millimetres(length: float) -> str:
     return f"{float(f'{1e3 * length:.2g}'):g} mm"
 
 
 def hull_error(model: mujoco.MjModel, mesh: int) -> float:
-    """Largest distance [m] of a vertex of a mesh's hull from the hull of the vertices that are kept.
+    """Largest distance [m] of a vertex of a mesh's hull from the hull of the vertices that are kept, from above.
 
-    From above, within a per cent or so: Frank-Wolfe iterations for the nearest points.
+    Within one per cent: Frank-Wolfe iterations for the nearest points of the vertices that may still be the farthest.
     """
     points, kept = hull_vertices(model, mesh), hull_points(model, mesh)
     if len(points) == len(kept):
         return 0.0
     nearest: Array = np.repeat(kept.mean(axis=0)[None], len(points), axis=0)
+    upper = np.zeros(0)
     for _ in range(_ROUNDS):
-        towards = kept[np.argmin((nearest - points) @ kept.T, axis=1)] - nearest
+        away = points - nearest
+        support = kept[np.argmax(away @ kept.T, axis=1)]
+        upper = np.maximum(np.linalg.norm(away, axis=1), 1e-300)
+        lower = (
+            np.sum(away * (points - support), axis=1) / upper
+        )  # to the plane across the way there that bounds the hull
+        if upper.max() <= 1.01 * lower.max():
+            break
+        far = upper >= lower.max()
+        points, nearest, away, towards = points[far], nearest[far], away[far], (support - nearest)[far]
         length = np.maximum(np.sum(towards**2, axis=1), 1e-300)
-        share = np.clip(np.sum((points - nearest) * towards, axis=1) / length, 0.0, 1.0)
-        nearest += share[:, None] * towards
-    return float(np.linalg.norm(points - nearest, axis=1).max())
+        nearest = nearest + np.clip(np.sum(away * towards, axis=1) / length, 0.0, 1.0)[:, None] * towards
+    return float(upper.max())

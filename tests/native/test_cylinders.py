@@ -120,13 +120,14 @@ def test_it_tips_over_its_rim(tmp_path: Path) -> None:
             assert (upright > 1 - 1e-5) == stands, (share, turn, upright)
 
 
-@pytest.mark.parametrize("law", ["mujoco", "rigid", "spring-damper"])
+@pytest.mark.parametrize(("law", "e"), [("mujoco", 0.0), ("rigid", 0.0), ("rigid", 0.5), ("spring-damper", 0.0)])
 @pytest.mark.parametrize("tilt", [0.0, 4e-4, 0.02, 0.5, np.pi / 2])
-def test_derivatives(law: str, tilt: float, wheel: Path) -> None:
+def test_derivatives(law: str, e: float, tilt: float, wheel: Path) -> None:
     """Of rolling, wobbling, lying and standing, inside the region too where the lowest point runs to the centre."""
     scene, rng, count = Scene.from_mjcf(wheel, contact_law=law), np.random.default_rng(0), 6
     theta = scene.parameter_vector()
     theta[[p.group == "softness_time" for p in scene.parameters]] *= 1.25
+    theta[[p.group == "restitution" for p in scene.parameters]] = e
     model = ComplementarityModel(scene, smoothing=SMOOTHINGS["kappa 1e-4"], parameters=theta, path_tolerance=1e-12)
     q, v = np.zeros((count, 7)), rng.uniform(-1, 1, (count, 6))
     for row in q:

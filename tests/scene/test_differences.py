@@ -41,6 +41,21 @@ def test_error_of_a_large_mesh(load: Load) -> None:
     assert not whys(load(FLOOR + body, ellipsoid(20))[0], "mesh")
 
 
+@pytest.mark.parametrize("sides", [4, 12])
+def test_flat_side_of_a_mesh(sides: int, load: Load) -> None:
+    """A prism: MuJoCo stands it on at most four of its corners, which four corners are."""
+    angle = 2 * np.pi * np.arange(sides) / sides + 0.1
+    ring = np.column_stack([0.1 * np.cos(angle), 0.1 * np.sin(angle)])
+    points = " ".join(f"{x:.7f} {y:.7f} {z}" for z in (0, 0.1) for x, y in ring)
+    body = '<body pos="0 0 -1e-4"><freejoint/><geom name="m" type="mesh" mesh="m"/></body>'
+    scene, model = load(FLOOR + body, f'<asset><mesh name="m" vertex="{points}"/></asset>')
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert data.ncon == 4
+    assert (scene.gaps(data.qpos) < 0).sum() == sides
+    assert whys(scene, "mesh").get("m", "").startswith("a flat side touches with 12 points") == (sides == 12)
+
+
 def test_cylinders_and_capsules(load: Load) -> None:
     free = '<body pos="{}"><freejoint/><geom name="{}" {}/></body>'
     world = (
