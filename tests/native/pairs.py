@@ -17,23 +17,27 @@ LONG = 'type="capsule" size=".05 .5"'
 BOX = 'type="box" size=".3 .2 .25"'
 ROUNDED = '<custom><numeric name="rounding:b" data=".05"/></custom>'
 FREE = "<freejoint/>"
-SLIDES = '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>'
-PLANAR = SLIDES + '<joint type="hinge" axis="0 1 0"/>'
+PLANAR = (
+    '<joint type="slide" axis="1 0 0" damping=".5"/><joint type="slide" axis="0 0 1"/>'
+    '<joint name="turn_{}" type="hinge" axis="0 1 0"/>'
+)
+MOTORS = '<actuator><motor joint="turn_a" gear="3"/><motor joint="turn_b" gear="2"/></actuator>'
 
 
 @dataclass(frozen=True)
 class Pair:
     """Geoms A and B, and where A's centre lies as seen from B's: box (3,) half sizes of the region it is drawn from.
 
-    ``still``: directions (of the box) in which that place is kept while A is moved towards B until the gap is right;
-    None: it moves along the line between the centres. ``depth``: how far inside B the centre of A lies [m], if it does.
+    From there A is moved ``along`` a line of B's frame until the gap is right; without one, along the line between the
+    centres, in any direction. ``align``: A's z axis in B's frame; without it A turns at random. ``inside``: A's centre
+    stays where it was drawn. ``rest``: more MJCF.
     """
 
     a: str
     b: str
     where: tuple[float, float, float] = (1.0, 1.0, 1.0)
     along: tuple[float, float, float] | None = None
-    align: tuple[float, float, float] | None = None  # A's z axis in B's frame; None: random
+    align: tuple[float, float, float] | None = None
     inside: bool = False
     rest: str = ""
 
@@ -64,17 +68,17 @@ PLANE = {
 
 def scene_of(pair: Pair, folder: Path, law: str, planar: bool = False, fixed: bool = False) -> Scene:
     """Both bodies float without gravity's help; ``fixed``: B is part of the world."""
-    joints = PLANAR if planar else FREE
 
     def body(name: str, geom: str, where: str, free: bool) -> str:
         turned = 'zaxis="1 0 0.2"' if planar and "capsule" in geom else ""
+        joints = PLANAR.format(name) if planar else FREE
         look = f'<geom name="{name}" {geom} {turned} mass="1.3" friction=".6" solimp=".8 .95 .003 .4 3"/>'
         inertia = f'<geom {geom} {turned} mass=".7" pos=".03 .0 .02" contype="0" conaffinity="0"/>'
         return f'<body name="{name}" pos="{where}">{joints if free else ""}{look}{inertia}</body>'
 
-    file = folder / "pair.xml"
+    file, motors = folder / "pair.xml", MOTORS if planar else ""
     bodies = body("b", pair.b, "0 0 0", not fixed) + body("a", pair.a, "2 0 0", True)
-    file.write_text(f"<mujoco>{pair.rest}<worldbody>{bodies}</worldbody></mujoco>", encoding="utf-8")
+    file.write_text(f"<mujoco>{pair.rest}<worldbody>{bodies}</worldbody>{motors}</mujoco>", encoding="utf-8")
     scene = Scene.from_mjcf(file, contact_law=law)
     assert scene.planar == planar
     return scene
@@ -83,7 +87,7 @@ def scene_of(pair: Pair, folder: Path, law: str, planar: bool = False, fixed: bo
 def states(
     scene: Scene, pair: Pair, count: int, rng: np.random.Generator, gap: tuple[float, float] = (-2e-3, 1e-3)
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """q (count, nq), v (count, nv), u (count, 0) with the gap of the pair in the range, or A's centre inside B."""
+    """q (count, nq), v (count, nv), u (count, nu) with the gap of the pair in the range, or A's centre inside B."""
     q = np.tile(scene.q0, (count, 1))
     for row in q:
         place = (rng.uniform(-1, 1, 3) * pair.where) if pair.along else _direction(rng)
@@ -91,7 +95,7 @@ def states(
         if pair.inside:
             place, along = rng.uniform(-1, 1, 3) * pair.where, np.zeros(3)
         _place(scene, row, pair, place, along, rng, rng.uniform(*gap))
-    return q, rng.uniform(-1, 1, (count, scene.nv)), np.zeros((count, 0))
+    return q, rng.uniform(-1, 1, (count, scene.nv)), rng.uniform(-1, 1, (count, scene.nu))
 
 
 def _direction(rng: np.random.Generator) -> np.ndarray:
