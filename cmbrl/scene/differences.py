@@ -12,7 +12,7 @@ from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import Array, Candidate, ContactKind, LeftOut
 from cmbrl.scene.shapes import hull_points, hull_vertices
 
-_MESH, _CYLINDER = mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_CYLINDER
+_MESH = mujoco.mjtGeom.mjGEOM_MESH
 _MESH_POINTS = 4  # of MuJoCo's contact between a mesh and a plane
 _ROUNDS = 300  # of Frank-Wolfe
 _FLAT_SIDE = 1e-5  # of a mesh's size: how far points of one side may be apart; MuJoCo keeps vertices as floats
@@ -37,7 +37,7 @@ def _shapes(model: mujoco.MjModel, candidates: list[Candidate]) -> Iterator[Left
             why = f"it touches by {kept} of its hull's {count} vertices; others lie up to {_millimetres(error)} outside"
             yield LeftOut("mesh", name, why)
         if (most := flat_side(model, mesh)) > _MESH_POINTS:
-            why = f"a flat side touches with {most} points; MuJoCo's with at most {_MESH_POINTS}, so it is softer"
+            why = f"a flat side touches with {most} points; in MuJoCo with at most {_MESH_POINTS}, which are softer"
             yield LeftOut("mesh", name, why)
     for geom in dict.fromkeys(c.geoms[0] for c in candidates if c.kind == ContactKind.RIM_PLANE):
         tilt, depth = 1e3 * FLAT_TILT, _millimetres(_RIM_ERROR * model.geom_size[geom, 0])
