@@ -53,8 +53,7 @@ class ComplementarityModel:
     Args:
         scene: the world.
         substeps: physics steps in one control step.
-        time_step: h [s]; default: the file's. Velocity gains of actuators in Euler files act explicitly, as in MuJoCo, and
-            bound the steps that are stable.
+        time_step: h [s]; default: the file's. Velocity gains in Euler files act explicitly, as in MuJoCo, and bound it.
         smoothing: :class:`Exact` (default), :class:`Barrier` or :class:`Adaptive`.
         backward_smoothing: the policy of the derivative (simulate hard, differentiate soft); default: ``smoothing``.
         integrator: "semi-implicit"; "leapfrog" (positions shifted by half a step: second order in forces that depend on
