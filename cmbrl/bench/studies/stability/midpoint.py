@@ -64,5 +64,5 @@ def table(results: Results, measured: Mapping[str, Mapping[str, Any]]) -> Table:
         verdicts = [results.shown(scene, name).verdict for name in INTEGRATORS]
         iterations = [found["iterations"][name] for name in INTEGRATORS]
         rows.append([scene.name, *verdicts, *iterations, found["step"], found["jacobian"]])
-    columns = ["scene", HARD, MIDPOINT, "its iterations", "of midpoint", "time of a step", "of its Jacobian"]
+    columns = ["scene", HARD, MIDPOINT, "iterations", "with midpoint", "time of a step", "with Jacobian"]
     return Table("What midpoint costs, against ours hard", columns, rows, WORDS("tables.midpoint"))
