@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import reduce
 
 import torch
 from torch import Tensor
@@ -11,6 +12,27 @@ from torch import Tensor
 
 def _same_state(q: Tensor, v: Tensor, action: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     return q, v, action
+
+
+@dataclass(frozen=True)
+class Total:
+    """A reward that is the sum of some of the numbers in ``MDP.info``: an environment evaluates those once.
+
+    Args:
+        info: as in :class:`MDP`.
+        terms: their names, added in this order.
+    """
+
+    info: Callable[[Tensor, Tensor, Tensor, Tensor, Tensor], dict[str, Tensor]]
+    terms: tuple[str, ...]
+
+    def __call__(self, q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: Tensor) -> Tensor:
+        """(B,): of one step."""
+        return self.of(self.info(q, v, action, q_next, v_next))
+
+    def of(self, told: dict[str, Tensor]) -> Tensor:
+        """(B,): of the step of which ``info`` tells ``told``."""
+        return reduce(torch.add, [told[name] for name in self.terms])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,8 +54,8 @@ class MDP:
             robot gets ``repeat`` transitions. Default 1.
         shaping: q', v' -> (B,), added to the reward in training only, never in what is reported. Termination is
             discontinuous and has no gradient, so that a barrier before it helps. Default none.
-        info: as ``reward``, but -> name -> (B,): what environments report of a step, such as the parts of the reward.
-            Default nothing.
+        info: as ``reward``, but -> name -> (B,): what environments report of a step, such as the parts of the reward
+            (then give the reward as their :class:`Total`). Default nothing.
     """
 
     observations: int
@@ -48,6 +70,21 @@ class MDP:
     repeat: int = 1
     shaping: Callable[[Tensor, Tensor], Tensor] | None = None
     info: Callable[[Tensor, Tensor, Tensor, Tensor, Tensor], dict[str, Tensor]] | None = None
+
+    def score(
+        self, q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: Tensor
+    ) -> tuple[Tensor, dict[str, Tensor]]:
+        """``reward`` (B,) and ``info`` of one step; a ``Total`` of this ``info`` is not evaluated again."""
+        told = {} if self.info is None else self.info(q, v, action, q_next, v_next)
+        if isinstance(self.reward, Total) and self.reward.info is self.info:
+            return self.reward.of(told), told
+        return self.reward(q, v, action, q_next, v_next), told
+
+
+def inside(q: Tensor, v: Tensor, low: Tensor, high: Tensor) -> Tensor:
+    """(B,) bool: whether every coordinate of (q, v) is between ``low`` and ``high`` (nq + nv,); false if one is NaN."""
+    state = torch.cat([q, v], dim=1)
+    return ((state > low) & (state < high)).all(dim=1)
 
 
 def never(q: Tensor, v: Tensor) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from typing import Any
 
@@ -72,20 +73,21 @@ class MDPEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Observation (n_o,), reward, terminated, truncated, info after an action (n_a,)."""
         if not self._q.numel():
             raise UserError("the episode has not begun: call reset()")
-        a = torch.from_numpy(np.clip(action, -1.0, 1.0).astype(np.float64))[None]
+        a = torch.from_numpy(np.asarray(action, np.float64).clip(-1.0, 1.0)[None])
         q_next, v_next, u = self.mdp.act(self._q, self._v, a)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SolverWarning)  # counted in the model's ``failures``
             for _ in range(self.mdp.repeat):
                 q_next, v_next = self.model.step(q_next, v_next, u)
-        reward = self.mdp.reward(self._q, self._v, a, q_next, v_next).nan_to_num(0.0, 0.0, 0.0).item()
-        info = {} if self.mdp.info is None else self.mdp.info(self._q, self._v, a, q_next, v_next)
-        lost = not (torch.isfinite(q_next).all() and torch.isfinite(v_next).all())
+        score, info = self.mdp.score(self._q, self._v, a, q_next, v_next)
+        reward = score.item()
+        lost = not (_finite(q_next.numpy()) and _finite(v_next.numpy()))
         terminated = lost or bool(self.mdp.terminated(q_next, v_next))
         self._q, self._v = q_next, v_next
         self._age += 1
         truncated = self._age >= self.mdp.episode_steps and not terminated
-        return self._observe(), reward, terminated, truncated, {name: x.item() for name, x in info.items()}
+        told = {name: x.item() for name, x in info.items()}
+        return self._observe(), reward if math.isfinite(reward) else 0.0, terminated, truncated, told
 
     def render(self) -> np.ndarray | None:  # type: ignore[override]
         """A picture (height, width, 3) uint8 of the current state; None without a render mode."""
@@ -102,4 +104,10 @@ class MDPEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             self._drawer = None
 
     def _observe(self) -> np.ndarray:
-        return self.mdp.observe(self._q, self._v)[0].nan_to_num(0.0, 0.0, 0.0).numpy()
+        row = self.mdp.observe(self._q, self._v).numpy()[0]
+        return row.copy() if _finite(row) else np.nan_to_num(row, posinf=0.0, neginf=0.0)
+
+
+def _finite(x: np.ndarray) -> bool:
+    """Whether all of a few numbers are finite; Python's own test is faster than NumPy's on so few."""
+    return all(map(math.isfinite, x.ravel().tolist()))

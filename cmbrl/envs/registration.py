@@ -98,9 +98,10 @@ def register_all() -> list[str]:
 
 
 def _process(task: Task, episode_steps: int | None = None) -> MDP:
-    """The task's decision process, with a shorter time limit if given."""
+    """The task's decision process without shaping, which environments never report; with a shorter limit if given."""
     mdp = decision_process(task)
-    return mdp if episode_steps is None else replace(mdp, episode_steps=min(mdp.episode_steps, episode_steps))
+    limit = mdp.episode_steps if episode_steps is None else min(mdp.episode_steps, episode_steps)
+    return replace(mdp, shaping=None, episode_steps=limit)
 
 
 def _model(model: str | os.PathLike[str] | Model, task: Task) -> Model:

@@ -60,7 +60,8 @@ class Sb3VecEnv(VecEnv):
             last = np.nan_to_num(step.next_observation[k].numpy(), posinf=0.0, neginf=0.0)
             infos[k] = {"TimeLimit.truncated": bool(step.truncated[k]), "terminal_observation": last}
         reward = step.reward.nan_to_num(0.0, 0.0, 0.0).float().numpy()
-        return self.simulation.observe().numpy(), reward, done, infos
+        observation = self.simulation.observe() if done.any() else step.next_observation
+        return observation.numpy(), reward, done, infos
 
     def close(self) -> None:
         """Nothing to free."""

@@ -113,7 +113,7 @@ class Simulation:
         self.steps_taken += self.count * mdp.repeat
         self.age += 1
         with torch.no_grad():
-            lost = ~(torch.isfinite(q).all(dim=1) & torch.isfinite(v).all(dim=1))
+            lost = ~torch.isfinite(torch.cat([q, v], dim=1)).all(dim=1)
             terminated = mdp.terminated(q, v) | lost
             truncated = (self.age >= mdp.episode_steps) & ~terminated
             done = terminated | truncated

@@ -53,10 +53,10 @@ class MDPVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         reward = step.reward.nan_to_num(0.0, 0.0, 0.0).numpy()
         terminated, truncated = step.terminated.numpy(), step.truncated.numpy()
         done = terminated | truncated
-        infos: dict[str, Any] = {}
-        if done.any():
-            infos["final_obs"] = np.full(self.num_envs, None, dtype=object)
-            for k in np.flatnonzero(done):
-                infos["final_obs"][k] = step.next_observation[k].nan_to_num(0.0, 0.0, 0.0).numpy()
-            infos["_final_obs"] = done
+        if not done.any():
+            return step.next_observation.numpy(), reward, terminated, truncated, {}
+        last = np.full(self.num_envs, None, dtype=object)
+        for k in np.flatnonzero(done):
+            last[k] = step.next_observation[k].nan_to_num(0.0, 0.0, 0.0).numpy()
+        infos = {"final_obs": last, "_final_obs": done}
         return self.simulation.observe().numpy(), reward, terminated, truncated, infos

@@ -85,6 +85,24 @@ class Stepper:
         return self.core.backward(u, theta, tape, gq, gv, self.options, want_theta, self.threads)
 
 
+def differentiable_step(
+    stepper: Stepper, q: torch.Tensor, v: torch.Tensor, u: torch.Tensor, theta: torch.Tensor, impulse: bool
+) -> tuple[torch.Tensor, torch.Tensor, dict[str, np.ndarray]]:
+    """q_next, v_next and what else the core returned; without torch's machinery where no gradient is asked for."""
+    given = q, v, u, theta
+    if torch.is_grad_enabled() and any(x.requires_grad for x in given):
+        report: dict[str, np.ndarray] = {}
+        q_next, v_next = NativeStep.apply(*given, stepper, report, impulse)
+        return q_next, v_next, report
+    out = stepper.forward(*map(_array, given), impulse=impulse)
+    return torch.from_numpy(out["q_next"]), torch.from_numpy(out["v_next"]), out
+
+
+def _array(x: torch.Tensor) -> np.ndarray:
+    """C-contiguous, without a copy if it is so already."""
+    return np.ascontiguousarray((x.detach() if x.requires_grad else x).numpy())
+
+
 class NativeStep(torch.autograd.Function):
     """(q, v, u, theta) -> (q_next, v_next) of a :class:`Stepper`."""
 
@@ -99,13 +117,11 @@ class NativeStep(torch.autograd.Function):
         report: dict[str, np.ndarray],
         impulse: bool,
     ) -> Any:
-        """Runs the native step, with a tape if a gradient is needed; puts "status" and "impulse" into ``report``."""
-        arrays = [x.detach().contiguous().numpy() for x in (q, v, u, theta)]
+        """Runs the native step, with a tape if a gradient is needed; its other results go into ``report``."""
+        arrays = [_array(x) for x in (q, v, u, theta)]
         record = any(ctx.needs_input_grad[:4])
         out = stepper.forward(*arrays, tape=record, impulse=impulse)
-        report["status"] = out["status"]
-        if impulse:
-            report["impulse"] = out["impulse"]
+        report.update(out)
         if record:
             ctx.stepper, ctx.arrays, ctx.tape, ctx.q_next = stepper, arrays, out["tape"], out["q_next"]
         return torch.from_numpy(out["q_next"]), torch.from_numpy(out["v_next"])

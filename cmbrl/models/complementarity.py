@@ -13,7 +13,7 @@ from cmbrl.contact import smoothing as smoothing_policies
 from cmbrl.contact.problem import ContactProblem, from_rows
 from cmbrl.contact.smoothing import Exact, Smoothing
 from cmbrl.errors import UserError
-from cmbrl.models.autograd import NativeStep, Stepper
+from cmbrl.models.autograd import Stepper, differentiable_step
 from cmbrl.models.manifold import Coordinates
 from cmbrl.models.windows import Windows
 from cmbrl.native import SolverStatus
@@ -21,6 +21,7 @@ from cmbrl.scene import Scene
 
 INTEGRATORS = ("semi-implicit", "leapfrog", "midpoint")
 FAILURE_LOSS = 1e3  # added to a candidate's loss by a failed solve
+FAILED = int(SolverStatus.FAILED)  # an enum's member is slow to look up and to compare with
 _DT_TOLERANCE = 1e-6  # relative: a control step must be a whole number of physics steps
 
 
@@ -122,6 +123,7 @@ class ComplementarityModel:
         }
         self.stepper = Stepper(scene, options, self.threads)
         self.coordinates = Coordinates.from_scene(scene)
+        self._widths = scene.nq, scene.nv, scene.nu
 
     @property
     def dt(self) -> float:
@@ -197,18 +199,15 @@ class ComplementarityModel:
         Returns: q_next (B, nq), v_next (B, nv).
         Raises: UserError for a wrong shape or type. Warns SolverWarning if solves fail; ``failures`` counts them.
         """
-        self._check_tensor(q, "q", self.scene.nq)
-        self._check_tensor(v, "v", self.scene.nv)
-        self._check_tensor(u, "u", self.scene.nu)
-        if not len(q) == len(v) == len(u):
-            raise UserError(f"q, v, u have {len(q)}, {len(v)}, {len(u)} rows; give the same number of rows")
+        rows = [self._rows(x, name, width) for x, name, width in zip((q, v, u), "qvu", self._widths, strict=True)]
+        if not rows[0] == rows[1] == rows[2]:
+            raise UserError(f"q, v, u have {rows[0]}, {rows[1]}, {rows[2]} rows; give the same number of rows")
         count = len(self.parameters)
         if theta is None:
             theta = torch.from_numpy(self.parameters)
-        elif theta.dtype != torch.float64 or theta.shape not in ((count,), (len(q), count)):
+        elif theta.dtype != torch.float64 or theta.shape not in ((count,), (rows[0], count)):
             raise UserError(f"theta is {theta.dtype} {tuple(theta.shape)}; give float64 ({count},) or (batch, {count})")
-        report: dict[str, np.ndarray] = {}
-        q_next, v_next = NativeStep.apply(q, v, u, theta, self.stepper, report, details is not None)
+        q_next, v_next, report = differentiable_step(self.stepper, q, v, u, theta, impulse=details is not None)
         if details is not None:
             details["impulse"] = report["impulse"]
         self._count_failures(report["status"])
@@ -298,7 +297,7 @@ class ComplementarityModel:
         }
 
     def _count_failures(self, status: np.ndarray) -> None:
-        failed = int((status == SolverStatus.FAILED).sum())
+        failed = int(np.count_nonzero(status == FAILED))
         if failed:
             self.failures += failed
             warnings.warn(f"{failed} of {len(status)} contact solves did not converge", SolverWarning, stacklevel=3)
@@ -316,6 +315,9 @@ class ComplementarityModel:
                 raise UserError(f"parameter {p.name} = {x:g} is outside its bounds [{p.low:g}, {p.high:g}]")
         return theta
 
-    def _check_tensor(self, x: torch.Tensor, name: str, width: int) -> None:
-        if x.dtype != torch.float64 or x.ndim != 2 or x.shape[1] != width:
-            raise UserError(f"{name} is {x.dtype} {tuple(x.shape)}; give float64 of shape (batch, {width})")
+    def _rows(self, x: torch.Tensor, name: str, width: int) -> int:
+        """The number of rows of x (B, width), float64; raises UserError if it is not."""
+        shape = x.shape
+        if x.dtype != torch.float64 or len(shape) != 2 or shape[1] != width:
+            raise UserError(f"{name} is {x.dtype} {tuple(shape)}; give float64 of shape (batch, {width})")
+        return shape[0]

@@ -9,11 +9,14 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from cmbrl.mdp import MDP, never, uniform
+from cmbrl.mdp import MDP, inside, never, uniform
 
 DT, STEPS = 0.05, 80  # s, steps of an episode
 HEIGHT, LOW, PITCH, STATE = 1.25, 0.7, 0.2, 100.0  # m, m, rad, both: start; healthy above, within, within
 REST_HEIGHT, REST_PITCH, DROP = 0.576509, 0.02792, 0.1  # m, rad, m
+
+BOTTOM = torch.tensor([-STATE, LOW, -PITCH, *9 * [-STATE]], dtype=torch.float64)  # of a healthy hopper's (q, v)
+TOP = torch.tensor([STATE, STATE, PITCH, *9 * [STATE]], dtype=torch.float64)
 
 
 def hopper_observation(q: Tensor, v: Tensor) -> Tensor:
@@ -28,8 +31,7 @@ def hopper_reward(q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: 
 
 def hopper_fell(q: Tensor, v: Tensor) -> Tensor:
     """(B,) bool: too low or too tilted, or any state out of bounds or not finite."""
-    bounded = (torch.cat([q, v], dim=1).abs() < STATE).all(dim=1)
-    return ~(bounded & (q[:, 1] > LOW) & (q[:, 2].abs() < PITCH))
+    return ~inside(q, v, BOTTOM, TOP)
 
 
 def hopper_reset(count: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:

@@ -100,6 +100,9 @@ def test_rk4_has_no_differences(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert (row["peer"], row["integrator"]) == ("RK4", "leapfrog")
     assert "mjd_transitionFD" not in row["seconds"]
     assert "refused" in found.tables[0].rows[0]
+    (cells,) = found.tables[4].rows  # the single environment next to Gymnasium's own
+    assert cells[:2] == ["cmbrl/Hopper-v0", "Hopper-v5"]
+    assert all(microseconds > 0 for microseconds in cells[2:4])
 
 
 def test_without_its_mjcf_the_g1_is_left_out_with_a_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

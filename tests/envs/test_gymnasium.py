@@ -17,6 +17,7 @@ pytest.importorskip("gymnasium")
 import gymnasium
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
+from torch.overrides import TorchFunctionMode
 
 from cmbrl.envs.gymnasium_env import MDPEnv
 from cmbrl.envs.registration import IDS, make_real, register, register_all
@@ -135,6 +136,37 @@ def test_actions_are_clipped_and_a_lost_state_ends_the_episode():
     assert np.isfinite(reward)
     assert terminated
     assert not truncated
+
+
+class _Counting(TorchFunctionMode):
+    """Counts the calls of torch's functions and methods."""
+
+    calls = 0
+
+    def __torch_function__(self, func, types, args=(), kwargs=None):
+        self.calls += 1
+        return func(*args, **(kwargs or {}))
+
+
+def test_a_step_of_one_environment_calls_torch_little():
+    """Its time goes by the number of calls: 51 here, 115 when info and reward were evaluated apart."""
+    env = gymnasium.make("cmbrl/Hopper-v0")
+    env.reset(seed=0)
+    env.step(np.zeros(3, np.float32))
+    with _Counting() as counting:
+        env.step(np.zeros(3, np.float32))
+    assert counting.calls <= 60
+
+
+def test_an_observation_that_is_the_state_comes_as_a_copy():
+    """An observation is the caller's to change, even where the task returns the state itself."""
+    task = load_task("hopper")
+    env = MDPEnv(replace(task.mdp(), observe=lambda q, v: q), nominal_model(task), task.scene_path)
+    env.reset(seed=0)
+    observation = env.step(np.zeros(3))[0]
+    before = env._q.clone()
+    observation[:] = 7.0
+    assert torch.equal(env._q, before)
 
 
 def test_models_by_name_and_as_objects(tmp_path):

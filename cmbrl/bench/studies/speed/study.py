@@ -8,6 +8,8 @@ from cmbrl.bench.figures import save
 from cmbrl.bench.scenes import LABELS
 from cmbrl.bench.states import available, left_out
 from cmbrl.bench.studies.speed.cells import measure
+from cmbrl.bench.studies.speed.environments import PAIRS
+from cmbrl.bench.studies.speed.environments import measure as environments
 from cmbrl.bench.studies.speed.plots import bars
 from cmbrl.bench.studies.speed.tables import WORDS, tables
 from cmbrl.bench.study import Section, Settings, Study
@@ -24,11 +26,15 @@ def _study(folder: Path, settings: Settings, runner: Runner) -> Section:
     name = f"{'quick' if settings.quick else 'full'} {settings.threads}"
     jobs = [Job(f"{scene} {name}", measure, {"scene": scene, **size}) for scene in scenes]
     found = runner.run(jobs, "scene", alone=True)
+    turns = {"repeats": size["repeats"], "seed": settings.seed}
+    robots = [scene for scene in PAIRS if scene in scenes]
+    single = [Job(f"{robot} environment {name}", environments, {"scene": robot, **turns}) for robot in robots]
     isa = found[0]["isa"] if found else ""
     values = {
         "rows": [row for cell in found for row in cell["rows"]],
         "scaling": [row for cell in found for row in cell["scaling"]],
         "candidates": [cell["candidates"] for cell in found],
+        "environments": runner.run(single, "environment", alone=True) if single else [],
         "machine": _machine(isa),
         "isa": isa,
         **{key: size[key] for key in ("batch", "states", "repeats", "seed", "threads")},

@@ -12,8 +12,8 @@ COSTS = ("one_by_one", "states_packed", "candidates_packed")
 
 
 def tables(values: dict[str, Any]) -> list[Table]:
-    """Times against MuJoCo's, their ratios, times by batch and threads, candidates."""
-    return [_times(values), _ratios(values), _batches(values), _candidates(values)]
+    """Times against MuJoCo's, their ratios, times by batch and threads, candidates, single environments."""
+    return [_times(values), _ratios(values), _batches(values), _candidates(values), *_environments(values)]
 
 
 def _times(values: dict[str, Any]) -> Table:
@@ -60,6 +60,16 @@ def _candidates(values: dict[str, Any]) -> Table:
     ]  # fmt: skip
     columns = ["scene", "candidates", *(cost.replace("_", " ") for cost in COSTS), "gain", "gain over states packed"]
     return Table(WORDS("tables.candidates.title"), columns, rows, WORDS("tables.candidates.note"))
+
+
+def _environments(values: dict[str, Any]) -> list[Table]:
+    """None where neither robot was asked for."""
+    rows: list[list[Cell]] = [
+        [*r["ids"], _us(r["ours"]["low"]), _us(r["theirs"]["low"]), _ratio(r["ratio"])] for r in values["environments"]
+    ]
+    columns = ["ours", "Gymnasium's", "ours [us]", "Gymnasium's [us]", "ratio"]
+    text = WORDS("tables.environments.title"), WORDS("tables.environments.note")
+    return [Table(text[0], columns, rows, text[1])] if rows else []
 
 
 def _us(seconds: float) -> float:
