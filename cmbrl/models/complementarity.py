@@ -91,17 +91,21 @@ class ComplementarityModel:
         candidates: np.ndarray | None = None,
     ) -> None:
         self.scene = scene
-        self.substeps = int(substeps)
+        self.substeps = _whole("substeps", substeps)
         self.time_step = float(scene.timestep if time_step is None else time_step)
         self.integrator = integrator or ("leapfrog" if scene.integrator == "rk4" else "semi-implicit")
         self.smoothing = smoothing or Exact()
         self.backward_smoothing = backward_smoothing or self.smoothing
-        self.threads = int(threads)
+        self.threads = _whole("threads", threads)
         self.implicit_springs = bool(implicit_springs)
         self.prune = float(prune)
         self.path_tolerance = float(path_tolerance)
-        if self.substeps < 1 or not self.time_step > 0:
-            raise UserError(f"substeps = {substeps}, time_step = {self.time_step}: give positive values")
+        if not 0 < self.time_step < np.inf:
+            raise UserError(f"time_step = {self.time_step}: give a positive time [s]")
+        if not self.prune >= 0:
+            raise UserError(f"prune = {self.prune}: give a speed [m/s] of 0 or more; inf keeps all contacts")
+        if not 0 < self.path_tolerance < 1:
+            raise UserError(f"path_tolerance = {self.path_tolerance}: give a number between 0 and 1")
         if self.integrator not in INTEGRATORS:
             raise UserError(f"unknown integrator {self.integrator!r}; use one of {', '.join(INTEGRATORS)}")
         self.parameters = self._checked_parameters(parameters)
@@ -230,8 +234,6 @@ class ComplementarityModel:
         out = self.stepper.forward(
             q, v, u, theta, jacobian=jacobian, jacobian_theta=parameter_jacobian, impulse=impulse
         )
-        if impulse and jacobian:  # the core returns impulses only without Jacobians
-            out["impulse"] = self.stepper.forward(q, v, u, theta, impulse=True)["impulse"]
         return StepResult(**out)
 
     def parameter_jacobian(
@@ -300,7 +302,11 @@ class ComplementarityModel:
         failed = int(np.count_nonzero(status == FAILED))
         if failed:
             self.failures += failed
-            warnings.warn(f"{failed} of {len(status)} contact solves did not converge", SolverWarning, stacklevel=3)
+            warnings.warn(
+                f"{failed} of {len(status)} contact solves did not converge or started from what is not finite",
+                SolverWarning,
+                stacklevel=3,
+            )
 
     def _checked_parameters(self, theta: np.ndarray | None) -> np.ndarray:
         if theta is None:
@@ -321,3 +327,9 @@ class ComplementarityModel:
         if x.dtype != torch.float64 or len(shape) != 2 or shape[1] != width:
             raise UserError(f"{name} is {x.dtype} {tuple(shape)}; give float64 of shape (batch, {width})")
         return shape[0]
+
+
+def _whole(name: str, value: float) -> int:
+    if not 1 <= value < 2**31 or value != int(value):
+        raise UserError(f"{name} = {value}: give a positive whole number below 2^31")
+    return int(value)
