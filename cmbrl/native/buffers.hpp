@@ -3,8 +3,6 @@
 #pragma once
 #include <cstdlib>
 #include <cstdint>
-#include <deque>
-#include <iterator>
 #include <memory>
 #include <mutex>
 #include <new>
@@ -45,11 +43,12 @@ class Buffers {  // with the GIL held
   static void* take(size_t bytes) {
     {
       std::lock_guard<std::mutex> lock(mutex());
-      for (auto it = kept().rbegin(); it != kept().rend(); ++it)
-        if (it->bytes == bytes) {
-          void* p = it->data;
+      std::vector<Block>& blocks = kept();
+      for (size_t k = blocks.size(); k-- > 0;)
+        if (blocks[k].bytes == bytes) {
+          void* p = blocks[k].data;
           total() -= bytes;
-          kept().erase(std::next(it).base());
+          blocks.erase(blocks.begin() + k);
           return p;
         }
     }
@@ -59,12 +58,13 @@ class Buffers {  // with the GIL held
   }
   static void give_back(void* p, size_t bytes) {
     std::lock_guard<std::mutex> lock(mutex());
-    kept().push_back({p, bytes});
+    std::vector<Block>& blocks = kept();
+    blocks.push_back({p, bytes});
     total() += bytes;
-    while (total() > most_bytes || kept().size() > most_blocks) {  // the one that was not asked for the longest
-      total() -= kept().front().bytes;
-      std::free(kept().front().data);
-      kept().pop_front();
+    while (total() > most_bytes || blocks.size() > most_blocks) {  // the one that was not asked for the longest
+      total() -= blocks[0].bytes;
+      std::free(blocks[0].data);
+      blocks.erase(blocks.begin());
     }
   }
   static std::vector<size_t> sizes() {  // in the order in which they came back
@@ -78,7 +78,7 @@ class Buffers {  // with the GIL held
   struct Block { void* data; size_t bytes; };
   static constexpr size_t most_bytes = size_t(256) << 20, most_blocks = 1024;
   static std::mutex& mutex() { static auto* m = new std::mutex; return *m; }
-  static std::deque<Block>& kept() { static auto* k = new std::deque<Block>; return *k; }
+  static std::vector<Block>& kept() { static auto* k = new std::vector<Block>; return *k; }
   static size_t& total() { static size_t t = 0; return t; }
 };
 

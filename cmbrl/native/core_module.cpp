@@ -15,9 +15,17 @@
 
 namespace cmbrl {
 
+static PyObject* key(const char* name) {  // of a literal, made once: a new string costs more than the look-up
+  static std::vector<std::pair<const char*, PyObject*>> known;
+  for (auto [text, string] : known)
+    if (text == name) return string;
+  known.emplace_back(name, PyUnicode_InternFromString(name));
+  return known.back().second;
+}
 template <class X>
 static X option(nb::dict options, const char* name) {
-  nb::object value = options[name];
+  nb::handle value = PyDict_GetItemWithError(options.ptr(), key(name));
+  if (!value) refuse(std::string("setting '") + name + "' is missing");
   X x;
   if (!nb::try_cast(value, x))
     refuse(std::string("setting '") + name + "' is " + nb::repr(value).c_str() + "; give " +
@@ -32,7 +40,7 @@ static Options options_from(nb::dict d) {
   o.h = option<double>(d, "h"); o.substeps = option<int>(d, "substeps"); o.leapfrog = option<int>(d, "leapfrog");
   o.midpoint = option<int>(d, "midpoint");
   o.implicit_springs = option<int>(d, "implicit_springs");
-  o.forward = smoothing_from(nb::cast<nb::dict>(d["forward"])); o.backward = smoothing_from(nb::cast<nb::dict>(d["backward"]));
+  o.forward = smoothing_from(option<nb::dict>(d, "forward")); o.backward = smoothing_from(option<nb::dict>(d, "backward"));
   const Smoothing &f = o.forward, &b = o.backward;
   o.backward_differs = f.mode != b.mode || f.kappa != b.kappa || f.length != b.length || f.stop != b.stop;
   o.prune = option<double>(d, "prune"); o.tolerance = option<double>(d, "tolerance"); o.theta = option<double>(d, "theta");
@@ -216,7 +224,7 @@ class Core {
     size_t nt = low_.size();
     for (const double *row = theta, *end = theta + rows * int64_t(nt); row < end; row += nt) {
       int outside = 0;
-      for (size_t k = 0; k < nt; ++k) outside |= !(row[k] >= low_[k]) | !(row[k] <= high_[k]);  // NaN is outside
+      for (size_t k = 0; k < nt; ++k) outside |= int(!(row[k] >= low_[k])) | int(!(row[k] <= high_[k]));  // NaN is outside
       if (!outside) continue;
       size_t k = 0;
       while (row[k] >= low_[k] && row[k] <= high_[k]) ++k;

@@ -42,7 +42,8 @@ class Engine {
    public:
     Turn(Engine& engine, unsigned long self, Interruption& interruption) : engine_(engine) {
       std::unique_lock<std::mutex> lock(engine.mutex_);
-      while (!engine.free_.wait_for(lock, Interruption::period, [&] { return engine.owner_ == 0; })) {
+      while (engine.owner_ != 0) {
+        if (engine.free_.wait_for(lock, Interruption::period, [&] { return engine.owner_ == 0; })) break;
         lock.unlock();
         if (interruption.poll()) return;
         lock.lock();

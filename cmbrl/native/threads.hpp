@@ -22,9 +22,13 @@ class Interruption {
   static bool stopped() { return here && here->poll(); }  // of the run that this thread works for
 
   bool poll() {
-    if (!stop_ && std::this_thread::get_id() == caller_ && wanted_ && Clock::now() >= next_) {
-      if (wanted_()) stop_ = true;
-      next_ = Clock::now() + period;
+    if (!stop_ && wanted_ && std::this_thread::get_id() == caller_) {
+      Clock::time_point now = Clock::now();
+      if (next_ == Clock::time_point{}) next_ = now + period;
+      if (now >= next_) {
+        if (wanted_()) stop_ = true;
+        next_ = Clock::now() + period;
+      }
     }
     return stop_;
   }
@@ -47,7 +51,7 @@ class Interruption {
   static inline thread_local Interruption* here = nullptr;
   std::function<bool()> wanted_;
   std::thread::id caller_ = std::this_thread::get_id();
-  Clock::time_point next_ = Clock::now() + period;  // only the caller's
+  Clock::time_point next_{};  // only the caller's; set when it first polls, so that a short run reads no clock
   std::atomic<bool> stop_{false};
 };
 
@@ -102,7 +106,7 @@ class ThreadPool {
   void drain(int id) {
     Interruption::Scope scope(*interruption_);
     try {
-      for (int64_t c; !interruption_->poll() && (c = next_.fetch_add(1)) < chunks_;) (*job_)(c, id);
+      for (int64_t c; (c = next_.fetch_add(1)) < chunks_ && !(c > 0 && interruption_->poll());) (*job_)(c, id);
     } catch (...) {
       interruption_->stop();
       std::lock_guard<std::mutex> lock(mutex_);

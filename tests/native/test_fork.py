@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import multiprocessing
+import threading
+import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 
@@ -85,3 +87,16 @@ def test_asynchronous_environments_of_gymnasium() -> None:
         assert np.isfinite(observation).all()
     finally:
         environments.close(terminate=True)
+
+
+def test_a_fork_in_the_middle_of_a_batch() -> None:
+    """Another thread of the parent holds the model's lock while it forks; nobody would release it in the child."""
+    model = ComplementarityModel(Scene.from_mjcf(HOPPER), 8, smoothing=Barrier(1e-6), threads=2)
+    states = random_states(model.scene, 200, np.random.default_rng(0), Ranges())
+    expected = model.predict(*states).v_next
+    other = threading.Thread(target=model.predict, args=[np.tile(x, (300, 1)) for x in states])
+    other.start()
+    time.sleep(0.05)
+    np.testing.assert_array_equal(in_child(lambda: model.predict(*states).v_next), expected)
+    assert other.is_alive(), "the batch was too short to test anything"
+    other.join()

@@ -73,7 +73,7 @@ SPHERES = """
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits the memory as Linux does")
 def test_a_lack_of_memory_is_an_error(tmp_path: Path) -> None:
     script = [sys.executable, "-c", textwrap.dedent(SPHERES), str(tmp_path / "spheres.xml")]
-    run = subprocess.run(script, capture_output=True, text=True, timeout=120)
+    run = subprocess.run(script, capture_output=True, text=True, timeout=120, cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert run.stdout.startswith("no memory for a workspace (a smaller scene needs less) of ")
     assert run.stdout.endswith(" bytes\n")
