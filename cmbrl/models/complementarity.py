@@ -200,8 +200,10 @@ class ComplementarityModel:
             theta: (np,) or (B, np); default: this model's parameters.
             details: a dict that receives "impulse", as in :class:`StepResult`, without a derivative.
 
-        Returns: q_next (B, nq), v_next (B, nv).
-        Raises: UserError for a wrong shape or type. Warns SolverWarning if solves fail; ``failures`` counts them.
+        Returns: q_next (B, nq), v_next (B, nv); NaN in a row whose q, v or u is not finite, and so are its gradients.
+        Raises: UserError for a wrong shape or type, or a theta without a physical meaning, such as a negative mass.
+        Warns SolverWarning if solves fail; ``failures`` counts them. A second derivative, as of a gradient penalty,
+        raises UserError; an input changed in place before the backward pass raises torch's RuntimeError.
         """
         rows = [self._rows(x, name, width) for x, name, width in zip((q, v, u), "qvu", self._widths, strict=True)]
         if not rows[0] == rows[1] == rows[2]:
@@ -227,7 +229,10 @@ class ComplementarityModel:
         parameter_jacobian: bool = False,
         impulse: bool = False,
     ) -> StepResult:
-        """The same step on numpy arrays, with what the solver reports; theta (np,) or (B, np)."""
+        """The same step on numpy arrays, with what the solver reports; theta (np,) or (B, np).
+
+        Raises UserError and handles rows that are not finite as ``step`` does; Ctrl-C ends it between packs of states.
+        """
         q, v, u = (np.ascontiguousarray(x, dtype=np.float64) for x in (q, v, u))
         theta = np.ascontiguousarray(self.parameters if theta is None else theta, dtype=np.float64)
         jacobian = jacobian or parameter_jacobian
