@@ -29,12 +29,12 @@ CXX=g++ .venv/bin/python -m pip --python "$python" install -qq --disable-pip-ver
 # system's does, which is what the core must be able to stand.
 export ASAN_OPTIONS=detect_leaks=0:allocator_may_return_null=1:abort_on_error=1
 export UBSAN_OPTIONS=print_stacktrace=1:halt_on_error=1
-export TSAN_OPTIONS=halt_on_error=1:second_deadlock_stack=1:die_after_fork=0:suppressions=$PWD/scripts/tsan.txt
+export TSAN_OPTIONS=halt_on_error=1:second_deadlock_stack=1:die_after_fork=0
 export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1  # their threads are not seen either
 export LD_PRELOAD="$(g++ -print-file-name=$library) $(g++ -print-file-name=libstdc++.so)"
 
 case $kind in
-  thread) tests=(tests/native/test_{batches,fork,interrupt,input}.py tests/contact/test_native_solver.py) ;;
+  thread) tests=(tests/native/test_{batches,fork,interrupt}.py tests/contact/test_native_solver.py) ;;
   *) tests=(tests/native tests/contact tests/models/test_autograd.py) ;;
 esac
 start=()

@@ -94,7 +94,7 @@ def test_a_fork_in_the_middle_of_a_batch() -> None:
     model = ComplementarityModel(Scene.from_mjcf(HOPPER), 8, smoothing=Barrier(1e-6), threads=2)
     states = random_states(model.scene, 200, np.random.default_rng(0), Ranges())
     expected = model.predict(*states).v_next
-    other = threading.Thread(target=model.predict, args=[np.tile(x, (300, 1)) for x in states])
+    other = threading.Thread(target=model.predict, args=[np.tile(x, (100, 1)) for x in states])
     other.start()
     time.sleep(0.05)
     np.testing.assert_array_equal(in_child(lambda: model.predict(*states).v_next), expected)

@@ -72,7 +72,7 @@ def test_an_interrupted_call(call: str, threads: int) -> None:
 def test_waiting_for_another_threads_batch_is_interrupted() -> None:
     model = ComplementarityModel(Scene.from_mjcf(HOPPER), 8, smoothing=Barrier(1e-6))
     states = random_states(model.scene, 200, np.random.default_rng(0), Ranges())
-    rows = [np.tile(x, (500, 1)) for x in states]
+    rows = [np.tile(x, (250, 1)) for x in states]
     other = threading.Thread(target=model.predict, args=rows)
     other.start()
     time.sleep(0.05)
@@ -84,7 +84,7 @@ def test_waiting_for_another_threads_batch_is_interrupted() -> None:
 def test_a_signal_handler_that_steps_the_model_is_refused() -> None:
     model = ComplementarityModel(Scene.from_mjcf(HOPPER), 8, smoothing=Barrier(1e-6))
     states = random_states(model.scene, 200, np.random.default_rng(0), Ranges())
-    rows = [np.tile(x, (500, 1)) for x in states]
+    rows = [np.tile(x, (250, 1)) for x in states]
     before = signal.signal(signal.SIGUSR1, lambda *_: model.predict(*states))
     timer = threading.Timer(DELAY, os.kill, (os.getpid(), signal.SIGUSR1))
     timer.start()
