@@ -12,7 +12,7 @@ from cmbrl.native import Core
 from cmbrl.scene import Scene
 from cmbrl.scene.records import JointKind, Parameter
 
-_SLACK = 1e-5  # beyond a bound, for finite differences there
+_SLACK = 1e-4  # beyond a bound, for finite differences there
 
 
 class TangentMap:
