@@ -4,18 +4,32 @@
 namespace cmbrl::CMBRL_ISA {
 
 template <class G>
-static int64_t bytes_of(const Model& m) {
-  Arena a{nullptr};
-  Work<G> probe(a, m);
-  return a.used + int64_t(sizeof(Work<G>)) + 256;
+static int64_t bytes_of(const Model& m, Purpose purpose) {
+  Arena probe{nullptr};
+  Work<G>(probe, m, purpose, nullptr);
+  return probe.used;
 }
 template <class G>
-static Work<G>& open(const Model& m, void* memory) {  // memory: zeroed, 64-byte aligned
-  Arena a{static_cast<char*>(memory) + (sizeof(Work<G>) + 63) / 64 * 64};
-  Work<G>* w = static_cast<Work<G>*>(memory);
-  Work<G> fresh(a, m);
-  std::memcpy(static_cast<void*>(w), &fresh, sizeof fresh);
-  return *w;
+static Work<G> open(const Model& m, Purpose purpose, StepMemory& memory) {
+  Arena arena{static_cast<char*>(memory.scene.reserve(bytes_of<G>(m, purpose)))};
+  return Work<G>(arena, m, purpose, &memory);
+}
+
+// A packed matrix as full ones, one for each lane.
+static void scatter_packed(const T* M, int nv, Pattern p, const Lanes& l, double* out) {
+  for (int lane = 0; lane < l.n; ++lane) {
+    double* full = out + l.at[lane] * nv * nv;
+    std::memset(full, 0, sizeof(double) * nv * nv);
+    for (int i = 0; i < nv; ++i) {
+      Row<const T> row(M, p, i);
+      full[i * nv + i] = (*row.diagonal)[lane];
+      for (int a = 0; a < row.n; ++a) {
+        int j = p.columns(i)[a];
+        full[i * nv + j] = row.before[a][lane];
+        full[j * nv + i] = row.mirror[a][lane];
+      }
+    }
+  }
 }
 
 // clean stays 0 in a lane whose numbers are finite, and becomes NaN in any other.
@@ -70,8 +84,8 @@ static Mask gather_states(const Model& m, const Batch& b, const Lanes& l, Work<G
 }
 
 template <class G>
-static void forward_packs(const Model& m, const Options& o, const Batch& b, int64_t begin, int64_t end, void* memory) {
-  Work<G>& w = open<G>(m, memory);
+static void forward_packs(const Model& m, const Options& o, const Batch& b, int64_t begin, int64_t end, StepMemory& memory) {
+  Work<G> w = open<G>(m, b.jacobian ? Purpose::jacobian : Purpose::step, memory);
   int nv = m.nv, ncol = 2 * nv + m.nu + (b.jacobian_theta ? m.ntheta : 0);
   int64_t stride = tape_stride<G>(m);
   for (int64_t e = begin; e < end; e += W) {
@@ -129,8 +143,8 @@ static void forward_packs(const Model& m, const Options& o, const Batch& b, int6
 }
 
 template <class G>
-static void backward_packs(const Model& m, const Options& o, const Batch& b, int64_t begin, int64_t end, void* memory) {
-  Work<G>& w = open<G>(m, memory);
+static void backward_packs(const Model& m, const Options& o, const Batch& b, int64_t begin, int64_t end, StepMemory& memory) {
+  Work<G> w = open<G>(m, Purpose::product, memory);
   int nv = m.nv;
   int64_t stride = tape_stride<G>(m) * o.substeps;
   for (int64_t e = begin; e < end; e += W) {
@@ -170,8 +184,8 @@ static void backward_packs(const Model& m, const Options& o, const Batch& b, int
 
 // Open-loop Huber loss of one pack of candidates over all starts: lanes share the state, so they share the active set.
 template <class G>
-static void candidate_loss(const Model& m, const Options& o, const LossBatch& b, int64_t first, void* memory) {
-  Work<G>& w = open<G>(m, memory);
+static void candidate_loss(const Model& m, const Options& o, const LossBatch& b, int64_t first, StepMemory& memory) {
+  Work<G> w = open<G>(m, Purpose::step, memory);
   Lanes l = lanes_from(first, b.ncandidate);
   const double* theta[W];
   for (int lane = 0; lane < W; ++lane) theta[lane] = b.theta + l.at[lane] * m.ntheta;
@@ -213,8 +227,8 @@ static void candidate_loss(const Model& m, const Options& o, const LossBatch& b,
 // M (n, nv, nv) with armature, bias (n, nv), gaps (n, ncontact), normal and tangent rows J (n, ncontact, 1 + NT, nv).
 template <class G>
 static void smooth_quantities(const Model& m, const Options& o, const Batch& b, double* M, double* bias, double* gap, double* J,
-                              int64_t begin, int64_t end, void* memory) {
-  Work<G>& w = open<G>(m, memory);
+                              int64_t begin, int64_t end, StepMemory& memory) {
+  Work<G> w = open<G>(m, Purpose::step, memory);
   int nv = m.nv, rows = 1 + G::NT;
   Options every = o;
   every.prune = __builtin_inf();
@@ -222,21 +236,17 @@ static void smooth_quantities(const Model& m, const Options& o, const Batch& b, 
     Lanes l = lanes_from(e, end);
     gather_parameters(m, b, l, w, e == begin);
     Mask finite = gather_states(m, b, l, w);
-    for (int i = 0; i < nv * nv; ++i) w.M[i] = T{};
     kinematics(m, w, w.q);
     inertias(m, w);
     inverse_dynamics<G>(m, w, w.v, nullptr, w.bias);
     mass_matrix(m, w);
-    for (int i = 0; i < nv; ++i) w.M[i * (nv + 1)] += w.P[m.oDof + i * kDofFields + kArmature];
+    for (int i = 0; i < nv; ++i) w.M[m.tree().row(i)] += w.P[m.oDof + i * kDofFields + kArmature];
     find_contacts(m, every, w, nullptr);
-    scatter(w.M, nv * nv, nv * nv, l, M);
+    scatter_packed(w.M, nv, m.tree(), l, M);
     scatter(w.bias, nv, nv, l, bias);
-    scatter(w.all_phi, m.ncontact, m.ncontact, l, gap);
-    spoil(~finite, nv * nv, l, M);
-    spoil(~finite, nv, l, bias);
-    spoil(~finite, m.ncontact, l, gap);
-    for (int i = 0; J && i < w.ncon; ++i) {
+    for (int i = 0; i < w.ncon; ++i) {
       const Contact<G>& c = w.con[i];
+      for (int lane = 0; lane < l.n; ++lane) gap[l.at[lane] * m.ncontact + c.index] = c.phi[lane];
       int g = m.con_group[c.index];
       for (int r = 0; r < c.rows; ++r)
         for (int k = m.grp_dptr[g]; k < m.grp_dptr[g + 1]; ++k) {
@@ -245,6 +255,9 @@ static void smooth_quantities(const Model& m, const Options& o, const Batch& b, 
             J[((l.at[lane] * m.ncontact + c.index) * rows + r) * nv + m.grp_dof[k]] = m.grp_sign[k] > 0 ? x[lane] : -x[lane];
         }
     }
+    spoil(~finite, nv * nv, l, M);
+    spoil(~finite, nv, l, bias);
+    spoil(~finite, m.ncontact, l, gap);
   }
 }
 
@@ -256,28 +269,27 @@ static void fold_dry_friction(const Model& m, const Options& o, Work<G>& w) {
   contact_solve(m, o, w);
   for (int i = 0; i < m.nv; ++i) w.shift[i] = T{};
   for (int i = 0; i < w.ndry; ++i) w.shift[w.dry[i].dof] = keep(w.dry[i].on, w.dry[i].b);
-  for (int i = 0; i < w.ndyn; ++i) copy_row(w.H, w.H0, m.nv, ip.pat, w.dyn_list[i]);
-  for (int i = 0; i < w.ndyn; ++i) eliminate(w.H, m.nv, ip.pat, w.dyn_list[i]);
+  for (int i = 0; i < w.ndyn; ++i) copy_row(w.H, w.H0, ip.pat, w.dyn_list[i]);
+  for (int i = 0; i < w.ndyn; ++i) eliminate(w.H, ip.pat, w.dyn_list[i]);
   solve(w.H, m.nv, ip.pat, w.shift);
   for (int i = 0; i < m.nv; ++i) w.vf[i] += w.shift[i];
 }
 
 // The rows of the first physics step of a control step. The arrays come in as zeros.
 template <class G>
-static void step_rows(const Model& m, const Options& o, const Batch& b, const RowBatch& out, int64_t begin, int64_t end, void* memory) {
-  Work<G>& w = open<G>(m, memory);
+static void step_rows(const Model& m, const Options& o, const Batch& b, const RowBatch& out, int64_t begin, int64_t end, StepMemory& memory) {
+  Work<G> w = open<G>(m, Purpose::step, memory);
   int nv = m.nv, rows = 1 + G::NT, nrow = m.ncontact + m.nlimit;
   for (int64_t e = begin; e < end; e += W) {
     Lanes l = lanes_from(e, end);
     gather_parameters(m, b, l, w, e == begin);
     Mask finite = gather_states(m, b, l, w);
-    for (int i = 0; i < nv * nv; ++i) w.M[i] = T{};
     if (o.leapfrog) { scaled(m, w.v, 0.5 * o.h, w.qtan); integrate(m, w.q, w.qtan); }
     prepare(m, o, w);
     free_velocity(m, o, w);
     find_bounces(m, o, w);
     if (w.ndry) fold_dry_friction(m, o, w);
-    scatter(w.M, nv * nv, nv * nv, l, out.M);
+    scatter_packed(w.M, nv, m.tree(), l, out.M);
     scatter(w.vf, nv, nv, l, out.v_free);
     spoil(~finite, nv * nv, l, out.M);
     spoil(~finite, nv, l, out.v_free);
@@ -316,22 +328,22 @@ const Backend backend = {
 #define CMBRL_STR2(x) #x
 #define CMBRL_STR(x) CMBRL_STR2(x)
     CMBRL_STR(CMBRL_ISA), W,
-    [](const Model& m, const Options&) { return m.planar ? bytes_of<Planar>(m) : bytes_of<Spatial>(m); },
+    [](const Model& m, Purpose p) { return m.planar ? bytes_of<Planar>(m, p) : bytes_of<Spatial>(m, p); },
     [](const Model& m, const Options& o) { return (m.planar ? tape_stride<Planar>(m) : tape_stride<Spatial>(m)) * o.substeps; },
-    [](const Model& m, const Options& o, const Batch& b, int64_t s, int64_t e, void* w) {
+    [](const Model& m, const Options& o, const Batch& b, int64_t s, int64_t e, StepMemory& w) {
       m.planar ? forward_packs<Planar>(m, o, b, s, e, w) : forward_packs<Spatial>(m, o, b, s, e, w);
     },
-    [](const Model& m, const Options& o, const Batch& b, int64_t s, int64_t e, void* w) {
+    [](const Model& m, const Options& o, const Batch& b, int64_t s, int64_t e, StepMemory& w) {
       m.planar ? backward_packs<Planar>(m, o, b, s, e, w) : backward_packs<Spatial>(m, o, b, s, e, w);
     },
-    [](const Model& m, const Options& o, const LossBatch& b, int64_t first, void* w) {
+    [](const Model& m, const Options& o, const LossBatch& b, int64_t first, StepMemory& w) {
       m.planar ? candidate_loss<Planar>(m, o, b, first, w) : candidate_loss<Spatial>(m, o, b, first, w);
     },
-    [](const Model& m, const Options& o, const Batch& b, double* M, double* bias, double* gap, double* J, int64_t s, int64_t e, void* w) {
+    [](const Model& m, const Options& o, const Batch& b, double* M, double* bias, double* gap, double* J, int64_t s, int64_t e, StepMemory& w) {
       m.planar ? smooth_quantities<Planar>(m, o, b, M, bias, gap, J, s, e, w)
                : smooth_quantities<Spatial>(m, o, b, M, bias, gap, J, s, e, w);
     },
-    [](const Model& m, const Options& o, const Batch& b, const RowBatch& out, int64_t s, int64_t e, void* w) {
+    [](const Model& m, const Options& o, const Batch& b, const RowBatch& out, int64_t s, int64_t e, StepMemory& w) {
       m.planar ? step_rows<Planar>(m, o, b, out, s, e, w) : step_rows<Spatial>(m, o, b, out, s, e, w);
     },
 };

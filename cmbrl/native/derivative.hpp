@@ -60,12 +60,13 @@ static void smooth_terms(const Model& m, const Options& o, Work<G>& w, const T* 
   for (int i = 0; i < nv; ++i) {
     const T* p = w.P + m.oDof + i * kDofFields;
     Gq[i * (nv + 1)] -= o.h * w.kp[i];
-    Gv[i * (nv + 1)] += w.M[i * (nv + 1)] - o.h * (p[kDamping] + w.kd[i]);
+    Row<T> mass(w.M, m.tree(), i);
+    Gv[i * (nv + 1)] += *mass.diagonal - o.h * (p[kDamping] + w.kd[i]);
     if (o.implicit_springs) Gv[i * (nv + 1)] -= o.h * o.h * w.kp[i];
-    for (int a = m.anc_ptr[i]; a < m.anc_ptr[i + 1]; ++a) {
-      int j = m.anc_idx[a];
-      Gv[i * nv + j] += w.M[i * nv + j];
-      Gv[j * nv + i] += w.M[j * nv + i];
+    for (int a = 0; a < mass.n; ++a) {
+      int j = m.tree().columns(i)[a];
+      Gv[i * nv + j] += mass.before[a];
+      Gv[j * nv + i] += mass.mirror[a];
     }
   }
   for (int a = 0; a < m.nact; ++a) Gu[m.act_dof[a] * m.nu + a] += o.h * w.open[a];

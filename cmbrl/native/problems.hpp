@@ -79,8 +79,12 @@ static void solve_exactly(ProblemPack<G>& pack, Options& o, T* X) {
 
 template <class G>
 static T* open_problems(const ProblemBatch& b, Arena& arena, SolverWork<G>& w) {  // returns room for the derivative
-  w.take(arena, b.nv, b.contacts * b.nv, b.contacts, 0, 0, b.contacts);
-  return arena.template take<T>(b.nv * b.nv);
+  int64_t nv = b.nv, n = b.contacts, dense = nv * nv;  // a packed matrix is at most as large as a full one
+  w.take(arena, nv, dense, n * nv, nv, 0, 0);
+  w.take_contacts(arena, n);
+  w.take_factor(arena, dense);
+  w.take_state(arena, nv, n, 0, 0);
+  return arena.template take<T>(dense);
 }
 template <class G>
 static int64_t problem_bytes(const ProblemBatch& b) {

@@ -36,7 +36,7 @@ static void joint_forces(const Model& m, const Options& o, Work<G>& w) {
       diag += o.h * o.h * spring;
       w.rhs[i] -= o.h * o.h * spring * w.v[i];
     }
-    w.M[i * m.nv + i] += diag;
+    w.M[m.tree().row(i)] += diag;
   }
 }
 
@@ -94,6 +94,7 @@ static void prepare(const Model& m, const Options& o, Work<G>& w, const Mask* gi
   joint_forces(m, o, w);
   find_contacts(m, o, w, given_contacts);
   find_limits(m, o, w, given_limits);
+  w.make_rows(m);
   for (int i = 0; i < w.ncon; ++i) {
     Contact<G>& c = w.con[i];
     Vec<G::N> t = relative_twist<G>(m, w.vel, c.index);

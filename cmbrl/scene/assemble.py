@@ -193,5 +193,5 @@ def physical_vector(
         P[layout.dof(actuator.dof, "damping")] += actuator.damping
     if not flags & off.mjDSBL_GRAVITY:
         gravity = np.asarray(model.opt.gravity)
-        P[layout.gravity :] = plane.basis @ gravity if plane else gravity
+        P[layout.gravity : layout.contact(0)] = plane.basis @ gravity if plane else gravity
     return P

@@ -102,8 +102,8 @@ def offer_parameters(
     for k, actuator in enumerate(actuators):
         if actuator.gear:
             out.scale("gear", actuator.name, 0.2, 5.0, P, [layout.actuator(k)])
-    down = range(layout.gravity, layout.size)
-    if np.any(P[layout.gravity :]):
+    down = range(layout.gravity, layout.contact(0))
+    if np.any(P[down]):
         out.scale("gravity", "", 0.5, 2.0, P, down)
     counts = [len(entries) for entries in out.entries]
     flat = [entry for entries in out.entries for entry in entries]

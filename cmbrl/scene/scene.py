@@ -109,7 +109,7 @@ class Scene:
     @property
     def gravity(self) -> Array:
         """Nominal gravity (D,) [m/s^2], in the plane of motion for planar scenes."""
-        return self.core.P[self.layout.gravity :]
+        return self.core.P[self.layout.gravity : self.layout.contact(0)]
 
     def parameter_vector(self) -> Array:
         """Nominal values (np,) of ``parameters``."""
