@@ -11,6 +11,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 DOF_FIELDS = ("armature", "damping", "stiffness", "springref", "frictionloss")
 CONTACT_FIELDS = ("friction", "restitution", "radius", "solref0", "solref1", "d0", "dmax", "width", "rscale")
 ACTUATOR_FIELDS = ("gear", "gain", "bias0", "bias1", "bias2")
@@ -62,6 +65,10 @@ class Layout:
 
     def contact(self, contact: int, field: str = "friction") -> int:
         return self.gravity + self.dimension + contact * len(CONTACT_FIELDS) + CONTACT_FIELDS.index(field)
+
+    def contacts(self, rows: NDArray[np.int64], field: str) -> NDArray[np.int64]:
+        """Offsets (n,) of one field of several contacts (n,)."""
+        return self.contact(0, field) + len(CONTACT_FIELDS) * rows
 
     @property
     def size(self) -> int:

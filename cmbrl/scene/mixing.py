@@ -27,26 +27,19 @@ def collision_pairs(model: mujoco.MjModel) -> Iterator[tuple[int, int, int]]:
             yield pair[0], pair[1], k
     excluded = {(int(s) >> 16, int(s) & 0xFFFF) for s in model.exclude_signature}
     filter_parent = not model.opt.disableflags & off.mjDSBL_FILTERPARENT
+    body, types, affinity = model.geom_bodyid, model.geom_contype, model.geom_conaffinity
+    welds = weld[body]
+    parents = weld[model.body_parentid[welds]]
     for first in range(model.ngeom):
-        body1 = int(model.geom_bodyid[first])
-        weld1 = weld[body1]
-        parent1 = weld[model.body_parentid[weld1]]
-        for second in range(first + 1, model.ngeom):
-            body2 = int(model.geom_bodyid[second])
-            weld2 = weld[body2]
-            if weld1 == weld2 or (first, second) in explicit:
-                continue
-            if not (
-                model.geom_contype[first] & model.geom_conaffinity[second]
-                or model.geom_contype[second] & model.geom_conaffinity[first]
-            ):
-                continue
-            parent2 = weld[model.body_parentid[weld2]]
-            if filter_parent and weld1 and weld2 and (weld1 == parent2 or weld2 == parent1):
-                continue
-            if (body1, body2) in excluded or (body2, body1) in excluded:
-                continue
-            yield first, second, -1
+        rest = slice(first + 1, None)
+        free = welds[rest] != welds[first]
+        free &= ((types[first] & affinity[rest]) | (types[rest] & affinity[first])) != 0
+        if filter_parent and welds[first]:
+            free &= (welds[rest] == 0) | ((welds[first] != parents[rest]) & (welds[rest] != parents[first]))
+        for second in (first + 1 + np.flatnonzero(free)).tolist():
+            bodies = int(body[first]), int(body[second])
+            if (first, second) not in explicit and not excluded & {bodies, bodies[::-1]}:
+                yield first, second, -1
 
 
 def contact_law(model: mujoco.MjModel, first: int, second: int, pair: int, gate: Gate) -> ContactLaw:

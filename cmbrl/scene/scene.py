@@ -195,6 +195,7 @@ def _build(
         par_nominal=np.array([p.nominal for p in moves.parameters], dtype=np.float64),
     )
     names, kinds = _coordinates(tree)
+    geoms = [name_of(model, "geom", k) for k in range(model.ngeom)]
     return cls(
         name=_model_name(model, file),
         path=str(file),
@@ -215,7 +216,7 @@ def _build(
         coordinate_names=names,
         coordinate_kinds=kinds,
         actuator_names=tuple(a.name for a in actuators),
-        contact_names=tuple(" - ".join(name_of(model, "geom", g) for g in c.geoms) for c in candidates),
+        contact_names=tuple(f"{geoms[c.geoms[0]]} - {geoms[c.geoms[1]]}" for c in candidates),
         parameters=moves.parameters,
         left_out=tuple(gate.left_out),
         dropped_contacts=tuple(builder.dropped),

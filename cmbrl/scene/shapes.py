@@ -7,6 +7,7 @@ Real boxes have no sharp corners, but MJCF has no rounded box. ``<numeric name="
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -48,7 +49,7 @@ class Shape:
     hull: Array  # (n, 3) points of a mesh in the geom frame, otherwise empty
     rounding: float = 0.0  # of a box's edges
 
-    @property
+    @cached_property
     def axis(self) -> Array:
         """Half segment vector (3,) of a capsule; zero for other shapes."""
         return self.rot[:, 2] * self.size[1] if self.kind == "capsule" else np.zeros(3)
