@@ -3,6 +3,7 @@
 #include "dynamics.hpp"
 #include "law.hpp"
 #include "near.hpp"
+#include "pruning.hpp"
 #include "rim.hpp"
 
 namespace cmbrl::CMBRL_ISA {
@@ -152,30 +153,14 @@ static void find_fill(const Model& m, Work<G>& w) {
   w.fill = {w.fill_ptr, w.fill_idx};
 }
 
-// One candidate: becomes a row of w.con if it may close within the step. `given`: as below.
+// The row of candidate i with closest features F, gap phi and the block p of P.
 template <class G>
-static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, const Mask* given) {
-  int A = m.con_bodyA[i], B = m.con_bodyB[i];
-  Feature<G> F = find_feature(m, w, i);
-  T p[kContactFields];
-  load_block(m, w, i, p);
-  T phi = F.dist - p[kRadius];
-  Mask on = given ? given[i] : all();
-  if (m.con_plane[i] < 0) on &= vabs(F.dist) > 1e-9;  // crossing segments: no direction parts them
-  if (o.prune < 1e300 && !given) {
-    typename G::V u = point_velocity<G>(w.vel[A], F.a);
-    if (B >= 0) u -= point_velocity<G>(w.vel[B], F.a - F.dist * F.n);
-    on &= phi * (1 / o.h) + dot(F.n, u) < o.prune;
-    if (!any(on)) return;
-  }
-  Contact<G>& c = w.add_contact();
-  std::memcpy(c.P, p, sizeof p);
-  c.on = on;
+static void make_contact(const Model& m, const Options& o, int i, const Feature<G>& F, T phi, const T* p, Contact<G>& c) {
+  std::memcpy(c.P, p, sizeof c.P);
   c.index = i;
   c.rows = m.con_dim[i] > 1 ? 1 + G::NT : 1;
   c.rub = c.rows > 1 ? p[kMu] > 1e-9 : none();
   c.mu = c.full_mu = select(c.rub, p[kMu], splat(1));
-  c.root = splat(__builtin_sqrt(m.con_invweight[i]));
   c.phi = phi;
   c.p = F.a - (feature_radiusA(m, c) + 0.5 * phi) * F.n;
   c.d[0] = F.n;
@@ -185,14 +170,52 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, co
     if (r > 0) CMBRL_FOR(x, G::N) c.Wr[r][x] = keep(c.rub, c.Wr[r][x]);
   }
   contact_law(m, o, c, p);
-  w.coupled |= B >= 0;
+  c.root = vsqrt(m.con_invweight[i] + c.Rn);
+}
+
+// One candidate: becomes a row of w.con if it may close within the step, else of w.left. `given`: as below.
+template <class G>
+static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, const Mask* given) {
+  int A = m.con_bodyA[i], B = m.con_bodyB[i];
+  Feature<G> F = find_feature(m, w, i);
+  T p[kContactFields];
+  load_block(m, w, i, p);
+  T phi = F.dist - p[kRadius];
+  Mask on = given ? given[i] : all();
+  if (m.con_plane[i] < 0) on &= vabs(F.dist) > 1e-9;  // crossing segments: no direction parts them
+  if (!(o.prune < 1e300) || given) {
+    Contact<G>& c = w.add_contact();
+    make_contact(m, o, i, F, phi, p, c);
+    c.on = c.wide = on;
+    w.coupled |= B >= 0;
+    return;
+  }
+  double enough = speed_that_matters(o, o.forward, m.con_invweight[i]), wide = speed_that_matters(o, o.backward, m.con_invweight[i]);
+  typename G::V u = point_velocity<G>(w.vel[A], F.a);
+  if (B >= 0) u -= point_velocity<G>(w.vel[B], F.a - F.dist * F.n);
+  T speed = dot(F.n, u), slack = phi * (1 / o.h) - vabs(speed);  // at least, whatever the law is
+  Mask near = on & (slack - vabs(speed) < __builtin_fmax(enough, wide)), takes_part = none();
+  if (any(near)) {
+    Contact<G>& c = w.add_contact();
+    make_contact(m, o, i, F, phi, p, c);
+    slack = select(near, c.cn0 - c.carry * speed, slack);
+    takes_part = c.on = near & (slack + speed < enough);
+    c.wide = near & (slack + speed < wide);
+    if (any(c.on | c.wide)) w.coupled |= B >= 0;
+    else --w.ncon;
+  }
+  Mask left = on & ~takes_part;
+  if (!any(left)) return;
+  w.leave_out({left, A, B, join<G>(G::moment(F.a, F.n), F.n), slack, enough});
+  w.left_out_gap = select(left, vmin(w.left_out_gap, vabs(phi)), w.left_out_gap);
 }
 
 // Rows that may close within the step, ordered by body pair. `given`: the lanes of each candidate are known (a step read
 // back from its tape).
 template <class G>
 static void find_contacts(const Model& m, const Options& o, Work<G>& w, const Mask* given) {
-  w.ncon = w.ngroups = 0;
+  w.ncon = w.ngroups = w.nleft = 0;
+  w.left_out_gap = splat(__builtin_inf());
   w.coupled = false;
   auto look_at = [&](int g) {
     int first = w.ncon;

@@ -83,62 +83,100 @@ static Mask gather_states(const Model& m, const Batch& b, const Lanes& l, Work<G
   return finite;
 }
 
+// Statuses of lanes that are to be stepped again: a solve needs the ladder, a row that was left out closes.
+enum Unfinished { kUnsolved = -1, kMissed = -2 };
+
+template <class G>
+static void forward_pack(const Model& m, const Options& o, const Batch& b, const Lanes& l, Work<G>& w) {
+  int nv = m.nv, ncol = 2 * nv + m.nu + (b.jacobian_theta ? m.ntheta : 0);
+  int64_t stride = tape_stride<G>(m), impulses = m.ncontact * (1 + G::NT);
+  Mask finite = gather_states(m, b, l, w);
+  for (int lane = 0; b.impulse && lane < l.n; ++lane) std::memset(b.impulse + l.at[lane] * impulses, 0, impulses * sizeof(double));
+  auto record = [&](int s) {
+    if (b.impulse)
+      for (int i = 0; i < w.ncon; ++i)
+        for (int lane = 0; lane < l.n; ++lane) {
+          const Contact<G>& c = w.con[i];
+          double* x = b.impulse + l.at[lane] * impulses + c.index * (1 + G::NT);
+          if (c.on[lane]) x[0] += c.gam[lane];
+          for (int r = 1; r < c.rows; ++r)
+            if (c.on[lane] && c.rub[lane]) x[r] += c.b[r - 1][lane];
+        }
+    if (!b.tape && !b.jacobian) return Recorded{all(), T{}};
+    Recorded solved = solve_backward(m, o, w);
+    if (!b.tape) return solved;
+    double* block[W];
+    for (int lane = 0; lane < W; ++lane) block[lane] = b.tape + (l.at[lane] * o.substeps + s) * stride;
+    tape_write(m, w, block);
+    return solved;
+  };
+  StepStats st{none(), none(), T{}, T{}, T{}};
+  if (any(finite)) st = b.jacobian ? control_step_jacobian(m, o, w, b.jacobian_theta, ncol, record) : control_step(m, o, w, record);
+  if (b.jacobian) {
+    double* J[W];
+    for (int lane = 0; lane < l.n; ++lane) J[lane] = b.jacobian + l.at[lane] * (2 * nv) * ncol;
+    for (int i = 0; i < nv * ncol; ++i)
+      for (int lane = 0; lane < l.n; ++lane) { J[lane][i] = w.tq[i][lane]; J[lane][nv * ncol + i] = w.tv[i][lane]; }
+  }
+  T clean = T{};
+  for (int i = 0; i < m.nq; ++i) clean += 0.0 * w.q[i];
+  for (int i = 0; i < nv; ++i) clean += 0.0 * w.v[i];
+  st.done &= finite & (clean == 0.0);
+  scatter(w.q, m.nq, m.nq, l, b.q_next);
+  scatter(w.v, nv, nv, l, b.v_next);
+  bool whole_ladder = o.rungs >= kRungs;
+  for (int lane = 0; lane < l.n; ++lane) {
+    int64_t i = l.at[lane];
+    bool final = st.done[lane] || whole_ladder || !finite[lane];
+    b.status[i] = !final ? kUnsolved : !st.done[lane] ? 2 : st.missed[lane] ? kMissed : st.rung[lane] >= kSofter ? 1 : 0;
+    b.iterations[i] = int32_t(st.iterations[lane]);
+    b.rung[i] = int32_t(st.rung[lane]);
+    b.residual[i] = st.residual[lane];
+  }
+  if (!any(~finite)) return;
+  auto spoil_all = [&](int64_t n, double* out) { spoil(~finite, n, l, out); };
+  spoil_all(m.nq, b.q_next);
+  spoil_all(nv, b.v_next);
+  spoil_all(1, b.residual);
+  spoil_all(2 * nv * ncol, b.jacobian);
+  spoil_all(impulses, b.impulse);
+  spoil_all(stride * o.substeps, b.tape);
+}
+
+// A hard solve takes the time of many easy ones, and a pack that of its slowest lane: so those that the first rung of the
+// ladder does not solve are set aside, and stepped again in packs of their own, as are those that leave out a row too many.
 template <class G>
 static void forward_packs(const Model& m, const Options& o, const Batch& b, int64_t begin, int64_t end, StepMemory& memory) {
   Work<G> w = open<G>(m, b.jacobian ? Purpose::jacobian : Purpose::step, memory);
-  int nv = m.nv, ncol = 2 * nv + m.nu + (b.jacobian_theta ? m.ntheta : 0);
-  int64_t stride = tape_stride<G>(m);
-  for (int64_t e = begin; e < end; e += W) {
-    if (e > begin && o.stopped && o.stopped()) return;
-    Lanes l = lanes_from(e, end);
-    gather_parameters(m, b, l, w, e == begin);
-    Mask finite = gather_states(m, b, l, w);
-    auto record = [&](int s) {
-      if (b.impulse)
-        for (int i = 0; i < w.ncon; ++i)
-          for (int lane = 0; lane < l.n; ++lane) {
-            const Contact<G>& c = w.con[i];
-            double* x = b.impulse + (l.at[lane] * m.ncontact + c.index) * (1 + G::NT);
-            if (c.on[lane]) x[0] += c.gam[lane];
-            for (int r = 1; r < c.rows; ++r)
-              if (c.on[lane] && c.rub[lane]) x[r] += c.b[r - 1][lane];
-          }
-      if (!b.tape && !b.jacobian) return all();
-      Mask good = solve_backward(m, o, w);
-      if (!b.tape) return good;
-      double* block[W];
-      for (int lane = 0; lane < W; ++lane) block[lane] = b.tape + (l.at[lane] * o.substeps + s) * stride;
-      tape_write(m, w, block);
-      return good;
+  Options now = o;
+  now.rungs = end - begin > W ? 1 : kRungs;
+  bool first = true;
+  auto pack = [&](const Lanes& l) {
+    if (!first && o.stopped && o.stopped()) return;
+    gather_parameters(m, b, l, w, first);
+    first = false;
+    forward_pack(m, now, b, l, w);
+  };
+  for (int64_t e = begin; e < end; e += W) pack(lanes_from(e, end));
+  now.rungs = kRungs;
+  auto again = [&](Unfinished which) {
+    Lanes l{{}, 0};
+    auto run = [&] {
+      for (int lane = l.n; lane < W; ++lane) l.at[lane] = l.at[l.n - 1];
+      pack(l);
+      l.n = 0;
     };
-    StepStats st{none(), none(), T{}, T{}};
-    if (any(finite)) st = b.jacobian ? control_step_jacobian(m, o, w, b.jacobian_theta, ncol, record) : control_step(m, o, w, record);
-    if (b.jacobian) {
-      double* J[W];
-      for (int lane = 0; lane < l.n; ++lane) J[lane] = b.jacobian + l.at[lane] * (2 * nv) * ncol;
-      for (int i = 0; i < nv * ncol; ++i)
-        for (int lane = 0; lane < l.n; ++lane) { J[lane][i] = w.tq[i][lane]; J[lane][nv * ncol + i] = w.tv[i][lane]; }
+    for (int64_t i = begin; i < end; ++i) {
+      if (b.status[i] != which) continue;
+      l.at[l.n++] = i;
+      if (l.n == W) run();
     }
-    T clean = T{};
-    for (int i = 0; i < m.nq; ++i) clean += 0.0 * w.q[i];
-    for (int i = 0; i < nv; ++i) clean += 0.0 * w.v[i];
-    st.done &= finite & (clean == 0.0);
-    scatter(w.q, m.nq, m.nq, l, b.q_next);
-    scatter(w.v, nv, nv, l, b.v_next);
-    for (int lane = 0; lane < l.n; ++lane) {
-      int64_t i = l.at[lane];
-      b.status[i] = !st.done[lane] ? 2 : st.fallback[lane] ? 1 : 0;
-      b.iterations[i] = int32_t(st.iterations[lane]);
-      b.residual[i] = st.residual[lane];
-    }
-    if (!any(~finite)) continue;
-    auto spoil_all = [&](int64_t n, double* out) { spoil(~finite, n, l, out); };
-    spoil_all(m.nq, b.q_next);
-    spoil_all(nv, b.v_next);
-    spoil_all(1, b.residual);
-    spoil_all(2 * nv * ncol, b.jacobian);
-    spoil_all(m.ncontact * (1 + G::NT), b.impulse);
-    spoil_all(stride * o.substeps, b.tape);
+    if (l.n > 0) run();
+  };
+  again(kUnsolved);
+  for (int k = 0; k < 3; ++k) {
+    now.prune = k < 2 ? 10 * now.prune : __builtin_inf();
+    again(kMissed);
   }
 }
 
@@ -182,6 +220,21 @@ static void backward_packs(const Model& m, const Options& o, const Batch& b, int
   }
 }
 
+// A step of all lanes, with more rows where one that was left out closes.
+template <class G>
+static StepStats loss_step(const Model& m, const Options& o, Work<G>& w) {
+  for (int i = 0; i < m.nq; ++i) w.tq[i] = w.q[i];
+  for (int i = 0; i < m.nv; ++i) w.tv[i] = w.v[i];
+  auto step = [&](const Options& now) { return control_step(m, now, w, [](int) { return Recorded{all(), T{}}; }); };
+  StepStats st = step(o);
+  Options every = o;
+  every.prune = __builtin_inf();
+  if (!any(st.missed)) return st;
+  for (int i = 0; i < m.nq; ++i) w.q[i] = w.tq[i];
+  for (int i = 0; i < m.nv; ++i) w.v[i] = w.tv[i];
+  return step(every);
+}
+
 // Open-loop Huber loss of one pack of candidates over all starts: lanes share the state, so they share the active set.
 template <class G>
 static void candidate_loss(const Model& m, const Options& o, const LossBatch& b, int64_t first, StepMemory& memory) {
@@ -206,7 +259,7 @@ static void candidate_loss(const Model& m, const Options& o, const LossBatch& b,
     for (int k = 0; k < b.horizon; ++k, ++row) {
       if (o.stopped && o.stopped()) return;
       spread(b.u + row * m.nu, m.nu, w.u);
-      StepStats st = control_step(m, o, w, [](int) { return all(); });
+      StepStats st = loss_step(m, o, w);
       const double *qn = b.q_next + row * m.nq, *vn = b.v_next + row * m.nv;
       for (int j = 0; j < m.njoint; ++j) {
         int a = m.jnt_qadr[j], d = m.jnt_vadr[j];

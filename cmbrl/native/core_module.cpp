@@ -34,7 +34,8 @@ static X option(nb::dict options, const char* name) {
   return x;
 }
 static Smoothing smoothing_from(nb::dict d) {
-  return {option<int>(d, "mode"), option<double>(d, "kappa"), option<double>(d, "length"), option<int>(d, "stop")};
+  return {option<int>(d, "mode"), option<double>(d, "kappa"), option<double>(d, "floor"), option<double>(d, "dry"),
+          option<double>(d, "length"), option<int>(d, "stop")};
 }
 static Options options_from(nb::dict d) {
   Options o{};
@@ -43,10 +44,11 @@ static Options options_from(nb::dict d) {
   o.implicit_springs = option<int>(d, "implicit_springs");
   o.forward = smoothing_from(option<nb::dict>(d, "forward")); o.backward = smoothing_from(option<nb::dict>(d, "backward"));
   const Smoothing &f = o.forward, &b = o.backward;
-  o.backward_differs = f.mode != b.mode || f.kappa != b.kappa || f.length != b.length || f.stop != b.stop;
+  o.backward_differs = f.mode != b.mode || f.kappa != b.kappa || f.floor != b.floor || f.dry != b.dry || f.length != b.length || f.stop != b.stop;
   o.prune = option<double>(d, "prune"); o.tolerance = option<double>(d, "tolerance"); o.theta = option<double>(d, "theta");
   o.max_iterations = option<int>(d, "max_iterations"); o.rest_speed = option<double>(d, "rest_speed");
   o.stopped = &Interruption::stopped;
+  o.rungs = 1 << 30;
   return o;
 }
 
@@ -86,6 +88,7 @@ class Core {
     out["v_next"] = make_array<double>({n, size_t(m.nv)}, &b.v_next);
     out["status"] = make_array<int32_t>({n}, &b.status);
     out["iterations"] = make_array<int32_t>({n}, &b.iterations);
+    out["rung"] = make_array<int32_t>({n}, &b.rung);
     out["residual"] = make_array<double>({n}, &b.residual);
     b.jacobian_theta = jacobian_theta;
     size_t ncol = 2 * m.nv + m.nu + (jacobian_theta ? m.ntheta : 0);
@@ -94,7 +97,6 @@ class Core {
     if (impulse) {
       size_t rows = m.planar ? 2 : 3;
       out["impulse"] = make_array<double>({n, size_t(m.ncontact), rows}, &b.impulse);
-      std::memset(b.impulse, 0, n * m.ncontact * rows * sizeof(double));
     }
     run(b.n, threads, jacobian ? Purpose::jacobian : Purpose::step,
         [&](int64_t s, int64_t e, StepMemory& w) { backend_.forward(m, o, b, s, e, w); });

@@ -119,6 +119,7 @@ static void contact_terms(const Model& m, Work<G>& w, T* Gq, T* Gv, bool late) {
       Feature<G> feature = find_feature(m, w, c.index);
       int A = m.con_bodyA[c.index], B = m.con_bodyB[c.index];
       Vec<G::N> relative = relative_twist<G>(m, w.tn, c.index) - c.carry * relative_twist<G>(m, w.vel, c.index);
+      bool adaptive = any(c.slope_R != 0.0);
       T weight = late ? late_weight(c) : splat(1), pull = weight * c.carry;
       CMBRL_FOR(r, c.rows) {
         F += (weight * impulse(c, r)) * c.Wr[r];
@@ -139,6 +140,7 @@ static void contact_terms(const Model& m, Work<G>& w, T* Gq, T* Gv, bool late) {
           w.Y[k] += (weight * impulse(c, r)) * dW;
         }
         w.Y[k] += weight * response(c, E);
+        if (adaptive) w.Y[k] += weight * kappa_response(c, c.slope_R * c.dRn_dphi * s.dphi);
       }
     }
     for (int k = 0; k < nd; ++k) {
@@ -158,7 +160,7 @@ static void contact_terms(const Model& m, Work<G>& w, T* Gq, T* Gv, bool late) {
   if (late) return;
   for (int i = 0; i < w.nlim; ++i) {
     const Limit& l = w.lim[i];
-    Gq[l.dof * (nv + 1)] -= l.Th * (l.dc_dphi + l.dR_dphi * l.gam);
+    Gq[l.dof * (nv + 1)] -= l.Th * (l.dc_dphi + l.dR_dphi * l.gam) - keep(l.on, l.slope_R * l.dR_dphi / (l.s + l.gam * l.R));
     Gv[l.dof * (nv + 1)] += l.Th * l.carry;
   }
   for (int i = 0; i < w.ndry; ++i) Gv[w.dry[i].dof * (nv + 1)] += w.dry[i].Th * w.dry[i].carry;

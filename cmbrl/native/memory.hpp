@@ -31,6 +31,6 @@ class Memory {
   size_t bytes_ = 0;
 };
 
-struct StepMemory { Memory scene, contacts, groups, rows, factor; };
+struct StepMemory { Memory scene, contacts, groups, left, rows, factor; };
 
 }  // namespace cmbrl

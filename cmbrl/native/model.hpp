@@ -45,6 +45,7 @@ struct Model : Structure {
 
   const int *con_type, *con_bodyA, *con_bodyB, *con_plane, *con_dim, *con_law, *con_pyramid;
   const double *con_posA, *con_axisA, *con_posB, *con_axisB, *con_rotB, *con_halfB;
+  double largest_invweight;  // of a contact
   const double *con_radiusB, *con_impratio, *con_invweight, *con_margin, *con_mid, *con_power, *plane_normal;
 
   const int *lim_dof, *lim_qadr;
@@ -74,11 +75,13 @@ struct Model : Structure {
 // What a call needs room for: steps; products with derivatives of steps; whole Jacobians.
 enum class Purpose { step, product, jacobian };
 
-enum SmoothingMode { kConstant = 0, kGaussian = 1 };
+enum SmoothingMode { kConstant = 0, kGaussian = 1, kScaled = 2, kNearest = 3 };
 struct Smoothing {
   int mode;
-  double kappa;   // [J]; floor of the Gaussian schedule
-  double length;  // [m], Gaussian schedule
+  double kappa;   // [J]: constant, or peak of the published adaptive rule
+  double floor;   // [m^2/s^2]: kappa of a row times its inverse weight, at least
+  double dry;     // [rad/s or m/s]: kappa of dry friction by its largest impulse
+  double length;  // [m]: of the Gaussian schedule; reach of the published rule
   int stop;       // 1: kappa is a constant to the derivative
 };
 
@@ -93,6 +96,7 @@ struct Options {
   double rest_speed;  // [m/s] approach speeds below it do not bounce
   int backward_differs;  // from forward
   bool (*stopped)();     // asked between packs, and in long control steps: the caller gave up, so no result is needed
+  int rungs;          // of the solver's ladder that may be climbed
 };
 
 // Everything one element of a batch reads and writes; null where the caller does not want it. Strides are rows of C arrays.
@@ -101,7 +105,7 @@ struct Batch {
   const double *q, *v, *u, *theta;
   int64_t q_stride, v_stride, u_stride, theta_stride;  // 0: shared by all elements
   double *q_next, *v_next;
-  int32_t *status, *iterations;  // status: 0 converged, 1 by a fallback rung, 2 failed or from an input that is not finite
+  int32_t *status, *iterations, *rung;  // status: 0 converged, 1 softer than the model, 2 failed or from an input that is not finite
   double *residual, *impulse;    // impulse (n, ncontact, 1 + NT): normal, tangents, summed over the substeps [N s]
   double *jacobian;              // (n, 2 nv, 2 nv + nu [+ ntheta])
   int jacobian_theta;

@@ -3,28 +3,31 @@
 // looked at, and no contact that pruning would keep is lost.
 #pragma once
 #include "dynamics.hpp"
+#include "pruning.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
-// Centres and radii of the grown spheres under the velocities w.vel.
+// How fast any point of a body's sphere may move under a twist.
 template <class G>
-static void grow_spheres(const Model& m, const Options& o, Work<G>& w) {
-  for (int b = 0; b < m.nbody; ++b) {
-    if (m.sphere_radius[b] < 0) continue;  // touches no other body
-    double radius = m.sphere_radius[b] * (1 + 1e-9);  // round-off of the test itself
-    typename G::V c = w.centre[b] = w.pos[b] + G::rotate(w.R[b], load<G::D>(m.sphere_pos + b * G::D));
-    typename G::V u = point_velocity<G>(w.vel[b], c);
-    typename G::Ang turn = ang<G>(w.vel[b]);
-    T fast = vsqrt(dot(u, u)) + radius * vsqrt(dot(turn, turn));
-    w.reach[b] = radius + 0.5 * w.radius_slack + o.h * vmax(fast + 0.5 * o.prune, T{});
-  }
+static T fastest(const Model& m, const Work<G>& w, const Vec<G::N>* twist, int b) {
+  typename G::V u = point_velocity<G>(twist[b], w.centre[b]);
+  typename G::Ang turn = ang<G>(twist[b]);
+  return vsqrt(dot(u, u)) + m.sphere_radius[b] * vsqrt(dot(turn, turn));
+}
+
+// Grown spheres that hold all of a body where a row with slack [m/s] below `slack` may be, half of it a body's share; speed: of
+// the body, before the step and, where that is known, after.
+template <class G>
+static void grow_sphere(const Model& m, const Options& o, Work<G>& w, int b, T speed, T slack) {
+  double radius = m.sphere_radius[b] * (1 + 1e-9);  // round-off of the test itself
+  w.reach[b] = radius + 0.5 * w.radius_slack + o.h * vmax(speed + 0.5 * slack, T{});
 }
 
 template <class G>
-static bool spheres_meet(const Work<G>& w, int a, int b) {
+static Mask spheres_meet(const Work<G>& w, int a, int b) {
   typename G::V apart = w.centre[a] - w.centre[b];
   T reach = w.reach[a] + w.reach[b];
-  return any(dot(apart, apart) <= (1 + 1e-9) * reach * reach);
+  return dot(apart, apart) <= (1 + 1e-9) * reach * reach;
 }
 
 // Sorts numbers by key: Shell's method, quick for the hundreds of bodies that it is for.
@@ -68,23 +71,18 @@ static void sweep(const Model& m, Work<G>& w, F f) {
     for (int j = i + 1; j < n && w.low[w.order[j]] <= w.high[w.order[i]]; ++j) f(w.order[i], w.order[j]);
 }
 
-// Marks the groups of contacts to look at in w.near: those with the world, and those of two bodies that may touch.
-template <class G>
-static void find_near(const Model& m, const Options& o, Work<G>& w) {
-  bool all_groups = !(o.prune < 1e300);
-  for (int i = 0; i < FillPattern::words(m.ngroup); ++i) w.near[i] = all_groups ? ~uint64_t(0) : m.grp_world[i];
-  int pairs = m.pair_ptr[m.nbody];
-  if (all_groups || pairs == 0) return;
-  grow_spheres(m, o, w);
-  auto mark = [&](int entry) { w.near[m.pair_group[entry] / 64] |= uint64_t(1) << m.pair_group[entry] % 64; };
-  if (pairs <= 4 * m.nbody) {  // a robot's own: fewer than the neighbours along an axis would be
+// Calls f(group, lanes) for groups of two bodies whose spheres meet in these lanes.
+template <class G, class F>
+static void for_meeting(const Model& m, Work<G>& w, F f) {
+  if (m.pair_ptr[m.nbody] <= 4 * m.nbody) {  // a robot's own: fewer than the neighbours along an axis would be
     for (int a = 0; a < m.nbody; ++a)
       for (int e = m.pair_ptr[a]; e < m.pair_ptr[a + 1]; ++e)
-        if (spheres_meet(w, a, m.pair_other[e])) mark(e);
+        if (Mask lanes = spheres_meet(w, a, m.pair_other[e]); any(lanes)) f(m.pair_group[e], lanes);
     return;
   }
   sweep(m, w, [&](int a, int b) {
-    if (!spheres_meet(w, a, b)) return;
+    Mask lanes = spheres_meet(w, a, b);
+    if (!any(lanes)) return;
     if (a > b) { int x = a; a = b; b = x; }
     int low = m.pair_ptr[a], high = m.pair_ptr[a + 1];
     while (low < high) {  // the first entry of body a that is not before b
@@ -92,8 +90,42 @@ static void find_near(const Model& m, const Options& o, Work<G>& w) {
       if (m.pair_other[middle] < b) low = middle + 1;
       else high = middle;
     }
-    for (; low < m.pair_ptr[a + 1] && m.pair_other[low] == b; ++low) mark(low);
+    for (; low < m.pair_ptr[a + 1] && m.pair_other[low] == b; ++low) f(m.pair_group[low], lanes);
   });
+}
+
+// Marks the groups of contacts to look at in w.near: those with the world, and those of two bodies that may touch. The law may
+// make a row's slack less than phi / h by twice its speed.
+template <class G>
+static void find_near(const Model& m, const Options& o, Work<G>& w) {
+  bool all_groups = !(o.prune < 1e300);
+  for (int i = 0; i < FillPattern::words(m.ngroup); ++i) w.near[i] = all_groups ? ~uint64_t(0) : m.grp_world[i];
+  if (all_groups || m.pair_ptr[m.nbody] == 0) return;
+  T enough = splat(__builtin_fmax(speed_that_matters(o, o.forward, m.largest_invweight), speed_that_matters(o, o.backward, m.largest_invweight)));
+  for (int b = 0; b < m.nbody; ++b) {
+    if (m.sphere_radius[b] < 0) continue;  // touches no other body
+    w.centre[b] = w.pos[b] + G::rotate(w.R[b], load<G::D>(m.sphere_pos + b * G::D));
+    w.fast[b] = fastest(m, w, w.vel, b);
+    grow_sphere(m, o, w, b, 2.0 * w.fast[b], enough);
+  }
+  for_meeting(m, w, [&](int g, Mask) { w.near[g / 64] |= uint64_t(1) << g % 64; });
+}
+
+// Lanes in which the velocity of twists w.tn brings together a pair that find_near passed over.
+template <class G>
+static Mask passed_over(const Model& m, const Options& o, Work<G>& w) {
+  Mask found = none(), faster = none();
+  if (m.pair_ptr[m.nbody] == 0) return found;
+  double spare = o.prune / 3;
+  for (int b = 0; b < m.nbody; ++b)
+    if (m.sphere_radius[b] >= 0) faster |= fastest(m, w, w.tn, b) > w.fast[b] + spare;
+  if (!any(faster)) return found;
+  for (int b = 0; b < m.nbody; ++b)
+    if (m.sphere_radius[b] >= 0) grow_sphere(m, o, w, b, w.fast[b] + fastest(m, w, w.tn, b), splat(spare));
+  for_meeting(m, w, [&](int g, Mask lanes) {
+    if (!(w.near[g / 64] >> g % 64 & 1)) found |= lanes;
+  });
+  return found;
 }
 
 // Calls f(group) for those marked, in order.

@@ -94,7 +94,7 @@ struct ParameterColumns {
           const DryFriction& d = w.dry[k];
           if (d.dof != i) continue;
           T inv = 1.0 / (d.eta0 - d.b * d.eta / d.b0 + d.R * (d.b0 - d.b * d.b / d.b0));
-          at(i) += keep(d.on, coef * o.h * inv * (d.b * d.eta0 / d.b0 - d.eta));
+          at(i) += keep(d.on, coef * o.h * inv * (d.b * (d.eta0 - o.backward.dry) / d.b0 - d.eta));
         }
     }
   }
@@ -110,7 +110,7 @@ struct ParameterColumns {
       E[r] = dot(dW, relative) + dphi * (r == 0 ? c.dc_dphi + c.dRn_dphi * c.gam : c.dRt_dphi * c.b[r - 1]);
       Y += impulse(c, r) * dW;
     }
-    Y += response(c, E) + kappa_response(c, dphi * c.dc_dphi * c.slope);
+    Y += response(c, E) + kappa_response(c, dphi * (c.dc_dphi * c.slope + c.dRn_dphi * c.slope_R));
     add_wrench(c, coef * Y);
   }
 
@@ -129,9 +129,10 @@ struct ParameterColumns {
     T scale = 0.5 / step;
     Vec<G::N> t = relative_twist<G>(m, w.vel, c.index);
     T dcarry = scale * (b.carry - a.carry), E[1 + G::NT];
-    E[0] = select(c.bounce > 0.0, T{}, scale * (b.cn0 - a.cn0) - dcarry * dot(c.Wr[0], t)) + scale * (b.Rn - a.Rn) * c.gam;
+    T dR = scale * (b.Rn - a.Rn);
+    E[0] = select(c.bounce > 0.0, T{}, scale * (b.cn0 - a.cn0) - dcarry * dot(c.Wr[0], t)) + dR * c.gam;
     for (int r = 1; r < c.rows; ++r) E[r] = scale * (b.Rt - a.Rt) * c.b[r - 1] - dcarry * dot(c.Wr[r], t);
-    Vec<G::N> Y = response(c, E) + kappa_response(c, c.slope * (E[0] - scale * (b.Rn - a.Rn) * c.gam));
+    Vec<G::N> Y = response(c, E) + kappa_response(c, c.slope * (E[0] - dR * c.gam) + c.slope_R * dR);
     if (field == kMu && c.rows > 1) {  // the cone itself
       T b0 = c.mu * c.gam, y[G::NT];
       CMBRL_FOR(r, G::NT) y[r] = c.gam * (c.b[r] * c.eta0 / b0 - c.eta[r]);

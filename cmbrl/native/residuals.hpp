@@ -61,18 +61,18 @@ static T fresh_residuals(const Structure& m, SolverWork<G>& w, const InteriorPoi
 }
 
 template <class G, class F>
-static void for_solver_state(const Structure& m, SolverWork<G>& w, F f) {
+static void for_solver_state(const Structure& m, SolverWork<G>& w, T* save, F f) {
   int k = 0;
-  for (int i = 0; i < m.nv; ++i) f(w.delta[i], w.save[k++]);
+  for (int i = 0; i < m.nv; ++i) f(w.delta[i], save[k++]);
   for (int i = 0; i < w.ncon; ++i) {
     Contact<G>& c = w.con[i];
-    f(c.gam, w.save[k++]); f(c.s, w.save[k++]);
+    f(c.gam, save[k++]); f(c.s, save[k++]);
     if (c.rows == 1) continue;
-    f(c.eta0, w.save[k++]);
-    CMBRL_FOR(r, G::NT) { f(c.b[r], w.save[k++]); f(c.eta[r], w.save[k++]); }
+    f(c.eta0, save[k++]);
+    CMBRL_FOR(r, G::NT) { f(c.b[r], save[k++]); f(c.eta[r], save[k++]); }
   }
-  for (int i = 0; i < w.nlim; ++i) { f(w.lim[i].gam, w.save[k++]); f(w.lim[i].s, w.save[k++]); }
-  for (int i = 0; i < w.ndry; ++i) { f(w.dry[i].b, w.save[k++]); f(w.dry[i].eta0, w.save[k++]); f(w.dry[i].eta, w.save[k++]); }
+  for (int i = 0; i < w.nlim; ++i) { f(w.lim[i].gam, save[k++]); f(w.lim[i].s, save[k++]); }
+  for (int i = 0; i < w.ndry; ++i) { f(w.dry[i].b, save[k++]); f(w.dry[i].eta0, save[k++]); f(w.dry[i].eta, save[k++]); }
 }
 
 }  // namespace cmbrl::CMBRL_ISA

@@ -66,8 +66,10 @@ static void find_bounces(const Model& m, const Options& o, Work<G>& w) {
   for (int i = 0; i < w.ncon; ++i) {
     Contact<G>& c = w.con[i];
     T e = restitution(m, c);
-    Mask fast = c.on & (e > 0.0) & (c.speed > o.rest_speed), hits = fast & (c.phi < c.speed * o.h);
-    c.on = c.on & (hits | ~fast | closing);
+    Mask fast = (c.on | c.wide) & (e > 0.0) & (c.speed > o.rest_speed), hits = fast & (c.phi < c.speed * o.h);
+    Mask takes_part = hits | ~fast | closing;
+    c.on &= takes_part;
+    c.wide &= takes_part;
     T gain = c.speed + dot(c.Wr[0], relative_twist<G>(m, w.vel, c.index));
     T share = vmax(c.phi, T{}) / select(hits, c.speed * o.h, splat(1));  // of the step until the impact
     T target = c.speed - (1.0 + e) * (c.speed + (share - 0.5) * gain);
@@ -89,8 +91,7 @@ static Outcome solve_step(const Model& m, const Options& o, Work<G>& w) {
   prepare(m, o, w);
   free_velocity(m, o, w);
   find_bounces(m, o, w);
-  set_kappa(m, o, w, o.forward);
-  return contact_solve(m, o, w);
+  return solve_smoothed(m, o, w, o.forward, false);
 }
 
 // What impacts inside the step lose of the way h v' by acting late, M~^-1 sum t_i J_i^T x_i, into w.shift.

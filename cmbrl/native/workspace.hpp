@@ -22,16 +22,17 @@ struct Arena {
 // One contact of a pack in the interior point and in the derivative.
 template <class G>
 struct Contact {
-  Mask on, rub;                      // lanes in which the contact takes part; in which it has friction
+  Mask on, wide, rub;                // lanes in which the contact takes part; in the derivative's solve; in which it has friction
   int index, rows;                   // candidate number; 1 or 1 + NT
   typename G::V p, d[1 + G::NT];     // point and directions (normal, tangents)
   Vec<G::N> Wr[1 + G::NT];           // wrench of a unit impulse along each row
-  T root, full_mu;                   // of the inverse weight of its rows; mu itself may be a share of the full one
+  T root, full_mu;                   // root of inverse weight and compliance; mu itself may be a share of the full one
   T phi, mu, Rn, Rt, carry, cn0, ct0[G::NT];
   T dc_dphi, dRn_dphi, dRt_dphi;     // of the law, at fixed impulses
   T bounce, time, speed;             // restitution applied in this step (0: none), time of impact in it [s], approach speed
   T by_free, by_start, by_gap, by_e; // d cn0 of a bounce by J vf, J v, gap and restitution
-  T kappa, slope;                    // slope: d kappa / d z
+  T kappa, own_kappa;                // the ladder may raise kappa above what the model asks for
+  T slope, slope_R;                  // d kappa by the free closing coordinate z and by Rn
   T gam, s, b[G::NT], eta0, eta[G::NT];
   T r1, r2[G::NT];                   // linear residuals at the start; they shrink by exactly (1 - alpha)
   T w[1 + G::NT], Th[1 + G::NT][1 + G::NT];  // dx = w - Th J dv
@@ -41,9 +42,9 @@ struct Contact {
 };
 
 struct Limit {  // joint limit: a normal law on one coordinate
-  Mask on;
+  Mask on, wide;
   int index, dof;
-  T root, sign, phi, R, carry, c0, dc_dphi, dR_dphi, kappa, slope, gam, s, r1, w, Th, dgam, ds;
+  T root, sign, phi, R, carry, c0, dc_dphi, dR_dphi, kappa, own_kappa, slope, slope_R, gam, s, r1, w, Th, dgam, ds;
 };
 
 struct DryFriction {  // joint friction loss: a cone of fixed head on one coordinate
@@ -51,6 +52,11 @@ struct DryFriction {  // joint friction loss: a cone of fixed head on one coordi
   int dof;
   T root, R, carry, c0, b0, kappa, b, eta0, eta, r2, t50, w, Th, db, deta0, deta;
 };
+
+// A row that is left out: in which lanes, its slack without the part of the next velocity, and the speed that it had to have.
+template <class G>
+struct LeftOut { Mask lanes; int A, B; Vec<G::N> W; T base; double speed; };
+struct LeftOutLimit { Mask lanes; int dof; T sign, base; double speed; };
 
 struct ActiveGroup { int group, begin, end; };  // contacts of one body pair stand together
 
@@ -102,7 +108,10 @@ struct Work : SolverWork<G> {
   T *bias, *tau, *a, *kd, *kp, *open, *tmp;
   Mask *con_on, *lim_on;                   // of a step that is read back from its tape
   uint64_t* near; int* order;              // groups that may touch in this step, as bits; bodies along an axis
-  typename G::V* centre; T* reach; double *low, *high;  // of bodies: spheres that hold what may touch in this step
+  typename G::V* centre; T *fast, *reach; double *low, *high;  // of bodies: spheres that hold what may touch in this step
+  LeftOut<G>* left; int nleft;             // see pruning.hpp
+  LeftOutLimit* left_lim; int nleft_lim;
+  T left_out_gap;                          // smallest absolute gap of a contact that was left out
   uint64_t* bits; int *fill_ptr, *fill_idx;  // the pattern as bits, and as lists
   T* vb; Motion *bvel, *bacc;          // where the bias is taken in a midpoint step: velocity, its twists and accelerations
   T *C, *Bq, *Bv, *Bu, *Bp;            // -h dbias/dv there; dvb = Bq dq + Bv dv + Bu du + Bp dtheta
@@ -133,6 +142,10 @@ struct Work : SolverWork<G> {
   void add_group(ActiveGroup group) {
     this->groups = static_cast<ActiveGroup*>(memory->groups.extend((this->ngroups + 1) * sizeof(ActiveGroup)));
     this->groups[this->ngroups++] = group;
+  }
+  void leave_out(const LeftOut<G>& row) {
+    left = static_cast<LeftOut<G>*>(memory->left.extend((nleft + 1) * sizeof(LeftOut<G>)));
+    left[nleft++] = row;
   }
   template <class Take> static void carve(Memory& memory, Take take) {
     Arena probe{nullptr};
@@ -172,9 +185,10 @@ struct Work : SolverWork<G> {
     bias = A.take<T>(nv); tau = A.take<T>(nv); a = A.take<T>(nv); kd = A.take<T>(nv); kp = A.take<T>(nv); open = A.take<T>(m.nact + 1);
     tmp = A.take<T>(nv);
     near = A.take<uint64_t>(words); order = A.take<int>(nb);
-    centre = A.take<V>(nb); reach = A.take<T>(nb); low = A.take<double>(nb); high = A.take<double>(nb);
+    centre = A.take<V>(nb); fast = A.take<T>(nb); reach = A.take<T>(nb); low = A.take<double>(nb); high = A.take<double>(nb);
     bits = A.take<uint64_t>(nv * FillPattern::words(m.nv)); fill_ptr = A.take<int>(nv + 1);
     vb = A.take<T>(nv); bvel = A.take<Motion>(nb); bacc = A.take<Motion>(nb);
+    left_lim = A.take<LeftOutLimit>(m.nlimit);
     qtan = A.take<T>(nv); shift = A.take<T>(nv);
     if (purpose == Purpose::step) { Gq = nullptr; return; }
     con_on = A.take<Mask>(m.ncontact); lim_on = A.take<Mask>(m.nlimit);
