@@ -174,8 +174,8 @@ static void forward_packs(const Model& m, const Options& o, const Batch& b, int6
     if (l.n > 0) run();
   };
   again(kUnsolved);
-  for (int k = 0; k < 3; ++k) {
-    now.prune = k < 2 ? 10 * now.prune : __builtin_inf();
+  while (now.prune < 1e300) {
+    now.prune = wider(now.prune);
     again(kMissed);
   }
 }
@@ -225,14 +225,14 @@ template <class G>
 static StepStats loss_step(const Model& m, const Options& o, Work<G>& w) {
   for (int i = 0; i < m.nq; ++i) w.tq[i] = w.q[i];
   for (int i = 0; i < m.nv; ++i) w.tv[i] = w.v[i];
-  auto step = [&](const Options& now) { return control_step(m, now, w, [](int) { return Recorded{all(), T{}}; }); };
-  StepStats st = step(o);
-  Options every = o;
-  every.prune = __builtin_inf();
-  if (!any(st.missed)) return st;
-  for (int i = 0; i < m.nq; ++i) w.q[i] = w.tq[i];
-  for (int i = 0; i < m.nv; ++i) w.v[i] = w.tv[i];
-  return step(every);
+  Options now = o;
+  for (;;) {
+    StepStats st = control_step(m, now, w, [](int) { return Recorded{all(), T{}}; });
+    if (!any(st.missed)) return st;
+    now.prune = wider(now.prune);
+    for (int i = 0; i < m.nq; ++i) w.q[i] = w.tq[i];
+    for (int i = 0; i < m.nv; ++i) w.v[i] = w.tv[i];
+  }
 }
 
 // Open-loop Huber loss of one pack of candidates over all starts: lanes share the state, so they share the active set.
@@ -314,17 +314,27 @@ static void smooth_quantities(const Model& m, const Options& o, const Batch& b, 
   }
 }
 
-// Dry friction has no row here: it acts in v_free with the impulses it has in the core's own solution.
+// Rows of a step as its solve has them in the end, with those that were left out too soon. Dry friction has no row here: it
+// acts in vf with the impulses it has in that solution.
 template <class G>
-static void fold_dry_friction(const Model& m, const Options& o, Work<G>& w) {
-  set_kappa(m, o, w, o.forward);
-  InteriorPoint<G> ip(m, o, w);
-  contact_solve(m, o, w);
+static void rows_of_step(const Model& m, const Options& o, Work<G>& w) {
+  Options now = o;
+  auto set_up = [&] {
+    prepare(m, now, w);
+    free_velocity(m, now, w);
+    find_bounces(m, now, w);
+  };
+  for (;;) {
+    set_up();
+    solve_smoothed(m, now, w, o.forward, false);
+    if (!any(missed_rows(m, now, w))) break;
+    now.prune = wider(now.prune);
+  }
   for (int i = 0; i < m.nv; ++i) w.shift[i] = T{};
   for (int i = 0; i < w.ndry; ++i) w.shift[w.dry[i].dof] = keep(w.dry[i].on, w.dry[i].b);
-  for (int i = 0; i < w.ndyn; ++i) copy_row(w.H, w.H0, ip.pat, w.dyn_list[i]);
-  for (int i = 0; i < w.ndyn; ++i) eliminate(w.H, ip.pat, w.dyn_list[i]);
-  solve(w.H, m.nv, ip.pat, w.shift);
+  set_up();  // the solve may have changed the rows; leaves the factor of M~ in H
+  if (w.ndry == 0) return;
+  solve(w.H, m.nv, pattern_of(m, w), w.shift);
   for (int i = 0; i < m.nv; ++i) w.vf[i] += w.shift[i];
 }
 
@@ -338,10 +348,7 @@ static void step_rows(const Model& m, const Options& o, const Batch& b, const Ro
     gather_parameters(m, b, l, w, e == begin);
     Mask finite = gather_states(m, b, l, w);
     if (o.leapfrog) { scaled(m, w.v, 0.5 * o.h, w.qtan); integrate(m, w.q, w.qtan); }
-    prepare(m, o, w);
-    free_velocity(m, o, w);
-    find_bounces(m, o, w);
-    if (w.ndry) fold_dry_friction(m, o, w);
+    rows_of_step(m, o, w);
     scatter_packed(w.M, nv, m.tree(), l, out.M);
     scatter(w.vf, nv, nv, l, out.v_free);
     spoil(~finite, nv * nv, l, out.M);
