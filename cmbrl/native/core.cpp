@@ -223,15 +223,15 @@ static void backward_packs(const Model& m, const Options& o, const Batch& b, int
 // A step of all lanes, with more rows where one that was left out closes.
 template <class G>
 static StepStats loss_step(const Model& m, const Options& o, Work<G>& w) {
-  for (int i = 0; i < m.nq; ++i) w.tq[i] = w.q[i];
-  for (int i = 0; i < m.nv; ++i) w.tv[i] = w.v[i];
+  for (int i = 0; i < m.nq; ++i) w.start[i] = w.q[i];
+  for (int i = 0; i < m.nv; ++i) w.start[m.nq + i] = w.v[i];
   Options now = o;
   for (;;) {
     StepStats st = control_step(m, now, w, [](int) { return Recorded{all(), T{}}; });
     if (!any(st.missed)) return st;
     now.prune = wider(now.prune);
-    for (int i = 0; i < m.nq; ++i) w.q[i] = w.tq[i];
-    for (int i = 0; i < m.nv; ++i) w.v[i] = w.tv[i];
+    for (int i = 0; i < m.nq; ++i) w.q[i] = w.start[i];
+    for (int i = 0; i < m.nv; ++i) w.v[i] = w.start[m.nq + i];
   }
 }
 

@@ -99,7 +99,7 @@ struct Work : SolverWork<G> {
   using V = typename G::V;
   using Motion = Vec<G::N>;
   StepMemory* memory;                      // where what grows stands
-  T *P, *q, *v, *u, *vstep;                // parameters but those of contacts, state, control, next velocity
+  T *P, *q, *v, *u, *vstep, *start;        // parameters but those of contacts, state, control, next velocity; state to go back to
   T *dtheta, radius_slack;                 // parameters less their nominal values; most that they add to a radius
   typename G::Rot* R; V* pos;              // bodies, relative to O
   Inertia<G> *I, *Ic;
@@ -174,7 +174,7 @@ struct Work : SolverWork<G> {
     int64_t nv = m.nv, nb = m.nbody, ncol = 2 * nv + m.nu + m.ntheta, words = FillPattern::words(m.ngroup);  // past an int, perhaps
     P = A.take<T>(m.oContact); dtheta = A.take<T>(m.ntheta + 1);
     q = A.take<T>(m.nq); v = A.take<T>(nv); u = A.take<T>(m.nu + 1);
-    vstep = A.take<T>(nv);
+    vstep = A.take<T>(nv); start = A.take<T>(m.nq + nv);
     this->take(A, nv, m.tree().row(m.nv), nv, m.max_group_dofs, m.nlimit, nv);
     R = A.take<typename G::Rot>(nb); pos = A.take<V>(nb);
     I = A.take<Inertia<G>>(nb); Ic = A.take<Inertia<G>>(nb);
