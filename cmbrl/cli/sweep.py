@@ -16,7 +16,7 @@ from cmbrl.cli.options import EXIT_INTERRUPTED, add_json, positive, read_configu
 from cmbrl.cli.progress import fraction
 from cmbrl.code_digest import code_digest
 from cmbrl.errors import UserError
-from cmbrl.files import atomic_path, check_writable, read_json, write_json
+from cmbrl.files import check_writable, make_folder, read_json, write_json, write_text
 from cmbrl.jobs import Job, Runner
 from cmbrl.jobs.backends import BACKENDS
 from cmbrl.runs import ENVIRONMENT, environment, usable_cores
@@ -96,8 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
         except UserError:
             _remove_empty(out / "seeds", out)
             raise
-    with atomic_path(out / "slurm.sh") as script:
-        script.write_text(array + "\n", encoding="utf-8")
+    write_text(out / "slurm.sh", array + "\n")
     summary = {"command": command, "options": options, "seeds": arguments.seeds, "runs": results}
     write_json(out / "sweep.json", {**summary, "environment": environment()})
     if arguments.json:
@@ -120,10 +119,10 @@ def one_seed(command: str, options: dict[str, Any], seed: int, folder: str, home
     from cmbrl.cli.main import main
 
     place = Path(folder) / f"seed_{seed}"
-    place.mkdir(parents=True, exist_ok=True)
+    make_folder(place)
     write_json(place / "sweep_options.json", {**options, "command": command})
     begun = any((place / name).exists() for name in ("checkpoint.safetensors", "state.json"))
-    if begun and read_json(place / ENVIRONMENT)["code"] != code_digest(f"cmbrl.cli.{command}"):
+    if begun and _code(place) != code_digest(f"cmbrl.cli.{command}"):
         raise UserError(f"{place}: begun by another version of the code: choose another --out, or remove that folder")
     typed = ["--config", str(place / "sweep_options.json"), "--seed", str(seed), "--out", str(place), "--threads", "1"]
     os.makedirs(home, exist_ok=True)
@@ -140,6 +139,12 @@ def one_seed(command: str, options: dict[str, Any], seed: int, folder: str, home
         raise UserError(f"seed {seed}: {last[-1].removeprefix('cmbrl: ') if last else f'ended with code {code}'}")
     result = read_json(place / COMMANDS[command])
     return {"seed": seed, "code": code, "result": _short(command, result)}
+
+
+def _code(place: Path) -> Any:
+    """The digest of the code that began the run in ``place``; None where its environment does not say."""
+    held = read_json(place / ENVIRONMENT) if (place / ENVIRONMENT).exists() else None
+    return held.get("code") if isinstance(held, dict) else None
 
 
 def _remove_empty(*folders: Path) -> None:

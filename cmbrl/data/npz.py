@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import zipfile
 import zlib
@@ -14,7 +15,7 @@ from cmbrl.data import cube_tosses
 from cmbrl.data.fields import ROWS, Fields
 from cmbrl.data.stacking import stack
 from cmbrl.errors import UserError
-from cmbrl.files import atomic_path
+from cmbrl.files import write_bytes
 
 ARRAYS = (*ROWS, "dt", "episode")
 
@@ -28,8 +29,9 @@ def write(data: Fields, path: Path) -> None:
             arrays[name] = np.asarray(values[name], dtype=np.str_)
     if data["source"]:
         arrays["source"] = np.asarray(json.dumps(data["source"]))
-    with atomic_path(path) as temporary, open(temporary, "wb") as stream:
-        np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
+    content = io.BytesIO()  # a zip file on a full disk complains again when it is closed
+    np.savez_compressed(content, **arrays)  # type: ignore[arg-type]
+    write_bytes(path, content.getvalue())
 
 
 def read(path: Path) -> Fields:

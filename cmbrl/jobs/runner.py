@@ -15,6 +15,7 @@ from joblib import Parallel, delayed
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from cmbrl.errors import UserError
+from cmbrl.files import make_folder, remove_leftovers
 from cmbrl.jobs.backends import backend
 from cmbrl.jobs.job import Job
 from cmbrl.jobs.store import MISSING, Accept, Store
@@ -89,7 +90,7 @@ class Runner:
             count = sum(value is not MISSING for value in results.values())
             self.progress(share[0] + (share[1] - share[0]) * count / len(jobs), f"{what} {count} of {len(jobs)}")
 
-        self.folder.mkdir(parents=True, exist_ok=True)
+        remove_leftovers(make_folder(self.folder))
         failed: list[tuple[Job, Outcome]] = []
         for job, outcome in self._outcomes(waiting, alone):
             results[job.file] = outcome.value

@@ -165,7 +165,7 @@ class ComplementarityModel:
 
     @classmethod
     def from_config(cls, scene: Scene, config: dict[str, Any]) -> ComplementarityModel:
-        """Inverse of :meth:`to_config`; raises UserError for a parameter that the scene does not have."""
+        """Inverse of :meth:`to_config`; raises UserError unless it names exactly the parameters of the scene."""
         config = dict(config)
         values = config.pop("parameters", {})
         known = {p.name: i for i, p in enumerate(scene.parameters)}
@@ -176,6 +176,8 @@ class ComplementarityModel:
                     f"{name!r} is not a parameter of scene {scene.name!r}; was the model fitted to another scene?"
                 )
             theta[known[name]] = value
+        if missing := [name for name in known if name not in values]:
+            raise UserError(f"no value for the parameter {missing[0]!r} of scene {scene.name!r}: fit again")
         for key in ("smoothing", "backward_smoothing"):
             if key in config:
                 config[key] = smoothing_policies.from_config(config[key])

@@ -5,7 +5,6 @@ Xu et al., "Accelerated Policy Learning with Parallel Differentiable Simulation"
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -17,6 +16,7 @@ from cmbrl.envs.simulation import Step
 from cmbrl.errors import UserError
 from cmbrl.settings import setting
 from cmbrl.train.policy import Policy, network
+from cmbrl.train.trainer import restore_optimiser
 
 BETAS = (0.7, 0.95)  # of Adam, as in the SHAC paper
 
@@ -111,8 +111,7 @@ class Critic:
         """Continues from what ``state`` returned."""
         self.net.load_state_dict(state["net"])
         self.target.load_state_dict(state["target"])
-        # Adam takes tensors as they are, and would write into the given state.
-        self.optimiser.load_state_dict(copy.deepcopy(state["optimiser"]))
+        restore_optimiser(self.optimiser, state["optimiser"])
         self.generator.set_state(state["generator"])
 
 

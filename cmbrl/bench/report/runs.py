@@ -17,7 +17,8 @@ from cmbrl.bench.report.apart import StudyFailed, run_apart
 from cmbrl.bench.study import Progress, Settings
 from cmbrl.code_digest import code_digest
 from cmbrl.errors import UserError
-from cmbrl.files import read_json, write_json
+from cmbrl.files import make_folder, read_record, write_record
+from cmbrl.jobs.job import plain
 from cmbrl.runs import environment, hardware
 
 RECORD = "run.json"
@@ -61,10 +62,11 @@ class StudyRun:
         """
         if not (folder / RECORD).exists():
             return None
+        remedy = "choose another --out, or remove that folder"
         try:
-            return cls(**read_json(folder / RECORD))
+            return cls(**read_record(folder / RECORD, remedy))
         except TypeError:
-            raise UserError(f"{folder / RECORD}: of another version: choose another --out, or remove it") from None
+            raise UserError(f"{folder / RECORD}: of another version: {remedy}") from None
 
     def counts(self, code: str, settings: Settings) -> bool:
         """Whether this is a finished run of the present code, as far as ``settings.accept`` asks for that."""
@@ -98,10 +100,10 @@ def _run(name: str, module: str, folder: Path, settings: Settings, progress: Pro
     held, code = StudyRun.read(folder), code_digest(module)
     if held and held.counts(code, settings):
         return held
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     before = held.environments if held and held.code == code else []
     run = StudyRun(name, _identity(settings), [*before, environment()], code)
-    write_json(folder / RECORD, asdict(run))
+    write_record(folder / RECORD, plain(asdict(run)))
     begin = time.monotonic()
     try:
         run_apart(module, folder, settings, progress)
@@ -110,7 +112,7 @@ def _run(name: str, module: str, folder: Path, settings: Settings, progress: Pro
     except StudyFailed as error:
         run = replace(run, error=str(error), details=error.details)
     run = replace(run, seconds=time.monotonic() - begin)
-    write_json(folder / RECORD, asdict(run))
+    write_record(folder / RECORD, plain(asdict(run)))
     return run
 
 

@@ -52,7 +52,7 @@ def test_goes_on_where_it_was_killed(runs: list[StudyRun], fakes: dict[str, str]
     assert again[1].environment["started"] >= runs[1].environment["started"]
     assert (tmp_path / "out/good/calls").read_text() == "1"  # one call, with one thread for BLAS
     record = tmp_path / "out/good/run.json"
-    record.write_text(json.dumps(json.loads(record.read_text()) | {"seconds": None}))  # as a killed run leaves it
+    write_record(record, read_record(record, "") | {"seconds": None})  # as a killed run leaves it
     assert "interrupted" in write_page(tmp_path / "out").read_text()
     assert run_studies({"good": fakes["good"]}, tmp_path / "out", QUICK, no_bar)[0].status == "finished"
     assert (tmp_path / "out/good/calls").read_text() == "11"
