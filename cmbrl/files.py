@@ -29,7 +29,8 @@ def writing(path: str | os.PathLike[str]) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        remedy = "free space there, or choose another place" if error.errno in FULL else "choose another place"
+        full = error.errno in FULL or error.errno is None  # None: from a library that does not say
+        remedy = "free space there, or choose another place" if full else "choose another place"
         raise UserError(f"{path}: cannot be written ({error.strerror or error}): {remedy}") from None
 
 

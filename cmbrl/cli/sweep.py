@@ -16,7 +16,7 @@ from cmbrl.cli.options import EXIT_INTERRUPTED, add_json, positive, read_configu
 from cmbrl.cli.progress import fraction
 from cmbrl.code_digest import code_digest
 from cmbrl.errors import UserError
-from cmbrl.files import check_writable, make_folder, read_json, write_json, write_text
+from cmbrl.files import check_writable, make_folder, read_json, write_json, write_text, writing
 from cmbrl.jobs import Job, Runner
 from cmbrl.jobs.backends import BACKENDS
 from cmbrl.runs import ENVIRONMENT, environment, usable_cores
@@ -126,7 +126,8 @@ def one_seed(command: str, options: dict[str, Any], seed: int, folder: str, home
         raise UserError(f"{place}: begun by another version of the code: choose another --out, or remove that folder")
     typed = ["--config", str(place / "sweep_options.json"), "--seed", str(seed), "--out", str(place), "--threads", "1"]
     os.makedirs(home, exist_ok=True)
-    with (place / "output.txt").open("a") as output, redirect_stdout(output), redirect_stderr(output), chdir(home):
+    told = place / "output.txt"
+    with writing(told), told.open("a") as output, redirect_stdout(output), redirect_stderr(output), chdir(home):
         code = main([command, *typed, *(["--resume"] if begun else [])])
     if code == EXIT_INTERRUPTED:  # Ctrl-C ends the sweep, not only this run of it
         raise KeyboardInterrupt

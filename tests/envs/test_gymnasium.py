@@ -175,7 +175,7 @@ def _save(model, folder):
     values = zip(model.scene.parameters, model.parameters.tolist(), strict=True)
     found = {p.name: FittedParameter(x, x, x, p.nominal, "nominal", p.unit) for p, x in values}
     about = {"data": {"transitions": 0, "episodes": 0}, "method": "random", "seed": 0, "horizon": 1, "candidates": 0}
-    lists = dict.fromkeys(("flat_directions", "at_bound", "unseen", "gauge", "left_out"), [])
+    lists = {key: [] for key in ("flat_directions", "at_bound", "unseen", "gauge", "left_out")}
     report = {**about, **lists, "seconds": {"total": 0.0}, "loss": {}, "stopped": None, "selection": None}
     FitResult(model, found, report).save(folder)
 

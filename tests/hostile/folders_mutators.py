@@ -18,8 +18,9 @@ import numpy as np
 Mutator = Callable[[Path, random.Random], str]
 
 WRONG: tuple[Any, ...] = (
-    None, True, False, 0, -1, 1, 3, 1.5, 1e300, -1e300, 1e-300, float("nan"), float("inf"), 2**31, 10**12, 10**30,
-    10**400, "", "text", "nominal", "../..", "x" * 5000, "\u0000", [], [1], [[1.0]], ["a"], [None], {}, {"a": 1}, [[[[[]]]]],
+    None, True, False, 0, -1, 1, 3, 1.5, 1e300, -1e300, 1e-300, float("nan"), float("inf"),
+    2**31, 10**12, 10**30, 10**400, "", "text", "nominal", "../..", "x" * 5000, "\u0000",
+    [], [1], [[1.0]], ["a"], [None], {}, {"a": 1}, [[[[[]]]]],
 )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from cmbrl import UserError
+from cmbrl.files import read_record, write_record
 from cmbrl.jobs import Job, JobError, Runner
 from cmbrl.jobs.job import plain
 
@@ -21,7 +22,6 @@ import os, signal, time
 from pathlib import Path
 import numpy as np
 from cmbrl.errors import UserError
-from cmbrl.files import read_record, write_record
 
 def noise(seed, log):
     with open(log, "a") as file:

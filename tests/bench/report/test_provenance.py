@@ -13,6 +13,7 @@ from cmbrl.bench import provenance
 from cmbrl.bench.report.runs import run_studies
 from cmbrl.bench.study import Section, Settings
 from cmbrl.cli import main
+from cmbrl.files import read_record, write_record
 from cmbrl.jobs import Job, Runner
 
 from .conftest import no_bar

@@ -18,6 +18,7 @@ from cmbrl.bench.report.page import write_page
 from cmbrl.bench.report.runs import StudyRun, run_studies, summary
 from cmbrl.bench.study import Section, Settings
 from cmbrl.cli import main
+from cmbrl.files import read_record, write_record
 
 from .conftest import no_bar
 
