@@ -37,6 +37,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except UserError as error:
         print(f"cmbrl: {error}", file=sys.stderr)
         return 2
+    except MemoryError:
+        print("cmbrl: out of memory: ask for less at a time, or use a larger machine", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print("cmbrl: interrupted", file=sys.stderr)
         return EXIT_INTERRUPTED
@@ -44,6 +47,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The reader has gone (`cmbrl info hopper | head`): keep the interpreter from complaining at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
+    except OSError as error:
+        if error.filename is None:  # not of a path that the user gave
+            raise
+        print(f"cmbrl: {UserError(f'{error.filename}: {error.strerror}; check the path')}", file=sys.stderr)
+        return 2
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
