@@ -26,6 +26,8 @@ def read_configuration(path: Path) -> dict[str, Any]:
         raise UserError(f"{path}: not readable as YAML ({shortened(str(error), 200)})") from None
     if not isinstance(loaded, dict) or not all(isinstance(key, str) for key in loaded):
         raise UserError(f"{path}: not a mapping of option names to values")
+    if not isinstance(loaded.get("command", ""), str):
+        raise UserError(f"{path}: command is not a name; write `command: fit`, or leave it out")
     return loaded
 
 

@@ -98,7 +98,14 @@ def test_masked_entries_are_not_data(log):
 
 
 @pytest.mark.parametrize(
-    "text", [yaml_files.BOMB, yaml_files.BOMB + "command: *i\n", "seed: &s 1\nhorizon: *s\n", "a: " + "[" * 5 + "]" * 5]
+    "text",
+    [
+        yaml_files.BOMB,
+        yaml_files.BOMB + "command: *i\n",
+        "seed: &s 1\nhorizon: *s\n",
+        "a: " + "[" * 5 + "]" * 5,
+        "command: {}\n",
+    ],
 )
 def test_configurations_that_grow_are_refused(capsys, tmp_path, text):
     (tmp_path / "config.yaml").write_text(text, encoding="utf-8")
