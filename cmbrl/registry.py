@@ -31,7 +31,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cmbrl.errors import UserError, did_you_mean
-from cmbrl.numbers import one_of, whole
 
 if TYPE_CHECKING:
     from cmbrl.data.behaviour import PolicyFunction
@@ -133,6 +132,8 @@ class Task:
         Raises UserError for an unknown behaviour, for what the real system cannot do, and for a recorder that returns
         too few transitions.
         """
+        from cmbrl.numbers import one_of, whole  # imports numpy, which the names of tasks do not need
+
         n_steps, seed = whole(n_steps, f"{self.name}: n_steps"), whole(seed, f"{self.name}: seed", least=0)
         behaviour = self.behaviours[0] if behaviour is None else behaviour
         if callable(behaviour):
