@@ -93,6 +93,14 @@ def check_writable(path: str | os.PathLike[str], folder: bool = False) -> None:
     existing folder.
     """
     target = Path(path)
+    try:
+        target.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except (OSError, ValueError) as error:  # a name that is too long, or has a null byte
+        raise UserError(
+            f"{target}: cannot be written ({getattr(error, 'strerror', error)}); choose another place"
+        ) from None
     if folder and target.exists() and not target.is_dir():
         raise UserError(f"{target}: is a file, not a folder; choose another --out")
     if not folder and target.is_dir():

@@ -40,6 +40,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except UserError as error:
         print(f"cmbrl: {error}", file=sys.stderr)
         return 2
+    except MemoryError:
+        print("cmbrl: out of memory: ask for less at a time, or use a larger machine", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print("cmbrl: interrupted", file=sys.stderr)
         return EXIT_INTERRUPTED
@@ -48,11 +51,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
     except OSError as error:
-        if error.errno not in FULL:
+        full = error.errno in FULL
+        if not full and error.filename is None:  # not of a path that the user gave
             raise
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if full:  # perhaps of standard output itself, which must not be flushed again at exit
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        remedy = "free space there" if full else "check the path"
         place = error.filename or "standard output"
-        print(f"cmbrl: {place}: cannot be written ({error.strerror}): free space there", file=sys.stderr)
+        print(f"cmbrl: {UserError(f'{place}: {error.strerror}; {remedy}')}", file=sys.stderr)
         return 2
 
 

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.cli.options import EXIT_INTERRUPTED, add_json, positive, read_configuration
+from cmbrl.cli.configuration import read_configuration
+from cmbrl.cli.options import EXIT_INTERRUPTED, add_json, positive
 from cmbrl.cli.progress import fraction
 from cmbrl.code_digest import code_digest
 from cmbrl.errors import UserError
@@ -20,12 +21,14 @@ from cmbrl.files import check_writable, make_folder, read_json, write_json, writ
 from cmbrl.jobs import Job, Runner
 from cmbrl.jobs.backends import BACKENDS
 from cmbrl.runs import ENVIRONMENT, environment, usable_cores
+from cmbrl.text import shortened
 
 EXAMPLE = """
 cmbrl sweep configs/hopper_loop.yaml --seeds 0:10
 cmbrl sweep configs/hopper_loop.yaml --seeds 0:100 --out runs/seeds --backend ray --jobs 64
 cmbrl sweep configs/hopper_loop.yaml --seeds 0:10 --out runs/seeds --slurm > seeds.sh
 """
+MOST = 100_000  #: seeds of one sweep
 COMMANDS = {"train": "train.json", "fit": "fit.json"}  #: that can be swept, and the file with their result
 _OWN = {"command", "seed", "out", "resume", "threads", "json"}  # decided by the sweep
 
@@ -59,12 +62,16 @@ def seeds(text: str) -> list[int]:
     """``A:B`` or a list of whole numbers, each once."""
     try:
         first, colon, last = text.partition(":")
-        found = list(range(int(first), int(last))) if colon else [int(part) for part in text.split(",")]
+        found = range(int(first), int(last)) if colon else [int(part) for part in text.split(",")]
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is neither A:B nor a list of whole numbers") from None
+        raise argparse.ArgumentTypeError(f"{shortened(text)!r} is neither A:B nor a list of whole numbers") from None
+    if colon and found and found[-1] - found[0] >= MOST:
+        raise argparse.ArgumentTypeError(f"{shortened(text)!r}: give at most {MOST} seeds")
     if not found or len(set(found)) < len(found) or min(found) < 0 or max(found) >= 2**31:
-        raise argparse.ArgumentTypeError(f"{text!r}: give at least one seed, each once, from 0 to 2147483647")
-    return found
+        raise argparse.ArgumentTypeError(
+            f"{shortened(text)!r}: give at least one seed, each once, from 0 to 2147483647"
+        )
+    return list(found)
 
 
 def run(arguments: argparse.Namespace) -> int:

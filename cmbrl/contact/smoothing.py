@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from cmbrl.errors import UserError, did_you_mean
+from cmbrl.numbers import one_of, real
 from cmbrl.scene import Scene
 from cmbrl.text import parse_fields, parse_kind
 
@@ -69,8 +70,7 @@ class Adaptive:
 
     def resolve(self, scene: Scene, time_step: float) -> dict[str, Any]:
         """The core's numbers; raises UserError for a length or floor that is not positive."""
-        if self.derivative not in ("exact", "stop"):
-            raise UserError(f"Adaptive(derivative={self.derivative!r}); use 'exact' or 'stop'")
+        one_of(self.derivative, ("exact", "stop"), "derivative of Adaptive")
         floor, length = _positive(self.floor, "Adaptive(floor)"), _positive(self.length, "Adaptive(length)")
         return _native(GAUSSIAN, floor, length, self.derivative == "stop")
 
@@ -112,6 +112,4 @@ def _native(mode: int, kappa: float, length: float, stop: bool) -> dict[str, Any
 
 
 def _positive(value: float | None, name: str) -> float:
-    if value is None or not 0 < value <= _LARGEST:
-        raise UserError(f"{name} = {value}; give a positive number, at most {_LARGEST:g}")
-    return float(value)
+    return real(value, name, above=0.0, most=_LARGEST)

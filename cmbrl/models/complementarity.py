@@ -17,6 +17,7 @@ from cmbrl.models.autograd import Stepper, differentiable_step
 from cmbrl.models.manifold import Coordinates
 from cmbrl.models.windows import Windows
 from cmbrl.native import SolverStatus
+from cmbrl.numbers import one_of, real, real_array, switch, whole
 from cmbrl.scene import Scene
 
 INTEGRATORS = ("semi-implicit", "leapfrog", "midpoint")
@@ -90,22 +91,22 @@ class ComplementarityModel:
         path_tolerance: float = 1e-6,
         candidates: np.ndarray | None = None,
     ) -> None:
+        if not isinstance(scene, Scene):
+            raise UserError(f"scene is a {type(scene).__name__}; give the Scene of Scene.from_mjcf")
         self.scene = scene
-        self.substeps = int(substeps)
-        self.time_step = float(scene.timestep if time_step is None else time_step)
-        self.integrator = integrator or ("leapfrog" if scene.integrator == "rk4" else "semi-implicit")
-        self.smoothing = smoothing or Exact()
-        self.backward_smoothing = backward_smoothing or self.smoothing
-        self.threads = int(threads)
-        self.implicit_springs = bool(implicit_springs)
-        self.prune = float(prune)
-        self.path_tolerance = float(path_tolerance)
-        if self.substeps < 1 or not self.time_step > 0:
-            raise UserError(f"substeps = {substeps}, time_step = {self.time_step}: give positive values")
-        if self.integrator not in INTEGRATORS:
-            raise UserError(f"unknown integrator {self.integrator!r}; use one of {', '.join(INTEGRATORS)}")
+        self.substeps = whole(substeps, "substeps")
+        self.time_step = real(scene.timestep if time_step is None else time_step, "time_step", above=0.0, most=1e3)
+        default = "leapfrog" if scene.integrator == "rk4" else "semi-implicit"
+        self.integrator = one_of(default if integrator is None else integrator, INTEGRATORS, "integrator")
+        self.smoothing = _policy(smoothing, Exact())
+        self.backward_smoothing = _policy(backward_smoothing, self.smoothing)
+        self.threads = whole(threads, "threads", most=256)
+        self.implicit_springs = switch(implicit_springs, "implicit_springs")
+        self.prune = real(prune, "prune", least=0.0)
+        self.path_tolerance = real(path_tolerance, "path_tolerance", above=0.0, most=1.0)
         self.parameters = self._checked_parameters(parameters)
-        self.candidates = None if candidates is None else np.array([self._checked_parameters(x) for x in candidates])
+        rows = None if candidates is None else np.atleast_2d(real_array(candidates, "candidates"))
+        self.candidates = None if rows is None else np.array([self._checked_parameters(row) for row in rows])
         self.failures = 0
         options = {
             "h": self.time_step,
@@ -207,8 +208,8 @@ class ComplementarityModel:
         count = len(self.parameters)
         if theta is None:
             theta = torch.from_numpy(self.parameters)
-        elif theta.dtype != torch.float64 or theta.shape not in ((count,), (rows[0], count)):
-            raise UserError(f"theta is {theta.dtype} {tuple(theta.shape)}; give float64 ({count},) or (batch, {count})")
+        elif _dense(theta, "theta") not in ((count,), (rows[0], count)):
+            raise UserError(f"theta has shape {tuple(theta.shape)}; give ({count},) or (batch, {count})")
         q_next, v_next, report = differentiable_step(self.stepper, q, v, u, theta, impulse=details is not None)
         if details is not None:
             details["impulse"] = report["impulse"]
@@ -226,9 +227,9 @@ class ComplementarityModel:
         impulse: bool = False,
     ) -> StepResult:
         """The same step on numpy arrays, with what the solver reports; theta (np,) or (B, np)."""
-        q, v, u = (np.ascontiguousarray(x, dtype=np.float64) for x in (q, v, u))
-        theta = np.ascontiguousarray(self.parameters if theta is None else theta, dtype=np.float64)
-        jacobian = jacobian or parameter_jacobian
+        q, v, u, theta = self._arrays(q, v, u, theta)
+        parameter_jacobian = switch(parameter_jacobian, "parameter_jacobian")
+        jacobian, impulse = switch(jacobian, "jacobian") or parameter_jacobian, switch(impulse, "impulse")
         out = self.stepper.forward(
             q, v, u, theta, jacobian=jacobian, jacobian_theta=parameter_jacobian, impulse=impulse
         )
@@ -254,15 +255,15 @@ class ComplementarityModel:
         data, scales = windows.data, windows.scales
         losses = self.stepper.core.loss(
             data.q, data.v, data.u, data.q_next, data.v_next, windows.starts, windows.horizon,
-            np.ascontiguousarray(theta, dtype=np.float64), scales.q, scales.v, scales.huber, FAILURE_LOSS,
+            real_array(theta, "theta"), scales.q, scales.v, scales.huber, FAILURE_LOSS,
             self.stepper.options, self.threads,
         )  # fmt: skip
         return losses.mean(axis=1) / windows.horizon
 
     def smooth_dynamics(self, q: np.ndarray, v: np.ndarray, theta: np.ndarray | None = None) -> dict[str, np.ndarray]:
         """M (B, nv, nv) with armature, bias (B, nv), gap (B, nc), and rows J (B, nc, 2 or 3, nv): normal, tangents."""
-        theta = self.parameters if theta is None else theta
-        q, v, theta = (np.ascontiguousarray(x, dtype=np.float64) for x in (q, v, theta))
+        q = real_array(q, "q")
+        q, v, _, theta = self._arrays(q, v, np.zeros((*q.shape[:1], self.scene.nu)), theta)
         return self.stepper.core.dynamics(q, v, theta, self.stepper.options)
 
     def contact_problems(
@@ -274,8 +275,7 @@ class ComplementarityModel:
         damping; b includes the gap term, restitution, and the old velocity under a soft law. Dry joint friction has no
         row in a contact problem; v_free includes its impulse, taken from this model's own solution.
         """
-        theta = self.parameters if theta is None else theta
-        q, v, u, theta = (np.ascontiguousarray(x, dtype=np.float64) for x in (q, v, u, theta))
+        q, v, u, theta = self._arrays(q, v, u, theta)
         resolution = max(float(np.linalg.norm(self.scene.gravity)), 1e-9) * self.time_step
         rows = self.stepper.core.rows(q, v, u, theta, self.stepper.options)
         return from_rows(rows, resolution, self.scene.name)
@@ -304,10 +304,26 @@ class ComplementarityModel:
             self.failures += failed
             warnings.warn(f"{failed} of {len(status)} contact solves did not converge", SolverWarning, stacklevel=3)
 
+    def _arrays(self, q: Any, v: Any, u: Any, theta: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """The arguments of a step as contiguous float64; raises UserError for other types and shapes."""
+        scene, count = self.scene, len(self.parameters)
+        theta = real_array(self.parameters if theta is None else theta, "theta")
+        arrays: list[np.ndarray] = []
+        for name, given, width in (("q", q, scene.nq), ("v", v, scene.nv), ("u", u, scene.nu)):
+            array = real_array(given, name)
+            if array.ndim != 2 or array.shape[1] != width or len(array) != len(arrays[0] if arrays else array):
+                rows = len(arrays[0]) if arrays else "batch"
+                raise UserError(f"{name} has shape {array.shape}; give ({rows}, {width})")
+            arrays.append(array)
+        if theta.shape not in ((count,), (len(arrays[0]), count)):
+            raise UserError(f"theta has shape {theta.shape}; give ({count},) or (batch, {count})")
+        q, v, u = arrays
+        return q, v, u, theta
+
     def _checked_parameters(self, theta: np.ndarray | None) -> np.ndarray:
         if theta is None:
             return self.scene.parameter_vector()
-        theta = np.array(theta, dtype=np.float64)
+        theta = real_array(theta, "parameters").copy()
         if theta.shape != (len(self.scene.parameters),):
             raise UserError(
                 f"parameters have shape {theta.shape}; scene {self.scene.name!r} has {len(self.scene.parameters)}"
@@ -318,8 +334,25 @@ class ComplementarityModel:
         return theta
 
     def _rows(self, x: torch.Tensor, name: str, width: int) -> int:
-        """The number of rows of x (B, width), float64; raises UserError if it is not."""
-        shape = x.shape
-        if x.dtype != torch.float64 or len(shape) != 2 or shape[1] != width:
-            raise UserError(f"{name} is {x.dtype} {tuple(shape)}; give float64 of shape (batch, {width})")
+        """The number of rows of x (B, width); raises UserError for another type or shape."""
+        shape = _dense(x, name)
+        if len(shape) != 2 or shape[1] != width:
+            raise UserError(f"{name} has shape {tuple(shape)}; give (batch, {width})")
         return shape[0]
+
+
+def _dense(x: torch.Tensor, name: str) -> torch.Size:
+    """The shape of x; raises UserError unless it is a dense float64 tensor on the CPU."""
+    if not isinstance(x, torch.Tensor):
+        raise UserError(f"{name} is a {type(x).__name__}; give a float64 tensor")
+    if x.dtype != torch.float64 or x.layout != torch.strided or not x.is_cpu:
+        raise UserError(f"{name} is a {x.layout} tensor of {x.dtype} on {x.device}; give a dense float64 one on the CPU")
+    return x.shape
+
+
+def _policy(given: Smoothing | None, default: Smoothing) -> Smoothing:
+    if given is None:
+        return default
+    if not isinstance(given, Smoothing):
+        raise UserError(f"smoothing is a {type(given).__name__}; give a policy such as Exact() or Barrier(...)")
+    return given

@@ -35,7 +35,7 @@ def check_name(word: str | os.PathLike[str], known: tuple[str, ...] = (NOMINAL,)
     """Raises UserError unless ``word`` is one of ``known``, or a folder with a fit or an ensemble."""
     if word in known:
         return
-    if not Path(word).is_dir():
+    if not os.path.isdir(word):
         raise UserError(f"{str(word)!r} is neither a model nor a folder; {did_you_mean(str(word), known)}")
     if not holds_fit(word) and not (Path(word) / ENSEMBLE).exists():
         raise UserError(

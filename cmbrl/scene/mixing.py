@@ -8,13 +8,19 @@ from functools import lru_cache
 import mujoco
 import numpy as np
 
+from cmbrl.errors import UserError
 from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import ContactLaw
 from cmbrl.scene.support import Gate
 
+MOST_PAIRS = 600_000  #: a thousand bodies that may all touch each other
+
 
 def collision_pairs(model: mujoco.MjModel) -> Iterator[tuple[int, int, int]]:
-    """Pairs (first geom, second geom, explicit pair or -1) that pass MuJoCo's filters and can move."""
+    """Pairs (first geom, second geom, explicit pair or -1) that pass MuJoCo's filters and can move.
+
+    Raises UserError for more than MOST_PAIRS of them.
+    """
     off = mujoco.mjtDisableBit
     if model.opt.disableflags & (off.mjDSBL_CONTACT | off.mjDSBL_CONSTRAINT):
         return
@@ -27,25 +33,29 @@ def collision_pairs(model: mujoco.MjModel) -> Iterator[tuple[int, int, int]]:
             yield pair[0], pair[1], k
     excluded = {(int(s) >> 16, int(s) & 0xFFFF) for s in model.exclude_signature}
     filter_parent = not model.opt.disableflags & off.mjDSBL_FILTERPARENT
+    welded = weld[model.geom_bodyid]
+    parent, types, affinity = (
+        weld[model.body_parentid[welded]],
+        model.geom_contype.copy(),
+        model.geom_conaffinity.copy(),
+    )
+    bodies, count = model.geom_bodyid.tolist(), len(explicit)
     for first in range(model.ngeom):
-        body1 = int(model.geom_bodyid[first])
-        weld1 = weld[body1]
-        parent1 = weld[model.body_parentid[weld1]]
-        for second in range(first + 1, model.ngeom):
-            body2 = int(model.geom_bodyid[second])
-            weld2 = weld[body2]
-            if weld1 == weld2 or (first, second) in explicit:
+        rest = slice(first + 1, None)
+        meets = (types[first] & affinity[rest] | types[rest] & affinity[first]) != 0
+        meets &= welded[rest] != welded[first]
+        if filter_parent and welded[first]:
+            meets &= (welded[rest] == 0) | ((welded[rest] != parent[first]) & (parent[rest] != welded[first]))
+        for second in (np.flatnonzero(meets) + first + 1).tolist():
+            both = bodies[first], bodies[second]
+            if (first, second) in explicit or both in excluded or both[::-1] in excluded:
                 continue
-            if not (
-                model.geom_contype[first] & model.geom_conaffinity[second]
-                or model.geom_contype[second] & model.geom_conaffinity[first]
-            ):
-                continue
-            parent2 = weld[model.body_parentid[weld2]]
-            if filter_parent and weld1 and weld2 and (weld1 == parent2 or weld2 == parent1):
-                continue
-            if (body1, body2) in excluded or (body2, body1) in excluded:
-                continue
+            count += 1
+            if count > MOST_PAIRS:
+                raise UserError(
+                    f"more than {MOST_PAIRS} pairs of geoms may collide: leave out those that never do, by contype and "
+                    "conaffinity or by <exclude>"
+                )
             yield first, second, -1
 
 

@@ -26,10 +26,10 @@ class CriticConfig:
     """Settings of the critic, shared by all algorithms that have one."""
 
     trace: float = setting(0.95, "lambda of the critic's TD(lambda) targets", least=0)
-    critic_hidden: tuple[int, ...] = setting((64, 64), "hidden layers of the critic", least=1)
+    critic_hidden: tuple[int, ...] = setting((64, 64), "hidden layers of the critic", least=1, most=8_192)
     critic_rate: float = setting(1e-3, "learning rate of the critic (Adam)", least=0)
-    critic_epochs: int = setting(4, "passes of the critic over a window", least=1)
-    critic_batches: int = setting(2, "minibatches of each pass", least=1)
+    critic_epochs: int = setting(4, "passes of the critic over a window", least=1, most=1_000)
+    critic_batches: int = setting(2, "minibatches of each pass", least=1, most=10_000)
     target_share: float = setting(0.2, "share of the old target critic that is kept at each update", least=0)
 
 
