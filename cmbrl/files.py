@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from cmbrl.errors import UserError
+from cmbrl.reading import regular_file
 
 CHECKSUM = "checksum"
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}  #: a full disk, a spent quota, a file above the shell's limit
@@ -133,11 +134,9 @@ def write_json(path: str | os.PathLike[str], value: Any) -> None:
 
 def read_json(path: str | os.PathLike[str]) -> Any:
     """Reads a JSON file; raises UserError that names the file if it is missing or not JSON (NaN is none)."""
-    file = Path(path)
+    file = regular_file(path)
     try:
         return json.loads(file.read_text(encoding="utf-8"), parse_constant=_refuse)
-    except FileNotFoundError:
-        raise UserError(f"{file}: no such file") from None
     except (OSError, ValueError, RecursionError) as error:
         raise UserError(f"{file}: not readable as JSON ({error})") from None
 

@@ -51,14 +51,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
     except OSError as error:
-        full = error.errno in FULL
-        if not full and error.filename is None:  # not of a path that the user gave
-            raise
-        if full:  # perhaps of standard output itself, which must not be flushed again at exit
+        if error.errno in FULL:
+            told = f"{error.filename or 'standard output'}: cannot be written ({error.strerror}): free space there"
+            # What is still to be printed is given up: the interpreter would complain about it at exit.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        remedy = "free space there" if full else "check the path"
-        place = error.filename or "standard output"
-        print(f"cmbrl: {UserError(f'{place}: {error.strerror}; {remedy}')}", file=sys.stderr)
+        elif error.filename is not None:  # of a path that the user gave
+            told = f"{error.filename}: {error.strerror}; check the path"
+        else:
+            raise
+        print(f"cmbrl: {UserError(told)}", file=sys.stderr)
         return 2
 
 

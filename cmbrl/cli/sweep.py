@@ -90,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     check_writable(out, folder=True)
     options = {name: value for name, value in options.items() if name not in _OWN}
-    folder = str(out.resolve())
+    folder, made = str(out.resolve()), [place for place in (out / "seeds", out, *out.parents) if not place.exists()]
     jobs = [
         Job(f"seed_{seed}", one_seed, {"command": command, "options": options, "seed": seed, "folder": folder,
                                        "home": str(Path.cwd())})
@@ -101,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
         try:
             results = runner.run(jobs, "run")
         except UserError:
-            _remove_empty(out / "seeds", out)
+            _remove_empty(made)
             raise
     write_text(out / "slurm.sh", array + "\n")
     summary = {"command": command, "options": options, "seeds": arguments.seeds, "runs": results}
@@ -143,7 +143,7 @@ def one_seed(command: str, options: dict[str, Any], seed: int, folder: str, home
         if not begun:  # a mistake that was found before anything was computed leaves nothing behind
             (place / "sweep_options.json").unlink()
             (place / "output.txt").unlink()
-            _remove_empty(place)
+            _remove_empty([place])
         raise UserError(f"seed {seed}: {last[-1].removeprefix('cmbrl: ') if last else f'ended with code {code}'}")
     result = read_json(place / COMMANDS[command])
     return {"seed": seed, "code": code, "result": _short(command, result)}
@@ -155,7 +155,7 @@ def _code(place: Path) -> Any:
     return held.get("code") if isinstance(held, dict) else None
 
 
-def _remove_empty(*folders: Path) -> None:
+def _remove_empty(folders: Sequence[Path]) -> None:
     for folder in folders:
         with suppress(OSError):  # it is not empty
             folder.rmdir()

@@ -22,6 +22,7 @@ from cmbrl.data.fields import ROWS, Fields
 from cmbrl.data.splitting import follows
 from cmbrl.errors import UserError
 from cmbrl.files import CHECKSUM, atomic_path, check_writable, checksum, record_text
+from cmbrl.text import shortened
 
 KEY = "cmbrl"
 _ABOUT = {"dt": "dt", "joints": "joint_names", "actuators": "actuator_names", "source": "source"}  # there: here
@@ -138,7 +139,9 @@ def read(path: Path) -> Fields:
     except UserError:
         raise
     except Exception as error:  # Minari does not check what it reads, so anything may come
-        raise UserError(f"{path}: not readable as a Minari dataset ({error!r}); record it again") from None
+        raise UserError(
+            f"{path}: not readable as a Minari dataset ({shortened(repr(error), 200)}); record it again"
+        ) from None
     stored = [arrays for arrays in stored if len(arrays["u"])]
     if not stored:
         raise UserError(f"{path}: the log is empty; record at least one transition")
@@ -220,6 +223,7 @@ def _environment_dt(path: Path, dataset: Any) -> float:
         return float(dataset.recover_environment().unwrapped.dt)
     except Exception as error:  # an environment is foreign code, and may not be installed
         raise UserError(
-            f"{path}: the dataset has no time step, and its environment does not start ({error!r}); "
+            f"{path}: the dataset has no time step, and its environment does not start "
+            f"({shortened(repr(error), 200)}); "
             "load it in Python and make Transitions with dt="
         ) from None

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from cmbrl.data.checks import LARGEST
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
 from cmbrl.fitting.budget import Budget
@@ -209,9 +210,9 @@ def _admit(core: CoreArrays, space: Space, chosen: np.ndarray, z: np.ndarray) ->
 
 
 def _check_steps(model: ComplementarityModel, data: Transitions) -> None:
-    """Raises UserError that names the first row from which the model's step is not finite: no error can be told."""
+    """Raises UserError that names the first row from which the model steps beyond any robot: no error can be told."""
     found = model.predict(data.q, data.v, data.u)
-    lost = ~(np.isfinite(found.q_next).all(axis=1) & np.isfinite(found.v_next).all(axis=1))
+    lost = ~(np.abs(np.concatenate([found.q_next, found.v_next], axis=1)) <= LARGEST).all(axis=1)  # NaN too
     if lost.any():
         row = int(np.flatnonzero(lost)[0])
         largest = np.max(np.abs(np.concatenate([data.q[row], data.v[row], data.u[row]])))

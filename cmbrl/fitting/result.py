@@ -18,6 +18,7 @@ from cmbrl.fitting.space import Space
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.named import RESULT, SETTINGS, load_complementarity
 
+NOT_FINITE = "the fit is not finite: check the log for values that no robot reaches"
 _FORMAT = 2
 _REMEDY = "fit again"
 
@@ -53,7 +54,7 @@ class FitResult:
                 "report.txt": self.report_text() + "\n",
             }
         except ValueError:
-            raise UserError(f"{place}: the fit is not finite: check the log for values that no robot reaches") from None
+            raise UserError(f"{place}: {NOT_FINITE}") from None
         with ExitStack() as together:
             for name, text in texts.items():
                 together.enter_context(atomic_path(place / name)).write_text(text, encoding="utf-8")

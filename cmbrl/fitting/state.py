@@ -82,7 +82,7 @@ class Journal:
         known = self.rounds.setdefault(search, [])
         if index >= len(known):
             self.check_time()
-            known.append([float(x) for x in np.minimum(compute(), 1e300)])  # JSON has no infinity
+            known.append([float(x) for x in np.fmin(compute(), 1e300)])  # JSON has neither infinity nor NaN
             if time.monotonic() - self._written > _SECONDS_BETWEEN_WRITES:
                 self.write()
         return np.array(known[index])

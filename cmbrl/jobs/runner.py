@@ -131,12 +131,11 @@ class Runner:
     def _parallel(self, jobs: Sequence[Job]) -> Any:
         if not jobs:
             return
-        with backend(self.backend, self.n_jobs):
+        workers = min(self.n_jobs, len(jobs))
+        with backend(self.backend, workers):
             # Ray and Dask have no generators: results come back together, but each worker keeps its own at once.
             how = {"return_as": "generator_unordered"} if self.backend == "loky" else {}
-            yield from Parallel(n_jobs=self.n_jobs, batch_size=1, **how)(
-                delayed(_named)(job, self.folder) for job in jobs
-            )
+            yield from Parallel(n_jobs=workers, batch_size=1, **how)(delayed(_named)(job, self.folder) for job in jobs)
 
 
 def _named(job: Job, folder: Path) -> tuple[str, Outcome]:

@@ -12,6 +12,7 @@ from safetensors.torch import load, save
 from torch import Tensor, nn
 
 from cmbrl.errors import UserError
+from cmbrl.reading import regular_file
 
 
 def weights_of(module: nn.Module) -> tuple[bytes, str]:
@@ -26,10 +27,9 @@ def fill(module: nn.Module, file: Path, told: str | None, remedy: str) -> None:
     ``told``: their digest when they were written; None if unknown, from an older version. Raises UserError that ends
     with ``remedy`` if the file is missing or damaged, or holds other tensors than the module has.
     """
+    regular_file(file, remedy)
     try:
         tensors = load(file.read_bytes())
-    except FileNotFoundError:
-        raise UserError(f"{file}: no such file: {remedy}") from None
     except (SafetensorError, OSError, ValueError, KeyError, TypeError) as error:
         raise UserError(f"{file}: damaged ({error}): {remedy}") from None
     if told is not None and told != digest(tensors):

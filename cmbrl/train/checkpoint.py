@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import math
 import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +21,7 @@ from torch import Tensor
 from cmbrl.errors import UserError
 from cmbrl.files import checksum, write_bytes
 from cmbrl.models.weights import digest
+from cmbrl.reading import regular_file
 
 _SKELETON, _DIGEST = "skeleton", "digest"
 
@@ -40,9 +40,7 @@ def save_state(path: str | os.PathLike[str], state: Any) -> None:
 
 def load_state(path: str | os.PathLike[str]) -> Any:
     """Reads what ``save_state`` wrote; raises UserError that names the file if it is missing or damaged."""
-    file = Path(path)
-    if not file.is_file():
-        raise UserError(f"{file}: no such file")
+    file = regular_file(path, "start the run again")
     try:
         with safe_open(file, framework="pt") as opened:
             tensors = {name: opened.get_tensor(name) for name in opened.keys()}  # noqa: SIM118 (no mapping)

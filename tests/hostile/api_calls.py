@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from . import door
+from . import judge
 
 
 class Raises:
@@ -141,7 +141,7 @@ def sound() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
     }  # fmt: skip
 
 
-def draw(rng: random.Random, folder: Path) -> door.Case:
+def draw(rng: random.Random, folder: Path) -> judge.Case:
     """A sound call with one argument replaced, or one array changed."""
     name = rng.choice(list(sound()))
     call, arguments = sound()[name]
@@ -173,7 +173,7 @@ def _use(call: Callable[..., Any], arguments: dict[str, Any]) -> str:
     found = call(**arguments)
     if isinstance(found, StepResult):
         fine = np.isfinite(found.q_next).all(axis=1) & np.isfinite(found.v_next).all(axis=1)
-        door.require(
+        judge.require(
             bool((fine | (found.status == SolverStatus.FAILED)).all()), "a step is not finite, and says nothing"
         )
-    return door.RIGHT
+    return judge.RIGHT

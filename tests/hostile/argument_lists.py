@@ -6,7 +6,7 @@ import os
 import random
 from pathlib import Path
 
-from . import door
+from . import judge
 
 LINES = (
     "info hopper", "info hopper --json", "info scene.xml --ignore tendon --contact-law rigid",
@@ -51,7 +51,7 @@ SCENE = """<mujoco><worldbody><geom type="plane" size="1 1 1"/>
 <body pos="0 0 1"><freejoint/><geom size=".1"/></body></worldbody></mujoco>"""
 
 
-def draw(rng: random.Random, folder: Path) -> door.Case:
+def draw(rng: random.Random, folder: Path) -> judge.Case:
     """A command line with one to three words changed."""
     words = rng.choice(LINES).split()
     for _ in range(rng.choice((1, 1, 2, 3))):
@@ -72,7 +72,7 @@ def draw(rng: random.Random, folder: Path) -> door.Case:
         words += ["--scene", "nowhere"]  # a study is right, and takes minutes
     if "train" in words:
         words += ["--out", "text.xml/run"]
-    return str([word[:80] for word in words]), lambda: door.command(*words, furnish=_furnish)
+    return str([word[:80] for word in words]), lambda: judge.fresh_command(*words, furnish=_furnish)
 
 
 def _furnish(place: Path) -> None:

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .folders_mutators import NothingToDo, transplant
-from .folders_outcome import FAULTS, RIGHT, WRONG, Outcome, apart
 from .folders_victims import VICTIMS
+from .judge import FAULTS, RIGHT, WRONG, Outcome, outcome
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ def cases(name: str, seeds: range, place: Path) -> Iterator[Case]:
             victim.make(folder, seed)
     shutil.rmtree(work, ignore_errors=True)
     shutil.copytree(good, work)
-    expected = apart(lambda: victim.use(work))
+    expected = outcome(lambda: victim.use(work))
     assert expected.kind == RIGHT, expected
     mutators = (*victim.mutators, transplant(other / "victim"))
     for seed in seeds:
@@ -53,9 +53,9 @@ def cases(name: str, seeds: range, place: Path) -> Iterator[Case]:
             damage = f"{(mutate := mutators[seed % len(mutators)]).__name__}: {mutate(work / 'victim', rng)}"
         except NothingToDo:
             continue
-        found = apart(lambda: victim.use(work))
+        found = outcome(lambda: victim.use(work))
         if found.kind == RIGHT:
-            found = Outcome(RIGHT) if found.told == expected.told else Outcome(WRONG, found.told[:100])
+            found = Outcome(RIGHT) if found.told == expected.told else Outcome(WRONG, str(found.told)[:100])
         yield Case(name, seed, damage, found)
 
 

@@ -13,8 +13,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 Mutator = Callable[[Path, random.Random], str]
 
 WRONG: tuple[Any, ...] = (
@@ -28,7 +26,7 @@ class NothingToDo(Exception):
     """This folder has no file of the kind that the mutator damages."""
 
 
-def _files(folder: Path, *endings: str) -> list[Path]:
+def files(folder: Path, *endings: str) -> list[Path]:
     found = sorted(f for f in folder.rglob("*") if f.is_file() and (not endings or f.suffix in endings))
     if not found:
         raise NothingToDo
@@ -36,7 +34,7 @@ def _files(folder: Path, *endings: str) -> list[Path]:
 
 
 def truncate(folder: Path, rng: random.Random) -> str:
-    file = rng.choice(_files(folder))
+    file = rng.choice(files(folder))
     data = file.read_bytes()
     cut = rng.randrange(len(data)) if data else 0
     file.write_bytes(data[:cut])
@@ -44,7 +42,7 @@ def truncate(folder: Path, rng: random.Random) -> str:
 
 
 def flip(folder: Path, rng: random.Random) -> str:
-    file = rng.choice(_files(folder))
+    file = rng.choice(files(folder))
     data = bytearray(file.read_bytes())
     if not data:
         raise NothingToDo
@@ -56,7 +54,7 @@ def flip(folder: Path, rng: random.Random) -> str:
 
 def overwrite(folder: Path, rng: random.Random) -> str:
     """A page of zeros or noise, as after a lost write."""
-    file = rng.choice(_files(folder))
+    file = rng.choice(files(folder))
     data = bytearray(file.read_bytes())
     if not data:
         raise NothingToDo
@@ -68,13 +66,13 @@ def overwrite(folder: Path, rng: random.Random) -> str:
 
 
 def delete(folder: Path, rng: random.Random) -> str:
-    file = rng.choice(_files(folder))
+    file = rng.choice(files(folder))
     file.unlink()
     return f"{file.name}: deleted"
 
 
 def replace_by_folder(folder: Path, rng: random.Random) -> str:
-    file = rng.choice(_files(folder))
+    file = rng.choice(files(folder))
     file.unlink()
     file.mkdir()
     return f"{file.name}: now a folder"
@@ -82,10 +80,10 @@ def replace_by_folder(folder: Path, rng: random.Random) -> str:
 
 def swap(folder: Path, rng: random.Random) -> str:
     """Two files of the folder change names."""
-    files = _files(folder)
-    if len(files) < 2:
+    found = files(folder)
+    if len(found) < 2:
         raise NothingToDo
-    a, b = rng.sample(files, 2)
+    a, b = rng.sample(found, 2)
     first, second = a.read_bytes(), b.read_bytes()
     a.write_bytes(second)
     b.write_bytes(first)
@@ -96,7 +94,7 @@ def transplant(other: Path) -> Mutator:
     """A file of the same name from another, good folder of the same kind."""
 
     def mutate(folder: Path, rng: random.Random) -> str:
-        shared = [f for f in _files(folder) if (other / f.relative_to(folder)).is_file()]
+        shared = [f for f in files(folder) if (other / f.relative_to(folder)).is_file()]
         if not shared:
             raise NothingToDo
         file = rng.choice(shared)
@@ -148,7 +146,7 @@ def json_key(folder: Path, rng: random.Random) -> str:
 
 def json_whole(folder: Path, rng: random.Random) -> str:
     """A JSON file holds something else altogether."""
-    file = rng.choice(_files(folder, ".json"))
+    file = rng.choice(files(folder, ".json"))
     text = rng.choice(
         ("null", "[]", "{}", "3", '"text"', "[" * 100_000, '{"a":' * 5_000, "9" * 5_000, "NaN", "\ufeff{}")
     )
@@ -161,7 +159,7 @@ def edited(mutate: Mutator) -> Mutator:
 
     def edit(folder: Path, rng: random.Random) -> str:
         told = mutate(folder, rng)
-        for file in _files(folder, ".json"):
+        for file in files(folder, ".json"):
             try:
                 document = json.loads(file.read_text(encoding="utf-8"))
             except (ValueError, RecursionError):
@@ -173,92 +171,8 @@ def edited(mutate: Mutator) -> Mutator:
     return edit
 
 
-def tensors(folder: Path, rng: random.Random) -> str:
-    """One tensor of a safetensors file has other values, another shape or type, another name, or is missing."""
-    import torch
-    from safetensors import safe_open
-    from safetensors.torch import save_file
-
-    file = rng.choice(_files(folder, ".safetensors"))
-    with safe_open(file, framework="pt") as opened:
-        held = {name: opened.get_tensor(name) for name in opened.keys()}  # noqa: SIM118
-        metadata = opened.metadata()
-    if not held:
-        raise NothingToDo
-    name = rng.choice(sorted(held))
-    tensor = held[name]
-    changes: dict[str, Callable[[], Any]] = {
-        "missing": lambda: None,
-        "one row more": lambda: torch.cat([tensor.reshape(-1), tensor.reshape(-1)[:1]]),
-        "flat": lambda: tensor.reshape(-1).clone(),
-        "one dimension more": lambda: tensor[None].clone(),
-        "empty": lambda: tensor.reshape(-1)[:0].clone(),
-        "float64": lambda: tensor.double() if tensor.dtype != torch.float64 else tensor.float(),
-        "integers": lambda: tensor.nan_to_num().to(torch.int32),
-        "bytes": lambda: tensor.nan_to_num().to(torch.uint8),
-        "NaN": lambda: torch.full_like(tensor, torch.nan) if tensor.is_floating_point() else tensor + 1,
-        "huge": lambda: torch.full_like(tensor, 1e30) if tensor.is_floating_point() else torch.full_like(tensor, 100),
-        "one more in one place": lambda: _plus_one(tensor),
-    }
-    what = rng.choice(sorted(changes))
-    changed = changes[what]()
-    if changed is None:
-        del held[name]
-    else:
-        held[name] = changed.contiguous()
-    save_file(held, file, metadata=metadata)
-    return f"{file.name}: {name} {what}"
-
-
-def _plus_one(tensor: Any) -> Any:
-    changed = tensor.clone().reshape(-1)
-    if len(changed):
-        changed[0] = changed[0] + 1 if changed.dtype.is_floating_point else changed[0] ^ 1
-    return changed.reshape(tensor.shape)
-
-
-def arrays(folder: Path, rng: random.Random) -> str:
-    """One dataset or attribute of an HDF5 file has other values, another shape or type, or is missing."""
-    import h5py
-
-    file = rng.choice(_files(folder, ".hdf5"))
-    with h5py.File(file, "r+") as opened:
-        names: list[str] = []
-        opened.visit(names.append)
-        name = rng.choice(names)
-        node = opened[name]
-        if isinstance(node, h5py.Group):
-            if rng.random() < 0.5:
-                del opened[name]
-                return f"{file.name}: {name} deleted"
-            del opened[name]
-            opened[name] = 3.0
-            return f"{file.name}: {name} is a number"
-        old = node[()]
-        wrong: dict[str, Callable[[], Any]] = {
-            "NaN": lambda: np.full(old.shape, np.nan),
-            "huge": lambda: np.full(old.shape, 1e300),
-            "text": lambda: np.full(old.shape, b"text"),
-            "one row less": lambda: old[:-1] if old.ndim else old,
-            "one row": lambda: old[:1] if old.ndim else old,
-            "one column more": lambda: np.concatenate([old, old[..., :1]], axis=-1) if old.ndim > 1 else old[..., None],
-            "flat": lambda: old.ravel(),
-            "a scalar": lambda: np.float64(1.0),
-            "complex": lambda: old.astype(complex),
-            "integers": lambda: np.round(old.astype(float)).astype(np.int8),
-            "bool": lambda: old.astype(bool),
-            "half precision": lambda: old.astype(np.float16),
-        }
-        what = rng.choice(sorted(wrong))
-        with np.errstate(all="ignore"):
-            value = wrong[what]()
-        del opened[name]
-        opened.create_dataset(name, data=value)
-    return f"{file.name}: {name} {what}"
-
-
 def _document(folder: Path, rng: random.Random) -> tuple[Path, Any]:
-    file = rng.choice(_files(folder, ".json"))
+    file = rng.choice(files(folder, ".json"))
     try:
         return file, json.loads(file.read_text(encoding="utf-8"))
     except ValueError:

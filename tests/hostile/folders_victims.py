@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from . import folders_mutators as m
-from .folders_outcome import command
+from .array_mutators import arrays, tensors
+from .judge import command
 
 _NETS = ["--set", "environments=4", "--set", "actor_hidden=8", "--set", "critic_hidden=8", "--set", "window=0.03"]
 
@@ -164,14 +165,14 @@ def read_bench(place: Path) -> Any:
 
 
 _ALL = m.BYTES + m.JSON + m.EDITED
-_WEIGHTS = (*_ALL, m.tensors, m.tensors)
-_MINARI = (*m.BYTES, *m.JSON, *[m.arrays] * 6)
+_WEIGHTS = (*_ALL, tensors, tensors)
+_MINARI = (*m.BYTES, *m.JSON, *[arrays] * 6)
 
 VICTIMS = {
     "fit, error": Victim(make_fit, compare, _ALL),
     "fit, load": Victim(make_fit, load_fit, _ALL),
     "fit, resume": Victim(make_begun_fit, resume_fit, _ALL),
-    "train, resume": Victim(make_train, resume_train, (*m.BYTES, *[m.tensors] * 6, *m.JSON)),
+    "train, resume": Victim(make_train, resume_train, (*m.BYTES, *[tensors] * 6, *m.JSON)),
     "policy, evaluate": Victim(make_policy, evaluate, _WEIGHTS),
     "policy, export": Victim(make_policy, export, _WEIGHTS),
     "policy, play": Victim(make_policy, play, _WEIGHTS),

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from . import door
+from . import judge
 
 BALL = """<mujoco model="ball"><option timestep="0.005"/><worldbody>
 <geom name="floor" type="plane" size="1 1 1"/><body name="ball" pos="0 0 1"><freejoint name="root"/>
@@ -86,7 +86,7 @@ FILES = (
 NUMBERS = ("-1", "0", "3", "200", "5000", "100000000", "2147483647", "99999999999999", "1e9", "nan", "")
 
 
-def draw(rng: random.Random, folder: Path) -> door.Case:
+def draw(rng: random.Random, folder: Path) -> judge.Case:
     """A scene with one or two things wrong."""
     root, told = ElementTree.fromstring(rng.choice((BALL, ARM))), []
     for _ in range(rng.choice((1, 1, 2))):
@@ -114,12 +114,12 @@ def _use(data: bytes, folder: Path, law: str) -> str:
         (folder / "loop.xml").write_text('<mujoco><include file="loop.xml"/></mujoco>', encoding="utf-8")
     (folder / "scene.xml").write_bytes(data)
     scene = Scene.from_mjcf(folder / "scene.xml", contact_law=law)
-    door.require(bool(np.isfinite(scene.core.P).all()), "a physical constant is not finite")
+    judge.require(bool(np.isfinite(scene.core.P).all()), "a physical constant is not finite")
     model = ComplementarityModel(scene)
     found = model.predict(scene.q0[None], np.zeros((1, scene.nv)), np.zeros((1, scene.nu)))
     fine = np.isfinite(found.q_next).all() and np.isfinite(found.v_next).all()
-    door.require(bool(fine) or found.status[0] == SolverStatus.FAILED, "a step is not finite, and says nothing")
-    return door.RIGHT
+    judge.require(bool(fine) or found.status[0] == SolverStatus.FAILED, "a step is not finite, and says nothing")
+    return judge.RIGHT
 
 
 def attribute(root: ElementTree.Element, rng: random.Random) -> str:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from . import door
+from . import judge
 
 Arrays = dict[str, Any]
 BIG = (1e300, -1e300, 1e200, 1e154, 1e30, 1e13, 1e12, 5e-324, float("nan"), float("inf"), -float("inf"))
@@ -38,7 +38,7 @@ def logs() -> tuple[Arrays, ...]:
     return hopper, paths, cube
 
 
-def draw(rng: random.Random, folder: Path) -> door.Case:
+def draw(rng: random.Random, folder: Path) -> judge.Case:
     """A log with one or two things wrong."""
     arrays, told = dict(rng.choice(logs())), []
     damage = rng.random() < 0.4
@@ -64,14 +64,14 @@ def _use(data: bytes, folder: Path) -> str:
     file.write_bytes(data)
     log = Transitions.load(file)
     for name in ("q", "v", "u", "q_next", "v_next"):
-        door.require(bool(np.isfinite(getattr(log, name)).all()), f"{name} is not finite")
+        judge.require(bool(np.isfinite(getattr(log, name)).all()), f"{name} is not finite")
     task = load_task("hopper" if log.q.shape[1] == 6 else "cube_toss")
     scene = task.load_scene()
     log.check(scene)
     found = ComplementarityModel(scene, **task.model_options()).predict(log.q, log.v, log.u)
     fine = np.isfinite(found.q_next).all(axis=1) & np.isfinite(found.v_next).all(axis=1)
-    door.require(bool((fine | (found.status == SolverStatus.FAILED)).all()), "a step is not finite, and says nothing")
-    return door.command(
+    judge.require(bool((fine | (found.status == SolverStatus.FAILED)).all()), "a step is not finite, and says nothing")
+    return judge.fresh_command(
         "error", "--data", str(file), "--scene", task.name, "--horizons", "1", "--json", "hold", "nominal"
     )
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from . import api_calls, argument_lists, door, mjcf_files, npz_files, yaml_files
+from . import api_calls, argument_lists, judge, mjcf_files, npz_files, yaml_files
 
 KINDS = {"npz": npz_files, "mjcf": mjcf_files, "yaml": yaml_files, "arguments": argument_lists, "api": api_calls}
 CASES = 1000
@@ -38,12 +38,12 @@ def kind(request: pytest.FixtureRequest) -> ModuleType:
 )
 @given(rng=st.randoms(use_true_random=False))
 def test_some_hostile_cases(kind: ModuleType, tmp_path: Path, rng: random.Random) -> None:
-    door.check(kind.draw, rng, tmp_path)
+    judge.check(kind.draw, rng, tmp_path)
 
 
 @pytest.mark.slow
 def test_thousands_of_hostile_cases(kind: ModuleType, tmp_path: Path) -> None:
-    counts, faults = door.count(kind.draw, CASES, tmp_path, seed=1)
+    counts, faults = judge.count(kind.draw, CASES, tmp_path, seed=1)
     print(f"{kind.__name__}: {dict(counts)}")
     assert not faults, f"{dict(counts)}\n" + "\n--\n".join(faults)
 
@@ -51,13 +51,13 @@ def test_thousands_of_hostile_cases(kind: ModuleType, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("run", "found"),
     [
-        (lambda: door.RIGHT, door.RIGHT),
-        (lambda: door.command("info"), door.REFUSED),
-        (lambda: 1 // 0, door.TRACEBACK),
-        (lambda: door.require(False, "wrong"), door.WRONG),
-        (lambda: __import__("os").kill(__import__("os").getpid(), 11), door.CRASH),
-        (lambda: __import__("time").sleep(60), door.HANG),
+        (lambda: judge.RIGHT, judge.RIGHT),
+        (lambda: judge.command("info"), judge.REFUSED),
+        (lambda: 1 // 0, judge.TRACEBACK),
+        (lambda: judge.require(False, "wrong"), judge.WRONG),
+        (lambda: __import__("os").kill(__import__("os").getpid(), 11), judge.CRASH),
+        (lambda: __import__("time").sleep(60), judge.HANG),
     ],
 )
 def test_the_judge_tells_faults_apart(run, found):
-    assert door.outcome(run, seconds=3.0)[0] == found
+    assert judge.outcome(run, seconds=3.0)[0] == found

@@ -7,6 +7,7 @@ from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cmbrl.errors import UserError
@@ -16,11 +17,11 @@ from cmbrl.registry import load_task
 
 from . import folders_victims as victims
 from .folders_cases import cases, faults
-from .folders_outcome import REFUSED, Refused, command
 from .folders_victims import VICTIMS
+from .judge import REFUSED, command
 
 NEEDS = {"minari, load": ("minari", "h5py"), "train, resume": ("gymnasium",), "policy, play": ("gymnasium",)}
-QUICK = ("fit, load", "fit, resume", "train, resume", "policy, export", "ensemble, error", "minari, load")
+QUICK = ("fit, load", "fit, resume", "policy, export", "ensemble, error", "minari, load")
 
 
 def _check(name: str, seeds: range, place: Path) -> None:
@@ -74,13 +75,13 @@ def test_a_model_without_one_of_its_parameters_is_refused(fit: Path, tmp_path: P
         write_record(tmp_path / "fit.json", fitted)
     else:
         file.write_text(json.dumps(held))
-    with pytest.raises(Refused, match=r"model\.json.*(gear\.leg_joint|damaged).*fit again"):
+    with pytest.raises(UserError, match=r"model\.json.*(gear\.leg_joint|damaged).*fit again"):
         _compare(fit, tmp_path)
 
 
 def test_a_fit_that_was_not_finished_is_refused(fit: Path, tmp_path: Path) -> None:
     (_copy(fit, tmp_path) / "fit.json").unlink()
-    with pytest.raises(Refused, match=r"not finished \(fit\.json is missing\).*--resume"):
+    with pytest.raises(UserError, match=r"not finished \(fit\.json is missing\).*--resume"):
         _compare(fit, tmp_path)
 
 
@@ -88,7 +89,7 @@ def test_files_of_two_fits_are_refused(fit: Path, tmp_path: Path) -> None:
     held = read_record(_copy(fit, tmp_path) / "model.json", "")
     held["settings"]["parameters"]["gear.leg_joint"] *= 1.01
     write_record(tmp_path / "model.json", held)
-    with pytest.raises(Refused, match="not of the same fit"):
+    with pytest.raises(UserError, match="not of the same fit"):
         _compare(fit, tmp_path)
 
 
@@ -112,7 +113,7 @@ def test_a_checkpoint_with_an_optimiser_of_another_shape_is_refused(
     save_state(file, state)
     capsys.readouterr()
     with pytest.raises(
-        Refused, match=r"checkpoint\.safetensors: does not belong to this run \(exp_avg of the optimiser"
+        UserError, match=r"checkpoint\.safetensors: does not belong to this run \(exp_avg of the optimiser"
     ):
         victims.resume_train(tmp_path)
 
@@ -124,6 +125,17 @@ def test_metrics_that_were_lost_come_back_from_the_checkpoint(tmp_path: Path) ->
     (tmp_path / "victim" / "metrics.csv").unlink()
     victims.resume_train(tmp_path)
     assert (tmp_path / "victim" / "metrics.csv").read_text().startswith(whole)
+
+
+def test_a_log_whose_fit_is_singular_is_refused(tmp_path: Path) -> None:
+    held = dict(np.load(victims.log(tmp_path)))
+    held["v"][[4, 40], [2, 4]] = 1.5e4, -1.5e4  # a single step is still that of a robot, eight are not
+    np.savez(tmp_path / "wild.npz", **held)
+    words = ["--method", "random", "--horizon", 8, "--groups", "gear", "--threads", 1, "--time-limit", 1]
+    with pytest.raises(UserError, match="the fit is not finite: check the log"):
+        command("fit", "hopper", "--data", tmp_path / "wild.npz", *words, "--out", tmp_path / "out")
+    with pytest.raises(UserError, match="contains neither a fit"):
+        _compare(tmp_path, tmp_path / "out")
 
 
 def test_a_result_that_is_not_finite_leaves_no_fit(fit: Path, tmp_path: Path) -> None:

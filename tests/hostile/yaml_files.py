@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 from pathlib import Path
 
-from . import door
+from . import judge
 
 FIT = """source: hopper
 data: nowhere.npz
@@ -56,7 +56,7 @@ WHOLE = (
 )  # fmt: skip
 
 
-def draw(rng: random.Random, folder: Path) -> door.Case:
+def draw(rng: random.Random, folder: Path) -> judge.Case:
     """A configuration with something wrong, and the command that reads it."""
     name, base = rng.choice((("fit", FIT), ("train", TRAIN), ("record", RECORD), ("sweep", f"command: fit\n{FIT}")))
     lines = base.splitlines()
@@ -94,4 +94,4 @@ def _use(data: bytes, words: list[str], folder: Path) -> str:
     (folder / "config.yaml").write_bytes(data)
     words = [str(folder / "config.yaml") if word == "CONFIG" else word for word in words]
     out = [] if "--out" in words else ["--out", str(folder / "file" / "run.npz")]
-    return door.command(*[word.replace("file/", f"{folder}/file/") for word in words], *out)
+    return judge.fresh_command(*[word.replace("file/", f"{folder}/file/") for word in words], *out)

@@ -18,7 +18,7 @@ from cmbrl.bench.report.page import write_page
 from cmbrl.bench.report.runs import StudyRun, run_studies, summary
 from cmbrl.bench.study import Section, Settings
 from cmbrl.cli import main
-from cmbrl.files import read_record, write_record
+from cmbrl.files import read_json, read_record, write_json, write_record
 
 from .conftest import no_bar
 
@@ -57,6 +57,17 @@ def test_goes_on_where_it_was_killed(runs: list[StudyRun], fakes: dict[str, str]
     assert "interrupted" in write_page(tmp_path / "out").read_text()
     assert run_studies({"good": fakes["good"]}, tmp_path / "out", QUICK, no_bar)[0].status == "finished"
     assert (tmp_path / "out/good/calls").read_text() == "11"
+
+
+def test_a_section_of_another_run_is_refused(fakes: dict[str, str], tmp_path: Path) -> None:
+    for seed in (0, 1):
+        run_studies({"good": fakes["good"]}, tmp_path / str(seed), Settings(quick=True, seed=seed), no_bar)
+    section = tmp_path / "0/good/section.json"
+    write_json(section, read_json(section) | {"title": "of another run"})
+    for use in (write_page, lambda out: run_studies({"good": fakes["good"]}, out, QUICK, no_bar)):
+        with pytest.raises(UserError, match=r"section\.json: missing, damaged or of another run"):
+            use(tmp_path / "0")
+    assert write_page(tmp_path / "1").exists()
 
 
 def test_other_settings_are_refused_before_anything_runs(fakes: dict[str, str], tmp_path: Path) -> None:
