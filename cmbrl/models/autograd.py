@@ -7,9 +7,12 @@ from typing import Any
 import numpy as np
 import torch
 
+from cmbrl.errors import UserError
 from cmbrl.native import Core
 from cmbrl.scene import Scene
-from cmbrl.scene.records import JointKind
+from cmbrl.scene.records import JointKind, Parameter
+
+_SLACK = 1e-4  # beyond a bound, for finite differences there
 
 
 class TangentMap:
@@ -59,12 +62,17 @@ class Stepper:
     """The native core of a scene with fixed settings and thread count.
 
     ``options`` are the core's settings by name; arrays are C-contiguous float64. :class:`ComplementarityModel` checks
-    its input and owns one; call this directly only to time or inspect the native step.
+    its input and owns one; call this directly only to time or inspect the native step. Copies, also by pickle, step to
+    the same bits.
     """
 
     def __init__(self, scene: Scene, options: dict[str, Any], threads: int) -> None:
-        self.core, self.options, self.threads = Core(scene.core.to_native()), options, threads
+        self.scene, self.options, self.threads = scene, options, threads
+        self.core = Core(scene.core.to_native(), [(p.name, *_limits(p)) for p in scene.parameters])
         self.tangent = TangentMap(scene)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Stepper, (self.scene, self.options, self.threads)
 
     @property
     def instruction_set(self) -> str:
@@ -83,6 +91,13 @@ class Stepper:
     ) -> dict[str, np.ndarray]:
         """Tangent cotangents gq, gv (B, nv), gu (B, nu) and perhaps gtheta (B, np), from those of the next state."""
         return self.core.backward(u, theta, tape, gq, gv, self.options, want_theta, self.threads)
+
+
+def _limits(p: Parameter) -> tuple[float, float]:
+    """What a step accepts. The bounds of a positive parameter only say where a fit searches; others are physical."""
+    if p.transform == "log":
+        return 0.0, np.inf
+    return p.low - _SLACK, p.high + _SLACK
 
 
 def differentiable_step(
@@ -122,22 +137,62 @@ class NativeStep(torch.autograd.Function):
         record = any(ctx.needs_input_grad[:4])
         out = stepper.forward(*arrays, tape=record, impulse=impulse)
         report.update(out)
+        q_next, v_next = torch.from_numpy(out["q_next"]), torch.from_numpy(out["v_next"])
         if record:
-            ctx.stepper, ctx.arrays, ctx.tape, ctx.q_next = stepper, arrays, out["tape"], out["q_next"]
-        return torch.from_numpy(out["q_next"]), torch.from_numpy(out["v_next"])
+            ctx.stepper, ctx.tape = stepper, out["tape"]
+            end = () if stepper.tangent.trivial else (q_next,)
+            ctx.save_for_backward(q, v, u, theta, *end)  # torch notices if one of them is changed in place
+        return q_next, v_next
 
     @staticmethod
     def backward(ctx: Any, gq_next: torch.Tensor, gv_next: torch.Tensor) -> Any:  # type: ignore[override]
         """Vector-Jacobian product from the tape."""
-        q, _, u, theta = ctx.arrays
-        stepper: Stepper = ctx.stepper
-        want_theta = ctx.needs_input_grad[3]
-        gq_tangent = stepper.tangent.to_tangent(ctx.q_next, gq_next.contiguous().numpy())
-        out = stepper.backward(u, theta, ctx.tape, gq_tangent, gv_next.contiguous().numpy(), want_theta)
+        q, v, u, theta, *end = ctx.saved_tensors
+        q_next = end[0].detach() if end else None
+        gradients = _Gradient.apply(
+            q, v, u, theta, gq_next, gv_next, q_next, ctx.stepper, ctx.tape, ctx.needs_input_grad[3]
+        )
+        return *gradients, None, None, None
+
+
+class _Gradient(torch.autograd.Function):
+    """The backward pass of :class:`NativeStep` as a function of its own, so that a second derivative is refused.
+
+    Under ``create_graph=True`` the gradient of a step stands in a graph. What goes through it again would be lost
+    without a word if the gradient were a constant there.
+    """
+
+    @staticmethod
+    def forward(  # type: ignore[override]
+        ctx: Any,
+        q: torch.Tensor,
+        v: torch.Tensor,
+        u: torch.Tensor,
+        theta: torch.Tensor,
+        gq_next: torch.Tensor,
+        gv_next: torch.Tensor,
+        q_next: torch.Tensor | None,
+        stepper: Stepper,
+        tape: np.ndarray,
+        want_theta: bool,
+    ) -> Any:
+        """Cotangents of q, v, u and, if wanted, theta; q_next (B, nq) is needed for ball joints only."""
+        arrays = (
+            x.detach().contiguous().numpy() for x in (q, q if q_next is None else q_next, u, theta, gq_next, gv_next)
+        )
+        q_, q_next_, u_, theta_, gq_, gv_ = arrays
+        out = stepper.backward(u_, theta_, tape, stepper.tangent.to_tangent(q_next_, gq_), gv_, want_theta)
         gtheta = None
         if want_theta:
             gtheta = torch.from_numpy(out["gtheta"])
             if theta.ndim == 1:
                 gtheta = gtheta.sum(0)
-        gq = torch.from_numpy(stepper.tangent.to_configuration(q, out["gq"]))
-        return gq, torch.from_numpy(out["gv"]), torch.from_numpy(out["gu"]), gtheta, None, None, None
+        gq = torch.from_numpy(stepper.tangent.to_configuration(q_, out["gq"]))
+        return gq, torch.from_numpy(out["gv"]), torch.from_numpy(out["gu"]), gtheta
+
+    @staticmethod
+    def backward(ctx: Any, *_: torch.Tensor) -> Any:  # type: ignore[override]
+        """Raises UserError."""
+        raise UserError(
+            "a contact step has first derivatives only: leave out create_graph=True, or detach the gradient of the step"
+        )

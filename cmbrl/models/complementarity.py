@@ -199,8 +199,10 @@ class ComplementarityModel:
             theta: (np,) or (B, np); default: this model's parameters.
             details: a dict that receives "impulse", as in :class:`StepResult`, without a derivative.
 
-        Returns: q_next (B, nq), v_next (B, nv).
-        Raises: UserError for a wrong shape or type. Warns SolverWarning if solves fail; ``failures`` counts them.
+        Returns: q_next (B, nq), v_next (B, nv); NaN in a row whose q, v or u is not finite, and so are its gradients.
+        Raises: UserError for a wrong shape or type, or a theta without a physical meaning, such as a negative mass.
+        Warns SolverWarning if solves fail; ``failures`` counts them. A second derivative, as of a gradient penalty,
+        raises UserError; an input changed in place before the backward pass raises torch's RuntimeError.
         """
         rows = [self._rows(x, name, width) for x, name, width in zip((q, v, u), "qvu", self._widths, strict=True)]
         if not rows[0] == rows[1] == rows[2]:
@@ -226,15 +228,16 @@ class ComplementarityModel:
         parameter_jacobian: bool = False,
         impulse: bool = False,
     ) -> StepResult:
-        """The same step on numpy arrays, with what the solver reports; theta (np,) or (B, np)."""
-        q, v, u, theta = self._arrays(q, v, u, theta)
+        """The same step on numpy arrays, with what the solver reports; theta (np,) or (B, np).
+
+        Raises UserError and handles rows that are not finite as ``step`` does; Ctrl-C ends it between packs of states.
+        """
+        q, v, u, theta = self._arrays(theta, q=q, v=v, u=u)
         parameter_jacobian = switch(parameter_jacobian, "parameter_jacobian")
         jacobian, impulse = switch(jacobian, "jacobian") or parameter_jacobian, switch(impulse, "impulse")
         out = self.stepper.forward(
             q, v, u, theta, jacobian=jacobian, jacobian_theta=parameter_jacobian, impulse=impulse
         )
-        if impulse and jacobian:  # the core returns impulses only without Jacobians
-            out["impulse"] = self.stepper.forward(q, v, u, theta, impulse=True)["impulse"]
         return StepResult(**out)
 
     def parameter_jacobian(
@@ -262,8 +265,7 @@ class ComplementarityModel:
 
     def smooth_dynamics(self, q: np.ndarray, v: np.ndarray, theta: np.ndarray | None = None) -> dict[str, np.ndarray]:
         """M (B, nv, nv) with armature, bias (B, nv), gap (B, nc), and rows J (B, nc, 2 or 3, nv): normal, tangents."""
-        q = real_array(q, "q")
-        q, v, _, theta = self._arrays(q, v, np.zeros((*q.shape[:1], self.scene.nu)), theta)
+        q, v, theta = self._arrays(theta, q=q, v=v)
         return self.stepper.core.dynamics(q, v, theta, self.stepper.options)
 
     def contact_problems(
@@ -275,7 +277,7 @@ class ComplementarityModel:
         damping; b includes the gap term, restitution, and the old velocity under a soft law. Dry joint friction has no
         row in a contact problem; v_free includes its impulse, taken from this model's own solution.
         """
-        q, v, u, theta = self._arrays(q, v, u, theta)
+        q, v, u, theta = self._arrays(theta, q=q, v=v, u=u)
         resolution = max(float(np.linalg.norm(self.scene.gravity)), 1e-9) * self.time_step
         rows = self.stepper.core.rows(q, v, u, theta, self.stepper.options)
         return from_rows(rows, resolution, self.scene.name)
@@ -302,23 +304,16 @@ class ComplementarityModel:
         failed = int(np.count_nonzero(status == FAILED))
         if failed:
             self.failures += failed
-            warnings.warn(f"{failed} of {len(status)} contact solves did not converge", SolverWarning, stacklevel=3)
+            warnings.warn(
+                f"{failed} of {len(status)} contact solves did not converge or started from what is not finite",
+                SolverWarning,
+                stacklevel=3,
+            )
 
-    def _arrays(self, q: Any, v: Any, u: Any, theta: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """The arguments of a step as contiguous float64; raises UserError for other types and shapes."""
-        scene, count = self.scene, len(self.parameters)
-        theta = real_array(self.parameters if theta is None else theta, "theta")
-        arrays: list[np.ndarray] = []
-        for name, given, width in (("q", q, scene.nq), ("v", v, scene.nv), ("u", u, scene.nu)):
-            array = real_array(given, name)
-            if array.ndim != 2 or array.shape[1] != width or len(array) != len(arrays[0] if arrays else array):
-                rows = len(arrays[0]) if arrays else "batch"
-                raise UserError(f"{name} has shape {array.shape}; give ({rows}, {width})")
-            arrays.append(array)
-        if theta.shape not in ((count,), (len(arrays[0]), count)):
-            raise UserError(f"theta has shape {theta.shape}; give ({count},) or (batch, {count})")
-        q, v, u = arrays
-        return q, v, u, theta
+    def _arrays(self, theta: Any, **state: Any) -> list[np.ndarray]:
+        """The state and theta as contiguous float64; raises UserError for other types. The core checks shapes."""
+        given = {**state, "theta": self.parameters if theta is None else theta}
+        return [real_array(value, name) for name, value in given.items()]
 
     def _checked_parameters(self, theta: np.ndarray | None) -> np.ndarray:
         if theta is None:

@@ -1,43 +1,85 @@
-// Result arrays are taken from here and come back when Python drops them: a training loop asks for the same sizes again and
-// again, and fresh pages from the system would cost more than a small step.
+// Memory for results and workspaces. Result arrays come back when Python drops them: a training loop asks for the same sizes
+// again and again, and fresh pages from the system would cost more than a small step.
 #pragma once
 #include <cstdlib>
-#include <map>
-#include <new>
+#include <cstdint>
+#include <memory>
 #include <mutex>
+#include <new>
+#include <string>
 #include <vector>
 
 namespace cmbrl {
 
-class Buffers {
+class OutOfMemory : public std::bad_alloc {  // Python's MemoryError
+ public:
+  OutOfMemory(size_t bytes, const char* what_for)
+      : text_("no memory for " + std::string(what_for) + " of " + std::to_string(bytes) + " bytes") {}
+  const char* what() const noexcept override { return text_.c_str(); }
+
+ private:
+  std::string text_;
+};
+
+// Zeros that stand at a multiple of 64 bytes. The system hands out their pages only as they are written.
+class Workspace {
+ public:
+  void reserve(size_t bytes) {
+    if (bytes <= bytes_) return;
+    memory_.reset(std::calloc(bytes + 64, 1));
+    bytes_ = memory_ ? bytes : 0;
+    if (!memory_) throw OutOfMemory(bytes, "a workspace (a smaller scene needs less)");
+  }
+  void* data() const { return reinterpret_cast<void*>((reinterpret_cast<uintptr_t>(memory_.get()) + 63) / 64 * 64); }
+
+ private:
+  struct Free { void operator()(void* p) const { std::free(p); } };
+  std::unique_ptr<void, Free> memory_;
+  size_t bytes_ = 0;
+};
+
+class Buffers {  // with the GIL held
  public:
   static void* take(size_t bytes) {
     {
       std::lock_guard<std::mutex> lock(mutex());
-      auto& free_list = lists()[bytes];
-      if (!free_list.empty()) {
-        void* p = free_list.back();
-        free_list.pop_back();
-        kept() -= bytes;
-        return p;
-      }
+      std::vector<Block>& blocks = kept();
+      for (size_t k = blocks.size(); k-- > 0;)
+        if (blocks[k].bytes == bytes) {
+          void* p = blocks[k].data;
+          total() -= bytes;
+          blocks.erase(blocks.begin() + k);
+          return p;
+        }
     }
     void* p = std::malloc(bytes ? bytes : 1);
-    if (!p) throw std::bad_alloc();
+    if (!p) throw OutOfMemory(bytes, "a result (a smaller batch needs less)");
     return p;
   }
   static void give_back(void* p, size_t bytes) {
     std::lock_guard<std::mutex> lock(mutex());
-    if (kept() + bytes > limit) { std::free(p); return; }
-    kept() += bytes;
-    lists()[bytes].push_back(p);
+    std::vector<Block>& blocks = kept();
+    blocks.push_back({p, bytes});
+    total() += bytes;
+    while (total() > most_bytes || blocks.size() > most_blocks) {  // the one that was not asked for the longest
+      total() -= blocks[0].bytes;
+      std::free(blocks[0].data);
+      blocks.erase(blocks.begin());
+    }
+  }
+  static std::vector<size_t> sizes() {  // in the order in which they came back
+    std::lock_guard<std::mutex> lock(mutex());
+    std::vector<size_t> all;
+    for (const Block& block : kept()) all.push_back(block.bytes);
+    return all;
   }
 
  private:
-  static constexpr size_t limit = size_t(256) << 20;
+  struct Block { void* data; size_t bytes; };
+  static constexpr size_t most_bytes = size_t(256) << 20, most_blocks = 1024;
   static std::mutex& mutex() { static auto* m = new std::mutex; return *m; }
-  static std::map<size_t, std::vector<void*>>& lists() { static auto* l = new std::map<size_t, std::vector<void*>>; return *l; }
-  static size_t& kept() { static size_t k = 0; return k; }
+  static std::vector<Block>& kept() { static auto* k = new std::vector<Block>; return *k; }
+  static size_t& total() { static size_t t = 0; return t; }
 };
 
 }  // namespace cmbrl

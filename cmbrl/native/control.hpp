@@ -50,7 +50,7 @@ static void scaled(const Model& m, const T* v, double k, T* out) {
 // vn and shift become those of that smoothing, which is what is differentiated; qtan and vstep stay where the state goes.
 template <class G>
 static Mask solve_backward(const Model& m, const Options& o, Work<G>& w) {
-  if (o.backward == o.forward) return all();
+  if (!o.backward_differs) return all();
   set_kappa(m, o, w, o.backward);
   Mask done = contact_solve(m, o, w).done;
   late_shift(m, o, w);
@@ -141,6 +141,7 @@ static StepStats control_step(const Model& m, const Options& o, Work<G>& w, Reco
   StepStats st{all(), none(), T{}, T{}};
   if (o.leapfrog) { scaled(m, w.v, 0.5 * o.h, w.qtan); integrate(m, w.q, w.qtan); }
   for (int s = 0; s < o.substeps; ++s) {
+    if (s % 16 == 15 && o.stopped && o.stopped()) break;
     Outcome r = solve_step(m, o, w);
     st.done &= r.done;
     st.fallback |= r.fallback;
@@ -156,14 +157,15 @@ static StepStats control_step(const Model& m, const Options& o, Work<G>& w, Reco
   return st;
 }
 
-template <class G>
-static StepStats control_step_jacobian(const Model& m, const Options& o, Work<G>& w, bool theta, int ncol) {
+// The same with d(q, v)/d(q, v, u [, theta]) in tq, tv; record leaves the rows solved at the backward smoothing.
+template <class G, class Record>
+static StepStats control_step_jacobian(const Model& m, const Options& o, Work<G>& w, bool theta, int ncol, Record record) {
   int nv = m.nv;
   for (int i = 0; i < nv * ncol; ++i) w.tq[i] = w.tv[i] = T{};
   for (int i = 0; i < nv; ++i) w.tq[i * ncol + i] = w.tv[i * ncol + nv + i] = splat(1);
   if (o.leapfrog) { scaled(m, w.v, 0.5 * o.h, w.qtan); push_tangent(m, w.qtan, w.tq, w.tv, splat(0.5 * o.h), ncol); }
   StepStats st = control_step(m, o, w, [&](int s) {
-    Mask good = solve_backward(m, o, w);
+    Mask good = record(s);
     implicit_system(m, o, w, theta);
     advance_tangents(m, o, w, ncol, theta, s == 0);
     return good;

@@ -18,9 +18,27 @@ static Work<G>& open(const Model& m, void* memory) {  // memory: zeroed, 64-byte
   return *w;
 }
 
-static void gather(const double* x, int64_t stride, int n, const Lanes& l, T* out) {
-  for (int i = 0; i < n; ++i)
+// clean stays 0 in a lane whose numbers are finite, and becomes NaN in any other.
+static void gather(const double* x, int64_t stride, int n, const Lanes& l, T* out, T& clean) {
+  for (int i = 0; i < n; ++i) {
     for (int lane = 0; lane < W; ++lane) out[i][lane] = x[l.at[lane] * stride + i];
+    clean += 0.0 * out[i];
+  }
+}
+// A lane without a clean input does the work of `good`, one that has it: clamps and pruning would hide a NaN from its result.
+static void copy_lane(Mask from_good, int good, int n, T* x) {
+  for (int i = 0; i < n; ++i) x[i] = select(from_good, splat(x[i][good]), x[i]);
+}
+static int first_of(Mask lanes) {
+  for (int lane = 0; lane < W; ++lane)
+    if (lanes[lane]) return lane;
+  return -1;
+}
+// NaN in the lanes of `spoilt`, in all n numbers of their elements.
+static void spoil(Mask spoilt, int64_t n, const Lanes& l, double* out) {
+  if (!out) return;
+  for (int lane = 0; lane < l.n; ++lane)
+    for (int64_t i = 0; spoilt[lane] && i < n; ++i) out[l.at[lane] * n + i] = __builtin_nan("");
 }
 static void scatter(const T* x, int64_t stride, int n, const Lanes& l, double* out) {
   if (!out) return;
@@ -35,53 +53,78 @@ static void gather_parameters(const Model& m, const Batch& b, const Lanes& l, Wo
   load_parameters(m, w, b.theta ? theta : nullptr);
 }
 
+// States and controls of a pack into the workspace; returns the lanes where they are finite. The others repeat one of these.
+template <class G>
+static Mask gather_states(const Model& m, const Batch& b, const Lanes& l, Work<G>& w) {
+  T clean = T{};
+  gather(b.q, b.q_stride, m.nq, l, w.q, clean);
+  gather(b.v, b.v_stride, m.nv, l, w.v, clean);
+  if (b.u) gather(b.u, b.u_stride, m.nu, l, w.u, clean);
+  Mask finite = clean == 0.0;
+  int good = first_of(finite);
+  if (good < 0 || !any(~finite)) return finite;
+  copy_lane(~finite, good, m.nq, w.q);
+  copy_lane(~finite, good, m.nv, w.v);
+  if (b.u) copy_lane(~finite, good, m.nu, w.u);
+  return finite;
+}
+
 template <class G>
 static void forward_packs(const Model& m, const Options& o, const Batch& b, int64_t begin, int64_t end, void* memory) {
   Work<G>& w = open<G>(m, memory);
   int nv = m.nv, ncol = 2 * nv + m.nu + (b.jacobian_theta ? m.ntheta : 0);
   int64_t stride = tape_stride<G>(m);
   for (int64_t e = begin; e < end; e += W) {
+    if (e > begin && o.stopped && o.stopped()) return;
     Lanes l = lanes_from(e, end);
     gather_parameters(m, b, l, w, e == begin);
-    gather(b.q, b.q_stride, m.nq, l, w.q);
-    gather(b.v, b.v_stride, nv, l, w.v);
-    gather(b.u, b.u_stride, m.nu, l, w.u);
-    StepStats st;
+    Mask finite = gather_states(m, b, l, w);
+    auto record = [&](int s) {
+      if (b.impulse)
+        for (int i = 0; i < w.ncon; ++i)
+          for (int lane = 0; lane < l.n; ++lane) {
+            const Contact<G>& c = w.con[i];
+            double* x = b.impulse + (l.at[lane] * m.ncontact + c.index) * (1 + G::NT);
+            if (c.on[lane]) x[0] += c.gam[lane];
+            for (int r = 1; r < c.rows; ++r)
+              if (c.on[lane] && c.rub[lane]) x[r] += c.b[r - 1][lane];
+          }
+      if (!b.tape && !b.jacobian) return all();
+      Mask good = solve_backward(m, o, w);
+      if (!b.tape) return good;
+      double* block[W];
+      for (int lane = 0; lane < W; ++lane) block[lane] = b.tape + (l.at[lane] * o.substeps + s) * stride;
+      tape_write(m, w, block);
+      return good;
+    };
+    StepStats st{none(), none(), T{}, T{}};
+    if (any(finite)) st = b.jacobian ? control_step_jacobian(m, o, w, b.jacobian_theta, ncol, record) : control_step(m, o, w, record);
     if (b.jacobian) {
-      st = control_step_jacobian(m, o, w, b.jacobian_theta, ncol);
       double* J[W];
       for (int lane = 0; lane < l.n; ++lane) J[lane] = b.jacobian + l.at[lane] * (2 * nv) * ncol;
       for (int i = 0; i < nv * ncol; ++i)
         for (int lane = 0; lane < l.n; ++lane) { J[lane][i] = w.tq[i][lane]; J[lane][nv * ncol + i] = w.tv[i][lane]; }
-    } else {
-      st = control_step(m, o, w, [&](int s) {
-        if (b.impulse)
-          for (int i = 0; i < w.ncon; ++i)
-            for (int lane = 0; lane < l.n; ++lane) {
-              const Contact<G>& c = w.con[i];
-              double* x = b.impulse + (l.at[lane] * m.ncontact + c.index) * (1 + G::NT);
-              if (c.on[lane]) x[0] += c.gam[lane];
-              for (int r = 1; r < c.rows; ++r)
-                if (c.on[lane] && c.rub[lane]) x[r] += c.b[r - 1][lane];
-            }
-        if (!b.tape) return all();
-        Mask good = solve_backward(m, o, w);
-        double* block[W];
-        for (int lane = 0; lane < W; ++lane) block[lane] = b.tape + l.at[lane] * stride * o.substeps + s * stride;
-        tape_write(m, w, block);
-        return good;
-      });
     }
+    T clean = T{};
+    for (int i = 0; i < m.nq; ++i) clean += 0.0 * w.q[i];
+    for (int i = 0; i < nv; ++i) clean += 0.0 * w.v[i];
+    st.done &= finite & (clean == 0.0);
     scatter(w.q, m.nq, m.nq, l, b.q_next);
     scatter(w.v, nv, nv, l, b.v_next);
     for (int lane = 0; lane < l.n; ++lane) {
       int64_t i = l.at[lane];
-      bool finite = true;
-      for (int k = 0; k < nv; ++k) finite &= __builtin_isfinite(w.v[k][lane]) != 0;
-      if (b.status) b.status[i] = !finite || !st.done[lane] ? 2 : st.fallback[lane] ? 1 : 0;
-      if (b.iterations) b.iterations[i] = int32_t(st.iterations[lane]);
-      if (b.residual) b.residual[i] = st.residual[lane];
+      b.status[i] = !st.done[lane] ? 2 : st.fallback[lane] ? 1 : 0;
+      b.iterations[i] = int32_t(st.iterations[lane]);
+      b.residual[i] = st.residual[lane];
     }
+    if (!any(~finite)) continue;
+    auto spoil_all = [&](int64_t n, double* out) { spoil(~finite, n, l, out); };
+    spoil_all(m.nq, b.q_next);
+    spoil_all(nv, b.v_next);
+    spoil_all(1, b.residual);
+    spoil_all(2 * nv * ncol, b.jacobian);
+    spoil_all(m.ncontact * (1 + G::NT), b.impulse);
+    spoil_all(stride * o.substeps, b.tape);
   }
 }
 
@@ -91,20 +134,37 @@ static void backward_packs(const Model& m, const Options& o, const Batch& b, int
   int nv = m.nv;
   int64_t stride = tape_stride<G>(m) * o.substeps;
   for (int64_t e = begin; e < end; e += W) {
+    if (e > begin && o.stopped && o.stopped()) return;
     Lanes l = lanes_from(e, end);
     gather_parameters(m, b, l, w, e == begin);
-    gather(b.u, b.u_stride, m.nu, l, w.u);
-    gather(b.gq_next, nv, nv, l, w.lq);
-    gather(b.gv_next, nv, nv, l, w.lv);
+    T clean = T{};
+    gather(b.u, b.u_stride, m.nu, l, w.u, clean);
+    gather(b.gq_next, nv, nv, l, w.lq, clean);
+    gather(b.gv_next, nv, nv, l, w.lv, clean);
     for (int i = 0; i < m.nu; ++i) w.lu[i] = T{};
     for (int i = 0; i < m.ntheta; ++i) w.lp[i] = T{};
     const double* tape[W];
-    for (int lane = 0; lane < W; ++lane) tape[lane] = b.tape + l.at[lane] * stride;
-    control_step_backward(m, o, w, tape, b.gtheta != nullptr);
+    for (int lane = 0; lane < W; ++lane) {
+      tape[lane] = b.tape + l.at[lane] * stride;
+      clean[lane] += 0.0 * tape[lane][0];  // NaN throughout after an input that was not finite
+    }
+    Mask finite = clean == 0.0;
+    int good = first_of(finite);
+    if (good >= 0) {
+      if (any(~finite)) {
+        for (int lane = 0; lane < W; ++lane) tape[lane] = tape[finite[lane] ? lane : good];
+        copy_lane(~finite, good, m.nu, w.u);
+      }
+      control_step_backward(m, o, w, tape, b.gtheta != nullptr);
+    }
     scatter(w.lq, nv, nv, l, b.gq);
     scatter(w.lv, nv, nv, l, b.gv);
     scatter(w.lu, m.nu, m.nu, l, b.gu);
     scatter(w.lp, m.ntheta, m.ntheta, l, b.gtheta);
+    spoil(~finite, nv, l, b.gq);
+    spoil(~finite, nv, l, b.gv);
+    spoil(~finite, m.nu, l, b.gu);
+    spoil(~finite, m.ntheta, l, b.gtheta);
   }
 }
 
@@ -123,10 +183,15 @@ static void candidate_loss(const Model& m, const Options& o, const LossBatch& b,
   for (int64_t s = 0; s < b.nstart; ++s) {
     int64_t row = b.starts[s];
     T loss = T{};
-    for (int i = 0; i < m.nq; ++i) w.q[i] = splat(b.q[row * m.nq + i]);
-    for (int i = 0; i < m.nv; ++i) w.v[i] = splat(b.v[row * m.nv + i]);
+    double clean = 0;  // NaN from an input that is not finite, and then so is the loss
+    auto spread = [&](const double* x, int n, T* out) {
+      for (int i = 0; i < n; ++i) { out[i] = splat(x[i]); clean += 0.0 * x[i]; }
+    };
+    spread(b.q + row * m.nq, m.nq, w.q);
+    spread(b.v + row * m.nv, m.nv, w.v);
     for (int k = 0; k < b.horizon; ++k, ++row) {
-      for (int i = 0; i < m.nu; ++i) w.u[i] = splat(b.u[row * m.nu + i]);
+      if (o.stopped && o.stopped()) return;
+      spread(b.u + row * m.nu, m.nu, w.u);
       StepStats st = control_step(m, o, w, [](int) { return all(); });
       const double *qn = b.q_next + row * m.nq, *vn = b.v_next + row * m.nv;
       for (int j = 0; j < m.njoint; ++j) {
@@ -137,6 +202,7 @@ static void candidate_loss(const Model& m, const Options& o, const LossBatch& b,
         CMBRL_FOR(r, 3) loss += huber(2.0 * select(e[0] < 0.0, -e[1 + r], e[1 + r]) / b.scale_q[d + r]);
       }
       for (int i = 0; i < m.nv; ++i) loss += huber((w.v[i] - vn[i]) / b.scale_v[i]);
+      loss += clean;
       loss = select(st.done & (loss < 1e15), loss, loss + b.fail_penalty);
       loss = select(loss < 1e15, loss, splat(1e15));
     }
@@ -155,8 +221,7 @@ static void smooth_quantities(const Model& m, const Options& o, const Batch& b, 
   for (int64_t e = begin; e < end; e += W) {
     Lanes l = lanes_from(e, end);
     gather_parameters(m, b, l, w, e == begin);
-    gather(b.q, b.q_stride, m.nq, l, w.q);
-    gather(b.v, b.v_stride, nv, l, w.v);
+    Mask finite = gather_states(m, b, l, w);
     for (int i = 0; i < nv * nv; ++i) w.M[i] = T{};
     kinematics(m, w, w.q);
     inertias(m, w);
@@ -167,6 +232,9 @@ static void smooth_quantities(const Model& m, const Options& o, const Batch& b, 
     scatter(w.M, nv * nv, nv * nv, l, M);
     scatter(w.bias, nv, nv, l, bias);
     scatter(w.all_phi, m.ncontact, m.ncontact, l, gap);
+    spoil(~finite, nv * nv, l, M);
+    spoil(~finite, nv, l, bias);
+    spoil(~finite, m.ncontact, l, gap);
     for (int i = 0; J && i < w.ncon; ++i) {
       const Contact<G>& c = w.con[i];
       int g = m.con_group[c.index];
@@ -202,9 +270,7 @@ static void step_rows(const Model& m, const Options& o, const Batch& b, const Ro
   for (int64_t e = begin; e < end; e += W) {
     Lanes l = lanes_from(e, end);
     gather_parameters(m, b, l, w, e == begin);
-    gather(b.q, b.q_stride, m.nq, l, w.q);
-    gather(b.v, b.v_stride, nv, l, w.v);
-    gather(b.u, b.u_stride, m.nu, l, w.u);
+    Mask finite = gather_states(m, b, l, w);
     for (int i = 0; i < nv * nv; ++i) w.M[i] = T{};
     if (o.leapfrog) { scaled(m, w.v, 0.5 * o.h, w.qtan); integrate(m, w.q, w.qtan); }
     prepare(m, o, w);
@@ -213,6 +279,8 @@ static void step_rows(const Model& m, const Options& o, const Batch& b, const Ro
     if (w.ndry) fold_dry_friction(m, o, w);
     scatter(w.M, nv * nv, nv * nv, l, out.M);
     scatter(w.vf, nv, nv, l, out.v_free);
+    spoil(~finite, nv * nv, l, out.M);
+    spoil(~finite, nv, l, out.v_free);
     for (int lane = 0; lane < l.n; ++lane) {
       int64_t base = l.at[lane] * nrow;
       for (int g = 0; g < w.ngroups; ++g)

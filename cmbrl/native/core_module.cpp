@@ -1,31 +1,59 @@
 // cmbrl.native.Core: the batched step of one scene, its derivatives, losses of candidates, and what it is made of.
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
+
+#include <cstdio>
 #include <cstring>
 #include <memory>
+#include <tuple>
 
 #include "arrays.hpp"
+#include "engine.hpp"
 #include "instruction_sets.hpp"
+#include "per_process.hpp"
 #include "scene_data.hpp"
-#include "threads.hpp"
 
 namespace cmbrl {
 
+static PyObject* key(const char* name) {  // of a literal, made once: a new string costs more than the look-up
+  static std::vector<std::pair<const char*, PyObject*>> known;
+  for (auto [text, string] : known)
+    if (text == name) return string;
+  known.emplace_back(name, PyUnicode_InternFromString(name));
+  return known.back().second;
+}
+template <class X>
+static X option(nb::dict options, const char* name) {
+  nb::handle value = PyDict_GetItemWithError(options.ptr(), key(name));
+  if (!value) refuse(std::string("setting '") + name + "' is missing");
+  X x;
+  if (!nb::try_cast(value, x))
+    refuse(std::string("setting '") + name + "' is " + nb::repr(value).c_str() + "; give " +
+           (std::is_integral_v<X> ? "a whole number below 2^31" : "a number"));
+  return x;
+}
 static Smoothing smoothing_from(nb::dict d) {
-  return {nb::cast<int>(d["mode"]), nb::cast<double>(d["kappa"]), nb::cast<double>(d["length"]), nb::cast<int>(d["stop"])};
+  return {option<int>(d, "mode"), option<double>(d, "kappa"), option<double>(d, "length"), option<int>(d, "stop")};
 }
 static Options options_from(nb::dict d) {
-  Options o;
-  o.h = nb::cast<double>(d["h"]); o.substeps = nb::cast<int>(d["substeps"]); o.leapfrog = nb::cast<int>(d["leapfrog"]);
-  o.midpoint = nb::cast<int>(d["midpoint"]);
-  o.implicit_springs = nb::cast<int>(d["implicit_springs"]);
-  o.forward = smoothing_from(nb::cast<nb::dict>(d["forward"])); o.backward = smoothing_from(nb::cast<nb::dict>(d["backward"]));
-  o.prune = nb::cast<double>(d["prune"]); o.tolerance = nb::cast<double>(d["tolerance"]); o.theta = nb::cast<double>(d["theta"]);
-  o.max_iterations = nb::cast<int>(d["max_iterations"]); o.rest_speed = nb::cast<double>(d["rest_speed"]);
+  Options o{};
+  o.h = option<double>(d, "h"); o.substeps = option<int>(d, "substeps"); o.leapfrog = option<int>(d, "leapfrog");
+  o.midpoint = option<int>(d, "midpoint");
+  o.implicit_springs = option<int>(d, "implicit_springs");
+  o.forward = smoothing_from(option<nb::dict>(d, "forward")); o.backward = smoothing_from(option<nb::dict>(d, "backward"));
+  const Smoothing &f = o.forward, &b = o.backward;
+  o.backward_differs = f.mode != b.mode || f.kappa != b.kappa || f.length != b.length || f.stop != b.stop;
+  o.prune = option<double>(d, "prune"); o.tolerance = option<double>(d, "tolerance"); o.theta = option<double>(d, "theta");
+  o.max_iterations = option<int>(d, "max_iterations"); o.rest_speed = option<double>(d, "rest_speed");
+  o.stopped = &Interruption::stopped;
   return o;
 }
 
 class Core {
  public:
-  Core(nb::dict scene, const std::string& isa) : backend_(find_isa(isa).steps) {
+  // limits: (name, low, high) of each parameter, which a step checks; none: no check
+  Core(nb::dict scene, const std::vector<std::tuple<std::string, double, double>>& limits, const std::string& isa)
+      : backend_(find_isa(isa).steps) {
     std::map<std::string, std::vector<int>> ints;
     std::map<std::string, std::vector<double>> doubles;
     std::map<std::string, int> sizes;
@@ -38,6 +66,12 @@ class Core {
       else if (int size; nb::try_cast(value, size)) sizes[name] = size;
     }
     data_ = std::make_unique<SceneData>(std::move(ints), std::move(doubles), sizes);
+    for (const auto& [name, low, high] : limits) {
+      names_.push_back(name);
+      low_.push_back(low);
+      high_.push_back(high);
+    }
+    if (!limits.empty() && int(limits.size()) != data_->model.ntheta) refuse("give one (name, low, high) for each parameter");
   }
 
   nb::dict forward(Array q, Array v, Array u, std::optional<Array> theta, nb::dict options, bool jacobian, bool jacobian_theta,
@@ -61,9 +95,7 @@ class Core {
       out["impulse"] = make_array<double>({n, size_t(m.ncontact), rows}, &b.impulse);
       std::memset(b.impulse, 0, n * m.ncontact * rows * sizeof(double));
     }
-    nb::gil_scoped_release release;
     run(b.n, threads, o, [&](int64_t s, int64_t e, void* w) { backend_.forward(m, o, b, s, e, w); });
-    nb::gil_scoped_acquire acquire;
     return out;
   }
 
@@ -84,9 +116,7 @@ class Core {
     out["gv"] = make_array<double>({n, size_t(m.nv)}, &b.gv);
     out["gu"] = make_array<double>({n, size_t(m.nu)}, &b.gu);
     if (want_theta) out["gtheta"] = make_array<double>({n, size_t(m.ntheta)}, &b.gtheta);
-    nb::gil_scoped_release release;
     run(b.n, threads, o, [&](int64_t s, int64_t e, void* w) { backend_.backward(m, o, b, s, e, w); });
-    nb::gil_scoped_acquire acquire;
     return out;
   }
 
@@ -97,25 +127,25 @@ class Core {
     int64_t rows = int64_t(v.ndim() ? v.shape(0) : 0);
     check(q, "q", {rows, m.nq}); check(v, "v", {rows, m.nv}); check(u, "u", {rows, m.nu});
     check(q_next, "q_next", {rows, m.nq}); check(v_next, "v_next", {rows, m.nv});
-    check(theta, "theta", {-1, m.ntheta}); check(scale_q, "scale_q", {m.nv}); check(scale_v, "scale_v", {m.nv});
+    check(theta, "theta", {-1, m.ntheta}); check_limits(theta.data(), theta.shape(0)); check(scale_q, "scale_q", {m.nv}); check(scale_v, "scale_v", {m.nv});
+    if (horizon < 1) refuse("horizon is " + std::to_string(horizon) + "; give at least 1");
     for (size_t i = 0; i < starts.size(); ++i)
-      if (starts.data()[i] < 0 || starts.data()[i] + horizon > rows) throw nb::value_error("a start and its horizon leave the log");
+      if (int64_t start = starts.data()[i]; start < 0 || start > rows - horizon)
+        refuse("start " + std::to_string(start) + " with a horizon of " + std::to_string(horizon) + " leaves the log of " +
+               std::to_string(rows) + " rows");
     LossBatch b{int64_t(theta.shape(0)), int64_t(starts.size()), horizon, q.data(), v.data(), u.data(), q_next.data(), v_next.data(),
                 theta.data(), scale_q.data(), scale_v.data(), starts.data(), huber, fail_penalty, nullptr, 0};
     auto out = make_array<double>({size_t(b.ncandidate), size_t(b.nstart)}, &b.loss);
     int64_t width = backend_.width, packs = (b.ncandidate + width - 1) / width, slices = (b.nstart + 255) / 256;
-    {
-      nb::gil_scoped_release release;
-      run(packs * slices, threads, o, [&](int64_t s, int64_t, void* w) {
-        LossBatch part = b;
-        int64_t slice = s % slices;
-        part.starts = b.starts + slice * 256;
-        part.nstart = std::min<int64_t>(256, b.nstart - slice * 256);
-        part.loss_stride = b.nstart;
-        part.loss = b.loss + slice * 256;
-        backend_.loss(m, o, part, s / slices * width, w);
-      }, 1);
-    }
+    run(packs * slices, threads, o, [&](int64_t s, int64_t, void* w) {
+      LossBatch part = b;
+      int64_t slice = s % slices;
+      part.starts = b.starts + slice * 256;
+      part.nstart = std::min<int64_t>(256, b.nstart - slice * 256);
+      part.loss_stride = b.nstart;
+      part.loss = b.loss + slice * 256;
+      backend_.loss(m, o, part, s / slices * width, w);
+    }, 1);
     return nb::cast(out);
   }
 
@@ -162,9 +192,9 @@ class Core {
  private:
   const Backend& backend_;
   std::unique_ptr<SceneData> data_;
-  ThreadPool pool_;
-  std::mutex mutex_;
-  std::vector<std::unique_ptr<char, decltype(&std::free)>> memory_;
+  std::vector<std::string> names_;
+  std::vector<double> low_, high_;
+  PerProcess<Engine> engine_;
 
   // As many states as v has rows, with controls and parameters where there are some.
   Batch states(const Array& q, const Array& v, const Array* u, const std::optional<Array>& theta) const {
@@ -188,27 +218,39 @@ class Core {
     b.theta = theta->data();
     if (theta->ndim() == 2) { check(*theta, "theta", {b.n, nt}); b.theta_stride = nt; }
     else check(*theta, "theta", {nt});
+    check_limits(b.theta, theta->ndim() == 2 ? b.n : 1);
+  }
+  void check_limits(const double* theta, int64_t rows) const {
+    size_t nt = low_.size();
+    for (const double *row = theta, *end = theta + rows * int64_t(nt); row < end; row += nt) {
+      int outside = 0;
+      for (size_t k = 0; k < nt; ++k) outside |= int(!(row[k] >= low_[k])) | int(!(row[k] <= high_[k]));  // NaN is outside
+      if (!outside) continue;
+      size_t k = 0;
+      while (row[k] >= low_[k] && row[k] <= high_[k]) ++k;
+      refuse("parameter " + names_[k] + " = " + text(row[k]) + (rows > 1 ? " in row " + std::to_string((row - theta) / int64_t(nt)) : "") +
+             "; a step takes [" + text(low_[k]) + ", " + text(high_[k]) + "]");
+    }
+  }
+  static std::string text(double x) {
+    char digits[32];
+    std::snprintf(digits, sizeof digits, "%g", x);
+    return digits;
   }
   template <class F>
   void run(int64_t n, int threads, const Options& o, F job, int64_t per_chunk = 0) {
-    std::lock_guard<std::mutex> lock(mutex_);
-    threads = std::max(1, threads);
-    int64_t bytes = (backend_.workspace_size(data_->model, o) + 63) / 64 * 64;
-    while (int(memory_.size()) < threads) {
-      void* p = std::aligned_alloc(64, bytes);
-      std::memset(p, 0, bytes);
-      memory_.emplace_back(static_cast<char*>(p), &std::free);
-    }
     int64_t chunk = per_chunk ? per_chunk : 8 * backend_.width, chunks = (n + chunk - 1) / chunk;
-    if (!per_chunk && threads == 1) { chunk = n; chunks = n > 0; }
-    pool_.run(chunks, threads, [&](int64_t c, int thread) { job(c * chunk, std::min(n, (c + 1) * chunk), memory_[thread].get()); });
+    if (!per_chunk && threads <= 1) { chunk = n; chunks = n > 0; }
+    engine_.get().run(chunks, threads, backend_.workspace_size(data_->model, o),
+                      [&](int64_t c, int, void* workspace) { job(c * chunk, std::min(n, (c + 1) * chunk), workspace); });
   }
 };
 
 void bind_core(nb::module_& module) {
   using namespace nb::literals;
   nb::class_<Core>(module, "Core", "Batched complementarity step of one scene; see cmbrl.models.ComplementarityModel.")
-      .def(nb::init<nb::dict, const std::string&>(), "scene"_a, "isa"_a = "")
+      .def(nb::init<nb::dict, const std::vector<std::tuple<std::string, double, double>>&, const std::string&>(), "scene"_a,
+           "limits"_a = nb::list(), "isa"_a = "")
       .def("forward", &Core::forward, "q"_a, "v"_a, "u"_a, "theta"_a.none(), "options"_a, "jacobian"_a = false,
            "jacobian_theta"_a = false, "tape"_a = false, "impulse"_a = false, "threads"_a = 1)
       .def("backward", &Core::backward, "u"_a, "theta"_a.none(), "tape"_a, "gq_next"_a, "gv_next"_a, "options"_a,

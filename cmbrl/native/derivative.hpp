@@ -130,7 +130,7 @@ static void contact_terms(const Model& m, Work<G>& w, T* Gq, T* Gv, bool late) {
         Shift<G> s = shift_by_dof(m, w, c, feature, w.S[d], sign);
         Vec<G::N> swing = cross_motion<G>(w.S[d], w.tn[side] - w.tnlam[d] - c.carry * (w.vel[side] - w.vlam[d]));
         if (sign < 0) swing = zero<G::N>() - swing;
-        T E[1 + G::NT];
+        T E[1 + G::NT] = {};
         CMBRL_FOR(r, c.rows) {
           Vec<G::N> dW = wrench_shift(c, s, r);
           E[r] = dot(dW, relative) + dot(c.Wr[r], swing);

@@ -5,10 +5,6 @@
 
 namespace cmbrl::CMBRL_ISA {
 
-template <class G> static inline typename G::Ang axis_ang(const typename G::V& axis);
-template <> inline Vec<1> axis_ang<Planar>(const Vec<2>& axis) { return {{axis[0]}}; }
-template <> inline Vec<3> axis_ang<Spatial>(const Vec<3>& axis) { return axis; }
-
 static inline Planar::Rot hinge_rotation(const Planar&, const double* axis, T angle) {
   Planar::Rot r;
   sincos(axis[0] * angle, r.s, r.c);

@@ -4,31 +4,38 @@
 
 namespace cmbrl {
 
-#define CMBRL_DECLARE(isa)                                                                      \
+// instruction_sets.inc has a line CMBRL_SET(<name>) for each set that CMake compiles, from the baseline up.
+#define CMBRL_SET(isa)                                                                         \
   namespace isa { extern const Backend backend; extern const ProblemBackend problem_backend; } \
   namespace isa##_pair { extern const ProblemBackend problem_backend; }
-#define CMBRL_ENTRY(isa) {isa::backend, isa::problem_backend, isa##_pair::problem_backend}
+#include "instruction_sets.inc"
+#undef CMBRL_SET
 
+static bool runs_here(const std::string& name) {
 #if defined(__x86_64__)
-CMBRL_DECLARE(sse2)
-CMBRL_DECLARE(avx2)
-CMBRL_DECLARE(avx512)
-const InstructionSet& find_isa(const std::string& name) {
-  static const InstructionSet sets[] = {CMBRL_ENTRY(sse2), CMBRL_ENTRY(avx2), CMBRL_ENTRY(avx512)};
   __builtin_cpu_init();
-  bool avx512 = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl");
-  bool avx2 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
-  int best = avx512 ? 2 : avx2 ? 1 : 0;
-  for (int k = best; k >= 0; --k)
-    if (name.empty() || name == sets[k].steps.name) return sets[k];
-  throw std::invalid_argument("unknown instruction set, or one that this processor lacks; known: sse2, avx2, avx512");
-}
-#else
-CMBRL_DECLARE(generic)
-const InstructionSet& find_isa(const std::string&) {
-  static const InstructionSet set = CMBRL_ENTRY(generic);
-  return set;
-}
+  if (name == "avx512")
+    return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl");
+  if (name == "avx2") return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
 #endif
+  return !name.empty();  // a baseline
+}
+
+const InstructionSet& find_isa(const std::string& name) {
+  static const InstructionSet sets[] = {
+#define CMBRL_SET(isa) {isa::backend, isa::problem_backend, isa##_pair::problem_backend},
+#include "instruction_sets.inc"
+#undef CMBRL_SET
+  };
+  const InstructionSet* best = nullptr;
+  std::string known;
+  for (const InstructionSet& set : sets) {
+    if (!runs_here(set.steps.name)) continue;
+    known += (known.empty() ? "" : ", ") + std::string(set.steps.name);
+    if (name.empty() || name == set.steps.name) best = &set;
+  }
+  if (!best) throw std::invalid_argument("instruction set '" + name + "' is not among those of this build that this processor has: " + known);
+  return *best;
+}
 
 }  // namespace cmbrl

@@ -31,7 +31,7 @@ struct Model : Structure {
 
   const int *body_parent, *body_jadr, *body_jnum;
   const double *body_pos, *body_rot;
-  const int *jnt_type, *jnt_body, *jnt_qadr, *jnt_vadr;
+  const int *jnt_type, *jnt_qadr, *jnt_vadr;
   const double *jnt_axis, *jnt_pos, *jnt_q0;
 
   const int *con_type, *con_bodyA, *con_bodyB, *con_plane, *con_dim, *con_law, *con_pyramid;
@@ -50,7 +50,7 @@ struct Model : Structure {
 
   // derived
   const int *dof_body, *dof_jnt, *dof_qadr, *body_lastdof;
-  const int *grp_A, *grp_B, *grp_cptr, *grp_con;  // contacts by body pair
+  const int *grp_B, *grp_cptr, *grp_con;  // contacts by body pair
   const int *con_group;
   int max_group_dofs;
 };
@@ -61,7 +61,6 @@ struct Smoothing {
   double kappa;   // [J]; floor of the Gaussian schedule
   double length;  // [m], Gaussian schedule
   int stop;       // 1: kappa is a constant to the derivative
-  bool operator==(const Smoothing& o) const { return mode == o.mode && kappa == o.kappa && length == o.length && stop == o.stop; }
 };
 
 struct Options {
@@ -73,6 +72,8 @@ struct Options {
   double theta;
   int max_iterations;
   double rest_speed;  // [m/s] approach speeds below it do not bounce
+  int backward_differs;  // from forward
+  bool (*stopped)();     // asked between packs, and in long control steps: the caller gave up, so no result is needed
 };
 
 // Everything one element of a batch reads and writes; null where the caller does not want it. Strides are rows of C arrays.
@@ -81,7 +82,7 @@ struct Batch {
   const double *q, *v, *u, *theta;
   int64_t q_stride, v_stride, u_stride, theta_stride;  // 0: shared by all elements
   double *q_next, *v_next;
-  int32_t *status, *iterations;  // status: 0 converged, 1 by a fallback rung, 2 failed
+  int32_t *status, *iterations;  // status: 0 converged, 1 by a fallback rung, 2 failed or from an input that is not finite
   double *residual, *impulse;    // impulse (n, ncontact, 1 + NT): normal, tangents, summed over the substeps [N s]
   double *jacobian;              // (n, 2 nv, 2 nv + nu [+ ntheta])
   int jacobian_theta;

@@ -1,5 +1,8 @@
 // The Python module: cmbrl.native.
 #include <nanobind/nanobind.h>
+#include <nanobind/stl/vector.h>
+
+#include "buffers.hpp"
 
 namespace cmbrl {
 void bind_core(nanobind::module_& module);
@@ -10,4 +13,5 @@ NB_MODULE(_core, module) {
   nanobind::set_leak_warnings(false);  // a model that a script still holds when the interpreter ends is no fault
   cmbrl::bind_core(module);
   cmbrl::bind_problems(module);
+  module.def("kept_buffers", &cmbrl::Buffers::sizes, "Bytes of every block kept for the next results, the oldest first.");
 }

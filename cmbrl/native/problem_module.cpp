@@ -2,8 +2,9 @@
 #include <algorithm>
 
 #include "arrays.hpp"
+#include "engine.hpp"
 #include "instruction_sets.hpp"
-#include "threads.hpp"
+#include "per_process.hpp"
 
 namespace cmbrl {
 
@@ -12,7 +13,7 @@ namespace cmbrl {
 class Problems {
  public:
   Problems(Array M, Array J, Array v_free, Array b, Array mu, Array R, bool derivative) : inputs_{M, J, v_free, b, mu, R} {
-    if (J.ndim() != 4 || (J.shape(2) != 2 && J.shape(2) != 3)) throw nb::value_error("J must be (batch, contacts, 2 or 3, nv)");
+    if (J.ndim() != 4 || (J.shape(2) != 2 && J.shape(2) != 3)) refuse("array 'J' must be of shape (batch, contacts, 2 or 3, nv)");
     ProblemBatch& p = batch_;
     p.n = J.shape(0); p.contacts = int(J.shape(1)); p.tangents = int(J.shape(2)) - 1; p.nv = int(J.shape(3));
     int64_t rows = 1 + p.tangents;
@@ -29,31 +30,19 @@ class Problems {
   }
 
   void solve(double tolerance, std::optional<Array> kappa, int threads, const std::string& isa) {
-    static std::mutex mutex;
-    static ThreadPool pool;
-    static std::vector<std::vector<char>> memory;
-    static std::vector<ProblemStructure> structures;
+    static PerProcess<Engine> engine;
     ProblemBatch& p = batch_;
     if (kappa) check(*kappa, "kappa", {p.n});
     p.kappa = kappa ? kappa->data() : nullptr;
     p.tolerance = tolerance;
     const InstructionSet& set = find_isa(isa);
     const ProblemBackend& backend = p.n <= set.few_problems.width ? set.few_problems : set.problems;
-    nb::gil_scoped_release release;
-    std::lock_guard<std::mutex> lock(mutex);
-    size_t bytes = backend.workspace_size(p) + 64;
-    threads = std::max(1, threads);
-    if (int(memory.size()) < threads) {
-      memory.resize(threads);
-      structures.resize(threads);
-    }
-    for (auto& block : memory)
-      if (block.size() < bytes) block.assign(bytes, 0);
-    pool.run((p.n + backend.width - 1) / backend.width, threads, [&](int64_t pack, int thread) {
-      uintptr_t base = (reinterpret_cast<uintptr_t>(memory[thread].data()) + 63) / 64 * 64;
-      int64_t begin = pack * backend.width, end = std::min(p.n, begin + backend.width);
-      backend.solve(structures[thread].of(p, begin, end), p, begin, end, reinterpret_cast<void*>(base));
-    });
+    engine.get().run((p.n + backend.width - 1) / backend.width, threads, backend.workspace_size(p),
+                     [&](int64_t pack, int, void* workspace) {
+                       static thread_local ProblemStructure structure;
+                       int64_t begin = pack * backend.width, end = std::min(p.n, begin + backend.width);
+                       backend.solve(structure.of(p, begin, end), p, begin, end, workspace);
+                     });
   }
 
   nb::dict results() const { return out_; }

@@ -38,7 +38,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   size_t nb = m.nbody, nj = m.njoint, nc = m.ncontact, nl = m.nlimit, na = m.nact, D = m.D;
   m.body_parent = i("body_parent", nb); m.body_jadr = i("body_jadr", nb); m.body_jnum = i("body_jnum", nb);
   m.body_pos = d("body_pos", nb * D); m.body_rot = d("body_rot", nb * (m.planar ? 2 : 9));
-  m.jnt_type = i("jnt_type", nj); m.jnt_body = i("jnt_body", nj); m.jnt_qadr = i("jnt_qadr", nj); m.jnt_vadr = i("jnt_vadr", nj);
+  m.jnt_type = i("jnt_type", nj); m.jnt_qadr = i("jnt_qadr", nj); m.jnt_vadr = i("jnt_vadr", nj);
   m.jnt_axis = d("jnt_axis", nj * D); m.jnt_pos = d("jnt_pos", nj * D); m.jnt_q0 = d("jnt_q0", nj);
   m.con_type = i("con_type", nc); m.con_bodyA = i("con_bodyA", nc); m.con_bodyB = i("con_bodyB", nc);
   m.con_plane = i("con_plane", nc); m.con_dim = i("con_dim", nc); m.con_law = i("con_law", nc); m.con_pyramid = i("con_pyramid", nc);
@@ -120,7 +120,7 @@ void SceneData::derive_groups() {
   }
   m.ngroup = int(A.size());
   auto keep = [&](const char* name, std::vector<int>& x) { ints_[name] = x; return static_cast<const int*>(ints_[name].data()); };
-  m.grp_A = keep("grp_A", A); m.grp_B = keep("grp_B", B); m.grp_cptr = keep("grp_cptr", cptr); m.grp_con = keep("grp_con", con);
+  m.grp_B = keep("grp_B", B); m.grp_cptr = keep("grp_cptr", cptr); m.grp_con = keep("grp_con", con);
   m.grp_dptr = keep("grp_dptr", dptr); m.grp_dof = keep("grp_dof", dof); m.grp_sign = keep("grp_sign", sign);
   m.con_group = keep("con_group", group_of);
 }

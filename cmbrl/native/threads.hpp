@@ -1,7 +1,11 @@
-// A fixed pool that runs numbered chunks; which thread runs a chunk never changes its result.
+// A pool that runs numbered chunks; which thread runs a chunk never changes its result.
 #pragma once
+#include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <condition_variable>
+#include <cstdint>
+#include <exception>
 #include <functional>
 #include <mutex>
 #include <thread>
@@ -9,52 +13,115 @@
 
 namespace cmbrl {
 
+// A run that its caller may want to end early. The calling thread asks `wanted` about twenty times a second; the others see
+// the answer. What a stopped run has written is of no use.
+class Interruption {
+ public:
+  explicit Interruption(std::function<bool()> wanted) : wanted_(std::move(wanted)) {}
+
+  static bool stopped() { return here && here->poll(); }  // of the run that this thread works for
+
+  bool poll() {
+    if (!stop_ && wanted_ && std::this_thread::get_id() == caller_) {
+      Clock::time_point now = Clock::now();
+      if (next_ == Clock::time_point{}) next_ = now + period;
+      if (now >= next_) {
+        if (wanted_()) stop_ = true;
+        next_ = Clock::now() + period;
+      }
+    }
+    return stop_;
+  }
+  void stop() { stop_ = true; }
+
+  static constexpr std::chrono::milliseconds period{50};
+
+  class Scope {  // this thread works for it
+   public:
+    explicit Scope(Interruption& of) : before_(here) { here = &of; }
+    ~Scope() { here = before_; }
+    Scope(const Scope&) = delete;
+
+   private:
+    Interruption* before_;
+  };
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  static inline thread_local Interruption* here = nullptr;
+  std::function<bool()> wanted_;
+  std::thread::id caller_ = std::this_thread::get_id();
+  Clock::time_point next_{};  // only the caller's; set when it first polls, so that a short run reads no clock
+  std::atomic<bool> stop_{false};
+};
+
 class ThreadPool {
  public:
+  using Job = std::function<void(int64_t chunk, int thread)>;
+
+  ThreadPool() = default;
+  ThreadPool(const ThreadPool&) = delete;
   ~ThreadPool() {
     {
       std::lock_guard<std::mutex> lock(mutex_);
-      stop_ = true;
+      quit_ = true;
     }
     wake_.notify_all();
     for (auto& t : workers_) t.join();
   }
 
-  // job(chunk, thread) for chunk in [0, chunks) on `threads` threads, the caller being thread 0.
-  void run(int64_t chunks, int threads, const std::function<void(int64_t, int)>& job) {
-    if (threads <= 1 || chunks <= 1) {
-      for (int64_t c = 0; c < chunks; ++c) job(c, 0);
-      return;
-    }
-    while (int(workers_.size()) < threads - 1) workers_.emplace_back([this, id = int(workers_.size()) + 1] { work(id); });
-    {
-      std::lock_guard<std::mutex> lock(mutex_);
-      job_ = &job;
-      chunks_ = chunks;
-      next_ = 0;
-      helpers_ = threads - 1;
-      running_ = int(workers_.size());
-      ++round_;
-    }
-    wake_.notify_all();
+  // job(chunk, thread) for chunk in [0, chunks) on `threads` threads, the caller being thread 0; one run at a time. The
+  // first exception of a job ends the run, as `interruption` does, and reaches the caller.
+  void run(int64_t chunks, int threads, const Job& job, Interruption& interruption) {
+    job_ = &job;
+    interruption_ = &interruption;
+    chunks_ = chunks;
+    next_ = 0;
+    failure_ = nullptr;
+    threads = int(std::min<int64_t>(threads, chunks));
+    if (threads > 1) start(threads - 1);
     drain(0);
-    std::unique_lock<std::mutex> lock(mutex_);
-    idle_.wait(lock, [this] { return running_ == 0; });
+    if (threads > 1) {
+      std::unique_lock<std::mutex> lock(mutex_);
+      while (!idle_.wait_for(lock, Interruption::period, [this] { return running_ == 0; })) {
+        lock.unlock();
+        interruption.poll();
+        lock.lock();
+      }
+    }
+    if (failure_) std::rethrow_exception(failure_);
   }
 
  private:
-  void drain(int id) {
-    for (int64_t c; (c = next_.fetch_add(1)) < chunks_;) (*job_)(c, id);
+  void start(int helpers) {
+    {
+      std::lock_guard<std::mutex> lock(mutex_);
+      for (int id = int(workers_.size()) + 1; id <= helpers; ++id)
+        workers_.emplace_back([this, id, round = round_] { work(id, round); });
+      helpers_ = running_ = helpers;
+      ++round_;
+    }
+    wake_.notify_all();
   }
-  void work(int id) {
-    for (uint64_t seen = 0;;) {
+  void drain(int id) {
+    Interruption::Scope scope(*interruption_);
+    try {
+      for (int64_t c; (c = next_.fetch_add(1)) < chunks_ && !(c > 0 && interruption_->poll());) (*job_)(c, id);
+    } catch (...) {
+      interruption_->stop();
+      std::lock_guard<std::mutex> lock(mutex_);
+      if (!failure_) failure_ = std::current_exception();
+    }
+  }
+  void work(int id, uint64_t seen) {
+    for (;;) {
       {
         std::unique_lock<std::mutex> lock(mutex_);
-        wake_.wait(lock, [&] { return stop_ || round_ != seen; });
-        if (stop_) return;
+        wake_.wait(lock, [&] { return quit_ || (round_ != seen && id <= helpers_); });
+        if (quit_) return;
         seen = round_;
       }
-      if (id <= helpers_) drain(id);
+      drain(id);
       std::lock_guard<std::mutex> lock(mutex_);
       if (--running_ == 0) idle_.notify_one();
     }
@@ -63,12 +130,15 @@ class ThreadPool {
   std::vector<std::thread> workers_;
   std::mutex mutex_;
   std::condition_variable wake_, idle_;
-  const std::function<void(int64_t, int)>* job_ = nullptr;
-  std::atomic<int64_t> next_{0};
+  // Of the present run. Written by its caller before the workers learn of it.
+  const Job* job_ = nullptr;
+  Interruption* interruption_ = nullptr;
   int64_t chunks_ = 0;
+  std::atomic<int64_t> next_{0};
+  std::exception_ptr failure_;
   int helpers_ = 0, running_ = 0;
   uint64_t round_ = 0;
-  bool stop_ = false;
+  bool quit_ = false;
 };
 
 }  // namespace cmbrl

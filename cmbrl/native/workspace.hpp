@@ -64,7 +64,7 @@ struct SolverWork {
   bool coupled; Pattern fill;              // a contact between two moving bodies is active; pattern of the factor then
   T *save, *path;                          // solver state of lanes that are done while others are retried; of a continuation
 
-  void take(Arena& A, int nv, int columns, int contacts, int limits, int dry_rows, int group_count) {
+  void take(Arena& A, int64_t nv, int64_t columns, int64_t contacts, int64_t limits, int64_t dry_rows, int64_t group_count) {
     vf = A.take<T>(nv); vn = A.take<T>(nv);
     delta = A.take<T>(nv); rhs = A.take<T>(nv); rv = A.take<T>(nv);
     M = A.take<T>(nv * nv); H = A.take<T>(nv * nv); H0 = A.take<T>(nv * nv);
@@ -73,7 +73,7 @@ struct SolverWork {
     con = A.take<Contact<G>>(contacts);
     lim = A.take<Limit>(limits); dry = A.take<DryFriction>(dry_rows);
     groups = A.take<ActiveGroup>(group_count);
-    int state = nv + 3 * dry_rows + contacts * (3 + 2 * G::NT) + limits * 2;
+    int64_t state = nv + 3 * dry_rows + contacts * (3 + 2 * G::NT) + limits * 2;
     save = A.take<T>(state); path = A.take<T>(3 * state);
   }
 };
@@ -86,7 +86,7 @@ struct Work : SolverWork<G> {
   typename G::Rot* R; V* pos;              // bodies, relative to O
   Inertia<G> *I, *Ic;
   Motion *vel, *acc, *f, *fc, *psid, *psidd, *sdot, *vlam, *tn, *tnlam;  // tn: twists under the next velocity
-  T *X, *Xc; V *mom, *momc;
+  T* Xc; V* momc;
   T *bias, *tau, *a, *kd, *kp, *open, *tmp;
   T* all_phi; Mask *con_on, *lim_on;
   uint64_t* bits; int *fill_ptr, *fill_idx;  // the pattern as bits, and as lists
@@ -112,7 +112,7 @@ struct Work : SolverWork<G> {
   }
 
   Work(Arena& A, const Model& m) {
-    int nv = m.nv, nb = m.nbody, ncol = 2 * nv + m.nu + m.ntheta;
+    int64_t nv = m.nv, nb = m.nbody, ncol = 2 * nv + m.nu + m.ntheta;  // sizes may pass the range of an int
     P = A.take<T>(m.nP); q = A.take<T>(m.nq); v = A.take<T>(nv); u = A.take<T>(m.nu + 1);
     vstep = A.take<T>(nv);
     this->take(A, nv, nv, m.ncontact, m.nlimit, nv, m.ngroup);
@@ -121,13 +121,13 @@ struct Work : SolverWork<G> {
     vel = A.take<Motion>(nb); acc = A.take<Motion>(nb); f = A.take<Motion>(nb); fc = A.take<Motion>(nb); tn = A.take<Motion>(nb);
     psid = A.take<Motion>(nv); psidd = A.take<Motion>(nv); sdot = A.take<Motion>(nv);
     vlam = A.take<Motion>(nv); tnlam = A.take<Motion>(nv);
-    X = A.take<T>(nb * G::NX); Xc = A.take<T>(nb * G::NX); mom = A.take<V>(nb); momc = A.take<V>(nb);
+    Xc = A.take<T>(nb * G::NX); momc = A.take<V>(nb);
     bias = A.take<T>(nv); tau = A.take<T>(nv); a = A.take<T>(nv); kd = A.take<T>(nv); kp = A.take<T>(nv); open = A.take<T>(m.nact + 1);
     tmp = A.take<T>(nv);
     all_phi = A.take<T>(m.ncontact); con_on = A.take<Mask>(m.ncontact); lim_on = A.take<Mask>(m.nlimit);
-    bits = A.take<uint64_t>(nv * FillPattern::words(nv)); fill_ptr = A.take<int>(nv + 1); fill_idx = A.take<int>(nv * (nv - 1) / 2);
+    bits = A.take<uint64_t>(nv * FillPattern::words(m.nv)); fill_ptr = A.take<int>(nv + 1); fill_idx = A.take<int>(nv * (nv - 1) / 2);
     Gq = A.take<T>(nv * nv); Gv = A.take<T>(nv * nv); Gu = A.take<T>(nv * (m.nu + 1)); Gp = A.take<T>(nv * (m.ntheta + 1));
-    auto block = [&](T*& q_, T*& v_, T*& u_, T*& p_, int rows) {
+    auto block = [&](T*& q_, T*& v_, T*& u_, T*& p_, int64_t rows) {
       q_ = A.take<T>(rows * nv); v_ = A.take<T>(rows * nv); u_ = A.take<T>(rows * (m.nu + 1)); p_ = A.take<T>(rows * (m.ntheta + 1));
     };
     vb = A.take<T>(nv); bvel = A.take<Motion>(nb); bacc = A.take<Motion>(nb); C = A.take<T>(nv * nv);

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from cmbrl import UserError
 from cmbrl.bench.states import Ranges, random_states
 from cmbrl.contact import Barrier
 from cmbrl.models.complementarity import ComplementarityModel, SolverWarning
@@ -111,3 +112,58 @@ def test_failed_solves_warn() -> None:
     with pytest.warns(SolverWarning, match="1 of 2"):
         model.step(*(torch.from_numpy(x) for x in (q, v, u)))
     assert model.failures == 1
+
+
+def hopper_step() -> tuple[ComplementarityModel, list[torch.Tensor]]:
+    model = ComplementarityModel(Scene.from_mjcf(HOPPER), 2, smoothing=Barrier(1e-3))
+    states = random_states(model.scene, 3, np.random.default_rng(0), CALM)
+    return model, [*tensors(*states), *tensors(model.parameters)]
+
+
+@pytest.mark.parametrize("which", range(4))
+def test_a_second_derivative_is_refused(which: int) -> None:
+    """A penalty on a gradient would otherwise lose its own gradient without a word."""
+    model, inputs = hopper_step()
+    q, v = model.step(*inputs)
+    loss = q.sum() + (v * v).sum()
+    (gradient,) = torch.autograd.grad(loss, inputs[which], create_graph=True)
+    with pytest.raises(UserError, match="first derivatives only: leave out create_graph"):
+        (loss + gradient.square().sum()).backward()
+
+
+def test_create_graph_without_a_second_derivative() -> None:
+    model, inputs = hopper_step()
+    q, v = model.step(*inputs)
+    plain = torch.autograd.grad(q.sum() + v.sum(), inputs, retain_graph=True)
+    graph = torch.autograd.grad(q.sum() + v.sum(), inputs, create_graph=True)
+    for ours, theirs in zip(graph, plain, strict=True):
+        assert torch.equal(ours, theirs)
+
+
+@pytest.mark.parametrize("which", range(4))
+def test_an_input_changed_in_place_is_noticed(which: int) -> None:
+    model, inputs = hopper_step()
+    q, v = model.step(*inputs)
+    with torch.no_grad():
+        inputs[which] += 1e-3
+    with pytest.raises(RuntimeError, match="modified by an inplace operation"):
+        (q.sum() + v.sum()).backward()
+
+
+def test_a_next_state_changed_in_place() -> None:
+    """Noticed where the gradient needs it (ball joints); right where it does not."""
+    cube = ComplementarityModel(Scene.from_mjcf(CUBE), smoothing=Barrier(1e-3))
+    q, v = cube.step(*tensors(*random_states(cube.scene, 3, np.random.default_rng(0), CALM)))
+    with torch.no_grad():
+        q += 1e-3
+    with pytest.raises(RuntimeError, match="modified by an inplace operation"):
+        (q.sum() + v.sum()).backward()
+    model, inputs = hopper_step()
+    gradients = []
+    for change in (0.0, 1.0):
+        q, v = model.step(*inputs)
+        with torch.no_grad():
+            q += change
+        gradients.append(torch.autograd.grad(q.sum() + v.sum(), inputs))
+    for ours, theirs in zip(*gradients, strict=True):
+        assert torch.equal(ours, theirs)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from cmbrl.models.autograd import Stepper
 from cmbrl.models.complementarity import ComplementarityModel
 
 Array = NDArray[np.float64]
@@ -35,8 +36,9 @@ def choices(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
         *_clamps(model, q, v, u, theta),
     ]
     if any(p.group == "restitution" for p in scene.parameters):
-        free = model.with_settings(prune=-1e300, parameters=None, integrator="semi-implicit", substeps=1)
-        approach = -np.einsum("bcv,bv->bc", normal, free.predict(q, v, u, theta).v_next)
+        one = model.with_settings(parameters=None, integrator="semi-implicit", substeps=1).stepper
+        free = Stepper(scene, {**one.options, "prune": -np.inf}, one.threads)  # leaves all contacts out
+        approach = -np.einsum("bcv,bv->bc", normal, free.forward(q, v, u, theta)["v_next"])
         parts += [approach > 3 * 9.81 * h, gap < approach * h]
     return np.concatenate(parts, axis=1)
 
