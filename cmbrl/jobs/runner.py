@@ -131,7 +131,7 @@ class Runner:
     def _parallel(self, jobs: Sequence[Job]) -> Any:
         if not jobs:
             return
-        workers = min(self.n_jobs, len(jobs))
+        workers = min(self.n_jobs, max(2, len(jobs)))  # a single one would be this process, and no job may end that
         with backend(self.backend, workers):
             # Ray and Dask have no generators: results come back together, but each worker keeps its own at once.
             how = {"return_as": "generator_unordered"} if self.backend == "loky" else {}
