@@ -16,7 +16,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from cmbrl.contact.smoothing import Adaptive, Barrier, Exact
+    from cmbrl.contact.smoothing import ABS, Barrier, Exact, Gaussian, Relaxed
     from cmbrl.data.transitions import Transitions
     from cmbrl.errors import UserError
     from cmbrl.fitting.fit import fit
@@ -24,10 +24,12 @@ if TYPE_CHECKING:
     from cmbrl.scene import Scene
 
 _HOME = {
-    "Adaptive": "cmbrl.contact.smoothing",
+    "ABS": "cmbrl.contact.smoothing",
     "Barrier": "cmbrl.contact.smoothing",
     "ComplementarityModel": "cmbrl.models.complementarity",
     "Exact": "cmbrl.contact.smoothing",
+    "Gaussian": "cmbrl.contact.smoothing",
+    "Relaxed": "cmbrl.contact.smoothing",
     "Scene": "cmbrl.scene",
     "Transitions": "cmbrl.data.transitions",
     "UserError": "cmbrl.errors",
@@ -35,10 +37,12 @@ _HOME = {
 }
 
 __all__ = [
-    "Adaptive",
+    "ABS",
     "Barrier",
     "ComplementarityModel",
     "Exact",
+    "Gaussian",
+    "Relaxed",
     "Scene",
     "Transitions",
     "UserError",

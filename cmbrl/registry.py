@@ -59,13 +59,13 @@ class Task:
     integrator: str = "semi-implicit"  #: "semi-implicit", "leapfrog" or "midpoint"
     implicit_springs: bool = False  #: treat joint springs implicitly: for stiff springs and long steps
     contact_law: str = "mujoco"  #: "mujoco" (the MJCF's softness) or "rigid" (hard, with a restitution to fit)
-    smoothing_kappa: float = 1e-4
-    """Softening of contacts in the default model, kappa [J]: impulse times gap velocity equals it in every contact.
+    smoothing_speed: float = 3e-4
+    """Softening of contacts in the default model (:class:`cmbrl.Relaxed`), a speed [m/s].
 
-    A body of weight W at rest floats kappa / W above rigid ground, 10 um for 1 kg at the default. Choose kappa so that
-    this distance does not matter for your robot. Larger values tell gradients of contacts that have not happened yet,
-    but bias the simulation and its gradients; smaller ones do the reverse. Try a tenth and ten times the value, and
-    compare the held-out error.
+    A body at rest floats this times the physics step above rigid ground, 0.6 um at the default and 2 ms. Choose it so
+    that the distance does not matter for your robot. Larger values tell gradients of contacts that have not happened
+    yet, but bias the simulation and its gradients; smaller ones do the reverse. Try a tenth and ten times the value,
+    and compare the held-out error.
     """
     contact_gap: float = 2e-3  #: a transition counts as contact if a gap is below this before or after it [m]
     behaviours: tuple[str, ...] = (

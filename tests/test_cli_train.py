@@ -17,7 +17,7 @@ import torch
 from PIL import Image
 
 from cmbrl.cli.main import main
-from cmbrl.contact import Adaptive, Barrier, Exact
+from cmbrl.contact import Barrier, Exact, Gaussian
 from cmbrl.contact.smoothing import parse_smoothing
 from cmbrl.data.transitions import Transitions
 from cmbrl.envs.episode import play_episode
@@ -261,7 +261,7 @@ def test_one_notation_for_smoothing_and_derivative() -> None:
     assert parse_smoothing("exact") == Exact()
     assert parse_smoothing("barrier:kappa=1e-4") == Barrier(kappa=1e-4)
     assert parse_smoothing("barrier:length=1e-3") == Barrier(length=1e-3)
-    assert parse_smoothing("adaptive:length=0.01,derivative=stop") == Adaptive(0.01, derivative="stop")
+    assert parse_smoothing("gaussian:length=0.01,derivative=stop") == Gaussian(0.01, derivative="stop")
     assert parse_derivative("barrier:kappa=1e-4") == ("barrier", {"kappa": 1e-4})
 
 
@@ -324,21 +324,21 @@ MISTAKES = {
     "squashed by nothing known": (f"{NEW} --algorithm fopg --set squash=tan", "squash", "did you mean 'tanh'"),
     "discount of 1": (f"{NEW} --algorithm shac --set discount=1", "discount", "below 1"),
     "refused by the library": (f"{NEW} --algorithm ppo --set batch=1", "PPO", "batch_size"),
-    "unknown derivative": (f"{NEW} --algorithm shac --derivative adaptiv", "adaptiv", "did you mean 'adaptive'"),
+    "unknown derivative": (f"{NEW} --algorithm shac --derivative adaptiv", "adaptiv", "did you mean 'gaussian'"),
     "softness without its name": (
         f"{NEW} --algorithm shac --smoothing barrier=1e-4",
         "'barrier=1e-4'",
         "barrier:kappa",
     ),
     "softness without a value": (f"{NEW} --algorithm shac --smoothing barrier:kappa", "'kappa'", "barrier:kappa=1e-4"),
-    "adaptive without a length": (f"{NEW} --algorithm shac --smoothing adaptive", "length", "adaptive:length=1e-3"),
+    "adaptive without a length": (f"{NEW} --algorithm shac --smoothing gaussian", "length", "gaussian:length=1e-3"),
     "softer than anything": (f"{NEW} --algorithm shac --derivative barrier:kappa=1e300", "kappa", "at most"),
     "simulated softer than anything": (f"{NEW} --algorithm shac --smoothing barrier:kappa=1e300", "kappa", "at most"),
     "epochs without end": (f"{NEW} --algorithm shac --set critic_epochs=1e300", "critic_epochs", "at most 2147483648"),
     "seed of 5,000 digits": (f"{NEW} --algorithm shac --seed {'9' * 5000}", "--seed", "whole number"),
     "half a sample": (f"{NEW} --algorithm shac --derivative bundle:samples=2.5", "samples=2.5", "whole number"),
     "derivative without contacts": (f"{NEW} --algorithm sac --derivative exact", "--derivative", "drop it"),
-    "a bundle that is to be fitted": (f"{NEW} --algorithm loop --derivative bundle", "bundle", "adaptive"),
+    "a bundle that is to be fitted": (f"{NEW} --algorithm loop --derivative bundle", "bundle", "gaussian"),
     "seed beyond all generators": (f"{NEW} --algorithm shac --seed 99999999999", "--seed", "is above"),
     "threads without end": (f"{NEW} --algorithm shac --threads 9999", "--threads", "above 256"),
     "a log that is not used": (f"{NEW} --algorithm shac --data log.npz", "--data", "fit"),

@@ -66,7 +66,7 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "--derivative",
         metavar="D",
-        help="derivative of the model: exact (default), barrier:kappa=1e-4 (BS), adaptive:length=1e-3 (ABS), "
+        help="derivative of the model: exact (default), barrier:kappa=1e-4 (BS), gaussian:length=1e-3 (ABS), "
         "bundle:samples=16,position=1e-3, bcg:branches=10",
     )
     parser.add_argument("--resume", action="store_true", help="continue the run in DIR")

@@ -1,5 +1,5 @@
 """The contact problem, its smoothing and its solvers."""
 
-from cmbrl.contact.smoothing import Adaptive, Barrier, Exact, Smoothing
+from cmbrl.contact.smoothing import ABS, Barrier, Exact, Gaussian, Relaxed, Smoothing
 
-__all__ = ["Adaptive", "Barrier", "Exact", "Smoothing"]
+__all__ = ["ABS", "Barrier", "Exact", "Gaussian", "Relaxed", "Smoothing"]

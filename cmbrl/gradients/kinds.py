@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
-from cmbrl.contact.smoothing import Adaptive, Barrier
+from cmbrl.contact.smoothing import ABS, HARD_SPEED, Barrier, Gaussian, Relaxed, Smoothing
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.gradients.bcg import BundleConfig, BundledContactModel
 from cmbrl.gradients.randomised import RandomisedModel
@@ -33,12 +34,11 @@ def _exact(model: ComplementarityModel, seed: int) -> ComplementarityModel:
     return model.with_settings(backward_smoothing=model.smoothing)
 
 
-def _barrier(model: ComplementarityModel, seed: int, kappa: float | None, length: float | None) -> ComplementarityModel:
-    return model.with_settings(backward_smoothing=Barrier(kappa, length))
+def _soft(policy: Callable[..., Smoothing]) -> Callable[..., ComplementarityModel]:
+    def make(model: ComplementarityModel, seed: int, **options: Any) -> ComplementarityModel:
+        return model.with_settings(backward_smoothing=policy(**options))
 
-
-def _adaptive(model: ComplementarityModel, seed: int, length: float, floor: float) -> ComplementarityModel:
-    return model.with_settings(backward_smoothing=Adaptive(length, floor))
+    return make
 
 
 def _bundle(model: ComplementarityModel, seed: int, **noise: Any) -> RandomisedModel:
@@ -49,10 +49,20 @@ def _bcg(model: ComplementarityModel, seed: int, **config: Any) -> BundledContac
     return BundledContactModel(model, BundleConfig(**config), seed)
 
 
+_GAUSSIAN = {"length": 1e-3, "floor": HARD_SPEED}
 KINDS: dict[str, Kind] = {
     "exact": Kind("derivative of the step as simulated (plain FOPG on hard contact)", {}, _exact),
-    "barrier": Kind("constant kappa [J] or length [m] (BS)", {"kappa": None, "length": None}, _barrier),
-    "adaptive": Kind("kappa by distance, length [m] (ABS)", {"length": 1e-3, "floor": 1e-8}, _adaptive),
+    "relaxed": Kind("constant kappa, scaled by row; speed [m/s]", {"speed": 3e-4}, _soft(Relaxed)),
+    "barrier": Kind("constant kappa [J] or length [m] (BS)", {"kappa": None, "length": None}, _soft(Barrier)),
+    "gaussian": Kind("kappa of each row by its distance; length [m]", _GAUSSIAN, _soft(Gaussian)),
+    "gaussian-stopped": Kind(
+        "the same, kappa a constant to the derivative", _GAUSSIAN, _soft(partial(Gaussian, derivative="stop"))
+    ),
+    "abs": Kind(
+        "one kappa [J] by the gap of the nearest idle contact (ABS)",
+        {"peak": 0.1, "reach": 1e-3, "floor": HARD_SPEED},
+        _soft(ABS),
+    ),
     "bundle": Kind(
         "mean Jacobian over noise in every step",
         {"samples": 16, "position": 1e-3, "velocity": 0.0, "control": 0.0},
@@ -85,7 +95,7 @@ def derivative_model(
 
 
 def parse_derivative(text: str) -> tuple[str, dict[str, Any]]:
-    """``adaptive:length=1e-3,floor=1e-8`` as ("adaptive", {...}); raises UserError where a value is not a number."""
+    """``gaussian:length=1e-3,floor=1e-9`` as ("gaussian", {...}); raises UserError where a value is not a number."""
     kind, texts = parse_kind(text)
     options: dict[str, Any] = {}
     for name, value in texts.items():

@@ -35,7 +35,8 @@ class StepResult:
     """Result of one batched step, in numpy.
 
     q_next (B, nq); v_next (B, nv); status (B,), a :class:`~cmbrl.native.SolverStatus`; iterations (B,), summed over
-    substeps; residual (B,), the worst relative residual over substeps. On request: jacobian (B, 2 nv, 2 nv + nu
+    substeps; rung (B,), how far a solve climbed the ladder of fallbacks (0: no further than the first); residual (B,),
+    the worst relative residual over substeps. On request: jacobian (B, 2 nv, 2 nv + nu
     [+ np]) of (q', v') in (q, v, u [, theta]), with q in tangent space; impulse (B, contacts, 2 or 3) [N s] along the
     rows of ``smooth_dynamics``, summed over substeps.
     """
@@ -44,6 +45,7 @@ class StepResult:
     v_next: np.ndarray
     status: np.ndarray
     iterations: np.ndarray
+    rung: np.ndarray
     residual: np.ndarray
     jacobian: np.ndarray | None = None
     impulse: np.ndarray | None = None
@@ -56,7 +58,7 @@ class ComplementarityModel:
         scene: the world.
         substeps: physics steps in one control step.
         time_step: h [s]; default: the file's. Velocity gains in Euler files act explicitly, as in MuJoCo, and bound it.
-        smoothing: :class:`Exact` (default), :class:`Barrier` or :class:`Adaptive`.
+        smoothing: :class:`Exact` (default), :class:`Barrier` or :class:`Gaussian`.
         backward_smoothing: the policy of the derivative (simulate hard, differentiate soft); default: ``smoothing``.
         integrator: "semi-implicit"; "leapfrog" (positions shifted by half a step: second order in forces that depend on
             position); or "midpoint" (leapfrog with centrifugal and gyroscopic forces half a step ahead: second order in

@@ -92,10 +92,10 @@ def nominal_model(task: Task, scene: Scene | None = None, **options: Any) -> Com
 
     ``scene``: the task's scene if already loaded, perhaps with other import options.
     """
-    from cmbrl.contact.smoothing import Barrier
+    from cmbrl.contact.smoothing import Relaxed
     from cmbrl.models.complementarity import ComplementarityModel
 
-    settings = task.model_options() | {"smoothing": Barrier(task.smoothing_kappa)}
+    settings = task.model_options() | {"smoothing": Relaxed(task.smoothing_speed)}
     return ComplementarityModel(scene or task.load_scene(), **(settings | options))
 
 

@@ -1,4 +1,4 @@
-// Memory for results and workspaces. Result arrays come back when Python drops them: a training loop asks for the same sizes
+// Memory for results. They come back when Python drops them: a training loop asks for the same sizes
 // again and again, and fresh pages from the system would cost more than a small step.
 #pragma once
 #include <cstdlib>
@@ -9,34 +9,9 @@
 #include <string>
 #include <vector>
 
+#include "memory.hpp"
+
 namespace cmbrl {
-
-class OutOfMemory : public std::bad_alloc {  // Python's MemoryError
- public:
-  OutOfMemory(size_t bytes, const char* what_for)
-      : text_("no memory for " + std::string(what_for) + " of " + std::to_string(bytes) + " bytes") {}
-  const char* what() const noexcept override { return text_.c_str(); }
-
- private:
-  std::string text_;
-};
-
-// Zeros that stand at a multiple of 64 bytes. The system hands out their pages only as they are written.
-class Workspace {
- public:
-  void reserve(size_t bytes) {
-    if (bytes <= bytes_) return;
-    memory_.reset(std::calloc(bytes + 64, 1));
-    bytes_ = memory_ ? bytes : 0;
-    if (!memory_) throw OutOfMemory(bytes, "a workspace (a smaller scene needs less)");
-  }
-  void* data() const { return reinterpret_cast<void*>((reinterpret_cast<uintptr_t>(memory_.get()) + 63) / 64 * 64); }
-
- private:
-  struct Free { void operator()(void* p) const { std::free(p); } };
-  std::unique_ptr<void, Free> memory_;
-  size_t bytes_ = 0;
-};
 
 class Buffers {  // with the GIL held
  public:

@@ -2,6 +2,8 @@
 #pragma once
 #include "dynamics.hpp"
 #include "law.hpp"
+#include "near.hpp"
+#include "pruning.hpp"
 #include "rim.hpp"
 
 namespace cmbrl::CMBRL_ISA {
@@ -113,8 +115,13 @@ static Feature<G> find_feature(const Model& m, const Work<G>& w, int i) {
 }
 
 template <class G>
-static inline T feature_radiusA(const Model& m, const Work<G>& w, int i) {
-  return w.P[m.oContact + i * kContactFields + kRadius] - m.con_radiusB[i];
+static inline T feature_radiusA(const Model& m, const Contact<G>& c) { return c.P[kRadius] - m.con_radiusB[c.index]; }
+
+// The block of P of one candidate; only those of active contacts are kept.
+template <class G>
+static inline void load_block(const Model& m, const Work<G>& w, int i, T* p) {
+  CMBRL_FOR(k, kContactFields) p[k] = splat(m.P[m.oContact + i * kContactFields + k]);
+  for (int e = m.con_par_ptr[i]; e < m.con_par_ptr[i + 1]; ++e) p[m.con_par_field[e]] += w.dtheta[m.con_par[e]] * m.con_par_coef[e];
 }
 
 static inline void tangents(const Planar&, const Vec<2>& n, Vec<2>* d) { d[0] = {{n[1], -n[0]}}; }
@@ -141,55 +148,89 @@ static void find_fill(const Model& m, Work<G>& w) {
       for (int b = m.grp_dptr[g]; b < a; ++b) fill.couple(m.grp_dof[a], m.grp_dof[b]);
   }
   fill.fill_in();
+  w.make_factor(m.nv, fill.count());
   fill.list(w.fill_ptr, w.fill_idx);
   w.fill = {w.fill_ptr, w.fill_idx};
 }
 
-// Gaps of all candidates; rows that may close within the step become w.con, ordered by body pair. `given`: the lanes of
-// each candidate are known (a step read back from its tape).
+// The row of candidate i with closest features F, gap phi and the block p of P.
+template <class G>
+static void make_contact(const Model& m, const Options& o, int i, const Feature<G>& F, T phi, const T* p, Contact<G>& c) {
+  std::memcpy(c.P, p, sizeof c.P);
+  c.index = i;
+  c.rows = m.con_dim[i] > 1 ? 1 + G::NT : 1;
+  c.rub = c.rows > 1 ? p[kMu] > 1e-9 : none();
+  c.mu = c.full_mu = select(c.rub, p[kMu], splat(1));
+  c.phi = phi;
+  c.p = F.a - (feature_radiusA(m, c) + 0.5 * phi) * F.n;
+  c.d[0] = F.n;
+  tangents(G{}, F.n, c.d + 1);
+  CMBRL_FOR(r, c.rows) {
+    c.Wr[r] = join<G>(G::moment(c.p, c.d[r]), c.d[r]);
+    if (r > 0) CMBRL_FOR(x, G::N) c.Wr[r][x] = keep(c.rub, c.Wr[r][x]);
+  }
+  contact_law(m, o, c, p);
+  c.root = vsqrt(m.con_invweight[i] + c.Rn);
+}
+
+// One candidate: becomes a row of w.con if it may close within the step, else of w.left. `given`: as below.
+template <class G>
+static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, const Mask* given) {
+  int A = m.con_bodyA[i], B = m.con_bodyB[i];
+  Feature<G> F = find_feature(m, w, i);
+  T p[kContactFields];
+  load_block(m, w, i, p);
+  T phi = F.dist - p[kRadius];
+  Mask on = given ? given[i] : all();
+  if (m.con_plane[i] < 0) on &= vabs(F.dist) > 1e-9;  // crossing segments: no direction parts them
+  if (!(o.prune < 1e300) || given) {
+    Contact<G>& c = w.add_contact();
+    make_contact(m, o, i, F, phi, p, c);
+    c.on = c.wide = on;
+    w.coupled |= B >= 0;
+    return;
+  }
+  double enough = speed_that_matters(o, o.forward, m.con_invweight[i]), wide = speed_that_matters(o, o.backward, m.con_invweight[i]);
+  typename G::V u = point_velocity<G>(w.vel[A], F.a);
+  if (B >= 0) u -= point_velocity<G>(w.vel[B], F.a - F.dist * F.n);
+  T speed = dot(F.n, u), slack = phi * (1 / o.h) - vabs(speed);  // at least, whatever the law is
+  Mask near = on & (slack - vabs(speed) < __builtin_fmax(enough, wide)), takes_part = none();
+  if (any(near)) {
+    Contact<G>& c = w.add_contact();
+    make_contact(m, o, i, F, phi, p, c);
+    slack = select(near, c.cn0 - c.carry * speed, slack);
+    takes_part = c.on = near & (slack + speed < enough);
+    c.wide = near & (slack + speed < wide);
+    if (any(c.on | c.wide)) w.coupled |= B >= 0;
+    else --w.ncon;
+  }
+  Mask left = on & ~takes_part;
+  if (!any(left)) return;
+  w.leave_out({left, A, B, join<G>(G::moment(F.a, F.n), F.n), slack, enough});
+  w.left_out_gap = select(left, vmin(w.left_out_gap, vabs(phi)), w.left_out_gap);
+}
+
+// Rows that may close within the step, ordered by body pair. `given`: the lanes of each candidate are known (a step read
+// back from its tape).
 template <class G>
 static void find_contacts(const Model& m, const Options& o, Work<G>& w, const Mask* given) {
-  bool keep_all = !(o.prune < 1e300);
-  w.ncon = w.ngroups = 0;
+  w.ncon = w.ngroups = w.nleft = 0;
+  w.left_out_gap = splat(__builtin_inf());
   w.coupled = false;
-  for (int g = 0; g < m.ngroup; ++g) {
+  auto look_at = [&](int g) {
     int first = w.ncon;
-    for (int k = m.grp_cptr[g]; k < m.grp_cptr[g + 1]; ++k) {
-      int i = m.grp_con[k], A = m.con_bodyA[i], B = m.con_bodyB[i];
-      const T* p = w.P + m.oContact + i * kContactFields;
-      if (given && !any(given[i])) continue;
-      Feature<G> F = find_feature(m, w, i);
-      T phi = F.dist - p[kRadius];
-      w.all_phi[i] = phi;
-      Mask on = given ? given[i] : all();
-      if (m.con_plane[i] < 0) on &= vabs(F.dist) > 1e-9;  // crossing segments: no direction parts them
-      if (!keep_all && !given) {
-        typename G::V u = point_velocity<G>(w.vel[A], F.a);
-        if (B >= 0) u -= point_velocity<G>(w.vel[B], F.a - F.dist * F.n);
-        on &= phi * (1 / o.h) + dot(F.n, u) < o.prune;
-        if (!any(on)) continue;
-      }
-      Contact<G>& c = w.con[w.ncon++];
-      c.on = on;
-      c.index = i;
-      c.rows = m.con_dim[i] > 1 ? 1 + G::NT : 1;
-      c.rub = c.rows > 1 ? p[kMu] > 1e-9 : none();
-      c.mu = c.full_mu = select(c.rub, p[kMu], splat(1));
-      c.root = splat(__builtin_sqrt(m.con_invweight[i]));
-      c.phi = phi;
-      c.p = F.a - (feature_radiusA(m, w, i) + 0.5 * phi) * F.n;
-      c.d[0] = F.n;
-      tangents(G{}, F.n, c.d + 1);
-      CMBRL_FOR(r, c.rows) {
-        c.Wr[r] = join<G>(G::moment(c.p, c.d[r]), c.d[r]);
-        if (r > 0) CMBRL_FOR(x, G::N) c.Wr[r][x] = keep(c.rub, c.Wr[r][x]);
-      }
-      contact_law(m, o, c, p);
-      w.coupled |= B >= 0;
-    }
-    if (w.ncon > first) w.groups[w.ngroups++] = {g, first, w.ncon};
+    for (int k = m.grp_cptr[g]; k < m.grp_cptr[g + 1]; ++k)
+      if (int i = m.grp_con[k]; !given || any(given[i])) find_contact(m, o, w, i, given);
+    if (w.ncon > first) w.add_group({g, first, w.ncon});
+  };
+  if (given) {
+    for (int g = 0; g < m.ngroup; ++g) look_at(g);
+  } else {
+    find_near(m, o, w);
+    for_near(m, w, look_at);
   }
   if (w.coupled) find_fill(m, w);
+  else w.make_factor(m.nv, m.anc_ptr[m.nv]);
 }
 
 // How gap, contact point and directions of a contact move when body A moves by the twist xi and B stays.
@@ -197,7 +238,7 @@ template <class G>
 struct Shift { T dphi; typename G::V dp, dd[1 + G::NT]; };
 
 template <class G>
-static Shift<G> shift_of(const Model& m, const Work<G>& w, const Contact<G>& c, const Feature<G>& F, const Vec<G::N>& xi) {
+static Shift<G> shift_of(const Model& m, const Contact<G>& c, const Feature<G>& F, const Vec<G::N>& xi) {
   using V = typename G::V;
   Shift<G> s;
   int i = c.index;
@@ -227,7 +268,7 @@ static Shift<G> shift_of(const Model& m, const Work<G>& w, const Contact<G>& c, 
     T inv = 1.0 / select(vabs(F.dist) > 1e-12, F.dist, splat(1e-12));
     dn = inv * (dd - dot(F.n, dd) * F.n);
   }
-  s.dp = u - (feature_radiusA(m, w, i) + 0.5 * c.phi) * dn - (0.5 * s.dphi) * F.n;
+  s.dp = u - (feature_radiusA(m, c) + 0.5 * c.phi) * dn - (0.5 * s.dphi) * F.n;
   s.dd[0] = dn;
   for (int r = 1; r < c.rows; ++r) s.dd[r] = -dot(c.d[r], dn) * F.n;  // isotropic friction: the frame may roll about n
   return s;
@@ -235,9 +276,9 @@ static Shift<G> shift_of(const Model& m, const Work<G>& w, const Contact<G>& c, 
 
 // The same for dof d with column S, which moves A (sign +1) or B (sign -1: A relative to B, then both together).
 template <class G>
-static Shift<G> shift_by_dof(const Model& m, const Work<G>& w, const Contact<G>& c, const Feature<G>& F, const Vec<G::N>& S, int sign) {
-  if (sign > 0) return shift_of(m, w, c, F, S);
-  Shift<G> s = shift_of(m, w, c, F, zero<G::N>() - S);
+static Shift<G> shift_by_dof(const Model& m, const Work<G>&, const Contact<G>& c, const Feature<G>& F, const Vec<G::N>& S, int sign) {
+  if (sign > 0) return shift_of(m, c, F, S);
+  Shift<G> s = shift_of(m, c, F, zero<G::N>() - S);
   typename G::Ang a = ang<G>(S);
   s.dp += point_velocity<G>(S, c.p);
   CMBRL_FOR(r, c.rows) s.dd[r] += G::turn(a, c.d[r]);

@@ -1,6 +1,7 @@
 // A control step (substeps with one control) of a pack: forward, with full Jacobian, with a tape, and backward from the tape.
 #pragma once
 #include "impact.hpp"
+#include "missed.hpp"
 #include "tape.hpp"
 
 namespace cmbrl::CMBRL_ISA {
@@ -46,15 +47,16 @@ static void scaled(const Model& m, const T* v, double k, T* out) {
   for (int i = 0; i < m.nv; ++i) out[i] = k * v[i];
 }
 
-// The step's rows solved again at the backward smoothing where it differs; returns the lanes that have a derivative there.
-// vn and shift become those of that smoothing, which is what is differentiated; qtan and vstep stay where the state goes.
+struct Recorded { Mask done; T rung; };
+
+// The step's rows solved again at the backward smoothing where it differs: the lanes that have a derivative there. vn and
+// shift become those of that smoothing, which is what is differentiated; qtan and vstep stay where the state goes.
 template <class G>
-static Mask solve_backward(const Model& m, const Options& o, Work<G>& w) {
-  if (!o.backward_differs) return all();
-  set_kappa(m, o, w, o.backward);
-  Mask done = contact_solve(m, o, w).done;
+static Recorded solve_backward(const Model& m, const Options& o, Work<G>& w) {
+  if (!o.backward_differs) return {all(), T{}};
+  Outcome out = solve_smoothed(m, o, w, o.backward, true);
   late_shift(m, o, w);
-  return done;
+  return {out.done, out.rung};
 }
 
 // tv <- dv' - (Sq dq + Sv dv + Su du + Sp dtheta + Sn dv') / h, from the tangents before the step and dv' in rhs_all.
@@ -132,24 +134,27 @@ static void advance_tangents(const Model& m, const Options& o, Work<G>& w, int n
   w.rhs_all = moved;
 }
 
-struct StepStats { Mask done, fallback; T iterations, residual; };
+struct StepStats { Mask done, missed; T rung, iterations, residual; };  // missed: a row that was left out closes
 
-// Forward control step on (w.q, w.v, w.u), in place. record(substep) runs after each solve, before the state moves on, and
-// returns the lanes in which what it records is good; a step is done where it is.
+// Forward control step on (w.q, w.v, w.u), in place. record(substep) runs after each solve, before the state moves on; a step is
+// done where what it records is.
 template <class G, class Record>
 static StepStats control_step(const Model& m, const Options& o, Work<G>& w, Record record) {
-  StepStats st{all(), none(), T{}, T{}};
+  StepStats st{all(), none(), T{}, T{}, T{}};
   if (o.leapfrog) { scaled(m, w.v, 0.5 * o.h, w.qtan); integrate(m, w.q, w.qtan); }
   for (int s = 0; s < o.substeps; ++s) {
     if (s % 16 == 15 && o.stopped && o.stopped()) break;
     Outcome r = solve_step(m, o, w);
     st.done &= r.done;
-    st.fallback |= r.fallback;
+    st.missed |= missed_rows(m, o, w);
+    st.rung = vmax(st.rung, r.rung);
     st.iterations += r.iterations;
     st.residual = vmax(st.residual, r.residual);
     displacement(m, o, w);
     for (int i = 0; i < m.nv; ++i) w.vstep[i] = w.vn[i];
-    st.done &= record(s);
+    Recorded kept = record(s);
+    st.done &= kept.done;
+    st.rung = vmax(st.rung, kept.rung);
     integrate(m, w.q, w.qtan);
     for (int i = 0; i < m.nv; ++i) w.v[i] = w.vstep[i];
   }
@@ -165,10 +170,10 @@ static StepStats control_step_jacobian(const Model& m, const Options& o, Work<G>
   for (int i = 0; i < nv; ++i) w.tq[i * ncol + i] = w.tv[i * ncol + nv + i] = splat(1);
   if (o.leapfrog) { scaled(m, w.v, 0.5 * o.h, w.qtan); push_tangent(m, w.qtan, w.tq, w.tv, splat(0.5 * o.h), ncol); }
   StepStats st = control_step(m, o, w, [&](int s) {
-    Mask good = record(s);
+    Recorded solved = record(s);
     implicit_system(m, o, w, theta);
     advance_tangents(m, o, w, ncol, theta, s == 0);
-    return good;
+    return solved;
   });
   if (o.leapfrog) push_tangent(m, w.qtan, w.tq, w.tv, splat(-0.5 * o.h), ncol);  // qtan: the shift just made
   return st;

@@ -10,6 +10,7 @@
 #include "arrays.hpp"
 #include "engine.hpp"
 #include "instruction_sets.hpp"
+#include "memory.hpp"
 #include "per_process.hpp"
 #include "scene_data.hpp"
 
@@ -33,7 +34,8 @@ static X option(nb::dict options, const char* name) {
   return x;
 }
 static Smoothing smoothing_from(nb::dict d) {
-  return {option<int>(d, "mode"), option<double>(d, "kappa"), option<double>(d, "length"), option<int>(d, "stop")};
+  return {option<int>(d, "mode"), option<double>(d, "kappa"), option<double>(d, "floor"), option<double>(d, "dry"),
+          option<double>(d, "length"), option<int>(d, "stop")};
 }
 static Options options_from(nb::dict d) {
   Options o{};
@@ -42,10 +44,11 @@ static Options options_from(nb::dict d) {
   o.implicit_springs = option<int>(d, "implicit_springs");
   o.forward = smoothing_from(option<nb::dict>(d, "forward")); o.backward = smoothing_from(option<nb::dict>(d, "backward"));
   const Smoothing &f = o.forward, &b = o.backward;
-  o.backward_differs = f.mode != b.mode || f.kappa != b.kappa || f.length != b.length || f.stop != b.stop;
+  o.backward_differs = f.mode != b.mode || f.kappa != b.kappa || f.floor != b.floor || f.dry != b.dry || f.length != b.length || f.stop != b.stop;
   o.prune = option<double>(d, "prune"); o.tolerance = option<double>(d, "tolerance"); o.theta = option<double>(d, "theta");
   o.max_iterations = option<int>(d, "max_iterations"); o.rest_speed = option<double>(d, "rest_speed");
   o.stopped = &Interruption::stopped;
+  o.rungs = 1 << 30;
   return o;
 }
 
@@ -85,6 +88,7 @@ class Core {
     out["v_next"] = make_array<double>({n, size_t(m.nv)}, &b.v_next);
     out["status"] = make_array<int32_t>({n}, &b.status);
     out["iterations"] = make_array<int32_t>({n}, &b.iterations);
+    out["rung"] = make_array<int32_t>({n}, &b.rung);
     out["residual"] = make_array<double>({n}, &b.residual);
     b.jacobian_theta = jacobian_theta;
     size_t ncol = 2 * m.nv + m.nu + (jacobian_theta ? m.ntheta : 0);
@@ -93,9 +97,9 @@ class Core {
     if (impulse) {
       size_t rows = m.planar ? 2 : 3;
       out["impulse"] = make_array<double>({n, size_t(m.ncontact), rows}, &b.impulse);
-      std::memset(b.impulse, 0, n * m.ncontact * rows * sizeof(double));
     }
-    run(b.n, threads, o, [&](int64_t s, int64_t e, void* w) { backend_.forward(m, o, b, s, e, w); });
+    run(b.n, threads, jacobian ? Purpose::jacobian : Purpose::step,
+        [&](int64_t s, int64_t e, StepMemory& w) { backend_.forward(m, o, b, s, e, w); });
     return out;
   }
 
@@ -116,7 +120,7 @@ class Core {
     out["gv"] = make_array<double>({n, size_t(m.nv)}, &b.gv);
     out["gu"] = make_array<double>({n, size_t(m.nu)}, &b.gu);
     if (want_theta) out["gtheta"] = make_array<double>({n, size_t(m.ntheta)}, &b.gtheta);
-    run(b.n, threads, o, [&](int64_t s, int64_t e, void* w) { backend_.backward(m, o, b, s, e, w); });
+    run(b.n, threads, Purpose::product, [&](int64_t s, int64_t e, StepMemory& w) { backend_.backward(m, o, b, s, e, w); });
     return out;
   }
 
@@ -137,7 +141,7 @@ class Core {
                 theta.data(), scale_q.data(), scale_v.data(), starts.data(), huber, fail_penalty, nullptr, 0};
     auto out = make_array<double>({size_t(b.ncandidate), size_t(b.nstart)}, &b.loss);
     int64_t width = backend_.width, packs = (b.ncandidate + width - 1) / width, slices = (b.nstart + 255) / 256;
-    run(packs * slices, threads, o, [&](int64_t s, int64_t, void* w) {
+    run(packs * slices, threads, Purpose::step, [&](int64_t s, int64_t, StepMemory& w) {
       LossBatch part = b;
       int64_t slice = s % slices;
       part.starts = b.starts + slice * 256;
@@ -161,7 +165,7 @@ class Core {
     out["gap"] = make_array<double>({n, size_t(m.ncontact)}, &gap);
     out["J"] = make_array<double>({n, size_t(m.ncontact), rows, nv}, &J);
     std::memset(J, 0, n * m.ncontact * rows * nv * sizeof(double));
-    run(b.n, 1, o, [&](int64_t s, int64_t e, void* w) { backend_.dynamics(m, o, b, M, bias, gap, J, s, e, w); });
+    run(b.n, 1, Purpose::step, [&](int64_t s, int64_t e, StepMemory& w) { backend_.dynamics(m, o, b, M, bias, gap, J, s, e, w); });
     return out;
   }
 
@@ -182,7 +186,7 @@ class Core {
     for (auto [block, size] : {std::pair{r.J, rows * nv}, {r.b, rows}, {r.mu, size_t(1)}, {r.R, rows}})
       std::memset(block, 0, n * nrow * size * sizeof(double));
     std::memset(r.active, 0, n * nrow * sizeof(int32_t));
-    run(b.n, 1, o, [&](int64_t s, int64_t e, void* w) { backend_.rows(m, o, b, r, s, e, w); });
+    run(b.n, 1, Purpose::step, [&](int64_t s, int64_t e, StepMemory& w) { backend_.rows(m, o, b, r, s, e, w); });
     return out;
   }
 
@@ -238,11 +242,11 @@ class Core {
     return digits;
   }
   template <class F>
-  void run(int64_t n, int threads, const Options& o, F job, int64_t per_chunk = 0) {
+  void run(int64_t n, int threads, Purpose purpose, F job, int64_t per_chunk = 0) {
     int64_t chunk = per_chunk ? per_chunk : 8 * backend_.width, chunks = (n + chunk - 1) / chunk;
     if (!per_chunk && threads <= 1) { chunk = n; chunks = n > 0; }
-    engine_.get().run(chunks, threads, backend_.workspace_size(data_->model, o),
-                      [&](int64_t c, int, void* workspace) { job(c * chunk, std::min(n, (c + 1) * chunk), workspace); });
+    engine_.get().run(chunks, threads, backend_.workspace_size(data_->model, purpose),
+                      [&](int64_t c, int, StepMemory& memory) { job(c * chunk, std::min(n, (c + 1) * chunk), memory); });
   }
 };
 

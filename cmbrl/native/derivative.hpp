@@ -60,12 +60,13 @@ static void smooth_terms(const Model& m, const Options& o, Work<G>& w, const T* 
   for (int i = 0; i < nv; ++i) {
     const T* p = w.P + m.oDof + i * kDofFields;
     Gq[i * (nv + 1)] -= o.h * w.kp[i];
-    Gv[i * (nv + 1)] += w.M[i * (nv + 1)] - o.h * (p[kDamping] + w.kd[i]);
+    Row<T> mass(w.M, m.tree(), i);
+    Gv[i * (nv + 1)] += *mass.diagonal - o.h * (p[kDamping] + w.kd[i]);
     if (o.implicit_springs) Gv[i * (nv + 1)] -= o.h * o.h * w.kp[i];
-    for (int a = m.anc_ptr[i]; a < m.anc_ptr[i + 1]; ++a) {
-      int j = m.anc_idx[a];
-      Gv[i * nv + j] += w.M[i * nv + j];
-      Gv[j * nv + i] += w.M[j * nv + i];
+    for (int a = 0; a < mass.n; ++a) {
+      int j = m.tree().columns(i)[a];
+      Gv[i * nv + j] += mass.before[a];
+      Gv[j * nv + i] += mass.mirror[a];
     }
   }
   for (int a = 0; a < m.nact; ++a) Gu[m.act_dof[a] * m.nu + a] += o.h * w.open[a];
@@ -118,6 +119,7 @@ static void contact_terms(const Model& m, Work<G>& w, T* Gq, T* Gv, bool late) {
       Feature<G> feature = find_feature(m, w, c.index);
       int A = m.con_bodyA[c.index], B = m.con_bodyB[c.index];
       Vec<G::N> relative = relative_twist<G>(m, w.tn, c.index) - c.carry * relative_twist<G>(m, w.vel, c.index);
+      bool adaptive = any(c.slope_R != 0.0);
       T weight = late ? late_weight(c) : splat(1), pull = weight * c.carry;
       CMBRL_FOR(r, c.rows) {
         F += (weight * impulse(c, r)) * c.Wr[r];
@@ -138,6 +140,7 @@ static void contact_terms(const Model& m, Work<G>& w, T* Gq, T* Gv, bool late) {
           w.Y[k] += (weight * impulse(c, r)) * dW;
         }
         w.Y[k] += weight * response(c, E);
+        if (adaptive) w.Y[k] += weight * kappa_response(c, c.slope_R * c.dRn_dphi * s.dphi);
       }
     }
     for (int k = 0; k < nd; ++k) {
@@ -157,7 +160,7 @@ static void contact_terms(const Model& m, Work<G>& w, T* Gq, T* Gv, bool late) {
   if (late) return;
   for (int i = 0; i < w.nlim; ++i) {
     const Limit& l = w.lim[i];
-    Gq[l.dof * (nv + 1)] -= l.Th * (l.dc_dphi + l.dR_dphi * l.gam);
+    Gq[l.dof * (nv + 1)] -= l.Th * (l.dc_dphi + l.dR_dphi * l.gam) - keep(l.on, l.slope_R * l.dR_dphi / (l.s + l.gam * l.R));
     Gv[l.dof * (nv + 1)] += l.Th * l.carry;
   }
   for (int i = 0; i < w.ndry; ++i) Gv[w.dry[i].dof * (nv + 1)] += w.dry[i].Th * w.dry[i].carry;

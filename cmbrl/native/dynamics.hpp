@@ -138,7 +138,7 @@ static void inverse_dynamics(const Model& m, Work<G>& w, const T* v, const T* a,
   }
 }
 
-// Joint-space mass matrix into w.M (pattern entries, both triangles), without armature. CRBA.
+// Joint-space mass matrix into w.M, without armature. CRBA.
 template <class G>
 static void mass_matrix(const Model& m, Work<G>& w) {
   for (int b = 0; b < m.nbody; ++b) w.Ic[b] = w.I[b];
@@ -146,11 +146,9 @@ static void mass_matrix(const Model& m, Work<G>& w) {
     if (m.body_parent[b] >= 0) w.Ic[m.body_parent[b]] += w.Ic[b];
   for (int i = 0; i < m.nv; ++i) {
     Vec<G::N> F = w.Ic[m.dof_body[i]] * w.S[i];
-    w.M[i * m.nv + i] = dot(w.S[i], F);
-    for (int k = m.anc_ptr[i]; k < m.anc_ptr[i + 1]; ++k) {
-      int j = m.anc_idx[k];
-      w.M[i * m.nv + j] = w.M[j * m.nv + i] = dot(w.S[j], F);
-    }
+    Row<T> row(w.M, m.tree(), i);
+    *row.diagonal = dot(w.S[i], F);
+    for (int k = 0; k < row.n; ++k) row.before[k] = row.mirror[k] = dot(w.S[m.tree().columns(i)[k]], F);
   }
 }
 

@@ -25,8 +25,8 @@ class Engine {
       threads = int(std::max<int64_t>(1, std::min<int64_t>(threads, chunks)));
       if (turn.taken) {
         if (int(workspaces_.size()) < threads) workspaces_.resize(threads);
-        for (int k = 0; k < threads; ++k) workspaces_[k].reserve(size_t(bytes));
-        pool_.run(chunks, threads, [&](int64_t chunk, int thread) { job(chunk, thread, workspaces_[thread].data()); }, interruption);
+        for (int k = 0; k < threads; ++k) workspaces_[k].scene.reserve(size_t(bytes));
+        pool_.run(chunks, threads, [&](int64_t chunk, int thread) { job(chunk, thread, workspaces_[thread]); }, interruption);
       }
     }
     if (PyErr_Occurred()) throw nb::python_error();
@@ -70,7 +70,7 @@ class Engine {
   std::condition_variable free_;
   std::atomic<unsigned long> owner_{0};  // the Python thread whose batch runs; 0: none
   ThreadPool pool_;
-  std::vector<Workspace> workspaces_;
+  std::vector<StepMemory> workspaces_;
   // Python runs signal handlers in its main thread only; another one need not ask.
   unsigned long main_ = nb::cast<unsigned long>(nb::module_::import_("threading").attr("main_thread")().attr("ident"));
 };

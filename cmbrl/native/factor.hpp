@@ -1,77 +1,102 @@
 // LU of a matrix with the sparsity of a kinematic tree, from the leaves to the root, without pivoting: no fill-in
 // (Featherstone 2008, section 6.5, carried over to the non-symmetric M + J^T Theta J of the interior point).
-// Dofs that no active row touches are eliminated once a step, the others once an iteration.
+// Matrices are packed (packed.hpp). Dofs that no active row touches are eliminated once a step, the others once an iteration.
 #pragma once
 #include "workspace.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
 template <class G> static inline Pattern pattern_of(const Structure& m, const SolverWork<G>& w) {
-  return w.coupled ? w.fill : Pattern{m.anc_ptr, m.anc_idx};
+  return w.coupled ? w.fill : m.tree();
 }
 
-static inline void eliminate(T* H, int nv, Pattern p, int k) {
-  T inv = 1.0 / H[k * nv + k];
-  H[k * nv + k] = inv;  // the diagonal keeps its inverse
-  const T* row = H + k * nv;
-  for (int a = p.ptr[k + 1] - 1; a >= p.ptr[k]; --a) {  // nearest ancestor first: it is eliminated next and waits for this
-    int i = p.idx[a];
-    T f = H[i * nv + k] * inv;
-    H[i * nv + k] = f;
-    T* target = H + i * nv;
-    for (int b = p.ptr[k]; b < p.ptr[k + 1]; ++b) target[p.idx[b]] -= f * row[p.idx[b]];
+static inline void eliminate(T* H, Pattern p, int k) {
+  const int* columns = p.columns(k);
+  Row<T> row(H, p, k);
+  T inv = 1.0 / *row.diagonal;
+  *row.diagonal = inv;  // the diagonal keeps its inverse
+  for (int a = 0; a < row.n; ++a) row.mirror[a] *= inv;
+  for (int a = row.n - 1; a >= 0; --a) {  // nearest ancestor first: it is eliminated next and waits for this
+    Row<T> to(H, p, columns[a]);
+    const int* place = p.columns(columns[a]);
+    T below = row.mirror[a], right = row.before[a];
+    *to.diagonal -= below * right;
+    for (int b = 0, x = 0; b < a; ++b, ++x) {
+      while (place[x] != columns[b]) ++x;  // never in a tree without fill-in: chains begin alike
+      to.before[x] -= below * row.before[b];
+      to.mirror[x] -= row.mirror[b] * right;
+    }
   }
 }
 
-static inline void copy_row(T* to, const T* from, int nv, Pattern p, int k) {
-  to[k * nv + k] = from[k * nv + k];
-  for (int a = p.ptr[k]; a < p.ptr[k + 1]; ++a) {
-    int j = p.idx[a];
-    to[k * nv + j] = from[k * nv + j];
-    to[j * nv + k] = from[j * nv + k];
+static inline void copy_row(T* to, const T* from, Pattern p, int k) {
+  int begin = p.row(k), end = p.row(k + 1);
+  for (int i = begin; i < end; ++i) to[i] = from[i];
+}
+// The same from a pattern that is part of `p`; zeros elsewhere.
+static inline void spread_row(T* to, Pattern p, const T* from, Pattern part, int k) {
+  Row<T> row(to, p, k);
+  Row<const T> known(from, part, k);
+  const int *columns = p.columns(k), *here = part.columns(k);
+  *row.diagonal = *known.diagonal;
+  for (int a = 0, x = 0; a < row.n; ++a) {
+    bool given = x < known.n && here[x] == columns[a];
+    row.before[a] = given ? known.before[x] : T{};
+    row.mirror[a] = given ? known.mirror[x] : T{};
+    x += given;
   }
 }
 
-// Solve H x = b in place on the dofs [lowest, nv) listed downwards; x may hold several columns.
-static inline void solve_down(const T* H, int nv, Pattern p, int k, T* x) {
+// Solve H x = b in place, one dof at a time: downwards through all of them, then upwards.
+static inline void solve_down(const T* H, Pattern p, int k, T* x) {
+  Row<const T> row(H, p, k);
+  const int* columns = p.columns(k);
   T from = x[k];
-  for (int a = p.ptr[k + 1] - 1; a >= p.ptr[k]; --a) x[p.idx[a]] -= H[p.idx[a] * nv + k] * from;
+  for (int a = row.n - 1; a >= 0; --a) x[columns[a]] -= row.mirror[a] * from;
 }
-static inline void solve_up(const T* H, int nv, Pattern p, int k, T* x) {
+static inline void solve_up(const T* H, Pattern p, int k, T* x) {
+  Row<const T> row(H, p, k);
+  const int* columns = p.columns(k);
   T r = x[k];
-  for (int a = p.ptr[k]; a < p.ptr[k + 1]; ++a) r -= H[k * nv + p.idx[a]] * x[p.idx[a]];
-  x[k] = r * H[k * nv + k];
+  for (int a = 0; a < row.n; ++a) r -= row.before[a] * x[columns[a]];
+  x[k] = r * *row.diagonal;
 }
 static inline void solve(const T* H, int nv, Pattern p, T* x) {
-  for (int k = nv - 1; k >= 0; --k) solve_down(H, nv, p, k, x);
-  for (int k = 0; k < nv; ++k) solve_up(H, nv, p, k, x);
+  for (int k = nv - 1; k >= 0; --k) solve_down(H, p, k, x);
+  for (int k = 0; k < nv; ++k) solve_up(H, p, k, x);
 }
 // H^T y = x in place.
 static inline void solve_transposed(const T* H, int nv, Pattern p, T* x) {
   for (int k = nv - 1; k >= 0; --k) {
-    x[k] *= H[k * nv + k];
-    for (int a = p.ptr[k]; a < p.ptr[k + 1]; ++a) x[p.idx[a]] -= H[k * nv + p.idx[a]] * x[k];
+    Row<const T> row(H, p, k);
+    x[k] *= *row.diagonal;
+    for (int a = 0; a < row.n; ++a) x[p.columns(k)[a]] -= row.before[a] * x[k];
   }
-  for (int k = 0; k < nv; ++k)
-    for (int a = p.ptr[k]; a < p.ptr[k + 1]; ++a) x[k] -= H[p.idx[a] * nv + k] * x[p.idx[a]];
+  for (int k = 0; k < nv; ++k) {
+    Row<const T> row(H, p, k);
+    for (int a = 0; a < row.n; ++a) x[k] -= row.mirror[a] * x[p.columns(k)[a]];
+  }
 }
 // ncol right-hand sides, x is nv x ncol row-major.
 static inline void solve_many(const T* H, int nv, Pattern p, T* x, int ncol) {
-  for (int k = nv - 1; k >= 0; --k)
-    for (int a = p.ptr[k]; a < p.ptr[k + 1]; ++a) {
-      T f = H[p.idx[a] * nv + k];
-      T *to = x + p.idx[a] * ncol, *from = x + k * ncol;
+  for (int k = nv - 1; k >= 0; --k) {
+    Row<const T> row(H, p, k);
+    const T* from = x + int64_t(k) * ncol;
+    for (int a = 0; a < row.n; ++a) {
+      T f = row.mirror[a], *to = x + int64_t(p.columns(k)[a]) * ncol;
       for (int c = 0; c < ncol; ++c) to[c] -= f * from[c];
     }
+  }
   for (int k = 0; k < nv; ++k) {
-    T* row = x + k * ncol;
-    for (int a = p.ptr[k]; a < p.ptr[k + 1]; ++a) {
-      T f = H[k * nv + p.idx[a]];
-      const T* from = x + p.idx[a] * ncol;
-      for (int c = 0; c < ncol; ++c) row[c] -= f * from[c];
+    Row<const T> row(H, p, k);
+    T* to = x + int64_t(k) * ncol;
+    for (int a = 0; a < row.n; ++a) {
+      T f = row.before[a];
+      const T* from = x + int64_t(p.columns(k)[a]) * ncol;
+      for (int c = 0; c < ncol; ++c) to[c] -= f * from[c];
     }
-    T inv = H[k * nv + k];
-    for (int c = 0; c < ncol; ++c) row[c] *= inv;
+    T inv = *row.diagonal;
+    for (int c = 0; c < ncol; ++c) to[c] *= inv;
   }
 }
 
@@ -91,10 +116,10 @@ static void eliminate_untouched(const Structure& m, SolverWork<G>& w) {
       w.dyn_list[w.ndyn++] = k;
       for (int a = pat.ptr[k]; a < pat.ptr[k + 1]; ++a) w.dynamic[pat.idx[a]] = 1;
     }
-    copy_row(w.H0, w.M, nv, pat, k);
+    spread_row(w.H0, pat, w.M, m.tree(), k);
   }
   for (int k = nv - 1; k >= 0; --k)
-    if (!w.dynamic[k]) { eliminate(w.H0, nv, pat, k); copy_row(w.H, w.H0, nv, pat, k); }
+    if (!w.dynamic[k]) { eliminate(w.H0, pat, k); copy_row(w.H, w.H0, pat, k); }
 }
 
 }  // namespace cmbrl::CMBRL_ISA

@@ -11,9 +11,9 @@ struct FillPattern {
   int nv;
 
   static int words(int nv) { return (nv + 63) / 64; }
-  uint64_t* row(int k) { return bits + k * words(nv); }
+  uint64_t* row(int k) { return bits + int64_t(k) * words(nv); }
   void clear() {
-    for (int i = 0; i < nv * words(nv); ++i) bits[i] = 0;
+    for (int64_t i = 0; i < int64_t(nv) * words(nv); ++i) bits[i] = 0;
   }
   void couple(int k, int with) { row(k)[with / 64] |= uint64_t(1) << with % 64; }
   void couple_before(int k, const uint64_t* columns) {  // all of them that stand before k
@@ -26,7 +26,12 @@ struct FillPattern {
   void fill_in() {
     for (int k = nv - 1; k >= 0; --k) for_each(row(k), [&](int a) { couple_before(a, row(k)); });
   }
-  // Columns of row k at idx[ptr[k]] to idx[ptr[k + 1] - 1], rising; ptr has nv + 1 entries, idx up to nv (nv - 1) / 2.
+  int64_t count() const {
+    int64_t n = 0;
+    for (int64_t i = 0; i < int64_t(nv) * words(nv); ++i) n += __builtin_popcountll(bits[i]);
+    return n;
+  }
+  // Columns of row k at idx[ptr[k]] to idx[ptr[k + 1] - 1], rising; ptr has nv + 1 entries, idx count().
   void list(int* ptr, int* idx) {
     int count = 0;
     for (int k = 0; k < nv; ++k) {

@@ -24,9 +24,9 @@ template <class G>
 static void free_terms(const Model& m, const Options& o, Work<G>& w, bool theta, T* vf, T* Fq, T* Fv, T* Fu, T* Fp) {
   int nv = m.nv;
   Pattern pat = pattern_of(m, w);
-  for (int i = 0; i < w.ndyn; ++i) copy_row(w.H, w.H0, nv, pat, w.dyn_list[i]);
-  for (int i = 0; i < w.ndyn; ++i) eliminate(w.H, nv, pat, w.dyn_list[i]);
-  for (int i = 0; i < nv; ++i) copy_row(w.HF, w.H, nv, pat, i);
+  for (int i = 0; i < w.ndyn; ++i) copy_row(w.H, w.H0, pat, w.dyn_list[i]);
+  for (int i = 0; i < w.ndyn; ++i) eliminate(w.H, pat, w.dyn_list[i]);
+  for (int i = 0; i < nv; ++i) copy_row(w.HF, w.H, pat, i);
   smooth_terms(m, o, w, vf, Fq, Fv, Fu);
   solve_many(w.HF, nv, pat, Fq, nv);
   solve_many(w.HF, nv, pat, Fv, nv);

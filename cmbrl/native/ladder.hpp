@@ -5,75 +5,117 @@
 
 namespace cmbrl::CMBRL_ISA {
 
-struct Outcome { Mask done, fallback; T iterations, residual; };
+struct Outcome { Mask done; T rung, iterations, residual; };  // rung: the last one that was climbed
 
-// For small kappa: along the path to t = `until`, Newton on the exact law, and from its solution to kappa.
+constexpr int kRungs = 16, kJudged = 5, kSofter = 10;  // rungs; the first that hopeless lanes skip; the first softer than the model
+
+template <class G, class F>
+static void for_kappa(SolverWork<G>& w, F f) {
+  for (int i = 0; i < w.ncon; ++i) f(w.con[i].on, w.con[i].kappa, w.con[i].own_kappa);
+  for (int i = 0; i < w.nlim; ++i) f(w.lim[i].on, w.lim[i].kappa, w.lim[i].own_kappa);
+}
+// Rows of `lanes` get the kappa of the softest of them, or more: paths along which all rows soften alike fold less.
 template <class G>
-static Mask through_law(const Structure& m, const Options& o, SolverWork<G>& w, Mask todo, const Strategy& st, double until, T& iterations) {
-  Continuation<G> curve(m, o, w);
-  todo = curve.trace(todo, st, until, iterations);
-  Polish<G> polish(curve);
-  T scale = T{}, natural = T{};
-  for (int i = 0; i < w.ncon; ++i) scale = vmax(scale, keep(w.con[i].on, w.con[i].gam));
-  todo = polish.run(todo, scale, 1e-9, 12, natural, iterations);
-  polish.onto_path(todo);
-  fresh_residuals(m, w, polish);
-  polish.rho = splat(1);
-  return polish.descend(todo, st, iterations);
+static void level_kappa(SolverWork<G>& w, Mask lanes, T most) {
+  for_kappa(w, [&](Mask on, T& kappa, T&) { most = vmax(most, keep(on, kappa)); });
+  for_kappa(w, [&](Mask, T& kappa, T&) { kappa = select(lanes, most, kappa); });
 }
 
-// Contact solve at the kappas set in the rows, with the ladder: aggressive, conservative, friction growing from several
-// shares of it (where the path of the full friction folds), and the same with slightly compliant contacts.
+// From a point of the path on to the kappas that are set now; returns the lanes that got there.
+template <class G>
+static Mask resume(const Structure& m, SolverWork<G>& w, InteriorPoint<G>& ip, Mask todo, T& iterations) {
+  ip.measure(1);
+  ip.linear = fresh_residuals(m, w, ip);
+  ip.rho = splat(1);
+  return ip.descend(todo, {0.9, 0.3, 1, true, false, 20}, iterations);
+}
+
+// Lanes of `found` that hold up against residuals computed afresh; where round-off spoilt them, after Newton steps from there:
+// iterative refinement.
+template <class G>
+static Mask settled(const Structure& m, const Options& o, SolverWork<G>& w, InteriorPoint<G>& ip, Mask found, T& residual) {
+  residual = fresh_residuals(m, w, ip);
+  for (int k = 0; k < 10; ++k) {
+    Mask todo = found & ~((residual <= o.tolerance) & (ip.off_path(T{}) <= o.theta));
+    if (!any(todo)) break;
+    ip.refine(todo, k < 3 ? 0 : 1e-9);
+    residual = fresh_residuals(m, w, ip);
+  }
+  return found & (residual <= 10 * o.tolerance) & (ip.off_path(T{}) <= 10 * o.theta);  // NaN fails
+}
+
+// From solutions at raised kappas back to the rows' own, in the lanes of `found` where that can be done.
+template <class G>
+static void return_to_own_kappa(const Structure& m, const Options& o, SolverWork<G>& w, InteriorPoint<G>& ip, Mask found, Outcome& out) {
+  for_solver_state(m, w, w.path, [](T& x, T& kept) { kept = x; });
+  for_kappa(w, [&](Mask, T& kappa, T& own) { T raised = kappa; kappa = select(found, own, kappa); own = raised; });
+  Mask there = settled(m, o, w, ip, resume(m, w, ip, found, out.iterations), out.residual);
+  for_kappa(w, [&](Mask, T& kappa, T& raised) { T own = kappa; kappa = select(there, kappa, raised); raised = own; });
+  for_solver_state(m, w, w.path, [there](T& x, T& kept) { x = select(there, x, kept); });
+}
+
+// One attempt at the lanes that are still open: the path as a curve, down to `until`. What the model does not
+// have: kappa of at least `soften` times the energy of the fastest row; compliance of contacts, by their weight.
+struct Rung { Strategy strategy; double until = 0, soften = 0, compliance = 0; };
+
+// Contact solve at the kappas set in the rows. The ladder: aggressive, all rows alike, conservative, friction growing from
+// several shares of it (where the path of the full friction folds), the path as a curve, and slightly compliant contacts. Lanes
+// that not even a little friction leads through have no solution, most likely, and go straight to compliance.
 template <class G>
 static Outcome contact_solve(const Structure& m, const Options& o, SolverWork<G>& w) {
   InteriorPoint<G> ip(m, o, w);
   Continuation<G> curve(m, o, w);
-  struct Rung { Strategy strategy; double compliance, arclength = 0; bool law = false; };
   static constexpr double tau = 0.9;
-  const Rung ladder[] = {{{G::NT == 1 ? 0.95 : 0.9, 0.3, 1, true, false, o.max_iterations}, 0},
-                         {{tau, 0.4, 3, false, false, 60}, 0},
-                         {{tau, 0.3, 3, false, true, 60, 0.3}, 0},
-                         {{tau, 0.3, 3, false, true, 60, 0.1}, 0},
-                         {{tau, 0.3, 3, false, true, 60, 0.5}, 0},
-                         {{tau, 0.3, 3, false, true, 60, 0.2}, 0},
-                         {{tau, 0.3, 3, false, true, 60, 0.7}, 0},
-                         {{tau, 0.3, 3, false, true, 120, 0.3, 1.3}, 0},
-                         {{tau, 0.3, 3, false, true, 600}, 0, 1e-6},
-                         {{tau, 0.3, 3, false, true, 600}, 0, 1e-9},
-                         {{tau, 0.3, 30, false, true, 600}, 0, 1e-9},
-                         {{tau, 0.3, 3, false, false, 600}, 0, 1e-6, true},
-                         {{tau, 0.3, 3, false, false, 600}, 0, 1e-3, true},
-                         {{tau, 0.3, 3, false, false, 600}, 0, 1e-9, true},
-                         {{tau, 0.3, 3, false, true, 60, 0.3}, 1e-3},
-                         {{tau, 0.3, 3, false, true, 150, 0.1, 1.3}, 1e-2}};
-  const int rungs = int(sizeof ladder / sizeof *ladder);
-  Outcome out{none(), none(), T{}, T{}};
-  out.done = ip.run(all(), ladder[0].strategy, out.iterations);
-  for (int rung = 1; rung < rungs && any(~out.done); ++rung) {
-    Mask before = out.done;
-    for_solver_state(m, w, [](T& x, T& kept) { kept = x; });
-    bool compliant = ladder[rung].compliance > 0;
-    for (int i = 0; compliant && i < w.ncon; ++i) {
-      T soft = keep(~before, ladder[rung].compliance * w.con[i].root * w.con[i].root);
+  const Strategy first{G::NT == 1 ? 0.95 : 0.9, 0.3, 1, true, false, o.max_iterations};
+  const Rung ladder[] = {{first},
+                         {first},
+                         {{tau, 0.4, 3, false, false, 60}},
+                         {{tau, 0.3, 3, false, true, 60, 0.3}},
+                         {{tau, 0.3, 3, false, true, 60, 0.1}},
+                         {{tau, 0.3, 3, false, true, 60, 0.5}},
+                         {{tau, 0.3, 3, false, true, 60, 0.7}},
+                         {{tau, 0.3, 3, false, true, 120, 0.3, 1.3}},
+                         {{tau, 0.3, 3, false, true, 600}, 1e-6},
+                         {{tau, 0.3, 3, false, true, 600}, 1e-9},
+                         {first, 0, 1e-7},
+                         {first, 0, 1e-5},
+                         {first, 0, 1e-3},
+                         {{tau, 0.3, 3, false, true, 60, 0.3}, 0, 0, 1e-3},
+                         {{tau, 0.3, 3, false, true, 60, 0.1}, 0, 1e-7, 1e-2},
+                         {{tau, 0.3, 3, false, true, 60, 0.1}, 0, 1e-3, 1e-1}};
+  static_assert(sizeof ladder / sizeof *ladder == kRungs);
+  Outcome out{none(), T{}, T{}, T{}};
+  Mask given_up = none();
+  out.done = settled(m, o, w, ip, ip.run(all(), ladder[0].strategy, out.iterations), out.residual);
+  for (int k = 1; k < o.rungs && k < kRungs; ++k) {
+    const Rung& rung = ladder[k];
+    if (k == kJudged) given_up = ~ip.grown;
+    Mask todo = k < kSofter ? ~out.done & ~given_up : ~out.done;
+    if (!any(todo)) continue;
+    out.rung = select(todo, splat(k), out.rung);
+    for_solver_state(m, w, w.save, [](T& x, T& kept) { kept = x; });
+    if (k == 1) {
+      for_kappa(w, [](Mask, T& kappa, T& own) { own = kappa; });
+      level_kappa(w, todo, T{});
+    }
+    if (rung.soften > 0) {
+      ip.measure(1);
+      level_kappa(w, todo, rung.soften * ip.zeta * ip.zeta);
+    }
+    for (int i = 0; rung.compliance > 0 && i < w.ncon; ++i) {
+      T soft = keep(todo, rung.compliance * w.con[i].root * w.con[i].root);
       w.con[i].Rn += soft;
       w.con[i].Rt += soft;
     }
     Mask now;
-    if (ladder[rung].law) now = through_law(m, o, w, ~before, ladder[rung].strategy, ladder[rung].arclength, out.iterations);
-    else if (ladder[rung].arclength > 0) now = curve.run(~before, ladder[rung].strategy, ladder[rung].arclength, out.iterations);
-    else now = ip.run(~before, ladder[rung].strategy, out.iterations);
-    for_solver_state(m, w, [before](T& x, T& kept) { x = select(before, kept, x); });
+    if (rung.until > 0) now = curve.run(todo, rung.strategy, rung.until, out.iterations);
+    else now = ip.run(todo, rung.strategy, out.iterations);
+    now = settled(m, o, w, ip, now, out.residual);
+    if (k < kSofter && any(now)) return_to_own_kappa(m, o, w, ip, now, out);
+    for_solver_state(m, w, w.save, [todo](T& x, T& kept) { x = select(todo, x, kept); });
     out.done |= now;
-    if (compliant) out.fallback |= now;
   }
-  out.residual = fresh_residuals(m, w, ip);
-  for (int k = 0; k < 10; ++k) {  // Newton steps from fresh residuals where round-off spoilt them: iterative refinement
-    Mask todo = out.done & ~((out.residual <= o.tolerance) & (ip.off_path(T{}) <= o.theta));
-    if (!any(todo)) break;
-    ip.refine(todo, k < 3 ? 0 : 1e-9);
-    out.residual = fresh_residuals(m, w, ip);
-  }
-  out.done &= (out.residual <= 10 * o.tolerance) & (ip.off_path(T{}) <= 10 * o.theta);  // NaN fails
+  if (any(out.rung > 0.0)) out.residual = fresh_residuals(m, w, ip);  // of all lanes together
   return out;
 }
 

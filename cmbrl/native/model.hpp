@@ -5,6 +5,8 @@
 
 namespace cmbrl {
 
+struct StepMemory;
+
 enum JointType { kSlide = 0, kHinge = 1, kBall = 2 };
 enum ContactType { kPointPlane = 0, kPointBox = 1, kSegmentSegment = 2, kRimPlane = 3 };
 enum ContactLaw { kRigid = 0, kMujoco = 1, kSpringDamper = 2 };
@@ -14,20 +16,27 @@ enum ContactField { kMu, kRestitution, kRadius, kSolref0, kSolref1, kD0, kDmax, 
 enum DofField { kArmature, kDamping, kStiffness, kSpringref, kFrictionloss, kDofFields };
 enum ActuatorField { kGear, kGain, kBias0, kBias1, kBias2, kActuatorFields };
 
-// Which dofs couple: all that a contact solve knows of the robot.
-struct Pattern { const int *ptr, *idx; };  // of row k: idx[ptr[k]] to idx[ptr[k + 1]], all below k
+// Which dofs couple: all that a contact solve knows of the robot. Columns of row k: idx[ptr[k]] to idx[ptr[k + 1]], all below
+// k, rising. A matrix is packed along its pattern: row k is its diagonal, its columns before k, and their mirror images.
+struct Pattern {
+  const int *ptr, *idx;
+  const int* columns(int k) const { return idx + ptr[k]; }
+  int count(int k) const { return ptr[k + 1] - ptr[k]; }
+  int row(int k) const { return 2 * ptr[k] + k; }  // where it begins; that of row nv: the size of the matrix
+};
 
 struct Structure {
   int nv;
   const int *anc_ptr, *anc_idx;    // ancestors of a dof on its own chain: the pattern of the mass matrix
   Pattern fill;                    // of a contact problem, with the fill-in of its rows; a scene finds it step by step
   const int *grp_dptr, *grp_dof, *grp_sign;  // dofs of J's columns, by group of contacts
+  Pattern tree() const { return {anc_ptr, anc_idx}; }
 };
 
 struct Model : Structure {
   int planar, implicit_gains;  // implicit_gains: velocity gains of actuators act at the next velocity, as damping does
   int D, nq, nu, nbody, njoint, ncontact, nplane, nlimit, nact, nP, ntheta, ngroup;
-  int body_fields, oDof, oContact, oPlane, oAct, oGravity;  // layout of P; bodies start at 0
+  int body_fields, oDof, oPlane, oAct, oGravity, oContact;  // layout of P; bodies start at 0, contacts end it
 
   const int *body_parent, *body_jadr, *body_jnum;
   const double *body_pos, *body_rot;
@@ -36,6 +45,7 @@ struct Model : Structure {
 
   const int *con_type, *con_bodyA, *con_bodyB, *con_plane, *con_dim, *con_law, *con_pyramid;
   const double *con_posA, *con_axisA, *con_posB, *con_axisB, *con_rotB, *con_halfB;
+  double largest_invweight;  // of a contact
   const double *con_radiusB, *con_impratio, *con_invweight, *con_margin, *con_mid, *con_power, *plane_normal;
 
   const int *lim_dof, *lim_qadr;
@@ -45,21 +55,33 @@ struct Model : Structure {
   const double *act_ctrl, *act_force;
 
   const double *P;
-  const int *par_ptr, *par_idx;
+  const int *par_ptr, *par_idx;  // parameters that move the rest of P, by parameter
   const double *par_coef, *par_nominal;
 
   // derived
   const int *dof_body, *dof_jnt, *dof_qadr, *body_lastdof;
-  const int *grp_B, *grp_cptr, *grp_con;  // contacts by body pair
+  const int *grp_A, *grp_B, *grp_cptr, *grp_con;  // contacts by body pair
   const int *con_group;
   int max_group_dofs;
+  const uint64_t* grp_world;                        // bits of the groups whose second body is the world
+  const int *pair_ptr, *pair_other, *pair_group;    // the other groups by the lower of their bodies, then by the other one
+  const double *sphere_pos, *sphere_radius;         // of each body, around what may touch other bodies; radius < 0: nothing
+  const int *con_par_ptr, *con_par, *con_par_field; // parameters that move a contact's block of P, by contact
+  const double* con_par_coef;
+  const double* par_radius;                         // most that one unit of each parameter adds to a radius
+  int radius_moves;                                 // most parameters that move one radius
 };
 
-enum SmoothingMode { kConstant = 0, kGaussian = 1 };
+// What a call needs room for: steps; products with derivatives of steps; whole Jacobians.
+enum class Purpose { step, product, jacobian };
+
+enum SmoothingMode { kConstant = 0, kGaussian = 1, kScaled = 2, kNearest = 3 };
 struct Smoothing {
   int mode;
-  double kappa;   // [J]; floor of the Gaussian schedule
-  double length;  // [m], Gaussian schedule
+  double kappa;   // [J]: constant, or peak of the published adaptive rule
+  double floor;   // [m^2/s^2]: kappa of a row times its inverse weight, at least
+  double dry;     // [rad/s or m/s]: kappa of dry friction by its largest impulse
+  double length;  // [m]: of the Gaussian schedule; reach of the published rule
   int stop;       // 1: kappa is a constant to the derivative
 };
 
@@ -74,6 +96,7 @@ struct Options {
   double rest_speed;  // [m/s] approach speeds below it do not bounce
   int backward_differs;  // from forward
   bool (*stopped)();     // asked between packs, and in long control steps: the caller gave up, so no result is needed
+  int rungs;          // of the solver's ladder that may be climbed
 };
 
 // Everything one element of a batch reads and writes; null where the caller does not want it. Strides are rows of C arrays.
@@ -82,7 +105,7 @@ struct Batch {
   const double *q, *v, *u, *theta;
   int64_t q_stride, v_stride, u_stride, theta_stride;  // 0: shared by all elements
   double *q_next, *v_next;
-  int32_t *status, *iterations;  // status: 0 converged, 1 by a fallback rung, 2 failed or from an input that is not finite
+  int32_t *status, *iterations, *rung;  // status: 0 converged, 1 softer than the model, 2 failed or from an input that is not finite
   double *residual, *impulse;    // impulse (n, ncontact, 1 + NT): normal, tangents, summed over the substeps [N s]
   double *jacobian;              // (n, 2 nv, 2 nv + nu [+ ntheta])
   int jacobian_theta;
@@ -111,13 +134,13 @@ struct RowBatch {
 struct Backend {  // one per instruction set
   const char* name;
   int width;
-  int64_t (*workspace_size)(const Model&, const Options&);  // bytes
+  int64_t (*workspace_size)(const Model&, Purpose);  // bytes, without what grows with the rows that are active
   int64_t (*tape_size)(const Model&, const Options&);       // doubles per element
-  void (*forward)(const Model&, const Options&, const Batch&, int64_t begin, int64_t end, void* work);
-  void (*backward)(const Model&, const Options&, const Batch&, int64_t begin, int64_t end, void* work);
-  void (*loss)(const Model&, const Options&, const LossBatch&, int64_t candidate_pack, void* work);
-  void (*dynamics)(const Model&, const Options&, const Batch&, double* M, double* bias, double* gap, double* J, int64_t begin, int64_t end, void* work);
-  void (*rows)(const Model&, const Options&, const Batch&, const RowBatch&, int64_t begin, int64_t end, void* work);
+  void (*forward)(const Model&, const Options&, const Batch&, int64_t begin, int64_t end, StepMemory&);
+  void (*backward)(const Model&, const Options&, const Batch&, int64_t begin, int64_t end, StepMemory&);
+  void (*loss)(const Model&, const Options&, const LossBatch&, int64_t candidate_pack, StepMemory&);
+  void (*dynamics)(const Model&, const Options&, const Batch&, double* M, double* bias, double* gap, double* J, int64_t begin, int64_t end, StepMemory&);
+  void (*rows)(const Model&, const Options&, const Batch&, const RowBatch&, int64_t begin, int64_t end, StepMemory&);
 };
 
 }  // namespace cmbrl

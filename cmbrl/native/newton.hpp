@@ -118,8 +118,7 @@ struct Newton {
 
   // H = H0 + J^T Theta J on the dynamic dofs, factorised. Contacts of one body pair are summed as one N x N matrix first.
   void factorise() {
-    int nv = m.nv;
-    for (int i = 0; i < w.ndyn; ++i) copy_row(w.H, w.H0, nv, pat, w.dyn_list[i]);
+    for (int i = 0; i < w.ndyn; ++i) copy_row(w.H, w.H0, pat, w.dyn_list[i]);
     for (int g = 0; g < w.ngroups; ++g) {
       T K[G::N][G::N] = {};
       for (int i = w.groups[g].begin; i < w.groups[g].end; ++i) {
@@ -130,24 +129,39 @@ struct Newton {
           CMBRL_FOR(a, G::N) CMBRL_FOR(b, G::N) K[a][b] += c.Wr[r][a] * F[b];
         }
       }
-      add_group_matrix(w.groups[g].group, K, w.H);
+      add_to_factor(w.groups[g].group, K);
     }
-    for (int i = 0; i < w.nlim; ++i) w.H[w.lim[i].dof * (nv + 1)] += w.lim[i].Th;
-    for (int i = 0; i < w.ndry; ++i) w.H[w.dry[i].dof * (nv + 1)] += w.dry[i].Th;
-    for (int i = 0; i < w.ndyn; ++i) eliminate(w.H, nv, pat, w.dyn_list[i]);
+    for (int i = 0; i < w.nlim; ++i) w.H[pat.row(w.lim[i].dof)] += w.lim[i].Th;
+    for (int i = 0; i < w.ndry; ++i) w.H[pat.row(w.dry[i].dof)] += w.dry[i].Th;
+    for (int i = 0; i < w.ndyn; ++i) eliminate(w.H, pat, w.dyn_list[i]);
   }
-  void add_group_matrix(int group, const T (*K)[G::N], T* H) const {
-    int begin = m.grp_dptr[group], end = m.grp_dptr[group + 1];
-    for (int a = begin; a < end; ++a) {
-      const Vec<G::N>& S = column(a);
-      Vec<G::N> F = S[0] * row_of(K, 0);
-      for (int r = 1; r < G::N; ++r) F += S[r] * row_of(K, r);
-      if (against(a)) F = zero<G::N>() - F;
-      T* row = H + m.grp_dof[a] * m.nv;
-      for (int b = begin; b < end; ++b) {
-        T x = dot(F, column(b));
-        row[m.grp_dof[b]] += against(b) ? -x : x;
+  // J^T K J of one group, row by row: `pull` is that of one dof.
+  Vec<G::N> pull(int k, const T (*K)[G::N]) const {
+    const Vec<G::N>& S = column(k);
+    Vec<G::N> F = S[0] * row_of(K, 0);
+    for (int r = 1; r < G::N; ++r) F += S[r] * row_of(K, r);
+    return against(k) ? zero<G::N>() - F : F;
+  }
+  T entry(const Vec<G::N>& F, int k) const { return against(k) ? -dot(F, column(k)) : dot(F, column(k)); }
+  void add_to_factor(int group, const T (*K)[G::N]) const {
+    int begin = m.grp_dptr[group], n = m.grp_dptr[group + 1] - begin;
+    const int* dof = m.grp_dof + begin;
+    for (int a = 0; a < n; ++a) {
+      w.pulls[a] = pull(begin + a, K);
+      Row<T> row(w.H, pat, dof[a]);
+      const int* columns = pat.columns(dof[a]);
+      *row.diagonal += entry(w.pulls[a], begin + a);
+      for (int b = 0, x = 0; b < a; ++b, ++x) {
+        while (columns[x] != dof[b]) ++x;  // both rise
+        row.before[x] += entry(w.pulls[a], begin + b);
+        row.mirror[x] += entry(w.pulls[b], begin + a);
       }
+    }
+  }
+  void add_group_matrix(int group, const T (*K)[G::N], T* dense) const {
+    for (int a = m.grp_dptr[group]; a < m.grp_dptr[group + 1]; ++a) {
+      Vec<G::N> F = pull(a, K);
+      for (int b = m.grp_dptr[group]; b < m.grp_dptr[group + 1]; ++b) dense[m.grp_dof[a] * m.nv + m.grp_dof[b]] += entry(F, b);
     }
   }
   static const Vec<G::N>& row_of(const T (*K)[G::N], int r) { return reinterpret_cast<const Vec<G::N>&>(*K[r]); }
@@ -163,8 +177,8 @@ struct Newton {
     }
     for (int i = 0; i < w.nlim; ++i) w.rhs[w.lim[i].dof] += w.lim[i].sign * w.lim[i].w;
     for (int i = 0; i < w.ndry; ++i) w.rhs[w.dry[i].dof] += w.dry[i].w;
-    for (int i = 0; i < w.ndyn; ++i) solve_down(w.H, m.nv, pat, w.dyn_list[i], w.rhs);
-    for (int i = w.ndyn - 1; i >= 0; --i) solve_up(w.H, m.nv, pat, w.dyn_list[i], w.rhs);
+    for (int i = 0; i < w.ndyn; ++i) solve_down(w.H, pat, w.dyn_list[i], w.rhs);
+    for (int i = w.ndyn - 1; i >= 0; --i) solve_up(w.H, pat, w.dyn_list[i], w.rhs);
 
     T alpha = splat(1e3);
     for (int g = 0; g < w.ngroups; ++g) {

@@ -4,15 +4,17 @@
 
 namespace cmbrl::CMBRL_ISA {
 
-// Lane parameters: P = P0 + sum_k (theta_k - nominal_k) D_k.
+// Lane parameters: P = P0 + sum_k (theta_k - nominal_k) D_k, apart from contacts, which load theirs when they are active.
 template <class G>
 static void load_parameters(const Model& m, Work<G>& w, const double* const* theta) {
-  for (int i = 0; i < m.nP; ++i) w.P[i] = splat(m.P[i]);
-  if (!theta) return;
+  for (int i = 0; i < m.oContact; ++i) w.P[i] = splat(m.P[i]);
+  w.radius_slack = T{};
   for (int k = 0; k < m.ntheta; ++k) {
-    T d;
-    for (int lane = 0; lane < W; ++lane) d[lane] = theta[lane][k] - m.par_nominal[k];
+    T d = T{};
+    for (int lane = 0; theta && lane < W; ++lane) d[lane] = theta[lane][k] - m.par_nominal[k];
+    w.dtheta[k] = d;
     for (int e = m.par_ptr[k]; e < m.par_ptr[k + 1]; ++e) w.P[m.par_idx[e]] += d * m.par_coef[e];
+    w.radius_slack = vmax(w.radius_slack, m.radius_moves * m.par_radius[k] * vabs(d));
   }
 }
 
@@ -92,7 +94,7 @@ struct ParameterColumns {
           const DryFriction& d = w.dry[k];
           if (d.dof != i) continue;
           T inv = 1.0 / (d.eta0 - d.b * d.eta / d.b0 + d.R * (d.b0 - d.b * d.b / d.b0));
-          at(i) += keep(d.on, coef * o.h * inv * (d.b * d.eta0 / d.b0 - d.eta));
+          at(i) += keep(d.on, coef * o.h * inv * (d.b * (d.eta0 - o.backward.dry) / d.b0 - d.eta));
         }
     }
   }
@@ -108,13 +110,13 @@ struct ParameterColumns {
       E[r] = dot(dW, relative) + dphi * (r == 0 ? c.dc_dphi + c.dRn_dphi * c.gam : c.dRt_dphi * c.b[r - 1]);
       Y += impulse(c, r) * dW;
     }
-    Y += response(c, E) + kappa_response(c, dphi * c.dc_dphi * c.slope);
+    Y += response(c, E) + kappa_response(c, dphi * (c.dc_dphi * c.slope + c.dRn_dphi * c.slope_R));
     add_wrench(c, coef * Y);
   }
 
   // Fields of the law: closed-form and scalar, so differenced in place (central, relative step 1e-6).
   void law(Contact<G>& c, int field, double coef) {
-    const T* p = w.P + m.oContact + c.index * kContactFields;
+    const T* p = c.P;
     T low[kContactFields], high[kContactFields];
     std::memcpy(low, p, sizeof low);
     std::memcpy(high, p, sizeof high);
@@ -127,9 +129,10 @@ struct ParameterColumns {
     T scale = 0.5 / step;
     Vec<G::N> t = relative_twist<G>(m, w.vel, c.index);
     T dcarry = scale * (b.carry - a.carry), E[1 + G::NT];
-    E[0] = select(c.bounce > 0.0, T{}, scale * (b.cn0 - a.cn0) - dcarry * dot(c.Wr[0], t)) + scale * (b.Rn - a.Rn) * c.gam;
+    T dR = scale * (b.Rn - a.Rn);
+    E[0] = select(c.bounce > 0.0, T{}, scale * (b.cn0 - a.cn0) - dcarry * dot(c.Wr[0], t)) + dR * c.gam;
     for (int r = 1; r < c.rows; ++r) E[r] = scale * (b.Rt - a.Rt) * c.b[r - 1] - dcarry * dot(c.Wr[r], t);
-    Vec<G::N> Y = response(c, E) + kappa_response(c, c.slope * (E[0] - scale * (b.Rn - a.Rn) * c.gam));
+    Vec<G::N> Y = response(c, E) + kappa_response(c, c.slope * (E[0] - dR * c.gam) + c.slope_R * dR);
     if (field == kMu && c.rows > 1) {  // the cone itself
       T b0 = c.mu * c.gam, y[G::NT];
       CMBRL_FOR(r, G::NT) y[r] = c.gam * (c.b[r] * c.eta0 / b0 - c.eta[r]);
@@ -176,7 +179,7 @@ struct ParameterColumns {
     for (int e = m.par_ptr[k]; e < m.par_ptr[k + 1];) {
       int idx = m.par_idx[e];
       double coef = m.par_coef[e];
-      bool row = idx >= m.oContact && idx < m.oAct;  // a contact's own, or its plane's
+      bool row = idx >= m.oPlane && idx < m.oAct;  // a contact's plane
       if ((part == Part::late_rows && !row) || (part == Part::late_inertia && row)) { ++e; continue; }
       if (idx < m.oDof) {  // consecutive entries of one body are one change of inertia
         int b = idx / m.body_fields;
@@ -187,8 +190,7 @@ struct ParameterColumns {
         continue;
       }
       ++e;
-      if (idx < m.oContact) dof((idx - m.oDof) / kDofFields, (idx - m.oDof) % kDofFields, coef);
-      else if (idx < m.oPlane) contact((idx - m.oContact) / kContactFields, (idx - m.oContact) % kContactFields, coef);
+      if (idx < m.oPlane) dof((idx - m.oDof) / kDofFields, (idx - m.oDof) % kDofFields, coef);
       else if (idx < m.oAct) {
         for (int i = 0; i < w.ncon; ++i)
           if (m.con_plane[w.con[i].index] == idx - m.oPlane) gap(w.con[i], -1, 0.5, coef);
@@ -196,16 +198,13 @@ struct ParameterColumns {
       else gravity(idx - m.oGravity, coef);
     }
   }
-  void contact(int index, int field, double coef) {
-    for (int i = 0; i < w.ncon; ++i) {
-      if (w.con[i].index != index) continue;
-      if (field == kRadius) gap(w.con[i], -1, -0.5, coef);
-      else if (field != kRestitution) law(w.con[i], field, coef);
-      else {
-        T E[1 + G::NT] = {};
-        E[0] = select(w.con[i].bounce > 0.0, w.con[i].by_e, T{});
-        add_wrench(w.con[i], coef * (response(w.con[i], E) + kappa_response(w.con[i], w.con[i].slope * E[0])));
-      }
+  void contact(Contact<G>& c, int field, double coef) {
+    if (field == kRadius) gap(c, -1, -0.5, coef);
+    else if (field != kRestitution) law(c, field, coef);
+    else {
+      T E[1 + G::NT] = {};
+      E[0] = select(c.bounce > 0.0, c.by_e, T{});
+      add_wrench(c, coef * (response(c, E) + kappa_response(c, c.slope * E[0])));
     }
   }
 };
@@ -214,10 +213,10 @@ struct ParameterColumns {
 template <class G>
 static T gap_of_parameter(const Model& m, const Contact<G>& c, int k) {
   double d = 0;
+  for (int e = m.con_par_ptr[c.index]; e < m.con_par_ptr[c.index + 1]; ++e)
+    if (m.con_par[e] == k && m.con_par_field[e] == kRadius) d -= m.con_par_coef[e];
   for (int e = m.par_ptr[k]; e < m.par_ptr[k + 1]; ++e)
-    if (m.par_idx[e] == m.oContact + c.index * kContactFields + kRadius ||
-        (m.con_plane[c.index] >= 0 && m.par_idx[e] == m.oPlane + m.con_plane[c.index]))
-      d -= m.par_coef[e];
+    if (m.con_plane[c.index] >= 0 && m.par_idx[e] == m.oPlane + m.con_plane[c.index]) d -= m.par_coef[e];
   return splat(d);
 }
 
@@ -225,7 +224,13 @@ static T gap_of_parameter(const Model& m, const Contact<G>& c, int k) {
 template <class G>
 static void parameter_terms(const Model& m, const Options& o, Work<G>& w, T* out, Part part = Part::step) {
   if (part == Part::step) for (int i = 0; i < m.nv * m.ntheta; ++i) out[i] = T{};
-  for (int k = 0; k < m.ntheta; ++k) ParameterColumns<G>{m, o, w, out + k, m.ntheta, part}.column(k);
+  auto columns = [&](int k) { return ParameterColumns<G>{m, o, w, out + k, m.ntheta, part}; };
+  for (int k = 0; k < m.ntheta; ++k) columns(k).column(k);
+  for (int i = 0; i < w.ncon && part != Part::late_inertia; ++i) {
+    Contact<G>& c = w.con[i];
+    for (int e = m.con_par_ptr[c.index]; e < m.con_par_ptr[c.index + 1]; ++e)
+      columns(m.con_par[e]).contact(c, m.con_par_field[e], m.con_par_coef[e]);
+  }
   if (part == Part::step && w.ahead) add_product(m, w.C, w.Bp, m.ntheta, out);
 }
 

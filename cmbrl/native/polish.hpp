@@ -120,52 +120,6 @@ struct Polish : InteriorPoint<G> {
     this->factorise();
   }
 
-  // From a solution of the exact law to the point with the same impulses, or velocities, whose products equal kappa.
-  void onto_path(Mask lanes) {
-    auto pair = [&](Mask on, T& x, T& y, T weight, T kappa) {
-      Mask pressed = x * weight > y;
-      T big = vmax(select(pressed, x * weight, y), vsqrt(kappa * weight));
-      x = select(lanes & on, select(pressed, big / weight, kappa / big), x);
-      y = select(lanes & on, select(pressed, kappa * weight / big, big), y);
-    };
-    for (int i = 0; i < w.ncon; ++i) {
-      Contact<G>& c = w.con[i];
-      pair(c.on, c.gam, c.s, c.root * c.root, c.kappa);
-      if (c.rows == 1) continue;
-      Mask on = lanes & c.on & c.rub;
-      T b0 = c.mu * c.gam, size = T{}, slip = T{};
-      CMBRL_FOR(r, NT) { size += c.b[r] * c.b[r]; slip += c.eta[r] * c.eta[r]; }
-      T weight = c.root * c.root, inside = b0 - size / b0;  // room in the cone
-      Mask sticks = weight * inside > vsqrt(slip);  // friction is kept, and makes the slip; else the slip makes the friction
-      T head = 0.5 * (c.kappa / b0 + vsqrt(c.kappa * c.kappa / (b0 * b0) + 4.0 * slip));
-      T stuck = c.kappa / vmax(inside, vsqrt(c.kappa / weight));
-      c.eta0 = select(on, select(sticks, stuck, head), c.eta0);
-      CMBRL_FOR(r, NT) {
-        T eta = c.eta[r], b = c.b[r];
-        c.eta[r] = select(on & sticks, -stuck * b / b0, eta);
-        c.b[r] = select(on & ~sticks, -b0 * eta / head, b);
-      }
-    }
-    for (int i = 0; i < w.nlim; ++i) pair(w.lim[i].on, w.lim[i].gam, w.lim[i].s, w.lim[i].root * w.lim[i].root, w.lim[i].kappa);
-    for (int i = 0; i < w.ndry; ++i) {
-      DryFriction& d = w.dry[i];
-      T head = 0.5 * (d.kappa / d.b0 + vsqrt(d.kappa * d.kappa / (d.b0 * d.b0) + 4.0 * d.eta * d.eta)), inside = d.b0 - d.b * d.b / d.b0;
-      T weight = d.root * d.root, stuck = d.kappa / vmax(inside, vsqrt(d.kappa / weight)), eta = d.eta;
-      Mask on = lanes & d.on, sticks = weight * inside > vabs(eta);
-      d.eta0 = select(on, select(sticks, stuck, head), d.eta0);
-      d.eta = select(on & sticks, -stuck * d.b / d.b0, eta);
-      d.b = select(on & ~sticks, -d.b0 * eta / head, d.b);
-    }
-  }
-
-  // From a point of the path on to the kappas that are set now; returns the lanes that got there.
-  Mask resume(Mask todo, T& iterations) {
-    this->measure(1);
-    this->linear = fresh_residuals(m, w, *this);
-    rho = splat(1);
-    return this->descend(todo, {0.9, 0.3, 1, true, false, 20}, iterations);
-  }
-
   // Full Newton steps in the lanes of `todo` until the natural map is below tolerance * scale; returns the lanes that got
   // there. A lane that a step takes far from every solution has left where Newton converges: more steps would be luck.
   Mask run(Mask todo, T scale, double tolerance, int steps, T& natural, T& iterations) {

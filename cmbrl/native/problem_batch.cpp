@@ -35,7 +35,7 @@ const Structure& ProblemStructure::of(const ProblemBatch& b, int64_t begin, int6
   auto list = [nv](FillPattern& pattern, std::vector<int>& ptr, std::vector<int>& idx) {
     pattern.fill_in();
     ptr.resize(nv + 1);
-    idx.resize(nv * (nv - 1) / 2);
+    idx.resize(pattern.count());
     pattern.list(ptr.data(), idx.data());
   };
   list(mass, anc_ptr_, anc_idx_);

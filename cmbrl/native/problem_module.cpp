@@ -38,10 +38,10 @@ class Problems {
     const InstructionSet& set = find_isa(isa);
     const ProblemBackend& backend = p.n <= set.few_problems.width ? set.few_problems : set.problems;
     engine.get().run((p.n + backend.width - 1) / backend.width, threads, backend.workspace_size(p),
-                     [&](int64_t pack, int, void* workspace) {
+                     [&](int64_t pack, int, StepMemory& memory) {
                        static thread_local ProblemStructure structure;
                        int64_t begin = pack * backend.width, end = std::min(p.n, begin + backend.width);
-                       backend.solve(structure.of(p, begin, end), p, begin, end, workspace);
+                       backend.solve(structure.of(p, begin, end), p, begin, end, memory.scene.data());
                      });
   }
 

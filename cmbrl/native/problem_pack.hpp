@@ -37,12 +37,9 @@ struct ProblemPack {
     w.fill = m.fill;
     for (int i = 0; i < nv; ++i) {
       w.vf[i] = at(b.v_free, nv, i);
-      for (int a = m.fill.ptr[i]; a < m.fill.ptr[i + 1]; ++a) w.M[i * nv + m.fill.idx[a]] = w.M[m.fill.idx[a] * nv + i] = T{};
-      w.M[i * (nv + 1)] = at(b.M, nv * nv, i * (nv + 1));
-      for (int a = m.anc_ptr[i]; a < m.anc_ptr[i + 1]; ++a) {
-        int j = m.anc_idx[a];
-        w.M[i * nv + j] = w.M[j * nv + i] = at(b.M, nv * nv, i * nv + j);
-      }
+      Row<T> row(w.M, m.tree(), i);
+      *row.diagonal = at(b.M, nv * nv, i * (nv + 1));
+      for (int a = 0; a < row.n; ++a) row.before[a] = row.mirror[a] = at(b.M, nv * nv, i * nv + m.tree().columns(i)[a]);
     }
     for (int c = 0; c < b.contacts; ++c) load_contact(c, w.con[c]);
     for (int c = 0; c < b.contacts; ++c)
@@ -79,11 +76,11 @@ struct ProblemPack {
   // H becomes a factor of M; every contact gets the largest diagonal entry of its rows in J M^-1 J^T + R.
   void weigh() {
     int nv = m.nv;
-    Pattern pat{m.anc_ptr, m.anc_idx};
+    Pattern pat = m.tree();
     T energy = T{}, momentum = T{};
     speed = T{};
-    for (int k = 0; k < nv; ++k) copy_row(w.H, w.M, nv, pat, k);
-    for (int k = nv - 1; k >= 0; --k) eliminate(w.H, nv, pat, k);
+    for (int k = 0; k < nv; ++k) copy_row(w.H, w.M, pat, k);
+    for (int k = nv - 1; k >= 0; --k) eliminate(w.H, pat, k);
     for (int i = 0; i < b.contacts; ++i) {
       Contact<G>& c = w.con[i];
       T weight = T{}, fastest = T{};
@@ -97,8 +94,8 @@ struct ProblemPack {
         }
         for (int k = last > first ? m.grp_dof[last - 1] : -1; k >= 0; --k) {
           if (!any(w.rhs[k] != 0.0)) continue;  // of another branch of the tree
-          solve_down(w.H, nv, pat, k, w.rhs);
-          G_rr += w.rhs[k] * w.rhs[k] * w.H[k * (nv + 1)];
+          solve_down(w.H, pat, k, w.rhs);
+          G_rr += w.rhs[k] * w.rhs[k] * w.H[pat.row(k)];
         }
         weight = vmax(weight, G_rr);
         fastest = vmax(fastest, vabs(u));
@@ -110,12 +107,15 @@ struct ProblemPack {
     }
     speed = select(speed > 0.0, speed, splat(1));
     mass = select(energy > 0.0, energy / (speed * speed), splat(1));
-    for (int k = 0; k < nv; ++k) w.rhs[k] = w.M[k * (nv + 1)] * w.vf[k];
-    for (int k = 0; k < nv; ++k)
-      for (int a = pat.ptr[k]; a < pat.ptr[k + 1]; ++a) {
-        w.rhs[k] += w.M[k * nv + pat.idx[a]] * w.vf[pat.idx[a]];
-        w.rhs[pat.idx[a]] += w.M[k * nv + pat.idx[a]] * w.vf[k];
+    for (int k = 0; k < nv; ++k) w.rhs[k] = w.M[pat.row(k)] * w.vf[k];
+    for (int k = 0; k < nv; ++k) {
+      Row<T> row(w.M, pat, k);
+      for (int a = 0; a < row.n; ++a) {
+        int j = pat.columns(k)[a];
+        w.rhs[k] += row.before[a] * w.vf[j];
+        w.rhs[j] += row.before[a] * w.vf[k];
       }
+    }
     for (int k = 0; k < nv; ++k) momentum += w.rhs[k] * w.rhs[k];
     scale = vsqrt(momentum) / (double(b.contacts) * mass * speed);
   }
@@ -123,14 +123,8 @@ struct ProblemPack {
   void normalise() {
     int nv = m.nv;
     T inv_speed = 1.0 / speed, inv_mass = 1.0 / mass, root = vsqrt(mass);
-    for (int i = 0; i < nv; ++i) {
-      w.vf[i] *= inv_speed;
-      w.M[i * (nv + 1)] *= inv_mass;
-      for (int a = m.anc_ptr[i]; a < m.anc_ptr[i + 1]; ++a) {
-        int j = m.anc_idx[a];
-        w.M[j * nv + i] = w.M[i * nv + j] *= inv_mass;
-      }
-    }
+    for (int i = 0; i < nv; ++i) w.vf[i] *= inv_speed;
+    for (int i = 0; i < m.tree().row(nv); ++i) w.M[i] *= inv_mass;
     for (int i = 0; i < b.contacts; ++i) {
       Contact<G>& c = w.con[i];
       c.root *= root;
@@ -164,9 +158,12 @@ struct ProblemPack {
     int nv = m.nv;
     for (int i = 0; i < nv * nv; ++i) X[i] = T{};
     for (int i = 0; i < nv; ++i) {
-      X[i * (nv + 1)] = w.M[i * (nv + 1)];
-      for (int a = m.anc_ptr[i]; a < m.anc_ptr[i + 1]; ++a)
-        X[i * nv + m.anc_idx[a]] = X[m.anc_idx[a] * nv + i] = w.M[i * nv + m.anc_idx[a]];
+      Row<T> row(w.M, m.tree(), i);
+      X[i * (nv + 1)] = *row.diagonal;
+      for (int a = 0; a < row.n; ++a) {
+        int j = m.tree().columns(i)[a];
+        X[i * nv + j] = X[j * nv + i] = row.before[a];
+      }
     }
     solve_many(w.H, nv, pattern_of(m, w), X, nv);
     for (int lane = 0; lane < l.n; ++lane)

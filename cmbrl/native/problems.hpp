@@ -15,7 +15,7 @@ static void solve_on_path(ProblemPack<G>& pack, Options& o, T* X) {
   for (int i = 0; i < w.ncon; ++i) w.con[i].kappa = kappa;
   Outcome out = contact_solve(pack.m, o, w);
   int status[W];
-  for (int lane = 0; lane < W; ++lane) status[lane] = !out.done[lane] ? 2 : out.fallback[lane] ? 1 : 0;
+  for (int lane = 0; lane < W; ++lane) status[lane] = !out.done[lane] ? 2 : out.rung[lane] >= kSofter ? 1 : 0;
   pack.store(all(), out.residual, status, out.iterations);
   if (!pack.b.derivative) return;
   InteriorPoint<G> ip(pack.m, o, w);
@@ -51,9 +51,9 @@ static void solve_exactly(ProblemPack<G>& pack, Options& o, T* X) {
     for (int i = 0; i < w.ncon; ++i) w.con[i].kappa = splat(kappa);
   };
   auto newton_from_here = [&](int steps) {  // and back
-    for_solver_state(pack.m, w, [](T& x, T& kept) { kept = x; });
+    for_solver_state(pack.m, w, w.save, [](T& x, T& kept) { kept = x; });
     newton(steps);
-    for_solver_state(pack.m, w, [](T& x, T& kept) { x = kept; });
+    for_solver_state(pack.m, w, w.save, [](T& x, T& kept) { x = kept; });
   };
   polish.rest();
   newton(5);
@@ -65,8 +65,8 @@ static void solve_exactly(ProblemPack<G>& pack, Options& o, T* X) {
   newton_from_here(8);
   if (!any(open)) return;
   set_kappa(1e-11);
-  Mask there = polish.resume(open, iterations);
-  for_solver_state(pack.m, w, [there](T& x, T& kept) { x = select(there, x, kept); });
+  Mask there = resume(pack.m, w, polish, open, iterations);
+  for_solver_state(pack.m, w, w.save, [there](T& x, T& kept) { x = select(there, x, kept); });
   newton_from_here(8);
   if (!any(open)) return;
   finish(polish.approach(open, pack.scale, pack.b.tolerance, 120, natural, iterations));
@@ -79,8 +79,12 @@ static void solve_exactly(ProblemPack<G>& pack, Options& o, T* X) {
 
 template <class G>
 static T* open_problems(const ProblemBatch& b, Arena& arena, SolverWork<G>& w) {  // returns room for the derivative
-  w.take(arena, b.nv, b.contacts * b.nv, b.contacts, 0, 0, b.contacts);
-  return arena.template take<T>(b.nv * b.nv);
+  int64_t nv = b.nv, n = b.contacts, dense = nv * nv;  // a packed matrix is at most as large as a full one
+  w.take(arena, nv, dense, n * nv, nv, 0, 0);
+  w.take_contacts(arena, n);
+  w.take_factor(arena, dense);
+  w.take_state(arena, nv, n, 0, 0);
+  return arena.template take<T>(dense);
 }
 template <class G>
 static int64_t problem_bytes(const ProblemBatch& b) {
@@ -97,6 +101,7 @@ static void solve_problems(const Structure& m, const ProblemBatch& b, int64_t be
   T* X = open_problems(b, arena, w);
   Options o{};
   o.max_iterations = 40;
+  o.rungs = kRungs;
   ProblemPack<G> pack{m, b, w, lanes_from(begin, end), {}, {}, {}};
   pack.load();
   pack.weigh();

@@ -11,19 +11,20 @@ static T fresh_residuals(const Structure& m, SolverWork<G>& w, const InteriorPoi
   int nv = m.nv;
   T *r = w.rv, scale = splat(1e-12), momentum = T{}, speed = splat(1e-6), row = T{};
   for (int k = 0; k < nv; ++k)
-    if (!w.dynamic[k]) { w.delta[k] = T{}; solve_up(w.H0, nv, ip.pat, k, w.delta); }
-  for (int k = 0; k < nv; ++k) { w.vn[k] = w.vf[k] + w.delta[k]; r[k] = -w.M[k * (nv + 1)] * w.delta[k]; }
+    if (!w.dynamic[k]) { w.delta[k] = T{}; solve_up(w.H0, ip.pat, k, w.delta); }
+  for (int k = 0; k < nv; ++k) { w.vn[k] = w.vf[k] + w.delta[k]; r[k] = -w.M[m.tree().row(k)] * w.delta[k]; }
   for (int i = 0; i < nv; ++i) {
     T sum = r[i], delta = w.delta[i];
-    for (int a = m.anc_ptr[i]; a < m.anc_ptr[i + 1]; ++a) {
-      int j = m.anc_idx[a];
-      T M_ij = w.M[i * nv + j];
+    Row<T> mass(w.M, m.tree(), i);
+    for (int a = 0; a < mass.n; ++a) {
+      int j = m.tree().columns(i)[a];
+      T M_ij = mass.before[a];
       sum -= M_ij * w.delta[j];
       r[j] -= M_ij * delta;
     }
     r[i] = sum;
   }
-  for (int i = 0; i < nv; ++i) scale = vmax(scale, vmax(vabs(r[i]), w.M[i * (nv + 1)] * vabs(w.vf[i])));
+  for (int i = 0; i < nv; ++i) scale = vmax(scale, vmax(vabs(r[i]), w.M[m.tree().row(i)] * vabs(w.vf[i])));
   auto compare = [&](Mask on, T c, T slack, T compliance) {
     T error = slack - c - compliance;
     speed = vmax(speed, keep(on, vmax(vabs(c), vabs(compliance))));
@@ -60,18 +61,18 @@ static T fresh_residuals(const Structure& m, SolverWork<G>& w, const InteriorPoi
 }
 
 template <class G, class F>
-static void for_solver_state(const Structure& m, SolverWork<G>& w, F f) {
+static void for_solver_state(const Structure& m, SolverWork<G>& w, T* save, F f) {
   int k = 0;
-  for (int i = 0; i < m.nv; ++i) f(w.delta[i], w.save[k++]);
+  for (int i = 0; i < m.nv; ++i) f(w.delta[i], save[k++]);
   for (int i = 0; i < w.ncon; ++i) {
     Contact<G>& c = w.con[i];
-    f(c.gam, w.save[k++]); f(c.s, w.save[k++]);
+    f(c.gam, save[k++]); f(c.s, save[k++]);
     if (c.rows == 1) continue;
-    f(c.eta0, w.save[k++]);
-    CMBRL_FOR(r, G::NT) { f(c.b[r], w.save[k++]); f(c.eta[r], w.save[k++]); }
+    f(c.eta0, save[k++]);
+    CMBRL_FOR(r, G::NT) { f(c.b[r], save[k++]); f(c.eta[r], save[k++]); }
   }
-  for (int i = 0; i < w.nlim; ++i) { f(w.lim[i].gam, w.save[k++]); f(w.lim[i].s, w.save[k++]); }
-  for (int i = 0; i < w.ndry; ++i) { f(w.dry[i].b, w.save[k++]); f(w.dry[i].eta0, w.save[k++]); f(w.dry[i].eta, w.save[k++]); }
+  for (int i = 0; i < w.nlim; ++i) { f(w.lim[i].gam, save[k++]); f(w.lim[i].s, save[k++]); }
+  for (int i = 0; i < w.ndry; ++i) { f(w.dry[i].b, save[k++]); f(w.dry[i].eta0, save[k++]); f(w.dry[i].eta, save[k++]); }
 }
 
 }  // namespace cmbrl::CMBRL_ISA

@@ -36,32 +36,40 @@ static void joint_forces(const Model& m, const Options& o, Work<G>& w) {
       diag += o.h * o.h * spring;
       w.rhs[i] -= o.h * o.h * spring * w.v[i];
     }
-    w.M[i * m.nv + i] += diag;
+    w.M[m.tree().row(i)] += diag;
   }
 }
 
 template <class G>
 static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask* given) {
-  bool keep_all = !(o.prune < 1e300);
-  w.nlim = w.ndry = 0;
+  bool prune = o.prune < 1e300 && !given;
+  w.nlim = w.ndry = w.nleft_lim = 0;
   for (int i = 0; i < m.nlimit; ++i) {
     T q = w.q[m.lim_qadr[i]], below = q - m.lim_lo[i], above = m.lim_hi[i] - q;
     Mask lower = below < above;
     T phi = select(lower, below, above), sign = select(lower, splat(1), splat(-1));
-    Mask on = given ? given[i] : all();
+    T speed = sign * w.v[m.lim_dof[i]], slack = phi * (1 / o.h) - vabs(speed);
+    Mask on = given ? given[i] : all(), wide = on;
     if (given && !any(on)) continue;
-    if (!keep_all && !given) {
-      on = phi * (1 / o.h) + sign * w.v[m.lim_dof[i]] < o.prune;
-      if (!any(on)) continue;
+    double enough = speed_that_matters(o, o.forward, m.lim_invweight[i]), most = speed_that_matters(o, o.backward, m.lim_invweight[i]);
+    if (prune) on = wide = slack - vabs(speed) < __builtin_fmax(enough, most);
+    Limit& l = w.lim[w.nlim];
+    if (any(on)) {
+      const double* s = m.lim_soft + 7 * i;
+      Law L = soft_law(phi, m.lim_margin[i], o.h, splat(s[0]), splat(s[1]), splat(s[2]), splat(s[3]), splat(s[4]), s[5], s[6],
+                       splat(m.lim_invweight[i]));
+      l.index = i; l.dof = m.lim_dof[i];
+      l.root = vsqrt(m.lim_invweight[i] + L.R);
+      l.sign = sign; l.phi = phi; l.R = L.R; l.dR_dphi = L.dR; l.carry = L.carry; l.dc_dphi = L.dc0;
+      l.c0 = L.c0 - L.carry * speed;
+      slack = select(on, l.c0, slack);
+      if (prune) { on &= slack + speed < enough; wide &= slack + speed < most; }
     }
-    const double* s = m.lim_soft + 7 * i;
-    Law L = soft_law(phi, m.lim_margin[i], o.h, splat(s[0]), splat(s[1]), splat(s[2]), splat(s[3]), splat(s[4]), s[5], s[6],
-                     splat(m.lim_invweight[i]));
-    Limit& l = w.lim[w.nlim++];
-    l.on = on; l.index = i; l.dof = m.lim_dof[i];
-    l.root = splat(__builtin_sqrt(m.lim_invweight[i]));
-    l.sign = sign; l.phi = phi; l.R = L.R; l.dR_dphi = L.dR; l.carry = L.carry; l.dc_dphi = L.dc0;
-    l.c0 = L.c0 - L.carry * sign * w.v[l.dof];
+    if (Mask left = ~on; prune && any(left)) w.left_lim[w.nleft_lim++] = {left, m.lim_dof[i], sign, slack, enough};
+    if (!any(on | wide)) continue;
+    l.on = on;
+    l.wide = wide;
+    ++w.nlim;
   }
   for (int i = 0; i < m.nv; ++i) {
     T loss = w.P[m.oDof + i * kDofFields + kFrictionloss];
@@ -72,7 +80,7 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
     DryFriction& d = w.dry[w.ndry++];
     d.on = on; d.dof = i; d.R = L.R; d.carry = L.carry;
     d.b0 = select(on, o.h * loss, splat(1));
-    d.root = splat(__builtin_sqrt(m.dof_invweight[i]));
+    d.root = vsqrt(m.dof_invweight[i] + L.R);
     d.c0 = -L.carry * w.v[i];
   }
 }
@@ -94,6 +102,7 @@ static void prepare(const Model& m, const Options& o, Work<G>& w, const Mask* gi
   joint_forces(m, o, w);
   find_contacts(m, o, w, given_contacts);
   find_limits(m, o, w, given_limits);
+  w.make_rows(m);
   for (int i = 0; i < w.ncon; ++i) {
     Contact<G>& c = w.con[i];
     Vec<G::N> t = relative_twist<G>(m, w.vel, c.index);

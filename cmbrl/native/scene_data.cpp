@@ -1,6 +1,8 @@
 #include "scene_data.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <cstdint>
 
 namespace cmbrl {
 
@@ -17,6 +19,9 @@ const double* SceneData::d(const std::string& name, size_t size) {
   return it->second.data();
 }
 
+const int* SceneData::keep_ints(const std::string& name, std::vector<int> x) { return (ints_[name] = std::move(x)).data(); }
+const double* SceneData::keep_doubles(const std::string& name, std::vector<double> x) { return (doubles_[name] = std::move(x)).data(); }
+
 SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std::string, std::vector<double>> doubles,
                      const std::map<std::string, int>& sizes)
     : ints_(std::move(ints)), doubles_(std::move(doubles)) {
@@ -30,11 +35,11 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.nplane = size("nplane"); m.nlimit = size("nlimit"); m.nact = size("nact");
   m.body_fields = m.planar ? 4 : 10;
   m.oDof = m.nbody * m.body_fields;
-  m.oContact = m.oDof + m.nv * kDofFields;
-  m.oPlane = m.oContact + m.ncontact * kContactFields;
+  m.oPlane = m.oDof + m.nv * kDofFields;
   m.oAct = m.oPlane + m.nplane;
   m.oGravity = m.oAct + m.nact * kActuatorFields;
-  m.nP = m.oGravity + m.D;
+  m.oContact = m.oGravity + m.D;
+  m.nP = m.oContact + m.ncontact * kContactFields;
   size_t nb = m.nbody, nj = m.njoint, nc = m.ncontact, nl = m.nlimit, na = m.nact, D = m.D;
   m.body_parent = i("body_parent", nb); m.body_jadr = i("body_jadr", nb); m.body_jnum = i("body_jnum", nb);
   m.body_pos = d("body_pos", nb * D); m.body_rot = d("body_rot", nb * (m.planar ? 2 : 9));
@@ -56,8 +61,47 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.par_nominal = d("par_nominal", m.ntheta);
   m.par_ptr = i("par_ptr", m.ntheta + 1);
   m.par_idx = i("par_idx", m.par_ptr[m.ntheta]); m.par_coef = d("par_coef", m.par_ptr[m.ntheta]);
+  derive_parameters();
+  for (size_t k = 0; k < nc; ++k) m.largest_invweight = std::max(m.largest_invweight, m.con_invweight[k]);
   derive_chains();
   derive_groups();
+  derive_pairs();
+  derive_spheres();
+}
+
+// Parameters that move contacts are listed by contact, the others by parameter.
+void SceneData::derive_parameters() {
+  Model& m = model;
+  std::vector<int> ptr{0}, idx, con_ptr(m.ncontact + 1, 0), radii(m.ncontact, 0);
+  std::vector<double> coef, par_radius(m.ntheta, 0.0);
+  auto contact = [&](int e) { return m.par_idx[e] >= m.oContact ? (m.par_idx[e] - m.oContact) / kContactFields : -1; };
+  for (int e = 0; e < m.par_ptr[m.ntheta]; ++e)
+    if (contact(e) >= 0) ++con_ptr[contact(e) + 1];
+  for (int c = 0; c < m.ncontact; ++c) con_ptr[c + 1] += con_ptr[c];
+  std::vector<int> next = con_ptr, par(con_ptr.back()), field(con_ptr.back());
+  std::vector<double> con_coef(con_ptr.back());
+  for (int k = 0; k < m.ntheta; ++k) {
+    for (int e = m.par_ptr[k]; e < m.par_ptr[k + 1]; ++e) {
+      int c = contact(e);
+      if (c < 0) {
+        idx.push_back(m.par_idx[e]);
+        coef.push_back(m.par_coef[e]);
+        continue;
+      }
+      int at = next[c]++;
+      par[at] = k;
+      field[at] = (m.par_idx[e] - m.oContact) % kContactFields;
+      con_coef[at] = m.par_coef[e];
+      if (field[at] != kRadius) continue;
+      par_radius[k] = std::max(par_radius[k], std::abs(m.par_coef[e]));
+      m.radius_moves = std::max(m.radius_moves, ++radii[c]);
+    }
+    ptr.push_back(int(idx.size()));
+  }
+  m.par_ptr = keep_ints("par_ptr", std::move(ptr)); m.par_idx = keep_ints("par_idx", std::move(idx));
+  m.par_coef = keep_doubles("par_coef", std::move(coef)); m.par_radius = keep_doubles("par_radius", std::move(par_radius));
+  m.con_par_ptr = keep_ints("con_par_ptr", std::move(con_ptr)); m.con_par = keep_ints("con_par", std::move(par));
+  m.con_par_field = keep_ints("con_par_field", std::move(field)); m.con_par_coef = keep_doubles("con_par_coef", std::move(con_coef));
 }
 
 void SceneData::derive_chains() {
@@ -98,31 +142,86 @@ void SceneData::derive_groups() {
     group_of[c] = it->second;
   }
   auto chain = [&](int body) {
-    std::set<int> s;
-    if (body < 0) return s;
+    std::vector<int> dofs;
+    if (body < 0) return dofs;
     int d = m.body_lastdof[body];
-    s.insert(m.anc_idx + m.anc_ptr[d], m.anc_idx + m.anc_ptr[d + 1]);
-    s.insert(d);
-    return s;
+    dofs.assign(m.anc_idx + m.anc_ptr[d], m.anc_idx + m.anc_ptr[d + 1]);
+    dofs.push_back(d);
+    return dofs;
   };
   std::vector<int> cptr{0}, con, dptr{0}, dof, sign;
   for (size_t g = 0; g < A.size(); ++g) {
     con.insert(con.end(), members[g].begin(), members[g].end());
     cptr.push_back(int(con.size()));
-    std::set<int> a = chain(A[g]), b = chain(B[g]);
-    for (int k = 0; k < m.nv; ++k) {
-      if (a.count(k) == b.count(k)) continue;
-      dof.push_back(k);
-      sign.push_back(a.count(k) ? 1 : -1);
+    std::vector<int> a = chain(A[g]), b = chain(B[g]);
+    for (size_t x = 0, y = 0; x < a.size() || y < b.size();) {  // both rise; what carries both does not count
+      if (x < a.size() && y < b.size() && a[x] == b[y]) { ++x; ++y; continue; }
+      bool of_a = y == b.size() || (x < a.size() && a[x] < b[y]);
+      dof.push_back(of_a ? a[x++] : b[y++]);
+      sign.push_back(of_a ? 1 : -1);
     }
     dptr.push_back(int(dof.size()));
     m.max_group_dofs = std::max(m.max_group_dofs, dptr[g + 1] - dptr[g]);
   }
   m.ngroup = int(A.size());
-  auto keep = [&](const char* name, std::vector<int>& x) { ints_[name] = x; return static_cast<const int*>(ints_[name].data()); };
-  m.grp_B = keep("grp_B", B); m.grp_cptr = keep("grp_cptr", cptr); m.grp_con = keep("grp_con", con);
+  auto keep = [&](const char* name, std::vector<int>& x) { return keep_ints(name, std::move(x)); };
+  m.grp_A = keep("grp_A", A); m.grp_B = keep("grp_B", B); m.grp_cptr = keep("grp_cptr", cptr); m.grp_con = keep("grp_con", con);
   m.grp_dptr = keep("grp_dptr", dptr); m.grp_dof = keep("grp_dof", dof); m.grp_sign = keep("grp_sign", sign);
   m.con_group = keep("con_group", group_of);
+}
+
+// Groups of two moving bodies by those bodies, and the bits of the others.
+void SceneData::derive_pairs() {
+  Model& m = model;
+  std::vector<int> ptr(m.nbody + 1, 0), groups, other;
+  world_.assign((m.ngroup + 63) / 64, 0);
+  for (int g = 0; g < m.ngroup; ++g) {
+    if (m.grp_B[g] < 0) world_[g / 64] |= uint64_t(1) << g % 64;
+    else groups.push_back(g);
+  }
+  auto bodies = [&](int g) { return std::minmax(m.grp_A[g], m.grp_B[g]); };
+  std::stable_sort(groups.begin(), groups.end(), [&](int x, int y) { return bodies(x) < bodies(y); });
+  for (int g : groups) {
+    other.push_back(bodies(g).second);
+    ++ptr[bodies(g).first + 1];
+  }
+  for (int b = 0; b < m.nbody; ++b) ptr[b + 1] += ptr[b];
+  m.grp_world = world_.data();
+  m.pair_ptr = keep_ints("pair_ptr", std::move(ptr)); m.pair_other = keep_ints("pair_other", std::move(other));
+  m.pair_group = keep_ints("pair_group", std::move(groups));
+}
+
+// Spheres around the shapes with which a body may touch other bodies: about the middle of the box that holds their centres.
+void SceneData::derive_spheres() {
+  Model& m = model;
+  int D = m.D;
+  std::vector<double> centre(m.nbody * D, 0.0), radius(m.nbody, -1.0), low(m.nbody * D, 1e300), high(m.nbody * D, -1e300);
+  auto for_shapes = [&](auto f) {  // f(body, centre, half an axis, half sizes of a box, radius)
+    for (int c = 0; c < m.ncontact; ++c) {
+      if (m.con_bodyB[c] < 0) continue;
+      double sum = m.P[m.oContact + c * kContactFields + kRadius], B = m.con_radiusB[c];
+      f(m.con_bodyA[c], m.con_posA + c * D, m.con_axisA + c * D, nullptr, sum - B);
+      f(m.con_bodyB[c], m.con_posB + c * D, m.con_axisB + c * D, m.con_halfB + c * D, B);
+    }
+  };
+  for_shapes([&](int b, const double* x, const double*, const double*, double) {
+    for (int k = 0; k < D; ++k) {
+      low[b * D + k] = std::min(low[b * D + k], x[k]);
+      high[b * D + k] = std::max(high[b * D + k], x[k]);
+      centre[b * D + k] = 0.5 * (low[b * D + k] + high[b * D + k]);
+    }
+  });
+  for_shapes([&](int b, const double* x, const double* axis, const double* half, double r) {
+    double away = 0, along = 0, corner = 0;
+    for (int k = 0; k < D; ++k) {
+      away += (x[k] - centre[b * D + k]) * (x[k] - centre[b * D + k]);
+      along += axis[k] * axis[k];
+      if (half) corner += half[k] * half[k];
+    }
+    radius[b] = std::max(radius[b], std::sqrt(away) + std::sqrt(along) + std::sqrt(corner) + std::abs(r));
+  });
+  m.sphere_pos = keep_doubles("sphere_pos", std::move(centre));
+  m.sphere_radius = keep_doubles("sphere_radius", std::move(radius));
 }
 
 }  // namespace cmbrl

@@ -1,7 +1,7 @@
 // Owns the arrays behind a Model: copies Scene.core and derives chains, sparsity patterns and contact groups.
 #pragma once
+#include <cstdint>
 #include <map>
-#include <set>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -21,10 +21,16 @@ class SceneData {
  private:
   std::map<std::string, std::vector<int>> ints_;
   std::map<std::string, std::vector<double>> doubles_;
+  std::vector<uint64_t> world_;
   const int* i(const std::string& name, size_t size);
   const double* d(const std::string& name, size_t size);
+  const int* keep_ints(const std::string& name, std::vector<int> x);
+  const double* keep_doubles(const std::string& name, std::vector<double> x);
+  void derive_parameters();
   void derive_chains();
   void derive_groups();
+  void derive_pairs();
+  void derive_spheres();
 };
 
 }  // namespace cmbrl

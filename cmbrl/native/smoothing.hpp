@@ -1,7 +1,10 @@
-// Which kappa each row gets: constant (barrier smoothing), or the schedule whose solution is the Gaussian-smoothed impulse
-// of a single contact,  kappa(z) = F rho(z) rho(-z),  rho(z) = (s N(z/s) - z Phi(-z/s)) / F   (adaptive smoothing).
-// Proposition 5.3 of Zhang, Jin & Wang, ICML 2023, in closed form; with several contacts F is the constant weight of the row.
+// Which kappa each row gets. Numerical softening is scaled by row, floor / w with w its inverse weight, so that light bodies do
+// not feel what heavy ones need. On top of it: one constant kappa (barrier smoothing); the schedule whose solution is the
+// Gaussian-smoothed impulse of a single contact,  kappa(z) = F rho(z) rho(-z),  rho(z) = (s N(z/s) - z Phi(-z/s)) / F  (proposition
+// 5.3 of Zhang, Jin & Wang, ICML 2023, in closed form; with several contacts F = w + R of the row); or that paper's Algorithm 1:
+// one kappa for the step from the gap of the nearest contact that carries no load, a constant to the derivative.
 #pragma once
+#include "ladder.hpp"
 #include "workspace.hpp"
 
 namespace cmbrl::CMBRL_ISA {
@@ -25,16 +28,26 @@ static inline Schedule gaussian_schedule(double z, double speed, double F, doubl
   return {kappa, (-tail(z) * b + a * tail(-z)) / F};
 }
 
-static inline void scheduled(const Smoothing& s, double h, T z, double F, T& kappa, T& slope) {
-  if (s.mode == kConstant) { kappa = splat(s.kappa); slope = T{}; return; }
+struct RowKappa { T kappa, slope, slope_R; };  // kappa and its derivatives in z and in the row's compliance R
+
+static inline RowKappa kappa_of(const Smoothing& s, double h, double weight, T root, T z) {
+  double floor = s.floor / weight;
+  RowKappa k{splat(floor), T{}, T{}};
+  if (s.mode == kConstant) k.kappa = splat(s.kappa);
+  if (s.mode != kGaussian) return k;
   for (int i = 0; i < W; ++i) {
-    Schedule k = gaussian_schedule(z[i], s.length / h, F, s.kappa);
-    kappa[i] = k.kappa;
-    slope[i] = s.stop ? 0 : k.slope;
+    double F = root[i] * root[i];
+    Schedule g = gaussian_schedule(z[i], s.length / h, F, floor);
+    k.kappa[i] = g.kappa;
+    if (s.stop || g.kappa <= floor) continue;
+    k.slope[i] = g.slope;
+    k.slope_R[i] = -g.kappa / F;
   }
+  return k;
 }
 
-// Free closing coordinate z = J vf + c0 of every normal row decides; dry friction keeps the floor.
+// The free closing coordinate z = J vf + c0 of every normal row decides. Dry friction yields at a speed of its own, whatever
+// the contacts' softening is.
 template <class G>
 static void set_kappa(const Model& m, const Options& o, Work<G>& w, const Smoothing& s) {
   for (int g = 0; g < w.ngroups; ++g) {
@@ -46,14 +59,48 @@ static void set_kappa(const Model& m, const Options& o, Work<G>& w, const Smooth
       }
     for (int i = w.groups[g].begin; i < w.groups[g].end; ++i) {
       Contact<G>& c = w.con[i];
-      scheduled(s, o.h, dot(c.Wr[0], t) + c.cn0, m.con_invweight[c.index], c.kappa, c.slope);
+      RowKappa k = kappa_of(s, o.h, m.con_invweight[c.index], c.root, dot(c.Wr[0], t) + c.cn0);
+      c.kappa = k.kappa; c.slope = k.slope; c.slope_R = k.slope_R;
     }
   }
   for (int i = 0; i < w.nlim; ++i) {
     Limit& l = w.lim[i];
-    scheduled(s, o.h, l.sign * w.vf[l.dof] + l.c0, m.lim_invweight[l.index], l.kappa, l.slope);
+    RowKappa k = kappa_of(s, o.h, m.lim_invweight[l.index], l.root, l.sign * w.vf[l.dof] + l.c0);
+    l.kappa = k.kappa; l.slope = k.slope; l.slope_R = k.slope_R;
   }
-  for (int i = 0; i < w.ndry; ++i) w.dry[i].kappa = splat(s.kappa);
+  for (int i = 0; i < w.ndry; ++i) w.dry[i].kappa = s.dry * w.dry[i].b0;
+}
+
+// The published rule, from the solution that the rows hold. A contact carries load where its impulse outweighs its slack.
+template <class G>
+static void raise_by_nearest(Work<G>& w, const Smoothing& s) {
+  T nearest = w.left_out_gap;
+  for (int i = 0; i < w.ncon; ++i) {
+    const Contact<G>& c = w.con[i];
+    Mask idle = c.on & (c.gam * c.root * c.root < c.s);
+    nearest = select(idle, vmin(nearest, vabs(c.phi)), nearest);
+  }
+  T kappa;
+  for (int i = 0; i < W; ++i) kappa[i] = s.kappa * __builtin_exp(-nearest[i] * nearest[i] / (s.length * s.length));
+  for (int i = 0; i < w.ncon; ++i) w.con[i].kappa = vmax(w.con[i].kappa, kappa);
+  for (int i = 0; i < w.nlim; ++i) w.lim[i].kappa = vmax(w.lim[i].kappa, kappa);
+}
+
+// Solves the rows at the kappas of `s`. again: for the derivative; the rows hold the solution of the simulated step.
+template <class G>
+static Outcome solve_smoothed(const Model& m, const Options& o, Work<G>& w, const Smoothing& s, bool again) {
+  set_kappa(m, o, w, s);
+  Outcome hard{all(), T{}, T{}, T{}};
+  if (s.mode == kNearest) {
+    if (!again) hard = contact_solve(m, o, w);
+    raise_by_nearest(w, s);
+  }
+  if (again) {
+    for (int i = 0; i < w.ncon; ++i) w.con[i].on = w.con[i].wide;
+    for (int i = 0; i < w.nlim; ++i) w.lim[i].on = w.lim[i].wide;
+  }
+  Outcome out = contact_solve(m, o, w);
+  return {hard.done & out.done, vmax(hard.rung, out.rung), hard.iterations + out.iterations, out.residual};
 }
 
 }  // namespace cmbrl::CMBRL_ISA

@@ -15,7 +15,8 @@ struct InteriorPoint : Newton<G> {
   using Newton<G>::NT, Newton<G>::m, Newton<G>::o, Newton<G>::w, Newton<G>::rho;
   using Newton<G>::twist, Newton<G>::add_wrench, Newton<G>::linearise_all, Newton<G>::factorise, Newton<G>::direction;
   T zeta, count;
-  T speed;   // largest of the rows: their velocities are known to some 1e-16 of it
+  T speed;   // largest at which anything moves along a row: velocities are known to some 1e-16 of it
+  Mask grown = none();  // lanes that a path with little friction has led to its end
   T linear;  // size of the linear residuals at the start, relative to the speeds of the rows; at least 1
 
   using Newton<G>::Newton;
@@ -24,7 +25,7 @@ struct InteriorPoint : Newton<G> {
   void measure(double factor) {
     zeta = speed = count = T{};
     auto widen = [&](Mask on, T c, T free, T kappa, T root) {
-      speed = vmax(speed, keep(on, vmax(vabs(c), vabs(free))));
+      speed = vmax(speed, keep(on, vmax(-c, vabs(free))));
       zeta = vmax(zeta, keep(on, vmax(factor * vabs(c) / root, vsqrt(kappa))));
     };
     for (int g = 0; g < w.ngroups; ++g) {
@@ -135,29 +136,33 @@ struct InteriorPoint : Newton<G> {
     rho *= 1.0 - keep(moving, alpha);
   }
 
-  // Largest distance of a product from kappa + centre, relative to that, and to what round-off of the rows' velocities makes
-  // of it at the impulse x.
+  // Largest distance of a product x y from kappa + centre, relative to that and to what round-off makes of it: x and y come
+  // down from zeta, and y is a velocity.
   T off_path(T centre) const {
-    T worst = T{}, floor = 4e-16 * zeta * zeta / o.theta, noise = 1e-14 * speed / o.theta;
-    auto widen = [&](Mask on, T error, T kappa, T x) {
-      worst = vmax(worst, keep(on, vabs(error) / vmax(kappa + centre, vmax(floor, noise * x))));
+    T worst = T{}, start = 4e-16 / o.theta * zeta, noise = 1e-14 / o.theta * speed;
+    auto widen = [&](Mask on, T error, T kappa, T x, T y, T root) {
+      T blur = vmax(start * (x * root + y / root), x * vmax(noise, 4e-16 / o.theta * y));
+      worst = vmax(worst, keep(on, vabs(error) / vmax(kappa + centre, blur)));
     };
     for (int i = 0; i < w.ncon; ++i) {
       const Contact<G>& c = w.con[i];
-      widen(c.on, c.gam * c.s - c.kappa - centre, c.kappa, c.gam);
+      widen(c.on, c.gam * c.s - c.kappa - centre, c.kappa, c.gam, c.s, c.root);
       if (c.rows == 1) continue;
       T b0 = c.mu * c.gam, head = b0 * c.eta0 - c.kappa - centre;
       CMBRL_FOR(r, NT) {
         head += c.b[r] * c.eta[r];
-        widen(c.on & c.rub, b0 * c.eta[r] + c.eta0 * c.b[r], c.kappa, b0);
+        widen(c.on & c.rub, b0 * c.eta[r] + c.eta0 * c.b[r], c.kappa, b0, c.eta0, c.root);
       }
-      widen(c.on & c.rub, head, c.kappa, b0);
+      widen(c.on & c.rub, head, c.kappa, b0, c.eta0, c.root);
     }
-    for (int i = 0; i < w.nlim; ++i) widen(w.lim[i].on, w.lim[i].gam * w.lim[i].s - w.lim[i].kappa - centre, w.lim[i].kappa, w.lim[i].gam);
+    for (int i = 0; i < w.nlim; ++i) {
+      const Limit& l = w.lim[i];
+      widen(l.on, l.gam * l.s - l.kappa - centre, l.kappa, l.gam, l.s, l.root);
+    }
     for (int i = 0; i < w.ndry; ++i) {
       const DryFriction& d = w.dry[i];
-      widen(d.on, d.b0 * d.eta0 + d.b * d.eta - d.kappa - centre, d.kappa, d.b0);
-      widen(d.on, d.b0 * d.eta + d.eta0 * d.b, d.kappa, d.b0);
+      widen(d.on, d.b0 * d.eta0 + d.b * d.eta - d.kappa - centre, d.kappa, d.b0, d.eta0, d.root);
+      widen(d.on, d.b0 * d.eta + d.eta0 * d.b, d.kappa, d.b0, d.eta0, d.root);
     }
     return worst;
   }
@@ -227,6 +232,7 @@ struct InteriorPoint : Newton<G> {
       } else {
         if (st.follow) {
           Mask next = off < 0.5, grows = next & (share < 1.0) & (centre <= vmax(kappa, floor));
+          grown |= grows;
           if (any(grows)) {
             share = select(grows, vmin(st.growth * share, splat(1)), share);
             set_friction(share);

@@ -14,8 +14,8 @@ static void free_velocity(const Model& m, const Options& o, Work<G>& w) {
   int nv = m.nv;
   Pattern pat = pattern_of(m, w);
   eliminate_untouched(m, w);
-  for (int i = 0; i < w.ndyn; ++i) copy_row(w.H, w.H0, nv, pat, w.dyn_list[i]);
-  for (int i = 0; i < w.ndyn; ++i) eliminate(w.H, nv, pat, w.dyn_list[i]);
+  for (int i = 0; i < w.ndyn; ++i) copy_row(w.H, w.H0, pat, w.dyn_list[i]);
+  for (int i = 0; i < w.ndyn; ++i) eliminate(w.H, pat, w.dyn_list[i]);
   for (int i = 0; i < nv; ++i) w.vf[i] = w.rhs[i];
   solve(w.H, nv, pat, w.vf);
   for (int i = 0; i < nv; ++i) w.vf[i] += w.v[i];
@@ -31,8 +31,8 @@ static void free_velocity(const Model& m, const Options& o, Work<G>& w) {
 
 // Restitution of a contact; only rigid ones have it.
 template <class G>
-static T restitution(const Model& m, const Work<G>& w, const Contact<G>& c) {
-  return m.con_law[c.index] == kRigid ? w.P[m.oContact + c.index * kContactFields + kRestitution] : T{};
+static T restitution(const Model& m, const Contact<G>& c) {
+  return m.con_law[c.index] == kRigid ? c.P[kRestitution] : T{};
 }
 
 // Approach speeds under vf, and the lanes in which vf violates some row: in the others no impulse is to be expected.
@@ -60,14 +60,16 @@ static Mask closing_lanes(const Model& m, const Options& o, Work<G>& w) {
 template <class G>
 static void find_bounces(const Model& m, const Options& o, Work<G>& w) {
   bool any_bounce = false;
-  for (int i = 0; i < w.ncon; ++i) any_bounce |= any(restitution(m, w, w.con[i]) > 0.0);
+  for (int i = 0; i < w.ncon; ++i) any_bounce |= any(restitution(m, w.con[i]) > 0.0);
   if (!any_bounce) return;
   Mask closing = closing_lanes(m, o, w);
   for (int i = 0; i < w.ncon; ++i) {
     Contact<G>& c = w.con[i];
-    T e = restitution(m, w, c);
-    Mask fast = c.on & (e > 0.0) & (c.speed > o.rest_speed), hits = fast & (c.phi < c.speed * o.h);
-    c.on = c.on & (hits | ~fast | closing);
+    T e = restitution(m, c);
+    Mask fast = (c.on | c.wide) & (e > 0.0) & (c.speed > o.rest_speed), hits = fast & (c.phi < c.speed * o.h);
+    Mask takes_part = hits | ~fast | closing;
+    c.on &= takes_part;
+    c.wide &= takes_part;
     T gain = c.speed + dot(c.Wr[0], relative_twist<G>(m, w.vel, c.index));
     T share = vmax(c.phi, T{}) / select(hits, c.speed * o.h, splat(1));  // of the step until the impact
     T target = c.speed - (1.0 + e) * (c.speed + (share - 0.5) * gain);
@@ -89,8 +91,7 @@ static Outcome solve_step(const Model& m, const Options& o, Work<G>& w) {
   prepare(m, o, w);
   free_velocity(m, o, w);
   find_bounces(m, o, w);
-  set_kappa(m, o, w, o.forward);
-  return contact_solve(m, o, w);
+  return solve_smoothed(m, o, w, o.forward, false);
 }
 
 // What impacts inside the step lose of the way h v' by acting late, M~^-1 sum t_i J_i^T x_i, into w.shift.
@@ -109,8 +110,8 @@ static void late_shift(const Model& m, const Options& o, Work<G>& w) {
       late = true;
     }
   if (!late) return;
-  for (int i = 0; i < w.ndyn; ++i) copy_row(w.H, w.H0, m.nv, ip.pat, w.dyn_list[i]);
-  for (int i = 0; i < w.ndyn; ++i) eliminate(w.H, m.nv, ip.pat, w.dyn_list[i]);
+  for (int i = 0; i < w.ndyn; ++i) copy_row(w.H, w.H0, ip.pat, w.dyn_list[i]);
+  for (int i = 0; i < w.ndyn; ++i) eliminate(w.H, ip.pat, w.dyn_list[i]);
   solve(w.H, m.nv, ip.pat, w.shift);
 }
 

@@ -1,8 +1,11 @@
-// Scratch memory of one thread: every array of one step of one pack, carved from one arena. Sized by the scene, allocated once.
+// Scratch memory of one thread: every array of one step of one pack. What follows the scene is carved from one arena; what
+// follows the rows that are active grows with them.
 #pragma once
 #include "algebra.hpp"
 #include "fill.hpp"
+#include "memory.hpp"
 #include "model.hpp"
+#include "packed.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -19,27 +22,29 @@ struct Arena {
 // One contact of a pack in the interior point and in the derivative.
 template <class G>
 struct Contact {
-  Mask on, rub;                      // lanes in which the contact takes part; in which it has friction
+  Mask on, wide, rub;                // lanes in which the contact takes part; in the derivative's solve; in which it has friction
   int index, rows;                   // candidate number; 1 or 1 + NT
   typename G::V p, d[1 + G::NT];     // point and directions (normal, tangents)
   Vec<G::N> Wr[1 + G::NT];           // wrench of a unit impulse along each row
-  T root, full_mu;                   // of the inverse weight of its rows; mu itself may be a share of the full one
+  T root, full_mu;                   // root of inverse weight and compliance; mu itself may be a share of the full one
   T phi, mu, Rn, Rt, carry, cn0, ct0[G::NT];
   T dc_dphi, dRn_dphi, dRt_dphi;     // of the law, at fixed impulses
   T bounce, time, speed;             // restitution applied in this step (0: none), time of impact in it [s], approach speed
   T by_free, by_start, by_gap, by_e; // d cn0 of a bounce by J vf, J v, gap and restitution
-  T kappa, slope;                    // slope: d kappa / d z
+  T kappa, own_kappa;                // the ladder may raise kappa above what the model asks for
+  T slope, slope_R;                  // d kappa by the free closing coordinate z and by Rn
   T gam, s, b[G::NT], eta0, eta[G::NT];
   T r1, r2[G::NT];                   // linear residuals at the start; they shrink by exactly (1 - alpha)
   T w[1 + G::NT], Th[1 + G::NT][1 + G::NT];  // dx = w - Th J dv
   T ipn, Ai[G::NT][G::NT], ta[G::NT];        // parts of Th, for sensitivities to kappa and mu
   T t50, dgam, ds, db[G::NT], deta0, deta[G::NT];
+  T P[kContactFields];               // its part of the physical vector
 };
 
 struct Limit {  // joint limit: a normal law on one coordinate
-  Mask on;
+  Mask on, wide;
   int index, dof;
-  T root, sign, phi, R, carry, c0, dc_dphi, dR_dphi, kappa, slope, gam, s, r1, w, Th, dgam, ds;
+  T root, sign, phi, R, carry, c0, dc_dphi, dR_dphi, kappa, own_kappa, slope, slope_R, gam, s, r1, w, Th, dgam, ds;
 };
 
 struct DryFriction {  // joint friction loss: a cone of fixed head on one coordinate
@@ -48,14 +53,20 @@ struct DryFriction {  // joint friction loss: a cone of fixed head on one coordi
   T root, R, carry, c0, b0, kappa, b, eta0, eta, r2, t50, w, Th, db, deta0, deta;
 };
 
+// A row that is left out: in which lanes, its slack without the part of the next velocity, and the speed that it had to have.
+template <class G>
+struct LeftOut { Mask lanes; int A, B; Vec<G::N> W; T base; double speed; };
+struct LeftOutLimit { Mask lanes; int dof; T sign, base; double speed; };
+
 struct ActiveGroup { int group, begin, end; };  // contacts of one body pair stand together
 
 // What the contact solve works on.
 template <class G>
 struct SolverWork {
   T *vf, *vn, *delta, *rhs, *rv;           // free and next velocity, their difference, direction, momentum residual
-  T *M, *H, *H0;                           // nv x nv row-major, pattern entries only
+  T *M, *H, *H0;                           // packed: M along the tree, H and H0 along the pattern of the step
   Vec<G::N>* S;                            // unit twists of the dofs
+  Vec<G::N>* pulls;                        // scratch, by dof of a group
   uint8_t *dynamic; int *dyn_list; int ndyn;
   Contact<G>* con; int ncon;
   Limit* lim; int nlim;
@@ -64,15 +75,20 @@ struct SolverWork {
   bool coupled; Pattern fill;              // a contact between two moving bodies is active; pattern of the factor then
   T *save, *path;                          // solver state of lanes that are done while others are retried; of a continuation
 
-  void take(Arena& A, int64_t nv, int64_t columns, int64_t contacts, int64_t limits, int64_t dry_rows, int64_t group_count) {
+  void take(Arena& A, int64_t nv, int64_t mass_entries, int64_t columns, int64_t group_dofs, int64_t limits, int64_t dry_rows) {
     vf = A.take<T>(nv); vn = A.take<T>(nv);
     delta = A.take<T>(nv); rhs = A.take<T>(nv); rv = A.take<T>(nv);
-    M = A.take<T>(nv * nv); H = A.take<T>(nv * nv); H0 = A.take<T>(nv * nv);
-    S = A.take<Vec<G::N>>(columns);
+    M = A.take<T>(mass_entries);
+    S = A.take<Vec<G::N>>(columns); pulls = A.take<Vec<G::N>>(group_dofs);
     dynamic = A.take<uint8_t>(nv); dyn_list = A.take<int>(nv);
-    con = A.take<Contact<G>>(contacts);
     lim = A.take<Limit>(limits); dry = A.take<DryFriction>(dry_rows);
-    groups = A.take<ActiveGroup>(group_count);
+  }
+  void take_contacts(Arena& A, int64_t contacts) {
+    con = A.take<Contact<G>>(contacts);
+    groups = A.take<ActiveGroup>(contacts);
+  }
+  void take_factor(Arena& A, int64_t entries) { H = A.take<T>(entries); H0 = A.take<T>(entries); }
+  void take_state(Arena& A, int64_t nv, int64_t contacts, int64_t limits, int64_t dry_rows) {
     int64_t state = nv + 3 * dry_rows + contacts * (3 + 2 * G::NT) + limits * 2;
     save = A.take<T>(state); path = A.take<T>(3 * state);
   }
@@ -82,13 +98,20 @@ template <class G>
 struct Work : SolverWork<G> {
   using V = typename G::V;
   using Motion = Vec<G::N>;
-  T *P, *q, *v, *u, *vstep;                // parameters, state, control, next velocity
+  StepMemory* memory;                      // where what grows stands
+  T *P, *q, *v, *u, *vstep, *start;        // parameters but those of contacts, state, control, next velocity; state to go back to
+  T *dtheta, radius_slack;                 // parameters less their nominal values; most that they add to a radius
   typename G::Rot* R; V* pos;              // bodies, relative to O
   Inertia<G> *I, *Ic;
   Motion *vel, *acc, *f, *fc, *psid, *psidd, *sdot, *vlam, *tn, *tnlam;  // tn: twists under the next velocity
   T* Xc; V* momc;
   T *bias, *tau, *a, *kd, *kp, *open, *tmp;
-  T* all_phi; Mask *con_on, *lim_on;
+  Mask *con_on, *lim_on;                   // of a step that is read back from its tape
+  uint64_t* near; int* order;              // groups that may touch in this step, as bits; bodies along an axis
+  typename G::V* centre; T *fast, *reach; double *low, *high;  // of bodies: spheres that hold what may touch in this step
+  LeftOut<G>* left; int nleft;             // see pruning.hpp
+  LeftOutLimit* left_lim; int nleft_lim;
+  T left_out_gap;                          // smallest absolute gap of a contact that was left out
   uint64_t* bits; int *fill_ptr, *fill_idx;  // the pattern as bits, and as lists
   T* vb; Motion *bvel, *bacc;          // where the bias is taken in a midpoint step: velocity, its twists and accelerations
   T *C, *Bq, *Bv, *Bu, *Bp;            // -h dbias/dv there; dvb = Bq dq + Bv dv + Bu du + Bp dtheta
@@ -111,11 +134,48 @@ struct Work : SolverWork<G> {
     y = acc; acc = bacc; bacc = y;
   }
 
-  Work(Arena& A, const Model& m) {
-    int64_t nv = m.nv, nb = m.nbody, ncol = 2 * nv + m.nu + m.ntheta;  // sizes may pass the range of an int
-    P = A.take<T>(m.nP); q = A.take<T>(m.nq); v = A.take<T>(nv); u = A.take<T>(m.nu + 1);
-    vstep = A.take<T>(nv);
-    this->take(A, nv, nv, m.ncontact, m.nlimit, nv, m.ngroup);
+  // One more contact, after those that are there.
+  Contact<G>& add_contact() {
+    this->con = static_cast<Contact<G>*>(memory->contacts.extend((this->ncon + 1) * sizeof(Contact<G>)));
+    return this->con[this->ncon++];
+  }
+  void add_group(ActiveGroup group) {
+    this->groups = static_cast<ActiveGroup*>(memory->groups.extend((this->ngroups + 1) * sizeof(ActiveGroup)));
+    this->groups[this->ngroups++] = group;
+  }
+  void leave_out(const LeftOut<G>& row) {
+    left = static_cast<LeftOut<G>*>(memory->left.extend((nleft + 1) * sizeof(LeftOut<G>)));
+    left[nleft++] = row;
+  }
+  template <class Take> static void carve(Memory& memory, Take take) {
+    Arena probe{nullptr};
+    take(probe);
+    Arena arena{static_cast<char*>(memory.reserve(probe.used))};
+    take(arena);
+  }
+  // Room for the factors, once the pattern is known, and for what the rows need, once they are.
+  void make_factor(int64_t nv, int64_t columns) {
+    carve(memory->factor, [&](Arena& A) {
+      this->take_factor(A, nv + 2 * columns);
+      HF = A.take<T>(nv + 2 * columns);
+      fill_idx = A.take<int>(columns);
+    });
+  }
+  void make_rows(const Model& m) {
+    int64_t closing = 2 * int64_t(this->ncon) + this->nlim;
+    if (closing < m.nv) closing = m.nv;
+    carve(memory->rows, [&](Arena& A) {
+      this->take_state(A, m.nv, this->ncon, this->nlim, this->ndry);
+      Z = Gq ? A.take<T>(closing * (2 * m.nv + m.nu + m.ntheta)) : nullptr;
+    });
+  }
+
+  Work(Arena& A, const Model& m, Purpose purpose, StepMemory* growing) : memory(growing) {
+    int64_t nv = m.nv, nb = m.nbody, ncol = 2 * nv + m.nu + m.ntheta, words = FillPattern::words(m.ngroup);  // past an int, perhaps
+    P = A.take<T>(m.oContact); dtheta = A.take<T>(m.ntheta + 1);
+    q = A.take<T>(m.nq); v = A.take<T>(nv); u = A.take<T>(m.nu + 1);
+    vstep = A.take<T>(nv); start = A.take<T>(m.nq + nv);
+    this->take(A, nv, m.tree().row(m.nv), nv, m.max_group_dofs, m.nlimit, nv);
     R = A.take<typename G::Rot>(nb); pos = A.take<V>(nb);
     I = A.take<Inertia<G>>(nb); Ic = A.take<Inertia<G>>(nb);
     vel = A.take<Motion>(nb); acc = A.take<Motion>(nb); f = A.take<Motion>(nb); fc = A.take<Motion>(nb); tn = A.take<Motion>(nb);
@@ -124,22 +184,27 @@ struct Work : SolverWork<G> {
     Xc = A.take<T>(nb * G::NX); momc = A.take<V>(nb);
     bias = A.take<T>(nv); tau = A.take<T>(nv); a = A.take<T>(nv); kd = A.take<T>(nv); kp = A.take<T>(nv); open = A.take<T>(m.nact + 1);
     tmp = A.take<T>(nv);
-    all_phi = A.take<T>(m.ncontact); con_on = A.take<Mask>(m.ncontact); lim_on = A.take<Mask>(m.nlimit);
-    bits = A.take<uint64_t>(nv * FillPattern::words(m.nv)); fill_ptr = A.take<int>(nv + 1); fill_idx = A.take<int>(nv * (nv - 1) / 2);
-    Gq = A.take<T>(nv * nv); Gv = A.take<T>(nv * nv); Gu = A.take<T>(nv * (m.nu + 1)); Gp = A.take<T>(nv * (m.ntheta + 1));
-    auto block = [&](T*& q_, T*& v_, T*& u_, T*& p_, int64_t rows) {
-      q_ = A.take<T>(rows * nv); v_ = A.take<T>(rows * nv); u_ = A.take<T>(rows * (m.nu + 1)); p_ = A.take<T>(rows * (m.ntheta + 1));
-    };
-    vb = A.take<T>(nv); bvel = A.take<Motion>(nb); bacc = A.take<Motion>(nb); C = A.take<T>(nv * nv);
-    block(Bq, Bv, Bu, Bp, nv);
-    block(Fq, Fv, Fu, Fp, nv);
-    block(Sq, Sv, Su, Sp, nv);
-    Z = A.take<T>((2 * m.ncontact + m.nlimit + nv) * ncol); HF = A.take<T>(nv * nv);
-    Sn = A.take<T>(nv * nv);
+    near = A.take<uint64_t>(words); order = A.take<int>(nb);
+    centre = A.take<V>(nb); fast = A.take<T>(nb); reach = A.take<T>(nb); low = A.take<double>(nb); high = A.take<double>(nb);
+    bits = A.take<uint64_t>(nv * FillPattern::words(m.nv)); fill_ptr = A.take<int>(nv + 1);
+    vb = A.take<T>(nv); bvel = A.take<Motion>(nb); bacc = A.take<Motion>(nb);
+    left_lim = A.take<LeftOutLimit>(m.nlimit);
     qtan = A.take<T>(nv); shift = A.take<T>(nv);
-    tq = A.take<T>(nv * ncol); tv = A.take<T>(nv * ncol); rhs_all = A.take<T>(nv * ncol);
+    if (purpose == Purpose::step) { Gq = nullptr; return; }
+    con_on = A.take<Mask>(m.ncontact); lim_on = A.take<Mask>(m.nlimit);
+    auto block = [&](T*& q_, T*& v_, T*& u_, T*& p_) {
+      q_ = A.take<T>(nv * nv); v_ = A.take<T>(nv * nv); u_ = A.take<T>(nv * (m.nu + 1)); p_ = A.take<T>(nv * (m.ntheta + 1));
+    };
+    C = A.take<T>(nv * nv);
+    block(Gq, Gv, Gu, Gp);
+    block(Bq, Bv, Bu, Bp);
+    block(Fq, Fv, Fu, Fp);
+    block(Sq, Sv, Su, Sp);
+    Sn = A.take<T>(nv * nv);
     lq = A.take<T>(nv); lv = A.take<T>(nv); lu = A.take<T>(m.nu + 1); lp = A.take<T>(m.ntheta + 1); pvec = A.take<T>(nv);
     Y = A.take<Vec<G::N>>(m.max_group_dofs + 1);
+    int64_t tangents = purpose == Purpose::jacobian ? nv * ncol : nv;
+    tq = A.take<T>(tangents); tv = A.take<T>(tangents); rhs_all = A.take<T>(tangents);
   }
 };
 

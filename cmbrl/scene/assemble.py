@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.actuators import Actuator
-from cmbrl.scene.layout import Layout
+from cmbrl.scene.layout import CONTACT_FIELDS, Layout
 from cmbrl.scene.mjcf import limits_act
 from cmbrl.scene.records import CONTACT_LAWS, WORLD, Array, Candidate, ContactLaw, JointKind, Tree
 from cmbrl.scene.reduction import PlaneOfMotion
@@ -94,8 +94,9 @@ def contact_arrays(
     number = {ground.geom: k for k, ground in enumerate(planes)}
     pyramid = int(model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL)
 
-    def vectors(field: str) -> Array:
-        return doubles([getattr(c, field) for c in candidates], (-1, dimension))
+    def vectors(field: str, size: int = dimension) -> Array:
+        rows = [getattr(c, field) for c in candidates]
+        return doubles(np.concatenate(rows) if rows else [], (-1, size))
 
     return {
         "con_type": integers([c.kind for c in candidates]),
@@ -106,7 +107,7 @@ def contact_arrays(
         "con_axisA": vectors("axis_a"),
         "con_posB": vectors("pos_b"),
         "con_axisB": vectors("axis_b"),
-        "con_rotB": doubles([c.rot_b.ravel() for c in candidates], (-1, dimension**2)),
+        "con_rotB": vectors("rot_b", dimension**2),
         "con_halfB": vectors("half_b"),
         "con_radiusB": doubles([c.radius_b for c in candidates], (-1,)),
         "con_dim": integers([law.dim for law in laws]),
@@ -127,6 +128,12 @@ def _spring_damper(law: ContactLaw) -> tuple[float, float]:
     if first > 0:
         return mass / (dmax * first * second) ** 2, 2 * mass / (dmax * first)
     return -mass * first / dmax**2, -mass * second / dmax
+
+
+def _law_block(law: ContactLaw, contact_law: str) -> Array:
+    """Block (9,) of a contact in P, without the sum of radii and the weight of the candidate."""
+    ref = _spring_damper(law) if contact_law == "spring-damper" else law.solref
+    return np.array([law.friction, 0.0, 0.0, *ref, *law.solimp[:3], 0.0])  # MJCF cannot express restitution
 
 
 def integers(values: Any) -> np.ndarray:
@@ -174,16 +181,13 @@ def physical_vector(
             P[layout.dof(dof, "springref")] = model.qpos_spring[joint.qadr] if stiffness else 0.0
             if not flags & (off.mjDSBL_FRICTIONLOSS | off.mjDSBL_CONSTRAINT):
                 P[layout.dof(dof, "frictionloss")] = model.dof_frictionloss[dof]
-    for k, c in enumerate(candidates):
-        law, first = c.law, layout.contact(k)
-        P[first : first + 9] = [
-            law.friction,
-            0.0,  # MJCF cannot express restitution
-            c.radius_a + c.radius_b,
-            *(_spring_damper(law) if contact_law == "spring-damper" else law.solref),
-            *law.solimp[:3],
-            1 / c.weight,
-        ]
+    blocks = P[layout.contact(0) :].reshape(-1, len(CONTACT_FIELDS))
+    laws = {id(c.law): c.law for c in candidates}  # pairs of the same surfaces share theirs
+    shared = {key: _law_block(law, contact_law) for key, law in laws.items()}
+    for block, c in zip(blocks, candidates, strict=True):
+        block[:] = shared[id(c.law)]
+    blocks[:, 2] = [c.radius_a + c.radius_b for c in candidates]
+    blocks[:, 8] = [1 / c.weight for c in candidates]
     for k, ground in enumerate(planes):
         P[layout.plane(k)] = ground.rot[:, 2] @ ground.pos
     for k, actuator in enumerate(actuators):
@@ -193,5 +197,5 @@ def physical_vector(
         P[layout.dof(actuator.dof, "damping")] += actuator.damping
     if not flags & off.mjDSBL_GRAVITY:
         gravity = np.asarray(model.opt.gravity)
-        P[layout.gravity :] = plane.basis @ gravity if plane else gravity
+        P[layout.gravity : layout.contact(0)] = plane.basis @ gravity if plane else gravity
     return P

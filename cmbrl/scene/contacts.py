@@ -6,13 +6,18 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.mixing import collision_pairs, contact_law, pair_label
-from cmbrl.scene.reach import closest_approach, height_range
+from cmbrl.scene.reach import Balls, height_range
 from cmbrl.scene.records import WORLD, Array, Candidate, ContactKind, ContactLaw, LeftOut, Tree
 from cmbrl.scene.shapes import Shape, Touch, read_shape, roundings, touches
 from cmbrl.scene.support import Gate
 
 _POINTWISE = ("sphere", "capsule", "box", "cylinder", "mesh")
 _ROUND = ("sphere", "capsule")
+_SURFACE = (
+    "geom_condim", "geom_priority", "geom_solmix", "geom_friction", "geom_solref", "geom_solimp", "geom_margin",
+    "geom_gap", "geom_adhesion", "geom_surfacevel",
+)  # fmt: skip
+_ZERO, _UPRIGHT = np.zeros(3), np.eye(3)  # shared by all candidates
 
 
 class ContactBuilder:
@@ -39,6 +44,9 @@ class ContactBuilder:
         self.dropped: list[LeftOut] = []
         self._shapes: dict[int, Shape] = {}
         self._roundings = roundings(model)
+        self._balls = Balls(model, tree)
+        self._laws: dict[tuple[bytes, bytes], ContactLaw] = {}
+        self._surfaces: dict[int, bytes] = {}
 
     def build(self) -> None:
         """Fills ``candidates`` and ``dropped``; reports unsupported pairs to the gate."""
@@ -58,6 +66,29 @@ class ContactBuilder:
         return self._shapes[geom]
 
     def _law(self, a: Shape, b: Shape, pair: int) -> ContactLaw:
+        """One record for all pairs of the same surfaces, unless there is something to report about each of them."""
+        if pair >= 0:
+            return self._mixed(a, b, pair)
+        first, second = sorted((a.geom, b.geom))
+        key = self._surface(first), self._surface(second)
+        if key not in self._laws:
+            before = self.gate.reports
+            law = self._mixed(a, b, pair)
+            if self.gate.reports > before:
+                return law
+            self._laws[key] = law
+        return self._laws[key]
+
+    def _surface(self, geom: int) -> bytes:
+        """All that a law takes from one of its geoms."""
+        if geom not in self._surfaces:
+            fields = [name for name in _SURFACE if hasattr(self.model, name)]
+            numbers = [np.ravel(getattr(self.model, name)[geom]).astype(float) for name in fields]
+            weight = self.model.body_invweight0[self.model.geom_bodyid[geom], 0]
+            self._surfaces[geom] = np.concatenate([*numbers, [weight]]).tobytes()
+        return self._surfaces[geom]
+
+    def _mixed(self, a: Shape, b: Shape, pair: int) -> ContactLaw:
         model, label = self.model, pair_label(self.model, a.geom, b.geom)
         for field, kind, rows in (
             ("geom_adhesion", "adhesion", [a.geom, b.geom]),
@@ -111,7 +142,7 @@ class ContactBuilder:
 
     def _between(self, a: Shape, b: Shape, pair: int) -> None:
         law = self._law(a, b, pair)
-        nearest = closest_approach(self.model, self.tree, a.body, a.pos, b.body, b.pos) - a.bound - b.bound
+        nearest = self._balls.closest_approach(a, b) - a.bound - b.bound
         kinds = {a.kind, b.kind}
         modelled = kinds <= {*_ROUND} or kinds == {"sphere", "box"}
         if nearest > law.margin and not (self.keep_far and modelled):
@@ -123,10 +154,11 @@ class ContactBuilder:
             if apart > law.margin:
                 self._drop(a, b, f"they move in parallel planes {apart:.3g} m apart")
                 return
-        label = pair_label(self.model, a.geom, b.geom)
         if a.kind in _ROUND and b.kind in _ROUND:
             self.candidates.append(_round_pair(a, b, law))
-        elif kinds == {"sphere", "box"}:
+            return
+        label = pair_label(self.model, a.geom, b.geom)
+        if kinds == {"sphere", "box"}:
             ball, box = (a, b) if a.kind == "sphere" else (b, a)
             if ball.body == WORLD:
                 self.gate.refuse("geom_pair", label, "a moving box against a fixed sphere")
@@ -140,11 +172,10 @@ class ContactBuilder:
 
 
 def _on_plane(shape: Shape, plane: Shape, touch: Touch, law: ContactLaw) -> Candidate:
-    zero = np.zeros(3)
     kind = ContactKind.RIM_PLANE if np.any(touch.rim) else ContactKind.POINT_PLANE
     return Candidate(
         kind, (shape.geom, plane.geom), shape.body, WORLD,
-        touch.pos, touch.rim, zero, zero, np.eye(3), zero, touch.radius, 0.0, law, touch.weight,
+        touch.pos, touch.rim, _ZERO, _ZERO, _UPRIGHT, _ZERO, touch.radius, 0.0, law, touch.weight,
     )  # fmt: skip
 
 
@@ -157,13 +188,12 @@ def _round_pair(a: Shape, b: Shape, law: ContactLaw) -> Candidate:
     kind = ContactKind.SEGMENT_SEGMENT if a.kind == "capsule" else ContactKind.POINT_SHAPE
     return Candidate(
         kind, (a.geom, b.geom), a.body, b.body,
-        a.pos, a.axis, b.pos, b.axis, np.eye(3), np.zeros(3), a.radius, b.radius, law,
+        a.pos, a.axis, b.pos, b.axis, _UPRIGHT, _ZERO, a.radius, b.radius, law,
     )  # fmt: skip
 
 
 def _sphere_box(ball: Shape, box: Shape, law: ContactLaw) -> Candidate:
-    zero = np.zeros(3)
     return Candidate(
         ContactKind.POINT_SHAPE, (ball.geom, box.geom), ball.body, box.body,
-        ball.pos, zero, box.pos, zero, box.rot, box.core, ball.radius, box.radius, law,
+        ball.pos, _ZERO, box.pos, _ZERO, box.rot, box.core, ball.radius, box.radius, law,
     )  # fmt: skip

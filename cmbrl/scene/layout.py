@@ -2,13 +2,17 @@
 
 P = per body [mass, centre of mass (D), inertia about it (planar 1: about the axis; spatial xx yy zz xy xz yz)],
     per degree of freedom [armature, damping, stiffness, spring reference, friction loss],
-    per contact [friction, restitution, sum of radii, solref (2), d0, dmax, width, softness scale],
-    per plane [height], per actuator [gear, gain, bias (3)], gravity (D).
+    per plane [height], per actuator [gear, gain, bias (3)], gravity (D),
+    per contact [friction, restitution, sum of radii, solref (2), d0, dmax, width, softness scale].
+Contacts come last: of these, the core takes up only what touches.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 DOF_FIELDS = ("armature", "damping", "stiffness", "springref", "frictionloss")
 CONTACT_FIELDS = ("friction", "restitution", "radius", "solref0", "solref1", "d0", "dmax", "width", "rscale")
@@ -48,21 +52,25 @@ class Layout:
     def dof(self, dof: int, field: str = "armature") -> int:
         return self.nbody * self.body_fields + dof * len(DOF_FIELDS) + DOF_FIELDS.index(field)
 
-    def contact(self, contact: int, field: str = "friction") -> int:
-        return self.dof(self.nv) + contact * len(CONTACT_FIELDS) + CONTACT_FIELDS.index(field)
-
     def plane(self, plane: int) -> int:
-        return self.contact(self.ncontact) + plane
+        return self.dof(self.nv) + plane
 
     def actuator(self, actuator: int, field: str = "gear") -> int:
         return self.plane(self.nplane) + actuator * len(ACTUATOR_FIELDS) + ACTUATOR_FIELDS.index(field)
 
     @property
     def gravity(self) -> int:
-        """Gravity (D,) is the end of P."""
+        """Where gravity (D,) begins."""
         return self.actuator(self.nact)
+
+    def contact(self, contact: int, field: str = "friction") -> int:
+        return self.gravity + self.dimension + contact * len(CONTACT_FIELDS) + CONTACT_FIELDS.index(field)
+
+    def contacts(self, rows: NDArray[np.int64], field: str) -> NDArray[np.int64]:
+        """Offsets (n,) of one field of several contacts (n,)."""
+        return self.contact(0, field) + len(CONTACT_FIELDS) * rows
 
     @property
     def size(self) -> int:
         """Length of P."""
-        return self.gravity + self.dimension
+        return self.contact(self.ncontact)

@@ -33,22 +33,19 @@ def collision_pairs(model: mujoco.MjModel) -> Iterator[tuple[int, int, int]]:
             yield pair[0], pair[1], k
     excluded = {(int(s) >> 16, int(s) & 0xFFFF) for s in model.exclude_signature}
     filter_parent = not model.opt.disableflags & off.mjDSBL_FILTERPARENT
-    welded = weld[model.geom_bodyid]
-    parent, types, affinity = (
-        weld[model.body_parentid[welded]],
-        model.geom_contype.copy(),
-        model.geom_conaffinity.copy(),
-    )
-    bodies, count = model.geom_bodyid.tolist(), len(explicit)
+    body, types, affinity = model.geom_bodyid, model.geom_contype, model.geom_conaffinity
+    welds = weld[body]
+    parents = weld[model.body_parentid[welds]]
+    count = len(explicit)
     for first in range(model.ngeom):
         rest = slice(first + 1, None)
-        meets = (types[first] & affinity[rest] | types[rest] & affinity[first]) != 0
-        meets &= welded[rest] != welded[first]
-        if filter_parent and welded[first]:
-            meets &= (welded[rest] == 0) | ((welded[rest] != parent[first]) & (parent[rest] != welded[first]))
-        for second in (np.flatnonzero(meets) + first + 1).tolist():
-            both = bodies[first], bodies[second]
-            if (first, second) in explicit or both in excluded or both[::-1] in excluded:
+        free = welds[rest] != welds[first]
+        free &= ((types[first] & affinity[rest]) | (types[rest] & affinity[first])) != 0
+        if filter_parent and welds[first]:
+            free &= (welds[rest] == 0) | ((welds[first] != parents[rest]) & (welds[rest] != parents[first]))
+        for second in (first + 1 + np.flatnonzero(free)).tolist():
+            bodies = int(body[first]), int(body[second])
+            if (first, second) in explicit or excluded & {bodies, bodies[::-1]}:
                 continue
             count += 1
             if count > MOST_PAIRS:

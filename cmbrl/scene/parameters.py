@@ -6,11 +6,12 @@ Bounds are physical and generous: they keep a search sane and are not a prior.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from cmbrl.scene.actuators import Actuator
 from cmbrl.scene.layout import Layout
@@ -18,7 +19,8 @@ from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import WORLD, Array, Candidate, Joint, JointKind, Parameter, Tree
 from cmbrl.scene.shapes import Shape
 
-Entries = Iterable[tuple[int, float]]
+Rows = NDArray[np.int64]
+Places = NDArray[np.int64] | Sequence[int] | range  # offsets into P
 
 _SHARES = ("impedance_low", "impedance_high")  # between 0 and 1, searched on a logit scale
 
@@ -56,17 +58,32 @@ class Moves:
 class _Collector:
     def __init__(self) -> None:
         self.parameters: list[Parameter] = []
-        self.entries: list[list[tuple[int, float]]] = []
+        self.places: list[NDArray[np.int32]] = []
+        self.coefs: list[Array] = []
 
-    def add(self, group: str, of: str, value: float, low: float, high: float, unit: str, entries: Entries) -> None:
-        """Adds a parameter. Its transform is "log" for positive bounds, "logit" for impedances, otherwise "linear"."""
+    def add(
+        self,
+        group: str,
+        of: str,
+        value: float,
+        low: float,
+        high: float,
+        unit: str,
+        places: Places,
+        coefs: float | Array = 1.0,
+    ) -> None:
+        """Adds a parameter that moves these places of P.
+
+        Its transform is "log" for positive bounds, "logit" for impedances, otherwise "linear".
+        """
         name = f"{group}.{of}" if of else group
         transform = "linear" if low <= 0 else "logit" if group in _SHARES else "log"
         self.parameters.append(Parameter(name, group, value, low, high, transform, unit))
-        self.entries.append(list(entries))
+        self.places.append(np.asarray(places, dtype=np.int32))
+        self.coefs.append(np.full(len(places), 1.0) * coefs)
 
-    def scale(self, group: str, of: str, low: float, high: float, P: Array, indices: Iterable[int]) -> None:
-        self.add(group, of, 1.0, low, high, "1", [(i, float(P[i])) for i in indices])
+    def scale(self, group: str, of: str, low: float, high: float, P: Array, places: Places) -> None:
+        self.add(group, of, 1.0, low, high, "1", places, P[np.asarray(places)])
 
 
 def offer_parameters(
@@ -94,24 +111,22 @@ def offer_parameters(
                 np.sqrt(np.trace(body.inertia) / 2 / body.mass)
             )  # 1.7 radii of gyration reach the end of a rod
             if size > 0:
-                out.add(f"com_{letter}", body.name, 0.0, -size, size, "m", [(layout.com(k) + axis, 1.0)])
+                out.add(f"com_{letter}", body.name, 0.0, -size, size, "m", [layout.com(k) + axis])
     _joint_parameters(model, tree, layout, P, out)
     _contact_parameters(model, candidates, layout, P, contact_law, out)
     for k, ground in enumerate(planes):
-        out.add("plane_height", name_of(model, "geom", ground.geom), 0.0, -0.1, 0.1, "m", [(layout.plane(k), 1.0)])
+        out.add("plane_height", name_of(model, "geom", ground.geom), 0.0, -0.1, 0.1, "m", [layout.plane(k)])
     for k, actuator in enumerate(actuators):
         if actuator.gear:
             out.scale("gear", actuator.name, 0.2, 5.0, P, [layout.actuator(k)])
-    down = range(layout.gravity, layout.size)
-    if np.any(P[layout.gravity :]):
+    down = range(layout.gravity, layout.contact(0))
+    if np.any(P[down]):
         out.scale("gravity", "", 0.5, 2.0, P, down)
-    counts = [len(entries) for entries in out.entries]
-    flat = [entry for entries in out.entries for entry in entries]
     return Moves(
         tuple(out.parameters),
-        np.cumsum([0, *counts]).astype(np.int32),
-        np.array([i for i, _ in flat], dtype=np.int32),
-        np.array([c for _, c in flat], dtype=np.float64),
+        np.cumsum([0, *map(len, out.places)]).astype(np.int32),
+        np.concatenate([np.zeros(0, np.int32), *out.places]),
+        np.concatenate([np.zeros(0), *out.coefs]),
     )
 
 
@@ -130,11 +145,9 @@ def _joint_parameters(model: mujoco.MjModel, tree: Tree, layout: Layout, P: Arra
             value, name = float(P[indices[0]]), joints[0].name
             unit = _UNITS[field][int(joints[-1].kind != JointKind.SLIDE)]
             if value > 0:
-                out.add(field, name, value, value / 20, value * 20, unit, [(i, 1.0) for i in indices])
+                out.add(field, name, value, value / 20, value * 20, unit, indices)
             elif rate and not _floating(tree, joints[0]):
-                out.add(
-                    field, name, 0.0, 0.0, rate * float(model.dof_M0[dofs].max()), unit, [(i, 1.0) for i in indices]
-                )
+                out.add(field, name, 0.0, 0.0, rate * float(model.dof_M0[dofs].max()), unit, indices)
 
 
 def _floating(tree: Tree, joint: Joint) -> bool:
@@ -147,46 +160,49 @@ def _contact_parameters(
     model: mujoco.MjModel, candidates: list[Candidate], layout: Layout, P: Array, contact_law: str, out: _Collector
 ) -> None:
     """Friction and softness of each geom that touches the world; contacts between moving bodies share ``pairs``."""
-    groups: dict[int, list[int]] = {}
-    for k, c in enumerate(candidates):
-        groups.setdefault(c.geoms[0] if c.body_b == WORLD else model.ngeom, []).append(k)
+    geoms = np.array([c.geoms for c in candidates], dtype=np.int64).reshape(-1, 2)
+    on_world = np.array([c.body_b == WORLD for c in candidates], dtype=bool)
+    rubs = np.array([c.law.dim > 1 for c in candidates], dtype=bool)
 
-    def entries(rows: list[int], field: str) -> list[tuple[int, float]]:
-        return [(layout.contact(k, field), 1.0) for k in rows]
-
-    def by_value(rows: list[int], field: str) -> Iterator[tuple[str, float, list[int]]]:
+    def by_value(rows: Rows, field: str) -> Iterator[tuple[str, float, Rows]]:
         """Splits a group by nominal value; several values are told apart by the geoms of their first contact."""
-        values = dict.fromkeys(float(P[layout.contact(k, field)]) for k in rows)
-        for value in values:
-            same = [k for k in rows if P[layout.contact(k, field)] == value]
-            first = candidates[same[0]]
-            told = first.geoms[1:] if first.body_b == WORLD else first.geoms
-            suffix = ":" + "-".join(name_of(model, "geom", geom) for geom in told)
-            yield suffix if len(values) > 1 else "", value, same
+        values, first, which = np.unique(P[layout.contacts(rows, field)], return_index=True, return_inverse=True)
+        for k in np.argsort(first):
+            same = rows[which == k]
+            told = geoms[same[0], int(on_world[same[0]]) :]
+            suffix = ":" + "-".join(name_of(model, "geom", int(geom)) for geom in told)
+            yield suffix if len(values) > 1 else "", float(values[k]), same
 
-    for geom, rows in sorted(groups.items()):
+    for geom, rows in _by_key(np.where(on_world, geoms[:, 0], model.ngeom)):
         name = name_of(model, "geom", geom) if geom < model.ngeom else "pairs"
-        for suffix, value, same in by_value([k for k in rows if candidates[k].law.dim > 1], "friction"):
+        for suffix, value, same in by_value(rows[rubs[rows]], "friction"):
             low, high = min(0.01, value / 2), max(5.0, 2 * value)
-            out.add("friction", name + suffix, value, low, high, "1", entries(same, "friction"))
+            out.add("friction", name + suffix, value, low, high, "1", layout.contacts(same, "friction"))
         if contact_law == "rigid":
-            out.add("restitution", name, 0.0, 0.0, 1.0, "1", entries(rows, "restitution"))
+            out.add("restitution", name, 0.0, 0.0, 1.0, "1", layout.contacts(rows, "restitution"))
         for field, group, unit in _LAW_FIELDS[contact_law]:
             for suffix, value, same in by_value(rows, field):
                 if value > 0:  # a negative solref is a stiffness, which softness_scale covers
-                    out.add(group, name + suffix, value, value / 10, value * 10, unit, entries(same, field))
+                    out.add(group, name + suffix, value, value / 10, value * 10, unit, layout.contacts(same, field))
         if contact_law == "mujoco":
-            out.scale("softness_scale", name, 1e-3, 1e4, P, [layout.contact(k, "rscale") for k in rows])
+            out.scale("softness_scale", name, 1e-3, 1e4, P, layout.contacts(rows, "rscale"))
             for field, group, low, high, unit in _IMPEDANCE_FIELDS:
                 for suffix, value, same in by_value(rows, field):
                     if low <= value <= high:  # MuJoCo allows 0, which no scaling can change
-                        out.add(group, name + suffix, value, low, high, unit, entries(same, field))
-    rounded: dict[int, list[int]] = {}
-    for k, c in enumerate(candidates):
-        for geom, body in zip(c.geoms, (c.body_a, c.body_b), strict=True):
-            if body != WORLD:
-                rounded.setdefault(geom, []).append(k)
-    for geom, rows in sorted(rounded.items()):
+                        out.add(group, name + suffix, value, low, high, unit, layout.contacts(same, field))
+    moving = np.column_stack([geoms[:, 0], np.where(on_world, -1, geoms[:, 1])])  # A always moves
+    for geom, sides in _by_key(moving.ravel()):
+        if geom < 0:
+            continue
         sizes = model.geom_size[geom]
         size = 0.5 * float(sizes[sizes > 0].min(initial=0.04))
-        out.add("radius", name_of(model, "geom", geom), 0.0, -size, size, "m", entries(rows, "radius"))
+        out.add("radius", name_of(model, "geom", geom), 0.0, -size, size, "m", layout.contacts(sides // 2, "radius"))
+
+
+def _by_key(keys: Rows) -> Iterator[tuple[int, Rows]]:
+    """Each key, rising, with the rows that have it, rising."""
+    order = np.argsort(keys, kind="stable")
+    values, first = np.unique(keys[order], return_index=True)
+    ends = np.append(first[1:], len(keys))
+    for k, value in enumerate(values):
+        yield int(value), order[first[k] : ends[k]]

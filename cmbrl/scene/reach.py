@@ -12,7 +12,8 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.mjcf import limits_act
-from cmbrl.scene.records import Array, Joint, JointKind, Tree
+from cmbrl.scene.records import WORLD, Array, Joint, JointKind, Tree
+from cmbrl.scene.shapes import Shape
 
 _PARALLEL = 1e-9
 
@@ -49,27 +50,43 @@ def height_range(model: mujoco.MjModel, tree: Tree, body: int, point: Array, dir
     return HeightRange(low, high, not moves)
 
 
-def closest_approach(
-    model: mujoco.MjModel, tree: Tree, body_a: int, point_a: Array, body_b: int, point_b: Array
-) -> float:
-    """Lower bound [m], possibly negative, on the distance between two points of different bodies."""
-    path_a, path_b = tree.chain(body_a), tree.chain(body_b)
-    shared = 0
-    while shared < min(len(path_a), len(path_b)) and path_a[shared] == path_b[shared]:
-        shared += 1
-    balls = []
-    for body, point, path in ((body_a, point_a, path_a), (body_b, point_b, path_b)):
-        joints = [(index, joint) for index in path[shared:] for joint in tree.bodies[index].joints]
-        end = tree.place(body, point)
-        centre, slack = end, 0.0
-        while joints and joints[0][1].kind == JointKind.SLIDE:
-            slack += max(abs(x) for x in _travel(model, joints[0][1]))
-            joints = joints[1:]
-        if joints:
-            centre = tree.place(joints[0][0], joints[0][1].pos)
-            slack += _arm(model, tree, joints, end)
-        balls.append((centre, slack))
-    return float(np.linalg.norm(balls[0][0] - balls[1][0])) - balls[0][1] - balls[1][1]
+class Balls:
+    """Balls that geoms stay in, by geom and by how much of its chain is held; each is found once."""
+
+    def __init__(self, model: mujoco.MjModel, tree: Tree) -> None:
+        self.model, self.tree = model, tree
+        self._chains = [tree.chain(body) for body in range(len(tree.bodies))]
+        self._balls: dict[tuple[int, int], tuple[Array, float]] = {}
+
+    def closest_approach(self, a: Shape, b: Shape) -> float:
+        """Lower bound [m], possibly negative, on the distance between the centres of two shapes of different bodies."""
+        path_a, path_b = (self._chains[shape.body] if shape.body != WORLD else [] for shape in (a, b))
+        shared = 0
+        while shared < min(len(path_a), len(path_b)) and path_a[shared] == path_b[shared]:
+            shared += 1
+        (from_a, slack_a), (from_b, slack_b) = self._ball(a, path_a, shared), self._ball(b, path_b, shared)
+        if np.isinf(slack_a) or np.isinf(slack_b):
+            return -np.inf
+        return float(np.linalg.norm(from_a - from_b)) - slack_a - slack_b
+
+    def _ball(self, shape: Shape, path: list[int], held: int) -> tuple[Array, float]:
+        if (shape.geom, held) not in self._balls:
+            self._balls[shape.geom, held] = _ball(self.model, self.tree, shape, path[held:])
+        return self._balls[shape.geom, held]
+
+
+def _ball(model: mujoco.MjModel, tree: Tree, shape: Shape, path: list[int]) -> tuple[Array, float]:
+    """Centre (3,) and radius [m] of a ball that the joints of ``path`` cannot carry a shape's centre out of."""
+    joints = [(index, joint) for index in path for joint in tree.bodies[index].joints]
+    end = tree.place(shape.body, shape.pos)
+    centre, slack = end, 0.0
+    while joints and joints[0][1].kind == JointKind.SLIDE:
+        slack += max(abs(x) for x in _travel(model, joints[0][1]))
+        joints = joints[1:]
+    if joints:
+        centre = tree.place(joints[0][0], joints[0][1].pos)
+        slack += _arm(model, tree, joints, end)
+    return centre, slack
 
 
 def _arm(model: mujoco.MjModel, tree: Tree, joints: Sequence[tuple[int, Joint]], end: Array) -> float:

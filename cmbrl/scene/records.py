@@ -166,7 +166,7 @@ class ContactLaw:
     inverse_weight: float  # sum of both bodies' translational invweight0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Candidate:
     """Two features that may touch."""
 

@@ -7,6 +7,7 @@ For robots that move in x-z they are x, z and -y.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -155,8 +156,12 @@ def _swapped(c: Candidate) -> Candidate:
 
 def merge_points(candidates: list[Candidate]) -> tuple[list[Candidate], int]:
     """Merges coinciding candidates of a pair of geoms, adding their weights; returns them and the number removed."""
-    kept: dict[tuple[object, ...], Candidate] = {}
+    kept: dict[object, Candidate] = {}
+    points = Counter(c.geoms for c in candidates)
     for c in candidates:
+        if points[c.geoms] == 1:
+            kept[c.geoms] = c
+            continue
         where = tuple(np.round(np.concatenate([c.pos_a, c.axis_a, c.pos_b, c.axis_b]), 9) + 0.0)
         key = (c.kind, c.geoms, c.radius_a, where)
         kept[key] = replace(kept[key], weight=kept[key].weight + c.weight) if key in kept else c

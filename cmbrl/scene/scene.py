@@ -111,7 +111,7 @@ class Scene:
     @property
     def gravity(self) -> Array:
         """Nominal gravity (D,) [m/s^2], in the plane of motion for planar scenes."""
-        return self.core.P[self.layout.gravity :]
+        return self.core.P[self.layout.gravity : self.layout.contact(0)]
 
     def parameter_vector(self) -> Array:
         """Nominal values (np,) of ``parameters``."""
@@ -217,6 +217,7 @@ def _build(
         par_nominal=np.array([p.nominal for p in moves.parameters], dtype=np.float64),
     )
     names, kinds = _coordinates(tree)
+    geoms = [name_of(model, "geom", k) for k in range(model.ngeom)]
     return cls(
         name=_model_name(model, file),
         path=str(file),
@@ -237,7 +238,7 @@ def _build(
         coordinate_names=names,
         coordinate_kinds=kinds,
         actuator_names=tuple(a.name for a in actuators),
-        contact_names=tuple(" - ".join(name_of(model, "geom", g) for g in c.geoms) for c in candidates),
+        contact_names=tuple(f"{geoms[c.geoms[0]]} - {geoms[c.geoms[1]]}" for c in candidates),
         parameters=moves.parameters,
         left_out=tuple(gate.left_out),
         dropped_contacts=tuple(builder.dropped),

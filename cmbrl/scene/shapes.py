@@ -7,6 +7,7 @@ Real boxes have no sharp corners, but MJCF has no rounded box. ``<numeric name="
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -48,7 +49,7 @@ class Shape:
     hull: Array  # (n, 3) points of a mesh in the geom frame, otherwise empty
     rounding: float = 0.0  # of a box's edges
 
-    @property
+    @cached_property
     def axis(self) -> Array:
         """Half segment vector (3,) of a capsule; zero for other shapes."""
         return self.rot[:, 2] * self.size[1] if self.kind == "capsule" else np.zeros(3)
@@ -100,7 +101,7 @@ def roundings(model: mujoco.MjModel) -> dict[int, float]:
     found: dict[int, float] = {}
     geoms = {name_of(model, "geom", geom): geom for geom in range(model.ngeom)}
     for number in range(model.nnumeric):
-        label = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_NUMERIC, number)
+        label = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_NUMERIC, number) or ""
         name = label.removeprefix(_ROUNDING)
         if name == label:
             continue

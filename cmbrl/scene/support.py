@@ -49,6 +49,11 @@ class Gate:
         self.left_out: list[LeftOut] = []
         self._refused: dict[str, list[tuple[str, str]]] = {}
 
+    @property
+    def reports(self) -> int:
+        """How many elements were reported so far."""
+        return len(self.left_out) + sum(len(found) for found in self._refused.values())
+
     def refuse(self, kind: str, name: str, why: str, instead: str = "left out") -> None:
         """Reports an unsupported element. It is left out if ``kind`` is ignored; ``instead`` says what happens then."""
         if kind in self.ignore:

@@ -56,7 +56,7 @@ def _task(name: str, description: str, throw: str, duration: float, **world: flo
         substeps=10,
         time_step=0.001,
         contact_law="rigid",
-        smoothing_kappa=1e-8,
+        smoothing_speed=1e-7,
         contact_gap=0.02,
         behaviours=("random",),
         recorder=record,

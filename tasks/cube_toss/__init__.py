@@ -29,7 +29,7 @@ TASK = Task(
     substeps=1,
     time_step=DT,
     contact_law="rigid",
-    smoothing_kappa=1e-6,
+    smoothing_speed=3e-5,
     contact_gap=2e-3,
     behaviours=("log",),
     takes_log=True,
@@ -42,5 +42,5 @@ ROUNDED = replace(
     description="the same tosses; the cube with rounded edges and soft contact",
     scene=Path(__file__).with_name("rounded.xml"),
     contact_law="mujoco",
-    smoothing_kappa=1e-5,
+    smoothing_speed=3e-4,
 )

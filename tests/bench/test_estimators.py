@@ -27,7 +27,7 @@ from cmbrl.train.fopg import FOPG
 
 SMALL = Learning(samples=4, horizon=3, episode_steps=30)
 WORK = known_cells.Work(
-    {"hopper": Budget(0.02, 1, 1, 2)}, {"hopper": SMALL}, ("ABS", "exact", "AoBG", "ARS", "SHAC"), seeds=2,
+    {"hopper": Budget(0.02, 1, 1, 2)}, {"hopper": SMALL}, ("Gaussian", "exact", "AoBG", "ARS", "SHAC"), seeds=2,
     probe_updates=1, probe_samples=8,
 )  # fmt: skip
 SHORT = horizon_cells.Training(1, batch=2, seeds=2, judged=3)
@@ -83,7 +83,7 @@ def test_known_scene_is_drawn_as_the_tables_say(tmp_path: Path, monkeypatch: pyt
     runs, found = section.values["runs"], section.values["gradients"]["hopper"]
     assert all(len(o["returns"]) == 2 and o["curve"][0]["updates"] == 0 and o["updates"] > 0 for o in runs)
     assert all(o["curve"][-1]["steps"] > 0 for o in runs)
-    assert set(found) == {"ABS", "exact", "AoBG"}
+    assert set(found) == {"Gaussian", "exact", "AoBG"}
     assert abs(found["exact"]["true"]) > 0
     assert list(drawn) == [figure.file for figure in section.figures]
     table = section.tables[0]
@@ -91,7 +91,7 @@ def test_known_scene_is_drawn_as_the_tables_say(tmp_path: Path, monkeypatch: pyt
     assert set(medians) == set(WORK.arms)
     ends = {line.get_label(): line.get_ydata()[-1] for axes in drawn["returns.png"].axes for line in axes.get_lines()}
     assert {name: ends[name] for name in medians} == pytest.approx(medians)
-    assert "adaptive smoothing learns best" in section.text
+    assert "the Gaussian schedule learns best" in section.text
 
 
 def test_horizons_are_drawn_as_the_tables_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -79,10 +79,15 @@ def test_claims_are_judged_by_share_then_median() -> None:
     def run(name: str, *last: float) -> dict[str, object]:
         return {"task": "t", "scene": "known scene", "arm": name, "model": [[1.0, 1.0], list(last)]}
 
-    cells = [run("ABS 1 cm", 0.01, 0.02), run("BS 1e-2 J", 0.01, 0.9), run("FOPG", 0.5, 0.5), run("ZOPG", 0.04, 0.03)]
+    cells = [
+        run("Gaussian 1 cm", 0.01, 0.02),
+        run("BS 1e-2 J", 0.01, 0.9),
+        run("FOPG", 0.5, 0.5),
+        run("ZOPG", 0.04, 0.03),
+    ]
     rows = {row[2]: row for row in claims_table(cells).rows}
-    assert rows["ABS beats BS"][3:8] == ["repeats", "ABS 1 cm", "BS 1e-2 J", 1.0, 0.5]
-    assert rows["ABS beats BS"][8:] == [0.5, 0.0]  # of the pairs, one is equal
+    assert rows["Gaussian beats BS"][3:8] == ["repeats", "Gaussian 1 cm", "BS 1e-2 J", 1.0, 0.5]
+    assert rows["Gaussian beats BS"][8:] == [0.5, 0.0]  # of the pairs, one is equal
     assert rows["BS beats zeroth order"][3] == "does not"
     assert "'BS beats FOPG' repeats in 1 of 1 scenes" in verdict(cells)
 

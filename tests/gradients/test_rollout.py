@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from cmbrl.contact import Adaptive, Barrier
+from cmbrl.contact import Barrier, Gaussian
 from cmbrl.contact.smoothing import Smoothing
 from cmbrl.errors import UserError
 from cmbrl.gradients import RandomisedModel, Rollout, TanhPolicy, finite_differences, pathwise
@@ -36,7 +36,7 @@ def rollout(model: ComplementarityModel | RandomisedModel, samples: int, horizon
     return Rollout(model, POLICY, lambda u, q, v: v[:, 0] - 0.1 * (u**2).sum(1) - q[:, 2] ** 2, horizon, q, v)
 
 
-@pytest.mark.parametrize("smoothing", [Barrier(1e-4), Barrier(1e-2), Adaptive(2e-3)])
+@pytest.mark.parametrize("smoothing", [Barrier(1e-4), Barrier(1e-2), Gaussian(2e-3)])
 def test_pathwise_is_the_derivative_of_the_return(smoothing: Smoothing, scene: Scene) -> None:
     model = ComplementarityModel(scene, smoothing=smoothing, path_tolerance=1e-12, prune=np.inf)
     x = 0.3 * np.random.default_rng(2).normal(size=POLICY.size)
@@ -53,10 +53,10 @@ def test_one_policy_for_each_start(scene: Scene) -> None:
 
 
 def test_bundle_of_jacobians_is_gaussian_smoothing(scene: Scene) -> None:
-    """Of one contact: mean slope under velocity noise s equals that of the adaptive law of length s h (closed form)."""
+    """Of one contact: mean slope under velocity noise s equals that of the Gaussian schedule of length s h (closed form)."""
     s, h = 0.2, scene.timestep
     hard = ComplementarityModel(scene, smoothing=Barrier(1e-13), prune=np.inf)
-    soft = ComplementarityModel(scene, smoothing=Adaptive(s * h, floor=1e-14), prune=np.inf)
+    soft = ComplementarityModel(scene, smoothing=Gaussian(s * h, floor=1e-14), prune=np.inf)
     bundle = RandomisedModel(hard, 2000, velocity=s)
     q, v, u = np.array([[0.0, 0, -0.019]]), np.zeros((1, 3)), np.zeros((1, 2))
     slope, expected = (

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from cmbrl.contact import Adaptive, Barrier, Exact
+from cmbrl.contact import Barrier, Exact, Gaussian
 from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.protocol import Model
@@ -39,8 +39,8 @@ def test_fills_the_protocol(scene: Scene) -> None:
     np.testing.assert_allclose(q_next[:, 3:].norm(dim=1).numpy(), 1.0, atol=1e-14)
 
 
-@pytest.mark.parametrize("smoothing", [Exact(), Barrier(1e-3), Barrier(length=1e-3), Adaptive(length=0.02)])
-def test_config_round_trip(scene: Scene, smoothing: Exact | Barrier | Adaptive) -> None:
+@pytest.mark.parametrize("smoothing", [Exact(), Barrier(1e-3), Barrier(length=1e-3), Gaussian(length=0.02)])
+def test_config_round_trip(scene: Scene, smoothing: Exact | Barrier | Gaussian) -> None:
     theta = scene.parameter_vector()
     theta[0] *= 1.5
     model = ComplementarityModel(scene, 2, 0.003, smoothing, "leapfrog", theta, backward_smoothing=Barrier(1e-2))
@@ -77,7 +77,7 @@ def test_parameter_jacobian_is_part_of_the_whole(scene: Scene) -> None:
         ({"parameters": np.ones(2)}, "shape"),
         ({"smoothing": Barrier(-1.0)}, "give a number above 0"),
         ({"smoothing": Barrier()}, "exactly one"),
-        ({"smoothing": Adaptive(length=0.1, derivative="half")}, "known: exact, stop"),
+        ({"smoothing": Gaussian(length=0.1, derivative="half")}, "known: exact, stop"),
     ],
 )
 def test_settings_out_of_range_are_refused(scene: Scene, settings: dict, says: str) -> None:

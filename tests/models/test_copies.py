@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from cmbrl.bench.states import Ranges, random_states
-from cmbrl.contact import Adaptive, Barrier
+from cmbrl.contact import Barrier, Gaussian
 from cmbrl.models.baselines import Ballistic
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.ensemble import NeuralEnsemble
@@ -29,7 +29,7 @@ def fitted(scene: Scene) -> ComplementarityModel:
     theta = scene.parameter_vector()
     theta[0] *= 1.1
     return ComplementarityModel(
-        scene, 3, smoothing=Adaptive(length=1e-3), backward_smoothing=Barrier(1e-3), integrator="midpoint",
+        scene, 3, smoothing=Gaussian(length=1e-3), backward_smoothing=Barrier(1e-3), integrator="midpoint",
         parameters=theta, threads=2, prune=2.0, candidates=np.stack([theta, scene.parameter_vector()]),
     )  # fmt: skip
 

@@ -9,7 +9,7 @@ import pytest
 
 from cmbrl.bench.states import random_states
 from cmbrl.bench.studies.derivatives.differences import RANGES
-from cmbrl.contact import Adaptive, Barrier
+from cmbrl.contact import Barrier, Gaussian
 from cmbrl.contact.smoothing import Smoothing
 from cmbrl.models.complementarity import INTEGRATORS, ComplementarityModel
 from cmbrl.native import SolverStatus
@@ -37,7 +37,7 @@ def mismatch_at(
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
-@pytest.mark.parametrize("backward", [Barrier(1e-2), Adaptive(0.01, floor=1e-5)], ids=["kappa", "adaptive"])
+@pytest.mark.parametrize("backward", [Barrier(1e-2), Gaussian(0.01, floor=1e-5)], ids=["kappa", "gaussian"])
 @pytest.mark.parametrize(("law", "restitution"), [("mujoco", 0.0), ("rigid", 0.0), ("rigid", 0.5)])
 def test_simulate_hard_differentiate_soft(law: str, restitution: float, backward: Smoothing, integrator: str) -> None:
     """Of a free body whose displacement, velocity and late impacts differ from those that are differentiated."""

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cmbrl.bench.states import Ranges, random_states
-from cmbrl.contact import Adaptive, Barrier
+from cmbrl.contact import Barrier, Gaussian
 from cmbrl.data.transitions import Transitions
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.windows import Scales, Windows
@@ -82,8 +82,8 @@ def test_order_and_size_of_a_batch_do_not_matter(model: ComplementarityModel) ->
         np.testing.assert_allclose(getattr(single, name), x[:1], rtol=0, atol=scale)
 
 
-@pytest.mark.parametrize("smoothing", [Barrier(1e-4), Adaptive(length=0.01)], ids=["barrier", "adaptive"])
-def test_instruction_sets_agree(model: ComplementarityModel, smoothing: Barrier | Adaptive) -> None:
+@pytest.mark.parametrize("smoothing", [Barrier(1e-4), Gaussian(length=0.01)], ids=["barrier", "gaussian"])
+def test_instruction_sets_agree(model: ComplementarityModel, smoothing: Barrier | Gaussian) -> None:
     model = model.with_settings(smoothing=smoothing, path_tolerance=1e-10)
     q, v, u = batch(model, 50)
     cores = instruction_sets(model.scene)

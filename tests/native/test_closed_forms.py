@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cmbrl.contact import Adaptive, Barrier
+from cmbrl.contact import Barrier, Gaussian
 from cmbrl.contact.smoothing import Smoothing
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.native import SolverStatus
@@ -85,10 +85,10 @@ def test_scalar_law(tmp_path: Path) -> None:
     np.testing.assert_allclose(r.impulse[:, 0, 0], (-z + np.sqrt(z**2 + 4 * F * kappa)) / (2 * F), rtol=1e-6)
 
 
-def test_adaptive_schedule_is_gaussian_smoothing(tmp_path: Path) -> None:
+def test_gaussian_schedule_is_gaussian_smoothing(tmp_path: Path) -> None:
     """Of a single contact: the impulse equals E[max(-(z + w), 0)]/F, w normal with scale length/h."""
     length = 2e-3
-    model = model_of(tmp_path, BALL, mu=0.0, smoothing=Adaptive(length=length, floor=1e-14), prune=np.inf)
+    model = model_of(tmp_path, BALL, mu=0.0, smoothing=Gaussian(length=length, floor=1e-14), prune=np.inf)
     q, v = (np.tile(x, (9, 1)) for x in start(model, z=-1.0))
     gap, s, F = np.linspace(0, 8e-3, 9), length / H, 1 / MASS
     q[:, 2] += gap

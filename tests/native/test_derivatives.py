@@ -69,9 +69,9 @@ def test_rigid_contact_and_restitution(name: str, restitution: float) -> None:
     [("hopper", "mujoco", 20), ("hopper", "rigid", 20), ("cube", "rigid", 20), ("g1", "mujoco", 2)],
 )
 def test_midpoint_steps(name: str, law: str, states: int) -> None:
-    """Of exact contact too, adaptive smoothing and bounces, which look at the free velocity."""
+    """Of exact contact too, the Gaussian schedule and bounces, which look at the free velocity."""
     restitution = 0.5 if law == "rigid" else 0.0
-    assert_exact(scene_of(name, law), states, restitution, ["kappa 1e-4", "adaptive"], integrator="midpoint")
+    assert_exact(scene_of(name, law), states, restitution, ["kappa 1e-4", "gaussian"], integrator="midpoint")
 
 
 def test_dry_friction_springs_and_position_gains(tmp_path: Path) -> None:

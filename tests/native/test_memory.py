@@ -64,7 +64,7 @@ SPHERES = """
     now = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (now + (128 << 20), now + (128 << 20)))
     try:
-        model.predict(scene.q0[None], np.zeros((1, scene.nv)), np.zeros((1, 0)))
+        model.predict(scene.q0[None], np.zeros((1, scene.nv)), np.zeros((1, 0)), jacobian=True)
     except MemoryError as error:
         print(error)
 """

@@ -63,7 +63,7 @@ def test_planar_pairs(name: str, law: str, restitution: float, tmp_path: Path) -
     assert_exact(scene_of(PLANE[name], tmp_path, law, planar=True), PLANE[name], restitution, "kappa 1e-4")
 
 
-@pytest.mark.parametrize("smoothing", ["exact", "kappa 1e-2", "adaptive"])
+@pytest.mark.parametrize("smoothing", ["exact", "kappa 1e-2", "gaussian"])
 @pytest.mark.parametrize("name", ["capsule-capsule any", "sphere-box any"])
 def test_smoothings(name: str, smoothing: str, tmp_path: Path) -> None:
     assert_exact(scene_of(SPATIAL[name], tmp_path, "mujoco"), SPATIAL[name], 0.0, smoothing)

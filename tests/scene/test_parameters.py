@@ -119,7 +119,8 @@ def test_actuators(load: Load) -> None:
     scene = scene_with(load)
     core = scene.core
     assert scene.actuator_names == ("h",)
-    assert core.P[-2 - 5 : -2].tolist() == [10, 7, 0, -7, -2]
+    gears = core.P[scene.layout.actuator(0) : scene.layout.gravity]
+    assert gears.tolist() == [10, 7, 0, -7, -2]
     assert (core.act_dof.tolist(), core.act_ctrl.tolist()) == ([1], [[-np.inf, np.inf]])
 
 
@@ -131,7 +132,7 @@ def test_limits_and_disabled_forces(load: Load) -> None:
     nothing, _ = load(world, f"<option><flag {off}/></option>")
     assert nothing.core.nlimit == 0
     assert nothing.core.P[4:9] == pytest.approx(np.zeros(5))
-    assert not nothing.core.P[-2:].any()
+    assert not nothing.gravity.any()
 
 
 def test_info(robot: tuple[Scene, object]) -> None:

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from cmbrl.contact import Adaptive, Barrier
+from cmbrl.contact import Barrier, Gaussian
 from cmbrl.contact.smoothing import Smoothing
 
 from .conftest import F, H, ScalarLaw
@@ -28,10 +28,10 @@ def fit_residual(z: float, s: float) -> float:
 
 
 def test_slope_is_the_best_linear_fit(law: Law) -> None:
-    """Proposition 5.3: value and slope of the adaptive law are the least-squares line of the hard one under noise."""
+    """Proposition 5.3: value and slope of the Gaussian schedule are the least-squares line of the hard one under noise."""
     s = 0.2
     for z in (-0.3, 0.0, 0.15):
-        impulse, slope = law(Adaptive(s * H, floor=1e-15))(np.array([z]))
+        impulse, slope = law(Gaussian(s * H, floor=1e-15))(np.array([z]))
         value = quad(lambda w, z=z: max(-(z + w), 0) / F * norm.pdf(w, scale=s), -12 * s, -z)[0]
         line = quad(lambda w, z=z: w * max(-(z + w), 0) / F * norm.pdf(w, scale=s), -12 * s, -z)[0] / s**2
         assert impulse[0] == pytest.approx(value, rel=1e-5)
@@ -46,7 +46,7 @@ def test_gradient_bias_is_bounded(law: Law) -> None:
     """
     s = 0.2
     z = np.array([-0.5, -0.1, -0.01, 0.01, 0.1, 0.5])
-    slope = law(Adaptive(s * H, floor=1e-15))(z)[1]
+    slope = law(Gaussian(s * H, floor=1e-15))(z)[1]
     bias = np.abs(slope - np.where(z < 0, -1 / F, 0.0))
     zeta = s * norm.pdf(0) / F
     bound = np.array([1 / F + (12 * fit_residual(x, s) + zeta) / (s * 0.43) for x in z])

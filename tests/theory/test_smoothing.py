@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm, t
 
-from cmbrl.contact import Adaptive, Barrier
+from cmbrl.contact import Barrier, Gaussian
 from cmbrl.contact.smoothing import Smoothing
 
 from .conftest import F, H, ScalarLaw
@@ -52,11 +52,11 @@ def test_barrier_is_randomised_smoothing_of_our_own_hard_law(law: Law) -> None:
 
 
 @pytest.mark.parametrize("length", [1e-3, 5e-3])
-def test_adaptive_schedule_is_gaussian_smoothing_in_value_and_slope(length: float, law: Law) -> None:
+def test_gaussian_schedule_is_gaussian_smoothing_in_value_and_slope(length: float, law: Law) -> None:
     """Proposition 5.3 in closed form: rho(z) = (s N(z/s) - z Phi(-z/s))/F and rho'(z) = -Phi(-z/s)/F, s = length/h."""
     s = length / H
     z = np.linspace(-4, 4, 33) * s
-    impulse, slope = law(Adaptive(length, floor=1e-15))(z)
+    impulse, slope = law(Gaussian(length, floor=1e-15))(z)
     np.testing.assert_allclose(impulse, (s * norm.pdf(z / s) - z * norm.cdf(-z / s)) / F, rtol=1e-5)
     np.testing.assert_allclose(slope, -norm.cdf(-z / s) / F, atol=1e-6 / F)
 
@@ -64,7 +64,7 @@ def test_adaptive_schedule_is_gaussian_smoothing_in_value_and_slope(length: floa
 def test_schedule_of_kappa(law: Law) -> None:
     """kappa(z) = F rho(z) rho(-z), read off the core as impulse times end speed: even, peak s^2/(2 pi F) at z = 0."""
     s, z = 0.3, np.array([-0.5, -0.1, 0.0, 0.1, 0.5])
-    impulse = law(Adaptive(s * H, floor=1e-15))(z)[0]
+    impulse = law(Gaussian(s * H, floor=1e-15))(z)[0]
     kappa = impulse * (z + F * impulse)
     np.testing.assert_allclose(kappa, kappa[::-1], rtol=1e-6)
     assert kappa[2] == pytest.approx(s**2 / (2 * np.pi * F), rel=1e-6)
@@ -74,7 +74,7 @@ def test_derivative_with_and_without_the_schedule(law: Law) -> None:
     """Finite differences agree with the exact option; stop-gradient misses d lambda/d kappa times kappa'(z)."""
     s, step = 0.3, 1e-5
     z = np.linspace(-0.6, 0.6, 13)
-    exact, stopped = (law(Adaptive(s * H, floor=1e-15, derivative=d)) for d in ("exact", "stop"))
+    exact, stopped = (law(Gaussian(s * H, floor=1e-15, derivative=d)) for d in ("exact", "stop"))
     differences = (exact(z + step)[0] - exact(z - step)[0]) / (2 * step)
     np.testing.assert_allclose(exact(z)[1], differences, atol=1e-6)
     rho, cdf = exact(z)[0], norm.cdf(-z / s)

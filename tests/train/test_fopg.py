@@ -10,7 +10,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from cmbrl.contact import Adaptive
+from cmbrl.contact import Gaussian
 from cmbrl.errors import UserError
 from cmbrl.gradients import derivative_model
 from cmbrl.gradients.per_sample import per_sample_gradients
@@ -148,7 +148,7 @@ def test_learns(estimator: str) -> None:
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
-@pytest.mark.parametrize("kind", ["adaptive", "bundle", "bcg"])
+@pytest.mark.parametrize("kind", ["gaussian", "bundle", "bcg"])
 def test_goes_on_bit_for_bit(estimator: str, kind: str) -> None:
     task = load_task("hopper")
     assert task.mdp is not None
@@ -188,12 +188,12 @@ def test_aobg_with_a_bound_of_nothing_is_zeroth_order() -> None:
 def test_derivative_of_the_command_line() -> None:
     task = load_task("hopper")
     model = ComplementarityModel(task.load_scene(), **task.model_options())
-    assert with_derivative(model, "adaptive:length=2e-3", 0, refits=True).backward_smoothing == Adaptive(2e-3)
+    assert with_derivative(model, "gaussian:length=2e-3", 0, refits=True).backward_smoothing == Gaussian(2e-3)
     assert with_derivative(model, "bcg:branches=4", 0, refits=False).config.branches == 4
     with pytest.raises(UserError, match="fits its model"):
         with_derivative(model, "bcg", 0, refits=True)
     with pytest.raises(UserError, match="only to a contact model"):
-        with_derivative(Linear(), "adaptive", 0, refits=False)
+        with_derivative(Linear(), "gaussian", 0, refits=False)
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)

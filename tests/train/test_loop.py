@@ -9,7 +9,7 @@ import pytest
 import torch
 
 import cmbrl
-from cmbrl.contact.smoothing import Adaptive
+from cmbrl.contact.smoothing import Gaussian
 from cmbrl.errors import UserError
 from cmbrl.fitting import FitResult
 from cmbrl.registry import load_task
@@ -115,11 +115,11 @@ def test_the_fit_is_left_as_a_run_folder_of_cmbrl_fit(make_loop, tmp_path):
 
 def test_a_soft_derivative_is_for_the_policy_and_not_for_the_fit(make_loop):
     loop, soft = make_loop(), make_loop()
-    soft.nominal = soft.nominal.with_settings(backward_smoothing=Adaptive(1e-3))
+    soft.nominal = soft.nominal.with_settings(backward_smoothing=Gaussian(1e-3))
     for one in (loop, soft):
         one.update()
     np.testing.assert_array_equal(loop.model.candidates, soft.model.candidates)
-    assert soft.model.backward_smoothing == Adaptive(1e-3)
+    assert soft.model.backward_smoothing == Gaussian(1e-3)
     assert soft.model.smoothing == loop.model.smoothing
 
 

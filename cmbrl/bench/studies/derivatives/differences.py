@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from cmbrl.bench.states import Ranges, random_states
 from cmbrl.bench.studies.derivatives.kinks import Array, choices
-from cmbrl.contact import Adaptive, Barrier, Exact
+from cmbrl.contact import Barrier, Exact, Gaussian
 from cmbrl.contact.smoothing import Smoothing
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.native import SolverStatus
@@ -34,7 +34,7 @@ SMOOTHINGS: dict[str, Smoothing] = {
     "kappa 1e-6": Barrier(1e-6),
     "kappa 1e-4": Barrier(1e-4),
     "kappa 1e-2": Barrier(1e-2),
-    "adaptive": Adaptive(length=0.01, floor=1e-7),
+    "gaussian": Gaussian(length=0.01, floor=1e-6),
 }
 RANGES = Ranges(gap=(-0.005, 0.005), speed=1.0)
 

@@ -42,9 +42,9 @@ class Arm:
         return FOPG(mdp, model, learning.fopg(self.estimator), seed)
 
 
-ABS, EXACT, BARRIERS = "ABS", "exact", ("BS 1e-6", "BS 1e-4", "BS 1e-2")
+GAUSSIAN, EXACT, BARRIERS = "Gaussian", "exact", ("BS 1e-6", "BS 1e-4", "BS 1e-2")
 ARMS = {
-    ABS: Arm("#cb181d", "adaptive", {"length": 1e-3}),
+    GAUSSIAN: Arm("#cb181d", "gaussian", {"length": 1e-3}),
     "BS 1e-6": Arm("#9ecae1", "barrier", {"kappa": 1e-6}),
     "BS 1e-4": Arm("#4292c6", "barrier", {"kappa": 1e-4}),
     "BS 1e-2": Arm("#08306b", "barrier", {"kappa": 1e-2}),
@@ -55,13 +55,13 @@ ARMS = {
     "PIPPS": Arm("#e7298a", estimator="pipps"),
     "zeroth": Arm("#a6761d", estimator="zeroth"),
     "ARS": Arm("0.55", estimator="ars"),
-    "SHAC": Arm("#fc7050", "adaptive", {"length": 1e-3}, "shac"),
+    "SHAC": Arm("#fc7050", "gaussian", {"length": 1e-3}, "shac"),
 }  #: by name, the order of tables and legends
-SWEEP = (EXACT, *BARRIERS, ABS)  #: exact gradients, kappa upwards, and adaptive: the kappa ablation
+SWEEP = (EXACT, *BARRIERS, GAUSSIAN)  #: exact gradients, kappa upwards, and the Gaussian schedule: the kappa ablation
 GROUPS = {
-    "one derivative": (EXACT, "BS 1e-4", ABS),
+    "one derivative": (EXACT, "BS 1e-4", GAUSSIAN),
     "several derivatives": (EXACT, "bundle", "BCG"),
     "values, or mixed": (EXACT, "AoBG", "PIPPS", "zeroth"),
     "other learners": (EXACT, "ARS", "SHAC"),
 }  #: columns of the picture of returns; the exact gradient is in all of them, for comparison
-ABLATION = {"constant kappa": (EXACT, *BARRIERS), "adaptive kappa": (EXACT, ABS)}
+ABLATION = {"constant kappa": (EXACT, *BARRIERS), "Gaussian kappa": (EXACT, GAUSSIAN)}

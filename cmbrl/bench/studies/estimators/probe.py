@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
-from cmbrl.bench.studies.estimators.arms import ABS, ARMS, EXACT
+from cmbrl.bench.studies.estimators.arms import ARMS, EXACT, GAUSSIAN
 from cmbrl.bench.studies.estimators.learning import Learning
 from cmbrl.gradients.estimate import Estimate
 from cmbrl.train.fopg import FOPG
@@ -27,8 +27,8 @@ NOISE_SEED = 17
 
 
 def probe(task: str, arms: Sequence[str], seed: int, learning: Learning, updates: int, samples: int) -> dict[str, Any]:
-    """Name -> :func:`judge` at the policy of ABS after so many ``updates``, from ``samples`` windows each."""
-    teacher = ARMS[ABS].trainer(task, learning, seed)
+    """Name -> :func:`judge` at the policy of the Gaussian schedule after so many ``updates``, from ``samples`` windows each."""
+    teacher = ARMS[GAUSSIAN].trainer(task, learning, seed)
     for _ in range(updates):
         teacher.update()
     wide = replace(learning, samples=samples)

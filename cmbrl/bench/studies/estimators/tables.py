@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.bench.studies.estimators.arms import ABS, ARMS, EXACT, SWEEP
+from cmbrl.bench.studies.estimators.arms import ARMS, EXACT, GAUSSIAN, SWEEP
 from cmbrl.bench.studies.estimators.cells import Outcome
 from cmbrl.bench.study import Cell, Table
 from cmbrl.bench.words import Words
@@ -55,15 +55,15 @@ def claims(outcomes: Sequence[Outcome], probe: dict[str, dict[str, Any]], task: 
     middle = {n: float(np.median(x)) for n, x in means.items() if x and n != "SHAC"}
     order = sorted(middle, key=lambda n: -middle[n])
     told = [f"{task}, median returns: {', '.join(f'{n} {middle[n]:.0f}' for n in order)}."]
-    if ABS not in middle:
+    if GAUSSIAN not in middle:
         return told[0]
-    clear = ", ".join(n for n in order if n != ABS and min(means[ABS]) > max(means[n])) or "none"
-    behind = ", ".join(n for n in order if n != ABS and max(means[ABS]) < min(means[n])) or "none"
+    clear = ", ".join(n for n in order if n != GAUSSIAN and min(means[GAUSSIAN]) > max(means[n])) or "none"
+    behind = ", ".join(n for n in order if n != GAUSSIAN and max(means[GAUSSIAN]) < min(means[n])) or "none"
     told.append(
-        f"That adaptive smoothing learns best {'repeats' if order[0] == ABS else 'does not repeat'} in the medians. "
-        f"Every seed of ABS is above every seed of {clear}, and below every seed of {behind}."
+        f"That the Gaussian schedule learns best {'repeats' if order[0] == GAUSSIAN else 'does not repeat'} in the medians. "
+        f"Every seed of the Gaussian schedule is above every seed of {clear}, and below every seed of {behind}."
     )
-    peak = max((n for n in SWEEP if n in middle and n != ABS), key=lambda n: middle[n], default=None)
+    peak = max((n for n in SWEEP if n in middle and n != GAUSSIAN), key=lambda n: middle[n], default=None)
     if peak:
         inner = peak not in (EXACT, "BS 1e-2")
         where = "between too hard and too soft, as in the paper" if inner else "at the edge of the sweep"

@@ -11,14 +11,14 @@ import numpy as np
 
 from cmbrl.bench.studies.gradient_scenes import bounces, chaos, contacts, jumps
 from cmbrl.bench.studies.gradient_scenes.case import Array, Case
-from cmbrl.contact import Adaptive, Barrier, Exact
+from cmbrl.contact import Barrier, Exact, Gaussian
 from cmbrl.contact.smoothing import Smoothing
 
 KAPPAS = (1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)  #: [J]
 SMOOTHINGS: dict[str, Smoothing] = {
     "hard": Exact(),
     **{f"kappa {kappa:.0e}": Barrier(kappa) for kappa in KAPPAS},
-    "adaptive": Adaptive(length=1e-3),
+    "gaussian": Gaussian(length=1e-3),
 }
 MATCH = 1e-4  #: |ours - differences| above which they disagree, relative to the larger of 1 and the derivative
 

@@ -9,7 +9,7 @@ from cmbrl.bench.study import Cell, Table
 from cmbrl.bench.words import Words
 
 WORDS = Words("cmbrl.bench.studies.gradient_scenes")
-SHOWN = ("hard", "kappa 1e-06", "kappa 1e-04", "kappa 1e-02", "adaptive")
+SHOWN = ("hard", "kappa 1e-06", "kappa 1e-04", "kappa 1e-02", "gaussian")
 SIZE = 1000  #: of the bundles in the table
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cmbrl.bench.studies.gradients.systems import System
-from cmbrl.contact import Adaptive, Barrier
+from cmbrl.contact import Barrier, Gaussian
 from cmbrl.contact.smoothing import Smoothing
 from cmbrl.gradients import Estimate, RandomisedModel, pathwise, zeroth_order_bundle
 from cmbrl.models.protocol import failures
@@ -17,9 +17,9 @@ LENGTHS = (1e-5, 1e-4, 1e-3, 1e-2)  #: smoothing lengths [m]
 FAMILIES = {
     "exact": "pathwise, hard (plain FOPG)",
     "barrier": "pathwise, constant kappa in the derivative (BS)",
-    "adaptive": "pathwise, kappa by distance in the derivative (ABS)",
+    "gaussian": "pathwise, kappa by distance in the derivative (our Gaussian schedule)",
     "barrier, both": "pathwise, constant kappa in simulation and derivative",
-    "adaptive, both": "pathwise, kappa by distance in simulation and derivative",
+    "gaussian, both": "pathwise, kappa by distance in simulation and derivative",
     "randomised": "pathwise, bundle of Jacobians in every step",
     "zeroth order": "zeroth order over policy parameters",
 }  #: names in legends, in their order
@@ -49,7 +49,7 @@ class Arm:
     def estimate(self, system: System, horizon: int, samples: int, seed: int) -> tuple[Estimate, int]:
         """From ``samples`` initial states, and the number of solves that failed."""
         model = system.model()
-        if self.length is not None and self.family in ("barrier", "adaptive"):
+        if self.length is not None and self.family in ("barrier", "gaussian"):
             model = system.model(backward_smoothing=_smoothing(self.family, self.length))
         elif self.length is not None and self.family.endswith("both"):
             model = system.model(smoothing=_smoothing(self.family.split(",")[0], self.length))
@@ -67,7 +67,7 @@ class Arm:
 def arms(lengths: Sequence[float] = LENGTHS, bundles: Sequence[int] = (4, 16)) -> Iterator[Arm]:
     """Every family at every length; bundles of the largest size, and of all sizes at the last length but one."""
     yield Arm("exact")
-    for family in ("barrier", "adaptive", "barrier, both", "adaptive, both"):
+    for family in ("barrier", "gaussian", "barrier, both", "gaussian, both"):
         for length in lengths:
             yield Arm(family, length)
     for length in lengths[1:]:
@@ -79,4 +79,4 @@ def arms(lengths: Sequence[float] = LENGTHS, bundles: Sequence[int] = (4, 16)) -
 
 
 def _smoothing(family: str, length: float) -> Smoothing:
-    return Barrier(length=length) if family == "barrier" else Adaptive(length=length, floor=1e-10)
+    return Barrier(length=length) if family == "barrier" else Gaussian(length=length)

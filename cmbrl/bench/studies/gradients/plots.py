@@ -16,13 +16,13 @@ from cmbrl.bench.studies.gradients.arms import FAMILIES
 from cmbrl.bench.studies.gradients.cells import Quality
 
 STYLES = {
-    "exact": ("black", "-", "o"), "barrier": ("#1f77b4", "-", "s"), "adaptive": ("#d62728", "-", "^"),
-    "barrier, both": ("#6baed6", "--", "P"), "adaptive, both": ("#fc8d59", "--", "X"),
+    "exact": ("black", "-", "o"), "barrier": ("#1f77b4", "-", "s"), "gaussian": ("#d62728", "-", "^"),
+    "barrier, both": ("#6baed6", "--", "P"), "gaussian, both": ("#fc8d59", "--", "X"),
     "randomised": ("#2ca02c", "-", "D"), "zeroth order": ("#9467bd", "-", "v"),
 }  #: colour, line, marker by family  # fmt: skip
 SCHEDULES = {
     "barrier": ("constant kappa (BS)", ("#c6dbef", "#6baed6", "#2171b5", "#08306b")),
-    "adaptive": ("kappa by distance (ABS)", ("#fcbba1", "#fb6a4a", "#cb181d", "#67000d")),
+    "gaussian": ("kappa by distance (our Gaussian schedule)", ("#fcbba1", "#fb6a4a", "#cb181d", "#67000d")),
 }  #: name, and colours from short to long smoothing lengths
 LOW, HIGH = 1e-3, 1e3  #: relative errors are drawn inside these; arrows mark larger ones
 

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 
 from cmbrl.bench.groups import FIRST, ZEROTH, estimates
-from cmbrl.bench.studies.estimators.arms import ABS, ARMS, EXACT
+from cmbrl.bench.studies.estimators.arms import ARMS, EXACT, GAUSSIAN
 from cmbrl.bench.studies.horizons.situations import SITUATIONS, Situation
 from cmbrl.gradients import Estimate, Rollout
 from cmbrl.gradients.estimate import Array
@@ -24,7 +24,7 @@ from cmbrl.gradients.kinds import DerivativeModel
 STD = 0.05  #: of the noise on weights
 HELD_OUT = 10_000_000  #: seed of the starts on which learners are judged
 RESAMPLES = 400  #: of the bootstrap
-NAMES = (EXACT, "BS 1e-4", ABS, "bundle", "BCG", "zeroth", "AoBG")
+NAMES = (EXACT, "BS 1e-4", GAUSSIAN, "bundle", "BCG", "zeroth", "AoBG")
 ORDERS = {"pathwise": (FIRST,), "zeroth": (ZEROTH,), "aobg": (FIRST, ZEROTH)}  #: by an arm's estimator
 Outcome = dict[str, Any]
 

@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from typing import Any
 
 from cmbrl.bench.studies.mission.runs import Result, Setup, Training, Work
-from cmbrl.contact.smoothing import Adaptive
+from cmbrl.contact.smoothing import Gaussian
 from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
 from cmbrl.train.baselines import PPO, SAC
 from cmbrl.train.loop import Loop, LoopConfig
@@ -18,7 +18,7 @@ from cmbrl.train.recipe import configure
 from cmbrl.train.shac import SHAC, SHACConfig
 from cmbrl.train.trainer import Trainer
 
-LOOP, LOOP_ABS, NOMINAL = "complementarity loop", "complementarity loop, ABS", "nominal MJCF"
+LOOP, LOOP_GAUSSIAN, NOMINAL = "complementarity loop", "complementarity loop, Gaussian", "nominal MJCF"
 MBPO_LOG, SHAC_NEURAL = "MBPO, same log", "SHAC on neural ensemble, same log"
 MBPO_ONLINE, SAC_ONLINE, PPO_ONLINE = "MBPO online", "SAC online", "PPO online"
 QUICK = Work(
@@ -69,9 +69,9 @@ def _loop(s: Setup) -> Loop:
     return Loop(s.mdp, s.nominal, _config(s), s.seed, system=s.system, data=s.log)
 
 
-def _loop_abs(s: Setup) -> Loop:
-    """`cmbrl train --derivative adaptive:length=1e-3`: as ABS in the study ``estimators``."""
-    return _loop(replace(s, nominal=s.nominal.with_settings(backward_smoothing=Adaptive(1e-3))))
+def _loop_gaussian(s: Setup) -> Loop:
+    """`cmbrl train --derivative gaussian:length=1e-3`: as "Gaussian" in the study ``estimators``."""
+    return _loop(replace(s, nominal=s.nominal.with_settings(backward_smoothing=Gaussian(1e-3))))
 
 
 def _nominal(s: Setup) -> Trainer:
@@ -110,7 +110,7 @@ def _ppo(s: Setup) -> Trainer:
 _SB3 = "stable_baselines3"
 ARMS = {
     LOOP: Arm("#08519c", "o", _loop, lambda s: _config(s).iterations, takes_log=True),
-    LOOP_ABS: Arm("#6baed6", "o", _loop_abs, lambda s: _config(s).iterations, takes_log=True),
+    LOOP_GAUSSIAN: Arm("#6baed6", "o", _loop_gaussian, lambda s: _config(s).iterations, takes_log=True),
     NOMINAL: Arm("0.35", "x", _nominal, lambda s: _config(s).shac().iterations),
     MBPO_LOG: Arm("#fdae6b", "v", partial(_mbpo, online=False), takes_log=True, library=_SB3),
     SHAC_NEURAL: Arm("#cb181d", "s", _shac_neural, lambda s: _neural_config(s).iterations, takes_log=True),

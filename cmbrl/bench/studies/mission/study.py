@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from cmbrl.bench.studies.mission import plots
-from cmbrl.bench.studies.mission.arms import ARMS, LOOP, LOOP_ABS, MBPO_ONLINE, NOMINAL, QUICK, train
+from cmbrl.bench.studies.mission.arms import ARMS, LOOP, LOOP_GAUSSIAN, MBPO_ONLINE, NOMINAL, QUICK, train
 from cmbrl.bench.studies.mission.runs import Result, Work
 from cmbrl.bench.studies.mission.tables import WORDS, table
 from cmbrl.bench.study import Section, Settings, Study
@@ -53,7 +53,7 @@ def section(results: Sequence[Result], folder: Path, work: Work) -> Section:
 
 def _text(results: Sequence[Result], work: Work) -> str:
     seconds = ", ".join(f"{work.seconds[s]:g} s on the {s}" for s in dict.fromkeys(r["scene"] for r in results))
-    text = WORDS("method", transitions=work.transitions, abs=LOOP_ABS, nominal=NOMINAL, first=FIRST_SEED,
+    text = WORDS("method", transitions=work.transitions, gaussian=LOOP_GAUSSIAN, nominal=NOMINAL, first=FIRST_SEED,
                  seconds=seconds)  # fmt: skip
     absent = ", ".join(name for name, arm in ARMS.items() if not arm.available())
     failed = " ".join(f"{r['scene']}, {r['arm']}, seed {r['seed']}: {r['failed']}." for r in results if r["failed"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from cmbrl.bench.groups import FIRST, POINT, ZEROTH
-from cmbrl.contact.smoothing import Adaptive, Barrier, Exact, Smoothing
+from cmbrl.contact.smoothing import Barrier, Exact, Gaussian, Smoothing
 
 BUNDLE, HARD = (FIRST,), Exact()
 
@@ -25,13 +25,13 @@ class Arm:
         return sum(2 if order == ZEROTH else 1 for order in self.orders)
 
 
-ABS, BS, HARD_FIRST, SAMPLED = "adaptive (ABS)", "barrier (BS)", "first order, hard", "zeroth order and mixed"
-FAMILIES = (ABS, BS, HARD_FIRST, SAMPLED)
+GAUSSIAN, BS, HARD_FIRST, SAMPLED = "Gaussian schedule", "barrier (BS)", "first order, hard", "zeroth order and mixed"
+FAMILIES = (GAUSSIAN, BS, HARD_FIRST, SAMPLED)
 ARMS = {
-    "ABS 1 mm": Arm(ABS, "#fb8a63", BUNDLE, Adaptive(1e-3)),
-    "ABS 1 cm": Arm(ABS, "#ef3b2c", BUNDLE, Adaptive(1e-2)),
-    "ABS 3 cm": Arm(ABS, "#b2101b", BUNDLE, Adaptive(3e-2)),
-    "ABS 10 cm": Arm(ABS, "#5a0010", BUNDLE, Adaptive(1e-1)),
+    "Gaussian 1 mm": Arm(GAUSSIAN, "#fb8a63", BUNDLE, Gaussian(1e-3)),
+    "Gaussian 1 cm": Arm(GAUSSIAN, "#ef3b2c", BUNDLE, Gaussian(1e-2)),
+    "Gaussian 3 cm": Arm(GAUSSIAN, "#b2101b", BUNDLE, Gaussian(3e-2)),
+    "Gaussian 10 cm": Arm(GAUSSIAN, "#5a0010", BUNDLE, Gaussian(1e-1)),
     "BS 1e-4 J": Arm(BS, "#56a0d3", BUNDLE, Barrier(1e-4)),
     "BS 1e-2 J": Arm(BS, "#2171b5", BUNDLE, Barrier(1e-2)),
     "BS 1 J": Arm(BS, "#08306b", BUNDLE, Barrier(1.0)),

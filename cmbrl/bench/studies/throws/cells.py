@@ -64,7 +64,7 @@ class Work:
 
 
 QUICK = Work(
-    arms=("ABS 1 cm", "BS 1e-2 J", "FOPG", "ZOPG"), rule=Rule(iterations=8), starts=2, seeds=1, throws=(10,),
+    arms=("Gaussian 1 cm", "BS 1e-2 J", "FOPG", "ZOPG"), rule=Rule(iterations=8), starts=2, seeds=1, throws=(10,),
     planned=1, planning=Planning(Rule(iterations=8), candidates=128, starts=2, judged=16, real_starts=2),
     lengths=(10, 40), points=3, samples=4,
 )  # fmt: skip

@@ -8,7 +8,6 @@ import numpy as np
 import torch
 
 from cmbrl.bench.timing import Spread, Work, interleaved
-from cmbrl.contact import Barrier
 from cmbrl.envs.simulation import Simulation
 from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import ComplementarityModel
@@ -27,7 +26,7 @@ def measure(scene: str, warm: int, repeats: int, seed: int) -> dict[str, Any]:
     task = load_task(scene)
     assert task.mdp is not None
     assert task.system is not None
-    model = ComplementarityModel(task.load_scene(), smoothing=Barrier(task.smoothing_kappa), **task.model_options())
+    model = ComplementarityModel(task.load_scene(), smoothing=Relaxed(task.smoothing_speed), **task.model_options())
     config = SHACConfig(environments=ENVIRONMENTS, horizon=HORIZON, variance_every=10**9)
     system, mdp = task.system(), task.mdp()
     trainer = SHAC(mdp, model, config, seed)

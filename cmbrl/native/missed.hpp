@@ -1,0 +1,32 @@
+// Rows that were left out of a solve, under the velocity that it ended with: where one closes after all, the lane is stepped
+// again with more rows.
+#pragma once
+#include "near.hpp"
+
+namespace cmbrl::CMBRL_ISA {
+
+// Lanes in which a row that was left out separates slower than a third of the speed it was expected to have.
+template <class G>
+static Mask missed_rows(const Model& m, const Options& o, Work<G>& w) {
+  if (!(o.prune < 1e300)) return none();
+  for (int b = 0; b < m.nbody; ++b) {
+    Vec<G::N> t = m.body_parent[b] >= 0 ? w.tn[m.body_parent[b]] : zero<G::N>();
+    for (int j = m.body_jadr[b]; j < m.body_jadr[b] + m.body_jnum[b]; ++j)
+      for (int d = m.jnt_vadr[j]; d < m.jnt_vadr[j] + (m.jnt_type[j] == kBall ? 3 : 1); ++d) t += w.vn[d] * w.S[d];
+    w.tn[b] = t;
+  }
+  Mask missed = passed_over(m, o, w);
+  for (int i = 0; i < w.nleft; ++i) {
+    const LeftOut<G>& c = w.left[i];
+    Vec<G::N> t = w.tn[c.A];
+    if (c.B >= 0) t -= w.tn[c.B];
+    missed |= c.lanes & (c.base + dot(c.W, t) < c.speed / 3);
+  }
+  for (int i = 0; i < w.nleft_lim; ++i) {
+    const LeftOutLimit& l = w.left_lim[i];
+    missed |= l.lanes & (l.base + l.sign * w.vn[l.dof] < l.speed / 3);
+  }
+  return missed;
+}
+
+}  // namespace cmbrl::CMBRL_ISA

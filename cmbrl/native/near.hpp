@@ -1,0 +1,139 @@
+// Broad phase: which pairs of bodies may have an active contact in this step. A sphere around what each body touches others
+// with, grown by what it can travel in the step and by half of what pruning allows, must meet the other's: far pairs are not
+// looked at, and no contact that pruning would keep is lost.
+#pragma once
+#include "dynamics.hpp"
+#include "pruning.hpp"
+
+namespace cmbrl::CMBRL_ISA {
+
+// How fast any point of a body's sphere may move under a twist.
+template <class G>
+static T fastest(const Model& m, const Work<G>& w, const Vec<G::N>* twist, int b) {
+  typename G::V u = point_velocity<G>(twist[b], w.centre[b]);
+  typename G::Ang turn = ang<G>(twist[b]);
+  return vsqrt(dot(u, u)) + m.sphere_radius[b] * vsqrt(dot(turn, turn));
+}
+
+// Grown spheres that hold all of a body where a row with slack [m/s] below `slack` may be, half of it a body's share; speed: of
+// the body, before the step and, where that is known, after.
+template <class G>
+static void grow_sphere(const Model& m, const Options& o, Work<G>& w, int b, T speed, T slack) {
+  double radius = m.sphere_radius[b] * (1 + 1e-9);  // round-off of the test itself
+  w.reach[b] = radius + 0.5 * w.radius_slack + o.h * vmax(speed + 0.5 * slack, T{});
+}
+
+template <class G>
+static Mask spheres_meet(const Work<G>& w, int a, int b) {
+  typename G::V apart = w.centre[a] - w.centre[b];
+  T reach = w.reach[a] + w.reach[b];
+  return dot(apart, apart) <= (1 + 1e-9) * reach * reach;
+}
+
+// Sorts numbers by key: Shell's method, quick for the hundreds of bodies that it is for.
+static inline void sort_by(const double* key, int* numbers, int n) {
+  for (int gap = n / 2; gap > 0; gap = gap == 2 ? 1 : int(gap / 2.2))
+    for (int i = gap; i < n; ++i) {
+      int x = numbers[i], j = i;
+      for (; j >= gap && key[numbers[j - gap]] > key[x]; j -= gap) numbers[j] = numbers[j - gap];
+      numbers[j] = x;
+    }
+}
+
+// Calls f(a, b) for bodies whose extents along the axis of the widest scene overlap in some lanes: sweep and prune.
+template <class G, class F>
+static void sweep(const Model& m, Work<G>& w, F f) {
+  int n = 0, axis = 0;
+  double widest = -1;
+  for (int b = 0; b < m.nbody; ++b)
+    if (m.sphere_radius[b] >= 0) w.order[n++] = b;
+  CMBRL_FOR(k, G::D) {
+    double low = 1e300, high = -1e300;
+    for (int i = 0; i < n; ++i) {
+      double x = w.centre[w.order[i]][k][0];
+      low = x < low ? x : low;
+      high = x > high ? x : high;
+    }
+    if (high - low > widest) { widest = high - low; axis = k; }
+  }
+  for (int i = 0; i < n; ++i) {
+    int b = w.order[i];
+    T low = w.centre[b][axis] - w.reach[b], high = w.centre[b][axis] + w.reach[b];
+    w.low[b] = low[0];
+    w.high[b] = high[0];
+    for (int lane = 1; lane < W; ++lane) {
+      if (low[lane] < w.low[b]) w.low[b] = low[lane];
+      if (high[lane] > w.high[b]) w.high[b] = high[lane];
+    }
+  }
+  sort_by(w.low, w.order, n);
+  for (int i = 0; i < n; ++i)
+    for (int j = i + 1; j < n && w.low[w.order[j]] <= w.high[w.order[i]]; ++j) f(w.order[i], w.order[j]);
+}
+
+// Calls f(group, lanes) for groups of two bodies whose spheres meet in these lanes.
+template <class G, class F>
+static void for_meeting(const Model& m, Work<G>& w, F f) {
+  if (m.pair_ptr[m.nbody] <= 4 * m.nbody) {  // a robot's own: fewer than the neighbours along an axis would be
+    for (int a = 0; a < m.nbody; ++a)
+      for (int e = m.pair_ptr[a]; e < m.pair_ptr[a + 1]; ++e)
+        if (Mask lanes = spheres_meet(w, a, m.pair_other[e]); any(lanes)) f(m.pair_group[e], lanes);
+    return;
+  }
+  sweep(m, w, [&](int a, int b) {
+    Mask lanes = spheres_meet(w, a, b);
+    if (!any(lanes)) return;
+    if (a > b) { int x = a; a = b; b = x; }
+    int low = m.pair_ptr[a], high = m.pair_ptr[a + 1];
+    while (low < high) {  // the first entry of body a that is not before b
+      int middle = (low + high) / 2;
+      if (m.pair_other[middle] < b) low = middle + 1;
+      else high = middle;
+    }
+    for (; low < m.pair_ptr[a + 1] && m.pair_other[low] == b; ++low) f(m.pair_group[low], lanes);
+  });
+}
+
+// Marks the groups of contacts to look at in w.near: those with the world, and those of two bodies that may touch. The law may
+// make a row's slack less than phi / h by twice its speed.
+template <class G>
+static void find_near(const Model& m, const Options& o, Work<G>& w) {
+  bool all_groups = !(o.prune < 1e300);
+  for (int i = 0; i < FillPattern::words(m.ngroup); ++i) w.near[i] = all_groups ? ~uint64_t(0) : m.grp_world[i];
+  if (all_groups || m.pair_ptr[m.nbody] == 0) return;
+  T enough = splat(__builtin_fmax(speed_that_matters(o, o.forward, m.largest_invweight), speed_that_matters(o, o.backward, m.largest_invweight)));
+  for (int b = 0; b < m.nbody; ++b) {
+    if (m.sphere_radius[b] < 0) continue;  // touches no other body
+    w.centre[b] = w.pos[b] + G::rotate(w.R[b], load<G::D>(m.sphere_pos + b * G::D));
+    w.fast[b] = fastest(m, w, w.vel, b);
+    grow_sphere(m, o, w, b, 2.0 * w.fast[b], enough);
+  }
+  for_meeting(m, w, [&](int g, Mask) { w.near[g / 64] |= uint64_t(1) << g % 64; });
+}
+
+// Lanes in which the velocity of twists w.tn brings together a pair that find_near passed over.
+template <class G>
+static Mask passed_over(const Model& m, const Options& o, Work<G>& w) {
+  Mask found = none(), faster = none();
+  if (m.pair_ptr[m.nbody] == 0) return found;
+  double spare = o.prune / 3;
+  for (int b = 0; b < m.nbody; ++b)
+    if (m.sphere_radius[b] >= 0) faster |= fastest(m, w, w.tn, b) > w.fast[b] + spare;
+  if (!any(faster)) return found;
+  for (int b = 0; b < m.nbody; ++b)
+    if (m.sphere_radius[b] >= 0) grow_sphere(m, o, w, b, w.fast[b] + fastest(m, w, w.tn, b), splat(spare));
+  for_meeting(m, w, [&](int g, Mask lanes) {
+    if (!(w.near[g / 64] >> g % 64 & 1)) found |= lanes;
+  });
+  return found;
+}
+
+// Calls f(group) for those marked, in order.
+template <class G, class F>
+static void for_near(const Model& m, const Work<G>& w, F f) {
+  for (int word = 0; word < FillPattern::words(m.ngroup); ++word)
+    for (uint64_t left = w.near[word]; left; left &= left - 1)
+      if (int g = 64 * word + __builtin_ctzll(left); g < m.ngroup) f(g);
+}
+
+}  // namespace cmbrl::CMBRL_ISA

@@ -1,0 +1,18 @@
+// Which rows are left out of the solve: those that are predicted to separate fast. The velocity that it ends with is the judge
+// (missed.hpp).
+#pragma once
+#include "workspace.hpp"
+
+namespace cmbrl::CMBRL_ISA {
+
+// How fast [m/s] a row of inverse weight w separates to be left out: its impulse kappa / speed moves bodies by 1e-5 m/s at most.
+static inline double speed_that_matters(const Options& o, const Smoothing& s, double weight) {
+  double kappa = s.mode == kConstant || s.mode == kNearest ? weight * s.kappa : 0;
+  double reach = s.mode == kGaussian ? 6 * s.length / o.h : 0;  // beyond six deviations kappa is at its floor
+  return __builtin_fmax(__builtin_fmax(o.prune, reach), 1e5 * __builtin_fmax(s.floor, kappa));
+}
+
+// Where that was too slow.
+static inline double wider(double prune) { return prune < 1e3 ? __builtin_fmax(10 * prune, 1) : __builtin_inf(); }
+
+}  // namespace cmbrl::CMBRL_ISA

@@ -1,0 +1,70 @@
+"""Rows that are left out because they separate fast change nothing, or come back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cmbrl.bench.states import bench_scene
+from cmbrl.contact import Barrier, Exact
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.named import nominal_model
+from cmbrl.registry import load_task
+from cmbrl.scene import Scene
+
+
+def differences(count: int, steps: int) -> np.ndarray:
+    """Largest difference (steps * count,) of a physics step to the same with all rows, on visited half-cheetah states."""
+    task = load_task("cheetah")
+    model = nominal_model(task, smoothing=Exact())
+    pruned = model.with_settings(substeps=1)
+    whole = pruned.with_settings(prune=np.inf)
+    rng = np.random.default_rng(0)
+    q, v, found = np.tile(model.scene.q0, (count, 1)), np.zeros((count, model.scene.nv)), []
+    for _ in range(steps):
+        u = rng.uniform(-1, 1, (count, model.scene.nu))
+        ours, all_rows = pruned.predict(q, v, u), whole.predict(q, v, u)
+        assert not ours.status.any()
+        found.append(np.abs(np.hstack([ours.q_next - all_rows.q_next, ours.v_next - all_rows.v_next])).max(axis=1))
+        after = model.predict(q, v, u)
+        q, v = after.q_next, after.v_next
+        fresh = rng.random(count) < 0.02
+        q[fresh], v[fresh] = model.scene.q0, 0.0
+    return np.concatenate(found)
+
+
+def test_visited_states() -> None:
+    assert (differences(200, 50) > 1e-9).sum() == 0
+
+
+@pytest.mark.slow
+def test_a_hundred_thousand_visited_states() -> None:
+    assert (differences(1000, 100) > 1e-9).sum() == 0
+
+
+def test_a_row_that_the_solve_brings_to_close_takes_part(tmp_path: Path) -> None:
+    """A fast ball drives a resting one, which moves away from nothing yet, into a wall 5 mm behind it in one step."""
+    ball = '<body pos="{x} 0 0"><joint type="slide" axis="1 0 0"/><geom type="sphere" size="0.1" mass="{m}"/></body>'
+    mjcf = f"""<mujoco><option timestep="0.01" gravity="0 0 0"/><worldbody>
+      <geom type="plane" size="9 9 1" pos="0.105 0 0" zaxis="-1 0 0"/>{ball.format(x=0, m=1)}{ball.format(x=-0.2, m=1e3)}
+      </worldbody></mujoco>"""
+    (tmp_path / "scene.xml").write_text(mjcf)
+    scene = Scene.from_mjcf(tmp_path / "scene.xml", contact_law="rigid")
+    q, v, u = np.array([[0.0, -1e-6]]), np.array([[0.0, 10.0]]), np.zeros((1, 0))
+    model = ComplementarityModel(scene, smoothing=Exact(), prune=0.1)  # the wall's row separates at 0.5 m/s
+    r = model.predict(q, v, u)
+    assert r.status[0] == 0
+    assert scene.gaps(r.q_next[0]).min() > -1e-9
+    np.testing.assert_allclose(r.v_next, model.with_settings(prune=np.inf).predict(q, v, u).v_next, rtol=0, atol=1e-9)
+
+
+def test_softer_contact_reaches_further() -> None:
+    """The threshold grows with kappa: at 1e-2 J no row of a light body is left out that would move it."""
+    for name in ("cube_toss", "hopper"):
+        scene = bench_scene(name, "rigid")
+        model = ComplementarityModel(scene, smoothing=Barrier(1e-2))
+        q, v, u = np.tile(scene.q0, (50, 1)), np.random.default_rng(0).normal(0, 2, (50, scene.nv)), np.zeros((50, scene.nu))
+        ours, whole = (m.predict(q, v, u).v_next for m in (model, model.with_settings(prune=np.inf)))
+        np.testing.assert_allclose(ours, whole, rtol=0, atol=1e-3)
