@@ -61,7 +61,7 @@ class Relaxed:
 
 @dataclass(frozen=True)
 class Barrier:
-    """Constant softening (BS of Zhang, Jin & Wang, ICML 2023): every product of a contact or limit equals ``kappa`` [J].
+    """Constant softening (BS of Zhang, Jin & Wang, ICML 2023): every product of a contact or limit is ``kappa`` [J].
 
     Alternatively, ``length`` [m] sets kappa = length^2 / (2 F h^2), with F [1/kg] the mean inverse weight of the
     scene's contacts; the equivalent random perturbation of the closing speed then has scale length / h.
