@@ -87,7 +87,7 @@ CHANGES: dict[str, Callable[[np.ndarray], Any]] = {
 def sound() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
     """Calls by name: what is called, and the arguments with which it works."""
     from cmbrl import ComplementarityModel, Scene, Transitions
-    from cmbrl.contact.smoothing import Adaptive, Barrier, Exact
+    from cmbrl.contact.smoothing import ABS, Barrier, Exact, Gaussian, Relaxed
     from cmbrl.data import read_trajectories
     from cmbrl.gradients.kinds import derivative_model
     from cmbrl.registry import load_task
@@ -131,9 +131,11 @@ def sound() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "integrate": (scene.integrate, {"q": q, "dv": v}),
         "gaps": (scene.gaps, {"q": q}),
         "body_poses": (scene.body_poses, {"q": q}),
-        "exact": (smoothed(Exact), {"relative": 1e-9}),
+        "exact": (smoothed(Exact), {"speed": 1e-9}),
+        "relaxed": (smoothed(Relaxed), {"speed": 3e-4}),
+        "abs": (smoothed(ABS), {"peak": 0.1, "reach": 1e-3, "floor": 1e-8}),
         "barrier": (smoothed(Barrier), {"kappa": 1e-4, "length": None}),
-        "adaptive": (smoothed(Adaptive), {"length": 1e-3, "floor": 1e-8, "derivative": "exact"}),
+        "gaussian": (smoothed(Gaussian), {"length": 1e-3, "floor": 1e-8, "derivative": "exact"}),
         "derivative": (lambda **options: derivative_model(model, **options), {"kind": "bundle", "seed": 0, "samples": 4,
         "position": 1e-3}),
         "branches": (lambda **options: derivative_model(model, "bcg", **options), {"seed": 0, "branches": 4}),
