@@ -40,6 +40,12 @@ def test_too_many_pairs_are_refused_before_any_work(tmp_path, monkeypatch):
         Scene.from_mjcf(tmp_path / "scene.xml")
 
 
+def test_a_number_without_a_name_is_no_rounding(tmp_path):
+    text = mjcf_files.BALL.replace("</mujoco>", '<custom><numeric name="" data="0.01"/></custom></mujoco>')
+    (tmp_path / "scene.xml").write_text(text, encoding="utf-8")
+    assert Scene.from_mjcf(tmp_path / "scene.xml").nv == 6
+
+
 def test_a_few_copies_are_made(tmp_path):
     copies = '<replicate count="3" offset="1 0 0"><body><freejoint/><geom size=".1"/></body></replicate>'
     (tmp_path / "inside.xml").write_text(f"<mujoco><worldbody>{copies}</worldbody></mujoco>", encoding="utf-8")
