@@ -343,7 +343,7 @@ def _dense(x: torch.Tensor, name: str) -> torch.Size:
     if not isinstance(x, torch.Tensor):
         raise UserError(f"{name} is a {type(x).__name__}; give a float64 tensor")
     if x.dtype != torch.float64 or x.layout != torch.strided or not x.is_cpu:
-        raise UserError(f"{name} is a {x.layout} tensor of {x.dtype} on {x.device}; give dense float64 on the CPU")
+        raise UserError(f"{name} is {x.dtype}, {x.layout} on {x.device}; give dense float64 on the CPU")
     return x.shape
 
 
