@@ -5,6 +5,8 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
+LONGEST = 300  #: characters of one word (a path, a number) in a message
+
 
 class UserError(ValueError):
     """Invalid input. The message is one line: what is wrong, where, and what to do.
@@ -13,7 +15,14 @@ class UserError(ValueError):
     """
 
     def __init__(self, message: str) -> None:
-        super().__init__(" ".join(message.split()))  # one line, even with text from a library
+        super().__init__(" ".join(map(_readable, message.split())))  # one line, even with text from a library
+
+
+def _readable(word: str) -> str:
+    """``word`` with its middle left out if it is very long, and with nothing that a terminal cannot show."""
+    if len(word) > LONGEST:
+        word = f"{word[: LONGEST // 2]}...{word[-LONGEST // 4 :]}"
+    return word if word.isprintable() else word.encode("unicode_escape", errors="replace").decode()
 
 
 def did_you_mean(name: str, choices: Iterable[str]) -> str:

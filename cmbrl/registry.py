@@ -132,16 +132,17 @@ class Task:
         Raises UserError for an unknown behaviour, for what the real system cannot do, and for a recorder that returns
         too few transitions.
         """
-        if n_steps < 1:
-            raise UserError(f"{self.name}: cannot record {n_steps} transitions: ask for at least 1")
+        from cmbrl.numbers import one_of, whole  # imports numpy, which the names of tasks do not need
+
+        n_steps, seed = whole(n_steps, f"{self.name}: n_steps"), whole(seed, f"{self.name}: seed", least=0)
         behaviour = self.behaviours[0] if behaviour is None else behaviour
         if callable(behaviour):
             if "policy" not in self.behaviours:
                 raise UserError(f"{self.name} cannot be driven by a policy: choose {' or '.join(self.behaviours)}")
-        elif behaviour == "policy":
+        elif isinstance(behaviour, str) and behaviour == "policy":
             raise UserError("behaviour 'policy' needs the policy itself: name its file with --policy FILE")
-        elif behaviour not in self.behaviours:
-            raise UserError(f"{self.name}: unknown behaviour {behaviour!r}: {did_you_mean(behaviour, self.behaviours)}")
+        else:
+            one_of(behaviour, self.behaviours, "behaviour")
         extra = {"log": log} if self.takes_log else {}
         if log is not None and not self.takes_log:
             raise UserError(f"{self.name} is recorded from a simulation, not from {log}: drop --data")

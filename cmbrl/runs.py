@@ -18,7 +18,7 @@ from typing import Any
 
 from cmbrl.code_digest import code_digest
 from cmbrl.errors import UserError
-from cmbrl.files import check_writable, read_json, write_json
+from cmbrl.files import check_writable, make_folder, read_json, remove_leftovers, write_json
 
 CONFIGURATION = "config.json"
 ENVIRONMENT = "environment.json"
@@ -75,13 +75,16 @@ def write_run(folder: str | os.PathLike[str], command: str, configuration: Mappi
     Raises UserError as ``check_run_folder`` does.
     """
     check_run_folder(folder, command)
-    place = Path(folder)
-    place.mkdir(parents=True, exist_ok=True)
+    place = make_folder(folder)
+    remove_leftovers(place)
     write_json(place / CONFIGURATION, {"command": command, **configuration})
     now = {**environment(), "code": code_digest(f"cmbrl.cli.{command}")}
     if (place / ENVIRONMENT).exists():
         first = read_json(place / ENVIRONMENT)
-        now = {**first, "resumed": [*first.get("resumed", []), now]}
+        resumed = first.get("resumed", []) if isinstance(first, dict) else None
+        if not isinstance(resumed, list):
+            raise UserError(f"{place / ENVIRONMENT}: damaged: remove it, or choose another --out")
+        now = {**first, "resumed": [*resumed, now]}
     write_json(place / ENVIRONMENT, now)
     return place
 

@@ -10,10 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cmbrl.errors import UserError
-from cmbrl.files import read_json
 from cmbrl.models.source import Source, load_source
 from cmbrl.registry import load_task, names
-from cmbrl.runs import CONFIGURATION
 
 if TYPE_CHECKING:
     from cmbrl.data import Transitions
@@ -32,7 +30,7 @@ def common_source(
 
     Raises UserError on a word that is neither built in nor the folder of a model, and when there is no scene.
     """
-    from cmbrl.models.named import SETTINGS, check_name, holds_fit, load_complementarity
+    from cmbrl.models.named import check_name, holds_fit, load_complementarity
 
     for word in words:
         if not _is_file(word):
@@ -41,8 +39,8 @@ def common_source(
         return load_source(scene, ignore, contact_law)
     for word in words:
         if holds_fit(word):
-            fitted = load_complementarity(Path(word) / SETTINGS)
-            return Source(word, fitted.scene, task=_task_of(Path(word)), fitted=fitted)
+            fitted = load_complementarity(word)
+            return Source(word, fitted.scene, task=_task_of(word), fitted=fitted)
     raise UserError("no scene: give --scene SCENE|TASK, or name the folder of a fit among the models")
 
 
@@ -100,10 +98,11 @@ def _one_thread() -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-def _task_of(folder: Path) -> Task | None:
-    """The task of the fit in ``folder``, if its configuration names one."""
-    configuration = folder / CONFIGURATION
-    word = read_json(configuration).get("source") if configuration.exists() else None
+def _task_of(folder: str) -> Task | None:
+    """The task of the fit in ``folder``, if it is of one."""
+    from cmbrl.models.named import task_of_fit
+
+    word = task_of_fit(folder)
     return load_task(word) if word in names() else None
 
 

@@ -14,6 +14,7 @@ from cmbrl.files import read_json
 from cmbrl.runs import ENVIRONMENT, environment
 from cmbrl.table import Table
 
+SECTION = "section.json"  #: a study's result, in its folder
 CURRENT, CHANGED, UNKNOWN = "current", "stale: the code has changed", "stale: made before results named their code"
 _LINE = re.compile(r"Made by cmbrl .*?\((?:commit ([\w-]+)|no checkout)(?:, code (\w{16}) of ([\w.]+))?\)", re.S)
 _PACKAGES = ("mujoco", "numpy", "torch")
@@ -64,7 +65,7 @@ def _record(file: Path) -> tuple[str | None, str | None, str | None] | None:
         if file.name == ENVIRONMENT:
             command = read_json(file.with_name("config.json"))["command"]
             return f"cmbrl.cli.{command}", held.get("code"), held.get("commit")
-        if file.name == "section.json":
+        if file.name == SECTION:
             return held["made"].get("module"), held["made"].get("code"), held["made"].get("commit")
         function = held["key"]["function"]
         return function.partition(":")[0], held["key"]["code"], held["made"]["commit"]

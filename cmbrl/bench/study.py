@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from cmbrl.bench import provenance
+from cmbrl.bench.provenance import SECTION
+from cmbrl.errors import UserError
 from cmbrl.files import read_json, write_json, write_text
 from cmbrl.jobs import Runner
 from cmbrl.jobs.job import plain
@@ -66,7 +68,7 @@ class Section:
         """Writes ``section.json`` and one CSV a table into ``folder``."""
         for k, table in enumerate(self.tables):
             write_text(folder / f"table_{k}.csv", table.csv())
-        write_json(folder / "section.json", self.to_json())
+        write_json(folder / SECTION, self.to_json())
 
     def to_json(self) -> dict[str, Any]:
         """Plain data: numpy's numbers as Python's, what is not finite as a word, since JSON has no such numbers."""
@@ -75,11 +77,15 @@ class Section:
 
     @classmethod
     def read(cls, folder: Path) -> Section:
-        """What :meth:`write` wrote; raises UserError when it is not there."""
-        held = read_json(folder / "section.json")
-        held["tables"] = [Table(**t) for t in held["tables"]]
-        held["figures"] = [Figure(**f) for f in held["figures"]]
-        return cls(**held)
+        """What :meth:`write` wrote; raises UserError when it is not there or not of this version."""
+        file = folder / SECTION
+        held = read_json(file)
+        try:
+            held["tables"] = [Table(**t) for t in held["tables"]]
+            held["figures"] = [Figure(**f) for f in held["figures"]]
+            return cls(**held)
+        except (KeyError, TypeError):
+            raise UserError(f"{file}: of another version: remove that folder, and run the study again") from None
 
     def terminal(self) -> str:
         """Title, text and tables for a terminal, and where the numbers are from."""

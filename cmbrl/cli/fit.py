@@ -25,7 +25,8 @@ from cmbrl.cli.options import (
 )
 from cmbrl.cli.progress import fraction
 from cmbrl.errors import UserError, did_you_mean
-from cmbrl.files import read_json
+from cmbrl.files import read_record
+from cmbrl.models.named import RESULT
 from cmbrl.models.source import load_log, load_source
 from cmbrl.runs import usable_cores, write_run
 
@@ -89,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
     source = load_source(arguments.source, arguments.ignore, arguments.contact_law)
     data = load_log(arguments.data, source.scene)
     out = Path(arguments.out)
-    check_folder(out, "fit", any((out / name).exists() for name in ("state.json", "fit.json")), arguments.resume)
+    check_folder(out, "fit", any((out / name).exists() for name in ("state.json", RESULT)), arguments.resume)
     start = start_values(source.scene, dict(arguments.set))
 
     from cmbrl.fitting import fit  # imports torch: only now, so that an error above shows at once
@@ -122,8 +123,8 @@ def run(arguments: argparse.Namespace) -> int:
             progress=progress,
             time_limit=arguments.time_limit,
         )
-    result.save(out)
-    print(json.dumps(read_json(out / "fit.json"), indent=2) if arguments.json else result.report_text())
+    result.save(out, task=source.task.name if source.task else None)
+    print(json.dumps(read_record(out / RESULT, "fit again"), indent=2) if arguments.json else result.report_text())
     if result.report["stopped"] == "interrupted":
         print(f"cmbrl: interrupted: the best fit so far is in {out}; continue it with --resume", file=sys.stderr)
         return EXIT_INTERRUPTED

@@ -12,6 +12,7 @@ from importlib.metadata import version
 
 from cmbrl.cli.options import EXIT_INTERRUPTED, Parser
 from cmbrl.errors import UserError, did_you_mean
+from cmbrl.files import FULL
 
 # name -> summary; the module cmbrl.cli.NAME has EXAMPLE, add_arguments(parser) and run(arguments) -> exit code or None.
 COMMANDS = {
@@ -33,9 +34,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _show_warning
-            return _dispatch(sys.argv[1:] if argv is None else argv)
+            code = _dispatch(sys.argv[1:] if argv is None else argv)
+            sys.stdout.flush()
+            return code
     except UserError as error:
         print(f"cmbrl: {error}", file=sys.stderr)
+        return 2
+    except MemoryError:
+        print("cmbrl: out of memory: ask for less at a time, or use a larger machine", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("cmbrl: interrupted", file=sys.stderr)
@@ -44,6 +50,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The reader has gone (`cmbrl info hopper | head`): keep the interpreter from complaining at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
+    except OSError as error:
+        if error.errno in FULL:
+            told = f"{error.filename or 'standard output'}: cannot be written ({error.strerror}): free space there"
+            # What is still to be printed is given up: the interpreter would complain about it at exit.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        elif error.filename is not None:  # of a path that the user gave
+            told = f"{error.filename}: {error.strerror}; check the path"
+        else:
+            raise
+        print(f"cmbrl: {UserError(told)}", file=sys.stderr)
+        return 2
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:

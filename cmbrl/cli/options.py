@@ -10,8 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-import yaml
-
+from cmbrl.cli.configuration import read_configuration
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.runs import check_run_folder
 from cmbrl.text import LARGEST, shortened
@@ -51,11 +50,16 @@ class Parser(argparse.ArgumentParser):
         Raises UserError on invalid options, and on a file that is missing, malformed, or has an unknown option.
         """
         finder = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+        finder.error = self.error  # type: ignore[method-assign]
         finder.add_argument("--config")
         path = finder.parse_known_args(arguments)[0].config
         if path is not None:
             self._use_configuration(Path(path))
-        return self.parse_args(arguments)
+        found = self.parse_args(arguments)
+        for name, value in vars(found).items():
+            if isinstance(value, str) and "\0" in value:
+                raise UserError(f"--{name.replace('_', '-')}: has a null character, which no path and no name has")
+        return found
 
     def _use_configuration(self, path: Path) -> None:
         actions = {action.dest: action for action in self._actions if action.dest not in ("help", "config")}
@@ -222,17 +226,7 @@ def _word(action: argparse.Action, value: Any) -> str:
     parts = value if isinstance(value, list) else [value]
     if not all(isinstance(part, str | int | float | None) for part in parts):
         raise argparse.ArgumentError(action, "must be text, a number, or a list of them")
-    return ",".join(map(str, parts))
-
-
-def read_configuration(path: Path) -> dict[str, Any]:
-    """The mapping in a YAML or JSON file; raises UserError when it is missing, malformed or not a mapping."""
     try:
-        loaded = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise UserError(f"{path}: no such configuration file") from None
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        raise UserError(f"{path}: not readable as YAML ({shortened(str(error), 200)})") from None
-    if not isinstance(loaded, dict) or not all(isinstance(key, str) for key in loaded):
-        raise UserError(f"{path}: not a mapping of option names to values")
-    return loaded
+        return ",".join(map(str, parts))
+    except ValueError:  # a whole number of more digits than Python writes
+        raise argparse.ArgumentError(action, "has a number of too many digits") from None

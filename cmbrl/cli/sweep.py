@@ -12,20 +12,23 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.cli.options import EXIT_INTERRUPTED, add_json, positive, read_configuration
+from cmbrl.cli.configuration import read_configuration
+from cmbrl.cli.options import EXIT_INTERRUPTED, add_json, positive
 from cmbrl.cli.progress import fraction
 from cmbrl.code_digest import code_digest
 from cmbrl.errors import UserError
-from cmbrl.files import atomic_path, check_writable, read_json, write_json
+from cmbrl.files import check_writable, make_folder, read_json, write_json, write_text, writing
 from cmbrl.jobs import Job, Runner
 from cmbrl.jobs.backends import BACKENDS
 from cmbrl.runs import ENVIRONMENT, environment, usable_cores
+from cmbrl.text import shortened
 
 EXAMPLE = """
 cmbrl sweep configs/hopper_loop.yaml --seeds 0:10
 cmbrl sweep configs/hopper_loop.yaml --seeds 0:100 --out runs/seeds --backend ray --jobs 64
 cmbrl sweep configs/hopper_loop.yaml --seeds 0:10 --out runs/seeds --slurm > seeds.sh
 """
+MOST = 100_000  #: seeds of one sweep
 COMMANDS = {"train": "train.json", "fit": "fit.json"}  #: that can be swept, and the file with their result
 _OWN = {"command", "seed", "out", "resume", "threads", "json"}  # decided by the sweep
 
@@ -59,12 +62,16 @@ def seeds(text: str) -> list[int]:
     """``A:B`` or a list of whole numbers, each once."""
     try:
         first, colon, last = text.partition(":")
-        found = list(range(int(first), int(last))) if colon else [int(part) for part in text.split(",")]
+        found = range(int(first), int(last)) if colon else [int(part) for part in text.split(",")]
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is neither A:B nor a list of whole numbers") from None
+        raise argparse.ArgumentTypeError(f"{shortened(text)!r} is neither A:B nor a list of whole numbers") from None
+    if colon and found and found[-1] - found[0] >= MOST:
+        raise argparse.ArgumentTypeError(f"{shortened(text)!r}: give at most {MOST} seeds")
     if not found or len(set(found)) < len(found) or min(found) < 0 or max(found) >= 2**31:
-        raise argparse.ArgumentTypeError(f"{text!r}: give at least one seed, each once, from 0 to 2147483647")
-    return found
+        raise argparse.ArgumentTypeError(
+            f"{shortened(text)!r}: give at least one seed, each once, from 0 to 2147483647"
+        )
+    return list(found)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -83,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     check_writable(out, folder=True)
     options = {name: value for name, value in options.items() if name not in _OWN}
-    folder = str(out.resolve())
+    folder, made = str(out.resolve()), [place for place in (out / "seeds", out, *out.parents) if not place.exists()]
     jobs = [
         Job(f"seed_{seed}", one_seed, {"command": command, "options": options, "seed": seed, "folder": folder,
                                        "home": str(Path.cwd())})
@@ -94,10 +101,9 @@ def run(arguments: argparse.Namespace) -> int:
         try:
             results = runner.run(jobs, "run")
         except UserError:
-            _remove_empty(out / "seeds", out)
+            _remove_empty(made)
             raise
-    with atomic_path(out / "slurm.sh") as script:
-        script.write_text(array + "\n", encoding="utf-8")
+    write_text(out / "slurm.sh", array + "\n")
     summary = {"command": command, "options": options, "seeds": arguments.seeds, "runs": results}
     write_json(out / "sweep.json", {**summary, "environment": environment()})
     if arguments.json:
@@ -120,14 +126,15 @@ def one_seed(command: str, options: dict[str, Any], seed: int, folder: str, home
     from cmbrl.cli.main import main
 
     place = Path(folder) / f"seed_{seed}"
-    place.mkdir(parents=True, exist_ok=True)
+    make_folder(place)
     write_json(place / "sweep_options.json", {**options, "command": command})
     begun = any((place / name).exists() for name in ("checkpoint.safetensors", "state.json"))
-    if begun and read_json(place / ENVIRONMENT)["code"] != code_digest(f"cmbrl.cli.{command}"):
+    if begun and _code(place) != code_digest(f"cmbrl.cli.{command}"):
         raise UserError(f"{place}: begun by another version of the code: choose another --out, or remove that folder")
     typed = ["--config", str(place / "sweep_options.json"), "--seed", str(seed), "--out", str(place), "--threads", "1"]
     os.makedirs(home, exist_ok=True)
-    with (place / "output.txt").open("a") as output, redirect_stdout(output), redirect_stderr(output), chdir(home):
+    told = place / "output.txt"
+    with writing(told), told.open("a") as output, redirect_stdout(output), redirect_stderr(output), chdir(home):
         code = main([command, *typed, *(["--resume"] if begun else [])])
     if code == EXIT_INTERRUPTED:  # Ctrl-C ends the sweep, not only this run of it
         raise KeyboardInterrupt
@@ -136,13 +143,19 @@ def one_seed(command: str, options: dict[str, Any], seed: int, folder: str, home
         if not begun:  # a mistake that was found before anything was computed leaves nothing behind
             (place / "sweep_options.json").unlink()
             (place / "output.txt").unlink()
-            _remove_empty(place)
+            _remove_empty([place])
         raise UserError(f"seed {seed}: {last[-1].removeprefix('cmbrl: ') if last else f'ended with code {code}'}")
     result = read_json(place / COMMANDS[command])
     return {"seed": seed, "code": code, "result": _short(command, result)}
 
 
-def _remove_empty(*folders: Path) -> None:
+def _code(place: Path) -> Any:
+    """The digest of the code that began the run in ``place``; None where its environment does not say."""
+    held = read_json(place / ENVIRONMENT) if (place / ENVIRONMENT).exists() else None
+    return held.get("code") if isinstance(held, dict) else None
+
+
+def _remove_empty(folders: Sequence[Path]) -> None:
     for folder in folders:
         with suppress(OSError):  # it is not empty
             folder.rmdir()

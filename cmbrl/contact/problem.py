@@ -8,6 +8,7 @@ mu = 0 and zero tangent rows. A ``.npz`` file holds many problems (:func:`save`,
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmbrl.errors import UserError
-from cmbrl.files import atomic_path
+from cmbrl.files import write_bytes
 
 Array = NDArray[np.float64]
 FIELDS = ("M", "J", "v_free", "b", "mu", "R")
@@ -99,8 +100,9 @@ def save(problems: Sequence[ContactProblem], path: str | os.PathLike[str]) -> No
     """Writes problems into one ``.npz``: arrays ``<k>/M``, ``<k>/J``, ... and ``names``, ``speeds``."""
     arrays = {f"{k}/{field}": getattr(p, field) for k, p in enumerate(problems) for field in FIELDS}
     names, speeds = np.array([p.name for p in problems]), np.array([p.speed for p in problems])
-    with atomic_path(path) as temporary, open(temporary, "wb") as file:
-        np.savez_compressed(file, names=names, speeds=speeds, **arrays)
+    content = io.BytesIO()
+    np.savez_compressed(content, names=names, speeds=speeds, **arrays)
+    write_bytes(path, content.getvalue())
 
 
 def load(path: str | os.PathLike[str]) -> list[ContactProblem]:

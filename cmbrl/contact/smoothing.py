@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from cmbrl.errors import UserError, did_you_mean
+from cmbrl.numbers import one_of, real
 from cmbrl.scene import Scene
 from cmbrl.text import parse_fields, parse_kind
 
@@ -61,7 +62,7 @@ class Relaxed:
 
 @dataclass(frozen=True)
 class Barrier:
-    """Constant softening (BS of Zhang, Jin & Wang, ICML 2023): every product of a contact or limit equals ``kappa`` [J].
+    """Constant softening (BS of Zhang, Jin & Wang, ICML 2023): every product of a contact or limit is ``kappa`` [J].
 
     Alternatively, ``length`` [m] sets kappa = length^2 / (2 F h^2), with F [1/kg] the mean inverse weight of the
     scene's contacts; the equivalent random perturbation of the closing speed then has scale length / h.
@@ -99,8 +100,7 @@ class Gaussian:
 
     def resolve(self, scene: Scene, time_step: float) -> dict[str, Any]:
         """The core's numbers; raises UserError for a length or floor that is not positive."""
-        if self.derivative not in ("exact", "stop"):
-            raise UserError(f"Gaussian(derivative={self.derivative!r}); use 'exact' or 'stop'")
+        one_of(self.derivative, ("exact", "stop"), "derivative of Gaussian")
         floor, length = _positive(self.floor, "Gaussian(floor)"), _positive(self.length, "Gaussian(length)")
         stop = self.derivative == "stop"
         return _native(Mode.GAUSSIAN, scene, time_step, length=length, speed=floor, stop=stop)
@@ -184,6 +184,4 @@ def _native(
 
 
 def _positive(value: float | None, name: str) -> float:
-    if value is None or not 0 < value <= _LARGEST:
-        raise UserError(f"{name} = {value}; give a positive number, at most {_LARGEST:g}")
-    return float(value)
+    return real(value, name, above=0.0, most=_LARGEST)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cmbrl.errors import UserError
+from cmbrl.numbers import real_array
 
 PolicyFunction = Callable[[np.ndarray], Any]
 """Maps the real system's observation (n_obs,) to the control (nu,)."""
@@ -105,7 +106,7 @@ def _control_range(model: Any) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _as_control(value: Any, nu: int) -> np.ndarray:
-    control = np.asarray(value, dtype=np.float64)
+    control = real_array(value, "the policy's control")
     if control.shape != (nu,) or not np.isfinite(control).all():
         raise UserError(f"the policy returned shape {control.shape} or NaN; it must return {nu} finite numbers")
     return control

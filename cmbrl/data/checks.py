@@ -11,6 +11,7 @@ import numpy as np
 
 from cmbrl.data.fields import Fields
 from cmbrl.errors import UserError
+from cmbrl.numbers import real, real_array
 from cmbrl.scene.records import JointKind
 
 if TYPE_CHECKING:
@@ -22,22 +23,21 @@ QUATERNION_TOLERANCE = (
 TIME_STEP_TOLERANCE = 1e-3  #: relative; distinguishes 0.0068 s from 1/148 s
 ROWS_FOR_KINEMATICS = 50  #: fewer rows do not show whether velocities and positions agree
 SENSOR_NOISE = 1e-4  #: changes of this size [m, rad] may be noise
+LARGEST = 1e12  #: far beyond any position, velocity, force or time of a robot; squares of sums are still finite
 UNEXPLAINED = 0.95  #: largest share (root mean square) of a change that velocities may leave unexplained
 
 
 def numbers(name: str, value: Any) -> np.ndarray:
-    """``value`` as contiguous float64 (rows, columns); raises for another shape, NaN or infinity."""
-    try:
-        array = np.ascontiguousarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise UserError(f"{name} is not an array of numbers; give shape (rows, columns)") from None
+    """``value`` as contiguous float64 (rows, columns); raises for another type or shape, NaN, and beyond LARGEST."""
+    array = real_array(value, name)
     if array.ndim != 2:
         raise UserError(f"{name} has shape {array.shape}; give two axes (rows, columns), even for one column")
-    bad = ~np.isfinite(array)
+    bad = ~(np.abs(array) <= LARGEST)
     if bad.any():
         row, column = np.argwhere(bad)[0]
-        kind = "NaN" if np.isnan(array[row, column]) else "infinity"
-        more = f" ({int(bad.any(axis=1).sum())} rows in all)" if bad.any(axis=1).sum() > 1 else ""
+        x, rows = array[row, column], int(bad.any(axis=1).sum())
+        kind = "NaN" if np.isnan(x) else "infinity" if np.isinf(x) else f"{x:g} (no robot is beyond {LARGEST:g})"
+        more = f" ({rows} rows in all)" if rows > 1 else ""
         raise UserError(f"{kind} in row {row} of {name}, column {column}{more}: remove these rows or record again")
     return array
 
@@ -61,21 +61,18 @@ def stacked(q: Any, v: Any, u: Any, q_next: Any, v_next: Any) -> dict[str, np.nd
 
 
 def duration(dt: Any) -> float:
-    """``dt`` as a float [s]; raises unless it is a positive, finite number."""
-    value = np.asarray(dt)
-    if value.size != 1 or value.dtype.kind not in "iuf" or not np.isfinite(value).all() or float(value.item()) <= 0:
-        raise UserError(f"dt is {dt!r}; give the duration of one transition in seconds")
-    return float(value.item())
+    """``dt`` as a float [s]; raises unless it is one positive number, at most LARGEST."""
+    return real(dt, "dt, the duration of one transition in seconds,", above=0.0, most=LARGEST)
 
 
 def episodes(episode: Any, rows: int) -> np.ndarray:
     """Episode numbers (N,) as int64; raises unless every row has a whole number and each episode is one block."""
-    array = np.asarray(episode)
+    array = real_array(episode, "episode")
     if array.shape != (rows,):
         raise UserError(f"episode has shape {array.shape}; give one whole number for each of the {rows} rows")
-    numbers = array.astype(np.int64) if array.dtype.kind in "iufb" else None
-    if numbers is None or not np.array_equal(numbers, array):
+    if not (np.abs(array) < 2**53).all() or (array != np.floor(array)).any():
         raise UserError("episode contains values that are not whole numbers; number the episodes 0, 1, 2, ...")
+    numbers = array.astype(np.int64)
     starts = np.flatnonzero(np.diff(numbers)) + 1
     blocks = numbers[np.concatenate([[0], starts])] if rows else numbers
     seen, counts = np.unique(blocks, return_counts=True)
@@ -87,6 +84,8 @@ def episodes(episode: Any, rows: int) -> np.ndarray:
 
 def against_scene(log: Fields, scene: Scene, dt: float | None = None) -> None:
     """Raises unless ``log`` can be a log of ``scene``: sizes, names, quaternions, velocities, ``dt`` [s] if given."""
+    if not hasattr(scene, "core"):
+        raise UserError(f"scene is a {type(scene).__name__}; give the Scene of the robot")
     if len(log["q"]) == 0:
         raise UserError("the log is empty; record at least one transition")
     _check_sizes(log, scene)

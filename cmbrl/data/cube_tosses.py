@@ -12,6 +12,7 @@ import numpy as np
 from cmbrl.data.fields import Fields
 from cmbrl.data.stacking import stack
 from cmbrl.errors import UserError
+from cmbrl.numbers import real_array
 
 #: world position [m], unit quaternion w x y z, world linear [m/s] and body angular velocity [rad/s], rows per toss, s
 KEYS = ("position", "quaternion_wxyz", "linear_velocity", "angular_velocity_body", "toss_lengths", "dt")
@@ -27,13 +28,17 @@ def convert(found: dict[str, np.ndarray]) -> Fields:
 
     Raises UserError if arrays and toss lengths disagree.
     """
-    rows = len(found["position"])
-    for name, columns in zip(KEYS[:4], (3, 4, 3, 3), strict=True):
-        if found[name].shape != (rows, columns):
-            raise UserError(f"{name} has shape {found[name].shape}, expected {(rows, columns)}; use the published file")
+    arrays = {name: real_array(found[name], name) for name in KEYS[:4]}
+    rows = arrays["position"].shape[:1]
+    for name, columns in zip(arrays, (3, 4, 3, 3), strict=True):
+        if arrays[name].shape != (*rows, columns):
+            raise UserError(
+                f"{name} has shape {found[name].shape}, expected {(*rows, columns)}; use the published file"
+            )
+    position, quaternion, linear, angular = arrays.values()
     return stack(
-        q=np.concatenate([found["position"], found["quaternion_wxyz"]], axis=1),
-        v=np.concatenate([found["linear_velocity"], found["angular_velocity_body"]], axis=1),
+        q=np.concatenate([position, quaternion], axis=1),
+        v=np.concatenate([linear, angular], axis=1),
         lengths=found["toss_lengths"],
         dt=found["dt"],
         source={"system": "cube_toss", "data": "ContactNets (BSD-3)"},

@@ -9,6 +9,7 @@ from cmbrl.data import npz
 from cmbrl.data.fields import Fields
 from cmbrl.errors import UserError
 from cmbrl.files import check_writable
+from cmbrl.reading import regular_file
 
 MINARI_PREFIX = "minari:"
 
@@ -47,14 +48,19 @@ def check_target(path: str | os.PathLike[str]) -> None:
 
 def load(path: str | os.PathLike[str]) -> Fields:
     """Reads a log; raises UserError if it is missing, of another kind or damaged."""
+    if not isinstance(path, str | os.PathLike):
+        raise UserError(f"a log is read from a path, not from a {type(path).__name__}")
     if str(path).startswith(MINARI_PREFIX):
         from cmbrl.data import minari_io
 
         return minari_io.read(minari_io.root_path(str(path).removeprefix(MINARI_PREFIX)))
     file = Path(path)
-    if not file.exists():
-        raise UserError(f"{file}: no such file; record a log with `cmbrl record`, or check the path")
-    if file.is_dir() or file.suffix in (".hdf5", ".h5"):
+    if os.path.isdir(file):
+        from cmbrl.data import minari_io
+
+        return minari_io.read(file)
+    file = regular_file(file, "record a log with `cmbrl record`, or check the path")
+    if file.suffix in (".hdf5", ".h5"):
         from cmbrl.data import minari_io
 
         return minari_io.read(file)

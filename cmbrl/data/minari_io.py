@@ -2,24 +2,27 @@
 
 A dataset is a folder with ``data/main_data.hdf5`` and ``data/metadata.json`` (Minari 0.5, hdf5 format). An episode of
 T transitions is written as T+1 observations ``{"qpos": (nq,), "qvel": (nv,)}``, T actions (nu,), and zero rewards,
-because a log has none. The metadata has the time step, names and source under "cmbrl". Other datasets can be read if
-their observations or infos contain raw ``qpos`` and ``qvel``; Gymnasium's observation vectors omit x and are clipped.
+because a log has none. The metadata has the time step, names, source under "cmbrl", with a
+digest of the arrays. Other datasets can be read if their observations or infos contain raw
+``qpos`` and ``qvel``; Gymnasium's observation vectors omit x and are clipped.
 """
 
 from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
-from cmbrl.data.fields import Fields
+from cmbrl.data.fields import ROWS, Fields
 from cmbrl.data.splitting import follows
 from cmbrl.errors import UserError
-from cmbrl.files import atomic_path, check_writable
+from cmbrl.files import CHECKSUM, atomic_path, check_writable, checksum, record_text
+from cmbrl.text import shortened
 
 KEY = "cmbrl"
 _ABOUT = {"dt": "dt", "joints": "joint_names", "actuators": "actuator_names", "source": "source"}  # there: here
@@ -60,7 +63,6 @@ def write(data: Fields, folder: Path, dataset_id: str | None = None) -> None:
     if rows == 0:
         raise UserError(f"{folder}: the log is empty; Minari needs at least one transition")
     from gymnasium.spaces import Box, Dict
-    from minari.data_collector import EpisodeBuffer
     from minari.dataset.minari_storage import MinariStorage
 
     def space(columns: int) -> Box:
@@ -68,15 +70,14 @@ def write(data: Fields, folder: Path, dataset_id: str | None = None) -> None:
 
     starts = np.concatenate([[0], np.flatnonzero(~follows(data)) + 1])
     ends = np.concatenate([starts[1:], [rows]])
-    buffers = [
-        _episode(EpisodeBuffer, data, int(a), int(b), i) for i, (a, b) in enumerate(zip(starts, ends, strict=True))
-    ]
+    episodes = [slice(int(a), int(b)) for a, b in zip(starts, ends, strict=True)]
     if dataset_id is None:
         dataset_id = folder.name if folder.name.rpartition("-v")[2].isdigit() else f"{folder.name}-v0"
     about = {key: data[name] for key, name in _ABOUT.items()}  # type: ignore[literal-required]
+    parts = [{name: data[name][rows] for name in ROWS} for rows in episodes]  # type: ignore[literal-required]
+    about = {**about, "episodes": len(episodes), "digest": _digest(parts)}
     with atomic_path(folder) as temporary:
         (temporary / "data").mkdir(parents=True)
-        # The storage itself, because create_dataset_from_buffers only writes to Minari's root.
         storage = MinariStorage.new(
             temporary / "data",
             observation_space=Dict({"qpos": space(data["q"].shape[1]), "qvel": space(data["v"].shape[1])}),
@@ -88,10 +89,37 @@ def write(data: Fields, folder: Path, dataset_id: str | None = None) -> None:
                 "dataset_id": dataset_id,
                 "minari_version": _minari().__version__,
                 "algorithm_name": "log",
-                KEY: json.dumps(about),
+                "total_steps": rows,
+                "total_episodes": len(episodes),
+                KEY: record_text(about),
             }
         )
-        storage.update_episodes(buffers)
+        (temporary / "data" / "main_data.hdf5").write_bytes(_hdf5(data, episodes))
+        storage.update_metadata({"dataset_size": storage.get_size()})
+
+
+def _hdf5(data: Fields, episodes: Sequence[slice]) -> bytes:
+    """The content of ``main_data.hdf5``, made in memory: HDF5 crashes the process where the disk is full."""
+    import h5py
+
+    content = BytesIO()
+    with h5py.File(content, "w") as file:
+        for number, rows in enumerate(episodes):
+            group = file.create_group(f"episode_{number}", track_order=True)
+            length = rows.stop - rows.start
+            group.attrs["id"], group.attrs["total_steps"] = number, length
+            arrays = {
+                "observations/qpos": np.concatenate([data["q"][rows], data["q_next"][rows][-1:]]),
+                "observations/qvel": np.concatenate([data["v"][rows], data["v_next"][rows][-1:]]),
+                "actions": data["u"][rows],
+                "rewards": np.zeros(length),
+                "terminations": np.zeros(length, dtype=bool),
+                "truncations": np.arange(length) == length - 1,
+            }
+            for name, array in arrays.items():
+                group.create_dataset(name, data=array, chunks=True, maxshape=(None, *array.shape[1:]))
+            group.create_group("infos")
+    return content.getvalue()
 
 
 def read(path: Path) -> Fields:
@@ -111,11 +139,16 @@ def read(path: Path) -> Fields:
     except UserError:
         raise
     except Exception as error:  # Minari does not check what it reads, so anything may come
-        raise UserError(f"{path}: not readable as a Minari dataset ({error!r}); record it again") from None
+        raise UserError(
+            f"{path}: not readable as a Minari dataset ({shortened(repr(error), 200)}); record it again"
+        ) from None
     stored = [arrays for arrays in stored if len(arrays["u"])]
     if not stored:
         raise UserError(f"{path}: the log is empty; record at least one transition")
-    about = _about(path, metadata[KEY]) if KEY in metadata else {"dt": _environment_dt(path, dataset)}
+    if KEY in metadata:
+        about = _about(path, metadata[KEY], stored)
+    else:
+        about = {"dt": _environment_dt(path, dataset)}
     try:
         rows = {name: np.concatenate([arrays[name] for arrays in stored]) for name in stored[0]}
     except ValueError:
@@ -125,19 +158,31 @@ def read(path: Path) -> Fields:
     return cast(Fields, {**rows, "episode": episode, **source, **about})
 
 
-def _about(path: Path, text: Any) -> dict[str, Any]:
-    """What the metadata of a dataset of ours says about it; raises UserError if it is damaged."""
+def _about(path: Path, text: Any, stored: Sequence[Mapping[str, np.ndarray]]) -> dict[str, Any]:
+    """What the metadata of a dataset of ours says about it; raises UserError if it is damaged, or not of ``stored``.
+
+    Episodes may have been added by Minari. Without a checksum it is by hand, or of an older version.
+    """
     try:
         about = json.loads(text)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, RecursionError):
         about = None
     if not isinstance(about, dict) or "dt" not in about:
         raise UserError(f"{path}: its metadata has no time step ({KEY}: dt); record the log again")
+    told = about.pop(CHECKSUM, None)
+    if told is not None and (told != checksum(about) or _digest(stored[: about["episodes"]]) != about["digest"]):
+        raise UserError(f"{path}: damaged or changed since it was written; record the log again")
     names = [about.get(key, []) for key in ("joints", "actuators")]
     named = all(isinstance(x, list) and all(isinstance(name, str) for name in x) for x in names)
     if not named or not isinstance(about.get("source", {}), dict):
         raise UserError(f"{path}: its metadata ({KEY}: joints, actuators, source) is damaged; record the log again")
     return {here: about[there] for there, here in _ABOUT.items() if there in about}
+
+
+def _digest(episodes: Sequence[Mapping[str, np.ndarray]]) -> str:
+    """Of the arrays q, v, u, q_next, v_next of episodes, as float64."""
+    arrays = (np.ascontiguousarray(part[name], dtype=np.float64) for part in episodes for name in ROWS)
+    return checksum(b"".join(repr(array.shape).encode() + array.tobytes() for array in arrays))
 
 
 def _minari() -> Any:
@@ -152,23 +197,6 @@ def _minari() -> Any:
             f"{error.name or 'minari'} is missing; Minari logs need it: pip install 'cmbrl[data]'"
         ) from None
     return minari
-
-
-def _episode(buffer: Any, data: Fields, start: int, end: int, number: int) -> Any:
-    rows = slice(start, end)
-    length = end - start
-    return buffer(
-        id=number,
-        observations={
-            "qpos": np.concatenate([data["q"][rows], data["q_next"][end - 1 : end]]),
-            "qvel": np.concatenate([data["v"][rows], data["v_next"][end - 1 : end]]),
-        },
-        actions=data["u"][rows],
-        rewards=[0.0] * length,
-        terminations=[False] * length,
-        truncations=[False] * (length - 1) + [True],
-        infos={},
-    )
 
 
 def _arrays(path: Path, episode: Any) -> dict[str, np.ndarray]:
@@ -195,6 +223,7 @@ def _environment_dt(path: Path, dataset: Any) -> float:
         return float(dataset.recover_environment().unwrapped.dt)
     except Exception as error:  # an environment is foreign code, and may not be installed
         raise UserError(
-            f"{path}: the dataset has no time step, and its environment does not start ({error!r}); "
+            f"{path}: the dataset has no time step, and its environment does not start "
+            f"({shortened(repr(error), 200)}); "
             "load it in Python and make Transitions with dt="
         ) from None

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
-import zipfile
-import zlib
+import os
 from pathlib import Path
 from typing import Any, cast
 
@@ -14,7 +14,8 @@ from cmbrl.data import cube_tosses
 from cmbrl.data.fields import ROWS, Fields
 from cmbrl.data.stacking import stack
 from cmbrl.errors import UserError
-from cmbrl.files import atomic_path
+from cmbrl.files import write_bytes
+from cmbrl.text import shortened
 
 ARRAYS = (*ROWS, "dt", "episode")
 
@@ -28,29 +29,49 @@ def write(data: Fields, path: Path) -> None:
             arrays[name] = np.asarray(values[name], dtype=np.str_)
     if data["source"]:
         arrays["source"] = np.asarray(json.dumps(data["source"]))
-    with atomic_path(path) as temporary, open(temporary, "wb") as stream:
-        np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
+    content = io.BytesIO()  # a zip file on a full disk complains again when it is closed
+    np.savez_compressed(content, **arrays)  # type: ignore[arg-type]
+    write_bytes(path, content.getvalue())
 
 
 def read(path: Path) -> Fields:
     """Reads transitions, trajectories (q, v, lengths, dt) or the published cube tosses, which differ by their keys.
 
-    Raises UserError that names the file if it is not an npz, or lacks keys.
+    Raises UserError that names the file if it is not an npz, does not fit into memory, or lacks keys.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            found = {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        raise UserError(f"{path}: not readable as npz without pickles ({error})") from None
+        found = _arrays(path)
+    except UserError:
+        raise
+    except MemoryError:
+        raise UserError(f"{path}: has an array that does not fit into memory; is it damaged?") from None
+    except Exception as error:  # zipfile, its codecs and numpy's header each raise their own kinds on a damaged file
+        raise UserError(f"{path}: not readable as npz without pickles ({shortened(str(error), 200)})") from None
     try:
         if cube_tosses.is_layout(found):
             return cube_tosses.convert(found)
         if "q" in found and "lengths" in found:
+            if "dt" not in found:
+                raise UserError("no dt in the file; add the time between two rows in seconds")
             known = ("q", "v", "u", "lengths", "dt")
-            return stack(**{name: found[name] for name in known if name in found})
+            trajectories: dict[str, Any] = {name: found[name] for name in known if name in found}
+            return stack(**trajectories)
         return _fields(found)
     except UserError as error:
         raise UserError(f"{path}: {error}") from None
+
+
+def _arrays(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of the file by name; raises whatever its readers raise."""
+    with np.load(path, allow_pickle=False) as archive:
+        if not isinstance(archive, np.lib.npyio.NpzFile):
+            raise UserError(f"{path}: a single array, not an npz; save a log with numpy.savez")
+        members: Any = archive.zip
+        unpacked = sum(member.file_size for member in members.infolist()) / 2**30
+        memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+        if unpacked > memory:
+            raise UserError(f"{path}: unpacks to {unpacked:.3g} GiB, more than the {memory:.3g} GiB of this machine")
+        return {name: archive[name] for name in archive.files}
 
 
 def _fields(found: dict[str, np.ndarray]) -> Fields:
@@ -63,10 +84,19 @@ def _fields(found: dict[str, np.ndarray]) -> Fields:
     fields: dict[str, Any] = {name: found[name] for name in ARRAYS}
     for name in ("joint_names", "actuator_names"):
         if name in found:
+            if found[name].ndim != 1 or found[name].dtype.kind != "U":
+                raise UserError(f"{name} is not a list of names; save it as text, or remove it from the file")
             fields[name] = tuple(found[name].tolist())
     if "source" in found:
-        try:
-            fields["source"] = dict(json.loads(str(found["source"])))
-        except (json.JSONDecodeError, TypeError, ValueError):
-            raise UserError("source is not a JSON object; remove it from the file") from None
+        fields["source"] = _source(found["source"])
     return cast(Fields, fields)
+
+
+def _source(text: np.ndarray) -> dict[str, Any]:
+    try:
+        source = json.loads(text.item()) if text.dtype.kind == "U" and text.size == 1 else None
+    except (ValueError, RecursionError):
+        source = None
+    if not isinstance(source, dict):
+        raise UserError("source is not a JSON object; remove it from the file")
+    return source

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from cmbrl.data.fields import ROWS, Fields
 from cmbrl.errors import UserError
+from cmbrl.numbers import real, real_array, shown, whole
 
 
 def episode_mask(episode: np.ndarray, fraction: float, seed: int) -> np.ndarray:
@@ -15,7 +17,8 @@ def episode_mask(episode: np.ndarray, fraction: float, seed: int) -> np.ndarray:
 
     Raises UserError for a fraction outside (0, 1), or a single episode.
     """
-    if not 0.0 < fraction < 1.0:
+    seed = whole(seed, "seed", least=0)
+    if not 0.0 < real(fraction, "fraction") < 1.0:
         raise UserError(f"fraction is {fraction}; give a share of the episodes above 0 and below 1")
     known = np.unique(episode)
     if len(known) < 2:
@@ -36,10 +39,29 @@ def follows(log: Fields) -> np.ndarray:
     return same
 
 
+def row_numbers(rows: Any, count: int) -> np.ndarray:
+    """Row numbers from a slice, a mask (count,) or whole numbers (which may count from the end).
+
+    Raises UserError for anything else, and for a row that is not there.
+    """
+    if isinstance(rows, slice):
+        try:
+            return np.arange(count)[rows]
+        except (TypeError, ValueError):
+            raise UserError(f"rows = {shown(rows)}: give whole numbers in the slice") from None
+    array = real_array(rows, "rows")
+    if np.asarray(rows).dtype.kind == "b" and array.shape == (count,):
+        return np.flatnonzero(array)
+    if array.ndim != 1 or (array != np.floor(array)).any() or not ((array >= -count) & (array < count)).all():
+        raise UserError(
+            f"rows has shape {array.shape}; give a mask ({count},), or numbers of rows from 0 to {count - 1}"
+        )
+    return array.astype(np.int64)
+
+
 def window_starts(log: Fields, k: int) -> np.ndarray:
     """Rows that start k consecutive transitions: int64, ascending, overlapping; empty if no episode is that long."""
-    if k < 1:
-        raise UserError(f"a window has {k} transitions; give at least 1")
+    k = whole(k, "k, the transitions of a window,")
     rows = len(log["q"])
     if rows < k:
         return np.empty(0, dtype=np.int64)

@@ -10,6 +10,7 @@ import numpy as np
 from cmbrl.data import checks
 from cmbrl.data.fields import Fields
 from cmbrl.errors import UserError
+from cmbrl.numbers import real_array
 
 Difference = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -19,12 +20,13 @@ def stack(
 ) -> Fields:
     """The transitions of :func:`cmbrl.data.trajectories.read_trajectories`, with the same arguments and errors."""
     q, dt = checks.numbers("q", q), checks.duration(dt)
-    size = np.asarray(lengths)
-    if size.ndim != 1 or size.dtype.kind not in "iu" or (size < 1).any() or size.sum() != len(q):
+    size = real_array(lengths, "lengths")
+    if size.ndim != 1 or not (size >= 1).all() or (size != np.floor(size)).any() or size.sum() != len(q):
         raise UserError(
-            f"q has shape {q.shape} and lengths sum to {size.sum() if size.size else 0}; give q as (rows, nq) "
-            "and lengths as whole numbers that sum to the number of rows"
+            f"q has shape {q.shape} and lengths sum to {size.sum():g}; give q as (rows, nq) and lengths as whole "
+            "numbers that sum to the number of rows"
         )
+    size = size.astype(np.int64)
     episode = np.repeat(np.arange(len(size)), size)
     same = episode[1:] == episode[:-1]
     usable = np.ones(len(q), dtype=bool)

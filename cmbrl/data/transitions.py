@@ -12,6 +12,7 @@ import numpy as np
 from cmbrl.data import checks, splitting
 from cmbrl.data.fields import ROWS, Fields
 from cmbrl.errors import UserError
+from cmbrl.numbers import names, shown
 
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
@@ -43,8 +44,10 @@ class Transitions:
             object.__setattr__(self, name, array)
         object.__setattr__(self, "dt", checks.duration(self.dt))
         object.__setattr__(self, "episode", checks.episodes(self.episode, len(self.q)))
-        object.__setattr__(self, "joint_names", tuple(map(str, self.joint_names)))
-        object.__setattr__(self, "actuator_names", tuple(map(str, self.actuator_names)))
+        object.__setattr__(self, "joint_names", names(self.joint_names, "joint_names"))
+        object.__setattr__(self, "actuator_names", names(self.actuator_names, "actuator_names"))
+        if not isinstance(self.source, dict):
+            raise UserError(f"source is a {type(self.source).__name__}; give a dict that says where the log is from")
 
     def __len__(self) -> int:
         return len(self.q)
@@ -63,7 +66,8 @@ class Transitions:
 
         Raises UserError if the order splits an episode.
         """
-        picked = {name: getattr(self, name)[rows] for name in (*ROWS, "episode")}
+        chosen = splitting.row_numbers(rows, len(self))
+        picked = {name: getattr(self, name)[chosen] for name in (*ROWS, "episode")}
         return replace(self, **picked)
 
     @staticmethod
@@ -72,6 +76,8 @@ class Transitions:
 
         Raises UserError for logs of different shapes or time steps, and for no logs.
         """
+        if not isinstance(logs, list | tuple) or not all(isinstance(log, Transitions) for log in logs):
+            raise UserError(f"logs = {shown(logs)}: give a list of Transitions")
         return Transitions(**splitting.joined([log.fields() for log in logs]))
 
     def split(self, fraction: float, seed: int = 0) -> tuple[Transitions, Transitions]:
@@ -89,7 +95,7 @@ class Transitions:
 
     def check(self, scene: Scene, dt: float | None = None) -> None:
         """Raises UserError unless this is a log of ``scene``'s robot, with time step ``dt`` [s] if given."""
-        checks.against_scene(self.fields(), scene, dt)
+        checks.against_scene(self.fields(), scene, None if dt is None else checks.duration(dt))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes ``NAME.npz``, a Minari folder (no suffix), or ``minari:ID`` in Minari's root; all or nothing."""

@@ -60,11 +60,19 @@ def _write_gif(path: Path, frames: list[np.ndarray], seconds: float) -> None:
 
 def _write_mp4(path: Path, frames: list[np.ndarray], seconds: float) -> None:
     import imageio.v2 as imageio
+    from imageio_ffmpeg import count_frames_and_secs
 
     writer: Any
-    with imageio.get_writer(path, fps=1 / seconds, codec="libx264", quality=8) as writer:
-        for frame in frames:
-            writer.append_data(frame)
+    options: dict[str, Any] = {"codec": "libx264", "quality": 8, "ffmpeg_log_level": "quiet"}
+    try:
+        with imageio.get_writer(path, fps=1 / seconds, **options) as writer:
+            for frame in frames:
+                writer.append_data(frame)
+        count = count_frames_and_secs(str(path))[0]  # ffmpeg's exit code, which tells of a full disk, is not passed on
+    except (OSError, RuntimeError):
+        count = 0
+    if count != len(frames):
+        raise OSError("ffmpeg could not write all of it")
 
 
 def _frames(scene: str, episodes: Mapping[str, Episode], stride: int) -> list[np.ndarray]:

@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from cmbrl.data.checks import LARGEST
 from cmbrl.data.transitions import Transitions
-from cmbrl.errors import UserError, did_you_mean
+from cmbrl.errors import UserError
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.cma import cma_search, require_library
 from cmbrl.fitting.folds import Folds, draw_starts, fold_count
@@ -34,6 +35,7 @@ from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.windows import Scales, Windows
+from cmbrl.numbers import one_of, real, whole
 from cmbrl.scene.core_arrays import CoreArrays
 
 METHODS = ("random", "cma", "gauss-newton")
@@ -79,12 +81,15 @@ def fit(
             episode, or a folder that cannot be used.
     """
     budget = budget or Budget()
-    if method not in METHODS:
-        raise UserError(f"unknown method {method!r}; {did_you_mean(method, METHODS)}")
+    one_of(method, METHODS, "method")
     if method == "cma":
         require_library()
     model = model.for_log(data.dt)
     data.check(model.scene, dt=model.dt)
+    _check_steps(model, data)
+    seed, horizon = whole(seed, "seed", least=0), whole(horizon, "horizon")
+    huber = real(huber, "huber", above=0.0, most=1e6)
+    time_limit = None if time_limit is None else real(time_limit, "time_limit", least=0.0)
     space = Space.of(model.scene.parameters, model.parameters)
     wanted = None if groups is None else space.columns(space.groups if groups == "all" else _names(groups))
     count = fold_count(data, holdout, needed=groups is None)
@@ -202,6 +207,19 @@ def _admit(core: CoreArrays, space: Space, chosen: np.ndarray, z: np.ndarray) ->
         z = space.z(np.clip(theta, space.low, space.high))
         active[column] = False
     return active, z
+
+
+def _check_steps(model: ComplementarityModel, data: Transitions) -> None:
+    """Raises UserError that names the first row from which the model steps beyond any robot: no error can be told."""
+    found = model.predict(data.q, data.v, data.u)
+    lost = ~(np.abs(np.concatenate([found.q_next, found.v_next], axis=1)) <= LARGEST).all(axis=1)  # NaN too
+    if lost.any():
+        row = int(np.flatnonzero(lost)[0])
+        largest = np.max(np.abs(np.concatenate([data.q[row], data.v[row], data.u[row]])))
+        raise UserError(
+            f"the model cannot step from row {row} of the log, whose largest value is {largest:g} "
+            f"({int(lost.sum())} such rows in all): remove them, or record again"
+        )
 
 
 def _names(groups: str | Sequence[str]) -> list[str]:

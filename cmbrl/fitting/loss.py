@@ -103,6 +103,8 @@ class PredictionLoss:
         for i in range(0, len(all_starts), block):
             starts = all_starts[i : i + block]
             residual, jacobian = self._linearised(space, z, starts, columns)  # (s, width), (s, width, n)
+            lost = ~(np.isfinite(residual).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2)))
+            residual[lost], jacobian[lost] = 0.0, 0.0  # failed steps: a constant in the loss, which has no slope
             weight = np.minimum(1.0, scales.huber / np.maximum(np.abs(residual), 1e-300))
             slopes = ((weight * residual)[:, None] @ jacobian)[:, 0]
             np.add.at(gradients, np.searchsorted(episodes, data.episode[starts]), slopes)

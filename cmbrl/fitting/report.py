@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 
 from cmbrl.data.transitions import Transitions
+from cmbrl.errors import UserError
 from cmbrl.fitting.fitted_parameter import AT_BOUND, FITTED, FLAT, GAUGE, NOMINAL, FittedParameter
 from cmbrl.fitting.identify import identify
 from cmbrl.fitting.loss import Errors, PredictionLoss
 from cmbrl.fitting.parsimony import Incumbent
-from cmbrl.fitting.result import FitResult
+from cmbrl.fitting.result import NOT_FINITE, FitResult
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
 from cmbrl.models.complementarity import ComplementarityModel
@@ -30,12 +31,15 @@ def conclude(
     """Builds the result at ``incumbent``.
 
     ``loss`` is the polished one and gives the intervals; ``held_out``: errors on episodes held out in turn; ``about``:
-    settings to record.
+    settings to record. Raises UserError if the loss is so large that numbers overflow.
     """
     z, active = incumbent.z, incumbent.active
     final = model.with_parameters(space.theta(z))
     equations = loss.normal_equations(space, z)
-    known = identify(space, z, active, equations)
+    try:
+        known = identify(space, z, active, equations)
+    except np.linalg.LinAlgError:  # information so large that the prior is lost in rounding
+        raise UserError(NOT_FINITE) from None
     gauge = [name for k, name in enumerate(space.names) if incumbent.chosen[k] and not active[k]]
     bound = space.at_bound(z) & active
     value, status = space.theta(z), _status(space, active, bound, known.flat, gauge)

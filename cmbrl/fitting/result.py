@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -10,14 +11,16 @@ from typing import Any
 import numpy as np
 
 from cmbrl.errors import UserError
-from cmbrl.files import check_writable, read_json, write_json, write_text
+from cmbrl.files import atomic_path, check_writable, make_folder, read_record, record_text
 from cmbrl.fitting import report_text
 from cmbrl.fitting.fitted_parameter import FittedParameter
 from cmbrl.fitting.space import Space
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.named import SETTINGS, load_complementarity
+from cmbrl.models.named import RESULT, SETTINGS, load_complementarity
 
-_FORMAT = 1
+NOT_FINITE = "the fit is not finite: check the log for values that no robot reaches"
+_FORMAT = 2
+_REMEDY = "fit again"
 
 
 @dataclass(frozen=True)
@@ -28,14 +31,14 @@ class FitResult:
     parameters: dict[str, FittedParameter]
     report: dict[str, Any]
 
-    def save(self, folder: str | os.PathLike[str]) -> Path:
+    def save(self, folder: str | os.PathLike[str], task: str | None = None) -> Path:
         """Writes fit.json (parameters and report), model.json (scene and settings) and report.txt.
 
-        Raises UserError if the folder cannot be written.
+        ``task``: the name of the task whose scene was fitted. Raises UserError if the folder cannot be written, or the
+        result is not finite; then the files there stay as they are.
         """
-        place = Path(folder)
-        check_writable(place, folder=True)
-        place.mkdir(parents=True, exist_ok=True)
+        check_writable(folder, folder=True)
+        place = make_folder(folder)
         scene = self.model.scene
         source = {
             "path": str(Path(scene.path).resolve()),
@@ -43,31 +46,33 @@ class FitResult:
             "contact_law": scene.contact_law,
             "reduce": scene.reduce,
         }
-        write_json(place / SETTINGS, {"scene": source, "settings": self.model.to_config()})
-        write_text(place / "report.txt", self.report_text() + "\n")
-        write_json(
-            place / "fit.json",
-            {
-                "format": _FORMAT,
-                "parameters": {name: asdict(p) for name, p in self.parameters.items()},
-                "report": self.report,
-            },
-        )
+        parameters = {name: asdict(p) for name, p in self.parameters.items()}
+        try:
+            texts = {  # fit.json appears last: a fit is whole once it is there
+                RESULT: record_text({"format": _FORMAT, "parameters": parameters, "report": self.report}),
+                SETTINGS: record_text({"scene": source, "task": task, "settings": self.model.to_config()}),
+                "report.txt": self.report_text() + "\n",
+            }
+        except ValueError:
+            raise UserError(f"{place}: {NOT_FINITE}") from None
+        with ExitStack() as together:
+            for name, text in texts.items():
+                together.enter_context(atomic_path(place / name)).write_text(text, encoding="utf-8")
         return place
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str]) -> FitResult:
         """Reads what ``save`` wrote. Raises UserError that names the file if it is missing or damaged."""
         place = Path(folder)
-        saved = read_json(place / "fit.json")
-        if not isinstance(saved, dict) or saved.get("format") != _FORMAT:
-            raise UserError(f"{place / 'fit.json'}: not a fit of this version; fit again")
+        saved = read_record(place / RESULT, _REMEDY)
+        if saved.get("format") != _FORMAT:
+            raise UserError(f"{place / RESULT}: not a fit of this version; {_REMEDY}")
         try:
             parameters = {name: FittedParameter(**fields) for name, fields in saved["parameters"].items()}
             report = saved["report"]
         except (AttributeError, KeyError, TypeError):
-            raise UserError(f"{place / 'fit.json'}: damaged; fit again") from None
-        return cls(_load_model(place / SETTINGS, parameters), parameters, report)
+            raise UserError(f"{place / RESULT}: damaged; {_REMEDY}") from None
+        return cls(load_complementarity(place), parameters, report)
 
     def draws(self, count: int, seed: int = 0) -> np.ndarray:
         """Parameter sets (count, np) that explain the log about as well: normal around the fit, within the bounds.
@@ -93,10 +98,3 @@ class FitResult:
     def report_text(self) -> str:
         """The report as text: what was fitted, how well, and what the data leave open."""
         return report_text.render(self.parameters, self.report)
-
-
-def _load_model(file: Path, parameters: dict[str, FittedParameter]) -> ComplementarityModel:
-    model = load_complementarity(file)
-    if {p.name for p in model.scene.parameters} != set(parameters):
-        raise UserError(f"{file}: the scene's parameters have changed since the fit; fit again")
-    return model

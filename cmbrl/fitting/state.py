@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from cmbrl.errors import UserError
-from cmbrl.files import check_writable, read_json, write_json
+from cmbrl.files import check_writable, read_record, write_record
 
 _FILE = "state.json"
 _SECONDS_BETWEEN_WRITES = 0.5
@@ -52,8 +52,8 @@ class Journal:
     def _open(self, path: Path) -> None:
         check_writable(path.parent, folder=True)
         if path.exists():
-            state = read_json(path)
-            if not isinstance(state, dict) or state.get("fingerprint") != self._fingerprint:
+            state = read_record(path, "start the fit again in another folder, or remove the file")
+            if state.get("fingerprint") != self._fingerprint:
                 raise UserError(
                     f"{path}: belongs to another fit (data, model or settings differ); choose another folder"
                 )
@@ -82,7 +82,7 @@ class Journal:
         known = self.rounds.setdefault(search, [])
         if index >= len(known):
             self.check_time()
-            known.append([float(x) for x in np.minimum(compute(), 1e300)])  # JSON has no infinity
+            known.append([float(x) for x in np.fmin(compute(), 1e300)])  # JSON has neither infinity nor NaN
             if time.monotonic() - self._written > _SECONDS_BETWEEN_WRITES:
                 self.write()
         return np.array(known[index])
@@ -101,7 +101,7 @@ class Journal:
         """Writes the journal, if it has a folder."""
         if self.path is not None:
             self._written = time.monotonic()
-            write_json(
+            write_record(
                 self.path,
                 {
                     "fingerprint": self._fingerprint,

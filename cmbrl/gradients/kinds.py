@@ -13,8 +13,11 @@ from cmbrl.errors import UserError, did_you_mean
 from cmbrl.gradients.bcg import BundleConfig, BundledContactModel
 from cmbrl.gradients.randomised import RandomisedModel
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.numbers import one_of, real, whole
 from cmbrl.text import LARGEST, parse_kind, parse_number, shortened
 
+_BRANCHES = 100_000  # each is a step of its own
+_LARGEST = 1e12  # of a length, a noise or an energy
 DerivativeModel = ComplementarityModel | RandomisedModel | BundledContactModel
 
 
@@ -76,16 +79,18 @@ def derivative_model(
 
     Raises UserError for an unknown kind or option, or a value out of range.
     """
-    if kind not in KINDS:
-        raise UserError(f"unknown derivative {kind!r}: {did_you_mean(kind, KINDS)}")
-    known = KINDS[kind].options
+    known = KINDS[one_of(kind, KINDS, "derivative")].options
+    seed = whole(seed, "seed", least=0)
     for name in options:
         if name not in known:
             remedy = did_you_mean(name, known) if known else "it has none"
             raise UserError(f"derivative {kind!r} has no option {name!r}: {remedy}")
-        counts = isinstance(known[name], int) or (name == "length" and kind == "bcg")
-        if counts and not isinstance(options[name], int):
-            raise UserError(f"derivative {kind!r}, {name}={options[name]:g}: a whole number above 0 is needed")
+        if options[name] is None and known[name] is None:
+            continue
+        if isinstance(known[name], int) or (name == "length" and kind == "bcg"):
+            whole(options[name], f"derivative {kind!r}, {name}", most=_BRANCHES)
+        else:
+            real(options[name], f"derivative {kind!r}, {name}", least=0.0, most=_LARGEST)
     return KINDS[kind].make(model, seed, **(known | options))
 
 

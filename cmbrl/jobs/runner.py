@@ -15,6 +15,7 @@ from joblib import Parallel, delayed
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from cmbrl.errors import UserError
+from cmbrl.files import make_folder, remove_leftovers
 from cmbrl.jobs.backends import backend
 from cmbrl.jobs.job import Job
 from cmbrl.jobs.store import MISSING, Accept, Store
@@ -89,7 +90,7 @@ class Runner:
             count = sum(value is not MISSING for value in results.values())
             self.progress(share[0] + (share[1] - share[0]) * count / len(jobs), f"{what} {count} of {len(jobs)}")
 
-        self.folder.mkdir(parents=True, exist_ok=True)
+        remove_leftovers(make_folder(self.folder))
         failed: list[tuple[Job, Outcome]] = []
         for job, outcome in self._outcomes(waiting, alone):
             results[job.file] = outcome.value
@@ -130,12 +131,11 @@ class Runner:
     def _parallel(self, jobs: Sequence[Job]) -> Any:
         if not jobs:
             return
-        with backend(self.backend, self.n_jobs):
+        workers = min(self.n_jobs, max(2, len(jobs)))  # a single one would be this process, and no job may end that
+        with backend(self.backend, workers):
             # Ray and Dask have no generators: results come back together, but each worker keeps its own at once.
             how = {"return_as": "generator_unordered"} if self.backend == "loky" else {}
-            yield from Parallel(n_jobs=self.n_jobs, batch_size=1, **how)(
-                delayed(_named)(job, self.folder) for job in jobs
-            )
+            yield from Parallel(n_jobs=workers, batch_size=1, **how)(delayed(_named)(job, self.folder) for job in jobs)
 
 
 def _named(job: Job, folder: Path) -> tuple[str, Outcome]:

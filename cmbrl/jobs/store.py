@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from cmbrl.errors import UserError
-from cmbrl.files import read_json, write_json
+from cmbrl.files import read_record, write_record
 from cmbrl.jobs.job import Job
 from cmbrl.runs import hardware, versions
 
@@ -29,7 +29,7 @@ class Store:
     def get(self, job: Job) -> Any:
         """The kept result of ``job``; :data:`MISSING` where there is none that counts."""
         try:
-            held = read_json(self.folder / job.file)
+            held = read_record(self.folder / job.file, "remove it")
             key, made = held["key"], held["made"]
             wanted = job.key()
             same = all(key[name] == wanted[name] for name in ("function", "inputs"))
@@ -42,7 +42,7 @@ class Store:
 
     def put(self, job: Job, value: Any, made: Mapping[str, Any]) -> None:
         """Keeps ``value``, whole or not at all. ``made``: the environment of the process that computed it."""
-        write_json(self.folder / job.file, {"key": job.key(), "made": made, "value": value})
+        write_record(self.folder / job.file, {"key": job.key(), "made": made, "value": value})
 
     def reachable(self) -> bool:
         """Whether this process sees the folder: a worker on another machine may not."""

@@ -17,6 +17,7 @@ from cmbrl.models.autograd import Stepper, differentiable_step
 from cmbrl.models.manifold import Coordinates
 from cmbrl.models.windows import Windows
 from cmbrl.native import SolverStatus
+from cmbrl.numbers import one_of, real, real_array, switch, whole
 from cmbrl.scene import Scene
 
 INTEGRATORS = ("semi-implicit", "leapfrog", "midpoint")
@@ -92,26 +93,22 @@ class ComplementarityModel:
         path_tolerance: float = 1e-6,
         candidates: np.ndarray | None = None,
     ) -> None:
+        if not isinstance(scene, Scene):
+            raise UserError(f"scene is a {type(scene).__name__}; give the Scene of Scene.from_mjcf")
         self.scene = scene
-        self.substeps = _whole("substeps", substeps)
-        self.time_step = float(scene.timestep if time_step is None else time_step)
-        self.integrator = integrator or ("leapfrog" if scene.integrator == "rk4" else "semi-implicit")
-        self.smoothing = smoothing or Exact()
-        self.backward_smoothing = backward_smoothing or self.smoothing
-        self.threads = _whole("threads", threads)
-        self.implicit_springs = bool(implicit_springs)
-        self.prune = float(prune)
-        self.path_tolerance = float(path_tolerance)
-        if not 0 < self.time_step < np.inf:
-            raise UserError(f"time_step = {self.time_step}: give a positive time [s]")
-        if not self.prune >= 0:
-            raise UserError(f"prune = {self.prune}: give a speed [m/s] of 0 or more; inf keeps all contacts")
-        if not 0 < self.path_tolerance < 1:
-            raise UserError(f"path_tolerance = {self.path_tolerance}: give a number between 0 and 1")
-        if self.integrator not in INTEGRATORS:
-            raise UserError(f"unknown integrator {self.integrator!r}; use one of {', '.join(INTEGRATORS)}")
+        self.substeps = whole(substeps, "substeps")
+        self.time_step = real(scene.timestep if time_step is None else time_step, "time_step", above=0.0, most=1e3)
+        default = "leapfrog" if scene.integrator == "rk4" else "semi-implicit"
+        self.integrator = one_of(default if integrator is None else integrator, INTEGRATORS, "integrator")
+        self.smoothing = _policy(smoothing, Exact())
+        self.backward_smoothing = _policy(backward_smoothing, self.smoothing)
+        self.threads = whole(threads, "threads", most=256)
+        self.implicit_springs = switch(implicit_springs, "implicit_springs")
+        self.prune = real(prune, "prune", least=0.0)
+        self.path_tolerance = real(path_tolerance, "path_tolerance", above=0.0, most=1.0)
         self.parameters = self._checked_parameters(parameters)
-        self.candidates = None if candidates is None else np.array([self._checked_parameters(x) for x in candidates])
+        rows = None if candidates is None else np.atleast_2d(real_array(candidates, "candidates"))
+        self.candidates = None if rows is None else np.array([self._checked_parameters(row) for row in rows])
         self.failures = 0
         options = {
             "h": self.time_step,
@@ -171,7 +168,7 @@ class ComplementarityModel:
 
     @classmethod
     def from_config(cls, scene: Scene, config: dict[str, Any]) -> ComplementarityModel:
-        """Inverse of :meth:`to_config`; raises UserError for a parameter that the scene does not have."""
+        """Inverse of :meth:`to_config`; raises UserError unless it names exactly the parameters of the scene."""
         config = dict(config)
         values = config.pop("parameters", {})
         known = {p.name: i for i, p in enumerate(scene.parameters)}
@@ -182,6 +179,8 @@ class ComplementarityModel:
                     f"{name!r} is not a parameter of scene {scene.name!r}; was the model fitted to another scene?"
                 )
             theta[known[name]] = value
+        if missing := [name for name in known if name not in values]:
+            raise UserError(f"no value for the parameter {missing[0]!r} of scene {scene.name!r}: fit again")
         for key in ("smoothing", "backward_smoothing"):
             if key in config:
                 config[key] = smoothing_policies.from_config(config[key])
@@ -213,8 +212,8 @@ class ComplementarityModel:
         count = len(self.parameters)
         if theta is None:
             theta = torch.from_numpy(self.parameters)
-        elif theta.dtype != torch.float64 or theta.shape not in ((count,), (rows[0], count)):
-            raise UserError(f"theta is {theta.dtype} {tuple(theta.shape)}; give float64 ({count},) or (batch, {count})")
+        elif _dense(theta, "theta") not in ((count,), (rows[0], count)):
+            raise UserError(f"theta has shape {tuple(theta.shape)}; give ({count},) or (batch, {count})")
         q_next, v_next, report = differentiable_step(self.stepper, q, v, u, theta, impulse=details is not None)
         if details is not None:
             details["impulse"] = report["impulse"]
@@ -235,9 +234,9 @@ class ComplementarityModel:
 
         Raises UserError and handles rows that are not finite as ``step`` does; Ctrl-C ends it between packs of states.
         """
-        q, v, u = (np.ascontiguousarray(x, dtype=np.float64) for x in (q, v, u))
-        theta = np.ascontiguousarray(self.parameters if theta is None else theta, dtype=np.float64)
-        jacobian = jacobian or parameter_jacobian
+        q, v, u, theta = self._arrays(theta, q=q, v=v, u=u)
+        parameter_jacobian = switch(parameter_jacobian, "parameter_jacobian")
+        jacobian, impulse = switch(jacobian, "jacobian") or parameter_jacobian, switch(impulse, "impulse")
         out = self.stepper.forward(
             q, v, u, theta, jacobian=jacobian, jacobian_theta=parameter_jacobian, impulse=impulse
         )
@@ -261,15 +260,14 @@ class ComplementarityModel:
         data, scales = windows.data, windows.scales
         losses = self.stepper.core.loss(
             data.q, data.v, data.u, data.q_next, data.v_next, windows.starts, windows.horizon,
-            np.ascontiguousarray(theta, dtype=np.float64), scales.q, scales.v, scales.huber, FAILURE_LOSS,
+            real_array(theta, "theta"), scales.q, scales.v, scales.huber, FAILURE_LOSS,
             self.stepper.options, self.threads,
         )  # fmt: skip
         return losses.mean(axis=1) / windows.horizon
 
     def smooth_dynamics(self, q: np.ndarray, v: np.ndarray, theta: np.ndarray | None = None) -> dict[str, np.ndarray]:
         """M (B, nv, nv) with armature, bias (B, nv), gap (B, nc), and rows J (B, nc, 2 or 3, nv): normal, tangents."""
-        theta = self.parameters if theta is None else theta
-        q, v, theta = (np.ascontiguousarray(x, dtype=np.float64) for x in (q, v, theta))
+        q, v, theta = self._arrays(theta, q=q, v=v)
         return self.stepper.core.dynamics(q, v, theta, self.stepper.options)
 
     def contact_problems(
@@ -281,8 +279,7 @@ class ComplementarityModel:
         damping; b includes the gap term, restitution, and the old velocity under a soft law. Dry joint friction has no
         row in a contact problem; v_free includes its impulse, taken from this model's own solution.
         """
-        theta = self.parameters if theta is None else theta
-        q, v, u, theta = (np.ascontiguousarray(x, dtype=np.float64) for x in (q, v, u, theta))
+        q, v, u, theta = self._arrays(theta, q=q, v=v, u=u)
         resolution = max(float(np.linalg.norm(self.scene.gravity)), 1e-9) * self.time_step
         rows = self.stepper.core.rows(q, v, u, theta, self.stepper.options)
         return from_rows(rows, resolution, self.scene.name)
@@ -315,10 +312,15 @@ class ComplementarityModel:
                 stacklevel=3,
             )
 
+    def _arrays(self, theta: Any, **state: Any) -> list[np.ndarray]:
+        """The state and theta as contiguous float64; raises UserError for other types. The core checks shapes."""
+        given = {**state, "theta": self.parameters if theta is None else theta}
+        return [real_array(value, name) for name, value in given.items()]
+
     def _checked_parameters(self, theta: np.ndarray | None) -> np.ndarray:
         if theta is None:
             return self.scene.parameter_vector()
-        theta = np.array(theta, dtype=np.float64)
+        theta = real_array(theta, "parameters").copy()
         if theta.shape != (len(self.scene.parameters),):
             raise UserError(
                 f"parameters have shape {theta.shape}; scene {self.scene.name!r} has {len(self.scene.parameters)}"
@@ -329,14 +331,25 @@ class ComplementarityModel:
         return theta
 
     def _rows(self, x: torch.Tensor, name: str, width: int) -> int:
-        """The number of rows of x (B, width), float64; raises UserError if it is not."""
-        shape = x.shape
-        if x.dtype != torch.float64 or len(shape) != 2 or shape[1] != width:
-            raise UserError(f"{name} is {x.dtype} {tuple(shape)}; give float64 of shape (batch, {width})")
+        """The number of rows of x (B, width); raises UserError for another type or shape."""
+        shape = _dense(x, name)
+        if len(shape) != 2 or shape[1] != width:
+            raise UserError(f"{name} has shape {tuple(shape)}; give (batch, {width})")
         return shape[0]
 
 
-def _whole(name: str, value: float) -> int:
-    if not 1 <= value < 2**31 or value != int(value):
-        raise UserError(f"{name} = {value}: give a positive whole number below 2^31")
-    return int(value)
+def _dense(x: torch.Tensor, name: str) -> torch.Size:
+    """The shape of x; raises UserError unless it is a dense float64 tensor on the CPU."""
+    if not isinstance(x, torch.Tensor):
+        raise UserError(f"{name} is a {type(x).__name__}; give a float64 tensor")
+    if x.dtype != torch.float64 or x.layout != torch.strided or not x.is_cpu:
+        raise UserError(f"{name} is {x.dtype}, {x.layout} on {x.device}; give dense float64 on the CPU")
+    return x.shape
+
+
+def _policy(given: Smoothing | None, default: Smoothing) -> Smoothing:
+    if given is None:
+        return default
+    if not isinstance(given, Smoothing):
+        raise UserError(f"smoothing is a {type(given).__name__}; give a policy such as Exact() or Barrier(...)")
+    return given

@@ -17,16 +17,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torch
-from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from cmbrl.errors import UserError
-from cmbrl.files import atomic_path, read_json, write_json
+from cmbrl.files import atomic_path, read_record, record_text
 from cmbrl.models.ensemble_config import ENSEMBLE, EnsembleConfig
 from cmbrl.models.ensemble_network import EnsembleNetwork
 from cmbrl.models.ensemble_training import TrainingReport, train
 from cmbrl.models.manifold import Coordinates, invariant_translations, rotation_matrix
+from cmbrl.models.weights import fill, weights_of
 
 if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
@@ -34,6 +33,7 @@ if TYPE_CHECKING:
 
 CHUNK = 8192  # rows per forward pass: bounds the memory of large batches
 WEIGHTS = "weights.safetensors"
+_REMEDY = "train it again"
 
 
 class NeuralEnsemble:
@@ -48,6 +48,7 @@ class NeuralEnsemble:
         config = config or EnsembleConfig()
         dropped = invariant_translations(scene) if config.drop_translations else []
         self._build(Coordinates.from_scene(scene), scene.name, dt, config, dropped)
+        self.network.reset(torch.Generator().manual_seed(0))
 
     def _build(
         self, coordinates: Coordinates, scene: str, dt: float, config: EnsembleConfig, dropped: list[int]
@@ -59,7 +60,6 @@ class NeuralEnsemble:
             torch.zeros(1, coordinates.nq), torch.zeros(1, coordinates.nv), torch.zeros(1, coordinates.nu)
         ).shape[1]
         self.network = EnsembleNetwork(config.nets, inputs, 2 * coordinates.nv, config.hidden, config.width)
-        self.network.reset(torch.Generator().manual_seed(0))
         self.network.requires_grad_(False)  # steps are differentiated in q, v and u only
 
     def features(self, q: Tensor, v: Tensor, u: Tensor) -> Tensor:
@@ -146,8 +146,7 @@ class NeuralEnsemble:
 
     def save(self, folder: str | os.PathLike[str]) -> None:
         """Writes ``weights.safetensors`` and ``ensemble.json`` into ``folder``."""
-        with atomic_path(Path(folder) / WEIGHTS) as temporary:
-            save_file({k: value.contiguous() for k, value in self.network.state_dict().items()}, temporary)
+        content, digest = weights_of(self.network)
         description = {
             "kind": "neural ensemble",
             "scene": self.scene_name,
@@ -156,24 +155,31 @@ class NeuralEnsemble:
             "dropped": self.dropped,
             "elites": self.elites.tolist(),
             "config": asdict(self.config),
+            "weights": digest,
         }
-        write_json(Path(folder) / ENSEMBLE, description)
+        place = Path(folder)
+        with atomic_path(place / ENSEMBLE) as described, atomic_path(place / WEIGHTS) as weights:
+            weights.write_bytes(content)
+            described.write_text(record_text(description), encoding="utf-8")
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str]) -> NeuralEnsemble:
         """Reads what `save` wrote, without the scene. Raises UserError if it is missing or damaged."""
-        description: dict[str, Any] = read_json(Path(folder) / ENSEMBLE)
-        weights = Path(folder) / WEIGHTS
+        place = Path(folder)
+        description = read_record(place / ENSEMBLE, _REMEDY, older=lambda held: "weights" not in held)
         model = cls.__new__(cls)
         try:
             config: dict[str, Any] = {
                 k: tuple(v) if isinstance(v, list) else v for k, v in description["config"].items()
             }
             coordinates, dropped = Coordinates.from_dict(description["layout"]), description["dropped"]
-            model._build(coordinates, description["scene"], description["dt"], EnsembleConfig(**config), dropped)
-            model.elites = torch.tensor(description["elites"])
-            model.network.load_state_dict(load_file(weights))
-        except (KeyError, TypeError, RuntimeError, SafetensorError, OSError) as error:
-            reason = str(error).splitlines()[0]
-            raise UserError(f"{folder}: not a saved ensemble ({reason}); train it again") from None
+            with torch.device("meta"):  # nothing is allocated before the sizes are known to be those of the weights
+                model._build(coordinates, description["scene"], description["dt"], EnsembleConfig(**config), dropped)
+            model.elites = torch.tensor(description["elites"], dtype=torch.long).reshape(-1)
+            if not len(model.elites) or not set(model.elites.tolist()) <= set(range(model.config.nets)):
+                raise ValueError(f"elites {description['elites']}")
+        except (AttributeError, KeyError, TypeError, ValueError, RuntimeError, OverflowError, IndexError) as error:
+            reason = (str(error).splitlines() or [""])[0]
+            raise UserError(f"{folder}: not a saved ensemble ({reason}); {_REMEDY}") from None
+        fill(model.network, place / WEIGHTS, description.get("weights"), _REMEDY)
         return model

@@ -62,9 +62,15 @@ class Coordinates:
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Coordinates:
-        """Inverse of ``to_dict``."""
+        """Inverse of ``to_dict``; raises TypeError or ValueError for what is no such description."""
         lists_as_tuples: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
-        return cls(**lists_as_tuples)
+        found = cls(**lists_as_tuples)
+        in_q = [*found.scalar_q, *(a + k for a in found.ball_q for k in range(4))]
+        in_v = [*found.scalar_v, *(a + k for a in found.ball_v for k in range(3))]
+        whole = sorted(in_q) == list(range(len(in_q))) and sorted(in_v) == list(range(len(in_v)))
+        if not whole or (len(in_q), len(in_v)) != (found.nq, found.nv) or not set(found.hinges_q) <= set(in_q):
+            raise ValueError("its coordinates do not fill q and v")
+        return found
 
     def integrate(self, q: Tensor, dq: Tensor) -> Tensor:
         """q (+) dq (B, nq) from q (B, nq) and tangent vectors dq (B, nv), rotations in the body frame.

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cmbrl.errors import UserError, did_you_mean
-from cmbrl.files import read_json
+from cmbrl.files import read_record
 from cmbrl.models.ensemble_config import ENSEMBLE
 
 if TYPE_CHECKING:
@@ -22,10 +22,12 @@ if TYPE_CHECKING:
 
 NOMINAL = "nominal"
 SETTINGS = "model.json"  #: the scene and the model's settings, in the folder of a fit
+RESULT = "fit.json"  #: parameters with intervals and the report; a fit is whole once it is there
+_REMEDY = "fit again"
 
 
 def holds_fit(folder: str | os.PathLike[str]) -> bool:
-    """Whether ``folder`` holds a fit."""
+    """Whether ``folder`` holds a fit, perhaps one that was cut short (``load_complementarity`` tells)."""
     return (Path(folder) / SETTINGS).exists()
 
 
@@ -33,7 +35,7 @@ def check_name(word: str | os.PathLike[str], known: tuple[str, ...] = (NOMINAL,)
     """Raises UserError unless ``word`` is one of ``known``, or a folder with a fit or an ensemble."""
     if word in known:
         return
-    if not Path(word).is_dir():
+    if not os.path.isdir(word):
         raise UserError(f"{str(word)!r} is neither a model nor a folder; {did_you_mean(str(word), known)}")
     if not holds_fit(word) and not (Path(word) / ENSEMBLE).exists():
         raise UserError(
@@ -72,7 +74,7 @@ def saved_model(
     """
     check_name(folder)
     if holds_fit(folder):
-        return load_complementarity(Path(folder) / SETTINGS).with_settings(**_given(smoothing, threads))
+        return load_complementarity(folder).with_settings(**_given(smoothing, threads))
     if smoothing is not None:
         raise UserError(f"{folder}: smoothing does not apply to an ensemble; drop it")
     from cmbrl.models.ensemble import NeuralEnsemble
@@ -97,13 +99,29 @@ def nominal_model(task: Task, scene: Scene | None = None, **options: Any) -> Com
     return ComplementarityModel(scene or task.load_scene(), **(settings | options))
 
 
-def load_complementarity(file: Path) -> ComplementarityModel:
-    """The model of a ``model.json``; raises UserError if the file is damaged or the scene is missing."""
+def task_of_fit(folder: str | os.PathLike[str]) -> str | None:
+    """The name of the task whose scene was fitted, if there was one; raises UserError if the file is damaged."""
+    found: str | None = read_record(Path(folder) / SETTINGS, _REMEDY).get("task")
+    return found
+
+
+def load_complementarity(folder: str | os.PathLike[str]) -> ComplementarityModel:
+    """The model of the fit in ``folder``.
+
+    Raises UserError if a file is missing or damaged, if its files are not of one fit, or if the scene is missing or has
+    changed.
+    """
     from cmbrl.models.complementarity import ComplementarityModel
     from cmbrl.scene import Scene
 
-    config = read_json(file)
+    file, result = Path(folder) / SETTINGS, Path(folder) / RESULT
+    if not result.is_file():
+        raise UserError(f"{folder}: the fit there is not finished ({RESULT} is missing): {_REMEDY}, or --resume it")
+    config, fitted = read_record(file, _REMEDY), read_record(result, _REMEDY)
     try:
+        values = {name: parameter["value"] for name, parameter in fitted["parameters"].items()}
+        if values != config["settings"]["parameters"]:
+            raise UserError(f"{folder}: {SETTINGS} and {RESULT} are not of the same fit: {_REMEDY}")
         source, settings = config["scene"], config["settings"]
         scene = Scene.from_mjcf(
             source["path"],
@@ -111,6 +129,8 @@ def load_complementarity(file: Path) -> ComplementarityModel:
             contact_law=source["contact_law"],
             reduce=source.get("reduce", True),
         )
-    except (KeyError, TypeError):
-        raise UserError(f"{file}: damaged; fit again") from None
-    return ComplementarityModel.from_config(scene, settings)
+        return ComplementarityModel.from_config(scene, settings)
+    except UserError as error:
+        raise UserError(f"{file}: {error}") from None
+    except (AttributeError, KeyError, TypeError, ValueError, OverflowError):
+        raise UserError(f"{file}: damaged; {_REMEDY}") from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,7 +53,7 @@ def load_source(word: str, ignore: Sequence[str] = (), contact_law: str | None =
     from cmbrl.scene import Scene
 
     path = Path(word)
-    is_file = path.suffix.lower() in (".xml", ".mjcf") or "/" in word or path.is_file()
+    is_file = path.suffix.lower() in (".xml", ".mjcf") or "/" in word or os.path.isfile(path)
     task = None if is_file else load_task(word)
     law = contact_law or (task.contact_law if task else "mujoco")
     scene = Scene.from_mjcf(task.scene_path if task else word, ignore=ignore, contact_law=law)

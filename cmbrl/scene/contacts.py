@@ -50,7 +50,7 @@ class ContactBuilder:
 
     def build(self) -> None:
         """Fills ``candidates`` and ``dropped``; reports unsupported pairs to the gate."""
-        for first, second, pair in collision_pairs(self.model):
+        for first, second, pair in list(collision_pairs(self.model)):  # all, so that too many are told before any work
             a, b = self._shape(first), self._shape(second)
             if a.kind == b.kind == "plane":
                 continue

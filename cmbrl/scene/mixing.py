@@ -8,13 +8,19 @@ from functools import lru_cache
 import mujoco
 import numpy as np
 
+from cmbrl.errors import UserError
 from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import ContactLaw
 from cmbrl.scene.support import Gate
 
+MOST_PAIRS = 600_000  #: a thousand bodies that may all touch each other
+
 
 def collision_pairs(model: mujoco.MjModel) -> Iterator[tuple[int, int, int]]:
-    """Pairs (first geom, second geom, explicit pair or -1) that pass MuJoCo's filters and can move."""
+    """Pairs (first geom, second geom, explicit pair or -1) that pass MuJoCo's filters and can move.
+
+    Raises UserError for more than MOST_PAIRS of them.
+    """
     off = mujoco.mjtDisableBit
     if model.opt.disableflags & (off.mjDSBL_CONTACT | off.mjDSBL_CONSTRAINT):
         return
@@ -30,6 +36,7 @@ def collision_pairs(model: mujoco.MjModel) -> Iterator[tuple[int, int, int]]:
     body, types, affinity = model.geom_bodyid, model.geom_contype, model.geom_conaffinity
     welds = weld[body]
     parents = weld[model.body_parentid[welds]]
+    count = len(explicit)
     for first in range(model.ngeom):
         rest = slice(first + 1, None)
         free = welds[rest] != welds[first]
@@ -38,8 +45,15 @@ def collision_pairs(model: mujoco.MjModel) -> Iterator[tuple[int, int, int]]:
             free &= (welds[rest] == 0) | ((welds[first] != parents[rest]) & (welds[rest] != parents[first]))
         for second in (first + 1 + np.flatnonzero(free)).tolist():
             bodies = int(body[first]), int(body[second])
-            if (first, second) not in explicit and not excluded & {bodies, bodies[::-1]}:
-                yield first, second, -1
+            if (first, second) in explicit or excluded & {bodies, bodies[::-1]}:
+                continue
+            count += 1
+            if count > MOST_PAIRS:
+                raise UserError(
+                    f"more than {MOST_PAIRS} pairs of geoms may collide: leave out those that never do, by contype and "
+                    "conaffinity or by <exclude>"
+                )
+            yield first, second, -1
 
 
 def contact_law(model: mujoco.MjModel, first: int, second: int, pair: int, gate: Gate) -> ContactLaw:

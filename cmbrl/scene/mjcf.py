@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,7 +10,9 @@ import mujoco
 import numpy as np
 
 from cmbrl.errors import UserError
+from cmbrl.reading import regular_file
 from cmbrl.scene.manifold import quaternion_matrix
+from cmbrl.scene.precheck import check_mjcf
 from cmbrl.scene.records import WORLD, Array, Body, Frame, Joint, JointKind, Tree
 
 _OBJECTS = {
@@ -25,27 +26,46 @@ _OBJECTS = {
     "pair": mujoco.mjtObj.mjOBJ_PAIR,
 }
 
+LARGEST = 1e12  #: of any mass, length, stiffness or gain
+_PHYSICAL = ("qpos0", "qpos_spring", "body_", "jnt_", "dof_", "geom_", "pair_", "actuator_")
+
 
 def compile_mjcf(path: Path) -> tuple[mujoco.MjModel, list[str]]:
     """Compiles an MJCF file; returns the model and MuJoCo's warnings.
 
     Raises UserError if the file is missing, is not an MJCF, or does not compile.
     """
-    if not path.is_file():
-        raise UserError(f"{path}: no such file; give the path of an MJCF (.xml)")
-    try:
-        root = ElementTree.parse(path).getroot()
-    except (ElementTree.ParseError, UnicodeDecodeError) as error:
-        raise UserError(f"{path}: not an MJCF: invalid XML ({error})") from None
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror}); check its permissions") from None
-    if root.tag != "mujoco":
-        raise UserError(f"{path}: not an MJCF: the root element is <{root.tag}>, expected <mujoco>")
+    regular_file(path, "give the path of an MJCF (.xml)")
+    check_mjcf(path)
     with quiet() as warnings:
         try:
-            return mujoco.MjModel.from_xml_path(str(path)), warnings
-        except ValueError as error:
+            model = mujoco.MjModel.from_xml_path(str(path))
+        except Exception as error:  # ValueError; for sizes and names that it cannot hold, several others
             raise UserError(f"{path}: MuJoCo cannot compile this file: {error}") from None
+    try:
+        bytes(model.names).decode()
+    except UnicodeDecodeError:
+        raise UserError(f"{path}: has a name that is not UTF-8: save the file as UTF-8") from None
+    _check_values(model, path)
+    return model, warnings
+
+
+def _check_values(model: mujoco.MjModel, path: Path) -> None:
+    """Raises UserError unless every number that describes the motion is within LARGEST; ranges may be infinite."""
+    for owner, prefixes in ((model, _PHYSICAL), (model.opt, ("",))):
+        for name in dir(owner):
+            if not name.startswith(prefixes) or name.startswith("_") or name.endswith("_user"):
+                continue
+            values = np.asarray(getattr(owner, name)) if not callable(getattr(owner, name)) else np.zeros(0)
+            if values.dtype.kind != "f":
+                continue
+            bad = np.isnan(values) if name.endswith("range") else ~(np.abs(values) <= LARGEST)
+            if bad.any():
+                at = f"[{np.argwhere(np.atleast_1d(bad))[0][0]}]" if values.ndim else ""
+                value = np.atleast_1d(values)[np.atleast_1d(bad)][0]
+                raise UserError(
+                    f"{path}: MuJoCo's {name}{at} is {value:g}; give numbers of a robot, at most {LARGEST:g}"
+                )
 
 
 @contextmanager

@@ -9,7 +9,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from cmbrl.errors import UserError, did_you_mean
+from cmbrl.errors import UserError
+from cmbrl.numbers import one_of, real_array, switch
+from cmbrl.reading import regular_file
 from cmbrl.scene import kinematics, manifold
 from cmbrl.scene.actuators import read_actuators
 from cmbrl.scene.assemble import contact_arrays, doubles, integers, physical_vector, tree_arrays
@@ -91,11 +93,11 @@ class Scene:
         Raises:
             UserError: for a missing file, a file that is not an MJCF, or an unsupported element.
         """
-        file = Path(path)
+        file = regular_file(path, "give the path of an MJCF (.xml)")
         gate = Gate(str(file), ignore)
+        one_of(contact_law, CONTACT_LAWS, "contact law")
+        reduce = switch(reduce, "reduce")
         model, warnings = compile_mjcf(file)
-        if contact_law not in CONTACT_LAWS:
-            raise UserError(f"unknown contact law {contact_law!r}: {did_you_mean(contact_law, CONTACT_LAWS)}")
         if model.nv == 0:
             raise UserError(f"{file}: the model has no joints, so nothing moves; add a joint")
         check_model(model, gate)
@@ -124,19 +126,39 @@ class Scene:
 
     def difference(self, q_from: Array, q_to: Array) -> Array:
         """Tangent vectors (..., nv) [m, rad] from ``q_from`` to ``q_to`` (..., nq); rotations in the body frame."""
+        q_from, q_to = self._rows(q_from, "q_from", self.nq), self._rows(q_to, "q_to", self.nq)
+        _check_together(q_from=q_from, q_to=q_to)
         return manifold.difference(self.joints, self.nv, q_from, q_to)
 
     def integrate(self, q: Array, dv: Array) -> Array:
         """Configurations (..., nq): ``q`` (..., nq) moved by tangent vectors ``dv`` (..., nv)."""
+        q, dv = self._rows(q, "q", self.nq), self._rows(dv, "dv", self.nv)
+        _check_together(q=q, dv=dv)
         return manifold.integrate(self.joints, q, dv)
 
     def gaps(self, q: Array) -> Array:
         """Gaps [m] (..., ncontact) of all candidates at the nominal parameters; negative means penetration."""
-        return kinematics.gaps(self.core, q)
+        return kinematics.gaps(self.core, self._rows(q, "q", self.nq))
 
     def body_poses(self, q: Array) -> tuple[Array, Array]:
         """Positions (..., nb, D) and rotations (..., nb, D, D) of the moving bodies in the world (or its plane)."""
-        return kinematics.body_poses(self.core, q)
+        return kinematics.body_poses(self.core, self._rows(q, "q", self.nq))
+
+    @staticmethod
+    def _rows(value: Array, name: str, width: int) -> Array:
+        array = real_array(value, name)
+        if array.ndim == 0 or array.shape[-1] != width:
+            raise UserError(f"{name} has shape {array.shape}; give (..., {width})")
+        return array
+
+
+def _check_together(**arrays: Array) -> None:
+    """Raises UserError unless the leading axes of the arrays broadcast."""
+    try:
+        np.broadcast_shapes(*(array.shape[:-1] for array in arrays.values()))
+    except ValueError:
+        told = " and ".join(f"{name} {array.shape}" for name, array in arrays.items())
+        raise UserError(f"{told} do not go together: give the same number of rows") from None
 
 
 def _build(

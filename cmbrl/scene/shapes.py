@@ -101,7 +101,7 @@ def roundings(model: mujoco.MjModel) -> dict[int, float]:
     found: dict[int, float] = {}
     geoms = {name_of(model, "geom", geom): geom for geom in range(model.ngeom)}
     for number in range(model.nnumeric):
-        label = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_NUMERIC, number)
+        label = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_NUMERIC, number) or ""
         name = label.removeprefix(_ROUNDING)
         if name == label:
             continue

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.errors import UserError, did_you_mean
+from cmbrl.numbers import names
 from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import LeftOut
 
@@ -39,8 +40,8 @@ class Gate:
     """Collects the unsupported elements of one file; ``close`` raises unless all of them are ignored."""
 
     def __init__(self, file: str, ignore: str | Iterable[str]) -> None:
-        names = ignore.split(",") if isinstance(ignore, str) else list(ignore)
-        self.ignore = tuple(dict.fromkeys(name.strip().replace("-", "_") for name in names if name.strip()))
+        words = names(ignore.split(",") if isinstance(ignore, str) else ignore, "ignore")
+        self.ignore = tuple(dict.fromkeys(name.strip().replace("-", "_") for name in words if name.strip()))
         for name in self.ignore:
             if name not in KINDS:
                 raise UserError(f"--ignore {name}: unknown kind; {did_you_mean(name, KINDS)}")

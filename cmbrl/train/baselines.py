@@ -36,9 +36,9 @@ class SACConfig:
 
     iterations: int = setting(1000, "iterations of the run", least=1)
     block: int = setting(1000, "environment steps of each iteration", least=1)
-    environments: int = setting(1, "environments side by side; one update per step of each", least=1)
+    environments: int = setting(1, "environments side by side; one update per step of each", least=1, most=1_000_000)
     warmup: int = setting(10_000, "random steps before learning starts", least=1)
-    hidden: tuple[int, ...] = setting((256, 256), "hidden layers of actor and critics", least=1)
+    hidden: tuple[int, ...] = setting((256, 256), "hidden layers of actor and critics", least=1, most=8_192)
     rate: float = setting(3e-4, "learning rate", least=0)
     batch: int = setting(256, "size of a batch", least=1)
     buffer: int = setting(1_000_000, "steps kept in the replay buffer", least=1)
@@ -51,9 +51,9 @@ class PPOConfig:
     """Proximal policy optimisation, Schulman et al. 2017 (arXiv 1707.06347); observations and rewards are scaled."""
 
     iterations: int = setting(489, "iterations of the run", least=1)
-    environments: int = setting(1, "environments side by side", least=1)
+    environments: int = setting(1, "environments side by side", least=1, most=1_000_000)
     horizon: int = setting(2048, "control steps of each environment in an iteration", least=1)
-    epochs: int = setting(10, "passes over the steps of an iteration", least=1)
+    epochs: int = setting(10, "passes over the steps of an iteration", least=1, most=1_000)
     batch: int = setting(64, "size of a batch", least=1)
     rate: float = setting(3e-4, "learning rate", least=0)
     discount: float = setting(0.99, "discount per control step", least=0)
@@ -63,7 +63,7 @@ class PPOConfig:
     value: float = setting(0.5, "weight of the critic's loss", least=0)
     gradient: float = setting(0.5, "largest norm of a gradient", least=0)
     log_std: float = setting(0.0, "log standard deviation of the first policy's noise, which is learned")
-    hidden: tuple[int, ...] = setting((64, 64), "hidden layers of actor and critic", least=1)
+    hidden: tuple[int, ...] = setting((64, 64), "hidden layers of actor and critic", least=1, most=8_192)
 
 
 @dataclass(frozen=True)
@@ -71,10 +71,12 @@ class ARSConfig:
     """Augmented random search, Mania et al. 2018 (arXiv 1803.07055): a linear policy of scaled observations."""
 
     iterations: int = setting(500, "iterations of the run", least=1)
-    environments: int = setting(1, "environments side by side; each direction is tried for an episode in each", least=1)
+    environments: int = setting(
+        1, "environments side by side; each direction is tried for an episode in each", least=1, most=1_000_000
+    )
     rate: float = setting(0.02, "step size", least=0)
     deviation: float = setting(0.05, "standard deviation of the perturbed weights", least=0)
-    directions: int = setting(8, "directions tried in an iteration, each both ways", least=1)
+    directions: int = setting(8, "directions tried in an iteration, each both ways", least=1, most=100_000)
     best: int = setting(8, "directions used, those with the largest returns", least=1)
     alive: float = setting(0.0, "added to each reward: -1 removes a bonus of 1 for staying upright")
 

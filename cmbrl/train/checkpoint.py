@@ -2,7 +2,7 @@
 
 The nesting (dicts with any simple keys, lists, tuples) is a JSON skeleton in the file's metadata, in which
 ``{"tensor": "12"}`` stands for the tensor of that name. The file is renamed into place: a kill leaves the old or the
-new one.
+new one. A digest tells whether the disk has kept it.
 """
 
 from __future__ import annotations
@@ -10,19 +10,20 @@ from __future__ import annotations
 import json
 import math
 import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor
 
 from cmbrl.errors import UserError
-from cmbrl.files import atomic_path
+from cmbrl.files import checksum, write_bytes
+from cmbrl.models.weights import digest
+from cmbrl.reading import regular_file
 
-_SKELETON = "skeleton"
+_SKELETON, _DIGEST = "skeleton", "digest"
 
 
 def save_state(path: str | os.PathLike[str], state: Any) -> None:
@@ -33,22 +34,27 @@ def save_state(path: str | os.PathLike[str], state: Any) -> None:
     """
     tensors: dict[str, Tensor] = {}
     skeleton = json.dumps(_pack(state, tensors), allow_nan=False)
-    with atomic_path(path) as temporary:
-        save_file(tensors, temporary, metadata={_SKELETON: skeleton})
+    metadata = {_SKELETON: skeleton, _DIGEST: _digest(skeleton, tensors)}
+    write_bytes(path, save(tensors, metadata=metadata))
 
 
 def load_state(path: str | os.PathLike[str]) -> Any:
     """Reads what ``save_state`` wrote; raises UserError that names the file if it is missing or damaged."""
-    file = Path(path)
-    if not file.is_file():
-        raise UserError(f"{file}: no such file")
+    file = regular_file(path, "start the run again")
     try:
         with safe_open(file, framework="pt") as opened:
             tensors = {name: opened.get_tensor(name) for name in opened.keys()}  # noqa: SIM118 (no mapping)
-            skeleton = json.loads(opened.metadata()[_SKELETON])
-        return _unpack(skeleton, tensors)
-    except (SafetensorError, OSError, KeyError, TypeError, ValueError) as error:
+            metadata = opened.metadata()
+        skeleton = metadata[_SKELETON]
+        if metadata[_DIGEST] != _digest(skeleton, tensors):
+            raise ValueError("it is not what was written")
+        return _unpack(json.loads(skeleton), tensors)
+    except (SafetensorError, OSError, KeyError, TypeError, ValueError, RecursionError) as error:
         raise UserError(f"{file}: not a checkpoint, or damaged ({error}): start the run again") from None
+
+
+def _digest(skeleton: str, tensors: dict[str, Tensor]) -> str:
+    return checksum(skeleton.encode()) + digest(tensors)
 
 
 def _pack(value: Any, tensors: dict[str, Tensor]) -> Any:

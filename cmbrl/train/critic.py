@@ -5,7 +5,6 @@ Xu et al., "Accelerated Policy Learning with Parallel Differentiable Simulation"
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -17,6 +16,7 @@ from cmbrl.envs.simulation import Step
 from cmbrl.errors import UserError
 from cmbrl.settings import setting
 from cmbrl.train.policy import Policy, network
+from cmbrl.train.trainer import restore_optimiser
 
 BETAS = (0.7, 0.95)  # of Adam, as in the SHAC paper
 
@@ -26,10 +26,10 @@ class CriticConfig:
     """Settings of the critic, shared by all algorithms that have one."""
 
     trace: float = setting(0.95, "lambda of the critic's TD(lambda) targets", least=0)
-    critic_hidden: tuple[int, ...] = setting((64, 64), "hidden layers of the critic", least=1)
+    critic_hidden: tuple[int, ...] = setting((64, 64), "hidden layers of the critic", least=1, most=8_192)
     critic_rate: float = setting(1e-3, "learning rate of the critic (Adam)", least=0)
-    critic_epochs: int = setting(4, "passes of the critic over a window", least=1)
-    critic_batches: int = setting(2, "minibatches of each pass", least=1)
+    critic_epochs: int = setting(4, "passes of the critic over a window", least=1, most=1_000)
+    critic_batches: int = setting(2, "minibatches of each pass", least=1, most=10_000)
     target_share: float = setting(0.2, "share of the old target critic that is kept at each update", least=0)
 
 
@@ -111,8 +111,7 @@ class Critic:
         """Continues from what ``state`` returned."""
         self.net.load_state_dict(state["net"])
         self.target.load_state_dict(state["target"])
-        # Adam takes tensors as they are, and would write into the given state.
-        self.optimiser.load_state_dict(copy.deepcopy(state["optimiser"]))
+        restore_optimiser(self.optimiser, state["optimiser"])
         self.generator.set_state(state["generator"])
 
 

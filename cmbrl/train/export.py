@@ -12,12 +12,12 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from importlib.util import find_spec
-from io import StringIO
+from io import BytesIO, StringIO
 
 import torch
 
 from cmbrl.errors import UserError
-from cmbrl.files import atomic_path
+from cmbrl.files import write_bytes
 from cmbrl.train.policy import Policy
 
 INPUT, OUTPUT = "observation", "action"
@@ -25,9 +25,11 @@ INPUT, OUTPUT = "observation", "action"
 
 def export_torchscript(policy: Policy, path: str | os.PathLike[str]) -> None:
     """Writes a TorchScript module; raises UserError if ``path`` cannot be written."""
-    with atomic_path(path) as temporary, _quietly():
+    content = BytesIO()
+    with _quietly():
         traced = torch.jit.trace(policy.eval(), _example(policy))
-        torch.jit.freeze(traced).save(str(temporary))  # type: ignore[no-untyped-call]
+        torch.jit.save(torch.jit.freeze(traced), content)  # type: ignore[no-untyped-call]
+    write_bytes(path, content.getvalue())
 
 
 def export_onnx(policy: Policy, path: str | os.PathLike[str]) -> None:
@@ -38,18 +40,18 @@ def export_onnx(policy: Policy, path: str | os.PathLike[str]) -> None:
     for package in ("onnx", "onnxscript"):
         if find_spec(package) is None:
             raise UserError(f"writing ONNX needs {package}: pip install 'cmbrl[export]'")
-    with atomic_path(path) as temporary, _quietly():
-        torch.onnx.export(
+    with _quietly():
+        program = torch.onnx.export(
             policy.eval(),
             (_example(policy),),
-            str(temporary),
             input_names=[INPUT],
             output_names=[OUTPUT],
             dynamic_shapes=({0: torch.export.Dim("batch")},),
-            external_data=False,
             dynamo=True,
             verbose=False,
         )
+    assert program is not None
+    write_bytes(path, program.model_proto.SerializeToString())
 
 
 def _example(policy: Policy) -> torch.Tensor:

@@ -37,14 +37,16 @@ class FOPGConfig(WindowConfig):
     """Settings of FOPG; our choice."""
 
     iterations: int = setting(500, "updates of the policy", least=1)
-    samples: int = setting(64, "episodes side by side; aobg takes twice as many, half for each order", least=1)
+    samples: int = setting(
+        64, "episodes side by side; aobg takes twice as many, half for each order", least=1, most=1_000_000
+    )
     horizon: int | None = setting(None, "control steps of a window; overrides window; 0: a whole episode", least=0)
     restart: bool = setting(False, "start every window from a reset instead of where the last one ended")
     estimator: Literal["pathwise", "zeroth", "aobg", "pipps"] = setting(
         "pathwise", "gradient estimator: pathwise, zeroth (score function), aobg or pipps"
     )
     critic: bool = setting(False, "value the ends of windows by a critic")
-    hidden: tuple[int, ...] = setting((32, 32), "hidden layers of the policy", least=1)
+    hidden: tuple[int, ...] = setting((32, 32), "hidden layers of the policy", least=1, most=8_192)
     norm: bool = setting(True, "LayerNorm in the policy")
     normalise: bool = setting(True, "standardise observations")
     squash: Literal["tanh", "clip"] = setting("tanh", "how the net's output is brought into [-1, 1]: tanh or clip")

@@ -40,10 +40,10 @@ class LoopConfig(SHACConfig):
     rounds: int = setting(1, "rounds of acting, fitting and improving", least=1)
     transitions: int = setting(1000, "real transitions of the first round, by random actions; a log counts", least=1)
     more: int = setting(1000, "real transitions of each further round, by the policy with its noise", least=1)
-    policies: int = setting(2, "policies started in each round", least=1)
+    policies: int = setting(2, "policies started in each round", least=1, most=1_000)
     trial: float = setting(1.0, "share of its updates that each policy gets before the best one is chosen", above=0)
-    draws: int = setting(256, "parameter sets drawn from the fit's posterior", least=1)
-    score_episodes: int = setting(128, "model episodes by which policies are compared", least=1)
+    draws: int = setting(256, "parameter sets drawn from the fit's posterior", least=1, most=1_000_000)
+    score_episodes: int = setting(128, "model episodes by which policies are compared", least=1, most=1_000_000)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -8,10 +8,10 @@ import math
 from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 from cmbrl.errors import UserError
-from cmbrl.files import write_text
+from cmbrl.files import write_text, writing
+from cmbrl.train.event_file import EventFile
 
 FILE = "metrics.csv"
 Row = dict[str, float]
@@ -20,50 +20,47 @@ Row = dict[str, float]
 class MetricsLog:
     """``metrics.csv`` in ``folder``, and TensorBoard's event files; ``rows`` is the content of the CSV file.
 
-    ``iteration`` is the one that the run continues from. Later rows (written, then lost by a kill before the next
-    checkpoint) are dropped from the CSV file and from TensorBoard. Close it at the end.
+    ``rows``: those of the run that is continued, up to its last checkpoint; ``append`` adds to this list. Later ones
+    (written, then lost by a kill before the next checkpoint) are dropped from both. Close it at the end. Raises
+    UserError where the disk is full.
     """
 
-    def __init__(self, folder: Path, iteration: int = 0) -> None:
-        self.path = folder / FILE
-        self.rows = [row for row in read_metrics(self.path) if row["iteration"] <= iteration] if iteration else []
-        self.columns = list(dict.fromkeys(name for row in self.rows for name in row))
-        self._rewrite()
-        self._board = _event_writer(folder, iteration)
+    def __init__(self, folder: Path, rows: list[Row]) -> None:
+        self.path, self.rows = folder / FILE, rows
+        self.columns = _columns(rows)
+        write_text(self.path, as_csv(rows))
+        with writing(folder):
+            self._board = _event_file(folder, len(rows))
 
     def append(self, row: Mapping[str, float]) -> None:
         """Appends one row; a metric that is new in this row becomes another column."""
         self.rows.append(dict(row))
-        new = [name for name in row if name not in self.columns]
-        self.columns += new
-        if new:
-            self._rewrite()
+        if new := [name for name in row if name not in self.columns]:
+            self.columns += new
+            write_text(self.path, as_csv(self.rows))
         else:
-            with self.path.open("a", encoding="utf-8", newline="") as file:
-                file.write(self._text([row]))
+            with writing(self.path), self.path.open("a", encoding="utf-8", newline="") as file:
+                file.write(_lines(self.rows[-1:], self.columns))
         if self._board is not None:
-            for name, value in row.items():
-                if name != "iteration" and math.isfinite(value):
-                    self._board.add_scalar(name, value, int(row["iteration"]))
+            scalars = {k: value for k, value in row.items() if k != "iteration" and math.isfinite(value)}
+            with writing(self.path.parent):
+                self._board.add(int(row["iteration"]), scalars)
 
     def close(self) -> None:
         if self._board is not None:
             self._board.close()
 
-    def _rewrite(self) -> None:
-        write_text(self.path, ",".join(self.columns) + "\n" + self._text(self.rows))
 
-    def _text(self, rows: list[Any]) -> str:
-        lines = io.StringIO()
-        csv.DictWriter(lines, self.columns, restval="", lineterminator="\n").writerows(
-            {name: _number(float(value)) for name, value in row.items()} for row in rows
-        )
-        return lines.getvalue()
+def as_csv(rows: list[Row]) -> str:
+    """A line of names and a line a row, empty where something was not measured."""
+    columns = _columns(rows)
+    return ",".join(columns) + "\n" + _lines(rows, columns)
 
 
-def _number(value: float) -> int | float:
-    """A count without its ".0"."""
-    return int(value) if value.is_integer() and abs(value) < 2**53 else value
+def from_csv(text: str) -> list[Row]:
+    """Inverse of ``as_csv``; a line cut short is left out. Raises ValueError for what is no number."""
+    whole = text[: text.rfind("\n") + 1]
+    return [{k: float(v) for k, v in row.items() if v} for row in csv.DictReader(io.StringIO(whole))]
 
 
 def read_metrics(path: Path) -> list[Row]:
@@ -72,17 +69,30 @@ def read_metrics(path: Path) -> list[Row]:
     Raises UserError that names the file if it is missing or holds no numbers.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-        whole = text[: text.rfind("\n") + 1]
-        return [{k: float(v) for k, v in row.items() if v} for row in csv.DictReader(io.StringIO(whole))]
-    except (OSError, ValueError, AttributeError) as error:
+        return from_csv(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, AttributeError, TypeError) as error:
         raise UserError(f"{path}: not readable as metrics ({error}): start the run again") from None
 
 
-def _event_writer(folder: Path, iteration: int) -> Any:
-    """TensorBoard's writer, or None if it is not installed."""
+def _columns(rows: list[Row]) -> list[str]:
+    return list(dict.fromkeys(name for row in rows for name in row))
+
+
+def _lines(rows: list[Row], columns: list[str]) -> str:
+    lines = io.StringIO()
+    csv.DictWriter(lines, columns, restval="", lineterminator="\n").writerows(
+        {name: _number(float(value)) for name, value in row.items()} for row in rows
+    )
+    return lines.getvalue()
+
+
+def _number(value: float) -> int | float:
+    """A count without its ".0"."""
+    return int(value) if value.is_integer() and abs(value) < 2**53 else value
+
+
+def _event_file(folder: Path, iteration: int) -> EventFile | None:
+    """TensorBoard's file of this part of the run, or None if it is not installed."""
     if find_spec("tensorboard") is None:
         return None
-    from torch.utils.tensorboard import SummaryWriter
-
-    return SummaryWriter(str(folder), purge_step=iteration + 1 if iteration else None)  # type: ignore[no-untyped-call]
+    return EventFile(folder, purge_step=iteration + 1 if iteration else None)

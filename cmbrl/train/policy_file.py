@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
 
 from cmbrl.errors import UserError
-from cmbrl.files import atomic_path, check_writable, read_json, write_json
+from cmbrl.files import atomic_path, check_writable, make_folder, read_record, record_text
+from cmbrl.models.weights import fill, weights_of
 from cmbrl.train.policy import Architecture, Policy
 
 WEIGHTS, DESCRIPTION = "policy.safetensors", "policy.json"
-_FORMAT = 1
+_FORMAT, _WITHOUT_CHECKSUMS = 2, 1
+_REMEDY = "train again"
 _SCALING = {
     True: "(observation - normaliser.mean) / sqrt(normaliser.variance + 1e-5), clipped at +-10; part of the policy",
     False: "none",
@@ -46,19 +46,18 @@ def save_policy(policy: Policy, folder: str | os.PathLike[str], about: Mapping[s
     """
     place = Path(folder)
     check_writable(place, folder=True)
-    place.mkdir(parents=True, exist_ok=True)
-    with atomic_path(place / WEIGHTS) as temporary:
-        save_file({name: value.contiguous() for name, value in policy.state_dict().items()}, temporary)
-    architecture = policy.architecture
-    write_json(
-        place / DESCRIPTION,
-        {
-            "format": _FORMAT,
-            **about,
-            "architecture": asdict(architecture),
-            "observation_scaling": _SCALING[architecture.normalise],
-        },
-    )
+    make_folder(place)
+    content, digest = weights_of(policy)
+    description = {
+        "format": _FORMAT,
+        **about,
+        "architecture": asdict(policy.architecture),
+        "observation_scaling": _SCALING[policy.architecture.normalise],
+        "weights": digest,
+    }
+    with atomic_path(place / DESCRIPTION) as described, atomic_path(place / WEIGHTS) as weights:
+        weights.write_bytes(content)
+        described.write_text(record_text(description), encoding="utf-8")
     return place
 
 
@@ -67,16 +66,18 @@ def load_policy(folder: str | os.PathLike[str]) -> SavedPolicy:
     place = Path(folder)
     if not (place / DESCRIPTION).is_file():
         raise UserError(f"{place}: no policy here ({DESCRIPTION} is missing): give the folder of a `cmbrl train` run")
-    described = read_json(place / DESCRIPTION)
-    if not isinstance(described, dict) or described.pop("format", None) != _FORMAT:
+    described = read_record(place / DESCRIPTION, _REMEDY, older=lambda held: held.get("format") != _FORMAT)
+    digest = described.pop("weights", None)
+    if described.pop("format", None) not in (_FORMAT, _WITHOUT_CHECKSUMS):
         raise UserError(f"{place / DESCRIPTION}: not a policy of this version: train it again")
     try:
         fields: dict[str, Any] = described.pop("architecture")
-        policy = Policy(Architecture(**fields | {"hidden": tuple(fields["hidden"])}))
-        policy.load_state_dict(load_file(place / WEIGHTS))
-    except (AttributeError, KeyError, TypeError, RuntimeError, SafetensorError, OSError) as error:
-        last = str(error).strip().splitlines()[-1].strip()
-        raise UserError(f"{place / WEIGHTS}: does not fit {DESCRIPTION}, or damaged ({last}): train again") from None
+        with torch.device("meta"):
+            policy = Policy(Architecture(**fields | {"hidden": tuple(fields["hidden"])}))
+    except (AttributeError, KeyError, TypeError, ValueError, RuntimeError, OverflowError) as error:
+        last = (str(error).strip().splitlines() or [""])[-1].strip()
+        raise UserError(f"{place / DESCRIPTION}: damaged ({last}): {_REMEDY}") from None
+    fill(policy, place / WEIGHTS, digest, _REMEDY)
     if not all(torch.isfinite(value).all() for value in policy.state_dict().values()):
         raise UserError(f"{place / WEIGHTS}: weights are not finite, the run diverged: train again")
     described.pop("observation_scaling", None)

@@ -7,6 +7,7 @@ train.json, metrics.png  how the run ended           diverged.npz              l
 
 from __future__ import annotations
 
+import io
 import math
 import os
 import signal
@@ -22,9 +23,9 @@ import numpy as np
 import torch
 
 from cmbrl.errors import UserError
-from cmbrl.files import atomic_path, write_json
+from cmbrl.files import make_folder, write_bytes, write_json
 from cmbrl.train.checkpoint import load_state, save_state
-from cmbrl.train.metrics import MetricsLog, Row
+from cmbrl.train.metrics import MetricsLog, Row, as_csv, from_csv
 from cmbrl.train.metrics_plot import plot_metrics
 from cmbrl.train.policy_file import save_policy
 from cmbrl.train.trainer import Diverged, Trainer
@@ -72,7 +73,8 @@ class TrainingRun:
         self.checkpoint_seconds = checkpoint_seconds
         self.iteration, self.seconds = 0, 0.0
         self._unusable = 0
-        self.folder.mkdir(parents=True, exist_ok=True)
+        self._rows: list[Row] = []  # of metrics.csv
+        make_folder(self.folder)
         if resume:
             self._restore()
         else:
@@ -85,7 +87,7 @@ class TrainingRun:
         diverged.npz holds the last states, and the last checkpoint is kept.
         """
         started, saved = time.monotonic() - self.seconds, time.monotonic()
-        log = MetricsLog(self.folder, self.iteration)
+        log = MetricsLog(self.folder, self._rows)
         try:
             with _interruptible() as interrupted:
                 while self.iteration < iterations and not (interrupted() or self.trainer.over):
@@ -108,8 +110,8 @@ class TrainingRun:
             log.close()
 
     def _checkpoint(self) -> None:
-        state = {"iteration": self.iteration, "seconds": self.seconds, "trainer": self.trainer.state()}
-        save_state(self.folder / CHECKPOINT, state)
+        state = {"iteration": self.iteration, "seconds": self.seconds, "metrics": as_csv(self._rows)}
+        save_state(self.folder / CHECKPOINT, {**state, "trainer": self.trainer.state()})
         save_policy(self.trainer.policy, self.folder, self.about | {"iteration": self.iteration})
         self.trainer.keep(self.folder)
 
@@ -118,9 +120,10 @@ class TrainingRun:
         state = load_state(path)
         try:
             self.trainer.restore(state["trainer"])
-            self.iteration, self.seconds = state["iteration"], state["seconds"]
-        except (KeyError, TypeError, ValueError, RuntimeError) as error:
-            last = str(error).strip().splitlines()[-1].strip()
+            self.iteration, self.seconds = int(state["iteration"]), float(state["seconds"])
+            self._rows = from_csv(state["metrics"])
+        except (KeyError, IndexError, AttributeError, TypeError, ValueError, RuntimeError, AssertionError) as error:
+            last = (str(error).strip().splitlines() or [type(error).__name__])[-1].strip()
             raise UserError(f"{path}: does not belong to this run ({last}): choose another --out") from None
 
     def _watch(self, metrics: Mapping[str, float]) -> None:
@@ -138,8 +141,9 @@ class TrainingRun:
         return {} if simulation is None else {"q": simulation.q.detach().numpy(), "v": simulation.v.detach().numpy()}
 
     def _give_up(self, error: Diverged, log: MetricsLog) -> Diverged:
-        with atomic_path(self.folder / DIVERGED) as temporary:
-            np.savez(temporary, **error.states)  # type: ignore[arg-type]
+        content = io.BytesIO()
+        np.savez(content, **error.states)  # type: ignore[arg-type]
+        write_bytes(self.folder / DIVERGED, content.getvalue())
         self._conclude(HAS_DIVERGED, log)
         return Diverged(f"{error}; the last states are in {self.folder / DIVERGED}", error.states)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from importlib import import_module
+from operator import attrgetter
 from typing import Any
 
 import torch
@@ -11,6 +12,7 @@ from torch import nn
 
 from cmbrl.errors import UserError
 from cmbrl.train.policy import Policy
+from cmbrl.train.trainer import check_optimiser
 
 
 def library(name: str = "stable_baselines3") -> Any:
@@ -41,8 +43,11 @@ def parameters(algorithm: Any) -> dict[str, Any]:
 
 
 def set_parameters(algorithm: Any, state: dict[str, Any]) -> None:
-    """Continues from what ``parameters`` returned."""
+    """Continues from what ``parameters`` returned; raises ValueError where a shape differs."""
     algorithm.set_parameters(state["parameters"])
+    for name in state["parameters"]:
+        if isinstance(optimiser := attrgetter(name)(algorithm), torch.optim.Optimizer):
+            check_optimiser(optimiser)
     algorithm.num_timesteps = state["num_timesteps"]
     with torch.no_grad():
         for name in ("log_ent_coef", "weights"):

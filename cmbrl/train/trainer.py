@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 
 from cmbrl.envs.simulation import Simulation
 from cmbrl.errors import UserError
@@ -28,6 +30,20 @@ def episode_metrics(finished: Collection[tuple[float, int]]) -> dict[str, float]
         return {}
     returns, lengths = zip(*finished, strict=True)
     return {"return": sum(returns) / len(finished), "length": sum(lengths) / len(finished)}
+
+
+def restore_optimiser(optimiser: torch.optim.Optimizer, state: dict[str, Any]) -> None:
+    """Continues from the optimiser's ``state_dict``; raises ValueError where a shape is not that of its parameter."""
+    optimiser.load_state_dict(copy.deepcopy(state))  # it takes tensors as they are, and would write into the given ones
+    check_optimiser(optimiser)
+
+
+def check_optimiser(optimiser: torch.optim.Optimizer) -> None:
+    """Raises ValueError where a shape in the optimiser's state is not that of its parameter."""
+    for parameter, held in optimiser.state.items():
+        for name, value in held.items():
+            if isinstance(value, torch.Tensor) and value.ndim and value.shape != parameter.shape:
+                raise ValueError(f"{name} of the optimiser is {tuple(value.shape)}, not {tuple(parameter.shape)}")
 
 
 class Trainer(ABC):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from abc import abstractmethod
 from dataclasses import dataclass, replace
@@ -18,7 +17,7 @@ from cmbrl.settings import setting
 from cmbrl.train.critic import Critic, CriticConfig
 from cmbrl.train.policy import Architecture, Policy
 from cmbrl.train.randomness import GlobalRandomness
-from cmbrl.train.trainer import Diverged, Trainer, episode_metrics
+from cmbrl.train.trainer import Diverged, Trainer, episode_metrics, restore_optimiser
 
 PATIENCE = 10  # updates in a row without a finite gradient before a run is given up
 
@@ -160,8 +159,7 @@ class WindowLearner(Trainer):
         """Continues from what ``state`` returned, bit for bit."""
         self.iteration, self.unusable = state["iteration"], state["unusable"]
         self.policy.load_state_dict(state["policy"])
-        # Adam takes tensors as they are, and would write into the given state.
-        self.optimiser.load_state_dict(copy.deepcopy(state["optimiser"]))
+        restore_optimiser(self.optimiser, state["optimiser"])
         if self.critic is not None:
             self.critic.restore(state["critic"])
         self.generator.set_state(state["generator"])

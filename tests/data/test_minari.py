@@ -125,7 +125,7 @@ def test_missing_minari_is_said_with_the_line_that_installs_it(make_log, tmp_pat
         ("{", "no time step"),
         ("[]", "no time step"),
         ("{}", "no time step"),
-        ('{"dt": "soon"}', "dt is 'soon'"),
+        ('{"dt": "soon"}', "= 'soon'"),
         ('{"dt": 0.01, "joints": 3}', "damaged"),
         ('{"dt": 0.01, "source": [1]}', "damaged"),
     ],

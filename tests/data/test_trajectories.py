@@ -47,7 +47,7 @@ def test_the_difference_of_a_scene_is_used():
         ({"lengths": [5], "v": np.zeros((4, 1))}, "v has shape"),
         ({"lengths": [5], "u": np.zeros(5)}, "u has shape"),
         ({"lengths": [5], "v": [[0], [0], [0], [np.nan], [0]]}, "NaN in row 3 of v"),
-        ({"lengths": [5], "dt": [0.1, 0.1]}, "dt is"),
+        ({"lengths": [5], "dt": [0.1, 0.1]}, "dt"),
     ],
 )
 def test_what_does_not_fit_is_refused(arguments, words):

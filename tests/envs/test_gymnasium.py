@@ -21,7 +21,8 @@ from torch.overrides import TorchFunctionMode
 
 from cmbrl.envs.gymnasium_env import MDPEnv
 from cmbrl.envs.registration import IDS, make_real, register, register_all
-from cmbrl.files import write_json
+from cmbrl.fitting import FitResult
+from cmbrl.fitting.fitted_parameter import FittedParameter
 from cmbrl.models.named import named_model, nominal_model
 
 ALL = pytest.mark.parametrize("name", IDS)
@@ -169,6 +170,16 @@ def test_an_observation_that_is_the_state_comes_as_a_copy():
     assert torch.equal(env._q, before)
 
 
+def _save(model, folder):
+    """A fit that found what the model has."""
+    values = zip(model.scene.parameters, model.parameters.tolist(), strict=True)
+    found = {p.name: FittedParameter(x, x, x, p.nominal, "nominal", p.unit) for p, x in values}
+    about = {"data": {"transitions": 0, "episodes": 0}, "method": "random", "seed": 0, "horizon": 1, "candidates": 0}
+    lists = {key: [] for key in ("flat_directions", "at_bound", "unseen", "gauge", "left_out")}
+    report = {**about, **lists, "seconds": {"total": 0.0}, "loss": {}, "stopped": None, "selection": None}
+    FitResult(model, found, report).save(folder)
+
+
 def test_models_by_name_and_as_objects(tmp_path):
     task = load_task("hopper")
     model = nominal_model(task)
@@ -176,16 +187,12 @@ def test_models_by_name_and_as_objects(tmp_path):
     given = gymnasium.make("cmbrl/Hopper-v0", model=model)
     assert given.unwrapped.model is model
     assert isinstance(named_model("nominal", task), type(model))
-    scene = {"path": model.scene.path, "ignore": [], "contact_law": "mujoco"}
-    (tmp_path / "fit").mkdir()
-    (tmp_path / "slow").mkdir()
-    write_json(tmp_path / "fit" / "model.json", {"scene": scene, "settings": model.to_config()})
+    _save(model, tmp_path / "fit")
     fitted = gymnasium.make("cmbrl/Hopper-v0", model=tmp_path / "fit").unwrapped.model
     assert np.array_equal(fitted.parameters, model.parameters)
     with pytest.raises(UserError, match="another robot"):
         gymnasium.make("cmbrl/Cheetah-v0", model=tmp_path / "fit")
-    slow = model.with_settings(substeps=8).to_config()
-    write_json(tmp_path / "slow" / "model.json", {"scene": scene, "settings": slow})
+    _save(model.with_settings(substeps=8), tmp_path / "slow")
     with pytest.raises(UserError, match=r"steps 0.016 s, task 'hopper' 0.008 s"):
         gymnasium.make("cmbrl/Hopper-v0", model=tmp_path / "slow")
     with pytest.raises(UserError, match="neither a fit"):

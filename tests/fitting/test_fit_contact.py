@@ -10,6 +10,7 @@ pytest.importorskip("pymunk")
 
 import cmbrl
 from cmbrl.errors import UserError
+from cmbrl.files import write_record
 from cmbrl.fitting import Budget, FitResult
 from cmbrl.fitting.loss import PredictionLoss
 from cmbrl.fitting.space import Space
@@ -145,9 +146,9 @@ def test_saved_fit_comes_back(ball, tmp_path):
     assert (tmp_path / "report.txt").read_text().rstrip() == loaded.report_text()
     for damage, message in (
         ({"format": 0}, "not a fit of this version"),
-        ({"format": 1, "parameters": 3}, "damaged"),
+        ({"format": 2, "parameters": 3}, "damaged"),
     ):
-        (tmp_path / "fit.json").write_text(json.dumps(damage))
+        write_record(tmp_path / "fit.json", damage)
         with pytest.raises(UserError, match=message):
             FitResult.load(tmp_path)
     with pytest.raises(UserError, match="no such file"):

@@ -76,5 +76,5 @@ def test_refusals(model: ComplementarityModel) -> None:
         derivative_model(model, "gaussian", lenght=1.0)
     with pytest.raises(UserError, match="exactly one"):
         derivative_model(model, "barrier")
-    with pytest.raises(UserError, match=r"samples=2\.5: a whole number above 0"):
+    with pytest.raises(UserError, match=r"samples = 2\.5: give a whole number"):
         derivative_model(model, "bundle", samples=2.5)

@@ -53,7 +53,7 @@ def test_one_policy_for_each_start(scene: Scene) -> None:
 
 
 def test_bundle_of_jacobians_is_gaussian_smoothing(scene: Scene) -> None:
-    """Of one contact: mean slope under velocity noise s equals that of the Gaussian schedule of length s h (closed form)."""
+    """Of one contact: mean slope under velocity noise s is that of the Gaussian schedule of length s h."""
     s, h = 0.2, scene.timestep
     hard = ComplementarityModel(scene, smoothing=Barrier(1e-13), prune=np.inf)
     soft = ComplementarityModel(scene, smoothing=Gaussian(s * h, floor=1e-14), prune=np.inf)

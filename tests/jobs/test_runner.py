@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from cmbrl import UserError
+from cmbrl.files import read_record, write_record
 from cmbrl.jobs import Job, JobError, Runner
 from cmbrl.jobs.job import plain
 
@@ -95,13 +96,13 @@ def test_other_inputs_code_or_machine_are_other_results(work, tmp_path: Path) ->
     kept, job = tmp_path / "kept", jobs(work.noise, 1, tmp_path)[0]
     Runner(kept).run([job])
     file = kept / job.file
-    whole = json.loads(file.read_text())
+    whole = read_record(file, "")
 
     def again(change, accept: str = "exact") -> bool:
         """Whether the job runs again after its file was changed."""
         held = json.loads(json.dumps(whole))
         change(held)
-        file.write_text(json.dumps(held))
+        write_record(file, held)
         before = len(calls(tmp_path))
         Runner(kept, accept=accept).run([job])
         return len(calls(tmp_path)) > before

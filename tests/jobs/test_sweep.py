@@ -66,9 +66,11 @@ def test_mistakes_are_one_line(config: Path, tmp_path: Path, capsys: pytest.Capt
     assert main(["sweep", "throw.yaml", "--seeds", "0:1", "--out", "sweep"]) == 2
     assert "--iterations: 'two' is not a whole number" in capsys.readouterr().err
     config.write_text(CONFIG.replace("horizon", "horizn"), encoding="utf-8")
-    assert main(["sweep", "throw.yaml", "--seeds", "0:2", "--out", "sweep"]) == 2
-    assert "seed 0: shac: no setting 'horizn'" in capsys.readouterr().err
+    for out in ("sweep", "new/folders/sweep"):
+        assert main(["sweep", "throw.yaml", "--seeds", "0:2", "--out", out]) == 2
+        assert "seed 0: shac: no setting 'horizn'" in capsys.readouterr().err
     assert not (tmp_path / "sweep").exists()
+    assert not (tmp_path / "new").exists()
     config.write_text("task: hopper\n", encoding="utf-8")
     assert main(["sweep", "throw.yaml", "--seeds", "0:1", "--out", "other"]) == 2
     assert "no `command: train`" in capsys.readouterr().err

@@ -71,13 +71,13 @@ def test_parameter_jacobian_is_part_of_the_whole(scene: Scene) -> None:
 @pytest.mark.parametrize(
     ("settings", "says"),
     [
-        ({"substeps": 0}, "positive"),
-        ({"time_step": -1.0}, "positive"),
-        ({"integrator": "rk4"}, "semi-implicit, leapfrog, midpoint"),
+        ({"substeps": 0}, "from 1 to"),
+        ({"time_step": -1.0}, "above 0"),
+        ({"integrator": "rk4"}, "leapfrog, midpoint, semi-implicit"),
         ({"parameters": np.ones(2)}, "shape"),
-        ({"smoothing": Barrier(-1.0)}, "give a positive number"),
+        ({"smoothing": Barrier(-1.0)}, "give a number above 0"),
         ({"smoothing": Barrier()}, "exactly one"),
-        ({"smoothing": Gaussian(length=0.1, derivative="half")}, "'exact' or 'stop'"),
+        ({"smoothing": Gaussian(length=0.1, derivative="half")}, "known: exact, stop"),
     ],
 )
 def test_settings_out_of_range_are_refused(scene: Scene, settings: dict, says: str) -> None:

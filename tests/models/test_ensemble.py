@@ -88,7 +88,7 @@ def test_load_says_what_is_wrong(body: Scene, tmp_path: Path) -> None:
         NeuralEnsemble.load(tmp_path / "nothing")
     NeuralEnsemble(body, DT, SMALL).save(tmp_path / "net")
     (tmp_path / "net/weights.safetensors").write_bytes(b"damaged")
-    with pytest.raises(UserError, match=r"net: not a saved ensemble"):
+    with pytest.raises(UserError, match=r"weights\.safetensors: damaged.*train it again"):
         NeuralEnsemble.load(tmp_path / "net")
     (tmp_path / "net/ensemble.json").write_text('{"kind": "other"}', encoding="utf-8")
     with pytest.raises(UserError, match=r"net: not a saved ensemble"):

@@ -81,7 +81,7 @@ def test_steps_must_make_a_control_step():
 def test_recording_checks_what_is_asked():
     assert OURS.record(3).source == {"behaviour": "random"}
     assert len(OURS.record(3, seed=7, behaviour="pd")) == 3
-    with pytest.raises(UserError, match="at least 1"):
+    with pytest.raises(UserError, match="from 1 to"):
         OURS.record(0)
     with pytest.raises(UserError, match="unknown behaviour 'randm': did you mean 'random'"):
         OURS.record(3, behaviour="randm")

@@ -28,7 +28,7 @@ def fit_residual(z: float, s: float) -> float:
 
 
 def test_slope_is_the_best_linear_fit(law: Law) -> None:
-    """Proposition 5.3: value and slope of the Gaussian schedule are the least-squares line of the hard one under noise."""
+    """Proposition 5.3: value and slope of the Gaussian schedule are the least-squares line of the hard under noise."""
     s = 0.2
     for z in (-0.3, 0.0, 0.15):
         impulse, slope = law(Gaussian(s * H, floor=1e-15))(np.array([z]))

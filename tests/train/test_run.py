@@ -197,7 +197,7 @@ def test_a_damaged_policy_is_one_line(damage: str, tmp_path: Path) -> None:
     if damage == "cut short":
         weights.write_bytes(weights.read_bytes()[:-8])
     if damage in ("another net", "older"):
-        old, new = ("4", "6") if damage == "another net" else ('"format": 1', '"format": 0')
+        old, new = ("4", "6") if damage == "another net" else ('"format": 2', '"format": 0')
         description.write_text(description.read_text().replace(old, new))
     if damage == "not JSON":
         description.write_text("{")

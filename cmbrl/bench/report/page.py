@@ -18,6 +18,7 @@ from PIL import Image
 from cmbrl.bench.registry import STUDIES
 from cmbrl.bench.report.runs import StudyRun
 from cmbrl.bench.study import Cell, Section, shown
+from cmbrl.errors import UserError
 from cmbrl.files import write_text
 
 PAGE = "report.html"
@@ -34,9 +35,14 @@ class Picture:
 
     @classmethod
     def read(cls, file: Path) -> Picture:
-        """Of a file that states its dots per inch, as matplotlib's do."""
-        with Image.open(file) as image:
-            kind, width = image.get_format_mimetype(), image.width * CSS_INCH / image.info.get("dpi", (CSS_INCH,))[0]
+        """Of a file that states its dots per inch, as matplotlib's do; raises UserError where it is no picture."""
+        try:
+            with Image.open(file) as image:
+                image.load()
+                kind, dpi = image.get_format_mimetype(), image.info.get("dpi", (CSS_INCH,))[0]
+                width = image.width * CSS_INCH / dpi
+        except (OSError, ValueError, SyntaxError, ZeroDivisionError) as error:  # Pillow's for damaged files
+            raise UserError(f"{file}: missing or damaged ({error}): remove {file.parent}, and run it again") from None
         return cls(f"data:{kind};base64,{base64.b64encode(file.read_bytes()).decode('ascii')}", round(width))
 
 

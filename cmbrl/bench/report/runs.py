@@ -1,7 +1,8 @@
 """Studies one after the other into ``DIR/NAME``. A finished study stays; a study that fails stops no other.
 
 ``run.json`` in a study's folder says how it was run (settings, command line, versions, hardware, commit) and how it
-ended. It is written before the study starts, so that a folder is never continued with other settings.
+ended. It is written before the study starts, so that a folder is never continued with other settings; at the end, with
+a digest of the section, so that a section of another run is never shown as its result.
 """
 
 from __future__ import annotations
@@ -13,11 +14,13 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from cmbrl.bench.provenance import SECTION
 from cmbrl.bench.report.apart import StudyFailed, run_apart
 from cmbrl.bench.study import Progress, Settings
 from cmbrl.code_digest import code_digest
 from cmbrl.errors import UserError
-from cmbrl.files import read_json, write_json
+from cmbrl.files import checksum, make_folder, read_record, write_record
+from cmbrl.jobs.job import plain
 from cmbrl.runs import environment, hardware
 
 RECORD = "run.json"
@@ -30,7 +33,7 @@ class StudyRun:
 
     settings: what the result depends on. environments: where each go was made, the first one first. code: digest of
     the study's code. seconds: wall time of the last go, None while it has not ended. error: one line, None when it
-    went well. details: the traceback of an error that the user cannot fix.
+    went well. details: the traceback of an error that the user cannot fix. section: digest of the finished section.
     """
 
     name: str
@@ -40,6 +43,7 @@ class StudyRun:
     seconds: float | None = None
     error: str | None = None
     details: str = ""
+    section: str | None = None
 
     @property
     def environment(self) -> dict[str, Any]:
@@ -57,14 +61,18 @@ class StudyRun:
     def read(cls, folder: Path) -> StudyRun | None:
         """The record in ``folder``, None where no study was begun.
 
-        Raises UserError for a record of another format.
+        Raises UserError for a record of another format, and where the section is not the one that this run ended with.
         """
         if not (folder / RECORD).exists():
             return None
+        remedy = "choose another --out, or remove that folder"
         try:
-            return cls(**read_json(folder / RECORD))
+            held = cls(**read_record(folder / RECORD, remedy))
         except TypeError:
-            raise UserError(f"{folder / RECORD}: of another version: choose another --out, or remove it") from None
+            raise UserError(f"{folder / RECORD}: of another version: {remedy}") from None
+        if held.status == "finished" and held.section != _digest(folder):
+            raise UserError(f"{folder / SECTION}: missing, damaged or of another run: {remedy}")
+        return held
 
     def counts(self, code: str, settings: Settings) -> bool:
         """Whether this is a finished run of the present code, as far as ``settings.accept`` asks for that."""
@@ -98,20 +106,27 @@ def _run(name: str, module: str, folder: Path, settings: Settings, progress: Pro
     held, code = StudyRun.read(folder), code_digest(module)
     if held and held.counts(code, settings):
         return held
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     before = held.environments if held and held.code == code else []
     run = StudyRun(name, _identity(settings), [*before, environment()], code)
-    write_json(folder / RECORD, asdict(run))
+    write_record(folder / RECORD, plain(asdict(run)))
     begin = time.monotonic()
     try:
         run_apart(module, folder, settings, progress)
+        run = replace(run, section=_digest(folder))
     except UserError as error:
         run = replace(run, error=str(error))
     except StudyFailed as error:
         run = replace(run, error=str(error), details=error.details)
     run = replace(run, seconds=time.monotonic() - begin)
-    write_json(folder / RECORD, asdict(run))
+    write_record(folder / RECORD, plain(asdict(run)))
     return run
+
+
+def _digest(folder: Path) -> str | None:
+    """Of the section in ``folder``; None where there is none."""
+    file = folder / SECTION
+    return checksum(file.read_bytes()) if file.is_file() else None
 
 
 def _identity(settings: Settings) -> dict[str, Any]:

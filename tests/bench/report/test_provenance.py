@@ -13,6 +13,7 @@ from cmbrl.bench import provenance
 from cmbrl.bench.report.runs import run_studies
 from cmbrl.bench.study import Section, Settings
 from cmbrl.cli import main
+from cmbrl.files import read_record, write_record
 from cmbrl.jobs import Job, Runner
 
 from .conftest import no_bar
@@ -78,14 +79,14 @@ def test_a_finished_study_runs_again_when_its_code_has_changed(fakes: dict[str, 
     good = {"good": fakes["good"]}
     run_studies(good, tmp_path, QUICK, no_bar)
     record = tmp_path / "good/run.json"
-    held = json.loads(record.read_text())
-    record.write_text(json.dumps({**held, "code": "other"}))
+    held = read_record(record, "")
+    write_record(record, {**held, "code": "other"})
     run_studies(good, tmp_path, replace(QUICK, accept="any"), no_bar)
     assert (tmp_path / "good/calls").read_text() == "1"
     assert run_studies(good, tmp_path, QUICK, no_bar)[0].code == held["code"]
     assert (tmp_path / "good/calls").read_text() == "11"
-    interrupted = {**json.loads(record.read_text()), "seconds": None}
-    record.write_text(json.dumps(interrupted))
+    interrupted = {**read_record(record, ""), "seconds": None}
+    write_record(record, interrupted)
     resumed = run_studies(good, tmp_path, QUICK, no_bar)[0]
     assert resumed.environments[0] == interrupted["environments"][0]  # where it was begun
     assert len(resumed.environments) == 2

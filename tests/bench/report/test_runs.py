@@ -18,6 +18,7 @@ from cmbrl.bench.report.page import write_page
 from cmbrl.bench.report.runs import StudyRun, run_studies, summary
 from cmbrl.bench.study import Section, Settings
 from cmbrl.cli import main
+from cmbrl.files import read_json, read_record, write_json, write_record
 
 from .conftest import no_bar
 
@@ -52,10 +53,21 @@ def test_goes_on_where_it_was_killed(runs: list[StudyRun], fakes: dict[str, str]
     assert again[1].environment["started"] >= runs[1].environment["started"]
     assert (tmp_path / "out/good/calls").read_text() == "1"  # one call, with one thread for BLAS
     record = tmp_path / "out/good/run.json"
-    record.write_text(json.dumps(json.loads(record.read_text()) | {"seconds": None}))  # as a killed run leaves it
+    write_record(record, read_record(record, "") | {"seconds": None})  # as a killed run leaves it
     assert "interrupted" in write_page(tmp_path / "out").read_text()
     assert run_studies({"good": fakes["good"]}, tmp_path / "out", QUICK, no_bar)[0].status == "finished"
     assert (tmp_path / "out/good/calls").read_text() == "11"
+
+
+def test_a_section_of_another_run_is_refused(fakes: dict[str, str], tmp_path: Path) -> None:
+    for seed in (0, 1):
+        run_studies({"good": fakes["good"]}, tmp_path / str(seed), Settings(quick=True, seed=seed), no_bar)
+    section = tmp_path / "0/good/section.json"
+    write_json(section, read_json(section) | {"title": "of another run"})
+    for use in (write_page, lambda out: run_studies({"good": fakes["good"]}, out, QUICK, no_bar)):
+        with pytest.raises(UserError, match=r"section\.json: missing, damaged or of another run"):
+            use(tmp_path / "0")
+    assert write_page(tmp_path / "1").exists()
 
 
 def test_other_settings_are_refused_before_anything_runs(fakes: dict[str, str], tmp_path: Path) -> None:

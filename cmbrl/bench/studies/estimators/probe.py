@@ -27,7 +27,7 @@ NOISE_SEED = 17
 
 
 def probe(task: str, arms: Sequence[str], seed: int, learning: Learning, updates: int, samples: int) -> dict[str, Any]:
-    """Name -> :func:`judge` at the policy of the Gaussian schedule after so many ``updates``, from ``samples`` windows each."""
+    """Name -> :func:`judge` at the policy of the Gaussian schedule after ``updates``, from ``samples`` windows each."""
     teacher = ARMS[GAUSSIAN].trainer(task, learning, seed)
     for _ in range(updates):
         teacher.update()

@@ -60,7 +60,8 @@ def claims(outcomes: Sequence[Outcome], probe: dict[str, dict[str, Any]], task: 
     clear = ", ".join(n for n in order if n != GAUSSIAN and min(means[GAUSSIAN]) > max(means[n])) or "none"
     behind = ", ".join(n for n in order if n != GAUSSIAN and max(means[GAUSSIAN]) < min(means[n])) or "none"
     told.append(
-        f"That the Gaussian schedule learns best {'repeats' if order[0] == GAUSSIAN else 'does not repeat'} in the medians. "
+        f"That the Gaussian schedule learns best {'repeats' if order[0] == GAUSSIAN else 'does not repeat'} in the "
+        "medians. "
         f"Every seed of the Gaussian schedule is above every seed of {clear}, and below every seed of {behind}."
     )
     peak = max((n for n in SWEEP if n in middle and n != GAUSSIAN), key=lambda n: middle[n], default=None)

@@ -66,7 +66,8 @@ def claims_table(cells: Sequence[Outcome]) -> Table:
     rows: list[list[Cell]] = []
     for task, scene in dict.fromkeys((c["task"], c["scene"]) for c in cells):
         last = {c["arm"]: np.array(c["model"])[-1] for c in cells if (c["task"], c["scene"]) == (task, scene)}
-        groups = {"Gaussian": [n for n in last if ARMS[n].family == GAUSSIAN], "BS": [n for n in last if ARMS[n].family == BS],
+        groups = {"Gaussian": [n for n in last if ARMS[n].family == GAUSSIAN],
+                  "BS": [n for n in last if ARMS[n].family == BS],
                   "FOPG": ["FOPG"], "zeroth order": ["ZOPG"]}  # fmt: skip
         best = {label: min(names, key=lambda name: _rank(last[name])) for label, names in groups.items()}
         for better, worse in CLAIMS:

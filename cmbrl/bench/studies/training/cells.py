@@ -8,6 +8,7 @@ import numpy as np
 import torch
 
 from cmbrl.bench.timing import Spread, Work, interleaved
+from cmbrl.contact.smoothing import Relaxed
 from cmbrl.envs.simulation import Simulation
 from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import ComplementarityModel

@@ -1,0 +1,114 @@
+"""What an MJCF asks of its compiler, checked before MuJoCo reads it: files that have an end, and counts that do.
+
+MuJoCo opens whatever a file names, and makes as many copies as a file asks for; neither can be interrupted.
+"""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from math import prod
+from pathlib import Path
+
+from cmbrl.errors import UserError
+from cmbrl.reading import regular_file
+from cmbrl.text import shortened
+
+ELEMENTS = 10_000  #: at most, with every copy counted; MuJoCo takes seconds for that many bodies
+DEPTH = 500  #: of nested elements, as in MuJoCo
+AMOUNT = 100_000  #: largest value of an attribute that is a number of array entries
+
+_COPIES = ("replicate", "composite", "flexcomp")  # their `count` (one number or several) multiplies what is inside
+_AMOUNTS = ("size", "nsample", "nrow", "ncol", "width", "height", "nuserdata", "nkey", "subdivision", "maxhullvert")
+_FOLDERS = ("meshdir", "texturedir", "assetdir")
+
+
+@dataclass
+class _Reader:
+    main: Path
+    folders: set[Path] = field(default_factory=set)
+    models: dict[str, int] = field(default_factory=dict)  # name of a <model> asset -> its number of elements
+
+    def elements(self, file: Path, above: tuple[Path, ...] = ()) -> int:
+        """Number of elements of ``file``, copies and included files counted; raises UserError beyond a limit."""
+        total, copies = 0, [1]
+        for event, element in ElementTree.iterparse(file, ("start", "end")):
+            if event == "end":
+                copies.pop()
+                continue
+            if not above and len(copies) == 1 and element.tag != "mujoco":
+                raise UserError(
+                    f"{self.main}: not an MJCF: the root element is <{element.tag[:40]}>, expected <mujoco>"
+                )
+            self._check_amounts(element)
+            total += copies[-1] * (1 + self._named(element, file, above))
+            copies.append(copies[-1] * _copies(element))
+            if len(copies) > DEPTH:
+                raise UserError(f"{file}: elements are nested more than {DEPTH} deep")
+            if max(total, copies[-1]) > ELEMENTS:
+                raise UserError(
+                    f"{self.main}: more than {ELEMENTS} elements, counting every copy of <{element.tag}>: ask for fewer"
+                )
+        return total
+
+    def _named(self, element: ElementTree.Element, file: Path, above: tuple[Path, ...]) -> int:
+        """Elements in the file that an element brings in; every file that it names must have an end."""
+        if element.tag == "compiler":
+            self.folders |= {self.main.parent / element.attrib[key] for key in _FOLDERS if key in element.attrib}
+        if element.tag == "attach":
+            return self.models.get(element.get("model", ""), 0)
+        found = [path for name in _files(element) for path in self._places(name, file)]
+        for path in found:
+            regular_file(path, f"named in {file}")
+        if element.tag not in ("include", "model") or not found or found[0] in above:
+            return 0
+        if len(above) > DEPTH:
+            raise UserError(f"{self.main}: files include each other more than {DEPTH} deep")
+        inside = self.elements(found[0], (*above, file))
+        if element.tag == "model":
+            self.models[element.get("name", found[0].stem)] = inside
+        return inside
+
+    def _places(self, name: str, file: Path) -> list[Path]:
+        """Where the file ``name`` may lie, as far as something is there; a missing one is for MuJoCo to report."""
+        folders = (self.main.parent, file.parent, *self.folders)
+        return [path for folder in folders if os.path.lexists(path := folder / name) and os.path.exists(path)]
+
+    def _check_amounts(self, element: ElementTree.Element) -> None:
+        for key, text in element.attrib.items():
+            sizes = key.startswith("nuser_") or (key in _AMOUNTS and (key != "size" or element.tag == "numeric"))
+            if sizes and prod(_whole(text)) > AMOUNT:
+                raise UserError(f"{self.main}: <{element.tag}> asks for {key}={shortened(text)!r}, more than {AMOUNT}")
+
+
+def check_mjcf(path: Path) -> None:
+    """Raises UserError unless ``path`` is XML with the root <mujoco> that names files and counts with an end."""
+    try:
+        _Reader(path).elements(path)
+    except UserError:
+        raise
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror}); check its permissions") from None
+    except Exception as error:  # an unknown encoding, broken text, a syntax error: each is another kind
+        raise UserError(f"{path}: not an MJCF: invalid XML ({shortened(str(error), 200)})") from None
+
+
+def _copies(element: ElementTree.Element) -> int:
+    return prod(max(n, 1) for n in _whole(element.get("count", ""))) if element.tag in _COPIES else 1
+
+
+def _files(element: ElementTree.Element) -> Iterator[str]:
+    return (text for key, text in element.attrib.items() if key.startswith("file") and "\0" not in text)
+
+
+def _whole(text: str) -> list[int]:
+    """The whole numbers in ``text``; what is none is for MuJoCo to report."""
+    found = []
+    for word in text.split()[:10]:
+        try:
+            found.append(int(min(abs(float(word)), 1e18)))
+        except ValueError:  # also NaN
+            continue
+    return found
