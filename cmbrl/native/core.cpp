@@ -100,7 +100,7 @@ static Mask gather_states(const Model& m, const Batch& b, const Lanes& l, Work<G
 enum Unfinished { kUnsolved = -1, kMissed = -2 };
 
 template <class G>
-static void forward_pack(const Model& m, const Options& o, const Batch& b, const Lanes& l, Work<G>& w) {
+static void forward_pack(const Model& m, const Options& o, const Batch& b, const Lanes& l, bool whole_ladder, Work<G>& w) {
   int nv = m.nv, ncol = 2 * nv + m.nu + (b.jacobian_theta ? m.ntheta : 0);
   int64_t stride = tape_stride<G>(m), impulses = m.ncontact * (1 + G::NT);
   Mask finite = gather_states(m, b, l, w);
@@ -136,7 +136,6 @@ static void forward_pack(const Model& m, const Options& o, const Batch& b, const
   st.done &= finite & (clean == 0.0);
   scatter(w.q, m.nq, m.nq, l, b.q_next);
   scatter(w.v, nv, nv, l, b.v_next);
-  bool whole_ladder = o.rungs >= kRungs;
   for (int lane = 0; lane < l.n; ++lane) {
     int64_t i = l.at[lane];
     bool final = st.done[lane] || whole_ladder || !finite[lane];
@@ -161,16 +160,17 @@ template <class G>
 static void forward_packs(const Model& m, const Options& o, const Batch& b, int64_t begin, int64_t end, StepMemory& memory) {
   Work<G> w = open<G>(m, b.jacobian ? Purpose::jacobian : Purpose::step, memory);
   Options now = o;
-  now.rungs = end - begin > W ? 1 : kRungs;
-  bool first = true;
+  bool first = true, whole_ladder = end - begin <= W;
+  now.rungs = whole_ladder ? o.rungs : 1;
   auto pack = [&](const Lanes& l) {
     if (!first && o.stopped && o.stopped()) return;
     gather_parameters(m, b, l, w, first);
     first = false;
-    forward_pack(m, now, b, l, w);
+    forward_pack(m, now, b, l, whole_ladder, w);
   };
   for (int64_t e = begin; e < end; e += W) pack(lanes_from(e, end));
-  now.rungs = kRungs;
+  whole_ladder = true;
+  now.rungs = o.rungs;
   auto again = [&](Unfinished which) {
     Lanes l{{}, 0};
     auto run = [&] {

@@ -48,7 +48,7 @@ static Options options_from(nb::dict d) {
   o.prune = option<double>(d, "prune"); o.tolerance = option<double>(d, "tolerance"); o.theta = option<double>(d, "theta");
   o.max_iterations = option<int>(d, "max_iterations"); o.rest_speed = option<double>(d, "rest_speed");
   o.stopped = &Interruption::stopped;
-  o.rungs = 1 << 30;
+  o.rungs = d.contains("rungs") ? unsigned(option<int>(d, "rungs")) : ~0u;  // for tests
   return o;
 }
 

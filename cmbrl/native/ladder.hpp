@@ -7,12 +7,20 @@ namespace cmbrl::CMBRL_ISA {
 
 struct Outcome { Mask done; T rung, iterations, residual; };  // rung: the last one that was climbed
 
-constexpr int kRungs = 16, kJudged = 5, kSofter = 10;  // rungs; the first that hopeless lanes skip; the first softer than the model
+// Rungs; hopeless lanes skip those from kJudged on, but for those from kHopeless on; those from kSofter on are softer than the model.
+constexpr int kRungs = 16, kJudged = 4, kSofter = 10, kHopeless = 12;
 
 template <class G, class F>
 static void for_kappa(SolverWork<G>& w, F f) {
   for (int i = 0; i < w.ncon; ++i) f(w.con[i].on, w.con[i].kappa, w.con[i].own_kappa);
   for (int i = 0; i < w.nlim; ++i) f(w.lim[i].on, w.lim[i].kappa, w.lim[i].own_kappa);
+}
+// Lanes whose rows differ in kappa.
+template <class G>
+static Mask uneven_kappa(SolverWork<G>& w) {
+  T least = splat(1e300), most = T{};
+  for_kappa(w, [&](Mask on, T& kappa, T&) { least = vmin(least, select(on, kappa, least)); most = vmax(most, keep(on, kappa)); });
+  return least < most;
 }
 // Rows of `lanes` get the kappa of the softest of them, or more: paths along which all rows soften alike fold less.
 template <class G>
@@ -58,46 +66,49 @@ static void return_to_own_kappa(const Structure& m, const Options& o, SolverWork
 // have: kappa of at least `soften` times the energy of the fastest row; compliance of contacts, by their weight.
 struct Rung { Strategy strategy; double until = 0, soften = 0, compliance = 0; };
 
-// Contact solve at the kappas set in the rows. The ladder: aggressive, all rows alike, conservative, friction growing from
-// several shares of it (where the path of the full friction folds), the path as a curve, and slightly compliant contacts. Lanes
-// that not even a little friction leads through have no solution, most likely, and go straight to compliance.
+// Contact solve at the kappas set in the rows. Each rung names a state of tests/native/ladder_problems.json that it solves and
+// those before it do not. Lanes that not even a little friction leads through have no solution, most likely: they skip what
+// is as hard as the model, and go to the softest kappa and to compliance.
 template <class G>
 static Outcome contact_solve(const Structure& m, const Options& o, SolverWork<G>& w) {
   InteriorPoint<G> ip(m, o, w);
   Continuation<G> curve(m, o, w);
   static constexpr double tau = 0.9;
   const Strategy first{G::NT == 1 ? 0.98 : 0.95, 0.3, 1, true, false, o.max_iterations};
-  const Rung ladder[] = {{first},
-                         {first},
-                         {{tau, 0.4, 3, false, false, 60}},
-                         {{tau, 0.3, 3, false, true, 60, 0.3}},
-                         {{tau, 0.3, 3, false, true, 60, 0.1}},
-                         {{tau, 0.3, 3, false, true, 60, 0.5}},
-                         {{tau, 0.3, 3, false, true, 60, 0.7}},
-                         {{tau, 0.3, 3, false, true, 120, 0.3, 1.3}},
-                         {{tau, 0.3, 3, false, true, 600}, 1e-6},
-                         {{tau, 0.3, 3, false, true, 600}, 1e-9},
-                         {first, 0, 1e-7},
-                         {first, 0, 1e-5},
-                         {first, 0, 1e-3},
-                         {{tau, 0.3, 3, false, true, 60, 0.3}, 0, 0, 1e-3},
-                         {{tau, 0.3, 3, false, true, 60, 0.1}, 0, 1e-7, 1e-2},
-                         {{tau, 0.3, 3, false, true, 60, 0.1}, 0, 1e-3, 1e-1}};
+  const Rung ladder[] = {
+      {first},  // aggressive: all but a few in a hundred
+      {first},  // all rows alike in kappa: hopper 1
+      {{tau, 0.3, 3, false, true, 60, 0.1}},  // friction grows from a tenth: hopper 2
+      {{tau, 0.3, 3, false, true, 60, 0.3}},  // from 0.3 of it, and what is hopeless shows: cheetah 3
+      {{tau, 0.4, 3, false, false, 60}},  // cautious, at the full friction: cheetah 4
+      {{tau, 0.3, 3, false, true, 60, 0.5}},  // friction grows from a half: cheetah 5
+      {{tau, 0.3, 3, false, true, 60, 0.7}},  // from 0.7: cheetah 6
+      {{tau, 0.3, 3, false, true, 120, 0.3, 1.3}},  // slowly: cheetah 7
+      {{tau, 0.3, 3, false, true, 600}, 1e-6},  // the path as a curve, where it folds back: cheetah 8
+      {{tau, 0.3, 3, false, true, 600}, 1e-9},  // further along it: cheetah 9
+      {first, 0, 1e-7},  // softer: g1 10
+      {first, 0, 1e-5},  // softer still: cube_toss 11
+      {first, 0, 1e-3},  // and more: cube_toss 12
+      {{tau, 0.3, 3, false, true, 60, 0.3}, 0, 0, 1e-3},  // compliant, where rows contradict each other: stuck hopper 13
+      {{tau, 0.3, 3, false, true, 60, 0.1}, 0, 1e-7, 1e-2},  // more compliant: stuck hopper 14
+      {{tau, 0.3, 3, false, true, 60, 0.1}, 0, 1e-3, 1e-1}  // and softer: stuck hopper 15
+  };
   static_assert(sizeof ladder / sizeof *ladder == kRungs);
   Outcome out{none(), T{}, T{}, T{}};
   Mask given_up = none();
   out.done = settled(m, o, w, ip, ip.run(all(), ladder[0].strategy, out.iterations), out.residual);
-  for (int k = 1; k < o.rungs && k < kRungs; ++k) {
-    const Rung& rung = ladder[k];
+  if (!any(~out.done)) return out;
+  for_kappa(w, [](Mask, T& kappa, T& own) { own = kappa; });
+  for (int k = 1; k < kRungs; ++k) {
     if (k == kJudged) given_up = ~ip.grown;
-    Mask todo = k < kSofter ? ~out.done & ~given_up : ~out.done;
+    if (~o.rungs >> k & 1) continue;
+    const Rung& rung = ladder[k];
+    Mask todo = k < kHopeless ? ~out.done & ~given_up : ~out.done;
+    if (k == 1) todo &= uneven_kappa(w);
     if (!any(todo)) continue;
     out.rung = select(todo, splat(k), out.rung);
     for_solver_state(m, w, w.save, [](T& x, T& kept) { kept = x; });
-    if (k == 1) {
-      for_kappa(w, [](Mask, T& kappa, T& own) { own = kappa; });
-      level_kappa(w, todo, T{});
-    }
+    if (k == 1) level_kappa(w, todo, T{});
     if (rung.soften > 0) {
       ip.measure(1);
       level_kappa(w, todo, rung.soften * ip.zeta * ip.zeta);

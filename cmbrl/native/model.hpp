@@ -96,7 +96,7 @@ struct Options {
   double rest_speed;  // [m/s] approach speeds below it do not bounce
   int backward_differs;  // from forward
   bool (*stopped)();     // asked between packs, and in long control steps: the caller gave up, so no result is needed
-  int rungs;          // of the solver's ladder that may be climbed
+  unsigned rungs;     // of the solver's ladder that may be climbed, as bits; the first is always
 };
 
 // Everything one element of a batch reads and writes; null where the caller does not want it. Strides are rows of C arrays.

@@ -101,7 +101,7 @@ static void solve_problems(const Structure& m, const ProblemBatch& b, int64_t be
   T* X = open_problems(b, arena, w);
   Options o{};
   o.max_iterations = 40;
-  o.rungs = kRungs;
+  o.rungs = ~0u;
   ProblemPack<G> pack{m, b, w, lanes_from(begin, end), {}, {}, {}};
   pack.load();
   pack.weigh();

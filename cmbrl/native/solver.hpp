@@ -216,8 +216,9 @@ struct InteriorPoint : Newton<G> {
       if (!any(busy) || it == st.iterations) break;
       iterations += select(busy, splat(1), T{});
       T excess = vmax(nu - kappa, T{});
-      bool corrector = st.corrector && it < 14;
-      // Far from both ends of the path a step may go nearer to the boundary: a fifth fewer iterations to a small kappa.
+      bool corrector = st.corrector && it < 14;  // after 5 only: twice the iterations; never stopped: fewer yet (G1)
+      // Far from both ends of the path a step may go nearer to the boundary: a fifth fewer iterations to a small kappa
+      // (wild hopper: 8.5 instead of 10.6).
       Mask midway = (nu < 0.01 * zeta * zeta) & (excess > 10.0 * kappa);
       T alpha, tau = st.corrector ? select(midway, splat(0.99), splat(st.tau)) : splat(st.tau);
       if (corrector) {
@@ -231,6 +232,7 @@ struct InteriorPoint : Newton<G> {
         linearise_all(select(excess > 0.0, sigma * excess, T{}), ~shortened);
       } else {
         if (st.follow) {
+          // Friction grows near the end of its path: at 1000 times the floor 7 of 20,000 wild cheetahs are softened, not 1.
           Mask next = off < 0.5, grows = next & (share < 1.0) & (centre <= vmax(kappa, floor));
           grown |= grows;
           if (any(grows)) {
@@ -238,6 +240,7 @@ struct InteriorPoint : Newton<G> {
             set_friction(share);
           }
           centre = select(next & ~grows, st.sigma * centre, centre);
+          // Zero ends the path; a centre that only dwindled would never do so.
           centre = select(centre > 0.1 * kappa, centre, T{});
         }
         linearise_all(st.follow ? centre : st.sigma * excess, none());
@@ -245,7 +248,9 @@ struct InteriorPoint : Newton<G> {
       }
       alpha = vmin(direction() * tau, splat(1));
       advance(busy, alpha);
-      slow = select(alpha < 1e-3, slow + 1.0, T{});
+      // Without an end to short steps, wild hopper states take 9.3 iterations instead of 8.5; on a followed path they need not
+      // be as short to be in vain: 36 instead of 39 on the wild G1.
+      slow = select(alpha < (st.follow ? 1e-2 : 1e-3), slow + 1.0, T{});
       busy &= slow < 4.0;
     }
     if (st.friction < 1) set_friction(splat(1));

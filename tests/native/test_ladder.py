@@ -1,0 +1,39 @@
+"""Each rung of the solver's ladder has a state that it solves, not those before it; hopeless states end soon."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cmbrl.bench.states import G1, NO_G1
+from cmbrl.native import SolverStatus
+
+from .ladder_problems import RUNGS, Problem, expected, model, stored, stuck_batch, up_to_without
+
+PROBLEMS = stored()
+
+
+def test_every_rung_has_a_problem() -> None:
+    assert {problem.rung for problem in PROBLEMS} == set(range(1, RUNGS))
+
+
+@pytest.mark.parametrize("problem", PROBLEMS, ids=str)
+def test_a_rung_rescues(problem: Problem) -> None:
+    if problem.scene == "g1" and not G1.exists():
+        pytest.skip(NO_G1)
+    solved = problem.step(-1)
+    assert (solved["rung"][0], solved["status"][0]) == (problem.rung, expected(problem.rung))
+    assert solved["residual"][0] <= 1e-8
+    assert problem.step(up_to_without(problem.rung))["status"][0] == SolverStatus.FAILED
+
+
+def test_states_without_a_solution_end_soon() -> None:
+    """A hopper stuck between posts, rigid law: 103 iterations on average before hopeless lanes were told early."""
+    stepper = model("stuck hopper", "rigid", "exact").stepper
+    result = stepper.forward(*stuck_batch(stepper.scene, 1000, np.random.default_rng(0)))
+    stuck = result["rung"] > 0
+    assert stuck.sum() > 300
+    iterations = result["iterations"][stuck]
+    assert iterations.mean() < 80
+    assert np.percentile(iterations, 90) < 90
+    assert (result["status"] == SolverStatus.FAILED).mean() < 0.01
