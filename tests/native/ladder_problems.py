@@ -51,7 +51,7 @@ class Problem:
         return f"{self.scene} {self.rung}"
 
     def step(self, rungs: int, core: Core | None = None, noise: float = 0.0, copies: int = 1) -> dict[str, np.ndarray]:
-        """The core's results for ``copies`` of the state with ``noise`` [m, rad and 1/s]; bit k of ``rungs``: rung k."""
+        """The core's results for ``copies`` of the state with ``noise`` [m, rad, 1/s]; bit k of ``rungs``: rung k."""
         stepper = model(self.scene, self.law, self.smoothing).stepper
         rng = np.random.default_rng(0)
         q, v = (np.array([x] * copies) + noise * rng.normal(size=(copies, len(x))) for x in (self.q, self.v))
