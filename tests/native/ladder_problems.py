@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cache
-from itertools import count, product
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -21,6 +21,7 @@ import numpy as np
 from cmbrl.bench.states import G1, bench_scene
 from cmbrl.bench.studies.robustness.cells import wild_batch
 from cmbrl.contact import Exact, Relaxed
+from cmbrl.contact.smoothing import Smoothing
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.native import Core, SolverStatus
 from cmbrl.registry import load_task
@@ -30,7 +31,7 @@ FILE = Path(__file__).with_suffix(".json")
 RUNGS = 16  #: of the ladder, kRungs in ladder.hpp
 SOFTER = 10  #: the first rung that is softer than the model, kSofter in ladder.hpp
 EACH = 2  #: states per rung
-SMOOTHINGS = {"exact": Exact(), "relaxed": Relaxed()}
+SMOOTHINGS: dict[str, Smoothing] = {"exact": Exact(), "relaxed": Relaxed()}
 SCENES = ("hopper", "cheetah", "cube_toss", "stuck hopper", *(["g1"] if G1.exists() else []))
 
 
@@ -134,7 +135,9 @@ def up_to_without(rung: int) -> int:
 
 def search(batch: int = 20_000, seeds: int = 100) -> list[Problem]:
     found: dict[int, list[Problem]] = {rung: [] for rung in range(1, RUNGS)}
-    for seed in count():
+    seed = -1
+    while True:
+        seed += 1
         wanted = [rung for rung in found if len(found[rung]) < EACH]
         if not wanted or seed == seeds:
             print(f"{seed} seeds; too few states for rungs {wanted}")
