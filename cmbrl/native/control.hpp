@@ -6,43 +6,6 @@
 
 namespace cmbrl::CMBRL_ISA {
 
-// ---- tangents of q' = q (+) d: rows of dq' from dq and dd, for ncol columns (in place in dq)
-static void push_tangent(const Model& m, const T* d, T* dq, const T* dd, T scale, int ncol) {
-  for (int j = 0; j < m.njoint; ++j) {
-    int i = m.jnt_vadr[j];
-    if (m.jnt_type[j] != kBall) {
-      for (int c = 0; c < ncol; ++c) dq[i * ncol + c] += scale * dd[i * ncol + c];
-      continue;
-    }
-    T A[9], B[9];
-    ball_jacobians(d + i, A, B);
-    for (int c = 0; c < ncol; ++c) {
-      T x[3], y[3];
-      CMBRL_FOR(r, 3) { x[r] = dq[(i + r) * ncol + c]; y[r] = scale * dd[(i + r) * ncol + c]; }
-      CMBRL_FOR(r, 3) {
-        T s = T{};
-        CMBRL_FOR(k, 3) s += A[3 * r + k] * x[k] + B[3 * r + k] * y[k];
-        dq[(i + r) * ncol + c] = s;
-      }
-    }
-  }
-}
-// The transpose: cotangent lq of q' becomes that of q; that of d (times scale) is added to ld.
-static void pull_cotangent(const Model& m, const T* d, T* lq, T* ld, T scale) {
-  for (int j = 0; j < m.njoint; ++j) {
-    int i = m.jnt_vadr[j];
-    if (m.jnt_type[j] != kBall) { ld[i] += scale * lq[i]; continue; }
-    T A[9], B[9], x[3];
-    ball_jacobians(d + i, A, B);
-    CMBRL_FOR(r, 3) x[r] = lq[i + r];
-    CMBRL_FOR(r, 3) {
-      T a = T{}, b = T{};
-      CMBRL_FOR(k, 3) { a += A[3 * k + r] * x[k]; b += B[3 * k + r] * x[k]; }
-      lq[i + r] = a;
-      ld[i + r] += scale * b;
-    }
-  }
-}
 static void scaled(const Model& m, const T* v, double k, T* out) {
   for (int i = 0; i < m.nv; ++i) out[i] = k * v[i];
 }
@@ -59,19 +22,43 @@ static Recorded solve_backward(const Model& m, const Options& o, Work<G>& w) {
   return {out.done, out.rung};
 }
 
-// tv <- dv' - (Sq dq + Sv dv + Su du + Sp dtheta + Sn dv') / h, from the tangents before the step and dv' in rhs_all.
+// out = Aq dq + Av dv + Au du + Ap dtheta of the tangents before the step; Aq, Av: with a pattern, or full.
 template <class G>
-static void late_tangents(const Model& m, const Options& o, Work<G>& w, int ncol, bool theta) {
+static void carry_tangents(const Model& m, const Work<G>& w, const T* Aq, const T* Av, const T* Au, const T* Ap, const Pattern* pat, T* out,
+                           int ncol, bool theta) {
   int nv = m.nv, nu = m.nu, up = 2 * nv;
-  T* out = w.Z;  // scratch of the same width, free by now
+  for (int i = 0; i < nv * ncol; ++i) out[i] = T{};
+  auto add = [&](int i, int k) {
+    T a = Aq[i * nv + k], b = Av[i * nv + k], *row = out + i * ncol;
+    const T *x = w.tq + k * ncol, *y = w.tv + k * ncol;
+    for (int c = 0; c < ncol; ++c) row[c] += a * x[c] + b * y[c];
+  };
   for (int i = 0; i < nv; ++i) {
     T* row = out + i * ncol;
-    for (int c = 0; c < ncol; ++c) row[c] = T{};
+    if (pat) {
+      add(i, i);
+      for (int a = 0; a < pat->count(i); ++a) { add(i, pat->columns(i)[a]); add(pat->columns(i)[a], i); }
+    } else {
+      for (int k = 0; k < nv; ++k) add(i, k);
+    }
+    for (int k = 0; k < nu; ++k) row[up + k] += Au[i * nu + k];
+    for (int k = 0; theta && k < m.ntheta; ++k) row[up + nu + k] += Ap[i * m.ntheta + k];
+  }
+}
+
+// tv <- dv' - (Sq dq + Sv dv + Su du + Sp dtheta + Sn dv') / h, from the tangents before the step and dv' in rhs_all; tq becomes
+// the tangent of the place of impact.
+template <class G>
+static void late_tangents(const Model& m, const Options& o, Work<G>& w, int ncol, bool theta) {
+  int nv = m.nv;
+  T *out = w.Z, *leap = w.Z + nv * ncol;  // scratch of the same width, free by now
+  carry_tangents(m, w, w.Sq, w.Sv, w.Su, w.Sp, nullptr, out, ncol, theta);
+  for (int i = 0; i < nv; ++i)
     for (int k = 0; k < nv; ++k)
-      for (int c = 0; c < ncol; ++c)
-        row[c] += w.Sq[i * nv + k] * w.tq[k * ncol + c] + w.Sv[i * nv + k] * w.tv[k * ncol + c] + w.Sn[i * nv + k] * w.rhs_all[k * ncol + c];
-    for (int k = 0; k < nu; ++k) row[up + k] += w.Su[i * nu + k];
-    for (int k = 0; theta && k < m.ntheta; ++k) row[up + nu + k] += w.Sp[i * m.ntheta + k];
+      for (int c = 0; c < ncol; ++c) out[i * ncol + c] += w.Sn[i * nv + k] * w.rhs_all[k * ncol + c];
+  if (w.leapt) {
+    carry_tangents(m, w, w.Lq, w.Lv, w.Lu, w.Lp, nullptr, leap, ncol, theta);
+    push_tangent(m, w.leap, w.tq, leap, splat(1), ncol);
   }
   for (int i = 0; i < nv * ncol; ++i) w.tv[i] = w.rhs_all[i] - out[i] * (1 / o.h);
 }
@@ -109,29 +96,13 @@ static void first_right_sides(const Model& m, const Options& o, Work<G>& w, int 
 // Columns: dq (nv), dv (nv), u (nu), then theta. tq, tv hold d(q, v)/d(columns) and are advanced by one step.
 template <class G>
 static void advance_tangents(const Model& m, const Options& o, Work<G>& w, int ncol, bool theta, bool first) {
-  int nv = m.nv, nu = m.nu, up = 2 * nv;
+  int nv = m.nv;
   Pattern pat = pattern_of(m, w);
   if (first) {
     first_right_sides(m, o, w, ncol, theta);
   } else {
     bool sparse = !w.early && !w.ahead;  // G has the pattern of the factor but for what looks at the free velocity
-    for (int i = 0; i < nv * ncol; ++i) w.rhs_all[i] = T{};
-    auto add = [&](int i, int k) {
-      T a = w.Gq[i * nv + k], b = w.Gv[i * nv + k], *row = w.rhs_all + i * ncol;
-      const T *x = w.tq + k * ncol, *y = w.tv + k * ncol;
-      for (int c = 0; c < ncol; ++c) row[c] += a * x[c] + b * y[c];
-    };
-    for (int i = 0; i < nv; ++i) {
-      T* row = w.rhs_all + i * ncol;
-      if (sparse) {
-        add(i, i);
-        for (int a = 0; a < pat.count(i); ++a) { add(i, pat.columns(i)[a]); add(pat.columns(i)[a], i); }
-      } else {
-        for (int k = 0; k < nv; ++k) add(i, k);
-      }
-      for (int k = 0; k < nu; ++k) row[up + k] += w.Gu[i * nu + k];
-      for (int k = 0; theta && k < m.ntheta; ++k) row[up + nu + k] += w.Gp[i * m.ntheta + k];
-    }
+    carry_tangents(m, w, w.Gq, w.Gv, w.Gu, w.Gp, sparse ? &pat : nullptr, w.rhs_all, ncol, theta);
   }
   solve_many(w.H, nv, pat, w.rhs_all, ncol);
   if (w.late) late_tangents(m, o, w, ncol, theta);  // tv becomes the tangent of the displacement / h
@@ -173,6 +144,7 @@ static StepStats control_step(const Model& m, const Options& o, Work<G>& w, Reco
 template <class G, class Record>
 static StepStats control_step_jacobian(const Model& m, const Options& o, Work<G>& w, bool theta, int ncol, Record record) {
   int nv = m.nv;
+  w.theta = theta;
   for (int i = 0; i < nv * ncol; ++i) w.tq[i] = w.tv[i] = T{};
   for (int i = 0; i < nv; ++i) w.tq[i * ncol + i] = w.tv[i * ncol + nv + i] = splat(1);
   if (o.leapfrog) { scaled(m, w.v, 0.5 * o.h, w.qtan); push_tangent(m, w.qtan, w.tq, w.tv, splat(0.5 * o.h), ncol); }
@@ -193,6 +165,7 @@ static void late_cotangents(const Model& m, const Options& o, Work<G>& w, bool t
   T *along = w.tmp, *before = w.tv;
   for (int i = 0; i < nv; ++i) along[i] = before[i] = T{};
   pull_cotangent(m, w.qtan, w.lq, along, splat(1));
+  if (w.leapt) through_leap(m, w, w.lq, before, w.lu, w.lp, theta);
   for (int i = 0; i < nv; ++i) {
     w.lv[i] += o.h * along[i];
     for (int k = 0; k < nv; ++k) {
@@ -210,6 +183,7 @@ template <class G>
 static void control_step_backward(const Model& m, const Options& o, Work<G>& w, const double* const* tape, bool theta) {
   int nv = m.nv;
   int64_t stride = tape_stride<G>(m);
+  w.theta = theta;
   const double* block[W];
   for (int s = o.substeps - 1; s >= 0; --s) {
     for (int lane = 0; lane < W; ++lane) block[lane] = tape[lane] + s * stride;
@@ -218,8 +192,6 @@ static void control_step_backward(const Model& m, const Options& o, Work<G>& w, 
       scaled(m, w.vstep, -0.5 * o.h, w.tmp);
       pull_cotangent(m, w.tmp, w.lq, w.lv, splat(-0.5 * o.h));
     }
-    free_velocity(m, o, w);
-    find_bounces(m, o, w);
     set_kappa(m, o, w, o.backward);
     late_shift(m, o, w);
     implicit_system(m, o, w, theta);

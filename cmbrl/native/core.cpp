@@ -332,10 +332,10 @@ template <class G>
 static void rows_of_step(const Model& m, const Options& o, Work<G>& w) {
   Options now = o;
   auto set_up = [&] {
-    prepare(m, now, w);
-    free_velocity(m, now, w);
-    find_bounces(m, now, w);
+    for (int i = 0; i < m.nq; ++i) w.q[i] = w.start[i];
+    set_up_step(m, now, w);
   };
+  for (int i = 0; i < m.nq; ++i) w.start[i] = w.q[i];
   for (;;) {
     set_up();
     solve_smoothed(m, now, w, o.forward, false);

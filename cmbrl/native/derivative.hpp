@@ -103,7 +103,7 @@ static inline Vec<G::N> kappa_response(const Contact<G>& c, T dkappa) {
 }
 
 // Impulses that act late in the step move the configuration by their momentum times this: the time of impact.
-template <class G> static inline T late_weight(const Contact<G>& c) { return keep(c.bounce > 0.0, c.time); }
+template <class G> static inline T late_weight(const Contact<G>& c) { return keep(c.bounce, c.time); }
 
 // Rows' part of Gq, Gv. late: of the momentum of late impulses instead, sum t_i J_i^T x_i at fixed t_i.
 template <class G>

@@ -45,4 +45,42 @@ static inline void ball_jacobians(const T* t, T A[9], T B[9]) {
   }
 }
 
+// Tangents of q' = q (+) d: rows of dq' from dq and dd, for ncol columns (in place in dq)
+static void push_tangent(const Model& m, const T* d, T* dq, const T* dd, T scale, int ncol) {
+  for (int j = 0; j < m.njoint; ++j) {
+    int i = m.jnt_vadr[j];
+    if (m.jnt_type[j] != kBall) {
+      for (int c = 0; c < ncol; ++c) dq[i * ncol + c] += scale * dd[i * ncol + c];
+      continue;
+    }
+    T A[9], B[9];
+    ball_jacobians(d + i, A, B);
+    for (int c = 0; c < ncol; ++c) {
+      T x[3], y[3];
+      CMBRL_FOR(r, 3) { x[r] = dq[(i + r) * ncol + c]; y[r] = scale * dd[(i + r) * ncol + c]; }
+      CMBRL_FOR(r, 3) {
+        T s = T{};
+        CMBRL_FOR(k, 3) s += A[3 * r + k] * x[k] + B[3 * r + k] * y[k];
+        dq[(i + r) * ncol + c] = s;
+      }
+    }
+  }
+}
+// The transpose: cotangent lq of q' becomes that of q; that of d (times scale) is added to ld.
+static void pull_cotangent(const Model& m, const T* d, T* lq, T* ld, T scale) {
+  for (int j = 0; j < m.njoint; ++j) {
+    int i = m.jnt_vadr[j];
+    if (m.jnt_type[j] != kBall) { ld[i] += scale * lq[i]; continue; }
+    T A[9], B[9], x[3];
+    ball_jacobians(d + i, A, B);
+    CMBRL_FOR(r, 3) x[r] = lq[i + r];
+    CMBRL_FOR(r, 3) {
+      T a = T{}, b = T{};
+      CMBRL_FOR(k, 3) { a += A[3 * k + r] * x[k]; b += B[3 * k + r] * x[k]; }
+      lq[i + r] = a;
+      ld[i + r] += scale * b;
+    }
+  }
+}
+
 }  // namespace cmbrl::CMBRL_ISA

@@ -130,7 +130,7 @@ struct ParameterColumns {
     Vec<G::N> t = relative_twist<G>(m, w.vel, c.index);
     T dcarry = scale * (b.carry - a.carry), E[1 + G::NT];
     T dR = scale * (b.Rn - a.Rn);
-    E[0] = select(c.bounce > 0.0, T{}, scale * (b.cn0 - a.cn0) - dcarry * dot(c.Wr[0], t)) + dR * c.gam;
+    E[0] = select(c.bounce, T{}, scale * (b.cn0 - a.cn0) - dcarry * dot(c.Wr[0], t)) + dR * c.gam;
     for (int r = 1; r < c.rows; ++r) E[r] = scale * (b.Rt - a.Rt) * c.b[r - 1] - dcarry * dot(c.Wr[r], t);
     Vec<G::N> Y = response(c, E) + kappa_response(c, c.slope * (E[0] - dR * c.gam) + c.slope_R * dR);
     if (field == kMu && c.rows > 1) {  // the cone itself
@@ -203,7 +203,7 @@ struct ParameterColumns {
     else if (field != kRestitution) law(c, field, coef);
     else {
       T E[1 + G::NT] = {};
-      E[0] = select(c.bounce > 0.0, c.by_e, T{});
+      E[0] = select(c.bounce, c.by_e, T{});
       add_wrench(c, coef * (response(c, E) + kappa_response(c, c.slope * E[0])));
     }
   }

@@ -108,7 +108,8 @@ static void prepare(const Model& m, const Options& o, Work<G>& w, const Mask* gi
     Vec<G::N> t = relative_twist<G>(m, w.vel, c.index);
     c.cn0 -= c.carry * dot(c.Wr[0], t);
     for (int r = 1; r < c.rows; ++r) c.ct0[r - 1] = -c.carry * dot(c.Wr[r], t);
-    c.bounce = c.time = T{};
+    c.bounce = none();
+    c.time = T{};
   }
 }
 

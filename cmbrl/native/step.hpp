@@ -35,21 +35,29 @@ static T restitution(const Model& m, const Contact<G>& c) {
   return m.con_law[c.index] == kRigid ? c.P[kRestitution] : T{};
 }
 
+// Lanes in which a limit opposes vf.
+template <class G>
+static Mask held_by_limits(const Work<G>& w) {
+  Mask held = none();
+  for (int i = 0; i < w.nlim; ++i) held |= w.lim[i].on & (w.lim[i].sign * w.vf[w.lim[i].dof] + w.lim[i].c0 < 0.0);
+  return held;
+}
+
 // Approach speeds under vf, and the lanes in which vf violates some row: in the others no impulse is to be expected.
 template <class G>
 static Mask closing_lanes(const Model& m, const Options& o, Work<G>& w) {
   InteriorPoint<G> ip(m, o, w);
+  T left = 1.0 - w.flown * (1 / o.h);
   Mask closing = none();
   for (int g = 0; g < w.ngroups; ++g) {
     Vec<G::N> t = ip.twist(w.groups[g].group, w.vf);
     for (int i = w.groups[g].begin; i < w.groups[g].end; ++i) {
       Contact<G>& c = w.con[i];
       c.speed = -dot(c.Wr[0], t);
-      closing |= c.on & (c.cn0 < c.speed);
+      closing |= c.on & (c.cn0 < c.speed * left);
     }
   }
-  for (int i = 0; i < w.nlim; ++i) closing |= w.lim[i].on & (w.lim[i].sign * w.vf[w.lim[i].dof] + w.lim[i].c0 < 0.0);
-  return closing;
+  return closing | held_by_limits(w);
 }
 
 // Newton restitution of rigid contacts that close within the step, at their time of impact: with s the approach speed then,
@@ -57,41 +65,39 @@ static Mask closing_lanes(const Model& m, const Options& o, Work<G>& w) {
 // q', so that s = speed + (share - 1/2) gain; without the gain a bounce under gravity has a derivative of the wrong sign.
 // A bounce that is still to come leaves its row out, which would brake without restitution at a distance, unless other
 // impulses of this step may bring it about early.
+// Returns how long vf carries a lane freely: until the first impact, or not at all where something else holds it.
 template <class G>
-static void find_bounces(const Model& m, const Options& o, Work<G>& w) {
+static T find_bounces(const Model& m, const Options& o, Work<G>& w) {
   bool any_bounce = false;
   for (int i = 0; i < w.ncon; ++i) any_bounce |= any(restitution(m, w.con[i]) > 0.0);
-  if (!any_bounce) return;
-  Mask closing = closing_lanes(m, o, w);
+  if (!any_bounce) return T{};
+  Mask closing = closing_lanes(m, o, w), held_back = held_by_limits(w);
+  for (int i = 0; i < w.ndry; ++i) held_back |= w.dry[i].on;
+  T left = o.h - w.flown, first = splat(o.h);
   for (int i = 0; i < w.ncon; ++i) {
     Contact<G>& c = w.con[i];
     T e = restitution(m, c);
-    Mask fast = (c.on | c.wide) & (e > 0.0) & (c.speed > o.rest_speed), hits = fast & (c.phi < c.speed * o.h);
+    Mask fast = (c.on | c.wide) & (e > 0.0) & (c.speed > o.rest_speed), hits = fast & (c.phi < c.speed * left);
     Mask takes_part = hits | ~fast | closing;
     c.on &= takes_part;
     c.wide &= takes_part;
+    held_back |= c.on & ~hits & (c.cn0 < c.speed);
     T gain = c.speed + dot(c.Wr[0], relative_twist<G>(m, w.vel, c.index));
-    T share = vmax(c.phi, T{}) / select(hits, c.speed * o.h, splat(1));  // of the step until the impact
+    c.bounce = hits;
+    c.time = keep(hits, vmax(c.phi, T{}) / select(hits, c.speed, splat(1)));
+    first = select(hits, vmin(first, c.time), first);
+    T share = (w.flown + c.time) * (1 / o.h);  // of the step until the impact
     T target = c.speed - (1.0 + e) * (c.speed + (share - 0.5) * gain);
     Mask held = hits & (target < 0.0), open = held & (c.phi > 0.0);  // never may the row let the gap close on
-    c.bounce = keep(hits, e);
-    c.time = keep(hits, share * o.h);
     c.cn0 = select(hits, vmin(target, T{}), c.cn0);
     c.dc_dphi = select(hits, T{}, c.dc_dphi);
     c.by_e = -keep(held, c.speed + (share - 0.5) * gain);
-    c.by_gap = -keep(open, (1.0 + e) * gain / select(open, c.speed * o.h, splat(1)));
+    c.by_flight = -keep(held, (1.0 + e) * gain * (1 / o.h));
+    c.by_gap = keep(open, c.by_flight / select(open, c.speed, splat(1)));
     c.by_start = keep(held, (1.0 + e) * (0.5 - share));
-    c.by_free = keep(held, (1.0 + e) * (0.5 + share) - 1.0) + c.by_gap * share * o.h;
+    c.by_free = keep(held, (1.0 + e) * (0.5 + share) - 1.0) + c.by_gap * c.time;
   }
-}
-
-// Whole step: from (w.q, w.v, w.u) to w.vn; the caller integrates.
-template <class G>
-static Outcome solve_step(const Model& m, const Options& o, Work<G>& w) {
-  prepare(m, o, w);
-  free_velocity(m, o, w);
-  find_bounces(m, o, w);
-  return solve_smoothed(m, o, w, o.forward, false);
+  return keep((first < o.h) & ~held_back, first);
 }
 
 // What impacts inside the step lose of the way h v' by acting late, M~^-1 sum t_i J_i^T x_i, into w.shift.
@@ -103,9 +109,9 @@ static void late_shift(const Model& m, const Options& o, Work<G>& w) {
   for (int g = 0; g < w.ngroups; ++g)
     for (int i = w.groups[g].begin; i < w.groups[g].end; ++i) {
       const Contact<G>& c = w.con[i];
-      if (!any(c.bounce > 0.0)) continue;
-      Vec<G::N> F = keep(c.bounce > 0.0, c.time * c.gam) * c.Wr[0];
-      for (int k = 1; k < c.rows; ++k) F += keep((c.bounce > 0.0) & c.rub, c.time * c.b[k - 1]) * c.Wr[k];
+      if (!any(c.bounce)) continue;
+      Vec<G::N> F = keep(c.bounce, c.time * c.gam) * c.Wr[0];
+      for (int k = 1; k < c.rows; ++k) F += keep(c.bounce & c.rub, c.time * c.b[k - 1]) * c.Wr[k];
       ip.add_wrench(w.groups[g].group, F, w.shift);
       late = true;
     }
@@ -115,11 +121,11 @@ static void late_shift(const Model& m, const Options& o, Work<G>& w) {
   solve(w.H, m.nv, ip.pat, w.shift);
 }
 
-// Tangent displacement of one step.
+// Tangent displacement of one step, from where its rows are.
 template <class G>
 static void displacement(const Model& m, const Options& o, Work<G>& w) {
   late_shift(m, o, w);
-  for (int i = 0; i < m.nv; ++i) w.qtan[i] = o.h * w.vn[i] - w.shift[i];
+  for (int i = 0; i < m.nv; ++i) w.qtan[i] = (o.h - w.flown) * w.vn[i] - w.shift[i];
 }
 
 }  // namespace cmbrl::CMBRL_ISA

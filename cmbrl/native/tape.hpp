@@ -1,21 +1,22 @@
-// What the backward pass needs of a control step: per substep the state and where it goes (displacement, velocity), and the
+// What the backward pass needs of a control step: per substep the state, the time of flight and where it goes (displacement, velocity), and the
 // velocity and rows at the backward smoothing, from which everything else is computed again without a solve. One block of
 // doubles per element.
 #pragma once
-#include "step.hpp"
+#include "flight.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
 template <class G>
 static int64_t tape_stride(const Model& m) {  // per substep
-  return m.nq + 4 * int64_t(m.nv) + m.ncontact * (3 + 2 * G::NT) + 2 * m.nlimit + 3 * m.nv;
+  return m.nq + 4 * int64_t(m.nv) + m.ncontact * (3 + 2 * G::NT) + 2 * m.nlimit + 3 * m.nv + 1;
 }
 
 // Calls f(value, slot) for every number of the tape that has a place in the workspace now.
 template <class G, class F>
 static void for_tape(const Model& m, Work<G>& w, F f) {
   int64_t k = 0;
-  for (int i = 0; i < m.nq; ++i) f(w.q[i], k++, all());
+  T* q = w.leapt ? w.began : w.q;  // where the step starts
+  for (int i = 0; i < m.nq; ++i) f(q[i], k++, all());
   for (int i = 0; i < m.nv; ++i) f(w.v[i], k++, all());
   for (int i = 0; i < m.nv; ++i) f(w.vn[i], k++, all());
   for (int i = 0; i < m.nv; ++i) f(w.qtan[i], k++, all());
@@ -36,6 +37,7 @@ static void for_tape(const Model& m, Work<G>& w, F f) {
     DryFriction& d = w.dry[i];
     f(d.b, k + 3 * d.dof, d.on); f(d.eta0, k + 3 * d.dof + 1, d.on); f(d.eta, k + 3 * d.dof + 2, d.on);
   }
+  f(w.flown, k + 3 * m.nv, all());
 }
 
 template <class G>
@@ -51,6 +53,7 @@ static void tape_write(const Model& m, Work<G>& w, double* const* tape) {
 template <class G>
 static void tape_read(const Model& m, const Options& o, Work<G>& w, const double* const* tape) {
   w.ncon = w.nlim = w.ndry = 0;
+  w.leapt = false;
   auto load_slot = [tape](T& x, int64_t slot, Mask on) {
     for (int lane = 0; lane < W; ++lane) if (on[lane]) x[lane] = tape[lane][slot];
   };
@@ -60,7 +63,8 @@ static void tape_read(const Model& m, const Options& o, Work<G>& w, const double
     for (int lane = 0; lane < W; ++lane) w.con_on[i][lane] = tape[lane][contacts + i * (3 + 2 * G::NT)] > 0 ? -1 : 0;
   for (int i = 0; i < m.nlimit; ++i)
     for (int lane = 0; lane < W; ++lane) w.lim_on[i][lane] = tape[lane][limits + 2 * i] > 0 ? -1 : 0;
-  prepare(m, o, w, w.con_on, w.lim_on);
+  T flown = w.flown;
+  set_up_step(m, o, w, w.con_on, w.lim_on, &flown);
   for (int i = 0; i < w.ncon; ++i) {  // harmless values in the lanes that stay off
     Contact<G>& c = w.con[i];
     c.gam = c.s = splat(1);

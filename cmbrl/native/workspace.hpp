@@ -29,8 +29,9 @@ struct Contact {
   T root, full_mu;                   // root of inverse weight and compliance; mu itself may be a share of the full one
   T phi, mu, Rn, Rt, carry, cn0, ct0[G::NT];
   T dc_dphi, dRn_dphi, dRt_dphi;     // of the law, at fixed impulses
-  T bounce, time, speed;             // restitution applied in this step (0: none), time of impact in it [s], approach speed
-  T by_free, by_start, by_gap, by_e; // d cn0 of a bounce by J vf, J v, gap and restitution
+  Mask bounce;                       // lanes in which it bounces in this step
+  T time, speed;                     // from here to its impact [s], approach speed
+  T by_free, by_start, by_gap, by_flight, by_e;  // d cn0 of a bounce by J vf, J v, gap, time of flight and restitution
   T kappa, own_kappa;                // the ladder may raise kappa above what the model asks for
   T slope, slope_R;                  // d kappa by the free closing coordinate z and by Rn
   T gam, s, b[G::NT], eta0, eta[G::NT];
@@ -121,6 +122,9 @@ struct Work : SolverWork<G> {
   T *Sq, *Sv, *Su, *Sp, *Sn;               // M~ dshift = Sq dq + ... + Sn dv' (impacts at their time)
   T *Z, *HF;                               // rows' free closing speeds by (q, v, u, theta); factor of M~
   bool early, late;                        // the step has rows that look at vf; impulses that act late in it
+  bool leapt, theta;                       // the step flies to an impact first (flight.hpp); parameters are differentiated too
+  T flown, *leap, *began;                  // for how long [s], how far, and from where
+  T *Lq, *Lv, *Lu, *Lp, *dflown;           // dleap = Lq dq + Lv dv + Lu du + Lp dtheta, and the row of dflown
   T *qtan, *shift;                         // position correction of impacts at their time, integration scratch
   T *tq, *tv, *rhs_all;                    // tangents carried through substeps (nv x ncol)
   T *lq, *lv, *lu, *lp, *pvec;             // cotangents
@@ -162,8 +166,8 @@ struct Work : SolverWork<G> {
     });
   }
   void make_rows(const Model& m) {
-    int64_t closing = 2 * int64_t(this->ncon) + this->nlim;
-    if (closing < m.nv) closing = m.nv;
+    int64_t closing = 2 * int64_t(this->ncon) + this->nlim + 1;
+    if (closing < 2 * m.nv) closing = 2 * m.nv;
     carve(memory->rows, [&](Arena& A) {
       this->take_state(A, m.nv, this->ncon, this->nlim, this->ndry);
       Z = Gq ? A.take<T>(closing * (2 * m.nv + m.nu + m.ntheta)) : nullptr;
@@ -189,7 +193,8 @@ struct Work : SolverWork<G> {
     bits = A.take<uint64_t>(nv * FillPattern::words(m.nv)); fill_ptr = A.take<int>(nv + 1);
     vb = A.take<T>(nv); bvel = A.take<Motion>(nb); bacc = A.take<Motion>(nb);
     left_lim = A.take<LeftOutLimit>(m.nlimit);
-    qtan = A.take<T>(nv); shift = A.take<T>(nv);
+    qtan = A.take<T>(nv); shift = A.take<T>(nv); leap = A.take<T>(nv); began = A.take<T>(m.nq);
+    leapt = theta = false;
     if (purpose == Purpose::step) { Gq = nullptr; return; }
     con_on = A.take<Mask>(m.ncontact); lim_on = A.take<Mask>(m.nlimit);
     auto block = [&](T*& q_, T*& v_, T*& u_, T*& p_) {
@@ -200,6 +205,8 @@ struct Work : SolverWork<G> {
     block(Bq, Bv, Bu, Bp);
     block(Fq, Fv, Fu, Fp);
     block(Sq, Sv, Su, Sp);
+    block(Lq, Lv, Lu, Lp);
+    dflown = A.take<T>(ncol);
     Sn = A.take<T>(nv * nv);
     lq = A.take<T>(nv); lv = A.take<T>(nv); lu = A.take<T>(m.nu + 1); lp = A.take<T>(m.ntheta + 1); pvec = A.take<T>(nv);
     Y = A.take<Vec<G::N>>(m.max_group_dofs + 1);

@@ -1,0 +1,174 @@
+// Free flight until the first impact. A step whose only resistance is a bounce flies with vf for as long as it takes to get
+// there, and everything that the step looks at, rows, inertia and forces, is that of the place of impact: the point, the normal
+// and the lever arms at which the impulse acts. What the place is by the step's start is folded into the matrices of impact.hpp.
+#pragma once
+#include "parameters.hpp"
+
+namespace cmbrl::CMBRL_ISA {
+
+static inline int columns_of_step(const Model& m) { return 2 * m.nv + m.nu + m.ntheta; }
+
+// F: dvf = Fq dq + Fv dv + Fu du + Fp dtheta of a velocity without contact; HF: the factor of M~. Twists under vf are left
+// in w.tn.
+template <class G>
+static void free_terms(const Model& m, const Options& o, Work<G>& w, bool theta, T* vf, T* Fq, T* Fv, T* Fu, T* Fp) {
+  int nv = m.nv;
+  Pattern pat = pattern_of(m, w);
+  for (int i = 0; i < w.ndyn; ++i) copy_row(w.H, w.H0, pat, w.dyn_list[i]);
+  for (int i = 0; i < w.ndyn; ++i) eliminate(w.H, pat, w.dyn_list[i]);
+  for (int i = 0; i < nv; ++i) copy_row(w.HF, w.H, pat, i);
+  smooth_terms(m, o, w, vf, Fq, Fv, Fu);
+  solve_many(w.HF, nv, pat, Fq, nv);
+  solve_many(w.HF, nv, pat, Fv, nv);
+  solve_many(w.HF, nv, pat, Fu, m.nu);
+  if (!theta) return;
+  int ncon = w.ncon, ndry = w.ndry;
+  T* vn = w.vn;
+  w.ncon = w.ndry = 0;
+  w.vn = vf;
+  parameter_terms(m, o, w, Fp);
+  w.vn = vn;
+  w.ncon = ncon;
+  w.ndry = ndry;
+  solve_many(w.HF, nv, pat, Fp, m.ntheta);
+}
+
+// B of a midpoint step: vb is half way to the free velocity that the bias at v leads to.
+template <class G>
+static void bias_terms(const Model& m, const Options& o, Work<G>& w, bool theta) {
+  int nv = m.nv;
+  T* vf = w.pvec;
+  for (int i = 0; i < nv; ++i) vf[i] = 2.0 * w.vb[i] - w.v[i];
+  free_terms(m, o, w, theta, vf, w.Bq, w.Bv, w.Bu, w.Bp);
+  for (int i = 0; i < nv * nv; ++i) { w.Bq[i] *= 0.5; w.Bv[i] *= 0.5; }
+  for (int i = 0; i < nv; ++i) w.Bv[i * (nv + 1)] += 0.5;
+  for (int i = 0; i < nv * m.nu; ++i) w.Bu[i] *= 0.5;
+  for (int i = 0; theta && i < nv * m.ntheta; ++i) w.Bp[i] *= 0.5;
+}
+
+// z += j . dvf for a covector j (nv); z = (q, v, u, theta).
+template <class G>
+static void through_free_velocity(const Model& m, const Work<G>& w, const T* j, bool theta, T* z) {
+  int nv = m.nv;
+  for (int i = 0; i < nv; ++i) {
+    for (int k = 0; k < nv; ++k) { z[k] += j[i] * w.Fq[i * nv + k]; z[nv + k] += j[i] * w.Fv[i * nv + k]; }
+    for (int k = 0; k < m.nu; ++k) z[2 * nv + k] += j[i] * w.Fu[i * m.nu + k];
+    for (int k = 0; theta && k < m.ntheta; ++k) z[2 * nv + m.nu + k] += j[i] * w.Fp[i * m.ntheta + k];
+  }
+}
+
+// d(J vf + c0) of a contact, with twists under vf in w.tn.
+template <class G>
+static void closing_row(const Model& m, Work<G>& w, const Contact<G>& c, bool theta, T* z) {
+  int nv = m.nv;
+  for (int k = 0; k < columns_of_step(m); ++k) z[k] = T{};
+  for (int k = 0; k < nv; ++k) w.tmp[k] = T{};
+  int group = m.con_group[c.index], A = m.con_bodyA[c.index], B = m.con_bodyB[c.index];
+  Feature<G> feature = find_feature(m, w, c.index);
+  Vec<G::N> relative = relative_twist<G>(m, w.tn, c.index) - c.carry * relative_twist<G>(m, w.vel, c.index);
+  for (int a = m.grp_dptr[group]; a < m.grp_dptr[group + 1]; ++a) {
+    int d = m.grp_dof[a], sign = m.grp_sign[a], side = sign > 0 ? A : B;
+    Shift<G> s = shift_by_dof(m, w, c, feature, w.S[d], sign);
+    T swing = dot(c.Wr[0], cross_motion<G>(w.S[d], w.tn[side] - w.tnlam[d] - c.carry * (w.vel[side] - w.vlam[d])));
+    T column = dot(c.Wr[0], w.S[d]);
+    z[d] = dot(wrench_shift(c, s, 0), relative) + (sign > 0 ? swing : -swing) + c.dc_dphi * s.dphi;
+    w.tmp[d] = sign > 0 ? column : -column;
+    z[nv + d] = -c.carry * w.tmp[d];
+  }
+  through_free_velocity(m, w, w.tmp, theta, z);
+}
+
+// dphi of a contact.
+template <class G>
+static void gap_row(const Model& m, const Work<G>& w, const Contact<G>& c, bool theta, T* row) {
+  for (int k = 0; k < columns_of_step(m); ++k) row[k] = T{};
+  int group = m.con_group[c.index];
+  Feature<G> feature = find_feature(m, w, c.index);
+  for (int a = m.grp_dptr[group]; a < m.grp_dptr[group + 1]; ++a)
+    row[m.grp_dof[a]] = shift_by_dof(m, w, c, feature, w.S[m.grp_dof[a]], m.grp_sign[a]).dphi;
+  for (int k = 0; theta && k < m.ntheta; ++k) row[2 * m.nv + m.nu + k] = gap_of_parameter(m, c, k);
+}
+
+// A covector of the place of impact (zq) becomes one of the step's start, with what it finds there of v, u and theta.
+template <class G>
+static void through_leap(const Model& m, const Work<G>& w, T* zq, T* zv, T* zu, T* zp, bool theta) {
+  int nv = m.nv;
+  T* y = w.pvec;
+  for (int i = 0; i < nv; ++i) y[i] = T{};
+  pull_cotangent(m, w.leap, zq, y, splat(1));
+  for (int i = 0; i < nv; ++i) {
+    for (int k = 0; k < nv; ++k) { zq[k] += y[i] * w.Lq[i * nv + k]; zv[k] += y[i] * w.Lv[i * nv + k]; }
+    for (int k = 0; k < m.nu; ++k) zu[k] += y[i] * w.Lu[i * m.nu + k];
+    for (int k = 0; theta && k < m.ntheta; ++k) zp[k] += y[i] * w.Lp[i * m.ntheta + k];
+  }
+}
+template <class G>
+static void row_through_leap(const Model& m, const Work<G>& w, T* z, bool theta) {
+  if (w.leapt) through_leap(m, w, z, z + m.nv, z + 2 * m.nv, z + 2 * m.nv + m.nu, theta);
+}
+template <class G>
+static void rows_through_leap(const Model& m, const Work<G>& w, T* Aq, T* Av, T* Au, T* Ap, bool theta) {
+  for (int i = 0; w.leapt && i < m.nv; ++i) through_leap(m, w, Aq + i * m.nv, Av + i * m.nv, Au + i * m.nu, Ap + i * m.ntheta, theta);
+}
+
+// dleap = flown dvf + vf dflown and dflown = (dphi + flown d(J vf)) / speed of the first contact; the mean of those that are
+// first at once. At the step's start.
+template <class G>
+static void leap_terms(const Model& m, const Options& o, Work<G>& w) {
+  int nv = m.nv, nu = m.nu, ncol = columns_of_step(m);
+  bool theta = w.theta;
+  w.ahead = false;
+  if (o.midpoint) bias_terms(m, o, w, theta);
+  w.ahead = o.midpoint;
+  free_terms(m, o, w, theta, w.vf, w.Fq, w.Fv, w.Fu, w.Fp);
+  T *z = w.Z, *row = w.Z + ncol, count = T{};
+  for (int k = 0; k < ncol; ++k) w.dflown[k] = T{};
+  for (int i = 0; i < w.ncon; ++i) {
+    const Contact<G>& c = w.con[i];
+    Mask first = c.bounce & (w.flown > 0.0) & (c.time <= (1 + 1e-12) * w.flown);
+    if (!any(first)) continue;
+    count += keep(first, splat(1));
+    closing_row(m, w, c, theta, z);
+    gap_row(m, w, c, theta, row);
+    for (int k = 0; k < ncol; ++k) w.dflown[k] += keep(first, (row[k] + w.flown * z[k]) / c.speed);
+  }
+  for (int k = 0; k < ncol; ++k) w.dflown[k] /= vmax(count, splat(1));
+  auto fill = [&](T* L, const T* F, const T* d, int n) {
+    for (int i = 0; i < nv; ++i)
+      for (int k = 0; k < n; ++k) L[i * n + k] = w.flown * F[i * n + k] + w.vf[i] * d[k];
+  };
+  fill(w.Lq, w.Fq, w.dflown, nv);
+  fill(w.Lv, w.Fv, w.dflown + nv, nv);
+  fill(w.Lu, w.Fu, w.dflown + 2 * nv, nu);
+  if (theta) fill(w.Lp, w.Fp, w.dflown + 2 * nv + nu, m.ntheta);
+}
+
+// What a step looks at: rows and free velocity, at its start or, after a flight, at its first impact, where w.q is then. recorded:
+// the time of flight of a step that is read back from its tape, with its rows.
+template <class G>
+static void set_up_step(const Model& m, const Options& o, Work<G>& w, const Mask* contacts = nullptr, const Mask* limits = nullptr,
+                        const T* recorded = nullptr) {
+  w.flown = T{};
+  prepare(m, o, w, contacts, limits);
+  free_velocity(m, o, w);
+  T flight = find_bounces(m, o, w);
+  w.flown = recorded ? *recorded : flight;
+  w.leapt = any(w.flown > 0.0);
+  if (!w.leapt) return;
+  if (w.Gq) leap_terms(m, o, w);
+  for (int i = 0; i < m.nq; ++i) w.began[i] = w.q[i];
+  for (int i = 0; i < m.nv; ++i) w.leap[i] = w.flown * w.vf[i];
+  integrate(m, w.q, w.leap);
+  prepare(m, o, w, contacts, limits);
+  free_velocity(m, o, w);
+  find_bounces(m, o, w);
+}
+
+// Whole step: from (w.q, w.v, w.u) to w.vn; the caller integrates.
+template <class G>
+static Outcome solve_step(const Model& m, const Options& o, Work<G>& w) {
+  set_up_step(m, o, w);
+  return solve_smoothed(m, o, w, o.forward, false);
+}
+
+}  // namespace cmbrl::CMBRL_ISA
