@@ -86,7 +86,7 @@ class Bundle:
 @cache
 def all_cases() -> dict[str, Case]:
     """By name, in the order of labels."""
-    cases = chain(bounces.cases(), contacts.cases(), [jumps.over_the_wall()], chaos.cases())
+    cases = chain(bounces.cases(), contacts.cases(), [jumps.over_the_wall(), jumps.over_the_wall(0.0)], chaos.cases())
     return {case.name: case for case in sorted(cases, key=lambda case: int(case.label[1:]))}
 
 
