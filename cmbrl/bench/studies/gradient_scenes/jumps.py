@@ -83,14 +83,15 @@ def jumps(smoothing: Smoothing) -> list[Jump]:
 
 def over_the_wall(restitution: float = IMPACT) -> Case:
     """x at the end as a function of the height of flight; V h is a twentieth of the radius."""
+    title = "ball over the edge of a wall" + ("" if restitution else ", e = 0")
     h, height, step = 0.05 * RADIUS / SPEED, 0.5 * RADIUS, 1e-6
     slope = (landing(height + step) - landing(height - step)) / (2 * step)
     return Case(
-        label="G7", title=f"ball over the edge of a wall{'' if restitution else ', e = 0'}", outcome="x", names=("height",), mjcf=WALL, at=(height,),
+        label="G7", title=title, outcome="x", names=("height",), mjcf=WALL, at=(height,),
         start=lambda p, kappa: (stacked(p, 0.0, p[:, 0]), stacked(p, SPEED, 0.0), p[:, :0]), output=position(0),
         time_step=h, steps=round(SECONDS / h), truth=(float(slope),), restitution=restitution,
         tolerance=3e-2, remark="on the ramp; for the expectation, see the estimators",
-        weakness="" if restitution else "a row without restitution spreads the hit over two steps and normals, at any h",
+        weakness="" if restitution else "a row without restitution spreads the hit over two steps and their normals",
     )  # fmt: skip
 
 
