@@ -19,7 +19,8 @@ from cmbrl.scene import Scene
 from cmbrl.text import parse_fields, parse_kind
 
 HARD_SPEED = 1e-9  # [m/s]: softening that only the solver needs
-DRY_SPEED = 1e-5  # [rad/s or m/s]: softening of dry friction, unless all rows are softer
+DRY_SPEED = 3e-4  # [rad/s or m/s]: softening of dry friction where that of contacts is given in joules
+HARD_DRY_SPEED = 1e-6  # the same for hard contact: unseen, and cheaper to solve for than less
 _LOWEST_GRAVITY = 1.0  # [m/s^2]: where there is less, rows are softened as if there were as much
 _LARGEST = 1e12  # far beyond any energy [J] or length [m] of a robot; squares of it are still finite
 
@@ -170,7 +171,7 @@ def from_config(config: dict[str, Any]) -> Smoothing:
 
 
 def _scaled(speed: float, scene: Scene, time_step: float) -> dict[str, Any]:
-    return _native(Mode.SCALED, scene, time_step, speed=speed, dry=max(speed, DRY_SPEED))
+    return _native(Mode.SCALED, scene, time_step, speed=speed, dry=max(speed, HARD_DRY_SPEED))
 
 
 def _native(

@@ -114,13 +114,20 @@ static void advance_tangents(const Model& m, const Options& o, Work<G>& w, int n
   if (first) {
     first_right_sides(m, o, w, ncol, theta);
   } else {
+    bool sparse = !w.early && !w.ahead;  // G has the pattern of the factor but for what looks at the free velocity
+    for (int i = 0; i < nv * ncol; ++i) w.rhs_all[i] = T{};
+    auto add = [&](int i, int k) {
+      T a = w.Gq[i * nv + k], b = w.Gv[i * nv + k], *row = w.rhs_all + i * ncol;
+      const T *x = w.tq + k * ncol, *y = w.tv + k * ncol;
+      for (int c = 0; c < ncol; ++c) row[c] += a * x[c] + b * y[c];
+    };
     for (int i = 0; i < nv; ++i) {
       T* row = w.rhs_all + i * ncol;
-      for (int c = 0; c < ncol; ++c) row[c] = T{};
-      for (int k = 0; k < nv; ++k) {
-        T a = w.Gq[i * nv + k], b = w.Gv[i * nv + k];
-        const T *x = w.tq + k * ncol, *y = w.tv + k * ncol;
-        for (int c = 0; c < ncol; ++c) row[c] += a * x[c] + b * y[c];
+      if (sparse) {
+        add(i, i);
+        for (int a = 0; a < pat.count(i); ++a) { add(i, pat.columns(i)[a]); add(pat.columns(i)[a], i); }
+      } else {
+        for (int k = 0; k < nv; ++k) add(i, k);
       }
       for (int k = 0; k < nu; ++k) row[up + k] += w.Gu[i * nu + k];
       for (int k = 0; theta && k < m.ntheta; ++k) row[up + nu + k] += w.Gp[i * m.ntheta + k];

@@ -54,10 +54,23 @@ static void spoil(Mask spoilt, int64_t n, const Lanes& l, double* out) {
   for (int lane = 0; lane < l.n; ++lane)
     for (int64_t i = 0; spoilt[lane] && i < n; ++i) out[l.at[lane] * n + i] = __builtin_nan("");
 }
-static void scatter(const T* x, int64_t stride, int n, const Lanes& l, double* out) {
+// Packs x as n consecutive doubles of each lane.
+static void scatter(const T* x, int64_t n, const Lanes& l, double* const* out) {
+  int64_t i = 0;
+  for (; i + W <= n; i += W) {
+    T block[W];
+    for (int k = 0; k < W; ++k) block[k] = x[i + k];
+    transpose(block);
+    for (int lane = 0; lane < l.n; ++lane) std::memcpy(out[lane] + i, &block[lane], sizeof(T));
+  }
+  for (; i < n; ++i)
+    for (int lane = 0; lane < l.n; ++lane) out[lane][i] = x[i][lane];
+}
+static void scatter(const T* x, int64_t stride, int64_t n, const Lanes& l, double* out) {
   if (!out) return;
-  for (int lane = 0; lane < l.n; ++lane)
-    for (int i = 0; i < n; ++i) out[l.at[lane] * stride + i] = x[i][lane];
+  double* to[W];
+  for (int lane = 0; lane < l.n; ++lane) to[lane] = out + l.at[lane] * stride;
+  scatter(x, n, l, to);
 }
 template <class G>
 static void gather_parameters(const Model& m, const Batch& b, const Lanes& l, Work<G>& w, bool first) {
@@ -113,10 +126,9 @@ static void forward_pack(const Model& m, const Options& o, const Batch& b, const
   StepStats st{none(), none(), T{}, T{}, T{}};
   if (any(finite)) st = b.jacobian ? control_step_jacobian(m, o, w, b.jacobian_theta, ncol, record) : control_step(m, o, w, record);
   if (b.jacobian) {
-    double* J[W];
-    for (int lane = 0; lane < l.n; ++lane) J[lane] = b.jacobian + l.at[lane] * (2 * nv) * ncol;
-    for (int i = 0; i < nv * ncol; ++i)
-      for (int lane = 0; lane < l.n; ++lane) { J[lane][i] = w.tq[i][lane]; J[lane][nv * ncol + i] = w.tv[i][lane]; }
+    int64_t half = int64_t(nv) * ncol;
+    scatter(w.tq, 2 * half, half, l, b.jacobian);
+    scatter(w.tv, 2 * half, half, l, b.jacobian + half);
   }
   T clean = T{};
   for (int i = 0; i < m.nq; ++i) clean += 0.0 * w.q[i];

@@ -243,8 +243,9 @@ class Core {
   }
   template <class F>
   void run(int64_t n, int threads, Purpose purpose, F job, int64_t per_chunk = 0) {
-    int64_t chunk = per_chunk ? per_chunk : 8 * backend_.width, chunks = (n + chunk - 1) / chunk;
-    if (!per_chunk && threads <= 1) { chunk = n; chunks = n > 0; }
+    int64_t width = backend_.width, share = n / (4 * std::max(threads, 1));  // some chunks a thread, of whole packs
+    int64_t chunk = per_chunk ? per_chunk : threads <= 1 ? std::max<int64_t>(n, 1) : std::clamp((share + width - 1) / width, int64_t(1), int64_t(8)) * width;
+    int64_t chunks = (n + chunk - 1) / chunk;
     engine_.get().run(chunks, threads, backend_.workspace_size(data_->model, purpose),
                       [&](int64_t c, int, StepMemory& memory) { job(c * chunk, std::min(n, (c + 1) * chunk), memory); });
   }

@@ -66,7 +66,7 @@ static Outcome contact_solve(const Structure& m, const Options& o, SolverWork<G>
   InteriorPoint<G> ip(m, o, w);
   Continuation<G> curve(m, o, w);
   static constexpr double tau = 0.9;
-  const Strategy first{G::NT == 1 ? 0.95 : 0.9, 0.3, 1, true, false, o.max_iterations};
+  const Strategy first{G::NT == 1 ? 0.98 : 0.95, 0.3, 1, true, false, o.max_iterations};
   const Rung ladder[] = {{first},
                          {first},
                          {{tau, 0.4, 3, false, false, 60}},

@@ -65,6 +65,31 @@ static inline void sincos(T x, T& s, T& c) {
   c = select(((k + 1) & 2) != 0, -cc, cc);
 }
 
+// W packs as a matrix, transposed in place: afterwards x[lane] holds what lane `lane` of the packs held, one after the other.
+template <int S, int... L>
+static inline void transpose_pairs(T* x) {
+  for (int i = 0; i < W; ++i) {
+    if (i & S) continue;
+    T low = x[i], high = x[i + S];
+#if defined(__has_builtin) && __has_builtin(__builtin_shufflevector)
+    x[i] = __builtin_shufflevector(low, high, (L & S ? W + L - S : L)...);
+    x[i + S] = __builtin_shufflevector(low, high, (L & S ? W + L : L + S)...);
+#else
+    ((x[i][L] = L & S ? high[L & S ? L - S : 0] : low[L], x[i + S][L] = L & S ? high[L] : low[L & S ? 0 : L + S]), ...);
+#endif
+  }
+}
+template <int... L>
+static inline void transpose(T* x) {
+  if constexpr (sizeof...(L) < W) {
+    transpose<L..., int(sizeof...(L))>(x);
+  } else {
+    transpose_pairs<1, L...>(x);
+    if constexpr (W > 2) transpose_pairs<2, L...>(x);
+    if constexpr (W > 4) transpose_pairs<4, L...>(x);
+  }
+}
+
 struct Lanes { int64_t at[W]; int n; };  // the last pack of a batch repeats its last element
 static inline Lanes lanes_from(int64_t begin, int64_t end) {
   Lanes l;

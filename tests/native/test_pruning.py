@@ -16,7 +16,7 @@ from cmbrl.scene import Scene
 
 
 def differences(count: int, steps: int) -> np.ndarray:
-    """Largest difference (steps * count,) of a physics step to the same with all rows, on visited cheetah states."""
+    """Largest difference (steps * count,) of a physics step to the same with all rows, on visited half-cheetah states."""
     task = load_task("cheetah")
     model = nominal_model(task, smoothing=Exact())
     pruned = model.with_settings(substeps=1)
@@ -48,8 +48,7 @@ def test_a_row_that_the_solve_brings_to_close_takes_part(tmp_path: Path) -> None
     """A fast ball drives a resting one, which moves away from nothing yet, into a wall 5 mm behind it in one step."""
     ball = '<body pos="{x} 0 0"><joint type="slide" axis="1 0 0"/><geom type="sphere" size="0.1" mass="{m}"/></body>'
     mjcf = f"""<mujoco><option timestep="0.01" gravity="0 0 0"/><worldbody>
-      <geom type="plane" size="9 9 1" pos="0.105 0 0" zaxis="-1 0 0"/>
-      {ball.format(x=0, m=1)}{ball.format(x=-0.2, m=1e3)}
+      <geom type="plane" size="9 9 1" pos="0.105 0 0" zaxis="-1 0 0"/>{ball.format(x=0, m=1)}{ball.format(x=-0.2, m=1e3)}
       </worldbody></mujoco>"""
     (tmp_path / "scene.xml").write_text(mjcf)
     scene = Scene.from_mjcf(tmp_path / "scene.xml", contact_law="rigid")
@@ -66,7 +65,10 @@ def test_softer_contact_reaches_further() -> None:
     for name in ("cube_toss", "hopper"):
         scene = bench_scene(name, "rigid")
         model = ComplementarityModel(scene, smoothing=Barrier(1e-2))
-        q, u = np.tile(scene.q0, (50, 1)), np.zeros((50, scene.nu))
-        v = np.random.default_rng(0).normal(0, 2, (50, scene.nv))
+        q, v, u = (
+            np.tile(scene.q0, (50, 1)),
+            np.random.default_rng(0).normal(0, 2, (50, scene.nv)),
+            np.zeros((50, scene.nu)),
+        )
         ours, whole = (m.predict(q, v, u).v_next for m in (model, model.with_settings(prune=np.inf)))
         np.testing.assert_allclose(ours, whole, rtol=0, atol=1e-3)
