@@ -16,7 +16,7 @@ from cmbrl.scene import Scene
 
 
 def differences(count: int, steps: int) -> np.ndarray:
-    """Largest difference (steps * count,) of a physics step to the same with all rows, on visited half-cheetah states."""
+    """Largest difference (steps * count,) of a physics step to the same with all rows, on visited cheetah states."""
     task = load_task("cheetah")
     model = nominal_model(task, smoothing=Exact())
     pruned = model.with_settings(substeps=1)
@@ -48,7 +48,8 @@ def test_a_row_that_the_solve_brings_to_close_takes_part(tmp_path: Path) -> None
     """A fast ball drives a resting one, which moves away from nothing yet, into a wall 5 mm behind it in one step."""
     ball = '<body pos="{x} 0 0"><joint type="slide" axis="1 0 0"/><geom type="sphere" size="0.1" mass="{m}"/></body>'
     mjcf = f"""<mujoco><option timestep="0.01" gravity="0 0 0"/><worldbody>
-      <geom type="plane" size="9 9 1" pos="0.105 0 0" zaxis="-1 0 0"/>{ball.format(x=0, m=1)}{ball.format(x=-0.2, m=1e3)}
+      <geom type="plane" size="9 9 1" pos="0.105 0 0" zaxis="-1 0 0"/>
+      {ball.format(x=0, m=1)}{ball.format(x=-0.2, m=1e3)}
       </worldbody></mujoco>"""
     (tmp_path / "scene.xml").write_text(mjcf)
     scene = Scene.from_mjcf(tmp_path / "scene.xml", contact_law="rigid")

@@ -15,16 +15,21 @@ from cmbrl.scene import Scene
 SLOPE = np.deg2rad(10)
 BOX = """<body name="box" pos="0 0 0"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>
   <geom type="sphere" size="0.01" mass="0.001" friction="0.5"/></body>"""
-HEAVY = """<body name="heavy" pos="5 0 0.5"><joint type="slide" axis="0 0 1"/><geom type="sphere" size="0.5" mass="500"/></body>"""
+HEAVY = """<body name="heavy" pos="5 0 0.5"><joint type="slide" axis="0 0 1"/>
+  <geom type="sphere" size="0.5" mass="500"/></body>"""
 JOINT = """<mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody><body><joint type="hinge" axis="0 1 0"
-  frictionloss="0.1" solreffriction="0.004 1" solimpfriction="0.9999 0.9999 0.001"/><geom type="sphere" size="0.1" mass="1"/>
+  frictionloss="0.1" solreffriction="0.004 1" solimpfriction="0.9999 0.9999 0.001"/>
+  <geom type="sphere" size="0.1" mass="1"/>
   </body></worldbody><actuator><motor joint="j"/></actuator></mujoco>""".replace(
     '<joint type="hinge"', '<joint name="j" type="hinge"'
 )
 STANCE = (
     """<mujoco><option timestep="0.002"/><worldbody><geom type="plane" size="9 9 1"/>{bodies}</worldbody></mujoco>"""
 )
-BALL = '<body pos="{x} 0 {z}"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/><geom type="sphere" size="0.1" mass="1"/></body>'
+BALL = (
+    '<body pos="{x} 0 {z}"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>'
+    '<geom type="sphere" size="0.1" mass="1"/></body>'
+)
 
 
 def scene_of(folder: Path, mjcf: str, law: str = "rigid") -> Scene:
@@ -76,7 +81,7 @@ def test_contacts_softening_does_not_smear_dry_friction(tmp_path: Path, smoothin
 
 
 def kappa_at(model: ComplementarityModel, height: float) -> np.ndarray:
-    """Products of normal impulse and slack [J] of the two balls' contacts after one step from these gaps (0, height)."""
+    """Products of normal impulse and slack [J] of the two balls' contacts after a step from these gaps (0, height)."""
     q = model.scene.q0.copy()
     q[1], q[3] = 0.0, height
     q, v = q[None], np.zeros((1, 4))
