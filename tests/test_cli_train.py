@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import signal
 import subprocess
 import sys
@@ -105,7 +106,7 @@ def test_a_finished_run_continues_with_more_iterations(tmp_path: Path) -> None:
 
 def test_a_run_that_diverges_says_so_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = tmp_path / "run"
-    assert main([*TRAIN, "--set", "actor_rate=1e38", "--iterations", "30", "--out", str(run)]) == 1
+    assert main([*TRAIN, "--set", "actor_rate=1e9", "--iterations", "30", "--out", str(run)]) == 1
     shown = capsys.readouterr()
     assert shown.err.count("\n") == 1
     assert "diverged.npz" in shown.err
@@ -218,7 +219,7 @@ class Settings:
     """For the parser of hyperparameters."""
 
     count: int = setting(3, "number of things", least=1)
-    size: float = setting(0.5, "of each", least=0)
+    size: float = setting(0.5, "of each", least=0, most=math.inf)
     signed: float = -1.0
     widths: tuple[int, ...] = setting((8, 4), "of layers", least=1)
     name: Literal["elu", "tanh"] = "elu"
@@ -324,19 +325,19 @@ MISTAKES = {
     "squashed by nothing known": (f"{NEW} --algorithm fopg --set squash=tan", "squash", "did you mean 'tanh'"),
     "discount of 1": (f"{NEW} --algorithm shac --set discount=1", "discount", "below 1"),
     "refused by the library": (f"{NEW} --algorithm ppo --set batch=1", "PPO", "batch_size"),
-    "unknown derivative": (f"{NEW} --algorithm shac --derivative adaptiv", "adaptiv", "did you mean 'gaussian'"),
+    "unknown derivative": (f"{NEW} --algorithm shac --derivative gausian", "gausian", "did you mean 'gaussian'"),
     "softness without its name": (
         f"{NEW} --algorithm shac --smoothing barrier=1e-4",
         "'barrier=1e-4'",
         "barrier:kappa",
     ),
     "softness without a value": (f"{NEW} --algorithm shac --smoothing barrier:kappa", "'kappa'", "barrier:kappa=1e-4"),
-    "adaptive without a length": (f"{NEW} --algorithm shac --smoothing gaussian", "length", "gaussian:length=1e-3"),
+    "gaussian without a length": (f"{NEW} --algorithm shac --smoothing gaussian", "length", "gaussian:length=1e-3"),
     "softer than anything": (f"{NEW} --algorithm shac --derivative barrier:kappa=1e300", "kappa", "at most"),
     "simulated softer than anything": (f"{NEW} --algorithm shac --smoothing barrier:kappa=1e300", "kappa", "at most"),
     "epochs without end": (f"{NEW} --algorithm shac --set critic_epochs=1e300", "critic_epochs", "at most 2147483648"),
     "seed of 5,000 digits": (f"{NEW} --algorithm shac --seed {'9' * 5000}", "--seed", "whole number"),
-    "half a sample": (f"{NEW} --algorithm shac --derivative bundle:samples=2.5", "samples=2.5", "whole number"),
+    "half a sample": (f"{NEW} --algorithm shac --derivative bundle:samples=2.5", "samples = 2.5", "whole number"),
     "derivative without contacts": (f"{NEW} --algorithm sac --derivative exact", "--derivative", "drop it"),
     "a bundle that is to be fitted": (f"{NEW} --algorithm loop --derivative bundle", "bundle", "gaussian"),
     "seed beyond all generators": (f"{NEW} --algorithm shac --seed 99999999999", "--seed", "is above"),

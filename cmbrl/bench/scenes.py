@@ -17,6 +17,7 @@ import numpy as np
 from cmbrl.bench import states
 from cmbrl.bench.peers.mujoco import compiled
 from cmbrl.errors import UserError
+from cmbrl.files import write_text
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.registry import load_task
 from cmbrl.scene import Scene
@@ -72,7 +73,7 @@ def _humanoid(label: str) -> PairedScene:
         file = states.G1
         if label == "g1 feet":
             file = Path(folder) / "g1_feet.xml"
-            file.write_text(feet_only(states.G1), encoding="utf-8")
+            write_text(file, feet_only(states.G1))
         peer, scene = compiled(file), Scene.from_mjcf(file)
     start, hold = peer.qpos0.copy(), np.zeros(peer.nu)
     start[2] = _G1_HEIGHT

@@ -160,7 +160,7 @@ class Simulation:
         self.age[rows], self.returns[rows] = 0, 0.0
         theta = self._parameters(len(rows))
         if self.theta is not None and theta is not None:
-            self.theta[rows] = theta
+            self.theta = self.theta.index_copy(0, rows, theta)  # a new one: the past steps' derivatives need the old
         return q.index_copy(0, rows, fresh_q), v.index_copy(0, rows, fresh_v)
 
     def _parameters(self, count: int) -> Tensor | None:

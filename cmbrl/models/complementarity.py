@@ -334,7 +334,7 @@ class ComplementarityModel:
         """The number of rows of x (B, width); raises UserError for another type or shape."""
         shape = _dense(x, name)
         if len(shape) != 2 or shape[1] != width:
-            raise UserError(f"{name} has shape {tuple(shape)}; give (batch, {width})")
+            raise UserError(f"{name} has shape {tuple(shape)}; give float64 of shape (batch, {width})")
         return shape[0]
 
 

@@ -71,5 +71,5 @@ def with_derivative(model: object, text: str, seed: int, refits: bool) -> Deriva
     kind, options = parse_derivative(text)
     found = derivative_model(model, kind, seed, **options)
     if refits and not isinstance(found, ComplementarityModel):
-        raise UserError(f"--derivative {text}: this algorithm refits its model, which a {kind} prevents: use adaptive")
+        raise UserError(f"--derivative {text}: this algorithm refits its model, which a {kind} prevents: use gaussian")
     return found

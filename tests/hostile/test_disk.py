@@ -15,7 +15,7 @@ from .disk_writers import WRITERS, full, inputs, limited
 
 NEEDS = {"record minari": "h5py", "play mp4": "imageio_ffmpeg", "export": "onnxscript", "bench": "sklearn"}
 QUICK = ("record minari", "fit", "train")
-SIZES = (0, 100, 1000, 3000, 10_000, 40_000)  # bytes
+SIZES = (10, 100, 1000, 3000, 10_000, 40_000)  # bytes; where not even 4 fit, Python finds no temporary folder
 
 
 def _check(name: str, size: int, place: Path) -> bool:
@@ -35,7 +35,7 @@ def _check(name: str, size: int, place: Path) -> bool:
     assert "Traceback" not in ended.stderr
     assert "cannot be written" in told[0], told
     assert "choose another place" in told[0], told
-    assert str(out) in told[0], told
+    assert str(out) in told[0] or "g1_feet.xml" in told[0], told  # a scene that bench makes in a temporary folder
     for file in out.rglob("*.json"):
         assert file.read_bytes().endswith((b"}\n", b"]\n")), file
     return True

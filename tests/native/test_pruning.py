@@ -66,7 +66,10 @@ def test_softer_contact_reaches_further() -> None:
     for name in ("cube_toss", "hopper"):
         scene = bench_scene(name, "rigid")
         model = ComplementarityModel(scene, smoothing=Barrier(1e-2))
-        q, u = np.tile(scene.q0, (50, 1)), np.zeros((50, scene.nu))
-        v = np.random.default_rng(0).normal(0, 2, (50, scene.nv))
+        q, v, u = (
+            np.tile(scene.q0, (50, 1)),
+            np.random.default_rng(0).normal(0, 2, (50, scene.nv)),
+            np.zeros((50, scene.nu)),
+        )
         ours, whole = (m.predict(q, v, u).v_next for m in (model, model.with_settings(prune=np.inf)))
         np.testing.assert_allclose(ours, whole, rtol=0, atol=1e-3)

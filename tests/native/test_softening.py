@@ -17,12 +17,15 @@ BOX = """<body name="box" pos="0 0 0"><joint type="slide" axis="1 0 0"/><joint t
   <geom type="sphere" size="0.01" mass="0.001" friction="0.5"/></body>"""
 HEAVY = """<body name="heavy" pos="5 0 0.5"><joint type="slide" axis="0 0 1"/>
   <geom type="sphere" size="0.5" mass="500"/></body>"""
-JOINT = """<mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody><body>
-  <joint name="j" type="hinge" axis="0 1 0"
-    frictionloss="0.1" solreffriction="0.004 1" solimpfriction="0.9999 0.9999 0.001"/>
-  <geom type="sphere" size="0.1" mass="1"/></body></worldbody><actuator><motor joint="j"/></actuator></mujoco>"""
-STANCE = """<mujoco><option timestep="0.002"/><worldbody>
-  <geom type="plane" size="9 9 1"/>{bodies}</worldbody></mujoco>"""
+JOINT = """<mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody><body><joint type="hinge" axis="0 1 0"
+  frictionloss="0.1" solreffriction="0.004 1" solimpfriction="0.9999 0.9999 0.001"/>
+  <geom type="sphere" size="0.1" mass="1"/>
+  </body></worldbody><actuator><motor joint="j"/></actuator></mujoco>""".replace(
+    '<joint type="hinge"', '<joint name="j" type="hinge"'
+)
+STANCE = (
+    """<mujoco><option timestep="0.002"/><worldbody><geom type="plane" size="9 9 1"/>{bodies}</worldbody></mujoco>"""
+)
 BALL = (
     '<body pos="{x} 0 {z}"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>'
     '<geom type="sphere" size="0.1" mass="1"/></body>'
@@ -54,8 +57,9 @@ def test_a_light_box_does_not_feel_a_heavy_body_elsewhere(tmp_path: Path, smooth
 
 def test_softening_follows_the_gravity_of_the_scene(tmp_path: Path) -> None:
     for gravity in (1.62, 9.81, 24.8):
-        mjcf = f'<mujoco><option timestep="0.002" gravity="0 0 {-gravity}"/><worldbody>'
-        mjcf += '<geom type="plane" size="9 9 1"/>'
+        mjcf = (
+            f'<mujoco><option timestep="0.002" gravity="0 0 {-gravity}"/><worldbody><geom type="plane" size="9 9 1"/>'
+        )
         scene = scene_of(tmp_path, mjcf + BALL.format(x=0, z=0.1) + "</worldbody></mujoco>")
         model = ComplementarityModel(scene, substeps=200, smoothing=Relaxed(1e-3))
         gap = model.scene.gaps(model.predict(scene.q0[None], np.zeros((1, 2)), np.zeros((1, 0))).q_next[0])
