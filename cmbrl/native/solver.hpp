@@ -250,7 +250,7 @@ struct InteriorPoint : Newton<G> {
       advance(busy, alpha);
       // Without an end to short steps, wild hopper states take 9.3 iterations instead of 8.5; on a followed path they need not
       // be as short to be in vain: 36 instead of 39 on the wild G1.
-      slow = select(alpha < (st.follow ? 1e-2 : 1e-3), slow + 1.0, T{});
+      slow = select(alpha < 1e-3, slow + 1.0, T{});
       busy &= slow < 4.0;
     }
     if (st.friction < 1) set_friction(splat(1));
