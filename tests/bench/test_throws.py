@@ -46,7 +46,10 @@ def test_a_throw_of_the_known_scene_ends_where_the_real_one_does(task: str) -> N
     assert np.median(gap) < 0.05
 
 
-@pytest.mark.parametrize("name", [name for name in ARMS if name != "FOPG"])
+BIASED = ("Gaussian 10 cm", "BS 1 J")  # so soft that walls at a distance brake the ball in the derivative
+
+
+@pytest.mark.parametrize("name", [name for name in ARMS if name not in ("FOPG", *BIASED)])
 def test_every_estimator_finds_the_slope_of_a_slide_that_is_smooth(slide: Range, name: str) -> None:
     """Where the ball stops before the wall, all means agree with a central difference, over the ripples of 1 ms steps.
 
