@@ -1,9 +1,7 @@
-// Contact geometry: gaps of all candidates, the ones that matter in this step, their wrenches, and how both move with a dof.
+// Contact geometry: closest features of a candidate, and how its gap, contact point and directions move with a dof.
 #pragma once
 #include "dynamics.hpp"
 #include "law.hpp"
-#include "near.hpp"
-#include "pruning.hpp"
 #include "rim.hpp"
 
 namespace cmbrl::CMBRL_ISA {
@@ -131,106 +129,6 @@ static inline void tangents(const Spatial&, const Vec<3>& n, Vec<3>* d) {
   e = e - dot(e, n) * n;
   d[0] = (1.0 / vsqrt(dot(e, e))) * e;
   d[1] = cross(n, d[0]);
-}
-
-// Pattern of the factor when bodies of different chains touch. Only the contacts of this step count: many bodies that might
-// touch each other would fill the matrix.
-template <class G>
-static void find_fill(const Model& m, Work<G>& w) {
-  FillPattern fill{w.bits, m.nv};
-  fill.clear();
-  for (int k = 0; k < m.nv; ++k)
-    for (int a = m.anc_ptr[k]; a < m.anc_ptr[k + 1]; ++a) fill.couple(k, m.anc_idx[a]);
-  for (int i = 0; i < w.ngroups; ++i) {
-    int g = w.groups[i].group;
-    if (m.grp_B[g] < 0) continue;
-    for (int a = m.grp_dptr[g]; a < m.grp_dptr[g + 1]; ++a)
-      for (int b = m.grp_dptr[g]; b < a; ++b) fill.couple(m.grp_dof[a], m.grp_dof[b]);
-  }
-  fill.fill_in();
-  w.make_factor(m.nv, fill.count());
-  fill.list(w.fill_ptr, w.fill_idx);
-  w.fill = {w.fill_ptr, w.fill_idx};
-}
-
-// The row of candidate i with closest features F, gap phi and the block p of P.
-template <class G>
-static void make_contact(const Model& m, const Options& o, int i, const Feature<G>& F, T phi, const T* p, Contact<G>& c) {
-  std::memcpy(c.P, p, sizeof c.P);
-  c.index = i;
-  c.rows = m.con_dim[i] > 1 ? 1 + G::NT : 1;
-  c.rub = c.rows > 1 ? p[kMu] > 1e-9 : none();
-  c.mu = c.full_mu = select(c.rub, p[kMu], splat(1));
-  c.phi = phi;
-  c.p = F.a - (feature_radiusA(m, c) + 0.5 * phi) * F.n;
-  c.d[0] = F.n;
-  tangents(G{}, F.n, c.d + 1);
-  CMBRL_FOR(r, c.rows) {
-    c.Wr[r] = join<G>(G::moment(c.p, c.d[r]), c.d[r]);
-    if (r > 0) CMBRL_FOR(x, G::N) c.Wr[r][x] = keep(c.rub, c.Wr[r][x]);
-  }
-  contact_law(m, o, c, p);
-  c.root = vsqrt(m.con_invweight[i] + c.Rn);
-}
-
-// One candidate: becomes a row of w.con if it may close within the step, else of w.left. `given`: as below.
-template <class G>
-static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, const Mask* given) {
-  int A = m.con_bodyA[i], B = m.con_bodyB[i];
-  Feature<G> F = find_feature(m, w, i);
-  T p[kContactFields];
-  load_block(m, w, i, p);
-  T phi = F.dist - p[kRadius];
-  Mask on = given ? given[i] : all();
-  if (m.con_plane[i] < 0) on &= vabs(F.dist) > 1e-9;  // crossing segments: no direction parts them
-  if (!(o.prune < 1e300) || given) {
-    Contact<G>& c = w.add_contact();
-    make_contact(m, o, i, F, phi, p, c);
-    c.on = c.wide = on;
-    w.coupled |= B >= 0;
-    return;
-  }
-  double enough = speed_that_matters(o, o.forward, m.con_invweight[i]), wide = speed_that_matters(o, o.backward, m.con_invweight[i]);
-  typename G::V u = point_velocity<G>(w.vel[A], F.a);
-  if (B >= 0) u -= point_velocity<G>(w.vel[B], F.a - F.dist * F.n);
-  T speed = dot(F.n, u), slack = phi * (1 / o.h) - vabs(speed);  // at least, whatever the law is
-  Mask near = on & (slack - vabs(speed) < __builtin_fmax(enough, wide)), takes_part = none();
-  if (any(near)) {
-    Contact<G>& c = w.add_contact();
-    make_contact(m, o, i, F, phi, p, c);
-    slack = select(near, c.cn0 - c.carry * speed, slack);
-    takes_part = c.on = near & (slack + speed < enough);
-    c.wide = near & (slack + speed < wide);
-    if (any(c.on | c.wide)) w.coupled |= B >= 0;
-    else --w.ncon;
-  }
-  Mask left = on & ~takes_part;
-  if (!any(left)) return;
-  w.leave_out({left, A, B, join<G>(G::moment(F.a, F.n), F.n), slack, enough});
-  w.left_out_gap = select(left, vmin(w.left_out_gap, vabs(phi)), w.left_out_gap);
-}
-
-// Rows that may close within the step, ordered by body pair. `given`: the lanes of each candidate are known (a step read
-// back from its tape).
-template <class G>
-static void find_contacts(const Model& m, const Options& o, Work<G>& w, const Mask* given) {
-  w.ncon = w.ngroups = w.nleft = 0;
-  w.left_out_gap = splat(__builtin_inf());
-  w.coupled = false;
-  auto look_at = [&](int g) {
-    int first = w.ncon;
-    for (int k = m.grp_cptr[g]; k < m.grp_cptr[g + 1]; ++k)
-      if (int i = m.grp_con[k]; !given || any(given[i])) find_contact(m, o, w, i, given);
-    if (w.ncon > first) w.add_group({g, first, w.ncon});
-  };
-  if (given) {
-    for (int g = 0; g < m.ngroup; ++g) look_at(g);
-  } else {
-    find_near(m, o, w);
-    for_near(m, w, look_at);
-  }
-  if (w.coupled) find_fill(m, w);
-  else w.make_factor(m.nv, m.anc_ptr[m.nv]);
 }
 
 // How gap, contact point and directions of a contact move when body A moves by the twist xi and B stays.

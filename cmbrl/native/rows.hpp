@@ -1,6 +1,6 @@
 // What acts in a step: joint forces, what of them is implicit, and the rows of contacts, limits and dry friction.
 #pragma once
-#include "contact.hpp"
+#include "candidates.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 

@@ -1,0 +1,100 @@
+// Packs of lanes from the caller's arrays and back into them.
+#pragma once
+#include "control.hpp"
+
+namespace cmbrl::CMBRL_ISA {
+
+template <class G>
+static int64_t bytes_of(const Model& m, Purpose purpose) {
+  Arena probe{nullptr};
+  Work<G>(probe, m, purpose, nullptr);
+  return probe.used;
+}
+template <class G>
+static Work<G> open(const Model& m, Purpose purpose, StepMemory& memory) {
+  Arena arena{static_cast<char*>(memory.scene.reserve(bytes_of<G>(m, purpose)))};
+  return Work<G>(arena, m, purpose, &memory);
+}
+
+// A packed matrix as full ones, one for each lane.
+static void scatter_packed(const T* M, int nv, Pattern p, const Lanes& l, double* out) {
+  for (int lane = 0; lane < l.n; ++lane) {
+    double* full = out + l.at[lane] * nv * nv;
+    std::memset(full, 0, sizeof(double) * nv * nv);
+    for (int i = 0; i < nv; ++i) {
+      Row<const T> row(M, p, i);
+      full[i * nv + i] = (*row.diagonal)[lane];
+      for (int a = 0; a < row.n; ++a) {
+        int j = p.columns(i)[a];
+        full[i * nv + j] = row.before[a][lane];
+        full[j * nv + i] = row.mirror[a][lane];
+      }
+    }
+  }
+}
+
+// clean stays 0 in a lane whose numbers are finite, and becomes NaN in any other.
+static void gather(const double* x, int64_t stride, int n, const Lanes& l, T* out, T& clean) {
+  for (int i = 0; i < n; ++i) {
+    for (int lane = 0; lane < W; ++lane) out[i][lane] = x[l.at[lane] * stride + i];
+    clean += 0.0 * out[i];
+  }
+}
+// A lane without a clean input does the work of `good`, one that has it: clamps and pruning would hide a NaN from its result.
+static void copy_lane(Mask from_good, int good, int n, T* x) {
+  for (int i = 0; i < n; ++i) x[i] = select(from_good, splat(x[i][good]), x[i]);
+}
+static int first_of(Mask lanes) {
+  for (int lane = 0; lane < W; ++lane)
+    if (lanes[lane]) return lane;
+  return -1;
+}
+// NaN in the lanes of `spoilt`, in all n numbers of their elements.
+static void spoil(Mask spoilt, int64_t n, const Lanes& l, double* out) {
+  if (!out) return;
+  for (int lane = 0; lane < l.n; ++lane)
+    for (int64_t i = 0; spoilt[lane] && i < n; ++i) out[l.at[lane] * n + i] = __builtin_nan("");
+}
+// Packs x as n consecutive doubles of each lane.
+static void scatter(const T* x, int64_t n, const Lanes& l, double* const* out) {
+  int64_t i = 0;
+  for (; i + W <= n; i += W) {
+    T block[W];
+    for (int k = 0; k < W; ++k) block[k] = x[i + k];
+    transpose(block);
+    for (int lane = 0; lane < l.n; ++lane) std::memcpy(out[lane] + i, &block[lane], sizeof(T));
+  }
+  for (; i < n; ++i)
+    for (int lane = 0; lane < l.n; ++lane) out[lane][i] = x[i][lane];
+}
+static void scatter(const T* x, int64_t stride, int64_t n, const Lanes& l, double* out) {
+  if (!out) return;
+  double* to[W];
+  for (int lane = 0; lane < l.n; ++lane) to[lane] = out + l.at[lane] * stride;
+  scatter(x, n, l, to);
+}
+template <class G>
+static void gather_parameters(const Model& m, const Batch& b, const Lanes& l, Work<G>& w, bool first) {
+  if (b.theta_stride == 0 && !first) return;  // one parameter vector for the whole batch: loaded once
+  const double* theta[W];
+  for (int lane = 0; lane < W; ++lane) theta[lane] = b.theta ? b.theta + l.at[lane] * b.theta_stride : nullptr;
+  load_parameters(m, w, b.theta ? theta : nullptr);
+}
+
+// States and controls of a pack into the workspace; returns the lanes where they are finite. The others repeat one of these.
+template <class G>
+static Mask gather_states(const Model& m, const Batch& b, const Lanes& l, Work<G>& w) {
+  T clean = T{};
+  gather(b.q, b.q_stride, m.nq, l, w.q, clean);
+  gather(b.v, b.v_stride, m.nv, l, w.v, clean);
+  if (b.u) gather(b.u, b.u_stride, m.nu, l, w.u, clean);
+  Mask finite = clean == 0.0;
+  int good = first_of(finite);
+  if (good < 0 || !any(~finite)) return finite;
+  copy_lane(~finite, good, m.nq, w.q);
+  copy_lane(~finite, good, m.nv, w.v);
+  if (b.u) copy_lane(~finite, good, m.nu, w.u);
+  return finite;
+}
+
+}  // namespace cmbrl::CMBRL_ISA
