@@ -82,6 +82,7 @@ class ThreadPool {
     if (threads > 1) start(threads - 1);
     drain(0);
     if (threads > 1) {
+      briefly([this] { return running_ == 0; });
       std::unique_lock<std::mutex> lock(mutex_);
       while (!idle_.wait_for(lock, Interruption::period, [this] { return running_ == 0; })) {
         lock.unlock();
@@ -97,7 +98,7 @@ class ThreadPool {
     {
       std::lock_guard<std::mutex> lock(mutex_);
       for (int id = int(workers_.size()) + 1; id <= helpers; ++id)
-        workers_.emplace_back([this, id, round = round_] { work(id, round); });
+        workers_.emplace_back([this, id, round = round_.load()] { work(id, round); });
       helpers_ = running_ = helpers;
       ++round_;
     }
@@ -113,8 +114,15 @@ class ThreadPool {
       if (!failure_) failure_ = std::current_exception();
     }
   }
+  // Looks for `there` for a while before its thread sleeps: to be woken takes as long as some hundred steps.
+  template <class F>
+  static void briefly(F there) {
+    auto end = std::chrono::steady_clock::now() + std::chrono::microseconds(50);
+    while (!there() && std::chrono::steady_clock::now() < end) std::this_thread::yield();
+  }
   void work(int id, uint64_t seen) {
     for (;;) {
+      briefly([this, seen] { return round_ != seen; });
       {
         std::unique_lock<std::mutex> lock(mutex_);
         wake_.wait(lock, [&] { return quit_ || (round_ != seen && id <= helpers_); });
@@ -136,8 +144,9 @@ class ThreadPool {
   int64_t chunks_ = 0;
   std::atomic<int64_t> next_{0};
   std::exception_ptr failure_;
-  int helpers_ = 0, running_ = 0;
-  uint64_t round_ = 0;
+  int helpers_ = 0;
+  std::atomic<int> running_{0};
+  std::atomic<uint64_t> round_{0};
   bool quit_ = false;
 };
 
