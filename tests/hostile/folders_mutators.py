@@ -33,6 +33,15 @@ def files(folder: Path, *endings: str) -> list[Path]:
     return found
 
 
+def _content(folder: Path, rng: random.Random) -> tuple[Path, bytearray]:
+    """A file that is not empty, and its bytes."""
+    file = rng.choice(files(folder))
+    data = bytearray(file.read_bytes())
+    if not data:
+        raise NothingToDo
+    return file, data
+
+
 def truncate(folder: Path, rng: random.Random) -> str:
     file = rng.choice(files(folder))
     data = file.read_bytes()
@@ -42,10 +51,7 @@ def truncate(folder: Path, rng: random.Random) -> str:
 
 
 def flip(folder: Path, rng: random.Random) -> str:
-    file = rng.choice(files(folder))
-    data = bytearray(file.read_bytes())
-    if not data:
-        raise NothingToDo
+    file, data = _content(folder, rng)
     place, bit = rng.randrange(len(data)), rng.randrange(8)
     data[place] ^= 1 << bit
     file.write_bytes(bytes(data))
@@ -54,10 +60,7 @@ def flip(folder: Path, rng: random.Random) -> str:
 
 def overwrite(folder: Path, rng: random.Random) -> str:
     """A page of zeros or noise, as after a lost write."""
-    file = rng.choice(files(folder))
-    data = bytearray(file.read_bytes())
-    if not data:
-        raise NothingToDo
+    file, data = _content(folder, rng)
     start = rng.randrange(len(data))
     length = min(len(data) - start, rng.choice((1, 16, 512, 4096)))
     data[start : start + length] = bytes(length) if rng.random() < 0.5 else rng.randbytes(length)
