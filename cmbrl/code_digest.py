@@ -16,6 +16,7 @@ from pathlib import Path
 
 PACKAGE = "cmbrl"
 ROOT = Path(__file__).parent
+_NATIVE_REMARKS = re.compile(r"//[^\n]*|\s+")  # and how its lines are broken
 _NAMED = re.compile(rf"^({PACKAGE}(?:\.\w+)+)(?::|$)")
 
 
@@ -72,8 +73,10 @@ def _own_digest(name: str) -> str:
     seen = hashlib.sha256(ast.dump(tree).encode())
     if name == f"{PACKAGE}.native":
         sources = sorted(file for ending in ("hpp", "cpp") for file in source.parent.glob(f"*.{ending}"))
-        for file in sources or sorted(source.parent.glob("_core*")):
-            seen.update(file.read_bytes())
+        for file in sources:
+            seen.update(_NATIVE_REMARKS.sub(" ", file.read_text(encoding="utf-8")).encode())
+        for binary in () if sources else sorted(source.parent.glob("_core*")):
+            seen.update(binary.read_bytes())
     return seen.hexdigest()
 
 

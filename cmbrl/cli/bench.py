@@ -10,10 +10,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
-from cmbrl.bench.provenance import results
 from cmbrl.bench.registry import STUDIES, load
 from cmbrl.bench.report.page import write_page
 from cmbrl.bench.report.runs import Bar, StudyRun, run_studies, summary
+from cmbrl.bench.stored import results
 from cmbrl.bench.study import Progress, Section, Settings
 from cmbrl.cli.options import Parser, add_json, add_seed, add_threads, resolved
 from cmbrl.cli.progress import counting, fraction

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cmbrl import code_digest
-from cmbrl.bench import provenance
+from cmbrl.bench import provenance, stored
 from cmbrl.bench.report.runs import run_studies
 from cmbrl.bench.study import Section, Settings
 from cmbrl.cli import main
@@ -22,7 +22,7 @@ QUICK = Settings(quick=True)
 
 
 def states(*places: Path) -> dict[str, str]:
-    return {Path(row[0]).name: row[2] for row in provenance.results(places).rows}
+    return {Path(row[0]).name: row[2] for row in stored.results(places).rows}
 
 
 def test_results_say_what_made_them(tmp_path: Path) -> None:
@@ -32,21 +32,23 @@ def test_results_say_what_made_them(tmp_path: Path) -> None:
     text = section.terminal()
     assert "from 3 seeds on" in " ".join(text.split())
     (tmp_path / "study.txt").write_text(text)
+    (tmp_path / "wrapped.txt").write_text("\n".join(provenance.line(section.made).split()))
     (tmp_path / "other.txt").write_text("no result")
     (tmp_path / "old.txt").write_text("Made by cmbrl 0.1.0 (commit daa32bc) from 3 seeds on a machine; numpy 2.")
     (tmp_path / "other.json").write_text(json.dumps({"key": 3}))
     assert states(tmp_path) == {
-        "digest.json": provenance.CURRENT,
-        "section.json": provenance.CURRENT,
-        "study.txt": provenance.CURRENT,
-        "old.txt": provenance.UNKNOWN,
+        "digest.json": stored.CURRENT,
+        "section.json": stored.CURRENT,
+        "study.txt": stored.CURRENT,
+        "wrapped.txt": stored.CURRENT,
+        "old.txt": stored.UNKNOWN,
     }
     changed = replace(section, made={**section.made, "code": "0" * 16})
     changed.write(tmp_path / "study")
     (tmp_path / "study.txt").write_text(changed.terminal())
     assert states(tmp_path / "study", tmp_path / "study.txt") == {
-        "section.json": provenance.CHANGED,
-        "study.txt": provenance.CHANGED,
+        "section.json": stored.CHANGED,
+        "study.txt": stored.CHANGED,
     }
 
 
@@ -73,6 +75,13 @@ def test_the_digest_sees_code_and_nothing_else(tmp_path: Path, monkeypatch: pyte
     assert "cmbrl.fitting.fit" in code_digest._closure("cmbrl.cli.fit")
     assert "cmbrl.fitting.fit" not in code_digest._closure("cmbrl.scene.scene")
     assert one != two
+
+
+def test_remarks_in_the_core_do_not_count() -> None:
+    def kept(text: str) -> str:
+        return code_digest._NATIVE_REMARKS.sub(" ", text).strip()
+
+    assert kept("T x = 1;  // why\n\n  T y;\n") == kept("T x = 1;\n// Why else.\nT y;") != kept("T x = 2;\nT y;")
 
 
 def test_a_finished_study_runs_again_when_its_code_has_changed(fakes: dict[str, str], tmp_path: Path) -> None:
@@ -102,4 +111,4 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch
     (tmp_path / "docs").mkdir()
     (tmp_path / "docs/old.txt").write_text("Made by cmbrl 0.1.0 (no checkout) from 1 seed on a machine.")
     assert main(["bench", "stale", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)[0]["state"] == provenance.UNKNOWN
+    assert json.loads(capsys.readouterr().out)[0]["state"] == stored.UNKNOWN
