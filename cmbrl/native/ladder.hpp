@@ -43,7 +43,7 @@ static Mask resume(const Structure& m, SolverWork<G>& w, InteriorPoint<G>& ip, M
 template <class G>
 static Mask settled(const Structure& m, const Options& o, SolverWork<G>& w, InteriorPoint<G>& ip, Mask found, T& residual) {
   residual = fresh_residuals(m, w, ip);
-  for (int k = 0; k < 10; ++k) {
+  for (int k = 0; k < 10; ++k) {  // without, 390 wild hoppers of 4,000 climb instead of 98; with 3 steps 104
     Mask todo = found & ~((residual <= o.tolerance) & (ip.off_path(T{}) <= o.theta));
     if (!any(todo)) break;
     ip.refine(todo, k < 3 ? 0 : 1e-9);

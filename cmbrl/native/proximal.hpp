@@ -1,6 +1,7 @@
 // Newton where the law alone does not say how redundant contacts share their load, or says so by its last digits only:
 // proximal points (Rockafellar, SIAM J. Control Optim. 1976). Rows yield by eps / a to the change of their impulse since the
-// last point, which is a regular problem for Newton and leaves the solutions of the law where they are; eps follows Newton.
+// last point, which is a regular problem for Newton and leaves the solutions of the law where they are; eps follows Newton. How
+// it does so decides how many steps are taken, not what is solved: each number may be three times as large or as small.
 #pragma once
 #include "polish.hpp"
 
