@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import reduce
+from typing import Any, Protocol
 
 import torch
 from torch import Tensor
+
+Mover = Callable[..., tuple[Tensor, Tensor]]
 
 
 def _same_state(q: Tensor, v: Tensor, action: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -35,6 +38,22 @@ class Total:
         return reduce(torch.add, [told[name] for name in self.terms])
 
 
+class Curriculum(Protocol):
+    """What chooses initial states by how episodes have ended."""
+
+    def ended(self, q: Tensor, failed: Tensor) -> None:
+        """Takes in the last states q (B, ...) of episodes, and which of them were terminated (B,)."""
+        ...
+
+    def state(self) -> dict[str, Any]:
+        """Everything that the next reset depends on."""
+        ...
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continues from what ``state`` returned."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True)
 class MDP:
     """A Markov decision process over states (q, v); batched torch functions, float64, differentiable where it matters.
@@ -54,6 +73,12 @@ class MDP:
             robot gets ``repeat`` transitions. Default 1.
         shaping: q', v' -> (B,), added to the reward in training only, never in what is reported. Termination is
             discontinuous and has no gradient, so that a barrier before it helps. Default none.
+        memory: how many columns at the end of q are no coordinates of the robot but what the process itself remembers,
+            such as the phase of a motion or the last action. ``act`` changes them; models leave them as they are.
+            Default 0.
+        cut: q', v' -> (B,) bool: the episode's time is up there, as at a time limit. Default never.
+        curriculum: is told in training where episodes ended, so that ``reset`` can draw on it. Default none.
+        failure: what reports call a termination, such as "falls".
         info: as ``reward``, but -> name -> (B,): what environments report of a step, such as the parts of the reward
             (then give the reward as their :class:`Total`). Default nothing.
     """
@@ -69,7 +94,27 @@ class MDP:
     act: Callable[[Tensor, Tensor, Tensor], tuple[Tensor, Tensor, Tensor]] = _same_state
     repeat: int = 1
     shaping: Callable[[Tensor, Tensor], Tensor] | None = None
+    memory: int = 0
+    cut: Callable[[Tensor, Tensor], Tensor] | None = None
+    curriculum: Curriculum | None = None
+    failure: str = "terminations"
     info: Callable[[Tensor, Tensor, Tensor, Tensor, Tensor], dict[str, Tensor]] | None = None
+
+    def robot(self, q: Tensor) -> Tensor:
+        """The robot's coordinates (B, nq) of the process's q (B, nq + memory)."""
+        return q[:, : q.shape[1] - self.memory]
+
+    def move(self, step: Mover, q: Tensor, v: Tensor, u: Tensor, *more: Any, **named: Any) -> tuple[Tensor, Tensor]:
+        """One step of a model, ``step(q, v, u, ...) -> q', v'``, on the robot's coordinates."""
+        if not self.memory:
+            return step(q, v, u, *more, **named)
+        q_next, v_next = step(self.robot(q), v, u, *more, **named)
+        return torch.cat([q_next, q[:, -self.memory :]], dim=1), v_next
+
+    def out_of_time(self, q: Tensor, v: Tensor, age: Tensor | int) -> Tensor | bool:
+        """(B,) bool: whether episodes of ``age`` (B,) steps end in q, v (B, ...) for want of time."""
+        late = age >= self.episode_steps
+        return late if self.cut is None else self.cut(q, v) | late
 
     def score(
         self, q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: Tensor

@@ -74,6 +74,8 @@ class Task:
         "policy",
     )  #: what can drive the real system; the first is the default
     mdp: Callable[[], MDP] | None = None  #: reward, observation, reset: for a task with policies
+    trial: Callable[[], MDP] | None = None  #: of evaluations and clips, where they start differently; default: ``mdp``
+    of_motion: Callable[[str | Path], Task] | None = None  #: this task for the motion in a file, where one is imitated
     system: Callable[[], System] | None = None  #: makes the real system that a policy is tried on
     training: Mapping[str, Mapping[str, Any]] = field(default_factory=dict, hash=False)
     """Training settings of this task: algorithm -> setting -> value, such as {"shac": {"window": 0.3}}.

@@ -55,22 +55,30 @@ def run(arguments: argparse.Namespace) -> None:
         model = load_model(word, task, arguments.smoothing, arguments.threads or usable_cores())
         found[word] = evaluate_model(policy, mdp, model, arguments.episodes, arguments.seed)
     if arguments.json:
-        places = {where: _to_json(e) for where, e in found.items()}
+        places = {where: _to_json(e, mdp.failure) for where, e in found.items()}
         print(json.dumps({"policy": arguments.policy, "task": task.name, "in": places}, indent=2))
     else:
-        print(_table(found))
+        print(_table(found, mdp.failure))
 
 
-def _to_json(e: Evaluation) -> dict[str, Any]:
+def _to_json(e: Evaluation, failure: str) -> dict[str, Any]:
+    """``failure``: what a termination is called. Means are over steps, then over episodes."""
+    means = {f"mean_{name}": float(x.mean()) for name, x in e.info.items()}
     return {
+        failure: int(e.terminated.sum()),
+        **means,
         "return": {"mean": float(e.returns.mean()), "standard_deviation": float(e.returns.std())},
         "length": {"mean": float(e.lengths.mean())},
         "returns": e.returns.tolist(),
         "lengths": e.lengths.tolist(),
+        "episodes": [
+            {failure: bool(e.terminated[k]), **{f"mean_{name}": float(x[k]) for name, x in e.info.items()}}
+            for k in range(len(e.returns))
+        ],
     }
 
 
-def _table(found: dict[str, Evaluation]) -> str:
+def _table(found: dict[str, Evaluation], failure: str) -> str:
     """Return and length of every episode, then means, standard deviations, and real - model."""
     width = 24
     heads = [where if len(where) < width else f"...{where[4 - width :]}" for where in found]
@@ -80,7 +88,11 @@ def _table(found: dict[str, Evaluation]) -> str:
         rows.append((str(k), [f"{e.returns[k]:.4g}, {e.lengths[k]:d}" for e in columns]))
     for name, measure in (("mean", np.mean), ("st.dev.", np.std)):
         rows.append((name, [f"{measure(e.returns):.4g}, {measure(e.lengths):.0f}" for e in columns]))
-    lines = [f"{name:>8s}" + "".join(f"{cell:>{width}s}" for cell in cells) for name, cells in rows]
+    rows.append((failure[:12], [str(int(e.terminated.sum())) for e in columns]))
+    for name in columns[0].info:
+        rows.append((name, [f"{e.info[name].mean():.4g}" if name in e.info else "" for e in columns]))
+    first = max(8, *(len(name) for name, _ in rows))
+    lines = [f"{name:>{first}s}" + "".join(f"{cell:>{width}s}" for cell in cells) for name, cells in rows]
     if len(columns) == 2:
         real, model = (float(e.returns.mean()) for e in columns)
         lines.append(f"real - model: {real - model:+.4g}" + (f" ({real / model:.0%})" if model > 0 else ""))

@@ -50,6 +50,7 @@ def add_arguments(parser: Parser) -> None:
         metavar="M",
         help=f"{MODEL_HELP}; ensemble (a neural one that A trains); real (default: the first that A can train on)",
     )
+    parser.add_argument("--motion", metavar="FILE", help="the motion to imitate, for a task that imitates (.csv, .npz)")
     parser.add_argument("--out", required=True, metavar="DIR", help="the run folder to write")
     parser.add_argument("--iterations", type=positive, metavar="N", help="updates of the policy (default: A's)")
     parser.add_argument("--data", metavar="FILE", help="a log to start from, for an algorithm that learns its model")
@@ -129,8 +130,10 @@ def run(arguments: argparse.Namespace) -> int:
         derivative=arguments.derivative,
         seed=arguments.seed,
         threads=arguments.threads or usable_cores(),
+        motion=str(Path(arguments.motion).resolve()) if arguments.motion else None,
     )
     about = {"task": setup.task.name, "algorithm": setup.algorithm, "model": setup.model, "seed": setup.seed}
+    about |= {"motion": setup.motion} if setup.motion else {}
     wanted = {**resolved(arguments), **about}
     out = Path(arguments.out)
     _check_resumed(out, arguments.resume, wanted)

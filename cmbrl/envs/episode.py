@@ -34,7 +34,7 @@ def play_episode(actor: Actor, mdp: MDP, start: tuple[Tensor, Tensor], model: Mo
     """
     q, v = start
     total = 0.0
-    shown, returns = [q[0].numpy()], [0.0]
+    shown, returns = [mdp.robot(q)[0].numpy()], [0.0]
     terminated = False
     for _ in range(min(mdp.episode_steps, max(1, round(seconds / mdp.dt)))):
         action = actor(mdp.observe(q, v).float()).double()
@@ -42,8 +42,8 @@ def play_episode(actor: Actor, mdp: MDP, start: tuple[Tensor, Tensor], model: Mo
         for _ in range(mdp.repeat):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", SolverWarning)  # a clip shows the result anyway
-                q_next, v_next = model.step(q_next, v_next, u)
-            shown.append(q_next[0].numpy())
+                q_next, v_next = mdp.move(model.step, q_next, v_next, u)
+            shown.append(mdp.robot(q_next)[0].numpy())
             returns.append(total)
         if not (torch.isfinite(q_next).all() and torch.isfinite(v_next).all()):
             keep = np.isfinite(np.stack(shown)).all(axis=1)

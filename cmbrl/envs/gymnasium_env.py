@@ -78,14 +78,14 @@ class MDPEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SolverWarning)  # counted in the model's ``failures``
             for _ in range(self.mdp.repeat):
-                q_next, v_next = self.model.step(q_next, v_next, u)
+                q_next, v_next = self.mdp.move(self.model.step, q_next, v_next, u)
         score, info = self.mdp.score(self._q, self._v, a, q_next, v_next)
         reward = score.item()
         lost = not (_finite(q_next.numpy()) and _finite(v_next.numpy()))
         terminated = lost or bool(self.mdp.terminated(q_next, v_next))
         self._q, self._v = q_next, v_next
         self._age += 1
-        truncated = self._age >= self.mdp.episode_steps and not terminated
+        truncated = not terminated and bool(self.mdp.out_of_time(q_next, v_next, self._age))
         told = {name: x.item() for name, x in info.items()}
         return self._observe(), reward if math.isfinite(reward) else 0.0, terminated, truncated, told
 
@@ -95,7 +95,7 @@ class MDPEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             return None
         if self._drawer is None:
             self._drawer = Drawer(self.scene, self.width, self.height)
-        return self._drawer.draw(self._q[0].numpy())
+        return self._drawer.draw(self.mdp.robot(self._q)[0].numpy())
 
     def close(self) -> None:
         """Frees the renderer."""

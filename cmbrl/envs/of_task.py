@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cmbrl.errors import UserError
@@ -25,6 +26,21 @@ def decision_process(task: Task) -> MDP:
             f"{task.control_dt:g} s: fix dt, repeat or control_dt"
         )
     return mdp
+
+
+def trial_process(task: Task) -> MDP:
+    """The process in which a policy of the task is judged: the task's own, unless evaluations start differently."""
+    return decision_process(task) if task.trial is None else task.trial()
+
+
+def task_for(name: str, motion: str | Path | None) -> Task:
+    """The task called ``name``, for ``motion`` if one is given; raises UserError if it imitates none."""
+    task = load_task(name)
+    if motion is None:
+        return task
+    if task.of_motion is None:
+        raise UserError(f"--motion {motion}: task {name!r} imitates no motion: drop it")
+    return task.of_motion(motion)
 
 
 def real_system(task: Task) -> SystemFactory:

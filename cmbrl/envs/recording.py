@@ -46,14 +46,14 @@ class Recording:
         mdp = self.mdp
         q, v, u = mdp.act(self.q, self.v, action)
         for _ in range(mdp.repeat):
-            after = self.robot.step(q, v, u)
-            self._rows.append(torch.cat([q, v, u, *after], dim=1)[0].numpy())
+            after = mdp.move(self.robot.step, q, v, u)
+            self._rows.append(torch.cat([mdp.robot(q), v, u, mdp.robot(after[0]), after[1]], dim=1)[0].numpy())
             self._episodes.append(len(self.finished))
             q, v = after
         row = outcome(mdp, self.q, self.v, action, q, v)
         self.q, self.v, self.age = q, v, self.age + 1
         self.value += float(row["reward"])
-        if bool(row["terminated"]) or self.age >= mdp.episode_steps:
+        if bool(row["terminated"]) or bool(mdp.out_of_time(q, v, self.age)):
             self.finished.append((self.value, self.age))
             self.q, self.v = mdp.reset(1, self.generator)
             self.value, self.age = 0.0, 0
@@ -71,7 +71,7 @@ class Recording:
         return Transitions(q=q, v=v, u=u, q_next=q_next, v_next=v_next, dt=self.robot.dt, episode=episode)
 
     def _edges(self) -> np.ndarray:
-        nq, nv = self.q.shape[1], self.v.shape[1]
+        nq, nv = self.mdp.robot(self.q).shape[1], self.v.shape[1]
         return np.cumsum([nq, nv, self._rows[0].size - 2 * (nq + nv), nq])
 
     def state(self) -> dict[str, Any]:

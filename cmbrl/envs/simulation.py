@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -38,7 +38,7 @@ class Step:
 
     observation (B, n_o) of the state before the action; action (B, n_a); the task's reward (B,) and the ``shaping``
     (B,) to add in training; next_observation (B, n_o) before a restart. Reward, shaping and next_observation are
-    differentiable.
+    differentiable. ``info``: what ``MDP.info`` tells, by name (B,), if the simulation was asked to.
     """
 
     observation: Tensor
@@ -48,6 +48,7 @@ class Step:
     next_observation: Tensor
     terminated: Tensor
     truncated: Tensor
+    info: dict[str, Tensor] = field(default_factory=dict)
 
 
 class Simulation:
@@ -59,6 +60,7 @@ class Simulation:
         seed: of resets, noise and parameters.
         disturbance: see there; only a complementarity model has parameters to vary.
         stagger: start episodes at different ages, so that time limits do not coincide.
+        tell: steps come with the process's ``info``.
     """
 
     def __init__(
@@ -69,8 +71,9 @@ class Simulation:
         seed: int = 0,
         disturbance: Disturbance | None = None,
         stagger: bool = False,
+        tell: bool = False,
     ) -> None:
-        self.mdp, self.model, self.count = mdp, model, count
+        self.mdp, self.model, self.count, self.tell = mdp, model, count, tell
         self.disturbance = disturbance or Disturbance()
         self.stagger = stagger
         self.generator = torch.Generator().manual_seed(seed)
@@ -108,19 +111,22 @@ class Simulation:
             q, v = self._advance(q, v, u)
         if self._noise is not None:
             v = v + self._noise * torch.randn(v.shape, generator=self.generator, dtype=v.dtype)
-        reward = mdp.reward(self.q, self.v, control, q, v)
+        moved = self.q, self.v, control, q, v
+        reward, info = mdp.score(*moved) if self.tell else (mdp.reward(*moved), {})
         shaping = mdp.shaping(q, v) if mdp.shaping is not None else torch.zeros_like(reward)
         self.steps_taken += self.count * mdp.repeat
         self.age += 1
         with torch.no_grad():
             lost = ~torch.isfinite(torch.cat([q, v], dim=1)).all(dim=1)
             terminated = mdp.terminated(q, v) | lost
-            truncated = (self.age >= mdp.episode_steps) & ~terminated
+            truncated = mdp.out_of_time(q, v, self.age) & ~terminated
             done = terminated | truncated
             self.returns += torch.where(lost, 0.0, reward)
         next_observation = mdp.observe(q, v)
+        if mdp.curriculum is not None and done.any():
+            mdp.curriculum.ended(q.detach()[done], terminated[done])
         self.q, self.v = self._restart(q, v, done) if done.any() else (q, v)
-        return Step(observation, action, reward, shaping, next_observation, terminated, truncated)
+        return Step(observation, action, reward, shaping, next_observation, terminated, truncated, info)
 
     def state(self) -> dict[str, Any]:
         """Everything that the next step depends on."""
@@ -134,6 +140,7 @@ class Simulation:
             "steps_taken": self.steps_taken,
             "generator": self.generator.get_state(),
             "model": model_state(self.model),
+            "curriculum": None if self.mdp.curriculum is None else self.mdp.curriculum.state(),
         }
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -145,13 +152,13 @@ class Simulation:
         self.steps_taken = state["steps_taken"]
         self.generator.set_state(state["generator"])
         restore_model(self.model, state["model"])
+        if self.mdp.curriculum is not None:
+            self.mdp.curriculum.restore(state["curriculum"])
 
     def _advance(self, q: Tensor, v: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SolverWarning)  # counted in model.failures, which the trainer reports
-            if self.theta is None:
-                return self.model.step(q, v, u)
-            return self.model.step(q, v, u, self.theta)  # type: ignore[call-arg]
+            return self.mdp.move(self.model.step, q, v, u, *(() if self.theta is None else (self.theta,)))
 
     def _restart(self, q: Tensor, v: Tensor, done: Tensor) -> tuple[Tensor, Tensor]:
         rows = done.nonzero()[:, 0]

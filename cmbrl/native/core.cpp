@@ -1,4 +1,5 @@
 // The core for one instruction set (CMBRL_ISA). Compiled once per set.
+#include "bodies.hpp"
 #include "loss.hpp"
 #include "passes.hpp"
 #include "quantities.hpp"
@@ -27,6 +28,12 @@ const Backend backend = {
     },
     [](const Model& m, const Options& o, const Batch& b, const RowBatch& out, int64_t s, int64_t e, StepMemory& w) {
       m.planar ? step_rows<Planar>(m, o, b, out, s, e, w) : step_rows<Spatial>(m, o, b, out, s, e, w);
+    },
+    [](const Model& m, const Batch& b, const BodyBatch& out, int64_t s, int64_t e, StepMemory& w) {
+      m.planar ? body_motions<Planar>(m, b, out, s, e, w) : body_motions<Spatial>(m, b, out, s, e, w);
+    },
+    [](const Model& m, const Batch& b, const BodyBatch& out, int64_t s, int64_t e, StepMemory& w) {
+      m.planar ? body_motions_backward<Planar>(m, b, out, s, e, w) : body_motions_backward<Spatial>(m, b, out, s, e, w);
     },
 };
 

@@ -190,6 +190,27 @@ class Core {
     return out;
   }
 
+  nb::object bodies(Array q, Array v, Index chosen, int threads) {
+    const Model& m = data_->model;
+    Batch b = states(q, v, nullptr, std::nullopt);
+    std::vector<int32_t> bodies = checked_bodies(chosen);
+    BodyBatch out{int(bodies.size()), bodies.data(), nullptr, nullptr};
+    auto motion = make_array<double>({size_t(b.n), bodies.size(), body_fields()}, &out.motion);
+    run(b.n, threads, Purpose::step, [&](int64_t s, int64_t e, StepMemory& w) { backend_.bodies(m, b, out, s, e, w); });
+    return nb::cast(motion);
+  }
+
+  nb::tuple bodies_backward(Array q, Array v, Index chosen, Array cotangent, int threads) {
+    const Model& m = data_->model;
+    Batch b = states(q, v, nullptr, std::nullopt);
+    std::vector<int32_t> bodies = checked_bodies(chosen);
+    check(cotangent, "cotangent", {b.n, int64_t(bodies.size()), int64_t(body_fields())});
+    BodyBatch out{int(bodies.size()), bodies.data(), nullptr, cotangent.data()};
+    auto gq = make_array<double>({size_t(b.n), size_t(m.nv)}, &b.gq), gv = make_array<double>({size_t(b.n), size_t(m.nv)}, &b.gv);
+    run(b.n, threads, Purpose::step, [&](int64_t s, int64_t e, StepMemory& w) { backend_.bodies_backward(m, b, out, s, e, w); });
+    return nb::make_tuple(gq, gv);
+  }
+
   std::string isa() const { return backend_.name; }
   int width() const { return backend_.width; }
 
@@ -199,6 +220,17 @@ class Core {
   std::vector<std::string> names_;
   std::vector<double> low_, high_;
   PerProcess<Engine> engine_;
+
+  size_t body_fields() const { return data_->model.planar ? 7 : 18; }
+  std::vector<int32_t> checked_bodies(const Index& chosen) const {
+    std::vector<int32_t> bodies;
+    for (size_t i = 0; i < chosen.size(); ++i) {
+      int64_t body = chosen.data()[i];
+      if (body < 0 || body >= data_->model.nbody) refuse("body " + std::to_string(body) + " of " + std::to_string(data_->model.nbody));
+      bodies.push_back(int32_t(body));
+    }
+    return bodies;
+  }
 
   // As many states as v has rows, with controls and parameters where there are some.
   Batch states(const Array& q, const Array& v, const Array* u, const std::optional<Array>& theta) const {
@@ -264,6 +296,8 @@ void bind_core(nb::module_& module) {
            "scale_v"_a, "huber"_a, "fail_penalty"_a, "options"_a, "threads"_a = 1)
       .def("dynamics", &Core::dynamics, "q"_a, "v"_a, "theta"_a.none(), "options"_a)
       .def("rows", &Core::rows, "q"_a, "v"_a, "u"_a, "theta"_a.none(), "options"_a)
+      .def("bodies", &Core::bodies, "q"_a, "v"_a, "bodies"_a, "threads"_a = 1)
+      .def("bodies_backward", &Core::bodies_backward, "q"_a, "v"_a, "bodies"_a, "cotangent"_a, "threads"_a = 1)
       .def_prop_ro("isa", &Core::isa)
       .def_prop_ro("width", &Core::width);
 }

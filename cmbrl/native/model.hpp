@@ -131,6 +131,13 @@ struct RowBatch {
   int32_t* active;           // (n, nrow)
 };
 
+struct BodyBatch {  // motions of `count` bodies (n, count, fields), or cotangents of them; fields: see bodies.hpp
+  int count;
+  const int32_t* bodies;
+  double* motion;
+  const double* cotangent;
+};
+
 struct Backend {  // one per instruction set
   const char* name;
   int width;
@@ -141,6 +148,8 @@ struct Backend {  // one per instruction set
   void (*loss)(const Model&, const Options&, const LossBatch&, int64_t candidate_pack, StepMemory&);
   void (*dynamics)(const Model&, const Options&, const Batch&, double* M, double* bias, double* gap, double* J, int64_t begin, int64_t end, StepMemory&);
   void (*rows)(const Model&, const Options&, const Batch&, const RowBatch&, int64_t begin, int64_t end, StepMemory&);
+  void (*bodies)(const Model&, const Batch&, const BodyBatch&, int64_t begin, int64_t end, StepMemory&);
+  void (*bodies_backward)(const Model&, const Batch&, const BodyBatch&, int64_t begin, int64_t end, StepMemory&);
 };
 
 }  // namespace cmbrl

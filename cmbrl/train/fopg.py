@@ -245,6 +245,6 @@ class FOPG(WindowLearner):
 def side_by_side(windows: list[list[Step]]) -> list[Step]:
     """Windows of equal length as one window of all their rows."""
     return [
-        Step(*(torch.cat([getattr(s, f.name) for s in steps]) for f in fields(Step)))
+        Step(*(torch.cat([getattr(s, f.name) for s in steps]) for f in fields(Step) if f.name != "info"))
         for steps in zip(*windows, strict=True)
     ]

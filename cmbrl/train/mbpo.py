@@ -288,12 +288,12 @@ def branch(
         action = act(mdp.observe(q, v))
         next_q, next_v, u = mdp.act(q, v, action)
         for _ in range(mdp.repeat):
-            next_q, next_v = model.step(next_q, next_v, u, sample=True, generator=generator)  # type: ignore[call-arg]
+            next_q, next_v = mdp.move(model.step, next_q, next_v, u, sample=True, generator=generator)
         kept = torch.isfinite(next_q).all(dim=1) & torch.isfinite(next_v).all(dim=1)
         q, v, action, next_q, next_v = (x[kept] for x in (q, v, action, next_q, next_v))
         rows = outcome(mdp, q, v, action, next_q, next_v)
         yield rows
-        goes_on = rows["terminated"] == 0
+        goes_on = (rows["terminated"] == 0) & ~torch.as_tensor(mdp.out_of_time(next_q, next_v, 0))
         q, v = next_q[goes_on], next_v[goes_on]
         if not len(q):
             return

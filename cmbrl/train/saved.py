@@ -5,17 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from cmbrl.envs.of_task import decision_process
+from cmbrl.envs.of_task import task_for, trial_process
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP
-from cmbrl.registry import Task, load_task
+from cmbrl.registry import Task
 from cmbrl.train.models import REAL, check_model
 from cmbrl.train.policy_file import SavedPolicy, load_policy
 
 
 @dataclass(frozen=True)
 class Trained:
-    """A policy from ``folder``, and the task and process that it acts in."""
+    """A policy from ``folder``, the task that it was trained for, and the process that it is judged in."""
 
     folder: Path
     saved: SavedPolicy
@@ -26,8 +26,8 @@ class Trained:
     def load(cls, folder: str) -> Trained:
         """Raises UserError when the folder holds no policy, or one that does not fit its task."""
         saved = load_policy(folder)
-        task = load_task(saved.task)
-        mdp = decision_process(task)
+        task = task_for(saved.task, saved.about.get("motion"))
+        mdp = trial_process(task)
         shape = saved.policy.architecture
         have, need = (shape.observations, shape.actions), (mdp.observations, mdp.actions)
         if have != need:

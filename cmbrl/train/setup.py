@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from cmbrl.envs.of_task import decision_process, real_system
+from cmbrl.envs.of_task import decision_process, real_system, task_for
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP
 from cmbrl.models.source import load_log
-from cmbrl.registry import Task, load_task
+from cmbrl.registry import Task
 from cmbrl.text import parse_fields
 from cmbrl.train.algorithms import algorithm
 from cmbrl.train.models import REAL, check_model, kind_of, load_model, usual_model, with_derivative
@@ -33,6 +33,7 @@ class Setup:
     derivative: str | None
     seed: int
     threads: int | None
+    motion: str | None = None
 
     def trainer(self) -> Trainer:
         """A fresh trainer; raises UserError on a model or log that does not fit the task."""
@@ -64,6 +65,7 @@ def set_up(
     derivative: str | None = None,
     seed: int = 0,
     threads: int | None = None,
+    motion: str | None = None,
 ) -> Setup:
     """A checked training run.
 
@@ -78,10 +80,11 @@ def set_up(
         derivative: what the model's derivative is, e.g. "gaussian:length=1e-3"; None: that of the simulation.
         seed: of everything random.
         threads: of the native core; results do not depend on it.
+        motion: file of the motion to imitate, for a task that imitates; None: the task's own.
 
     Raises UserError on names, values and combinations that do not work.
     """
-    found = load_task(task)
+    found = task_for(task, motion)
     name = algorithm_name or recommended(found, model)
     chosen = algorithm(name)
     mdp = decision_process(found)
@@ -97,7 +100,7 @@ def set_up(
     if offline and not (data and "system" in chosen.takes):
         raise UserError("--offline needs --data FILE and an algorithm that takes real steps")
     config = configure(name, found, parse_fields(chosen.load()[1], settings or {}, name))
-    return Setup(found, name, model, config, mdp, data, offline, smoothing, derivative, seed, threads)
+    return Setup(found, name, model, config, mdp, data, offline, smoothing, derivative, seed, threads, motion)
 
 
 def recommended(task: Task, model: str | None = None) -> str:

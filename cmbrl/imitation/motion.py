@@ -1,0 +1,62 @@
+"""A reference motion: configurations and velocities of a robot at equal steps of time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmbrl.errors import UserError
+from cmbrl.scene import Scene
+from cmbrl.scene.records import Array
+
+SHORTEST = 0.5  # s
+DEEPEST = 0.05  # m below the floor, at the start
+
+
+@dataclass(frozen=True)
+class Motion:
+    """F frames, ``dt`` [s] apart: q (F, nq), v (F, nv), in the layout of the scene."""
+
+    q: Array
+    v: Array
+    dt: float
+
+    @classmethod
+    def of_frames(cls, scene: Scene, q: Array, rate: float, dt: float, name: str) -> Motion:
+        """The motion through the configurations q (N, nq) at ``rate`` frames a second, resampled to ``dt`` [s].
+
+        Between frames coordinates are linear, and rotations turn at a constant speed (slerp). Velocities are central
+        differences; a body's angular velocity is in its own axes.
+
+        Raises UserError, led by ``name``, for frames that are not finite, too few, or begin under the floor.
+        """
+        if not np.isfinite(q).all():
+            row, column = np.argwhere(~np.isfinite(q))[0]
+            raise UserError(f"{name}: row {row + 1}, column {column + 1} is not a number: fix or drop that frame")
+        duration = (len(q) - 1) / rate
+        if duration < SHORTEST:
+            raise UserError(f"{name}: {duration:.2g} s of motion; give at least {SHORTEST:g} s")
+        depth = -float(scene.gaps(q[0]).min(initial=np.inf))
+        if depth > DEEPEST:
+            raise UserError(
+                f"{name}: starts {100 * depth:.0f} cm under the floor: move it up, or check that z points up [m]"
+            )
+        times = np.arange(int(duration / dt + 1e-9) + 1) * dt
+        place = np.minimum(times * rate, len(q) - 1 - 1e-9)
+        frame = place.astype(int)
+        ahead = scene.difference(q[frame], q[frame + 1])
+        sampled = scene.integrate(q[frame], (place - frame)[:, None] * ahead)
+        return cls(sampled, velocities(scene, sampled, dt), dt)
+
+    @property
+    def duration(self) -> float:
+        """From the first frame to the last [s]."""
+        return (len(self.q) - 1) * self.dt
+
+
+def velocities(scene: Scene, q: Array, dt: float) -> Array:
+    """Velocities (F, nv) at configurations q (F, nq), ``dt`` [s] apart: central differences, one-sided at the ends."""
+    step = scene.difference(q[:-1], q[1:]) / dt
+    back = -scene.difference(q[1:], q[:-1]) / dt  # the same, in the axes of the later configuration
+    return np.concatenate([step[:1], (step[1:] + back[:-1]) / 2, back[-1:]])

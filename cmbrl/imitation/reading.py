@@ -1,0 +1,87 @@
+"""Motions from files.
+
+- CSV without a header, one frame a row: root position x, y, z [m], root quaternion x, y, z, w, then the angle of every
+  joint [rad] in the order of the model. Unitree's retargeted LAFAN1 clips have this form, at 30 frames a second.
+- npz with ``q`` (N, nq) in MuJoCo's layout (quaternions w, x, y, z) and ``rate`` [frames/s]; with ``joint_names``, the
+  joints' columns are taken by name.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+
+from cmbrl.errors import UserError
+from cmbrl.imitation.motion import Motion
+from cmbrl.reading import regular_file
+from cmbrl.scene import Scene
+from cmbrl.scene.records import Array
+
+CSV_RATE = 30.0  # frames/s
+ROOT = 7  # coordinates of a free body
+_UNIT = 0.05  # a quaternion's length may be off by this
+
+
+def read_motion(path: str | Path, scene: Scene, dt: float) -> Motion:
+    """The motion in a file, at steps of ``dt`` [s]; raises UserError, which names the file, if it does not fit."""
+    file = regular_file(path, "give the path of a motion (.csv or .npz)")
+    if file.suffix == ".npz":
+        q, rate = _npz(file, scene)
+    elif file.suffix == ".csv":
+        q, rate = _csv(file, scene), CSV_RATE
+    else:
+        raise UserError(f"{file}: motions are .csv or .npz files")
+    length = np.linalg.norm(q[:, 3:ROOT], axis=1)
+    wrong = np.flatnonzero(~(np.abs(length - 1) < _UNIT) & np.isfinite(length))
+    if len(wrong):
+        raise UserError(f"{file}: the quaternion of row {wrong[0] + 1} has length {length[wrong[0]]:.3g}, not 1")
+    q[:, 3:ROOT] /= length[:, None]
+    return Motion.of_frames(scene, q, rate, dt, str(file))
+
+
+def _csv(file: Path, scene: Scene) -> Array:
+    try:
+        rows = np.loadtxt(file, delimiter=",", ndmin=2, dtype=np.float64)
+    except ValueError as error:
+        raise UserError(f"{file}: not a table of numbers ({str(error).splitlines()[0]})") from None
+    _check_columns(file, rows, scene)
+    return np.concatenate([rows[:, :3], rows[:, 6:7], rows[:, 3:6], rows[:, ROOT:]], axis=1)
+
+
+def _npz(file: Path, scene: Scene) -> tuple[Array, float]:
+    try:
+        with np.load(file, allow_pickle=False) as held:
+            arrays = {name: held[name] for name in held.files}
+    except (OSError, ValueError, BadZipFile, EOFError) as error:
+        raise UserError(f"{file}: not an npz file ({error})") from None
+    for name in ("q", "rate"):
+        if name not in arrays or arrays[name].dtype.kind not in "fiu":
+            raise UserError(f"{file}: no numbers {name!r}; a motion holds q (N, nq) and rate [frames/s]")
+    q, rate = np.atleast_2d(arrays["q"]).astype(np.float64), float(np.ravel(arrays["rate"])[0])
+    if not 0 < rate < np.inf:
+        raise UserError(f"{file}: rate is {rate:g}; give frames per second")
+    if "joint_names" in arrays:
+        q = _by_name(file, q, [str(name) for name in arrays["joint_names"]], scene)
+    _check_columns(file, q, scene)
+    return q, rate
+
+
+def _by_name(file: Path, q: Array, names: list[str], scene: Scene) -> Array:
+    wanted = list(scene.joint_names[1:])
+    if missing := [name for name in wanted if name not in names]:
+        raise UserError(f"{file}: has no joint {missing[0]!r} of {scene.name}: is it a motion of another robot?")
+    if q.shape[1] != ROOT + len(names):
+        raise UserError(
+            f"{file}: q has {q.shape[1]} columns for a root and {len(names)} joints; give {ROOT + len(names)}"
+        )
+    return q[:, [*range(ROOT), *(ROOT + names.index(name) for name in wanted)]]
+
+
+def _check_columns(file: Path, rows: Array, scene: Scene) -> None:
+    if rows.shape[1] != scene.nq:
+        raise UserError(
+            f"{file}: {rows.shape[1]} columns, but {scene.name} has {scene.nq} coordinates (root {ROOT}, joints "
+            f"{scene.nq - ROOT}): is it a motion of another robot?"
+        )

@@ -1,0 +1,106 @@
+"""A robot that imitates: which of its bodies count, how it is actuated, and the task that follows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cmbrl.errors import UserError
+from cmbrl.registry import Task
+
+if TYPE_CHECKING:
+    from cmbrl.imitation.motion import Motion
+    from cmbrl.mdp import MDP
+    from cmbrl.scene import Scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class Robot:
+    """A robot with a free root and position servos on all its joints, in the order of the joints.
+
+    Args:
+        scene: the MJCF.
+        tracked: bodies whose motion is compared with the reference.
+        anchor: the body that the others are judged relative to, such as the torso.
+        ends: hands and feet; the episode ends if the height of one is too far off.
+        reach: share of a joint's torque limit that an action of 1 asks for at rest: the target moves by this times the
+            limit over the servo's stiffness.
+        posture: angles [rad] of joints in the default posture, by name; others are 0.
+    """
+
+    scene: Path
+    tracked: tuple[str, ...]
+    anchor: str
+    ends: tuple[str, ...]
+    posture: Mapping[str, float] = field(default_factory=dict, hash=False)
+    reach: float = 0.25
+
+
+def imitation_task(
+    name: str,
+    description: str,
+    robot: Robot,
+    own: Callable[[Scene], Motion],
+    *,
+    control_dt: float = 0.02,
+    substeps: int = 4,
+    training: Mapping[str, Mapping[str, Any]] | None = None,
+) -> Task:
+    """A task for ``robot``: to imitate the motion that ``own`` makes, or one in a file (:meth:`Task.of_motion`)."""
+    task = Task(
+        name=name,
+        description=description,
+        scene=robot.scene,
+        control_dt=control_dt,
+        substeps=substeps,
+        time_step=control_dt / substeps,
+        recorder=_no_recorder,
+        training=training or {},
+        system=partial(_system, robot.scene, substeps),
+    )
+    return _with_motion(task, robot, own)
+
+
+def _with_motion(task: Task, robot: Robot, motion: Callable[[Scene], Motion]) -> Task:
+    """``task`` for one motion; what is heavy is made when it is needed first."""
+
+    @cache
+    def tracking() -> Any:
+        from cmbrl.imitation.tracking import Tracking
+
+        scene = task.load_scene()
+        return Tracking(robot, scene, motion(scene))
+
+    def of_file(path: str | Path) -> Task:
+        from cmbrl.imitation.reading import read_motion
+
+        return _with_motion(task, robot, partial(read_motion, path, dt=task.control_dt))
+
+    def process() -> MDP:
+        return tracking().training()
+
+    def trial() -> MDP:
+        return tracking().trial()
+
+    return replace(
+        task, mdp=process, trial=trial, of_motion=of_file, recorder=partial(_record, task.name, process, task)
+    )
+
+
+def _system(scene: Path, substeps: int) -> Any:
+    from cmbrl.system import MujocoSystem
+
+    return MujocoSystem(scene, frame_skip=substeps)
+
+
+def _no_recorder(**_: Any) -> Any:
+    raise UserError("this task has no motion")
+
+
+def _record(name: str, process: Callable[[], MDP], task: Task, **arguments: Any) -> Any:
+    from cmbrl.envs.mujoco_recording import record_mujoco
+
+    return record_mujoco(name, process(), task.system, **arguments)  # type: ignore[arg-type]

@@ -1,0 +1,228 @@
+"""Tracking of a motion as a decision process.
+
+Observation, reward, termination and reset follow BeyondMimic (Liao et al., arXiv 2508.08241), in the numbers of its
+public implementations. Two things are ours: an action moves the servo's target away from the reference instead of the
+default posture, and the squared angle between two rotations is 2 (1 - cos), which has a derivative everywhere.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from cmbrl.imitation.motion import Motion
+from cmbrl.imitation.robot import Robot
+from cmbrl.imitation.starts import Starts
+from cmbrl.mdp import MDP, Total
+from cmbrl.models.body_motion import BodyMotion, BodyMotions
+from cmbrl.scene import Scene
+
+# weight, sigma of each term: reward w exp(-e / sigma^2), e a squared error or its mean over bodies
+TERMS = {
+    "anchor_position": (0.5, 0.3),  # m
+    "anchor_rotation": (0.5, 0.4),  # rad
+    "body_position": (1.0, 0.3),
+    "body_rotation": (1.0, 0.4),
+    "body_linear": (1.0, 1.0),  # m/s
+    "body_angular": (1.0, 3.14),  # rad/s
+}
+ACTION_RATE, LIMITS, SOFT = -0.1, -10.0, 0.9  # weights; limits count from this share of a joint's range
+TOO_HIGH, TOO_TILTED = 0.25, 0.8  # m, and difference of the cosine of the tilt
+EPISODE = 10.0  # s
+PULL = 1.0  # weight of what draws the anchor back to its place in training, in units of its sigma
+# Half-widths of the noise on states at a reset: root position x, y, z, roll, pitch, yaw; joints; and their velocities.
+ROOT_NOISE, JOINT_NOISE = (0.05, 0.05, 0.01, 0.1, 0.1, 0.2), 0.1
+ROOT_SPEED_NOISE = (0.5, 0.5, 0.2, 0.52, 0.52, 0.78)
+TRIAL_NOISE = 0.1  # share of that in an evaluation
+ROOT_Q, ROOT_V = 7, 6
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What the motion of the tracked bodies should be at F frames: (F, nb, ...); joints q, v (F, nu)."""
+
+    q: Tensor
+    v: Tensor
+    motion: BodyMotion
+
+    def at(self, frame: Tensor) -> BodyMotion:
+        """At frames (B,)."""
+        m = self.motion
+        return BodyMotion(m.position[frame], m.rotation[frame], m.linear[frame], m.angular[frame])
+
+
+class Tracking:
+    """The process for ``robot`` and ``motion``; q carries two memories: the frame, and the last action (B, 1 + nu)."""
+
+    def __init__(self, robot: Robot, scene: Scene, motion: Motion) -> None:
+        self.scene, self.motion, self.dt = scene, motion, motion.dt
+        self.bodies = BodyMotions(scene, robot.tracked)
+        self.anchor = robot.tracked.index(robot.anchor)
+        self.ends = [robot.tracked.index(name) for name in robot.ends]
+        self.nu = scene.nu
+        q, v = torch.from_numpy(motion.q), torch.from_numpy(motion.v)
+        with torch.no_grad():
+            self.reference = Reference(q[:, ROOT_Q:], v[:, ROOT_V:], self.bodies(q, v))
+        self.last = len(q) - 1
+        self.scale = torch.from_numpy(robot.reach * _reach(scene))
+        names = scene.joint_names[1:]
+        self.posture = torch.tensor([robot.posture.get(name, 0.0) for name in names], dtype=torch.float64)
+        self.low, self.high = _soft_limits(scene)
+        self._seen: Any = None  # the last state asked for, whether with a graph, and its motion
+
+    def training(self) -> MDP:
+        """Episodes of up to 10 s from random frames."""
+        starts = Starts(self.last, self.dt, self._split)
+        return self._process(round(EPISODE / self.dt), partial(self.random_start, starts), starts)
+
+    def trial(self) -> MDP:
+        """The whole motion from its first frame."""
+        return self._process(self.last, self.first_start)
+
+    def _process(self, steps: int, reset: Any, curriculum: Starts | None = None) -> MDP:
+        terms = (*TERMS, "action_rate", "limits")
+        return MDP(
+            observations=5 * self.nu + 15, actions=self.nu, observe=self.observe, reward=Total(self.info, terms),
+            terminated=self.terminated, reset=reset, dt=self.dt, episode_steps=min(steps, self.last), act=self.act,
+            memory=1 + self.nu, cut=self.over, failure="falls", info=self.info, shaping=self.pull,
+            curriculum=curriculum,
+        )  # fmt: skip
+
+    def act(self, q: Tensor, v: Tensor, action: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """The next frame begins, and the servos aim at its joints, moved by the action."""
+        frame = (q[:, -1 - self.nu :][:, :1] + 1).clamp(max=self.last)
+        target = self.reference.q[frame[:, 0].long()] + self.scale * action
+        return torch.cat([q[:, : -1 - self.nu], frame, action], dim=1), v, target
+
+    def observe(self, q: Tensor, v: Tensor) -> Tensor:
+        """(B, 5 nu + 15): reference joints and rates; the anchor's error; the root's velocity; joints; last action."""
+        robot, frame, action = self._split(q)
+        now, wanted = self._motion(q, v), self.reference.at(frame)
+        to_anchor = now.rotation[:, self.anchor].transpose(1, 2)
+        offset = to_anchor @ (wanted.position[:, self.anchor] - now.position[:, self.anchor])[..., None]
+        turn = to_anchor @ wanted.rotation[:, self.anchor]
+        root = (now.rotation[:, 0].transpose(1, 2) @ now.linear[:, 0, :, None])[..., 0]
+        return torch.cat(
+            [
+                self.reference.q[frame], self.reference.v[frame], offset[..., 0], turn[:, :, :2].flatten(1),
+                root, v[:, 3:ROOT_V], robot[:, ROOT_Q:] - self.posture, v[:, ROOT_V:], action,
+            ],
+            dim=1,
+        )  # fmt: skip
+
+    def info(self, q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: Tensor) -> dict[str, Tensor]:
+        """The terms of the reward, and the bodies' mean distance from the reference in the world [cm], by name (B,)."""
+        robot, frame, _ = self._split(q_next)
+        now, wanted = self._motion(q_next, v_next), self.reference.at(frame)
+        place, turn = self._carried(now, wanted)
+        k = self.anchor
+        errors = {
+            "anchor_position": (now.position[:, k] - wanted.position[:, k]).square().sum(-1),
+            "anchor_rotation": _angle2(now.rotation[:, k], wanted.rotation[:, k]),
+            "body_position": (now.position - place).square().sum(-1).mean(1),
+            "body_rotation": _angle2(now.rotation, turn).mean(1),
+            "body_linear": (now.linear - wanted.linear).square().sum(-1).mean(1),
+            "body_angular": (now.angular - wanted.angular).square().sum(-1).mean(1),
+        }
+        told = {name: self.dt * w * torch.exp(-errors[name] / s**2) for name, (w, s) in TERMS.items()}
+        joints = robot[:, ROOT_Q:]
+        beyond = (self.low - joints).clamp(min=0.0) + (joints - self.high).clamp(min=0.0)
+        before = q[:, -self.nu :]
+        told["action_rate"] = self.dt * ACTION_RATE * (action - before).square().sum(1)
+        told["limits"] = self.dt * LIMITS * beyond.sum(1)
+        with torch.no_grad():
+            told["body_position_error_cm"] = 100 * (now.position - wanted.position).norm(dim=-1).mean(1)
+        return told
+
+    def pull(self, q: Tensor, v: Tensor) -> Tensor:
+        """(B,): minus the anchor's distance from its place, in training; the reward's own term is flat far away."""
+        now, wanted = self._motion(q, v), self.reference.at(self._split(q)[1])
+        e = (now.position - wanted.position)[:, self.anchor].square().sum(-1)
+        return -self.dt * PULL * ((1 + e / TERMS["anchor_position"][1] ** 2).sqrt() - 1)
+
+    def terminated(self, q: Tensor, v: Tensor) -> Tensor:
+        """(B,) bool: the anchor, a hand or a foot is 25 cm too high or too low, or the anchor far too tilted."""
+        _, frame, _ = self._split(q)
+        now, wanted = self._motion(q, v), self.reference.at(frame)
+        rise = (now.position - wanted.position)[..., 2].abs()[:, [self.anchor, *self.ends]]
+        tilt = (now.rotation - wanted.rotation)[:, self.anchor, 2, 2].abs()
+        return (rise > TOO_HIGH).any(1) | (tilt > TOO_TILTED)
+
+    def over(self, q: Tensor, v: Tensor) -> Tensor:
+        """(B,) bool: the motion has ended."""
+        return self._split(q)[1] >= self.last
+
+    def random_start(self, starts: Starts, count: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+        """Noisy states of frames that ``starts`` draws."""
+        return self._start(starts.draw(count, generator), 1.0, generator)
+
+    def first_start(self, count: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+        """States of the first frame, with a tenth of the noise."""
+        return self._start(torch.zeros(count, dtype=torch.long), TRIAL_NOISE, generator)
+
+    def _start(self, frame: Tensor, share: float, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+        def draw(half_widths: object) -> np.ndarray:
+            width = share * np.asarray(half_widths)
+            return width * (
+                2 * torch.rand(len(frame), len(width), generator=generator, dtype=torch.float64).numpy() - 1
+            )
+
+        joints = np.full(self.nu, JOINT_NOISE)
+        rows = frame.numpy()
+        q = self.scene.integrate(self.motion.q[rows], draw([*ROOT_NOISE, *joints]))
+        limits = self.low.numpy(), self.high.numpy()
+        q[:, ROOT_Q:] = np.clip(q[:, ROOT_Q:], *limits)
+        v = self.motion.v[rows] + draw([*ROOT_SPEED_NOISE, *(0 * joints)])
+        memory = np.concatenate([rows[:, None], np.zeros((len(rows), self.nu))], axis=1)
+        return torch.from_numpy(np.concatenate([q, memory], axis=1)), torch.from_numpy(v)
+
+    def _split(self, q: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """The robot's coordinates, the frame (B,) and the last action (B, nu)."""
+        n = 1 + self.nu
+        return q[:, :-n], q[:, -n].long(), q[:, -n + 1 :]
+
+    def _motion(self, q: Tensor, v: Tensor) -> BodyMotion:
+        """Of the tracked bodies; that of the last state asked for is kept, since a step asks several times."""
+        asked = q, v, q._version, v._version  # counts changes in place
+        same = self._seen is not None and all(a is b for a, b in zip(asked, self._seen[0], strict=True))
+        if not same or (torch.is_grad_enabled() and not self._seen[1]):
+            self._seen = asked, torch.is_grad_enabled(), self.bodies(self._split(q)[0], v)
+        return self._seen[2]
+
+    def _carried(self, now: BodyMotion, wanted: BodyMotion) -> tuple[Tensor, Tensor]:
+        """Reference places (B, nb, 3) and rotations, moved with the anchor in the plane, turned about the vertical."""
+        k = self.anchor
+        turn = now.rotation[:, k] @ wanted.rotation[:, k].transpose(1, 2)
+        yaw = torch.atan2(turn[:, 1, 0] - turn[:, 0, 1], turn[:, 0, 0] + turn[:, 1, 1])
+        c, s, zero, one = yaw.cos(), yaw.sin(), torch.zeros_like(yaw), torch.ones_like(yaw)
+        about = torch.stack([c, -s, zero, s, c, zero, zero, zero, one], dim=1).unflatten(1, (3, 3))[:, None]
+        home = torch.cat([now.position[:, k, :2], wanted.position[:, k, 2:]], dim=1)[:, None]
+        away = wanted.position - wanted.position[:, k : k + 1]
+        return home + (about @ away[..., None])[..., 0], about @ wanted.rotation
+
+
+def _angle2(a: Tensor, b: Tensor) -> Tensor:
+    """2 (1 - cos) of the angle between rotations (..., 3, 3): its square, where it is small."""
+    return 3.0 - (a * b).sum((-1, -2))
+
+
+def _reach(scene: Scene) -> np.ndarray:
+    """By how much each servo's target must be away for its largest torque [rad] (nu,)."""
+    core, layout = scene.core, scene.layout
+    stiffness = np.array([-core.P[layout.actuator(i, "bias1")] for i in range(scene.nu)])
+    force = np.abs(np.reshape(core.act_force, (-1, 2))).min(axis=1)
+    return np.where(np.isfinite(force), force, math.inf) / stiffness
+
+
+def _soft_limits(scene: Scene) -> tuple[Tensor, Tensor]:
+    """Nine tenths of each joint's range (nu,)."""
+    low, high, core = np.full(scene.nq, -np.inf), np.full(scene.nq, np.inf), scene.core
+    middle, half = (core.lim_lo + core.lim_hi) / 2, SOFT * (core.lim_hi - core.lim_lo) / 2
+    low[core.lim_qadr], high[core.lim_qadr] = middle - half, middle + half
+    return torch.from_numpy(low[ROOT_Q:]), torch.from_numpy(high[ROOT_Q:])

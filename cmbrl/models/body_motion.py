@@ -1,0 +1,90 @@
+"""Where bodies are and how they move at a state, differentiable: for observations, rewards and terminations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from cmbrl.errors import UserError, did_you_mean
+from cmbrl.models.autograd import TangentMap
+from cmbrl.native import Core
+from cmbrl.scene import Scene
+
+
+@dataclass(frozen=True)
+class BodyMotion:
+    """Motion of nb bodies in B states, in world axes.
+
+    position (B, nb, 3) [m] and linear (B, nb, 3) [m/s] of each body's origin, rotation (B, nb, 3, 3), angular
+    (B, nb, 3) [rad/s].
+    """
+
+    position: Tensor
+    rotation: Tensor
+    linear: Tensor
+    angular: Tensor
+
+
+class BodyMotions:
+    """The motion of some bodies of a scene as a function of its state.
+
+    Args:
+        scene: the scene; spatial, so read with ``reduce=False`` if it is planar.
+        bodies: their names, in the order wanted.
+        threads: native threads.
+
+    Raises UserError for an unknown body, and for a planar scene.
+    """
+
+    def __init__(self, scene: Scene, bodies: Sequence[str], threads: int = 1) -> None:
+        if scene.planar:
+            raise UserError(f"{scene.name}: body motions need spatial algebra: read the scene with reduce=False")
+        if unknown := [name for name in bodies if name not in scene.body_names]:
+            raise UserError(f"{scene.name} has no body {unknown[0]!r}: {did_you_mean(unknown[0], scene.body_names)}")
+        self.names, self.threads = tuple(bodies), threads
+        self._scene = scene
+        self._core, self._tangent = Core(scene.core.to_native()), TangentMap(scene)
+        self._chosen = np.array([scene.body_names.index(name) for name in bodies], dtype=np.int64)
+
+    def __call__(self, q: Tensor, v: Tensor) -> BodyMotion:
+        """The motion at q (B, nq), v (B, nv), float64; NaN in a row that is not finite."""
+        x = _Motion.apply(q, v, self) if torch.is_grad_enabled() else self.forward(q, v)
+        rotation = x[..., 3:12].unflatten(-1, (3, 3))
+        return BodyMotion(x[..., :3], rotation, x[..., 12:15], x[..., 15:])
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return BodyMotions, (self._scene, self.names, self.threads)
+
+    def forward(self, q: Tensor, v: Tensor) -> Tensor:
+        """(B, nb, 18): position, rotation by rows, linear and angular velocity; without a derivative."""
+        return torch.from_numpy(self._core.bodies(_array(q), _array(v), self._chosen, self.threads))
+
+    def backward(self, q: Tensor, v: Tensor, cotangent: Tensor) -> tuple[Tensor, Tensor]:
+        """Cotangents of q (B, nq) and v (B, nv) from those (B, nb, 18) of the motion."""
+        at = _array(q)
+        gq, gv = self._core.bodies_backward(at, _array(v), self._chosen, _array(cotangent), self.threads)
+        return torch.from_numpy(self._tangent.to_configuration(at, gq)), torch.from_numpy(gv)
+
+
+class _Motion(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, q: Tensor, v: Tensor, bodies: BodyMotions) -> Any:  # type: ignore[override]
+        """The motion, remembering the state."""
+        ctx.bodies = bodies
+        ctx.save_for_backward(q, v)
+        return bodies.forward(q, v)
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, g: Tensor) -> Any:  # type: ignore[override]
+        """Product with the derivative of the motion."""
+        return *ctx.bodies.backward(*ctx.saved_tensors, g), None
+
+
+def _array(x: Tensor) -> np.ndarray:
+    return np.ascontiguousarray(x.detach().numpy())

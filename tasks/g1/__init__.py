@@ -1,0 +1,66 @@
+"""Unitree G1: a humanoid with 29 joints that imitates motions; the real system is MuJoCo.
+
+Control at 50 Hz moves the targets of the joints' servos, physics runs at 200 Hz. Without ``--motion`` the robot bends
+its knees again and again, a motion of our own.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from cmbrl.imitation.robot import Robot, imitation_task
+
+SIDES = ("left", "right")
+POSTURE = {
+    **{f"{side}_hip_pitch_joint": -0.312 for side in SIDES},
+    **{f"{side}_knee_joint": 0.669 for side in SIDES},
+    **{f"{side}_ankle_pitch_joint": -0.363 for side in SIDES},
+    **{f"{side}_elbow_joint": 0.6 for side in SIDES},
+    **{f"{side}_shoulder_pitch_joint": 0.2 for side in SIDES},
+    "left_shoulder_roll_joint": 0.2,
+    "right_shoulder_roll_joint": -0.2,
+}  # rad
+LIMBS = ("hip_roll_link", "knee_link", "ankle_roll_link"), ("shoulder_roll_link", "elbow_link", "wrist_yaw_link")
+ROBOT = Robot(
+    scene=Path(__file__).with_name("scene.xml"),
+    tracked=(
+        "pelvis",
+        *(f"{side}_{link}" for side in SIDES for link in LIMBS[0]),
+        "torso_link",
+        *(f"{side}_{link}" for side in SIDES for link in LIMBS[1]),
+    ),
+    anchor="torso_link",
+    ends=tuple(f"{side}_{link}" for side in SIDES for link in ("ankle_roll_link", "wrist_yaw_link")),
+    posture=POSTURE,
+)
+TRAINING: dict[str, dict[str, Any]] = {}
+
+
+def _sway(scene: Any) -> Any:
+    """Ten seconds of bending and stretching the knees, 4 s a turn."""
+    import numpy as np
+
+    from cmbrl.imitation.motion import Motion
+
+    rate, turns = 50.0, 2.5
+    phase = 0.5 - 0.5 * np.cos(np.arange(int(10 * rate) + 1) / rate * 2 * math.pi * turns / 10)
+    q = np.tile(scene.q0, (len(phase), 1))
+    for joint, angle in POSTURE.items():
+        q[:, 6 + scene.joint_names.index(joint)] = angle
+    bend = 0.35 * phase
+    for side in SIDES:
+        for joint, share in (("hip_pitch", -1.0), ("knee", 2.0), ("ankle_pitch", -1.0)):
+            q[:, 6 + scene.joint_names.index(f"{side}_{joint}_joint")] += share * bend
+    q[:, 2] -= scene.gaps(q).min(axis=1)
+    return Motion.of_frames(scene, q, rate, 0.02, "sway")
+
+
+TASK = imitation_task(
+    "g1",
+    "Unitree G1: a humanoid that imitates a motion; its episodes end when it falls",
+    ROBOT,
+    _sway,
+    training=TRAINING,
+)
