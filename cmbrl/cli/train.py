@@ -146,7 +146,8 @@ def run(arguments: argparse.Namespace) -> int:
     torch.set_num_threads(1)  # the nets are small, and results must not depend on the number of threads
     trainer = setup.trainer()
     write_run(out, "train", wanted)
-    training = TrainingRun(trainer, out, about, arguments.resume, arguments.checkpoint_seconds)
+    fixed = {name: value for name, value in wanted.items() if name not in _MAY_CHANGE}
+    training = TrainingRun(trainer, out, about, arguments.resume, arguments.checkpoint_seconds, fixed)
     try:
         with fraction(f"train {setup.task.name}") as progress:
             outcome = training.train(setup.config.iterations, progress)

@@ -12,21 +12,32 @@ constexpr int kRungs = 16, kJudged = 4, kSofter = 10, kHopeless = 12;
 
 template <class G, class F>
 static void for_kappa(SolverWork<G>& w, F f) {
-  for (int i = 0; i < w.ncon; ++i) f(w.con[i].on, w.con[i].kappa, w.con[i].own_kappa);
-  for (int i = 0; i < w.nlim; ++i) f(w.lim[i].on, w.lim[i].kappa, w.lim[i].own_kappa);
+  for (int i = 0; i < w.ncon; ++i) f(w.con[i].on, w.con[i].kappa, w.con[i].own_kappa, w.con[i].raised_kappa);
+  for (int i = 0; i < w.nlim; ++i) f(w.lim[i].on, w.lim[i].kappa, w.lim[i].own_kappa, w.lim[i].raised_kappa);
 }
 // Lanes whose rows differ in kappa.
 template <class G>
 static Mask uneven_kappa(SolverWork<G>& w) {
   T least = splat(1e300), most = T{};
-  for_kappa(w, [&](Mask on, T& kappa, T&) { least = vmin(least, select(on, kappa, least)); most = vmax(most, keep(on, kappa)); });
+  for_kappa(w, [&](Mask on, T& kappa, T&, T&) { least = vmin(least, select(on, kappa, least)); most = vmax(most, keep(on, kappa)); });
   return least < most;
 }
 // Rows of `lanes` get the kappa of the softest of them, or more: paths along which all rows soften alike fold less.
 template <class G>
 static void level_kappa(SolverWork<G>& w, Mask lanes, T most) {
-  for_kappa(w, [&](Mask on, T& kappa, T&) { most = vmax(most, keep(on, kappa)); });
-  for_kappa(w, [&](Mask, T& kappa, T&) { kappa = select(lanes, most, kappa); });
+  for_kappa(w, [&](Mask on, T& kappa, T&, T&) { most = vmax(most, keep(on, kappa)); });
+  for_kappa(w, [&](Mask, T& kappa, T&, T&) { kappa = select(lanes, most, kappa); });
+}
+// A kappa that is not the row's own is a constant to the derivative.
+template <class G>
+static void freeze_raised_kappa(SolverWork<G>& w) {
+  auto freeze = [](auto& row) {
+    Mask own = row.kappa == row.own_kappa;
+    row.slope = keep(own, row.slope);
+    row.slope_R = keep(own, row.slope_R);
+  };
+  for (int i = 0; i < w.ncon; ++i) freeze(w.con[i]);
+  for (int i = 0; i < w.nlim; ++i) freeze(w.lim[i]);
 }
 
 // From a point of the path on to the kappas that are set now; returns the lanes that got there.
@@ -52,14 +63,30 @@ static Mask settled(const Structure& m, const Options& o, SolverWork<G>& w, Inte
   return found & (residual <= 10 * o.tolerance) & (ip.off_path(T{}) <= 10 * o.theta);  // NaN fails
 }
 
-// From solutions at raised kappas back to the rows' own, in the lanes of `found` where that can be done.
+// From solutions at raised kappas back to the rows' own, in the lanes of `found`: at once; by halves of the way that is left; or,
+// where round-off spoils the path, by Newton steps alone (hopper 1). Returns the lanes that got there; the others stay.
 template <class G>
-static void return_to_own_kappa(const Structure& m, const Options& o, SolverWork<G>& w, InteriorPoint<G>& ip, Mask found, Outcome& out) {
+static Mask return_to_own_kappa(const Structure& m, const Options& o, SolverWork<G>& w, InteriorPoint<G>& ip, Mask found, Outcome& out) {
+  Mask back = none();
   for_solver_state(m, w, w.path, [](T& x, T& kept) { kept = x; });
-  for_kappa(w, [&](Mask, T& kappa, T& own) { T raised = kappa; kappa = select(found, own, kappa); own = raised; });
-  Mask there = settled(m, o, w, ip, resume(m, w, ip, found, out.iterations), out.residual);
-  for_kappa(w, [&](Mask, T& kappa, T& raised) { T own = kappa; kappa = select(there, kappa, raised); raised = own; });
-  for_solver_state(m, w, w.path, [there](T& x, T& kept) { x = select(there, x, kept); });
+  for_kappa(w, [](Mask, T& kappa, T&, T& raised) { raised = kappa; });
+  auto forget = [&](Mask lanes) {
+    for_solver_state(m, w, w.path, [lanes](T& x, T& kept) { x = select(lanes, kept, x); });
+    for_kappa(w, [&](Mask, T& kappa, T&, T& raised) { kappa = select(lanes, raised, kappa); });
+  };
+  for (int parts : {1, 8, 0}) {
+    Mask todo = found & ~back, there = todo;
+    for (int k = parts; k > 0 && any(there); --k) {
+      for_kappa(w, [&](Mask, T& kappa, T& own, T&) { kappa = select(there, k > 1 ? vsqrt(kappa * own) : own, kappa); });
+      there = resume(m, w, ip, there, out.iterations);
+    }
+    if (!parts) for_kappa(w, [&](Mask, T& kappa, T& own, T&) { kappa = select(there, own, kappa); });
+    there = settled(m, o, w, ip, there, out.residual);
+    back |= there;
+    forget(todo & ~there);
+    if (!any(found & ~back)) break;
+  }
+  return back;
 }
 
 // One attempt at the lanes that are still open: the path as a curve, down to `until`. What the model does not
@@ -98,7 +125,7 @@ static Outcome contact_solve(const Structure& m, const Options& o, SolverWork<G>
   Mask given_up = none();
   out.done = settled(m, o, w, ip, ip.run(all(), ladder[0].strategy, out.iterations), out.residual);
   if (!any(~out.done)) return out;
-  for_kappa(w, [](Mask, T& kappa, T& own) { own = kappa; });
+  for_kappa(w, [](Mask, T& kappa, T& own, T&) { own = kappa; });
   for (int k = 1; k < kRungs; ++k) {
     if (k == kJudged) given_up = ~ip.grown;
     if (~o.rungs >> k & 1) continue;
@@ -122,11 +149,15 @@ static Outcome contact_solve(const Structure& m, const Options& o, SolverWork<G>
     if (rung.until > 0) now = curve.run(todo, rung.strategy, rung.until, out.iterations);
     else now = ip.run(todo, rung.strategy, out.iterations);
     now = settled(m, o, w, ip, now, out.residual);
-    if (k < kSofter && any(now)) return_to_own_kappa(m, o, w, ip, now, out);
+    if (k < kSofter && any(now)) {
+      Mask softer = now & ~return_to_own_kappa(m, o, w, ip, now, out);
+      out.rung = select(softer, splat(kSofter), out.rung);
+    }
     for_solver_state(m, w, w.save, [todo](T& x, T& kept) { x = select(todo, x, kept); });
     out.done |= now;
   }
-  if (any(out.rung > 0.0)) out.residual = fresh_residuals(m, w, ip);  // of all lanes together
+  freeze_raised_kappa(w);
+  out.residual = fresh_residuals(m, w, ip);  // of all lanes together
   return out;
 }
 

@@ -32,7 +32,7 @@ struct Contact {
   Mask bounce;                       // lanes in which it bounces in this step
   T time, speed;                     // from here to its impact [s], approach speed
   T by_free, by_start, by_gap, by_flight, by_e;  // d cn0 of a bounce by J vf, J v, gap, time of flight and restitution
-  T kappa, own_kappa;                // the ladder may raise kappa above what the model asks for
+  T kappa, own_kappa, raised_kappa;  // the ladder may raise kappa above what the model asks for
   T slope, slope_R;                  // d kappa by the free closing coordinate z and by Rn
   T gam, s, b[G::NT], eta0, eta[G::NT];
   T r1, r2[G::NT];                   // linear residuals at the start; they shrink by exactly (1 - alpha)
@@ -45,7 +45,7 @@ struct Contact {
 struct Limit {  // joint limit: a normal law on one coordinate
   Mask on, wide;
   int index, dof;
-  T root, sign, phi, R, carry, c0, dc_dphi, dR_dphi, kappa, own_kappa, slope, slope_R, gam, s, r1, w, Th, dgam, ds;
+  T root, sign, phi, R, carry, c0, dc_dphi, dR_dphi, kappa, own_kappa, raised_kappa, slope, slope_R, gam, s, r1, w, Th, dgam, ds;
 };
 
 struct DryFriction {  // joint friction loss: a cone of fixed head on one coordinate

@@ -8,6 +8,7 @@ train.json, metrics.png  how the run ended           diverged.npz              l
 from __future__ import annotations
 
 import io
+import json
 import math
 import os
 import signal
@@ -57,6 +58,7 @@ class TrainingRun:
         about: what policy.json says besides the architecture: task, algorithm, ...
         resume: continue from the folder's checkpoint.
         checkpoint_seconds: time between checkpoints; there is also one before the first iteration and one at the end.
+        options: what tells this run from others, as JSON types: a checkpoint of other options is refused. Default ``about``.
 
     Raises UserError if there is no checkpoint to resume from, or if it belongs to another trainer.
     """
@@ -68,8 +70,10 @@ class TrainingRun:
         about: Mapping[str, Any],
         resume: bool = False,
         checkpoint_seconds: float = 60.0,
+        options: Mapping[str, Any] | None = None,
     ) -> None:
         self.trainer, self.folder, self.about = trainer, Path(folder), dict(about)
+        self._options = json.dumps(dict(about if options is None else options), sort_keys=True)
         self.checkpoint_seconds = checkpoint_seconds
         self.iteration, self.seconds = 0, 0.0
         self._unusable = 0
@@ -111,6 +115,7 @@ class TrainingRun:
 
     def _checkpoint(self) -> None:
         state = {"iteration": self.iteration, "seconds": self.seconds, "metrics": as_csv(self._rows)}
+        state["options"] = self._options
         save_state(self.folder / CHECKPOINT, {**state, "trainer": self.trainer.state()})
         save_policy(self.trainer.policy, self.folder, self.about | {"iteration": self.iteration})
         self.trainer.keep(self.folder)
@@ -118,6 +123,8 @@ class TrainingRun:
     def _restore(self) -> None:
         path = self.folder / CHECKPOINT
         state = load_state(path)
+        if state.get("options") != self._options:
+            raise UserError(f"{path}: belongs to a run with other options: choose another --out")
         try:
             self.trainer.restore(state["trainer"])
             self.iteration, self.seconds = int(state["iteration"]), float(state["seconds"])

@@ -52,7 +52,7 @@ def test_free_spheres_on_a_plane_step_within_memory(tmp_path: Path, count: int, 
     rows, columns = np.divmod(np.arange(count), side)
     places = np.column_stack([2.2 * RADIUS * columns, 2.2 * RADIUS * rows, np.full(count, RADIUS - 1e-4)])
     file = spheres(tmp_path / "spheres.xml", places)
-    ran = subprocess.run([sys.executable, "-c", STEPS, str(file)], capture_output=True, text=True, check=False)
+    ran = subprocess.run([sys.executable, "-P", "-c", STEPS, str(file)], capture_output=True, text=True, check=False)
     assert ran.returncode == 0, ran.stderr
     assert float(ran.stdout) < megabytes
 
