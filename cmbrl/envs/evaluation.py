@@ -92,14 +92,15 @@ def evaluate_model(
     simulation = Simulation(mdp, model, episodes, seed, disturbance, tell=True)
     running = torch.ones(episodes, dtype=torch.bool)
     returns, lengths = torch.zeros(episodes, dtype=torch.float64), torch.zeros(episodes)
-    ended, told = torch.zeros(episodes, dtype=torch.bool), {}
+    ended = torch.zeros(episodes, dtype=torch.bool)
+    told: dict[str, Tensor] = {}
     for _ in range(mdp.episode_steps):
         observation = simulation.observe()
         step = simulation.step(observation, actor(observation.float()).double())
         returns += torch.where(running, step.reward.nan_to_num(), 0.0)
         lengths += running
         for name, value in step.info.items():
-            told[name] = told.get(name, 0.0) + torch.where(running, value.nan_to_num(), 0.0)
+            told[name] = told.get(name, torch.zeros(())) + torch.where(running, value.nan_to_num(), 0.0)
         ended |= running & step.terminated
         running &= ~(step.terminated | step.truncated)
         if not running.any():

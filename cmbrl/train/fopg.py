@@ -8,7 +8,7 @@ step, from which the per-sample gradients follow. With a critic, SHAC's, the end
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Literal
 
 import torch
@@ -244,7 +244,8 @@ class FOPG(WindowLearner):
 
 def side_by_side(windows: list[list[Step]]) -> list[Step]:
     """Windows of equal length as one window of all their rows."""
+    rows = [f.name for f in fields(Step) if f.name != "info"]
     return [
-        Step(*(torch.cat([getattr(s, f.name) for s in steps]) for f in fields(Step) if f.name != "info"))
+        replace(steps[0], **{name: torch.cat([getattr(s, name) for s in steps]) for name in rows})
         for steps in zip(*windows, strict=True)
     ]
