@@ -58,7 +58,7 @@ class TrainingRun:
         about: what policy.json says besides the architecture: task, algorithm, ...
         resume: continue from the folder's checkpoint.
         checkpoint_seconds: time between checkpoints; there is also one before the first iteration and one at the end.
-        options: what tells this run from others, as JSON types: a checkpoint of other options is refused. Default ``about``.
+        options: what tells this run from others, JSON types; a checkpoint of others is refused. Default ``about``.
 
     Raises UserError if there is no checkpoint to resume from, or if it belongs to another trainer.
     """
