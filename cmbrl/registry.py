@@ -33,6 +33,9 @@ from typing import TYPE_CHECKING, Any
 from cmbrl.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from cmbrl.data.behaviour import PolicyFunction
     from cmbrl.data.recorder import Progress
     from cmbrl.data.transitions import Transitions
@@ -75,6 +78,8 @@ class Task:
     )  #: what can drive the real system; the first is the default
     mdp: Callable[[], MDP] | None = None  #: reward, observation, reset: for a task with policies
     trial: Callable[[], MDP] | None = None  #: of evaluations and clips, where they start differently; default: ``mdp``
+    reference: Callable[[], NDArray[np.float64]] | None = None
+    """Configurations (T, nq), a control step apart, that a robot should take; clips show them beside it."""
     of_motion: Callable[[str | Path], Task] | None = None  #: this task for the motion in a file, where one is imitated
     system: Callable[[], System] | None = None  #: makes the real system that a policy is tried on
     training: Mapping[str, Mapping[str, Any]] = field(default_factory=dict, hash=False)

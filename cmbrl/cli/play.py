@@ -51,9 +51,10 @@ def run(arguments: argparse.Namespace) -> None:
         check_writable(arguments.out)
         choose_renderer()  # before anything imports mujoco, as the next lines do
 
+    import numpy as np
     import torch
 
-    from cmbrl.envs.episode import play_episode
+    from cmbrl.envs.episode import Episode, play_episode
     from cmbrl.envs.system_batch import SystemBatch
 
     start = mdp.reset(1, torch.Generator().manual_seed(arguments.seed))
@@ -62,13 +63,17 @@ def run(arguments: argparse.Namespace) -> None:
     if word is not None:
         models["model"] = load_model(word, task, arguments.smoothing)
     episodes = {title: play_episode(policy, mdp, start, model, arguments.seconds) for title, model in models.items()}
+    if task.reference is not None:
+        wanted = task.reference()[: max(len(e.q) for e in episodes.values())]
+        episodes = {"reference": Episode(wanted, np.zeros(len(wanted)), task.control_dt, False), **episodes}
     if arguments.viewer:
         _show(task.scene_path, episodes["real"])
         return
     from cmbrl.envs.clip import write_clip
 
     frames = write_clip(arguments.out, task.scene_path, episodes)
-    told = (f"{title} return {e.returns[-1]:.4g} in {(len(e.q) - 1) * e.dt:.2f} s" for title, e in episodes.items())
+    played = {title: e for title, e in episodes.items() if title in models}
+    told = (f"{title} return {e.returns[-1]:.4g} in {(len(e.q) - 1) * e.dt:.2f} s" for title, e in played.items())
     print(f"{arguments.out}: {frames} frames: {', '.join(told)}")
 
 

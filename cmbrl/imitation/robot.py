@@ -36,7 +36,7 @@ class Robot:
     anchor: str
     ends: tuple[str, ...]
     posture: Mapping[str, float] = field(default_factory=dict, hash=False)
-    reach: float = 0.25
+    reach: float = 0.75
 
 
 def imitation_task(
@@ -85,9 +85,11 @@ def _with_motion(task: Task, robot: Robot, motion: Callable[[Scene], Motion]) ->
     def trial() -> MDP:
         return tracking().trial()
 
-    return replace(
-        task, mdp=process, trial=trial, of_motion=of_file, recorder=partial(_record, task.name, process, task)
-    )
+    def reference() -> Any:
+        return tracking().motion.q
+
+    recorder = partial(_record, task.name, process, task)
+    return replace(task, mdp=process, trial=trial, reference=reference, of_motion=of_file, recorder=recorder)
 
 
 def _system(scene: Path, substeps: int) -> Any:
