@@ -88,6 +88,7 @@ class Task:
     `cmbrl train --help` lists algorithms and settings. What is left out is derived from the task: see
     `cmbrl.train.recipe`. "loop" uses the settings of "shac" too, except its number of iterations.
     """
+    algorithm: str | None = None  #: of `cmbrl train` if none is named; default: the loop, or SHAC without a real system
     takes_log: bool = False  #: the real system is a log: the recorder reads a file
     recorder: Callable[..., Transitions]
     """``recorder(n_steps=, seed=, behaviour=, progress=)``, and ``log=`` where ``takes_log``: see :meth:`record`."""

@@ -104,5 +104,7 @@ def set_up(
 
 
 def recommended(task: Task, model: str | None = None) -> str:
-    """The default algorithm: the loop where there is a real system to learn from and no model is named, else SHAC."""
+    """The default algorithm: the task's; or the loop if there is a real system and no model is named, else SHAC."""
+    if task.algorithm is not None:
+        return task.algorithm
     return "loop" if task.system is not None and model is None else "shac"

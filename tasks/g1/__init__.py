@@ -35,7 +35,6 @@ ROBOT = Robot(
     ends=tuple(f"{side}_{link}" for side in SIDES for link in ("ankle_roll_link", "wrist_yaw_link")),
     posture=POSTURE,
 )
-TRAINING: dict[str, dict[str, Any]] = {}
 
 
 def _sway(scene: Any) -> Any:
