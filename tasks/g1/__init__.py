@@ -57,9 +57,5 @@ def _sway(scene: Any) -> Any:
 
 
 TASK = imitation_task(
-    "g1",
-    "Unitree G1: a humanoid that imitates a motion; its episodes end when it falls",
-    ROBOT,
-    _sway,
-    training=TRAINING,
+    "g1", "Unitree G1: a humanoid that imitates a motion; its episodes end when it falls", ROBOT, _sway
 )
