@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from cmbrl.errors import UserError, did_you_mean
 from cmbrl.imitation.motion import Motion
 from cmbrl.imitation.robot import Robot
 from cmbrl.imitation.starts import Starts
@@ -61,6 +62,7 @@ class Tracking:
     """The process for ``robot`` and ``motion``; q carries two memories: the frame, and the last action (B, 1 + nu)."""
 
     def __init__(self, robot: Robot, scene: Scene, motion: Motion) -> None:
+        _check(robot, scene)
         self.scene, self.motion, self.dt = scene, motion, motion.dt
         self.bodies = BodyMotions(scene, robot.tracked)
         self.anchor = robot.tracked.index(robot.anchor)
@@ -205,6 +207,24 @@ class Tracking:
         home = torch.cat([now.position[:, k, :2], wanted.position[:, k, 2:]], dim=1)[:, None]
         away = wanted.position - wanted.position[:, k : k + 1]
         return home + (about @ away[..., None])[..., 0], about @ wanted.rotation
+
+
+def _check(robot: Robot, scene: Scene) -> None:
+    """Raises UserError unless the scene has a free root and a servo on each joint, and knows the robot's names."""
+    kinds = ("position",) * 3 + ("rotation",) * 3
+    if scene.coordinate_kinds[:ROOT_V] != kinds or scene.nq != ROOT_Q + scene.nv - ROOT_V:
+        raise UserError(f"{scene.name}: imitation needs a free root, and joints of one coordinate each after it")
+    stiffness = [-scene.core.P[scene.layout.actuator(i, "bias1")] for i in range(scene.nu)]
+    if list(scene.core.act_dof) != list(range(ROOT_V, scene.nv)) or not all(k > 0 for k in stiffness):
+        raise UserError(f"{scene.name}: imitation needs one position servo for each joint, in the order of the joints")
+    if not scene.body_names or robot.tracked[:1] != scene.body_names[:1]:
+        raise UserError(f"{scene.name}: the first tracked body has to be the root, {scene.body_names[0]!r}")
+    for name in (robot.anchor, *robot.ends):
+        if name not in robot.tracked:
+            raise UserError(f"{scene.name}: {name!r} is not among the tracked bodies: add it there")
+    for name in robot.posture:
+        if name not in scene.joint_names:
+            raise UserError(f"{scene.name} has no joint {name!r}: {did_you_mean(name, scene.joint_names)}")
 
 
 def _angle2(a: Tensor, b: Tensor) -> Tensor:

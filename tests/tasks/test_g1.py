@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -12,6 +13,7 @@ import torch
 from cmbrl.envs.evaluation import evaluate_model, evaluate_real
 from cmbrl.envs.of_task import decision_process, real_system, trial_process
 from cmbrl.envs.simulation import Simulation
+from cmbrl.errors import UserError
 from cmbrl.imitation import tracking as terms
 from cmbrl.imitation.tracking import Tracking
 from cmbrl.mdp import MDP
@@ -154,3 +156,21 @@ def test_logs_hold_the_robot_alone() -> None:
     assert data.q.shape == (30, 36)
     assert data.u.shape == (30, NU)
     assert decision_process(load_task("g1")).memory == 1 + NU
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"anchor": "head"}, "'head' is not among the tracked bodies"),
+        ({"tracked": ROBOT.tracked[::-1]}, "the first tracked body has to be the root, 'pelvis'"),
+        ({"posture": {"left_kne_joint": 0.1}}, "no joint 'left_kne_joint': did you mean 'left_knee_joint'"),
+    ],
+)
+def test_a_robot_that_does_not_fit_its_scene_is_refused(tracking: Tracking, changes: dict, told: str) -> None:
+    with pytest.raises(UserError, match=told):
+        Tracking(replace(ROBOT, **changes), tracking.scene, tracking.motion)
+
+
+def test_a_scene_without_a_free_root_is_refused(tracking: Tracking) -> None:
+    with pytest.raises(UserError, match="free root"):
+        Tracking(ROBOT, load_task("hopper").load_scene(), tracking.motion)
