@@ -39,14 +39,7 @@ def read(path: Path) -> Fields:
 
     Raises UserError that names the file if it is not an npz, does not fit into memory, or lacks keys.
     """
-    try:
-        found = _arrays(path)
-    except UserError:
-        raise
-    except MemoryError:
-        raise UserError(f"{path}: has an array that does not fit into memory; is it damaged?") from None
-    except Exception as error:  # zipfile, its codecs and numpy's header each raise their own kinds on a damaged file
-        raise UserError(f"{path}: not readable as npz without pickles ({shortened(str(error), 200)})") from None
+    found = read_arrays(path)
     try:
         if cube_tosses.is_layout(found):
             return cube_tosses.convert(found)
@@ -59,6 +52,18 @@ def read(path: Path) -> Fields:
         return _fields(found)
     except UserError as error:
         raise UserError(f"{path}: {error}") from None
+
+
+def read_arrays(path: Path) -> dict[str, np.ndarray]:
+    """All arrays of an npz; raises UserError that names the file if it is not one, or does not fit into memory."""
+    try:
+        return _arrays(path)
+    except UserError:
+        raise
+    except MemoryError:
+        raise UserError(f"{path}: has an array that does not fit into memory; is it damaged?") from None
+    except Exception as error:  # zipfile, its codecs and numpy's header each raise their own kinds on a damaged file
+        raise UserError(f"{path}: not readable as npz without pickles ({shortened(str(error), 200)})") from None
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:

@@ -79,6 +79,7 @@ class Simulation:
         self.generator = torch.Generator().manual_seed(seed)
         self.finished: deque[tuple[float, int]] = deque(maxlen=count)  #: return and length of the last episodes
         self.steps_taken = 0
+        self._untaught = {} if mdp.curriculum is None else mdp.curriculum.state()
         self.restart()
         self._noise = self._noise_scale()
 
@@ -86,6 +87,8 @@ class Simulation:
         """Restarts all episodes; with ``seed``, as a new simulation of that seed starts."""
         if seed is not None:
             self.generator.manual_seed(seed)
+            if self.mdp.curriculum is not None:
+                self.mdp.curriculum.restore(self._untaught)
         self.q, self.v = self.mdp.reset(self.count, self.generator)
         self.age = torch.zeros(self.count, dtype=torch.long)
         self.returns = torch.zeros(self.count, dtype=torch.float64)

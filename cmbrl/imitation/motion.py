@@ -10,7 +10,9 @@ from cmbrl.errors import UserError
 from cmbrl.scene import Scene
 from cmbrl.scene.records import Array
 
-SHORTEST = 0.5  # s
+SHORTEST, LONGEST = 0.5, 3600.0  # s
+FASTEST = 1e5  # frames/s
+FARTHEST = 1e5  # m, rad
 DEEPEST = 0.05  # m below the floor, at the start
 
 
@@ -34,9 +36,14 @@ class Motion:
         if not np.isfinite(q).all():
             row, column = np.argwhere(~np.isfinite(q))[0]
             raise UserError(f"{name}: row {row + 1}, column {column + 1} is not a number: fix or drop that frame")
+        if np.abs(q).max(initial=0.0) > FARTHEST:
+            row, column = np.argwhere(np.abs(q) > FARTHEST)[0]
+            raise UserError(f"{name}: row {row + 1}, column {column + 1} is {q[row, column]:g}; give m and rad")
+        if not 0 < rate <= FASTEST:
+            raise UserError(f"{name}: rate is {rate:g}; give frames per second")
         duration = (len(q) - 1) / rate
-        if duration < SHORTEST:
-            raise UserError(f"{name}: {duration:.2g} s of motion; give at least {SHORTEST:g} s")
+        if not SHORTEST <= duration <= LONGEST:
+            raise UserError(f"{name}: {duration:.3g} s of motion; give {SHORTEST:g} to {LONGEST:g} s")
         depth = -float(scene.gaps(q[0]).min(initial=np.inf))
         if depth > DEEPEST:
             raise UserError(

@@ -8,11 +8,12 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
+from cmbrl.data import npz
 from cmbrl.errors import UserError
 from cmbrl.imitation.motion import Motion
 from cmbrl.reading import regular_file
@@ -43,28 +44,24 @@ def read_motion(path: str | Path, scene: Scene, dt: float) -> Motion:
 
 def _csv(file: Path, scene: Scene) -> Array:
     try:
-        rows = np.loadtxt(file, delimiter=",", ndmin=2, dtype=np.float64)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of NumPy, on a file without data: said below
+            rows = np.loadtxt(file, delimiter=",", ndmin=2, dtype=np.float64)
     except ValueError as error:
         raise UserError(f"{file}: not a table of numbers ({str(error).splitlines()[0]})") from None
-    _check_columns(file, rows, scene)
+    _check_shape(file, rows, scene)
     return np.concatenate([rows[:, :3], rows[:, 6:7], rows[:, 3:6], rows[:, ROOT:]], axis=1)
 
 
 def _npz(file: Path, scene: Scene) -> tuple[Array, float]:
-    try:
-        with np.load(file, allow_pickle=False) as held:
-            arrays = {name: held[name] for name in held.files}
-    except (OSError, ValueError, BadZipFile, EOFError) as error:
-        raise UserError(f"{file}: not an npz file ({error})") from None
-    for name in ("q", "rate"):
-        if name not in arrays or arrays[name].dtype.kind not in "fiu":
-            raise UserError(f"{file}: no numbers {name!r}; a motion holds q (N, nq) and rate [frames/s]")
-    q, rate = np.atleast_2d(arrays["q"]).astype(np.float64), float(np.ravel(arrays["rate"])[0])
-    if not 0 < rate < np.inf:
-        raise UserError(f"{file}: rate is {rate:g}; give frames per second")
-    if "joint_names" in arrays:
-        q = _by_name(file, q, [str(name) for name in arrays["joint_names"]], scene)
-    _check_columns(file, q, scene)
+    held = npz.read_arrays(file)
+    for name, dimensions in (("q", 2), ("rate", 0)):
+        if name not in held or held[name].dtype.kind not in "fiu" or held[name].ndim != dimensions:
+            raise UserError(f"{file}: no numbers {name!r}; a motion holds q (N, nq) and rate () [frames/s]")
+    q, rate = held["q"].astype(np.float64), float(held["rate"])
+    if "joint_names" in held:
+        q = _by_name(file, q, [str(name) for name in np.ravel(held["joint_names"])], scene)
+    _check_shape(file, q, scene)
     return q, rate
 
 
@@ -79,7 +76,9 @@ def _by_name(file: Path, q: Array, names: list[str], scene: Scene) -> Array:
     return q[:, [*range(ROOT), *(ROOT + names.index(name) for name in wanted)]]
 
 
-def _check_columns(file: Path, rows: Array, scene: Scene) -> None:
+def _check_shape(file: Path, rows: Array, scene: Scene) -> None:
+    if not len(rows):
+        raise UserError(f"{file}: has no frames")
     if rows.shape[1] != scene.nq:
         raise UserError(
             f"{file}: {rows.shape[1]} columns, but {scene.name} has {scene.nq} coordinates (root {ROOT}, joints "

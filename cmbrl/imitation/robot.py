@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cmbrl.errors import UserError
 from cmbrl.registry import Task
 
 if TYPE_CHECKING:
     from cmbrl.imitation.motion import Motion
-    from cmbrl.mdp import MDP
+    from cmbrl.imitation.tracking import Tracking
     from cmbrl.scene import Scene
 
 
@@ -57,61 +56,57 @@ def imitation_task(
     substeps: int = 4,
     training: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> Task:
-    """A task for ``robot``: to imitate the motion that ``own`` makes, or one in a file (:meth:`Task.of_motion`)."""
-    task = Task(
-        name=name,
-        description=description,
-        scene=robot.scene,
-        control_dt=control_dt,
-        substeps=substeps,
-        time_step=control_dt / substeps,
-        recorder=_no_recorder,
-        training={"shac": SHAC, **(training or {})},
-        algorithm="shac",
-        system=partial(_system, robot.scene, substeps),
-    )
-    return _with_motion(task, robot, own)
+    """A task for ``robot``: to imitate the motion that ``own`` makes, or one in a file (:meth:`Task.of_motion`).
 
+    Args:
+        name, description: of the task.
+        robot: see there; raises UserError, when the process is made, for names and joints that do not fit its scene.
+        own: the motion without a file, for the robot's scene.
+        control_dt: of an action [s].
+        substeps: physics steps in it.
+        training: settings by algorithm, over those for imitation.
+    """
 
-def _with_motion(task: Task, robot: Robot, motion: Callable[[Scene], Motion]) -> Task:
-    """``task`` for one motion; what is heavy is made when it is needed first."""
+    def with_motion(motion: Callable[[Scene], Motion]) -> Task:
+        @cache  # made when it is needed first: it loads the scene and the motion
+        def tracking() -> Tracking:
+            from cmbrl.imitation.tracking import Tracking
 
-    @cache
-    def tracking() -> Any:
-        from cmbrl.imitation.tracking import Tracking
+            scene = task.load_scene()
+            return Tracking(robot, scene, motion(scene))
 
-        scene = task.load_scene()
-        return Tracking(robot, scene, motion(scene))
+        def of_file(path: str | Path) -> Task:
+            from cmbrl.imitation.reading import read_motion
 
-    def of_file(path: str | Path) -> Task:
-        from cmbrl.imitation.reading import read_motion
+            return with_motion(partial(read_motion, path, dt=control_dt))
 
-        return _with_motion(task, robot, partial(read_motion, path, dt=task.control_dt))
+        def record(**arguments: Any) -> Any:
+            from cmbrl.envs.mujoco_recording import record_mujoco
 
-    def process() -> MDP:
-        return tracking().training()
+            return record_mujoco(name, tracking().training(), system, **arguments)
 
-    def trial() -> MDP:
-        return tracking().trial()
+        def system() -> Any:
+            from cmbrl.system import MujocoSystem
 
-    def reference() -> Any:
-        return tracking().motion.q
+            return MujocoSystem(robot.scene, frame_skip=substeps)
 
-    recorder = partial(_record, task.name, process, task)
-    return replace(task, mdp=process, trial=trial, reference=reference, of_motion=of_file, recorder=recorder)
+        task = Task(
+            name=name,
+            description=description,
+            scene=robot.scene,
+            control_dt=control_dt,
+            substeps=substeps,
+            time_step=control_dt / substeps,
+            behaviours=("random", "policy"),
+            training={"shac": SHAC, **(training or {})},
+            algorithm="shac",
+            mdp=lambda: tracking().training(),
+            trial=lambda: tracking().trial(),
+            reference=lambda: tracking().motion.q,
+            of_motion=of_file,
+            system=system,
+            recorder=record,
+        )
+        return task
 
-
-def _system(scene: Path, substeps: int) -> Any:
-    from cmbrl.system import MujocoSystem
-
-    return MujocoSystem(scene, frame_skip=substeps)
-
-
-def _no_recorder(**_: Any) -> Any:
-    raise UserError("this task has no motion")
-
-
-def _record(name: str, process: Callable[[], MDP], task: Task, **arguments: Any) -> Any:
-    from cmbrl.envs.mujoco_recording import record_mujoco
-
-    return record_mujoco(name, process(), task.system, **arguments)  # type: ignore[arg-type]
+    return with_motion(own)

@@ -98,9 +98,10 @@ class Tracking:
 
     def act(self, q: Tensor, v: Tensor, action: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """The next frame begins, and the servos aim at its joints, moved by the action."""
-        frame = (q[:, -1 - self.nu :][:, :1] + 1).clamp(max=self.last)
-        target = self.reference.q[frame[:, 0].long()] + self.scale * action
-        return torch.cat([q[:, : -1 - self.nu], frame, action], dim=1), v, target
+        robot, frame, _ = self._split(q)
+        frame = (frame + 1).clamp(max=self.last)
+        target = self.reference.q[frame] + self.scale * action
+        return torch.cat([robot, frame[:, None].to(q), action], dim=1), v, target
 
     def observe(self, q: Tensor, v: Tensor) -> Tensor:
         """(B, 5 nu + 15): reference joints and rates; the anchor's error; the root's velocity; joints; last action."""

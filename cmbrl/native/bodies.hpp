@@ -26,15 +26,23 @@ static void twists(const Model& m, Work<G>& w) {
   }
 }
 
-template <class G>
-static void body_motions(const Model& m, const Batch& b, const BodyBatch& out, int64_t begin, int64_t end, StepMemory& memory) {
-  using F = BodyFields<G>;
+// f(lanes, which of them are finite, workspace) for every pack, with its bodies' places and twists.
+template <class G, class F>
+static void for_moving_bodies(const Model& m, const Batch& b, int64_t begin, int64_t end, StepMemory& memory, F f) {
   Work<G> w = open<G>(m, Purpose::step, memory);
   for (int64_t e = begin; e < end; e += W) {
     Lanes l = lanes_from(e, end);
     Mask finite = gather_states(m, b, l, w);
     kinematics(m, w, w.q);
     twists(m, w);
+    f(l, finite, w);
+  }
+}
+
+template <class G>
+static void body_motions(const Model& m, const Batch& b, const BodyBatch& out, int64_t begin, int64_t end, StepMemory& memory) {
+  using F = BodyFields<G>;
+  for_moving_bodies<G>(m, b, begin, end, memory, [&](const Lanes& l, Mask finite, Work<G>& w) {
     for (int i = 0; i < out.count; ++i) {
       int body = out.bodies[i];
       T x[F::all];
@@ -47,7 +55,7 @@ static void body_motions(const Model& m, const Batch& b, const BodyBatch& out, i
       scatter(x, int64_t(out.count) * F::all, F::all, l, out.motion + i * F::all);
     }
     spoil(~finite, int64_t(out.count) * F::all, l, out.motion);
-  }
+  });
 }
 
 // The moment that turns a body as cotangents of its rotation ask for: dR = [dtheta]x R.
@@ -63,12 +71,7 @@ static inline Spatial::Ang turning(const Spatial::Rot& R, const T* g) {
 template <class G>
 static void body_motions_backward(const Model& m, const Batch& b, const BodyBatch& out, int64_t begin, int64_t end, StepMemory& memory) {
   using F = BodyFields<G>;
-  Work<G> w = open<G>(m, Purpose::step, memory);
-  for (int64_t e = begin; e < end; e += W) {
-    Lanes l = lanes_from(e, end);
-    Mask finite = gather_states(m, b, l, w);
-    kinematics(m, w, w.q);
-    twists(m, w);
+  for_moving_bodies<G>(m, b, begin, end, memory, [&](const Lanes& l, Mask finite, Work<G>& w) {
     Vec<G::N>*place = w.f, *motion = w.fc;  // wrenches about O that cotangents of places and of twists amount to
     for (int k = 0; k < m.nbody; ++k) place[k] = motion[k] = zero<G::N>();
     T clean = T{};
@@ -99,7 +102,7 @@ static void body_motions_backward(const Model& m, const Batch& b, const BodyBatc
     Mask good = finite & (clean == 0.0);
     spoil(~good, m.nv, l, b.gq);
     spoil(~good, m.nv, l, b.gv);
-  }
+  });
 }
 
 }  // namespace cmbrl::CMBRL_ISA

@@ -82,9 +82,18 @@ def test_files_that_are_no_motions(scene: Scene, frames: np.ndarray, tmp_path: P
     np.savez(tmp_path / "rate.npz", q=frames)
     np.savez(tmp_path / "names.npz", q=frames, rate=30.0, joint_names=["a"] * 29)
     (tmp_path / "motion.txt").touch()
+    (tmp_path / "empty.csv").touch()
+    np.savez(tmp_path / "slow.npz", q=frames, rate=1e-6)
+    np.savez(tmp_path / "rates.npz", q=frames, rate=[30.0, 30.0])
+    np.savez(tmp_path / "deep.npz", q=frames[None], rate=30.0)
+    np.savez(tmp_path / "far.npz", q=1e9 * frames, rate=30.0)
+    np.savez(tmp_path / "no_names.npz", q=frames, rate=30.0, joint_names="a")
+    np.savez(tmp_path / "none.npz", q=frames[:0], rate=30.0)
     for name, told in {
-        "words.csv": "not a table", "broken.npz": "not an npz", "rate.npz": "'rate'", "names.npz": "no joint",
-        "motion.txt": "are .csv or .npz", "missing.csv": "missing.csv",
+        "words.csv": "not a table", "broken.npz": "not readable as npz", "rate.npz": "'rate'", "names.npz": "no joint",
+        "motion.txt": "are .csv or .npz", "empty.csv": "no frames", "slow.npz": "s of motion", "rates.npz": "'rate'",
+        "deep.npz": "'q'", "far.npz": "length", "no_names.npz": "no joint", "none.npz": "no frames",
+        "missing.csv": "missing.csv",
     }.items():  # fmt: skip
         with pytest.raises(UserError, match=told):
             read_motion(tmp_path / name, scene, DT)

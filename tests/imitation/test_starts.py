@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 import torch
 
+from cmbrl.envs.simulation import Simulation
 from cmbrl.imitation.starts import UNIFORM, Starts
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.registry import load_task
 from cmbrl.train.run import TrainingRun
 from cmbrl.train.setup import set_up
 
@@ -56,3 +59,17 @@ def test_training_resumes_to_the_same_bits(tmp_path: Path) -> None:
             TrainingRun(trainer, tmp_path / folder, {}, resume=k > 0).train(iterations)
     weights = [(tmp_path / folder / "policy.safetensors").read_bytes() for folder in ("whole", "parts")]
     assert weights[0] == weights[1]
+
+
+def test_a_restart_by_seed_forgets_failures() -> None:
+    task = load_task("g1")
+    model = ComplementarityModel(task.load_scene(), **task.model_options())
+    assert task.mdp is not None
+    simulation = Simulation(task.mdp(), model, 16, seed=3)
+    first = simulation.q.clone()
+    for _ in range(30):
+        simulation.step(simulation.observe(), torch.zeros(16, 29))
+    assert simulation.mdp.curriculum is not None
+    assert simulation.mdp.curriculum.state()["failures"].sum() > 0
+    simulation.restart(seed=3)
+    np.testing.assert_array_equal(simulation.q, first)
