@@ -67,7 +67,7 @@ def test_a_restart_by_seed_forgets_failures() -> None:
     assert task.mdp is not None
     simulation = Simulation(task.mdp(), model, 16, seed=3)
     first = simulation.q.clone()
-    for _ in range(30):
+    for _ in range(100):
         simulation.step(simulation.observe(), torch.zeros(16, 29))
     assert simulation.mdp.curriculum is not None
     assert simulation.mdp.curriculum.state()["failures"].sum() > 0
