@@ -172,6 +172,11 @@ def checksum(value: Any) -> str:
     return hashlib.sha256(data).hexdigest()[:16]
 
 
+def file_digest(path: str | os.PathLike[str]) -> str:
+    """Sixteen hexadecimal digits for what a file holds."""
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()[:16]
+
+
 def _json(value: Any) -> str:
     return json.dumps(value, indent=2, allow_nan=False) + "\n"
 

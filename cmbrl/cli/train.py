@@ -27,7 +27,7 @@ from cmbrl.cli.options import (
 )
 from cmbrl.cli.progress import fraction
 from cmbrl.errors import UserError
-from cmbrl.files import read_json
+from cmbrl.files import file_digest, read_json
 from cmbrl.runs import CONFIGURATION, usable_cores, write_run
 
 EXAMPLE = """
@@ -133,7 +133,8 @@ def run(arguments: argparse.Namespace) -> int:
         motion=str(Path(arguments.motion).resolve()) if arguments.motion else None,
     )
     about = {"task": setup.task.name, "algorithm": setup.algorithm, "model": setup.model, "seed": setup.seed}
-    about |= {"motion": setup.motion} if setup.motion else {}
+    if setup.motion:
+        about |= {"motion": setup.motion, "motion_digest": file_digest(setup.motion)}
     wanted = {**resolved(arguments), **about}
     out = Path(arguments.out)
     _check_resumed(out, arguments.resume, wanted)

@@ -33,12 +33,7 @@ class Motion:
 
         Raises UserError, led by ``name``, for frames that are not finite, too few, or begin under the floor.
         """
-        if not np.isfinite(q).all():
-            row, column = np.argwhere(~np.isfinite(q))[0]
-            raise UserError(f"{name}: row {row + 1}, column {column + 1} is not a number: fix or drop that frame")
-        if np.abs(q).max(initial=0.0) > FARTHEST:
-            row, column = np.argwhere(np.abs(q) > FARTHEST)[0]
-            raise UserError(f"{name}: row {row + 1}, column {column + 1} is {q[row, column]:g}; give m and rad")
+        check_finite(q, name)
         if not 0 < rate <= FASTEST:
             raise UserError(f"{name}: rate is {rate:g}; give frames per second")
         duration = (len(q) - 1) / rate
@@ -60,6 +55,15 @@ class Motion:
     def duration(self) -> float:
         """From the first frame to the last [s]."""
         return (len(self.q) - 1) * self.dt
+
+
+def check_finite(q: Array, name: str) -> None:
+    """Raises UserError, led by ``name``, for the first number of q (N, nq) that is not finite, or beyond any robot."""
+    wrong = np.argwhere(~(np.abs(q) <= FARTHEST))
+    if len(wrong):
+        row, column = wrong[0]
+        told = f"row {row + 1}, column {column + 1} is {q[row, column]:g}"
+        raise UserError(f"{name}: {told}; give finite numbers in m and rad, or drop that frame")
 
 
 def velocities(scene: Scene, q: Array, dt: float) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 
 from cmbrl.data import npz
 from cmbrl.errors import UserError
-from cmbrl.imitation.motion import Motion
+from cmbrl.imitation.motion import Motion, check_finite
 from cmbrl.reading import regular_file
 from cmbrl.scene import Scene
 from cmbrl.scene.records import Array
@@ -34,8 +34,9 @@ def read_motion(path: str | Path, scene: Scene, dt: float) -> Motion:
         q, rate = _csv(file, scene), CSV_RATE
     else:
         raise UserError(f"{file}: motions are .csv or .npz files")
+    check_finite(q, str(file))
     length = np.linalg.norm(q[:, 3:ROOT], axis=1)
-    wrong = np.flatnonzero(~(np.abs(length - 1) < _UNIT) & np.isfinite(length))
+    wrong = np.flatnonzero(np.abs(length - 1) > _UNIT)
     if len(wrong):
         raise UserError(f"{file}: the quaternion of row {wrong[0] + 1} has length {length[wrong[0]]:.3g}, not 1")
     q[:, 3:ROOT] /= length[:, None]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from cmbrl.envs.of_task import task_for, trial_process
 from cmbrl.errors import UserError
+from cmbrl.files import file_digest
 from cmbrl.mdp import MDP
 from cmbrl.registry import Task
 from cmbrl.train.models import REAL, check_model
@@ -26,7 +27,10 @@ class Trained:
     def load(cls, folder: str) -> Trained:
         """Raises UserError when the folder holds no policy, or one that does not fit its task."""
         saved = load_policy(folder)
-        task = task_for(saved.task, saved.about.get("motion"))
+        motion = saved.about.get("motion")
+        task = task_for(saved.task, motion)
+        if motion is not None and file_digest(motion) != saved.about.get("motion_digest"):
+            raise UserError(f"{motion}: has changed since {folder} was trained on it: restore it, or train again")
         mdp = trial_process(task)
         shape = saved.policy.architecture
         have, need = (shape.observations, shape.actions), (mdp.observations, mdp.actions)

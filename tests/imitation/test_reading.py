@@ -64,7 +64,7 @@ def test_resampled_between_frames_at_constant_speed(scene: Scene, frames: np.nda
     [
         (lambda q: q[:10], "0.3 s of motion"),
         (lambda q: q[:, :-1], "35 columns.*another robot"),
-        (lambda q: np.where(np.arange(36) == 20, np.nan, q), "row 1, column 21 is not a number"),
+        (lambda q: np.where(np.arange(36) == 20, np.nan, q), "row 1, column 21 is nan"),
         (lambda q: q - np.eye(36)[2], "under the floor"),
         (lambda q: q * np.where((np.arange(36) > 2) & (np.arange(36) < 7), 2, 1), "length 2, not 1"),
     ],
@@ -92,7 +92,7 @@ def test_files_that_are_no_motions(scene: Scene, frames: np.ndarray, tmp_path: P
     for name, told in {
         "words.csv": "not a table", "broken.npz": "not readable as npz", "rate.npz": "'rate'", "names.npz": "no joint",
         "motion.txt": "are .csv or .npz", "empty.csv": "no frames", "slow.npz": "s of motion", "rates.npz": "'rate'",
-        "deep.npz": "'q'", "far.npz": "length", "no_names.npz": "no joint", "none.npz": "no frames",
+        "deep.npz": "'q'", "far.npz": "column 3 is", "no_names.npz": "no joint", "none.npz": "no frames",
         "missing.csv": "missing.csv",
     }.items():  # fmt: skip
         with pytest.raises(UserError, match=told):
