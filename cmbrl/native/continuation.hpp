@@ -108,8 +108,8 @@ struct Continuation : InteriorPoint<G> {
     }
   }
 
-  // The numbers that follow set how long steps are: at half or twice their size each of the stored problems of rungs 8 and 9
-  // is still solved there, and so are two or four of rungs 11 and 12, which this curve happens to miss.
+  // The numbers that follow set how long steps are. At about half or twice their size the stored problems of rungs 8 and 9 are
+  // still solved there, but for cheetah 8 with longest steps of 4; and so are one to four of rungs 11 and 12.
   // Lanes of `todo` along the path to t = `until`, or to where kappa dominates; returns those that got there.
   Mask trace(Mask todo, const Strategy& st, double until, T& iterations) {
     this->start(st.start);

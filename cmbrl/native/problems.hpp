@@ -27,8 +27,8 @@ static void solve_on_path(ProblemPack<G>& pack, Options& o, T* X) {
 
 // The exact law: Newton on the law itself, from rest, which finds many answers in a few steps (after 8 instead of 5 a stack of
 // 1 : 1e6 passes the natural map, but sinks in); else proximal points from low down on the path, which also tell how redundant
-// contacts share their load (without them 8 problems of the cube and the G1 are lost). The natural map decides; what it does
-// not pass is flagged. Kappas ten times as large or as small solve the same 141 of the 142 problems of the solver study.
+// contacts share their load (without them 26 of the 142 problems of the solver study are lost). The natural map decides; what it does
+// not pass is flagged. Kappas ten times as large or as small solve the same 141.
 template <class G>
 static void solve_exactly(ProblemPack<G>& pack, Options& o, T* X) {
   SolverWork<G>& w = pack.w;
