@@ -152,9 +152,10 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--contact-law",
-        choices=("mujoco", "rigid", "spring-damper"),
+        metavar="LAW",
         help="mujoco: softness from the MJCF; rigid: hard, with a restitution to fit; spring-damper: an implicit "
-        "spring and damper in each contact (default: the task's, else mujoco)",
+        "spring and damper in each contact; logistic:stiffness=300 [1/m]: acts more the deeper it is, without a push "
+        "(default: the task's, else mujoco)",
     )
 
 

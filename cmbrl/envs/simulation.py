@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
@@ -30,6 +31,21 @@ class Disturbance:
     linear: float = 0.0
     angular: float = 0.0
     parameters: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Move:
+    """One step of all episodes before it is scored: see :class:`Step`.
+
+    ``states``: q, v, the action as float64, q', v', of the process. ``age`` (B,): steps of each episode, with this one.
+    """
+
+    observation: Tensor
+    action: Tensor
+    states: tuple[Tensor, Tensor, Tensor, Tensor, Tensor]
+    age: Tensor
+    terminated: Tensor
+    truncated: Tensor
 
 
 @dataclass(frozen=True)
@@ -107,6 +123,10 @@ class Simulation:
 
     def step(self, observation: Tensor, action: Tensor) -> Step:
         """Moves every episode by one step; ``observation`` comes from ``observe`` and is only passed on."""
+        return self.score([self.move(observation, action)])[0]
+
+    def move(self, observation: Tensor, action: Tensor) -> Move:
+        """As ``step``, without the reward: many moves are scored at once in a fraction of the time."""
         mdp = self.mdp
         control = action.double()
         q, v, u = mdp.act(self.q, self.v, control)
@@ -114,22 +134,35 @@ class Simulation:
             q, v = self._advance(q, v, u)
         if self._noise is not None:
             v = v + self._noise * torch.randn(v.shape, generator=self.generator, dtype=v.dtype)
-        moved = self.q, self.v, control, q, v
-        reward, info = mdp.score(*moved) if self.tell else (mdp.reward(*moved), {})
-        shaping = mdp.shaping(q, v) if mdp.shaping is not None else torch.zeros_like(reward)
+        states = self.q, self.v, control, q, v
         self.steps_taken += self.count * mdp.repeat
-        self.age += 1
+        age = self.age = self.age + 1
         with torch.no_grad():
-            lost = ~torch.isfinite(torch.cat([q, v], dim=1)).all(dim=1)
-            terminated = mdp.terminated(q, v) | lost
-            truncated = mdp.out_of_time(q, v, self.age) & ~terminated
+            terminated = mdp.terminated(q, v) | ~_finite(q, v)
+            truncated = mdp.out_of_time(q, v, age) & ~terminated
             done = terminated | truncated
-            self.returns += torch.where(lost, 0.0, reward)
-        next_observation = mdp.observe(q, v)
-        if mdp.curriculum is not None and done.any():
+            over = bool(done.any())
+        if mdp.curriculum is not None and over:
             mdp.curriculum.ended(q.detach()[done], terminated[done])
-        self.q, self.v = self._restart(q, v, done) if done.any() else (q, v)
-        return Step(observation, action, reward, shaping, next_observation, terminated, truncated, info)
+        self.q, self.v = self._restart(q, v, done) if over else (q, v)
+        return Move(observation, action, states, age, terminated, truncated)
+
+    def score(self, moves: Sequence[Move]) -> list[Step]:
+        """The moves, in order, with rewards and what follows; every move has to be scored once, for the returns."""
+        mdp = self.mdp
+        states = [torch.cat(parts) for parts in zip(*(move.states for move in moves), strict=True)]
+        after = states[3:]
+        reward, info = mdp.score(*states) if self.tell else (mdp.reward(*states), {})
+        shaping = mdp.shaping(*after) if mdp.shaping is not None else torch.zeros_like(reward)
+        with torch.no_grad():
+            earned = torch.where(_finite(*after), reward, 0.0).split(self.count)
+        parts = zip(*(x.split(self.count) for x in (reward, shaping, mdp.observe(*after))), strict=True)
+        told = [{name: value.split(self.count)[k] for name, value in info.items()} for k in range(len(moves))]
+        steps = []
+        for move, (r, s, o), gain, more in zip(moves, parts, earned, told, strict=True):
+            self._account(move, gain)
+            steps.append(Step(move.observation, move.action, r, s, o, move.terminated, move.truncated, more))
+        return steps
 
     def state(self) -> dict[str, Any]:
         """Everything that the next step depends on."""
@@ -166,12 +199,19 @@ class Simulation:
     def _restart(self, q: Tensor, v: Tensor, done: Tensor) -> tuple[Tensor, Tensor]:
         rows = done.nonzero()[:, 0]
         fresh_q, fresh_v = self.mdp.reset(len(rows), self.generator)
-        self.finished.extend(zip(self.returns[rows].tolist(), self.age[rows].tolist(), strict=True))
-        self.age[rows], self.returns[rows] = 0, 0.0
+        self.age = self.age.masked_fill(done, 0)
         theta = self._parameters(len(rows))
         if self.theta is not None and theta is not None:
             self.theta = self.theta.index_copy(0, rows, theta)  # a new one: the past steps' derivatives need the old
         return q.index_copy(0, rows, fresh_q), v.index_copy(0, rows, fresh_v)
+
+    def _account(self, move: Move, earned: Tensor) -> None:
+        """Adds what episodes earned (B,) to their returns, and notes those that ended."""
+        self.returns = self.returns + earned
+        done = move.terminated | move.truncated
+        if done.any():
+            self.finished.extend(zip(self.returns[done].tolist(), move.age[done].tolist(), strict=True))
+            self.returns = self.returns.masked_fill(done, 0.0)
 
     def _parameters(self, count: int) -> Tensor | None:
         """Physical parameters (count, np) of as many episodes; None for the model's own."""
@@ -187,6 +227,11 @@ class Simulation:
         scale = torch.full(self.v.shape[1:], self.disturbance.angular, dtype=self.v.dtype)
         scale[list(coordinates_of(self.model).slides_v)] = self.disturbance.linear
         return scale
+
+
+def _finite(q: Tensor, v: Tensor) -> Tensor:
+    """(B,) bool: whether states are finite."""
+    return torch.isfinite(q).all(dim=1) & torch.isfinite(v).all(dim=1)
 
 
 @runtime_checkable

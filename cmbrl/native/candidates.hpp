@@ -67,6 +67,7 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, co
   if (B >= 0) u -= point_velocity<G>(w.vel[B], F.a - F.dist * F.n);
   T speed = dot(F.n, u), slack = phi * (1 / o.h) - vabs(speed);  // at least, whatever the law is
   Mask near = on & (slack - vabs(speed) < __builtin_fmax(enough, wide)), takes_part = none();
+  if (m.logistic) near |= on & (p[kSolref0] * phi < kFaint);
   if (any(near)) {
     Contact<G>& c = w.add_contact();
     make_contact(m, o, i, F, phi, p, c);

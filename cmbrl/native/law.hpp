@@ -65,6 +65,14 @@ static inline Law soft_law(T gap, double margin, double h, T ref0, T ref1, T d0,
   return L;
 }
 
+static inline T vexp(T x) {
+  T y;
+  for (int i = 0; i < W; ++i) y[i] = __builtin_exp(x[i]);
+  return y;
+}
+
+constexpr double kFaint = 25;  // a logistic contact is left out where it would take exp(-25) of the approach
+
 template <class G>
 static void contact_law(const Model& m, const Options& o, Contact<G>& c, const T* p) {
   int i = c.index;
@@ -90,6 +98,11 @@ static void contact_law(const Model& m, const Options& o, Contact<G>& c, const T
       Mask apart = phi > 0.0;
       T erp = select(apart, one, hk / sum);
       L = {erp * phi / h, erp / h, scale / (h * sum), T{}, T{}};
+      break;
+    }
+    case kLogistic: {  // a share s = 1/(1 + exp(stiffness phi)) of the approach of a lone contact ends: R = w (1 - s)/s
+      T R = scale * m.con_invweight[i] * vexp(vmin(p[kSolref0] * phi, splat(kFaint)));
+      L = {T{}, T{}, R, p[kSolref0] * R, T{}};
       break;
     }
     default: {  // rigid: the gap at the end of the step is not negative; old penetration decays with a time constant

@@ -98,7 +98,7 @@ static void for_meeting(const Model& m, Work<G>& w, F f) {
 // make a row's slack less than phi / h by twice its speed.
 template <class G>
 static void find_near(const Model& m, const Options& o, Work<G>& w) {
-  bool all_groups = !(o.prune < 1e300);
+  bool all_groups = !(o.prune < 1e300) || m.logistic;
   for (int i = 0; i < FillPattern::words(m.ngroup); ++i) w.near[i] = all_groups ? ~uint64_t(0) : m.grp_world[i];
   if (all_groups || m.pair_ptr[m.nbody] == 0) return;
   T enough = splat(__builtin_fmax(speed_that_matters(o, o.forward, m.largest_invweight), speed_that_matters(o, o.backward, m.largest_invweight)));

@@ -10,7 +10,8 @@ import numpy as np
 from cmbrl.scene.actuators import Actuator
 from cmbrl.scene.layout import CONTACT_FIELDS, Layout
 from cmbrl.scene.mjcf import limits_act
-from cmbrl.scene.records import CONTACT_LAWS, WORLD, Array, Candidate, ContactLaw, JointKind, Tree
+from cmbrl.scene.laws import CONTACT_LAWS, LawChoice
+from cmbrl.scene.records import WORLD, Array, Candidate, ContactLaw, JointKind, Tree
 from cmbrl.scene.reduction import PlaneOfMotion
 from cmbrl.scene.shapes import Shape
 
@@ -130,10 +131,14 @@ def _spring_damper(law: ContactLaw) -> tuple[float, float]:
     return -mass * first / dmax**2, -mass * second / dmax
 
 
-def _law_block(law: ContactLaw, contact_law: str) -> Array:
+def _law_block(own: ContactLaw, law: LawChoice) -> Array:
     """Block (9,) of a contact in P, without the sum of radii and the weight of the candidate."""
-    ref = _spring_damper(law) if contact_law == "spring-damper" else law.solref
-    return np.array([law.friction, 0.0, 0.0, *ref, *law.solimp[:3], 0.0])  # MJCF cannot express restitution
+    ref = own.solref
+    if law.name == "spring-damper":
+        ref = _spring_damper(own)
+    elif law.name == "logistic":
+        ref = law.stiffness, 0.0
+    return np.array([own.friction, 0.0, 0.0, *ref, *own.solimp[:3], 0.0])  # MJCF cannot express restitution
 
 
 def integers(values: Any) -> np.ndarray:
@@ -155,7 +160,7 @@ def physical_vector(
     actuators: list[Actuator],
     plane: PlaneOfMotion | None,
     layout: Layout,
-    contact_law: str,
+    law: LawChoice,
 ) -> Array:
     """P (nP,) at the values of the file, in the order of ``layout.py``."""
     off, flags = mujoco.mjtDisableBit, model.opt.disableflags
@@ -183,7 +188,7 @@ def physical_vector(
                 P[layout.dof(dof, "frictionloss")] = model.dof_frictionloss[dof]
     blocks = P[layout.contact(0) :].reshape(-1, len(CONTACT_FIELDS))
     laws = {id(c.law): c.law for c in candidates}  # pairs of the same surfaces share theirs
-    shared = {key: _law_block(law, contact_law) for key, law in laws.items()}
+    shared = {key: _law_block(own, law) for key, own in laws.items()}
     for block, c in zip(blocks, candidates, strict=True):
         block[:] = shared[id(c.law)]
     blocks[:, 2] = [c.radius_a + c.radius_b for c in candidates]

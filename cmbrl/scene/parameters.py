@@ -35,6 +35,7 @@ _LAW_FIELDS = {  # rigid: the time in which a penetration decays
     "rigid": (("solref0", "softness_time", "s"),),
     "mujoco": (("solref0", "softness_time", "s"), ("solref1", "softness_damping", "1")),
     "spring-damper": (("solref0", "contact_stiffness", "N/m"), ("solref1", "contact_damping", "N s/m")),
+    "logistic": (("solref0", "activation_stiffness", "1/m"),),
 }
 
 # MuJoCo's solimp: impedance at first touch, at depth ``width``, and that width. Bounds are those MuJoCo clips to.

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 WORLD = -1
-CONTACT_LAWS = {"rigid": 0, "mujoco": 1, "spring-damper": 2}  # the core's number of each law
 
 
 class JointKind(IntEnum):

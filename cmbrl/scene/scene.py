@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.errors import UserError
-from cmbrl.numbers import one_of, real_array, switch
+from cmbrl.numbers import real_array, switch
 from cmbrl.reading import regular_file
 from cmbrl.scene import kinematics, manifold
 from cmbrl.scene.actuators import read_actuators
@@ -18,10 +18,11 @@ from cmbrl.scene.assemble import contact_arrays, doubles, integers, physical_vec
 from cmbrl.scene.contacts import ContactBuilder
 from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.differences import differences
+from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.mjcf import compile_mjcf, name_of, read_tree
 from cmbrl.scene.parameters import offer_parameters
-from cmbrl.scene.records import CONTACT_LAWS, Array, Candidate, Joint, JointKind, LeftOut, Parameter, Tree
+from cmbrl.scene.records import Array, Candidate, Joint, JointKind, LeftOut, Parameter, Tree
 from cmbrl.scene.reduction import PlaneOfMotion, find_plane, merge_points, obstacle_to_plane, project
 from cmbrl.scene.shapes import read_shape
 from cmbrl.scene.support import Gate, check_model
@@ -45,7 +46,7 @@ class Scene:
     name: str
     path: str
     ignore: tuple[str, ...]
-    contact_law: str  # one of CONTACT_LAWS
+    contact_law: str  # as LawChoice writes it
     reduce: bool  # False: nothing was simplified, on request
     nq: int
     nv: int
@@ -85,8 +86,10 @@ class Scene:
             path: the MJCF file.
             ignore: kinds of unsupported elements to leave out (``cmbrl.scene.support.KINDS``).
             contact_law: "mujoco" keeps the file's softness; "rigid" makes contacts hard, with a restitution to fit;
-                "spring-damper" puts an implicit spring and damper in each contact, stable at large steps too. Joint
-                limits stay as in the file.
+                "spring-damper" puts an implicit spring and damper in each contact, stable at large steps too;
+                "logistic:stiffness=300" ends a share of the approach that grows with depth as a logistic function of
+                that stiffness [1/m], and never pushes out (the compliant law of Aditya et al., arXiv 2609.30951, solved
+                implicitly). Joint limits stay as in the file.
             reduce: False keeps spatial algebra for planar scenes, candidates that can never touch and duplicate points.
                 The motion is the same at a higher cost; use it to check the simplification.
 
@@ -95,13 +98,13 @@ class Scene:
         """
         file = regular_file(path, "give the path of an MJCF (.xml)")
         gate = Gate(str(file), ignore)
-        one_of(contact_law, CONTACT_LAWS, "contact law")
+        law = LawChoice.parse(contact_law)
         reduce = switch(reduce, "reduce")
         model, warnings = compile_mjcf(file)
         if model.nv == 0:
             raise UserError(f"{file}: the model has no joints, so nothing moves; add a joint")
         check_model(model, gate)
-        return _build(cls, model, file, gate, contact_law, reduce, tuple(warnings))
+        return _build(cls, model, file, gate, law, reduce, tuple(warnings))
 
     @property
     def layout(self) -> Layout:
@@ -166,7 +169,7 @@ def _build(
     model: mujoco.MjModel,
     file: Path,
     gate: Gate,
-    contact_law: str,
+    law: LawChoice,
     reduce: bool,
     warnings: tuple[str, ...],
 ) -> Scene:
@@ -186,9 +189,9 @@ def _build(
     grounds = sorted({c.geoms[1] for c in candidates if c.kind.on_plane})
     planes = [read_shape(model, geom, tree.frames) for geom in grounds]
     layout = Layout(2 if plane else 3, len(tree.bodies), model.nv, len(candidates), len(planes), len(actuators))
-    P = physical_vector(model, tree, candidates, planes, actuators, plane, layout, contact_law)
+    P = physical_vector(model, tree, candidates, planes, actuators, plane, layout, law)
     letters = plane.letters if plane else ("x", "y", "z")
-    moves = offer_parameters(model, tree, candidates, planes, actuators, layout, letters, P, contact_law)
+    moves = offer_parameters(model, tree, candidates, planes, actuators, layout, letters, P, law.name)
     joints_and_limits = tree_arrays(model, tree, plane)
     integrator = _INTEGRATORS.get(mujoco.mjtIntegrator(model.opt.integrator).name, "euler")
     core = CoreArrays(
@@ -205,7 +208,7 @@ def _build(
         nact=len(actuators),
         plane_basis=plane.basis if plane else np.zeros((2, 3)),
         **joints_and_limits,
-        **contact_arrays(model, candidates, planes, plane, contact_law),
+        **contact_arrays(model, candidates, planes, plane, law.name),
         act_dof=integers([a.dof for a in actuators]),
         act_qadr=integers([a.qadr for a in actuators]),
         act_ctrl=doubles([a.control for a in actuators], (-1, 2)),
@@ -222,7 +225,7 @@ def _build(
         name=_model_name(model, file),
         path=str(file),
         ignore=gate.ignore,
-        contact_law=contact_law,
+        contact_law=str(law),
         reduce=reduce,
         nq=int(model.nq),
         nv=int(model.nv),
@@ -242,7 +245,7 @@ def _build(
         parameters=moves.parameters,
         left_out=tuple(gate.left_out),
         dropped_contacts=tuple(builder.dropped),
-        differences=differences(model, candidates, contact_law, integrator),
+        differences=differences(model, candidates, law.name, integrator),
         merged_points=merged,
         compiler_warnings=warnings,
         joints=tuple(tree.joints),

@@ -53,7 +53,7 @@ class Critic:
         self.net, self.target = (network(policy.architecture.observations, config.critic_hidden, 1) for _ in range(2))
         self.target.load_state_dict(self.net.state_dict())
         self.target.requires_grad_(False)
-        self.optimiser = torch.optim.Adam(self.net.parameters(), config.critic_rate, betas=BETAS)
+        self.optimiser = torch.optim.Adam(self.net.parameters(), config.critic_rate, betas=BETAS, fused=True)
 
     def value(self, observations: Tensor) -> Tensor:
         """(B,) of observations (B, n_o), float32, by the slow target; differentiable in the observations."""

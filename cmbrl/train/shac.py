@@ -7,6 +7,7 @@ of an episode), and exploration noise that follows a schedule instead of being l
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -95,32 +96,32 @@ class SHAC(WindowLearner):
         c, simulation = self.config, self.simulation
         std = c.noise_std(progress)
         simulation.detach()
-        steps = []
-        for _ in range(self.horizon):
+        noise = std * torch.randn(self.horizon, c.environments, self.mdp.actions, generator=self.generator)
+        moves = []
+        for k in range(self.horizon):
             observation = simulation.observe()
-            noise = std * torch.randn(c.environments, self.mdp.actions, generator=self.generator)
-            action = self.policy.sample(observation.float(), noise)
+            action = self.policy.sample(observation.float(), noise[k])
             action.retain_grad()
-            steps.append(simulation.step(observation, action))
+            moves.append(simulation.move(observation, action))
             simulation.q, simulation.v = Tamed.apply(simulation.q, simulation.v, c.tame)
-        return steps
+        return simulation.score(moves)
 
     def loss(self, steps: list[Step]) -> Tensor:
         """Minus the window's discounted reward and the critic's value of what follows, per step and episode: ()."""
-        total = torch.zeros((), dtype=torch.float64)
-        discount = torch.ones(self.config.environments, dtype=torch.float64)
-        ends, weights = [], []  # observations at which an episode continues unseen, and their discounts
-        last = len(steps) - 1
-        for k, step in enumerate(steps):
-            total = total + (discount * finite(step.reward + step.shaping)).sum()
-            discount = discount * self.config.discount
-            open_end = (~step.terminated if k == last else step.truncated).nonzero()[:, 0]
-            if len(open_end):
-                ends.append(step.next_observation[open_end])
-                weights.append(discount[open_end])
-            discount = torch.where(step.terminated | step.truncated, 1.0, discount)
-        if ends:
-            total = total + (torch.cat(weights) * self.critic.value(torch.cat(ends).float())).sum()
+        weight = torch.ones(self.config.environments, dtype=torch.float64)
+        weights, rows, left = [], [], []  # of rewards; episodes that continue unseen, and the weights of their values
+        for step in steps:
+            weights.append(weight)
+            weight = weight * self.config.discount
+            rows.append(~step.terminated if step is steps[-1] else step.truncated)
+            left.append(weight)
+            weight = torch.where(step.terminated | step.truncated, 1.0, weight)
+        rewards = torch.cat([step.reward + step.shaping for step in steps])
+        total = (torch.cat(weights) * finite(rewards)).sum()
+        unseen = torch.cat(rows)
+        if unseen.any():
+            ends = torch.cat([step.next_observation for step in steps])[unseen]
+            total = total + (torch.cat(left)[unseen] * self.critic.value(ends.float())).sum()
         return -total / (len(steps) * self.config.environments)
 
 
@@ -139,9 +140,14 @@ class Tamed(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, gq: Tensor, gv: Tensor) -> Any:  # type: ignore[override]
         """Cotangents with their long rows cut."""
-        length = torch.cat([gq, gv], dim=1).norm(dim=1)
-        share = (ctx.factor * length.nanmedian() / length).clamp(max=1.0).nan_to_num(nan=0.0, posinf=1.0)[:, None]
-        return finite(gq) * share, finite(gv) * share, None
+        rows = torch.cat([gq, gv], dim=1)
+        length = rows.norm(dim=1)
+        usable = length.isfinite()
+        if not usable.all():
+            rows, length = rows.nan_to_num(0.0, 0.0, 0.0), torch.where(usable, length, math.nan)
+        share = (ctx.factor * length.nanmedian() / length).clamp(max=1.0).nan_to_num(nan=0.0)[:, None]
+        rows = rows * share
+        return rows[:, : gq.shape[1]], rows[:, gq.shape[1] :], None
 
 
 def gradient_variance(policy: Policy, steps: list[Step]) -> float:

@@ -106,7 +106,7 @@ class WindowLearner(Trainer):
             self.policy = Policy(architecture)
             self.critic = None if critic is None else Critic(self.policy, config, config.discount, critic)
         self.policy.normaliser.update(self.simulation.observe().float())
-        self.optimiser = torch.optim.Adam(self.policy.net.parameters(), rate, betas=betas)
+        self.optimiser = torch.optim.Adam(self.policy.net.parameters(), rate, betas=betas, fused=True)
         self.iteration = self.unusable = 0
 
     @abstractmethod

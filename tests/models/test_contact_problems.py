@@ -27,7 +27,7 @@ def impulses(problem: ContactProblem, v_next: np.ndarray, contact: np.ndarray) -
     return impulse
 
 
-@pytest.mark.parametrize("law", ["rigid", "mujoco"])
+@pytest.mark.parametrize("law", ["rigid", "mujoco", "logistic"])
 @pytest.mark.parametrize("name", FILES)
 def test_the_steps_answer_solves_the_exported_problem(name: str, law: str) -> None:
     if not FILES[name].exists():

@@ -15,13 +15,14 @@ from cmbrl.scene import Scene
 from .pairs import CAPSULE, PLANE, SPATIAL, Pair, scene_of, states
 from .test_adjoint import mismatch_at
 
-LAWS = [("mujoco", 0.0), ("rigid", 0.0), ("rigid", 0.5), ("spring-damper", 0.0)]
+LAWS = [("mujoco", 0.0), ("rigid", 0.0), ("rigid", 0.5), ("spring-damper", 0.0), ("logistic", 0.0)]
 KINDS = {"q", "v", "mass", "com_x", "friction", "radius", "gravity"}
 OF_LAW = {
     "mujoco": {"softness_time", "softness_damping", "softness_scale"}
     | {f"impedance_{part}" for part in ("low", "high", "width")},
     "rigid": {"softness_time"},
     "spring-damper": {"contact_stiffness", "contact_damping"},
+    "logistic:stiffness=300": {"activation_stiffness"},
 }
 COUNT = 6
 MATCH = 1e-8  # of both ways, at conditions of up to 1e7

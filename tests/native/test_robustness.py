@@ -43,6 +43,10 @@ def test_soft_contact() -> None:
     check({"hopper": 3000, "cheetah": 3000, "cube": 3000, "g1": 200}, 1e-3, ("mujoco",))
 
 
+def test_logistic_contact() -> None:
+    check({"hopper": 3000, "cheetah": 3000, "cube": 3000, "g1": 200}, 1e-3, ("logistic:stiffness=50", "logistic"))
+
+
 def test_rigid_contact() -> None:
     """Rigid contact with friction to 10 has states with several solutions or folded paths: few, and flagged."""
     check({"hopper": 3000, "cheetah": 3000, "cube": 3000}, 1e-3, ("rigid",))

@@ -57,10 +57,11 @@ def test_the_loss_s_derivative_in_an_action_is_that_of_differences():
         trainer.generator.set_state(random)
         taken = []
         with torch.no_grad():
+            shape = config.horizon, config.environments, 3
+            noise = config.noise_std(0.0) * torch.randn(shape, generator=trainer.generator)
             for j in range(config.horizon):
                 observation = trainer.simulation.observe()
-                noise = config.noise_std(0.0) * torch.randn(config.environments, 3, generator=trainer.generator)
-                action = trainer.policy.sample(observation.float(), noise)
+                action = trainer.policy.sample(observation.float(), noise[j])
                 action[row, joint] += change * (j == k)
                 taken.append(trainer.simulation.step(observation, action))
             return float(trainer.loss(taken))
