@@ -150,6 +150,10 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
         help="leave out an unsupported kind of MJCF element instead of refusing the file (repeatable); reports list "
         "what was left out",
     )
+    add_contact_law(parser)
+
+
+def add_contact_law(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--contact-law",
         metavar="LAW",

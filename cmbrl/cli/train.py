@@ -15,6 +15,7 @@ from cmbrl.cli.options import (
     MODEL_HELP,
     WIDTH,
     Parser,
+    add_contact_law,
     add_json,
     add_seed,
     add_smoothing,
@@ -63,6 +64,7 @@ def add_arguments(parser: Parser) -> None:
         metavar="NAME=VALUE",
         help="a hyperparameter of A (repeatable; lists as 128,64)",
     )
+    add_contact_law(parser)
     add_smoothing(parser)
     parser.add_argument(
         "--derivative",
@@ -126,6 +128,7 @@ def run(arguments: argparse.Namespace) -> int:
         settings,
         data=arguments.data,
         offline=arguments.offline,
+        contact_law=arguments.contact_law,
         smoothing=arguments.smoothing,
         derivative=arguments.derivative,
         seed=arguments.seed,
@@ -135,6 +138,8 @@ def run(arguments: argparse.Namespace) -> int:
     about = {"task": setup.task.name, "algorithm": setup.algorithm, "model": setup.model, "seed": setup.seed}
     if setup.motion:
         about |= {"motion": setup.motion, "motion_digest": file_digest(setup.motion)}
+    if arguments.contact_law:
+        about["contact_law"] = setup.task.contact_law
     wanted = {**resolved(arguments), **about}
     out = Path(arguments.out)
     _check_resumed(out, arguments.resume, wanted)

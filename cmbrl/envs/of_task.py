@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,14 +34,21 @@ def trial_process(task: Task) -> MDP:
     return decision_process(task) if task.trial is None else task.trial()
 
 
-def task_for(name: str, motion: str | Path | None) -> Task:
-    """The task called ``name``, for ``motion`` if one is given; raises UserError if it imitates none."""
+def task_for(name: str, motion: str | Path | None, contact_law: str | None = None) -> Task:
+    """The task called ``name``, for ``motion`` and with ``contact_law`` in its model, where they are given.
+
+    Raises UserError for an unknown law, and for a motion if the task imitates none.
+    """
     task = load_task(name)
-    if motion is None:
+    if motion is not None:
+        if task.of_motion is None:
+            raise UserError(f"--motion {motion}: task {name!r} imitates no motion: drop it")
+        task = task.of_motion(motion)
+    if contact_law is None:
         return task
-    if task.of_motion is None:
-        raise UserError(f"--motion {motion}: task {name!r} imitates no motion: drop it")
-    return task.of_motion(motion)
+    from cmbrl.scene.laws import LawChoice
+
+    return replace(task, contact_law=str(LawChoice.parse(contact_law)))
 
 
 def real_system(task: Task) -> SystemFactory:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from cmbrl.scene.actuators import Actuator
+from cmbrl.scene.laws import CONTACT_LAWS, LawChoice
 from cmbrl.scene.layout import CONTACT_FIELDS, Layout
 from cmbrl.scene.mjcf import limits_act
-from cmbrl.scene.laws import CONTACT_LAWS, LawChoice
 from cmbrl.scene.records import WORLD, Array, Candidate, ContactLaw, JointKind, Tree
 from cmbrl.scene.reduction import PlaneOfMotion
 from cmbrl.scene.shapes import Shape
@@ -133,7 +134,7 @@ def _spring_damper(law: ContactLaw) -> tuple[float, float]:
 
 def _law_block(own: ContactLaw, law: LawChoice) -> Array:
     """Block (9,) of a contact in P, without the sum of radii and the weight of the candidate."""
-    ref = own.solref
+    ref: Sequence[float] | Array = own.solref
     if law.name == "spring-damper":
         ref = _spring_damper(own)
     elif law.name == "logistic":

@@ -13,7 +13,7 @@ from cmbrl.models.source import load_log
 from cmbrl.registry import Task
 from cmbrl.text import parse_fields
 from cmbrl.train.algorithms import algorithm
-from cmbrl.train.models import REAL, check_model, kind_of, load_model, usual_model, with_derivative
+from cmbrl.train.models import NOMINAL, REAL, check_model, kind_of, load_model, usual_model, with_derivative
 from cmbrl.train.recipe import configure
 from cmbrl.train.trainer import Trainer
 
@@ -66,6 +66,7 @@ def set_up(
     seed: int = 0,
     threads: int | None = None,
     motion: str | None = None,
+    contact_law: str | None = None,
 ) -> Setup:
     """A checked training run.
 
@@ -81,10 +82,11 @@ def set_up(
         seed: of everything random.
         threads: of the native core; results do not depend on it.
         motion: file of the motion to imitate, for a task that imitates; None: the task's own.
+        contact_law: of the nominal model, as in :meth:`cmbrl.Scene.from_mjcf`; None: the task's.
 
     Raises UserError on names, values and combinations that do not work.
     """
-    found = task_for(task, motion)
+    found = task_for(task, motion, contact_law)
     name = algorithm_name or recommended(found, model)
     chosen = algorithm(name)
     mdp = decision_process(found)
@@ -93,6 +95,8 @@ def set_up(
     if kind_of(model) not in chosen.models:
         possible = " or ".join(chosen.models)
         raise UserError(f"--model {model}: {name} cannot train on a {kind_of(model)}, only on a {possible}")
+    if contact_law and model != NOMINAL:
+        raise UserError(f"--contact-law applies to the nominal model, not to {model}: drop it")
     if smoothing and model == REAL:
         raise UserError("--smoothing does not apply to the real system: drop it")
     if data and "data" not in chosen.takes:

@@ -37,7 +37,13 @@ def test_gradcheck_of_one_step(integrator: str) -> None:
 
 @pytest.mark.parametrize(
     ("file", "law", "integrator"),
-    [(HOPPER, "mujoco", None), (CUBE, "mujoco", None), (CUBE, "rigid", None), (CUBE, "rigid", "midpoint"), (CUBE, "logistic", None)],
+    [
+        (HOPPER, "mujoco", None),
+        (CUBE, "mujoco", None),
+        (CUBE, "rigid", None),
+        (CUBE, "rigid", "midpoint"),
+        (CUBE, "logistic", None),
+    ],
 )
 def test_rollout_is_the_product_of_the_jacobians(file: Path, law: str, integrator: str | None) -> None:
     """32 steps of a batch: d loss / d (q, v, every u) backwards through torch and forwards by the chain rule."""

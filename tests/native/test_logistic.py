@@ -72,7 +72,9 @@ def test_rows_left_out_would_not_have_mattered(tmp_path: Path) -> None:
     assert np.abs(ours.v_next - every.v_next).max() < 1e-8
 
 
-@pytest.mark.parametrize("law", ["logistic:stiffness=0", "logistic:stifness=3", "rigid:stiffness=3", "logistic:stiffness=x"])
+@pytest.mark.parametrize(
+    "law", ["logistic:stiffness=0", "logistic:stifness=3", "rigid:stiffness=3", "logistic:stiffness=x"]
+)
 def test_options_that_make_no_sense_are_refused(tmp_path: Path, law: str) -> None:
     with pytest.raises(UserError, match=f"contact law '{law}'"):
         ball(tmp_path, law)
