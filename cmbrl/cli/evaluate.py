@@ -55,13 +55,13 @@ def run(arguments: argparse.Namespace) -> None:
         model = load_model(word, task, arguments.smoothing, arguments.threads or usable_cores())
         found[word] = evaluate_model(policy, mdp, model, arguments.episodes, arguments.seed)
     if arguments.json:
-        places = {where: _to_json(e, mdp.failure) for where, e in found.items()}
+        places = {where: to_json(e, mdp.failure) for where, e in found.items()}
         print(json.dumps({"policy": arguments.policy, "task": task.name, "in": places}, indent=2))
     else:
         print(_table(found, mdp.failure))
 
 
-def _to_json(e: Evaluation, failure: str) -> dict[str, Any]:
+def to_json(e: Evaluation, failure: str) -> dict[str, Any]:
     """``failure``: what a termination is called. Means are over steps, then over episodes."""
     means = {f"mean_{name}": float(x.mean()) for name, x in e.info.items()}
     return {

@@ -6,7 +6,7 @@ import argparse
 import math
 import shutil
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -54,16 +54,17 @@ class Parser(argparse.ArgumentParser):
         finder.add_argument("--config")
         path = finder.parse_known_args(arguments)[0].config
         if path is not None:
-            self._use_configuration(Path(path))
+            self.use(read_configuration(Path(path)), path)
         found = self.parse_args(arguments)
         for name, value in vars(found).items():
             if isinstance(value, str) and "\0" in value:
                 raise UserError(f"--{name.replace('_', '-')}: has a null character, which no path and no name has")
         return found
 
-    def _use_configuration(self, path: Path) -> None:
+    def use(self, options: Mapping[str, Any], path: Path | str) -> None:
+        """Makes ``options`` defaults; raises UserError, led by ``path``, for those that the command does not take."""
         actions = {action.dest: action for action in self._actions if action.dest not in ("help", "config")}
-        given = read_configuration(path)
+        given = dict(options)
         command = given.pop("command", None)
         if command is not None and command != self.prog.split()[-1]:
             raise UserError(f"{path}: a configuration of 'cmbrl {command}', not of '{self.prog}'")

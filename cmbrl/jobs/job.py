@@ -15,16 +15,18 @@ from cmbrl.code_digest import code_digest
 
 @dataclass(frozen=True)
 class Job:
-    """``function(**inputs)`` returns what JSON can hold; the result is kept in the file ``name``.json.
+    """``function(**inputs, **places)`` returns what JSON can hold; the result is kept in the file ``name``.json.
 
     function: of a module, so that another process can import it.
     inputs: everything the result depends on: JSON types, tuples, dataclasses of these. Paths and callables are refused.
     name: of the file, unique among the jobs of one folder.
+    places: where the function works, such as a folder; the result does not depend on it.
     """
 
     name: str
     function: Callable[..., Any]
     inputs: Mapping[str, Any] = field(default_factory=dict)
+    places: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def file(self) -> str:
@@ -42,7 +44,7 @@ class Job:
 
     def run(self) -> Any:
         """The result, as JSON will give it back."""
-        return plain(self.function(**self.inputs))
+        return plain(self.function(**self.inputs, **self.places))
 
 
 def plain(x: Any) -> Any:

@@ -35,7 +35,7 @@ class SHACConfig(WindowConfig):
     actor_rate: float = setting(2e-3, "learning rate of the policy (Adam); falls linearly to 0", least=0)
     tame: float = setting(
         5.0,
-        "an episode's gradient in its state is cut to this many times the median of all; inf: never",
+        "an episode's gradient in its state is cut to this many times the median of all; 1e9: never",
         least=0,
     )
     log_std_start: float = setting(-1.0, "log standard deviation of the exploration noise at the start (before tanh)")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -124,3 +125,65 @@ def test_the_slurm_array_does_the_same(config: Path, tmp_path: Path, capsys: pyt
     written = (tmp_path / "runs/throw-seeds/slurm.sh").read_text()
     assert "#SBATCH --array=3-3\n" in written
     assert "run=runs/throw-seeds/seed_$SLURM_ARRAY_TASK_ID\n" in written
+
+
+ARMS = """question: Does BCG help?
+answer: an interval above zero
+command: train
+task: ball_throw
+algorithm: shac
+iterations: 2
+judge: 2
+seeds: '0:2'
+set: {environments: 4}
+arms:
+  plain: {}
+  longer: {iterations: 3, set: {discount: 0.98}, seeds: [1]}
+"""
+
+
+def test_arms_differ_in_their_options_and_are_compared(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "arms.yaml").write_text(ARMS)
+    assert main(["sweep", "arms.yaml", "--out", "study", "--jobs", "1"]) == 0
+    told = capsys.readouterr().out
+    for part in ("Question: Does BCG help?", "An answer: an interval", "difference to plain", "longer: train, 1 seeds"):
+        assert part in told
+    assert (tmp_path / "study/report.txt").read_text().strip() in told
+    assert (tmp_path / "study/curves.png").stat().st_size > 0
+    kept = json.loads((tmp_path / "study/sweep.json").read_text())
+    plain, longer = kept["arms"]
+    assert [run["result"]["iteration"] for run in plain["runs"]] == [2, 2]
+    assert longer["options"]["set"] == {"environments": 4, "discount": 0.98}
+    assert longer["seeds"] == [1]
+    judged = longer["runs"][0]["judged"]
+    alone = tmp_path / "study/longer/seed_1"
+    assert main(["evaluate", str(alone), "--episodes", "2", "--json"]) == 0
+    evaluated = json.loads(capsys.readouterr().out)["in"]
+    assert judged["model"]["returns"] == next(value for name, value in evaluated.items() if name != "real")["returns"]
+    cell = (tmp_path / "study/seeds/longer_seed_1.json").read_text()
+    assert str(tmp_path) not in cell  # results count wherever they lie
+    shutil.rmtree(tmp_path / "study/plain")
+    assert main(["sweep", "arms.yaml", "--out", "study", "--jobs", "1"]) == 0  # nothing is computed again
+    assert not (tmp_path / "study/plain").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("iterations: 3", "iterationz: 3", "arms.yaml: longer: 'iterationz' is not an option"),
+        ("longer:", "'Plain ':", "give each a name of its own"),
+        ("'0:2'", "3:6", "in quotes"),
+        ("judge: 2", "judge: many", "judge"),
+        ("plain: {}", "plain: 3", "arms: give a mapping"),
+        ("seeds: '0:2'\n", "", "has no seeds"),
+    ],
+)
+def test_a_mistake_in_the_arms_is_found_at_the_door(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, message: str
+) -> None:
+    (tmp_path / "arms.yaml").write_text(ARMS.replace(old, new))
+    assert main(["sweep", "arms.yaml", "--out", "study"]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "study").exists()
