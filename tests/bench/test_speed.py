@@ -142,5 +142,5 @@ def test_training_study_has_a_row_a_task(tmp_path: Path) -> None:
     found = load("training").run(tmp_path, settings, Runner(tmp_path / "cells"))
     (row,) = found.tables[0].rows
     cells = dict(zip(found.tables[0].columns, row, strict=True))
-    assert cells["control steps"] == 64 * 32
+    assert cells["model steps"] == 64 * 32
     assert 0 < cells["core alone [ms]"] < cells["rollout and gradient [ms]"]
