@@ -76,7 +76,7 @@ class MDP:
         memory: how many columns at the end of q are no coordinates of the robot but what the process itself remembers,
             such as the phase of a motion or the last action. ``act`` changes them; models leave them as they are.
             Default 0.
-        cut: q', v' -> (B,) bool: the episode's time is up there, as at a time limit. Default never.
+        truncated: q', v' -> (B,) bool: the episode's time is up there, as at a time limit. Default never.
         curriculum: is told in training where episodes ended, so that ``reset`` can draw on it. Default none.
         failure: what reports call a termination, such as "falls".
         info: as ``reward``, but -> name -> (B,): what environments report of a step, such as the parts of the reward
@@ -95,7 +95,7 @@ class MDP:
     repeat: int = 1
     shaping: Callable[[Tensor, Tensor], Tensor] | None = None
     memory: int = 0
-    cut: Callable[[Tensor, Tensor], Tensor] | None = None
+    truncated: Callable[[Tensor, Tensor], Tensor] | None = None
     curriculum: Curriculum | None = None
     failure: str = "terminations"
     info: Callable[[Tensor, Tensor, Tensor, Tensor, Tensor], dict[str, Tensor]] | None = None
@@ -114,7 +114,7 @@ class MDP:
     def out_of_time(self, q: Tensor, v: Tensor, age: Tensor | int) -> Tensor | bool:
         """(B,) bool: whether episodes of ``age`` (B,) steps end in q, v (B, ...) for want of time."""
         late = age >= self.episode_steps
-        return late if self.cut is None else self.cut(q, v) | late
+        return late if self.truncated is None else self.truncated(q, v) | late
 
     def score(
         self, q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: Tensor

@@ -14,6 +14,7 @@ from cmbrl.runs import usable_cores
 
 if TYPE_CHECKING:
     from cmbrl.envs.evaluation import Evaluation
+    from cmbrl.mdp import MDP
 
 EXAMPLE = """
 cmbrl evaluate runs/policy                      # in the real system and the model
@@ -55,24 +56,29 @@ def run(arguments: argparse.Namespace) -> None:
         model = load_model(word, task, arguments.smoothing, arguments.threads or usable_cores())
         found[word] = evaluate_model(policy, mdp, model, arguments.episodes, arguments.seed)
     if arguments.json:
-        places = {where: to_json(e, mdp.failure) for where, e in found.items()}
+        places = {where: to_json(e, mdp) for where, e in found.items()}
         print(json.dumps({"policy": arguments.policy, "task": task.name, "in": places}, indent=2))
     else:
         print(_table(found, mdp.failure))
 
 
-def to_json(e: Evaluation, failure: str) -> dict[str, Any]:
-    """``failure``: what a termination is called. Means are over steps, then over episodes."""
-    means = {f"mean_{name}": float(x.mean()) for name, x in e.info.items()}
+def to_json(e: Evaluation, mdp: MDP) -> dict[str, Any]:
+    """Means are over steps, then over episodes; ``reward_terms`` are those that the reward adds."""
+    from cmbrl.mdp import Total
+
+    failure, terms = mdp.failure, mdp.reward.terms if isinstance(mdp.reward, Total) else ()
+    told = {name: x for name, x in e.info.items() if name not in terms}
+    means = {f"mean_{name}": float(x.mean()) for name, x in told.items()}
     return {
         failure: int(e.terminated.sum()),
         **means,
         "return": {"mean": float(e.returns.mean()), "standard_deviation": float(e.returns.std())},
+        "reward_terms": {name: float(e.info[name].mean()) for name in terms if name in e.info},
         "length": {"mean": float(e.lengths.mean())},
         "returns": e.returns.tolist(),
         "lengths": e.lengths.tolist(),
         "episodes": [
-            {failure: bool(e.terminated[k]), **{f"mean_{name}": float(x[k]) for name, x in e.info.items()}}
+            {failure: bool(e.terminated[k]), **{f"mean_{name}": float(x[k]) for name, x in told.items()}}
             for k in range(len(e.returns))
         ],
     }

@@ -36,6 +36,7 @@ TERMS = {
 ACTION_RATE, LIMITS, SOFT = -0.1, -10.0, 0.9  # weights; limits count from this share of a joint's range
 TOO_HIGH, TOO_TILTED = 0.25, 0.8  # m, and difference of the cosine of the tilt
 EPISODE = 10.0  # s
+CLEAR = 0.02  # m, of every contact in flight
 PULL = 1.0  # weight of what draws the anchor back to its place in training, in units of its sigma
 # Half-widths of the noise on states at a reset: root position x, y, z, roll, pitch, yaw; joints; and their velocities.
 ROOT_NOISE, JOINT_NOISE = (0.05, 0.05, 0.01, 0.1, 0.1, 0.2), 0.1
@@ -76,6 +77,8 @@ class Tracking:
         names = scene.joint_names[1:]
         self.posture = torch.tensor([robot.posture.get(name, 0.0) for name in names], dtype=torch.float64)
         self.low, self.high = _soft_limits(scene)
+        low = scene.gaps(motion.q).min(axis=1, initial=math.inf)
+        self.flight = torch.from_numpy(low > CLEAR) if scene.core.ncontact else None  #: of the reference, by frame
         self._seen: Any = None  # the last state asked for, whether with a graph, and its motion
 
     def training(self) -> MDP:
@@ -92,8 +95,8 @@ class Tracking:
         return MDP(
             observations=5 * self.nu + 15, actions=self.nu, observe=self.observe, reward=Total(self.info, terms),
             terminated=self.terminated, reset=reset, dt=self.dt, episode_steps=min(steps, self.last), act=self.act,
-            memory=1 + self.nu, cut=self.over, failure="falls", info=self.info, shaping=self.pull,
-            curriculum=curriculum,
+            memory=1 + self.nu, truncated=self.over, failure="falls", info=self.info,
+            shaping=self.pull, curriculum=curriculum,
         )  # fmt: skip
 
     def act(self, q: Tensor, v: Tensor, action: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -139,8 +142,21 @@ class Tracking:
         before = q[:, -self.nu :]
         told["action_rate"] = self.dt * ACTION_RATE * (action - before).square().sum(1)
         told["limits"] = self.dt * LIMITS * beyond.sum(1)
-        with torch.no_grad():
-            told["body_position_error_cm"] = 100 * (now.position - wanted.position).norm(dim=-1).mean(1)
+        return told if torch.is_grad_enabled() else told | self._measured(robot, frame, now, wanted)
+
+    def _measured(self, robot: Tensor, frame: Tensor, now: BodyMotion, wanted: BodyMotion) -> dict[str, Tensor]:
+        """What reports tell besides the reward (B,): the bodies' mean distance from the reference in the world [cm].
+
+        Where the scene has contacts, also how deep the deepest of them is [mm], and a number whose mean over the motion
+        is the share of the reference's flight, with all contacts 2 cm up, that the robot spends in flight as well.
+        """
+        told = {"body_position_error_cm": 100 * (now.position - wanted.position).norm(dim=-1).mean(1)}
+        if self.flight is None:
+            return told
+        lowest = torch.from_numpy(self.scene.gaps(robot.detach().numpy()).min(axis=1))
+        told["penetration_mm"] = 1000 * (-lowest).clamp(min=0.0)
+        if self.flight.any():
+            told["flight_kept"] = (self.flight[frame] & (lowest > CLEAR)).double() / self.flight.double().mean()
         return told
 
     def pull(self, q: Tensor, v: Tensor) -> Tensor:

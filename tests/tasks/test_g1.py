@@ -65,7 +65,8 @@ def test_the_file_is_the_published_robot() -> None:
 
 def test_perfect_tracking_earns_everything(tracking: Tracking, mdp: MDP) -> None:
     before, after = on_the_reference(tracking, 10), on_the_reference(tracking, 11)
-    told = tracking.info(*before, torch.zeros(2, NU, dtype=torch.float64), *after)
+    with torch.no_grad():
+        told = tracking.info(*before, torch.zeros(2, NU, dtype=torch.float64), *after)
     for name, (weight, _) in terms.TERMS.items():
         np.testing.assert_allclose(told[name], tracking.dt * weight, rtol=1e-12)
     assert float(told["body_position_error_cm"].max()) == 0
@@ -125,8 +126,8 @@ def test_frames_and_actions_are_remembered(model: ComplementarityModel, mdp: MDP
 
 def test_falls_end_episodes_and_the_last_frame_cuts_them(tracking: Tracking, mdp: MDP) -> None:
     q, v = on_the_reference(tracking, tracking.last, 3)
-    assert mdp.cut is not None
-    assert mdp.cut(q, v).all()
+    assert mdp.truncated is not None
+    assert mdp.truncated(q, v).all()
     assert not mdp.terminated(q, v).any()
     q[0, 2] += 0.3
     q[1, 3:7] = torch.tensor([np.cos(0.8), np.sin(0.8), 0, 0])
@@ -174,3 +175,23 @@ def test_a_robot_that_does_not_fit_its_scene_is_refused(tracking: Tracking, chan
 def test_a_scene_without_a_free_root_is_refused(tracking: Tracking) -> None:
     with pytest.raises(UserError, match="free root"):
         Tracking(ROBOT, load_task("hopper").load_scene(), tracking.motion)
+
+
+def test_flight_and_depth_are_measured(tracking: Tracking) -> None:
+    """The own motion never leaves the ground; a reference that hops is kept in flight only by a robot that does."""
+    before, after = on_the_reference(tracking, 10), on_the_reference(tracking, 11)
+    still = torch.zeros(2, NU, dtype=torch.float64)
+    with torch.no_grad():
+        told = tracking.info(*before, still, *after)
+    assert "flight_kept" not in told
+    assert float(told["penetration_mm"].max()) < 1e-6
+    sunk = (after[0].clone(), after[1])
+    sunk[0][:, 2] -= 0.004
+    q = tracking.motion.q.copy()
+    q[11:21, 2] += 0.1
+    hopping = Tracking(ROBOT, tracking.scene, replace(tracking.motion, q=q))
+    with torch.no_grad():
+        assert tracking.info(*before, still, *sunk)["penetration_mm"].numpy() == pytest.approx(4.0, abs=1e-6)
+        assert hopping.info(*before, still, *after)["flight_kept"].tolist() == [0.0, 0.0]
+        up = on_the_reference(hopping, 11)
+        assert hopping.info(*before, still, *up)["flight_kept"].tolist() == [len(q) / 10] * 2

@@ -86,11 +86,11 @@ def _judged(place: Path, home: str, episodes: int) -> dict[str, Any]:
         trained = Trained.load(str(place))
         policy, mdp, found = trained.saved.policy, trained.mdp, {}
         if trained.task.system is not None:
-            found["real"] = to_json(evaluate_real(policy, mdp, trained.task.system, episodes), mdp.failure)
+            found["real"] = to_json(evaluate_real(policy, mdp, trained.task.system, episodes), mdp)
         word = trained.usual_model()
         if word is not None:
             model = load_model(word, trained.task, threads=1)
-            found["model"] = to_json(evaluate_model(policy, mdp, model, episodes), mdp.failure)
+            found["model"] = to_json(evaluate_model(policy, mdp, model, episodes), mdp)
     return found
 
 

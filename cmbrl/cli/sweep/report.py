@@ -13,7 +13,6 @@ from cmbrl.table import Cell, Table
 
 Results = Mapping[str, Sequence[dict[str, Any]]]  #: of the cells, by arm
 RESAMPLES = 10_000  #: of the bootstrap over seeds
-_NOT_OURS = ("return", "length", "returns", "lengths", "episodes")  # of an evaluation: shown apart, or not at all
 
 
 def runs(plan: Plan, arm: Arm, results: Sequence[dict[str, Any]]) -> Table:
@@ -103,13 +102,9 @@ def _numbers(one: dict[str, Any]) -> dict[str, Cell]:
     found: dict[str, Cell] = dict(one["result"])
     for where, judged in one.get("judged", {}).items():
         found[f"{where} return"] = judged["return"]["mean"]
-        found |= {f"{where} {name}": value for name, value in judged.items() if _counts(where, name)}
+        shown = {name: value for name, value in judged.items() if isinstance(value, int | float)}
+        found |= {f"{where} {name.removeprefix('mean_')}": value for name, value in shown.items()}
     return found
-
-
-def _counts(where: str, name: str) -> bool:
-    """Failures, and what a task measures for reports; not the terms of its reward."""
-    return name not in _NOT_OURS and (not name.startswith("mean_") or name.endswith(("_cm", "_mm")))
 
 
 def _shared(results: Results) -> list[str]:
