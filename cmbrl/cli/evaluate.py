@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cmbrl.cli.options import MODEL_HELP, add_json, add_seed, add_smoothing, add_threads, positive
+from cmbrl.cli.options import MODEL_HELP, add_json, add_seed, add_smoothing, add_threads, assignment, positive
 from cmbrl.errors import UserError
 from cmbrl.runs import usable_cores
+from cmbrl.text import parse_number, shortened
 
 if TYPE_CHECKING:
     from cmbrl.envs.evaluation import Evaluation
+    from cmbrl.envs.perturbation import Perturbation
     from cmbrl.mdp import MDP
+    from cmbrl.train.saved import Trained
 
 EXAMPLE = """
 cmbrl evaluate runs/policy                      # in the real system and the model
 cmbrl evaluate runs/policy --real --episodes 50 --json
 cmbrl evaluate runs/policy --model runs/other_fit
+cmbrl evaluate runs/walk --robustness --episodes 5
 """
 
 
@@ -28,6 +33,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--model", metavar="M", help=f"only in this model: {MODEL_HELP}; with --real, in both")
     parser.add_argument("--real", action="store_true", help="only in the real system")
     parser.add_argument("--episodes", type=positive, default=10, metavar="N", help="episodes in each (default 10)")
+    parser.add_argument(
+        "--perturb",
+        action="append",
+        default=[],
+        type=assignment,
+        metavar="NAME=VALUE",
+        help="only in a real system that differs: friction=0.3, payload=3 [kg], push=0.5 [m/s every 2 s], delay=0.01 "
+        "[s] (repeatable)",
+    )
+    parser.add_argument(
+        "--robustness", action="store_true", help="a table of failures by kind and level of such differences"
+    )
     add_smoothing(parser)
     add_threads(parser)
     add_seed(parser)
@@ -37,6 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     from cmbrl.envs.evaluation import evaluate_model, evaluate_real
     from cmbrl.envs.of_task import real_system
+    from cmbrl.envs.perturbation import perturbed
     from cmbrl.train.models import REAL, check_model, load_model
     from cmbrl.train.saved import Trained
 
@@ -45,12 +63,21 @@ def run(arguments: argparse.Namespace) -> None:
         raise UserError("--model real: `real` is not a model; use --real")
     if word is not None:
         check_model(word)
+    perturbation = _perturbation(arguments.perturb) if arguments.perturb else None
+    if (perturbation or arguments.robustness) and word is not None:
+        raise UserError("--perturb and --robustness are of the real system: leave out --model")
     trained = Trained.load(arguments.policy)
     policy, task, mdp = trained.saved.policy, trained.task, trained.mdp
     found: dict[str, Evaluation] = {}
+    if arguments.robustness:
+        print(_robustness(trained, arguments.episodes, arguments.seed, arguments.json))
+        return
     if arguments.real or word is None:
-        found[REAL] = evaluate_real(policy, mdp, real_system(task), arguments.episodes, arguments.seed)
-    if word is None and not arguments.real:
+        system = real_system(task)
+        if perturbation is not None:
+            system = perturbed(system, perturbation, arguments.seed)
+        found[REAL] = evaluate_real(policy, mdp, system, arguments.episodes, arguments.seed)
+    if word is None and not (arguments.real or perturbation):
         word = trained.usual_model()
     if word is not None:
         model = load_model(word, task, arguments.smoothing, arguments.threads or usable_cores())
@@ -60,6 +87,46 @@ def run(arguments: argparse.Namespace) -> None:
         print(json.dumps({"policy": arguments.policy, "task": task.name, "in": places}, indent=2))
     else:
         print(_table(found, mdp.failure))
+
+
+def _perturbation(given: Sequence[tuple[str, str]]) -> Perturbation:
+    from cmbrl.envs.perturbation import Perturbation
+
+    values = {}
+    for name, value in given:
+        try:
+            values[name] = float(parse_number(value))
+        except ValueError as error:
+            raise UserError(f"--perturb {name}={shortened(value)}: {error}") from None
+    return Perturbation.of(values)
+
+
+def _robustness(trained: Trained, episodes: int, seed: int, as_json: bool) -> str:
+    """A line a level: how many episodes failed, their return, and what the task measures."""
+    from cmbrl.envs.evaluation import evaluate_real
+    from cmbrl.envs.of_task import real_system
+    from cmbrl.envs.perturbation import LEVELS, Perturbation, perturbed
+    from cmbrl.table import Table
+
+    system, mdp = real_system(trained.task), trained.mdp
+    cases = [("as it is", None), *((name, level) for name, levels in LEVELS.items() for level in levels)]
+    found = []
+    for name, level in cases:
+        try:
+            other = system if level is None else perturbed(system, Perturbation.of({name: level}), seed)
+        except UserError:  # such as pushes of a robot without a free root
+            continue
+        e = evaluate_real(trained.saved.policy, mdp, other, episodes, seed)
+        found.append({"perturbation": name, "level": level, "episodes": episodes, **to_json(e, mdp)})
+    if as_json:
+        return json.dumps({"policy": str(trained.folder), "task": trained.task.name, "levels": found}, indent=2)
+    measured = [name for name, value in found[0].items() if name.startswith("mean_")]
+    rows = [
+        [f["perturbation"], f["level"], f[mdp.failure], f["return"]["mean"], *(f[name] for name in measured)]
+        for f in found
+    ]
+    columns = ["perturbation", "level", f"{mdp.failure} of {episodes}", "return", *measured]
+    return Table(f"{trained.folder} in the real system", columns, rows).text()
 
 
 def to_json(e: Evaluation, mdp: MDP) -> dict[str, Any]:

@@ -1,0 +1,119 @@
+"""A real robot that is not quite the one of the file: slippery, loaded, pushed, or late in doing what it is told.
+
+For judging how much of that a policy stands (``cmbrl evaluate --real --perturb``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from itertools import count
+
+import numpy as np
+
+from cmbrl.errors import UserError, did_you_mean
+from cmbrl.numbers import real
+from cmbrl.system import MujocoSystem, System, SystemFactory
+
+PERIOD = 2.0  # s between pushes
+LEVELS: dict[str, tuple[float, ...]] = {
+    "friction": (0.3, 0.45, 0.6, 0.9, 1.2),
+    "payload": (1.0, 3.0, 5.0),
+    "push": (0.25, 0.5, 1.0),
+    "delay": (0.005, 0.01, 0.02),
+}  #: that a table of them shows
+
+
+@dataclass(frozen=True, kw_only=True)
+class Perturbation:
+    """What is different; None or 0: nothing.
+
+    friction: sliding friction of every contact. payload: mass [kg] added to the heaviest body, at its centre of mass.
+    push: change of the root's horizontal velocity [m/s], every 2 s in a random direction. delay: of commands [s], up to
+    a control step.
+    """
+
+    friction: float | None = None
+    payload: float = 0.0
+    push: float = 0.0
+    delay: float = 0.0
+
+    @classmethod
+    def of(cls, values: Mapping[str, float]) -> Perturbation:
+        """Raises UserError for an unknown name, and for a value that makes no sense."""
+        known = [field.name for field in fields(cls)]
+        for name in values:
+            if name not in known:
+                raise UserError(f"no perturbation {name!r}: {did_you_mean(name, known)}")
+        checked = {name: real(value, f"perturbation {name}", least=0.0, most=1e3) for name, value in values.items()}
+        return cls(**checked)
+
+
+def perturbed(system: SystemFactory, perturbation: Perturbation, seed: int = 0) -> SystemFactory:
+    """Makes robots of ``system`` that differ by ``perturbation``; robot k of them has pushes of its own.
+
+    Raises UserError for a system that is not MuJoCo's, for pushes of a robot without a free root, and for a delay
+    beyond a control step.
+    """
+    first = system()
+    if not isinstance(first, MujocoSystem):
+        raise UserError("perturbations need a real system that is MuJoCo")
+    if perturbation.push and not (first.model.njnt and first.model.jnt_type[0] == 0):
+        raise UserError("pushes need a robot with a free root: leave out push")
+    if perturbation.delay > first.dt:
+        raise UserError(f"a delay of {perturbation.delay:g} s is longer than a control step, {first.dt:g} s")
+    numbers = count()
+
+    def make() -> System:
+        robot = system()
+        assert isinstance(robot, MujocoSystem)
+        return PerturbedSystem(robot, perturbation, np.random.default_rng([seed, next(numbers)]))
+
+    return make
+
+
+class PerturbedSystem:
+    """``robot`` with its model changed for good, pushed and delayed."""
+
+    def __init__(self, robot: MujocoSystem, perturbation: Perturbation, rng: np.random.Generator) -> None:
+        import mujoco
+
+        self.robot, self.perturbation, self._rng = robot, perturbation, rng
+        model = robot.model
+        if perturbation.friction is not None:
+            model.geom_friction[:, 0] = perturbation.friction
+            model.pair_friction[:, :2] = perturbation.friction
+        if perturbation.payload:
+            model.body_mass[np.argmax(model.body_mass)] += perturbation.payload
+            mujoco.mj_setConst(model, robot.data)
+        self._late = round(perturbation.delay / model.opt.timestep)  # physics steps
+        self._every = round(PERIOD / self.dt)
+        self._steps, self._command = 0, np.zeros(0)
+
+    @property
+    def dt(self) -> float:
+        """Control step [s]."""
+        return self.robot.dt
+
+    def reset(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Puts the robot into a state, with no command under way; the next push is up to 2 s away."""
+        self.robot.reset(q, v)
+        self._command = np.zeros(0)
+        self._steps = int(self._rng.integers(self._every))
+
+    def step(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The state after a control step; the command u (nu,) takes over from the one before it after the delay."""
+        import mujoco
+
+        robot = self.robot
+        before = self._command if len(self._command) else u
+        for command, steps in ((before, self._late), (u, robot.frame_skip - self._late)):
+            robot.data.ctrl[:] = command
+            if steps:
+                mujoco.mj_step(robot.model, robot.data, steps)
+        self._command = u.copy()
+        self._steps += 1
+        if self.perturbation.push and self._steps % self._every == 0:
+            angle = self._rng.uniform(0.0, 2 * np.pi)
+            robot.data.qvel[:2] += self.perturbation.push * np.array([np.cos(angle), np.sin(angle)])
+        return robot.data.qpos.copy(), robot.data.qvel.copy()
