@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -35,10 +35,13 @@ SystemFactory = Callable[[], System]
 class MujocoSystem:
     """MuJoCo with the MJCF's own options, ``frame_skip`` steps of it at a time, as Gymnasium's robots run.
 
-    Raises UserError if the file cannot be read.
+    ``change`` alters the compiled ``mujoco.MjModel``, for a robot that is not the one of the file. Raises UserError if
+    the file cannot be read.
     """
 
-    def __init__(self, path: str | os.PathLike[str], frame_skip: int = 1) -> None:
+    def __init__(
+        self, path: str | os.PathLike[str], frame_skip: int = 1, change: Callable[[Any], object] | None = None
+    ) -> None:
         import mujoco
 
         self._mujoco = mujoco
@@ -47,6 +50,8 @@ class MujocoSystem:
                 self.model = mujoco.MjModel.from_xml_path(os.fspath(path))
         except ValueError as error:
             raise UserError(f"{path}: MuJoCo cannot read it ({str(error).splitlines()[0]})") from None
+        if change is not None:
+            change(self.model)
         self.data = mujoco.MjData(self.model)
         self.frame_skip = frame_skip
 

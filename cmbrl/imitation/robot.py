@@ -55,6 +55,7 @@ def imitation_task(
     control_dt: float = 0.02,
     substeps: int = 4,
     training: Mapping[str, Mapping[str, Any]] | None = None,
+    change: Callable[[Any], object] | None = None,
 ) -> Task:
     """A task for ``robot``: to imitate the motion that ``own`` makes, or one in a file (:meth:`Task.of_motion`).
 
@@ -65,6 +66,7 @@ def imitation_task(
         control_dt: of an action [s].
         substeps: physics steps in it.
         training: settings by algorithm, over those for imitation.
+        change: of the real robot, as for :class:`cmbrl.system.MujocoSystem`; default: it is the one of the file.
     """
 
     def with_motion(motion: Callable[[Scene], Motion]) -> Task:
@@ -83,12 +85,12 @@ def imitation_task(
         def record(**arguments: Any) -> Any:
             from cmbrl.envs.mujoco_recording import record_mujoco
 
-            return record_mujoco(name, tracking().training(), system, **arguments)
+            return record_mujoco(name, tracking().trial(), system, **arguments)
 
         def system() -> Any:
             from cmbrl.system import MujocoSystem
 
-            return MujocoSystem(robot.scene, frame_skip=substeps)
+            return MujocoSystem(robot.scene, substeps, change)
 
         task = Task(
             name=name,

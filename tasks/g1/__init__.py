@@ -1,12 +1,11 @@
 """Unitree G1: a humanoid with 29 joints that imitates motions; the real system is MuJoCo.
 
 Control at 50 Hz moves the targets of the joints' servos, physics runs at 200 Hz. Without ``--motion`` the robot bends
-its knees again and again, a motion of our own.
+its knees and steps in place, a motion of our own (`motion.py`).
 """
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -37,25 +36,12 @@ ROBOT = Robot(
 )
 
 
-def _sway(scene: Any) -> Any:
-    """Ten seconds of bending and stretching the knees, 4 s a turn."""
-    import numpy as np
+def _warm_up(scene: Any) -> Any:
+    from cmbrl.tasks.g1.motion import warm_up
 
-    from cmbrl.imitation.motion import Motion
-
-    rate, turns = 50.0, 2.5
-    phase = 0.5 - 0.5 * np.cos(np.arange(int(10 * rate) + 1) / rate * 2 * math.pi * turns / 10)
-    q = np.tile(scene.q0, (len(phase), 1))
-    for joint, angle in POSTURE.items():
-        q[:, 6 + scene.joint_names.index(joint)] = angle
-    bend = 0.35 * phase
-    for side in SIDES:
-        for joint, share in (("hip_pitch", -1.0), ("knee", 2.0), ("ankle_pitch", -1.0)):
-            q[:, 6 + scene.joint_names.index(f"{side}_{joint}_joint")] += share * bend
-    q[:, 2] -= scene.gaps(q).min(axis=1)
-    return Motion.of_frames(scene, q, rate, 0.02, "sway")
+    return warm_up(scene, POSTURE)
 
 
 TASK = imitation_task(
-    "g1", "Unitree G1: a humanoid that imitates a motion; its episodes end when it falls", ROBOT, _sway
+    "g1", "Unitree G1: a humanoid that imitates a motion; its episodes end when it falls", ROBOT, _warm_up
 )

@@ -11,13 +11,13 @@ import pytest
 from cmbrl.cli import main
 from cmbrl.imitation.motion import Motion
 from cmbrl.registry import load_task
-from cmbrl.tasks.g1 import _sway
+from cmbrl.tasks.g1 import _warm_up
 
 SMALL = [f"--set={name}" for name in ("environments=4", "window=0.06", "actor_hidden=8", "critic_hidden=8")]
 
 
 def write_motion(path: Path) -> Motion:
-    motion = _sway(load_task("g1").load_scene())
+    motion = _warm_up(load_task("g1").load_scene())
     np.savez(path, q=motion.q[:100], rate=50.0)
     return motion
 

@@ -19,7 +19,7 @@ from cmbrl.imitation.tracking import Tracking
 from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.registry import load_task
-from cmbrl.tasks.g1 import ROBOT, _sway
+from cmbrl.tasks.g1 import ROBOT, _warm_up
 
 REFERENCE = Path(__file__).parents[3] / "shared/models/g1_reference.xml"
 NU = 29
@@ -33,7 +33,7 @@ def model() -> ComplementarityModel:
 
 @pytest.fixture(scope="module")
 def tracking(model: ComplementarityModel) -> Tracking:
-    return Tracking(ROBOT, model.scene, _sway(model.scene))
+    return Tracking(ROBOT, model.scene, _warm_up(model.scene))
 
 
 @pytest.fixture(scope="module")
@@ -137,7 +137,7 @@ def test_falls_end_episodes_and_the_last_frame_cuts_them(tracking: Tracking, mdp
 def test_without_a_policy_it_falls_alike_in_model_and_mujoco(model: ComplementarityModel) -> None:
     task = load_task("g1")
     trial = trial_process(task)
-    assert trial.episode_steps == 500
+    assert trial.episode_steps == 600
 
     def still(observation: torch.Tensor) -> torch.Tensor:
         return torch.zeros(len(observation), trial.actions)
