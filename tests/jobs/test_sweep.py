@@ -15,6 +15,12 @@ from pathlib import Path
 import pytest
 
 from cmbrl.cli import main
+from cmbrl.cli.main import parser_of
+from cmbrl.cli.sweep.plan import Plan
+from cmbrl.gradients.kinds import KINDS, parse_derivative
+from cmbrl.scene.laws import LawChoice
+from cmbrl.text import parse_fields
+from cmbrl.train.algorithms import algorithm
 
 CONFIG = """
 command: train
@@ -187,3 +193,23 @@ def test_a_mistake_in_the_arms_is_found_at_the_door(
     assert main(["sweep", "arms.yaml", "--out", "study"]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "study").exists()
+
+
+@pytest.mark.parametrize(
+    "file", sorted((Path(__file__).parents[2] / "configs/studies").glob("*.yaml")), ids=lambda file: file.stem
+)
+def test_the_studies_are_plans_whose_options_exist(file: Path) -> None:
+    plan = Plan.read(file, None)
+    assert plan.question
+    assert plan.answer
+    for arm in plan.arms:
+        parser = parser_of(plan.command)
+        parser.use(arm.options, file)
+        typed = parser.parse(["--out", "out"])
+        chosen = algorithm(typed.algorithm or "shac")
+        parse_fields(chosen.load()[1], dict(typed.set), file.name)
+        if typed.contact_law:
+            LawChoice.parse(typed.contact_law)
+        if typed.derivative:
+            kind, options = parse_derivative(typed.derivative)
+            assert options.keys() <= KINDS[kind].options.keys()
