@@ -1,8 +1,8 @@
 """Which mass must stay fixed, because motion alone does not determine the unit of force.
 
-Scaling mass, armature, damping, stiffness, friction loss and gear of a tree together changes no motion. One known value
-among them determines the others; if all may move, one mass has to stay fixed or the search diverges. Trees that can
-touch exchange impulses, so they share one scale.
+Scaling mass, armature, damping, stiffness, friction loss and gears, or gains, of a tree together changes no motion. One
+known value among them determines the others; if all may move, one mass has to stay fixed or the search diverges. Trees
+that can touch exchange impulses, so they share one scale.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.records import JointKind
 
 _FORCES = ("armature", "damping", "stiffness", "frictionloss")  # fields of a degree of freedom, all but springref
+_GAINS = ("gain", "bias0", "bias1", "bias2")
 
 
 def gauge_columns(core: CoreArrays, free: np.ndarray) -> list[int]:
@@ -27,7 +28,7 @@ def gauge_columns(core: CoreArrays, free: np.ndarray) -> list[int]:
     held: list[int] = []
     for members in _sets(core):
         massive = [b for b in members if core.P[mass(b)] > 0.0]
-        places = [mass(b) for b in massive] + _force_places(core, members)
+        places = [mass(b) for b in massive] + _force_places(core, members, owner)
         if massive and all(_free_owner(owner, place, free) is not None for place in places):
             heaviest = max(massive, key=lambda b: core.P[mass(b)])
             held.append(next(k for k in owner[mass(heaviest)] if free[k]))
@@ -38,7 +39,7 @@ def set_of(core: CoreArrays, column: int) -> list[int]:
     """All parameters that scale with the mass parameter ``column``: masses and forces of its set of trees."""
     owner = parameters_by_place(core)
     for members in _sets(core):
-        places = [core.layout.mass(b) for b in members] + _force_places(core, members)
+        places = [core.layout.mass(b) for b in members] + _force_places(core, members, owner)
         together = sorted({k for place in places for k in owner.get(place, ())})
         if column in together:
             return together
@@ -59,14 +60,19 @@ def _free_owner(owner: Mapping[int, list[int]], place: int, free: np.ndarray) ->
     return next((k for k in owner.get(place, ()) if free[k]), None)
 
 
-def _force_places(core: CoreArrays, members: list[int]) -> list[int]:
-    """Offsets into P of every nonzero force on ``members`` that does not scale with gravity."""
+def _force_places(core: CoreArrays, members: list[int], owner: Mapping[int, list[int]]) -> list[int]:
+    """Offsets into P of every nonzero force on ``members`` that does not scale with gravity.
+
+    An actuator scales by its gear, or, where that is no parameter, by its gains together.
+    """
     layout, dof_body = core.layout, np.full(core.nv, -1)
     for kind, body, dof in zip(core.jnt_type, core.jnt_body, core.jnt_vadr, strict=True):
         dof_body[dof : dof + (3 if kind == JointKind.BALL else 1)] = body
     inside = set(members)
     places = [layout.dof(d, field) for d in range(core.nv) if dof_body[d] in inside for field in _FORCES]
-    places += [layout.actuator(a, "gear") for a, dof in enumerate(core.act_dof) if dof_body[dof] in inside]
+    for a, dof in enumerate(core.act_dof):
+        if dof_body[dof] in inside and core.P[gear := layout.actuator(a)] != 0.0:
+            places += [gear] if gear in owner else [layout.actuator(a, field) for field in _GAINS]
     return [place for place in places if core.P[place] != 0.0]
 
 

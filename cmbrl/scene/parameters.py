@@ -118,8 +118,7 @@ def offer_parameters(
     for k, ground in enumerate(planes):
         out.add("plane_height", name_of(model, "geom", ground.geom), 0.0, -0.1, 0.1, "m", [layout.plane(k)])
     for k, actuator in enumerate(actuators):
-        if actuator.gear:
-            out.scale("gear", actuator.name, 0.2, 5.0, P, [layout.actuator(k)])
+        _actuator_parameters(actuator, layout, k, out)
     down = range(layout.gravity, layout.contact(0))
     if np.any(P[down]):
         out.scale("gravity", "", 0.5, 2.0, P, down)
@@ -149,6 +148,20 @@ def _joint_parameters(model: mujoco.MjModel, tree: Tree, layout: Layout, P: Arra
                 out.add(field, name, value, value / 20, value * 20, unit, indices)
             elif rate and not _floating(tree, joints[0]):
                 out.add(field, name, 0.0, 0.0, rate * float(model.dof_M0[dofs].max()), unit, indices)
+
+
+def _actuator_parameters(actuator: Actuator, layout: Layout, k: int, out: _Collector) -> None:
+    """Gains of a position servo; the gear of others, and of a servo behind a gear."""
+    stiffness, damping = actuator.gain, -float(actuator.bias[2])
+    servo = actuator.gear != 0 and stiffness > 0 and actuator.bias[1] == -stiffness
+    if actuator.gear and not (servo and actuator.gear == 1):
+        out.add("gear", actuator.name, 1.0, 0.2, 5.0, "1", [layout.actuator(k)], actuator.gear)
+    if not servo:
+        return
+    places = [layout.actuator(k, "gain"), layout.actuator(k, "bias1")]
+    out.add("kp", actuator.name, stiffness, stiffness / 5, stiffness * 5, "1", places, np.array([1.0, -1.0]))
+    if damping > 0:
+        out.add("kd", actuator.name, damping, damping / 20, damping * 20, "1", [layout.actuator(k, "bias2")], -1.0)
 
 
 def _floating(tree: Tree, joint: Joint) -> bool:

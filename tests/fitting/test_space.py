@@ -1,5 +1,6 @@
 """The search space: transforms, bounds, names; and which masses stand for the unit of force."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from cmbrl.errors import UserError
 from cmbrl.fitting.gauge import gauge_columns, set_of
 from cmbrl.fitting.space import Space
+from cmbrl.scene import Scene
 
 
 def test_transform_is_inverted_and_nominal_is_exact(carts):
@@ -79,3 +81,21 @@ def test_bodies_that_touch_share_the_unit_of_force(carts):
     space = Space.of(model.scene.parameters, model.parameters)
     core = SimpleNamespace(**{**vars(model.scene.core), "con_bodyA": np.array([0]), "con_bodyB": np.array([1])})
     assert len(gauge_columns(core, np.ones(len(space), dtype=bool))) == 1
+
+
+SERVO = """<mujoco><option gravity="0 0 0"/><worldbody><body><joint name="j" type="slide" axis="1 0 0" armature="0.1"/>
+  <geom size="0.1" mass="2"/></body></worldbody>
+  <actuator><general joint="j" gaintype="fixed" biastype="affine" gainprm="50" biasprm="0 -50 -3"/></actuator>
+  </mujoco>"""
+
+
+def test_gains_of_a_servo_share_the_unit_of_force_with_masses(tmp_path: Path) -> None:
+    """Only where mass, kp and kd may all move is the unit undetermined, and the mass held."""
+    (tmp_path / "servo.xml").write_text(SERVO)
+    scene = Scene.from_mjcf(tmp_path / "servo.xml")
+    names = [p.name for p in scene.parameters]
+    moving = np.array([p.group in ("mass", "kp", "kd", "armature") for p in scene.parameters])
+    assert [names[k].split(".")[0] for k in gauge_columns(scene.core, moving)] == ["mass"]
+    assert gauge_columns(scene.core, moving & np.array([p.group != "kd" for p in scene.parameters])) == []
+    together = {names[k].split(".")[0] for k in set_of(scene.core, gauge_columns(scene.core, moving)[0])}
+    assert together >= {"mass", "kp", "kd", "armature"}

@@ -79,7 +79,7 @@ def test_dry_friction_springs_and_position_gains(tmp_path: Path) -> None:
     file.write_text(DRY, encoding="utf-8")
     scene = Scene.from_mjcf(file)
     kinds = {p.group for p in scene.parameters}
-    assert {"frictionloss", "stiffness", "damping", "armature", "gear", "mass", "com_x", "radius"} <= kinds
+    assert {"frictionloss", "stiffness", "damping", "armature", "kp", "kd", "mass", "com_x", "radius"} <= kinds
     assert_exact(scene, 30)
 
 

@@ -26,13 +26,13 @@ WORLD = (
 VALUES = {
     "floor": 0.0, "damping": 2.0, "stiffness": 3.0, "com": 0.0, "mass": 2.0, "inertia": 0.1, "armature": 0.5,
     "loss": 0.2, "friction": 1.5, "time": 0.05, "gear": 10.0, "g": -9.81,
-    "low": 0.8, "high": 0.96, "width": 0.003,
+    "kp": 7.0, "kv": 2.0, "low": 0.8, "high": 0.96, "width": 0.003,
 }  # fmt: skip
 
 
 def scene_with(load: Load, contact_law: str = "mujoco", **changes: float) -> Scene:
     values = VALUES | changes
-    rest = '<option gravity="0 0 {g}"/><actuator><position joint="h" gear="{gear}" kp="7" kv="2"/></actuator>'
+    rest = '<option gravity="0 0 {g}"/><actuator><position joint="h" gear="{gear}" kp="{kp}" kv="{kv}"/></actuator>'
     return load(WORLD.format(**values), rest.format(**values), contact_law=contact_law)[0]
 
 
@@ -51,6 +51,8 @@ def scene_with(load: Load, contact_law: str = "mujoco", **changes: float) -> Sce
         ("impedance_width.rod", (0.02 + 0.001) / 2, {"width": 0.02}),
         ("plane_height.floor", -0.03, {"floor": -0.03}),
         ("gear.h", 0.6, {"gear": 6.0}),
+        ("kp.h", 9.0, {"kp": 9.0}),
+        ("kd.h", 3.0, {"kv": 3.0}),
         ("gravity", 1.1, {"g": -9.81 * 1.1}),
     ],
 )

@@ -18,7 +18,7 @@ from cmbrl.scene.mjcf import name_of
 
 GROUPS = (
     *("mass", "com_x", "com_y", "com_z", "damping", "armature", "stiffness", "frictionloss"),
-    *("friction", "gear", "gravity"),
+    *("friction", "gear", "kp", "kd", "gravity"),
 )
 """Parameter groups that mean the same in MuJoCo; contact softness, radii and plane heights do not."""
 
@@ -58,6 +58,11 @@ def with_parameters(base: mujoco.MjModel, values: Mapping[str, float]) -> mujoco
             model.geom(of).friction[0] = value
         elif group == "gear":
             model.actuator_gear[motors.index(of)] *= value
+        elif group == "kp":
+            k = motors.index(of)
+            model.actuator_gainprm[k, 0], model.actuator_biasprm[k, 1] = value, -value
+        elif group == "kd":
+            model.actuator_biasprm[motors.index(of), 2] = -value
         elif group == "gravity":
             model.opt.gravity[:] *= value
         else:  # of a joint's degrees of freedom
