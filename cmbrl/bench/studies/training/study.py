@@ -27,10 +27,9 @@ COLUMNS = (
 
 def _study(folder: Path, settings: Settings, runner: Runner) -> Section:
     warm, repeats = (5, 3) if settings.quick else (60, 20)
-    chosen = [label for label in ROWS if settings.scenes is None or label in settings.scenes]
     size = {"warm": warm, "repeats": repeats, "threads": settings.threads, "seed": settings.seed}
     jobs = []
-    for label in chosen:
+    for label in settings.chosen(ROWS):
         task, derivative = ROWS[label]
         inputs = {"task": task, "derivative": derivative, **size}
         jobs.append(Job(f"{label} {repeats} {settings.threads}", measure, inputs))
@@ -39,9 +38,7 @@ def _study(folder: Path, settings: Settings, runner: Runner) -> Section:
         ms = found["ms"]
         update = [ms["update"][name] for name in ("median", "low", "high")]
         parts = [ms[part]["median"] if part in ms else None for part in ("rollout", "critic", "core", "mujoco")]
-        rows.append(
-            [found["task"], found["derivative"], found["steps"], *update, *parts, found["ratio"], found["gib"]]
-        )
+        rows.append([found["task"], found["derivative"], found["steps"], *update, *parts, found["ratio"], found["gib"]])
     clock = WORDS("clock.one") if settings.threads == 1 else WORDS("clock.more")
     note = WORDS("tables.update.note", episodes=ENVIRONMENTS, steps=HORIZON, clock=clock)
     table = Table(WORDS("tables.update.title"), COLUMNS, rows, note)
