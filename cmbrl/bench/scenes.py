@@ -1,12 +1,11 @@
 """Scenes that MuJoCo and this package both simulate, each compiled once for either from the same MJCF.
 
-Both then solve the same problem: the same bodies, contact points and time step. "g1" has the 33 primitives of its file,
-"g1 feet" only four spheres under each foot, as in the public model of MuJoCo Menagerie.
+Both then solve the same problem: the same bodies, contact points and time step. "g1 feet" touches the floor with four
+spheres under each foot, as the task g1 does, and "g1" with its whole body.
 """
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,10 +13,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from cmbrl.bench import states
 from cmbrl.bench.peers.mujoco import compiled
-from cmbrl.errors import UserError
-from cmbrl.files import write_text
+from cmbrl.bench.peers.ours import scene_of
+from cmbrl.bench.states import whole_body
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.registry import load_task
 from cmbrl.scene import Scene
@@ -26,9 +24,6 @@ LABELS = ("hopper rk4", "hopper euler", "cheetah", "cube", "cube rigid", "g1 fee
 # Bent knees, so that the robot stands [rad]; all other joints at zero. Arms a little away from the body.
 _G1_POSE = {"hip_pitch": -0.312, "knee": 0.669, "ankle_pitch": -0.363, "elbow": 0.6, "shoulder_pitch": 0.2}
 _G1_HEIGHT = 0.76  # of the pelvis [m] in that pose
-# The spheres of a foot in the frame of its ankle [m].
-_FOOT_POINTS = ((-0.05, 0.025, -0.03), (-0.05, -0.025, -0.03), (0.12, 0.03, -0.03), (0.12, -0.03, -0.03))
-_FOOT_RADIUS = 0.005  # [m]
 
 
 @dataclass(frozen=True)
@@ -51,7 +46,7 @@ class PairedScene:
 
 
 def paired(label: str) -> PairedScene:
-    """The scene called ``label``, one of ``LABELS``. Raises UserError where the MJCF of the G1 is missing."""
+    """The scene called ``label``, one of ``LABELS``."""
     if label.startswith("g1"):
         return _humanoid(label)
     task = load_task({"hopper": "hopper", "cheetah": "cheetah", "cube": "cube_toss"}[label.split()[0]])
@@ -67,14 +62,8 @@ def paired(label: str) -> PairedScene:
 
 
 def _humanoid(label: str) -> PairedScene:
-    if not states.G1.exists():
-        raise UserError(states.NO_G1)
-    with tempfile.TemporaryDirectory() as folder:  # a Scene is read from a file
-        file = states.G1
-        if label == "g1 feet":
-            file = Path(folder) / "g1_feet.xml"
-            write_text(file, feet_only(states.G1))
-        peer, scene = compiled(file), Scene.from_mjcf(file)
+    mjcf = whole_body() if label == "g1" else Path(load_task("g1").scene_path)
+    peer, scene = compiled(mjcf), scene_of(mjcf, "mujoco")
     start, hold = peer.qpos0.copy(), np.zeros(peer.nu)
     start[2] = _G1_HEIGHT
     for a in range(peer.nu):
@@ -85,22 +74,3 @@ def _humanoid(label: str) -> PairedScene:
             angle = 0.2 if name.startswith("left") else -0.2
         hold[a] = start[peer.jnt_qposadr[joint]] = angle
     return PairedScene(label, peer, scene, "semi-implicit", start, hold, 0.15, False)
-
-
-def feet_only(file: Path) -> str:
-    """The MJCF text of the G1's ``file`` with eight spheres under the feet as the only geoms that touch the floor."""
-    spec = mujoco.MjSpec.from_file(str(file))
-    template = next(geom for geom in spec.geoms if geom.name.startswith("left_foot"))
-    friction, priority, condim = list(template.friction), template.priority, template.condim
-    for geom in spec.geoms:
-        if geom.type != mujoco.mjtGeom.mjGEOM_PLANE:
-            geom.contype = geom.conaffinity = 0
-    for side in ("left", "right"):
-        body = next(b for b in spec.bodies if b.name == f"{side}_ankle_roll_link")
-        for k, point in enumerate(_FOOT_POINTS):
-            body.add_geom(
-                name=f"{side}_foot_point{k}", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[_FOOT_RADIUS, 0, 0], pos=point,
-                contype=0, conaffinity=1, condim=condim, priority=priority, friction=friction, mass=0,
-            )  # fmt: skip
-    spec.compile()
-    return spec.to_xml()

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -38,6 +38,10 @@ class Settings:
     scenes: tuple[str, ...] | None = None
     backend: str = "loky"
     accept: Accept = "exact"
+
+    def chosen(self, labels: Iterable[str]) -> list[str]:
+        """Those of ``labels`` that ``scenes`` names, in their order."""
+        return [label for label in labels if self.scenes is None or label in self.scenes]
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from cmbrl.bench.studies.simulators.arms import Arm, arms, mujoco, ours
 from cmbrl.bench.studies.simulators.cells import Effort, Result, Row, errors, measure
 from cmbrl.bench.studies.simulators.planar import GRAVITY, Disc, bounces
 from cmbrl.bench.studies.simulators.plots import plot
-from cmbrl.bench.studies.simulators.scenes import TrajectoryScene, available, build
+from cmbrl.bench.studies.simulators.scenes import TrajectoryScene, build
 from cmbrl.bench.studies.simulators.study import section
 from cmbrl.bench.studies.simulators.tables import cost_of
 from cmbrl.jobs.job import plain
@@ -140,8 +140,3 @@ def test_a_curve_shows_median_error_over_cost() -> None:
         axes = plot([result], own).axes[0]
         assert axes.get_lines()[0].get_xydata().tolist() == [[1.0, medians[0]], [2.0, medians[1]]]
         assert "3" in [text.get_text() for text in axes.texts]  # lost
-
-
-def test_available_scenes_without_the_humanoid(tmp_path: Path) -> None:
-    assert "g1 feet" not in available(g1=tmp_path / "absent.xml")
-    assert available(["box", "hopper"]) == ["hopper", "box"]

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 from matplotlib.container import BarContainer
 
-from cmbrl import Scene, UserError
-from cmbrl.bench import states
 from cmbrl.bench.peers.mujoco_steps import EPISODE, MujocoStep, visit
 from cmbrl.bench.registry import load
-from cmbrl.bench.scenes import LABELS, feet_only, paired
+from cmbrl.bench.scenes import paired
 from cmbrl.bench.studies.speed import study
 from cmbrl.bench.studies.speed.candidates import draw
 from cmbrl.bench.studies.speed.plots import bars
@@ -105,35 +99,22 @@ def test_rk4_has_no_differences(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert all(microseconds > 0 for microseconds in cells[2:4])
 
 
-def test_without_its_mjcf_the_g1_is_left_out_with_a_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(states, "G1", tmp_path / "none.xml")
-    assert states.available(LABELS) == [label for label in LABELS if not label.startswith("g1")]
-    for choose in (lambda: states.available(LABELS, ["g1"]), lambda: paired("g1 feet")):
-        with pytest.raises(UserError, match="the G1 needs its MJCF: set CMBRL_G1"):
-            choose()
-    monkeypatch.setattr(study, "LABELS", ("cube", "g1"))
-    assert "Left out: g1 (the G1 needs its MJCF: set CMBRL_G1)" in section(tmp_path, None, monkeypatch).text
-
-
-def test_the_g1_is_where_the_environment_says(tmp_path: Path) -> None:
-    code = "from cmbrl.bench.states import G1; print(G1)"
-    environment = {**os.environ, "CMBRL_G1": str(tmp_path / "mine.xml")}
-    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == str(tmp_path / "mine.xml")
-
-
-@pytest.mark.skipif(not states.G1.exists(), reason=states.NO_G1)
-def test_g1_on_its_feet(tmp_path: Path) -> None:
-    file = tmp_path / "g1.xml"
-    file.write_text(feet_only(states.G1), encoding="utf-8")
-    scene, model = Scene.from_mjcf(file), mujoco.MjModel.from_xml_path(str(file))
-    assert scene.core.ncontact == 8
-    assert set(scene.core.con_dim) == {3}
-    assert abs(scene.total_mass - Scene.from_mjcf(states.G1).total_mass) < 1e-9
-    visited = visit(paired("g1 feet"), EPISODE, seed=0)
+def test_g1_on_its_feet() -> None:
+    g1 = paired("g1 feet")
+    assert g1.scene.core.ncontact == 8
+    visited = visit(g1, EPISODE, seed=0)
     assert visited.q[:, 2].min() > 0.5  # stands for an episode
     assert 1 < visited.contacts <= 8
-    assert model.nv == scene.nv
+
+
+def test_g1_with_its_whole_body() -> None:
+    whole, feet = paired("g1"), paired("g1 feet")
+    plane, capsules, spheres, boxes = 1, 18, 8 + 1, 2
+    assert whole.peer.ngeom == feet.peer.ngeom == plane + capsules + spheres + boxes
+    assert whole.scene.core.ncontact == 2 * capsules + spheres + 8 * boxes
+    assert set(whole.scene.core.con_dim) == {3}
+    assert whole.scene.total_mass == feet.scene.total_mass
+    assert 8 < visit(whole, EPISODE, seed=0).contacts <= 16  # four spheres and four corners under each foot
 
 
 def test_training_study_has_a_row_a_task(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from cmbrl import UserError
 from cmbrl.bench.registry import STUDIES, load
-from cmbrl.bench.study import Figure, Section, Table
+from cmbrl.bench.study import Figure, Section, Settings, Table
 
 DOCUMENT = Path(__file__).parents[2] / "docs/bench.md"
 # Packages that `cmbrl bench` uses when they are there; scipy comes along with others.
@@ -50,6 +50,11 @@ def test_every_study_is_what_it_is_called(name: str) -> None:
     assert study.name == name
     assert 10 < len(study.summary) < 90  # one line of `cmbrl bench --help`
     assert f"| `{name}` |" in DOCUMENT.read_text(encoding="utf-8")
+
+
+def test_chosen_scenes_come_in_the_order_of_the_study() -> None:
+    assert Settings(scenes=("box", "hopper")).chosen(("hopper", "cube", "box")) == ["hopper", "box"]
+    assert Settings().chosen(("hopper", "cube")) == ["hopper", "cube"]
 
 
 def test_unknown_study() -> None:

@@ -7,7 +7,6 @@ import pytest
 import torch
 from torch import Tensor
 
-from cmbrl.bench.states import G1, NO_G1
 from cmbrl.contact import Barrier
 from cmbrl.envs.simulation import Simulation
 from cmbrl.errors import UserError
@@ -283,7 +282,6 @@ def test_refusals(models: dict[str, ComplementarityModel]) -> None:
             BundledContactModel(models["hopper"], config)
 
 
-@pytest.mark.skipif(not G1.exists(), reason=NO_G1)
 def test_g1() -> None:
     """Without noise the model's states and gradients; each foot is a chain of six joints, the pelvis in neither."""
     from cmbrl.bench.scenes import paired

@@ -18,7 +18,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from cmbrl.bench.states import G1, bench_scene
+from cmbrl.bench.states import bench_scene
 from cmbrl.bench.studies.robustness.cells import wild_batch
 from cmbrl.contact import Exact, Relaxed
 from cmbrl.contact.smoothing import Smoothing
@@ -32,7 +32,7 @@ RUNGS = 16  #: of the ladder, kRungs in ladder.hpp
 SOFTER = 10  #: the first rung that is softer than the model, kSofter in ladder.hpp
 EACH = 2  #: states per rung
 SMOOTHINGS: dict[str, Smoothing] = {"exact": Exact(), "relaxed": Relaxed()}
-SCENES = ("hopper", "cheetah", "cube_toss", "stuck hopper", *(["g1"] if G1.exists() else []))
+SCENES = ("hopper", "cheetah", "cube_toss", "stuck hopper", "g1")
 
 
 @dataclass(frozen=True)

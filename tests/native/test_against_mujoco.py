@@ -8,11 +8,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from cmbrl.bench.states import whole_body
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
 from cmbrl.scene.mjcf import name_of
 
-from ..scene.conftest import G1, GYMNASIUM, random_tree
+from ..scene.conftest import GYMNASIUM, random_tree
 
 STATES = 24
 EQUAL = 1e-9
@@ -78,10 +79,10 @@ def test_robots_of_gymnasium(robot: str) -> None:
     assert_same(file, contacts_expected=STATES)
 
 
-def test_g1() -> None:
-    if not G1.exists():
-        pytest.skip(f"{G1} is not there")
-    assert_same(G1, spread=0.3, contacts_expected=STATES)
+def test_g1(tmp_path: Path) -> None:
+    file = tmp_path / "scene.xml"
+    file.write_text(whole_body(), encoding="utf-8")
+    assert_same(file, spread=0.3, contacts_expected=STATES)
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -8,20 +8,13 @@ from typing import Any
 
 import pytest
 
-from cmbrl.bench.states import G1, NO_G1
+from cmbrl.bench.states import SCENES, bench_scene
 from cmbrl.bench.studies.derivatives.differences import SMOOTHINGS, measure
 from cmbrl.bench.studies.derivatives.study import table as table_of
 from cmbrl.scene import Scene
 
-from ..scene.conftest import GYMNASIUM
+pytest.importorskip("gymnasium", reason="the MJCFs of hopper and cheetah are Gymnasium's")
 
-CUBE = Path(__file__).parents[2] / "tasks/cube_toss/scene.xml"
-FILES = {
-    "hopper": next(file for file in GYMNASIUM if file.stem == "hopper"),
-    "cheetah": next(file for file in GYMNASIUM if file.stem == "half_cheetah"),
-    "cube": CUBE,
-    "g1": G1,
-}
 DRY = """<mujoco><worldbody><geom type="plane" size="5 5 .1"/><body pos="0 0 .5">
 <joint name="x" type="slide" axis="1 0 0"/><joint name="z" type="slide" axis="0 0 1"/>
 <joint name="turn" type="hinge" axis="0 1 0"/><geom size=".1"/><body pos="0 0 -.2">
@@ -29,12 +22,6 @@ DRY = """<mujoco><worldbody><geom type="plane" size="5 5 .1"/><body pos="0 0 .5"
 range="-60 60" limited="true"/>
 <geom size=".05" pos="0 0 -.2"/></body></body></worldbody><actuator><position name="knee" joint="knee" kp="20" kv="1"/>
 </actuator></mujoco>"""
-
-
-def scene_of(name: str, law: str) -> Scene:
-    if not FILES[name].exists():
-        pytest.skip(NO_G1)
-    return Scene.from_mjcf(FILES[name], contact_law=law)
 
 
 def assert_exact(
@@ -53,25 +40,25 @@ def assert_exact(
         assert row["unsolved"] <= 0.01 * states, table
 
 
-@pytest.mark.parametrize(("name", "states"), [("hopper", 40), ("cheetah", 30), ("cube", 40), ("g1", 3)])
+@pytest.mark.parametrize(("name", "states"), [("hopper", 40), ("cheetah", 30), ("cube_toss", 40), ("g1", 3)])
 def test_soft_contact(name: str, states: int) -> None:
-    assert_exact(scene_of(name, "mujoco"), states, smoothings=SMOOTHINGS if name != "g1" else ["kappa 1e-4"])
+    assert_exact(bench_scene(name, "mujoco"), states, smoothings=SMOOTHINGS if name != "g1" else ["kappa 1e-4"])
 
 
-@pytest.mark.parametrize("name", ["hopper", "cube"])
+@pytest.mark.parametrize("name", ["hopper", "cube_toss"])
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
 def test_rigid_contact_and_restitution(name: str, restitution: float) -> None:
-    assert_exact(scene_of(name, "rigid"), 30, restitution, set(SMOOTHINGS) - {"exact"})
+    assert_exact(bench_scene(name, "rigid"), 30, restitution, set(SMOOTHINGS) - {"exact"})
 
 
 @pytest.mark.parametrize(
     ("name", "law", "states"),
-    [("hopper", "mujoco", 20), ("hopper", "rigid", 20), ("cube", "rigid", 20), ("g1", "mujoco", 2)],
+    [("hopper", "mujoco", 20), ("hopper", "rigid", 20), ("cube_toss", "rigid", 20), ("g1", "mujoco", 2)],
 )
 def test_midpoint_steps(name: str, law: str, states: int) -> None:
     """Of exact contact too, the Gaussian schedule and bounces, which look at the free velocity."""
     restitution = 0.5 if law == "rigid" else 0.0
-    assert_exact(scene_of(name, law), states, restitution, ["kappa 1e-4", "gaussian"], integrator="midpoint")
+    assert_exact(bench_scene(name, law), states, restitution, ["kappa 1e-4", "gaussian"], integrator="midpoint")
 
 
 def test_dry_friction_springs_and_position_gains(tmp_path: Path) -> None:
@@ -85,7 +72,7 @@ def test_dry_friction_springs_and_position_gains(tmp_path: Path) -> None:
 
 def test_kinks_are_counted_not_dropped() -> None:
     """A joint exactly at its limit margin: its column cannot be judged, and the table says so."""
-    row = {"scene": "hopper", **measure(scene_of("hopper", "mujoco"), "kappa 1e-4", 20)}
+    row = {"scene": "hopper", **measure(bench_scene("hopper", "mujoco"), "kappa 1e-4", 20)}
     judged = sum(kind["count"] for kind in row["kinds"].values())
     assert judged + row["across_kinks"] + row["vague"] == row["columns"]
     shown = table_of([row], 20)
@@ -94,8 +81,8 @@ def test_kinks_are_counted_not_dropped() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("law", ["mujoco", "rigid"])
-@pytest.mark.parametrize("name", list(FILES))
+@pytest.mark.parametrize("name", SCENES)
 def test_thousand_states(name: str, law: str) -> None:
     # hyperstatic states of a rigid scene have derivatives of about 1/kappa, so exact contact is left out there
     smoothings = set(SMOOTHINGS) - {"exact"} if law == "rigid" else SMOOTHINGS
-    assert_exact(scene_of(name, law), 1000, 0.5 if law == "rigid" else 0.0, smoothings, parameters=30)
+    assert_exact(bench_scene(name, law), 1000, 0.5 if law == "rigid" else 0.0, smoothings, parameters=30)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cmbrl.bench.states import G1, NO_G1
 from cmbrl.native import SolverStatus
 
 from .ladder_problems import RUNGS, Problem, expected, model, stored, stuck_batch, up_to_without
@@ -19,8 +18,6 @@ def test_every_rung_has_a_problem() -> None:
 
 @pytest.mark.parametrize("problem", PROBLEMS, ids=str)
 def test_a_rung_rescues(problem: Problem) -> None:
-    if problem.scene == "g1" and not G1.exists():
-        pytest.skip(NO_G1)
     solved = problem.step(-1)
     assert (solved["rung"][0], solved["status"][0]) == (problem.rung, expected(problem.rung))
     assert solved["residual"][0] <= 1e-8

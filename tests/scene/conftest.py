@@ -9,7 +9,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from cmbrl.bench.states import G1, NO_G1
 from cmbrl.scene import Scene
 
 GYMNASIUM = sorted((Path(pytest.importorskip("gymnasium").__file__).parent / "envs/mujoco/assets").glob("*.xml"))
@@ -35,14 +34,6 @@ def robot(request: pytest.FixtureRequest) -> tuple[Scene, mujoco.MjModel]:
     """A robot of gymnasium and MuJoCo's model of it."""
     file = next(file for file in GYMNASIUM if file.stem == request.param)
     return Scene.from_mjcf(file), mujoco.MjModel.from_xml_path(str(file))
-
-
-@pytest.fixture
-def g1() -> Scene:
-    """A humanoid robot."""
-    if not G1.exists():
-        pytest.skip(NO_G1)
-    return Scene.from_mjcf(G1)
 
 
 def random_tree(seed: int, bodies: int = 8, turn: str = "", planar: bool = False) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 from cmbrl.bench.peers.simulator import Array, NotExpressibleError, Simulator, World
 from cmbrl.contact.smoothing import Smoothing
 from cmbrl.errors import UserError
+from cmbrl.files import write_text
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.native import SolverStatus
 from cmbrl.scene import Scene
@@ -25,7 +26,7 @@ def scene_of(mjcf: str | Path, contact_law: str) -> Scene:
         return Scene.from_mjcf(mjcf, contact_law=contact_law)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "scene.xml"
-        file.write_text(mjcf, encoding="utf-8")
+        write_text(file, mjcf)
         return Scene.from_mjcf(file, contact_law=contact_law)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from cmbrl.bench.states import SCENES, available, bench_scene, left_out
+from cmbrl.bench.states import SCENES, bench_scene
 from cmbrl.bench.studies.derivatives.differences import SMOOTHINGS, measure
 from cmbrl.bench.study import Section, Settings, Study, Table
 from cmbrl.bench.words import Words
@@ -37,16 +37,14 @@ def table(rows: Sequence[dict[str, Any]], states: int) -> Table:
 
 def _study(folder: Path, settings: Settings, runner: Runner) -> Section:
     states = QUICK_STATES if settings.quick else STATES
-    scenes = available(SCENES, settings.scenes)
     jobs = [
         Job(f"{scene} {smoothing} {states}", cell,
             {"scene": scene, "smoothing": smoothing, "states": states, "seed": settings.seed})
-        for scene in scenes for smoothing in SMOOTHINGS
+        for scene in settings.chosen(SCENES) for smoothing in SMOOTHINGS
     ]  # fmt: skip
     rows = runner.run(jobs, "scene and smoothing")
-    text = " ".join([WORDS("method"), left_out(SCENES, scenes, settings.scenes)]).strip()
     values = {"states": states, "seed": settings.seed, "rows": rows}
-    return Section(WORDS("title"), text, [table(rows, states)], values=values)
+    return Section(WORDS("title"), WORDS("method"), [table(rows, states)], values=values)
 
 
 STUDY = Study("derivatives", WORDS("summary"), _study, SCENES)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from cmbrl.bench.states import available, left_out
 from cmbrl.bench.studies.robustness.cells import SMOOTHINGS, TOLERANCE, cell
 from cmbrl.bench.study import Section, Settings, Study, Table
 from cmbrl.bench.words import Words
@@ -18,18 +17,16 @@ WORDS = Words("cmbrl.bench.studies.robustness")
 
 
 def run(folder: Path, settings: Settings, runner: Runner) -> Section:
-    chosen = available(tuple(SIZES), settings.scenes)
     cells = [
         {"scene": scene, "law": law, "smoothing": smoothing, "count": SIZES[scene] // (100 if settings.quick else 1)}
         for law in LAWS
-        for scene in chosen
+        for scene in settings.chosen(SIZES)
         for smoothing in SMOOTHINGS
     ]
     jobs = [Job("{scene} {law} {smoothing}".format(**c), cell, {**c, "seed": settings.seed}) for c in cells]
     rows = runner.run(jobs, "cell")
     values = {"tolerance": TOLERANCE, "seed": settings.seed, "rows": rows}
-    text = " ".join([WORDS("method"), left_out(tuple(SIZES), chosen, settings.scenes)]).strip()
-    return Section(WORDS("title"), text, [table(rows)], values=values)
+    return Section(WORDS("title"), WORDS("method"), [table(rows)], values=values)
 
 
 def table(rows: Sequence[dict[str, Any]]) -> Table:

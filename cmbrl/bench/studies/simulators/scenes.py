@@ -6,7 +6,6 @@ are short (0.26 to 0.8 s), so that errors show the simulator and not how a traje
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,8 +14,7 @@ import numpy as np
 from cmbrl.bench.peers.mujoco_steps import EPISODE, HOLD, random_control, visit
 from cmbrl.bench.peers.ours import scene_of
 from cmbrl.bench.peers.simulator import Array, World
-from cmbrl.bench.scenes import feet_only, paired
-from cmbrl.bench.states import G1
+from cmbrl.bench.scenes import paired
 from cmbrl.bench.studies.simulators.planar import FILE_STEP, INTERVAL, Disc, box_mjcf, thrown_boxes, thrown_discs
 from cmbrl.scene import Scene
 
@@ -50,14 +48,8 @@ class TrajectoryScene:
         return scene_of(self.world.mjcf, "rigid")
 
 
-def available(labels: Iterable[str] | None = None, g1: Path = G1) -> list[str]:
-    """The labels to run, all by default, in the order of ``LABELS``; without the G1 where its file is not there."""
-    wanted = set(LABELS if labels is None else labels)
-    return [label for label in LABELS if label in wanted and (label != "g1 feet" or g1.exists())]
-
-
 def build(label: str, states: int, seed: int) -> TrajectoryScene:
-    """The scene ``label`` with ``states`` initial states; raises UserError where its file is not there."""
+    """The scene ``label`` with ``states`` initial states."""
     if label in ROBOTS:
         return _robot(label, states, seed)
     disc = Disc() if label == "ball" else None
@@ -68,7 +60,7 @@ def build(label: str, states: int, seed: int) -> TrajectoryScene:
 
 def _robot(label: str, states: int, seed: int) -> TrajectoryScene:
     source = paired(_SPEED_SCENES.get(label, label))
-    world = World(feet_only(G1) if label == "g1 feet" else Path(source.scene.path))
+    world = World(Path(source.scene.path))
     visited = visit(source, EPISODE * max(1, states // 4), seed)  # four states of an episode, from fall to stance
     rows = np.linspace(0, len(visited.q), states, endpoint=False).astype(int) + EPISODE // 8
     file_step = float(source.peer.opt.timestep)

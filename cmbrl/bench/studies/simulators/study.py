@@ -10,7 +10,7 @@ from cmbrl.bench.figures import save
 from cmbrl.bench.studies.simulators.arms import LANES, absent
 from cmbrl.bench.studies.simulators.cells import LOST, QUICK, Effort, Result, measure
 from cmbrl.bench.studies.simulators.plots import plot
-from cmbrl.bench.studies.simulators.scenes import LABELS, available
+from cmbrl.bench.studies.simulators.scenes import LABELS
 from cmbrl.bench.studies.simulators.tables import WORDS, costs, limits
 from cmbrl.bench.study import Section, Settings, Study
 from cmbrl.jobs import Job, Runner
@@ -20,7 +20,7 @@ def run(folder: Path, settings: Settings, runner: Runner) -> Section:
     effort = QUICK if settings.quick else Effort()
     jobs = [
         Job(label, measure, {"label": label, "effort": effort, "seed": settings.seed})
-        for label in available(settings.scenes)
+        for label in settings.chosen(LABELS)
     ]
     return section([Result.read(held) for held in runner.run(jobs, "scene", alone=True)], folder)
 

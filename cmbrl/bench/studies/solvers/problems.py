@@ -14,8 +14,7 @@ import numpy as np
 
 from cmbrl.bench.peers.mujoco_steps import Visited, visit
 from cmbrl.bench.peers.ours import scene_of
-from cmbrl.bench.scenes import feet_only, paired
-from cmbrl.bench.states import G1, available
+from cmbrl.bench.scenes import paired
 from cmbrl.bench.studies.solvers.hard_cases import FAMILY, hard_cases, problem
 from cmbrl.contact.problem import ContactProblem, load, save
 from cmbrl.models.complementarity import ComplementarityModel
@@ -49,14 +48,13 @@ def visited(states: int, seed: int, robots: Collection[str] = VISITED) -> list[C
     """``states`` problems of each of ``robots`` with rigid contact, and a quarter as many with its file's soft contact.
 
     States come from MuJoCo under random actions: evenly spread ones among those that would penetrate without contact
-    forces. The G1 is left out if its file is missing.
+    forces.
     """
     problems = []
-    for scene in (paired(SCENES[robot]) for robot in available(VISITED) if robot in robots):
+    for scene in (paired(SCENES[robot]) for robot in VISITED if robot in robots):
         label = scene.label.removesuffix(" euler")
         seen = visit(scene, STEPS, seed)
-        rigid = feet_only(G1) if label == "g1 feet" else Path(scene.scene.path)
-        problems += _spread(_problems(scene_of(rigid, "rigid"), seen), states, label)
+        problems += _spread(_problems(scene_of(Path(scene.scene.path), "rigid"), seen), states, label)
         problems += [replace(p, name=f"{YIELDING}/{p.name}") for p in
                      _spread(_problems(scene.scene, seen), max(states // 4, 1), label)]  # fmt: skip
     return problems

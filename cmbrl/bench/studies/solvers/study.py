@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cmbrl.bench import states
 from cmbrl.bench.figures import save
 from cmbrl.bench.studies.solvers import cells, clock, derivatives, plots, tables
 from cmbrl.bench.studies.solvers.kappa import kappa_curves
@@ -19,12 +18,11 @@ from cmbrl.jobs import Job, Runner
 def run(folder: Path, settings: Settings, runner: Runner) -> Section:
     """All families of problems, or ``settings.scenes`` of them; every job takes times, so they run one at a time."""
     quick, seed = settings.quick, settings.seed
-    robots = states.available(VISITED)
     problems = problem_set(folder, seed, quick)
     chosen = {k: p for k, p in enumerate(problems) if settings.scenes is None or family(p) in settings.scenes}
     if not chosen:
         wanted = ", ".join(settings.scenes or FAMILIES)
-        raise UserError(f"no problems of {wanted}: choose another --scene or --out ({states.NO_G1})")
+        raise UserError(f"no problems of {wanted}: choose another --scene or --out")
     asked = {
         "solvers": available(),
         "tolerances": cells.QUICK_TOLERANCES if quick else cells.TOLERANCES,
@@ -44,7 +42,7 @@ def run(folder: Path, settings: Settings, runner: Runner) -> Section:
     points = [derivatives.Point(**point) for found in products for point in found]
 
     count = clock.QUICK_STATES if quick else clock.STATES
-    timed = [robot for robot in robots if robot in summary.families]
+    timed = [robot for robot in VISITED if robot in summary.families]
     jobs = [Job(f"clock {robot}", clock.clocks, {"robot": robot, "states": count, "seed": seed}) for robot in timed]
     clocks = [clock.Clock(**c) for found in runner.run(jobs, "robot", (0.9, 0.98), alone=True) for c in found]
     (curves,) = runner.run([Job("kappa", kappa_curves)], "kappa", (0.98, 1.0))
@@ -66,8 +64,7 @@ def run(folder: Path, settings: Settings, runner: Runner) -> Section:
         "problems": len(chosen), "solvers": summary.laws, "clocks": clocks, "gradients": points,
         "kappa against closed forms": curves["worst"],
     }  # fmt: skip
-    text = f"{WORDS('method')}\n\n{states.left_out(VISITED, robots, settings.scenes)}".strip()
-    return Section(WORDS("title"), text, shown, WORDS.figures(), values)
+    return Section(WORDS("title"), WORDS("method"), shown, WORDS.figures(), values)
 
 
 STUDY = Study("solvers", "contact solvers on the same problems: time against error", run, FAMILIES)

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from cmbrl.bench.figures import save
 from cmbrl.bench.scenes import LABELS
-from cmbrl.bench.states import available, left_out
 from cmbrl.bench.studies.speed.cells import measure
 from cmbrl.bench.studies.speed.environments import PAIRS
 from cmbrl.bench.studies.speed.environments import measure as environments
@@ -21,7 +20,7 @@ QUICK = {**FULL, "states": 1024, "batches": (64, 512), "repeats": 3}
 
 
 def _study(folder: Path, settings: Settings, runner: Runner) -> Section:
-    scenes = available(LABELS, settings.scenes)
+    scenes = settings.chosen(LABELS)
     size = {**(QUICK if settings.quick else FULL), "threads": settings.threads, "seed": settings.seed}
     name = f"{'quick' if settings.quick else 'full'} {settings.threads}"
     jobs = [Job(f"{scene} {name}", measure, {"scene": scene, **size}) for scene in scenes]
@@ -40,8 +39,7 @@ def _study(folder: Path, settings: Settings, runner: Runner) -> Section:
         **{key: size[key] for key in ("batch", "states", "repeats", "seed", "threads")},
     }
     save(bars(values), folder / "speed.png")
-    text = " ".join([WORDS("method"), left_out(LABELS, scenes, settings.scenes)]).strip()
-    return Section(WORDS("title"), text, tables(values), WORDS.figures(), values)
+    return Section(WORDS("title"), WORDS("method"), tables(values), WORDS.figures(), values)
 
 
 def _machine(isa: str) -> str:

@@ -27,10 +27,9 @@ COLUMNS = (
 
 def _study(folder: Path, settings: Settings, runner: Runner) -> Section:
     warm, repeats = (5, 3) if settings.quick else (60, 20)
-    chosen = [label for label in ROWS if settings.scenes is None or label in settings.scenes]
     size = {"warm": warm, "repeats": repeats, "threads": settings.threads, "seed": settings.seed}
     jobs = []
-    for label in chosen:
+    for label in settings.chosen(ROWS):
         task, derivative = ROWS[label]
         inputs = {"task": task, "derivative": derivative, **size}
         jobs.append(Job(f"{label} {repeats} {settings.threads}", measure, inputs))
