@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 
 from cmbrl.scene.mixing import collision_pairs, contact_law, pair_label
+from cmbrl.scene.near import near_pairs
 from cmbrl.scene.reach import Balls, height_range
 from cmbrl.scene.records import WORLD, Array, Candidate, ContactKind, ContactLaw, LeftOut, Tree
 from cmbrl.scene.shapes import Shape, Touch, read_shape, roundings, touches
+from cmbrl.scene.stand_ins import CONVEX, OWN, StandIn, stand_in
 from cmbrl.scene.support import Gate
 
-_POINTWISE = ("sphere", "capsule", "box", "cylinder", "mesh")
+_POINTWISE = ("sphere", "capsule", "box", "cylinder", "mesh")  # touch a plane as they are
 _ROUND = ("sphere", "capsule")
 _SURFACE = (
     "geom_condim", "geom_priority", "geom_solmix", "geom_friction", "geom_solref", "geom_solimp", "geom_margin",
     "geom_gap", "geom_adhesion", "geom_surfacevel",
 )  # fmt: skip
+_FAR = {
+    "near": "nearer than 2 cm in none of 400 random poses (--self-contact all keeps it)",
+    "none": "bodies of one robot do not touch each other (--self-contact none)",
+}
 _ZERO, _UPRIGHT = np.zeros(3), np.eye(3)  # shared by all candidates
 
 
@@ -31,17 +39,20 @@ class ContactBuilder:
         gate: Gate,
         outlines: bool = False,
         keep_far: bool = False,
+        self_contact: str = "near",
     ) -> None:
         """
         Args:
             normal: (3,) unit normal of the plane of motion; None for a spatial tree.
             outlines: contacts are planar too, so a cylinder becomes its outline in the plane of motion.
             keep_far: keep candidates that can never touch, if their shapes are supported.
+            self_contact: between bodies of one tree: "near" (where they come near in random poses), "all" or "none".
         """
         self.model, self.tree, self.normal, self.gate = model, tree, normal, gate
-        self.outlines, self.keep_far = outlines, keep_far
+        self.outlines, self.keep_far, self.self_contact = outlines, keep_far, self_contact
         self.candidates: list[Candidate] = []
         self.dropped: list[LeftOut] = []
+        self.stand_ins: dict[int, StandIn] = {}  #: of geoms that touch as something else
         self._shapes: dict[int, Shape] = {}
         self._roundings = roundings(model)
         self._balls = Balls(model, tree)
@@ -50,15 +61,40 @@ class ContactBuilder:
 
     def build(self) -> None:
         """Fills ``candidates`` and ``dropped``; reports unsupported pairs to the gate."""
-        for first, second, pair in list(collision_pairs(self.model)):  # all, so that too many are told before any work
+        pairs = list(collision_pairs(self.model))  # all, so that too many are told before any work
+        near = self._near(pairs)
+        for first, second, pair in pairs:
             a, b = self._shape(first), self._shape(second)
             if a.kind == b.kind == "plane":
                 continue
             if "plane" in (a.kind, b.kind):
                 plane, other = (a, b) if a.kind == "plane" else (b, a)
                 self._against_plane(other, plane, pair)
+            elif near is not None and pair < 0 and self._one_tree(first, second) and (first, second) not in near:
+                self._drop(a, b, _FAR[self.self_contact])
             else:
                 self._between(a, b, pair)
+
+    def _near(self, pairs: list[tuple[int, int, int]]) -> set[tuple[int, int]] | None:
+        """Pairs of one robot's geoms to keep; None: all."""
+        if self.self_contact == "all" or self.keep_far:
+            return None
+        if self.self_contact == "none" or not any(self._one_tree(a, b) and pair < 0 for a, b, pair in pairs):
+            return set()
+        return near_pairs(self.model)
+
+    def _one_tree(self, first: int, second: int) -> bool:
+        """Whether joints connect both geoms, which move."""
+        root = self.model.body_rootid[self.model.geom_bodyid[[first, second]]]
+        return bool(root[0] == root[1] and root[0] != 0)
+
+    def _simple(self, shape: Shape) -> Shape:
+        """A sphere, capsule or box: the shape itself, or what stands in for it."""
+        if shape.kind in OWN:
+            return shape
+        if shape.geom not in self.stand_ins:
+            self.stand_ins[shape.geom] = stand_in(shape)
+        return self.stand_ins[shape.geom].shape
 
     def _shape(self, geom: int) -> Shape:
         if geom not in self._shapes:
@@ -113,6 +149,8 @@ class ContactBuilder:
         up = plane.rot[:, 2]
         ground = float(up @ plane.pos)
         law = self._law(shape, plane, pair)
+        if shape.kind == "ellipsoid":
+            shape = self._simple(shape)
         if shape.kind not in _POINTWISE:
             low = height_range(self.model, self.tree, shape.body, shape.pos, up).low - shape.bound - ground
             if low > law.margin:
@@ -144,7 +182,7 @@ class ContactBuilder:
         law = self._law(a, b, pair)
         nearest = self._balls.closest_approach(a, b) - a.bound - b.bound
         kinds = {a.kind, b.kind}
-        modelled = kinds <= {*_ROUND} or kinds == {"sphere", "box"}
+        modelled = kinds <= {*OWN}
         if nearest > law.margin and not (self.keep_far and modelled):
             self._drop(a, b, f"they stay at least {nearest:.3g} m apart")
             return
@@ -154,21 +192,22 @@ class ContactBuilder:
             if apart > law.margin:
                 self._drop(a, b, f"they move in parallel planes {apart:.3g} m apart")
                 return
+        if odd := kinds - {*CONVEX}:
+            label = pair_label(self.model, a.geom, b.geom)
+            self.gate.refuse("geom_type", label, f"contact with a geom of type {odd.pop()}")
+            return
+        a, b = self._simple(a), self._simple(b)
         if a.kind in _ROUND and b.kind in _ROUND:
             self.candidates.append(_round_pair(a, b, law))
-            return
-        label = pair_label(self.model, a.geom, b.geom)
-        if kinds == {"sphere", "box"}:
-            ball, box = (a, b) if a.kind == "sphere" else (b, a)
-            if ball.body == WORLD:
-                self.gate.refuse("geom_pair", label, "a moving box against a fixed sphere")
-            else:
-                self.candidates.append(_sphere_box(ball, box, law))
-        elif odd := kinds - {*_POINTWISE}:
-            self.gate.refuse("geom_type", label, f"contact with a geom of type {odd.pop()}")
+        elif a.kind == b.kind:
+            self.candidates += [*_corners(a, b, law), *_corners(b, a, law)]
         else:
-            hint = " (a capsule in place of the cylinder is)" if "cylinder" in kinds and kinds & {*_ROUND} else ""
-            self.gate.refuse("geom_pair", label, f"contact of a {a.kind} with a {b.kind}{hint}")
+            ball, box = (a, b) if a.kind in _ROUND else (b, a)
+            if ball.body == WORLD:
+                label = pair_label(self.model, a.geom, b.geom)
+                self.gate.refuse("geom_pair", label, f"a moving {box.kind} against a fixed {ball.kind}")
+            else:
+                self.candidates += _round_box(ball, box, law)
 
 
 def _on_plane(shape: Shape, plane: Shape, touch: Touch, law: ContactLaw) -> Candidate:
@@ -192,8 +231,37 @@ def _round_pair(a: Shape, b: Shape, law: ContactLaw) -> Candidate:
     )  # fmt: skip
 
 
-def _sphere_box(ball: Shape, box: Shape, law: ContactLaw) -> Candidate:
+def _point_box(shape: Shape, point: Array, radius: float, box: Shape, law: ContactLaw) -> Candidate:
     return Candidate(
-        ContactKind.POINT_SHAPE, (ball.geom, box.geom), ball.body, box.body,
-        ball.pos, _ZERO, box.pos, _ZERO, box.rot, box.core, ball.radius, box.radius, law,
+        ContactKind.POINT_SHAPE, (shape.geom, box.geom), shape.body, box.body,
+        point, _ZERO, box.pos, _ZERO, box.rot, box.core, radius, box.radius, law,
     )  # fmt: skip
+
+
+def _corners(a: Shape, b: Shape, law: ContactLaw) -> list[Candidate]:
+    """The corners of box A against box B. What does not move can only be B."""
+    if a.body == WORLD:
+        return []
+    points = [touch.pos for touch in touches(a, None)]
+    return [_point_box(a, point, a.radius, b, law) for point in points]
+
+
+def _round_box(ball: Shape, box: Shape, law: ContactLaw) -> list[Candidate]:
+    """A sphere, or both ends of a capsule, against a box; and a capsule's side against the box's edges."""
+    if ball.kind == "sphere":
+        return [_point_box(ball, ball.pos, ball.radius, box, law)]
+    ends = [_point_box(ball, ball.pos + end * ball.axis, ball.radius, box, law) for end in (-1, 1)]
+    return ends + [_round_pair(ball, edge, law) for edge in _edges(box)]
+
+
+def _edges(box: Shape) -> list[Shape]:
+    """The twelve edges as capsules without a radius, or with that of the box's rounding."""
+    found = []
+    for axis in range(3):
+        turn = box.rot[:, [(axis + 1) % 3, (axis + 2) % 3, axis]]
+        half = box.core[[(axis + 1) % 3, (axis + 2) % 3, axis]]
+        for x, y in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
+            pos = box.pos + turn @ np.array([x * half[0], y * half[1], 0.0])
+            size = np.array([box.rounding, half[2], 0.0])
+            found.append(replace(box, kind="capsule", pos=pos, rot=turn, size=size, rounding=0.0))
+    return found

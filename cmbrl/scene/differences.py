@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import mujoco
 import numpy as np
@@ -11,8 +11,10 @@ from cmbrl.scene.kinematics import FLAT_TILT
 from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import Array, Candidate, ContactKind, LeftOut
 from cmbrl.scene.shapes import hull_points, hull_vertices
+from cmbrl.scene.stand_ins import StandIn
 
 _MESH = mujoco.mjtGeom.mjGEOM_MESH
+_SHAPES = {int(kind): kind.name.removeprefix("mjGEOM_").lower() for kind in mujoco.mjtGeom.__members__.values()}
 _MESH_POINTS = 4  # of MuJoCo's contact between a mesh and a plane
 _ROUNDS = 300  # of Frank-Wolfe
 _FLAT_SIDE = 1e-5  # of a mesh's size: how far points of one side may be apart; MuJoCo keeps vertices as floats
@@ -20,10 +22,20 @@ _RIM_ERROR = 0.18 * FLAT_TILT  # of the radius: the most that the point of a nea
 
 
 def differences(
-    model: mujoco.MjModel, candidates: list[Candidate], contact_law: str, integrator: str
+    model: mujoco.MjModel,
+    candidates: list[Candidate],
+    stand_ins: Mapping[int, StandIn],
+    contact_law: str,
+    integrator: str,
 ) -> tuple[LeftOut, ...]:
     """Approximations of shapes, then differences of the laws; nothing that the file does not use."""
-    return (*_shapes(model, candidates), *_laws(model, candidates, contact_law), *_stepping(model, integrator))
+    return (
+        *_shapes(model, candidates),
+        *_stand_ins(model, stand_ins),
+        *_boxes(model, candidates),
+        *_laws(model, candidates, contact_law),
+        *_stepping(model, integrator),
+    )
 
 
 def _shapes(model: mujoco.MjModel, candidates: list[Candidate]) -> Iterator[LeftOut]:
@@ -47,6 +59,22 @@ def _shapes(model: mujoco.MjModel, candidates: list[Candidate]) -> Iterator[Left
         if c.kind == ContactKind.SEGMENT_SEGMENT:
             label = " - ".join(name_of(model, "geom", geom) for geom in c.geoms)
             yield LeftOut("capsules", label, "one point of contact; MuJoCo has two where capsules lie side by side")
+
+
+def _stand_ins(model: mujoco.MjModel, stand_ins: Mapping[int, StandIn]) -> Iterator[LeftOut]:
+    for geom, found in stand_ins.items():
+        kind = _SHAPES[int(model.geom_type[geom])]
+        why = f"touches other bodies as a {found.shape.kind}, which errs by up to {_millimetres(found.error)}"
+        yield LeftOut(kind, name_of(model, "geom", geom), why)
+
+
+def _boxes(model: mujoco.MjModel, candidates: list[Candidate]) -> Iterator[LeftOut]:
+    boxes = {k for k in range(model.ngeom) if model.geom_type[k] == mujoco.mjtGeom.mjGEOM_BOX}
+    for geoms in dict.fromkeys(c.geoms for c in candidates if set(c.geoms) <= boxes):
+        label = " - ".join(name_of(model, "geom", geom) for geom in sorted(geoms))
+        yield LeftOut(
+            "boxes", label, "corners touch sides; edges that cross do not touch, nor the corners of a box that is fixed"
+        )
 
 
 def _laws(model: mujoco.MjModel, candidates: list[Candidate], contact_law: str) -> Iterator[LeftOut]:

@@ -13,6 +13,7 @@ from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import ContactLaw
 from cmbrl.scene.support import Gate
 
+_NO_ROLLING = "torsional and rolling friction"
 MOST_PAIRS = 600_000  #: a thousand bodies that may all touch each other
 
 
@@ -86,7 +87,7 @@ def contact_law(model: mujoco.MjModel, first: int, second: int, pair: int, gate:
         solref, solimp = model.opt.o_solref, model.opt.o_solimp
         margin, friction = model.opt.o_margin, model.opt.o_friction
     if dim > 3:
-        gate.refuse("condim", label, f"condim {dim}", "treated as condim 3")
+        gate.note("condim", label, f"condim {dim} as 3: no {'torsional friction' if dim == 4 else _NO_ROLLING}")
         dim = 3
     if dim == 3 and friction[0] != friction[1]:
         gate.refuse("friction_anisotropic", label, f"friction {friction[0]:g} {friction[1]:g}", "the first applies")

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.errors import UserError
-from cmbrl.numbers import real_array, switch
+from cmbrl.numbers import one_of, real_array, switch
 from cmbrl.reading import regular_file
 from cmbrl.scene import kinematics, manifold
 from cmbrl.scene.actuators import read_actuators
@@ -21,6 +21,7 @@ from cmbrl.scene.differences import differences
 from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.mjcf import compile_mjcf, name_of, read_tree
+from cmbrl.scene.near import CHOICES
 from cmbrl.scene.parameters import offer_parameters
 from cmbrl.scene.records import Array, Candidate, Joint, JointKind, LeftOut, Parameter, Tree
 from cmbrl.scene.reduction import PlaneOfMotion, find_plane, merge_points, obstacle_to_plane, project
@@ -48,6 +49,7 @@ class Scene:
     ignore: tuple[str, ...]
     contact_law: str  # as LawChoice writes it
     reduce: bool  # False: nothing was simplified, on request
+    self_contact: str  # "near", "all" or "none"
     nq: int
     nv: int
     nu: int
@@ -78,7 +80,12 @@ class Scene:
 
     @classmethod
     def from_mjcf(
-        cls, path: str | Path, ignore: str | Iterable[str] = (), contact_law: str = "mujoco", reduce: bool = True
+        cls,
+        path: str | Path,
+        ignore: str | Iterable[str] = (),
+        contact_law: str = "mujoco",
+        reduce: bool = True,
+        self_contact: str = "near",
     ) -> Scene:
         """Reads an MJCF through MuJoCo's compiler.
 
@@ -90,6 +97,8 @@ class Scene:
                 "logistic:stiffness=300" ends a share of the approach that grows with depth as a logistic function of
                 that stiffness [1/m], and never pushes out (the compliant law of Aditya et al., arXiv 2609.30951, solved
                 implicitly). Joint limits stay as in the file.
+            self_contact: which bodies of one robot may touch: "near" (those that come nearer than 2 cm in one of 400
+                random poses within the joint limits), "all" or "none".
             reduce: False keeps spatial algebra for planar scenes, candidates that can never touch and duplicate points.
                 The motion is the same at a higher cost; use it to check the simplification.
 
@@ -100,11 +109,12 @@ class Scene:
         gate = Gate(str(file), ignore)
         law = LawChoice.parse(contact_law)
         reduce = switch(reduce, "reduce")
+        one_of(self_contact, CHOICES, "self-contact")
         model, warnings = compile_mjcf(file)
         if model.nv == 0:
             raise UserError(f"{file}: the model has no joints, so nothing moves; add a joint")
         check_model(model, gate)
-        return _build(cls, model, file, gate, law, reduce, tuple(warnings))
+        return _build(cls, model, file, gate, law, reduce, tuple(warnings), self_contact)
 
     @property
     def layout(self) -> Layout:
@@ -172,17 +182,20 @@ def _build(
     law: LawChoice,
     reduce: bool,
     warnings: tuple[str, ...],
+    self_contact: str,
 ) -> Scene:
     tree = read_tree(model)
     plane, why = find_plane(tree, np.asarray(model.opt.gravity)) if reduce else (None, "reduction is off")
     normal = plane.axis if plane else None
-    builder = ContactBuilder(model, tree, normal, gate, outlines=plane is not None, keep_far=not reduce)
+    builder = ContactBuilder(model, tree, normal, gate, plane is not None, not reduce, self_contact)
     builder.build()
     actuators = read_actuators(model, gate)
     gate.close()
     if plane and (obstacle := _obstacle(model, tree, plane, builder.candidates)):
         plane, why = None, obstacle
-        builder = ContactBuilder(model, tree, normal, Gate(gate.file, gate.ignore))  # now with rims
+        builder = ContactBuilder(
+            model, tree, normal, Gate(gate.file, gate.ignore), self_contact=self_contact
+        )  # with rims
         builder.build()
     candidates = [project(tree, plane, c) for c in builder.candidates] if plane else builder.candidates
     candidates, merged = merge_points(candidates) if reduce else (candidates, 0)
@@ -227,6 +240,7 @@ def _build(
         ignore=gate.ignore,
         contact_law=str(law),
         reduce=reduce,
+        self_contact=self_contact,
         nq=int(model.nq),
         nv=int(model.nv),
         nu=len(actuators),
@@ -245,7 +259,7 @@ def _build(
         parameters=moves.parameters,
         left_out=tuple(gate.left_out),
         dropped_contacts=tuple(builder.dropped),
-        differences=differences(model, candidates, law.name, integrator),
+        differences=differences(model, candidates, builder.stand_ins, law.name, integrator),
         merged_points=merged,
         compiler_warnings=warnings,
         joints=tuple(tree.joints),

@@ -33,7 +33,7 @@ def load(tmp_path: Path) -> Load:
 def robot(request: pytest.FixtureRequest) -> tuple[Scene, mujoco.MjModel]:
     """A robot of gymnasium and MuJoCo's model of it."""
     file = next(file for file in GYMNASIUM if file.stem == request.param)
-    return Scene.from_mjcf(file), mujoco.MjModel.from_xml_path(str(file))
+    return Scene.from_mjcf(file, self_contact="all"), mujoco.MjModel.from_xml_path(str(file))
 
 
 def random_tree(seed: int, bodies: int = 8, turn: str = "", planar: bool = False) -> str:

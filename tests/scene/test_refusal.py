@@ -44,13 +44,16 @@ CASES = {
         '<actuator><motor name="motor" joint="b" gear="1 0 0"/></actuator>',
         "motor",
     ),
-    "geom_type": (FLOOR + DROP.format('type="ellipsoid" size=".1 .2 .3"'), "", "g - f"),
-    "geom_pair": (
-        DROP.format('type="box" size=".1 .1 .1"') + '<geom name="f" type="box" size="1 1 1"/>',
-        "",
-        "a box with a box",
+    "geom_type": (
+        DROP.format('size=".1"') + '<geom name="f" type="hfield" hfield="h"/>',
+        '<asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 .1"/></asset>',
+        "g - f",
     ),
-    "condim": (FLOOR + DROP.format('size=".1" condim="4"'), "", "condim 4"),
+    "geom_pair": (
+        DROP.format('type="box" size=".1 .1 .1"') + '<geom name="f" size="1"/>',
+        "",
+        "a moving box against a fixed sphere",
+    ),
     "friction_anisotropic": (
         FLOOR + DROP.format('size=".1"'),
         '<contact><pair geom1="f" geom2="g" friction="1 .5"/></contact>',
@@ -75,10 +78,10 @@ def test_refused_by_name_or_ignored(kind: str, load: Load) -> None:
     assert kind in describe(scene)
 
 
-def test_cylinder_against_sphere_offers_a_capsule(load: Load) -> None:
-    world = DROP.format('type="sphere" size=".1"') + '<geom name="f" type="cylinder" size="1 1"/>'
-    with pytest.raises(UserError, match=r"a capsule in place of the cylinder is\).*--ignore geom_pair"):
-        load(world)
+def test_rolling_friction_is_left_out_and_said(load: Load) -> None:
+    scene, _ = load(FLOOR + DROP.format('size=".1" condim="4"'))
+    assert [(x.kind, x.why) for x in scene.left_out] == [("condim", "condim 4 as 3: no torsional friction")]
+    assert scene.core.con_dim.tolist() == [3]
 
 
 def test_all_refusals_come_in_one_line(load: Load) -> None:
@@ -108,7 +111,7 @@ def test_unmodelled_contact_that_cannot_happen_is_no_obstacle(load: Load) -> Non
 @pytest.mark.parametrize("file", GYMNASIUM, ids=lambda file: file.stem)
 def test_gymnasium(file: Path) -> None:
     """Every MJCF of gymnasium loads; where something is not modelled, one line says what and how to load it."""
-    refused = {"pusher": ["geom_pair"], "pusher_v5": ["geom_pair"], "swimmer": ["fluid"]}.get(file.stem, [])
+    refused = {"swimmer": ["fluid"]}.get(file.stem, [])
     if refused:
         with pytest.raises(UserError, match=f"--ignore {refused[0]}$"):
             Scene.from_mjcf(file)
