@@ -5,7 +5,7 @@ set -eu
 out=runs/g1_fitted
 [ -e "$out/warm_up/train.json" ] || cmbrl train g1 --iterations 1500 --out "$out/warm_up" --threads 1
 cmbrl export "$out/warm_up" --torchscript "$out/warm_up.pt"
-for draw in 0 1 2; do
+for draw in 2 0 1; do
   [ -e "$out/log_$draw.npz" ] || cmbrl record "g1_hidden_$draw" --steps 3000 --policy "$out/warm_up.pt" --out "$out/log_$draw.npz"
-  [ -e "$out/fit_$draw/fit.json" ] || cmbrl fit "g1_hidden_$draw" --data "$out/log_$draw.npz" --out "$out/fit_$draw" --threads 1
+  [ -e "$out/fit_$draw/fit.json" ] || cmbrl fit "g1_hidden_$draw" --data "$out/log_$draw.npz" --out "$out/fit_$draw" --threads 1 --time-limit 600
 done

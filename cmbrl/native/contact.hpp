@@ -1,5 +1,6 @@
 // Contact geometry: closest features of a candidate, and how its gap, contact point and directions move with a dof.
 #pragma once
+#include "corner.hpp"
 #include "dynamics.hpp"
 #include "law.hpp"
 #include "rim.hpp"
@@ -62,10 +63,27 @@ static Feature<G> find_feature(const Model& m, const Work<G>& w, int i) {
     T local_free[G::D];
     V near;
     V axis[G::D];
-    CMBRL_FOR(k, G::D) {  // box axes in world coordinates
-      double e[G::D];
-      CMBRL_FOR(r, G::D) e[r] = m.con_rotB[i * D * D + r * D + k];
-      axis[k] = G::rotate(R, load<G::D>(e));
+    auto axes_of = [&](const typename G::Rot& R, const double* rot, V* axes) {  // of a box, in world coordinates
+      CMBRL_FOR(k, G::D) {
+        double e[G::D];
+        CMBRL_FOR(r, G::D) e[r] = rot[i * D * D + r * D + k];
+        axes[k] = G::rotate(R, load<G::D>(e));
+      }
+    };
+    auto free_along = [&] {
+      CMBRL_FOR(r, D) CMBRL_FOR(c, D) {
+        T x = T{};
+        CMBRL_FOR(k, D) x += local_free[k] * axis[k][r] * axis[k][c];
+        F.slide[r * D + c] = x;
+      }
+    };
+    axes_of(R, m.con_rotB, axis);
+    if (m.con_type[i] == kCornerBox) {
+      V axisA[G::D];
+      axes_of(w.R[A], m.con_rotA, axisA);
+      F.dist = corner_on_side<G::D>(rel, turn(A, m.con_axisA + i * D), axisA, axis, m.con_halfB + i * D, F.n, local_free);
+      free_along();
+      return F;
     }
     V coordinate, gap;
     Mask inside = all();
@@ -91,11 +109,7 @@ static Feature<G> find_feature(const Model& m, const Work<G>& w, int i) {
     }
     rel = zero<G::D>();
     CMBRL_FOR(k, G::D) rel += (coordinate[k] - near[k]) * axis[k];
-    CMBRL_FOR(r, D) CMBRL_FOR(c, D) {
-      T x = T{};
-      CMBRL_FOR(k, D) x += local_free[k] * axis[k][r] * axis[k][c];
-      F.slide[r * D + c] = x;
-    }
+    free_along();
     T len = vsqrt(dot(rel, rel));
     T sign = select(inside, splat(-1), splat(1));
     F.dist = sign * len;
@@ -164,7 +178,7 @@ static Shift<G> shift_of(const Model& m, const Contact<G>& c, const Feature<G>& 
       CMBRL_FOR(r, G::D) CMBRL_FOR(k, G::D) dd[r] -= F.slide[r * G::D + k] * u[k];
     }
     T inv = 1.0 / select(vabs(F.dist) > 1e-12, F.dist, splat(1e-12));
-    dn = inv * (dd - dot(F.n, dd) * F.n);
+    if (m.con_type[i] != kCornerBox) dn = inv * (dd - dot(F.n, dd) * F.n);  // a side does not turn while B stays
   }
   s.dp = u - (feature_radiusA(m, c) + 0.5 * c.phi) * dn - (0.5 * s.dphi) * F.n;
   s.dd[0] = dn;

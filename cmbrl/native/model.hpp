@@ -8,7 +8,7 @@ namespace cmbrl {
 struct StepMemory;
 
 enum JointType { kSlide = 0, kHinge = 1, kBall = 2 };
-enum ContactType { kPointPlane = 0, kPointBox = 1, kSegmentSegment = 2, kRimPlane = 3 };
+enum ContactType { kPointPlane = 0, kPointBox = 1, kSegmentSegment = 2, kRimPlane = 3, kCornerBox = 4 };
 enum ContactLaw { kRigid = 0, kMujoco = 1, kSpringDamper = 2, kLogistic = 3 };  // one for all contacts of a scene
 
 // Offsets of one field inside the block of a contact, a degree of freedom, an actuator in the physical vector P.
@@ -44,7 +44,7 @@ struct Model : Structure {
   const double *jnt_axis, *jnt_pos, *jnt_q0;
 
   const int *con_type, *con_bodyA, *con_bodyB, *con_plane, *con_dim, *con_law, *con_pyramid;
-  const double *con_posA, *con_axisA, *con_posB, *con_axisB, *con_rotB, *con_halfB;
+  const double *con_posA, *con_axisA, *con_posB, *con_axisB, *con_rotB, *con_halfB, *con_rotA;  // rotA: of a box with a corner, which axisA leads to from its centre
   double largest_invweight;  // of a contact
   int logistic;              // contacts act at a distance
   const double *con_radiusB, *con_impratio, *con_invweight, *con_margin, *con_mid, *con_power, *plane_normal;

@@ -49,6 +49,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.con_plane = i("con_plane", nc); m.con_dim = i("con_dim", nc); m.con_law = i("con_law", nc); m.logistic = nc > 0 && m.con_law[0] == kLogistic; m.con_pyramid = i("con_pyramid", nc);
   m.con_posA = d("con_posA", nc * D); m.con_axisA = d("con_axisA", nc * D); m.con_posB = d("con_posB", nc * D);
   m.con_axisB = d("con_axisB", nc * D); m.con_rotB = d("con_rotB", nc * D * D); m.con_halfB = d("con_halfB", nc * D);
+  m.con_rotA = d("con_rotA", nc * D * D);
   m.con_radiusB = d("con_radiusB", nc);
   m.con_impratio = d("con_impratio", nc); m.con_invweight = d("con_invweight", nc); m.con_margin = d("con_margin", nc);
   m.con_mid = d("con_mid", nc); m.con_power = d("con_power", nc); m.plane_normal = d("plane_normal", size_t(m.nplane) * D);

@@ -111,6 +111,7 @@ def contact_arrays(
         "con_axisB": vectors("axis_b"),
         "con_rotB": vectors("rot_b", dimension**2),
         "con_halfB": vectors("half_b"),
+        "con_rotA": vectors("rot_a", dimension**2),
         "con_radiusB": doubles([c.radius_b for c in candidates], (-1,)),
         "con_dim": integers([law.dim for law in laws]),
         "con_law": integers([CONTACT_LAWS[contact_law]] * len(laws)),

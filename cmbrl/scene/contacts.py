@@ -88,6 +88,12 @@ class ContactBuilder:
         root = self.model.body_rootid[self.model.geom_bodyid[[first, second]]]
         return bool(root[0] == root[1] and root[0] != 0)
 
+    def _across(self, box: Shape) -> Array | None:
+        """In a plane of motion, its normal in the frame of the box's body: only edges along it are seen there."""
+        if not self.outlines or self.normal is None:
+            return None
+        return self.tree.turn(box.body, np.eye(3)).T @ self.normal
+
     def _simple(self, shape: Shape) -> Shape:
         """A sphere, capsule or box: the shape itself, or what stands in for it."""
         if shape.kind in OWN:
@@ -207,7 +213,7 @@ class ContactBuilder:
                 label = pair_label(self.model, a.geom, b.geom)
                 self.gate.refuse("geom_pair", label, f"a moving {box.kind} against a fixed {ball.kind}")
             else:
-                self.candidates += _round_box(ball, box, law)
+                self.candidates += _round_box(ball, box, law, self._across(box))
 
 
 def _on_plane(shape: Shape, plane: Shape, touch: Touch, law: ContactLaw) -> Candidate:
@@ -243,15 +249,21 @@ def _corners(a: Shape, b: Shape, law: ContactLaw) -> list[Candidate]:
     if a.body == WORLD:
         return []
     points = [touch.pos for touch in touches(a, None)]
-    return [_point_box(a, point, a.radius, b, law) for point in points]
+    return [
+        replace(_point_box(a, p, a.radius, b, law), kind=ContactKind.CORNER_BOX, axis_a=p - a.pos, rot_a=a.rot)
+        for p in points
+    ]
 
 
-def _round_box(ball: Shape, box: Shape, law: ContactLaw) -> list[Candidate]:
-    """A sphere, or both ends of a capsule, against a box; and a capsule's side against the box's edges."""
+def _round_box(ball: Shape, box: Shape, law: ContactLaw, across: Array | None) -> list[Candidate]:
+    """A sphere, or both ends of a capsule, against a box; a capsule's side against its edges, or those ``across``."""
     if ball.kind == "sphere":
         return [_point_box(ball, ball.pos, ball.radius, box, law)]
     ends = [_point_box(ball, ball.pos + end * ball.axis, ball.radius, box, law) for end in (-1, 1)]
-    return ends + [_round_pair(ball, edge, law) for edge in _edges(box)]
+    edges = _edges(box)
+    if across is not None:
+        edges = [edge for edge in edges if abs(edge.rot[:, 2] @ across) > 1 - 1e-6] or edges
+    return ends + [_round_pair(ball, edge, law) for edge in edges]
 
 
 def _edges(box: Shape) -> list[Shape]:

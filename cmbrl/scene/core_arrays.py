@@ -68,6 +68,7 @@ class CoreArrays:
     con_axisB: Array  # (nc, D)
     con_rotB: Array  # (nc, D * D)
     con_halfB: Array  # (nc, D)
+    con_rotA: Array  # (nc, D * D)
     con_radiusB: Array  # (nc,)
     con_dim: Integers  # (nc,) 1 or 3
     con_law: Integers  # (nc,) a value of CONTACT_LAWS

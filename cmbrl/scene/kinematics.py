@@ -12,6 +12,7 @@ from cmbrl.scene.manifold import quaternion_matrix
 from cmbrl.scene.records import Array, ContactKind, JointKind
 
 FLAT_TILT = 1e-3  # [rad] of a rim; the core's kFlat
+BESIDE, AWAY = 1e-6, 1e3  # m: how far beside a side a corner still touches it; the gap of one that does not
 
 
 def body_poses(core: CoreArrays, q: Array) -> tuple[Array, Array]:
@@ -63,13 +64,31 @@ def gaps(core: CoreArrays, q: Array) -> Array:
             elif np.any(core.con_halfB[i]):
                 axes = core.con_rotB[i].reshape(D, D)
                 frame = axes if b < 0 else rot[..., b, :, :] @ axes
-                distance = _box(np.swapaxes(frame, -1, -2) @ relative[..., None], core.con_halfB[i])
+                local = np.swapaxes(frame, -1, -2) @ relative[..., None]
+                if core.con_type[i] == ContactKind.CORNER_BOX:
+                    turn = np.swapaxes(frame, -1, -2) @ rot[..., a, :, :]
+                    offset = turn @ core.con_axisA[i][:, None]
+                    distance = _corner(local, offset, turn @ core.con_rotA[i].reshape(D, D), core.con_halfB[i])
+                else:
+                    distance = _box(local, core.con_halfB[i])
             else:
                 length = _dot(core.con_axisB[i], core.con_axisB[i])
                 t = np.clip(_dot(axis_b, relative) / (length if length > 0 else 1.0), -1, 1)
                 distance = np.linalg.norm(relative - t[..., None] * axis_b, axis=-1)
         out[..., i] = distance - P[layout.contact(i, "radius")]
     return out
+
+
+def _corner(local: Array, offset: Array, axes: Array, half: Array) -> Array:
+    """As `corner.hpp` of the core has it; columns (..., D, 1) and A's axes (..., D, D) in B's frame."""
+    place, centre = local[..., 0], (local - offset)[..., 0]
+    extent = np.sum(np.abs(axes * (np.swapaxes(axes, -1, -2) @ offset)[..., None, :, 0]), axis=-1)
+    chosen = np.argmax(np.abs(centre) - half - extent, axis=-1)[..., None]
+    side = np.where(np.take_along_axis(centre, chosen, -1) < 0, -1.0, 1.0)
+    distance = side * np.take_along_axis(place, chosen, -1) - half[chosen]
+    over = np.abs(place) - half
+    np.put_along_axis(over, chosen, -1.0, -1)
+    return np.where(np.any(over > BESIDE, axis=-1), distance[..., 0] + AWAY, distance[..., 0])
 
 
 def _fixed_rotation(row: Array) -> Array:

@@ -32,6 +32,7 @@ class ContactKind(IntEnum):
     POINT_SHAPE = 1
     SEGMENT_SEGMENT = 2
     RIM_PLANE = 3  # the lowest point of a circle: a cylinder's edge
+    CORNER_BOX = 4  # a corner of a box against another box
 
     @property
     def on_plane(self) -> bool:
@@ -174,7 +175,7 @@ class Candidate:
     body_a: int
     body_b: int
     pos_a: Array  # (D,) in A's frame
-    axis_a: Array  # (D,) half segment vector; of a rim: across it, as long as its radius
+    axis_a: Array  # (D,) half segment vector; of a rim: across it, as long as its radius; of a corner: from the centre
     pos_b: Array
     axis_b: Array
     rot_b: Array  # (D, D) frame of a box
@@ -183,3 +184,4 @@ class Candidate:
     radius_b: float
     law: ContactLaw
     weight: float = 1.0  # number of MuJoCo's points that this one stands for
+    rot_a: Array = field(default_factory=lambda: np.eye(3))  # (D, D) frame of the box that a corner is of

@@ -90,17 +90,24 @@ def obstacle_to_plane(tree: Tree, plane: PlaneOfMotion, candidate: Candidate, up
             return "the normal of a plane leaves the plane of motion"
         return "a cylinder is oblique to the plane of motion" if candidate.kind == ContactKind.RIM_PLANE else None
     depth = 0.0  # extent of both shapes along the normal, over which their section is constant
-    for body, half in ((candidate.body_a, candidate.axis_a), (candidate.body_b, candidate.axis_b)):
+    corner = candidate.kind == ContactKind.CORNER_BOX
+    segments = () if corner else ((candidate.body_a, candidate.axis_a), (candidate.body_b, candidate.axis_b))
+    for body, half in segments:
         world = tree.turn(body, half)
         along = float(abs(world @ axis))
         if along > _ALIGNED and np.linalg.norm(world - (world @ axis) * axis) > _ALIGNED:
             return "a capsule is oblique to the plane of motion"
         depth += along
-    if np.any(candidate.half_b):
-        sides = np.abs(tree.turn(candidate.body_b, candidate.rot_b).T @ axis)
+    boxes = [(candidate.body_b, candidate.rot_b, candidate.half_b)] if np.any(candidate.half_b) else []
+    if corner:
+        half_a = np.abs(candidate.rot_a.T @ candidate.axis_a)
+        boxes.append((candidate.body_a, candidate.rot_a, np.zeros(3)))
+        depth += 2 * half_a[int(np.argmax(np.abs(tree.turn(candidate.body_a, candidate.rot_a).T @ axis)))]
+    for body, rot, half in boxes:
+        sides = np.abs(tree.turn(body, rot).T @ axis)
         if np.max(sides) < 1 - _ALIGNED:
             return "a box is oblique to the plane of motion"
-        depth += candidate.half_b[int(np.argmax(sides))]
+        depth += half[int(np.argmax(sides))]
     offset = tree.place(candidate.body_a, candidate.pos_a) - tree.place(candidate.body_b, candidate.pos_b)
     if abs(offset @ axis) > depth + _ALIGNED:
         return "two round shapes touch outside the plane of their centres"
@@ -110,18 +117,19 @@ def obstacle_to_plane(tree: Tree, plane: PlaneOfMotion, candidate: Candidate, up
 def project(tree: Tree, plane: PlaneOfMotion, candidate: Candidate) -> Candidate:
     """The planar image of a candidate: vectors (2,), sections of its shapes; a capsule along the normal is a point."""
     a, b = candidate.body_a, candidate.body_b
-    rot_b, half_b = np.eye(2), np.zeros(2)
+    rot_a, rot_b, half_b = np.eye(2), np.eye(2), np.zeros(2)
     if np.any(candidate.half_b):
-        across = int(np.argmax(np.abs(tree.turn(b, candidate.rot_b).T @ plane.axis)))
-        kept = [k for k in range(3) if k != across]
-        rot_b = np.column_stack([plane.local(tree, b, candidate.rot_b[:, k]) for k in kept])
+        rot_b, kept = _frame(tree, plane, b, candidate.rot_b)
         half_b = candidate.half_b[kept]
+    if candidate.kind == ContactKind.CORNER_BOX:
+        rot_a, _ = _frame(tree, plane, a, candidate.rot_a)
     image = replace(
         candidate,
         pos_a=plane.local(tree, a, candidate.pos_a),
         axis_a=_section(plane.local(tree, a, candidate.axis_a)),
         pos_b=plane.local(tree, b, candidate.pos_b),
         axis_b=_section(plane.local(tree, b, candidate.axis_b)),
+        rot_a=rot_a,
         rot_b=rot_b,
         half_b=half_b,
     )
@@ -132,6 +140,13 @@ def project(tree: Tree, plane: PlaneOfMotion, candidate: Candidate) -> Candidate
     if not np.any(image.axis_b) and b != WORLD:
         return replace(_swapped(image), kind=ContactKind.POINT_SHAPE)
     return image
+
+
+def _frame(tree: Tree, plane: PlaneOfMotion, body: int, rot: Array) -> tuple[Array, list[int]]:
+    """Frame (2, 2) of a box's section, and which of its three axes those are."""
+    across = int(np.argmax(np.abs(tree.turn(body, rot).T @ plane.axis)))
+    kept = [k for k in range(3) if k != across]
+    return np.column_stack([plane.local(tree, body, rot[:, k]) for k in kept]), kept
 
 
 def _section(half: Array) -> Array:

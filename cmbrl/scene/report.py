@@ -14,7 +14,13 @@ from cmbrl.scene.records import LeftOut, Parameter
 from cmbrl.scene.scene import Scene
 
 _WIDTH = 98  # of the text
-_TYPES = ("point against plane", "point against shape", "segment against segment", "rim against plane")
+_TYPES = (
+    "point against plane",
+    "point against shape",
+    "segment against segment",
+    "rim against plane",
+    "corner against box",
+)
 
 
 def to_dict(scene: Scene) -> dict[str, Any]:

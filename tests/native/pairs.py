@@ -15,6 +15,7 @@ BALL = 'type="sphere" size=".04"'
 CAPSULE = 'type="capsule" size=".06 .2"'
 LONG = 'type="capsule" size=".05 .5"'
 BOX = 'type="box" size=".3 .2 .25"'
+BRICK = 'type="box" size=".1 .12 .15"'
 ROUNDED = '<custom><numeric name="rounding:b" data=".05"/></custom>'
 FREE = "<freejoint/>"
 PLANAR = (
@@ -56,12 +57,20 @@ SPATIAL = {
     "sphere-box any": Pair(SPHERE, BOX),
     "sphere-box inside": Pair(BALL, BOX, (0.28, 0.19, 0.23), inside=True),
     "sphere-rounded box": Pair(SPHERE, BOX, rest=ROUNDED),
+    "corner-box": Pair(BRICK, BOX, (0.1, 0.05, 0.0), along=(0.0, 0.0, 1.0), align=(0.6, 0.5, 0.7)),
+    "corner-rounded box": Pair(
+        BRICK, BOX, (0.1, 0.05, 0.0), along=(0.0, 0.0, 1.0), align=(0.6, 0.5, 0.7), rest=ROUNDED
+    ),
+    "capsule end-box": Pair(CAPSULE, BOX, (0.1, 0.05, 0.0), along=(0.0, 0.0, 1.0), align=(0.3, 0.2, 1.0)),
+    "capsule side-box edge": Pair(LONG, BOX, (0.0, 0.05, 0.0), along=(0.77, 0.0, 0.64), align=(0.3, 1.0, -0.3)),
 }
 PLANE = {
     "disc-disc": Pair(SPHERE, SPHERE),
     "disc-bar": Pair(SPHERE, CAPSULE),
     "bar-bar": Pair(CAPSULE, CAPSULE),
     "disc-block": Pair(SPHERE, BOX),
+    "corner-block": Pair(BRICK, BOX),
+    "bar-block": Pair(CAPSULE, BOX),
     "disc-block inside": Pair(BALL, BOX, (0.28, 0.0, 0.23), inside=True),
 }
 
@@ -125,7 +134,7 @@ def _place(
 
     def moved(distance: float) -> float:
         a[:3] = origin + R @ (place * (pair.along is not None or pair.inside) + distance * along)
-        return float(scene.gaps(q)[0])
+        return float(scene.gaps(q).min())
 
     moved(0.0 if pair.inside else _bisect(moved, gap))
 
@@ -144,7 +153,7 @@ def _place_in_plane(
 
     def moved(distance: float) -> float:
         a[:2] = origin + R @ (flat * pair.inside + distance * line) - first
-        return float(scene.gaps(q)[0])
+        return float(scene.gaps(q).min())
 
     moved(0.0 if pair.inside else _bisect(moved, gap))
 

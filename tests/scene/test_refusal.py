@@ -47,7 +47,7 @@ CASES = {
     "geom_type": (
         DROP.format('size=".1"') + '<geom name="f" type="hfield" hfield="h"/>',
         '<asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 .1"/></asset>',
-        "g - f",
+        "f - g",
     ),
     "geom_pair": (
         DROP.format('type="box" size=".1 .1 .1"') + '<geom name="f" size="1"/>',

@@ -30,7 +30,7 @@ BRICK = (
 @pytest.mark.parametrize(
     ("name", "kind", "most"),
     [("long cylinder", "capsule", 0.03), ("disc", "box", 0.08), ("round ellipsoid", "sphere", 1e-3),
-     ("egg", "capsule", 0.012), ("brick", "box", 1e-6)],
+     ("egg", "capsule", 0.013), ("brick", "box", 1e-6)],
 )  # fmt: skip
 def test_the_nearest_kind_is_chosen_and_its_error_said(name: str, kind: str, most: float, load: Load) -> None:
     scene, model = load(f'<body><freejoint/><geom name="it" {SHAPES[name]}/></body>' + BALL, BRICK)
@@ -46,9 +46,8 @@ def test_the_error_is_the_largest_difference_of_extents() -> None:
     zero, one = np.zeros(3), np.eye(3)
     cylinder = Shape(0, "cylinder", 0, zero, one, np.array([1.0, 2.0, 0.0]), 3.0, np.zeros((0, 3)))
     found = stand_in(cylinder)
-    rng = np.random.default_rng(0)
-    u = rng.normal(size=(20_000, 3))
-    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    tilt = np.linspace(0, np.pi, 2001)
+    u = np.column_stack([np.sin(tilt), 0 * tilt, np.cos(tilt)])
     turned = u @ found.shape.rot
     assert np.abs(support(cylinder, u) - support(found.shape, turned)).max() == pytest.approx(found.error, rel=0.02)
 
