@@ -24,7 +24,11 @@ BUILT_IN = (HOLD, BALLISTIC, NOMINAL, ENSEMBLE)
 
 
 def common_source(
-    words: Sequence[str], scene: str | None = None, ignore: Sequence[str] = (), contact_law: str | None = None
+    words: Sequence[str],
+    scene: str | None = None,
+    ignore: Sequence[str] = (),
+    contact_law: str | None = None,
+    self_contact: str = "near",
 ) -> Source:
     """The scene to compare in: ``scene``, or that of the first fit among ``words``.
 
@@ -36,7 +40,7 @@ def common_source(
         if not _is_file(word):
             check_name(word, BUILT_IN)
     if scene is not None:
-        return load_source(scene, ignore, contact_law)
+        return load_source(scene, ignore, contact_law, self_contact)
     for word in words:
         if holds_fit(word):
             fitted = load_complementarity(word)
@@ -123,7 +127,7 @@ def _is_file(word: str) -> bool:
 
 def _of_file(path: str, source: Source, data: Transitions, threads: int) -> Model:
     """The model of another MJCF of the same robot, not fitted, with the time stepping of ``source``."""
-    scene = load_source(path, source.scene.ignore, source.scene.contact_law).scene
+    scene = load_source(path, source.scene.ignore, source.scene.contact_law, source.scene.self_contact).scene
     have, need = ((s.nq, s.nv, s.nu) for s in (scene, source.scene))
     if have != need:
         raise UserError(f"{path}: another robot: nq, nv, nu are {have}, the log has {need}")

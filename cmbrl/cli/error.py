@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> None:
         raise UserError("ensemble: no log to learn from; give one other than --data by --train FILE")
     if arguments.out:
         check_run_folder(arguments.out, "error")
-    source = common_source(words, arguments.scene, arguments.ignore, arguments.contact_law)
+    source = common_source(words, arguments.scene, arguments.ignore, arguments.contact_law, arguments.self_contact)
     data = load_log(arguments.data, source.scene)
     gap = arguments.contact_gap or (source.task.contact_gap if source.task else CONTACT_GAP)
     models = build_models(words, source, data, arguments.threads or usable_cores())

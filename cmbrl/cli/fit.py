@@ -87,7 +87,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     if arguments.all_parameters and arguments.groups:
         raise UserError("--all-parameters and --groups exclude each other: drop one")
-    source = load_source(arguments.source, arguments.ignore, arguments.contact_law)
+    source = load_source(arguments.source, arguments.ignore, arguments.contact_law, arguments.self_contact)
     data = load_log(arguments.data, source.scene)
     out = Path(arguments.out)
     check_folder(out, "fit", any((out / name).exists() for name in ("state.json", RESULT)), arguments.resume)

@@ -23,5 +23,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     from cmbrl.scene.report import describe, to_dict
 
-    scene = load_source(arguments.source, arguments.ignore, arguments.contact_law).scene
+    scene = load_source(arguments.source, arguments.ignore, arguments.contact_law, arguments.self_contact).scene
     print(json.dumps(to_dict(scene), indent=2, allow_nan=False) if arguments.json else describe(scene))

@@ -152,6 +152,13 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
         "what was left out",
     )
     add_contact_law(parser)
+    parser.add_argument(
+        "--self-contact",
+        choices=("near", "all", "none"),
+        default="near",
+        help="bodies of one robot that may touch each other: near, those nearer than 2 cm in one of 400 random poses "
+        "(default); all; none",
+    )
 
 
 def add_contact_law(parser: argparse.ArgumentParser) -> None:

@@ -44,6 +44,7 @@ class FitResult:
             "path": str(Path(scene.path).resolve()),
             "ignore": list(scene.ignore),
             "contact_law": scene.contact_law,
+            "self_contact": scene.self_contact,
             "reduce": scene.reduce,
         }
         parameters = {name: asdict(p) for name, p in self.parameters.items()}

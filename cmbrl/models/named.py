@@ -127,6 +127,7 @@ def load_complementarity(folder: str | os.PathLike[str]) -> ComplementarityModel
             source["path"],
             ignore=source["ignore"],
             contact_law=source["contact_law"],
+            self_contact=source.get("self_contact", "near"),
             reduce=source.get("reduce", True),
         )
         return ComplementarityModel.from_config(scene, settings)

@@ -44,7 +44,9 @@ class Source:
         return model if data is None else model.for_log(data.dt)
 
 
-def load_source(word: str, ignore: Sequence[str] = (), contact_law: str | None = None) -> Source:
+def load_source(
+    word: str, ignore: Sequence[str] = (), contact_law: str | None = None, self_contact: str = "near"
+) -> Source:
     """The scene of an MJCF file (a word that ends in .xml, has a slash, or is a file) or of a registered task.
 
     Raises UserError on a missing file, an unknown task, and whatever the importer refuses.
@@ -56,7 +58,9 @@ def load_source(word: str, ignore: Sequence[str] = (), contact_law: str | None =
     is_file = path.suffix.lower() in (".xml", ".mjcf") or "/" in word or os.path.isfile(path)
     task = None if is_file else load_task(word)
     law = contact_law or (task.contact_law if task else "mujoco")
-    scene = Scene.from_mjcf(task.scene_path if task else word, ignore=ignore, contact_law=law)
+    scene = Scene.from_mjcf(
+        task.scene_path if task else word, ignore=ignore, contact_law=law, self_contact=self_contact
+    )
     return Source(word, scene, task=task)
 
 

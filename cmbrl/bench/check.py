@@ -1,0 +1,172 @@
+"""How well a scene repeats MuJoCo on its own file, and how right and fast it is: the measurements of ``cmbrl check``."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from cmbrl.bench.studies.derivatives.differences import measure as measure_derivatives
+from cmbrl.bench.studies.robustness.cells import measure as measure_robustness
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.scene import Scene
+from cmbrl.scene.records import Array
+
+LIFT = 1.0  # m, of a robot above the floor
+SPREAD, SPEED = 0.1, 0.5  # standard deviations of states about the home pose: rad or m, rad/s or m/s
+CALLS = 2000  # of mj_step, at most, that are timed
+
+
+@dataclass(frozen=True)
+class Line:
+    """One measurement: its name, its value, the limit it should keep to, and what it means."""
+
+    name: str
+    value: float
+    limit: float
+    meaning: str
+
+    @property
+    def holds(self) -> bool:
+        """Whether the value keeps to the limit."""
+        return self.value <= self.limit
+
+
+def check(scene: Scene, states: int, wild: int, seed: int = 0) -> list[Line]:
+    """Every measurement of ``scene``, on as many states near the home pose, and wild ones.
+
+    Raises UserError where the solver refuses the scene's parameters.
+    """
+    model = ComplementarityModel(scene)
+    theirs = mujoco.MjModel.from_xml_path(scene.path)
+    rng = np.random.default_rng(seed)
+    found = _dynamics(scene, model, theirs, rng)
+    for where, q in _places(scene, theirs).items():
+        found.append(_steps(scene, model, theirs, where, q, states, rng))
+    derivatives = measure_derivatives(scene, "kappa 1e-4", 4, seed)
+    found += [
+        Line("derivatives, median", derivatives["median"], 1e-6, "relative error against finite differences"),
+        Line("derivatives, worst", derivatives["worst"], 1e-4, "the same, of the worst column"),
+    ]
+    if wild:
+        row = measure_robustness(model, wild, seed)
+        flagged, silent = row["flagged"] / wild, float(row["silent"] + row["nan"])
+        found.append(
+            Line("wild states flagged", flagged, 1e-4, f"share of {wild} wild states whose solve fails and says so")
+        )
+        found.append(Line("wild states wrong", silent, 0.0, "states that are wrong and not flagged, or not finite"))
+    return found + _speed(scene, model, theirs, rng)
+
+
+def _dynamics(
+    scene: Scene, model: ComplementarityModel, theirs: mujoco.MjModel, rng: np.random.Generator
+) -> list[Line]:
+    """Mass matrix, and the bias force with passive forces apart, against MuJoCo's at 50 random states."""
+    data = mujoco.MjData(theirs)
+    q = scene.integrate(np.tile(scene.q0, (50, 1)), 0.5 * rng.normal(size=(50, scene.nv)))
+    v = rng.normal(size=(50, scene.nv))
+    ours = model.smooth_dynamics(q, v)
+    worst = np.zeros(2)
+    for k in range(len(q)):
+        data.qpos[:], data.qvel[:] = q[k], v[k]
+        mujoco.mj_forward(theirs, data)
+        M = np.zeros((scene.nv, scene.nv))
+        for row, unit in zip(M, np.eye(scene.nv), strict=True):
+            mujoco.mj_mulM(theirs, data, row, unit)
+        errors = [_relative(ours["M"][k], M), _relative(ours["bias"][k], data.qfrc_bias)]
+        worst = np.maximum(worst, errors)
+    return [
+        Line("mass matrix", float(worst[0]), 1e-9, "largest difference from MuJoCo's, relative to its largest entry"),
+        Line("bias force", float(worst[1]), 1e-9, "the same, of Coriolis, centrifugal and gravity forces"),
+    ]
+
+
+def _relative(ours: Array, theirs: Array) -> float:
+    size = float(np.abs(theirs).max())
+    return float(np.abs(ours - theirs).max()) / (size if size > 0 else 1.0)
+
+
+def _places(scene: Scene, theirs: mujoco.MjModel) -> dict[str, Array]:
+    """Home pose (nq,) by where the robot is: above the floor and on it, or only where it is mounted."""
+    home = (theirs.key_qpos[0] if theirs.nkey else theirs.qpos0).copy()
+    if theirs.njnt == 0 or theirs.jnt_type[0] != mujoco.mjtJoint.mjJNT_FREE:
+        return {"in place": home}
+    above, on = home.copy(), home.copy()
+    on_plane = np.flatnonzero(scene.core.con_plane >= 0)
+    if len(on_plane):
+        on[2] -= scene.gaps(home)[on_plane].min() + 1e-3
+    above[2] = on[2] + LIFT
+    return {"above the floor": above, "on the floor": on}
+
+
+def _steps(
+    scene: Scene, model: ComplementarityModel, theirs: mujoco.MjModel, where: str, home: Array, count: int,
+    rng: np.random.Generator,
+) -> Line:  # fmt: skip
+    """One step of the file's length from ``count`` states near ``home`` under random controls, against mj_step."""
+    lift = where != "on the floor"
+    noise = SPREAD * rng.normal(size=(count, scene.nv))
+    if not lift:
+        noise[:, :6] *= 0.05  # it stays on its feet
+    q = scene.integrate(np.tile(home, (count, 1)), noise)
+    v, u = SPEED * rng.normal(size=(count, scene.nv)), _controls(theirs, count, rng)
+    ours = model.predict(q, v, u).v_next
+    data, expected = mujoco.MjData(theirs), np.empty_like(v)
+    for k in range(count):
+        mujoco.mj_resetData(theirs, data)
+        data.qpos[:], data.qvel[:], data.ctrl[:] = q[k], v[k], u[k]
+        mujoco.mj_step(theirs, data)
+        expected[k] = data.qvel
+    scale = np.sqrt(np.mean(np.square(expected - v), axis=0)) + 1e-9  # of each coordinate's change
+    errors = np.sqrt(np.mean(np.square((ours - expected) / scale), axis=1))
+    meaning = f"one step against mj_step from {count} states, root mean square of the change of velocity; median"
+    return Line(f"step {where}", float(np.median(errors)), 0.05, meaning)
+
+
+def _controls(theirs: mujoco.MjModel, count: int, rng: np.random.Generator) -> Array:
+    low, high = theirs.actuator_ctrlrange.T
+    limited = theirs.actuator_ctrllimited.astype(bool)
+    low, high = np.where(limited, low, -1.0), np.where(limited, high, 1.0)
+    return rng.uniform(low, high, (count, theirs.nu))
+
+
+def _speed(scene: Scene, model: ComplementarityModel, theirs: mujoco.MjModel, rng: np.random.Generator) -> list[Line]:
+    """Time of a step and of a step with its vector-Jacobian product, in times of mj_step; one thread, 64 states."""
+    place = list(_places(scene, theirs).values())[-1]
+    noise = 0.02 * rng.normal(size=(64, scene.nv))
+    q, v = scene.integrate(np.tile(place, (64, 1)), noise), 0.1 * rng.normal(size=(64, scene.nv))
+    u = _controls(theirs, 64, rng)
+    data, states = mujoco.MjData(theirs), iter(range(10**9))
+
+    def their_step() -> None:
+        for _ in range(64):
+            k = next(states) % 64
+            data.qpos[:], data.qvel[:], data.ctrl[:] = q[k], v[k], u[k]
+            mujoco.mj_step(theirs, data)
+
+    def our_product() -> None:
+        out = model.stepper.forward(q, v, u, model.parameters, tape=True)
+        model.stepper.backward(u, model.parameters, out["tape"], v, v)
+
+    mj = _fastest(their_step)
+    forward = _fastest(lambda: model.stepper.forward(q, v, u, model.parameters)) / mj
+    product = _fastest(our_product) / mj
+    return [
+        Line(
+            "time of a step", forward, 1.0, "in times of mj_step with the same contacts, one thread, 64 states a call"
+        ),
+        Line("time with gradient", product, 1.0, "the same, with its vector-Jacobian product"),
+    ]
+
+
+def _fastest(work: Callable[[], Any], repeats: int = 7) -> float:
+    best = np.inf
+    for _ in range(repeats):
+        begin = time.thread_time()
+        work()
+        best = min(best, time.thread_time() - begin)
+    return best

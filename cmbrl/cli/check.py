@@ -1,0 +1,41 @@
+"""``cmbrl check``: how well a robot's model repeats MuJoCo, how right its derivatives are, and how fast it is."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+from cmbrl.cli.options import add_json, add_scene_options, positive
+from cmbrl.models.source import load_source
+
+EXAMPLE = """
+cmbrl check robot.xml
+cmbrl check robot.xml --states 1000 --wild 100000 --json
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("source", metavar="SCENE|TASK", help="an MJCF file or the name of a task")
+    parser.add_argument("--states", type=positive, default=200, metavar="N", help="states of the steps (default 200)")
+    parser.add_argument("--wild", type=positive, default=1000, metavar="N", help="wild states (default 1000)")
+    add_scene_options(parser)
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from dataclasses import asdict
+
+    from cmbrl.bench.check import check
+    from cmbrl.table import Table
+
+    scene = load_source(arguments.source, arguments.ignore, arguments.contact_law, arguments.self_contact).scene
+    lines = check(scene, arguments.states, arguments.wild)
+    if arguments.json:
+        found = [{**asdict(line), "holds": line.holds} for line in lines]
+        print(json.dumps({"scene": scene.name, "path": scene.path, "checks": found}, indent=2))
+    else:
+        rows = [[line.name, line.value, line.limit, "yes" if line.holds else "no", line.meaning] for line in lines]
+        columns = ("check", "value", "limit", "holds", "what it is")
+        told = Table(f"{scene.name}: {scene.path}", columns, rows).text()
+        print(f"{told}\n{len(scene.differences)} differences from MuJoCo are listed by `cmbrl info`.")
+    return 0 if all(line.holds for line in lines) else 1
