@@ -186,8 +186,7 @@ def invariant_translations(scene: Scene) -> list[int]:
         limited = not pulls.isdisjoint(core.lim_line.tolist())
         sprung = any(core.P[layout.dof(line, "stiffness")] != 0 for line in pulls)
         servo = any(core.P[layout.actuator(k, "bias1")] != 0 for k, line in enumerate(core.act_line) if line in pulls)
-        if not (limited or sprung or servo or _tied(core, int(core.jnt_body[joint]), pulls)) and np.allclose(
-            scene.gaps(shifted), gaps, rtol=0, atol=1e-9
-        ):
+        tied = _tied(core, int(core.jnt_body[joint]), pulls)
+        if not (limited or sprung or servo or tied) and np.allclose(scene.gaps(shifted), gaps, rtol=0, atol=1e-9):
             found.append(q_address)
     return found

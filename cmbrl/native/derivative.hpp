@@ -57,7 +57,7 @@ static void smooth_terms(const Model& m, const Options& o, Work<G>& w, const T* 
   } else {
     inverse_dynamics_derivatives(m, w, -o.h, Gq, Gv);
   }
-  tie_terms(m, w, vn, w.v, Gq, Gv);
+  tie_terms(m, o, w, vn, w.v, Gq, Gv);
   for (int i = 0; i < m.nline; ++i) {
     T damping = w.P[m.oDof + i * kDofFields + kDamping] + w.kd[i];
     add_square(m, i, -o.h * w.kp[i], Gq);

@@ -127,7 +127,7 @@ static void late_smooth_terms(const Model& m, const Options& o, Work<G>& w, bool
   for (int i = 0; i < nv * nv; ++i) w.Fq[i] = T{};  // scratch: the velocity part is of no use
   inverse_dynamics_derivatives(m, w, -1.0, w.Sq, w.Fq);
   w.v = v;
-  tie_terms(m, w, w.shift, nullptr, w.Sq, nullptr);
+  tie_terms(m, o, w, w.shift, nullptr, w.Sq, nullptr);
   if (theta) parameter_terms(m, o, w, w.Sp, Part::late_inertia);
   CMBRL_FOR(k, G::D) w.P[m.oGravity + k] = gravity[k];
   rows_through_leap(m, w, w.Sq, w.Sv, w.Su, w.Sp, theta);

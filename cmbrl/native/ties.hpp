@@ -1,6 +1,7 @@
 // Ties: equality constraints between two bodies (connect, weld) or two lines (a polynomial). Their rows pull both ways with
-// MuJoCo's soft law, c = J v' + R x - carry J v + h K d r = 0, whatever the sign of x: so x = -(J v' + ...) / R needs no
-// interior point, and J^T J / R joins the mass matrix, whose pattern holds the dofs that a tie couples (scene_data.cpp).
+// MuJoCo's soft law, c = J v' + R x - carry J v + h K d r [+ h dJ/dt v] = 0, whatever the sign of x: so x = -(J v' + ...) / R
+// needs no interior point, and J^T J / R joins the mass matrix, whose pattern holds the dofs that a tie couples
+// (scene_data.cpp). As in MuJoCo only rows of bodies look at how J changes.
 #pragma once
 #include "law.hpp"
 #include "lines.hpp"
@@ -150,18 +151,120 @@ static void tie_bend(const Model& m, const Work<G>& w, int i, const Tie<G>& t, i
   CMBRL_FOR(r, G::A) bend[G::D + r] = both ? out[r] : -out[r];
 }
 
+// Accelerations of all bodies under w.v if no joint accelerates, without gravity.
+template <class G>
+static void drifts(const Model& m, Work<G>& w) {
+  for (int b = 0; b < m.nbody; ++b) {
+    Vec<G::N> a = m.body_parent[b] >= 0 ? w.drift[m.body_parent[b]] : zero<G::N>();
+    for (int j = m.body_jadr[b]; j < m.body_jadr[b] + m.body_jnum[b]; ++j) {
+      int d = m.jnt_vadr[j], n = m.jnt_type[j] == kBall ? 3 : 1;
+      Vec<G::N> own = zero<G::N>();
+      for (int k = d; k < d + n; ++k) {
+        w.drift_before[k] = a;
+        own += w.v[k] * w.S[k];
+      }
+      a += cross_motion<G>(w.vlam[d], own);
+    }
+    w.drift[b] = a;
+  }
+}
+
+// How the end of a tie moves: twist and acceleration of its body.
+template <class G> struct Sway { Vec<G::N> vel, acc; };
+template <class G>
+static Sway<G> sway_of(const Work<G>& w, int body) {
+  if (body < 0) return {zero<G::N>(), zero<G::N>()};
+  return {w.vel[body], w.drift[body]};
+}
+// Its change with the velocity of a dof that carries it, or with its coordinate: what stands behind a joint turns with it.
+template <class G>
+static Sway<G> change_of_sway(const Model& m, const Work<G>& w, const Sway<G>& s, int d, bool by_velocity) {
+  const Vec<G::N>&S = w.S[d], &before = w.vlam[d];
+  Vec<G::N> turned = cross_motion<G>(before, S);
+  if (by_velocity) {
+    int joint = m.dof_jnt[d], first = m.jnt_vadr[joint], n = m.jnt_type[joint] == kBall ? 3 : 1;
+    Vec<G::N> beyond = s.vel - before;
+    for (int k = first; k < first + n; ++k) beyond -= w.v[k] * w.S[k];
+    return {S, turned + cross_motion<G>(S, beyond)};
+  }
+  Vec<G::N> beyond = s.vel - before;
+  return {cross_motion<G>(S, beyond), cross_motion<G>(S, s.acc - w.drift_before[d]) + cross_motion<G>(turned, beyond)};
+}
+
+template <class G>
+static typename G::V point_acceleration(const Sway<G>& s, const typename G::V& p) {
+  return point_velocity<G>(s.acc, p) + G::turn(ang<G>(s.vel), point_velocity<G>(s.vel, p));
+}
+// The same of a change of the sway, and of the point by dp.
+template <class G>
+static typename G::V change_of_acceleration(const Sway<G>& s, const Sway<G>& ds, const typename G::V& p, const typename G::V& dp) {
+  typename G::Ang turn = ang<G>(s.vel);
+  return point_velocity<G>(ds.acc, p) + G::turn(ang<G>(s.acc), dp) + G::turn(ang<G>(ds.vel), point_velocity<G>(s.vel, p)) +
+         G::turn(turn, point_velocity<G>(ds.vel, p) + G::turn(turn, dp));
+}
+
+// dJ/dt v of a tie.
+template <class G>
+static void tie_sway(const Model& m, const Work<G>& w, int i, const Tie<G>& t, T* out) {
+  CMBRL_FOR(r, t.rows) out[r] = T{};
+  if (m.tie_type[i] == kPolynomial) return;
+  Sway<G> a = sway_of(w, m.tie_A[i]), b = sway_of(w, m.tie_B[i]);
+  typename G::V apart = point_acceleration(a, t.a) - point_acceleration(b, t.b);
+  CMBRL_FOR(r, G::D) out[r] = apart[r];
+  if (t.rows == G::D) return;
+  double scale = m.tie_scale[i];
+  typename G::Ang turn_a = ang<G>(a.vel), turn_b = ang<G>(b.vel), turn = turn_a - turn_b;
+  typename G::Ang rate = half_rate(t, scale, ang<G>(a.acc) - ang<G>(b.acc) + G::cross_ang(turn_a, turn_b));
+  CMBRL_FOR(r, G::A) out[G::D + r] = rate[r] - (0.25 * scale) * dot(turn, turn) * t.v[r];
+}
+// Its change with the velocity of the l-th of the tie's dofs, or with its coordinate.
+template <class G>
+static void tie_sway_change(const Model& m, const Work<G>& w, int i, const Tie<G>& t, int l, bool by_velocity, T* out) {
+  CMBRL_FOR(r, t.rows) out[r] = T{};
+  if (m.tie_type[i] == kPolynomial) return;
+  int d = m.tie_dof[l];
+  bool moves_a = m.tie_side[l] & kCarriesA, moves_b = m.tie_side[l] & kCarriesB;
+  Sway<G> a = sway_of(w, m.tie_A[i]), b = sway_of(w, m.tie_B[i]), still = {zero<G::N>(), zero<G::N>()};
+  Sway<G> da = moves_a ? change_of_sway(m, w, a, d, by_velocity) : still, db = moves_b ? change_of_sway(m, w, b, d, by_velocity) : still;
+  typename G::V none = zero<G::D>();
+  typename G::V at_a = moves_a && !by_velocity ? point_velocity<G>(w.S[d], t.a) : none;
+  typename G::V at_b = moves_b && !by_velocity ? point_velocity<G>(w.S[d], t.b) : none;
+  typename G::V apart = change_of_acceleration(a, da, t.a, at_a) - change_of_acceleration(b, db, t.b, at_b);
+  CMBRL_FOR(r, G::D) out[r] = apart[r];
+  if (t.rows == G::D) return;
+  double scale = m.tie_scale[i];
+  typename G::Ang turn_a = ang<G>(a.vel), turn_b = ang<G>(b.vel), turn = turn_a - turn_b, dturn = ang<G>(da.vel) - ang<G>(db.vel);
+  typename G::Ang change = ang<G>(da.acc) - ang<G>(db.acc) + G::cross_ang(ang<G>(da.vel), turn_b) + G::cross_ang(turn_a, ang<G>(db.vel));
+  typename G::Ang rate = half_rate(t, scale, change);
+  CMBRL_FOR(r, G::A) out[G::D + r] = rate[r] - (0.5 * scale) * dot(turn, dturn) * t.v[r];
+  if (by_velocity) return;
+  typename G::Ang S = ang<G>(w.S[d]), z = ang<G>(a.acc) - ang<G>(b.acc) + G::cross_ang(turn_a, turn_b), spin = zero<G::A>();
+  double towards = double(moves_a) - double(moves_b);
+  if (moves_a) spin += G::cross_ang(z, S);  // the half angle's own axes turn
+  if (moves_b) spin += G::cross_ang(z, S);
+  rate = half_rate(t, scale, spin);
+  typename G::Ang half = half_rate(t, scale, S);
+  CMBRL_FOR(r, G::A)
+    out[G::D + r] += 0.5 * rate[r] - (0.25 * towards) * (scale * dot(z, S) * t.v[r] + dot(turn, turn) * half[r]);
+}
+
 // The ties of a step, their pull at vn = v into rhs, and J^T J / R into M.
 template <class G>
 static void tie_forces(const Model& m, const Options& o, Work<G>& w) {
   constexpr int kRows = Tie<G>::kRows;
+  if (m.ntie) drifts(m, w);
   for (int i = 0; i < m.ntie; ++i) {
     Tie<G>& t = w.ties[i];
     int begin = m.tie_ptr[i], end = m.tie_ptr[i + 1];
     if (m.tie_type[i] == kPolynomial) tie_lines(m, w, i, t);
     else tie_bodies(m, w, i, t);
     tie_law(m, o.h, i, t);
+    tie_sway(m, w, i, t, t.sway);
     T pull[kRows];
-    CMBRL_FOR(r, t.rows) pull[r] = t.stiff * t.r[r];
+    CMBRL_FOR(r, t.rows) {
+      t.sway[r] *= o.h;
+      pull[r] = t.stiff * t.r[r] + t.sway[r];
+    }
     for (int k = begin; k < end; ++k) {
       T *column = w.tie_J + k * kRows, slow = (1.0 - t.carry) * w.v[m.tie_dof[k]];
       tie_column(m, w, i, t, k, column);
@@ -190,7 +293,7 @@ static void tie_forces(const Model& m, const Options& o, Work<G>& w) {
 // Ties' part of Gq, Gv for a step from v to vn, whose M holds J^T J / R. v null: of the momentum -J^T J vn / R of an
 // acceleration `vn` instead (late impulses), without Gv.
 template <class G>
-static void tie_terms(const Model& m, const Work<G>& w, const T* vn, const T* v, T* Gq, T* Gv) {
+static void tie_terms(const Model& m, const Options& o, const Work<G>& w, const T* vn, const T* v, T* Gq, T* Gv) {
   constexpr int kRows = Tie<G>::kRows;
   int nv = m.nv;
   for (int i = 0; i < m.ntie; ++i) {
@@ -201,15 +304,23 @@ static void tie_terms(const Model& m, const Work<G>& w, const T* vn, const T* v,
       int d = m.tie_dof[k];
       return v ? vn[d] - t.carry * v[d] : vn[d];
     };
-    CMBRL_FOR(r, t.rows) x[r] = stiff * t.r[r];
+    CMBRL_FOR(r, t.rows) x[r] = v ? stiff * t.r[r] + t.sway[r] : T{};
     for (int k = begin; k < end; ++k) CMBRL_FOR(r, t.rows) x[r] += w.tie_J[k * kRows + r] * closing(k);
     CMBRL_FOR(r, t.rows) x[r] *= -t.inv[r];
     for (int l = begin; l < end; ++l) {  // by the coordinate of dof l
       int dl = m.tie_dof[l];
       const T* column = w.tie_J + l * kRows;
-      T change[kRows], bend[kRows], grows = T{};  // of the rows; of the residual's size
+      T change[kRows], bend[kRows], gains[kRows] = {}, grows = T{};  // of the rows, by the velocity too; of the residual's size
       CMBRL_FOR(r, t.rows) grows += t.dsize[r] * column[r];
       CMBRL_FOR(r, t.rows) change[r] = stiff * column[r] + (dstiff * t.r[r] + t.dR / t.inv[r] * x[r]) * grows;
+      if (v) {
+        tie_sway_change(m, w, i, t, l, true, gains);
+        tie_sway_change(m, w, i, t, l, false, bend);
+        CMBRL_FOR(r, t.rows) {
+          change[r] += o.h * bend[r];
+          gains[r] = o.h * gains[r] + (1.0 - t.carry) * column[r];
+        }
+      }
       for (int k = begin; k < end; ++k) {
         tie_bend(m, w, i, t, k, l, bend);
         T turned = T{}, y = closing(k);
@@ -221,10 +332,10 @@ static void tie_terms(const Model& m, const Work<G>& w, const T* vn, const T* v,
         CMBRL_FOR(r, t.rows) {
           T held = w.tie_J[k * kRows + r] * t.inv[r];
           q += held * change[r];
-          back += held * column[r];
+          back += held * gains[r];
         }
         Gq[m.tie_dof[k] * nv + dl] -= q;
-        if (v) Gv[m.tie_dof[k] * nv + dl] += (t.carry - 1.0) * back;
+        if (v) Gv[m.tie_dof[k] * nv + dl] -= back;
       }
     }
   }

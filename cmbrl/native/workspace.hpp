@@ -61,6 +61,7 @@ struct Tie {
   int rows;
   T r[kRows], dsize[kRows], inv[kRows];      // residual, how its size grows with it, 1 / R
   T stiff, dstiff, dR, carry;                // h K d, its derivative by that size; R's, relative
+  T sway[kRows];                             // h dJ/dt v: what bodies that do not accelerate change of J v in the step
   T slope, bend;                             // of the polynomial
   typename G::V a, b;                        // points that the bodies hold
   typename G::Rot turned;                    // frame of B
@@ -121,6 +122,7 @@ struct Work : SolverWork<G> {
   T* Xc; V* momc;
   T *bias, *tau, *a, *kd, *kp, *open, *tmp;
   Tie<G>* ties; T* tie_J;                  // equality constraints; their rows, by entry of tie_dof
+  Motion *drift, *drift_before;            // accelerations of bodies whose joints do not accelerate; before each dof's joint
   Mask *con_on, *lim_on;                   // of a step that is read back from its tape
   uint64_t* near; int* order;              // groups that may touch in this step, as bits; bodies along an axis
   typename G::V* centre; T *fast, *reach; double *low, *high;  // of bodies: spheres that hold what may touch in this step
@@ -203,6 +205,7 @@ struct Work : SolverWork<G> {
     bias = A.take<T>(nv); tau = A.take<T>(m.nline); a = A.take<T>(nv); kd = A.take<T>(m.nline); kp = A.take<T>(m.nline); open = A.take<T>(m.nact + 1);
     tmp = A.take<T>(nv);
     ties = A.take<Tie<G>>(m.ntie); tie_J = A.take<T>(m.ntie ? int64_t(m.tie_ptr[m.ntie]) * Tie<G>::kRows : 0);
+    drift = A.take<Motion>(m.ntie ? nb : 0); drift_before = A.take<Motion>(m.ntie ? nv : 0);
     near = A.take<uint64_t>(words); order = A.take<int>(nb);
     centre = A.take<V>(nb); fast = A.take<T>(nb); reach = A.take<T>(nb); low = A.take<double>(nb); high = A.take<double>(nb);
     bits = A.take<uint64_t>(nv * FillPattern::words(m.nv)); fill_ptr = A.take<int>(nv + 1);

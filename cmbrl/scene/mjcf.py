@@ -27,8 +27,8 @@ _OBJECTS = {
 }
 
 LARGEST = 1e12  #: of any mass, length, stiffness or gain
-_PHYSICAL = ("qpos0", "qpos_spring", "body_", "jnt_", "dof_", "geom_", "pair_", "actuator_")
-_PHYSICAL += ("tendon_", "wrap_prm", "eq_data", "eq_sol")
+_OF_BODIES = ("body_", "jnt_", "dof_", "geom_", "pair_", "actuator_", "tendon_")
+_PHYSICAL = ("qpos0", "qpos_spring", "wrap_prm", "eq_data", "eq_sol", *_OF_BODIES)
 
 
 def compile_mjcf(path: Path) -> tuple[mujoco.MjModel, list[str]]:
