@@ -18,11 +18,12 @@ def read_tendons(model: mujoco.MjModel, gate: Gate) -> list[Tendon]:
     """The fixed tendons that do something; the gate is told of the others and of what is not modelled."""
     found: list[Tendon] = []
     for k in range(model.ntendon):
-        name, reasons = name_of(model, "tendon", k), _reasons(model, k)
-        if not reasons:
-            gate.note("tendon", name, "it exerts no force: nothing pulls at it or measures it")
+        name, forces, used = name_of(model, "tendon", k), _forces(model, k), _is_used(model, k)
+        if not (forces or used):
+            gate.note("tendon", name, "it exerts no force: no stiffness, damping, friction loss, limit or actuator")
         elif not is_fixed(model, k):
-            gate.refuse("tendon", name, f"it goes through sites or around geoms and has {' and '.join(reasons)}")
+            if forces:  # otherwise what uses it is refused
+                gate.refuse("tendon", name, f"it goes through sites or around geoms and has {' and '.join(forces)}")
         elif not (path := _path(model, k)):
             gate.note("tendon", name, "all its coefficients are zero")
         else:
@@ -51,11 +52,8 @@ def _path(model: mujoco.MjModel, k: int) -> dict[int, float]:
     return {dof: coefs[dof] for dof in sorted(coefs) if coefs[dof]}
 
 
-def _reasons(model: mujoco.MjModel, k: int) -> list[str]:
-    """What makes a tendon part of the motion."""
-    driven = (model.actuator_trntype == _TENDON) & (model.actuator_trnid[:, 0] == k)
-    ties = (model.eq_type == mujoco.mjtEq.mjEQ_TENDON) & (model.eq_active0 != 0)
-    tied = ties & ((model.eq_obj1id == k) | (model.eq_obj2id == k))
+def _forces(model: mujoco.MjModel, k: int) -> list[str]:
+    """The forces that a tendon exerts by itself."""
     constrained = not ignores(model, "CONSTRAINT")
     there = {
         "stiffness": bool(model.tendon_stiffness[k]) or _any(model, "tendon_stiffnesspoly", k),
@@ -63,10 +61,16 @@ def _reasons(model: mujoco.MjModel, k: int) -> list[str]:
         "friction loss": constrained and bool(model.tendon_frictionloss[k]),
         "limits": constrained and bool(model.tendon_limited[k]),
         "armature": _any(model, "tendon_armature", k),
-        "an actuator": bool(np.any(driven)),
-        "an equality": is_fixed(model, k) and constrained and not ignores(model, "EQUALITY") and bool(np.any(tied)),
     }
     return [word for word, true in there.items() if true]
+
+
+def _is_used(model: mujoco.MjModel, k: int) -> bool:
+    """Whether an actuator or an active equality constraint acts along a tendon."""
+    driven = (model.actuator_trntype == _TENDON) & (model.actuator_trnid[:, 0] == k)
+    ties = (model.eq_type == mujoco.mjtEq.mjEQ_TENDON) & (model.eq_active0 != 0)
+    tied = ties & ((model.eq_obj1id == k) | (model.eq_obj2id == k))
+    return bool(np.any(driven) or np.any(tied))
 
 
 def _check(model: mujoco.MjModel, k: int, name: str, gate: Gate) -> None:
