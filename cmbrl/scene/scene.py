@@ -101,7 +101,7 @@ class Scene:
                 "spring-damper" puts an implicit spring and damper in each contact, stable at large steps too;
                 "logistic:stiffness=300" ends a share of the approach that grows with depth as a logistic function of
                 that stiffness [1/m], and never pushes out (the compliant law of Aditya et al., arXiv 2609.30951, solved
-                implicitly). Joint limits stay as in the file.
+                implicitly). Limits and equality constraints stay as in the file.
             reduce: False keeps spatial algebra for planar scenes, candidates that can never touch and duplicate points.
                 The motion is the same at a higher cost; use it to check the simplification.
 
@@ -271,7 +271,7 @@ def _build(
         parameters=moves.parameters,
         left_out=tuple(gate.left_out),
         dropped_contacts=tuple(builder.dropped),
-        differences=differences(model, candidates, law.name, integrator),
+        differences=differences(model, candidates, tendons, law.name, integrator),
         merged_points=merged,
         compiler_warnings=warnings,
         joints=tuple(tree.joints),
