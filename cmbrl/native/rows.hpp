@@ -12,7 +12,7 @@ static void line_forces(const Model& m, const Options& o, Work<G>& w) {
     Spring spring = spring_of(m, w, i);
     w.kd[i] = T{};
     w.kp[i] = spring.stiffness;
-    w.tau[i] = -w.P[m.oDof + i * kDofFields + kDamping] * along(m, i, w.v) - spring.stiffness * spring.stretch;
+    w.tau[i] = -w.P[m.oDof + i * kDofFields + kDamping] * along(m, w, i, w.v) - spring.stiffness * spring.stretch;
   }
   for (int a = 0; a < m.nact; ++a) {
     const T* p = w.P + m.oAct + a * kActuatorFields;
@@ -20,7 +20,7 @@ static void line_forces(const Model& m, const Options& o, Work<G>& w) {
     T lo = splat(m.act_ctrl[2 * a]), hi = splat(m.act_ctrl[2 * a + 1]);
     T flo = splat(m.act_force[2 * a]), fhi = splat(m.act_force[2 * a + 1]);
     T ctrl = vmin(vmax(w.u[a], lo), hi);
-    T force = p[kGain] * ctrl + p[kBias0] + p[kGear] * (p[kBias1] * length_of(m, w, line) + p[kBias2] * along(m, line, w.v));
+    T force = p[kGain] * ctrl + p[kBias0] + p[kGear] * (p[kBias1] * w.line_length[line] + p[kBias2] * along(m, w, line, w.v));
     Mask free = (force >= flo) & (force <= fhi);
     w.tau[line] += p[kGear] * vmin(vmax(force, flo), fhi);
     w.kd[line] -= keep(free, p[kGear] * p[kGear] * p[kBias2]);
@@ -34,10 +34,12 @@ static void line_forces(const Model& m, const Options& o, Work<G>& w) {
     if (damps_implicitly(m, i)) mass += o.h * (m.implicit_gains ? p[kDamping] + w.kd[i] : p[kDamping]);
     if (o.implicit_springs) {
       mass += o.h * o.h * w.kp[i];
-      pull -= o.h * o.h * w.kp[i] * along(m, i, w.v);
+      pull -= o.h * o.h * w.kp[i] * along(m, w, i, w.v);
     }
-    add_pull(m, i, pull, w.rhs);
-    add_square(m, i, mass, w.M, m.mass);
+    w.line_pull[i] = pull;
+    w.line_mass[i] = mass;
+    add_pull(m, w, i, pull, w.rhs);
+    add_square(m, w, i, mass, w.M, m.mass);
   }
 }
 
@@ -47,10 +49,10 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
   w.nlim = w.ndry = w.nleft_lim = 0;
   for (int i = 0; i < m.nlimit; ++i) {
     int line = m.lim_line[i];
-    T x = length_of(m, w, line), below = x - m.lim_lo[i], above = m.lim_hi[i] - x;
+    T x = w.line_length[line], below = x - m.lim_lo[i], above = m.lim_hi[i] - x;
     Mask lower = below < above;
     T phi = select(lower, below, above), sign = select(lower, splat(1), splat(-1));
-    T speed = sign * along(m, line, w.v), slack = phi * (1 / o.h) - vabs(speed);
+    T speed = sign * along(m, w, line, w.v), slack = phi * (1 / o.h) - vabs(speed);
     Mask on = given ? given[i] : all(), wide = on;
     if (given && !any(on)) continue;
     double enough = speed_that_matters(o, o.forward, m.lim_invweight[i]), most = speed_that_matters(o, o.backward, m.lim_invweight[i]);
@@ -83,7 +85,7 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
     d.on = on; d.line = i; d.R = L.R; d.carry = L.carry;
     d.b0 = select(on, o.h * loss, splat(1));
     d.root = vsqrt(m.line_invweight[i] + L.R);
-    d.c0 = -L.carry * along(m, i, w.v);
+    d.c0 = -L.carry * along(m, w, i, w.v);
   }
 }
 
@@ -98,6 +100,7 @@ static Vec<G::N> relative_twist(const Model& m, const Vec<G::N>* twist, int inde
 template <class G>
 static void prepare(const Model& m, const Options& o, Work<G>& w, const Mask* given_contacts = nullptr, const Mask* given_limits = nullptr) {
   kinematics(m, w, w.q);
+  find_lines(m, w);
   inertias(m, w);
   inverse_dynamics<G>(m, w, w.v, nullptr, w.bias);
   mass_matrix(m, w);

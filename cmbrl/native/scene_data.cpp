@@ -35,7 +35,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.nq = size("nq"); m.nv = size("nv"); m.nu = size("nu");
   m.nbody = size("nbody"); m.njoint = size("njoint"); m.ncontact = size("ncontact");
   m.nplane = size("nplane"); m.nlimit = size("nlimit"); m.nact = size("nact");
-  m.ntendon = size("ntendon"); m.ntie = size("ntie");
+  m.ntendon = size("ntendon"); m.nseg = size("nseg"); m.ntie = size("ntie");
   m.nline = m.nv + m.ntendon;
   m.body_fields = m.planar ? 4 : 10;
   m.oDof = m.nbody * m.body_fields;
@@ -74,6 +74,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   for (size_t k = 0; k < nc; ++k) m.largest_invweight = std::max(m.largest_invweight, m.con_invweight[k]);
   derive_chains();
   derive_lines();
+  derive_segments();
   derive_ties();
   derive_mass_pattern();
   derive_groups();
@@ -169,6 +170,26 @@ void SceneData::derive_lines() {
         throw std::invalid_argument("the dofs of scene tendon " + std::to_string(k) + " do not rise");
   m.line_ptr = keep_ints("line_ptr", std::move(at)); m.line_dof = keep_ints("line_dof", std::move(dof));
   m.line_coef = keep_doubles("line_coef", std::move(coef));
+}
+
+// Straight segments of tendons: which of their ends the dofs of the tendon carry.
+void SceneData::derive_segments() {
+  Model& m = model;
+  size_t n = m.nseg, D = m.D;
+  m.seg_ptr = i("seg_ptr", m.ntendon + 1);
+  m.seg_A = i("seg_A", n); m.seg_B = i("seg_B", n);
+  m.seg_posA = d("seg_posA", n * D); m.seg_posB = d("seg_posB", n * D); m.seg_scale = d("seg_scale", n);
+  std::vector<int> ptr, side;
+  for (int t = 0; t < m.ntendon; ++t)
+    for (int s = m.seg_ptr[t]; s < m.seg_ptr[t + 1]; ++s) {
+      std::vector<int> a = chain(m.seg_A[s]), b = chain(m.seg_B[s]);
+      ptr.push_back(int(side.size()));
+      for (int e = m.line_ptr[m.nv + t]; e < m.line_ptr[m.nv + t + 1]; ++e) {
+        auto carries = [&](const std::vector<int>& dofs) { return std::binary_search(dofs.begin(), dofs.end(), m.line_dof[e]); };
+        side.push_back(carries(a) == carries(b) ? 0 : carries(a) ? kCarriesA : kCarriesB);
+      }
+    }
+  m.seg_sides = keep_ints("seg_sides", std::move(ptr)); m.seg_side = keep_ints("seg_side", std::move(side));
 }
 
 // The dofs that each tie couples: those of two lines, or those that carry two bodies.

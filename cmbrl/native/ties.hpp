@@ -60,7 +60,7 @@ static void tie_lines(const Model& m, const Work<G>& w, int i, Tie<G>& t) {
   const double *p = m.tie_poly + 5 * i, *ref = m.tie_ref + 2 * i;
   T x = T{}, value = T{}, bend = T{};
   t.slope = T{};
-  if (m.tie_B[i] >= 0) x = length_of(m, w, m.tie_B[i]) - ref[1];
+  if (m.tie_B[i] >= 0) x = w.line_length[m.tie_B[i]] - ref[1];
   for (int k = 4; k >= 0; --k) {  // Horner's rule, with both derivatives
     bend = bend * x + 2.0 * t.slope;
     t.slope = t.slope * x + value;
@@ -68,17 +68,15 @@ static void tie_lines(const Model& m, const Work<G>& w, int i, Tie<G>& t) {
   }
   t.bend = bend;
   t.rows = 1;
-  t.r[0] = length_of(m, w, m.tie_A[i]) - ref[0] - value;
+  t.r[0] = w.line_length[m.tie_A[i]] - ref[0] - value;
 }
 
 // Where a body holds its end of a tie.
 template <class G> struct Hold { typename G::V at; typename G::Rot turned; };
 template <class G>
 static Hold<G> hold_of(const Work<G>& w, int body, const double* pos, const double* rot) {
-  typename G::V x = load<G::D>(pos);
   typename G::Rot R = G::load_rot(rot);
-  if (body < 0) return {x - w.O, R};
-  return {w.pos[body] + G::rotate(w.R[body], x), G::compose(w.R[body], R)};
+  return {place_of(w, body, pos), body < 0 ? R : G::compose(w.R[body], R)};
 }
 
 // r = a - b of the points that two bodies hold; of a weld also the sine of half the angle between the frames, seen in that of B.

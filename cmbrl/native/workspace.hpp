@@ -81,6 +81,7 @@ struct SolverWork {
   T *vf, *vn, *delta, *rhs, *rv;           // free and next velocity, their difference, direction, momentum residual
   T *M, *H, *H0;                           // packed: M along the tree, H and H0 along the pattern of the step
   Vec<G::N>* S;                            // unit twists of the dofs
+  T* line_c;                               // covectors of lines, by entry of line_dof
   Vec<G::N>* pulls;                        // scratch, by dof of a group
   uint8_t *dynamic; int *dyn_list; int ndyn;
   Contact<G>* con; int ncon;
@@ -121,6 +122,7 @@ struct Work : SolverWork<G> {
   Motion *vel, *acc, *f, *fc, *psid, *psidd, *sdot, *vlam, *tn, *tnlam;  // tn: twists under the next velocity
   T* Xc; V* momc;
   T *bias, *tau, *a, *kd, *kp, *open, *tmp;
+  T *line_length, *line_pull, *line_mass;  // impulse along each line at the step's start; what acts on its change of rate
   Tie<G>* ties; T* tie_J;                  // equality constraints; their rows, by entry of tie_dof
   Motion *drift, *drift_before;            // accelerations of bodies whose joints do not accelerate; before each dof's joint
   Mask *con_on, *lim_on;                   // of a step that is read back from its tape
@@ -204,6 +206,8 @@ struct Work : SolverWork<G> {
     Xc = A.take<T>(nb * G::NX); momc = A.take<V>(nb);
     bias = A.take<T>(nv); tau = A.take<T>(m.nline); a = A.take<T>(nv); kd = A.take<T>(m.nline); kp = A.take<T>(m.nline); open = A.take<T>(m.nact + 1);
     tmp = A.take<T>(nv);
+    this->line_c = A.take<T>(m.line_ptr[m.nline]);
+    line_length = A.take<T>(m.nline); line_pull = A.take<T>(m.nline); line_mass = A.take<T>(m.nline);
     ties = A.take<Tie<G>>(m.ntie); tie_J = A.take<T>(m.ntie ? int64_t(m.tie_ptr[m.ntie]) * Tie<G>::kRows : 0);
     drift = A.take<Motion>(m.ntie ? nb : 0); drift_before = A.take<Motion>(m.ntie ? nv : 0);
     near = A.take<uint64_t>(words); order = A.take<int>(nb);

@@ -1,6 +1,6 @@
 """Input of the C++ core: sizes, tree, tendons, contact candidates, limits, actuators, equality constraints, parameters.
 
-Shapes: nb moving bodies, nj joints, nc contacts, np planes, nl limits, na actuators, nt tendons, ne ties (equality
+Shapes: nb moving bodies, nj joints, nc contacts, np planes, nl limits, na actuators, nt tendons, ns segments of them, ne ties (equality
 constraints), D = 2 (planar) or 3. Arrays are C-contiguous, int32 or float64. Index -1 is the world.
 
 A line is what limits, springs, dry friction and actuators act along: number k < nv is a degree of freedom, number
@@ -37,6 +37,7 @@ class CoreArrays:
     nlimit: int
     nact: int
     ntendon: int
+    nseg: int
     ntie: int
     plane_basis: Array  # (2, 3) directions of the plane of motion; zeros for spatial scenes
 
@@ -53,8 +54,14 @@ class CoreArrays:
     jnt_pos: Array  # (nj, D) anchor in the body frame
     jnt_q0: Array  # (nj,)
     tendon_ptr: Integers  # (nt + 1,) where the entries of each tendon begin
-    tendon_dof: Integers  # its dofs, rising
-    tendon_coef: Array
+    tendon_dof: Integers  # the dofs that change its length, rising
+    tendon_coef: Array  # of their coordinates; zeros in a tendon of segments
+    seg_ptr: Integers  # (nt + 1,) where the straight segments of each tendon begin
+    seg_A: Integers  # (ns,) a body
+    seg_B: Integers  # (ns,)
+    seg_posA: Array  # (ns, D)
+    seg_posB: Array  # (ns, D)
+    seg_scale: Array  # (ns,) what its length counts
     line_soft: Array  # (nv + nt, 7) solref, solimp of dry friction
     line_invweight: Array  # (nv + nt,)
     line_slack: Array  # (nv + nt,) lengths over which the spring does not pull, from its reference on

@@ -13,14 +13,14 @@ from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import LeftOut
 
 KINDS = {
-    "tendon": "tendons through sites that exert a force",
-    "equality": "equality constraints of deformable bodies and of tendons through sites",
+    "tendon": "tendons around geoms that exert a force",
+    "equality": "equality constraints of deformable bodies, and of tendons through sites or around geoms",
     "fluid": "fluid forces: density, viscosity, wind",
     "flex": "deformable bodies",
     "plugin": "engine plugins",
     "gravcomp": "gravity compensation",
     "actuator_dynamics": "actuators with a state or a delay",
-    "actuator_transmission": "actuators that do not drive a hinge, a slide or a fixed tendon",
+    "actuator_transmission": "actuators that do not drive a hinge, a slide or a tendon (other than around geoms)",
     "actuator_bias": "actuators with a force other than gain ctrl + bias0 + bias1 length + bias2 velocity",
     "joint_limit_ball": "limits on ball joints",
     "joint_spring_ball": "springs on ball and free joints",
