@@ -72,7 +72,7 @@ struct Model : Structure {
   Pattern tree() const { return {anc_ptr, anc_idx}; }
   const int *seg_sides, *seg_side;          // of each segment: which ends the dofs of its tendon carry, without those that carry both
   const int *tie_ptr, *tie_dof, *tie_side;  // dofs that a tie couples; which of its bodies each carries: kCarriesA, kCarriesB
-  const double *tie_coefA, *tie_coefB;      // of its lines
+  const int *tie_entryA, *tie_entryB;       // its places in the covectors of the tie's lines; -1: none
   const int *dof_body, *dof_jnt, *dof_qadr, *body_lastdof;
   const int *grp_A, *grp_B, *grp_cptr, *grp_con;  // contacts by body pair
   const int *con_group;

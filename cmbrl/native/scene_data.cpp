@@ -195,13 +195,12 @@ void SceneData::derive_segments() {
 // The dofs that each tie couples: those of two lines, or those that carry two bodies.
 void SceneData::derive_ties() {
   Model& m = model;
-  std::vector<int> ptr{0}, dof, side;
-  std::vector<double> coef_a, coef_b;
+  std::vector<int> ptr{0}, dof, side, entry_a, entry_b;
   for (int k = 0; k < m.ntie; ++k) {
-    struct End { int side; double a, b; };
+    struct End { int side = 0, a = -1, b = -1; };
     std::map<int, End> ends;
-    auto add_line = [&](int line, double End::*coef) {
-      for (int e = line < 0 ? 0 : m.line_ptr[line]; line >= 0 && e < m.line_ptr[line + 1]; ++e) ends[m.line_dof[e]].*coef = m.line_coef[e];
+    auto add_line = [&](int line, int End::*entry) {
+      for (int e = line < 0 ? 0 : m.line_ptr[line]; line >= 0 && e < m.line_ptr[line + 1]; ++e) ends[m.line_dof[e]].*entry = e;
     };
     if (m.tie_type[k] == kPolynomial) {
       add_line(m.tie_A[k], &End::a);
@@ -210,12 +209,12 @@ void SceneData::derive_ties() {
       for (int x : chain(m.tie_A[k])) ends[x].side |= kCarriesA;
       for (int x : chain(m.tie_B[k])) ends[x].side |= kCarriesB;
     }
-    for (auto [x, end] : ends) { dof.push_back(x); side.push_back(end.side); coef_a.push_back(end.a); coef_b.push_back(end.b); }
+    for (auto [x, end] : ends) { dof.push_back(x); side.push_back(end.side); entry_a.push_back(end.a); entry_b.push_back(end.b); }
     ptr.push_back(int(dof.size()));
   }
   m.tie_ptr = keep_ints("tie_ptr", std::move(ptr)); m.tie_dof = keep_ints("tie_dof", std::move(dof));
   m.tie_side = keep_ints("tie_side", std::move(side));
-  m.tie_coefA = keep_doubles("tie_coefA", std::move(coef_a)); m.tie_coefB = keep_doubles("tie_coefB", std::move(coef_b));
+  m.tie_entryA = keep_ints("tie_entryA", std::move(entry_a)); m.tie_entryB = keep_ints("tie_entryB", std::move(entry_b));
 }
 
 // The tree's, and what tendons and ties couple, with its fill-in.

@@ -103,12 +103,14 @@ static typename G::Ang half_rate(const Tie<G>& t, double scale, const typename G
   return (0.5 * scale) * (t.w * u - G::cross_ang(t.v, u));
 }
 
+template <class G> static T covector_at(const Work<G>& w, int entry) { return entry < 0 ? T{} : w.line_c[entry]; }
+
 // Column of J of one of the dofs that a tie couples.
 template <class G>
 static void tie_column(const Model& m, const Work<G>& w, int i, const Tie<G>& t, int k, T* column) {
   int d = m.tie_dof[k], side = m.tie_side[k];
   if (m.tie_type[i] == kPolynomial) {
-    column[0] = m.tie_coefA[k] - m.tie_coefB[k] * t.slope;
+    column[0] = covector_at(w, m.tie_entryA[k]) - t.slope * covector_at(w, m.tie_entryB[k]);
     return;
   }
   typename G::V u = zero<G::D>();
@@ -126,7 +128,12 @@ template <class G>
 static void tie_bend(const Model& m, const Work<G>& w, int i, const Tie<G>& t, int k, int l, T* bend) {
   int dk = m.tie_dof[k], dl = m.tie_dof[l], both = m.tie_side[k] & m.tie_side[l];
   if (m.tie_type[i] == kPolynomial) {
-    bend[0] = -(m.tie_coefB[k] * m.tie_coefB[l]) * t.bend;
+    bend[0] = -(covector_at(w, m.tie_entryB[k]) * covector_at(w, m.tie_entryB[l])) * t.bend;
+    auto add = [&](int line, int at_k, int at_l, T scale) {
+      if (at_k >= 0 && at_l >= 0 && bends(m, line)) bend[0] += scale * bend_of(m, w, line, at_k, at_l);
+    };
+    add(m.tie_A[i], m.tie_entryA[k], m.tie_entryA[l], splat(1));
+    add(m.tie_B[i], m.tie_entryB[k], m.tie_entryB[l], -t.slope);
     return;
   }
   bool moved = dk > dl || m.dof_jnt[dk] == m.dof_jnt[dl];

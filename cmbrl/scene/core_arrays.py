@@ -1,7 +1,7 @@
 """Input of the C++ core: sizes, tree, tendons, contact candidates, limits, actuators, equality constraints, parameters.
 
-Shapes: nb moving bodies, nj joints, nc contacts, np planes, nl limits, na actuators, nt tendons, ns segments of them, ne ties (equality
-constraints), D = 2 (planar) or 3. Arrays are C-contiguous, int32 or float64. Index -1 is the world.
+Shapes: nb moving bodies, nj joints, nc contacts, np planes, nl limits, na actuators, nt tendons, ns segments of them,
+ne ties (equality constraints), D = 2 (planar) or 3. Arrays are C-contiguous, int32 or float64. Index -1 is the world.
 
 A line is what limits, springs, dry friction and actuators act along: number k < nv is a degree of freedom, number
 nv + k a tendon.

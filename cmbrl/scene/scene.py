@@ -288,7 +288,7 @@ def _obstacle(
     tendons: list[Tendon],
     ties: list[Tie],
 ) -> str | None:
-    """Why the contacts, tendons or ties of a planar tree need spatial algebra, naming the first such; None if they do not."""
+    """Why contacts, tendons or ties of a planar tree need spatial algebra, naming the first; None if they do not."""
     for c in candidates:
         up = read_shape(model, c.geoms[1], tree.frames).rot[:, 2] if c.kind.on_plane else None
         if reason := obstacle_to_plane(tree, plane, c, up):

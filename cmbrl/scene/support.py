@@ -14,7 +14,7 @@ from cmbrl.scene.records import LeftOut
 
 KINDS = {
     "tendon": "tendons around geoms that exert a force",
-    "equality": "equality constraints of deformable bodies, and of tendons through sites or around geoms",
+    "equality": "equality constraints of deformable bodies and of tendons around geoms",
     "fluid": "fluid forces: density, viscosity, wind",
     "flex": "deformable bodies",
     "plugin": "engine plugins",

@@ -12,7 +12,7 @@ from cmbrl.scene.mjcf import ignores, name_of
 from cmbrl.scene.records import WORLD, Array, Tie, TieKind, Tree
 from cmbrl.scene.reduction import PlaneOfMotion
 from cmbrl.scene.support import Gate
-from cmbrl.scene.tendons import FLAT, is_fixed
+from cmbrl.scene.tendons import FLAT
 
 _KINDS = mujoco.mjtEq
 
@@ -106,8 +106,8 @@ def _of_tendons(
     model: mujoco.MjModel, k: int, name: str, lines: Mapping[int, int], found: list[Tie], gate: Gate
 ) -> None:
     tendons = [tendon for tendon in (int(model.eq_obj1id[k]), int(model.eq_obj2id[k])) if tendon >= 0]
-    if missing := [tendon for tendon in tendons if tendon not in lines or not is_fixed(model, tendon)]:
-        gate.refuse("equality", name, f"it ties {name_of(model, 'tendon', missing[0])}, which is not a fixed tendon")
+    if missing := [tendon for tendon in tendons if tendon not in lines]:
+        gate.refuse("equality", name, f"it ties {name_of(model, 'tendon', missing[0])}, a tendon that is not modelled")
         return
     refs = [float(model.tendon_length0[tendon]) for tendon in tendons]
     weight = float(model.tendon_invweight0[tendons].sum())
