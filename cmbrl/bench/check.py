@@ -1,4 +1,4 @@
-"""How well a scene repeats MuJoCo on its own file, and how right and fast it is: the measurements of ``cmbrl check``."""
+"""How well a scene repeats MuJoCo on its own file, and how right and fast it is: what ``cmbrl check`` measures."""
 
 from __future__ import annotations
 

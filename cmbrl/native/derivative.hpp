@@ -57,19 +57,27 @@ static void smooth_terms(const Model& m, const Options& o, Work<G>& w, const T* 
   } else {
     inverse_dynamics_derivatives(m, w, -o.h, Gq, Gv);
   }
+  tie_terms(m, o, w, vn, w.v, Gq, Gv);
+  for (int i = 0; i < m.nline; ++i) {
+    T damping = w.P[m.oDof + i * kDofFields + kDamping] + w.kd[i];
+    add_square(m, w, i, -o.h * w.kp[i], Gq);
+    T drag = -o.h * (o.implicit_springs ? damping + o.h * w.kp[i] : damping), mass = w.line_mass[i];
+    add_square(m, w, i, drag, Gv);
+    if (bends(m, i))
+      add_bend(m, w, i, w.line_pull[i] - mass * (along(m, w, i, vn) - along(m, w, i, w.v)), drag + mass, w.v, -mass, vn, Gq);
+  }
   for (int i = 0; i < nv; ++i) {
-    const T* p = w.P + m.oDof + i * kDofFields;
-    Gq[i * (nv + 1)] -= o.h * w.kp[i];
-    Row<T> mass(w.M, m.tree(), i);
-    Gv[i * (nv + 1)] += *mass.diagonal - o.h * (p[kDamping] + w.kd[i]);
-    if (o.implicit_springs) Gv[i * (nv + 1)] -= o.h * o.h * w.kp[i];
+    Row<T> mass(w.M, m.mass, i);
+    Gv[i * (nv + 1)] += *mass.diagonal;
     for (int a = 0; a < mass.n; ++a) {
-      int j = m.tree().columns(i)[a];
+      int j = m.mass.columns(i)[a];
       Gv[i * nv + j] += mass.before[a];
       Gv[j * nv + i] += mass.mirror[a];
     }
   }
-  for (int a = 0; a < m.nact; ++a) Gu[m.act_dof[a] * m.nu + a] += o.h * w.open[a];
+  for (int a = 0; a < m.nact; ++a)
+    for (int k = m.line_ptr[m.act_line[a]]; k < m.line_ptr[m.act_line[a] + 1]; ++k)
+      Gu[m.line_dof[k] * m.nu + a] += o.h * (w.line_c[k] * w.open[a]);
 }
 
 template <class G> static inline T impulse(const Contact<G>& c, int row) {
@@ -160,10 +168,15 @@ static void contact_terms(const Model& m, Work<G>& w, T* Gq, T* Gv, bool late) {
   if (late) return;
   for (int i = 0; i < w.nlim; ++i) {
     const Limit& l = w.lim[i];
-    Gq[l.dof * (nv + 1)] -= l.Th * (l.dc_dphi + l.dR_dphi * l.gam) - keep(l.on, l.slope_R * l.dR_dphi / (l.s + l.gam * l.R));
-    Gv[l.dof * (nv + 1)] += l.Th * l.carry;
+    add_square(m, w, l.line, keep(l.on, l.slope_R * l.dR_dphi / (l.s + l.gam * l.R)) - l.Th * (l.dc_dphi + l.dR_dphi * l.gam), Gq);
+    add_square(m, w, l.line, l.Th * l.carry, Gv);
+    add_bend(m, w, l.line, keep(l.on, l.sign * l.gam), l.Th * l.carry, w.v, -l.Th, w.vn, Gq);
   }
-  for (int i = 0; i < w.ndry; ++i) Gv[w.dry[i].dof * (nv + 1)] += w.dry[i].Th * w.dry[i].carry;
+  for (int i = 0; i < w.ndry; ++i) {
+    const DryFriction& d = w.dry[i];
+    add_square(m, w, d.line, d.Th * d.carry, Gv);
+    add_bend(m, w, d.line, keep(d.on, d.b), d.Th * d.carry, w.v, -d.Th, w.vn, Gq);
+  }
 }
 
 }  // namespace cmbrl::CMBRL_ISA

@@ -1,42 +1,45 @@
-// What acts in a step: joint forces, what of them is implicit, and the rows of contacts, limits and dry friction.
+// What acts in a step: forces along lines, what of them is implicit, and the rows of contacts, limits and dry friction.
 #pragma once
 #include "candidates.hpp"
+#include "ties.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
-// tau, and what of the joint forces is taken implicitly: M~ = M + armature + h (D [+ kd]) [+ h^2 (K + kp)].
+// Pulls along the lines, and what of them is taken implicitly: M~ = M + armature + h (D [+ kd]) [+ h^2 (K + kp)].
 template <class G>
-static void joint_forces(const Model& m, const Options& o, Work<G>& w) {
-  for (int i = 0; i < m.nv; ++i) {
-    const T* p = w.P + m.oDof + i * kDofFields;
-    w.kd[i] = w.kp[i] = T{};
-    w.tau[i] = -p[kDamping] * w.v[i];
-    if (m.dof_qadr[i] >= 0) w.tau[i] -= p[kStiffness] * (w.q[m.dof_qadr[i]] - p[kSpringref]);
+static void line_forces(const Model& m, const Options& o, Work<G>& w) {
+  for (int i = 0; i < m.nline; ++i) {
+    Spring spring = spring_of(m, w, i);
+    w.kd[i] = T{};
+    w.kp[i] = spring.stiffness;
+    w.tau[i] = -w.P[m.oDof + i * kDofFields + kDamping] * along(m, w, i, w.v) - spring.stiffness * spring.stretch;
   }
   for (int a = 0; a < m.nact; ++a) {
     const T* p = w.P + m.oAct + a * kActuatorFields;
-    int d = m.act_dof[a];
+    int line = m.act_line[a];
     T lo = splat(m.act_ctrl[2 * a]), hi = splat(m.act_ctrl[2 * a + 1]);
     T flo = splat(m.act_force[2 * a]), fhi = splat(m.act_force[2 * a + 1]);
     T ctrl = vmin(vmax(w.u[a], lo), hi);
-    T force = p[kGain] * ctrl + p[kBias0] + p[kGear] * (p[kBias1] * w.q[m.act_qadr[a]] + p[kBias2] * w.v[d]);
+    T force = p[kGain] * ctrl + p[kBias0] + p[kGear] * (p[kBias1] * w.line_length[line] + p[kBias2] * along(m, w, line, w.v));
     Mask free = (force >= flo) & (force <= fhi);
-    w.tau[d] += p[kGear] * vmin(vmax(force, flo), fhi);
-    w.kd[d] -= keep(free, p[kGear] * p[kGear] * p[kBias2]);
-    w.kp[d] -= keep(free, p[kGear] * p[kGear] * p[kBias1]);
+    w.tau[line] += p[kGear] * vmin(vmax(force, flo), fhi);
+    w.kd[line] -= keep(free, p[kGear] * p[kGear] * p[kBias2]);
+    w.kp[line] -= keep(free, p[kGear] * p[kGear] * p[kBias1]);
     w.open[a] = keep(free & (w.u[a] >= lo) & (w.u[a] <= hi), p[kGear] * p[kGain]);
   }
-  for (int i = 0; i < m.nv; ++i) {
+  for (int i = 0; i < m.nv; ++i) w.rhs[i] = -o.h * w.bias[i];
+  for (int i = 0; i < m.nline; ++i) {
     const T* p = w.P + m.oDof + i * kDofFields;
-    T spring = w.kp[i] + (m.dof_qadr[i] >= 0 ? p[kStiffness] : T{});
-    w.kp[i] = spring;
-    T diag = p[kArmature] + o.h * (m.implicit_gains ? p[kDamping] + w.kd[i] : p[kDamping]);
-    w.rhs[i] = o.h * (w.tau[i] - w.bias[i]);
+    T pull = o.h * w.tau[i], mass = p[kArmature];
+    if (damps_implicitly(m, i)) mass += o.h * (m.implicit_gains ? p[kDamping] + w.kd[i] : p[kDamping]);
     if (o.implicit_springs) {
-      diag += o.h * o.h * spring;
-      w.rhs[i] -= o.h * o.h * spring * w.v[i];
+      mass += o.h * o.h * w.kp[i];
+      pull -= o.h * o.h * w.kp[i] * along(m, w, i, w.v);
     }
-    w.M[m.tree().row(i)] += diag;
+    w.line_pull[i] = pull;
+    w.line_mass[i] = mass;
+    add_pull(m, w, i, pull, w.rhs);
+    add_square(m, w, i, mass, w.M, m.mass);
   }
 }
 
@@ -45,10 +48,11 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
   bool prune = o.prune < 1e300 && !given;
   w.nlim = w.ndry = w.nleft_lim = 0;
   for (int i = 0; i < m.nlimit; ++i) {
-    T q = w.q[m.lim_qadr[i]], below = q - m.lim_lo[i], above = m.lim_hi[i] - q;
+    int line = m.lim_line[i];
+    T x = w.line_length[line], below = x - m.lim_lo[i], above = m.lim_hi[i] - x;
     Mask lower = below < above;
     T phi = select(lower, below, above), sign = select(lower, splat(1), splat(-1));
-    T speed = sign * w.v[m.lim_dof[i]], slack = phi * (1 / o.h) - vabs(speed);
+    T speed = sign * along(m, w, line, w.v), slack = phi * (1 / o.h) - vabs(speed);
     Mask on = given ? given[i] : all(), wide = on;
     if (given && !any(on)) continue;
     double enough = speed_that_matters(o, o.forward, m.lim_invweight[i]), most = speed_that_matters(o, o.backward, m.lim_invweight[i]);
@@ -58,30 +62,30 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
       const double* s = m.lim_soft + 7 * i;
       Law L = soft_law(phi, m.lim_margin[i], o.h, splat(s[0]), splat(s[1]), splat(s[2]), splat(s[3]), splat(s[4]), s[5], s[6],
                        splat(m.lim_invweight[i]));
-      l.index = i; l.dof = m.lim_dof[i];
+      l.index = i; l.line = line;
       l.root = vsqrt(m.lim_invweight[i] + L.R);
       l.sign = sign; l.phi = phi; l.R = L.R; l.dR_dphi = L.dR; l.carry = L.carry; l.dc_dphi = L.dc0;
       l.c0 = L.c0 - L.carry * speed;
       slack = select(on, l.c0, slack);
       if (prune) { on &= slack + speed < enough; wide &= slack + speed < most; }
     }
-    if (Mask left = ~on; prune && any(left)) w.left_lim[w.nleft_lim++] = {left, m.lim_dof[i], sign, slack, enough};
+    if (Mask left = ~on; prune && any(left)) w.left_lim[w.nleft_lim++] = {left, line, sign, slack, enough};
     if (!any(on | wide)) continue;
     l.on = on;
     l.wide = wide;
     ++w.nlim;
   }
-  for (int i = 0; i < m.nv; ++i) {
+  for (int i = 0; i < m.nline; ++i) {
     T loss = w.P[m.oDof + i * kDofFields + kFrictionloss];
     Mask on = loss > 0.0;
     if (!any(on)) continue;
-    const double* s = m.dof_soft + 7 * i;
-    Law L = soft_law(T{}, 0, o.h, splat(s[0]), splat(s[1]), splat(s[2]), splat(s[3]), splat(s[4]), s[5], s[6], splat(m.dof_invweight[i]));
+    const double* s = m.line_soft + 7 * i;
+    Law L = soft_law(T{}, 0, o.h, splat(s[0]), splat(s[1]), splat(s[2]), splat(s[3]), splat(s[4]), s[5], s[6], splat(m.line_invweight[i]));
     DryFriction& d = w.dry[w.ndry++];
-    d.on = on; d.dof = i; d.R = L.R; d.carry = L.carry;
+    d.on = on; d.line = i; d.R = L.R; d.carry = L.carry;
     d.b0 = select(on, o.h * loss, splat(1));
-    d.root = vsqrt(m.dof_invweight[i] + L.R);
-    d.c0 = -L.carry * w.v[i];
+    d.root = vsqrt(m.line_invweight[i] + L.R);
+    d.c0 = -L.carry * along(m, w, i, w.v);
   }
 }
 
@@ -96,10 +100,12 @@ static Vec<G::N> relative_twist(const Model& m, const Vec<G::N>* twist, int inde
 template <class G>
 static void prepare(const Model& m, const Options& o, Work<G>& w, const Mask* given_contacts = nullptr, const Mask* given_limits = nullptr) {
   kinematics(m, w, w.q);
+  find_lines(m, w);
   inertias(m, w);
   inverse_dynamics<G>(m, w, w.v, nullptr, w.bias);
   mass_matrix(m, w);
-  joint_forces(m, o, w);
+  line_forces(m, o, w);
+  tie_forces(m, o, w);
   find_contacts(m, o, w, given_contacts);
   find_limits(m, o, w, given_limits);
   w.make_rows(m);

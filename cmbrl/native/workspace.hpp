@@ -42,22 +42,36 @@ struct Contact {
   T P[kContactFields];               // its part of the physical vector
 };
 
-struct Limit {  // joint limit: a normal law on one coordinate
+struct Limit {  // of a joint or a tendon: a normal law along one line
   Mask on, wide;
-  int index, dof;
+  int index, line;
   T root, sign, phi, R, carry, c0, dc_dphi, dR_dphi, kappa, own_kappa, raised_kappa, slope, slope_R, gam, s, r1, w, Th, dgam, ds;
 };
 
-struct DryFriction {  // joint friction loss: a cone of fixed head on one coordinate
+struct DryFriction {  // friction loss of a joint or a tendon: a cone of fixed head along one line
   Mask on;
-  int dof;
+  int line;
   T root, R, carry, c0, b0, kappa, b, eta0, eta, r2, t50, w, Th, db, deta0, deta;
+};
+
+// An equality constraint (ties.hpp).
+template <class G>
+struct Tie {
+  static constexpr int kRows = G::D + G::A;  // at most
+  int rows;
+  T r[kRows], dsize[kRows], inv[kRows];      // residual, how its size grows with it, 1 / R
+  T stiff, dstiff, dR, carry;                // h K d, its derivative by that size; R's, relative
+  T sway[kRows];                             // h dJ/dt v: what bodies that do not accelerate change of J v in the step
+  T slope, bend;                             // of the polynomial
+  typename G::V a, b;                        // points that the bodies hold
+  typename G::Rot turned;                    // frame of B
+  T w; typename G::Ang v;                    // half the turn of A against it
 };
 
 // A row that is left out: in which lanes, its slack without the part of the next velocity, and the speed that it had to have.
 template <class G>
 struct LeftOut { Mask lanes; int A, B; Vec<G::N> W; T base; double speed; };
-struct LeftOutLimit { Mask lanes; int dof; T sign, base; double speed; };
+struct LeftOutLimit { Mask lanes; int line; T sign, base; double speed; };
 
 struct ActiveGroup { int group, begin, end; };  // contacts of one body pair stand together
 
@@ -67,6 +81,7 @@ struct SolverWork {
   T *vf, *vn, *delta, *rhs, *rv;           // free and next velocity, their difference, direction, momentum residual
   T *M, *H, *H0;                           // packed: M along the tree, H and H0 along the pattern of the step
   Vec<G::N>* S;                            // unit twists of the dofs
+  T* line_c;                               // covectors of lines, by entry of line_dof
   Vec<G::N>* pulls;                        // scratch, by dof of a group
   uint8_t *dynamic; int *dyn_list; int ndyn;
   Contact<G>* con; int ncon;
@@ -107,6 +122,9 @@ struct Work : SolverWork<G> {
   Motion *vel, *acc, *f, *fc, *psid, *psidd, *sdot, *vlam, *tn, *tnlam;  // tn: twists under the next velocity
   T* Xc; V* momc;
   T *bias, *tau, *a, *kd, *kp, *open, *tmp;
+  T *line_length, *line_pull, *line_mass;  // impulse along each line at the step's start; what acts on its change of rate
+  Tie<G>* ties; T* tie_J;                  // equality constraints; their rows, by entry of tie_dof
+  Motion *drift, *drift_before;            // accelerations of bodies whose joints do not accelerate; before each dof's joint
   Mask *con_on, *lim_on;                   // of a step that is read back from its tape
   uint64_t* near; int* order;              // groups that may touch in this step, as bits; bodies along an axis
   typename G::V* centre; T *fast, *reach; double *low, *high;  // of bodies: spheres that hold what may touch in this step
@@ -179,15 +197,19 @@ struct Work : SolverWork<G> {
     P = A.take<T>(m.oContact); dtheta = A.take<T>(m.ntheta + 1);
     q = A.take<T>(m.nq); v = A.take<T>(nv); u = A.take<T>(m.nu + 1);
     vstep = A.take<T>(nv); start = A.take<T>(m.nq + nv);
-    this->take(A, nv, m.tree().row(m.nv), nv, m.max_group_dofs, m.nlimit, nv);
+    this->take(A, nv, m.mass.row(m.nv), nv, m.max_group_dofs, m.nlimit, m.nline);
     R = A.take<typename G::Rot>(nb); pos = A.take<V>(nb);
     I = A.take<Inertia<G>>(nb); Ic = A.take<Inertia<G>>(nb);
     vel = A.take<Motion>(nb); acc = A.take<Motion>(nb); f = A.take<Motion>(nb); fc = A.take<Motion>(nb); tn = A.take<Motion>(nb);
     psid = A.take<Motion>(nv); psidd = A.take<Motion>(nv); sdot = A.take<Motion>(nv);
     vlam = A.take<Motion>(nv); tnlam = A.take<Motion>(nv);
     Xc = A.take<T>(nb * G::NX); momc = A.take<V>(nb);
-    bias = A.take<T>(nv); tau = A.take<T>(nv); a = A.take<T>(nv); kd = A.take<T>(nv); kp = A.take<T>(nv); open = A.take<T>(m.nact + 1);
+    bias = A.take<T>(nv); tau = A.take<T>(m.nline); a = A.take<T>(nv); kd = A.take<T>(m.nline); kp = A.take<T>(m.nline); open = A.take<T>(m.nact + 1);
     tmp = A.take<T>(nv);
+    this->line_c = A.take<T>(m.line_ptr[m.nline]);
+    line_length = A.take<T>(m.nline); line_pull = A.take<T>(m.nline); line_mass = A.take<T>(m.nline);
+    ties = A.take<Tie<G>>(m.ntie); tie_J = A.take<T>(m.ntie ? int64_t(m.tie_ptr[m.ntie]) * Tie<G>::kRows : 0);
+    drift = A.take<Motion>(m.ntie ? nb : 0); drift_before = A.take<Motion>(m.ntie ? nv : 0);
     near = A.take<uint64_t>(words); order = A.take<int>(nb);
     centre = A.take<V>(nb); fast = A.take<T>(nb); reach = A.take<T>(nb); low = A.take<double>(nb); high = A.take<double>(nb);
     bits = A.take<uint64_t>(nv * FillPattern::words(m.nv)); fill_ptr = A.take<int>(nv + 1);

@@ -1,7 +1,11 @@
-"""Actuators: the clamped force gain ctrl + bias0 + bias1 length + bias2 velocity, times gear, on one hinge or slide."""
+"""Actuators: the clamped force gain ctrl + bias0 + bias1 length + bias2 velocity, times gear, along one line.
+
+A line is a hinge, a slide or a fixed tendon.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import mujoco
@@ -17,32 +21,34 @@ class Actuator:
     """One entry of the control vector. An actuator that is left out keeps its entry, with gear 0."""
 
     name: str
-    dof: int
-    qadr: int
+    line: int  # a degree of freedom, or nv + number of the tendon
     gear: float
     gain: float
     bias: Array  # (3,) constant, per length, per velocity
     control: tuple[float, float]  # bounds on ctrl; infinite where unlimited
     force: tuple[float, float]  # bounds on the force before the gear
-    armature: float  # added to the joint's, already times gear^2
+    armature: float  # added to the line's, already times gear^2
     damping: float
 
 
-def read_actuators(model: mujoco.MjModel, gate: Gate) -> list[Actuator]:
-    """One actuator per control, in the order of ``ctrl``; reports unsupported ones to the gate."""
+def read_actuators(model: mujoco.MjModel, lines: Mapping[int, int], gate: Gate) -> list[Actuator]:
+    """One actuator per control, in the order of ``ctrl``; reports unsupported ones to the gate.
+
+    ``lines``: of the tendons, by their numbers in the file.
+    """
     count = len(model.actuator_trntype)
     actuators: list[Actuator] = []
     for k in range(count):
         controls = int(model.actuator_ctrlnum[k]) if hasattr(model, "actuator_ctrlnum") else 1
-        sound = _modelled(model, k, controls, gate)
+        sound = _modelled(model, k, controls, lines, gate)
         for number in range(controls):
             suffix = "" if controls == 1 else f"_{number}"
             name = _unused(name_of(model, "actuator", k) + suffix, [a.name for a in actuators])
-            actuators.append(_read(model, k, len(actuators), name, sound))
+            actuators.append(_read(model, k, len(actuators), name, lines, sound))
     return actuators
 
 
-def _modelled(model: mujoco.MjModel, k: int, controls: int, gate: Gate) -> bool:
+def _modelled(model: mujoco.MjModel, k: int, controls: int, lines: Mapping[int, int], gate: Gate) -> bool:
     """Whether the actuator acts in the scene; if not, the gate is told why."""
     name = name_of(model, "actuator", k)
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ACTUATION:
@@ -55,7 +61,12 @@ def _modelled(model: mujoco.MjModel, k: int, controls: int, gate: Gate) -> bool:
     transmission = mujoco.mjtTrn(int(model.actuator_trntype[k])).name.removeprefix("mjTRN_").lower()
     joint = int(model.actuator_trnid[k, 0])
     sound = True
-    if transmission not in ("joint", "jointinparent"):
+    if transmission == "tendon":
+        if joint not in lines:
+            tendon = name_of(model, "tendon", joint)
+            gate.refuse("actuator_transmission", name, f"it drives {tendon}, a tendon that is not modelled")
+            sound = False
+    elif transmission not in ("joint", "jointinparent"):
         gate.refuse("actuator_transmission", name, f"it drives a {transmission}")
         sound = False
     elif int(model.jnt_type[joint]) not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
@@ -80,11 +91,11 @@ def _modelled(model: mujoco.MjModel, k: int, controls: int, gate: Gate) -> bool:
     return bool(sound)
 
 
-def _read(model: mujoco.MjModel, k: int, column: int, name: str, sound: bool) -> Actuator:
+def _read(model: mujoco.MjModel, k: int, column: int, name: str, lines: Mapping[int, int], sound: bool) -> Actuator:
     free = (-np.inf, np.inf)
     if not sound:
-        return Actuator(name, 0, 0, 0.0, 0.0, np.zeros(3), free, free, 0.0, 0.0)
-    joint = int(model.actuator_trnid[k, 0])
+        return Actuator(name, 0, 0.0, 0.0, np.zeros(3), free, free, 0.0, 0.0)
+    target = int(model.actuator_trnid[k, 0])
     gear = float(model.actuator_gear[k, 0])
     clamp = model.actuator_ctrllimited[column] and not (model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
     affine = model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
@@ -94,8 +105,7 @@ def _read(model: mujoco.MjModel, k: int, column: int, name: str, sound: bool) ->
     ]
     return Actuator(
         name,
-        int(model.jnt_dofadr[joint]),
-        int(model.jnt_qposadr[joint]),
+        lines[target] if model.actuator_trntype[k] == mujoco.mjtTrn.mjTRN_TENDON else int(model.jnt_dofadr[target]),
         gear,
         float(model.actuator_gainprm[k, 0]),
         model.actuator_biasprm[k, :3].copy() if affine else np.zeros(3),

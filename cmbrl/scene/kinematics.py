@@ -6,6 +6,7 @@ Conventions are MuJoCo's: a hinge or ball turns the body about its anchor, a sli
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.manifold import quaternion_matrix
@@ -13,6 +14,42 @@ from cmbrl.scene.records import Array, ContactKind, JointKind
 
 FLAT_TILT = 1e-3  # [rad] of a rim; the core's kFlat
 BESIDE, AWAY = 1e-6, 1e3  # m: how far beside a side a corner still touches it; the gap of one that does not
+
+
+def addresses(core: CoreArrays) -> NDArray[np.int64]:
+    """Places (nv,) in q of the coordinates of hinges and slides; -1 for those of balls."""
+    places = np.full(core.nv, -1)
+    for kind, qadr, vadr in zip(core.jnt_type, core.jnt_qadr, core.jnt_vadr, strict=True):
+        if kind != JointKind.BALL:
+            places[vadr] = qadr
+    return places
+
+
+def lines_by_dof(core: CoreArrays) -> NDArray[np.bool_]:
+    """Which lines (nv + ntendon, nv) each degree of freedom changes."""
+    moves = np.zeros((core.ntendon, core.nv), dtype=bool)
+    moves[np.repeat(np.arange(core.ntendon), np.diff(core.tendon_ptr)), core.tendon_dof] = True
+    return np.concatenate([np.eye(core.nv, dtype=bool), moves])
+
+
+def lengths(core: CoreArrays, q: Array) -> Array:
+    """Lengths (..., nv + ntendon) of lines at configurations q (..., nq); 0 for those of balls."""
+    q, places = np.asarray(q), addresses(core)
+    x = np.where(places >= 0, q[..., places], 0.0)
+    tendons = np.zeros((*q.shape[:-1], core.ntendon))
+    for k in range(core.ntendon):
+        entries = slice(core.tendon_ptr[k], core.tendon_ptr[k + 1])
+        tendons[..., k] = x[..., core.tendon_dof[entries]] @ core.tendon_coef[entries]
+    if core.nseg:
+        pos, rot = body_poses(core, q)
+        for k in range(core.ntendon):
+            for s in range(core.seg_ptr[k], core.seg_ptr[k + 1]):
+                a, b = (
+                    _place(pos, rot, core.seg_A[s], core.seg_posA[s]),
+                    _place(pos, rot, core.seg_B[s], core.seg_posB[s]),
+                )
+                tendons[..., k] += core.seg_scale[s] * np.linalg.norm(b - a, axis=-1)
+    return np.concatenate([x, tendons], axis=-1)
 
 
 def body_poses(core: CoreArrays, q: Array) -> tuple[Array, Array]:

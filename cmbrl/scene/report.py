@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.scene.records import LeftOut, Parameter
+from cmbrl.scene.records import WORLD, LeftOut, Parameter, TieKind
 from cmbrl.scene.scene import Scene
 
 _WIDTH = 98  # of the text
+_TIES = ("connect", "weld", "polynomial")
 _TYPES = (
     "point against plane",
     "point against shape",
@@ -25,7 +26,7 @@ _TYPES = (
 
 def to_dict(scene: Scene) -> dict[str, Any]:
     """Sizes, coordinates, contacts, limits, actuators, parameters and left-out elements as JSON types."""
-    core = scene.core
+    core, segments = scene.core, np.diff(scene.core.seg_ptr)
     return {
         "name": scene.name,
         "path": scene.path,
@@ -54,13 +55,21 @@ def to_dict(scene: Scene) -> dict[str, Any]:
         "contacts_merged": scene.merged_points,
         "contacts_dropped": [{"pair": drop.name, "why": drop.why} for drop in scene.dropped_contacts],
         "limits": [
-            {"coordinate": scene.coordinate_names[dof], "low": float(low), "high": float(high)}
-            for dof, low, high in zip(core.lim_dof, core.lim_lo, core.lim_hi, strict=True)
+            {"coordinate": scene.line_names[line], "low": float(low), "high": float(high)}
+            for line, low, high in zip(core.lim_line, core.lim_lo, core.lim_hi, strict=True)
+        ],
+        "tendons": [
+            {"name": name, "coordinates": _path(scene, k), "segments": int(segments[k])}
+            for k, name in enumerate(scene.tendon_names)
+        ],
+        "equalities": [
+            {"name": name, "type": _TIES[core.tie_type[k]], "between": _ends(scene, k)}
+            for k, name in enumerate(scene.tie_names)
         ],
         "actuators": [
             {
                 "name": name,
-                "coordinate": scene.coordinate_names[core.act_dof[k]],
+                "coordinate": scene.line_names[core.act_line[k]],
                 "control": _bounds(core.act_ctrl[k]),
                 "force": _bounds(core.act_force[k]),
             }
@@ -90,9 +99,10 @@ def describe(scene: Scene) -> str:
         + _wrap(f"{n} ({k})" for n, k in zip(scene.coordinate_names, scene.coordinate_kinds, strict=True)),
         f"  limits       {core.nlimit}"
         + _listed(
-            f"{scene.coordinate_names[dof]} [{low:.4g}, {high:.4g}]"
-            for dof, low, high in zip(core.lim_dof, core.lim_lo, core.lim_hi, strict=True)
+            f"{scene.line_names[line]} [{low:.4g}, {high:.4g}]"
+            for line, low, high in zip(core.lim_line, core.lim_lo, core.lim_hi, strict=True)
         ),
+        *_tendon_and_tie_lines(scene),
         f"  actuators    {scene.nu}" + _listed(_actuator_line(scene, k) for k in range(scene.nu)),
         f"  contacts     {core.ncontact} candidates, law {scene.contact_law}" + _contact_lines(scene),
         f"  parameters   {len(scene.parameters)} that can be fitted; the name is GROUP.OF, e.g. for --set",
@@ -158,10 +168,45 @@ def _listed(words: Iterable[str]) -> str:
 def _actuator_line(scene: Scene, k: int) -> str:
     control, force = _bounds(scene.core.act_ctrl[k]), _bounds(scene.core.act_force[k])
     text = scene.actuator_names[k]
-    if scene.coordinate_names[scene.core.act_dof[k]] != text:
-        text += f" on {scene.coordinate_names[scene.core.act_dof[k]]}"
+    if (line := scene.line_names[scene.core.act_line[k]]) != text:
+        text += f" on {line}"
     text += f" ctrl [{control[0]:g}, {control[1]:g}]" if control else ""
     return text + (f" force [{force[0]:g}, {force[1]:g}]" if force else "")
+
+
+def _path(scene: Scene, tendon: int) -> dict[str, float]:
+    """Coefficients of a tendon by coordinate; zeros if it goes through sites."""
+    core = scene.core
+    entries = range(core.tendon_ptr[tendon], core.tendon_ptr[tendon + 1])
+    return {scene.coordinate_names[core.tendon_dof[e]]: float(core.tendon_coef[e]) for e in entries}
+
+
+def _ends(scene: Scene, tie: int) -> list[str]:
+    """What an equality constraint ties: bodies, or coordinates and tendons."""
+    core = scene.core
+    lines = core.tie_type[tie] == TieKind.POLYNOMIAL
+    names, nothing = (scene.line_names, []) if lines else (scene.body_names, ["world"])
+    return [end for k in (core.tie_A[tie], core.tie_B[tie]) for end in ([names[k]] if k != WORLD else nothing)]
+
+
+def _tendon_line(scene: Scene, tendon: int) -> str:
+    name, path = scene.tendon_names[tendon], _path(scene, tendon)
+    if count := int(np.diff(scene.core.seg_ptr)[tendon]):
+        return f"{name} = {count} straight segment{'s' * (count > 1)}, moved by {' '.join(path)}"
+    return f"{name} = {' '.join(f'{coef:+.4g} {of}' for of, coef in path.items())}"
+
+
+def _tendon_and_tie_lines(scene: Scene) -> list[str]:
+    core, lines = scene.core, []
+    if core.ntendon:
+        lines.append(f"  tendons      {core.ntendon}" + _listed(_tendon_line(scene, k) for k in range(core.ntendon)))
+    if core.ntie:
+        ties = (
+            f"{name} ({_TIES[core.tie_type[k]]} of {' and '.join(_ends(scene, k))})"
+            for k, name in enumerate(scene.tie_names)
+        )
+        lines.append(f"  equalities   {core.ntie}" + _listed(ties))
+    return lines
 
 
 def _contact_lines(scene: Scene) -> str:

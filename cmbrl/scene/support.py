@@ -13,14 +13,14 @@ from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import LeftOut
 
 KINDS = {
-    "tendon": "tendons that exert a force",
-    "equality": "equality constraints",
+    "tendon": "tendons around geoms that exert a force",
+    "equality": "equality constraints of deformable bodies and of tendons around geoms",
     "fluid": "fluid forces: density, viscosity, wind",
     "flex": "deformable bodies",
     "plugin": "engine plugins",
     "gravcomp": "gravity compensation",
     "actuator_dynamics": "actuators with a state or a delay",
-    "actuator_transmission": "actuators that do not drive exactly one hinge or slide",
+    "actuator_transmission": "actuators that do not drive a hinge, a slide or a tendon (other than around geoms)",
     "actuator_bias": "actuators with a force other than gain ctrl + bias0 + bias1 length + bias2 velocity",
     "joint_limit_ball": "limits on ball joints",
     "joint_spring_ball": "springs on ball and free joints",
@@ -87,17 +87,8 @@ def _find(model: mujoco.MjModel, field: str, rows: int) -> np.ndarray:
 
 
 def check_model(model: mujoco.MjModel, gate: Gate) -> None:
-    """Reports every unsupported element to the gate, apart from actuators and contacts."""
+    """Reports every unsupported element to the gate, apart from tendons, ties, actuators and contacts."""
     option, disabled = model.opt, mujoco.mjtDisableBit
-    for k in range(model.ntendon):
-        _check_tendon(model, k, gate)
-    for k in range(model.neq):
-        name = name_of(model, "equality", k)
-        if not model.eq_active0[k] or option.disableflags & (disabled.mjDSBL_EQUALITY | disabled.mjDSBL_CONSTRAINT):
-            gate.note("equality", name, "not active")
-        else:
-            kind = mujoco.mjtEq(int(model.eq_type[k])).name.removeprefix("mjEQ_").lower()
-            gate.refuse("equality", name, f"a {kind} constraint")
     if option.density > 0 or option.viscosity > 0:
         gate.refuse("fluid", "option", f"density {option.density:g}, viscosity {option.viscosity:g}")
     for k in range(model.nflex):
@@ -122,27 +113,6 @@ def check_model(model: mujoco.MjModel, gate: Gate) -> None:
         gate.note("mocap", name_of(model, "body", int(body)), "it stays where the file places it")
 
 
-def _check_tendon(model: mujoco.MjModel, k: int, gate: Gate) -> None:
-    name = name_of(model, "tendon", k)
-    driven = np.any((model.actuator_trntype == mujoco.mjtTrn.mjTRN_TENDON) & (model.actuator_trnid[:, 0] == k))
-    reasons = [
-        word
-        for word, there in (
-            ("stiffness", model.tendon_stiffness[k] or _any(model, "tendon_stiffnesspoly", k)),
-            ("damping", model.tendon_damping[k] or _any(model, "tendon_dampingpoly", k)),
-            ("friction loss", model.tendon_frictionloss[k]),
-            ("limits", model.tendon_limited[k]),
-            ("armature", _any(model, "tendon_armature", k)),
-            ("an actuator", driven),
-        )
-        if there
-    ]
-    if reasons:
-        gate.refuse("tendon", name, f"it has {' and '.join(reasons)}")
-    else:
-        gate.note("tendon", name, "it exerts no force: no stiffness, damping, friction loss, limit or actuator")
-
-
 def _check_joints(model: mujoco.MjModel, gate: Gate) -> None:
     kinds = mujoco.mjtJoint
     for k in range(model.njnt):
@@ -162,8 +132,3 @@ def _check_joints(model: mujoco.MjModel, gate: Gate) -> None:
         for k in _find(model, field, rows):
             name = name_of(model, "joint", int(owner[k]))
             gate.refuse("joint_polynomial", name, f"nonzero {field[4:-4]} polynomial", "reduced to the linear term")
-
-
-def _any(model: mujoco.MjModel, field: str, k: int) -> bool:
-    values = getattr(model, field, None)
-    return values is not None and bool(np.any(values[k]))

@@ -28,10 +28,15 @@ def actuator(tag: str, attributes: str) -> tuple[str, str]:
 CASES = {
     "tendon": (
         SITES,
-        '<tendon><spatial name="t" damping="1"><site site="s1"/><site site="s2"/></spatial></tendon>',
+        '<tendon><spatial name="t" damping="1"><site site="s1"/><geom geom="g"/><site site="s2"/></spatial></tendon>',
         "t",
     ),
-    "equality": (HINGE.format("", ""), '<equality><joint name="e" joint1="h"/></equality>', "e"),
+    "equality": (
+        SITES,
+        '<tendon><spatial name="t"><site site="s1"/><geom geom="g"/><site site="s2"/></spatial></tendon>'
+        '<equality><tendon name="e" tendon1="t"/></equality>',
+        "e",
+    ),
     "fluid": (HINGE.format("", ""), '<option viscosity=".1"/>', "viscosity 0.1"),
     "gravcomp": (HINGE.format('gravcomp="1"', ""), "", "m"),
     "joint_force_range": (HINGE.format("", 'actuatorfrcrange="-1 1"'), "", "h"),
