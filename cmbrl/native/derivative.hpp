@@ -61,7 +61,7 @@ static void smooth_terms(const Model& m, const Options& o, Work<G>& w, const T* 
     const T* p = w.P + m.oDof + i * kDofFields;
     Gq[i * (nv + 1)] -= o.h * w.kp[i];
     Row<T> mass(w.M, m.tree(), i);
-    Gv[i * (nv + 1)] += *mass.diagonal - o.h * (p[kDamping] + w.kd[i]);
+    Gv[i * (nv + 1)] += *mass.diagonal - o.h * (p[kDamping] + keep(w.yields[i], w.kd[i]));
     if (o.implicit_springs) Gv[i * (nv + 1)] -= o.h * o.h * w.kp[i];
     for (int a = 0; a < mass.n; ++a) {
       int j = m.tree().columns(i)[a];

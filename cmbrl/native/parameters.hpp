@@ -141,6 +141,7 @@ struct ParameterColumns {
     add_wrench(c, coef * Y);
   }
 
+  // M~ keeps the velocity gains of a joint that clamps its actuators, and their force does not change there.
   void actuator(int a, int field, double coef) {
     const T* p = w.P + m.oAct + a * kActuatorFields;
     int d = m.act_dof[a];
@@ -157,7 +158,9 @@ struct ParameterColumns {
       if (field == kBias2) at(d) += keep(free, coef * o.h * g * g * w.shift[d]);
       return;
     }
-    T r;
+    T r, held = T{};  // held: through M~ alone
+    if (field == kGear) held = keep(free, 2.0 * g * p[kBias2] * dv);
+    if (field == kBias2) held = keep(free, g * g * dv);
     switch (field) {
       case kGear: r = select(free, force + g * (pull + p[kBias2] * dv) + 2.0 * g * p[kBias1] * spring, vmin(vmax(force, flo), fhi)); break;
       case kGain: r = keep(free, g * ctrl); break;
@@ -165,7 +168,7 @@ struct ParameterColumns {
       case kBias1: r = keep(free, g * g * (q + spring)); break;
       default: r = keep(free, g * g * (v + dv));
     }
-    at(d) += coef * o.h * r;
+    at(d) += coef * o.h * select(w.yields[d], r, held);
   }
 
   void gravity(int axis, double coef) {

@@ -4,14 +4,25 @@
 
 namespace cmbrl::CMBRL_ISA {
 
-// tau, and what of the joint forces is taken implicitly: M~ = M + armature + h (D [+ kd]) [+ h^2 (K + kp)].
+// Clamps the sum of the actuators of a joint. Their velocity gains stay in M~, as in MuJoCo; the force does not change.
 template <class G>
-static void joint_forces(const Model& m, const Options& o, Work<G>& w) {
+static void clamp_joint_forces(const Model& m, Work<G>& w) {
+  for (int k = 0; k < m.nforcerange; ++k) {
+    int d = m.frc_dof[k];
+    T lo = splat(m.frc_range[2 * k]), hi = splat(m.frc_range[2 * k + 1]);
+    w.yields[d] = (w.tau[d] >= lo) & (w.tau[d] <= hi);
+    w.tau[d] = vmin(vmax(w.tau[d], lo), hi);
+    w.kp[d] = keep(w.yields[d], w.kp[d]);
+  }
+  for (int a = 0; a < m.nact && m.nforcerange > 0; ++a) w.open[a] = keep(w.yields[m.act_dof[a]], w.open[a]);
+}
+
+// Into tau; and their gains kd, kp and open, by velocity, position and control.
+template <class G>
+static void actuator_forces(const Model& m, Work<G>& w) {
   for (int i = 0; i < m.nv; ++i) {
-    const T* p = w.P + m.oDof + i * kDofFields;
-    w.kd[i] = w.kp[i] = T{};
-    w.tau[i] = -p[kDamping] * w.v[i];
-    if (m.dof_qadr[i] >= 0) w.tau[i] -= p[kStiffness] * (w.q[m.dof_qadr[i]] - p[kSpringref]);
+    w.tau[i] = w.kd[i] = w.kp[i] = T{};
+    w.yields[i] = all();
   }
   for (int a = 0; a < m.nact; ++a) {
     const T* p = w.P + m.oAct + a * kActuatorFields;
@@ -26,8 +37,17 @@ static void joint_forces(const Model& m, const Options& o, Work<G>& w) {
     w.kp[d] -= keep(free, p[kGear] * p[kGear] * p[kBias1]);
     w.open[a] = keep(free & (w.u[a] >= lo) & (w.u[a] <= hi), p[kGear] * p[kGain]);
   }
+  clamp_joint_forces(m, w);
+}
+
+// tau, and what of the joint forces is taken implicitly: M~ = M + armature + h (D [+ kd]) [+ h^2 (K + kp)].
+template <class G>
+static void joint_forces(const Model& m, const Options& o, Work<G>& w) {
+  actuator_forces(m, w);
   for (int i = 0; i < m.nv; ++i) {
     const T* p = w.P + m.oDof + i * kDofFields;
+    w.tau[i] -= p[kDamping] * w.v[i];
+    if (m.dof_qadr[i] >= 0) w.tau[i] -= p[kStiffness] * (w.q[m.dof_qadr[i]] - p[kSpringref]);
     T spring = w.kp[i] + (m.dof_qadr[i] >= 0 ? p[kStiffness] : T{});
     w.kp[i] = spring;
     T diag = p[kArmature] + o.h * (m.implicit_gains ? p[kDamping] + w.kd[i] : p[kDamping]);

@@ -1,7 +1,7 @@
 """Input of the C++ core: sizes, tree, contact candidates, limits, actuators, parameters.
 
-Shapes: nb moving bodies, nj joints, nc contacts, np planes, nl limits, na actuators, D = 2 (planar) or 3. Arrays
-are C-contiguous, int32 or float64. Index -1 is the world.
+Shapes: nb moving bodies, nj joints, nc contacts, np planes, nl limits, na actuators, nf joints
+that clamp their actuators, D = 2 (planar) or 3. Arrays are C-contiguous, int32 or float64. Index -1 is the world.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ class CoreArrays:
     nplane: int
     nlimit: int
     nact: int
+    nforcerange: int
     plane_basis: Array  # (2, 3) directions of the plane of motion; zeros for spatial scenes
 
     body_parent: Integers  # (nb,)
@@ -83,6 +84,9 @@ class CoreArrays:
     act_qadr: Integers  # (na,)
     act_ctrl: Array  # (na, 2)
     act_force: Array  # (na, 2)
+
+    frc_dof: Integers  # (nf,) dofs that clamp the sum of their actuators
+    frc_range: Array  # (nf, 2)
 
     P: Array  # (nP,) nominal physical vector
     par_ptr: Integers  # (n + 1,) for n parameters: where the offsets of each begin in par_idx

@@ -51,6 +51,10 @@ def to_dict(scene: Scene) -> dict[str, Any]:
             {"coordinate": scene.coordinate_names[dof], "low": float(low), "high": float(high)}
             for dof, low, high in zip(core.lim_dof, core.lim_lo, core.lim_hi, strict=True)
         ],
+        "joint_force_ranges": [
+            {"coordinate": scene.coordinate_names[dof], "low": float(low), "high": float(high)}
+            for dof, (low, high) in zip(core.frc_dof, core.frc_range, strict=True)
+        ],
         "actuators": [
             {
                 "name": name,
@@ -88,6 +92,7 @@ def describe(scene: Scene) -> str:
             for dof, low, high in zip(core.lim_dof, core.lim_lo, core.lim_hi, strict=True)
         ),
         f"  actuators    {scene.nu}" + _listed(_actuator_line(scene, k) for k in range(scene.nu)),
+        *_joint_force_lines(scene),
         f"  contacts     {core.ncontact} candidates, law {scene.contact_law}" + _contact_lines(scene),
         f"  parameters   {len(scene.parameters)} that can be fitted; the name is GROUP.OF, e.g. for --set",
         *_parameter_lines(scene.parameters),
@@ -147,6 +152,18 @@ def _parameter_lines(parameters: Sequence[Parameter]) -> list[str]:
 def _listed(words: Iterable[str]) -> str:
     text = _wrap(words)
     return f"\n{' ' * 15}{text}" if text else ""
+
+
+def _joint_force_lines(scene: Scene) -> list[str]:
+    """What happens to the sum of the actuators of a joint; nothing where nothing does."""
+    core = scene.core
+    if not core.nforcerange:
+        return []
+    ranges = (
+        f"{scene.coordinate_names[dof]} [{low:g}, {high:g}]"
+        for dof, (low, high) in zip(core.frc_dof, core.frc_range, strict=True)
+    )
+    return [f"  joint forces {core.nforcerange} sums of actuators are clamped" + _listed(ranges)]
 
 
 def _actuator_line(scene: Scene, k: int) -> str:

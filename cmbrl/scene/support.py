@@ -12,7 +12,7 @@ from cmbrl.numbers import names
 from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import LeftOut
 
-KINDS = {
+KINDS = {  # those below "supported" are modelled, and left out only if they are ignored
     "tendon": "tendons that exert a force",
     "equality": "equality constraints",
     "fluid": "fluid forces: density, viscosity, wind",
@@ -25,7 +25,6 @@ KINDS = {
     "joint_limit_ball": "limits on ball joints",
     "joint_spring_ball": "springs on ball and free joints",
     "joint_polynomial": "nonlinear springs and dampers",
-    "joint_force_range": "limits on the total actuator force at a joint",
     "geom_type": "contact with height fields, SDFs and ellipsoids",
     "geom_pair": "contact between shapes other than planes, spheres and capsules (boxes against spheres are supported)",
     "condim": "torsional and rolling friction (if ignored, condim 4 and 6 become 3)",
@@ -33,6 +32,8 @@ KINDS = {
     "adhesion": "contact adhesion",
     "surface_velocity": "moving surfaces",
     "integrator": "MuJoCo's discrete integrator",
+    # supported
+    "joint_force_range": "limits on the total actuator force at a joint",
 }
 
 
@@ -60,6 +61,12 @@ class Gate:
             self.left_out.append(LeftOut(kind, name, f"{why}; {instead} (--ignore {kind})"))
         else:
             self._refused.setdefault(kind, []).append((name, why))
+
+    def drops(self, kind: str, name: str, why: str, instead: str = "left out") -> bool:
+        """Whether an element that is supported is to be left out, because its kind is ignored; it is reported then."""
+        if kind in self.ignore:
+            self.refuse(kind, name, why, instead)
+        return kind in self.ignore
 
     def note(self, kind: str, name: str, why: str) -> None:
         """Reports an element that is left out without changing the motion."""
@@ -153,9 +160,6 @@ def _check_joints(model: mujoco.MjModel, gate: Gate) -> None:
                 gate.refuse("joint_limit_ball", name, "a limited ball joint")
             if model.jnt_stiffness[k]:
                 gate.refuse("joint_spring_ball", name, f"stiffness {model.jnt_stiffness[k]:g}")
-        if model.jnt_actfrclimited[k]:
-            low, high = model.jnt_actfrcrange[k]
-            gate.refuse("joint_force_range", name, f"actuatorfrcrange {low:g} {high:g}", "forces are not clamped")
     for field, rows, owner in (
         ("jnt_stiffnesspoly", model.njnt, np.arange(model.njnt)),
         ("dof_dampingpoly", model.nv, model.dof_jntid),

@@ -34,7 +34,6 @@ CASES = {
     "equality": (HINGE.format("", ""), '<equality><joint name="e" joint1="h"/></equality>', "e"),
     "fluid": (HINGE.format("", ""), '<option viscosity=".1"/>', "viscosity 0.1"),
     "gravcomp": (HINGE.format('gravcomp="1"', ""), "", "m"),
-    "joint_force_range": (HINGE.format("", 'actuatorfrcrange="-1 1"'), "", "h"),
     "joint_limit_ball": (BALL_JOINT.format('range="0 1" limited="true"'), "", "b"),
     "joint_spring_ball": (BALL_JOINT.format('stiffness="1"'), "", "b"),
     "actuator_dynamics": (*actuator("general", 'dyntype="filter" dynprm="1"'), "motor"),
@@ -82,13 +81,28 @@ def test_cylinder_against_sphere_offers_a_capsule(load: Load) -> None:
 
 
 def test_all_refusals_come_in_one_line(load: Load) -> None:
-    world = HINGE.format('gravcomp="1"', 'actuatorfrcrange="-1 1"')
-    with pytest.raises(UserError, match=r"1 more element.*--ignore gravcomp --ignore joint_force_range"):
-        load(world)
-    scene, _ = load(world, ignore="gravcomp,joint-force-range")
-    assert scene.ignore == ("gravcomp", "joint_force_range")
+    world, _ = actuator("", "")
+    rest = """<actuator><general name="a" joint="h" dyntype="filter" dynprm="1"/>
+    <general name="b" joint="h" gaintype="affine" gainprm="1 2 0"/></actuator>"""
+    with pytest.raises(UserError, match=r"1 more element.*--ignore actuator_dynamics --ignore actuator_bias"):
+        load(world, rest)
+    scene, _ = load(world, rest, ignore="actuator_bias,actuator-dynamics")
+    assert scene.ignore == ("actuator_bias", "actuator_dynamics")
     with pytest.raises(UserError, match="did you mean 'tendon'"):
-        load(world, ignore=["tendn"])
+        load(world, rest, ignore=["tendn"])
+
+
+SUPPORTED = {
+    "joint_force_range": (HINGE.format("", 'actuatorfrcrange="-1 1"'), "", "h"),
+}
+
+
+@pytest.mark.parametrize("kind", SUPPORTED)
+def test_supported_elements_can_be_left_out(kind: str, load: Load) -> None:
+    world, rest, name = SUPPORTED[kind]
+    assert not load(world, rest)[0].left_out
+    scene, _ = load(world, rest, ignore=[kind])
+    assert [(x.kind, x.name) for x in scene.left_out] == [(kind, name)]
 
 
 def test_elements_that_do_nothing_are_left_out_silently(load: Load) -> None:
@@ -144,4 +158,4 @@ def test_mujocos_warnings_are_kept_and_leave_no_log_file(tmp_path: Path, monkeyp
 
 
 def test_kinds_are_documented() -> None:
-    assert set(CASES) <= set(KINDS)
+    assert {*CASES, *SUPPORTED} <= set(KINDS)

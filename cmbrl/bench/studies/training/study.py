@@ -39,9 +39,7 @@ def _study(folder: Path, settings: Settings, runner: Runner) -> Section:
         ms = found["ms"]
         update = [ms["update"][name] for name in ("median", "low", "high")]
         parts = [ms[part]["median"] if part in ms else None for part in ("rollout", "critic", "core", "mujoco")]
-        rows.append(
-            [found["task"], found["derivative"], found["steps"], *update, *parts, found["ratio"], found["gib"]]
-        )
+        rows.append([found["task"], found["derivative"], found["steps"], *update, *parts, found["ratio"], found["gib"]])
     clock = WORDS("clock.one") if settings.threads == 1 else WORDS("clock.more")
     note = WORDS("tables.update.note", episodes=ENVIRONMENTS, steps=HORIZON, clock=clock)
     table = Table(WORDS("tables.update.title"), COLUMNS, rows, note)

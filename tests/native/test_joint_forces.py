@@ -1,0 +1,88 @@
+"""Forces at joints are MuJoCo's, and so is a step; its derivatives are exact."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from cmbrl.bench.studies.derivatives.differences import compare
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.scene import Scene
+
+INTEGRATORS = ("Euler", "implicitfast")
+ARM = """<mujoco><option timestep=".01" integrator="{integrator}"/><worldbody>{world}</worldbody>{rest}</mujoco>"""
+TWO_LINKS = """<body {body}><joint name="shoulder" type="hinge" axis="0 1 0" damping=".3" {joint}/>
+<geom type="capsule" size=".04" fromto="0 0 0 .4 0 0"/><body name="fore" pos=".4 0 0" {body}>
+<joint name="elbow" type="hinge" axis="{axis}" armature=".02" {joint}/><geom type="capsule" size=".03"
+fromto="0 0 0 .3 0 0"/><body pos=".3 0 0"><geom type="box" size=".05 .02 .03" pos=".02 .01 .05"/></body></body></body>"""
+
+
+def write(path: Path, integrator: str, world: str, rest: str = "") -> Path:
+    file = path / "scene.xml"
+    file.write_text(ARM.format(integrator=integrator, world=world, rest=rest), encoding="utf-8")
+    return file
+
+
+def states(scene: Scene, count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    q = scene.integrate(np.tile(scene.q0, (count, 1)), rng.normal(size=(count, scene.nv)))
+    return q, rng.normal(size=(count, scene.nv)), rng.normal(size=(count, scene.nu))
+
+
+def assert_like_mujoco(file: Path, count: int = 40, tolerance: float = 1e-9) -> mujoco.MjData:
+    """v' of a step from random states, at once and in one batch; returns MuJoCo's data after the last."""
+    scene, model = Scene.from_mjcf(file), mujoco.MjModel.from_xml_path(str(file))
+    q, v, u = states(scene, count)
+    r = ComplementarityModel(scene).predict(q, v, u)
+    data = mujoco.MjData(model)
+    for k in range(count):
+        mujoco.mj_resetData(model, data)
+        data.qpos[:], data.qvel[:], data.ctrl[:] = q[k], v[k], u[k]
+        mujoco.mj_step(model, data)
+        size = max(1.0, float(np.abs(data.qvel).max()))
+        np.testing.assert_allclose(r.v_next[k], data.qvel, rtol=0, atol=tolerance * size)
+    return data
+
+
+def assert_exact(file: Path, expected: set[str], count: int = 10, **settings: object) -> None:
+    """The Jacobian against finite differences, and products with its transpose; ``expected`` groups are in it."""
+    scene = Scene.from_mjcf(file)
+    model = ComplementarityModel(scene, **settings)  # type: ignore[arg-type]
+    q, v, u = states(scene, count, 1)
+    row = compare(model, q, v, u, 60)
+    assert expected <= set(row["kinds"])
+    assert row["median"] <= 1e-6, row
+    assert row["worst"] <= 1e-4, row
+    assert row["across_kinks"] + row["vague"] <= 0.03 * row["columns"], row
+    r = model.predict(q, v, u, jacobian=True, parameter_jacobian=True)
+    tape = model.stepper.forward(q, v, u, model.parameters, tape=True)["tape"]
+    g = np.random.default_rng(2).normal(size=(count, 2 * scene.nv))
+    gq, gv = (np.ascontiguousarray(part) for part in np.split(g, 2, axis=1))
+    back = model.stepper.backward(u, model.parameters, tape, gq, gv, want_theta=True)
+    ours = np.concatenate([back[name] for name in ("gq", "gv", "gu", "gtheta")], axis=1)
+    theirs = np.einsum("br,brc->bc", g, r.jacobian)
+    assert np.abs(ours - theirs).max() < 1e-10 * np.abs(theirs).max()
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("axis", ["0 1 0", "0 0 1"])
+def test_sum_of_actuators_is_clamped(integrator: str, axis: str, tmp_path: Path) -> None:
+    """Two actuators on one joint, in range or not; where they are clamped, velocity gains remain implicit."""
+    world = TWO_LINKS.format(body="", joint='actuatorfrcrange="-2 3"', axis=axis)
+    rest = """<actuator><position joint="shoulder" kp="3" kv=".6" gear="1.5"/><motor joint="shoulder" gear="2"/>
+    <velocity joint="elbow" kv="2.5" forcerange="-4 1.5"/></actuator>"""
+    file = write(tmp_path, integrator, world, rest)
+    assert_like_mujoco(file)
+    assert_exact(file, {"q", "v", "u", "gear", "damping"})
+    assert_exact(file, {"gear"}, implicit_springs=True)
+    scene, model = Scene.from_mjcf(file), mujoco.MjModel.from_xml_path(str(file))
+    q, v, u = states(scene, 40)
+    data, clamped = mujoco.MjData(model), 0
+    for k in range(len(q)):
+        data.qpos[:], data.qvel[:], data.ctrl[:] = q[k], v[k], u[k]
+        mujoco.mj_forward(model, data)
+        clamped += int(np.isin(data.qfrc_actuator, (-2, 3)).sum())
+    assert 10 < clamped < 70
