@@ -69,6 +69,7 @@ static void smooth_terms(const Model& m, const Options& o, Work<G>& w, const T* 
       Gv[j * nv + i] += mass.mirror[a];
     }
   }
+  if (m.nlift > 0) gravity_compensation_terms(m, w, o.h, Gq);
   for (int a = 0; a < m.nact; ++a) Gu[m.act_dof[a] * m.nu + a] += o.h * w.open[a];
 }
 

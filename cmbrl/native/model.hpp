@@ -35,7 +35,7 @@ struct Structure {
 
 struct Model : Structure {
   int planar, implicit_gains;  // implicit_gains: velocity gains of actuators act at the next velocity, as damping does
-  int D, nq, nu, nbody, njoint, ncontact, nplane, nlimit, nact, nforcerange, nP, ntheta, ngroup;
+  int D, nq, nu, nbody, njoint, ncontact, nplane, nlimit, nact, nforcerange, nlift, nP, ntheta, ngroup;
   int body_fields, oDof, oPlane, oAct, oGravity, oContact;  // layout of P; bodies start at 0, contacts end it
 
   const int *body_parent, *body_jadr, *body_jnum;
@@ -56,6 +56,8 @@ struct Model : Structure {
   const double *act_ctrl, *act_force;
   const int* frc_dof;       // joints that clamp the sum of their actuators
   const double* frc_range;
+  const int* dof_lift;      // gravcomp.hpp; nothing unless nlift > 0
+  const double *body_lift, *body_lift_pos;
 
   const double *P;
   const int *par_ptr, *par_idx;  // parameters that move the rest of P, by parameter

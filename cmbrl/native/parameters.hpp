@@ -40,15 +40,21 @@ struct ParameterColumns {
     }
   }
 
+  int dof_before(int d) const { return m.anc_ptr[d] < m.anc_ptr[d + 1] ? m.anc_idx[m.anc_ptr[d + 1] - 1] : -1; }
+
+  void compensation(int b, const Inertia<G>& dI) {
+    if (part != Part::step || m.body_lift[b] == 0) return;
+    double share = m.body_lift[b] * o.h;
+    Vec<G::N> f = lift<G>(share * dI.m, share * (dI.h + dI.m * lift_point(m, w, b)), upwards(m, w));
+    for (int d = m.body_lastdof[b]; d >= 0; d = dof_before(d)) at(d) += keep(lifted(m, w, d), dot(w.S[d], f));
+  }
   void body(int b, const Inertia<G>& dI) {  // inverse dynamics is linear in the inertia
+    if (m.nlift > 0) compensation(b, dI);
     bool ahead = part == Part::step && w.ahead;
     const Vec<G::N> &acc = (ahead ? w.bacc : w.acc)[b], &vel = (ahead ? w.bvel : w.vel)[b];
     Vec<G::N> f = dI * acc + cross_force<G>(vel, dI * vel);
     double scale = part == Part::step ? o.h : 1;
-    for (int d = m.body_lastdof[b]; d >= 0;) {
-      at(d) -= scale * dot(w.S[d], f);
-      d = m.anc_ptr[d] < m.anc_ptr[d + 1] ? m.anc_idx[m.anc_ptr[d + 1] - 1] : -1;
-    }
+    for (int d = m.body_lastdof[b]; d >= 0; d = dof_before(d)) at(d) -= scale * dot(w.S[d], f);
   }
   void add_inertia(int b, int field, double coef, Inertia<G>& dI) {
     const T* p = w.P + b * m.body_fields;
@@ -173,9 +179,15 @@ struct ParameterColumns {
 
   void gravity(int axis, double coef) {
     if (part != Part::step) return;
-    Vec<G::N> lift = zero<G::N>();
-    lift[G::A + axis] = splat(coef * o.h);
-    for (int i = 0; i < m.nv; ++i) at(i) += dot(w.S[i], w.Ic[m.dof_body[i]] * lift);
+    Vec<G::N> fall = zero<G::N>();
+    fall[G::A + axis] = splat(coef * o.h);
+    for (int i = 0; i < m.nv; ++i) at(i) += dot(w.S[i], w.Ic[m.dof_body[i]] * fall);
+    if (m.nlift == 0) return;
+    typename G::V down = lin<G>(fall);
+    for (int i = 0; i < m.nv; ++i) {
+      int b = m.dof_body[i];
+      at(i) -= keep(lifted(m, w, i), dot(w.S[i], lift<G>(w.lift_mass[b], w.lift_moment[b], down)));
+    }
   }
 
   void column(int k) {

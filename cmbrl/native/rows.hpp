@@ -1,6 +1,7 @@
 // What acts in a step: joint forces, what of them is implicit, and the rows of contacts, limits and dry friction.
 #pragma once
 #include "candidates.hpp"
+#include "gravcomp.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -37,6 +38,10 @@ static void actuator_forces(const Model& m, Work<G>& w) {
     w.kp[d] -= keep(free, p[kGear] * p[kGear] * p[kBias1]);
     w.open[a] = keep(free & (w.u[a] >= lo) & (w.u[a] <= hi), p[kGear] * p[kGain]);
   }
+  if (m.nlift > 0) {
+    gravity_compensation(m, w);
+    for (int i = 0; i < m.nv; ++i) if (m.dof_lift[i] == kActuatorLift) w.tau[i] += w.lift[i];
+  }
   clamp_joint_forces(m, w);
 }
 
@@ -48,6 +53,7 @@ static void joint_forces(const Model& m, const Options& o, Work<G>& w) {
     const T* p = w.P + m.oDof + i * kDofFields;
     w.tau[i] -= p[kDamping] * w.v[i];
     if (m.dof_qadr[i] >= 0) w.tau[i] -= p[kStiffness] * (w.q[m.dof_qadr[i]] - p[kSpringref]);
+    if (m.nlift > 0 && m.dof_lift[i] == kPassiveLift) w.tau[i] += w.lift[i];
     T spring = w.kp[i] + (m.dof_qadr[i] >= 0 ? p[kStiffness] : T{});
     w.kp[i] = spring;
     T diag = p[kArmature] + o.h * (m.implicit_gains ? p[kDamping] + w.kd[i] : p[kDamping]);

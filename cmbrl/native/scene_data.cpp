@@ -32,7 +32,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.D = m.planar ? 2 : 3;
   m.nq = size("nq"); m.nv = size("nv"); m.nu = size("nu");
   m.nbody = size("nbody"); m.njoint = size("njoint"); m.ncontact = size("ncontact");
-  m.nplane = size("nplane"); m.nlimit = size("nlimit"); m.nact = size("nact"); m.nforcerange = size("nforcerange");
+  m.nplane = size("nplane"); m.nlimit = size("nlimit"); m.nact = size("nact"); m.nforcerange = size("nforcerange"); m.nlift = size("nlift");
   m.body_fields = m.planar ? 4 : 10;
   m.oDof = m.nbody * m.body_fields;
   m.oPlane = m.oDof + m.nv * kDofFields;
@@ -57,6 +57,9 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.dof_soft = d("dof_soft", size_t(m.nv) * 7); m.dof_invweight = d("dof_invweight", m.nv);
   m.act_dof = i("act_dof", na); m.act_qadr = i("act_qadr", na); m.act_ctrl = d("act_ctrl", na * 2); m.act_force = d("act_force", na * 2);
   m.frc_dof = i("frc_dof", m.nforcerange); m.frc_range = d("frc_range", size_t(m.nforcerange) * 2);
+  if (m.nlift > 0) {
+    m.dof_lift = i("dof_lift", m.nv); m.body_lift = d("body_lift", nb); m.body_lift_pos = d("body_lift_pos", nb * D);
+  }
   m.P = d("P", m.nP);
   m.ntheta = int(doubles_.at("par_nominal").size());
   m.par_nominal = d("par_nominal", m.ntheta);

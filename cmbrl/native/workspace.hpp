@@ -108,6 +108,7 @@ struct Work : SolverWork<G> {
   T* Xc; V* momc;
   T *bias, *tau, *a, *kd, *kp, *open, *tmp;
   Mask* yields;                            // lanes in which the actuators of a dof are not clamped by its joint
+  T *lift, *lift_mass; V* lift_moment;     // gravity compensation, by dof and by body
   Mask *con_on, *lim_on;                   // of a step that is read back from its tape
   uint64_t* near; int* order;              // groups that may touch in this step, as bits; bodies along an axis
   typename G::V* centre; T *fast, *reach; double *low, *high;  // of bodies: spheres that hold what may touch in this step
@@ -189,6 +190,7 @@ struct Work : SolverWork<G> {
     Xc = A.take<T>(nb * G::NX); momc = A.take<V>(nb);
     bias = A.take<T>(nv); tau = A.take<T>(nv); a = A.take<T>(nv); kd = A.take<T>(nv); kp = A.take<T>(nv); open = A.take<T>(m.nact + 1);
     tmp = A.take<T>(nv); yields = A.take<Mask>(nv);
+    if (m.nlift > 0) { lift = A.take<T>(nv); lift_mass = A.take<T>(nb); lift_moment = A.take<V>(nb); }
     near = A.take<uint64_t>(words); order = A.take<int>(nb);
     centre = A.take<V>(nb); fast = A.take<T>(nb); reach = A.take<T>(nb); low = A.take<double>(nb); high = A.take<double>(nb);
     bits = A.take<uint64_t>(nv * FillPattern::words(m.nv)); fill_ptr = A.take<int>(nv + 1);

@@ -34,6 +34,7 @@ class CoreArrays:
     nlimit: int
     nact: int
     nforcerange: int
+    nlift: int  # bodies with gravity compensation
     plane_basis: Array  # (2, 3) directions of the plane of motion; zeros for spatial scenes
 
     body_parent: Integers  # (nb,)
@@ -87,6 +88,9 @@ class CoreArrays:
 
     frc_dof: Integers  # (nf,) dofs that clamp the sum of their actuators
     frc_range: Array  # (nf, 2)
+    dof_lift: Integers  # (nv,) how gravity compensation acts: 0 passive, 1 as an actuator of the joint, 2 not
+    body_lift: Array  # (nb,) share of its weight that a body carries itself
+    body_lift_pos: Array  # (nb, D) where, from the centre of mass
 
     P: Array  # (nP,) nominal physical vector
     par_ptr: Integers  # (n + 1,) for n parameters: where the offsets of each begin in par_idx

@@ -55,6 +55,11 @@ def to_dict(scene: Scene) -> dict[str, Any]:
             {"coordinate": scene.coordinate_names[dof], "low": float(low), "high": float(high)}
             for dof, (low, high) in zip(core.frc_dof, core.frc_range, strict=True)
         ],
+        "gravity_compensation": [
+            {"body": name, "share": float(share)}
+            for name, share in zip(scene.body_names, core.body_lift, strict=True)
+            if share
+        ],
         "actuators": [
             {
                 "name": name,
@@ -155,15 +160,18 @@ def _listed(words: Iterable[str]) -> str:
 
 
 def _joint_force_lines(scene: Scene) -> list[str]:
-    """What happens to the sum of the actuators of a joint; nothing where nothing does."""
-    core = scene.core
-    if not core.nforcerange:
-        return []
-    ranges = (
-        f"{scene.coordinate_names[dof]} [{low:g}, {high:g}]"
-        for dof, (low, high) in zip(core.frc_dof, core.frc_range, strict=True)
-    )
-    return [f"  joint forces {core.nforcerange} sums of actuators are clamped" + _listed(ranges)]
+    """Sums of actuators that are clamped, and gravity compensation; nothing where there is none."""
+    core, lines = scene.core, []
+    if core.nforcerange:
+        ranges = (
+            f"{scene.coordinate_names[dof]} [{low:g}, {high:g}]"
+            for dof, (low, high) in zip(core.frc_dof, core.frc_range, strict=True)
+        )
+        lines.append(f"  joint forces {core.nforcerange} sums of actuators are clamped" + _listed(ranges))
+    if core.nlift:
+        shares = (f"{name} {share:.4g}" for name, share in zip(scene.body_names, core.body_lift, strict=True) if share)
+        lines.append(f"  gravcomp     {core.nlift} bodies carry a share of their weight" + _listed(shares))
+    return lines
 
 
 def _actuator_line(scene: Scene, k: int) -> str:

@@ -18,7 +18,7 @@ from cmbrl.scene.assemble import contact_arrays, doubles, integers, physical_vec
 from cmbrl.scene.contacts import ContactBuilder
 from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.differences import differences
-from cmbrl.scene.joint_forces import force_ranges
+from cmbrl.scene.joint_forces import force_ranges, read_compensation
 from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.mjcf import compile_mjcf, name_of, read_tree
@@ -181,6 +181,7 @@ def _build(
     builder.build()
     actuators = read_actuators(model, gate)
     ranges = force_ranges(model, gate)
+    compensation = read_compensation(model, tree, gate)
     gate.close()
     if plane and (obstacle := _obstacle(model, tree, plane, builder.candidates)):
         plane, why = None, obstacle
@@ -216,6 +217,7 @@ def _build(
         act_ctrl=doubles([a.control for a in actuators], (-1, 2)),
         act_force=doubles([a.force for a in actuators], (-1, 2)),
         **ranges,
+        **compensation.arrays(tree, plane),
         P=P,
         par_ptr=moves.ptr,
         par_idx=moves.idx,

@@ -18,7 +18,6 @@ KINDS = {  # those below "supported" are modelled, and left out only if they are
     "fluid": "fluid forces: density, viscosity, wind",
     "flex": "deformable bodies",
     "plugin": "engine plugins",
-    "gravcomp": "gravity compensation",
     "actuator_dynamics": "actuators with a state or a delay",
     "actuator_transmission": "actuators that do not drive exactly one hinge or slide",
     "actuator_bias": "actuators with a force other than gain ctrl + bias0 + bias1 length + bias2 velocity",
@@ -33,6 +32,7 @@ KINDS = {  # those below "supported" are modelled, and left out only if they are
     "surface_velocity": "moving surfaces",
     "integrator": "MuJoCo's discrete integrator",
     # supported
+    "gravcomp": "gravity compensation",
     "joint_force_range": "limits on the total actuator force at a joint",
 }
 
@@ -112,9 +112,6 @@ def check_model(model: mujoco.MjModel, gate: Gate) -> None:
         gate.refuse("flex", name_of(model, "flex", k), "a deformable body")
     if model.nplugin:
         gate.refuse("plugin", "extension", f"{model.nplugin} plugin instance{'s' * (model.nplugin > 1)}")
-    if not option.disableflags & disabled.mjDSBL_GRAVITY and np.any(option.gravity):
-        for body in _find(model, "body_gravcomp", model.nbody):
-            gate.refuse("gravcomp", name_of(model, "body", int(body)), f"gravcomp {model.body_gravcomp[body]:g}")
     if "DISCRETE" in mujoco.mjtIntegrator(option.integrator).name:
         gate.refuse("integrator", "option", "integrator discrete", "replaced by semi-implicit Euler")
     _check_joints(model, gate)

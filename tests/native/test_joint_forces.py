@@ -13,11 +13,13 @@ from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
 
 INTEGRATORS = ("Euler", "implicitfast")
-ARM = """<mujoco><option timestep=".01" integrator="{integrator}"/><worldbody>{world}</worldbody>{rest}</mujoco>"""
+ARM = """<mujoco><option timestep=".01" integrator="{integrator}"/><default><geom contype="0" conaffinity="0"/></default>
+<worldbody>{world}</worldbody>{rest}</mujoco>"""
 TWO_LINKS = """<body {body}><joint name="shoulder" type="hinge" axis="0 1 0" damping=".3" {joint}/>
 <geom type="capsule" size=".04" fromto="0 0 0 .4 0 0"/><body name="fore" pos=".4 0 0" {body}>
 <joint name="elbow" type="hinge" axis="{axis}" armature=".02" {joint}/><geom type="capsule" size=".03"
-fromto="0 0 0 .3 0 0"/><body pos=".3 0 0"><geom type="box" size=".05 .02 .03" pos=".02 .01 .05"/></body></body></body>"""
+fromto="0 0 0 .3 0 0"/><body pos=".3 0 0"><geom type="box" size=".05 .02 .03" pos=".02 .01 .05"/></body>
+</body></body>"""
 
 
 def write(path: Path, integrator: str, world: str, rest: str = "") -> Path:
@@ -86,3 +88,44 @@ def test_sum_of_actuators_is_clamped(integrator: str, axis: str, tmp_path: Path)
         mujoco.mj_forward(model, data)
         clamped += int(np.isin(data.qfrc_actuator, (-2, 3)).sum())
     assert 10 < clamped < 70
+
+
+HANGING = """<body gravcomp=".8" pos="0 0 .5">{root}<geom type="box" size=".1 .05 .03" pos=".02 .03 .01"/>
+<body pos=".2 0 0" gravcomp="-.4"><geom size=".05" pos="0 .1 0"/></body>
+<body pos=".3 0 0"><joint name="b" type="ball" pos=".05 0 0"/><geom size=".07" pos=".1 .1 0"/>
+<body gravcomp="1.5" pos="0 .2 .1" quat="1 .2 .3 .4"><joint name="s" type="slide" axis="1 1 0"/>
+<joint name="h" axis="0 1 2" actuatorgravcomp="true" actuatorfrcrange="-1.5 2"/>
+<geom type="capsule" size=".04 .1" pos=".1 0 0"/></body></body></body>"""
+
+
+@pytest.mark.parametrize("root", ["<freejoint/>", '<joint name="r" type="ball"/>', '<joint name="r" axis="0 1 1"/>'])
+def test_gravity_compensation(root: str, tmp_path: Path) -> None:
+    """Of welded parts together, of ball joints, and as the force of an actuator that its joint clamps."""
+    rest = '<option gravity="1 2 -9"/><actuator><motor joint="h"/></actuator>'
+    file = write(tmp_path, "implicitfast", HANGING.format(root=root), rest)
+    assert_like_mujoco(file)
+    assert_exact(file, {"q", "mass", "com_x", "com_y", "gravity", "gear"})
+    assert Scene.from_mjcf(file).core.nlift == 2
+
+
+@pytest.mark.parametrize("actuator", ["", '<actuator><motor joint="elbow"/></actuator>'])
+@pytest.mark.parametrize("flag", ["", 'gravity="disable"', 'spring="disable" damper="disable"', 'actuation="disable"'])
+def test_gravity_compensation_in_the_plane(flag: str, actuator: str, tmp_path: Path) -> None:
+    """What MuJoCo's flags switch off; compensation that counts as an actuator's goes with the actuators."""
+    world = TWO_LINKS.format(body='gravcomp=".7"', joint='actuatorgravcomp="true"', axis="0 1 0")
+    file = write(tmp_path, "Euler", world, f"<option><flag {flag}/></option>{actuator}")
+    assert Scene.from_mjcf(file).planar
+    assert_like_mujoco(file)
+    if not flag:
+        assert_exact(file, {"q", "mass", "com_x", "gravity"})
+
+
+def test_compensation_follows_the_fitted_mass(tmp_path: Path) -> None:
+    """A body that carries its own weight stays where it is, whatever it weighs and wherever its centre of mass is."""
+    body = '<body gravcomp="1"><freejoint/><geom size=".1"/><body pos=".2 0 0" gravcomp="1"><geom size=".1"/></body></body>'
+    scene = Scene.from_mjcf(write(tmp_path, "Euler", body))
+    theta = scene.parameter_vector()
+    for k, p in enumerate(scene.parameters):
+        theta[k] = {"mass": 1.7, "gravity": 1.3, "com_y": 0.05}.get(p.group, theta[k])
+    r = ComplementarityModel(scene, parameters=theta).predict(scene.q0[None], np.zeros((1, 6)), np.zeros((1, 0)))
+    assert np.abs(r.v_next).max() < 1e-14
