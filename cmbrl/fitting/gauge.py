@@ -66,7 +66,11 @@ def _force_places(core: CoreArrays, members: list[int]) -> list[int]:
         dof_body[dof : dof + (3 if kind == JointKind.BALL else 1)] = body
     inside = set(members)
     places = [layout.dof(d, field) for d in range(core.nv) if dof_body[d] in inside for field in _FORCES]
-    places += [layout.actuator(a, "gear") for a, dof in enumerate(core.act_dof) if dof_body[dof] in inside]
+    pushed = [int(dof_body[dof]) for dof in core.act_dof]
+    for k, actuator in enumerate(core.wide_act):
+        dofs = core.wide_dof[core.wide_ptr[k] : core.wide_ptr[k + 1]]
+        pushed[actuator] = int(dof_body[dofs[0]] if len(dofs) else core.wide_body[k])
+    places += [layout.actuator(a, "gear") for a, body in enumerate(pushed) if body in inside]
     return [place for place in places if core.P[place] != 0.0]
 
 

@@ -70,7 +70,12 @@ static void smooth_terms(const Model& m, const Options& o, Work<G>& w, const T* 
     }
   }
   if (m.nlift > 0) gravity_compensation_terms(m, w, o.h, Gq);
-  for (int a = 0; a < m.nact; ++a) Gu[m.act_dof[a] * m.nu + a] += o.h * w.open[a];
+  ball_spring_terms(m, w, o.h, Gq);
+  power_terms(m, o, w, vn, Gq, Gv);
+  if (m.nbox > 0) fluid_terms(m, w, o.h, Gq, Gv);
+  wide_terms(m, w, o.h, Gq, Gu);
+  for (int a = 0; a < m.nact; ++a)
+    if (m.act_dof[a] >= 0) Gu[m.act_dof[a] * m.nu + a] += o.h * w.open[a];
 }
 
 template <class G> static inline T impulse(const Contact<G>& c, int row) {

@@ -31,11 +31,12 @@ struct Structure {
   Pattern fill;                    // of a contact problem, with the fill-in of its rows; a scene finds it step by step
   const int *grp_dptr, *grp_dof, *grp_sign;  // dofs of J's columns, by group of contacts
   Pattern tree() const { return {anc_ptr, anc_idx}; }
+  int above(int dof) const { return anc_ptr[dof] < anc_ptr[dof + 1] ? anc_idx[anc_ptr[dof + 1] - 1] : -1; }  // next towards the root
 };
 
 struct Model : Structure {
   int planar, implicit_gains;  // implicit_gains: velocity gains of actuators act at the next velocity, as damping does
-  int D, nq, nu, nbody, njoint, ncontact, nplane, nlimit, nact, nforcerange, nlift, nP, ntheta, ngroup;
+  int D, nq, nu, nbody, njoint, ncontact, nplane, nlimit, nact, nforcerange, nlift, nwide, nbox, nballspring, npower, nP, ntheta, ngroup;
   int body_fields, oDof, oPlane, oAct, oGravity, oContact;  // layout of P; bodies start at 0, contacts end it
 
   const int *body_parent, *body_jadr, *body_jnum;
@@ -52,12 +53,18 @@ struct Model : Structure {
   const int *lim_dof, *lim_qadr;
   const double *lim_lo, *lim_hi, *lim_margin, *lim_soft, *lim_invweight;
   const double *dof_soft, *dof_invweight;
-  const int *act_dof, *act_qadr;
+  const int *act_dof, *act_qadr;  // -1: see wide.hpp
   const double *act_ctrl, *act_force;
   const int* frc_dof;       // joints that clamp the sum of their actuators
   const double* frc_range;
   const int* dof_lift;      // gravcomp.hpp; nothing unless nlift > 0
   const double *body_lift, *body_lift_pos;
+  const int *wide_act, *wide_body, *wide_ptr, *wide_dof;  // wide.hpp
+  const double *wide_local, *wide_coef;
+  const int* box_body;                                    // fluid.hpp
+  const double *box_pos, *box_rot, *box_linear, *box_quadratic, *wind;
+  const int *spring_dof, *spring_qadr, *power_dof;        // springs.hpp
+  const double *spring_ref, *power_coef;
 
   const double *P;
   const int *par_ptr, *par_idx;  // parameters that move the rest of P, by parameter

@@ -40,13 +40,11 @@ struct ParameterColumns {
     }
   }
 
-  int dof_before(int d) const { return m.anc_ptr[d] < m.anc_ptr[d + 1] ? m.anc_idx[m.anc_ptr[d + 1] - 1] : -1; }
-
   void compensation(int b, const Inertia<G>& dI) {
     if (part != Part::step || m.body_lift[b] == 0) return;
     double share = m.body_lift[b] * o.h;
     Vec<G::N> f = lift<G>(share * dI.m, share * (dI.h + dI.m * lift_point(m, w, b)), upwards(m, w));
-    for (int d = m.body_lastdof[b]; d >= 0; d = dof_before(d)) at(d) += keep(lifted(m, w, d), dot(w.S[d], f));
+    for (int d = m.body_lastdof[b]; d >= 0; d = m.above(d)) at(d) += keep(lifted(m, w, d), dot(w.S[d], f));
   }
   void body(int b, const Inertia<G>& dI) {  // inverse dynamics is linear in the inertia
     if (m.nlift > 0) compensation(b, dI);
@@ -54,7 +52,7 @@ struct ParameterColumns {
     const Vec<G::N> &acc = (ahead ? w.bacc : w.acc)[b], &vel = (ahead ? w.bvel : w.vel)[b];
     Vec<G::N> f = dI * acc + cross_force<G>(vel, dI * vel);
     double scale = part == Part::step ? o.h : 1;
-    for (int d = m.body_lastdof[b]; d >= 0; d = dof_before(d)) at(d) -= scale * dot(w.S[d], f);
+    for (int d = m.body_lastdof[b]; d >= 0; d = m.above(d)) at(d) -= scale * dot(w.S[d], f);
   }
   void add_inertia(int b, int field, double coef, Inertia<G>& dI) {
     const T* p = w.P + b * m.body_fields;
@@ -89,7 +87,7 @@ struct ParameterColumns {
       case kArmature: at(i) -= coef * dv; break;
       case kDamping: at(i) -= coef * o.h * (late ? dv : w.vn[i]); break;
       case kStiffness: {
-        T stretch = w.q[m.dof_qadr[i]] - p[kSpringref];
+        T stretch = m.dof_qadr[i] >= 0 ? w.q[m.dof_qadr[i]] - p[kSpringref] : w.stretch[i];
         if (o.implicit_springs) stretch += o.h * w.vn[i];
         at(i) -= coef * o.h * stretch;
         break;
@@ -147,10 +145,22 @@ struct ParameterColumns {
     add_wrench(c, coef * Y);
   }
 
+  void wide(int a, int field, double coef) {
+    const T* p = w.P + m.oAct + a * kActuatorFields;
+    if (part != Part::step || field > kBias0) return;
+    int k = 0;
+    while (m.wide_act[k] != a) ++k;
+    Drive drive = wide_drive(m, w, a);
+    T ctrl = vmin(vmax(w.u[a], splat(m.act_ctrl[2 * a])), splat(m.act_ctrl[2 * a + 1]));
+    T push = field == kGear ? drive.force : keep(drive.free, field == kGain ? p[kGear] * ctrl : p[kGear]);
+    for_arms(m, w, k, [&](int d, T arm) { at(d) += keep(w.yields[d], coef * o.h * arm * push); });
+  }
+
   // M~ keeps the velocity gains of a joint that clamps its actuators, and their force does not change there.
   void actuator(int a, int field, double coef) {
     const T* p = w.P + m.oAct + a * kActuatorFields;
     int d = m.act_dof[a];
+    if (d < 0) return wide(a, field, coef);
     T q = w.q[m.act_qadr[a]], v = w.v[d], dv = m.implicit_gains ? w.vn[d] - v : T{}, g = p[kGear];
     T flo = splat(m.act_force[2 * a]), fhi = splat(m.act_force[2 * a + 1]);
     T ctrl = vmin(vmax(w.u[a], splat(m.act_ctrl[2 * a])), splat(m.act_ctrl[2 * a + 1]));

@@ -1,7 +1,10 @@
 // What acts in a step: joint forces, what of them is implicit, and the rows of contacts, limits and dry friction.
 #pragma once
 #include "candidates.hpp"
+#include "fluid.hpp"
 #include "gravcomp.hpp"
+#include "springs.hpp"
+#include "wide.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -15,7 +18,8 @@ static void clamp_joint_forces(const Model& m, Work<G>& w) {
     w.tau[d] = vmin(vmax(w.tau[d], lo), hi);
     w.kp[d] = keep(w.yields[d], w.kp[d]);
   }
-  for (int a = 0; a < m.nact && m.nforcerange > 0; ++a) w.open[a] = keep(w.yields[m.act_dof[a]], w.open[a]);
+  for (int a = 0; a < m.nact && m.nforcerange > 0; ++a)
+    if (m.act_dof[a] >= 0) w.open[a] = keep(w.yields[m.act_dof[a]], w.open[a]);
 }
 
 // Into tau; and their gains kd, kp and open, by velocity, position and control.
@@ -28,6 +32,7 @@ static void actuator_forces(const Model& m, Work<G>& w) {
   for (int a = 0; a < m.nact; ++a) {
     const T* p = w.P + m.oAct + a * kActuatorFields;
     int d = m.act_dof[a];
+    if (d < 0) continue;
     T lo = splat(m.act_ctrl[2 * a]), hi = splat(m.act_ctrl[2 * a + 1]);
     T flo = splat(m.act_force[2 * a]), fhi = splat(m.act_force[2 * a + 1]);
     T ctrl = vmin(vmax(w.u[a], lo), hi);
@@ -38,6 +43,7 @@ static void actuator_forces(const Model& m, Work<G>& w) {
     w.kp[d] -= keep(free, p[kGear] * p[kGear] * p[kBias1]);
     w.open[a] = keep(free & (w.u[a] >= lo) & (w.u[a] <= hi), p[kGear] * p[kGain]);
   }
+  wide_forces(m, w);
   if (m.nlift > 0) {
     gravity_compensation(m, w);
     for (int i = 0; i < m.nv; ++i) if (m.dof_lift[i] == kActuatorLift) w.tau[i] += w.lift[i];
@@ -49,6 +55,9 @@ static void actuator_forces(const Model& m, Work<G>& w) {
 template <class G>
 static void joint_forces(const Model& m, const Options& o, Work<G>& w) {
   actuator_forces(m, w);
+  ball_springs(m, w);
+  power_forces(m, o, w);
+  if (m.nbox > 0) fluid_forces(m, o, w);
   for (int i = 0; i < m.nv; ++i) {
     const T* p = w.P + m.oDof + i * kDofFields;
     w.tau[i] -= p[kDamping] * w.v[i];

@@ -33,6 +33,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.nq = size("nq"); m.nv = size("nv"); m.nu = size("nu");
   m.nbody = size("nbody"); m.njoint = size("njoint"); m.ncontact = size("ncontact");
   m.nplane = size("nplane"); m.nlimit = size("nlimit"); m.nact = size("nact"); m.nforcerange = size("nforcerange"); m.nlift = size("nlift");
+  m.nwide = size("nwide"); m.nbox = size("nbox"); m.nballspring = size("nballspring"); m.npower = size("npower");
   m.body_fields = m.planar ? 4 : 10;
   m.oDof = m.nbody * m.body_fields;
   m.oPlane = m.oDof + m.nv * kDofFields;
@@ -60,6 +61,14 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   if (m.nlift > 0) {
     m.dof_lift = i("dof_lift", m.nv); m.body_lift = d("body_lift", nb); m.body_lift_pos = d("body_lift_pos", nb * D);
   }
+  size_t nw = m.nwide, nf = m.nbox, N = m.planar ? 3 : 6;
+  m.wide_act = i("wide_act", nw); m.wide_body = i("wide_body", nw); m.wide_ptr = i("wide_ptr", nw + 1);
+  m.wide_dof = i("wide_dof", m.wide_ptr[nw]); m.wide_coef = d("wide_coef", m.wide_ptr[nw]); m.wide_local = d("wide_local", nw * N);
+  m.box_body = i("box_body", nf); m.box_pos = d("box_pos", nf * D); m.box_rot = d("box_rot", nf * (m.planar ? 2 : 9));
+  m.box_linear = d("box_linear", nf * N); m.box_quadratic = d("box_quadratic", nf * N); m.wind = d("wind", D);
+  m.spring_dof = i("spring_dof", m.nballspring); m.spring_qadr = i("spring_qadr", m.nballspring);
+  m.spring_ref = d("spring_ref", size_t(m.nballspring) * 4);
+  m.power_dof = i("power_dof", m.npower); m.power_coef = d("power_coef", size_t(m.npower) * 4);
   m.P = d("P", m.nP);
   m.ntheta = int(doubles_.at("par_nominal").size());
   m.par_nominal = d("par_nominal", m.ntheta);

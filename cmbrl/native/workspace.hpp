@@ -109,6 +109,9 @@ struct Work : SolverWork<G> {
   T *bias, *tau, *a, *kd, *kp, *open, *tmp;
   Mask* yields;                            // lanes in which the actuators of a dof are not clamped by its joint
   T *lift, *lift_mass; V* lift_moment;     // gravity compensation, by dof and by body
+  Motion* wide_wrench; T* wide_push;       // of actuators on several dofs: unit wrench, force times gear
+  Motion* drag; T *drag_start, *drag_end;  // of a fluid, by body, and by its twists before and after the step
+  T* stretch;                              // of springs at ball joints
   Mask *con_on, *lim_on;                   // of a step that is read back from its tape
   uint64_t* near; int* order;              // groups that may touch in this step, as bits; bodies along an axis
   typename G::V* centre; T *fast, *reach; double *low, *high;  // of bodies: spheres that hold what may touch in this step
@@ -191,6 +194,9 @@ struct Work : SolverWork<G> {
     bias = A.take<T>(nv); tau = A.take<T>(nv); a = A.take<T>(nv); kd = A.take<T>(nv); kp = A.take<T>(nv); open = A.take<T>(m.nact + 1);
     tmp = A.take<T>(nv); yields = A.take<Mask>(nv);
     if (m.nlift > 0) { lift = A.take<T>(nv); lift_mass = A.take<T>(nb); lift_moment = A.take<V>(nb); }
+    if (m.nwide > 0) { wide_wrench = A.take<Motion>(m.nwide); wide_push = A.take<T>(m.nwide); }
+    if (m.nbox > 0) { drag = A.take<Motion>(nb); drag_start = A.take<T>(nb * G::N * G::N); drag_end = A.take<T>(nb * G::N * G::N); }
+    if (m.nballspring > 0) stretch = A.take<T>(nv);
     near = A.take<uint64_t>(words); order = A.take<int>(nb);
     centre = A.take<V>(nb); fast = A.take<T>(nb); reach = A.take<T>(nb); low = A.take<double>(nb); high = A.take<double>(nb);
     bits = A.take<uint64_t>(nv * FillPattern::words(m.nv)); fill_ptr = A.take<int>(nv + 1);

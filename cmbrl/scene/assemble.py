@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.actuators import Actuator
+from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.laws import CONTACT_LAWS, LawChoice
 from cmbrl.scene.layout import CONTACT_FIELDS, Layout
 from cmbrl.scene.mjcf import limits_act
@@ -142,17 +143,6 @@ def _law_block(own: ContactLaw, law: LawChoice) -> Array:
     return np.array([own.friction, 0.0, 0.0, *ref, *own.solimp[:3], 0.0])  # MJCF cannot express restitution
 
 
-def integers(values: Any) -> np.ndarray:
-    """A C-contiguous int32 vector."""
-    return np.ascontiguousarray(values, dtype=np.int32).reshape(-1)
-
-
-def doubles(values: Any, shape: tuple[int, ...]) -> Array:
-    """A C-contiguous float64 array; an empty one keeps the trailing sizes of ``shape``."""
-    array = np.asarray(values, dtype=np.float64)
-    return np.ascontiguousarray(array.reshape(shape if array.size else (0, *shape[1:])))
-
-
 def physical_vector(
     model: mujoco.MjModel,
     tree: Tree,
@@ -176,15 +166,15 @@ def physical_vector(
             P[inertia] = axis @ I @ axis
         else:
             P[inertia : inertia + 6] = I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]
+    bent = np.any(getattr(model, "jnt_stiffnesspoly", np.zeros((model.njnt, 2))) != 0, axis=-1)
     for joint in tree.joints:
-        stiffness = (
-            model.jnt_stiffness[joint.source] if joint.kind != JointKind.BALL and not flags & off.mjDSBL_SPRING else 0.0
-        )
+        stiffness = 0.0 if flags & off.mjDSBL_SPRING else model.jnt_stiffness[joint.source]
+        reference = model.qpos_spring[joint.qadr] if joint.kind != JointKind.BALL else 0.0
         for dof in joint.dofs:
             P[layout.dof(dof, "armature")] = model.dof_armature[dof]
             P[layout.dof(dof, "damping")] = 0.0 if flags & off.mjDSBL_DAMPER else model.dof_damping[dof]
             P[layout.dof(dof, "stiffness")] = stiffness
-            P[layout.dof(dof, "springref")] = model.qpos_spring[joint.qadr] if stiffness else 0.0
+            P[layout.dof(dof, "springref")] = reference if stiffness or bent[joint.source] else 0.0
             if not flags & (off.mjDSBL_FRICTIONLOSS | off.mjDSBL_CONSTRAINT):
                 P[layout.dof(dof, "frictionloss")] = model.dof_frictionloss[dof]
     blocks = P[layout.contact(0) :].reshape(-1, len(CONTACT_FIELDS))
@@ -199,8 +189,9 @@ def physical_vector(
     for k, actuator in enumerate(actuators):
         first = layout.actuator(k)
         P[first : first + 5] = [actuator.gear, actuator.gain, *actuator.bias]
-        P[layout.dof(actuator.dof, "armature")] += actuator.armature
-        P[layout.dof(actuator.dof, "damping")] += actuator.damping
+        if actuator.reach is None:
+            P[layout.dof(actuator.dof, "armature")] += actuator.armature
+            P[layout.dof(actuator.dof, "damping")] += actuator.damping
     if not flags & off.mjDSBL_GRAVITY:
         gravity = np.asarray(model.opt.gravity)
         P[layout.gravity : layout.contact(0)] = plane.basis @ gravity if plane else gravity

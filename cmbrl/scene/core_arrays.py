@@ -1,7 +1,8 @@
 """Input of the C++ core: sizes, tree, contact candidates, limits, actuators, parameters.
 
 Shapes: nb moving bodies, nj joints, nc contacts, np planes, nl limits, na actuators, nf joints
-that clamp their actuators, D = 2 (planar) or 3. Arrays are C-contiguous, int32 or float64. Index -1 is the world.
+that clamp their actuators, nw actuators on several dofs, nx boxes in a fluid, ns springs of ball joints, nh springs and
+dampers of higher powers, D = 2 (planar) or 3. Arrays are C-contiguous, int32 or float64. Index -1 is the world.
 """
 
 from __future__ import annotations
@@ -35,6 +36,10 @@ class CoreArrays:
     nact: int
     nforcerange: int
     nlift: int  # bodies with gravity compensation
+    nwide: int
+    nbox: int
+    nballspring: int
+    npower: int
     plane_basis: Array  # (2, 3) directions of the plane of motion; zeros for spatial scenes
 
     body_parent: Integers  # (nb,)
@@ -81,7 +86,7 @@ class CoreArrays:
     con_power: Array  # (nc,)
     plane_normal: Array  # (np, D)
 
-    act_dof: Integers  # (na,)
+    act_dof: Integers  # (na,) -1: on several dofs, as told by wide_
     act_qadr: Integers  # (na,)
     act_ctrl: Array  # (na, 2)
     act_force: Array  # (na, 2)
@@ -91,6 +96,26 @@ class CoreArrays:
     dof_lift: Integers  # (nv,) how gravity compensation acts: 0 passive, 1 as an actuator of the joint, 2 not
     body_lift: Array  # (nb,) share of its weight that a body carries itself
     body_lift_pos: Array  # (nb, D) where, from the centre of mass
+
+    wide_act: Integers  # (nw,) actuators on several dofs
+    wide_body: Integers  # (nw,) the body that one pushes, or -1
+    wide_local: Array  # (nw, N) its moment about the body's origin and force, in body axes; N = 3 (planar) or 6
+    wide_ptr: Integers  # (nw + 1,) where its dofs begin, if it drives those of one joint
+    wide_dof: Integers
+    wide_coef: Array  # its moment arms there
+
+    wind: Array  # (D,) [m/s] velocity of the fluid
+    box_body: Integers  # (nx,) boxes that feel its drag
+    box_pos: Array  # (nx, D) in the body frame
+    box_rot: Array  # (nx, 2) or (nx, 9)
+    box_linear: Array  # (nx, N) drag about and along its axes, by velocity
+    box_quadratic: Array  # (nx, N) by velocity times speed
+
+    spring_dof: Integers  # (ns,) first dof of each ball joint with a spring
+    spring_qadr: Integers  # (ns,)
+    spring_ref: Array  # (ns, 4) quaternion at which it is at rest
+    power_dof: Integers  # (nh,) dofs with a spring or a damper of higher powers
+    power_coef: Array  # (nh, 4) k1, k2, b1, b2 of the force -(k1 x + k2 x^2) x - (b1 |v| + b2 v^2) v
 
     P: Array  # (nP,) nominal physical vector
     par_ptr: Integers  # (n + 1,) for n parameters: where the offsets of each begin in par_idx

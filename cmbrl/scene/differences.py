@@ -20,10 +20,19 @@ _RIM_ERROR = 0.18 * FLAT_TILT  # of the radius: the most that the point of a nea
 
 
 def differences(
-    model: mujoco.MjModel, candidates: list[Candidate], contact_law: str, integrator: str
+    model: mujoco.MjModel, candidates: list[Candidate], contact_law: str, integrator: str, boxes: int = 0
 ) -> tuple[LeftOut, ...]:
-    """Approximations of shapes, then differences of the laws; nothing that the file does not use."""
-    return (*_shapes(model, candidates), *_laws(model, candidates, contact_law), *_stepping(model, integrator))
+    """Approximations of shapes, then differences of the laws; nothing that the file does not use.
+
+    ``boxes``: how many bodies feel the drag of a fluid.
+    """
+    drag = [LeftOut("fluid", "drag", "that of the file's masses and inertias, whatever a fit makes of them")]
+    return (
+        *_shapes(model, candidates),
+        *_laws(model, candidates, contact_law),
+        *_stepping(model, integrator),
+        *(drag if boxes else []),
+    )
 
 
 def _shapes(model: mujoco.MjModel, candidates: list[Candidate]) -> Iterator[LeftOut]:

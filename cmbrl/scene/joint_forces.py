@@ -8,8 +8,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from cmbrl.scene.assemble import doubles, integers
-from cmbrl.scene.mjcf import name_of
+from cmbrl.scene.arrays import doubles, integers
+from cmbrl.scene.mjcf import name_of, passive_forces_act
 from cmbrl.scene.records import WORLD, Array, Tree
 from cmbrl.scene.reduction import PlaneOfMotion
 from cmbrl.scene.support import Gate
@@ -76,9 +76,7 @@ def read_compensation(model: mujoco.MjModel, tree: Tree, gate: Gate) -> Compensa
 
 def _compensates(model: mujoco.MjModel) -> bool:
     """As in MuJoCo, gravity compensation goes with gravity, and with all passive forces."""
-    off = mujoco.mjtDisableBit
-    passive = off.mjDSBL_SPRING | off.mjDSBL_DAMPER
-    return not model.opt.disableflags & off.mjDSBL_GRAVITY and model.opt.disableflags & passive != passive
+    return not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY and passive_forces_act(model)
 
 
 def _modes(model: mujoco.MjModel) -> Array:

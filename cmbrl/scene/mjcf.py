@@ -163,3 +163,9 @@ def limits_act(model: mujoco.MjModel) -> bool:
     """Whether the file lets joint limits act."""
     off = mujoco.mjtDisableBit
     return not model.opt.disableflags & (off.mjDSBL_LIMIT | off.mjDSBL_CONSTRAINT)
+
+
+def passive_forces_act(model: mujoco.MjModel) -> bool:
+    """Whether there are passive forces at all: MuJoCo drops gravity compensation and drag with springs and dampers."""
+    both = mujoco.mjtDisableBit.mjDSBL_SPRING | mujoco.mjtDisableBit.mjDSBL_DAMPER
+    return (model.opt.disableflags & both) != both

@@ -60,10 +60,11 @@ def to_dict(scene: Scene) -> dict[str, Any]:
             for name, share in zip(scene.body_names, core.body_lift, strict=True)
             if share
         ],
+        "boxes_in_fluid": core.nbox,
         "actuators": [
             {
                 "name": name,
-                "coordinate": scene.coordinate_names[core.act_dof[k]],
+                "coordinate": _driven(scene, k),
                 "control": _bounds(core.act_ctrl[k]),
                 "force": _bounds(core.act_force[k]),
             }
@@ -168,17 +169,31 @@ def _joint_force_lines(scene: Scene) -> list[str]:
             for dof, (low, high) in zip(core.frc_dof, core.frc_range, strict=True)
         )
         lines.append(f"  joint forces {core.nforcerange} sums of actuators are clamped" + _listed(ranges))
+    if core.nbox:
+        lines.append(f"  fluid        drags {core.nbox} boxes that have the bodies' inertia")
     if core.nlift:
         shares = (f"{name} {share:.4g}" for name, share in zip(scene.body_names, core.body_lift, strict=True) if share)
         lines.append(f"  gravcomp     {core.nlift} bodies carry a share of their weight" + _listed(shares))
     return lines
 
 
+def _driven(scene: Scene, k: int) -> str:
+    """What an actuator drives: a coordinate, a body at a site, or the coordinates of a joint."""
+    core = scene.core
+    if core.act_dof[k] >= 0:
+        return scene.coordinate_names[core.act_dof[k]]
+    wide = core.wide_act.tolist().index(k)
+    if core.wide_body[wide] >= 0:
+        return f"body {scene.body_names[core.wide_body[wide]]}"
+    dofs = core.wide_dof[core.wide_ptr[wide] : core.wide_ptr[wide + 1]]
+    return f"{scene.coordinate_names[dofs[0]]} to {scene.coordinate_names[dofs[-1]]}" if len(dofs) else "the world"
+
+
 def _actuator_line(scene: Scene, k: int) -> str:
     control, force = _bounds(scene.core.act_ctrl[k]), _bounds(scene.core.act_force[k])
     text = scene.actuator_names[k]
-    if scene.coordinate_names[scene.core.act_dof[k]] != text:
-        text += f" on {scene.coordinate_names[scene.core.act_dof[k]]}"
+    if _driven(scene, k) != text:
+        text += f" on {_driven(scene, k)}"
     text += f" ctrl [{control[0]:g}, {control[1]:g}]" if control else ""
     return text + (f" force [{force[0]:g}, {force[1]:g}]" if force else "")
 

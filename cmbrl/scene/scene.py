@@ -13,11 +13,13 @@ from cmbrl.errors import UserError
 from cmbrl.numbers import real_array, switch
 from cmbrl.reading import regular_file
 from cmbrl.scene import kinematics, manifold
-from cmbrl.scene.actuators import read_actuators
-from cmbrl.scene.assemble import contact_arrays, doubles, integers, physical_vector, tree_arrays
+from cmbrl.scene.actuators import reach_arrays, read_actuators
+from cmbrl.scene.arrays import doubles, integers
+from cmbrl.scene.assemble import contact_arrays, physical_vector, tree_arrays
 from cmbrl.scene.contacts import ContactBuilder
 from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.differences import differences
+from cmbrl.scene.fluid import box_arrays, oblique_box, read_boxes
 from cmbrl.scene.joint_forces import force_ranges, read_compensation
 from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.layout import Layout
@@ -26,6 +28,7 @@ from cmbrl.scene.parameters import offer_parameters
 from cmbrl.scene.records import Array, Candidate, Joint, JointKind, LeftOut, Parameter, Tree
 from cmbrl.scene.reduction import PlaneOfMotion, find_plane, merge_points, obstacle_to_plane, project
 from cmbrl.scene.shapes import read_shape
+from cmbrl.scene.springs import check_springs, spring_arrays
 from cmbrl.scene.support import Gate, check_model
 
 _INTEGRATORS = {
@@ -174,12 +177,16 @@ def _build(
     reduce: bool,
     warnings: tuple[str, ...],
 ) -> Scene:
+    check_springs(model, gate)
     tree = read_tree(model)
+    boxes = read_boxes(model, tree, gate)
     plane, why = find_plane(tree, np.asarray(model.opt.gravity)) if reduce else (None, "reduction is off")
+    if plane and (oblique := oblique_box(tree, plane, boxes)):
+        plane, why = None, oblique
     normal = plane.axis if plane else None
     builder = ContactBuilder(model, tree, normal, gate, outlines=plane is not None, keep_far=not reduce)
     builder.build()
-    actuators = read_actuators(model, gate)
+    actuators = read_actuators(model, tree, gate)
     ranges = force_ranges(model, gate)
     compensation = read_compensation(model, tree, gate)
     gate.close()
@@ -218,6 +225,9 @@ def _build(
         act_force=doubles([a.force for a in actuators], (-1, 2)),
         **ranges,
         **compensation.arrays(tree, plane),
+        **reach_arrays(tree, actuators, plane),
+        **box_arrays(model, tree, boxes, plane),
+        **spring_arrays(model, tree),
         P=P,
         par_ptr=moves.ptr,
         par_idx=moves.idx,
@@ -250,7 +260,7 @@ def _build(
         parameters=moves.parameters,
         left_out=tuple(gate.left_out),
         dropped_contacts=tuple(builder.dropped),
-        differences=differences(model, candidates, law.name, integrator),
+        differences=differences(model, candidates, law.name, integrator, len(boxes)),
         merged_points=merged,
         compiler_warnings=warnings,
         joints=tuple(tree.joints),

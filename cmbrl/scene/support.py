@@ -15,15 +15,12 @@ from cmbrl.scene.records import LeftOut
 KINDS = {  # those below "supported" are modelled, and left out only if they are ignored
     "tendon": "tendons that exert a force",
     "equality": "equality constraints",
-    "fluid": "fluid forces: density, viscosity, wind",
     "flex": "deformable bodies",
     "plugin": "engine plugins",
     "actuator_dynamics": "actuators with a state or a delay",
-    "actuator_transmission": "actuators that do not drive exactly one hinge or slide",
+    "actuator_transmission": "actuators that drive neither a joint nor a site, or drive it relative to something else",
     "actuator_bias": "actuators with a force other than gain ctrl + bias0 + bias1 length + bias2 velocity",
     "joint_limit_ball": "limits on ball joints",
-    "joint_spring_ball": "springs on ball and free joints",
-    "joint_polynomial": "nonlinear springs and dampers",
     "geom_type": "contact with height fields, SDFs and ellipsoids",
     "geom_pair": "contact between shapes other than planes, spheres and capsules (boxes against spheres are supported)",
     "condim": "torsional and rolling friction (if ignored, condim 4 and 6 become 3)",
@@ -32,6 +29,9 @@ KINDS = {  # those below "supported" are modelled, and left out only if they are
     "surface_velocity": "moving surfaces",
     "integrator": "MuJoCo's discrete integrator",
     # supported
+    "fluid": "fluid forces: density, viscosity, wind (the ellipsoid model of a geom is not supported)",
+    "joint_spring_ball": "springs on ball and free joints",
+    "joint_polynomial": "nonlinear springs and dampers (springs of ball and free joints are not supported)",
     "gravcomp": "gravity compensation",
     "joint_force_range": "limits on the total actuator force at a joint",
 }
@@ -86,14 +86,6 @@ class Gate:
         )
 
 
-def _find(model: mujoco.MjModel, field: str, rows: int) -> np.ndarray:
-    """Indices of the elements with a nonzero ``field``; none if this version of MuJoCo lacks the field."""
-    values = getattr(model, field, None)
-    if values is None or rows == 0:
-        return np.zeros(0, dtype=int)
-    return np.flatnonzero(np.any(np.asarray(values).reshape(rows, -1) != 0, axis=1))
-
-
 def check_model(model: mujoco.MjModel, gate: Gate) -> None:
     """Reports every unsupported element to the gate, apart from actuators and contacts."""
     option, disabled = model.opt, mujoco.mjtDisableBit
@@ -106,8 +98,6 @@ def check_model(model: mujoco.MjModel, gate: Gate) -> None:
         else:
             kind = mujoco.mjtEq(int(model.eq_type[k])).name.removeprefix("mjEQ_").lower()
             gate.refuse("equality", name, f"a {kind} constraint")
-    if option.density > 0 or option.viscosity > 0:
-        gate.refuse("fluid", "option", f"density {option.density:g}, viscosity {option.viscosity:g}")
     for k in range(model.nflex):
         gate.refuse("flex", name_of(model, "flex", k), "a deformable body")
     if model.nplugin:
@@ -152,18 +142,8 @@ def _check_joints(model: mujoco.MjModel, gate: Gate) -> None:
     kinds = mujoco.mjtJoint
     for k in range(model.njnt):
         name, kind = name_of(model, "joint", k), int(model.jnt_type[k])
-        if kind in (kinds.mjJNT_BALL, kinds.mjJNT_FREE):
-            if model.jnt_limited[k]:
-                gate.refuse("joint_limit_ball", name, "a limited ball joint")
-            if model.jnt_stiffness[k]:
-                gate.refuse("joint_spring_ball", name, f"stiffness {model.jnt_stiffness[k]:g}")
-    for field, rows, owner in (
-        ("jnt_stiffnesspoly", model.njnt, np.arange(model.njnt)),
-        ("dof_dampingpoly", model.nv, model.dof_jntid),
-    ):
-        for k in _find(model, field, rows):
-            name = name_of(model, "joint", int(owner[k]))
-            gate.refuse("joint_polynomial", name, f"nonzero {field[4:-4]} polynomial", "reduced to the linear term")
+        if kind in (kinds.mjJNT_BALL, kinds.mjJNT_FREE) and model.jnt_limited[k]:
+            gate.refuse("joint_limit_ball", name, "a limited ball joint")
 
 
 def _any(model: mujoco.MjModel, field: str, k: int) -> bool:

@@ -11,9 +11,11 @@ import pytest
 from cmbrl.bench.studies.derivatives.differences import compare
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
+from cmbrl.scene.report import describe
 
 INTEGRATORS = ("Euler", "implicitfast")
-ARM = """<mujoco><option timestep=".01" integrator="{integrator}"/><default><geom contype="0" conaffinity="0"/></default>
+ARM = """<mujoco><option timestep=".01" integrator="{integrator}"/>
+<default><geom contype="0" conaffinity="0"/></default>
 <worldbody>{world}</worldbody>{rest}</mujoco>"""
 TWO_LINKS = """<body {body}><joint name="shoulder" type="hinge" axis="0 1 0" damping=".3" {joint}/>
 <geom type="capsule" size=".04" fromto="0 0 0 .4 0 0"/><body name="fore" pos=".4 0 0" {body}>
@@ -122,10 +124,96 @@ def test_gravity_compensation_in_the_plane(flag: str, actuator: str, tmp_path: P
 
 def test_compensation_follows_the_fitted_mass(tmp_path: Path) -> None:
     """A body that carries its own weight stays where it is, whatever it weighs and wherever its centre of mass is."""
-    body = '<body gravcomp="1"><freejoint/><geom size=".1"/><body pos=".2 0 0" gravcomp="1"><geom size=".1"/></body></body>'
+    body = '<body gravcomp="1"><freejoint/><geom size=".1"/>{}</body>'.format(
+        '<body pos=".2 0 0" gravcomp="1"><geom size=".1"/></body>'
+    )
     scene = Scene.from_mjcf(write(tmp_path, "Euler", body))
     theta = scene.parameter_vector()
     for k, p in enumerate(scene.parameters):
         theta[k] = {"mass": 1.7, "gravity": 1.3, "com_y": 0.05}.get(p.group, theta[k])
     r = ComplementarityModel(scene, parameters=theta).predict(scene.q0[None], np.zeros((1, 6)), np.zeros((1, 0)))
     assert np.abs(r.v_next).max() < 1e-14
+
+
+FLYING = """<body name="b">{root}<geom type="box" size=".1 .05 .03" pos=".02 .03 .01"/>
+<site name="s" pos=".1 .2 .3" euler="20 40 60"/><body pos=".3 0 0"><joint name="ball" type="ball" pos=".05 0 0"/>
+<geom size=".07" pos=".1 .1 0"/><body pos="0 .2 .1"><joint name="slide" type="slide" axis="1 1 0"/>
+<joint name="hinge" axis="0 1 2" actuatorfrcrange="-.2 .3"/><geom type="capsule" size=".04 .1" pos=".1 0 0"/>
+<body pos=".1 0 0" euler="10 20 30"><geom type="box" size=".1 .03 .06" pos="0 .1 .1"/><site name="t" pos="0 .1 0"/>
+</body></body></body></body>"""
+ROOTS = ['<joint name="root" type="free"/>', '<joint name="root" type="ball"/>', '<joint axis="0 1 1"/>']
+
+
+@pytest.mark.parametrize("root", ROOTS)
+def test_actuators_on_sites_and_on_ball_and_free_joints(root: str, tmp_path: Path) -> None:
+    """Wrenches that turn with a body, and moment arms of several coordinates; clamped by control, force and joint."""
+    rest = """<actuator><motor site="s" gear="1 2 3 .1 .2 .3" ctrlrange="-1 .5"/><motor joint="ball" gear="1 2 3"/>
+    <general site="t" gear="3 -1 2 0 .1 0" gainprm="2" biastype="affine" biasprm=".3 5 0" forcerange="-.8 1.5"/>
+    <motor joint="hinge"/><motor joint="root" gear="1 2 3 4 5 6"/></actuator>"""
+    rest = rest if "root" in root else rest.replace('<motor joint="root" gear="1 2 3 4 5 6"/>', "")
+    file = write(tmp_path, "implicitfast", FLYING.format(root=root), rest)
+    assert_like_mujoco(file)
+    assert_exact(file, {"q", "v", "u", "gear"})
+    assert_exact(file, {"gear"}, integrator="midpoint")
+
+
+def test_site_in_the_plane(tmp_path: Path) -> None:
+    world = TWO_LINKS.format(body="", joint="", axis="0 1 0").replace(
+        '<body pos=".3 0 0">', '<body pos=".3 0 0"><site name="s" pos=".1 .2 .3" euler="20 30 40"/>'
+    )
+    file = write(tmp_path, "Euler", world, '<actuator><motor site="s" gear="1 2 3 .1 .2 .3"/></actuator>')
+    assert Scene.from_mjcf(file).planar
+    assert_like_mujoco(file)
+    assert_exact(file, {"q", "u", "gear"})
+    assert "s on body fore" not in describe(Scene.from_mjcf(file))
+    assert "on body fore" in describe(Scene.from_mjcf(file))
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("medium", ['viscosity="2"', 'density="300"', 'density="300" viscosity="2" wind="1 -2 .5"'])
+@pytest.mark.parametrize("root", ROOTS)
+def test_drag_of_a_fluid(integrator: str, medium: str, root: str, tmp_path: Path) -> None:
+    """On every part of a body; implicit in its velocity where MuJoCo's integrator is."""
+    file = write(tmp_path, integrator, FLYING.format(root=root), f"<option {medium}/>")
+    assert Scene.from_mjcf(file).core.nbox == 4
+    assert_like_mujoco(file)
+    assert_exact(file, {"q", "v", "mass"})
+    assert_exact(file, {"q", "v"}, count=5, integrator="midpoint")
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_drag_in_the_plane(integrator: str, tmp_path: Path) -> None:
+    """Planar while the boxes stand upright in the plane, spatial otherwise."""
+    for turn, planar in (("0 0 0", True), ("0 30 0", True), ("30 0 0", False)):
+        world = TWO_LINKS.format(body="", joint="", axis="0 1 0").replace("<body pos", f'<body euler="{turn}" pos')
+        world = f'<body>{world}<joint name="x" type="slide" axis="1 0 0"/><geom type="box" size=".1 .2 .3"/></body>'
+        file = write(tmp_path, integrator, world, '<option density="300" viscosity="2" wind="1 -2 .5"/>')
+        assert Scene.from_mjcf(file).planar == planar
+        assert_like_mujoco(file)
+        assert_exact(file, {"q", "v"})
+    assert "drag" in {x.name for x in Scene.from_mjcf(file).differences}
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_springs_of_ball_and_free_joints(integrator: str, tmp_path: Path) -> None:
+    world = """<body><joint name="f" type="free" stiffness="3"/><geom type="box" size=".1 .05 .03" pos=".02 .03 .01"/>
+    <body pos=".3 0 0"><joint name="b" type="ball" pos=".05 0 0" stiffness="2" damping=".1"/>
+    <geom size=".07" pos=".1 .1 0"/>
+    </body></body>"""
+    file = write(tmp_path, integrator, world)
+    assert_like_mujoco(file)
+    assert_exact(file, {"q", "v", "stiffness", "damping"})
+    assert_exact(file, {"stiffness"}, implicit_springs=True)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_springs_and_dampers_of_higher_powers(integrator: str, tmp_path: Path) -> None:
+    world = """<body><joint type="slide" axis="1 0 0" stiffness="3 2 5" damping=".1 .2 .4" springref=".2"/>
+    <geom size=".1"/><body pos=".3 0 0"><joint axis="0 0 1" stiffness="0 1 2" springref="30"/>
+    <geom size=".1" pos=".1 0 0"/><body><joint type="ball" damping=".1 .3 .2"/>
+    <geom type="box" size=".1 .05 .03" pos=".1 0 0"/></body></body></body>"""
+    file = write(tmp_path, integrator, world)
+    assert Scene.from_mjcf(file).core.npower == 5
+    assert_like_mujoco(file)
+    assert_exact(file, {"q", "v", "stiffness", "damping"})
+    assert_exact(file, {"stiffness", "damping"}, implicit_springs=True)

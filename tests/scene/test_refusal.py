@@ -32,14 +32,18 @@ CASES = {
         "t",
     ),
     "equality": (HINGE.format("", ""), '<equality><joint name="e" joint1="h"/></equality>', "e"),
-    "fluid": (HINGE.format("", ""), '<option viscosity=".1"/>', "viscosity 0.1"),
+    "fluid": (
+        '<body name="m"><joint name="h"/><geom name="g" size=".1" fluidshape="ellipsoid"/></body>',
+        '<option viscosity=".1"/>',
+        "g",
+    ),
     "joint_limit_ball": (BALL_JOINT.format('range="0 1" limited="true"'), "", "b"),
-    "joint_spring_ball": (BALL_JOINT.format('stiffness="1"'), "", "b"),
+    "joint_polynomial": (BALL_JOINT.format('stiffness="1 2 3"'), "", "b"),
     "actuator_dynamics": (*actuator("general", 'dyntype="filter" dynprm="1"'), "motor"),
     "actuator_bias": (*actuator("general", 'gaintype="affine" gainprm="1 2 0"'), "motor"),
     "actuator_transmission": (
         BALL_JOINT.format(""),
-        '<actuator><motor name="motor" joint="b" gear="1 0 0"/></actuator>',
+        '<actuator><motor name="motor" jointinparent="b" gear="1 0 0"/></actuator>',
         "motor",
     ),
     "geom_type": (FLOOR + DROP.format('type="ellipsoid" size=".1 .2 .3"'), "", "g - f"),
@@ -68,7 +72,7 @@ def test_refused_by_name_or_ignored(kind: str, load: Load) -> None:
     assert name in message
     assert f"--ignore {kind}" in message
     scene, model = load(world, rest, ignore=[kind])
-    assert [x.kind for x in scene.left_out] == [kind]
+    assert {x.kind for x in scene.left_out} == {kind}
     assert scene.nu == model.nu
     assert kind in describe(scene)
 
@@ -92,6 +96,9 @@ def test_all_refusals_come_in_one_line(load: Load) -> None:
 
 
 SUPPORTED = {
+    "fluid": (HINGE.format("", ""), '<option viscosity=".1"/>', "option"),
+    "joint_spring_ball": (BALL_JOINT.format('stiffness="1"'), "", "b"),
+    "joint_polynomial": (HINGE.format("", 'damping="1 0 2"'), "", "h"),
     "gravcomp": (HINGE.format('gravcomp="1"', ""), "", "m"),
     "joint_force_range": (HINGE.format("", 'actuatorfrcrange="-1 1"'), "", "h"),
 }
@@ -122,7 +129,7 @@ def test_unmodelled_contact_that_cannot_happen_is_no_obstacle(load: Load) -> Non
 @pytest.mark.parametrize("file", GYMNASIUM, ids=lambda file: file.stem)
 def test_gymnasium(file: Path) -> None:
     """Every MJCF of gymnasium loads; where something is not modelled, one line says what and how to load it."""
-    refused = {"pusher": ["geom_pair"], "pusher_v5": ["geom_pair"], "swimmer": ["fluid"]}.get(file.stem, [])
+    refused = {"pusher": ["geom_pair"], "pusher_v5": ["geom_pair"]}.get(file.stem, [])
     if refused:
         with pytest.raises(UserError, match=f"--ignore {refused[0]}$"):
             Scene.from_mjcf(file)

@@ -54,6 +54,7 @@ def _clamps(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
     force = gain * np.clip(u, low, high) + bias0 + bias1 * length + bias2 * rate
     shortest = np.tile(time > 2 * model.time_step, (len(q), 1))  # MuJoCo's least time constant
     drive = np.zeros((len(q), core.nv))
-    np.add.at(drive.T, core.act_dof, (gear * np.clip(force, least, most)).T)
+    single = core.act_dof >= 0
+    np.add.at(drive.T, core.act_dof[single], (gear * np.clip(force, least, most)).T[single])
     drive, (lowest, highest) = drive[:, core.frc_dof], np.reshape(core.frc_range, (-1, 2)).T
     return [u < low, u > high, force < least, force > most, drive < lowest, drive > highest, shortest]

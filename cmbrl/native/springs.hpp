@@ -1,0 +1,89 @@
+// Springs that turn ball joints back, and springs and dampers with higher powers.
+#pragma once
+#include "manifold.hpp"
+#include "workspace.hpp"
+
+namespace cmbrl::CMBRL_ISA {
+
+// The rotation vector (3), in body axes, that turns the unit quaternion `from` into q.
+static inline void rotation_since(const double* from, const T* q, T* out) {
+  T back[4] = {splat(from[0]), splat(-from[1]), splat(-from[2]), splat(-from[3])}, r[4];
+  quat_mul(back, q, r);
+  T sine = vsqrt(r[1] * r[1] + r[2] * r[2] + r[3] * r[3]), scale;
+  for (int i = 0; i < W; ++i) {
+    double angle = 2 * __builtin_atan2(sine[i], r[0][i]);
+    if (angle > 3.14159265358979323846) angle -= 6.28318530717958647692;
+    scale[i] = sine[i] > 1e-12 ? angle / sine[i] : r[0][i] < 0 ? -2 : 2;
+  }
+  CMBRL_FOR(k, 3) out[k] = scale * r[1 + k];
+}
+
+template <class G>
+static void ball_springs(const Model& m, Work<G>& w) {  // into tau and kp
+  for (int s = 0; s < m.nballspring; ++s) {
+    int d = m.spring_dof[s];
+    rotation_since(m.spring_ref + 4 * s, w.q + m.spring_qadr[s], w.stretch + d);
+    for (int i = d; i < d + 3; ++i) {
+      T k = w.P[m.oDof + i * kDofFields + kStiffness];
+      w.tau[i] -= k * w.stretch[i];
+      w.kp[i] += k;
+    }
+  }
+}
+
+// Adds h dtau/dq without the diagonal -h kp that all springs have: the rest of the inverse right Jacobian of SO(3).
+template <class G>
+static void ball_spring_terms(const Model& m, const Work<G>& w, double h, T* Gq) {
+  for (int s = 0; s < m.nballspring; ++s) {
+    int d = m.spring_dof[s];
+    const T* t = w.stretch + d;
+    T a2 = t[0] * t[0] + t[1] * t[1] + t[2] * t[2], a = vsqrt(a2), sine, cosine;
+    sincos(0.5 * a, sine, cosine);
+    Mask small = a < 1e-3;
+    T safe = select(small, splat(1), a);
+    T second = select(small, 1.0 / 12 + a2 / 720.0, 1.0 / (safe * safe) - cosine / (2.0 * safe * select(small, splat(1), sine)));
+    T K[9] = {T{}, -t[2], t[1], t[2], T{}, -t[0], -t[1], t[0], T{}};
+    CMBRL_FOR(r, 3) CMBRL_FOR(c, 3) {
+      T rest = 0.5 * K[3 * r + c] + second * (t[r] * t[c] - (r == c ? a2 : T{}));
+      Gq[(d + r) * m.nv + d + c] -= h * w.P[m.oDof + (d + r) * kDofFields + kStiffness] * rest;
+    }
+  }
+}
+
+// Force -(k1 x + k2 x^2) x - (b1 |v| + b2 v^2) v of a dof, x from the spring's reference, and its slopes.
+struct Powers { T force, k, b, dk, db; };
+template <class G>
+static Powers powers(const Model& m, const Work<G>& w, int s) {
+  int d = m.power_dof[s];
+  const double* c = m.power_coef + 4 * s;
+  T v = w.v[d], size = vabs(v);
+  T x = m.dof_qadr[d] >= 0 ? w.q[m.dof_qadr[d]] - w.P[m.oDof + d * kDofFields + kSpringref] : T{};
+  T sign = select(v < 0.0, splat(-1), splat(1));
+  return {-(c[0] + c[1] * x) * x * x - (c[2] + c[3] * size) * size * v, (2 * c[0] + 3 * c[1] * x) * x,
+          (2 * c[2] + 3 * c[3] * size) * size, 2 * c[0] + 6 * c[1] * x, (2 * c[2] + 6 * c[3] * size) * sign};
+}
+
+// Into tau, kp and M~: damping is implicit with its slope.
+template <class G>
+static void power_forces(const Model& m, const Options& o, Work<G>& w) {
+  for (int s = 0; s < m.npower; ++s) {
+    int d = m.power_dof[s];
+    Powers p = powers(m, w, s);
+    w.tau[d] += p.force;
+    w.kp[d] += p.k;
+    w.M[m.tree().row(d)] += o.h * p.b;
+  }
+}
+
+// Adds what of the derivative is not the diagonal -h kp: slopes that stand in M~ times the changes vn - v and vn.
+template <class G>
+static void power_terms(const Model& m, const Options& o, const Work<G>& w, const T* vn, T* Gq, T* Gv) {
+  for (int s = 0; s < m.npower; ++s) {
+    int d = m.power_dof[s];
+    Powers p = powers(m, w, s);
+    Gv[d * (m.nv + 1)] -= o.h * (p.b + p.db * (vn[d] - w.v[d]));
+    if (o.implicit_springs) Gq[d * (m.nv + 1)] -= o.h * o.h * p.dk * vn[d];
+  }
+}
+
+}  // namespace cmbrl::CMBRL_ISA
