@@ -95,16 +95,17 @@ static void fluid_forces(const Model& m, const Options& o, Work<G>& w) {
 }
 
 // Adds h times the derivatives of what acts in the step, F(V) + F'(V) (V' - V) if implicit, with twists V, V' under v and vn
-// in w.vel and w.tn: dF = drag_start dV + drag_end dV' in the axes of a box, which turn with its body.
+// in w.vel and w.tn: dF = drag_start dV + drag_end dV' in the axes of a box, which turn with its body. late: of F'(V) (V' - V)
+// alone, at fixed v' - v: what is implicit, as a part of M~.
 template <class G>
-static void fluid_terms(const Model& m, Work<G>& w, double h, T* Gq, T* Gv) {
+static void fluid_terms(const Model& m, Work<G>& w, double h, T* Gq, T* Gv, bool late = false) {
   constexpr int size = G::N * G::N;
   int nv = m.nv;
   Vec<G::N> still = wind<G>(m);
   clear_drag(m, w);
   for_box_axes(m, w, [&](int b, const Vec<G::N>& axis, double linear, double quadratic) {
     T v = dot(axis, w.vel[b] - still), by_v = -(linear + 2.0 * quadratic * vabs(v));
-    T force = -(linear + quadratic * vabs(v)) * v;
+    T force = late ? T{} : -(linear + quadratic * vabs(v)) * v;
     if (m.implicit_gains) {
       T change = dot(axis, w.tn[b] - w.vel[b]);
       force += by_v * change;
@@ -118,16 +119,18 @@ static void fluid_terms(const Model& m, Work<G>& w, double h, T* Gq, T* Gv) {
   for (int i = 0; i < nv; ++i) {
     int b = m.dof_body[i];
     const T *start = w.drag_start + b * size, *end = w.drag_end + b * size;
-    Vec<G::N> by_start = h * product(start, w.S[i]), by_end = h * product(end, w.S[i]), by_v = by_start + by_end;
-    auto moved = [&](int j, const Vec<G::N>* before) { return cross_motion<G>(before[j] - still, w.S[j]); };
-    Vec<G::N> own = h * (product(start, moved(i, w.vlam)) + product(end, moved(i, w.tnlam)));
+    Vec<G::N> by_start = h * product(start, w.S[i]), by_end = h * product(end, w.S[i]);
+    Vec<G::N> by_v = late ? by_start : by_start + by_end;
+    auto moved_start = [&](int j) { return cross_motion<G>(w.vlam[j] - still, w.S[j]); };
+    auto moved_end = [&](int j) { return cross_motion<G>(w.tnlam[j] - (late ? w.vlam[j] : still), w.S[j]); };
+    Vec<G::N> own = h * (product(start, moved_start(i)) + product(end, moved_end(i)));
     Vec<G::N> turned = own + h * cross_force<G>(w.S[i], w.drag[b]);
     Gq[i * (nv + 1)] += dot(w.S[i], own);
     Gv[i * (nv + 1)] += dot(w.S[i], by_v);
     for (int a = m.anc_ptr[i]; a < m.anc_ptr[i + 1]; ++a) {
       int j = m.anc_idx[a];
       T v = dot(w.S[j], by_v);
-      Gq[i * nv + j] += dot(by_start, moved(j, w.vlam)) + dot(by_end, moved(j, w.tnlam));
+      Gq[i * nv + j] += dot(by_start, moved_start(j)) + dot(by_end, moved_end(j));
       Gq[j * nv + i] += dot(w.S[j], m.dof_jnt[j] == m.dof_jnt[i] ? own : turned);
       Gv[i * nv + j] += v;
       Gv[j * nv + i] += v;

@@ -118,6 +118,12 @@ static void late_smooth_terms(const Model& m, const Options& o, Work<G>& w, bool
   for (int i = 0; i < nv * m.ntheta; ++i) w.Sp[i] = T{};
   contact_terms(m, w, w.Sq, w.Sv, true);
   if (theta) parameter_terms(m, o, w, w.Sp, Part::late_rows);
+  late_power_terms(m, o, w, w.Sq, w.Sv);
+  if (m.nbox > 0 && m.implicit_gains) {
+    for (int k = 0; k < nv; ++k) w.pvec[k] = w.v[k] + w.shift[k];
+    accelerations_and_twists(m, o, w, w.pvec);
+    fluid_terms(m, w, o.h, w.Sq, w.Sv, true);
+  }
   typename G::V gravity;  // - dM~ shift: inverse dynamics of the acceleration `shift`, at rest, without gravity
   CMBRL_FOR(k, G::D) { gravity[k] = w.P[m.oGravity + k]; w.P[m.oGravity + k] = T{}; }
   T *v = w.v, *rest = w.rhs;

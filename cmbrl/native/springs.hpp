@@ -86,4 +86,15 @@ static void power_terms(const Model& m, const Options& o, const Work<G>& w, cons
   }
 }
 
+// The same of -dM~ shift, which late impulses ask for.
+template <class G>
+static void late_power_terms(const Model& m, const Options& o, const Work<G>& w, T* Sq, T* Sv) {
+  for (int s = 0; s < m.npower; ++s) {
+    int d = m.power_dof[s];
+    Powers p = powers(m, w, s);
+    Sv[d * (m.nv + 1)] -= o.h * p.db * w.shift[d];
+    if (o.implicit_springs) Sq[d * (m.nv + 1)] -= o.h * o.h * p.dk * w.shift[d];
+  }
+}
+
 }  // namespace cmbrl::CMBRL_ISA

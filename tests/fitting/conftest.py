@@ -52,7 +52,7 @@ class CartScene:
             "nbody": n, "nv": n, "P": physical, "layout": layout,
             "body_parent": np.full(n, -1), "con_bodyA": np.empty(0, int), "con_bodyB": np.empty(0, int),
             "jnt_type": np.zeros(n, int), "jnt_body": np.arange(n), "jnt_qadr": np.arange(n), "jnt_vadr": np.arange(n),
-            "act_dof": np.arange(n), "par_idx": np.array([*places, layout.gravity]),
+            "act_dof": np.arange(n), "wide_act": np.empty(0, int), "par_idx": np.array([*places, layout.gravity]),
             "par_ptr": np.array([*range(4 * n + 2), 4 * n + 1]),
         })  # fmt: skip
 

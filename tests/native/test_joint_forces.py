@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from cmbrl.bench.studies.derivatives.differences import compare
+from cmbrl.bench.studies.derivatives.differences import compare, measure
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
 from cmbrl.scene.report import describe
@@ -217,3 +217,19 @@ def test_springs_and_dampers_of_higher_powers(integrator: str, tmp_path: Path) -
     assert_like_mujoco(file)
     assert_exact(file, {"q", "v", "stiffness", "damping"})
     assert_exact(file, {"stiffness", "damping"}, implicit_springs=True)
+
+
+@pytest.mark.parametrize(("medium", "joint"), [('density="500" viscosity="1"', ""), ("", 'damping="1 3 5"')])
+def test_bounces_with_forces_that_are_implicit(medium: str, joint: str, tmp_path: Path) -> None:
+    """Impulses that act late in the step ask for the derivative of the mass matrix with its implicit forces."""
+    file = tmp_path / "scene.xml"
+    file.write_text(
+        f"""<mujoco><option integrator="implicitfast" timestep=".01" {medium}/><worldbody>
+    <geom type="plane" size="5 5 .1"/><body pos="0 0 .3"><freejoint/><geom type="box" size=".1 .05 .2" mass="1"/>
+    <body pos=".1 0 .2"><joint axis="0 1 0" {joint}/><geom size=".05" pos=".2 0 0"/></body></body></worldbody></mujoco>""",
+        encoding="utf-8",
+    )
+    scene = Scene.from_mjcf(file, ["geom_pair"], contact_law="rigid")
+    row = measure(scene, "kappa 1e-4", 20, restitution=0.5)
+    assert row["median"] <= 1e-6, row
+    assert row["worst_column"] <= 1e-5, row
