@@ -226,7 +226,8 @@ def test_bounces_with_forces_that_are_implicit(medium: str, joint: str, tmp_path
     file.write_text(
         f"""<mujoco><option integrator="implicitfast" timestep=".01" {medium}/><worldbody>
     <geom type="plane" size="5 5 .1"/><body pos="0 0 .3"><freejoint/><geom type="box" size=".1 .05 .2" mass="1"/>
-    <body pos=".1 0 .2"><joint axis="0 1 0" {joint}/><geom size=".05" pos=".2 0 0"/></body></body></worldbody></mujoco>""",
+    <body pos=".1 0 .2"><joint axis="0 1 0" {joint}/><geom size=".05" pos=".2 0 0"/></body></body>
+    </worldbody></mujoco>""",
         encoding="utf-8",
     )
     scene = Scene.from_mjcf(file, ["geom_pair"], contact_law="rigid")
