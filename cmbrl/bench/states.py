@@ -12,6 +12,7 @@ import numpy as np
 from cmbrl.errors import UserError
 from cmbrl.registry import load_task
 from cmbrl.scene import Scene
+from cmbrl.scene.kinematics import addresses
 from cmbrl.scene.records import JointKind
 
 G1 = Path(os.environ.get("CMBRL_G1") or Path(__file__).parents[3] / "shared/models/g1_reference.xml")
@@ -92,11 +93,14 @@ def _configurations(scene: Scene, count: int, rng: np.random.Generator, ranges: 
     loose = not core.nlimit and "rotation" in scene.coordinate_kinds
     width = np.where([kind == "rotation" and loose for kind in scene.coordinate_kinds], ranges.turn, ranges.spread)
     q = scene.integrate(np.tile(scene.q0, (count, 1)), width * rng.normal(size=(count, scene.nv)))
-    for adr, low, high in zip(core.lim_qadr, core.lim_lo, core.lim_hi, strict=True):
+    places = addresses(core)
+    for line, low, high in zip(core.lim_line, core.lim_lo, core.lim_hi, strict=True):
+        if line >= scene.nv:
+            continue  # a tendon: its length follows from its joints
         inside, side = rng.uniform(low, high, count), rng.random(count) < 0.5
         beyond = rng.choice([0.0, 1.0], count) * rng.uniform(0, 0.05, count)
         at = np.where(side, low - beyond, high + beyond)
-        q[:, adr] = np.where(rng.random(count) < ranges.at_limit, at, inside)
+        q[:, places[line]] = np.where(rng.random(count) < ranges.at_limit, at, inside)
     _lower(scene, q, rng.uniform(*ranges.gap, count))
     return q
 

@@ -2,19 +2,20 @@
 
 Scaling mass, armature, damping, stiffness, friction loss and gear of a tree together changes no motion. One known value
 among them determines the others; if all may move, one mass has to stay fixed or the search diverges. Trees that can
-touch exchange impulses, so they share one scale.
+touch, or that a tendon or an equality constraint ties, exchange impulses, so they share one scale.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 
 import numpy as np
 
 from cmbrl.scene.core_arrays import CoreArrays
-from cmbrl.scene.records import JointKind
+from cmbrl.scene.records import WORLD, JointKind, TieKind
 
-_FORCES = ("armature", "damping", "stiffness", "frictionloss")  # fields of a degree of freedom, all but springref
+_FORCES = ("armature", "damping", "stiffness", "frictionloss")  # fields of a line, all but springref
 
 
 def gauge_columns(core: CoreArrays, free: np.ndarray) -> list[int]:
@@ -61,21 +62,30 @@ def _free_owner(owner: Mapping[int, list[int]], place: int, free: np.ndarray) ->
 
 def _force_places(core: CoreArrays, members: list[int]) -> list[int]:
     """Offsets into P of every nonzero force on ``members`` that does not scale with gravity."""
-    layout, dof_body = core.layout, np.full(core.nv, -1)
-    for kind, body, dof in zip(core.jnt_type, core.jnt_body, core.jnt_vadr, strict=True):
-        dof_body[dof : dof + (3 if kind == JointKind.BALL else 1)] = body
-    inside = set(members)
-    places = [layout.dof(d, field) for d in range(core.nv) if dof_body[d] in inside for field in _FORCES]
-    pushed = [int(dof_body[dof]) for dof in core.act_dof]
+    layout, bodies, inside = core.layout, _bodies_of_lines(core), set(members)
+    lines = [k for k, of in enumerate(bodies) if not inside.isdisjoint(of)]
+    places = [layout.dof(k, field) for k in lines for field in _FORCES]
+    places += [layout.actuator(a, "gear") for a, line in enumerate(core.act_line) if line in lines]
     for k, actuator in enumerate(core.wide_act):
         dofs = core.wide_dof[core.wide_ptr[k] : core.wide_ptr[k + 1]]
-        pushed[actuator] = int(dof_body[dofs[0]] if len(dofs) else core.wide_body[k])
-    places += [layout.actuator(a, "gear") for a, body in enumerate(pushed) if body in inside]
+        if (bodies[dofs[0]][0] if len(dofs) else int(core.wide_body[k])) in inside:
+            places.append(layout.actuator(int(actuator), "gear"))
     return [place for place in places if core.P[place] != 0.0]
 
 
+def _bodies_of_lines(core: CoreArrays) -> list[list[int]]:
+    """The bodies whose joints each degree of freedom, then each tendon, is made of."""
+    of_dof = [-1] * core.nv
+    for kind, body, dof in zip(core.jnt_type, core.jnt_body, core.jnt_vadr, strict=True):
+        for k in range(dof, dof + (3 if kind == JointKind.BALL else 1)):
+            of_dof[k] = int(body)
+    ends = core.tendon_ptr
+    tendons = [[of_dof[k] for k in core.tendon_dof[a:b]] for a, b in pairwise(ends)]
+    return [[body] for body in of_dof] + tendons
+
+
 def _sets(core: CoreArrays) -> list[list[int]]:
-    """Lists of bodies that exchange impulses, through joints or contact."""
+    """Lists of bodies that exchange impulses, through joints, contact, tendons or equality constraints."""
     root = list(range(core.nbody))
 
     def find(body: int) -> int:
@@ -83,7 +93,13 @@ def _sets(core: CoreArrays) -> list[list[int]]:
             body = root[body]
         return body
 
-    links = list(enumerate(core.body_parent)) + list(zip(core.con_bodyA, core.con_bodyB, strict=True))
+    lines = _bodies_of_lines(core)
+    links = [*enumerate(core.body_parent), *zip(core.con_bodyA, core.con_bodyB, strict=True)]
+    links += [(bodies[0], body) for bodies in lines for body in bodies]
+    for kind, a, b in zip(core.tie_type, core.tie_A, core.tie_B, strict=True):
+        if kind == TieKind.POLYNOMIAL:
+            a, b = lines[a][0], lines[b][0] if b != WORLD else WORLD
+        links.append((a, b))
     for a, b in links:
         if a >= 0 and b >= 0:
             root[find(int(a))] = find(int(b))

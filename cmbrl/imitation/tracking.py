@@ -22,7 +22,7 @@ from cmbrl.imitation.robot import Robot
 from cmbrl.imitation.starts import Starts
 from cmbrl.mdp import MDP, Total
 from cmbrl.models.body_motion import BodyMotion, BodyMotions
-from cmbrl.scene import Scene
+from cmbrl.scene import Scene, kinematics
 
 # weight, sigma of each term: reward w exp(-e / sigma^2), e a squared error or its mean over bodies
 TERMS = {
@@ -216,7 +216,7 @@ def _check(robot: Robot, scene: Scene) -> None:
     if scene.coordinate_kinds[:ROOT_V] != kinds or scene.nq != ROOT_Q + scene.nv - ROOT_V:
         raise UserError(f"{scene.name}: imitation needs a free root, and joints of one coordinate each after it")
     stiffness = [-scene.core.P[scene.layout.actuator(i, "bias1")] for i in range(scene.nu)]
-    if list(scene.core.act_dof) != list(range(ROOT_V, scene.nv)) or not all(k > 0 for k in stiffness):
+    if list(scene.core.act_line) != list(range(ROOT_V, scene.nv)) or not all(k > 0 for k in stiffness):
         raise UserError(f"{scene.name}: imitation needs one position servo for each joint, in the order of the joints")
     if not scene.body_names or robot.tracked[:1] != scene.body_names[:1]:
         raise UserError(f"{scene.name}: the first tracked body has to be the root, {scene.body_names[0]!r}")
@@ -244,6 +244,9 @@ def _reach(scene: Scene) -> np.ndarray:
 def _soft_limits(scene: Scene) -> tuple[Tensor, Tensor]:
     """Nine tenths of each joint's range (nu,)."""
     low, high, core = np.full(scene.nq, -np.inf), np.full(scene.nq, np.inf), scene.core
-    middle, half = (core.lim_lo + core.lim_hi) / 2, SOFT * (core.lim_hi - core.lim_lo) / 2
-    low[core.lim_qadr], high[core.lim_qadr] = middle - half, middle + half
+    joint = core.lim_line < scene.nv
+    places = kinematics.addresses(core)[core.lim_line[joint]]
+    least, most = core.lim_lo[joint], core.lim_hi[joint]
+    middle, half = (least + most) / 2, SOFT * (most - least) / 2
+    low[places], high[places] = middle - half, middle + half
     return torch.from_numpy(low[ROOT_Q:]), torch.from_numpy(high[ROOT_Q:])

@@ -13,10 +13,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cmbrl.scene.records import JointKind
+from cmbrl.scene.kinematics import line_matrix
+from cmbrl.scene.records import JointKind, TieKind
 
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
+    from cmbrl.scene.core_arrays import CoreArrays
 
 
 @dataclass(frozen=True)
@@ -151,23 +153,40 @@ def free_translations(scene: Scene) -> list[tuple[int, int, int]]:
     return found
 
 
+def _tied(core: CoreArrays, body: int, lines: set[int]) -> bool:
+    """Whether an equality constraint ties one of ``lines``, or ``body`` or what it carries to anything else."""
+    carried = {body}
+    for child, parent in enumerate(core.body_parent):
+        if parent in carried:
+            carried.add(child)
+    for kind, *ends in zip(core.tie_type, core.tie_A, core.tie_B, strict=True):
+        if kind == TieKind.POLYNOMIAL:
+            if not lines.isdisjoint(ends):
+                return True
+        elif (ends[0] in carried) != (ends[1] in carried):
+            return True
+    return False
+
+
 def invariant_translations(scene: Scene) -> list[int]:
     """Addresses in q along which the dynamics do not change, such as x of a robot on an infinite floor.
 
     They are free translations that no contact gap, joint limit, spring or servo depends on. Gaps are compared at
     shifted random configurations, so obstacles and inclined planes count.
     """
-    core, layout = scene.core, scene.layout
+    core, layout, matrix = scene.core, scene.layout, line_matrix(scene.core)
     rng = np.random.default_rng(0)
     q = scene.integrate(np.repeat(scene.q0[None], 8, axis=0), rng.uniform(-0.5, 0.5, (8, scene.nv)))
     gaps = scene.gaps(q)
     found = []
-    for _, q_address, v_address in free_translations(scene):
+    for joint, q_address, v_address in free_translations(scene):
         shifted = q.copy()
         shifted[:, q_address] += 0.37
-        limited = v_address in core.lim_dof.tolist()
-        sprung = core.P[layout.dof(v_address, "stiffness")] != 0
-        servo = any(core.P[layout.actuator(int(k), "bias1")] != 0 for k in np.flatnonzero(core.act_dof == v_address))
-        if not (limited or sprung or servo) and np.allclose(scene.gaps(shifted), gaps, rtol=0, atol=1e-9):
+        pulls = set(np.flatnonzero(matrix[:, v_address]).tolist())  # lines that it is part of
+        limited = not pulls.isdisjoint(core.lim_line.tolist())
+        sprung = any(core.P[layout.dof(line, "stiffness")] != 0 for line in pulls)
+        servo = any(core.P[layout.actuator(k, "bias1")] != 0 for k, line in enumerate(core.act_line) if line in pulls)
+        tied = _tied(core, int(core.jnt_body[joint]), pulls)
+        if not (limited or sprung or servo or tied) and np.allclose(scene.gaps(shifted), gaps, rtol=0, atol=1e-9):
             found.append(q_address)
     return found

@@ -44,6 +44,7 @@ struct Planar {
   static V unrotate(const Rot& R, const V& a) { return {{R.c * a[0] + R.s * a[1], R.c * a[1] - R.s * a[0]}}; }
   static Rot compose(const Rot& a, const Rot& b) { return {a.c * b.c - a.s * b.s, a.s * b.c + a.c * b.s}; }
   static Rot load_rot(const double* p) { return {splat(p[0]), splat(p[1])}; }
+  static Rot inverse(const Rot& R) { return {R.c, -R.s}; }
   static Rot identity() { return {splat(1), T{}}; }
   static Ang sym_mul(const T* I, const Ang& w) { return {{I[0] * w[0]}}; }
   // inertia about the centre of mass in body axes -> world axes
@@ -84,6 +85,11 @@ struct Spatial {
     return r;
   }
   static Rot load_rot(const double* p) { Rot r; CMBRL_FOR(i, 9) r.m[i] = splat(p[i]); return r; }
+  static Rot inverse(const Rot& R) {
+    Rot r;
+    CMBRL_FOR(i, 3) CMBRL_FOR(j, 3) r.m[3 * i + j] = R.m[3 * j + i];
+    return r;
+  }
   static Rot identity() { Rot r; CMBRL_FOR(i, 9) r.m[i] = splat(i % 4 == 0); return r; }
   // symmetric 3x3 stored xx, yy, zz, xy, xz, yz
   static Ang sym_mul(const T* I, const Ang& w) {

@@ -12,7 +12,7 @@ static void find_fill(const Model& m, Work<G>& w) {
   FillPattern fill{w.bits, m.nv};
   fill.clear();
   for (int k = 0; k < m.nv; ++k)
-    for (int a = m.anc_ptr[k]; a < m.anc_ptr[k + 1]; ++a) fill.couple(k, m.anc_idx[a]);
+    for (int a = m.mass.ptr[k]; a < m.mass.ptr[k + 1]; ++a) fill.couple(k, m.mass.idx[a]);
   for (int i = 0; i < w.ngroups; ++i) {
     int g = w.groups[i].group;
     if (m.grp_B[g] < 0) continue;
@@ -103,7 +103,7 @@ static void find_contacts(const Model& m, const Options& o, Work<G>& w, const Ma
     for_near(m, w, look_at);
   }
   if (w.coupled) find_fill(m, w);
-  else w.make_factor(m.nv, m.anc_ptr[m.nv]);
+  else w.make_factor(m.nv, m.mass.ptr[m.nv]);
 }
 
 }  // namespace cmbrl::CMBRL_ISA

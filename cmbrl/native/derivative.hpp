@@ -57,25 +57,32 @@ static void smooth_terms(const Model& m, const Options& o, Work<G>& w, const T* 
   } else {
     inverse_dynamics_derivatives(m, w, -o.h, Gq, Gv);
   }
+  tie_terms(m, o, w, vn, w.v, Gq, Gv);
+  for (int i = 0; i < m.nline; ++i) {
+    T damping = w.P[m.oDof + i * kDofFields + kDamping] + w.kd[i];
+    add_square(m, i, -o.h * w.kp[i], Gq);
+    add_square(m, i, -o.h * (o.implicit_springs ? damping + o.h * w.kp[i] : damping), Gv);
+  }
   for (int i = 0; i < nv; ++i) {
-    const T* p = w.P + m.oDof + i * kDofFields;
-    Gq[i * (nv + 1)] -= o.h * w.kp[i];
-    Row<T> mass(w.M, m.tree(), i);
-    Gv[i * (nv + 1)] += *mass.diagonal - o.h * (p[kDamping] + keep(w.yields[i], w.kd[i]));
-    if (o.implicit_springs) Gv[i * (nv + 1)] -= o.h * o.h * w.kp[i];
+    Row<T> mass(w.M, m.mass, i);
+    Gv[i * (nv + 1)] += *mass.diagonal;
     for (int a = 0; a < mass.n; ++a) {
-      int j = m.tree().columns(i)[a];
+      int j = m.mass.columns(i)[a];
       Gv[i * nv + j] += mass.before[a];
       Gv[j * nv + i] += mass.mirror[a];
     }
   }
+  if (m.nforcerange > 0) clamped_rows(m, w, o.h, Gq, Gv);
   if (m.nlift > 0) gravity_compensation_terms(m, w, o.h, Gq);
   ball_spring_terms(m, w, o.h, Gq);
   power_terms(m, o, w, vn, Gq, Gv);
   if (m.nbox > 0) fluid_terms(m, w, o.h, Gq, Gv);
   wide_terms(m, w, o.h, Gq, Gu);
-  for (int a = 0; a < m.nact; ++a)
-    if (m.act_dof[a] >= 0) Gu[m.act_dof[a] * m.nu + a] += o.h * w.open[a];
+  for (int a = 0; a < m.nact; ++a) {
+    if (m.act_line[a] < 0) continue;
+    for (int k = m.line_ptr[m.act_line[a]]; k < m.line_ptr[m.act_line[a] + 1]; ++k)
+      Gu[m.line_dof[k] * m.nu + a] += keep(w.yields[m.line_dof[k]], o.h * (m.line_coef[k] * w.open[a]));
+  }
 }
 
 template <class G> static inline T impulse(const Contact<G>& c, int row) {
@@ -166,10 +173,10 @@ static void contact_terms(const Model& m, Work<G>& w, T* Gq, T* Gv, bool late) {
   if (late) return;
   for (int i = 0; i < w.nlim; ++i) {
     const Limit& l = w.lim[i];
-    Gq[l.dof * (nv + 1)] -= l.Th * (l.dc_dphi + l.dR_dphi * l.gam) - keep(l.on, l.slope_R * l.dR_dphi / (l.s + l.gam * l.R));
-    Gv[l.dof * (nv + 1)] += l.Th * l.carry;
+    add_square(m, l.line, keep(l.on, l.slope_R * l.dR_dphi / (l.s + l.gam * l.R)) - l.Th * (l.dc_dphi + l.dR_dphi * l.gam), Gq);
+    add_square(m, l.line, l.Th * l.carry, Gv);
   }
-  for (int i = 0; i < w.ndry; ++i) Gv[w.dry[i].dof * (nv + 1)] += w.dry[i].Th * w.dry[i].carry;
+  for (int i = 0; i < w.ndry; ++i) add_square(m, w.dry[i].line, w.dry[i].Th * w.dry[i].carry, Gv);
 }
 
 }  // namespace cmbrl::CMBRL_ISA

@@ -146,9 +146,14 @@ static void mass_matrix(const Model& m, Work<G>& w) {
     if (m.body_parent[b] >= 0) w.Ic[m.body_parent[b]] += w.Ic[b];
   for (int i = 0; i < m.nv; ++i) {
     Vec<G::N> F = w.Ic[m.dof_body[i]] * w.S[i];
-    Row<T> row(w.M, m.tree(), i);
+    Row<T> row(w.M, m.mass, i);
+    const int *columns = m.mass.columns(i), *above = m.tree().columns(i);
     *row.diagonal = dot(w.S[i], F);
-    for (int k = 0; k < row.n; ++k) row.before[k] = row.mirror[k] = dot(w.S[m.tree().columns(i)[k]], F);
+    for (int k = 0, x = 0; k < row.n; ++k) {
+      bool carries = x < m.tree().count(i) && above[x] == columns[k];
+      row.before[k] = row.mirror[k] = carries ? dot(w.S[columns[k]], F) : T{};
+      x += carries;
+    }
   }
 }
 

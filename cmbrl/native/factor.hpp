@@ -2,12 +2,12 @@
 // (Featherstone 2008, section 6.5, carried over to the non-symmetric M + J^T Theta J of the interior point).
 // Matrices are packed (packed.hpp). Dofs that no active row touches are eliminated once a step, the others once an iteration.
 #pragma once
-#include "workspace.hpp"
+#include "lines.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
 template <class G> static inline Pattern pattern_of(const Structure& m, const SolverWork<G>& w) {
-  return w.coupled ? w.fill : m.tree();
+  return w.coupled ? w.fill : m.mass;
 }
 
 static inline void eliminate(T* H, Pattern p, int k) {
@@ -108,15 +108,18 @@ static void eliminate_untouched(const Structure& m, SolverWork<G>& w) {
   for (int i = 0; i < nv; ++i) w.dynamic[i] = 0;
   for (int g = 0; g < w.ngroups; ++g)
     for (int k = m.grp_dptr[w.groups[g].group]; k < m.grp_dptr[w.groups[g].group + 1]; ++k) w.dynamic[m.grp_dof[k]] = 1;
-  for (int i = 0; i < w.nlim; ++i) w.dynamic[w.lim[i].dof] = 1;
-  for (int i = 0; i < w.ndry; ++i) w.dynamic[w.dry[i].dof] = 1;
+  auto touch = [&](int line) {
+    for (int k = m.line_ptr[line]; k < m.line_ptr[line + 1]; ++k) w.dynamic[m.line_dof[k]] = 1;
+  };
+  for (int i = 0; i < w.nlim; ++i) touch(w.lim[i].line);
+  for (int i = 0; i < w.ndry; ++i) touch(w.dry[i].line);
   w.ndyn = 0;
   for (int k = nv - 1; k >= 0; --k) {
     if (w.dynamic[k]) {
       w.dyn_list[w.ndyn++] = k;
       for (int a = pat.ptr[k]; a < pat.ptr[k + 1]; ++a) w.dynamic[pat.idx[a]] = 1;
     }
-    spread_row(w.H0, pat, w.M, m.tree(), k);
+    spread_row(w.H0, pat, w.M, m.mass, k);
   }
   for (int k = nv - 1; k >= 0; --k)
     if (!w.dynamic[k]) { eliminate(w.H0, pat, k); copy_row(w.H, w.H0, pat, k); }

@@ -84,10 +84,12 @@ static void fluid_forces(const Model& m, const Options& o, Work<G>& w) {
     w.tau[i] += dot(w.S[i], w.drag[b]);
     if (!m.implicit_gains) continue;
     Vec<G::N> F = o.h * product(w.drag_end + b * size, w.S[i]);
-    Row<T> row(w.M, m.tree(), i);
+    Row<T> row(w.M, m.mass, i);
+    const int *columns = m.mass.columns(i), *above = m.tree().columns(i);
     *row.diagonal += dot(w.S[i], F);
-    for (int k = 0; k < row.n; ++k) {
-      T x = dot(w.S[m.tree().columns(i)[k]], F);
+    for (int a = 0, k = 0; a < m.tree().count(i); ++a, ++k) {
+      while (columns[k] != above[a]) ++k;  // both rise
+      T x = dot(w.S[above[a]], F);
       row.before[k] += x;
       row.mirror[k] += x;
     }

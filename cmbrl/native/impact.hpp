@@ -61,9 +61,9 @@ static void closing_terms(const Model& m, Work<G>& w, bool theta) {
     T* z = row_of_Z(m, w, w.ncon + i);
     for (int k = 0; k < ncol; ++k) z[k] = T{};
     for (int k = 0; k < nv; ++k) w.tmp[k] = T{};
-    w.tmp[l.dof] = l.sign;
-    z[l.dof] = l.sign * l.dc_dphi;
-    z[nv + l.dof] = -l.carry * l.sign;
+    add_pull(m, l.line, l.sign, w.tmp);
+    add_pull(m, l.line, l.sign * l.dc_dphi, z);
+    add_pull(m, l.line, -l.carry * l.sign, z + nv);
     through_free_velocity(m, w, w.tmp, theta, z);
     row_through_leap(m, w, z, theta);
   }
@@ -99,7 +99,7 @@ static void fold_closing_terms(const Model& m, const Options& o, Work<G>& w, boo
       ip.add_wrench(m.con_group[w.con[i].index], closing_response(w.con[i]), g);
     } else {
       const Limit& l = w.lim[i - w.ncon];
-      g[l.dof] = keep(l.on, l.sign * l.slope / (l.s + l.gam * l.R));
+      add_pull(m, l.line, keep(l.on, l.sign * l.slope / (l.s + l.gam * l.R)), g);
     }
     add_outer<G>(m, g, row_of_Z(m, w, i), theta, w.Gq, w.Gv, w.Gu, w.Gp);
     if (i >= w.ncon || !any(w.con[i].bounce)) continue;
@@ -133,6 +133,7 @@ static void late_smooth_terms(const Model& m, const Options& o, Work<G>& w, bool
   for (int i = 0; i < nv * nv; ++i) w.Fq[i] = T{};  // scratch: the velocity part is of no use
   inverse_dynamics_derivatives(m, w, -1.0, w.Sq, w.Fq);
   w.v = v;
+  tie_terms(m, o, w, w.shift, nullptr, w.Sq, nullptr);
   if (theta) parameter_terms(m, o, w, w.Sp, Part::late_inertia);
   CMBRL_FOR(k, G::D) w.P[m.oGravity + k] = gravity[k];
   rows_through_leap(m, w, w.Sq, w.Sv, w.Su, w.Sp, theta);

@@ -9,9 +9,11 @@ struct StepMemory;
 
 enum JointType { kSlide = 0, kHinge = 1, kBall = 2 };
 enum ContactType { kPointPlane = 0, kPointBox = 1, kSegmentSegment = 2, kRimPlane = 3 };
+enum TieType { kConnect = 0, kWeld = 1, kPolynomial = 2 };  // equality constraints
+enum TieSide { kCarriesA = 1, kCarriesB = 2 };
 enum ContactLaw { kRigid = 0, kMujoco = 1, kSpringDamper = 2, kLogistic = 3 };  // one for all contacts of a scene
 
-// Offsets of one field inside the block of a contact, a degree of freedom, an actuator in the physical vector P.
+// Offsets of one field inside the block of a contact, a line (a dof or a tendon), an actuator in the physical vector P.
 enum ContactField { kMu, kRestitution, kRadius, kSolref0, kSolref1, kD0, kDmax, kWidth, kRscale, kContactFields };
 enum DofField { kArmature, kDamping, kStiffness, kSpringref, kFrictionloss, kDofFields };
 enum ActuatorField { kGear, kGain, kBias0, kBias1, kBias2, kActuatorFields };
@@ -27,16 +29,17 @@ struct Pattern {
 
 struct Structure {
   int nv;
-  const int *anc_ptr, *anc_idx;    // ancestors of a dof on its own chain: the pattern of the mass matrix
+  Pattern mass;                    // of the mass matrix, with the fill-in of what it holds of tendons and equality constraints
   Pattern fill;                    // of a contact problem, with the fill-in of its rows; a scene finds it step by step
   const int *grp_dptr, *grp_dof, *grp_sign;  // dofs of J's columns, by group of contacts
-  Pattern tree() const { return {anc_ptr, anc_idx}; }
-  int above(int dof) const { return anc_ptr[dof] < anc_ptr[dof + 1] ? anc_idx[anc_ptr[dof + 1] - 1] : -1; }  // next towards the root
+  const int *line_ptr, *line_dof;  // lines (lines.hpp): first the dofs, then the tendons
+  const double* line_coef;
 };
 
 struct Model : Structure {
   int planar, implicit_gains;  // implicit_gains: velocity gains of actuators act at the next velocity, as damping does
-  int D, nq, nu, nbody, njoint, ncontact, nplane, nlimit, nact, nforcerange, nlift, nwide, nbox, nballspring, npower, nP, ntheta, ngroup;
+  int D, nq, nu, nbody, njoint, ncontact, nplane, nlimit, nact, ntendon, nline, ntie, nforcerange, nlift, nwide, nbox, nballspring, npower;
+  int nP, ntheta, ngroup;
   int body_fields, oDof, oPlane, oAct, oGravity, oContact;  // layout of P; bodies start at 0, contacts end it
 
   const int *body_parent, *body_jadr, *body_jnum;
@@ -50,10 +53,10 @@ struct Model : Structure {
   int logistic;              // contacts act at a distance
   const double *con_radiusB, *con_impratio, *con_invweight, *con_margin, *con_mid, *con_power, *plane_normal;
 
-  const int *lim_dof, *lim_qadr;
+  const int* lim_line;
   const double *lim_lo, *lim_hi, *lim_margin, *lim_soft, *lim_invweight;
-  const double *dof_soft, *dof_invweight;
-  const int *act_dof, *act_qadr;  // -1: see wide.hpp
+  const double *line_soft, *line_invweight, *line_slack;  // of dry friction; width of a spring's slack
+  const int* act_line;  // -1: see wide.hpp
   const double *act_ctrl, *act_force;
   const int* frc_dof;       // joints that clamp the sum of their actuators
   const double* frc_range;
@@ -66,11 +69,19 @@ struct Model : Structure {
   const int *spring_dof, *spring_qadr, *power_dof;        // springs.hpp
   const double *spring_ref, *power_coef;
 
+  const int *tie_type, *tie_A, *tie_B;  // bodies, or lines; -1: the world, or none
+  const double *tie_posA, *tie_posB, *tie_rotA, *tie_rotB, *tie_scale, *tie_poly, *tie_ref, *tie_soft, *tie_invweight;
+
   const double *P;
   const int *par_ptr, *par_idx;  // parameters that move the rest of P, by parameter
   const double *par_coef, *par_nominal;
 
   // derived
+  const int *anc_ptr, *anc_idx;  // ancestors of a dof on its own chain
+  Pattern tree() const { return {anc_ptr, anc_idx}; }
+  int above(int dof) const { return anc_ptr[dof] < anc_ptr[dof + 1] ? anc_idx[anc_ptr[dof + 1] - 1] : -1; }  // next towards the root
+  const int *tie_ptr, *tie_dof, *tie_side;  // dofs that a tie couples; which of its bodies each carries: kCarriesA, kCarriesB
+  const double *tie_coefA, *tie_coefB;      // of its lines
   const int *dof_body, *dof_jnt, *dof_qadr, *body_lastdof;
   const int *grp_A, *grp_B, *grp_cptr, *grp_con;  // contacts by body pair
   const int *con_group;

@@ -78,27 +78,31 @@ struct ParameterColumns {
     }
   }
 
-  void dof(int i, int field, double coef) {
-    const T* p = w.P + m.oDof + i * kDofFields;
+  void add_along(int line, T x) {
+    for (int k = m.line_ptr[line]; k < m.line_ptr[line + 1]; ++k) at(m.line_dof[k]) += m.line_coef[k] * x;
+  }
+  void line(int i, int field, double coef) {
     bool late = part == Part::late_inertia;
-    T dv = late ? w.shift[i] : w.vn[i] - w.v[i];
-    if (late && field != kArmature && field != kDamping) return;
+    if (late && field != kArmature && (field != kDamping || !damps_implicitly(m, i))) return;
+    T before = late ? T{} : along(m, i, w.v), after = along(m, i, late ? w.shift : w.vn);
+    Spring spring = spring_of(m, w, i);
     switch (field) {
-      case kArmature: at(i) -= coef * dv; break;
-      case kDamping: at(i) -= coef * o.h * (late ? dv : w.vn[i]); break;
+      case kArmature: add_along(i, -coef * (after - before)); break;
+      case kDamping: add_along(i, -coef * o.h * (damps_implicitly(m, i) ? after : before)); break;
       case kStiffness: {
-        T stretch = m.dof_qadr[i] >= 0 ? w.q[m.dof_qadr[i]] - p[kSpringref] : w.stretch[i];
-        if (o.implicit_springs) stretch += o.h * w.vn[i];
-        at(i) -= coef * o.h * stretch;
+        if (i < m.nv && m.dof_qadr[i] < 0 && m.nballspring > 0) spring.stretch = w.stretch[i];
+        Mask stretched = spring.stiffness != 0.0;
+        if (o.implicit_springs) spring.stretch += keep(stretched, o.h * after);
+        add_along(i, -coef * o.h * spring.stretch);
         break;
       }
-      case kSpringref: at(i) += coef * o.h * p[kStiffness]; break;
+      case kSpringref: add_along(i, coef * o.h * spring.stiffness); break;
       default:
         for (int k = 0; k < w.ndry; ++k) {
           const DryFriction& d = w.dry[k];
-          if (d.dof != i) continue;
+          if (d.line != i) continue;
           T inv = 1.0 / (d.eta0 - d.b * d.eta / d.b0 + d.R * (d.b0 - d.b * d.b / d.b0));
-          at(i) += keep(d.on, coef * o.h * inv * (d.b * (d.eta0 - o.backward.dry) / d.b0 - d.eta));
+          add_along(i, keep(d.on, coef * o.h * inv * (d.b * (d.eta0 - o.backward.dry) / d.b0 - d.eta)));
         }
     }
   }
@@ -159,24 +163,28 @@ struct ParameterColumns {
   // M~ keeps the velocity gains of a joint that clamps its actuators, and their force does not change there.
   void actuator(int a, int field, double coef) {
     const T* p = w.P + m.oAct + a * kActuatorFields;
-    int d = m.act_dof[a];
-    if (d < 0) return wide(a, field, coef);
-    T q = w.q[m.act_qadr[a]], v = w.v[d], dv = m.implicit_gains ? w.vn[d] - v : T{}, g = p[kGear];
+    int line = m.act_line[a];
+    if (line < 0) return wide(a, field, coef);
+    T q = length_of(m, w, line), v = along(m, line, w.v), after = along(m, line, w.vn);
+    T dv = m.implicit_gains ? after - v : T{}, g = p[kGear];
     T flo = splat(m.act_force[2 * a]), fhi = splat(m.act_force[2 * a + 1]);
     T ctrl = vmin(vmax(w.u[a], splat(m.act_ctrl[2 * a])), splat(m.act_ctrl[2 * a + 1]));
     T force = p[kGain] * ctrl + p[kBias0] + g * (p[kBias1] * q + p[kBias2] * v);
     Mask free = (force >= flo) & (force <= fhi);
     T pull = p[kBias1] * q + p[kBias2] * (v + dv);
-    T spring = o.implicit_springs ? o.h * w.vn[d] : T{};
+    T spring = o.implicit_springs ? o.h * after : T{};
     if (part == Part::late_inertia) {
       if (!m.implicit_gains) return;
-      if (field == kGear) at(d) += keep(free, coef * o.h * 2.0 * g * p[kBias2] * w.shift[d]);
-      if (field == kBias2) at(d) += keep(free, coef * o.h * g * g * w.shift[d]);
+      T late = along(m, line, w.shift);
+      if (field == kGear) add_along(line, keep(free, coef * o.h * 2.0 * g * p[kBias2] * late));
+      if (field == kBias2) add_along(line, keep(free, coef * o.h * g * g * late));
       return;
     }
     T r, held = T{};  // held: through M~ alone
     if (field == kGear) held = keep(free, 2.0 * g * p[kBias2] * dv);
     if (field == kBias2) held = keep(free, g * g * dv);
+    if (line >= m.nv && field == kGear) held += keep(free, 2.0 * g * p[kBias1] * spring);
+    if (line >= m.nv && field == kBias1) held = keep(free, g * g * spring);
     switch (field) {
       case kGear: r = select(free, force + g * (pull + p[kBias2] * dv) + 2.0 * g * p[kBias1] * spring, vmin(vmax(force, flo), fhi)); break;
       case kGain: r = keep(free, g * ctrl); break;
@@ -184,7 +192,8 @@ struct ParameterColumns {
       case kBias1: r = keep(free, g * g * (q + spring)); break;
       default: r = keep(free, g * g * (v + dv));
     }
-    at(d) += coef * o.h * select(w.yields[d], r, held);
+    for (int k = m.line_ptr[line]; k < m.line_ptr[line + 1]; ++k)
+      at(m.line_dof[k]) += coef * o.h * m.line_coef[k] * select(w.yields[m.line_dof[k]], r, held);
   }
 
   void gravity(int axis, double coef) {
@@ -215,7 +224,7 @@ struct ParameterColumns {
         continue;
       }
       ++e;
-      if (idx < m.oPlane) dof((idx - m.oDof) / kDofFields, (idx - m.oDof) % kDofFields, coef);
+      if (idx < m.oPlane) line((idx - m.oDof) / kDofFields, (idx - m.oDof) % kDofFields, coef);
       else if (idx < m.oAct) {
         for (int i = 0; i < w.ncon; ++i)
           if (m.con_plane[w.con[i].index] == idx - m.oPlane) gap(w.con[i], -1, 0.5, coef);

@@ -38,9 +38,9 @@ const Structure& ProblemStructure::of(const ProblemBatch& b, int64_t begin, int6
     idx.resize(pattern.count());
     pattern.list(ptr.data(), idx.data());
   };
-  list(mass, anc_ptr_, anc_idx_);
+  list(mass, mass_ptr_, mass_idx_);
   list(both, fill_ptr_, fill_idx_);
-  structure_ = {nv, anc_ptr_.data(), anc_idx_.data(), {fill_ptr_.data(), fill_idx_.data()}, dof_ptr_.data(), dof_.data(), sign_.data()};
+  structure_ = {nv, {mass_ptr_.data(), mass_idx_.data()}, {fill_ptr_.data(), fill_idx_.data()}, dof_ptr_.data(), dof_.data(), sign_.data(), nullptr, nullptr, nullptr};
   return structure_;
 }
 

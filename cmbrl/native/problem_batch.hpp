@@ -25,7 +25,7 @@ class ProblemStructure {
  private:
   Structure structure_{};
   std::vector<uint64_t> bits_;
-  std::vector<int> anc_ptr_, anc_idx_, fill_ptr_, fill_idx_, dof_ptr_, dof_, sign_;
+  std::vector<int> mass_ptr_, mass_idx_, fill_ptr_, fill_idx_, dof_ptr_, dof_, sign_;
 };
 
 // One per instruction set and width.

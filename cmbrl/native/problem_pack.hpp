@@ -37,9 +37,9 @@ struct ProblemPack {
     w.fill = m.fill;
     for (int i = 0; i < nv; ++i) {
       w.vf[i] = at(b.v_free, nv, i);
-      Row<T> row(w.M, m.tree(), i);
+      Row<T> row(w.M, m.mass, i);
       *row.diagonal = at(b.M, nv * nv, i * (nv + 1));
-      for (int a = 0; a < row.n; ++a) row.before[a] = row.mirror[a] = at(b.M, nv * nv, i * nv + m.tree().columns(i)[a]);
+      for (int a = 0; a < row.n; ++a) row.before[a] = row.mirror[a] = at(b.M, nv * nv, i * nv + m.mass.columns(i)[a]);
     }
     for (int c = 0; c < b.contacts; ++c) load_contact(c, w.con[c]);
     for (int c = 0; c < b.contacts; ++c)
@@ -76,7 +76,7 @@ struct ProblemPack {
   // H becomes a factor of M; every contact gets the largest diagonal entry of its rows in J M^-1 J^T + R.
   void weigh() {
     int nv = m.nv;
-    Pattern pat = m.tree();
+    Pattern pat = m.mass;
     T energy = T{}, momentum = T{};
     speed = T{};
     for (int k = 0; k < nv; ++k) copy_row(w.H, w.M, pat, k);
@@ -124,7 +124,7 @@ struct ProblemPack {
     int nv = m.nv;
     T inv_speed = 1.0 / speed, inv_mass = 1.0 / mass, root = vsqrt(mass);
     for (int i = 0; i < nv; ++i) w.vf[i] *= inv_speed;
-    for (int i = 0; i < m.tree().row(nv); ++i) w.M[i] *= inv_mass;
+    for (int i = 0; i < m.mass.row(nv); ++i) w.M[i] *= inv_mass;
     for (int i = 0; i < b.contacts; ++i) {
       Contact<G>& c = w.con[i];
       c.root *= root;
@@ -158,10 +158,10 @@ struct ProblemPack {
     int nv = m.nv;
     for (int i = 0; i < nv * nv; ++i) X[i] = T{};
     for (int i = 0; i < nv; ++i) {
-      Row<T> row(w.M, m.tree(), i);
+      Row<T> row(w.M, m.mass, i);
       X[i * (nv + 1)] = *row.diagonal;
       for (int a = 0; a < row.n; ++a) {
-        int j = m.tree().columns(i)[a];
+        int j = m.mass.columns(i)[a];
         X[i * nv + j] = X[j * nv + i] = row.before[a];
       }
     }

@@ -20,9 +20,9 @@ static void smooth_quantities(const Model& m, const Options& o, const Batch& b, 
     inertias(m, w);
     inverse_dynamics<G>(m, w, w.v, nullptr, w.bias);
     mass_matrix(m, w);
-    for (int i = 0; i < nv; ++i) w.M[m.tree().row(i)] += w.P[m.oDof + i * kDofFields + kArmature];
+    for (int i = 0; i < m.nline; ++i) add_square(m, i, w.P[m.oDof + i * kDofFields + kArmature], w.M, m.mass);
     find_contacts(m, every, w, nullptr);
-    scatter_packed(w.M, nv, m.tree(), l, M);
+    scatter_packed(w.M, nv, m.mass, l, M);
     scatter(w.bias, nv, nv, l, bias);
     for (int i = 0; i < w.ncon; ++i) {
       const Contact<G>& c = w.con[i];
@@ -58,7 +58,7 @@ static void rows_of_step(const Model& m, const Options& o, Work<G>& w) {
     now.prune = wider(now.prune);
   }
   for (int i = 0; i < m.nv; ++i) w.shift[i] = T{};
-  for (int i = 0; i < w.ndry; ++i) w.shift[w.dry[i].dof] = keep(w.dry[i].on, w.dry[i].b);
+  for (int i = 0; i < w.ndry; ++i) add_pull(m, w.dry[i].line, keep(w.dry[i].on, w.dry[i].b), w.shift);
   set_up();  // the solve may have changed the rows; leaves the factor of M~ in H
   if (w.ndry == 0) return;
   solve(w.H, m.nv, pattern_of(m, w), w.shift);
@@ -76,7 +76,7 @@ static void step_rows(const Model& m, const Options& o, const Batch& b, const Ro
     Mask finite = gather_states(m, b, l, w);
     if (o.leapfrog) { scaled(m, w.v, 0.5 * o.h, w.qtan); integrate(m, w.q, w.qtan); }
     rows_of_step(m, o, w);
-    scatter_packed(w.M, nv, m.tree(), l, out.M);
+    scatter_packed(w.M, nv, m.mass, l, out.M);
     scatter(w.vf, nv, nv, l, out.v_free);
     spoil(~finite, nv * nv, l, out.M);
     spoil(~finite, nv, l, out.v_free);
@@ -103,7 +103,8 @@ static void step_rows(const Model& m, const Options& o, const Batch& b, const Ro
         out.active[at] = 1;
         out.b[at * rows] = c.c0[lane];
         out.R[at * rows] = c.R[lane];
-        out.J[at * rows * nv + c.dof] = c.sign[lane];
+        for (int k = m.line_ptr[c.line]; k < m.line_ptr[c.line + 1]; ++k)
+          out.J[at * rows * nv + m.line_dof[k]] = c.sign[lane] * m.line_coef[k];
       }
     }
   }

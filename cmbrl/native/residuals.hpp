@@ -12,19 +12,19 @@ static T fresh_residuals(const Structure& m, SolverWork<G>& w, const InteriorPoi
   T *r = w.rv, scale = splat(1e-12), momentum = T{}, speed = splat(1e-6), row = T{};
   for (int k = 0; k < nv; ++k)
     if (!w.dynamic[k]) { w.delta[k] = T{}; solve_up(w.H0, ip.pat, k, w.delta); }
-  for (int k = 0; k < nv; ++k) { w.vn[k] = w.vf[k] + w.delta[k]; r[k] = -w.M[m.tree().row(k)] * w.delta[k]; }
+  for (int k = 0; k < nv; ++k) { w.vn[k] = w.vf[k] + w.delta[k]; r[k] = -w.M[m.mass.row(k)] * w.delta[k]; }
   for (int i = 0; i < nv; ++i) {
     T sum = r[i], delta = w.delta[i];
-    Row<T> mass(w.M, m.tree(), i);
+    Row<T> mass(w.M, m.mass, i);
     for (int a = 0; a < mass.n; ++a) {
-      int j = m.tree().columns(i)[a];
+      int j = m.mass.columns(i)[a];
       T M_ij = mass.before[a];
       sum -= M_ij * w.delta[j];
       r[j] -= M_ij * delta;
     }
     r[i] = sum;
   }
-  for (int i = 0; i < nv; ++i) scale = vmax(scale, vmax(vabs(r[i]), w.M[m.tree().row(i)] * vabs(w.vf[i])));
+  for (int i = 0; i < nv; ++i) scale = vmax(scale, vmax(vabs(r[i]), w.M[m.mass.row(i)] * vabs(w.vf[i])));
   auto compare = [&](Mask on, T c, T slack, T compliance) {
     T error = slack - c - compliance;
     speed = vmax(speed, keep(on, vmax(vabs(c), vabs(compliance))));
@@ -48,13 +48,13 @@ static T fresh_residuals(const Structure& m, SolverWork<G>& w, const InteriorPoi
   for (int i = 0; i < w.nlim; ++i) {
     Limit& l = w.lim[i];
     speed = vmax(speed, keep(l.on, vabs(l.c0)));
-    l.r1 = compare(l.on, l.sign * w.vn[l.dof] + l.c0, l.s, l.R * l.gam);
-    r[l.dof] += keep(l.on, l.sign * l.gam);
+    l.r1 = compare(l.on, l.sign * along(m, l.line, w.vn) + l.c0, l.s, l.R * l.gam);
+    add_pull(m, l.line, keep(l.on, l.sign * l.gam), r);
   }
   for (int i = 0; i < w.ndry; ++i) {
     DryFriction& d = w.dry[i];
-    d.r2 = compare(d.on, w.vn[d.dof] + d.c0, d.eta, d.R * d.b);
-    r[d.dof] += keep(d.on, d.b);
+    d.r2 = compare(d.on, along(m, d.line, w.vn) + d.c0, d.eta, d.R * d.b);
+    add_pull(m, d.line, keep(d.on, d.b), r);
   }
   for (int i = 0; i < nv; ++i) momentum = vmax(momentum, vabs(r[i]));
   return vmax(row / speed, momentum / scale);

@@ -1,77 +1,105 @@
-// What acts in a step: joint forces, what of them is implicit, and the rows of contacts, limits and dry friction.
+// What acts in a step: forces along lines, what of them is implicit, and the rows of contacts, limits and dry friction.
 #pragma once
 #include "candidates.hpp"
 #include "fluid.hpp"
 #include "gravcomp.hpp"
 #include "springs.hpp"
+#include "ties.hpp"
 #include "wide.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
-// Clamps the sum of the actuators of a joint. Their velocity gains stay in M~, as in MuJoCo; the force does not change.
+// f(line, coefficient) of the lines that pull at a dof: its own, and tendons.
+template <class F>
+static void for_lines_of(const Model& m, int dof, F f) {
+  f(dof, 1.0);
+  for (int line = m.nv; line < m.nline; ++line)
+    for (int k = m.line_ptr[line]; k < m.line_ptr[line + 1]; ++k)
+      if (m.line_dof[k] == dof) f(line, m.line_coef[k]);
+}
+
+// Clamps the sum of the actuators of a joint, by a force of its own. Their velocity gains stay in M~, as in MuJoCo; the force
+// does not change.
 template <class G>
 static void clamp_joint_forces(const Model& m, Work<G>& w) {
   for (int k = 0; k < m.nforcerange; ++k) {
     int d = m.frc_dof[k];
-    T lo = splat(m.frc_range[2 * k]), hi = splat(m.frc_range[2 * k + 1]);
-    w.yields[d] = (w.tau[d] >= lo) & (w.tau[d] <= hi);
-    w.tau[d] = vmin(vmax(w.tau[d], lo), hi);
-    w.kp[d] = keep(w.yields[d], w.kp[d]);
+    T lo = splat(m.frc_range[2 * k]), hi = splat(m.frc_range[2 * k + 1]), sum = T{};
+    for_lines_of(m, d, [&](int line, double coef) { sum += coef * w.drive[line]; });
+    w.yields[d] = (sum >= lo) & (sum <= hi);
+    w.tau[d] += vmin(vmax(sum, lo), hi) - sum;
+    w.drive_kp[d] = keep(w.yields[d], w.drive_kp[d]);
   }
-  for (int a = 0; a < m.nact && m.nforcerange > 0; ++a)
-    if (m.act_dof[a] >= 0) w.open[a] = keep(w.yields[m.act_dof[a]], w.open[a]);
 }
 
-// Into tau; and their gains kd, kp and open, by velocity, position and control.
+// What the actuators' gains are in the rows of joints that clamp them: nothing.
+template <class G>
+static void clamped_rows(const Model& m, const Work<G>& w, double h, T* Gq, T* Gv) {
+  for (int k = 0; k < m.nforcerange; ++k) {
+    int d = m.frc_dof[k];
+    Mask clamped = ~w.yields[d];
+    for_lines_of(m, d, [&](int line, double coef) {
+      T by_q = keep(clamped, h * coef * w.drive_kp[line]), by_v = keep(clamped, h * coef * w.kd[line]);
+      for (int e = m.line_ptr[line]; e < m.line_ptr[line + 1]; ++e) {
+        Gq[d * m.nv + m.line_dof[e]] += m.line_coef[e] * by_q;
+        Gv[d * m.nv + m.line_dof[e]] += m.line_coef[e] * by_v;
+      }
+    });
+  }
+}
+
+// Of the actuators along the lines: force into drive, gains by velocity, position and control into kd, drive_kp and open.
 template <class G>
 static void actuator_forces(const Model& m, Work<G>& w) {
-  for (int i = 0; i < m.nv; ++i) {
-    w.tau[i] = w.kd[i] = w.kp[i] = T{};
-    w.yields[i] = all();
-  }
+  for (int i = 0; i < m.nline; ++i) w.drive[i] = w.kd[i] = w.drive_kp[i] = T{};
+  for (int i = 0; i < m.nv; ++i) w.yields[i] = all();
   for (int a = 0; a < m.nact; ++a) {
     const T* p = w.P + m.oAct + a * kActuatorFields;
-    int d = m.act_dof[a];
-    if (d < 0) continue;
+    int line = m.act_line[a];
+    if (line < 0) continue;
     T lo = splat(m.act_ctrl[2 * a]), hi = splat(m.act_ctrl[2 * a + 1]);
     T flo = splat(m.act_force[2 * a]), fhi = splat(m.act_force[2 * a + 1]);
     T ctrl = vmin(vmax(w.u[a], lo), hi);
-    T force = p[kGain] * ctrl + p[kBias0] + p[kGear] * (p[kBias1] * w.q[m.act_qadr[a]] + p[kBias2] * w.v[d]);
+    T force = p[kGain] * ctrl + p[kBias0] + p[kGear] * (p[kBias1] * length_of(m, w, line) + p[kBias2] * along(m, line, w.v));
     Mask free = (force >= flo) & (force <= fhi);
-    w.tau[d] += p[kGear] * vmin(vmax(force, flo), fhi);
-    w.kd[d] -= keep(free, p[kGear] * p[kGear] * p[kBias2]);
-    w.kp[d] -= keep(free, p[kGear] * p[kGear] * p[kBias1]);
+    w.drive[line] += p[kGear] * vmin(vmax(force, flo), fhi);
+    w.kd[line] -= keep(free, p[kGear] * p[kGear] * p[kBias2]);
+    w.drive_kp[line] -= keep(free, p[kGear] * p[kGear] * p[kBias1]);
     w.open[a] = keep(free & (w.u[a] >= lo) & (w.u[a] <= hi), p[kGear] * p[kGain]);
   }
   wide_forces(m, w);
   if (m.nlift > 0) {
     gravity_compensation(m, w);
-    for (int i = 0; i < m.nv; ++i) if (m.dof_lift[i] == kActuatorLift) w.tau[i] += w.lift[i];
+    for (int i = 0; i < m.nv; ++i) if (m.dof_lift[i] == kActuatorLift) w.drive[i] += w.lift[i];
   }
-  clamp_joint_forces(m, w);
 }
 
-// tau, and what of the joint forces is taken implicitly: M~ = M + armature + h (D [+ kd]) [+ h^2 (K + kp)].
+// Pulls along the lines, and what of them is taken implicitly: M~ = M + armature + h (D [+ kd]) [+ h^2 (K + kp)].
 template <class G>
-static void joint_forces(const Model& m, const Options& o, Work<G>& w) {
+static void line_forces(const Model& m, const Options& o, Work<G>& w) {
   actuator_forces(m, w);
+  for (int i = 0; i < m.nline; ++i) w.tau[i] = w.drive[i];
+  clamp_joint_forces(m, w);
+  for (int i = 0; i < m.nline; ++i) {
+    Spring spring = spring_of(m, w, i);
+    w.kp[i] = w.drive_kp[i] + spring.stiffness;
+    w.tau[i] -= w.P[m.oDof + i * kDofFields + kDamping] * along(m, i, w.v) + spring.stiffness * spring.stretch;
+  }
+  for (int i = 0; i < m.nv && m.nlift > 0; ++i) if (m.dof_lift[i] == kPassiveLift) w.tau[i] += w.lift[i];
   ball_springs(m, w);
   power_forces(m, o, w);
   if (m.nbox > 0) fluid_forces(m, o, w);
-  for (int i = 0; i < m.nv; ++i) {
+  for (int i = 0; i < m.nv; ++i) w.rhs[i] = -o.h * w.bias[i];
+  for (int i = 0; i < m.nline; ++i) {
     const T* p = w.P + m.oDof + i * kDofFields;
-    w.tau[i] -= p[kDamping] * w.v[i];
-    if (m.dof_qadr[i] >= 0) w.tau[i] -= p[kStiffness] * (w.q[m.dof_qadr[i]] - p[kSpringref]);
-    if (m.nlift > 0 && m.dof_lift[i] == kPassiveLift) w.tau[i] += w.lift[i];
-    T spring = w.kp[i] + (m.dof_qadr[i] >= 0 ? p[kStiffness] : T{});
-    w.kp[i] = spring;
-    T diag = p[kArmature] + o.h * (m.implicit_gains ? p[kDamping] + w.kd[i] : p[kDamping]);
-    w.rhs[i] = o.h * (w.tau[i] - w.bias[i]);
+    T pull = o.h * w.tau[i], mass = p[kArmature];
+    if (damps_implicitly(m, i)) mass += o.h * (m.implicit_gains ? p[kDamping] + w.kd[i] : p[kDamping]);
     if (o.implicit_springs) {
-      diag += o.h * o.h * spring;
-      w.rhs[i] -= o.h * o.h * spring * w.v[i];
+      mass += o.h * o.h * w.kp[i];
+      pull -= o.h * o.h * w.kp[i] * along(m, i, w.v);
     }
-    w.M[m.tree().row(i)] += diag;
+    add_pull(m, i, pull, w.rhs);
+    add_square(m, i, mass, w.M, m.mass);
   }
 }
 
@@ -80,10 +108,11 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
   bool prune = o.prune < 1e300 && !given;
   w.nlim = w.ndry = w.nleft_lim = 0;
   for (int i = 0; i < m.nlimit; ++i) {
-    T q = w.q[m.lim_qadr[i]], below = q - m.lim_lo[i], above = m.lim_hi[i] - q;
+    int line = m.lim_line[i];
+    T x = length_of(m, w, line), below = x - m.lim_lo[i], above = m.lim_hi[i] - x;
     Mask lower = below < above;
     T phi = select(lower, below, above), sign = select(lower, splat(1), splat(-1));
-    T speed = sign * w.v[m.lim_dof[i]], slack = phi * (1 / o.h) - vabs(speed);
+    T speed = sign * along(m, line, w.v), slack = phi * (1 / o.h) - vabs(speed);
     Mask on = given ? given[i] : all(), wide = on;
     if (given && !any(on)) continue;
     double enough = speed_that_matters(o, o.forward, m.lim_invweight[i]), most = speed_that_matters(o, o.backward, m.lim_invweight[i]);
@@ -93,30 +122,30 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
       const double* s = m.lim_soft + 7 * i;
       Law L = soft_law(phi, m.lim_margin[i], o.h, splat(s[0]), splat(s[1]), splat(s[2]), splat(s[3]), splat(s[4]), s[5], s[6],
                        splat(m.lim_invweight[i]));
-      l.index = i; l.dof = m.lim_dof[i];
+      l.index = i; l.line = line;
       l.root = vsqrt(m.lim_invweight[i] + L.R);
       l.sign = sign; l.phi = phi; l.R = L.R; l.dR_dphi = L.dR; l.carry = L.carry; l.dc_dphi = L.dc0;
       l.c0 = L.c0 - L.carry * speed;
       slack = select(on, l.c0, slack);
       if (prune) { on &= slack + speed < enough; wide &= slack + speed < most; }
     }
-    if (Mask left = ~on; prune && any(left)) w.left_lim[w.nleft_lim++] = {left, m.lim_dof[i], sign, slack, enough};
+    if (Mask left = ~on; prune && any(left)) w.left_lim[w.nleft_lim++] = {left, line, sign, slack, enough};
     if (!any(on | wide)) continue;
     l.on = on;
     l.wide = wide;
     ++w.nlim;
   }
-  for (int i = 0; i < m.nv; ++i) {
+  for (int i = 0; i < m.nline; ++i) {
     T loss = w.P[m.oDof + i * kDofFields + kFrictionloss];
     Mask on = loss > 0.0;
     if (!any(on)) continue;
-    const double* s = m.dof_soft + 7 * i;
-    Law L = soft_law(T{}, 0, o.h, splat(s[0]), splat(s[1]), splat(s[2]), splat(s[3]), splat(s[4]), s[5], s[6], splat(m.dof_invweight[i]));
+    const double* s = m.line_soft + 7 * i;
+    Law L = soft_law(T{}, 0, o.h, splat(s[0]), splat(s[1]), splat(s[2]), splat(s[3]), splat(s[4]), s[5], s[6], splat(m.line_invweight[i]));
     DryFriction& d = w.dry[w.ndry++];
-    d.on = on; d.dof = i; d.R = L.R; d.carry = L.carry;
+    d.on = on; d.line = i; d.R = L.R; d.carry = L.carry;
     d.b0 = select(on, o.h * loss, splat(1));
-    d.root = vsqrt(m.dof_invweight[i] + L.R);
-    d.c0 = -L.carry * w.v[i];
+    d.root = vsqrt(m.line_invweight[i] + L.R);
+    d.c0 = -L.carry * along(m, i, w.v);
   }
 }
 
@@ -134,7 +163,8 @@ static void prepare(const Model& m, const Options& o, Work<G>& w, const Mask* gi
   inertias(m, w);
   inverse_dynamics<G>(m, w, w.v, nullptr, w.bias);
   mass_matrix(m, w);
-  joint_forces(m, o, w);
+  line_forces(m, o, w);
+  tie_forces(m, o, w);
   find_contacts(m, o, w, given_contacts);
   find_limits(m, o, w, given_limits);
   w.make_rows(m);

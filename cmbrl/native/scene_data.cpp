@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstdint>
 
+#include "fill.hpp"
+
 namespace cmbrl {
 
 const int* SceneData::i(const std::string& name, size_t size) {
@@ -34,14 +36,16 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.nbody = size("nbody"); m.njoint = size("njoint"); m.ncontact = size("ncontact");
   m.nplane = size("nplane"); m.nlimit = size("nlimit"); m.nact = size("nact"); m.nforcerange = size("nforcerange"); m.nlift = size("nlift");
   m.nwide = size("nwide"); m.nbox = size("nbox"); m.nballspring = size("nballspring"); m.npower = size("npower");
+  m.ntendon = size("ntendon"); m.ntie = size("ntie");
+  m.nline = m.nv + m.ntendon;
   m.body_fields = m.planar ? 4 : 10;
   m.oDof = m.nbody * m.body_fields;
-  m.oPlane = m.oDof + m.nv * kDofFields;
+  m.oPlane = m.oDof + m.nline * kDofFields;
   m.oAct = m.oPlane + m.nplane;
   m.oGravity = m.oAct + m.nact * kActuatorFields;
   m.oContact = m.oGravity + m.D;
   m.nP = m.oContact + m.ncontact * kContactFields;
-  size_t nb = m.nbody, nj = m.njoint, nc = m.ncontact, nl = m.nlimit, na = m.nact, D = m.D;
+  size_t nb = m.nbody, nj = m.njoint, nc = m.ncontact, nl = m.nlimit, na = m.nact, ne = m.ntie, D = m.D;
   m.body_parent = i("body_parent", nb); m.body_jadr = i("body_jadr", nb); m.body_jnum = i("body_jnum", nb);
   m.body_pos = d("body_pos", nb * D); m.body_rot = d("body_rot", nb * (m.planar ? 2 : 9));
   m.jnt_type = i("jnt_type", nj); m.jnt_qadr = i("jnt_qadr", nj); m.jnt_vadr = i("jnt_vadr", nj);
@@ -53,10 +57,8 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.con_radiusB = d("con_radiusB", nc);
   m.con_impratio = d("con_impratio", nc); m.con_invweight = d("con_invweight", nc); m.con_margin = d("con_margin", nc);
   m.con_mid = d("con_mid", nc); m.con_power = d("con_power", nc); m.plane_normal = d("plane_normal", size_t(m.nplane) * D);
-  m.lim_dof = i("lim_dof", nl); m.lim_qadr = i("lim_qadr", nl); m.lim_lo = d("lim_lo", nl); m.lim_hi = d("lim_hi", nl);
+  m.lim_line = i("lim_line", nl); m.lim_lo = d("lim_lo", nl); m.lim_hi = d("lim_hi", nl);
   m.lim_margin = d("lim_margin", nl); m.lim_soft = d("lim_soft", nl * 7); m.lim_invweight = d("lim_invweight", nl);
-  m.dof_soft = d("dof_soft", size_t(m.nv) * 7); m.dof_invweight = d("dof_invweight", m.nv);
-  m.act_dof = i("act_dof", na); m.act_qadr = i("act_qadr", na); m.act_ctrl = d("act_ctrl", na * 2); m.act_force = d("act_force", na * 2);
   m.frc_dof = i("frc_dof", m.nforcerange); m.frc_range = d("frc_range", size_t(m.nforcerange) * 2);
   if (m.nlift > 0) {
     m.dof_lift = i("dof_lift", m.nv); m.body_lift = d("body_lift", nb); m.body_lift_pos = d("body_lift_pos", nb * D);
@@ -69,6 +71,13 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.spring_dof = i("spring_dof", m.nballspring); m.spring_qadr = i("spring_qadr", m.nballspring);
   m.spring_ref = d("spring_ref", size_t(m.nballspring) * 4);
   m.power_dof = i("power_dof", m.npower); m.power_coef = d("power_coef", size_t(m.npower) * 4);
+  m.line_soft = d("line_soft", size_t(m.nline) * 7); m.line_invweight = d("line_invweight", m.nline); m.line_slack = d("line_slack", m.nline);
+  m.tie_type = i("tie_type", ne); m.tie_A = i("tie_A", ne); m.tie_B = i("tie_B", ne);
+  m.tie_posA = d("tie_posA", ne * D); m.tie_posB = d("tie_posB", ne * D);
+  m.tie_rotA = d("tie_rotA", ne * (m.planar ? 2 : 9)); m.tie_rotB = d("tie_rotB", ne * (m.planar ? 2 : 9));
+  m.tie_scale = d("tie_scale", ne); m.tie_poly = d("tie_poly", ne * 5); m.tie_ref = d("tie_ref", ne * 2);
+  m.tie_soft = d("tie_soft", ne * 7); m.tie_invweight = d("tie_invweight", ne * 2);
+  m.act_line = i("act_line", na); m.act_ctrl = d("act_ctrl", na * 2); m.act_force = d("act_force", na * 2);
   m.P = d("P", m.nP);
   m.ntheta = int(doubles_.at("par_nominal").size());
   m.par_nominal = d("par_nominal", m.ntheta);
@@ -77,6 +86,9 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   derive_parameters();
   for (size_t k = 0; k < nc; ++k) m.largest_invweight = std::max(m.largest_invweight, m.con_invweight[k]);
   derive_chains();
+  derive_lines();
+  derive_ties();
+  derive_mass_pattern();
   derive_groups();
   derive_pairs();
   derive_spheres();
@@ -142,6 +154,85 @@ void SceneData::derive_chains() {
   m.body_lastdof = ints_["body_lastdof"].data(); m.anc_ptr = ints_["anc_ptr"].data(); m.anc_idx = ints_["anc_idx"].data();
 }
 
+// Dofs that carry a body, rising.
+std::vector<int> SceneData::chain(int body) const {
+  const Model& m = model;
+  if (body < 0) return {};
+  int d = m.body_lastdof[body];
+  std::vector<int> dofs(m.anc_idx + m.anc_ptr[d], m.anc_idx + m.anc_ptr[d + 1]);
+  dofs.push_back(d);
+  return dofs;
+}
+
+// The dofs themselves, then the tendons.
+void SceneData::derive_lines() {
+  Model& m = model;
+  const int* ptr = i("tendon_ptr", m.ntendon + 1);
+  const int* tendon_dof = i("tendon_dof", ptr[m.ntendon]);
+  const double* tendon_coef = d("tendon_coef", ptr[m.ntendon]);
+  std::vector<int> at, dof;
+  for (int k = 0; k < m.nv; ++k) { at.push_back(k); dof.push_back(k); }
+  for (int k = 0; k <= m.ntendon; ++k) at.push_back(m.nv + ptr[k]);
+  std::vector<double> coef(m.nv, 1.0);
+  dof.insert(dof.end(), tendon_dof, tendon_dof + ptr[m.ntendon]);
+  coef.insert(coef.end(), tendon_coef, tendon_coef + ptr[m.ntendon]);
+  for (int k = 0; k < m.ntendon; ++k)
+    for (int e = ptr[k]; e < ptr[k + 1]; ++e)
+      if (tendon_dof[e] < 0 || tendon_dof[e] >= m.nv || (e > ptr[k] && tendon_dof[e] <= tendon_dof[e - 1]))
+        throw std::invalid_argument("the dofs of scene tendon " + std::to_string(k) + " do not rise");
+  m.line_ptr = keep_ints("line_ptr", std::move(at)); m.line_dof = keep_ints("line_dof", std::move(dof));
+  m.line_coef = keep_doubles("line_coef", std::move(coef));
+}
+
+// The dofs that each tie couples: those of two lines, or those that carry two bodies.
+void SceneData::derive_ties() {
+  Model& m = model;
+  std::vector<int> ptr{0}, dof, side;
+  std::vector<double> coef_a, coef_b;
+  for (int k = 0; k < m.ntie; ++k) {
+    struct End { int side; double a, b; };
+    std::map<int, End> ends;
+    auto add_line = [&](int line, double End::*coef) {
+      for (int e = line < 0 ? 0 : m.line_ptr[line]; line >= 0 && e < m.line_ptr[line + 1]; ++e) ends[m.line_dof[e]].*coef = m.line_coef[e];
+    };
+    if (m.tie_type[k] == kPolynomial) {
+      add_line(m.tie_A[k], &End::a);
+      add_line(m.tie_B[k], &End::b);
+    } else {
+      for (int x : chain(m.tie_A[k])) ends[x].side |= kCarriesA;
+      for (int x : chain(m.tie_B[k])) ends[x].side |= kCarriesB;
+    }
+    for (auto [x, end] : ends) { dof.push_back(x); side.push_back(end.side); coef_a.push_back(end.a); coef_b.push_back(end.b); }
+    ptr.push_back(int(dof.size()));
+  }
+  m.tie_ptr = keep_ints("tie_ptr", std::move(ptr)); m.tie_dof = keep_ints("tie_dof", std::move(dof));
+  m.tie_side = keep_ints("tie_side", std::move(side));
+  m.tie_coefA = keep_doubles("tie_coefA", std::move(coef_a)); m.tie_coefB = keep_doubles("tie_coefB", std::move(coef_b));
+}
+
+// The tree's, and what tendons and ties couple, with its fill-in.
+void SceneData::derive_mass_pattern() {
+  Model& m = model;
+  m.mass = m.tree();
+  if (m.ntendon == 0 && m.ntie == 0) return;
+  std::vector<uint64_t> bits(size_t(m.nv) * FillPattern::words(m.nv), 0), columns(FillPattern::words(m.nv));
+  FillPattern pattern{bits.data(), m.nv};
+  for (int k = 0; k < m.nv; ++k)
+    for (int a = 0; a < m.mass.count(k); ++a) pattern.couple(k, m.mass.columns(k)[a]);
+  auto couple = [&](const int* dof, int begin, int end) {
+    std::fill(columns.begin(), columns.end(), 0);
+    for (int e = begin; e < end; ++e) columns[dof[e] / 64] |= uint64_t(1) << dof[e] % 64;
+    pattern.couple_all(columns.data());
+  };
+  for (int k = m.nv; k < m.nline; ++k) couple(m.line_dof, m.line_ptr[k], m.line_ptr[k + 1]);
+  for (int k = 0; k < m.ntie; ++k) couple(m.tie_dof, m.tie_ptr[k], m.tie_ptr[k + 1]);
+  pattern.fill_in();
+  std::vector<int> ptr(m.nv + 1), idx(pattern.count());
+  pattern.list(ptr.data(), idx.data());
+  m.mass.ptr = keep_ints("mass_ptr", std::move(ptr));
+  m.mass.idx = keep_ints("mass_idx", std::move(idx));
+}
+
 void SceneData::derive_groups() {
   Model& m = model;
   std::map<std::pair<int, int>, int> number;
@@ -154,14 +245,6 @@ void SceneData::derive_groups() {
     members[it->second].push_back(c);
     group_of[c] = it->second;
   }
-  auto chain = [&](int body) {
-    std::vector<int> dofs;
-    if (body < 0) return dofs;
-    int d = m.body_lastdof[body];
-    dofs.assign(m.anc_idx + m.anc_ptr[d], m.anc_idx + m.anc_ptr[d + 1]);
-    dofs.push_back(d);
-    return dofs;
-  };
   std::vector<int> cptr{0}, con, dptr{0}, dof, sign;
   for (size_t g = 0; g < A.size(); ++g) {
     con.insert(con.end(), members[g].begin(), members[g].end());

@@ -28,6 +28,10 @@ class SceneData {
   const double* keep_doubles(const std::string& name, std::vector<double> x);
   void derive_parameters();
   void derive_chains();
+  std::vector<int> chain(int body) const;
+  void derive_lines();
+  void derive_ties();
+  void derive_mass_pattern();
   void derive_groups();
   void derive_pairs();
   void derive_spheres();

@@ -19,15 +19,11 @@ static inline void rotation_since(const double* from, const T* q, T* out) {
 }
 
 template <class G>
-static void ball_springs(const Model& m, Work<G>& w) {  // into tau and kp
+static void ball_springs(const Model& m, Work<G>& w) {  // into tau; kp has them
   for (int s = 0; s < m.nballspring; ++s) {
     int d = m.spring_dof[s];
     rotation_since(m.spring_ref + 4 * s, w.q + m.spring_qadr[s], w.stretch + d);
-    for (int i = d; i < d + 3; ++i) {
-      T k = w.P[m.oDof + i * kDofFields + kStiffness];
-      w.tau[i] -= k * w.stretch[i];
-      w.kp[i] += k;
-    }
+    for (int i = d; i < d + 3; ++i) w.tau[i] -= w.P[m.oDof + i * kDofFields + kStiffness] * w.stretch[i];
   }
 }
 
@@ -71,7 +67,7 @@ static void power_forces(const Model& m, const Options& o, Work<G>& w) {
     Powers p = powers(m, w, s);
     w.tau[d] += p.force;
     w.kp[d] += p.k;
-    w.M[m.tree().row(d)] += o.h * p.b;
+    w.M[m.mass.row(d)] += o.h * p.b;
   }
 }
 

@@ -37,9 +37,12 @@ static T restitution(const Model& m, const Contact<G>& c) {
 
 // Lanes in which a limit opposes vf.
 template <class G>
-static Mask held_by_limits(const Work<G>& w) {
+static Mask held_by_limits(const Model& m, const Work<G>& w) {
   Mask held = none();
-  for (int i = 0; i < w.nlim; ++i) held |= w.lim[i].on & (w.lim[i].sign * w.vf[w.lim[i].dof] + w.lim[i].c0 < 0.0);
+  for (int i = 0; i < w.nlim; ++i) {
+    const Limit& l = w.lim[i];
+    held |= l.on & (l.sign * along(m, l.line, w.vf) + l.c0 < 0.0);
+  }
   return held;
 }
 
@@ -57,7 +60,7 @@ static Mask closing_lanes(const Model& m, const Options& o, Work<G>& w) {
       closing |= c.on & (c.cn0 < c.speed * left);
     }
   }
-  return closing | held_by_limits(w);
+  return closing | held_by_limits(m, w);
 }
 
 // Newton restitution of rigid contacts that close within the step, at their time of impact: with s the approach speed then,
@@ -71,7 +74,7 @@ static T find_bounces(const Model& m, const Options& o, Work<G>& w) {
   bool any_bounce = false;
   for (int i = 0; i < w.ncon; ++i) any_bounce |= any(restitution(m, w.con[i]) > 0.0);
   if (!any_bounce) return T{};
-  Mask closing = closing_lanes(m, o, w), held_back = held_by_limits(w);
+  Mask closing = closing_lanes(m, o, w), held_back = held_by_limits(m, w);
   for (int i = 0; i < w.ndry; ++i) held_back |= w.dry[i].on;
   T left = o.h - w.flown, first = splat(o.h);
   for (int i = 0; i < w.ncon; ++i) {

@@ -8,7 +8,7 @@ namespace cmbrl::CMBRL_ISA {
 
 template <class G>
 static int64_t tape_stride(const Model& m) {  // per substep
-  return m.nq + 4 * int64_t(m.nv) + m.ncontact * (3 + 2 * G::NT) + 2 * m.nlimit + 3 * m.nv + 1;
+  return m.nq + 4 * int64_t(m.nv) + m.ncontact * (3 + 2 * G::NT) + 2 * m.nlimit + 3 * m.nline + 1;
 }
 
 // Calls f(value, slot) for every number of the tape that has a place in the workspace now.
@@ -35,9 +35,9 @@ static void for_tape(const Model& m, Work<G>& w, F f) {
   k += 2 * m.nlimit;
   for (int i = 0; i < w.ndry; ++i) {
     DryFriction& d = w.dry[i];
-    f(d.b, k + 3 * d.dof, d.on); f(d.eta0, k + 3 * d.dof + 1, d.on); f(d.eta, k + 3 * d.dof + 2, d.on);
+    f(d.b, k + 3 * d.line, d.on); f(d.eta0, k + 3 * d.line + 1, d.on); f(d.eta, k + 3 * d.line + 2, d.on);
   }
-  f(w.flown, k + 3 * m.nv, all());
+  f(w.flown, k + 3 * m.nline, all());
 }
 
 template <class G>

@@ -37,7 +37,7 @@ static void wide_forces(const Model& m, Work<G>& w) {
     Drive drive = wide_drive(m, w, a);
     T push = w.wide_push[k] = p[kGear] * drive.force;
     w.open[a] = keep(drive.open, p[kGear] * p[kGain]);
-    for_arms(m, w, k, [&](int d, T arm) { w.tau[d] += arm * push; });
+    for_arms(m, w, k, [&](int d, T arm) { w.drive[d] += arm * push; });
   }
 }
 

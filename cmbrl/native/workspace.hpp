@@ -42,22 +42,36 @@ struct Contact {
   T P[kContactFields];               // its part of the physical vector
 };
 
-struct Limit {  // joint limit: a normal law on one coordinate
+struct Limit {  // of a joint or a tendon: a normal law along one line
   Mask on, wide;
-  int index, dof;
+  int index, line;
   T root, sign, phi, R, carry, c0, dc_dphi, dR_dphi, kappa, own_kappa, raised_kappa, slope, slope_R, gam, s, r1, w, Th, dgam, ds;
 };
 
-struct DryFriction {  // joint friction loss: a cone of fixed head on one coordinate
+struct DryFriction {  // friction loss of a joint or a tendon: a cone of fixed head along one line
   Mask on;
-  int dof;
+  int line;
   T root, R, carry, c0, b0, kappa, b, eta0, eta, r2, t50, w, Th, db, deta0, deta;
+};
+
+// An equality constraint (ties.hpp).
+template <class G>
+struct Tie {
+  static constexpr int kRows = G::D + G::A;  // at most
+  int rows;
+  T r[kRows], dsize[kRows], inv[kRows];      // residual, how its size grows with it, 1 / R
+  T stiff, dstiff, dR, carry;                // h K d, its derivative by that size; R's, relative
+  T sway[kRows];                             // h dJ/dt v: what bodies that do not accelerate change of J v in the step
+  T slope, bend;                             // of the polynomial
+  typename G::V a, b;                        // points that the bodies hold
+  typename G::Rot turned;                    // frame of B
+  T w; typename G::Ang v;                    // half the turn of A against it
 };
 
 // A row that is left out: in which lanes, its slack without the part of the next velocity, and the speed that it had to have.
 template <class G>
 struct LeftOut { Mask lanes; int A, B; Vec<G::N> W; T base; double speed; };
-struct LeftOutLimit { Mask lanes; int dof; T sign, base; double speed; };
+struct LeftOutLimit { Mask lanes; int line; T sign, base; double speed; };
 
 struct ActiveGroup { int group, begin, end; };  // contacts of one body pair stand together
 
@@ -107,11 +121,14 @@ struct Work : SolverWork<G> {
   Motion *vel, *acc, *f, *fc, *psid, *psidd, *sdot, *vlam, *tn, *tnlam;  // tn: twists under the next velocity
   T* Xc; V* momc;
   T *bias, *tau, *a, *kd, *kp, *open, *tmp;
+  T *drive, *drive_kp;                     // of the actuators of a line, without springs
   Mask* yields;                            // lanes in which the actuators of a dof are not clamped by its joint
   T *lift, *lift_mass; V* lift_moment;     // gravity compensation, by dof and by body
   Motion* wide_wrench; T* wide_push;       // of actuators on several dofs: unit wrench, force times gear
   Motion* drag; T *drag_start, *drag_end;  // of a fluid, by body, and by its twists before and after the step
   T* stretch;                              // of springs at ball joints
+  Tie<G>* ties; T* tie_J;                  // equality constraints; their rows, by entry of tie_dof
+  Motion *drift, *drift_before;            // accelerations of bodies whose joints do not accelerate; before each dof's joint
   Mask *con_on, *lim_on;                   // of a step that is read back from its tape
   uint64_t* near; int* order;              // groups that may touch in this step, as bits; bodies along an axis
   typename G::V* centre; T *fast, *reach; double *low, *high;  // of bodies: spheres that hold what may touch in this step
@@ -184,19 +201,21 @@ struct Work : SolverWork<G> {
     P = A.take<T>(m.oContact); dtheta = A.take<T>(m.ntheta + 1);
     q = A.take<T>(m.nq); v = A.take<T>(nv); u = A.take<T>(m.nu + 1);
     vstep = A.take<T>(nv); start = A.take<T>(m.nq + nv);
-    this->take(A, nv, m.tree().row(m.nv), nv, m.max_group_dofs, m.nlimit, nv);
+    this->take(A, nv, m.mass.row(m.nv), nv, m.max_group_dofs, m.nlimit, m.nline);
     R = A.take<typename G::Rot>(nb); pos = A.take<V>(nb);
     I = A.take<Inertia<G>>(nb); Ic = A.take<Inertia<G>>(nb);
     vel = A.take<Motion>(nb); acc = A.take<Motion>(nb); f = A.take<Motion>(nb); fc = A.take<Motion>(nb); tn = A.take<Motion>(nb);
     psid = A.take<Motion>(nv); psidd = A.take<Motion>(nv); sdot = A.take<Motion>(nv);
     vlam = A.take<Motion>(nv); tnlam = A.take<Motion>(nv);
     Xc = A.take<T>(nb * G::NX); momc = A.take<V>(nb);
-    bias = A.take<T>(nv); tau = A.take<T>(nv); a = A.take<T>(nv); kd = A.take<T>(nv); kp = A.take<T>(nv); open = A.take<T>(m.nact + 1);
-    tmp = A.take<T>(nv); yields = A.take<Mask>(nv);
+    bias = A.take<T>(nv); tau = A.take<T>(m.nline); a = A.take<T>(nv); kd = A.take<T>(m.nline); kp = A.take<T>(m.nline); open = A.take<T>(m.nact + 1);
+    tmp = A.take<T>(nv); yields = A.take<Mask>(nv); drive = A.take<T>(m.nline); drive_kp = A.take<T>(m.nline);
     if (m.nlift > 0) { lift = A.take<T>(nv); lift_mass = A.take<T>(nb); lift_moment = A.take<V>(nb); }
     if (m.nwide > 0) { wide_wrench = A.take<Motion>(m.nwide); wide_push = A.take<T>(m.nwide); }
     if (m.nbox > 0) { drag = A.take<Motion>(nb); drag_start = A.take<T>(nb * G::N * G::N); drag_end = A.take<T>(nb * G::N * G::N); }
     if (m.nballspring > 0) stretch = A.take<T>(nv);
+    ties = A.take<Tie<G>>(m.ntie); tie_J = A.take<T>(m.ntie ? int64_t(m.tie_ptr[m.ntie]) * Tie<G>::kRows : 0);
+    drift = A.take<Motion>(m.ntie ? nb : 0); drift_before = A.take<Motion>(m.ntie ? nv : 0);
     near = A.take<uint64_t>(words); order = A.take<int>(nb);
     centre = A.take<V>(nb); fast = A.take<T>(nb); reach = A.take<T>(nb); low = A.take<double>(nb); high = A.take<double>(nb);
     bits = A.take<uint64_t>(nv * FillPattern::words(m.nv)); fill_ptr = A.take<int>(nv + 1);

@@ -1,10 +1,12 @@
-"""Actuators: the clamped force gain ctrl + bias0 + bias1 length + bias2 velocity, times gear.
+"""Actuators: the clamped force gain ctrl + bias0 + bias1 length + bias2 velocity, times gear, along one line.
 
-On one hinge or slide; without position and velocity gains also on a site, or on the dofs of a ball or free joint.
+A line is a hinge, a slide or a fixed tendon. Without position and velocity gains an actuator may also act on a site, or
+on the dofs of a ball or free joint.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,33 +37,35 @@ class Actuator:
     """One entry of the control vector. An actuator that is left out keeps its entry, with gear 0."""
 
     name: str
-    dof: int  # -1: on several
-    qadr: int
+    line: int  # a degree of freedom, or nv + number of the tendon; -1: as ``reach`` tells
     gear: float
     gain: float
     bias: Array  # (3,) constant, per length, per velocity
     control: tuple[float, float]  # bounds on ctrl; infinite where unlimited
     force: tuple[float, float]  # bounds on the force before the gear
-    armature: float  # added to the joint's, already times gear^2
+    armature: float  # added to the line's, already times gear^2
     damping: float
     reach: Reach | None = None
 
 
-def read_actuators(model: mujoco.MjModel, tree: Tree, gate: Gate) -> list[Actuator]:
-    """One actuator per control, in the order of ``ctrl``; reports unsupported ones to the gate."""
+def read_actuators(model: mujoco.MjModel, tree: Tree, lines: Mapping[int, int], gate: Gate) -> list[Actuator]:
+    """One actuator per control, in the order of ``ctrl``; reports unsupported ones to the gate.
+
+    ``lines``: of the tendons, by their numbers in the file.
+    """
     count = len(model.actuator_trntype)
     actuators: list[Actuator] = []
     for k in range(count):
         controls = int(model.actuator_ctrlnum[k]) if hasattr(model, "actuator_ctrlnum") else 1
-        sound = _modelled(model, k, controls, gate)
+        sound = _modelled(model, k, controls, lines, gate)
         for number in range(controls):
             suffix = "" if controls == 1 else f"_{number}"
             name = _unused(name_of(model, "actuator", k) + suffix, [a.name for a in actuators])
-            actuators.append(_read(model, tree, k, len(actuators), name, sound))
+            actuators.append(_read(model, tree, k, len(actuators), name, lines, sound))
     return actuators
 
 
-def _modelled(model: mujoco.MjModel, k: int, controls: int, gate: Gate) -> bool:
+def _modelled(model: mujoco.MjModel, k: int, controls: int, lines: Mapping[int, int], gate: Gate) -> bool:
     """Whether the actuator acts in the scene; if not, the gate is told why."""
     name = name_of(model, "actuator", k)
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ACTUATION:
@@ -72,7 +76,7 @@ def _modelled(model: mujoco.MjModel, k: int, controls: int, gate: Gate) -> bool:
         gate.note("actuator", name, f"the file disables actuator group {group}")
         return False
     sound = True
-    if obstacle := _obstacle(model, k):
+    if obstacle := _obstacle(model, lines, k):
         gate.refuse("actuator_transmission", name, obstacle)
         sound = False
     dynamics = mujoco.mjtDyn(int(model.actuator_dyntype[k])).name.removeprefix("mjDYN_").lower()
@@ -89,7 +93,7 @@ def _modelled(model: mujoco.MjModel, k: int, controls: int, gate: Gate) -> bool:
     if controls != 1 or gain not in ("fixed", "affine") or varying or bias not in ("none", "affine"):
         gate.refuse("actuator_bias", name, f"gain {gain}, bias {bias}")
         sound = False
-    if sound and not _on_one_dof(model, k) and (what := _gains(model, k)):
+    if sound and _line(model, lines, k) < 0 and (what := _gains(model, k)):
         gate.refuse("actuator_bias", name, f"{what} of an actuator on several coordinates (give it to each of them)")
         sound = False
     if (poly := getattr(model, "actuator_dampingpoly", None)) is not None and np.any(poly[k]):
@@ -97,12 +101,13 @@ def _modelled(model: mujoco.MjModel, k: int, controls: int, gate: Gate) -> bool:
     return bool(sound)
 
 
-def _read(model: mujoco.MjModel, tree: Tree, k: int, column: int, name: str, sound: bool) -> Actuator:
+def _read(
+    model: mujoco.MjModel, tree: Tree, k: int, column: int, name: str, lines: Mapping[int, int], sound: bool
+) -> Actuator:
     free = (-np.inf, np.inf)
     if not sound:
-        return Actuator(name, 0, 0, 0.0, 0.0, np.zeros(3), free, free, 0.0, 0.0)
-    joint = int(model.actuator_trnid[k, 0])
-    reach = None if _on_one_dof(model, k) else _reach(model, tree, k)
+        return Actuator(name, 0, 0.0, 0.0, np.zeros(3), free, free, 0.0, 0.0)
+    reach = None if (line := _line(model, lines, k)) >= 0 else _reach(model, tree, k)
     gear = float(model.actuator_gear[k, 0]) if reach is None else 1.0
     clamp = model.actuator_ctrllimited[column] and not (model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
     affine = model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
@@ -112,8 +117,7 @@ def _read(model: mujoco.MjModel, tree: Tree, k: int, column: int, name: str, sou
     )
     return Actuator(
         name,
-        int(model.jnt_dofadr[joint]) if reach is None else -1,
-        int(model.jnt_qposadr[joint]) if reach is None else 0,
+        line,
         gear,
         float(model.actuator_gainprm[k, 0]),
         model.actuator_biasprm[k, :3] * ([1, 1, 1] if reach is None else [1, 0, 0]) if affine else np.zeros(3),
@@ -129,22 +133,28 @@ def _transmission(model: mujoco.MjModel, k: int) -> str:
     return mujoco.mjtTrn(int(model.actuator_trntype[k])).name.removeprefix("mjTRN_").lower()
 
 
-def _on_one_dof(model: mujoco.MjModel, k: int) -> bool:
-    if _transmission(model, k) not in ("joint", "jointinparent"):
-        return False
-    kind = int(model.jnt_type[model.actuator_trnid[k, 0]])
-    return kind in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+def _line(model: mujoco.MjModel, lines: Mapping[int, int], k: int) -> int:
+    """The line that an actuator acts along; -1 if it acts on several dofs in another way."""
+    target, transmission = int(model.actuator_trnid[k, 0]), _transmission(model, k)
+    if transmission == "tendon":
+        return lines.get(target, -1)
+    scalar = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+    if transmission in ("joint", "jointinparent") and int(model.jnt_type[target]) in scalar:
+        return int(model.jnt_dofadr[target])
+    return -1
 
 
-def _obstacle(model: mujoco.MjModel, k: int) -> str | None:
+def _obstacle(model: mujoco.MjModel, lines: Mapping[int, int], k: int) -> str | None:
     """Why an actuator's transmission is not modelled; None if it is."""
-    transmission = _transmission(model, k)
+    transmission, target = _transmission(model, k), int(model.actuator_trnid[k, 0])
     if transmission == "site":
         return "it drives a site relative to another one (refsite)" if model.actuator_trnid[k, 1] >= 0 else None
-    if transmission == "joint" or _on_one_dof(model, k):
+    if transmission == "joint" or _line(model, lines, k) >= 0:
         return None
+    if transmission == "tendon":
+        return f"it drives {name_of(model, 'tendon', target)}, a tendon that is not modelled"
     if transmission == "jointinparent":
-        joint = name_of(model, "joint", int(model.actuator_trnid[k, 0]))
+        joint = name_of(model, "joint", target)
         return f"it drives {joint}, a ball or free joint, in the parent's frame (give joint instead of jointinparent)"
     return f"it drives a {transmission}"
 

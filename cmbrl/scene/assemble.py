@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -11,16 +12,16 @@ import numpy as np
 from cmbrl.scene.actuators import Actuator
 from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.laws import CONTACT_LAWS, LawChoice
-from cmbrl.scene.layout import CONTACT_FIELDS, Layout
+from cmbrl.scene.layout import CONTACT_FIELDS, DOF_FIELDS, Layout
 from cmbrl.scene.mjcf import limits_act
-from cmbrl.scene.records import WORLD, Array, Candidate, ContactLaw, JointKind, Tree
+from cmbrl.scene.records import WORLD, Array, Candidate, ContactLaw, JointKind, Tendon, Tie, TieKind, Tree
 from cmbrl.scene.reduction import PlaneOfMotion
 from cmbrl.scene.shapes import Shape
 
 Arrays = dict[str, Any]
 
 
-def tree_arrays(model: mujoco.MjModel, tree: Tree, plane: PlaneOfMotion | None) -> Arrays:
+def tree_arrays(tree: Tree, plane: PlaneOfMotion | None) -> Arrays:
     """Bodies and joints, in the plane of motion if there is one."""
     joints = tree.joints
     dimension = 2 if plane else 3
@@ -58,28 +59,87 @@ def tree_arrays(model: mujoco.MjModel, tree: Tree, plane: PlaneOfMotion | None) 
         "jnt_axis": doubles(axis, (-1, dimension)),
         "jnt_pos": doubles(anchor, (-1, dimension)),
         "jnt_q0": doubles([joint.q0 for joint in joints], (-1,)),
-        "dof_soft": doubles(np.hstack([model.dof_solref, model.dof_solimp]), (-1, 7)),
-        "dof_invweight": doubles(model.dof_invweight0, (-1,)),
-        **_limit_arrays(model, tree),
     }
 
 
-def _limit_arrays(model: mujoco.MjModel, tree: Tree) -> Arrays:
+def line_arrays(model: mujoco.MjModel, tree: Tree, tendons: list[Tendon]) -> Arrays:
+    """Tendons, and dry friction and limits of joints and tendons."""
+    source = [tendon.source for tendon in tendons]
+    slack = np.diff(model.tendon_lengthspring[source]).reshape(-1)
+    return {
+        "tendon_ptr": integers(np.cumsum([0, *(len(tendon.dofs) for tendon in tendons)])),
+        "tendon_dof": integers([dof for tendon in tendons for dof in tendon.dofs]),
+        "tendon_coef": doubles([coef for tendon in tendons for coef in tendon.coefs], (-1,)),
+        "line_soft": _stack(
+            np.hstack([model.dof_solref, model.dof_solimp]),
+            np.hstack([model.tendon_solref_fri[source], model.tendon_solimp_fri[source]]),
+        ),
+        "line_invweight": _stack(model.dof_invweight0, model.tendon_invweight0[source]),
+        "line_slack": _stack(np.zeros(model.nv), slack),
+        **_limit_arrays(model, tree, tendons),
+    }
+
+
+def _stack(of_dofs: Array, of_tendons: Array) -> Array:
+    return np.ascontiguousarray(np.concatenate([of_dofs, of_tendons]), dtype=np.float64)
+
+
+def _limit_arrays(model: mujoco.MjModel, tree: Tree, tendons: list[Tendon]) -> Arrays:
     limited = [
         j
         for j in tree.joints
         if limits_act(model) and j.kind in (JointKind.SLIDE, JointKind.HINGE) and model.jnt_limited[j.source]
     ]
     limited = [j for j in limited if model.jnt_type[j.source] != mujoco.mjtJoint.mjJNT_FREE]
-    source = [joint.source for joint in limited]
+    source, dofs = [joint.source for joint in limited], [joint.vadr for joint in limited]
+    lines = {
+        model.nv + k: tendon.source
+        for k, tendon in enumerate(tendons)
+        if limits_act(model) and model.tendon_limited[tendon.source]
+    }
+    which = list(lines.values())
+    ranges = np.concatenate([model.jnt_range[source], model.tendon_range[which]])
+    of_joints = np.hstack([model.jnt_solref[source], model.jnt_solimp[source]])
+    of_tendons = np.hstack([model.tendon_solref_lim[which], model.tendon_solimp_lim[which]])
     return {
-        "lim_dof": integers([joint.vadr for joint in limited]),
-        "lim_qadr": integers([joint.qadr for joint in limited]),
-        "lim_lo": doubles(model.jnt_range[source, 0], (-1,)),
-        "lim_hi": doubles(model.jnt_range[source, 1], (-1,)),
-        "lim_margin": doubles(model.jnt_margin[source], (-1,)),
-        "lim_soft": doubles(np.hstack([model.jnt_solref[source], model.jnt_solimp[source]]), (-1, 7)),
-        "lim_invweight": doubles(model.dof_invweight0[[joint.vadr for joint in limited]], (-1,)),
+        "lim_line": integers([*dofs, *lines]),
+        "lim_lo": doubles(ranges[:, 0], (-1,)),
+        "lim_hi": doubles(ranges[:, 1], (-1,)),
+        "lim_margin": _stack(model.jnt_margin[source], model.tendon_margin[which]),
+        "lim_soft": _stack(of_joints, of_tendons),
+        "lim_invweight": _stack(model.dof_invweight0[dofs], model.tendon_invweight0[which]),
+    }
+
+
+def tie_arrays(tree: Tree, ties: list[Tie], plane: PlaneOfMotion | None) -> Arrays:
+    """Equality constraints, in the plane of motion if there is one."""
+    dimension = 2 if plane else 3
+
+    def point(body: int, pos: Array) -> Array:
+        return plane.local(tree, body, pos) if plane else pos
+
+    def frames(tie: Tie) -> tuple[Array, Array]:
+        if not plane:
+            return tie.rot_a.ravel(), tie.rot_b.ravel()
+        apart = tree.turn(tie.a, tie.rot_a) @ tree.turn(tie.b, tie.rot_b).T  # a turn about the plane's normal
+        rot_a, rot_b = (np.eye(2) if body == WORLD else plane.rot[body].T for body in (tie.a, tie.b))
+        return (rot_a @ plane.basis @ apart @ plane.basis.T)[:, 0], rot_b[:, 0]  # cosine, sine
+
+    bodies = [tie if tie.kind != TieKind.POLYNOMIAL else replace(tie, a=WORLD, b=WORLD) for tie in ties]
+    rots = [frames(tie) for tie in bodies]
+    return {
+        "tie_type": integers([tie.kind for tie in ties]),
+        "tie_A": integers([tie.a for tie in ties]),
+        "tie_B": integers([tie.b for tie in ties]),
+        "tie_posA": doubles([point(tie.a, tie.pos_a) for tie in bodies], (-1, dimension)),
+        "tie_posB": doubles([point(tie.b, tie.pos_b) for tie in bodies], (-1, dimension)),
+        "tie_rotA": doubles([rot for rot, _ in rots], (-1, 2 if plane else 9)),
+        "tie_rotB": doubles([rot for _, rot in rots], (-1, 2 if plane else 9)),
+        "tie_scale": doubles([tie.scale for tie in ties], (-1,)),
+        "tie_poly": doubles([tie.poly for tie in ties], (-1, 5)),
+        "tie_ref": doubles([tie.ref for tie in ties], (-1, 2)),
+        "tie_soft": doubles([[*tie.solref, *tie.solimp] for tie in ties], (-1, 7)),
+        "tie_invweight": doubles([tie.inverse_weight for tie in ties], (-1, 2)),
     }
 
 
@@ -148,6 +208,7 @@ def physical_vector(
     tree: Tree,
     candidates: list[Candidate],
     planes: list[Shape],
+    tendons: list[Tendon],
     actuators: list[Actuator],
     plane: PlaneOfMotion | None,
     layout: Layout,
@@ -177,6 +238,14 @@ def physical_vector(
             P[layout.dof(dof, "springref")] = reference if stiffness or bent[joint.source] else 0.0
             if not flags & (off.mjDSBL_FRICTIONLOSS | off.mjDSBL_CONSTRAINT):
                 P[layout.dof(dof, "frictionloss")] = model.dof_frictionloss[dof]
+    armature = getattr(model, "tendon_armature", np.zeros(model.ntendon))  # of recent MuJoCo versions
+    for k, tendon in enumerate(tendons):
+        source, first = tendon.source, layout.dof(model.nv + k)
+        stiffness = 0.0 if flags & off.mjDSBL_SPRING else model.tendon_stiffness[source]
+        damping = 0.0 if flags & off.mjDSBL_DAMPER else model.tendon_damping[source]
+        reference = model.tendon_lengthspring[source, 0] if stiffness else 0.0
+        loss = 0.0 if flags & (off.mjDSBL_FRICTIONLOSS | off.mjDSBL_CONSTRAINT) else model.tendon_frictionloss[source]
+        P[first : first + len(DOF_FIELDS)] = [armature[source], damping, stiffness, reference, loss]
     blocks = P[layout.contact(0) :].reshape(-1, len(CONTACT_FIELDS))
     laws = {id(c.law): c.law for c in candidates}  # pairs of the same surfaces share theirs
     shared = {key: _law_block(own, law) for key, own in laws.items()}
@@ -190,8 +259,8 @@ def physical_vector(
         first = layout.actuator(k)
         P[first : first + 5] = [actuator.gear, actuator.gain, *actuator.bias]
         if actuator.reach is None:
-            P[layout.dof(actuator.dof, "armature")] += actuator.armature
-            P[layout.dof(actuator.dof, "damping")] += actuator.damping
+            P[layout.dof(actuator.line, "armature")] += actuator.armature
+            P[layout.dof(actuator.line, "damping")] += actuator.damping
     if not flags & off.mjDSBL_GRAVITY:
         gravity = np.asarray(model.opt.gravity)
         P[layout.gravity : layout.contact(0)] = plane.basis @ gravity if plane else gravity

@@ -1,8 +1,12 @@
-"""Input of the C++ core: sizes, tree, contact candidates, limits, actuators, parameters.
+"""Input of the C++ core: sizes, tree, tendons, contact candidates, limits, actuators, equality constraints, parameters.
 
-Shapes: nb moving bodies, nj joints, nc contacts, np planes, nl limits, na actuators, nf joints
-that clamp their actuators, nw actuators on several dofs, nx boxes in a fluid, ns springs of ball joints, nh springs and
-dampers of higher powers, D = 2 (planar) or 3. Arrays are C-contiguous, int32 or float64. Index -1 is the world.
+Shapes: nb moving bodies, nj joints, nc contacts, np planes, nl limits, na actuators, nt tendons, ne ties (equality
+constraints), nf joints that clamp their actuators, nw actuators on several dofs, nx boxes in a fluid, ns springs of
+ball joints, nh springs and dampers of higher powers, D = 2 (planar) or 3. Arrays are C-contiguous, int32 or float64.
+Index -1 is the world.
+
+A line is what limits, springs, dry friction and actuators act along: number k < nv is a degree of freedom, number
+nv + k a tendon.
 """
 
 from __future__ import annotations
@@ -40,6 +44,8 @@ class CoreArrays:
     nbox: int
     nballspring: int
     npower: int
+    ntendon: int
+    ntie: int
     plane_basis: Array  # (2, 3) directions of the plane of motion; zeros for spatial scenes
 
     body_parent: Integers  # (nb,)
@@ -54,11 +60,14 @@ class CoreArrays:
     jnt_axis: Array  # (nj, D)
     jnt_pos: Array  # (nj, D) anchor in the body frame
     jnt_q0: Array  # (nj,)
-    dof_soft: Array  # (nv, 7) solref, solimp of dry friction
-    dof_invweight: Array  # (nv,)
+    tendon_ptr: Integers  # (nt + 1,) where the entries of each tendon begin
+    tendon_dof: Integers  # its dofs, rising
+    tendon_coef: Array
+    line_soft: Array  # (nv + nt, 7) solref, solimp of dry friction
+    line_invweight: Array  # (nv + nt,)
+    line_slack: Array  # (nv + nt,) lengths over which the spring does not pull, from its reference on
 
-    lim_dof: Integers  # (nl,)
-    lim_qadr: Integers  # (nl,)
+    lim_line: Integers  # (nl,)
     lim_lo: Array  # (nl,)
     lim_hi: Array  # (nl,)
     lim_margin: Array  # (nl,)
@@ -86,8 +95,7 @@ class CoreArrays:
     con_power: Array  # (nc,)
     plane_normal: Array  # (np, D)
 
-    act_dof: Integers  # (na,) -1: on several dofs, as told by wide_
-    act_qadr: Integers  # (na,)
+    act_line: Integers  # (na,) -1: on several dofs, as told by wide_
     act_ctrl: Array  # (na, 2)
     act_force: Array  # (na, 2)
 
@@ -117,6 +125,19 @@ class CoreArrays:
     power_dof: Integers  # (nh,) dofs with a spring or a damper of higher powers
     power_coef: Array  # (nh, 4) k1, k2, b1, b2 of the force -(k1 x + k2 x^2) x - (b1 |v| + b2 v^2) v
 
+    tie_type: Integers  # (ne,) a TieKind
+    tie_A: Integers  # (ne,) a body, or a line
+    tie_B: Integers  # (ne,) -1: the world, or no line
+    tie_posA: Array  # (ne, D) the point that A holds
+    tie_posB: Array  # (ne, D)
+    tie_rotA: Array  # (ne, 2 or 9) the frame that A holds
+    tie_rotB: Array  # (ne, 2 or 9)
+    tie_scale: Array  # (ne,) weight of the rotation [m]
+    tie_poly: Array  # (ne, 5) A's length as a polynomial of B's
+    tie_ref: Array  # (ne, 2) lengths of A and B that count as 0
+    tie_soft: Array  # (ne, 7)
+    tie_invweight: Array  # (ne, 2) of the first D rows (or the only one), and of those of the rotation
+
     P: Array  # (nP,) nominal physical vector
     par_ptr: Integers  # (n + 1,) for n parameters: where the offsets of each begin in par_idx
     par_idx: Integers  # offsets into P
@@ -126,7 +147,8 @@ class CoreArrays:
     @property
     def layout(self) -> Layout:
         """Offsets into ``P``."""
-        return Layout(2 if self.planar else 3, self.nbody, self.nv, self.ncontact, self.nplane, self.nact)
+        dimension = 2 if self.planar else 3
+        return Layout(dimension, self.nbody, self.nv, self.ncontact, self.nplane, self.nact, self.ntendon)
 
     def to_native(self) -> dict[str, Any]:
         """The arrays by name, as the core takes them."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from cmbrl.scene.kinematics import FLAT_TILT
 from cmbrl.scene.mjcf import name_of
-from cmbrl.scene.records import Array, Candidate, ContactKind, LeftOut
+from cmbrl.scene.records import Array, Candidate, ContactKind, LeftOut, Tendon
 from cmbrl.scene.shapes import hull_points, hull_vertices
 
 _MESH = mujoco.mjtGeom.mjGEOM_MESH
@@ -20,7 +20,12 @@ _RIM_ERROR = 0.18 * FLAT_TILT  # of the radius: the most that the point of a nea
 
 
 def differences(
-    model: mujoco.MjModel, candidates: list[Candidate], contact_law: str, integrator: str, boxes: int = 0
+    model: mujoco.MjModel,
+    candidates: list[Candidate],
+    tendons: list[Tendon],
+    contact_law: str,
+    integrator: str,
+    boxes: int = 0,
 ) -> tuple[LeftOut, ...]:
     """Approximations of shapes, then differences of the laws; nothing that the file does not use.
 
@@ -30,6 +35,7 @@ def differences(
     return (
         *_shapes(model, candidates),
         *_laws(model, candidates, contact_law),
+        *_tendons(model, tendons, integrator),
         *_stepping(model, integrator),
         *(drag if boxes else []),
     )
@@ -66,6 +72,23 @@ def _laws(model: mujoco.MjModel, candidates: list[Candidate], contact_law: str) 
         yield LeftOut("friction", "cone", why)
     why = "MuJoCo's normal force grows with the speed of sliding, up to a hop; here it does not (exact Coulomb)"
     yield LeftOut("friction", "sliding", why)
+
+
+def _tendons(model: mujoco.MjModel, tendons: list[Tendon], integrator: str) -> Iterator[LeftOut]:
+    """Of tendons over several branches, whose terms between branches are not in MuJoCo's mass matrix."""
+    for tendon in tendons:
+        chain, dof = set(), tendon.dofs[-1]
+        while dof >= 0:
+            chain.add(dof)
+            dof = int(model.dof_parentid[dof])
+        if chain.issuperset(tendon.dofs):
+            continue
+        driven = model.actuator_trnid[model.actuator_trntype == mujoco.mjtTrn.mjTRN_TENDON, 0] == tendon.source
+        damped = integrator != "euler" and (model.tendon_damping[tendon.source] or np.any(driven))
+        armature = getattr(model, "tendon_armature", np.zeros(model.ntendon))[tendon.source]
+        if armature or damped:
+            why = "its armature and implicit damping couple branches of the tree too; MuJoCo leaves those terms out"
+            yield LeftOut("tendon", tendon.name, why)
 
 
 def _stepping(model: mujoco.MjModel, integrator: str) -> Iterator[LeftOut]:

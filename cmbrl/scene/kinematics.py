@@ -6,12 +6,37 @@ Conventions are MuJoCo's: a hinge or ball turns the body about its anchor, a sli
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.manifold import quaternion_matrix
 from cmbrl.scene.records import Array, ContactKind, JointKind
 
 FLAT_TILT = 1e-3  # [rad] of a rim; the core's kFlat
+
+
+def addresses(core: CoreArrays) -> NDArray[np.int64]:
+    """Places (nv,) in q of the coordinates of hinges and slides; -1 for those of balls."""
+    places = np.full(core.nv, -1)
+    for kind, qadr, vadr in zip(core.jnt_type, core.jnt_qadr, core.jnt_vadr, strict=True):
+        if kind != JointKind.BALL:
+            places[vadr] = qadr
+    return places
+
+
+def line_matrix(core: CoreArrays) -> Array:
+    """Rates (nv + ntendon, nv) of lines by velocities: the identity, then coefficients of tendons."""
+    tendons = np.zeros((core.ntendon, core.nv))
+    tendon = np.repeat(np.arange(core.ntendon), np.diff(core.tendon_ptr))
+    tendons[tendon, core.tendon_dof] = core.tendon_coef
+    return np.concatenate([np.eye(core.nv), tendons])
+
+
+def lengths(core: CoreArrays, q: Array) -> Array:
+    """Lengths (..., nv + ntendon) of lines at configurations q (..., nq); 0 for those of balls."""
+    places = addresses(core)
+    x = np.where(places >= 0, np.asarray(q)[..., places], 0.0)
+    return x @ line_matrix(core).T
 
 
 def body_poses(core: CoreArrays, q: Array) -> tuple[Array, Array]:

@@ -1,7 +1,7 @@
 """Offsets into the physical vector P of the core: the one place that knows its order.
 
 P = per body [mass, centre of mass (D), inertia about it (planar 1: about the axis; spatial xx yy zz xy xz yz)],
-    per degree of freedom [armature, damping, stiffness, spring reference, friction loss],
+    per degree of freedom, then per tendon [armature, damping, stiffness, spring reference, friction loss],
     per plane [height], per actuator [gear, gain, bias (3)], gravity (D),
     per contact [friction, restitution, sum of radii, solref (2), d0, dmax, width, softness scale].
 Contacts come last: of these, the core takes up only what touches.
@@ -29,6 +29,7 @@ class Layout:
     ncontact: int
     nplane: int
     nact: int
+    ntendon: int = 0
 
     @property
     def body_fields(self) -> int:
@@ -50,10 +51,11 @@ class Layout:
         return self.com(body) + self.dimension
 
     def dof(self, dof: int, field: str = "armature") -> int:
+        """Of a degree of freedom, or, from nv on, of a tendon."""
         return self.nbody * self.body_fields + dof * len(DOF_FIELDS) + DOF_FIELDS.index(field)
 
     def plane(self, plane: int) -> int:
-        return self.dof(self.nv) + plane
+        return self.dof(self.nv + self.ntendon) + plane
 
     def actuator(self, actuator: int, field: str = "gear") -> int:
         return self.plane(self.nplane) + actuator * len(ACTUATOR_FIELDS) + ACTUATOR_FIELDS.index(field)

@@ -27,7 +27,8 @@ _OBJECTS = {
 }
 
 LARGEST = 1e12  #: of any mass, length, stiffness or gain
-_PHYSICAL = ("qpos0", "qpos_spring", "body_", "jnt_", "dof_", "geom_", "pair_", "actuator_")
+_OF_BODIES = ("body_", "jnt_", "dof_", "geom_", "pair_", "actuator_", "tendon_")
+_PHYSICAL = ("qpos0", "qpos_spring", "wrap_prm", "eq_data", "eq_sol", *_OF_BODIES)
 
 
 def compile_mjcf(path: Path) -> tuple[mujoco.MjModel, list[str]]:
@@ -159,13 +160,16 @@ def _nominal_poses(model: mujoco.MjModel, bodies: list[Body]) -> tuple[Array, Ar
     return pos, rot
 
 
+def ignores(model: mujoco.MjModel, what: str) -> bool:
+    """Whether the file's flags disable something: one of the names of mjtDisableBit, without its prefix."""
+    return bool(model.opt.disableflags & getattr(mujoco.mjtDisableBit, f"mjDSBL_{what}"))
+
+
 def limits_act(model: mujoco.MjModel) -> bool:
-    """Whether the file lets joint limits act."""
-    off = mujoco.mjtDisableBit
-    return not model.opt.disableflags & (off.mjDSBL_LIMIT | off.mjDSBL_CONSTRAINT)
+    """Whether the file lets limits of joints and tendons act."""
+    return not (ignores(model, "LIMIT") or ignores(model, "CONSTRAINT"))
 
 
 def passive_forces_act(model: mujoco.MjModel) -> bool:
     """Whether there are passive forces at all: MuJoCo drops gravity compensation and drag with springs and dampers."""
-    both = mujoco.mjtDisableBit.mjDSBL_SPRING | mujoco.mjtDisableBit.mjDSBL_DAMPER
-    return (model.opt.disableflags & both) != both
+    return not (ignores(model, "SPRING") and ignores(model, "DAMPER"))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from cmbrl.scene.actuators import Actuator
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.mjcf import name_of
-from cmbrl.scene.records import WORLD, Array, Candidate, Joint, JointKind, Parameter, Tree
+from cmbrl.scene.records import WORLD, Array, Candidate, Joint, JointKind, Parameter, Tendon, Tree
 from cmbrl.scene.shapes import Shape
 
 Rows = NDArray[np.int64]
@@ -92,6 +92,7 @@ def offer_parameters(
     tree: Tree,
     candidates: list[Candidate],
     planes: list[Shape],
+    tendons: list[Tendon],
     actuators: list[Actuator],
     layout: Layout,
     letters: tuple[str, ...],
@@ -114,6 +115,11 @@ def offer_parameters(
             if size > 0:
                 out.add(f"com_{letter}", body.name, 0.0, -size, size, "m", [layout.com(k) + axis])
     _joint_parameters(model, tree, layout, P, out)
+    for k, tendon in enumerate(tendons):
+        for field in ("damping", "armature", "stiffness", "frictionloss"):
+            place = layout.dof(model.nv + k, field)
+            if P[place] > 0:
+                out.scale(f"tendon_{field}", tendon.name, 0.05, 20.0, P, [place])
     _contact_parameters(model, candidates, layout, P, contact_law, out)
     for k, ground in enumerate(planes):
         out.add("plane_height", name_of(model, "geom", ground.geom), 0.0, -0.1, 0.1, "m", [layout.plane(k)])

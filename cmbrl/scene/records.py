@@ -39,6 +39,14 @@ class ContactKind(IntEnum):
         return self in (ContactKind.POINT_PLANE, ContactKind.RIM_PLANE)
 
 
+class TieKind(IntEnum):
+    """Kinds of equality constraints, as the core numbers them."""
+
+    CONNECT = 0
+    WELD = 1
+    POLYNOMIAL = 2
+
+
 @dataclass(frozen=True)
 class LeftOut:
     """An element of the file that the scene leaves out: its kind, its name and the reason."""
@@ -121,6 +129,36 @@ class Frame:
     body: int
     pos: Array
     rot: Array
+
+
+@dataclass(frozen=True)
+class Tendon:
+    """A fixed tendon: a sum of coefficients times hinges and slides."""
+
+    name: str
+    source: int  # its number in the file
+    dofs: tuple[int, ...]  # rising
+    coefs: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Tie:
+    """An equality constraint between two bodies, or between two lines (coordinates or tendons)."""
+
+    name: str
+    kind: TieKind
+    a: int  # a body, or a line
+    b: int  # WORLD: the world, or no line
+    solref: Array  # (2,)
+    solimp: Array  # (5,)
+    inverse_weight: tuple[float, float]  # of the displacement, of the rotation
+    pos_a: Array = field(default_factory=lambda: np.zeros(3))  # the point that A holds, in its frame
+    pos_b: Array = field(default_factory=lambda: np.zeros(3))
+    rot_a: Array = field(default_factory=lambda: np.eye(3))  # the frame that A holds
+    rot_b: Array = field(default_factory=lambda: np.eye(3))
+    scale: float = 0.0  # [m] weight of the rotation
+    poly: Array = field(default_factory=lambda: np.zeros(5))  # A's length as a polynomial of B's
+    ref: tuple[float, float] = (0.0, 0.0)  # lengths of A and B that count as 0
 
 
 @dataclass

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.scene.records import LeftOut, Parameter
+from cmbrl.scene.records import WORLD, LeftOut, Parameter, TieKind
 from cmbrl.scene.scene import Scene
 
 _WIDTH = 98  # of the text
+_TIES = ("connect", "weld", "polynomial")
 _TYPES = ("point against plane", "point against shape", "segment against segment", "rim against plane")
 
 
@@ -48,8 +49,13 @@ def to_dict(scene: Scene) -> dict[str, Any]:
         "contacts_merged": scene.merged_points,
         "contacts_dropped": [{"pair": drop.name, "why": drop.why} for drop in scene.dropped_contacts],
         "limits": [
-            {"coordinate": scene.coordinate_names[dof], "low": float(low), "high": float(high)}
-            for dof, low, high in zip(core.lim_dof, core.lim_lo, core.lim_hi, strict=True)
+            {"coordinate": scene.line_names[line], "low": float(low), "high": float(high)}
+            for line, low, high in zip(core.lim_line, core.lim_lo, core.lim_hi, strict=True)
+        ],
+        "tendons": [{"name": name, "coordinates": _path(scene, k)} for k, name in enumerate(scene.tendon_names)],
+        "equalities": [
+            {"name": name, "type": _TIES[core.tie_type[k]], "between": _ends(scene, k)}
+            for k, name in enumerate(scene.tie_names)
         ],
         "joint_force_ranges": [
             {"coordinate": scene.coordinate_names[dof], "low": float(low), "high": float(high)}
@@ -94,9 +100,10 @@ def describe(scene: Scene) -> str:
         + _wrap(f"{n} ({k})" for n, k in zip(scene.coordinate_names, scene.coordinate_kinds, strict=True)),
         f"  limits       {core.nlimit}"
         + _listed(
-            f"{scene.coordinate_names[dof]} [{low:.4g}, {high:.4g}]"
-            for dof, low, high in zip(core.lim_dof, core.lim_lo, core.lim_hi, strict=True)
+            f"{scene.line_names[line]} [{low:.4g}, {high:.4g}]"
+            for line, low, high in zip(core.lim_line, core.lim_lo, core.lim_hi, strict=True)
         ),
+        *_tendon_and_tie_lines(scene),
         f"  actuators    {scene.nu}" + _listed(_actuator_line(scene, k) for k in range(scene.nu)),
         *_joint_force_lines(scene),
         f"  contacts     {core.ncontact} candidates, law {scene.contact_law}" + _contact_lines(scene),
@@ -178,10 +185,10 @@ def _joint_force_lines(scene: Scene) -> list[str]:
 
 
 def _driven(scene: Scene, k: int) -> str:
-    """What an actuator drives: a coordinate, a body at a site, or the coordinates of a joint."""
+    """What an actuator drives: a coordinate, a tendon, a body at a site, or the coordinates of a joint."""
     core = scene.core
-    if core.act_dof[k] >= 0:
-        return scene.coordinate_names[core.act_dof[k]]
+    if core.act_line[k] >= 0:
+        return scene.line_names[core.act_line[k]]
     wide = core.wide_act.tolist().index(k)
     if core.wide_body[wide] >= 0:
         return f"body {scene.body_names[core.wide_body[wide]]}"
@@ -196,6 +203,36 @@ def _actuator_line(scene: Scene, k: int) -> str:
         text += f" on {_driven(scene, k)}"
     text += f" ctrl [{control[0]:g}, {control[1]:g}]" if control else ""
     return text + (f" force [{force[0]:g}, {force[1]:g}]" if force else "")
+
+
+def _path(scene: Scene, tendon: int) -> dict[str, float]:
+    """Coefficients of a tendon by coordinate."""
+    core = scene.core
+    entries = range(core.tendon_ptr[tendon], core.tendon_ptr[tendon + 1])
+    return {scene.coordinate_names[core.tendon_dof[e]]: float(core.tendon_coef[e]) for e in entries}
+
+
+def _ends(scene: Scene, tie: int) -> list[str]:
+    """What an equality constraint ties: bodies, or coordinates and tendons."""
+    core = scene.core
+    lines = core.tie_type[tie] == TieKind.POLYNOMIAL
+    names, nothing = (scene.line_names, []) if lines else (scene.body_names, ["world"])
+    return [end for k in (core.tie_A[tie], core.tie_B[tie]) for end in ([names[k]] if k != WORLD else nothing)]
+
+
+def _tendon_and_tie_lines(scene: Scene) -> list[str]:
+    core, lines = scene.core, []
+    if core.ntendon:
+        sums = [" ".join(f"{coef:+.4g} {of}" for of, coef in _path(scene, k).items()) for k in range(core.ntendon)]
+        named = zip(scene.tendon_names, sums, strict=True)
+        lines.append(f"  tendons      {core.ntendon}" + _listed(f"{name} = {of}" for name, of in named))
+    if core.ntie:
+        ties = (
+            f"{name} ({_TIES[core.tie_type[k]]} of {' and '.join(_ends(scene, k))})"
+            for k, name in enumerate(scene.tie_names)
+        )
+        lines.append(f"  equalities   {core.ntie}" + _listed(ties))
+    return lines
 
 
 def _contact_lines(scene: Scene) -> str:

@@ -15,7 +15,7 @@ from cmbrl.reading import regular_file
 from cmbrl.scene import kinematics, manifold
 from cmbrl.scene.actuators import reach_arrays, read_actuators
 from cmbrl.scene.arrays import doubles, integers
-from cmbrl.scene.assemble import contact_arrays, physical_vector, tree_arrays
+from cmbrl.scene.assemble import contact_arrays, line_arrays, physical_vector, tie_arrays, tree_arrays
 from cmbrl.scene.contacts import ContactBuilder
 from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.differences import differences
@@ -25,11 +25,13 @@ from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.mjcf import compile_mjcf, name_of, read_tree
 from cmbrl.scene.parameters import offer_parameters
-from cmbrl.scene.records import Array, Candidate, Joint, JointKind, LeftOut, Parameter, Tree
+from cmbrl.scene.records import Array, Candidate, Joint, JointKind, LeftOut, Parameter, Tie, Tree
 from cmbrl.scene.reduction import PlaneOfMotion, find_plane, merge_points, obstacle_to_plane, project
 from cmbrl.scene.shapes import read_shape
 from cmbrl.scene.springs import check_springs, spring_arrays
 from cmbrl.scene.support import Gate, check_model
+from cmbrl.scene.tendons import lines_of, read_tendons
+from cmbrl.scene.ties import obstacle_of_ties, read_ties
 
 _INTEGRATORS = {
     "mjINT_EULER": "euler",
@@ -66,6 +68,8 @@ class Scene:
     coordinate_names: tuple[str, ...]  # (nv,)
     coordinate_kinds: tuple[str, ...]  # (nv,) "position", "angle" or "rotation"
     actuator_names: tuple[str, ...]
+    tendon_names: tuple[str, ...]  # (ntendon,)
+    tie_names: tuple[str, ...]  # (ntie,) of equality constraints
     contact_names: tuple[str, ...]  # (ncontact,) "geom - geom"
     parameters: tuple[Parameter, ...]
     left_out: tuple[LeftOut, ...]
@@ -93,7 +97,7 @@ class Scene:
                 "spring-damper" puts an implicit spring and damper in each contact, stable at large steps too;
                 "logistic:stiffness=300" ends a share of the approach that grows with depth as a logistic function of
                 that stiffness [1/m], and never pushes out (the compliant law of Aditya et al., arXiv 2609.30951, solved
-                implicitly). Joint limits stay as in the file.
+                implicitly). Limits and equality constraints stay as in the file.
             reduce: False keeps spatial algebra for planar scenes, candidates that can never touch and duplicate points.
                 The motion is the same at a higher cost; use it to check the simplification.
 
@@ -114,6 +118,11 @@ class Scene:
     def layout(self) -> Layout:
         """Offsets into the physical vector ``core.P``."""
         return self.core.layout
+
+    @property
+    def line_names(self) -> tuple[str, ...]:
+        """Names (nv + ntendon,) of what limits and actuators act along: coordinates, then tendons."""
+        return self.coordinate_names + self.tendon_names
 
     @property
     def gravity(self) -> Array:
@@ -186,11 +195,14 @@ def _build(
     normal = plane.axis if plane else None
     builder = ContactBuilder(model, tree, normal, gate, outlines=plane is not None, keep_far=not reduce)
     builder.build()
-    actuators = read_actuators(model, tree, gate)
+    tendons = read_tendons(model, gate)
+    lines = lines_of(model, tendons)
+    ties = read_ties(model, tree, lines, gate)
+    actuators = read_actuators(model, tree, lines, gate)
     ranges = force_ranges(model, gate)
     compensation = read_compensation(model, tree, gate)
     gate.close()
-    if plane and (obstacle := _obstacle(model, tree, plane, builder.candidates)):
+    if plane and (obstacle := _obstacle(model, tree, plane, builder.candidates, ties)):
         plane, why = None, obstacle
         builder = ContactBuilder(model, tree, normal, Gate(gate.file, gate.ignore))  # now with rims
         builder.build()
@@ -198,11 +210,12 @@ def _build(
     candidates, merged = merge_points(candidates) if reduce else (candidates, 0)
     grounds = sorted({c.geoms[1] for c in candidates if c.kind.on_plane})
     planes = [read_shape(model, geom, tree.frames) for geom in grounds]
-    layout = Layout(2 if plane else 3, len(tree.bodies), model.nv, len(candidates), len(planes), len(actuators))
-    P = physical_vector(model, tree, candidates, planes, actuators, plane, layout, law)
+    dimension = 2 if plane else 3
+    layout = Layout(dimension, len(tree.bodies), model.nv, len(candidates), len(planes), len(actuators), len(tendons))
+    P = physical_vector(model, tree, candidates, planes, tendons, actuators, plane, layout, law)
     letters = plane.letters if plane else ("x", "y", "z")
-    moves = offer_parameters(model, tree, candidates, planes, actuators, layout, letters, P, law.name)
-    joints_and_limits = tree_arrays(model, tree, plane)
+    moves = offer_parameters(model, tree, candidates, planes, tendons, actuators, layout, letters, P, law.name)
+    of_lines = line_arrays(model, tree, tendons)
     integrator = _INTEGRATORS.get(mujoco.mjtIntegrator(model.opt.integrator).name, "euler")
     core = CoreArrays(
         planar=plane is not None,
@@ -214,13 +227,16 @@ def _build(
         njoint=len(tree.joints),
         ncontact=len(candidates),
         nplane=len(planes),
-        nlimit=len(joints_and_limits["lim_dof"]),
+        nlimit=len(of_lines["lim_line"]),
         nact=len(actuators),
+        ntendon=len(tendons),
+        ntie=len(ties),
         plane_basis=plane.basis if plane else np.zeros((2, 3)),
-        **joints_and_limits,
+        **tree_arrays(tree, plane),
+        **of_lines,
+        **tie_arrays(tree, ties, plane),
         **contact_arrays(model, candidates, planes, plane, law.name),
-        act_dof=integers([a.dof for a in actuators]),
-        act_qadr=integers([a.qadr for a in actuators]),
+        act_line=integers([a.line for a in actuators]),
         act_ctrl=doubles([a.control for a in actuators], (-1, 2)),
         act_force=doubles([a.force for a in actuators], (-1, 2)),
         **ranges,
@@ -256,11 +272,13 @@ def _build(
         coordinate_names=names,
         coordinate_kinds=kinds,
         actuator_names=tuple(a.name for a in actuators),
+        tendon_names=tuple(tendon.name for tendon in tendons),
+        tie_names=tuple(tie.name for tie in ties),
         contact_names=tuple(f"{geoms[c.geoms[0]]} - {geoms[c.geoms[1]]}" for c in candidates),
         parameters=moves.parameters,
         left_out=tuple(gate.left_out),
         dropped_contacts=tuple(builder.dropped),
-        differences=differences(model, candidates, law.name, integrator, len(boxes)),
+        differences=differences(model, candidates, tendons, law.name, integrator, len(boxes)),
         merged_points=merged,
         compiler_warnings=warnings,
         joints=tuple(tree.joints),
@@ -268,13 +286,15 @@ def _build(
     )
 
 
-def _obstacle(model: mujoco.MjModel, tree: Tree, plane: PlaneOfMotion, candidates: list[Candidate]) -> str | None:
-    """Why the contacts of a planar tree need spatial algebra, naming the first such pair; None if they do not."""
+def _obstacle(
+    model: mujoco.MjModel, tree: Tree, plane: PlaneOfMotion, candidates: list[Candidate], ties: list[Tie]
+) -> str | None:
+    """Why the contacts or ties of a planar tree need spatial algebra, naming the first such; None if they do not."""
     for c in candidates:
         up = read_shape(model, c.geoms[1], tree.frames).rot[:, 2] if c.kind.on_plane else None
         if reason := obstacle_to_plane(tree, plane, c, up):
             return f"{reason} ({name_of(model, 'geom', c.geoms[0])} - {name_of(model, 'geom', c.geoms[1])})"
-    return None
+    return obstacle_of_ties(tree, plane, ties)
 
 
 def _model_name(model: mujoco.MjModel, file: Path) -> str:

@@ -13,12 +13,12 @@ from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import LeftOut
 
 KINDS = {  # those below "supported" are modelled, and left out only if they are ignored
-    "tendon": "tendons that exert a force",
-    "equality": "equality constraints",
+    "tendon": "tendons through sites that exert a force",
+    "equality": "equality constraints of deformable bodies and of tendons through sites",
     "flex": "deformable bodies",
     "plugin": "engine plugins",
     "actuator_dynamics": "actuators with a state or a delay",
-    "actuator_transmission": "actuators that drive neither a joint nor a site, or drive it relative to something else",
+    "actuator_transmission": "actuators on something else than a joint, a fixed tendon or a site",
     "actuator_bias": "actuators with a force other than gain ctrl + bias0 + bias1 length + bias2 velocity",
     "joint_limit_ball": "limits on ball joints",
     "geom_type": "contact with height fields, SDFs and ellipsoids",
@@ -87,17 +87,8 @@ class Gate:
 
 
 def check_model(model: mujoco.MjModel, gate: Gate) -> None:
-    """Reports every unsupported element to the gate, apart from actuators and contacts."""
+    """Reports every unsupported element to the gate, apart from tendons, ties, actuators and contacts."""
     option, disabled = model.opt, mujoco.mjtDisableBit
-    for k in range(model.ntendon):
-        _check_tendon(model, k, gate)
-    for k in range(model.neq):
-        name = name_of(model, "equality", k)
-        if not model.eq_active0[k] or option.disableflags & (disabled.mjDSBL_EQUALITY | disabled.mjDSBL_CONSTRAINT):
-            gate.note("equality", name, "not active")
-        else:
-            kind = mujoco.mjtEq(int(model.eq_type[k])).name.removeprefix("mjEQ_").lower()
-            gate.refuse("equality", name, f"a {kind} constraint")
     for k in range(model.nflex):
         gate.refuse("flex", name_of(model, "flex", k), "a deformable body")
     if model.nplugin:
@@ -117,35 +108,9 @@ def check_model(model: mujoco.MjModel, gate: Gate) -> None:
         gate.note("mocap", name_of(model, "body", int(body)), "it stays where the file places it")
 
 
-def _check_tendon(model: mujoco.MjModel, k: int, gate: Gate) -> None:
-    name = name_of(model, "tendon", k)
-    driven = np.any((model.actuator_trntype == mujoco.mjtTrn.mjTRN_TENDON) & (model.actuator_trnid[:, 0] == k))
-    reasons = [
-        word
-        for word, there in (
-            ("stiffness", model.tendon_stiffness[k] or _any(model, "tendon_stiffnesspoly", k)),
-            ("damping", model.tendon_damping[k] or _any(model, "tendon_dampingpoly", k)),
-            ("friction loss", model.tendon_frictionloss[k]),
-            ("limits", model.tendon_limited[k]),
-            ("armature", _any(model, "tendon_armature", k)),
-            ("an actuator", driven),
-        )
-        if there
-    ]
-    if reasons:
-        gate.refuse("tendon", name, f"it has {' and '.join(reasons)}")
-    else:
-        gate.note("tendon", name, "it exerts no force: no stiffness, damping, friction loss, limit or actuator")
-
-
 def _check_joints(model: mujoco.MjModel, gate: Gate) -> None:
     kinds = mujoco.mjtJoint
     for k in range(model.njnt):
         name, kind = name_of(model, "joint", k), int(model.jnt_type[k])
         if kind in (kinds.mjJNT_BALL, kinds.mjJNT_FREE) and model.jnt_limited[k]:
             gate.refuse("joint_limit_ball", name, "a limited ball joint")
-
-
-def _any(model: mujoco.MjModel, field: str, k: int) -> bool:
-    values = getattr(model, field, None)
-    return values is not None and bool(np.any(values[k]))

@@ -121,7 +121,7 @@ def test_actuators(load: Load) -> None:
     assert scene.actuator_names == ("h",)
     gears = core.P[scene.layout.actuator(0) : scene.layout.gravity]
     assert gears.tolist() == [10, 7, 0, -7, -2]
-    assert (core.act_dof.tolist(), core.act_ctrl.tolist()) == ([1], [[-np.inf, np.inf]])
+    assert (core.act_line.tolist(), core.act_ctrl.tolist()) == ([1], [[-np.inf, np.inf]])
 
 
 def test_limits_and_disabled_forces(load: Load) -> None:

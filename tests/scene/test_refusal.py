@@ -31,7 +31,12 @@ CASES = {
         '<tendon><spatial name="t" damping="1"><site site="s1"/><site site="s2"/></spatial></tendon>',
         "t",
     ),
-    "equality": (HINGE.format("", ""), '<equality><joint name="e" joint1="h"/></equality>', "e"),
+    "equality": (
+        SITES,
+        '<tendon><spatial name="t"><site site="s1"/><site site="s2"/></spatial></tendon>'
+        '<equality><tendon name="e" tendon1="t"/></equality>',
+        "e",
+    ),
     "fluid": (
         '<body name="m"><joint name="h"/><geom name="g" size=".1" fluidshape="ellipsoid"/></body>',
         '<option viscosity=".1"/>',

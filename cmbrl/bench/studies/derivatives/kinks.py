@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from cmbrl.models.autograd import Stepper
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.scene import kinematics
 
 Array = NDArray[np.float64]
 
@@ -23,8 +24,10 @@ def choices(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
     smooth = model.smooth_dynamics(q, v, theta)
     gap, normal = smooth["gap"], smooth["J"][:, :, 0]
     speed = np.einsum("bcv,bv->bc", normal, v)
-    x = q[:, core.lim_qadr]
+    lengths, rates = kinematics.lengths(core, q), v @ kinematics.line_matrix(core).T
+    x = lengths[:, core.lim_line]
     below, above = x - core.lim_lo, core.lim_hi - x
+    springs = scene.physical_vector(theta)[[scene.layout.dof(scene.nv + k, "springref") for k in range(core.ntendon)]]
     near, side = np.minimum(below, above), np.where(below < above, 1.0, -1.0)
     parts = [
         gap > 0,
@@ -32,7 +35,9 @@ def choices(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
         gap / h + speed < model.prune,
         below < above,
         near > core.lim_margin,
-        near / h + side * v[:, core.lim_dof] < model.prune,
+        lengths[:, scene.nv :] > springs,
+        lengths[:, scene.nv :] > springs + core.line_slack[scene.nv :],
+        near / h + side * rates[:, core.lim_line] < model.prune,
         *_clamps(model, q, v, u, theta),
     ]
     if any(p.group == "restitution" for p in scene.parameters):
@@ -50,11 +55,13 @@ def _clamps(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
     gear, gain, bias0, bias1, bias2 = P[layout.actuator(0) : layout.gravity].reshape(-1, 5).T
     low, high = np.reshape(core.act_ctrl, (-1, 2)).T
     least, most = np.reshape(core.act_force, (-1, 2)).T
-    length, rate = gear * q[:, core.act_qadr], gear * v[:, core.act_dof]
+    length = gear * kinematics.lengths(core, q)[:, core.act_line]
+    rate = gear * (v @ kinematics.line_matrix(core).T)[:, core.act_line]
     force = gain * np.clip(u, low, high) + bias0 + bias1 * length + bias2 * rate
     shortest = np.tile(time > 2 * model.time_step, (len(q), 1))  # MuJoCo's least time constant
-    drive = np.zeros((len(q), core.nv))
-    single = core.act_dof >= 0
-    np.add.at(drive.T, core.act_dof[single], (gear * np.clip(force, least, most)).T[single])
-    drive, (lowest, highest) = drive[:, core.frc_dof], np.reshape(core.frc_range, (-1, 2)).T
+    pulls = np.zeros((len(q), scene.nv + core.ntendon))
+    single = core.act_line >= 0
+    np.add.at(pulls.T, core.act_line[single], (gear * np.clip(force, least, most)).T[single])
+    drive = (pulls @ kinematics.line_matrix(core))[:, core.frc_dof]
+    lowest, highest = np.reshape(core.frc_range, (-1, 2)).T
     return [u < low, u > high, force < least, force > most, drive < lowest, drive > highest, shortest]

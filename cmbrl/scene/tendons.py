@@ -1,0 +1,87 @@
+"""Fixed tendons: sums of joint positions along which springs, limits, friction and actuators act."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+
+from cmbrl.scene.mjcf import ignores, name_of
+from cmbrl.scene.records import Tendon
+from cmbrl.scene.support import Gate
+
+_TENDON = mujoco.mjtTrn.mjTRN_TENDON
+
+
+def read_tendons(model: mujoco.MjModel, gate: Gate) -> list[Tendon]:
+    """The fixed tendons that do something; the gate is told of the others and of what is not modelled."""
+    found: list[Tendon] = []
+    for k in range(model.ntendon):
+        name, forces, used = name_of(model, "tendon", k), _forces(model, k), _is_used(model, k)
+        if not (forces or used):
+            gate.note("tendon", name, "it exerts no force: no stiffness, damping, friction loss, limit or actuator")
+        elif not is_fixed(model, k):
+            if forces:  # otherwise what uses it is refused
+                gate.refuse("tendon", name, f"it goes through sites or around geoms and has {' and '.join(forces)}")
+        elif not (path := _path(model, k)):
+            gate.note("tendon", name, "all its coefficients are zero")
+        else:
+            _check(model, k, name, gate)
+            found.append(Tendon(name, k, tuple(path), tuple(path.values())))
+    return found
+
+
+def lines_of(model: mujoco.MjModel, tendons: list[Tendon]) -> Mapping[int, int]:
+    """Line of the core by number of the tendon in the file."""
+    return {tendon.source: int(model.nv) + k for k, tendon in enumerate(tendons)}
+
+
+def is_fixed(model: mujoco.MjModel, k: int) -> bool:
+    """Whether a tendon's length is a sum of joint positions."""
+    return bool(model.wrap_type[model.tendon_adr[k]] == mujoco.mjtWrap.mjWRAP_JOINT)
+
+
+def _path(model: mujoco.MjModel, k: int) -> dict[int, float]:
+    """Coefficients by degree of freedom, rising."""
+    first = int(model.tendon_adr[k])
+    coefs: dict[int, float] = {}
+    for at in range(first, first + int(model.tendon_num[k])):
+        dof = int(model.jnt_dofadr[model.wrap_objid[at]])
+        coefs[dof] = coefs.get(dof, 0.0) + float(model.wrap_prm[at])
+    return {dof: coefs[dof] for dof in sorted(coefs) if coefs[dof]}
+
+
+def _forces(model: mujoco.MjModel, k: int) -> list[str]:
+    """The forces that a tendon exerts by itself."""
+    constrained = not ignores(model, "CONSTRAINT")
+    there = {
+        "stiffness": bool(model.tendon_stiffness[k]) or _any(model, "tendon_stiffnesspoly", k),
+        "damping": bool(model.tendon_damping[k]) or _any(model, "tendon_dampingpoly", k),
+        "friction loss": constrained and bool(model.tendon_frictionloss[k]),
+        "limits": constrained and bool(model.tendon_limited[k]),
+        "armature": _any(model, "tendon_armature", k),
+    }
+    return [word for word, true in there.items() if true]
+
+
+def _is_used(model: mujoco.MjModel, k: int) -> bool:
+    """Whether an actuator or an active equality constraint acts along a tendon."""
+    driven = (model.actuator_trntype == _TENDON) & (model.actuator_trnid[:, 0] == k)
+    ties = (model.eq_type == mujoco.mjtEq.mjEQ_TENDON) & (model.eq_active0 != 0)
+    tied = ties & ((model.eq_obj1id == k) | (model.eq_obj2id == k))
+    return bool(np.any(driven) or np.any(tied))
+
+
+def _check(model: mujoco.MjModel, k: int, name: str, gate: Gate) -> None:
+    for field in ("stiffness", "damping"):
+        if _any(model, f"tendon_{field}poly", k):
+            gate.refuse("tendon", name, f"nonzero {field} polynomial", "reduced to the linear term")
+    if _any(model, "tendon_actfrclimited", k):
+        low, high = model.tendon_actfrcrange[k]
+        gate.refuse("tendon", name, f"actuatorfrcrange {low:g} {high:g}", "forces are not clamped")
+
+
+def _any(model: mujoco.MjModel, field: str, k: int) -> bool:
+    values = getattr(model, field, None)
+    return values is not None and bool(np.any(values[k]))
