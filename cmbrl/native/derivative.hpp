@@ -173,8 +173,9 @@ static void contact_terms(const Model& m, Work<G>& w, T* Gq, T* Gv, bool late) {
   if (late) return;
   for (int i = 0; i < w.nlim; ++i) {
     const Limit& l = w.lim[i];
-    add_square(m, l.line, keep(l.on, l.slope_R * l.dR_dphi / (l.s + l.gam * l.R)) - l.Th * (l.dc_dphi + l.dR_dphi * l.gam), Gq);
-    add_square(m, l.line, l.Th * l.carry, Gv);
+    add_square(m, l, keep(l.on, l.slope_R * l.dR_dphi / (l.s + l.gam * l.R)) - l.Th * (l.dc_dphi + l.dR_dphi * l.gam), Gq);
+    add_square(m, l, l.Th * l.carry, Gv);
+    if (l.round) turn_terms(m, w, l, Gq);
   }
   for (int i = 0; i < w.ndry; ++i) add_square(m, w.dry[i].line, w.dry[i].Th * w.dry[i].carry, Gv);
 }

@@ -61,9 +61,10 @@ static void closing_terms(const Model& m, Work<G>& w, bool theta) {
     T* z = row_of_Z(m, w, w.ncon + i);
     for (int k = 0; k < ncol; ++k) z[k] = T{};
     for (int k = 0; k < nv; ++k) w.tmp[k] = T{};
-    add_pull(m, l.line, l.sign, w.tmp);
-    add_pull(m, l.line, l.sign * l.dc_dphi, z);
-    add_pull(m, l.line, -l.carry * l.sign, z + nv);
+    add_pull(m, l, splat(1), w.tmp);
+    add_pull(m, l, l.dc_dphi, z);
+    add_pull(m, l, -l.carry, z + nv);
+    if (l.round) add_turn(m, w, l, w.vf, z);
     through_free_velocity(m, w, w.tmp, theta, z);
     row_through_leap(m, w, z, theta);
   }
@@ -99,7 +100,7 @@ static void fold_closing_terms(const Model& m, const Options& o, Work<G>& w, boo
       ip.add_wrench(m.con_group[w.con[i].index], closing_response(w.con[i]), g);
     } else {
       const Limit& l = w.lim[i - w.ncon];
-      add_pull(m, l.line, keep(l.on, l.sign * l.slope / (l.s + l.gam * l.R)), g);
+      add_pull(m, l, keep(l.on, l.slope / (l.s + l.gam * l.R)), g);
     }
     add_outer<G>(m, g, row_of_Z(m, w, i), theta, w.Gq, w.Gv, w.Gu, w.Gp);
     if (i >= w.ncon || !any(w.con[i].bounce)) continue;

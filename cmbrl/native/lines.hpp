@@ -40,6 +40,36 @@ static inline void add_square(const Structure& m, int line, T x, T* A) {
       A[m.line_dof[a] * m.nv + m.line_dof[b]] += (m.line_coef[a] * m.line_coef[b]) * x;
 }
 
+// The same for the direction of a limit.
+static inline T along(const Structure& m, const Direction& d, const T* x) {
+  if (!d.round) return d.sign * along(m, d.line, x);
+  const T* y = x + d.line - 2;
+  return d.axis[0] * y[0] + d.axis[1] * y[1] + d.axis[2] * y[2];
+}
+static inline void add_pull(const Structure& m, const Direction& d, T pull, T* x) {
+  if (!d.round) return add_pull(m, d.line, d.sign * pull, x);
+  CMBRL_FOR(k, 3) x[d.line - 2 + k] += d.axis[k] * pull;
+}
+static inline void add_square(const Structure& m, const Direction& d, T x, T* H, Pattern p) {
+  if (!d.round) return add_square(m, d.line, x, H, p);
+  for (int a = 0; a < 3; ++a) {
+    int dof = d.line - 2 + a;
+    Row<T> row(H, p, dof);
+    const int* columns = p.columns(dof);
+    *row.diagonal += d.axis[a] * d.axis[a] * x;
+    for (int b = 0, k = 0; b < a; ++b, ++k) {
+      while (columns[k] != d.line - 2 + b) ++k;
+      T y = d.axis[a] * d.axis[b] * x;
+      row.before[k] += y;
+      row.mirror[k] += y;
+    }
+  }
+}
+static inline void add_square(const Structure& m, const Direction& d, T x, T* A) {
+  if (!d.round) return add_square(m, d.line, x, A);
+  CMBRL_FOR(a, 3) CMBRL_FOR(b, 3) A[(d.line - 2 + a) * m.nv + d.line - 2 + b] += d.axis[a] * d.axis[b] * x;
+}
+
 // Length of a line; of a ball joint's dofs, which have none, 0.
 template <class G>
 static inline T length_of(const Model& m, const Work<G>& w, int line) {

@@ -53,7 +53,7 @@ struct Model : Structure {
   int logistic;              // contacts act at a distance
   const double *con_radiusB, *con_impratio, *con_invweight, *con_margin, *con_mid, *con_power, *plane_normal;
 
-  const int* lim_line;
+  const int *lim_line, *lim_ball;  // of a ball joint's angle: its last dof, and where its quaternion stands in q; otherwise -1
   const double *lim_lo, *lim_hi, *lim_margin, *lim_soft, *lim_invweight;
   const double *line_soft, *line_invweight, *line_slack;  // of dry friction; width of a spring's slack
   const int* act_line;  // -1: see wide.hpp

@@ -103,16 +103,26 @@ static void line_forces(const Model& m, const Options& o, Work<G>& w) {
   }
 }
 
+// The nearer limit of a line: how far it is, and how that changes.
+template <class G>
+static T line_limit(const Model& m, const Work<G>& w, int i, Direction& d) {
+  int line = m.lim_line[i];
+  T x = length_of(m, w, line), below = x - m.lim_lo[i], above = m.lim_hi[i] - x;
+  Mask lower = below < above;
+  d.line = line;
+  d.round = false;
+  d.sign = select(lower, splat(1), splat(-1));
+  return select(lower, below, above);
+}
+
 template <class G>
 static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask* given) {
   bool prune = o.prune < 1e300 && !given;
   w.nlim = w.ndry = w.nleft_lim = 0;
   for (int i = 0; i < m.nlimit; ++i) {
-    int line = m.lim_line[i];
-    T x = length_of(m, w, line), below = x - m.lim_lo[i], above = m.lim_hi[i] - x;
-    Mask lower = below < above;
-    T phi = select(lower, below, above), sign = select(lower, splat(1), splat(-1));
-    T speed = sign * along(m, line, w.v), slack = phi * (1 / o.h) - vabs(speed);
+    Direction way;
+    T phi = m.lim_ball[i] < 0 ? line_limit(m, w, i, way) : ball_limit(m, w, i, way);
+    T speed = along(m, way, w.v), slack = (phi - m.lim_margin[i]) * (1 / o.h) - vabs(speed);
     Mask on = given ? given[i] : all(), wide = on;
     if (given && !any(on)) continue;
     double enough = speed_that_matters(o, o.forward, m.lim_invweight[i]), most = speed_that_matters(o, o.backward, m.lim_invweight[i]);
@@ -122,14 +132,15 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
       const double* s = m.lim_soft + 7 * i;
       Law L = soft_law(phi, m.lim_margin[i], o.h, splat(s[0]), splat(s[1]), splat(s[2]), splat(s[3]), splat(s[4]), s[5], s[6],
                        splat(m.lim_invweight[i]));
-      l.index = i; l.line = line;
+      static_cast<Direction&>(l) = way;
+      l.index = i;
       l.root = vsqrt(m.lim_invweight[i] + L.R);
-      l.sign = sign; l.phi = phi; l.R = L.R; l.dR_dphi = L.dR; l.carry = L.carry; l.dc_dphi = L.dc0;
+      l.phi = phi; l.R = L.R; l.dR_dphi = L.dR; l.carry = L.carry; l.dc_dphi = L.dc0;
       l.c0 = L.c0 - L.carry * speed;
       slack = select(on, l.c0, slack);
       if (prune) { on &= slack + speed < enough; wide &= slack + speed < most; }
     }
-    if (Mask left = ~on; prune && any(left)) w.left_lim[w.nleft_lim++] = {left, line, sign, slack, enough};
+    if (Mask left = ~on; prune && any(left)) w.left_lim[w.nleft_lim++] = {left, way, slack, enough};
     if (!any(on | wide)) continue;
     l.on = on;
     l.wide = wide;

@@ -57,7 +57,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.con_radiusB = d("con_radiusB", nc);
   m.con_impratio = d("con_impratio", nc); m.con_invweight = d("con_invweight", nc); m.con_margin = d("con_margin", nc);
   m.con_mid = d("con_mid", nc); m.con_power = d("con_power", nc); m.plane_normal = d("plane_normal", size_t(m.nplane) * D);
-  m.lim_line = i("lim_line", nl); m.lim_lo = d("lim_lo", nl); m.lim_hi = d("lim_hi", nl);
+  m.lim_line = i("lim_line", nl); m.lim_ball = i("lim_ball", nl); m.lim_lo = d("lim_lo", nl); m.lim_hi = d("lim_hi", nl);
   m.lim_margin = d("lim_margin", nl); m.lim_soft = d("lim_soft", nl * 7); m.lim_invweight = d("lim_invweight", nl);
   m.frc_dof = i("frc_dof", m.nforcerange); m.frc_range = d("frc_range", size_t(m.nforcerange) * 2);
   if (m.nlift > 0) {

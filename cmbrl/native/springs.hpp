@@ -1,7 +1,7 @@
-// Springs that turn ball joints back, and springs and dampers with higher powers.
+// Springs and limits of ball joints, and springs and dampers with higher powers.
 #pragma once
+#include "lines.hpp"
 #include "manifold.hpp"
-#include "workspace.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -18,6 +18,62 @@ static inline void rotation_since(const double* from, const T* q, T* out) {
   CMBRL_FOR(k, 3) out[k] = scale * r[1 + k];
 }
 
+// The rotation vector t's change with the dofs of its ball joint, the inverse right Jacobian of SO(3), less the unit matrix.
+static inline void rotation_slopes(const T* t, T rest[9]) {
+  T a2 = t[0] * t[0] + t[1] * t[1] + t[2] * t[2], a = vsqrt(a2), sine, cosine;
+  sincos(0.5 * a, sine, cosine);
+  Mask small = a < 1e-3;
+  T safe = select(small, splat(1), a);
+  T second = select(small, 1.0 / 12 + a2 / 720.0, 1.0 / (safe * safe) - cosine / (2.0 * safe * select(small, splat(1), sine)));
+  T K[9] = {T{}, -t[2], t[1], t[2], T{}, -t[0], -t[1], t[0], T{}};
+  CMBRL_FOR(r, 3) CMBRL_FOR(c, 3) rest[3 * r + c] = 0.5 * K[3 * r + c] + second * (t[r] * t[c] - (r == c ? a2 : T{}));
+}
+
+// The limit on the angle of a ball joint: how far it is, and how that changes with its dofs.
+template <class G>
+static T ball_limit(const Model& m, const Work<G>& w, int i, Direction& d) {
+  const double none[4] = {1, 0, 0, 0};
+  T t[3];
+  rotation_since(none, w.q + m.lim_ball[i], t);
+  T angle = vsqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2]);
+  T inv = keep(angle > 1e-9, 1.0 / vmax(angle, splat(1e-9)));
+  d = {m.lim_line[i], true, splat(1), {-inv * t[0], -inv * t[1], -inv * t[2]}};
+  return m.lim_hi[i] - angle;
+}
+
+// d axis / dq of a limit on an angle, -(J - n n^T) / angle with n = -axis.
+template <class G>
+static void axis_slopes(const Model& m, const Work<G>& w, const Limit& l, T out[9]) {
+  T angle = m.lim_hi[l.index] - l.phi, t[3], rest[9];
+  CMBRL_FOR(k, 3) t[k] = -angle * l.axis[k];
+  rotation_slopes(t, rest);
+  T inv = keep(angle > 1e-9, 1.0 / vmax(angle, splat(1e-9)));
+  CMBRL_FOR(r, 3) CMBRL_FOR(c, 3) {
+    T unit = splat(r == c);
+    out[3 * r + c] = inv * (l.axis[r] * l.axis[c] - unit - rest[3 * r + c]);
+  }
+}
+// Adds how the closing speed at velocity x, less the carried one at v, changes as the axis turns.
+template <class G>
+static void add_turn(const Model& m, const Work<G>& w, const Limit& l, const T* x, T* z) {
+  T slopes[9];
+  axis_slopes(m, w, l, slopes);
+  int d = l.line - 2;
+  CMBRL_FOR(c, 3) CMBRL_FOR(k, 3) z[d + c] += slopes[3 * k + c] * (x[d + k] - l.carry * w.v[d + k]);
+}
+// What the turn of its axis adds to the rows' part of Gq: of the impulse, and of the row.
+template <class G>
+static void turn_terms(const Model& m, const Work<G>& w, const Limit& l, T* Gq) {
+  T slopes[9];
+  axis_slopes(m, w, l, slopes);
+  int d = l.line - 2;
+  CMBRL_FOR(c, 3) {
+    T E = T{};
+    CMBRL_FOR(k, 3) E += slopes[3 * k + c] * (w.vn[d + k] - l.carry * w.v[d + k]);
+    CMBRL_FOR(r, 3) Gq[(d + r) * m.nv + d + c] += keep(l.on, l.gam) * slopes[3 * r + c] - l.Th * l.axis[r] * E;
+  }
+}
+
 template <class G>
 static void ball_springs(const Model& m, Work<G>& w) {  // into tau; kp has them
   for (int s = 0; s < m.nballspring; ++s) {
@@ -32,17 +88,10 @@ template <class G>
 static void ball_spring_terms(const Model& m, const Work<G>& w, double h, T* Gq) {
   for (int s = 0; s < m.nballspring; ++s) {
     int d = m.spring_dof[s];
-    const T* t = w.stretch + d;
-    T a2 = t[0] * t[0] + t[1] * t[1] + t[2] * t[2], a = vsqrt(a2), sine, cosine;
-    sincos(0.5 * a, sine, cosine);
-    Mask small = a < 1e-3;
-    T safe = select(small, splat(1), a);
-    T second = select(small, 1.0 / 12 + a2 / 720.0, 1.0 / (safe * safe) - cosine / (2.0 * safe * select(small, splat(1), sine)));
-    T K[9] = {T{}, -t[2], t[1], t[2], T{}, -t[0], -t[1], t[0], T{}};
-    CMBRL_FOR(r, 3) CMBRL_FOR(c, 3) {
-      T rest = 0.5 * K[3 * r + c] + second * (t[r] * t[c] - (r == c ? a2 : T{}));
-      Gq[(d + r) * m.nv + d + c] -= h * w.P[m.oDof + (d + r) * kDofFields + kStiffness] * rest;
-    }
+    T rest[9];
+    rotation_slopes(w.stretch + d, rest);
+    CMBRL_FOR(r, 3) CMBRL_FOR(c, 3)
+      Gq[(d + r) * m.nv + d + c] -= h * w.P[m.oDof + (d + r) * kDofFields + kStiffness] * rest[3 * r + c];
   }
 }
 

@@ -42,10 +42,16 @@ struct Contact {
   T P[kContactFields];               // its part of the physical vector
 };
 
-struct Limit {  // of a joint or a tendon: a normal law along one line
+struct Direction {  // of a limit: along a line, in one sense; round: by the angle of a ball joint, whose last dof the line is
+  int line;
+  bool round;
+  T sign, axis[3];
+};
+
+struct Limit : Direction {  // of a joint or a tendon: a normal law along one line
   Mask on, wide;
-  int index, line;
-  T root, sign, phi, R, carry, c0, dc_dphi, dR_dphi, kappa, own_kappa, raised_kappa, slope, slope_R, gam, s, r1, w, Th, dgam, ds;
+  int index;
+  T root, phi, R, carry, c0, dc_dphi, dR_dphi, kappa, own_kappa, raised_kappa, slope, slope_R, gam, s, r1, w, Th, dgam, ds;
 };
 
 struct DryFriction {  // friction loss of a joint or a tendon: a cone of fixed head along one line
@@ -71,7 +77,7 @@ struct Tie {
 // A row that is left out: in which lanes, its slack without the part of the next velocity, and the speed that it had to have.
 template <class G>
 struct LeftOut { Mask lanes; int A, B; Vec<G::N> W; T base; double speed; };
-struct LeftOutLimit { Mask lanes; int line; T sign, base; double speed; };
+struct LeftOutLimit { Mask lanes; Direction way; T base; double speed; };
 
 struct ActiveGroup { int group, begin, end; };  // contacts of one body pair stand together
 

@@ -85,13 +85,9 @@ def _stack(of_dofs: Array, of_tendons: Array) -> Array:
 
 
 def _limit_arrays(model: mujoco.MjModel, tree: Tree, tendons: list[Tendon]) -> Arrays:
-    limited = [
-        j
-        for j in tree.joints
-        if limits_act(model) and j.kind in (JointKind.SLIDE, JointKind.HINGE) and model.jnt_limited[j.source]
-    ]
+    limited = [j for j in tree.joints if limits_act(model) and model.jnt_limited[j.source]]
     limited = [j for j in limited if model.jnt_type[j.source] != mujoco.mjtJoint.mjJNT_FREE]
-    source, dofs = [joint.source for joint in limited], [joint.vadr for joint in limited]
+    source, dofs = [joint.source for joint in limited], [joint.dofs[-1] for joint in limited]
     lines = {
         model.nv + k: tendon.source
         for k, tendon in enumerate(tendons)
@@ -99,10 +95,13 @@ def _limit_arrays(model: mujoco.MjModel, tree: Tree, tendons: list[Tendon]) -> A
     }
     which = list(lines.values())
     ranges = np.concatenate([model.jnt_range[source], model.tendon_range[which]])
+    for k in [k for k, joint in enumerate(limited) if joint.kind == JointKind.BALL]:
+        ranges[k] = np.array([-1, 1]) * model.jnt_range[source[k]].max()  # of the angle, about any axis
     of_joints = np.hstack([model.jnt_solref[source], model.jnt_solimp[source]])
     of_tendons = np.hstack([model.tendon_solref_lim[which], model.tendon_solimp_lim[which]])
     return {
         "lim_line": integers([*dofs, *lines]),
+        "lim_ball": integers([j.qadr if j.kind == JointKind.BALL else -1 for j in limited] + [-1] * len(lines)),
         "lim_lo": doubles(ranges[:, 0], (-1,)),
         "lim_hi": doubles(ranges[:, 1], (-1,)),
         "lim_margin": _stack(model.jnt_margin[source], model.tendon_margin[which]),

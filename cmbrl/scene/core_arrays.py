@@ -68,6 +68,9 @@ class CoreArrays:
     line_slack: Array  # (nv + nt,) lengths over which the spring does not pull, from its reference on
 
     lim_line: Integers  # (nl,)
+    lim_ball: (
+        Integers  # (nl,) -1; or a limit on the angle of a ball joint: its place in q, and its last dof is the line
+    )
     lim_lo: Array  # (nl,)
     lim_hi: Array  # (nl,)
     lim_margin: Array  # (nl,)

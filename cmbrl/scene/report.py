@@ -49,8 +49,8 @@ def to_dict(scene: Scene) -> dict[str, Any]:
         "contacts_merged": scene.merged_points,
         "contacts_dropped": [{"pair": drop.name, "why": drop.why} for drop in scene.dropped_contacts],
         "limits": [
-            {"coordinate": scene.line_names[line], "low": float(low), "high": float(high)}
-            for line, low, high in zip(core.lim_line, core.lim_lo, core.lim_hi, strict=True)
+            {"coordinate": name, "low": float(low), "high": float(high)}
+            for name, low, high in zip(_limited(scene), core.lim_lo, core.lim_hi, strict=True)
         ],
         "tendons": [{"name": name, "coordinates": _path(scene, k)} for k, name in enumerate(scene.tendon_names)],
         "equalities": [
@@ -100,8 +100,8 @@ def describe(scene: Scene) -> str:
         + _wrap(f"{n} ({k})" for n, k in zip(scene.coordinate_names, scene.coordinate_kinds, strict=True)),
         f"  limits       {core.nlimit}"
         + _listed(
-            f"{scene.line_names[line]} [{low:.4g}, {high:.4g}]"
-            for line, low, high in zip(core.lim_line, core.lim_lo, core.lim_hi, strict=True)
+            f"{name} [{low:.4g}, {high:.4g}]"
+            for name, low, high in zip(_limited(scene), core.lim_lo, core.lim_hi, strict=True)
         ),
         *_tendon_and_tie_lines(scene),
         f"  actuators    {scene.nu}" + _listed(_actuator_line(scene, k) for k in range(scene.nu)),
@@ -165,6 +165,13 @@ def _parameter_lines(parameters: Sequence[Parameter]) -> list[str]:
 def _listed(words: Iterable[str]) -> str:
     text = _wrap(words)
     return f"\n{' ' * 15}{text}" if text else ""
+
+
+def _limited(scene: Scene) -> list[str]:
+    """What each limit is on: a coordinate, a tendon, or the angle of a ball joint."""
+    names = [scene.line_names[line] for line in scene.core.lim_line]
+    balls = scene.core.lim_ball
+    return [name.removesuffix(".rz") if ball >= 0 else name for name, ball in zip(names, balls, strict=True)]
 
 
 def _joint_force_lines(scene: Scene) -> list[str]:

@@ -28,7 +28,7 @@ from cmbrl.scene.parameters import offer_parameters
 from cmbrl.scene.records import Array, Candidate, Joint, JointKind, LeftOut, Parameter, Tie, Tree
 from cmbrl.scene.reduction import PlaneOfMotion, find_plane, merge_points, obstacle_to_plane, project
 from cmbrl.scene.shapes import read_shape
-from cmbrl.scene.springs import check_springs, spring_arrays
+from cmbrl.scene.springs import check_joints, spring_arrays
 from cmbrl.scene.support import Gate, check_model
 from cmbrl.scene.tendons import lines_of, read_tendons
 from cmbrl.scene.ties import obstacle_of_ties, read_ties
@@ -186,7 +186,7 @@ def _build(
     reduce: bool,
     warnings: tuple[str, ...],
 ) -> Scene:
-    check_springs(model, gate)
+    check_joints(model, gate)
     tree = read_tree(model)
     boxes = read_boxes(model, tree, gate)
     plane, why = find_plane(tree, np.asarray(model.opt.gravity)) if reduce else (None, "reduction is off")

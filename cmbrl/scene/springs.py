@@ -15,12 +15,16 @@ from cmbrl.scene.support import Gate
 _BALLS = (mujoco.mjtJoint.mjJNT_BALL, mujoco.mjtJoint.mjJNT_FREE)
 
 
-def check_springs(model: mujoco.MjModel, gate: Gate) -> None:
+def check_joints(model: mujoco.MjModel, gate: Gate) -> None:
     """Refuses what is not modelled. What the gate leaves out is set to zero in ``model``."""
     stiffness, damping = powers(model, "jnt_stiffnesspoly", model.njnt), powers(model, "dof_dampingpoly", model.nv)
     for k in range(model.njnt):
         name, ball = name_of(model, "joint", k), int(model.jnt_type[k]) in _BALLS
         dofs = model.dof_jntid == k
+        if ball and model.jnt_limited[k]:
+            angle = float(np.degrees(model.jnt_range[k].max()))
+            if gate.drops("joint_limit_ball", name, f"its angle is limited to {angle:.4g} degrees"):
+                model.jnt_limited[k] = 0
         if ball and model.jnt_stiffness[k]:
             why = f"stiffness {model.jnt_stiffness[k]:g}"
             if gate.drops("joint_spring_ball", name, why):

@@ -20,7 +20,6 @@ KINDS = {  # those below "supported" are modelled, and left out only if they are
     "actuator_dynamics": "actuators with a state or a delay",
     "actuator_transmission": "actuators on something else than a joint, a fixed tendon or a site",
     "actuator_bias": "actuators with a force other than gain ctrl + bias0 + bias1 length + bias2 velocity",
-    "joint_limit_ball": "limits on ball joints",
     "geom_type": "contact with height fields, SDFs and ellipsoids",
     "geom_pair": "contact between shapes other than planes, spheres and capsules (boxes against spheres are supported)",
     "condim": "torsional and rolling friction (if ignored, condim 4 and 6 become 3)",
@@ -29,6 +28,7 @@ KINDS = {  # those below "supported" are modelled, and left out only if they are
     "surface_velocity": "moving surfaces",
     "integrator": "MuJoCo's discrete integrator",
     # supported
+    "joint_limit_ball": "limits on ball joints",
     "fluid": "fluid forces: density, viscosity, wind (the ellipsoid model of a geom is not supported)",
     "joint_spring_ball": "springs on ball and free joints",
     "joint_polynomial": "nonlinear springs and dampers (springs of ball and free joints are not supported)",
@@ -95,7 +95,6 @@ def check_model(model: mujoco.MjModel, gate: Gate) -> None:
         gate.refuse("plugin", "extension", f"{model.nplugin} plugin instance{'s' * (model.nplugin > 1)}")
     if "DISCRETE" in mujoco.mjtIntegrator(option.integrator).name:
         gate.refuse("integrator", "option", "integrator discrete", "replaced by semi-implicit Euler")
-    _check_joints(model, gate)
     if (exact := getattr(mujoco.mjtEnableBit, "mjENBL_DIAGEXACT", None)) and option.enableflags & exact:
         gate.note("diagexact", "option", "softness uses the inverse weights at qpos0")
     if option.disableflags & disabled.mjDSBL_REFSAFE:
@@ -106,11 +105,3 @@ def check_model(model: mujoco.MjModel, gate: Gate) -> None:
         gate.note("noslip", "option", "there is no noslip pass")
     for body in np.flatnonzero(model.body_mocapid >= 0):
         gate.note("mocap", name_of(model, "body", int(body)), "it stays where the file places it")
-
-
-def _check_joints(model: mujoco.MjModel, gate: Gate) -> None:
-    kinds = mujoco.mjtJoint
-    for k in range(model.njnt):
-        name, kind = name_of(model, "joint", k), int(model.jnt_type[k])
-        if kind in (kinds.mjJNT_BALL, kinds.mjJNT_FREE) and model.jnt_limited[k]:
-            gate.refuse("joint_limit_ball", name, "a limited ball joint")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cmbrl.bench.studies.derivatives.differences import compare, measure
+from cmbrl.contact import Barrier, Gaussian
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
 from cmbrl.scene.report import describe
@@ -234,3 +235,53 @@ def test_bounces_with_forces_that_are_implicit(medium: str, joint: str, tmp_path
     row = measure(scene, "kappa 1e-4", 20, restitution=0.5)
     assert row["median"] <= 1e-6, row
     assert row["worst_column"] <= 1e-5, row
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_actuators_of_tendons_count_in_what_a_joint_clamps(integrator: str, tmp_path: Path) -> None:
+    world = """<body><joint name="a" axis="0 1 0" actuatorfrcrange="-.5 .6" damping=".1"/>
+    <geom type="capsule" size=".04" fromto="0 0 0 .4 0 0"/><body pos=".4 0 0"><joint name="b" axis="0 0 1"/>
+    <geom type="capsule" size=".04" fromto="0 0 0 .3 0 0"/></body></body>"""
+    rest = """<tendon><fixed name="t"><joint joint="a" coef="1"/><joint joint="b" coef="-.7"/></fixed></tendon>
+    <actuator><position tendon="t" kp="2" kv=".3"/><velocity joint="a" kv=".4" gear="1.5"/><motor joint="b"/>
+    </actuator>"""
+    file = write(tmp_path, integrator, world, rest)
+    assert_like_mujoco(file)
+    assert_exact(file, {"q", "v", "u", "gear"})
+    assert_exact(file, {"gear"}, implicit_springs=True)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_limits_of_ball_joints(integrator: str, tmp_path: Path) -> None:
+    """On the angle of the rotation: MuJoCo's step where they act, derivatives with an axis that turns."""
+    world = """<body><joint name="r" axis="0 1 1"/><geom size=".1" pos=".1 0 0"/><body pos=".3 0 0">
+    <joint name="b" type="ball" pos=".05 0 0" range="0 60" margin=".05"/>
+    <geom type="box" size=".1 .05 .2" pos=".1 .1 0"/>
+    <body pos=".1 0 .2"><joint type="ball"/><geom type="box" size=".1 .05 .03" pos=".2 0 0"/></body></body></body>"""
+    file = write(tmp_path, integrator, world)
+    scene, model = Scene.from_mjcf(file), mujoco.MjModel.from_xml_path(str(file))
+    assert "b [-1.047, 1.047]" in describe(scene)
+    data = assert_like_mujoco(file, tolerance=1e-8)
+    held = 0
+    for q, v, _ in zip(*states(scene, 40), strict=True):
+        data.qpos[:], data.qvel[:] = q, v
+        mujoco.mj_forward(model, data)
+        held += data.nefc
+    assert 10 < held < 40
+    for smoothing in (Barrier(1e-4), Gaussian(length=0.01, floor=1e-6)):
+        assert_exact(file, {"q", "v"}, smoothing=smoothing, path_tolerance=1e-12)
+
+
+def test_margins_of_limits(tmp_path: Path) -> None:
+    """A limit that acts at a distance is not left out because it is not reached yet."""
+    world = '<body><joint range="-60 60" margin=".1"/><geom type="box" size=".1 .05 .2" pos=".1 .1 0"/></body>'
+    file = write(tmp_path, "implicitfast", world)
+    scene, model = Scene.from_mjcf(file), mujoco.MjModel.from_xml_path(str(file))
+    data = mujoco.MjData(model)
+    for angle in (0.9, 0.96, 1.0, 1.04, 1.06):
+        q, v = np.array([[angle]]), np.array([[0.7]])
+        mujoco.mj_resetData(model, data)
+        data.qpos[:], data.qvel[:] = angle, 0.7
+        mujoco.mj_step(model, data)
+        ours = ComplementarityModel(scene).predict(q, v, np.zeros((1, 0))).v_next
+        np.testing.assert_allclose(ours[0], data.qvel, rtol=0, atol=1e-8)

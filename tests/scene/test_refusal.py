@@ -42,7 +42,6 @@ CASES = {
         '<option viscosity=".1"/>',
         "g",
     ),
-    "joint_limit_ball": (BALL_JOINT.format('range="0 1" limited="true"'), "", "b"),
     "joint_polynomial": (BALL_JOINT.format('stiffness="1 2 3"'), "", "b"),
     "actuator_dynamics": (*actuator("general", 'dyntype="filter" dynprm="1"'), "motor"),
     "actuator_bias": (*actuator("general", 'gaintype="affine" gainprm="1 2 0"'), "motor"),
@@ -101,6 +100,7 @@ def test_all_refusals_come_in_one_line(load: Load) -> None:
 
 
 SUPPORTED = {
+    "joint_limit_ball": (BALL_JOINT.format('range="0 1" limited="true"'), "", "b"),
     "fluid": (HINGE.format("", ""), '<option viscosity=".1"/>', "option"),
     "joint_spring_ball": (BALL_JOINT.format('stiffness="1"'), "", "b"),
     "joint_polynomial": (HINGE.format("", 'damping="1 0 2"'), "", "h"),
