@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cmbrl.scene.kinematics import line_matrix
+from cmbrl.scene.kinematics import lines_by_dof
 from cmbrl.scene.records import JointKind, TieKind
 
 if TYPE_CHECKING:
@@ -174,7 +174,7 @@ def invariant_translations(scene: Scene) -> list[int]:
     They are free translations that no contact gap, joint limit, spring or servo depends on. Gaps are compared at
     shifted random configurations, so obstacles and inclined planes count.
     """
-    core, layout, matrix = scene.core, scene.layout, line_matrix(scene.core)
+    core, layout, lines = scene.core, scene.layout, lines_by_dof(scene.core)
     rng = np.random.default_rng(0)
     q = scene.integrate(np.repeat(scene.q0[None], 8, axis=0), rng.uniform(-0.5, 0.5, (8, scene.nv)))
     gaps = scene.gaps(q)
@@ -182,7 +182,7 @@ def invariant_translations(scene: Scene) -> list[int]:
     for joint, q_address, v_address in free_translations(scene):
         shifted = q.copy()
         shifted[:, q_address] += 0.37
-        pulls = set(np.flatnonzero(matrix[:, v_address]).tolist())  # lines that it is part of
+        pulls = set(np.flatnonzero(lines[:, v_address]).tolist())  # lines that it is part of
         limited = not pulls.isdisjoint(core.lim_line.tolist())
         sprung = any(core.P[layout.dof(line, "stiffness")] != 0 for line in pulls)
         servo = any(core.P[layout.actuator(k, "bias1")] != 0 for k, line in enumerate(core.act_line) if line in pulls)

@@ -60,8 +60,11 @@ static void smooth_terms(const Model& m, const Options& o, Work<G>& w, const T* 
   tie_terms(m, o, w, vn, w.v, Gq, Gv);
   for (int i = 0; i < m.nline; ++i) {
     T damping = w.P[m.oDof + i * kDofFields + kDamping] + w.kd[i];
-    add_square(m, i, -o.h * w.kp[i], Gq);
-    add_square(m, i, -o.h * (o.implicit_springs ? damping + o.h * w.kp[i] : damping), Gv);
+    add_square(m, w, i, -o.h * w.kp[i], Gq);
+    T drag = -o.h * (o.implicit_springs ? damping + o.h * w.kp[i] : damping), mass = w.line_mass[i];
+    add_square(m, w, i, drag, Gv);
+    if (bends(m, i))
+      add_bend(m, w, i, w.line_pull[i] - mass * (along(m, w, i, vn) - along(m, w, i, w.v)), drag + mass, w.v, -mass, vn, Gq);
   }
   for (int i = 0; i < nv; ++i) {
     Row<T> mass(w.M, m.mass, i);
@@ -81,7 +84,7 @@ static void smooth_terms(const Model& m, const Options& o, Work<G>& w, const T* 
   for (int a = 0; a < m.nact; ++a) {
     if (m.act_line[a] < 0) continue;
     for (int k = m.line_ptr[m.act_line[a]]; k < m.line_ptr[m.act_line[a] + 1]; ++k)
-      Gu[m.line_dof[k] * m.nu + a] += keep(w.yields[m.line_dof[k]], o.h * (m.line_coef[k] * w.open[a]));
+      Gu[m.line_dof[k] * m.nu + a] += keep(w.yields[m.line_dof[k]], o.h * (w.line_c[k] * w.open[a]));
   }
 }
 
@@ -173,11 +176,16 @@ static void contact_terms(const Model& m, Work<G>& w, T* Gq, T* Gv, bool late) {
   if (late) return;
   for (int i = 0; i < w.nlim; ++i) {
     const Limit& l = w.lim[i];
-    add_square(m, l, keep(l.on, l.slope_R * l.dR_dphi / (l.s + l.gam * l.R)) - l.Th * (l.dc_dphi + l.dR_dphi * l.gam), Gq);
-    add_square(m, l, l.Th * l.carry, Gv);
+    add_square(m, w, l, keep(l.on, l.slope_R * l.dR_dphi / (l.s + l.gam * l.R)) - l.Th * (l.dc_dphi + l.dR_dphi * l.gam), Gq);
+    add_square(m, w, l, l.Th * l.carry, Gv);
     if (l.round) turn_terms(m, w, l, Gq);
+    else add_bend(m, w, l.line, keep(l.on, l.sign * l.gam), l.Th * l.carry, w.v, -l.Th, w.vn, Gq);
   }
-  for (int i = 0; i < w.ndry; ++i) add_square(m, w.dry[i].line, w.dry[i].Th * w.dry[i].carry, Gv);
+  for (int i = 0; i < w.ndry; ++i) {
+    const DryFriction& d = w.dry[i];
+    add_square(m, w, d.line, d.Th * d.carry, Gv);
+    add_bend(m, w, d.line, keep(d.on, d.b), d.Th * d.carry, w.v, -d.Th, w.vn, Gq);
+  }
 }
 
 }  // namespace cmbrl::CMBRL_ISA

@@ -61,10 +61,12 @@ static void closing_terms(const Model& m, Work<G>& w, bool theta) {
     T* z = row_of_Z(m, w, w.ncon + i);
     for (int k = 0; k < ncol; ++k) z[k] = T{};
     for (int k = 0; k < nv; ++k) w.tmp[k] = T{};
-    add_pull(m, l, splat(1), w.tmp);
-    add_pull(m, l, l.dc_dphi, z);
-    add_pull(m, l, -l.carry, z + nv);
+    add_pull(m, w, l, splat(1), w.tmp);
+    add_pull(m, w, l, l.dc_dphi, z);
+    add_pull(m, w, l, -l.carry, z + nv);
     if (l.round) add_turn(m, w, l, w.vf, z);
+    for (int k = m.line_ptr[l.line]; !l.round && bends(m, l.line) && k < m.line_ptr[l.line + 1]; ++k)
+      z[m.line_dof[k]] += l.sign * bent_rate(m, w, l.line, k, splat(1), w.vf, -l.carry, w.v);
     through_free_velocity(m, w, w.tmp, theta, z);
     row_through_leap(m, w, z, theta);
   }
@@ -100,7 +102,7 @@ static void fold_closing_terms(const Model& m, const Options& o, Work<G>& w, boo
       ip.add_wrench(m.con_group[w.con[i].index], closing_response(w.con[i]), g);
     } else {
       const Limit& l = w.lim[i - w.ncon];
-      add_pull(m, l, keep(l.on, l.slope / (l.s + l.gam * l.R)), g);
+      add_pull(m, w, l, keep(l.on, l.slope / (l.s + l.gam * l.R)), g);
     }
     add_outer<G>(m, g, row_of_Z(m, w, i), theta, w.Gq, w.Gv, w.Gu, w.Gp);
     if (i >= w.ncon || !any(w.con[i].bounce)) continue;
@@ -135,6 +137,8 @@ static void late_smooth_terms(const Model& m, const Options& o, Work<G>& w, bool
   inverse_dynamics_derivatives(m, w, -1.0, w.Sq, w.Fq);
   w.v = v;
   tie_terms(m, o, w, w.shift, nullptr, w.Sq, nullptr);
+  for (int i = m.nv; i < m.nline; ++i)
+    add_bend(m, w, i, -w.line_mass[i] * along(m, w, i, w.shift), T{}, w.shift, -w.line_mass[i], w.shift, w.Sq);
   if (theta) parameter_terms(m, o, w, w.Sp, Part::late_inertia);
   CMBRL_FOR(k, G::D) w.P[m.oGravity + k] = gravity[k];
   rows_through_leap(m, w, w.Sq, w.Sv, w.Su, w.Sp, theta);

@@ -10,7 +10,7 @@ struct StepMemory;
 enum JointType { kSlide = 0, kHinge = 1, kBall = 2 };
 enum ContactType { kPointPlane = 0, kPointBox = 1, kSegmentSegment = 2, kRimPlane = 3 };
 enum TieType { kConnect = 0, kWeld = 1, kPolynomial = 2 };  // equality constraints
-enum TieSide { kCarriesA = 1, kCarriesB = 2 };
+enum Side { kCarriesA = 1, kCarriesB = 2 };
 enum ContactLaw { kRigid = 0, kMujoco = 1, kSpringDamper = 2, kLogistic = 3 };  // one for all contacts of a scene
 
 // Offsets of one field inside the block of a contact, a line (a dof or a tendon), an actuator in the physical vector P.
@@ -33,13 +33,12 @@ struct Structure {
   Pattern fill;                    // of a contact problem, with the fill-in of its rows; a scene finds it step by step
   const int *grp_dptr, *grp_dof, *grp_sign;  // dofs of J's columns, by group of contacts
   const int *line_ptr, *line_dof;  // lines (lines.hpp): first the dofs, then the tendons
-  const double* line_coef;
 };
 
 struct Model : Structure {
   int planar, implicit_gains;  // implicit_gains: velocity gains of actuators act at the next velocity, as damping does
-  int D, nq, nu, nbody, njoint, ncontact, nplane, nlimit, nact, ntendon, nline, ntie, nforcerange, nlift, nwide, nbox, nballspring, npower;
-  int nP, ntheta, ngroup;
+  int D, nq, nu, nbody, njoint, ncontact, nplane, nlimit, nact, ntendon, nline, nseg, ntie;
+  int nforcerange, nlift, nwide, nbox, nballspring, npower, nP, ntheta, ngroup;
   int body_fields, oDof, oPlane, oAct, oGravity, oContact;  // layout of P; bodies start at 0, contacts end it
 
   const int *body_parent, *body_jadr, *body_jnum;
@@ -53,6 +52,9 @@ struct Model : Structure {
   int logistic;              // contacts act at a distance
   const double *con_radiusB, *con_impratio, *con_invweight, *con_margin, *con_mid, *con_power, *plane_normal;
 
+  const double* line_coef;      // of coordinates
+  const int *seg_ptr, *seg_A, *seg_B;                    // straight segments of each tendon, between two bodies
+  const double *seg_posA, *seg_posB, *seg_scale;
   const int *lim_line, *lim_ball;  // of a ball joint's angle: its last dof, and where its quaternion stands in q; otherwise -1
   const double *lim_lo, *lim_hi, *lim_margin, *lim_soft, *lim_invweight;
   const double *line_soft, *line_invweight, *line_slack;  // of dry friction; width of a spring's slack
@@ -80,8 +82,9 @@ struct Model : Structure {
   const int *anc_ptr, *anc_idx;  // ancestors of a dof on its own chain
   Pattern tree() const { return {anc_ptr, anc_idx}; }
   int above(int dof) const { return anc_ptr[dof] < anc_ptr[dof + 1] ? anc_idx[anc_ptr[dof + 1] - 1] : -1; }  // next towards the root
+  const int *seg_sides, *seg_side;          // of each segment: which ends the dofs of its tendon carry, without those that carry both
   const int *tie_ptr, *tie_dof, *tie_side;  // dofs that a tie couples; which of its bodies each carries: kCarriesA, kCarriesB
-  const double *tie_coefA, *tie_coefB;      // of its lines
+  const int *tie_entryA, *tie_entryB;       // its places in the covectors of the tie's lines; -1: none
   const int *dof_body, *dof_jnt, *dof_qadr, *body_lastdof;
   const int *grp_A, *grp_B, *grp_cptr, *grp_con;  // contacts by body pair
   const int *con_group;

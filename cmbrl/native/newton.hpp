@@ -131,8 +131,8 @@ struct Newton {
       }
       add_to_factor(w.groups[g].group, K);
     }
-    for (int i = 0; i < w.nlim; ++i) add_square(m, w.lim[i], w.lim[i].Th, w.H, pat);
-    for (int i = 0; i < w.ndry; ++i) add_square(m, w.dry[i].line, w.dry[i].Th, w.H, pat);
+    for (int i = 0; i < w.nlim; ++i) add_square(m, w, w.lim[i], w.lim[i].Th, w.H, pat);
+    for (int i = 0; i < w.ndry; ++i) add_square(m, w, w.dry[i].line, w.dry[i].Th, w.H, pat);
     for (int i = 0; i < w.ndyn; ++i) eliminate(w.H, pat, w.dyn_list[i]);
   }
   // J^T K J of one group, row by row: `pull` is that of one dof.
@@ -175,8 +175,8 @@ struct Newton {
         CMBRL_FOR(r, w.con[i].rows) F += w.con[i].w[r] * w.con[i].Wr[r];
       add_wrench(w.groups[g].group, F, w.rhs);
     }
-    for (int i = 0; i < w.nlim; ++i) add_pull(m, w.lim[i], w.lim[i].w, w.rhs);
-    for (int i = 0; i < w.ndry; ++i) add_pull(m, w.dry[i].line, w.dry[i].w, w.rhs);
+    for (int i = 0; i < w.nlim; ++i) add_pull(m, w, w.lim[i], w.lim[i].w, w.rhs);
+    for (int i = 0; i < w.ndry; ++i) add_pull(m, w, w.dry[i].line, w.dry[i].w, w.rhs);
     for (int i = 0; i < w.ndyn; ++i) solve_down(w.H, pat, w.dyn_list[i], w.rhs);
     for (int i = w.ndyn - 1; i >= 0; --i) solve_up(w.H, pat, w.dyn_list[i], w.rhs);
 
@@ -187,14 +187,14 @@ struct Newton {
     }
     for (int i = 0; i < w.nlim; ++i) {
       Limit& l = w.lim[i];
-      T jv = along(m, l, w.rhs);
+      T jv = along(m, w, l, w.rhs);
       l.dgam = l.w - l.Th * jv;
       l.ds = keep(l.on, jv + l.R * l.dgam - rho * l.r1);
       alpha = vmin(alpha, vmin(orthant(l.gam, l.dgam), orthant(l.s, l.ds)));
     }
     for (int i = 0; i < w.ndry; ++i) {
       DryFriction& d = w.dry[i];
-      T jv = along(m, d.line, w.rhs);
+      T jv = along(m, w, d.line, w.rhs);
       d.db = d.w - d.Th * jv;
       d.deta = keep(d.on, jv + d.R * d.db - rho * d.r2);
       T q0 = d.t50 - d.b0 * d.eta0 - d.b * d.eta;

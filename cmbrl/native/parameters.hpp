@@ -79,12 +79,12 @@ struct ParameterColumns {
   }
 
   void add_along(int line, T x) {
-    for (int k = m.line_ptr[line]; k < m.line_ptr[line + 1]; ++k) at(m.line_dof[k]) += m.line_coef[k] * x;
+    for (int k = m.line_ptr[line]; k < m.line_ptr[line + 1]; ++k) at(m.line_dof[k]) += w.line_c[k] * x;
   }
   void line(int i, int field, double coef) {
     bool late = part == Part::late_inertia;
     if (late && field != kArmature && (field != kDamping || !damps_implicitly(m, i))) return;
-    T before = late ? T{} : along(m, i, w.v), after = along(m, i, late ? w.shift : w.vn);
+    T before = late ? T{} : along(m, w, i, w.v), after = along(m, w, i, late ? w.shift : w.vn);
     Spring spring = spring_of(m, w, i);
     switch (field) {
       case kArmature: add_along(i, -coef * (after - before)); break;
@@ -165,7 +165,7 @@ struct ParameterColumns {
     const T* p = w.P + m.oAct + a * kActuatorFields;
     int line = m.act_line[a];
     if (line < 0) return wide(a, field, coef);
-    T q = length_of(m, w, line), v = along(m, line, w.v), after = along(m, line, w.vn);
+    T q = w.line_length[line], v = along(m, w, line, w.v), after = along(m, w, line, w.vn);
     T dv = m.implicit_gains ? after - v : T{}, g = p[kGear];
     T flo = splat(m.act_force[2 * a]), fhi = splat(m.act_force[2 * a + 1]);
     T ctrl = vmin(vmax(w.u[a], splat(m.act_ctrl[2 * a])), splat(m.act_ctrl[2 * a + 1]));
@@ -175,7 +175,7 @@ struct ParameterColumns {
     T spring = o.implicit_springs ? o.h * after : T{};
     if (part == Part::late_inertia) {
       if (!m.implicit_gains) return;
-      T late = along(m, line, w.shift);
+      T late = along(m, w, line, w.shift);
       if (field == kGear) add_along(line, keep(free, coef * o.h * 2.0 * g * p[kBias2] * late));
       if (field == kBias2) add_along(line, keep(free, coef * o.h * g * g * late));
       return;
@@ -193,7 +193,7 @@ struct ParameterColumns {
       default: r = keep(free, g * g * (v + dv));
     }
     for (int k = m.line_ptr[line]; k < m.line_ptr[line + 1]; ++k)
-      at(m.line_dof[k]) += coef * o.h * m.line_coef[k] * select(w.yields[m.line_dof[k]], r, held);
+      at(m.line_dof[k]) += coef * o.h * w.line_c[k] * select(w.yields[m.line_dof[k]], r, held);
   }
 
   void gravity(int axis, double coef) {

@@ -40,7 +40,7 @@ const Structure& ProblemStructure::of(const ProblemBatch& b, int64_t begin, int6
   };
   list(mass, mass_ptr_, mass_idx_);
   list(both, fill_ptr_, fill_idx_);
-  structure_ = {nv, {mass_ptr_.data(), mass_idx_.data()}, {fill_ptr_.data(), fill_idx_.data()}, dof_ptr_.data(), dof_.data(), sign_.data(), nullptr, nullptr, nullptr};
+  structure_ = {nv, {mass_ptr_.data(), mass_idx_.data()}, {fill_ptr_.data(), fill_idx_.data()}, dof_ptr_.data(), dof_.data(), sign_.data(), nullptr, nullptr};
   return structure_;
 }
 

@@ -17,10 +17,11 @@ static void smooth_quantities(const Model& m, const Options& o, const Batch& b, 
     gather_parameters(m, b, l, w, e == begin);
     Mask finite = gather_states(m, b, l, w);
     kinematics(m, w, w.q);
+    find_lines(m, w);
     inertias(m, w);
     inverse_dynamics<G>(m, w, w.v, nullptr, w.bias);
     mass_matrix(m, w);
-    for (int i = 0; i < m.nline; ++i) add_square(m, i, w.P[m.oDof + i * kDofFields + kArmature], w.M, m.mass);
+    for (int i = 0; i < m.nline; ++i) add_square(m, w, i, w.P[m.oDof + i * kDofFields + kArmature], w.M, m.mass);
     find_contacts(m, every, w, nullptr);
     scatter_packed(w.M, nv, m.mass, l, M);
     scatter(w.bias, nv, nv, l, bias);
@@ -58,7 +59,7 @@ static void rows_of_step(const Model& m, const Options& o, Work<G>& w) {
     now.prune = wider(now.prune);
   }
   for (int i = 0; i < m.nv; ++i) w.shift[i] = T{};
-  for (int i = 0; i < w.ndry; ++i) add_pull(m, w.dry[i].line, keep(w.dry[i].on, w.dry[i].b), w.shift);
+  for (int i = 0; i < w.ndry; ++i) add_pull(m, w, w.dry[i].line, keep(w.dry[i].on, w.dry[i].b), w.shift);
   set_up();  // the solve may have changed the rows; leaves the factor of M~ in H
   if (w.ndry == 0) return;
   solve(w.H, m.nv, pattern_of(m, w), w.shift);
@@ -105,7 +106,7 @@ static void step_rows(const Model& m, const Options& o, const Batch& b, const Ro
         out.R[at * rows] = c.R[lane];
         for (int k = 0; c.round && k < 3; ++k) out.J[at * rows * nv + c.line - 2 + k] = c.axis[k][lane];
         for (int k = c.round ? m.line_ptr[c.line + 1] : m.line_ptr[c.line]; k < m.line_ptr[c.line + 1]; ++k)
-          out.J[at * rows * nv + m.line_dof[k]] = c.sign[lane] * m.line_coef[k];
+          out.J[at * rows * nv + m.line_dof[k]] = c.sign[lane] * w.line_c[k][lane];
       }
     }
   }

@@ -48,13 +48,13 @@ static T fresh_residuals(const Structure& m, SolverWork<G>& w, const InteriorPoi
   for (int i = 0; i < w.nlim; ++i) {
     Limit& l = w.lim[i];
     speed = vmax(speed, keep(l.on, vabs(l.c0)));
-    l.r1 = compare(l.on, along(m, l, w.vn) + l.c0, l.s, l.R * l.gam);
-    add_pull(m, l, keep(l.on, l.gam), r);
+    l.r1 = compare(l.on, along(m, w, l, w.vn) + l.c0, l.s, l.R * l.gam);
+    add_pull(m, w, l, keep(l.on, l.gam), r);
   }
   for (int i = 0; i < w.ndry; ++i) {
     DryFriction& d = w.dry[i];
-    d.r2 = compare(d.on, along(m, d.line, w.vn) + d.c0, d.eta, d.R * d.b);
-    add_pull(m, d.line, keep(d.on, d.b), r);
+    d.r2 = compare(d.on, along(m, w, d.line, w.vn) + d.c0, d.eta, d.R * d.b);
+    add_pull(m, w, d.line, keep(d.on, d.b), r);
   }
   for (int i = 0; i < nv; ++i) momentum = vmax(momentum, vabs(r[i]));
   return vmax(row / speed, momentum / scale);

@@ -9,13 +9,13 @@
 
 namespace cmbrl::CMBRL_ISA {
 
-// f(line, coefficient) of the lines that pull at a dof: its own, and tendons.
+// f(line, entry of its covector) of the lines that pull at a dof: its own, and tendons.
 template <class F>
 static void for_lines_of(const Model& m, int dof, F f) {
-  f(dof, 1.0);
+  f(dof, m.line_ptr[dof]);
   for (int line = m.nv; line < m.nline; ++line)
     for (int k = m.line_ptr[line]; k < m.line_ptr[line + 1]; ++k)
-      if (m.line_dof[k] == dof) f(line, m.line_coef[k]);
+      if (m.line_dof[k] == dof) f(line, k);
 }
 
 // Clamps the sum of the actuators of a joint, by a force of its own. Their velocity gains stay in M~, as in MuJoCo; the force
@@ -25,7 +25,7 @@ static void clamp_joint_forces(const Model& m, Work<G>& w) {
   for (int k = 0; k < m.nforcerange; ++k) {
     int d = m.frc_dof[k];
     T lo = splat(m.frc_range[2 * k]), hi = splat(m.frc_range[2 * k + 1]), sum = T{};
-    for_lines_of(m, d, [&](int line, double coef) { sum += coef * w.drive[line]; });
+    for_lines_of(m, d, [&](int line, int k) { sum += w.line_c[k] * w.drive[line]; });
     w.yields[d] = (sum >= lo) & (sum <= hi);
     w.tau[d] += vmin(vmax(sum, lo), hi) - sum;
     w.drive_kp[d] = keep(w.yields[d], w.drive_kp[d]);
@@ -38,11 +38,15 @@ static void clamped_rows(const Model& m, const Work<G>& w, double h, T* Gq, T* G
   for (int k = 0; k < m.nforcerange; ++k) {
     int d = m.frc_dof[k];
     Mask clamped = ~w.yields[d];
-    for_lines_of(m, d, [&](int line, double coef) {
-      T by_q = keep(clamped, h * coef * w.drive_kp[line]), by_v = keep(clamped, h * coef * w.kd[line]);
+    for_lines_of(m, d, [&](int line, int own) {
+      T by_q = keep(clamped, h * w.line_c[own] * w.drive_kp[line]), by_v = keep(clamped, h * w.line_c[own] * w.kd[line]);
       for (int e = m.line_ptr[line]; e < m.line_ptr[line + 1]; ++e) {
-        Gq[d * m.nv + m.line_dof[e]] += m.line_coef[e] * by_q;
-        Gv[d * m.nv + m.line_dof[e]] += m.line_coef[e] * by_v;
+        T& q = Gq[d * m.nv + m.line_dof[e]];
+        q += w.line_c[e] * by_q;
+        Gv[d * m.nv + m.line_dof[e]] += w.line_c[e] * by_v;
+        if (!bends(m, line)) continue;
+        q += by_v * bent_rate(m, w, line, e, splat(1), w.v, T{}, w.v);
+        q -= keep(clamped, h * w.drive[line] * bend_of(m, w, line, own, e));
       }
     });
   }
@@ -60,7 +64,7 @@ static void actuator_forces(const Model& m, Work<G>& w) {
     T lo = splat(m.act_ctrl[2 * a]), hi = splat(m.act_ctrl[2 * a + 1]);
     T flo = splat(m.act_force[2 * a]), fhi = splat(m.act_force[2 * a + 1]);
     T ctrl = vmin(vmax(w.u[a], lo), hi);
-    T force = p[kGain] * ctrl + p[kBias0] + p[kGear] * (p[kBias1] * length_of(m, w, line) + p[kBias2] * along(m, line, w.v));
+    T force = p[kGain] * ctrl + p[kBias0] + p[kGear] * (p[kBias1] * w.line_length[line] + p[kBias2] * along(m, w, line, w.v));
     Mask free = (force >= flo) & (force <= fhi);
     w.drive[line] += p[kGear] * vmin(vmax(force, flo), fhi);
     w.kd[line] -= keep(free, p[kGear] * p[kGear] * p[kBias2]);
@@ -83,7 +87,7 @@ static void line_forces(const Model& m, const Options& o, Work<G>& w) {
   for (int i = 0; i < m.nline; ++i) {
     Spring spring = spring_of(m, w, i);
     w.kp[i] = w.drive_kp[i] + spring.stiffness;
-    w.tau[i] -= w.P[m.oDof + i * kDofFields + kDamping] * along(m, i, w.v) + spring.stiffness * spring.stretch;
+    w.tau[i] -= w.P[m.oDof + i * kDofFields + kDamping] * along(m, w, i, w.v) + spring.stiffness * spring.stretch;
   }
   for (int i = 0; i < m.nv && m.nlift > 0; ++i) if (m.dof_lift[i] == kPassiveLift) w.tau[i] += w.lift[i];
   ball_springs(m, w);
@@ -96,10 +100,12 @@ static void line_forces(const Model& m, const Options& o, Work<G>& w) {
     if (damps_implicitly(m, i)) mass += o.h * (m.implicit_gains ? p[kDamping] + w.kd[i] : p[kDamping]);
     if (o.implicit_springs) {
       mass += o.h * o.h * w.kp[i];
-      pull -= o.h * o.h * w.kp[i] * along(m, i, w.v);
+      pull -= o.h * o.h * w.kp[i] * along(m, w, i, w.v);
     }
-    add_pull(m, i, pull, w.rhs);
-    add_square(m, i, mass, w.M, m.mass);
+    w.line_pull[i] = pull;
+    w.line_mass[i] = mass;
+    add_pull(m, w, i, pull, w.rhs);
+    add_square(m, w, i, mass, w.M, m.mass);
   }
 }
 
@@ -107,7 +113,7 @@ static void line_forces(const Model& m, const Options& o, Work<G>& w) {
 template <class G>
 static T line_limit(const Model& m, const Work<G>& w, int i, Direction& d) {
   int line = m.lim_line[i];
-  T x = length_of(m, w, line), below = x - m.lim_lo[i], above = m.lim_hi[i] - x;
+  T x = w.line_length[line], below = x - m.lim_lo[i], above = m.lim_hi[i] - x;
   Mask lower = below < above;
   d.line = line;
   d.round = false;
@@ -122,7 +128,7 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
   for (int i = 0; i < m.nlimit; ++i) {
     Direction way;
     T phi = m.lim_ball[i] < 0 ? line_limit(m, w, i, way) : ball_limit(m, w, i, way);
-    T speed = along(m, way, w.v), slack = (phi - m.lim_margin[i]) * (1 / o.h) - vabs(speed);
+    T speed = along(m, w, way, w.v), slack = (phi - m.lim_margin[i]) * (1 / o.h) - vabs(speed);
     Mask on = given ? given[i] : all(), wide = on;
     if (given && !any(on)) continue;
     double enough = speed_that_matters(o, o.forward, m.lim_invweight[i]), most = speed_that_matters(o, o.backward, m.lim_invweight[i]);
@@ -156,7 +162,7 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
     d.on = on; d.line = i; d.R = L.R; d.carry = L.carry;
     d.b0 = select(on, o.h * loss, splat(1));
     d.root = vsqrt(m.line_invweight[i] + L.R);
-    d.c0 = -L.carry * along(m, i, w.v);
+    d.c0 = -L.carry * along(m, w, i, w.v);
   }
 }
 
@@ -171,6 +177,7 @@ static Vec<G::N> relative_twist(const Model& m, const Vec<G::N>* twist, int inde
 template <class G>
 static void prepare(const Model& m, const Options& o, Work<G>& w, const Mask* given_contacts = nullptr, const Mask* given_limits = nullptr) {
   kinematics(m, w, w.q);
+  find_lines(m, w);
   inertias(m, w);
   inverse_dynamics<G>(m, w, w.v, nullptr, w.bias);
   mass_matrix(m, w);

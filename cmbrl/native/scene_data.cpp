@@ -36,7 +36,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.nbody = size("nbody"); m.njoint = size("njoint"); m.ncontact = size("ncontact");
   m.nplane = size("nplane"); m.nlimit = size("nlimit"); m.nact = size("nact"); m.nforcerange = size("nforcerange"); m.nlift = size("nlift");
   m.nwide = size("nwide"); m.nbox = size("nbox"); m.nballspring = size("nballspring"); m.npower = size("npower");
-  m.ntendon = size("ntendon"); m.ntie = size("ntie");
+  m.ntendon = size("ntendon"); m.nseg = size("nseg"); m.ntie = size("ntie");
   m.nline = m.nv + m.ntendon;
   m.body_fields = m.planar ? 4 : 10;
   m.oDof = m.nbody * m.body_fields;
@@ -87,6 +87,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   for (size_t k = 0; k < nc; ++k) m.largest_invweight = std::max(m.largest_invweight, m.con_invweight[k]);
   derive_chains();
   derive_lines();
+  derive_segments();
   derive_ties();
   derive_mass_pattern();
   derive_groups();
@@ -184,16 +185,35 @@ void SceneData::derive_lines() {
   m.line_coef = keep_doubles("line_coef", std::move(coef));
 }
 
+// Straight segments of tendons: which of their ends the dofs of the tendon carry.
+void SceneData::derive_segments() {
+  Model& m = model;
+  size_t n = m.nseg, D = m.D;
+  m.seg_ptr = i("seg_ptr", m.ntendon + 1);
+  m.seg_A = i("seg_A", n); m.seg_B = i("seg_B", n);
+  m.seg_posA = d("seg_posA", n * D); m.seg_posB = d("seg_posB", n * D); m.seg_scale = d("seg_scale", n);
+  std::vector<int> ptr, side;
+  for (int t = 0; t < m.ntendon; ++t)
+    for (int s = m.seg_ptr[t]; s < m.seg_ptr[t + 1]; ++s) {
+      std::vector<int> a = chain(m.seg_A[s]), b = chain(m.seg_B[s]);
+      ptr.push_back(int(side.size()));
+      for (int e = m.line_ptr[m.nv + t]; e < m.line_ptr[m.nv + t + 1]; ++e) {
+        auto carries = [&](const std::vector<int>& dofs) { return std::binary_search(dofs.begin(), dofs.end(), m.line_dof[e]); };
+        side.push_back(carries(a) == carries(b) ? 0 : carries(a) ? kCarriesA : kCarriesB);
+      }
+    }
+  m.seg_sides = keep_ints("seg_sides", std::move(ptr)); m.seg_side = keep_ints("seg_side", std::move(side));
+}
+
 // The dofs that each tie couples: those of two lines, or those that carry two bodies.
 void SceneData::derive_ties() {
   Model& m = model;
-  std::vector<int> ptr{0}, dof, side;
-  std::vector<double> coef_a, coef_b;
+  std::vector<int> ptr{0}, dof, side, entry_a, entry_b;
   for (int k = 0; k < m.ntie; ++k) {
-    struct End { int side; double a, b; };
+    struct End { int side = 0, a = -1, b = -1; };
     std::map<int, End> ends;
-    auto add_line = [&](int line, double End::*coef) {
-      for (int e = line < 0 ? 0 : m.line_ptr[line]; line >= 0 && e < m.line_ptr[line + 1]; ++e) ends[m.line_dof[e]].*coef = m.line_coef[e];
+    auto add_line = [&](int line, int End::*entry) {
+      for (int e = line < 0 ? 0 : m.line_ptr[line]; line >= 0 && e < m.line_ptr[line + 1]; ++e) ends[m.line_dof[e]].*entry = e;
     };
     if (m.tie_type[k] == kPolynomial) {
       add_line(m.tie_A[k], &End::a);
@@ -202,12 +222,12 @@ void SceneData::derive_ties() {
       for (int x : chain(m.tie_A[k])) ends[x].side |= kCarriesA;
       for (int x : chain(m.tie_B[k])) ends[x].side |= kCarriesB;
     }
-    for (auto [x, end] : ends) { dof.push_back(x); side.push_back(end.side); coef_a.push_back(end.a); coef_b.push_back(end.b); }
+    for (auto [x, end] : ends) { dof.push_back(x); side.push_back(end.side); entry_a.push_back(end.a); entry_b.push_back(end.b); }
     ptr.push_back(int(dof.size()));
   }
   m.tie_ptr = keep_ints("tie_ptr", std::move(ptr)); m.tie_dof = keep_ints("tie_dof", std::move(dof));
   m.tie_side = keep_ints("tie_side", std::move(side));
-  m.tie_coefA = keep_doubles("tie_coefA", std::move(coef_a)); m.tie_coefB = keep_doubles("tie_coefB", std::move(coef_b));
+  m.tie_entryA = keep_ints("tie_entryA", std::move(entry_a)); m.tie_entryB = keep_ints("tie_entryB", std::move(entry_b));
 }
 
 // The tree's, and what tendons and ties couple, with its fill-in.

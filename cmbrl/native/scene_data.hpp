@@ -30,6 +30,7 @@ class SceneData {
   void derive_chains();
   std::vector<int> chain(int body) const;
   void derive_lines();
+  void derive_segments();
   void derive_ties();
   void derive_mass_pattern();
   void derive_groups();

@@ -60,7 +60,7 @@ static void tie_lines(const Model& m, const Work<G>& w, int i, Tie<G>& t) {
   const double *p = m.tie_poly + 5 * i, *ref = m.tie_ref + 2 * i;
   T x = T{}, value = T{}, bend = T{};
   t.slope = T{};
-  if (m.tie_B[i] >= 0) x = length_of(m, w, m.tie_B[i]) - ref[1];
+  if (m.tie_B[i] >= 0) x = w.line_length[m.tie_B[i]] - ref[1];
   for (int k = 4; k >= 0; --k) {  // Horner's rule, with both derivatives
     bend = bend * x + 2.0 * t.slope;
     t.slope = t.slope * x + value;
@@ -68,17 +68,15 @@ static void tie_lines(const Model& m, const Work<G>& w, int i, Tie<G>& t) {
   }
   t.bend = bend;
   t.rows = 1;
-  t.r[0] = length_of(m, w, m.tie_A[i]) - ref[0] - value;
+  t.r[0] = w.line_length[m.tie_A[i]] - ref[0] - value;
 }
 
 // Where a body holds its end of a tie.
 template <class G> struct Hold { typename G::V at; typename G::Rot turned; };
 template <class G>
 static Hold<G> hold_of(const Work<G>& w, int body, const double* pos, const double* rot) {
-  typename G::V x = load<G::D>(pos);
   typename G::Rot R = G::load_rot(rot);
-  if (body < 0) return {x - w.O, R};
-  return {w.pos[body] + G::rotate(w.R[body], x), G::compose(w.R[body], R)};
+  return {place_of(w, body, pos), body < 0 ? R : G::compose(w.R[body], R)};
 }
 
 // r = a - b of the points that two bodies hold; of a weld also the sine of half the angle between the frames, seen in that of B.
@@ -105,12 +103,14 @@ static typename G::Ang half_rate(const Tie<G>& t, double scale, const typename G
   return (0.5 * scale) * (t.w * u - G::cross_ang(t.v, u));
 }
 
+template <class G> static T covector_at(const Work<G>& w, int entry) { return entry < 0 ? T{} : w.line_c[entry]; }
+
 // Column of J of one of the dofs that a tie couples.
 template <class G>
 static void tie_column(const Model& m, const Work<G>& w, int i, const Tie<G>& t, int k, T* column) {
   int d = m.tie_dof[k], side = m.tie_side[k];
   if (m.tie_type[i] == kPolynomial) {
-    column[0] = m.tie_coefA[k] - m.tie_coefB[k] * t.slope;
+    column[0] = covector_at(w, m.tie_entryA[k]) - t.slope * covector_at(w, m.tie_entryB[k]);
     return;
   }
   typename G::V u = zero<G::D>();
@@ -128,7 +128,12 @@ template <class G>
 static void tie_bend(const Model& m, const Work<G>& w, int i, const Tie<G>& t, int k, int l, T* bend) {
   int dk = m.tie_dof[k], dl = m.tie_dof[l], both = m.tie_side[k] & m.tie_side[l];
   if (m.tie_type[i] == kPolynomial) {
-    bend[0] = -(m.tie_coefB[k] * m.tie_coefB[l]) * t.bend;
+    bend[0] = -(covector_at(w, m.tie_entryB[k]) * covector_at(w, m.tie_entryB[l])) * t.bend;
+    auto add = [&](int line, int at_k, int at_l, T scale) {
+      if (at_k >= 0 && at_l >= 0 && bends(m, line)) bend[0] += scale * bend_of(m, w, line, at_k, at_l);
+    };
+    add(m.tie_A[i], m.tie_entryA[k], m.tie_entryA[l], splat(1));
+    add(m.tie_B[i], m.tie_entryB[k], m.tie_entryB[l], -t.slope);
     return;
   }
   bool moved = dk > dl || m.dof_jnt[dk] == m.dof_jnt[dl];

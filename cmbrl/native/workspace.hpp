@@ -87,6 +87,7 @@ struct SolverWork {
   T *vf, *vn, *delta, *rhs, *rv;           // free and next velocity, their difference, direction, momentum residual
   T *M, *H, *H0;                           // packed: M along the tree, H and H0 along the pattern of the step
   Vec<G::N>* S;                            // unit twists of the dofs
+  T* line_c;                               // covectors of lines, by entry of line_dof
   Vec<G::N>* pulls;                        // scratch, by dof of a group
   uint8_t *dynamic; int *dyn_list; int ndyn;
   Contact<G>* con; int ncon;
@@ -133,6 +134,7 @@ struct Work : SolverWork<G> {
   Motion* wide_wrench; T* wide_push;       // of actuators on several dofs: unit wrench, force times gear
   Motion* drag; T *drag_start, *drag_end;  // of a fluid, by body, and by its twists before and after the step
   T* stretch;                              // of springs at ball joints
+  T *line_length, *line_pull, *line_mass;  // impulse along each line at the step's start; what acts on its change of rate
   Tie<G>* ties; T* tie_J;                  // equality constraints; their rows, by entry of tie_dof
   Motion *drift, *drift_before;            // accelerations of bodies whose joints do not accelerate; before each dof's joint
   Mask *con_on, *lim_on;                   // of a step that is read back from its tape
@@ -216,6 +218,8 @@ struct Work : SolverWork<G> {
     Xc = A.take<T>(nb * G::NX); momc = A.take<V>(nb);
     bias = A.take<T>(nv); tau = A.take<T>(m.nline); a = A.take<T>(nv); kd = A.take<T>(m.nline); kp = A.take<T>(m.nline); open = A.take<T>(m.nact + 1);
     tmp = A.take<T>(nv); yields = A.take<Mask>(nv); drive = A.take<T>(m.nline); drive_kp = A.take<T>(m.nline);
+    this->line_c = A.take<T>(m.line_ptr[m.nline]);
+    line_length = A.take<T>(m.nline); line_pull = A.take<T>(m.nline); line_mass = A.take<T>(m.nline);
     if (m.nlift > 0) { lift = A.take<T>(nv); lift_mass = A.take<T>(nb); lift_moment = A.take<V>(nb); }
     if (m.nwide > 0) { wide_wrench = A.take<Motion>(m.nwide); wide_push = A.take<T>(m.nwide); }
     if (m.nbox > 0) { drag = A.take<Motion>(nb); drag_start = A.take<T>(nb * G::N * G::N); drag_end = A.take<T>(nb * G::N * G::N); }

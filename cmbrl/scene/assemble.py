@@ -62,7 +62,7 @@ def tree_arrays(tree: Tree, plane: PlaneOfMotion | None) -> Arrays:
     }
 
 
-def line_arrays(model: mujoco.MjModel, tree: Tree, tendons: list[Tendon]) -> Arrays:
+def line_arrays(model: mujoco.MjModel, tree: Tree, tendons: list[Tendon], plane: PlaneOfMotion | None) -> Arrays:
     """Tendons, and dry friction and limits of joints and tendons."""
     source = [tendon.source for tendon in tendons]
     slack = np.diff(model.tendon_lengthspring[source]).reshape(-1)
@@ -70,6 +70,7 @@ def line_arrays(model: mujoco.MjModel, tree: Tree, tendons: list[Tendon]) -> Arr
         "tendon_ptr": integers(np.cumsum([0, *(len(tendon.dofs) for tendon in tendons)])),
         "tendon_dof": integers([dof for tendon in tendons for dof in tendon.dofs]),
         "tendon_coef": doubles([coef for tendon in tendons for coef in tendon.coefs], (-1,)),
+        **_segment_arrays(tree, tendons, plane),
         "line_soft": _stack(
             np.hstack([model.dof_solref, model.dof_solimp]),
             np.hstack([model.tendon_solref_fri[source], model.tendon_solimp_fri[source]]),
@@ -77,6 +78,23 @@ def line_arrays(model: mujoco.MjModel, tree: Tree, tendons: list[Tendon]) -> Arr
         "line_invweight": _stack(model.dof_invweight0, model.tendon_invweight0[source]),
         "line_slack": _stack(np.zeros(model.nv), slack),
         **_limit_arrays(model, tree, tendons),
+    }
+
+
+def _segment_arrays(tree: Tree, tendons: list[Tendon], plane: PlaneOfMotion | None) -> Arrays:
+    segments = [segment for tendon in tendons for segment in tendon.segments]
+    dimension = 2 if plane else 3
+
+    def points(ends: list[tuple[int, Array]]) -> Array:
+        return doubles([plane.local(tree, *end) if plane else end[1] for end in ends], (-1, dimension))
+
+    return {
+        "seg_ptr": integers(np.cumsum([0, *(len(tendon.segments) for tendon in tendons)])),
+        "seg_A": integers([s.body_a for s in segments]),
+        "seg_B": integers([s.body_b for s in segments]),
+        "seg_posA": points([(s.body_a, s.pos_a) for s in segments]),
+        "seg_posB": points([(s.body_b, s.pos_b) for s in segments]),
+        "seg_scale": doubles([s.scale for s in segments], (-1,)),
     }
 
 

@@ -1,9 +1,9 @@
 """Input of the C++ core: sizes, tree, tendons, contact candidates, limits, actuators, equality constraints, parameters.
 
-Shapes: nb moving bodies, nj joints, nc contacts, np planes, nl limits, na actuators, nt tendons, ne ties (equality
-constraints), nf joints that clamp their actuators, nw actuators on several dofs, nx boxes in a fluid, ns springs of
-ball joints, nh springs and dampers of higher powers, D = 2 (planar) or 3. Arrays are C-contiguous, int32 or float64.
-Index -1 is the world.
+Shapes: nb moving bodies, nj joints, nc contacts, np planes, nl limits, na actuators, nt tendons, ns segments of them,
+ne ties (equality constraints), nf joints that clamp their actuators, nw actuators on several dofs, nx boxes in a fluid,
+nk springs of ball joints, nh springs and dampers of higher powers, D = 2 (planar) or 3. Arrays are C-contiguous, int32
+or float64. Index -1 is the world.
 
 A line is what limits, springs, dry friction and actuators act along: number k < nv is a degree of freedom, number
 nv + k a tendon.
@@ -45,6 +45,7 @@ class CoreArrays:
     nballspring: int
     npower: int
     ntendon: int
+    nseg: int
     ntie: int
     plane_basis: Array  # (2, 3) directions of the plane of motion; zeros for spatial scenes
 
@@ -61,8 +62,14 @@ class CoreArrays:
     jnt_pos: Array  # (nj, D) anchor in the body frame
     jnt_q0: Array  # (nj,)
     tendon_ptr: Integers  # (nt + 1,) where the entries of each tendon begin
-    tendon_dof: Integers  # its dofs, rising
-    tendon_coef: Array
+    tendon_dof: Integers  # the dofs that change its length, rising
+    tendon_coef: Array  # of their coordinates; zeros in a tendon of segments
+    seg_ptr: Integers  # (nt + 1,) where the straight segments of each tendon begin
+    seg_A: Integers  # (ns,) a body
+    seg_B: Integers  # (ns,)
+    seg_posA: Array  # (ns, D)
+    seg_posB: Array  # (ns, D)
+    seg_scale: Array  # (ns,) what its length counts
     line_soft: Array  # (nv + nt, 7) solref, solimp of dry friction
     line_invweight: Array  # (nv + nt,)
     line_slack: Array  # (nv + nt,) lengths over which the spring does not pull, from its reference on
@@ -122,9 +129,9 @@ class CoreArrays:
     box_linear: Array  # (nx, N) drag about and along its axes, by velocity
     box_quadratic: Array  # (nx, N) by velocity times speed
 
-    spring_dof: Integers  # (ns,) first dof of each ball joint with a spring
-    spring_qadr: Integers  # (ns,)
-    spring_ref: Array  # (ns, 4) quaternion at which it is at rest
+    spring_dof: Integers  # (nk,) first dof of each ball joint with a spring
+    spring_qadr: Integers  # (nk,)
+    spring_ref: Array  # (nk, 4) quaternion at which it is at rest
     power_dof: Integers  # (nh,) dofs with a spring or a damper of higher powers
     power_coef: Array  # (nh, 4) k1, k2, b1, b2 of the force -(k1 x + k2 x^2) x - (b1 |v| + b2 v^2) v
 

@@ -24,19 +24,31 @@ def addresses(core: CoreArrays) -> NDArray[np.int64]:
     return places
 
 
-def line_matrix(core: CoreArrays) -> Array:
-    """Rates (nv + ntendon, nv) of lines by velocities: the identity, then coefficients of tendons."""
-    tendons = np.zeros((core.ntendon, core.nv))
-    tendon = np.repeat(np.arange(core.ntendon), np.diff(core.tendon_ptr))
-    tendons[tendon, core.tendon_dof] = core.tendon_coef
-    return np.concatenate([np.eye(core.nv), tendons])
+def lines_by_dof(core: CoreArrays) -> NDArray[np.bool_]:
+    """Which lines (nv + ntendon, nv) each degree of freedom changes."""
+    moves = np.zeros((core.ntendon, core.nv), dtype=bool)
+    moves[np.repeat(np.arange(core.ntendon), np.diff(core.tendon_ptr)), core.tendon_dof] = True
+    return np.concatenate([np.eye(core.nv, dtype=bool), moves])
 
 
 def lengths(core: CoreArrays, q: Array) -> Array:
     """Lengths (..., nv + ntendon) of lines at configurations q (..., nq); 0 for those of balls."""
-    places = addresses(core)
-    x = np.where(places >= 0, np.asarray(q)[..., places], 0.0)
-    return x @ line_matrix(core).T
+    q, places = np.asarray(q), addresses(core)
+    x = np.where(places >= 0, q[..., places], 0.0)
+    tendons = np.zeros((*q.shape[:-1], core.ntendon))
+    for k in range(core.ntendon):
+        entries = slice(core.tendon_ptr[k], core.tendon_ptr[k + 1])
+        tendons[..., k] = x[..., core.tendon_dof[entries]] @ core.tendon_coef[entries]
+    if core.nseg:
+        pos, rot = body_poses(core, q)
+        for k in range(core.ntendon):
+            for s in range(core.seg_ptr[k], core.seg_ptr[k + 1]):
+                a, b = (
+                    _place(pos, rot, core.seg_A[s], core.seg_posA[s]),
+                    _place(pos, rot, core.seg_B[s], core.seg_posB[s]),
+                )
+                tendons[..., k] += core.seg_scale[s] * np.linalg.norm(b - a, axis=-1)
+    return np.concatenate([x, tendons], axis=-1)
 
 
 def body_poses(core: CoreArrays, q: Array) -> tuple[Array, Array]:

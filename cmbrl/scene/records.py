@@ -132,13 +132,25 @@ class Frame:
 
 
 @dataclass(frozen=True)
+class Segment:
+    """A straight piece of a tendon, between points of two bodies."""
+
+    body_a: int
+    pos_a: Array  # (3,) in the frame of the body
+    body_b: int
+    pos_b: Array
+    scale: float  # what its length counts: one over the divisor of the pulley before it
+
+
+@dataclass(frozen=True)
 class Tendon:
-    """A fixed tendon: a sum of coefficients times hinges and slides."""
+    """A sum of coefficients times hinges and slides (fixed), or of the lengths of straight segments."""
 
     name: str
     source: int  # its number in the file
-    dofs: tuple[int, ...]  # rising
-    coefs: tuple[float, ...]
+    dofs: tuple[int, ...]  # that change its length, rising
+    coefs: tuple[float, ...]  # zeros unless it is fixed
+    segments: tuple[Segment, ...] = ()
 
 
 @dataclass(frozen=True)

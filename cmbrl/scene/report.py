@@ -20,7 +20,7 @@ _TYPES = ("point against plane", "point against shape", "segment against segment
 
 def to_dict(scene: Scene) -> dict[str, Any]:
     """Sizes, coordinates, contacts, limits, actuators, parameters and left-out elements as JSON types."""
-    core = scene.core
+    core, segments = scene.core, np.diff(scene.core.seg_ptr)
     return {
         "name": scene.name,
         "path": scene.path,
@@ -52,7 +52,10 @@ def to_dict(scene: Scene) -> dict[str, Any]:
             {"coordinate": name, "low": float(low), "high": float(high)}
             for name, low, high in zip(_limited(scene), core.lim_lo, core.lim_hi, strict=True)
         ],
-        "tendons": [{"name": name, "coordinates": _path(scene, k)} for k, name in enumerate(scene.tendon_names)],
+        "tendons": [
+            {"name": name, "coordinates": _path(scene, k), "segments": int(segments[k])}
+            for k, name in enumerate(scene.tendon_names)
+        ],
         "equalities": [
             {"name": name, "type": _TIES[core.tie_type[k]], "between": _ends(scene, k)}
             for k, name in enumerate(scene.tie_names)
@@ -213,7 +216,7 @@ def _actuator_line(scene: Scene, k: int) -> str:
 
 
 def _path(scene: Scene, tendon: int) -> dict[str, float]:
-    """Coefficients of a tendon by coordinate."""
+    """Coefficients of a tendon by coordinate; zeros if it goes through sites."""
     core = scene.core
     entries = range(core.tendon_ptr[tendon], core.tendon_ptr[tendon + 1])
     return {scene.coordinate_names[core.tendon_dof[e]]: float(core.tendon_coef[e]) for e in entries}
@@ -227,12 +230,17 @@ def _ends(scene: Scene, tie: int) -> list[str]:
     return [end for k in (core.tie_A[tie], core.tie_B[tie]) for end in ([names[k]] if k != WORLD else nothing)]
 
 
+def _tendon_line(scene: Scene, tendon: int) -> str:
+    name, path = scene.tendon_names[tendon], _path(scene, tendon)
+    if count := int(np.diff(scene.core.seg_ptr)[tendon]):
+        return f"{name} = {count} straight segment{'s' * (count > 1)}, moved by {' '.join(path)}"
+    return f"{name} = {' '.join(f'{coef:+.4g} {of}' for of, coef in path.items())}"
+
+
 def _tendon_and_tie_lines(scene: Scene) -> list[str]:
     core, lines = scene.core, []
     if core.ntendon:
-        sums = [" ".join(f"{coef:+.4g} {of}" for of, coef in _path(scene, k).items()) for k in range(core.ntendon)]
-        named = zip(scene.tendon_names, sums, strict=True)
-        lines.append(f"  tendons      {core.ntendon}" + _listed(f"{name} = {of}" for name, of in named))
+        lines.append(f"  tendons      {core.ntendon}" + _listed(_tendon_line(scene, k) for k in range(core.ntendon)))
     if core.ntie:
         ties = (
             f"{name} ({_TIES[core.tie_type[k]]} of {' and '.join(_ends(scene, k))})"

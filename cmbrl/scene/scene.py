@@ -25,12 +25,12 @@ from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.mjcf import compile_mjcf, name_of, read_tree
 from cmbrl.scene.parameters import offer_parameters
-from cmbrl.scene.records import Array, Candidate, Joint, JointKind, LeftOut, Parameter, Tie, Tree
+from cmbrl.scene.records import Array, Candidate, Joint, JointKind, LeftOut, Parameter, Tendon, Tie, Tree
 from cmbrl.scene.reduction import PlaneOfMotion, find_plane, merge_points, obstacle_to_plane, project
 from cmbrl.scene.shapes import read_shape
 from cmbrl.scene.springs import check_joints, spring_arrays
 from cmbrl.scene.support import Gate, check_model
-from cmbrl.scene.tendons import lines_of, read_tendons
+from cmbrl.scene.tendons import lines_of, obstacle_of_tendons, read_tendons
 from cmbrl.scene.ties import obstacle_of_ties, read_ties
 
 _INTEGRATORS = {
@@ -195,14 +195,14 @@ def _build(
     normal = plane.axis if plane else None
     builder = ContactBuilder(model, tree, normal, gate, outlines=plane is not None, keep_far=not reduce)
     builder.build()
-    tendons = read_tendons(model, gate)
+    tendons = read_tendons(model, tree, gate)
     lines = lines_of(model, tendons)
     ties = read_ties(model, tree, lines, gate)
     actuators = read_actuators(model, tree, lines, gate)
     ranges = force_ranges(model, gate)
     compensation = read_compensation(model, tree, gate)
     gate.close()
-    if plane and (obstacle := _obstacle(model, tree, plane, builder.candidates, ties)):
+    if plane and (obstacle := _obstacle(model, tree, plane, builder.candidates, tendons, ties)):
         plane, why = None, obstacle
         builder = ContactBuilder(model, tree, normal, Gate(gate.file, gate.ignore))  # now with rims
         builder.build()
@@ -215,7 +215,7 @@ def _build(
     P = physical_vector(model, tree, candidates, planes, tendons, actuators, plane, layout, law)
     letters = plane.letters if plane else ("x", "y", "z")
     moves = offer_parameters(model, tree, candidates, planes, tendons, actuators, layout, letters, P, law.name)
-    of_lines = line_arrays(model, tree, tendons)
+    of_lines = line_arrays(model, tree, tendons, plane)
     integrator = _INTEGRATORS.get(mujoco.mjtIntegrator(model.opt.integrator).name, "euler")
     core = CoreArrays(
         planar=plane is not None,
@@ -230,6 +230,7 @@ def _build(
         nlimit=len(of_lines["lim_line"]),
         nact=len(actuators),
         ntendon=len(tendons),
+        nseg=len(of_lines["seg_A"]),
         ntie=len(ties),
         plane_basis=plane.basis if plane else np.zeros((2, 3)),
         **tree_arrays(tree, plane),
@@ -287,14 +288,19 @@ def _build(
 
 
 def _obstacle(
-    model: mujoco.MjModel, tree: Tree, plane: PlaneOfMotion, candidates: list[Candidate], ties: list[Tie]
+    model: mujoco.MjModel,
+    tree: Tree,
+    plane: PlaneOfMotion,
+    candidates: list[Candidate],
+    tendons: list[Tendon],
+    ties: list[Tie],
 ) -> str | None:
-    """Why the contacts or ties of a planar tree need spatial algebra, naming the first such; None if they do not."""
+    """Why contacts, tendons or ties of a planar tree need spatial algebra, naming the first; None if they do not."""
     for c in candidates:
         up = read_shape(model, c.geoms[1], tree.frames).rot[:, 2] if c.kind.on_plane else None
         if reason := obstacle_to_plane(tree, plane, c, up):
             return f"{reason} ({name_of(model, 'geom', c.geoms[0])} - {name_of(model, 'geom', c.geoms[1])})"
-    return obstacle_of_ties(tree, plane, ties)
+    return obstacle_of_tendons(tree, plane, tendons) or obstacle_of_ties(tree, plane, ties)
 
 
 def _model_name(model: mujoco.MjModel, file: Path) -> str:

@@ -13,12 +13,12 @@ from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import LeftOut
 
 KINDS = {  # those below "supported" are modelled, and left out only if they are ignored
-    "tendon": "tendons through sites that exert a force",
-    "equality": "equality constraints of deformable bodies and of tendons through sites",
+    "tendon": "tendons around geoms that exert a force",
+    "equality": "equality constraints of deformable bodies and of tendons around geoms",
     "flex": "deformable bodies",
     "plugin": "engine plugins",
     "actuator_dynamics": "actuators with a state or a delay",
-    "actuator_transmission": "actuators on something else than a joint, a fixed tendon or a site",
+    "actuator_transmission": "actuators on something else than a joint, a tendon (not around geoms) or a site",
     "actuator_bias": "actuators with a force other than gain ctrl + bias0 + bias1 length + bias2 velocity",
     "geom_type": "contact with height fields, SDFs and ellipsoids",
     "geom_pair": "contact between shapes other than planes, spheres and capsules (boxes against spheres are supported)",

@@ -1,4 +1,4 @@
-"""Fixed tendons: sums of joint positions along which springs, limits, friction and actuators act."""
+"""Tendons: sums of joint positions, or of distances of sites, along which springs, limits and actuators act."""
 
 from __future__ import annotations
 
@@ -8,27 +8,32 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.mjcf import ignores, name_of
-from cmbrl.scene.records import Tendon
+from cmbrl.scene.records import Array, Segment, Tendon, Tree
+from cmbrl.scene.reduction import PlaneOfMotion
 from cmbrl.scene.support import Gate
 
+FLAT = 1e-9  #: [m] across the plane of motion that does not count
 _TENDON = mujoco.mjtTrn.mjTRN_TENDON
 
 
-def read_tendons(model: mujoco.MjModel, gate: Gate) -> list[Tendon]:
-    """The fixed tendons that do something; the gate is told of the others and of what is not modelled."""
+def read_tendons(model: mujoco.MjModel, tree: Tree, gate: Gate) -> list[Tendon]:
+    """The tendons that do something; the gate is told of the others and of what is not modelled."""
     found: list[Tendon] = []
     for k in range(model.ntendon):
         name, forces, used = name_of(model, "tendon", k), _forces(model, k), _is_used(model, k)
         if not (forces or used):
             gate.note("tendon", name, "it exerts no force: no stiffness, damping, friction loss, limit or actuator")
-        elif not is_fixed(model, k):
+        elif wraps(model, k):
             if forces:  # otherwise what uses it is refused
-                gate.refuse("tendon", name, f"it goes through sites or around geoms and has {' and '.join(forces)}")
-        elif not (path := _path(model, k)):
-            gate.note("tendon", name, "all its coefficients are zero")
+                gate.refuse("tendon", name, f"it goes around geoms and has {' and '.join(forces)}")
         else:
+            segments = [] if is_fixed(model, k) else _segments(model, tree, k)
+            path = _path(model, k) if is_fixed(model, k) else dict.fromkeys(_carriers(tree, segments), 0.0)
+            if not path:
+                gate.note("tendon", name, "no joint changes its length")
+                continue
             _check(model, k, name, gate)
-            found.append(Tendon(name, k, tuple(path), tuple(path.values())))
+            found.append(Tendon(name, k, tuple(path), tuple(path.values()), tuple(segments)))
     return found
 
 
@@ -40,6 +45,49 @@ def lines_of(model: mujoco.MjModel, tendons: list[Tendon]) -> Mapping[int, int]:
 def is_fixed(model: mujoco.MjModel, k: int) -> bool:
     """Whether a tendon's length is a sum of joint positions."""
     return bool(model.wrap_type[model.tendon_adr[k]] == mujoco.mjtWrap.mjWRAP_JOINT)
+
+
+def wraps(model: mujoco.MjModel, k: int) -> bool:
+    """Whether a tendon goes around spheres or cylinders."""
+    first = int(model.tendon_adr[k])
+    kinds = model.wrap_type[first : first + int(model.tendon_num[k])]
+    return bool(np.isin(kinds, (mujoco.mjtWrap.mjWRAP_SPHERE, mujoco.mjtWrap.mjWRAP_CYLINDER)).any())
+
+
+def obstacle_of_tendons(tree: Tree, plane: PlaneOfMotion, tendons: list[Tendon]) -> str | None:
+    """Why a tendon has no planar image, naming it; None if all have one."""
+    for tendon in tendons:
+        for segment in tendon.segments:
+            apart = tree.place(segment.body_a, segment.pos_a) - tree.place(segment.body_b, segment.pos_b)
+            if abs(apart @ plane.axis) > FLAT:
+                return f"{tendon.name} leaves the plane of motion"
+    return None
+
+
+def _segments(model: mujoco.MjModel, tree: Tree, k: int) -> list[Segment]:
+    """The straight pieces of a tendon through sites whose ends move against each other."""
+    first, scale, found = int(model.tendon_adr[k]), 1.0, []
+    last: tuple[int, Array] | None = None
+    for at in range(first, first + int(model.tendon_num[k])):
+        if model.wrap_type[at] == mujoco.mjtWrap.mjWRAP_PULLEY:
+            scale, last = 1.0 / float(model.wrap_prm[at]), None
+            continue
+        site = int(model.wrap_objid[at])
+        frame = tree.frames[model.site_bodyid[site]]
+        here = frame.body, frame.pos + frame.rot @ model.site_pos[site]
+        if last:
+            found.append(Segment(*last, *here, scale))
+        last = here
+    return found
+
+
+def _carriers(tree: Tree, segments: list[Segment]) -> list[int]:
+    """Degrees of freedom that move one end of a segment and not the other, rising."""
+    dofs: set[int] = set()
+    for segment in segments:
+        bodies = set(tree.chain(segment.body_a)) ^ set(tree.chain(segment.body_b))
+        dofs.update(dof for body in bodies for joint in tree.bodies[body].joints for dof in joint.dofs)
+    return sorted(dofs)
 
 
 def _path(model: mujoco.MjModel, k: int) -> dict[int, float]:
@@ -74,6 +122,8 @@ def _is_used(model: mujoco.MjModel, k: int) -> bool:
 
 
 def _check(model: mujoco.MjModel, k: int, name: str, gate: Gate) -> None:
+    if not is_fixed(model, k) and _any(model, "tendon_armature", k):
+        gate.refuse("tendon", name, f"armature {model.tendon_armature[k]:g} of a tendon through sites", "left out")
     for field in ("stiffness", "damping"):
         if _any(model, f"tendon_{field}poly", k):
             gate.refuse("tendon", name, f"nonzero {field} polynomial", "reduced to the linear term")

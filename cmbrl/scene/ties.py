@@ -12,9 +12,9 @@ from cmbrl.scene.mjcf import ignores, name_of
 from cmbrl.scene.records import WORLD, Array, Tie, TieKind, Tree
 from cmbrl.scene.reduction import PlaneOfMotion
 from cmbrl.scene.support import Gate
+from cmbrl.scene.tendons import FLAT
 
 _KINDS = mujoco.mjtEq
-_FLAT = 1e-9  # [m], or sine of half an angle: residuals across the plane of motion that do not count
 
 
 def read_ties(model: mujoco.MjModel, tree: Tree, lines: Mapping[int, int], gate: Gate) -> list[Tie]:
@@ -46,12 +46,12 @@ def obstacle_of_ties(tree: Tree, plane: PlaneOfMotion, ties: list[Tie]) -> str |
         if tie.kind == TieKind.POLYNOMIAL:
             continue
         apart = tree.place(tie.a, tie.pos_a) - tree.place(tie.b, tie.pos_b)
-        if abs(apart @ plane.axis) > _FLAT:
+        if abs(apart @ plane.axis) > FLAT:
             return f"{tie.name} ties points that lie in different planes"
         if tie.kind == TieKind.WELD:
             turn = tree.turn(tie.b, tie.rot_b).T @ tree.turn(tie.a, tie.rot_a)
             normal = tree.turn(tie.b, tie.rot_b).T @ plane.axis
-            if np.linalg.norm(turn @ normal - normal) > _FLAT:
+            if np.linalg.norm(turn @ normal - normal) > FLAT:
                 return f"{tie.name} turns a body out of the plane of motion"
     return None
 
@@ -107,7 +107,7 @@ def _of_tendons(
 ) -> None:
     tendons = [tendon for tendon in (int(model.eq_obj1id[k]), int(model.eq_obj2id[k])) if tendon >= 0]
     if missing := [tendon for tendon in tendons if tendon not in lines]:
-        gate.refuse("equality", name, f"it ties {name_of(model, 'tendon', missing[0])}, which is not modelled")
+        gate.refuse("equality", name, f"it ties {name_of(model, 'tendon', missing[0])}, a tendon that is not modelled")
         return
     refs = [float(model.tendon_length0[tendon]) for tendon in tendons]
     weight = float(model.tendon_invweight0[tendons].sum())

@@ -1,4 +1,4 @@
-"""Equality constraints and fixed tendons: steps are MuJoCo's, derivatives the step's, and mechanisms hold together."""
+"""Equality constraints and tendons: steps are MuJoCo's, derivatives the step's, and mechanisms hold together."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ HARD = 'solref=".004 1" solimp=".99 .999 .001"'
 SOFT = 'solref=".02 .7" solimp=".8 .95 .01"'  # so soft that the impedance changes with the residual
 PLANAR, SPATIAL = ["0 1 0"], ["0 1 0", "1 0 1", "0 0 1"]
 MENAGERIE = Path(__file__).parents[3] / "shared/models/menagerie"  # beside the checkout, as G1
-TIED = ("agility_cassie", "aloha", "franka_emika_panda", "pal_talos", "toddlerbot_2xc", "ufactory_xarm7")
+TIED = ("agility_cassie", "aloha", "franka_emika_panda", "pal_talos", "toddlerbot_2xc", "robotiq_2f85_v4")
 
 
 def arm(axes: list[str], links: int, name: str = "a", site: str = "") -> str:
@@ -38,7 +38,8 @@ def arm(axes: list[str], links: int, name: str = "a", site: str = "") -> str:
         out = (
             f'<body name="{name}{k}" pos="{".3 .05 0" if k else "0 0 0"}"><joint name="{name}{k}" '
             f'axis="{axes[k % len(axes)]}"/><geom type="capsule" fromto="0 0 0 .3 .05 0" size=".03" mass=".5" '
-            f'contype="0" conaffinity="0"/>{site if k == 1 else ""}{out}</body>'
+            f'contype="0" conaffinity="0"/><site name="{name}{k}" pos=".1 {-0.05 * k} .12"/>'
+            f"{site if k == 1 else ''}{out}</body>"
         )
     return out
 
@@ -49,6 +50,15 @@ FREE = (
 )
 FRAME = '<site name="s" pos=".1 .2 .1" quat="1 .2 .1 .4"/>'
 SPREAD = '<joint joint="a0" coef="1.5"/><joint joint="a1" coef="-.5"/><joint joint="{}" coef=".4"/>'
+
+
+HUNG = '<site name="w" pos=".2 0 .5"/>'
+
+
+def string(attributes: str, *path: str) -> str:
+    """A tendon through sites; a number in its path is a pulley's divisor."""
+    points = "".join(f'<pulley divisor="{x}"/>' if x.isdigit() else f'<site site="{x}"/>' for x in path)
+    return f'<tendon><spatial name="t" {attributes}>{points}</spatial></tendon>'
 
 
 def tendon(attributes: str, last: str = "a2") -> str:
@@ -123,6 +133,27 @@ CASES = {  # world, rest
         + '<actuator><position tendon="t" kp="5" kv=".3" gear="2"/><motor tendon="t"/>'
         + '<position tendon="t" kp="9" forcerange="-1 1"/></actuator>',
     ),
+    "string": (
+        HUNG + arm(PLANAR, 3),
+        string(
+            'stiffness="30" springlength=".3 .4" limited="true" range=".2 .6" solreflimit=".03 .8"', "w", "a1", "a2"
+        ),
+    ),
+    "tied strings": (
+        HUNG + arm(SPATIAL, 4),
+        string("", "w", "a1", "a2").replace(
+            "</tendon>", '<fixed name="r"><joint joint="a3" coef="2"/></fixed></tendon>'
+        )
+        + equality(
+            f'<tendon tendon1="t" tendon2="r" polycoef=".1 .5 .2" {SOFT}/>',
+            f'<tendon tendon1="r" tendon2="t" polycoef=".1 .5 .2" {SOFT}/>',
+        ),
+    ),
+    "string over a pulley": (
+        HUNG + arm(SPATIAL, 4) + FREE,
+        string('limited="true" range=".2 1.2"', "w", "a1", "t", "2", "a0", "a3", "w")
+        + '<actuator><position tendon="t" kp="5"/><motor tendon="t" gear="2"/></actuator>',
+    ),
 }
 
 
@@ -192,8 +223,9 @@ def test_damped_tendons_and_gains(integrator: str, tmp_path: Path) -> None:
     assert errors(scene, file, *states_of(scene, 24, 0.5)).max() < 1e-10
 
 
-def test_friction_of_a_tendon(tmp_path: Path) -> None:
-    file = write(tmp_path, arm(PLANAR, 3), tendon('frictionloss=".3"'))
+@pytest.mark.parametrize("rest", [tendon('frictionloss=".3"'), string('frictionloss=".3"', "w", "a1", "a2")])
+def test_friction_of_a_tendon(rest: str, tmp_path: Path) -> None:
+    file = write(tmp_path, HUNG + arm(PLANAR, 3), rest)
     scene = Scene.from_mjcf(file)
     assert errors(scene, file, *states_of(scene, 24, 0.5, 0.1)).max() < 1e-4  # dry friction yields a little
 
@@ -208,7 +240,8 @@ def test_robots_of_menagerie(robot: str, tmp_path: Path) -> None:
     shutil.copytree(MENAGERIE / robot, folder)
     file = folder / "robot.xml"
     file.chmod(0o644)
-    off = '<option integrator="Euler"><flag contact="disable" actuation="disable" damper="disable" limit="disable" '
+    off = '<option integrator="Euler" viscosity="0" density="0"><flag contact="disable" actuation="disable" '
+    off += 'damper="disable" limit="disable" '
     off += 'frictionloss="disable"/></option></mujoco>'
     text = file.read_text(encoding="utf-8")
     file.write_text(text[: text.rindex("</mujoco>")] + off, encoding="utf-8")
@@ -288,10 +321,12 @@ def test_derivatives_of_bounces(spatial: bool, integrator: str, tmp_path: Path) 
     planar = '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>'
     rods = "".join(
         f'<body name="b{k}" pos="{0.3 * k} 0 {0.3 + 0.1 * k}">{"<freejoint/>" if spatial else planar}'
-        f'<geom type="capsule" fromto="-.1 0 0 .1 0 .02" size=".04" mass="{0.4 + k}"/></body>'
+        f'<geom type="capsule" fromto="-.1 0 0 .1 0 .02" size=".04" mass="{0.4 + k}"/>'
+        f'<site name="b{k}" pos="{0.1 - 0.05 * k} 0 .03"/></body>'
         for k in range(2)
     )
     rest = equality(f'<connect body1="b0" body2="b1" anchor=".15 0 .05" {SOFT}/>')
+    rest += string('damping=".5" stiffness="20" springlength=".1"', "b0", "b1")
     file = write(tmp_path, f'<geom type="plane" size="3 3 .1" friction=".6"/>{rods}', rest)
     scene = Scene.from_mjcf(file, contact_law="rigid")
     theta = scene.parameter_vector()

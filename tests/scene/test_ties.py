@@ -51,7 +51,7 @@ def test_ties_are_listed(load: Load) -> None:
     assert scene.tie_names == ("mimic", "weld", "pin", "hold")
     assert [(x.kind, x.name) for x in scene.left_out] == [("equality", "off")]
     told = to_dict(scene)
-    assert told["tendons"] == [{"name": "t", "coordinates": {"a": 3.0, "b": -2.0}}]
+    assert told["tendons"] == [{"name": "t", "coordinates": {"a": 3.0, "b": -2.0}, "segments": 0}]
     ends = [(tie["type"], tie["between"]) for tie in told["equalities"]]
     assert ends == [
         ("polynomial", ["a", "b"]),
@@ -92,13 +92,30 @@ def test_ties_within_one_body_do_nothing(load: Load) -> None:
     assert [(x.name, x.why) for x in scene.left_out] == [("w", "it ties two parts of one body")]
 
 
-def test_tendons_through_sites_are_refused(load: Load) -> None:
-    path = '<site site="a"/><site site="b"/>'
-    with pytest.raises(UserError, match=r"tendon 's' is not supported: it goes through sites.*stiffness"):
-        load(TWO, f'<tendon><spatial name="s" stiffness="1">{path}</spatial></tendon>')
+def test_a_tendon_through_sites_is_a_line_of_segments(load: Load) -> None:
+    path = '<site site="a"/><site site="b"/><pulley divisor="2"/><site site="b"/><site site="c"/>'
+    sites = '<site name="c" pos="2 0 1"/>'
+    rest = f'<tendon><spatial name="s" stiffness="1">{path}</spatial></tendon>'
+    scene, _ = load(sites + TWO, rest)
+    core = scene.core
+    assert scene.planar
+    assert (core.seg_ptr.tolist(), core.seg_scale.tolist(), core.tendon_dof.tolist()) == ([0, 2], [1.0, 0.5], [0, 1])
+    assert kinematics.lengths(core, scene.q0)[2] == pytest.approx(1 + 0.5 * 2**0.5)
+    assert "s = 2 straight segments, moved by a b" in describe(scene)
+    away = load(
+        sites.replace("0 1", ".3 1") + TWO, f'<tendon><spatial name="s" stiffness="1">{path}</spatial></tendon>'
+    )
+    assert away[0].planar_why == "s leaves the plane of motion"
+
+
+def test_tendons_around_geoms_are_refused(load: Load) -> None:
+    path = '<site site="a"/><geom geom="ball"/><site site="b"/>'
+    world = TWO + '<geom name="ball" size=".1" pos=".5 0 0"/>'
+    with pytest.raises(UserError, match=r"tendon 's' is not supported: it goes around geoms.*stiffness"):
+        load(world, f'<tendon><spatial name="s" stiffness="1">{path}</spatial></tendon>')
     with pytest.raises(UserError, match="it drives s, a tendon that is not modelled"):
         driven = '<actuator><motor name="m" tendon="s"/></actuator>'
-        load(TWO, f'<tendon><spatial name="s">{path}</spatial></tendon>{driven}')
+        load(world, f'<tendon><spatial name="s">{path}</spatial></tendon>{driven}')
 
 
 def test_terms_between_branches_are_named(load: Load) -> None:

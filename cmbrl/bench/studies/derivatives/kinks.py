@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from cmbrl.models.autograd import Stepper
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.scene import kinematics
+from cmbrl.scene import Scene, kinematics
 
 Array = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ def choices(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
     smooth = model.smooth_dynamics(q, v, theta)
     gap, normal = smooth["gap"], smooth["J"][:, :, 0]
     speed = np.einsum("bcv,bv->bc", normal, v)
-    lengths, rates = kinematics.lengths(core, q), v @ kinematics.line_matrix(core).T
+    lengths, rates = kinematics.lengths(core, q), _rates(scene, q, v)
     x = lengths[:, core.lim_line]
     below, above = x - core.lim_lo, core.lim_hi - x
     springs = scene.physical_vector(theta)[[scene.layout.dof(scene.nv + k, "springref") for k in range(core.ntendon)]]
@@ -48,6 +48,13 @@ def choices(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
     return np.concatenate(parts, axis=1)
 
 
+def _rates(scene: Scene, q: Array, v: Array) -> Array:
+    """Rates (B, nv + ntendon) of lines, by differences of their lengths."""
+    step = 1e-6
+    ahead, behind = (kinematics.lengths(scene.core, scene.integrate(q, sign * step * v)) for sign in (1, -1))
+    return (ahead - behind) / (2 * step)
+
+
 def _clamps(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Array) -> list[NDArray[np.bool_]]:
     scene, core = model.scene, model.scene.core
     P, layout = scene.physical_vector(theta), scene.layout
@@ -56,12 +63,15 @@ def _clamps(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
     low, high = np.reshape(core.act_ctrl, (-1, 2)).T
     least, most = np.reshape(core.act_force, (-1, 2)).T
     length = gear * kinematics.lengths(core, q)[:, core.act_line]
-    rate = gear * (v @ kinematics.line_matrix(core).T)[:, core.act_line]
+    rate = gear * _rates(scene, q, v)[:, core.act_line]
     force = gain * np.clip(u, low, high) + bias0 + bias1 * length + bias2 * rate
     shortest = np.tile(time > 2 * model.time_step, (len(q), 1))  # MuJoCo's least time constant
     pulls = np.zeros((len(q), scene.nv + core.ntendon))
     single = core.act_line >= 0
     np.add.at(pulls.T, core.act_line[single], (gear * np.clip(force, least, most)).T[single])
-    drive = (pulls @ kinematics.line_matrix(core))[:, core.frc_dof]
+    drive = pulls[:, : scene.nv].copy()  # without those of tendons through sites
+    tendon = np.repeat(np.arange(core.ntendon), np.diff(core.tendon_ptr))
+    np.add.at(drive.T, core.tendon_dof, (pulls[:, scene.nv + tendon] * core.tendon_coef).T)
+    drive = drive[:, core.frc_dof]
     lowest, highest = np.reshape(core.frc_range, (-1, 2)).T
     return [u < low, u > high, force < least, force > most, drive < lowest, drive > highest, shortest]
