@@ -213,7 +213,8 @@ void SceneData::derive_ties() {
     struct End { int side = 0, a = -1, b = -1; };
     std::map<int, End> ends;
     auto add_line = [&](int line, int End::*entry) {
-      for (int e = line < 0 ? 0 : m.line_ptr[line]; line >= 0 && e < m.line_ptr[line + 1]; ++e) ends[m.line_dof[e]].*entry = e;
+      if (line < 0) return;
+      for (int e = m.line_ptr[line]; e < m.line_ptr[line + 1]; ++e) ends[m.line_dof[e]].*entry = e;
     };
     if (m.tie_type[k] == kPolynomial) {
       add_line(m.tie_A[k], &End::a);

@@ -65,7 +65,8 @@ def _of_bodies(model: mujoco.MjModel, tree: Tree, k: int, name: str) -> Tie:
     weld, data = int(model.eq_type[k]) == _KINDS.mjEQ_WELD, model.eq_data[k]
     ends = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
     bodies, rots = ends, [np.eye(3), np.eye(3)]
-    if model.eq_objtype[k] == mujoco.mjtObj.mjOBJ_SITE:
+    kinds = getattr(model, "eq_objtype", None)  # of recent MuJoCo versions
+    if kinds is not None and kinds[k] == mujoco.mjtObj.mjOBJ_SITE:
         bodies = int(model.site_bodyid[ends[0]]), int(model.site_bodyid[ends[1]])
         points = [model.site_pos[end] for end in ends]
         rots = [quaternion_matrix(model.site_quat[end]) for end in ends]
