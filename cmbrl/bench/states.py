@@ -97,9 +97,9 @@ def _configurations(scene: Scene, count: int, rng: np.random.Generator, ranges: 
     width = np.where([kind == "rotation" and loose for kind in scene.coordinate_kinds], ranges.turn, ranges.spread)
     q = scene.integrate(np.tile(scene.q0, (count, 1)), width * rng.normal(size=(count, scene.nv)))
     places = addresses(core)
-    for line, low, high in zip(core.lim_line, core.lim_lo, core.lim_hi, strict=True):
-        if line >= scene.nv:
-            continue  # a tendon: its length follows from its joints
+    for line, ball, low, high in zip(core.lim_line, core.lim_ball, core.lim_lo, core.lim_hi, strict=True):
+        if line >= scene.nv or ball >= 0:
+            continue  # a tendon: its length follows from its joints; or the angle of a ball joint
         inside, side = rng.uniform(low, high, count), rng.random(count) < 0.5
         beyond = rng.choice([0.0, 1.0], count) * rng.uniform(0, 0.05, count)
         at = np.where(side, low - beyond, high + beyond)

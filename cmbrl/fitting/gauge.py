@@ -72,6 +72,10 @@ def _force_places(core: CoreArrays, members: list[int], owner: Mapping[int, list
     for a, line in enumerate(core.act_line):
         if line in lines and core.P[gear := layout.actuator(a)] != 0.0:
             places += [gear] if gear in owner else [layout.actuator(a, field) for field in _GAINS]
+    for k, actuator in enumerate(core.wide_act):
+        dofs = core.wide_dof[core.wide_ptr[k] : core.wide_ptr[k + 1]]
+        if (bodies[dofs[0]][0] if len(dofs) else int(core.wide_body[k])) in inside:
+            places.append(layout.actuator(int(actuator), "gear"))
     return [place for place in places if core.P[place] != 0.0]
 
 

@@ -260,7 +260,7 @@ def _reach(scene: Scene) -> np.ndarray:
 def _soft_limits(scene: Scene) -> tuple[Tensor, Tensor]:
     """Nine tenths of each joint's range (nu,)."""
     low, high, core = np.full(scene.nq, -np.inf), np.full(scene.nq, np.inf), scene.core
-    joint = core.lim_line < scene.nv
+    joint = (core.lim_line < scene.nv) & (core.lim_ball < 0)
     places = kinematics.addresses(core)[core.lim_line[joint]]
     least, most = core.lim_lo[joint], core.lim_hi[joint]
     middle, half = (least + most) / 2, SOFT * (most - least) / 2

@@ -141,6 +141,10 @@ struct Spatial {
   }
 };
 
+// A moment, or an angular velocity, in body axes -> world axes.
+static inline Vec<1> rotate_moment(const Planar&, const Planar::Rot&, const Vec<1>& a) { return a; }
+static inline Vec<3> rotate_moment(const Spatial&, const Spatial::Rot& R, const Vec<3>& a) { return Spatial::rotate(R, a); }
+
 // Everything below is common to both algebras.
 template <class G> static inline typename G::Ang ang(const Vec<G::N>& m) {
   typename G::Ang r; CMBRL_FOR(i, G::A) r[i] = m[i]; return r;

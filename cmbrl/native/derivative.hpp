@@ -75,9 +75,17 @@ static void smooth_terms(const Model& m, const Options& o, Work<G>& w, const T* 
       Gv[j * nv + i] += mass.mirror[a];
     }
   }
-  for (int a = 0; a < m.nact; ++a)
+  if (m.nforcerange > 0) clamped_rows(m, w, o.h, Gq, Gv);
+  if (m.nlift > 0) gravity_compensation_terms(m, w, o.h, Gq);
+  ball_spring_terms(m, w, o.h, Gq);
+  power_terms(m, o, w, vn, Gq, Gv);
+  if (m.nbox > 0) fluid_terms(m, w, o.h, Gq, Gv);
+  wide_terms(m, w, o.h, Gq, Gu);
+  for (int a = 0; a < m.nact; ++a) {
+    if (m.act_line[a] < 0) continue;
     for (int k = m.line_ptr[m.act_line[a]]; k < m.line_ptr[m.act_line[a] + 1]; ++k)
-      Gu[m.line_dof[k] * m.nu + a] += o.h * (w.line_c[k] * w.open[a]);
+      Gu[m.line_dof[k] * m.nu + a] += keep(w.yields[m.line_dof[k]], o.h * (w.line_c[k] * w.open[a]));
+  }
 }
 
 template <class G> static inline T impulse(const Contact<G>& c, int row) {
@@ -168,9 +176,10 @@ static void contact_terms(const Model& m, Work<G>& w, T* Gq, T* Gv, bool late) {
   if (late) return;
   for (int i = 0; i < w.nlim; ++i) {
     const Limit& l = w.lim[i];
-    add_square(m, w, l.line, keep(l.on, l.slope_R * l.dR_dphi / (l.s + l.gam * l.R)) - l.Th * (l.dc_dphi + l.dR_dphi * l.gam), Gq);
-    add_square(m, w, l.line, l.Th * l.carry, Gv);
-    add_bend(m, w, l.line, keep(l.on, l.sign * l.gam), l.Th * l.carry, w.v, -l.Th, w.vn, Gq);
+    add_square(m, w, l, keep(l.on, l.slope_R * l.dR_dphi / (l.s + l.gam * l.R)) - l.Th * (l.dc_dphi + l.dR_dphi * l.gam), Gq);
+    add_square(m, w, l, l.Th * l.carry, Gv);
+    if (l.round) turn_terms(m, w, l, Gq);
+    else add_bend(m, w, l.line, keep(l.on, l.sign * l.gam), l.Th * l.carry, w.v, -l.Th, w.vn, Gq);
   }
   for (int i = 0; i < w.ndry; ++i) {
     const DryFriction& d = w.dry[i];

@@ -61,10 +61,11 @@ static void closing_terms(const Model& m, Work<G>& w, bool theta) {
     T* z = row_of_Z(m, w, w.ncon + i);
     for (int k = 0; k < ncol; ++k) z[k] = T{};
     for (int k = 0; k < nv; ++k) w.tmp[k] = T{};
-    add_pull(m, w, l.line, l.sign, w.tmp);
-    add_pull(m, w, l.line, l.sign * l.dc_dphi, z);
-    add_pull(m, w, l.line, -l.carry * l.sign, z + nv);
-    for (int k = m.line_ptr[l.line]; bends(m, l.line) && k < m.line_ptr[l.line + 1]; ++k)
+    add_pull(m, w, l, splat(1), w.tmp);
+    add_pull(m, w, l, l.dc_dphi, z);
+    add_pull(m, w, l, -l.carry, z + nv);
+    if (l.round) add_turn(m, w, l, w.vf, z);
+    for (int k = m.line_ptr[l.line]; !l.round && bends(m, l.line) && k < m.line_ptr[l.line + 1]; ++k)
       z[m.line_dof[k]] += l.sign * bent_rate(m, w, l.line, k, splat(1), w.vf, -l.carry, w.v);
     through_free_velocity(m, w, w.tmp, theta, z);
     row_through_leap(m, w, z, theta);
@@ -101,7 +102,7 @@ static void fold_closing_terms(const Model& m, const Options& o, Work<G>& w, boo
       ip.add_wrench(m.con_group[w.con[i].index], closing_response(w.con[i]), g);
     } else {
       const Limit& l = w.lim[i - w.ncon];
-      add_pull(m, w, l.line, keep(l.on, l.sign * l.slope / (l.s + l.gam * l.R)), g);
+      add_pull(m, w, l, keep(l.on, l.slope / (l.s + l.gam * l.R)), g);
     }
     add_outer<G>(m, g, row_of_Z(m, w, i), theta, w.Gq, w.Gv, w.Gu, w.Gp);
     if (i >= w.ncon || !any(w.con[i].bounce)) continue;
@@ -120,6 +121,12 @@ static void late_smooth_terms(const Model& m, const Options& o, Work<G>& w, bool
   for (int i = 0; i < nv * m.ntheta; ++i) w.Sp[i] = T{};
   contact_terms(m, w, w.Sq, w.Sv, true);
   if (theta) parameter_terms(m, o, w, w.Sp, Part::late_rows);
+  late_power_terms(m, o, w, w.Sq, w.Sv);
+  if (m.nbox > 0 && m.implicit_gains) {
+    for (int k = 0; k < nv; ++k) w.pvec[k] = w.v[k] + w.shift[k];
+    accelerations_and_twists(m, o, w, w.pvec);
+    fluid_terms(m, w, o.h, w.Sq, w.Sv, true);
+  }
   typename G::V gravity;  // - dM~ shift: inverse dynamics of the acceleration `shift`, at rest, without gravity
   CMBRL_FOR(k, G::D) { gravity[k] = w.P[m.oGravity + k]; w.P[m.oGravity + k] = T{}; }
   T *v = w.v, *rest = w.rhs;

@@ -45,6 +45,40 @@ static inline void add_square(const Structure& m, const SolverWork<G>& w, int li
       A[m.line_dof[a] * m.nv + m.line_dof[b]] += w.line_c[a] * w.line_c[b] * x;
 }
 
+// The same for the direction of a limit.
+template <class G>
+static inline T along(const Structure& m, const SolverWork<G>& w, const Direction& d, const T* x) {
+  if (!d.round) return d.sign * along(m, w, d.line, x);
+  const T* y = x + d.line - 2;
+  return d.axis[0] * y[0] + d.axis[1] * y[1] + d.axis[2] * y[2];
+}
+template <class G>
+static inline void add_pull(const Structure& m, const SolverWork<G>& w, const Direction& d, T pull, T* x) {
+  if (!d.round) return add_pull(m, w, d.line, d.sign * pull, x);
+  CMBRL_FOR(k, 3) x[d.line - 2 + k] += d.axis[k] * pull;
+}
+template <class G>
+static inline void add_square(const Structure& m, const SolverWork<G>& w, const Direction& d, T x, T* H, Pattern p) {
+  if (!d.round) return add_square(m, w, d.line, x, H, p);
+  for (int a = 0; a < 3; ++a) {
+    int dof = d.line - 2 + a;
+    Row<T> row(H, p, dof);
+    const int* columns = p.columns(dof);
+    *row.diagonal += d.axis[a] * d.axis[a] * x;
+    for (int b = 0, k = 0; b < a; ++b, ++k) {
+      while (columns[k] != d.line - 2 + b) ++k;
+      T y = d.axis[a] * d.axis[b] * x;
+      row.before[k] += y;
+      row.mirror[k] += y;
+    }
+  }
+}
+template <class G>
+static inline void add_square(const Structure& m, const SolverWork<G>& w, const Direction& d, T x, T* A) {
+  if (!d.round) return add_square(m, w, d.line, x, A);
+  CMBRL_FOR(a, 3) CMBRL_FOR(b, 3) A[(d.line - 2 + a) * m.nv + d.line - 2 + b] += d.axis[a] * d.axis[b] * x;
+}
+
 // A point that a body carries.
 template <class G>
 static typename G::V place_of(const Work<G>& w, int body, const double* pos) {

@@ -24,7 +24,7 @@ static Mask missed_rows(const Model& m, const Options& o, Work<G>& w) {
   }
   for (int i = 0; i < w.nleft_lim; ++i) {
     const LeftOutLimit& l = w.left_lim[i];
-    missed |= l.lanes & (l.base + l.sign * along(m, w, l.line, w.vn) < l.speed / 3);
+    missed |= l.lanes & (l.base + along(m, w, l.way, w.vn) < l.speed / 3);
   }
   return missed;
 }

@@ -37,7 +37,8 @@ struct Structure {
 
 struct Model : Structure {
   int planar, implicit_gains;  // implicit_gains: velocity gains of actuators act at the next velocity, as damping does
-  int D, nq, nu, nbody, njoint, ncontact, nplane, nlimit, nact, ntendon, nline, nseg, ntie, nP, ntheta, ngroup;
+  int D, nq, nu, nbody, njoint, ncontact, nplane, nlimit, nact, ntendon, nline, nseg, ntie;
+  int nforcerange, nlift, nwide, nbox, nballspring, npower, nP, ntheta, ngroup;
   int body_fields, oDof, oPlane, oAct, oGravity, oContact;  // layout of P; bodies start at 0, contacts end it
 
   const int *body_parent, *body_jadr, *body_jnum;
@@ -54,11 +55,21 @@ struct Model : Structure {
   const double* line_coef;      // of coordinates
   const int *seg_ptr, *seg_A, *seg_B;                    // straight segments of each tendon, between two bodies
   const double *seg_posA, *seg_posB, *seg_scale;
-  const int* lim_line;
+  const int *lim_line, *lim_ball;  // of a ball joint's angle: its last dof, and where its quaternion stands in q; otherwise -1
   const double *lim_lo, *lim_hi, *lim_margin, *lim_soft, *lim_invweight;
   const double *line_soft, *line_invweight, *line_slack;  // of dry friction; width of a spring's slack
-  const int* act_line;
+  const int* act_line;  // -1: see wide.hpp
   const double *act_ctrl, *act_force;
+  const int* frc_dof;       // joints that clamp the sum of their actuators
+  const double* frc_range;
+  const int* dof_lift;      // gravcomp.hpp; nothing unless nlift > 0
+  const double *body_lift, *body_lift_pos;
+  const int *wide_act, *wide_body, *wide_ptr, *wide_dof;  // wide.hpp
+  const double *wide_local, *wide_coef;
+  const int* box_body;                                    // fluid.hpp
+  const double *box_pos, *box_rot, *box_linear, *box_quadratic, *wind;
+  const int *spring_dof, *spring_qadr, *power_dof;        // springs.hpp
+  const double *spring_ref, *power_coef;
 
   const int *tie_type, *tie_A, *tie_B;  // bodies, or lines; -1: the world, or none
   const double *tie_posA, *tie_posB, *tie_rotA, *tie_rotB, *tie_scale, *tie_poly, *tie_ref, *tie_soft, *tie_invweight;
@@ -70,6 +81,7 @@ struct Model : Structure {
   // derived
   const int *anc_ptr, *anc_idx;  // ancestors of a dof on its own chain
   Pattern tree() const { return {anc_ptr, anc_idx}; }
+  int above(int dof) const { return anc_ptr[dof] < anc_ptr[dof + 1] ? anc_idx[anc_ptr[dof + 1] - 1] : -1; }  // next towards the root
   const int *seg_sides, *seg_side;          // of each segment: which ends the dofs of its tendon carry, without those that carry both
   const int *tie_ptr, *tie_dof, *tie_side;  // dofs that a tie couples; which of its bodies each carries: kCarriesA, kCarriesB
   const int *tie_entryA, *tie_entryB;       // its places in the covectors of the tie's lines; -1: none

@@ -131,7 +131,7 @@ struct Newton {
       }
       add_to_factor(w.groups[g].group, K);
     }
-    for (int i = 0; i < w.nlim; ++i) add_square(m, w, w.lim[i].line, w.lim[i].Th, w.H, pat);
+    for (int i = 0; i < w.nlim; ++i) add_square(m, w, w.lim[i], w.lim[i].Th, w.H, pat);
     for (int i = 0; i < w.ndry; ++i) add_square(m, w, w.dry[i].line, w.dry[i].Th, w.H, pat);
     for (int i = 0; i < w.ndyn; ++i) eliminate(w.H, pat, w.dyn_list[i]);
   }
@@ -175,7 +175,7 @@ struct Newton {
         CMBRL_FOR(r, w.con[i].rows) F += w.con[i].w[r] * w.con[i].Wr[r];
       add_wrench(w.groups[g].group, F, w.rhs);
     }
-    for (int i = 0; i < w.nlim; ++i) add_pull(m, w, w.lim[i].line, w.lim[i].sign * w.lim[i].w, w.rhs);
+    for (int i = 0; i < w.nlim; ++i) add_pull(m, w, w.lim[i], w.lim[i].w, w.rhs);
     for (int i = 0; i < w.ndry; ++i) add_pull(m, w, w.dry[i].line, w.dry[i].w, w.rhs);
     for (int i = 0; i < w.ndyn; ++i) solve_down(w.H, pat, w.dyn_list[i], w.rhs);
     for (int i = w.ndyn - 1; i >= 0; --i) solve_up(w.H, pat, w.dyn_list[i], w.rhs);
@@ -187,7 +187,7 @@ struct Newton {
     }
     for (int i = 0; i < w.nlim; ++i) {
       Limit& l = w.lim[i];
-      T jv = l.sign * along(m, w, l.line, w.rhs);
+      T jv = along(m, w, l, w.rhs);
       l.dgam = l.w - l.Th * jv;
       l.ds = keep(l.on, jv + l.R * l.dgam - rho * l.r1);
       alpha = vmin(alpha, vmin(orthant(l.gam, l.dgam), orthant(l.s, l.ds)));

@@ -40,15 +40,19 @@ struct ParameterColumns {
     }
   }
 
+  void compensation(int b, const Inertia<G>& dI) {
+    if (part != Part::step || m.body_lift[b] == 0) return;
+    double share = m.body_lift[b] * o.h;
+    Vec<G::N> f = lift<G>(share * dI.m, share * (dI.h + dI.m * lift_point(m, w, b)), upwards(m, w));
+    for (int d = m.body_lastdof[b]; d >= 0; d = m.above(d)) at(d) += keep(lifted(m, w, d), dot(w.S[d], f));
+  }
   void body(int b, const Inertia<G>& dI) {  // inverse dynamics is linear in the inertia
+    if (m.nlift > 0) compensation(b, dI);
     bool ahead = part == Part::step && w.ahead;
     const Vec<G::N> &acc = (ahead ? w.bacc : w.acc)[b], &vel = (ahead ? w.bvel : w.vel)[b];
     Vec<G::N> f = dI * acc + cross_force<G>(vel, dI * vel);
     double scale = part == Part::step ? o.h : 1;
-    for (int d = m.body_lastdof[b]; d >= 0;) {
-      at(d) -= scale * dot(w.S[d], f);
-      d = m.anc_ptr[d] < m.anc_ptr[d + 1] ? m.anc_idx[m.anc_ptr[d + 1] - 1] : -1;
-    }
+    for (int d = m.body_lastdof[b]; d >= 0; d = m.above(d)) at(d) -= scale * dot(w.S[d], f);
   }
   void add_inertia(int b, int field, double coef, Inertia<G>& dI) {
     const T* p = w.P + b * m.body_fields;
@@ -86,6 +90,7 @@ struct ParameterColumns {
       case kArmature: add_along(i, -coef * (after - before)); break;
       case kDamping: add_along(i, -coef * o.h * (damps_implicitly(m, i) ? after : before)); break;
       case kStiffness: {
+        if (i < m.nv && m.dof_qadr[i] < 0 && m.nballspring > 0) spring.stretch = w.stretch[i];
         Mask stretched = spring.stiffness != 0.0;
         if (o.implicit_springs) spring.stretch += keep(stretched, o.h * after);
         add_along(i, -coef * o.h * spring.stretch);
@@ -144,9 +149,22 @@ struct ParameterColumns {
     add_wrench(c, coef * Y);
   }
 
+  void wide(int a, int field, double coef) {
+    const T* p = w.P + m.oAct + a * kActuatorFields;
+    if (part != Part::step || field > kBias0) return;
+    int k = 0;
+    while (m.wide_act[k] != a) ++k;
+    Drive drive = wide_drive(m, w, a);
+    T ctrl = vmin(vmax(w.u[a], splat(m.act_ctrl[2 * a])), splat(m.act_ctrl[2 * a + 1]));
+    T push = field == kGear ? drive.force : keep(drive.free, field == kGain ? p[kGear] * ctrl : p[kGear]);
+    for_arms(m, w, k, [&](int d, T arm) { at(d) += keep(w.yields[d], coef * o.h * arm * push); });
+  }
+
+  // M~ keeps the velocity gains of a joint that clamps its actuators, and their force does not change there.
   void actuator(int a, int field, double coef) {
     const T* p = w.P + m.oAct + a * kActuatorFields;
     int line = m.act_line[a];
+    if (line < 0) return wide(a, field, coef);
     T q = w.line_length[line], v = along(m, w, line, w.v), after = along(m, w, line, w.vn);
     T dv = m.implicit_gains ? after - v : T{}, g = p[kGear];
     T flo = splat(m.act_force[2 * a]), fhi = splat(m.act_force[2 * a + 1]);
@@ -162,7 +180,11 @@ struct ParameterColumns {
       if (field == kBias2) add_along(line, keep(free, coef * o.h * g * g * late));
       return;
     }
-    T r;
+    T r, held = T{};  // held: through M~ alone
+    if (field == kGear) held = keep(free, 2.0 * g * p[kBias2] * dv);
+    if (field == kBias2) held = keep(free, g * g * dv);
+    if (line >= m.nv && field == kGear) held += keep(free, 2.0 * g * p[kBias1] * spring);
+    if (line >= m.nv && field == kBias1) held = keep(free, g * g * spring);
     switch (field) {
       case kGear: r = select(free, force + g * (pull + p[kBias2] * dv) + 2.0 * g * p[kBias1] * spring, vmin(vmax(force, flo), fhi)); break;
       case kGain: r = keep(free, g * ctrl); break;
@@ -170,14 +192,21 @@ struct ParameterColumns {
       case kBias1: r = keep(free, g * g * (q + spring)); break;
       default: r = keep(free, g * g * (v + dv));
     }
-    add_along(line, coef * o.h * r);
+    for (int k = m.line_ptr[line]; k < m.line_ptr[line + 1]; ++k)
+      at(m.line_dof[k]) += coef * o.h * w.line_c[k] * select(w.yields[m.line_dof[k]], r, held);
   }
 
   void gravity(int axis, double coef) {
     if (part != Part::step) return;
-    Vec<G::N> lift = zero<G::N>();
-    lift[G::A + axis] = splat(coef * o.h);
-    for (int i = 0; i < m.nv; ++i) at(i) += dot(w.S[i], w.Ic[m.dof_body[i]] * lift);
+    Vec<G::N> fall = zero<G::N>();
+    fall[G::A + axis] = splat(coef * o.h);
+    for (int i = 0; i < m.nv; ++i) at(i) += dot(w.S[i], w.Ic[m.dof_body[i]] * fall);
+    if (m.nlift == 0) return;
+    typename G::V down = lin<G>(fall);
+    for (int i = 0; i < m.nv; ++i) {
+      int b = m.dof_body[i];
+      at(i) -= keep(lifted(m, w, i), dot(w.S[i], lift<G>(w.lift_mass[b], w.lift_moment[b], down)));
+    }
   }
 
   void column(int k) {

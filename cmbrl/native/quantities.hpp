@@ -104,7 +104,8 @@ static void step_rows(const Model& m, const Options& o, const Batch& b, const Ro
         out.active[at] = 1;
         out.b[at * rows] = c.c0[lane];
         out.R[at * rows] = c.R[lane];
-        for (int k = m.line_ptr[c.line]; k < m.line_ptr[c.line + 1]; ++k)
+        for (int k = 0; c.round && k < 3; ++k) out.J[at * rows * nv + c.line - 2 + k] = c.axis[k][lane];
+        for (int k = c.round ? m.line_ptr[c.line + 1] : m.line_ptr[c.line]; k < m.line_ptr[c.line + 1]; ++k)
           out.J[at * rows * nv + m.line_dof[k]] = c.sign[lane] * w.line_c[k][lane];
       }
     }

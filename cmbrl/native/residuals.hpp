@@ -48,8 +48,8 @@ static T fresh_residuals(const Structure& m, SolverWork<G>& w, const InteriorPoi
   for (int i = 0; i < w.nlim; ++i) {
     Limit& l = w.lim[i];
     speed = vmax(speed, keep(l.on, vabs(l.c0)));
-    l.r1 = compare(l.on, l.sign * along(m, w, l.line, w.vn) + l.c0, l.s, l.R * l.gam);
-    add_pull(m, w, l.line, keep(l.on, l.sign * l.gam), r);
+    l.r1 = compare(l.on, along(m, w, l, w.vn) + l.c0, l.s, l.R * l.gam);
+    add_pull(m, w, l, keep(l.on, l.gam), r);
   }
   for (int i = 0; i < w.ndry; ++i) {
     DryFriction& d = w.dry[i];

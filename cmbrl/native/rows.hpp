@@ -1,32 +1,98 @@
 // What acts in a step: forces along lines, what of them is implicit, and the rows of contacts, limits and dry friction.
 #pragma once
 #include "candidates.hpp"
+#include "fluid.hpp"
+#include "gravcomp.hpp"
+#include "springs.hpp"
 #include "ties.hpp"
+#include "wide.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
-// Pulls along the lines, and what of them is taken implicitly: M~ = M + armature + h (D [+ kd]) [+ h^2 (K + kp)].
+// f(line, entry of its covector) of the lines that pull at a dof: its own, and tendons.
+template <class F>
+static void for_lines_of(const Model& m, int dof, F f) {
+  f(dof, m.line_ptr[dof]);
+  for (int line = m.nv; line < m.nline; ++line)
+    for (int k = m.line_ptr[line]; k < m.line_ptr[line + 1]; ++k)
+      if (m.line_dof[k] == dof) f(line, k);
+}
+
+// Clamps the sum of the actuators of a joint, by a force of its own. Their velocity gains stay in M~, as in MuJoCo; the force
+// does not change.
 template <class G>
-static void line_forces(const Model& m, const Options& o, Work<G>& w) {
-  for (int i = 0; i < m.nline; ++i) {
-    Spring spring = spring_of(m, w, i);
-    w.kd[i] = T{};
-    w.kp[i] = spring.stiffness;
-    w.tau[i] = -w.P[m.oDof + i * kDofFields + kDamping] * along(m, w, i, w.v) - spring.stiffness * spring.stretch;
+static void clamp_joint_forces(const Model& m, Work<G>& w) {
+  for (int k = 0; k < m.nforcerange; ++k) {
+    int d = m.frc_dof[k];
+    T lo = splat(m.frc_range[2 * k]), hi = splat(m.frc_range[2 * k + 1]), sum = T{};
+    for_lines_of(m, d, [&](int line, int k) { sum += w.line_c[k] * w.drive[line]; });
+    w.yields[d] = (sum >= lo) & (sum <= hi);
+    w.tau[d] += vmin(vmax(sum, lo), hi) - sum;
+    w.drive_kp[d] = keep(w.yields[d], w.drive_kp[d]);
   }
+}
+
+// What the actuators' gains are in the rows of joints that clamp them: nothing.
+template <class G>
+static void clamped_rows(const Model& m, const Work<G>& w, double h, T* Gq, T* Gv) {
+  for (int k = 0; k < m.nforcerange; ++k) {
+    int d = m.frc_dof[k];
+    Mask clamped = ~w.yields[d];
+    for_lines_of(m, d, [&](int line, int own) {
+      T by_q = keep(clamped, h * w.line_c[own] * w.drive_kp[line]), by_v = keep(clamped, h * w.line_c[own] * w.kd[line]);
+      for (int e = m.line_ptr[line]; e < m.line_ptr[line + 1]; ++e) {
+        T& q = Gq[d * m.nv + m.line_dof[e]];
+        q += w.line_c[e] * by_q;
+        Gv[d * m.nv + m.line_dof[e]] += w.line_c[e] * by_v;
+        if (!bends(m, line)) continue;
+        q += by_v * bent_rate(m, w, line, e, splat(1), w.v, T{}, w.v);
+        q -= keep(clamped, h * w.drive[line] * bend_of(m, w, line, own, e));
+      }
+    });
+  }
+}
+
+// Of the actuators along the lines: force into drive, gains by velocity, position and control into kd, drive_kp and open.
+template <class G>
+static void actuator_forces(const Model& m, Work<G>& w) {
+  for (int i = 0; i < m.nline; ++i) w.drive[i] = w.kd[i] = w.drive_kp[i] = T{};
+  for (int i = 0; i < m.nv; ++i) w.yields[i] = all();
   for (int a = 0; a < m.nact; ++a) {
     const T* p = w.P + m.oAct + a * kActuatorFields;
     int line = m.act_line[a];
+    if (line < 0) continue;
     T lo = splat(m.act_ctrl[2 * a]), hi = splat(m.act_ctrl[2 * a + 1]);
     T flo = splat(m.act_force[2 * a]), fhi = splat(m.act_force[2 * a + 1]);
     T ctrl = vmin(vmax(w.u[a], lo), hi);
     T force = p[kGain] * ctrl + p[kBias0] + p[kGear] * (p[kBias1] * w.line_length[line] + p[kBias2] * along(m, w, line, w.v));
     Mask free = (force >= flo) & (force <= fhi);
-    w.tau[line] += p[kGear] * vmin(vmax(force, flo), fhi);
+    w.drive[line] += p[kGear] * vmin(vmax(force, flo), fhi);
     w.kd[line] -= keep(free, p[kGear] * p[kGear] * p[kBias2]);
-    w.kp[line] -= keep(free, p[kGear] * p[kGear] * p[kBias1]);
+    w.drive_kp[line] -= keep(free, p[kGear] * p[kGear] * p[kBias1]);
     w.open[a] = keep(free & (w.u[a] >= lo) & (w.u[a] <= hi), p[kGear] * p[kGain]);
   }
+  wide_forces(m, w);
+  if (m.nlift > 0) {
+    gravity_compensation(m, w);
+    for (int i = 0; i < m.nv; ++i) if (m.dof_lift[i] == kActuatorLift) w.drive[i] += w.lift[i];
+  }
+}
+
+// Pulls along the lines, and what of them is taken implicitly: M~ = M + armature + h (D [+ kd]) [+ h^2 (K + kp)].
+template <class G>
+static void line_forces(const Model& m, const Options& o, Work<G>& w) {
+  actuator_forces(m, w);
+  for (int i = 0; i < m.nline; ++i) w.tau[i] = w.drive[i];
+  clamp_joint_forces(m, w);
+  for (int i = 0; i < m.nline; ++i) {
+    Spring spring = spring_of(m, w, i);
+    w.kp[i] = w.drive_kp[i] + spring.stiffness;
+    w.tau[i] -= w.P[m.oDof + i * kDofFields + kDamping] * along(m, w, i, w.v) + spring.stiffness * spring.stretch;
+  }
+  for (int i = 0; i < m.nv && m.nlift > 0; ++i) if (m.dof_lift[i] == kPassiveLift) w.tau[i] += w.lift[i];
+  ball_springs(m, w);
+  power_forces(m, o, w);
+  if (m.nbox > 0) fluid_forces(m, o, w);
   for (int i = 0; i < m.nv; ++i) w.rhs[i] = -o.h * w.bias[i];
   for (int i = 0; i < m.nline; ++i) {
     const T* p = w.P + m.oDof + i * kDofFields;
@@ -43,16 +109,26 @@ static void line_forces(const Model& m, const Options& o, Work<G>& w) {
   }
 }
 
+// The nearer limit of a line: how far it is, and how that changes.
+template <class G>
+static T line_limit(const Model& m, const Work<G>& w, int i, Direction& d) {
+  int line = m.lim_line[i];
+  T x = w.line_length[line], below = x - m.lim_lo[i], above = m.lim_hi[i] - x;
+  Mask lower = below < above;
+  d.line = line;
+  d.round = false;
+  d.sign = select(lower, splat(1), splat(-1));
+  return select(lower, below, above);
+}
+
 template <class G>
 static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask* given) {
   bool prune = o.prune < 1e300 && !given;
   w.nlim = w.ndry = w.nleft_lim = 0;
   for (int i = 0; i < m.nlimit; ++i) {
-    int line = m.lim_line[i];
-    T x = w.line_length[line], below = x - m.lim_lo[i], above = m.lim_hi[i] - x;
-    Mask lower = below < above;
-    T phi = select(lower, below, above), sign = select(lower, splat(1), splat(-1));
-    T speed = sign * along(m, w, line, w.v), slack = phi * (1 / o.h) - vabs(speed);
+    Direction way;
+    T phi = m.lim_ball[i] < 0 ? line_limit(m, w, i, way) : ball_limit(m, w, i, way);
+    T speed = along(m, w, way, w.v), slack = (phi - m.lim_margin[i]) * (1 / o.h) - vabs(speed);
     Mask on = given ? given[i] : all(), wide = on;
     if (given && !any(on)) continue;
     double enough = speed_that_matters(o, o.forward, m.lim_invweight[i]), most = speed_that_matters(o, o.backward, m.lim_invweight[i]);
@@ -62,14 +138,15 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
       const double* s = m.lim_soft + 7 * i;
       Law L = soft_law(phi, m.lim_margin[i], o.h, splat(s[0]), splat(s[1]), splat(s[2]), splat(s[3]), splat(s[4]), s[5], s[6],
                        splat(m.lim_invweight[i]));
-      l.index = i; l.line = line;
+      static_cast<Direction&>(l) = way;
+      l.index = i;
       l.root = vsqrt(m.lim_invweight[i] + L.R);
-      l.sign = sign; l.phi = phi; l.R = L.R; l.dR_dphi = L.dR; l.carry = L.carry; l.dc_dphi = L.dc0;
+      l.phi = phi; l.R = L.R; l.dR_dphi = L.dR; l.carry = L.carry; l.dc_dphi = L.dc0;
       l.c0 = L.c0 - L.carry * speed;
       slack = select(on, l.c0, slack);
       if (prune) { on &= slack + speed < enough; wide &= slack + speed < most; }
     }
-    if (Mask left = ~on; prune && any(left)) w.left_lim[w.nleft_lim++] = {left, line, sign, slack, enough};
+    if (Mask left = ~on; prune && any(left)) w.left_lim[w.nleft_lim++] = {left, way, slack, enough};
     if (!any(on | wide)) continue;
     l.on = on;
     l.wide = wide;

@@ -34,7 +34,8 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.D = m.planar ? 2 : 3;
   m.nq = size("nq"); m.nv = size("nv"); m.nu = size("nu");
   m.nbody = size("nbody"); m.njoint = size("njoint"); m.ncontact = size("ncontact");
-  m.nplane = size("nplane"); m.nlimit = size("nlimit"); m.nact = size("nact");
+  m.nplane = size("nplane"); m.nlimit = size("nlimit"); m.nact = size("nact"); m.nforcerange = size("nforcerange"); m.nlift = size("nlift");
+  m.nwide = size("nwide"); m.nbox = size("nbox"); m.nballspring = size("nballspring"); m.npower = size("npower");
   m.ntendon = size("ntendon"); m.nseg = size("nseg"); m.ntie = size("ntie");
   m.nline = m.nv + m.ntendon;
   m.body_fields = m.planar ? 4 : 10;
@@ -57,8 +58,20 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.con_radiusB = d("con_radiusB", nc);
   m.con_impratio = d("con_impratio", nc); m.con_invweight = d("con_invweight", nc); m.con_margin = d("con_margin", nc);
   m.con_mid = d("con_mid", nc); m.con_power = d("con_power", nc); m.plane_normal = d("plane_normal", size_t(m.nplane) * D);
-  m.lim_line = i("lim_line", nl); m.lim_lo = d("lim_lo", nl); m.lim_hi = d("lim_hi", nl);
+  m.lim_line = i("lim_line", nl); m.lim_ball = i("lim_ball", nl); m.lim_lo = d("lim_lo", nl); m.lim_hi = d("lim_hi", nl);
   m.lim_margin = d("lim_margin", nl); m.lim_soft = d("lim_soft", nl * 7); m.lim_invweight = d("lim_invweight", nl);
+  m.frc_dof = i("frc_dof", m.nforcerange); m.frc_range = d("frc_range", size_t(m.nforcerange) * 2);
+  if (m.nlift > 0) {
+    m.dof_lift = i("dof_lift", m.nv); m.body_lift = d("body_lift", nb); m.body_lift_pos = d("body_lift_pos", nb * D);
+  }
+  size_t nw = m.nwide, nf = m.nbox, N = m.planar ? 3 : 6;
+  m.wide_act = i("wide_act", nw); m.wide_body = i("wide_body", nw); m.wide_ptr = i("wide_ptr", nw + 1);
+  m.wide_dof = i("wide_dof", m.wide_ptr[nw]); m.wide_coef = d("wide_coef", m.wide_ptr[nw]); m.wide_local = d("wide_local", nw * N);
+  m.box_body = i("box_body", nf); m.box_pos = d("box_pos", nf * D); m.box_rot = d("box_rot", nf * (m.planar ? 2 : 9));
+  m.box_linear = d("box_linear", nf * N); m.box_quadratic = d("box_quadratic", nf * N); m.wind = d("wind", D);
+  m.spring_dof = i("spring_dof", m.nballspring); m.spring_qadr = i("spring_qadr", m.nballspring);
+  m.spring_ref = d("spring_ref", size_t(m.nballspring) * 4);
+  m.power_dof = i("power_dof", m.npower); m.power_coef = d("power_coef", size_t(m.npower) * 4);
   m.line_soft = d("line_soft", size_t(m.nline) * 7); m.line_invweight = d("line_invweight", m.nline); m.line_slack = d("line_slack", m.nline);
   m.tie_type = i("tie_type", ne); m.tie_A = i("tie_A", ne); m.tie_B = i("tie_B", ne);
   m.tie_posA = d("tie_posA", ne * D); m.tie_posB = d("tie_posB", ne * D);

@@ -65,7 +65,7 @@ static void set_kappa(const Model& m, const Options& o, Work<G>& w, const Smooth
   }
   for (int i = 0; i < w.nlim; ++i) {
     Limit& l = w.lim[i];
-    RowKappa k = kappa_of(s, o.h, m.lim_invweight[l.index], l.root, l.sign * along(m, w, l.line, w.vf) + l.c0);
+    RowKappa k = kappa_of(s, o.h, m.lim_invweight[l.index], l.root, along(m, w, l, w.vf) + l.c0);
     l.kappa = k.kappa; l.slope = k.slope; l.slope_R = k.slope_R;
   }
   for (int i = 0; i < w.ndry; ++i) w.dry[i].kappa = s.dry * w.dry[i].b0;

@@ -43,7 +43,7 @@ struct InteriorPoint : Newton<G> {
     }
     for (int i = 0; i < w.nlim; ++i) {
       Limit& l = w.lim[i];
-      l.r1 = l.sign * along(m, w, l.line, w.vf) + l.c0;
+      l.r1 = along(m, w, l, w.vf) + l.c0;
       widen(l.on, l.r1, l.r1 - l.c0, l.kappa, l.root);
       count += select(l.on, splat(1), T{});
     }
@@ -89,7 +89,7 @@ struct InteriorPoint : Newton<G> {
       l.r1 = l.s - (l.r1 + l.R * l.gam);
       l.dgam = l.ds = T{};
       compare(l.on, l.r1, l.root);
-      add_pull(m, w, l.line, keep(l.on, l.sign * l.gam), w.rv);
+      add_pull(m, w, l, keep(l.on, l.gam), w.rv);
     }
     for (int i = 0; i < w.ndry; ++i) {
       DryFriction& d = w.dry[i];

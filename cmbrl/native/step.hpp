@@ -41,7 +41,7 @@ static Mask held_by_limits(const Model& m, const Work<G>& w) {
   Mask held = none();
   for (int i = 0; i < w.nlim; ++i) {
     const Limit& l = w.lim[i];
-    held |= l.on & (l.sign * along(m, w, l.line, w.vf) + l.c0 < 0.0);
+    held |= l.on & (along(m, w, l, w.vf) + l.c0 < 0.0);
   }
   return held;
 }

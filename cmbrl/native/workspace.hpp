@@ -42,10 +42,16 @@ struct Contact {
   T P[kContactFields];               // its part of the physical vector
 };
 
-struct Limit {  // of a joint or a tendon: a normal law along one line
+struct Direction {  // of a limit: along a line, in one sense; round: by the angle of a ball joint, whose last dof the line is
+  int line;
+  bool round;
+  T sign, axis[3];
+};
+
+struct Limit : Direction {  // of a joint or a tendon: a normal law along one line
   Mask on, wide;
-  int index, line;
-  T root, sign, phi, R, carry, c0, dc_dphi, dR_dphi, kappa, own_kappa, raised_kappa, slope, slope_R, gam, s, r1, w, Th, dgam, ds;
+  int index;
+  T root, phi, R, carry, c0, dc_dphi, dR_dphi, kappa, own_kappa, raised_kappa, slope, slope_R, gam, s, r1, w, Th, dgam, ds;
 };
 
 struct DryFriction {  // friction loss of a joint or a tendon: a cone of fixed head along one line
@@ -71,7 +77,7 @@ struct Tie {
 // A row that is left out: in which lanes, its slack without the part of the next velocity, and the speed that it had to have.
 template <class G>
 struct LeftOut { Mask lanes; int A, B; Vec<G::N> W; T base; double speed; };
-struct LeftOutLimit { Mask lanes; int line; T sign, base; double speed; };
+struct LeftOutLimit { Mask lanes; Direction way; T base; double speed; };
 
 struct ActiveGroup { int group, begin, end; };  // contacts of one body pair stand together
 
@@ -122,6 +128,12 @@ struct Work : SolverWork<G> {
   Motion *vel, *acc, *f, *fc, *psid, *psidd, *sdot, *vlam, *tn, *tnlam;  // tn: twists under the next velocity
   T* Xc; V* momc;
   T *bias, *tau, *a, *kd, *kp, *open, *tmp;
+  T *drive, *drive_kp;                     // of the actuators of a line, without springs
+  Mask* yields;                            // lanes in which the actuators of a dof are not clamped by its joint
+  T *lift, *lift_mass; V* lift_moment;     // gravity compensation, by dof and by body
+  Motion* wide_wrench; T* wide_push;       // of actuators on several dofs: unit wrench, force times gear
+  Motion* drag; T *drag_start, *drag_end;  // of a fluid, by body, and by its twists before and after the step
+  T* stretch;                              // of springs at ball joints
   T *line_length, *line_pull, *line_mass;  // impulse along each line at the step's start; what acts on its change of rate
   Tie<G>* ties; T* tie_J;                  // equality constraints; their rows, by entry of tie_dof
   Motion *drift, *drift_before;            // accelerations of bodies whose joints do not accelerate; before each dof's joint
@@ -205,9 +217,13 @@ struct Work : SolverWork<G> {
     vlam = A.take<Motion>(nv); tnlam = A.take<Motion>(nv);
     Xc = A.take<T>(nb * G::NX); momc = A.take<V>(nb);
     bias = A.take<T>(nv); tau = A.take<T>(m.nline); a = A.take<T>(nv); kd = A.take<T>(m.nline); kp = A.take<T>(m.nline); open = A.take<T>(m.nact + 1);
-    tmp = A.take<T>(nv);
+    tmp = A.take<T>(nv); yields = A.take<Mask>(nv); drive = A.take<T>(m.nline); drive_kp = A.take<T>(m.nline);
     this->line_c = A.take<T>(m.line_ptr[m.nline]);
     line_length = A.take<T>(m.nline); line_pull = A.take<T>(m.nline); line_mass = A.take<T>(m.nline);
+    if (m.nlift > 0) { lift = A.take<T>(nv); lift_mass = A.take<T>(nb); lift_moment = A.take<V>(nb); }
+    if (m.nwide > 0) { wide_wrench = A.take<Motion>(m.nwide); wide_push = A.take<T>(m.nwide); }
+    if (m.nbox > 0) { drag = A.take<Motion>(nb); drag_start = A.take<T>(nb * G::N * G::N); drag_end = A.take<T>(nb * G::N * G::N); }
+    if (m.nballspring > 0) stretch = A.take<T>(nv);
     ties = A.take<Tie<G>>(m.ntie); tie_J = A.take<T>(m.ntie ? int64_t(m.tie_ptr[m.ntie]) * Tie<G>::kRows : 0);
     drift = A.take<Motion>(m.ntie ? nb : 0); drift_before = A.take<Motion>(m.ntie ? nv : 0);
     near = A.take<uint64_t>(words); order = A.take<int>(nb);

@@ -1,19 +1,35 @@
 """Actuators: the clamped force gain ctrl + bias0 + bias1 length + bias2 velocity, times gear, along one line.
 
-A line is a hinge, a slide or a fixed tendon.
+A line is a hinge, a slide or a fixed tendon. Without position and velocity gains an actuator may also act on a site, or
+on the dofs of a ball or free joint.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
 
+from cmbrl.scene.arrays import doubles, integers
+from cmbrl.scene.manifold import quaternion_matrix
 from cmbrl.scene.mjcf import name_of
-from cmbrl.scene.records import Array
+from cmbrl.scene.records import WORLD, Array, Tree
+from cmbrl.scene.reduction import PlaneOfMotion
 from cmbrl.scene.support import Gate
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How an actuator acts on several dofs, per unit of its force: a wrench on a body, or moment arms at a joint."""
+
+    body: int  # WORLD: at a joint
+    moment: Array  # (3,) about the origin of the body, in its axes
+    force: Array  # (3,)
+    dofs: range
+    arms: Array
 
 
 @dataclass(frozen=True)
@@ -21,7 +37,7 @@ class Actuator:
     """One entry of the control vector. An actuator that is left out keeps its entry, with gear 0."""
 
     name: str
-    line: int  # a degree of freedom, or nv + number of the tendon
+    line: int  # a degree of freedom, or nv + number of the tendon; -1: as ``reach`` tells
     gear: float
     gain: float
     bias: Array  # (3,) constant, per length, per velocity
@@ -29,9 +45,10 @@ class Actuator:
     force: tuple[float, float]  # bounds on the force before the gear
     armature: float  # added to the line's, already times gear^2
     damping: float
+    reach: Reach | None = None
 
 
-def read_actuators(model: mujoco.MjModel, lines: Mapping[int, int], gate: Gate) -> list[Actuator]:
+def read_actuators(model: mujoco.MjModel, tree: Tree, lines: Mapping[int, int], gate: Gate) -> list[Actuator]:
     """One actuator per control, in the order of ``ctrl``; reports unsupported ones to the gate.
 
     ``lines``: of the tendons, by their numbers in the file.
@@ -44,7 +61,7 @@ def read_actuators(model: mujoco.MjModel, lines: Mapping[int, int], gate: Gate) 
         for number in range(controls):
             suffix = "" if controls == 1 else f"_{number}"
             name = _unused(name_of(model, "actuator", k) + suffix, [a.name for a in actuators])
-            actuators.append(_read(model, k, len(actuators), name, lines, sound))
+            actuators.append(_read(model, tree, k, len(actuators), name, lines, sound))
     return actuators
 
 
@@ -58,19 +75,9 @@ def _modelled(model: mujoco.MjModel, k: int, controls: int, lines: Mapping[int, 
     if 0 <= group <= 30 and model.opt.disableactuator & (1 << group):
         gate.note("actuator", name, f"the file disables actuator group {group}")
         return False
-    transmission = mujoco.mjtTrn(int(model.actuator_trntype[k])).name.removeprefix("mjTRN_").lower()
-    joint = int(model.actuator_trnid[k, 0])
     sound = True
-    if transmission == "tendon":
-        if joint not in lines:
-            tendon = name_of(model, "tendon", joint)
-            gate.refuse("actuator_transmission", name, f"it drives {tendon}, a tendon that is not modelled")
-            sound = False
-    elif transmission not in ("joint", "jointinparent"):
-        gate.refuse("actuator_transmission", name, f"it drives a {transmission}")
-        sound = False
-    elif int(model.jnt_type[joint]) not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
-        gate.refuse("actuator_transmission", name, f"it drives {name_of(model, 'joint', joint)}, a ball or free joint")
+    if obstacle := _obstacle(model, lines, k):
+        gate.refuse("actuator_transmission", name, obstacle)
         sound = False
     dynamics = mujoco.mjtDyn(int(model.actuator_dyntype[k])).name.removeprefix("mjDYN_").lower()
     if dynamics in ("filter", "filterexact"):
@@ -86,33 +93,121 @@ def _modelled(model: mujoco.MjModel, k: int, controls: int, lines: Mapping[int, 
     if controls != 1 or gain not in ("fixed", "affine") or varying or bias not in ("none", "affine"):
         gate.refuse("actuator_bias", name, f"gain {gain}, bias {bias}")
         sound = False
+    if sound and _line(model, lines, k) < 0 and (what := _gains(model, k)):
+        gate.refuse("actuator_bias", name, f"{what} of an actuator on several coordinates (give it to each of them)")
+        sound = False
     if (poly := getattr(model, "actuator_dampingpoly", None)) is not None and np.any(poly[k]):
         gate.refuse("actuator_bias", name, "nonlinear damping", "reduced to the linear term")
     return bool(sound)
 
 
-def _read(model: mujoco.MjModel, k: int, column: int, name: str, lines: Mapping[int, int], sound: bool) -> Actuator:
+def _read(
+    model: mujoco.MjModel, tree: Tree, k: int, column: int, name: str, lines: Mapping[int, int], sound: bool
+) -> Actuator:
     free = (-np.inf, np.inf)
     if not sound:
         return Actuator(name, 0, 0.0, 0.0, np.zeros(3), free, free, 0.0, 0.0)
-    target = int(model.actuator_trnid[k, 0])
-    gear = float(model.actuator_gear[k, 0])
+    reach = None if (line := _line(model, lines, k)) >= 0 else _reach(model, tree, k)
+    gear = float(model.actuator_gear[k, 0]) if reach is None else 1.0
     clamp = model.actuator_ctrllimited[column] and not (model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
     affine = model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
-    extra = [
+    armature, damping = (
         float(values[k]) * gear**2 if (values := getattr(model, field, None)) is not None else 0.0
         for field in ("actuator_armature", "actuator_damping")  # of recent MuJoCo versions
-    ]
+    )
     return Actuator(
         name,
-        lines[target] if model.actuator_trntype[k] == mujoco.mjtTrn.mjTRN_TENDON else int(model.jnt_dofadr[target]),
+        line,
         gear,
         float(model.actuator_gainprm[k, 0]),
-        model.actuator_biasprm[k, :3].copy() if affine else np.zeros(3),
+        model.actuator_biasprm[k, :3] * ([1, 1, 1] if reach is None else [1, 0, 0]) if affine else np.zeros(3),
         tuple(model.actuator_ctrlrange[column].tolist()) if clamp else free,
         tuple(model.actuator_forcerange[k].tolist()) if model.actuator_forcelimited[k] else free,
-        *extra,
+        armature,
+        damping,
+        reach,
     )
+
+
+def _transmission(model: mujoco.MjModel, k: int) -> str:
+    return mujoco.mjtTrn(int(model.actuator_trntype[k])).name.removeprefix("mjTRN_").lower()
+
+
+def _line(model: mujoco.MjModel, lines: Mapping[int, int], k: int) -> int:
+    """The line that an actuator acts along; -1 if it acts on several dofs in another way."""
+    target, transmission = int(model.actuator_trnid[k, 0]), _transmission(model, k)
+    if transmission == "tendon":
+        return lines.get(target, -1)
+    scalar = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+    if transmission in ("joint", "jointinparent") and int(model.jnt_type[target]) in scalar:
+        return int(model.jnt_dofadr[target])
+    return -1
+
+
+def _obstacle(model: mujoco.MjModel, lines: Mapping[int, int], k: int) -> str | None:
+    """Why an actuator's transmission is not modelled; None if it is."""
+    transmission, target = _transmission(model, k), int(model.actuator_trnid[k, 0])
+    if transmission == "site":
+        return "it drives a site relative to another one (refsite)" if model.actuator_trnid[k, 1] >= 0 else None
+    if transmission == "joint" or _line(model, lines, k) >= 0:
+        return None
+    if transmission == "tendon":
+        return f"it drives {name_of(model, 'tendon', target)}, a tendon that is not modelled"
+    if transmission == "jointinparent":
+        joint = name_of(model, "joint", target)
+        return f"it drives {joint}, a ball or free joint, in the parent's frame (give joint instead of jointinparent)"
+    return f"it drives a {transmission}"
+
+
+def _gains(model: mujoco.MjModel, k: int) -> str | None:
+    """What depends on the length or velocity of an actuator's transmission; the length of a site is always 0."""
+    bias = model.actuator_biasprm[k]
+    ball = _transmission(model, k) == "joint" and int(model.jnt_type[model.actuator_trnid[k, 0]]) == (
+        mujoco.mjtJoint.mjJNT_BALL
+    )
+    if model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE:
+        if bias[1] and ball:
+            return "a position gain"
+        if bias[2]:
+            return "a velocity gain"
+    for field in ("actuator_armature", "actuator_damping"):
+        if (values := getattr(model, field, None)) is not None and np.any(values[k]):
+            return f"{field.removeprefix('actuator_')}"
+    return None
+
+
+def _reach(model: mujoco.MjModel, tree: Tree, k: int) -> Reach:
+    gear, number = model.actuator_gear[k], int(model.actuator_trnid[k, 0])
+    zero = np.zeros(3)
+    if _transmission(model, k) == "site":
+        frame = tree.frames[model.site_bodyid[number]]
+        pos = frame.pos + frame.rot @ model.site_pos[number]
+        rot = frame.rot @ quaternion_matrix(model.site_quat[number])
+        force = rot @ gear[:3]
+        return Reach(frame.body, rot @ gear[3:] + np.cross(pos, force), force, range(0), zero[:0])
+    first, count = int(model.jnt_dofadr[number]), 3 if model.jnt_type[number] == mujoco.mjtJoint.mjJNT_BALL else 6
+    return Reach(WORLD, zero, zero, range(first, first + count), gear[:count].copy())
+
+
+def reach_arrays(tree: Tree, actuators: list[Actuator], plane: PlaneOfMotion | None) -> dict[str, Any]:
+    """The actuators on several dofs for the core, in the plane of motion if there is one."""
+    wide = [(k, actuator.reach) for k, actuator in enumerate(actuators) if actuator.reach]
+    local = []
+    for _, reach in wide:
+        if plane:
+            moment = tree.turn(reach.body, reach.moment) @ plane.axis
+            local.append(np.concatenate([[moment], plane.local(tree, reach.body, reach.force)]))
+        else:
+            local.append(np.concatenate([reach.moment, reach.force]))
+    return {
+        "nwide": len(wide),
+        "wide_act": integers([k for k, _ in wide]),
+        "wide_body": integers([reach.body for _, reach in wide]),
+        "wide_local": doubles(local, (-1, 3 if plane else 6)),
+        "wide_ptr": integers(np.cumsum([0, *(len(reach.dofs) for _, reach in wide)])),
+        "wide_dof": integers([d for _, reach in wide for d in reach.dofs]),
+        "wide_coef": doubles([x for _, reach in wide for x in reach.arms], (-1,)),
+    }
 
 
 def _unused(name: str, taken: list[str]) -> str:

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.actuators import Actuator
+from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.laws import CONTACT_LAWS, LawChoice
 from cmbrl.scene.layout import CONTACT_FIELDS, DOF_FIELDS, Layout
 from cmbrl.scene.mjcf import limits_act
@@ -102,13 +103,9 @@ def _stack(of_dofs: Array, of_tendons: Array) -> Array:
 
 
 def _limit_arrays(model: mujoco.MjModel, tree: Tree, tendons: list[Tendon]) -> Arrays:
-    limited = [
-        j
-        for j in tree.joints
-        if limits_act(model) and j.kind in (JointKind.SLIDE, JointKind.HINGE) and model.jnt_limited[j.source]
-    ]
+    limited = [j for j in tree.joints if limits_act(model) and model.jnt_limited[j.source]]
     limited = [j for j in limited if model.jnt_type[j.source] != mujoco.mjtJoint.mjJNT_FREE]
-    source, dofs = [joint.source for joint in limited], [joint.vadr for joint in limited]
+    source, dofs = [joint.source for joint in limited], [joint.dofs[-1] for joint in limited]
     lines = {
         model.nv + k: tendon.source
         for k, tendon in enumerate(tendons)
@@ -116,10 +113,13 @@ def _limit_arrays(model: mujoco.MjModel, tree: Tree, tendons: list[Tendon]) -> A
     }
     which = list(lines.values())
     ranges = np.concatenate([model.jnt_range[source], model.tendon_range[which]])
+    for k in [k for k, joint in enumerate(limited) if joint.kind == JointKind.BALL]:
+        ranges[k] = np.array([-1, 1]) * model.jnt_range[source[k]].max()  # of the angle, about any axis
     of_joints = np.hstack([model.jnt_solref[source], model.jnt_solimp[source]])
     of_tendons = np.hstack([model.tendon_solref_lim[which], model.tendon_solimp_lim[which]])
     return {
         "lim_line": integers([*dofs, *lines]),
+        "lim_ball": integers([j.qadr if j.kind == JointKind.BALL else -1 for j in limited] + [-1] * len(lines)),
         "lim_lo": doubles(ranges[:, 0], (-1,)),
         "lim_hi": doubles(ranges[:, 1], (-1,)),
         "lim_margin": _stack(model.jnt_margin[source], model.tendon_margin[which]),
@@ -221,17 +221,6 @@ def _law_block(own: ContactLaw, law: LawChoice) -> Array:
     return np.array([own.friction, 0.0, 0.0, *ref, *own.solimp[:3], 0.0])  # MJCF cannot express restitution
 
 
-def integers(values: Any) -> np.ndarray:
-    """A C-contiguous int32 vector."""
-    return np.ascontiguousarray(values, dtype=np.int32).reshape(-1)
-
-
-def doubles(values: Any, shape: tuple[int, ...]) -> Array:
-    """A C-contiguous float64 array; an empty one keeps the trailing sizes of ``shape``."""
-    array = np.asarray(values, dtype=np.float64)
-    return np.ascontiguousarray(array.reshape(shape if array.size else (0, *shape[1:])))
-
-
 def physical_vector(
     model: mujoco.MjModel,
     tree: Tree,
@@ -256,15 +245,15 @@ def physical_vector(
             P[inertia] = axis @ I @ axis
         else:
             P[inertia : inertia + 6] = I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]
+    bent = np.any(getattr(model, "jnt_stiffnesspoly", np.zeros((model.njnt, 2))) != 0, axis=-1)
     for joint in tree.joints:
-        stiffness = (
-            model.jnt_stiffness[joint.source] if joint.kind != JointKind.BALL and not flags & off.mjDSBL_SPRING else 0.0
-        )
+        stiffness = 0.0 if flags & off.mjDSBL_SPRING else model.jnt_stiffness[joint.source]
+        reference = model.qpos_spring[joint.qadr] if joint.kind != JointKind.BALL else 0.0
         for dof in joint.dofs:
             P[layout.dof(dof, "armature")] = model.dof_armature[dof]
             P[layout.dof(dof, "damping")] = 0.0 if flags & off.mjDSBL_DAMPER else model.dof_damping[dof]
             P[layout.dof(dof, "stiffness")] = stiffness
-            P[layout.dof(dof, "springref")] = model.qpos_spring[joint.qadr] if stiffness else 0.0
+            P[layout.dof(dof, "springref")] = reference if stiffness or bent[joint.source] else 0.0
             if not flags & (off.mjDSBL_FRICTIONLOSS | off.mjDSBL_CONSTRAINT):
                 P[layout.dof(dof, "frictionloss")] = model.dof_frictionloss[dof]
     armature = getattr(model, "tendon_armature", np.zeros(model.ntendon))  # of recent MuJoCo versions
@@ -287,8 +276,9 @@ def physical_vector(
     for k, actuator in enumerate(actuators):
         first = layout.actuator(k)
         P[first : first + 5] = [actuator.gear, actuator.gain, *actuator.bias]
-        P[layout.dof(actuator.line, "armature")] += actuator.armature
-        P[layout.dof(actuator.line, "damping")] += actuator.damping
+        if actuator.reach is None:
+            P[layout.dof(actuator.line, "armature")] += actuator.armature
+            P[layout.dof(actuator.line, "damping")] += actuator.damping
     if not flags & off.mjDSBL_GRAVITY:
         gravity = np.asarray(model.opt.gravity)
         P[layout.gravity : layout.contact(0)] = plane.basis @ gravity if plane else gravity

@@ -1,7 +1,9 @@
 """Input of the C++ core: sizes, tree, tendons, contact candidates, limits, actuators, equality constraints, parameters.
 
 Shapes: nb moving bodies, nj joints, nc contacts, np planes, nl limits, na actuators, nt tendons, ns segments of them,
-ne ties (equality constraints), D = 2 (planar) or 3. Arrays are C-contiguous, int32 or float64. Index -1 is the world.
+ne ties (equality constraints), nf joints that clamp their actuators, nw actuators on several dofs, nx boxes in a fluid,
+nk springs of ball joints, nh springs and dampers of higher powers, D = 2 (planar) or 3. Arrays are C-contiguous, int32
+or float64. Index -1 is the world.
 
 A line is what limits, springs, dry friction and actuators act along: number k < nv is a degree of freedom, number
 nv + k a tendon.
@@ -36,6 +38,12 @@ class CoreArrays:
     nplane: int
     nlimit: int
     nact: int
+    nforcerange: int
+    nlift: int  # bodies with gravity compensation
+    nwide: int
+    nbox: int
+    nballspring: int
+    npower: int
     ntendon: int
     nseg: int
     ntie: int
@@ -67,6 +75,9 @@ class CoreArrays:
     line_slack: Array  # (nv + nt,) lengths over which the spring does not pull, from its reference on
 
     lim_line: Integers  # (nl,)
+    lim_ball: (
+        Integers  # (nl,) -1; or a limit on the angle of a ball joint: its place in q, and its last dof is the line
+    )
     lim_lo: Array  # (nl,)
     lim_hi: Array  # (nl,)
     lim_margin: Array  # (nl,)
@@ -95,9 +106,35 @@ class CoreArrays:
     con_power: Array  # (nc,)
     plane_normal: Array  # (np, D)
 
-    act_line: Integers  # (na,)
+    act_line: Integers  # (na,) -1: on several dofs, as told by wide_
     act_ctrl: Array  # (na, 2)
     act_force: Array  # (na, 2)
+
+    frc_dof: Integers  # (nf,) dofs that clamp the sum of their actuators
+    frc_range: Array  # (nf, 2)
+    dof_lift: Integers  # (nv,) how gravity compensation acts: 0 passive, 1 as an actuator of the joint, 2 not
+    body_lift: Array  # (nb,) share of its weight that a body carries itself
+    body_lift_pos: Array  # (nb, D) where, from the centre of mass
+
+    wide_act: Integers  # (nw,) actuators on several dofs
+    wide_body: Integers  # (nw,) the body that one pushes, or -1
+    wide_local: Array  # (nw, N) its moment about the body's origin and force, in body axes; N = 3 (planar) or 6
+    wide_ptr: Integers  # (nw + 1,) where its dofs begin, if it drives those of one joint
+    wide_dof: Integers
+    wide_coef: Array  # its moment arms there
+
+    wind: Array  # (D,) [m/s] velocity of the fluid
+    box_body: Integers  # (nx,) boxes that feel its drag
+    box_pos: Array  # (nx, D) in the body frame
+    box_rot: Array  # (nx, 2) or (nx, 9)
+    box_linear: Array  # (nx, N) drag about and along its axes, by velocity
+    box_quadratic: Array  # (nx, N) by velocity times speed
+
+    spring_dof: Integers  # (nk,) first dof of each ball joint with a spring
+    spring_qadr: Integers  # (nk,)
+    spring_ref: Array  # (nk, 4) quaternion at which it is at rest
+    power_dof: Integers  # (nh,) dofs with a spring or a damper of higher powers
+    power_coef: Array  # (nh, 4) k1, k2, b1, b2 of the force -(k1 x + k2 x^2) x - (b1 |v| + b2 v^2) v
 
     tie_type: Integers  # (ne,) a TieKind
     tie_A: Integers  # (ne,) a body, or a line

@@ -28,8 +28,13 @@ def differences(
     tendons: list[Tendon],
     contact_law: str,
     integrator: str,
+    boxes: int = 0,
 ) -> tuple[LeftOut, ...]:
-    """Approximations of shapes, then differences of the laws; nothing that the file does not use."""
+    """Approximations of shapes, then differences of the laws; nothing that the file does not use.
+
+    ``boxes``: how many bodies feel the drag of a fluid.
+    """
+    drag = [LeftOut("fluid", "drag", "that of the file's masses and inertias, whatever a fit makes of them")]
     return (
         *_shapes(model, candidates),
         *_stand_ins(model, stand_ins),
@@ -37,6 +42,7 @@ def differences(
         *_laws(model, candidates, contact_law),
         *_tendons(model, tendons, integrator),
         *_stepping(model, integrator),
+        *(drag if boxes else []),
     )
 
 

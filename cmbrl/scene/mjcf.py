@@ -168,3 +168,8 @@ def ignores(model: mujoco.MjModel, what: str) -> bool:
 def limits_act(model: mujoco.MjModel) -> bool:
     """Whether the file lets limits of joints and tendons act."""
     return not (ignores(model, "LIMIT") or ignores(model, "CONSTRAINT"))
+
+
+def passive_forces_act(model: mujoco.MjModel) -> bool:
+    """Whether there are passive forces at all: MuJoCo drops gravity compensation and drag with springs and dampers."""
+    return not (ignores(model, "SPRING") and ignores(model, "DAMPER"))

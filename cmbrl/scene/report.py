@@ -55,8 +55,8 @@ def to_dict(scene: Scene) -> dict[str, Any]:
         "contacts_merged": scene.merged_points,
         "contacts_dropped": [{"pair": drop.name, "why": drop.why} for drop in scene.dropped_contacts],
         "limits": [
-            {"coordinate": scene.line_names[line], "low": float(low), "high": float(high)}
-            for line, low, high in zip(core.lim_line, core.lim_lo, core.lim_hi, strict=True)
+            {"coordinate": name, "low": float(low), "high": float(high)}
+            for name, low, high in zip(_limited(scene), core.lim_lo, core.lim_hi, strict=True)
         ],
         "tendons": [
             {"name": name, "coordinates": _path(scene, k), "segments": int(segments[k])}
@@ -66,10 +66,20 @@ def to_dict(scene: Scene) -> dict[str, Any]:
             {"name": name, "type": _TIES[core.tie_type[k]], "between": _ends(scene, k)}
             for k, name in enumerate(scene.tie_names)
         ],
+        "joint_force_ranges": [
+            {"coordinate": scene.coordinate_names[dof], "low": float(low), "high": float(high)}
+            for dof, (low, high) in zip(core.frc_dof, core.frc_range, strict=True)
+        ],
+        "gravity_compensation": [
+            {"body": name, "share": float(share)}
+            for name, share in zip(scene.body_names, core.body_lift, strict=True)
+            if share
+        ],
+        "boxes_in_fluid": core.nbox,
         "actuators": [
             {
                 "name": name,
-                "coordinate": scene.line_names[core.act_line[k]],
+                "coordinate": _driven(scene, k),
                 "control": _bounds(core.act_ctrl[k]),
                 "force": _bounds(core.act_force[k]),
             }
@@ -99,11 +109,12 @@ def describe(scene: Scene) -> str:
         + _wrap(f"{n} ({k})" for n, k in zip(scene.coordinate_names, scene.coordinate_kinds, strict=True)),
         f"  limits       {core.nlimit}"
         + _listed(
-            f"{scene.line_names[line]} [{low:.4g}, {high:.4g}]"
-            for line, low, high in zip(core.lim_line, core.lim_lo, core.lim_hi, strict=True)
+            f"{name} [{low:.4g}, {high:.4g}]"
+            for name, low, high in zip(_limited(scene), core.lim_lo, core.lim_hi, strict=True)
         ),
         *_tendon_and_tie_lines(scene),
         f"  actuators    {scene.nu}" + _listed(_actuator_line(scene, k) for k in range(scene.nu)),
+        *_joint_force_lines(scene),
         f"  contacts     {core.ncontact} candidates, law {scene.contact_law}" + _contact_lines(scene),
         f"  parameters   {len(scene.parameters)} that can be fitted; the name is GROUP.OF, e.g. for --set",
         *_parameter_lines(scene.parameters),
@@ -165,11 +176,47 @@ def _listed(words: Iterable[str]) -> str:
     return f"\n{' ' * 15}{text}" if text else ""
 
 
+def _limited(scene: Scene) -> list[str]:
+    """What each limit is on: a coordinate, a tendon, or the angle of a ball joint."""
+    names = [scene.line_names[line] for line in scene.core.lim_line]
+    balls = scene.core.lim_ball
+    return [name.removesuffix(".rz") if ball >= 0 else name for name, ball in zip(names, balls, strict=True)]
+
+
+def _joint_force_lines(scene: Scene) -> list[str]:
+    """Sums of actuators that are clamped, and gravity compensation; nothing where there is none."""
+    core, lines = scene.core, []
+    if core.nforcerange:
+        ranges = (
+            f"{scene.coordinate_names[dof]} [{low:g}, {high:g}]"
+            for dof, (low, high) in zip(core.frc_dof, core.frc_range, strict=True)
+        )
+        lines.append(f"  joint forces {core.nforcerange} sums of actuators are clamped" + _listed(ranges))
+    if core.nbox:
+        lines.append(f"  fluid        drags {core.nbox} boxes that have the bodies' inertia")
+    if core.nlift:
+        shares = (f"{name} {share:.4g}" for name, share in zip(scene.body_names, core.body_lift, strict=True) if share)
+        lines.append(f"  gravcomp     {core.nlift} bodies carry a share of their weight" + _listed(shares))
+    return lines
+
+
+def _driven(scene: Scene, k: int) -> str:
+    """What an actuator drives: a coordinate, a tendon, a body at a site, or the coordinates of a joint."""
+    core = scene.core
+    if core.act_line[k] >= 0:
+        return scene.line_names[core.act_line[k]]
+    wide = core.wide_act.tolist().index(k)
+    if core.wide_body[wide] >= 0:
+        return f"body {scene.body_names[core.wide_body[wide]]}"
+    dofs = core.wide_dof[core.wide_ptr[wide] : core.wide_ptr[wide + 1]]
+    return f"{scene.coordinate_names[dofs[0]]} to {scene.coordinate_names[dofs[-1]]}" if len(dofs) else "the world"
+
+
 def _actuator_line(scene: Scene, k: int) -> str:
     control, force = _bounds(scene.core.act_ctrl[k]), _bounds(scene.core.act_force[k])
     text = scene.actuator_names[k]
-    if (line := scene.line_names[scene.core.act_line[k]]) != text:
-        text += f" on {line}"
+    if _driven(scene, k) != text:
+        text += f" on {_driven(scene, k)}"
     text += f" ctrl [{control[0]:g}, {control[1]:g}]" if control else ""
     return text + (f" force [{force[0]:g}, {force[1]:g}]" if force else "")
 

@@ -13,19 +13,14 @@ from cmbrl.errors import UserError
 from cmbrl.numbers import one_of, real_array, switch
 from cmbrl.reading import regular_file
 from cmbrl.scene import kinematics, manifold
-from cmbrl.scene.actuators import read_actuators
-from cmbrl.scene.assemble import (
-    contact_arrays,
-    doubles,
-    integers,
-    line_arrays,
-    physical_vector,
-    tie_arrays,
-    tree_arrays,
-)
+from cmbrl.scene.actuators import reach_arrays, read_actuators
+from cmbrl.scene.arrays import doubles, integers
+from cmbrl.scene.assemble import contact_arrays, line_arrays, physical_vector, tie_arrays, tree_arrays
 from cmbrl.scene.contacts import ContactBuilder
 from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.differences import differences
+from cmbrl.scene.fluid import box_arrays, oblique_box, read_boxes
+from cmbrl.scene.joint_forces import force_ranges, read_compensation
 from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.mjcf import compile_mjcf, name_of, read_tree
@@ -34,6 +29,7 @@ from cmbrl.scene.parameters import offer_parameters
 from cmbrl.scene.records import Array, Candidate, Joint, JointKind, LeftOut, Parameter, Tendon, Tie, Tree
 from cmbrl.scene.reduction import PlaneOfMotion, find_plane, merge_points, obstacle_to_plane, project
 from cmbrl.scene.shapes import read_shape
+from cmbrl.scene.springs import check_joints, spring_arrays
 from cmbrl.scene.support import Gate, check_model
 from cmbrl.scene.tendons import lines_of, obstacle_of_tendons, read_tendons
 from cmbrl.scene.ties import obstacle_of_ties, read_ties
@@ -201,15 +197,21 @@ def _build(
     warnings: tuple[str, ...],
     self_contact: str,
 ) -> Scene:
+    check_joints(model, gate)
     tree = read_tree(model)
+    boxes = read_boxes(model, tree, gate)
     plane, why = find_plane(tree, np.asarray(model.opt.gravity)) if reduce else (None, "reduction is off")
+    if plane and (oblique := oblique_box(tree, plane, boxes)):
+        plane, why = None, oblique
     normal = plane.axis if plane else None
     builder = ContactBuilder(model, tree, normal, gate, plane is not None, not reduce, self_contact)
     builder.build()
     tendons = read_tendons(model, tree, gate)
     lines = lines_of(model, tendons)
     ties = read_ties(model, tree, lines, gate)
-    actuators = read_actuators(model, lines, gate)
+    actuators = read_actuators(model, tree, lines, gate)
+    ranges = force_ranges(model, gate)
+    compensation = read_compensation(model, tree, gate)
     gate.close()
     if plane and (obstacle := _obstacle(model, tree, plane, builder.candidates, tendons, ties)):
         plane, why = None, obstacle
@@ -251,6 +253,11 @@ def _build(
         act_line=integers([a.line for a in actuators]),
         act_ctrl=doubles([a.control for a in actuators], (-1, 2)),
         act_force=doubles([a.force for a in actuators], (-1, 2)),
+        **ranges,
+        **compensation.arrays(tree, plane),
+        **reach_arrays(tree, actuators, plane),
+        **box_arrays(model, tree, boxes, plane),
+        **spring_arrays(model, tree),
         P=P,
         par_ptr=moves.ptr,
         par_idx=moves.idx,
@@ -286,7 +293,7 @@ def _build(
         parameters=moves.parameters,
         left_out=tuple(gate.left_out),
         dropped_contacts=tuple(builder.dropped),
-        differences=differences(model, candidates, builder.stand_ins, tendons, law.name, integrator),
+        differences=differences(model, candidates, builder.stand_ins, tendons, law.name, integrator, len(boxes)),
         merged_points=merged,
         compiler_warnings=warnings,
         joints=tuple(tree.joints),

@@ -12,26 +12,27 @@ from cmbrl.numbers import names
 from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import LeftOut
 
-KINDS = {
+KINDS = {  # those below "supported" are modelled, and left out only if they are ignored
     "tendon": "tendons around geoms that exert a force",
     "equality": "equality constraints of deformable bodies and of tendons around geoms",
-    "fluid": "fluid forces: density, viscosity, wind",
     "flex": "deformable bodies",
     "plugin": "engine plugins",
-    "gravcomp": "gravity compensation",
     "actuator_dynamics": "actuators with a state or a delay",
-    "actuator_transmission": "actuators that do not drive a hinge, a slide or a tendon (other than around geoms)",
+    "actuator_transmission": "actuators on something else than a joint, a tendon (not around geoms) or a site",
     "actuator_bias": "actuators with a force other than gain ctrl + bias0 + bias1 length + bias2 velocity",
-    "joint_limit_ball": "limits on ball joints",
-    "joint_spring_ball": "springs on ball and free joints",
-    "joint_polynomial": "nonlinear springs and dampers",
-    "joint_force_range": "limits on the total actuator force at a joint",
     "geom_pair": "contact of a moving box with a sphere or capsule that is fixed",
     "geom_type": "contact with height fields and SDFs, and planes that move",
     "friction_anisotropic": "pairs with two different sliding frictions (if ignored, the first applies)",
     "adhesion": "contact adhesion",
     "surface_velocity": "moving surfaces",
     "integrator": "MuJoCo's discrete integrator",
+    # supported
+    "joint_limit_ball": "limits on ball joints",
+    "fluid": "fluid forces: density, viscosity, wind (the ellipsoid model of a geom is not supported)",
+    "joint_spring_ball": "springs on ball and free joints",
+    "joint_polynomial": "nonlinear springs and dampers (springs of ball and free joints are not supported)",
+    "gravcomp": "gravity compensation",
+    "joint_force_range": "limits on the total actuator force at a joint",
 }
 
 
@@ -60,6 +61,12 @@ class Gate:
         else:
             self._refused.setdefault(kind, []).append((name, why))
 
+    def drops(self, kind: str, name: str, why: str, instead: str = "left out") -> bool:
+        """Whether an element that is supported is to be left out, because its kind is ignored; it is reported then."""
+        if kind in self.ignore:
+            self.refuse(kind, name, why, instead)
+        return kind in self.ignore
+
     def note(self, kind: str, name: str, why: str) -> None:
         """Reports an element that is left out without changing the motion."""
         self.left_out.append(LeftOut(kind, name, why))
@@ -78,29 +85,15 @@ class Gate:
         )
 
 
-def _find(model: mujoco.MjModel, field: str, rows: int) -> np.ndarray:
-    """Indices of the elements with a nonzero ``field``; none if this version of MuJoCo lacks the field."""
-    values = getattr(model, field, None)
-    if values is None or rows == 0:
-        return np.zeros(0, dtype=int)
-    return np.flatnonzero(np.any(np.asarray(values).reshape(rows, -1) != 0, axis=1))
-
-
 def check_model(model: mujoco.MjModel, gate: Gate) -> None:
     """Reports every unsupported element to the gate, apart from tendons, ties, actuators and contacts."""
     option, disabled = model.opt, mujoco.mjtDisableBit
-    if option.density > 0 or option.viscosity > 0:
-        gate.refuse("fluid", "option", f"density {option.density:g}, viscosity {option.viscosity:g}")
     for k in range(model.nflex):
         gate.refuse("flex", name_of(model, "flex", k), "a deformable body")
     if model.nplugin:
         gate.refuse("plugin", "extension", f"{model.nplugin} plugin instance{'s' * (model.nplugin > 1)}")
-    if not option.disableflags & disabled.mjDSBL_GRAVITY and np.any(option.gravity):
-        for body in _find(model, "body_gravcomp", model.nbody):
-            gate.refuse("gravcomp", name_of(model, "body", int(body)), f"gravcomp {model.body_gravcomp[body]:g}")
     if "DISCRETE" in mujoco.mjtIntegrator(option.integrator).name:
         gate.refuse("integrator", "option", "integrator discrete", "replaced by semi-implicit Euler")
-    _check_joints(model, gate)
     if (exact := getattr(mujoco.mjtEnableBit, "mjENBL_DIAGEXACT", None)) and option.enableflags & exact:
         gate.note("diagexact", "option", "softness uses the inverse weights at qpos0")
     if option.disableflags & disabled.mjDSBL_REFSAFE:
@@ -111,24 +104,3 @@ def check_model(model: mujoco.MjModel, gate: Gate) -> None:
         gate.note("noslip", "option", "there is no noslip pass")
     for body in np.flatnonzero(model.body_mocapid >= 0):
         gate.note("mocap", name_of(model, "body", int(body)), "it stays where the file places it")
-
-
-def _check_joints(model: mujoco.MjModel, gate: Gate) -> None:
-    kinds = mujoco.mjtJoint
-    for k in range(model.njnt):
-        name, kind = name_of(model, "joint", k), int(model.jnt_type[k])
-        if kind in (kinds.mjJNT_BALL, kinds.mjJNT_FREE):
-            if model.jnt_limited[k]:
-                gate.refuse("joint_limit_ball", name, "a limited ball joint")
-            if model.jnt_stiffness[k]:
-                gate.refuse("joint_spring_ball", name, f"stiffness {model.jnt_stiffness[k]:g}")
-        if model.jnt_actfrclimited[k]:
-            low, high = model.jnt_actfrcrange[k]
-            gate.refuse("joint_force_range", name, f"actuatorfrcrange {low:g} {high:g}", "forces are not clamped")
-    for field, rows, owner in (
-        ("jnt_stiffnesspoly", model.njnt, np.arange(model.njnt)),
-        ("dof_dampingpoly", model.nv, model.dof_jntid),
-    ):
-        for k in _find(model, field, rows):
-            name = name_of(model, "joint", int(owner[k]))
-            gate.refuse("joint_polynomial", name, f"nonzero {field[4:-4]} polynomial", "reduced to the linear term")

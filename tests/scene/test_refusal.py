@@ -37,16 +37,17 @@ CASES = {
         '<equality><tendon name="e" tendon1="t"/></equality>',
         "e",
     ),
-    "fluid": (HINGE.format("", ""), '<option viscosity=".1"/>', "viscosity 0.1"),
-    "gravcomp": (HINGE.format('gravcomp="1"', ""), "", "m"),
-    "joint_force_range": (HINGE.format("", 'actuatorfrcrange="-1 1"'), "", "h"),
-    "joint_limit_ball": (BALL_JOINT.format('range="0 1" limited="true"'), "", "b"),
-    "joint_spring_ball": (BALL_JOINT.format('stiffness="1"'), "", "b"),
+    "fluid": (
+        '<body name="m"><joint name="h"/><geom name="g" size=".1" fluidshape="ellipsoid"/></body>',
+        '<option viscosity=".1"/>',
+        "g",
+    ),
+    "joint_polynomial": (BALL_JOINT.format('stiffness="1 2 3"'), "", "b"),
     "actuator_dynamics": (*actuator("general", 'dyntype="filter" dynprm="1"'), "motor"),
     "actuator_bias": (*actuator("general", 'gaintype="affine" gainprm="1 2 0"'), "motor"),
     "actuator_transmission": (
         BALL_JOINT.format(""),
-        '<actuator><motor name="motor" joint="b" gear="1 0 0"/></actuator>',
+        '<actuator><motor name="motor" jointinparent="b" gear="1 0 0"/></actuator>',
         "motor",
     ),
     "geom_type": (
@@ -78,7 +79,7 @@ def test_refused_by_name_or_ignored(kind: str, load: Load) -> None:
     assert name in message
     assert f"--ignore {kind}" in message
     scene, model = load(world, rest, ignore=[kind])
-    assert [x.kind for x in scene.left_out] == [kind]
+    assert {x.kind for x in scene.left_out} == {kind}
     assert scene.nu == model.nu
     assert kind in describe(scene)
 
@@ -90,13 +91,33 @@ def test_rolling_friction_is_left_out_and_said(load: Load) -> None:
 
 
 def test_all_refusals_come_in_one_line(load: Load) -> None:
-    world = HINGE.format('gravcomp="1"', 'actuatorfrcrange="-1 1"')
-    with pytest.raises(UserError, match=r"1 more element.*--ignore gravcomp --ignore joint_force_range"):
-        load(world)
-    scene, _ = load(world, ignore="gravcomp,joint-force-range")
-    assert scene.ignore == ("gravcomp", "joint_force_range")
+    world, _ = actuator("", "")
+    rest = """<actuator><general name="a" joint="h" dyntype="filter" dynprm="1"/>
+    <general name="b" joint="h" gaintype="affine" gainprm="1 2 0"/></actuator>"""
+    with pytest.raises(UserError, match=r"1 more element.*--ignore actuator_dynamics --ignore actuator_bias"):
+        load(world, rest)
+    scene, _ = load(world, rest, ignore="actuator_bias,actuator-dynamics")
+    assert scene.ignore == ("actuator_bias", "actuator_dynamics")
     with pytest.raises(UserError, match="did you mean 'tendon'"):
-        load(world, ignore=["tendn"])
+        load(world, rest, ignore=["tendn"])
+
+
+SUPPORTED = {
+    "joint_limit_ball": (BALL_JOINT.format('range="0 1" limited="true"'), "", "b"),
+    "fluid": (HINGE.format("", ""), '<option viscosity=".1"/>', "option"),
+    "joint_spring_ball": (BALL_JOINT.format('stiffness="1"'), "", "b"),
+    "joint_polynomial": (HINGE.format("", 'damping="1 0 2"'), "", "h"),
+    "gravcomp": (HINGE.format('gravcomp="1"', ""), "", "m"),
+    "joint_force_range": (HINGE.format("", 'actuatorfrcrange="-1 1"'), "", "h"),
+}
+
+
+@pytest.mark.parametrize("kind", SUPPORTED)
+def test_supported_elements_can_be_left_out(kind: str, load: Load) -> None:
+    world, rest, name = SUPPORTED[kind]
+    assert not load(world, rest)[0].left_out
+    scene, _ = load(world, rest, ignore=[kind])
+    assert [(x.kind, x.name) for x in scene.left_out] == [(kind, name)]
 
 
 def test_elements_that_do_nothing_are_left_out_silently(load: Load) -> None:
@@ -115,13 +136,8 @@ def test_unmodelled_contact_that_cannot_happen_is_no_obstacle(load: Load) -> Non
 
 @pytest.mark.parametrize("file", GYMNASIUM, ids=lambda file: file.stem)
 def test_gymnasium(file: Path) -> None:
-    """Every MJCF of gymnasium loads; where something is not modelled, one line says what and how to load it."""
-    refused = {"swimmer": ["fluid"]}.get(file.stem, [])
-    if refused:
-        with pytest.raises(UserError, match=f"--ignore {refused[0]}$"):
-            Scene.from_mjcf(file)
-    scene = Scene.from_mjcf(file, ignore=refused)
-    assert {x.kind for x in scene.left_out} <= {*refused, "tendon"}
+    """Every MJCF of gymnasium loads, and all that moves it is modelled."""
+    assert {x.kind for x in Scene.from_mjcf(file).left_out} <= {"tendon"}
 
 
 def test_bad_files(tmp_path: Path) -> None:
@@ -152,4 +168,4 @@ def test_mujocos_warnings_are_kept_and_leave_no_log_file(tmp_path: Path, monkeyp
 
 
 def test_kinds_are_documented() -> None:
-    assert set(CASES) <= set(KINDS)
+    assert {*CASES, *SUPPORTED} <= set(KINDS)

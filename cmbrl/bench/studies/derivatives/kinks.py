@@ -66,4 +66,12 @@ def _clamps(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
     rate = gear * _rates(scene, q, v)[:, core.act_line]
     force = gain * np.clip(u, low, high) + bias0 + bias1 * length + bias2 * rate
     shortest = np.tile(time > 2 * model.time_step, (len(q), 1))  # MuJoCo's least time constant
-    return [u < low, u > high, force < least, force > most, shortest]
+    pulls = np.zeros((len(q), scene.nv + core.ntendon))
+    single = core.act_line >= 0
+    np.add.at(pulls.T, core.act_line[single], (gear * np.clip(force, least, most)).T[single])
+    drive = pulls[:, : scene.nv].copy()  # without those of tendons through sites
+    tendon = np.repeat(np.arange(core.ntendon), np.diff(core.tendon_ptr))
+    np.add.at(drive.T, core.tendon_dof, (pulls[:, scene.nv + tendon] * core.tendon_coef).T)
+    drive = drive[:, core.frc_dof]
+    lowest, highest = np.reshape(core.frc_range, (-1, 2)).T
+    return [u < low, u > high, force < least, force > most, drive < lowest, drive > highest, shortest]
