@@ -15,7 +15,7 @@ static void find_fill(const Model& m, Work<G>& w) {
     for (int a = m.mass.ptr[k]; a < m.mass.ptr[k + 1]; ++a) fill.couple(k, m.mass.idx[a]);
   for (int i = 0; i < w.ngroups; ++i) {
     int g = w.groups[i].group;
-    if (m.grp_B[g] < 0) continue;
+    if (m.grp_A[g] < 0 || m.grp_B[g] < 0) continue;
     for (int a = m.grp_dptr[g]; a < m.grp_dptr[g + 1]; ++a)
       for (int b = m.grp_dptr[g]; b < a; ++b) fill.couple(m.grp_dof[a], m.grp_dof[b]);
   }
@@ -59,11 +59,11 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, co
     Contact<G>& c = w.add_contact();
     make_contact(m, o, i, F, phi, p, c);
     c.on = c.wide = on;
-    w.coupled |= B >= 0;
+    w.coupled |= A >= 0 && B >= 0;
     return;
   }
   double enough = speed_that_matters(o, o.forward, m.con_invweight[i]), wide = speed_that_matters(o, o.backward, m.con_invweight[i]);
-  typename G::V u = point_velocity<G>(w.vel[A], F.a);
+  typename G::V u = A >= 0 ? point_velocity<G>(w.vel[A], F.a) : zero<G::D>();
   if (B >= 0) u -= point_velocity<G>(w.vel[B], F.a - F.dist * F.n);
   T speed = dot(F.n, u), slack = phi * (1 / o.h) - vabs(speed);  // at least, whatever the law is
   Mask near = on & (slack - vabs(speed) < __builtin_fmax(enough, wide)), takes_part = none();
@@ -74,7 +74,7 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, co
     slack = select(near, c.cn0 - c.carry * speed, slack);
     takes_part = c.on = near & (slack + speed < enough);
     c.wide = near & (slack + speed < wide);
-    if (any(c.on | c.wide)) w.coupled |= B >= 0;
+    if (any(c.on | c.wide)) w.coupled |= A >= 0 && B >= 0;
     else --w.ncon;
   }
   Mask left = on & ~takes_part;

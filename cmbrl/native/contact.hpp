@@ -80,7 +80,7 @@ static Feature<G> find_feature(const Model& m, const Work<G>& w, int i) {
     axes_of(R, m.con_rotB, axis);
     if (m.con_type[i] == kCornerBox) {
       V axisA[G::D];
-      axes_of(w.R[A], m.con_rotA, axisA);
+      axes_of(A >= 0 ? w.R[A] : G::identity(), m.con_rotA, axisA);
       F.dist = corner_on_side<G::D>(rel, turn(A, m.con_axisA + i * D), axisA, axis, m.con_halfB + i * D, F.n, local_free);
       free_along();
       return F;

@@ -18,7 +18,7 @@ static Mask missed_rows(const Model& m, const Options& o, Work<G>& w) {
   Mask missed = passed_over(m, o, w);
   for (int i = 0; i < w.nleft; ++i) {
     const LeftOut<G>& c = w.left[i];
-    Vec<G::N> t = w.tn[c.A];
+    Vec<G::N> t = c.A >= 0 ? w.tn[c.A] : zero<G::N>();
     if (c.B >= 0) t -= w.tn[c.B];
     missed |= c.lanes & (c.base + dot(c.W, t) < c.speed / 3);
   }

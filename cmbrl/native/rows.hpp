@@ -168,7 +168,8 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
 
 template <class G>
 static Vec<G::N> relative_twist(const Model& m, const Vec<G::N>* twist, int index) {
-  Vec<G::N> t = twist[m.con_bodyA[index]];
+  int A = m.con_bodyA[index];
+  Vec<G::N> t = A >= 0 ? twist[A] : zero<G::N>();
   if (m.con_bodyB[index] >= 0) t -= twist[m.con_bodyB[index]];
   return t;
 }

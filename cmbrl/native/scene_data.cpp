@@ -294,7 +294,7 @@ void SceneData::derive_pairs() {
   std::vector<int> ptr(m.nbody + 1, 0), groups, other;
   world_.assign((m.ngroup + 63) / 64, 0);
   for (int g = 0; g < m.ngroup; ++g) {
-    if (m.grp_B[g] < 0) world_[g / 64] |= uint64_t(1) << g % 64;
+    if (m.grp_A[g] < 0 || m.grp_B[g] < 0) world_[g / 64] |= uint64_t(1) << g % 64;
     else groups.push_back(g);
   }
   auto bodies = [&](int g) { return std::minmax(m.grp_A[g], m.grp_B[g]); };
@@ -316,7 +316,7 @@ void SceneData::derive_spheres() {
   std::vector<double> centre(m.nbody * D, 0.0), radius(m.nbody, -1.0), low(m.nbody * D, 1e300), high(m.nbody * D, -1e300);
   auto for_shapes = [&](auto f) {  // f(body, centre, half an axis, half sizes of a box, radius)
     for (int c = 0; c < m.ncontact; ++c) {
-      if (m.con_bodyB[c] < 0) continue;
+      if (m.con_bodyA[c] < 0 || m.con_bodyB[c] < 0) continue;
       double sum = m.P[m.oContact + c * kContactFields + kRadius], B = m.con_radiusB[c];
       f(m.con_bodyA[c], m.con_posA + c * D, m.con_axisA + c * D, nullptr, sum - B);
       f(m.con_bodyB[c], m.con_posB + c * D, m.con_axisB + c * D, m.con_halfB + c * D, B);

@@ -209,11 +209,7 @@ class ContactBuilder:
             self.candidates += [*_corners(a, b, law), *_corners(b, a, law)]
         else:
             ball, box = (a, b) if a.kind in _ROUND else (b, a)
-            if ball.body == WORLD:
-                label = pair_label(self.model, a.geom, b.geom)
-                self.gate.refuse("geom_pair", label, f"a moving {box.kind} against a fixed {ball.kind}")
-            else:
-                self.candidates += _round_box(ball, box, law, self._across(box))
+            self.candidates += _round_box(ball, box, law, self._across(box))
 
 
 def _on_plane(shape: Shape, plane: Shape, touch: Touch, law: ContactLaw) -> Candidate:
@@ -245,9 +241,7 @@ def _point_box(shape: Shape, point: Array, radius: float, box: Shape, law: Conta
 
 
 def _corners(a: Shape, b: Shape, law: ContactLaw) -> list[Candidate]:
-    """The corners of box A against box B. What does not move can only be B."""
-    if a.body == WORLD:
-        return []
+    """The corners of box A against box B."""
     points = [touch.pos for touch in touches(a, None)]
     return [
         replace(_point_box(a, p, a.radius, b, law), kind=ContactKind.CORNER_BOX, axis_a=p - a.pos, rot_a=a.rot)

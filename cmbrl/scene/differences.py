@@ -80,9 +80,7 @@ def _boxes(model: mujoco.MjModel, candidates: list[Candidate]) -> Iterator[LeftO
     boxes = {k for k in range(model.ngeom) if model.geom_type[k] == mujoco.mjtGeom.mjGEOM_BOX}
     for geoms in dict.fromkeys(c.geoms for c in candidates if set(c.geoms) <= boxes):
         label = " - ".join(name_of(model, "geom", geom) for geom in sorted(geoms))
-        yield LeftOut(
-            "boxes", label, "corners touch sides; edges that cross do not touch, nor the corners of a box that is fixed"
-        )
+        yield LeftOut("boxes", label, "corners touch sides; edges that cross do not touch")
 
 
 def _laws(model: mujoco.MjModel, candidates: list[Candidate], contact_law: str) -> Iterator[LeftOut]:

@@ -103,7 +103,7 @@ def gaps(core: CoreArrays, q: Array) -> Array:
                 frame = axes if b < 0 else rot[..., b, :, :] @ axes
                 local = np.swapaxes(frame, -1, -2) @ relative[..., None]
                 if core.con_type[i] == ContactKind.CORNER_BOX:
-                    turn = np.swapaxes(frame, -1, -2) @ rot[..., a, :, :]
+                    turn = np.swapaxes(frame, -1, -2) @ (np.eye(D) if a < 0 else rot[..., a, :, :])
                     offset = turn @ core.con_axisA[i][:, None]
                     distance = _corner(local, offset, turn @ core.con_rotA[i].reshape(D, D), core.con_halfB[i])
                 else:

@@ -181,7 +181,9 @@ def _contact_parameters(
 ) -> None:
     """Friction and softness of each geom that touches the world; contacts between moving bodies share ``pairs``."""
     geoms = np.array([c.geoms for c in candidates], dtype=np.int64).reshape(-1, 2)
-    on_world = np.array([c.body_b == WORLD for c in candidates], dtype=bool)
+    world = np.array([(c.body_a == WORLD, c.body_b == WORLD) for c in candidates], dtype=bool).reshape(-1, 2)
+    geoms = np.where(world[:, :1], geoms[:, ::-1], geoms)  # what moves comes first
+    on_world: NDArray[np.bool_] = np.any(world, axis=1)
     rubs = np.array([c.law.dim > 1 for c in candidates], dtype=bool)
 
     def by_value(rows: Rows, field: str) -> Iterator[tuple[str, float, Rows]]:
@@ -210,7 +212,7 @@ def _contact_parameters(
                 for suffix, value, same in by_value(rows, field):
                     if low <= value <= high:  # MuJoCo allows 0, which no scaling can change
                         out.add(group, name + suffix, value, low, high, unit, layout.contacts(same, field))
-    moving = np.column_stack([geoms[:, 0], np.where(on_world, -1, geoms[:, 1])])  # A always moves
+    moving = np.column_stack([geoms[:, 0], np.where(on_world, -1, geoms[:, 1])])
     for geom, sides in _by_key(moving.ravel()):
         if geom < 0:
             continue

@@ -20,7 +20,6 @@ KINDS = {  # those below "supported" are modelled, and left out only if they are
     "actuator_dynamics": "actuators with a state or a delay",
     "actuator_transmission": "actuators on something else than a joint, a tendon (not around geoms) or a site",
     "actuator_bias": "actuators with a force other than gain ctrl + bias0 + bias1 length + bias2 velocity",
-    "geom_pair": "contact of a moving box with a sphere or capsule that is fixed",
     "geom_type": "contact with height fields and SDFs, and planes that move",
     "friction_anisotropic": "pairs with two different sliding frictions (if ignored, the first applies)",
     "adhesion": "contact adhesion",

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cmbrl.errors import UserError
+from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.registry import load_task
 from cmbrl.scene import Scene
 from cmbrl.scene.mjcf import name_of
@@ -229,9 +230,18 @@ def test_limits_that_the_file_disables_bound_nothing(load: Load) -> None:
     assert load(world, '<option><flag limit="disable"/></option>')[0].core.ncontact == 1
 
 
-def test_moving_box_against_fixed_sphere_is_refused(load: Load) -> None:
-    with pytest.raises(UserError, match="fixed sphere"):
-        load('<geom name="ball" size=".2"/><body pos="1 0 0"><freejoint/><geom type="box" size=".1 .1 .1"/></body>')
+def test_a_box_rests_on_a_fixed_ball_and_on_the_corner_of_a_fixed_box(load: Load) -> None:
+    """What does not move is A there: its twist is zero, and its gap is that of the moving box."""
+    box = '<body pos="0 0 {z}"><freejoint/><geom name="box" type="box" size=".5 .5 .1" mass="1"/></body>'
+    ball, block = '<geom name="ball" size=".2"/>', '<geom name="block" type="box" size=".2 .2 .2"/>'
+    for fixed, gap in ((ball, 0.002), (block, 0.002)):
+        scene, _ = load(fixed + box.format(z=0.3 + gap))
+        assert scene.gaps(scene.q0).min() == pytest.approx(gap)
+        assert -1 in scene.core.con_bodyA
+        model = ComplementarityModel(scene, substeps=100)
+        result = model.predict(scene.q0[None], np.zeros((1, 6)), np.zeros((1, 0)))
+        assert result.q_next[0, 2] == pytest.approx(0.3, abs=2e-3)
+        assert result.status[0] == 0
 
 
 def test_g1() -> None:

@@ -55,11 +55,6 @@ CASES = {
         '<asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 .1"/></asset>',
         "f - g",
     ),
-    "geom_pair": (
-        DROP.format('type="box" size=".1 .1 .1"') + '<geom name="f" size="1"/>',
-        "",
-        "a moving box against a fixed sphere",
-    ),
     "friction_anisotropic": (
         FLOOR + DROP.format('size=".1"'),
         '<contact><pair geom1="f" geom2="g" friction="1 .5"/></contact>',
