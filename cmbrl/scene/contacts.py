@@ -202,6 +202,10 @@ class ContactBuilder:
             label = pair_label(self.model, a.geom, b.geom)
             self.gate.refuse("geom_type", label, f"contact with a geom of type {odd.pop()}")
             return
+        if "geom_pair" in self.gate.ignore and not (kinds <= {*_ROUND} or kinds == {"sphere", "box"}):
+            label = pair_label(self.model, a.geom, b.geom)
+            self.gate.refuse("geom_pair", label, f"contact of a {a.kind} with a {b.kind}")
+            return
         a, b = self._simple(a), self._simple(b)
         if a.kind in _ROUND and b.kind in _ROUND:
             self.candidates.append(_round_pair(a, b, law))

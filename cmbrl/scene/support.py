@@ -21,6 +21,8 @@ KINDS = {  # those below "supported" are modelled, and left out only if they are
     "actuator_transmission": "actuators on something else than a joint, a tendon (not around geoms) or a site",
     "actuator_bias": "actuators with a force other than gain ctrl + bias0 + bias1 length + bias2 velocity",
     "geom_type": "contact with height fields and SDFs, and planes that move",
+    "geom_pair": "contact of two bodies by shapes that need several points or a stand-in (supported unless ignored)",
+    "condim": "torsional and rolling friction (always left out)",
     "friction_anisotropic": "pairs with two different sliding frictions (if ignored, the first applies)",
     "adhesion": "contact adhesion",
     "surface_velocity": "moving surfaces",
