@@ -22,7 +22,7 @@ from cmbrl.runs import environment, usable_cores
 
 EXAMPLE = """
 cmbrl sweep configs/hopper_loop.yaml --seeds 0:10
-cmbrl sweep configs/studies/bundles_hopper.yaml --out runs/bundles      # arms and seeds are in the file
+cmbrl sweep configs/studies/bundles_hopper.yaml --out runs/bundles   # has arms and seeds
 cmbrl sweep configs/hopper_loop.yaml --seeds 0:100 --out runs/seeds --backend ray --jobs 64
 cmbrl sweep configs/hopper_loop.yaml --seeds 0:10 --out runs/seeds --slurm > seeds.sh
 """
