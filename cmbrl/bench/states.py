@@ -16,6 +16,7 @@ from cmbrl.scene.kinematics import addresses
 from cmbrl.scene.records import JointKind
 
 SCENES = ("hopper", "cheetah", "cube_toss", "g1")
+_ROUNDS = 20  # of drawing configurations
 # Of the G1's limbs [m]. Neighbours differ: equal capsules that meet in a joint have a ball in common, and two rigid
 # contacts at one point are solved softer than asked for in 8 % of wild states.
 _RADII = {
@@ -66,15 +67,20 @@ def random_states(
     """Random q (count, nq), v (count, nv) and u (count, nu) in ``ranges``.
 
     Joints are uniform within their limits, and some lie on a limit or up to 0.05 rad or m beyond it. Controls fill 1.5
-    times their range, so some are clamped. States differ in how fast they are.
+    times their range, so some are clamped. States differ in how fast they are. Links overlap as little as can be found.
     """
     ranges = ranges or Ranges()
     core = scene.core
-    q = np.empty((0, scene.nq))
-    while len(q) < count:  # links may overlap no deeper than the robot may sink into the ground
+    q, deeper, depth = np.empty((0, scene.nq)), np.empty((0, scene.nq)), np.empty(0)
+    for _ in range(_ROUNDS):  # links may overlap no deeper than the robot may sink into the ground
         more = _configurations(scene, count, rng, ranges)
         between = scene.gaps(more)[:, core.con_plane < 0].min(axis=1, initial=np.inf)
-        q = np.concatenate([q, more[between >= ranges.gap[0]]])
+        fine = between >= ranges.gap[0]
+        q, deeper = np.concatenate([q, more[fine]]), np.concatenate([deeper, more[~fine]])
+        depth = np.concatenate([depth, between[~fine]])
+        if len(q) >= count:
+            break
+    q = np.concatenate([q, deeper[np.argsort(-depth)]])  # of a robot some of whose links always overlap
     v = ranges.speed * rng.random((count, 1)) * rng.uniform(-1, 1, (count, scene.nv))
     control = np.reshape(core.act_ctrl, (-1, 2))
     low, high = np.where(np.isfinite(control), control, [-1.0, 1.0]).T

@@ -3,13 +3,50 @@
 from __future__ import annotations
 
 import copy
+from collections import Counter
+from collections.abc import Mapping, Sequence
 
 import mujoco
 import numpy as np
 
+from cmbrl.scene.records import Frame
+from cmbrl.scene.shapes import Shape
+
 POSES = 400
 NEAR = 0.02  # m
+_DEEPER = 0.005  # m
+_FEW, _FALSE = 40, 0.2  # poses in which stand-ins are tried; share of them in which they may touch in vain
+_TYPES = {
+    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+}
 CHOICES = ("near", "all", "none")
+
+
+def false_pairs(model: mujoco.MjModel, shapes: Mapping[int, Shape], frames: Sequence[Frame]) -> set[tuple[int, int]]:
+    """Pairs of geoms, sorted, whose stand-ins (``shapes``, by geom) touch in a fifth of all poses where they do not.
+
+    Or are 5 mm deeper in each other. Such a pair would push all the time.
+    """
+    probe = copy.copy(model)
+    for geom, shape in shapes.items():
+        frame = frames[model.geom_bodyid[geom]]
+        probe.geom_type[geom] = _TYPES[shape.kind]
+        probe.geom_dataid[geom] = -1
+        probe.geom_size[geom] = shape.size
+        probe.geom_pos[geom] = frame.rot.T @ (shape.pos - frame.pos)
+        mujoco.mju_mat2Quat(probe.geom_quat[geom], np.ravel(frame.rot.T @ shape.rot))
+        probe.geom_rbound[geom] = shape.bound
+        probe.geom_aabb[geom] = [0.0, 0.0, 0.0, *[shape.bound] * 3]
+        probe.geom_sameframe[geom] = 0
+    probe.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
+    poses = _poses(model, _FEW)
+    theirs, ours = _touching(model, poses), _touching(probe, poses)
+    count: Counter[tuple[int, int]] = Counter()
+    for true, stood_in in zip(theirs, ours, strict=True):
+        count.update(pair for pair, depth in stood_in.items() if depth < true.get(pair, _DEEPER) - _DEEPER)
+    return {pair for pair, times in count.items() if times > _FALSE * len(poses)}
 
 
 def near_pairs(model: mujoco.MjModel) -> set[tuple[int, int]]:
@@ -20,15 +57,27 @@ def near_pairs(model: mujoco.MjModel) -> set[tuple[int, int]]:
     probe = copy.copy(model)
     probe.geom_margin[:] = NEAR
     probe.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-    data, rng = mujoco.MjData(probe), np.random.default_rng(0)
-    poses = [model.qpos0, *model.key_qpos, *(_random_pose(model, rng) for _ in range(POSES))]
-    found: set[tuple[int, int]] = set()
+    return set().union(*_touching(probe, _poses(model, POSES)))
+
+
+def _poses(model: mujoco.MjModel, count: int) -> list[np.ndarray]:
+    rng = np.random.default_rng(0)
+    return [model.qpos0, *model.key_qpos, *(_random_pose(model, rng) for _ in range(count))]
+
+
+def _touching(model: mujoco.MjModel, poses: Sequence[np.ndarray]) -> list[dict[tuple[int, int], float]]:
+    """Pairs of geoms, sorted, within their margin in each pose, with their distance [m]."""
+    data, found = mujoco.MjData(model), []
     for q in poses:
         data.qpos[:] = q
-        mujoco.mj_kinematics(probe, data)
-        mujoco.mj_comPos(probe, data)
-        mujoco.mj_collision(probe, data)
-        found |= {(min(pair), max(pair)) for pair in data.contact.geom.tolist()}
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_collision(model, data)
+        near: dict[tuple[int, int], float] = {}
+        for pair, distance in zip(data.contact.geom.tolist(), data.contact.dist.tolist(), strict=True):
+            key = min(pair), max(pair)
+            near[key] = min(distance, near.get(key, distance))
+        found.append(near)
     return found
 
 
