@@ -15,10 +15,9 @@ from cmbrl.bench.report.page import write_page
 from cmbrl.bench.report.runs import Bar, StudyRun, run_studies, summary
 from cmbrl.bench.stored import results
 from cmbrl.bench.study import Progress, Section, Settings
-from cmbrl.cli.options import Parser, add_json, add_seed, add_threads, resolved
+from cmbrl.cli.options import Parser, add_json, add_runner, add_seed, add_threads, resolved
 from cmbrl.cli.progress import counting, fraction
 from cmbrl.errors import UserError, did_you_mean
-from cmbrl.jobs.backends import BACKENDS
 from cmbrl.runs import check_run_folder, environment, usable_cores, write_run
 
 ALL, STALE = "all", "stale"
@@ -47,20 +46,7 @@ def add_arguments(parser: Parser) -> None:
     )
     parser.add_argument("--quick", action="store_true", help="fewer points and repeats: a minute or so a study")
     add_threads(parser)
-    parser.add_argument(
-        "--backend",
-        choices=BACKENDS,
-        default="loky",
-        help="where the jobs of a study run: processes here (loky), or the cluster of RAY_ADDRESS or "
-        "DASK_SCHEDULER_ADDRESS; jobs that take times stay here",
-    )
-    parser.add_argument(
-        "--accept",
-        choices=("exact", "code", "any"),
-        default="exact",
-        help="kept results that count: of this code, processor and versions of packages (exact); of this code anywhere "
-        "(code); of any code (any)",
-    )
+    add_runner(parser)
     add_seed(parser)
     add_json(parser)
     parser.listing = _listing

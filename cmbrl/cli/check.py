@@ -15,7 +15,9 @@ cmbrl check robot.xml --states 1000 --wild 100000 --json
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("source", metavar="SCENE|TASK", help="an MJCF file or the name of a task")
+    parser.add_argument(
+        "source", metavar="SCENE|TASK", help="an MJCF file or the name of a task; exit code 1 if a check does not hold"
+    )
     parser.add_argument("--states", type=positive, default=200, metavar="N", help="states of the steps (default 200)")
     parser.add_argument("--wild", type=positive, default=1000, metavar="N", help="wild states (default 1000)")
     add_scene_options(parser)

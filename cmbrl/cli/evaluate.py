@@ -64,6 +64,8 @@ def run(arguments: argparse.Namespace) -> None:
     if word is not None:
         check_model(word)
     perturbation = _perturbation(arguments.perturb) if arguments.perturb else None
+    if perturbation and arguments.robustness:
+        raise UserError("--robustness has levels of its own: leave out --perturb")
     if (perturbation or arguments.robustness) and word is not None:
         raise UserError("--perturb and --robustness are of the real system: leave out --model")
     trained = Trained.load(arguments.policy)
@@ -109,12 +111,13 @@ def _robustness(trained: Trained, episodes: int, seed: int, as_json: bool) -> st
     from cmbrl.table import Table
 
     system, mdp = real_system(trained.task), trained.mdp
+    perturbed(system, Perturbation(), seed)  # raises where nothing can be perturbed
     cases = [("as it is", None), *((name, level) for name, levels in LEVELS.items() for level in levels)]
     found = []
     for name, level in cases:
         try:
             other = system if level is None else perturbed(system, Perturbation.of({name: level}), seed)
-        except UserError:  # such as pushes of a robot without a free root
+        except UserError:  # pushes of a robot without a free root, delays beyond a control step
             continue
         e = evaluate_real(trained.saved.policy, mdp, other, episodes, seed)
         found.append({"perturbation": name, "level": level, "episodes": episodes, **to_json(e, mdp)})

@@ -141,6 +141,26 @@ def add_threads(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_runner(parser: argparse.ArgumentParser) -> None:
+    """Options of :class:`cmbrl.jobs.Runner`."""
+    from cmbrl.jobs.backends import BACKENDS
+
+    parser.add_argument(
+        "--backend",
+        choices=BACKENDS,
+        default="loky",
+        help="where jobs run: processes here (loky), or the cluster of RAY_ADDRESS or DASK_SCHEDULER_ADDRESS, whose "
+        "machines have to see DIR; jobs that take times stay here (default: loky)",
+    )
+    parser.add_argument(
+        "--accept",
+        choices=("exact", "code", "any"),
+        default="exact",
+        help="kept results that count: of this code, processor and versions of packages (exact, the default); of this "
+        "code anywhere (code); of any code (any)",
+    )
+
+
 def add_scene_options(parser: argparse.ArgumentParser) -> None:
     """Options of :func:`cmbrl.models.source.load_source`."""
     parser.add_argument(

@@ -92,24 +92,14 @@ class ContactBuilder:
 
     def _false(self, pairs: list[tuple[int, int, int]], near: set[tuple[int, int]] | None) -> set[tuple[int, int]]:
         """Pairs that stand-ins would keep apart all the time."""
-        convex = [
-            g for g in range(self.model.ngeom) if self._shape(g).kind in CONVEX and self._shape(g).kind not in OWN
-        ]
-        others = {
-            geom
-            for first, second, pair in pairs
-            for geom in (first, second)
-            if near is None or pair >= 0 or (first, second) in near or not self._one_tree(first, second)
-        }
-        shapes = {g: self._simple(self._shape(g)) for g in convex if g in others and self._between_bodies(g, pairs)}
+        shapes: dict[int, Shape] = {}
+        for first, second, pair in pairs:
+            a, b = self._shape(first), self._shape(second)
+            far = near is not None and pair < 0 and self._one_tree(first, second) and (first, second) not in near
+            if far or not {a.kind, b.kind} <= {*CONVEX} or {a.kind, b.kind} <= {*OWN}:
+                continue
+            shapes |= {shape.geom: self._simple(shape) for shape in (a, b) if shape.kind not in OWN}
         return false_pairs(self.model, shapes, self.tree.frames) if shapes else set()
-
-    def _between_bodies(self, geom: int, pairs: list[tuple[int, int, int]]) -> bool:
-        """Whether a geom may touch anything but planes."""
-        return any(
-            geom in (first, second) and "plane" not in (self._shape(first).kind, self._shape(second).kind)
-            for first, second, _ in pairs
-        )
 
     def _one_tree(self, first: int, second: int) -> bool:
         """Whether joints connect both geoms, which move."""

@@ -37,7 +37,7 @@ def differences(
     drag = [LeftOut("fluid", "drag", "that of the file's masses and inertias, whatever a fit makes of them")]
     return (
         *_shapes(model, candidates),
-        *_stand_ins(model, stand_ins),
+        *_stand_ins(model, candidates, stand_ins),
         *_boxes(model, candidates),
         *_laws(model, candidates, contact_law),
         *_tendons(model, tendons, integrator),
@@ -69,10 +69,15 @@ def _shapes(model: mujoco.MjModel, candidates: list[Candidate]) -> Iterator[Left
             yield LeftOut("capsules", label, "one point of contact; MuJoCo has two where capsules lie side by side")
 
 
-def _stand_ins(model: mujoco.MjModel, stand_ins: Mapping[int, StandIn]) -> Iterator[LeftOut]:
-    for geom, found in stand_ins.items():
+def _stand_ins(
+    model: mujoco.MjModel, candidates: list[Candidate], stand_ins: Mapping[int, StandIn]
+) -> Iterator[LeftOut]:
+    ellipsoid = mujoco.mjtGeom.mjGEOM_ELLIPSOID  # stands on planes as something else, too
+    touching = {g for c in candidates for g in c.geoms if not c.kind.on_plane or model.geom_type[g] == ellipsoid}
+    for geom in [geom for geom in stand_ins if geom in touching]:
+        found = stand_ins[geom]
         kind = _SHAPES[int(model.geom_type[geom])]
-        why = f"touches other bodies as a {found.shape.kind}, which errs by up to {_millimetres(found.error)}"
+        why = f"touches other shapes as a {found.shape.kind}, which errs by up to {_millimetres(found.error)}"
         yield LeftOut(kind, name_of(model, "geom", geom), why)
 
 

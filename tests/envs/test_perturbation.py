@@ -108,5 +108,10 @@ def test_the_command_line_judges_a_policy_on_them(tmp_path: Path, capsys: pytest
     assert main(["evaluate", run_folder, "--robustness", "--episodes", "1", "--json"]) == 0
     levels = json.loads(capsys.readouterr().out)["levels"]
     assert {one["perturbation"] for one in levels} == {"as it is", "friction", "payload", "delay"}  # no free root
-    for typed in (["--perturb", "frction=1"], ["--perturb", "push=x"], ["--robustness", "--model", "nominal"]):
+    for typed in (
+        ["--robustness", "--perturb", "friction=1"],
+        ["--perturb", "frction=1"],
+        ["--perturb", "push=x"],
+        ["--robustness", "--model", "nominal"],
+    ):
         assert main(["evaluate", run_folder, *typed]) == 2

@@ -184,6 +184,7 @@ def test_arms_differ_in_their_options_and_are_compared(
         ("judge: 2", "judge: many", "judge"),
         ("plain: {}", "plain: 3", "arms: give a mapping"),
         ("seeds: '0:2'\n", "", "has no seeds"),
+        ("plain: {}", "plain: {out: x}", "'out' is decided by the sweep"),
     ],
 )
 def test_a_mistake_in_the_arms_is_found_at_the_door(
@@ -213,3 +214,12 @@ def test_the_studies_are_plans_whose_options_exist(file: Path) -> None:
         if typed.derivative:
             kind, options = parse_derivative(typed.derivative)
             assert options.keys() <= KINDS[kind].options.keys()
+
+
+def test_a_run_that_never_began_leaves_nothing_of_its_arms(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "arms.yaml").write_text(ARMS.replace("task: ball_throw", "task: g1\nmotion: none.csv"))
+    assert main(["sweep", "arms.yaml", "--out", "study", "--jobs", "1"]) == 2
+    assert "none.csv: no such file" in capsys.readouterr().err
+    assert not (tmp_path / "study").exists()

@@ -38,7 +38,7 @@ def test_the_nearest_kind_is_chosen_and_its_error_said(name: str, kind: str, mos
     found = stand_in(shape)
     assert found.shape.kind == kind
     assert found.error <= most
-    assert f"touches other bodies as a {kind}, which errs by up to" in describe(scene)
+    assert f"touches other shapes as a {kind}, which errs by up to" in describe(scene)
 
 
 def test_the_error_is_the_largest_difference_of_extents() -> None:

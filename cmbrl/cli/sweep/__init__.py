@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from cmbrl.cli.options import add_json, positive
+from cmbrl.cli.options import add_json, add_runner, positive
 from cmbrl.cli.progress import fraction
 from cmbrl.cli.sweep import report
 from cmbrl.cli.sweep.cell import remove_empty, run_cell
@@ -17,7 +17,6 @@ from cmbrl.cli.sweep.slurm import slurm
 from cmbrl.errors import UserError
 from cmbrl.files import check_writable, write_json, write_text
 from cmbrl.jobs import Job, Runner
-from cmbrl.jobs.backends import BACKENDS
 from cmbrl.runs import environment, usable_cores
 
 EXAMPLE = """
@@ -48,20 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--jobs", type=positive, metavar="N", help="runs at a time, one thread each (default: all cores)"
     )
-    parser.add_argument(
-        "--backend",
-        choices=BACKENDS,
-        default="loky",
-        help="loky: processes here; ray, dask: the cluster of RAY_ADDRESS or DASK_SCHEDULER_ADDRESS, whose machines "
-        "have to see DIR (default: loky)",
-    )
-    parser.add_argument(
-        "--accept",
-        choices=("exact", "code", "any"),
-        default="exact",
-        help="finished runs in DIR that count: of this code on such a machine (exact), of this code, or any of the "
-        "same configuration (default: exact)",
-    )
+    add_runner(parser)
     parser.add_argument("--slurm", action="store_true", help="only print an array job that does the same")
     add_json(parser)
 
@@ -70,7 +56,8 @@ def run(arguments: argparse.Namespace) -> int:
     config = Path(arguments.sweep)
     out = Path(arguments.out or f"runs/{config.stem}-seeds")
     plan = Plan.read(config, arguments.seeds)
-    made = [place for place in (out / "seeds", out, *out.parents) if not place.exists()]
+    folders = [out / arm.folder for arm in plan.arms if arm.name]
+    made = [place for place in (*folders, out / "seeds", out, *out.parents) if not place.exists()]
     single = len(plan.arms) == 1 and not plan.arms[0].name
     array = slurm(plan.command, config, plan.arms[0].seeds, out) if single else ""
     if arguments.slurm and not single:

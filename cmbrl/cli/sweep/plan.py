@@ -70,6 +70,8 @@ class Plan:
         found = []
         for name, changes in arms.items():
             more = dict(changes or {})
+            if fixed := [option for option in more if option in OWN]:
+                raise UserError(f"{file}: {name}: {fixed[0]!r} is decided by the sweep: leave it out of the arm")
             chosen = given or _seeds_of(file, more.pop("seeds", about["seeds"]))
             found.append(Arm(str(name), _merged(own, more), chosen))
         folders = [arm.folder for arm in found]
