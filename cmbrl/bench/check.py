@@ -157,7 +157,7 @@ def _speed(scene: Scene, model: ComplementarityModel, theirs: mujoco.MjModel, rn
     product = _fastest(our_product) / mj
     return [
         Line(
-            "time of a step", forward, 1.0, "in times of mj_step with the same contacts, one thread, 64 states a call"
+            "time of a step", forward, 1.0, "in times of mj_step on the same states, one thread, 64 states a call"
         ),
         Line("time with gradient", product, 1.0, "the same, with its vector-Jacobian product"),
     ]
