@@ -156,9 +156,7 @@ def _speed(scene: Scene, model: ComplementarityModel, theirs: mujoco.MjModel, rn
     forward = _fastest(lambda: model.stepper.forward(q, v, u, model.parameters)) / mj
     product = _fastest(our_product) / mj
     return [
-        Line(
-            "time of a step", forward, 1.0, "in times of mj_step on the same states, one thread, 64 states a call"
-        ),
+        Line("time of a step", forward, 1.0, "in times of mj_step on the same states, one thread, 64 states a call"),
         Line("time with gradient", product, 1.0, "the same, with its vector-Jacobian product"),
     ]
 
