@@ -11,7 +11,7 @@ import numpy as np
 
 from cmbrl.data.fields import Fields
 from cmbrl.errors import UserError
-from cmbrl.numbers import real, real_array
+from cmbrl.numbers import names, real, real_array
 from cmbrl.scene.records import JointKind
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ TIME_STEP_TOLERANCE = 1e-3  #: relative; distinguishes 0.0068 s from 1/148 s
 ROWS_FOR_KINEMATICS = 50  #: fewer rows do not show whether velocities and positions agree
 SENSOR_NOISE = 1e-4  #: changes of this size [m, rad] may be noise
 LARGEST = 1e12  #: far beyond any position, velocity, force or time of a robot; squares of sums are still finite
+REGULAR = 0.5  #: largest deviation of a time step from the median, as a share of it
 UNEXPLAINED = 0.95  #: largest share (root mean square) of a change that velocities may leave unexplained
 
 
@@ -80,6 +81,55 @@ def episodes(episode: Any, rows: int) -> np.ndarray:
         torn = seen[counts > 1][0]
         raise UserError(f"episode {torn} resumes after another one; keep its rows together, in time order")
     return numbers
+
+
+def unique_names(given: Any, name: str, columns: int, of: str) -> tuple[str, ...]:
+    """``given`` as names; raises unless there is one for each of the ``columns`` of array ``of``, and none twice."""
+    found = names(given, name)
+    if len(found) != columns:
+        raise UserError(f"{name} has {len(found)} names for the {columns} columns of {of}; give one per column")
+    if twice := next((one for one in found if found.count(one) > 1), None):
+        raise UserError(f"{name} has {twice!r} twice; give every column a name of its own")
+    return found
+
+
+def gains(given: Any, name: str, columns: int) -> np.ndarray | None:
+    """One gain for each of ``columns`` commands, or None; raises unless they are finite and not negative."""
+    if given is None:
+        return None
+    array = real_array(given, name)
+    if array.shape not in ((), (1,), (columns,)) or not ((array >= 0) & (array <= LARGEST)).all():
+        raise UserError(f"{name} has shape {array.shape}; give one gain >= 0, or one for each of {columns} commands")
+    return np.ascontiguousarray(np.broadcast_to(array, (columns,)))
+
+
+def time_steps(time: np.ndarray, episode: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows that the same episode continues, and the time [s] from each to the next."""
+    rows = np.flatnonzero(episode[1:] == episode[:-1])
+    return rows, time[rows + 1] - time[rows]
+
+
+def times(given: Any, episode: np.ndarray) -> np.ndarray:
+    """``given`` as times (T,) [s]; raises unless it rises within each episode by nearly equal steps."""
+    time = real_array(given, "time")
+    if time.shape != (len(episode),):
+        raise UserError(f"time has shape {time.shape}; give one time for each of the {len(episode)} rows")
+    finite = np.abs(time) <= LARGEST
+    if not finite.all():
+        raise UserError(f"time in row {np.flatnonzero(~finite)[0]} is not a finite number; remove such rows")
+    rows, steps = time_steps(time, episode)
+    if not len(steps):
+        raise UserError("the log has no two samples in one episode; record more")
+    if (steps <= 0).any():
+        row = rows[steps <= 0][0]
+        raise UserError(f"time does not rise from row {row} to the next; sort the rows, or number the episodes")
+    step = np.median(steps)
+    uneven = np.abs(steps - step) > REGULAR * step
+    if uneven.any():
+        row, found = rows[uneven][0], steps[uneven][0]
+        remedy = "resample the log by `cmbrl import`"
+        raise UserError(f"time rises by {found:.4g} s after row {row}, elsewhere by {step:.4g} s: {remedy}")
+    return time
 
 
 def against_scene(log: Fields, scene: Scene, dt: float | None = None) -> None:

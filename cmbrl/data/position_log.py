@@ -1,0 +1,210 @@
+"""The position log: joint positions and commands against time, without velocities. What an encoder and a driver tell.
+
+The file is an npz with the keys ``time`` (T,) [s], ``joint_position`` (T, n), ``commanded_position`` (T, m) or
+``torque`` (T, m), ``joint_names`` (n,), and, where known, ``actuator_names`` (m,), ``kp``, ``kd`` and ``episode`` (T,).
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from cmbrl.data import checks
+from cmbrl.data.npz import read_arrays
+from cmbrl.data.splitting import row_numbers
+from cmbrl.errors import UserError, did_you_mean
+from cmbrl.files import check_writable, write_bytes
+from cmbrl.numbers import names, one_of
+from cmbrl.reading import regular_file
+from cmbrl.scene.records import JointKind
+
+if TYPE_CHECKING:
+    from cmbrl.scene import Scene
+
+COMMANDS = {"position": "commanded_position", "torque": "torque"}  #: kind of command -> key in the file
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PositionLog:
+    """T samples of one robot. In row i, ``position[i]`` is measured at ``time[i]``; ``command[i]`` holds to row i + 1.
+
+    Column k of ``command`` is for actuator ``actuator_names[k]``; without these names it is for the actuator of joint
+    ``joint_names[k]``. The rows of an episode are contiguous, and time rises within it by nearly equal steps.
+    Construction checks shapes and values and raises :class:`cmbrl.UserError` that names the array and the row.
+    """
+
+    time: np.ndarray  #: (T,) [s]
+    position: np.ndarray  #: (T, n) of hinges [rad] and slides [m]
+    command: np.ndarray  #: (T, m) target of position servos [rad, m], or torque [N m, N]
+    joint_names: tuple[str, ...]  #: (n,) in the order of ``position``
+    actuator_names: tuple[str, ...] = ()  #: (m,) in the order of ``command``; empty: the actuators of the joints
+    command_kind: Literal["position", "torque"] = "position"
+    kp: np.ndarray | None = None  #: (m,) gain of the position servos [N m/rad, N/m]; None: that of the scene
+    kd: np.ndarray | None = None  #: (m,) their gain of the velocity [N m s/rad, N s/m]; None: that of the scene
+    episode: np.ndarray = None  # type: ignore[assignment]  #: (T,) int64, the episode of each row; None: all are one
+
+    def __post_init__(self) -> None:
+        one_of(self.command_kind, COMMANDS, "kind of command")
+        key = COMMANDS[self.command_kind]
+        position, command = checks.numbers("joint_position", self.position), checks.numbers(key, self.command)
+        rows = len(position)
+        if len(command) != rows:
+            raise UserError(f"{key} has {len(command)} rows, joint_position has {rows}; give one row per sample")
+        joints = checks.unique_names(self.joint_names, "joint_names", position.shape[1], "joint_position")
+        actuators = names(self.actuator_names, "actuator_names")
+        if actuators:
+            checks.unique_names(actuators, "actuator_names", command.shape[1], key)
+        elif command.shape[1] != len(joints):
+            raise UserError(
+                f"{key} has {command.shape[1]} columns for {len(joints)} joints; name its columns by actuator_names"
+            )
+        episode = np.zeros(rows) if self.episode is None else self.episode
+        object.__setattr__(self, "position", position)
+        object.__setattr__(self, "command", command)
+        object.__setattr__(self, "joint_names", joints)
+        object.__setattr__(self, "actuator_names", actuators)
+        object.__setattr__(self, "kp", checks.gains(self.kp, "kp", command.shape[1]))
+        object.__setattr__(self, "kd", checks.gains(self.kd, "kd", command.shape[1]))
+        object.__setattr__(self, "episode", checks.episodes(episode, rows))
+        object.__setattr__(self, "time", checks.times(self.time, self.episode))
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def dt(self) -> float:
+        """The median time between two rows [s]."""
+        return float(np.median(checks.time_steps(self.time, self.episode)[1]))
+
+    @property
+    def n_episodes(self) -> int:
+        """Number of episodes."""
+        return len(np.unique(self.episode))
+
+    @property
+    def command_names(self) -> tuple[str, ...]:
+        """What the columns of ``command`` are called: actuators, or else joints."""
+        return self.actuator_names or self.joint_names
+
+    def select(self, rows: Any) -> PositionLog:
+        """The rows of an index array, a mask (T,) or a slice; raises UserError where time steps become uneven."""
+        chosen = row_numbers(rows, len(self))
+        picked = {name: getattr(self, name)[chosen] for name in ("time", "position", "command", "episode")}
+        return replace(self, **picked)
+
+    def coordinates(self, scene: Scene) -> np.ndarray:
+        """(n,) places in ``scene``'s v of the log's joints; raises UserError for a joint that the scene lacks."""
+        known = {joint.name: joint for joint in scene.joints}
+        for name in self.joint_names:
+            if name not in scene.joint_names:
+                raise UserError(
+                    f"joint {name!r} of the log is not in scene {scene.name!r}: {did_you_mean(name, scene.joint_names)}"
+                )
+            if name not in known or known[name].kind == JointKind.BALL:
+                raise UserError(f"joint {name!r} has no single position; a position log has hinges and slides")
+        return np.array([known[name].vadr for name in self.joint_names], dtype=np.int64)
+
+    def actuators(self, scene: Scene) -> np.ndarray:
+        """(m,) places in ``scene``'s u of the columns of ``command``; raises UserError where there is none."""
+        if self.actuator_names:
+            for name in self.actuator_names:
+                if name not in scene.actuator_names:
+                    told = did_you_mean(name, scene.actuator_names)
+                    raise UserError(f"actuator {name!r} of the log is not in scene {scene.name!r}: {told}")
+            return np.array([scene.actuator_names.index(name) for name in self.actuator_names], dtype=np.int64)
+        lines = scene.core.act_line.tolist()
+        found = []
+        for name, coordinate in zip(self.joint_names, self.coordinates(scene).tolist(), strict=True):
+            if lines.count(coordinate) != 1:
+                raise UserError(
+                    f"joint {name!r} has {lines.count(coordinate)} actuators in scene {scene.name!r}; name the columns "
+                    f"of {COMMANDS[self.command_kind]} by actuator_names"
+                )
+            found.append(lines.index(coordinate))
+        return np.array(found, dtype=np.int64)
+
+    def check(self, scene: Scene) -> None:
+        """Raises UserError unless this is a log of all joints and actuators of ``scene``."""
+        if not hasattr(scene, "core"):
+            raise UserError(f"scene is a {type(scene).__name__}; give the Scene of the robot")
+        self.coordinates(scene)
+        driven = self.actuators(scene)
+        if missing := [name for name in scene.joint_names if name not in self.joint_names]:
+            raise UserError(
+                f"joint {missing[0]!r} of scene {scene.name!r} is not in the log, and its motion cannot be simulated "
+                "without a start; log it, or fix it in the file"
+            )
+        if undriven := sorted(set(range(scene.nu)) - set(driven.tolist())):
+            raise UserError(
+                f"actuator {scene.actuator_names[undriven[0]]!r} of scene {scene.name!r} has no command in the log; "
+                "log it, or remove it from the file"
+            )
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes ``NAME.npz``, completely or not at all; raises UserError for another suffix."""
+        check_target(path)
+        arrays: dict[str, np.ndarray] = {
+            "time": self.time,
+            "joint_position": self.position,
+            COMMANDS[self.command_kind]: self.command,
+            "joint_names": np.asarray(self.joint_names, dtype=np.str_),
+        }
+        if self.actuator_names:
+            arrays["actuator_names"] = np.asarray(self.actuator_names, dtype=np.str_)
+        for name, gains in (("kp", self.kp), ("kd", self.kd)):
+            if gains is not None:
+                arrays[name] = gains[0] if len(set(gains.tolist())) == 1 else gains
+        if self.n_episodes > 1:
+            arrays["episode"] = self.episode
+        content = io.BytesIO()
+        np.savez_compressed(content, **arrays)  # type: ignore[arg-type]
+        write_bytes(path, content.getvalue())
+
+    @staticmethod
+    def load(path: str | os.PathLike[str]) -> PositionLog:
+        """Reads an npz of the keys above; raises UserError that names the file if it is missing, of another kind or
+        damaged. Where both are there, ``commanded_position`` is the command, since ``torque`` follows from it.
+        """
+        found = read_arrays(regular_file(path, "import a log with `cmbrl import`, or check the path"))
+        try:
+            return _from_arrays(found)
+        except UserError as error:
+            raise UserError(f"{path}: {error}") from None
+
+
+def is_layout(keys: Any) -> bool:
+    """Whether the ``keys`` of an npz are those of a position log."""
+    return {"time", "joint_position"} <= set(keys)
+
+
+def check_target(path: str | os.PathLike[str]) -> None:
+    """Raises UserError unless a position log can be written to ``path``; writes nothing."""
+    if Path(path).suffix != ".npz":
+        raise UserError(f"{path}: a position log is an npz; give NAME.npz")
+    check_writable(path)
+
+
+def _from_arrays(found: dict[str, np.ndarray]) -> PositionLog:
+    kind = next((kind for kind, key in COMMANDS.items() if key in found), None)
+    missing = [key for key in ("time", "joint_position", "joint_names") if key not in found]
+    if kind is None or missing:
+        raise UserError(
+            f"no {', '.join(missing) or 'commanded_position and no torque'} in the file (it has "
+            f"{', '.join(sorted(found)) or 'nothing'}); a position log needs time, joint_position, joint_names, and "
+            "commanded_position or torque"
+        )
+    options: dict[str, Any] = {key: found[key] for key in ("kp", "kd", "episode", "actuator_names") if key in found}
+    log = PositionLog(
+        time=found["time"],
+        position=found["joint_position"],
+        command=found[COMMANDS[kind]],
+        joint_names=found["joint_names"],  # type: ignore[arg-type]
+        command_kind=kind,  # type: ignore[arg-type]
+        **options,
+    )
+    return log

@@ -1,0 +1,125 @@
+"""Position logs: what is accepted, what is written, and which scene they belong to."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cmbrl import UserError
+from cmbrl.data.position_log import PositionLog
+from cmbrl.scene.records import JointKind
+
+
+def make(rows: int = 20, **other: Any) -> PositionLog:
+    rng = np.random.default_rng(0)
+    given: dict[str, Any] = {
+        "time": 0.005 * np.arange(rows),
+        "position": rng.standard_normal((rows, 2)),
+        "command": rng.standard_normal((rows, 2)),
+        "joint_names": ("hip", "knee"),
+    }
+    return PositionLog(**{**given, **other})
+
+
+@pytest.fixture
+def leg() -> Any:
+    """A scene of two hinges with a motor each, the motors in the other order."""
+    joints = [SimpleNamespace(name=name, kind=JointKind.HINGE, vadr=k) for k, name in enumerate(("hip", "knee"))]
+    return SimpleNamespace(
+        name="leg", nu=2, joints=joints, joint_names=("hip", "knee"), actuator_names=("m_knee", "m_hip"),
+        core=SimpleNamespace(act_line=np.array([1, 0])),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {},
+        {"kp": 20.0, "kd": np.array([1.0, 2.0])},
+        {"command_kind": "torque", "actuator_names": ("m_hip", "m_knee"), "episode": np.repeat([3, 5], 10)},
+    ],
+)
+def test_what_is_written_is_read(tmp_path: Path, other: dict[str, Any]) -> None:
+    log = make(**other)
+    log.save(tmp_path / "a.npz")
+    again = PositionLog.load(tmp_path / "a.npz")
+    for name in ("time", "position", "command", "kp", "kd", "episode"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(log, name))
+    assert (again.joint_names, again.actuator_names) == (log.joint_names, log.actuator_names)
+    assert again.command_kind == log.command_kind
+    assert again.dt == pytest.approx(0.005)
+
+
+def test_the_scene_tells_coordinates_and_actuators(leg: Any) -> None:
+    log = make(joint_names=("knee", "hip"))
+    log.check(leg)
+    assert log.coordinates(leg).tolist() == [1, 0]
+    assert log.actuators(leg).tolist() == [0, 1]  # the motors of the knee and of the hip
+    named = make(actuator_names=("m_hip", "m_knee"))
+    named.check(leg)
+    assert named.actuators(leg).tolist() == [1, 0]
+
+
+@pytest.mark.parametrize(
+    ("other", "told"),
+    [
+        ({"joint_names": ("hip", "kne")}, "joint 'kne' of the log is not in scene 'leg': did you mean 'knee'"),
+        ({"actuator_names": ("m_hip", "pump")}, "actuator 'pump' of the log is not in scene"),
+        (
+            {"position": np.zeros((20, 1)), "command": np.zeros((20, 1)), "joint_names": ("hip",)},
+            "joint 'knee' of scene 'leg' is not in the log",
+        ),
+        ({"command": np.zeros((20, 1)), "actuator_names": ("m_hip",)}, "actuator 'm_knee' of scene 'leg' has no"),
+    ],
+)
+def test_a_log_of_another_robot(leg: Any, other: dict[str, Any], told: str) -> None:
+    with pytest.raises(UserError, match=told):
+        make(**other).check(leg)
+
+
+@pytest.mark.parametrize(
+    ("other", "told"),
+    [
+        ({"joint_names": ("hip",)}, "joint_names has 1 names for the 2 columns"),
+        ({"joint_names": ("hip", "hip")}, "'hip' twice"),
+        ({"command": np.zeros((20, 3))}, "3 columns for 2 joints; name its columns by actuator_names"),
+        ({"command": np.zeros((19, 2))}, "19 rows, joint_position has 20"),
+        ({"position": np.full((20, 2), np.nan)}, "NaN in row 0 of joint_position"),
+        ({"time": np.zeros(20)}, "time does not rise from row 0"),
+        ({"time": np.where(np.arange(20) > 9, 1.0, 0.0) + 0.005 * np.arange(20)}, "after row 9, elsewhere by 0.005 s"),
+        ({"time": np.full(20, np.inf)}, "time in row 0 is not a finite number"),
+        ({"kp": -1.0}, "kp has shape"),
+        ({"kd": np.ones(3)}, r"kd has shape \(3,\)"),
+        ({"command_kind": "speed"}, "unknown kind of command 'speed'"),
+        ({"episode": np.arange(20)}, "no two samples in one episode"),
+    ],
+)
+def test_what_is_refused(other: dict[str, Any], told: str) -> None:
+    with pytest.raises(UserError, match=told):
+        make(**other)
+
+
+def test_files_that_are_no_position_logs(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", time=np.zeros(3), joint_position=np.zeros((3, 1)))
+    with pytest.raises(UserError, match=r"a\.npz: no joint_names in the file"):
+        PositionLog.load(tmp_path / "a.npz")
+    with pytest.raises(UserError, match="no such file"):
+        PositionLog.load(tmp_path / "b.npz")
+    with pytest.raises(UserError, match=r"give NAME\.npz"):
+        make().save(tmp_path / "c.csv")
+
+
+def test_rows_and_episodes() -> None:
+    log = make(episode=np.repeat([0, 1], 10), time=np.tile(0.005 * np.arange(10), 2))
+    assert (len(log), log.n_episodes) == (20, 2)
+    assert replace(log, episode=np.repeat([0, 1], 10)).dt == pytest.approx(0.005)
+    half = log.select(slice(0, 10))
+    assert half.n_episodes == 1
+    np.testing.assert_array_equal(half.position, log.position[:10])
+    with pytest.raises(UserError, match="time rises by"):
+        log.select([0, 1, 2, 3, 6, 7, 8, 9])
