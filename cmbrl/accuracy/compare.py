@@ -24,8 +24,9 @@ import torch
 
 from cmbrl.accuracy.strata import in_contact, is_moving, smallest_gap, window_strata
 from cmbrl.accuracy.table import Entry, ErrorTable, Horizon
+from cmbrl.data.checks import TIME_STEP_TOLERANCE
 from cmbrl.errors import UserError
-from cmbrl.models.protocol import Model, failures, reset_failures, rollout
+from cmbrl.models.protocol import Model, failures, reset_failures, rollout, seen
 
 if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
@@ -59,12 +60,13 @@ def compare(
     """
     data.check(scene)
     for name, model in models.items():
-        if abs(model.dt - data.dt) > 1e-6 * data.dt:
+        if abs(model.dt - data.dt) > TIME_STEP_TOLERANCE * data.dt:
             raise UserError(f"{name}: steps {model.dt:g} s, the log {data.dt:g} s; use the log's control step")
     if min(horizons, default=0) < 1:
         raise UserError(f"horizons {list(horizons)}; give whole numbers of at least 1")
     change_scale, state_scale = _scales(data, scene)
     contact, moving = in_contact(data, scene, contact_gap), is_moving(data, scene)
+    logs = {name: seen(model, data) for name, model in models.items()}
     starts = {k: _thin(data.windows(k), len(data) if k == 1 else max_windows) for k in sorted(set(horizons))}
     starts = {k: rows for k, rows in starts.items() if len(rows)}
     total = max(1, sum(k * len(rows) for k, rows in starts.items()) * len(models))
@@ -82,9 +84,9 @@ def compare(
                 progress(done / total, f"{name}, {k} steps")
             reset_failures(model)
             began = time.perf_counter()
-            q, v = _predict(model, data, rows, k)
+            q, v = _predict(model, logs[name], rows, k)
             seconds = time.perf_counter() - began
-            error = _error(scene, data, rows, q, v)  # (W, k, 2 nv)
+            error = _error(scene, logs[name], rows, q, v)  # (W, k, 2 nv)
             depth = _depth(scene, q)
             for stratum, mask in strata.items():
                 whole = stratum == "all"

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cmbrl.data.checks import TIME_STEP_TOLERANCE
 from cmbrl.errors import UserError
 from cmbrl.models.source import Source, load_source
 from cmbrl.registry import load_task, names
@@ -138,6 +139,6 @@ def _loaded(folder: str, data: Transitions, threads: int) -> Model:
     from cmbrl.models.named import saved_model
 
     model = saved_model(folder, threads=threads)
-    if abs(model.dt - data.dt) > 1e-6 * data.dt:
+    if abs(model.dt - data.dt) > TIME_STEP_TOLERANCE * data.dt:
         raise UserError(f"{folder}: has a step of {model.dt:g} s, the log has dt {data.dt:g} s: use a log of that step")
     return model

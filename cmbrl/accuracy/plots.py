@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from cmbrl.accuracy.open_loop import OpenLoop
 from cmbrl.accuracy.table import ErrorTable
 from cmbrl.files import atomic_path
 
@@ -30,6 +31,20 @@ def plot(table: ErrorTable, path: str | os.PathLike[str]) -> None:
         _bars(panel, table, horizon.steps)
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=max(1, len(labels)), frameon=False)
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, dpi=150)
+
+
+def plot_open_loop(found: OpenLoop, path: str | os.PathLike[str]) -> None:
+    """Writes drift against time, mean over coordinates, in the format of the suffix of ``path``."""
+    figure = Figure(figsize=(9.0, 3.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    for name, error in found.errors.items():
+        axes.plot(found.time, 1e3 * np.abs(error).mean(axis=1), label=name, linewidth=0.8)
+    axes.axvspan(found.since, found.time.max(), color="0.92", label="judged")
+    axes.set(xlabel="time [s]", ylabel="mean absolute position error [mrad, mm]", ylim=(0.0, None))
+    axes.legend(frameon=False)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=150)
 

@@ -4,20 +4,39 @@ from __future__ import annotations
 
 import argparse
 import json
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from cmbrl.accuracy.named_models import BUILT_IN, ENSEMBLE, build_models, common_source, train_ensemble
-from cmbrl.cli.options import add_json, add_scene_options, add_seed, add_threads, positive, positive_number, resolved
+from cmbrl.cli.options import (
+    add_json,
+    add_scene_options,
+    add_seed,
+    add_threads,
+    number,
+    positive,
+    positive_number,
+    resolved,
+)
 from cmbrl.cli.progress import fraction
 from cmbrl.errors import UserError
 from cmbrl.files import write_json, write_text
-from cmbrl.models.source import load_log
+from cmbrl.models.source import load_any_log, load_log
 from cmbrl.runs import check_run_folder, usable_cores, write_run
+
+if TYPE_CHECKING:
+    from cmbrl.accuracy.open_loop import OpenLoop
+    from cmbrl.accuracy.table import ErrorTable
+    from cmbrl.data import Transitions
+    from cmbrl.scene import Scene
 
 CONTACT_GAP = 2e-3  # [m]
 
 EXAMPLE = """
 cmbrl error --data held_out.npz --scene hopper hold nominal
 cmbrl error --data held_out.npz --out runs/error hold nominal runs/hopper
+cmbrl error --data log.npz --scene robot.xml --open-loop --from 16.0 nominal runs/robot
 cmbrl error --data held_out.npz --train train.npz --scene hopper nominal ensemble
 """
 
@@ -47,6 +66,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a transition is in contact if a gap is smaller than this before or after it (default: the task's, else "
         f"{CONTACT_GAP} m)",
     )
+    parser.add_argument(
+        "--open-loop",
+        action="store_true",
+        help="simulate from the start of the log under its commands; the only way for a log of positions",
+    )
+    parser.add_argument(
+        "--from", dest="since", type=number, metavar="S", help="with --open-loop: judge from this second of the log on"
+    )
     parser.add_argument("--out", metavar="DIR", help="write table, JSON, plot and the trained ensemble there")
     add_scene_options(parser)
     add_threads(parser)
@@ -60,8 +87,10 @@ def run(arguments: argparse.Namespace) -> None:
         raise UserError("ensemble: no log to learn from; give one other than --data by --train FILE")
     if arguments.out:
         check_run_folder(arguments.out, "error")
+    if arguments.since is not None and not arguments.open_loop:
+        raise UserError("--from is for --open-loop: add it, or drop --from")
     source = common_source(words, arguments.scene, arguments.ignore, arguments.contact_law, arguments.self_contact)
-    data = load_log(arguments.data, source.scene)
+    data, time = _log(arguments, source.scene)
     gap = arguments.contact_gap or (source.task.contact_gap if source.task else CONTACT_GAP)
     models = build_models(words, source, data, arguments.threads or usable_cores())
     notes = []
@@ -72,10 +101,16 @@ def run(arguments: argparse.Namespace) -> None:
         notes.append(f"ensemble: {arguments.train}: {note}")
 
     from cmbrl.accuracy.compare import compare
-    from cmbrl.accuracy.plots import plot
+    from cmbrl.accuracy.open_loop import OpenLoop, simulate
+    from cmbrl.accuracy.plots import plot, plot_open_loop
 
+    table: ErrorTable | OpenLoop
     with fraction("compare") as progress:
-        table = compare(models, data, source.scene, arguments.horizons, contact_gap=gap, progress=progress)
+        if arguments.open_loop:
+            since = 0.0 if arguments.since is None else arguments.since
+            table = simulate(models, data, source.scene, time, since, progress)
+        else:
+            table = compare(models, data, source.scene, arguments.horizons, contact_gap=gap, progress=progress)
     notes += [f"left out of the scene: {e.kind} {e.name} ({e.why})" for e in source.scene.left_out]
     text = "\n".join([table.text(), *notes]).rstrip("\n")
     result = {**table.to_json(), "notes": notes}
@@ -83,7 +118,23 @@ def run(arguments: argparse.Namespace) -> None:
         out = write_run(arguments.out, "error", resolved(arguments))
         write_text(out / "error.txt", text + "\n")
         write_json(out / "error.json", result)
-        plot(table, out / "error.png")
+        if isinstance(table, OpenLoop):
+            plot_open_loop(table, out / "error.png")
+        else:
+            plot(table, out / "error.png")
         if ENSEMBLE in words:
             models[ENSEMBLE].save(out / "ensemble")  # minutes of training: can be named as a MODEL next time
     print(json.dumps(result, indent=2) if arguments.json else text)
+
+
+def _log(arguments: argparse.Namespace, scene: Scene) -> tuple[Transitions, np.ndarray]:
+    """The log, and the time [s] of the state after each row."""
+    from cmbrl.data.estimation import estimated
+    from cmbrl.data.position_log import PositionLog
+
+    log = load_any_log(arguments.data, scene) if arguments.open_loop else load_log(arguments.data, scene)
+    if isinstance(log, PositionLog):
+        same = np.flatnonzero(log.episode[1:] == log.episode[:-1])
+        return estimated(log, scene), log.time[same + 1]
+    first = np.searchsorted(log.episode, log.episode) if len(log) else 0
+    return log, log.dt * (np.arange(len(log)) - first + 1)

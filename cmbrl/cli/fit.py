@@ -27,7 +27,7 @@ from cmbrl.cli.progress import fraction
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.files import read_record
 from cmbrl.models.named import RESULT
-from cmbrl.models.source import load_log, load_source
+from cmbrl.models.source import load_any_log, load_source
 from cmbrl.runs import usable_cores, write_run
 
 if TYPE_CHECKING:
@@ -46,11 +46,14 @@ METHODS = ("random", "cma", "gauss-newton")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("source", metavar="SCENE|TASK", help="an MJCF file or the name of a task")
-    parser.add_argument("--data", required=True, metavar="FILE", help="the log of transitions")
+    parser.add_argument("--data", required=True, metavar="FILE", help="the log of states, or of positions and commands")
     parser.add_argument("--out", required=True, metavar="DIR", help="the run folder to write")
     parser.add_argument("--method", choices=METHODS, default="random", help="search method (default random)")
     parser.add_argument(
-        "--horizon", type=positive, default=1, metavar="K", help="steps predicted open loop in the loss (default 1)"
+        "--horizon",
+        type=positive,
+        metavar="K",
+        help="steps predicted open loop in the loss (default 1, or half a second of a log of positions)",
     )
     parser.add_argument(
         "--holdout", type=share, default=0.25, metavar="X", help="share of episodes held out (default 0.25)"
@@ -88,7 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.all_parameters and arguments.groups:
         raise UserError("--all-parameters and --groups exclude each other: drop one")
     source = load_source(arguments.source, arguments.ignore, arguments.contact_law, arguments.self_contact)
-    data = load_log(arguments.data, source.scene)
+    data = load_any_log(arguments.data, source.scene)
     out = Path(arguments.out)
     check_folder(out, "fit", any((out / name).exists() for name in ("state.json", RESULT)), arguments.resume)
     start = start_values(source.scene, dict(arguments.set))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import zipfile
 from pathlib import Path
 from typing import Any, cast
 
@@ -52,6 +53,15 @@ def read(path: Path) -> Fields:
         return _fields(found)
     except UserError as error:
         raise UserError(f"{path}: {error}") from None
+
+
+def keys(path: str | os.PathLike[str]) -> set[str]:
+    """Names of the arrays in an npz; none if it cannot be read, which its reader then tells."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return {name.removesuffix(".npy") for name in archive.namelist()}
+    except (OSError, ValueError, zipfile.BadZipFile):
+        return set()
 
 
 def read_arrays(path: Path) -> dict[str, np.ndarray]:

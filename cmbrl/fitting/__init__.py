@@ -1,6 +1,7 @@
 """From a log to physical parameters: ``cmbrl.fit(model, data)`` is :func:`cmbrl.fitting.fit.fit`. In order of reading:
 
 ``fit``            the whole procedure, top to bottom; ``budget``: how much work each part may do
+``evidence``       the log as transitions, the model at its time step, and what lies between them
 ``space``          named, bounded, transformed parameters; ``gauge``: which mass fixes the unit of force
 ``loss``           prediction errors of candidates, Gauss-Newton equations; ``objective``: the same plus the prior
 ``random_search``  candidates around the best so far; ``cma`` and ``gauss_newton``: the alternatives, and the polish

@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.data.checks import LARGEST
+from cmbrl.data.position_log import PositionLog
 from cmbrl.data.transitions import Transitions
-from cmbrl.errors import UserError
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.cma import cma_search, require_library
+from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.folds import Folds, draw_starts, fold_count
 from cmbrl.fitting.gauge import gauge_columns, set_of
 from cmbrl.fitting.gauss_newton import gauss_newton
@@ -34,7 +34,6 @@ from cmbrl.fitting.result import FitResult
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.windows import Scales, Windows
 from cmbrl.numbers import one_of, real, whole
 from cmbrl.scene.core_arrays import CoreArrays
 
@@ -43,11 +42,11 @@ METHODS = ("random", "cma", "gauss-newton")
 
 def fit(
     model: ComplementarityModel,
-    data: Transitions,
+    data: Transitions | PositionLog,
     seed: int = 0,
     method: str = "random",
     groups: str | Sequence[str] | None = None,
-    horizon: int = 1,
+    horizon: int | None = None,
     holdout: float = 0.25,
     polish: bool = True,
     huber: float = 0.5,
@@ -61,12 +60,13 @@ def fit(
     Args:
         model: starts at ``model.parameters``, which are also the centre of the prior. A model of one substep gets as
             many as a transition takes (:meth:`~cmbrl.ComplementarityModel.for_log`).
-        data: a log of the same robot.
+        data: a log of the same robot. Of a position log, velocities are estimated and only positions are compared;
+            encoder biases are fitted besides, its gains are the nominal ones, and ``groups`` is "all" by default.
         seed: the same seed gives the same result, for any number of threads.
         method: "random" or "cma" (a search, then Gauss-Newton unless ``polish`` is False), or "gauss-newton" alone.
         groups: None for the fewest parameter groups that the held-out data supports; "all"; or names of groups or
             parameters.
-        horizon: steps predicted open loop before they are compared with the log.
+        horizon: steps predicted open loop and compared with the log; default: 1, or half a second of a position log.
         holdout: share of the episodes to judge on; 0 requires ``groups``.
         polish: whether a search is followed by Gauss-Newton.
         huber: residual, in standard deviations of the change, from which errors count linearly.
@@ -77,28 +77,28 @@ def fit(
             records it.
 
     Raises:
-        UserError: for a log of another robot or time step, unknown names, parameters outside their bounds, a single
-            episode, or a folder that cannot be used.
+        UserError: for a log of another robot or time step, unknown names, parameters outside their bounds, or a folder
+            that cannot be used.
     """
     budget = budget or Budget()
     one_of(method, METHODS, "method")
     if method == "cma":
         require_library()
-    model = model.for_log(data.dt)
-    data.check(model.scene, dt=model.dt)
-    _check_steps(model, data)
-    seed, horizon = whole(seed, "seed", least=0), whole(horizon, "horizon")
+    evidence = Evidence.of(model, data)
+    model, log, space = evidence.model, evidence.log, evidence.space
+    seed, horizon = whole(seed, "seed", least=0), evidence.horizon(horizon)
     huber = real(huber, "huber", above=0.0, most=1e6)
     time_limit = None if time_limit is None else real(time_limit, "time_limit", least=0.0)
-    space = Space.of(model.scene.parameters, model.parameters)
-    wanted = None if groups is None else space.columns(space.groups if groups == "all" else _names(groups))
-    count = fold_count(data, holdout, needed=groups is None)
-    scales = Scales.of(model.scene, data, huber)
+    if groups is None and evidence.positions_only:
+        groups = "all"
+    wanted = None if groups is None else space.default if groups == "all" else space.columns(_names(groups))
+    count = fold_count(log, holdout, needed=groups is None)
+    scales = evidence.scales(horizon, huber)
     settings = [seed, method, None if wanted is None else wanted.tolist(), horizon, count, polish, huber]
-    journal = Journal(folder, _fingerprint(model, data, settings, asdict(budget)), time_limit, progress)
+    journal = Journal(folder, _fingerprint(model, log, settings, asdict(budget)), time_limit, progress)
 
     def loss(limit: int) -> PredictionLoss:
-        return PredictionLoss(model, Windows(data, draw_starts(data, horizon, limit, seed), horizon, scales))
+        return evidence.loss(draw_starts(log, horizon, limit, seed), horizon, scales)
 
     everything = loss(budget.polish_rows)
     admit = partial(_admit, model.scene.core, space)
@@ -134,7 +134,7 @@ def fit(
     about = {"seed": seed, "method": method, "horizon": horizon, "folds": count, "stopped": stopped, "selection": None}
     if wanted is None:
         about["selection"] = incumbent.path
-    return conclude(model, data, space, everything, held_out, incumbent, journal, about)
+    return conclude(model, log, space, everything, held_out, incumbent, journal, about)
 
 
 def _search(
@@ -207,19 +207,6 @@ def _admit(core: CoreArrays, space: Space, chosen: np.ndarray, z: np.ndarray) ->
         z = space.z(np.clip(theta, space.low, space.high))
         active[column] = False
     return active, z
-
-
-def _check_steps(model: ComplementarityModel, data: Transitions) -> None:
-    """Raises UserError that names the first row from which the model steps beyond any robot: no error can be told."""
-    found = model.predict(data.q, data.v, data.u)
-    lost = ~(np.abs(np.concatenate([found.q_next, found.v_next], axis=1)) <= LARGEST).all(axis=1)  # NaN too
-    if lost.any():
-        row = int(np.flatnonzero(lost)[0])
-        largest = np.max(np.abs(np.concatenate([data.q[row], data.v[row], data.u[row]])))
-        raise UserError(
-            f"the model cannot step from row {row} of the log, whose largest value is {largest:g} "
-            f"({int(lost.sum())} such rows in all): remove them, or record again"
-        )
 
 
 def _names(groups: str | Sequence[str]) -> list[str]:

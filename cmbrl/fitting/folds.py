@@ -18,6 +18,7 @@ from cmbrl.fitting.loss import Errors, PredictionLoss
 from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
+from cmbrl.models.windows import BLOCKS, blocks_of
 
 _LEAST_BLOCKS = 6  # fewer episodes are cut into this many runs of consecutive starts
 
@@ -25,7 +26,7 @@ _LEAST_BLOCKS = 6  # fewer episodes are cut into this many runs of consecutive s
 def fold_count(data: Transitions, holdout: float, needed: bool) -> int:
     """Number of folds that each hold out a share ``holdout`` of the episodes; 0 for no folds.
 
-    Raises UserError for a share outside [0, 1), for a single episode, and for no folds if they are ``needed``.
+    Raises UserError for a share outside [0, 1), and for no folds if they are ``needed``.
     """
     if not 0.0 <= holdout < 1.0:
         raise UserError(f"holdout is {holdout}; give a share of the episodes, at least 0 and below 1")
@@ -35,12 +36,7 @@ def fold_count(data: Transitions, holdout: float, needed: bool) -> int:
                 "selecting parameters needs held-out episodes: name the parameters (groups), or set holdout above 0"
             )
         return 0
-    if data.n_episodes < 2:
-        raise UserError(
-            "the log has one episode only, and held-out episodes judge the fit: record a second one, "
-            "or name the parameters (groups) and set holdout to 0"
-        )
-    return min(max(round(1.0 / holdout), 2), data.n_episodes)
+    return min(max(round(1.0 / holdout), 2), data.n_episodes if data.n_episodes > 1 else BLOCKS)
 
 
 def draw_starts(data: Transitions, horizon: int, limit: int, seed: int) -> np.ndarray:
@@ -48,7 +44,8 @@ def draw_starts(data: Transitions, horizon: int, limit: int, seed: int) -> np.nd
 
     Raises UserError if no episode has ``horizon`` consecutive transitions.
     """
-    starts = data.windows(horizon)
+    starts, blocks = data.windows(horizon), blocks_of(data)
+    starts = starts[blocks[starts] == blocks[starts + horizon - 1]]
     if len(starts) == 0:
         raise UserError(f"no episode has {horizon} consecutive transitions; choose a shorter horizon")
     limit = max(1, limit // horizon)
@@ -68,11 +65,11 @@ class Folds:
     @classmethod
     def of(cls, train: PredictionLoss, judge: PredictionLoss, count: int, seed: int) -> Folds:
         """``count`` folds by episode under ``seed``, with windows to fit in ``train`` and to judge by in ``judge``."""
-        episode, starts, judged = train.windows.data.episode, train.windows.starts, judge.windows.starts
-        episodes = np.unique(episode)
+        block, starts, judged = blocks_of(train.windows.data), train.windows.starts, judge.windows.starts
+        blocks = np.unique(block)
         draw = np.random.Generator(np.random.Philox(key=[seed & 0xFFFFFFFFFFFFFFFF, count]))
-        fold_of = dict(zip(draw.permutation(episodes).tolist(), np.arange(len(episodes)) % count, strict=True))
-        row_fold = np.array([fold_of[e] for e in episode.tolist()])
+        fold_of = dict(zip(draw.permutation(blocks).tolist(), np.arange(len(blocks)) % count, strict=True))
+        row_fold = np.array([fold_of[e] for e in block.tolist()])
         pairs = [
             (train.on(starts[row_fold[starts] != k]), judge.on(judged[row_fold[judged] == k])) for k in range(count)
         ]
@@ -99,13 +96,12 @@ class Folds:
             np.concatenate([p.loss for p in parts]),
             np.concatenate([p.squares for p in parts]),
             sum(p.failures for p in parts),
+            float(np.mean([p.alike for p in parts])),
         )
 
     def blocks(self) -> np.ndarray:
         """Block of every start, ordered by fold: its episode, or a run of starts if there are few episodes."""
-        windows = [loss.windows for loss in self.held_out]
-        episodes = np.concatenate([w.data.episode[w.starts] for w in windows])
-        known, index = np.unique(episodes, return_inverse=True)
+        known, index = np.unique(np.concatenate([loss.windows.blocks for loss in self.held_out]), return_inverse=True)
         if len(known) >= _LEAST_BLOCKS:
             return index
         return np.arange(len(index)) * _LEAST_BLOCKS // len(index)

@@ -38,7 +38,7 @@ class Forecast:
     def at(cls, folds: Folds, space: Space, z: np.ndarray, strength: float) -> Forecast:
         """Linearises the predictions of all folds at ``z``; ``strength`` is the prior's in the objective."""
         parts = [loss.normal_equations(space, z) for loss in folds.held_out]
-        starts = np.array([part.starts for part in parts], dtype=float)
+        starts = np.array([part.independent for part in parts], dtype=float)
         return cls(
             space,
             z,
@@ -59,8 +59,8 @@ class Forecast:
         total = 0.0
         for k, share in enumerate(self.shares):
             weight = np.where(np.arange(len(self.shares)) == k, 0.0, self.shares) / (1.0 - share)
-            gradient = weight @ self.gradients + self.strength * self.z
-            hessian = np.tensordot(weight, self.hessians, axes=1) + self.strength * np.eye(len(self.z))
+            gradient = weight @ self.gradients + self.strength * (self.space.precision @ self.z)
+            hessian = np.tensordot(weight, self.hessians, axes=1) + self.strength * self.space.precision
             step = damped_step(self.space, active, self.z, gradient, hessian, _DAMPING) - self.z
             total -= share * (self.gradients[k] @ step + 0.5 * step @ self.hessians[k] @ step)
         return float(total)

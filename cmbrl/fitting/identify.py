@@ -1,13 +1,13 @@
 """Intervals of the fitted parameters, and what the data leave open.
 
-At the optimum, with the Gauss-Newton information of the data ``F = n H / tau^2``, tempered by 1 / ALIKE as in the
-objective, and the prior (identity in z):
+At the optimum, with the Gauss-Newton information of the data ``F = m H / tau^2``, m independent observations as in the
+objective, and the precision K of the prior in z:
 
-    cov = A^-1 (S / ALIKE^2 + I) A^-1,   A = F / ALIKE + I,   S = E / (E - 1) sum_e (s_e - s) (s_e - s)^T
+    cov = A^-1 (S + K) A^-1,   A = F + K,   S = E / (E - 1) sum_e (s_e - s) (s_e - s)^T
 
 where s_e is the score of episode e. This sandwich (Huber 1967; White 1982; clustered by episode) allows for residuals
 that are model error, hence similar within an episode. Episodes are few, so a parameter gets the larger of this variance
-and the naive one, (F + I)^-1. Directions with F / ALIKE below 1 are flat: the log says less there than the prior.
+and the naive one, A^-1. Directions with F below 1 are flat: the log says less there than the prior.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from cmbrl.fitting.loss import NormalEquations
-from cmbrl.fitting.objective import ALIKE
 from cmbrl.fitting.space import Space
 
 _NORMAL_95 = 1.96
@@ -47,27 +46,27 @@ class Identification:
 
 def identify(space: Space, z: np.ndarray, fitted: np.ndarray, equations: NormalEquations) -> Identification:
     """Intervals and flat directions of the ``fitted`` columns at ``z``, from ``equations`` without the prior."""
-    scale = equations.starts / max(equations.variance, 1e-12)
+    scale = equations.independent / max(equations.variance, 1e-12)
     variance = np.ones(len(space))
     columns = np.flatnonzero(fitted)
     directions = []
     covariance = np.zeros((len(space), len(space)))
     if len(columns):
         information = scale * equations.hessian[np.ix_(columns, columns)]
-        prior = np.eye(len(columns))
-        bread = np.linalg.inv(information / ALIKE + prior)
-        scores = scale / ALIKE * equations.episode_gradients[:, columns]
+        prior = space.precision[np.ix_(columns, columns)]
+        bread = np.linalg.inv(information + prior)
+        scores = scale * equations.episode_gradients[:, columns]
         scores = scores - scores.mean(axis=0)
         spread = scores.T @ scores * len(scores) / max(len(scores) - 1, 1)
         sandwich = bread @ (spread + prior) @ bread
-        variance[columns] = np.maximum(np.diag(sandwich), np.diag(np.linalg.inv(information + prior)))
+        variance[columns] = np.maximum(np.diag(sandwich), np.diag(bread))
         wider = np.sqrt(variance[columns] / np.diag(sandwich))
         covariance[np.ix_(columns, columns)] = sandwich * np.outer(wider, wider)
-        directions = _flat_directions(information / ALIKE, [space.names[k] for k in columns])
+        directions = _flat_directions(information, [space.names[k] for k in columns])
     half = _NORMAL_95 * np.sqrt(variance)
     low = np.where(fitted, space.theta(np.maximum(z - half, space.z_low)), space.theta(z))
     high = np.where(fitted, space.theta(np.minimum(z + half, space.z_high)), space.theta(z))
-    alone = scale / ALIKE * np.diag(equations.hessian)
+    alone = scale * np.diag(equations.hessian)
     flat = fitted & (variance > _FLAT_VARIANCE)
     covariance[flat], covariance[:, flat] = 0.0, 0.0
     return Identification(low, high, flat, ~fitted & (alone < 1.0), directions, covariance)

@@ -9,15 +9,18 @@ scale_c is the standard deviation of the logged one-step change of coordinate c 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cmbrl.fitting.space import Space
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.observation import Observation
 from cmbrl.models.windows import Windows
 from cmbrl.native import SolverStatus
 
+ALIKE = 10  # rows that count as one where windows are too short to tell; see ``objective``
+_UNCORRELATED = 0.05  # a correlation below this ends the sum
 _ROWS_AT_ONCE = 4_000_000  # candidates x transitions in one native call: a few seconds, so that Ctrl-C works
 _JACOBIAN_NUMBERS = 4_000_000  # doubles of the parameter Jacobian in memory at once (32 MB)
 
@@ -28,13 +31,35 @@ def huber(residual: np.ndarray, delta: float) -> np.ndarray:
     return np.where(size <= delta, 0.5 * residual**2, delta * (size - 0.5 * delta))
 
 
+def alike_rows(residual: np.ndarray) -> float:
+    """Integrated correlation time [rows] of residuals (windows, steps, coordinates) along the windows: 1 for noise.
+
+    Windows of fewer than ALIKE steps cannot tell: ALIKE.
+    """
+    steps = residual.shape[1]
+    square = float((residual**2).mean())
+    if steps < ALIKE or square == 0.0:
+        return float(ALIKE)
+    total = 1.0
+    for lag in range(1, steps // 2):
+        correlation = float((residual[:, lag:] * residual[:, :-lag]).mean()) / square
+        if not correlation > _UNCORRELATED:
+            break
+        total += 2.0 * correlation
+    return total
+
+
 @dataclass(frozen=True)
 class Errors:
-    """Errors of one parameter set: ``loss`` (n,) and mean ``squares`` (n,) of residuals by start; failed steps."""
+    """Errors of one parameter set: ``loss`` (n,) and mean ``squares`` (n,) of residuals by start; failed steps.
+
+    ``alike``: neighbouring rows whose residuals count as one (see :func:`alike_rows`).
+    """
 
     loss: np.ndarray
     squares: np.ndarray
     failures: int
+    alike: float
 
     @property
     def mean(self) -> float:
@@ -51,76 +76,91 @@ class Errors:
 class NormalEquations:
     """Gauss-Newton model of the loss in z: gradient (n,), its parts by episode (episodes, n), and hessian (n, n).
 
-    ``starts`` is the number of residual vectors, ``variance`` the mean Huberised squared residual.
+    ``independent`` is the number of residual vectors that count, ``variance`` the mean Huberised squared residual.
     """
 
     gradient: np.ndarray
     hessian: np.ndarray
     episode_gradients: np.ndarray
-    starts: int
+    independent: float
     variance: float
 
 
 @dataclass(frozen=True)
 class PredictionLoss:
-    """The loss of parameters of ``model`` over ``windows`` of a log."""
+    """The loss over ``windows`` of a log. Parameters (n,) are those of ``model``, then those of ``observation``."""
 
     model: ComplementarityModel
     windows: Windows
+    observation: Observation
 
     def on(self, starts: np.ndarray) -> PredictionLoss:
         """The same loss over the windows from other ``starts``."""
-        return PredictionLoss(self.model, self.windows.on(starts))
+        return replace(self, windows=self.windows.on(starts))
 
     @property
     def steps(self) -> int:
         """Predicted transitions."""
         return len(self.windows.starts) * self.windows.horizon
 
+    def independent(self, alike: float) -> float:
+        """Independent observations that the windows are worth: rows they cover, by runs of ``alike`` rows."""
+        covered = np.unique(self.windows.starts[:, None] + np.arange(self.windows.horizon))
+        return len(covered) / alike
+
     def values(self, theta: np.ndarray) -> np.ndarray:
         """Losses (C,) of candidates (C, n), in native batches small enough to stay responsive."""
-        block = max(1, _ROWS_AT_ONCE // self.steps)
-        blocks = range(0, len(theta), block)
-        return np.concatenate([self.model.candidate_loss(theta[i : i + block], self.windows) for i in blocks])
+        physical, psi = self.observation.split(theta)
+        ways, way = np.unique(psi, axis=0, return_inverse=True)  # candidates that see the log in the same way
+        out = np.empty(len(theta))
+        for k, same in enumerate(ways):
+            windows, members = self._seen(same), np.flatnonzero(way.ravel() == k)
+            for some in np.array_split(members, -(-len(members) * self.steps // _ROWS_AT_ONCE)):
+                out[some] = self.model.candidate_loss(physical[some], windows)
+        return out
 
     def errors(self, theta: np.ndarray) -> Errors:
         """Errors of one parameter set (n,) by start; a failed step counts with its best iterate."""
         residual, failures = self._residual(theta)
         loss = huber(residual, self.windows.scales.huber).sum(axis=2).mean(axis=1)
-        return Errors(loss, (residual**2).mean(axis=(1, 2)), failures)
+        return Errors(loss, (residual**2).mean(axis=(1, 2)), failures, alike_rows(residual))
 
     def normal_equations(self, space: Space, z: np.ndarray, active: np.ndarray | None = None) -> NormalEquations:
         """The Gauss-Newton model at ``z`` (n,), from the implicit derivatives of the step.
 
         ``active`` (n,): parameters to differentiate by; the others get zeros. Default: all.
         """
-        data, scales, all_starts = self.windows.data, self.windows.scales, self.windows.starts
+        scales, all_starts, blocks = self.windows.scales, self.windows.starts, self.windows.blocks
         columns = np.arange(len(space)) if active is None else np.flatnonzero(active)
-        n, episodes = len(columns), np.unique(data.episode)
+        n, episodes = len(columns), np.unique(blocks)
         gradients, hessian, size = np.zeros((len(episodes), n)), np.zeros((n, n)), 0.0
-        width = 2 * len(scales.v) * self.windows.horizon
+        width, alike = scales.observed * self.windows.horizon, []
         block = max(1, _JACOBIAN_NUMBERS // (width * max(n, 1)))
         for i in range(0, len(all_starts), block):
             starts = all_starts[i : i + block]
             residual, jacobian = self._linearised(space, z, starts, columns)  # (s, width), (s, width, n)
             lost = ~(np.isfinite(residual).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2)))
             residual[lost], jacobian[lost] = 0.0, 0.0  # failed steps: a constant in the loss, which has no slope
+            alike.append(alike_rows(residual.reshape(len(starts), self.windows.horizon, -1)))
             weight = np.minimum(1.0, scales.huber / np.maximum(np.abs(residual), 1e-300))
             slopes = ((weight * residual)[:, None] @ jacobian)[:, 0]
-            np.add.at(gradients, np.searchsorted(episodes, data.episode[starts]), slopes)
+            np.add.at(gradients, np.searchsorted(episodes, blocks[i : i + block]), slopes)
             rows = (np.sqrt(weight)[:, :, None] * jacobian).reshape(-1, n)
             hessian += rows.T @ rows
             size += float((weight * residual**2).sum())
         count = self.steps
         by_episode, square = np.zeros((len(episodes), len(space))), np.zeros((len(space), len(space)))
         by_episode[:, columns], square[np.ix_(columns, columns)] = gradients / count, hessian / count
-        return NormalEquations(by_episode.sum(axis=0), square, by_episode, count, size / (len(all_starts) * width))
+        variance = size / (count * scales.observed)
+        independent = self.independent(float(np.mean(alike)))
+        return NormalEquations(by_episode.sum(axis=0), square, by_episode, independent, variance)
 
     def _residual(self, theta: np.ndarray) -> tuple[np.ndarray, int]:
         """Residuals (s, horizon, 2 nv) of one parameter set (n,), and the number of failed steps."""
-        data, starts, scene = self.windows.data, self.windows.starts, self.model.scene
+        theta, psi = self.observation.split(theta)
+        data, starts, scene = self._seen(psi).data, self.windows.starts, self.model.scene
         q, v = data.q[starts], data.v[starts]
-        out = np.empty((len(starts), self.windows.horizon, 2 * scene.nv))
+        out = np.empty((len(starts), self.windows.horizon, self.windows.scales.observed))
         failures = 0
         for j in range(self.windows.horizon):
             step = self.model.predict(q, v, data.u[starts + j], theta=theta)
@@ -133,20 +173,36 @@ class PredictionLoss:
         self, space: Space, z: np.ndarray, starts: np.ndarray, columns: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (s, width) and their derivatives (s, width, n) in the ``columns`` (n,) of z, by the chain rule."""
-        data, scales, scene, nv = self.windows.data, self.windows.scales, self.model.scene, self.model.scene.nv
+        scales, scene, nv = self.windows.scales, self.model.scene, self.model.scene.nv
+        theta, psi = self.observation.split(space.theta(z))
+        data = self._seen(psi).data
+        physical, own = columns[columns < len(theta)], columns[columns >= len(theta)] - len(theta)
+        bias = self.observation.state_slope(nv)[:, own]  # of the state that the log tells
+        slopes = self.observation.controls(self.windows.data, psi)[1][:, :, own] if len(own) else None
         q, v = data.q[starts], data.v[starts]
-        residuals, jacobians, state = [], [], None
+        state = np.zeros((len(starts), 2 * nv, len(columns)))
+        state[:, :, len(physical) :] = bias
+        residuals, jacobians = [], []
         for j in range(self.windows.horizon):
-            step = self.model.predict(q, v, data.u[starts + j], theta=space.theta(z), parameter_jacobian=True)
+            step = self.model.predict(q, v, data.u[starts + j], theta=theta, parameter_jacobian=True)
             q, v = step.q_next, step.v_next
             assert step.jacobian is not None
-            direct = step.jacobian[:, :, 2 * nv + scene.nu + columns]
-            state = direct if state is None else step.jacobian[:, :, : 2 * nv] @ state + direct
+            state = step.jacobian[:, :, : 2 * nv] @ state
+            state[:, :, : len(physical)] += step.jacobian[:, :, 2 * nv + scene.nu + physical]
+            if slopes is not None:
+                state[:, :, len(physical) :] += step.jacobian[:, :, 2 * nv : 2 * nv + scene.nu] @ slopes[starts + j]
             logged = data.q_next[starts + j], data.v_next[starts + j]
             residuals.append(self._scaled(scene.difference(logged[0], q), v - logged[1]))
             # The tangent of the prediction replaces that of the difference; they are equal for small rotation errors.
-            jacobians.append(state / np.concatenate([scales.q, scales.v])[:, None])
+            error = state.copy()
+            error[:, :, len(physical) :] -= bias
+            jacobians.append((error / np.concatenate([scales.q, scales.v])[:, None])[:, scales.counts])
         return np.concatenate(residuals, axis=1), np.concatenate(jacobians, axis=1) * space.slope(z)[columns]
 
+    def _seen(self, psi: np.ndarray) -> Windows:
+        """The windows as the model's state and control at ``psi``."""
+        return replace(self.windows, data=self.observation.states(self.windows.data, psi))
+
     def _scaled(self, dq: np.ndarray, dv: np.ndarray) -> np.ndarray:
-        return np.concatenate([dq / self.windows.scales.q, dv / self.windows.scales.v], axis=-1)
+        scales = self.windows.scales
+        return np.concatenate([dq / scales.q, dv / scales.v], axis=-1)[..., scales.counts]

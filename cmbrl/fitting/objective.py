@@ -1,10 +1,11 @@
 """The objective of a search: the prediction loss plus a Gaussian prior, over the parameters that may move.
 
-    J(z) = L(theta(z)) + s |z|^2 / 2,   s = ALIKE tau^2 / n
+    J(z) = L(theta(z)) + s z^T K z / 2,   s = tau^2 / m
 
-This is the negative log posterior times ALIKE tau^2 / n if residuals have variance tau^2 on n transitions and the
-likelihood is tempered by 1 / ALIKE: residuals are mostly model error, hence similar in neighbouring transitions, so ten
-of them count as one. A parameter that the data do not inform stays at its nominal value, and a well-informed one hardly
+K is the precision of the prior (``space``). This is the negative log posterior times tau^2 / m if residuals have
+variance tau^2 and the log is worth m independent observations (``PredictionLoss.independent``). Residuals are mostly
+model error, hence similar in neighbouring transitions: as many as are correlated count as one, or ALIKE where
+windows are too short to tell. A parameter that the data do not inform stays at its nominal value, and a well-informed one hardly
 feels the prior. ALIKE = 10 is our choice: with 1, a single hard impact of the half-cheetah bends the softness of the
 geom involved; with 1000, well-informed parameters of the hopper are held back (held-out loss up 15 %).
 """
@@ -18,8 +19,7 @@ import numpy as np
 from cmbrl.fitting.loss import NormalEquations, PredictionLoss
 from cmbrl.fitting.space import Space
 
-ALIKE = 10.0
-_VARIANCE_RANGE = (1e-6, 1.0)  # of a normalised residual: from the solver's accuracy to no model at all
+_VARIANCE_RANGE = (1e-8, 1.0)  # of a normalised residual: from the solver's accuracy to no model at all
 
 
 @dataclass(frozen=True)
@@ -34,15 +34,17 @@ class Objective:
     @classmethod
     def at(cls, loss: PredictionLoss, space: Space, active: np.ndarray, z: np.ndarray) -> Objective:
         """The objective with the residual variance taken from the errors at ``z`` (n,)."""
-        value = float(loss.values(space.theta(z)[None])[0])
+        errors = loss.errors(space.theta(z))
         variance = float(
-            np.clip(value / len(loss.windows.scales.v), *_VARIANCE_RANGE)
-        )  # L sums r^2 / 2 over 2 nv coordinates
-        return cls(loss, space, active, ALIKE * variance / loss.steps)
+            np.clip(2.0 * errors.mean / loss.windows.scales.observed, *_VARIANCE_RANGE)
+        )  # L sums r^2 / 2 over the coordinates
+        return cls(loss, space, active, variance / loss.independent(errors.alike))
 
     def values(self, z: np.ndarray) -> np.ndarray:
         """J (C,) of candidates (C, n); infinite where the loss is NaN."""
-        total = self.loss.values(self.space.theta(z)) + 0.5 * self.strength * (z**2).sum(axis=1)
+        total = self.loss.values(self.space.theta(z)) + 0.5 * self.strength * ((z @ self.space.precision) * z).sum(
+            axis=1
+        )
         return np.where(np.isnan(total), np.inf, total)
 
     def normal_equations(self, z: np.ndarray) -> NormalEquations:
@@ -50,8 +52,8 @@ class Objective:
         equations = self.loss.normal_equations(self.space, z, self.active)
         return replace(
             equations,
-            gradient=equations.gradient + self.strength * z,
-            hessian=equations.hessian + self.strength * np.eye(len(z)),
+            gradient=equations.gradient + self.strength * (self.space.precision @ z),
+            hessian=equations.hessian + self.strength * self.space.precision,
         )
 
     def clip(self, z: np.ndarray) -> np.ndarray:

@@ -34,7 +34,9 @@ def conclude(
     settings to record. Raises UserError if the loss is so large that numbers overflow.
     """
     z, active = incumbent.z, incumbent.active
-    final = model.with_parameters(space.theta(z))
+    physical, psi = loss.observation.split(space.theta(z))
+    told = {p.name: float(x) for p, x in zip(loss.observation.parameters, psi, strict=True)}
+    final = model.with_parameters(physical).with_settings(observation=told)
     equations = loss.normal_equations(space, z)
     try:
         known = identify(space, z, active, equations)
@@ -59,6 +61,7 @@ def conclude(
         **about,
         "data": {"transitions": len(data), "episodes": data.n_episodes, "dt": data.dt},
         "scene": model.scene.name,
+        "positions_only": bool(np.isinf(loss.windows.scales.v).all()),
         "model": model.to_config(),
         "loss": {
             part: {"loss": e.mean, "rmse": e.rmse, "starts": len(e.loss), "failures": e.failures}

@@ -19,7 +19,7 @@ from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.named import RESULT, SETTINGS, load_complementarity
 
 NOT_FINITE = "the fit is not finite: check the log for values that no robot reaches"
-_FORMAT = 2
+_FORMAT = 3
 _REMEDY = "fit again"
 
 
@@ -84,10 +84,11 @@ class FitResult:
         nominal = np.array([self.parameters[p.name].nominal for p in scene.parameters])
         space = Space.of(scene.parameters, nominal)
         saved = self.report["covariance"]
-        told = [space.names.index(name) for name in saved["parameters"]]
+        own = [k for k, name in enumerate(saved["parameters"]) if name in space.names]  # not those of the observation
+        told = [space.names.index(saved["parameters"][k]) for k in own]
         z = np.tile(space.z(self.model.parameters), (count, 1))
         if told:
-            values, vectors = np.linalg.eigh(np.array(saved["matrix"]))
+            values, vectors = np.linalg.eigh(np.array(saved["matrix"])[np.ix_(own, own)])
             root = vectors * np.sqrt(np.maximum(values, 0.0))
             z[:, told] += np.random.default_rng(seed).normal(size=(count, len(told))) @ root.T
         return space.theta(z)

@@ -3,7 +3,9 @@
 A parameter ``theta`` is searched as ``t = log theta`` (transform "log"), ``t = log(theta / (1 - theta))`` ("logit", for
 shares between 0 and 1) or ``t = theta`` ("linear"), written as ``z = (t - t_nominal) / sd``. ``sd`` is a sixth of the
 distance between the bounds in ``t``, so bounds around a central nominal value are three standard deviations away. Thus
-z = 0 is the user's belief, a unit of z is a plausible error, and the prior is standard normal. The width is our choice.
+z = 0 is the user's belief and a unit of z is a plausible error. The prior is normal with unit variances; joints and
+servos to which the file gives the same value are believed alike, hence correlated: a log that says little about one of
+four legs says it by the other three. Widths and correlation are our choice.
 """
 
 from __future__ import annotations
@@ -17,11 +19,16 @@ from cmbrl.errors import UserError, did_you_mean
 from cmbrl.scene import Parameter
 
 _BOUNDS_WIDTH_IN_SD = 6.0
+_ALIKE = ("damping", "armature", "stiffness", "frictionloss", "kp", "kd")
+_CORRELATION = 0.8  # of alike joints: each deviates from what they share by 0.45 prior standard deviations
 
 
 @dataclass(frozen=True)
 class Space:
-    """Parameters in the order of ``scene.parameters``; arrays are (n,), theta in the parameter's own unit."""
+    """Named parameters; arrays are (n,), theta in the parameter's own unit, ``precision`` (n, n) of the prior in z.
+
+    ``default`` (n,) bool: those that a fit may move without being asked by name.
+    """
 
     names: tuple[str, ...]
     groups: tuple[str, ...]
@@ -31,10 +38,12 @@ class Space:
     high: np.ndarray
     transform: np.ndarray
     sd: np.ndarray
+    precision: np.ndarray
+    default: np.ndarray
 
     @classmethod
     def of(cls, parameters: Sequence[Parameter], theta: np.ndarray) -> Space:
-        """The space of ``scene.parameters`` around ``theta`` (n,), the centre of the prior.
+        """The space of ``parameters`` around ``theta`` (n,), the centre of the prior.
 
         Raises UserError if a value of ``theta`` is outside its bounds.
         """
@@ -47,7 +56,8 @@ class Space:
         transform = np.array([p.transform for p in parameters])
         sd = (_t(high, transform) - _t(low, transform)) / _BOUNDS_WIDTH_IN_SD
         names, groups, units = zip(*((p.name, p.group, p.unit) for p in parameters), strict=True)
-        return cls(names, groups, units, nominal, low, high, transform, sd)
+        default = np.array([p.default for p in parameters])
+        return cls(names, groups, units, nominal, low, high, transform, sd, _precision(groups, nominal), default)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -100,6 +110,18 @@ class Space:
                 raise UserError(f"no parameter or group {name!r} in this scene; {did_you_mean(name, known)}")
             chosen |= hit
         return chosen
+
+
+def _precision(groups: Sequence[str], nominal: np.ndarray) -> np.ndarray:
+    """Inverse covariance (n, n) of the prior in z: joints and servos that the file takes for alike are correlated."""
+    covariance = np.eye(len(groups))
+    members: dict[tuple[str, float], list[int]] = {}
+    for k, (group, value) in enumerate(zip(groups, nominal.tolist(), strict=True)):
+        if group in _ALIKE:
+            members.setdefault((group, value), []).append(k)
+    for same in members.values():
+        covariance[np.ix_(same, same)] += _CORRELATION * (1.0 - np.eye(len(same)))
+    return np.linalg.inv(covariance)
 
 
 def _t(theta: np.ndarray, transform: np.ndarray) -> np.ndarray:

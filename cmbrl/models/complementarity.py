@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -12,18 +13,22 @@ import torch
 from cmbrl.contact import smoothing as smoothing_policies
 from cmbrl.contact.problem import ContactProblem, from_rows
 from cmbrl.contact.smoothing import Exact, Smoothing
+from cmbrl.data.checks import TIME_STEP_TOLERANCE
 from cmbrl.errors import UserError
 from cmbrl.models.autograd import Stepper, differentiable_step
 from cmbrl.models.manifold import Coordinates
+from cmbrl.models.observation import Observation
 from cmbrl.models.windows import Windows
 from cmbrl.native import SolverStatus
 from cmbrl.numbers import one_of, real, real_array, switch, whole
 from cmbrl.scene import Scene
 
+if TYPE_CHECKING:
+    from cmbrl.data.transitions import Transitions
+
 INTEGRATORS = ("semi-implicit", "leapfrog", "midpoint")
 FAILURE_LOSS = 1e3  # added to a candidate's loss by a failed solve
 FAILED = int(SolverStatus.FAILED)  # an enum's member is slow to look up and to compare with
-_DT_TOLERANCE = 1e-6  # relative: a control step must be a whole number of physics steps
 
 
 class SolverWarning(RuntimeWarning):
@@ -71,6 +76,8 @@ class ComplementarityModel:
         path_tolerance: relative distance of every complementarity product from its kappa at the solution.
         candidates: (K, np) parameter sets that explain the data about as well as ``parameters``, for training or
             evaluation under model uncertainty; stepping ignores them.
+        observation: biases, delay and lag by name (:class:`~cmbrl.models.observation.Observation`) that lie between a
+            log and this model; stepping ignores them, ``seen`` applies them.
 
     Raises:
         UserError: for a setting out of range.
@@ -92,6 +99,7 @@ class ComplementarityModel:
         prune: float = 3.0,
         path_tolerance: float = 1e-6,
         candidates: np.ndarray | None = None,
+        observation: Mapping[str, float] | None = None,
     ) -> None:
         if not isinstance(scene, Scene):
             raise UserError(f"scene is a {type(scene).__name__}; give the Scene of Scene.from_mjcf")
@@ -109,6 +117,8 @@ class ComplementarityModel:
         self.parameters = self._checked_parameters(parameters)
         rows = None if candidates is None else np.atleast_2d(real_array(candidates, "candidates"))
         self.candidates = None if rows is None else np.array([self._checked_parameters(row) for row in rows])
+        self.observation = dict(observation or {})
+        self.observer.vector(self.observation)  # raises for an unknown name
         self.failures = 0
         options = {
             "h": self.time_step,
@@ -133,6 +143,16 @@ class ComplementarityModel:
         """Control step [s]."""
         return self.substeps * self.time_step
 
+    @property
+    def observer(self) -> Observation:
+        """What may lie between a log of this model's control step and its state."""
+        return Observation.of(self.scene, self.dt)
+
+    def seen(self, log: Transitions) -> Transitions:
+        """``log`` as this model's state and control."""
+        observer = self.observer
+        return observer.states(log, observer.vector(self.observation))
+
     def for_log(self, dt: float) -> ComplementarityModel:
         """This model with one control step per transition of ``dt`` [s] of a log.
 
@@ -142,7 +162,7 @@ class ComplementarityModel:
         count = round(dt / self.time_step)
         if self.substeps != 1 or count == 1:
             return self
-        if count < 1 or abs(count * self.time_step - dt) > _DT_TOLERANCE * dt:
+        if count < 1 or abs(count * self.time_step - dt) > TIME_STEP_TOLERANCE * dt:
             raise UserError(
                 f"the log's dt {dt:g} s is not a whole number of time steps of {self.time_step:g} s "
                 f"({self.scene.name}): set another time step (--time-step)"
@@ -300,6 +320,7 @@ class ComplementarityModel:
             "prune": self.prune,
             "path_tolerance": self.path_tolerance,
             "candidates": self.candidates,
+            "observation": self.observation,
         }
 
     def _count_failures(self, status: np.ndarray) -> None:

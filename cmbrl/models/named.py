@@ -120,7 +120,7 @@ def load_complementarity(folder: str | os.PathLike[str]) -> ComplementarityModel
     config, fitted = read_record(file, _REMEDY), read_record(result, _REMEDY)
     try:
         values = {name: parameter["value"] for name, parameter in fitted["parameters"].items()}
-        if values != config["settings"]["parameters"]:
+        if values != config["settings"]["parameters"] | config["settings"]["observation"]:
             raise UserError(f"{folder}: {SETTINGS} and {RESULT} are not of the same fit: {_REMEDY}")
         source, settings = config["scene"], config["settings"]
         scene = Scene.from_mjcf(

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 if TYPE_CHECKING:
+    from cmbrl.data.transitions import Transitions
     from cmbrl.models.manifold import Coordinates
 
 
@@ -71,6 +72,15 @@ class Resumable(Protocol):
 
 
 @runtime_checkable
+class Observes(Protocol):
+    """A model of a robot whose log does not tell state and control as they are."""
+
+    def seen(self, log: Transitions) -> Transitions:
+        """``log`` as the model's state and control."""
+        ...
+
+
+@runtime_checkable
 class HasCoordinates(Protocol):
     """A model that knows the kinds of its coordinates."""
 
@@ -102,6 +112,11 @@ def reset_failures(model: Model) -> None:
     """Sets the count of failed steps to zero, for a model that keeps one."""
     if isinstance(model, CountsFailures):
         model.reset_failures()
+
+
+def seen(model: Model, log: Transitions) -> Transitions:
+    """``log`` as the model's state and control."""
+    return model.seen(log) if isinstance(model, Observes) else log
 
 
 def forget(model: Model) -> None:

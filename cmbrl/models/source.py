@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from cmbrl.errors import UserError
 
 if TYPE_CHECKING:
+    from cmbrl.data.position_log import PositionLog
     from cmbrl.data.transitions import Transitions
     from cmbrl.models.complementarity import ComplementarityModel
     from cmbrl.registry import Task
@@ -26,7 +27,7 @@ class Source:
     task: Task | None = None
     fitted: ComplementarityModel | None = None
 
-    def model(self, data: Transitions | None = None, **options: Any) -> ComplementarityModel:
+    def model(self, data: Transitions | PositionLog | None = None, **options: Any) -> ComplementarityModel:
         """The model with nominal parameters. Without a task, the substeps follow from the log's dt.
 
         ``options`` that are not None override the settings of the task or the fit.
@@ -64,13 +65,25 @@ def load_source(
     return Source(word, scene, task=task)
 
 
-def load_log(path: str, scene: Scene) -> Transitions:
-    """The log in ``path``, checked against ``scene``; raises UserError that names the file."""
+def load_any_log(path: str, scene: Scene) -> Transitions | PositionLog:
+    """The log in ``path``, of states or positions, checked against ``scene``; raises UserError that names the file."""
     from cmbrl.data import Transitions
+    from cmbrl.data.npz import keys
+    from cmbrl.data.position_log import PositionLog, is_layout
 
-    data = Transitions.load(path)
+    data = (PositionLog if is_layout(keys(path)) else Transitions).load(path)
     try:
         data.check(scene)
     except UserError as error:
         raise UserError(f"{path}: {error}") from None
+    return data
+
+
+def load_log(path: str, scene: Scene) -> Transitions:
+    """The log of states in ``path``, checked against ``scene``; raises UserError that names the file."""
+    from cmbrl.data import Transitions
+
+    data = load_any_log(path, scene)
+    if not isinstance(data, Transitions):
+        raise UserError(f"{path}: a log of positions without velocities; `fit` and `error --open-loop` read it")
     return data

@@ -33,7 +33,7 @@ class CartScene:
 
     def __init__(self, n: int) -> None:
         self.nq = self.nv = self.nu = n
-        self.joint_names = self.actuator_names = ()
+        self.joint_names = self.actuator_names = self.joints = ()
         self.left_out = (SimpleNamespace(kind="tendon", name="rope", why="not modelled"),)
         made = [Parameter(f"{f}.{i}", f, 1.0, 0.2, 5.0, "log", "") for f in FIELDS for i in range(n)]
         self.parameters = (
@@ -69,13 +69,18 @@ class CartModel:
 
     dt = H
 
-    def __init__(self, scene: CartScene, parameters: np.ndarray | None = None) -> None:
-        self.scene = scene
+    def __init__(
+        self, scene: CartScene, parameters: np.ndarray | None = None, observation: dict[str, float] | None = None
+    ) -> None:
+        self.scene, self.observation = scene, observation or {}
         self.parameters = scene.parameter_vector() if parameters is None else np.asarray(parameters)
         self.calls = 0
 
     def with_parameters(self, theta: np.ndarray) -> CartModel:
         return CartModel(self.scene, theta)
+
+    def with_settings(self, observation: dict[str, float]) -> CartModel:
+        return CartModel(self.scene, self.parameters, observation)
 
     def for_log(self, dt: float) -> CartModel:
         return self

@@ -12,9 +12,8 @@ import cmbrl
 from cmbrl.errors import UserError
 from cmbrl.files import write_record
 from cmbrl.fitting import Budget, FitResult
-from cmbrl.fitting.loss import PredictionLoss
-from cmbrl.fitting.space import Space
-from cmbrl.models.windows import Scales, Windows
+from cmbrl.fitting.evidence import Evidence
+from cmbrl.models.windows import Scales
 from cmbrl.tasks import ball_throw, cube_toss
 from cmbrl.tasks import hopper as hopper_task
 
@@ -45,9 +44,10 @@ def _wrong(model, change=1.3):
 
 
 def _objective_parts(model, data, horizon):
-    space = Space.of(model.scene.parameters, model.parameters)
+    evidence = Evidence.of(model, data)
+    space = evidence.space
     scales = Scales.of(model.scene, data, huber=0.5)
-    return space, PredictionLoss(model, Windows(data, data.windows(horizon), horizon, scales))
+    return space, evidence.loss(data.windows(horizon), horizon, scales)
 
 
 @pytest.mark.parametrize("horizon", [1, 3])
@@ -146,7 +146,7 @@ def test_saved_fit_comes_back(ball, tmp_path):
     assert (tmp_path / "report.txt").read_text().rstrip() == loaded.report_text()
     for damage, message in (
         ({"format": 0}, "not a fit of this version"),
-        ({"format": 2, "parameters": 3}, "damaged"),
+        ({"format": 3, "parameters": 3}, "damaged"),
     ):
         write_record(tmp_path / "fit.json", damage)
         with pytest.raises(UserError, match=message):

@@ -2,21 +2,21 @@
 
 import numpy as np
 
+from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.identify import _flat_directions, identify
-from cmbrl.fitting.loss import PredictionLoss
 from cmbrl.fitting.objective import Objective
-from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
-from cmbrl.models.windows import Scales, Windows
+from cmbrl.models.windows import Scales
 
 
 def _identify(carts, data, columns):
     model = carts.model()
-    space = Space.of(model.scene.parameters, model.parameters)
-    loss = PredictionLoss(model, Windows(data, data.windows(1), 1, Scales.of(model.scene, data, 5.0)))
+    evidence = Evidence.of(model, data)
+    space = evidence.space
+    loss = evidence.loss(data.windows(1), 1, Scales.of(model.scene, data, 5.0))
     objective = Objective(loss, space, space.columns(columns), strength=1e-6)
-    found = gauss_newton(objective, np.zeros(6), 20, Journal(None, ""))
+    found = gauss_newton(objective, np.zeros(len(objective.space)), 20, Journal(None, ""))
     return space, identify(space, found.z, objective.active, loss.normal_equations(space, found.z))
 
 

@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 
-from cmbrl.fitting.loss import PredictionLoss
+from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.objective import Objective
-from cmbrl.fitting.space import Space
-from cmbrl.models.windows import Scales, Windows
+from cmbrl.models.windows import Scales
 
 
 @pytest.fixture(params=[1, 3])
 def setup(carts, request):
     data = carts.record(carts.truth(2, damping_0=2.0, gear_1=0.5, tilt=0.5), episodes=5, steps=20)
     model = carts.model(2)
-    space = Space.of(model.scene.parameters, model.parameters)
+    evidence = Evidence.of(model, data)
+    space = evidence.space
     scales = Scales.of(model.scene, data, huber=0.3)  # many residuals beyond it
-    loss = PredictionLoss(model, Windows(data, data.windows(request.param), request.param, scales))
+    loss = evidence.loss(data.windows(request.param), request.param, scales)
     return space, loss
 
 
@@ -33,7 +33,7 @@ def test_gradient_equals_finite_differences(setup):
     numeric = (objective.values(z + step) - objective.values(z - step)) / 2e-5
     equations = objective.normal_equations(z)
     np.testing.assert_allclose(equations.gradient, numeric, rtol=1e-4, atol=1e-7)
-    by_episode = equations.episode_gradients.sum(axis=0) + objective.strength * z
+    by_episode = equations.episode_gradients.sum(axis=0) + objective.strength * (space.precision @ z)
     np.testing.assert_allclose(by_episode, equations.gradient, atol=1e-12)
 
 
@@ -45,7 +45,7 @@ def test_equations_over_some_columns_are_those_of_all_with_zeros(setup):
     np.testing.assert_allclose(part.gradient, np.where(active, whole.gradient, 0.0), rtol=1e-12)
     np.testing.assert_allclose(part.hessian, np.where(np.outer(active, active), whole.hessian, 0.0), rtol=1e-12)
     np.testing.assert_allclose(part.episode_gradients, np.where(active, whole.episode_gradients, 0.0), rtol=1e-12)
-    assert (part.starts, part.variance) == (whole.starts, whole.variance)
+    assert (part.independent, part.variance) == (whole.independent, whole.variance)
 
 
 def test_every_parameter_but_the_idle_one_changes_the_loss(setup):

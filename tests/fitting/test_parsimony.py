@@ -4,22 +4,22 @@ import numpy as np
 import pytest
 
 import cmbrl
+from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.folds import Folds, draw_starts
 from cmbrl.fitting.forecast import Forecast
-from cmbrl.fitting.loss import PredictionLoss
 from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.parsimony import _needed
-from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
-from cmbrl.models.windows import Scales, Windows
+from cmbrl.models.windows import Scales
 
 
 @pytest.fixture
 def setup(carts):
     model = carts.model(2)
     data = carts.record(carts.truth(2, gear_1=0.9, tilt=0.1), episodes=12, steps=40, noise=2e-3)
-    space = Space.of(model.scene.parameters, model.parameters)
-    loss = PredictionLoss(model, Windows(data, draw_starts(data, 1, 2000, 0), 1, Scales.of(model.scene, data, 2.0)))
+    evidence = Evidence.of(model, data)
+    space = evidence.space
+    loss = evidence.loss(draw_starts(data, 1, 2000, 0), 1, Scales.of(model.scene, data, 2.0))
     return space, loss, Folds.of(loss, loss, 4, seed=0)
 
 

@@ -1,0 +1,79 @@
+"""Positions and velocities from sampled positions: local polynomials, as smooth as the samples themselves support.
+
+Each column gets the half-width at which a sample is best predicted by its neighbours (leave-one-out error), so that a
+quiet encoder is hardly smoothed and a noisy one is (Savitzky and Golay, Analytical Chemistry 36, 1964; the choice of
+the width by cross-validation: Fan and Gijbels, Local Polynomial Modelling, 1996, section 4.6).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+_HALF_WIDTHS = (2, 3, 4, 6, 8, 12, 16)  # samples on each side
+_DEGREE = 2
+_LEAST = 5  # samples of an episode that a parabola can smooth
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """``value`` and ``rate`` (T, n) of each sample and column; ``noise`` (n,): that of the measurement."""
+
+    value: np.ndarray
+    rate: np.ndarray
+    noise: np.ndarray
+
+
+def smooth(samples: np.ndarray, dt: float, episode: np.ndarray) -> Smoothed:
+    """Smooths the columns of ``samples`` (T, n), ``dt`` [s] apart within each ``episode`` (T,).
+
+    Episodes of fewer than 5 samples keep their values, with differences as rates.
+    """
+    parts = [slice(int(rows[0]), int(rows[-1]) + 1) for rows in _blocks(episode)]
+    longest = max(part.stop - part.start for part in parts)
+    widths = [width for width in _HALF_WIDTHS if 2 * width < longest] or _HALF_WIDTHS[:1]
+    trials = [_with_width(samples, dt, parts, width) for width in widths]
+    best = np.array([error for _, _, error in trials]).argmin(axis=0)
+    columns = np.arange(samples.shape[1])
+    value, rate = (np.stack([trial[part] for trial in trials])[best, :, columns].T for part in (0, 1))
+    errors = np.sqrt(np.stack([error for _, _, error in trials])[best, columns])
+    return Smoothed(np.ascontiguousarray(value), np.ascontiguousarray(rate), errors)
+
+
+def _with_width(
+    samples: np.ndarray, dt: float, parts: list[slice], width: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Values, rates, and the mean square (n,) of what is left of a sample when its neighbours alone predict it."""
+    value, rate = samples.copy(), np.zeros_like(samples)
+    squares, count = np.zeros(samples.shape[1]), 0
+    for part in parts:
+        rows = part.stop - part.start
+        if rows < _LEAST:
+            if rows > 1:
+                rate[part] = np.gradient(samples[part], dt, axis=0)
+            continue
+        half = min(width, (rows - 1) // 2)
+        weights = _weights(half)
+        windows = np.lib.stride_tricks.sliding_window_view(samples[part], 2 * half + 1, axis=0)  # (rows - 2 half, n, w)
+        own = np.arange(rows).clip(half, rows - 1 - half) - half  # the window of a row; at the ends it is not central
+        place = np.arange(rows) - own
+        value[part] = np.einsum("rnw,rw->rn", windows[own], weights[0][place])
+        rate[part] = np.einsum("rnw,rw->rn", windows[own], weights[1][place]) / dt
+        left = (samples[part] - value[part]) / (1.0 - weights[0][place, place])[:, None]
+        squares += (left[half : rows - half] ** 2).sum(axis=0)
+        count += rows - 2 * half
+    return value, rate, squares / max(count, 1)
+
+
+def _weights(half: int) -> np.ndarray:
+    """(2, w, w): weights of the samples of a window in the value and the rate per sample, at each place in it."""
+    steps = np.arange(-half, half + 1)
+    powers = steps[:, None] ** np.arange(_DEGREE + 1)
+    inverse = np.linalg.pinv(powers.astype(float))  # (degree + 1, w)
+    slopes = np.arange(1, _DEGREE + 1) * powers[:, :-1]
+    return np.stack([powers @ inverse, slopes @ inverse[1:]])
+
+
+def _blocks(episode: np.ndarray) -> list[np.ndarray]:
+    return np.split(np.arange(len(episode)), np.flatnonzero(np.diff(episode)) + 1)

@@ -1,0 +1,139 @@
+"""What lies between a log and the state of the model: encoder biases, and the delay and lag of commands.
+
+The log tells positions y and commands c. The model's state and control are
+
+    q = y - b,      u_i = sum_k w_k(d, tau) c_(i-k) + B b
+
+b is the bias of each encoder; a position servo compares its target with the biased position, which B accounts for.
+w is the response of a delay d followed by a first-order lag tau to a command that is held from one sample to the next,
+averaged over the step, which makes it a smooth function of d and tau.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cmbrl.errors import UserError, did_you_mean
+from cmbrl.numbers import real
+from cmbrl.scene.records import JointKind, Parameter
+
+if TYPE_CHECKING:
+    from cmbrl.data.transitions import Transitions
+    from cmbrl.scene import Scene
+
+BIAS, DELAY, LAG = "bias", "delay", "lag"  #: groups of parameters
+_BIAS_BOUND = 0.1  # [rad] or [m]: 6 degrees, more than a calibrated encoder is off
+_LATENESS = 0.05, 3.0  # largest delay and lag: [s], or this many steps of the log if that is longer
+_TAIL = 20.0  # time constants after which a lag has settled, to 2e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """The parameters psi (n,) between a log of time step ``dt`` [s] and the state: biases, then delay and lag.
+
+    ``joints`` (nbias,): places in q and v of the joints that have a bias; ``servo`` (nu, nbias): the change of the
+    control that a unit of bias causes.
+    """
+
+    parameters: tuple[Parameter, ...]
+    dt: float
+    joints_q: np.ndarray
+    joints_v: np.ndarray
+    servo: np.ndarray
+
+    @classmethod
+    def of(cls, scene: Scene, dt: float) -> Observation:
+        """What may lie between a log of ``scene`` with time step ``dt`` [s] and its state."""
+        joints = [j for j in scene.joints if j.kind != JointKind.BALL]
+        offered = [_bias(joint.name, joint.kind) for joint in joints]
+        late = max(_LATENESS[0], _LATENESS[1] * dt)
+        if scene.nu:
+            offered += [Parameter(f"{group}.command", group, 0.0, 0.0, late, "linear", "s") for group in (DELAY, LAG)]
+        servo = np.zeros((scene.nu, len(joints)))
+        for column, joint in enumerate(joints):
+            for k in np.flatnonzero(scene.core.act_line == joint.vadr):
+                place, layout = int(k), scene.layout
+                gain, feedback = (
+                    scene.core.P[layout.actuator(place, "gain")],
+                    scene.core.P[layout.actuator(place, "bias1")],
+                )
+                if gain and feedback:
+                    servo[k, column] = feedback / gain * scene.core.P[layout.actuator(place)]
+        places = np.array([(joint.qadr, joint.vadr) for joint in joints], dtype=np.int64).reshape(-1, 2)
+        return cls(tuple(offered), dt, places[:, 0], places[:, 1], servo)
+
+    def __len__(self) -> int:
+        return len(self.parameters)
+
+    @property
+    def nominal(self) -> np.ndarray:
+        """psi (n,) of a log that tells state and control exactly."""
+        return np.zeros(len(self))
+
+    def vector(self, values: Mapping[str, float]) -> np.ndarray:
+        """psi (n,) of the ``values`` by name, nominal where none is given; raises UserError for another name."""
+        known = {p.name: k for k, p in enumerate(self.parameters)}
+        psi = self.nominal
+        for name, value in values.items():
+            if name not in known:
+                raise UserError(f"{name!r} is no bias, delay or lag of this robot; {did_you_mean(name, known)}")
+            psi[known[name]] = real(value, name)
+        return psi
+
+    def split(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The model's parameters and psi of ``theta`` (..., np + n)."""
+        cut = theta.shape[-1] - len(self)
+        return theta[..., :cut], theta[..., cut:]
+
+    def states(self, log: Transitions, psi: np.ndarray) -> Transitions:
+        """The log as the model's state and control at ``psi`` (n,)."""
+        if not psi.any():
+            return log
+        bias = psi[: len(self.joints_q)]
+        q, q_next = log.q.copy(), log.q_next.copy()
+        q[:, self.joints_q] -= bias
+        q_next[:, self.joints_q] -= bias
+        return replace(log, q=q, q_next=q_next, u=self.controls(log, psi)[0])
+
+    def state_slope(self, nv: int) -> np.ndarray:
+        """Derivative (2 nv, n) in psi of the state (q, v) that a log tells."""
+        slope = np.zeros((2 * nv, len(self)))
+        slope[self.joints_v, np.arange(len(self.joints_v))] = -1.0
+        return slope
+
+    def controls(self, log: Transitions, psi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Controls (N, nu) at ``psi`` (n,), and their derivatives (N, nu, n)."""
+        biases = len(self.joints_q)
+        slope = np.zeros((*log.u.shape, len(self)))
+        if log.u.shape[1] == 0:
+            return log.u, slope
+        weights = response(float(psi[-2]), float(psi[-1]), self.dt)
+        first = np.maximum.accumulate(np.where(np.r_[True, np.diff(log.episode) != 0], np.arange(len(log)), 0))
+        acted = np.zeros((3, *log.u.shape))
+        for k, weight in enumerate(weights.T):  # before the first row of an episode, its first command
+            acted += weight[:, None, None] * log.u[np.maximum(np.arange(len(log)) - k, first)]
+        slope[:, :, :biases] = self.servo
+        slope[:, :, biases:] = np.moveaxis(acted[1:], 0, -1)
+        return acted[0] + self.servo @ psi[:biases], slope
+
+
+def response(delay: float, lag: float, dt: float) -> np.ndarray:
+    """Weights (3, taps) of the last commands in the mean of a step, and their derivatives in delay and lag."""
+    taps = int(np.ceil((delay + _TAIL * lag) / dt)) + 2
+    late = np.maximum(np.arange(taps + 1) * dt - delay, 0.0)
+    after = late > 0.0
+    left = np.exp(-late / lag) if lag > 0.0 else np.where(after, 0.0, 1.0)
+    tail = late / lag * left if lag > 0.0 else np.zeros_like(late)
+    # The integral of the response 1 - exp(-(t - delay) / lag) of a step, and its derivatives.
+    integral = np.stack([late - lag * (1.0 - left), -(1.0 - left), -(1.0 - left) + tail])
+    mean = np.diff(integral, axis=1) / dt
+    return np.diff(mean, axis=1, prepend=0.0)
+
+
+def _bias(joint: str, kind: JointKind) -> Parameter:
+    unit = "m" if kind == JointKind.SLIDE else "rad"
+    return Parameter(f"{BIAS}.{joint}", BIAS, 0.0, -_BIAS_BOUND, _BIAS_BOUND, "linear", unit, default=False)

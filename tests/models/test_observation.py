@@ -1,0 +1,80 @@
+"""Biases, delay and lag between a log and the state: closed forms, and derivatives against finite differences."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cmbrl import ComplementarityModel, Transitions, UserError
+from cmbrl.models.observation import Observation, response
+from cmbrl.scene import Scene
+
+ARM = """
+<mujoco><worldbody><body>
+  <joint name="a" axis="0 1 0"/><geom type="capsule" size=".02" fromto="0 0 0 .3 0 0"/>
+  <body pos=".3 0 0"><joint name="b" axis="0 1 0"/><geom type="capsule" size=".02" fromto="0 0 0 .3 0 0"/></body>
+</body></worldbody>
+<actuator><position joint="a" kp="20" kv="1" gear="2"/><motor joint="b"/></actuator></mujoco>
+"""
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Scene:
+    (tmp_path / "arm.xml").write_text(ARM)
+    return Scene.from_mjcf(tmp_path / "arm.xml")
+
+
+def random_log(scene: Scene, rows: int = 60) -> Transitions:
+    draw = np.random.default_rng(0)
+    q, u = 0.3 * draw.normal(size=(rows + 1, scene.nq)), draw.normal(size=(rows, scene.nu))
+    zeros = np.zeros((rows, scene.nv))
+    episode = np.arange(rows) // 20
+    return Transitions(q=q[:-1], v=zeros, u=u, q_next=q[1:], v_next=zeros, dt=0.01, episode=episode)
+
+
+def test_a_whole_delay_shifts_commands_and_a_lag_filters_them() -> None:
+    np.testing.assert_allclose(response(0.02, 0.0, 0.01)[0], [0, 0, 1, 0], atol=1e-15)
+    np.testing.assert_allclose(response(0.015, 0.0, 0.01)[0], [0, 0.5, 0.5, 0], atol=1e-12)
+    lag, dt = 0.03, 0.01
+    time = np.linspace(0.0, dt, 20001)
+    first = np.trapezoid(1.0 - np.exp(-time / lag), time) / dt  # mean of the response in the first step
+    weights = response(0.0, lag, dt)[0]
+    assert weights[0] == pytest.approx(first, rel=1e-8)
+    np.testing.assert_allclose(weights[2:20] / weights[1:19], np.exp(-dt / lag), rtol=1e-9)
+    assert weights.sum() == pytest.approx(1.0, abs=1e-8)
+
+
+@pytest.mark.parametrize(("delay", "lag"), [(0.0, 0.0), (0.004, 0.0), (0.013, 0.002), (0.0, 0.02), (0.027, 0.03)])
+def test_slopes_equal_differences(arm: Scene, delay: float, lag: float) -> None:
+    log, between = random_log(arm), Observation.of(arm, 0.01)
+    psi = np.array([0.03, -0.02, delay, lag])
+    _, slope = between.controls(log, psi)
+    for k in range(4):
+        e = 1e-6 * (np.arange(4) == k)
+        one_sided = (between.controls(log, psi + e)[0] - between.controls(log, psi)[0]) / 1e-6
+        np.testing.assert_allclose(slope[:, :, k], one_sided, rtol=1e-3, atol=2e-2)
+
+
+def test_a_servo_behind_a_biased_encoder(arm: Scene) -> None:
+    """Its torque is that of the true angle with the target moved by the bias; a motor does not feel it."""
+    bias = 0.05
+    log, between = random_log(arm), Observation.of(arm, 0.01)
+    seen = between.states(log, between.vector({"bias.a": bias, "bias.b": bias}))
+    np.testing.assert_allclose(seen.q, log.q - bias)
+    np.testing.assert_allclose(seen.u, log.u - [2.0 * bias, 0.0])
+
+
+def test_history_stays_within_the_episode(arm: Scene) -> None:
+    log, between = random_log(arm), Observation.of(arm, 0.01)
+    u = between.states(log, between.vector({"delay.command": 0.01})).u
+    first = np.flatnonzero(np.r_[True, np.diff(log.episode) != 0])
+    np.testing.assert_allclose(u[first], log.u[first], atol=1e-12)
+    rest = np.setdiff1d(np.arange(len(log)), first)
+    np.testing.assert_allclose(u[rest], log.u[rest - 1], atol=1e-12)
+
+
+def test_a_model_names_what_it_observes(arm: Scene) -> None:
+    model = ComplementarityModel(arm, time_step=0.01, observation={"lag.command": 0.02})
+    assert model.with_parameters(model.parameters).to_config()["observation"] == {"lag.command": 0.02}
+    with pytest.raises(UserError, match=r"did you mean 'lag\.command'"):
+        ComplementarityModel(arm, observation={"lag.comand": 0.02})
