@@ -4,10 +4,10 @@
 
 K is the precision of the prior (``space``). This is the negative log posterior times tau^2 / m if residuals have
 variance tau^2 and the log is worth m independent observations (``PredictionLoss.independent``). Residuals are mostly
-model error, hence similar in neighbouring transitions: as many as are correlated count as one, or ALIKE where
-windows are too short to tell. A parameter that the data do not inform stays at its nominal value, and a well-informed one hardly
-feels the prior. ALIKE = 10 is our choice: with 1, a single hard impact of the half-cheetah bends the softness of the
-geom involved; with 1000, well-informed parameters of the hopper are held back (held-out loss up 15 %).
+model error, hence similar in neighbouring transitions: as many as are correlated count as one, or ALIKE where windows
+are too short to tell. A parameter that the data do not inform stays at its nominal value, and a well-informed one
+hardly feels the prior. ALIKE = 10 is our choice: with 1, a single hard impact of the half-cheetah bends the softness of
+the geom involved; with 1000, well-informed parameters of the hopper are held back (held-out loss up 15 %).
 """
 
 from __future__ import annotations
