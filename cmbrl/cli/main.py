@@ -24,6 +24,7 @@ COMMANDS = {
     "evaluate": "the return of a policy in the real system and in a model",
     "play": "a clip of a policy in the real system and in a model, or an interactive viewer",
     "export": "write a policy as ONNX or TorchScript",
+    "excite": "commands whose log tells most about the parameters of a robot",
     "check": "compare a robot's model with MuJoCo, step by step, and test its derivatives and speed",
     "sweep": "run one configuration with many seeds, on this computer, Ray or Dask",
     "bench": "measure models, solvers and gradients next to their competitors",
