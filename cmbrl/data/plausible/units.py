@@ -77,7 +77,7 @@ def velocities(motion: Motion) -> Iterator[Finding]:
         own = np.diagonal(r)
         ratio = np.where(moving, vv / xx, np.nan)  # how many of velocity's units are in one of the differences
     yield from _swapped(motion, r)
-    for k in np.flatnonzero(own < -ACROSS):
+    for k in np.flatnonzero(own < -ACROSS).tolist():
         yield Finding(
             f"{motion.velocity_of(k)} is minus the derivative of its position (correlation {own[k]:.2f}): a sign "
             "error; negate one of the two columns"
