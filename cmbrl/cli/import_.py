@@ -15,8 +15,8 @@ from cmbrl.table import WIDTH
 
 EXAMPLE = """
 cmbrl import run1.csv run2.csv --scene robot.xml --angles deg --out log.npz
-cmbrl import bag/ --scene robot.xml --map "joint_states.position.j1=hip.position" --kp 20 --kd 1.5 --out log.npz
-cmbrl import chirp.pt --scene go2.xml --joints FL_hip_joint FL_thigh_joint FL_calf_joint --out log.npz
+cmbrl import bag --scene robot.xml --map joint_states.position.j1=hip.position --out log.npz
+cmbrl import chirp.pt --scene leg.xml --joints hip thigh calf --kp 20 --kd 1.5 --out log.npz
 """
 
 

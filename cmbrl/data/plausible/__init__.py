@@ -57,7 +57,7 @@ def _of_motion(found: motion.Motion) -> Iterator[Finding]:
         still.joined(found),
         units.velocities(found),
         commands.servos(found, answers),
-        commands.forces(found),
+        commands.forces(found, answers),
         still.offsets(found),
         commands.saturation(found),
     )

@@ -11,6 +11,7 @@ from cmbrl.data.plausible.motion import Motion
 
 ROWS = 200  #: fewer do not show which command moves which joint
 SATURATED = 0.2  #: share of samples at a limit that is worth a warning
+FOLLOWS = 0.5  #: correlation of a position with its target
 SIGNIFICANT = 10.0  #: standard errors
 MOST = 20000  #: rows of a regression
 STRIDE = 4  #: samples over which accelerations are taken from positions alone
@@ -43,7 +44,7 @@ def _pair(motion: Motion, a: int, b: int) -> Finding:
     )
 
 
-def forces(motion: Motion) -> Iterator[Finding]:
+def forces(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarray]) -> Iterator[Finding]:
     """Joints that accelerate against their force, or by that of another joint.
 
     Accelerations answer to forces by the inverse of the inertia, averaged over poses and contacts. That is positive
@@ -51,6 +52,7 @@ def forces(motion: Motion) -> Iterator[Finding]:
     other's forces is smaller than that of what they answer to their own.
     """
     chosen = [m for m, driver in enumerate(motion.drivers) if not driver.position or motion.v_now is not None]
+    follows = np.nan_to_num(np.diagonal(answers[0])) > FOLLOWS  # a servo that does so is told by ``servos``
     fitted = _responses(motion, chosen) if chosen else None
     if fitted is None:
         return
@@ -66,7 +68,7 @@ def forces(motion: Motion) -> Iterator[Finding]:
     ]  # fmt: skip
     yield from (_pair(motion, chosen[i], chosen[j]) for i, j in swapped)
     for i, m in enumerate(chosen):
-        if sure[i, i] and size[i, i] < -0.3 * rest[i] and not swapped:
+        if sure[i, i] and size[i, i] < -0.3 * rest[i] and not swapped and not follows[m]:
             yield Finding(
                 f"{motion.command_of(m)} pushes joint {motion.coordinates[motion.drivers[m].coordinate].name!r} the "
                 f"wrong way ({gain[i, i] / error[i, i]:.0f} standard errors): a sign error in {motion.command}, or in "

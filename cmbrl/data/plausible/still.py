@@ -142,7 +142,9 @@ def offsets(motion: Motion) -> Iterator[Finding]:
     left, right = rest[:row], rest[row:]
     shift = np.abs(np.median(right, axis=0) - np.median(left, axis=0))
     spread = 1.4826 * np.maximum(*(np.median(np.abs(x - np.median(x, axis=0)), axis=0) for x in (left, right)))
-    clear = (shift > 3 * spread) & (shift > MEANT) & (np.abs(at - row) < 0.03 * rows)
+    u = motion.u[-rows:, servos]
+    commanded = (u[:row].std(axis=0) > 0) & (u[row:].std(axis=0) > 0)
+    clear = commanded & (shift > 3 * spread) & (shift > MEANT) & (np.abs(at - row) < 0.03 * rows)
     if clear.mean() > 0.5 and clear.sum() >= 2:
         k = places[int(np.flatnonzero(clear)[0])]
         yield Finding(
