@@ -12,6 +12,7 @@ from cmbrl.data.plausible.motion import LAG, Motion
 LONG = 50  #: samples; and RARE times as long as others, so that coarse encoders are no fault
 RARE = 10
 MEANT = 0.05  #: [rad, m] a target has to move by so much, more than dry friction holds
+APART = 0.15  #: [rad, m] dry friction moves where servos stand by less when they turn round
 JUMP = 5  #: times the 99th percentile of a step, and of the steps before and after
 
 
@@ -144,7 +145,10 @@ def offsets(motion: Motion) -> Iterator[Finding]:
     spread = 1.4826 * np.maximum(*(np.median(np.abs(x - np.median(x, axis=0)), axis=0) for x in (left, right)))
     u = motion.u[-rows:, servos]
     commanded = (u[:row].std(axis=0) > 0) & (u[row:].std(axis=0) > 0)
-    clear = commanded & (shift > 3 * spread) & (shift > MEANT) & (np.abs(at - row) < 0.03 * rows)
+    drift = np.vander(np.arange(rows) / rows, 3)
+    slow = ((rest - drift @ np.linalg.lstsq(drift, rest, rcond=None)[0]) ** 2).sum(axis=0)
+    jumped = sum(((part - part.mean(axis=0)) ** 2).sum(axis=0) for part in (left, right)) < 0.5 * slow
+    clear = commanded & jumped & (shift > 3 * spread) & (shift > APART) & (np.abs(at - row) < 0.03 * rows)
     if clear.mean() > 0.5 and clear.sum() >= 2:
         k = places[int(np.flatnonzero(clear)[0])]
         yield Finding(
