@@ -260,7 +260,7 @@ def test_likely_faults_are_warnings(servo: tuple[PositionLog, Scene], motor: tup
     log, scene = motor
     hard = np.clip(3 * log.u, -1, 1)
     with pytest.warns(
-        UserWarning, match=r"u of 'shoulder' is at or beyond its limits -1 and 1 in \d\d% of the samples"
+        UserWarning, match=r"u of 'shoulder' \(and 2 more\) is at or beyond its limits -1 and 1 in \d\d% of the samples"
     ):
         replace(log, u=hard).check(scene)
     positions, arm = servo
@@ -279,7 +279,10 @@ def test_an_angle_that_wraps_is_a_warning(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("task", RECORDED)
 def test_no_recorded_log_is_refused(task: str, recorded: Recorded) -> None:
-    assert faults(*recorded(task)) == []
+    log, scene = recorded(task)
+    assert faults(log, scene) == []
+    for behaviour in set(load_task(task).behaviours) - {"random", "policy"}:
+        assert faults(load_task(task).record(1500, 1, behaviour, None, None), scene) == []
 
 
 @pytest.mark.parametrize("servo_driven", [True, False], ids=["servos", "motors"])

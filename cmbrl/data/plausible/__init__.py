@@ -67,4 +67,4 @@ def _tell(findings: Iterator[Finding]) -> None:
     for finding in findings:
         if finding.sure:
             raise UserError(finding.text)
-        warnings.warn(finding.text, stacklevel=4)
+        warnings.warn(finding.text, stacklevel=1)  # of one place: told once, however often the log is checked

@@ -145,14 +145,18 @@ def _robust(u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, float
 
 def saturation(motion: Motion) -> Iterator[Finding]:
     """A warning for commands that often are at the limit, where they tell little."""
+    shares = {}
     for m, driver in enumerate(motion.drivers):
-        if not np.isfinite([driver.low, driver.high]).all() or driver.high <= driver.low:
-            continue
-        u, room = motion.u[:, m], 1e-6 * (driver.high - driver.low)
-        share = float(np.mean((u <= driver.low + room) | (u >= driver.high - room)))
-        if share > SATURATED:
-            yield Finding(
-                f"{motion.command_of(m)} is at or beyond its limits {driver.low:g} and {driver.high:g} in {share:.0%} "
-                "of the samples: saturated, such rows tell little about the motor",
-                sure=False,
-            )
+        if np.isfinite([driver.low, driver.high]).all() and driver.high > driver.low:
+            u, room = motion.u[:, m], 1e-6 * (driver.high - driver.low)
+            shares[m] = float(np.mean((u <= driver.low + room) | (u >= driver.high - room)))
+    often = [m for m, share in shares.items() if share > SATURATED]
+    if often:
+        worst = max(often, key=shares.__getitem__)
+        low, high = motion.drivers[worst].low, motion.drivers[worst].high
+        more = f" (and {len(often) - 1} more)" if len(often) > 1 else ""
+        yield Finding(
+            f"{motion.command_of(worst)}{more} is at or beyond its limits {low:g} and {high:g} in {shares[worst]:.0%} "
+            "of the samples: saturated, such rows tell little about the motor",
+            sure=False,
+        )

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 WINDOW = 12  #: samples of one parabola
 APART = 0.02  #: [m] gap to everything
-MOST = 4000  #: windows
+MOST = 1000  #: windows
 LEAST = 10  #: windows
 IMPOSSIBLE = 50  #: times gravity; no robot goes on like this
 WRONG = 0.2  #: relative deviation from gravity
