@@ -15,7 +15,7 @@ enum ContactLaw { kRigid = 0, kMujoco = 1, kSpringDamper = 2, kLogistic = 3 };  
 
 // Offsets of one field inside the block of a contact, a line (a dof or a tendon), an actuator in the physical vector P.
 enum ContactField { kMu, kRestitution, kRadius, kSolref0, kSolref1, kD0, kDmax, kWidth, kRscale, kContactFields };
-enum DofField { kArmature, kDamping, kStiffness, kSpringref, kFrictionloss, kDofFields };
+enum DofField { kArmature, kDamping, kStiffness, kSpringref, kFrictionloss, kFrictionSlope, kStribeck, kStribeckSpeed, kDofFields };
 enum ActuatorField { kGear, kGain, kBias0, kBias1, kBias2, kActuatorFields };
 
 // Which dofs couple: all that a contact solve knows of the robot. Columns of row k: idx[ptr[k]] to idx[ptr[k + 1]], all below
@@ -77,6 +77,11 @@ struct Model : Structure {
   const double *P;
   const int *par_ptr, *par_idx;  // parameters that move the rest of P, by parameter
   const double *par_coef, *par_nominal;
+  int nshape, nmass, nweight;
+  const int *shape_body, *shape_mass, *shape_par;  // inertia_shape.hpp: bodies, the parameters of their mass and of their shape
+  const double* shape_root;
+  const int *mass_par, *weight_ptr, *weight_mass, *con_weight, *lim_weight, *line_weight;  // inverse_weight.hpp: masses that soften rows
+  const double *weight_coef, *con_share;           // con_weight, con_share: of both bodies of a contact
 
   // derived
   const int *anc_ptr, *anc_idx;  // ancestors of a dof on its own chain
@@ -96,6 +101,7 @@ struct Model : Structure {
   const double* con_par_coef;
   const double* par_radius;                         // most that one unit of each parameter adds to a radius
   int radius_moves;                                 // most parameters that move one radius
+  const int* par_shape;                             // the shape that each parameter, or mass, belongs to; -1: none
 };
 
 // What a call needs room for: steps; products with derivatives of steps; whole Jacobians.
