@@ -45,15 +45,15 @@ static void make_contact(const Model& m, const Options& o, int i, const Feature<
   c.root = vsqrt(m.con_invweight[i] + c.Rn);
 }
 
-// One candidate: becomes a row of w.con if it may close within the step, else of w.left. `given`: as below.
+// One candidate: becomes a row of w.con if it may close within the step, else of w.left; given: a row in these lanes.
 template <class G>
-static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, const Mask* given) {
+static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, const Mask* given = nullptr) {
   int A = m.con_bodyA[i], B = m.con_bodyB[i];
   Feature<G> F = find_feature(m, w, i);
   T p[kContactFields];
   load_block(m, w, i, p);
   T phi = F.dist - p[kRadius];
-  Mask on = given ? given[i] : all();
+  Mask on = given ? *given : all();
   if (m.con_plane[i] < 0) on &= vabs(F.dist) > 1e-9;  // crossing segments: no direction parts them
   if (!(o.prune < 1e300) || given) {
     Contact<G>& c = w.add_contact();
@@ -83,24 +83,24 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, co
   w.left_out_gap = select(left, vmin(w.left_out_gap, vabs(phi)), w.left_out_gap);
 }
 
-// Rows that may close within the step, ordered by body pair. `given`: the lanes of each candidate are known (a step read
-// back from its tape).
+// Rows that may close within the step, ordered by body pair. given: those of w.given instead (a step read back from its tape).
 template <class G>
-static void find_contacts(const Model& m, const Options& o, Work<G>& w, const Mask* given) {
+static void find_contacts(const Model& m, const Options& o, Work<G>& w, bool given) {
   w.ncon = w.ngroups = w.nleft = 0;
   w.left_out_gap = splat(__builtin_inf());
   w.coupled = false;
-  auto look_at = [&](int g) {
-    int first = w.ncon;
-    for (int k = m.grp_cptr[g]; k < m.grp_cptr[g + 1]; ++k)
-      if (int i = m.grp_con[k]; !given || any(given[i])) find_contact(m, o, w, i, given);
-    if (w.ncon > first) w.add_group({g, first, w.ncon});
-  };
-  if (given) {
-    for (int g = 0; g < m.ngroup; ++g) look_at(g);
-  } else {
+  for (int k = 0; given && k < w.ngiven;) {
+    int g = m.con_group[w.given[k].index], first = w.ncon;
+    for (; k < w.ngiven && m.con_group[w.given[k].index] == g; ++k) find_contact(m, o, w, w.given[k].index, &w.given[k].on);
+    w.add_group({g, first, w.ncon});
+  }
+  if (!given) {
     find_near(m, o, w);
-    for_near(m, w, look_at);
+    for_near(m, w, [&](int g) {
+      int first = w.ncon;
+      for (int k = m.grp_cptr[g]; k < m.grp_cptr[g + 1]; ++k) find_contact(m, o, w, m.grp_con[k]);
+      if (w.ncon > first) w.add_group({g, first, w.ncon});
+    });
   }
   if (w.coupled) find_fill(m, w);
   else w.make_factor(m.nv, m.mass.ptr[m.nv]);

@@ -5,6 +5,7 @@
 
 namespace cmbrl {
 
+class TapeRows;
 struct StepMemory;
 
 enum JointType { kSlide = 0, kHinge = 1, kBall = 2 };
@@ -136,6 +137,7 @@ struct Batch {
   double *jacobian;              // (n, 2 nv, 2 nv + nu [+ ntheta])
   int jacobian_theta;
   double *tape;                  // (n, tape_size), written by the forward pass and read by the backward pass
+  TapeRows *tape_rows;           // what of it follows the contacts that are on
   const double *gq_next, *gv_next;  // cotangents (tangent space for q)
   double *gq, *gv, *gu, *gtheta;
 };
@@ -168,7 +170,7 @@ struct Backend {  // one per instruction set
   const char* name;
   int width;
   int64_t (*workspace_size)(const Model&, Purpose);  // bytes, without what grows with the rows that are active
-  int64_t (*tape_size)(const Model&, const Options&);       // doubles per element
+  int64_t (*tape_size)(const Model&, const Options&);       // doubles per element, without what follows the contacts that are on
   void (*forward)(const Model&, const Options&, const Batch&, int64_t begin, int64_t end, StepMemory&);
   void (*backward)(const Model&, const Options&, const Batch&, int64_t begin, int64_t end, StepMemory&);
   void (*loss)(const Model&, const Options&, const LossBatch&, int64_t candidate_pack, StepMemory&);

@@ -10,10 +10,10 @@ enum Unfinished { kUnsolved = -1, kMissed = -2 };
 template <class G>
 static void forward_pack(const Model& m, const Options& o, const Batch& b, const Lanes& l, bool whole_ladder, Work<G>& w) {
   int nv = m.nv, ncol = 2 * nv + m.nu + (b.jacobian_theta ? m.ntheta : 0);
-  int64_t stride = tape_stride<G>(m), impulses = m.ncontact * (1 + G::NT);
+  int64_t stride = tape_stride(m), impulses = m.ncontact * (1 + G::NT);
   Mask finite = gather_states(m, b, l, w);
   for (int lane = 0; b.impulse && lane < l.n; ++lane) std::memset(b.impulse + l.at[lane] * impulses, 0, impulses * sizeof(double));
-  auto record = [&](int s) {
+  auto record = [&](int s, Mask stepped) {
     if (b.impulse)
       for (int i = 0; i < w.ncon; ++i)
         for (int lane = 0; lane < l.n; ++lane) {
@@ -27,8 +27,11 @@ static void forward_pack(const Model& m, const Options& o, const Batch& b, const
     Recorded solved = solve_backward(m, o, w);
     if (!b.tape) return solved;
     double* block[W];
-    for (int lane = 0; lane < W; ++lane) block[lane] = b.tape + (l.at[lane] * o.substeps + s) * stride;
-    tape_write(m, w, block);
+    for (int lane = 0; lane < W; ++lane) {
+      bool last = whole_ladder || (stepped & solved.done)[lane];  // else it is stepped, and written, again
+      block[lane] = lane < l.n && last ? b.tape + (l.at[lane] * o.substeps + s) * stride : nullptr;
+    }
+    tape_write(m, w, block, *b.tape_rows);
     return solved;
   };
   StepStats st{none(), none(), T{}, T{}, T{}};
@@ -104,7 +107,7 @@ template <class G>
 static void backward_packs(const Model& m, const Options& o, const Batch& b, int64_t begin, int64_t end, StepMemory& memory) {
   Work<G> w = open<G>(m, Purpose::product, memory);
   int nv = m.nv;
-  int64_t stride = tape_stride<G>(m) * o.substeps;
+  int64_t stride = tape_stride(m) * o.substeps;
   for (int64_t e = begin; e < end; e += W) {
     if (e > begin && o.stopped && o.stopped()) return;
     Lanes l = lanes_from(e, end);
@@ -127,7 +130,7 @@ static void backward_packs(const Model& m, const Options& o, const Batch& b, int
         for (int lane = 0; lane < W; ++lane) tape[lane] = tape[finite[lane] ? lane : good];
         copy_lane(~finite, good, m.nu, w.u);
       }
-      control_step_backward(m, o, w, tape, b.gtheta != nullptr);
+      control_step_backward(m, o, w, tape, *b.tape_rows, b.gtheta != nullptr);
     }
     scatter(w.lq, nv, nv, l, b.gq);
     scatter(w.lv, nv, nv, l, b.gv);

@@ -22,7 +22,7 @@ static void smooth_quantities(const Model& m, const Options& o, const Batch& b, 
     inverse_dynamics<G>(m, w, w.v, nullptr, w.bias);
     mass_matrix(m, w);
     for (int i = 0; i < m.nline; ++i) add_square(m, w, i, w.P[m.oDof + i * kDofFields + kArmature], w.M, m.mass);
-    find_contacts(m, every, w, nullptr);
+    find_contacts(m, every, w, false);
     scatter_packed(w.M, nv, m.mass, l, M);
     scatter(w.bias, nv, nv, l, bias);
     for (int i = 0; i < w.ncon; ++i) {

@@ -174,9 +174,10 @@ static Vec<G::N> relative_twist(const Model& m, const Vec<G::N>* twist, int inde
   return t;
 }
 
-// Kinematics, forces, M~ and active rows at (q, v, u) in w; given_*: the rows of a step read back from its tape.
+// Kinematics, forces, M~ and active rows at (q, v, u) in w; given: lanes of each limit, and w.given the contacts, of a step read
+// back from its tape.
 template <class G>
-static void prepare(const Model& m, const Options& o, Work<G>& w, const Mask* given_contacts = nullptr, const Mask* given_limits = nullptr) {
+static void prepare(const Model& m, const Options& o, Work<G>& w, const Mask* given = nullptr) {
   kinematics(m, w, w.q);
   find_lines(m, w);
   inertias(m, w);
@@ -184,8 +185,8 @@ static void prepare(const Model& m, const Options& o, Work<G>& w, const Mask* gi
   mass_matrix(m, w);
   line_forces(m, o, w);
   tie_forces(m, o, w);
-  find_contacts(m, o, w, given_contacts);
-  find_limits(m, o, w, given_limits);
+  find_contacts(m, o, w, given != nullptr);
+  find_limits(m, o, w, given);
   w.make_rows(m);
   for (int i = 0; i < w.ncon; ++i) {
     Contact<G>& c = w.con[i];

@@ -79,6 +79,7 @@ template <class G>
 struct LeftOut { Mask lanes; int A, B; Vec<G::N> W; T base; double speed; };
 struct LeftOutLimit { Mask lanes; Direction way; T base; double speed; };
 
+struct Given { int index; Mask on; };        // a candidate that is a row in these lanes, whatever it is like
 struct ActiveGroup { int group, begin, end; };  // contacts of one body pair stand together
 
 // What the contact solve works on.
@@ -137,7 +138,8 @@ struct Work : SolverWork<G> {
   T *line_length, *line_pull, *line_mass;  // impulse along each line at the step's start; what acts on its change of rate
   Tie<G>* ties; T* tie_J;                  // equality constraints; their rows, by entry of tie_dof
   Motion *drift, *drift_before;            // accelerations of bodies whose joints do not accelerate; before each dof's joint
-  Mask *con_on, *lim_on;                   // of a step that is read back from its tape
+  Given* given; int ngiven;                // rows of a step that is read back from its tape: contacts by group, then by number;
+  Mask* lim_on;                            // limits
   uint64_t* near; int* order;              // groups that may touch in this step, as bits; bodies along an axis
   typename G::V* centre; T *fast, *reach; double *low, *high;  // of bodies: spheres that hold what may touch in this step
   LeftOut<G>* left; int nleft;             // see pruning.hpp
@@ -176,6 +178,10 @@ struct Work : SolverWork<G> {
   void add_group(ActiveGroup group) {
     this->groups = static_cast<ActiveGroup*>(memory->groups.extend((this->ngroups + 1) * sizeof(ActiveGroup)));
     this->groups[this->ngroups++] = group;
+  }
+  void give(const Given& row) {
+    given = static_cast<Given*>(memory->given.extend((ngiven + 1) * sizeof(Given)));
+    given[ngiven++] = row;
   }
   void leave_out(const LeftOut<G>& row) {
     left = static_cast<LeftOut<G>*>(memory->left.extend((nleft + 1) * sizeof(LeftOut<G>)));
@@ -234,7 +240,7 @@ struct Work : SolverWork<G> {
     qtan = A.take<T>(nv); shift = A.take<T>(nv); leap = A.take<T>(nv); began = A.take<T>(m.nq);
     leapt = theta = false;
     if (purpose == Purpose::step) { Gq = nullptr; return; }
-    con_on = A.take<Mask>(m.ncontact); lim_on = A.take<Mask>(m.nlimit);
+    lim_on = A.take<Mask>(m.nlimit);
     auto block = [&](T*& q_, T*& v_, T*& u_, T*& p_) {
       q_ = A.take<T>(nv * nv); v_ = A.take<T>(nv * nv); u_ = A.take<T>(nv * (m.nu + 1)); p_ = A.take<T>(nv * (m.ntheta + 1));
     };
