@@ -1,5 +1,6 @@
 // A control step (substeps with one control) of a pack: forward, with full Jacobian, with a tape, and backward from the tape.
 #pragma once
+#include "crowded.hpp"
 #include "impact.hpp"
 #include "missed.hpp"
 #include "tape.hpp"
@@ -112,17 +113,20 @@ static void advance_tangents(const Model& m, const Options& o, Work<G>& w, int n
   w.rhs_all = moved;
 }
 
-struct StepStats { Mask done, missed; T rung, iterations, residual; };  // missed: a row that was left out closes
+// missed: a row that was left out closes; aside: has many more rows than the others, and was not stepped.
+struct StepStats { Mask done, missed, aside; T rows, rung, iterations, residual; };
 
 // Forward control step on (w.q, w.v, w.u), in place. record(substep, stepped) runs after each solve, before the state moves on;
 // a step is done where what it records is. stepped: the lanes that need no other attempt so far.
 template <class G, class Record>
 static StepStats control_step(const Model& m, const Options& o, Work<G>& w, Record record) {
-  StepStats st{all(), none(), T{}, T{}, T{}};
+  StepStats st{all(), none(), none(), T{}, T{}, T{}, T{}};
   if (o.leapfrog) { scaled(m, w.v, 0.5 * o.h, w.qtan); integrate(m, w.q, w.qtan); }
   for (int s = 0; s < o.substeps; ++s) {
     if (s % 16 == 15 && o.stopped && o.stopped()) break;
-    Outcome r = solve_step(m, o, w);
+    if (s == 0 && o.set_aside) st.aside = set_up_uncrowded(m, o, w, st.rows);
+    else set_up_step(m, o, w);
+    Outcome r = solve_smoothed(m, o, w, o.forward, false);
     st.done &= r.done;
     st.missed |= missed_rows(m, o, w);
     st.rung = vmax(st.rung, r.rung);
@@ -130,7 +134,7 @@ static StepStats control_step(const Model& m, const Options& o, Work<G>& w, Reco
     st.residual = vmax(st.residual, r.residual);
     displacement(m, o, w);
     for (int i = 0; i < m.nv; ++i) w.vstep[i] = w.vn[i];
-    Recorded kept = record(s, st.done & ~st.missed);
+    Recorded kept = record(s, st.done & ~st.missed & ~st.aside);
     st.done &= kept.done;
     st.rung = vmax(st.rung, kept.rung);
     integrate(m, w.q, w.qtan);

@@ -8,6 +8,7 @@
 #include <tuple>
 
 #include "arrays.hpp"
+#include "attempts.hpp"
 #include "engine.hpp"
 #include "instruction_sets.hpp"
 #include "memory.hpp"
@@ -85,8 +86,10 @@ class Core {
       size_t rows = m.planar ? 2 : 3;
       out["impulse"] = make_array<double>({n, size_t(m.ncontact), rows}, &b.impulse);
     }
-    run(b.n, threads, jacobian ? Purpose::jacobian : Purpose::step,
-        [&](int64_t s, int64_t e, StepMemory& w) { backend_.forward(m, o, b, s, e, w); });
+    step_in_attempts(o, b, backend_.width, [&](const Options& now, const Elements* some) {
+      run(some ? int64_t(some->size()) : b.n, threads, jacobian ? Purpose::jacobian : Purpose::step,
+          [&](int64_t s, int64_t e, StepMemory& w) { backend_.forward(m, now, b, some ? some->data() : nullptr, s, e, w); });
+    });
     return out;
   }
 
@@ -109,7 +112,9 @@ class Core {
     out["gv"] = make_array<double>({n, size_t(m.nv)}, &b.gv);
     out["gu"] = make_array<double>({n, size_t(m.nu)}, &b.gu);
     if (want_theta) out["gtheta"] = make_array<double>({n, size_t(m.ntheta)}, &b.gtheta);
-    run(b.n, threads, Purpose::product, [&](int64_t s, int64_t e, StepMemory& w) { backend_.backward(m, o, b, s, e, w); });
+    Elements order = most_contacts_first(b.tape, b.n, o.substeps, tape.size / o.substeps);
+    run(b.n, threads, Purpose::product,
+        [&](int64_t s, int64_t e, StepMemory& w) { backend_.backward(m, o, b, order.data(), s, e, w); });
     return out;
   }
 

@@ -163,11 +163,4 @@ static void set_up_step(const Model& m, const Options& o, Work<G>& w, const Mask
   find_bounces(m, o, w);
 }
 
-// Whole step: from (w.q, w.v, w.u) to w.vn; the caller integrates.
-template <class G>
-static Outcome solve_step(const Model& m, const Options& o, Work<G>& w) {
-  set_up_step(m, o, w);
-  return solve_smoothed(m, o, w, o.forward, false);
-}
-
 }  // namespace cmbrl::CMBRL_ISA

@@ -123,8 +123,17 @@ struct Options {
   double rest_speed;  // [m/s] approach speeds below it do not bounce
   int backward_differs;  // from forward
   bool (*stopped)();     // asked between packs, and in long control steps: the caller gave up, so no result is needed
+  int set_aside;      // lanes with many more rows than the others are not stepped with them
+  int last_attempt;   // a lane that fails has failed; otherwise it is stepped again
   unsigned rungs;     // of the solver's ladder that may be climbed, as bits; the first is always
 };
+
+// Where leaving out rows that separate faster than `prune` was too slow.
+static inline double wider(double prune) { return prune < 1e3 ? __builtin_fmax(10 * prune, 1) : __builtin_inf(); }
+
+// Statuses of elements that are to be stepped again: a solve needs the ladder, a row that was left out closes, there are many more
+// rows than the rest of the pack has.
+enum Unfinished { kUnsolved = -1, kMissed = -2, kCrowded = -3 };
 
 // Everything one element of a batch reads and writes; null where the caller does not want it. Strides are rows of C arrays.
 struct Batch {
@@ -171,8 +180,9 @@ struct Backend {  // one per instruction set
   int width;
   int64_t (*workspace_size)(const Model&, Purpose);  // bytes, without what grows with the rows that are active
   int64_t (*tape_size)(const Model&, const Options&);       // doubles per element, without what follows the contacts that are on
-  void (*forward)(const Model&, const Options&, const Batch&, int64_t begin, int64_t end, StepMemory&);
-  void (*backward)(const Model&, const Options&, const Batch&, int64_t begin, int64_t end, StepMemory&);
+  // elements: those numbered begin to end of this list; of the batch itself if there is none
+  void (*forward)(const Model&, const Options&, const Batch&, const int64_t* elements, int64_t begin, int64_t end, StepMemory&);
+  void (*backward)(const Model&, const Options&, const Batch&, const int64_t* elements, int64_t begin, int64_t end, StepMemory&);
   void (*loss)(const Model&, const Options&, const LossBatch&, int64_t candidate_pack, StepMemory&);
   void (*dynamics)(const Model&, const Options&, const Batch&, double* M, double* bias, double* gap, double* J, int64_t begin, int64_t end, StepMemory&);
   void (*rows)(const Model&, const Options&, const Batch&, const RowBatch&, int64_t begin, int64_t end, StepMemory&);

@@ -14,6 +14,8 @@ static inline int64_t tape_stride(const Model& m) {  // per substep; it ends wit
   return m.nq + 4 * int64_t(m.nv) + 2 * m.nlimit + 3 * m.nline + 3;
 }
 
+static inline double taped_contacts(const Model& m, const double* tape) { return tape[tape_stride(m) - 2]; }
+
 // Calls f(value, slot) for every number of the block that has a place in the workspace now.
 template <class G, class F>
 static void for_tape(const Model& m, Work<G>& w, F f) {
@@ -77,7 +79,7 @@ static TapedRuns taped_runs(const Model& m, const double* const* tape, const Tap
   TapedRuns runs;
   int64_t n = tape_stride(m);
   for (int lane = 0; lane < W; ++lane) {
-    int64_t count = int64_t(tape[lane][n - 2]);
+    int64_t count = int64_t(taped_contacts(m, tape[lane]));
     runs.at[lane] = count ? rows.at(tape[lane][n - 1]) : nullptr;
     runs.end[lane] = runs.at[lane] + count * kTapedContact<G>;
   }
