@@ -28,7 +28,7 @@ void step_in_attempts(const Options& o, const Batch& b, int width, Step step) {
     if (!chosen.empty()) step(now, &chosen);
     return !chosen.empty();
   };
-  now.last_attempt = one_pack;
+  now.admit = now.last_attempt = one_pack;
   now.set_aside = !one_pack;
   now.rungs = one_pack ? o.rungs : 1;
   step(now, nullptr);
@@ -37,8 +37,8 @@ void step_in_attempts(const Options& o, const Batch& b, int width, Step step) {
   now.last_attempt = 1;
   now.rungs = o.rungs;
   again(kUnsolved);
-  do now.prune = wider(now.prune);
-  while (again(kMissed));
+  now.admit = 1;
+  while (again(kMissed)) now.prune = wider(now.prune);
 }
 
 // Elements of a tape, those with the most contacts first; stride: of a substep.

@@ -45,6 +45,14 @@ static void make_contact(const Model& m, const Options& o, int i, const Feature<
   c.root = vsqrt(m.con_invweight[i] + c.Rn);
 }
 
+// Of A against B under their twists, where they are closest.
+template <class G>
+static typename G::V relative_velocity(const Vec<G::N>* twist, int A, int B, const Feature<G>& F) {
+  typename G::V u = A >= 0 ? point_velocity<G>(twist[A], F.a) : zero<G::D>();
+  if (B >= 0) u -= point_velocity<G>(twist[B], F.a - F.dist * F.n);
+  return u;
+}
+
 // One candidate: becomes a row of w.con if it may close within the step, else of w.left; given: a row in these lanes.
 template <class G>
 static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, const Mask* given = nullptr) {
@@ -63,17 +71,17 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, co
     return;
   }
   double enough = speed_that_matters(o, o.forward, m.con_invweight[i]), wide = speed_that_matters(o, o.backward, m.con_invweight[i]);
-  typename G::V u = A >= 0 ? point_velocity<G>(w.vel[A], F.a) : zero<G::D>();
-  if (B >= 0) u -= point_velocity<G>(w.vel[B], F.a - F.dist * F.n);
-  T speed = dot(F.n, u), slack = phi * (1 / o.h) - vabs(speed);  // at least, whatever the law is
-  Mask near = on & (slack - vabs(speed) < __builtin_fmax(enough, wide)), takes_part = none();
+  T speed = dot(F.n, relative_velocity<G>(w.vel, A, B, F)), slack = phi * (1 / o.h) - vabs(speed);  // at least, whatever the law is
+  T closing = speed;
+  for (int k = 0; k < w.nguess; ++k) closing = vmin(closing, dot(F.n, relative_velocity<G>(w.guess_twist + k * m.nbody, A, B, F)));
+  Mask near = on & (slack + vmin(closing, -vabs(speed)) < __builtin_fmax(enough, wide)), takes_part = none();
   if (m.logistic) near |= on & (p[kSolref0] * phi < kFaint);
   if (any(near)) {
     Contact<G>& c = w.add_contact();
     make_contact(m, o, i, F, phi, p, c);
     slack = select(near, c.cn0 - c.carry * speed, slack);
-    takes_part = c.on = near & (slack + speed < enough);
-    c.wide = near & (slack + speed < wide);
+    takes_part = c.on = near & (slack + closing < enough);
+    c.wide = near & (slack + closing < wide);
     if (any(c.on | c.wide)) w.coupled |= A >= 0 && B >= 0;
     else --w.ncon;
   }

@@ -124,11 +124,13 @@ static StepStats control_step(const Model& m, const Options& o, Work<G>& w, Reco
   if (o.leapfrog) { scaled(m, w.v, 0.5 * o.h, w.qtan); integrate(m, w.q, w.qtan); }
   for (int s = 0; s < o.substeps; ++s) {
     if (s % 16 == 15 && o.stopped && o.stopped()) break;
+    w.nguess = 0;
     if (s == 0 && o.set_aside) st.aside = set_up_uncrowded(m, o, w, st.rows);
     else set_up_step(m, o, w);
-    Outcome r = solve_smoothed(m, o, w, o.forward, false);
+    Mask missed;
+    Outcome r = solve_with_missed(m, o, w, missed);
     st.done &= r.done;
-    st.missed |= missed_rows(m, o, w);
+    st.missed |= missed;
     st.rung = vmax(st.rung, r.rung);
     st.iterations += r.iterations;
     st.residual = vmax(st.residual, r.residual);

@@ -106,6 +106,7 @@ static void find_near(const Model& m, const Options& o, Work<G>& w) {
     if (m.sphere_radius[b] < 0) continue;  // touches no other body
     w.centre[b] = w.pos[b] + G::rotate(w.R[b], load<G::D>(m.sphere_pos + b * G::D));
     w.fast[b] = fastest(m, w, w.vel, b);
+    for (int k = 0; k < w.nguess; ++k) w.fast[b] = vmax(w.fast[b], fastest(m, w, w.guess_twist + k * m.nbody, b));
     grow_sphere(m, o, w, b, 2.0 * w.fast[b], enough);
   }
   for_meeting(m, w, [&](int g, Mask) { w.near[g / 64] |= uint64_t(1) << g % 64; });

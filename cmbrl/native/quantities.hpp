@@ -53,9 +53,11 @@ static void rows_of_step(const Model& m, const Options& o, Work<G>& w) {
   };
   for (int i = 0; i < m.nq; ++i) w.start[i] = w.q[i];
   for (;;) {
+    Mask missed;
+    w.nguess = 0;
     set_up();
-    solve_smoothed(m, now, w, o.forward, false);
-    if (!any(missed_rows(m, now, w))) break;
+    solve_with_missed(m, now, w, missed);
+    if (!any(missed)) break;
     now.prune = wider(now.prune);
   }
   for (int i = 0; i < m.nv; ++i) w.shift[i] = T{};

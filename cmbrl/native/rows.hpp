@@ -132,7 +132,9 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
     Mask on = given ? given[i] : all(), wide = on;
     if (given && !any(on)) continue;
     double enough = speed_that_matters(o, o.forward, m.lim_invweight[i]), most = speed_that_matters(o, o.backward, m.lim_invweight[i]);
-    if (prune) on = wide = slack - vabs(speed) < __builtin_fmax(enough, most);
+    T closing = speed;
+    for (int k = 0; k < w.nguess; ++k) closing = vmin(closing, along(m, w, way, w.guess + k * m.nv));
+    if (prune) on = wide = slack + vmin(closing, -vabs(speed)) < __builtin_fmax(enough, most);
     Limit& l = w.lim[w.nlim];
     if (any(on)) {
       const double* s = m.lim_soft + 7 * i;
@@ -144,7 +146,7 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
       l.phi = phi; l.R = L.R; l.dR_dphi = L.dR; l.carry = L.carry; l.dc_dphi = L.dc0;
       l.c0 = L.c0 - L.carry * speed;
       slack = select(on, l.c0, slack);
-      if (prune) { on &= slack + speed < enough; wide &= slack + speed < most; }
+      if (prune) { on &= slack + closing < enough; wide &= slack + closing < most; }
     }
     if (Mask left = ~on; prune && any(left)) w.left_lim[w.nleft_lim++] = {left, way, slack, enough};
     if (!any(on | wide)) continue;

@@ -77,6 +77,7 @@ struct Tie {
 // A row that is left out: in which lanes, its slack without the part of the next velocity, and the speed that it had to have.
 template <class G>
 struct LeftOut { Mask lanes; int A, B; Vec<G::N> W; T base; double speed; };
+constexpr int kGuesses = 4;  // solves of a step with rows that were left out before; then all of its rows are let in
 struct LeftOutLimit { Mask lanes; Direction way; T base; double speed; };
 
 struct Given { int index; Mask on; };        // a candidate that is a row in these lanes, whatever it is like
@@ -143,6 +144,7 @@ struct Work : SolverWork<G> {
   uint64_t* near; int* order;              // groups that may touch in this step, as bits; bodies along an axis
   typename G::V* centre; T *fast, *reach; double *low, *high;  // of bodies: spheres that hold what may touch in this step
   LeftOut<G>* left; int nleft;             // see pruning.hpp
+  T* guess; Motion* guess_twist; int nguess;  // velocities that solves of this step ended with, under which left-out rows close
   LeftOutLimit* left_lim; int nleft_lim;
   T left_out_gap;                          // smallest absolute gap of a contact that was left out
   uint64_t* bits; int *fill_ptr, *fill_idx;  // the pattern as bits, and as lists
@@ -237,6 +239,7 @@ struct Work : SolverWork<G> {
     bits = A.take<uint64_t>(nv * FillPattern::words(m.nv)); fill_ptr = A.take<int>(nv + 1);
     vb = A.take<T>(nv); bvel = A.take<Motion>(nb); bacc = A.take<Motion>(nb);
     left_lim = A.take<LeftOutLimit>(m.nlimit);
+    guess = A.take<T>(kGuesses * nv); guess_twist = A.take<Motion>(kGuesses * nb); nguess = 0;
     qtan = A.take<T>(nv); shift = A.take<T>(nv); leap = A.take<T>(nv); began = A.take<T>(m.nq);
     leapt = theta = false;
     if (purpose == Purpose::step) { Gq = nullptr; return; }
