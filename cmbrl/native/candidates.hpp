@@ -106,7 +106,9 @@ static void find_contacts(const Model& m, const Options& o, Work<G>& w, bool giv
     find_near(m, o, w);
     for_near(m, w, [&](int g) {
       int first = w.ncon;
-      for (int k = m.grp_cptr[g]; k < m.grp_cptr[g + 1]; ++k) find_contact(m, o, w, m.grp_con[k]);
+      for (int c = m.grp_clusters[g]; c < m.grp_clusters[g + 1]; ++c)
+        if (!pass_over(m, o, w, m.grp_A[g], m.grp_B[g], c))
+          for (int k = m.cluster_begin[c]; k < m.cluster_begin[c + 1]; ++k) find_contact(m, o, w, m.grp_con[k]);
       if (w.ncon > first) w.add_group({g, first, w.ncon});
     });
   }

@@ -47,7 +47,7 @@ struct Model : Structure {
   const int *jnt_type, *jnt_qadr, *jnt_vadr;
   const double *jnt_axis, *jnt_pos, *jnt_q0;
 
-  const int *con_type, *con_bodyA, *con_bodyB, *con_plane, *con_dim, *con_law, *con_pyramid;
+  const int *con_type, *con_bodyA, *con_bodyB, *con_plane, *con_pair, *con_dim, *con_law, *con_pyramid;
   const double *con_posA, *con_axisA, *con_posB, *con_axisB, *con_rotB, *con_halfB, *con_rotA;  // rotA: of a box with a corner, which axisA leads to from its centre
   double largest_invweight;  // of a contact
   int logistic;              // contacts act at a distance
@@ -92,7 +92,11 @@ struct Model : Structure {
   int max_group_dofs;
   const uint64_t* grp_world;                        // bits of the groups whose second body is the world
   const int *pair_ptr, *pair_other, *pair_group;    // the other groups by the lower of their bodies, then by the other one
-  const double *sphere_pos, *sphere_radius;         // of each body, around what may touch other bodies; radius < 0: nothing
+  const double *sphere_pos, *sphere_radius;         // of each body, around what may touch anything; radius < 0: nothing
+  const int *grp_clusters, *cluster_begin;          // candidates of one pair of geoms, by group; where they begin in grp_con
+  const double *cluster_posA, *cluster_radiusA, *cluster_posB, *cluster_radiusB;  // spheres around them; radius of A < 0: few
+  const double* cluster_invweight;                  // the largest
+  int sifted;                                       // some clusters have spheres
   const int *con_par_ptr, *con_par, *con_par_field; // parameters that move a contact's block of P, by contact
   const double* con_par_coef;
   const double* par_radius;                         // most that one unit of each parameter adds to a radius
