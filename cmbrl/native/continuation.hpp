@@ -48,8 +48,7 @@ struct Continuation : InteriorPoint<G> {
       Contact<G>& c = w.con[i];
       T b0 = c.mu * c.gam, head = b0 * c.eta0, turn[NT] = {};
       if (c.rows > 1) CMBRL_FOR(r, NT) { head += c.b[r] * c.eta[r]; turn[r] = b0 * c.eta[r] + c.eta0 * c.b[r]; }
-      this->linearise(c);
-      this->aim(c, c.gam * c.s + grow, head + grow, turn);
+      this->linearise(c, c.gam * c.s + grow, head + grow, turn);
     }
     for (int i = 0; i < w.nlim; ++i) this->linearise(w.lim[i], w.lim[i].gam * w.lim[i].s + grow);
     for (int i = 0; i < w.ndry; ++i) {

@@ -9,7 +9,6 @@ namespace cmbrl::CMBRL_ISA {
 template <class G>
 struct Newton {
   static constexpr int NT = G::NT;
-  static constexpr double kWhole = 2;  // past any step: no more than the whole direction is taken
   const Structure& m;
   const Options& o;
   SolverWork<G>& w;
@@ -37,16 +36,21 @@ struct Newton {
     }
   }
 
-  // Theta of dx = w - Theta J dv.
-  void linearise(Contact<G>& c) {
+  // Theta and the target part w of dx = w - Theta J dv, for targets (t4, t50, t5) minus the second-order terms.
+  void linearise(Contact<G>& c, T t4, T t50, const T* t5) {
+    c.t50 = t50;
     T soft = yield * c.root * c.root, pn = c.s + c.gam * (c.Rn + soft);
     T inv = c.ipn = 1.0 / pn;
     c.Th[0][0] = keep(c.on, c.gam * inv);
+    c.w[0] = keep(c.on, (t4 - c.gam * c.s + c.gam * rho * c.r1) * inv);
     if (c.rows == 1) return;
     Mask on = c.on & c.rub;
-    T mu = c.mu, b0 = mu * c.gam, ib0 = c.ib0 = 1.0 / b0;
-    T A[NT][NT], B[NT][NT], *a = c.ta;
+    T mu = c.mu, b0 = mu * c.gam, ib0 = 1.0 / b0;
+    T y[NT], A[NT][NT], B[NT][NT], *a = c.ta;
+    T q0 = t50 - b0 * c.eta0;
+    CMBRL_FOR(i, NT) q0 += c.b[i] * (rho * c.r2[i] - c.eta[i]);
     CMBRL_FOR(i, NT) {
+      y[i] = t5[i] - b0 * c.eta[i] - c.eta0 * c.b[i] + b0 * rho * c.r2[i] - c.b[i] * ib0 * q0;
       a[i] = mu * (c.eta[i] - c.b[i] * c.eta0 * ib0);
       CMBRL_FOR(j, NT) {
         B[i][j] = (i == j ? b0 : T{}) - c.b[i] * c.b[j] * ib0;
@@ -62,29 +66,17 @@ struct Newton {
       Ai[0][1] = -A[0][1] * idet; Ai[1][0] = -A[1][0] * idet;
     }
     CMBRL_FOR(i, NT) {
-      T tn = T{};
+      T wn = T{}, tn = T{};
       c.Th[0][1 + i] = T{};
       CMBRL_FOR(j, NT) {
+        wn += Ai[i][j] * (y[j] - a[j] * c.w[0]);
         tn -= Ai[i][j] * a[j];
         T x = T{};
         CMBRL_FOR(k, NT) x += Ai[i][k] * B[k][j];
         c.Th[1 + i][1 + j] = keep(on, x);
       }
+      c.w[1 + i] = keep(on, wn);
       c.Th[1 + i][0] = keep(on, tn * c.Th[0][0]);
-    }
-  }
-  // w of it, for targets (t4, t50, t5) minus the second-order terms.
-  void aim(Contact<G>& c, T t4, T t50, const T* t5) {
-    c.t50 = t50;
-    c.w[0] = keep(c.on, (t4 - c.gam * c.s + c.gam * rho * c.r1) * c.ipn);
-    if (c.rows == 1) return;
-    T b0 = c.mu * c.gam, y[NT], q0 = t50 - b0 * c.eta0;
-    CMBRL_FOR(i, NT) q0 += c.b[i] * (rho * c.r2[i] - c.eta[i]);
-    CMBRL_FOR(i, NT) y[i] = t5[i] - b0 * c.eta[i] - c.eta0 * c.b[i] + b0 * rho * c.r2[i] - c.b[i] * c.ib0 * q0;
-    CMBRL_FOR(i, NT) {
-      T wn = T{};
-      CMBRL_FOR(j, NT) wn += c.Ai[i][j] * (y[j] - c.ta[j] * c.w[0]);
-      c.w[1 + i] = keep(c.on & c.rub, wn);
     }
   }
   void linearise(Limit& l, T t4) {
@@ -102,13 +94,8 @@ struct Newton {
     d.w = keep(d.on, y * inv);
   }
 
+  // Targets kappa_i + centre per product, in the lanes of `correct` minus the products of the last steps (Mehrotra's correction).
   void linearise_all(T centre, Mask correct) {
-    for (int i = 0; i < w.ncon; ++i) linearise(w.con[i]);
-    aim_all(centre, correct);
-  }
-  // Targets kappa_i + centre per product, in the lanes of `correct` minus the products of the last steps (Mehrotra's correction);
-  // contacts are linearised already.
-  void aim_all(T centre, Mask correct) {
     for (int i = 0; i < w.ncon; ++i) {
       Contact<G>& c = w.con[i];
       T t4 = c.kappa + centre - keep(correct, c.dgam * c.ds), t50 = c.kappa + centre, t5[NT] = {};
@@ -120,7 +107,7 @@ struct Newton {
           t5[r] = -keep(correct, db0 * c.deta[r] + c.deta0 * c.db[r]);
         }
       }
-      aim(c, t4, t50, t5);
+      linearise(c, t4, t50, t5);
     }
     for (int i = 0; i < w.nlim; ++i) linearise(w.lim[i], w.lim[i].kappa + centre - keep(correct, w.lim[i].dgam * w.lim[i].ds));
     for (int i = 0; i < w.ndry; ++i) {
@@ -179,7 +166,7 @@ struct Newton {
   }
   static const Vec<G::N>& row_of(const T (*K)[G::N], int r) { return reinterpret_cast<const Vec<G::N>&>(*K[r]); }
 
-  // Newton direction for the current linearisation; returns the longest feasible step, up to kWhole.
+  // Newton direction for the current linearisation; returns the longest feasible step.
   T direction() {
     for (int i = 0; i < w.ndyn; ++i) w.rhs[w.dyn_list[i]] = rho * w.rv[w.dyn_list[i]];
     for (int g = 0; g < w.ngroups; ++g) {
@@ -193,7 +180,7 @@ struct Newton {
     for (int i = 0; i < w.ndyn; ++i) solve_down(w.H, pat, w.dyn_list[i], w.rhs);
     for (int i = w.ndyn - 1; i >= 0; --i) solve_up(w.H, pat, w.dyn_list[i], w.rhs);
 
-    T alpha = splat(kWhole);
+    T alpha = splat(1e3);
     for (int g = 0; g < w.ngroups; ++g) {
       Vec<G::N> t = twist(w.groups[g].group, w.rhs);
       for (int i = w.groups[g].begin; i < w.groups[g].end; ++i) step_of(w.con[i], t, alpha);
@@ -223,10 +210,8 @@ struct Newton {
     CMBRL_FOR(r, c.rows) jv[r] = dot(c.Wr[r], t);
     c.dgam = c.w[0] - c.Th[0][0] * jv[0];
     c.ds = keep(c.on, jv[0] + c.Rn * c.dgam - rho * c.r1);
-    if (c.rows == 1) {
-      alpha = vmin(alpha, vmin(orthant(c.gam, c.dgam), orthant(c.s, c.ds)));
-      return;
-    }
+    alpha = vmin(alpha, vmin(orthant(c.gam, c.dgam), orthant(c.s, c.ds)));
+    if (c.rows == 1) return;
     Mask on = c.on & c.rub;
     CMBRL_FOR(r, NT) {
       c.db[r] = c.w[1 + r] - c.Th[1 + r][0] * jv[0];
@@ -237,20 +222,9 @@ struct Newton {
     T q0 = c.t50 - b0 * c.eta0 - c.eta0 * db0;
     CMBRL_FOR(r, NT) q0 -= c.b[r] * c.eta[r] + c.b[r] * c.deta[r] + c.eta[r] * c.db[r];
     c.deta0 = keep(on, q0 / b0);
-    T test = (1 + 1e-9) * alpha;
-    if (!any(~(inside(c.gam, c.dgam, test) & inside(c.s, c.ds, test) & inside(b0, c.b, db0, c.db, test) &
-               inside(c.eta0, c.eta, c.deta0, c.deta, test)))) return;
-    alpha = vmin(alpha, vmin(orthant(c.gam, c.dgam), orthant(c.s, c.ds)));
     alpha = vmin(alpha, vmin(cone<NT>(b0, c.b, db0, c.db), cone<NT>(c.eta0, c.eta, c.deta0, c.deta)));
   }
 
-  // Whether a step of alpha stays in the orthant, in the cone: most rows do not shorten a step, and need no division to say so.
-  static Mask inside(T x, T dx, T alpha) { return x + alpha * dx > 0.0; }
-  static Mask inside(T x0, const T* x, T dx0, const T* dx, T alpha) {
-    T head = x0 + alpha * dx0, rest = T{};
-    CMBRL_FOR(i, NT) { T y = x[i] + alpha * dx[i]; rest += y * y; }
-    return (head > 0.0) & ((1 - 1e-9) * head * head > rest);
-  }
   static T orthant(T x, T dx) { return select(dx < 0.0, -x / dx, splat(1e3)); }
   // Longest step that keeps (x0, x) + a (dx0, dx) in the second-order cone.
   template <int N> static T cone(T x0, const T* x, T dx0, const T* dx) {

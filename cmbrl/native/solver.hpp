@@ -13,7 +13,7 @@ struct Strategy { double tau, sigma, start; bool corrector, follow; int iteratio
 template <class G>
 struct InteriorPoint : Newton<G> {
   using Newton<G>::NT, Newton<G>::m, Newton<G>::o, Newton<G>::w, Newton<G>::rho;
-  using Newton<G>::twist, Newton<G>::add_wrench, Newton<G>::linearise_all, Newton<G>::aim_all, Newton<G>::factorise, Newton<G>::direction;
+  using Newton<G>::twist, Newton<G>::add_wrench, Newton<G>::linearise_all, Newton<G>::factorise, Newton<G>::direction;
   T zeta, count;
   T speed;   // largest at which anything moves along a row: velocities are known to some 1e-16 of it
   Mask grown = none();  // lanes that a path with little friction has led to its end
@@ -141,7 +141,6 @@ struct InteriorPoint : Newton<G> {
   T off_path(T centre) const {
     T worst = T{}, start = 4e-16 / o.theta * zeta, noise = 1e-14 / o.theta * speed;
     auto widen = [&](Mask on, T error, T kappa, T x, T y, T root) {
-      if (!any(on & ~(vabs(error) <= (1 - 1e-12) * worst * (kappa + centre)))) return;  // no farther than others: no divisions
       T blur = vmax(start * (x * root + y / root), x * vmax(noise, 4e-16 / o.theta * y));
       worst = vmax(worst, keep(on, vabs(error) / vmax(kappa + centre, blur)));
     };
@@ -231,7 +230,7 @@ struct InteriorPoint : Newton<G> {
         // Where the step is cut short, its second-order term says little: without it 3 % fewer iterations of wild hoppers, 8 %
         // of the G1 (Relaxed), but more second attempts (98 wild hoppers of 4,000 for 82). No stored problem needs this.
         Mask shortened = affine < 0.2;
-        aim_all(select(excess > 0.0, sigma * excess, T{}), ~shortened);
+        linearise_all(select(excess > 0.0, sigma * excess, T{}), ~shortened);
       } else {
         if (st.follow) {
           // Friction grows near the end of its path: at 1000 times the floor, or a thousandth, cheetah 5 to 7 need later rungs.

@@ -37,7 +37,7 @@ struct Contact {
   T gam, s, b[G::NT], eta0, eta[G::NT];
   T r1, r2[G::NT];                   // linear residuals at the start; they shrink by exactly (1 - alpha)
   T w[1 + G::NT], Th[1 + G::NT][1 + G::NT];  // dx = w - Th J dv
-  T ipn, ib0, Ai[G::NT][G::NT], ta[G::NT];   // parts of Th, for sensitivities to kappa and mu
+  T ipn, Ai[G::NT][G::NT], ta[G::NT];        // parts of Th, for sensitivities to kappa and mu
   T t50, dgam, ds, db[G::NT], deta0, deta[G::NT];
   T P[kContactFields];               // its part of the physical vector
 };
