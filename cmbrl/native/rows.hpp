@@ -133,7 +133,9 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
     Mask on = given ? given[i] : all(), wide = on;
     if (given && !any(on)) continue;
     double enough = speed_that_matters(o, o.forward, m.lim_invweight[i]), most = speed_that_matters(o, o.backward, m.lim_invweight[i]);
-    if (prune) on = wide = slack - vabs(speed) < __builtin_fmax(enough, most);
+    T closing = speed;
+    for (int k = 0; k < w.nguess; ++k) closing = vmin(closing, along(m, w, way, w.guess + k * m.nv));
+    if (prune) on = wide = slack + vmin(closing, -vabs(speed)) < __builtin_fmax(enough, most);
     Limit& l = w.lim[w.nlim];
     if (any(on)) {
       const double* s = m.lim_soft + 7 * i;
@@ -145,7 +147,7 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
       l.phi = phi; l.R = L.R; l.dR_dphi = L.dR; l.carry = L.carry; l.dc_dphi = L.dc0;
       l.c0 = L.c0 - L.carry * speed;
       slack = select(on, l.c0, slack);
-      if (prune) { on &= slack + speed < enough; wide &= slack + speed < most; }
+      if (prune) { on &= slack + closing < enough; wide &= slack + closing < most; }
     }
     if (Mask left = ~on; prune && any(left)) w.left_lim[w.nleft_lim++] = {left, way, slack, enough};
     if (!any(on | wide)) continue;
@@ -176,9 +178,10 @@ static Vec<G::N> relative_twist(const Model& m, const Vec<G::N>* twist, int inde
   return t;
 }
 
-// Kinematics, forces, M~ and active rows at (q, v, u) in w; given_*: the rows of a step read back from its tape.
+// Kinematics, forces, M~ and active rows at (q, v, u) in w; given: lanes of each limit, and w.given the contacts, of a step read
+// back from its tape.
 template <class G>
-static void prepare(const Model& m, const Options& o, Work<G>& w, const Mask* given_contacts = nullptr, const Mask* given_limits = nullptr) {
+static void prepare(const Model& m, const Options& o, Work<G>& w, const Mask* given = nullptr) {
   kinematics(m, w, w.q);
   find_lines(m, w);
   inertias(m, w);
@@ -186,8 +189,8 @@ static void prepare(const Model& m, const Options& o, Work<G>& w, const Mask* gi
   mass_matrix(m, w);
   line_forces(m, o, w);
   tie_forces(m, o, w);
-  find_contacts(m, o, w, given_contacts);
-  find_limits(m, o, w, given_limits);
+  find_contacts(m, o, w, given != nullptr);
+  find_limits(m, o, w, given);
   w.make_rows(m);
   for (int i = 0; i < w.ncon; ++i) {
     Contact<G>& c = w.con[i];

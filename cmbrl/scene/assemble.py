@@ -174,6 +174,7 @@ def contact_arrays(
     laws = [c.law for c in candidates]
     normals = np.array([ground.rot[:, 2] for ground in planes]).reshape(-1, 3)
     number = {ground.geom: k for k, ground in enumerate(planes)}
+    pairs: dict[tuple[int, int], int] = {}
     pyramid = int(model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL)
 
     def vectors(field: str, size: int = dimension) -> Array:
@@ -185,6 +186,7 @@ def contact_arrays(
         "con_bodyA": integers([c.body_a for c in candidates]),
         "con_bodyB": integers([c.body_b for c in candidates]),
         "con_plane": integers([number[c.geoms[1]] if c.kind.on_plane else -1 for c in candidates]),
+        "con_pair": integers([pairs.setdefault(c.geoms, len(pairs)) for c in candidates]),
         "con_posA": vectors("pos_a"),
         "con_axisA": vectors("axis_a"),
         "con_posB": vectors("pos_b"),

@@ -91,6 +91,7 @@ class CoreArrays:
     con_bodyA: Integers  # (nc,)
     con_bodyB: Integers  # (nc,)
     con_plane: Integers  # (nc,) -1 if not against a plane
+    con_pair: Integers  # (nc,) number of the pair of geoms
     con_posA: Array  # (nc, D)
     con_axisA: Array  # (nc, D)
     con_posB: Array  # (nc, D)
