@@ -28,7 +28,8 @@ void step_in_attempts(const Options& o, const Batch& b, int width, Step step) {
     if (!chosen.empty()) step(now, &chosen);
     return !chosen.empty();
   };
-  now.admit = now.last_attempt = one_pack;
+  now.last_attempt = one_pack;
+  now.admit = o.admit && one_pack;
   now.set_aside = !one_pack;
   now.rungs = one_pack ? o.rungs : 1;
   step(now, nullptr);
@@ -37,7 +38,8 @@ void step_in_attempts(const Options& o, const Batch& b, int width, Step step) {
   now.last_attempt = 1;
   now.rungs = o.rungs;
   again(kUnsolved);
-  now.admit = 1;
+  now.admit = o.admit;
+  if (!o.admit) now.prune = wider(now.prune);
   while (again(kMissed)) now.prune = wider(now.prune);
 }
 

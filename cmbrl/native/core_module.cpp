@@ -64,7 +64,7 @@ class Core {
   nb::dict forward(Array q, Array v, Array u, std::optional<Array> theta, nb::dict options, bool jacobian, bool jacobian_theta,
                    bool tape, bool impulse, int threads) {
     const Model& m = data_->model;
-    Options o = options_from(options);
+    Options o = settings(options);
     Batch b = states(q, v, &u, theta);
     nb::dict out;
     size_t n = b.n;
@@ -95,7 +95,7 @@ class Core {
 
   nb::dict backward(Array u, std::optional<Array> theta, Tape& tape, Array gq_next, Array gv_next, nb::dict options, bool want_theta, int threads) {
     const Model& m = data_->model;
-    Options o = options_from(options);
+    Options o = settings(options);
     Batch b{};
     b.n = int64_t(gv_next.ndim() ? gv_next.shape(0) : 0);
     check(u, "u", {b.n, m.nu});
@@ -121,7 +121,7 @@ class Core {
   nb::object loss(Array q, Array v, Array u, Array q_next, Array v_next, Index starts, int horizon, Array theta, Array scale_q,
                   Array scale_v, double huber, double fail_penalty, nb::dict options, int threads) {
     const Model& m = data_->model;
-    Options o = options_from(options);
+    Options o = settings(options);
     int64_t rows = int64_t(v.ndim() ? v.shape(0) : 0);
     check(q, "q", {rows, m.nq}); check(v, "v", {rows, m.nv}); check(u, "u", {rows, m.nu});
     check(q_next, "q_next", {rows, m.nq}); check(v_next, "v_next", {rows, m.nv});
@@ -149,7 +149,7 @@ class Core {
 
   nb::dict dynamics(Array q, Array v, std::optional<Array> theta, nb::dict options) {
     const Model& m = data_->model;
-    Options o = options_from(options);
+    Options o = settings(options);
     Batch b = states(q, v, nullptr, theta);
     nb::dict out;
     size_t n = b.n, nv = m.nv, rows = m.planar ? 2 : 3;
@@ -165,7 +165,7 @@ class Core {
 
   nb::dict rows(Array q, Array v, Array u, std::optional<Array> theta, nb::dict options) {
     const Model& m = data_->model;
-    Options o = options_from(options);
+    Options o = settings(options);
     Batch b = states(q, v, &u, theta);
     size_t n = b.n, nv = m.nv, nrow = m.ncontact + m.nlimit, rows = m.planar ? 2 : 3;
     nb::dict out;
@@ -215,6 +215,13 @@ class Core {
   std::vector<double> low_, high_;
   PerProcess<Engine> engine_;
 
+  // Where there are few candidates, letting all of them in costs little.
+  Options settings(nb::dict options) const {
+    constexpr int few = 256;
+    Options o = options_from(options);
+    o.admit = data_->model.ncontact > few;
+    return o;
+  }
   size_t body_fields() const { return data_->model.planar ? 7 : 18; }
   std::vector<int32_t> checked_bodies(const Index& chosen) const {
     std::vector<int32_t> bodies;

@@ -41,7 +41,7 @@ static Outcome solve_with_missed(const Model& m, const Options& o, Work<G>& w, M
     for (int i = 0; w.leapt && i < m.nq; ++i) w.q[i] = w.began[i];
     set_up_step(m, o, w);
     Outcome more = solve_smoothed(m, o, w, o.forward, false);
-    out = {more.done, vmax(out.rung, more.rung), out.iterations + more.iterations, more.residual};
+    out = {more.done, more.rung, out.iterations + more.iterations, more.residual};
     missed = missed_rows(m, o, w);
   }
   return out;

@@ -42,7 +42,6 @@ inline Options options_from(nb::dict d) {
   o.backward_differs = f.mode != b.mode || f.kappa != b.kappa || f.floor != b.floor || f.dry != b.dry || f.length != b.length || f.stop != b.stop;
   o.prune = option<double>(d, "prune"); o.tolerance = option<double>(d, "tolerance"); o.theta = option<double>(d, "theta");
   o.max_iterations = option<int>(d, "max_iterations"); o.rest_speed = option<double>(d, "rest_speed");
-  o.admit = 1;
   o.stopped = &Interruption::stopped;
   o.rungs = d.contains("rungs") ? unsigned(option<int>(d, "rungs")) : ~0u;  // for tests
   return o;
