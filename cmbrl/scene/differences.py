@@ -122,7 +122,11 @@ def _stepping(model: mujoco.MjModel, integrator: str, contact_law: str) -> Itera
         return
     servos = integrator == "implicit" and np.any(model.actuator_biasprm[:, 2])
     if np.any(model.dof_damping) or servos:
-        when = f"at steps longer than {model.opt.timestep:g} s " if contact_law == "mujoco" else ""
+        when = (
+            f"at steps longer than {model.opt.timestep:g} s, or where it is very strong, "
+            if contact_law == "mujoco"
+            else ""
+        )
         why = f"{when}damping is implicit in the contact solve too; MuJoCo adds it afterwards"
         yield LeftOut("integrator", integrator, why)
 

@@ -128,7 +128,10 @@ def test_long_steps_and_other_laws_are_coupled(tmp_path: Path) -> None:
     assert ComplementarityModel.from_config(scene, model.to_config()).damping == "split"
     old = {name: value for name, value in model.to_config().items() if name != "damping"}
     assert ComplementarityModel.from_config(scene, old).damping == "coupled"
-    file.write_text(file.read_text().replace("Euler", "RK4"))
+    strong = file.read_text()
+    file.write_text(strong.replace('damping="1.5"', 'damping="1e4"'))
+    assert ComplementarityModel(Scene.from_mjcf(file)).damping == "coupled"
+    file.write_text(strong.replace("Euler", "RK4"))
     assert ComplementarityModel(Scene.from_mjcf(file)).damping == "coupled"
 
 
