@@ -28,9 +28,10 @@ if TYPE_CHECKING:
 
 INTEGRATORS = ("semi-implicit", "leapfrog", "midpoint")
 DAMPING = ("coupled", "split")
-# Rows look ahead: the overshoot of damping that is explicit to them closes gaps that are open. h times damping over mass
-# is at most 19 in robots whose split steps are MuJoCo's, and 444 in one whose steps are not.
-MOST_SPLIT = 50.0
+# Rows look ahead: the overshoot of damping that is explicit to them closes gaps that are open, or asks for more rows. A
+# servo overshoots by what its position gain drives, too. h damping / mass of dampers is up to 19 in robots whose split
+# steps are MuJoCo's; of servos 11 makes one slow, and 444 makes another one's steps wrong.
+MOST_SPLIT, SERVO = 50.0, 10.0
 FAILURE_LOSS = 1e3  # added to a candidate's loss by a failed solve
 FAILED = int(SolverStatus.FAILED)  # an enum's member is slow to look up and to compare with
 
@@ -78,7 +79,7 @@ class ComplementarityModel:
         damping: "coupled" (contacts, limits, ties and dry friction feel that damping is implicit) or "split" (they act
             as if it were not, and it becomes implicit afterwards, as in MuJoCo's Euler and implicit integrators).
             Default: split for MuJoCo's contact law and these integrators at steps up to the file's, unless damping is
-            so strong that it overshoots 50 times; longer steps may diverge.
+            so strong that it overshoots 50 times (servos: 5); longer steps may diverge.
         implicit_springs: treat joint springs and position gains implicitly (MuJoCo does so for velocity gains only).
         prune: contacts predicted to separate faster than this [m/s] are left out of the solve; ``inf`` keeps all.
         path_tolerance: relative distance of every complementarity product from its kappa at the solution.
@@ -387,13 +388,13 @@ class ComplementarityModel:
 
 
 def _overshoot(scene: Scene) -> float:
-    """Largest h times implicit damping over mass of a coordinate or tendon, at the file's step."""
+    """Largest h times implicit damping over mass of a coordinate or tendon, at the file's step; see MOST_SPLIT."""
     core, layout = scene.core, scene.layout
     damping = np.array([core.P[layout.dof(k, "damping")] for k in range(scene.nv + core.ntendon)])
     for k, line in enumerate(core.act_line):
         if core.implicit_gains and line >= 0:
             gear, bias = core.P[layout.actuator(k)], core.P[layout.actuator(k) + 4]
-            damping[line] -= gear**2 * bias
+            damping[line] -= SERVO * gear**2 * bias
     if not core.implicit_gains:
         damping[scene.nv :] = 0.0
     return float(np.max(scene.timestep * damping * core.line_invweight))
