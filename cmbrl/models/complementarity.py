@@ -27,6 +27,11 @@ if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
 
 INTEGRATORS = ("semi-implicit", "leapfrog", "midpoint")
+DAMPING = ("coupled", "split")
+# Rows look ahead: the overshoot of damping that is explicit to them closes gaps that are open, or asks for more rows. A
+# servo overshoots by what its position gain drives, too. h damping / mass of dampers is up to 19 in robots whose split
+# steps are MuJoCo's; of servos 11 makes one slow, and 444 makes another one's steps wrong.
+MOST_SPLIT, SERVO = 50.0, 10.0
 FAILURE_LOSS = 1e3  # added to a candidate's loss by a failed solve
 FAILED = int(SolverStatus.FAILED)  # an enum's member is slow to look up and to compare with
 
@@ -71,6 +76,10 @@ class ComplementarityModel:
             semi-implicit.
         parameters: theta (np,) in natural units, in the order of ``scene.parameters``; default: nominal.
         threads: native threads; results do not depend on it.
+        damping: "coupled" (contacts, limits, ties and dry friction feel that damping is implicit) or "split" (they act
+            as if it were not, and it becomes implicit afterwards, as in MuJoCo's Euler and implicit integrators).
+            Default: split for MuJoCo's contact law and these integrators at steps up to the file's, unless damping is
+            so strong that it overshoots 50 times (servos: 5); longer steps may diverge.
         implicit_springs: treat joint springs and position gains implicitly (MuJoCo does so for velocity gains only).
         prune: contacts predicted to separate faster than this [m/s] are left out of the solve; ``inf`` keeps all.
         path_tolerance: relative distance of every complementarity product from its kappa at the solution.
@@ -100,6 +109,7 @@ class ComplementarityModel:
         path_tolerance: float = 1e-6,
         candidates: np.ndarray | None = None,
         observation: Mapping[str, float] | None = None,
+        damping: str | None = None,
     ) -> None:
         if not isinstance(scene, Scene):
             raise UserError(f"scene is a {type(scene).__name__}; give the Scene of Scene.from_mjcf")
@@ -112,6 +122,8 @@ class ComplementarityModel:
         self.backward_smoothing = _policy(backward_smoothing, self.smoothing)
         self.threads = whole(threads, "threads", most=256)
         self.implicit_springs = switch(implicit_springs, "implicit_springs")
+        self._damping = damping
+        self.damping = self._choose_damping(damping)
         self.prune = real(prune, "prune", least=0.0)
         self.path_tolerance = real(path_tolerance, "path_tolerance", above=0.0, most=1.0)
         self.parameters = self._checked_parameters(parameters)
@@ -126,6 +138,7 @@ class ComplementarityModel:
             "leapfrog": int(self.integrator != "semi-implicit"),
             "midpoint": int(self.integrator == "midpoint"),
             "implicit_springs": int(self.implicit_springs),
+            "split": int(self.damping == "split"),
             "forward": self.smoothing.resolve(scene, self.time_step),
             "backward": self.backward_smoothing.resolve(scene, self.time_step),
             "prune": self.prune,
@@ -181,6 +194,7 @@ class ComplementarityModel:
         """Settings and parameters as JSON types; the scene is described by its own file."""
         settings = self._settings()
         del settings["candidates"]  # kept in the folder of the fit
+        settings["damping"] = self.damping
         for key in ("smoothing", "backward_smoothing"):
             settings[key] = smoothing_policies.to_config(settings[key])
         names = [p.name for p in self.scene.parameters]
@@ -189,7 +203,7 @@ class ComplementarityModel:
     @classmethod
     def from_config(cls, scene: Scene, config: dict[str, Any]) -> ComplementarityModel:
         """Inverse of :meth:`to_config`; raises UserError unless it names exactly the parameters of the scene."""
-        config = dict(config)
+        config = {"damping": "coupled", **config}  # as before there was a choice
         values = config.pop("parameters", {})
         known = {p.name: i for i, p in enumerate(scene.parameters)}
         theta = scene.parameter_vector()
@@ -297,7 +311,8 @@ class ComplementarityModel:
 
         Rows: contacts that are not pruned, then joint limits as contacts with mu = 0. M includes armature and implicit
         damping; b includes the gap term, restitution, and the old velocity under a soft law. Dry joint friction has no
-        row in a contact problem; v_free includes its impulse, taken from this model's own solution.
+        row in a contact problem; v_free includes its impulse, taken from this model's own solution. With split damping
+        M is without damping, and the velocity is the one that is damped afterwards.
         """
         q, v, u, theta = self._arrays(theta, q=q, v=v, u=u)
         resolution = max(float(np.linalg.norm(self.scene.gravity)), 1e-9) * self.time_step
@@ -317,11 +332,24 @@ class ComplementarityModel:
             "threads": self.threads,
             "backward_smoothing": self.backward_smoothing,
             "implicit_springs": self.implicit_springs,
+            "damping": self._damping,
             "prune": self.prune,
             "path_tolerance": self.path_tolerance,
             "candidates": self.candidates,
             "observation": self.observation,
         }
+
+    def _choose_damping(self, given: str | None) -> str:
+        scene = self.scene
+        if given is None:
+            of_mujoco = scene.contact_law == "mujoco" and scene.integrator != "rk4" and not self.implicit_springs
+            short = self.time_step <= scene.timestep * (1 + 1e-9) and _overshoot(scene) <= MOST_SPLIT
+            return "split" if of_mujoco and short and self.integrator == "semi-implicit" else "coupled"
+        one_of(given, DAMPING, "damping")
+        if given == "split" and (scene.contact_law == "rigid" or self.implicit_springs):
+            what = "implicit springs" if self.implicit_springs else "rigid contacts"
+            raise UserError(f"damping 'split' does not go with {what}: choose 'coupled'")
+        return given
 
     def _count_failures(self, status: np.ndarray) -> None:
         failed = int(np.count_nonzero(status == FAILED))
@@ -357,6 +385,19 @@ class ComplementarityModel:
         if len(shape) != 2 or shape[1] != width:
             raise UserError(f"{name} has shape {tuple(shape)}; give float64 of shape (batch, {width})")
         return shape[0]
+
+
+def _overshoot(scene: Scene) -> float:
+    """Largest h times implicit damping over mass of a coordinate or tendon, at the file's step; see MOST_SPLIT."""
+    core, layout = scene.core, scene.layout
+    damping = np.array([core.P[layout.dof(k, "damping")] for k in range(scene.nv + core.ntendon)])
+    for k, line in enumerate(core.act_line):
+        if core.implicit_gains and line >= 0:
+            gear, bias = core.P[layout.actuator(k)], core.P[layout.actuator(k) + 4]
+            damping[line] -= SERVO * gear**2 * bias
+    if not core.implicit_gains:
+        damping[scene.nv :] = 0.0
+    return float(np.max(scene.timestep * damping * core.line_invweight))
 
 
 def _dense(x: torch.Tensor, name: str) -> torch.Size:

@@ -62,7 +62,8 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, co
   load_block(m, w, i, p);
   T phi = F.dist - p[kRadius];
   Mask on = given ? *given : all();
-  if (m.con_plane[i] < 0) on &= vabs(F.dist) > 1e-9;  // crossing segments: no direction parts them
+  bool of_points = m.con_plane[i] < 0 && m.con_type[i] != kCornerBox;  // whose distance gives the direction
+  if (of_points) on &= vabs(F.dist) > 1e-9;  // crossing segments: none parts them
   if (!(o.prune < 1e300) || given) {
     Contact<G>& c = w.add_contact();
     make_contact(m, o, i, F, phi, p, c);

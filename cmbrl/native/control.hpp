@@ -64,16 +64,33 @@ static void late_tangents(const Model& m, const Options& o, Work<G>& w, int ncol
   for (int i = 0; i < nv * ncol; ++i) w.tv[i] = w.rhs_all[i] - out[i] * (1 / o.h);
 }
 
+// out = (Aq Av Au Ap), which are the columns of the first substep: its tangents are the identity.
+static inline void columns_of(const Model& m, const T* Aq, const T* Av, const T* Au, const T* Ap, T* out, int ncol, bool theta) {
+  int nv = m.nv, nu = m.nu;
+  for (int i = 0; i < nv; ++i) {
+    T* row = out + i * ncol;
+    for (int k = 0; k < nv; ++k) { row[k] = Aq[i * nv + k]; row[nv + k] = Av[i * nv + k]; }
+    for (int k = 0; k < nu; ++k) row[2 * nv + k] = Au[i * nu + k];
+    for (int k = 0; theta && k < m.ntheta; ++k) row[2 * nv + nu + k] = Ap[i * m.ntheta + k];
+  }
+}
+
+// rhs_all <- dv' = du - dy, from the tangents before the step and du in rhs_all.
+template <class G>
+static void split_tangents(const Model& m, const Options& o, Work<G>& w, int ncol, bool theta, bool first) {
+  T* out = w.Z;  // scratch of the same width, free by now
+  if (first && !o.leapfrog) columns_of(m, w.Sq, w.Sv, w.Su, w.Sp, out, ncol, theta);
+  else carry_tangents(m, w, w.Sq, w.Sv, w.Su, w.Sp, &m.mass, out, ncol, theta);
+  add_damping(m, w, ncol, [&](int k, int c) { return w.rhs_all[k * ncol + c] - w.tv[k * ncol + c]; }, out);
+  solve_many(w.K, m.nv, m.mass, out, ncol);
+  for (int i = 0; i < m.nv * ncol; ++i) w.rhs_all[i] -= out[i];
+}
+
 // Right-hand sides of the first substep: the tangents are the identity, or the leapfrog's shift by h/2 v.
 template <class G>
 static void first_right_sides(const Model& m, const Options& o, Work<G>& w, int ncol, bool theta) {
-  int nv = m.nv, nu = m.nu;
-  for (int i = 0; i < nv; ++i) {
-    T* row = w.rhs_all + i * ncol;
-    for (int k = 0; k < nv; ++k) { row[k] = w.Gq[i * nv + k]; row[nv + k] = w.Gv[i * nv + k]; }
-    for (int k = 0; k < nu; ++k) row[2 * nv + k] = w.Gu[i * nu + k];
-    for (int k = 0; theta && k < m.ntheta; ++k) row[2 * nv + nu + k] = w.Gp[i * m.ntheta + k];
-  }
+  int nv = m.nv;
+  columns_of(m, w.Gq, w.Gv, w.Gu, w.Gp, w.rhs_all, ncol, theta);
   if (!o.leapfrog) return;
   for (int j = 0; j < m.njoint; ++j) {
     int d = m.jnt_vadr[j];
@@ -106,6 +123,7 @@ static void advance_tangents(const Model& m, const Options& o, Work<G>& w, int n
     carry_tangents(m, w, w.Gq, w.Gv, w.Gu, w.Gp, sparse ? &pat : nullptr, w.rhs_all, ncol, theta);
   }
   solve_many(w.H, nv, pat, w.rhs_all, ncol);
+  if (o.split) split_tangents(m, o, w, ncol, theta, first);
   if (w.late) late_tangents(m, o, w, ncol, theta);  // tv becomes the tangent of the displacement / h
   push_tangent(m, w.qtan, w.tq, w.late ? w.tv : w.rhs_all, splat(o.h), ncol);
   T* moved = w.tv;
@@ -135,7 +153,6 @@ static StepStats control_step(const Model& m, const Options& o, Work<G>& w, Reco
     st.iterations += r.iterations;
     st.residual = vmax(st.residual, r.residual);
     displacement(m, o, w);
-    for (int i = 0; i < m.nv; ++i) w.vstep[i] = w.vn[i];
     Recorded kept = record(s, st.done & ~st.missed & ~st.aside);
     st.done &= kept.done;
     st.rung = vmax(st.rung, kept.rung);
@@ -184,6 +201,21 @@ static void late_cotangents(const Model& m, const Options& o, Work<G>& w, bool t
   }
 }
 
+// Through v' = u - y: lv becomes that of u; lq, lp take their parts, that of v waits in tv.
+template <class G>
+static void split_cotangents(const Model& m, Work<G>& w, bool theta) {
+  int nv = m.nv;
+  T *y = w.pvec, *before = w.tv;
+  for (int i = 0; i < nv; ++i) { y[i] = w.lv[i]; before[i] = T{}; }
+  solve(w.K, nv, m.mass, y);
+  add_damping(m, w, 1, [&](int k, int) { return y[k]; }, before);
+  for (int i = 0; i < nv; ++i) w.lv[i] -= before[i];
+  for (int i = 0; i < nv; ++i) {
+    for (int k = 0; k < nv; ++k) { w.lq[k] -= w.Sq[i * nv + k] * y[i]; before[k] -= w.Sv[i * nv + k] * y[i]; }
+    for (int k = 0; theta && k < m.ntheta; ++k) w.lp[k] -= w.Sp[i * m.ntheta + k] * y[i];
+  }
+}
+
 // Cotangents (w.lq, w.lv) of the next state become those of the state; w.lu, w.lp are added to. theta: parameters wanted.
 template <class G>
 static void control_step_backward(const Model& m, const Options& o, Work<G>& w, const double* const* tape, const TapeRows& rows, bool theta) {
@@ -203,8 +235,9 @@ static void control_step_backward(const Model& m, const Options& o, Work<G>& w, 
     implicit_system(m, o, w, theta);
     if (w.late) late_cotangents(m, o, w, theta);
     else pull_cotangent(m, w.qtan, w.lq, w.lv, splat(o.h));
+    if (o.split) split_cotangents(m, w, theta);
     solve_transposed(w.H, nv, pattern_of(m, w), w.lv);
-    for (int i = 0; i < nv; ++i) { w.pvec[i] = w.lv[i]; w.lv[i] = w.late ? w.tv[i] : T{}; }
+    for (int i = 0; i < nv; ++i) { w.pvec[i] = w.lv[i]; w.lv[i] = w.late || o.split ? w.tv[i] : T{}; }
     for (int i = 0; i < nv; ++i)
       for (int k = 0; k < nv; ++k) {
         w.lq[k] += w.Gq[i * nv + k] * w.pvec[i];

@@ -67,7 +67,7 @@ static void carry_drag(const Model& m, Work<G>& w) {  // each body takes over wh
   }
 }
 
-// Into tau, and into M~.
+// Into tau, and into M~ or what of it waits for the rows.
 template <class G>
 static void fluid_forces(const Model& m, const Options& o, Work<G>& w) {
   constexpr int size = G::N * G::N;
@@ -84,7 +84,7 @@ static void fluid_forces(const Model& m, const Options& o, Work<G>& w) {
     w.tau[i] += dot(w.S[i], w.drag[b]);
     if (!m.implicit_gains) continue;
     Vec<G::N> F = o.h * product(w.drag_end + b * size, w.S[i]);
-    Row<T> row(w.M, m.mass, i);
+    Row<T> row(o.split ? w.D : w.M, m.mass, i);
     const int *columns = m.mass.columns(i), *above = m.tree().columns(i);
     *row.diagonal += dot(w.S[i], F);
     for (int a = 0, k = 0; a < m.tree().count(i); ++a, ++k) {
@@ -100,7 +100,7 @@ static void fluid_forces(const Model& m, const Options& o, Work<G>& w) {
 // in w.vel and w.tn: dF = drag_start dV + drag_end dV' in the axes of a box, which turn with its body. late: of F'(V) (V' - V)
 // alone, at fixed v' - v: what is implicit, as a part of M~.
 template <class G>
-static void fluid_terms(const Model& m, Work<G>& w, double h, T* Gq, T* Gv, bool late = false) {
+static void fluid_terms(const Model& m, Work<G>& w, double h, bool implicit, T* Gq, T* Gv, bool late = false) {
   constexpr int size = G::N * G::N;
   int nv = m.nv;
   Vec<G::N> still = wind<G>(m);
@@ -108,7 +108,7 @@ static void fluid_terms(const Model& m, Work<G>& w, double h, T* Gq, T* Gv, bool
   for_box_axes(m, w, [&](int b, const Vec<G::N>& axis, double linear, double quadratic) {
     T v = dot(axis, w.vel[b] - still), by_v = -(linear + 2.0 * quadratic * vabs(v));
     T force = late ? T{} : -(linear + quadratic * vabs(v)) * v;
-    if (m.implicit_gains) {
+    if (implicit) {
       T change = dot(axis, w.tn[b] - w.vel[b]);
       force += by_v * change;
       add_square(w.drag_end + b * size, by_v, axis);

@@ -6,7 +6,7 @@
 namespace cmbrl::CMBRL_ISA {
 
 // Of the step's equation; of the same without rows, for a free velocity; or of that of late impulses, M~ shift = sum t_i J_i^T x_i
-// (impact.hpp): its rows, its left side.
+// (impact.hpp): its rows, its left side, which split damping has too.
 enum class Part { step, free, late_rows, late_inertia };
 
 template <class G>
@@ -83,6 +83,10 @@ struct ForceColumns {
   void add_along(int line, T x) {
     for (int k = m.line_ptr[line]; k < m.line_ptr[line + 1]; ++k) at(m.line_dof[k]) += w.line_c[k] * x;
   }
+  void add_eased(int line, T x) {  // of what damps in M~
+    for (int k = m.line_ptr[line]; k < m.line_ptr[line + 1]; ++k)
+      at(m.line_dof[k]) += w.line_c[k] * x * (o.split ? chain_rate(m, w, line, k, w.eased) : along(m, w, line, w.eased));
+  }
   void dry(int i, int field, double coef) {
     if (part != Part::step) return;
     FrictionLimit f = friction_limit(m, w, i, field != kFrictionloss);
@@ -96,11 +100,12 @@ struct ForceColumns {
   void line(int i, int field, double coef) {
     bool late = part == Part::late_inertia;
     if (late && field != kArmature && (field != kDamping || !damps_implicitly(m, i))) return;
+    if (late && field == kDamping) return add_eased(i, splat(-coef * o.h));
     T before = late ? T{} : along(m, w, i, w.v), after = along(m, w, i, late ? w.shift : w.vn);
     Spring spring = spring_of(m, w, i);
     switch (field) {
       case kArmature: add_along(i, -coef * (after - before)); break;
-      case kDamping: add_along(i, -coef * o.h * (damps_implicitly(m, i) ? after : before)); break;
+      case kDamping: add_along(i, -coef * o.h * (damps_implicitly(m, i) && !o.split ? after : before)); break;
       case kStiffness: {
         if (i < m.nv && m.dof_qadr[i] < 0 && m.nballspring > 0) spring.stretch = w.stretch[i];
         Mask stretched = spring.stiffness != 0.0;
@@ -130,7 +135,7 @@ struct ForceColumns {
     int line = m.act_line[a];
     if (line < 0) return wide(a, field, coef);
     T q = w.line_length[line], v = along(m, w, line, w.v), after = along(m, w, line, w.vn);
-    T dv = m.implicit_gains ? after - v : T{}, g = p[kGear];
+    T dv = m.implicit_gains && !o.split ? after - v : T{}, g = p[kGear];
     T flo = splat(m.act_force[2 * a]), fhi = splat(m.act_force[2 * a + 1]);
     T ctrl = vmin(vmax(w.u[a], splat(m.act_ctrl[2 * a])), splat(m.act_ctrl[2 * a + 1]));
     T force = p[kGain] * ctrl + p[kBias0] + g * (p[kBias1] * q + p[kBias2] * v);
@@ -139,9 +144,8 @@ struct ForceColumns {
     T spring = o.implicit_springs ? o.h * after : T{};
     if (part == Part::late_inertia) {
       if (!m.implicit_gains) return;
-      T late = along(m, w, line, w.shift);
-      if (field == kGear) add_along(line, keep(free, coef * o.h * 2.0 * g * p[kBias2] * late));
-      if (field == kBias2) add_along(line, keep(free, coef * o.h * g * g * late));
+      if (field == kGear) add_eased(line, keep(free, coef * o.h * 2.0 * g * p[kBias2]));
+      if (field == kBias2) add_eased(line, keep(free, coef * o.h * g * g));
       return;
     }
     T r, held = T{};  // held: through M~ alone

@@ -112,22 +112,25 @@ static void fold_closing_terms(const Model& m, const Options& o, Work<G>& w, boo
   }
 }
 
-// S of M~ shift = sum t_i J_i^T x_i with t_i = phi_i / speed_i: the part of a place and parameters at fixed t_i and x_i.
 template <class G>
-static void late_smooth_terms(const Model& m, const Options& o, Work<G>& w, bool theta) {
+static void clear_late(const Model& m, Work<G>& w) {
   int nv = m.nv;
   for (int i = 0; i < nv * nv; ++i) w.Sq[i] = w.Sv[i] = w.Sn[i] = T{};
   for (int i = 0; i < nv * m.nu; ++i) w.Su[i] = T{};
   for (int i = 0; i < nv * m.ntheta; ++i) w.Sp[i] = T{};
-  contact_terms(m, o, w, w.Sq, w.Sv, true);
-  if (theta) parameter_terms(m, o, w, w.Sp, Part::late_rows);
+}
+
+// Adds -dM~ shift to S, of what damps -dD eased, without ties.
+template <class G>
+static void inertia_terms(const Model& m, const Options& o, Work<G>& w, bool theta) {
+  int nv = m.nv;
   late_power_terms(m, o, w, w.Sq, w.Sv);
   if (m.nbox > 0 && m.implicit_gains) {
-    for (int k = 0; k < nv; ++k) w.pvec[k] = w.v[k] + w.shift[k];
+    for (int k = 0; k < nv; ++k) w.pvec[k] = w.v[k] + w.eased[k];
     accelerations_and_twists(m, o, w, w.pvec);
-    fluid_terms(m, w, o.h, w.Sq, w.Sv, true);
+    fluid_terms(m, w, o.h, true, w.Sq, w.Sv, true);
   }
-  typename G::V gravity;  // - dM~ shift: inverse dynamics of the acceleration `shift`, at rest, without gravity
+  typename G::V gravity;  // inverse dynamics of the acceleration `shift`, at rest, without gravity
   CMBRL_FOR(k, G::D) { gravity[k] = w.P[m.oGravity + k]; w.P[m.oGravity + k] = T{}; }
   T *v = w.v, *rest = w.rhs;
   for (int k = 0; k < nv; ++k) rest[k] = T{};
@@ -136,14 +139,25 @@ static void late_smooth_terms(const Model& m, const Options& o, Work<G>& w, bool
   for (int i = 0; i < nv * nv; ++i) w.Fq[i] = T{};  // scratch: the velocity part is of no use
   inverse_dynamics_derivatives(m, w, -1.0, w.Sq, w.Fq);
   w.v = v;
-  tie_terms(m, o, w, w.shift, nullptr, w.Sq, nullptr);
-  for (int i = m.nv; i < m.nline; ++i)
+  for (int i = m.nv; i < m.nline; ++i) {
     add_bend(m, w, i, -w.line_mass[i] * along(m, w, i, w.shift), T{}, w.shift, -w.line_mass[i], w.shift, w.Sq);
+    if (o.split) add_bent_drag(m, w, i, implicit_damping(m, o, w, i), w.eased, w.Sq);
+  }
   if (theta) parameter_terms(m, o, w, w.Sp, Part::late_inertia);
   CMBRL_FOR(k, G::D) w.P[m.oGravity + k] = gravity[k];
-  rows_through_leap(m, w, w.Sq, w.Sv, w.Su, w.Sp, theta);
 }
 
+// S of M~ shift = sum t_i J_i^T x_i with t_i = phi_i / speed_i: the part of a place and parameters at fixed t_i and x_i.
+template <class G>
+static void late_smooth_terms(const Model& m, const Options& o, Work<G>& w, bool theta) {
+  clear_late(m, w);
+  contact_terms(m, o, w, w.Sq, w.Sv, true);
+  if (theta) parameter_terms(m, o, w, w.Sp, Part::late_rows);
+  w.eased = w.shift;
+  inertia_terms(m, o, w, theta);
+  tie_terms(m, o, w, w.shift, nullptr, w.Sq, nullptr);
+  rows_through_leap(m, w, w.Sq, w.Sv, w.Su, w.Sp, theta);
+}
 // The rest of S, dx = -Theta (J dv' + E) + ... and dt_i; ends by solving with HF. What is left of the step after a flight is
 // shorter: flown dv' + v' dflown.
 template <class G>
@@ -190,6 +204,16 @@ static void late_terms(const Model& m, const Options& o, Work<G>& w, bool theta)
   add_outer<G>(m, w.vn, w.dflown, theta, w.Sq, w.Sv, w.Su, w.Sp);
 }
 
+// S of split damping (split.hpp) with y = shift: K dy = Sq dq + Sv dv + Sp dtheta + D (du - dv).
+template <class G>
+static void split_terms(const Model& m, const Options& o, Work<G>& w, bool theta) {
+  clear_late(m, w);
+  damped_away(m, w, w.shift);
+  w.eased = w.leap;  // steps with split damping do not fly
+  for (int i = 0; i < m.nv; ++i) w.eased[i] = w.v[i] - w.vn[i] + w.shift[i];
+  inertia_terms(m, o, w, theta);
+}
+
 // G, S and the factor H at the solution in w (rows, vn).
 template <class G>
 static void implicit_system(const Model& m, const Options& o, Work<G>& w, bool theta) {
@@ -210,6 +234,7 @@ static void implicit_system(const Model& m, const Options& o, Work<G>& w, bool t
   smooth_and_rows(m, o, w, theta);
   if (w.early) fold_closing_terms(m, o, w, theta);
   if (w.late) late_terms(m, o, w, theta);
+  if (o.split) split_terms(m, o, w, theta);
 }
 
 }  // namespace cmbrl::CMBRL_ISA

@@ -173,5 +173,12 @@ static inline Spring spring_of(const Model& m, const Work<G>& w, int line) {
 
 // MuJoCo's Euler takes the damping of joints at the next velocity, that of tendons at the last one.
 static inline bool damps_implicitly(const Model& m, int line) { return line < m.nv || m.implicit_gains; }
+// h times what of the damping along a line, with velocity gains, is implicit.
+template <class G>
+static inline T implicit_damping(const Model& m, const Options& o, const Work<G>& w, int line) {
+  if (!damps_implicitly(m, line)) return T{};
+  T damping = w.P[m.oDof + line * kDofFields + kDamping];
+  return o.h * (m.implicit_gains ? damping + w.kd[line] : damping);
+}
 
 }  // namespace cmbrl::CMBRL_ISA

@@ -125,6 +125,7 @@ struct Smoothing {
 struct Options {
   double h;
   int substeps, leapfrog, midpoint, implicit_springs;  // midpoint: velocity-dependent forces half a step ahead
+  int split;         // damping is explicit to the rows, and implicit afterwards (split.hpp)
   Smoothing forward, backward;
   double prune;      // [m/s] rows predicted to separate faster are left out; infinity keeps all
   double tolerance;  // relative, on the linear residuals; products to within theta * kappa

@@ -4,6 +4,7 @@
 #include "dry_friction.hpp"
 #include "fluid.hpp"
 #include "gravcomp.hpp"
+#include "split.hpp"
 #include "springs.hpp"
 #include "ties.hpp"
 #include "wide.hpp"
@@ -82,6 +83,7 @@ static void actuator_forces(const Model& m, Work<G>& w) {
 // Pulls along the lines, and what of them is taken implicitly: M~ = M + armature + h (D [+ kd]) [+ h^2 (K + kp)].
 template <class G>
 static void line_forces(const Model& m, const Options& o, Work<G>& w) {
+  for (int i = 0; o.split && i < m.mass.row(m.nv); ++i) w.D[i] = T{};
   actuator_forces(m, w);
   for (int i = 0; i < m.nline; ++i) w.tau[i] = w.drive[i];
   clamp_joint_forces(m, w);
@@ -98,7 +100,9 @@ static void line_forces(const Model& m, const Options& o, Work<G>& w) {
   for (int i = 0; i < m.nline; ++i) {
     const T* p = w.P + m.oDof + i * kDofFields;
     T pull = o.h * w.tau[i], mass = p[kArmature];
-    if (damps_implicitly(m, i)) mass += o.h * (m.implicit_gains ? p[kDamping] + w.kd[i] : p[kDamping]);
+    T damping = implicit_damping(m, o, w, i);
+    if (o.split) add_drag(m, w, i, damping);
+    else mass += damping;
     if (o.implicit_springs) {
       mass += o.h * o.h * w.kp[i];
       pull -= o.h * o.h * w.kp[i] * along(m, w, i, w.v);
@@ -188,6 +192,7 @@ static void prepare(const Model& m, const Options& o, Work<G>& w, const Mask* gi
   inverse_dynamics<G>(m, w, w.v, nullptr, w.bias);
   mass_matrix(m, w);
   line_forces(m, o, w);
+  if (o.split) split_factor(m, w);
   tie_forces(m, o, w);
   find_contacts(m, o, w, given != nullptr);
   find_limits(m, o, w, given);

@@ -116,7 +116,7 @@ static void power_forces(const Model& m, const Options& o, Work<G>& w) {
     Powers p = powers(m, w, s);
     w.tau[d] += p.force;
     w.kp[d] += p.k;
-    w.M[m.mass.row(d)] += o.h * p.b;
+    (o.split ? w.D : w.M)[m.mass.row(d)] += o.h * p.b;
   }
 }
 
@@ -126,18 +126,18 @@ static void power_terms(const Model& m, const Options& o, const Work<G>& w, cons
   for (int s = 0; s < m.npower; ++s) {
     int d = m.power_dof[s];
     Powers p = powers(m, w, s);
-    Gv[d * (m.nv + 1)] -= o.h * (p.b + p.db * (vn[d] - w.v[d]));
+    Gv[d * (m.nv + 1)] -= o.h * (o.split ? p.b : p.b + p.db * (vn[d] - w.v[d]));
     if (o.implicit_springs) Gq[d * (m.nv + 1)] -= o.h * o.h * p.dk * vn[d];
   }
 }
 
-// The same of -dM~ shift, which late impulses ask for.
+// The same of -dM~ shift.
 template <class G>
 static void late_power_terms(const Model& m, const Options& o, const Work<G>& w, T* Sq, T* Sv) {
   for (int s = 0; s < m.npower; ++s) {
     int d = m.power_dof[s];
     Powers p = powers(m, w, s);
-    Sv[d * (m.nv + 1)] -= o.h * p.db * w.shift[d];
+    Sv[d * (m.nv + 1)] -= o.h * p.db * w.eased[d];
     if (o.implicit_springs) Sq[d * (m.nv + 1)] -= o.h * o.h * p.dk * w.shift[d];
   }
 }

@@ -124,11 +124,13 @@ static void late_shift(const Model& m, const Options& o, Work<G>& w) {
   solve(w.H, m.nv, ip.pat, w.shift);
 }
 
-// Tangent displacement of one step, from where its rows are.
+// Next velocity, and the tangent displacement of one step, from where its rows are.
 template <class G>
 static void displacement(const Model& m, const Options& o, Work<G>& w) {
+  if (o.split) damped_away(m, w, w.shift);
+  for (int i = 0; i < m.nv; ++i) w.vstep[i] = o.split ? w.vn[i] - w.shift[i] : w.vn[i];
   late_shift(m, o, w);
-  for (int i = 0; i < m.nv; ++i) w.qtan[i] = (o.h - w.flown) * w.vn[i] - w.shift[i];
+  for (int i = 0; i < m.nv; ++i) w.qtan[i] = (o.h - w.flown) * w.vstep[i] - w.shift[i];
 }
 
 }  // namespace cmbrl::CMBRL_ISA

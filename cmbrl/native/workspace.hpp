@@ -138,6 +138,7 @@ struct Work : SolverWork<G> {
   Motion* wide_wrench; T* wide_push;       // of actuators on several dofs: unit wrench, force times gear
   Motion* drag; T *drag_start, *drag_end;  // of a fluid, by body, and by its twists before and after the step
   T* stretch;                              // of springs at ball joints
+  T *D, *K;                                // of split damping (split.hpp): packed as M; the factor of M + D
   T *line_length, *line_pull, *line_mass;  // impulse along each line at the step's start; what acts on its change of rate
   Tie<G>* ties; T* tie_J;                  // equality constraints; their rows, by entry of tie_dof
   Motion *drift, *drift_before;            // accelerations of bodies whose joints do not accelerate; before each dof's joint
@@ -164,6 +165,7 @@ struct Work : SolverWork<G> {
   T flown, *leap, *began;                  // for how long [s], how far, and from where
   T *Lq, *Lv, *Lu, *Lp, *dflown;           // dleap = Lq dq + Lv dv + Lu du + Lp dtheta, and the row of dflown
   T *qtan, *shift;                         // position correction of impacts at their time, integration scratch
+  T* eased;                                // what the damping in M~ acts on where the derivative looks at M~ shift
   T *tq, *tv, *rhs_all;                    // tangents carried through substeps (nv x ncol)
   T *lq, *lv, *lu, *lp, *pvec;             // cotangents
   Vec<G::N>* Y;
@@ -235,6 +237,7 @@ struct Work : SolverWork<G> {
     bias = A.take<T>(nv); tau = A.take<T>(m.nline); a = A.take<T>(nv); kd = A.take<T>(m.nline); kp = A.take<T>(m.nline); open = A.take<T>(m.nact + 1);
     tmp = A.take<T>(nv); yields = A.take<Mask>(nv); drive = A.take<T>(m.nline); drive_kp = A.take<T>(m.nline);
     this->line_c = A.take<T>(m.line_ptr[m.nline]);
+    D = A.take<T>(m.mass.row(m.nv)); K = A.take<T>(m.mass.row(m.nv));
     line_length = A.take<T>(m.nline); line_pull = A.take<T>(m.nline); line_mass = A.take<T>(m.nline);
     if (m.nlift > 0) { lift = A.take<T>(nv); lift_mass = A.take<T>(nb); lift_moment = A.take<V>(nb); }
     if (m.nwide > 0) { wide_wrench = A.take<Motion>(m.nwide); wide_push = A.take<T>(m.nwide); }

@@ -41,7 +41,7 @@ def differences(
         *_boxes(model, candidates),
         *_laws(model, candidates, contact_law),
         *_tendons(model, tendons, integrator),
-        *_stepping(model, integrator),
+        *_stepping(model, integrator, contact_law),
         *(drag if boxes else []),
     )
 
@@ -115,13 +115,20 @@ def _tendons(model: mujoco.MjModel, tendons: list[Tendon], integrator: str) -> I
             yield LeftOut("tendon", tendon.name, why)
 
 
-def _stepping(model: mujoco.MjModel, integrator: str) -> Iterator[LeftOut]:
+def _stepping(model: mujoco.MjModel, integrator: str, contact_law: str) -> Iterator[LeftOut]:
     if integrator == "rk4":
         why = "by default stepped by leapfrog (second order); velocity gains and damping act at the next velocity"
         yield LeftOut("integrator", "RK4", why)
-    elif integrator == "euler" and np.any(model.dof_damping):
-        why = "joint damping is implicit in the contact solve too; MuJoCo adds it afterwards"
-        yield LeftOut("integrator", "Euler", why)
+        return
+    servos = integrator == "implicit" and np.any(model.actuator_biasprm[:, 2])
+    if np.any(model.dof_damping) or servos:
+        when = (
+            f"at steps longer than {model.opt.timestep:g} s, or where it is very strong, "
+            if contact_law == "mujoco"
+            else ""
+        )
+        why = f"{when}damping is implicit in the contact solve too; MuJoCo adds it afterwards"
+        yield LeftOut("integrator", integrator, why)
 
 
 def flat_side(model: mujoco.MjModel, mesh: int) -> int:

@@ -32,7 +32,7 @@ def test_the_steps_answer_solves_the_exported_problem(name: str, law: str) -> No
     q, v, u = random_states(scene, 40, np.random.default_rng(1))
     worst, rows = [], 0
     for kappa in (1e-6, 1e-8, 1e-10):
-        model = ComplementarityModel(scene, smoothing=Barrier(kappa), path_tolerance=1e-6)
+        model = ComplementarityModel(scene, smoothing=Barrier(kappa), path_tolerance=1e-6, damping="coupled")
         answer = model.predict(q, v, u, impulse=True)
         active = model.stepper.core.rows(q, v, u, model.parameters, model.stepper.options)["active"].astype(bool)
         scores = []

@@ -12,7 +12,7 @@ from cmbrl.contact import Barrier
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
 
-from .pairs import CAPSULE, PLANE, SPATIAL, Pair, scene_of, states
+from .pairs import BOX, BRICK, CAPSULE, PLANE, SPATIAL, Pair, scene_of, states
 from .test_adjoint import mismatch_at
 
 LAWS = [("mujoco", 0.0), ("rigid", 0.0), ("rigid", 0.5), ("spring-damper", 0.0), ("logistic", 0.0)]
@@ -96,3 +96,12 @@ def test_parallel_capsules(law: str, slip: float, tmp_path: Path) -> None:
     assert np.isfinite(r.jacobian).all()
     assert r.impulse[0, 0, 0] > 1e-3
     assert mismatch_at(model, q, v, np.zeros((1, 0)), np.random.default_rng(0)) < MATCH
+
+
+@pytest.mark.parametrize("gap", [1e-6, 1e-12, 0.0, -1e-12, -1e-6])
+def test_a_box_rests_at_any_small_gap(gap: float) -> None:
+    """A corner at distance 0 from a side still has the side's normal: the box does not fall for a step."""
+    boxes = f'<geom {BOX}/><body pos="0 0 {0.4 + gap:.17g}"><freejoint/><geom {BRICK}/></body>'
+    model = ComplementarityModel(Scene.from_mjcf(f"<mujoco><worldbody>{boxes}</worldbody></mujoco>", (), "rigid"))
+    fallen = model.predict(model.scene.q0[None], np.zeros((1, 6)), np.zeros((1, 0))).v_next[0, 2]
+    assert abs(fallen) < 1e-3 * 9.81 * model.time_step + 1.1 * abs(gap) / model.time_step

@@ -9,7 +9,7 @@ from itertools import chain
 
 import numpy as np
 
-from cmbrl.bench.studies.gradient_scenes import bounces, chaos, contacts, jumps
+from cmbrl.bench.studies.gradient_scenes import bounces, chaos, contacts, faults, jumps
 from cmbrl.bench.studies.gradient_scenes.case import Array, Case
 from cmbrl.contact import Barrier, Exact, Gaussian
 from cmbrl.contact.smoothing import Smoothing
@@ -86,7 +86,8 @@ class Bundle:
 @cache
 def all_cases() -> dict[str, Case]:
     """By name, in the order of labels."""
-    cases = chain(bounces.cases(), contacts.cases(), [jumps.over_the_wall(), jumps.over_the_wall(0.0)], chaos.cases())
+    over = [jumps.over_the_wall(), jumps.over_the_wall(0.0)]
+    cases = chain(bounces.cases(), contacts.cases(), over, chaos.cases(), faults.cases())
     return {case.name: case for case in sorted(cases, key=lambda case: int(case.label[1:]))}
 
 

@@ -17,7 +17,8 @@ SCENES = {
     "G1": "bounce", "G2": "two balls", "G3": "oblique hit", "G4": "box out of reach", "G5": "Heaviside step",
     "G6": "ramp", "G7": "ball over a wall", "G8": "pushed block", "G9": "make or break", "G10": "billiard",
     "G11": "double pendulum", "G12": "ball into target", "G13": "sticking block", "G14": "cube on four corners",
-    "G15": "block at its threshold",
+    "G15": "block at its threshold", "G16": "connect", "G17": "weld", "G18": "friction loss",
+    "G19": "box on a corner", "G20": "parallel capsules", "G21": "servo, implicit",
 }  #: names of scenes in legends  # fmt: skip
 
 

@@ -11,7 +11,16 @@ from cmbrl.bench.peers.ours import Ours
 from cmbrl.bench.peers.pymunk import Pymunk
 from cmbrl.bench.peers.simulator import Simulator, World
 from cmbrl.bench.peers.solver_stepper import SolverStepper
-from cmbrl.bench.studies.stability import bouncing, grasps, jams, motion, rolling, sliding, stacks
+from cmbrl.bench.studies.stability import (
+    assemblies,
+    bouncing,
+    grasps,
+    jams,
+    motion,
+    rolling,
+    sliding,
+    stacks,
+)
 from cmbrl.bench.studies.stability.case import BankScene
 from cmbrl.contact.solvers import get
 
@@ -20,7 +29,7 @@ SLOP = 1e-4  #: of pymunk [m]
 HARD, MIDPOINT, SOFT = "ours hard", "ours midpoint", "ours soft"
 PGS, CONVEX = f"PGS, {SWEEPS} sweeps", "convex relaxation"
 IN_PYTHON = (PGS, CONVEX)  #: stepped one by one from Python, so they take long
-FAMILIES = tuple(module.SCENES for module in (stacks, sliding, rolling, bouncing, jams, grasps, motion))
+FAMILIES = tuple(module.SCENES for module in (stacks, sliding, rolling, bouncing, jams, grasps, assemblies, motion))
 SCENES: dict[str, BankScene] = {scene.label: scene for scenes in FAMILIES for scene in scenes}  #: by label
 FIRST = {scenes[0].label for scenes in FAMILIES}  #: labels that begin a family
 
