@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FormatStrFormatter, MaxNLocator, NullFormatter
+from matplotlib.ticker import FormatStrFormatter, LogFormatterSciNotation, MaxNLocator
 
 from cmbrl.fitting.fitted_parameter import AT_BOUND, FITTED, FLAT, GAUGE, NOMINAL, FittedParameter
 from cmbrl.fitting.page.style import AFTER, BEFORE, BOUND, FAINT, LOGGED, SMALL, new_figure, tidy
@@ -166,7 +166,8 @@ def _searches(axes: Axes, searches: Sequence[Mapping[str, Any]]) -> None:
     axes.set(xlabel="candidates", ylabel="best objective (loss and prior)", xlim=(0, None))
     if min(values) > 0 and max(values) > _LOG_FROM * min(values):
         axes.set_yscale("log")
-        axes.yaxis.set_minor_formatter(NullFormatter())
+        axes.yaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(2.0, 0.5)))
+        axes.tick_params(which="both", labelsize=SMALL)
     else:
         axes.yaxis.set_major_formatter(FormatStrFormatter("%.4g"))
     axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))

@@ -21,6 +21,12 @@ if TYPE_CHECKING:
 PAGE = "page.html"
 _NOTHING_UNSEEN = "Nothing was held out, or the fit was read from its folder: there are no unseen seconds to show."
 
+_COURSE = (
+    "Groups that the held-out loss asked for, where they were selected; then the best candidate so far. Search and "
+    "polish use different rows, so their curves need not meet. The polish runs twice: where it starts anew, the prior "
+    "is weighted by what errors remain."
+)
+
 
 @dataclass(frozen=True)
 class Section:
@@ -58,8 +64,7 @@ def _sections(result: FitResult) -> Iterator[Section]:
     yield Section("parameters", "Parameters, before and after", *_parameters(result, space))
     yield Section("together", "What is told only together", *_together(result))
     drawn = numbers.course(result.report)
-    text = "Left to right: groups that the held-out loss asked for; then the best candidate so far. Search and polish "
-    text += "use different rows, so that their curves need not meet." if drawn else "There was nothing to search."
+    text = _COURSE if drawn else "There was nothing to search."
     yield Section("course", "The course of the search", text, drawn and embedded(drawn))
 
 

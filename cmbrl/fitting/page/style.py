@@ -26,6 +26,7 @@ def tidy(axes: Axes) -> None:
     """No box around, a faint grid, small letters."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(alpha=0.25, linewidth=0.6)
+    axes.set_axisbelow(True)
     axes.tick_params(labelsize=SMALL, length=2.5)
 
 
