@@ -4,6 +4,7 @@ import base64
 import io
 import json
 import re
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -66,10 +67,11 @@ def fit(place: Path, log: str, out: Path, *words: str) -> int:
     return main(["fit", str(place / "arm.xml"), "--data", str(place / f"{log}.npz"), "--out", str(out), *options])
 
 
-@pytest.fixture(scope="module", params=["states", "positions"])
+@pytest.fixture(scope="module", params=[("states", "1"), ("positions", "20")])
 def folder(request: pytest.FixtureRequest, place: Path) -> Path:
-    assert fit(place, request.param, place / request.param) == 0
-    return place / request.param
+    log, horizon = request.param
+    assert fit(place, log, place / log, "--horizon", horizon) == 0
+    return place / log
 
 
 def pictures(page: str) -> dict[str, Image.Image]:
@@ -130,7 +132,7 @@ def test_a_killed_fit_leaves_no_page_and_resuming_makes_it(
         raise RuntimeError("killed")
 
     with monkeypatch.context() as patch:
-        patch.setattr("cmbrl.fitting.fit.conclude", killed)
+        patch.setattr(import_module("cmbrl.fitting.fit"), "conclude", killed)
         with pytest.raises(RuntimeError, match="killed"):
             fit(place, "states", tmp_path / "run")
     assert (tmp_path / "run/state.json").exists()

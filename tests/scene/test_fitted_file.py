@@ -109,7 +109,7 @@ def test_mujoco_moves_the_hopper_as_the_hidden_one_does() -> None:
     nominal = spec.compile()
     spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
     foot = spec.geom("foot_geom")
-    foot.priority, foot.friction[0], foot.solref[:] = 1, 0.7, (0.03, 0.8)
+    foot.priority, foot.condim, foot.friction[0], foot.solref[:] = 1, 3, 0.7, (0.03, 0.8)
     for body in spec.bodies[1:]:
         body.explicitinertial, body.mass = True, 1.4 * nominal.body_mass[body.id]
         body.ipos, body.iquat = nominal.body_ipos[body.id], nominal.body_iquat[body.id]
