@@ -100,7 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_folder(out, "fit", any((out / name).exists() for name in ("state.json", RESULT)), arguments.resume)
     start = start_values(source.scene, dict(arguments.set))
 
-    from cmbrl.fitting import fit  # imports torch: only now, so that an error above shows at once
+    from cmbrl.fitting import FitResult, fit  # imports torch: only now, so that an error above shows at once
 
     model = source.model(
         data,
@@ -130,8 +130,8 @@ def run(arguments: argparse.Namespace) -> int:
             progress=progress,
             time_limit=arguments.time_limit,
         )
-    result.save(out, task=source.task.name if source.task else None)
-    print(json.dumps(read_record(out / RESULT, "fit again"), indent=2) if arguments.json else result.report_text())
+    saved = FitResult.load(result.save(out, task=source.task.name if source.task else None))
+    print(json.dumps(read_record(out / RESULT, "fit again"), indent=2) if arguments.json else saved.report_text())
     if result.report["stopped"] == "interrupted":
         print(f"cmbrl: interrupted: the best fit so far is in {out}; continue it with --resume", file=sys.stderr)
         return EXIT_INTERRUPTED

@@ -46,6 +46,7 @@ def cma_search(
         seed=seed % 2**32,
         population_size=population,
     )
+    course = [(1, value)]
     for index in range(rounds):
         asked = [strategy.ask() for _ in range(population)]
         z = np.repeat(best[None], population, axis=0)
@@ -56,7 +57,8 @@ def cma_search(
         if values[winner] < value:
             best, value = z[winner], float(values[winner])
             keep(best)
-    return Search(best, value, rounds * population)
+        course.append(((index + 1) * population, value))
+    return Search(best, value, rounds * population, tuple(course))
 
 
 def require_library() -> None:

@@ -33,6 +33,7 @@ from cmbrl.fitting.report import conclude
 from cmbrl.fitting.result import FitResult
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal, OutOfTime
+from cmbrl.fitting.unseen import Unseen
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.numbers import one_of, real, whole
 from cmbrl.scene.core_arrays import CoreArrays
@@ -152,24 +153,25 @@ def _search(
         rounds, population = budget.search_rounds, budget.search_population
         keep = partial(setattr, incumbent, "z")
         found = search(objective, incumbent.z, seed, rounds, population, journal, "search all", keep=keep)
-        return {"z": found.z.tolist(), "candidates": found.candidates}
+        return {"z": found.z.tolist(), "candidates": found.candidates, "course": found.course}
 
-    _take(incumbent, journal.unit("search", compute))
+    _take(incumbent, "search", journal.unit("search", compute))
 
 
 def _polish(loss: PredictionLoss, space: Space, incumbent: Incumbent, iterations: int, journal: Journal) -> None:
     def compute() -> dict[str, Any]:
         journal.report(0.8, "polish")
-        candidates = 0
+        candidates, course = 0, []
         keep = partial(setattr, incumbent, "z")
         for _ in range(2):  # the second time, the prior is weighted by the remaining errors
             objective = Objective.at(loss, space, incumbent.active, incumbent.z)
             found = gauss_newton(objective, incumbent.z, iterations, journal, keep)
             incumbent.z = found.z
+            course += [(candidates + count, value) for count, value in found.course]
             candidates += found.candidates
-        return {"z": found.z.tolist(), "candidates": candidates}
+        return {"z": found.z.tolist(), "candidates": candidates, "course": course}
 
-    _take(incumbent, journal.unit("polish", compute))
+    _take(incumbent, "polish", journal.unit("polish", compute))
 
 
 def _judge(folds: Folds, space: Space, incumbent: Incumbent, iterations: int, journal: Journal) -> dict[str, Errors]:
@@ -182,14 +184,16 @@ def _judge(folds: Folds, space: Space, incumbent: Incumbent, iterations: int, jo
 
     outcome = journal.unit("judge", compute)
     incumbent.candidates += outcome["candidates"]
-    nominal = [np.zeros(len(space))] * len(folds.train)
+    nominal, fitted = [np.zeros(len(space))] * len(folds.train), [np.array(z) for z in outcome["folds"]]
+    incumbent.unseen = Unseen.of(folds.held_out, [space.theta(z) for z in fitted], space.nominal)
     return {
         "held out, nominal": folds.errors(space, nominal),
-        "held out, fitted": folds.errors(space, [np.array(z) for z in outcome["folds"]]),
+        "held out, fitted": folds.errors(space, fitted),
     }
 
 
-def _take(incumbent: Incumbent, outcome: dict[str, Any]) -> None:
+def _take(incumbent: Incumbent, name: str, outcome: dict[str, Any]) -> None:
+    incumbent.course.append({"name": name, "best": [list(point) for point in outcome["course"]]})
     incumbent.z = np.array(outcome["z"])
     incumbent.candidates += outcome["candidates"]
 

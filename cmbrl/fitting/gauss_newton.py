@@ -28,6 +28,7 @@ def gauss_newton(
     z = objective.clip(start)
     value = float(objective.values(z[None])[0])
     damping, idle, candidates = 1e-3, 0, 1
+    course = [(1, value)]
     for _ in range(iterations):
         journal.check_time()
         equations = objective.normal_equations(z)
@@ -48,10 +49,11 @@ def gauss_newton(
         else:
             damping = damping * _TRIALS[-1]
         damping = float(np.clip(damping, *_LAMBDA_RANGE))
+        course.append((candidates, value))
         idle = idle + 1 if decrease <= _DECREASE * value else 0
         if idle == 2 or (idle == 1 and decrease > 0.0 and damping < 1.0):
             break
-    return Search(z, value, candidates)
+    return Search(z, value, candidates, tuple(course))
 
 
 def damped_step(

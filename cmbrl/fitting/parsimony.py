@@ -29,6 +29,7 @@ from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.random_search import random_search
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
+from cmbrl.fitting.unseen import Unseen
 
 NOISE_FACTOR = 2.0
 LEAST_GAIN = 0.01
@@ -40,6 +41,8 @@ class Incumbent:
     """The best parameters so far, returned if the fit is interrupted, and how they were reached.
 
     ``chosen`` (n,): parameters selected or asked for; ``active`` (n,): the chosen ones that may move (not the gauge).
+    ``course``: by search, its best objective by candidates; ``unseen``: held-out episodes with parameters fitted to the
+    others.
     """
 
     z: np.ndarray
@@ -47,6 +50,8 @@ class Incumbent:
     active: np.ndarray
     path: list[dict[str, Any]] = field(default_factory=list)
     candidates: int = 0
+    course: list[dict[str, Any]] = field(default_factory=list)
+    unseen: Unseen | None = None
 
 
 @dataclass(frozen=True)

@@ -27,11 +27,15 @@ _DECADES = 1.5  # the length of a step is log-uniform over this many decades bel
 
 @dataclass(frozen=True)
 class Search:
-    """Result of a search: the best z (n,), its objective and the number of candidates."""
+    """Result of a search: the best z (n,), its objective and the number of candidates.
+
+    ``course``: how many candidates had been tried, and the best objective then, from time to time.
+    """
 
     z: np.ndarray
     value: float
     candidates: int
+    course: tuple[tuple[int, float], ...] = ()
 
 
 Keep = Callable[[np.ndarray], None]  # receives every new best z, so that an interrupted search is not lost
@@ -58,6 +62,7 @@ def random_search(
     moving = np.flatnonzero(objective.active)
     best, value = objective.clip(start), np.inf
     width = np.full(len(moving), _FIRST_WIDTH)
+    course = []
     for index in range(rounds):
         z = propose(objective, best, moving, width, seed, name, index, population)
         if index == 0:
@@ -72,7 +77,8 @@ def random_search(
         else:
             width = _SHRINK * width
         width = np.clip(width, *_WIDTH_RANGE)
-    return Search(best, value, rounds * population)
+        course.append(((index + 1) * population, value))
+    return Search(best, value, rounds * population, tuple(course))
 
 
 def propose(

@@ -78,11 +78,12 @@ def conclude(
         "covariance": _covariance(space, known.covariance),
         "left_out": [{"kind": e.kind, "name": e.name, "why": e.why} for e in model.scene.left_out],
         "candidates": incumbent.candidates,
+        "course": incumbent.course,
         "seconds": {"total": journal.seconds, "before_resuming": journal.seconds_before},
         "resumed": journal.resumed,
     }
     journal.report(1.0, "done")
-    return FitResult(final, parameters, report)
+    return FitResult(final, parameters, report, incumbent.unseen)
 
 
 def _covariance(space: Space, covariance: np.ndarray) -> dict[str, Any]:

@@ -22,8 +22,26 @@ _LISTS = (  # key in the report, text in front of the names
 
 def render(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any]) -> str:
     """What was fitted, how well, and what the data leave open; ``report`` is that of a ``FitResult``."""
-    lines = [*_errors(report), *_selection(report), *_table(parameters), *_open(parameters, report)]
+    lines = [verdict(report), *_errors(report), *_selection(report), *_table(parameters), *_open(parameters, report)]
     return "\n".join(lines)
+
+
+def verdict(report: Mapping[str, Any]) -> str:
+    """In one line, what the fit is worth."""
+    early = f"Stopped early ({report['stopped']}). " if report["stopped"] is not None else ""
+    held_out = [report["loss"].get(f"held out, {which}") for which in ("nominal", "fitted")]
+    if not report.get("fitted"):
+        return f"{early}Nothing was fitted: the file explains the log as well."
+    if None in held_out:
+        return f"{early}Nothing was held out: this fit has not been judged."
+    before, after = (row["rmse"] for row in held_out if row)
+    steps = "1 step" if report["horizon"] == 1 else f"{report['horizon']} steps"
+    told = f"an error over {steps} of {after:.3g} instead of {before:.3g}"
+    if not after < before:
+        return f"{early}The fit predicts unseen seconds worse than the file ({told}): keep the file."
+    bound = len(report["at_bound"])
+    doubt = f"; {bound} parameter{'s' * (bound > 1)} lie{'s' * (bound == 1)} on a bound" if bound else ""
+    return f"{early}The fit predicts unseen seconds {before / after:.3g} times better than the file ({told}){doubt}."
 
 
 def _errors(report: Mapping[str, Any]) -> Iterator[str]:
@@ -78,6 +96,11 @@ def _open(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any]) 
     for key, title in _LISTS:
         if report[key]:
             yield from _folded(title, report[key])
+    mjcf = report.get("mjcf", {})  # of a fit in a folder
+    if mjcf.get("missing"):
+        yield from _folded(f"fitted, but not in {mjcf['file']}: an MJCF has no place for it", mjcf["missing"])
+    if "why" in mjcf:
+        yield from textwrap.wrap(f"no MJCF with the fitted values: {mjcf['why']}", WIDTH, subsequent_indent="  ")
     left_out: dict[tuple[str, str], list[str]] = {}
     for element in report["left_out"]:
         left_out.setdefault((element["kind"], element["why"]), []).append(element["name"])

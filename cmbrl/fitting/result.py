@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,26 +14,35 @@ from cmbrl.errors import UserError
 from cmbrl.files import atomic_path, check_writable, make_folder, read_record, record_text
 from cmbrl.fitting import report_text
 from cmbrl.fitting.fitted_parameter import FittedParameter
+from cmbrl.fitting.page.page import PAGE, page_text
 from cmbrl.fitting.space import Space
+from cmbrl.fitting.unseen import Unseen
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.named import RESULT, SETTINGS, load_complementarity
+from cmbrl.scene.fitted_file import fitted_file
 
 NOT_FINITE = "the fit is not finite: check the log for values that no robot reaches"
+MJCF = "fitted.xml"
 _FORMAT = 3
 _REMEDY = "fit again"
 
 
 @dataclass(frozen=True)
 class FitResult:
-    """The fitted model, its parameters by name, and a report of JSON types (as text: ``report_text``)."""
+    """The fitted model, its parameters by name, and a report of JSON types (as text: ``report_text``).
+
+    ``unseen``: what it was judged on; None if that was nothing, and of a fit that was read from its folder.
+    """
 
     model: ComplementarityModel
     parameters: dict[str, FittedParameter]
     report: dict[str, Any]
+    unseen: Unseen | None = None
 
     def save(self, folder: str | os.PathLike[str], task: str | None = None) -> Path:
-        """Writes fit.json (parameters and report), model.json (scene and settings) and report.txt.
+        """Writes fit.json (parameters and report), model.json (scene and settings), report.txt, page.html, fitted.xml.
 
+        fitted.xml is the scene's file with the fitted values; the report names what it cannot hold.
         ``task``: the name of the task whose scene was fitted. Raises UserError if the folder cannot be written, or the
         result is not finite, or the scene was not read from a file; then the files there stay as they are.
         """
@@ -53,18 +62,31 @@ class FitResult:
             "reduce": scene.reduce,
         }
         parameters = {name: asdict(p) for name, p in self.parameters.items()}
+        mjcf, told = self._mjcf()
+        report = {**self.report, "mjcf": told}
+        text = report_text.render(self.parameters, report) + "\n"
         try:
             texts = {  # fit.json appears last: a fit is whole once it is there
-                RESULT: record_text({"format": _FORMAT, "parameters": parameters, "report": self.report}),
+                RESULT: record_text({"format": _FORMAT, "parameters": parameters, "report": report}),
                 SETTINGS: record_text({"scene": source, "task": task, "settings": self.model.to_config()}),
-                "report.txt": self.report_text() + "\n",
+                "report.txt": text,
             }
         except ValueError:
             raise UserError(f"{place}: {NOT_FINITE}") from None
+        texts |= mjcf | {PAGE: page_text(replace(self, report=report))}
         with ExitStack() as together:
             for name, text in texts.items():
                 together.enter_context(atomic_path(place / name)).write_text(text, encoding="utf-8")
         return place
+
+    def _mjcf(self) -> tuple[dict[str, str], dict[str, Any]]:
+        """fitted.xml by name, if MuJoCo can write it, and what the report tells of it."""
+        model = self.model
+        try:
+            file = fitted_file(model.scene, model.parameters, model.observation)
+        except UserError as error:
+            return {}, {"file": None, "why": str(error)}
+        return {MJCF: file.text}, {"file": MJCF, "missing": list(file.missing)}
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str]) -> FitResult:

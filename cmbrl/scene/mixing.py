@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import lru_cache
 
 import mujoco
@@ -10,7 +11,7 @@ import numpy as np
 
 from cmbrl.errors import UserError
 from cmbrl.scene.mjcf import name_of
-from cmbrl.scene.records import ContactLaw
+from cmbrl.scene.records import Array, ContactLaw
 from cmbrl.scene.support import Gate
 
 _NO_ROLLING = "torsional and rolling friction"
@@ -57,15 +58,23 @@ def collision_pairs(model: mujoco.MjModel) -> Iterator[tuple[int, int, int]]:
             yield first, second, -1
 
 
-def contact_law(model: mujoco.MjModel, first: int, second: int, pair: int, gate: Gate) -> ContactLaw:
-    """The parameters of one contact: from an explicit pair, or mixed from both geoms by priority and solmix."""
-    label = pair_label(model, first, second)
+@dataclass(frozen=True)
+class Mixed:
+    """What MuJoCo gives a contact of two geoms: condim, friction (5,), solref, solimp, and the margin that acts."""
+
+    dim: int
+    friction: Array
+    solref: Array
+    solimp: Array
+    margin: float
+
+
+def mixed(model: mujoco.MjModel, first: int, second: int, pair: int) -> Mixed:
+    """From an explicit pair, or mixed from both geoms by priority and solmix; ``pair`` is -1 without one."""
     if pair >= 0:
         dim, friction = int(model.pair_dim[pair]), model.pair_friction[pair]
         solref, solimp = model.pair_solref[pair], model.pair_solimp[pair]
         margin = model.pair_margin[pair] - (0.0 if _margins_add() else model.pair_gap[pair])
-        if np.any(model.pair_solreffriction[pair]):
-            gate.note("solreffriction", label, "friction uses the solref of the normal direction")
     else:
         rank = int(model.geom_priority[first]) - int(model.geom_priority[second])
         dims = model.geom_condim[first], model.geom_condim[second]
@@ -86,15 +95,23 @@ def contact_law(model: mujoco.MjModel, first: int, second: int, pair: int, gate:
     if model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE:
         solref, solimp = model.opt.o_solref, model.opt.o_solimp
         margin, friction = model.opt.o_margin, model.opt.o_friction
+    return Mixed(dim, friction.copy(), solref.copy(), solimp.copy(), float(margin))
+
+
+def contact_law(model: mujoco.MjModel, first: int, second: int, pair: int, gate: Gate) -> ContactLaw:
+    """The parameters of one contact, as the scene has them; the gate is told of what it has not."""
+    label = pair_label(model, first, second)
+    if pair >= 0 and np.any(model.pair_solreffriction[pair]):
+        gate.note("solreffriction", label, "friction uses the solref of the normal direction")
+    own = mixed(model, first, second, pair)
+    dim, friction = own.dim, own.friction
     if dim > 3:
         gate.note("condim", label, f"condim {dim} as 3: no {'torsional friction' if dim == 4 else _NO_ROLLING}")
         dim = 3
     if dim == 3 and friction[0] != friction[1]:
         gate.refuse("friction_anisotropic", label, f"friction {friction[0]:g} {friction[1]:g}", "the first applies")
     weight = model.body_invweight0[model.geom_bodyid[first], 0] + model.body_invweight0[model.geom_bodyid[second], 0]
-    return ContactLaw(
-        dim, float(friction[0]) if dim > 1 else 0.0, solref.copy(), solimp.copy(), float(margin), float(weight)
-    )
+    return ContactLaw(dim, float(friction[0]) if dim > 1 else 0.0, own.solref, own.solimp, own.margin, float(weight))
 
 
 def pair_label(model: mujoco.MjModel, first: int, second: int) -> str:

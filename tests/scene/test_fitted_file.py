@@ -1,0 +1,172 @@
+"""The MJCF with fitted values: what it holds comes back, the rest is named, and MuJoCo moves as the truth does."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from cmbrl.registry import load_task
+from cmbrl.scene import Scene
+from cmbrl.scene.fitted_file import fitted_file
+from cmbrl.scene.inertials import Inertial, moved_parts
+from cmbrl.scene.records import Body
+
+ARM = """
+<mujoco><compiler angle="degree" settotalmass="{total}"/><option timestep="0.002" integrator="implicitfast"/>
+<default><joint damping="{damping}" armature="0.02" frictionloss="{loss}"/></default>
+<worldbody><geom name="ground" type="plane" size="2 2 1" pos="0 0 -0.33"/>
+<body><joint name="yaw" axis="0 0 1"/><geom type="capsule" size=".04" fromto="0 0 0 .3 0 0"/>
+  <body pos=".3 0 0" euler="0 20 0"><joint name="pitch" axis="0 1 0" stiffness="2"/>
+    <geom name="fore" type="capsule" size=".03" fromto="0 0 0 .3 0 0"/>
+    <body pos=".3 0 0" euler="10 0 30"><geom name="load" type="box" size=".03 .04 .05"/></body>
+  </body></body></worldbody>
+<tendon><fixed name="belt" stiffness="3" damping=".2">
+<joint joint="yaw" coef="1"/><joint joint="pitch" coef="-.5"/></fixed></tendon>
+<actuator><position joint="yaw" name="servo" kp="{kp}" kv="{kv}"/>
+<motor joint="pitch" name="motor" gear="{gear}" armature="0.001"/></actuator></mujoco>
+"""
+FILE = {"total": 4.0, "damping": 0.3, "loss": 0.1, "kp": 30.0, "kv": 1.0, "gear": 5.0}
+TRUTH = {"total": 5.2, "damping": 0.5, "loss": 0.25, "kp": 24.0, "kv": 1.6, "gear": 4.0}
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Scene:
+    (tmp_path / "arm.xml").write_text(ARM.format(**FILE))
+    return Scene.from_mjcf(tmp_path / "arm.xml")
+
+
+def moved(scene: Scene, seed: int = 0) -> np.ndarray:
+    """All parameters away from their nominal values."""
+    draw = np.random.default_rng(seed)
+    theta = scene.parameter_vector()
+    for k, p in enumerate(scene.parameters):
+        if p.transform == "log":
+            theta[k] *= np.exp(0.2 * draw.normal())
+        else:
+            theta[k] += (0.05 + 0.05 * draw.random()) * ((p.low if p.transform == "logit" else p.high) - theta[k])
+    return np.clip(theta, [p.low for p in scene.parameters], [p.high for p in scene.parameters])
+
+
+def at(scene: Scene, **values: float) -> np.ndarray:
+    """Nominal parameters but for the ``values`` of groups, or of names with __ for the point."""
+    theta, known = scene.parameter_vector(), {name.replace("__", "."): x for name, x in values.items()}
+    for k, p in enumerate(scene.parameters):
+        theta[k] = known.pop(p.name, known.get(p.group, theta[k]))
+    assert not [name for name in known if name not in {p.group for p in scene.parameters}]
+    return theta
+
+
+def rollout(text: str, steps: int) -> np.ndarray:
+    """Positions under a fixed drive."""
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    path = []
+    for k in range(steps):
+        data.ctrl = 0.3 * np.sin(0.02 * k + np.arange(model.nu))
+        mujoco.mj_step(model, data)
+        path.append(data.qpos.copy())
+    return np.array(path)
+
+
+@pytest.mark.parametrize("law", ["mujoco", "rigid"])
+def test_all_that_an_mjcf_holds_comes_back(arm: Scene, tmp_path: Path, law: str) -> None:
+    scene = Scene.from_mjcf(arm.path, contact_law=law)
+    theta = moved(scene)
+    file = fitted_file(scene, theta, {"bias.yaw": 0.01, "delay.command": 0.0})
+    kept = {"friction_slope", "stribeck", "stribeck_speed"}  # of joints; an MJCF has none
+    groups = {name.partition(".")[0] for name in file.missing}
+    expected = {"rigid": {"restitution", "softness_time"}, "mujoco": set()}[law]
+    assert groups - kept == expected | {"bias", "radius"}
+    assert [name for name in file.missing if name.startswith("radius")] == ["radius.load"]  # a box has none
+    assert "bias.yaw = 0.01" in file.text.partition("-->")[0]
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere/fitted.xml").write_text(file.text)
+    held = Scene.from_mjcf(tmp_path / "elsewhere/fitted.xml", contact_law=law)
+    layout, wanted = scene.layout, scene.physical_vector(theta)
+    for field in ("damping", "armature", "stiffness", "frictionloss"):
+        places = [layout.dof(d, field) for d in range(scene.nv + 1)]  # the tendon too
+        np.testing.assert_allclose(held.core.P[places], wanted[places], rtol=1e-5)
+    bodies = slice(0, layout.dof(0))
+    np.testing.assert_allclose(held.core.P[bodies], wanted[bodies], rtol=1e-4, atol=1e-6)
+    actuators = slice(layout.plane(0), layout.contact(0))  # and the plane, and gravity
+    np.testing.assert_allclose(held.core.P[actuators], wanted[actuators], rtol=1e-5, atol=1e-9)
+
+
+def test_mujoco_moves_the_arm_as_the_hidden_file_does(arm: Scene) -> None:
+    theta = at(arm, mass=5.2 / 4.0, damping=0.5, frictionloss=0.25, kp=24.0, kd=1.6, gear=0.8)
+    armature = [k for k, p in enumerate(arm.parameters) if p.name == "armature.pitch"]
+    theta[armature] = 0.02 + 0.001 * 4.0**2  # the gear also reflects the rotor
+    file, hidden = fitted_file(arm, theta), ARM.format(**TRUTH)
+    assert file.missing == ()
+    true, before = rollout(hidden, 400), rollout(ARM.format(**FILE), 400)
+    assert np.abs(rollout(file.text, 400) - true).max() < 1e-3 * np.abs(before - true).max()
+
+
+def test_mujoco_moves_the_hopper_as_the_hidden_one_does() -> None:
+    scene = Scene.from_mjcf(load_task("hopper").scene_path)
+    spec = mujoco.MjSpec.from_file(scene.path)
+    nominal = spec.compile()
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+    foot = spec.geom("foot_geom")
+    foot.priority, foot.condim, foot.friction[0], foot.solref[:] = 1, 3, 0.7, (0.03, 0.8)
+    for body in spec.bodies[1:]:
+        body.explicitinertial, body.mass = True, 1.4 * nominal.body_mass[body.id]
+        body.ipos, body.iquat = nominal.body_ipos[body.id], nominal.body_iquat[body.id]
+        body.inertia = 1.4 * nominal.body_inertia[body.id]
+    for actuator in spec.actuators:
+        actuator.gear[0] *= 0.8
+    spec.compile()
+    softness = {"softness_time__foot_geom": 0.03, "softness_damping__foot_geom": 0.8, "friction__foot_geom": 0.7}
+    file = fitted_file(scene, at(scene, mass=1.4, gear=0.8, **softness))
+    assert file.missing == ()
+    true, before = rollout(spec.to_xml(), 300), rollout(Path(scene.path).read_text(), 300)
+    assert np.abs(before - true).max() > 0.05
+    assert np.abs(rollout(file.text, 300) - true).max() < 1e-2 * np.abs(before - true).max()
+
+
+def test_softness_is_written_as_impedance(arm: Scene, tmp_path: Path) -> None:
+    file = fitted_file(arm, at(arm, softness_scale=2.0))
+    assert file.missing == ()
+    model = mujoco.MjModel.from_xml_string(file.text)
+    share = model.pair_solimp[0, :2]
+    np.testing.assert_allclose((1 - share) / share, 2 * (1 - np.array([0.9, 0.95])) / [0.9, 0.95], rtol=1e-4)
+
+
+def test_meshes_are_found_from_another_folder(tmp_path: Path) -> None:
+    (tmp_path / "shapes").mkdir()
+    corners = ["v 0 0 0", "v .1 0 0", "v 0 .1 0", "v 0 0 .1", "f 1 3 2", "f 1 2 4", "f 1 4 3", "f 2 3 4"]
+    (tmp_path / "shapes/corner.obj").write_text("\n".join(corners))
+    text = """<mujoco><compiler meshdir="shapes"/><asset><mesh file="corner.obj"/></asset><worldbody><body>
+    <joint name="j" damping="1"/><geom type="mesh" mesh="corner" contype="0" conaffinity="0"/>
+    </body></worldbody></mujoco>"""
+    (tmp_path / "meshed.xml").write_text(text)
+    scene = Scene.from_mjcf(tmp_path / "meshed.xml")
+    file = fitted_file(scene, at(scene, damping=2.0, mass=1.5))
+    (tmp_path / "far/away").mkdir(parents=True)
+    (tmp_path / "far/away/fitted.xml").write_text(file.text)
+    held = Scene.from_mjcf(tmp_path / "far/away/fitted.xml")
+    assert held.total_mass == pytest.approx(1.5 * scene.total_mass, rel=1e-5)
+    assert file.missing == ()
+
+
+def test_parts_of_a_body_together_are_what_was_fitted() -> None:
+    draw = np.random.default_rng(1)
+
+    def inertia() -> np.ndarray:
+        root = draw.normal(size=(3, 3))
+        moments = root @ root.T
+        return np.trace(moments) * np.eye(3) - moments
+
+    parts = {n: Inertial(draw.uniform(1, 3), draw.normal(size=3), inertia()) for n in (4, 7)}
+    body = Body("b", -1, np.zeros(3), np.eye(3))
+    for part in parts.values():
+        body.add_mass(part.mass, part.com, part.inertia)
+    target = Inertial(2.5, body.com + 0.1, inertia())
+    found = Body("b", -1, np.zeros(3), np.eye(3))
+    for part in moved_parts(parts, body, target).values():
+        assert np.linalg.eigvalsh(0.5 * np.trace(part.inertia) * np.eye(3) - part.inertia).min() > 0  # no negative mass
+        found.add_mass(part.mass, part.com, part.inertia)
+    assert found.mass == pytest.approx(target.mass)
+    np.testing.assert_allclose(found.com, target.com, atol=1e-12)
+    np.testing.assert_allclose(found.inertia, target.inertia, atol=1e-9)
