@@ -65,7 +65,7 @@ def fit(
         seed: the same seed gives the same result, for any number of threads.
         method: "random" or "cma" (a search, then Gauss-Newton unless ``polish`` is False), or "gauss-newton" alone.
         groups: None for the fewest parameter groups that the held-out data supports; "all"; or names of groups or
-            parameters.
+            parameters. Parameters that are not ``default`` (gravity) move only if they are named.
         horizon: steps predicted open loop before they are compared with the log.
         holdout: share of the episodes to judge on; 0 requires ``groups``.
         polish: whether a search is followed by Gauss-Newton.
@@ -91,7 +91,7 @@ def fit(
     huber = real(huber, "huber", above=0.0, most=1e6)
     time_limit = None if time_limit is None else real(time_limit, "time_limit", least=0.0)
     space = Space.of(model.scene.parameters, model.parameters)
-    wanted = None if groups is None else space.columns(space.groups if groups == "all" else _names(groups))
+    wanted = None if groups is None else space.default if groups == "all" else space.columns(_names(groups))
     count = fold_count(data, holdout, needed=groups is None)
     scales = Scales.of(model.scene, data, huber)
     settings = [seed, method, None if wanted is None else wanted.tolist(), horizon, count, polish, huber]

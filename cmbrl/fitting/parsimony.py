@@ -116,7 +116,7 @@ class Selection:
         return None if winner is None else self._accept("add", *winner, incumbent)
 
     def _remaining(self, incumbent: Incumbent) -> list[str]:
-        groups = dict.fromkeys(self.space.groups)
+        groups = dict.fromkeys(g for g, default in zip(self.space.groups, self.space.default, strict=True) if default)
         return [g for g in groups if not incumbent.chosen[self.space.columns([g])].any()]
 
     def _try(self, incumbent: Incumbent, groups: list[str], before: Errors) -> Trial:
@@ -126,8 +126,8 @@ class Selection:
         return self._trial(name, incumbent, incumbent.chosen | columns, incumbent.z, columns, before)
 
     def _remove(self, incumbent: Incumbent, before: Errors) -> None:
-        remaining = self._remaining(incumbent)
-        for group in [g for g in dict.fromkeys(self.space.groups) if g not in remaining]:
+        groups = dict.fromkeys(self.space.groups)
+        for group in [g for g in groups if incumbent.chosen[self.space.columns([g])].any()]:
             self.journal.report(0.6, f"removing {group}")
             columns = self.space.columns([group])
             start = np.where(columns, 0.0, incumbent.z)

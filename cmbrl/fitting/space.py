@@ -31,6 +31,7 @@ class Space:
     high: np.ndarray
     transform: np.ndarray
     sd: np.ndarray
+    default: np.ndarray  # mask (n,) of those that a fit may move without being asked by name
 
     @classmethod
     def of(cls, parameters: Sequence[Parameter], theta: np.ndarray) -> Space:
@@ -47,7 +48,8 @@ class Space:
         transform = np.array([p.transform for p in parameters])
         sd = (_t(high, transform) - _t(low, transform)) / _BOUNDS_WIDTH_IN_SD
         names, groups, units = zip(*((p.name, p.group, p.unit) for p in parameters), strict=True)
-        return cls(names, groups, units, nominal, low, high, transform, sd)
+        default = np.array([p.default for p in parameters], dtype=bool)
+        return cls(names, groups, units, nominal, low, high, transform, sd, default)
 
     def __len__(self) -> int:
         return len(self.names)

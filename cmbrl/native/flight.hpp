@@ -22,14 +22,10 @@ static void free_terms(const Model& m, const Options& o, Work<G>& w, bool theta,
   solve_many(w.HF, nv, pat, Fv, nv);
   solve_many(w.HF, nv, pat, Fu, m.nu);
   if (!theta) return;
-  int ncon = w.ncon, ndry = w.ndry;
   T* vn = w.vn;
-  w.ncon = w.ndry = 0;
   w.vn = vf;
-  parameter_terms(m, o, w, Fp);
+  parameter_terms(m, o, w, Fp, Part::free);
   w.vn = vn;
-  w.ncon = ncon;
-  w.ndry = ndry;
   solve_many(w.HF, nv, pat, Fp, m.ntheta);
 }
 

@@ -77,6 +77,11 @@ struct Model : Structure {
   const double *P;
   const int *par_ptr, *par_idx;  // parameters that move the rest of P, by parameter
   const double *par_coef, *par_nominal;
+  int nshape, nmass, nweight;
+  const int *shape_body, *shape_mass, *shape_par;  // inertia_shape.hpp: bodies, the parameters of their mass and of their shape
+  const double* shape_root;
+  const int *mass_par, *weight_ptr, *weight_mass, *con_weight, *lim_weight, *line_weight;  // inverse_weight.hpp: masses that soften rows
+  const double *weight_coef, *con_share;           // con_weight, con_share: of both bodies of a contact
 
   // derived
   const int *anc_ptr, *anc_idx;  // ancestors of a dof on its own chain
@@ -96,6 +101,7 @@ struct Model : Structure {
   const double* con_par_coef;
   const double* par_radius;                         // most that one unit of each parameter adds to a radius
   int radius_moves;                                 // most parameters that move one radius
+  const int* par_shape;                             // the shape that each parameter, or mass, belongs to; -1: none
 };
 
 // What a call needs room for: steps; products with derivatives of steps; whole Jacobians.

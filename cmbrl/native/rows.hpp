@@ -137,7 +137,7 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
     if (any(on)) {
       const double* s = m.lim_soft + 7 * i;
       Law L = soft_law(phi, m.lim_margin[i], o.h, splat(s[0]), splat(s[1]), splat(s[2]), splat(s[3]), splat(s[4]), s[5], s[6],
-                       splat(m.lim_invweight[i]));
+                       m.lim_invweight[i] * weight_of(w, m.lim_weight[i]));
       static_cast<Direction&>(l) = way;
       l.index = i;
       l.root = vsqrt(m.lim_invweight[i] + L.R);
@@ -157,7 +157,8 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
     Mask on = loss > 0.0;
     if (!any(on)) continue;
     const double* s = m.line_soft + 7 * i;
-    Law L = soft_law(T{}, 0, o.h, splat(s[0]), splat(s[1]), splat(s[2]), splat(s[3]), splat(s[4]), s[5], s[6], splat(m.line_invweight[i]));
+    Law L = soft_law(T{}, 0, o.h, splat(s[0]), splat(s[1]), splat(s[2]), splat(s[3]), splat(s[4]), s[5], s[6],
+                     m.line_invweight[i] * weight_of(w, m.line_weight[i]));
     DryFriction& d = w.dry[w.ndry++];
     d.on = on; d.line = i; d.R = L.R; d.carry = L.carry;
     d.b0 = select(on, o.h * loss, splat(1));

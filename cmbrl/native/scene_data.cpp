@@ -84,6 +84,13 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.par_nominal = d("par_nominal", m.ntheta);
   m.par_ptr = i("par_ptr", m.ntheta + 1);
   m.par_idx = i("par_idx", m.par_ptr[m.ntheta]); m.par_coef = d("par_coef", m.par_ptr[m.ntheta]);
+  m.nshape = size("nshape"); m.nmass = size("nmass"); m.nweight = size("nweight");
+  size_t ns = m.nshape, kinds = m.planar ? 1 : 6;
+  m.shape_body = i("shape_body", ns); m.shape_mass = i("shape_mass", ns); m.shape_par = i("shape_par", ns * kinds);
+  m.shape_root = d("shape_root", ns * D * D);
+  m.weight_ptr = i("weight_ptr", m.nweight + 1); m.weight_mass = i("weight_mass", m.weight_ptr[m.nweight]);
+  m.mass_par = i("mass_par", m.nmass); m.weight_coef = d("weight_coef", m.weight_ptr[m.nweight]);
+  m.con_weight = i("con_weight", nc * 2); m.con_share = d("con_share", nc * 2); m.lim_weight = i("lim_weight", nl); m.line_weight = i("line_weight", m.nline);
   derive_parameters();
   for (size_t k = 0; k < nc; ++k) m.largest_invweight = std::max(m.largest_invweight, m.con_invweight[k]);
   derive_chains();
@@ -129,6 +136,14 @@ void SceneData::derive_parameters() {
   m.par_coef = keep_doubles("par_coef", std::move(coef)); m.par_radius = keep_doubles("par_radius", std::move(par_radius));
   m.con_par_ptr = keep_ints("con_par_ptr", std::move(con_ptr)); m.con_par = keep_ints("con_par", std::move(par));
   m.con_par_field = keep_ints("con_par_field", std::move(field)); m.con_par_coef = keep_doubles("con_par_coef", std::move(con_coef));
+  std::vector<int> shape(m.ntheta, -1);
+  int kinds = m.planar ? 1 : 6;
+  for (int s = 0; s < m.nshape; ++s) {
+    shape[m.shape_mass[s]] = s;
+    for (int j = 0; j < kinds; ++j)
+      if (int k = m.shape_par[s * kinds + j]; k >= 0) shape[k] = s;
+  }
+  m.par_shape = keep_ints("par_shape", std::move(shape));
 }
 
 void SceneData::derive_chains() {

@@ -64,7 +64,8 @@ def measure(
         smoothing: a name in ``SMOOTHINGS``.
         states: number of states.
         seed: of the states.
-        restitution: of all contacts of a rigid scene; at 0 its derivative is one-sided and its columns are left out.
+        restitution: of all contacts of a rigid scene; at 0 its derivative is one-sided and its columns are left out, as
+            are those of friction losses of 0.
         parameters: number of parameter columns at most, spread over all groups.
         integrator: default the model's.
     """
@@ -134,7 +135,7 @@ def _columns(model: ComplementarityModel, q: Array, v: Array, u: Array, paramete
     one_sided = 0
     for k, p in enumerate(scene.parameters):
         places = groups.setdefault(p.group, [])
-        if p.group == "restitution" and theta[k] == 0.0:
+        if p.group in ("restitution", "frictionloss") and theta[k] == 0.0:
             one_sided += 1
         else:
             places.append(k)
