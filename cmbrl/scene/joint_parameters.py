@@ -19,8 +19,9 @@ _UNITS = {  # for slides, for hinges and balls
     "frictionloss": ("N", "N m"),
 }
 _RATES = {"damping": 5.0, "armature": 1.0}  # bounds of what is 0 in the file, by the inertia at qpos0: M times 5/s, M
-_LEAST_BRAKE = 10.0  # m/s^2 or rad/s^2: what dry friction may do to the inertia
-_SHARE_OF_MOTOR = 0.25  # a joint that loses more than a quarter of its motor's strength is broken
+# Bounds of a friction loss that is 0 in the file: what brakes the inertia at qpos0 by 30 rad/s^2 (or m/s^2), three times
+# what holds all that hangs on the joint in any pose, and a quarter of its motors' strength, whichever is largest.
+_BRAKE, _WEIGHTS, _MOTORS = 30.0, 3.0, 0.25
 
 
 def offer_joints(
@@ -56,12 +57,8 @@ def _rubs(model: mujoco.MjModel) -> bool:
 
 
 def _friction_bounds(model: mujoco.MjModel, tree: Tree, actuators: Sequence[Actuator]) -> Array:
-    """Bounds (nv,) of a friction loss that is 0 in the file.
-
-    The largest of what brakes the inertia at qpos0 by 10 rad/s^2 (10 m/s^2), what holds all that hangs on the joint
-    against gravity in any pose, and a quarter of what its motors can do.
-    """
-    bounds = _LEAST_BRAKE * np.asarray(model.dof_M0, dtype=float).copy()
+    """Bounds (nv,) of a friction loss that is 0 in the file."""
+    bounds = _BRAKE * np.asarray(model.dof_M0, dtype=float).copy()
     g = float(np.linalg.norm(model.opt.gravity))
     mass, moment = np.zeros(len(tree.bodies)), np.zeros((len(tree.bodies), 3))
     for k in reversed(range(len(tree.bodies))):
@@ -74,13 +71,13 @@ def _friction_bounds(model: mujoco.MjModel, tree: Tree, actuators: Sequence[Actu
     for joint in tree.joints:
         k = joint.body
         arm = float(np.linalg.norm(moment[k] - mass[k] * tree.place(k, joint.pos)))
-        weight = g * (float(mass[k]) if joint.kind == JointKind.SLIDE else arm)
+        weight = _WEIGHTS * g * (float(mass[k]) if joint.kind == JointKind.SLIDE else arm)
         bounds[list(joint.dofs)] = np.maximum(bounds[list(joint.dofs)], weight)
     strength = np.zeros(model.nv)
     for actuator in actuators:
         if 0 <= actuator.line < model.nv:
             strength[actuator.line] += _strength(actuator)
-    return np.maximum(bounds, _SHARE_OF_MOTOR * strength)
+    return np.maximum(bounds, _MOTORS * strength)
 
 
 def _strength(actuator: Actuator) -> float:

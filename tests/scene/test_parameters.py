@@ -118,8 +118,8 @@ def test_friction_loss_is_offered_where_the_file_says_zero(load: Load) -> None:
     assert list(losses) == ["frictionloss.x", "frictionloss.h"]
     slide, hinge = losses.values()
     assert (slide.nominal, slide.low, slide.transform, slide.unit) == (0.0, 0.0, "linear", "N")
-    assert slide.high == pytest.approx(3 * 10.0)  # brakes 3 kg by 10 m/s^2, which is more than they weigh
-    assert hinge.high == pytest.approx(9.81 * 0.5)  # holds the rod against gravity
+    assert slide.high == pytest.approx(3 * 30.0)  # brakes 3 kg by 30 m/s^2, which is more than they weigh three times
+    assert hinge.high == pytest.approx(3 * 9.81 * 0.5)  # holds the rod against gravity
     base = '<body><freejoint/><geom size=".1"/></body>'
     off = '<option><flag frictionloss="disable"/></option>'
     for scene in (load(base)[0], load(WORLD.format(**VALUES), off)[0]):
