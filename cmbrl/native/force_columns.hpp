@@ -73,9 +73,11 @@ struct ForceColumns {
       CMBRL_FOR(i, G::SYM) dI[i] *= mu;
     }
     G::sym_rotate(w.R[b], dI, world);
-    Inertia<G> change{};
-    CMBRL_FOR(i, G::SYM) change.I[i] = world[i];
-    body(b, change);
+    bool ahead = forces() && w.ahead;
+    auto turn = ang<G>((ahead ? w.bvel : w.vel)[b]), acceleration = ang<G>((ahead ? w.bacc : w.acc)[b]);
+    auto moment = G::sym_mul(world, acceleration) + G::cross_ang(turn, G::sym_mul(world, turn));  // as body(), without mass
+    T scale = splat(forces() ? o.h : 1);
+    for (int d = m.body_lastdof[b]; d >= 0; d = m.above(d)) at(d) -= scale * dot(ang<G>(w.S[d]), moment);
   }
 
   void add_along(int line, T x) {

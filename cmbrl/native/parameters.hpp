@@ -29,13 +29,18 @@ struct ParameterColumns : ForceColumns<G> {
   using ForceColumns<G>::part;
   using ForceColumns<G>::at;
 
-  void add_wrench(const Contact<G>& c, Vec<G::N> F) {
-    int group = m.con_group[c.index];
+  // f(k-th dof of the contact's group, dof, pull) of a wrench.
+  template <class Take>
+  void for_pulls(const Contact<G>& c, Vec<G::N> F, Take f) {
+    int group = m.con_group[c.index], begin = m.grp_dptr[group];
     if (part == Part::late_rows) F = late_weight(c) * F;
-    for (int k = m.grp_dptr[group]; k < m.grp_dptr[group + 1]; ++k) {
-      T f = dot(w.S[m.grp_dof[k]], F);
-      at(m.grp_dof[k]) += m.grp_sign[k] > 0 ? f : -f;
+    for (int k = begin; k < m.grp_dptr[group + 1]; ++k) {
+      T pull = dot(w.S[m.grp_dof[k]], F);
+      f(k - begin, m.grp_dof[k], m.grp_sign[k] > 0 ? pull : -pull);
     }
+  }
+  void add_wrench(const Contact<G>& c, const Vec<G::N>& F) {
+    for_pulls(c, F, [&](int, int dof, T pull) { at(dof) += pull; });
   }
 
   // Wrench of a change of the gap (dphi) together with the contact point (dp along the normal).
@@ -151,9 +156,18 @@ static void contact_columns(const Model& m, Work<G>& w, F columns) {
       if (m.con_par_field[e] == kRscale) coef *= weight;
       add(m.con_par[e], m.con_par_field[e], coef);
     }
+    if (m.con_weight[2 * c.index] < 0 && m.con_weight[2 * c.index + 1] < 0) continue;
+    // Many masses, one wrench: its pulls are found once.
+    auto of_all = columns(0);
+    if (!known[kRscale]) unit[kRscale] = of_all.contact(c, kRscale);
+    of_all.for_pulls(c, unit[kRscale], [&](int k, int, T pull) { w.Y[k][0] = pull; });
+    int begin = m.grp_dptr[m.con_group[c.index]], end = m.grp_dptr[m.con_group[c.index] + 1];
     CMBRL_FOR(side, 2) if (int j = m.con_weight[2 * c.index + side]; j >= 0) {
       T share = m.con_share[2 * c.index + side] * c.P[kRscale] / weight;
-      for_weights(m, w, j, [&](int k, T change) { add(k, kRscale, share * change); });
+      for_weights(m, w, j, [&](int k, T change) {
+        auto out = columns(k);
+        for (int d = begin; d < end; ++d) out.at(m.grp_dof[d]) += share * change * w.Y[d - begin][0];
+      });
     }
   }
 }

@@ -19,8 +19,8 @@ _UNITS = {  # for slides, for hinges and balls
     "frictionloss": ("N", "N m"),
 }
 _RATES = {"damping": 5.0, "armature": 1.0}  # bounds of what is 0 in the file, by the inertia at qpos0: M times 5/s, M
-# Bounds of a friction loss that is 0 in the file: what brakes the inertia at qpos0 by 30 rad/s^2 (or m/s^2), three times
-# what holds all that hangs on the joint in any pose, and a quarter of its motors' strength, whichever is largest.
+# Bounds of a friction loss that is 0 in the file: what brakes the inertia at qpos0 by 30 rad/s^2 (or m/s^2), three
+# times what holds all that hangs on the joint in any pose, and a quarter of its motors' strength, whichever is largest.
 _BRAKE, _WEIGHTS, _MOTORS = 30.0, 3.0, 0.25
 
 

@@ -9,7 +9,7 @@ import pytest
 from cmbrl.errors import UserError
 from cmbrl.fitting.gauge import gauge_columns, set_of
 from cmbrl.fitting.space import Space
-from cmbrl.scene import Scene
+from cmbrl.scene import Parameter, Scene
 
 
 def test_transform_is_inverted_and_nominal_is_exact(carts):
@@ -33,7 +33,7 @@ def test_slope_is_the_derivative(carts):
 
 def test_shares_move_by_their_odds():
     """theta / (1 - theta) is multiplied by the same factor for the same step, and no step leaves (0, 1)."""
-    shares = [SimpleNamespace(name=n, group="share", low=0.001, high=0.9999, transform="logit", unit="") for n in "abc"]
+    shares = [Parameter(n, "share", 0.5, 0.001, 0.9999, "logit", "") for n in "abc"]
     space = Space.of(shares, np.array([0.1, 0.5, 0.95]))
     assert np.array_equal(space.theta(np.zeros(3)), space.nominal)
     moved = space.theta(np.full(3, 0.4))
