@@ -83,23 +83,15 @@ struct ForceColumns {
   void add_along(int line, T x) {
     for (int k = m.line_ptr[line]; k < m.line_ptr[line + 1]; ++k) at(m.line_dof[k]) += w.line_c[k] * x;
   }
-  // One without a limit is no row yet. As the limit leaves 0 its impulse is the share x of it that the smoothed law gives at the
-  // velocity z of the row:  s x/(1 - x^2) = -z  with s the speed at which it yields.
-  void dry(int i, double coef) {
+  void dry(int i, int field, double coef) {
     if (part != Part::step) return;
-    for (int k = 0; k < w.ndry; ++k) {
-      const DryFriction& d = w.dry[k];
-      if (d.line != i) continue;
-      T inv = 1.0 / (d.eta0 - d.b * d.eta / d.b0 + d.R * (d.b0 - d.b * d.b / d.b0));
-      add_along(i, keep(d.on, coef * o.h * inv * (d.b * (d.eta0 - o.backward.dry) / d.b0 - d.eta)));
-    }
-    Mask none = ~(w.P[m.oDof + i * kDofFields + kFrictionloss] > 0.0);
-    if (!any(none)) return;
-    const double* s = m.line_soft + 7 * i;
-    T K, B;
-    stiffness_damping(splat(s[0]), splat(s[1]), splat(s[3]), o.h, K, B);
-    T z = (2 / o.backward.dry) * (along(m, w, i, w.vn) - (1.0 - o.h * B) * along(m, w, i, w.v));
-    add_along(i, keep(none, -coef * o.h * z / (1.0 + vsqrt(1.0 + z * z))));
+    FrictionLimit f = friction_limit(m, w, i);
+    T by = field == kFrictionloss ? splat(1) : field == kFrictionSlope ? f.place : field == kStribeck ? f.fade : f.by_speed;
+    by *= coef * o.h;
+    for (int k = 0; k < w.ndry; ++k)
+      if (w.dry[k].line == i) add_along(i, by * impulse_by_limit(w.dry[k], o.backward.dry));
+    Mask none = f.limit == 0.0;
+    if (any(none)) add_along(i, keep(none, by * impulse_by_limit_at_zero(m, w, i, o.h, o.backward.dry)));
   }
   void line(int i, int field, double coef) {
     bool late = part == Part::late_inertia;
@@ -117,7 +109,7 @@ struct ForceColumns {
         break;
       }
       case kSpringref: add_along(i, coef * o.h * spring.stiffness); break;
-      default: dry(i, coef);
+      default: dry(i, field, coef);
     }
   }
 

@@ -1,6 +1,7 @@
 // What acts in a step: forces along lines, what of them is implicit, and the rows of contacts, limits and dry friction.
 #pragma once
 #include "candidates.hpp"
+#include "dry_friction.hpp"
 #include "fluid.hpp"
 #include "gravcomp.hpp"
 #include "springs.hpp"
@@ -153,7 +154,7 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
     ++w.nlim;
   }
   for (int i = 0; i < m.nline; ++i) {
-    T loss = w.P[m.oDof + i * kDofFields + kFrictionloss];
+    T loss = friction_limit(m, w, i).limit;
     Mask on = loss > 0.0;
     if (!any(on)) continue;
     const double* s = m.line_soft + 7 * i;

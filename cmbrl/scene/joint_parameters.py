@@ -43,11 +43,30 @@ def offer_joints(
             unit = _UNITS[field][int(joints[-1].kind != JointKind.SLIDE)]
             high = _RATES.get(field, 0.0) * float(model.dof_M0[dofs].max())
             if field == "frictionloss":
-                high = max((losses[d] for d in dofs), default=0.0) if _rubs(model) else 0.0
+                high = max(float(losses[d]) for d in dofs)
             if value > 0:
                 out.add(field, name, value, value / 20, value * 20, unit, indices)
             elif high > 0 and not _floating(tree, joints[0]):
                 out.add(field, name, 0.0, 0.0, high, unit, indices)
+    _offer_friction_laws(tree, losses, layout, P, out)
+
+
+def _offer_friction_laws(tree: Tree, losses: Array, layout: Layout, P: Array, out: Collector) -> None:
+    """Friction losses that change with a joint's place and speed, on request: files have neither."""
+    joints = [j for j in tree.joints if j.kind != JointKind.BALL and losses[j.vadr] > 0 and not _floating(tree, j)]
+    for joint in joints:
+        most = max(float(losses[joint.vadr]), 20 * float(P[layout.dof(joint.vadr, "frictionloss")]))
+        slides = joint.kind == JointKind.SLIDE
+        slope, units = (10 * most, ("N/m", "N", "m/s")) if slides else (most, ("N m/rad", "N m", "rad/s"))
+        speed = float(P[layout.dof(joint.vadr, "stribeck_speed")])
+        offers = (
+            ("friction_slope", 0.0, -slope, slope),
+            ("stribeck", 0.0, 0.0, most),
+            ("stribeck_speed", speed, speed / 20, speed * 20),
+        )
+        for (field, value, low, high), unit in zip(offers, units, strict=True):
+            place = [layout.dof(joint.vadr, field)]
+            out.add(field, joint.name, value, low, high, unit, place, default=False)
 
 
 def _rubs(model: mujoco.MjModel) -> bool:
@@ -57,7 +76,9 @@ def _rubs(model: mujoco.MjModel) -> bool:
 
 
 def _friction_bounds(model: mujoco.MjModel, tree: Tree, actuators: Sequence[Actuator]) -> Array:
-    """Bounds (nv,) of a friction loss that is 0 in the file."""
+    """Bounds (nv,) of a friction loss that is 0 in the file; zeros where the file switches dry friction off."""
+    if not _rubs(model):
+        return np.zeros(model.nv)
     bounds = _BRAKE * np.asarray(model.dof_M0, dtype=float).copy()
     g = float(np.linalg.norm(model.opt.gravity))
     mass, moment = np.zeros(len(tree.bodies)), np.zeros((len(tree.bodies), 3))

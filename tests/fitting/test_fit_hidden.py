@@ -93,3 +93,20 @@ def test_mass_explains_the_softness_of_contact(tmp_path: Path) -> None:
     model = cmbrl.ComplementarityModel(scene(tmp_path, text.format(1.0)))
     result = cmbrl.fit(model, log, groups=["mass"], budget=QUICK)
     assert result.parameters["mass.ball"].value == pytest.approx(1.3, rel=1e-5)
+
+
+def test_friction_that_grows_towards_one_end(tmp_path: Path) -> None:
+    """Asked for by name: three numbers of one joint, from a file that has none of them."""
+    text = ARM.format(dt=0.002, loss="")
+    model = cmbrl.ComplementarityModel(scene(tmp_path, text))
+    names = [p.name for p in model.scene.parameters]
+    truth, theta = {"frictionloss.b": 0.3, "friction_slope.b": 0.2, "stribeck.b": 0.15}, model.parameters.copy()
+    for name, value in truth.items():
+        theta[names.index(name)] = value
+    log = recorded(text, 5, 12, 60, 0, 1.0)
+    hidden = model.with_parameters(theta).for_log(log.dt)
+    moved = hidden.predict(log.q, log.v, log.u)
+    log = replace(log, q_next=moved.q_next, v_next=moved.v_next, episode=np.arange(len(log)) // 60)
+    result = cmbrl.fit(model, log, groups=list(truth), method="gauss-newton", budget=QUICK)
+    for name, value in truth.items():
+        assert result.parameters[name].value == pytest.approx(value, rel=0.02)

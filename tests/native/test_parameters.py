@@ -126,3 +126,42 @@ def test_friction_losses_leave_zero(text: str, smoothing: Smoothing, integrator:
         assert np.abs(ours).max() > 1e-3
         assert np.median(error) < 1e-5
         assert (error < 1e-2).mean() > 0.9, np.sort(error)  # of the rest, a contact is about to begin or to slip
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("smoothing", [Exact(), Barrier(1e-4)], ids=["exact", "kappa"])
+@pytest.mark.parametrize("text", [TREE, PLANAR], ids=["spatial", "planar"])
+def test_friction_by_place_and_speed(text: str, smoothing: Smoothing, integrator: str, tmp_path: Path) -> None:
+    """Its limit is the file's, more towards one end and at low speed; derivatives in state and parameters."""
+    scene = written(tmp_path, text)
+    theta, (joint,) = elsewhere(scene, 2), (p.name[15:] for p in scene.parameters if p.group == "friction_slope")
+    names = [p.name for p in scene.parameters]
+    loss = theta[names.index(f"frictionloss.{joint}")]
+    for group, value in {"friction_slope": 0.8 * loss, "stribeck": 0.5 * loss, "stribeck_speed": 0.5}.items():
+        theta[names.index(f"{group}.{joint}")] = value
+    model = ComplementarityModel(
+        scene, smoothing=smoothing, integrator=integrator, parameters=theta, path_tolerance=1e-12
+    )
+    row = compare(model, *random_states(scene, 20, np.random.default_rng(0), RANGES), 400)
+    assert {"friction_slope", "stribeck", "stribeck_speed"} <= set(row["kinds"])
+    assert row["median"] <= 1e-6, row
+    assert row["worst"] <= 1e-4, row
+    assert row["across_kinks"] + row["vague"] <= 0.05 * row["columns"], row
+
+
+def test_friction_by_place_and_speed_is_what_it_says(tmp_path: Path) -> None:
+    """A wheel that slips: dv = -h F/I with F = f0 + f1 q + f2 exp(-|v|/vs), nothing where that is negative."""
+    scene = written(
+        tmp_path,
+        '<mujoco><option timestep=".001"/><worldbody><body><joint name="j" axis="0 0 1" frictionloss=".5"/>'
+        '<inertial pos="0 0 0" mass="1" diaginertia="2 2 2"/></body></worldbody></mujoco>',
+    )
+    theta = scene.parameter_vector()
+    values = {"frictionloss.j": 0.5, "friction_slope.j": 0.4, "stribeck.j": 0.3, "stribeck_speed.j": 0.7}
+    for k, p in enumerate(scene.parameters):
+        theta[k] = values.get(p.name, theta[k])
+    q, v = np.array([[0.6], [-0.9], [0.0], [-3.0]]), np.array([[1.5], [-0.8], [2.0], [3.0]])
+    force = np.maximum(0.0, 0.5 + 0.4 * q + 0.3 * np.exp(-np.abs(v) / 0.7))
+    found = ComplementarityModel(scene, parameters=theta).predict(q, v, np.zeros((4, 0)))
+    np.testing.assert_allclose(found.v_next, v - 0.001 * np.sign(v) * force / 2.0, rtol=1e-6)
+    assert force[3] == 0.0
