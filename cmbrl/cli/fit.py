@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--all-parameters",
         action="store_true",
-        help="fit all parameters, not only those that help; gravity only by --groups",
+        help="fit all parameters but those on request, not only those that help",
     )
     parser.add_argument(
         "--groups",

@@ -12,11 +12,13 @@ struct FrictionLimit {
   T place, fade, by_speed;  // by f1, f2 and vs; by f0 it is 1
 };
 
+// whole: of parameters that are 0 too.
 template <class G>
-static FrictionLimit friction_limit(const Model& m, const Work<G>& w, int line) {
+static FrictionLimit friction_limit(const Model& m, const Work<G>& w, int line, bool whole = false) {
   const T* p = w.P + m.oDof + line * kDofFields;
   FrictionLimit f{p[kFrictionloss], T{}, T{}, T{}, T{}, T{}};
   if (line >= m.nv || m.dof_qadr[line] < 0) return f;
+  if (!whole && !any((p[kFrictionSlope] != 0.0) | (p[kStribeck] != 0.0))) return f;
   T v = along(m, w, line, w.v), speed = vmax(p[kStribeckSpeed], splat(1e-9)), fast = vabs(v) / speed;
   f.place = w.line_length[line] - m.jnt_q0[m.dof_jnt[line]];
   CMBRL_FOR(i, W) f.fade[i] = __builtin_exp(-fast[i]);

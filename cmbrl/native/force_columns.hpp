@@ -85,7 +85,7 @@ struct ForceColumns {
   }
   void dry(int i, int field, double coef) {
     if (part != Part::step) return;
-    FrictionLimit f = friction_limit(m, w, i);
+    FrictionLimit f = friction_limit(m, w, i, field != kFrictionloss);
     T by = field == kFrictionloss ? splat(1) : field == kFrictionSlope ? f.place : field == kStribeck ? f.fade : f.by_speed;
     by *= coef * o.h;
     for (int k = 0; k < w.ndry; ++k)
