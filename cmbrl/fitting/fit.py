@@ -33,6 +33,7 @@ from cmbrl.fitting.report import conclude
 from cmbrl.fitting.result import FitResult
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal, OutOfTime
+from cmbrl.fitting.survey import HORIZONS, Survey, Surveyor
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.windows import Scales, Windows
 from cmbrl.numbers import one_of, real, whole
@@ -47,7 +48,7 @@ def fit(
     seed: int = 0,
     method: str = "random",
     groups: str | Sequence[str] | None = None,
-    horizon: int = 1,
+    horizon: int | str = "auto",
     holdout: float = 0.25,
     polish: bool = True,
     huber: float = 0.5,
@@ -66,7 +67,8 @@ def fit(
         method: "random" or "cma" (a search, then Gauss-Newton unless ``polish`` is False), or "gauss-newton" alone.
         groups: None for the fewest parameter groups that the held-out data supports; "all"; or names of groups or
             parameters. Those that are not ``default`` (gravity, friction by place and speed) move only if named.
-        horizon: steps predicted open loop before they are compared with the log.
+        horizon: steps predicted open loop before they are compared with the log; "auto" for the number that predicts
+            held-out episodes best (``survey``).
         holdout: share of the episodes to judge on; 0 requires ``groups``.
         polish: whether a search is followed by Gauss-Newton.
         huber: residual, in standard deviations of the change, from which errors count linearly.
@@ -87,29 +89,50 @@ def fit(
     model = model.for_log(data.dt)
     data.check(model.scene, dt=model.dt)
     _check_steps(model, data)
-    seed, horizon = whole(seed, "seed", least=0), whole(horizon, "horizon")
+    seed = whole(seed, "seed", least=0)
+    horizons = HORIZONS if horizon == "auto" else (whole(horizon, "horizon"),)
     huber = real(huber, "huber", above=0.0, most=1e6)
     time_limit = None if time_limit is None else real(time_limit, "time_limit", least=0.0)
     space = Space.of(model.scene.parameters, model.parameters)
     wanted = None if groups is None else space.default if groups == "all" else space.columns(_names(groups))
     count = fold_count(data, holdout, needed=groups is None)
-    scales = Scales.of(model.scene, data, huber)
-    settings = [seed, method, None if wanted is None else wanted.tolist(), horizon, count, polish, huber]
+    for steps in horizons[:1]:
+        draw_starts(data, steps, 1, seed)  # raises for a log whose episodes are shorter
+    settings = [seed, method, None if wanted is None else wanted.tolist(), horizons, count, polish, huber]
     journal = Journal(folder, _fingerprint(model, data, settings, asdict(budget)), time_limit, progress)
 
-    def loss(limit: int) -> PredictionLoss:
-        return PredictionLoss(model, Windows(data, draw_starts(data, horizon, limit, seed), horizon, scales))
+    survey = Survey(min(horizons), None, {})  # until there is one
 
-    everything = loss(budget.polish_rows)
+    def loss(limit: int) -> PredictionLoss:
+        scales = Scales.of(model.scene, data, huber, survey.noise)
+        starts = draw_starts(data, survey.horizon, limit, seed)
+        return PredictionLoss(model, Windows(data, starts, survey.horizon, scales))
+
     admit = partial(_admit, model.scene.core, space)
     incumbent = Incumbent(np.zeros(len(space)), *np.zeros((2, len(space)), dtype=bool))
     held_out: dict[str, Errors] = {}
 
     def judge(iterations: int, journal: Journal) -> dict[str, Errors]:
+        everything = loss(budget.polish_rows)
         return _judge(Folds.of(everything, everything, count, seed), space, incumbent, iterations, journal)
 
     stopped = None
     try:
+        movable = space.default if wanted is None else wanted
+        surveyor = Surveyor(
+            model,
+            data,
+            space,
+            movable,
+            admit,
+            huber,
+            count,
+            seed,
+            budget.survey_rows,
+            budget.survey_iterations,
+            journal,
+        )
+        survey = Survey.from_dict(journal.unit("survey", lambda: surveyor.run(horizons).to_dict()))
         if wanted is None:
             trials = loss(budget.trial_rows)
             folds = Folds.of(trials, loss(budget.held_out_rows), count, seed)
@@ -122,7 +145,7 @@ def fit(
                 search = {"random": random_search, "cma": cma_search}[method]
                 _search(search, loss(budget.search_rows), space, incumbent, seed, budget, journal)
             if polish or method == "gauss-newton":
-                _polish(everything, space, incumbent, budget.polish_iterations, journal)
+                _polish(loss(budget.polish_rows), space, incumbent, budget.polish_iterations, journal)
         if count:
             held_out = judge(budget.fold_iterations, journal)
     except (KeyboardInterrupt, OutOfTime) as reason:
@@ -131,10 +154,10 @@ def fit(
             with suppress(KeyboardInterrupt):
                 held_out = judge(budget.trial_fold_iterations, Journal(None, ""))
     journal.report(0.95, "intervals")
-    about = {"seed": seed, "method": method, "horizon": horizon, "folds": count, "stopped": stopped, "selection": None}
+    about = {"seed": seed, "method": method, "folds": count, "stopped": stopped, "selection": None, **survey.to_dict()}
     if wanted is None:
         about["selection"] = incumbent.path
-    return conclude(model, data, space, everything, held_out, incumbent, journal, about)
+    return conclude(model, data, space, loss(budget.polish_rows), held_out, incumbent, journal, about)
 
 
 def _search(

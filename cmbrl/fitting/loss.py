@@ -4,16 +4,18 @@
     rho(r) = r^2 / 2 for |r| <= delta, delta (|r| - delta / 2) beyond
 
 scale_c is the standard deviation of the logged one-step change of coordinate c (positions in the tangent space, [m] or
-[rad]; velocities [m/s] or [rad/s]), so an error of 1 is that of predicting the mean change.
+[rad]; velocities [m/s] or [rad/s]), so an error of 1 is that of predicting the mean change. In a log with sensor noise
+every window may start away from the logged state, and pays for it (``starts``).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cmbrl.fitting.space import Space
+from cmbrl.fitting.starts import Follow, Settling, StartEquations
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.windows import Windows
 from cmbrl.native import SolverStatus
@@ -51,7 +53,8 @@ class Errors:
 class NormalEquations:
     """Gauss-Newton model of the loss in z: gradient (n,), its parts by episode (episodes, n), and hessian (n, n).
 
-    ``starts`` is the number of residual vectors, ``variance`` the mean Huberised squared residual.
+    ``starts`` is the number of residual vectors, ``variance`` the mean Huberised squared residual. ``follow``: how the
+    starts of windows follow z in a noisy log; they are eliminated from the rest.
     """
 
     gradient: np.ndarray
@@ -59,6 +62,7 @@ class NormalEquations:
     episode_gradients: np.ndarray
     starts: int
     variance: float
+    follow: Follow | None = None
 
 
 @dataclass(frozen=True)
@@ -81,13 +85,43 @@ class PredictionLoss:
         """Losses (C,) of candidates (C, n), in native batches small enough to stay responsive."""
         block = max(1, _ROWS_AT_ONCE // self.steps)
         blocks = range(0, len(theta), block)
-        return np.concatenate([self.model.candidate_loss(theta[i : i + block], self.windows) for i in blocks])
+        losses = [self.model.candidate_loss(theta[i : i + block], self.windows) for i in blocks]
+        return np.concatenate(losses) + self._price(self.windows.offset).mean()
+
+    def starting(self, offset: np.ndarray) -> PredictionLoss:
+        """The same loss with the windows starting at ``offset`` (S, k) from the logged states."""
+        return replace(self, windows=replace(self.windows, offset=offset))
+
+    def settled(self, theta: np.ndarray) -> PredictionLoss:
+        """The same loss with the best starts for ``theta`` (n,); the same object for a log without noise."""
+        scales, count = self.windows.scales, len(self.windows.starts)
+        if not len(scales.uncertain):
+            return self
+
+        def linearise(offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            residual, _, slope = self.starting(offset)._linearised(theta, slice(None), None)
+            return residual, slope
+
+        def cost(residual: np.ndarray, offset: np.ndarray) -> np.ndarray:
+            value = huber(residual, scales.huber).sum(axis=1) / self.windows.horizon + self._price(offset)
+            return np.where(np.isfinite(value), value, np.inf)
+
+        start = np.zeros((count, len(scales.uncertain))) if self.windows.offset is None else self.windows.offset
+        return self.starting(Settling(linearise, cost, scales.start_precision, scales.huber).run(start))
+
+    def _price(self, offset: np.ndarray | None) -> np.ndarray:
+        """What each window pays for its ``offset`` (S, k), by step."""
+        if offset is None:
+            return np.zeros(1)
+        scales = self.windows.scales
+        return huber(offset * scales.start_precision, scales.huber).sum(axis=1) / self.windows.horizon
 
     def errors(self, theta: np.ndarray) -> Errors:
-        """Errors of one parameter set (n,) by start; a failed step counts with its best iterate."""
-        residual, failures = self._residual(theta)
-        loss = huber(residual, self.windows.scales.huber).sum(axis=2).mean(axis=1)
-        return Errors(loss, (residual**2).mean(axis=(1, 2)), failures)
+        """Errors of one parameter set (n,) by start, from its best starts; a failed step counts with its best iterate."""
+        loss = self.settled(theta)
+        residual, failures = loss._residual(theta)
+        value = huber(residual, self.windows.scales.huber).sum(axis=2).mean(axis=1) + loss._price(loss.windows.offset)
+        return Errors(value, (residual**2).mean(axis=(1, 2)), failures)
 
     def normal_equations(self, space: Space, z: np.ndarray, active: np.ndarray | None = None) -> NormalEquations:
         """The Gauss-Newton model at ``z`` (n,), from the implicit derivatives of the step.
@@ -99,27 +133,43 @@ class PredictionLoss:
         n, episodes = len(columns), np.unique(data.episode)
         gradients, hessian, size = np.zeros((len(episodes), n)), np.zeros((n, n)), 0.0
         width = 2 * len(scales.v) * self.windows.horizon
-        block = max(1, _JACOBIAN_NUMBERS // (width * max(n, 1)))
+        block = max(1, _JACOBIAN_NUMBERS // (width * max(n + len(scales.uncertain), 1)))
+        followed = []
         for i in range(0, len(all_starts), block):
-            starts = all_starts[i : i + block]
-            residual, jacobian = self._linearised(space, z, starts, columns)  # (s, width), (s, width, n)
+            part = slice(i, i + block)
+            residual, jacobian, slope = self._linearised(
+                space.theta(z), part, columns
+            )  # (s, width), (s, width, n or k)
+            jacobian *= space.slope(z)[columns]
             lost = ~(np.isfinite(residual).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2)))
-            residual[lost], jacobian[lost] = 0.0, 0.0  # failed steps: a constant in the loss, which has no slope
+            lost |= ~np.isfinite(slope).all(axis=(1, 2))
+            # failed steps: a constant in the loss, which has no slope
+            residual[lost], jacobian[lost], slope[lost] = 0.0, 0.0, 0.0
             weight = np.minimum(1.0, scales.huber / np.maximum(np.abs(residual), 1e-300))
             slopes = ((weight * residual)[:, None] @ jacobian)[:, 0]
-            np.add.at(gradients, np.searchsorted(episodes, data.episode[starts]), slopes)
             rows = (np.sqrt(weight)[:, :, None] * jacobian).reshape(-1, n)
             hessian += rows.T @ rows
             size += float((weight * residual**2).sum())
+            if self.windows.offset is not None:
+                offset = self.windows.offset[part]
+                starts = StartEquations.of(residual, weight, slope, offset, scales.start_precision, scales.huber)
+                cross = slope.transpose(0, 2, 1) @ (weight[:, :, None] * jacobian)  # (s, k, n)
+                solved = starts.solve(np.concatenate([starts.gradient[:, :, None], cross], axis=2))
+                slopes -= (solved[:, None, :, 0] @ cross)[:, 0]
+                hessian -= np.tensordot(cross, solved[:, :, 1:], axes=([0, 1], [0, 1]))
+                followed.append(Follow(-solved[:, :, 0], -solved[:, :, 1:]))
+            np.add.at(gradients, np.searchsorted(episodes, data.episode[all_starts[part]]), slopes)
         count = self.steps
         by_episode, square = np.zeros((len(episodes), len(space))), np.zeros((len(space), len(space)))
         by_episode[:, columns], square[np.ix_(columns, columns)] = gradients / count, hessian / count
-        return NormalEquations(by_episode.sum(axis=0), square, by_episode, count, size / (len(all_starts) * width))
+        variance = size / (len(all_starts) * width)
+        follow = _joined(followed, columns, len(space)) if followed else None
+        return NormalEquations(by_episode.sum(axis=0), square, by_episode, count, variance, follow)
 
     def _residual(self, theta: np.ndarray) -> tuple[np.ndarray, int]:
         """Residuals (s, horizon, 2 nv) of one parameter set (n,), and the number of failed steps."""
         data, starts, scene = self.windows.data, self.windows.starts, self.model.scene
-        q, v = data.q[starts], data.v[starts]
+        q, v = self.windows.begin(scene)
         out = np.empty((len(starts), self.windows.horizon, 2 * scene.nv))
         failures = 0
         for j in range(self.windows.horizon):
@@ -130,23 +180,41 @@ class PredictionLoss:
         return out, failures
 
     def _linearised(
-        self, space: Space, z: np.ndarray, starts: np.ndarray, columns: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (s, width) and their derivatives (s, width, n) in the ``columns`` (n,) of z, by the chain rule."""
+        self, theta: np.ndarray, part: slice, columns: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Residuals (s, width) of some windows, and their derivatives in ``columns`` (n,) of theta and in the starts.
+
+        By the chain rule, (s, width, n) and (s, width, k). No ``columns`` for the starts alone.
+        """
         data, scales, scene, nv = self.windows.data, self.windows.scales, self.model.scene, self.model.scene.nv
-        q, v = data.q[starts], data.v[starts]
-        residuals, jacobians, state = [], [], None
+        starts, uncertain = self.windows.starts[part], scales.uncertain
+        q, v = (x[part] for x in self.windows.begin(scene))
+        n, in_theta = (0, False) if columns is None else (len(columns), True)
+        # by theta and by the starts, side by side
+        state = np.zeros((len(q), 2 * nv, n + len(uncertain)))
+        state[:, uncertain, n + np.arange(len(uncertain))] = 1.0
+        residuals, jacobians, scale = [], [], np.concatenate([scales.q, scales.v])[:, None]
         for j in range(self.windows.horizon):
-            step = self.model.predict(q, v, data.u[starts + j], theta=space.theta(z), parameter_jacobian=True)
+            step = self.model.predict(q, v, data.u[starts + j], theta=theta, jacobian=True, parameter_jacobian=in_theta)
             q, v = step.q_next, step.v_next
             assert step.jacobian is not None
-            direct = step.jacobian[:, :, 2 * nv + scene.nu + columns]
-            state = direct if state is None else step.jacobian[:, :, : 2 * nv] @ state + direct
+            state = step.jacobian[:, :, : 2 * nv] @ state
+            if columns is not None:
+                state[:, :, :n] += step.jacobian[:, :, 2 * nv + scene.nu + columns]
             logged = data.q_next[starts + j], data.v_next[starts + j]
             residuals.append(self._scaled(scene.difference(logged[0], q), v - logged[1]))
             # The tangent of the prediction replaces that of the difference; they are equal for small rotation errors.
-            jacobians.append(state / np.concatenate([scales.q, scales.v])[:, None])
-        return np.concatenate(residuals, axis=1), np.concatenate(jacobians, axis=1) * space.slope(z)[columns]
+            jacobians.append(state / scale)
+        jacobian = np.concatenate(jacobians, axis=1)
+        return np.concatenate(residuals, axis=1), jacobian[:, :, :n], jacobian[:, :, n:]
 
     def _scaled(self, dq: np.ndarray, dv: np.ndarray) -> np.ndarray:
         return np.concatenate([dq / self.windows.scales.q, dv / self.windows.scales.v], axis=-1)
+
+
+def _joined(parts: list[Follow], columns: np.ndarray, n: int) -> Follow:
+    """One Follow of all windows over all ``n`` parameters, those outside ``columns`` with zeros."""
+    shift, part = (np.concatenate([getattr(p, name) for p in parts]) for name in ("shift", "slope"))
+    slope = np.zeros((*shift.shape, n))
+    slope[:, :, columns] = part
+    return Follow(shift, slope)

@@ -1,6 +1,8 @@
 """The fewest parameters that the data supports: selection by group, judged on episodes held out in turn.
 
-Starting from the nominal model, the remaining groups are ranked by forecast gain (``forecast``). The first few are
+All groups are fitted first. If that beats the nominal model, those that hardly matter are removed, as many at once as the
+forecast of ``superfluous`` says and a refit confirms. Groups that say something only together, or that would lead a
+search astray one by one, are so never apart. Starting from there or from the nominal model, the remaining groups are ranked by forecast gain (``forecast``). The first few are
 tried: a short search over the group's parameters, then Gauss-Newton over all selected ones. The best group stays if the
 held-out loss falls by more than ``NOISE_FACTOR`` times its noise (``folds.paired_gain``; two rather than one, because
 it is the best of several trials) and by at least ``LEAST_GAIN`` of the loss, because without noise any gain would be
@@ -22,7 +24,7 @@ import numpy as np
 
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.folds import Folds, paired_gain
-from cmbrl.fitting.forecast import Forecast
+from cmbrl.fitting.forecast import Forecast, superfluous
 from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.loss import Errors, PredictionLoss
 from cmbrl.fitting.objective import Objective
@@ -83,9 +85,38 @@ class Selection:
     def run(self, incumbent: Incumbent) -> None:
         """Adds groups to ``incumbent`` and removes superfluous ones; raises the journal's OutOfTime between trials."""
         before = self.folds.errors(self.space, [incumbent.z] * len(self.folds.train))
+        before = self._thin(incumbent, self._everything(incumbent, before))
         while (after := self._add(incumbent, before)) is not None:
             before = after
         self._remove(incumbent, before)
+
+    def _everything(self, incumbent: Incumbent, before: Errors) -> Errors:
+        """Starts from all groups if that beats the nominal model, and returns the new errors."""
+        groups = self._remaining(incumbent)
+        self.journal.report(0.05, "trying all parameters")
+        chosen, none = self.space.columns(groups), np.zeros_like(incumbent.chosen)
+        iterations = self.budget.polish_iterations
+        trial = self._trial("add all", incumbent, chosen, incumbent.z, none, before, iterations)
+        return self._accept("add", " + ".join(groups), trial, incumbent) if trial.counts(before.mean) else before
+
+    def _thin(self, incumbent: Incumbent, before: Errors) -> Errors:
+        """Removes as many groups at once as the forecast calls superfluous; half as many if a refit disagrees."""
+        groups = [g for g in dict.fromkeys(self.space.groups) if incumbent.chosen[self.space.columns([g])].any()]
+        loss = self.loss.settled(self.space.theta(incumbent.z))
+        equations = loss.normal_equations(self.space, incumbent.z, incumbent.active)
+        dispensable = superfluous(
+            self.space, incumbent.z, incumbent.active, equations, groups, LEAST_GAIN * before.mean
+        )
+        while dispensable:
+            columns = self.space.columns(dispensable)
+            start, none = np.where(columns, 0.0, incumbent.z), np.zeros_like(columns)
+            self.journal.report(0.2, f"removing {', '.join(dispensable)}")
+            name = f"remove {len(incumbent.path)} {' + '.join(dispensable)}"
+            trial = self._trial(name, incumbent, incumbent.chosen & ~columns, start, none, before)
+            if trial.gain > -LEAST_GAIN * before.mean:
+                return self._accept("remove", " + ".join(dispensable), trial, incumbent)
+            dispensable = dispensable[: len(dispensable) // 2]
+        return before
 
     def _add(self, incumbent: Incumbent, before: Errors) -> Errors | None:
         """Adds the best group, a set of groups, or a blank one; returns the new errors, or None if nothing helps."""
@@ -159,6 +190,7 @@ class Selection:
         start: np.ndarray,
         searched: np.ndarray,
         before: Errors,
+        iterations: int | None = None,
     ) -> Trial:
         """Fits ``chosen`` from ``start``: random search over the ``searched`` ones, then Gauss-Newton over all."""
         budget = self.budget
@@ -175,7 +207,7 @@ class Selection:
                 z, candidates = found.z, found.candidates
             if active.any():
                 objective = Objective.at(self.loss, self.space, active, z)
-                found = gauss_newton(objective, z, budget.trial_iterations, self.journal)
+                found = gauss_newton(objective, z, iterations or budget.trial_iterations, self.journal)
                 z, candidates = found.z, candidates + found.candidates
             fitted, more = self.folds.refit(self.space, active, z, budget.trial_fold_iterations, self.journal)
             return {"z": z.tolist(), "folds": [f.tolist() for f in fitted], "candidates": candidates + more}

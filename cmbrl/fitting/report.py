@@ -35,7 +35,7 @@ def conclude(
     """
     z, active = incumbent.z, incumbent.active
     final = model.with_parameters(space.theta(z))
-    equations = loss.normal_equations(space, z)
+    equations = loss.settled(space.theta(z)).normal_equations(space, z)
     try:
         known = identify(space, z, active, equations)
     except np.linalg.LinAlgError:  # information so large that the prior is lost in rounding

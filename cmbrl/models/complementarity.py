@@ -258,8 +258,9 @@ class ComplementarityModel:
         averaged over steps and windows. A failed solve adds a large constant.
         """
         data, scales = windows.data, windows.scales
+        q, v = windows.states(self.scene)
         losses = self.stepper.core.loss(
-            data.q, data.v, data.u, data.q_next, data.v_next, windows.starts, windows.horizon,
+            q, v, data.u, data.q_next, data.v_next, windows.starts, windows.horizon,
             real_array(theta, "theta"), scales.q, scales.v, scales.huber, FAILURE_LOSS,
             self.stepper.options, self.threads,
         )  # fmt: skip

@@ -1,0 +1,171 @@
+"""Before anything is selected: how noisy the log is, and over how many steps its predictions should be compared.
+
+One step is mostly noise if the sensors are noisy, many steps are chaos after impacts, and contacts decide where the
+limit is. So all parameters are fitted over each of a few horizons, by Gauss-Newton from the start, on some episodes.
+The other episodes judge each fit at *all* these horizons: the score is the mean logarithm of its errors relative to
+those of the start. The shortest horizon that is nearly best wins. Noise can be told from model error only once the model
+is about right, so it is estimated again at the best fit, and that fit repeated if it changes much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from cmbrl.data.transitions import Transitions
+from cmbrl.fitting.folds import Folds, draw_starts
+from cmbrl.fitting.gauss_newton import gauss_newton
+from cmbrl.fitting.loss import PredictionLoss, huber
+from cmbrl.fitting.noise import sensor_noise
+from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.space import Space
+from cmbrl.fitting.state import Journal
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.windows import Scales, Windows, spread
+
+HORIZONS = (1, 4, 10, 20)  # 1 step is what noise-free logs are best judged at; beyond 20, impacts have happened
+_LEAST_WINDOWS = 40  # of a horizon, to fit and to judge
+_NEARLY = 0.03  # of the logarithm of the error
+_SAME_NOISE = 0.2  # relative change that needs no second fit
+_JUDGED = 500  # windows
+
+
+@dataclass(frozen=True)
+class Survey:
+    """``horizon`` of the loss, ``noise`` (2 nv,) or None, and the ``scores`` by horizon (lower is better)."""
+
+    horizon: int
+    noise: np.ndarray | None
+    scores: dict[int, float]
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON types; the inverse is ``from_dict``."""
+        noise = None if self.noise is None else self.noise.tolist()
+        return {"horizon": self.horizon, "noise": noise, "scores": [[h, s] for h, s in self.scores.items()]}
+
+    @classmethod
+    def from_dict(cls, saved: dict[str, Any]) -> Survey:
+        """Inverse of ``to_dict``."""
+        noise = None if saved["noise"] is None else np.array(saved["noise"])
+        return cls(saved["horizon"], noise, {h: s for h, s in saved["scores"]})
+
+
+@dataclass(frozen=True)
+class Surveyor:
+    """``chosen`` (n,): the parameters that may move; ``admit`` as for ``Selection``; ``count`` of folds, 0 for none."""
+
+    model: ComplementarityModel
+    data: Transitions
+    space: Space
+    chosen: np.ndarray
+    admit: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+    huber: float
+    count: int
+    seed: int
+    rows: int
+    iterations: int
+    journal: Journal
+
+    def run(self, horizons: Sequence[int]) -> Survey:
+        """The survey over those of ``horizons`` that the log has windows of; one horizon leaves only the noise open."""
+        enough = [h for h in horizons if len(self.data.windows(h)) >= _LEAST_WINDOWS] or [min(horizons)]
+        noise = sensor_noise(self.model, self.space.nominal, self.data)
+        if len(enough) == 1 and noise is None:
+            return Survey(enough[0], None, {})
+        fitted = {h: self._fit(f"survey of {h} steps", h, noise) for h in enough}
+        scores = {h: self._score(z) for h, z in fitted.items()}
+        horizon = min(h for h, s in scores.items() if s <= min(scores.values()) + _NEARLY)
+        before, noise = noise, sensor_noise(self.model, self.space.theta(fitted[horizon]), self.data)
+        if not _alike(before, noise):
+            again = self._fit("survey with the noise", horizon, noise)
+            noise = sensor_noise(self.model, self.space.theta(again), self.data)
+        return Survey(horizon, noise, scores)
+
+    def _fit(self, name: str, horizon: int, noise: np.ndarray | None) -> np.ndarray:
+        self.journal.check_time()
+        self.journal.report(0.02, name)
+        fitted = self.journal.unit(name, lambda: {"z": self._fitted(horizon, noise).tolist()})
+        return np.array(fitted["z"])
+
+    def _fitted(self, horizon: int, noise: np.ndarray | None) -> np.ndarray:
+        scales = Scales.of(self.model.scene, self.data, self.huber, noise)
+        windows = Windows(self.data, draw_starts(self.data, horizon, self.rows, self.seed), horizon, scales)
+        loss = PredictionLoss(self.model, windows)
+        if self.count:
+            loss = Folds.of(loss, loss, self.count, self.seed).train[0]
+        active, z = self.admit(self.chosen, np.zeros(len(self.space)))
+        if not active.any():
+            return z
+        return gauss_newton(Objective.at(loss, self.space, active, z), z, self.iterations, self.journal).z
+
+    def _score(self, z: np.ndarray) -> float:
+        theta = self.space.theta(z)
+        errors = [judge.error(self.model, theta) for judge in self._judges]
+        return float(np.mean(np.log(np.maximum(errors, 1e-12) / np.maximum(self._nominal, 1e-12))))
+
+    @cached_property
+    def _judges(self) -> list[Judge]:
+        return Judge.all(self.model, self.data, self.huber, self.count, self.seed)
+
+    @cached_property
+    def _nominal(self) -> list[float]:
+        return [judge.error(self.model, self.space.nominal) for judge in self._judges]
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Errors ``horizon`` steps after the logged states at ``starts``, in the spread of the change over that time."""
+
+    data: Transitions
+    starts: np.ndarray
+    horizon: int
+    scale: np.ndarray
+    huber: float
+
+    @classmethod
+    def all(cls, model: ComplementarityModel, data: Transitions, delta: float, count: int, seed: int) -> list[Judge]:
+        """Judges of all horizons that the log has windows of, on the episodes that the first fold holds out."""
+        found = []
+        for h in HORIZONS:
+            starts = data.windows(h)
+            if len(starts) < _LEAST_WINDOWS and h > min(HORIZONS):
+                continue
+            ends = starts + h - 1
+            dq = spread(model.scene.difference(data.q[starts], data.q_next[ends]))
+            scale = np.concatenate([dq, spread(data.v_next[ends] - data.v[starts])])
+            if count:
+                whole = PredictionLoss(model, Windows(data, starts, h, Scales.of(model.scene, data, delta)))
+                starts = Folds.of(whole, whole, count, seed).held_out[0].windows.starts
+            found.append(cls(data, starts[:: -(-len(starts) // _JUDGED)], h, scale, delta))
+        return found
+
+    def error(self, model: ComplementarityModel, theta: np.ndarray) -> float:
+        """Mean Huber loss of ``model`` with parameters ``theta`` (n,)."""
+        q, v = self.data.q[self.starts], self.data.v[self.starts]
+        for j in range(self.horizon):
+            step = model.predict(q, v, self.data.u[self.starts + j], theta=theta)
+            q, v = step.q_next, step.v_next
+        return self.of(model, q, v)
+
+    def held(self, model: ComplementarityModel) -> float:
+        """Mean Huber loss of holding the velocity."""
+        q, v = self.data.q[self.starts], self.data.v[self.starts]
+        return self.of(model, model.scene.integrate(q, v * self.data.dt * self.horizon), v)
+
+    def of(self, model: ComplementarityModel, q: np.ndarray, v: np.ndarray) -> float:
+        """Mean Huber loss of predictions q (s, nq), v (s, nv)."""
+        ends = self.starts + self.horizon - 1
+        residual = np.concatenate(
+            [model.scene.difference(self.data.q_next[ends], q), v - self.data.v_next[ends]], axis=1
+        )
+        return float(huber(np.nan_to_num(residual / self.scale, nan=1e6), self.huber).sum(axis=1).mean())
+
+
+def _alike(before: np.ndarray | None, after: np.ndarray | None) -> bool:
+    if before is None or after is None:
+        return before is after
+    return bool(np.allclose(before, after, rtol=_SAME_NOISE, atol=0.0))
