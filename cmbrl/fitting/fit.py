@@ -34,6 +34,7 @@ from cmbrl.fitting.result import FitResult
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.fitting.survey import HORIZONS, Survey, Surveyor
+from cmbrl.fitting.verdict import by_horizon, stepping
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.windows import Scales, Windows
 from cmbrl.numbers import one_of, real, whole
@@ -88,6 +89,7 @@ def fit(
         require_library()
     model = model.for_log(data.dt)
     data.check(model.scene, dt=model.dt)
+    data = data.normalised(model.scene)
     _check_steps(model, data)
     seed = whole(seed, "seed", least=0)
     horizons = HORIZONS if horizon == "auto" else (whole(horizon, "horizon"),)
@@ -157,6 +159,8 @@ def fit(
     about = {"seed": seed, "method": method, "folds": count, "stopped": stopped, "selection": None, **survey.to_dict()}
     if wanted is None:
         about["selection"] = incumbent.path
+    about["horizons"] = by_horizon(model, data, space, incumbent.unseen, huber, seed)
+    about["stepping"] = stepping(model, data, huber, seed)
     return conclude(model, data, space, loss(budget.polish_rows), held_out, incumbent, journal, about)
 
 
@@ -205,10 +209,11 @@ def _judge(folds: Folds, space: Space, incumbent: Incumbent, iterations: int, jo
 
     outcome = journal.unit("judge", compute)
     incumbent.candidates += outcome["candidates"]
+    incumbent.unseen = [np.array(z) for z in outcome["folds"]]
     nominal = [np.zeros(len(space))] * len(folds.train)
     return {
         "held out, nominal": folds.errors(space, nominal),
-        "held out, fitted": folds.errors(space, [np.array(z) for z in outcome["folds"]]),
+        "held out, fitted": folds.errors(space, incumbent.unseen),
     }
 
 

@@ -42,6 +42,7 @@ class Incumbent:
     """The best parameters so far, returned if the fit is interrupted, and how they were reached.
 
     ``chosen`` (n,): parameters selected or asked for; ``active`` (n,): the chosen ones that may move (not the gauge).
+    ``unseen``: z (n,) fitted without each fold in turn, once judged.
     """
 
     z: np.ndarray
@@ -49,6 +50,7 @@ class Incumbent:
     active: np.ndarray
     path: list[dict[str, Any]] = field(default_factory=list)
     candidates: int = 0
+    unseen: list[np.ndarray] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,8 @@
 
 One step is mostly noise if the sensors are noisy, many steps are chaos after impacts, and contacts decide where the
 limit is. So all parameters are fitted over each of a few horizons, by Gauss-Newton from the start, on some episodes.
-The other episodes judge each fit at *all* these horizons: the score is the mean logarithm of its errors relative to
-those of the start. The shortest horizon that is nearly best wins. Noise can be told from model error only once the model
+The other episodes judge each fit at *all* these horizons: the score is the mean logarithm, over horizons and coordinates,
+of its errors relative to those of the start. The shortest horizon that is nearly best wins. Noise can be told from model error only once the model
 is about right, so it is estimated again at the best fit, and that fit repeated if it changes much.
 """
 
@@ -32,6 +32,7 @@ _LEAST_WINDOWS = 40  # of a horizon, to fit and to judge
 _NEARLY = 0.03  # of the logarithm of the error
 _SAME_NOISE = 0.2  # relative change that needs no second fit
 _JUDGED = 500  # windows
+_EXACT = 1e-4  # loss of a coordinate (1 % of its change) below which it is right
 
 
 @dataclass(frozen=True)
@@ -104,16 +105,16 @@ class Surveyor:
 
     def _score(self, z: np.ndarray) -> float:
         theta = self.space.theta(z)
-        errors = [judge.error(self.model, theta) for judge in self._judges]
-        return float(np.mean(np.log(np.maximum(errors, 1e-12) / np.maximum(self._nominal, 1e-12))))
+        errors = np.array([judge.error(self.model, theta) for judge in self._judges])
+        return float(np.mean(np.log((errors + _EXACT) / (self._nominal + _EXACT))))
 
     @cached_property
     def _judges(self) -> list[Judge]:
         return Judge.all(self.model, self.data, self.huber, self.count, self.seed)
 
     @cached_property
-    def _nominal(self) -> list[float]:
-        return [judge.error(self.model, self.space.nominal) for judge in self._judges]
+    def _nominal(self) -> np.ndarray:
+        return np.array([judge.error(self.model, self.space.nominal) for judge in self._judges])
 
 
 @dataclass(frozen=True)
@@ -127,8 +128,13 @@ class Judge:
     huber: float
 
     @classmethod
-    def all(cls, model: ComplementarityModel, data: Transitions, delta: float, count: int, seed: int) -> list[Judge]:
-        """Judges of all horizons that the log has windows of, on the episodes that the first fold holds out."""
+    def all(
+        cls, model: ComplementarityModel, data: Transitions, delta: float, count: int, seed: int, fold: int = 0
+    ) -> list[Judge]:
+        """Judges of all horizons that the log has windows of, on the episodes that a ``fold`` of ``count`` holds out.
+
+        ``count`` 0 for all episodes.
+        """
         found = []
         for h in HORIZONS:
             starts = data.windows(h)
@@ -139,30 +145,30 @@ class Judge:
             scale = np.concatenate([dq, spread(data.v_next[ends] - data.v[starts])])
             if count:
                 whole = PredictionLoss(model, Windows(data, starts, h, Scales.of(model.scene, data, delta)))
-                starts = Folds.of(whole, whole, count, seed).held_out[0].windows.starts
+                starts = Folds.of(whole, whole, count, seed).held_out[fold].windows.starts
             found.append(cls(data, starts[:: -(-len(starts) // _JUDGED)], h, scale, delta))
         return found
 
-    def error(self, model: ComplementarityModel, theta: np.ndarray) -> float:
-        """Mean Huber loss of ``model`` with parameters ``theta`` (n,)."""
+    def error(self, model: ComplementarityModel, theta: np.ndarray) -> np.ndarray:
+        """Mean Huber losses (2 nv,) of ``model`` with parameters ``theta`` (n,), by coordinate."""
         q, v = self.data.q[self.starts], self.data.v[self.starts]
         for j in range(self.horizon):
             step = model.predict(q, v, self.data.u[self.starts + j], theta=theta)
             q, v = step.q_next, step.v_next
         return self.of(model, q, v)
 
-    def held(self, model: ComplementarityModel) -> float:
-        """Mean Huber loss of holding the velocity."""
+    def held(self, model: ComplementarityModel) -> np.ndarray:
+        """Mean Huber losses (2 nv,) of holding the velocity."""
         q, v = self.data.q[self.starts], self.data.v[self.starts]
         return self.of(model, model.scene.integrate(q, v * self.data.dt * self.horizon), v)
 
-    def of(self, model: ComplementarityModel, q: np.ndarray, v: np.ndarray) -> float:
-        """Mean Huber loss of predictions q (s, nq), v (s, nv)."""
+    def of(self, model: ComplementarityModel, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Mean Huber losses (2 nv,) of predictions q (s, nq), v (s, nv)."""
         ends = self.starts + self.horizon - 1
         residual = np.concatenate(
             [model.scene.difference(self.data.q_next[ends], q), v - self.data.v_next[ends]], axis=1
         )
-        return float(huber(np.nan_to_num(residual / self.scale, nan=1e6), self.huber).sum(axis=1).mean())
+        return huber(np.nan_to_num(residual / self.scale, nan=1e6), self.huber).mean(axis=0)
 
 
 def _alike(before: np.ndarray | None, after: np.ndarray | None) -> bool:

@@ -65,7 +65,7 @@ def load_source(
 
 
 def load_log(path: str, scene: Scene) -> Transitions:
-    """The log in ``path``, checked against ``scene``; raises UserError that names the file."""
+    """The log in ``path``, checked against ``scene``, with unit quaternions; raises UserError that names the file."""
     from cmbrl.data import Transitions
 
     data = Transitions.load(path)
@@ -73,4 +73,4 @@ def load_log(path: str, scene: Scene) -> Transitions:
         data.check(scene)
     except UserError as error:
         raise UserError(f"{path}: {error}") from None
-    return data
+    return data.normalised(scene)

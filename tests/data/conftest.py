@@ -43,6 +43,6 @@ def slides() -> SimpleNamespace:
         nu=1,
         joint_names=["left", "right"],
         actuator_names=["motor"],
-        core=SimpleNamespace(jnt_type=np.zeros(2, dtype=np.int32), jnt_qadr=np.arange(2, dtype=np.int32)),
+        core=SimpleNamespace(jnt_type=np.zeros(2, np.int32), jnt_qadr=np.arange(2), jnt_vadr=np.arange(2)),
         difference=lambda q_from, q_to: q_to - q_from,
     )

@@ -8,7 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cmbrl import UserError
+from cmbrl import Transitions, UserError
+from cmbrl.data.agreement import LogWarning
+from cmbrl.scene.manifold import rotation_between
 
 
 def test_a_log_of_the_scene_passes(make_log, slides):
@@ -55,9 +57,13 @@ def test_quaternions_must_be_unit(make_log):
     log = replace(log, q=unit, q_next=unit, v=np.zeros((8, 3)), v_next=np.zeros((8, 3)))
     log.check(scene)
     bent = unit.copy()
-    bent[5] *= 1.01
-    with pytest.raises(UserError, match=r"quaternion in row 5 of q_next \(columns 0 to 3\) has norm 1.01"):
+    bent[5] *= 1.1
+    with pytest.raises(UserError, match=r"quaternion in row 5 of q_next \(columns 0 to 3\) has norm 1.1"):
         replace(log, q_next=bent).check(scene)
+    bent[5] /= 1.09
+    almost = replace(log, q_next=bent)
+    almost.check(scene)
+    np.testing.assert_allclose(almost.normalised(scene).q_next, unit, atol=1e-15)
 
 
 def test_noise_on_a_resting_coordinate_is_no_mistake(make_log, slides):
@@ -74,3 +80,36 @@ def test_velocities_must_go_with_positions(make_log, slides):
         swapped.check(slides)
     with pytest.raises(UserError, match="does not match"):
         replace(log, dt=log.dt * 5).check(slides)
+
+
+def test_causes_of_wrong_velocities_are_named(make_log, slides):
+    log = make_log(lengths=(100, 100))
+    with pytest.raises(UserError, match=r"velocity column 0 .* velocity column 1 does; are columns swapped"):
+        replace(log, v=log.v[:, ::-1], v_next=log.v_next[:, ::-1]).check(slides)
+    with pytest.raises(UserError, match=r"it does if multiplied by -1.01; check dt, units and signs"):
+        replace(log, v=-log.v, v_next=-log.v_next).check(slides)
+
+
+def test_angular_velocity_of_the_world_is_named():
+    """A body that turns about its own x while its axis points up: the world sees another column."""
+    half = 0.05 * np.arange(101)
+    up = np.array([np.sqrt(0.5), 0.0, -np.sqrt(0.5), 0.0])  # turns x into z
+    q = np.stack([up[0] * np.cos(half), up[0] * np.sin(half), up[2] * np.cos(half), -up[2] * np.sin(half)], axis=1)
+    core = SimpleNamespace(jnt_type=np.array([2]), jnt_qadr=np.array([0]), jnt_vadr=np.array([0]))
+    scene = SimpleNamespace(
+        name="ball", nq=4, nv=3, nu=0, joint_names=[], actuator_names=[], core=core, difference=rotation_between
+    )
+    body = np.tile([10.0, 0.0, 0.0], (100, 1))
+    log = Transitions(q=q[:-1], v=body, u=np.zeros((100, 0)), q_next=q[1:], v_next=body, dt=0.01, episode=np.zeros(100))
+    log.check(scene)
+    world = np.tile([0.0, 0.0, 10.0], (100, 1))
+    with pytest.raises(UserError, match="velocity column 0 .* the angular velocity is that of the world frame"):
+        replace(log, v=world, v_next=world).check(scene)
+
+
+def test_velocities_that_rock_within_a_step_are_a_warning(make_log, slides):
+    log = make_log(lengths=(100, 100))
+    v = np.random.default_rng(1).normal(size=log.v.shape)
+    rocking = replace(log, v=np.c_[log.v[:, 0], v[:, 1]], v_next=np.c_[log.v_next[:, 0], v[::-1, 1]])
+    with pytest.warns(LogWarning, match="velocity column 1 .* rocks or bounces within a step"):
+        rocking.check(slides)

@@ -83,6 +83,9 @@ class CartModel:
     def for_log(self, dt: float) -> CartModel:
         return self
 
+    def alternatives(self) -> dict[str, CartModel]:
+        return {}
+
     def to_config(self) -> dict[str, Any]:
         return {"carts": self.scene.nv, "parameters": self.parameters.tolist()}
 
