@@ -33,7 +33,7 @@ from cmbrl.fitting.report import conclude
 from cmbrl.fitting.result import FitResult
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal, OutOfTime
-from cmbrl.fitting.survey import HORIZONS, Survey, Surveyor
+from cmbrl.fitting.survey import HORIZONS, Judge, Survey, Surveyor
 from cmbrl.fitting.verdict import by_horizon, stepping
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.windows import Scales, Windows
@@ -138,7 +138,8 @@ def fit(
         if wanted is None:
             trials = loss(budget.trial_rows)
             folds = Folds.of(trials, loss(budget.held_out_rows), count, seed)
-            Selection(space, trials, folds, admit, seed, budget, journal).run(incumbent)
+            judges = [Judge.all(model, data, huber, count, seed, k) for k in range(len(folds.train))]
+            Selection(space, trials, folds, judges, admit, seed, budget, journal).run(incumbent)
         else:
             incumbent.chosen = wanted
             incumbent.active, incumbent.z = admit(wanted, incumbent.z)

@@ -31,9 +31,11 @@ from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.random_search import random_search
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
+from cmbrl.fitting.survey import Judge, score
 
 NOISE_FACTOR = 2.0
 LEAST_GAIN = 0.01
+LEAST_SCORE = 0.03  # of the logarithm of the errors over all horizons
 TRIED = 3  # groups per round: forecasts are accurate enough for the best to be among the first
 
 
@@ -42,7 +44,7 @@ class Incumbent:
     """The best parameters so far, returned if the fit is interrupted, and how they were reached.
 
     ``chosen`` (n,): parameters selected or asked for; ``active`` (n,): the chosen ones that may move (not the gauge).
-    ``unseen``: z (n,) fitted without each fold in turn, once judged.
+    ``score``: the best of the path; ``unseen``: z (n,) fitted without each fold in turn, once judged.
     """
 
     z: np.ndarray
@@ -50,12 +52,16 @@ class Incumbent:
     active: np.ndarray
     path: list[dict[str, Any]] = field(default_factory=list)
     candidates: int = 0
+    score: float = np.inf
     unseen: list[np.ndarray] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A fit with one group more or less: its held-out ``errors``, the fall of the loss and the noise of that fall."""
+    """A fit with some groups more or less: its held-out ``errors``, the fall of the loss and the noise of that fall.
+
+    ``noise_of_rise``: the noise if the loss were to rise by chance only. ``score``: the mean logarithm of the held-out errors at all horizons (``survey``).
+    """
 
     z: np.ndarray
     chosen: np.ndarray
@@ -63,6 +69,14 @@ class Trial:
     errors: Errors
     gain: float
     noise: float
+    noise_of_rise: float
+    score: float
+
+    def costs_nothing(self, loss: float, score: float) -> bool:
+        """Whether neither the held-out ``loss`` nor the ``score`` over all horizons rises to speak of."""
+        return (
+            -self.gain <= max(NOISE_FACTOR * self.noise_of_rise, LEAST_GAIN * loss) and self.score < score + LEAST_SCORE
+        )
 
     def counts(self, loss: float) -> bool:
         """Whether the fall of the held-out ``loss`` exceeds noise and is worth a parameter."""
@@ -73,12 +87,15 @@ class Trial:
 class Selection:
     """Forward selection, then elimination. ``loss`` is on all episodes; ``folds`` hold them out in turn.
 
+    ``judges[k]`` predict the episodes that fold k holds out over all horizons.
+
     ``admit(chosen, z)`` returns ``chosen`` without the gauge, and ``z`` with the gauge at nominal values.
     """
 
     space: Space
     loss: PredictionLoss
     folds: Folds
+    judges: list[list[Judge]]
     admit: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
     seed: int
     budget: Budget
@@ -103,6 +120,8 @@ class Selection:
 
     def _thin(self, incumbent: Incumbent, before: Errors) -> Errors:
         """Removes as many groups at once as the forecast calls superfluous; half as many if a refit disagrees."""
+        if not incumbent.active.any():
+            return before
         groups = [g for g in dict.fromkeys(self.space.groups) if incumbent.chosen[self.space.columns([g])].any()]
         loss = self.loss.settled(self.space.theta(incumbent.z))
         equations = loss.normal_equations(self.space, incumbent.z, incumbent.active)
@@ -115,7 +134,7 @@ class Selection:
             self.journal.report(0.2, f"removing {', '.join(dispensable)}")
             name = f"remove {len(incumbent.path)} {' + '.join(dispensable)}"
             trial = self._trial(name, incumbent, incumbent.chosen & ~columns, start, none, before)
-            if trial.gain > -LEAST_GAIN * before.mean:
+            if trial.costs_nothing(before.mean, incumbent.score):
                 return self._accept("remove", " + ".join(dispensable), trial, incumbent)
             dispensable = dispensable[: len(dispensable) // 2]
         return before
@@ -167,17 +186,19 @@ class Selection:
             name = f"remove {len(incumbent.path)} {group}"
             none = np.zeros_like(columns)
             trial = self._trial(name, incumbent, incumbent.chosen & ~columns, start, none, before)
-            if trial.gain > -LEAST_GAIN * before.mean:
+            if trial.costs_nothing(before.mean, incumbent.score):
                 before = self._accept("remove", group, trial, incumbent)
 
     def _accept(self, move: str, group: str, trial: Trial, incumbent: Incumbent) -> Errors:
         incumbent.z, incumbent.chosen, incumbent.active = trial.z, trial.chosen, trial.active
+        incumbent.score = min(incumbent.score, trial.score)  # many small steps may not lead far
         incumbent.path.append(
             {
                 "move": move,
                 "group": group,
                 "gain": trial.gain,
                 "noise": trial.noise,
+                "score": trial.score,
                 "held_out_loss": trial.errors.mean,
                 "held_out_rmse": trial.errors.rmse,
             }
@@ -217,9 +238,15 @@ class Selection:
         outcome = self.journal.unit(name, compute)
         incumbent.candidates += outcome["candidates"]
         z = np.array(outcome["z"])
-        after = self.folds.errors(self.space, [np.array(f) for f in outcome["folds"]])
+        fitted = [np.array(f) for f in outcome["folds"]]
+        after = self.folds.errors(self.space, fitted)
         gain, noise = paired_gain(before.loss, after.loss, self.folds.blocks())
-        return Trial(z, chosen, active, after, gain, noise)
+        noise_of_rise = paired_gain(after.loss, before.loss, self.folds.blocks())[1]
+        return Trial(z, chosen, active, after, gain, noise, noise_of_rise, self._score(fitted))
+
+    def _score(self, fitted: list[np.ndarray]) -> float:
+        pairs = zip(self.judges, fitted, strict=True)
+        return float(np.mean([score(self.loss.model, judges, self.space.theta(z)) for judges, z in pairs]))
 
 
 def _needed(groups: Sequence[str], promise: Callable[[Sequence[str]], float], least: float) -> list[str]:

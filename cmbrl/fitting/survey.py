@@ -29,7 +29,7 @@ from cmbrl.models.windows import Scales, Windows, spread
 
 HORIZONS = (1, 4, 10, 20)  # 1 step is what noise-free logs are best judged at; beyond 20, impacts have happened
 _LEAST_WINDOWS = 40  # of a horizon, to fit and to judge
-_NEARLY = 0.03  # of the logarithm of the error
+_NEARLY = 0.01  # of the logarithm of the error
 _SAME_NOISE = 0.2  # relative change that needs no second fit
 _JUDGED = 500  # windows
 _EXACT = 1e-4  # loss of a coordinate (1 % of its change) below which it is right
@@ -104,17 +104,15 @@ class Surveyor:
         return gauss_newton(Objective.at(loss, self.space, active, z), z, self.iterations, self.journal).z
 
     def _score(self, z: np.ndarray) -> float:
-        theta = self.space.theta(z)
-        errors = np.array([judge.error(self.model, theta) for judge in self._judges])
-        return float(np.mean(np.log((errors + _EXACT) / (self._nominal + _EXACT))))
+        return score(self.model, self._judges, self.space.theta(z)) - self._nominal
 
     @cached_property
     def _judges(self) -> list[Judge]:
         return Judge.all(self.model, self.data, self.huber, self.count, self.seed)
 
     @cached_property
-    def _nominal(self) -> np.ndarray:
-        return np.array([judge.error(self.model, self.space.nominal) for judge in self._judges])
+    def _nominal(self) -> float:
+        return score(self.model, self._judges, self.space.nominal)
 
 
 @dataclass(frozen=True)
@@ -169,6 +167,11 @@ class Judge:
             [model.scene.difference(self.data.q_next[ends], q), v - self.data.v_next[ends]], axis=1
         )
         return huber(np.nan_to_num(residual / self.scale, nan=1e6), self.huber).mean(axis=0)
+
+
+def score(model: ComplementarityModel, judges: Sequence[Judge], theta: np.ndarray) -> float:
+    """Mean logarithm, over horizons and coordinates, of the losses of ``model`` with parameters ``theta`` (n,)."""
+    return float(np.mean(np.log(np.array([judge.error(model, theta) for judge in judges]) + _EXACT)))
 
 
 def _alike(before: np.ndarray | None, after: np.ndarray | None) -> bool:
