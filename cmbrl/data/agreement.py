@@ -1,8 +1,8 @@
 """Do the velocities of a log go with its positions?
 
 Within a step, impacts and rocking change velocities, so a legitimate log may have velocities that say little about the
-change of position. Such a column is worth a warning only. It is an error if its cause shows: another column explains the
-change, or a multiple of the same column (units, dt), or the angular velocity turned from the world into the body.
+change of position. Such a column is worth a warning only. It is an error if its cause shows: another column explains
+the change, or a multiple of the same column (units, dt), or the angular velocity turned from the world into the body.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 """The fewest parameters that the data supports: selection by group, judged on episodes held out in turn.
 
-All groups are fitted first. If that beats the nominal model, those that hardly matter are removed, as many at once as the
-forecast of ``superfluous`` says and a refit confirms. Groups that say something only together, or that would lead a
-search astray one by one, are so never apart. Starting from there or from the nominal model, the remaining groups are ranked by forecast gain (``forecast``). The first few are
-tried: a short search over the group's parameters, then Gauss-Newton over all selected ones. The best group stays if the
-held-out loss falls by more than ``NOISE_FACTOR`` times its noise (``folds.paired_gain``; two rather than one, because
-it is the best of several trials) and by at least ``LEAST_GAIN`` of the loss, because without noise any gain would be
-significant.
+All groups are fitted first. If that beats the nominal model, those that hardly matter are removed, as many at once as
+the forecast of ``superfluous`` says and a refit confirms. Groups that say something only together, or that would lead a
+search astray one by one, are so never apart. Starting from there or from the nominal model, the remaining groups are
+ranked by forecast gain (``forecast``). The first few are tried: a short search over the group's parameters, then Gauss-
+Newton over all selected ones. The best group stays if the held-out loss falls by more than ``NOISE_FACTOR`` times its
+noise (``folds.paired_gain``; two rather than one, because it is the best of several trials) and by at least
+``LEAST_GAIN`` of the loss, because without noise any gain would be significant.
 
 If no group helps alone, several may help together (masses are uninformative while gears and armatures are held). All
 remaining groups enter the forecast, those that contribute less than ``LEAST_GAIN`` leave it one by one, and the rest is
@@ -60,7 +60,8 @@ class Incumbent:
 class Trial:
     """A fit with some groups more or less: its held-out ``errors``, the fall of the loss and the noise of that fall.
 
-    ``noise_of_rise``: the noise if the loss were to rise by chance only. ``score``: the mean logarithm of the held-out errors at all horizons (``survey``).
+    ``noise_of_rise``: the noise if the loss were to rise by chance only. ``score``: the mean logarithm of the held-out
+    errors at all horizons (``survey``).
     """
 
     z: np.ndarray

@@ -13,6 +13,7 @@ the inverse of their covariance R + J0 S J0^T (generalised least squares). Witho
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,10 +71,17 @@ class Follow:
 class Settling:
     """The damped Gauss-Newton iteration of all windows at once.
 
-    ``linearise(offset)`` gives residuals (s, w) and slopes (s, w, k) at offsets (s, k); ``cost(residual, offset)`` (s,).
+    ``linearise(offset)`` gives residuals (s, w) and slopes (s, w, k) at offsets (s, k); ``cost(residual, offset)`` is
+    (s,).
     """
 
-    def __init__(self, linearise, cost, precision: np.ndarray, delta: float) -> None:
+    def __init__(
+        self,
+        linearise: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+        cost: Callable[[np.ndarray, np.ndarray], np.ndarray],
+        precision: np.ndarray,
+        delta: float,
+    ) -> None:
         self.linearise, self.cost, self.precision, self.delta = linearise, cost, precision, delta
 
     def run(self, offset: np.ndarray) -> np.ndarray:

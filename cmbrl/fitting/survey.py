@@ -2,9 +2,10 @@
 
 One step is mostly noise if the sensors are noisy, many steps are chaos after impacts, and contacts decide where the
 limit is. So all parameters are fitted over each of a few horizons, by Gauss-Newton from the start, on some episodes.
-The other episodes judge each fit at *all* these horizons: the score is the mean logarithm, over horizons and coordinates,
-of its errors relative to those of the start. The shortest horizon that is nearly best wins. Noise can be told from model error only once the model
-is about right, so it is estimated again at the best fit, and that fit repeated if it changes much.
+The other episodes judge each fit at *all* these horizons: the score is the mean logarithm, over horizons and
+coordinates, of its errors relative to those of the start. The shortest horizon that is nearly best wins. Noise can be
+told from model error only once the model is about right, so it is estimated again at the best fit, and that fit
+repeated if it changes much.
 """
 
 from __future__ import annotations

@@ -103,7 +103,7 @@ def test_angular_velocity_of_the_world_is_named():
     log = Transitions(q=q[:-1], v=body, u=np.zeros((100, 0)), q_next=q[1:], v_next=body, dt=0.01, episode=np.zeros(100))
     log.check(scene)
     world = np.tile([0.0, 0.0, 10.0], (100, 1))
-    with pytest.raises(UserError, match="velocity column 0 .* the angular velocity is that of the world frame"):
+    with pytest.raises(UserError, match=r"velocity column 0 .* the angular velocity is that of the world frame"):
         replace(log, v=world, v_next=world).check(scene)
 
 
