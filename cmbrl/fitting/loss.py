@@ -117,7 +117,7 @@ class PredictionLoss:
         return huber(offset * scales.start_precision, scales.huber).sum(axis=1) / self.windows.horizon
 
     def errors(self, theta: np.ndarray) -> Errors:
-        """Errors of one parameter set (n,) by window, from its best start; a failed step counts with its best iterate."""
+        """Errors of one parameter set (n,) by window from its best start; a failed step counts as it ended."""
         loss = self.settled(theta)
         residual, failures = loss._residual(theta)
         value = huber(residual, self.windows.scales.huber).sum(axis=2).mean(axis=1) + loss._price(loss.windows.offset)
