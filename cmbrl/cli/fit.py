@@ -51,9 +51,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--method", choices=METHODS, default="random", help="search method (default random)")
     parser.add_argument(
         "--horizon",
-        type=positive,
+        type=steps,
+        default="auto",
         metavar="K",
-        help="steps predicted open loop in the loss (default 1, or half a second of a log of positions)",
+        help="steps predicted open loop in the loss (default: auto, what predicts best; half a second of positions)",
     )
     parser.add_argument(
         "--holdout", type=share, default=0.25, metavar="X", help="share of episodes held out (default 0.25)"
@@ -159,6 +160,11 @@ def start_value(text: str) -> tuple[str, float]:
     """``name=value`` with a finite value."""
     name, value = assignment(text)
     return name, number(value)
+
+
+def steps(text: str) -> int | str:
+    """A positive whole number, or "auto"."""
+    return text if text == "auto" else positive(text)
 
 
 def share(text: str) -> float:

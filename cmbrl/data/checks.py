@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from cmbrl.scene import Scene
 
 QUATERNION_TOLERANCE = (
-    1e-3  #: of the norm; motion capture rounds to about 1e-6, and wrong orders or units miss by far more
+    0.05  #: of the norm; simulators and filters drift by less, wrong orders or units miss by far more
 )
 TIME_STEP_TOLERANCE = 1e-3  #: relative; distinguishes 0.0068 s from 1/148 s
 LARGEST = 1e12  #: far beyond any position, velocity, force or time of a robot; squares of sums are still finite
@@ -186,3 +186,12 @@ def _check_quaternions(log: Fields, scene: Scene) -> None:
                     f"quaternion in row {bad[0]} of {name} (columns {address} to {address + 3}) has norm "
                     f"{norm[bad[0]]:.4g}; give unit quaternions in the order w x y z"
                 )
+
+
+def unit_quaternions(q: np.ndarray, scene: Scene) -> np.ndarray:
+    """``q`` (N, nq) with quaternions of norm 1."""
+    unit = q.copy()
+    for address in scene.core.jnt_qadr[scene.core.jnt_type == JointKind.BALL]:
+        quaternion = unit[:, address : address + 4]
+        quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
+    return unit

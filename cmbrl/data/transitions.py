@@ -93,6 +93,11 @@ class Transitions:
         """Rows (int64) that start k consecutive transitions, each from the state in which the last one ended."""
         return splitting.window_starts(self.fields(), k)
 
+    def normalised(self, scene: Scene) -> Transitions:
+        """The same log with quaternions of norm 1, for a log that passed ``check``."""
+        q, q_next = (checks.unit_quaternions(x, scene) for x in (self.q, self.q_next))
+        return replace(self, q=q, q_next=q_next)
+
     def check(self, scene: Scene, dt: float | None = None) -> None:
         """Raises UserError unless this is a log of ``scene``'s robot, with time step ``dt`` [s] if given."""
         checks.against_scene(self.fields(), scene, None if dt is None else checks.duration(dt))

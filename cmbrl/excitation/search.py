@@ -153,7 +153,7 @@ def _gain(model: ComplementarityModel, q: np.ndarray, commands: np.ndarray, serv
             episode=np.zeros(len(commands) - 1),
         )  # fmt: skip
     evidence = Evidence.of(model, data)
-    horizon = evidence.horizon(None)
+    horizon = min(evidence.horizons("auto"))
     scales = Scales(np.full(scene.nv, NOISE_Q), np.full(scene.nv, np.inf if servo else NOISE_V), huber=1e6)
     loss = evidence.loss(np.arange(0, len(evidence.log) - horizon + 1, horizon), horizon, scales)
     told = evidence.space.default

@@ -5,9 +5,11 @@
 ``space``          named, bounded, transformed parameters; ``gauge``: which mass fixes the unit of force
 ``loss``           prediction errors of candidates, Gauss-Newton equations; ``objective``: the same plus the prior
 ``random_search``  candidates around the best so far; ``cma`` and ``gauss_newton``: the alternatives, and the polish
+``noise``, ``survey``  sensor noise and the horizon that the log asks for; ``starts``: windows that start within noise
 ``parsimony``      the fewest parameters that the held-out data supports; ``forecast``: the gain that a group promises
 ``folds``          episodes held out in turn
 ``identify``       intervals, and what the data leave open
+``verdict``        where a fit loses, and what time stepping leaves
 ``state``          resumes a fit that was killed; ``result``, ``report``, ``report_text``: the result
 """
 

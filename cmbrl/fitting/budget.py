@@ -9,6 +9,8 @@ from dataclasses import dataclass
 class Budget:
     """Rows are predicted transitions, drawn under the seed if the log has more."""
 
+    survey_rows: int = 2000  # for each horizon that the survey tries
+    survey_iterations: int = 8  # Gauss-Newton over all parameters
     trial_rows: int = 2000  # for each group that the selection tries: fewer would miss rare events
     trial_rounds: int = 3  # random search over the parameters of that group
     trial_population: int = 16

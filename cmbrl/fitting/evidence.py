@@ -18,6 +18,7 @@ from cmbrl.models.observation import Observation
 from cmbrl.models.windows import Scales, Windows
 from cmbrl.numbers import whole
 
+HORIZONS = (1, 4, 10, 20)  # 1 step is what noise-free logs are best judged at; beyond 20, impacts have happened
 _POSITIONS_AHEAD = 0.5  # [s]: several time constants of a position servo
 
 
@@ -44,6 +45,7 @@ class Evidence:
         model = model.for_log(log.dt)
         log.check(model.scene, dt=model.dt)
         _check_steps(model, log)
+        log = log.normalised(model.scene)
         observation, positions_only = Observation.of(model.scene, model.dt), isinstance(data, PositionLog)
         known = _told_gains(data) if isinstance(data, PositionLog) else ()
         physical = [replace(p, default=p.default and p.group not in known) for p in model.scene.parameters]
@@ -51,16 +53,25 @@ class Evidence:
         start = np.append(model.parameters, observation.vector(model.observation))
         return cls(model, log, observation, Space.of((*physical, *offered), start), positions_only)
 
-    def horizon(self, asked: int | None) -> int:
-        """Steps to predict: ``asked``, or 1, or half a second of positions."""
-        default = max(1, round(_POSITIONS_AHEAD / self.log.dt)) if self.positions_only else 1
-        return whole(default if asked is None else asked, "horizon")
+    def horizons(self, asked: int | str) -> tuple[int, ...]:
+        """Numbers of steps that predictions may be compared over: the one ``asked``, several to choose from if "auto".
 
-    def scales(self, horizon: int, huber: float) -> Scales:
+        Of positions, half a second: at one step, their changes are noise.
+        """
+        if asked != "auto":
+            return (whole(asked, "horizon"),)
+        return (max(1, round(_POSITIONS_AHEAD / self.log.dt)),) if self.positions_only else HORIZONS
+
+    def scales(self, horizon: int, huber: float, noise: np.ndarray | None = None) -> Scales:
         """What errors are measured in; estimated velocities do not count."""
         if self.positions_only:
             return Scales.of_positions(self.log, horizon, huber)
-        return Scales.of(self.model.scene, self.log, huber)
+        return Scales.of(self.model.scene, self.log, huber, noise)
+
+    def seen(self, theta: np.ndarray) -> tuple[np.ndarray, Transitions]:
+        """The model's parameters of ``theta`` (n,), and the log as its state and control."""
+        physical, psi = self.observation.split(theta)
+        return physical, self.observation.states(self.log, psi)
 
     def loss(self, starts: np.ndarray, horizon: int, scales: Scales) -> PredictionLoss:
         """The loss over windows of ``horizon`` steps from each row of ``starts``."""

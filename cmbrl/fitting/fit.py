@@ -33,7 +33,9 @@ from cmbrl.fitting.report import conclude
 from cmbrl.fitting.result import FitResult
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal, OutOfTime
+from cmbrl.fitting.survey import Judge, Survey, Surveyor
 from cmbrl.fitting.unseen import Unseen
+from cmbrl.fitting.verdict import by_horizon, stepping
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.numbers import one_of, real, whole
 from cmbrl.scene.core_arrays import CoreArrays
@@ -47,7 +49,7 @@ def fit(
     seed: int = 0,
     method: str = "random",
     groups: str | Sequence[str] | None = None,
-    horizon: int | None = None,
+    horizon: int | str = "auto",
     holdout: float = 0.25,
     polish: bool = True,
     huber: float = 0.5,
@@ -67,7 +69,8 @@ def fit(
         method: "random" or "cma" (a search, then Gauss-Newton unless ``polish`` is False), or "gauss-newton" alone.
         groups: None for the fewest parameter groups that the held-out data supports; "all"; or names of groups or
             parameters. Those that are not ``default`` (gravity, friction by place and speed) move only if named.
-        horizon: steps predicted open loop and compared with the log; default: 1, or half a second of a position log.
+        horizon: steps predicted open loop before they are compared with the log; "auto" for the number that predicts
+            held-out episodes best (``survey``), or half a second of a position log.
         holdout: share of the episodes to judge on; 0 requires ``groups``.
         polish: whether a search is followed by Gauss-Newton.
         huber: residual, in standard deviations of the change, from which errors count linearly.
@@ -87,34 +90,42 @@ def fit(
         require_library()
     evidence = Evidence.of(model, data)
     model, log, space = evidence.model, evidence.log, evidence.space
-    seed, horizon = whole(seed, "seed", least=0), evidence.horizon(horizon)
+    seed, horizons = whole(seed, "seed", least=0), evidence.horizons(horizon)
     huber = real(huber, "huber", above=0.0, most=1e6)
     time_limit = None if time_limit is None else real(time_limit, "time_limit", least=0.0)
     if groups is None and evidence.positions_only:
         groups = "all"
     wanted = None if groups is None else space.default if groups == "all" else space.columns(_names(groups))
     count = fold_count(log, holdout, needed=groups is None)
-    scales = evidence.scales(horizon, huber)
-    settings = [seed, method, None if wanted is None else wanted.tolist(), horizon, count, polish, huber]
+    draw_starts(log, min(horizons), 1, seed)  # raises for a log whose episodes are shorter
+    settings = [seed, method, None if wanted is None else wanted.tolist(), horizons, count, polish, huber]
     journal = Journal(folder, _fingerprint(model, log, settings, asdict(budget)), time_limit, progress)
+    survey = Survey(min(horizons), None, {})  # until there is one
 
     def loss(limit: int) -> PredictionLoss:
-        return evidence.loss(draw_starts(log, horizon, limit, seed), horizon, scales)
+        steps = survey.horizon
+        return evidence.loss(draw_starts(log, steps, limit, seed), steps, evidence.scales(steps, huber, survey.noise))
 
-    everything = loss(budget.polish_rows)
     admit = partial(_admit, model.scene.core, space)
     incumbent = Incumbent(np.zeros(len(space)), *np.zeros((2, len(space)), dtype=bool))
     held_out: dict[str, Errors] = {}
 
     def judge(iterations: int, journal: Journal) -> dict[str, Errors]:
+        everything = loss(budget.polish_rows)
         return _judge(Folds.of(everything, everything, count, seed), space, incumbent, iterations, journal)
 
     stopped = None
     try:
+        movable = space.default if wanted is None else wanted
+        surveyor = Surveyor(
+            evidence, movable, admit, huber, count, seed, budget.survey_rows, budget.survey_iterations, journal
+        )
+        survey = Survey.from_dict(journal.unit("survey", lambda: surveyor.run(horizons).to_dict()))
         if wanted is None:
             trials = loss(budget.trial_rows)
             folds = Folds.of(trials, loss(budget.held_out_rows), count, seed)
-            Selection(space, trials, folds, admit, seed, budget, journal).run(incumbent)
+            judges = [Judge.all(evidence, huber, count, seed, k) for k in range(len(folds.train))]
+            Selection(space, trials, folds, judges, admit, seed, budget, journal).run(incumbent)
         else:
             incumbent.chosen = wanted
             incumbent.active, incumbent.z = admit(wanted, incumbent.z)
@@ -123,7 +134,7 @@ def fit(
                 search = {"random": random_search, "cma": cma_search}[method]
                 _search(search, loss(budget.search_rows), space, incumbent, seed, budget, journal)
             if polish or method == "gauss-newton":
-                _polish(everything, space, incumbent, budget.polish_iterations, journal)
+                _polish(loss(budget.polish_rows), space, incumbent, budget.polish_iterations, journal)
         if count:
             held_out = judge(budget.fold_iterations, journal)
     except (KeyboardInterrupt, OutOfTime) as reason:
@@ -132,10 +143,13 @@ def fit(
             with suppress(KeyboardInterrupt):
                 held_out = judge(budget.trial_fold_iterations, Journal(None, ""))
     journal.report(0.95, "intervals")
-    about = {"seed": seed, "method": method, "horizon": horizon, "folds": count, "stopped": stopped, "selection": None}
+    about = {"seed": seed, "method": method, "folds": count, "stopped": stopped, "selection": None, **survey.to_dict()}
     if wanted is None:
         about["selection"] = incumbent.path
-    return conclude(model, log, space, everything, held_out, incumbent, journal, about)
+    unseen = () if incumbent.unseen is None or evidence.positions_only else incumbent.unseen.theta
+    about["horizons"] = by_horizon(evidence, unseen, huber, seed)
+    about["stepping"] = [] if evidence.positions_only else stepping(evidence, huber, seed)
+    return conclude(model, log, space, loss(budget.polish_rows), held_out, incumbent, journal, about)
 
 
 def _search(

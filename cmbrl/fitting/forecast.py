@@ -12,12 +12,14 @@ the fall after a refit, unless the step is long or the derivative at z is zero.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from cmbrl.fitting.folds import Folds
 from cmbrl.fitting.gauss_newton import damped_step
+from cmbrl.fitting.loss import NormalEquations
 from cmbrl.fitting.space import Space
 
 _DAMPING = 1e-3  # relative: keeps parameters with the same effect together
@@ -37,7 +39,7 @@ class Forecast:
     @classmethod
     def at(cls, folds: Folds, space: Space, z: np.ndarray, strength: float) -> Forecast:
         """Linearises the predictions of all folds at ``z``; ``strength`` is the prior's in the objective."""
-        parts = [loss.normal_equations(space, z) for loss in folds.held_out]
+        parts = [loss.settled(space.theta(z)).normal_equations(space, z) for loss in folds.held_out]
         starts = np.array([part.independent for part in parts], dtype=float)
         return cls(
             space,
@@ -64,3 +66,35 @@ class Forecast:
             step = damped_step(self.space, active, self.z, gradient, hessian, _DAMPING) - self.z
             total -= share * (self.gradients[k] @ step + 0.5 * step @ self.hessians[k] @ step)
         return float(total)
+
+
+def superfluous(
+    space: Space, z: np.ndarray, active: np.ndarray, equations: NormalEquations, groups: Sequence[str], least: float
+) -> list[str]:
+    """Those of ``groups`` that can return to nominal for less than ``least`` in all, the least useful first.
+
+    The quadratic of ``equations`` at ``z`` tells the rise of the loss when the other parameters adjust.
+    """
+    gone = np.zeros_like(active)
+    found: list[str] = []
+    left = list(groups)
+    while left:
+        costs = {g: _rise(z, active, gone | space.columns([g]), equations) for g in left}
+        cheapest = min(left, key=lambda g: costs[g])
+        if costs[cheapest] >= least:
+            break
+        gone |= space.columns([cheapest])
+        found.append(cheapest)
+        left.remove(cheapest)
+    return found
+
+
+def _rise(z: np.ndarray, active: np.ndarray, gone: np.ndarray, equations: NormalEquations) -> float:
+    hessian, gradient = equations.hessian, equations.gradient
+    away, rest = active & gone, active & ~gone
+    step = np.where(away, -z, 0.0)
+    if rest.any():
+        inner = hessian[np.ix_(rest, rest)]
+        right = -(gradient + hessian @ step)[rest]
+        step[rest] = np.linalg.lstsq(inner + _DAMPING * np.diag(np.diag(inner)), right, rcond=None)[0]
+    return float(gradient @ step + 0.5 * step @ hessian @ step)

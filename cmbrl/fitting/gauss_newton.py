@@ -38,12 +38,16 @@ def gauss_newton(
                 for m in _TRIALS
             ]
         )
-        values = objective.values(points)
+        moved = [objective.followed(equations, point - z) for point in points]
+        if moved[0] is objective:
+            values = objective.values(points)
+        else:
+            values = np.array([m.values(point[None])[0] for m, point in zip(moved, points, strict=True)])
         candidates += len(points)
         winner = int(values.argmin())
         decrease = value - values[winner]
         if decrease > 0.0:
-            z, value = points[winner], float(values[winner])
+            z, value, objective = points[winner], float(values[winner]), moved[winner]
             keep(z)
             damping = damping * _TRIALS[winner]
         else:

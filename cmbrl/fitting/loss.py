@@ -4,7 +4,8 @@
     rho(r) = r^2 / 2 for |r| <= delta, delta (|r| - delta / 2) beyond
 
 scale_c is the standard deviation of the logged one-step change of coordinate c (positions in the tangent space, [m] or
-[rad]; velocities [m/s] or [rad/s]), so an error of 1 is that of predicting the mean change.
+[rad]; velocities [m/s] or [rad/s]), so an error of 1 is that of predicting the mean change. In a log with sensor noise
+every window may start away from the logged state, and pays for it (``starts``).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cmbrl.fitting.space import Space
+from cmbrl.fitting.starts import Follow, Settling, StartEquations
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.observation import Observation
 from cmbrl.models.windows import Windows
@@ -77,6 +79,7 @@ class NormalEquations:
     """Gauss-Newton model of the loss in z: gradient (n,), its parts by episode (episodes, n), and hessian (n, n).
 
     ``independent`` is the number of residual vectors that count, ``variance`` the mean Huberised squared residual.
+    ``follow``: how the starts of windows follow z in a noisy log; they are eliminated from the rest.
     """
 
     gradient: np.ndarray
@@ -84,6 +87,7 @@ class NormalEquations:
     episode_gradients: np.ndarray
     independent: float
     variance: float
+    follow: Follow | None = None
 
 
 @dataclass(frozen=True)
@@ -117,13 +121,42 @@ class PredictionLoss:
             windows, members = self._seen(same), np.flatnonzero(way.ravel() == k)
             for some in np.array_split(members, -(-len(members) * self.steps // _ROWS_AT_ONCE)):
                 out[some] = self.model.candidate_loss(physical[some], windows)
-        return out
+        return out + self._price(self.windows.offset).mean()
+
+    def starting(self, offset: np.ndarray) -> PredictionLoss:
+        """The same loss with the windows starting at ``offset`` (S, k) from the logged states."""
+        return replace(self, windows=replace(self.windows, offset=offset))
+
+    def settled(self, theta: np.ndarray) -> PredictionLoss:
+        """The same loss with the best starts for ``theta`` (n,); the same object for a log without noise."""
+        scales, count = self.windows.scales, len(self.windows.starts)
+        if not len(scales.uncertain):
+            return self
+
+        def linearise(offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            residual, _, slope = self.starting(offset)._linearised(theta, slice(None), np.empty(0, dtype=np.int64))
+            return residual, slope
+
+        def cost(residual: np.ndarray, offset: np.ndarray) -> np.ndarray:
+            value = huber(residual, scales.huber).sum(axis=1) / self.windows.horizon + self._price(offset)
+            return np.where(np.isfinite(value), value, np.inf)
+
+        start = np.zeros((count, len(scales.uncertain))) if self.windows.offset is None else self.windows.offset
+        return self.starting(Settling(linearise, cost, scales.start_precision, scales.huber).run(start))
+
+    def _price(self, offset: np.ndarray | None) -> np.ndarray:
+        """What each window pays for its ``offset`` (S, k), by step."""
+        if offset is None:
+            return np.zeros(1)
+        scales = self.windows.scales
+        return huber(offset * scales.start_precision, scales.huber).sum(axis=1) / self.windows.horizon
 
     def errors(self, theta: np.ndarray) -> Errors:
-        """Errors of one parameter set (n,) by start; a failed step counts with its best iterate."""
-        residual, failures = self._residual(theta)
-        loss = huber(residual, self.windows.scales.huber).sum(axis=2).mean(axis=1)
-        return Errors(loss, (residual**2).mean(axis=(1, 2)), failures, alike_rows(residual))
+        """Errors of one parameter set (n,) by window from its best start; a failed step counts as it ended."""
+        loss = self.settled(theta)
+        residual, failures = loss._residual(theta)
+        value = huber(residual, self.windows.scales.huber).sum(axis=2).mean(axis=1) + loss._price(loss.windows.offset)
+        return Errors(value, (residual**2).mean(axis=(1, 2)), failures, alike_rows(residual))
 
     def normal_equations(self, space: Space, z: np.ndarray, active: np.ndarray | None = None) -> NormalEquations:
         """The Gauss-Newton model at ``z`` (n,), from the implicit derivatives of the step.
@@ -134,32 +167,47 @@ class PredictionLoss:
         columns = np.arange(len(space)) if active is None else np.flatnonzero(active)
         n, episodes = len(columns), np.unique(blocks)
         gradients, hessian, size = np.zeros((len(episodes), n)), np.zeros((n, n)), 0.0
-        width, alike = scales.observed * self.windows.horizon, []
-        block = max(1, _JACOBIAN_NUMBERS // (width * max(n, 1)))
+        width, alike, followed = scales.observed * self.windows.horizon, [], []
+        block = max(1, _JACOBIAN_NUMBERS // (width * max(n + len(scales.uncertain), 1)))
         for i in range(0, len(all_starts), block):
-            starts = all_starts[i : i + block]
-            residual, jacobian = self._linearised(space, z, starts, columns)  # (s, width), (s, width, n)
+            part = slice(i, i + block)
+            residual, jacobian, slope = self._linearised(
+                space.theta(z), part, columns
+            )  # (s, width), (s, width, n or k)
+            jacobian *= space.slope(z)[columns]
             lost = ~(np.isfinite(residual).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2)))
-            residual[lost], jacobian[lost] = 0.0, 0.0  # failed steps: a constant in the loss, which has no slope
-            alike.append(alike_rows(residual.reshape(len(starts), self.windows.horizon, -1)))
+            lost |= ~np.isfinite(slope).all(axis=(1, 2))
+            # failed steps: a constant in the loss, which has no slope
+            residual[lost], jacobian[lost], slope[lost] = 0.0, 0.0, 0.0
+            alike.append(alike_rows(residual.reshape(len(residual), self.windows.horizon, -1)))
             weight = np.minimum(1.0, scales.huber / np.maximum(np.abs(residual), 1e-300))
             slopes = ((weight * residual)[:, None] @ jacobian)[:, 0]
-            np.add.at(gradients, np.searchsorted(episodes, blocks[i : i + block]), slopes)
             rows = (np.sqrt(weight)[:, :, None] * jacobian).reshape(-1, n)
             hessian += rows.T @ rows
             size += float((weight * residual**2).sum())
+            if self.windows.offset is not None:
+                offset = self.windows.offset[part]
+                starts = StartEquations.of(residual, weight, slope, offset, scales.start_precision, scales.huber)
+                cross = slope.transpose(0, 2, 1) @ (weight[:, :, None] * jacobian)  # (s, k, n)
+                solved = starts.solve(np.concatenate([starts.gradient[:, :, None], cross], axis=2))
+                slopes -= (solved[:, None, :, 0] @ cross)[:, 0]
+                hessian -= np.tensordot(cross, solved[:, :, 1:], axes=([0, 1], [0, 1]))
+                followed.append(Follow(-solved[:, :, 0], -solved[:, :, 1:]))
+            np.add.at(gradients, np.searchsorted(episodes, blocks[part]), slopes)
         count = self.steps
         by_episode, square = np.zeros((len(episodes), len(space))), np.zeros((len(space), len(space)))
         by_episode[:, columns], square[np.ix_(columns, columns)] = gradients / count, hessian / count
         variance = size / (count * scales.observed)
         independent = self.independent(float(np.mean(alike)))
-        return NormalEquations(by_episode.sum(axis=0), square, by_episode, independent, variance)
+        follow = _joined(followed, columns, len(space)) if followed else None
+        return NormalEquations(by_episode.sum(axis=0), square, by_episode, independent, variance, follow)
 
     def _residual(self, theta: np.ndarray) -> tuple[np.ndarray, int]:
-        """Residuals (s, horizon, 2 nv) of one parameter set (n,), and the number of failed steps."""
+        """Residuals (s, horizon, coordinates) of one parameter set (n,), and the number of failed steps."""
         theta, psi = self.observation.split(theta)
-        data, starts, scene = self._seen(psi).data, self.windows.starts, self.model.scene
-        q, v = data.q[starts], data.v[starts]
+        windows, scene = self._seen(psi), self.model.scene
+        data, starts = windows.data, windows.starts
+        q, v = windows.begin(scene)
         out = np.empty((len(starts), self.windows.horizon, self.windows.scales.observed))
         failures = 0
         for j in range(self.windows.horizon):
@@ -170,34 +218,46 @@ class PredictionLoss:
         return out, failures
 
     def _linearised(
-        self, space: Space, z: np.ndarray, starts: np.ndarray, columns: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (s, width) and their derivatives (s, width, n) in the ``columns`` (n,) of z, by the chain rule."""
+        self, theta: np.ndarray, part: slice, columns: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Residuals (s, width) of some windows, and their derivatives in ``columns`` (n,) of theta and in the starts.
+
+        By the chain rule, (s, width, n) and (s, width, k).
+        """
         scales, scene, nv = self.windows.scales, self.model.scene, self.model.scene.nv
-        theta, psi = self.observation.split(space.theta(z))
-        data = self._seen(psi).data
+        theta, psi = self.observation.split(theta)
+        windows = self._seen(psi)
+        data, starts, uncertain = windows.data, windows.starts[part], scales.uncertain
+        q, v = (x[part] for x in windows.begin(scene))
         physical, own = columns[columns < len(theta)], columns[columns >= len(theta)] - len(theta)
+        of_model, of_log, of_starts = np.split(
+            np.arange(len(columns) + len(uncertain)), [len(physical), len(columns)]
+        )  # columns side by side
         bias = self.observation.state_slope(nv)[:, own]  # of the state that the log tells
         slopes = self.observation.controls(self.windows.data, psi)[1][:, :, own] if len(own) else None
-        q, v = data.q[starts], data.v[starts]
-        state = np.zeros((len(starts), 2 * nv, len(columns)))
-        state[:, :, len(physical) :] = bias
-        residuals, jacobians = [], []
+        state = np.zeros((len(q), 2 * nv, len(columns) + len(uncertain)))
+        state[:, :, of_log] = bias
+        state[:, uncertain, of_starts] = 1.0
+        residuals, jacobians, scale = [], [], np.concatenate([scales.q, scales.v])[:, None]
         for j in range(self.windows.horizon):
-            step = self.model.predict(q, v, data.u[starts + j], theta=theta, parameter_jacobian=True)
+            step = self.model.predict(
+                q, v, data.u[starts + j], theta=theta, jacobian=True, parameter_jacobian=bool(len(physical))
+            )
             q, v = step.q_next, step.v_next
             assert step.jacobian is not None
             state = step.jacobian[:, :, : 2 * nv] @ state
-            state[:, :, : len(physical)] += step.jacobian[:, :, 2 * nv + scene.nu + physical]
+            if len(physical):
+                state[:, :, of_model] += step.jacobian[:, :, 2 * nv + scene.nu + physical]
             if slopes is not None:
-                state[:, :, len(physical) :] += step.jacobian[:, :, 2 * nv : 2 * nv + scene.nu] @ slopes[starts + j]
+                state[:, :, of_log] += step.jacobian[:, :, 2 * nv : 2 * nv + scene.nu] @ slopes[starts + j]
             logged = data.q_next[starts + j], data.v_next[starts + j]
             residuals.append(self._scaled(scene.difference(logged[0], q), v - logged[1]))
             # The tangent of the prediction replaces that of the difference; they are equal for small rotation errors.
-            error = state.copy()
-            error[:, :, len(physical) :] -= bias
-            jacobians.append((error / np.concatenate([scales.q, scales.v])[:, None])[:, scales.counts])
-        return np.concatenate(residuals, axis=1), np.concatenate(jacobians, axis=1) * space.slope(z)[columns]
+            error = state / scale
+            error[:, :, of_log] -= bias / scale
+            jacobians.append(error[:, scales.counts])
+        jacobian = np.concatenate(jacobians, axis=1)
+        return np.concatenate(residuals, axis=1), jacobian[:, :, : len(columns)], jacobian[:, :, len(columns) :]
 
     def _seen(self, psi: np.ndarray) -> Windows:
         """The windows as the model's state and control at ``psi``."""
@@ -206,3 +266,11 @@ class PredictionLoss:
     def _scaled(self, dq: np.ndarray, dv: np.ndarray) -> np.ndarray:
         scales = self.windows.scales
         return np.concatenate([dq / scales.q, dv / scales.v], axis=-1)[..., scales.counts]
+
+
+def _joined(parts: list[Follow], columns: np.ndarray, n: int) -> Follow:
+    """One Follow of all windows over all ``n`` parameters, those outside ``columns`` with zeros."""
+    shift, part = (np.concatenate([getattr(p, name) for p in parts]) for name in ("shift", "slope"))
+    slope = np.zeros((*shift.shape, n))
+    slope[:, :, columns] = part
+    return Follow(shift, slope)

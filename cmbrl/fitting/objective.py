@@ -33,7 +33,8 @@ class Objective:
 
     @classmethod
     def at(cls, loss: PredictionLoss, space: Space, active: np.ndarray, z: np.ndarray) -> Objective:
-        """The objective with the residual variance taken from the errors at ``z`` (n,)."""
+        """The objective with the residual variance, and the starts of windows, taken at ``z`` (n,)."""
+        loss = loss.settled(space.theta(z))
         errors = loss.errors(space.theta(z))
         variance = float(
             np.clip(2.0 * errors.mean / loss.windows.scales.observed, *_VARIANCE_RANGE)
@@ -46,6 +47,13 @@ class Objective:
             axis=1
         )
         return np.where(np.isnan(total), np.inf, total)
+
+    def followed(self, equations: NormalEquations, step: np.ndarray) -> Objective:
+        """The objective with the starts of windows moved along with a ``step`` (n,) from where ``equations`` are."""
+        offset = self.loss.windows.offset
+        if equations.follow is None or offset is None:
+            return self
+        return replace(self, loss=self.loss.starting(equations.follow.at(offset, step)))
 
     def normal_equations(self, z: np.ndarray) -> NormalEquations:
         """Gradient and Gauss-Newton Hessian of J at ``z`` (n,), over the active parameters."""

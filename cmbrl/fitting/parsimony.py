@@ -1,10 +1,12 @@
 """The fewest parameters that the data supports: selection by group, judged on episodes held out in turn.
 
-Starting from the nominal model, the remaining groups are ranked by forecast gain (``forecast``). The first few are
-tried: a short search over the group's parameters, then Gauss-Newton over all selected ones. The best group stays if the
-held-out loss falls by more than ``NOISE_FACTOR`` times its noise (``folds.paired_gain``; two rather than one, because
-it is the best of several trials) and by at least ``LEAST_GAIN`` of the loss, because without noise any gain would be
-significant.
+All groups are fitted first. If that beats the nominal model, those that hardly matter are removed, as many at once as
+the forecast of ``superfluous`` says and a refit confirms. Groups that say something only together, or that would lead a
+search astray one by one, are so never apart. Starting from there or from the nominal model, the remaining groups are
+ranked by forecast gain (``forecast``). The first few are tried: a short search over the group's parameters, then Gauss-
+Newton over all selected ones. The best group stays if the held-out loss falls by more than ``NOISE_FACTOR`` times its
+noise (``folds.paired_gain``; two rather than one, because it is the best of several trials) and by at least
+``LEAST_GAIN`` of the loss, because without noise any gain would be significant.
 
 If no group helps alone, several may help together (masses are uninformative while gears and armatures are held). All
 remaining groups enter the forecast, those that contribute less than ``LEAST_GAIN`` leave it one by one, and the rest is
@@ -22,17 +24,19 @@ import numpy as np
 
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.folds import Folds, paired_gain
-from cmbrl.fitting.forecast import Forecast
+from cmbrl.fitting.forecast import Forecast, superfluous
 from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.loss import Errors, PredictionLoss
 from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.random_search import random_search
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
+from cmbrl.fitting.survey import Judge, score
 from cmbrl.fitting.unseen import Unseen
 
 NOISE_FACTOR = 2.0
 LEAST_GAIN = 0.01
+LEAST_SCORE = 0.03  # of the logarithm of the errors over all horizons
 TRIED = 3  # groups per round: forecasts are accurate enough for the best to be among the first
 
 
@@ -41,8 +45,8 @@ class Incumbent:
     """The best parameters so far, returned if the fit is interrupted, and how they were reached.
 
     ``chosen`` (n,): parameters selected or asked for; ``active`` (n,): the chosen ones that may move (not the gauge).
-    ``course``: by search, its best objective by candidates; ``unseen``: held-out episodes with parameters fitted to the
-    others.
+    ``score``: the best of the path; ``course``: by search, its best objective by candidates; ``unseen``: held-out
+    episodes with parameters fitted to the others.
     """
 
     z: np.ndarray
@@ -50,13 +54,18 @@ class Incumbent:
     active: np.ndarray
     path: list[dict[str, Any]] = field(default_factory=list)
     candidates: int = 0
+    score: float = np.inf
     course: list[dict[str, Any]] = field(default_factory=list)
     unseen: Unseen | None = None
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A fit with one group more or less: its held-out ``errors``, the fall of the loss and the noise of that fall."""
+    """A fit with some groups more or less: its held-out ``errors``, the fall of the loss and the noise of that fall.
+
+    ``noise_of_rise``: the noise if the loss were to rise by chance only. ``score``: the mean logarithm of the held-out
+    errors at all horizons (``survey``).
+    """
 
     z: np.ndarray
     chosen: np.ndarray
@@ -64,6 +73,14 @@ class Trial:
     errors: Errors
     gain: float
     noise: float
+    noise_of_rise: float
+    score: float
+
+    def costs_nothing(self, loss: float, score: float) -> bool:
+        """Whether neither the held-out ``loss`` nor the ``score`` over all horizons rises to speak of."""
+        return (
+            -self.gain <= max(NOISE_FACTOR * self.noise_of_rise, LEAST_GAIN * loss) and self.score < score + LEAST_SCORE
+        )
 
     def counts(self, loss: float) -> bool:
         """Whether the fall of the held-out ``loss`` exceeds noise and is worth a parameter."""
@@ -74,12 +91,15 @@ class Trial:
 class Selection:
     """Forward selection, then elimination. ``loss`` is on all episodes; ``folds`` hold them out in turn.
 
+    ``judges[k]`` predict the episodes that fold k holds out over all horizons.
+
     ``admit(chosen, z)`` returns ``chosen`` without the gauge, and ``z`` with the gauge at nominal values.
     """
 
     space: Space
     loss: PredictionLoss
     folds: Folds
+    judges: list[list[Judge]]
     admit: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
     seed: int
     budget: Budget
@@ -88,9 +108,40 @@ class Selection:
     def run(self, incumbent: Incumbent) -> None:
         """Adds groups to ``incumbent`` and removes superfluous ones; raises the journal's OutOfTime between trials."""
         before = self.folds.errors(self.space, [incumbent.z] * len(self.folds.train))
+        before = self._thin(incumbent, self._everything(incumbent, before))
         while (after := self._add(incumbent, before)) is not None:
             before = after
         self._remove(incumbent, before)
+
+    def _everything(self, incumbent: Incumbent, before: Errors) -> Errors:
+        """Starts from all groups if that beats the nominal model, and returns the new errors."""
+        groups = self._remaining(incumbent)
+        self.journal.report(0.05, "trying all parameters")
+        chosen, none = self.space.columns(groups), np.zeros_like(incumbent.chosen)
+        iterations = self.budget.polish_iterations
+        trial = self._trial("add all", incumbent, chosen, incumbent.z, none, before, iterations)
+        return self._accept("add", " + ".join(groups), trial, incumbent) if trial.counts(before.mean) else before
+
+    def _thin(self, incumbent: Incumbent, before: Errors) -> Errors:
+        """Removes as many groups at once as the forecast calls superfluous; half as many if a refit disagrees."""
+        if not incumbent.active.any():
+            return before
+        groups = [g for g in dict.fromkeys(self.space.groups) if incumbent.chosen[self.space.columns([g])].any()]
+        loss = self.loss.settled(self.space.theta(incumbent.z))
+        equations = loss.normal_equations(self.space, incumbent.z, incumbent.active)
+        dispensable = superfluous(
+            self.space, incumbent.z, incumbent.active, equations, groups, LEAST_GAIN * before.mean
+        )
+        while dispensable:
+            columns = self.space.columns(dispensable)
+            start, none = np.where(columns, 0.0, incumbent.z), np.zeros_like(columns)
+            self.journal.report(0.2, f"removing {', '.join(dispensable)}")
+            name = f"remove {len(incumbent.path)} {' + '.join(dispensable)}"
+            trial = self._trial(name, incumbent, incumbent.chosen & ~columns, start, none, before)
+            if trial.costs_nothing(before.mean, incumbent.score):
+                return self._accept("remove", " + ".join(dispensable), trial, incumbent)
+            dispensable = dispensable[: len(dispensable) // 2]
+        return before
 
     def _add(self, incumbent: Incumbent, before: Errors) -> Errors | None:
         """Adds the best group, a set of groups, or a blank one; returns the new errors, or None if nothing helps."""
@@ -138,17 +189,19 @@ class Selection:
             name = f"remove {len(incumbent.path)} {group}"
             none = np.zeros_like(columns)
             trial = self._trial(name, incumbent, incumbent.chosen & ~columns, start, none, before)
-            if trial.gain > -LEAST_GAIN * before.mean:
+            if trial.costs_nothing(before.mean, incumbent.score):
                 before = self._accept("remove", group, trial, incumbent)
 
     def _accept(self, move: str, group: str, trial: Trial, incumbent: Incumbent) -> Errors:
         incumbent.z, incumbent.chosen, incumbent.active = trial.z, trial.chosen, trial.active
+        incumbent.score = min(incumbent.score, trial.score)  # many small steps may not lead far
         incumbent.path.append(
             {
                 "move": move,
                 "group": group,
                 "gain": trial.gain,
                 "noise": trial.noise,
+                "score": trial.score,
                 "held_out_loss": trial.errors.mean,
                 "held_out_rmse": trial.errors.rmse,
             }
@@ -163,6 +216,7 @@ class Selection:
         start: np.ndarray,
         searched: np.ndarray,
         before: Errors,
+        iterations: int | None = None,
     ) -> Trial:
         """Fits ``chosen`` from ``start``: random search over the ``searched`` ones, then Gauss-Newton over all."""
         budget = self.budget
@@ -179,7 +233,7 @@ class Selection:
                 z, candidates = found.z, found.candidates
             if active.any():
                 objective = Objective.at(self.loss, self.space, active, z)
-                found = gauss_newton(objective, z, budget.trial_iterations, self.journal)
+                found = gauss_newton(objective, z, iterations or budget.trial_iterations, self.journal)
                 z, candidates = found.z, candidates + found.candidates
             fitted, more = self.folds.refit(self.space, active, z, budget.trial_fold_iterations, self.journal)
             return {"z": z.tolist(), "folds": [f.tolist() for f in fitted], "candidates": candidates + more}
@@ -187,9 +241,15 @@ class Selection:
         outcome = self.journal.unit(name, compute)
         incumbent.candidates += outcome["candidates"]
         z = np.array(outcome["z"])
-        after = self.folds.errors(self.space, [np.array(f) for f in outcome["folds"]])
+        fitted = [np.array(f) for f in outcome["folds"]]
+        after = self.folds.errors(self.space, fitted)
         gain, noise = paired_gain(before.loss, after.loss, self.folds.blocks())
-        return Trial(z, chosen, active, after, gain, noise)
+        noise_of_rise = paired_gain(after.loss, before.loss, self.folds.blocks())[1]
+        return Trial(z, chosen, active, after, gain, noise, noise_of_rise, self._score(fitted))
+
+    def _score(self, fitted: list[np.ndarray]) -> float:
+        pairs = zip(self.judges, fitted, strict=True)
+        return float(np.mean([score(judges, self.space.theta(z)) for judges, z in pairs]))
 
 
 def _needed(groups: Sequence[str], promise: Callable[[Sequence[str]], float], least: float) -> list[str]:

@@ -37,7 +37,7 @@ def conclude(
     physical, psi = loss.observation.split(space.theta(z))
     told = {p.name: float(x) for p, x in zip(loss.observation.parameters, psi, strict=True)}
     final = model.with_parameters(physical).with_settings(observation=told)
-    equations = loss.normal_equations(space, z)
+    equations = loss.settled(space.theta(z)).normal_equations(space, z)
     try:
         known = identify(space, z, active, equations)
     except np.linalg.LinAlgError:  # information so large that the prior is lost in rounding

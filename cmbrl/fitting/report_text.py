@@ -7,12 +7,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from cmbrl.fitting.fitted_parameter import FLAT, NOMINAL, FittedParameter
+from cmbrl.fitting.verdict import advice, warning
 
 WIDTH = 100
 _SHOWN = 3  # elements of a list that is folded
 _FOLDED_FROM = 7  # elements
 
 _NONE = "  none: the nominal model explains the held-out episodes equally well"
+_MODELS = ("hold", "nominal", "fitted")
 _LISTS = (  # key in the report, text in front of the names
     ("at_bound", "on a bound"),
     ("unseen", "not fitted, and not determined by this log"),
@@ -45,6 +47,10 @@ def verdict(report: Mapping[str, Any]) -> str:
 
 
 def _errors(report: Mapping[str, Any]) -> Iterator[str]:
+    if lost := warning(report["horizons"]):
+        yield lost
+    if better := advice(report["stepping"]):
+        yield from textwrap.wrap(better, WIDTH, subsequent_indent="  ")
     data = report["data"]
     yield (
         f"fit of {data['transitions']} transitions in {data['episodes']} episodes by {report['method']}, "
@@ -55,6 +61,15 @@ def _errors(report: Mapping[str, Any]) -> Iterator[str]:
     yield f"  {'':<36}{'RMSE':>10}{'loss':>12}{'failed':>8}"
     for part, row in report["loss"].items():
         yield f"  {part:<36}{row['rmse']:>10.4f}{row['loss']:>12.4g}{row['failures']:>8d}"
+    if report["horizons"]:
+        yield "unseen episodes by steps, Huber loss:  " + "  ".join(f"{name:>10}" for name in _MODELS)
+    for row in report["horizons"]:
+        yield f"  {row['steps']:>36d}  " + "  ".join(f"{row[name]:>10.4g}" for name in _MODELS)
+    if report["noise"] is not None:
+        shown = [f"{x:.2g}" for x in report["noise"]]
+        half = len(shown) // 2
+        yield from _folded("sensor noise of positions [m, rad]", shown[:half])
+        yield from _folded("sensor noise of velocities [m/s, rad/s]", shown[half:])
     if report["stopped"] is not None:
         yield f"STOPPED EARLY ({report['stopped']}): best so far"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -190,6 +191,27 @@ class ComplementarityModel:
         """The same model with some constructor settings replaced."""
         return ComplementarityModel(self.scene, **{"parameters": self.parameters, **self._settings(), **settings})
 
+    def alternatives(self) -> dict[str, ComplementarityModel]:
+        """The same model with other integrators and half or a quarter of the time step, by a name of the change.
+
+        Also with the other contact law, if the scene is read from a file and no parameter has left its nominal value.
+        """
+        found = {}
+        for integrator in INTEGRATORS:
+            for share in (1, 2, 4):
+                if (integrator, share) != (self.integrator, 1):
+                    step = self.time_step / share
+                    name = f"integrator {integrator}, time step {step:.4g} s"
+                    settings = {"integrator": integrator, "time_step": step, "substeps": share * self.substeps}
+                    found[name] = self.with_settings(**settings)
+        scene = self.scene
+        if Path(scene.path).is_file() and np.array_equal(self.parameters, scene.parameter_vector()):
+            law = "rigid" if scene.contact_law == "mujoco" else "mujoco"
+            other = Scene.from_mjcf(scene.path, ignore=scene.ignore, contact_law=law, self_contact=scene.self_contact)
+            settings = {**self._settings(), "candidates": None}
+            found[f"contact law {law}"] = ComplementarityModel(other, **settings)
+        return found
+
     def to_config(self) -> dict[str, Any]:
         """Settings and parameters as JSON types; the scene is described by its own file."""
         settings = self._settings()
@@ -292,8 +314,9 @@ class ComplementarityModel:
         averaged over steps and windows. A failed solve adds a large constant.
         """
         data, scales = windows.data, windows.scales
+        q, v = windows.states(self.scene)
         losses = self.stepper.core.loss(
-            data.q, data.v, data.u, data.q_next, data.v_next, windows.starts, windows.horizon,
+            q, v, data.u, data.q_next, data.v_next, windows.starts, windows.horizon,
             real_array(theta, "theta"), scales.q, scales.v, scales.huber, FAILURE_LOSS,
             self.stepper.options, self.threads,
         )  # fmt: skip

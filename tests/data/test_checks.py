@@ -53,9 +53,13 @@ def test_quaternions_must_be_unit(make_log, tmp_path):
     log = replace(log, q=unit, q_next=unit, v=np.zeros((8, 3)), v_next=np.zeros((8, 3)))
     log.check(scene)
     bent = unit.copy()
-    bent[5] *= 1.01
-    with pytest.raises(UserError, match=r"quaternion in row 5 of q_next \(columns 0 to 3\) has norm 1.01"):
+    bent[5] *= 1.1
+    with pytest.raises(UserError, match=r"quaternion in row 5 of q_next \(columns 0 to 3\) has norm 1.1"):
         replace(log, q_next=bent).check(scene)
+    bent[5] /= 1.09
+    almost = replace(log, q_next=bent)
+    almost.check(scene)
+    np.testing.assert_allclose(almost.normalised(scene).q_next, unit, atol=1e-15)
 
 
 def test_noise_on_a_resting_coordinate_is_no_mistake(make_log, slides):

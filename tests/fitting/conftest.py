@@ -65,6 +65,9 @@ class CartScene:
     def difference(self, q_from: np.ndarray, q_to: np.ndarray) -> np.ndarray:
         return q_to - q_from
 
+    def integrate(self, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+        return q + dq
+
 
 class CartModel:
     """The part of ComplementarityModel that a fit uses."""
@@ -87,17 +90,22 @@ class CartModel:
     def for_log(self, dt: float) -> CartModel:
         return self
 
+    def alternatives(self) -> dict[str, CartModel]:
+        return {}
+
     def to_config(self) -> dict[str, Any]:
         return {"carts": self.scene.nv, "parameters": self.parameters.tolist()}
 
-    def predict(self, q: Any, v: Any, u: Any, theta: Any = None, parameter_jacobian: bool = False) -> SimpleNamespace:
+    def predict(
+        self, q: Any, v: Any, u: Any, theta: Any = None, jacobian: bool = False, parameter_jacobian: bool = False
+    ) -> SimpleNamespace:
         n = self.scene.nv
         theta = self.parameters if theta is None else theta
         m, d, f, g = (theta[..., i * n : (i + 1) * n] * NOMINAL[name] for i, name in enumerate(FIELDS))
         force = g * u - d * v - f * np.tanh(v / WIDTH)
         v_next = v + H * (force / m - theta[..., 4 * n, None])
-        jacobian = None
-        if parameter_jacobian:
+        found = None
+        if jacobian or parameter_jacobian:
             in_v = 1.0 - H * (d + f / WIDTH / np.cosh(v / WIDTH) ** 2) / m
             columns = {
                 "mass": -force / m**2 * NOMINAL["mass"],
@@ -113,15 +121,15 @@ class CartModel:
             velocity[:, :, 7 * n] = -H
             position = H * velocity
             position[:, cart, cart] += 1.0
-            jacobian = np.concatenate([position, velocity], axis=1)
-        return SimpleNamespace(q_next=q + H * v_next, v_next=v_next, status=np.zeros(len(q), int), jacobian=jacobian)
+            found = np.concatenate([position, velocity], axis=1)
+        return SimpleNamespace(q_next=q + H * v_next, v_next=v_next, status=np.zeros(len(q), int), jacobian=found)
 
     def candidate_loss(self, theta: np.ndarray, windows: Windows) -> np.ndarray:
         self.calls += 1
         data, starts, horizon, scales = windows.data, windows.starts, windows.horizon, windows.scales
         losses = np.zeros(len(theta))
         for c, candidate in enumerate(theta):
-            a, b = data.q[starts], data.v[starts]
+            a, b = windows.begin(self.scene)
             for j in range(horizon):
                 rows = starts + j
                 step = self.predict(a, b, data.u[rows], candidate)

@@ -1,0 +1,183 @@
+"""Before anything is selected: how noisy the log is, and over how many steps its predictions should be compared.
+
+One step is mostly noise if the sensors are noisy, many steps are chaos after impacts, and contacts decide where the
+limit is. So all parameters are fitted over each of a few horizons, by Gauss-Newton from the start, on some episodes.
+The other episodes judge each fit at *all* these horizons: the score is the mean logarithm, over horizons and
+coordinates, of its errors relative to those of the start. The shortest horizon that is nearly best wins. Noise can be
+told from model error only once the model is about right, so it is estimated again at the best fit, and that fit
+repeated if it changes much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from cmbrl.data.transitions import Transitions
+from cmbrl.fitting.evidence import HORIZONS, Evidence
+from cmbrl.fitting.folds import Folds, draw_starts
+from cmbrl.fitting.gauss_newton import gauss_newton
+from cmbrl.fitting.loss import huber
+from cmbrl.fitting.noise import sensor_noise
+from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.state import Journal
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.windows import spread
+
+_LEAST_WINDOWS = 40  # of a horizon, to fit and to judge
+_NEARLY = 0.01  # of the logarithm of the error
+_SAME_NOISE = 0.2  # relative change that needs no second fit
+_JUDGED = 500  # windows
+_EXACT = 1e-4  # loss of a coordinate (1 % of its change) below which it is right
+
+
+@dataclass(frozen=True)
+class Survey:
+    """``horizon`` of the loss, ``noise`` (2 nv,) or None, and the ``scores`` by horizon (lower is better)."""
+
+    horizon: int
+    noise: np.ndarray | None
+    scores: dict[int, float]
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON types; the inverse is ``from_dict``."""
+        noise = None if self.noise is None else self.noise.tolist()
+        return {"horizon": self.horizon, "noise": noise, "scores": [[h, s] for h, s in self.scores.items()]}
+
+    @classmethod
+    def from_dict(cls, saved: dict[str, Any]) -> Survey:
+        """Inverse of ``to_dict``."""
+        noise = None if saved["noise"] is None else np.array(saved["noise"])
+        return cls(saved["horizon"], noise, {h: s for h, s in saved["scores"]})
+
+
+@dataclass(frozen=True)
+class Surveyor:
+    """``chosen`` (n,): the parameters that may move; ``admit`` as for ``Selection``; ``count`` of folds, 0 for none."""
+
+    evidence: Evidence
+    chosen: np.ndarray
+    admit: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+    huber: float
+    count: int
+    seed: int
+    rows: int
+    iterations: int
+    journal: Journal
+
+    def run(self, horizons: Sequence[int]) -> Survey:
+        """The survey over those of ``horizons`` that the log has windows of; one horizon leaves only the noise open.
+
+        Positions alone are compared over many steps, where their noise hardly counts.
+        """
+        enough = [h for h in horizons if len(self.evidence.log.windows(h)) >= _LEAST_WINDOWS] or [min(horizons)]
+        if self.evidence.positions_only:
+            return Survey(enough[0], None, {})
+        noise = sensor_noise(self.evidence, self.evidence.space.nominal)
+        if len(enough) == 1 and noise is None:
+            return Survey(enough[0], None, {})
+        fitted = {h: self._fit(f"survey of {h} steps", h, noise) for h in enough}
+        scores = {h: self._score(z) for h, z in fitted.items()}
+        horizon = min(h for h, s in scores.items() if s <= min(scores.values()) + _NEARLY)
+        before, noise = noise, sensor_noise(self.evidence, self.evidence.space.theta(fitted[horizon]))
+        if not _alike(before, noise):
+            again = self._fit("survey with the noise", horizon, noise)
+            noise = sensor_noise(self.evidence, self.evidence.space.theta(again))
+        return Survey(horizon, noise, scores)
+
+    def _fit(self, name: str, horizon: int, noise: np.ndarray | None) -> np.ndarray:
+        self.journal.check_time()
+        self.journal.report(0.02, name)
+        fitted = self.journal.unit(name, lambda: {"z": self._fitted(horizon, noise).tolist()})
+        return np.array(fitted["z"])
+
+    def _fitted(self, horizon: int, noise: np.ndarray | None) -> np.ndarray:
+        evidence, space = self.evidence, self.evidence.space
+        starts = draw_starts(evidence.log, horizon, self.rows, self.seed)
+        loss = evidence.loss(starts, horizon, evidence.scales(horizon, self.huber, noise))
+        if self.count:
+            loss = Folds.of(loss, loss, self.count, self.seed).train[0]
+        active, z = self.admit(self.chosen, np.zeros(len(space)))
+        if not active.any():
+            return z
+        return gauss_newton(Objective.at(loss, space, active, z), z, self.iterations, self.journal).z
+
+    def _score(self, z: np.ndarray) -> float:
+        return score(self._judges, self.evidence.space.theta(z)) - self._nominal
+
+    @cached_property
+    def _judges(self) -> list[Judge]:
+        return Judge.all(self.evidence, self.huber, self.count, self.seed)
+
+    @cached_property
+    def _nominal(self) -> float:
+        return score(self._judges, self.evidence.space.nominal)
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Errors ``horizon`` steps after the logged states at ``starts``, in the spread of the change over that time."""
+
+    evidence: Evidence
+    starts: np.ndarray
+    horizon: int
+    scale: np.ndarray
+    huber: float
+
+    @classmethod
+    def all(cls, evidence: Evidence, delta: float, count: int, seed: int, fold: int = 0) -> list[Judge]:
+        """Judges of all horizons that the log has windows of, on the episodes that a ``fold`` of ``count`` holds out.
+
+        ``count`` 0 for all episodes.
+        """
+        found, data, scene = [], evidence.log, evidence.model.scene
+        for h in HORIZONS:
+            starts = data.windows(h)
+            if len(starts) < _LEAST_WINDOWS and h > min(HORIZONS):
+                continue
+            ends = starts + h - 1
+            dq = spread(scene.difference(data.q[starts], data.q_next[ends]))
+            scale = np.concatenate([dq, spread(data.v_next[ends] - data.v[starts])])
+            if count:
+                whole = evidence.loss(starts, h, evidence.scales(h, delta))
+                starts = Folds.of(whole, whole, count, seed).held_out[fold].windows.starts
+            found.append(cls(evidence, starts[:: -(-len(starts) // _JUDGED)], h, scale, delta))
+        return found
+
+    def error(self, theta: np.ndarray, model: ComplementarityModel | None = None) -> np.ndarray:
+        """Mean Huber losses (2 nv,) with parameters ``theta`` (n,), by coordinate; default: of the evidence's model."""
+        model = model or self.evidence.model
+        physical, log = self.evidence.seen(theta)
+        q, v = log.q[self.starts], log.v[self.starts]
+        for j in range(self.horizon):
+            step = model.predict(q, v, log.u[self.starts + j], theta=physical)
+            q, v = step.q_next, step.v_next
+        return self._of(log, q, v)
+
+    def held(self) -> np.ndarray:
+        """Mean Huber losses (2 nv,) of holding the velocity."""
+        log = self.evidence.log
+        q, v = log.q[self.starts], log.v[self.starts]
+        return self._of(log, self.evidence.model.scene.integrate(q, v * log.dt * self.horizon), v)
+
+    def _of(self, log: Transitions, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Mean Huber losses (2 nv,) of predictions q (s, nq), v (s, nv)."""
+        ends = self.starts + self.horizon - 1
+        difference = self.evidence.model.scene.difference(log.q_next[ends], q)
+        residual = np.concatenate([difference, v - log.v_next[ends]], axis=1)
+        return huber(np.nan_to_num(residual / self.scale, nan=1e6), self.huber).mean(axis=0)
+
+
+def score(judges: Sequence[Judge], theta: np.ndarray) -> float:
+    """Mean logarithm, over horizons and coordinates, of the losses with parameters ``theta`` (n,)."""
+    return float(np.mean(np.log(np.array([judge.error(theta) for judge in judges]) + _EXACT)))
+
+
+def _alike(before: np.ndarray | None, after: np.ndarray | None) -> bool:
+    if before is None or after is None:
+        return before is after
+    return bool(np.allclose(before, after, rtol=_SAME_NOISE, atol=0.0))

@@ -1,0 +1,71 @@
+"""What a fit is worth on episodes it has not seen, by horizon, and what time stepping and contact law leave.
+
+A fit can win over the horizon of its loss and lose over another one. So it is compared at all horizons with two models
+that cost nothing: holding the velocity, and the file as it is. Before that, while no parameter has moved, other time
+steps, integrators and contact laws are tried on the log: what they repair, parameters should not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from cmbrl.fitting.evidence import Evidence
+from cmbrl.fitting.survey import Judge
+
+_WORSE = 1.01  # times the error of another model
+_CLEARLY_BETTER = 0.9  # times the error of the settings as given
+
+
+def by_horizon(evidence: Evidence, fitted: Sequence[np.ndarray], delta: float, seed: int) -> list[dict[str, float]]:
+    """Mean Huber losses by horizon of holding the velocity, of the start and of the fit.
+
+    ``fitted[k]`` (n,): parameters fitted without fold k, which judges them.
+    """
+    rows: dict[int, dict[str, float]] = {}
+    for fold, theta in enumerate(fitted):
+        for judge in Judge.all(evidence, delta, len(fitted), seed, fold):
+            row = rows.setdefault(judge.horizon, {"steps": judge.horizon, "hold": 0.0, "nominal": 0.0, "fitted": 0.0})
+            row["hold"] += float(judge.held().sum()) / len(fitted)
+            row["nominal"] += float(judge.error(evidence.space.nominal).sum()) / len(fitted)
+            row["fitted"] += float(judge.error(theta).sum()) / len(fitted)
+    return list(rows.values())
+
+
+def warning(rows: Sequence[dict[str, float]]) -> str | None:
+    """One line that says where the fit loses, or None."""
+    names = {"hold": "holding the velocity", "nominal": "the file as it is"}
+    lost = {
+        name: [str(int(row["steps"])) for row in rows if row["fitted"] > _WORSE * row[other]]
+        for other, name in names.items()
+    }
+    parts = [f"{name} over {', '.join(steps)} step(s)" for name, steps in lost.items() if steps]
+    return f"DO NOT TRUST THIS FIT: on unseen episodes it loses to {' and to '.join(parts)}" if parts else None
+
+
+def stepping(evidence: Evidence, delta: float, seed: int) -> list[dict[str, Any]]:
+    """Errors of other settings of the model at its parameters, relative to its own, best first.
+
+    The geometric mean over horizons of the mean Huber loss.
+    """
+    judges, start = Judge.all(evidence, delta, 0, seed), evidence.space.nominal
+    own = np.array([judge.error(start).sum() for judge in judges])
+    found = []
+    for setting, other in evidence.model.alternatives().items():
+        errors = np.array([judge.error(start, other).sum() for judge in judges])
+        ratio = np.exp(np.mean(np.log(np.maximum(errors, 1e-12) / np.maximum(own, 1e-12))))
+        found.append({"setting": setting, "relative_error": float(ratio)})
+    return sorted(found, key=lambda row: row["relative_error"])
+
+
+def advice(rows: Sequence[dict[str, Any]]) -> str | None:
+    """One line that names a clearly better setting, or None."""
+    if not rows or rows[0]["relative_error"] > _CLEARLY_BETTER:
+        return None
+    best = rows[0]
+    return (
+        f"before any parameter moved, {best['setting']} left {best['relative_error']:.2f} of the loss: consider it, "
+        "or parameters repair the time stepping"
+    )

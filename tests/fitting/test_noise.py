@@ -1,0 +1,142 @@
+"""Logs with sensor noise: free starts, the estimate of the noise, and the horizon that the log asks for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import cmbrl
+from cmbrl.data.transitions import Transitions
+from cmbrl.fitting.folds import draw_starts
+from cmbrl.fitting.loss import PredictionLoss
+from cmbrl.fitting.noise import sensor_noise
+from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.space import Space
+from cmbrl.fitting.verdict import advice, warning
+from cmbrl.models.windows import Scales, Windows
+
+SIGMA = np.array([2e-3, 2e-3, 2e-2, 2e-2])  # of q and v of two carts
+
+
+def _measured(log: Transitions, seed: int = 5) -> Transitions:
+    """``log`` through sensors: a state has the same error where a transition ends and where the next one starts."""
+    draw = np.random.default_rng(seed)
+    q, v, q_next, v_next = [], [], [], []
+    for episode in np.unique(log.episode):
+        rows = log.episode == episode
+        noise = draw.normal(size=(rows.sum() + 1, 4)) * SIGMA
+        q.append(log.q[rows] + noise[:-1, :2])
+        v.append(log.v[rows] + noise[:-1, 2:])
+        q_next.append(log.q_next[rows] + noise[1:, :2])
+        v_next.append(log.v_next[rows] + noise[1:, 2:])
+    parts = {name: np.concatenate(x) for name, x in (("q", q), ("v", v), ("q_next", q_next), ("v_next", v_next))}
+    return Transitions(**parts, u=log.u, dt=log.dt, episode=log.episode)
+
+
+@pytest.fixture
+def noisy(carts):
+    return _measured(carts.record(carts.truth(2, gear_1=0.7, damping_0=2.0), episodes=20, steps=40))
+
+
+@pytest.fixture(params=[1, 4])
+def setup(carts, noisy, request):
+    model = carts.model(2)
+    space = Space.of(model.scene.parameters, model.parameters)
+    scales = Scales.of(model.scene, noisy, 0.3, SIGMA)
+    starts = draw_starts(noisy, request.param, 300, 0)
+    return space, PredictionLoss(model, Windows(noisy, starts, request.param, scales))
+
+
+def test_noise_of_both_kinds_is_found_with_the_right_model(carts, noisy):
+    model = carts.truth(2, gear_1=0.7, damping_0=2.0)
+    np.testing.assert_allclose(sensor_noise(model, model.parameters, noisy), SIGMA, rtol=0.2)
+
+
+def test_a_clean_log_has_no_noise_even_if_the_model_is_wrong(carts):
+    log = carts.record(carts.truth(2, gear_1=0.5, damping_0=3.0, tilt=0.5), episodes=20, steps=40)
+    assert sensor_noise(carts.model(2), carts.model(2).parameters, log) is None
+
+
+def test_without_noise_the_starts_are_the_logged_states(carts, noisy):
+    model = carts.model(2)
+    loss = PredictionLoss(model, Windows(noisy, noisy.windows(3), 3, Scales.of(model.scene, noisy, 0.3)))
+    assert loss.settled(model.parameters) is loss
+
+
+def test_noise_that_vanishes_is_the_limit_of_none(carts, noisy):
+    model, theta = carts.model(2), carts.model(2).parameters
+    values = []
+    for noise in (None, 1e-6 * SIGMA):
+        windows = Windows(noisy, noisy.windows(3), 3, Scales.of(model.scene, noisy, 0.3, noise))
+        values.append(PredictionLoss(model, windows).errors(theta).mean)
+    assert values[1] == pytest.approx(values[0], rel=1e-6)
+
+
+def test_settled_starts_are_the_best_ones(setup):
+    space, loss = setup
+    theta = space.theta(0.1 * np.ones(len(space)))
+    settled = loss.settled(theta)
+    best = settled.values(theta[None])[0]
+    assert best < loss.values(theta[None])[0]
+    draw = np.random.default_rng(0)
+    for _ in range(5):
+        offset = settled.windows.offset + 1e-3 * SIGMA * draw.normal(size=settled.windows.offset.shape)
+        assert loss.starting(offset).values(theta[None])[0] > best - 1e-9
+    np.testing.assert_allclose(loss.errors(theta).mean, best, rtol=1e-9)
+
+
+def test_gradient_of_the_loss_with_free_starts_equals_finite_differences(setup):
+    """The starts settle anew for each z, so this is the derivative of a minimum."""
+    space, loss = setup
+    z = 0.05 + 0.1 * np.random.default_rng(1).normal(size=len(space)) ** 2
+    step = 1e-4 * np.eye(len(space))
+
+    def value(point: np.ndarray) -> float:
+        theta = space.theta(point)
+        return loss.settled(theta).settled(theta).values(theta[None])[0]
+
+    numeric = [(value(z + s) - value(z - s)) / 2e-4 for s in step]
+    settled = loss.settled(space.theta(z)).settled(space.theta(z))
+    np.testing.assert_allclose(settled.normal_equations(space, z).gradient, numeric, rtol=5e-3, atol=1e-5)
+
+
+def test_starts_follow_the_parameters(setup):
+    """The starts after a step are those that settle there, but for curvature that Gauss-Newton leaves out."""
+    space, loss = setup
+    smooth = replace(loss.windows.scales, huber=50.0)
+    loss = replace(loss, windows=replace(loss.windows, scales=smooth))
+    z, active = np.zeros(len(space)), np.ones(len(space), dtype=bool)
+    objective = Objective.at(loss.settled(space.theta(z)), space, active, z)
+    equations = objective.normal_equations(z)
+    step = 1e-3 * np.random.default_rng(2).normal(size=len(space))
+    followed = objective.followed(equations, step).loss.windows.offset
+    settled = objective.loss.settled(space.theta(z + step)).windows.offset
+    moved = np.abs(settled - objective.loss.windows.offset).max()
+    assert np.abs(followed - settled).max() < 0.2 * moved
+
+
+def test_a_noisy_log_is_fitted_without_bias(carts, noisy):
+    """Random actions and much noise: one step alone says little, and what it says is wrong."""
+    model = carts.model(2)
+    result = cmbrl.fit(model, noisy, groups=["gear", "damping"], method="gauss-newton")
+    assert result.report["horizon"] > 1
+    np.testing.assert_allclose(result.report["noise"], SIGMA, rtol=0.25)
+    assert result.parameters["gear.1"].value == pytest.approx(0.7, rel=0.03)
+    assert result.parameters["damping.0"].value == pytest.approx(2.0, rel=0.1)
+    assert "sensor noise of positions" in result.report_text()
+
+
+def test_a_fit_that_loses_says_so_first():
+    rows = [
+        {"steps": 1, "hold": 1.0, "nominal": 0.5, "fitted": 0.6},
+        {"steps": 20, "hold": 0.5, "nominal": 2.0, "fitted": 0.6},
+    ]
+    text = warning(rows)
+    assert "holding the velocity over 20 step(s)" in text
+    assert "the file as it is over 1 step(s)" in text
+    assert warning([{"steps": 1, "hold": 1.0, "nominal": 1.0, "fitted": 1.0}]) is None
+
+
+def test_advice_names_a_setting_that_is_clearly_better():
+    assert advice([{"setting": "integrator midpoint", "relative_error": 0.95}]) is None
+    assert "integrator midpoint left 0.30" in advice([{"setting": "integrator midpoint", "relative_error": 0.3}])
