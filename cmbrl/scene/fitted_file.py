@@ -20,7 +20,7 @@ from cmbrl.errors import UserError
 from cmbrl.scene.contact_meaning import meaning
 from cmbrl.scene.fitted_spec import FittedSpec
 from cmbrl.scene.layout import CONTACT_FIELDS
-from cmbrl.scene.mjcf import quiet
+from cmbrl.scene.robot_source import quiet
 from cmbrl.scene.records import Array
 from cmbrl.scene.scene import Scene
 
