@@ -48,8 +48,7 @@ def fitted_file(scene: Scene, theta: Array, outside: Mapping[str, float] | None 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "fitted.xml"
         path.write_text(text, encoding="utf-8")
-        options = {"ignore": scene.ignore, "contact_law": scene.contact_law, "self_contact": scene.self_contact}
-        held = Scene.from_mjcf(path, reduce=scene.reduce, **options)
+        held = Scene.from_mjcf(path, scene.ignore, scene.contact_law, scene.reduce, scene.self_contact)
     missing = [*_missing(scene, theta, held), *(name for name, value in (outside or {}).items() if value)]
     values = dict(zip((p.name for p in scene.parameters), theta.tolist(), strict=True)) | dict(outside or {})
     return FittedFile(_with_comment(text, scene, missing, values), tuple(missing))
