@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FormatStrFormatter, LogFormatterSciNotation, MaxNLocator
+from matplotlib.ticker import LogFormatterSciNotation, MaxNLocator
 
 from cmbrl.fitting.fitted_parameter import AT_BOUND, FITTED, FLAT, GAUGE, NOMINAL, FittedParameter
 from cmbrl.fitting.page.style import AFTER, BEFORE, BOUND, FAINT, LOGGED, SMALL, new_figure, tidy
@@ -169,7 +169,7 @@ def _searches(axes: Axes, searches: Sequence[Mapping[str, Any]]) -> None:
         axes.yaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(2.0, 0.5)))
         axes.tick_params(which="both", labelsize=SMALL)
     else:
-        axes.yaxis.set_major_formatter(FormatStrFormatter("%.4g"))
+        axes.set_ylim(0.0, 1.1 * max(values))
     axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
     axes.set_title("search and polish", fontsize=9.5, loc="left")
     axes.legend(frameon=False, fontsize=9)
