@@ -35,7 +35,7 @@ def parameters(space: Space, found: Mapping[str, FittedParameter]) -> tuple[Figu
         field: space.z(np.array([getattr(found[n], field) for n in space.names])) for field in ("value", "low", "high")
     }
     index = {name: k for k, name in enumerate(space.names)}
-    by_size = sorted(moved, key=lambda name: -abs(z["value"][index[name]]))
+    by_size = sorted(moved, key=lambda name: (found[name].status == FLAT, -abs(z["value"][index[name]])))
     groups = list(dict.fromkeys(space.groups))
     drawn = sorted(by_size[:MOST_PARAMETERS], key=lambda name: (groups.index(space.groups[index[name]]), index[name]))
     columns = 1 if len(drawn) <= _COLUMN // 2 else 2

@@ -105,7 +105,9 @@ def _parameters(result: FitResult, space: Space) -> tuple[str, tuple[str, int] |
         "value started at one). Bars are 95 % intervals, triangles lie beyond the axis; numbers are in the parameters' "
         "units. "
     )
-    return text + (f"{more} more, which moved less, are in the table." if more else ""), embedded(figure)
+    return text + (
+        f"{more} more, which the log tells less or which moved less, are in the table." if more else ""
+    ), embedded(figure)
 
 
 def _together(result: FitResult) -> tuple[str, tuple[str, int] | None]:
