@@ -41,8 +41,10 @@ def fitted_file(scene: Scene, theta: Array, outside: Mapping[str, float] | None 
     """The file of ``scene`` at parameters ``theta`` (np,).
 
     ``outside``: fitted values of what is no part of a scene (biases, delay, lag), which no MJCF holds. Raises UserError
-    if MuJoCo cannot write or read it.
+    if the scene is not from a file, or MuJoCo cannot write or read it.
     """
+    if not scene.path:
+        raise UserError(f"{scene.name} was not read from a file: write its XML to one, and read the scene from there")
     theta = np.asarray(theta, dtype=float)
     text = _written(scene, theta)
     with tempfile.TemporaryDirectory() as folder:
