@@ -20,8 +20,8 @@ from cmbrl.errors import UserError
 from cmbrl.scene.contact_meaning import meaning
 from cmbrl.scene.fitted_spec import FittedSpec
 from cmbrl.scene.layout import CONTACT_FIELDS
-from cmbrl.scene.robot_source import quiet
 from cmbrl.scene.records import Array
+from cmbrl.scene.robot_source import quiet
 from cmbrl.scene.scene import Scene
 
 _DIGITS = 3e-5  # relative; MuJoCo writes six digits
