@@ -14,7 +14,6 @@ from cmbrl.errors import UserError
 from cmbrl.files import atomic_path, check_writable, make_folder, read_record, record_text
 from cmbrl.fitting import report_text
 from cmbrl.fitting.fitted_parameter import FittedParameter
-from cmbrl.fitting.page.page import PAGE, page_text
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.unseen import Unseen
 from cmbrl.models.complementarity import ComplementarityModel
@@ -22,7 +21,7 @@ from cmbrl.models.named import RESULT, SETTINGS, load_complementarity
 from cmbrl.scene.fitted_file import fitted_file
 
 NOT_FINITE = "the fit is not finite: check the log for values that no robot reaches"
-MJCF = "fitted.xml"
+MJCF, PAGE = "fitted.xml", "page.html"
 _FORMAT = 3
 _REMEDY = "fit again"
 
@@ -46,6 +45,8 @@ class FitResult:
         ``task``: the name of the task whose scene was fitted. Raises UserError if the folder cannot be written, or the
         result is not finite, or the scene was not read from a file; then the files there stay as they are.
         """
+        from cmbrl.fitting.page.page import page_text  # imports matplotlib: only now
+
         check_writable(folder, folder=True)
         scene = self.model.scene
         if not scene.path:

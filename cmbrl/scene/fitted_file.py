@@ -20,8 +20,8 @@ from cmbrl.errors import UserError
 from cmbrl.scene.contact_meaning import meaning
 from cmbrl.scene.fitted_spec import FittedSpec
 from cmbrl.scene.layout import CONTACT_FIELDS
-from cmbrl.scene.mjcf import quiet
 from cmbrl.scene.records import Array
+from cmbrl.scene.robot_source import quiet
 from cmbrl.scene.scene import Scene
 
 _DIGITS = 3e-5  # relative; MuJoCo writes six digits
@@ -41,15 +41,16 @@ def fitted_file(scene: Scene, theta: Array, outside: Mapping[str, float] | None 
     """The file of ``scene`` at parameters ``theta`` (np,).
 
     ``outside``: fitted values of what is no part of a scene (biases, delay, lag), which no MJCF holds. Raises UserError
-    if MuJoCo cannot write or read it.
+    if the scene is not from a file, or MuJoCo cannot write or read it.
     """
+    if not scene.path:
+        raise UserError(f"{scene.name} was not read from a file: write its XML to one, and read the scene from there")
     theta = np.asarray(theta, dtype=float)
     text = _written(scene, theta)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "fitted.xml"
         path.write_text(text, encoding="utf-8")
-        options = {"ignore": scene.ignore, "contact_law": scene.contact_law, "self_contact": scene.self_contact}
-        held = Scene.from_mjcf(path, reduce=scene.reduce, **options)
+        held = Scene.from_mjcf(path, scene.ignore, scene.contact_law, scene.reduce, scene.self_contact)
     missing = [*_missing(scene, theta, held), *(name for name, value in (outside or {}).items() if value)]
     values = dict(zip((p.name for p in scene.parameters), theta.tolist(), strict=True)) | dict(outside or {})
     return FittedFile(_with_comment(text, scene, missing, values), tuple(missing))

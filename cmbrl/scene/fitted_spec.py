@@ -142,7 +142,7 @@ class FittedSpec:
             friction, solref, solimp = law.friction, law.solref, law.solimp
             friction[:2] = values[0]
             if scene.contact_law == "mujoco":
-                solref[:], solimp[:3] = softened(*values[1:], self.softness[row])
+                solref[:], solimp[:3] = softened(*[*values[1:].tolist(), float(self.softness[row])])
             element = self._element("pairs", pair) if pair >= 0 else self._add_pair(first, second, law.dim, law.margin)
             element.friction, element.solref, element.solimp = friction, solref, solimp
 

@@ -140,7 +140,8 @@ def test_saved_fit_comes_back(ball, tmp_path):
     result.save(tmp_path)
     loaded = FitResult.load(tmp_path)
     assert loaded.parameters == result.parameters
-    assert loaded.report == json.loads(json.dumps(result.report))
+    mjcf = {"file": "fitted.xml", "missing": ["restitution.ball"]}
+    assert loaded.report == {**json.loads(json.dumps(result.report)), "mjcf": mjcf}
     arguments = data.q[:50], data.v[:50], data.u[:50]
     assert np.array_equal(loaded.model.predict(*arguments).v_next, result.model.predict(*arguments).v_next)
     assert (tmp_path / "report.txt").read_text().rstrip() == loaded.report_text()

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from cmbrl.errors import UserError
 from cmbrl.registry import load_task
 from cmbrl.scene import Scene
 from cmbrl.scene.fitted_file import fitted_file
@@ -170,3 +171,9 @@ def test_parts_of_a_body_together_are_what_was_fitted() -> None:
     assert found.mass == pytest.approx(target.mass)
     np.testing.assert_allclose(found.com, target.com, atol=1e-12)
     np.testing.assert_allclose(found.inertia, target.inertia, atol=1e-9)
+
+
+def test_a_scene_without_a_file_says_so() -> None:
+    scene = Scene.from_mjcf(ARM.format(**FILE))
+    with pytest.raises(UserError, match="was not read from a file: write its XML to one"):
+        fitted_file(scene, scene.parameter_vector())

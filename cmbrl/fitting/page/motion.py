@@ -16,7 +16,7 @@ MOST = 12  #: coordinates drawn
 MOST_RESIDUALS = 6
 _BINS = 14
 _LEAST_IN_BIN = 5
-_BEYOND = 1.15  # the axis of a motion shows the log and the fit; the file may leave it
+_BEYOND = 1.15  # axes show the log and the fit, with this margin; the file may leave them
 
 
 def motion(scene: Scene, windows: Sequence[Window], dt: float) -> tuple[Figure, list[str]]:
@@ -70,7 +70,8 @@ def _motion_of(above: Axes, below: Axes, windows: Sequence[Window], c: int, dt: 
         float(np.abs(_finite([getattr(w, field)[:, c] - w.logged[:, c] for w in windows])).max())
         for field in ("after", "before")
     )
-    below.set_ylim(1e3 * np.array([-_BEYOND, _BEYOND]) * max(fit, min(file, 3 * fit), 1e-9))
+    reach = 1e3 * _BEYOND * max(fit, min(file, 3 * fit), 1e-9)
+    below.set_ylim(-reach, reach)
 
 
 def _finite(parts: Sequence[np.ndarray]) -> np.ndarray:
@@ -136,7 +137,8 @@ def _quartiles(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, ...]:
 def _zoom(row: Sequence[Axes], reaches: Sequence[tuple[float, float]]) -> None:
     """Limits that show the fit whole, and of the file up to three times as much; ``reaches`` of both, by panel."""
     fit, file = np.nanmax(np.array(reaches), axis=0)
-    row[0].set_ylim(np.array([-1.15, 1.15]) * max(fit, min(file, 3 * fit), 1e-9))
+    reach = _BEYOND * float(max(fit, min(file, 3 * fit), 1e-9))
+    row[0].set_ylim(-reach, reach)
 
 
 def _mean_error(windows: Sequence[Window], field: str) -> np.ndarray:

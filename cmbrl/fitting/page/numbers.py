@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FormatStrFormatter, LogFormatterSciNotation, MaxNLocator
+from matplotlib.ticker import LogFormatterSciNotation, MaxNLocator
 
 from cmbrl.fitting.fitted_parameter import AT_BOUND, FITTED, FLAT, GAUGE, NOMINAL, FittedParameter
 from cmbrl.fitting.page.style import AFTER, BEFORE, BOUND, FAINT, LOGGED, SMALL, new_figure, tidy
@@ -35,7 +35,7 @@ def parameters(space: Space, found: Mapping[str, FittedParameter]) -> tuple[Figu
         field: space.z(np.array([getattr(found[n], field) for n in space.names])) for field in ("value", "low", "high")
     }
     index = {name: k for k, name in enumerate(space.names)}
-    by_size = sorted(moved, key=lambda name: -abs(z["value"][index[name]]))
+    by_size = sorted(moved, key=lambda name: (found[name].status == FLAT, -abs(z["value"][index[name]])))
     groups = list(dict.fromkeys(space.groups))
     drawn = sorted(by_size[:MOST_PARAMETERS], key=lambda name: (groups.index(space.groups[index[name]]), index[name]))
     columns = 1 if len(drawn) <= _COLUMN // 2 else 2
@@ -169,7 +169,7 @@ def _searches(axes: Axes, searches: Sequence[Mapping[str, Any]]) -> None:
         axes.yaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(2.0, 0.5)))
         axes.tick_params(which="both", labelsize=SMALL)
     else:
-        axes.yaxis.set_major_formatter(FormatStrFormatter("%.4g"))
+        axes.set_ylim(0.0, 1.1 * max(values))
     axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
     axes.set_title("search and polish", fontsize=9.5, loc="left")
     axes.legend(frameon=False, fontsize=9)

@@ -18,7 +18,6 @@ from cmbrl.fitting.space import Space
 if TYPE_CHECKING:
     from cmbrl.fitting.result import FitResult
 
-PAGE = "page.html"
 _NOTHING_UNSEEN = "Nothing was held out, or the fit was read from its folder: there are no unseen seconds to show."
 
 _COURSE = (
@@ -65,7 +64,7 @@ def _sections(result: FitResult) -> Iterator[Section]:
     yield Section("together", "What is told only together", *_together(result))
     drawn = numbers.course(result.report)
     text = _COURSE if drawn else "There was nothing to search."
-    yield Section("course", "The course of the search", text, drawn and embedded(drawn))
+    yield Section("course", "The course of the search", text, embedded(drawn) if drawn else None)
 
 
 def _motion(result: FitResult) -> Iterator[Section]:
@@ -106,7 +105,9 @@ def _parameters(result: FitResult, space: Space) -> tuple[str, tuple[str, int] |
         "value started at one). Bars are 95 % intervals, triangles lie beyond the axis; numbers are in the parameters' "
         "units. "
     )
-    return text + (f"{more} more, which moved less, are in the table." if more else ""), embedded(figure)
+    return text + (
+        f"{more} more, which the log tells less or which moved less, are in the table." if more else ""
+    ), embedded(figure)
 
 
 def _together(result: FitResult) -> tuple[str, tuple[str, int] | None]:

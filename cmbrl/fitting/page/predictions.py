@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cmbrl.accuracy.strata import smallest_gap
 from cmbrl.fitting.unseen import Unseen
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.windows import blocks_of
@@ -62,12 +61,13 @@ def one_step(model: ComplementarityModel, unseen: Unseen) -> OneStep:
             actuators = np.flatnonzero(scene.core.act_line == dof)
             if len(actuators) == 1:
                 command[:, dof] = seen.u[rows, actuators[0]]
-        parts.append(
-            (*errors, command, log.v[rows], coordinates(model, seen.q[rows]), smallest_gap(scene, seen.q[rows]))
-        )
+        q = seen.q[rows]
+        gap = scene.gaps(q).min(axis=-1, initial=np.inf)
+        parts.append((*errors, command, log.v[rows], coordinates(model, q), gap))
     rows = np.concatenate(_thinned(unseen))
-    spread = ((log.v_next - log.v)[rows] / log.dt).std(axis=0)
-    return OneStep(*(np.concatenate(columns) for columns in zip(*parts, strict=True)), np.maximum(spread, 1e-12))
+    before, after, command, speed, position, gap = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    spread = np.maximum(((log.v_next - log.v)[rows] / log.dt).std(axis=0), 1e-12)
+    return OneStep(before, after, command, speed, position, gap, spread)
 
 
 def windows(model: ComplementarityModel, unseen: Unseen, found: OneStep) -> tuple[Window, ...]:
