@@ -36,6 +36,8 @@ def verdict(report: Mapping[str, Any]) -> str:
         return f"{early}Nothing was fitted: the file explains the log as well."
     if None in held_out:
         return f"{early}Nothing was held out: this fit has not been judged."
+    if lost := warning(report["horizons"]):
+        return f"{early}{lost}."
     before, after = (row["rmse"] for row in held_out if row)
     steps = "1 step" if report["horizon"] == 1 else f"{report['horizon']} steps"
     told = f"an error over {steps} of {after:.3g} instead of {before:.3g}"
@@ -47,8 +49,6 @@ def verdict(report: Mapping[str, Any]) -> str:
 
 
 def _errors(report: Mapping[str, Any]) -> Iterator[str]:
-    if lost := warning(report["horizons"]):
-        yield lost
     if better := advice(report["stepping"]):
         yield from textwrap.wrap(better, WIDTH, subsequent_indent="  ")
     data = report["data"]

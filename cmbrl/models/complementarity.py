@@ -202,13 +202,13 @@ class ComplementarityModel:
                 if (integrator, share) != (self.integrator, 1):
                     step = self.time_step / share
                     name = f"integrator {integrator}, time step {step:.4g} s"
-                    settings = {"integrator": integrator, "time_step": step, "substeps": share * self.substeps}
-                    found[name] = self.with_settings(**settings)
+                    substeps = share * self.substeps
+                    found[name] = self.with_settings(integrator=integrator, time_step=step, substeps=substeps)
         scene = self.scene
         if Path(scene.path).is_file() and np.array_equal(self.parameters, scene.parameter_vector()):
             law = "rigid" if scene.contact_law == "mujoco" else "mujoco"
             other = Scene.from_mjcf(scene.path, ignore=scene.ignore, contact_law=law, self_contact=scene.self_contact)
-            settings = {**self._settings(), "candidates": None}
+            settings: dict[str, Any] = {**self._settings(), "candidates": None}
             found[f"contact law {law}"] = ComplementarityModel(other, **settings)
         return found
 

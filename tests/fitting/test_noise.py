@@ -7,13 +7,11 @@ import pytest
 
 import cmbrl
 from cmbrl.data.transitions import Transitions
+from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.folds import draw_starts
-from cmbrl.fitting.loss import PredictionLoss
 from cmbrl.fitting.noise import sensor_noise
 from cmbrl.fitting.objective import Objective
-from cmbrl.fitting.space import Space
 from cmbrl.fitting.verdict import advice, warning
-from cmbrl.models.windows import Scales, Windows
 
 SIGMA = np.array([2e-3, 2e-3, 2e-2, 2e-2])  # of q and v of two carts
 
@@ -40,35 +38,34 @@ def noisy(carts):
 
 @pytest.fixture(params=[1, 4])
 def setup(carts, noisy, request):
-    model = carts.model(2)
-    space = Space.of(model.scene.parameters, model.parameters)
-    scales = Scales.of(model.scene, noisy, 0.3, SIGMA)
-    starts = draw_starts(noisy, request.param, 300, 0)
-    return space, PredictionLoss(model, Windows(noisy, starts, request.param, scales))
+    evidence = Evidence.of(carts.model(2), noisy)
+    starts, steps = draw_starts(noisy, request.param, 300, 0), request.param
+    return evidence.space, evidence.loss(starts, steps, evidence.scales(steps, 0.3, SIGMA))
 
 
 def test_noise_of_both_kinds_is_found_with_the_right_model(carts, noisy):
-    model = carts.truth(2, gear_1=0.7, damping_0=2.0)
-    np.testing.assert_allclose(sensor_noise(model, model.parameters, noisy), SIGMA, rtol=0.2)
+    evidence = Evidence.of(carts.truth(2, gear_1=0.7, damping_0=2.0), noisy)
+    np.testing.assert_allclose(sensor_noise(evidence, evidence.space.nominal), SIGMA, rtol=0.2)
 
 
 def test_a_clean_log_has_no_noise_even_if_the_model_is_wrong(carts):
     log = carts.record(carts.truth(2, gear_1=0.5, damping_0=3.0, tilt=0.5), episodes=20, steps=40)
-    assert sensor_noise(carts.model(2), carts.model(2).parameters, log) is None
+    evidence = Evidence.of(carts.model(2), log)
+    assert sensor_noise(evidence, evidence.space.nominal) is None
 
 
 def test_without_noise_the_starts_are_the_logged_states(carts, noisy):
-    model = carts.model(2)
-    loss = PredictionLoss(model, Windows(noisy, noisy.windows(3), 3, Scales.of(model.scene, noisy, 0.3)))
-    assert loss.settled(model.parameters) is loss
+    evidence = Evidence.of(carts.model(2), noisy)
+    loss = evidence.loss(noisy.windows(3), 3, evidence.scales(3, 0.3))
+    assert loss.settled(evidence.space.nominal) is loss
 
 
 def test_noise_that_vanishes_is_the_limit_of_none(carts, noisy):
-    model, theta = carts.model(2), carts.model(2).parameters
+    evidence = Evidence.of(carts.model(2), noisy)
     values = []
     for noise in (None, 1e-6 * SIGMA):
-        windows = Windows(noisy, noisy.windows(3), 3, Scales.of(model.scene, noisy, 0.3, noise))
-        values.append(PredictionLoss(model, windows).errors(theta).mean)
+        loss = evidence.loss(noisy.windows(3), 3, evidence.scales(3, 0.3, noise))
+        values.append(loss.errors(evidence.space.nominal).mean)
     assert values[1] == pytest.approx(values[0], rel=1e-6)
 
 
