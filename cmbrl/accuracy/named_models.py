@@ -123,7 +123,7 @@ def _last_name(word: str) -> str:
 
 
 def _is_file(word: str) -> bool:
-    return Path(word).suffix.lower() in (".xml", ".mjcf")
+    return Path(word).suffix.lower() in (".xml", ".mjcf", ".urdf")
 
 
 def _of_file(path: str, source: Source, data: Transitions, threads: int) -> Model:

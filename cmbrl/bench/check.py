@@ -36,13 +36,12 @@ class Line:
         return self.value <= self.limit
 
 
-def check(scene: Scene, states: int, wild: int, seed: int = 0) -> list[Line]:
-    """Every measurement of ``scene``, on as many states near the home pose, and wild ones.
+def check(scene: Scene, theirs: mujoco.MjModel, states: int, wild: int, seed: int = 0) -> list[Line]:
+    """Every measurement of ``scene`` and of MuJoCo's model of it, on as many states near the home pose, and wild ones.
 
     Raises UserError where the solver refuses the scene's parameters.
     """
     model = ComplementarityModel(scene)
-    theirs = mujoco.MjModel.from_xml_path(scene.path)
     rng = np.random.default_rng(seed)
     found = _dynamics(scene, model, theirs, rng)
     for where, q in _places(scene, theirs).items():

@@ -15,9 +15,8 @@ cmbrl check robot.xml --states 1000 --wild 100000 --json
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "source", metavar="SCENE|TASK", help="an MJCF file or the name of a task; exit code 1 if a check does not hold"
-    )
+    told = "an MJCF or URDF file, or the name of a task; exit code 1 if a check does not hold"
+    parser.add_argument("source", metavar="SCENE|TASK", help=told)
     parser.add_argument("--states", type=positive, default=200, metavar="N", help="states of the steps (default 200)")
     parser.add_argument("--wild", type=positive, default=1000, metavar="N", help="wild states (default 1000)")
     add_scene_options(parser)
@@ -26,12 +25,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     from dataclasses import asdict
+    from pathlib import Path
 
     from cmbrl.bench.check import check
+    from cmbrl.scene.robot_source import compile_robot
     from cmbrl.table import Table
 
     scene = load_source(arguments.source, arguments.ignore, arguments.contact_law, arguments.self_contact).scene
-    lines = check(scene, arguments.states, arguments.wild)
+    lines = check(scene, compile_robot(Path(scene.path)).model, arguments.states, arguments.wild)
     if arguments.json:
         found = [{**asdict(line), "holds": line.holds} for line in lines]
         print(json.dumps({"scene": scene.name, "path": scene.path, "checks": found}, indent=2))

@@ -45,7 +45,7 @@ METHODS = ("random", "cma", "gauss-newton")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("source", metavar="SCENE|TASK", help="an MJCF file or the name of a task")
+    parser.add_argument("source", metavar="SCENE|TASK", help="an MJCF or URDF file, or the name of a task")
     parser.add_argument("--data", required=True, metavar="FILE", help="the log of states, or of positions and commands")
     parser.add_argument("--out", required=True, metavar="DIR", help="the run folder to write")
     parser.add_argument("--method", choices=METHODS, default="random", help="search method (default random)")

@@ -35,11 +35,16 @@ class FitResult:
         """Writes fit.json (parameters and report), model.json (scene and settings) and report.txt.
 
         ``task``: the name of the task whose scene was fitted. Raises UserError if the folder cannot be written, or the
-        result is not finite; then the files there stay as they are.
+        result is not finite, or the scene was not read from a file; then the files there stay as they are.
         """
         check_writable(folder, folder=True)
-        place = make_folder(folder)
         scene = self.model.scene
+        if not scene.path:
+            raise UserError(
+                f"{folder}: a saved fit names the file of its robot, and {scene.name} has none; write its XML to a file"
+                " and read the scene from there"
+            )
+        place = make_folder(folder)
         source = {
             "path": str(Path(scene.path).resolve()),
             "ignore": list(scene.ignore),

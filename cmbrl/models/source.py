@@ -48,7 +48,7 @@ class Source:
 def load_source(
     word: str, ignore: Sequence[str] = (), contact_law: str | None = None, self_contact: str = "near"
 ) -> Source:
-    """The scene of an MJCF file (a word that ends in .xml, has a slash, or is a file) or of a registered task.
+    """The scene of an MJCF or URDF file (a word that ends so, has a slash, or is a file) or of a registered task.
 
     Raises UserError on a missing file, an unknown task, and whatever the importer refuses.
     """
@@ -56,7 +56,7 @@ def load_source(
     from cmbrl.scene import Scene
 
     path = Path(word)
-    is_file = path.suffix.lower() in (".xml", ".mjcf") or "/" in word or os.path.isfile(path)
+    is_file = path.suffix.lower() in (".xml", ".mjcf", ".urdf") or "/" in word or os.path.isfile(path)
     task = None if is_file else load_task(word)
     law = contact_law or (task.contact_law if task else "mujoco")
     scene = Scene.from_mjcf(

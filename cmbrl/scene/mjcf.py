@@ -1,18 +1,11 @@
-"""Reads an MJCF with MuJoCo's compiler and fuses its bodies into a tree of moving bodies."""
+"""Fuses the bodies of a compiled MuJoCo model into a tree of moving bodies."""
 
 from __future__ import annotations
-
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from cmbrl.errors import UserError
-from cmbrl.reading import regular_file
 from cmbrl.scene.manifold import quaternion_matrix
-from cmbrl.scene.precheck import check_mjcf
 from cmbrl.scene.records import WORLD, Array, Body, Frame, Joint, JointKind, Tree
 
 _OBJECTS = {
@@ -25,60 +18,6 @@ _OBJECTS = {
     "flex": mujoco.mjtObj.mjOBJ_FLEX,
     "pair": mujoco.mjtObj.mjOBJ_PAIR,
 }
-
-LARGEST = 1e12  #: of any mass, length, stiffness or gain
-_OF_BODIES = ("body_", "jnt_", "dof_", "geom_", "pair_", "actuator_", "tendon_")
-_PHYSICAL = ("qpos0", "qpos_spring", "wrap_prm", "eq_data", "eq_sol", *_OF_BODIES)
-
-
-def compile_mjcf(path: Path) -> tuple[mujoco.MjModel, list[str]]:
-    """Compiles an MJCF file; returns the model and MuJoCo's warnings.
-
-    Raises UserError if the file is missing, is not an MJCF, or does not compile.
-    """
-    regular_file(path, "give the path of an MJCF (.xml)")
-    check_mjcf(path)
-    with quiet() as warnings:
-        try:
-            model = mujoco.MjModel.from_xml_path(str(path))
-        except Exception as error:  # ValueError; for sizes and names that it cannot hold, several others
-            raise UserError(f"{path}: MuJoCo cannot compile this file: {error}") from None
-    try:
-        bytes(model.names).decode()
-    except UnicodeDecodeError:
-        raise UserError(f"{path}: has a name that is not UTF-8: save the file as UTF-8") from None
-    _check_values(model, path)
-    return model, warnings
-
-
-def _check_values(model: mujoco.MjModel, path: Path) -> None:
-    """Raises UserError unless every number that describes the motion is within LARGEST; ranges may be infinite."""
-    for owner, prefixes in ((model, _PHYSICAL), (model.opt, ("",))):
-        for name in dir(owner):
-            if not name.startswith(prefixes) or name.startswith("_") or name.endswith("_user"):
-                continue
-            values = np.asarray(getattr(owner, name)) if not callable(getattr(owner, name)) else np.zeros(0)
-            if values.dtype.kind != "f":
-                continue
-            bad = np.isnan(values) if name.endswith("range") else ~(np.abs(values) <= LARGEST)
-            if bad.any():
-                at = f"[{np.argwhere(np.atleast_1d(bad))[0][0]}]" if values.ndim else ""
-                value = np.atleast_1d(values)[np.atleast_1d(bad)][0]
-                raise UserError(
-                    f"{path}: MuJoCo's {name}{at} is {value:g}; give numbers of a robot, at most {LARGEST:g}"
-                )
-
-
-@contextmanager
-def quiet() -> Iterator[list[str]]:
-    """Collects MuJoCo's warnings; by default MuJoCo prints them and writes MUJOCO_LOG.TXT to the working directory."""
-    warnings: list[str] = []
-    handler = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(warnings.append)
-    try:
-        yield warnings
-    finally:
-        mujoco.set_mju_user_warning(handler)
 
 
 def name_of(model: mujoco.MjModel, kind: str, number: int) -> str:

@@ -1,4 +1,4 @@
-"""What an MJCF asks of its compiler, checked before MuJoCo reads it: files that have an end, and counts that do.
+"""What an MJCF or a URDF asks of its compiler, checked before MuJoCo reads it: files and counts that have an end.
 
 MuJoCo opens whatever a file names, and makes as many copies as a file asks for; neither can be interrupted.
 """
@@ -9,6 +9,7 @@ import os
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from io import StringIO
 from math import prod
 from pathlib import Path
 
@@ -20,6 +21,7 @@ ELEMENTS = 10_000  #: at most, with every copy counted; MuJoCo takes seconds for
 DEPTH = 500  #: of nested elements, as in MuJoCo
 AMOUNT = 100_000  #: largest value of an attribute that is a number of array entries
 
+_ROOTS = ("mujoco", "robot")  # of an MJCF, of a URDF
 _COPIES = ("replicate", "composite", "flexcomp")  # their `count` (one number or several) multiplies what is inside
 _AMOUNTS = ("size", "nsample", "nrow", "ncol", "width", "height", "nuserdata", "nkey", "subdivision", "maxhullvert")
 _FOLDERS = ("meshdir", "texturedir", "assetdir")
@@ -31,16 +33,20 @@ class _Reader:
     folders: set[Path] = field(default_factory=set)
     models: dict[str, int] = field(default_factory=dict)  # name of a <model> asset -> its number of elements
 
-    def elements(self, file: Path, above: tuple[Path, ...] = ()) -> int:
-        """Number of elements of ``file``, copies and included files counted; raises UserError beyond a limit."""
+    def elements(self, file: Path, above: tuple[Path, ...] = (), text: str | None = None) -> int:
+        """Number of elements of ``file`` (or of its ``text``), copies and included files counted.
+
+        Raises UserError beyond a limit.
+        """
         total, copies = 0, [1]
-        for event, element in ElementTree.iterparse(file, ("start", "end")):
+        for event, element in ElementTree.iterparse(StringIO(text) if text is not None else file, ("start", "end")):
             if event == "end":
                 copies.pop()
                 continue
-            if not above and len(copies) == 1 and element.tag != "mujoco":
+            if not above and len(copies) == 1 and element.tag not in _ROOTS:
                 raise UserError(
-                    f"{self.main}: not an MJCF: the root element is <{element.tag[:40]}>, expected <mujoco>"
+                    f"{self.main}: not an MJCF: the root element is <{element.tag[:40]}>, expected <mujoco> or, of a "
+                    "URDF, <robot>"
                 )
             self._check_amounts(element)
             total += copies[-1] * (1 + self._named(element, file, above))
@@ -72,9 +78,13 @@ class _Reader:
         return inside
 
     def _places(self, name: str, file: Path) -> list[Path]:
-        """Where the file ``name`` may lie, as far as something is there; a missing one is for MuJoCo to report."""
-        folders = (self.main.parent, file.parent, *self.folders)
-        return [path for folder in folders if os.path.lexists(path := folder / name) and os.path.exists(path)]
+        """Where the file ``name`` may lie, as far as something is there; a missing one is for MuJoCo to report.
+
+        MuJoCo looks for what a URDF names without its folders.
+        """
+        folders, names = (self.main.parent, file.parent, *self.folders), dict.fromkeys((name, name.rsplit("/", 1)[-1]))
+        places = [folder / each for folder in folders for each in names if each]
+        return [path for path in places if os.path.lexists(path) and os.path.exists(path)]
 
     def _check_amounts(self, element: ElementTree.Element) -> None:
         for key, text in element.attrib.items():
@@ -83,10 +93,11 @@ class _Reader:
                 raise UserError(f"{self.main}: <{element.tag}> asks for {key}={shortened(text)!r}, more than {AMOUNT}")
 
 
-def check_mjcf(path: Path) -> None:
-    """Raises UserError unless ``path`` is XML with the root <mujoco> that names files and counts with an end."""
+def check_xml(source: Path | str) -> None:
+    """Raises UserError unless a file or a text is XML of an MJCF or a URDF that names files and counts with an end."""
+    path, text = (source, None) if isinstance(source, Path) else (Path("XML text"), source)
     try:
-        _Reader(path).elements(path)
+        _Reader(path).elements(path, text=text)
     except UserError:
         raise
     except OSError as error:

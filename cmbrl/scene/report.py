@@ -100,7 +100,7 @@ def describe(scene: Scene) -> str:
     core = scene.core
     gravity = np.array2string(scene.gravity, precision=4, suppress_small=True)
     lines = [
-        f"{scene.name}: {scene.path}",
+        f"{scene.name}: {scene.path or 'not from a file'}",
         f"  algebra      {'planar' if scene.planar else 'spatial'}: {scene.planar_why}",
         f"  size         nq {scene.nq}, nv {scene.nv}, nu {scene.nu}; "
         f"{core.nbody} moving bodies, {scene.total_mass:.4g} kg",

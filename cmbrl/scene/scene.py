@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 
 import mujoco
 import numpy as np
 
 from cmbrl.errors import UserError
 from cmbrl.numbers import one_of, real_array, switch
-from cmbrl.reading import regular_file
 from cmbrl.scene import kinematics, manifold
 from cmbrl.scene.actuators import reach_arrays, read_actuators
 from cmbrl.scene.arrays import doubles, integers
@@ -23,11 +21,12 @@ from cmbrl.scene.fluid import box_arrays, oblique_box, read_boxes
 from cmbrl.scene.joint_forces import force_ranges, read_compensation
 from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.layout import Layout
-from cmbrl.scene.mjcf import compile_mjcf, name_of, read_tree
+from cmbrl.scene.mjcf import name_of, read_tree
 from cmbrl.scene.near import CHOICES
 from cmbrl.scene.parameters import offer_parameters
 from cmbrl.scene.records import Array, Candidate, Joint, JointKind, LeftOut, Parameter, Tendon, Tie, Tree
 from cmbrl.scene.reduction import PlaneOfMotion, find_plane, merge_points, obstacle_to_plane, project
+from cmbrl.scene.robot_source import Compiled, RobotSource, compile_robot
 from cmbrl.scene.shapes import read_shape
 from cmbrl.scene.springs import check_joints, spring_arrays
 from cmbrl.scene.support import Gate, check_model
@@ -51,7 +50,7 @@ class Scene:
     """
 
     name: str
-    path: str
+    path: str  # empty unless it was read from a file
     ignore: tuple[str, ...]
     contact_law: str  # as LawChoice writes it
     reduce: bool  # False: nothing was simplified, on request
@@ -89,16 +88,17 @@ class Scene:
     @classmethod
     def from_mjcf(
         cls,
-        path: str | Path,
+        source: RobotSource,
         ignore: str | Iterable[str] = (),
         contact_law: str = "mujoco",
         reduce: bool = True,
         self_contact: str = "near",
     ) -> Scene:
-        """Reads an MJCF through MuJoCo's compiler.
+        """Reads a robot through MuJoCo's compiler.
 
         Args:
-            path: the MJCF file.
+            source: an MJCF or URDF file; its text (a string that starts with "<"); a ``mujoco.MjSpec``, compiled as it
+                is; or a ``mujoco.MjModel``. A URDF has no motors: add them to the MjSpec of its file.
             ignore: kinds of unsupported elements to leave out (``cmbrl.scene.support.KINDS``).
             contact_law: "mujoco" keeps the file's softness; "rigid" makes contacts hard, with a restitution to fit;
                 "spring-damper" puts an implicit spring and damper in each contact, stable at large steps too;
@@ -111,18 +111,17 @@ class Scene:
                 The motion is the same at a higher cost; use it to check the simplification.
 
         Raises:
-            UserError: for a missing file, a file that is not an MJCF, or an unsupported element.
+            UserError: for a missing file, one that is neither an MJCF nor a URDF, or an unsupported element.
         """
-        file = regular_file(path, "give the path of an MJCF (.xml)")
-        gate = Gate(str(file), ignore)
         law = LawChoice.parse(contact_law)
         reduce = switch(reduce, "reduce")
         one_of(self_contact, CHOICES, "self-contact")
-        model, warnings = compile_mjcf(file)
-        if model.nv == 0:
-            raise UserError(f"{file}: the model has no joints, so nothing moves; add a joint")
-        check_model(model, gate)
-        return _build(cls, model, file, gate, law, reduce, tuple(warnings), self_contact)
+        compiled = compile_robot(source)
+        gate = Gate(compiled.label, ignore)
+        if compiled.model.nv == 0:
+            raise UserError(f"{compiled.label}: the model has no joints, so nothing moves; add a joint")
+        check_model(compiled.model, gate)
+        return _build(cls, compiled, gate, law, reduce, self_contact)
 
     @property
     def layout(self) -> Layout:
@@ -189,14 +188,13 @@ def _check_together(**arrays: Array) -> None:
 
 def _build(
     cls: type[Scene],
-    model: mujoco.MjModel,
-    file: Path,
+    compiled: Compiled,
     gate: Gate,
     law: LawChoice,
     reduce: bool,
-    warnings: tuple[str, ...],
     self_contact: str,
 ) -> Scene:
+    model = compiled.model
     check_joints(model, gate)
     tree = read_tree(model)
     boxes = read_boxes(model, tree, gate)
@@ -267,8 +265,8 @@ def _build(
     names, kinds = _coordinates(tree)
     geoms = [name_of(model, "geom", k) for k in range(model.ngeom)]
     return cls(
-        name=_model_name(model, file),
-        path=str(file),
+        name=compiled.name,
+        path=str(compiled.file or ""),
         ignore=gate.ignore,
         contact_law=str(law),
         reduce=reduce,
@@ -295,7 +293,7 @@ def _build(
         dropped_contacts=tuple(builder.dropped),
         differences=differences(model, candidates, builder.stand_ins, tendons, law.name, integrator, len(boxes)),
         merged_points=merged,
-        compiler_warnings=warnings,
+        compiler_warnings=compiled.warnings,
         joints=tuple(tree.joints),
         core=core,
     )
@@ -315,12 +313,6 @@ def _obstacle(
         if reason := obstacle_to_plane(tree, plane, c, up):
             return f"{reason} ({name_of(model, 'geom', c.geoms[0])} - {name_of(model, 'geom', c.geoms[1])})"
     return obstacle_of_tendons(tree, plane, tendons) or obstacle_of_ties(tree, plane, ties)
-
-
-def _model_name(model: mujoco.MjModel, file: Path) -> str:
-    """The name in ``<mujoco model="...">``, or the file's stem if it has none."""
-    name = bytes(model.names).split(b"\0", 1)[0].decode()
-    return file.stem if name in ("", "MuJoCo Model") else name.replace(" ", "_")
 
 
 def _coordinates(tree: Tree) -> tuple[tuple[str, ...], tuple[str, ...]]:

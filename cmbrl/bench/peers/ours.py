@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -13,7 +12,6 @@ import numpy as np
 from cmbrl.bench.peers.simulator import Array, NotExpressibleError, Simulator, World
 from cmbrl.contact.smoothing import Smoothing
 from cmbrl.errors import UserError
-from cmbrl.files import write_text
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.native import SolverStatus
 from cmbrl.scene import Scene
@@ -22,12 +20,7 @@ from cmbrl.scene import Scene
 @lru_cache(maxsize=512)
 def scene_of(mjcf: str | Path, contact_law: str) -> Scene:
     """The scene of an MJCF text or file, see :class:`World`; raises UserError where it is not modelled."""
-    if isinstance(mjcf, Path):
-        return Scene.from_mjcf(mjcf, contact_law=contact_law)
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "scene.xml"
-        write_text(file, mjcf)
-        return Scene.from_mjcf(file, contact_law=contact_law)
+    return Scene.from_mjcf(mjcf, contact_law=contact_law)
 
 
 class Ours(Simulator):
@@ -43,7 +36,7 @@ class Ours(Simulator):
         try:
             self.scene = scene_of(world.mjcf, contact_law)
         except UserError as error:
-            raise NotExpressibleError(str(error).rsplit("scene.xml: ", 1)[-1]) from None
+            raise NotExpressibleError(str(error).rsplit("XML text: ", 1)[-1]) from None
         theta = self.scene.parameter_vector()
         bounces = np.array([p.group == "restitution" for p in self.scene.parameters], dtype=bool)
         if world.restitution and not bounces.any():

@@ -1,0 +1,142 @@
+"""Scenes from a URDF, from XML text, from an MjSpec and from an MjModel: all step as MuJoCo does on the same model."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from cmbrl.errors import UserError
+from cmbrl.fitting.result import FitResult
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.scene import Scene
+from cmbrl.scene.report import describe
+
+MJCF = """<mujoco model="arm"><option timestep=".002"/><worldbody><body name="upper"><joint name="a" axis="0 1 0"
+damping=".1"/><geom name="g" type="capsule" size=".05" fromto="0 0 0 .3 0 0"/><body name="lower" pos=".3 0 0">
+<joint name="b" axis="0 0 1"/><geom type="capsule" size=".04" fromto="0 0 0 .3 0 0"/></body></body>
+</worldbody></mujoco>"""
+INERTIA = '<inertial><origin xyz="0 .05 .1"/><mass value="{}"/><inertia ixx=".02" iyy=".02" izz=".01" ixy="0" ixz="0" '
+INERTIA += 'iyz="0"/></inertial>'
+STRIP = '<mujoco><compiler meshdir="meshes" strippath="true"/></mujoco>'
+URDF = f"""<robot name="urdf_arm">{STRIP}<link name="base"/>
+<link name="upper">{INERTIA.format(2)}<collision><geometry><mesh filename="package://arm/meshes/tetra.obj"/></geometry>
+</collision></link><link name="lower">{INERTIA.format(1)}</link><link name="finger">{INERTIA.format(0.5)}</link>
+<joint name="a" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+<limit lower="-2" upper="2" effort="10" velocity="3"/><dynamics damping=".1" friction=".2"/></joint>
+<joint name="b" type="revolute"><origin xyz="0 0 .2" rpy="0 .3 0"/><parent link="upper"/><child link="lower"/>
+<axis xyz="1 0 0"/><limit lower="-2" upper="2" effort="10" velocity="3"/></joint>
+<joint name="c" type="prismatic"><origin xyz="0 0 .2"/><parent link="lower"/><child link="finger"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="10" velocity="3"/><mimic joint="b" multiplier=".5" offset=".01"/></joint></robot>"""
+TETRA = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+
+
+@pytest.fixture
+def urdf(tmp_path: Path) -> Path:
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes/tetra.obj").write_text(TETRA)
+    (tmp_path / "robot.urdf").write_text(URDF)
+    return tmp_path / "robot.urdf"
+
+
+def error_of_steps(scene: Scene, model: mujoco.MjModel) -> float:
+    """Largest difference of a velocity after one step from random states, relative to the largest change."""
+    rng, data, worst = np.random.default_rng(0), mujoco.MjData(model), 0.0
+    ours = ComplementarityModel(scene)
+    q = scene.integrate(np.tile(scene.q0, (20, 1)), 0.2 * rng.normal(size=(20, scene.nv)))
+    v, u = rng.normal(size=(20, scene.nv)), rng.uniform(-1, 1, (20, scene.nu))
+    found = ours.predict(q, v, u).v_next
+    for k in range(len(q)):
+        mujoco.mj_resetData(model, data)
+        data.qpos[:], data.qvel[:], data.ctrl[:] = q[k], v[k], u[k]
+        mujoco.mj_step(model, data)
+        worst = max(worst, np.abs(found[k] - data.qvel).max() / np.abs(data.qvel - v[k]).max())
+    return worst
+
+
+def test_a_urdf_steps_as_mujoco_does(urdf: Path) -> None:
+    scene, model = Scene.from_mjcf(urdf), mujoco.MjModel.from_xml_path(str(urdf))
+    assert scene.joint_names == ("a", "b", "c")
+    assert (scene.core.ntie, scene.core.nlimit, scene.nu) == (1, 3, 0)  # the mimic joint is a tie
+    assert scene.path == str(urdf)
+    assert error_of_steps(scene, model) < 1e-4
+
+
+def test_an_address_of_ros_is_refused_with_what_helps(urdf: Path) -> None:
+    urdf.write_text(URDF.replace(STRIP, ""))
+    with pytest.raises(UserError, match=r"package:.*put <mujoco><compiler meshdir"):
+        Scene.from_mjcf(urdf)
+
+
+def test_a_mesh_that_has_no_end_is_refused(urdf: Path) -> None:
+    mesh = urdf.parent / "meshes/tetra.obj"
+    mesh.unlink()
+    os.mkfifo(mesh)
+    with pytest.raises(UserError, match="named pipe"):
+        Scene.from_mjcf(urdf)
+
+
+def test_motors_are_added_to_the_spec_of_a_urdf(urdf: Path) -> None:
+    spec = mujoco.MjSpec.from_file(str(urdf))
+    motor = spec.add_actuator(name="motor", target="a", trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    motor.gear[0] = 5.0
+    scene = Scene.from_mjcf(spec)
+    assert (scene.actuator_names, scene.path, scene.name) == (("motor",), "", "urdf_arm")
+    assert error_of_steps(scene, spec.compile()) < 1e-4  # dry friction is softened
+    assert "urdf_arm: not from a file" in describe(scene)
+
+
+def test_a_spec_is_read_as_it_is_now(tmp_path: Path) -> None:
+    spec = mujoco.MjSpec.from_string(MJCF)
+    light = Scene.from_mjcf(spec).total_mass
+    spec.geom("g").density = 5000.0
+    assert Scene.from_mjcf(spec).total_mass > 2 * light
+
+
+def test_a_model_is_read_with_its_changes() -> None:
+    model = mujoco.MjModel.from_xml_string(MJCF)
+    model.opt.gravity[:] = 0, 0, -1.6
+    model.dof_damping[0] = 3.0
+    assert error_of_steps(Scene.from_mjcf(model), model) < 1e-9
+
+
+def test_text_and_file_are_the_same_scene(tmp_path: Path) -> None:
+    (tmp_path / "arm.xml").write_text(MJCF)
+    text, file = Scene.from_mjcf(MJCF), Scene.from_mjcf(tmp_path / "arm.xml")
+    np.testing.assert_array_equal(text.core.P, file.core.P)
+    assert text.name == file.name == "arm"
+    assert Scene.from_mjcf(str(tmp_path / "arm.xml")).path == file.path
+
+
+def test_a_fit_without_a_file_is_not_saved(tmp_path: Path) -> None:
+    result = FitResult(ComplementarityModel(Scene.from_mjcf(MJCF)), {}, {})
+    with pytest.raises(UserError, match="names the file of its robot, and arm has none"):
+        result.save(tmp_path / "fit")
+    assert not (tmp_path / "fit").exists()
+
+
+@pytest.mark.parametrize(
+    ("source", "told"),
+    [
+        ("<html/>", "XML text: not an MJCF: the root element is <html>"),
+        ("<mujoco>", "XML text: not an MJCF: invalid XML"),
+        ("<mujoco><worldbody><body/></worldbody></mujoco>", "XML text: the model has no joints"),
+        (MJCF.replace('axis="0 1 0"', 'axis="0 0 0"'), "XML text: MuJoCo cannot compile"),
+        (MJCF.replace(".002", "1e20"), "XML text: MuJoCo's timestep is 1e"),
+        (mujoco.MjSpec(), "MjSpec: the model has no joints"),
+        (7, "not the path of a file"),
+    ],
+)
+def test_other_sources_are_refused_by_what_they_are(source: object, told: str) -> None:
+    with pytest.raises(UserError, match=told):
+        Scene.from_mjcf(source)  # type: ignore[arg-type]
+
+
+def test_a_broken_spec_is_refused() -> None:
+    spec = mujoco.MjSpec.from_string(MJCF)
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="none")
+    with pytest.raises(UserError, match="MjSpec: MuJoCo cannot compile"):
+        Scene.from_mjcf(spec)
