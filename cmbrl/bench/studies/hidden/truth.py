@@ -19,10 +19,11 @@ DERIVED = ("softness_scale",)  #: not in a file: MuJoCo derives it from masses, 
 def true_parameters(nominal: Scene, true: Scene) -> np.ndarray:
     """Values (np,) of ``nominal.parameters`` at which its physical vector is that of ``true``.
 
-    Of a parameter that moves several numbers, the first counts: of a mass, the mass and not the inertia.
+    Of a parameter that moves several numbers, the first that it moves counts: of a mass, the mass and not the inertia.
     """
     core = nominal.core
-    first = core.par_ptr[:-1]
+    moved = np.flatnonzero(core.par_coef)
+    first = moved[np.searchsorted(moved, core.par_ptr[:-1])]
     place, coefficient = core.par_idx[first], core.par_coef[first]
     found: np.ndarray = core.par_nominal + (true.core.P[place] - core.P[place]) / coefficient
     return found
