@@ -85,7 +85,7 @@ def test_a_family_changes_what_it_says_and_only_that(files, scene, family, chang
     assert changes - found <= {"body_iquat", "body_sameframe"}  # an inertial frame may already be general
     again = families.changed(scene, load_task(scene).scene_path, family, 3)
     assert differing(again, drawn) == set()
-    assert differing(Hidden(scene, family, 4).file_like, drawn) == found
+    assert set() < differing(Hidden(scene, family, 4).file_like, drawn) <= found
 
 
 @pytest.mark.parametrize("scene", SCENES)

@@ -46,7 +46,6 @@ class Arm:
     colour: str
     families: tuple[str, ...] = FAMILIES
     extra: bool = False
-    rows: int | None = None  #: of the log, where it is not the plan's
     available: Callable[[], bool] = lambda: True
 
 
@@ -64,10 +63,10 @@ def work(plan: Plan) -> Work:
     return Work(transitions=plan.rows, seconds=plan.neural_seconds, points=1, mbpo=plan.mbpo, **plan.neural)
 
 
-def loop_config(s: Setup, plan: Plan, **changes: Any) -> LoopConfig:
+def loop_config(s: Setup, plan: Plan) -> LoopConfig:
     """The task's settings, with what the study changes; the log is as long as it is."""
     rows = plan.rows if s.log is None else len(s.log)
-    config: LoopConfig = configure("loop", s.task, {"transitions": rows, **plan.loop[s.task.name], **changes})
+    config: LoopConfig = configure("loop", s.task, {"transitions": rows, **plan.loop[s.task.name]})
     return config
 
 
@@ -127,7 +126,7 @@ def model_of(s: Setup, file: Any) -> ComplementarityModel:
 def arms(plan: Plan) -> dict[str, Arm]:
     """Arms of a draw by name, in the order of tables and legends."""
     sizes = {
-        f"fit of {rows:,}": Arm(partial(fit_arm, rows=rows), colour, (PARAMETERS,), True, rows)
+        f"fit of {rows:,}": Arm(partial(fit_arm, rows=rows), colour, (PARAMETERS,), True)
         for rows, colour in zip(plan.other_rows, ("#9ecae1", "#6baed6", "#2171b5"), strict=False)
     }
     return {

@@ -19,7 +19,7 @@ from cmbrl.bench.studies.hidden.plan import OUTSIDE
 STEP = 1e-3  #: s, Euler
 LAG = 0.02  #: s, of the torque behind the command, first order
 DELAY = (1.0, 2.0)  #: control steps
-GAP = np.deg2rad((0.3, 1.0))  #: rad, of the backlash from stop to stop
+GAP = (0.3, 1.0)  #: degrees, of the backlash from stop to stop
 PLAY_ARMATURE, PLAY_DAMPING = 0.02, 0.002  #: of the driven joint's armature; N m s/rad per N m of the motor
 STOP, STOP_IMPEDANCE = (0.004, 1.0), (0.95, 0.99, 1e-3, 0.5, 2.0)  #: solref and solimp of the play's ends
 ANGLE, RATE = 5e-4, 0.05  #: rad and rad/s, of joint encoders of 14 bits and their differences
@@ -52,7 +52,7 @@ def flawed(scene: str, path: str, file_like: mujoco.MjModel, draw: int, dt: floa
     with warnings.catch_warnings():  # about the style of a scene by others
         warnings.simplefilter("ignore")
         model = spec.compile()
-    gaps = rng.uniform(*GAP, file_like.nu)
+    gaps = np.deg2rad(rng.uniform(*GAP, file_like.nu))
     for k, gap in enumerate(gaps):
         driven = file_like.joint(int(file_like.actuator_trnid[k, 0])).name
         model.joint(play_of(driven)).range[:] = -gap / 2, gap / 2  # in radians, whatever the file's unit

@@ -19,6 +19,7 @@ from cmbrl.envs.evaluation import Actor, evaluate_model
 from cmbrl.envs.simulation import Disturbance, parameter_sets
 from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.protocol import Model
 
 LATE = 1  #: control steps
 PUSH, EVERY = 0.3, 1.0  #: m/s, either way along the track; s between pushes
@@ -27,7 +28,7 @@ TRIALS = ("draws", "late", "pushed")
 
 def trials(policy: Actor, mdp: MDP, model: ComplementarityModel, episodes: int) -> Result:
     """Episodes in the model by trial; all under the model's draws, where it has any."""
-    harder = {
+    harder: dict[str, Model] = {
         "draws": model,
         "late": Disturbed(model, late=LATE),
         "pushed": Disturbed(model, push=PUSH, every=max(1, round(EVERY / mdp.dt))),
