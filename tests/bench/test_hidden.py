@@ -258,7 +258,8 @@ def test_returns_are_those_of_true_states():
         robot.step(np.full(3, 0.5))
     way = robot.path[-1][0][0] - robot.path[0][0][0]
     alive = told["lengths"][0] * (1 - 3 * 0.25e-3) - 1  # the step of the fall earns no survival
-    assert told["falls"] == [True] * 3
+    assert told["falls"][0]
+    assert told["last"][0] == pytest.approx(robot.path[-1][0].tolist())
     assert told["returns"][0] == pytest.approx(way / 0.008 + alive, abs=1e-6)
 
 
@@ -401,7 +402,7 @@ def test_jobs_go_draw_by_draw_and_fit_and_oracle_lead():
     assert sum(ON_POLICY in name for name in made) == len(SCENES) * 10
     assert all(OUTSIDE in name for name in made if ON_POLICY in name)
     assert sum("fit of 100" in name for name in made) == len(SCENES) * Plan().extra_draws
-    assert made[-1] == f"cheetah-{OUTSIDE}-0-{ORACLE}-311"
+    assert made[-1] == f"cheetah-{OUTSIDE}-0-{ORACLE}-310"
 
 
 def test_a_cell_is_the_same_again():

@@ -22,7 +22,8 @@ Result = dict[str, Any]
 def real(policy: Actor, mdp: MDP, hidden: Hidden, episodes: int) -> Result:
     """Episodes in the hidden robot. The policy sees measured states; returns and falls are those of the true ones.
 
-    Both robots' actions are their controls.
+    ``last``: the coordinates in which each episode ended, since they tell how a robot fell. Both robots' actions are
+    their controls.
     """
     made: list[HiddenSystem] = []
     make = hidden.systems()
@@ -32,7 +33,9 @@ def real(policy: Actor, mdp: MDP, hidden: Hidden, episodes: int) -> Result:
         return made[-1]
 
     seen = evaluate_real(policy, mdp, robot, episodes, EPISODE_SEED, keep=True)
-    return told([_episode(mdp, robot, u) for robot, u in zip(made, seen.u, strict=True)])
+    episodes_told = [_episode(mdp, robot, u) for robot, u in zip(made, seen.u, strict=True)]
+    last = [robot.path[length][0].tolist() for robot, (_, length, _) in zip(made, episodes_told, strict=True)]
+    return told(episodes_told) | {"last": last}
 
 
 def _episode(mdp: MDP, robot: HiddenSystem, u: np.ndarray) -> tuple[float, int, bool]:

@@ -86,7 +86,7 @@ class Difference:
         gains = np.array([one[draw] - other[draw] for draw in one if draw in other])
         if not len(gains):
             return None
-        low, high = interval(lambda rows: float(gains[rows].mean()), len(gains))
+        low, high = interval(lambda rows: gains[rows].mean(axis=-1), len(gains))
         return cls(float(gains.mean()), low, high, int((gains > 0).sum()), len(gains))
 
 
@@ -116,19 +116,18 @@ class Way:
         if not len(draws) or b.mean() - a.mean() <= GAP * max(abs(a.mean()), abs(b.mean())):
             return cls(median, len(shares), len(draws), None, None, None)
         low, high = interval(lambda k: _ratio(x[k] - a[k], b[k] - a[k]), len(draws))
-        return cls(median, len(shares), len(draws), _ratio(x - a, b - a), low, high)
+        return cls(median, len(shares), len(draws), float(_ratio(x - a, b - a)), low, high)
 
 
-def _ratio(gain: np.ndarray, most: np.ndarray) -> float:
-    total = float(most.sum())
-    return float(gain.sum()) / total if total else float("nan")
+def _ratio(gain: np.ndarray, most: np.ndarray) -> Any:
+    with np.errstate(divide="ignore", invalid="ignore"):  # of a resample in which all draws are the same
+        return gain.sum(axis=-1) / most.sum(axis=-1)
 
 
-def interval(statistic: Callable[[Any], float], count: int, seed: int = 0) -> tuple[float, float]:
-    """95 % interval of a statistic of draws, by resampling draws: ``statistic(rows)`` of row numbers (count,)."""
-    rng = np.random.default_rng(seed)
-    values = [statistic(rows) for rows in rng.integers(count, size=(RESAMPLES, count))]
-    low, high = np.nanquantile(values, (0.025, 0.975))
+def interval(statistic: Callable[[np.ndarray], Any], count: int, seed: int = 0) -> tuple[float, float]:
+    """95 % interval of a statistic of draws, by resampling draws: ``statistic`` of row numbers (resamples, count)."""
+    rows = np.random.default_rng(seed).integers(count, size=(RESAMPLES, count))
+    low, high = np.nanquantile(statistic(rows), (0.025, 0.975))
     return float(low), float(high)
 
 

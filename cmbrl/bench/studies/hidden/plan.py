@@ -1,6 +1,7 @@
 """What the study of hidden systems does, fixed before its first run: robots, families, draws, seeds, sizes.
 
-The question and what would count as an answer are in ``text.toml``; the report begins with them.
+The question and what would count as an answer are in ``text.toml``; the report begins with them. The loop has fewer
+updates than its default (hopper 2,400 of 6,000, half-cheetah 1,500 of 1,875), so that all of it fits 16 core hours.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ SCENES = ("hopper", "cheetah")
 PARAMETERS, PAYLOAD, FLOOR, OUTSIDE = "parameters", "payload", "floor", "outside"
 FAMILIES = (PARAMETERS, PAYLOAD, FLOOR, OUTSIDE)
 FIRST_SEED = 300  #: of training and logs; draw k takes FIRST_SEED + k. Settings were chosen on smaller ones
-DRAW_SEED = 15  #: of the hidden systems
+DRAW_SEED = 16  #: of the hidden systems
 EPISODES, EPISODE_SEED = 10, 9_000  #: of every policy in every system: the same starts for all
 
 UPSIDE_DOWN = 0.1  #: share of an episode with the torso beyond 90 degrees from which it counts as a fall
@@ -27,18 +28,18 @@ class Plan:
     """Sizes of the study; the mappings at the end change settings of algorithms."""
 
     draws: int = 10  #: of each family
-    extra_draws: int = 5  #: of other log sizes and of the neural arms
+    extra_draws: int = 4  #: of other log sizes and of the neural arms
     base_seeds: int = 3  #: of what is trained without data
     widths: tuple[float, ...] = (0.15, 0.3)  #: of domain randomisation
     rows: int = 1000  #: transitions of a log
     other_rows: tuple[int, ...] = (100, 300, 3000)
-    repeats: int = 2  #: further seeds of fit and oracle on the first draw of each family
+    repeats: int = 1  #: further seeds of fit and oracle on the first draw of each family
     episodes: int = EPISODES
     trials: int = 64  #: episodes in the model of each trial
     draws_of_fit: int = 256  #: parameter sets of a randomised model
     neural_seconds: Mapping[str, float] = field(default_factory=lambda: {"hopper": 240.0, "cheetah": 120.0})
     loop: Mapping[str, Mapping[str, Any]] = field(
-        default_factory=lambda: {"hopper": {"iterations": 3000}, "cheetah": {}}
+        default_factory=lambda: {"hopper": {"iterations": 2400}, "cheetah": {"iterations": 1500}}
     )  #: scene -> changed settings of the loop
     neural: Mapping[str, Any] = field(default_factory=lambda: {"ensemble_updates": 2000, "neural_iterations": 600})
     mbpo: Mapping[str, Any] = field(default_factory=dict)

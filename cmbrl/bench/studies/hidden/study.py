@@ -76,9 +76,10 @@ def section(cells: Sequence[Result], folder: Path, plan: Plan) -> Section:
 
 def _text(cells: Sequence[Result], plan: Plan) -> str:
     widths = " and ".join(f"{width:.0%}" for width in plan.widths)
+    updates = " and ".join(f"{settings['iterations']:,} ({scene})" for scene, settings in plan.loop.items())
     method = WORDS(
         "method", draws=plan.draws, rows=plan.rows, extra=plan.extra_draws, seeds=plan.base_seeds, widths=widths,
-        episodes=plan.episodes, upside_down=UPSIDE_DOWN, repeats=plan.repeats,
+        episodes=plan.episodes, upside_down=UPSIDE_DOWN, repeats=plan.repeats, updates=updates,
     )  # fmt: skip
     trials = WORDS("trials", trials=plan.trials, late=LATE, push=PUSH, threshold=THRESHOLD)
     failed = " ".join(

@@ -15,6 +15,7 @@ from cmbrl.bench.study import Cell, Table
 from cmbrl.bench.words import Words
 
 WORDS = Words("cmbrl.bench.studies.hidden")
+WRONG = 0.01  #: relative error of the file from which a parameter counts as wrong
 
 
 def tables(cells: Sequence[Result]) -> list[Table]:
@@ -74,7 +75,8 @@ def covered(cells: Sequence[Result]) -> Table:
         fits = [c["parameters"] for c in cells
                 if "parameters" in c and (c["family"], c["arm"], c["scene"]) == (family, arm, scene)]  # fmt: skip
         flat = [p for fit in fits for p in fit]
-        nearer = [abs(p["value"] - p["truth"]) < abs(p["nominal"] - p["truth"]) for p in flat]
+        errors = [(abs(p["value"] - p["truth"]), abs(p["nominal"] - p["truth"]), abs(p["truth"])) for p in flat]
+        nearer = [after < before for after, before, size in errors if before > WRONG * size]
         rows.append([family, arm, scene, len(fits), len(flat), _share([p["holds"] for p in flat]), _share(nearer),
                      _worst(flat)])  # fmt: skip
     return Table("Intervals", columns, rows, WORDS("tables.covered"))
