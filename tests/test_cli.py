@@ -30,6 +30,8 @@ OPTIONAL = [
     "cmaes",
     "minari",
     "h5py",
+    "pyarrow",
+    "rosbags",
     "stable_baselines3",
     "sb3_contrib",
     "tensorboard",

@@ -58,7 +58,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--holdout", type=share, default=0.25, metavar="X", help="share of episodes held out (default 0.25)"
     )
-    parser.add_argument("--all-parameters", action="store_true", help="fit all parameters, not only those that help")
+    parser.add_argument(
+        "--all-parameters",
+        action="store_true",
+        help="fit all parameters but those on request, not only those that help",
+    )
     parser.add_argument(
         "--groups",
         action="append",

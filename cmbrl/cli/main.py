@@ -9,14 +9,18 @@ import warnings
 from collections.abc import Sequence
 from importlib import import_module
 from importlib.metadata import version
+from keyword import iskeyword
+from types import ModuleType
 
 from cmbrl.cli.options import EXIT_INTERRUPTED, Parser
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.files import FULL
 
-# name -> summary; the module cmbrl.cli.NAME has EXAMPLE, add_arguments(parser) and run(arguments) -> exit code or None.
+# name -> summary; the module cmbrl.cli.NAME (cmbrl.cli.NAME_ for a word of Python) has EXAMPLE, add_arguments(parser)
+# and run(arguments) -> exit code or None.
 COMMANDS = {
     "info": "what a scene models, what it leaves out and why, and which parameters can be fitted",
+    "import": "read the log of a robot: CSV, Parquet, npz, HDF5, ROS bags, LeRobot, PACE",
     "record": "record transitions from the real system of a task",
     "fit": "fit the physical parameters of a contact model to a log",
     "error": "compare models on a log: one step ahead and open loop, by stratum",
@@ -24,6 +28,7 @@ COMMANDS = {
     "evaluate": "the return of a policy in the real system and in a model",
     "play": "a clip of a policy in the real system and in a model, or an interactive viewer",
     "export": "write a policy as ONNX or TorchScript",
+    "excite": "commands whose log tells most about the parameters of a robot",
     "check": "compare a robot's model with MuJoCo, step by step, and test its derivatives and speed",
     "sweep": "run one configuration with many seeds, on this computer, Ray or Dask",
     "bench": "measure models, solvers and gradients next to their competitors",
@@ -78,12 +83,16 @@ def _dispatch(arguments: Sequence[str]) -> int:
         return 0
     if name not in COMMANDS:
         raise UserError(f"unknown command {name!r}: {did_you_mean(name, COMMANDS)}")
-    return import_module(f"cmbrl.cli.{name}").run(parser_of(name).parse(chosen.arguments)) or 0
+    return _module(name).run(parser_of(name).parse(chosen.arguments)) or 0
+
+
+def _module(name: str) -> ModuleType:
+    return import_module(f"cmbrl.cli.{name}{'_' * iskeyword(name)}")
 
 
 def parser_of(name: str) -> Parser:
     """The parser of a command. Only that command is imported: `cmbrl info` must not wait for torch."""
-    command = import_module(f"cmbrl.cli.{name}")
+    command = _module(name)
     parser = Parser(f"cmbrl {name}", COMMANDS[name], command.EXAMPLE)
     command.add_arguments(parser)
     parser.add_config()

@@ -1,6 +1,7 @@
 """Checks of a log on entry: it is well-formed, finite, and a log of the given robot.
 
-Every check raises :class:`cmbrl.UserError` with one line that names the array, the row (from 0) and the remedy.
+Every check raises :class:`cmbrl.UserError` with one line that names the array, the row (from 0) and the remedy. What
+the numbers of the log tell about faults of sensors and units is in :mod:`cmbrl.data.plausible`.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cmbrl.data import plausible
 from cmbrl.data.fields import Fields
 from cmbrl.errors import UserError
 from cmbrl.numbers import names, real, real_array
@@ -21,11 +23,8 @@ QUATERNION_TOLERANCE = (
     1e-3  #: of the norm; motion capture rounds to about 1e-6, and wrong orders or units miss by far more
 )
 TIME_STEP_TOLERANCE = 1e-3  #: relative; distinguishes 0.0068 s from 1/148 s
-ROWS_FOR_KINEMATICS = 50  #: fewer rows do not show whether velocities and positions agree
-SENSOR_NOISE = 1e-4  #: changes of this size [m, rad] may be noise
 LARGEST = 1e12  #: far beyond any position, velocity, force or time of a robot; squares of sums are still finite
 REGULAR = 0.5  #: largest deviation of a time step from the median, as a share of it
-UNEXPLAINED = 0.95  #: largest share (root mean square) of a change that velocities may leave unexplained
 
 
 def numbers(name: str, value: Any) -> np.ndarray:
@@ -147,7 +146,7 @@ def against_scene(log: Fields, scene: Scene, dt: float | None = None) -> None:
             f"one transition of the log takes {log['dt']:.6g} s, one step of the model {dt:.6g} s; "
             "choose substeps and time step so that their product is the log's dt"
         )
-    _check_kinematics(log, scene)
+    plausible.check_transitions(log, scene)
 
 
 def _check_sizes(log: Fields, scene: Scene) -> None:
@@ -187,24 +186,3 @@ def _check_quaternions(log: Fields, scene: Scene) -> None:
                     f"quaternion in row {bad[0]} of {name} (columns {address} to {address + 3}) has norm "
                     f"{norm[bad[0]]:.4g}; give unit quaternions in the order w x y z"
                 )
-
-
-def _check_kinematics(log: Fields, scene: Scene) -> None:
-    """Positions must change roughly with the velocities: detects swapped columns, another frame, a wrong ``dt``.
-
-    Lenient by design, since impacts change velocities within a step: it refuses only a coordinate whose changes the
-    velocities before and after do not explain at all.
-    """
-    if len(log["q"]) < ROWS_FOR_KINEMATICS:
-        return
-    dt, before, after = log["dt"], log["v"], log["v_next"]
-    change = scene.difference(log["q"], log["q_next"])
-    size = np.sqrt(np.mean(change**2, axis=0))
-    velocities = (before, after, (before + after) / 2)
-    rest = [np.sqrt(np.mean((change - dt * v) ** 2, axis=0)) for v in velocities]
-    unexplained = np.min(rest, axis=0) > UNEXPLAINED * size + SENSOR_NOISE
-    if unexplained.any():
-        raise UserError(
-            f"velocity column {int(np.flatnonzero(unexplained)[0])} does not match the change of its position over "
-            f"dt = {dt:.6g} s; check dt, the order of columns, and the frame of angular velocities (body)"
-        )

@@ -16,6 +16,7 @@ from cmbrl.data.fields import ROWS, Fields
 from cmbrl.data.stacking import stack
 from cmbrl.errors import UserError
 from cmbrl.files import write_bytes
+from cmbrl.reading import regular_file
 from cmbrl.text import shortened
 
 ARRAYS = (*ROWS, "dt", "episode")
@@ -58,9 +59,9 @@ def read(path: Path) -> Fields:
 def keys(path: str | os.PathLike[str]) -> set[str]:
     """Names of the arrays in an npz; none if it cannot be read, which its reader then tells."""
     try:
-        with zipfile.ZipFile(path) as archive:
+        with zipfile.ZipFile(regular_file(path)) as archive:  # to open a named pipe would wait for ever
             return {name.removesuffix(".npy") for name in archive.namelist()}
-    except (OSError, ValueError, zipfile.BadZipFile):
+    except (OSError, ValueError, zipfile.BadZipFile):  # UserError is a ValueError
         return set()
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from cmbrl.data import checks
+from cmbrl.data import checks, plausible
 from cmbrl.data.npz import read_arrays
 from cmbrl.data.splitting import row_numbers
 from cmbrl.errors import UserError, did_you_mean
@@ -129,7 +129,7 @@ class PositionLog:
         return np.array(found, dtype=np.int64)
 
     def check(self, scene: Scene) -> None:
-        """Raises UserError unless this is a log of all joints and actuators of ``scene``."""
+        """Raises UserError unless this is a log of all joints and actuators of ``scene`` without faults that show."""
         if not hasattr(scene, "core"):
             raise UserError(f"scene is a {type(scene).__name__}; give the Scene of the robot")
         self.coordinates(scene)
@@ -144,6 +144,7 @@ class PositionLog:
                 f"actuator {scene.actuator_names[undriven[0]]!r} of scene {scene.name!r} has no command in the log; "
                 "log it, or remove it from the file"
             )
+        plausible.check_positions(self, scene)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes ``NAME.npz``, completely or not at all; raises UserError for another suffix."""

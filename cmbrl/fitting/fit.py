@@ -65,7 +65,7 @@ def fit(
         seed: the same seed gives the same result, for any number of threads.
         method: "random" or "cma" (a search, then Gauss-Newton unless ``polish`` is False), or "gauss-newton" alone.
         groups: None for the fewest parameter groups that the held-out data supports; "all"; or names of groups or
-            parameters.
+            parameters. Those that are not ``default`` (gravity, friction by place and speed) move only if named.
         horizon: steps predicted open loop and compared with the log; default: 1, or half a second of a position log.
         holdout: share of the episodes to judge on; 0 requires ``groups``.
         polish: whether a search is followed by Gauss-Newton.

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from cmbrl.errors import UserError
-from cmbrl.native import Core
+from cmbrl.native import Core, Tape
 from cmbrl.scene import Scene
 from cmbrl.scene.records import JointKind, Parameter
 
@@ -87,7 +87,7 @@ class Stepper:
         return self.core.forward(q, v, u, theta, self.options, threads=self.threads, **wanted)
 
     def backward(
-        self, u: np.ndarray, theta: np.ndarray, tape: Any, gq: np.ndarray, gv: np.ndarray, want_theta: bool = False
+        self, u: np.ndarray, theta: np.ndarray, tape: Tape, gq: np.ndarray, gv: np.ndarray, want_theta: bool = False
     ) -> dict[str, np.ndarray]:
         """Tangent cotangents gq, gv (B, nv), gu (B, nu) and perhaps gtheta (B, np), from those of the next state."""
         return self.core.backward(u, theta, tape, gq, gv, self.options, want_theta, self.threads)
@@ -173,7 +173,7 @@ class _Gradient(torch.autograd.Function):
         gv_next: torch.Tensor,
         q_next: torch.Tensor | None,
         stepper: Stepper,
-        tape: np.ndarray,
+        tape: Tape,
         want_theta: bool,
     ) -> Any:
         """Cotangents of q, v, u and, if wanted, theta; q_next (B, nq) is needed for ball joints only."""

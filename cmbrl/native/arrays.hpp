@@ -19,10 +19,16 @@ namespace cmbrl {
 struct Block { void* data; size_t bytes; };
 
 template <class X>
-auto make_array(std::initializer_list<size_t> shape, X** data) {  // not initialised
+size_t bytes_of_array(std::initializer_list<size_t> shape) {
   size_t bytes = sizeof(X);
   for (size_t s : shape)
     if (__builtin_mul_overflow(bytes, s, &bytes)) throw OutOfMemory(SIZE_MAX, "a result (a smaller batch needs less)");
+  return bytes;
+}
+
+template <class X>
+auto make_array(std::initializer_list<size_t> shape, X** data) {  // not initialised
+  size_t bytes = bytes_of_array<X>(shape);
   auto* block = new Block{Buffers::take(bytes), bytes};
   *data = static_cast<X*>(block->data);
   nb::capsule owner(block, [](void* p) noexcept {

@@ -45,15 +45,23 @@ static void make_contact(const Model& m, const Options& o, int i, const Feature<
   c.root = vsqrt(m.con_invweight[i] + c.Rn);
 }
 
-// One candidate: becomes a row of w.con if it may close within the step, else of w.left. `given`: as below.
+// Of A against B under their twists, where they are closest.
 template <class G>
-static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, const Mask* given) {
+static typename G::V relative_velocity(const Vec<G::N>* twist, int A, int B, const Feature<G>& F) {
+  typename G::V u = A >= 0 ? point_velocity<G>(twist[A], F.a) : zero<G::D>();
+  if (B >= 0) u -= point_velocity<G>(twist[B], F.a - F.dist * F.n);
+  return u;
+}
+
+// One candidate: becomes a row of w.con if it may close within the step, else of w.left; given: a row in these lanes.
+template <class G>
+static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, const Mask* given = nullptr) {
   int A = m.con_bodyA[i], B = m.con_bodyB[i];
   Feature<G> F = find_feature(m, w, i);
   T p[kContactFields];
   load_block(m, w, i, p);
   T phi = F.dist - p[kRadius];
-  Mask on = given ? given[i] : all();
+  Mask on = given ? *given : all();
   if (m.con_plane[i] < 0) on &= vabs(F.dist) > 1e-9;  // crossing segments: no direction parts them
   if (!(o.prune < 1e300) || given) {
     Contact<G>& c = w.add_contact();
@@ -63,17 +71,17 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, co
     return;
   }
   double enough = speed_that_matters(o, o.forward, m.con_invweight[i]), wide = speed_that_matters(o, o.backward, m.con_invweight[i]);
-  typename G::V u = A >= 0 ? point_velocity<G>(w.vel[A], F.a) : zero<G::D>();
-  if (B >= 0) u -= point_velocity<G>(w.vel[B], F.a - F.dist * F.n);
-  T speed = dot(F.n, u), slack = phi * (1 / o.h) - vabs(speed);  // at least, whatever the law is
-  Mask near = on & (slack - vabs(speed) < __builtin_fmax(enough, wide)), takes_part = none();
+  T speed = dot(F.n, relative_velocity<G>(w.vel, A, B, F)), slack = phi * (1 / o.h) - vabs(speed);  // at least, whatever the law is
+  T closing = speed;
+  for (int k = 0; k < w.nguess; ++k) closing = vmin(closing, dot(F.n, relative_velocity<G>(w.guess_twist + k * m.nbody, A, B, F)));
+  Mask near = on & (slack + vmin(closing, -vabs(speed)) < __builtin_fmax(enough, wide)), takes_part = none();
   if (m.logistic) near |= on & (p[kSolref0] * phi < kFaint);
   if (any(near)) {
     Contact<G>& c = w.add_contact();
     make_contact(m, o, i, F, phi, p, c);
     slack = select(near, c.cn0 - c.carry * speed, slack);
-    takes_part = c.on = near & (slack + speed < enough);
-    c.wide = near & (slack + speed < wide);
+    takes_part = c.on = near & (slack + closing < enough);
+    c.wide = near & (slack + closing < wide);
     if (any(c.on | c.wide)) w.coupled |= A >= 0 && B >= 0;
     else --w.ncon;
   }
@@ -83,24 +91,26 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, co
   w.left_out_gap = select(left, vmin(w.left_out_gap, vabs(phi)), w.left_out_gap);
 }
 
-// Rows that may close within the step, ordered by body pair. `given`: the lanes of each candidate are known (a step read
-// back from its tape).
+// Rows that may close within the step, ordered by body pair. given: those of w.given instead (a step read back from its tape).
 template <class G>
-static void find_contacts(const Model& m, const Options& o, Work<G>& w, const Mask* given) {
+static void find_contacts(const Model& m, const Options& o, Work<G>& w, bool given) {
   w.ncon = w.ngroups = w.nleft = 0;
   w.left_out_gap = splat(__builtin_inf());
   w.coupled = false;
-  auto look_at = [&](int g) {
-    int first = w.ncon;
-    for (int k = m.grp_cptr[g]; k < m.grp_cptr[g + 1]; ++k)
-      if (int i = m.grp_con[k]; !given || any(given[i])) find_contact(m, o, w, i, given);
-    if (w.ncon > first) w.add_group({g, first, w.ncon});
-  };
-  if (given) {
-    for (int g = 0; g < m.ngroup; ++g) look_at(g);
-  } else {
+  for (int k = 0; given && k < w.ngiven;) {
+    int g = m.con_group[w.given[k].index], first = w.ncon;
+    for (; k < w.ngiven && m.con_group[w.given[k].index] == g; ++k) find_contact(m, o, w, w.given[k].index, &w.given[k].on);
+    w.add_group({g, first, w.ncon});
+  }
+  if (!given) {
     find_near(m, o, w);
-    for_near(m, w, look_at);
+    for_near(m, w, [&](int g) {
+      int first = w.ncon;
+      for (int c = m.grp_clusters[g]; c < m.grp_clusters[g + 1]; ++c)
+        if (!pass_over(m, o, w, m.grp_A[g], m.grp_B[g], c))
+          for (int k = m.cluster_begin[c]; k < m.cluster_begin[c + 1]; ++k) find_contact(m, o, w, m.grp_con[k]);
+      if (w.ncon > first) w.add_group({g, first, w.ncon});
+    });
   }
   if (w.coupled) find_fill(m, w);
   else w.make_factor(m.nv, m.mass.ptr[m.nv]);

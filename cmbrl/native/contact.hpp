@@ -2,6 +2,7 @@
 #pragma once
 #include "corner.hpp"
 #include "dynamics.hpp"
+#include "inverse_weight.hpp"
 #include "law.hpp"
 #include "rim.hpp"
 
@@ -134,6 +135,7 @@ template <class G>
 static inline void load_block(const Model& m, const Work<G>& w, int i, T* p) {
   CMBRL_FOR(k, kContactFields) p[k] = splat(m.P[m.oContact + i * kContactFields + k]);
   for (int e = m.con_par_ptr[i]; e < m.con_par_ptr[i + 1]; ++e) p[m.con_par_field[e]] += w.dtheta[m.con_par[e]] * m.con_par_coef[e];
+  p[kRscale] *= contact_weight(m, w, i);
 }
 
 static inline void tangents(const Planar&, const Vec<2>& n, Vec<2>* d) { d[0] = {{n[1], -n[0]}}; }

@@ -1,5 +1,6 @@
 // A control step (substeps with one control) of a pack: forward, with full Jacobian, with a tape, and backward from the tape.
 #pragma once
+#include "crowded.hpp"
 #include "impact.hpp"
 #include "missed.hpp"
 #include "tape.hpp"
@@ -112,25 +113,30 @@ static void advance_tangents(const Model& m, const Options& o, Work<G>& w, int n
   w.rhs_all = moved;
 }
 
-struct StepStats { Mask done, missed; T rung, iterations, residual; };  // missed: a row that was left out closes
+// missed: a row that was left out closes; aside: has many more rows than the others, and was not stepped.
+struct StepStats { Mask done, missed, aside; T rows, rung, iterations, residual; };
 
-// Forward control step on (w.q, w.v, w.u), in place. record(substep) runs after each solve, before the state moves on; a step is
-// done where what it records is.
+// Forward control step on (w.q, w.v, w.u), in place. record(substep, stepped) runs after each solve, before the state moves on;
+// a step is done where what it records is. stepped: the lanes that need no other attempt so far.
 template <class G, class Record>
 static StepStats control_step(const Model& m, const Options& o, Work<G>& w, Record record) {
-  StepStats st{all(), none(), T{}, T{}, T{}};
+  StepStats st{all(), none(), none(), T{}, T{}, T{}, T{}};
   if (o.leapfrog) { scaled(m, w.v, 0.5 * o.h, w.qtan); integrate(m, w.q, w.qtan); }
   for (int s = 0; s < o.substeps; ++s) {
     if (s % 16 == 15 && o.stopped && o.stopped()) break;
-    Outcome r = solve_step(m, o, w);
+    w.nguess = 0;
+    if (s == 0 && o.set_aside) st.aside = set_up_uncrowded(m, o, w, st.rows);
+    else set_up_step(m, o, w);
+    Mask missed;
+    Outcome r = solve_with_missed(m, o, w, missed);
     st.done &= r.done;
-    st.missed |= missed_rows(m, o, w);
+    st.missed |= missed;
     st.rung = vmax(st.rung, r.rung);
     st.iterations += r.iterations;
     st.residual = vmax(st.residual, r.residual);
     displacement(m, o, w);
     for (int i = 0; i < m.nv; ++i) w.vstep[i] = w.vn[i];
-    Recorded kept = record(s);
+    Recorded kept = record(s, st.done & ~st.missed & ~st.aside);
     st.done &= kept.done;
     st.rung = vmax(st.rung, kept.rung);
     integrate(m, w.q, w.qtan);
@@ -148,8 +154,8 @@ static StepStats control_step_jacobian(const Model& m, const Options& o, Work<G>
   for (int i = 0; i < nv * ncol; ++i) w.tq[i] = w.tv[i] = T{};
   for (int i = 0; i < nv; ++i) w.tq[i * ncol + i] = w.tv[i * ncol + nv + i] = splat(1);
   if (o.leapfrog) { scaled(m, w.v, 0.5 * o.h, w.qtan); push_tangent(m, w.qtan, w.tq, w.tv, splat(0.5 * o.h), ncol); }
-  StepStats st = control_step(m, o, w, [&](int s) {
-    Recorded solved = record(s);
+  StepStats st = control_step(m, o, w, [&](int s, Mask stepped) {
+    Recorded solved = record(s, stepped);
     implicit_system(m, o, w, theta);
     advance_tangents(m, o, w, ncol, theta, s == 0);
     return solved;
@@ -180,14 +186,14 @@ static void late_cotangents(const Model& m, const Options& o, Work<G>& w, bool t
 
 // Cotangents (w.lq, w.lv) of the next state become those of the state; w.lu, w.lp are added to. theta: parameters wanted.
 template <class G>
-static void control_step_backward(const Model& m, const Options& o, Work<G>& w, const double* const* tape, bool theta) {
+static void control_step_backward(const Model& m, const Options& o, Work<G>& w, const double* const* tape, const TapeRows& rows, bool theta) {
   int nv = m.nv;
-  int64_t stride = tape_stride<G>(m);
+  int64_t stride = tape_stride(m);
   w.theta = theta;
   const double* block[W];
   for (int s = o.substeps - 1; s >= 0; --s) {
     for (int lane = 0; lane < W; ++lane) block[lane] = tape[lane] + s * stride;
-    tape_read(m, o, w, block);
+    tape_read(m, o, w, block, rows);
     if (o.leapfrog && s == o.substeps - 1) {
       scaled(m, w.vstep, -0.5 * o.h, w.tmp);
       pull_cotangent(m, w.tmp, w.lq, w.lv, splat(-0.5 * o.h));

@@ -12,12 +12,12 @@ const Backend backend = {
 #define CMBRL_STR(x) CMBRL_STR2(x)
     CMBRL_STR(CMBRL_ISA), W,
     [](const Model& m, Purpose p) { return m.planar ? bytes_of<Planar>(m, p) : bytes_of<Spatial>(m, p); },
-    [](const Model& m, const Options& o) { return (m.planar ? tape_stride<Planar>(m) : tape_stride<Spatial>(m)) * o.substeps; },
-    [](const Model& m, const Options& o, const Batch& b, int64_t s, int64_t e, StepMemory& w) {
-      m.planar ? forward_packs<Planar>(m, o, b, s, e, w) : forward_packs<Spatial>(m, o, b, s, e, w);
+    [](const Model& m, const Options& o) { return tape_stride(m) * o.substeps; },
+    [](const Model& m, const Options& o, const Batch& b, const int64_t* x, int64_t s, int64_t e, StepMemory& w) {
+      m.planar ? forward_packs<Planar>(m, o, b, x, s, e, w) : forward_packs<Spatial>(m, o, b, x, s, e, w);
     },
-    [](const Model& m, const Options& o, const Batch& b, int64_t s, int64_t e, StepMemory& w) {
-      m.planar ? backward_packs<Planar>(m, o, b, s, e, w) : backward_packs<Spatial>(m, o, b, s, e, w);
+    [](const Model& m, const Options& o, const Batch& b, const int64_t* x, int64_t s, int64_t e, StepMemory& w) {
+      m.planar ? backward_packs<Planar>(m, o, b, x, s, e, w) : backward_packs<Spatial>(m, o, b, x, s, e, w);
     },
     [](const Model& m, const Options& o, const LossBatch& b, int64_t first, StepMemory& w) {
       m.planar ? candidate_loss<Planar>(m, o, b, first, w) : candidate_loss<Spatial>(m, o, b, first, w);

@@ -8,14 +8,33 @@
 #include <tuple>
 
 #include "arrays.hpp"
+#include "attempts.hpp"
 #include "engine.hpp"
 #include "instruction_sets.hpp"
 #include "memory.hpp"
 #include "options.hpp"
 #include "per_process.hpp"
 #include "scene_data.hpp"
+#include "tape_rows.hpp"
 
 namespace cmbrl {
+
+// What a backward pass needs of a batch of steps.
+struct Tape {
+  int64_t n, size;  // elements, and doubles of each, without the rows
+  void* block;
+  TapeRows rows;
+
+  Tape(int64_t n_, int64_t size_)
+      : n(n_), size(size_), block(Buffers::take(bytes_of_array<double>({size_t(n_), size_t(size_)}))), rows(n_ * size_ / 4) {}
+  ~Tape() { Buffers::give_back(block, n * size * sizeof(double)); }
+  Tape(const Tape&) = delete;
+  size_t bytes() const { return n * size * sizeof(double) + rows.bytes(); }
+  void use(Batch& b) {
+    b.tape = static_cast<double*>(block);
+    b.tape_rows = &rows;
+  }
+};
 
 class Core {
  public:
@@ -45,7 +64,7 @@ class Core {
   nb::dict forward(Array q, Array v, Array u, std::optional<Array> theta, nb::dict options, bool jacobian, bool jacobian_theta,
                    bool tape, bool impulse, int threads) {
     const Model& m = data_->model;
-    Options o = options_from(options);
+    Options o = settings(options);
     Batch b = states(q, v, &u, theta);
     nb::dict out;
     size_t n = b.n;
@@ -58,25 +77,33 @@ class Core {
     b.jacobian_theta = jacobian_theta;
     size_t ncol = 2 * m.nv + m.nu + (jacobian_theta ? m.ntheta : 0);
     if (jacobian) out["jacobian"] = make_array<double>({n, size_t(2 * m.nv), ncol}, &b.jacobian);
-    if (tape) out["tape"] = make_array<double>({n, size_t(backend_.tape_size(m, o))}, &b.tape);
+    if (tape) {
+      auto* made = new Tape(b.n, backend_.tape_size(m, o));
+      made->use(b);
+      out["tape"] = nb::cast(made, nb::rv_policy::take_ownership);
+    }
     if (impulse) {
       size_t rows = m.planar ? 2 : 3;
       out["impulse"] = make_array<double>({n, size_t(m.ncontact), rows}, &b.impulse);
     }
-    run(b.n, threads, jacobian ? Purpose::jacobian : Purpose::step,
-        [&](int64_t s, int64_t e, StepMemory& w) { backend_.forward(m, o, b, s, e, w); });
+    step_in_attempts(o, b, backend_.width, [&](const Options& now, const Elements* some) {
+      run(some ? int64_t(some->size()) : b.n, threads, jacobian ? Purpose::jacobian : Purpose::step,
+          [&](int64_t s, int64_t e, StepMemory& w) { backend_.forward(m, now, b, some ? some->data() : nullptr, s, e, w); });
+    });
     return out;
   }
 
-  nb::dict backward(Array u, std::optional<Array> theta, Array tape, Array gq_next, Array gv_next, nb::dict options, bool want_theta, int threads) {
+  nb::dict backward(Array u, std::optional<Array> theta, Tape& tape, Array gq_next, Array gv_next, nb::dict options, bool want_theta, int threads) {
     const Model& m = data_->model;
-    Options o = options_from(options);
+    Options o = settings(options);
     Batch b{};
     b.n = int64_t(gv_next.ndim() ? gv_next.shape(0) : 0);
-    check(u, "u", {b.n, m.nu}); check(tape, "tape", {b.n, backend_.tape_size(m, o)});
+    check(u, "u", {b.n, m.nu});
+    if (tape.n != b.n || tape.size != backend_.tape_size(m, o))
+      refuse("the tape is of " + std::to_string(tape.n) + " other steps; give that of the forward pass over these " + std::to_string(b.n));
     check(gq_next, "gq_next", {b.n, m.nv}); check(gv_next, "gv_next", {b.n, m.nv});
     b.u = u.data(); b.u_stride = m.nu;
-    b.tape = const_cast<double*>(tape.data());
+    tape.use(b);
     b.gq_next = gq_next.data(); b.gv_next = gv_next.data();
     set_theta(b, theta);
     nb::dict out;
@@ -85,14 +112,16 @@ class Core {
     out["gv"] = make_array<double>({n, size_t(m.nv)}, &b.gv);
     out["gu"] = make_array<double>({n, size_t(m.nu)}, &b.gu);
     if (want_theta) out["gtheta"] = make_array<double>({n, size_t(m.ntheta)}, &b.gtheta);
-    run(b.n, threads, Purpose::product, [&](int64_t s, int64_t e, StepMemory& w) { backend_.backward(m, o, b, s, e, w); });
+    Elements order = most_contacts_first(b.tape, b.n, o.substeps, tape.size / o.substeps);
+    run(b.n, threads, Purpose::product,
+        [&](int64_t s, int64_t e, StepMemory& w) { backend_.backward(m, o, b, order.data(), s, e, w); });
     return out;
   }
 
   nb::object loss(Array q, Array v, Array u, Array q_next, Array v_next, Index starts, int horizon, Array theta, Array scale_q,
                   Array scale_v, double huber, double fail_penalty, nb::dict options, int threads) {
     const Model& m = data_->model;
-    Options o = options_from(options);
+    Options o = settings(options);
     int64_t rows = int64_t(v.ndim() ? v.shape(0) : 0);
     check(q, "q", {rows, m.nq}); check(v, "v", {rows, m.nv}); check(u, "u", {rows, m.nu});
     check(q_next, "q_next", {rows, m.nq}); check(v_next, "v_next", {rows, m.nv});
@@ -120,7 +149,7 @@ class Core {
 
   nb::dict dynamics(Array q, Array v, std::optional<Array> theta, nb::dict options) {
     const Model& m = data_->model;
-    Options o = options_from(options);
+    Options o = settings(options);
     Batch b = states(q, v, nullptr, theta);
     nb::dict out;
     size_t n = b.n, nv = m.nv, rows = m.planar ? 2 : 3;
@@ -136,7 +165,7 @@ class Core {
 
   nb::dict rows(Array q, Array v, Array u, std::optional<Array> theta, nb::dict options) {
     const Model& m = data_->model;
-    Options o = options_from(options);
+    Options o = settings(options);
     Batch b = states(q, v, &u, theta);
     size_t n = b.n, nv = m.nv, nrow = m.ncontact + m.nlimit, rows = m.planar ? 2 : 3;
     nb::dict out;
@@ -186,6 +215,13 @@ class Core {
   std::vector<double> low_, high_;
   PerProcess<Engine> engine_;
 
+  // Where there are few candidates, letting all of them in costs little.
+  Options settings(nb::dict options) const {
+    constexpr int few = 256;
+    Options o = options_from(options);
+    o.admit = data_->model.ncontact > few;
+    return o;
+  }
   size_t body_fields() const { return data_->model.planar ? 7 : 18; }
   std::vector<int32_t> checked_bodies(const Index& chosen) const {
     std::vector<int32_t> bodies;
@@ -250,6 +286,8 @@ class Core {
 
 void bind_core(nb::module_& module) {
   using namespace nb::literals;
+  nb::class_<Tape>(module, "Tape", "What a backward pass needs of the steps of a forward pass.")
+      .def_prop_ro("nbytes", &Tape::bytes, "Memory that it takes.");
   nb::class_<Core>(module, "Core", "Batched complementarity step of one scene; see cmbrl.models.ComplementarityModel.")
       .def(nb::init<nb::dict, const std::vector<std::tuple<std::string, double, double>>&, const std::string&>(), "scene"_a,
            "limits"_a = nb::list(), "isa"_a = "")

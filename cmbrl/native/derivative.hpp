@@ -123,7 +123,7 @@ template <class G> static inline T late_weight(const Contact<G>& c) { return kee
 
 // Rows' part of Gq, Gv. late: of the momentum of late impulses instead, sum t_i J_i^T x_i at fixed t_i.
 template <class G>
-static void contact_terms(const Model& m, Work<G>& w, T* Gq, T* Gv, bool late) {
+static void contact_terms(const Model& m, const Options& o, Work<G>& w, T* Gq, T* Gv, bool late) {
   int nv = m.nv;
   for (int gi = 0; gi < w.ngroups; ++gi) {
     int group = w.groups[gi].group, d0 = m.grp_dptr[group], nd = m.grp_dptr[group + 1] - d0;
@@ -185,6 +185,11 @@ static void contact_terms(const Model& m, Work<G>& w, T* Gq, T* Gv, bool late) {
     const DryFriction& d = w.dry[i];
     add_square(m, w, d.line, d.Th * d.carry, Gv);
     add_bend(m, w, d.line, keep(d.on, d.b), d.Th * d.carry, w.v, -d.Th, w.vn, Gq);
+    FrictionLimit f = friction_limit(m, w, d.line);
+    if (!any((f.by_q != 0.0) | (f.by_v != 0.0))) continue;
+    T share = o.h * impulse_by_limit(d, o.backward.dry);
+    add_square(m, w, d.line, share * f.by_q, Gq);
+    add_square(m, w, d.line, share * f.by_v, Gv);
   }
 }
 

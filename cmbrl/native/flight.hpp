@@ -22,14 +22,10 @@ static void free_terms(const Model& m, const Options& o, Work<G>& w, bool theta,
   solve_many(w.HF, nv, pat, Fv, nv);
   solve_many(w.HF, nv, pat, Fu, m.nu);
   if (!theta) return;
-  int ncon = w.ncon, ndry = w.ndry;
   T* vn = w.vn;
-  w.ncon = w.ndry = 0;
   w.vn = vf;
-  parameter_terms(m, o, w, Fp);
+  parameter_terms(m, o, w, Fp, Part::free);
   w.vn = vn;
-  w.ncon = ncon;
-  w.ndry = ndry;
   solve_many(w.HF, nv, pat, Fp, m.ntheta);
 }
 
@@ -144,12 +140,11 @@ static void leap_terms(const Model& m, const Options& o, Work<G>& w) {
 }
 
 // What a step looks at: rows and free velocity, at its start or, after a flight, at its first impact, where w.q is then. recorded:
-// the time of flight of a step that is read back from its tape, with its rows.
+// the time of flight of a step that is read back from its tape, with its rows (given: as in prepare).
 template <class G>
-static void set_up_step(const Model& m, const Options& o, Work<G>& w, const Mask* contacts = nullptr, const Mask* limits = nullptr,
-                        const T* recorded = nullptr) {
+static void set_up_step(const Model& m, const Options& o, Work<G>& w, const Mask* given = nullptr, const T* recorded = nullptr) {
   w.flown = T{};
-  prepare(m, o, w, contacts, limits);
+  prepare(m, o, w, given);
   free_velocity(m, o, w);
   T flight = find_bounces(m, o, w);
   w.flown = recorded ? *recorded : flight;
@@ -159,16 +154,9 @@ static void set_up_step(const Model& m, const Options& o, Work<G>& w, const Mask
   for (int i = 0; i < m.nq; ++i) w.began[i] = w.q[i];
   for (int i = 0; i < m.nv; ++i) w.leap[i] = w.flown * w.vf[i];
   integrate(m, w.q, w.leap);
-  prepare(m, o, w, contacts, limits);
+  prepare(m, o, w, given);
   free_velocity(m, o, w);
   find_bounces(m, o, w);
-}
-
-// Whole step: from (w.q, w.v, w.u) to w.vn; the caller integrates.
-template <class G>
-static Outcome solve_step(const Model& m, const Options& o, Work<G>& w) {
-  set_up_step(m, o, w);
-  return solve_smoothed(m, o, w, o.forward, false);
 }
 
 }  // namespace cmbrl::CMBRL_ISA

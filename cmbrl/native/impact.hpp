@@ -14,7 +14,7 @@ static void smooth_and_rows(const Model& m, const Options& o, Work<G>& w, bool t
   ip.rho = T{};
   ip.linearise_all(T{}, none());
   ip.factorise();
-  contact_terms(m, w, w.Gq, w.Gv, false);
+  contact_terms(m, o, w, w.Gq, w.Gv, false);
   if (theta) parameter_terms(m, o, w, w.Gp);
   rows_through_leap(m, w, w.Gq, w.Gv, w.Gu, w.Gp, theta);
 }
@@ -119,7 +119,7 @@ static void late_smooth_terms(const Model& m, const Options& o, Work<G>& w, bool
   for (int i = 0; i < nv * nv; ++i) w.Sq[i] = w.Sv[i] = w.Sn[i] = T{};
   for (int i = 0; i < nv * m.nu; ++i) w.Su[i] = T{};
   for (int i = 0; i < nv * m.ntheta; ++i) w.Sp[i] = T{};
-  contact_terms(m, w, w.Sq, w.Sv, true);
+  contact_terms(m, o, w, w.Sq, w.Sv, true);
   if (theta) parameter_terms(m, o, w, w.Sp, Part::late_rows);
   late_power_terms(m, o, w, w.Sq, w.Sv);
   if (m.nbox > 0 && m.implicit_gains) {

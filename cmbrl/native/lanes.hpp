@@ -40,15 +40,6 @@ static void gather(const double* x, int64_t stride, int n, const Lanes& l, T* ou
     clean += 0.0 * out[i];
   }
 }
-// A lane without a clean input does the work of `good`, one that has it: clamps and pruning would hide a NaN from its result.
-static void copy_lane(Mask from_good, int good, int n, T* x) {
-  for (int i = 0; i < n; ++i) x[i] = select(from_good, splat(x[i][good]), x[i]);
-}
-static int first_of(Mask lanes) {
-  for (int lane = 0; lane < W; ++lane)
-    if (lanes[lane]) return lane;
-  return -1;
-}
 // NaN in the lanes of `spoilt`, in all n numbers of their elements.
 static void spoil(Mask spoilt, int64_t n, const Lanes& l, double* out) {
   if (!out) return;
@@ -81,7 +72,8 @@ static void gather_parameters(const Model& m, const Batch& b, const Lanes& l, Wo
   load_parameters(m, w, b.theta ? theta : nullptr);
 }
 
-// States and controls of a pack into the workspace; returns the lanes where they are finite. The others repeat one of these.
+// States and controls of a pack into the workspace; returns the lanes where they are finite. The others repeat one of these:
+// clamps and pruning would hide a NaN from their results.
 template <class G>
 static Mask gather_states(const Model& m, const Batch& b, const Lanes& l, Work<G>& w) {
   T clean = T{};
@@ -90,10 +82,7 @@ static Mask gather_states(const Model& m, const Batch& b, const Lanes& l, Work<G
   if (b.u) gather(b.u, b.u_stride, m.nu, l, w.u, clean);
   Mask finite = clean == 0.0;
   int good = first_of(finite);
-  if (good < 0 || !any(~finite)) return finite;
-  copy_lane(~finite, good, m.nq, w.q);
-  copy_lane(~finite, good, m.nv, w.v);
-  if (b.u) copy_lane(~finite, good, m.nu, w.u);
+  if (good >= 0 && any(~finite)) copy_state(m, ~finite, good, w);
   return finite;
 }
 

@@ -1,7 +1,7 @@
 // Rows that were left out of a solve, under the velocity that it ended with: where one closes after all, the lane is stepped
 // again with more rows.
 #pragma once
-#include "near.hpp"
+#include "flight.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -27,6 +27,24 @@ static Mask missed_rows(const Model& m, const Options& o, Work<G>& w) {
     missed |= l.lanes & (l.base + along(m, w, l.way, w.vn) < l.speed / 3);
   }
   return missed;
+}
+
+// Solves a step that is set up; where rows that were left out close, again with those that close under the velocity found.
+template <class G>
+static Outcome solve_with_missed(const Model& m, const Options& o, Work<G>& w, Mask& missed) {
+  Outcome out = solve_smoothed(m, o, w, o.forward, false);
+  missed = missed_rows(m, o, w);
+  while (o.admit && any(missed) && w.nguess < kGuesses) {
+    std::memcpy(w.guess + w.nguess * m.nv, w.vn, m.nv * sizeof(T));
+    std::memcpy(w.guess_twist + w.nguess * m.nbody, w.tn, m.nbody * sizeof *w.tn);
+    ++w.nguess;
+    for (int i = 0; w.leapt && i < m.nq; ++i) w.q[i] = w.began[i];
+    set_up_step(m, o, w);
+    Outcome more = solve_smoothed(m, o, w, o.forward, false);
+    out = {more.done, more.rung, out.iterations + more.iterations, more.residual};
+    missed = missed_rows(m, o, w);
+  }
+  return out;
 }
 
 }  // namespace cmbrl::CMBRL_ISA

@@ -5,6 +5,7 @@
 
 namespace cmbrl {
 
+class TapeRows;
 struct StepMemory;
 
 enum JointType { kSlide = 0, kHinge = 1, kBall = 2 };
@@ -15,7 +16,7 @@ enum ContactLaw { kRigid = 0, kMujoco = 1, kSpringDamper = 2, kLogistic = 3 };  
 
 // Offsets of one field inside the block of a contact, a line (a dof or a tendon), an actuator in the physical vector P.
 enum ContactField { kMu, kRestitution, kRadius, kSolref0, kSolref1, kD0, kDmax, kWidth, kRscale, kContactFields };
-enum DofField { kArmature, kDamping, kStiffness, kSpringref, kFrictionloss, kDofFields };
+enum DofField { kArmature, kDamping, kStiffness, kSpringref, kFrictionloss, kFrictionSlope, kStribeck, kStribeckSpeed, kDofFields };
 enum ActuatorField { kGear, kGain, kBias0, kBias1, kBias2, kActuatorFields };
 
 // Which dofs couple: all that a contact solve knows of the robot. Columns of row k: idx[ptr[k]] to idx[ptr[k + 1]], all below
@@ -46,7 +47,7 @@ struct Model : Structure {
   const int *jnt_type, *jnt_qadr, *jnt_vadr;
   const double *jnt_axis, *jnt_pos, *jnt_q0;
 
-  const int *con_type, *con_bodyA, *con_bodyB, *con_plane, *con_dim, *con_law, *con_pyramid;
+  const int *con_type, *con_bodyA, *con_bodyB, *con_plane, *con_pair, *con_dim, *con_law, *con_pyramid;
   const double *con_posA, *con_axisA, *con_posB, *con_axisB, *con_rotB, *con_halfB, *con_rotA;  // rotA: of a box with a corner, which axisA leads to from its centre
   double largest_invweight;  // of a contact
   int logistic;              // contacts act at a distance
@@ -77,6 +78,11 @@ struct Model : Structure {
   const double *P;
   const int *par_ptr, *par_idx;  // parameters that move the rest of P, by parameter
   const double *par_coef, *par_nominal;
+  int nshape, nmass, nweight;
+  const int *shape_body, *shape_mass, *shape_par;  // inertia_shape.hpp: bodies, the parameters of their mass and of their shape
+  const double* shape_root;
+  const int *mass_par, *weight_ptr, *weight_mass, *con_weight, *lim_weight, *line_weight;  // inverse_weight.hpp: masses that soften rows
+  const double *weight_coef, *con_share;           // con_weight, con_share: of both bodies of a contact
 
   // derived
   const int *anc_ptr, *anc_idx;  // ancestors of a dof on its own chain
@@ -91,11 +97,16 @@ struct Model : Structure {
   int max_group_dofs;
   const uint64_t* grp_world;                        // bits of the groups whose second body is the world
   const int *pair_ptr, *pair_other, *pair_group;    // the other groups by the lower of their bodies, then by the other one
-  const double *sphere_pos, *sphere_radius;         // of each body, around what may touch other bodies; radius < 0: nothing
+  const double *sphere_pos, *sphere_radius;         // of each body, around what may touch anything; radius < 0: nothing
+  const int *grp_clusters, *cluster_begin;          // candidates of one pair of geoms, by group; where they begin in grp_con
+  const double *cluster_posA, *cluster_radiusA, *cluster_posB, *cluster_radiusB;  // spheres around them; radius of A < 0: few
+  const double* cluster_invweight;                  // the largest
+  int sifted;                                       // some clusters have spheres
   const int *con_par_ptr, *con_par, *con_par_field; // parameters that move a contact's block of P, by contact
   const double* con_par_coef;
   const double* par_radius;                         // most that one unit of each parameter adds to a radius
   int radius_moves;                                 // most parameters that move one radius
+  const int* par_shape;                             // the shape that each parameter, or mass, belongs to; -1: none
 };
 
 // What a call needs room for: steps; products with derivatives of steps; whole Jacobians.
@@ -122,8 +133,18 @@ struct Options {
   double rest_speed;  // [m/s] approach speeds below it do not bounce
   int backward_differs;  // from forward
   bool (*stopped)();     // asked between packs, and in long control steps: the caller gave up, so no result is needed
+  int set_aside;      // lanes with many more rows than the others are not stepped with them
+  int admit;          // rows that were left out and close are let in by their names; otherwise the lane is stepped again
+  int last_attempt;   // a lane that fails has failed; otherwise it is stepped again
   unsigned rungs;     // of the solver's ladder that may be climbed, as bits; the first is always
 };
+
+// Where leaving out rows that separate faster than `prune` was too slow.
+static inline double wider(double prune) { return prune < 1e3 ? __builtin_fmax(10 * prune, 1) : __builtin_inf(); }
+
+// Statuses of elements that are to be stepped again: a solve needs the ladder, a row that was left out closes, there are many more
+// rows than the rest of the pack has.
+enum Unfinished { kUnsolved = -1, kMissed = -2, kCrowded = -3 };
 
 // Everything one element of a batch reads and writes; null where the caller does not want it. Strides are rows of C arrays.
 struct Batch {
@@ -136,6 +157,7 @@ struct Batch {
   double *jacobian;              // (n, 2 nv, 2 nv + nu [+ ntheta])
   int jacobian_theta;
   double *tape;                  // (n, tape_size), written by the forward pass and read by the backward pass
+  TapeRows *tape_rows;           // what of it follows the contacts that are on
   const double *gq_next, *gv_next;  // cotangents (tangent space for q)
   double *gq, *gv, *gu, *gtheta;
 };
@@ -168,9 +190,10 @@ struct Backend {  // one per instruction set
   const char* name;
   int width;
   int64_t (*workspace_size)(const Model&, Purpose);  // bytes, without what grows with the rows that are active
-  int64_t (*tape_size)(const Model&, const Options&);       // doubles per element
-  void (*forward)(const Model&, const Options&, const Batch&, int64_t begin, int64_t end, StepMemory&);
-  void (*backward)(const Model&, const Options&, const Batch&, int64_t begin, int64_t end, StepMemory&);
+  int64_t (*tape_size)(const Model&, const Options&);       // doubles per element, without what follows the contacts that are on
+  // elements: those numbered begin to end of this list; of the batch itself if there is none
+  void (*forward)(const Model&, const Options&, const Batch&, const int64_t* elements, int64_t begin, int64_t end, StepMemory&);
+  void (*backward)(const Model&, const Options&, const Batch&, const int64_t* elements, int64_t begin, int64_t end, StepMemory&);
   void (*loss)(const Model&, const Options&, const LossBatch&, int64_t candidate_pack, StepMemory&);
   void (*dynamics)(const Model&, const Options&, const Batch&, double* M, double* bias, double* gap, double* J, int64_t begin, int64_t end, StepMemory&);
   void (*rows)(const Model&, const Options&, const Batch&, const RowBatch&, int64_t begin, int64_t end, StepMemory&);

@@ -1,6 +1,6 @@
-// Broad phase: which pairs of bodies may have an active contact in this step. A sphere around what each body touches others
-// with, grown by what it can travel in the step and by half of what pruning allows, must meet the other's: far pairs are not
-// looked at, and no contact that pruning would keep is lost.
+// Broad phase: which pairs of bodies, and of geoms, may have an active contact in this step. A sphere around what each body
+// touches with, grown by what it can travel in the step and by half of what pruning allows, must meet the other's; then so must
+// those around the geoms, or a geom's the plane. What is far is not looked at, and no contact that pruning would keep is lost.
 #pragma once
 #include "dynamics.hpp"
 #include "pruning.hpp"
@@ -94,34 +94,81 @@ static void for_meeting(const Model& m, Work<G>& w, F f) {
   });
 }
 
+// A speed at which no row separates that matters, nor one whose gap does (the published rule for kappa).
+static inline double speed_of_far(const Options& o, double weight) {
+  auto of = [&](const Smoothing& s) {
+    return __builtin_fmax(speed_that_matters(o, s, weight), s.mode == kNearest ? 6 * s.length / o.h : 0);
+  };
+  return __builtin_fmax(of(o.forward), of(o.backward));
+}
+
 // Marks the groups of contacts to look at in w.near: those with the world, and those of two bodies that may touch. The law may
 // make a row's slack less than phi / h by twice its speed.
 template <class G>
 static void find_near(const Model& m, const Options& o, Work<G>& w) {
   bool all_groups = !(o.prune < 1e300) || m.logistic;
+  w.sift = m.sifted && !all_groups;
+  w.npassed = 0;
   for (int i = 0; i < FillPattern::words(m.ngroup); ++i) w.near[i] = all_groups ? ~uint64_t(0) : m.grp_world[i];
-  if (all_groups || m.pair_ptr[m.nbody] == 0) return;
-  T enough = splat(__builtin_fmax(speed_that_matters(o, o.forward, m.largest_invweight), speed_that_matters(o, o.backward, m.largest_invweight)));
+  if (all_groups || (m.pair_ptr[m.nbody] == 0 && !w.sift)) return;
+  T enough = splat(speed_of_far(o, m.largest_invweight));
   for (int b = 0; b < m.nbody; ++b) {
-    if (m.sphere_radius[b] < 0) continue;  // touches no other body
+    if (m.sphere_radius[b] < 0) continue;  // touches nothing
     w.centre[b] = w.pos[b] + G::rotate(w.R[b], load<G::D>(m.sphere_pos + b * G::D));
     w.fast[b] = fastest(m, w, w.vel, b);
+    for (int k = 0; k < w.nguess; ++k) w.fast[b] = vmax(w.fast[b], fastest(m, w, w.guess_twist + k * m.nbody, b));
     grow_sphere(m, o, w, b, 2.0 * w.fast[b], enough);
   }
   for_meeting(m, w, [&](int g, Mask) { w.near[g / 64] |= uint64_t(1) << g % 64; });
 }
 
-// Lanes in which the velocity of twists w.tn brings together a pair that find_near passed over.
+static inline T speed_of_pair(const T* speed, int A, int B) {
+  return A < 0 ? speed[B] : B < 0 ? speed[A] : speed[A] + speed[B];
+}
+
+// The gap of all candidates of cluster k is at least this.
+template <class G>
+static T least_gap(const Model& m, const Work<G>& w, int A, int B, int k) {
+  auto place = [&](int body, const double* local) {
+    typename G::V x = load<G::D>(local);
+    return body >= 0 ? w.pos[body] + G::rotate(w.R[body], x) : x - w.O;
+  };
+  typename G::V a = place(A, m.cluster_posA + k * G::D);
+  int plane = m.con_plane[m.grp_con[m.cluster_begin[k]]];
+  if (plane >= 0) {
+    T height = dot(load<G::D>(m.plane_normal + plane * G::D), a + w.O) - w.P[m.oPlane + plane];
+    return height - (1 + 1e-9) * m.cluster_radiusA[k] - w.radius_slack;
+  }
+  typename G::V apart = a - place(B, m.cluster_posB + k * G::D);
+  return vsqrt(dot(apart, apart)) - (1 + 1e-9) * (m.cluster_radiusA[k] + m.cluster_radiusB[k]) - w.radius_slack;
+}
+
+// Whether all candidates of cluster k are too far to take part in this step; then it is noted.
+template <class G>
+static bool pass_over(const Model& m, const Options& o, Work<G>& w, int A, int B, int k) {
+  if (!w.sift || m.cluster_radiusA[k] < 0) return false;
+  T slack = least_gap(m, w, A, B, k) * (1 / o.h), fast = speed_of_pair(w.fast, A, B);
+  if (any(slack - 2.0 * fast < speed_of_far(o, m.cluster_invweight[k]))) return false;
+  w.pass_over({A, B, slack - fast});
+  return true;
+}
+
+// Lanes in which the velocity of twists w.tn brings together a pair that was passed over.
 template <class G>
 static Mask passed_over(const Model& m, const Options& o, Work<G>& w) {
   Mask found = none(), faster = none();
-  if (m.pair_ptr[m.nbody] == 0) return found;
+  if (m.pair_ptr[m.nbody] == 0 && !w.sift) return found;
   double spare = o.prune / 3;
-  for (int b = 0; b < m.nbody; ++b)
-    if (m.sphere_radius[b] >= 0) faster |= fastest(m, w, w.tn, b) > w.fast[b] + spare;
+  for (int b = 0; b < m.nbody; ++b) {
+    if (m.sphere_radius[b] < 0) continue;
+    w.after[b] = fastest(m, w, w.tn, b);
+    faster |= w.after[b] > w.fast[b] + spare;
+  }
   if (!any(faster)) return found;
+  for (int i = 0; i < w.npassed; ++i)
+    found |= w.passed[i].slack - speed_of_pair(w.after, w.passed[i].A, w.passed[i].B) < spare;
   for (int b = 0; b < m.nbody; ++b)
-    if (m.sphere_radius[b] >= 0) grow_sphere(m, o, w, b, w.fast[b] + fastest(m, w, w.tn, b), splat(spare));
+    if (m.sphere_radius[b] >= 0) grow_sphere(m, o, w, b, w.fast[b] + w.after[b], splat(spare));
   for_meeting(m, w, [&](int g, Mask lanes) {
     if (!(w.near[g / 64] >> g % 64 & 1)) found |= lanes;
   });

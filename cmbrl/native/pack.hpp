@@ -33,6 +33,14 @@ static inline bool any(Mask m) {
   for (int i = 0; i < W; ++i) r |= m[i];
   return r != 0;
 }
+static inline int first_of(Mask lanes) {
+  for (int lane = 0; lane < W; ++lane)
+    if (lanes[lane]) return lane;
+  return -1;
+}
+static inline void copy_lane(Mask from_good, int good, int n, T* x) {  // lane `good` into those lanes
+  for (int i = 0; i < n; ++i) x[i] = select(from_good, splat(x[i][good]), x[i]);
+}
 static inline T vsqrt(T a) {
   T r;
   for (int i = 0; i < W; ++i) r[i] = __builtin_sqrt(a[i]);
@@ -91,10 +99,13 @@ static inline void transpose(T* x) {
 }
 
 struct Lanes { int64_t at[W]; int n; };  // the last pack of a batch repeats its last element
-static inline Lanes lanes_from(int64_t begin, int64_t end) {
+static inline Lanes lanes_from(int64_t begin, int64_t end, const int64_t* elements = nullptr) {
   Lanes l;
   l.n = int(end - begin < W ? end - begin : W);
-  for (int i = 0; i < W; ++i) l.at[i] = begin + (i < l.n ? i : l.n - 1);
+  for (int i = 0; i < W; ++i) {
+    int64_t k = begin + (i < l.n ? i : l.n - 1);
+    l.at[i] = elements ? elements[k] : k;
+  }
   return l;
 }
 

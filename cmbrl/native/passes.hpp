@@ -4,16 +4,13 @@
 
 namespace cmbrl::CMBRL_ISA {
 
-// Statuses of lanes that are to be stepped again: a solve needs the ladder, a row that was left out closes.
-enum Unfinished { kUnsolved = -1, kMissed = -2 };
-
 template <class G>
-static void forward_pack(const Model& m, const Options& o, const Batch& b, const Lanes& l, bool whole_ladder, Work<G>& w) {
+static void forward_pack(const Model& m, const Options& o, const Batch& b, const Lanes& l, Work<G>& w) {
   int nv = m.nv, ncol = 2 * nv + m.nu + (b.jacobian_theta ? m.ntheta : 0);
-  int64_t stride = tape_stride<G>(m), impulses = m.ncontact * (1 + G::NT);
+  int64_t stride = tape_stride(m), impulses = m.ncontact * (1 + G::NT);
   Mask finite = gather_states(m, b, l, w);
   for (int lane = 0; b.impulse && lane < l.n; ++lane) std::memset(b.impulse + l.at[lane] * impulses, 0, impulses * sizeof(double));
-  auto record = [&](int s) {
+  auto record = [&](int s, Mask stepped) {
     if (b.impulse)
       for (int i = 0; i < w.ncon; ++i)
         for (int lane = 0; lane < l.n; ++lane) {
@@ -27,11 +24,14 @@ static void forward_pack(const Model& m, const Options& o, const Batch& b, const
     Recorded solved = solve_backward(m, o, w);
     if (!b.tape) return solved;
     double* block[W];
-    for (int lane = 0; lane < W; ++lane) block[lane] = b.tape + (l.at[lane] * o.substeps + s) * stride;
-    tape_write(m, w, block);
+    for (int lane = 0; lane < W; ++lane) {
+      bool last = o.last_attempt || (stepped & solved.done)[lane];  // else it is stepped, and written, again
+      block[lane] = lane < l.n && last ? b.tape + (l.at[lane] * o.substeps + s) * stride : nullptr;
+    }
+    tape_write(m, w, block, *b.tape_rows);
     return solved;
   };
-  StepStats st{none(), none(), T{}, T{}, T{}};
+  StepStats st{none(), none(), none(), T{}, T{}, T{}, T{}};
   if (any(finite)) st = b.jacobian ? control_step_jacobian(m, o, w, b.jacobian_theta, ncol, record) : control_step(m, o, w, record);
   if (b.jacobian) {
     int64_t half = int64_t(nv) * ncol;
@@ -46,9 +46,9 @@ static void forward_pack(const Model& m, const Options& o, const Batch& b, const
   scatter(w.v, nv, nv, l, b.v_next);
   for (int lane = 0; lane < l.n; ++lane) {
     int64_t i = l.at[lane];
-    bool final = st.done[lane] || whole_ladder || !finite[lane];
-    b.status[i] = !final ? kUnsolved : !st.done[lane] ? 2 : st.missed[lane] ? kMissed : st.rung[lane] >= kSofter ? 1 : 0;
-    b.iterations[i] = int32_t(st.iterations[lane]);
+    bool final = st.done[lane] || o.last_attempt || !finite[lane];
+    b.status[i] = st.aside[lane] ? kCrowded : !final ? kUnsolved : !st.done[lane] ? 2 : st.missed[lane] ? kMissed : st.rung[lane] >= kSofter ? 1 : 0;
+    b.iterations[i] = int32_t((st.aside[lane] ? st.rows : st.iterations)[lane]);
     b.rung[i] = int32_t(st.rung[lane]);
     b.residual[i] = st.residual[lane];
   }
@@ -62,52 +62,25 @@ static void forward_pack(const Model& m, const Options& o, const Batch& b, const
   spoil_all(stride * o.substeps, b.tape);
 }
 
-// A hard solve takes the time of many easy ones, and a pack that of its slowest lane: so those that the first rung of the
-// ladder does not solve are set aside, and stepped again in packs of their own, as are those that leave out a row too many.
 template <class G>
-static void forward_packs(const Model& m, const Options& o, const Batch& b, int64_t begin, int64_t end, StepMemory& memory) {
+static void forward_packs(const Model& m, const Options& o, const Batch& b, const int64_t* elements, int64_t begin, int64_t end, StepMemory& memory) {
   Work<G> w = open<G>(m, b.jacobian ? Purpose::jacobian : Purpose::step, memory);
-  Options now = o;
-  bool first = true, whole_ladder = end - begin <= W;
-  now.rungs = whole_ladder ? o.rungs : 1;
-  auto pack = [&](const Lanes& l) {
-    if (!first && o.stopped && o.stopped()) return;
-    gather_parameters(m, b, l, w, first);
-    first = false;
-    forward_pack(m, now, b, l, whole_ladder, w);
-  };
-  for (int64_t e = begin; e < end; e += W) pack(lanes_from(e, end));
-  whole_ladder = true;
-  now.rungs = o.rungs;
-  auto again = [&](Unfinished which) {
-    Lanes l{{}, 0};
-    auto run = [&] {
-      for (int lane = l.n; lane < W; ++lane) l.at[lane] = l.at[l.n - 1];
-      pack(l);
-      l.n = 0;
-    };
-    for (int64_t i = begin; i < end; ++i) {
-      if (b.status[i] != which) continue;
-      l.at[l.n++] = i;
-      if (l.n == W) run();
-    }
-    if (l.n > 0) run();
-  };
-  again(kUnsolved);
-  while (now.prune < 1e300) {
-    now.prune = wider(now.prune);
-    again(kMissed);
+  for (int64_t e = begin; e < end; e += W) {
+    if (e > begin && o.stopped && o.stopped()) return;
+    Lanes l = lanes_from(e, end, elements);
+    gather_parameters(m, b, l, w, e == begin);
+    forward_pack(m, o, b, l, w);
   }
 }
 
 template <class G>
-static void backward_packs(const Model& m, const Options& o, const Batch& b, int64_t begin, int64_t end, StepMemory& memory) {
+static void backward_packs(const Model& m, const Options& o, const Batch& b, const int64_t* elements, int64_t begin, int64_t end, StepMemory& memory) {
   Work<G> w = open<G>(m, Purpose::product, memory);
   int nv = m.nv;
-  int64_t stride = tape_stride<G>(m) * o.substeps;
+  int64_t stride = tape_stride(m) * o.substeps;
   for (int64_t e = begin; e < end; e += W) {
     if (e > begin && o.stopped && o.stopped()) return;
-    Lanes l = lanes_from(e, end);
+    Lanes l = lanes_from(e, end, elements);
     gather_parameters(m, b, l, w, e == begin);
     T clean = T{};
     gather(b.u, b.u_stride, m.nu, l, w.u, clean);
@@ -127,7 +100,7 @@ static void backward_packs(const Model& m, const Options& o, const Batch& b, int
         for (int lane = 0; lane < W; ++lane) tape[lane] = tape[finite[lane] ? lane : good];
         copy_lane(~finite, good, m.nu, w.u);
       }
-      control_step_backward(m, o, w, tape, b.gtheta != nullptr);
+      control_step_backward(m, o, w, tape, *b.tape_rows, b.gtheta != nullptr);
     }
     scatter(w.lq, nv, nv, l, b.gq);
     scatter(w.lv, nv, nv, l, b.gv);

@@ -12,7 +12,4 @@ static inline double speed_that_matters(const Options& o, const Smoothing& s, do
   return __builtin_fmax(__builtin_fmax(o.prune, reach), 1e4 * __builtin_fmax(s.floor, kappa));
 }
 
-// Where that was too slow.
-static inline double wider(double prune) { return prune < 1e3 ? __builtin_fmax(10 * prune, 1) : __builtin_inf(); }
-
 }  // namespace cmbrl::CMBRL_ISA

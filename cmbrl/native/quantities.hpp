@@ -22,7 +22,7 @@ static void smooth_quantities(const Model& m, const Options& o, const Batch& b, 
     inverse_dynamics<G>(m, w, w.v, nullptr, w.bias);
     mass_matrix(m, w);
     for (int i = 0; i < m.nline; ++i) add_square(m, w, i, w.P[m.oDof + i * kDofFields + kArmature], w.M, m.mass);
-    find_contacts(m, every, w, nullptr);
+    find_contacts(m, every, w, false);
     scatter_packed(w.M, nv, m.mass, l, M);
     scatter(w.bias, nv, nv, l, bias);
     for (int i = 0; i < w.ncon; ++i) {
@@ -53,9 +53,11 @@ static void rows_of_step(const Model& m, const Options& o, Work<G>& w) {
   };
   for (int i = 0; i < m.nq; ++i) w.start[i] = w.q[i];
   for (;;) {
+    Mask missed;
+    w.nguess = 0;
     set_up();
-    solve_smoothed(m, now, w, o.forward, false);
-    if (!any(missed_rows(m, now, w))) break;
+    solve_with_missed(m, now, w, missed);
+    if (!any(missed)) break;
     now.prune = wider(now.prune);
   }
   for (int i = 0; i < m.nv; ++i) w.shift[i] = T{};

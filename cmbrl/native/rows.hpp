@@ -1,6 +1,7 @@
 // What acts in a step: forces along lines, what of them is implicit, and the rows of contacts, limits and dry friction.
 #pragma once
 #include "candidates.hpp"
+#include "dry_friction.hpp"
 #include "fluid.hpp"
 #include "gravcomp.hpp"
 #include "springs.hpp"
@@ -132,19 +133,21 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
     Mask on = given ? given[i] : all(), wide = on;
     if (given && !any(on)) continue;
     double enough = speed_that_matters(o, o.forward, m.lim_invweight[i]), most = speed_that_matters(o, o.backward, m.lim_invweight[i]);
-    if (prune) on = wide = slack - vabs(speed) < __builtin_fmax(enough, most);
+    T closing = speed;
+    for (int k = 0; k < w.nguess; ++k) closing = vmin(closing, along(m, w, way, w.guess + k * m.nv));
+    if (prune) on = wide = slack + vmin(closing, -vabs(speed)) < __builtin_fmax(enough, most);
     Limit& l = w.lim[w.nlim];
     if (any(on)) {
       const double* s = m.lim_soft + 7 * i;
       Law L = soft_law(phi, m.lim_margin[i], o.h, splat(s[0]), splat(s[1]), splat(s[2]), splat(s[3]), splat(s[4]), s[5], s[6],
-                       splat(m.lim_invweight[i]));
+                       m.lim_invweight[i] * weight_of(w, m.lim_weight[i]));
       static_cast<Direction&>(l) = way;
       l.index = i;
       l.root = vsqrt(m.lim_invweight[i] + L.R);
       l.phi = phi; l.R = L.R; l.dR_dphi = L.dR; l.carry = L.carry; l.dc_dphi = L.dc0;
       l.c0 = L.c0 - L.carry * speed;
       slack = select(on, l.c0, slack);
-      if (prune) { on &= slack + speed < enough; wide &= slack + speed < most; }
+      if (prune) { on &= slack + closing < enough; wide &= slack + closing < most; }
     }
     if (Mask left = ~on; prune && any(left)) w.left_lim[w.nleft_lim++] = {left, way, slack, enough};
     if (!any(on | wide)) continue;
@@ -153,11 +156,12 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
     ++w.nlim;
   }
   for (int i = 0; i < m.nline; ++i) {
-    T loss = w.P[m.oDof + i * kDofFields + kFrictionloss];
+    T loss = friction_limit(m, w, i).limit;
     Mask on = loss > 0.0;
     if (!any(on)) continue;
     const double* s = m.line_soft + 7 * i;
-    Law L = soft_law(T{}, 0, o.h, splat(s[0]), splat(s[1]), splat(s[2]), splat(s[3]), splat(s[4]), s[5], s[6], splat(m.line_invweight[i]));
+    Law L = soft_law(T{}, 0, o.h, splat(s[0]), splat(s[1]), splat(s[2]), splat(s[3]), splat(s[4]), s[5], s[6],
+                     m.line_invweight[i] * weight_of(w, m.line_weight[i]));
     DryFriction& d = w.dry[w.ndry++];
     d.on = on; d.line = i; d.R = L.R; d.carry = L.carry;
     d.b0 = select(on, o.h * loss, splat(1));
@@ -174,9 +178,10 @@ static Vec<G::N> relative_twist(const Model& m, const Vec<G::N>* twist, int inde
   return t;
 }
 
-// Kinematics, forces, M~ and active rows at (q, v, u) in w; given_*: the rows of a step read back from its tape.
+// Kinematics, forces, M~ and active rows at (q, v, u) in w; given: lanes of each limit, and w.given the contacts, of a step read
+// back from its tape.
 template <class G>
-static void prepare(const Model& m, const Options& o, Work<G>& w, const Mask* given_contacts = nullptr, const Mask* given_limits = nullptr) {
+static void prepare(const Model& m, const Options& o, Work<G>& w, const Mask* given = nullptr) {
   kinematics(m, w, w.q);
   find_lines(m, w);
   inertias(m, w);
@@ -184,8 +189,8 @@ static void prepare(const Model& m, const Options& o, Work<G>& w, const Mask* gi
   mass_matrix(m, w);
   line_forces(m, o, w);
   tie_forces(m, o, w);
-  find_contacts(m, o, w, given_contacts);
-  find_limits(m, o, w, given_limits);
+  find_contacts(m, o, w, given != nullptr);
+  find_limits(m, o, w, given);
   w.make_rows(m);
   for (int i = 0; i < w.ncon; ++i) {
     Contact<G>& c = w.con[i];

@@ -51,7 +51,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.jnt_type = i("jnt_type", nj); m.jnt_qadr = i("jnt_qadr", nj); m.jnt_vadr = i("jnt_vadr", nj);
   m.jnt_axis = d("jnt_axis", nj * D); m.jnt_pos = d("jnt_pos", nj * D); m.jnt_q0 = d("jnt_q0", nj);
   m.con_type = i("con_type", nc); m.con_bodyA = i("con_bodyA", nc); m.con_bodyB = i("con_bodyB", nc);
-  m.con_plane = i("con_plane", nc); m.con_dim = i("con_dim", nc); m.con_law = i("con_law", nc); m.logistic = nc > 0 && m.con_law[0] == kLogistic; m.con_pyramid = i("con_pyramid", nc);
+  m.con_plane = i("con_plane", nc); m.con_pair = i("con_pair", nc); m.con_dim = i("con_dim", nc); m.con_law = i("con_law", nc); m.logistic = nc > 0 && m.con_law[0] == kLogistic; m.con_pyramid = i("con_pyramid", nc);
   m.con_posA = d("con_posA", nc * D); m.con_axisA = d("con_axisA", nc * D); m.con_posB = d("con_posB", nc * D);
   m.con_axisB = d("con_axisB", nc * D); m.con_rotB = d("con_rotB", nc * D * D); m.con_halfB = d("con_halfB", nc * D);
   m.con_rotA = d("con_rotA", nc * D * D);
@@ -84,6 +84,13 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.par_nominal = d("par_nominal", m.ntheta);
   m.par_ptr = i("par_ptr", m.ntheta + 1);
   m.par_idx = i("par_idx", m.par_ptr[m.ntheta]); m.par_coef = d("par_coef", m.par_ptr[m.ntheta]);
+  m.nshape = size("nshape"); m.nmass = size("nmass"); m.nweight = size("nweight");
+  size_t ns = m.nshape, kinds = m.planar ? 1 : 6;
+  m.shape_body = i("shape_body", ns); m.shape_mass = i("shape_mass", ns); m.shape_par = i("shape_par", ns * kinds);
+  m.shape_root = d("shape_root", ns * D * D);
+  m.weight_ptr = i("weight_ptr", m.nweight + 1); m.weight_mass = i("weight_mass", m.weight_ptr[m.nweight]);
+  m.mass_par = i("mass_par", m.nmass); m.weight_coef = d("weight_coef", m.weight_ptr[m.nweight]);
+  m.con_weight = i("con_weight", nc * 2); m.con_share = d("con_share", nc * 2); m.lim_weight = i("lim_weight", nl); m.line_weight = i("line_weight", m.nline);
   derive_parameters();
   for (size_t k = 0; k < nc; ++k) m.largest_invweight = std::max(m.largest_invweight, m.con_invweight[k]);
   derive_chains();
@@ -94,6 +101,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   derive_groups();
   derive_pairs();
   derive_spheres();
+  derive_clusters();
 }
 
 // Parameters that move contacts are listed by contact, the others by parameter.
@@ -129,6 +137,14 @@ void SceneData::derive_parameters() {
   m.par_coef = keep_doubles("par_coef", std::move(coef)); m.par_radius = keep_doubles("par_radius", std::move(par_radius));
   m.con_par_ptr = keep_ints("con_par_ptr", std::move(con_ptr)); m.con_par = keep_ints("con_par", std::move(par));
   m.con_par_field = keep_ints("con_par_field", std::move(field)); m.con_par_coef = keep_doubles("con_par_coef", std::move(con_coef));
+  std::vector<int> shape(m.ntheta, -1);
+  int kinds = m.planar ? 1 : 6;
+  for (int s = 0; s < m.nshape; ++s) {
+    shape[m.shape_mass[s]] = s;
+    for (int j = 0; j < kinds; ++j)
+      if (int k = m.shape_par[s * kinds + j]; k >= 0) shape[k] = s;
+  }
+  m.par_shape = keep_ints("par_shape", std::move(shape));
 }
 
 void SceneData::derive_chains() {
@@ -307,39 +323,6 @@ void SceneData::derive_pairs() {
   m.grp_world = world_.data();
   m.pair_ptr = keep_ints("pair_ptr", std::move(ptr)); m.pair_other = keep_ints("pair_other", std::move(other));
   m.pair_group = keep_ints("pair_group", std::move(groups));
-}
-
-// Spheres around the shapes with which a body may touch other bodies: about the middle of the box that holds their centres.
-void SceneData::derive_spheres() {
-  Model& m = model;
-  int D = m.D;
-  std::vector<double> centre(m.nbody * D, 0.0), radius(m.nbody, -1.0), low(m.nbody * D, 1e300), high(m.nbody * D, -1e300);
-  auto for_shapes = [&](auto f) {  // f(body, centre, half an axis, half sizes of a box, radius)
-    for (int c = 0; c < m.ncontact; ++c) {
-      if (m.con_bodyA[c] < 0 || m.con_bodyB[c] < 0) continue;
-      double sum = m.P[m.oContact + c * kContactFields + kRadius], B = m.con_radiusB[c];
-      f(m.con_bodyA[c], m.con_posA + c * D, m.con_axisA + c * D, nullptr, sum - B);
-      f(m.con_bodyB[c], m.con_posB + c * D, m.con_axisB + c * D, m.con_halfB + c * D, B);
-    }
-  };
-  for_shapes([&](int b, const double* x, const double*, const double*, double) {
-    for (int k = 0; k < D; ++k) {
-      low[b * D + k] = std::min(low[b * D + k], x[k]);
-      high[b * D + k] = std::max(high[b * D + k], x[k]);
-      centre[b * D + k] = 0.5 * (low[b * D + k] + high[b * D + k]);
-    }
-  });
-  for_shapes([&](int b, const double* x, const double* axis, const double* half, double r) {
-    double away = 0, along = 0, corner = 0;
-    for (int k = 0; k < D; ++k) {
-      away += (x[k] - centre[b * D + k]) * (x[k] - centre[b * D + k]);
-      along += axis[k] * axis[k];
-      if (half) corner += half[k] * half[k];
-    }
-    radius[b] = std::max(radius[b], std::sqrt(away) + std::sqrt(along) + std::sqrt(corner) + std::abs(r));
-  });
-  m.sphere_pos = keep_doubles("sphere_pos", std::move(centre));
-  m.sphere_radius = keep_doubles("sphere_radius", std::move(radius));
 }
 
 }  // namespace cmbrl

@@ -36,6 +36,7 @@ class SceneData {
   void derive_groups();
   void derive_pairs();
   void derive_spheres();
+  void derive_clusters();
 };
 
 }  // namespace cmbrl

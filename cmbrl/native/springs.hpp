@@ -43,7 +43,7 @@ static T ball_limit(const Model& m, const Work<G>& w, int i, Direction& d) {
 
 // d axis / dq of a limit on an angle, -(J - n n^T) / angle with n = -axis.
 template <class G>
-static void axis_slopes(const Model& m, const Work<G>& w, const Limit& l, T out[9]) {
+static void axis_slopes(const Model& m, const Work<G>&, const Limit& l, T out[9]) {
   T angle = m.lim_hi[l.index] - l.phi, t[3], rest[9];
   CMBRL_FOR(k, 3) t[k] = -angle * l.axis[k];
   rotation_slopes(t, rest);

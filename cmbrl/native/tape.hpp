@@ -1,17 +1,22 @@
 // What the backward pass needs of a control step: per substep the state, the time of flight and where it goes (displacement, velocity), and the
 // velocity and rows at the backward smoothing, from which everything else is computed again without a solve. One block of
-// doubles per element.
+// doubles per element, and a run of its own for the contacts that are on.
 #pragma once
 #include "flight.hpp"
+#include "tape_rows.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
 template <class G>
-static int64_t tape_stride(const Model& m) {  // per substep
-  return m.nq + 4 * int64_t(m.nv) + m.ncontact * (3 + 2 * G::NT) + 2 * m.nlimit + 3 * m.nline + 1;
+constexpr int kTapedContact = 4 + 2 * G::NT;  // number of the candidate, gam, s, eta0, b, eta
+
+static inline int64_t tape_stride(const Model& m) {  // per substep; it ends with how many contacts there are, and where
+  return m.nq + 4 * int64_t(m.nv) + 2 * m.nlimit + 3 * m.nline + 3;
 }
 
-// Calls f(value, slot) for every number of the tape that has a place in the workspace now.
+static inline double taped_contacts(const Model& m, const double* tape) { return tape[tape_stride(m) - 2]; }
+
+// Calls f(value, slot) for every number of the block that has a place in the workspace now.
 template <class G, class F>
 static void for_tape(const Model& m, Work<G>& w, F f) {
   int64_t k = 0;
@@ -21,16 +26,6 @@ static void for_tape(const Model& m, Work<G>& w, F f) {
   for (int i = 0; i < m.nv; ++i) f(w.vn[i], k++, all());
   for (int i = 0; i < m.nv; ++i) f(w.qtan[i], k++, all());
   for (int i = 0; i < m.nv; ++i) f(w.vstep[i], k++, all());
-  int per = 3 + 2 * G::NT;
-  for (int i = 0; i < w.ncon; ++i) {
-    Contact<G>& c = w.con[i];
-    int64_t s = k + int64_t(c.index) * per;
-    f(c.gam, s, c.on);
-    f(c.s, s + 1, c.on);
-    f(c.eta0, s + 2, c.on);
-    CMBRL_FOR(r, G::NT) { f(c.b[r], s + 3 + r, c.on); f(c.eta[r], s + 3 + G::NT + r, c.on); }
-  }
-  k += int64_t(m.ncontact) * per;
   for (int i = 0; i < w.nlim; ++i) { f(w.lim[i].gam, k + 2 * w.lim[i].index, w.lim[i].on); f(w.lim[i].s, k + 2 * w.lim[i].index + 1, w.lim[i].on); }
   k += 2 * m.nlimit;
   for (int i = 0; i < w.ndry; ++i) {
@@ -40,36 +35,106 @@ static void for_tape(const Model& m, Work<G>& w, F f) {
   f(w.flown, k + 3 * m.nline, all());
 }
 
-template <class G>
-static void tape_write(const Model& m, Work<G>& w, double* const* tape) {
-  int64_t n = tape_stride<G>(m);
-  for (int lane = 0; lane < W; ++lane) std::memset(tape[lane], 0, n * sizeof(double));
-  for_tape(m, w, [tape](T& x, int64_t slot, Mask on) {
-    for (int lane = 0; lane < W; ++lane) tape[lane][slot] = on[lane] ? x[lane] : 0;
-  });
+// Calls f(value, slot) for the numbers of a contact in its run, but for that of the candidate.
+template <class G, class F>
+static void for_taped_contact(Contact<G>& c, F f) {
+  f(c.gam, 1);
+  f(c.s, 2);
+  f(c.eta0, 3);
+  CMBRL_FOR(r, G::NT) { f(c.b[r], 4 + r); f(c.eta[r], 4 + G::NT + r); }
 }
 
-// Restores (q, v, u given) the state, its rows and their solution; impulses of rows that were off read as zero there.
+// Writes the lanes that have a block.
 template <class G>
-static void tape_read(const Model& m, const Options& o, Work<G>& w, const double* const* tape) {
-  w.ncon = w.nlim = w.ndry = 0;
+static void tape_write(const Model& m, Work<G>& w, double* const* tape, TapeRows& rows) {
+  int64_t n = tape_stride(m);
+  for (int lane = 0; lane < W; ++lane)
+    if (tape[lane]) std::memset(tape[lane], 0, n * sizeof(double));
+  for_tape(m, w, [tape](T& x, int64_t slot, Mask on) {
+    for (int lane = 0; lane < W; ++lane)
+      if (tape[lane]) tape[lane][slot] = on[lane] ? x[lane] : 0;
+  });
+  for (int lane = 0; lane < W; ++lane) {
+    if (!tape[lane]) continue;
+    auto pushes = [&](const Contact<G>& c) { return c.on[lane] && c.gam[lane] > 0; };  // what failed may hold NaN
+    int64_t count = 0;
+    for (int i = 0; i < w.ncon; ++i) count += pushes(w.con[i]);
+    tape[lane][n - 2] = double(count);
+    if (count == 0) continue;
+    double* run = rows.take(count * kTapedContact<G>, &tape[lane][n - 1]);
+    for (int i = 0; i < w.ncon; ++i) {
+      if (!pushes(w.con[i])) continue;
+      run[0] = w.con[i].index;
+      for_taped_contact(w.con[i], [&](T& x, int slot) { run[slot] = x[lane]; });
+      run += kTapedContact<G>;
+    }
+  }
+}
+
+// Where the contacts of each lane begin and end.
+struct TapedRuns { const double *at[W], *end[W]; };
+
+template <class G>
+static TapedRuns taped_runs(const Model& m, const double* const* tape, const TapeRows& rows) {
+  TapedRuns runs;
+  int64_t n = tape_stride(m);
+  for (int lane = 0; lane < W; ++lane) {
+    int64_t count = int64_t(taped_contacts(m, tape[lane]));
+    runs.at[lane] = count ? rows.at(tape[lane][n - 1]) : nullptr;
+    runs.end[lane] = runs.at[lane] + count * kTapedContact<G>;
+  }
+  return runs;
+}
+
+// Lists the candidates that are on in some lane, as find_contacts goes through them: by group, then by number.
+template <class G>
+static void list_given(const Model& m, TapedRuns runs, Work<G>& w) {
+  w.ngiven = 0;
+  for (;;) {
+    int first = -1;
+    for (int lane = 0; lane < W; ++lane) {
+      if (runs.at[lane] == runs.end[lane]) continue;
+      int i = int(*runs.at[lane]), g = m.con_group[i];
+      if (first < 0 || g < m.con_group[first] || (g == m.con_group[first] && i < first)) first = i;
+    }
+    if (first < 0) return;
+    Mask on = none();
+    for (int lane = 0; lane < W; ++lane) {
+      if (runs.at[lane] == runs.end[lane] || int(*runs.at[lane]) != first) continue;
+      on[lane] = -1;
+      runs.at[lane] += kTapedContact<G>;
+    }
+    w.give({first, on});
+  }
+}
+
+// Restores (q, v, u given) the state, its rows and their solution.
+template <class G>
+static void tape_read(const Model& m, const Options& o, Work<G>& w, const double* const* tape, const TapeRows& rows) {
+  w.nlim = w.ndry = 0;
   w.leapt = false;
   auto load_slot = [tape](T& x, int64_t slot, Mask on) {
     for (int lane = 0; lane < W; ++lane) if (on[lane]) x[lane] = tape[lane][slot];
   };
   for_tape(m, w, load_slot);
-  int64_t contacts = m.nq + 4 * int64_t(m.nv), limits = contacts + m.ncontact * (3 + 2 * G::NT);
-  for (int i = 0; i < m.ncontact; ++i)
-    for (int lane = 0; lane < W; ++lane) w.con_on[i][lane] = tape[lane][contacts + i * (3 + 2 * G::NT)] > 0 ? -1 : 0;
+  int64_t limits = m.nq + 4 * int64_t(m.nv);
   for (int i = 0; i < m.nlimit; ++i)
     for (int lane = 0; lane < W; ++lane) w.lim_on[i][lane] = tape[lane][limits + 2 * i] > 0 ? -1 : 0;
+  TapedRuns runs = taped_runs<G>(m, tape, rows);
+  list_given(m, runs, w);
   T flown = w.flown;
-  set_up_step(m, o, w, w.con_on, w.lim_on, &flown);
+  set_up_step(m, o, w, w.lim_on, &flown);
   for (int i = 0; i < w.ncon; ++i) {  // harmless values in the lanes that stay off
     Contact<G>& c = w.con[i];
     c.gam = c.s = splat(1);
     c.eta0 = splat(1);
     CMBRL_FOR(r, G::NT) c.b[r] = c.eta[r] = T{};
+    for (int lane = 0; lane < W; ++lane) {
+      if (!w.given[i].on[lane]) continue;
+      const double* run = runs.at[lane];
+      runs.at[lane] += kTapedContact<G>;
+      if (c.on[lane]) for_taped_contact(c, [&](T& x, int slot) { x[lane] = run[slot]; });
+    }
   }
   for (int i = 0; i < w.nlim; ++i) w.lim[i].gam = w.lim[i].s = splat(1);
   for (int i = 0; i < w.ndry; ++i) { w.dry[i].b = w.dry[i].eta = T{}; w.dry[i].eta0 = splat(1); }

@@ -77,8 +77,11 @@ struct Tie {
 // A row that is left out: in which lanes, its slack without the part of the next velocity, and the speed that it had to have.
 template <class G>
 struct LeftOut { Mask lanes; int A, B; Vec<G::N> W; T base; double speed; };
+constexpr int kGuesses = 4;  // solves of a step with rows that were left out before; then all of its rows are let in
 struct LeftOutLimit { Mask lanes; Direction way; T base; double speed; };
 
+struct Passed { int A, B; T slack; };         // a cluster that is not looked at; of its rows, under the velocity at the start
+struct Given { int index; Mask on; };        // a candidate that is a row in these lanes, whatever it is like
 struct ActiveGroup { int group, begin, end; };  // contacts of one body pair stand together
 
 // What the contact solve works on.
@@ -123,6 +126,7 @@ struct Work : SolverWork<G> {
   StepMemory* memory;                      // where what grows stands
   T *P, *q, *v, *u, *vstep, *start;        // parameters but those of contacts, state, control, next velocity; state to go back to
   T *dtheta, radius_slack;                 // parameters less their nominal values; most that they add to a radius
+  T *lighter, *weight;                     // 1/mu - 1 of the scales of masses; factors on inverse weights (inverse_weight.hpp)
   typename G::Rot* R; V* pos;              // bodies, relative to O
   Inertia<G> *I, *Ic;
   Motion *vel, *acc, *f, *fc, *psid, *psidd, *sdot, *vlam, *tn, *tnlam;  // tn: twists under the next velocity
@@ -137,11 +141,15 @@ struct Work : SolverWork<G> {
   T *line_length, *line_pull, *line_mass;  // impulse along each line at the step's start; what acts on its change of rate
   Tie<G>* ties; T* tie_J;                  // equality constraints; their rows, by entry of tie_dof
   Motion *drift, *drift_before;            // accelerations of bodies whose joints do not accelerate; before each dof's joint
-  Mask *con_on, *lim_on;                   // of a step that is read back from its tape
+  Given* given; int ngiven;                // rows of a step that is read back from its tape: contacts by group, then by number;
+  Mask* lim_on;                            // limits
   uint64_t* near; int* order;              // groups that may touch in this step, as bits; bodies along an axis
-  typename G::V* centre; T *fast, *reach; double *low, *high;  // of bodies: spheres that hold what may touch in this step
+  typename G::V* centre; T *fast, *after, *reach; double *low, *high;  // of bodies: spheres that hold what may touch in this step
   LeftOut<G>* left; int nleft;             // see pruning.hpp
+  T* guess; Motion* guess_twist; int nguess;  // velocities that solves of this step ended with, under which left-out rows close
   LeftOutLimit* left_lim; int nleft_lim;
+  Passed* passed; int npassed;          // see near.hpp
+  bool sift;                               // clusters are tested
   T left_out_gap;                          // smallest absolute gap of a contact that was left out
   uint64_t* bits; int *fill_ptr, *fill_idx;  // the pattern as bits, and as lists
   T* vb; Motion *bvel, *bacc;          // where the bias is taken in a midpoint step: velocity, its twists and accelerations
@@ -177,9 +185,17 @@ struct Work : SolverWork<G> {
     this->groups = static_cast<ActiveGroup*>(memory->groups.extend((this->ngroups + 1) * sizeof(ActiveGroup)));
     this->groups[this->ngroups++] = group;
   }
+  void give(const Given& row) {
+    given = static_cast<Given*>(memory->given.extend((ngiven + 1) * sizeof(Given)));
+    given[ngiven++] = row;
+  }
   void leave_out(const LeftOut<G>& row) {
     left = static_cast<LeftOut<G>*>(memory->left.extend((nleft + 1) * sizeof(LeftOut<G>)));
     left[nleft++] = row;
+  }
+  void pass_over(const Passed& cluster) {
+    passed = static_cast<Passed*>(memory->passed.extend((npassed + 1) * sizeof(Passed)));
+    passed[npassed++] = cluster;
   }
   template <class Take> static void carve(Memory& memory, Take take) {
     Arena probe{nullptr};
@@ -206,7 +222,7 @@ struct Work : SolverWork<G> {
 
   Work(Arena& A, const Model& m, Purpose purpose, StepMemory* growing) : memory(growing) {
     int64_t nv = m.nv, nb = m.nbody, ncol = 2 * nv + m.nu + m.ntheta, words = FillPattern::words(m.ngroup);  // past an int, perhaps
-    P = A.take<T>(m.oContact); dtheta = A.take<T>(m.ntheta + 1);
+    P = A.take<T>(m.oContact); dtheta = A.take<T>(m.ntheta + 1); lighter = A.take<T>(m.nmass); weight = A.take<T>(m.nweight);
     q = A.take<T>(m.nq); v = A.take<T>(nv); u = A.take<T>(m.nu + 1);
     vstep = A.take<T>(nv); start = A.take<T>(m.nq + nv);
     this->take(A, nv, m.mass.row(m.nv), nv, m.max_group_dofs, m.nlimit, m.nline);
@@ -227,14 +243,15 @@ struct Work : SolverWork<G> {
     ties = A.take<Tie<G>>(m.ntie); tie_J = A.take<T>(m.ntie ? int64_t(m.tie_ptr[m.ntie]) * Tie<G>::kRows : 0);
     drift = A.take<Motion>(m.ntie ? nb : 0); drift_before = A.take<Motion>(m.ntie ? nv : 0);
     near = A.take<uint64_t>(words); order = A.take<int>(nb);
-    centre = A.take<V>(nb); fast = A.take<T>(nb); reach = A.take<T>(nb); low = A.take<double>(nb); high = A.take<double>(nb);
+    centre = A.take<V>(nb); fast = A.take<T>(nb); after = A.take<T>(nb); reach = A.take<T>(nb); low = A.take<double>(nb); high = A.take<double>(nb);
     bits = A.take<uint64_t>(nv * FillPattern::words(m.nv)); fill_ptr = A.take<int>(nv + 1);
     vb = A.take<T>(nv); bvel = A.take<Motion>(nb); bacc = A.take<Motion>(nb);
     left_lim = A.take<LeftOutLimit>(m.nlimit);
+    guess = A.take<T>(kGuesses * nv); guess_twist = A.take<Motion>(kGuesses * nb); nguess = 0;
     qtan = A.take<T>(nv); shift = A.take<T>(nv); leap = A.take<T>(nv); began = A.take<T>(m.nq);
     leapt = theta = false;
     if (purpose == Purpose::step) { Gq = nullptr; return; }
-    con_on = A.take<Mask>(m.ncontact); lim_on = A.take<Mask>(m.nlimit);
+    lim_on = A.take<Mask>(m.nlimit);
     auto block = [&](T*& q_, T*& v_, T*& u_, T*& p_) {
       q_ = A.take<T>(nv * nv); v_ = A.take<T>(nv * nv); u_ = A.take<T>(nv * (m.nu + 1)); p_ = A.take<T>(nv * (m.ntheta + 1));
     };

@@ -12,13 +12,15 @@ import numpy as np
 from cmbrl.scene.actuators import Actuator
 from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.laws import CONTACT_LAWS, LawChoice
-from cmbrl.scene.layout import CONTACT_FIELDS, DOF_FIELDS, Layout
+from cmbrl.scene.layout import CONTACT_FIELDS, Layout
 from cmbrl.scene.mjcf import limits_act
 from cmbrl.scene.records import WORLD, Array, Candidate, ContactLaw, JointKind, Tendon, Tie, TieKind, Tree
 from cmbrl.scene.reduction import PlaneOfMotion
 from cmbrl.scene.shapes import Shape
 
 Arrays = dict[str, Any]
+
+STRIBECK_SPEED = 0.1  # rad/s or m/s: dry friction that speed takes away, of which a file has none
 
 
 def tree_arrays(tree: Tree, plane: PlaneOfMotion | None) -> Arrays:
@@ -172,6 +174,7 @@ def contact_arrays(
     laws = [c.law for c in candidates]
     normals = np.array([ground.rot[:, 2] for ground in planes]).reshape(-1, 3)
     number = {ground.geom: k for k, ground in enumerate(planes)}
+    pairs: dict[tuple[int, int], int] = {}
     pyramid = int(model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL)
 
     def vectors(field: str, size: int = dimension) -> Array:
@@ -183,6 +186,7 @@ def contact_arrays(
         "con_bodyA": integers([c.body_a for c in candidates]),
         "con_bodyB": integers([c.body_b for c in candidates]),
         "con_plane": integers([number[c.geoms[1]] if c.kind.on_plane else -1 for c in candidates]),
+        "con_pair": integers([pairs.setdefault(c.geoms, len(pairs)) for c in candidates]),
         "con_posA": vectors("pos_a"),
         "con_axisA": vectors("axis_a"),
         "con_posB": vectors("pos_b"),
@@ -256,6 +260,7 @@ def physical_vector(
             P[layout.dof(dof, "springref")] = reference if stiffness or bent[joint.source] else 0.0
             if not flags & (off.mjDSBL_FRICTIONLOSS | off.mjDSBL_CONSTRAINT):
                 P[layout.dof(dof, "frictionloss")] = model.dof_frictionloss[dof]
+            P[layout.dof(dof, "stribeck_speed")] = STRIBECK_SPEED
     armature = getattr(model, "tendon_armature", np.zeros(model.ntendon))  # of recent MuJoCo versions
     for k, tendon in enumerate(tendons):
         source, first = tendon.source, layout.dof(model.nv + k)
@@ -263,7 +268,7 @@ def physical_vector(
         damping = 0.0 if flags & off.mjDSBL_DAMPER else model.tendon_damping[source]
         reference = model.tendon_lengthspring[source, 0] if stiffness else 0.0
         loss = 0.0 if flags & (off.mjDSBL_FRICTIONLOSS | off.mjDSBL_CONSTRAINT) else model.tendon_frictionloss[source]
-        P[first : first + len(DOF_FIELDS)] = [armature[source], damping, stiffness, reference, loss]
+        P[first : first + 5] = [armature[source], damping, stiffness, reference, loss]
     blocks = P[layout.contact(0) :].reshape(-1, len(CONTACT_FIELDS))
     laws = {id(c.law): c.law for c in candidates}  # pairs of the same surfaces share theirs
     shared = {key: _law_block(own, law) for key, own in laws.items()}

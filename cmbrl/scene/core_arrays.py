@@ -47,6 +47,9 @@ class CoreArrays:
     ntendon: int
     nseg: int
     ntie: int
+    nshape: int  # bodies whose inertia can change its shape
+    nmass: int  # bodies with a mass
+    nweight: int  # inverse weights that masses change
     plane_basis: Array  # (2, 3) directions of the plane of motion; zeros for spatial scenes
 
     body_parent: Integers  # (nb,)
@@ -88,6 +91,7 @@ class CoreArrays:
     con_bodyA: Integers  # (nc,)
     con_bodyB: Integers  # (nc,)
     con_plane: Integers  # (nc,) -1 if not against a plane
+    con_pair: Integers  # (nc,) number of the pair of geoms
     con_posA: Array  # (nc, D)
     con_axisA: Array  # (nc, D)
     con_posB: Array  # (nc, D)
@@ -154,6 +158,19 @@ class CoreArrays:
     par_idx: Integers  # offsets into P
     par_coef: Array
     par_nominal: Array  # (n,)
+
+    shape_body: Integers  # (nshape,)
+    shape_mass: Integers  # (nshape,) the parameter of its mass
+    shape_par: Integers  # (nshape * (1 or 6),) the parameters of its shape; -1: none
+    shape_root: Array  # (nshape, D * D) B: see inertia_shapes.py
+    mass_par: Integers  # (nmass,) the parameters of masses
+    weight_ptr: Integers  # (nweight + 1,) where the masses that change each inverse weight begin
+    weight_mass: Integers  # their places in mass_par
+    weight_coef: Array  # a_k: see inverse_weights.py
+    con_weight: Integers  # (nc * 2,) inverse weights of both bodies; -1: none that masses change
+    con_share: Array  # (nc, 2) of their sum
+    lim_weight: Integers  # (nl,)
+    line_weight: Integers  # (nv + nt,)
 
     @property
     def layout(self) -> Layout:

@@ -1,7 +1,8 @@
 """Offsets into the physical vector P of the core: the one place that knows its order.
 
 P = per body [mass, centre of mass (D), inertia about it (planar 1: about the axis; spatial xx yy zz xy xz yz)],
-    per degree of freedom, then per tendon [armature, damping, stiffness, spring reference, friction loss],
+    per degree of freedom, then per tendon [armature, damping, stiffness, spring reference, friction loss,
+    its slope with the coordinate, Stribeck's part of it, the speed that takes that away],
     per plane [height], per actuator [gear, gain, bias (3)], gravity (D),
     per contact [friction, restitution, sum of radii, solref (2), d0, dmax, width, softness scale].
 Contacts come last: of these, the core takes up only what touches.
@@ -14,7 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-DOF_FIELDS = ("armature", "damping", "stiffness", "springref", "frictionloss")
+DOF_FIELDS = (
+    *("armature", "damping", "stiffness", "springref"),
+    *("frictionloss", "friction_slope", "stribeck", "stribeck_speed"),
+)
 CONTACT_FIELDS = ("friction", "restitution", "radius", "solref0", "solref1", "d0", "dmax", "width", "rscale")
 ACTUATOR_FIELDS = ("gear", "gain", "bias0", "bias1", "bias2")
 

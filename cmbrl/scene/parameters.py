@@ -1,35 +1,29 @@
 """The numbers of a scene that can be fitted: their names, bounds, and effect on the physical vector.
 
-P(theta) = P0 + sum_k (theta_k - nominal_k) D_k with sparse D_k. The nominal value of a scale is 1, of a shift 0.
+P(theta) = P0 + sum_k (theta_k - nominal_k) D_k with sparse D_k, then the shapes of inertias (``inertia_shapes``) and
+the softness that masses give to contacts (``inverse_weights``). The nominal value of a scale is 1, of a shift 0.
 Bounds are physical and generous: they keep a search sane and are not a prior.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
+from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from cmbrl.scene.actuators import Actuator
+from cmbrl.scene.collector import Collector, Moves
+from cmbrl.scene.inertia_shapes import offer_shapes
+from cmbrl.scene.joint_parameters import offer_actuator, offer_joints
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.mjcf import name_of
-from cmbrl.scene.records import WORLD, Array, Candidate, Joint, JointKind, Parameter, Tendon, Tree
+from cmbrl.scene.records import WORLD, Array, Candidate, Tendon, Tree
 from cmbrl.scene.shapes import Shape
 
 Rows = NDArray[np.int64]
-Places = NDArray[np.int64] | Sequence[int] | range  # offsets into P
-
-_SHARES = ("impedance_low", "impedance_high")  # between 0 and 1, searched on a logit scale
-
-_UNITS = {  # for slides, for hinges and balls
-    "damping": ("N s/m", "N m s/rad"),
-    "armature": ("kg", "kg m^2"),
-    "stiffness": ("N/m", "N m/rad"),
-    "frictionloss": ("N", "N m"),
-}
 
 _LAW_FIELDS = {  # rigid: the time in which a penetration decays
     "rigid": (("solref0", "softness_time", "s"),),
@@ -46,47 +40,6 @@ _IMPEDANCE_FIELDS = (
 )
 
 
-@dataclass(frozen=True)
-class Moves:
-    """Parameters and their columns D, compressed: entries ptr[k]:ptr[k+1] of idx and coef belong to parameter k."""
-
-    parameters: tuple[Parameter, ...]
-    ptr: np.ndarray
-    idx: np.ndarray
-    coef: Array
-
-
-class _Collector:
-    def __init__(self) -> None:
-        self.parameters: list[Parameter] = []
-        self.places: list[NDArray[np.int32]] = []
-        self.coefs: list[Array] = []
-
-    def add(
-        self,
-        group: str,
-        of: str,
-        value: float,
-        low: float,
-        high: float,
-        unit: str,
-        places: Places,
-        coefs: float | Array = 1.0,
-    ) -> None:
-        """Adds a parameter that moves these places of P.
-
-        Its transform is "log" for positive bounds, "logit" for impedances, otherwise "linear".
-        """
-        name = f"{group}.{of}" if of else group
-        transform = "linear" if low <= 0 else "logit" if group in _SHARES else "log"
-        self.parameters.append(Parameter(name, group, value, low, high, transform, unit))
-        self.places.append(np.asarray(places, dtype=np.int32))
-        self.coefs.append(np.full(len(places), 1.0) * coefs)
-
-    def scale(self, group: str, of: str, low: float, high: float, P: Array, places: Places) -> None:
-        self.add(group, of, 1.0, low, high, "1", places, P[np.asarray(places)])
-
-
 def offer_parameters(
     model: mujoco.MjModel,
     tree: Tree,
@@ -98,14 +51,18 @@ def offer_parameters(
     letters: tuple[str, ...],
     P: Array,
     contact_law: str,
-) -> Moves:
-    """All parameters of a scene. ``letters`` name the axes of centres of mass; ``P`` (nP,) is the nominal vector."""
-    out = _Collector()
+) -> tuple[Moves, dict[int, int], dict[str, Any]]:
+    """All parameters of a scene, the numbers of those of masses by body, and the core's arrays of shapes.
+
+    ``letters`` name the axes of centres of mass; ``P`` (nP,) is the nominal vector.
+    """
+    out = Collector()
     massive = [k for k in range(len(tree.bodies)) if P[layout.mass(k)] > 0]
+    masses = {}
     for k in massive:
         inertia = layout.inertia(k)
         moved = [layout.mass(k), *range(inertia, inertia + layout.inertia_fields)]
-        out.scale("mass", tree.bodies[k].name, 0.2, 5.0, P, moved)
+        masses[k] = out.scale("mass", tree.bodies[k].name, 0.2, 5.0, P, moved)
     for axis, letter in enumerate(letters):
         for k in massive:
             body = tree.bodies[k]
@@ -114,7 +71,8 @@ def offer_parameters(
             )  # 1.7 radii of gyration reach the end of a rod
             if size > 0:
                 out.add(f"com_{letter}", body.name, 0.0, -size, size, "m", [layout.com(k) + axis])
-    _joint_parameters(model, tree, layout, P, out)
+    shapes = offer_shapes(tree, massive, masses, layout, P, out)
+    offer_joints(model, tree, actuators, layout, P, out)
     for k, tendon in enumerate(tendons):
         for field in ("damping", "armature", "stiffness", "frictionloss"):
             place = layout.dof(model.nv + k, field)
@@ -124,60 +82,15 @@ def offer_parameters(
     for k, ground in enumerate(planes):
         out.add("plane_height", name_of(model, "geom", ground.geom), 0.0, -0.1, 0.1, "m", [layout.plane(k)])
     for k, actuator in enumerate(actuators):
-        _actuator_parameters(actuator, layout, k, out)
+        offer_actuator(actuator, layout, k, out)
     down = range(layout.gravity, layout.contact(0))
     if np.any(P[down]):
-        out.scale("gravity", "", 0.5, 2.0, P, down)
-    return Moves(
-        tuple(out.parameters),
-        np.cumsum([0, *map(len, out.places)]).astype(np.int32),
-        np.concatenate([np.zeros(0, np.int32), *out.places]),
-        np.concatenate([np.zeros(0), *out.coefs]),
-    )
-
-
-def _joint_parameters(model: mujoco.MjModel, tree: Tree, layout: Layout, P: Array, out: _Collector) -> None:
-    """Joint parameters that are nonzero in the file, and zero damping and armature except on floating bases.
-
-    The inertia M at qpos0 bounds those zeros: armature up to M, damping up to M times 5/s.
-    """
-    by_source: dict[int, list[Joint]] = {}
-    for joint in tree.joints:
-        by_source.setdefault(joint.source, []).append(joint)
-    for field, rate in (("damping", 5.0), ("armature", 1.0), ("stiffness", 0.0), ("frictionloss", 0.0)):
-        for joints in by_source.values():
-            dofs = [d for joint in joints for d in joint.dofs]
-            indices = [layout.dof(d, field) for d in dofs]
-            value, name = float(P[indices[0]]), joints[0].name
-            unit = _UNITS[field][int(joints[-1].kind != JointKind.SLIDE)]
-            if value > 0:
-                out.add(field, name, value, value / 20, value * 20, unit, indices)
-            elif rate and not _floating(tree, joints[0]):
-                out.add(field, name, 0.0, 0.0, rate * float(model.dof_M0[dofs].max()), unit, indices)
-
-
-def _actuator_parameters(actuator: Actuator, layout: Layout, k: int, out: _Collector) -> None:
-    """Gains of a position servo; the gear of others, and of a servo behind a gear."""
-    stiffness, damping = actuator.gain, -float(actuator.bias[2])
-    servo = actuator.gear != 0 and stiffness > 0 and actuator.bias[1] == -stiffness
-    if actuator.gear and not (servo and actuator.gear == 1):
-        out.add("gear", actuator.name, 1.0, 0.2, 5.0, "1", [layout.actuator(k)], actuator.gear)
-    if not servo:
-        return
-    places = [layout.actuator(k, "gain"), layout.actuator(k, "bias1")]
-    out.add("kp", actuator.name, stiffness, stiffness / 5, stiffness * 5, "1", places, np.array([1.0, -1.0]))
-    if damping > 0:
-        out.add("kd", actuator.name, damping, damping / 20, damping * 20, "1", [layout.actuator(k, "bias2")], -1.0)
-
-
-def _floating(tree: Tree, joint: Joint) -> bool:
-    """Whether a joint places a body in space: a free joint, or one of several between a body and the world."""
-    body = tree.bodies[joint.body]
-    return body.parent == WORLD and len(body.joints) > 1
+        out.scale("gravity", "", 0.5, 2.0, P, down, default=False)  # known, unless the file's frame is tilted or scaled
+    return out.moves(), masses, shapes
 
 
 def _contact_parameters(
-    model: mujoco.MjModel, candidates: list[Candidate], layout: Layout, P: Array, contact_law: str, out: _Collector
+    model: mujoco.MjModel, candidates: list[Candidate], layout: Layout, P: Array, contact_law: str, out: Collector
 ) -> None:
     """Friction and softness of each geom that touches the world; contacts between moving bodies share ``pairs``."""
     geoms = np.array([c.geoms for c in candidates], dtype=np.int64).reshape(-1, 2)

@@ -59,7 +59,7 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number that can be fitted. The physical vector P is affine in it (see ``parameters.py``).
+    """A number that can be fitted: what it does to the physical vector P is told in ``parameters.py``.
 
     ``transform`` is the coordinate in which a search moves: "log" for scales and positive constants, "logit" for
     shares between 0 and 1, otherwise "linear". ``default``: a fit moves it without being asked by name; known constants

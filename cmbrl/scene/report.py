@@ -86,7 +86,7 @@ def to_dict(scene: Scene) -> dict[str, Any]:
             for k, name in enumerate(scene.actuator_names)
         ],
         "parameters": [
-            {key: getattr(p, key) for key in ("name", "nominal", "low", "high", "transform", "unit")}
+            {key: getattr(p, key) for key in ("name", "nominal", "low", "high", "transform", "unit", "default")}
             for p in scene.parameters
         ],
         "compiler_warnings": list(scene.compiler_warnings),
@@ -118,6 +118,7 @@ def describe(scene: Scene) -> str:
         f"  contacts     {core.ncontact} candidates, law {scene.contact_law}" + _contact_lines(scene),
         f"  parameters   {len(scene.parameters)} that can be fitted; the name is GROUP.OF, e.g. for --set",
         *_parameter_lines(scene.parameters),
+        *_on_request(scene.parameters),
     ]
     if scene.differences:
         lines += ["  unlike MuJoCo", *_by_reason(scene.differences)]
@@ -169,6 +170,11 @@ def _parameter_lines(parameters: Sequence[Parameter]) -> list[str]:
     widths = [max(len(cells[column]) for cells, _ in rows) + 2 for column in range(4)]
     heads = ["    " + "".join(f"{c:{width}s}" for c, width in zip(cells, widths, strict=True)) for cells, _ in rows]
     return [head + _wrap(of, len(head)) for head, (_, of) in zip(heads, rows, strict=True)]
+
+
+def _on_request(parameters: Sequence[Parameter]) -> list[str]:
+    groups = dict.fromkeys(p.group for p in parameters if not p.default)
+    return [f"    a fit moves {_wrap(groups)} only on request: --groups {next(iter(groups))}"] if groups else []
 
 
 def _listed(words: Iterable[str]) -> str:

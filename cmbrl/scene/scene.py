@@ -18,6 +18,8 @@ from cmbrl.scene.contacts import ContactBuilder
 from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.differences import differences
 from cmbrl.scene.fluid import box_arrays, oblique_box, read_boxes
+from cmbrl.scene.inertia_shapes import add_shapes
+from cmbrl.scene.inverse_weights import soften, weight_arrays
 from cmbrl.scene.joint_forces import force_ranges, read_compensation
 from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.layout import Layout
@@ -147,6 +149,8 @@ class Scene:
         core, P = self.core, self.core.P.copy()
         change = np.repeat(theta - core.par_nominal, np.diff(core.par_ptr))
         np.add.at(P, core.par_idx, change * core.par_coef)
+        add_shapes(core, theta, P)
+        soften(core, theta, P)
         return P
 
     def difference(self, q_from: Array, q_to: Array) -> Array:
@@ -225,7 +229,9 @@ def _build(
     layout = Layout(dimension, len(tree.bodies), model.nv, len(candidates), len(planes), len(actuators), len(tendons))
     P = physical_vector(model, tree, candidates, planes, tendons, actuators, plane, layout, law)
     letters = plane.letters if plane else ("x", "y", "z")
-    moves = offer_parameters(model, tree, candidates, planes, tendons, actuators, layout, letters, P, law.name)
+    moves, masses, shapes = offer_parameters(
+        model, tree, candidates, planes, tendons, actuators, layout, letters, P, law.name
+    )
     of_lines = line_arrays(model, tree, tendons, plane)
     integrator = _INTEGRATORS.get(mujoco.mjtIntegrator(model.opt.integrator).name, "euler")
     core = CoreArrays(
@@ -261,6 +267,8 @@ def _build(
         par_idx=moves.idx,
         par_coef=moves.coef,
         par_nominal=np.array([p.nominal for p in moves.parameters], dtype=np.float64),
+        **shapes,
+        **weight_arrays(model, tree, candidates, of_lines, masses, law.name),
     )
     names, kinds = _coordinates(tree)
     geoms = [name_of(model, "geom", k) for k in range(model.ngeom)]

@@ -1,14 +1,15 @@
-"""A log that obeys q' = q (+) dt v', and a stand-in for the parts of a scene that the checks look at."""
+"""A log that obeys q' = q (+) dt v', and a scene for it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import SimpleNamespace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cmbrl import Transitions
+from cmbrl.scene import Scene
 
 MakeLog = Callable[..., Transitions]
 
@@ -33,16 +34,20 @@ def make_log() -> MakeLog:
     return make
 
 
-@pytest.fixture
-def slides() -> SimpleNamespace:
+@pytest.fixture(scope="session")
+def slides(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     """A scene of two slides and one motor."""
-    return SimpleNamespace(
-        name="slides",
-        nq=2,
-        nv=2,
-        nu=1,
-        joint_names=["left", "right"],
-        actuator_names=["motor"],
-        core=SimpleNamespace(jnt_type=np.zeros(2, dtype=np.int32), jnt_qadr=np.arange(2, dtype=np.int32)),
-        difference=lambda q_from, q_to: q_to - q_from,
+    return scene_of(
+        tmp_path_factory.mktemp("slides"),
+        "slides",
+        """<body><joint name="left" type="slide" axis="1 0 0"/><geom size=".1"/></body>
+        <body pos="0 1 0"><joint name="right" type="slide" axis="1 0 0"/><geom size=".1"/></body>""",
+        '<motor name="motor" joint="left"/>',
     )
+
+
+def scene_of(folder: Path, name: str, bodies: str, actuators: str = "") -> Scene:
+    """The scene of an MJCF with these elements."""
+    file = folder / f"{name}.xml"
+    file.write_text(f'<mujoco model="{name}"><worldbody>{bodies}</worldbody><actuator>{actuators}</actuator></mujoco>')
+    return Scene.from_mjcf(file)

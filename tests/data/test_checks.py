@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from cmbrl import UserError
+
+from .conftest import scene_of
 
 
 def test_a_log_of_the_scene_passes(make_log, slides):
@@ -45,11 +46,8 @@ def test_empty_log(make_log, slides):
         make_log().select([]).check(slides)
 
 
-def test_quaternions_must_be_unit(make_log):
-    scene = SimpleNamespace(
-        name="ball", nq=4, nv=3, nu=0, joint_names=["ball"], actuator_names=[],
-        core=SimpleNamespace(jnt_type=np.array([2]), jnt_qadr=np.array([0])),
-    )  # fmt: skip
+def test_quaternions_must_be_unit(make_log, tmp_path):
+    scene = scene_of(tmp_path, "ball", '<body><joint type="ball"/><geom size=".1"/></body>')
     log = make_log(nq=4, nu=0)
     unit = np.tile([1.0, 0.0, 0.0, 0.0], (8, 1))
     log = replace(log, q=unit, q_next=unit, v=np.zeros((8, 3)), v_next=np.zeros((8, 3)))
@@ -70,7 +68,19 @@ def test_noise_on_a_resting_coordinate_is_no_mistake(make_log, slides):
 def test_velocities_must_go_with_positions(make_log, slides):
     log = make_log(lengths=(100, 100))
     swapped = replace(log, v=log.v[:, ::-1], v_next=log.v_next[:, ::-1])
-    with pytest.raises(UserError, match=r"velocity column \d does not match"):
+    with pytest.raises(UserError, match="v of joints 'left' and 'right' are swapped"):
         swapped.check(slides)
-    with pytest.raises(UserError, match="does not match"):
+    with pytest.raises(UserError, match=r"dt = 0.05 s: the wrong rate"):
         replace(log, dt=log.dt * 5).check(slides)
+    rng = np.random.default_rng(2)
+    with pytest.raises(UserError, match=r"velocity column 0 \(left\) does not match"):
+        replace(log, v=rng.standard_normal(log.v.shape), v_next=rng.standard_normal(log.v.shape)).check(slides)
+
+
+def test_a_body_that_rocks_within_the_step_is_no_mistake(make_log, slides):
+    """Its velocities at the ends of a step say nothing about the way between them."""
+    rng = np.random.default_rng(3)
+    log = make_log(lengths=(100, 100))
+    q, v = 2e-3 * rng.standard_normal((2, 200, 2)), 0.3 * rng.standard_normal((2, 200, 2))
+    with pytest.warns(UserWarning, match="velocity column 0"):
+        replace(log, q=q[0], q_next=q[1], v=v[0], v_next=v[1]).check(slides)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,9 @@ import pytest
 
 from cmbrl import UserError
 from cmbrl.data.position_log import PositionLog
-from cmbrl.scene.records import JointKind
+from cmbrl.scene import Scene
+
+from .conftest import scene_of
 
 
 def make(rows: int = 20, **other: Any) -> PositionLog:
@@ -26,14 +27,16 @@ def make(rows: int = 20, **other: Any) -> PositionLog:
     return PositionLog(**{**given, **other})
 
 
-@pytest.fixture
-def leg() -> Any:
+@pytest.fixture(scope="module")
+def leg(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     """A scene of two hinges with a motor each, the motors in the other order."""
-    joints = [SimpleNamespace(name=name, kind=JointKind.HINGE, vadr=k) for k, name in enumerate(("hip", "knee"))]
-    return SimpleNamespace(
-        name="leg", nu=2, joints=joints, joint_names=("hip", "knee"), actuator_names=("m_knee", "m_hip"),
-        core=SimpleNamespace(act_line=np.array([1, 0])),
-    )  # fmt: skip
+    return scene_of(
+        tmp_path_factory.mktemp("leg"),
+        "leg",
+        """<body><joint name="hip" axis="0 1 0"/><geom size=".1" mass="1"/>
+        <body pos="0 0 -.3"><joint name="knee" axis="0 1 0"/><geom size=".1" mass="1"/></body></body>""",
+        '<position name="m_knee" joint="knee" kp="20"/><position name="m_hip" joint="hip" kp="20"/>',
+    )
 
 
 @pytest.mark.parametrize(
@@ -55,7 +58,7 @@ def test_what_is_written_is_read(tmp_path: Path, other: dict[str, Any]) -> None:
     assert again.dt == pytest.approx(0.005)
 
 
-def test_the_scene_tells_coordinates_and_actuators(leg: Any) -> None:
+def test_the_scene_tells_coordinates_and_actuators(leg: Scene) -> None:
     log = make(joint_names=("knee", "hip"))
     log.check(leg)
     assert log.coordinates(leg).tolist() == [1, 0]
@@ -77,7 +80,7 @@ def test_the_scene_tells_coordinates_and_actuators(leg: Any) -> None:
         ({"command": np.zeros((20, 1)), "actuator_names": ("m_hip",)}, "actuator 'm_knee' of scene 'leg' has no"),
     ],
 )
-def test_a_log_of_another_robot(leg: Any, other: dict[str, Any], told: str) -> None:
+def test_a_log_of_another_robot(leg: Scene, other: dict[str, Any], told: str) -> None:
     with pytest.raises(UserError, match=told):
         make(**other).check(leg)
 

@@ -54,8 +54,10 @@ class CartScene:
             "jnt_type": np.zeros(n, int), "jnt_body": np.arange(n), "jnt_qadr": np.arange(n), "jnt_vadr": np.arange(n),
             "act_line": np.arange(n), "wide_act": np.empty(0, int), "par_idx": np.array([*places, layout.gravity]),
             "par_ptr": np.array([*range(4 * n + 2), 4 * n + 1]), "ntendon": 0, "tendon_ptr": np.zeros(1, int),
-            "tendon_dof": np.empty(0, int), **dict.fromkeys(("tie_type", "tie_A", "tie_B"), np.empty(0, int)),
+            "tendon_dof": np.empty(0, int), "lim_line": np.empty(0, int), "lim_lo": np.empty(0), "lim_hi": np.empty(0),
+            **dict.fromkeys(("tie_type", "tie_A", "tie_B"), np.empty(0, int)),
         })  # fmt: skip
+        self.layout, self.gravity, self.coordinate_names = layout, np.zeros(2), tuple(f"cart {i}" for i in range(n))
 
     def parameter_vector(self) -> np.ndarray:
         return np.array([p.nominal for p in self.parameters])

@@ -128,7 +128,7 @@ def test_threads_do_not_change_the_fit(hopper):
 
 def test_ball_parameters_are_recovered(ball):
     model, data = ball
-    result = cmbrl.fit(model, data)
+    result = cmbrl.fit(model, data, groups=["restitution", "friction", "gravity"])
     assert result.parameters["restitution.ball"].value == pytest.approx(0.72, rel=0.02)
     assert result.parameters["friction.ball"].value == pytest.approx(0.2, rel=0.02)
     assert result.parameters["gravity"].value * 9.81 == pytest.approx(9.5, rel=0.02)

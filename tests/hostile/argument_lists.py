@@ -12,6 +12,7 @@ LINES = (
     "info hopper", "info hopper --json", "info scene.xml --ignore tendon --contact-law rigid",
     "record hopper --steps 3 --out log.npz --seed 1",
     "record hopper --steps 3 --out log --behaviour pd", "record cube_toss --steps 3 --data text.xml --out log.npz",
+    "import text.xml --scene scene.xml --map a=b.position:deg --joints a b --rate 200 --gap 3 --kp 2 --out log.npz",
     "fit hopper --data nowhere.npz --out run --set mass.torso=3.6 --groups friction --horizon 2 --time-step 0.002",
     "fit scene.xml --data text.xml --out run --method cma --integrator midpoint --time-limit 3 --threads 1",
     "error --data nowhere.npz --scene hopper hold nominal --horizons 1 5 --contact-gap 0.002",

@@ -10,6 +10,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+
 HOPPER = ["--set", "environments=4", "--set", "actor_hidden=8", "--set", "critic_hidden=8", "--set", "window=0.03"]
 FIT = ["fit", "hopper", "--data", "in/log.npz", "--groups", "gear", "--method", "gauss-newton", "--threads", "1"]
 ERROR = ["--data", "in/log.npz", "--scene", "hopper", "--horizons", "1", "--out", "OUT/error"]
@@ -18,6 +20,7 @@ ERROR = ["--data", "in/log.npz", "--scene", "hopper", "--horizons", "1", "--out"
 WRITERS = {
     "record": ["record", "hopper", "--steps", "300", "--out", "OUT/log.npz"],
     "record minari": ["record", "hopper", "--steps", "300", "--out", "OUT/minari"],
+    "import": ["import", "in/raw.npz", "--scene", "hopper", "--out", "OUT/log.npz"],
     "fit": [*FIT, "--out", "OUT/fit"],
     "train": ["train", "hopper", "--algorithm", "shac", "--model", "nominal", "--iterations", "2", "--threads", "1",
               *HOPPER, "--out", "OUT/train"],
@@ -37,7 +40,12 @@ def inputs(place: Path) -> None:
     from cmbrl.train.policy import Architecture, Policy
     from cmbrl.train.policy_file import save_policy
 
-    load_task("hopper").record(120, seed=0).save(place / "in" / "log.npz")
+    recorded = load_task("hopper").record(120, seed=0)
+    recorded.save(place / "in" / "log.npz")
+    np.savez(
+        place / "in" / "raw.npz", dt=recorded.dt, joint_names=np.array(recorded.joint_names), q=recorded.q,
+        dq=recorded.v, ctrl=recorded.u, ctrl_names=np.array(recorded.actuator_names), episode=recorded.episode,
+    )  # fmt: skip
     save_policy(Policy(Architecture(11, 3, (128, 64))), place / "in" / "policy", {"task": "hopper"})
     log = (place / "in" / "log.npz").resolve()
     (place / "in" / "fit.yaml").write_text(

@@ -46,7 +46,7 @@ class Problem:
     q: list[float]
     v: list[float]
     u: list[float]
-    theta: list[float]
+    theta: dict[str, float]  # parameters that are not the file's
 
     def __str__(self) -> str:
         return f"{self.scene} {self.rung}"
@@ -56,7 +56,11 @@ class Problem:
         stepper = model(self.scene, self.law, self.smoothing).stepper
         rng = np.random.default_rng(0)
         q, v = (np.array([x] * copies) + noise * rng.normal(size=(copies, len(x))) for x in (self.q, self.v))
-        u, theta = (np.array([x] * copies) for x in (self.u, self.theta))
+        names = [p.name for p in stepper.scene.parameters]
+        theta = stepper.scene.parameter_vector()
+        for name, value in self.theta.items():
+            theta[names.index(name)] = value
+        u, theta = (np.array([x] * copies) for x in (self.u, theta))
         return (core or stepper.core).forward(q, v, u, theta, {**stepper.options, "rungs": rungs})
 
 
@@ -104,7 +108,9 @@ def candidates(batch: int, seed: int) -> Iterator[Problem]:
         state = draw(stepper.scene, batch // 20 if scene in ("stuck hopper", "g1") else batch, rng)
         result = stepper.forward(*state)
         for i in np.flatnonzero((result["rung"] > 0) & (result["status"] != SolverStatus.FAILED)):
-            yield Problem(int(result["rung"][i]), scene, law, smoothing, *(x[i].tolist() for x in state))
+            *rest, theta = (x[i].tolist() for x in state)
+            moved = {p.name: x for p, x in zip(stepper.scene.parameters, theta, strict=True) if x != p.nominal}
+            yield Problem(int(result["rung"][i]), scene, law, smoothing, *rest, moved)
 
 
 def is_clear(problem: Problem) -> bool:

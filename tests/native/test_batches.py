@@ -57,6 +57,45 @@ def test_one_and_two_threads_give_the_same_bits(model: ComplementarityModel) -> 
         np.testing.assert_array_equal(x, backward[1][name], err_msg=name)
 
 
+@pytest.fixture
+def studded(tmp_path: Path) -> ComplementarityModel:
+    """Two bodies of 200 balls each, over a plane."""
+    balls = "".join(f'<geom size=".02" pos="{x / 10} {y / 10} 0"/>' for x in range(20) for y in range(10))
+    body = '<body pos="0 {} 1"><freejoint/>{}</body>'
+    file = tmp_path / "studded.xml"
+    file.write_text(
+        '<mujoco><default><geom mass=".1"/></default><worldbody><geom type="plane" size="9 9 1"/>'
+        + body.format(-1.5, balls)
+        + body.format(1.5, balls)
+        + "</worldbody></mujoco>"
+    )
+    return ComplementarityModel(Scene.from_mjcf(file), substeps=2)
+
+
+def test_states_with_many_rows_among_others(studded: ComplementarityModel) -> None:
+    """Every ninth state has 400 rows, others none or 200: packed by their kind, they are what they are alone."""
+    scene, rng = studded.scene, np.random.default_rng(0)
+    q, v = np.tile(scene.q0, (90, 1)), 0.1 * rng.normal(size=(90, scene.nv))
+    q[:, 2] = np.where(np.arange(90) % 9 == 4, 0.019, 1.0)
+    q[:, 9] = np.where(np.arange(90) % 3 == 1, 0.019, 1.0)
+    u, g = np.zeros((90, 0)), rng.normal(size=(2, 90, scene.nv))
+
+    def both(model: ComplementarityModel, k: np.ndarray) -> dict[str, np.ndarray]:
+        out = model.stepper.forward(q[k], v[k], u[k], model.parameters, tape=True, impulse=True)
+        back = model.stepper.backward(u[k], model.parameters, out["tape"], *(x[k] for x in g), want_theta=True)
+        return {name: np.array(x) for name, x in (out | back).items() if name != "tape"}
+
+    one, two = (both(m, np.arange(90)) for m in (studded, studded.with_settings(threads=2)))
+    assert set(np.count_nonzero(one["impulse"][..., 0], axis=1) // 200) == {0, 1, 2}
+    assert not one["status"].any()
+    for name, x in one.items():
+        np.testing.assert_array_equal(two[name], x, err_msg=name)
+    for k in (0, 1, 4, 40):
+        for name, x in both(studded, np.array([k])).items():
+            scale = 1e-9 * np.abs(x).max(initial=1.0)
+            np.testing.assert_allclose(one[name][[k]], x, rtol=0, atol=scale, err_msg=name)
+
+
 def test_loss_of_candidates_is_the_same_on_two_threads(model: ComplementarityModel) -> None:
     q, v, u = batch(model, 80)
     r = model.predict(q, v, u)

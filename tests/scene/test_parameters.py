@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import json
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -64,7 +66,10 @@ def test_parameter_is_the_same_change_of_the_file(
     k = [p.name for p in scene.parameters].index(name)
     theta[k] = value
     assert scene.parameters[k].low < value < scene.parameters[k].high
-    assert scene.physical_vector(theta) == pytest.approx(changed.core.P, abs=1e-12)
+    ours, theirs = scene.physical_vector(theta), changed.core.P.copy()
+    if name == "mass.cart":  # softens contacts too: test_masses_soften_contacts
+        theirs[scene.layout.contacts(np.arange(scene.core.ncontact), "rscale")] = ours[-1]
+    assert ours == pytest.approx(theirs, abs=1e-12)
 
 
 def test_contact_parameters_follow_the_law(load: Load) -> None:
@@ -105,6 +110,110 @@ def test_bounds_and_transforms_are_sound(robot: tuple[Scene, object]) -> None:
         assert p.transform != "logit" or p.high < 1
     assert scene.parameter_vector() == pytest.approx(scene.core.par_nominal)
     assert len(scene.core.par_ptr) == len(scene.parameters) + 1
+
+
+def test_friction_loss_is_offered_where_the_file_says_zero(load: Load) -> None:
+    scene = scene_with(load, loss=0.0, armature=0.001)
+    losses = {p.name: p for p in scene.parameters if p.group == "frictionloss"}
+    assert list(losses) == ["frictionloss.x", "frictionloss.h"]
+    slide, hinge = losses.values()
+    assert (slide.nominal, slide.low, slide.transform, slide.unit) == (0.0, 0.0, "linear", "N")
+    assert slide.high == pytest.approx(3 * 30.0)  # brakes 3 kg by 30 m/s^2, which is more than they weigh three times
+    assert hinge.high == pytest.approx(3 * 9.81 * 0.5)  # holds the rod against gravity
+    base = '<body><freejoint/><geom size=".1"/></body>'
+    off = '<option><flag frictionloss="disable"/></option>'
+    for scene in (load(base)[0], load(WORLD.format(**VALUES), off)[0]):
+        assert not [p for p in scene.parameters if p.group == "frictionloss"]
+
+
+def test_masses_soften_contacts(load: Load) -> None:
+    """As MuJoCo's inverse weights do: exactly where bodies are free, by value and slope in trees."""
+    free = '<body pos="{0} 0 1"><freejoint/><geom name="g{0}" size=".1" mass="{0}"/></body>'
+    scene, _ = load(free.format(1) + free.format(3))
+    theta = scene.parameter_vector()
+    theta[_column(scene, "mass.body2")] = 1.5
+    P = scene.physical_vector(theta)
+    soft = P[scene.layout.contact(0, "rscale")] * scene.core.con_invweight[0]
+    assert soft == pytest.approx(1 + 1 / 4.5, rel=1e-12)
+
+
+def test_softness_by_mass_against_mujoco(robot: tuple[Scene, mujoco.MjModel]) -> None:
+    """Slopes of inverse weights with every mass, of joints and of bodies that touch, against MuJoCo's mj_setConst."""
+    scene, base = robot
+    core, step = scene.core, 1e-5
+    geoms = [[base.geom(name).id for name in pair.split(" - ")] for pair in scene.contact_names]
+    sides = base.geom_bodyid[np.array(geoms)]
+    rows = scene.layout.contacts(np.arange(core.ncontact), "rscale")
+    factors = np.append(np.arange(core.nweight), -1)[core.line_weight]  # of joints, by coordinate
+    moving = np.array([_moving_body(base, k) for k in range(base.nbody)])
+    for name in scene.body_names:
+        members = moving == base.body(name).id
+        theta = np.tile(scene.parameter_vector(), (2, 1))
+        theta[:, _column(scene, f"mass.{name}")] += -step, step
+        soft, joints, weights = [], [], []
+        for x in theta:
+            soft.append(scene.physical_vector(x)[rows] * core.con_invweight)
+            lighter = core.weight_coef * (1 / x[core.mass_par] - 1)[core.weight_mass]
+            joints.append(np.add.reduceat(lighter, core.weight_ptr[:-1])[factors] * core.line_invweight)
+            model = copy.copy(base)
+            for field in (model.body_mass, model.body_inertia):
+                field[members] *= x[_column(scene, f"mass.{name}")]
+            mujoco.mj_setConst(model, mujoco.MjData(model))
+            weights.append((model.body_invweight0[sides, 0].sum(axis=1) * core.P[rows], model.dof_invweight0))
+        (low, low_dof), (high, high_dof) = weights
+        assert np.subtract(*soft[::-1]) == pytest.approx(high - low, rel=1e-3, abs=1e-6 * np.abs(low).max() * step)
+        bound = core.line_weight >= 0  # a free joint has neither limits nor friction
+        by_mass = (high_dof - low_dof)[bound]
+        assert np.subtract(*joints[::-1])[bound] == pytest.approx(by_mass, rel=1e-3, abs=1e-3 * np.abs(by_mass).max())
+
+
+def _moving_body(model: mujoco.MjModel, body: int) -> int:
+    """The body with joints that a body of the file is welded to."""
+    while body and not model.body_jntnum[body]:
+        body = int(model.body_parentid[body])
+    return body
+
+
+def _column(scene: Scene, name: str) -> int:
+    return [p.name for p in scene.parameters].index(name)
+
+
+def test_every_shape_of_an_inertia_is_physical(load: Load) -> None:
+    """The ends of an inertia's parameters leave no mass negative: every principal moment is below the others' sum."""
+    scene, _ = load('<body><freejoint/><geom type="box" size=".1 .2 .3" mass="2" euler="20 30 40"/></body>')
+    at, rng = scene.layout.inertia(0), np.random.default_rng(0)
+    shape = [k for k, p in enumerate(scene.parameters) if p.group in ("mass", "inertia", "inertia_tilt")]
+    low, high = np.array([(p.low, p.high) for p in scene.parameters]).T
+    assert len(shape) == 7
+    for _ in range(200):
+        theta = scene.parameter_vector()
+        theta[shape] = rng.choice([low, theta, high])[shape] if rng.random() < 0.5 else rng.uniform(low, high)[shape]
+        xx, yy, zz, xy, xz, yz = scene.physical_vector(theta)[at : at + 6]
+        moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        assert moments[0] > 0
+        assert moments[2] <= (moments[0] + moments[1]) * (1 + 1e-9)
+
+
+def test_scales_of_an_inertia_stretch_the_body(load: Load) -> None:
+    """A box that is 1.5 times as long in y has 1.5^2 of the second moment there; without tilts nothing else changes."""
+    box = '<body><joint type="ball"/><geom type="box" size=".1 {} .3" mass="2" euler="0 0 {}"/></body>'
+    for angle in (0, 30):
+        (scene, _), (longer, _) = load(box.format(0.2, angle)), load(box.format(0.3, angle))
+        theta = scene.parameter_vector()
+        theta[_column(scene, "inertia.body1:y")] = 1.5**2
+        at = scene.layout.inertia(0)
+        ours, theirs = scene.physical_vector(theta)[at : at + 6], longer.core.P[at : at + 6]
+        assert ours == pytest.approx(theirs, rel=1e-12, abs=1e-15)
+
+
+def test_planar_inertia_and_what_never_turns(load: Load) -> None:
+    scene = scene_with(load)
+    shapes = [p.name for p in scene.parameters if p.group.startswith("inertia")]
+    assert shapes == ["inertia.arm"]  # the cart only slides
+    theta = scene.parameter_vector()
+    theta[_column(scene, "inertia.arm")], theta[_column(scene, "mass.arm")] = 2.0, 1.5
+    at = scene.layout.inertia(1)
+    assert scene.physical_vector(theta)[at] == pytest.approx(3.0 * scene.core.P[at])
 
 
 def test_zero_damping_is_offered_off_the_floating_base(load: Load) -> None:

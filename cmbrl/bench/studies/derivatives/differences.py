@@ -27,6 +27,7 @@ from cmbrl.scene import Scene
 Point = tuple[Array, Array, Array, Array]  #: q (B, nq), v (B, nv), u (B, nu), theta (np,)
 STEPS = (1e-6, 1e-5, 1e-7, 1e-8, 1e-9, 1e-10)  #: m, rad, m/s, controls; parameters in natural units
 RESOLVED = 1e-6  #: relative difference of 4-point and 2-point value below which no other step is tried
+_FRICTION_LAWS = ("frictionloss", "friction_slope", "stribeck")  # one-sided where nothing rubs
 VAGUE = 1e-3  #: the difference above which a column is left out
 NEGLIGIBLE = 1e-3  #: columns smaller than this are judged absolutely
 SMOOTHINGS: dict[str, Smoothing] = {
@@ -64,7 +65,8 @@ def measure(
         smoothing: a name in ``SMOOTHINGS``.
         states: number of states.
         seed: of the states.
-        restitution: of all contacts of a rigid scene; at 0 its derivative is one-sided and its columns are left out.
+        restitution: of all contacts of a rigid scene; at 0 its derivative is one-sided and its columns are left out, as
+            are those of friction losses of 0.
         parameters: number of parameter columns at most, spread over all groups.
         integrator: default the model's.
     """
@@ -132,9 +134,12 @@ def _columns(model: ComplementarityModel, q: Array, v: Array, u: Array, paramete
     columns = [column(name, name, size, k, first) for name, (size, first) in sizes.items() for k in range(size)]
     groups: dict[str, list[int]] = {}
     one_sided = 0
+    losses = {p.name: x for p, x in zip(scene.parameters, theta, strict=True) if p.group == "frictionloss"}
     for k, p in enumerate(scene.parameters):
         places = groups.setdefault(p.group, [])
-        if p.group == "restitution" and theta[k] == 0.0:
+        joint = p.name.removeprefix(f"{p.group}.")
+        rubs = p.group not in _FRICTION_LAWS or losses[f"frictionloss.{joint}"] > 0.0
+        if not rubs or (p.group == "restitution" and theta[k] == 0.0):
             one_sided += 1
         else:
             places.append(k)

@@ -1,0 +1,123 @@
+"""``cmbrl import``: a log of others as one of ours, checked for faults that its numbers show."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import textwrap
+from pathlib import Path
+
+from cmbrl.cli.configuration import read_configuration
+from cmbrl.cli.options import add_json, add_scene_options, assignment, number, positive, positive_number
+from cmbrl.errors import UserError
+from cmbrl.models.source import load_source
+from cmbrl.table import WIDTH
+
+EXAMPLE = """
+cmbrl import run1.csv run2.csv --scene robot.xml --angles deg --out log.npz
+cmbrl import bag --scene robot.xml --map joint_states.position.j1=hip.position --out log.npz
+cmbrl import chirp.pt --scene leg.xml --joints hip thigh calf --kp 20 --kd 1.5 --out log.npz
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "files",
+        metavar="FILE",
+        nargs="+",
+        help="CSV, Parquet, npz, HDF5, .pt of PACE, .mcap, .db3 or .bag, or the folder of a rosbag2, LeRobot or Minari "
+        "log; several become one log with an episode each",
+    )
+    parser.add_argument("--scene", required=True, metavar="SCENE|TASK", help="an MJCF file or the name of a task")
+    parser.add_argument("--out", required=True, metavar="FILE", help="the log to write: NAME.npz")
+    parser.add_argument(
+        "--map",
+        action="append",
+        default=[],
+        metavar="COLUMN=TARGET|FILE",
+        help="what a column is, as hip.position:deg, hip.velocity:rpm, hip.command, hip.torque, motor.control, "
+        "base.qw, base.wx, time:ms, episode, or - for nothing; or a YAML file of such pairs (repeatable). Columns with "
+        "the names of joints are found without it",
+    )
+    parser.add_argument("--joints", nargs="+", default=[], metavar="NAME", help="joints of array columns without names")
+    parser.add_argument(
+        "--angles",
+        choices=("rad", "deg", "rev", "mrad"),
+        default="rad",
+        help="unit of hinges whose columns are found by name (default rad)",
+    )
+    parser.add_argument(
+        "--rate", type=positive_number, metavar="HZ", help="samples per second of the log, and of files without times"
+    )
+    parser.add_argument(
+        "--gap", type=positive, default=10, metavar="N", help="more lost samples than this end an episode (default 10)"
+    )
+    for what, told in (("angular", "asked for where it was logged"), ("linear", "default world")):
+        parser.add_argument(
+            f"--{what}-velocity",
+            choices=("body", "world"),
+            default=None if what == "angular" else "world",
+            help=f"axes of the {what} velocity of a floating base ({told})",
+        )
+    for name in ("kp", "kd"):
+        parser.add_argument(
+            f"--{name}", type=number, metavar="X", help=f"{name} of the position servos, where the log has none"
+        )
+    parser.add_argument(
+        "--as",
+        dest="kind",
+        choices=("transitions", "positions"),
+        help="with velocities, or positions and commands alone (default: as the log has them)",
+    )
+    parser.add_argument(
+        "--velocity-window", type=positive, default=5, metavar="K", help="samples of an estimated velocity (default 5)"
+    )
+    add_scene_options(parser)
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    from cmbrl.data.importing import Frames, Options, import_logs
+    from cmbrl.data.position_log import check_target
+
+    check_target(arguments.out)  # now rather than after minutes of reading
+    options = Options(
+        columns=mapping(arguments.map),
+        joints=tuple(arguments.joints),
+        angles=arguments.angles,
+        rate=arguments.rate,
+        gap=arguments.gap,
+        frames=Frames(arguments.angular_velocity, arguments.linear_velocity),
+        kp=arguments.kp,
+        kd=arguments.kd,
+        kind=arguments.kind,
+        window=arguments.velocity_window,
+    )
+    source = load_source(arguments.scene, arguments.ignore, arguments.contact_law, arguments.self_contact)
+    found = import_logs(arguments.files, source.scene, options)
+    found.log.save(arguments.out)
+    kind = "transitions" if hasattr(found.log, "q") else "positions"
+    if arguments.json:
+        summary = {"file": arguments.out, "kind": kind, "rows": len(found.log), "episodes": found.log.n_episodes}
+        print(json.dumps({**summary, "dt": found.log.dt, "notes": found.notes}, indent=2))
+    else:
+        lines = [line for note in found.notes for line in textwrap.wrap(note, WIDTH, subsequent_indent="  ")]
+        print("\n".join([*lines, f"{arguments.out}: {len(found.log)} {kind} of {source.scene.name}"]))
+
+
+def mapping(words: list[str]) -> dict[str, str]:
+    """Targets of columns, from words COLUMN=TARGET and files of them; the last word on a column counts."""
+    found: dict[str, str] = {}
+    for word in words:
+        if "=" in word and not Path(word).is_file():
+            try:
+                column, target = assignment(word)
+            except argparse.ArgumentTypeError as error:
+                raise UserError(f"--map: {error}") from None
+            found[column] = target
+            continue
+        for column, target in read_configuration(Path(word)).items():
+            if not isinstance(target, str):
+                raise UserError(f"{word}: {column}: give a target as text, such as hip.position:deg")
+            found[column] = target
+    return found

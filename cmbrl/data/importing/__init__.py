@@ -1,0 +1,211 @@
+"""Logs of others, as they are: read, their columns found, brought to a grid, checked, and written as logs of ours."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from cmbrl.data.importing import build
+from cmbrl.data.importing.build import Frames
+from cmbrl.data.importing.grid import Counts, Key, Series, to_grid, usual_step
+from cmbrl.data.importing.readers import read
+from cmbrl.data.importing.recording import Recording
+from cmbrl.data.importing.series import series_of
+from cmbrl.data.importing.targets import match
+from cmbrl.data.position_log import PositionLog
+from cmbrl.data.transitions import Transitions
+from cmbrl.errors import UserError
+from cmbrl.numbers import one_of, real, whole
+from cmbrl.scene import Scene
+
+__all__ = ["Imported", "Options", "import_logs"]
+
+KINDS = ("transitions", "positions")
+
+
+@dataclass(frozen=True)
+class Options:
+    """How logs are understood.
+
+    Attributes:
+        columns: column -> ``JOINT.QUANTITY:UNIT``, for columns whose names do not tell.
+        joints: names of the columns of arrays that have none.
+        angles: unit of hinges in columns that are recognised by name.
+        rate: [Hz] of the grid, and of files without times; None: as the samples are.
+        gap: longest stretch of lost samples that is filled in.
+        frames: of the velocities of a floating base.
+        kp, kd: gains of the position servos, where the log has none.
+        kind: "transitions" or "positions"; None: positions where only these are known, and the robot does not float.
+        window: samples from which a velocity is estimated; odd.
+    """
+
+    columns: Mapping[str, str] = field(default_factory=dict)
+    joints: tuple[str, ...] = ()
+    angles: str = "rad"
+    rate: float | None = None
+    gap: int = 10
+    frames: Frames = field(default_factory=Frames)
+    kp: float | None = None
+    kd: float | None = None
+    kind: str | None = None
+    window: int = 5
+
+
+@dataclass(frozen=True)
+class Imported:
+    """The log, and sentences on what was done to get it."""
+
+    log: Transitions | PositionLog
+    notes: tuple[str, ...]
+
+
+def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: Options | None = None) -> Imported:
+    """One log of ``scene`` from several files, one episode or more from each.
+
+    Raises UserError that names the file for what cannot be read or understood, and for faults that its numbers show.
+    """
+    options = options or Options()
+    _check(options)
+    recordings = [recording for path in paths for recording in read(path, tuple(options.joints))]
+    counts = Counts()
+    series, used = _series(recordings, scene, options, counts)
+    masters = [key for key in series[0][1] if key[1] == "position"] or list(series[0][1])
+    step = usual_step([found[key] for _, found in series for key in masters])
+    dt = 1 / options.rate if options.rate else step
+    if not 1e-5 < dt < 10:
+        raise UserError(
+            f"{series[0][0]}: samples are {dt:.4g} s apart: is the unit of time right? Give it by --map COLUMN=time:ms "
+            "(s, ms, us, ns)"
+        )
+    episodes = [one for _, found in series for one in to_grid(found, masters, dt, options.gap, counts)]
+    if not episodes:
+        raise UserError("no stretch of the log has all columns at once; check their times, or give a larger --gap")
+    keys = set(episodes[0])
+    kind = options.kind or _kind(keys, scene)
+    sizes = f"{_plural(len(episodes), 'episode')} from {_plural(len(paths), 'file')}"
+    notes = [f"{sizes}, a sample every {dt:.6g} s", *_told(counts, options.gap), *used]
+    log: Transitions | PositionLog
+    if kind == "positions":
+        log = build.positions(episodes, dt, scene, _gains(recordings, options, scene, build.driven(keys, scene)))
+    else:
+        source: dict[str, Any] = {"imported": [str(path) for path in paths]}
+        log, estimated = build.transitions(episodes, dt, scene, options.frames, options.window, source)
+        if estimated:
+            half = options.window // 2
+            notes.append(
+                f"velocities of {_short(estimated, 3)} are estimated: central differences over a Savitzky-Golay window "
+                f"of {options.window} samples (a parabola); {half} samples at each end of an episode are left out"
+            )
+    log.check(scene)
+    return Imported(log, tuple(notes))
+
+
+def _check(options: Options) -> None:
+    whole(options.gap, "gap")
+    if whole(options.window, "velocity window", least=3) % 2 == 0:
+        raise UserError(f"velocity window = {options.window}: give an odd number, so that it has a middle")
+    if options.rate is not None:
+        real(options.rate, "rate", above=0)
+    one_of(options.angles, ("rad", "deg", "rev", "mrad"), "unit of angles")
+    if options.kind is not None:
+        one_of(options.kind, KINDS, "kind of log")
+
+
+def _series(
+    recordings: Sequence[Recording], scene: Scene, options: Options, counts: Counts
+) -> tuple[list[tuple[str, dict[Key, Series]]], list[str]]:
+    """The series of each episode and where it is from, and which columns are used."""
+    found: list[tuple[str, dict[Key, Series]]] = []
+    notes: list[str] = []
+    for recording in recordings:
+        columns = [name for table in recording.tables for name in table.columns]
+        given = {name: word for name, word in options.columns.items() if name in columns}
+        if unknown := [name for name in options.columns if name not in columns]:
+            match(columns, {unknown[0]: options.columns[unknown[0]]}, scene)  # names the nearest
+        targets = match(columns, given, scene, options.angles)
+        if not notes:
+            notes = _used(columns, {name: ".".join(filter(None, target.key)) for name, target in targets.items()})
+        for series in series_of(recording, targets, options.rate, scene, counts):
+            if missing := build.lacking(set(series), scene):
+                word = missing[0].partition(" ")[0]
+                raise UserError(
+                    f"{recording.where}: no column for {missing[0]}: map one by --map COLUMN={word}; columns: "
+                    f"{_short(columns)}"
+                )
+            if found and set(series) != set(found[0][1]):
+                other = sorted(".".join(key) for key in set(series) ^ set(found[0][1]))[0]
+                raise UserError(
+                    f"{recording.where}: has other columns than {found[0][0]} ({other} is in one of them only): two "
+                    "robots? Import logs of one robot, recorded alike"
+                )
+            found.append((recording.where, series))
+    return found, notes
+
+
+def _short(names: Sequence[str], most: int = 12) -> str:
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def _plural(count: int, word: str) -> str:
+    return f"{count} {word}{'s' * (count != 1)}"
+
+
+def _used(columns: Sequence[str], targets: Mapping[str, str]) -> list[str]:
+    by: dict[str, list[str]] = {}
+    for column, target in targets.items():
+        by.setdefault(target.rpartition(".")[2], []).append(f"{column} = {target}")
+    notes = [f"{quantity}: {_short(pairs, 3)}" for quantity, pairs in by.items()]
+    if unused := [name for name in columns if name not in targets]:
+        notes.append(f"not used: {_short(unused)}")
+    return notes
+
+
+def _kind(keys: set[Key], scene: Scene) -> str:
+    """Transitions where all velocities were logged, or where a position log cannot hold what was."""
+    from cmbrl.data.importing.bodies import joints_of
+
+    floats = bool(joints_of(scene)[1])
+    if build.velocities_known(keys, scene) or floats or build.command_of(keys, scene) is None:
+        return "transitions"
+    return "positions"
+
+
+def _gains(recordings: Sequence[Recording], options: Options, scene: Scene, driven: Sequence[str]) -> dict[str, Any]:
+    """kp and kd by option, else as in the first file: one number, or one by joint, in the order of the commands."""
+    found: dict[str, Any] = {}
+    for name, value in (("kp", options.kp), ("kd", options.kd)):
+        held = {key: x for key, x in recordings[0].constants.items() if key.partition(".")[0] == name}
+        if value is not None or not held:
+            found[name] = value
+        elif name in held:
+            found[name] = held[name]
+        else:
+            columns = {f"{key.partition('.')[2]}.position": x for key, x in held.items()}
+            owners = {target.owner: columns[column] for column, target in match(columns, {}, scene).items()}
+            if unknown := [joint for joint in driven if joint not in owners]:
+                raise UserError(f"{recordings[0].where}: {name} has no number for joint {unknown[0]!r}; give --{name}")
+            found[name] = np.array([owners[joint].item() for joint in driven])
+    return found
+
+
+def _told(counts: Counts, gap: int) -> list[str]:
+    notes = []
+    if counts.resampled:
+        notes.append(
+            f"{counts.resampled} of {counts.samples} samples were resampled to a regular grid, {counts.lost} of them "
+            "were lost (positions linearly, quaternions by slerp, commands held)"
+        )
+    if repeated := sum(counts.repeated.values()):
+        notes.append(f"{_plural(repeated, 'sample')} that repeat a time were dropped")
+    if counts.gaps:
+        notes.append(f"{_plural(counts.gaps, 'gap')} of more than {gap} samples, where an episode ends")
+    if counts.short:
+        notes.append(f"{counts.short} samples between gaps were too few for an episode")
+    for column, turns in counts.turns.items():
+        if turns:
+            notes.append(f"{column} goes on where it jumped by a whole turn ({turns} times)")
+    return notes

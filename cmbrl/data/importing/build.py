@@ -1,0 +1,209 @@
+"""Logs from episodes on a grid: transitions where velocities are known or estimated, else a position log."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, Floating, joints_of
+from cmbrl.data.importing.grid import Key
+from cmbrl.data.importing.series import QUATERNION
+from cmbrl.data.importing.velocities import check_frame, in_frame, smoothed
+from cmbrl.data.position_log import PositionLog
+from cmbrl.data.trajectories import read_trajectories
+from cmbrl.data.transitions import Transitions
+from cmbrl.errors import UserError
+from cmbrl.scene import Scene
+
+Episode = Mapping[Key, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Axes in which the velocities of floating bases were logged: "body" or "world"; None: not told."""
+
+    angular: str | None = None
+    linear: str = "world"
+
+
+def lacking(keys: set[Key], scene: Scene) -> list[str]:
+    """Positions that ``keys`` do not have, as the user would map them."""
+    single, floating = joints_of(scene)
+    missing = [f"{joint.name}.position" for joint in single if (joint.name, "position") not in keys]
+    for joint in floating:
+        missing += [f"{joint.name}.{x}" for x in PLACE if joint.free and (joint.name, x) not in keys]
+        missing += [f"{joint.name}.qw to qz"] * ((joint.name, QUATERNION) not in keys)
+    return missing
+
+
+def velocities_known(keys: set[Key], scene: Scene) -> bool:
+    """Whether the velocities of all joints are among ``keys``."""
+    single, floating = joints_of(scene)
+    wanted = [(joint.name, "velocity") for joint in single]
+    wanted += [(joint.name, name) for joint in floating for name in joint.velocity]
+    return all(key in keys for key in wanted)
+
+
+def command_of(keys: set[Key], scene: Scene) -> str | None:
+    """The quantity that every hinge and slide with an actuator has: "command", else "torque", else None."""
+    names = [joint.name for joint in joints_of(scene)[0] if joint.vadr in scene.core.act_line]
+    for quantity in ("command", "torque"):
+        if names and all((name, quantity) in keys for name in names):
+            return quantity
+    return None
+
+
+def driven(keys: set[Key], scene: Scene) -> list[str]:
+    """The joints that have the command of :func:`command_of`, in the order of the scene."""
+    kind = command_of(keys, scene)
+    return [joint.name for joint in joints_of(scene)[0] if kind is not None and (joint.name, kind) in keys]
+
+
+def positions(episodes: Sequence[Episode], dt: float, scene: Scene, gains: Mapping[str, Any]) -> PositionLog:
+    """The position log of ``episodes``; raises UserError if joints float, or a command is missing."""
+    single, floating = joints_of(scene)
+    if floating:
+        raise UserError(
+            f"joint {floating[0].name!r} floats, and a position log has no pose for it; give --as transitions"
+        )
+    keys = set(episodes[0])
+    kind = command_of(keys, scene)
+    if kind is None:
+        raise UserError(f"no command for every joint: {_wanted(keys, scene)}")
+    moved = driven(keys, scene)
+    names = () if len(moved) == len(single) else _actuators(scene, moved)
+    lengths = [len(next(iter(episode.values()))) for episode in episodes]
+    stacked = {key: np.concatenate([episode[key] for episode in episodes])[:, 0] for key in keys}
+    return PositionLog(
+        time=np.concatenate([dt * np.arange(length) for length in lengths]),
+        position=np.column_stack([stacked[joint.name, "position"] for joint in single]),
+        command=np.column_stack([stacked[name, kind] for name in moved]),
+        joint_names=tuple(joint.name for joint in single),
+        command_kind="position" if kind == "command" else "torque",
+        episode=np.repeat(np.arange(len(lengths)), lengths),
+        actuator_names=names,
+        **gains,
+    )  # fmt: skip
+
+
+def _wanted(keys: set[Key], scene: Scene) -> str:
+    names = [joint.name for joint in joints_of(scene)[0]]
+    lacks = next((name for name in names if (name, "command") not in keys and (name, "torque") not in keys), names[0])
+    return f"map a column to {lacks}.command or {lacks}.torque by --map COLUMN={lacks}.command"
+
+
+def _actuators(scene: Scene, joints: Sequence[str]) -> tuple[str, ...]:
+    dofs = {joint.name: joint.vadr for joint in joints_of(scene)[0]}
+    lines = scene.core.act_line.tolist()
+    return tuple(scene.actuator_names[lines.index(dofs[name])] for name in joints)
+
+
+def transitions(
+    episodes: Sequence[Episode], dt: float, scene: Scene, frames: Frames, window: int, source: dict[str, Any]
+) -> tuple[Transitions, list[str]]:
+    """Transitions of ``episodes``, and the joints whose velocities were estimated over ``window`` samples.
+
+    Raises UserError for velocities in no or the wrong frame, missing controls, and episodes that are too short.
+    """
+    half = window // 2
+    parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    estimated: list[str] = []
+    for episode in episodes:
+        q, u = _configurations(episode, scene), _controls(episode, scene)
+        if len(q) < window + 2:
+            continue
+        smooth = smoothed(q, dt, window, scene)
+        inside = slice(half, len(q) - half)
+        v, estimated = _velocities({key: x[inside] for key, x in episode.items()}, smooth, q[inside], scene, frames)
+        if not estimated:  # then the ends are as good as the middle
+            v, _ = _velocities(episode, np.zeros((len(q), scene.nv)), q, scene, frames, check=False)
+            inside = slice(None)
+        parts.append((q[inside], v, u[inside]))
+    if not parts:
+        raise UserError(f"every episode is shorter than {window + 2} samples; give longer logs or a larger --gap")
+    q, v, u = (np.concatenate(part) for part in zip(*parts, strict=True))
+    log = read_trajectories(
+        q, [len(part[0]) for part in parts], dt, v, u, scene.difference,
+        joint_names=scene.joint_names, actuator_names=scene.actuator_names, source=source,
+    )  # fmt: skip
+    return log, estimated
+
+
+def _configurations(episode: Episode, scene: Scene) -> np.ndarray:
+    single, floating = joints_of(scene)
+    q = np.zeros((len(next(iter(episode.values()))), scene.nq))
+    for joint in single:
+        q[:, joint.qadr] = episode[joint.name, "position"][:, 0]
+    for base in floating:
+        turn = base.position["qw"]
+        q[:, turn : turn + 4] = episode[base.name, QUATERNION]
+        for name in PLACE if base.free else ():
+            q[:, base.position[name]] = episode[base.name, name][:, 0]
+    return q
+
+
+def _velocities(
+    episode: Episode, smooth: np.ndarray, q: np.ndarray, scene: Scene, frames: Frames, check: bool = True
+) -> tuple[np.ndarray, list[str]]:
+    """Velocities as logged where they are, else those of ``smooth``; and the names of the joints of the latter."""
+    single, floating = joints_of(scene)
+    v, estimated = smooth.copy(), []
+    for joint in single:
+        if (joint.name, "velocity") in episode:
+            v[:, joint.vadr] = episode[joint.name, "velocity"][:, 0]
+        else:
+            estimated.append(joint.name)
+    for base in floating:
+        turn = q[:, base.position["qw"] : base.position["qw"] + 4]
+        for what, names in (("linear", LINEAR if base.free else ()), ("angular", ANGULAR)):
+            if not names:
+                continue
+            if any((base.name, name) not in episode for name in names):
+                estimated.append(f"{base.name} ({what})")
+                continue
+            given = np.column_stack([episode[base.name, name][:, 0] for name in names])
+            v[:, _places(base, names)] = _framed(base, what, given, smooth, turn, frames, check)
+    return v, estimated
+
+
+def _places(base: Floating, names: tuple[str, ...]) -> list[int]:
+    return [base.velocity[name] for name in names]
+
+
+def _framed(
+    base: Floating, what: str, given: np.ndarray, smooth: np.ndarray, turn: np.ndarray, frames: Frames, check: bool
+) -> np.ndarray:
+    """Logged velocities in MuJoCo's frames: linear of the world, angular of the body."""
+    linear = what == "linear"
+    frame = frames.linear if linear else frames.angular
+    told = smooth[:, _places(base, LINEAR if linear else ANGULAR)]
+    if check:
+        check_frame(base.name, what, frame, given, in_frame("body", "world", turn, told) if linear else told, turn)
+    return in_frame("world" if linear else "body", str(frame), turn, given)
+
+
+def _controls(episode: Episode, scene: Scene) -> np.ndarray:
+    """Controls (T, nu): logged as such, or from position targets or torques by gear and gain of the file."""
+    P, layout = scene.core.P, scene.layout
+    joints = {joint.vadr: joint.name for joint in joints_of(scene)[0]}
+    u = np.zeros((len(next(iter(episode.values()))), scene.nu))
+    for a, name in enumerate(scene.actuator_names):
+        if (name, "control") in episode:
+            u[:, a] = episode[name, "control"][:, 0]
+            continue
+        gear, gain, bias = (float(P[layout.actuator(a, field)]) for field in ("gear", "gain", "bias1"))
+        owner = joints.get(int(scene.core.act_line[a]), "")
+        if bias < 0 and (owner, "command") in episode:
+            u[:, a] = episode[owner, "command"][:, 0] * (-bias * gear / gain)
+        elif bias == 0 and gear * gain != 0 and (owner, "torque") in episode:
+            u[:, a] = episode[owner, "torque"][:, 0] / (gear * gain)
+        else:
+            word = f"{owner}.{'command' if bias < 0 else 'torque'}" if owner else f"{name}.control"
+            raise UserError(
+                f"no column for actuator {name!r}: map one by --map COLUMN={word}, or its control by "
+                f"COLUMN={name}.control"
+            )
+    return u

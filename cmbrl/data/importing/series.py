@@ -1,0 +1,100 @@
+"""Recordings as series of a scene's quantities: columns found, units converted, times told, episodes apart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from cmbrl.data.importing.bodies import TURN, joints_of
+from cmbrl.data.importing.grid import Counts, Key, Series, clean
+from cmbrl.data.importing.recording import Recording, Table
+from cmbrl.data.importing.targets import Target
+from cmbrl.errors import UserError
+from cmbrl.scene import Scene
+
+HELD = ("command", "torque", "control")
+QUATERNION = "quaternion"  #: the quantity of all four columns together
+
+
+def series_of(
+    recording: Recording, targets: Mapping[str, Target], rate: float | None, scene: Scene, counts: Counts
+) -> Iterator[dict[Key, Series]]:
+    """The series of each episode in a recording, by owner and quantity, in SI units.
+
+    Raises UserError where times are missing or fall back.
+    """
+    episodes: dict[float, list[tuple[Table, np.ndarray]]] = {}
+    for table in recording.tables:
+        time = _time(recording, table, targets, rate)
+        number = next(
+            (table.columns[c] for c, t in targets.items() if t.quantity == "episode" and c in table.columns), None
+        )
+        if number is None:
+            episodes.setdefault(0.0, []).append((table, time))
+            continue
+        for value in np.unique(number[np.isfinite(number)]):
+            rows = number == value
+            part = Table({name: column[rows] for name, column in table.columns.items()})
+            episodes.setdefault(float(value), []).append((part, time[rows]))
+    for value, parts in episodes.items():
+        where = recording.where if len(episodes) == 1 else f"{recording.where} episode {value:g}"
+        found: dict[Key, Series] = {}
+        for table, time in parts:
+            found.update(_of_table(where, table, time, targets, scene, counts))
+        yield found
+
+
+def _time(recording: Recording, table: Table, targets: Mapping[str, Target], rate: float | None) -> np.ndarray:
+    """Times [s] of the rows of a table."""
+    if table.time is not None:
+        return table.time
+    for column, target in targets.items():
+        if target.quantity == "time" and column in table.columns:
+            return table.columns[column].astype(np.float64) * target.factor
+    rows = len(next(iter(table.columns.values())))
+    if rate is None and "dt" not in recording.constants:
+        raise UserError(
+            f"{recording.where}: no column of times for {next(iter(table.columns))!r}; name it by --map "
+            "COLUMN=time:UNIT, or give --rate HZ"
+        )
+    step = 1 / rate if rate is not None else float(recording.constants["dt"].item())
+    times = np.arange(rows) * step
+    number = next(
+        (table.columns[c] for c, t in targets.items() if t.quantity == "episode" and c in table.columns), None
+    )
+    if number is not None:  # each episode begins anew; its rows stand together
+        first = np.concatenate([[0], np.flatnonzero(np.diff(number)) + 1])
+        times -= np.repeat(times[first], np.diff(np.concatenate([first, [rows]])))
+    return times
+
+
+def _of_table(
+    where: str, table: Table, time: np.ndarray, targets: Mapping[str, Target], scene: Scene, counts: Counts
+) -> Iterator[tuple[Key, Series]]:
+    single, floating = joints_of(scene)
+    turning = {joint.name for joint in single if joint.hinge and not joint.limited}
+    named = {targets[column].key: column for column in table.columns if column in targets}
+    for joint in floating:
+        parts = [named.pop((joint.name, name), None) for name in TURN]
+        if all(parts):
+            values = np.column_stack([table.columns[str(column)] for column in parts])
+            key = (joint.name, QUATERNION)
+            yield key, clean(joint.name, where, time, values.astype(np.float64), "turn", counts)
+        elif any(parts):
+            raise UserError(
+                f"{where}: joint {joint.name!r} needs all of {', '.join(TURN)} in one table; map the others"
+            )
+    for key, column in named.items():
+        owner, quantity = key
+        if not owner:
+            continue
+        values = table.columns[column].astype(np.float64)[:, None] * targets[column].factor
+        one = clean(column, where, time, values, "held" if quantity in HELD else "line", counts)
+        if quantity == "position" and owner in turning:
+            whole = np.unwrap(one.values, axis=0)
+            counts.turns[column] = counts.turns.get(column, 0) + int(
+                (np.abs(np.diff(one.values - whole, axis=0)) > 1).sum()
+            )
+            one = Series(one.time, whole, one.kind)
+        yield key, one

@@ -1,0 +1,130 @@
+"""Readers of tables: CSV, Parquet, and LeRobot's folders of Parquet files."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cmbrl.data.importing.recording import Recording, need, of_arrays
+from cmbrl.errors import UserError
+from cmbrl.files import read_json
+from cmbrl.reading import regular_file
+from cmbrl.text import shortened
+
+INFO = Path("meta") / "info.json"  #: of a LeRobot folder
+VERSIONS = ("v2.0", "v2.1", "v3.0")
+
+
+def read_csv(path: Path, joints: tuple[str, ...]) -> list[Recording]:
+    """One row per sample below a header; fields that are empty or no numbers are missing samples."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            start = file.read(4096)
+            file.seek(0)
+            delimiter = max(",;\t", key=start.partition("\n")[0].count)
+            rows = [row for row in csv.reader(file, delimiter=delimiter) if any(field.strip() for field in row)]
+    except (OSError, ValueError, csv.Error) as error:
+        raise UserError(f"{path}: not readable as CSV ({shortened(str(error), 200)})") from None
+    if len(rows) < 3:
+        raise UserError(f"{path}: has {len(rows)} rows; give a header and one row per sample")
+    header = [name.strip() for name in rows[0]]
+    if all(_number(name) == _number(name) for name in header):  # numbers are equal to themselves, NaN is not
+        raise UserError(f"{path}: row 1 has numbers, not names; add a header that names the columns")
+    _check_names(path, header)
+    for k, row in enumerate(rows[1:], start=2):
+        if len(row) != len(header):
+            raise UserError(f"{path}: row {k} has {len(row)} fields, the header {len(header)}; repair the row")
+    columns = {name: np.array([_number(row[k]) for row in rows[1:]]) for k, name in enumerate(header) if name}
+    return [of_arrays(str(path), {name: x for name, x in columns.items() if not np.isnan(x).all()}, {}, joints)]
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")
+
+
+def _check_names(path: Path, names: Iterable[str]) -> None:
+    seen: set[str] = set()
+    for name in filter(None, names):
+        if name in seen:
+            raise UserError(f"{path}: two columns are called {name!r}; rename one")
+        seen.add(name)
+
+
+def read_parquet(path: Path, joints: tuple[str, ...]) -> list[Recording]:
+    """A Parquet file: columns of numbers, or of lists of equal length."""
+    return [of_arrays(str(path), parquet_columns(path), {}, joints)]
+
+
+def parquet_columns(path: Path) -> dict[str, np.ndarray]:
+    """The numeric columns (T,) of a Parquet file, and columns of lists as (T, k). Missing values are NaN."""
+    parquet = need("pyarrow.parquet", path)
+    arrow = need("pyarrow", path)
+    try:
+        table = parquet.read_table(path)
+        _check_names(path, table.column_names)
+        found = {name: _column(arrow, table.column(name)) for name in table.column_names}
+    except UserError:
+        raise
+    except Exception as error:  # Arrow raises kinds of its own, and OSError and ValueError, on a damaged file
+        raise UserError(f"{path}: not readable as Parquet ({shortened(str(error), 200)})") from None
+    return {name: array for name, array in found.items() if array is not None}
+
+
+def _column(arrow: Any, column: Any) -> np.ndarray | None:
+    kind = column.type
+    types = arrow.types
+    if types.is_list(kind) or types.is_fixed_size_list(kind) or types.is_large_list(kind):
+        inner = kind.value_type
+        if not (types.is_floating(inner) or types.is_integer(inner)) or column.null_count:
+            return None
+        flat = column.combine_chunks().flatten().to_numpy(zero_copy_only=False)
+        return flat.reshape(len(column), -1) if len(column) and len(flat) % len(column) == 0 else None
+    if types.is_timestamp(kind):
+        return column.cast(arrow.timestamp("ns")).to_numpy().astype(np.int64) * 1e-9
+    if types.is_floating(kind) or types.is_integer(kind) or types.is_boolean(kind):
+        return column.to_numpy().astype(np.float64)
+    return None
+
+
+def read_lerobot(folder: Path, joints: tuple[str, ...]) -> list[Recording]:
+    """A LeRobot dataset of version 2.0, 2.1 (a file an episode) or 3.0 (many in one): one recording per episode."""
+    info = read_json(folder / INFO)
+    features = info.get("features") if isinstance(info, dict) else None
+    version = info.get("codebase_version") if isinstance(info, dict) else None
+    if not isinstance(features, dict) or version not in VERSIONS:
+        raise UserError(
+            f"{folder / INFO}: is of version {version!r}; LeRobot datasets of {', '.join(VERSIONS)} are read"
+        )
+    files = sorted((folder / "data").glob("**/*.parquet"))
+    if not files:
+        raise UserError(f"{folder}: no Parquet files in data/; download the dataset completely")
+    labels = {name: _labels(feature) for name, feature in features.items()}
+    recordings = []
+    for file in files:
+        columns = parquet_columns(regular_file(file))
+        number = columns.get("episode_index")
+        if number is None or "timestamp" not in columns:
+            raise UserError(f"{file}: no episode_index and timestamp; it is not a data file of LeRobot")
+        kept = {name: x for name, x in columns.items() if name not in ("frame_index", "index", "task_index")}
+        for episode in np.unique(number):
+            rows = number == episode
+            arrays = {name: array[rows] for name, array in kept.items()}
+            arrays.pop("episode_index")
+            recordings.append(of_arrays(f"{folder} episode {episode:.0f}", arrays, labels, joints))
+    return recordings
+
+
+def _labels(feature: Any) -> tuple[str, ...]:
+    """Names of a feature's columns: a list, or a mapping to a list, as ``{"motors": [...]}``."""
+    names = feature.get("names") if isinstance(feature, dict) else None
+    if isinstance(names, dict):
+        lists = [value for value in names.values() if isinstance(value, list)]
+        names = lists[0] if len(lists) == 1 else None
+    return tuple(map(str, names)) if isinstance(names, list) else ()

@@ -1,0 +1,221 @@
+"""What a column is: a quantity of a joint or an actuator, in a unit; given by the user or recognised by its name."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, TURN, Floating, Single, joints_of
+from cmbrl.errors import UserError, did_you_mean
+from cmbrl.numbers import shown
+
+if TYPE_CHECKING:
+    from cmbrl.scene import Scene
+
+TURN_UNITS = {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi, "mrad": 1e-3}
+UNITS: dict[str, dict[str, float]] = {
+    "angle": TURN_UNITS,
+    "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
+    "angular speed": {
+        **{f"{unit}/s": factor for unit, factor in TURN_UNITS.items()}, "rpm": 2 * math.pi / 60, **TURN_UNITS,
+    },
+    "speed": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2, "m": 1.0, "mm": 1e-3, "cm": 1e-2},
+    "torque": {"N m": 1.0, "Nm": 1.0, "mN m": 1e-3, "mNm": 1e-3},
+    "force": {"N": 1.0},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "number": {},
+}  # fmt: skip
+SINGLE = ("position", "velocity", "command", "torque")
+BASE = "base"  #: the only free joint
+WORDS = {
+    "torque": {"torque", "torques", "tau", "effort", "efforts", "force"},
+    "command": {
+        "command", "commands", "commanded", "cmd", "target", "targets", "des", "desired", "setpoint", "reference",
+        "ref", "goal", "action", "actions",
+    },
+    "velocity": {"velocity", "velocities", "vel", "qd", "dq", "qdot", "qvel", "speed", "rate"},
+    "control": {"control", "ctrl", "u"},
+    "position": {"position", "positions", "pos", "q", "angle", "angles", "qpos", "measured", "encoder", "dof"},
+}  # fmt: skip
+PLAIN = {"joint", "joints", "state", "states", "observation", "observations", "motor", "robot", "data", "logs", ""}
+OTHER = {
+    "acc", "accel", "acceleration", "temp", "temperature", "current", "voltage", "error", "err", "status", "std", "min",
+    "max", "kp", "kd", "gain", "rewards", "infos",
+}  # fmt: skip
+NAMED = {"deg": math.pi / 180, "degrees": math.pi / 180, "rad": 1.0, "rpm": math.pi / 30, "mm": 1e-3}  #: units in names
+TIMES = {"time", "t", "timestamp", "timestamps", "times", "stamp"}
+EPISODES = {"episode", "episode_index", "episode_id", "trial", "toss", "trajectory"}
+
+
+@dataclass(frozen=True)
+class Target:
+    """``quantity`` of the joint or actuator ``owner`` ("" for time and episode); SI units are ``factor`` times it."""
+
+    owner: str
+    quantity: str
+    factor: float = 1.0
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """What no two columns may share."""
+        return self.owner, self.quantity
+
+
+def parse(text: str, scene: Scene) -> Target | None:
+    """``joint.quantity:unit``, ``base.qw``, ``actuator.control``, ``time:ms`` or ``episode``; None for ``-``.
+
+    Raises UserError that names what is unknown, and the nearest.
+    """
+    word, _, unit = text.strip().partition(":")
+    word, unit = word.strip(), unit.strip()
+    if word == "-":
+        return None
+    if word in ("time", "episode"):
+        return Target("", word, _factor(unit, "time" if word == "time" else "number", text))
+    owner, dot, quantity = word.rpartition(".")
+    if not dot:
+        raise UserError(f"--map: {shown(text)}: give JOINT.QUANTITY:UNIT, ACTUATOR.control, time:UNIT, episode or -")
+    single, floating = joints_of(scene)
+    if quantity == "control":
+        if owner not in scene.actuator_names:
+            raise UserError(f"--map: no actuator {owner!r}: {did_you_mean(owner, scene.actuator_names)}")
+        return Target(owner, quantity, _factor(unit, "number", text))
+    body = _base(floating) if owner == BASE and owner not in scene.joint_names else None
+    known: list[Single | Floating] = [body] if body else [*single, *floating]
+    for joint in known:
+        if joint is not body and joint.name != owner:
+            continue
+        return Target(joint.name, quantity, _factor(unit, _dimension(joint, quantity), text))
+    raise UserError(f"--map: no joint {owner!r}: {did_you_mean(owner, scene.joint_names)}")
+
+
+def _base(floating: list[Floating]) -> Floating | None:
+    free = [joint for joint in floating if joint.free]
+    return free[0] if len(free) == 1 else None
+
+
+def _dimension(joint: Single | Floating, quantity: str) -> str:
+    """The kind of unit of a quantity; raises UserError if the joint has no such quantity."""
+    if isinstance(joint, Floating):
+        known = {name: "length" for name in PLACE} | {name: "number" for name in TURN}
+        known |= {name: "speed" for name in LINEAR} | {name: "angular speed" for name in ANGULAR}
+        known = {name: unit for name, unit in known.items() if name in {**joint.position, **joint.velocity}}
+    else:
+        units = ("angle", "angular speed", "angle", "torque") if joint.hinge else ("length", "speed", "length", "force")
+        known = dict(zip(SINGLE, units, strict=True))
+    if quantity not in known:
+        raise UserError(f"--map: joint {joint.name!r} has no {quantity!r}: {did_you_mean(quantity, known)}")
+    return known[quantity]
+
+
+def _factor(unit: str, dimension: str, text: str) -> float:
+    if not unit:
+        return 1.0
+    known = UNITS[dimension]
+    if unit not in known:
+        told = did_you_mean(unit, known) if known else "it has none"
+        raise UserError(f"--map: {shown(text)}: {unit!r} is no unit of this {dimension}: {told}")
+    return known[unit]
+
+
+def match(columns: Iterable[str], given: Mapping[str, str], scene: Scene, angles: str = "rad") -> dict[str, Target]:
+    """Targets of ``columns``: those in ``given`` as they are, others by their names. Columns of no use are left out.
+
+    ``angles``: the unit of hinges that are recognised by name. Raises UserError if two columns have one target, or
+    ``given`` names a column that is not there.
+    """
+    names = list(columns)
+    for column in given:
+        if column not in names:
+            raise UserError(f"--map: no column {column!r} in the log: {did_you_mean(column, names)}")
+    found: dict[str, Target] = {}
+    told = {column: parse(text, scene) for column, text in given.items()}
+    taken = {target.key: column for column, target in told.items() if target}
+    if len(taken) < sum(target is not None for target in told.values()):
+        raise UserError("--map: two columns have the same target; drop one")
+    guesser = _Guesser(scene, angles)
+    for column in names:
+        target = told[column] if column in told else guesser.target(column)
+        if target is None or (column not in told and target.key in taken and taken[target.key] in told):
+            continue
+        if target.key in taken and taken[target.key] != column:
+            what = ".".join(filter(None, target.key))
+            raise UserError(
+                f"columns {taken[target.key]!r} and {column!r} both look like {what}; drop one by --map {column}=- or "
+                f"say what it is by --map {column}=JOINT.QUANTITY:UNIT"
+            )
+        taken[target.key] = column
+        found[column] = target
+    return found
+
+
+class _Guesser:
+    """Recognises columns by the names of joints and actuators, and by words of quantities."""
+
+    def __init__(self, scene: Scene, angles: str) -> None:
+        self.single, floating = joints_of(scene)
+        self.floating = _base(floating)
+        self.angle = TURN_UNITS[angles]
+        self.actuators = scene.actuator_names
+        owners: dict[str, tuple[str, bool]] = {}
+        for name in scene.actuator_names:
+            owners[name.lower()] = (name, True)
+        for joint in self.single:
+            owners[re.sub(r"_?joint$", "", joint.name.lower())] = (joint.name, False)
+        for joint in self.single:
+            owners[joint.name.lower()] = (joint.name, False)
+        self.owners = {name: owner for name, owner in owners.items() if name}
+        longest = sorted(self.owners, key=len, reverse=True)
+        self.pattern = (
+            re.compile(f"(?<![a-z0-9])({'|'.join(map(re.escape, longest))})(?![a-z0-9])") if longest else None
+        )
+
+    def target(self, column: str) -> Target | None:
+        """What ``column`` is, None if its name does not tell."""
+        name = column.lower()
+        if name in EPISODES:
+            return Target("", "episode")
+        stem, _, unit = name.rpartition("_")
+        if name in TIMES or (stem in TIMES and unit in UNITS["time"]):
+            return Target("", "time", UNITS["time"].get(unit, 1.0))
+        hit = self.pattern.search(name) if self.pattern else None
+        if hit is None:
+            return self._of_base(name)
+        words = set(re.split(r"[^a-z]+", name[: hit.start()] + " " + name[hit.end() :]))
+        if words & OTHER:
+            return None
+        owner, actuator = self.owners[hit.group(1)]
+        quantity = _quantity(words)
+        if quantity is None:
+            if words - PLAIN:
+                return None
+            quantity = "control" if actuator else "position"
+        if quantity == "control":
+            control = owner if owner in self.actuators else None
+            return Target(control, quantity) if control else None
+        joint = next((one for one in self.single if one.name == owner), None)
+        if joint is None:  # of an actuator with a name of its own
+            return None
+        factor = self.angle if joint.hinge and quantity != "torque" else 1.0
+        return Target(joint.name, quantity, next((NAMED[word] for word in words & set(NAMED)), factor))
+
+    def _of_base(self, name: str) -> Target | None:
+        head, _, last = name.rpartition(".")
+        known = {*PLACE, *TURN, *LINEAR, *ANGULAR}
+        if self.floating is None or last not in known:
+            return None
+        words = set(re.split(r"[^a-z]+", head)) - PLAIN
+        if words - {BASE, "root", "pose", "odom", "odometry", "mocap", "imu", self.floating.name.lower()}:
+            return None
+        return Target(self.floating.name, last)
+
+
+def _quantity(words: set[str]) -> str | None:
+    """The quantity that words of a name tell. A commanded velocity is none that a log of commands has."""
+    said = {quantity for quantity, known in WORDS.items() if words & known}
+    if "command" in said and "velocity" in said:
+        return None
+    return next((quantity for quantity in WORDS if quantity in said), None)

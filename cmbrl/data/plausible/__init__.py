@@ -1,0 +1,70 @@
+"""Faults of a log that its own numbers show: a stuck sensor, swapped columns, signs, units, rates, two robots in one.
+
+Everything here compares columns with each other and with what the file of the robot says for sure (limits, gravity,
+the sign of motors), never with masses or friction, which a fit is to find. A check that is sure raises, others warn.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from itertools import chain
+from typing import TYPE_CHECKING
+
+from cmbrl.data.fields import Fields
+from cmbrl.data.plausible import commands, flight, frames, motion, still, units
+from cmbrl.data.plausible.finding import Finding
+from cmbrl.errors import UserError
+
+if TYPE_CHECKING:
+    from cmbrl.data.position_log import PositionLog
+    from cmbrl.scene import Scene
+
+__all__ = ["Finding", "check_positions", "check_transitions", "of_positions", "of_transitions"]
+
+
+def check_transitions(log: Fields, scene: Scene) -> None:
+    """Raises UserError for the first sure fault of transitions, warns of likely ones."""
+    _tell(of_transitions(log, scene))
+
+
+def check_positions(log: PositionLog, scene: Scene) -> None:
+    """Raises UserError for the first sure fault of a position log, warns of likely ones."""
+    _tell(of_positions(log, scene))
+
+
+def of_transitions(log: Fields, scene: Scene) -> Iterator[Finding]:
+    """All faults of transitions, the most telling first."""
+    found = motion.of_transitions(log, scene)
+    yield from _of_motion(found)
+    yield from frames.angular(log, scene)
+    yield from flight.free_fall(log["q"], found.blocks, log["dt"], scene)
+    yield from frames.unexplained(log, scene)
+
+
+def of_positions(log: PositionLog, scene: Scene) -> Iterator[Finding]:
+    """All faults of a position log, the most telling first."""
+    yield from _of_motion(motion.of_positions(log, scene))
+
+
+def _of_motion(found: motion.Motion) -> Iterator[Finding]:
+    answers = found.answers()
+    return chain(
+        units.beyond_limits(found),
+        units.of_commands(found, answers),
+        still.stuck(found),
+        units.turns(found),
+        still.joined(found),
+        units.velocities(found),
+        commands.servos(found, answers),
+        commands.forces(found, answers),
+        still.offsets(found),
+        commands.saturation(found),
+    )
+
+
+def _tell(findings: Iterator[Finding]) -> None:
+    for finding in findings:
+        if finding.sure:
+            raise UserError(finding.text)
+        warnings.warn(finding.text, stacklevel=1)  # of one place: told once, however often the log is checked

@@ -1,0 +1,162 @@
+"""Commands against motion: swapped joints, a wrong sign, saturation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from cmbrl.data.plausible.finding import Finding
+from cmbrl.data.plausible.motion import Motion
+
+ROWS = 200  #: fewer do not show which command moves which joint
+SATURATED = 0.2  #: share of samples at a limit that is worth a warning
+FOLLOWS = 0.5  #: correlation of a position with its target
+SIGNIFICANT = 10.0  #: standard errors
+MOST = 20000  #: rows of a regression
+STRIDE = 4  #: samples over which accelerations are taken from positions alone
+
+
+def servos(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarray]) -> Iterator[Finding]:
+    """Positions that follow another target than their own, or follow it backwards."""
+    best, worst, slope = answers
+    if len(motion.now) < ROWS:
+        return
+    own, count = np.nan_to_num(np.diagonal(best)), len(motion.drivers)
+    for a in range(count):
+        for b in range(a + 1, count):
+            across = np.nan_to_num(min(best[a, b], best[b, a]))
+            if across > 0.5 and max(own[a], own[b]) < across - 0.3:
+                yield _pair(motion, a, b)
+    for m in range(count):
+        if -worst[m, m] > 0.5 and best[m, m] < 0.4 * -worst[m, m] and -2.0 < slope[m, m] < -0.4:
+            yield Finding(
+                f"{motion.position_of(motion.drivers[m].coordinate)} moves against {motion.command_of(m)} (correlation "
+                f"{worst[m, m]:.2f}): a sign error; negate one of the two columns"
+            )
+
+
+def _pair(motion: Motion, a: int, b: int) -> Finding:
+    first, second = (motion.coordinates[motion.drivers[m].coordinate].name for m in (a, b))
+    return Finding(
+        f"{motion.command_of(a)} explains the motion of joint {second!r}, and {motion.command_of(b)} that of joint "
+        f"{first!r}, better than their own: {motion.kind} or {motion.command} of the two are swapped"
+    )
+
+
+def forces(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarray]) -> Iterator[Finding]:
+    """Joints that accelerate against their force, or by that of another joint.
+
+    Accelerations answer to forces by the inverse of the inertia, averaged over poses and contacts. That is positive
+    definite whatever the masses are. So its diagonal is positive, and the product of what two joints answer to each
+    other's forces is smaller than that of what they answer to their own.
+    """
+    chosen = [m for m, driver in enumerate(motion.drivers) if not driver.position or motion.v_now is not None]
+    follows = np.nan_to_num(np.diagonal(answers[0])) > FOLLOWS  # a servo that does so is told by ``servos``
+    fitted = _responses(motion, chosen) if chosen else None
+    if fitted is None:
+        return
+    gain, error, spread, rest = fitted  # (joint, command); (joint, command); (command,); (joint,)
+    size = gain * spread  # change that a usual command makes
+    sure = np.abs(gain) > SIGNIFICANT * error
+    swapped = [
+        (i, j)
+        for i in range(len(chosen))
+        for j in range(i + 1, len(chosen))
+        if sure[i, j] and sure[j, i] and min(gain[i, j], gain[j, i]) > 0
+        and gain[i, j] * gain[j, i] > 1.1 * abs(gain[i, i] * gain[j, j])
+    ]  # fmt: skip
+    yield from (_pair(motion, chosen[i], chosen[j]) for i, j in swapped)
+    for i, m in enumerate(chosen):
+        if sure[i, i] and size[i, i] < -0.3 * rest[i] and not swapped and not follows[m]:
+            yield Finding(
+                f"{motion.command_of(m)} pushes joint {motion.coordinates[motion.drivers[m].coordinate].name!r} the "
+                f"wrong way ({gain[i, i] / error[i, i]:.0f} standard errors): a sign error in {motion.command}, or in "
+                "its positions; negate one of the two columns"
+            )
+
+
+def _responses(motion: Motion, chosen: list[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
+    """Robust linear answers of accelerations to commands, with standard errors; the commands' and rests' spread."""
+    at = [motion.drivers[m].coordinate for m in chosen]
+    u = motion.u[:, chosen] * [np.sign(motion.drivers[m].scale) for m in chosen]
+    if motion.v_now is not None and motion.v_after is not None:
+        q, v, y = motion.now[:, at], motion.v_now[:, at], (motion.v_after - motion.v_now)[:, at]
+    else:
+        q, v, y, u = _from_positions(motion, at, u)
+    take = np.unique(np.linspace(0, len(y) - 1, MOST).astype(int)) if len(y) else np.arange(0)
+    q, v, y, u = q[take], v[take], y[take], u[take]
+    if len(y) < max(ROWS, 10 * u.shape[1]):
+        return None
+    state = np.column_stack([np.ones(len(y)), _scaled(q), _scaled(v)])
+    basis = np.linalg.lstsq(state, np.column_stack([u, y]), rcond=1e-8)[0]
+    u, y = u - state @ basis[:, : u.shape[1]], y - state @ basis[:, u.shape[1] :]
+    spread = u.std(axis=0)
+    if not (spread > 1e-9).all():  # a command that rests, or follows from the state: nothing is told
+        return None
+    if np.linalg.cond(u / spread) > 30:
+        return None
+    gain, error, rest = np.zeros((y.shape[1], u.shape[1])), np.zeros((y.shape[1], u.shape[1])), np.zeros(y.shape[1])
+    for j in range(y.shape[1]):
+        gain[j], error[j], rest[j] = _robust(u, y[:, j])
+    return gain, error, spread, rest
+
+
+def _from_positions(
+    motion: Motion, at: list[int], u: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Positions, velocities, second differences over some samples, and the commands between them, per block."""
+    parts = []
+    weights = np.concatenate([np.arange(1, STRIDE + 1), np.arange(STRIDE - 1, 0, -1)]) / STRIDE**2
+    for block in motion.blocks:
+        x, force = motion.now[block][:, at], u[block]
+        if len(x) <= 2 * STRIDE:
+            continue
+        first, middle, last = x[: -2 * STRIDE], x[STRIDE:-STRIDE], x[2 * STRIDE :]
+        mean = sum(w * force[k + 1 : len(force) - 2 * STRIDE + k + 1] for k, w in enumerate(weights))
+        rows = slice(None, None, STRIDE)
+        parts.append((first[rows], (middle - first)[rows], (last - 2 * middle + first)[rows], np.asarray(mean)[rows]))
+    empty = np.zeros((0, len(at)))
+    if not parts:
+        return empty, empty, empty, empty
+    joined = [np.concatenate(part) for part in zip(*parts, strict=True)]
+    return joined[0], joined[1], joined[2], joined[3]
+
+
+def _scaled(array: np.ndarray) -> np.ndarray:
+    centred = array - array.mean(axis=0)
+    spread = centred.std(axis=0)
+    return centred / np.where(spread > 1e-12, spread, 1.0)
+
+
+def _robust(u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Coefficients of y on u by Huber's weights, their robust standard errors, and the spread of the rest."""
+    weight = np.ones(len(y))
+    for _ in range(4):
+        normal = np.linalg.pinv((u * weight[:, None]).T @ u)
+        gain = normal @ ((u * weight[:, None]).T @ y)
+        rest = y - u @ gain
+        scale = 1.4826 * np.median(np.abs(rest)) + 1e-12
+        weight = np.minimum(1.0, 1.5 * scale / np.maximum(np.abs(rest), 1e-300))
+    score = u * (weight * rest)[:, None]
+    error = np.sqrt(np.maximum(np.diagonal(normal @ (score.T @ score) @ normal), 0.0)) + 1e-300
+    return gain, error, float(scale)
+
+
+def saturation(motion: Motion) -> Iterator[Finding]:
+    """A warning for commands that often are at the limit, where they tell little."""
+    shares = {}
+    for m, driver in enumerate(motion.drivers):
+        if np.isfinite([driver.low, driver.high]).all() and driver.high > driver.low:
+            u, room = motion.u[:, m], 1e-6 * (driver.high - driver.low)
+            shares[m] = float(np.mean((u <= driver.low + room) | (u >= driver.high - room)))
+    often = [m for m, share in shares.items() if share > SATURATED]
+    if often:
+        worst = max(often, key=shares.__getitem__)
+        low, high = motion.drivers[worst].low, motion.drivers[worst].high
+        more = f" (and {len(often) - 1} more)" if len(often) > 1 else ""
+        yield Finding(
+            f"{motion.command_of(worst)}{more} is at or beyond its limits {low:g} and {high:g} in {shares[worst]:.0%} "
+            "of the samples: saturated, such rows tell little about the motor",
+            sure=False,
+        )

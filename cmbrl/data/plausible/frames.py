@@ -1,0 +1,80 @@
+"""The rest of the velocities: frames of angular velocity, and what no known fault explains."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cmbrl.data.fields import Fields
+from cmbrl.data.plausible.finding import Finding
+from cmbrl.data.plausible.units import ROWS, SENSOR_NOISE
+from cmbrl.scene.manifold import quaternion_matrix
+from cmbrl.scene.records import JointKind
+
+if TYPE_CHECKING:
+    from cmbrl.scene import Scene
+
+UNEXPLAINED = 0.95  #: largest share (root mean square) of a change that velocities may leave unexplained
+TRAVELS = 5.0  #: a coordinate that goes so many usual steps away from its mean does not merely rock
+
+
+def angular(log: Fields, scene: Scene) -> Iterator[Finding]:
+    """Angular velocities that fit the quaternions in the world's axes, and not in the body's."""
+    if len(log["q"]) < ROWS:
+        return
+    change = scene.difference(log["q"], log["q_next"]) / log["dt"]
+    for joint in scene.joints:
+        if joint.kind != JointKind.BALL:
+            continue
+        at = slice(joint.vadr, joint.vadr + 3)
+        told, mean = change[:, at], (log["v"][:, at] + log["v_next"][:, at]) / 2
+        turned = to_body(log["q"][:, joint.qadr : joint.qadr + 4], mean)
+        if better(told, mean, turned):
+            yield Finding(
+                f"v of joint {joint.name!r}, columns {at.start} to {at.stop - 1}: the angular velocity fits the "
+                "quaternions in the axes of the world; give it in the axes of the body"
+            )
+
+
+def to_body(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Vectors (N, 3) of the world in the axes of the body."""
+    return np.einsum("nji,nj->ni", quaternion_matrix(quaternion), vector)
+
+
+def to_world(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Vectors (N, 3) of the body in the axes of the world."""
+    return np.einsum("nij,nj->ni", quaternion_matrix(quaternion), vector)
+
+
+def better(told: np.ndarray, given: np.ndarray, other: np.ndarray) -> bool:
+    """Whether ``other`` (N, 3) explains ``told`` by far better than ``given`` does."""
+    size, rest, left = (float(np.sqrt(np.median((x * x).sum(axis=1)))) for x in (told, told - given, told - other))
+    return rest > 0.3 * size and left < 0.5 * rest and left < 0.7 * size
+
+
+def unexplained(log: Fields, scene: Scene) -> Iterator[Finding]:
+    """Coordinates whose changes the velocities before and after do not explain at all.
+
+    Lenient by design, since impacts change velocities within a step. A body that rocks within the step does so
+    legitimately: only a coordinate that travels is sure to be wrong.
+    """
+    if len(log["q"]) < ROWS:
+        return
+    dt, before, after = log["dt"], log["v"], log["v_next"]
+    change = scene.difference(log["q"], log["q_next"])
+    hinges = [j.vadr for j in scene.joints if j.kind == JointKind.HINGE]
+    change[:, hinges] -= 2 * np.pi * np.round(change[:, hinges] / (2 * np.pi))  # a whole turn is told elsewhere
+    size = np.sqrt(np.mean(change**2, axis=0))
+    rest = [np.sqrt(np.mean((change - dt * v) ** 2, axis=0)) for v in (before, after, (before + after) / 2)]
+    bad = np.min(rest, axis=0) > UNEXPLAINED * size + SENSOR_NOISE
+    if bad.any():
+        away = scene.difference(np.broadcast_to(log["q"][:1], log["q"].shape), log["q"]).std(axis=0)
+        k = int(np.flatnonzero(bad)[0])
+        name = scene.coordinate_names[k]
+        yield Finding(
+            f"velocity column {k} ({name}) does not match the change of its position over dt = {dt:.6g} s; check dt, "
+            "the order of columns, and the frame of angular velocities (body)",
+            sure=bool((away > TRAVELS * size)[bad].any()),
+        )

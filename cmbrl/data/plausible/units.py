@@ -1,0 +1,151 @@
+"""Units and signs: degrees for radians, millimetres for metres, velocities against differences of positions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from cmbrl.data.plausible.finding import Finding
+from cmbrl.data.plausible.motion import Motion
+
+DEGREES = 180 / np.pi
+ANGLES = {DEGREES: "degrees", 1 / (2 * np.pi): "revolutions", 1e3: "milliradians"}  #: numbers in one radian
+LENGTHS = {1e3: "millimetres", 1e2: "centimetres"}  #: numbers in one metre
+SPEEDS = {DEGREES: "deg/s", 60 / (2 * np.pi): "rpm", 1 / (2 * np.pi): "rev/s"}
+NEAR = 0.06  #: relative; two factors are the same, where the columns agree entirely
+ROWS = 50  #: fewer do not show how columns go together
+WRONG_RATE = 0.15  #: relative; estimated velocities and large steps stay below
+SENSOR_NOISE = 1e-4  #: changes of this size [m, rad] may be noise
+ACROSS = 0.85  #: correlation with the derivative of another joint, or of the other sign
+AGREES = 0.7  #: correlation of two columns that tell the same; impacts within long steps lower it
+
+
+def beyond_limits(motion: Motion) -> Iterator[Finding]:
+    """Positions far beyond the limits of the file, and within them in another unit."""
+    for k, coordinate in enumerate(motion.coordinates):
+        low, high = coordinate.low, coordinate.high
+        if not np.isfinite(low) or not np.isfinite(high):
+            continue
+        q = motion.now[:, k]
+        reach, bound, room = np.abs(q).max(initial=0.0), max(abs(low), abs(high)), 0.1 * (high - low)
+        least = 2 * np.pi if coordinate.hinge else 0.0
+        for factor, unit in ((DEGREES, "degrees"),) if coordinate.hinge else ((1e3, "millimetres"),):
+            scaled = q / factor
+            fits = (scaled > low - room).all() and (scaled < high + room).all()
+            if reach > max(3 * bound, least) and fits and np.ptp(scaled) > 0:
+                wanted = "radians" if coordinate.hinge else "metres"
+                yield Finding(
+                    f"{motion.position_of(k)} reaches {q[np.abs(q).argmax()]:.4g} where the file's limits are "
+                    f"{low:.3g} and {high:.3g}: {unit} instead of {wanted}? Divide the column by {factor:.4g}"
+                )
+
+
+def of_commands(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarray]) -> Iterator[Finding]:
+    """Positions that follow their targets by the factor between two units."""
+    best, worst, slope = (np.diagonal(array) for array in answers)
+    for m, driver in enumerate(motion.drivers):
+        if not max(best[m], -worst[m]) > 0.8:
+            continue
+        hinge = motion.coordinates[driver.coordinate].hinge
+        factor, unit, wanted = (DEGREES, "degrees", "radians") if hinge else (1e3, "millimetres", "metres")
+        both = motion.position_of(driver.coordinate), motion.command_of(m)
+        sizes = np.abs(motion.now[:, driver.coordinate]).max(), np.abs(motion.u[:, m]).max()
+        for ratio, size, (column, other) in (
+            (abs(slope[m]), sizes[0], both),
+            (1 / abs(slope[m]), sizes[1], both[::-1]),
+        ):
+            if abs(ratio / factor - 1) < 0.25 and (size > 2 * np.pi or not hinge):
+                yield Finding(
+                    f"{column} moves {ratio:.3g} times as much as {other}: {unit} instead of {wanted}? Convert one"
+                )
+
+
+def velocities(motion: Motion) -> Iterator[Finding]:
+    """Velocities of another sign, unit, time step or joint than the differences of positions.
+
+    A coordinate that no known fault explains is told by the caller.
+    """
+    if motion.v_now is None or motion.v_after is None or len(motion.now) < ROWS:
+        return
+    x, v = motion.change / motion.dt, (motion.v_now + motion.v_after) / 2
+    xx, vv = np.sqrt((x * x).sum(axis=0)), np.sqrt((v * v).sum(axis=0))
+    rows = np.sqrt(len(x))
+    moving = (xx * motion.dt > SENSOR_NOISE * rows) & (vv > 0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        r = np.where(np.outer(moving, moving), (x.T @ v) / np.outer(xx, vv), 0.0)  # (position, velocity)
+        own = np.diagonal(r)
+        ratio = np.where(moving, vv / xx, np.nan)  # how many of velocity's units are in one of the differences
+    yield from _swapped(motion, r)
+    for k in np.flatnonzero(own < -ACROSS).tolist():
+        yield Finding(
+            f"{motion.velocity_of(k)} is minus the derivative of its position (correlation {own[k]:.2f}): a sign "
+            "error; negate one of the two columns"
+        )
+    found = {int(k): told for k in np.flatnonzero(own > AGREES) if (told := _unit(motion, int(k), ratio[k], own[k]))}
+    for told in found.values():
+        yield Finding(told)
+    if not found:
+        yield from _rate(motion, own, ratio, moving)
+
+
+def _unit(motion: Motion, k: int, ratio: float, r: float) -> str | None:
+    """The unit for which a velocity is ``ratio`` times the change of its position, told; r: their correlation."""
+    hinge, near = motion.coordinates[k].hinge, NEAR + 1 / r - 1
+    times = f"times the change of {motion.position_of(k)} over dt = {motion.dt:.6g} s"
+    for factor, unit in (SPEEDS if hinge else {1e3: "mm/s", 1e2: "cm/s"}).items():
+        if abs(ratio / factor - 1) < near:
+            wanted = "rad/s" if hinge else "m/s"
+            return f"{motion.velocity_of(k)} is {ratio:.3g} {times}: {unit} instead of {wanted}? Convert the column"
+    for factor, unit in (ANGLES if hinge else LENGTHS).items():  # then it is the position that is wrong
+        if abs(ratio * factor - 1) < near:
+            wanted = "radians" if hinge else "metres"
+            return (
+                f"{motion.position_of(k)} changes {1 / ratio:.3g} times as much as its velocity tells over dt = "
+                f"{motion.dt:.6g} s: {unit} instead of {wanted}? Convert the column"
+            )
+    return None
+
+
+def _rate(motion: Motion, own: np.ndarray, ratio: np.ndarray, moving: np.ndarray) -> Iterator[Finding]:
+    """One factor between velocities and differences, over all joints that move: the time step is wrong.
+
+    Either regression has to say so, of the one on the other and of the other on the one, since noise lowers both.
+    """
+    clear = own > AGREES
+    if not clear.any() or 2 * clear.sum() < moving.sum():
+        return
+    low, high = ratio[clear] * own[clear], ratio[clear] / own[clear]
+    factor = float(np.median(ratio[clear]))
+    beyond = (low > 1 + WRONG_RATE) if factor > 1 else (high < 1 - WRONG_RATE)
+    same = np.abs(ratio[clear] / factor - 1) < WRONG_RATE
+    if beyond.mean() > 0.8 and same.mean() > 0.8:
+        k = int(np.flatnonzero(clear)[0])
+        yield Finding(
+            f"{motion.velocity_of(k)} and {int(same.sum()) - 1} more are {factor:.3g} times the change of position "
+            f"over dt = {motion.dt:.6g} s: the wrong rate? Give dt = {motion.dt / factor:.4g} s"
+        )
+
+
+def turns(motion: Motion) -> Iterator[Finding]:
+    """A warning for hinges whose angle jumps by whole turns, where a model goes on."""
+    for k, coordinate in enumerate(motion.coordinates):
+        jumps = np.abs(motion.after[:, k] - motion.now[:, k] - motion.change[:, k]) > 1
+        if coordinate.hinge and jumps.any():
+            yield Finding(
+                f"{motion.position_of(k)} jumps by a whole turn in {int(jumps.sum())} rows, first in row "
+                f"{np.flatnonzero(jumps)[0]}: let the angle go on (numpy.unwrap; `cmbrl import` does so)",
+                sure=False,
+            )
+
+
+def _swapped(motion: Motion, r: np.ndarray) -> Iterator[Finding]:
+    """Pairs of velocity columns that each tell the motion of the other."""
+    own = np.diagonal(r)
+    for a in range(len(r)):
+        for b in np.flatnonzero((r[a, a + 1 :] > ACROSS) & (r[a + 1 :, a] > ACROSS)) + a + 1:
+            if max(own[a], own[b]) < ACROSS - 0.3:
+                first, second = motion.coordinates[a].name, motion.coordinates[b].name
+                yield Finding(
+                    f"v of joints {first!r} and {second!r} are swapped: each is the derivative of the other position"
+                )

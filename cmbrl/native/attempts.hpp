@@ -1,0 +1,61 @@
+// Which elements of a batch are stepped together. What is stepped again, or goes back, is chosen from the whole batch, so that
+// results do not depend on threads.
+#pragma once
+#include <algorithm>
+#include <cstdint>
+#include <numeric>
+#include <vector>
+
+#include "model.hpp"
+
+namespace cmbrl {
+
+using Elements = std::vector<int64_t>;
+
+// Steps a batch. A hard solve takes the time of many easy ones, and a pack that of its slowest lane: so those that the first
+// rung of the ladder does not solve are set aside, and stepped again in packs of their own, as are those that leave out a row too
+// many, and those with many rows. step(options, elements): of all, where there is no list.
+template <class Step>
+void step_in_attempts(const Options& o, const Batch& b, int width, Step step) {
+  Options now = o;
+  bool one_pack = b.n <= width;
+  auto again = [&](Unfinished which) {
+    Elements chosen;
+    for (int64_t i = 0; i < b.n; ++i)
+      if (b.status[i] == which) chosen.push_back(i);
+    if (which == kCrowded)  // iterations: the number of rows then
+      std::stable_sort(chosen.begin(), chosen.end(), [&](int64_t x, int64_t y) { return b.iterations[x] > b.iterations[y]; });
+    if (!chosen.empty()) step(now, &chosen);
+    return !chosen.empty();
+  };
+  now.last_attempt = one_pack;
+  now.admit = o.admit && one_pack;
+  now.set_aside = !one_pack;
+  now.rungs = one_pack ? o.rungs : 1;
+  step(now, nullptr);
+  now.set_aside = 0;
+  again(kCrowded);
+  now.last_attempt = 1;
+  now.rungs = o.rungs;
+  again(kUnsolved);
+  now.admit = o.admit;
+  if (!o.admit) now.prune = wider(now.prune);
+  while (again(kMissed)) now.prune = wider(now.prune);
+}
+
+// Elements of a tape, those with the most contacts first; stride: of a substep.
+inline Elements most_contacts_first(const double* tape, int64_t n, int substeps, int64_t stride) {
+  constexpr double few = 8;  // contacts of a substep that are not worth it
+  std::vector<double> contacts(n);
+  Elements order(n);
+  std::iota(order.begin(), order.end(), 0);
+  for (int64_t i = 0; i < n * substeps; ++i) {
+    double count = tape[i * stride + stride - 2];
+    contacts[i / substeps] += count > 0 ? count : 0;  // NaN after an input that was not finite
+  }
+  if (n > 0 && *std::max_element(contacts.begin(), contacts.end()) > few * substeps)
+    std::stable_sort(order.begin(), order.end(), [&](int64_t x, int64_t y) { return contacts[x] > contacts[y]; });
+  return order;
+}
+
+}  // namespace cmbrl

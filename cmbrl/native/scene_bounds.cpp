@@ -1,0 +1,106 @@
+// Spheres that hold what may touch: of each body, and of the candidates of two geoms (near.hpp).
+#include <algorithm>
+#include <cmath>
+
+#include "scene_data.hpp"
+
+namespace cmbrl {
+
+namespace {
+
+// About the middle of the box that holds the centres of its parts. First `hold` all of them, then `reach` each.
+struct Sphere {
+  double low[3] = {1e300, 1e300, 1e300}, high[3] = {-1e300, -1e300, -1e300}, radius = -1;
+
+  double centre(int k) const { return 0.5 * (low[k] + high[k]); }
+  void hold(const double* x, int D) {
+    for (int k = 0; k < D; ++k) {
+      low[k] = std::min(low[k], x[k]);
+      high[k] = std::max(high[k], x[k]);
+    }
+  }
+  void reach(const double* x, double size, int D) {
+    double away = 0;
+    for (int k = 0; k < D; ++k) away += (x[k] - centre(k)) * (x[k] - centre(k));
+    radius = std::max(radius, std::sqrt(away) + size);
+  }
+};
+
+double length(const double* x, int D) {
+  double sum = 0;
+  for (int k = 0; k < D; ++k) sum += x[k] * x[k];
+  return std::sqrt(sum);
+}
+
+// How far the shapes of candidate c reach from their centres. The axis of a corner only tells where its box is.
+double size_of_A(const Model& m, int c) {
+  double sum = m.P[m.oContact + c * kContactFields + kRadius] - m.con_radiusB[c];
+  return std::abs(sum) + (m.con_type[c] == kCornerBox ? 0 : length(m.con_axisA + c * m.D, m.D));
+}
+double size_of_B(const Model& m, int c) {
+  return std::abs(m.con_radiusB[c]) + length(m.con_axisB + c * m.D, m.D) + length(m.con_halfB + c * m.D, m.D);
+}
+
+}  // namespace
+
+// Around the shapes with which a body may touch anything.
+void SceneData::derive_spheres() {
+  Model& m = model;
+  int D = m.D;
+  std::vector<Sphere> spheres(m.nbody);
+  for (int c = 0; c < m.ncontact; ++c) {
+    if (m.con_bodyA[c] >= 0) spheres[m.con_bodyA[c]].hold(m.con_posA + c * D, D);
+    if (m.con_bodyB[c] >= 0) spheres[m.con_bodyB[c]].hold(m.con_posB + c * D, D);
+  }
+  for (int c = 0; c < m.ncontact; ++c) {
+    if (m.con_bodyA[c] >= 0) spheres[m.con_bodyA[c]].reach(m.con_posA + c * D, size_of_A(m, c), D);
+    if (m.con_bodyB[c] >= 0) spheres[m.con_bodyB[c]].reach(m.con_posB + c * D, size_of_B(m, c), D);
+  }
+  std::vector<double> centre, radius;
+  for (const Sphere& s : spheres) {
+    for (int k = 0; k < D; ++k) centre.push_back(s.radius < 0 ? 0.0 : s.centre(k));
+    radius.push_back(s.radius);
+  }
+  m.sphere_pos = keep_doubles("sphere_pos", std::move(centre));
+  m.sphere_radius = keep_doubles("sphere_radius", std::move(radius));
+}
+
+// Candidates of one pair of geoms, which stand together in their group. So few that a test would not pay have no radius.
+void SceneData::derive_clusters() {
+  constexpr int few = 3;
+  Model& m = model;
+  int D = m.D;
+  std::vector<int> of_group{0}, begin;
+  std::vector<double> posA, posB, radiusA, radiusB, weight;
+  for (int g = 0; g < m.ngroup; ++g) {
+    for (int k = m.grp_cptr[g], end; k < m.grp_cptr[g + 1]; k = end) {
+      for (end = k; end < m.grp_cptr[g + 1] && m.con_pair[m.grp_con[end]] == m.con_pair[m.grp_con[k]];) ++end;
+      Sphere A, B;
+      double heaviest = 0;
+      for (int x = k; x < end; ++x) {
+        A.hold(m.con_posA + m.grp_con[x] * D, D);
+        B.hold(m.con_posB + m.grp_con[x] * D, D);
+      }
+      for (int x = k; x < end; ++x) {
+        A.reach(m.con_posA + m.grp_con[x] * D, size_of_A(m, m.grp_con[x]), D);
+        B.reach(m.con_posB + m.grp_con[x] * D, size_of_B(m, m.grp_con[x]), D);
+        heaviest = std::max(heaviest, m.con_invweight[m.grp_con[x]]);
+      }
+      for (int d = 0; d < D; ++d) { posA.push_back(A.centre(d)); posB.push_back(B.centre(d)); }
+      begin.push_back(k);
+      radiusA.push_back(end - k > few ? A.radius : -1);
+      radiusB.push_back(B.radius);
+      weight.push_back(heaviest);
+      m.sifted |= end - k > few;
+    }
+    of_group.push_back(int(begin.size()));
+  }
+  begin.push_back(m.ncontact);
+  m.grp_clusters = keep_ints("grp_clusters", std::move(of_group)); m.cluster_begin = keep_ints("cluster_begin", std::move(begin));
+  m.cluster_posA = keep_doubles("cluster_posA", std::move(posA)); m.cluster_posB = keep_doubles("cluster_posB", std::move(posB));
+  m.cluster_radiusA = keep_doubles("cluster_radiusA", std::move(radiusA));
+  m.cluster_radiusB = keep_doubles("cluster_radiusB", std::move(radiusB));
+  m.cluster_invweight = keep_doubles("cluster_invweight", std::move(weight));
+}
+
+}  // namespace cmbrl

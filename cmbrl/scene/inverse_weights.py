@@ -1,0 +1,142 @@
+"""How masses soften rows: MuJoCo's compliances grow with inverse weights, which masses determine.
+
+MuJoCo takes the weights of qpos0: of a body w = tr(J M^-1 J^T) / 3 with the Jacobian J (3, nv) of its centre of mass,
+of a joint the mean of its entries of the diagonal of M^-1. With M = sum_k mu_k M_k + armature in the scales mu of the
+masses, -dw/dmu_k = tr(J M^-1 M_k M^-1 J^T) / 3 >= 0, and what armature does not hold of w is the sum of these. So
+
+    w(mu) = w (1 + sum_k a_k (1/mu_k - 1)),  a_k = -(dw/dmu_k) / w,
+
+has the right value and slope at mu = 1, is positive, and exact for free bodies and where all masses scale together. The
+file's other inertia (centres of mass, armature, shapes of inertias) counts as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from cmbrl.scene.arrays import doubles, integers
+from cmbrl.scene.core_arrays import CoreArrays
+from cmbrl.scene.records import WORLD, Array, Candidate, Tree
+
+_NOTHING = 1e-15  # below it MuJoCo takes a weight for zero
+SOFTENED_LAWS = ("mujoco", "logistic")  #: whose compliance is a multiple of the inverse weight
+
+
+def weight_arrays(
+    model: mujoco.MjModel,
+    tree: Tree,
+    candidates: Sequence[Candidate],
+    limits: Mapping[str, Any],
+    masses: Mapping[int, int],
+    contact_law: str,
+) -> dict[str, Any]:
+    """The core's arrays: each inverse weight by the parameters ``masses`` (body -> number) that it depends on.
+
+    ``limits``: the core's arrays of lines.
+    """
+    sides = np.array([[model.geom_bodyid[g] for g in c.geoms] for c in candidates], dtype=np.int64).reshape(-1, 2)
+    weights = model.body_invweight0[sides, 0]
+    total = weights.sum(axis=1, keepdims=True)
+    shares = _Shares(model, tree, set(sides.ravel().tolist()) if contact_law in SOFTENED_LAWS else set())
+    place = {body: k for k, body in enumerate(masses)}
+    known = [{place[k]: x for k, x in row.items() if k in masses and x > 0} for row in shares.rows]
+    lines = np.full(model.nv + len(limits["tendon_ptr"]) - 1, -1)
+    for dof, row in shares.of_dof.items():
+        lines[dof] = row
+    return {
+        "nmass": len(masses),
+        "nweight": len(known),
+        "mass_par": integers(list(masses.values())),
+        "weight_ptr": integers(np.cumsum([0, *map(len, known)])),
+        "weight_mass": integers([k for row in known for k in row]),
+        "weight_coef": doubles([x for row in known for x in row.values()], (-1,)),
+        "con_weight": integers([[shares.of_body.get(int(body), -1) for body in pair] for pair in sides]),
+        "con_share": doubles(weights / np.where(total > 0, total, 1.0), (-1, 2)),
+        "lim_weight": integers(lines[limits["lim_line"]]),
+        "line_weight": integers(lines),
+    }
+
+
+class _Shares:
+    """a_k by moving body k: a row for each joint that may rub or end, and for each of some bodies of the file."""
+
+    def __init__(self, model: mujoco.MjModel, tree: Tree, bodies: set[int]) -> None:
+        self.rows: list[dict[int, float]] = []
+        self.of_dof: dict[int, int] = {}
+        self.of_body: dict[int, int] = {}
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        jacobians = _Jacobians(model, data)
+        welded: dict[int, list[int]] = {}
+        for body, frame in enumerate(tree.frames):
+            welded.setdefault(frame.body, []).append(body)
+        for members in _trees(tree):
+            dofs = np.array([d for k in members for joint in tree.bodies[k].joints for d in joint.dofs])
+            parts = {k: jacobians.inertia(welded[k], dofs) for k in members}
+            inverse = np.linalg.pinv(sum(parts.values()) + np.diag(model.dof_armature[dofs]), hermitian=True)
+            for k in members:
+                for joint in tree.bodies[k].joints:
+                    if model.jnt_type[joint.source] != mujoco.mjtJoint.mjJNT_FREE:
+                        self.of_dof.update(dict.fromkeys(joint.dofs, len(self.rows)))
+                        self.rows.append(_of_rows(np.eye(len(dofs))[np.isin(dofs, joint.dofs)], inverse, parts))
+                for body in bodies.intersection(welded[k]):
+                    self.of_body[body] = len(self.rows)
+                    self.rows.append(_of_rows(jacobians.of(body, dofs)[:3], inverse, parts))
+
+
+def _of_rows(J: Array, inverse: Array, parts: Mapping[int, Array]) -> dict[int, float]:
+    """a_k of the weight tr(J M^-1 J^T)."""
+    moved = J @ inverse
+    weight = float(np.sum(moved * J))
+    if weight < _NOTHING:
+        return {}
+    return {k: float(np.sum((moved @ part) * moved)) / weight for k, part in parts.items()}
+
+
+class _Jacobians:
+    """Jacobians (6, n) of the centres of mass of a file's bodies at qpos0, for some dofs."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        self.model, self.data = model, data
+        self._buffer = np.zeros((6, model.nv))
+
+    def of(self, body: int, dofs: Array) -> Array:
+        mujoco.mj_jacBodyCom(self.model, self.data, self._buffer[:3], self._buffer[3:], body)
+        return self._buffer[:, dofs]
+
+    def inertia(self, bodies: Sequence[int], dofs: Array) -> Array:
+        """What ``bodies`` add to the mass matrix."""
+        M = np.zeros((len(dofs), len(dofs)))
+        for body in bodies:
+            J = self.of(body, dofs)
+            axes = self.data.ximat[body].reshape(3, 3)
+            turned = axes.T @ J[3:]
+            M += self.model.body_mass[body] * J[:3].T @ J[:3]
+            M += turned.T @ (self.model.body_inertia[body][:, None] * turned)
+        return M
+
+
+def _trees(tree: Tree) -> Iterator[list[int]]:
+    """Moving bodies by the root that carries them."""
+    root = list(range(len(tree.bodies)))
+    members: dict[int, list[int]] = {}
+    for k, body in enumerate(tree.bodies):
+        if body.parent != WORLD:
+            root[k] = root[body.parent]
+        members.setdefault(root[k], []).append(k)
+    yield from members.values()
+
+
+def soften(core: CoreArrays, theta: Array, P: Array) -> None:
+    """Scales the softness of contacts in the physical vector P by masses at ``theta`` (in the core: load_weights)."""
+    counts = np.diff(core.weight_ptr)
+    change = core.weight_coef * (1.0 / theta[core.mass_par] - 1.0)[core.weight_mass]
+    lighter = np.zeros(core.nweight + 1)  # the last: of what no mass changes
+    np.add.at(lighter, np.repeat(np.arange(core.nweight), counts), change)
+    factors = 1.0 + (core.con_share * lighter[core.con_weight.reshape(-1, 2)]).sum(axis=1)
+    P[core.layout.contacts(np.arange(core.ncontact), "rscale")] *= factors

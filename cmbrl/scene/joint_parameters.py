@@ -1,0 +1,129 @@
+"""What can be fitted of joints and actuators."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from cmbrl.scene.actuators import Actuator
+from cmbrl.scene.collector import Collector
+from cmbrl.scene.layout import Layout
+from cmbrl.scene.records import WORLD, Array, Joint, JointKind, Tree
+
+_UNITS = {  # for slides, for hinges and balls
+    "damping": ("N s/m", "N m s/rad"),
+    "armature": ("kg", "kg m^2"),
+    "stiffness": ("N/m", "N m/rad"),
+    "frictionloss": ("N", "N m"),
+}
+_RATES = {"damping": 5.0, "armature": 1.0}  # bounds of what is 0 in the file, by the inertia at qpos0: M times 5/s, M
+# Bounds of a friction loss that is 0 in the file: what brakes the inertia at qpos0 by 30 rad/s^2 (or m/s^2), three
+# times what holds all that hangs on the joint in any pose, and a quarter of its motors' strength, whichever is largest.
+_BRAKE, _WEIGHTS, _MOTORS = 30.0, 3.0, 0.25
+
+
+def offer_joints(
+    model: mujoco.MjModel, tree: Tree, actuators: Sequence[Actuator], layout: Layout, P: Array, out: Collector
+) -> None:
+    """Joint parameters that are nonzero in the file; damping, armature and friction loss also where they are zero.
+
+    Floating bases, which have none of these, are left out there.
+    """
+    by_source: dict[int, list[Joint]] = {}
+    for joint in tree.joints:
+        by_source.setdefault(joint.source, []).append(joint)
+    losses = _friction_bounds(model, tree, actuators)
+    for field in ("damping", "armature", "stiffness", "frictionloss"):
+        for joints in by_source.values():
+            dofs = [d for joint in joints for d in joint.dofs]
+            indices = [layout.dof(d, field) for d in dofs]
+            value, name = float(P[indices[0]]), joints[0].name
+            unit = _UNITS[field][int(joints[-1].kind != JointKind.SLIDE)]
+            high = _RATES.get(field, 0.0) * float(model.dof_M0[dofs].max())
+            if field == "frictionloss":
+                high = max(float(losses[d]) for d in dofs)
+            if value > 0:
+                out.add(field, name, value, value / 20, value * 20, unit, indices)
+            elif high > 0 and not _floating(tree, joints[0]):
+                out.add(field, name, 0.0, 0.0, high, unit, indices)
+    _offer_friction_laws(tree, losses, layout, P, out)
+
+
+def _offer_friction_laws(tree: Tree, losses: Array, layout: Layout, P: Array, out: Collector) -> None:
+    """Friction losses that change with a joint's place and speed, on request: files have neither."""
+    joints = [j for j in tree.joints if j.kind != JointKind.BALL and losses[j.vadr] > 0 and not _floating(tree, j)]
+    for joint in joints:
+        most = max(float(losses[joint.vadr]), 20 * float(P[layout.dof(joint.vadr, "frictionloss")]))
+        slides = joint.kind == JointKind.SLIDE
+        slope, units = (10 * most, ("N/m", "N", "m/s")) if slides else (most, ("N m/rad", "N m", "rad/s"))
+        speed = float(P[layout.dof(joint.vadr, "stribeck_speed")])
+        offers = (
+            ("friction_slope", 0.0, -slope, slope),
+            ("stribeck", 0.0, 0.0, most),
+            ("stribeck_speed", speed, speed / 20, speed * 20),
+        )
+        for (field, value, low, high), unit in zip(offers, units, strict=True):
+            place = [layout.dof(joint.vadr, field)]
+            out.add(field, joint.name, value, low, high, unit, place, default=False)
+
+
+def _rubs(model: mujoco.MjModel) -> bool:
+    """Whether the file lets joints lose force to dry friction."""
+    off = mujoco.mjtDisableBit
+    return not model.opt.disableflags & (off.mjDSBL_FRICTIONLOSS | off.mjDSBL_CONSTRAINT)
+
+
+def _friction_bounds(model: mujoco.MjModel, tree: Tree, actuators: Sequence[Actuator]) -> Array:
+    """Bounds (nv,) of a friction loss that is 0 in the file; zeros where the file switches dry friction off."""
+    if not _rubs(model):
+        return np.zeros(model.nv)
+    bounds = _BRAKE * np.asarray(model.dof_M0, dtype=float).copy()
+    g = float(np.linalg.norm(model.opt.gravity))
+    mass, moment = np.zeros(len(tree.bodies)), np.zeros((len(tree.bodies), 3))
+    for k in reversed(range(len(tree.bodies))):
+        body = tree.bodies[k]
+        mass[k] += body.mass
+        moment[k] += body.mass * tree.place(k, body.com)
+        if body.parent != WORLD:
+            mass[body.parent] += mass[k]
+            moment[body.parent] += moment[k]
+    for joint in tree.joints:
+        k = joint.body
+        arm = float(np.linalg.norm(moment[k] - mass[k] * tree.place(k, joint.pos)))
+        weight = _WEIGHTS * g * (float(mass[k]) if joint.kind == JointKind.SLIDE else arm)
+        bounds[list(joint.dofs)] = np.maximum(bounds[list(joint.dofs)], weight)
+    strength = np.zeros(model.nv)
+    for actuator in actuators:
+        if 0 <= actuator.line < model.nv:
+            strength[actuator.line] += _strength(actuator)
+    return np.maximum(bounds, _MOTORS * strength)
+
+
+def _strength(actuator: Actuator) -> float:
+    """The most force that an actuator is allowed, or 0 where nothing limits it."""
+    force = float(np.abs(actuator.force).max())
+    if not np.isfinite(force) and not np.any(actuator.bias):
+        force = abs(actuator.gain) * float(np.abs(actuator.control).max())
+    return abs(actuator.gear) * force if np.isfinite(force) else 0.0
+
+
+def offer_actuator(actuator: Actuator, layout: Layout, k: int, out: Collector) -> None:
+    """Gains of a position servo; the gear of others, and of a servo behind a gear."""
+    stiffness, damping = actuator.gain, -float(actuator.bias[2])
+    servo = actuator.gear != 0 and stiffness > 0 and actuator.bias[1] == -stiffness
+    if actuator.gear and not (servo and actuator.gear == 1):
+        out.add("gear", actuator.name, 1.0, 0.2, 5.0, "1", [layout.actuator(k)], actuator.gear)
+    if not servo:
+        return
+    places = [layout.actuator(k, "gain"), layout.actuator(k, "bias1")]
+    out.add("kp", actuator.name, stiffness, stiffness / 5, stiffness * 5, "1", places, np.array([1.0, -1.0]))
+    if damping > 0:
+        out.add("kd", actuator.name, damping, damping / 20, damping * 20, "1", [layout.actuator(k, "bias2")], -1.0)
+
+
+def _floating(tree: Tree, joint: Joint) -> bool:
+    """Whether a joint places a body in space: a free joint, or one of several between a body and the world."""
+    body = tree.bodies[joint.body]
+    return body.parent == WORLD and len(body.joints) > 1
