@@ -276,6 +276,14 @@ def test_true_parameters_are_found_and_intervals_judged():
     assert values[names.index("friction.foot_geom")] == pytest.approx(found.geom("foot_geom").friction[0])
     same = [k for k, p in enumerate(scene.parameters) if p.group in ("com_x", "armature", "softness_time", "gravity")]
     np.testing.assert_allclose(values[same], scene.parameter_vector()[same], rtol=1e-9)
+    payload = truth.true_parameters(scene, Scene.from_mjcf(Hidden("hopper", PAYLOAD, 0).file_like))
+    theta = np.where(np.isfinite(payload), payload, scene.parameter_vector())
+    theta[[p.group == "softness_scale" for p in scene.parameters]] = 1.0
+    bodies = slice(0, scene.layout.dof(0))
+    np.testing.assert_allclose(
+        scene.physical_vector(theta)[bodies], Scene.from_mjcf(Hidden("hopper", PAYLOAD, 0).file_like).core.P[bodies],
+        rtol=1e-9, atol=1e-12,
+    )  # fmt: skip
     torso = values[names.index("mass.torso")]
     held = truth.in_unit_of_force(scene, values, ["mass.torso"])
     assert held[names.index("mass.leg")] == pytest.approx(ratio / torso)

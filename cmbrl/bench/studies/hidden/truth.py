@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,15 +18,21 @@ DERIVED = ("softness_scale",)  #: not in a file: MuJoCo derives it from masses, 
 
 
 def true_parameters(nominal: Scene, true: Scene) -> np.ndarray:
-    """Values (np,) of ``nominal.parameters`` at which its physical vector is that of ``true``.
+    """Values (np,) of ``nominal.parameters`` at which its physical vector is that of ``true``; NaN where unknown.
 
     Of a parameter that moves several numbers, the first that it moves counts: of a mass, the mass and not the inertia.
+    Shapes of inertias are known of planar robots.
     """
     core = nominal.core
-    moved = np.flatnonzero(core.par_coef)
-    first = moved[np.searchsorted(moved, core.par_ptr[:-1])]
-    place, coefficient = core.par_idx[first], core.par_coef[first]
-    found: np.ndarray = core.par_nominal + (true.core.P[place] - core.P[place]) / coefficient
+    found = np.full(len(nominal.parameters), np.nan)
+    for k, (start, end) in enumerate(pairwise(core.par_ptr)):
+        moved = start + np.flatnonzero(core.par_coef[start:end])
+        if len(moved):
+            place, coefficient = core.par_idx[moved[0]], core.par_coef[moved[0]]
+            found[k] = core.par_nominal[k] + (true.core.P[place] - core.P[place]) / coefficient
+    if core.planar:
+        at = [core.layout.inertia(body) for body in core.shape_body]
+        found[core.shape_par] = true.core.P[at] / core.P[at] / found[core.shape_mass]
     return found
 
 
@@ -54,7 +61,8 @@ def coverage(fit: FitResult, true: Scene) -> list[dict[str, Any]]:
     found = []
     for p, value in zip(scene.parameters, truth, strict=True):
         own = fit.parameters[p.name]
-        if own.status in (FITTED, AT_BOUND) and p.name not in unknown and p.group not in DERIVED:
+        known = np.isfinite(value) and p.group not in DERIVED
+        if own.status in (FITTED, AT_BOUND) and p.name not in unknown and known:
             found.append({
                 "name": p.name, "group": p.group, "truth": float(value), "nominal": own.nominal, "value": own.value,
                 "low": own.low, "high": own.high, "holds": bool(own.low <= value <= own.high),
