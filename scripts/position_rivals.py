@@ -2,7 +2,7 @@
 
 Both simulate MuJoCo with the file from the start of the log under its commands, and fit positions up to --until. PACE
 (Bjelonic et al., arXiv 2509.06342) fits armature, damping, friction loss and encoder bias of each joint, and one delay;
-mujoco.sysid gets these, or all parameters that `cmbrl fit` moves and a compiled MuJoCo model has. What follows is judged.
+mujoco.sysid gets these, or all parameters that `cmbrl fit` moves and a compiled MuJoCo model has. The rest is judged.
 
     python scripts/position_rivals.py robot.xml log.npz --until 10.67 --out rivals.json
 

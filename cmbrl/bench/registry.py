@@ -23,6 +23,7 @@ STUDIES = {
     "estimators": "cmbrl.bench.studies.estimators.study",
     "horizons": "cmbrl.bench.studies.horizons.study",
     "mission": "cmbrl.bench.studies.mission.study",
+    "hidden": "cmbrl.bench.studies.hidden.study",
     "throws": "cmbrl.bench.studies.throws.study",
 }  #: name -> module whose ``STUDY`` it is
 

@@ -26,7 +26,7 @@ from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.records import Array, JointKind, Tree
 
-_SCALES, _TILTS = "xyz", ("xy", "xz", "yz")
+_SCALES, _TILTS = "xyz", (("x", "y"), ("x", "z"), ("y", "z"))
 _LEAST = 1e-9  # of the largest second moment: what is flatter cannot be scaled
 
 
@@ -87,7 +87,8 @@ def _turns(tree: Tree, body: int) -> bool:
 def _root(inertia: Array) -> Array:
     """B (3, 3): columns along the principal axes, each in the place of the body's axis that it is nearest to."""
     moments, axes = np.linalg.eigh(0.5 * np.trace(inertia) * np.eye(3) - inertia)
-    order = list(max(permutations(range(3)), key=lambda order: float(np.abs(np.diag(axes[:, order])).sum())))
+    orders = [list(order) for order in permutations(range(3))]
+    order = max(orders, key=lambda order: float(np.abs(np.diag(axes[:, order])).sum()))
     axes, moments = axes[:, order], moments[order]
     axes = axes * np.where(np.diag(axes) < 0, -1.0, 1.0)
     return axes * np.sqrt(np.where(moments > _LEAST * moments.max(), moments, 0.0))

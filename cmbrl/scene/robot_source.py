@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 import mujoco
 import numpy as np
@@ -14,7 +15,7 @@ from cmbrl.errors import UserError
 from cmbrl.reading import regular_file
 from cmbrl.scene.precheck import check_xml
 
-RobotSource = str | Path | mujoco.MjSpec | mujoco.MjModel
+RobotSource: TypeAlias = str | Path | mujoco.MjSpec | mujoco.MjModel
 
 LARGEST = 1e12  #: of any mass, length, stiffness or gain
 _OF_BODIES = ("body_", "jnt_", "dof_", "geom_", "pair_", "actuator_", "tendon_")

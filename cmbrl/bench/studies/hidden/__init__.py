@@ -1,0 +1,1 @@
+"""Hidden real systems: policies for robots that are not those of their file."""
