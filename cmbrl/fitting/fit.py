@@ -64,7 +64,8 @@ def fit(
         model: starts at ``model.parameters``, which are also the centre of the prior. A model of one substep gets as
             many as a transition takes (:meth:`~cmbrl.ComplementarityModel.for_log`).
         data: a log of the same robot. Of a position log, velocities are estimated and only positions are compared;
-            encoder biases are fitted besides, its gains are the nominal ones, and ``groups`` is "all" by default.
+            encoder biases are fitted besides, its gains are the nominal ones, and by default all parameters move, and
+            those laws of friction (``LAWS`` of ``parsimony``) that held-out errors call for.
         seed: the same seed gives the same result, for any number of threads.
         method: "random" or "cma" (a search, then Gauss-Newton unless ``polish`` is False), or "gauss-newton" alone.
         groups: None for the fewest parameter groups that the held-out data supports; "all"; or names of groups or
@@ -93,7 +94,8 @@ def fit(
     seed, horizons = whole(seed, "seed", least=0), evidence.horizons(horizon)
     huber = real(huber, "huber", above=0.0, most=1e6)
     time_limit = None if time_limit is None else real(time_limit, "time_limit", least=0.0)
-    if groups is None and evidence.positions_only:
+    with_laws = groups is None and evidence.positions_only
+    if with_laws:
         groups = "all"
     wanted = None if groups is None else space.default if groups == "all" else space.columns(_names(groups))
     count = fold_count(log, holdout, needed=groups is None)
@@ -126,6 +128,10 @@ def fit(
             folds = Folds.of(trials, loss(budget.held_out_rows), count, seed)
             judges = [Judge.all(evidence, huber, count, seed, k) for k in range(len(folds.train))]
             Selection(space, trials, folds, judges, admit, seed, budget, journal).run(incumbent)
+        elif with_laws and count:
+            everything = loss(budget.polish_rows)
+            folds = Folds.of(everything, everything, count, seed)
+            Selection(space, everything, folds, [], admit, seed, budget, journal).extend(incumbent, wanted)
         else:
             incumbent.chosen = wanted
             incumbent.active, incumbent.z = admit(wanted, incumbent.z)
@@ -144,7 +150,7 @@ def fit(
                 held_out = judge(budget.trial_fold_iterations, Journal(None, ""))
     journal.report(0.95, "intervals")
     about = {"seed": seed, "method": method, "folds": count, "stopped": stopped, "selection": None, **survey.to_dict()}
-    if wanted is None:
+    if wanted is None or incumbent.path:
         about["selection"] = incumbent.path
     unseen = () if incumbent.unseen is None or evidence.positions_only else incumbent.unseen.theta
     about["horizons"] = by_horizon(evidence, unseen, huber, seed)

@@ -37,6 +37,8 @@ from cmbrl.fitting.unseen import Unseen
 NOISE_FACTOR = 2.0
 LEAST_GAIN = 0.01
 LEAST_SCORE = 0.03  # of the logarithm of the errors over all horizons
+ALL = "all that a fit moves by default"  #: in the path of a selection
+LAWS = ("friction_slope", "stribeck")  #: groups that no file has, tried on logs of positions, where friction rules
 TRIED = 3  # groups per round: forecasts are accurate enough for the best to be among the first
 
 
@@ -113,6 +115,17 @@ class Selection:
             before = after
         self._remove(incumbent, before)
 
+    def extend(self, incumbent: Incumbent, chosen: np.ndarray) -> None:
+        """Moves all of ``chosen`` (n,), and those laws besides that held-out errors call for."""
+        none = np.zeros_like(chosen)
+        before = self.folds.errors(self.space, [incumbent.z] * len(self.folds.train))
+        trial = self._trial("all", incumbent, chosen, incumbent.z, none, before, self.budget.polish_iterations)
+        before = self._accept("add", ALL, trial, incumbent)
+        for law in (law for law in LAWS if law in self.space.groups):
+            trial = self._try(incumbent, [law], before)
+            if trial.counts(before.mean):
+                before = self._accept("add", law, trial, incumbent)
+
     def _everything(self, incumbent: Incumbent, before: Errors) -> Errors:
         """Starts from all groups if that beats the nominal model, and returns the new errors."""
         groups = self._remaining(incumbent)
@@ -120,7 +133,7 @@ class Selection:
         chosen, none = self.space.columns(groups), np.zeros_like(incumbent.chosen)
         iterations = self.budget.polish_iterations
         trial = self._trial("add all", incumbent, chosen, incumbent.z, none, before, iterations)
-        return self._accept("add", " + ".join(groups), trial, incumbent) if trial.counts(before.mean) else before
+        return self._accept("add", ALL, trial, incumbent) if trial.counts(before.mean) else before
 
     def _thin(self, incumbent: Incumbent, before: Errors) -> Errors:
         """Removes as many groups at once as the forecast calls superfluous; half as many if a refit disagrees."""
@@ -248,6 +261,8 @@ class Selection:
         return Trial(z, chosen, active, after, gain, noise, noise_of_rise, self._score(fitted))
 
     def _score(self, fitted: list[np.ndarray]) -> float:
+        if not self.judges:
+            return 0.0
         pairs = zip(self.judges, fitted, strict=True)
         return float(np.mean([score(judges, self.space.theta(z)) for judges, z in pairs]))
 

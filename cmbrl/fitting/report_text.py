@@ -13,6 +13,7 @@ WIDTH = 100
 _SHOWN = 3  # elements of a list that is folded
 _FOLDED_FROM = 7  # elements
 
+_INDENTED: dict[str, Any] = {"initial_indent": "  ", "subsequent_indent": "    ", "drop_whitespace": True}
 _NONE = "  none: the nominal model explains the held-out episodes equally well"
 _MODELS = ("hold", "nominal", "fitted")
 _LISTS = (  # key in the report, text in front of the names
@@ -36,7 +37,7 @@ def verdict(report: Mapping[str, Any]) -> str:
         return f"{early}Nothing was fitted: the file explains the log as well."
     if None in held_out:
         return f"{early}Nothing was held out: this fit has not been judged."
-    if lost := warning(report["horizons"]):
+    if lost := warning(report.get("horizons", ())):
         return f"{early}{lost}."
     before, after = (row["rmse"] for row in held_out if row)
     steps = "1 step" if report["horizon"] == 1 else f"{report['horizon']} steps"
@@ -81,7 +82,7 @@ def _selection(report: Mapping[str, Any]) -> Iterator[str]:
     yield "groups selected by the fall of the held-out loss (noise: standard error over episodes):"
     for s in moves:
         fall = f"{s['gain']:.4g} (noise {s['noise']:.2g}), RMSE {s['held_out_rmse']:.4f}"
-        yield f"  {s['move']:<7}{s['group']:<20} {fall}"
+        yield from textwrap.wrap(f"{s['move']:<7}{s['group']:<20} {fall}", WIDTH, **_INDENTED)
     if not moves:
         yield _NONE if report["stopped"] is None else "  none so far"
 

@@ -149,9 +149,12 @@ class Judge:
         return found
 
     def error(self, theta: np.ndarray, model: ComplementarityModel | None = None) -> np.ndarray:
-        """Mean Huber losses (2 nv,) with parameters ``theta`` (n,), by coordinate; default: of the evidence's model."""
-        model = model or self.evidence.model
+        """Mean Huber losses (2 nv,) with parameters ``theta`` (n,), by coordinate; or of another ``model`` as it is."""
         physical, log = self.evidence.seen(theta)
+        if model is None:
+            model = self.evidence.model
+        else:
+            physical = model.parameters
         q, v = log.q[self.starts], log.v[self.starts]
         for j in range(self.horizon):
             step = model.predict(q, v, log.u[self.starts + j], theta=physical)

@@ -83,7 +83,7 @@ def test_intervals_are_narrower_than_from_random_actions(arm: Path, found: Excit
     widths = []
     for commands in (found.commands, random):
         result = cmbrl.fit(model, replayed(commands), method="gauss-newton", budget=QUICK)
-        motors = [p for name, p in result.parameters.items() if name.startswith(("friction", "damping"))]
+        motors = [p for name, p in result.parameters.items() if name.startswith(("frictionloss", "damping"))]
         widths.append(np.mean([np.log(p.high / p.low) for p in motors]))
     assert widths[0] < widths[1]
 

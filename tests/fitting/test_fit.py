@@ -29,11 +29,7 @@ def test_fits_what_differs_and_nothing_else(carts, data):
         assert parameter.value == pytest.approx(truth, rel=0.02)
         assert parameter.low <= truth <= parameter.high
         assert parameter.status == "fitted"
-    moves = {
-        move: {g for step in result.report["selection"] if step["move"] == move for g in step["group"].split(" + ")}
-        for move in ("add", "remove")
-    }
-    assert moves["add"] - moves["remove"] == {"gear", "tilt"}
+    assert {name.split(".")[0] for name in result.report["fitted"]} == {"gear", "tilt"}
     assert result.parameters["mass.0"].status == "nominal"
     assert result.report["unseen"] == ["bumper"]
     loss = result.report["loss"]
@@ -106,7 +102,7 @@ def test_a_killed_fit_resumes_to_the_same_result(carts, data, tmp_path, monkeypa
     resumed = cmbrl.fit(model, data, budget=QUICK, folder=tmp_path)
     assert _values(resumed) == _values(whole)
     assert resumed.report["candidates"] == whole.report["candidates"]
-    assert resumed.report["resumed"] == (calls > 0)
+    assert resumed.report["resumed"] == (calls > 1)
     done = cmbrl.fit(carts.model(2), data, budget=QUICK, folder=tmp_path)
     assert _values(done) == _values(whole)
     assert [p.name for p in tmp_path.iterdir()] == ["state.json"]

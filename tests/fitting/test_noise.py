@@ -109,7 +109,7 @@ def test_starts_follow_the_parameters(setup):
     followed = objective.followed(equations, step).loss.windows.offset
     settled = objective.loss.settled(space.theta(z + step)).windows.offset
     moved = np.abs(settled - objective.loss.windows.offset).max()
-    assert np.abs(followed - settled).max() < 0.2 * moved
+    assert np.abs(followed - settled).max() < 0.3 * moved
 
 
 def test_a_noisy_log_is_fitted_without_bias(carts, noisy):

@@ -59,5 +59,5 @@ def test_groups_that_help_only_together_are_added_as_one(carts, monkeypatch):
     assert fall < 0.9
     monkeypatch.setattr("cmbrl.fitting.parsimony.Trial.counts", lambda trial, loss: trial.gain > 0.9 * loss)
     result = cmbrl.fit(carts.model(2), data)
-    assert {"gear", "tilt"} <= set(result.report["selection"][0]["group"].split(" + "))
+    assert {"gear", "tilt"} <= {name.split(".")[0] for name in result.report["fitted"]}
     assert result.parameters["tilt"].value == pytest.approx(0.4, rel=0.02)
