@@ -43,8 +43,8 @@ def plot_open_loop(found: OpenLoop, path: str | os.PathLike[str]) -> None:
     for name, error in found.errors.items():
         axes.plot(found.time, 1e3 * np.abs(error).mean(axis=1), label=name, linewidth=0.8)
     axes.axvspan(found.since, found.time.max(), color="0.92", label="judged")
-    axes.set(xlabel="time [s]", ylabel="mean absolute position error [mrad, mm]", ylim=(0.0, None))
-    axes.legend(frameon=False)
+    axes.set(xlabel="time [s]", ylabel="mean absolute error [mrad, mm]", ylim=(0.0, None))
+    figure.legend(loc="outside lower center", ncols=1 + len(found.errors), frameon=False)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=150)
 
