@@ -49,7 +49,6 @@ MISTAKES = {
     "log of another robot": ("fit hopper --data cheetah.npz --out run", "cheetah.npz", "scene"),
     "NaN in the log": ("fit hopper --data nan.npz --out run", "nan.npz", "row 17"),
     "empty log": ("fit hopper --data empty.npz --out run", "empty.npz", ""),
-    "one episode": ("fit hopper --data one_episode.npz --out run", "one episode", "record"),
     "log of another time step": ("fit hopper --data slow.npz --out run", "dt", ""),
     "horizon beyond every episode": (f"{FIT} --horizon 5000", "5000", "shorter horizon"),
     "parameter outside its bounds": (f"{FIT} --set mass.torso=90", "mass.torso", "bounds"),
@@ -105,7 +104,6 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     v[17, 2] = np.nan
     np.savez(folder / "nan.npz", **(good | {"v": v}))
     np.savez(folder / "slow.npz", **(good | {"dt": np.float64(0.02)}))
-    np.savez(folder / "one_episode.npz", **_head(good, int((good["episode"] == 0).sum())))
     np.savez(folder / "empty.npz", **_head(good, 0))
     return folder
 

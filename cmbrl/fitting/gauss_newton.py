@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cmbrl.fitting.objective import Objective
+from cmbrl.errors import UserError
+from cmbrl.fitting.objective import NOT_FINITE, Objective
 from cmbrl.fitting.random_search import Keep, Search, forget
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
@@ -24,7 +25,10 @@ _DECREASE = 1e-4  # relative; a smaller decrease ends the search if damping is s
 def gauss_newton(
     objective: Objective, start: np.ndarray, iterations: int, journal: Journal, keep: Keep = forget
 ) -> Search:
-    """Minimises ``objective`` from ``start`` (n,). Raises the journal's OutOfTime between iterations."""
+    """Minimises ``objective`` from ``start`` (n,).
+
+    Raises the journal's OutOfTime between iterations, and UserError for equations that overflow.
+    """
     z = objective.clip(start)
     value = float(objective.values(z[None])[0])
     damping, idle, candidates = 1e-3, 0, 1
@@ -38,6 +42,8 @@ def gauss_newton(
                 for m in _TRIALS
             ]
         )
+        if not np.isfinite(points).all():
+            raise UserError(NOT_FINITE)
         moved = [objective.followed(equations, point - z) for point in points]
         if moved[0] is objective:
             values = objective.values(points)

@@ -19,6 +19,7 @@ import numpy as np
 from cmbrl.fitting.loss import NormalEquations, PredictionLoss
 from cmbrl.fitting.space import Space
 
+NOT_FINITE = "the fit is not finite: check the log for values that no robot reaches"
 _VARIANCE_RANGE = (1e-8, 1.0)  # of a normalised residual: from the solver's accuracy to no model at all
 
 

@@ -11,8 +11,9 @@ from cmbrl.errors import UserError
 from cmbrl.fitting.fitted_parameter import AT_BOUND, FITTED, FLAT, GAUGE, NOMINAL, FittedParameter
 from cmbrl.fitting.identify import identify
 from cmbrl.fitting.loss import Errors, PredictionLoss
+from cmbrl.fitting.objective import NOT_FINITE
 from cmbrl.fitting.parsimony import Incumbent
-from cmbrl.fitting.result import NOT_FINITE, FitResult
+from cmbrl.fitting.result import FitResult
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
 from cmbrl.models.complementarity import ComplementarityModel

@@ -14,13 +14,13 @@ from cmbrl.errors import UserError
 from cmbrl.files import atomic_path, check_writable, make_folder, read_record, record_text
 from cmbrl.fitting import report_text
 from cmbrl.fitting.fitted_parameter import FittedParameter
+from cmbrl.fitting.objective import NOT_FINITE
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.unseen import Unseen
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.named import RESULT, SETTINGS, load_complementarity
 from cmbrl.scene.fitted_file import fitted_file
 
-NOT_FINITE = "the fit is not finite: check the log for values that no robot reaches"
 MJCF, PAGE = "fitted.xml", "page.html"
 _FORMAT = 3
 _REMEDY = "fit again"
