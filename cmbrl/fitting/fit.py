@@ -34,7 +34,7 @@ from cmbrl.fitting.result import FitResult
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.fitting.survey import Judge, Survey, Surveyor
-from cmbrl.fitting.unseen import Unseen
+from cmbrl.fitting.unseen import Unseen, held_out_rows
 from cmbrl.fitting.verdict import by_horizon, stepping
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.numbers import one_of, real, whole
@@ -126,7 +126,7 @@ def fit(
         if wanted is None:
             trials = loss(budget.trial_rows)
             folds = Folds.of(trials, loss(budget.held_out_rows), count, seed)
-            judges = [Judge.all(evidence, huber, count, seed, k) for k in range(len(folds.train))]
+            judges = [Judge.all(evidence, huber, rows) for rows in held_out_rows(folds.held_out)]
             Selection(space, trials, folds, judges, admit, seed, budget, journal).run(incumbent)
         elif with_laws and count:
             everything = loss(budget.polish_rows)
@@ -152,9 +152,9 @@ def fit(
     about = {"seed": seed, "method": method, "folds": count, "stopped": stopped, "selection": None, **survey.to_dict()}
     if wanted is None or incumbent.path:
         about["selection"] = incumbent.path
-    unseen = () if incumbent.unseen is None or evidence.positions_only else incumbent.unseen.theta
-    about["horizons"] = by_horizon(evidence, unseen, huber, seed)
-    about["stepping"] = [] if evidence.positions_only else stepping(evidence, huber, seed)
+    states = not evidence.positions_only
+    about["horizons"] = by_horizon(evidence, incumbent.unseen, huber) if incumbent.unseen and states else []
+    about["stepping"] = stepping(evidence, huber) if states else []
     return conclude(model, log, space, loss(budget.polish_rows), held_out, incumbent, journal, about)
 
 

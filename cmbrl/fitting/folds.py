@@ -55,6 +55,16 @@ def draw_starts(data: Transitions, horizon: int, limit: int, seed: int) -> np.nd
     return np.sort(draw.choice(starts, limit, replace=False))
 
 
+def fold_of_rows(data: Transitions, count: int, seed: int) -> np.ndarray:
+    """Number (N,) of the fold, of ``count``, that holds each row out; blocks are held out as a whole."""
+    block = blocks_of(data)
+    blocks, place = np.unique(block, return_inverse=True)
+    draw = np.random.Generator(np.random.Philox(key=[seed & 0xFFFFFFFFFFFFFFFF, count]))
+    fold = np.empty(len(blocks), dtype=np.int64)
+    fold[np.searchsorted(blocks, draw.permutation(blocks))] = np.arange(len(blocks)) % count
+    return fold[place]
+
+
 @dataclass(frozen=True)
 class Folds:
     """Losses ``train[k]`` and ``held_out[k]`` on disjoint episodes; the held-out ones together are all episodes."""
@@ -65,11 +75,8 @@ class Folds:
     @classmethod
     def of(cls, train: PredictionLoss, judge: PredictionLoss, count: int, seed: int) -> Folds:
         """``count`` folds by episode under ``seed``, with windows to fit in ``train`` and to judge by in ``judge``."""
-        block, starts, judged = blocks_of(train.windows.data), train.windows.starts, judge.windows.starts
-        blocks = np.unique(block)
-        draw = np.random.Generator(np.random.Philox(key=[seed & 0xFFFFFFFFFFFFFFFF, count]))
-        fold_of = dict(zip(draw.permutation(blocks).tolist(), np.arange(len(blocks)) % count, strict=True))
-        row_fold = np.array([fold_of[e] for e in block.tolist()])
+        starts, judged = train.windows.starts, judge.windows.starts
+        row_fold = fold_of_rows(train.windows.data, count, seed)
         pairs = [
             (train.on(starts[row_fold[starts] != k]), judge.on(judged[row_fold[judged] == k])) for k in range(count)
         ]

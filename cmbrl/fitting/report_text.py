@@ -25,7 +25,8 @@ _LISTS = (  # key in the report, text in front of the names
 
 def render(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any]) -> str:
     """What was fitted, how well, and what the data leave open; ``report`` is that of a ``FitResult``."""
-    lines = [verdict(report), *_errors(report), *_selection(report), *_table(parameters), *_open(parameters, report)]
+    first = textwrap.wrap(verdict(report), WIDTH, subsequent_indent="  ")
+    lines = [*first, *_errors(report), *_selection(report), *_table(parameters), *_open(parameters, report)]
     return "\n".join(lines)
 
 
@@ -50,7 +51,7 @@ def verdict(report: Mapping[str, Any]) -> str:
 
 
 def _errors(report: Mapping[str, Any]) -> Iterator[str]:
-    if better := advice(report["stepping"]):
+    if better := advice(report.get("stepping", ())):
         yield from textwrap.wrap(better, WIDTH, subsequent_indent="  ")
     data = report["data"]
     yield (
@@ -62,11 +63,11 @@ def _errors(report: Mapping[str, Any]) -> Iterator[str]:
     yield f"  {'':<36}{'RMSE':>10}{'loss':>12}{'failed':>8}"
     for part, row in report["loss"].items():
         yield f"  {part:<36}{row['rmse']:>10.4f}{row['loss']:>12.4g}{row['failures']:>8d}"
-    if report["horizons"]:
+    if report.get("horizons"):
         yield "unseen episodes by steps, Huber loss:  " + "  ".join(f"{name:>10}" for name in _MODELS)
-    for row in report["horizons"]:
+    for row in report.get("horizons", ()):
         yield f"  {row['steps']:>36d}  " + "  ".join(f"{row[name]:>10.4g}" for name in _MODELS)
-    if report["noise"] is not None:
+    if report.get("noise") is not None:
         shown = [f"{x:.2g}" for x in report["noise"]]
         half = len(shown) // 2
         yield from _folded("sensor noise of positions [m, rad]", shown[:half])

@@ -19,7 +19,7 @@ import numpy as np
 
 from cmbrl.data.transitions import Transitions
 from cmbrl.fitting.evidence import HORIZONS, Evidence
-from cmbrl.fitting.folds import Folds, draw_starts
+from cmbrl.fitting.folds import draw_starts, fold_of_rows
 from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.loss import huber
 from cmbrl.fitting.noise import sensor_noise
@@ -98,9 +98,9 @@ class Surveyor:
     def _fitted(self, horizon: int, noise: np.ndarray | None) -> np.ndarray:
         evidence, space = self.evidence, self.evidence.space
         starts = draw_starts(evidence.log, horizon, self.rows, self.seed)
-        loss = evidence.loss(starts, horizon, evidence.scales(horizon, self.huber, noise))
         if self.count:
-            loss = Folds.of(loss, loss, self.count, self.seed).train[0]
+            starts = starts[~np.isin(starts, self._held_out)]
+        loss = evidence.loss(starts, horizon, evidence.scales(horizon, self.huber, noise))
         active, z = self.admit(self.chosen, np.zeros(len(space)))
         if not active.any():
             return z
@@ -111,7 +111,12 @@ class Surveyor:
 
     @cached_property
     def _judges(self) -> list[Judge]:
-        return Judge.all(self.evidence, self.huber, self.count, self.seed)
+        return Judge.all(self.evidence, self.huber, self._held_out if self.count else None)
+
+    @cached_property
+    def _held_out(self) -> np.ndarray:
+        """Rows of the fold that judges."""
+        return np.flatnonzero(fold_of_rows(self.evidence.log, self.count, self.seed) == 0)
 
     @cached_property
     def _nominal(self) -> float:
@@ -129,11 +134,8 @@ class Judge:
     huber: float
 
     @classmethod
-    def all(cls, evidence: Evidence, delta: float, count: int, seed: int, fold: int = 0) -> list[Judge]:
-        """Judges of all horizons that the log has windows of, on the episodes that a ``fold`` of ``count`` holds out.
-
-        ``count`` 0 for all episodes.
-        """
+    def all(cls, evidence: Evidence, delta: float, rows: np.ndarray | None = None) -> list[Judge]:
+        """Judges of all horizons that the log has windows of, within the held-out ``rows``; default: everywhere."""
         found, data, scene = [], evidence.log, evidence.model.scene
         for h in HORIZONS:
             starts = data.windows(h)
@@ -142,9 +144,10 @@ class Judge:
             ends = starts + h - 1
             dq = spread(scene.difference(data.q[starts], data.q_next[ends]))
             scale = np.concatenate([dq, spread(data.v_next[ends] - data.v[starts])])
-            if count:
-                whole = evidence.loss(starts, h, evidence.scales(h, delta))
-                starts = Folds.of(whole, whole, count, seed).held_out[fold].windows.starts
+            if rows is not None:
+                starts = starts[np.isin(starts, rows) & np.isin(ends, rows)]
+            if not len(starts):
+                continue
             found.append(cls(evidence, starts[:: -(-len(starts) // _JUDGED)], h, scale, delta))
         return found
 

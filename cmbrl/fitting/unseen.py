@@ -31,7 +31,11 @@ class Unseen:
     @classmethod
     def of(cls, held_out: Sequence[PredictionLoss], theta: Sequence[np.ndarray], nominal: np.ndarray) -> Unseen:
         """Of the losses ``held_out`` by fold, and the parameters fitted to the others."""
-        windows = held_out[0].windows
-        block = blocks_of(windows.data)  # held out as a whole, also where only some windows were judged
-        rows = tuple(np.flatnonzero(np.isin(block, loss.windows.blocks)) for loss in held_out)
+        windows, rows = held_out[0].windows, held_out_rows(held_out)
         return cls(windows.data, held_out[0].observation, windows.horizon, nominal, rows, tuple(theta))
+
+
+def held_out_rows(held_out: Sequence[PredictionLoss]) -> tuple[np.ndarray, ...]:
+    """Rows of each loss: those of its blocks, also where only some windows are judged."""
+    block = blocks_of(held_out[0].windows.data)
+    return tuple(np.flatnonzero(np.isin(block, loss.windows.blocks)) for loss in held_out)

@@ -14,23 +14,21 @@ import numpy as np
 
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.survey import Judge
+from cmbrl.fitting.unseen import Unseen
 
 _WORSE = 1.01  # times the error of another model
 _CLEARLY_BETTER = 0.9  # times the error of the settings as given
 
 
-def by_horizon(evidence: Evidence, fitted: Sequence[np.ndarray], delta: float, seed: int) -> list[dict[str, float]]:
-    """Mean Huber losses by horizon of holding the velocity, of the start and of the fit.
-
-    ``fitted[k]`` (n,): parameters fitted without fold k, which judges them.
-    """
+def by_horizon(evidence: Evidence, unseen: Unseen, delta: float) -> list[dict[str, float]]:
+    """Mean Huber losses by horizon of holding the velocity, of the start and of the fit, on episodes not seen."""
     rows: dict[int, dict[str, float]] = {}
-    for fold, theta in enumerate(fitted):
-        for judge in Judge.all(evidence, delta, len(fitted), seed, fold):
+    for held_out, theta in zip(unseen.rows, unseen.theta, strict=True):
+        for judge in Judge.all(evidence, delta, held_out):
             row = rows.setdefault(judge.horizon, {"steps": judge.horizon, "hold": 0.0, "nominal": 0.0, "fitted": 0.0})
-            row["hold"] += float(judge.held().sum()) / len(fitted)
-            row["nominal"] += float(judge.error(evidence.space.nominal).sum()) / len(fitted)
-            row["fitted"] += float(judge.error(theta).sum()) / len(fitted)
+            row["hold"] += float(judge.held().sum()) / len(unseen.rows)
+            row["nominal"] += float(judge.error(evidence.space.nominal).sum()) / len(unseen.rows)
+            row["fitted"] += float(judge.error(theta).sum()) / len(unseen.rows)
     return list(rows.values())
 
 
@@ -45,12 +43,12 @@ def warning(rows: Sequence[dict[str, float]]) -> str | None:
     return f"DO NOT TRUST THIS FIT: on unseen episodes it loses to {' and to '.join(parts)}" if parts else None
 
 
-def stepping(evidence: Evidence, delta: float, seed: int) -> list[dict[str, Any]]:
+def stepping(evidence: Evidence, delta: float) -> list[dict[str, Any]]:
     """Errors of other settings of the model at its parameters, relative to its own, best first.
 
     The geometric mean over horizons of the mean Huber loss.
     """
-    judges, start = Judge.all(evidence, delta, 0, seed), evidence.space.nominal
+    judges, start = Judge.all(evidence, delta), evidence.space.nominal
     own = np.array([judge.error(start).sum() for judge in judges])
     found = []
     for setting, other in evidence.model.alternatives().items():

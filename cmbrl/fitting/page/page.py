@@ -49,7 +49,7 @@ def page_text(result: FitResult) -> str:
     text = report_text.render(result.parameters, result.report)
     return environment.get_template("page.html.jinja").render(
         scene=result.model.scene.name,
-        verdict=text.splitlines()[0],
+        verdict=report_text.verdict(result.report),
         report=result.report,
         text=text,
         parameters=result.parameters,
