@@ -57,7 +57,7 @@ def test_a_csv_file_becomes_a_fit(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     (code,) = (block for block in blocks("python") if "read_trajectories" in block)
     exec(compile(code, "README.md", "exec"), {})
     chain = [line.split()[1:] for line in commands() if "robot" in line]
-    assert [line[0] for line in chain] == ["info", "fit", "error"]
+    assert [line[0] for line in chain] == ["info", "check", "fit", "error"]
     for line in chain:
         assert main(line) == 0, line
     table = capsys.readouterr().out.split("normalised error")[1].splitlines()
