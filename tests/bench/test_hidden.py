@@ -423,6 +423,7 @@ def test_a_cell_is_the_same_again():
     assert "parameters" not in found[0]
 
 
+@pytest.mark.slow
 def test_quick_study_has_every_arm(tmp_path, monkeypatch):
     pytest.importorskip("stable_baselines3")
     monkeypatch.setattr(plots, "save", lambda figure, path: None)
