@@ -75,9 +75,9 @@ def _compiled(label: str, compile_it: Callable[[], mujoco.MjModel]) -> mujoco.Mj
 
 
 def _hint(error: str) -> str:
-    """What helps where MuJoCo takes the ROS address of a mesh for a path."""
-    strip = '<mujoco><compiler meshdir="FOLDER" strippath="true"/></mujoco>'
-    return f"; put {strip} into <robot>, with the folder of the meshes" if "package:" in error else ""
+    """What helps where MuJoCo takes the ROS address of a mesh for a path, and of inertias that no body can have."""
+    of_urdf = "package:" in error or "inertia must" in error
+    return "; if it is a URDF, `cmbrl convert` finds meshes by package and mends inertias" if of_urdf else ""
 
 
 def _check_values(model: mujoco.MjModel, label: str) -> None:

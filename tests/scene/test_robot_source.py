@@ -67,7 +67,7 @@ def test_a_urdf_steps_as_mujoco_does(urdf: Path) -> None:
 
 def test_an_address_of_ros_is_refused_with_what_helps(urdf: Path) -> None:
     urdf.write_text(URDF.replace(STRIP, ""))
-    with pytest.raises(UserError, match=r"package:.*put <mujoco><compiler meshdir"):
+    with pytest.raises(UserError, match=r"package:.*cmbrl convert"):
         Scene.from_mjcf(urdf)
 
 

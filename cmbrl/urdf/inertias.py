@@ -1,0 +1,67 @@
+"""Inertias of a URDF that no body can have: empty ones go, others become the nearest that a body can have."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from numpy.typing import NDArray
+
+_ENTRIES = {"ixx": (0, 0), "iyy": (1, 1), "izz": (2, 2), "ixy": (0, 1), "ixz": (0, 2), "iyz": (1, 2)}
+_LEAST, _SMALL = 1e-5, 1e-8  # second moments at least: a share of the largest (an MJCF has six digits), m^2 per kg
+_TOLD = 1e-3  # relative change of an inertia that is worth a word
+
+
+def mend(robot: Element) -> Iterator[str]:
+    """Changes the inertias in ``robot`` where MuJoCo could not use them; says what was changed by how much."""
+    for link in robot.findall("link"):
+        inertial = link.find("inertial")
+        if inertial is None:
+            continue
+        mass = _number(inertial.find("mass"), "value")
+        if mass <= 0:
+            link.remove(inertial)
+            continue
+        element = inertial.find("inertia")
+        given = _matrix(element)
+        possible = nearest(given, mass)
+        change = np.linalg.norm(possible - given) / np.linalg.norm(possible)
+        if change == 0:
+            continue
+        if element is None:
+            element = Element("inertia")
+            inertial.append(element)
+        for name, (i, j) in _ENTRIES.items():
+            element.set(name, repr(float(possible[i, j])))
+        if change > _TOLD:
+            yield f"link {link.get('name')}: no body has its inertia; the nearest possible one is {change:.2g} off"
+
+
+def nearest(inertia: NDArray[np.float64], mass: float) -> NDArray[np.float64]:
+    """The nearest inertia (3, 3) [kg m^2] of a body of ``mass`` [kg]; the same one where it is possible.
+
+    A body's second moments, ``tr(I) / 2 - I``, are not negative (Wensing, Kim and Slotine, "Linear Matrix Inequalities
+    for Physically Consistent Inertial Parameter Identification", RA-L 2018, eq. 11); those that are become small.
+    """
+    moments, axes = np.linalg.eigh(0.5 * np.trace(inertia) * np.eye(3) - inertia)
+    least = max(_LEAST * moments.max(), _SMALL * mass)
+    if moments.min() >= least:
+        return inertia
+    second = (axes * np.maximum(moments, least)) @ axes.T
+    return np.asarray(np.trace(second) * np.eye(3) - second)
+
+
+def _matrix(element: Element | None) -> NDArray[np.float64]:
+    matrix = np.zeros((3, 3))
+    for name, (i, j) in _ENTRIES.items():
+        matrix[i, j] = matrix[j, i] = _number(element, name)
+    return matrix
+
+
+def _number(element: Element | None, name: str) -> float:
+    """An attribute as a number; 0 where it is missing. MuJoCo reports one that is no number."""
+    try:
+        return float("0" if element is None else element.get(name, "0"))
+    except ValueError:
+        return 0.0

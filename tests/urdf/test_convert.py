@@ -1,0 +1,166 @@
+"""A URDF as users of ROS have it: addresses of packages, looks, impossible inertias; converted, it steps as MuJoCo."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from cmbrl.cli import main
+from cmbrl.errors import UserError
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.scene import Scene
+from cmbrl.urdf import convert
+from cmbrl.urdf.actuators import Servo
+from cmbrl.urdf.inertias import nearest
+
+CORNERS = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
+FACES = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+LINK = """<link name="{name}"><inertial><origin xyz="0 0 .1"/><mass value="{mass}"/><inertia ixx="{i}" iyy="{i}"
+izz="{k}" ixy="0" ixz="0" iyz="0"/></inertial><visual><geometry><mesh filename="package://leg/looks/{name}.dae"/></geometry>
+</visual>{collision}</link>"""
+MESH = '<collision><geometry><mesh filename="package://leg/{}/shape.stl"/></geometry></collision>'
+JOINT = """<joint name="{name}" type="revolute"><origin xyz="0 0 .2"/><parent link="{parent}"/><child link="{child}"/>
+<axis xyz="0 1 0"/><limit lower="-2" upper="1" effort="{effort}" velocity="3"/></joint>"""
+
+
+def stl(scale: float) -> bytes:
+    """A binary STL of a tetrahedron."""
+    rows = [struct.pack("<12fH", 0, 0, 0, *(scale * CORNERS[list(face)]).ravel(), 0) for face in FACES]
+    return b" " * 80 + struct.pack("<I", len(rows)) + b"".join(rows)
+
+
+def robot(**inertias: float) -> str:
+    """Two links of a leg whose shapes have the same file name in two folders, and a foot without mass."""
+    given = {"i": 0.02, "k": 0.01} | inertias
+    return (
+        '<robot name="leg">'
+        + LINK.format(name="thigh", mass=2, collision=MESH.format("a"), **given)
+        + LINK.format(name="calf", mass=1, collision=MESH.format("b"), i=0.02, k=0.01)
+        + '<link name="foot"><inertial><mass value="0"/></inertial></link>'
+        + JOINT.format(name="knee", parent="thigh", child="calf", effort=7)
+        + '<joint name="sole" type="fixed"><parent link="calf"/><child link="foot"/></joint></robot>'
+    )
+
+
+@pytest.fixture
+def urdf(tmp_path: Path) -> Path:
+    for folder, scale in (("a", 1.0), ("b", 2.0)):
+        (tmp_path / "src/leg" / folder).mkdir(parents=True)
+        (tmp_path / "src/leg" / folder / "shape.stl").write_bytes(stl(scale))
+    (tmp_path / "src/leg/urdf").mkdir()
+    path = tmp_path / "src/leg/urdf/leg.urdf"
+    path.write_text(robot())
+    return path
+
+
+def test_packages_are_found_above_the_file_and_meshes_keep_apart(urdf: Path, tmp_path: Path) -> None:
+    out = tmp_path / "leg.xml"
+    convert(urdf, out).write(out)
+    assert sorted(file.name for file in (tmp_path / "leg_meshes").iterdir()) == ["shape.stl", "shape_2.stl"]
+    model = mujoco.MjModel.from_xml_path(str(out))
+    assert (model.nv, model.nu, model.nmesh) == (1, 0, 2)
+    assert model.mesh_vert.max() == pytest.approx(2 * CORNERS.max() * 0.5, rel=0.6)  # one of them is twice the other
+    assert model.body("calf").mass[0] == 1.0
+
+
+def test_a_floating_base_stands_on_the_floor(urdf: Path, tmp_path: Path) -> None:
+    out = tmp_path / "leg.xml"
+    convert(urdf, out, floating=True, floor=True, actuators="motor").write(out)
+    model = mujoco.MjModel.from_xml_path(str(out))
+    data = mujoco.MjData(model)
+    assert (model.nq, model.nv, model.nu) == (8, 7, 1)
+    data.qpos[2] -= 1e-4
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(data.contact.dist, -1e-4, atol=1e-6)  # its lowest corners touched
+    assert data.ncon > 0
+    assert model.actuator_ctrlrange.tolist() == [[-7, 7]]
+    scene = Scene.from_mjcf(out)
+    q, v = np.array([scene.q0]), np.zeros((1, 7))
+    q[0, 2] += 1.0
+    found = ComplementarityModel(scene).predict(q, v, np.array([[3.0]]))
+    data.qpos[:], data.ctrl[:] = q[0], 3.0
+    mujoco.mj_step(model, data)
+    np.testing.assert_allclose(found.v_next[0], data.qvel, atol=1e-9)
+
+
+def test_servos_have_the_gains_and_the_range_of_the_joint(urdf: Path, tmp_path: Path) -> None:
+    out = tmp_path / "leg.xml"
+    convert(urdf, out, actuators="position", servo=Servo(25.0, 0.5)).write(out)
+    model = mujoco.MjModel.from_xml_path(str(out))
+    assert model.actuator_gainprm[0, 0] == 25.0
+    assert model.actuator_biasprm[0, :3].tolist() == [0.0, -25.0, -0.5]
+    assert model.actuator_ctrlrange.tolist() == [[-2.0, 1.0]]
+    assert model.jnt_actfrcrange[0].tolist() == [-7.0, 7.0]
+
+
+def test_an_impossible_inertia_becomes_the_nearest_and_is_told(urdf: Path, tmp_path: Path) -> None:
+    urdf.write_text(robot(i=0.02, k=0.06))  # more than the two others together
+    found = convert(urdf, tmp_path / "leg.xml", floating=True)
+    assert any("link thigh: no body has its inertia" in note for note in found.notes)
+    found.write(tmp_path / "leg.xml")
+    inertia = mujoco.MjModel.from_xml_path(str(tmp_path / "leg.xml")).body("thigh").inertia
+    assert sorted(inertia)[2] <= sum(sorted(inertia)[:2])
+    np.testing.assert_allclose(sorted(inertia), [0.03, 0.03, 0.06], rtol=1e-4)
+
+
+def test_nearest_leaves_what_is_possible_and_moves_no_second_moment_further_than_it_must() -> None:
+    possible = np.diag([0.02, 0.03, 0.04])
+    assert nearest(possible, 1.0) is possible
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        given = rng.normal(size=(3, 3))
+        given = given + given.T
+        moments = np.linalg.eigvalsh(0.5 * np.trace(given) * np.eye(3) - given)
+        found = nearest(given, 1.0)
+        kept = np.linalg.eigvalsh(0.5 * np.trace(found) * np.eye(3) - found)
+        assert kept.min() > 0
+        np.testing.assert_allclose(kept[moments > 1e-3], moments[moments > 1e-3], rtol=1e-9)
+
+
+def test_collada_and_text_become_stl(urdf: Path, tmp_path: Path) -> None:
+    trimesh = pytest.importorskip("trimesh", reason="the extra 'meshes' is not installed")
+    shape = trimesh.Trimesh(CORNERS, FACES)
+    text = shape.export(file_type="stl_ascii")
+    (urdf.parent.parent / "a/shape.stl").write_text(text)
+    found = convert(urdf, tmp_path / "leg.xml")
+    assert len(found.meshes["shape.stl"]) == len(stl(1.0))
+    pytest.importorskip("collada", reason="the extra 'meshes' is not installed")
+    (urdf.parent.parent / "a/shape.dae").write_bytes(shape.export(file_type="dae"))
+    urdf.write_text(robot().replace("a/shape.stl", "a/shape.dae"))
+    assert convert(urdf, tmp_path / "leg.xml").meshes["shape.stl"] == found.meshes["shape.stl"]
+
+
+def test_the_command_says_what_it_wrote(urdf: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "robots/leg.xml"
+    command = ["convert", str(urdf), str(out), "--floating", "--floor", "--actuators", "position", "--kp", "20"]
+    assert main(command) == 0
+    assert "leg.xml: 7 degrees of freedom, 1 actuators, 3 kg" in capsys.readouterr().out
+    assert main(command) == 2
+    assert "leg_meshes: is there already" in capsys.readouterr().err
+    assert main(["info", str(out)]) == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (("package://leg/a/shape.stl", "package://other/c/none.stl"), "cannot find package://other/c/none.stl: give"),
+        (('<robot name="leg">', '<robot name="leg" xmlns:xacro="x/xacro"><xacro:arg/>'), "has xacro in it; expand"),
+        (('<child link="calf"/>', ""), "links without a parent|cannot compile"),
+        (("<robot", "<mujoco"), "root element is <mujoco>|invalid XML"),
+    ],
+)
+def test_what_is_no_urdf_is_refused(urdf: Path, tmp_path: Path, change: tuple[str, str], told: str) -> None:
+    urdf.write_text(robot().replace(*change))
+    with pytest.raises(UserError, match=told):
+        convert(urdf, tmp_path / "leg.xml", floating=True)
+
+
+def test_position_servos_need_gains(urdf: Path, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="give --kp"):
+        convert(urdf, tmp_path / "leg.xml", actuators="position")
+    assert main(["convert", str(urdf), str(tmp_path / "leg.xml"), "--kp", "3"]) == 2
+    assert not (tmp_path / "leg.xml").exists()
