@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -170,18 +171,21 @@ class ComplementarityModel:
     def for_log(self, dt: float) -> ComplementarityModel:
         """This model with one control step per transition of ``dt`` [s] of a log.
 
-        A model of one substep (the default) gets as many as ``dt`` takes. Raises UserError if ``dt`` is not a whole
-        number of time steps. A model with other substeps is returned as it is.
+        A model of one substep (the default) gets as many as ``dt`` takes; the file's time step is shortened where a
+        whole number of it does not make ``dt``. Raises UserError if that happens with another time step. A model with
+        other substeps is returned as it is.
         """
-        count = round(dt / self.time_step)
-        if self.substeps != 1 or count == 1:
+        if self.substeps != 1 or abs(self.time_step - dt) <= TIME_STEP_TOLERANCE * dt:
             return self
-        if count < 1 or abs(count * self.time_step - dt) > TIME_STEP_TOLERANCE * dt:
+        count = math.ceil(dt / self.time_step * (1 - TIME_STEP_TOLERANCE))
+        if abs(count * self.time_step - dt) <= TIME_STEP_TOLERANCE * dt:
+            return self.with_settings(substeps=count)
+        if self.time_step != self.scene.timestep:
             raise UserError(
                 f"the log's dt {dt:g} s is not a whole number of time steps of {self.time_step:g} s "
                 f"({self.scene.name}): set another time step (--time-step)"
             )
-        return self.with_settings(substeps=count)
+        return self.with_settings(substeps=count, time_step=dt / count)
 
     def with_parameters(self, theta: np.ndarray) -> ComplementarityModel:
         """The same model with other physical parameters (np,) and without candidates."""

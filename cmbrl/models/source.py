@@ -31,7 +31,7 @@ class Source:
         """The model with nominal parameters. Without a task, the substeps follow from the log's dt.
 
         ``options`` that are not None override the settings of the task or the fit.
-        Raises UserError when the log's dt is not a whole number of time steps.
+        Raises UserError when the log's dt is not a whole number of the time steps in ``options``.
         """
         from cmbrl.models.complementarity import ComplementarityModel
         from cmbrl.models.named import nominal_model
