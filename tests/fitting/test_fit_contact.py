@@ -166,7 +166,9 @@ def test_a_bare_model_gets_the_substeps_of_the_log(hopper):
         cmbrl.fit(bare.with_settings(time_step=0.003), data, groups=["gear"])
 
 
-@pytest.mark.parametrize(("dt", "substeps"), [(0.005001, 3), (0.002, 1), (0.0015, 1), (0.0040001, 2), (0.0100071, 6)])
+@pytest.mark.parametrize(
+    ("dt", "substeps"), [(0.005001, 3), (0.002, 1), (0.0015, 1), (0.0040001, 2), (0.0100071, 5), (0.0105, 6)]
+)
 def test_the_time_step_of_the_file_is_shortened_for_a_log_that_it_does_not_divide(hopper, dt, substeps):
     bare = cmbrl.ComplementarityModel(hopper[0].scene)
     found = bare.for_log(dt)
