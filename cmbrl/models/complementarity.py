@@ -327,7 +327,10 @@ class ComplementarityModel:
         return losses.mean(axis=1) / windows.horizon
 
     def smooth_dynamics(self, q: np.ndarray, v: np.ndarray, theta: np.ndarray | None = None) -> dict[str, np.ndarray]:
-        """M (B, nv, nv) with armature, bias (B, nv), gap (B, nc), and rows J (B, nc, 2 or 3, nv): normal, tangents."""
+        """M (B, nv, nv) with armature, bias (B, nv), gap (B, nc), and rows J (B, nc, 2 or 3, nv): normal, tangents.
+
+        Also length (B, nv + tendons) of what limits and actuators act along; 0 for the coordinates of a ball.
+        """
         q, v, theta = self._arrays(theta, q=q, v=v)
         return self.stepper.core.dynamics(q, v, theta, self.stepper.options)
 
@@ -422,6 +425,8 @@ def _overshoot(scene: Scene) -> float:
         if core.implicit_gains and line >= 0:
             gear, bias = core.P[layout.actuator(k)], core.P[layout.actuator(k) + 4]
             damping[line] -= SERVO * gear**2 * bias
+    if not core.implicit_damping:
+        damping[: scene.nv] = 0.0
     if not core.implicit_gains:
         damping[scene.nv :] = 0.0
     return float(np.max(scene.timestep * damping * core.line_invweight))

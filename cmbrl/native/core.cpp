@@ -22,9 +22,9 @@ const Backend backend = {
     [](const Model& m, const Options& o, const LossBatch& b, int64_t first, StepMemory& w) {
       m.planar ? candidate_loss<Planar>(m, o, b, first, w) : candidate_loss<Spatial>(m, o, b, first, w);
     },
-    [](const Model& m, const Options& o, const Batch& b, double* M, double* bias, double* gap, double* J, int64_t s, int64_t e, StepMemory& w) {
-      m.planar ? smooth_quantities<Planar>(m, o, b, M, bias, gap, J, s, e, w)
-               : smooth_quantities<Spatial>(m, o, b, M, bias, gap, J, s, e, w);
+    [](const Model& m, const Options& o, const Batch& b, double* M, double* bias, double* length, double* gap, double* J, int64_t s, int64_t e, StepMemory& w) {
+      m.planar ? smooth_quantities<Planar>(m, o, b, M, bias, length, gap, J, s, e, w)
+               : smooth_quantities<Spatial>(m, o, b, M, bias, length, gap, J, s, e, w);
     },
     [](const Model& m, const Options& o, const Batch& b, const RowBatch& out, int64_t s, int64_t e, StepMemory& w) {
       m.planar ? step_rows<Planar>(m, o, b, out, s, e, w) : step_rows<Spatial>(m, o, b, out, s, e, w);

@@ -153,13 +153,14 @@ class Core {
     Batch b = states(q, v, nullptr, theta);
     nb::dict out;
     size_t n = b.n, nv = m.nv, rows = m.planar ? 2 : 3;
-    double *M, *bias, *gap, *J;
+    double *M, *bias, *length, *gap, *J;
     out["M"] = make_array<double>({n, nv, nv}, &M);
     out["bias"] = make_array<double>({n, nv}, &bias);
+    out["length"] = make_array<double>({n, size_t(m.nline)}, &length);
     out["gap"] = make_array<double>({n, size_t(m.ncontact)}, &gap);
     out["J"] = make_array<double>({n, size_t(m.ncontact), rows, nv}, &J);
     std::memset(J, 0, n * m.ncontact * rows * nv * sizeof(double));
-    run(b.n, 1, Purpose::step, [&](int64_t s, int64_t e, StepMemory& w) { backend_.dynamics(m, o, b, M, bias, gap, J, s, e, w); });
+    run(b.n, 1, Purpose::step, [&](int64_t s, int64_t e, StepMemory& w) { backend_.dynamics(m, o, b, M, bias, length, gap, J, s, e, w); });
     return out;
   }
 

@@ -1,8 +1,9 @@
 // Lines: what springs, limits, dry friction and actuators act along. First the dofs themselves, then the tendons, each a sum
-// of coefficients times coordinates, or of straight segments between points of bodies. A line has a length and, over the
+// of coefficients times coordinates, or of segments between points of bodies, straight or around something. A line has a length and, over the
 // dofs that change it, which rise, a sparse covector: how fast they do.
 #pragma once
 #include "workspace.hpp"
+#include "wrap.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -100,6 +101,48 @@ static typename G::V stretch_of(const Work<G>& w, const Segment<G>& s, int d, in
   return side == kCarriesB ? point_velocity<G>(w.S[d], s.b) : zero<G::D>() - point_velocity<G>(w.S[d], s.a);
 }
 
+// A segment that goes around something: how its length changes with its ends, as seen from there (wrap.hpp).
+template <class G>
+static void find_way(const Model& m, Work<G>& w, int s) {
+  Bent<G>& way = w.bent[m.seg_wrap[s]];
+  if constexpr (G::D == 3) {
+    int k = m.seg_wrap[s], body = m.wrap_body[k];
+    Obstacle obstacle{m.wrap_radius[k], m.wrap_kind[2 * k] != 0, m.wrap_kind[2 * k + 1] != 0};
+    typename G::V centre = place_of(w, body, m.wrap_pos + 3 * k);
+    typename G::V site = place_of(w, m.wrap_site_body[k], m.wrap_site + 3 * k) - centre;
+    typename G::Rot rot = G::load_rot(m.wrap_rot + 9 * k);
+    if (body >= 0) rot = G::compose(w.R[body], rot);
+    way.a = place_of(w, m.seg_A[s], m.seg_posA + s * 3);
+    way.b = place_of(w, m.seg_B[s], m.seg_posB + s * 3);
+    for (int lane = 0; lane < W; ++lane) {
+      double a[3], b[3], c[3], axes[3][3];
+      for (int i = 0; i < 3; ++i) {
+        a[i] = way.a[i][lane] - centre[i][lane]; b[i] = way.b[i][lane] - centre[i][lane]; c[i] = site[i][lane];
+        for (int j = 0; j < 3; ++j) axes[j][i] = rot.m[3 * i + j][lane];
+      }
+      Way found = way_between(obstacle, a, b, axes, c);
+      way.length[lane] = found.length;
+      for (int i = 0; i < 6; ++i) {
+        way.g[i / 3][i % 3][lane] = found.g[i];
+        for (int j = 0; j < 6; ++j) way.H[i][j][lane] = found.H[i][j];
+      }
+    }
+  }
+}
+// The velocity of an end of it under dof d, as seen from what it goes around; `sign`: 1 if the dof carries the end, -1 if the other.
+static inline int sign_of(int side, int end) { return int((side & end) != 0) - int((side & kCarriesObstacle) != 0); }
+template <class G>
+static typename G::V seen(const Work<G>& w, const Bent<G>& way, int d, int end, int sign) {
+  if (!sign) return zero<G::D>();
+  typename G::V x = point_velocity<G>(w.S[d], end == kCarriesA ? way.a : way.b);
+  return sign > 0 ? x : zero<G::D>() - x;
+}
+template <class G>
+static T rate_around(const Work<G>& w, const Bent<G>& way, int d, int side) {
+  return dot(way.g[0], seen(w, way, d, kCarriesA, sign_of(side, kCarriesA))) +
+         dot(way.g[1], seen(w, way, d, kCarriesB, sign_of(side, kCarriesB)));
+}
+
 // Lengths and covectors of all lines.
 template <class G>
 static void find_lines(const Model& m, Work<G>& w) {
@@ -114,13 +157,47 @@ static void find_lines(const Model& m, Work<G>& w) {
   for (int i = m.nv; m.nseg && i < m.nline; ++i) {
     int begin = m.line_ptr[i];
     for (int s = m.seg_ptr[i - m.nv]; s < m.seg_ptr[i - m.nv + 1]; ++s) {
-      Segment<G> segment = segment_of(m, w, s);
       const int* side = m.seg_side + m.seg_sides[s] - begin;
+      if (m.seg_wrap[s] >= 0) {
+        find_way(m, w, s);
+        const Bent<G>& way = w.bent[m.seg_wrap[s]];
+        w.line_length[i] += m.seg_scale[s] * way.length;
+        for (int k = begin; k < m.line_ptr[i + 1]; ++k)
+          if (side[k]) w.line_c[k] += m.seg_scale[s] * rate_around(w, way, m.line_dof[k], side[k]);
+        continue;
+      }
+      Segment<G> segment = segment_of(m, w, s);
       w.line_length[i] += m.seg_scale[s] * segment.length;
       for (int k = begin; k < m.line_ptr[i + 1]; ++k)
         if (side[k]) w.line_c[k] += m.seg_scale[s] * dot(segment.n, stretch_of(w, segment, m.line_dof[k], side[k]));
     }
   }
+}
+
+// The change of dof k's rate along a segment that goes around something with the coordinate of dof l.
+template <class G>
+static T bend_around(const Model& m, const Work<G>& w, const Bent<G>& way, int dk, int dl, int side_k, int side_l) {
+  const int ends[2] = {kCarriesA, kCarriesB};
+  T sum = T{};
+  bool after = dk > dl || m.dof_jnt[dk] == m.dof_jnt[dl];
+  for (int p = 0; p < 2; ++p) {
+    int sign_k = sign_of(side_k, ends[p]);
+    if (!sign_k) continue;
+    typename G::V x = seen(w, way, dk, ends[p], sign_k);
+    for (int q = 0; q < 2; ++q) {
+      int sign_l = sign_of(side_l, ends[q]);
+      if (!sign_l) continue;
+      typename G::V y = seen(w, way, dl, ends[q], sign_l);
+      CMBRL_FOR(i, G::D) CMBRL_FOR(j, G::D) sum += x[i] * way.H[G::D * p + i][G::D * q + j] * y[j];
+      if (p != q) continue;
+      // of two dofs between the obstacle and the end, the one that is nearer to the obstacle turns what the other one does
+      bool k_near = sign_k != sign_l ? sign_k < 0 : sign_k < 0 ? after : !after;
+      typename G::V turned = k_near ? G::turn(ang<G>(w.S[dk]), y) : G::turn(ang<G>(w.S[dl]), x);
+      T change = dot(way.g[p], turned);
+      sum += (k_near ? sign_k : sign_l) > 0 ? change : -change;
+    }
+  }
+  return sum;
 }
 
 // The change of entry k of a tendon's covector with the coordinate of its entry l.
@@ -131,6 +208,10 @@ static T bend_of(const Model& m, const Work<G>& w, int line, int k, int l) {
   for (int s = m.seg_ptr[line - m.nv]; s < m.seg_ptr[line - m.nv + 1]; ++s) {
     const int* side = m.seg_side + m.seg_sides[s] - m.line_ptr[line];
     if (!side[k] || !side[l]) continue;
+    if (m.seg_wrap[s] >= 0) {
+      sum += m.seg_scale[s] * bend_around(m, w, w.bent[m.seg_wrap[s]], dk, dl, side[k], side[l]);
+      continue;
+    }
     Segment<G> segment = segment_of(m, w, s);
     typename G::V x = stretch_of(w, segment, dk, side[k]), y = stretch_of(w, segment, dl, side[l]);
     T bend = (dot(x, y) - dot(segment.n, x) * dot(segment.n, y)) / vmax(segment.length, splat(1e-12));
@@ -171,8 +252,8 @@ static inline Spring spring_of(const Model& m, const Work<G>& w, int line) {
   return {x - vmin(vmax(x, T{}), slack), keep((x <= 0.0) | (x >= slack), p[kStiffness])};
 }
 
-// MuJoCo's Euler takes the damping of joints at the next velocity, that of tendons at the last one.
-static inline bool damps_implicitly(const Model& m, int line) { return line < m.nv || m.implicit_gains; }
+// MuJoCo's Euler takes the damping of joints at the next velocity, unless a flag says otherwise, that of tendons at the last one.
+static inline bool damps_implicitly(const Model& m, int line) { return line < m.nv ? m.implicit_damping : m.implicit_gains; }
 // h times what of the damping along a line, with velocity gains, is implicit.
 template <class G>
 static inline T implicit_damping(const Model& m, const Options& o, const Work<G>& w, int line) {

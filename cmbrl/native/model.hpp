@@ -11,7 +11,7 @@ struct StepMemory;
 enum JointType { kSlide = 0, kHinge = 1, kBall = 2 };
 enum ContactType { kPointPlane = 0, kPointBox = 1, kSegmentSegment = 2, kRimPlane = 3, kCornerBox = 4 };
 enum TieType { kConnect = 0, kWeld = 1, kPolynomial = 2 };  // equality constraints
-enum Side { kCarriesA = 1, kCarriesB = 2 };
+enum Side { kCarriesA = 1, kCarriesB = 2, kCarriesObstacle = 4 };
 enum ContactLaw { kRigid = 0, kMujoco = 1, kSpringDamper = 2, kLogistic = 3 };  // one for all contacts of a scene
 
 // Offsets of one field inside the block of a contact, a line (a dof or a tendon), an actuator in the physical vector P.
@@ -37,8 +37,8 @@ struct Structure {
 };
 
 struct Model : Structure {
-  int planar, implicit_gains;  // implicit_gains: velocity gains of actuators act at the next velocity, as damping does
-  int D, nq, nu, nbody, njoint, ncontact, nplane, nlimit, nact, ntendon, nline, nseg, ntie;
+  int planar, implicit_damping, implicit_gains;  // damping of joints, and velocity gains of actuators, act at the next velocity
+  int D, nq, nu, nbody, njoint, ncontact, nplane, nlimit, nact, ntendon, nline, nseg, nwrap, ntie;
   int nforcerange, nlift, nwide, nbox, nballspring, npower, nP, ntheta, ngroup;
   int body_fields, oDof, oPlane, oAct, oGravity, oContact;  // layout of P; bodies start at 0, contacts end it
 
@@ -54,8 +54,10 @@ struct Model : Structure {
   const double *con_radiusB, *con_impratio, *con_invweight, *con_margin, *con_mid, *con_power, *plane_normal;
 
   const double* line_coef;      // of coordinates
-  const int *seg_ptr, *seg_A, *seg_B;                    // straight segments of each tendon, between two bodies
+  const int *seg_ptr, *seg_A, *seg_B, *seg_wrap;         // segments of each tendon, between two bodies; what each goes around, -1: nothing
   const double *seg_posA, *seg_posB, *seg_scale;
+  const int *wrap_body, *wrap_kind, *wrap_site_body;     // wrap.hpp; kinds: whether it is a cylinder, whether it has a site
+  const double *wrap_pos, *wrap_rot, *wrap_radius, *wrap_site;
   const int *lim_line, *lim_ball;  // of a ball joint's angle: its last dof, and where its quaternion stands in q; otherwise -1
   const double *lim_lo, *lim_hi, *lim_margin, *lim_soft, *lim_invweight;
   const double *line_soft, *line_invweight, *line_slack;  // of dry friction; width of a spring's slack
@@ -196,7 +198,7 @@ struct Backend {  // one per instruction set
   void (*forward)(const Model&, const Options&, const Batch&, const int64_t* elements, int64_t begin, int64_t end, StepMemory&);
   void (*backward)(const Model&, const Options&, const Batch&, const int64_t* elements, int64_t begin, int64_t end, StepMemory&);
   void (*loss)(const Model&, const Options&, const LossBatch&, int64_t candidate_pack, StepMemory&);
-  void (*dynamics)(const Model&, const Options&, const Batch&, double* M, double* bias, double* gap, double* J, int64_t begin, int64_t end, StepMemory&);
+  void (*dynamics)(const Model&, const Options&, const Batch&, double* M, double* bias, double* length, double* gap, double* J, int64_t begin, int64_t end, StepMemory&);
   void (*rows)(const Model&, const Options&, const Batch&, const RowBatch&, int64_t begin, int64_t end, StepMemory&);
   void (*bodies)(const Model&, const Batch&, const BodyBatch&, int64_t begin, int64_t end, StepMemory&);
   void (*bodies_backward)(const Model&, const Batch&, const BodyBatch&, int64_t begin, int64_t end, StepMemory&);

@@ -4,9 +4,9 @@
 
 namespace cmbrl::CMBRL_ISA {
 
-// M (n, nv, nv) with armature, bias (n, nv), gaps (n, ncontact), normal and tangent rows J (n, ncontact, 1 + NT, nv).
+// M (n, nv, nv) with armature, bias (n, nv), lengths of lines (n, nline), gaps (n, ncontact), normal and tangent rows J (n, ncontact, 1 + NT, nv).
 template <class G>
-static void smooth_quantities(const Model& m, const Options& o, const Batch& b, double* M, double* bias, double* gap, double* J,
+static void smooth_quantities(const Model& m, const Options& o, const Batch& b, double* M, double* bias, double* length, double* gap, double* J,
                               int64_t begin, int64_t end, StepMemory& memory) {
   Work<G> w = open<G>(m, Purpose::step, memory);
   int nv = m.nv, rows = 1 + G::NT;
@@ -25,6 +25,7 @@ static void smooth_quantities(const Model& m, const Options& o, const Batch& b, 
     find_contacts(m, every, w, false);
     scatter_packed(w.M, nv, m.mass, l, M);
     scatter(w.bias, nv, nv, l, bias);
+    scatter(w.line_length, m.nline, m.nline, l, length);
     for (int i = 0; i < w.ncon; ++i) {
       const Contact<G>& c = w.con[i];
       for (int lane = 0; lane < l.n; ++lane) gap[l.at[lane] * m.ncontact + c.index] = c.phi[lane];
@@ -38,6 +39,7 @@ static void smooth_quantities(const Model& m, const Options& o, const Batch& b, 
     }
     spoil(~finite, nv * nv, l, M);
     spoil(~finite, nv, l, bias);
+    spoil(~finite, m.nline, l, length);
     spoil(~finite, m.ncontact, l, gap);
   }
 }

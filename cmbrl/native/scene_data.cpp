@@ -30,13 +30,13 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   Model& m = model;
   auto size = [&](const char* name) { return sizes.at(name); };
   m.planar = size("planar");
-  m.implicit_gains = size("implicit_gains");
+  m.implicit_damping = size("implicit_damping"); m.implicit_gains = size("implicit_gains");
   m.D = m.planar ? 2 : 3;
   m.nq = size("nq"); m.nv = size("nv"); m.nu = size("nu");
   m.nbody = size("nbody"); m.njoint = size("njoint"); m.ncontact = size("ncontact");
   m.nplane = size("nplane"); m.nlimit = size("nlimit"); m.nact = size("nact"); m.nforcerange = size("nforcerange"); m.nlift = size("nlift");
   m.nwide = size("nwide"); m.nbox = size("nbox"); m.nballspring = size("nballspring"); m.npower = size("npower");
-  m.ntendon = size("ntendon"); m.nseg = size("nseg"); m.ntie = size("ntie");
+  m.ntendon = size("ntendon"); m.nseg = size("nseg"); m.nwrap = size("nwrap"); m.ntie = size("ntie");
   m.nline = m.nv + m.ntendon;
   m.body_fields = m.planar ? 4 : 10;
   m.oDof = m.nbody * m.body_fields;
@@ -202,21 +202,28 @@ void SceneData::derive_lines() {
   m.line_coef = keep_doubles("line_coef", std::move(coef));
 }
 
-// Straight segments of tendons: which of their ends the dofs of the tendon carry.
+// Segments of tendons: which of their ends, and of what they go around, the dofs of the tendon carry.
 void SceneData::derive_segments() {
   Model& m = model;
   size_t n = m.nseg, D = m.D;
   m.seg_ptr = i("seg_ptr", m.ntendon + 1);
   m.seg_A = i("seg_A", n); m.seg_B = i("seg_B", n);
   m.seg_posA = d("seg_posA", n * D); m.seg_posB = d("seg_posB", n * D); m.seg_scale = d("seg_scale", n);
+  size_t around = m.nwrap;
+  m.seg_wrap = i("seg_wrap", n); m.wrap_body = i("wrap_body", around); m.wrap_kind = i("wrap_kind", around * 2); m.wrap_site_body = i("wrap_site_body", around);
+  m.wrap_pos = d("wrap_pos", around * 3); m.wrap_rot = d("wrap_rot", around * 9); m.wrap_radius = d("wrap_radius", around);
+  m.wrap_site = d("wrap_site", around * 3);
   std::vector<int> ptr, side;
   for (int t = 0; t < m.ntendon; ++t)
     for (int s = m.seg_ptr[t]; s < m.seg_ptr[t + 1]; ++s) {
-      std::vector<int> a = chain(m.seg_A[s]), b = chain(m.seg_B[s]);
+      bool turns = m.seg_wrap[s] >= 0;
+      std::vector<int> a = chain(m.seg_A[s]), b = chain(m.seg_B[s]), c = turns ? chain(m.wrap_body[m.seg_wrap[s]]) : a;
       ptr.push_back(int(side.size()));
       for (int e = m.line_ptr[m.nv + t]; e < m.line_ptr[m.nv + t + 1]; ++e) {
         auto carries = [&](const std::vector<int>& dofs) { return std::binary_search(dofs.begin(), dofs.end(), m.line_dof[e]); };
-        side.push_back(carries(a) == carries(b) ? 0 : carries(a) ? kCarriesA : kCarriesB);
+        int all = kCarriesA | kCarriesB | (turns ? kCarriesObstacle : 0);
+        int which = (carries(a) ? kCarriesA : 0) | (carries(b) ? kCarriesB : 0) | (turns && carries(c) ? kCarriesObstacle : 0);
+        side.push_back(which == all ? 0 : which);
       }
     }
   m.seg_sides = keep_ints("seg_sides", std::move(ptr)); m.seg_side = keep_ints("seg_side", std::move(side));

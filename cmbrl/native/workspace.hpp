@@ -119,6 +119,10 @@ struct SolverWork {
   }
 };
 
+// A segment around something: its ends, its length, and how that changes with the ends, in the obstacle's frame.
+template <class G>
+struct Bent { typename G::V a, b, g[2]; T length, H[6][6]; };
+
 template <class G>
 struct Work : SolverWork<G> {
   using V = typename G::V;
@@ -140,6 +144,7 @@ struct Work : SolverWork<G> {
   T* stretch;                              // of springs at ball joints
   T *D, *K;                                // of split damping (split.hpp): packed as M; the factor of M + D
   T *line_length, *line_pull, *line_mass;  // impulse along each line at the step's start; what acts on its change of rate
+  Bent<G>* bent;                           // segments around something (lines.hpp)
   Tie<G>* ties; T* tie_J;                  // equality constraints; their rows, by entry of tie_dof
   Motion *drift, *drift_before;            // accelerations of bodies whose joints do not accelerate; before each dof's joint
   Given* given; int ngiven;                // rows of a step that is read back from its tape: contacts by group, then by number;
@@ -243,6 +248,7 @@ struct Work : SolverWork<G> {
     if (m.nwide > 0) { wide_wrench = A.take<Motion>(m.nwide); wide_push = A.take<T>(m.nwide); }
     if (m.nbox > 0) { drag = A.take<Motion>(nb); drag_start = A.take<T>(nb * G::N * G::N); drag_end = A.take<T>(nb * G::N * G::N); }
     if (m.nballspring > 0) stretch = A.take<T>(nv);
+    if (m.nwrap > 0) bent = A.take<Bent<G>>(m.nwrap);
     ties = A.take<Tie<G>>(m.ntie); tie_J = A.take<T>(m.ntie ? int64_t(m.tie_ptr[m.ntie]) * Tie<G>::kRows : 0);
     drift = A.take<Motion>(m.ntie ? nb : 0); drift_before = A.take<Motion>(m.ntie ? nv : 0);
     near = A.take<uint64_t>(words); order = A.take<int>(nb);

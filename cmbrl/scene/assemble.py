@@ -14,7 +14,7 @@ from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.laws import CONTACT_LAWS, LawChoice
 from cmbrl.scene.layout import CONTACT_FIELDS, Layout
 from cmbrl.scene.mjcf import limits_act
-from cmbrl.scene.records import WORLD, Array, Candidate, ContactLaw, JointKind, Tendon, Tie, TieKind, Tree
+from cmbrl.scene.records import WORLD, Array, Candidate, ContactLaw, JointKind, Segment, Tendon, Tie, TieKind, Tree
 from cmbrl.scene.reduction import PlaneOfMotion
 from cmbrl.scene.shapes import Shape
 
@@ -97,6 +97,24 @@ def _segment_arrays(tree: Tree, tendons: list[Tendon], plane: PlaneOfMotion | No
         "seg_posA": points([(s.body_a, s.pos_a) for s in segments]),
         "seg_posB": points([(s.body_b, s.pos_b) for s in segments]),
         "seg_scale": doubles([s.scale for s in segments], (-1,)),
+        **_obstacle_arrays(segments),
+    }
+
+
+def _obstacle_arrays(segments: list[Segment]) -> Arrays:
+    """What segments go around, one for each that goes around something."""
+    found, which = [s.around for s in segments if s.around], -np.ones(len(segments), dtype=int)
+    which[[s.around is not None for s in segments]] = np.arange(len(found))
+    sites = [o.site or (WORLD, np.zeros(3)) for o in found]
+    return {
+        "seg_wrap": integers(which),
+        "wrap_body": integers([o.body for o in found]),
+        "wrap_kind": integers([(o.cylinder, o.site is not None) for o in found]),
+        "wrap_pos": doubles([o.pos for o in found], (-1, 3)),
+        "wrap_rot": doubles([o.rot for o in found], (-1, 9)),
+        "wrap_radius": doubles([o.radius for o in found], (-1,)),
+        "wrap_site_body": integers([body for body, _ in sites]),
+        "wrap_site": doubles([pos for _, pos in sites], (-1, 3)),
     }
 
 

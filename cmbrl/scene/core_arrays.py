@@ -28,6 +28,7 @@ class CoreArrays:
     """The arrays of one scene; :mod:`cmbrl.scene.layout` gives the order of the physical vector ``P``."""
 
     planar: bool
+    implicit_damping: bool  # damping of joints acts at the next velocity
     implicit_gains: bool  # velocity gains act at the next velocity; False: at the last one, as in MuJoCo's Euler
     nq: int
     nv: int
@@ -46,6 +47,7 @@ class CoreArrays:
     npower: int
     ntendon: int
     nseg: int
+    nwrap: int
     ntie: int
     nshape: int  # bodies whose inertia can change its shape
     nmass: int  # bodies with a mass
@@ -67,12 +69,20 @@ class CoreArrays:
     tendon_ptr: Integers  # (nt + 1,) where the entries of each tendon begin
     tendon_dof: Integers  # the dofs that change its length, rising
     tendon_coef: Array  # of their coordinates; zeros in a tendon of segments
-    seg_ptr: Integers  # (nt + 1,) where the straight segments of each tendon begin
+    seg_ptr: Integers  # (nt + 1,) where the segments of each tendon begin
     seg_A: Integers  # (ns,) a body
     seg_B: Integers  # (ns,)
     seg_posA: Array  # (ns, D)
     seg_posB: Array  # (ns, D)
     seg_scale: Array  # (ns,) what its length counts
+    seg_wrap: Integers  # (ns,) what it goes around; -1: it is straight
+    wrap_body: Integers  # (nw,)
+    wrap_kind: Integers  # (nw * 2,) whether it is a cylinder, not a sphere; whether it has a site
+    wrap_pos: Array  # (nw, 3)
+    wrap_rot: Array  # (nw, 9)
+    wrap_radius: Array  # (nw,)
+    wrap_site_body: Integers  # (nw,)
+    wrap_site: Array  # (nw, 3) the side to go on, or a place inside to go through
     line_soft: Array  # (nv + nt, 7) solref, solimp of dry friction
     line_invweight: Array  # (nv + nt,)
     line_slack: Array  # (nv + nt,) lengths over which the spring does not pull, from its reference on

@@ -32,26 +32,6 @@ def lines_by_dof(core: CoreArrays) -> NDArray[np.bool_]:
     return np.concatenate([np.eye(core.nv, dtype=bool), moves])
 
 
-def lengths(core: CoreArrays, q: Array) -> Array:
-    """Lengths (..., nv + ntendon) of lines at configurations q (..., nq); 0 for those of balls."""
-    q, places = np.asarray(q), addresses(core)
-    x = np.where(places >= 0, q[..., places], 0.0)
-    tendons = np.zeros((*q.shape[:-1], core.ntendon))
-    for k in range(core.ntendon):
-        entries = slice(core.tendon_ptr[k], core.tendon_ptr[k + 1])
-        tendons[..., k] = x[..., core.tendon_dof[entries]] @ core.tendon_coef[entries]
-    if core.nseg:
-        pos, rot = body_poses(core, q)
-        for k in range(core.ntendon):
-            for s in range(core.seg_ptr[k], core.seg_ptr[k + 1]):
-                a, b = (
-                    _place(pos, rot, core.seg_A[s], core.seg_posA[s]),
-                    _place(pos, rot, core.seg_B[s], core.seg_posB[s]),
-                )
-                tendons[..., k] += core.seg_scale[s] * np.linalg.norm(b - a, axis=-1)
-    return np.concatenate([x, tendons], axis=-1)
-
-
 def body_poses(core: CoreArrays, q: Array) -> tuple[Array, Array]:
     """Positions (..., nb, D) [m] and rotations (..., nb, D, D) at configurations q (..., nq)."""
     q = np.asarray(q, dtype=np.float64)

@@ -135,19 +135,37 @@ class Frame:
 
 
 @dataclass(frozen=True)
+class Obstacle:
+    """A sphere or a cylinder that a piece of a tendon goes around where the straight way would cross it."""
+
+    body: int
+    pos: Array  # (3,) in the frame of the body
+    rot: Array  # (3, 3)
+    radius: float
+    cylinder: bool
+    site: tuple[int, Array] | None  # a body and a place in its frame (3,): on its side, or inside through where it is
+
+
+@dataclass(frozen=True)
 class Segment:
-    """A straight piece of a tendon, between points of two bodies."""
+    """A piece of a tendon between points of two bodies, straight or around an obstacle."""
 
     body_a: int
     pos_a: Array  # (3,) in the frame of the body
     body_b: int
     pos_b: Array
     scale: float  # what its length counts: one over the divisor of the pulley before it
+    around: Obstacle | None = None
+
+    @property
+    def bodies(self) -> tuple[int, ...]:
+        """Those whose motion against each other changes its length."""
+        return (self.body_a, self.body_b, *([self.around.body] if self.around else []))
 
 
 @dataclass(frozen=True)
 class Tendon:
-    """A sum of coefficients times hinges and slides (fixed), or of the lengths of straight segments."""
+    """A sum of coefficients times hinges and slides (fixed), or of the lengths of segments."""
 
     name: str
     source: int  # its number in the file

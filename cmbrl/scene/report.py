@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cmbrl.scene.records import WORLD, LeftOut, Parameter, TieKind
 from cmbrl.scene.scene import Scene
@@ -245,8 +246,17 @@ def _ends(scene: Scene, tie: int) -> list[str]:
 def _tendon_line(scene: Scene, tendon: int) -> str:
     name, path = scene.tendon_names[tendon], _path(scene, tendon)
     if count := int(np.diff(scene.core.seg_ptr)[tendon]):
-        return f"{name} = {count} straight segment{'s' * (count > 1)}, moved by {' '.join(path)}"
+        around = int(np.count_nonzero(_of_tendon(scene, tendon) >= 0))
+        pieces = (
+            f"{'' if around else 'straight '}segment{'s' * (count > 1)}{f', {around} around a geom' * bool(around)}"
+        )
+        return f"{name} = {count} {pieces}, moved by {' '.join(path)}"
     return f"{name} = {' '.join(f'{coef:+.4g} {of}' for of, coef in path.items())}"
+
+
+def _of_tendon(scene: Scene, tendon: int) -> NDArray[np.int32]:
+    """What each segment of a tendon goes around; -1: it is straight."""
+    return scene.core.seg_wrap[scene.core.seg_ptr[tendon] : scene.core.seg_ptr[tendon + 1]]
 
 
 def _tendon_and_tie_lines(scene: Scene) -> list[str]:

@@ -23,7 +23,7 @@ from cmbrl.scene.inverse_weights import soften, weight_arrays
 from cmbrl.scene.joint_forces import force_ranges, read_compensation
 from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.layout import Layout
-from cmbrl.scene.mjcf import name_of, read_tree
+from cmbrl.scene.mjcf import ignores, name_of, read_tree
 from cmbrl.scene.near import CHOICES
 from cmbrl.scene.parameters import offer_parameters
 from cmbrl.scene.records import Array, Candidate, Joint, JointKind, LeftOut, Parameter, Tendon, Tie, Tree
@@ -236,6 +236,7 @@ def _build(
     integrator = _INTEGRATORS.get(mujoco.mjtIntegrator(model.opt.integrator).name, "euler")
     core = CoreArrays(
         planar=plane is not None,
+        implicit_damping=integrator != "euler" or not ignores(model, "EULERDAMP"),
         implicit_gains=integrator != "euler",
         nq=int(model.nq),
         nv=int(model.nv),
@@ -248,6 +249,7 @@ def _build(
         nact=len(actuators),
         ntendon=len(tendons),
         nseg=len(of_lines["seg_A"]),
+        nwrap=len(of_lines["wrap_body"]),
         ntie=len(ties),
         plane_basis=plane.basis if plane else np.zeros((2, 3)),
         **tree_arrays(tree, plane),

@@ -13,12 +13,12 @@ from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import LeftOut
 
 KINDS = {  # those below "supported" are modelled, and left out only if they are ignored
-    "tendon": "tendons around geoms that exert a force",
-    "equality": "equality constraints of deformable bodies and of tendons around geoms",
+    "tendon": "armature, polynomials and force ranges of tendons",
+    "equality": "equality constraints of deformable bodies",
     "flex": "deformable bodies",
     "plugin": "engine plugins",
     "actuator_dynamics": "actuators with a state or a delay",
-    "actuator_transmission": "actuators on something else than a joint, a tendon (not around geoms) or a site",
+    "actuator_transmission": "actuators on something else than a joint, a tendon or a site",
     "actuator_bias": "actuators with a force other than gain ctrl + bias0 + bias1 length + bias2 velocity",
     "geom_type": "contact with height fields and SDFs, and planes that move",
     "geom_pair": "contact of two bodies by shapes that need several points or a stand-in (supported unless ignored)",
@@ -99,8 +99,6 @@ def check_model(model: mujoco.MjModel, gate: Gate) -> None:
         gate.note("diagexact", "option", "softness uses the inverse weights at qpos0")
     if option.disableflags & disabled.mjDSBL_REFSAFE:
         gate.note("refsafe", "option", "time constants of contacts and limits stay above twice the time step")
-    if option.disableflags & disabled.mjDSBL_EULERDAMP:
-        gate.note("eulerdamp", "option", "joint damping stays implicit")
     if option.noslip_iterations:
         gate.note("noslip", "option", "there is no noslip pass")
     for body in np.flatnonzero(model.body_mocapid >= 0):

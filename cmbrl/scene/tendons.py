@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.mjcf import ignores, name_of
-from cmbrl.scene.records import Array, Segment, Tendon, Tree
+from cmbrl.scene.records import Array, Obstacle, Segment, Tendon, Tree
 from cmbrl.scene.reduction import PlaneOfMotion
 from cmbrl.scene.support import Gate
 
@@ -23,9 +23,6 @@ def read_tendons(model: mujoco.MjModel, tree: Tree, gate: Gate) -> list[Tendon]:
         name, forces, used = name_of(model, "tendon", k), _forces(model, k), _is_used(model, k)
         if not (forces or used):
             gate.note("tendon", name, "it exerts no force: no stiffness, damping, friction loss, limit or actuator")
-        elif wraps(model, k):
-            if forces:  # otherwise what uses it is refused
-                gate.refuse("tendon", name, f"it goes around geoms and has {' and '.join(forces)}")
         else:
             segments = [] if is_fixed(model, k) else _segments(model, tree, k)
             path = _path(model, k) if is_fixed(model, k) else dict.fromkeys(_carriers(tree, segments), 0.0)
@@ -47,17 +44,12 @@ def is_fixed(model: mujoco.MjModel, k: int) -> bool:
     return bool(model.wrap_type[model.tendon_adr[k]] == mujoco.mjtWrap.mjWRAP_JOINT)
 
 
-def wraps(model: mujoco.MjModel, k: int) -> bool:
-    """Whether a tendon goes around spheres or cylinders."""
-    first = int(model.tendon_adr[k])
-    kinds = model.wrap_type[first : first + int(model.tendon_num[k])]
-    return bool(np.isin(kinds, (mujoco.mjtWrap.mjWRAP_SPHERE, mujoco.mjtWrap.mjWRAP_CYLINDER)).any())
-
-
 def obstacle_of_tendons(tree: Tree, plane: PlaneOfMotion, tendons: list[Tendon]) -> str | None:
     """Why a tendon has no planar image, naming it; None if all have one."""
     for tendon in tendons:
         for segment in tendon.segments:
+            if segment.around:
+                return f"{tendon.name} goes around something"
             apart = tree.place(segment.body_a, segment.pos_a) - tree.place(segment.body_b, segment.pos_b)
             if abs(apart @ plane.axis) > FLAT:
                 return f"{tendon.name} leaves the plane of motion"
@@ -65,28 +57,52 @@ def obstacle_of_tendons(tree: Tree, plane: PlaneOfMotion, tendons: list[Tendon])
 
 
 def _segments(model: mujoco.MjModel, tree: Tree, k: int) -> list[Segment]:
-    """The straight pieces of a tendon through sites whose ends move against each other."""
+    """The pieces of a tendon between its sites whose ends, or what they go around, move against each other."""
     first, scale, found = int(model.tendon_adr[k]), 1.0, []
     last: tuple[int, Array] | None = None
+    around: Obstacle | None = None
     for at in range(first, first + int(model.tendon_num[k])):
         if model.wrap_type[at] == mujoco.mjtWrap.mjWRAP_PULLEY:
             scale, last = 1.0 / float(model.wrap_prm[at]), None
-            continue
-        site = int(model.wrap_objid[at])
-        frame = tree.frames[model.site_bodyid[site]]
-        here = frame.body, frame.pos + frame.rot @ model.site_pos[site]
-        if last:
-            found.append(Segment(*last, *here, scale))
-        last = here
+        elif model.wrap_type[at] == mujoco.mjtWrap.mjWRAP_SITE:
+            here = _place(model, tree, int(model.wrap_objid[at]))
+            if last:
+                found.append(Segment(*last, *here, scale, around))
+            last, around = here, None
+        else:
+            around = _obstacle(model, tree, at)
     return found
 
 
+def _place(model: mujoco.MjModel, tree: Tree, site: int) -> tuple[int, Array]:
+    """The body of a site, and its place in that body's frame."""
+    frame = tree.frames[model.site_bodyid[site]]
+    return frame.body, frame.pos + frame.rot @ model.site_pos[site]
+
+
+def _obstacle(model: mujoco.MjModel, tree: Tree, at: int) -> Obstacle:
+    """What entry ``at`` of a tendon's path goes around."""
+    geom, sidesite = int(model.wrap_objid[at]), round(float(model.wrap_prm[at]))
+    frame = tree.frames[model.geom_bodyid[geom]]
+    rotation = np.zeros(9)
+    mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
+    return Obstacle(
+        body=frame.body,
+        pos=frame.pos + frame.rot @ model.geom_pos[geom],
+        rot=frame.rot @ rotation.reshape(3, 3),
+        radius=float(model.geom_size[geom, 0]),
+        cylinder=bool(model.wrap_type[at] == mujoco.mjtWrap.mjWRAP_CYLINDER),
+        site=_place(model, tree, sidesite) if sidesite >= 0 else None,
+    )
+
+
 def _carriers(tree: Tree, segments: list[Segment]) -> list[int]:
-    """Degrees of freedom that move one end of a segment and not the other, rising."""
+    """Degrees of freedom that move the bodies of a segment against each other, rising."""
     dofs: set[int] = set()
     for segment in segments:
-        bodies = set(tree.chain(segment.body_a)) ^ set(tree.chain(segment.body_b))
-        dofs.update(dof for body in bodies for joint in tree.bodies[body].joints for dof in joint.dofs)
+        chains = [set(tree.chain(body)) for body in segment.bodies]
+        moving = set.union(*chains) - set.intersection(*chains)
+        dofs.update(dof for body in moving for joint in tree.bodies[body].joints for dof in joint.dofs)
     return sorted(dofs)
 
 

@@ -28,12 +28,12 @@ def actuator(tag: str, attributes: str) -> tuple[str, str]:
 CASES = {
     "tendon": (
         SITES,
-        '<tendon><spatial name="t" damping="1"><site site="s1"/><geom geom="g"/><site site="s2"/></spatial></tendon>',
+        '<tendon><spatial name="t" armature="1"><site site="s1"/><geom geom="g"/><site site="s2"/></spatial></tendon>',
         "t",
     ),
     "equality": (
-        SITES,
-        '<tendon><spatial name="t"><site site="s1"/><geom geom="g"/><site site="s2"/></spatial></tendon>'
+        SITES + '<site name="w1"/><site name="w2" pos="1 0 0"/>',  # nothing moves between them
+        '<tendon><spatial name="t"><site site="w1"/><site site="w2"/></spatial></tendon>'
         '<equality><tendon name="e" tendon1="t"/></equality>',
         "e",
     ),

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
-from cmbrl.errors import UserError
 from cmbrl.fitting.gauge import gauge_columns
+from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.manifold import invariant_translations
-from cmbrl.scene import Scene, kinematics
+from cmbrl.scene import Scene
 from cmbrl.scene.report import describe, to_dict
 
 from .conftest import Load
@@ -26,6 +28,12 @@ def tendon(attributes: str) -> str:
     return f"<tendon>{FIXED.format('t', attributes)}</tendon>"
 
 
+def lengths(scene: Scene, q: Any) -> list[float]:
+    """Lengths of the lines of ``scene`` at one configuration."""
+    smooth = ComplementarityModel(scene).smooth_dynamics(np.array([q]), np.zeros((1, scene.nv)))
+    return list(smooth["length"][0])
+
+
 def test_a_tendon_is_a_line(load: Load) -> None:
     rest = tendon('limited="true" range="-1 2" stiffness="4" springlength=".5" damping=".1"')
     scene, _ = load(TWO, rest + '<actuator><motor name="pull" tendon="t"/></actuator>')
@@ -33,7 +41,7 @@ def test_a_tendon_is_a_line(load: Load) -> None:
     assert scene.line_names == ("a", "b", "t")
     assert (core.tendon_dof.tolist(), core.tendon_coef.tolist()) == ([0, 1], [3, -2])
     assert (core.lim_line.tolist(), core.act_line.tolist()) == ([2], [2])
-    assert kinematics.lengths(core, np.array([0.5, 0.25])).tolist() == [0.5, 0.25, 1.0]
+    assert lengths(scene, [0.5, 0.25]) == [0.5, 0.25, 1.0]
     P, place = core.P, scene.layout.dof
     fields = [P[place(2, field)] for field in ("armature", "damping", "stiffness", "springref", "frictionloss")]
     assert fields == [0.0, 0.1, 4.0, 0.5, 0.0]
@@ -100,7 +108,7 @@ def test_a_tendon_through_sites_is_a_line_of_segments(load: Load) -> None:
     core = scene.core
     assert scene.planar
     assert (core.seg_ptr.tolist(), core.seg_scale.tolist(), core.tendon_dof.tolist()) == ([0, 2], [1.0, 0.5], [0, 1])
-    assert kinematics.lengths(core, scene.q0)[2] == pytest.approx(1 + 0.5 * 2**0.5)
+    assert lengths(scene, scene.q0)[2] == pytest.approx(1 + 0.5 * 2**0.5)
     assert "s = 2 straight segments, moved by a b" in describe(scene)
     away = load(
         sites.replace("0 1", ".3 1") + TWO, f'<tendon><spatial name="s" stiffness="1">{path}</spatial></tendon>'
@@ -108,14 +116,12 @@ def test_a_tendon_through_sites_is_a_line_of_segments(load: Load) -> None:
     assert away[0].planar_why == "s leaves the plane of motion"
 
 
-def test_tendons_around_geoms_are_refused(load: Load) -> None:
+def test_a_tendon_around_a_geom_is_no_planar_scene(load: Load) -> None:
     path = '<site site="a"/><geom geom="ball"/><site site="b"/>'
     world = TWO + '<geom name="ball" size=".1" pos=".5 0 0"/>'
-    with pytest.raises(UserError, match=r"tendon 's' is not supported: it goes around geoms.*stiffness"):
-        load(world, f'<tendon><spatial name="s" stiffness="1">{path}</spatial></tendon>')
-    with pytest.raises(UserError, match="it drives s, a tendon that is not modelled"):
-        driven = '<actuator><motor name="m" tendon="s"/></actuator>'
-        load(world, f'<tendon><spatial name="s">{path}</spatial></tendon>{driven}')
+    scene, _ = load(world, f'<tendon><spatial name="s" stiffness="1">{path}</spatial></tendon>')
+    assert scene.planar_why == "s goes around something"
+    assert "s = 1 segment, 1 around a geom" in describe(scene)
 
 
 def test_terms_between_branches_are_named(load: Load) -> None:

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from cmbrl.models.autograd import Stepper
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.scene import Scene, kinematics
 
 Array = NDArray[np.float64]
 
@@ -24,7 +23,7 @@ def choices(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
     smooth = model.smooth_dynamics(q, v, theta)
     gap, normal = smooth["gap"], smooth["J"][:, :, 0]
     speed = np.einsum("bcv,bv->bc", normal, v)
-    lengths, rates = kinematics.lengths(core, q), _rates(scene, q, v)
+    lengths, rates = smooth["length"], _rates(model, q, v)
     x = lengths[:, core.lim_line]
     below, above = x - core.lim_lo, core.lim_hi - x
     springs = scene.physical_vector(theta)[[scene.layout.dof(scene.nv + k, "springref") for k in range(core.ntendon)]]
@@ -48,10 +47,15 @@ def choices(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
     return np.concatenate(parts, axis=1)
 
 
-def _rates(scene: Scene, q: Array, v: Array) -> Array:
+def _lengths(model: ComplementarityModel, q: Array) -> Array:
+    """Lengths (B, nv + ntendon) of lines."""
+    return model.smooth_dynamics(q, np.zeros((len(q), model.scene.nv)))["length"]
+
+
+def _rates(model: ComplementarityModel, q: Array, v: Array) -> Array:
     """Rates (B, nv + ntendon) of lines, by differences of their lengths."""
     step = 1e-6
-    ahead, behind = (kinematics.lengths(scene.core, scene.integrate(q, sign * step * v)) for sign in (1, -1))
+    ahead, behind = (_lengths(model, model.scene.integrate(q, sign * step * v)) for sign in (1, -1))
     return (ahead - behind) / (2 * step)
 
 
@@ -62,8 +66,8 @@ def _clamps(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
     gear, gain, bias0, bias1, bias2 = P[layout.actuator(0) : layout.gravity].reshape(-1, 5).T
     low, high = np.reshape(core.act_ctrl, (-1, 2)).T
     least, most = np.reshape(core.act_force, (-1, 2)).T
-    length = gear * kinematics.lengths(core, q)[:, core.act_line]
-    rate = gear * _rates(scene, q, v)[:, core.act_line]
+    length = gear * _lengths(model, q)[:, core.act_line]
+    rate = gear * _rates(model, q, v)[:, core.act_line]
     force = gain * np.clip(u, low, high) + bias0 + bias1 * length + bias2 * rate
     shortest = np.tile(time > 2 * model.time_step, (len(q), 1))  # MuJoCo's least time constant
     pulls = np.zeros((len(q), scene.nv + core.ntendon))
