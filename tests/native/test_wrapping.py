@@ -20,7 +20,8 @@ def robot(shape: str, site: str, flag: str = "") -> str:
     side = 'sidesite="s"' if site != "free" else ""
     return f"""<mujoco><option timestep=".002">{flag}</option>
 <worldbody><body pos="0 0 1">
-<joint name="ball" type="ball"/><joint name="x" type="slide" axis="1 .2 0"/><geom type="box" size=".1 .2 .1" mass="2" {QUIET}/>
+<joint name="ball" type="ball"/><joint name="x" type="slide" axis="1 .2 0"/>
+<geom type="box" size=".1 .2 .1" mass="2" {QUIET}/>
 <site name="above" pos=".1 .05 .3"/>
 <body pos="0 0 -.3"><joint name="a" axis="0 1 .2"/><joint name="b" axis="1 .1 0" damping=".2"/>
 <geom name="g" {SHAPES[shape]} mass="1" {QUIET}/>{SITES[site]}

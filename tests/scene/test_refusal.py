@@ -28,14 +28,8 @@ def actuator(tag: str, attributes: str) -> tuple[str, str]:
 CASES = {
     "tendon": (
         SITES,
-        '<tendon><spatial name="t" armature="1"><site site="s1"/><geom geom="g"/><site site="s2"/></spatial></tendon>',
+        '<tendon><spatial name="t" armature="1"><site site="s1"/><site site="s2"/></spatial></tendon>',
         "t",
-    ),
-    "equality": (
-        SITES + '<site name="w1"/><site name="w2" pos="1 0 0"/>',  # nothing moves between them
-        '<tendon><spatial name="t"><site site="w1"/><site site="w2"/></spatial></tendon>'
-        '<equality><tendon name="e" tendon1="t"/></equality>',
-        "e",
     ),
     "fluid": (
         '<body name="m"><joint name="h"/><geom name="g" size=".1" fluidshape="ellipsoid"/></body>',
@@ -77,6 +71,13 @@ def test_refused_by_name_or_ignored(kind: str, load: Load) -> None:
     assert {x.kind for x in scene.left_out} == {kind}
     assert scene.nu == model.nu
     assert kind in describe(scene)
+
+
+def test_a_tie_of_a_tendon_that_nothing_moves_is_refused(load: Load) -> None:
+    world = SITES + '<site name="w1"/><site name="w2" pos="1 0 0"/>'
+    rest = '<tendon><spatial name="t"><site site="w1"/><site site="w2"/></spatial></tendon>'
+    with pytest.raises(UserError, match="it ties t, a tendon that is not modelled"):
+        load(world, rest + '<equality><tendon name="e" tendon1="t"/></equality>')
 
 
 def test_rolling_friction_is_left_out_and_said(load: Load) -> None:
