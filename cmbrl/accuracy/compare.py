@@ -45,6 +45,7 @@ def compare(
     contact_gap: float = 2e-3,
     max_windows: int = 2000,
     progress: Callable[[float, str], None] | None = None,
+    logs: Sequence[str] = (),
 ) -> ErrorTable:
     """Predicts ``data`` with every model (by the name to show) and tabulates the errors defined above.
 
@@ -54,6 +55,7 @@ def compare(
         contact_gap: [m] a row is in contact if a candidate is closer than this before or after it.
         max_windows: horizons above 1 use at most this many windows, evenly spread; one step uses every row.
         progress: called with the share of the work done and the current activity.
+        logs: names of several logs in ``data``, by its ``recording``: each is a stratum besides.
 
     Raises:
         UserError: if data, scene and models do not belong together, or nothing changes in the log.
@@ -66,7 +68,7 @@ def compare(
         raise UserError(f"horizons {list(horizons)}; give whole numbers of at least 1")
     change_scale, state_scale = _scales(data, scene)
     contact, moving = in_contact(data, scene, contact_gap), is_moving(data, scene)
-    logs = {name: seen(model, data) for name, model in models.items()}
+    views = {name: seen(model, data) for name, model in models.items()}
     starts = {k: _thin(data.windows(k), len(data) if k == 1 else max_windows) for k in sorted(set(horizons))}
     starts = {k: rows for k, rows in starts.items() if len(rows)}
     total = max(1, sum(k * len(rows) for k, rows in starts.items()) * len(models))
@@ -74,6 +76,9 @@ def compare(
     entries, about, curves, done = [], [], {}, 0
     for k, rows in starts.items():
         strata = window_strata(rows, k, contact, moving)
+        for number, log in enumerate(logs if len(logs) > 1 else ()):
+            if (mask := data.recording[rows] == number).any():
+                strata[f"log {log}"] = mask
         logged = np.stack([data.q_next[rows + j] for j in range(k)], axis=1)
         depth = _depth(scene, logged)
         counts = {name: int(mask.sum()) for name, mask in strata.items()}
@@ -84,9 +89,9 @@ def compare(
                 progress(done / total, f"{name}, {k} steps")
             reset_failures(model)
             began = time.perf_counter()
-            q, v = _predict(model, logs[name], rows, k)
+            q, v = _predict(model, views[name], rows, k)
             seconds = time.perf_counter() - began
-            error = _error(scene, logs[name], rows, q, v)  # (W, k, 2 nv)
+            error = _error(scene, views[name], rows, q, v)  # (W, k, 2 nv)
             depth = _depth(scene, q)
             for stratum, mask in strata.items():
                 whole = stratum == "all"

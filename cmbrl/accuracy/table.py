@@ -25,7 +25,7 @@ class Entry:
 
     model: str
     horizon: int  # steps
-    stratum: str  # "all", "flight", "contact", "contact, moving", "contact, resting"
+    stratum: str  # "all", "flight", "contact", "contact, moving", "contact, resting", "log NAME" of several
     windows: int
     error: float  # normalised RMSE, pooled
     median: float  # normalised, over windows

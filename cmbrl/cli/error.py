@@ -22,7 +22,7 @@ from cmbrl.cli.options import (
 from cmbrl.cli.progress import fraction
 from cmbrl.errors import UserError
 from cmbrl.files import write_json, write_text
-from cmbrl.models.source import load_any_log, load_log
+from cmbrl.models.source import POSITIONS_ONLY, load_log, load_logs
 from cmbrl.runs import check_run_folder, usable_cores, write_run
 
 if TYPE_CHECKING:
@@ -50,7 +50,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "ensemble: neural, trained on --train), the folder of a fit or a saved ensemble, or FILE.xml, another MJCF of "
         "the robot",
     )
-    parser.add_argument("--data", required=True, metavar="FILE", help="the log to predict, not used in any fit")
+    parser.add_argument(
+        "--data", required=True, nargs="+", metavar="FILE", help="logs to predict, not used in any fit; also told apart"
+    )
     parser.add_argument("--scene", metavar="SCENE|TASK", help="the scene (default: that of the first fit)")
     parser.add_argument("--train", metavar="FILE", help="the log that the ensemble learns from")
     parser.add_argument(
@@ -90,7 +92,7 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.since is not None and not arguments.open_loop:
         raise UserError("--from is for --open-loop: add it, or drop --from")
     source = common_source(words, arguments.scene, arguments.ignore, arguments.contact_law, arguments.self_contact)
-    data, time = _log(arguments, source.scene)
+    data, time, logs = _log(arguments, source.scene)
     gap = arguments.contact_gap or (source.task.contact_gap if source.task else CONTACT_GAP)
     models = build_models(words, source, data, arguments.threads or usable_cores())
     notes = []
@@ -108,9 +110,9 @@ def run(arguments: argparse.Namespace) -> None:
     with fraction("compare") as progress:
         if arguments.open_loop:
             since = 0.0 if arguments.since is None else arguments.since
-            table = simulate(models, data, source.scene, time, since, progress)
+            table = simulate(models, data, source.scene, time, since, progress, logs)
         else:
-            table = compare(models, data, source.scene, arguments.horizons, contact_gap=gap, progress=progress)
+            table = compare(models, data, source.scene, arguments.horizons, gap, progress=progress, logs=logs)
     notes += [f"left out of the scene: {e.kind} {e.name} ({e.why})" for e in source.scene.left_out]
     text = "\n".join([table.text(), *notes]).rstrip("\n")
     result = {**table.to_json(), "notes": notes}
@@ -127,14 +129,19 @@ def run(arguments: argparse.Namespace) -> None:
     print(json.dumps(result, indent=2) if arguments.json else text)
 
 
-def _log(arguments: argparse.Namespace, scene: Scene) -> tuple[Transitions, np.ndarray]:
-    """The log, and the time [s] of the state after each row."""
-    from cmbrl.data.estimation import estimated
+def _log(arguments: argparse.Namespace, scene: Scene) -> tuple[Transitions, np.ndarray, tuple[str, ...]]:
+    """All logs as one, the time [s] of the state after each row, and what the logs are called."""
     from cmbrl.data.position_log import PositionLog
+    from cmbrl.data.several import named_logs, together
 
-    log = load_any_log(arguments.data, scene) if arguments.open_loop else load_log(arguments.data, scene)
-    if isinstance(log, PositionLog):
-        same = np.flatnonzero(log.episode[1:] == log.episode[:-1])
-        return estimated(log, scene), log.time[same + 1]
-    first = np.searchsorted(log.episode, log.episode) if len(log) else 0
-    return log, log.dt * (np.arange(len(log)) - first + 1)
+    logs = load_logs(arguments.data, scene)
+    times = []
+    for name, log in logs.items():
+        if isinstance(log, PositionLog):
+            if not arguments.open_loop:
+                raise UserError(f"{name}: {POSITIONS_ONLY}")
+            times.append(log.time[np.flatnonzero(log.episode[1:] == log.episode[:-1]) + 1])
+        else:
+            first = np.searchsorted(log.episode, log.episode) if len(log) else 0
+            times.append(log.dt * (np.arange(len(log)) - first + 1))
+    return together(named_logs(logs), scene), np.concatenate(times), tuple(logs)

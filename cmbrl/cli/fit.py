@@ -27,7 +27,7 @@ from cmbrl.cli.progress import fraction
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.files import read_record
 from cmbrl.models.named import RESULT
-from cmbrl.models.source import load_any_log, load_source
+from cmbrl.models.source import load_logs, load_source
 from cmbrl.runs import usable_cores, write_run
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 EXAMPLE = """
 cmbrl fit hopper --data hopper.npz --out runs/hopper
+cmbrl fit robot.xml --data monday.npz tuesday.npz --out runs/robot
 cmbrl fit robot.xml --data log.npz --out runs/robot --groups friction --set friction.foot=0.5
 cmbrl fit --config configs/hopper.yaml --seed 1 --out runs/again
 """
@@ -46,7 +47,13 @@ METHODS = ("random", "cma", "gauss-newton")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("source", metavar="SCENE|TASK", help="an MJCF or URDF file, or the name of a task")
-    parser.add_argument("--data", required=True, metavar="FILE", help="the log of states, or of positions and commands")
+    parser.add_argument(
+        "--data",
+        required=True,
+        nargs="+",
+        metavar="FILE",
+        help="logs of states, or of positions and commands; several make one fit, which tells whether they agree",
+    )
     parser.add_argument(
         "--out",
         required=True,
@@ -102,7 +109,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.all_parameters and arguments.groups:
         raise UserError("--all-parameters and --groups exclude each other: drop one")
     source = load_source(arguments.source, arguments.ignore, arguments.contact_law, arguments.self_contact)
-    data = load_any_log(arguments.data, source.scene)
+    data = load_logs(arguments.data, source.scene)
     out = Path(arguments.out)
     check_folder(out, "fit", any((out / name).exists() for name in ("state.json", RESULT)), arguments.resume)
     start = start_values(source.scene, dict(arguments.set))
@@ -110,7 +117,7 @@ def run(arguments: argparse.Namespace) -> int:
     from cmbrl.fitting import FitResult, fit  # imports torch: only now, so that an error above shows at once
 
     model = source.model(
-        data,
+        next(iter(data.values())),
         time_step=arguments.time_step,
         integrator=arguments.integrator,
         parameters=start,

@@ -65,20 +65,20 @@ def duration(dt: Any) -> float:
     return real(dt, "dt, the duration of one transition in seconds,", above=0.0, most=LARGEST)
 
 
-def episodes(episode: Any, rows: int) -> np.ndarray:
+def episodes(episode: Any, rows: int, name: str = "episode") -> np.ndarray:
     """Episode numbers (N,) as int64; raises unless every row has a whole number and each episode is one block."""
-    array = real_array(episode, "episode")
+    array = real_array(episode, name)
     if array.shape != (rows,):
-        raise UserError(f"episode has shape {array.shape}; give one whole number for each of the {rows} rows")
+        raise UserError(f"{name} has shape {array.shape}; give one whole number for each of the {rows} rows")
     if not (np.abs(array) < 2**53).all() or (array != np.floor(array)).any():
-        raise UserError("episode contains values that are not whole numbers; number the episodes 0, 1, 2, ...")
+        raise UserError(f"{name} contains values that are not whole numbers; number the {name}s 0, 1, 2, ...")
     numbers = array.astype(np.int64)
     starts = np.flatnonzero(np.diff(numbers)) + 1
     blocks = numbers[np.concatenate([[0], starts])] if rows else numbers
     seen, counts = np.unique(blocks, return_counts=True)
     if (counts > 1).any():
         torn = seen[counts > 1][0]
-        raise UserError(f"episode {torn} resumes after another one; keep its rows together, in time order")
+        raise UserError(f"{name} {torn} resumes after another one; keep its rows together, in time order")
     return numbers
 
 

@@ -22,3 +22,4 @@ class Fields(TypedDict, total=False):
     joint_names: tuple[str, ...]
     actuator_names: tuple[str, ...]
     source: dict[str, Any]
+    recording: np.ndarray

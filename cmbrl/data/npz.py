@@ -29,6 +29,8 @@ def write(data: Fields, path: Path) -> None:
     for name in ("joint_names", "actuator_names"):
         if values[name]:
             arrays[name] = np.asarray(values[name], dtype=np.str_)
+    if values["recording"].any():
+        arrays["recording"] = values["recording"]
     if data["source"]:
         arrays["source"] = np.asarray(json.dumps(data["source"]))
     content = io.BytesIO()  # a zip file on a full disk complains again when it is closed
@@ -97,7 +99,7 @@ def _fields(found: dict[str, np.ndarray]) -> Fields:
             f"no {', '.join(missing)} in the file (it has {', '.join(sorted(found)) or 'nothing'}); a log needs "
             f"{', '.join(ARRAYS)}, or q, v, lengths and dt of trajectories"
         )
-    fields: dict[str, Any] = {name: found[name] for name in ARRAYS}
+    fields: dict[str, Any] = {name: found[name] for name in (*ARRAYS, "recording") if name in found}
     for name in ("joint_names", "actuator_names"):
         if name in found:
             if found[name].ndim != 1 or found[name].dtype.kind != "U":

@@ -86,7 +86,8 @@ def joined(logs: Sequence[Fields]) -> Fields:
         unused = episode.max(initial=unused - 1) + 1
         episodes.append(episode)
     rows: Fields = {name: np.concatenate([log[name] for log in logs]) for name in ROWS}  # type: ignore[literal-required, assignment]
-    return {**first, **rows, "episode": np.concatenate(episodes)}
+    one = np.zeros(len(rows["q"]), dtype=np.int64)
+    return {**first, **rows, "episode": np.concatenate(episodes), "recording": one}
 
 
 def _kind(log: Fields) -> tuple[float, ...]:

@@ -38,12 +38,15 @@ class Transitions:
     joint_names: tuple[str, ...] = ()  #: names in the order of ``q``; empty if unknown
     actuator_names: tuple[str, ...] = ()  #: names in the order of ``u``; empty if unknown
     source: dict[str, Any] = field(default_factory=dict)  #: origin of the log (task, behaviour, seed, versions)
+    recording: np.ndarray = None  # type: ignore[assignment]  #: (N,) int64, which of several logs a row is from
 
     def __post_init__(self) -> None:
         for name, array in checks.stacked(self.q, self.v, self.u, self.q_next, self.v_next).items():
             object.__setattr__(self, name, array)
         object.__setattr__(self, "dt", checks.duration(self.dt))
         object.__setattr__(self, "episode", checks.episodes(self.episode, len(self.q)))
+        recording = np.zeros(len(self.q)) if self.recording is None else self.recording
+        object.__setattr__(self, "recording", checks.episodes(recording, len(self.q), "recording"))
         object.__setattr__(self, "joint_names", names(self.joint_names, "joint_names"))
         object.__setattr__(self, "actuator_names", names(self.actuator_names, "actuator_names"))
         if not isinstance(self.source, dict):
@@ -67,12 +70,12 @@ class Transitions:
         Raises UserError if the order splits an episode.
         """
         chosen = splitting.row_numbers(rows, len(self))
-        picked = {name: getattr(self, name)[chosen] for name in (*ROWS, "episode")}
+        picked = {name: getattr(self, name)[chosen] for name in (*ROWS, "episode", "recording")}
         return replace(self, **picked)
 
     @staticmethod
     def joined(logs: Sequence[Transitions]) -> Transitions:
-        """All rows of several logs of one robot, in order, without common episodes; names and source of the first.
+        """All rows of several logs of one robot, in order, as one log: episodes renumbered, the rest of the first.
 
         Raises UserError for logs of different shapes or time steps, and for no logs.
         """

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cmbrl.data.checks import LARGEST
-from cmbrl.data.estimation import estimated
 from cmbrl.data.position_log import PositionLog
+from cmbrl.data.several import Logs, named_logs, together
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
 from cmbrl.fitting.loss import PredictionLoss
@@ -20,38 +21,44 @@ from cmbrl.numbers import whole
 
 HORIZONS = (1, 4, 10, 20)  # 1 step is what noise-free logs are best judged at; beyond 20, impacts have happened
 _POSITIONS_AHEAD = 0.5  # [s]: several time constants of a position servo
+_HARDLY = 1e-3  # of the change: noise that leaves a start as good as fixed
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """``log`` of the robot of ``model``, ``observation`` between them, and the ``space`` of all their parameters."""
+    """``log`` of the robot of ``model``, ``observation`` between them, and the ``space`` of all their parameters.
+
+    ``names``: what each log was called, by the number in ``log.recording``.
+    """
 
     model: ComplementarityModel
     log: Transitions
+    names: tuple[str, ...]
     observation: Observation
     space: Space
     positions_only: bool
 
     @classmethod
-    def of(cls, model: ComplementarityModel, data: Transitions | PositionLog) -> Evidence:
-        """Of a log of states; or of positions, whose encoders may be biased, and whose gains, where told, are known.
+    def of(cls, model: ComplementarityModel, data: Logs) -> Evidence:
+        """Of logs of states; or of positions, whose encoders may be biased, and whose gains, where told, are known.
 
         Raises UserError for a log of another robot or time step, or one that the model cannot step from.
         """
-        if isinstance(data, PositionLog):
-            model, log = _with_gains(model, data), estimated(data, model.scene)
-        else:
-            log = data
-        model = model.for_log(log.dt)
-        log.check(model.scene, dt=model.dt)
+        logs = named_logs(data)
+        of_positions = {name: log for name, log in logs.items() if isinstance(log, PositionLog)}
+        positions_only, known = bool(of_positions), _told_gains(of_positions)
+        for log in of_positions.values():
+            model = _with_gains(model, log)
+        model = model.for_log(next(iter(logs.values())).dt)
+        log = together(logs, model.scene, model.dt)
         _check_steps(model, log)
         log = log.normalised(model.scene)
-        observation, positions_only = Observation.of(model.scene, model.dt), isinstance(data, PositionLog)
-        known = _told_gains(data) if isinstance(data, PositionLog) else ()
+        observation = Observation.of(model.scene, model.dt)
         physical = [replace(p, default=p.default and p.group not in known) for p in model.scene.parameters]
         offered = [replace(p, default=p.default or positions_only) for p in observation.parameters]
         start = np.append(model.parameters, observation.vector(model.observation))
-        return cls(model, log, observation, Space.of((*physical, *offered), start), positions_only)
+        space = Space.of((*physical, *offered), start)
+        return cls(model, log, tuple(logs), observation, space, positions_only)
 
     def horizons(self, asked: int | str) -> tuple[int, ...]:
         """Numbers of steps that predictions may be compared over: the one ``asked``, several to choose from if "auto".
@@ -62,25 +69,39 @@ class Evidence:
             return (whole(asked, "horizon"),)
         return (max(1, round(_POSITIONS_AHEAD / self.log.dt)),) if self.positions_only else HORIZONS
 
-    def scales(self, horizon: int, huber: float, noise: np.ndarray | None = None) -> Scales:
-        """What errors are measured in; estimated velocities do not count."""
+    def scales(self, horizon: int, huber: float, noise: np.ndarray | None = None) -> tuple[Scales, ...]:
+        """What errors are measured in, by log, with ``noise`` (logs, 2 nv); estimated velocities do not count."""
         if self.positions_only:
-            return Scales.of_positions(self.log, horizon, huber)
-        return Scales.of(self.model.scene, self.log, huber, noise)
+            return (Scales.of_positions(self.log, horizon, huber),) * len(self.names)
+        alike = Scales.of(self.model.scene, self.log, huber)
+        if noise is None:
+            return (alike,) * len(self.names)
+        # A coordinate without noise in one of several logs gets hardly any, so that all have the same uncertain ones.
+        least = np.where(noise.any(axis=0), _HARDLY * np.concatenate([alike.q, alike.v]), 0.0)
+        return tuple(alike.noisy(np.maximum(one, least if len(noise) > 1 else 0.0)) for one in noise)
 
     def seen(self, theta: np.ndarray) -> tuple[np.ndarray, Transitions]:
         """The model's parameters of ``theta`` (n,), and the log as its state and control."""
         physical, psi = self.observation.split(theta)
         return physical, self.observation.states(self.log, psi)
 
-    def loss(self, starts: np.ndarray, horizon: int, scales: Scales) -> PredictionLoss:
-        """The loss over windows of ``horizon`` steps from each row of ``starts``."""
-        return PredictionLoss(self.model, Windows(self.log, starts, horizon, scales), self.observation)
+    def loss(self, starts: np.ndarray, horizon: int, *scales: Scales) -> PredictionLoss:
+        """The loss over windows of ``horizon`` steps from each row of ``starts``, with the ``scales`` of each log."""
+        own = scales if scales[0].noise is not None and len(scales) > 1 else ()
+        return PredictionLoss(self.model, Windows(self.log, starts, horizon, scales[0], own=own), self.observation)
 
 
-def _told_gains(log: PositionLog) -> list[str]:
-    """Groups of the gains that a log tells."""
-    return [group for group, gains in (("kp", log.kp), ("kd", log.kd)) if gains is not None]
+def _told_gains(logs: Mapping[str, PositionLog]) -> list[str]:
+    """Groups of the gains that all ``logs`` tell; raises UserError where two tell different ones."""
+    told = []
+    for group in ("kp", "kd"):
+        given = {name: getattr(log, group) for name, log in logs.items()}
+        first = next(iter(given), "")
+        for name, gains in given.items():
+            if (gains is None) is not (given[first] is None) or (gains is not None and (gains != given[first]).any()):
+                raise UserError(f"{name} has another {group} than {first}: fit logs of different gains apart")
+        told += [group] * (bool(given) and given[first] is not None)
+    return told
 
 
 def _with_gains(model: ComplementarityModel, log: PositionLog) -> ComplementarityModel:

@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.data.position_log import PositionLog
+from cmbrl.data.several import Logs
 from cmbrl.data.transitions import Transitions
+from cmbrl.fitting.agreement import Comparison
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.cma import cma_search, require_library
 from cmbrl.fitting.evidence import Evidence
@@ -45,7 +46,7 @@ METHODS = ("random", "cma", "gauss-newton")
 
 def fit(
     model: ComplementarityModel,
-    data: Transitions | PositionLog,
+    data: Logs,
     seed: int = 0,
     method: str = "random",
     groups: str | Sequence[str] | None = None,
@@ -65,7 +66,8 @@ def fit(
             many as a transition takes (:meth:`~cmbrl.ComplementarityModel.for_log`).
         data: a log of the same robot. Of a position log, velocities are estimated and only positions are compared;
             encoder biases are fitted besides, its gains are the nominal ones, and by default all parameters move, and
-            those laws of friction (``LAWS`` of ``parsimony``) that held-out errors call for.
+            those laws of friction (``LAWS`` of ``parsimony``) that held-out errors call for. A list of logs of one kind
+            and time step, or a dict of them by name, makes one fit, which tells whether they agree (``agreement``).
         seed: the same seed gives the same result, for any number of threads.
         method: "random" or "cma" (a search, then Gauss-Newton unless ``polish`` is False), or "gauss-newton" alone.
         groups: None for the fewest parameter groups that the held-out data supports; "all"; or names of groups or
@@ -106,7 +108,7 @@ def fit(
 
     def loss(limit: int) -> PredictionLoss:
         steps = survey.horizon
-        return evidence.loss(draw_starts(log, steps, limit, seed), steps, evidence.scales(steps, huber, survey.noise))
+        return evidence.loss(draw_starts(log, steps, limit, seed), steps, *evidence.scales(steps, huber, survey.noise))
 
     admit = partial(_admit, model.scene.core, space)
     incumbent = Incumbent(np.zeros(len(space)), *np.zeros((2, len(space)), dtype=bool))
@@ -116,7 +118,12 @@ def fit(
         everything = loss(budget.polish_rows)
         return _judge(Folds.of(everything, everything, count, seed), space, incumbent, iterations, journal)
 
-    stopped = None
+    def compare() -> dict[str, Any]:
+        z, active, everything = incumbent.z, incumbent.active, loss(budget.polish_rows)
+        work = budget.fold_iterations, journal
+        return {"logs": Comparison(evidence, everything, z, active, count, seed, *work).run()}
+
+    stopped, about = None, {"seed": seed, "method": method, "folds": count, "selection": None, "logs": []}
     try:
         movable = space.default if wanted is None else wanted
         surveyor = Surveyor(
@@ -143,13 +150,14 @@ def fit(
                 _polish(loss(budget.polish_rows), space, incumbent, budget.polish_iterations, journal)
         if count:
             held_out = judge(budget.fold_iterations, journal)
+        about["logs"] = journal.unit("logs", compare)["logs"]
     except (KeyboardInterrupt, OutOfTime) as reason:
         stopped = "time limit" if isinstance(reason, OutOfTime) else "interrupted"
         if count:  # a short refit, not kept in the journal; a second Ctrl-C leaves it out
             with suppress(KeyboardInterrupt):
                 held_out = judge(budget.trial_fold_iterations, Journal(None, ""))
     journal.report(0.95, "intervals")
-    about = {"seed": seed, "method": method, "folds": count, "stopped": stopped, "selection": None, **survey.to_dict()}
+    about |= {"stopped": stopped, **survey.to_dict()}
     if wanted is None or incumbent.path:
         about["selection"] = incumbent.path
     states = not evidence.positions_only
@@ -240,7 +248,8 @@ def _names(groups: str | Sequence[str]) -> list[str]:
 def _fingerprint(model: ComplementarityModel, data: Transitions, settings: list[Any], budget: dict[str, Any]) -> str:
     """Digest of everything that the result depends on (not the number of threads)."""
     digest = hashlib.sha256()
-    arrays = (data.q, data.v, data.u, data.q_next, data.v_next, data.episode, model.parameters, model.scene.core.P)
+    log = (data.q, data.v, data.u, data.q_next, data.v_next, data.episode, data.recording)
+    arrays = (*log, model.parameters, model.scene.core.P)
     for array in arrays:
         digest.update(np.ascontiguousarray(array).tobytes())
     config = {k: v for k, v in model.to_config().items() if k != "threads"}

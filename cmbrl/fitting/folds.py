@@ -18,7 +18,7 @@ from cmbrl.fitting.loss import Errors, PredictionLoss
 from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
-from cmbrl.models.windows import BLOCKS, blocks_of
+from cmbrl.models.windows import blocks_of
 
 _LEAST_BLOCKS = 6  # fewer episodes are cut into this many runs of consecutive starts
 
@@ -36,7 +36,7 @@ def fold_count(data: Transitions, holdout: float, needed: bool) -> int:
                 "selecting parameters needs held-out episodes: name the parameters (groups), or set holdout above 0"
             )
         return 0
-    return min(max(round(1.0 / holdout), 2), data.n_episodes if data.n_episodes > 1 else BLOCKS)
+    return min(max(round(1.0 / holdout), 2), len(np.unique(blocks_of(data))))
 
 
 def draw_starts(data: Transitions, horizon: int, limit: int, seed: int) -> np.ndarray:

@@ -120,8 +120,14 @@ class PredictionLoss:
         for k, same in enumerate(ways):
             windows, members = self._seen(same), np.flatnonzero(way.ravel() == k)
             for some in np.array_split(members, -(-len(members) * self.steps // _ROWS_AT_ONCE)):
-                out[some] = self.model.candidate_loss(physical[some], windows)
+                out[some] = self._shared(physical[some], windows)
         return out + self._price(self.windows.offset).mean()
+
+    def _shared(self, physical: np.ndarray, windows: Windows) -> np.ndarray:
+        """Mean losses (C,) over windows of which each log may have scales of its own."""
+        parts = windows.by_scales()
+        shares = np.array([len(part.starts) for part in parts]) / len(windows.starts)
+        return np.stack([self.model.candidate_loss(physical, part) for part in parts], axis=1) @ shares
 
     def starting(self, offset: np.ndarray) -> PredictionLoss:
         """The same loss with the windows starting at ``offset`` (S, k) from the logged states."""
@@ -142,14 +148,14 @@ class PredictionLoss:
             return np.where(np.isfinite(value), value, np.inf)
 
         start = np.zeros((count, len(scales.uncertain))) if self.windows.offset is None else self.windows.offset
-        return self.starting(Settling(linearise, cost, scales.start_precision, scales.huber).run(start))
+        return self.starting(Settling(linearise, cost, self.windows.start_precision, scales.huber).run(start))
 
     def _price(self, offset: np.ndarray | None) -> np.ndarray:
         """What each window pays for its ``offset`` (S, k), by step."""
         if offset is None:
             return np.zeros(1)
-        scales = self.windows.scales
-        return huber(offset * scales.start_precision, scales.huber).sum(axis=1) / self.windows.horizon
+        away = offset * self.windows.start_precision
+        return huber(away, self.windows.scales.huber).sum(axis=1) / self.windows.horizon
 
     def errors(self, theta: np.ndarray) -> Errors:
         """Errors of one parameter set (n,) by window from its best start; a failed step counts as it ended."""
@@ -187,7 +193,8 @@ class PredictionLoss:
             size += float((weight * residual**2).sum())
             if self.windows.offset is not None:
                 offset = self.windows.offset[part]
-                starts = StartEquations.of(residual, weight, slope, offset, scales.start_precision, scales.huber)
+                precision = self.windows.start_precision[part if self.windows.own else slice(None)]
+                starts = StartEquations.of(residual, weight, slope, offset, precision, scales.huber)
                 cross = slope.transpose(0, 2, 1) @ (weight[:, :, None] * jacobian)  # (s, k, n)
                 solved = starts.solve(np.concatenate([starts.gradient[:, :, None], cross], axis=2))
                 slopes -= (solved[:, None, :, 0] @ cross)[:, 0]
@@ -209,12 +216,13 @@ class PredictionLoss:
         data, starts = windows.data, windows.starts
         q, v = windows.begin(scene)
         out = np.empty((len(starts), self.windows.horizon, self.windows.scales.observed))
-        failures = 0
+        failures, units = 0, self.windows.units
         for j in range(self.windows.horizon):
             step = self.model.predict(q, v, data.u[starts + j], theta=theta)
             q, v = step.q_next, step.v_next
             failures += int(np.count_nonzero(step.status == SolverStatus.FAILED))
-            out[:, j] = self._scaled(scene.difference(data.q_next[starts + j], q), v - data.v_next[starts + j])
+            error = np.concatenate([scene.difference(data.q_next[starts + j], q), v - data.v_next[starts + j]], axis=1)
+            out[:, j] = (error / units)[:, self.windows.scales.counts]
         return out, failures
 
     def _linearised(
@@ -238,7 +246,8 @@ class PredictionLoss:
         state = np.zeros((len(q), 2 * nv, len(columns) + len(uncertain)))
         state[:, :, of_log] = bias
         state[:, uncertain, of_starts] = 1.0
-        residuals, jacobians, scale = [], [], np.concatenate([scales.q, scales.v])[:, None]
+        residuals, jacobians = [], []
+        units = self.windows.units[part if self.windows.own else slice(None)]
         for j in range(self.windows.horizon):
             step = self.model.predict(
                 q, v, data.u[starts + j], theta=theta, jacobian=True, parameter_jacobian=bool(len(physical))
@@ -250,22 +259,18 @@ class PredictionLoss:
                 state[:, :, of_model] += step.jacobian[:, :, 2 * nv + scene.nu + physical]
             if slopes is not None:
                 state[:, :, of_log] += step.jacobian[:, :, 2 * nv : 2 * nv + scene.nu] @ slopes[starts + j]
-            logged = data.q_next[starts + j], data.v_next[starts + j]
-            residuals.append(self._scaled(scene.difference(logged[0], q), v - logged[1]))
+            off = np.concatenate([scene.difference(data.q_next[starts + j], q), v - data.v_next[starts + j]], axis=1)
+            residuals.append((off / units)[:, scales.counts])
             # The tangent of the prediction replaces that of the difference; they are equal for small rotation errors.
-            error = state / scale
-            error[:, :, of_log] -= bias / scale
-            jacobians.append(error[:, scales.counts])
+            error = state.copy()
+            error[:, :, of_log] -= bias
+            jacobians.append((error / units[:, :, None])[:, scales.counts])
         jacobian = np.concatenate(jacobians, axis=1)
         return np.concatenate(residuals, axis=1), jacobian[:, :, : len(columns)], jacobian[:, :, len(columns) :]
 
     def _seen(self, psi: np.ndarray) -> Windows:
         """The windows as the model's state and control at ``psi``."""
         return replace(self.windows, data=self.observation.states(self.windows.data, psi))
-
-    def _scaled(self, dq: np.ndarray, dv: np.ndarray) -> np.ndarray:
-        scales = self.windows.scales
-        return np.concatenate([dq / scales.q, dv / scales.v], axis=-1)[..., scales.counts]
 
 
 def _joined(parts: list[Follow], columns: np.ndarray, n: int) -> Follow:

@@ -25,17 +25,24 @@ _TO_DEVIATION = 1.4826  # of a normal distribution, from its median absolute dev
 
 
 def sensor_noise(evidence: Evidence, theta: np.ndarray) -> np.ndarray | None:
-    """Standard deviations (2 nv,) of the noise of q and v, zero where none shows; None if none shows anywhere."""
+    """Standard deviations (logs, 2 nv) of the noise of q and v, zero where none shows; None if none shows anywhere."""
     physical, data = evidence.seen(theta)
     rows = data.windows(2)
+    of = data.recording[rows]
+    found = np.stack([_of_rows(evidence, physical, data, rows[of == k]) for k in range(len(evidence.names))])
+    return found if found.any() else None
+
+
+def _of_rows(evidence: Evidence, physical: np.ndarray, data: Transitions, rows: np.ndarray) -> np.ndarray:
+    """Standard deviations (2 nv,) from transitions at ``rows`` (N,) and those after them."""
     rows = rows[:: max(1, len(rows) // _ROWS)]
     if len(rows) < 2:
-        return None
+        return np.zeros(2 * evidence.model.scene.nv)
     first, second = (_residual(evidence.model, physical, data, r) for r in (rows, rows + 1))
     apart, together = _spread(first - second), _spread(first + second)
     shared, whole = (apart**2 - together**2) / 4.0, (apart**2 + together**2) / 4.0
     found = shared > max(_CLEAR, _SURE / np.sqrt(len(rows))) * whole
-    return np.sqrt(np.where(found, shared, 0.0)) if found.any() else None
+    return np.sqrt(np.where(found, shared, 0.0))
 
 
 def _residual(model: ComplementarityModel, theta: np.ndarray, data: Transitions, rows: np.ndarray) -> np.ndarray:

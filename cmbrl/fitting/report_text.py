@@ -6,6 +6,9 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
+from cmbrl.fitting.agreement import sentences
 from cmbrl.fitting.fitted_parameter import FLAT, NOMINAL, FittedParameter
 from cmbrl.fitting.verdict import advice, warning
 
@@ -67,13 +70,28 @@ def _errors(report: Mapping[str, Any]) -> Iterator[str]:
         yield "unseen episodes by steps, Huber loss:  " + "  ".join(f"{name:>10}" for name in _MODELS)
     for row in report.get("horizons", ()):
         yield f"  {row['steps']:>36d}  " + "  ".join(f"{row[name]:>10.4g}" for name in _MODELS)
-    if report.get("noise") is not None:
-        shown = [f"{x:.2g}" for x in report["noise"]]
-        half = len(shown) // 2
-        yield from _folded("sensor noise of positions [m, rad]", shown[:half])
-        yield from _folded("sensor noise of velocities [m/s, rad/s]", shown[half:])
+    for k, noise in enumerate(report.get("noise") or ()):
+        shown, half = [f"{x:.2g}" for x in noise], len(noise) // 2
+        of = f" in {report['logs'][k]['name']}" if report.get("logs") else ""
+        yield from _folded(f"sensor noise of positions [m, rad]{of}", shown[:half])
+        yield from _folded(f"sensor noise of velocities [m/s, rad/s]{of}", shown[half:])
+    yield from _logs(report.get("logs", ()))
     if report["stopped"] is not None:
         yield f"STOPPED EARLY ({report['stopped']}): best so far"
+
+
+def _logs(logs: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Errors by log, and whether the logs agree."""
+    if logs:
+        yield "RMSE by log (held out: by fits without these episodes; alone: of them, those of this log)"
+        yield f"  {'':<36}{'nominal':>10}{'fitted':>10}{'held out':>10}{'alone':>10}"
+    for log in logs:
+        rmse = [
+            log["rmse"].get(which, np.nan) for which in ("nominal", "fitted", "held out, fitted", "held out, alone")
+        ]
+        yield f"  {log['name'][-36:]:<36}" + "".join(f"{x:>10.4f}" for x in rmse)
+    for sentence in sentences(logs):
+        yield from textwrap.wrap(sentence, WIDTH, subsequent_indent="  ")
 
 
 def _selection(report: Mapping[str, Any]) -> Iterator[str]:

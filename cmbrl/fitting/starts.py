@@ -39,7 +39,10 @@ class StartEquations:
         precision: np.ndarray,
         delta: float,
     ) -> StartEquations:
-        """From residuals (s, w), their weights and slopes (s, w, k) in the starts at ``offset`` (s, k)."""
+        """From residuals (s, w), their weights and slopes (s, w, k) in the starts at ``offset`` (s, k).
+
+        ``precision`` (s, k) or (1, k): inverse standard deviations of the starts.
+        """
         away = offset * precision
         pull = np.minimum(1.0, delta / np.maximum(np.abs(away), 1e-300)) * precision**2
         gradient = ((weight * residual)[:, None] @ slope)[:, 0] + pull * offset

@@ -37,7 +37,7 @@ _EXACT = 1e-4  # loss of a coordinate (1 % of its change) below which it is righ
 
 @dataclass(frozen=True)
 class Survey:
-    """``horizon`` of the loss, ``noise`` (2 nv,) or None, and the ``scores`` by horizon (lower is better)."""
+    """``horizon`` of the loss, ``noise`` (logs, 2 nv) or None, and the ``scores`` by horizon (lower is better)."""
 
     horizon: int
     noise: np.ndarray | None
@@ -100,7 +100,7 @@ class Surveyor:
         starts = draw_starts(evidence.log, horizon, self.rows, self.seed)
         if self.count:
             starts = starts[~np.isin(starts, self._held_out)]
-        loss = evidence.loss(starts, horizon, evidence.scales(horizon, self.huber, noise))
+        loss = evidence.loss(starts, horizon, *evidence.scales(horizon, self.huber, noise))
         active, z = self.admit(self.chosen, np.zeros(len(space)))
         if not active.any():
             return z

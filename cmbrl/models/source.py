@@ -12,10 +12,13 @@ from cmbrl.errors import UserError
 
 if TYPE_CHECKING:
     from cmbrl.data.position_log import PositionLog
+    from cmbrl.data.several import Log
     from cmbrl.data.transitions import Transitions
     from cmbrl.models.complementarity import ComplementarityModel
     from cmbrl.registry import Task
     from cmbrl.scene import Scene
+
+POSITIONS_ONLY = "a log of positions without velocities; `fit` and `error --open-loop` read it"  #: elsewhere
 
 
 @dataclass(frozen=True)
@@ -79,11 +82,20 @@ def load_any_log(path: str, scene: Scene) -> Transitions | PositionLog:
     return data
 
 
+def load_logs(paths: Sequence[str], scene: Scene) -> dict[str, Log]:
+    """The logs in ``paths`` by the names of their files, or by their paths where two have the same name."""
+    names = [Path(path).name for path in paths]
+    if twice := next((path for path in paths if list(paths).count(path) > 1), None):
+        raise UserError(f"{twice}: given twice; give every log once")
+    names = names if len(set(names)) == len(names) else list(paths)
+    return {name: load_any_log(path, scene) for name, path in zip(names, paths, strict=True)}
+
+
 def load_log(path: str, scene: Scene) -> Transitions:
     """The log of states in ``path``, checked against ``scene``; raises UserError that names the file."""
     from cmbrl.data import Transitions
 
     data = load_any_log(path, scene)
     if not isinstance(data, Transitions):
-        raise UserError(f"{path}: a log of positions without velocities; `fit` and `error --open-loop` read it")
+        raise UserError(f"{path}: {POSITIONS_ONLY}")
     return data

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
     from cmbrl.scene import Scene
 
-BLOCKS = 8  #: parts of a single episode
+BLOCKS = 8  #: parts of a log of a single episode
 _MODEL_SHARE = 0.25  # of the change: about what a contact model leaves; sensor noise is weighed against it
 _SCALE_FLOOR = 1e-3  # of the largest scale of its kind, so that a coordinate that hardly moves does not dominate
 
@@ -34,10 +34,12 @@ class Scales:
     def of(cls, scene: Scene, data: Transitions, huber: float, noise: np.ndarray | None = None) -> Scales:
         """The scales of ``data``; ``huber`` is the normalised residual from which errors count linearly."""
         q, v = spread(scene.difference(data.q, data.q_next)), spread(data.v_next - data.v)
-        if noise is None:
-            return cls(q, v, huber)
-        q, v = (np.hypot(s, n / _MODEL_SHARE) for s, n in zip((q, v), np.split(noise, 2), strict=True))
-        return cls(q, v, huber, noise)
+        return cls(q, v, huber) if noise is None else cls(q, v, huber).noisy(noise)
+
+    def noisy(self, noise: np.ndarray) -> Scales:
+        """The scales of such a log with sensor ``noise`` (2 nv,)."""
+        q, v = (np.hypot(s, n / _MODEL_SHARE) for s, n in zip((self.q, self.v), np.split(noise, 2), strict=True))
+        return replace(self, q=q, v=v, noise=noise)
 
     @property
     def uncertain(self) -> np.ndarray:
@@ -72,6 +74,7 @@ class Windows:
     """From each row of ``starts`` (S,), ``horizon`` steps of ``data`` under the logged controls.
 
     ``offset`` (S, k): how far each start is from the logged state, along ``scales.uncertain``; None for not at all.
+    ``own``: the scales of each of several logs, if they differ; all have the same ``uncertain`` and ``counts``.
     """
 
     data: Transitions
@@ -79,6 +82,7 @@ class Windows:
     horizon: int
     scales: Scales
     offset: np.ndarray | None = None
+    own: tuple[Scales, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "starts", np.ascontiguousarray(self.starts, dtype=np.int64))
@@ -87,6 +91,40 @@ class Windows:
     def blocks(self) -> np.ndarray:
         """Block (S,) of each window; blocks are held out and resampled as a whole."""
         return blocks_of(self.data)[self.starts]
+
+    @property
+    def recording(self) -> np.ndarray:
+        """Log (S,) of each window."""
+        return self.data.recording[self.starts]
+
+    @property
+    def units(self) -> np.ndarray:
+        """What errors of q and v are measured in: (S, 2 nv), or (1, 2 nv) where all windows are alike."""
+        units = np.stack([np.concatenate([scales.q, scales.v]) for scales in self.own or (self.scales,)])
+        return units[self.recording] if self.own else units
+
+    @property
+    def start_precision(self) -> np.ndarray:
+        """Inverse standard deviations (S, k) or (1, k) of the starts along ``scales.uncertain``."""
+        precision = np.stack([scales.start_precision for scales in self.own or (self.scales,)])
+        return precision[self.recording] if self.own else precision
+
+    def by_scales(self) -> list[Windows]:
+        """The windows apart by their scales, so that each part has common ones."""
+        if not self.own:
+            return [self]
+        chosen = [(scales, self.recording == k) for k, scales in enumerate(self.own)]
+        return [
+            replace(
+                self,
+                starts=self.starts[rows],
+                scales=scales,
+                offset=None if self.offset is None else self.offset[rows],
+                own=(),
+            )
+            for scales, rows in chosen
+            if rows.any()
+        ]
 
     def on(self, starts: np.ndarray) -> Windows:
         """The same windows from the logged states of other ``starts``."""
@@ -111,8 +149,17 @@ class Windows:
 
 
 def blocks_of(data: Transitions) -> np.ndarray:
-    """Parts (N,) of a log that hardly know of each other: its episodes, or consecutive parts of a single episode."""
-    return data.episode if data.n_episodes > 1 else np.arange(len(data)) * BLOCKS // max(len(data), 1)
+    """Parts (N,) of a log that hardly know of each other: its episodes, or consecutive parts of a single episode.
+
+    Each of several logs is divided by itself.
+    """
+    blocks, known = np.zeros(len(data), dtype=np.int64), 0
+    for k in np.unique(data.recording):
+        rows = np.flatnonzero(data.recording == k)
+        episodes, part = np.unique(data.episode[rows], return_inverse=True)
+        part = part if len(episodes) > 1 else np.arange(len(rows)) * BLOCKS // len(rows)
+        blocks[rows], known = known + part, known + int(part.max()) + 1
+    return blocks
 
 
 def spread(change: np.ndarray) -> np.ndarray:

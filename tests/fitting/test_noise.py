@@ -40,12 +40,12 @@ def noisy(carts):
 def setup(carts, noisy, request):
     evidence = Evidence.of(carts.model(2), noisy)
     starts, steps = draw_starts(noisy, request.param, 300, 0), request.param
-    return evidence.space, evidence.loss(starts, steps, evidence.scales(steps, 0.3, SIGMA))
+    return evidence.space, evidence.loss(starts, steps, *evidence.scales(steps, 0.3, SIGMA[None]))
 
 
 def test_noise_of_both_kinds_is_found_with_the_right_model(carts, noisy):
     evidence = Evidence.of(carts.truth(2, gear_1=0.7, damping_0=2.0), noisy)
-    np.testing.assert_allclose(sensor_noise(evidence, evidence.space.nominal), SIGMA, rtol=0.2)
+    np.testing.assert_allclose(sensor_noise(evidence, evidence.space.nominal), [SIGMA], rtol=0.2)
 
 
 def test_a_clean_log_has_no_noise_even_if_the_model_is_wrong(carts):
@@ -56,15 +56,15 @@ def test_a_clean_log_has_no_noise_even_if_the_model_is_wrong(carts):
 
 def test_without_noise_the_starts_are_the_logged_states(carts, noisy):
     evidence = Evidence.of(carts.model(2), noisy)
-    loss = evidence.loss(noisy.windows(3), 3, evidence.scales(3, 0.3))
+    loss = evidence.loss(noisy.windows(3), 3, *evidence.scales(3, 0.3))
     assert loss.settled(evidence.space.nominal) is loss
 
 
 def test_noise_that_vanishes_is_the_limit_of_none(carts, noisy):
     evidence = Evidence.of(carts.model(2), noisy)
     values = []
-    for noise in (None, 1e-6 * SIGMA):
-        loss = evidence.loss(noisy.windows(3), 3, evidence.scales(3, 0.3, noise))
+    for noise in (None, 1e-6 * SIGMA[None]):
+        loss = evidence.loss(noisy.windows(3), 3, *evidence.scales(3, 0.3, noise))
         values.append(loss.errors(evidence.space.nominal).mean)
     assert values[1] == pytest.approx(values[0], rel=1e-6)
 
@@ -117,7 +117,7 @@ def test_a_noisy_log_is_fitted_without_bias(carts, noisy):
     model = carts.model(2)
     result = cmbrl.fit(model, noisy, groups=["gear", "damping"], method="gauss-newton")
     assert result.report["horizon"] > 1
-    np.testing.assert_allclose(result.report["noise"], SIGMA, rtol=0.25)
+    np.testing.assert_allclose(result.report["noise"], [SIGMA], rtol=0.25)
     assert result.parameters["gear.1"].value == pytest.approx(0.7, rel=0.03)
     assert result.parameters["damping.0"].value == pytest.approx(2.0, rel=0.1)
     assert "sensor noise of positions" in result.report_text()
