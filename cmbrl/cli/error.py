@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from cmbrl.accuracy.open_loop import OpenLoop
     from cmbrl.accuracy.table import ErrorTable
     from cmbrl.data import Transitions
-    from cmbrl.scene import Scene
+    from cmbrl.models.source import Source
 
 CONTACT_GAP = 2e-3  # [m]
 
@@ -92,7 +93,7 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.since is not None and not arguments.open_loop:
         raise UserError("--from is for --open-loop: add it, or drop --from")
     source = common_source(words, arguments.scene, arguments.ignore, arguments.contact_law, arguments.self_contact)
-    data, time, logs = _log(arguments, source.scene)
+    source, data, time, logs = _log(arguments, source)
     gap = arguments.contact_gap or (source.task.contact_gap if source.task else CONTACT_GAP)
     models = build_models(words, source, data, arguments.threads or usable_cores())
     notes = []
@@ -129,12 +130,12 @@ def run(arguments: argparse.Namespace) -> None:
     print(json.dumps(result, indent=2) if arguments.json else text)
 
 
-def _log(arguments: argparse.Namespace, scene: Scene) -> tuple[Transitions, np.ndarray, tuple[str, ...]]:
-    """All logs as one, the time [s] of the state after each row, and what the logs are called."""
+def _log(arguments: argparse.Namespace, source: Source) -> tuple[Source, Transitions, np.ndarray, tuple[str, ...]]:
+    """The source with what commands drive, all logs as one, the time [s] after each row, what the logs are called."""
     from cmbrl.data.position_log import PositionLog
-    from cmbrl.data.several import named_logs, together
+    from cmbrl.data.several import named_logs, scene_of_logs, together
 
-    logs = load_logs(arguments.data, scene)
+    logs = load_logs(arguments.data, source.scene)
     times = []
     for name, log in logs.items():
         if isinstance(log, PositionLog):
@@ -144,4 +145,5 @@ def _log(arguments: argparse.Namespace, scene: Scene) -> tuple[Transitions, np.n
         else:
             first = np.searchsorted(log.episode, log.episode) if len(log) else 0
             times.append(log.dt * (np.arange(len(log)) - first + 1))
-    return together(named_logs(logs), scene), np.concatenate(times), tuple(logs)
+    source = replace(source, scene=scene_of_logs(logs, source.scene))
+    return source, together(named_logs(logs), source.scene), np.concatenate(times), tuple(logs)

@@ -97,8 +97,12 @@ def gains(given: Any, name: str, columns: int) -> np.ndarray | None:
     if given is None:
         return None
     array = real_array(given, name)
-    if array.shape not in ((), (1,), (columns,)) or not ((array >= 0) & (array <= LARGEST)).all():
-        raise UserError(f"{name} has shape {array.shape}; give one gain >= 0, or one for each of {columns} commands")
+    if array.shape not in ((), (1,), (columns,)):
+        raise UserError(f"{name} has shape {array.shape}; give one gain, or one for each of the {columns} commands")
+    if len(wrong := np.flatnonzero(~((array >= 0) & (array <= LARGEST)))):
+        value, of = array.flat[wrong[0]], f" of command {wrong[0]}" * (array.size > 1)
+        kind = "not known (NaN): leave the gain out" if np.isnan(value) else f"{value:g}: give a finite gain >= 0"
+        raise UserError(f"{name}{of} is {kind}")
     return np.ascontiguousarray(np.broadcast_to(array, (columns,)))
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cmbrl.data.drive import controls
 from cmbrl.data.position_log import PositionLog
 from cmbrl.data.smoothing import smooth
 from cmbrl.data.transitions import Transitions
@@ -17,12 +18,12 @@ if TYPE_CHECKING:
 def estimated(log: PositionLog, scene: Scene) -> Transitions:
     """``log`` with the columns in the order of ``scene`` and velocities by :func:`cmbrl.data.smoothing.smooth`.
 
-    Raises UserError unless it is a log of all joints and actuators of ``scene``.
+    Raises UserError unless it is a log of all joints and actuators of ``scene``, with commands of their kind.
     """
     log.check(scene)
     places, driven = log.coordinates(scene), log.actuators(scene)
     position, control = np.empty((len(log), scene.nv)), np.empty((len(log), scene.nu))
-    position[:, places], control[:, driven] = log.position, log.command
+    position[:, places], control[:, driven] = log.position, controls(log, scene)
     rate = smooth(position, log.dt, log.episode).rate
     now = np.flatnonzero(log.episode[1:] == log.episode[:-1])
     return Transitions(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cmbrl.data import drive
 from cmbrl.data.checks import TIME_STEP_TOLERANCE
 from cmbrl.data.estimation import estimated
 from cmbrl.data.position_log import PositionLog
@@ -47,6 +48,16 @@ def named_logs(data: Any) -> dict[str, Log]:
                 "`cmbrl import --rate`"
             )
     return logs
+
+
+def scene_of_logs(logs: Mapping[str, Log], scene: Scene) -> Scene:
+    """``scene`` as the commands of position ``logs`` ask for; raises UserError that names the log (``drive``)."""
+    for name, log in logs.items():
+        try:
+            scene = drive.scene_of(log, scene) if isinstance(log, PositionLog) else scene
+        except UserError as error:
+            raise UserError(f"{name}: {error}" if len(logs) > 1 else str(error)) from None
+    return scene
 
 
 def together(logs: Mapping[str, Log], scene: Scene, dt: float | None = None) -> Transitions:

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cmbrl.data.drive import law_of
 from cmbrl.data.position_log import PositionLog
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
@@ -143,8 +144,9 @@ def _gain(model: ComplementarityModel, q: np.ndarray, commands: np.ndarray, serv
     data: Transitions | PositionLog
     if servo:
         named = [scene.joint_names.index(j.name) for j in sorted(scene.joints, key=lambda j: j.qadr)]
+        targets = commands / [law_of(scene, actuator)[1] for actuator in range(scene.nu)]
         data = PositionLog(
-            time=time, position=motion, command=commands, joint_names=tuple(scene.joint_names[k] for k in named),
+            time=time, position=motion, command=targets, joint_names=tuple(scene.joint_names[k] for k in named),
             actuator_names=scene.actuator_names,
         )  # fmt: skip
     else:

@@ -9,7 +9,7 @@ import numpy as np
 
 from cmbrl.data.checks import LARGEST
 from cmbrl.data.position_log import PositionLog
-from cmbrl.data.several import Logs, named_logs, together
+from cmbrl.data.several import Logs, named_logs, scene_of_logs, together
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
 from cmbrl.fitting.loss import PredictionLoss
@@ -18,6 +18,7 @@ from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.observation import Observation
 from cmbrl.models.windows import Scales, Windows
 from cmbrl.numbers import whole
+from cmbrl.scene import Scene
 
 HORIZONS = (1, 4, 10, 20)  # 1 step is what noise-free logs are best judged at; beyond 20, impacts have happened
 _POSITIONS_AHEAD = 0.5  # [s]: several time constants of a position servo
@@ -47,8 +48,9 @@ class Evidence:
         logs = named_logs(data)
         of_positions = {name: log for name, log in logs.items() if isinstance(log, PositionLog)}
         positions_only, known = bool(of_positions), _told_gains(of_positions)
-        for log in of_positions.values():
-            model = _with_gains(model, log)
+        model = _with_scene(model, scene_of_logs(of_positions, model.scene))
+        for each in of_positions.values():
+            model = _with_gains(model, each)
         model = model.for_log(next(iter(logs.values())).dt)
         log = together(logs, model.scene, model.dt)
         _check_steps(model, log)
@@ -104,19 +106,33 @@ def _told_gains(logs: Mapping[str, PositionLog]) -> list[str]:
     return told
 
 
+def _with_scene(model: ComplementarityModel, scene: Scene) -> ComplementarityModel:
+    """``model`` with the same robot under other drives; parameters keep their values by name."""
+    if scene is model.scene:
+        return model
+    values = dict(zip((p.name for p in model.scene.parameters), model.parameters.tolist(), strict=True))
+    theta = np.array([values.get(p.name, p.nominal) for p in scene.parameters])
+    return model.with_settings(scene=scene, parameters=theta)
+
+
 def _with_gains(model: ComplementarityModel, log: PositionLog) -> ComplementarityModel:
     """``model`` with the gains of ``log``, where it tells them, as its parameters."""
     scene = model.scene
     theta, index = model.parameters.copy(), {p.name: k for k, p in enumerate(scene.parameters)}
+    if log.command_kind == "torque":  # then no gain acts
+        return model
     for group, gains in (("kp", log.kp), ("kd", log.kd)):
         for actuator, gain in zip(log.actuators(scene), () if gains is None else gains, strict=False):
             name = f"{group}.{scene.actuator_names[actuator]}"
+            gear = float(scene.core.P[scene.layout.actuator(int(actuator))])
+            if name not in index and gain == 0.0:
+                continue
             if name not in index:
                 raise UserError(
                     f"the log has {group} = {gain:g}, but {scene.actuator_names[actuator]!r} of scene {scene.name!r} "
                     "is no servo with such a gain: give it as <position kp= kv=> in the file"
                 )
-            theta[index[name]] = gain
+            theta[index[name]] = gain / gear**2
     return model.with_parameters(theta)
 
 

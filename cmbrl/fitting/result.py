@@ -61,6 +61,7 @@ class FitResult:
             "contact_law": scene.contact_law,
             "self_contact": scene.self_contact,
             "reduce": scene.reduce,
+            "drives": [asdict(drive) for drive in scene.drives],
         }
         parameters = {name: asdict(p) for name, p in self.parameters.items()}
         mjcf, told = self._mjcf()

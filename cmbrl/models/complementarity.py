@@ -192,8 +192,9 @@ class ComplementarityModel:
         return ComplementarityModel(self.scene, parameters=theta, **{**self._settings(), "candidates": None})
 
     def with_settings(self, **settings: Any) -> ComplementarityModel:
-        """The same model with some constructor settings replaced."""
-        return ComplementarityModel(self.scene, **{"parameters": self.parameters, **self._settings(), **settings})
+        """The same model with some arguments of the constructor replaced."""
+        scene = settings.pop("scene", self.scene)
+        return ComplementarityModel(scene, **{"parameters": self.parameters, **self._settings(), **settings})
 
     def alternatives(self) -> dict[str, ComplementarityModel]:
         """The same model with other integrators and half or a quarter of the time step, by a name of the change.

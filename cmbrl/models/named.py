@@ -113,6 +113,7 @@ def load_complementarity(folder: str | os.PathLike[str]) -> ComplementarityModel
     """
     from cmbrl.models.complementarity import ComplementarityModel
     from cmbrl.scene import Scene
+    from cmbrl.scene.drives import Drive
 
     file, result = Path(folder) / SETTINGS, Path(folder) / RESULT
     if not result.is_file():
@@ -129,6 +130,7 @@ def load_complementarity(folder: str | os.PathLike[str]) -> ComplementarityModel
             contact_law=source["contact_law"],
             self_contact=source.get("self_contact", "near"),
             reduce=source.get("reduce", True),
+            drives=[Drive(**drive) for drive in source.get("drives", ())],
         )
         return ComplementarityModel.from_config(scene, settings)
     except UserError as error:

@@ -18,6 +18,7 @@ import numpy as np
 
 from cmbrl.errors import UserError
 from cmbrl.scene.contact_meaning import meaning
+from cmbrl.scene.drives import write_drives
 from cmbrl.scene.fitted_spec import FittedSpec
 from cmbrl.scene.layout import CONTACT_FIELDS
 from cmbrl.scene.records import Array
@@ -61,6 +62,7 @@ def _written(scene: Scene, theta: Array) -> str:
         warnings.simplefilter("ignore")  # MuJoCo's on the file, which the scene has told
         try:
             spec = mujoco.MjSpec.from_file(scene.path)
+            write_drives(spec, scene.drives, scene.path)
             model = spec.compile()
             softness = _softness(scene, theta)
             radii = {

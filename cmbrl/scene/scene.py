@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -17,6 +17,7 @@ from cmbrl.scene.assemble import contact_arrays, line_arrays, physical_vector, t
 from cmbrl.scene.contacts import ContactBuilder
 from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.differences import differences
+from cmbrl.scene.drives import Drive, driven_model
 from cmbrl.scene.fluid import box_arrays, oblique_box, read_boxes
 from cmbrl.scene.inertia_shapes import add_shapes
 from cmbrl.scene.inverse_weights import soften, weight_arrays
@@ -57,6 +58,7 @@ class Scene:
     contact_law: str  # as LawChoice writes it
     reduce: bool  # False: nothing was simplified, on request
     self_contact: str  # "near", "all" or "none"
+    drives: tuple[Drive, ...]  # laws of actuators that replace the file's
     nq: int
     nv: int
     nu: int
@@ -95,6 +97,7 @@ class Scene:
         contact_law: str = "mujoco",
         reduce: bool = True,
         self_contact: str = "near",
+        drives: Iterable[Drive] = (),
     ) -> Scene:
         """Reads a robot through MuJoCo's compiler.
 
@@ -111,6 +114,7 @@ class Scene:
                 random poses within the joint limits), "all" or "none".
             reduce: False keeps spatial algebra for planar scenes, candidates that can never touch and duplicate points.
                 The motion is the same at a higher cost; use it to check the simplification.
+            drives: laws of actuators that replace the file's (``cmbrl.scene.drives``).
 
         Raises:
             UserError: for a missing file, one that is neither an MJCF nor a URDF, or an unsupported element.
@@ -122,8 +126,18 @@ class Scene:
         gate = Gate(compiled.label, ignore)
         if compiled.model.nv == 0:
             raise UserError(f"{compiled.label}: the model has no joints, so nothing moves; add a joint")
+        drives = tuple(drives)
+        compiled = replace(compiled, model=driven_model(compiled.model, drives, compiled.label))
         check_model(compiled.model, gate)
-        return _build(cls, compiled, gate, law, reduce, self_contact)
+        return _build(cls, compiled, gate, law, reduce, self_contact, drives)
+
+    def with_drives(self, drives: Iterable[Drive]) -> Scene:
+        """The same scene, read again with other laws of its actuators; raises UserError if it was not from a file."""
+        if not self.path:
+            raise UserError(
+                f"{self.name} was not read from a file: give drives=... to Scene.from_mjcf, where it is read"
+            )
+        return Scene.from_mjcf(self.path, self.ignore, self.contact_law, self.reduce, self.self_contact, drives)
 
     @property
     def layout(self) -> Layout:
@@ -197,6 +211,7 @@ def _build(
     law: LawChoice,
     reduce: bool,
     self_contact: str,
+    drives: tuple[Drive, ...],
 ) -> Scene:
     model = compiled.model
     check_joints(model, gate)
@@ -281,6 +296,7 @@ def _build(
         contact_law=str(law),
         reduce=reduce,
         self_contact=self_contact,
+        drives=drives,
         nq=int(model.nq),
         nv=int(model.nv),
         nu=len(actuators),

@@ -96,7 +96,7 @@ def test_a_log_of_another_robot(leg: Scene, other: dict[str, Any], told: str) ->
         ({"time": np.zeros(20)}, "time does not rise from row 0"),
         ({"time": np.where(np.arange(20) > 9, 1.0, 0.0) + 0.005 * np.arange(20)}, "after row 9, elsewhere by 0.005 s"),
         ({"time": np.full(20, np.inf)}, "time in row 0 is not a finite number"),
-        ({"kp": -1.0}, "kp has shape"),
+        ({"kp": -1.0}, "kp is -1: give a finite gain"),
         ({"kd": np.ones(3)}, r"kd has shape \(3,\)"),
         ({"command_kind": "speed"}, "unknown kind of command 'speed'"),
         ({"episode": np.arange(20)}, "no two samples in one episode"),

@@ -1,0 +1,70 @@
+"""What the commands of a position log are to the actuators of a scene, and the scene that takes them as they are."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cmbrl.errors import UserError
+from cmbrl.scene.drives import Drive
+
+if TYPE_CHECKING:
+    from cmbrl.data.position_log import PositionLog
+    from cmbrl.scene import Scene
+
+
+def law_of(scene: Scene, actuator: int) -> tuple[str, float]:
+    """ "position" or "torque", whichever ``actuator`` takes, and its control per target [rad, m] or torque [N m, N]."""
+    P, layout = scene.core.P, scene.layout
+    gear, gain, bias = (float(P[layout.actuator(actuator, field)]) for field in ("gear", "gain", "bias1"))
+    if gear * gain == 0.0:
+        return "torque", 1.0  # left out: no control does anything
+    return ("position", -bias * gear / gain) if bias < 0.0 else ("torque", 1.0 / (gear * gain))
+
+
+def controls(log: PositionLog, scene: Scene) -> np.ndarray:
+    """Controls (T, m) of the actuators of ``log.actuators(scene)``.
+
+    Raises UserError where an actuator does not take such commands (see :func:`scene_of`).
+    """
+    scales = []
+    for column, actuator in enumerate(log.actuators(scene).tolist()):
+        kind, scale = law_of(scene, actuator)
+        if kind != log.command_kind:
+            raise UserError(_mismatch(log, scene, column, actuator))
+        scales.append(scale)
+    return log.command * np.array(scales)
+
+
+def scene_of(log: PositionLog, scene: Scene) -> Scene:
+    """``scene``, with the drives that the commands of ``log`` ask for where its actuators take others.
+
+    Motors that got targets become servos with the gains of the log, and servos that got torques become motors. Raises
+    UserError if the log does not tell the gains.
+    """
+    drives = {drive.actuator: drive for drive in scene.drives}
+    for column, actuator in enumerate(log.actuators(scene).tolist()):
+        if law_of(scene, actuator)[0] == log.command_kind:
+            continue
+        name = scene.actuator_names[actuator]
+        if log.command_kind == "torque":
+            drives[name] = Drive(name, "torque")
+            continue
+        if log.kp is None or log.kp[column] == 0.0:
+            raise UserError(_mismatch(log, scene, column, actuator))
+        drives[name] = Drive(name, "position", float(log.kp[column]), 0.0 if log.kd is None else float(log.kd[column]))
+    changed = tuple(drives.values())
+    return scene if changed == scene.drives else scene.with_drives(changed)
+
+
+def _mismatch(log: PositionLog, scene: Scene, column: int, actuator: int) -> str:
+    name, command = scene.actuator_names[actuator], log.command_names[column]
+    if log.command_kind == "torque":
+        return (
+            f"torque of {command!r}: actuator {name!r} of scene {scene.name!r} is a position servo, which takes targets"
+        )
+    return (
+        f"commanded_position of {command!r}: actuator {name!r} of scene {scene.name!r} is a motor, which takes a "
+        "torque; give the gains of the robot's servo as kp and kd in the log (`cmbrl import --kp --kd`)"
+    )
