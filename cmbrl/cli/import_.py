@@ -16,6 +16,7 @@ from cmbrl.table import WIDTH
 EXAMPLE = """
 cmbrl import run1.csv run2.csv --scene robot.xml --angles deg --out log.npz
 cmbrl import bag --scene robot.xml --map joint_states.position.j1=hip.position --out log.npz
+cmbrl import joints.csv --base capture.csv --scene go2.xml --kp 20 --kd 1 --out log.npz
 cmbrl import chirp.pt --scene leg.xml --joints hip thigh calf --kp 20 --kd 1.5 --out log.npz
 """
 
@@ -70,6 +71,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with velocities, or positions and commands alone (default: as the log has them)",
     )
     parser.add_argument(
+        "--base",
+        nargs="+",
+        default=[],
+        metavar="FILE",
+        help="poses of the floating base (x y z qw qx qy qz), a file for each log, of another rate and clock",
+    )
+    parser.add_argument(
+        "--base-offset",
+        type=number,
+        metavar="S",
+        help="seconds by which the clock of --base is later (default: found in how joints and base move together)",
+    )
+    parser.add_argument(
+        "--quaternion", choices=("wxyz", "xyzw"), help="order of quaternions in arrays (asked for where not named)"
+    )
+    parser.add_argument(
         "--velocity-window", type=positive, default=5, metavar="K", help="samples of an estimated velocity (default 5)"
     )
     add_scene_options(parser)
@@ -92,6 +109,9 @@ def run(arguments: argparse.Namespace) -> None:
         kd=arguments.kd,
         kind=arguments.kind,
         window=arguments.velocity_window,
+        base=tuple(arguments.base),
+        base_offset=arguments.base_offset,
+        quaternion=arguments.quaternion,
     )
     source = load_source(arguments.scene, arguments.ignore, arguments.contact_law, arguments.self_contact)
     found = import_logs(arguments.files, source.scene, options)

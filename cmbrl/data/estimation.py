@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cmbrl.data.drive import controls
-from cmbrl.data.position_log import PositionLog
-from cmbrl.data.smoothing import smooth
+from cmbrl.data.position_log import PositionLog, free_joint
+from cmbrl.data.smoothing import smooth, smooth_rotations
 from cmbrl.data.transitions import Transitions
 
 if TYPE_CHECKING:
@@ -22,9 +22,17 @@ def estimated(log: PositionLog, scene: Scene) -> Transitions:
     """
     log.check(scene)
     places, driven = log.coordinates(scene), log.actuators(scene)
-    position, control = np.empty((len(log), scene.nv)), np.empty((len(log), scene.nu))
-    position[:, places], control[:, driven] = log.position, controls(log, scene)
-    rate = smooth(position, log.dt, log.episode).rate
+    position, control = np.empty((len(log), scene.nq)), np.empty((len(log), scene.nu))
+    rate = np.empty((len(log), scene.nv))
+    addresses = {joint.vadr: joint.qadr for joint in scene.joints}
+    position[:, [addresses[place] for place in places.tolist()]] = log.position
+    rate[:, places], control[:, driven] = smooth(log.position, log.dt, log.episode).rate, controls(log, scene)
+    if log.base is not None:
+        first = min((joint for joint in scene.joints if joint.source == _floating(scene)), key=lambda j: j.qadr)
+        q, v = slice(first.qadr, first.qadr + 7), slice(first.vadr, first.vadr + 6)
+        turn = smooth_rotations(log.base[:, 3:], log.dt, log.episode)
+        position[:, q] = log.base
+        rate[:, v] = np.hstack([smooth(log.base[:, :3], log.dt, log.episode).rate, turn.rate])
     now = np.flatnonzero(log.episode[1:] == log.episode[:-1])
     return Transitions(
         q=position[now],
@@ -36,5 +44,9 @@ def estimated(log: PositionLog, scene: Scene) -> Transitions:
         episode=log.episode[now],
         joint_names=scene.joint_names,
         actuator_names=scene.actuator_names,
-        source={"positions": True},
+        source={"positions": True},  # not checked again as states
     )
+
+
+def _floating(scene: Scene) -> int:
+    return scene.joint_names.index(str(free_joint(scene)))

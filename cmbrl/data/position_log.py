@@ -2,6 +2,7 @@
 
 The file is an npz with the keys ``time`` (T,) [s], ``joint_position`` (T, n), ``commanded_position`` (T, m) or
 ``torque`` (T, m), ``joint_names`` (n,), and, where known, ``actuator_names`` (m,), ``kp``, ``kd`` and ``episode`` (T,).
+Of a floating robot, ``base_position`` (T, 3) and ``base_quaternion`` (T, 4) besides, which are all of a tossed body.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from cmbrl.scene.records import JointKind
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
 
+BASE = ("base_position", "base_quaternion")  #: keys of the pose of a floating base
 COMMANDS = {"position": "commanded_position", "torque": "torque"}  #: kind of command -> key in the file
 
 
@@ -47,6 +49,7 @@ class PositionLog:
     kp: np.ndarray | None = None  #: (m,) gain of the position servos [N m/rad, N/m]; None: that of the scene
     kd: np.ndarray | None = None  #: (m,) their gain of the velocity [N m s/rad, N s/m]; None: that of the scene
     episode: np.ndarray = None  # type: ignore[assignment]  #: (T,) int64, the episode of each row; None: all are one
+    base: np.ndarray | None = None  #: (T, 7) of the only free joint: place in the world [m], quaternion w x y z
 
     def __post_init__(self) -> None:
         one_of(self.command_kind, COMMANDS, "kind of command")
@@ -63,6 +66,8 @@ class PositionLog:
             raise UserError(
                 f"{key} has {command.shape[1]} columns for {len(joints)} joints; name its columns by actuator_names"
             )
+        if self.base is not None:
+            object.__setattr__(self, "base", checks.poses(self.base, rows))
         episode = np.zeros(rows) if self.episode is None else self.episode
         object.__setattr__(self, "position", position)
         object.__setattr__(self, "command", command)
@@ -95,7 +100,7 @@ class PositionLog:
         """The rows of an index array, a mask (T,) or a slice; raises UserError where time steps become uneven."""
         chosen = row_numbers(rows, len(self))
         picked = {name: getattr(self, name)[chosen] for name in ("time", "position", "command", "episode")}
-        return replace(self, **picked)
+        return replace(self, **picked, base=None if self.base is None else self.base[chosen])
 
     def coordinates(self, scene: Scene) -> np.ndarray:
         """(n,) places in ``scene``'s v of the log's joints; raises UserError for a joint that the scene lacks."""
@@ -133,8 +138,13 @@ class PositionLog:
         if not hasattr(scene, "core"):
             raise UserError(f"scene is a {type(scene).__name__}; give the Scene of the robot")
         self.coordinates(scene)
-        driven = self.actuators(scene)
-        if missing := [name for name in scene.joint_names if name not in self.joint_names]:
+        driven, floating = self.actuators(scene), free_joint(scene)
+        if self.base is not None and floating is None:
+            raise UserError(
+                f"the log has the pose of a base, and scene {scene.name!r} has not one free joint; leave it out"
+            )
+        known = {*self.joint_names, *([floating] if self.base is not None and floating else [])}
+        if missing := [name for name in scene.joint_names if name not in known]:
             raise UserError(
                 f"joint {missing[0]!r} of scene {scene.name!r} is not in the log, and its motion cannot be simulated "
                 "without a start; log it, or fix it in the file"
@@ -157,6 +167,8 @@ class PositionLog:
         }
         if self.actuator_names:
             arrays["actuator_names"] = np.asarray(self.actuator_names, dtype=np.str_)
+        if self.base is not None:
+            arrays["base_position"], arrays["base_quaternion"] = self.base[:, :3], self.base[:, 3:]
         for name, gains in (("kp", self.kp), ("kd", self.kd)):
             if gains is not None:
                 arrays[name] = gains[0] if len(set(gains.tolist())) == 1 else gains
@@ -180,7 +192,14 @@ class PositionLog:
 
 def is_layout(keys: Any) -> bool:
     """Whether the ``keys`` of an npz are those of a position log."""
-    return {"time", "joint_position"} <= set(keys)
+    return {"time", "joint_position"} <= set(keys) or {"time", *BASE} <= set(keys)
+
+
+def free_joint(scene: Scene) -> str | None:
+    """The name of the only free joint of ``scene``; None if there is none or several."""
+    balls = [joint.source for joint in scene.joints if joint.kind == JointKind.BALL]
+    free = [source for source in balls if sum(joint.source == source for joint in scene.joints) > 1]
+    return scene.joint_names[free[0]] if len(free) == 1 else None
 
 
 def check_target(path: str | os.PathLike[str]) -> None:
@@ -191,6 +210,12 @@ def check_target(path: str | os.PathLike[str]) -> None:
 
 
 def _from_arrays(found: dict[str, np.ndarray]) -> PositionLog:
+    if set(BASE) <= set(found):
+        found = dict(found)
+        found["base"] = np.hstack([checks.numbers(key, found[key]) for key in BASE])
+        for key in () if "joint_position" in found else ("joint_position", "commanded_position"):
+            found[key] = np.zeros((len(found["base"]), 0))
+        found.setdefault("joint_names", np.empty(0, dtype=np.str_))
     kind = next((kind for kind, key in COMMANDS.items() if key in found), None)
     missing = [key for key in ("time", "joint_position", "joint_names") if key not in found]
     if kind is None or missing:
@@ -199,7 +224,9 @@ def _from_arrays(found: dict[str, np.ndarray]) -> PositionLog:
             f"{', '.join(sorted(found)) or 'nothing'}); a position log needs time, joint_position, joint_names, and "
             "commanded_position or torque"
         )
-    options: dict[str, Any] = {key: found[key] for key in ("kp", "kd", "episode", "actuator_names") if key in found}
+    options: dict[str, Any] = {
+        key: found[key] for key in ("kp", "kd", "episode", "actuator_names", "base") if key in found
+    }
     log = PositionLog(
         time=found["time"],
         position=found["joint_position"],

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cmbrl.scene.manifold import rotate_by, rotation_between
+
 _HALF_WIDTHS = (2, 3, 4, 6, 8, 12, 16)  # samples on each side
 _DEGREE = 2
 _LEAST = 5  # samples of an episode that a parabola can smooth
@@ -61,6 +63,48 @@ def _with_width(
         value[part] = np.einsum("rnw,rw->rn", windows[own], weights[0][place])
         rate[part] = np.einsum("rnw,rw->rn", windows[own], weights[1][place]) / dt
         left = (samples[part] - value[part]) / (1.0 - weights[0][place, place])[:, None]
+        squares += (left[half : rows - half] ** 2).sum(axis=0)
+        count += rows - 2 * half
+    return value, rate, squares / max(count, 1)
+
+
+def smooth_rotations(quaternions: np.ndarray, dt: float, episode: np.ndarray) -> Smoothed:
+    """The same for unit ``quaternions`` (T, 4): smoothed ones, their rates (T, 3) [rad/s] in the axes of the body.
+
+    The polynomials are in the rotation vectors from each sample to its neighbours; one width serves all three axes.
+    """
+    parts = [slice(int(rows[0]), int(rows[-1]) + 1) for rows in _blocks(episode)]
+    longest = max(part.stop - part.start for part in parts)
+    widths = [width for width in _HALF_WIDTHS if 2 * width < longest] or _HALF_WIDTHS[:1]
+    trials = [_rotations_with_width(quaternions, dt, parts, width) for width in widths]
+    value, rate, error = min(trials, key=lambda trial: float(trial[2].sum()))
+    return Smoothed(value, rate, np.sqrt(error))
+
+
+def _rotations_with_width(
+    quaternions: np.ndarray, dt: float, parts: list[slice], width: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Quaternions, rates, and the mean squares (3,) of what is left of a sample that its neighbours predict."""
+    value, rate = quaternions.copy(), np.zeros((len(quaternions), 3))
+    squares, count = np.zeros(3), 0
+    for part in parts:
+        samples = quaternions[part]
+        rows = len(samples)
+        half = min(width, (rows - 1) // 2)
+        if rows < _LEAST:
+            if rows > 1:
+                step = rotation_between(samples[:-1], samples[1:]) / dt
+                rate[part] = np.concatenate([step, step[-1:]])
+            continue
+        weights = _weights(half)
+        first = np.arange(rows).clip(half, rows - 1 - half) - half
+        place = np.arange(rows) - first
+        near = samples[first[:, None] + np.arange(2 * half + 1)]  # (rows, w, 4)
+        away = rotation_between(np.broadcast_to(samples[:, None], near.shape), near)
+        offset = np.einsum("rwn,rw->rn", away, weights[0][place])
+        rate[part] = np.einsum("rwn,rw->rn", away, weights[1][place]) / dt
+        value[part] = rotate_by(samples, offset)
+        left = offset / (1.0 - weights[0][place, place])[:, None]
         squares += (left[half : rows - half] ** 2).sum(axis=0)
         count += rows - 2 * half
     return value, rate, squares / max(count, 1)

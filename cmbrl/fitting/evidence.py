@@ -19,9 +19,11 @@ from cmbrl.models.observation import Observation
 from cmbrl.models.windows import Scales, Windows
 from cmbrl.numbers import whole
 from cmbrl.scene import Scene
+from cmbrl.scene.records import JointKind
 
 HORIZONS = (1, 4, 10, 20)  # 1 step is what noise-free logs are best judged at; beyond 20, impacts have happened
 _POSITIONS_AHEAD = 0.5  # [s]: several time constants of a position servo
+_FLOATING_AHEAD = 0.2  # [s]
 _HARDLY = 1e-3  # of the change: noise that leaves a start as good as fixed
 
 
@@ -65,16 +67,19 @@ class Evidence:
     def horizons(self, asked: int | str) -> tuple[int, ...]:
         """Numbers of steps that predictions may be compared over: the one ``asked``, several to choose from if "auto".
 
-        Of positions, half a second: at one step, their changes are noise.
+        Of positions, half a second: at one step, their changes are noise. Less of a body that floats, since nothing
+        pulls it back to where it should be.
         """
         if asked != "auto":
             return (whole(asked, "horizon"),)
-        return (max(1, round(_POSITIONS_AHEAD / self.log.dt)),) if self.positions_only else HORIZONS
+        floats = (self.model.scene.core.jnt_type == JointKind.BALL).any()
+        ahead = _FLOATING_AHEAD if floats else _POSITIONS_AHEAD
+        return (max(1, round(ahead / self.log.dt)),) if self.positions_only else HORIZONS
 
     def scales(self, horizon: int, huber: float, noise: np.ndarray | None = None) -> tuple[Scales, ...]:
         """What errors are measured in, by log, with ``noise`` (logs, 2 nv); estimated velocities do not count."""
         if self.positions_only:
-            return (Scales.of_positions(self.log, horizon, huber),) * len(self.names)
+            return (Scales.of_positions(self.model.scene, self.log, horizon, huber),) * len(self.names)
         alike = Scales.of(self.model.scene, self.log, huber)
         if noise is None:
             return (alike,) * len(self.names)

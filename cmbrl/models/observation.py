@@ -49,7 +49,7 @@ class Observation:
     def of(cls, scene: Scene, dt: float) -> Observation:
         """What may lie between a log of ``scene`` with time step ``dt`` [s] and its state."""
         joints = [j for j in scene.joints if j.kind != JointKind.BALL]
-        offered = [_bias(joint.name, joint.kind) for joint in joints]
+        offered = [_bias(scene.coordinate_names[joint.vadr], joint.kind) for joint in joints]
         late = max(_LATENESS[0], _LATENESS[1] * dt)
         if scene.nu:
             offered += [Parameter(f"{group}.command", group, 0.0, 0.0, late, "linear", "s") for group in (DELAY, LAG)]

@@ -52,10 +52,10 @@ class Scales:
         return np.empty(0) if self.noise is None else _MODEL_SHARE / self.noise[self.uncertain]
 
     @classmethod
-    def of_positions(cls, data: Transitions, horizon: int, huber: float) -> Scales:
+    def of_positions(cls, scene: Scene, data: Transitions, horizon: int, huber: float) -> Scales:
         """Of a log whose velocities are estimates: standard deviations of the change over ``horizon`` steps."""
         starts = data.windows(horizon)
-        change = data.q_next[starts + horizon - 1] - data.q[starts]
+        change = scene.difference(data.q[starts], data.q_next[starts + horizon - 1])
         return cls(spread(change), np.full(data.v.shape[1], np.inf), huber)
 
     @property

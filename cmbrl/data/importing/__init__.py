@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
 
-from cmbrl.data.importing import build
+from cmbrl.data.importing import base, build
+from cmbrl.data.importing.bodies import joints_of
 from cmbrl.data.importing.build import Frames
 from cmbrl.data.importing.grid import Counts, Key, Series, to_grid, usual_step
 from cmbrl.data.importing.readers import read
@@ -41,6 +43,9 @@ class Options:
         kp, kd: gains of the position servos, where the log has none.
         kind: "transitions" or "positions"; None: positions where only these are known, and the robot does not float.
         window: samples from which a velocity is estimated; odd.
+        base: files with the pose of the floating base, one for each log, with a clock of their own.
+        base_offset: [s] by which that clock is later; None: found in the motion.
+        quaternion: "wxyz" or "xyzw", the order in arrays of quaternions.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -53,6 +58,9 @@ class Options:
     kd: float | None = None
     kind: str | None = None
     window: int = 5
+    base: tuple[str | os.PathLike[str], ...] = ()
+    base_offset: float | None = None
+    quaternion: str | None = None
 
 
 @dataclass(frozen=True)
@@ -71,8 +79,11 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
     options = options or Options()
     _check(options)
     recordings = [recording for path in paths for recording in read(path, tuple(options.joints))]
+    poses = [recording for path in options.base for recording in read(path)]
+    if poses and len(poses) != len(recordings):
+        raise UserError(f"{len(recordings)} logs and {len(poses)} of the base: give one file of the base for each log")
     counts = Counts()
-    series, used = _series(recordings, scene, options, counts)
+    series, used = _series(recordings, poses, scene, options, counts)
     masters = [key for key in series[0][1] if key[1] == "position"] or list(series[0][1])
     step = usual_step([found[key] for _, found in series for key in masters])
     dt = 1 / options.rate if options.rate else step
@@ -85,7 +96,7 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
     if not episodes:
         raise UserError("no stretch of the log has all columns at once; check their times, or give a larger --gap")
     keys = set(episodes[0])
-    kind = options.kind or _kind(keys, scene)
+    kind = options.kind or ("positions" if poses else _kind(keys, scene))
     sizes = f"{_plural(len(episodes), 'episode')} from {_plural(len(paths), 'file')}"
     notes = [f"{sizes}, a sample every {dt:.6g} s", *_told(counts, options.gap), *used]
     log: Transitions | PositionLog
@@ -113,23 +124,42 @@ def _check(options: Options) -> None:
     one_of(options.angles, ("rad", "deg", "rev", "mrad"), "unit of angles")
     if options.kind is not None:
         one_of(options.kind, KINDS, "kind of log")
+    if options.quaternion is not None:
+        one_of(options.quaternion, base.ORDERS, "order of quaternions")
+    if options.base_offset is not None:
+        real(options.base_offset, "base offset", least=-1e12, most=1e12)
 
 
 def _series(
-    recordings: Sequence[Recording], scene: Scene, options: Options, counts: Counts
+    recordings: Sequence[Recording], poses: Sequence[Recording], scene: Scene, options: Options, counts: Counts
 ) -> tuple[list[tuple[str, dict[Key, Series]]], list[str]]:
     """The series of each episode and where it is from, and which columns are used."""
     found: list[tuple[str, dict[Key, Series]]] = []
     notes: list[str] = []
-    for recording in recordings:
-        columns = [name for table in recording.tables for name in table.columns]
+    clocks: list[str] = []
+    for recording, pose in zip_longest(recordings, poses):
+        columns = [name for part in (recording, pose) if part for table in part.tables for name in table.columns]
         given = {name: word for name, word in options.columns.items() if name in columns}
+        given |= base.mapping_of(columns, given, options.quaternion, recording.where) if _floats(scene) else {}
         if unknown := [name for name in options.columns if name not in columns]:
             match(columns, {unknown[0]: options.columns[unknown[0]]}, scene)  # names the nearest
         targets = match(columns, given, scene, options.angles)
         if not notes:
             notes = _used(columns, {name: ".".join(filter(None, target.key)) for name, target in targets.items()})
-        for series in series_of(recording, targets, options.rate, scene, counts):
+        episodes = list(series_of(recording, targets, options.rate, scene, counts))
+        if pose:
+            captures = list(series_of(pose, targets, None, scene, counts))
+            if len(captures) != len(episodes):
+                raise UserError(
+                    f"{pose.where}: {len(captures)} episodes, {recording.where} has {len(episodes)}: give as many"
+                )
+            for k, capture in enumerate(captures):
+                frame = options.frames.angular
+                episodes[k], note = base.synchronised(
+                    episodes[k], capture, scene, options.base_offset, frame, pose.where
+                )
+                clocks.append(note)
+        for series in episodes:
             if missing := build.lacking(set(series), scene):
                 word = missing[0].partition(" ")[0]
                 raise UserError(
@@ -143,7 +173,11 @@ def _series(
                     "robots? Import logs of one robot, recorded alike"
                 )
             found.append((recording.where, series))
-    return found, notes
+    return found, notes + clocks
+
+
+def _floats(scene: Scene) -> bool:
+    return bool(joints_of(scene)[1])
 
 
 def _short(names: Sequence[str], most: int = 12) -> str:
@@ -166,10 +200,7 @@ def _used(columns: Sequence[str], targets: Mapping[str, str]) -> list[str]:
 
 def _kind(keys: set[Key], scene: Scene) -> str:
     """Transitions where all velocities were logged, or where a position log cannot hold what was."""
-    from cmbrl.data.importing.bodies import joints_of
-
-    floats = bool(joints_of(scene)[1])
-    if build.velocities_known(keys, scene) or floats or build.command_of(keys, scene) is None:
+    if build.velocities_known(keys, scene) or _floats(scene) or build.command_of(keys, scene) is None:
         return "transitions"
     return "positions"
 

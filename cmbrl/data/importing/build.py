@@ -63,30 +63,41 @@ def driven(keys: set[Key], scene: Scene) -> list[str]:
 
 
 def positions(episodes: Sequence[Episode], dt: float, scene: Scene, gains: Mapping[str, Any]) -> PositionLog:
-    """The position log of ``episodes``; raises UserError if joints float, or a command is missing."""
+    """The position log of ``episodes``; raises UserError for ball joints, two floating bodies, or a missing command."""
     single, floating = joints_of(scene)
-    if floating:
+    if len(floating) > 1 or any(not joint.free for joint in floating):
         raise UserError(
-            f"joint {floating[0].name!r} floats, and a position log has no pose for it; give --as transitions"
+            f"joint {floating[-1].name!r} is a ball or a second base, and a position log has one base; give --as "
+            "transitions"
         )
     keys = set(episodes[0])
     kind = command_of(keys, scene)
+    if kind is None and not scene.nu:
+        kind = "command"
     if kind is None:
         raise UserError(f"no command for every joint: {_wanted(keys, scene)}")
     moved = driven(keys, scene)
     names = () if len(moved) == len(single) else _actuators(scene, moved)
     lengths = [len(next(iter(episode.values()))) for episode in episodes]
-    stacked = {key: np.concatenate([episode[key] for episode in episodes])[:, 0] for key in keys}
+    whole = {key: np.concatenate([episode[key] for episode in episodes]) for key in keys}
+    stacked = {key: values[:, 0] for key, values in whole.items()}
+    poses = [np.column_stack([*(stacked[b.name, x] for x in PLACE), whole[b.name, QUATERNION]]) for b in floating]
+    rows = sum(lengths)
     return PositionLog(
         time=np.concatenate([dt * np.arange(length) for length in lengths]),
-        position=np.column_stack([stacked[joint.name, "position"] for joint in single]),
-        command=np.column_stack([stacked[name, kind] for name in moved]),
+        position=_columns([stacked[joint.name, "position"] for joint in single], rows),
+        command=_columns([stacked[name, kind] for name in moved], rows),
         joint_names=tuple(joint.name for joint in single),
         command_kind="position" if kind == "command" else "torque",
         episode=np.repeat(np.arange(len(lengths)), lengths),
         actuator_names=names,
+        base=poses[0] if poses else None,
         **gains,
     )  # fmt: skip
+
+
+def _columns(columns: Sequence[np.ndarray], rows: int) -> np.ndarray:
+    return np.column_stack(columns) if columns else np.zeros((rows, 0))
 
 
 def _wanted(keys: set[Key], scene: Scene) -> str:

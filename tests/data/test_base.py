@@ -1,0 +1,225 @@
+"""The base of a floating robot by motion capture: its rate, clock, order of quaternions, and the fit of such a log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import cmbrl
+from cmbrl.data.estimation import estimated
+from cmbrl.data.importing import Frames, Options, import_logs
+from cmbrl.data.position_log import PositionLog
+from cmbrl.data.smoothing import smooth_rotations
+from cmbrl.errors import UserError
+from cmbrl.fitting.evidence import Evidence
+from cmbrl.scene import Scene
+from cmbrl.scene.manifold import rotate_by, rotation_between
+
+DT, CAPTURE = 0.004, 1 / 110
+LATER = 41.2345  # s by which the clock of the capture is later
+CRAWLER = """<mujoco model="crawler"><option timestep="0.004" integrator="implicitfast"/>
+<default><geom friction="1.5"/><joint damping=".5" armature=".01"/></default>
+<worldbody><geom name="floor" type="plane" size="9 9 .1"/>
+<body name="base" pos="0 0 .23"><freejoint name="root"/>
+  <geom name="trunk" type="box" size=".15 .1 .03" mass="{mass}" contype="0" conaffinity="0"/>{legs}</body></worldbody>
+<actuator>{motors}</actuator></mujoco>"""
+LEG = """<body name="{n}" pos="{x} {y} 0"><joint name="{n}_roll" axis="1 0 0"/><joint name="{n}_pitch" axis="0 1 0"/>
+<geom type="capsule" size=".015" fromto="0 0 0 0 0 -.18" mass=".3" contype="0" conaffinity="0"/>
+<geom name="{n}_foot" size=".025" pos="0 0 -.2" mass=".05"/></body>"""
+CORNERS = (("fl", 0.13, 0.09), ("fr", 0.13, -0.09), ("rl", -0.13, 0.09), ("rr", -0.13, -0.09))
+JOINTS = tuple(f"{n}_{j}" for n, _, _ in CORNERS for j in ("roll", "pitch"))
+
+
+def crawler(mass: float) -> str:
+    legs = "".join(LEG.format(n=n, x=x, y=y) for n, x, y in CORNERS)
+    motors = "".join(f'<position name="m_{j}" joint="{j}" kp="100" kv="3"/>' for j in JOINTS)
+    return CRAWLER.format(mass=mass, legs=legs, motors=motors)
+
+
+def simulate(mass: float, seconds: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """q (T, 15), v (T, 14) before each target (T, 8)."""
+    model = mujoco.MjModel.from_xml_string(crawler(mass))
+    data, draw, rows = mujoco.MjData(model), np.random.default_rng(0), round(seconds / DT)
+    time = DT * np.arange(rows)
+    target = np.zeros((rows, 8))
+    for joint in range(8):
+        for tone in draw.uniform(0.4, 1.5, size=3):
+            target[:, joint] += 0.05 * np.sin(2 * np.pi * tone * time + draw.uniform(0, 6.3)) * np.minimum(1.0, time)
+    q, v = np.zeros((rows, model.nq)), np.zeros((rows, model.nv))
+    for row in range(rows):
+        q[row], v[row] = data.qpos, data.qvel
+        data.ctrl = target[row]
+        mujoco.mj_step(model, data)
+    return q, v, target
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> dict:
+    """A robot that shifts its weight, and what its encoders and a capture wrote of it."""
+    folder, draw = tmp_path_factory.mktemp("walk"), np.random.default_rng(1)
+    q, v, target = simulate(3.0, 8.0)
+    (folder / "crawler.xml").write_text(crawler(3.0))
+    joints = {"time": 1e4 + DT * np.arange(len(q)), "joint_position": q[:, 7:] + 1e-4 * draw.normal(size=(len(q), 8))}
+    gyro = {name: v[:, 3 + k] + 0.01 * draw.normal(size=len(v)) for k, name in enumerate(("wx", "wy", "wz"))}
+    names = np.array(JOINTS)
+    np.savez(folder / "joints.npz", **joints, commanded_position=target, joint_names=names)
+    np.savez(folder / "gyro.npz", **joints, **gyro, commanded_position=target, joint_names=names)
+    at = np.arange(0.31, 7.8, CAPTURE)
+    row = (at / DT).astype(int)
+    share = (at / DT - row)[:, None]
+    place = (1 - share) * q[row, :3] + share * q[row + 1, :3] + 2e-4 * draw.normal(size=(len(at), 3))
+    turn = rotate_by(q[row, 3:7], share * rotation_between(q[row, 3:7], q[row + 1, 3:7]))
+    turn = rotate_by(turn, 1e-3 * draw.normal(size=(len(at), 3)))
+    turn[::3] *= -1.0  # a quaternion and its negative are one rotation
+    time = at + 1e4 + LATER
+    np.savez(folder / "named.npz", time=time, position=place, **{f"q{x}": turn[:, k] for k, x in enumerate("wxyz")})
+    np.savez(folder / "plain.npz", time=time, position=place, quaternion=turn[:, [1, 2, 3, 0]])
+    return {"folder": folder, "q": q, "v": v, "scene": Scene.from_mjcf(folder / "crawler.xml")}
+
+
+def options(walk: dict, capture: str, **more: object) -> Options:
+    return Options(base=(walk["folder"] / capture,), **more)  # type: ignore[arg-type]
+
+
+def brought(walk: dict, robot: str, **more: object) -> tuple[PositionLog, str]:
+    found = import_logs([walk["folder"] / robot], walk["scene"], options(walk, **more))
+    assert isinstance(found.log, PositionLog)
+    return found.log, next(note for note in found.notes if "clock of the base" in note)
+
+
+def told(note: str) -> tuple[float, float]:
+    """The offset and its error in a note."""
+    words = note.split()
+    return float(words[words.index("base:") + 1]), float(words[words.index("(+-") + 1])
+
+
+def test_clock_from_joints_and_velocities_from_the_capture(walk):
+    _, note = brought(walk, "joints.npz", capture="named.npz")
+    seconds, error = told(note)
+    assert abs(seconds - LATER) < 3 * CAPTURE  # its feet slip and roll
+    assert 0.0 < error < 2 * CAPTURE
+    assert "by base and joints" in note
+
+
+def test_positions_and_velocities_of_the_base(walk):
+    log, _ = brought(walk, "joints.npz", capture="named.npz", base_offset=LATER)
+    data = estimated(log, walk["scene"])
+    first = int(np.argmin(np.abs(walk["q"][:300, 7:] - log.position[0]).sum(axis=1)))
+    q, v = walk["q"][first : first + len(data)], walk["v"][first : first + len(data)]
+    off = walk["scene"].difference(q, data.q)
+    assert np.sqrt((off[:, :3] ** 2).mean()) < 2e-4  # smoothed: less than the noise of the capture
+    assert np.sqrt((off[:, 3:6] ** 2).mean()) < 1.5e-3
+    assert np.sqrt(((data.v - v)[:, :3] ** 2).mean()) < 0.25 * v[:, :3].std()
+    assert np.sqrt(((data.v - v)[:, 3:6] ** 2).mean()) < 0.25 * v[:, 3:6].std()
+
+
+def test_a_gyroscope_tells_the_clock_more_sharply(walk):
+    _, note = brought(walk, "gyro.npz", capture="named.npz", frames=Frames(angular="body"))
+    seconds, error = told(note)
+    assert abs(seconds - LATER) < CAPTURE / 2
+    assert "by base and gyroscope" in note
+    assert error < 0.002
+
+
+def test_order_of_quaternions_is_asked_for(walk):
+    with pytest.raises(UserError, match=r"may be w x y z or x y z w, .* give --quaternion"):
+        brought(walk, "joints.npz", capture="plain.npz")
+    log, _ = brought(walk, "joints.npz", capture="plain.npz", quaternion="xyzw", base_offset=LATER)
+    again, note = brought(walk, "joints.npz", capture="named.npz", base_offset=LATER)
+    np.testing.assert_allclose(log.base, again.base, atol=1e-12)
+    assert "41.2345 s later, as told" in note
+
+
+@pytest.mark.parametrize(
+    ("robot", "more", "message"),
+    [
+        ("gyro.npz", {"base_offset": LATER}, r"give --angular-velocity body or world"),
+        ("joints.npz", {"base_offset": 1e6}, r"no joint was logged then: give another --base-offset"),
+    ],
+)
+def test_mistakes(walk, robot, more, message):
+    with pytest.raises(UserError, match=message):
+        brought(walk, robot, capture="named.npz", **more)
+
+
+def test_motion_that_does_not_tell_the_clock(walk):
+    held = np.load(walk["folder"] / "named.npz")
+    rest = {name: np.broadcast_to(held[name][:1], held[name].shape) for name in held.files if name != "time"}
+    draw = np.random.default_rng(2)
+    rest["position"] = rest["position"] + 1e-4 * draw.normal(size=rest["position"].shape)
+    np.savez(walk["folder"] / "rest.npz", time=held["time"], **rest)
+    with pytest.raises(UserError, match=r"the offset of the clocks is open: give it by --base-offset"):
+        brought(walk, "joints.npz", capture="rest.npz")
+
+
+def test_a_log_of_base_and_joints_is_kept_and_predicted(walk):
+    log, _ = brought(walk, "joints.npz", capture="named.npz", base_offset=LATER)
+    log.save(walk["folder"] / "log.npz")
+    again = PositionLog.load(walk["folder"] / "log.npz")
+    np.testing.assert_allclose(again.base, log.base, atol=1e-12)
+    np.testing.assert_array_equal(again.select(slice(10, 50)).base, again.base[10:50])
+    evidence = Evidence.of(cmbrl.ComplementarityModel(walk["scene"]), again)
+    assert evidence.positions_only
+    horizon = min(evidence.horizons("auto"))
+    loss = evidence.loss(evidence.log.windows(horizon)[::40], horizon, *evidence.scales(horizon, 0.5))
+    assert loss.errors(evidence.space.nominal).rmse < 0.25  # of the change over so many steps
+
+
+def test_a_fit_of_poses_alone_finds_the_friction(tmp_path: Path):
+    """Boxes tossed over a floor that is more slippery than the file says; the capture tells no velocities."""
+    text = """<mujoco model="box"><option timestep="0.005" cone="elliptic"/><worldbody>
+    <geom name="floor" type="plane" size="9 9 .1" friction="{f}"/>
+    <body name="box" pos="0 0 .1"><freejoint name="root"/>
+    <geom name="box" type="box" size=".08 .06 .05" mass=".5" friction="{f}"/></body></worldbody></mujoco>"""
+    (tmp_path / "box.xml").write_text(text.format(f=0.6))
+    model, draw = mujoco.MjModel.from_xml_string(text.format(f=0.25)), np.random.default_rng(0)
+    poses, episode = [], []
+    for toss in range(10):
+        data = mujoco.MjData(model)
+        data.qpos[2] = 0.052
+        data.qvel[:2], data.qvel[5] = draw.uniform(-1.5, 1.5, size=2), draw.uniform(-6, 6)
+        for _ in range(50):
+            mujoco.mj_step(model, data, 2)
+            place = data.qpos[:3] + 2e-4 * draw.normal(size=3)
+            poses.append(np.concatenate([place, rotate_by(data.qpos[3:7], 1e-3 * draw.normal(size=3))]))
+            episode.append(toss)
+    nothing = np.zeros((len(poses), 0))
+    log = PositionLog(
+        time=np.tile(0.01 * np.arange(50), 10), position=nothing, command=nothing, joint_names=(),
+        episode=np.array(episode), base=np.array(poses),
+    )  # fmt: skip
+    box = cmbrl.ComplementarityModel(Scene.from_mjcf(tmp_path / "box.xml"))
+    result = cmbrl.fit(box, log, groups=["friction"], method="gauss-newton", holdout=0.0)
+    assert result.parameters["friction.box"].value == pytest.approx(0.25, abs=0.03)
+
+
+def test_rates_of_rotations_are_those_of_the_body():
+    """A body that turns about a tilted axis, sampled with noise; two episodes."""
+    dt, spin, draw = 0.01, np.array([0.4, -1.0, 2.0]), np.random.default_rng(0)
+    time = dt * np.arange(80)
+    clean = rotate_by(np.tile([1.0, 0.0, 0.0, 0.0], (80, 1)), time[:, None] * spin)
+    exact = smooth_rotations(clean, dt, np.repeat([0, 1], 40))
+    np.testing.assert_allclose(exact.rate, np.tile(spin, (80, 1)), atol=1e-9)
+    noisy = smooth_rotations(rotate_by(clean, 1e-3 * draw.normal(size=(80, 3))), dt, np.zeros(80))
+    assert np.abs(rotation_between(clean, noisy.value)).std() < 6e-4
+    np.testing.assert_allclose(noisy.noise, 1e-3, rtol=0.4)
+    assert np.abs(noisy.rate - spin)[8:-8].max() < 0.03
+
+
+def test_a_position_log_of_a_tossed_body_needs_no_joints(tmp_path: Path):
+    (tmp_path / "cube.xml").write_text(
+        '<mujoco><worldbody><body><freejoint/><geom type="box" size=".1 .1 .1"/></body></worldbody></mujoco>'
+    )
+    time = 0.01 * np.arange(30)
+    np.savez(
+        tmp_path / "toss.npz", time=time, base_position=np.column_stack([time, 0 * time, 1 - 4.905 * time**2]),
+        base_quaternion=np.tile([1.0, 0.0, 0.0, 0.0], (30, 1)),
+    )  # fmt: skip
+    log, scene = PositionLog.load(tmp_path / "toss.npz"), Scene.from_mjcf(tmp_path / "cube.xml")
+    data = estimated(log, scene)
+    np.testing.assert_allclose(data.v[:, :3], np.column_stack([time**0, 0 * time, -9.81 * time])[:-1], atol=1e-9)
+    with pytest.raises(UserError, match="has not one free joint"):
+        log.check(Scene.from_mjcf('<mujoco><worldbody><body><joint/><geom size=".1"/></body></worldbody></mujoco>'))
