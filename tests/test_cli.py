@@ -196,7 +196,7 @@ def test_a_configuration_keeps_every_value_of_a_list(
     typed = ["nominal", "--config", str(file), "--horizons", "2", "--out", str(tmp_path / "b")]
     assert main(["error", *typed]) == 0
     held = json.loads((tmp_path / "b/config.json").read_text())
-    assert (held["models"], held["horizons"], held["data"]) == (["nominal"], [2], "log.npz")
+    assert (held["models"], held["horizons"], held["data"]) == (["nominal"], [2], ["log.npz"])
 
 
 def test_a_configuration_is_the_default_of_every_kind_of_option(tmp_path: Path) -> None:
