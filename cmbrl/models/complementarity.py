@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 INTEGRATORS = ("semi-implicit", "leapfrog", "midpoint")
 DAMPING = ("coupled", "split")
+SLIDING = ("coulomb", "convex")
 # Rows look ahead: the overshoot of damping that is explicit to them closes gaps that are open, or asks for more rows. A
 # servo overshoots by what its position gain drives, too. h damping / mass of dampers is up to 19 in robots whose split
 # steps are MuJoCo's; of servos 11 makes one slow, and 444 makes another one's steps wrong.
@@ -82,6 +83,9 @@ class ComplementarityModel:
             as if it were not, and it becomes implicit afterwards, as in MuJoCo's Euler and implicit integrators).
             Default: split for MuJoCo's contact law and these integrators at steps up to the file's, unless damping is
             so strong that it overshoots 50 times (servos: 5); longer steps may diverge.
+        sliding: "coulomb" (friction opposes sliding, nothing else; default) or "convex" (MuJoCo's law, of Anitescu and
+            Potra: what slides is also lifted, until it separates with mu times its speed or as its softness lets it).
+            What does not touch yet is not lifted. Only for MuJoCo's contact law.
         implicit_springs: treat joint springs and position gains implicitly (MuJoCo does so for velocity gains only).
         prune: contacts predicted to separate faster than this [m/s] are left out of the solve; ``inf`` keeps all.
         path_tolerance: relative distance of every complementarity product from its kappa at the solution.
@@ -112,6 +116,7 @@ class ComplementarityModel:
         candidates: np.ndarray | None = None,
         observation: Mapping[str, float] | None = None,
         damping: str | None = None,
+        sliding: str = "coulomb",
     ) -> None:
         if not isinstance(scene, Scene):
             raise UserError(f"scene is a {type(scene).__name__}; give the Scene of Scene.from_mjcf")
@@ -126,6 +131,9 @@ class ComplementarityModel:
         self.implicit_springs = switch(implicit_springs, "implicit_springs")
         self._damping = damping
         self.damping = self._choose_damping(damping)
+        self.sliding = one_of(sliding, SLIDING, "sliding")
+        if self.sliding == "convex" and scene.contact_law != "mujoco":
+            raise UserError(f"sliding 'convex' does not go with the contact law {scene.contact_law}: choose 'coulomb'")
         self.prune = real(prune, "prune", least=0.0)
         self.path_tolerance = real(path_tolerance, "path_tolerance", above=0.0, most=1.0)
         self.parameters = self._checked_parameters(parameters)
@@ -141,6 +149,7 @@ class ComplementarityModel:
             "midpoint": int(self.integrator == "midpoint"),
             "implicit_springs": int(self.implicit_springs),
             "split": int(self.damping == "split"),
+            "convex": int(self.sliding == "convex"),
             "forward": self.smoothing.resolve(scene, self.time_step),
             "backward": self.backward_smoothing.resolve(scene, self.time_step),
             "prune": self.prune,
@@ -363,6 +372,7 @@ class ComplementarityModel:
             "backward_smoothing": self.backward_smoothing,
             "implicit_springs": self.implicit_springs,
             "damping": self._damping,
+            "sliding": self.sliding,
             "prune": self.prune,
             "path_tolerance": self.path_tolerance,
             "candidates": self.candidates,

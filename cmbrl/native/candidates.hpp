@@ -81,8 +81,9 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, co
     Contact<G>& c = w.add_contact();
     make_contact(m, o, i, F, phi, p, c);
     slack = select(near, c.cn0 - c.carry * speed, slack);
-    takes_part = c.on = near & (slack + closing < enough);
-    c.wide = near & (slack + closing < wide);
+    Mask held = near & c.convex;  // slides, perhaps, and is lifted, however fast it separates
+    takes_part = c.on = held | (near & (slack + closing < enough));
+    c.wide = held | (near & (slack + closing < wide));
     if (any(c.on | c.wide)) w.coupled |= A >= 0 && B >= 0;
     else --w.ncon;
   }

@@ -178,9 +178,10 @@ class Core {
     out["mu"] = make_array<double>({n, nrow}, &r.mu);
     out["R"] = make_array<double>({n, nrow, rows}, &r.R);
     out["active"] = make_array<int32_t>({n, nrow}, &r.active);
+    out["convex"] = make_array<int32_t>({n, nrow}, &r.convex);
     for (auto [block, size] : {std::pair{r.J, rows * nv}, {r.b, rows}, {r.mu, size_t(1)}, {r.R, rows}})
       std::memset(block, 0, n * nrow * size * sizeof(double));
-    std::memset(r.active, 0, n * nrow * sizeof(int32_t));
+    for (int32_t* flags : {r.active, r.convex}) std::memset(flags, 0, n * nrow * sizeof(int32_t));
     run(b.n, 1, Purpose::step, [&](int64_t s, int64_t e, StepMemory& w) { backend_.rows(m, o, b, r, s, e, w); });
     return out;
   }

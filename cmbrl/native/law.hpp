@@ -114,6 +114,7 @@ static void contact_law(const Model& m, const Options& o, Contact<G>& c, const T
   c.Rn = L.R; c.dRn_dphi = L.dR;
   c.Rt = L.R * ratio; c.dRt_dphi = L.dR * ratio;
   c.carry = L.carry;
+  c.convex = o.convex ? c.rub & (phi <= m.con_margin[i]) : none();  // what does not touch yet is not lifted at a distance
 }
 
 }  // namespace cmbrl::CMBRL_ISA

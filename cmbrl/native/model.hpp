@@ -128,6 +128,7 @@ struct Options {
   double h;
   int substeps, leapfrog, midpoint, implicit_springs;  // midpoint: velocity-dependent forces half a step ahead
   int split;         // damping is explicit to the rows, and implicit afterwards (split.hpp)
+  int convex;        // contacts slide by the convex law (newton.hpp), not by Coulomb's
   Smoothing forward, backward;
   double prune;      // [m/s] rows predicted to separate faster are left out; infinity keeps all
   double tolerance;  // relative, on the linear residuals; products to within theta * kappa
@@ -179,7 +180,7 @@ struct LossBatch {  // mean Huber loss of open-loop predictions, candidate by ca
 struct RowBatch {
   double *M, *v_free;        // (n, nv, nv) with armature and implicit damping, (n, nv)
   double *J, *b, *mu, *R;    // (n, nrow, 1 + NT, nv), (n, nrow, 1 + NT), (n, nrow), (n, nrow, 1 + NT)
-  int32_t* active;           // (n, nrow)
+  int32_t *active, *convex;  // (n, nrow)
 };
 
 struct BodyBatch {  // motions of `count` bodies (n, count, fields), or cotangents of them; fields: see bodies.hpp

@@ -78,8 +78,8 @@ struct ParameterColumns : ForceColumns<G> {
     Vec<G::N> Y = response(c, E) + kappa_response(c, c.slope * (E[0] - dR * c.gam) + c.slope_R * dR);
     if (field == kMu && c.rows > 1) {  // the cone itself
       T b0 = c.mu * c.gam, y[G::NT];
-      CMBRL_FOR(r, G::NT) y[r] = c.gam * (c.b[r] * c.eta0 / b0 - c.eta[r]);
-      CMBRL_FOR(r, G::NT) CMBRL_FOR(k, G::NT) Y += keep(c.on & c.rub, c.Ai[r][k] * y[k]) * c.Wr[1 + r];
+      CMBRL_FOR(r, G::NT) y[r] = keep(c.rub, c.gam * (c.b[r] * c.eta0 / b0 - c.eta[r]));
+      Y += target_response(c, T{}, y);  // under the convex law, too: of its normal row, gamma dmu eta0 cancels against b0 deta0
     }
     return Y;
   }

@@ -94,6 +94,7 @@ static void step_rows(const Model& m, const Options& o, const Batch& b, const Ro
           int64_t at = base + c.index;
           out.active[at] = 1;
           out.mu[at] = c.rub[lane] ? c.mu[lane] : 0;
+          out.convex[at] = c.convex[lane] != 0;
           for (int r = 0; r < (c.rub[lane] ? c.rows : 1); ++r) {
             out.b[at * rows + r] = (r ? c.ct0[r - 1] : c.cn0)[lane];
             out.R[at * rows + r] = (r ? c.Rt : c.Rn)[lane];

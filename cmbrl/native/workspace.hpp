@@ -23,6 +23,7 @@ struct Arena {
 template <class G>
 struct Contact {
   Mask on, wide, rub;                // lanes in which the contact takes part; in the derivative's solve; in which it has friction
+  Mask convex;                       // lanes in which the convex law of sliding holds (newton.hpp); none unless the options say so
   int index, rows;                   // candidate number; 1 or 1 + NT
   typename G::V p, d[1 + G::NT];     // point and directions (normal, tangents)
   Vec<G::N> Wr[1 + G::NT];           // wrench of a unit impulse along each row
@@ -37,7 +38,7 @@ struct Contact {
   T gam, s, b[G::NT], eta0, eta[G::NT];
   T r1, r2[G::NT];                   // linear residuals at the start; they shrink by exactly (1 - alpha)
   T w[1 + G::NT], Th[1 + G::NT][1 + G::NT];  // dx = w - Th J dv
-  T ipn, Ai[G::NT][G::NT], ta[G::NT];        // parts of Th, for sensitivities to kappa and mu
+  T ipn, Ai[G::NT][G::NT], ta[G::NT], gA[G::NT];  // parts of Th, for sensitivities to kappa and mu; gA under the convex law
   T t50, dgam, ds, db[G::NT], deta0, deta[G::NT];
   T P[kContactFields];               // its part of the physical vector
 };
