@@ -168,9 +168,12 @@ class Core {
     const Model& m = data_->model;
     Options o = settings(options);
     Batch b = states(q, v, &u, theta);
-    size_t n = b.n, nv = m.nv, nrow = m.ncontact + m.nlimit, rows = m.planar ? 2 : 3;
-    nb::dict out;
+    bool pyramids = false;
+    for (int i = 0; i < m.ncontact; ++i) pyramids |= o.convex && m.con_pyramid[i];
     RowBatch r{};
+    r.rows_a_contact = pyramids ? 1 + kEdges : 1;
+    size_t n = b.n, nv = m.nv, nrow = m.ncontact * r.rows_a_contact + m.nlimit, rows = m.planar ? 2 : 3;
+    nb::dict out;
     out["M"] = make_array<double>({n, nv, nv}, &r.M);
     out["v_free"] = make_array<double>({n, nv}, &r.v_free);
     out["J"] = make_array<double>({n, nrow, rows, nv}, &r.J);

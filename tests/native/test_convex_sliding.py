@@ -1,4 +1,4 @@
-"""The convex law of sliding in steps of scenes: MuJoCo's own steps under elliptic cones, and exact derivatives."""
+"""The convex law of sliding in steps of scenes: MuJoCo's own steps under both cones, and exact derivatives."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from cmbrl.scene import Scene
 from .test_adjoint import mismatch_at
 
 OPTION = (
-    '<option timestep=".002" cone="elliptic" impratio="{impratio}" tolerance="1e-16" iterations="300" '
+    '<option timestep=".002" cone="{cone}" impratio="{impratio}" tolerance="1e-16" iterations="300" '
     'ls_tolerance="1e-16" ls_iterations="100"/>'
 )
 FLOOR = '<geom type="plane" size="5 5 .1" friction=".7"/>'
@@ -29,12 +29,15 @@ SPHERE = '<body pos="0 0 .1"><freejoint/><geom size=".1" mass="1"/></body>'
 BOX = '<body pos="0 0 .1"><freejoint/><geom type="box" size=".15 .1 .1" mass="2" friction=".5"/></body>'
 SLEIGH = """<body pos="0 0 .1"><freejoint/><geom type="capsule" size=".1 .2" mass="2" euler="90 0 0"/>
 <body pos="0 .3 0"><joint axis="1 0 0" damping=".1"/><geom size=".1" mass=".5"/></body></body>"""
-SCENES = {"sphere": SPHERE, "box": BOX, "two bodies": SLEIGH}
+STACK = """<body name="low" pos="0 0 .1"><freejoint/><geom type="box" size=".2 .15 .1" mass="2" friction=".5"/></body>
+<body name="high" pos="0 0 .28"><freejoint/><geom size=".08" mass=".5" friction=".4"/></body>"""
+SCENES = {"sphere": SPHERE, "box": BOX, "two bodies": SLEIGH, "a ball on a box": STACK}
+CONES = ("elliptic", "pyramidal")
 
 
-def write(folder: Path, scene: str, impratio: float = 1.0) -> Path:
+def write(folder: Path, scene: str, impratio: float = 1.0, cone: str = "elliptic") -> Path:
     file = folder / "scene.xml"
-    text = OPTION.format(impratio=impratio) + '<default><geom condim="3" priority="0"/></default>'
+    text = OPTION.format(impratio=impratio, cone=cone) + '<default><geom condim="3" priority="0"/></default>'
     file.write_text(f"<mujoco>{text}<worldbody>{FLOOR}{SCENES[scene]}</worldbody></mujoco>", encoding="utf-8")
     return file
 
@@ -60,11 +63,12 @@ def their_step(file: Path, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     return after
 
 
+@pytest.mark.parametrize("cone", CONES)
 @pytest.mark.parametrize("impratio", [1.0, 10.0])
 @pytest.mark.parametrize("name", SCENES)
-def test_a_step_on_the_floor_is_mujocos(name: str, impratio: float, tmp_path: Path) -> None:
+def test_a_step_on_the_floor_is_mujocos(name: str, impratio: float, cone: str, tmp_path: Path) -> None:
     """Where nothing is stopped that is still apart: our rows look ahead, MuJoCo's do not."""
-    file = write(tmp_path, name, impratio)
+    file = write(tmp_path, name, impratio, cone)
     scene = Scene.from_mjcf(file)
     q, v, u = touching(scene, 60)
     expected = their_step(file, q, v)
@@ -97,11 +101,12 @@ def test_solutions_satisfy_the_law(tmp_path: Path) -> None:
         assert score.natural_map < 1e-6
 
 
+@pytest.mark.parametrize("cone", CONES)
 @pytest.mark.parametrize("smoothing", [Barrier(1e-4), Gaussian(length=0.01, floor=1e-6)])
 @pytest.mark.parametrize("name", SCENES)
-def test_derivatives_are_those_of_the_step(name: str, smoothing: Smoothing, tmp_path: Path) -> None:
+def test_derivatives_are_those_of_the_step(name: str, smoothing: Smoothing, cone: str, tmp_path: Path) -> None:
     """Columns of state and parameters, friction among them, against differences, over three substeps too."""
-    scene = Scene.from_mjcf(write(tmp_path, name))
+    scene = Scene.from_mjcf(write(tmp_path, name, cone=cone))
     q, v, u = touching(scene, 40)
     q, v, u = q[::7], v[::7], u[::7]
     for substeps, integrator in ((1, "semi-implicit"), (3, "midpoint")):
