@@ -359,7 +359,8 @@ class ComplementarityModel:
         Rows: contacts that are not pruned, then joint limits as contacts with mu = 0. M includes armature and implicit
         damping; b includes the gap term, restitution, and the old velocity under a soft law. Dry joint friction has no
         row in a contact problem; v_free includes its impulse, taken from this model's own solution. With split damping
-        M is without damping, and the velocity is the one that is damped afterwards.
+        M is without damping, and the velocity is the one that is damped afterwards. Under the convex law of sliding,
+        the edges of a pyramid are contacts with mu = 0.
         """
         q, v, u, theta = self._arrays(theta, q=q, v=v, u=u)
         resolution = max(float(np.linalg.norm(self.scene.gravity)), 1e-9) * self.time_step
