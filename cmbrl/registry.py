@@ -62,6 +62,7 @@ class Task:
     integrator: str = "semi-implicit"  #: "semi-implicit", "leapfrog" or "midpoint"
     implicit_springs: bool = False  #: treat joint springs implicitly: for stiff springs and long steps
     contact_law: str = "mujoco"  #: "mujoco" (the MJCF's softness) or "rigid" (hard, with a restitution to fit)
+    sliding: str | None = None  #: "coulomb" or "convex", see :class:`cmbrl.ComplementarityModel`; default: open
     smoothing_speed: float = 3e-4
     """Softening of contacts in the default model (:class:`cmbrl.Relaxed`), a speed [m/s].
 
@@ -118,6 +119,7 @@ class Task:
             "time_step": self.time_step,
             "integrator": self.integrator,
             "implicit_springs": self.implicit_springs,
+            "sliding": self.sliding,
         }
 
     def record(

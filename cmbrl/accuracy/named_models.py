@@ -49,8 +49,12 @@ def common_source(
     raise UserError("no scene: give --scene SCENE|TASK, or name the folder of a fit among the models")
 
 
-def build_models(words: Sequence[str], source: Source, data: Transitions, threads: int) -> dict[str, Any]:
+def build_models(
+    words: Sequence[str], source: Source, data: Transitions, threads: int, sliding: str | None = None
+) -> dict[str, Any]:
     """Name -> model, in the order of ``words``; the "ensemble" is still to be trained.
+
+    ``sliding``: of models that are not saved ones; None: that of the source.
 
     Raises UserError when the model of a folder or a file is of another robot or time step.
     """
@@ -60,12 +64,12 @@ def build_models(words: Sequence[str], source: Source, data: Transitions, thread
     make: dict[str, Callable[[], Model]] = {
         HOLD: lambda: HoldVelocity(source.scene, data.dt),
         BALLISTIC: lambda: Ballistic(source.scene, data.dt),
-        NOMINAL: lambda: source.model(data, threads=threads),
+        NOMINAL: lambda: source.model(data, threads=threads, sliding=sliding),
         ENSEMBLE: lambda: NeuralEnsemble(source.scene, data.dt),
     }
     for word in words:
         if word not in make:
-            load = partial(_of_file, word, source) if _is_file(word) else partial(_loaded, word)
+            load = partial(_of_file, word, source, sliding) if _is_file(word) else partial(_loaded, word)
             make[word] = partial(load, data, threads)
     return {_label(word, words): make[word]() for word in words}
 
@@ -126,13 +130,13 @@ def _is_file(word: str) -> bool:
     return Path(word).suffix.lower() in (".xml", ".mjcf", ".urdf")
 
 
-def _of_file(path: str, source: Source, data: Transitions, threads: int) -> Model:
+def _of_file(path: str, source: Source, sliding: str | None, data: Transitions, threads: int) -> Model:
     """The model of another MJCF of the same robot, not fitted, with the time stepping of ``source``."""
     scene = load_source(path, source.scene.ignore, source.scene.contact_law, source.scene.self_contact).scene
     have, need = ((s.nq, s.nv, s.nu) for s in (scene, source.scene))
     if have != need:
         raise UserError(f"{path}: another robot: nq, nv, nu are {have}, the log has {need}")
-    return replace(source, word=path, scene=scene, fitted=None).model(data, threads=threads)
+    return replace(source, word=path, scene=scene, fitted=None).model(data, threads=threads, sliding=sliding)
 
 
 def _loaded(folder: str, data: Transitions, threads: int) -> Model:

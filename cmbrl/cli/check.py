@@ -37,7 +37,16 @@ def run(arguments: argparse.Namespace) -> int:
         found = [{**asdict(line), "holds": line.holds} for line in lines]
         print(json.dumps({"scene": scene.name, "path": scene.path, "checks": found}, indent=2))
     else:
-        rows = [[line.name, line.value, line.limit, "yes" if line.holds else "no", line.meaning] for line in lines]
+        rows = [
+            [
+                line.name,
+                line.value,
+                line.limit,
+                "" if line.limit is None else "yes" if line.holds else "no",
+                line.meaning,
+            ]
+            for line in lines
+        ]
         columns = ("check", "value", "limit", "holds", "what it is")
         told = Table(f"{scene.name}: {scene.path}", columns, rows).text()
         print(f"{told}\n{len(scene.differences)} differences from MuJoCo are listed by `cmbrl info`.")

@@ -14,6 +14,7 @@ from cmbrl.cli.options import (
     add_json,
     add_scene_options,
     add_seed,
+    add_sliding,
     add_threads,
     number,
     positive,
@@ -79,6 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--out", metavar="DIR", help="write table, JSON, plot and the trained ensemble there")
     add_scene_options(parser)
+    add_sliding(parser, "of nominal and of files: the task's, else coulomb; of fits: their own")
     add_threads(parser)
     add_seed(parser)
     add_json(parser)
@@ -95,7 +97,7 @@ def run(arguments: argparse.Namespace) -> None:
     source = common_source(words, arguments.scene, arguments.ignore, arguments.contact_law, arguments.self_contact)
     source, data, time, logs = _log(arguments, source)
     gap = arguments.contact_gap or (source.task.contact_gap if source.task else CONTACT_GAP)
-    models = build_models(words, source, data, arguments.threads or usable_cores())
+    models = build_models(words, source, data, arguments.threads or usable_cores(), arguments.sliding)
     notes = []
     if ENSEMBLE in words:
         log = load_log(arguments.train, source.scene)

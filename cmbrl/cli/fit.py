@@ -15,6 +15,7 @@ from cmbrl.cli.options import (
     add_json,
     add_scene_options,
     add_seed,
+    add_sliding,
     add_threads,
     assignment,
     check_folder,
@@ -95,6 +96,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--integrator", choices=("semi-implicit", "leapfrog", "midpoint"), help="time stepping of the model"
     )
+    add_sliding(parser, "the task's, else coulomb, unless the log clearly supports convex")
     parser.add_argument(
         "--time-limit", type=positive_number, metavar="S", help="stop after S seconds with the best fit so far"
     )
@@ -120,6 +122,7 @@ def run(arguments: argparse.Namespace) -> int:
         next(iter(data.values())),
         time_step=arguments.time_step,
         integrator=arguments.integrator,
+        sliding=arguments.sliding,
         parameters=start,
         threads=arguments.threads or usable_cores(),
     )

@@ -191,6 +191,15 @@ def add_contact_law(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_sliding(parser: argparse.ArgumentParser, default: str) -> None:
+    parser.add_argument(
+        "--sliding",
+        choices=("coulomb", "convex"),
+        help="law of sliding: coulomb, friction opposes sliding; convex, MuJoCo's, which lifts what slides "
+        f"(default: {default})",
+    )
+
+
 def add_smoothing(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--smoothing",

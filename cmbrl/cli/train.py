@@ -18,6 +18,7 @@ from cmbrl.cli.options import (
     add_contact_law,
     add_json,
     add_seed,
+    add_sliding,
     add_smoothing,
     add_threads,
     assignment,
@@ -65,6 +66,7 @@ def add_arguments(parser: Parser) -> None:
         help="a hyperparameter of A (repeatable; lists as 128,64)",
     )
     add_contact_law(parser)
+    add_sliding(parser, "the task's, else coulomb")
     add_smoothing(parser)
     parser.add_argument(
         "--derivative",
@@ -129,6 +131,7 @@ def run(arguments: argparse.Namespace) -> int:
         data=arguments.data,
         offline=arguments.offline,
         contact_law=arguments.contact_law,
+        sliding=arguments.sliding,
         smoothing=arguments.smoothing,
         derivative=arguments.derivative,
         seed=arguments.seed,
@@ -140,6 +143,8 @@ def run(arguments: argparse.Namespace) -> int:
         about |= {"motion": setup.motion, "motion_digest": file_digest(setup.motion)}
     if arguments.contact_law:
         about["contact_law"] = setup.task.contact_law
+    if arguments.sliding:
+        about["sliding"] = arguments.sliding
     wanted = {**resolved(arguments), **about}
     out = Path(arguments.out)
     _check_resumed(out, arguments.resume, wanted)

@@ -2,7 +2,8 @@
 
 Rows of a contact are (normal, tangents); impulses lambda (n, 1 + nt), nt = 1 in the plane and 2 in space. With
 c = J v' + b + R lambda the exact law is  K_mu contains lambda, perpendicular to c + mu |c_t| e_n, in the dual cone
-(De Saxce and Feng 1998). The natural map measures everything at once; the other residuals show which part fails.
+(De Saxce and Feng 1998); the convex law of sliding leaves the shift mu |c_t| out. The natural map measures everything
+at once; the other residuals show which part fails.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from cmbrl.contact.problem import Array, ContactProblem
 class Residuals:
     """Violations, in order: momentum balance; penetration; force at a distance; friction outside its cone; friction
     that does not oppose slip, or is below its bound while slipping; all laws at once (natural map). Impulses are
-    relative to |M v_free| / n, speeds to ``problem.speed``, products to both."""
+    relative to |M v_free| / n, speeds to ``problem.speed``, products to both. The gap that a contact keeps under the
+    convex law is c_n - mu |c_t|."""
 
     dynamics: float
     penetration: float
@@ -33,7 +35,7 @@ class Residuals:
 
 
 def residuals(problem: ContactProblem, v_next: Array, impulse: Array) -> Residuals:
-    """Residuals of v' (nv,) and lambda (n, 1 + nt) under the exact law."""
+    """Residuals of v' (nv,) and lambda (n, 1 + nt) under each contact's law of sliding."""
     momentum = problem.M @ problem.v_free
     error = problem.M @ (v_next - problem.v_free) - np.einsum("crv,cr->v", problem.J, impulse)
     scale = max(float(np.linalg.norm(momentum)), 1e-300)
@@ -44,11 +46,12 @@ def residuals(problem: ContactProblem, v_next: Array, impulse: Array) -> Residua
     c = problem.J @ v_next + problem.b + problem.R * impulse
     speed = problem.speed
     normal, friction, slip = impulse[:, 0], impulse[:, 1:], np.linalg.norm(c[:, 1:], axis=1)
+    gap = c[:, 0] - problem.convex * problem.mu * slip
     power = (friction * c[:, 1:]).sum(axis=1) + problem.mu * normal * slip
     return Residuals(
         dynamics=dynamics,
-        penetration=float(np.maximum(-c[:, 0], 0.0).max()) / speed,
-        signorini=float(np.abs(normal * c[:, 0]).max()) / (force * speed),
+        penetration=float(np.maximum(-gap, 0.0).max()) / speed,
+        signorini=float(np.abs(normal * gap).max()) / (force * speed),
         cone=float(np.maximum(np.linalg.norm(friction, axis=1) - problem.mu * normal, 0.0).max()) / force,
         dissipation=float(np.abs(power).max()) / (force * speed),
         natural_map=float(np.linalg.norm(_natural_map(problem, c, impulse))) / force,
@@ -70,5 +73,5 @@ def _natural_map(problem: ContactProblem, c: Array, impulse: Array) -> Array:
     diagonal = np.diag(problem.delassus()).reshape(impulse.shape) + problem.R  # response of a row to its own impulse
     step = 1.0 / np.maximum(diagonal.max(axis=1, keepdims=True), 1e-300)
     shifted = c.copy()
-    shifted[:, 0] += problem.mu * np.linalg.norm(c[:, 1:], axis=1)
+    shifted[:, 0] += (1 - problem.convex) * problem.mu * np.linalg.norm(c[:, 1:], axis=1)
     return impulse - project(impulse - step * shifted, problem.mu)

@@ -2,6 +2,8 @@
 
     M (v' - v_free) = J^T lambda,    c = J v' + b + R lambda,    K_mu contains lambda, c obeys Signorini and Coulomb
 
+or, where ``convex`` says so, the convex law of sliding, as MuJoCo's: c is in the dual cone and perpendicular to lambda.
+
 Rows of a contact are (normal, tangents): nt = 1 tangent in the plane, 2 in space. A joint limit is a contact with
 mu = 0 and zero tangent rows. A ``.npz`` file holds many problems (:func:`save`, :func:`load`).
 """
@@ -22,16 +24,18 @@ from cmbrl.errors import UserError
 from cmbrl.files import write_bytes
 
 Array = NDArray[np.float64]
-FIELDS = ("M", "J", "v_free", "b", "mu", "R")
+FIELDS = ("M", "J", "v_free", "b", "mu", "R", "convex")
 
 
 @dataclass(frozen=True)
 class ContactProblem:
     """M (nv, nv); J (n, 1 + nt, nv); v_free (nv,) [m/s]; b (n, 1 + nt) [m/s]: gap term of the normal row (phi/h if
     rigid), surface speed in the tangents; mu (n,); R (n, 1 + nt) [1/kg] compliance of the rows; speed [m/s]: the scale
-    of velocities, max(g h, |u_free|).
+    of velocities, max(g h, |u_free|); convex (n,): 1 for contacts under the convex law of sliding, 0 for the exact one
+    (default: all).
 
-    Raises UserError if shapes disagree, a value is not finite, mu or R is negative, or speed is not positive.
+    Raises UserError if shapes disagree, a value is not finite, mu or R is negative, convex is neither 0 nor 1, or speed
+    is not positive.
     """
 
     M: Array
@@ -42,11 +46,15 @@ class ContactProblem:
     R: Array
     speed: float
     name: str = "problem"
+    convex: Array = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         n, nv = len(self.mu), len(self.v_free)
+        if self.convex is None:
+            object.__setattr__(self, "convex", np.zeros(n))
         rows = self.J.shape[1] if self.J.ndim == 3 else 0
         shapes = {"M": (nv, nv), "J": (n, rows, nv), "v_free": (nv,), "b": (n, rows), "mu": (n,), "R": (n, rows)}
+        shapes["convex"] = (n,)
         for field, shape in shapes.items():
             value = getattr(self, field)
             if value.shape != shape:
@@ -60,6 +68,8 @@ class ContactProblem:
         for field, what in (("mu", "friction"), ("R", "compliance")):
             if (getattr(self, field) < 0).any():
                 raise UserError(f"{self.name}: {field} ({what}) is negative; give values of at least 0")
+        if not np.isin(self.convex, (0, 1)).all():
+            raise UserError(f"{self.name}: convex has values other than 0 (Coulomb) and 1 (convex law of sliding)")
         if not 0 < self.speed < np.inf:
             raise UserError(f"{self.name}: speed is {self.speed:g}; give a positive, finite scale of velocities [m/s]")
 
@@ -84,15 +94,15 @@ class ContactProblem:
 def from_rows(rows: dict[str, Array], resolution: float, name: str) -> list[ContactProblem]:
     """Problems of a batch of states from arrays over all candidates, of which ``active`` (B, rows) enter.
 
-    ``rows`` has M (B, nv, nv), v_free (B, nv), J (B, rows, 1 + nt, nv), b, R and mu. ``resolution`` [m/s], g h, is the
-    smallest speed that matters.
+    ``rows`` has M (B, nv, nv), v_free (B, nv), J (B, rows, 1 + nt, nv), b, R, mu and convex. ``resolution`` [m/s],
+    g h, is the smallest speed that matters.
     """
     problems = []
     for k, active in enumerate(rows["active"].astype(bool)):
-        J, b, mu, R = (rows[key][k, active] for key in ("J", "b", "mu", "R"))
+        J, b, mu, R, convex = (rows[key][k, active] for key in ("J", "b", "mu", "R", "convex"))
         v_free = rows["v_free"][k]
         speed = max(resolution, float(np.linalg.norm(J @ v_free + b)))
-        problems.append(ContactProblem(rows["M"][k], J, v_free, b, mu, R, speed, f"{name} {k}"))
+        problems.append(ContactProblem(rows["M"][k], J, v_free, b, mu, R, speed, f"{name} {k}", convex.astype(float)))
     return problems
 
 
@@ -114,7 +124,9 @@ def load(path: str | os.PathLike[str]) -> list[ContactProblem]:
             speeds = data["speeds"]
             return [
                 ContactProblem(
-                    **{field: data[f"{k}/{field}"] for field in FIELDS}, speed=float(speeds[k]), name=str(name)
+                    **{f: data[f"{k}/{f}"] for f in FIELDS if f != "convex" or f"{k}/convex" in data},
+                    speed=float(speeds[k]),
+                    name=str(name),
                 )
                 for k, name in enumerate(data["names"])
             ]

@@ -34,8 +34,8 @@ def trial_process(task: Task) -> MDP:
     return decision_process(task) if task.trial is None else task.trial()
 
 
-def task_for(name: str, motion: str | Path | None, contact_law: str | None = None) -> Task:
-    """The task called ``name``, for ``motion`` and with ``contact_law`` in its model, where they are given.
+def task_for(name: str, motion: str | Path | None, contact_law: str | None = None, sliding: str | None = None) -> Task:
+    """The task called ``name``, for ``motion`` and with these laws of contact and sliding in its model, where given.
 
     Raises UserError for an unknown law, and for a motion if the task imitates none.
     """
@@ -44,6 +44,8 @@ def task_for(name: str, motion: str | Path | None, contact_law: str | None = Non
         if task.of_motion is None:
             raise UserError(f"--motion {motion}: task {name!r} imitates no motion: drop it")
         task = task.of_motion(motion)
+    if sliding is not None:
+        task = replace(task, sliding=sliding)
     if contact_law is None:
         return task
     from cmbrl.scene.laws import LawChoice

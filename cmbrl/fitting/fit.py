@@ -11,7 +11,7 @@ import json
 import os
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from typing import Any
 
@@ -36,7 +36,7 @@ from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.fitting.survey import Judge, Survey, Surveyor
 from cmbrl.fitting.unseen import Unseen, held_out_rows
-from cmbrl.fitting.verdict import by_horizon, stepping
+from cmbrl.fitting.verdict import by_horizon, stepping, supported_sliding
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.numbers import one_of, real, whole
 from cmbrl.scene.core_arrays import CoreArrays
@@ -92,9 +92,11 @@ def fit(
     if method == "cma":
         require_library()
     evidence = Evidence.of(model, data)
-    model, log, space = evidence.model, evidence.log, evidence.space
-    seed, horizons = whole(seed, "seed", least=0), evidence.horizons(horizon)
     huber = real(huber, "huber", above=0.0, most=1e6)
+    model, sliding = supported_sliding(evidence, huber)
+    evidence = replace(evidence, model=model)
+    log, space = evidence.log, evidence.space
+    seed, horizons = whole(seed, "seed", least=0), evidence.horizons(horizon)
     time_limit = None if time_limit is None else real(time_limit, "time_limit", least=0.0)
     with_laws = groups is None and evidence.positions_only
     if with_laws:
@@ -163,6 +165,7 @@ def fit(
     states = not evidence.positions_only
     about["horizons"] = by_horizon(evidence, incumbent.unseen, huber) if incumbent.unseen and states else []
     about["stepping"] = stepping(evidence, huber) if states else []
+    about["sliding"] = sliding
     return conclude(model, log, space, loss(budget.polish_rows), held_out, incumbent, journal, about)
 
 

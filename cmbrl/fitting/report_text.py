@@ -10,7 +10,7 @@ import numpy as np
 
 from cmbrl.fitting.agreement import sentences
 from cmbrl.fitting.fitted_parameter import FLAT, NOMINAL, FittedParameter
-from cmbrl.fitting.verdict import advice, warning
+from cmbrl.fitting.verdict import advice, sliding_told, warning
 
 WIDTH = 100
 _SHOWN = 3  # elements of a list that is folded
@@ -56,6 +56,8 @@ def verdict(report: Mapping[str, Any]) -> str:
 def _errors(report: Mapping[str, Any]) -> Iterator[str]:
     if better := advice(report.get("stepping", ())):
         yield from textwrap.wrap(better, WIDTH, subsequent_indent="  ")
+    if told := sliding_told(report.get("sliding")):
+        yield from textwrap.wrap(told, WIDTH, subsequent_indent="  ")
     data = report["data"]
     yield (
         f"fit of {data['transitions']} transitions in {data['episodes']} episodes by {report['method']}, "

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 INTEGRATORS = ("semi-implicit", "leapfrog", "midpoint")
 DAMPING = ("coupled", "split")
+SLIDING = ("coulomb", "convex")
 # Rows look ahead: the overshoot of damping that is explicit to them closes gaps that are open, or asks for more rows. A
 # servo overshoots by what its position gain drives, too. h damping / mass of dampers is up to 19 in robots whose split
 # steps are MuJoCo's; of servos 11 makes one slow, and 444 makes another one's steps wrong.
@@ -82,6 +83,10 @@ class ComplementarityModel:
             as if it were not, and it becomes implicit afterwards, as in MuJoCo's Euler and implicit integrators).
             Default: split for MuJoCo's contact law and these integrators at steps up to the file's, unless damping is
             so strong that it overshoots 50 times (servos: 5); longer steps may diverge.
+        sliding: "coulomb" (friction opposes sliding, nothing else; default) or "convex" (MuJoCo's law, of Anitescu and
+            Potra: what slides is also lifted, until it separates with mu times its speed or as its softness lets it).
+            What does not touch yet is not lifted. Only for MuJoCo's contact law. A fit of a model that leaves the
+            choice open takes the law that the log supports.
         implicit_springs: treat joint springs and position gains implicitly (MuJoCo does so for velocity gains only).
         prune: contacts predicted to separate faster than this [m/s] are left out of the solve; ``inf`` keeps all.
         path_tolerance: relative distance of every complementarity product from its kappa at the solution.
@@ -112,6 +117,7 @@ class ComplementarityModel:
         candidates: np.ndarray | None = None,
         observation: Mapping[str, float] | None = None,
         damping: str | None = None,
+        sliding: str | None = None,
     ) -> None:
         if not isinstance(scene, Scene):
             raise UserError(f"scene is a {type(scene).__name__}; give the Scene of Scene.from_mjcf")
@@ -126,6 +132,10 @@ class ComplementarityModel:
         self.implicit_springs = switch(implicit_springs, "implicit_springs")
         self._damping = damping
         self.damping = self._choose_damping(damping)
+        self._sliding = sliding
+        self.sliding = one_of("coulomb" if sliding is None else sliding, SLIDING, "sliding")
+        if self.sliding == "convex" and scene.contact_law != "mujoco":
+            raise UserError(f"sliding 'convex' does not go with the contact law {scene.contact_law}: choose 'coulomb'")
         self.prune = real(prune, "prune", least=0.0)
         self.path_tolerance = real(path_tolerance, "path_tolerance", above=0.0, most=1.0)
         self.parameters = self._checked_parameters(parameters)
@@ -141,6 +151,7 @@ class ComplementarityModel:
             "midpoint": int(self.integrator == "midpoint"),
             "implicit_springs": int(self.implicit_springs),
             "split": int(self.damping == "split"),
+            "convex": int(self.sliding == "convex"),
             "forward": self.smoothing.resolve(scene, self.time_step),
             "backward": self.backward_smoothing.resolve(scene, self.time_step),
             "prune": self.prune,
@@ -213,15 +224,21 @@ class ComplementarityModel:
         if Path(scene.path).is_file() and np.array_equal(self.parameters, scene.parameter_vector()):
             law = "rigid" if scene.contact_law == "mujoco" else "mujoco"
             other = Scene.from_mjcf(scene.path, ignore=scene.ignore, contact_law=law, self_contact=scene.self_contact)
-            settings: dict[str, Any] = {**self._settings(), "candidates": None}
+            settings: dict[str, Any] = {**self._settings(), "candidates": None, "sliding": None}
             found[f"contact law {law}"] = ComplementarityModel(other, **settings)
         return found
+
+    def other_sliding(self) -> ComplementarityModel | None:
+        """The same model under the other law of sliding; None where the law was named, or nothing slides."""
+        rubs = self.scene.contact_law == "mujoco" and bool(np.any(self.scene.core.con_dim > 1))
+        other = "convex" if self.sliding == "coulomb" else "coulomb"
+        return self.with_settings(sliding=other) if rubs and self._sliding is None else None
 
     def to_config(self) -> dict[str, Any]:
         """Settings and parameters as JSON types; the scene is described by its own file."""
         settings = self._settings()
         del settings["candidates"]  # kept in the folder of the fit
-        settings["damping"] = self.damping
+        settings["damping"], settings["sliding"] = self.damping, self.sliding
         for key in ("smoothing", "backward_smoothing"):
             settings[key] = smoothing_policies.to_config(settings[key])
         names = [p.name for p in self.scene.parameters]
@@ -230,7 +247,7 @@ class ComplementarityModel:
     @classmethod
     def from_config(cls, scene: Scene, config: dict[str, Any]) -> ComplementarityModel:
         """Inverse of :meth:`to_config`; raises UserError unless it names exactly the parameters of the scene."""
-        config = {"damping": "coupled", **config}  # as before there was a choice
+        config = {"damping": "coupled", "sliding": "coulomb", **config}  # as before there was a choice
         values = config.pop("parameters", {})
         known = {p.name: i for i, p in enumerate(scene.parameters)}
         theta = scene.parameter_vector()
@@ -343,7 +360,8 @@ class ComplementarityModel:
         Rows: contacts that are not pruned, then joint limits as contacts with mu = 0. M includes armature and implicit
         damping; b includes the gap term, restitution, and the old velocity under a soft law. Dry joint friction has no
         row in a contact problem; v_free includes its impulse, taken from this model's own solution. With split damping
-        M is without damping, and the velocity is the one that is damped afterwards.
+        M is without damping, and the velocity is the one that is damped afterwards. Under the convex law of sliding,
+        the edges of a pyramid are contacts with mu = 0.
         """
         q, v, u, theta = self._arrays(theta, q=q, v=v, u=u)
         resolution = max(float(np.linalg.norm(self.scene.gravity)), 1e-9) * self.time_step
@@ -364,6 +382,7 @@ class ComplementarityModel:
             "backward_smoothing": self.backward_smoothing,
             "implicit_springs": self.implicit_springs,
             "damping": self._damping,
+            "sliding": self._sliding,
             "prune": self.prune,
             "path_tolerance": self.path_tolerance,
             "candidates": self.candidates,

@@ -30,6 +30,7 @@ template <class G>
 static void make_contact(const Model& m, const Options& o, int i, const Feature<G>& F, T phi, const T* p, Contact<G>& c) {
   std::memcpy(c.P, p, sizeof c.P);
   c.index = i;
+  c.edge = 0;
   c.rows = m.con_dim[i] > 1 ? 1 + G::NT : 1;
   c.rub = c.rows > 1 ? p[kMu] > 1e-9 : none();
   c.mu = c.full_mu = select(c.rub, p[kMu], splat(1));
@@ -53,15 +54,16 @@ static typename G::V relative_velocity(const Vec<G::N>* twist, int A, int B, con
   return u;
 }
 
-// One candidate: becomes a row of w.con if it may close within the step, else of w.left; given: a row in these lanes.
+// One candidate: becomes a row of w.con if it may close within the step, or several, else of w.left; given: it, or an edge of
+// it, is a row in these lanes.
 template <class G>
-static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, const Mask* given = nullptr) {
+static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, const Given* given = nullptr) {
   int A = m.con_bodyA[i], B = m.con_bodyB[i];
   Feature<G> F = find_feature(m, w, i);
   T p[kContactFields];
   load_block(m, w, i, p);
   T phi = F.dist - p[kRadius];
-  Mask on = given ? *given : all();
+  Mask on = given ? given->on : all();
   bool of_points = m.con_plane[i] < 0 && m.con_type[i] != kCornerBox;  // whose distance gives the direction
   if (of_points) on &= vabs(F.dist) > 1e-9;  // crossing segments: none parts them
   if (!(o.prune < 1e300) || given) {
@@ -69,6 +71,8 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, co
     make_contact(m, o, i, F, phi, p, c);
     c.on = c.wide = on;
     w.coupled |= A >= 0 && B >= 0;
+    if (!given) split_into_edges(m, o, w, p);
+    else if (given->edge) make_edge(m, o, w, given->edge, p, c);
     return;
   }
   double enough = speed_that_matters(o, o.forward, m.con_invweight[i]), wide = speed_that_matters(o, o.backward, m.con_invweight[i]);
@@ -81,10 +85,15 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, co
     Contact<G>& c = w.add_contact();
     make_contact(m, o, i, F, phi, p, c);
     slack = select(near, c.cn0 - c.carry * speed, slack);
-    takes_part = c.on = near & (slack + closing < enough);
-    c.wide = near & (slack + closing < wide);
-    if (any(c.on | c.wide)) w.coupled |= A >= 0 && B >= 0;
-    else --w.ncon;
+    Mask held = near & c.convex;  // slides, perhaps, and is lifted, however fast it separates
+    takes_part = c.on = held | (near & (slack + closing < enough));
+    c.wide = held | (near & (slack + closing < wide));
+    if (any(c.on | c.wide)) {
+      w.coupled |= A >= 0 && B >= 0;
+      split_into_edges(m, o, w, p);
+    } else {
+      --w.ncon;
+    }
   }
   Mask left = on & ~takes_part;
   if (!any(left)) return;
@@ -100,7 +109,7 @@ static void find_contacts(const Model& m, const Options& o, Work<G>& w, bool giv
   w.coupled = false;
   for (int k = 0; given && k < w.ngiven;) {
     int g = m.con_group[w.given[k].index], first = w.ncon;
-    for (; k < w.ngiven && m.con_group[w.given[k].index] == g; ++k) find_contact(m, o, w, w.given[k].index, &w.given[k].on);
+    for (; k < w.ngiven && m.con_group[w.given[k].index] == g; ++k) find_contact(m, o, w, w.given[k].index, &w.given[k]);
     w.add_group({g, first, w.ncon});
   }
   if (!given) {

@@ -2,8 +2,8 @@
 #pragma once
 #include "corner.hpp"
 #include "dynamics.hpp"
+#include "edges.hpp"
 #include "inverse_weight.hpp"
-#include "law.hpp"
 #include "rim.hpp"
 
 namespace cmbrl::CMBRL_ISA {
@@ -138,15 +138,6 @@ static inline void load_block(const Model& m, const Work<G>& w, int i, T* p) {
   p[kRscale] *= contact_weight(m, w, i);
 }
 
-static inline void tangents(const Planar&, const Vec<2>& n, Vec<2>* d) { d[0] = {{n[1], -n[0]}}; }
-static inline void tangents(const Spatial&, const Vec<3>& n, Vec<3>* d) {
-  Mask flat = vabs(n[0]) < 0.7;
-  Vec<3> e = {{select(flat, splat(1), T{}), select(flat, T{}, splat(1)), T{}}};
-  e = e - dot(e, n) * n;
-  d[0] = (1.0 / vsqrt(dot(e, e))) * e;
-  d[1] = cross(n, d[0]);
-}
-
 // How gap, contact point and directions of a contact move when body A moves by the twist xi and B stays.
 template <class G>
 struct Shift { T dphi; typename G::V dp, dd[1 + G::NT]; };
@@ -188,14 +179,22 @@ static Shift<G> shift_of(const Model& m, const Contact<G>& c, const Feature<G>& 
   return s;
 }
 
-// The same for dof d with column S, which moves A (sign +1) or B (sign -1: A relative to B, then both together).
+// The same as B moves by the twist S: A relative to B, then both together.
 template <class G>
-static Shift<G> shift_by_dof(const Model& m, const Work<G>&, const Contact<G>& c, const Feature<G>& F, const Vec<G::N>& S, int sign) {
-  if (sign > 0) return shift_of(m, c, F, S);
+static Shift<G> shift_with_other(const Model& m, const Contact<G>& c, const Feature<G>& F, const Vec<G::N>& S) {
   Shift<G> s = shift_of(m, c, F, zero<G::N>() - S);
   typename G::Ang a = ang<G>(S);
   s.dp += point_velocity<G>(S, c.p);
-  CMBRL_FOR(r, c.rows) s.dd[r] += G::turn(a, c.d[r]);
+  s.dd[0] += G::turn(a, F.n);
+  for (int r = 1; r < c.rows; ++r) s.dd[r] += G::turn(a, c.d[r]);
+  return s;
+}
+
+// The same for a dof with column S, which moves A (sign +1) or B (sign -1). Edges turn as MuJoCo's tangents do.
+template <class G>
+static Shift<G> shift_by_dof(const Model& m, const Work<G>& w, const Contact<G>& c, const Feature<G>& F, const Vec<G::N>& S, int sign) {
+  Shift<G> s = sign > 0 ? shift_of(m, c, F, S) : shift_with_other(m, c, F, S);
+  if (c.edge) s.dd[0] = edge_shift(m, w, c, F.n, s.dd[0], S);
   return s;
 }
 

@@ -168,9 +168,12 @@ class Core {
     const Model& m = data_->model;
     Options o = settings(options);
     Batch b = states(q, v, &u, theta);
-    size_t n = b.n, nv = m.nv, nrow = m.ncontact + m.nlimit, rows = m.planar ? 2 : 3;
-    nb::dict out;
+    bool pyramids = false;
+    for (int i = 0; i < m.ncontact; ++i) pyramids |= o.convex && m.con_pyramid[i];
     RowBatch r{};
+    r.rows_a_contact = pyramids ? 1 + kEdges : 1;
+    size_t n = b.n, nv = m.nv, nrow = m.ncontact * r.rows_a_contact + m.nlimit, rows = m.planar ? 2 : 3;
+    nb::dict out;
     out["M"] = make_array<double>({n, nv, nv}, &r.M);
     out["v_free"] = make_array<double>({n, nv}, &r.v_free);
     out["J"] = make_array<double>({n, nrow, rows, nv}, &r.J);
@@ -178,9 +181,10 @@ class Core {
     out["mu"] = make_array<double>({n, nrow}, &r.mu);
     out["R"] = make_array<double>({n, nrow, rows}, &r.R);
     out["active"] = make_array<int32_t>({n, nrow}, &r.active);
+    out["convex"] = make_array<int32_t>({n, nrow}, &r.convex);
     for (auto [block, size] : {std::pair{r.J, rows * nv}, {r.b, rows}, {r.mu, size_t(1)}, {r.R, rows}})
       std::memset(block, 0, n * nrow * size * sizeof(double));
-    std::memset(r.active, 0, n * nrow * sizeof(int32_t));
+    for (int32_t* flags : {r.active, r.convex}) std::memset(flags, 0, n * nrow * sizeof(int32_t));
     run(b.n, 1, Purpose::step, [&](int64_t s, int64_t e, StepMemory& w) { backend_.rows(m, o, b, r, s, e, w); });
     return out;
   }

@@ -94,8 +94,8 @@ template <class G> static inline T impulse(const Contact<G>& c, int row) {
 // The wrench -W Theta E of a change E of the rows.
 template <class G>
 static inline Vec<G::N> response(const Contact<G>& c, const T* E) {
-  Vec<G::N> F = (-c.Th[0][0] * E[0]) * c.Wr[0];
-  for (int r = 1; r < c.rows; ++r) {
+  Vec<G::N> F = zero<G::N>();
+  CMBRL_FOR(r, c.rows) {
     T x = c.Th[r][0] * E[0];
     for (int k = 1; k < c.rows; ++k) x += c.Th[r][k] * E[k];
     F -= x * c.Wr[r];
@@ -103,19 +103,25 @@ static inline Vec<G::N> response(const Contact<G>& c, const T* E) {
   return F;
 }
 
-// The wrench W w_kappa of a change of the contact's kappa.
+// The wrench of a change of the targets of a contact's products: normal, and tangential with that of the cone's head eliminated.
 template <class G>
-static inline Vec<G::N> kappa_response(const Contact<G>& c, T dkappa) {
-  T dn = keep(c.on, c.ipn * dkappa);
+static inline Vec<G::N> target_response(const Contact<G>& c, T normal, const T* tangential) {
+  for (int k = 0; k < c.rows - 1; ++k) normal -= keep(c.convex, c.gA[k] * tangential[k]);
+  T dn = keep(c.on, c.ipn * normal);
   Vec<G::N> F = dn * c.Wr[0];
-  if (c.rows == 1) return F;
-  T b0 = c.mu * c.gam;
-  CMBRL_FOR(r, G::NT) {
+  for (int r = 0; r < c.rows - 1; ++r) {
     T x = T{};
-    CMBRL_FOR(k, G::NT) x -= c.Ai[r][k] * (c.b[k] / b0 * dkappa + c.ta[k] * dn);
+    CMBRL_FOR(k, G::NT) x += c.Ai[r][k] * (tangential[k] - c.ta[k] * dn);
     F += keep(c.on & c.rub, x) * c.Wr[1 + r];
   }
   return F;
+}
+// That of a change of the contact's kappa.
+template <class G>
+static inline Vec<G::N> kappa_response(const Contact<G>& c, T dkappa) {
+  T tangential[G::NT] = {};
+  for (int k = 0; k < c.rows - 1; ++k) tangential[k] = -c.b[k] / (c.mu * c.gam) * dkappa;
+  return target_response(c, dkappa + (c.rows > 1 ? keep(c.convex, dkappa) : T{}), tangential);
 }
 
 // Impulses that act late in the step move the configuration by their momentum times this: the time of impact.
@@ -140,7 +146,7 @@ static void contact_terms(const Model& m, const Options& o, Work<G>& w, T* Gq, T
       CMBRL_FOR(r, c.rows) {
         F += (weight * impulse(c, r)) * c.Wr[r];
         Vec<G::N> FT = (pull * c.Th[r][0]) * c.Wr[0];
-        for (int k = 1; k < c.rows && r > 0; ++k) FT += (pull * c.Th[r][k]) * c.Wr[k];
+        for (int k = 1; k < c.rows && (r > 0 || o.convex); ++k) FT += (pull * c.Th[r][k]) * c.Wr[k];
         CMBRL_FOR(a, G::N) CMBRL_FOR(b, G::N) K[a][b] += c.Wr[r][a] * FT[b];
       }
       for (int k = 0; k < nd; ++k) {

@@ -179,7 +179,7 @@ static void late_terms(const Model& m, const Options& o, Work<G>& w, bool theta)
     CMBRL_FOR(r, c.rows) {
       F += impulse(c, r) * c.Wr[r];
       Vec<G::N> back = (-weight * c.Th[r][0]) * c.Wr[0];
-      for (int k = 1; k < c.rows && r > 0; ++k) back -= (weight * c.Th[r][k]) * c.Wr[k];
+      for (int k = 1; k < c.rows && (r > 0 || o.convex); ++k) back -= (weight * c.Th[r][k]) * c.Wr[k];
       CMBRL_FOR(a, G::N) CMBRL_FOR(b, G::N) K[a][b] += c.Wr[r][a] * back[b];
     }
     ip.add_group_matrix(m.con_group[c.index], K, w.Sn);

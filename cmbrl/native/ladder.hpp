@@ -127,7 +127,7 @@ static Outcome contact_solve(const Structure& m, const Options& o, SolverWork<G>
   if (!any(~out.done)) return out;
   for_kappa(w, [](Mask, T& kappa, T& own, T&) { own = kappa; });
   for (int k = 1; k < kRungs; ++k) {
-    if (k == kJudged) given_up = ~ip.grown;
+    if (k == kJudged && !o.convex) given_up = ~ip.grown;
     if (~o.rungs >> k & 1) continue;
     const Rung& rung = ladder[k];
     Mask todo = k < kHopeless ? ~out.done & ~given_up : ~out.done;

@@ -84,8 +84,10 @@ static void contact_law(const Model& m, const Options& o, Contact<G>& c, const T
   switch (m.con_law[i]) {
     case kMujoco: {
       T weight = scale * m.con_invweight[i];
-      if (c.rows > 1 && m.con_pyramid[i]) {
-        weight = select(c.rub, weight * mu2 * (1.0 + mu2) * (0.5 / m.con_impratio[i]), weight);
+      if (m.con_pyramid[i] && (c.rows > 1 || c.edge)) {
+        // R_e of an edge, R_e / 4 of all four, and R_e by their number of those that are one row.
+        double share = c.edge == kEdges ? 2.0 / (m.con_pyramid[i] - (kEdges - 1)) : c.edge ? 2 : 0.5;
+        weight = select(c.rub, weight * mu2 * (1.0 + mu2) * (share / m.con_impratio[i]), weight);
         ratio = select(c.rub, 2.0 / mu2, one);
       } else {
         ratio = splat(1 / m.con_impratio[i]);
@@ -114,6 +116,7 @@ static void contact_law(const Model& m, const Options& o, Contact<G>& c, const T
   c.Rn = L.R; c.dRn_dphi = L.dR;
   c.Rt = L.R * ratio; c.dRt_dphi = L.dR * ratio;
   c.carry = L.carry;
+  c.convex = o.convex ? c.rub & (phi <= m.con_margin[i]) : none();  // what does not touch yet is not lifted at a distance
 }
 
 }  // namespace cmbrl::CMBRL_ISA

@@ -49,6 +49,7 @@ struct Model : Structure {
 
   const int *con_type, *con_bodyA, *con_bodyB, *con_plane, *con_pair, *con_dim, *con_law, *con_pyramid;
   const double *con_posA, *con_axisA, *con_posB, *con_axisB, *con_rotB, *con_halfB, *con_rotA;  // rotA: of a box with a corner, which axisA leads to from its centre
+  const double* con_along;   // (ncontact, 3) of a capsule over a plane: where a tangent of its pyramid points (edges.hpp); or 0
   double largest_invweight;  // of a contact
   int logistic;              // contacts act at a distance
   const double *con_radiusB, *con_impratio, *con_invweight, *con_margin, *con_mid, *con_power, *plane_normal;
@@ -128,6 +129,7 @@ struct Options {
   double h;
   int substeps, leapfrog, midpoint, implicit_springs;  // midpoint: velocity-dependent forces half a step ahead
   int split;         // damping is explicit to the rows, and implicit afterwards (split.hpp)
+  int convex;        // contacts slide by the convex law (newton.hpp), not by Coulomb's
   Smoothing forward, backward;
   double prune;      // [m/s] rows predicted to separate faster are left out; infinity keeps all
   double tolerance;  // relative, on the linear residuals; products to within theta * kappa
@@ -175,11 +177,15 @@ struct LossBatch {  // mean Huber loss of open-loop predictions, candidate by ca
   int64_t loss_stride;
 };
 
-// What a physics step asks of its contacts, limits last, as arrays over all nrow = ncontact + nlimit candidates; active: 0 pruned.
+constexpr int kEdges = 5;  // rows of a pyramid of friction, at most (edges.hpp)
+
+// What a physics step asks of its contacts, limits last, as arrays over all candidates, nrow = rows_a_contact ncontact + nlimit;
+// active: 0 pruned.
 struct RowBatch {
+  int rows_a_contact;        // 1; where pyramids have rows of their own, the whole contact and then its edges
   double *M, *v_free;        // (n, nv, nv) with armature and implicit damping, (n, nv)
   double *J, *b, *mu, *R;    // (n, nrow, 1 + NT, nv), (n, nrow, 1 + NT), (n, nrow), (n, nrow, 1 + NT)
-  int32_t* active;           // (n, nrow)
+  int32_t *active, *convex;  // (n, nrow)
 };
 
 struct BodyBatch {  // motions of `count` bodies (n, count, fields), or cotangents of them; fields: see bodies.hpp

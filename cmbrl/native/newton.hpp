@@ -1,5 +1,7 @@
 // One Newton direction of the softened contact problem, in joint space: M + J^T Theta J with the sparsity of the tree.
 // Rows are split form: gamma s, (mu gamma, beta) o (eta0, eta); contacts of one body pair are summed before they meet dofs.
+// The law of sliding is in the slack of the normal row:  s = c_n  is Coulomb's,  s = c_n - mu eta0  the convex one (Anitescu, Math.
+// Program. 2006), where what slides is lifted until c is in the dual cone. On the path its Theta is symmetric, and one solution exists.
 #pragma once
 #include "contact.hpp"
 #include "factor.hpp"
@@ -14,6 +16,7 @@ struct Newton {
   SolverWork<G>& w;
   Pattern pat;
   T rho;  // what is left of the linear residuals of the start
+  bool heads = true;  // eta0 is an unknown: Newton on the law itself has none
   double yield = 0;  // rows are linearised as if they yielded by this share of their weight: a better conditioned matrix
 
   Newton(const Structure& m_, const Options& o_, SolverWork<G>& w_) : m(m_), o(o_), w(w_), pat(pattern_of(m_, w_)) {}
@@ -39,11 +42,8 @@ struct Newton {
   // Theta and the target part w of dx = w - Theta J dv, for targets (t4, t50, t5) minus the second-order terms.
   void linearise(Contact<G>& c, T t4, T t50, const T* t5) {
     c.t50 = t50;
-    T soft = yield * c.root * c.root, pn = c.s + c.gam * (c.Rn + soft);
-    T inv = c.ipn = 1.0 / pn;
-    c.Th[0][0] = keep(c.on, c.gam * inv);
-    c.w[0] = keep(c.on, (t4 - c.gam * c.s + c.gam * rho * c.r1) * inv);
-    if (c.rows == 1) return;
+    T soft = yield * c.root * c.root, pn = c.s + c.gam * (c.Rn + soft), yn = t4 - c.gam * c.s + c.gam * rho * c.r1;
+    if (c.rows == 1) return linearise_normal(c, pn, yn);
     Mask on = c.on & c.rub;
     T mu = c.mu, b0 = mu * c.gam, ib0 = 1.0 / b0;
     T y[NT], A[NT][NT], B[NT][NT], *a = c.ta;
@@ -65,20 +65,49 @@ struct Newton {
       Ai[0][0] = A[1][1] * idet; Ai[1][1] = A[0][0] * idet;
       Ai[0][1] = -A[0][1] * idet; Ai[1][0] = -A[1][0] * idet;
     }
+    if (o.convex) {  // b0 deta0 = q0 - ... in gamma ds
+      CMBRL_FOR(i, NT) {
+        c.gA[i] = T{};
+        CMBRL_FOR(j, NT) c.gA[i] += keep(c.convex, c.eta[j] + (c.Rt + soft) * c.b[j]) * Ai[j][i];
+        pn -= c.gA[i] * a[i];
+        yn -= c.gA[i] * y[i];
+      }
+      pn += keep(c.convex, mu * c.eta0);
+      yn += keep(c.convex, q0);
+    }
+    linearise_normal(c, pn, yn);
+    CMBRL_FOR(j, NT) {
+      c.Th[0][1 + j] = T{};
+      if (!o.convex) continue;
+      T x = c.b[j];
+      CMBRL_FOR(k, NT) x -= c.gA[k] * B[k][j];
+      c.Th[0][1 + j] = keep(on & c.convex, x * c.ipn);
+    }
     CMBRL_FOR(i, NT) {
       T wn = T{}, tn = T{};
-      c.Th[0][1 + i] = T{};
       CMBRL_FOR(j, NT) {
         wn += Ai[i][j] * (y[j] - a[j] * c.w[0]);
         tn -= Ai[i][j] * a[j];
+      }
+      CMBRL_FOR(j, NT) {
         T x = T{};
         CMBRL_FOR(k, NT) x += Ai[i][k] * B[k][j];
+        if (o.convex) x += tn * c.Th[0][1 + j];
         c.Th[1 + i][1 + j] = keep(on, x);
       }
       c.w[1 + i] = keep(on, wn);
       c.Th[1 + i][0] = keep(on, tn * c.Th[0][0]);
     }
   }
+  static void linearise_normal(Contact<G>& c, T pn, T yn) {
+    c.ipn = 1.0 / pn;
+    c.Th[0][0] = keep(c.on, c.gam * c.ipn);
+    c.w[0] = keep(c.on, yn * c.ipn);
+  }
+  // What the convex law takes from the slack of the normal row.
+  T lift(const Contact<G>& c, T eta0) const { return o.convex && heads && c.rows > 1 ? keep(c.convex, c.mu * eta0) : T{}; }
+  // Whether row r of a contact is coupled to its tangents.
+  bool coupled(int r) const { return r > 0 || o.convex; }
   void linearise(Limit& l, T t4) {
     T inv = 1.0 / (l.s + l.gam * l.R);
     l.Th = keep(l.on, l.gam * inv);
@@ -125,7 +154,7 @@ struct Newton {
         const Contact<G>& c = w.con[i];
         CMBRL_FOR(r, c.rows) {
           Vec<G::N> F = c.Th[r][0] * c.Wr[0];
-          for (int k = 1; k < c.rows && r > 0; ++k) F += c.Th[r][k] * c.Wr[k];
+          for (int k = 1; k < c.rows && coupled(r); ++k) F += c.Th[r][k] * c.Wr[k];
           CMBRL_FOR(a, G::N) CMBRL_FOR(b, G::N) K[a][b] += c.Wr[r][a] * F[b];
         }
       }
@@ -207,11 +236,15 @@ struct Newton {
 
   void step_of(Contact<G>& c, const Vec<G::N>& t, T& alpha) {
     T jv[1 + NT];
-    CMBRL_FOR(r, c.rows) jv[r] = dot(c.Wr[r], t);
+    jv[0] = dot(c.Wr[0], t);
+    for (int r = 1; r < c.rows; ++r) jv[r] = dot(c.Wr[r], t);
     c.dgam = c.w[0] - c.Th[0][0] * jv[0];
+    for (int k = 1; k < c.rows && o.convex; ++k) c.dgam -= c.Th[0][k] * jv[k];
     c.ds = keep(c.on, jv[0] + c.Rn * c.dgam - rho * c.r1);
+    if (c.rows > 1) friction_step(c, jv, alpha);
     alpha = vmin(alpha, vmin(orthant(c.gam, c.dgam), orthant(c.s, c.ds)));
-    if (c.rows == 1) return;
+  }
+  void friction_step(Contact<G>& c, const T* jv, T& alpha) {
     Mask on = c.on & c.rub;
     CMBRL_FOR(r, NT) {
       c.db[r] = c.w[1 + r] - c.Th[1 + r][0] * jv[0];
@@ -222,6 +255,7 @@ struct Newton {
     T q0 = c.t50 - b0 * c.eta0 - c.eta0 * db0;
     CMBRL_FOR(r, NT) q0 -= c.b[r] * c.eta[r] + c.b[r] * c.deta[r] + c.eta[r] * c.db[r];
     c.deta0 = keep(on, q0 / b0);
+    c.ds -= lift(c, c.deta0);
     alpha = vmin(alpha, vmin(cone<NT>(b0, c.b, db0, c.db), cone<NT>(c.eta0, c.eta, c.deta0, c.deta)));
   }
 

@@ -47,14 +47,19 @@ struct ParameterColumns : ForceColumns<G> {
   Vec<G::N> gap(Contact<G>& c, double dphi, double dp) {
     Vec<G::N> relative = relative_twist<G>(m, w.tn, c.index) - c.carry * relative_twist<G>(m, w.vel, c.index), Y = zero<G::N>();
     Shift<G> s{};
-    s.dp = dp * c.d[0];
-    T E[1 + G::NT];
+    s.dp = dp * normal_of(c);
+    T E[1 + G::NT] = {};
     CMBRL_FOR(r, c.rows) {
       Vec<G::N> dW = wrench_shift(c, s, r);
       E[r] = dot(dW, relative) + dphi * (r == 0 ? c.dc_dphi + c.dRn_dphi * c.gam : c.dRt_dphi * c.b[r - 1]);
       Y += impulse(c, r) * dW;
     }
-    return Y + response(c, E) + kappa_response(c, dphi * (c.dc_dphi * c.slope + c.dRn_dphi * c.slope_R));
+    T closing = dphi * c.dc_dphi;
+    if (c.edge) {  // whose moment changes with the point
+      Vec<G::N> free = free_twist(m, w, m.con_group[c.index]) - c.carry * relative_twist<G>(m, w.vel, c.index);
+      closing += dot(wrench_shift(c, s, 0), free);
+    }
+    return Y + response(c, E) + kappa_response(c, c.slope * closing + dphi * c.dRn_dphi * c.slope_R);
   }
 
   // Fields of the law: closed-form and scalar, so differenced in place (central, relative step 1e-6).
@@ -71,15 +76,22 @@ struct ParameterColumns : ForceColumns<G> {
     contact_law(m, o, b, high);
     T scale = 0.5 / step;
     Vec<G::N> t = relative_twist<G>(m, w.vel, c.index);
-    T dcarry = scale * (b.carry - a.carry), E[1 + G::NT];
-    T dR = scale * (b.Rn - a.Rn);
-    E[0] = select(c.bounce, T{}, scale * (b.cn0 - a.cn0) - dcarry * dot(c.Wr[0], t)) + dR * c.gam;
+    T dcarry = scale * (b.carry - a.carry), E[1 + G::NT] = {};
+    T dR = scale * (b.Rn - a.Rn), closing = select(c.bounce, T{}, scale * (b.cn0 - a.cn0) - dcarry * dot(c.Wr[0], t));
+    E[0] = closing + dR * c.gam;
     for (int r = 1; r < c.rows; ++r) E[r] = scale * (b.Rt - a.Rt) * c.b[r - 1] - dcarry * dot(c.Wr[r], t);
-    Vec<G::N> Y = response(c, E) + kappa_response(c, c.slope * (E[0] - dR * c.gam) + c.slope_R * dR);
+    bool tilts = field == kMu && c.edge;  // towards its tangent
+    if (tilts) {
+      T before = c.carry * dot(c.Wr[1], t);
+      E[0] += dot(c.Wr[1], relative_twist<G>(m, w.tn, c.index)) - before;
+      closing += dot(c.Wr[1], free_twist(m, w, m.con_group[c.index])) - before;
+    }
+    Vec<G::N> Y = response(c, E) + kappa_response(c, c.slope * closing + c.slope_R * dR);
+    if (tilts) Y += keep(c.on, c.gam) * c.Wr[1];
     if (field == kMu && c.rows > 1) {  // the cone itself
       T b0 = c.mu * c.gam, y[G::NT];
-      CMBRL_FOR(r, G::NT) y[r] = c.gam * (c.b[r] * c.eta0 / b0 - c.eta[r]);
-      CMBRL_FOR(r, G::NT) CMBRL_FOR(k, G::NT) Y += keep(c.on & c.rub, c.Ai[r][k] * y[k]) * c.Wr[1 + r];
+      CMBRL_FOR(r, G::NT) y[r] = keep(c.rub, c.gam * (c.b[r] * c.eta0 / b0 - c.eta[r]));
+      Y += target_response(c, T{}, y);  // under the convex law, too: of its normal row, gamma dmu eta0 cancels against b0 deta0
     }
     return Y;
   }

@@ -16,9 +16,11 @@ static void forward_pack(const Model& m, const Options& o, const Batch& b, const
         for (int lane = 0; lane < l.n; ++lane) {
           const Contact<G>& c = w.con[i];
           double* x = b.impulse + l.at[lane] * impulses + c.index * (1 + G::NT);
-          if (c.on[lane]) x[0] += c.gam[lane];
+          if (!c.on[lane]) continue;
+          if (c.edge) { CMBRL_FOR(r, 1 + G::NT) x[r] += edge_impulse(c, r)[lane]; continue; }
+          x[0] += c.gam[lane];
           for (int r = 1; r < c.rows; ++r)
-            if (c.on[lane] && c.rub[lane]) x[r] += c.b[r - 1][lane];
+            if (c.rub[lane]) x[r] += c.b[r - 1][lane];
         }
     if (!b.tape && !b.jacobian) return Recorded{all(), T{}};
     Recorded solved = solve_backward(m, o, w);

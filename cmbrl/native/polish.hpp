@@ -1,7 +1,8 @@
 // From a point of the path to the solution at kappa = 0: Newton on the projections that state the exact law,
 //   gamma = max(0, gamma - a u_n),   beta = P_{mu gamma}(beta - a u_t),   u = J v' + b + R lambda
-// (Alart & Curnier, CMAME 1991), with a proximal term pull / a on every row that is held, so that redundant contacts keep
-// the matrix regular; it vanishes at the solution. Directions are solved for by the interior point's own elimination.
+// (Alart & Curnier, CMAME 1991), or the convex one, lambda = P_K(lambda - a u), with a proximal term pull / a on every row
+// that is held, so that redundant contacts keep the matrix regular; it vanishes at the solution. Directions are solved for
+// by the interior point's own elimination.
 #pragma once
 #include "residuals.hpp"
 
@@ -10,8 +11,7 @@ namespace cmbrl::CMBRL_ISA {
 template <class G>
 struct Polish : InteriorPoint<G> {
   using InteriorPoint<G>::NT, InteriorPoint<G>::m, InteriorPoint<G>::o, InteriorPoint<G>::w, InteriorPoint<G>::rho;
-  using InteriorPoint<G>::InteriorPoint;
-  explicit Polish(const InteriorPoint<G>& from) : InteriorPoint<G>(from) {}
+  Polish(const Structure& m_, const Options& o_, SolverWork<G>& w_) : InteriorPoint<G>(m_, o_, w_) { this->heads = false; }
   T momentum;          // relative momentum residual at the current point
   double pull = 1e-7;  // proximal term of a step; 1e-9 to 1e-4 solve the same problems
 
@@ -44,7 +44,7 @@ struct Polish : InteriorPoint<G> {
         }
       T mu = c.rows > 1 ? keep(c.rub, c.mu) : T{};
       size = vsqrt(size);
-      T zn = c.gam - a * (c.s + mu * vsqrt(slip));
+      T zn = c.gam - a * (c.s + select(c.convex, T{}, mu * vsqrt(slip)));
       Mask inside = (size <= mu * zn) & (zn >= 0.0);
       T head = select(inside, zn, vmax((mu * size + zn) / (1.0 + mu * mu), T{}));
       T scale = select(inside, splat(1), mu * head / vmax(size, splat(1e-300))), e = c.gam - head;
@@ -97,6 +97,36 @@ struct Polish : InteriorPoint<G> {
       CMBRL_FOR(j, NT) {
         T same = i == j ? splat(1) : T{};
         c.Th[1 + i][1 + j] = keep(on, select(sticks, same * hold, turn * (same - z[i] * z[j])));
+      }
+    }
+    if (o.convex) linearise_convex(c, eps);
+  }
+
+  // In the lanes of the convex law: along the cone's edge u = (1, mu z) / q, across it along the circle, and out of it, along
+  // n = (mu, -z) / q; q^2 = 1 + mu^2.
+  void linearise_convex(Contact<G>& c, double eps) {
+    T weight = c.root * c.root, a = 1.0 / weight, mu = c.mu, iq2 = 1.0 / (1.0 + mu * mu);
+    T Rn = c.Rn + eps * weight, Rt = c.Rt + eps * weight, zn = c.gam - a * c.s, z[NT], size = T{};
+    CMBRL_FOR(r, NT) { z[r] = c.b[r] - a * c.eta[r]; size += z[r] * z[r]; }
+    size = vmax(vsqrt(size), splat(1e-300));
+    Mask sticks = c.on & (size <= mu * zn) & (zn > 0.0), slides = c.on & ~sticks & (mu * size + zn > 0.0);
+    T inv = 1.0 / size, k = mu * (mu * size + zn) * iq2 * inv, along = T{}, ahead = T{};  // k < 1 while sliding
+    CMBRL_FOR(r, NT) { z[r] *= inv; along += z[r] * c.b[r]; ahead += z[r] * c.eta[r]; }
+    T stiff = 1.0 / ((Rn + mu * mu * Rt) * iq2), den = 1.0 / (1.0 - k + k * a * Rt), turn = k * a * den;
+    T out = along - mu * c.gam;  // what lambda has out of the cone, times q
+    T push = -stiff * iq2 * (c.s + mu * ahead + mu * out * (Rn - Rt) * iq2), hold_n = 1.0 / Rn, hold_t = 1.0 / Rt;
+    auto put = [&](T& x, T y) { x = select(c.convex, y, x); };
+    put(c.w[0], select(sticks, -c.s * hold_n, select(slides, push + mu * out * iq2, keep(c.on, -c.gam))));
+    put(c.Th[0][0], select(sticks, hold_n, keep(slides, stiff * iq2)));
+    CMBRL_FOR(i, NT) {
+      T across = a * (c.eta[i] - ahead * z[i]);  // what b has across z, without the cancellation: den may be 1 / eps
+      T sliding = (mu * push - out * iq2) * z[i] - den * across;
+      put(c.w[1 + i], select(sticks, -c.eta[i] * hold_t, select(slides, sliding, keep(c.on, -c.b[i]))));
+      put(c.Th[0][1 + i], keep(slides, stiff * iq2 * mu * z[i]));
+      put(c.Th[1 + i][0], c.Th[0][1 + i]);
+      CMBRL_FOR(j, NT) {
+        T same = i == j ? splat(1) : T{}, both = z[i] * z[j];
+        put(c.Th[1 + i][1 + j], select(sticks, same * hold_t, keep(slides, stiff * iq2 * mu * mu * both + turn * (same - both))));
       }
     }
   }

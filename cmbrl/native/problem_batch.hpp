@@ -13,6 +13,7 @@ struct ProblemBatch {  // C arrays, first axis n; null where an output is not wa
   const double *M, *J, *v_free, *b, *mu, *R;  // (nv, nv), (contacts, 1 + tangents, nv), (nv), (contacts, 1 + tangents), (contacts), as b
   const double* kappa;  // (n) [J]; null: the exact law
   double tolerance;     // exact law: on the natural map, relative to |M v_free| / contacts
+  const double* convex;  // (contacts): 1 where a contact slides by the convex law (newton.hpp); null: nowhere
   double *v, *impulse, *residual, *derivative;  // (nv), (contacts, 1 + tangents), (), dv'/dv_free (nv, nv)
   int32_t *status, *iterations;
 };

@@ -12,13 +12,16 @@ namespace cmbrl {
 // cmbrl.contact.solvers.native.
 class Problems {
  public:
-  Problems(Array M, Array J, Array v_free, Array b, Array mu, Array R, bool derivative) : inputs_{M, J, v_free, b, mu, R} {
+  Problems(Array M, Array J, Array v_free, Array b, Array mu, Array R, bool derivative, std::optional<Array> convex)
+      : inputs_{M, J, v_free, b, mu, R}, convex_(convex) {
     if (J.ndim() != 4 || (J.shape(2) != 2 && J.shape(2) != 3)) refuse("array 'J' must be of shape (batch, contacts, 2 or 3, nv)");
     ProblemBatch& p = batch_;
     p.n = J.shape(0); p.contacts = int(J.shape(1)); p.tangents = int(J.shape(2)) - 1; p.nv = int(J.shape(3));
     int64_t rows = 1 + p.tangents;
     check(M, "M", {p.n, p.nv, p.nv}); check(v_free, "v_free", {p.n, p.nv}); check(b, "b", {p.n, p.contacts, rows});
     check(mu, "mu", {p.n, p.contacts}); check(R, "R", {p.n, p.contacts, rows});
+    if (convex) check(*convex, "convex", {p.n, p.contacts});
+    p.convex = convex ? convex->data() : nullptr;
     p.M = M.data(); p.J = J.data(); p.v_free = v_free.data(); p.b = b.data(); p.mu = mu.data(); p.R = R.data();
     size_t n = p.n, nv = p.nv;
     out_["v"] = make_array<double>({n, nv}, &p.v);
@@ -49,6 +52,7 @@ class Problems {
 
  private:
   Array inputs_[6];
+  std::optional<Array> convex_;
   ProblemBatch batch_{};
   nb::dict out_;
 };
@@ -56,8 +60,8 @@ class Problems {
 void bind_problems(nb::module_& module) {
   using namespace nb::literals;
   nb::class_<Problems>(module, "Problems", "Contact problems of one shape; see cmbrl.contact.solvers.native.")
-      .def(nb::init<Array, Array, Array, Array, Array, Array, bool>(), "M"_a, "J"_a, "v_free"_a, "b"_a, "mu"_a, "R"_a,
-           "derivative"_a = false)
+      .def(nb::init<Array, Array, Array, Array, Array, Array, bool, std::optional<Array>>(), "M"_a, "J"_a, "v_free"_a, "b"_a, "mu"_a, "R"_a,
+           "derivative"_a = false, "convex"_a.none() = nb::none())
       .def("solve", &Problems::solve, "tolerance"_a, "kappa"_a.none() = nb::none(), "threads"_a = 1, "isa"_a = "")
       .def_prop_ro("results", &Problems::results);
 }

@@ -57,6 +57,7 @@ struct ProblemPack {
     T mu = at(b.mu, b.contacts, i);
     c.rub = mu > 1e-9;
     c.rows = any(c.rub) ? rows : 1;
+    c.convex = b.convex ? c.rub & (at(b.convex, b.contacts, i) > 0.5) : none();
     c.mu = c.full_mu = select(c.rub, mu, splat(1));
     CMBRL_FOR(r, rows) {
       c.Wr[r] = zero<G::N>();

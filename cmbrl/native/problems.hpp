@@ -59,7 +59,8 @@ static void solve_exactly(ProblemPack<G>& pack, Options& o, T* X) {
   for (int i = 0; i < w.ncon; ++i) pack.load_compliance(w.con[i], pack.mass);
   set_kappa(1e-11);
   for_solver_state(pack.m, w, w.save, [](T& x, T& kept) { kept = x; });
-  Mask there = resume(pack.m, w, polish, open, iterations);
+  InteriorPoint<G> path(pack.m, o, w);
+  Mask there = resume(pack.m, w, path, open, iterations);
   for_solver_state(pack.m, w, w.save, [there](T& x, T& kept) { x = select(there, x, kept); });
   finish(polish.approach(open, pack.scale, pack.b.tolerance, 120, natural, iterations));
   if (!any(open)) return;
@@ -94,6 +95,7 @@ static void solve_problems(const Structure& m, const ProblemBatch& b, int64_t be
   Options o{};
   o.max_iterations = 40;
   o.rungs = ~0u;
+  o.convex = b.convex != nullptr;
   ProblemPack<G> pack{m, b, w, lanes_from(begin, end), {}, {}, {}};
   pack.load();
   pack.weigh();

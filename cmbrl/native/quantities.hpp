@@ -12,6 +12,7 @@ static void smooth_quantities(const Model& m, const Options& o, const Batch& b, 
   int nv = m.nv, rows = 1 + G::NT;
   Options every = o;
   every.prune = __builtin_inf();
+  every.convex = 0;  // whole contacts
   for (int64_t e = begin; e < end; e += W) {
     Lanes l = lanes_from(e, end);
     gather_parameters(m, b, l, w, e == begin);
@@ -74,7 +75,7 @@ static void rows_of_step(const Model& m, const Options& o, Work<G>& w) {
 template <class G>
 static void step_rows(const Model& m, const Options& o, const Batch& b, const RowBatch& out, int64_t begin, int64_t end, StepMemory& memory) {
   Work<G> w = open<G>(m, Purpose::step, memory);
-  int nv = m.nv, rows = 1 + G::NT, nrow = m.ncontact + m.nlimit;
+  int nv = m.nv, rows = 1 + G::NT, first_limit = m.ncontact * out.rows_a_contact, nrow = first_limit + m.nlimit;
   for (int64_t e = begin; e < end; e += W) {
     Lanes l = lanes_from(e, end);
     gather_parameters(m, b, l, w, e == begin);
@@ -91,10 +92,12 @@ static void step_rows(const Model& m, const Options& o, const Batch& b, const Ro
         for (int i = w.groups[g].begin; i < w.groups[g].end; ++i) {
           const Contact<G>& c = w.con[i];
           if (!c.on[lane]) continue;
-          int64_t at = base + c.index;
+          int64_t at = base + c.index * out.rows_a_contact + c.edge;
+          bool rubs = c.rows > 1 && c.rub[lane];
           out.active[at] = 1;
-          out.mu[at] = c.rub[lane] ? c.mu[lane] : 0;
-          for (int r = 0; r < (c.rub[lane] ? c.rows : 1); ++r) {
+          out.mu[at] = rubs ? c.mu[lane] : 0;
+          out.convex[at] = rubs && c.convex[lane];
+          for (int r = 0; r < (rubs ? c.rows : 1); ++r) {
             out.b[at * rows + r] = (r ? c.ct0[r - 1] : c.cn0)[lane];
             out.R[at * rows + r] = (r ? c.Rt : c.Rn)[lane];
             for (int k = m.grp_dptr[w.groups[g].group]; k < m.grp_dptr[w.groups[g].group + 1]; ++k)
@@ -104,7 +107,7 @@ static void step_rows(const Model& m, const Options& o, const Batch& b, const Ro
       for (int i = 0; i < w.nlim; ++i) {
         const Limit& c = w.lim[i];
         if (!c.on[lane]) continue;
-        int64_t at = base + m.ncontact + c.index;
+        int64_t at = base + first_limit + c.index;
         out.active[at] = 1;
         out.b[at * rows] = c.c0[lane];
         out.R[at * rows] = c.R[lane];

@@ -36,7 +36,7 @@ static T fresh_residuals(const Structure& m, SolverWork<G>& w, const InteriorPoi
     for (int i = w.groups[g].begin; i < w.groups[g].end; ++i) {
       Contact<G>& c = w.con[i];
       speed = vmax(speed, keep(c.on, vabs(c.cn0)));
-      c.r1 = compare(c.on, dot(c.Wr[0], t) + c.cn0, c.s, c.Rn * c.gam);
+      c.r1 = compare(c.on, dot(c.Wr[0], t) + c.cn0, c.s + ip.lift(c, c.eta0), c.Rn * c.gam);
       F += keep(c.on, c.gam) * c.Wr[0];
       for (int k = 1; k < c.rows; ++k) {
         c.r2[k - 1] = compare(c.on & c.rub, dot(c.Wr[k], t) + c.ct0[k - 1], c.eta[k - 1], c.Rt * c.b[k - 1]);

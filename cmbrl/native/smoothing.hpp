@@ -46,17 +46,23 @@ static inline RowKappa kappa_of(const Smoothing& s, double h, double weight, T r
   return k;
 }
 
+// Twist of A against B under the free velocity.
+template <class G>
+static Vec<G::N> free_twist(const Model& m, const Work<G>& w, int group) {
+  Vec<G::N> t = zero<G::N>();
+  for (int k = m.grp_dptr[group]; k < m.grp_dptr[group + 1]; ++k) {
+    int d = m.grp_dof[k];
+    t += (m.grp_sign[k] > 0 ? w.vf[d] : -w.vf[d]) * w.S[d];
+  }
+  return t;
+}
+
 // The free closing coordinate z = J vf + c0 of every normal row decides. Dry friction yields at a speed of its own, whatever
 // the contacts' softening is.
 template <class G>
 static void set_kappa(const Model& m, const Options& o, Work<G>& w, const Smoothing& s) {
   for (int g = 0; g < w.ngroups; ++g) {
-    Vec<G::N> t = zero<G::N>();
-    if (s.mode == kGaussian)
-      for (int k = m.grp_dptr[w.groups[g].group]; k < m.grp_dptr[w.groups[g].group + 1]; ++k) {
-        int d = m.grp_dof[k];
-        t += (m.grp_sign[k] > 0 ? w.vf[d] : -w.vf[d]) * w.S[d];
-      }
+    Vec<G::N> t = s.mode == kGaussian ? free_twist(m, w, w.groups[g].group) : zero<G::N>();
     for (int i = w.groups[g].begin; i < w.groups[g].end; ++i) {
       Contact<G>& c = w.con[i];
       RowKappa k = kappa_of(s, o.h, m.con_invweight[c.index], c.root, dot(c.Wr[0], t) + c.cn0);

@@ -69,14 +69,14 @@ struct InteriorPoint : Newton<G> {
         Contact<G>& c = w.con[i];
         c.gam = zeta / c.root;
         c.s = zeta * c.root;
-        c.r1 = c.s - (c.r1 + c.Rn * c.gam);
+        c.eta0 = c.s / c.mu;
+        c.r1 = c.s + this->lift(c, c.eta0) - (c.r1 + c.Rn * c.gam);
         compare(c.on, c.r1, c.root);
         F += keep(c.on, c.gam) * c.Wr[0];
         for (int r = 1; r < c.rows; ++r) {
           c.b[r - 1] = c.eta[r - 1] = T{};
           c.r2[r - 1] = -c.r2[r - 1];
         }
-        c.eta0 = c.s / c.mu;
         c.dgam = c.ds = c.deta0 = T{};  // what a failed solve left here must not be seen: 0 * NaN is NaN
         CMBRL_FOR(r, NT) c.db[r] = c.deta[r] = T{};
       }
@@ -205,8 +205,9 @@ struct InteriorPoint : Newton<G> {
     T kappa = mean_kappa(), centre = st.follow ? rho * zeta * zeta : T{}, floor = 1e-6 * zeta * zeta;
     Mask busy = todo & (count > 0.0), done = todo & ~busy;
     T slow = T{};  // short steps in a row: the path has folded, more of them would lead nowhere
-    T share = splat(st.friction);
-    if (st.friction < 1) set_friction(share);
+    bool grows_friction = st.friction < 1 && !o.convex;  // convex paths do not fold
+    T share = splat(grows_friction ? st.friction : 1);
+    if (grows_friction) set_friction(share);
     for (int it = 0; any(busy) && it <= st.iterations; ++it) {
       T nu = complementarity(T{});
       T off = off_path(centre);
@@ -256,7 +257,7 @@ struct InteriorPoint : Newton<G> {
       slow = select(alpha < 1e-3, slow + 1.0, T{});
       busy &= slow < 4.0;
     }
-    if (st.friction < 1) set_friction(splat(1));
+    if (grows_friction) set_friction(splat(1));
     return done;
   }
 };

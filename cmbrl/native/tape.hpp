@@ -8,7 +8,7 @@
 namespace cmbrl::CMBRL_ISA {
 
 template <class G>
-constexpr int kTapedContact = 4 + 2 * G::NT;  // number of the candidate, gam, s, eta0, b, eta
+constexpr int kTapedContact = 4 + 2 * G::NT;  // number of the candidate and edge, gam, s, eta0, b, eta
 
 static inline int64_t tape_stride(const Model& m) {  // per substep; it ends with how many contacts there are, and where
   return m.nq + 4 * int64_t(m.nv) + 2 * m.nlimit + 3 * m.nline + 3;
@@ -35,7 +35,7 @@ static void for_tape(const Model& m, Work<G>& w, F f) {
   f(w.flown, k + 3 * m.nline, all());
 }
 
-// Calls f(value, slot) for the numbers of a contact in its run, but for that of the candidate.
+// Calls f(value, slot) for the numbers of a contact in its run, but for that of candidate and edge.
 template <class G, class F>
 static void for_taped_contact(Contact<G>& c, F f) {
   f(c.gam, 1);
@@ -64,7 +64,7 @@ static void tape_write(const Model& m, Work<G>& w, double* const* tape, TapeRows
     double* run = rows.take(count * kTapedContact<G>, &tape[lane][n - 1]);
     for (int i = 0; i < w.ncon; ++i) {
       if (!pushes(w.con[i])) continue;
-      run[0] = w.con[i].index;
+      run[0] = w.con[i].index * (1 + kEdges) + w.con[i].edge;
       for_taped_contact(w.con[i], [&](T& x, int slot) { run[slot] = x[lane]; });
       run += kTapedContact<G>;
     }
@@ -86,16 +86,17 @@ static TapedRuns taped_runs(const Model& m, const double* const* tape, const Tap
   return runs;
 }
 
-// Lists the candidates that are on in some lane, as find_contacts goes through them: by group, then by number.
+// Lists the candidates that are on in some lane, as find_contacts goes through them: by group, then by number, then by edge.
 template <class G>
 static void list_given(const Model& m, TapedRuns runs, Work<G>& w) {
   w.ngiven = 0;
+  auto group = [&](int number) { return m.con_group[number / (1 + kEdges)]; };
   for (;;) {
     int first = -1;
     for (int lane = 0; lane < W; ++lane) {
       if (runs.at[lane] == runs.end[lane]) continue;
-      int i = int(*runs.at[lane]), g = m.con_group[i];
-      if (first < 0 || g < m.con_group[first] || (g == m.con_group[first] && i < first)) first = i;
+      int i = int(*runs.at[lane]), g = group(i);
+      if (first < 0 || g < group(first) || (g == group(first) && i < first)) first = i;
     }
     if (first < 0) return;
     Mask on = none();
@@ -104,7 +105,7 @@ static void list_given(const Model& m, TapedRuns runs, Work<G>& w) {
       on[lane] = -1;
       runs.at[lane] += kTapedContact<G>;
     }
-    w.give({first, on});
+    w.give({first / (1 + kEdges), first % (1 + kEdges), on});
   }
 }
 

@@ -23,9 +23,11 @@ struct Arena {
 template <class G>
 struct Contact {
   Mask on, wide, rub;                // lanes in which the contact takes part; in the derivative's solve; in which it has friction
+  Mask convex;                       // lanes in which the convex law of sliding holds (newton.hpp); none unless the options say so
   int index, rows;                   // candidate number; 1 or 1 + NT
-  typename G::V p, d[1 + G::NT];     // point and directions (normal, tangents)
-  Vec<G::N> Wr[1 + G::NT];           // wrench of a unit impulse along each row
+  int edge;                          // of MuJoCo's pyramid (edges.hpp), from 1; 0: the whole contact
+  typename G::V p, d[1 + G::NT];     // point and directions (normal, tangents); of an edge: its own, and its tangent
+  Vec<G::N> Wr[1 + G::NT];           // wrench of a unit impulse along each of them
   T root, full_mu;                   // root of inverse weight and compliance; mu itself may be a share of the full one
   T phi, mu, Rn, Rt, carry, cn0, ct0[G::NT];
   T dc_dphi, dRn_dphi, dRt_dphi;     // of the law, at fixed impulses
@@ -37,7 +39,7 @@ struct Contact {
   T gam, s, b[G::NT], eta0, eta[G::NT];
   T r1, r2[G::NT];                   // linear residuals at the start; they shrink by exactly (1 - alpha)
   T w[1 + G::NT], Th[1 + G::NT][1 + G::NT];  // dx = w - Th J dv
-  T ipn, Ai[G::NT][G::NT], ta[G::NT];        // parts of Th, for sensitivities to kappa and mu
+  T ipn, Ai[G::NT][G::NT], ta[G::NT], gA[G::NT];  // parts of Th, for sensitivities to kappa and mu; gA under the convex law
   T t50, dgam, ds, db[G::NT], deta0, deta[G::NT];
   T P[kContactFields];               // its part of the physical vector
 };
@@ -81,7 +83,7 @@ constexpr int kGuesses = 4;  // solves of a step with rows that were left out be
 struct LeftOutLimit { Mask lanes; Direction way; T base; double speed; };
 
 struct Passed { int A, B; T slack; };         // a cluster that is not looked at; of its rows, under the velocity at the start
-struct Given { int index; Mask on; };        // a candidate that is a row in these lanes, whatever it is like
+struct Given { int index, edge; Mask on; };  // a candidate, or an edge of it, that is a row in these lanes, whatever it is like
 struct ActiveGroup { int group, begin, end; };  // contacts of one body pair stand together
 
 // What the contact solve works on.

@@ -239,6 +239,7 @@ def _on_plane(shape: Shape, plane: Shape, touch: Touch, law: ContactLaw) -> Cand
     return Candidate(
         kind, (shape.geom, plane.geom), shape.body, WORLD,
         touch.pos, touch.rim, _ZERO, _ZERO, _UPRIGHT, _ZERO, touch.radius, 0.0, law, touch.weight,
+        along=shape.rot[:, 2] if shape.kind == "capsule" else _ZERO,
     )  # fmt: skip
 
 

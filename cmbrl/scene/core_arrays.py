@@ -110,9 +110,10 @@ class CoreArrays:
     con_halfB: Array  # (nc, D)
     con_rotA: Array  # (nc, D * D)
     con_radiusB: Array  # (nc,)
+    con_along: Array  # (nc, 3) in A's frame: direction of a capsule over a plane, otherwise 0
     con_dim: Integers  # (nc,) 1 or 3
     con_law: Integers  # (nc,) a value of CONTACT_LAWS
-    con_pyramid: Integers  # (nc,)
+    con_pyramid: Integers  # (nc,) number of edges; 0: a round cone
     con_impratio: Array  # (nc,)
     con_invweight: Array  # (nc,)
     con_margin: Array  # (nc,)

@@ -92,9 +92,15 @@ def _laws(model: mujoco.MjModel, candidates: list[Candidate], contact_law: str) 
     if contact_law != "mujoco" or not any(c.law.dim > 1 for c in candidates):
         return
     if model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL:
-        why = "round instead of the file's pyramid, with the softness that the pyramid has while it sticks"
+        why = (
+            "round instead of the file's pyramid, with the softness that the pyramid has while it sticks; the pyramid "
+            "itself with sliding 'convex'"
+        )
         yield LeftOut("friction", "cone", why)
-    why = "MuJoCo's normal force grows with the speed of sliding, up to a hop; here it does not (exact Coulomb)"
+    why = (
+        "MuJoCo's normal force grows with the speed of sliding, up to a hop; here it does not (exact Coulomb), unless "
+        "a model has sliding 'convex'"
+    )
     yield LeftOut("friction", "sliding", why)
 
 

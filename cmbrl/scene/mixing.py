@@ -111,7 +111,9 @@ def contact_law(model: mujoco.MjModel, first: int, second: int, pair: int, gate:
     if dim == 3 and friction[0] != friction[1]:
         gate.refuse("friction_anisotropic", label, f"friction {friction[0]:g} {friction[1]:g}", "the first applies")
     weight = model.body_invweight0[model.geom_bodyid[first], 0] + model.body_invweight0[model.geom_bodyid[second], 0]
-    return ContactLaw(dim, float(friction[0]) if dim > 1 else 0.0, own.solref, own.solimp, own.margin, float(weight))
+    friction_of_sliding = float(friction[0]) if dim > 1 else 0.0
+    edges = 2 * (own.dim - 1) if dim > 1 else 4
+    return ContactLaw(dim, friction_of_sliding, own.solref, own.solimp, own.margin, float(weight), edges)
 
 
 def pair_label(model: mujoco.MjModel, first: int, second: int) -> str:

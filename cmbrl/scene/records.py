@@ -234,6 +234,7 @@ class ContactLaw:
     solimp: Array  # (5,)
     margin: float  # [m] the constraint acts below this gap
     inverse_weight: float  # sum of both bodies' translational invweight0
+    edges: int = 4  # of MuJoCo's pyramid: more than 4 where it has torsional or rolling friction too
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,3 +256,4 @@ class Candidate:
     law: ContactLaw
     weight: float = 1.0  # number of MuJoCo's points that this one stands for
     rot_a: Array = field(default_factory=lambda: np.eye(3))  # (D, D) frame of the box that a corner is of
+    along: Array = field(default_factory=lambda: np.zeros(3))  # in A's frame: of a capsule, along which a pyramid lies

@@ -28,7 +28,7 @@ class Trained:
         """Raises UserError when the folder holds no policy, or one that does not fit its task."""
         saved = load_policy(folder)
         motion = saved.about.get("motion")
-        task = task_for(saved.task, motion, saved.about.get("contact_law"))
+        task = task_for(saved.task, motion, saved.about.get("contact_law"), saved.about.get("sliding"))
         if motion is not None and file_digest(motion) != saved.about.get("motion_digest"):
             raise UserError(f"{motion}: has changed since {folder} was trained on it: restore it, or train again")
         mdp = trial_process(task)

@@ -67,6 +67,7 @@ def set_up(
     threads: int | None = None,
     motion: str | None = None,
     contact_law: str | None = None,
+    sliding: str | None = None,
 ) -> Setup:
     """A checked training run.
 
@@ -83,10 +84,11 @@ def set_up(
         threads: of the native core; results do not depend on it.
         motion: file of the motion to imitate, for a task that imitates; None: the task's own.
         contact_law: of the nominal model, as in :meth:`cmbrl.Scene.from_mjcf`; None: the task's.
+        sliding: of the nominal model, as in :class:`cmbrl.ComplementarityModel`; None: the task's.
 
     Raises UserError on names, values and combinations that do not work.
     """
-    found = task_for(task, motion, contact_law)
+    found = task_for(task, motion, contact_law, sliding)
     name = algorithm_name or recommended(found, model)
     chosen = algorithm(name)
     mdp = decision_process(found)
@@ -95,8 +97,9 @@ def set_up(
     if kind_of(model) not in chosen.models:
         possible = " or ".join(chosen.models)
         raise UserError(f"--model {model}: {name} cannot train on a {kind_of(model)}, only on a {possible}")
-    if contact_law and model != NOMINAL:
-        raise UserError(f"--contact-law applies to the nominal model, not to {model}: drop it")
+    for given, what in ((contact_law, "--contact-law"), (sliding, "--sliding")):
+        if given and model != NOMINAL:
+            raise UserError(f"{what} applies to the nominal model, not to {model}: drop it")
     if smoothing and model == REAL:
         raise UserError("--smoothing does not apply to the real system: drop it")
     if data and "data" not in chosen.takes:

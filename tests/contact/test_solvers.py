@@ -94,7 +94,7 @@ def test_compliant_slot_presses_by_its_compliance(name: str) -> None:
 @pytest.mark.parametrize("name", available())
 def test_no_contact_is_free_motion(name: str) -> None:
     p = point((1.0, -G * H))
-    none = replace(p, J=p.J[:0], b=p.b[:0], mu=p.mu[:0], R=p.R[:0])
+    none = replace(p, J=p.J[:0], b=p.b[:0], mu=p.mu[:0], R=p.R[:0], convex=p.convex[:0])
     assert (get(name).solve(none).v == p.v_free).all()
 
 

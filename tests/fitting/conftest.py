@@ -93,6 +93,9 @@ class CartModel:
     def alternatives(self) -> dict[str, CartModel]:
         return {}
 
+    def other_sliding(self) -> None:
+        return None
+
     def to_config(self) -> dict[str, Any]:
         return {"carts": self.scene.nv, "parameters": self.parameters.tolist()}
 

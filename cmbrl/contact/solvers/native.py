@@ -1,8 +1,8 @@
 """Our interior-point method on batches of contact problems of one shape.
 
-The exact law: follow the central path until every contact is known to be open, sticking or sliding, then apply Newton's
-method to the law (projections of Alart and Curnier, CMAME 1991). The softened law: every complementarity product equals
-kappa.
+The law itself (exact, or convex in sliding): follow the central path until every contact is known to be open, sticking
+or sliding, then apply Newton's method to the law (projections of Alart and Curnier, CMAME 1991). The softened law:
+every complementarity product equals kappa.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _EVEN = 1e-9  # relative difference of two compliances that are meant to be equa
 @dataclass(frozen=True)
 class Batch:
     """Stacked problems of one shape: M (B, nv, nv), J (B, n, 1 + nt, nv), v_free (B, nv), b, R (B, n, 1 + nt),
-    mu (B, n).
+    mu (B, n); convex (B, n) where some contact has the convex law of sliding.
 
     Raises UserError if the tangents of a contact with friction differ in compliance: the cone is round.
     """
@@ -36,6 +36,7 @@ class Batch:
     b: Array
     mu: Array
     R: Array
+    convex: Array | None = None
 
     def __post_init__(self) -> None:
         uneven = (self.mu > 0) & (np.ptp(self.R[..., 1:], axis=-1) > _EVEN * self.R[..., 1:].max(axis=-1))
@@ -52,11 +53,13 @@ class Batch:
         if len({p.J.shape for p in problems}) != 1:
             raise UserError("a batch takes at least one problem, all of one shape; group them by J.shape")
         arrays = {field: np.array([getattr(p, field) for p in problems]) for field in FIELDS}
+        if not arrays["convex"].any():
+            del arrays["convex"]
         return cls(**{field: np.ascontiguousarray(x, dtype=np.float64) for field, x in arrays.items()})
 
     def native(self, derivative: bool = False) -> Problems:
         """The core's handle on these arrays; ``solve(tolerance, kappa, threads)`` fills its ``results``."""
-        return Problems(self.M, self.J, self.v_free, self.b, self.mu, self.R, derivative)
+        return Problems(self.M, self.J, self.v_free, self.b, self.mu, self.R, derivative, self.convex)
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ Run = Callable[[float], Finish]
 
 class Solver(ABC):
     """A solver of contact problems. ``law`` is what it solves: "exact" Signorini-Coulomb, its "convex" relaxation (no
-    De Saxce shift) or a "softened" law.
+    De Saxce shift) or a "softened" law. Only ours looks at the problem's ``convex``: which contacts slide by which law.
 
     Work comes in three parts, so that a benchmark can time the middle one alone: ``prepare(problem)`` converts the
     input and returns ``run``; ``run(tolerance)`` solves from scratch and returns ``finish``; ``finish()`` converts the

@@ -1,0 +1,98 @@
+// MuJoCo's pyramidal cone, under the convex law of sliding: a contact that touches is four rows without friction, one along each
+// edge n + mu t of the pyramid, t = +-t1, +-t2, as MuJoCo has it. In the plane two of them have no tangent; and those of
+// torsional and rolling friction, which ours has not, are one more row along the normal.
+#pragma once
+#include "law.hpp"
+
+namespace cmbrl::CMBRL_ISA {
+
+// Tangents of a contact with a round cone, which may be any.
+static inline void tangents(const Planar&, const Vec<2>& n, Vec<2>* d) { d[0] = {{n[1], -n[0]}}; }
+static inline void tangents(const Spatial&, const Vec<3>& n, Vec<3>* d) {
+  Mask flat = vabs(n[0]) < 0.7;
+  Vec<3> e = {{select(flat, splat(1), T{}), select(flat, T{}, splat(1)), T{}}};
+  e = e - dot(e, n) * n;
+  d[0] = (1.0 / vsqrt(dot(e, e))) * e;
+  d[1] = cross(n, d[0]);
+}
+static inline bool along_capsule(const Model& m, int i) {
+  const double* a = m.con_along + 3 * i;
+  return a[0] != 0 || a[1] != 0 || a[2] != 0;
+}
+// What MuJoCo's first tangent is made of: an axis of the world, or the capsule; and how that turns with A.
+static inline Vec<2> tangent_axis(const Model&, const Work<Planar>&, int, const Vec<2>&) { return zero<2>(); }
+static inline Vec<3> tangent_axis(const Model& m, const Work<Spatial>& w, int i, const Vec<3>& n) {
+  if (along_capsule(m, i)) return Spatial::rotate(w.R[m.con_bodyA[i]], load<3>(m.con_along + 3 * i));
+  Mask flat = vabs(n[1]) < 0.5;
+  return {{T{}, select(flat, splat(1), T{}), select(flat, T{}, splat(1))}};
+}
+// The first (0) or second (1) tangent, from that axis e; and its change with those of the normal and of e.
+static inline Vec<2> edge_tangent(const Vec<2>& n, const Vec<2>&, int pair) { return pair > 0 ? zero<2>() : Vec<2>{{n[1], -n[0]}}; }
+static inline Vec<2> edge_turn(const Vec<2>&, const Vec<2>&, int pair, const Vec<2>& dn, const Vec<2>&) {
+  return pair > 0 ? zero<2>() : Vec<2>{{dn[1], -dn[0]}};  // the second one points out of the plane
+}
+static inline Vec<3> edge_tangent(const Vec<3>& n, const Vec<3>& e, int pair) {
+  Vec<3> y = e - dot(e, n) * n, first = (1.0 / vsqrt(vmax(dot(y, y), splat(1e-30)))) * y;
+  return pair == 0 ? first : cross(n, first);
+}
+static inline Vec<3> edge_turn(const Vec<3>& n, const Vec<3>& e, int pair, const Vec<3>& dn, const Vec<3>& de) {
+  Vec<3> y = e - dot(e, n) * n, dy = de - (dot(de, n) + dot(e, dn)) * n - dot(e, n) * dn;
+  T inv = 1.0 / vsqrt(vmax(dot(y, y), splat(1e-30)));
+  Vec<3> first = inv * y, turned = inv * (dy - dot(first, dy) * first);
+  return pair == 0 ? turned : cross(dn, first) + cross(n, turned);
+}
+static inline double sign_of_edge(int edge) { return edge == kEdges ? 0 : edge % 2 ? 1 : -1; }
+
+template <class G>
+static inline typename G::V normal_of(const Contact<G>& c) { return c.edge ? c.d[0] - c.mu * c.d[1] : c.d[0]; }
+
+// A whole contact becomes one of its edges.
+template <class G>
+static void make_edge(const Model& m, const Options& o, const Work<G>& w, int edge, const T* p, Contact<G>& c) {
+  c.edge = edge;
+  c.rows = 1;
+  c.d[1] = sign_of_edge(edge) * edge_tangent(c.d[0], tangent_axis(m, w, c.index, c.d[0]), (edge - 1) / 2);
+  c.d[0] = c.d[0] + c.mu * c.d[1];
+  CMBRL_FOR(r, 2) c.Wr[r] = join<G>(G::moment(c.p, c.d[r]), c.d[r]);
+  contact_law(m, o, c, p);
+  c.root = vsqrt(m.con_invweight[c.index] + c.Rn);
+}
+
+// The last contact, in the lanes where the convex law holds, becomes its edges.
+template <class G>
+static void split_into_edges(const Model& m, const Options& o, Work<G>& w, const T* p) {
+  Contact<G> whole = w.con[w.ncon - 1];
+  Mask lanes = whole.convex & (whole.on | whole.wide);
+  if (!o.convex || !m.con_pyramid[whole.index] || !any(lanes)) return;
+  Contact<G>& rest = w.con[w.ncon - 1];
+  rest.on &= ~lanes;
+  rest.wide &= ~lanes;
+  if (!any(rest.on | rest.wide)) --w.ncon;
+  whole.on &= lanes;
+  whole.wide &= lanes;
+  int last = m.con_pyramid[whole.index] > kEdges - 1 ? kEdges : kEdges - 1;
+  for (int edge = 1; edge <= last; ++edge) {
+    Contact<G>& c = w.add_contact();
+    c = whole;
+    make_edge(m, o, w, edge, p, c);
+  }
+}
+
+// How the direction of an edge changes with its normal, as a dof with column S moves A; or B, which is no plane then.
+template <class G>
+static inline typename G::V edge_shift(const Model& m, const Work<G>& w, const Contact<G>& c, const typename G::V& n,
+                                       const typename G::V& dn, const Vec<G::N>& S) {
+  typename G::V e = tangent_axis(m, w, c.index, n), de = along_capsule(m, c.index) ? G::turn(ang<G>(S), e) : zero<G::D>();
+  return dn + (c.mu * sign_of_edge(c.edge)) * edge_turn(n, e, (c.edge - 1) / 2, dn, de);
+}
+
+// What an edge pushes along the normal (row 0) and the tangents of its contact.
+template <class G>
+static T edge_impulse(const Contact<G>& c, int row) {
+  if (row == 0) return c.gam;
+  typename G::V t[G::NT];
+  tangents(G{}, normal_of(c), t);
+  return c.mu * c.gam * dot(t[row - 1], c.d[1]);
+}
+
+}  // namespace cmbrl::CMBRL_ISA

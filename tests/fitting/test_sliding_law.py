@@ -1,0 +1,73 @@
+"""A fit takes the law of sliding that the log supports, if that is clear and the choice is open, and says so."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cmbrl
+from cmbrl.data.transitions import Transitions
+from cmbrl.fitting import FitResult
+from cmbrl.fitting.budget import Budget
+from cmbrl.fitting.evidence import Evidence
+from cmbrl.fitting.report_text import render
+from cmbrl.fitting.verdict import supported_sliding
+
+from .test_fit_hidden import recorded, scene
+
+QUICK = Budget(polish_rows=600, polish_iterations=4, fold_iterations=2, survey_rows=200, survey_iterations=2)
+PUCK = """<mujoco><option timestep=".004" cone="elliptic"/><worldbody><geom type="plane" size="9 9 .1" friction=".6"/>
+<body name="puck" pos="0 0 .05"><freejoint/><geom type="box" size=".2 .2 .05" mass="2" friction=".6"/><site name="s"/>
+</body></worldbody><actuator><motor site="s" gear="30 0 0 0 0 0"/><motor site="s" gear="0 20 0 0 0 0"/></actuator>
+</mujoco>"""
+
+
+def log_of(folder: Path) -> tuple[cmbrl.ComplementarityModel, Transitions]:
+    """A pushed puck in MuJoCo, whose steps are of the convex law."""
+    return cmbrl.ComplementarityModel(scene(folder, PUCK)), recorded(PUCK, 1, 6, 100, 0, 1.0)
+
+
+def test_the_law_that_the_log_supports_is_taken(tmp_path: Path) -> None:
+    model, log = log_of(tmp_path)
+    found, told = supported_sliding(Evidence.of(model, log), 0.5)
+    assert found.sliding == "convex"
+    assert told is not None
+    assert told["taken"]
+    exact = model.predict(log.q, log.v, log.u)
+    ours = replace(log, q_next=exact.q_next, v_next=exact.v_next, episode=np.arange(len(log)))
+    kept, told = supported_sliding(Evidence.of(model, ours), 0.5)
+    assert kept.sliding == "coulomb"
+    assert told is not None
+    assert told["relative_error"] > 1.0
+
+
+def test_a_law_that_was_named_or_does_not_matter_stays(tmp_path: Path) -> None:
+    model, log = log_of(tmp_path)
+    named = model.with_settings(sliding="coulomb")
+    assert supported_sliding(Evidence.of(named, log), 0.5)[0].sliding == "coulomb"
+    assert named.other_sliding() is None
+    smooth = PUCK.replace('friction=".6"', 'condim="1"')
+    assert cmbrl.ComplementarityModel(scene(tmp_path, smooth)).other_sliding() is None
+    rigid = cmbrl.Scene.from_mjcf(PUCK, contact_law="rigid")
+    assert cmbrl.ComplementarityModel(rigid).other_sliding() is None
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_a_fit_keeps_and_tells_its_law(tmp_path: Path) -> None:
+    model, log = log_of(tmp_path)
+    slippery = [0.4 if p.name.startswith("friction.") else p.nominal for p in model.scene.parameters]
+    model = model.with_parameters(np.array(slippery))
+    result = cmbrl.fit(model, log, groups=["friction"], method="gauss-newton", horizon=1, budget=QUICK)
+    assert result.model.sliding == "convex"
+    assert result.report["sliding"]["taken"]
+    assert "law of sliding: the convex law" in " ".join(result.report_text().split())
+    friction = [p.value for name, p in result.parameters.items() if name.startswith("friction.")]
+    assert max(abs(value - 0.6) for value in friction) < 0.05
+    result.save(tmp_path / "fit")
+    saved = FitResult.load(tmp_path / "fit")
+    assert saved.model.sliding == "convex"
+    kept = {**saved.report, "sliding": {"tried": "convex", "relative_error": 0.97, "taken": False}}
+    assert "law of sliding: exact Coulomb" in " ".join(render(saved.parameters, kept).split())
