@@ -113,11 +113,11 @@ static void fold_closing_terms(const Model& m, const Options& o, Work<G>& w, boo
 }
 
 template <class G>
-static void clear_late(const Model& m, Work<G>& w) {
+static void clear_late(const Model& m, Work<G>& w, bool theta) {
   int nv = m.nv;
-  for (int i = 0; i < nv * nv; ++i) w.Sq[i] = w.Sv[i] = w.Sn[i] = T{};
+  for (int i = 0; i < nv * nv; ++i) w.Sq[i] = w.Sv[i] = T{};
   for (int i = 0; i < nv * m.nu; ++i) w.Su[i] = T{};
-  for (int i = 0; i < nv * m.ntheta; ++i) w.Sp[i] = T{};
+  for (int i = 0; theta && i < nv * m.ntheta; ++i) w.Sp[i] = T{};
 }
 
 // Adds -dM~ shift to S, of what damps -dD eased, without ties.
@@ -150,7 +150,8 @@ static void inertia_terms(const Model& m, const Options& o, Work<G>& w, bool the
 // S of M~ shift = sum t_i J_i^T x_i with t_i = phi_i / speed_i: the part of a place and parameters at fixed t_i and x_i.
 template <class G>
 static void late_smooth_terms(const Model& m, const Options& o, Work<G>& w, bool theta) {
-  clear_late(m, w);
+  clear_late(m, w, theta);
+  for (int i = 0; i < m.nv * m.nv; ++i) w.Sn[i] = T{};
   contact_terms(m, o, w, w.Sq, w.Sv, true);
   if (theta) parameter_terms(m, o, w, w.Sp, Part::late_rows);
   w.eased = w.shift;
@@ -207,7 +208,7 @@ static void late_terms(const Model& m, const Options& o, Work<G>& w, bool theta)
 // S of split damping (split.hpp) with y = shift: K dy = Sq dq + Sv dv + Sp dtheta + D (du - dv).
 template <class G>
 static void split_terms(const Model& m, const Options& o, Work<G>& w, bool theta) {
-  clear_late(m, w);
+  clear_late(m, w, theta);
   damped_away(m, w, w.shift);
   w.eased = w.leap;  // steps with split damping do not fly
   for (int i = 0; i < m.nv; ++i) w.eased[i] = w.v[i] - w.vn[i] + w.shift[i];
