@@ -1,4 +1,5 @@
-// Which candidates become rows in this step, and the row of each.
+// Which candidates become rows in this step, and the row of each. A row of a pack costs as much for one lane as for all, so
+// lanes that need different candidates of one kin share it: a corner of a box here, an edge of another there.
 #pragma once
 #include "contact.hpp"
 #include "near.hpp"
@@ -30,11 +31,15 @@ template <class G>
 static void make_contact(const Model& m, const Options& o, int i, const Feature<G>& F, T phi, const T* p, Contact<G>& c) {
   std::memcpy(c.P, p, sizeof c.P);
   c.index = i;
+  for (int lane = 0; lane < W; ++lane) c.of[lane] = i;
+  c.segments = m.con_type[i] == kSegmentSegment;
+  c.at = F;
+  c.radiusA = p[kRadius] - m.con_radiusB[i];
   c.rows = m.con_dim[i] > 1 ? 1 + G::NT : 1;
   c.rub = c.rows > 1 ? p[kMu] > 1e-9 : none();
   c.mu = c.full_mu = select(c.rub, p[kMu], splat(1));
   c.phi = phi;
-  c.p = F.a - (feature_radiusA(m, c) + 0.5 * phi) * F.n;
+  c.p = F.a - (c.radiusA + 0.5 * phi) * F.n;
   c.d[0] = F.n;
   tangents(G{}, F.n, c.d + 1);
   CMBRL_FOR(r, c.rows) {
@@ -43,6 +48,51 @@ static void make_contact(const Model& m, const Options& o, int i, const Feature<
   }
   contact_law(m, o, c, p);
   c.root = vsqrt(m.con_invweight[i] + c.Rn);
+}
+
+// No contact of group g has been found yet.
+template <class G>
+static void open_group(const Model& m, Work<G>& w, int g) {
+  for (int k = W * m.grp_kin[g]; k < W * m.grp_kin[g + 1]; ++k) w.kin_count[k] = 0;
+}
+
+template <class G>
+static void take_lanes(Contact<G>& to, const Contact<G>& from, Mask lanes) {
+  static_assert(sizeof(Found<G>) % sizeof(T) == 0);
+  T* x = reinterpret_cast<T*>(static_cast<Found<G>*>(&to));
+  const T* y = reinterpret_cast<const T*>(static_cast<const Found<G>*>(&from));
+  for (size_t k = 0; k < sizeof(Found<G>) / sizeof(T); ++k) x[k] = select(lanes, y[k], x[k]);
+  auto take = [lanes](Mask& a, Mask b) { a = (a & ~lanes) | (b & lanes); };
+  take(to.on, from.on);
+  take(to.wide, from.wide);
+  take(to.rub, from.rub);
+  for (int lane = 0; lane < W; ++lane) if (lanes[lane]) to.of[lane] = from.of[lane];
+  to.segments |= from.segments;
+}
+
+// The n-th candidate of its kin that a lane needs stands in the n-th contact of that kin: lanes of the last contact join those
+// that are there, and it stays for the rest.
+template <class G>
+static void join_kin(const Model& m, Work<G>& w) {
+  int last = w.ncon - 1, most = 0, kin = m.con_kin[w.con[last].index];
+  Contact<G>& c = w.con[last];
+  int *count = w.kin_count + W * kin, *slots = w.kin_slots + m.kin_ptr[kin];
+  Mask rest = c.on | c.wide;
+  for (int lane = 0; lane < W; ++lane) most = count[lane] > most ? count[lane] : most;
+  for (int lane = 0; lane < W; ++lane) {
+    if (!rest[lane] || count[lane] == most) continue;
+    int n = count[lane];
+    Mask lanes = none();
+    for (int k = lane; k < W; ++k)
+      if (rest[k] && count[k] == n) { lanes[k] = -1; ++count[k]; }
+    take_lanes(w.con[slots[n]], c, lanes);
+    rest &= ~lanes;
+  }
+  if (!any(rest)) { --w.ncon; return; }
+  for (int lane = 0; lane < W; ++lane) count[lane] += rest[lane] ? 1 : 0;
+  slots[most] = last;
+  c.on &= rest;
+  c.wide &= rest;
 }
 
 // Of A against B under their twists, where they are closest.
@@ -69,6 +119,7 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, co
     make_contact(m, o, i, F, phi, p, c);
     c.on = c.wide = on;
     w.coupled |= A >= 0 && B >= 0;
+    if (given) join_kin(m, w);
     return;
   }
   double enough = speed_that_matters(o, o.forward, m.con_invweight[i]), wide = speed_that_matters(o, o.backward, m.con_invweight[i]);
@@ -84,7 +135,7 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, co
     takes_part = c.on = near & (slack + closing < enough);
     c.wide = near & (slack + closing < wide);
     if (any(c.on | c.wide)) w.coupled |= A >= 0 && B >= 0;
-    else --w.ncon;
+    join_kin(m, w);
   }
   Mask left = on & ~takes_part;
   if (!any(left)) return;
@@ -100,6 +151,7 @@ static void find_contacts(const Model& m, const Options& o, Work<G>& w, bool giv
   w.coupled = false;
   for (int k = 0; given && k < w.ngiven;) {
     int g = m.con_group[w.given[k].index], first = w.ncon;
+    open_group(m, w, g);
     for (; k < w.ngiven && m.con_group[w.given[k].index] == g; ++k) find_contact(m, o, w, w.given[k].index, &w.given[k].on);
     w.add_group({g, first, w.ncon});
   }
@@ -107,6 +159,7 @@ static void find_contacts(const Model& m, const Options& o, Work<G>& w, bool giv
     find_near(m, o, w);
     for_near(m, w, [&](int g) {
       int first = w.ncon;
+      open_group(m, w, g);
       for (int c = m.grp_clusters[g]; c < m.grp_clusters[g + 1]; ++c)
         if (!pass_over(m, o, w, m.grp_A[g], m.grp_B[g], c))
           for (int k = m.cluster_begin[c]; k < m.cluster_begin[c + 1]; ++k) find_contact(m, o, w, m.grp_con[k]);

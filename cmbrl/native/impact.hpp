@@ -32,11 +32,10 @@ static void bounce_terms(const Model& m, Work<G>& w, int i, const T* z, bool the
   int group = m.con_group[c.index], A = m.con_bodyA[c.index], B = m.con_bodyB[c.index];
   T* t = row_of_bounce(m, w, i);
   for (int k = 0; k < columns_of_step(m); ++k) t[k] = c.by_free * z[k];
-  Feature<G> feature = find_feature(m, w, c.index);
   Vec<G::N> relative = relative_twist<G>(m, w.vel, c.index);
   for (int a = m.grp_dptr[group]; a < m.grp_dptr[group + 1]; ++a) {
     int d = m.grp_dof[a], sign = m.grp_sign[a];
-    Shift<G> s = shift_by_dof(m, w, c, feature, w.S[d], sign);
+    Shift<G> s = shift_by_dof(m, c, w.S[d], sign);
     T swing = dot(c.Wr[0], cross_motion<G>(w.S[d], w.vel[sign > 0 ? A : B] - w.vlam[d])), column = dot(c.Wr[0], w.S[d]);
     t[d] += c.by_start * (dot(wrench_shift(c, s, 0), relative) + (sign > 0 ? swing : -swing)) + c.by_gap * s.dphi;
     t[m.nv + d] += c.by_start * (sign > 0 ? column : -column);

@@ -49,6 +49,8 @@ struct Model : Structure {
 
   const int *con_type, *con_bodyA, *con_bodyB, *con_plane, *con_pair, *con_dim, *con_law, *con_pyramid;
   const double *con_posA, *con_axisA, *con_posB, *con_axisB, *con_rotB, *con_halfB, *con_rotA;  // rotA: of a box with a corner, which axisA leads to from its centre
+  const int *con_kin, *grp_kin, *kin_ptr;        // candidates that may share a row of a pack: of one group, with laws that differ in lane numbers only
+  int nkin;                  // those of group g are numbers grp_kin[g] to grp_kin[g + 1] - 1; kin_ptr: how many candidates those before have
   double largest_invweight;  // of a contact
   int logistic;              // contacts act at a distance
   const double *con_radiusB, *con_impratio, *con_invweight, *con_margin, *con_mid, *con_power, *plane_normal;

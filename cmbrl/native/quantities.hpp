@@ -58,7 +58,7 @@ static void rows_of_step(const Model& m, const Options& o, Work<G>& w) {
     Mask missed;
     w.nguess = 0;
     set_up();
-    solve_with_missed(m, now, w, missed);
+    solve_with_missed(m, now, w, none(), missed);
     if (!any(missed)) break;
     now.prune = wider(now.prune);
   }
@@ -91,7 +91,7 @@ static void step_rows(const Model& m, const Options& o, const Batch& b, const Ro
         for (int i = w.groups[g].begin; i < w.groups[g].end; ++i) {
           const Contact<G>& c = w.con[i];
           if (!c.on[lane]) continue;
-          int64_t at = base + c.index;
+          int64_t at = base + c.of[lane];
           out.active[at] = 1;
           out.mu[at] = c.rub[lane] ? c.mu[lane] : 0;
           for (int r = 0; r < (c.rub[lane] ? c.rows : 1); ++r) {

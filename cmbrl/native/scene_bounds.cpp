@@ -1,6 +1,9 @@
-// Spheres that hold what may touch: of each body, and of the candidates of two geoms (near.hpp).
+// Spheres that hold what may touch: of each body, and of the candidates of two geoms (near.hpp). And which candidates may share a
+// row of a pack (candidates.hpp).
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <tuple>
 
 #include "scene_data.hpp"
 
@@ -101,6 +104,29 @@ void SceneData::derive_clusters() {
   m.cluster_radiusA = keep_doubles("cluster_radiusA", std::move(radiusA));
   m.cluster_radiusB = keep_doubles("cluster_radiusB", std::move(radiusB));
   m.cluster_invweight = keep_doubles("cluster_invweight", std::move(weight));
+}
+
+// Of one group, and alike in all that a row takes from its candidate by number.
+void SceneData::derive_kins() {
+  Model& m = model;
+  std::vector<int> of_group{0}, kin(m.ncontact);
+  for (int g = 0; g < m.ngroup; ++g) {
+    std::map<std::tuple<bool, int, int, int, int, double, double, double, double, double>, int> known;
+    for (int k = m.grp_cptr[g]; k < m.grp_cptr[g + 1]; ++k) {
+      int c = m.grp_con[k];
+      auto key = std::make_tuple(m.con_type[c] == kRimPlane, m.con_plane[c], m.con_dim[c], m.con_law[c], m.con_pyramid[c], m.con_impratio[c],
+                                 m.con_invweight[c], m.con_margin[c], m.con_mid[c], m.con_power[c]);
+      kin[c] = known.emplace(key, of_group.back() + int(known.size())).first->second;
+    }
+    of_group.push_back(of_group.back() + int(known.size()));
+  }
+  m.nkin = of_group.back();
+  std::vector<int> ptr(m.nkin + 1, 0);
+  for (int k : kin) ++ptr[k + 1];
+  for (int k = 0; k < m.nkin; ++k) ptr[k + 1] += ptr[k];
+  m.kin_ptr = keep_ints("kin_ptr", std::move(ptr));
+  m.con_kin = keep_ints("con_kin", std::move(kin));
+  m.grp_kin = keep_ints("grp_kin", std::move(of_group));
 }
 
 }  // namespace cmbrl
