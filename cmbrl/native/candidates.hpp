@@ -103,11 +103,18 @@ static typename G::V relative_velocity(const Vec<G::N>* twist, int A, int B, con
   return u;
 }
 
-// One candidate: becomes a row of w.con if it may close within the step, else of w.left; given: a row in these lanes.
+// What a cluster's candidates that are too far to look at have in common: from which gap on they are, and the smallest of theirs.
+struct Far { T from, lowest = splat(1e300); };
+
+// One candidate: becomes a row of w.con if it may close within the step, else of w.left, or of `far`; given: a row in these lanes.
 template <class G>
-static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, const Mask* given = nullptr) {
+static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, Far* far, const Mask* given = nullptr) {
   int A = m.con_bodyA[i], B = m.con_bodyB[i];
   Feature<G> F = find_feature(m, w, i);
+  if (far) {
+    T gap = F.dist - m.P[m.oContact + i * kContactFields + kRadius] - w.radius_slack;
+    if (!any(gap < far->from)) { far->lowest = vmin(far->lowest, gap); return; }
+  }
   T p[kContactFields];
   load_block(m, w, i, p);
   T phi = F.dist - p[kRadius];
@@ -143,6 +150,39 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, co
   w.left_out_gap = select(left, vmin(w.left_out_gap, vabs(phi)), w.left_out_gap);
 }
 
+// Candidates of a cluster over a plane: of points that are too far up the height alone is found.
+template <class G>
+static void find_on_plane(const Model& m, const Options& o, Work<G>& w, int A, int cluster, Far& far) {
+  int begin = m.cluster_begin[cluster], plane = m.con_plane[m.grp_con[begin]];
+  typename G::V n = plane_normal<G>(m, plane), up = G::unrotate(w.R[A], n);
+  T base = dot(n, w.pos[A] + w.O) - w.P[m.oPlane + plane] - w.radius_slack;
+  for (int k = begin; k < m.cluster_begin[cluster + 1]; ++k) {
+    int i = m.grp_con[k];
+    T gap = base + dot(up, load<G::D>(m.con_posA + i * G::D)) - m.P[m.oContact + i * kContactFields + kRadius];
+    if (m.con_type[i] != kPointPlane || any(gap < far.from)) find_contact(m, o, w, i, &far);
+    else far.lowest = vmin(far.lowest, gap);
+  }
+}
+
+// Those of a cluster. Nothing is known to be far where pruning does not sift.
+template <class G>
+static void find_in_cluster(const Model& m, const Options& o, Work<G>& w, int g, int cluster) {
+  int A = m.grp_A[g], B = m.grp_B[g], begin = m.cluster_begin[cluster], end = m.cluster_begin[cluster + 1];
+  if (!w.sift) {
+    for (int k = begin; k < end; ++k) find_contact(m, o, w, m.grp_con[k], nullptr);
+    return;
+  }
+  T fast = speed_of_pair(w.fast, A, B);
+  Far far{o.h * (speed_of_far(o, m.cluster_invweight[cluster]) + 2.0 * fast)};
+  if (m.cluster_round[cluster] >= 0) {
+    T gap = least_gap(m, w, A, B, cluster);
+    if (!any(gap < far.from)) { w.pass_over({A, B, gap * (1 / o.h) - fast}); return; }
+  }
+  if (m.con_plane[m.grp_con[begin]] >= 0) find_on_plane(m, o, w, A, cluster, far);
+  else for (int k = begin; k < end; ++k) find_contact(m, o, w, m.grp_con[k], &far);
+  if (any(far.lowest < 1e300)) w.pass_over({A, B, far.lowest * (1 / o.h) - fast});
+}
+
 // Rows that may close within the step, ordered by body pair. given: those of w.given instead (a step read back from its tape).
 template <class G>
 static void find_contacts(const Model& m, const Options& o, Work<G>& w, bool given) {
@@ -152,7 +192,7 @@ static void find_contacts(const Model& m, const Options& o, Work<G>& w, bool giv
   for (int k = 0; given && k < w.ngiven;) {
     int g = m.con_group[w.given[k].index], first = w.ncon;
     open_group(m, w, g);
-    for (; k < w.ngiven && m.con_group[w.given[k].index] == g; ++k) find_contact(m, o, w, w.given[k].index, &w.given[k].on);
+    for (; k < w.ngiven && m.con_group[w.given[k].index] == g; ++k) find_contact(m, o, w, w.given[k].index, nullptr, &w.given[k].on);
     w.add_group({g, first, w.ncon});
   }
   if (!given) {
@@ -160,9 +200,7 @@ static void find_contacts(const Model& m, const Options& o, Work<G>& w, bool giv
     for_near(m, w, [&](int g) {
       int first = w.ncon;
       open_group(m, w, g);
-      for (int c = m.grp_clusters[g]; c < m.grp_clusters[g + 1]; ++c)
-        if (!pass_over(m, o, w, m.grp_A[g], m.grp_B[g], c))
-          for (int k = m.cluster_begin[c]; k < m.cluster_begin[c + 1]; ++k) find_contact(m, o, w, m.grp_con[k]);
+      for (int c = m.grp_clusters[g]; c < m.grp_clusters[g + 1]; ++c) find_in_cluster(m, o, w, g, c);
       if (w.ncon > first) w.add_group({g, first, w.ncon});
     });
   }
