@@ -39,7 +39,8 @@ def paired_robot(file: Path) -> PairedScene:
     on_plane = np.flatnonzero(scene.core.con_plane >= 0)
     if len(on_plane) and peer.njnt and peer.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
         start[2] -= scene.gaps(start)[on_plane].min()
-    return PairedScene(robot_name(file), peer, scene, "semi-implicit", start, hold, _REACH, False)
+    integrator = "leapfrog" if scene.integrator == "rk4" else "semi-implicit"
+    return PairedScene(robot_name(file), peer, scene, integrator, start, hold, _REACH, False)
 
 
 def robot_name(file: Path) -> str:
