@@ -29,7 +29,8 @@ class Settings:
     """How a study is run.
 
     quick: a minute or so, the same charts with fewer points. threads: workers, and threads of the core where it is
-    measured. scenes: labels, default all. backend and accept: as in :class:`cmbrl.jobs.Runner`.
+    measured. scenes: labels, default all. backend and accept: as in :class:`cmbrl.jobs.Runner`. robots: a file or
+    folder that the study of speed measures instead of its scenes.
     """
 
     quick: bool = False
@@ -38,6 +39,7 @@ class Settings:
     scenes: tuple[str, ...] | None = None
     backend: str = "loky"
     accept: Accept = "exact"
+    robots: str | None = None
 
     def chosen(self, labels: Iterable[str]) -> list[str]:
         """Those of ``labels`` that ``scenes`` names, in their order."""

@@ -24,6 +24,7 @@ ALL, STALE = "all", "stale"
 EXAMPLE = """
 cmbrl bench speed
 cmbrl bench speed --scene "hopper rk4" --out runs/bench
+cmbrl bench speed --robots robots/ --out runs/robots   # every robot of a folder, beside mj_step
 cmbrl bench robustness --quick --json > robustness.json
 cmbrl bench all --quick --out runs/bench     # a page of everything, in less than ten minutes
 cmbrl bench stale docs                       # stored results, and whether their code has changed
@@ -37,6 +38,11 @@ def add_arguments(parser: Parser) -> None:
     )
     parser.add_argument(
         "--scene", action="append", metavar="LABEL", help="measure only this scene (may be repeated; default: all)"
+    )
+    parser.add_argument(
+        "--robots",
+        metavar="PATH",
+        help="speed: measure robots instead: a file, or a folder of NAME/robot.xml, *.xml or *.urdf",
     )
     parser.add_argument(
         "--out",
@@ -73,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
     threads = arguments.threads or usable_cores()
     scenes = tuple(arguments.scene) if arguments.scene else None
     settings = Settings(
-        arguments.quick, arguments.seed, threads, scenes, backend=arguments.backend, accept=arguments.accept
+        arguments.quick, arguments.seed, threads, scenes, arguments.backend, arguments.accept, arguments.robots
     )
     with _folder(arguments) as out, _bars(len(names)) as bar:
         runs = run_studies({name: STUDIES[name] for name in names}, out, settings, bar)
@@ -110,6 +116,8 @@ def _names(arguments: argparse.Namespace) -> list[str]:
             raise UserError(f"bench {ALL}: {'scenes are of one study' if arguments.out else 'needs --out DIR'}")
         return list(STUDIES)
     study = load(arguments.study)
+    if arguments.robots is not None and (study.name != "speed" or arguments.scene):
+        raise UserError(f"--robots {arguments.robots}: {'--scene names others' if arguments.scene else 'is for speed'}")
     for label in arguments.scene or ():
         if label not in study.scenes:
             raise UserError(f"{study.name}: unknown scene {label!r}: {did_you_mean(label, study.scenes)}")

@@ -7,6 +7,7 @@ namespace cmbrl::CMBRL_ISA {
 
 template <int D>
 struct Vec {
+  static constexpr int size = D;
   T x[D];
   T& operator[](int i) { return x[i]; }
   const T& operator[](int i) const { return x[i]; }

@@ -1,4 +1,5 @@
-// Which candidates become rows in this step, and the row of each.
+// Which candidates become rows in this step, and the row of each. A row of a pack costs as much for one lane as for all, so
+// lanes that need different candidates of one kin share it: a corner of a box here, an edge of another there.
 #pragma once
 #include "contact.hpp"
 #include "near.hpp"
@@ -31,11 +32,15 @@ static void make_contact(const Model& m, const Options& o, int i, const Feature<
   std::memcpy(c.P, p, sizeof c.P);
   c.index = i;
   c.edge = 0;
+  for (int lane = 0; lane < W; ++lane) c.of[lane] = i;
+  c.segments = m.con_type[i] == kSegmentSegment;
+  c.at = F;
+  c.radiusA = p[kRadius] - m.con_radiusB[i];
   c.rows = m.con_dim[i] > 1 ? 1 + G::NT : 1;
   c.rub = c.rows > 1 ? p[kMu] > 1e-9 : none();
   c.mu = c.full_mu = select(c.rub, p[kMu], splat(1));
   c.phi = phi;
-  c.p = F.a - (feature_radiusA(m, c) + 0.5 * phi) * F.n;
+  c.p = F.a - (c.radiusA + 0.5 * phi) * F.n;
   c.d[0] = F.n;
   tangents(G{}, F.n, c.d + 1);
   CMBRL_FOR(r, c.rows) {
@@ -46,6 +51,60 @@ static void make_contact(const Model& m, const Options& o, int i, const Feature<
   c.root = vsqrt(m.con_invweight[i] + c.Rn);
 }
 
+// No contact of group g has been found yet.
+template <class G>
+static void open_group(const Model& m, Work<G>& w, int g) {
+  for (int k = W * m.grp_kin[g]; k < W * m.grp_kin[g + 1]; ++k) w.kin_count[k] = 0;
+}
+
+template <class G>
+static void take_lanes(Contact<G>& to, const Contact<G>& from, Mask lanes) {
+  static_assert(sizeof(Found<G>) % sizeof(T) == 0);
+  T* x = reinterpret_cast<T*>(static_cast<Found<G>*>(&to));
+  const T* y = reinterpret_cast<const T*>(static_cast<const Found<G>*>(&from));
+  for (size_t k = 0; k < sizeof(Found<G>) / sizeof(T); ++k) x[k] = select(lanes, y[k], x[k]);
+  auto take = [lanes](Mask& a, Mask b) { a = (a & ~lanes) | (b & lanes); };
+  take(to.on, from.on);
+  take(to.wide, from.wide);
+  take(to.rub, from.rub);
+  take(to.convex, from.convex);
+  for (int lane = 0; lane < W; ++lane) if (lanes[lane]) to.of[lane] = from.of[lane];
+  to.segments |= from.segments;
+}
+
+// The n-th candidate of its kin that a lane needs stands in the n-th contact of that kin: lanes of the last contact join those
+// that are there, and it stays for the rest.
+template <class G>
+static void join_kin(const Model& m, Work<G>& w) {
+  int last = w.ncon - 1, most = 0, kin = m.con_kin[w.con[last].index];
+  Contact<G>& c = w.con[last];
+  int *count = w.kin_count + W * kin, *slots = w.kin_slots + m.kin_ptr[kin];
+  Mask rest = c.on | c.wide;
+  for (int lane = 0; lane < W; ++lane) most = count[lane] > most ? count[lane] : most;
+  for (int lane = 0; lane < W; ++lane) {
+    if (!rest[lane] || count[lane] == most) continue;
+    int n = count[lane];
+    Mask lanes = none();
+    for (int k = lane; k < W; ++k)
+      if (rest[k] && count[k] == n) { lanes[k] = -1; ++count[k]; }
+    take_lanes(w.con[slots[n]], c, lanes);
+    rest &= ~lanes;
+  }
+  if (!any(rest)) { --w.ncon; return; }
+  for (int lane = 0; lane < W; ++lane) count[lane] += rest[lane] ? 1 : 0;
+  slots[most] = last;
+  c.on &= rest;
+  c.wide &= rest;
+}
+
+// The last contact finds its place. One that is split into edges, which differ by lane, shares no rows.
+template <class G>
+static void settle_contact(const Model& m, const Options& o, Work<G>& w, const T* p) {
+  const Contact<G>& c = w.con[w.ncon - 1];
+  if (any(c.convex & (c.on | c.wide)) && m.con_pyramid[c.index]) split_into_edges(m, o, w, p);
+  else join_kin(m, w);
+}
+
 // Of A against B under their twists, where they are closest.
 template <class G>
 static typename G::V relative_velocity(const Vec<G::N>* twist, int A, int B, const Feature<G>& F) {
@@ -54,12 +113,19 @@ static typename G::V relative_velocity(const Vec<G::N>* twist, int A, int B, con
   return u;
 }
 
-// One candidate: becomes a row of w.con if it may close within the step, or several, else of w.left; given: it, or an edge of
-// it, is a row in these lanes.
+// What a cluster's candidates that are too far to look at have in common: from which gap on they are, and the smallest of theirs.
+struct Far { T from, lowest = splat(1e300); };
+
+// One candidate: becomes a row of w.con if it may close within the step, or several, else of w.left, or of `far`; given: it, or
+// an edge of it, is a row in these lanes.
 template <class G>
-static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, const Given* given = nullptr) {
+static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, Far* far, const Given* given = nullptr) {
   int A = m.con_bodyA[i], B = m.con_bodyB[i];
   Feature<G> F = find_feature(m, w, i);
+  if (far) {
+    T gap = F.dist - m.P[m.oContact + i * kContactFields + kRadius] - w.radius_slack;
+    if (!any(gap < far->from)) { far->lowest = vmin(far->lowest, gap); return; }
+  }
   T p[kContactFields];
   load_block(m, w, i, p);
   T phi = F.dist - p[kRadius];
@@ -73,6 +139,7 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, co
     w.coupled |= A >= 0 && B >= 0;
     if (!given) split_into_edges(m, o, w, p);
     else if (given->edge) make_edge(m, o, w, given->edge, p, c);
+    else join_kin(m, w);
     return;
   }
   double enough = speed_that_matters(o, o.forward, m.con_invweight[i]), wide = speed_that_matters(o, o.backward, m.con_invweight[i]);
@@ -88,17 +155,46 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, co
     Mask held = near & c.convex;  // slides, perhaps, and is lifted, however fast it separates
     takes_part = c.on = held | (near & (slack + closing < enough));
     c.wide = held | (near & (slack + closing < wide));
-    if (any(c.on | c.wide)) {
-      w.coupled |= A >= 0 && B >= 0;
-      split_into_edges(m, o, w, p);
-    } else {
-      --w.ncon;
-    }
+    if (any(c.on | c.wide)) w.coupled |= A >= 0 && B >= 0;
+    settle_contact(m, o, w, p);
   }
   Mask left = on & ~takes_part;
   if (!any(left)) return;
   w.leave_out({left, A, B, join<G>(G::moment(F.a, F.n), F.n), slack, enough});
   w.left_out_gap = select(left, vmin(w.left_out_gap, vabs(phi)), w.left_out_gap);
+}
+
+// Candidates of a cluster over a plane: of points that are too far up the height alone is found.
+template <class G>
+static void find_on_plane(const Model& m, const Options& o, Work<G>& w, int A, int cluster, Far& far) {
+  int begin = m.cluster_begin[cluster], plane = m.con_plane[m.grp_con[begin]];
+  typename G::V n = plane_normal<G>(m, plane), up = G::unrotate(w.R[A], n);
+  T base = dot(n, w.pos[A] + w.O) - w.P[m.oPlane + plane] - w.radius_slack;
+  for (int k = begin; k < m.cluster_begin[cluster + 1]; ++k) {
+    int i = m.grp_con[k];
+    T gap = base + dot(up, load<G::D>(m.con_posA + i * G::D)) - m.P[m.oContact + i * kContactFields + kRadius];
+    if (m.con_type[i] != kPointPlane || any(gap < far.from)) find_contact(m, o, w, i, &far);
+    else far.lowest = vmin(far.lowest, gap);
+  }
+}
+
+// Those of a cluster. Nothing is known to be far where pruning does not sift.
+template <class G>
+static void find_in_cluster(const Model& m, const Options& o, Work<G>& w, int g, int cluster) {
+  int A = m.grp_A[g], B = m.grp_B[g], begin = m.cluster_begin[cluster], end = m.cluster_begin[cluster + 1];
+  if (!w.sift) {
+    for (int k = begin; k < end; ++k) find_contact(m, o, w, m.grp_con[k], nullptr);
+    return;
+  }
+  T fast = speed_of_pair(w.fast, A, B);
+  Far far{o.h * (speed_of_far(o, m.cluster_invweight[cluster]) + 2.0 * fast)};
+  if (m.cluster_round[cluster] >= 0) {
+    T gap = least_gap(m, w, A, B, cluster);
+    if (!any(gap < far.from)) { w.pass_over({A, B, gap * (1 / o.h) - fast}); return; }
+  }
+  if (m.con_plane[m.grp_con[begin]] >= 0) find_on_plane(m, o, w, A, cluster, far);
+  else for (int k = begin; k < end; ++k) find_contact(m, o, w, m.grp_con[k], &far);
+  if (any(far.lowest < 1e300)) w.pass_over({A, B, far.lowest * (1 / o.h) - fast});
 }
 
 // Rows that may close within the step, ordered by body pair. given: those of w.given instead (a step read back from its tape).
@@ -109,16 +205,16 @@ static void find_contacts(const Model& m, const Options& o, Work<G>& w, bool giv
   w.coupled = false;
   for (int k = 0; given && k < w.ngiven;) {
     int g = m.con_group[w.given[k].index], first = w.ncon;
-    for (; k < w.ngiven && m.con_group[w.given[k].index] == g; ++k) find_contact(m, o, w, w.given[k].index, &w.given[k]);
+    open_group(m, w, g);
+    for (; k < w.ngiven && m.con_group[w.given[k].index] == g; ++k) find_contact(m, o, w, w.given[k].index, nullptr, &w.given[k]);
     w.add_group({g, first, w.ncon});
   }
   if (!given) {
     find_near(m, o, w);
     for_near(m, w, [&](int g) {
       int first = w.ncon;
-      for (int c = m.grp_clusters[g]; c < m.grp_clusters[g + 1]; ++c)
-        if (!pass_over(m, o, w, m.grp_A[g], m.grp_B[g], c))
-          for (int k = m.cluster_begin[c]; k < m.cluster_begin[c + 1]; ++k) find_contact(m, o, w, m.grp_con[k]);
+      open_group(m, w, g);
+      for (int c = m.grp_clusters[g]; c < m.grp_clusters[g + 1]; ++c) find_in_cluster(m, o, w, g, c);
       if (w.ncon > first) w.add_group({g, first, w.ncon});
     });
   }

@@ -8,15 +8,6 @@
 
 namespace cmbrl::CMBRL_ISA {
 
-// Closest features of a candidate: point on A's core shape, unit normal from B to A, distance between the core shapes, and
-// which directions of B's (and A's) shape the closest point is free to follow.
-template <class G>
-struct Feature {
-  typename G::V a, n, axisA, axisB;
-  T dist, free_s, free_t;         // free_*: 1 where the segment parameter is not clamped
-  T slide[G::D * G::D];           // projection onto B's free directions (point against segment or box)
-};
-
 template <class G>
 static inline typename G::V plane_normal(const Model& m, int plane) { return load<G::D>(m.plane_normal + plane * G::D); }
 
@@ -25,6 +16,9 @@ static Feature<G> find_feature(const Model& m, const Work<G>& w, int i) {
   using V = typename G::V;
   Feature<G> F;
   int A = m.con_bodyA[i], B = m.con_bodyB[i], D = G::D;
+  F.axisA = F.axisB = zero<G::D>();
+  F.slide = zero<G::D * G::D>();
+  F.free_s = F.free_t = F.turns = T{};
   auto place = [&](int body, const double* local) -> V {
     V x = load<G::D>(local);
     return body >= 0 ? w.pos[body] + G::rotate(w.R[body], x) : x - w.O;
@@ -44,6 +38,7 @@ static Feature<G> find_feature(const Model& m, const Work<G>& w, int i) {
     return F;
   }
   V b = place(B, m.con_posB + i * D), rel = F.a - b;
+  F.turns = splat(m.con_type[i] != kCornerBox);  // a side does not turn while B stays
   F.axisB = turn(B, m.con_axisB + i * D);
   T bb = dot(F.axisB, F.axisB);
   T bb_safe = select(bb > 0.0, bb, splat(1));
@@ -127,9 +122,6 @@ static Feature<G> find_feature(const Model& m, const Work<G>& w, int i) {
   return F;
 }
 
-template <class G>
-static inline T feature_radiusA(const Model& m, const Contact<G>& c) { return c.P[kRadius] - m.con_radiusB[c.index]; }
-
 // The block of P of one candidate; only those of active contacts are kept.
 template <class G>
 static inline void load_block(const Model& m, const Work<G>& w, int i, T* p) {
@@ -143,20 +135,20 @@ template <class G>
 struct Shift { T dphi; typename G::V dp, dd[1 + G::NT]; };
 
 template <class G>
-static Shift<G> shift_of(const Model& m, const Contact<G>& c, const Feature<G>& F, const Vec<G::N>& xi) {
+static Shift<G> shift_of(const Model& m, const Contact<G>& c, const Vec<G::N>& xi) {
   using V = typename G::V;
+  const Feature<G>& F = c.at;
   Shift<G> s;
-  int i = c.index;
   V u = point_velocity<G>(xi, F.a);
-  if (m.con_type[i] == kRimPlane) {
+  if (m.con_type[c.index] == kRimPlane) {
     Rim rim(F.axisA, F.n);
     u = u + G::turn(ang<G>(xi), rim.arm()) - rim.arm_shift(G::turn(ang<G>(xi), F.axisA));
   }
   s.dphi = dot(F.n, u);
   V dn = zero<G::D>();
-  if (m.con_plane[i] < 0) {
+  if (m.con_plane[c.index] < 0) {
     V dd = u;
-    if (m.con_type[i] == kSegmentSegment) {
+    if (c.segments) {
       V turned = G::turn(ang<G>(xi), F.axisA), d = F.dist * F.n;
       T aa = dot(F.axisA, F.axisA), bb = dot(F.axisB, F.axisB), ab = dot(F.axisA, F.axisB);
       T one = splat(1), fs = F.free_s, ft = F.free_t;
@@ -167,13 +159,14 @@ static Shift<G> shift_of(const Model& m, const Contact<G>& c, const Feature<G>& 
       T ds = (k22 * r1 - k12 * r2) / det, dt = (k11 * r2 - k12 * r1) / det;
       u = u + ds * F.axisA;
       dd = u - dt * F.axisB;
-    } else {
-      CMBRL_FOR(r, G::D) CMBRL_FOR(k, G::D) dd[r] -= F.slide[r * G::D + k] * u[k];
     }
-    T inv = 1.0 / select(vabs(F.dist) > 1e-12, F.dist, splat(1e-12));
-    if (m.con_type[i] != kCornerBox) dn = inv * (dd - dot(F.n, dd) * F.n);  // a side does not turn while B stays
+    V slid = zero<G::D>();
+    CMBRL_FOR(r, G::D) CMBRL_FOR(k, G::D) slid[r] += F.slide[r * G::D + k] * u[k];
+    dd -= slid;
+    T inv = F.turns / select(vabs(F.dist) > 1e-12, F.dist, splat(1e-12));
+    dn = inv * (dd - dot(F.n, dd) * F.n);
   }
-  s.dp = u - (feature_radiusA(m, c) + 0.5 * c.phi) * dn - (0.5 * s.dphi) * F.n;
+  s.dp = u - (c.radiusA + 0.5 * c.phi) * dn - (0.5 * s.dphi) * F.n;
   s.dd[0] = dn;
   for (int r = 1; r < c.rows; ++r) s.dd[r] = -dot(c.d[r], dn) * F.n;  // isotropic friction: the frame may roll about n
   return s;
@@ -181,20 +174,20 @@ static Shift<G> shift_of(const Model& m, const Contact<G>& c, const Feature<G>& 
 
 // The same as B moves by the twist S: A relative to B, then both together.
 template <class G>
-static Shift<G> shift_with_other(const Model& m, const Contact<G>& c, const Feature<G>& F, const Vec<G::N>& S) {
-  Shift<G> s = shift_of(m, c, F, zero<G::N>() - S);
+static Shift<G> shift_with_other(const Model& m, const Contact<G>& c, const Vec<G::N>& S) {
+  Shift<G> s = shift_of(m, c, zero<G::N>() - S);
   typename G::Ang a = ang<G>(S);
   s.dp += point_velocity<G>(S, c.p);
-  s.dd[0] += G::turn(a, F.n);
+  s.dd[0] += G::turn(a, c.at.n);
   for (int r = 1; r < c.rows; ++r) s.dd[r] += G::turn(a, c.d[r]);
   return s;
 }
 
 // The same for a dof with column S, which moves A (sign +1) or B (sign -1). Edges turn as MuJoCo's tangents do.
 template <class G>
-static Shift<G> shift_by_dof(const Model& m, const Work<G>& w, const Contact<G>& c, const Feature<G>& F, const Vec<G::N>& S, int sign) {
-  Shift<G> s = sign > 0 ? shift_of(m, c, F, S) : shift_with_other(m, c, F, S);
-  if (c.edge) s.dd[0] = edge_shift(m, w, c, F.n, s.dd[0], S);
+static Shift<G> shift_by_dof(const Model& m, const Work<G>& w, const Contact<G>& c, const Vec<G::N>& S, int sign) {
+  Shift<G> s = sign > 0 ? shift_of(m, c, S) : shift_with_other(m, c, S);
+  if (c.edge) s.dd[0] = edge_shift(m, w, c, c.at.n, s.dd[0], S);
   return s;
 }
 

@@ -146,7 +146,7 @@ static StepStats control_step(const Model& m, const Options& o, Work<G>& w, Reco
     if (s == 0 && o.set_aside) st.aside = set_up_uncrowded(m, o, w, st.rows);
     else set_up_step(m, o, w);
     Mask missed;
-    Outcome r = solve_with_missed(m, o, w, missed);
+    Outcome r = solve_with_missed(m, o, w, s == 0 ? st.aside : none(), missed);
     st.done &= r.done;
     st.missed |= missed;
     st.rung = vmax(st.rung, r.rung);

@@ -5,8 +5,8 @@
 
 namespace cmbrl::CMBRL_ISA {
 
-// How many rows take as long as the rest of a step; as setting up twice.
-constexpr double kRestOfStep = 16, kSetUp = 4;
+// How many rows take as long as the rest of a step.
+constexpr double kRestOfStep = 16;
 
 template <class G>
 static T rows_of_lanes(const Work<G>& w) {
@@ -23,7 +23,7 @@ static Mask crowded(T rows) {
     for (; k > 0 && most[k - 1] < rows[lane]; --k) most[k] = most[k - 1];
     most[k] = rows[lane];
   }
-  double elsewhere = kSetUp, best = 0.8 * (kRestOfStep + most[0]), limit = most[0];
+  double elsewhere = 0, best = 0.8 * (kRestOfStep + most[0]), limit = most[0];
   for (int k = 1; k < W; ++k) {
     elsewhere += (kRestOfStep + most[k - 1]) / W;
     double time = kRestOfStep + most[k] + elsewhere;
@@ -40,16 +40,38 @@ static void copy_state(const Model& m, Mask from_good, int good, Work<G>& w) {
   copy_lane(from_good, good, m.nu, w.u);
 }
 
-// Sets up a step without the lanes that it returns.
+// Takes lanes out of a step that is set up, and rows that no other lane has.
+template <class G>
+static void drop_lanes(Work<G>& w, Mask lanes) {
+  int kept = 0, groups = 0;
+  for (int g = 0; g < w.ngroups; ++g) {
+    ActiveGroup group{w.groups[g].group, kept, kept};
+    for (int i = w.groups[g].begin; i < w.groups[g].end; ++i) {
+      Contact<G>& c = w.con[i];
+      c.on &= ~lanes;
+      c.wide &= ~lanes;
+      if (!any(c.on | c.wide)) continue;
+      if (kept != i) std::memcpy(static_cast<void*>(w.con + kept), &c, sizeof c);
+      ++kept;
+    }
+    group.end = kept;
+    if (group.end > group.begin) w.groups[groups++] = group;
+  }
+  w.ncon = kept;
+  w.ngroups = groups;
+  for (int i = 0; i < w.nleft; ++i) w.left[i].lanes &= ~lanes;
+  for (int i = 0; i < w.nlim; ++i) { w.lim[i].on &= ~lanes; w.lim[i].wide &= ~lanes; }
+  for (int i = 0; i < w.nleft_lim; ++i) w.left_lim[i].lanes &= ~lanes;
+  for (int i = 0; i < w.ndry; ++i) w.dry[i].on &= ~lanes;
+}
+
+// Sets up a step, and takes the lanes that it returns out of it.
 template <class G>
 static Mask set_up_uncrowded(const Model& m, const Options& o, Work<G>& w, T& rows) {
   set_up_step(m, o, w);
   rows = rows_of_lanes(w);
   Mask aside = crowded(rows);
-  if (!any(aside)) return aside;
-  for (int i = 0; w.leapt && i < m.nq; ++i) w.q[i] = w.began[i];
-  copy_state(m, aside, first_of(~aside), w);
-  set_up_step(m, o, w);
+  if (any(aside)) drop_lanes(w, aside);
   return aside;
 }
 

@@ -138,7 +138,6 @@ static void contact_terms(const Model& m, const Options& o, Work<G>& w, T* Gq, T
     for (int k = 0; k < nd; ++k) w.Y[k] = zero<G::N>();
     for (int ci = w.groups[gi].begin; ci < w.groups[gi].end; ++ci) {
       Contact<G>& c = w.con[ci];
-      Feature<G> feature = find_feature(m, w, c.index);
       int A = m.con_bodyA[c.index], B = m.con_bodyB[c.index];
       Vec<G::N> relative = relative_twist<G>(m, w.tn, c.index) - c.carry * relative_twist<G>(m, w.vel, c.index);
       bool adaptive = any(c.slope_R != 0.0);
@@ -151,7 +150,7 @@ static void contact_terms(const Model& m, const Options& o, Work<G>& w, T* Gq, T
       }
       for (int k = 0; k < nd; ++k) {
         int d = m.grp_dof[d0 + k], sign = m.grp_sign[d0 + k], side = sign > 0 ? A : B;
-        Shift<G> s = shift_by_dof(m, w, c, feature, w.S[d], sign);
+        Shift<G> s = shift_by_dof(m, w, c, w.S[d], sign);
         Vec<G::N> swing = cross_motion<G>(w.S[d], w.tn[side] - w.tnlam[d] - c.carry * (w.vel[side] - w.vlam[d]));
         if (sign < 0) swing = zero<G::N>() - swing;
         T E[1 + G::NT] = {};

@@ -210,4 +210,15 @@ static void inverse_dynamics_derivatives(const Model& m, Work<G>& w, double h, T
   }
 }
 
+// Twists of the bodies under velocities x.
+template <class G>
+static void twists_under(const Model& m, const Work<G>& w, const T* x, Vec<G::N>* twist) {
+  for (int b = 0; b < m.nbody; ++b) {
+    Vec<G::N> t = m.body_parent[b] >= 0 ? twist[m.body_parent[b]] : zero<G::N>();
+    for (int j = m.body_jadr[b]; j < m.body_jadr[b] + m.body_jnum[b]; ++j)
+      for (int d = m.jnt_vadr[j]; d < m.jnt_vadr[j] + (m.jnt_type[j] == kBall ? 3 : 1); ++d) t += x[d] * w.S[d];
+    twist[b] = t;
+  }
+}
+
 }  // namespace cmbrl::CMBRL_ISA

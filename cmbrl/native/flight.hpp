@@ -60,11 +60,10 @@ static void closing_row(const Model& m, Work<G>& w, const Contact<G>& c, bool th
   for (int k = 0; k < columns_of_step(m); ++k) z[k] = T{};
   for (int k = 0; k < nv; ++k) w.tmp[k] = T{};
   int group = m.con_group[c.index], A = m.con_bodyA[c.index], B = m.con_bodyB[c.index];
-  Feature<G> feature = find_feature(m, w, c.index);
   Vec<G::N> relative = relative_twist<G>(m, w.tn, c.index) - c.carry * relative_twist<G>(m, w.vel, c.index);
   for (int a = m.grp_dptr[group]; a < m.grp_dptr[group + 1]; ++a) {
     int d = m.grp_dof[a], sign = m.grp_sign[a], side = sign > 0 ? A : B;
-    Shift<G> s = shift_by_dof(m, w, c, feature, w.S[d], sign);
+    Shift<G> s = shift_by_dof(m, w, c, w.S[d], sign);
     T swing = dot(c.Wr[0], cross_motion<G>(w.S[d], w.tn[side] - w.tnlam[d] - c.carry * (w.vel[side] - w.vlam[d])));
     T column = dot(c.Wr[0], w.S[d]);
     z[d] = dot(wrench_shift(c, s, 0), relative) + (sign > 0 ? swing : -swing) + c.dc_dphi * s.dphi;
@@ -79,9 +78,8 @@ template <class G>
 static void gap_row(const Model& m, const Work<G>& w, const Contact<G>& c, bool theta, T* row) {
   for (int k = 0; k < columns_of_step(m); ++k) row[k] = T{};
   int group = m.con_group[c.index];
-  Feature<G> feature = find_feature(m, w, c.index);
   for (int a = m.grp_dptr[group]; a < m.grp_dptr[group + 1]; ++a)
-    row[m.grp_dof[a]] = shift_by_dof(m, w, c, feature, w.S[m.grp_dof[a]], m.grp_sign[a]).dphi;
+    row[m.grp_dof[a]] = shift_by_dof(m, w, c, w.S[m.grp_dof[a]], m.grp_sign[a]).dphi;
   for (int k = 0; theta && k < m.ntheta; ++k) row[2 * m.nv + m.nu + k] = gap_of_parameter(m, c, k);
 }
 

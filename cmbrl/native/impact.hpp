@@ -32,11 +32,10 @@ static void bounce_terms(const Model& m, Work<G>& w, int i, const T* z, bool the
   int group = m.con_group[c.index], A = m.con_bodyA[c.index], B = m.con_bodyB[c.index];
   T* t = row_of_bounce(m, w, i);
   for (int k = 0; k < columns_of_step(m); ++k) t[k] = c.by_free * z[k];
-  Feature<G> feature = find_feature(m, w, c.index);
   Vec<G::N> relative = relative_twist<G>(m, w.vel, c.index);
   for (int a = m.grp_dptr[group]; a < m.grp_dptr[group + 1]; ++a) {
     int d = m.grp_dof[a], sign = m.grp_sign[a];
-    Shift<G> s = shift_by_dof(m, w, c, feature, w.S[d], sign);
+    Shift<G> s = shift_by_dof(m, w, c, w.S[d], sign);
     T swing = dot(c.Wr[0], cross_motion<G>(w.S[d], w.vel[sign > 0 ? A : B] - w.vlam[d])), column = dot(c.Wr[0], w.S[d]);
     t[d] += c.by_start * (dot(wrench_shift(c, s, 0), relative) + (sign > 0 ? swing : -swing)) + c.by_gap * s.dphi;
     t[m.nv + d] += c.by_start * (sign > 0 ? column : -column);
@@ -113,11 +112,11 @@ static void fold_closing_terms(const Model& m, const Options& o, Work<G>& w, boo
 }
 
 template <class G>
-static void clear_late(const Model& m, Work<G>& w) {
+static void clear_late(const Model& m, Work<G>& w, bool theta) {
   int nv = m.nv;
-  for (int i = 0; i < nv * nv; ++i) w.Sq[i] = w.Sv[i] = w.Sn[i] = T{};
+  for (int i = 0; i < nv * nv; ++i) w.Sq[i] = w.Sv[i] = T{};
   for (int i = 0; i < nv * m.nu; ++i) w.Su[i] = T{};
-  for (int i = 0; i < nv * m.ntheta; ++i) w.Sp[i] = T{};
+  for (int i = 0; theta && i < nv * m.ntheta; ++i) w.Sp[i] = T{};
 }
 
 // Adds -dM~ shift to S, of what damps -dD eased, without ties.
@@ -150,7 +149,8 @@ static void inertia_terms(const Model& m, const Options& o, Work<G>& w, bool the
 // S of M~ shift = sum t_i J_i^T x_i with t_i = phi_i / speed_i: the part of a place and parameters at fixed t_i and x_i.
 template <class G>
 static void late_smooth_terms(const Model& m, const Options& o, Work<G>& w, bool theta) {
-  clear_late(m, w);
+  clear_late(m, w, theta);
+  for (int i = 0; i < m.nv * m.nv; ++i) w.Sn[i] = T{};
   contact_terms(m, o, w, w.Sq, w.Sv, true);
   if (theta) parameter_terms(m, o, w, w.Sp, Part::late_rows);
   w.eased = w.shift;
@@ -207,7 +207,7 @@ static void late_terms(const Model& m, const Options& o, Work<G>& w, bool theta)
 // S of split damping (split.hpp) with y = shift: K dy = Sq dq + Sv dv + Sp dtheta + D (du - dv).
 template <class G>
 static void split_terms(const Model& m, const Options& o, Work<G>& w, bool theta) {
-  clear_late(m, w);
+  clear_late(m, w, theta);
   damped_away(m, w, w.shift);
   w.eased = w.leap;  // steps with split damping do not fly
   for (int i = 0; i < m.nv; ++i) w.eased[i] = w.v[i] - w.vn[i] + w.shift[i];

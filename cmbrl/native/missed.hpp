@@ -1,7 +1,7 @@
 // Rows that were left out of a solve, under the velocity that it ended with: where one closes after all, the lane is stepped
 // again with more rows.
 #pragma once
-#include "flight.hpp"
+#include "crowded.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -9,12 +9,7 @@ namespace cmbrl::CMBRL_ISA {
 template <class G>
 static Mask missed_rows(const Model& m, const Options& o, Work<G>& w) {
   if (!(o.prune < 1e300)) return none();
-  for (int b = 0; b < m.nbody; ++b) {
-    Vec<G::N> t = m.body_parent[b] >= 0 ? w.tn[m.body_parent[b]] : zero<G::N>();
-    for (int j = m.body_jadr[b]; j < m.body_jadr[b] + m.body_jnum[b]; ++j)
-      for (int d = m.jnt_vadr[j]; d < m.jnt_vadr[j] + (m.jnt_type[j] == kBall ? 3 : 1); ++d) t += w.vn[d] * w.S[d];
-    w.tn[b] = t;
-  }
+  twists_under(m, w, w.vn, w.tn);
   Mask missed = passed_over(m, o, w);
   for (int i = 0; i < w.nleft; ++i) {
     const LeftOut<G>& c = w.left[i];
@@ -29,20 +24,23 @@ static Mask missed_rows(const Model& m, const Options& o, Work<G>& w) {
   return missed;
 }
 
-// Solves a step that is set up; where rows that were left out close, again with those that close under the velocity found.
+// Solves a step that is set up; where rows that were left out close, again with those that close under the velocity found: at
+// once, if that is so in so many lanes that packs of their own would take longer.
 template <class G>
-static Outcome solve_with_missed(const Model& m, const Options& o, Work<G>& w, Mask& missed) {
+static Outcome solve_with_missed(const Model& m, const Options& o, Work<G>& w, Mask aside, Mask& missed) {
   Outcome out = solve_smoothed(m, o, w, o.forward, false);
-  missed = missed_rows(m, o, w);
-  while (o.admit && any(missed) && w.nguess < kGuesses) {
+  missed = missed_rows(m, o, w) & ~aside;
+  bool admit = o.admit || count_of(missed) >= W / 2;
+  while (admit && any(missed) && w.nguess < kGuesses) {
     std::memcpy(w.guess + w.nguess * m.nv, w.vn, m.nv * sizeof(T));
     std::memcpy(w.guess_twist + w.nguess * m.nbody, w.tn, m.nbody * sizeof *w.tn);
     ++w.nguess;
     for (int i = 0; w.leapt && i < m.nq; ++i) w.q[i] = w.began[i];
     set_up_step(m, o, w);
+    if (any(aside)) drop_lanes(w, aside);
     Outcome more = solve_smoothed(m, o, w, o.forward, false);
     out = {more.done, more.rung, out.iterations + more.iterations, more.residual};
-    missed = missed_rows(m, o, w);
+    missed = missed_rows(m, o, w) & ~aside;
   }
   return out;
 }

@@ -50,6 +50,8 @@ struct Model : Structure {
   const int *con_type, *con_bodyA, *con_bodyB, *con_plane, *con_pair, *con_dim, *con_law, *con_pyramid;
   const double *con_posA, *con_axisA, *con_posB, *con_axisB, *con_rotB, *con_halfB, *con_rotA;  // rotA: of a box with a corner, which axisA leads to from its centre
   const double* con_along;   // (ncontact, 3) of a capsule over a plane: where a tangent of its pyramid points (edges.hpp); or 0
+  const int *con_kin, *grp_kin, *kin_ptr;        // candidates that may share a row of a pack: of one group, with laws that differ in lane numbers only
+  int nkin;                  // those of group g are numbers grp_kin[g] to grp_kin[g + 1] - 1; kin_ptr: how many candidates those before have
   double largest_invweight;  // of a contact
   int logistic;              // contacts act at a distance
   const double *con_radiusB, *con_impratio, *con_invweight, *con_margin, *con_mid, *con_power, *plane_normal;
@@ -102,7 +104,8 @@ struct Model : Structure {
   const int *pair_ptr, *pair_other, *pair_group;    // the other groups by the lower of their bodies, then by the other one
   const double *sphere_pos, *sphere_radius;         // of each body, around what may touch anything; radius < 0: nothing
   const int *grp_clusters, *cluster_begin;          // candidates of one pair of geoms, by group; where they begin in grp_con
-  const double *cluster_posA, *cluster_radiusA, *cluster_posB, *cluster_radiusB;  // spheres around them; radius of A < 0: few
+  const double *cluster_boxA, *cluster_boxB;        // boxes around them: centre, axes, half sizes
+  const double* cluster_round;                      // their largest sum of radii; < 0: so few that a test would not pay
   const double* cluster_invweight;                  // the largest
   int sifted;                                       // some clusters have spheres
   const int *con_par_ptr, *con_par, *con_par_field; // parameters that move a contact's block of P, by contact

@@ -126,31 +126,50 @@ static inline T speed_of_pair(const T* speed, int A, int B) {
   return A < 0 ? speed[B] : B < 0 ? speed[A] : speed[A] + speed[B];
 }
 
+// A box around one side of a cluster, in the world.
+template <class G> struct Hull { typename G::V centre, axis[G::D]; const double* half; };
+template <class G>
+static Hull<G> hull_of(const Work<G>& w, int body, const double* box) {
+  Hull<G> hull;
+  typename G::V x = load<G::D>(box);
+  hull.centre = body >= 0 ? w.pos[body] + G::rotate(w.R[body], x) : x - w.O;
+  CMBRL_FOR(k, G::D) {
+    typename G::V axis = load<G::D>(box + (1 + k) * G::D);
+    hull.axis[k] = body >= 0 ? G::rotate(w.R[body], axis) : axis;
+  }
+  hull.half = box + (1 + G::D) * G::D;
+  return hull;
+}
+// Two boxes are apart by at least this: along the axes of either.
+template <class G>
+static T distance_of(const Hull<G>& a, const Hull<G>& b) {
+  typename G::V apart = a.centre - b.centre;
+  T of_a[G::D], of_b[G::D], most = splat(-1e300);
+  CMBRL_FOR(k, G::D) {
+    of_a[k] = vabs(dot(a.axis[k], apart)) - a.half[k];
+    of_b[k] = vabs(dot(b.axis[k], apart)) - b.half[k];
+  }
+  CMBRL_FOR(i, G::D) CMBRL_FOR(k, G::D) {
+    T along = vabs(dot(a.axis[i], b.axis[k]));
+    of_a[i] -= along * b.half[k];
+    of_b[k] -= along * a.half[i];
+  }
+  CMBRL_FOR(k, G::D) most = vmax(most, vmax(of_a[k], of_b[k]));
+  return most;
+}
+
 // The gap of all candidates of cluster k is at least this.
 template <class G>
 static T least_gap(const Model& m, const Work<G>& w, int A, int B, int k) {
-  auto place = [&](int body, const double* local) {
-    typename G::V x = load<G::D>(local);
-    return body >= 0 ? w.pos[body] + G::rotate(w.R[body], x) : x - w.O;
-  };
-  typename G::V a = place(A, m.cluster_posA + k * G::D);
+  constexpr int size = (2 + G::D) * G::D;
+  Hull<G> a = hull_of(w, A, m.cluster_boxA + k * size);
   int plane = m.con_plane[m.grp_con[m.cluster_begin[k]]];
-  if (plane >= 0) {
-    T height = dot(load<G::D>(m.plane_normal + plane * G::D), a + w.O) - w.P[m.oPlane + plane];
-    return height - (1 + 1e-9) * m.cluster_radiusA[k] - w.radius_slack;
-  }
-  typename G::V apart = a - place(B, m.cluster_posB + k * G::D);
-  return vsqrt(dot(apart, apart)) - (1 + 1e-9) * (m.cluster_radiusA[k] + m.cluster_radiusB[k]) - w.radius_slack;
-}
-
-// Whether all candidates of cluster k are too far to take part in this step; then it is noted.
-template <class G>
-static bool pass_over(const Model& m, const Options& o, Work<G>& w, int A, int B, int k) {
-  if (!w.sift || m.cluster_radiusA[k] < 0) return false;
-  T slack = least_gap(m, w, A, B, k) * (1 / o.h), fast = speed_of_pair(w.fast, A, B);
-  if (any(slack - 2.0 * fast < speed_of_far(o, m.cluster_invweight[k]))) return false;
-  w.pass_over({A, B, slack - fast});
-  return true;
+  T slack = w.radius_slack + m.cluster_round[k];
+  if (plane < 0) return distance_of(a, hull_of(w, B, m.cluster_boxB + k * size)) - slack;
+  typename G::V n = load<G::D>(m.plane_normal + plane * G::D);
+  T height = dot(n, a.centre + w.O) - w.P[m.oPlane + plane];
+  CMBRL_FOR(i, G::D) height -= a.half[i] * vabs(dot(n, a.axis[i]));
+  return height - slack;
 }
 
 // Lanes in which the velocity of twists w.tn brings together a pair that was passed over.

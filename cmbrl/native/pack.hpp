@@ -33,6 +33,11 @@ static inline bool any(Mask m) {
   for (int i = 0; i < W; ++i) r |= m[i];
   return r != 0;
 }
+static inline int count_of(Mask lanes) {
+  int n = 0;
+  for (int lane = 0; lane < W; ++lane) n += lanes[lane] != 0;
+  return n;
+}
 static inline int first_of(Mask lanes) {
   for (int lane = 0; lane < W; ++lane)
     if (lanes[lane]) return lane;

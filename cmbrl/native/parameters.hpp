@@ -139,15 +139,31 @@ struct ParameterColumns : ForceColumns<G> {
   }
 };
 
+// f(candidate, lanes) for each that some lane of a contact has.
+template <class G, class F>
+static void for_candidates(const Contact<G>& c, F f) {
+  Mask rest = c.on | c.wide;
+  for (int lane = 0; lane < W; ++lane) {
+    if (!rest[lane]) continue;
+    Mask same = none();
+    for (int k = 0; k < W; ++k) same[k] = c.of[k] == c.of[lane] ? -1 : 0;
+    rest &= ~same;
+    f(c.of[lane], same);
+  }
+}
+
 // d gap / d theta_k of a contact: radii and plane heights.
 template <class G>
 static T gap_of_parameter(const Model& m, const Contact<G>& c, int k) {
+  T by_radius = T{};
+  for_candidates(c, [&](int i, Mask lanes) {
+    for (int e = m.con_par_ptr[i]; e < m.con_par_ptr[i + 1]; ++e)
+      if (m.con_par[e] == k && m.con_par_field[e] == kRadius) by_radius -= keep(lanes, splat(m.con_par_coef[e]));
+  });
   double d = 0;
-  for (int e = m.con_par_ptr[c.index]; e < m.con_par_ptr[c.index + 1]; ++e)
-    if (m.con_par[e] == k && m.con_par_field[e] == kRadius) d -= m.con_par_coef[e];
   for (int e = m.par_ptr[k]; e < m.par_ptr[k + 1]; ++e)
     if (m.con_plane[c.index] >= 0 && m.par_idx[e] == m.oPlane + m.con_plane[c.index]) d -= m.par_coef[e];
-  return splat(d);
+  return by_radius + d;
 }
 
 // Of contacts: each field's wrench is found once. Masses soften by the row's inverse weight.
@@ -162,25 +178,28 @@ static void contact_columns(const Model& m, Work<G>& w, F columns) {
       known[field] = true;
       columns(k).add_wrench(c, coef * unit[field]);
     };
-    T weight = contact_weight(m, w, c.index);
-    for (int e = m.con_par_ptr[c.index]; e < m.con_par_ptr[c.index + 1]; ++e) {
-      T coef = splat(m.con_par_coef[e]);
-      if (m.con_par_field[e] == kRscale) coef *= weight;
-      add(m.con_par[e], m.con_par_field[e], coef);
-    }
-    if (m.con_weight[2 * c.index] < 0 && m.con_weight[2 * c.index + 1] < 0) continue;
-    // Many masses, one wrench: its pulls are found once.
-    auto of_all = columns(0);
-    if (!known[kRscale]) unit[kRscale] = of_all.contact(c, kRscale);
-    of_all.for_pulls(c, unit[kRscale], [&](int k, int, T pull) { w.Y[k][0] = pull; });
-    int begin = m.grp_dptr[m.con_group[c.index]], end = m.grp_dptr[m.con_group[c.index] + 1];
-    CMBRL_FOR(side, 2) if (int j = m.con_weight[2 * c.index + side]; j >= 0) {
-      T share = m.con_share[2 * c.index + side] * c.P[kRscale] / weight;
-      for_weights(m, w, j, [&](int k, T change) {
-        auto out = columns(k);
-        for (int d = begin; d < end; ++d) out.at(m.grp_dof[d]) += share * change * w.Y[d - begin][0];
-      });
-    }
+    for_candidates(c, [&](int i, Mask lanes) {
+      T weight = contact_weight(m, w, i);
+      for (int e = m.con_par_ptr[i]; e < m.con_par_ptr[i + 1]; ++e) {
+        T coef = keep(lanes, splat(m.con_par_coef[e]));
+        if (m.con_par_field[e] == kRscale) coef *= weight;
+        add(m.con_par[e], m.con_par_field[e], coef);
+      }
+      if (m.con_weight[2 * i] < 0 && m.con_weight[2 * i + 1] < 0) return;
+      // Many masses, one wrench: its pulls are found once.
+      auto of_all = columns(0);
+      if (!known[kRscale]) unit[kRscale] = of_all.contact(c, kRscale);
+      known[kRscale] = true;
+      of_all.for_pulls(c, unit[kRscale], [&](int k, int, T pull) { w.Y[k][0] = pull; });
+      int begin = m.grp_dptr[m.con_group[i]], end = m.grp_dptr[m.con_group[i] + 1];
+      CMBRL_FOR(side, 2) if (int j = m.con_weight[2 * i + side]; j >= 0) {
+        T share = keep(lanes, m.con_share[2 * i + side] * c.P[kRscale] / weight);
+        for_weights(m, w, j, [&](int k, T change) {
+          auto out = columns(k);
+          for (int d = begin; d < end; ++d) out.at(m.grp_dof[d]) += share * change * w.Y[d - begin][0];
+        });
+      }
+    });
   }
 }
 

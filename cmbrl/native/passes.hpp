@@ -15,7 +15,7 @@ static void forward_pack(const Model& m, const Options& o, const Batch& b, const
       for (int i = 0; i < w.ncon; ++i)
         for (int lane = 0; lane < l.n; ++lane) {
           const Contact<G>& c = w.con[i];
-          double* x = b.impulse + l.at[lane] * impulses + c.index * (1 + G::NT);
+          double* x = b.impulse + l.at[lane] * impulses + c.of[lane] * (1 + G::NT);
           if (!c.on[lane]) continue;
           if (c.edge) { CMBRL_FOR(r, 1 + G::NT) x[r] += edge_impulse(c, r)[lane]; continue; }
           x[0] += c.gam[lane];

@@ -59,7 +59,7 @@ static void rows_of_step(const Model& m, const Options& o, Work<G>& w) {
     Mask missed;
     w.nguess = 0;
     set_up();
-    solve_with_missed(m, now, w, missed);
+    solve_with_missed(m, now, w, none(), missed);
     if (!any(missed)) break;
     now.prune = wider(now.prune);
   }
@@ -92,7 +92,7 @@ static void step_rows(const Model& m, const Options& o, const Batch& b, const Ro
         for (int i = w.groups[g].begin; i < w.groups[g].end; ++i) {
           const Contact<G>& c = w.con[i];
           if (!c.on[lane]) continue;
-          int64_t at = base + c.index * out.rows_a_contact + c.edge;
+          int64_t at = base + c.of[lane] * out.rows_a_contact + c.edge;
           bool rubs = c.rows > 1 && c.rub[lane];
           out.active[at] = 1;
           out.mu[at] = rubs ? c.mu[lane] : 0;

@@ -182,6 +182,19 @@ static Vec<G::N> relative_twist(const Model& m, const Vec<G::N>* twist, int inde
   return t;
 }
 
+// The velocity without rows, which they are left out by first: forces may well change the one at the start by more than they may.
+template <class G>
+static void guess_free_velocity(const Model& m, Work<G>& w) {
+  T *H = w.free_factor, *x = w.guess;
+  for (int i = 0; i < m.mass.row(m.nv); ++i) H[i] = w.M[i];
+  for (int k = m.nv - 1; k >= 0; --k) eliminate(H, m.mass, k);
+  for (int i = 0; i < m.nv; ++i) x[i] = w.rhs[i];
+  solve(H, m.nv, m.mass, x);
+  for (int i = 0; i < m.nv; ++i) x[i] += w.v[i];
+  twists_under(m, w, x, w.guess_twist);
+  if (w.nguess == 0) w.nguess = 1;
+}
+
 // Kinematics, forces, M~ and active rows at (q, v, u) in w; given: lanes of each limit, and w.given the contacts, of a step read
 // back from its tape.
 template <class G>
@@ -194,6 +207,7 @@ static void prepare(const Model& m, const Options& o, Work<G>& w, const Mask* gi
   line_forces(m, o, w);
   if (o.split) split_factor(m, w);
   tie_forces(m, o, w);
+  if (o.prune < 1e300 && !given && m.ncontact + m.nlimit > 0) guess_free_velocity(m, w);
   find_contacts(m, o, w, given != nullptr);
   find_limits(m, o, w, given);
   w.make_rows(m);

@@ -1,6 +1,9 @@
-// Spheres that hold what may touch: of each body, and of the candidates of two geoms (near.hpp).
+// What holds what may touch: spheres, of each body, and boxes, of the candidates of two geoms (near.hpp). And which candidates may share a
+// row of a pack (candidates.hpp).
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <tuple>
 
 #include "scene_data.hpp"
 
@@ -65,31 +68,82 @@ void SceneData::derive_spheres() {
   m.sphere_radius = keep_doubles("sphere_radius", std::move(radius));
 }
 
-// Candidates of one pair of geoms, which stand together in their group. So few that a test would not pay have no radius.
+namespace {
+
+// Along axes of its own, rows of a D x D matrix.
+struct Box {
+  int D;
+  double axes[9], low[3] = {1e300, 1e300, 1e300}, high[3] = {-1e300, -1e300, -1e300};
+
+  // Along the columns of `rot`, or along `axis` if there is one.
+  Box(int D_, const double* rot, const double* axis) : D(D_) {
+    double size = length(axis, D);
+    for (int k = 0; k < D; ++k)
+      for (int r = 0; r < D; ++r) axes[k * D + r] = rot[r * D + k];
+    if (size == 0) return;
+    for (int r = 0; r < D; ++r) axes[r] = axis[r] / size;
+    if (D == 2) { axes[2] = -axes[1]; axes[3] = axes[0]; return; }
+    int least = 0;
+    for (int r = 1; r < 3; ++r) if (std::abs(axes[r]) < std::abs(axes[least])) least = r;
+    double along = axes[least], sum = std::sqrt(1 - along * along);
+    for (int r = 0; r < 3; ++r) axes[3 + r] = ((r == least) - along * axes[r]) / sum;
+    for (int r = 0; r < 3; ++r) axes[6 + r] = axes[(r + 1) % 3] * axes[3 + (r + 2) % 3] - axes[(r + 2) % 3] * axes[3 + (r + 1) % 3];
+  }
+  double along(int k, const double* x, int stride = 1) const {
+    double sum = 0;
+    for (int r = 0; r < D; ++r) sum += axes[k * D + r] * x[r * stride];
+    return sum;
+  }
+  // A segment, or with `half` a box along the columns of rot.
+  void hold(const double* pos, const double* axis, const double* rot, const double* half) {
+    for (int k = 0; k < D; ++k) {
+      double centre = along(k, pos), size = axis ? std::abs(along(k, axis)) : 0;
+      for (int j = 0; half && j < D; ++j) size += std::abs(along(k, rot + j, D)) * half[j];
+      low[k] = std::min(low[k], centre - size);
+      high[k] = std::max(high[k], centre + size);
+    }
+  }
+  void append(std::vector<double>& to) const {
+    for (int r = 0; r < D; ++r) {
+      double x = 0;
+      for (int k = 0; k < D; ++k) x += axes[k * D + r] * 0.5 * (low[k] + high[k]);
+      to.push_back(x);
+    }
+    to.insert(to.end(), axes, axes + D * D);
+    for (int k = 0; k < D; ++k) to.push_back(0.5 * (high[k] - low[k]) * (1 + 1e-9) + 1e-12);  // round-off of the test itself
+  }
+};
+
+}  // namespace
+
+// Candidates of one pair of geoms, which stand together in their group.
 void SceneData::derive_clusters() {
   constexpr int few = 3;
   Model& m = model;
   int D = m.D;
   std::vector<int> of_group{0}, begin;
-  std::vector<double> posA, posB, radiusA, radiusB, weight;
+  std::vector<double> boxA, boxB, round, weight;
   for (int g = 0; g < m.ngroup; ++g) {
     for (int k = m.grp_cptr[g], end; k < m.grp_cptr[g + 1]; k = end) {
-      for (end = k; end < m.grp_cptr[g + 1] && m.con_pair[m.grp_con[end]] == m.con_pair[m.grp_con[k]];) ++end;
-      Sphere A, B;
-      double heaviest = 0;
+      int first = m.grp_con[k];
+      for (end = k; end < m.grp_cptr[g + 1] && m.con_pair[m.grp_con[end]] == m.con_pair[first];) ++end;
+      double none[3] = {}, heaviest = 0, most = 0;
+      bool corner = m.con_type[first] == kCornerBox;  // their axes only tell where the box is
+      Box A(D, m.con_rotA + first * D * D, corner ? none : m.con_axisA + first * D);
+      Box B(D, m.con_rotB + first * D * D, m.con_axisB + first * D);
       for (int x = k; x < end; ++x) {
-        A.hold(m.con_posA + m.grp_con[x] * D, D);
-        B.hold(m.con_posB + m.grp_con[x] * D, D);
+        int c = m.grp_con[x];
+        bool rim = m.con_type[c] == kRimPlane;
+        double radius = m.P[m.oContact + c * kContactFields + kRadius] + (rim ? length(m.con_axisA + c * D, D) : 0);
+        A.hold(m.con_posA + c * D, rim || m.con_type[c] == kCornerBox ? nullptr : m.con_axisA + c * D, nullptr, nullptr);
+        B.hold(m.con_posB + c * D, m.con_axisB + c * D, m.con_rotB + c * D * D, m.con_halfB + c * D);
+        most = std::max(most, radius);
+        heaviest = std::max(heaviest, m.con_invweight[c]);
       }
-      for (int x = k; x < end; ++x) {
-        A.reach(m.con_posA + m.grp_con[x] * D, size_of_A(m, m.grp_con[x]), D);
-        B.reach(m.con_posB + m.grp_con[x] * D, size_of_B(m, m.grp_con[x]), D);
-        heaviest = std::max(heaviest, m.con_invweight[m.grp_con[x]]);
-      }
-      for (int d = 0; d < D; ++d) { posA.push_back(A.centre(d)); posB.push_back(B.centre(d)); }
       begin.push_back(k);
-      radiusA.push_back(end - k > few ? A.radius : -1);
-      radiusB.push_back(B.radius);
+      A.append(boxA);
+      B.append(boxB);
+      round.push_back(end - k > few ? most : -1);
       weight.push_back(heaviest);
       m.sifted |= end - k > few;
     }
@@ -97,10 +151,32 @@ void SceneData::derive_clusters() {
   }
   begin.push_back(m.ncontact);
   m.grp_clusters = keep_ints("grp_clusters", std::move(of_group)); m.cluster_begin = keep_ints("cluster_begin", std::move(begin));
-  m.cluster_posA = keep_doubles("cluster_posA", std::move(posA)); m.cluster_posB = keep_doubles("cluster_posB", std::move(posB));
-  m.cluster_radiusA = keep_doubles("cluster_radiusA", std::move(radiusA));
-  m.cluster_radiusB = keep_doubles("cluster_radiusB", std::move(radiusB));
+  m.cluster_boxA = keep_doubles("cluster_boxA", std::move(boxA)); m.cluster_boxB = keep_doubles("cluster_boxB", std::move(boxB));
+  m.cluster_round = keep_doubles("cluster_round", std::move(round));
   m.cluster_invweight = keep_doubles("cluster_invweight", std::move(weight));
+}
+
+// Of one group, and alike in all that a row takes from its candidate by number.
+void SceneData::derive_kins() {
+  Model& m = model;
+  std::vector<int> of_group{0}, kin(m.ncontact);
+  for (int g = 0; g < m.ngroup; ++g) {
+    std::map<std::tuple<bool, int, int, int, int, double, double, double, double, double>, int> known;
+    for (int k = m.grp_cptr[g]; k < m.grp_cptr[g + 1]; ++k) {
+      int c = m.grp_con[k];
+      auto key = std::make_tuple(m.con_type[c] == kRimPlane, m.con_plane[c], m.con_dim[c], m.con_law[c], m.con_pyramid[c], m.con_impratio[c],
+                                 m.con_invweight[c], m.con_margin[c], m.con_mid[c], m.con_power[c]);
+      kin[c] = known.emplace(key, of_group.back() + int(known.size())).first->second;
+    }
+    of_group.push_back(of_group.back() + int(known.size()));
+  }
+  m.nkin = of_group.back();
+  std::vector<int> ptr(m.nkin + 1, 0);
+  for (int k : kin) ++ptr[k + 1];
+  for (int k = 0; k < m.nkin; ++k) ptr[k + 1] += ptr[k];
+  m.kin_ptr = keep_ints("kin_ptr", std::move(ptr));
+  m.con_kin = keep_ints("con_kin", std::move(kin));
+  m.grp_kin = keep_ints("grp_kin", std::move(of_group));
 }
 
 }  // namespace cmbrl

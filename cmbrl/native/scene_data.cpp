@@ -103,6 +103,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   derive_pairs();
   derive_spheres();
   derive_clusters();
+  derive_kins();
 }
 
 // Parameters that move contacts are listed by contact, the others by parameter.

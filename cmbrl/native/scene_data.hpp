@@ -37,6 +37,7 @@ class SceneData {
   void derive_pairs();
   void derive_spheres();
   void derive_clusters();
+  void derive_kins();
 };
 
 }  // namespace cmbrl

@@ -44,6 +44,16 @@ static void for_taped_contact(Contact<G>& c, F f) {
   CMBRL_FOR(r, G::NT) { f(c.b[r], 4 + r); f(c.eta[r], 4 + G::NT + r); }
 }
 
+// Candidate and edge as one number.
+template <class G>
+static inline int taped_number(const Contact<G>& c, int lane) { return c.of[lane] * (1 + kEdges) + c.edge; }
+
+// The order of a run: by group, then by number.
+static inline bool comes_before(const Model& m, int a, int b) {
+  int of_a = m.con_group[a / (1 + kEdges)], of_b = m.con_group[b / (1 + kEdges)];
+  return of_a != of_b ? of_a < of_b : a < b;
+}
+
 // Writes the lanes that have a block.
 template <class G>
 static void tape_write(const Model& m, Work<G>& w, double* const* tape, TapeRows& rows) {
@@ -61,12 +71,15 @@ static void tape_write(const Model& m, Work<G>& w, double* const* tape, TapeRows
     for (int i = 0; i < w.ncon; ++i) count += pushes(w.con[i]);
     tape[lane][n - 2] = double(count);
     if (count == 0) continue;
-    double* run = rows.take(count * kTapedContact<G>, &tape[lane][n - 1]);
+    constexpr int size = kTapedContact<G>;
+    double *run = rows.take(count * size, &tape[lane][n - 1]), *end = run;
     for (int i = 0; i < w.ncon; ++i) {
       if (!pushes(w.con[i])) continue;
-      run[0] = w.con[i].index * (1 + kEdges) + w.con[i].edge;
-      for_taped_contact(w.con[i], [&](T& x, int slot) { run[slot] = x[lane]; });
-      run += kTapedContact<G>;
+      double *at = end, number = taped_number(w.con[i], lane);
+      for (; at > run && comes_before(m, int(number), int(at[-size])); at -= size) std::memcpy(at, at - size, size * sizeof(double));
+      at[0] = number;
+      for_taped_contact(w.con[i], [&](T& x, int slot) { at[slot] = x[lane]; });
+      end += size;
     }
   }
 }
@@ -90,13 +103,12 @@ static TapedRuns taped_runs(const Model& m, const double* const* tape, const Tap
 template <class G>
 static void list_given(const Model& m, TapedRuns runs, Work<G>& w) {
   w.ngiven = 0;
-  auto group = [&](int number) { return m.con_group[number / (1 + kEdges)]; };
   for (;;) {
     int first = -1;
     for (int lane = 0; lane < W; ++lane) {
       if (runs.at[lane] == runs.end[lane]) continue;
-      int i = int(*runs.at[lane]), g = group(i);
-      if (first < 0 || g < group(first) || (g == group(first) && i < first)) first = i;
+      int i = int(*runs.at[lane]);
+      if (first < 0 || comes_before(m, i, first)) first = i;
     }
     if (first < 0) return;
     Mask on = none();
@@ -107,6 +119,19 @@ static void list_given(const Model& m, TapedRuns runs, Work<G>& w) {
     }
     w.give({first / (1 + kEdges), first % (1 + kEdges), on});
   }
+}
+
+// What a lane's run, which is sorted, has of a number that is in it.
+template <class G>
+static const double* taped_contact(const Model& m, const double* run, const double* end, int number) {
+  constexpr int size = kTapedContact<G>;
+  int64_t low = 0, high = (end - run) / size - 1;
+  while (low < high) {
+    int64_t middle = (low + high) / 2;
+    if (comes_before(m, int(run[middle * size]), number)) low = middle + 1;
+    else high = middle;
+  }
+  return run + low * size;
 }
 
 // Restores (q, v, u given) the state, its rows and their solution.
@@ -131,10 +156,9 @@ static void tape_read(const Model& m, const Options& o, Work<G>& w, const double
     c.eta0 = splat(1);
     CMBRL_FOR(r, G::NT) c.b[r] = c.eta[r] = T{};
     for (int lane = 0; lane < W; ++lane) {
-      if (!w.given[i].on[lane]) continue;
-      const double* run = runs.at[lane];
-      runs.at[lane] += kTapedContact<G>;
-      if (c.on[lane]) for_taped_contact(c, [&](T& x, int slot) { x[lane] = run[slot]; });
+      if (!c.on[lane]) continue;
+      const double* run = taped_contact<G>(m, runs.at[lane], runs.end[lane], taped_number(c, lane));
+      for_taped_contact(c, [&](T& x, int slot) { x[lane] = run[slot]; });
     }
   }
   for (int i = 0; i < w.nlim; ++i) w.lim[i].gam = w.lim[i].s = splat(1);

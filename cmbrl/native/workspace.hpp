@@ -19,18 +19,39 @@ struct Arena {
   }
 };
 
-// One contact of a pack in the interior point and in the derivative.
+// Closest features of a candidate: point on A's core shape, unit normal from B to A, distance between the core shapes, and
+// which directions of B's (and A's) shape the closest point is free to follow. What a kind of candidate has not is zero.
 template <class G>
-struct Contact {
-  Mask on, wide, rub;                // lanes in which the contact takes part; in the derivative's solve; in which it has friction
-  Mask convex;                       // lanes in which the convex law of sliding holds (newton.hpp); none unless the options say so
-  int index, rows;                   // candidate number; 1 or 1 + NT
-  int edge;                          // of MuJoCo's pyramid (edges.hpp), from 1; 0: the whole contact
+struct Feature {
+  typename G::V a, n, axisA, axisB;
+  T dist, free_s, free_t;           // free_*: 1 where the segment parameter is not clamped
+  Vec<G::V::size * G::V::size> slide;  // projection onto B's free directions (point against segment or box)
+  T turns;                          // 1 where the normal turns as A moves
+};
+
+// What is found of a contact before any solve; a lane takes all of it from one candidate.
+template <class G>
+struct Found {
   typename G::V p, d[1 + G::NT];     // point and directions (normal, tangents); of an edge: its own, and its tangent
   Vec<G::N> Wr[1 + G::NT];           // wrench of a unit impulse along each of them
   T root, full_mu;                   // root of inverse weight and compliance; mu itself may be a share of the full one
-  T phi, mu, Rn, Rt, carry, cn0, ct0[G::NT];
+  T phi, mu, Rn, Rt, carry, cn0;
   T dc_dphi, dRn_dphi, dRt_dphi;     // of the law, at fixed impulses
+  T P[kContactFields];               // its part of the physical vector
+  T radiusA;
+  Feature<G> at;
+};
+
+// One contact of a pack in the interior point and in the derivative. Lanes may have different candidates, of one kin: those that
+// differ only in what Found holds (candidates.hpp).
+template <class G>
+struct Contact : Found<G> {
+  Mask on, wide, rub;                // lanes in which the contact takes part; in the derivative's solve; in which it has friction
+  int of[W], index, rows;            // candidate numbers by lane, and the first of them; 1 or 1 + NT
+  bool segments;                     // in some lane
+  Mask convex;                       // lanes in which the convex law of sliding holds (newton.hpp); none unless the options say so
+  int edge;                          // of MuJoCo's pyramid (edges.hpp), from 1; 0: the whole contact
+  T ct0[G::NT];
   Mask bounce;                       // lanes in which it bounces in this step
   T time, speed;                     // from here to its impact [s], approach speed
   T by_free, by_start, by_gap, by_flight, by_e;  // d cn0 of a bounce by J vf, J v, gap, time of flight and restitution
@@ -41,7 +62,6 @@ struct Contact {
   T w[1 + G::NT], Th[1 + G::NT][1 + G::NT];  // dx = w - Th J dv
   T ipn, Ai[G::NT][G::NT], ta[G::NT], gA[G::NT];  // parts of Th, for sensitivities to kappa and mu; gA under the convex law
   T t50, dgam, ds, db[G::NT], deta0, deta[G::NT];
-  T P[kContactFields];               // its part of the physical vector
 };
 
 struct Direction {  // of a limit: along a line, in one sense; round: by the angle of a ball joint, whose last dof the line is
@@ -79,7 +99,7 @@ struct Tie {
 // A row that is left out: in which lanes, its slack without the part of the next velocity, and the speed that it had to have.
 template <class G>
 struct LeftOut { Mask lanes; int A, B; Vec<G::N> W; T base; double speed; };
-constexpr int kGuesses = 4;  // solves of a step with rows that were left out before; then all of its rows are let in
+constexpr int kGuesses = 5;  // the free velocity, and solves of a step with rows that were left out; then all of its rows are let in
 struct LeftOutLimit { Mask lanes; Direction way; T base; double speed; };
 
 struct Passed { int A, B; T slack; };         // a cluster that is not looked at; of its rows, under the velocity at the start
@@ -145,16 +165,19 @@ struct Work : SolverWork<G> {
   Motion* drag; T *drag_start, *drag_end;  // of a fluid, by body, and by its twists before and after the step
   T* stretch;                              // of springs at ball joints
   T *D, *K;                                // of split damping (split.hpp): packed as M; the factor of M + D
+  T* free_factor;                          // of M~ along the tree, without rows
   T *line_length, *line_pull, *line_mass;  // impulse along each line at the step's start; what acts on its change of rate
   Bent<G>* bent;                           // segments around something (lines.hpp)
   Tie<G>* ties; T* tie_J;                  // equality constraints; their rows, by entry of tie_dof
   Motion *drift, *drift_before;            // accelerations of bodies whose joints do not accelerate; before each dof's joint
+  int *kin_count, *kin_slots;              // of each kin in the group at hand: contacts by lane; where those contacts stand
   Given* given; int ngiven;                // rows of a step that is read back from its tape: contacts by group, then by number;
   Mask* lim_on;                            // limits
   uint64_t* near; int* order;              // groups that may touch in this step, as bits; bodies along an axis
   typename G::V* centre; T *fast, *after, *reach; double *low, *high;  // of bodies: spheres that hold what may touch in this step
   LeftOut<G>* left; int nleft;             // see pruning.hpp
-  T* guess; Motion* guess_twist; int nguess;  // velocities that solves of this step ended with, under which left-out rows close
+  T* guess; Motion* guess_twist; int nguess;  // velocities that rows are left out by: the free one, and those that solves of this step
+                                           // ended with, under which left-out rows close
   LeftOutLimit* left_lim; int nleft_lim;
   Passed* passed; int npassed;          // see near.hpp
   bool sift;                               // clusters are tested
@@ -244,7 +267,7 @@ struct Work : SolverWork<G> {
     bias = A.take<T>(nv); tau = A.take<T>(m.nline); a = A.take<T>(nv); kd = A.take<T>(m.nline); kp = A.take<T>(m.nline); open = A.take<T>(m.nact + 1);
     tmp = A.take<T>(nv); yields = A.take<Mask>(nv); drive = A.take<T>(m.nline); drive_kp = A.take<T>(m.nline);
     this->line_c = A.take<T>(m.line_ptr[m.nline]);
-    D = A.take<T>(m.mass.row(m.nv)); K = A.take<T>(m.mass.row(m.nv));
+    D = A.take<T>(m.mass.row(m.nv)); free_factor = A.take<T>(m.mass.row(m.nv)); K = A.take<T>(m.mass.row(m.nv));
     line_length = A.take<T>(m.nline); line_pull = A.take<T>(m.nline); line_mass = A.take<T>(m.nline);
     if (m.nlift > 0) { lift = A.take<T>(nv); lift_mass = A.take<T>(nb); lift_moment = A.take<V>(nb); }
     if (m.nwide > 0) { wide_wrench = A.take<Motion>(m.nwide); wide_push = A.take<T>(m.nwide); }
@@ -253,7 +276,7 @@ struct Work : SolverWork<G> {
     if (m.nwrap > 0) bent = A.take<Bent<G>>(m.nwrap);
     ties = A.take<Tie<G>>(m.ntie); tie_J = A.take<T>(m.ntie ? int64_t(m.tie_ptr[m.ntie]) * Tie<G>::kRows : 0);
     drift = A.take<Motion>(m.ntie ? nb : 0); drift_before = A.take<Motion>(m.ntie ? nv : 0);
-    near = A.take<uint64_t>(words); order = A.take<int>(nb);
+    near = A.take<uint64_t>(words); kin_count = A.take<int>(W * int64_t(m.nkin)); kin_slots = A.take<int>(m.ncontact); order = A.take<int>(nb);
     centre = A.take<V>(nb); fast = A.take<T>(nb); after = A.take<T>(nb); reach = A.take<T>(nb); low = A.take<double>(nb); high = A.take<double>(nb);
     bits = A.take<uint64_t>(nv * FillPattern::words(m.nv)); fill_ptr = A.take<int>(nv + 1);
     vb = A.take<T>(nv); bvel = A.take<Motion>(nb); bacc = A.take<Motion>(nb);

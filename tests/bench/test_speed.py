@@ -11,11 +11,12 @@ from matplotlib.container import BarContainer
 from cmbrl.bench.peers.mujoco_steps import EPISODE, MujocoStep, visit
 from cmbrl.bench.registry import load
 from cmbrl.bench.scenes import paired
-from cmbrl.bench.studies.speed import study
+from cmbrl.bench.studies.speed import growth, study
 from cmbrl.bench.studies.speed.candidates import draw
 from cmbrl.bench.studies.speed.plots import bars
 from cmbrl.bench.study import Section, Settings
 from cmbrl.bench.timing import Spread, interleaved
+from cmbrl.errors import UserError
 from cmbrl.jobs import Runner
 from cmbrl.models.complementarity import ComplementarityModel
 
@@ -97,6 +98,39 @@ def test_rk4_has_no_differences(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     (cells,) = found.tables[4].rows  # the single environment next to Gymnasium's own
     assert cells[:2] == ["cmbrl/Hopper-v0", "Hopper-v5"]
     assert all(microseconds > 0 for microseconds in cells[2:4])
+
+
+def test_growth_has_a_row_a_size_and_exponents(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(study, "EACH", {"states": 8, "batch": 8})
+    monkeypatch.setattr(growth, "SIZES", sizes := {"dofs": (3, 6), "contacts": (1, 4)})
+    found = section(tmp_path, ("dofs", "contacts"), monkeypatch)
+    assert [(row["what"], row["size"]) for row in found.values["growth"]] == [(k, n) for k in sizes for n in sizes[k]]
+    assert [row["contacts"] for row in found.values["growth"]] == [0, 0, 1, 4]
+    assert [table.rows[-1][0] for table in found.tables] == ["exponent", "exponent"]
+    assert (tmp_path / "growth.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_exponents_of_known_times() -> None:
+    rows = [{"size": n, "seconds": {"mj_step": {"median": 3e-6 * n**1.5}}} for n in (2, 5, 30)]
+    assert growth.exponents(rows)["mj_step"] == pytest.approx(1.5)
+
+
+def test_robots_of_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(study, "EACH", {"states": 8, "batch": 8})
+    hinge = '<joint type="hinge" axis="0 1 0"/>'
+    for name, joint in (("arm", hinge), ("walker", "<freejoint/>"), ("cloth", f"{hinge}<flexcomp/>")):
+        body = f'<body pos="0 0 1">{joint}<geom size=".1"/></body>'
+        (tmp_path / name).mkdir()
+        text = f'<mujoco><worldbody><geom type="plane" size="9 9 1"/>{body}</worldbody></mujoco>'
+        (tmp_path / name / "robot.xml").write_text(text)
+    settings = Settings(quick=True, robots=str(tmp_path))
+    (table,) = study.STUDY.run(tmp_path, settings, Runner(tmp_path / "cells")).tables
+    assert [row[:2] for row in table.rows] == [["arm", 1], ["cloth", None], ["walker", 6]]
+    assert [row[3] for row in table.rows] == [0, None, 1]  # the walker stands on the floor
+    assert "Of 3 robots" in table.note
+    assert "cloth: " in table.note
+    with pytest.raises(UserError, match="no robots"):
+        study.STUDY.run(tmp_path, Settings(robots=str(tmp_path / "arm" / "none")), Runner(tmp_path / "cells"))
 
 
 def test_g1_on_its_feet() -> None:

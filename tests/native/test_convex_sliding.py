@@ -53,6 +53,18 @@ def touching(scene: Scene, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarr
     return q, rng.normal(size=(count, scene.nv)) * np.geomspace(1e-3, 2.0, count)[:, None], np.zeros((count, 0))
 
 
+def tumbled(scene: Scene, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """States in all attitudes, some low in the floor and some above it."""
+    rng = np.random.default_rng(3)
+    turned = np.zeros((count, scene.nv))
+    turned[:, 3:6] = rng.normal(size=(count, 3))
+    q = scene.integrate(np.tile(scene.q0, (count, 1)), turned)
+    for row in q:
+        lowest = scene.gaps(row)[scene.core.con_plane >= 0].min()
+        row[2] -= lowest + rng.uniform(-1e-3, 3e-3)
+    return q, 0.5 * rng.normal(size=(count, scene.nv)), np.zeros((count, 0))
+
+
 def their_step(file: Path, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     theirs = mujoco.MjModel.from_xml_path(str(file))
     data, after = mujoco.MjData(theirs), np.empty_like(v)
@@ -128,6 +140,27 @@ def test_derivatives_are_those_of_the_step(
     assert row["median"] <= 1e-6, row
     assert row["worst"] <= 1e-4, row
     assert row["across_kinks"] + row["vague"] <= 0.1 * row["columns"], row
+    assert mismatch_at(model, q, v, u, np.random.default_rng(2)) < 1e-9
+
+
+@pytest.mark.parametrize("sliding", ["coulomb", "convex"])
+@pytest.mark.parametrize("cone", CONES)
+def test_boxes_on_different_corners(cone: str, sliding: str, tmp_path: Path) -> None:
+    """Which share rows of a pack where the law lets them: each is what it is alone, impulses at their own corners."""
+    scene = Scene.from_mjcf(write(tmp_path, "a ball on a box", cone=cone))
+    q, v, u = tumbled(scene, 33)
+    model = ComplementarityModel(scene, 2, smoothing=Barrier(1e-5), path_tolerance=1e-12, sliding=sliding)
+    every = {"jacobian": True, "parameter_jacobian": True, "impulse": True}
+    together, problems = model.predict(q, v, u, **every), model.contact_problems(q, v, u)
+    assert (together.status == SolverStatus.CONVERGED).all()
+    assert together.impulse is not None
+    assert len(np.unique(together.impulse[..., 0] > 1e-3, axis=0)) > 4
+    for k in range(len(q)):
+        alone = model.predict(q[k : k + 1], v[k : k + 1], u[k : k + 1], **every)
+        for name in ("q_next", "v_next", "jacobian", "impulse"):
+            mine, theirs = getattr(alone, name)[0], getattr(together, name)[k]
+            np.testing.assert_allclose(theirs, mine, rtol=1e-7, atol=1e-7 * np.abs(mine).max(), err_msg=name)
+        np.testing.assert_allclose(problems[k].J, model.contact_problems(q[k : k + 1], v[k : k + 1], u[k : k + 1])[0].J)
     assert mismatch_at(model, q, v, u, np.random.default_rng(2)) < 1e-9
 
 

@@ -47,7 +47,8 @@ def calls(model: ComplementarityModel, count: int) -> dict[str, Callable[[], obj
     windows = Windows(log, np.arange(len(q) - 50), 50, Scales(np.ones(model.scene.nv), np.ones(model.scene.nv), 1.0))
     long = model.with_settings(substeps=2**30)
     problems = Batch.of([p for p in model.contact_problems(*few) if p.J.shape[0] == 2][:8])
-    many = Batch(**{name: np.repeat(getattr(problems, name), count // 10, axis=0) for name in Batch.__annotations__})
+    arrays = {name: x for name, x in vars(problems).items() if x is not None}
+    many = Batch(**{name: np.repeat(x, count // 10, axis=0) for name, x in arrays.items()})
     return {
         "many rows": lambda: model.predict(q, v, u),
         "jacobian": lambda: model.predict(*(x[: count // 4] for x in (q, v, u)), jacobian=True),

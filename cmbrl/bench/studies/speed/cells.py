@@ -7,7 +7,7 @@ turns from the same visited states, and every ratio is of one turn. Times of der
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -52,20 +52,27 @@ def measure(
     model = pair.model(smoothing=Barrier(1e-4))
     return {
         "isa": model.stepper.instruction_set,
-        "rows": _against_mujoco(pair, visited, batch, repeats),
+        "rows": against_mujoco(pair, visited, batch, repeats),
         "scaling": _by_batch(pair, visited, batches, threads, repeats),
         "candidates": {"scene": scene, **compare_candidates(model, visited, candidates, repeats, seed)},
     }
 
 
-def _against_mujoco(pair: PairedScene, visited: Visited, batch: int, repeats: int) -> list[dict[str, Any]]:
-    """One row per smoothing; MuJoCo's step takes its turn right before each group of ours."""
+def against_mujoco(
+    pair: PairedScene,
+    visited: Visited,
+    batch: int,
+    repeats: int,
+    smoothings: Mapping[str, Smoothing] = SMOOTHINGS,
+    kinds: Sequence[str] = OURS,
+) -> list[dict[str, Any]]:
+    """One row per smoothing, with times of ``kinds``; MuJoCo's step takes its turn right before each group of ours."""
     n, step = len(visited.q), MujocoStep(pair.peer, visited)
-    models = {name: pair.model(smoothing=smoothing) for name, smoothing in SMOOTHINGS.items()}
+    models = {name: pair.model(smoothing=smoothing) for name, smoothing in smoothings.items()}
     work: Work = {}
     for name, model in models.items():
         ours = _ours(model, visited, batch)
-        work |= {f"mj_step/{name}": (step, n), **{f"{kind}/{name}": (ours[kind], n) for kind in OURS}}
+        work |= {f"mj_step/{name}": (step, n), **{f"{kind}/{name}": (ours[kind], n) for kind in kinds}}
     differences = []
     if pair.peer.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4:  # which MuJoCo cannot differentiate
         differences = ["mjd_transitionFD"]
@@ -75,9 +82,9 @@ def _against_mujoco(pair: PairedScene, visited: Visited, batch: int, repeats: in
     seconds = interleaved(work, repeats)
     rows = []
     for name, model in models.items():
-        times = {kind: seconds[f"{kind}/{name}"] for kind in ("mj_step", *OURS)}
+        times = {kind: seconds[f"{kind}/{name}"] for kind in ("mj_step", *kinds)}
         times |= {kind: seconds[kind] for kind in differences}
-        ratios = {f"mj_step/{kind}": times["mj_step"] / times[kind] for kind in OURS}
+        ratios = {f"mj_step/{kind}": times["mj_step"] / times[kind] for kind in kinds}
         ratios |= {f"{kind}/jacobian": times[kind] / times["jacobian"] for kind in differences}
         result = model.predict(visited.q, visited.v, visited.u)
         rows.append(

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cmbrl.bench.figures import legend_below, panels
+from cmbrl.bench.studies.speed.growth import SIZES, exponents
 
 BARS = {
     "mjd_transitionFD": ("MuJoCo: step and Jacobian by differences", "0.75"),
@@ -41,4 +42,22 @@ def bars(values: dict[str, Any], smoothing: str = "1e-4 J") -> Figure:
     axes.set_title(f"batch {values['batch']}, kappa {smoothing}, {values['isa']}", fontsize="medium")
     axes.grid(alpha=0.3, axis="y")
     legend_below(figure, ncols=3)
+    return figure
+
+
+def curves(rows: list[dict[str, Any]]) -> Figure:
+    """Times by size, a panel for each of what grows; the legend has their exponents."""
+    wanted = [what for what in SIZES if any(row["what"] == what for row in rows)]
+    figure, grid = panels(1, len(wanted), 4.6 * len(wanted), 4.2)
+    for axes, what in zip(grid[0], wanted, strict=True):
+        these = [row for row in rows if row["what"] == what]
+        powers, sizes = exponents(these), [row["size"] for row in these]
+        for kind, (label, colour) in BARS.items():
+            if kind not in powers:
+                continue
+            times = [1e6 * row["seconds"][kind]["median"] for row in these]
+            axes.loglog(sizes, times, "o-", ms=3, color=colour, label=f"{label} [{powers[kind]:.2f}]")
+        axes.set(xlabel=what, ylabel="microseconds per physics step, one core")
+        axes.grid(alpha=0.3, which="both")
+        axes.legend(fontsize=6, frameon=False)
     return figure

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+from cmbrl.bench.studies.speed.growth import SIZES, exponents
 from cmbrl.bench.study import Cell, Table
 from cmbrl.bench.words import Words
 
 WORDS = Words("cmbrl.bench.studies.speed")
+NAMES = {
+    "mj_step": "mj_step", "mjd_transitionFD": "mjd_FD", "forward": "step", "vjp": "+VJP", "jacobian": "+Jacobian",
+}  # fmt: skip
 COSTS = ("one_by_one", "states_packed", "candidates_packed")
 
 
@@ -70,6 +74,46 @@ def _environments(values: dict[str, Any]) -> list[Table]:
     columns = ["ours", "Gymnasium's", "ours [us]", "Gymnasium's [us]", "ratio"]
     text = WORDS("tables.environments.title"), WORDS("tables.environments.note")
     return [Table(text[0], columns, rows, text[1])] if rows else []
+
+
+def growth_tables(values: dict[str, Any]) -> list[Table]:
+    """One of dofs and one of contacts, each ending with the exponents; none of what was not asked for."""
+    found = []
+    for what in SIZES:
+        rows = [row for row in values["growth"] if row["what"] == what]
+        if not rows:
+            continue
+        kinds = list(rows[0]["seconds"])
+        cells: list[list[Cell]] = [[row["size"], *(_us(row["seconds"][k]["median"]) for k in kinds)] for row in rows]
+        powers = exponents(rows)
+        cells.append(["exponent", *(round(powers[k], 2) for k in kinds)])
+        title, note = WORDS(f"tables.growth.{what}"), WORDS("tables.growth.note")
+        found.append(Table(title, [what, *(NAMES[k] for k in kinds)], cells, note))
+    return found
+
+
+def robot_tables(values: dict[str, Any]) -> list[Table]:
+    """Microseconds and ratios by robot, and how many of them are faster than MuJoCo."""
+    known = [row for row in values["rows"] if "refused" not in row]
+    kinds = ("mj_step", "forward", "vjp", "jacobian", "mjd_transitionFD")
+    cells: list[list[Cell]] = []
+    for row in values["rows"]:
+        if "refused" in row:
+            cells.append([row["scene"], *[None] * 11])
+            continue
+        us = [_us(row["seconds"][k]["median"]) if k in row["seconds"] else None for k in kinds]
+        times = [_of_turns(row, k) for k in ("mj_step/forward", "mj_step/vjp", "mjd_transitionFD/jacobian")]
+        cells.append([row["scene"], row["nv"], row["candidates"], round(row["contacts"], 1), *us, *times])
+    faster = {k: sum(row["ratios"][f"mj_step/{k}"]["median"] >= 1 for row in known) for k in ("forward", "vjp")}
+    note = [WORDS("tables.robots.note", count=len(cells), **faster), values["machine"]]
+    note += [f"{row['scene']}: {row['refused']}" for row in values["rows"] if "refused" in row]
+    ratios = ["mj_step / step", "mj_step / VJP", "mjd_FD / Jacobian"]
+    columns = ["robot", "nv", "candidates", "contacts", *(NAMES[k] for k in kinds), *ratios]
+    return [Table(WORDS("tables.robots.title", **values), columns, cells, "\n".join(note))]
+
+
+def _of_turns(row: dict[str, Any], kind: str) -> float | None:
+    return round(row["ratios"][kind]["median"], 2) if kind in row["ratios"] else None
 
 
 def _us(seconds: float) -> float:
