@@ -21,6 +21,7 @@ from cmbrl.models.autograd import Stepper, differentiable_step
 from cmbrl.models.manifold import Coordinates
 from cmbrl.models.observation import Observation
 from cmbrl.models.windows import Windows
+from cmbrl.models.wiring import Wiring
 from cmbrl.native import SolverStatus
 from cmbrl.numbers import one_of, real, real_array, switch, whole
 from cmbrl.scene import Scene
@@ -88,7 +89,8 @@ class ComplementarityModel:
         candidates: (K, np) parameter sets that explain the data about as well as ``parameters``, for training or
             evaluation under model uncertainty; stepping ignores them.
         observation: biases, delay and lag by name (:class:`~cmbrl.models.observation.Observation`) that lie between a
-            log and this model; stepping ignores them, ``seen`` applies them.
+            log and this model; stepping ignores them, ``seen`` applies them to a log, and processes on this model run
+            through them (``wiring``).
 
     Raises:
         UserError: for a setting out of range.
@@ -162,6 +164,12 @@ class ComplementarityModel:
     def observer(self) -> Observation:
         """What may lie between a log of this model's control step and its state."""
         return Observation.of(self.scene, self.dt)
+
+    @property
+    def wiring(self) -> Wiring | None:
+        """The same for a process that runs on this model; None if there is nothing between."""
+        observer = self.observer
+        return Wiring.of(observer, observer.vector(self.observation), self.scene.nq)
 
     def seen(self, log: Transitions) -> Transitions:
         """``log`` as this model's state and control."""

@@ -6,7 +6,8 @@ The log tells positions y and commands c. The model's state and control are
 
 b is the bias of each encoder; a position servo compares its target with the biased position, which B accounts for.
 w is the response of a delay d followed by a first-order lag tau to a command that is held from one sample to the next,
-averaged over the step, which makes it a smooth function of d and tau.
+averaged over the step, which makes it a smooth function of d and tau. Before the first row of an episode, motors were
+off and position servos held their first target. ``wiring`` does the same command by command.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ class Observation:
     """The parameters psi (n,) between a log of time step ``dt`` [s] and the state: biases, then delay and lag.
 
     ``joints`` (nbias,): places in q and v of the joints that have a bias; ``servo`` (nu, nbias): the change of the
-    control that a unit of bias causes.
+    control that a unit of bias causes. ``holds`` (nu,) bool: position servos.
     """
 
     parameters: tuple[Parameter, ...]
@@ -44,6 +45,7 @@ class Observation:
     joints_q: np.ndarray
     joints_v: np.ndarray
     servo: np.ndarray
+    holds: np.ndarray
 
     @classmethod
     def of(cls, scene: Scene, dt: float) -> Observation:
@@ -64,7 +66,8 @@ class Observation:
                 if gain and feedback:
                     servo[k, column] = feedback / gain * scene.core.P[layout.actuator(place)]
         places = np.array([(joint.qadr, joint.vadr) for joint in joints], dtype=np.int64).reshape(-1, 2)
-        return cls(tuple(offered), dt, places[:, 0], places[:, 1], servo)
+        feedback = np.array([scene.core.P[scene.layout.actuator(k, "bias1")] for k in range(scene.nu)])
+        return cls(tuple(offered), dt, places[:, 0], places[:, 1], servo, feedback != 0.0)
 
     def __len__(self) -> int:
         return len(self.parameters)
@@ -112,10 +115,12 @@ class Observation:
         if log.u.shape[1] == 0:
             return log.u, slope
         weights = response(float(psi[-2]), float(psi[-1]), self.dt)
-        first = np.maximum.accumulate(np.where(np.r_[True, np.diff(log.episode) != 0], np.arange(len(log)), 0))
+        rows = np.arange(len(log))
+        first = np.maximum.accumulate(np.where(np.r_[True, np.diff(log.episode) != 0], rows, 0))
         acted = np.zeros((3, *log.u.shape))
-        for k, weight in enumerate(weights.T):  # before the first row of an episode, its first command
-            acted += weight[:, None, None] * log.u[np.maximum(np.arange(len(log)) - k, first)]
+        for k, weight in enumerate(weights.T):
+            told = ((rows - k >= first)[:, None] | self.holds) * log.u[np.maximum(rows - k, first)]
+            acted += weight[:, None, None] * told
         slope[:, :, :biases] = self.servo
         slope[:, :, biases:] = np.moveaxis(acted[1:], 0, -1)
         return acted[0] + self.servo @ psi[:biases], slope

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor, nn
+
+from cmbrl.envs.history import with_last_actions
+from cmbrl.mdp import MDP
 
 ACTIVATIONS = {"elu": nn.ELU, "relu": nn.ReLU, "tanh": nn.Tanh, "silu": nn.SiLU}
 
@@ -66,6 +70,12 @@ class Architecture:
     norm: bool = True  #: LayerNorm after each activation
     squash: str = "tanh"  #: how the net's output is mapped into [-1, 1]: "tanh" or "clip"
     normalise: bool = True  #: whether observations are standardised
+    last_actions: int = 0  #: how many of its own last actions the observations end with, the newest first
+
+    @classmethod
+    def of(cls, mdp: MDP, hidden: tuple[int, ...], *more: Any, **named: Any) -> Architecture:
+        """That of a policy in ``mdp``; the rest as in the class."""
+        return cls(mdp.observations, mdp.actions, hidden, *more, **named, last_actions=mdp.last_actions)
 
 
 class Policy(nn.Module):
@@ -76,6 +86,10 @@ class Policy(nn.Module):
         a = self.architecture = architecture
         self.normaliser = Normaliser(a.observations)
         self.net = network(a.observations, a.hidden, a.actions, 0.1, a.activation, a.norm)
+
+    def process(self, mdp: MDP) -> MDP:
+        """A task's ``mdp`` as this policy observes it."""
+        return with_last_actions(mdp, self.architecture.last_actions)
 
     def forward(self, observation: Tensor) -> Tensor:
         """Deterministic actions (B, n_a) in [-1, 1] of observations (B, n_o), float32."""

@@ -31,7 +31,7 @@ class Trained:
         task = task_for(saved.task, motion, saved.about.get("contact_law"))
         if motion is not None and file_digest(motion) != saved.about.get("motion_digest"):
             raise UserError(f"{motion}: has changed since {folder} was trained on it: restore it, or train again")
-        mdp = trial_process(task)
+        mdp = saved.policy.process(trial_process(task))
         shape = saved.policy.architecture
         have, need = (shape.observations, shape.actions), (mdp.observations, mdp.actions)
         if have != need:
