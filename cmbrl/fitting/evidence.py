@@ -16,6 +16,7 @@ from cmbrl.fitting.space import Space
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.observation import Observation
 from cmbrl.models.windows import Scales, Windows
+from cmbrl.models.wiring import Wiring
 from cmbrl.numbers import whole
 
 HORIZONS = (1, 4, 10, 20)  # 1 step is what noise-free logs are best judged at; beyond 20, impacts have happened
@@ -46,7 +47,7 @@ class Evidence:
         log.check(model.scene, dt=model.dt)
         _check_steps(model, log)
         log = log.normalised(model.scene)
-        observation, positions_only = Observation.of(model.scene, model.dt), isinstance(data, PositionLog)
+        observation, positions_only = model.observer, isinstance(data, PositionLog)
         known = _told_gains(data) if isinstance(data, PositionLog) else ()
         physical = [replace(p, default=p.default and p.group not in known) for p in model.scene.parameters]
         offered = [replace(p, default=p.default or positions_only) for p in observation.parameters]
@@ -72,6 +73,12 @@ class Evidence:
         """The model's parameters of ``theta`` (n,), and the log as its state and control."""
         physical, psi = self.observation.split(theta)
         return physical, self.observation.states(self.log, psi)
+
+    def late(self, z: np.ndarray) -> bool:
+        """Whether commands have a delay or a lag to speak of at ``z`` (n,)."""
+        psi = self.observation.split(self.space.theta(z))[1]
+        wiring = Wiring.of(self.observation, psi, self.model.scene.nq)
+        return wiring is not None and wiring.late > 0.0
 
     def loss(self, starts: np.ndarray, horizon: int, scales: Scales) -> PredictionLoss:
         """The loss over windows of ``horizon`` steps from each row of ``starts``."""
@@ -101,7 +108,8 @@ def _with_gains(model: ComplementarityModel, log: PositionLog) -> Complementarit
 
 def _check_steps(model: ComplementarityModel, data: Transitions) -> None:
     """Raises UserError that names the first row from which the model steps beyond any robot: no error can be told."""
-    found = model.predict(data.q, data.v, data.u)
+    seen = model.seen(data)
+    found = model.predict(seen.q, seen.v, seen.u)
     lost = ~(np.abs(np.concatenate([found.q_next, found.v_next], axis=1)) <= LARGEST).all(axis=1)  # NaN too
     if lost.any():
         row = int(np.flatnonzero(lost)[0])

@@ -7,7 +7,8 @@ c_(i-k-1) for a time r and then c_(i-k); between changes of the command, the lag
 
     x(t) = a + (x(0) - a) exp(-t / tau),      mean over r:  a + (x(0) - a) (1 - exp(-r / tau)) tau / r
 
-so that mean and next x are linear in x and these two commands. Memory: k + 1 commands, and x.
+so that mean and next x are linear in x and these two commands. Memory: k + 1 commands, and x; then the activations of
+actuators that have a state, which are 0 when an episode begins.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from cmbrl.models.activations import Activations
 from cmbrl.models.observation import DELAY, LAG, Observation
 from cmbrl.models.protocol import Model
 
@@ -41,21 +43,24 @@ class Wiring:
     bias: Tensor
     shift: Tensor
     holds: Tensor
+    activations: Activations | None = None
 
     @classmethod
-    def of(cls, observer: Observation, psi: np.ndarray, nq: int) -> Wiring | None:
+    def of(
+        cls, observer: Observation, psi: np.ndarray, nq: int, activations: Activations | None = None
+    ) -> Wiring | None:
         """That of ``psi`` (n,); None if it changes nothing."""
         delay, lag = (
-            max([x for p, x in zip(observer.parameters, psi.tolist(), strict=True) if p.group == group], default=0.0)
+            max([x for p, x in zip(observer.parameters, psi.tolist(), strict=False) if p.group == group], default=0.0)
             for group in (DELAY, LAG)
         )
         delay, lag = (x if x > LEAST * observer.dt else 0.0 for x in (delay, lag))
         biases, bias = psi[: len(observer.joints_q)], np.zeros(nq)
         bias[observer.joints_q] = biases
-        if not (delay or lag or bias.any()):
+        if not (delay or lag or bias.any() or activations):
             return None
-        shift = torch.from_numpy(observer.servo @ biases)
-        return cls(observer.dt, delay, lag, torch.from_numpy(bias), shift, torch.from_numpy(observer.holds))
+        shift, holds = torch.from_numpy(observer.servo @ biases), torch.from_numpy(observer.holds)
+        return cls(observer.dt, delay, lag, torch.from_numpy(bias), shift, holds, activations)
 
     @property
     def late(self) -> float:
@@ -68,19 +73,20 @@ class Wiring:
         return int(self.delay / self.dt) + 1 if self.delay else 0
 
     @property
-    def width(self) -> int:
-        """Columns of the memory."""
+    def late_width(self) -> int:
+        """Columns of the memory that hold commands."""
         return len(self.holds) * (self.kept + bool(self.lag))
 
     def begin(self, count: int) -> Tensor:
-        """The memory (count, width) of robots at rest; NaN stands for the first command."""
+        """The memory (count, ...) of robots at rest; NaN stands for the first command."""
         rest = torch.where(self.holds, torch.nan, 0.0).double()
-        return rest.repeat(count, self.width // max(1, len(self.holds)))
+        late = rest.repeat(count, self.late_width // max(1, len(self.holds)))
+        return torch.cat([late, torch.zeros(count, len(self.activations or ()), dtype=late.dtype)], dim=1)
 
     def arrive(self, memory: Tensor, command: Tensor) -> tuple[Tensor, Tensor]:
         """The mean (B, nu) of what reaches the motors in a step under ``command`` (B, nu), and the next memory."""
         nu, kept = command.shape[1], self.kept
-        if not memory.shape[1]:
+        if not self.late:
             return command, memory
         told = torch.where(torch.isnan(memory), command.repeat(1, memory.shape[1] // nu), memory)
         queue = [command, *(told[:, nu * k : nu * (k + 1)] for k in range(kept))]  # newest first
@@ -98,9 +104,13 @@ class Wiring:
 
     def move(self, step: Step, memory: Tensor, q: Tensor, v: Tensor, u: Tensor, *more: Any) -> tuple[Tensor, ...]:
         """The measured state after a step of a model from the measured q, v under the command u, and the memory."""
-        control, memory = self.arrive(memory, u)
-        q_next, v_next = step(q - self.bias, v, control + self.shift, *more)
-        return q_next + self.bias, v_next, memory
+        late, states = memory.tensor_split((self.late_width,), dim=1)
+        control, late = self.arrive(late, u)
+        controls = torch.cat([control + self.shift, states], dim=1)
+        if self.activations is not None:
+            states = self.activations.next(controls, *more)
+        q_next, v_next = step(q - self.bias, v, controls, *more)
+        return q_next + self.bias, v_next, torch.cat([late, states], dim=1)
 
 
 @runtime_checkable

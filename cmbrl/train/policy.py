@@ -87,10 +87,6 @@ class Policy(nn.Module):
         self.normaliser = Normaliser(a.observations)
         self.net = network(a.observations, a.hidden, a.actions, 0.1, a.activation, a.norm)
 
-    def process(self, mdp: MDP) -> MDP:
-        """A task's ``mdp`` as this policy observes it."""
-        return with_last_actions(mdp, self.architecture.last_actions)
-
     def forward(self, observation: Tensor) -> Tensor:
         """Deterministic actions (B, n_a) in [-1, 1] of observations (B, n_o), float32."""
         return self.squash(self.drive(observation))
@@ -106,3 +102,8 @@ class Policy(nn.Module):
     def squash(self, drive: Tensor) -> Tensor:
         """Actions (B, n_a) of a drive, in [-1, 1]."""
         return torch.tanh(drive) if self.architecture.squash == "tanh" else drive.clamp(-1.0, 1.0)
+
+
+def observed_by(actor: object, mdp: MDP) -> MDP:
+    """A task's ``mdp`` as an actor observes it: a policy may see its last actions."""
+    return with_last_actions(mdp, actor.architecture.last_actions) if isinstance(actor, Policy) else mdp
