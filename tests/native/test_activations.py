@@ -148,6 +148,8 @@ def test_ignored_they_act_at_once_and_muscles_are_refused_by_name(tmp_path: Path
     scene = Scene.from_mjcf(file, ignore="actuator_dynamics")
     assert scene.core.nstate == 0
     assert "acts at once" in scene.left_out[0].why
-    file.write_text(ARM.format(integrator="Euler", actuators='<muscle name="biceps" joint="elbow" lengthrange=".1 .5"/>'))
+    file.write_text(
+        ARM.format(integrator="Euler", actuators='<muscle name="biceps" joint="elbow" lengthrange=".1 .5"/>')
+    )
     with pytest.raises(UserError, match="'biceps' is not supported: dynamics muscle"):
         Scene.from_mjcf(file)

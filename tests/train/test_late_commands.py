@@ -11,13 +11,16 @@ import pytest
 import torch
 
 from cmbrl import ComplementarityModel
+from cmbrl.data.behaviour import load_policy as load_script
 from cmbrl.data.transitions import Transitions
 from cmbrl.envs.evaluation import evaluate_model, evaluate_real
+from cmbrl.errors import UserError
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.fit import fit
+from cmbrl.train.export import export_torchscript
 from cmbrl.train.fopg import FOPG, FOPGConfig
 from cmbrl.train.loop import Loop, LoopConfig
-from cmbrl.train.policy import observed_by
+from cmbrl.train.policy import Architecture, Policy, observed_by
 from cmbrl.train.policy_file import load_policy
 from cmbrl.train.run import RESULT, TrainingRun
 from cmbrl.train.shac import SHAC, SHACConfig
@@ -70,6 +73,14 @@ def test_first_order_gradients_learn_through_late_commands(tmp_path: Path) -> No
         trainer.update()
     earned.append(evaluate_model(trainer.policy, trainer.mdp, trainer.model, 64).returns.mean())
     assert earned[1] > earned[0] + 0.5, earned
+
+
+def test_a_recorder_refuses_a_policy_that_observes_its_actions(tmp_path: Path) -> None:
+    export_torchscript(Policy(Architecture(4, 1, (4,), last_actions=2)), tmp_path / "late.pt")
+    with pytest.raises(UserError, match=r"observes its last 2 actions: record by one of --set last_actions=0"):
+        load_script(tmp_path / "late.pt")
+    export_torchscript(Policy(Architecture(4, 1, (4,))), tmp_path / "prompt.pt")
+    assert load_script(tmp_path / "prompt.pt")(np.zeros(4)).shape == (1,)
 
 
 class LateSlider:
