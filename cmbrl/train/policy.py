@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -75,7 +75,8 @@ class Architecture:
     @classmethod
     def of(cls, mdp: MDP, hidden: tuple[int, ...], *more: Any, **named: Any) -> Architecture:
         """That of a policy in ``mdp``; the rest as in the class."""
-        return cls(mdp.observations, mdp.actions, hidden, *more, **named, last_actions=mdp.last_actions)
+        found = cls(mdp.observations, mdp.actions, hidden, *more, **named)
+        return replace(found, last_actions=mdp.last_actions)
 
 
 class Policy(nn.Module):
