@@ -38,6 +38,7 @@ from cmbrl.fitting.survey import Judge, Survey, Surveyor
 from cmbrl.fitting.unseen import Unseen, held_out_rows
 from cmbrl.fitting.verdict import by_horizon, stepping, supported_sliding
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.observation import DELAY, LAG
 from cmbrl.numbers import one_of, real, whole
 from cmbrl.scene.core_arrays import CoreArrays
 
@@ -150,6 +151,10 @@ def fit(
                 _search(search, loss(budget.search_rows), space, incumbent, seed, budget, journal)
             if polish or method == "gauss-newton":
                 _polish(loss(budget.polish_rows), space, incumbent, budget.polish_iterations, journal)
+            if groups == "all" and count and evidence.late(incumbent.z):
+                everything = loss(budget.polish_rows)
+                folds = Folds.of(everything, everything, count, seed)
+                Selection(space, everything, folds, [], admit, seed, budget, journal).confirm(incumbent, [DELAY, LAG])
         if count:
             held_out = judge(budget.fold_iterations, journal)
         about["logs"] = journal.unit("logs", compare)["logs"]

@@ -109,7 +109,7 @@ class Selection:
 
     def run(self, incumbent: Incumbent) -> None:
         """Adds groups to ``incumbent`` and removes superfluous ones; raises the journal's OutOfTime between trials."""
-        before = self.folds.errors(self.space, [incumbent.z] * len(self.folds.train))
+        before = self._unmoved(incumbent)
         before = self._thin(incumbent, self._everything(incumbent, before))
         while (after := self._add(incumbent, before)) is not None:
             before = after
@@ -118,13 +118,26 @@ class Selection:
     def extend(self, incumbent: Incumbent, chosen: np.ndarray) -> None:
         """Moves all of ``chosen`` (n,), and those laws besides that held-out errors call for."""
         none = np.zeros_like(chosen)
-        before = self.folds.errors(self.space, [incumbent.z] * len(self.folds.train))
+        before = self._unmoved(incumbent)
         trial = self._trial("all", incumbent, chosen, incumbent.z, none, before, self.budget.polish_iterations)
         before = self._accept("add", ALL, trial, incumbent)
         for law in (law for law in LAWS if law in self.space.groups):
             trial = self._try(incumbent, [law], before)
             if trial.counts(before.mean):
                 before = self._accept("add", law, trial, incumbent)
+
+    def confirm(self, incumbent: Incumbent, groups: list[str]) -> None:
+        """Takes ``groups`` back to nominal, all of them, unless held-out errors call for them."""
+        columns = self.space.columns(groups)
+        none = np.zeros_like(columns)
+        kept = self._trial("confirmed", incumbent, incumbent.chosen, incumbent.z, none, self._unmoved(incumbent))
+        start = np.where(columns, 0.0, kept.z)
+        without = self._trial("refuted", incumbent, incumbent.chosen & ~columns, start, none, kept.errors)
+        if without.costs_nothing(kept.errors.mean, kept.score):
+            self._accept("remove", " + ".join(groups), without, incumbent)
+
+    def _unmoved(self, incumbent: Incumbent) -> Errors:
+        return self.folds.errors(self.space, [incumbent.z] * len(self.folds.train))
 
     def _everything(self, incumbent: Incumbent, before: Errors) -> Errors:
         """Starts from all groups if that beats the nominal model, and returns the new errors."""

@@ -36,7 +36,7 @@ def conclude(
     """
     z, active = incumbent.z, incumbent.active
     physical, psi = loss.observation.split(space.theta(z))
-    told = {p.name: float(x) for p, x in zip(loss.observation.parameters, psi, strict=True)}
+    told = {p.name: float(x) for p, x in zip(loss.observation.parameters, psi, strict=False)}
     final = model.with_parameters(physical).with_settings(observation=told)
     equations = loss.settled(space.theta(z)).normal_equations(space, z)
     try:

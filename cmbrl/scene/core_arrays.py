@@ -41,6 +41,7 @@ class CoreArrays:
     nact: int
     nforcerange: int
     nlift: int  # bodies with gravity compensation
+    nstate: int
     nwide: int
     nbox: int
     nballspring: int
@@ -124,6 +125,12 @@ class CoreArrays:
     act_line: Integers  # (na,) -1: on several dofs, as told by wide_
     act_ctrl: Array  # (na, 2)
     act_force: Array  # (na, 2)
+
+    act_state: Integers  # (na,) number of its activation, or -1
+    state_act: Integers  # (nx,) actuators with an activation
+    state_kind: Integers  # (nx,) a value of Dynamics
+    state_range: Array  # (nx, 2)
+    state_early: Integers  # (nx,) 1: the force follows the activation at the end of the step
 
     frc_dof: Integers  # (nf,) dofs that clamp the sum of their actuators
     frc_range: Array  # (nf, 2)

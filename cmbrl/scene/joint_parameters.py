@@ -110,7 +110,10 @@ def _strength(actuator: Actuator) -> float:
 
 
 def offer_actuator(actuator: Actuator, layout: Layout, k: int, out: Collector) -> None:
-    """Gains of a position servo; the gear of others, and of a servo behind a gear."""
+    """Gains of a position servo; the gear of others, and of a servo behind a gear; the time constant of a filter."""
+    time = actuator.activation.time_constant if actuator.activation else 0.0
+    if actuator.gear and time > 0:
+        out.add("time_constant", actuator.name, time, time / 10, time * 10, "s", [layout.actuator(k, "time")])
     stiffness, damping = actuator.gain, -float(actuator.bias[2])
     servo = actuator.gear != 0 and stiffness > 0 and actuator.bias[1] == -stiffness
     if actuator.gear and not (servo and actuator.gear == 1):

@@ -11,6 +11,7 @@ import numpy as np
 from cmbrl.errors import UserError
 from cmbrl.numbers import one_of, real_array, switch
 from cmbrl.scene import kinematics, manifold
+from cmbrl.scene.activation import activation_arrays
 from cmbrl.scene.actuators import reach_arrays, read_actuators
 from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.assemble import contact_arrays, line_arrays, physical_vector, tie_arrays, tree_arrays
@@ -88,6 +89,11 @@ class Scene:
     def __repr__(self) -> str:
         algebra = "planar" if self.planar else "spatial"
         return f"Scene({self.name}: {algebra}, nq={self.nq}, nv={self.nv}, nu={self.nu}, {self.core.ncontact} contacts)"
+
+    @property
+    def inputs(self) -> int:
+        """Width of what drives a step: the controls, and then the activations of actuators with a state."""
+        return self.nu + self.core.nstate
 
     @classmethod
     def from_mjcf(
@@ -255,7 +261,7 @@ def _build(
         implicit_gains=integrator != "euler",
         nq=int(model.nq),
         nv=int(model.nv),
-        nu=len(actuators),
+        nu=len(actuators) + sum(a.activation is not None for a in actuators),
         nbody=len(tree.bodies),
         njoint=len(tree.joints),
         ncontact=len(candidates),
@@ -276,6 +282,7 @@ def _build(
         act_force=doubles([a.force for a in actuators], (-1, 2)),
         **ranges,
         **compensation.arrays(tree, plane),
+        **activation_arrays(actuators),
         **reach_arrays(tree, actuators, plane),
         **box_arrays(model, tree, boxes, plane),
         **spring_arrays(model, tree),

@@ -231,7 +231,7 @@ def test_actuators(load: Load) -> None:
     core = scene.core
     assert scene.actuator_names == ("h",)
     gears = core.P[scene.layout.actuator(0) : scene.layout.gravity]
-    assert gears.tolist() == [10, 7, 0, -7, -2]
+    assert gears.tolist() == [10, 7, 0, -7, -2, 0]  # no time constant
     assert (core.act_line.tolist(), core.act_ctrl.tolist()) == ([1], [[-np.inf, np.inf]])
 
 
