@@ -19,7 +19,7 @@ _MODELS = ("hold", "nominal", "fitted")
 _LISTS = (  # key in the report, text in front of the names
     ("at_bound", "on a bound"),
     ("unseen", "not fitted, and not determined by this log"),
-    ("gauge", "held fixed, because motion does not determine the unit of force"),
+    ("gauge", "known up to a common factor, the unit of force, which is set by the file and not by motion"),
 )
 
 
