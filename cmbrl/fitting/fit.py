@@ -21,6 +21,7 @@ from cmbrl.data.position_log import PositionLog
 from cmbrl.data.transitions import Transitions
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.cma import cma_search, require_library
+from cmbrl.fitting.discrepancy import Discrepancy
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.folds import Folds, draw_starts, fold_count
 from cmbrl.fitting.gauss_newton import gauss_newton
@@ -157,7 +158,8 @@ def fit(
     states = not evidence.positions_only
     about["horizons"] = by_horizon(evidence, incumbent.unseen, huber) if incumbent.unseen and states else []
     about["stepping"] = stepping(evidence, huber) if states else []
-    return conclude(model, log, space, loss(budget.polish_rows), held_out, incumbent, journal, about)
+    discrepancy = Discrepancy(evidence, survey, huber, seed, budget.survey_rows)
+    return conclude(model, log, space, loss(budget.polish_rows), held_out, incumbent, journal, about, discrepancy)
 
 
 def _start(folds: Folds, space: Space, incumbent: Incumbent, seed: int, budget: Budget, journal: Journal) -> None:

@@ -3,11 +3,12 @@
 At the optimum, with the Gauss-Newton information of the data ``F = m H / tau^2``, m independent observations as in the
 objective, and the precision K of the prior in z:
 
-    cov = A^-1 (S + K) A^-1,   A = F + K,   S = E / (E - 1) sum_e (s_e - s) (s_e - s)^T
+    cov = A^-1 (S + K) A^-1 + D,   A = F + K,   S = E / (E - 1) sum_e (s_e - s) (s_e - s)^T
 
-where s_e is the score of episode e. This sandwich (Huber 1967; White 1982; clustered by episode) allows for residuals
-that are model error, hence similar within an episode. Episodes are few, so a parameter gets the larger of this variance
-and the naive one, A^-1. Directions with F below 1 are flat: the log says less there than the prior.
+where s_e is the score of episode e. The sandwich (Huber 1967; White 1982; clustered by episode) allows for residuals
+that are similar within an episode. Episodes are few, so a parameter gets the larger of this variance and the naive one,
+A^-1. D is what a wrong model adds, which no longer log would take away (``discrepancy``). Directions with F below 1 are
+flat: the log says less there than the prior.
 """
 
 from __future__ import annotations
@@ -44,8 +45,13 @@ class Identification:
     covariance: np.ndarray
 
 
-def identify(space: Space, z: np.ndarray, fitted: np.ndarray, equations: NormalEquations) -> Identification:
-    """Intervals and flat directions of the ``fitted`` columns at ``z``, from ``equations`` without the prior."""
+def identify(
+    space: Space, z: np.ndarray, fitted: np.ndarray, equations: NormalEquations, discrepancy: np.ndarray
+) -> Identification:
+    """Intervals and flat directions of the ``fitted`` columns at ``z``, from ``equations`` without the prior.
+
+    ``discrepancy`` (n, n): the covariance that a wrong model adds.
+    """
     scale = equations.independent / max(equations.variance, 1e-12)
     variance = np.ones(len(space))
     columns = np.flatnonzero(fitted)
@@ -59,9 +65,9 @@ def identify(space: Space, z: np.ndarray, fitted: np.ndarray, equations: NormalE
         scores = scores - scores.mean(axis=0)
         spread = scores.T @ scores * len(scores) / max(len(scores) - 1, 1)
         sandwich = bread @ (spread + prior) @ bread
-        variance[columns] = np.maximum(np.diag(sandwich), np.diag(bread))
-        wider = np.sqrt(variance[columns] / np.diag(sandwich))
-        covariance[np.ix_(columns, columns)] = sandwich * np.outer(wider, wider)
+        wider = np.sqrt(np.maximum(np.diag(bread) / np.diag(sandwich), 1.0))
+        total = sandwich * np.outer(wider, wider) + discrepancy[np.ix_(columns, columns)]
+        variance[columns], covariance[np.ix_(columns, columns)] = np.diag(total), total
         directions = _flat_directions(information, [space.names[k] for k in columns])
     half = _NORMAL_95 * np.sqrt(variance)
     low = np.where(fitted, space.theta(np.maximum(z - half, space.z_low)), space.theta(z))

@@ -8,6 +8,7 @@ import numpy as np
 
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
+from cmbrl.fitting.discrepancy import Discrepancy
 from cmbrl.fitting.fitted_parameter import AT_BOUND, FITTED, FLAT, NOMINAL, FittedParameter
 from cmbrl.fitting.gauge import common_factors
 from cmbrl.fitting.identify import identify
@@ -29,11 +30,12 @@ def conclude(
     incumbent: Incumbent,
     journal: Journal,
     about: dict[str, Any],
+    discrepancy: Discrepancy,
 ) -> FitResult:
     """Builds the result at ``incumbent``.
 
-    ``loss`` is the polished one and gives the intervals; ``held_out``: errors on episodes held out in turn; ``about``:
-    settings to record. Raises UserError if the loss is so large that numbers overflow.
+    ``loss`` is the polished one and gives the intervals, with ``discrepancy``; ``held_out``: errors on episodes held
+    out in turn; ``about``: settings to record. Raises UserError if the loss is so large that numbers overflow.
     """
     z, active = incumbent.z, incumbent.active
     physical, psi = loss.observation.split(space.theta(z))
@@ -41,7 +43,7 @@ def conclude(
     final = model.with_parameters(physical).with_settings(observation=told)
     equations = loss.settled(space.theta(z)).normal_equations(space, z)
     try:
-        known = identify(space, z, active, equations)
+        known = identify(space, z, active, equations, discrepancy.covariance(z, active))
     except np.linalg.LinAlgError:  # information so large that the prior is lost in rounding
         raise UserError(NOT_FINITE) from None
     gauge = [space.names[k] for together in common_factors(model.scene.core, active) for k in together]
