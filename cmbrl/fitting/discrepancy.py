@@ -14,7 +14,6 @@ Both are added to the covariance. The half was chosen on draws of ``cmbrl bench 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +22,7 @@ from cmbrl.fitting.evidence import HORIZONS, Evidence
 from cmbrl.fitting.folds import draw_starts
 from cmbrl.fitting.loss import NormalEquations
 from cmbrl.fitting.survey import Survey
-from cmbrl.models.complementarity import INTEGRATORS, ComplementarityModel
+from cmbrl.models.complementarity import ComplementarityModel
 
 _STEPPING = 0.5  # share of the mean over other time steppings
 _LEAST_WINDOWS = 40
@@ -52,7 +51,7 @@ class Discrepancy:
         by_horizon = [self._step(z, columns, self._equations(z, active, h)) for h in self._horizons()]
         own = self._equations(z, active, self.survey.horizon).variance
         by_stepping = [np.zeros(len(columns))]
-        for model in self._steppings():
+        for model in self.evidence.model.other_steppings():
             equations = self._equations(z, active, self.survey.horizon, model)
             weight = min(1.0, max(own, _LEAST_VARIANCE) / max(equations.variance, _LEAST_VARIANCE))
             by_stepping.append(np.sqrt(weight) * self._step(z, columns, equations))
@@ -66,13 +65,6 @@ class Discrepancy:
         tried = (max(1, own // 4), max(1, own // 2), own, 2 * own) if self.evidence.positions_only else (*HORIZONS, own)
         windows = {h: len(self.evidence.log.windows(h)) for h in sorted(set(tried))}
         return [h for h, count in windows.items() if count >= _LEAST_WINDOWS or h == own]
-
-    def _steppings(self) -> Iterator[ComplementarityModel]:
-        model = self.evidence.model
-        for integrator in INTEGRATORS:
-            if integrator != model.integrator:
-                yield model.with_settings(integrator=integrator)
-        yield model.with_settings(time_step=model.time_step / 2, substeps=2 * model.substeps)
 
     def _equations(
         self, z: np.ndarray, active: np.ndarray, horizon: int, model: ComplementarityModel | None = None

@@ -93,6 +93,9 @@ class CartModel:
     def alternatives(self) -> dict[str, CartModel]:
         return {}
 
+    def other_steppings(self) -> list[CartModel]:
+        return []
+
     def to_config(self) -> dict[str, Any]:
         return {"carts": self.scene.nv, "parameters": self.parameters.tolist()}
 

@@ -1,12 +1,16 @@
-"""Intervals cover the truth; what the data cannot tell is named."""
+"""Intervals cover the truth, also of a wrong model; what the data cannot tell is named."""
 
 import numpy as np
+import pytest
 
+import cmbrl
+from cmbrl.fitting.discrepancy import Discrepancy
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.identify import _flat_directions, identify
 from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.state import Journal
+from cmbrl.fitting.survey import Survey
 from cmbrl.models.windows import Scales
 
 
@@ -17,7 +21,8 @@ def _identify(carts, data, columns):
     loss = evidence.loss(data.windows(1), 1, Scales.of(model.scene, data, 5.0))
     objective = Objective(loss, space, space.columns(columns), strength=1e-6)
     found = gauss_newton(objective, np.zeros(len(objective.space)), 20, Journal(None, ""))
-    return space, identify(space, found.z, objective.active, loss.normal_equations(space, found.z))
+    right = np.zeros((len(space), len(space)))  # the model is right
+    return space, identify(space, found.z, objective.active, loss.normal_equations(space, found.z), right)
 
 
 def test_intervals_cover_the_truth_as_often_as_they_say(carts):
@@ -53,3 +58,62 @@ def test_what_is_not_fitted_is_seen_or_not(carts):
     assert known.low[0] == known.high[0] == 1.0
     assert known.low[1] < 1.0 < known.high[1]
     assert not known.flat.any()
+
+
+SLIDER = """<mujoco><option timestep="0.02" gravity="0 0 0"/><worldbody><body><joint name="x" type="slide" axis="1 0 0"
+  damping="6" stiffness="60"/><geom size="0.1" mass="1"/></body></worldbody>
+  <actuator><motor name="x" joint="x" gear="30"/></actuator></mujoco>"""
+
+
+@pytest.fixture(scope="module")
+def slider():
+    """A robot, its log by a twentieth of the time step, and parameters of the fit over one step."""
+    model = cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(SLIDER))
+    truth = model.with_settings(time_step=0.001, substeps=20)
+    rng, episodes, steps = np.random.default_rng(0), 100, 40
+    q, v = np.zeros((2, steps + 1, episodes, 1))
+    u = rng.uniform(-1, 1, (steps, episodes, 1))
+    for k in range(steps):
+        step = truth.predict(q[k], v[k], u[k])
+        q[k + 1], v[k + 1] = step.q_next, step.v_next
+    rows = [np.swapaxes(x, 0, 1).reshape(-1, 1) for x in (q[:-1], v[:-1], u, q[1:], v[1:])]
+    names = ("q", "v", "u", "q_next", "v_next")
+    log = cmbrl.Transitions(
+        **dict(zip(names, rows, strict=True)), episode=np.repeat(np.arange(episodes), steps), dt=0.02
+    )
+    return model, truth, log
+
+
+def _widened(model, log):
+    """A fit over one step of what matters here, its covariance by a wrong model, and the space."""
+    evidence = Evidence.of(model, log)
+    space = evidence.space
+    active = space.columns(["damping", "gear"])
+    loss = evidence.loss(log.windows(1), 1, evidence.scales(1, 0.5))
+    z = gauss_newton(
+        Objective.at(loss, space, active, np.zeros(len(space))), np.zeros(len(space)), 20, Journal(None, "")
+    ).z
+    found = Discrepancy(evidence, Survey(1, None, {}), 0.5, 0, 1000).covariance(z, active)
+    return space, z, active, found, loss.normal_equations(space, z)
+
+
+def test_a_wrong_time_step_widens_intervals_until_they_hold(slider):
+    model, _, log = slider
+    space, z, active, wrong, equations = _widened(model, log)
+    assert np.allclose(wrong, wrong.T)
+    assert np.linalg.eigvalsh(wrong).min() > -1e-12
+    assert not wrong[~active].any()
+    holds = []
+    for added in (np.zeros_like(wrong), wrong):
+        known = identify(space, z, active, equations, added)
+        holds.append(((known.low <= space.nominal) & (space.nominal <= known.high))[active])
+    assert not holds[0].all()  # the truth is the file: too sure of what repairs the time step
+    assert holds[1].all()
+
+
+def test_a_right_model_keeps_its_intervals(slider):
+    """The log refutes other integrators, so they do not count."""
+    model, truth, log = slider
+    own = _widened(truth.with_settings(threads=1), log)[3]
+    wrong = _widened(model, log)[3]
+    assert 1e3 * np.trace(own) < np.trace(wrong)
