@@ -39,6 +39,7 @@ class Identification:
     fitted, and the data would not determine it. ``directions``: flat combinations of fitted parameters, each
     {"information", "parameters": {name: coefficient}} with coefficients in prior standard deviations, the largest 1.
     ``covariance`` (n, n) in z, consistent with the intervals; zero for parameters that are not fitted or flat.
+    ``every`` (n, n): the same with the flat ones.
     """
 
     low: np.ndarray
@@ -47,6 +48,7 @@ class Identification:
     unseen: np.ndarray
     directions: list[dict]
     covariance: np.ndarray
+    every: np.ndarray
 
 
 def identify(
@@ -79,8 +81,9 @@ def identify(
     high = np.where(fitted, space.theta(np.minimum(z + half, space.z_high)), space.theta(z))
     alone = scale * np.diag(equations.hessian)
     flat = fitted & (variance > _FLAT_VARIANCE)
+    every = covariance.copy()
     covariance[flat], covariance[:, flat] = 0.0, 0.0
-    return Identification(low, high, flat, ~fitted & (alone < 1.0), directions, covariance)
+    return Identification(low, high, flat, ~fitted & (alone < 1.0), directions, covariance, every)
 
 
 def _flat_directions(information: np.ndarray, names: list[str]) -> list[dict]:

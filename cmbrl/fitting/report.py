@@ -15,6 +15,7 @@ from cmbrl.fitting.identify import identify
 from cmbrl.fitting.loss import Errors, PredictionLoss
 from cmbrl.fitting.objective import NOT_FINITE
 from cmbrl.fitting.parsimony import Incumbent
+from cmbrl.fitting.ratios import ratios
 from cmbrl.fitting.result import FitResult
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
@@ -46,7 +47,7 @@ def conclude(
         known = identify(space, z, active, equations, discrepancy.covariance(z, active))
     except np.linalg.LinAlgError:  # information so large that the prior is lost in rounding
         raise UserError(NOT_FINITE) from None
-    gauge = [space.names[k] for together in common_factors(model.scene.core, active) for k in together]
+    sets = common_factors(model.scene.core, active)
     bound = space.at_bound(z) & active
     value, status = space.theta(z), _status(active, bound, known.flat)
     parameters = {
@@ -78,7 +79,8 @@ def conclude(
         "flat": [n for k, n in enumerate(space.names) if known.flat[k]],
         "flat_directions": known.directions,
         "unseen": [n for k, n in enumerate(space.names) if known.unseen[k]],
-        "gauge": gauge,
+        "gauge": [space.names[k] for together in sets for k in together],
+        "ratios": [found for together in sets if (found := ratios(space, z, known.every, together))],
         "covariance": _covariance(space, known.covariance),
         "left_out": [{"kind": e.kind, "name": e.name, "why": e.why} for e in model.scene.left_out],
         "candidates": incumbent.candidates,

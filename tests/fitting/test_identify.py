@@ -9,12 +9,13 @@ from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.identify import _flat_directions, identify
 from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.ratios import ratios
 from cmbrl.fitting.state import Journal
 from cmbrl.fitting.survey import Survey
 from cmbrl.models.windows import Scales
 
 
-def _identify(carts, data, columns):
+def _identify(carts, data, columns, place=False):
     model = carts.model()
     evidence = Evidence.of(model, data)
     space = evidence.space
@@ -22,7 +23,8 @@ def _identify(carts, data, columns):
     objective = Objective(loss, space, space.columns(columns), strength=1e-6)
     found = gauss_newton(objective, np.zeros(len(objective.space)), 20, Journal(None, ""))
     right = np.zeros((len(space), len(space)))  # the model is right
-    return space, identify(space, found.z, objective.active, loss.normal_equations(space, found.z), right)
+    known = identify(space, found.z, objective.active, loss.normal_equations(space, found.z), right)
+    return (space, known, found.z) if place else (space, known)
 
 
 def test_intervals_cover_the_truth_as_often_as_they_say(carts):
@@ -42,6 +44,21 @@ def test_the_unit_of_force_is_a_flat_direction(carts):
     scale = next(d for d in directions if "mass.0" in d)
     assert set(scale) == {"mass.0", "damping.0", "frictionloss.0", "gear.0"}
     assert min(scale.values()) > 0.99  # all by the same factor
+
+
+def test_ratios_are_known_where_sizes_are_not(carts):
+    data = carts.record(carts.truth(1, gear_0=0.7), 8, 30, noise=1e-3)
+    space, known, z = _identify(carts, data, ["mass", "damping", "frictionloss", "gear"], place=True)
+    together = [k for k, name in enumerate(space.names) if name.endswith(".0")]
+    found = ratios(space, z, known.every, together)
+    told = {found["reference"]: [1.0, 1.0, 1.0], **found["parameters"]}
+    assert set(told) == {"mass.0", "damping.0", "frictionloss.0", "gear.0"}
+    value = {name: numbers[0] for name, numbers in told.items()}
+    assert value["gear.0"] / value["mass.0"] == pytest.approx(0.7, rel=0.01)
+    for name, (_, low, high) in found["parameters"].items():
+        k = space.names.index(name)
+        assert high / low < 0.5 * known.high[k] / known.low[k]
+    assert ratios(space, z, known.every, together[:1]) is None
 
 
 def test_parameters_without_any_information_are_not_mixed():
