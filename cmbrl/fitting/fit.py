@@ -229,7 +229,8 @@ def _judge(folds: Folds, space: Space, incumbent: Incumbent, iterations: int, jo
 
 
 def _take(incumbent: Incumbent, name: str, outcome: dict[str, Any]) -> None:
-    incumbent.course.append({"name": name, "best": [list(point) for point in outcome["course"]]})
+    if outcome["course"]:
+        incumbent.course.append({"name": name, "best": [list(point) for point in outcome["course"]]})
     incumbent.z = np.array(outcome["z"])
     incumbent.candidates += outcome["candidates"]
 
