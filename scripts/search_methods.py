@@ -147,14 +147,14 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=2, help="of every search (default 2)")
     parser.add_argument("--log", nargs=2, action="append", default=[], metavar=("SCENE", "LOG"), help="another log")
     arguments = parser.parse_args()
-    columns = ["log", "parameters", "search", "searched part", "held-out part", "seconds", "RMS error of z"]
+    columns = ["log: search", "parameters", "searched part", "held-out part", "seconds", "RMS error of z"]
     rows: list[list[Cell]] = []
     for problem in problems(arguments.log):
         for method in METHODS:
             found = [searched(problem, method, seed, arguments.seconds) for seed in range(arguments.seeds)]
             fitted, held_out, seconds, off = zip(*found, strict=True)
             rows.append([
-                problem.name, int(problem.evidence.space.default.sum()), method, _spread(fitted), _spread(held_out),
+                f"{problem.name}: {method}", int(problem.evidence.space.default.sum()), _spread(fitted), _spread(held_out),
                 max(seconds), None if off[0] is None else _spread(off),
             ])  # fmt: skip
             print(*rows[-1], sep="  ", flush=True)
