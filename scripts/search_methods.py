@@ -154,7 +154,8 @@ def main() -> None:
             found = [searched(problem, method, seed, arguments.seconds) for seed in range(arguments.seeds)]
             fitted, held_out, seconds, off = zip(*found, strict=True)
             rows.append([
-                f"{problem.name}: {method}", int(problem.evidence.space.default.sum()), _spread(fitted), _spread(held_out),
+                f"{problem.name}: {method}", int(problem.evidence.space.default.sum()),
+                _spread(fitted), _spread(held_out),
                 max(seconds), None if off[0] is None else _spread(off),
             ])  # fmt: skip
             print(*rows[-1], sep="  ", flush=True)
