@@ -20,6 +20,7 @@ from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
 from cmbrl.models.windows import blocks_of
 
+NOISE_FACTOR, LEAST_GAIN = 2.0, 0.01  #: a fall of the held-out loss counts above so many times its noise and this share
 _LEAST_BLOCKS = 6  # fewer episodes are cut into this many runs of consecutive starts
 
 

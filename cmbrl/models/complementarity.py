@@ -217,6 +217,11 @@ class ComplementarityModel:
         scene = settings.pop("scene", self.scene)
         return ComplementarityModel(scene, **{"parameters": self.parameters, **self._settings(), **settings})
 
+    def other_steppings(self) -> list[ComplementarityModel]:
+        """The same model with each other integrator, and with half the time step."""
+        others = [self.with_settings(integrator=name) for name in INTEGRATORS if name != self.integrator]
+        return [*others, self.with_settings(time_step=self.time_step / 2, substeps=2 * self.substeps)]
+
     def alternatives(self) -> dict[str, ComplementarityModel]:
         """The same model with other integrators and half or a quarter of the time step, by a name of the change.
 

@@ -51,7 +51,7 @@ class CoreArrays:
     nwrap: int
     ntie: int
     nshape: int  # bodies whose inertia can change its shape
-    nmass: int  # bodies with a mass
+    nmass: int  # masses and armatures that inverse weights depend on
     nweight: int  # inverse weights that masses change
     plane_basis: Array  # (2, 3) directions of the plane of motion; zeros for spatial scenes
 
@@ -181,11 +181,11 @@ class CoreArrays:
     shape_mass: Integers  # (nshape,) the parameter of its mass
     shape_par: Integers  # (nshape * (1 or 6),) the parameters of its shape; -1: none
     shape_root: Array  # (nshape, D * D) B: see inertia_shapes.py
-    mass_par: Integers  # (nmass,) the parameters of masses
-    weight_ptr: Integers  # (nweight + 1,) where the masses that change each inverse weight begin
+    mass_par: Integers  # (nmass,) their parameters
+    weight_ptr: Integers  # (nweight + 1,) where the masses and armatures that change each inverse weight begin
     weight_mass: Integers  # their places in mass_par
     weight_coef: Array  # a_k: see inverse_weights.py
-    con_weight: Integers  # (nc * 2,) inverse weights of both bodies; -1: none that masses change
+    con_weight: Integers  # (nc * 2,) inverse weights of both bodies; -1: none that these change
     con_share: Array  # (nc, 2) of their sum
     lim_weight: Integers  # (nl,)
     line_weight: Integers  # (nv + nt,)

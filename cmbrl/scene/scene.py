@@ -23,6 +23,7 @@ from cmbrl.scene.fluid import box_arrays, oblique_box, read_boxes
 from cmbrl.scene.inertia_shapes import add_shapes
 from cmbrl.scene.inverse_weights import soften, weight_arrays
 from cmbrl.scene.joint_forces import force_ranges, read_compensation
+from cmbrl.scene.joint_parameters import armatures_of
 from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.mjcf import ignores, name_of, read_tree
@@ -292,7 +293,7 @@ def _build(
         par_coef=moves.coef,
         par_nominal=np.array([p.nominal for p in moves.parameters], dtype=np.float64),
         **shapes,
-        **weight_arrays(model, tree, candidates, of_lines, masses, law.name),
+        **weight_arrays(model, tree, candidates, of_lines, masses, armatures_of(moves, layout, model.nv), law.name),
     )
     names, kinds = _coordinates(tree)
     geoms = [name_of(model, "geom", k) for k in range(model.ngeom)]

@@ -104,6 +104,9 @@ class CartModel:
     def other_sliding(self) -> None:
         return None
 
+    def other_steppings(self) -> list[CartModel]:
+        return []
+
     def to_config(self) -> dict[str, Any]:
         return {"carts": self.scene.nv, "parameters": self.parameters.tolist()}
 
