@@ -80,7 +80,7 @@ def test_a_delay_stays_only_where_held_out_episodes_call_for_it(late: int, kept:
     noise = 0.01 * np.random.default_rng(3).normal(size=log.v.shape)
     evidence = Evidence.of(ComplementarityModel(scene), replace(log, v_next=log.v_next + noise))
     space, starts = evidence.space, np.arange(0, 200, 2)
-    loss = evidence.loss(starts, 1, evidence.scales(1, 0.5))
+    loss = evidence.loss(starts, 1, *evidence.scales(1, 0.5))
     folds, groups = Folds.of(loss, loss, 4, seed=0), ["delay", "lag"]
     chosen = space.columns([*groups, "gear"])
     z = np.where(space.columns(groups), space.z(np.where(space.columns(groups), 0.002, space.nominal)), 0.0)
@@ -113,7 +113,7 @@ def test_derivatives_of_the_loss_in_time_constants(tmp_path: Path) -> None:
     z = 0.3 * np.random.default_rng(1).normal(size=len(evidence.space))
     names = evidence.space.names
     z[[names.index(f"{name}.command") for name in ("delay", "lag")]] = 1.0
-    loss = evidence.loss(np.array([3, 30, 77]), 3, evidence.scales(3, 1e6))
+    loss = evidence.loss(np.array([3, 30, 77]), 3, *evidence.scales(3, 1e6))
     gradient = loss.normal_equations(evidence.space, z).gradient
     for name in ("time_constant.a", "time_constant.b", "delay.command", "lag.command", "gear.a"):
         e = 1e-5 * (np.arange(len(z)) == names.index(name))
