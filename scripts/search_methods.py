@@ -70,7 +70,7 @@ class Problem:
         log, space = evidence.log, evidence.space
         horizon = evidence.horizons("auto")[0] if evidence.positions_only else HORIZON
         starts, fold = draw_starts(log, horizon, ROWS, 0), fold_of_rows(log, FOLDS, 0)
-        loss = evidence.loss(starts, horizon, evidence.scales(horizon, HUBER))
+        loss = evidence.loss(starts, horizon, *evidence.scales(horizon, HUBER))
         train = [loss.on(starts[fold[starts] == k]) for k in range(FOLDS)]
         folds = Folds((loss.on(starts[fold[starts] >= 2]),), (train[1],))
         unknown = np.full(len(space), np.nan)

@@ -106,7 +106,7 @@ def _widened(model, log):
     evidence = Evidence.of(model, log)
     space = evidence.space
     active = space.columns(["damping", "gear"])
-    loss = evidence.loss(log.windows(1), 1, evidence.scales(1, 0.5))
+    loss = evidence.loss(log.windows(1), 1, *evidence.scales(1, 0.5))
     z = gauss_newton(
         Objective.at(loss, space, active, np.zeros(len(space))), np.zeros(len(space)), 20, Journal(None, "")
     ).z
