@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cmbrl.fitting.evidence import HORIZONS, Evidence
-from cmbrl.fitting.folds import draw_starts
+from cmbrl.fitting.folds import draw_starts, windows_in_blocks
 from cmbrl.fitting.loss import NormalEquations
 from cmbrl.fitting.survey import Survey
 from cmbrl.models.complementarity import ComplementarityModel
@@ -63,7 +63,7 @@ class Discrepancy:
         """Horizons that the log has windows of; of positions, those around the own one."""
         own = self.survey.horizon
         tried = (max(1, own // 4), max(1, own // 2), own, 2 * own) if self.evidence.positions_only else (*HORIZONS, own)
-        windows = {h: len(self.evidence.log.windows(h)) for h in sorted(set(tried))}
+        windows = {h: len(windows_in_blocks(self.evidence.log, h)) for h in sorted(set(tried))}
         return [h for h, count in windows.items() if count >= _LEAST_WINDOWS or h == own]
 
     def _equations(

@@ -84,8 +84,8 @@ def test_a_delay_stays_only_where_held_out_episodes_call_for_it(late: int, kept:
     folds, groups = Folds.of(loss, loss, 4, seed=0), ["delay", "lag"]
     chosen = space.columns([*groups, "gear"])
     z = np.where(space.columns(groups), space.z(np.where(space.columns(groups), 0.002, space.nominal)), 0.0)
-    incumbent = Incumbent(z, chosen, chosen.copy())
-    Selection(space, loss, folds, [], lambda c, z: (c, z), 0, FEW, Journal(None, "")).confirm(incumbent, groups)
+    incumbent = Incumbent(z, chosen.copy())
+    Selection(space, loss, folds, [], 0, FEW, Journal(None, "")).confirm(incumbent, groups)
     assert evidence.late(incumbent.z) == kept
     assert bool(incumbent.active[space.columns(groups)].any()) == kept
     assert [step["move"] for step in incumbent.path] == ([] if kept else ["remove"])
