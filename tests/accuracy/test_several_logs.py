@@ -44,7 +44,19 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_states_by_log(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["error", "--scene", "arm.xml", "--data", "as_told.npz", "dry.npz", "--horizons", "20", "--json", "nominal"]
+    words = [
+        "error",
+        "--scene",
+        "arm.xml",
+        "--data",
+        "as_told.npz",
+        "--data",
+        "dry.npz",
+        "--horizons",
+        "20",
+        "--json",
+        "nominal",
+    ]
     assert main(words) == 0
     entries = json.loads(capsys.readouterr().out)["entries"]
     error = {entry["stratum"]: entry["error"] for entry in entries}
@@ -54,7 +66,16 @@ def test_states_by_log(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_positions_by_log_open_loop(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["error", "--scene", "arm.xml", "--data", "as_told_positions.npz", "dry_positions.npz", "--open-loop"]
+    words = [
+        "error",
+        "--scene",
+        "arm.xml",
+        "--data",
+        "as_told_positions.npz",
+        "--data",
+        "dry_positions.npz",
+        "--open-loop",
+    ]
     assert main([*words, "--json", "nominal"]) == 0
     found = json.loads(capsys.readouterr().out)["models"]["nominal"]
     by_log = found["by_log"]
@@ -65,7 +86,18 @@ def test_positions_by_log_open_loop(place: Path, capsys: pytest.CaptureFixture[s
 
 
 def test_fit_of_two_files_names_the_one_that_differs(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["fit", "arm.xml", "--data", "as_told.npz", "dry.npz", "--groups", "damping", "--method", "gauss-newton"]
+    words = [
+        "fit",
+        "arm.xml",
+        "--data",
+        "as_told.npz",
+        "--data",
+        "dry.npz",
+        "--groups",
+        "damping",
+        "--method",
+        "gauss-newton",
+    ]
     assert main([*words, "--horizon", "5", "--out", "run"]) == 0
     text = " ".join(capsys.readouterr().out.split())
     assert "THE LOGS DISAGREE" in text
