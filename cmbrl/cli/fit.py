@@ -52,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--data",
         required=True,
         nargs="+",
+        action="extend",
         metavar="FILE",
         help="logs of states, or of positions and commands; several make one fit, which tells whether they agree",
     )

@@ -86,18 +86,7 @@ def test_positions_by_log_open_loop(place: Path, capsys: pytest.CaptureFixture[s
 
 
 def test_fit_of_two_files_names_the_one_that_differs(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = [
-        "fit",
-        "arm.xml",
-        "--data",
-        "as_told.npz",
-        "--data",
-        "dry.npz",
-        "--groups",
-        "damping",
-        "--method",
-        "gauss-newton",
-    ]
+    words = ["fit", "arm.xml", "--data", "as_told.npz", "dry.npz", "--groups", "damping", "--method", "gauss-newton"]
     assert main([*words, "--horizon", "5", "--out", "run"]) == 0
     text = " ".join(capsys.readouterr().out.split())
     assert "THE LOGS DISAGREE" in text
