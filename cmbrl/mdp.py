@@ -81,6 +81,8 @@ class MDP:
         failure: what reports call a termination, such as "falls".
         info: as ``reward``, but -> name -> (B,): what environments report of a step, such as the parts of the reward
             (then give the reward as their :class:`Total`). Default nothing.
+        last_actions: how many of the last actions the observations end with (``cmbrl.envs.history`` adds them).
+            Default 0.
     """
 
     observations: int
@@ -99,6 +101,7 @@ class MDP:
     curriculum: Curriculum | None = None
     failure: str = "terminations"
     info: Callable[[Tensor, Tensor, Tensor, Tensor, Tensor], dict[str, Tensor]] | None = None
+    last_actions: int = 0
 
     def robot(self, q: Tensor) -> Tensor:
         """The robot's coordinates (B, nq) of the process's q (B, nq + memory)."""

@@ -10,6 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from cmbrl.bench.states import with_activations
 from cmbrl.bench.studies.derivatives.differences import measure as measure_derivatives
 from cmbrl.bench.studies.robustness.cells import measure as measure_robustness
 from cmbrl.models.complementarity import ComplementarityModel
@@ -117,11 +118,12 @@ def _steps(
     if not lift:
         noise[:, :6] *= 0.05  # it stays on its feet
     q = scene.integrate(np.tile(home, (count, 1)), noise)
-    v, u = SPEED * rng.normal(size=(count, scene.nv)), _controls(theirs, count, rng)
+    v, u = SPEED * rng.normal(size=(count, scene.nv)), with_activations(scene, _controls(theirs, count, rng), rng)
+    acts = theirs.actuator_actadr[scene.core.state_act]
     data, expected, apart = mujoco.MjData(theirs), np.empty_like(v), np.zeros(count, dtype=bool)
     for k in range(count):
         mujoco.mj_resetData(theirs, data)
-        data.qpos[:], data.qvel[:], data.ctrl[:] = q[k], v[k], u[k]
+        data.qpos[:], data.qvel[:], data.ctrl[:], data.act[acts] = q[k], v[k], *np.split(u[k], [scene.nu])
         mujoco.mj_step(theirs, data)
         expected[k], apart[k] = data.qvel, data.ncon == 0
     scale = np.sqrt(np.mean(np.square(expected - v), axis=0)) + 1e-9  # of each coordinate's change
@@ -154,13 +156,14 @@ def _speed(scene: Scene, model: ComplementarityModel, theirs: mujoco.MjModel, rn
     place = list(_places(scene, theirs).values())[-1]
     noise = 0.02 * rng.normal(size=(64, scene.nv))
     q, v = scene.integrate(np.tile(place, (64, 1)), noise), 0.1 * rng.normal(size=(64, scene.nv))
-    u = _controls(theirs, 64, rng)
+    u = with_activations(scene, _controls(theirs, 64, rng), rng)
+    acts = theirs.actuator_actadr[scene.core.state_act]
     data, states = mujoco.MjData(theirs), iter(range(10**9))
 
     def their_step() -> None:
         for _ in range(64):
             k = next(states) % 64
-            data.qpos[:], data.qvel[:], data.ctrl[:] = q[k], v[k], u[k]
+            data.qpos[:], data.qvel[:], data.ctrl[:], data.act[acts] = q[k], v[k], *np.split(u[k], [scene.nu])
             mujoco.mj_step(theirs, data)
 
     def our_product() -> None:

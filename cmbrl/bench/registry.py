@@ -24,6 +24,7 @@ STUDIES = {
     "horizons": "cmbrl.bench.studies.horizons.study",
     "mission": "cmbrl.bench.studies.mission.study",
     "hidden": "cmbrl.bench.studies.hidden.study",
+    "coverage": "cmbrl.bench.studies.coverage.study",
     "throws": "cmbrl.bench.studies.throws.study",
 }  #: name -> module whose ``STUDY`` it is
 

@@ -64,7 +64,7 @@ def whole_body() -> str:
 def random_states(
     scene: Scene, count: int, rng: np.random.Generator, ranges: Ranges | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Random q (count, nq), v (count, nv) and u (count, nu) in ``ranges``.
+    """Random q (count, nq), v (count, nv) and u (count, nu), with activations after it, in ``ranges``.
 
     Joints are uniform within their limits, and some lie on a limit or up to 0.05 rad or m beyond it. Controls fill 1.5
     times their range, so some are clamped. States differ in how fast they are. Links overlap as little as can be found.
@@ -85,7 +85,13 @@ def random_states(
     control = np.reshape(core.act_ctrl, (-1, 2))
     low, high = np.where(np.isfinite(control), control, [-1.0, 1.0]).T
     u = (low + high) / 2 + 0.75 * (high - low) * rng.uniform(-1, 1, (count, scene.nu))
-    return q[:count], v, u
+    return q[:count], v, with_activations(scene, u, rng)
+
+
+def with_activations(scene: Scene, u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Controls (count, nu) and random activations within their limits, or, where they have none, in [-1, 1]."""
+    low, high = np.clip(np.reshape(scene.core.state_range, (-1, 2)), -1.0, 1.0).T
+    return np.concatenate([u, rng.uniform(low, high, (len(u), len(low)))], axis=1)
 
 
 def with_friction(scene: Scene, count: int, rng: np.random.Generator, highest: float = 10.0) -> np.ndarray:

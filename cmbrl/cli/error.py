@@ -53,7 +53,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "the robot",
     )
     parser.add_argument(
-        "--data", required=True, nargs="+", metavar="FILE", help="logs to predict, not used in any fit; also told apart"
+        "--data",
+        required=True,
+        action="append",
+        metavar="FILE",
+        help="a log to predict, not used in any fit; several (repeatable) are also told apart",
     )
     parser.add_argument("--scene", metavar="SCENE|TASK", help="the scene (default: that of the first fit)")
     parser.add_argument("--train", metavar="FILE", help="the log that the ensemble learns from")

@@ -35,5 +35,8 @@ def run(arguments: argparse.Namespace) -> None:
         export_onnx(policy, arguments.onnx)
     if arguments.torchscript:
         export_torchscript(policy, arguments.torchscript)
+    shape, told = policy.architecture, ""
+    if shape.last_actions:
+        told = f", which end with the last {shape.last_actions} actions, the newest first (0 before an episode)"
     for path in files:
-        print(f"{path}: observations (batch, {policy.architecture.observations})")
+        print(f"{path}: observations (batch, {shape.observations}){told}")

@@ -43,7 +43,7 @@ cmbrl fit robot.xml --data log.npz --out runs/robot --groups friction --set fric
 cmbrl fit --config configs/hopper.yaml --seed 1 --out runs/again
 """
 
-METHODS = ("random", "cma", "gauss-newton")
+METHODS = ("gauss-newton", "random", "cma")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--data",
         required=True,
         nargs="+",
+        action="extend",
         metavar="FILE",
         help="logs of states, or of positions and commands; several make one fit, which tells whether they agree",
     )
@@ -62,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the run folder to write: page.html (pictures to look at), report.txt, fit.json (values with intervals), "
         "fitted.xml (the MJCF with the fitted values), model.json (what other commands load); state.json, to resume",
     )
-    parser.add_argument("--method", choices=METHODS, default="random", help="search method (default random)")
+    parser.add_argument("--method", choices=METHODS, default=METHODS[0], help=f"search method (default {METHODS[0]})")
     parser.add_argument(
         "--horizon",
         type=steps,

@@ -151,7 +151,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     import torch
 
-    from cmbrl.train.run import INTERRUPTED, RESULT, TrainingRun, progress_text
+    from cmbrl.train.run import INTERRUPTED, RESULT, TrainingRun, commands_text, progress_text
     from cmbrl.train.trainer import Diverged
 
     torch.set_num_threads(1)  # the nets are small, and results must not depend on the number of threads
@@ -169,6 +169,8 @@ def run(arguments: argparse.Namespace) -> int:
         print(json.dumps(read_json(out / RESULT), indent=2))
     else:
         print(f"{out}: {outcome.iteration} iterations: {progress_text(outcome.last)}")
+        if told := trainer.conditions():
+            print(f"{out}: {commands_text(told)}")
     if outcome.stopped == INTERRUPTED:
         print(f"cmbrl: interrupted: the policy so far is in {out}; continue it with --resume", file=sys.stderr)
         return EXIT_INTERRUPTED

@@ -12,6 +12,7 @@ import numpy as np
 from cmbrl.errors import UserError
 from cmbrl.numbers import real_array
 
+LAST_ACTIONS = "last_actions"  #: in a TorchScript file: how many of its actions a policy observes
 PolicyFunction = Callable[[np.ndarray], Any]
 """Maps the real system's observation (n_obs,) to the control (nu,)."""
 
@@ -71,19 +72,23 @@ def load_policy(path: str | Path) -> PolicyFunction:
     """A TorchScript policy: float32 observations (1, n_obs) to controls (1, nu), run without gradients.
 
     TorchScript is a restricted language, so unlike a pickle it can be loaded safely. Raises UserError if the file is
-    missing or not TorchScript, or if the policy fails on an observation.
+    missing or not TorchScript, if the policy observes its last actions, or if the policy fails on an observation.
     """
     import torch
 
     if not Path(path).is_file():
         raise UserError(f"{path}: no such policy file; save one with torch.jit.script(policy).save(FILE)")
+    told = {LAST_ACTIONS: b""}  # a file by others says nothing
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # torch deprecates TorchScript
-            module = torch.jit.load(str(path), map_location="cpu").eval()
+            module = torch.jit.load(str(path), map_location="cpu", _extra_files=told).eval()
     except (RuntimeError, ValueError) as error:
         first = str(error).strip().splitlines()[0] if str(error).strip() else "unknown reason"
         raise UserError(f"{path}: not a TorchScript policy ({first}); save it with torch.jit.script") from None
+    if told[LAST_ACTIONS] not in (b"", b"0"):
+        count = told[LAST_ACTIONS].decode()
+        raise UserError(f"{path}: the policy observes its last {count} actions: record by one of --set last_actions=0")
 
     def policy(observation: np.ndarray) -> np.ndarray:
         try:

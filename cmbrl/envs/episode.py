@@ -13,6 +13,7 @@ from cmbrl.envs.evaluation import Actor
 from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import SolverWarning
 from cmbrl.models.protocol import Model
+from cmbrl.models.wiring import Robots
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,7 @@ def play_episode(actor: Actor, mdp: MDP, start: tuple[Tensor, Tensor], model: Mo
     terminates.
     """
     q, v = start
+    robot = Robots(model, 1)
     total = 0.0
     shown, returns = [mdp.robot(q)[0].numpy()], [0.0]
     terminated = False
@@ -42,7 +44,7 @@ def play_episode(actor: Actor, mdp: MDP, start: tuple[Tensor, Tensor], model: Mo
         for _ in range(mdp.repeat):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", SolverWarning)  # a clip shows the result anyway
-                q_next, v_next = mdp.move(model.step, q_next, v_next, u)
+                q_next, v_next = mdp.move(robot.step, q_next, v_next, u)
             shown.append(mdp.robot(q_next)[0].numpy())
             returns.append(total)
         if not (torch.isfinite(q_next).all() and torch.isfinite(v_next).all()):

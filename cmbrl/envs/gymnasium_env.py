@@ -15,6 +15,7 @@ from cmbrl.errors import UserError
 from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import SolverWarning
 from cmbrl.models.protocol import Model, forget
+from cmbrl.models.wiring import Robots
 
 try:
     import gymnasium
@@ -54,6 +55,7 @@ class MDPEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.metadata = {"render_modes": ["rgb_array"], "render_fps": max(1, round(1 / mdp.dt))}
         self.observation_space, self.action_space = observation_space(mdp), action_space(mdp)
         self._q = self._v = torch.empty(0)
+        self._robot = Robots(model, 1)
         self._age = 0
         self._drawer: Drawer | None = None
 
@@ -65,6 +67,7 @@ class MDPEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         generator = torch.Generator().manual_seed(int(self.np_random.integers(2**63)))
         self._q, self._v = self.mdp.reset(1, generator)
         forget(self.model)
+        self._robot = Robots(self.model, 1)
         self._age = 0
         return self._observe(), {}
 
@@ -78,7 +81,7 @@ class MDPEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SolverWarning)  # counted in the model's ``failures``
             for _ in range(self.mdp.repeat):
-                q_next, v_next = self.mdp.move(self.model.step, q_next, v_next, u)
+                q_next, v_next = self.mdp.move(self._robot.step, q_next, v_next, u)
         score, info = self.mdp.score(self._q, self._v, a, q_next, v_next)
         reward = score.item()
         lost = not (_finite(q_next.numpy()) and _finite(v_next.numpy()))

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from cmbrl.data.transitions import Transitions
+from cmbrl.envs.history import with_last_actions
 from cmbrl.envs.system_batch import SystemBatch
 from cmbrl.mdp import MDP
 from cmbrl.system import SystemFactory
@@ -18,7 +19,8 @@ class Recording:
     """One robot of ``system`` in ``mdp``; ``seed`` draws the initial states."""
 
     def __init__(self, mdp: MDP, system: SystemFactory, seed: int = 0) -> None:
-        self.mdp, self.robot = mdp, SystemBatch(system, 1)
+        self.task = self.mdp = mdp
+        self.robot = SystemBatch(system, 1)
         self.generator = torch.Generator().manual_seed(seed)
         self.finished: list[tuple[float, int]] = []  #: return and length of the episodes that ended
         self._rows: list[np.ndarray] = []  # (q, v, u, q', v') of each transition
@@ -29,6 +31,13 @@ class Recording:
     def observe(self) -> Tensor:
         """(1, n_o) of the current state."""
         return self.mdp.observe(self.q, self.v)
+
+    def observe_actions(self, count: int) -> None:
+        """Goes on in a new episode, with observations that end with the last ``count`` actions."""
+        if count == self.mdp.last_actions:
+            return
+        self.mdp = with_last_actions(self.task, count)
+        self._begin()
 
     def place(self) -> None:
         """Resets the robot to its current state.
@@ -54,10 +63,15 @@ class Recording:
         self.q, self.v, self.age = q, v, self.age + 1
         self.value += float(row["reward"])
         if bool(row["terminated"]) or bool(mdp.out_of_time(q, v, self.age)):
-            self.finished.append((self.value, self.age))
-            self.q, self.v = mdp.reset(1, self.generator)
-            self.value, self.age = 0.0, 0
+            self._begin()
         return row
+
+    def _begin(self) -> None:
+        """Ends the episode, if it has begun, and starts another."""
+        if self.age:
+            self.finished.append((self.value, self.age))
+        self.q, self.v = self.mdp.reset(1, self.generator)
+        self.value, self.age = 0.0, 0
 
     @property
     def transitions(self) -> int:

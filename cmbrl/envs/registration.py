@@ -16,6 +16,7 @@ from dataclasses import replace
 from typing import Any
 
 from cmbrl.envs.gymnasium_env import MDPEnv
+from cmbrl.envs.history import MOST, with_last_actions
 from cmbrl.envs.of_task import decision_process, real_system
 from cmbrl.envs.simulation import Simulation
 from cmbrl.envs.system_batch import SystemBatch
@@ -24,6 +25,7 @@ from cmbrl.errors import UserError
 from cmbrl.mdp import MDP
 from cmbrl.models.named import NOMINAL, named_model
 from cmbrl.models.protocol import Model
+from cmbrl.numbers import whole
 from cmbrl.registry import Task, load_task, names
 
 try:
@@ -32,16 +34,23 @@ except ImportError:
     raise UserError("gymnasium is not installed: pip install 'cmbrl[tasks]'") from None
 
 
-def make_model(task: str, model: str | os.PathLike[str] | Model = NOMINAL, **options: Any) -> MDPEnv:
-    """``task`` on its nominal model, on the model in a folder, or on a given model; ``options`` are MDPEnv's."""
+def make_model(
+    task: str, model: str | os.PathLike[str] | Model = NOMINAL, last_actions: int = 0, **options: Any
+) -> MDPEnv:
+    """``task`` on its nominal model, on the model in a folder, or on a given model; ``options`` are MDPEnv's.
+
+    A fit's delay and lag of commands act in its model; ``last_actions`` of them are put at the end of observations.
+    """
     known = load_task(task)
-    return MDPEnv(_process(known), _model(model, known), known.scene_path, **options)
+    return MDPEnv(_process(known, last_actions=last_actions), _model(model, known), known.scene_path, **options)
 
 
-def make_real(task: str, **options: Any) -> MDPEnv:
-    """``task`` in its real system; ``options`` are MDPEnv's."""
+def make_real(task: str, last_actions: int = 0, **options: Any) -> MDPEnv:
+    """``task`` in its real system; ``last_actions`` as above, ``options`` are MDPEnv's."""
     known = load_task(task)
-    return MDPEnv(_process(known), SystemBatch(real_system(known), 1), known.scene_path, **options)
+    return MDPEnv(
+        _process(known, last_actions=last_actions), SystemBatch(real_system(known), 1), known.scene_path, **options
+    )
 
 
 def make_model_vector(
@@ -50,19 +59,24 @@ def make_model_vector(
     model: str | os.PathLike[str] | Model = NOMINAL,
     max_episode_steps: int | None = None,
     render_mode: None = None,
+    last_actions: int = 0,
 ) -> MDPVectorEnv:
     """``num_envs`` episodes of ``task`` on a model, all in one native call."""
     known = load_task(task)
-    return MDPVectorEnv(Simulation(_process(known, max_episode_steps), _model(model, known), num_envs))
+    return MDPVectorEnv(Simulation(_process(known, max_episode_steps, last_actions), _model(model, known), num_envs))
 
 
 def make_real_vector(
-    task: str, num_envs: int = 1, max_episode_steps: int | None = None, render_mode: None = None
+    task: str,
+    num_envs: int = 1,
+    max_episode_steps: int | None = None,
+    render_mode: None = None,
+    last_actions: int = 0,
 ) -> MDPVectorEnv:
     """``num_envs`` episodes of ``task``, each in its own real system."""
     known = load_task(task)
     systems = SystemBatch(real_system(known), num_envs)
-    return MDPVectorEnv(Simulation(_process(known, max_episode_steps), systems, num_envs))
+    return MDPVectorEnv(Simulation(_process(known, max_episode_steps, last_actions), systems, num_envs))
 
 
 def register(task: Task) -> list[str]:
@@ -97,9 +111,9 @@ def register_all() -> list[str]:
     return found
 
 
-def _process(task: Task, episode_steps: int | None = None) -> MDP:
+def _process(task: Task, episode_steps: int | None = None, last_actions: int = 0) -> MDP:
     """The task's decision process without shaping, which environments never report; with a shorter limit if given."""
-    mdp = decision_process(task)
+    mdp = with_last_actions(decision_process(task), whole(last_actions, "last_actions", least=0, most=MOST))
     limit = mdp.episode_steps if episode_steps is None else min(mdp.episode_steps, episode_steps)
     return replace(mdp, shaping=None, episode_steps=limit)
 

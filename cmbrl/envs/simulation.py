@@ -6,7 +6,7 @@ import warnings
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 import torch
@@ -17,6 +17,7 @@ from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import ComplementarityModel, SolverWarning
 from cmbrl.models.manifold import Coordinates
 from cmbrl.models.protocol import HasCoordinates, Model, forget, model_state, restore_model
+from cmbrl.models.wiring import Robots, Wraps
 
 
 @dataclass(frozen=True)
@@ -106,6 +107,7 @@ class Simulation:
             if self.mdp.curriculum is not None:
                 self.mdp.curriculum.restore(self._untaught)
         self.q, self.v = self.mdp.reset(self.count, self.generator)
+        self.robots = Robots(self.model, self.count)
         self.age = torch.zeros(self.count, dtype=torch.long)
         self.returns = torch.zeros(self.count, dtype=torch.float64)
         if self.stagger:
@@ -120,6 +122,7 @@ class Simulation:
         """Cuts the graph: the current states become constants."""
         forget(self.model)
         self.q, self.v = self.q.detach(), self.v.detach()
+        self.robots.detach()
 
     def step(self, observation: Tensor, action: Tensor) -> Step:
         """Moves every episode by one step; ``observation`` comes from ``observe`` and is only passed on."""
@@ -169,6 +172,7 @@ class Simulation:
         return {
             "q": self.q.detach(),
             "v": self.v.detach(),
+            "robots": self.robots.memory.detach(),
             "age": self.age,
             "returns": self.returns,
             "theta": self.theta,
@@ -182,6 +186,7 @@ class Simulation:
     def restore(self, state: dict[str, Any]) -> None:
         """Continues from what ``state`` returned."""
         self.q, self.v, self.age, self.returns = (state[k].clone() for k in ("q", "v", "age", "returns"))
+        self.robots.memory = state["robots"].clone()
         self.theta = None if state["theta"] is None else state["theta"].clone()
         self.finished.clear()
         self.finished.extend((value, length) for value, length in state["finished"])
@@ -194,11 +199,12 @@ class Simulation:
     def _advance(self, q: Tensor, v: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SolverWarning)  # counted in model.failures, which the trainer reports
-            return self.mdp.move(self.model.step, q, v, u, *(() if self.theta is None else (self.theta,)))
+            return self.mdp.move(self.robots.step, q, v, u, *(() if self.theta is None else (self.theta,)))
 
     def _restart(self, q: Tensor, v: Tensor, done: Tensor) -> tuple[Tensor, Tensor]:
         rows = done.nonzero()[:, 0]
         fresh_q, fresh_v = self.mdp.reset(len(rows), self.generator)
+        self.robots.restart(rows)
         self.age = self.age.masked_fill(done, 0)
         theta = self._parameters(len(rows))
         if self.theta is not None and theta is not None:
@@ -234,13 +240,6 @@ def _finite(q: Tensor, v: Tensor) -> Tensor:
     return torch.isfinite(q).all(dim=1) & torch.isfinite(v).all(dim=1)
 
 
-@runtime_checkable
-class _Wraps(Protocol):
-    """A model around another, such as a bundle of `cmbrl.gradients`."""
-
-    model: ComplementarityModel
-
-
 def coordinates_of(model: Model) -> Coordinates:
     """Which velocities are linear and which angular; raises UserError for a model that does not know."""
     if not isinstance(model, HasCoordinates):
@@ -255,7 +254,7 @@ def parameter_sets(model: Model, relative: float, count: int = 256, seed: int = 
 
     Without candidates, the model's own parameters are scaled. None if there are no parameters, or nothing to vary.
     """
-    inner = model.model if isinstance(model, _Wraps) else model
+    inner = model.model if isinstance(model, Wraps) else model
     if not isinstance(inner, ComplementarityModel) or (inner.candidates is None and not relative):
         return None
     rng = np.random.default_rng(seed)

@@ -15,6 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 
 from cmbrl.data.drive import law_of
 from cmbrl.data.position_log import PositionLog
@@ -25,6 +26,7 @@ from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.loss import ALIKE
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.windows import Scales
+from cmbrl.models.wiring import Robots
 from cmbrl.scene.records import JointKind
 
 POPULATION, KEPT = 16, 4
@@ -112,12 +114,12 @@ def excite(
 def _simulate(model: ComplementarityModel, q: np.ndarray, commands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Motion (n, T, nq) and velocities (n, T, nv) at the beginning of each of the T commands (n, T, nu)."""
     n, steps = commands.shape[:2]
-    q, v = np.tile(q, (n, 1)), np.zeros((n, model.scene.nv))
-    motion, velocity = np.empty((n, steps, q.shape[1])), np.empty((n, steps, v.shape[1]))
+    robots, given = Robots(model, n), torch.from_numpy(commands)
+    q_now, v_now = torch.from_numpy(np.tile(q, (n, 1))), torch.zeros(n, model.scene.nv, dtype=torch.float64)
+    motion, velocity = np.empty((n, steps, len(q))), np.empty((n, steps, model.scene.nv))
     for k in range(steps):
-        motion[:, k], velocity[:, k] = q, v
-        step = model.predict(q, v, commands[:, k])
-        q, v = step.q_next, step.v_next
+        motion[:, k], velocity[:, k] = q_now.numpy(), v_now.numpy()
+        q_now, v_now = robots.step(q_now, v_now, given[:, k])
     return motion, velocity
 
 

@@ -110,8 +110,9 @@ class Comparison:
         """Parameters that the log and the other ones put apart, the one that does most for the log by itself first."""
         space, sure = self._around, _quantile(len(self.evidence.names) * int(self.active.sum()))
         found = [(self._fitted(loss), loss) for loss in (own, others)]
+        same = np.zeros((len(space), len(space)))  # what the model lacks is the same in both fits
         known = [
-            identify(space, z, self.active, loss.settled(space.theta(z)).normal_equations(space, z))
+            identify(space, z, self.active, loss.settled(space.theta(z)).normal_equations(space, z), same)
             for z, loss in found
         ]
         z, elsewhere = found[0][0], found[1][0]

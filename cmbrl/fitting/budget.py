@@ -17,7 +17,9 @@ class Budget:
     trial_iterations: int = 6  # Gauss-Newton over all selected parameters
     trial_fold_iterations: int = 1  # from there, without the episodes held out in turn
     held_out_rows: int = 2000  # to judge a group on, all folds together
-    search_rows: int = 1000  # search over all selected parameters
+    starts: int = 8  # of Gauss-Newton, screened before the best is polished
+    start_iterations: int = 4
+    search_rows: int = 1000  # those starts, or a search over all selected parameters
     search_rounds: int = 20
     search_population: int = 64
     polish_rows: int = 5000  # final Gauss-Newton

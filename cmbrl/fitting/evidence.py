@@ -17,6 +17,7 @@ from cmbrl.fitting.space import Space
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.observation import Observation
 from cmbrl.models.windows import Scales, Windows
+from cmbrl.models.wiring import Wiring
 from cmbrl.numbers import whole
 from cmbrl.scene import Scene
 from cmbrl.scene.records import JointKind
@@ -57,7 +58,7 @@ class Evidence:
         log = together(logs, model.scene, model.dt)
         _check_steps(model, log)
         log = log.normalised(model.scene)
-        observation = Observation.of(model.scene, model.dt)
+        observation = model.observer
         physical = [replace(p, default=p.default and p.group not in known) for p in model.scene.parameters]
         offered = [replace(p, default=p.default or positions_only) for p in observation.parameters]
         start = np.append(model.parameters, observation.vector(model.observation))
@@ -91,6 +92,12 @@ class Evidence:
         """The model's parameters of ``theta`` (n,), and the log as its state and control."""
         physical, psi = self.observation.split(theta)
         return physical, self.observation.states(self.log, psi)
+
+    def late(self, z: np.ndarray) -> bool:
+        """Whether commands have a delay or a lag to speak of at ``z`` (n,)."""
+        psi = self.observation.split(self.space.theta(z))[1]
+        wiring = Wiring.of(self.observation, psi, self.model.scene.nq)
+        return wiring is not None and wiring.late > 0.0
 
     def loss(self, starts: np.ndarray, horizon: int, *scales: Scales) -> PredictionLoss:
         """The loss over windows of ``horizon`` steps from each row of ``starts``, with the ``scales`` of each log."""
@@ -143,7 +150,8 @@ def _with_gains(model: ComplementarityModel, log: PositionLog) -> Complementarit
 
 def _check_steps(model: ComplementarityModel, data: Transitions) -> None:
     """Raises UserError that names the first row from which the model steps beyond any robot: no error can be told."""
-    found = model.predict(data.q, data.v, data.u)
+    seen = model.seen(data)
+    found = model.predict(seen.q, seen.v, seen.u)
     lost = ~(np.abs(np.concatenate([found.q_next, found.v_next], axis=1)) <= LARGEST).all(axis=1)  # NaN too
     if lost.any():
         row = int(np.flatnonzero(lost)[0])

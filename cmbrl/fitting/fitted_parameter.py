@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-FITTED, AT_BOUND, FLAT, GAUGE, NOMINAL = "fitted", "at bound", "flat", "gauge", "nominal"
+FITTED, AT_BOUND, FLAT, NOMINAL = "fitted", "at bound", "flat", "nominal"
 
 
 @dataclass(frozen=True)
@@ -12,8 +12,7 @@ class FittedParameter:
     """A parameter after the fit, in its own unit; ``low`` and ``high`` bound its 95 % interval.
 
     ``status``: "fitted"; "at bound"; "flat" (fitted, but the data hardly inform it, so it stayed near its prior);
-    "gauge" (a mass held fixed, because motion does not determine the unit of force); "nominal" (not fitted: not
-    chosen, or not needed by the held-out data).
+    "nominal" (not fitted: not chosen, or not needed by the held-out data).
     """
 
     value: float

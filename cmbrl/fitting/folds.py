@@ -20,6 +20,7 @@ from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
 from cmbrl.models.windows import blocks_of
 
+NOISE_FACTOR, LEAST_GAIN = 2.0, 0.01  #: a fall of the held-out loss counts above so many times its noise and this share
 _LEAST_BLOCKS = 6  # fewer episodes are cut into this many runs of consecutive starts
 
 
@@ -39,13 +40,18 @@ def fold_count(data: Transitions, holdout: float, needed: bool) -> int:
     return min(max(round(1.0 / holdout), 2), len(np.unique(blocks_of(data))))
 
 
+def windows_in_blocks(data: Transitions, horizon: int) -> np.ndarray:
+    """First rows of all windows of ``horizon`` steps that lie in one block."""
+    starts, blocks = data.windows(horizon), blocks_of(data)
+    return starts[blocks[starts] == blocks[starts + horizon - 1]]
+
+
 def draw_starts(data: Transitions, horizon: int, limit: int, seed: int) -> np.ndarray:
     """Rows to predict from, in the log's order, drawn without replacement for at most ``limit`` transitions.
 
     Raises UserError if no episode has ``horizon`` consecutive transitions.
     """
-    starts, blocks = data.windows(horizon), blocks_of(data)
-    starts = starts[blocks[starts] == blocks[starts + horizon - 1]]
+    starts = windows_in_blocks(data, horizon)
     if len(starts) == 0:
         raise UserError(f"no episode has {horizon} consecutive transitions; choose a shorter horizon")
     limit = max(1, limit // horizon)

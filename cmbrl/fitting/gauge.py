@@ -1,8 +1,9 @@
-"""Which mass must stay fixed, because motion alone does not determine the unit of force.
+"""Which parameters are known up to a common factor only, because motion does not determine the unit of force.
 
 Scaling mass, armature, damping, stiffness, friction loss and gears, or gains, of a tree together changes no motion. One
-known value among them determines the others; if all may move, one mass has to stay fixed or the search diverges. Trees
-that can touch, or that a tendon or an equality constraint ties, exchange impulses, so they share one scale.
+known value among them determines the others; if all may move, only the prior says how large they are: the factor is the
+one that leaves them nearest to the file. Holding one of them instead would carry its error into all others. Trees that
+can touch, or that a tendon or an equality constraint ties, exchange impulses, so they share one scale.
 """
 
 from __future__ import annotations
@@ -19,32 +20,20 @@ _FORCES = ("armature", "damping", "stiffness", "frictionloss")  # fields of a li
 _GAINS = ("gain", "bias0", "bias1", "bias2")
 
 
-def gauge_columns(core: CoreArrays, free: np.ndarray) -> list[int]:
-    """The mass parameters to remove from ``free`` (n,) bool, one per set of trees with an undetermined unit of force.
+def common_factors(core: CoreArrays, free: np.ndarray) -> list[list[int]]:
+    """Parameters among ``free`` (n,) bool that motion tells up to a common factor, by set of trees.
 
-    ``core`` is ``scene.core``. The heaviest body of a set keeps its mass, which is probably known best.
+    ``core`` is ``scene.core``. A set of trees is left out if one of its masses or forces is known.
     """
     mass = core.layout.mass
     owner = parameters_by_place(core)
-    held: list[int] = []
+    found: list[list[int]] = []
     for members in _sets(core):
         massive = [b for b in members if core.P[mass(b)] > 0.0]
-        places = [mass(b) for b in massive] + _force_places(core, members, owner)
-        if massive and all(_free_owner(owner, place, free) is not None for place in places):
-            heaviest = max(massive, key=lambda b: core.P[mass(b)])
-            held.append(next(k for k in owner[mass(heaviest)] if free[k]))
-    return held
-
-
-def set_of(core: CoreArrays, column: int) -> list[int]:
-    """All parameters that scale with the mass parameter ``column``: masses and forces of its set of trees."""
-    owner = parameters_by_place(core)
-    for members in _sets(core):
-        places = [core.layout.mass(b) for b in members] + _force_places(core, members, owner)
-        together = sorted({k for place in places for k in owner.get(place, ())})
-        if column in together:
-            return together
-    raise KeyError(column)
+        owners = [owner.get(place, []) for place in [*map(mass, massive), *_force_places(core, members, owner)]]
+        if massive and all(any(free[k] for k in some) for some in owners):
+            found.append(sorted({k for some in owners for k in some if free[k]}))
+    return found
 
 
 def parameters_by_place(core: CoreArrays) -> dict[int, list[int]]:
@@ -55,10 +44,6 @@ def parameters_by_place(core: CoreArrays) -> dict[int, list[int]]:
         for place in idx[ptr[k] : ptr[k + 1]]:
             owner.setdefault(int(place), []).append(k)
     return owner
-
-
-def _free_owner(owner: Mapping[int, list[int]], place: int, free: np.ndarray) -> int | None:
-    return next((k for k in owner.get(place, ()) if free[k]), None)
 
 
 def _force_places(core: CoreArrays, members: list[int], owner: Mapping[int, list[int]]) -> list[int]:

@@ -237,10 +237,9 @@ class PredictionLoss:
         windows = self._seen(psi)
         data, starts, uncertain = windows.data, windows.starts[part], scales.uncertain
         q, v = (x[part] for x in windows.begin(scene))
-        physical, own = columns[columns < len(theta)], columns[columns >= len(theta)] - len(theta)
-        of_model, of_log, of_starts = np.split(
-            np.arange(len(columns) + len(uncertain)), [len(physical), len(columns)]
-        )  # columns side by side
+        physical = columns[columns < len(theta)]
+        of_log, own = self.observation.columns(columns, len(theta))
+        of_model, of_starts = np.arange(len(physical)), len(columns) + np.arange(len(uncertain))  # columns side by side
         bias = self.observation.state_slope(nv)[:, own]  # of the state that the log tells
         slopes = self.observation.controls(self.windows.data, psi)[1][:, :, own] if len(own) else None
         state = np.zeros((len(q), 2 * nv, len(columns) + len(uncertain)))
@@ -256,9 +255,9 @@ class PredictionLoss:
             assert step.jacobian is not None
             state = step.jacobian[:, :, : 2 * nv] @ state
             if len(physical):
-                state[:, :, of_model] += step.jacobian[:, :, 2 * nv + scene.nu + physical]
+                state[:, :, of_model] += step.jacobian[:, :, 2 * nv + scene.inputs + physical]
             if slopes is not None:
-                state[:, :, of_log] += step.jacobian[:, :, 2 * nv : 2 * nv + scene.nu] @ slopes[starts + j]
+                state[:, :, of_log] += step.jacobian[:, :, 2 * nv : 2 * nv + scene.inputs] @ slopes[starts + j]
             off = np.concatenate([scene.difference(data.q_next[starts + j], q), v - data.v_next[starts + j]], axis=1)
             residuals.append((off / units)[:, scales.counts])
             # The tangent of the prediction replaces that of the difference; they are equal for small rotation errors.

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from cmbrl.fitting.budget import Budget
-from cmbrl.fitting.folds import Folds, paired_gain
+from cmbrl.fitting.folds import LEAST_GAIN, NOISE_FACTOR, Folds, paired_gain
 from cmbrl.fitting.forecast import Forecast, superfluous
 from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.loss import Errors, PredictionLoss
@@ -34,8 +34,6 @@ from cmbrl.fitting.state import Journal
 from cmbrl.fitting.survey import Judge, score
 from cmbrl.fitting.unseen import Unseen
 
-NOISE_FACTOR = 2.0
-LEAST_GAIN = 0.01
 LEAST_SCORE = 0.03  # of the logarithm of the errors over all horizons
 ALL = "all that a fit moves by default"  #: in the path of a selection
 LAWS = ("friction_slope", "stribeck")  #: groups that no file has, tried on logs of positions, where friction rules
@@ -46,13 +44,11 @@ TRIED = 3  # groups per round: forecasts are accurate enough for the best to be 
 class Incumbent:
     """The best parameters so far, returned if the fit is interrupted, and how they were reached.
 
-    ``chosen`` (n,): parameters selected or asked for; ``active`` (n,): the chosen ones that may move (not the gauge).
-    ``score``: the best of the path; ``course``: by search, its best objective by candidates; ``unseen``: held-out
-    episodes with parameters fitted to the others.
+    ``active`` (n,): the parameters that may move, selected or asked for. ``score``: the best of the path; ``course``:
+    by search, its best objective by candidates; ``unseen``: held-out episodes with parameters fitted to the others.
     """
 
     z: np.ndarray
-    chosen: np.ndarray
     active: np.ndarray
     path: list[dict[str, Any]] = field(default_factory=list)
     candidates: int = 0
@@ -70,7 +66,6 @@ class Trial:
     """
 
     z: np.ndarray
-    chosen: np.ndarray
     active: np.ndarray
     errors: Errors
     gain: float
@@ -94,22 +89,19 @@ class Selection:
     """Forward selection, then elimination. ``loss`` is on all episodes; ``folds`` hold them out in turn.
 
     ``judges[k]`` predict the episodes that fold k holds out over all horizons.
-
-    ``admit(chosen, z)`` returns ``chosen`` without the gauge, and ``z`` with the gauge at nominal values.
     """
 
     space: Space
     loss: PredictionLoss
     folds: Folds
     judges: list[list[Judge]]
-    admit: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
     seed: int
     budget: Budget
     journal: Journal
 
     def run(self, incumbent: Incumbent) -> None:
         """Adds groups to ``incumbent`` and removes superfluous ones; raises the journal's OutOfTime between trials."""
-        before = self.folds.errors(self.space, [incumbent.z] * len(self.folds.train))
+        before = self._unmoved(incumbent)
         before = self._thin(incumbent, self._everything(incumbent, before))
         while (after := self._add(incumbent, before)) is not None:
             before = after
@@ -118,7 +110,7 @@ class Selection:
     def extend(self, incumbent: Incumbent, chosen: np.ndarray) -> None:
         """Moves all of ``chosen`` (n,), and those laws besides that held-out errors call for."""
         none = np.zeros_like(chosen)
-        before = self.folds.errors(self.space, [incumbent.z] * len(self.folds.train))
+        before = self._unmoved(incumbent)
         trial = self._trial("all", incumbent, chosen, incumbent.z, none, before, self.budget.polish_iterations)
         before = self._accept("add", ALL, trial, incumbent)
         for law in (law for law in LAWS if law in self.space.groups):
@@ -126,20 +118,33 @@ class Selection:
             if trial.counts(before.mean):
                 before = self._accept("add", law, trial, incumbent)
 
+    def confirm(self, incumbent: Incumbent, groups: list[str]) -> None:
+        """Takes ``groups`` back to nominal, all of them, unless held-out errors call for them."""
+        columns = self.space.columns(groups)
+        none = np.zeros_like(columns)
+        kept = self._trial("confirmed", incumbent, incumbent.active, incumbent.z, none, self._unmoved(incumbent))
+        start = np.where(columns, 0.0, kept.z)
+        without = self._trial("refuted", incumbent, incumbent.active & ~columns, start, none, kept.errors)
+        if without.costs_nothing(kept.errors.mean, kept.score):
+            self._accept("remove", " + ".join(groups), without, incumbent)
+
+    def _unmoved(self, incumbent: Incumbent) -> Errors:
+        return self.folds.errors(self.space, [incumbent.z] * len(self.folds.train))
+
     def _everything(self, incumbent: Incumbent, before: Errors) -> Errors:
         """Starts from all groups if that beats the nominal model, and returns the new errors."""
         groups = self._remaining(incumbent)
         self.journal.report(0.05, "trying all parameters")
-        chosen, none = self.space.columns(groups), np.zeros_like(incumbent.chosen)
+        everything, none = self.space.columns(groups), np.zeros_like(incumbent.active)
         iterations = self.budget.polish_iterations
-        trial = self._trial("add all", incumbent, chosen, incumbent.z, none, before, iterations)
+        trial = self._trial("add all", incumbent, everything, incumbent.z, none, before, iterations)
         return self._accept("add", ALL, trial, incumbent) if trial.counts(before.mean) else before
 
     def _thin(self, incumbent: Incumbent, before: Errors) -> Errors:
         """Removes as many groups at once as the forecast calls superfluous; half as many if a refit disagrees."""
         if not incumbent.active.any():
             return before
-        groups = [g for g in dict.fromkeys(self.space.groups) if incumbent.chosen[self.space.columns([g])].any()]
+        groups = [g for g in dict.fromkeys(self.space.groups) if incumbent.active[self.space.columns([g])].any()]
         loss = self.loss.settled(self.space.theta(incumbent.z))
         equations = loss.normal_equations(self.space, incumbent.z, incumbent.active)
         dispensable = superfluous(
@@ -150,7 +155,7 @@ class Selection:
             start, none = np.where(columns, 0.0, incumbent.z), np.zeros_like(columns)
             self.journal.report(0.2, f"removing {', '.join(dispensable)}")
             name = f"remove {len(incumbent.path)} {' + '.join(dispensable)}"
-            trial = self._trial(name, incumbent, incumbent.chosen & ~columns, start, none, before)
+            trial = self._trial(name, incumbent, incumbent.active & ~columns, start, none, before)
             if trial.costs_nothing(before.mean, incumbent.score):
                 return self._accept("remove", " + ".join(dispensable), trial, incumbent)
             dispensable = dispensable[: len(dispensable) // 2]
@@ -162,7 +167,7 @@ class Selection:
         forecast = Forecast.at(self.folds, self.space, incumbent.z, strength)
 
         def promise(groups: Sequence[str]) -> float:
-            return forecast.gain(self.admit(incumbent.chosen | self.space.columns(groups), incumbent.z)[0])
+            return forecast.gain(incumbent.active | self.space.columns(groups))
 
         remaining = self._remaining(incumbent)
         blank = [g for g in remaining if forecast.blank(self.space.columns([g]))]
@@ -186,27 +191,27 @@ class Selection:
 
     def _remaining(self, incumbent: Incumbent) -> list[str]:
         groups = dict.fromkeys(g for g, told in zip(self.space.groups, self.space.default, strict=True) if told)
-        return [g for g in groups if not incumbent.chosen[self.space.columns([g])].any()]
+        return [g for g in groups if not incumbent.active[self.space.columns([g])].any()]
 
     def _try(self, incumbent: Incumbent, groups: list[str], before: Errors) -> Trial:
         self.journal.report(0.6 * (1.0 - 0.8 ** len(incumbent.path)), f"trying {', '.join(groups)}")
         columns = self.space.columns(groups)
         name = f"add {len(incumbent.path)} {' + '.join(groups)}"
-        return self._trial(name, incumbent, incumbent.chosen | columns, incumbent.z, columns, before)
+        return self._trial(name, incumbent, incumbent.active | columns, incumbent.z, columns, before)
 
     def _remove(self, incumbent: Incumbent, before: Errors) -> None:
-        for group in [g for g in dict.fromkeys(self.space.groups) if incumbent.chosen[self.space.columns([g])].any()]:
+        for group in [g for g in dict.fromkeys(self.space.groups) if incumbent.active[self.space.columns([g])].any()]:
             self.journal.report(0.6, f"removing {group}")
             columns = self.space.columns([group])
             start = np.where(columns, 0.0, incumbent.z)
             name = f"remove {len(incumbent.path)} {group}"
             none = np.zeros_like(columns)
-            trial = self._trial(name, incumbent, incumbent.chosen & ~columns, start, none, before)
+            trial = self._trial(name, incumbent, incumbent.active & ~columns, start, none, before)
             if trial.costs_nothing(before.mean, incumbent.score):
                 before = self._accept("remove", group, trial, incumbent)
 
     def _accept(self, move: str, group: str, trial: Trial, incumbent: Incumbent) -> Errors:
-        incumbent.z, incumbent.chosen, incumbent.active = trial.z, trial.chosen, trial.active
+        incumbent.z, incumbent.active = trial.z, trial.active
         incumbent.score = min(incumbent.score, trial.score)  # many small steps may not lead far
         incumbent.path.append(
             {
@@ -225,15 +230,14 @@ class Selection:
         self,
         name: str,
         incumbent: Incumbent,
-        chosen: np.ndarray,
+        active: np.ndarray,
         start: np.ndarray,
         searched: np.ndarray,
         before: Errors,
         iterations: int | None = None,
     ) -> Trial:
-        """Fits ``chosen`` from ``start``: random search over the ``searched`` ones, then Gauss-Newton over all."""
+        """Fits ``active`` from ``start``: random search over the ``searched`` ones, then Gauss-Newton over all."""
         budget = self.budget
-        active, start = self.admit(chosen, start)
 
         def compute() -> dict[str, Any]:
             self.journal.check_time()
@@ -258,7 +262,7 @@ class Selection:
         after = self.folds.errors(self.space, fitted)
         gain, noise = paired_gain(before.loss, after.loss, self.folds.blocks())
         noise_of_rise = paired_gain(after.loss, before.loss, self.folds.blocks())[1]
-        return Trial(z, chosen, active, after, gain, noise, noise_of_rise, self._score(fitted))
+        return Trial(z, active, after, gain, noise, noise_of_rise, self._score(fitted))
 
     def _score(self, fitted: list[np.ndarray]) -> float:
         if not self.judges:

@@ -8,11 +8,14 @@ import numpy as np
 
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
-from cmbrl.fitting.fitted_parameter import AT_BOUND, FITTED, FLAT, GAUGE, NOMINAL, FittedParameter
+from cmbrl.fitting.discrepancy import Discrepancy
+from cmbrl.fitting.fitted_parameter import AT_BOUND, FITTED, FLAT, NOMINAL, FittedParameter
+from cmbrl.fitting.gauge import common_factors
 from cmbrl.fitting.identify import identify
 from cmbrl.fitting.loss import Errors, PredictionLoss
 from cmbrl.fitting.objective import NOT_FINITE
 from cmbrl.fitting.parsimony import Incumbent
+from cmbrl.fitting.ratios import ratios
 from cmbrl.fitting.result import FitResult
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
@@ -28,24 +31,25 @@ def conclude(
     incumbent: Incumbent,
     journal: Journal,
     about: dict[str, Any],
+    discrepancy: Discrepancy,
 ) -> FitResult:
     """Builds the result at ``incumbent``.
 
-    ``loss`` is the polished one and gives the intervals; ``held_out``: errors on episodes held out in turn; ``about``:
-    settings to record. Raises UserError if the loss is so large that numbers overflow.
+    ``loss`` is the polished one and gives the intervals, with ``discrepancy``; ``held_out``: errors on episodes held
+    out in turn; ``about``: settings to record. Raises UserError if the loss is so large that numbers overflow.
     """
     z, active = incumbent.z, incumbent.active
     physical, psi = loss.observation.split(space.theta(z))
-    told = {p.name: float(x) for p, x in zip(loss.observation.parameters, psi, strict=True)}
+    told = {p.name: float(x) for p, x in zip(loss.observation.parameters, psi, strict=False)}
     final = model.with_parameters(physical).with_settings(observation=told)
     equations = loss.settled(space.theta(z)).normal_equations(space, z)
     try:
-        known = identify(space, z, active, equations)
+        known = identify(space, z, active, equations, discrepancy.covariance(z, active))
     except np.linalg.LinAlgError:  # information so large that the prior is lost in rounding
         raise UserError(NOT_FINITE) from None
-    gauge = [name for k, name in enumerate(space.names) if incumbent.chosen[k] and not active[k]]
+    sets = common_factors(model.scene.core, active)
     bound = space.at_bound(z) & active
-    value, status = space.theta(z), _status(space, active, bound, known.flat, gauge)
+    value, status = space.theta(z), _status(active, bound, known.flat)
     parameters = {
         name: FittedParameter(
             float(value[k]),
@@ -74,8 +78,9 @@ def conclude(
         "at_bound": [n for k, n in enumerate(space.names) if bound[k]],
         "flat": [n for k, n in enumerate(space.names) if known.flat[k]],
         "flat_directions": known.directions,
-        "unseen": [n for k, n in enumerate(space.names) if known.unseen[k] and n not in gauge],
-        "gauge": gauge,
+        "unseen": [n for k, n in enumerate(space.names) if known.unseen[k]],
+        "gauge": [space.names[k] for together in sets for k in together],
+        "ratios": [found for together in sets if (found := ratios(space, z, known.every, together))],
         "covariance": _covariance(space, known.covariance),
         "left_out": [{"kind": e.kind, "name": e.name, "why": e.why} for e in model.scene.left_out],
         "candidates": incumbent.candidates,
@@ -93,13 +98,6 @@ def _covariance(space: Space, covariance: np.ndarray) -> dict[str, Any]:
     return {"parameters": [space.names[k] for k in told], "matrix": covariance[np.ix_(told, told)].tolist()}
 
 
-def _status(space: Space, active: np.ndarray, bound: np.ndarray, flat: np.ndarray, gauge: list[str]) -> list[str]:
-    status = []
-    for k, name in enumerate(space.names):
-        if not active[k]:
-            status.append(GAUGE if name in gauge else NOMINAL)
-        elif bound[k]:
-            status.append(AT_BOUND)
-        else:
-            status.append(FLAT if flat[k] else FITTED)
-    return status
+def _status(active: np.ndarray, bound: np.ndarray, flat: np.ndarray) -> list[str]:
+    found = np.select([~active, bound, flat], [NOMINAL, AT_BOUND, FLAT], FITTED)
+    return [str(status) for status in found]

@@ -22,14 +22,15 @@ _MODELS = ("hold", "nominal", "fitted")
 _LISTS = (  # key in the report, text in front of the names
     ("at_bound", "on a bound"),
     ("unseen", "not fitted, and not determined by this log"),
-    ("gauge", "held fixed, because motion does not determine the unit of force"),
+    ("gauge", "known up to a common factor, the unit of force, which is set by the file and not by motion"),
 )
 
 
 def render(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any]) -> str:
     """What was fitted, how well, and what the data leave open; ``report`` is that of a ``FitResult``."""
     first = textwrap.wrap(verdict(report), WIDTH, subsequent_indent="  ")
-    lines = [*first, *_errors(report), *_selection(report), *_table(parameters), *_open(parameters, report)]
+    lines = [*first, *_errors(report), *_selection(report), *_table(parameters), *_ratios(parameters, report)]
+    lines += _open(parameters, report)
     return "\n".join(lines)
 
 
@@ -113,8 +114,25 @@ def _table(parameters: Mapping[str, FittedParameter]) -> Iterator[str]:
     rows = [["parameter", "value", "95 % interval", "nominal", "status", "unit"]]
     for name, p in shown.items():
         rows.append([name, f"{p.value:.5g}", f"[{p.low:.5g}, {p.high:.5g}]", f"{p.nominal:.5g}", p.status, p.unit])
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    for row in rows if shown else ():
+    yield from _columns(rows if shown else [])
+
+
+def _ratios(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any]) -> Iterator[str]:
+    """Masses and forces in the unit of one of them, which motion tells better than their sizes."""
+    for found in report.get("ratios", ()):
+        reference = found["reference"]
+        title = f"ratios that motion tells: if {reference} is the file's {parameters[reference].nominal:.5g}, then"
+        yield from textwrap.wrap(title, WIDTH, subsequent_indent="  ")
+        yield from _columns([
+            [name, f"{value:.5g}", f"[{low:.5g}, {high:.5g}]", f"{parameters[name].nominal:.5g}", parameters[name].unit]
+            for name, (value, low, high) in found["parameters"].items()
+        ])  # fmt: skip
+
+
+def _columns(rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    """Rows with a name in front, then three columns of numbers, then words."""
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))] if rows else []
+    for row in rows:
         cells = [c.rjust(w) if k in (1, 2, 3) else c.ljust(w) for k, (c, w) in enumerate(zip(row, widths, strict=True))]
         yield ("  " + "  ".join(cells)).rstrip()
 

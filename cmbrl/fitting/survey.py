@@ -10,7 +10,7 @@ repeated if it changes much.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -57,11 +57,10 @@ class Survey:
 
 @dataclass(frozen=True)
 class Surveyor:
-    """``chosen`` (n,): the parameters that may move; ``admit`` as for ``Selection``; ``count`` of folds, 0 for none."""
+    """``chosen`` (n,): the parameters that may move; ``count`` of folds, 0 for none."""
 
     evidence: Evidence
     chosen: np.ndarray
-    admit: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
     huber: float
     count: int
     seed: int
@@ -101,10 +100,10 @@ class Surveyor:
         if self.count:
             starts = starts[~np.isin(starts, self._held_out)]
         loss = evidence.loss(starts, horizon, *evidence.scales(horizon, self.huber, noise))
-        active, z = self.admit(self.chosen, np.zeros(len(space)))
-        if not active.any():
+        z = np.zeros(len(space))
+        if not self.chosen.any():
             return z
-        return gauss_newton(Objective.at(loss, space, active, z), z, self.iterations, self.journal).z
+        return gauss_newton(Objective.at(loss, space, self.chosen, z), z, self.iterations, self.journal).z
 
     def _score(self, z: np.ndarray) -> float:
         return score(self._judges, self.evidence.space.theta(z)) - self._nominal

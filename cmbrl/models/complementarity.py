@@ -17,10 +17,12 @@ from cmbrl.contact.problem import ContactProblem, from_rows
 from cmbrl.contact.smoothing import Exact, Smoothing
 from cmbrl.data.checks import TIME_STEP_TOLERANCE
 from cmbrl.errors import UserError
+from cmbrl.models.activations import Activations
 from cmbrl.models.autograd import Stepper, differentiable_step
 from cmbrl.models.manifold import Coordinates
 from cmbrl.models.observation import Observation
 from cmbrl.models.windows import Windows
+from cmbrl.models.wiring import Wiring
 from cmbrl.native import SolverStatus
 from cmbrl.numbers import one_of, real, real_array, switch, whole
 from cmbrl.scene import Scene
@@ -93,7 +95,8 @@ class ComplementarityModel:
         candidates: (K, np) parameter sets that explain the data about as well as ``parameters``, for training or
             evaluation under model uncertainty; stepping ignores them.
         observation: biases, delay and lag by name (:class:`~cmbrl.models.observation.Observation`) that lie between a
-            log and this model; stepping ignores them, ``seen`` applies them.
+            log and this model; stepping ignores them, ``seen`` applies them to a log, and processes on this model run
+            through them (``wiring``).
 
     Raises:
         UserError: for a setting out of range.
@@ -141,6 +144,7 @@ class ComplementarityModel:
         self.parameters = self._checked_parameters(parameters)
         rows = None if candidates is None else np.atleast_2d(real_array(candidates, "candidates"))
         self.candidates = None if rows is None else np.array([self._checked_parameters(row) for row in rows])
+        self.activations = Activations.of(scene, self.time_step, self.substeps, self.parameters)
         self.observation = dict(observation or {})
         self.observer.vector(self.observation)  # raises for an unknown name
         self.failures = 0
@@ -162,7 +166,7 @@ class ComplementarityModel:
         }
         self.stepper = Stepper(scene, options, self.threads)
         self.coordinates = Coordinates.from_scene(scene)
-        self._widths = scene.nq, scene.nv, scene.nu
+        self._widths = scene.nq, scene.nv, scene.inputs
 
     @property
     def dt(self) -> float:
@@ -172,12 +176,18 @@ class ComplementarityModel:
     @property
     def observer(self) -> Observation:
         """What may lie between a log of this model's control step and its state."""
-        return Observation.of(self.scene, self.dt)
+        return Observation.of(self.scene, self.dt, self.activations)
+
+    @property
+    def wiring(self) -> Wiring | None:
+        """The same for a process that runs on this model; None if there is nothing between."""
+        observer = self.observer
+        return Wiring.of(observer, observer.vector(self.observation), self.scene.nq, self.activations)
 
     def seen(self, log: Transitions) -> Transitions:
         """``log`` as this model's state and control."""
         observer = self.observer
-        return observer.states(log, observer.vector(self.observation))
+        return observer.states(log, observer.split(np.append(self.parameters, observer.vector(self.observation)))[1])
 
     def for_log(self, dt: float) -> ComplementarityModel:
         """This model with one control step per transition of ``dt`` [s] of a log.
@@ -206,6 +216,11 @@ class ComplementarityModel:
         """The same model with some arguments of the constructor replaced."""
         scene = settings.pop("scene", self.scene)
         return ComplementarityModel(scene, **{"parameters": self.parameters, **self._settings(), **settings})
+
+    def other_steppings(self) -> list[ComplementarityModel]:
+        """The same model with each other integrator, and with half the time step."""
+        others = [self.with_settings(integrator=name) for name in INTEGRATORS if name != self.integrator]
+        return [*others, self.with_settings(time_step=self.time_step / 2, substeps=2 * self.substeps)]
 
     def alternatives(self) -> dict[str, ComplementarityModel]:
         """The same model with other integrators and half or a quarter of the time step, by a name of the change.
@@ -275,7 +290,8 @@ class ComplementarityModel:
         """One control step, differentiable in q, v, u and theta by the implicit function theorem.
 
         Args:
-            q, v, u: (B, nq), (B, nv), (B, nu) float64 CPU tensors.
+            q, v, u: (B, nq), (B, nv), (B, nu) float64 CPU tensors. Where actuators have states, u (B, nu + na) ends
+                with those at the start; ``activations.next`` gives those at the end.
             theta: (np,) or (B, np); default: this model's parameters.
             details: a dict that receives "impulse", as in :class:`StepResult`, without a derivative.
 
@@ -326,7 +342,7 @@ class ComplementarityModel:
         """q_next (N, nq), v_next (N, nv) and their derivatives in theta, (N, nv, np) each (tangent space for q)."""
         r = self.predict(q, v, u, theta, parameter_jacobian=True)
         assert r.jacobian is not None
-        nv, first = self.scene.nv, 2 * self.scene.nv + self.scene.nu
+        nv, first = self.scene.nv, 2 * self.scene.nv + self.scene.inputs
         return r.q_next, r.v_next, r.jacobian[:, :nv, first:], r.jacobian[:, nv:, first:]
 
     def candidate_loss(self, theta: np.ndarray, windows: Windows) -> np.ndarray:

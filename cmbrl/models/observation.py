@@ -6,7 +6,9 @@ The log tells positions y and commands c. The model's state and control are
 
 b is the bias of each encoder; a position servo compares its target with the biased position, which B accounts for.
 w is the response of a delay d followed by a first-order lag tau to a command that is held from one sample to the next,
-averaged over the step, which makes it a smooth function of d and tau.
+averaged over the step, which makes it a smooth function of d and tau. Before the first row of an episode, motors were
+off and position servos held their first target. ``wiring`` does the same command by command. Where actuators have a
+state, u ends with their activations, which follow from the controls of the episode so far; they begin at 0.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cmbrl.errors import UserError, did_you_mean
+from cmbrl.models.activations import Activations
 from cmbrl.numbers import real
 from cmbrl.scene.records import JointKind, Parameter
 
@@ -36,7 +39,7 @@ class Observation:
     """The parameters psi (n,) between a log of time step ``dt`` [s] and the state: biases, then delay and lag.
 
     ``joints`` (nbias,): places in q and v of the joints that have a bias; ``servo`` (nu, nbias): the change of the
-    control that a unit of bias causes.
+    control that a unit of bias causes. ``holds`` (nu,) bool: position servos.
     """
 
     parameters: tuple[Parameter, ...]
@@ -44,9 +47,11 @@ class Observation:
     joints_q: np.ndarray
     joints_v: np.ndarray
     servo: np.ndarray
+    holds: np.ndarray
+    activations: Activations | None = None
 
     @classmethod
-    def of(cls, scene: Scene, dt: float) -> Observation:
+    def of(cls, scene: Scene, dt: float, activations: Activations | None = None) -> Observation:
         """What may lie between a log of ``scene`` with time step ``dt`` [s] and its state."""
         joints = [j for j in scene.joints if j.kind != JointKind.BALL]
         offered = [_bias(scene.coordinate_names[joint.vadr], joint.kind) for joint in joints]
@@ -64,7 +69,8 @@ class Observation:
                 if gain and feedback:
                     servo[k, column] = feedback / gain * scene.core.P[layout.actuator(place)]
         places = np.array([(joint.qadr, joint.vadr) for joint in joints], dtype=np.int64).reshape(-1, 2)
-        return cls(tuple(offered), dt, places[:, 0], places[:, 1], servo)
+        feedback = np.array([scene.core.P[scene.layout.actuator(k, "bias1")] for k in range(scene.nu)])
+        return cls(tuple(offered), dt, places[:, 0], places[:, 1], servo, feedback != 0.0, activations)
 
     def __len__(self) -> int:
         return len(self.parameters)
@@ -84,14 +90,26 @@ class Observation:
             psi[known[name]] = real(value, name)
         return psi
 
+    @property
+    def times(self) -> np.ndarray:
+        """Places (nt,) in the model's parameters of the time constants that activations follow."""
+        return np.array([k for k in self.activations.column if k >= 0] if self.activations else [], dtype=np.int64)
+
     def split(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The model's parameters and psi of ``theta`` (..., np + n)."""
+        """The model's parameters of ``theta`` (..., np + n), and psi (..., n + nt) with its time constants."""
         cut = theta.shape[-1] - len(self)
-        return theta[..., :cut], theta[..., cut:]
+        return theta[..., :cut], np.concatenate([theta[..., cut:], theta[..., self.times]], axis=-1)
+
+    def columns(self, wanted: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Of ``wanted`` columns of theta: the positions of those in psi, and where they are there; ``count``: np."""
+        places = np.append(count + np.arange(len(self)), self.times)
+        found = [(k, int(np.flatnonzero(places == c)[0])) for k, c in enumerate(wanted.tolist()) if c in places]
+        positions, own = np.array(found, dtype=np.int64).reshape(-1, 2).T
+        return positions, own
 
     def states(self, log: Transitions, psi: np.ndarray) -> Transitions:
-        """The log as the model's state and control at ``psi`` (n,)."""
-        if not psi.any():
+        """The log as the model's state and control at ``psi`` (n + nt,)."""
+        if self.activations is None and not psi.any():
             return log
         bias = psi[: len(self.joints_q)]
         q, q_next = log.q.copy(), log.q_next.copy()
@@ -100,25 +118,30 @@ class Observation:
         return replace(log, q=q, q_next=q_next, u=self.controls(log, psi)[0])
 
     def state_slope(self, nv: int) -> np.ndarray:
-        """Derivative (2 nv, n) in psi of the state (q, v) that a log tells."""
-        slope = np.zeros((2 * nv, len(self)))
+        """Derivative (2 nv, n + nt) in psi of the state (q, v) that a log tells."""
+        slope = np.zeros((2 * nv, len(self) + len(self.times)))
         slope[self.joints_v, np.arange(len(self.joints_v))] = -1.0
         return slope
 
     def controls(self, log: Transitions, psi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Controls (N, nu) at ``psi`` (n,), and their derivatives (N, nu, n)."""
-        biases = len(self.joints_q)
-        slope = np.zeros((*log.u.shape, len(self)))
+        """Controls (N, nu + na) at ``psi`` (n + nt,), and their derivatives (N, nu + na, n + nt)."""
+        biases, own = len(self.joints_q), len(self)
+        slope = np.zeros((*log.u.shape, len(psi)))
         if log.u.shape[1] == 0:
             return log.u, slope
-        weights = response(float(psi[-2]), float(psi[-1]), self.dt)
-        first = np.maximum.accumulate(np.where(np.r_[True, np.diff(log.episode) != 0], np.arange(len(log)), 0))
+        weights = response(float(psi[own - 2]), float(psi[own - 1]), self.dt)
+        rows = np.arange(len(log))
+        first = np.maximum.accumulate(np.where(np.r_[True, np.diff(log.episode) != 0], rows, 0))
         acted = np.zeros((3, *log.u.shape))
-        for k, weight in enumerate(weights.T):  # before the first row of an episode, its first command
-            acted += weight[:, None, None] * log.u[np.maximum(np.arange(len(log)) - k, first)]
+        for k, weight in enumerate(weights.T):
+            told = ((rows - k >= first)[:, None] | self.holds) * log.u[np.maximum(rows - k, first)]
+            acted += weight[:, None, None] * told
         slope[:, :, :biases] = self.servo
-        slope[:, :, biases:] = np.moveaxis(acted[1:], 0, -1)
-        return acted[0] + self.servo @ psi[:biases], slope
+        slope[:, :, biases:own] = np.moveaxis(acted[1:], 0, -1)
+        control = acted[0] + self.servo @ psi[:biases]
+        if self.activations is None:
+            return control, slope
+        return self.activations.along(log.episode, control, slope, psi[own:])
 
 
 def response(delay: float, lag: float, dt: float) -> np.ndarray:

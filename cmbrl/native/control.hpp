@@ -143,6 +143,7 @@ static StepStats control_step(const Model& m, const Options& o, Work<G>& w, Reco
   for (int s = 0; s < o.substeps; ++s) {
     if (s % 16 == 15 && o.stopped && o.stopped()) break;
     w.nguess = 0;
+    w.substep = s;
     if (s == 0 && o.set_aside) st.aside = set_up_uncrowded(m, o, w, st.rows);
     else set_up_step(m, o, w);
     Mask missed;
@@ -225,6 +226,7 @@ static void control_step_backward(const Model& m, const Options& o, Work<G>& w, 
   const double* block[W];
   for (int s = o.substeps - 1; s >= 0; --s) {
     for (int lane = 0; lane < W; ++lane) block[lane] = tape[lane] + s * stride;
+    w.substep = s;
     tape_read(m, o, w, block, rows);
     if (o.leapfrog && s == o.substeps - 1) {
       scaled(m, w.vstep, -0.5 * o.h, w.tmp);

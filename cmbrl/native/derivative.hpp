@@ -84,7 +84,7 @@ static void smooth_terms(const Model& m, const Options& o, Work<G>& w, const T* 
   for (int a = 0; a < m.nact; ++a) {
     if (m.act_line[a] < 0) continue;
     for (int k = m.line_ptr[m.act_line[a]]; k < m.line_ptr[m.act_line[a] + 1]; ++k)
-      Gu[m.line_dof[k] * m.nu + a] += keep(w.yields[m.line_dof[k]], o.h * (w.line_c[k] * w.open[a]));
+      add_inputs(m, w, a, o.h * w.line_c[k], w.yields[m.line_dof[k]], Gu + m.line_dof[k] * m.nu);
   }
 }
 

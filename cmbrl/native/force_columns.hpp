@@ -120,12 +120,13 @@ struct ForceColumns {
 
   void wide(int a, int field, double coef) {
     const T* p = w.P + m.oAct + a * kActuatorFields;
-    if (!forces() || field > kBias0) return;
+    if (!forces() || field == kBias1 || field == kBias2) return;
     int k = 0;
     while (m.wide_act[k] != a) ++k;
     Drive drive = wide_drive(m, w, a);
-    T ctrl = vmin(vmax(w.u[a], splat(m.act_ctrl[2 * a])), splat(m.act_ctrl[2 * a + 1]));
-    T push = field == kGear ? drive.force : keep(drive.free, field == kGain ? p[kGear] * ctrl : p[kGear]);
+    const Input& input = drive.input;
+    T push = field == kGear ? drive.force : keep(drive.free, p[kGear]);
+    if (field == kGain || field == kTime) push *= field == kGain ? input.value : p[kGain] * input.by_time;
     for_arms(m, w, k, [&](int d, T arm) { at(d) += keep(w.yields[d], coef * o.h * arm * push); });
   }
 
@@ -137,8 +138,8 @@ struct ForceColumns {
     T q = w.line_length[line], v = along(m, w, line, w.v), after = along(m, w, line, w.vn);
     T dv = m.implicit_gains && !o.split ? after - v : T{}, g = p[kGear];
     T flo = splat(m.act_force[2 * a]), fhi = splat(m.act_force[2 * a + 1]);
-    T ctrl = vmin(vmax(w.u[a], splat(m.act_ctrl[2 * a])), splat(m.act_ctrl[2 * a + 1]));
-    T force = p[kGain] * ctrl + p[kBias0] + g * (p[kBias1] * q + p[kBias2] * v);
+    Input input = input_of(m, w, a);
+    T force = p[kGain] * input.value + p[kBias0] + g * (p[kBias1] * q + p[kBias2] * v);
     Mask free = (force >= flo) & (force <= fhi);
     T pull = p[kBias1] * q + p[kBias2] * (v + dv);
     T spring = o.implicit_springs ? o.h * after : T{};
@@ -155,7 +156,8 @@ struct ForceColumns {
     if (line >= m.nv && field == kBias1) held = keep(free, g * g * spring);
     switch (field) {
       case kGear: r = select(free, force + g * (pull + p[kBias2] * dv) + 2.0 * g * p[kBias1] * spring, vmin(vmax(force, flo), fhi)); break;
-      case kGain: r = keep(free, g * ctrl); break;
+      case kGain: r = keep(free, g * input.value); break;
+      case kTime: r = keep(free, g * p[kGain] * input.by_time); break;
       case kBias0: r = keep(free, g); break;
       case kBias1: r = keep(free, g * g * (q + spring)); break;
       default: r = keep(free, g * g * (v + dv));

@@ -1,6 +1,6 @@
-// Softness by mass: MuJoCo's compliances are (1 - d)/d times an inverse weight, which the masses around a row determine. As a
-// function of their scales mu it is close to a sum of reciprocals,  w (1 + sum_k a_k (1/mu_k - 1)),  exact for free bodies and
-// where all masses scale together (scene/inverse_weights.py).
+// Softness by mass: MuJoCo's compliances are (1 - d)/d times an inverse weight, which the masses and armatures around a row
+// determine. As a function of their scales mu it is close to a sum of reciprocals,  w (1 + sum_k a_k (1/mu_k - 1)),  exact for
+// free bodies and where all of them scale together (scene/inverse_weights.py).
 #pragma once
 #include "workspace.hpp"
 
@@ -11,7 +11,7 @@ constexpr double kLeastMass = 1e-9;  // of a scale: a weightless body leaves num
 template <class G>
 static inline T scale_of_mass(const Model& m, const Work<G>& w, int i) {
   int k = m.mass_par[i];
-  return vmax(m.par_nominal[k] + w.dtheta[k], splat(kLeastMass));
+  return vmax(1.0 + w.dtheta[k] / m.par_nominal[k], splat(kLeastMass));
 }
 
 template <class G>
@@ -40,7 +40,8 @@ template <class G, class F>
 static inline void for_weights(const Model& m, const Work<G>& w, int j, F f) {
   for (int e = m.weight_ptr[j]; e < m.weight_ptr[j + 1]; ++e) {
     T mu = scale_of_mass(m, w, m.weight_mass[e]);
-    f(m.mass_par[m.weight_mass[e]], -m.weight_coef[e] / (mu * mu));
+    int k = m.mass_par[m.weight_mass[e]];
+    f(k, -m.weight_coef[e] / (m.par_nominal[k] * mu * mu));
   }
 }
 

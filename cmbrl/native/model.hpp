@@ -11,13 +11,14 @@ struct StepMemory;
 enum JointType { kSlide = 0, kHinge = 1, kBall = 2 };
 enum ContactType { kPointPlane = 0, kPointBox = 1, kSegmentSegment = 2, kRimPlane = 3, kCornerBox = 4 };
 enum TieType { kConnect = 0, kWeld = 1, kPolynomial = 2 };  // equality constraints
+enum Dynamics { kIntegrator = 0, kFilter = 1, kFilterExact = 2 };  // of actuators with a state
 enum Side { kCarriesA = 1, kCarriesB = 2, kCarriesObstacle = 4 };
 enum ContactLaw { kRigid = 0, kMujoco = 1, kSpringDamper = 2, kLogistic = 3 };  // one for all contacts of a scene
 
 // Offsets of one field inside the block of a contact, a line (a dof or a tendon), an actuator in the physical vector P.
 enum ContactField { kMu, kRestitution, kRadius, kSolref0, kSolref1, kD0, kDmax, kWidth, kRscale, kContactFields };
 enum DofField { kArmature, kDamping, kStiffness, kSpringref, kFrictionloss, kFrictionSlope, kStribeck, kStribeckSpeed, kDofFields };
-enum ActuatorField { kGear, kGain, kBias0, kBias1, kBias2, kActuatorFields };
+enum ActuatorField { kGear, kGain, kBias0, kBias1, kBias2, kTime, kActuatorFields };
 
 // Which dofs couple: all that a contact solve knows of the robot. Columns of row k: idx[ptr[k]] to idx[ptr[k + 1]], all below
 // k, rising. A matrix is packed along its pattern: row k is its diagonal, its columns before k, and their mirror images.
@@ -66,6 +67,9 @@ struct Model : Structure {
   const double *line_soft, *line_invweight, *line_slack;  // of dry friction; width of a spring's slack
   const int* act_line;  // -1: see wide.hpp
   const double *act_ctrl, *act_force;
+  int nstate;               // activation.hpp; u (nu = nact + nstate): commands, then activations
+  const int *act_state, *state_act, *state_kind, *state_early;
+  const double* state_range;
   const int* frc_dof;       // joints that clamp the sum of their actuators
   const double* frc_range;
   const int* dof_lift;      // gravcomp.hpp; nothing unless nlift > 0

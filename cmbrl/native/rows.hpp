@@ -56,22 +56,22 @@ static void clamped_rows(const Model& m, const Work<G>& w, double h, T* Gq, T* G
 
 // Of the actuators along the lines: force into drive, gains by velocity, position and control into kd, drive_kp and open.
 template <class G>
-static void actuator_forces(const Model& m, Work<G>& w) {
+static void actuator_forces(const Model& m, const Options& o, Work<G>& w) {
+  if (m.nstate > 0) advance_inputs(m, o, w);
   for (int i = 0; i < m.nline; ++i) w.drive[i] = w.kd[i] = w.drive_kp[i] = T{};
   for (int i = 0; i < m.nv; ++i) w.yields[i] = all();
   for (int a = 0; a < m.nact; ++a) {
     const T* p = w.P + m.oAct + a * kActuatorFields;
     int line = m.act_line[a];
     if (line < 0) continue;
-    T lo = splat(m.act_ctrl[2 * a]), hi = splat(m.act_ctrl[2 * a + 1]);
     T flo = splat(m.act_force[2 * a]), fhi = splat(m.act_force[2 * a + 1]);
-    T ctrl = vmin(vmax(w.u[a], lo), hi);
-    T force = p[kGain] * ctrl + p[kBias0] + p[kGear] * (p[kBias1] * w.line_length[line] + p[kBias2] * along(m, w, line, w.v));
+    Input input = input_of(m, w, a);
+    T force = p[kGain] * input.value + p[kBias0] + p[kGear] * (p[kBias1] * w.line_length[line] + p[kBias2] * along(m, w, line, w.v));
     Mask free = (force >= flo) & (force <= fhi);
     w.drive[line] += p[kGear] * vmin(vmax(force, flo), fhi);
     w.kd[line] -= keep(free, p[kGear] * p[kGear] * p[kBias2]);
     w.drive_kp[line] -= keep(free, p[kGear] * p[kGear] * p[kBias1]);
-    w.open[a] = keep(free & (w.u[a] >= lo) & (w.u[a] <= hi), p[kGear] * p[kGain]);
+    note_gain(m, w, a, input, free);
   }
   wide_forces(m, w);
   if (m.nlift > 0) {
@@ -84,7 +84,7 @@ static void actuator_forces(const Model& m, Work<G>& w) {
 template <class G>
 static void line_forces(const Model& m, const Options& o, Work<G>& w) {
   for (int i = 0; o.split && i < m.mass.row(m.nv); ++i) w.D[i] = T{};
-  actuator_forces(m, w);
+  actuator_forces(m, o, w);
   for (int i = 0; i < m.nline; ++i) w.tau[i] = w.drive[i];
   clamp_joint_forces(m, w);
   for (int i = 0; i < m.nline; ++i) {

@@ -35,6 +35,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.nq = size("nq"); m.nv = size("nv"); m.nu = size("nu");
   m.nbody = size("nbody"); m.njoint = size("njoint"); m.ncontact = size("ncontact");
   m.nplane = size("nplane"); m.nlimit = size("nlimit"); m.nact = size("nact"); m.nforcerange = size("nforcerange"); m.nlift = size("nlift");
+  m.nstate = size("nstate");
   m.nwide = size("nwide"); m.nbox = size("nbox"); m.nballspring = size("nballspring"); m.npower = size("npower");
   m.ntendon = size("ntendon"); m.nseg = size("nseg"); m.nwrap = size("nwrap"); m.ntie = size("ntie");
   m.nline = m.nv + m.ntendon;
@@ -80,6 +81,9 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.tie_scale = d("tie_scale", ne); m.tie_poly = d("tie_poly", ne * 5); m.tie_ref = d("tie_ref", ne * 2);
   m.tie_soft = d("tie_soft", ne * 7); m.tie_invweight = d("tie_invweight", ne * 2);
   m.act_line = i("act_line", na); m.act_ctrl = d("act_ctrl", na * 2); m.act_force = d("act_force", na * 2);
+  size_t nx = m.nstate;
+  m.act_state = i("act_state", na); m.state_act = i("state_act", nx); m.state_kind = i("state_kind", nx); m.state_early = i("state_early", nx);
+  m.state_range = d("state_range", nx * 2);
   m.P = d("P", m.nP);
   m.ntheta = int(doubles_.at("par_nominal").size());
   m.par_nominal = d("par_nominal", m.ntheta);

@@ -1,7 +1,7 @@
 // Actuators that push a body at a site, or all dofs of a ball or free joint: they act on several dofs at once. They have
 // neither position nor velocity gains.
 #pragma once
-#include "workspace.hpp"
+#include "activation.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -13,15 +13,15 @@ static void for_arms(const Model& m, const Work<G>& w, int k, F f) {
   for (int d = m.body_lastdof[m.wide_body[k]]; d >= 0; d = m.above(d)) f(d, dot(w.S[d], w.wide_wrench[k]));
 }
 
-struct Drive { T force; Mask free, open; };  // before the gear; lanes in which it is not clamped; in which the control counts too
+struct Drive { T force; Mask free; Input input; };  // before the gear; lanes in which it is not clamped; what the gain multiplies
 template <class G>
 static Drive wide_drive(const Model& m, const Work<G>& w, int a) {
   const T* p = w.P + m.oAct + a * kActuatorFields;
-  T lo = splat(m.act_ctrl[2 * a]), hi = splat(m.act_ctrl[2 * a + 1]);
   T flo = splat(m.act_force[2 * a]), fhi = splat(m.act_force[2 * a + 1]);
-  T force = p[kGain] * vmin(vmax(w.u[a], lo), hi) + p[kBias0];
+  Input input = input_of(m, w, a);
+  T force = p[kGain] * input.value + p[kBias0];
   Mask free = (force >= flo) & (force <= fhi);
-  return {vmin(vmax(force, flo), fhi), free, free & (w.u[a] >= lo) & (w.u[a] <= hi)};
+  return {vmin(vmax(force, flo), fhi), free, input};
 }
 
 template <class G>
@@ -36,7 +36,7 @@ static void wide_forces(const Model& m, Work<G>& w) {
     }
     Drive drive = wide_drive(m, w, a);
     T push = w.wide_push[k] = p[kGear] * drive.force;
-    w.open[a] = keep(drive.open, p[kGear] * p[kGain]);
+    note_gain(m, w, a, drive.input, drive.free);
     for_arms(m, w, k, [&](int d, T arm) { w.drive[d] += arm * push; });
   }
 }
@@ -46,7 +46,7 @@ template <class G>
 static void wide_terms(const Model& m, const Work<G>& w, double h, T* Gq, T* Gu) {
   for (int k = 0; k < m.nwide; ++k) {
     int a = m.wide_act[k];
-    for_arms(m, w, k, [&](int d, T arm) { Gu[d * m.nu + a] += keep(w.yields[d], h * arm * w.open[a]); });
+    for_arms(m, w, k, [&](int d, T arm) { add_inputs(m, w, a, h * arm, w.yields[d], Gu + d * m.nu); });
     if (m.wide_body[k] < 0) continue;
     for (int j = m.body_lastdof[m.wide_body[k]]; j >= 0; j = m.above(j)) {
       Vec<G::N> turned = cross_force<G>(w.S[j], (h * w.wide_push[k]) * w.wide_wrench[k]);

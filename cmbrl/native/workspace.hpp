@@ -102,6 +102,7 @@ struct LeftOut { Mask lanes; int A, B; Vec<G::N> W; T base; double speed; };
 constexpr int kGuesses = 5;  // the free velocity, and solves of a step with rows that were left out; then all of its rows are let in
 struct LeftOutLimit { Mask lanes; Direction way; T base; double speed; };
 
+struct Input { T value, by_command, by_activation, by_time; };  // of a gain, and its slope in what it follows from
 struct Passed { int A, B; T slack; };         // a cluster that is not looked at; of its rows, under the velocity at the start
 struct Given { int index, edge; Mask on; };  // a candidate, or an edge of it, that is a row in these lanes, whatever it is like
 struct ActiveGroup { int group, begin, end; };  // contacts of one body pair stand together
@@ -158,6 +159,7 @@ struct Work : SolverWork<G> {
   Motion *vel, *acc, *f, *fc, *psid, *psidd, *sdot, *vlam, *tn, *tnlam;  // tn: twists under the next velocity
   T* Xc; V* momc;
   T *bias, *tau, *a, *kd, *kp, *open, *tmp;
+  Input* inputs; int substep = 0;          // of actuators with a state (activation.hpp), at this substep
   T *drive, *drive_kp;                     // of the actuators of a line, without springs
   Mask* yields;                            // lanes in which the actuators of a dof are not clamped by its joint
   T *lift, *lift_mass; V* lift_moment;     // gravity compensation, by dof and by body
@@ -264,7 +266,7 @@ struct Work : SolverWork<G> {
     psid = A.take<Motion>(nv); psidd = A.take<Motion>(nv); sdot = A.take<Motion>(nv);
     vlam = A.take<Motion>(nv); tnlam = A.take<Motion>(nv);
     Xc = A.take<T>(nb * G::NX); momc = A.take<V>(nb);
-    bias = A.take<T>(nv); tau = A.take<T>(m.nline); a = A.take<T>(nv); kd = A.take<T>(m.nline); kp = A.take<T>(m.nline); open = A.take<T>(m.nact + 1);
+    bias = A.take<T>(nv); tau = A.take<T>(m.nline); a = A.take<T>(nv); kd = A.take<T>(m.nline); kp = A.take<T>(m.nline); open = A.take<T>(m.nu + 1); inputs = A.take<Input>(m.nstate);
     tmp = A.take<T>(nv); yields = A.take<Mask>(nv); drive = A.take<T>(m.nline); drive_kp = A.take<T>(m.nline);
     this->line_c = A.take<T>(m.line_ptr[m.nline]);
     D = A.take<T>(m.mass.row(m.nv)); free_factor = A.take<T>(m.mass.row(m.nv)); K = A.take<T>(m.mass.row(m.nv));

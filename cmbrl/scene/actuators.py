@@ -1,5 +1,6 @@
 """Actuators: the clamped force gain ctrl + bias0 + bias1 length + bias2 velocity, times gear, along one line.
 
+Instead of ctrl it may be an activation, which follows ctrl (``activation``).
 A line is a hinge, a slide or a fixed tendon. Without position and velocity gains an actuator may also act on a site, or
 on the dofs of a ball or free joint.
 """
@@ -7,12 +8,13 @@ on the dofs of a ball or free joint.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from cmbrl.scene.activation import Activation, dynamics_of, read_activation
 from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.manifold import quaternion_matrix
 from cmbrl.scene.mjcf import name_of
@@ -46,6 +48,7 @@ class Actuator:
     armature: float  # added to the line's, already times gear^2
     damping: float
     reach: Reach | None = None
+    activation: Activation | None = None
 
 
 def read_actuators(model: mujoco.MjModel, tree: Tree, lines: Mapping[int, int], gate: Gate) -> list[Actuator]:
@@ -61,7 +64,9 @@ def read_actuators(model: mujoco.MjModel, tree: Tree, lines: Mapping[int, int], 
         for number in range(controls):
             suffix = "" if controls == 1 else f"_{number}"
             name = _unused(name_of(model, "actuator", k) + suffix, [a.name for a in actuators])
-            actuators.append(_read(model, tree, k, len(actuators), name, lines, sound))
+            read = _read(model, tree, k, len(actuators), name, lines, sound)
+            at_once = not sound or "actuator_dynamics" in gate.ignore
+            actuators.append(read if at_once else replace(read, activation=read_activation(model, k)))
     return actuators
 
 
@@ -79,9 +84,11 @@ def _modelled(model: mujoco.MjModel, k: int, controls: int, lines: Mapping[int, 
     if obstacle := _obstacle(model, lines, k):
         gate.refuse("actuator_transmission", name, obstacle)
         sound = False
-    dynamics = mujoco.mjtDyn(int(model.actuator_dyntype[k])).name.removeprefix("mjDYN_").lower()
+    dynamics = dynamics_of(model, k)
     if dynamics in ("filter", "filterexact"):
-        gate.refuse("actuator_dynamics", name, f"a {dynamics} on its control", "the control acts at once")
+        gate.drops("actuator_dynamics", name, f"a {dynamics} on its control", "the control acts at once")
+    elif dynamics == "integrator":
+        sound &= not gate.drops("actuator_dynamics", name, "it integrates its control")
     elif dynamics != "none":
         gate.refuse("actuator_dynamics", name, f"dynamics {dynamics}")
         sound = False

@@ -299,7 +299,8 @@ def physical_vector(
         P[layout.plane(k)] = ground.rot[:, 2] @ ground.pos
     for k, actuator in enumerate(actuators):
         first = layout.actuator(k)
-        P[first : first + 5] = [actuator.gear, actuator.gain, *actuator.bias]
+        time = actuator.activation.time_constant if actuator.activation else 0.0
+        P[first : first + 6] = [actuator.gear, actuator.gain, *actuator.bias, time]
         if actuator.reach is None:
             P[layout.dof(actuator.line, "armature")] += actuator.armature
             P[layout.dof(actuator.line, "damping")] += actuator.damping

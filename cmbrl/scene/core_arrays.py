@@ -41,6 +41,7 @@ class CoreArrays:
     nact: int
     nforcerange: int
     nlift: int  # bodies with gravity compensation
+    nstate: int
     nwide: int
     nbox: int
     nballspring: int
@@ -50,7 +51,7 @@ class CoreArrays:
     nwrap: int
     ntie: int
     nshape: int  # bodies whose inertia can change its shape
-    nmass: int  # bodies with a mass
+    nmass: int  # masses and armatures that inverse weights depend on
     nweight: int  # inverse weights that masses change
     plane_basis: Array  # (2, 3) directions of the plane of motion; zeros for spatial scenes
 
@@ -125,6 +126,12 @@ class CoreArrays:
     act_ctrl: Array  # (na, 2)
     act_force: Array  # (na, 2)
 
+    act_state: Integers  # (na,) number of its activation, or -1
+    state_act: Integers  # (nx,) actuators with an activation
+    state_kind: Integers  # (nx,) a value of Dynamics
+    state_range: Array  # (nx, 2)
+    state_early: Integers  # (nx,) 1: the force follows the activation at the end of the step
+
     frc_dof: Integers  # (nf,) dofs that clamp the sum of their actuators
     frc_range: Array  # (nf, 2)
     dof_lift: Integers  # (nv,) how gravity compensation acts: 0 passive, 1 as an actuator of the joint, 2 not
@@ -174,11 +181,11 @@ class CoreArrays:
     shape_mass: Integers  # (nshape,) the parameter of its mass
     shape_par: Integers  # (nshape * (1 or 6),) the parameters of its shape; -1: none
     shape_root: Array  # (nshape, D * D) B: see inertia_shapes.py
-    mass_par: Integers  # (nmass,) the parameters of masses
-    weight_ptr: Integers  # (nweight + 1,) where the masses that change each inverse weight begin
+    mass_par: Integers  # (nmass,) their parameters
+    weight_ptr: Integers  # (nweight + 1,) where the masses and armatures that change each inverse weight begin
     weight_mass: Integers  # their places in mass_par
     weight_coef: Array  # a_k: see inverse_weights.py
-    con_weight: Integers  # (nc * 2,) inverse weights of both bodies; -1: none that masses change
+    con_weight: Integers  # (nc * 2,) inverse weights of both bodies; -1: none that these change
     con_share: Array  # (nc, 2) of their sum
     lim_weight: Integers  # (nl,)
     line_weight: Integers  # (nv + nt,)

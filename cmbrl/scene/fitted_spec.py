@@ -16,6 +16,7 @@ import numpy as np
 
 from cmbrl.scene.contact_meaning import softened
 from cmbrl.scene.inertials import Inertial, moved_parts, write_inertial
+from cmbrl.scene.layout import ACTUATOR_FIELDS
 from cmbrl.scene.mixing import collision_pairs, mixed, pair_label
 from cmbrl.scene.mjcf import name_of, read_tree
 from cmbrl.scene.records import Array
@@ -84,11 +85,11 @@ class FittedSpec:
         return found
 
     def _actuators(self) -> None:
-        """Gears, gains and biases."""
+        """Gears, gains, biases and time constants."""
         layout = self.scene.layout
         for column, k in self._columns():
             at = layout.actuator(column)
-            change = self.change[at : at + 5]
+            change = self.change[at : at + len(ACTUATOR_FIELDS)]
             if not change.any():
                 continue
             element, gear = self._element("actuators", k), self.model.actuator_gear[k].copy()
@@ -98,7 +99,8 @@ class FittedSpec:
                 gear *= self.P[at]  # relative to the file's
             gain, bias = self.model.actuator_gainprm[k].copy(), self.model.actuator_biasprm[k].copy()
             gain[0] += change[1]
-            bias[:3] += change[2:]
+            bias[:3] += change[2:5]
+            element.dynprm[0] += change[5]
             element.gear, element.gainprm[:], element.biasprm[:] = gear, gain, bias
 
     def _columns(self) -> Iterator[tuple[int, int]]:

@@ -1,13 +1,14 @@
-"""How masses soften rows: MuJoCo's compliances grow with inverse weights, which masses determine.
+"""How masses soften rows: MuJoCo's compliances grow with inverse weights, which masses and armatures determine.
 
 MuJoCo takes the weights of qpos0: of a body w = tr(J M^-1 J^T) / 3 with the Jacobian J (3, nv) of its centre of mass,
-of a joint the mean of its entries of the diagonal of M^-1. With M = sum_k mu_k M_k + armature in the scales mu of the
-masses, -dw/dmu_k = tr(J M^-1 M_k M^-1 J^T) / 3 >= 0, and what armature does not hold of w is the sum of these. So
+of a joint the mean of its entries of the diagonal of M^-1. With M = sum_k mu_k M_k in the scales mu of the masses and
+of the armatures, -dw/dmu_k = tr(J M^-1 M_k M^-1 J^T) / 3 >= 0, and w is the sum of these. So
 
     w(mu) = w (1 + sum_k a_k (1/mu_k - 1)),  a_k = -(dw/dmu_k) / w,
 
-has the right value and slope at mu = 1, is positive, and exact for free bodies and where all masses scale together. The
-file's other inertia (centres of mass, armature, shapes of inertias) counts as it is.
+has the right value and slope at mu = 1, is positive, and exact for free bodies and where all of them scale together:
+motion then tells nothing about the unit of force, as in MuJoCo. The file's other inertia (centres of mass, shapes of
+inertias, armature that the file does not have) counts as it is.
 """
 
 from __future__ import annotations
@@ -32,25 +33,28 @@ def weight_arrays(
     candidates: Sequence[Candidate],
     limits: Mapping[str, Any],
     masses: Mapping[int, int],
+    armatures: Mapping[int, int],
     contact_law: str,
 ) -> dict[str, Any]:
-    """The core's arrays: each inverse weight by the parameters ``masses`` (body -> number) that it depends on.
+    """The core's arrays: each inverse weight by the parameters that it depends on.
 
-    ``limits``: the core's arrays of lines.
+    ``masses``: body -> number; ``armatures``: degree of freedom -> number; ``limits``: the core's arrays of lines.
     """
     sides = np.array([[model.geom_bodyid[g] for g in c.geoms] for c in candidates], dtype=np.int64).reshape(-1, 2)
     weights = model.body_invweight0[sides, 0]
     total = weights.sum(axis=1, keepdims=True)
-    shares = _Shares(model, tree, set(sides.ravel().tolist()) if contact_law in SOFTENED_LAWS else set())
-    place = {body: k for k, body in enumerate(masses)}
-    known = [{place[k]: x for k, x in row.items() if k in masses and x > 0} for row in shares.rows]
+    touching = set(sides.ravel().tolist()) if contact_law in SOFTENED_LAWS else set()
+    shares = _Shares(model, tree, touching, masses, armatures)
+    scales = [*masses.values(), *dict.fromkeys(armatures.values())]
+    place = {number: k for k, number in enumerate(scales)}
+    known = [{place[k]: x for k, x in row.items() if x > 0} for row in shares.rows]
     lines = np.full(model.nv + len(limits["tendon_ptr"]) - 1, -1)
     for dof, row in shares.of_dof.items():
         lines[dof] = row
     return {
-        "nmass": len(masses),
+        "nmass": len(scales),
         "nweight": len(known),
-        "mass_par": integers(list(masses.values())),
+        "mass_par": integers(scales),
         "weight_ptr": integers(np.cumsum([0, *map(len, known)])),
         "weight_mass": integers([k for row in known for k in row]),
         "weight_coef": doubles([x for row in known for x in row.values()], (-1,)),
@@ -62,9 +66,16 @@ def weight_arrays(
 
 
 class _Shares:
-    """a_k by moving body k: a row for each joint that may rub or end, and for each of some bodies of the file."""
+    """a_k by parameter: a row for each joint that may rub or end, and for each of some bodies of the file."""
 
-    def __init__(self, model: mujoco.MjModel, tree: Tree, bodies: set[int]) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        tree: Tree,
+        bodies: set[int],
+        masses: Mapping[int, int],
+        armatures: Mapping[int, int],
+    ) -> None:
         self.rows: list[dict[int, float]] = []
         self.of_dof: dict[int, int] = {}
         self.of_body: dict[int, int] = {}
@@ -77,8 +88,12 @@ class _Shares:
             welded.setdefault(frame.body, []).append(body)
         for members in _trees(tree):
             dofs = np.array([d for k in members for joint in tree.bodies[k].joints for d in joint.dofs])
-            parts = {k: jacobians.inertia(welded[k], dofs) for k in members}
-            inverse = np.linalg.pinv(sum(parts.values()) + np.diag(model.dof_armature[dofs]), hermitian=True)
+            inertias = {k: jacobians.inertia(welded[k], dofs) for k in members}
+            armature = model.dof_armature[dofs]
+            inverse = np.linalg.pinv(sum(inertias.values()) + np.diag(armature), hermitian=True)
+            parts = {masses[k]: inertia for k, inertia in inertias.items() if k in masses}
+            for number in dict.fromkeys(armatures[d] for d in dofs if d in armatures):
+                parts[number] = np.diag(armature * [armatures.get(d) == number for d in dofs])
             for k in members:
                 for joint in tree.bodies[k].joints:
                     if model.jnt_type[joint.source] != mujoco.mjtJoint.mjJNT_FREE:
@@ -90,7 +105,7 @@ class _Shares:
 
 
 def _of_rows(J: Array, inverse: Array, parts: Mapping[int, Array]) -> dict[int, float]:
-    """a_k of the weight tr(J M^-1 J^T)."""
+    """a_k of the weight tr(J M^-1 J^T), by ``parts`` of M."""
     moved = J @ inverse
     weight = float(np.sum(moved * J))
     if weight < _NOTHING:
@@ -133,9 +148,9 @@ def _trees(tree: Tree) -> Iterator[list[int]]:
 
 
 def soften(core: CoreArrays, theta: Array, P: Array) -> None:
-    """Scales the softness of contacts in the physical vector P by masses at ``theta`` (in the core: load_weights)."""
+    """Scales the softness of contacts in the physical vector P by inertia at ``theta`` (in the core: load_weights)."""
     counts = np.diff(core.weight_ptr)
-    change = core.weight_coef * (1.0 / theta[core.mass_par] - 1.0)[core.weight_mass]
+    change = core.weight_coef * (core.par_nominal[core.mass_par] / theta[core.mass_par] - 1.0)[core.weight_mass]
     lighter = np.zeros(core.nweight + 1)  # the last: of what no mass changes
     np.add.at(lighter, np.repeat(np.arange(core.nweight), counts), change)
     factors = 1.0 + (core.con_share * lighter[core.con_weight.reshape(-1, 2)]).sum(axis=1)

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.actuators import Actuator
-from cmbrl.scene.collector import Collector
+from cmbrl.scene.collector import Collector, Moves
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.records import WORLD, Array, Joint, JointKind, Tree
 
@@ -49,6 +49,17 @@ def offer_joints(
             elif high > 0 and not _floating(tree, joints[0]):
                 out.add(field, name, 0.0, 0.0, high, unit, indices)
     _offer_friction_laws(tree, losses, layout, P, out)
+
+
+def armatures_of(moves: Moves, layout: Layout, nv: int) -> dict[int, int]:
+    """Degree of freedom -> number of its armature's parameter, of armatures that the file has."""
+    dof_of = {layout.dof(d, "armature"): d for d in range(nv)}
+    return {
+        dof_of[int(place)]: k
+        for k, p in enumerate(moves.parameters)
+        if p.group == "armature" and p.nominal > 0.0
+        for place in moves.idx[moves.ptr[k] : moves.ptr[k + 1]]
+    }
 
 
 def _offer_friction_laws(tree: Tree, losses: Array, layout: Layout, P: Array, out: Collector) -> None:
@@ -110,7 +121,10 @@ def _strength(actuator: Actuator) -> float:
 
 
 def offer_actuator(actuator: Actuator, layout: Layout, k: int, out: Collector) -> None:
-    """Gains of a position servo; the gear of others, and of a servo behind a gear."""
+    """Gains of a position servo; the gear of others, and of a servo behind a gear; the time constant of a filter."""
+    time = actuator.activation.time_constant if actuator.activation else 0.0
+    if actuator.gear and time > 0:
+        out.add("time_constant", actuator.name, time, time / 10, time * 10, "s", [layout.actuator(k, "time")])
     stiffness, damping = actuator.gain, -float(actuator.bias[2])
     servo = actuator.gear != 0 and stiffness > 0 and actuator.bias[1] == -stiffness
     if actuator.gear and not (servo and actuator.gear == 1):

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cmbrl.scene.activation import Dynamics
 from cmbrl.scene.records import WORLD, LeftOut, Parameter, TieKind
 from cmbrl.scene.scene import Scene
 
@@ -83,6 +84,7 @@ def to_dict(scene: Scene) -> dict[str, Any]:
                 "coordinate": _driven(scene, k),
                 "control": _bounds(core.act_ctrl[k]),
                 "force": _bounds(core.act_force[k]),
+                "activation": _activation(scene, k),
             }
             for k, name in enumerate(scene.actuator_names)
         ],
@@ -225,7 +227,25 @@ def _actuator_line(scene: Scene, k: int) -> str:
     if _driven(scene, k) != text:
         text += f" on {_driven(scene, k)}"
     text += f" ctrl [{control[0]:g}, {control[1]:g}]" if control else ""
-    return text + (f" force [{force[0]:g}, {force[1]:g}]" if force else "")
+    text += f" force [{force[0]:g}, {force[1]:g}]" if force else ""
+    state = _activation(scene, k)
+    if state is None:
+        return text
+    time = f" of {state['time_constant']:g} s" if state["dynamics"] != "integrator" else ""
+    return f"{text} through a{'n' * (not time)} {state['dynamics']}{time}"
+
+
+def _activation(scene: Scene, k: int) -> dict[str, Any] | None:
+    """The state of an actuator, if it has one."""
+    core, number = scene.core, int(scene.core.act_state[k])
+    if number < 0:
+        return None
+    return {
+        "dynamics": Dynamics(int(core.state_kind[number])).name.lower(),
+        "time_constant": float(core.P[scene.layout.actuator(k, "time")]),
+        "limits": _bounds(core.state_range.reshape(-1, 2)[number]),
+        "early": bool(core.state_early[number]),
+    }
 
 
 def _path(scene: Scene, tendon: int) -> dict[str, float]:

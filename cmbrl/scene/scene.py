@@ -11,6 +11,7 @@ import numpy as np
 from cmbrl.errors import UserError
 from cmbrl.numbers import one_of, real_array, switch
 from cmbrl.scene import kinematics, manifold
+from cmbrl.scene.activation import activation_arrays
 from cmbrl.scene.actuators import reach_arrays, read_actuators
 from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.assemble import contact_arrays, line_arrays, physical_vector, tie_arrays, tree_arrays
@@ -22,6 +23,7 @@ from cmbrl.scene.fluid import box_arrays, oblique_box, read_boxes
 from cmbrl.scene.inertia_shapes import add_shapes
 from cmbrl.scene.inverse_weights import soften, weight_arrays
 from cmbrl.scene.joint_forces import force_ranges, read_compensation
+from cmbrl.scene.joint_parameters import armatures_of
 from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.mjcf import ignores, name_of, read_tree
@@ -88,6 +90,11 @@ class Scene:
     def __repr__(self) -> str:
         algebra = "planar" if self.planar else "spatial"
         return f"Scene({self.name}: {algebra}, nq={self.nq}, nv={self.nv}, nu={self.nu}, {self.core.ncontact} contacts)"
+
+    @property
+    def inputs(self) -> int:
+        """Width of what drives a step: the controls, and then the activations of actuators with a state."""
+        return self.nu + self.core.nstate
 
     @classmethod
     def from_mjcf(
@@ -255,7 +262,7 @@ def _build(
         implicit_gains=integrator != "euler",
         nq=int(model.nq),
         nv=int(model.nv),
-        nu=len(actuators),
+        nu=len(actuators) + sum(a.activation is not None for a in actuators),
         nbody=len(tree.bodies),
         njoint=len(tree.joints),
         ncontact=len(candidates),
@@ -276,6 +283,7 @@ def _build(
         act_force=doubles([a.force for a in actuators], (-1, 2)),
         **ranges,
         **compensation.arrays(tree, plane),
+        **activation_arrays(actuators),
         **reach_arrays(tree, actuators, plane),
         **box_arrays(model, tree, boxes, plane),
         **spring_arrays(model, tree),
@@ -285,7 +293,7 @@ def _build(
         par_coef=moves.coef,
         par_nominal=np.array([p.nominal for p in moves.parameters], dtype=np.float64),
         **shapes,
-        **weight_arrays(model, tree, candidates, of_lines, masses, law.name),
+        **weight_arrays(model, tree, candidates, of_lines, masses, armatures_of(moves, layout, model.nv), law.name),
     )
     names, kinds = _coordinates(tree)
     geoms = [name_of(model, "geom", k) for k in range(model.ngeom)]

@@ -17,7 +17,7 @@ KINDS = {  # those below "supported" are modelled, and left out only if they are
     "equality": "equality constraints of deformable bodies",
     "flex": "deformable bodies",
     "plugin": "engine plugins",
-    "actuator_dynamics": "actuators with a state or a delay",
+    "actuator_dynamics": "muscles, delays and other states of actuators (integrators and filters are supported)",
     "actuator_transmission": "actuators on something else than a joint, a tendon or a site",
     "actuator_bias": "actuators with a force other than gain ctrl + bias0 + bias1 length + bias2 velocity",
     "geom_type": "contact with height fields and SDFs, and planes that move",

@@ -101,7 +101,7 @@ def _carriers(tree: Tree, segments: list[Segment]) -> list[int]:
     dofs: set[int] = set()
     for segment in segments:
         chains = [set(tree.chain(body)) for body in segment.bodies]
-        moving = set.union(*chains) - set.intersection(*chains)
+        moving = chains[0].union(*chains) - chains[0].intersection(*chains)
         dofs.update(dof for body in moving for joint in tree.bodies[body].joints for dof in joint.dofs)
     return sorted(dofs)
 

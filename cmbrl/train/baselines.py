@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 import torch
 from torch import nn
 
+from cmbrl.envs.history import commands, observed
 from cmbrl.envs.simulation import Simulation
 from cmbrl.envs.system_batch import SystemBatch
 from cmbrl.errors import UserError
@@ -101,9 +102,9 @@ class Baseline(Trainer):
         sb3.library()
         from cmbrl.envs.sb3_vec_env import Sb3VecEnv
 
-        self.mdp, self.config = mdp, config
+        self.mdp, self.config = observed(mdp, model), config
         self.real = None if isinstance(model, Model) else SystemBatch(model, config.environments)
-        self.simulation = Simulation(mdp, self.real or model, config.environments, seed)  # type: ignore[arg-type]
+        self.simulation = Simulation(self.mdp, self.real or model, config.environments, seed)  # type: ignore[arg-type]
         rows = environment = Sb3VecEnv(self.simulation)
         self.scales: Any = None
         if self.scales_observations:
@@ -152,6 +153,10 @@ class Baseline(Trainer):
         logged = self.algorithm.logger.name_to_value
         metrics |= {k.removeprefix("train/"): float(x) for k, x in logged.items() if k.endswith("loss")}
         return metrics | episode_metrics(self.simulation.finished)
+
+    def conditions(self) -> dict[str, Any]:
+        """The commands' delay and lag, and what the policy observes of it."""
+        return commands(self.mdp, self.simulation.model)
 
     def _take_policy(self) -> None:
         sb3.copy_layers(self.actor(), self.policy)
@@ -205,7 +210,7 @@ class SAC(Baseline):
 
     def architecture(self) -> Architecture:
         hidden = self.config.hidden
-        return Architecture(self.mdp.observations, self.mdp.actions, hidden, "relu", False, "tanh", False)
+        return Architecture.of(self.mdp, hidden, "relu", False, "tanh", False)
 
     def actor(self) -> Sequence[nn.Module]:
         return [*self.algorithm.actor.latent_pi, self.algorithm.actor.mu]
@@ -230,7 +235,7 @@ class PPO(Baseline):
         )  # fmt: skip
 
     def architecture(self) -> Architecture:
-        return Architecture(self.mdp.observations, self.mdp.actions, self.config.hidden, "relu", False, "clip", True)
+        return Architecture.of(self.mdp, self.config.hidden, "relu", False, "clip", True)
 
     def actor(self) -> Sequence[nn.Module]:
         return [*self.algorithm.policy.mlp_extractor.policy_net, self.algorithm.policy.action_net]
@@ -250,7 +255,7 @@ class ARS(Baseline):
         )  # fmt: skip
 
     def architecture(self) -> Architecture:
-        return Architecture(self.mdp.observations, self.mdp.actions, (), "relu", False, "clip", True)
+        return Architecture.of(self.mdp, (), "relu", False, "clip", True)
 
     def actor(self) -> Sequence[nn.Module]:
         return list(self.algorithm.policy.action_net)

@@ -16,6 +16,7 @@ from io import BytesIO, StringIO
 
 import torch
 
+from cmbrl.data.behaviour import LAST_ACTIONS
 from cmbrl.errors import UserError
 from cmbrl.files import write_bytes
 from cmbrl.train.policy import Policy
@@ -28,7 +29,8 @@ def export_torchscript(policy: Policy, path: str | os.PathLike[str]) -> None:
     content = BytesIO()
     with _quietly():
         traced = torch.jit.trace(policy.eval(), _example(policy))
-        torch.jit.save(torch.jit.freeze(traced), content)  # type: ignore[no-untyped-call]
+        told = {LAST_ACTIONS: str(policy.architecture.last_actions)}
+        torch.jit.save(torch.jit.freeze(traced), content, told)  # type: ignore[no-untyped-call]
     write_bytes(path, content.getvalue())
 
 

@@ -111,15 +111,13 @@ class FOPG(WindowLearner):
     config: FOPGConfig
 
     def __init__(self, mdp: MDP, model: Model, config: FOPGConfig, seed: int = 0) -> None:
-        c = config
+        c, mdp = config, config.process(mdp, model)
         super().__init__(
             mdp,
             model,
             c,
             seed,
-            architecture=Architecture(
-                mdp.observations, mdp.actions, c.hidden, norm=c.norm, squash=c.squash, normalise=c.normalise
-            ),
+            architecture=Architecture.of(mdp, c.hidden, norm=c.norm, squash=c.squash, normalise=c.normalise),
             rate=c.rate,
             betas=BETAS if c.critic else PLAIN_BETAS,
             count=c.samples,

@@ -18,6 +18,7 @@ import torch
 
 from cmbrl.data.transitions import Transitions
 from cmbrl.envs.evaluation import evaluate_model
+from cmbrl.envs.history import with_last_actions
 from cmbrl.envs.recording import Recording
 from cmbrl.envs.simulation import Disturbance, parameter_sets
 from cmbrl.errors import UserError
@@ -83,7 +84,8 @@ class Loop(Trainer):
     ) -> None:
         if system is None:
             raise UserError("loop acts in the real system: drop --offline, or `cmbrl fit` the log and train by shac")
-        self.mdp, self.nominal, self.config, self.seed = mdp, model, config, seed
+        self.task, self.nominal, self.config, self.seed = mdp, model, config, seed
+        self.mdp = mdp  #: with the last actions that policies observe, once a model is fitted
         self.given = data
         # Short episodes: the fit can hold some out, and sees many states near the start.
         self.recording = Recording(replace(mdp, episode_steps=min(mdp.episode_steps, EPISODE_STEPS)), system, seed)
@@ -101,6 +103,8 @@ class Loop(Trainer):
         if self.model is None:  # a round begins
             self._execute()
             self._fit()
+            assert self.model is not None
+            self._choose_observations(self.model)
             self._begin_policy()
         metrics = self.trainer.update()
         tried = self.trainer.iteration == self.trial_updates and len(self.tried) < self.config.policies
@@ -141,6 +145,16 @@ class Loop(Trainer):
         fitted = self.fitted.uncertain_model(self.config.draws, self.seed)
         self.model = fitted.with_settings(backward_smoothing=self.nominal.backward_smoothing)
 
+    def _choose_observations(self, model: ComplementarityModel) -> None:
+        """How many last actions policies observe: the first model that they meet decides for all rounds."""
+        if self.round == 0:
+            self._observe_actions(self.settings.process(self.task, model).last_actions)
+
+    def _observe_actions(self, count: int) -> None:
+        self.settings = replace(self.settings, last_actions=count)
+        self.mdp = with_last_actions(self.task, count)
+        self.recording.observe_actions(count)
+
     def _begin_policy(self) -> None:
         """A fresh policy in the first round; later the last round's, with new optimisers and a new critic.
 
@@ -177,6 +191,10 @@ class Loop(Trainer):
             self.before = {name: value.clone() for name, value in self.policy.state_dict().items()}
             self.model, self.tried = None, []
 
+    def conditions(self) -> dict[str, Any]:
+        """Those of the policy in training."""
+        return self.trainer.conditions()
+
     def keep(self, folder: Path) -> None:
         """Writes the last fit to ``folder``/fit, as `cmbrl fit` does, to be inspected, compared and trained on."""
         if self.fitted is not None:
@@ -193,17 +211,22 @@ class Loop(Trainer):
             "generator": self.generator.get_state(),
             "parameters": None if model is None else torch.from_numpy(model.parameters),
             "draws": None if model is None else torch.from_numpy(model.candidates),
+            "observation": {} if model is None else model.observation,
+            "last_actions": self.settings.last_actions,
             "trainer": self.trainer.state(),
         }
 
     def restore(self, state: dict[str, Any]) -> None:
         """Continues from what ``state`` returned, bit for bit."""
         self.round, self.before, self.tried = state["round"], state["before"], state["tried"]
+        if state["last_actions"] is not None:
+            self._observe_actions(state["last_actions"])
         self.recording.restore(state["recording"])
         self.generator.set_state(state["generator"])
         self.model = None
         if state["parameters"] is not None:
             settings = {"parameters": state["parameters"].numpy(), "candidates": state["draws"].numpy()}
+            settings |= {"observation": state["observation"]}
             self.model = self.nominal.with_settings(**settings)
             self._begin_policy()  # with the draws that it had
         self.trainer.restore(state["trainer"])

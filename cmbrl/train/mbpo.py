@@ -103,7 +103,7 @@ class MBPO(Trainer):
         with self.randomness:
             self.sac = _soft_actor_critic(mdp, config)
         self.sac.replay_buffer = Mixture(self.real, self.imagined, config.real_share, self.generator)
-        self.policy = Policy(Architecture(mdp.observations, mdp.actions, config.hidden, "relu", False, "tanh", False))
+        self.policy = Policy(Architecture.of(mdp, config.hidden, "relu", False, "tanh", False))
         self._take_policy()
         self.iteration, self.steps, self.model_error = 0, 0, float("nan")
         self.seconds = dict.fromkeys(("fit", "branch", "robot", "policy"), 0.0)

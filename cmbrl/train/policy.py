@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import torch
 from torch import Tensor, nn
+
+from cmbrl.envs.history import with_last_actions
+from cmbrl.mdp import MDP
 
 ACTIVATIONS = {"elu": nn.ELU, "relu": nn.ReLU, "tanh": nn.Tanh, "silu": nn.SiLU}
 
@@ -66,6 +70,13 @@ class Architecture:
     norm: bool = True  #: LayerNorm after each activation
     squash: str = "tanh"  #: how the net's output is mapped into [-1, 1]: "tanh" or "clip"
     normalise: bool = True  #: whether observations are standardised
+    last_actions: int = 0  #: how many of its own last actions the observations end with, the newest first
+
+    @classmethod
+    def of(cls, mdp: MDP, hidden: tuple[int, ...], *more: Any, **named: Any) -> Architecture:
+        """That of a policy in ``mdp``; the rest as in the class."""
+        found = cls(mdp.observations, mdp.actions, hidden, *more, **named)
+        return replace(found, last_actions=mdp.last_actions)
 
 
 class Policy(nn.Module):
@@ -92,3 +103,8 @@ class Policy(nn.Module):
     def squash(self, drive: Tensor) -> Tensor:
         """Actions (B, n_a) of a drive, in [-1, 1]."""
         return torch.tanh(drive) if self.architecture.squash == "tanh" else drive.clamp(-1.0, 1.0)
+
+
+def observed_by(actor: object, mdp: MDP) -> MDP:
+    """A task's ``mdp`` as an actor observes it: a policy may see its last actions."""
+    return with_last_actions(mdp, actor.architecture.last_actions) if isinstance(actor, Policy) else mdp

@@ -117,8 +117,13 @@ class TrainingRun:
         state = {"iteration": self.iteration, "seconds": self.seconds, "metrics": as_csv(self._rows)}
         state["options"] = self._options
         save_state(self.folder / CHECKPOINT, {**state, "trainer": self.trainer.state()})
-        save_policy(self.trainer.policy, self.folder, self.about | {"iteration": self.iteration})
+        about = self.about | self._conditions() | {"iteration": self.iteration}
+        save_policy(self.trainer.policy, self.folder, about)
         self.trainer.keep(self.folder)
+
+    def _conditions(self) -> dict[str, Any]:
+        found = self.trainer.conditions()
+        return {"commands": found} if found else {}
 
     def _restore(self) -> None:
         path = self.folder / CHECKPOINT
@@ -157,12 +162,23 @@ class TrainingRun:
     def _conclude(self, stopped: str, log: MetricsLog) -> Outcome:
         last = log.rows[-1] if log.rows else {}
         result = {"stopped": stopped, "iteration": self.iteration, "seconds": round(self.seconds, 3)}
+        result |= self._conditions()
         known = {name: value if math.isfinite(value) else None for name, value in last.items()}
         write_json(self.folder / RESULT, {**result, "last": known})
         if log.rows:
             title = ", ".join(f"{name} {value}" for name, value in self.about.items())
             plot_metrics(log.rows, self.folder / PLOT, title)
         return Outcome(stopped, self.iteration, self.seconds, last)
+
+
+def commands_text(told: Mapping[str, Any]) -> str:
+    """What a run's ``commands`` are, in words.
+
+    >>> commands_text({"delay": 0.016, "lag": 0.02, "last_actions": 5})
+    'commands 16 ms late with a lag of 20 ms, as in the model; the policy observes its last 5 actions'
+    """
+    late = f"commands {1e3 * told['delay']:.3g} ms late with a lag of {1e3 * told['lag']:.3g} ms, as in the model"
+    return f"{late}; the policy observes its last {told['last_actions']} actions"
 
 
 def progress_text(row: Mapping[str, float]) -> str:

@@ -11,6 +11,7 @@ from cmbrl.files import file_digest
 from cmbrl.mdp import MDP
 from cmbrl.registry import Task
 from cmbrl.train.models import REAL, check_model
+from cmbrl.train.policy import observed_by
 from cmbrl.train.policy_file import SavedPolicy, load_policy
 
 
@@ -31,7 +32,7 @@ class Trained:
         task = task_for(saved.task, motion, saved.about.get("contact_law"), saved.about.get("sliding"))
         if motion is not None and file_digest(motion) != saved.about.get("motion_digest"):
             raise UserError(f"{motion}: has changed since {folder} was trained on it: restore it, or train again")
-        mdp = trial_process(task)
+        mdp = observed_by(saved.policy, trial_process(task))
         shape = saved.policy.architecture
         have, need = (shape.observations, shape.actions), (mdp.observations, mdp.actions)
         if have != need:

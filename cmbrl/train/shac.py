@@ -60,13 +60,14 @@ class SHAC(WindowLearner):
     critic: Critic
 
     def __init__(self, mdp: MDP, model: Model, config: SHACConfig, seed: int = 0) -> None:
+        mdp = config.process(mdp, model)
         generator = torch.Generator().manual_seed(seed)
         super().__init__(
             mdp,
             model,
             config,
             seed,
-            architecture=Architecture(mdp.observations, mdp.actions, config.actor_hidden),
+            architecture=Architecture.of(mdp, config.actor_hidden),
             rate=config.actor_rate,
             betas=BETAS,
             count=config.environments,

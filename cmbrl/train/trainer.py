@@ -65,6 +65,10 @@ class Trainer(ABC):
     def restore(self, state: dict[str, Any]) -> None:
         """Continues from what ``state`` returned, bit for bit."""
 
+    def conditions(self) -> dict[str, Any]:
+        """What a report of the run has to say of how commands act, JSON types; nothing where they act at once."""
+        return {}
+
     @property
     def over(self) -> bool:
         """Whether a budget other than ``config.iterations``, such as one on seconds, is spent."""

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 import torch
 
+from cmbrl.envs.history import MOST, commands, observed
 from cmbrl.envs.simulation import Disturbance, Simulation, parameter_sets
 from cmbrl.gradients.kinds import steps_taken
 from cmbrl.mdp import MDP
@@ -39,6 +40,14 @@ class WindowConfig(CriticConfig):
     parameter_spread: float = setting(
         0.0, "each episode's physical parameters vary by up to this share, on top of the fit's draws", least=0
     )
+
+    last_actions: int | None = setting(
+        None, "last actions that a policy observes; none: as many as the model's delay and lag hold", least=0, most=MOST
+    )
+
+    def process(self, mdp: MDP, model: Model) -> MDP:
+        """A task's ``mdp`` as a policy observes it that is trained on ``model``."""
+        return observed(mdp, model, self.last_actions)
 
     def steps(self, mdp: MDP) -> int:
         """Control steps of a window in ``mdp``; a ``horizon`` of 0 is a whole episode."""
@@ -142,6 +151,10 @@ class WindowLearner(Trainer):
         if self.unusable > PATIENCE:
             states = {"q": self.simulation.q.detach().numpy(), "v": self.simulation.v.detach().numpy()}
             raise Diverged(f"{self.title}: {self.unusable} gradients in a row were not finite: {self.remedy}", states)
+
+    def conditions(self) -> dict[str, Any]:
+        """The commands' delay and lag, and what the policy observes of it."""
+        return commands(self.mdp, self.model)
 
     def state(self) -> dict[str, Any]:
         """Everything that the next update depends on."""

@@ -44,7 +44,19 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_states_by_log(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["error", "--scene", "arm.xml", "--data", "as_told.npz", "dry.npz", "--horizons", "20", "--json", "nominal"]
+    words = [
+        "error",
+        "--scene",
+        "arm.xml",
+        "--data",
+        "as_told.npz",
+        "--data",
+        "dry.npz",
+        "--horizons",
+        "20",
+        "--json",
+        "nominal",
+    ]
     assert main(words) == 0
     entries = json.loads(capsys.readouterr().out)["entries"]
     error = {entry["stratum"]: entry["error"] for entry in entries}
@@ -54,7 +66,16 @@ def test_states_by_log(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_positions_by_log_open_loop(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["error", "--scene", "arm.xml", "--data", "as_told_positions.npz", "dry_positions.npz", "--open-loop"]
+    words = [
+        "error",
+        "--scene",
+        "arm.xml",
+        "--data",
+        "as_told_positions.npz",
+        "--data",
+        "dry_positions.npz",
+        "--open-loop",
+    ]
     assert main([*words, "--json", "nominal"]) == 0
     found = json.loads(capsys.readouterr().out)["models"]["nominal"]
     by_log = found["by_log"]

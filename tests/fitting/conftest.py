@@ -16,6 +16,7 @@ import pytest
 
 from cmbrl.data.transitions import Transitions
 from cmbrl.fitting.loss import huber as huber_loss
+from cmbrl.models.observation import Observation
 from cmbrl.models.windows import Windows
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.records import Parameter
@@ -32,7 +33,7 @@ class CartScene:
     name = "carts"
 
     def __init__(self, n: int) -> None:
-        self.nq = self.nv = self.nu = n
+        self.nq = self.nv = self.nu = self.inputs = n
         self.joint_names = self.actuator_names = self.joints = ()
         self.left_out = (SimpleNamespace(kind="tendon", name="rope", why="not modelled"),)
         made = [Parameter(f"{f}.{i}", f, 1.0, 0.2, 5.0, "log", "") for f in FIELDS for i in range(n)]
@@ -81,6 +82,13 @@ class CartModel:
         self.parameters = scene.parameter_vector() if parameters is None else np.asarray(parameters)
         self.calls = 0
 
+    @property
+    def observer(self) -> Observation:
+        return Observation.of(self.scene, self.dt)  # type: ignore[arg-type]
+
+    def seen(self, log: Transitions) -> Transitions:
+        return self.observer.states(log, self.observer.vector(self.observation))
+
     def with_parameters(self, theta: np.ndarray) -> CartModel:
         return CartModel(self.scene, theta)
 
@@ -95,6 +103,9 @@ class CartModel:
 
     def other_sliding(self) -> None:
         return None
+
+    def other_steppings(self) -> list[CartModel]:
+        return []
 
     def to_config(self) -> dict[str, Any]:
         return {"carts": self.scene.nv, "parameters": self.parameters.tolist()}

@@ -1,23 +1,30 @@
-"""Intervals cover the truth; what the data cannot tell is named."""
+"""Intervals cover the truth, also of a wrong model; what the data cannot tell is named."""
 
 import numpy as np
+import pytest
 
+import cmbrl
+from cmbrl.fitting.discrepancy import Discrepancy
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.identify import _flat_directions, identify
 from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.ratios import ratios
 from cmbrl.fitting.state import Journal
+from cmbrl.fitting.survey import Survey
 from cmbrl.models.windows import Scales
 
 
-def _identify(carts, data, columns):
+def _identify(carts, data, columns, place=False):
     model = carts.model()
     evidence = Evidence.of(model, data)
     space = evidence.space
     loss = evidence.loss(data.windows(1), 1, Scales.of(model.scene, data, 5.0))
     objective = Objective(loss, space, space.columns(columns), strength=1e-6)
     found = gauss_newton(objective, np.zeros(len(objective.space)), 20, Journal(None, ""))
-    return space, identify(space, found.z, objective.active, loss.normal_equations(space, found.z))
+    right = np.zeros((len(space), len(space)))  # the model is right
+    known = identify(space, found.z, objective.active, loss.normal_equations(space, found.z), right)
+    return (space, known, found.z) if place else (space, known)
 
 
 def test_intervals_cover_the_truth_as_often_as_they_say(carts):
@@ -39,6 +46,21 @@ def test_the_unit_of_force_is_a_flat_direction(carts):
     assert min(scale.values()) > 0.99  # all by the same factor
 
 
+def test_ratios_are_known_where_sizes_are_not(carts):
+    data = carts.record(carts.truth(1, gear_0=0.7), 8, 30, noise=1e-3)
+    space, known, z = _identify(carts, data, ["mass", "damping", "frictionloss", "gear"], place=True)
+    together = [k for k, name in enumerate(space.names) if name.endswith(".0")]
+    found = ratios(space, z, known.every, together)
+    told = {found["reference"]: [1.0, 1.0, 1.0], **found["parameters"]}
+    assert set(told) == {"mass.0", "damping.0", "frictionloss.0", "gear.0"}
+    value = {name: numbers[0] for name, numbers in told.items()}
+    assert value["gear.0"] / value["mass.0"] == pytest.approx(0.7, rel=0.01)
+    for name, (_, low, high) in found["parameters"].items():
+        k = space.names.index(name)
+        assert high / low < 0.5 * known.high[k] / known.low[k]
+    assert ratios(space, z, known.every, together[:1]) is None
+
+
 def test_parameters_without_any_information_are_not_mixed():
     information = np.zeros((4, 4))
     information[:2, :2] = [[2.0, -2.0], [-2.0, 2.0]]
@@ -53,3 +75,62 @@ def test_what_is_not_fitted_is_seen_or_not(carts):
     assert known.low[0] == known.high[0] == 1.0
     assert known.low[1] < 1.0 < known.high[1]
     assert not known.flat.any()
+
+
+SLIDER = """<mujoco><option timestep="0.02" gravity="0 0 0"/><worldbody><body><joint name="x" type="slide" axis="1 0 0"
+  damping="6" stiffness="60"/><geom size="0.1" mass="1"/></body></worldbody>
+  <actuator><motor name="x" joint="x" gear="30"/></actuator></mujoco>"""
+
+
+@pytest.fixture(scope="module")
+def slider():
+    """A robot, its log by a twentieth of the time step, and parameters of the fit over one step."""
+    model = cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(SLIDER))
+    truth = model.with_settings(time_step=0.001, substeps=20)
+    rng, episodes, steps = np.random.default_rng(0), 100, 40
+    q, v = np.zeros((2, steps + 1, episodes, 1))
+    u = rng.uniform(-1, 1, (steps, episodes, 1))
+    for k in range(steps):
+        step = truth.predict(q[k], v[k], u[k])
+        q[k + 1], v[k + 1] = step.q_next, step.v_next
+    rows = [np.swapaxes(x, 0, 1).reshape(-1, 1) for x in (q[:-1], v[:-1], u, q[1:], v[1:])]
+    names = ("q", "v", "u", "q_next", "v_next")
+    log = cmbrl.Transitions(
+        **dict(zip(names, rows, strict=True)), episode=np.repeat(np.arange(episodes), steps), dt=0.02
+    )
+    return model, truth, log
+
+
+def _widened(model, log):
+    """A fit over one step of what matters here, its covariance by a wrong model, and the space."""
+    evidence = Evidence.of(model, log)
+    space = evidence.space
+    active = space.columns(["damping", "gear"])
+    loss = evidence.loss(log.windows(1), 1, *evidence.scales(1, 0.5))
+    z = gauss_newton(
+        Objective.at(loss, space, active, np.zeros(len(space))), np.zeros(len(space)), 20, Journal(None, "")
+    ).z
+    found = Discrepancy(evidence, Survey(1, None, {}), 0.5, 0, 1000).covariance(z, active)
+    return space, z, active, found, loss.normal_equations(space, z)
+
+
+def test_a_wrong_time_step_widens_intervals_until_they_hold(slider):
+    model, _, log = slider
+    space, z, active, wrong, equations = _widened(model, log)
+    assert np.allclose(wrong, wrong.T)
+    assert np.linalg.eigvalsh(wrong).min() > -1e-12
+    assert not wrong[~active].any()
+    holds = []
+    for added in (np.zeros_like(wrong), wrong):
+        known = identify(space, z, active, equations, added)
+        holds.append(((known.low <= space.nominal) & (space.nominal <= known.high))[active])
+    assert not holds[0].all()  # the truth is the file: too sure of what repairs the time step
+    assert holds[1].all()
+
+
+def test_a_right_model_keeps_its_intervals(slider):
+    """The log refutes other integrators, so they do not count."""
+    model, truth, log = slider
+    own = _widened(truth.with_settings(threads=1), log)[3]
+    wrong = _widened(model, log)[3]
+    assert 1e3 * np.trace(own) < np.trace(wrong)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cmbrl.errors import UserError
-from cmbrl.fitting.gauge import gauge_columns, set_of
+from cmbrl.fitting.gauge import common_factors
 from cmbrl.fitting.space import Space
 from cmbrl.scene import Scene
 from cmbrl.scene.records import Parameter
@@ -65,23 +65,25 @@ def test_unknown_name_and_value_outside_bounds(carts):
         Space.of(model.scene.parameters, outside)
 
 
-def test_a_mass_is_held_only_when_every_force_is_free(carts):
+def test_a_factor_is_open_only_when_every_force_is_free(carts):
     model = carts.model(2)
     space = Space.of(model.scene.parameters, model.parameters)
+
+    def told(free):
+        return [{space.names[k] for k in together} for together in common_factors(model.scene.core, free)]
+
+    sets = [{f"{group}.{i}" for group in ("mass", "damping", "frictionloss", "gear")} for i in (0, 1)]
     everything = np.ones(len(space), dtype=bool)
-    assert [space.names[k] for k in gauge_columns(model.scene.core, everything)] == ["mass.0", "mass.1"]
-    known_gear = everything & ~space.columns(["gear.1"])
-    assert [space.names[k] for k in gauge_columns(model.scene.core, known_gear)] == ["mass.0"]
-    assert gauge_columns(model.scene.core, space.columns(["mass", "damping", "gear"])) == []
-    together = set_of(model.scene.core, space.names.index("mass.1"))
-    assert {space.names[k] for k in together} == {"mass.1", "damping.1", "frictionloss.1", "gear.1"}
+    assert told(everything) == sets
+    assert told(everything & ~space.columns(["gear.1"])) == sets[:1]
+    assert told(space.columns(["mass", "damping", "gear"])) == []
 
 
 def test_bodies_that_touch_share_the_unit_of_force(carts):
     model = carts.model(2)
     space = Space.of(model.scene.parameters, model.parameters)
     core = SimpleNamespace(**{**vars(model.scene.core), "con_bodyA": np.array([0]), "con_bodyB": np.array([1])})
-    assert len(gauge_columns(core, np.ones(len(space), dtype=bool))) == 1
+    assert len(common_factors(core, np.ones(len(space), dtype=bool))) == 1
 
 
 SERVO = """<mujoco><option gravity="0 0 0"/><worldbody><body><joint name="j" type="slide" axis="1 0 0" armature="0.1"/>
@@ -91,12 +93,11 @@ SERVO = """<mujoco><option gravity="0 0 0"/><worldbody><body><joint name="j" typ
 
 
 def test_gains_of_a_servo_share_the_unit_of_force_with_masses(tmp_path: Path) -> None:
-    """Only where mass, kp and kd may all move is the unit undetermined, and the mass held."""
+    """Only where mass, kp and kd may all move is the unit undetermined."""
     (tmp_path / "servo.xml").write_text(SERVO)
     scene = Scene.from_mjcf(tmp_path / "servo.xml")
     names = [p.name for p in scene.parameters]
     moving = np.array([p.group in ("mass", "kp", "kd", "armature") for p in scene.parameters])
-    assert [names[k].split(".")[0] for k in gauge_columns(scene.core, moving)] == ["mass"]
-    assert gauge_columns(scene.core, moving & np.array([p.group != "kd" for p in scene.parameters])) == []
-    together = {names[k].split(".")[0] for k in set_of(scene.core, gauge_columns(scene.core, moving)[0])}
-    assert together >= {"mass", "kp", "kd", "armature"}
+    (together,) = common_factors(scene.core, moving)
+    assert {names[k].split(".")[0] for k in together} == {"mass", "kp", "kd", "armature"}
+    assert common_factors(scene.core, moving & np.array([p.group != "kd" for p in scene.parameters])) == []

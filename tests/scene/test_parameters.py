@@ -67,7 +67,7 @@ def test_parameter_is_the_same_change_of_the_file(
     theta[k] = value
     assert scene.parameters[k].low < value < scene.parameters[k].high
     ours, theirs = scene.physical_vector(theta), changed.core.P.copy()
-    if name == "mass.cart":  # softens contacts too: test_masses_soften_contacts
+    if name in ("mass.cart", "armature.h"):  # soften contacts too: test_masses_soften_contacts
         theirs[scene.layout.contacts(np.arange(scene.core.ncontact), "rscale")] = ours[-1]
     assert ours == pytest.approx(theirs, abs=1e-12)
 
@@ -137,8 +137,8 @@ def test_masses_soften_contacts(load: Load) -> None:
     assert soft == pytest.approx(1 + 1 / 4.5, rel=1e-12)
 
 
-def test_softness_by_mass_against_mujoco(robot: tuple[Scene, mujoco.MjModel]) -> None:
-    """Slopes of inverse weights with every mass, of joints and of bodies that touch, against MuJoCo's mj_setConst."""
+def test_softness_by_inertia_against_mujoco(robot: tuple[Scene, mujoco.MjModel]) -> None:
+    """Slopes of inverse weights with masses and armatures, of joints and bodies that touch, against mj_setConst."""
     scene, base = robot
     core, step = scene.core, 1e-5
     geoms = [[base.geom(name).id for name in pair.split(" - ")] for pair in scene.contact_names]
@@ -146,18 +146,23 @@ def test_softness_by_mass_against_mujoco(robot: tuple[Scene, mujoco.MjModel]) ->
     rows = scene.layout.contacts(np.arange(core.ncontact), "rscale")
     factors = np.append(np.arange(core.nweight), -1)[core.line_weight]  # of joints, by coordinate
     moving = np.array([_moving_body(base, k) for k in range(base.nbody)])
-    for name in scene.body_names:
-        members = moving == base.body(name).id
+    armatures = [p.name for p in scene.parameters if p.group == "armature" and p.nominal > 0]
+    for name in [*(f"mass.{body}" for body in scene.body_names), *armatures]:
+        column, of = _column(scene, name), name.partition(".")[2]
         theta = np.tile(scene.parameter_vector(), (2, 1))
-        theta[:, _column(scene, f"mass.{name}")] += -step, step
+        theta[:, column] *= 1 - step, 1 + step
         soft, joints, weights = [], [], []
         for x in theta:
             soft.append(scene.physical_vector(x)[rows] * core.con_invweight)
-            lighter = core.weight_coef * (1 / x[core.mass_par] - 1)[core.weight_mass]
+            scale = (x / np.where(core.par_nominal > 0, core.par_nominal, 1.0))[core.mass_par]
+            lighter = core.weight_coef * (1 / scale - 1)[core.weight_mass]
             joints.append(np.add.reduceat(lighter, core.weight_ptr[:-1])[factors] * core.line_invweight)
             model = copy.copy(base)
-            for field in (model.body_mass, model.body_inertia):
-                field[members] *= x[_column(scene, f"mass.{name}")]
+            if name in armatures:
+                model.dof_armature[base.jnt_dofadr[base.joint(of).id]] = x[column]
+            else:
+                for field in (model.body_mass, model.body_inertia):
+                    field[moving == base.body(of).id] *= x[column]
             mujoco.mj_setConst(model, mujoco.MjData(model))
             weights.append((model.body_invweight0[sides, 0].sum(axis=1) * core.P[rows], model.dof_invweight0))
         (low, low_dof), (high, high_dof) = weights
@@ -231,7 +236,7 @@ def test_actuators(load: Load) -> None:
     core = scene.core
     assert scene.actuator_names == ("h",)
     gears = core.P[scene.layout.actuator(0) : scene.layout.gravity]
-    assert gears.tolist() == [10, 7, 0, -7, -2]
+    assert gears.tolist() == [10, 7, 0, -7, -2, 0]  # no time constant
     assert (core.act_line.tolist(), core.act_ctrl.tolist()) == ([1], [[-np.inf, np.inf]])
 
 

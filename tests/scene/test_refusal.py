@@ -37,7 +37,7 @@ CASES = {
         "g",
     ),
     "joint_polynomial": (BALL_JOINT.format('stiffness="1 2 3"'), "", "b"),
-    "actuator_dynamics": (*actuator("general", 'dyntype="filter" dynprm="1"'), "motor"),
+    "actuator_dynamics": (*actuator("general", 'dyntype="muscle" dynprm="1 1"'), "motor"),
     "actuator_bias": (*actuator("general", 'gaintype="affine" gainprm="1 2 0"'), "motor"),
     "actuator_transmission": (
         BALL_JOINT.format(""),
@@ -88,7 +88,7 @@ def test_rolling_friction_is_left_out_and_said(load: Load) -> None:
 
 def test_all_refusals_come_in_one_line(load: Load) -> None:
     world, _ = actuator("", "")
-    rest = """<actuator><general name="a" joint="h" dyntype="filter" dynprm="1"/>
+    rest = """<actuator><general name="a" joint="h" dyntype="muscle" dynprm="1 1"/>
     <general name="b" joint="h" gaintype="affine" gainprm="1 2 0"/></actuator>"""
     with pytest.raises(UserError, match=r"1 more element.*--ignore actuator_dynamics --ignore actuator_bias"):
         load(world, rest)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cmbrl.fitting.gauge import gauge_columns
+from cmbrl.fitting.gauge import common_factors
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.manifold import invariant_translations
 from cmbrl.scene import Scene
@@ -146,7 +146,7 @@ def test_tied_trees_share_the_unit_of_force(load: Load) -> None:
     def held(rest: str) -> int:
         scene: Scene = load(QUIET, rest)[0]
         moves = [p.group in ("mass", "damping", "armature") for p in scene.parameters]
-        return len(gauge_columns(scene.core, np.array(moves)))
+        return len(common_factors(scene.core, np.array(moves)))
 
     off = '<option gravity="0 0 0"/>'
     assert held(off) == 2

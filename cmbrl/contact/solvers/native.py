@@ -25,7 +25,7 @@ _EVEN = 1e-9  # relative difference of two compliances that are meant to be equa
 @dataclass(frozen=True)
 class Batch:
     """Stacked problems of one shape: M (B, nv, nv), J (B, n, 1 + nt, nv), v_free (B, nv), b, R (B, n, 1 + nt),
-    mu (B, n); convex (B, n) where some contact has the convex law of sliding.
+    mu (B, n); convex (B, n), 1 where a contact has the convex law of sliding (default: nowhere).
 
     Raises UserError if the tangents of a contact with friction differ in compliance: the cone is round.
     """
@@ -36,9 +36,11 @@ class Batch:
     b: Array
     mu: Array
     R: Array
-    convex: Array | None = None
+    convex: Array = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
+        if self.convex is None:
+            object.__setattr__(self, "convex", np.zeros_like(self.mu))
         uneven = (self.mu > 0) & (np.ptp(self.R[..., 1:], axis=-1) > _EVEN * self.R[..., 1:].max(axis=-1))
         if uneven.any():
             problem, contact = np.argwhere(uneven)[0]
@@ -53,13 +55,12 @@ class Batch:
         if len({p.J.shape for p in problems}) != 1:
             raise UserError("a batch takes at least one problem, all of one shape; group them by J.shape")
         arrays = {field: np.array([getattr(p, field) for p in problems]) for field in FIELDS}
-        if not arrays["convex"].any():
-            del arrays["convex"]
         return cls(**{field: np.ascontiguousarray(x, dtype=np.float64) for field, x in arrays.items()})
 
     def native(self, derivative: bool = False) -> Problems:
         """The core's handle on these arrays; ``solve(tolerance, kappa, threads)`` fills its ``results``."""
-        return Problems(self.M, self.J, self.v_free, self.b, self.mu, self.R, derivative, self.convex)
+        convex = self.convex if self.convex.any() else None
+        return Problems(self.M, self.J, self.v_free, self.b, self.mu, self.R, derivative, convex)
 
 
 @dataclass(frozen=True)

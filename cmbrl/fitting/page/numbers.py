@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogFormatterSciNotation, MaxNLocator
 
-from cmbrl.fitting.fitted_parameter import AT_BOUND, FITTED, FLAT, GAUGE, NOMINAL, FittedParameter
+from cmbrl.fitting.fitted_parameter import AT_BOUND, FITTED, FLAT, NOMINAL, FittedParameter
 from cmbrl.fitting.page.style import AFTER, BEFORE, BOUND, FAINT, LOGGED, SMALL, new_figure, tidy
 from cmbrl.fitting.space import Space
 
@@ -21,8 +21,8 @@ MOST_DIRECTIONS = 9
 _LOG_FROM = 5.0  # times the smallest value
 _STAGES = {"search": BEFORE, "polish": AFTER}
 _COLUMN = 32  # parameters in a column
-_COLOURS = {FITTED: AFTER, AT_BOUND: BOUND, FLAT: FAINT, GAUGE: LOGGED}
-_WORDS = {FITTED: "fitted", AT_BOUND: "on a bound", FLAT: "hardly told by the log", GAUGE: "sets the unit of force"}
+_COLOURS = {FITTED: AFTER, AT_BOUND: BOUND, FLAT: FAINT}
+_WORDS = {FITTED: "fitted", AT_BOUND: "on a bound", FLAT: "hardly told by the log"}
 _EDGE = 3.2  # prior standard deviations; bounds around a central value lie at 3
 
 

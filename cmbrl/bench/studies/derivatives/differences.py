@@ -130,7 +130,7 @@ def _columns(model: ComplementarityModel, q: Array, v: Array, u: Array, paramete
     def column(kind: str, argument: str, size: int, k: int, first: int) -> Column:
         return Column(kind, first + k, lambda x: shifts[argument](x * np.eye(size)[k]))
 
-    sizes = {"q": (nv, 0), "v": (nv, nv), "u": (scene.nu, 2 * nv)}
+    sizes = {"q": (nv, 0), "v": (nv, nv), "u": (scene.inputs, 2 * nv)}
     columns = [column(name, name, size, k, first) for name, (size, first) in sizes.items() for k in range(size)]
     groups: dict[str, list[int]] = {}
     one_sided = 0
@@ -146,7 +146,7 @@ def _columns(model: ComplementarityModel, q: Array, v: Array, u: Array, paramete
     share = max(1, parameters // len(groups)) if groups else 0
     for name, places in groups.items():
         chosen = places[:: max(1, -(-len(places) // share))]
-        columns += [column(name, "theta", len(theta), k, 2 * nv + scene.nu) for k in chosen]
+        columns += [column(name, "theta", len(theta), k, 2 * nv + scene.inputs) for k in chosen]
     return columns, one_sided
 
 

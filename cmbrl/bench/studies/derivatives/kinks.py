@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from cmbrl.models.autograd import Stepper
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.scene.layout import ACTUATOR_FIELDS
 
 Array = NDArray[np.float64]
 
@@ -63,12 +65,18 @@ def _clamps(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
     scene, core = model.scene, model.scene.core
     P, layout = scene.physical_vector(theta), scene.layout
     time = P[[layout.contact(k, "solref0") for k in range(core.ncontact)]]
-    gear, gain, bias0, bias1, bias2 = P[layout.actuator(0) : layout.gravity].reshape(-1, 5).T
+    gear, gain, bias0, bias1, bias2, _ = P[layout.actuator(0) : layout.gravity].reshape(-1, len(ACTUATOR_FIELDS)).T
     low, high = np.reshape(core.act_ctrl, (-1, 2)).T
     least, most = np.reshape(core.act_force, (-1, 2)).T
     length = gear * _lengths(model, q)[:, core.act_line]
     rate = gear * _rates(model, q, v)[:, core.act_line]
-    force = gain * np.clip(u, low, high) + bias0 + bias1 * length + bias2 * rate
+    u, activation = np.split(u, [scene.nu], axis=1)
+    given, bounds = np.clip(u, low, high), []
+    if model.activations is not None:
+        after = model.activations.next(torch.from_numpy(np.concatenate([u, activation], axis=1))).numpy()
+        given[:, core.state_act] = np.where(core.state_early, after, activation)
+        bounds = [after == x for x in np.reshape(core.state_range, (-1, 2)).T]
+    force = gain * given + bias0 + bias1 * length + bias2 * rate
     shortest = np.tile(time > 2 * model.time_step, (len(q), 1))  # MuJoCo's least time constant
     pulls = np.zeros((len(q), scene.nv + core.ntendon))
     single = core.act_line >= 0
@@ -78,4 +86,4 @@ def _clamps(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
     np.add.at(drive.T, core.tendon_dof, (pulls[:, scene.nv + tendon] * core.tendon_coef).T)
     drive = drive[:, core.frc_dof]
     lowest, highest = np.reshape(core.frc_range, (-1, 2)).T
-    return [u < low, u > high, force < least, force > most, drive < lowest, drive > highest, shortest]
+    return [u < low, u > high, force < least, force > most, drive < lowest, drive > highest, shortest, *bounds]

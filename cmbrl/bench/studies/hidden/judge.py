@@ -14,6 +14,7 @@ from cmbrl.bench.studies.hidden.hidden_system import Hidden, HiddenSystem
 from cmbrl.bench.studies.hidden.plan import EPISODE_SEED, UPSIDE_DOWN
 from cmbrl.envs.evaluation import Actor, Evaluation, evaluate_real
 from cmbrl.mdp import MDP
+from cmbrl.train.policy import observed_by
 
 PITCH = 2  #: place of the torso's pitch in q, of both robots
 Result = dict[str, Any]
@@ -32,7 +33,7 @@ def real(policy: Actor, mdp: MDP, hidden: Hidden, episodes: int) -> Result:
         made.append(make())
         return made[-1]
 
-    seen = evaluate_real(policy, mdp, robot, episodes, EPISODE_SEED, keep=True)
+    seen = evaluate_real(policy, observed_by(policy, mdp), robot, episodes, EPISODE_SEED, keep=True)
     episodes_told = [_episode(mdp, robot, u) for robot, u in zip(made, seen.u, strict=True)]
     last = [robot.path[length][0].tolist() for robot, (_, length, _) in zip(made, episodes_told, strict=True)]
     return told(episodes_told) | {"last": last}

@@ -20,6 +20,7 @@ from cmbrl.envs.simulation import Disturbance, parameter_sets
 from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.protocol import Model
+from cmbrl.train.policy import observed_by
 
 LATE = 1  #: control steps
 PUSH, EVERY = 0.3, 1.0  #: m/s, either way along the track; s between pushes
@@ -34,7 +35,7 @@ def trials(policy: Actor, mdp: MDP, model: ComplementarityModel, episodes: int) 
         "pushed": Disturbed(model, push=PUSH, every=max(1, round(EVERY / mdp.dt))),
     }
     parameters = Disturbance(parameters=parameter_sets(model, 0.0, seed=EPISODE_SEED))
-    process = watched(mdp)
+    process = watched(observed_by(policy, mdp))
     return {
         name: of_model(evaluate_model(policy, process, harder[name], episodes, EPISODE_SEED, parameters))
         for name in TRIALS

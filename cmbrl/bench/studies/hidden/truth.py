@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from cmbrl.fitting.fitted_parameter import AT_BOUND, FITTED
-from cmbrl.fitting.gauge import set_of
 from cmbrl.fitting.result import FitResult
 from cmbrl.scene import Scene
 
-GAUGED = ("mass", "damping", "armature", "stiffness", "frictionloss", "gear")  #: what is told up to the unit of force
 DERIVED = ("softness_scale",)  #: not in a file: MuJoCo derives it from masses, ours from the file's
 
 
@@ -36,33 +33,20 @@ def true_parameters(nominal: Scene, true: Scene) -> np.ndarray:
     return found
 
 
-def in_unit_of_force(nominal: Scene, truth: np.ndarray, held: Sequence[str]) -> np.ndarray:
-    """``truth`` (np,) in the unit of force of a fit that ``held`` these masses at their nominal values.
-
-    Motion tells masses and forces only up to a common factor.
-    """
-    names = [p.name for p in nominal.parameters]
-    found = truth.copy()
-    for name in held:
-        column = names.index(name)
-        together = [k for k in set_of(nominal.core, column) if nominal.parameters[k].group in GAUGED]
-        found[together] /= truth[column] / nominal.parameters[column].nominal
-    return found
-
-
 def coverage(fit: FitResult, true: Scene) -> list[dict[str, Any]]:
     """Identifiable parameters of a fit: value, 95 % interval, truth.
 
-    Left out: what the report calls unseen, flat or gauge, what was not fitted, and what no file says.
+    Left out: what the report calls flat, what was not fitted, and what no file says. MuJoCo holds time constants of
+    contacts at two time steps or more.
     """
-    scene, report = fit.model.scene, fit.report
-    truth = in_unit_of_force(scene, true_parameters(scene, true), report["gauge"])
-    unknown = {*report["unseen"], *report["flat"], *report["gauge"]}
+    scene = fit.model.scene
     found = []
-    for p, value in zip(scene.parameters, truth, strict=True):
+    for p, value in zip(scene.parameters, true_parameters(scene, true), strict=True):
         own = fit.parameters[p.name]
         known = np.isfinite(value) and p.group not in DERIVED
-        if own.status in (FITTED, AT_BOUND) and p.name not in unknown and known:
+        if p.group == "softness_time":
+            value = max(value, 2.0 * true.timestep)
+        if own.status in (FITTED, AT_BOUND) and known:
             found.append({
                 "name": p.name, "group": p.group, "truth": float(value), "nominal": own.nominal, "value": own.value,
                 "low": own.low, "high": own.high, "holds": bool(own.low <= value <= own.high),

@@ -26,6 +26,7 @@ from cmbrl.models.protocol import Model
 from cmbrl.registry import Task, load_task
 from cmbrl.system import SystemFactory
 from cmbrl.train.loop import EPISODE_STEPS
+from cmbrl.train.policy import observed_by
 
 EPISODES, CURVE_EPISODES = 10, 3  #: of the last policy in each system; of one point of the curve
 EPISODE_SEED, CURVE_SEED = 9_000, 7_000  #: the same starts for every policy
@@ -77,11 +78,11 @@ class Setup:
         Disturbed, for all arms alike: in the nominal model with noise on every velocity and varied parameters.
         """
         varied = parameter_sets(self.nominal, SPREAD, seed=EPISODE_SEED)
-        noise = Disturbance(NOISE_LINEAR, NOISE_ANGULAR, varied)
+        noise, mdp = Disturbance(NOISE_LINEAR, NOISE_ANGULAR, varied), observed_by(policy, self.mdp)
         return {
-            "real": _told(evaluate_real(policy, self.mdp, self.system, EPISODES, EPISODE_SEED)),
-            "model": None if model is None else _told(evaluate_model(policy, self.mdp, model, EPISODES, EPISODE_SEED)),
-            "disturbed": _told(evaluate_model(policy, self.mdp, self.nominal, EPISODES, EPISODE_SEED, noise)),
+            "real": _told(evaluate_real(policy, mdp, self.system, EPISODES, EPISODE_SEED)),
+            "model": None if model is None else _told(evaluate_model(policy, mdp, model, EPISODES, EPISODE_SEED)),
+            "disturbed": _told(evaluate_model(policy, mdp, self.nominal, EPISODES, EPISODE_SEED, noise)),
         }
 
 
@@ -109,7 +110,8 @@ class Training:
                 self.costs["iteration"] += 1
                 if self.share() * self.setup.work.points >= len(self.curve) + 1 - 1e-9:
                     setup, policy = self.setup, self.trainer.policy
-                    judged = evaluate_real(policy, setup.mdp, setup.system, CURVE_EPISODES, CURVE_SEED)
+                    mdp = observed_by(policy, setup.mdp)
+                    judged = evaluate_real(policy, mdp, setup.system, CURVE_EPISODES, CURVE_SEED)
                     self.curve.append({**self.costs, "real": _number(judged.returns.mean())})
         except UserError as error:  # Diverged is one
             self.failed = str(error)

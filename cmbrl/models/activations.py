@@ -1,0 +1,112 @@
+"""Activations of a scene's actuators from one control step to the next; the core derives those within a step itself.
+
+The controls of a step are commands (nu) and then the activations at its start (na). ``next`` tells those at its end:
+what ``cmbrl.scene.activation`` says, in every physics step, with commands and activations within their bounds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from cmbrl.scene import Scene
+from cmbrl.scene.activation import Dynamics
+
+_LEAST = 1e-15  # s, MuJoCo's smallest time constant
+
+
+@dataclass(frozen=True, eq=False)
+class Activations:
+    """``actuator`` (na,): whose they are. ``time`` (na,): time constants [s]; ``column`` (na,): in theta, or -1."""
+
+    step: float
+    substeps: int
+    actuator: Tensor
+    dynamics: tuple[Dynamics, ...]
+    time: Tensor
+    column: tuple[int, ...]
+    control: tuple[Tensor, Tensor]
+    limits: tuple[Tensor, Tensor]
+
+    @classmethod
+    def of(cls, scene: Scene, step: float, substeps: int, theta: np.ndarray) -> Activations | None:
+        """Those of ``scene`` in steps of ``substeps`` times ``step`` [s], at theta (np,); None if it has none."""
+        core, layout = scene.core, scene.layout
+        if not core.nstate:
+            return None
+        own = torch.from_numpy(core.state_act.astype(np.int64))
+        index = {p.name: k for k, p in enumerate(scene.parameters)}
+        names = [scene.actuator_names[k] for k in own.tolist()]
+        column = tuple(index.get(f"time_constant.{name}", -1) for name in names)
+        file = [core.P[layout.actuator(k, "time")] for k in own.tolist()]
+        return cls(
+            step,
+            substeps,
+            own,
+            tuple(Dynamics(k) for k in core.state_kind.tolist()),
+            torch.tensor([theta[c] if c >= 0 else x for c, x in zip(column, file, strict=True)], dtype=torch.float64),
+            column,
+            _bounds(core.act_ctrl[core.state_act]),
+            _bounds(core.state_range),
+        )
+
+    def __len__(self) -> int:
+        return len(self.dynamics)
+
+    def next(self, controls: Tensor, theta: Tensor | None = None) -> Tensor:
+        """Activations (B, na) after a step from ``controls`` (B, nu + na) at theta (np,) or (B, np); differentiable."""
+        command = torch.clamp(controls[:, self.actuator], *self.control)
+        now = controls[:, controls.shape[1] - len(self) :]
+        integrates = torch.tensor([k == Dynamics.INTEGRATOR for k in self.dynamics])
+        share = self._share(theta)
+        for _ in range(self.substeps):
+            moved = torch.where(integrates, self.step * command, share * (command - now))
+            now = torch.clamp(now + moved, *self.limits)
+        return now
+
+    def along(
+        self, episode: np.ndarray, control: np.ndarray, slope: np.ndarray, times: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Controls (N, nu + na) of a log's rows with their activations, 0 at the first row of an episode.
+
+        control (N, nu), and its derivatives slope (N, nu, n) in psi, whose last columns are the time constants
+        ``times`` (nt,); returns the derivatives (N, nu + na, n) too.
+        """
+        firsts = np.flatnonzero(np.r_[True, np.diff(episode) != 0])
+        lengths = np.diff(np.append(firsts, len(episode)))
+        own, states = self.actuator.numpy(), range(control.shape[1], control.shape[1] + len(self))
+        rows = np.concatenate([control, np.zeros((len(control), len(self)))], axis=1)
+        slopes = np.concatenate([slope, np.zeros((len(slope), len(self), slope.shape[2]))], axis=1)
+        theta = np.zeros(max(self.column) + 1)
+        theta[[k for k in self.column if k >= 0]] = times
+        of_times = [(k, c) for k, c in enumerate(self.column) if c >= 0]
+        for step in range(lengths.max() - 1):
+            here = firsts[lengths > step + 1] + step
+            given = torch.from_numpy(rows[here]).requires_grad_()
+            clocks = torch.from_numpy(np.tile(theta, (len(here), 1))).requires_grad_()
+            after = self.next(given, clocks)
+            by_input, by_time = torch.autograd.grad(after.sum(), (given, clocks), materialize_grads=True)
+            rows[here + 1, states.start :] = after.detach().numpy()
+            by_now, by_command = by_input.numpy()[:, states], by_input.numpy()[:, own]
+            moved = by_now[..., None] * slopes[here][:, states] + by_command[..., None] * slopes[here][:, own]
+            for n, (k, column) in enumerate(of_times):
+                moved[:, k, slope.shape[2] - len(of_times) + n] += by_time.numpy()[:, column]
+            slopes[here + 1, states.start :] = moved
+        return rows, slopes
+
+    def _share(self, theta: Tensor | None) -> Tensor:
+        """Of the way to the command that a filter goes in a physics step: (na,) or (B, na)."""
+        time = self.time
+        if theta is not None and max(self.column) >= 0:
+            told = torch.tensor([k >= 0 for k in self.column])
+            time = torch.where(told, theta[..., [max(k, 0) for k in self.column]], time)
+        rate = self.step / time.clamp(min=_LEAST)
+        return torch.where(torch.tensor([k == Dynamics.FILTER for k in self.dynamics]), rate, -torch.expm1(-rate))
+
+
+def _bounds(pairs: np.ndarray) -> tuple[Tensor, Tensor]:
+    low, high = torch.from_numpy(np.reshape(pairs, (-1, 2))).clone().T.contiguous()
+    return low, high

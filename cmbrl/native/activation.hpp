@@ -1,0 +1,77 @@
+// Actuators with a state of first order. The inputs u of a control step are the commands of all actuators, which are held, then
+// the activations at its start; those at a substep follow from both, so that no state has to be carried along.
+#pragma once
+#include <cmath>
+
+#include "workspace.hpp"
+
+namespace cmbrl::CMBRL_ISA {
+
+struct Share { T value, by_time; };  // of the way to the command that a filter goes in a step h, and its slope in the time constant
+
+static inline Share share_of(int kind, double h, T time) {
+  time = vmax(time, splat(1e-15));
+  T rate = h / time;
+  if (kind == kFilter) return {rate, -rate / time};
+  T left;
+  for (int lane = 0; lane < W; ++lane) left[lane] = std::exp(-rate[lane]);
+  return {splat(1) - left, -left * rate / time};
+}
+
+// What the gain of each of these actuators multiplies at this substep: the activation, or with `early` the next one. Steps that
+// are shifted by half take the mean of both.
+template <class G>
+static void advance_inputs(const Model& m, const Options& o, Work<G>& w) {
+  for (int k = 0; k < m.nstate; ++k) {
+    int a = m.state_act[k];
+    T lo = splat(m.act_ctrl[2 * a]), hi = splat(m.act_ctrl[2 * a + 1]);
+    T least = splat(m.state_range[2 * k]), most = splat(m.state_range[2 * k + 1]);
+    T command = vmin(vmax(w.u[a], lo), hi), told = keep((w.u[a] >= lo) & (w.u[a] <= hi), splat(1));
+    Share share = share_of(m.state_kind[k], o.h, w.P[m.oAct + a * kActuatorFields + kTime]);
+    auto next = [&](Input x) {
+      if (m.state_kind[k] == kIntegrator) {
+        x.value += o.h * command;
+        x.by_command += o.h * told;
+      } else {
+        T way = command - x.value;
+        x = {x.value + share.value * way, x.by_command + share.value * (told - x.by_command),
+             x.by_activation - share.value * x.by_activation, x.by_time + share.by_time * way - share.value * x.by_time};
+      }
+      Mask in = (x.value >= least) & (x.value <= most);
+      return Input{vmin(vmax(x.value, least), most), keep(in, x.by_command), keep(in, x.by_activation), keep(in, x.by_time)};
+    };
+    Input x{w.u[m.nact + k], T{}, splat(1), T{}};
+    for (int s = 0; s < w.substep + m.state_early[k]; ++s) x = next(x);
+    if (o.leapfrog && !m.state_early[k]) {
+      Input y = next(x);
+      x = {0.5 * (x.value + y.value), 0.5 * (x.by_command + y.by_command), 0.5 * (x.by_activation + y.by_activation),
+           0.5 * (x.by_time + y.by_time)};
+    }
+    w.inputs[k] = x;
+  }
+}
+
+// Of any actuator: its command within bounds, or what its activation gives.
+template <class G>
+static inline Input input_of(const Model& m, const Work<G>& w, int a) {
+  if (m.nstate > 0 && m.act_state[a] >= 0) return w.inputs[m.act_state[a]];
+  T lo = splat(m.act_ctrl[2 * a]), hi = splat(m.act_ctrl[2 * a + 1]);
+  return {vmin(vmax(w.u[a], lo), hi), keep((w.u[a] >= lo) & (w.u[a] <= hi), splat(1)), T{}, T{}};
+}
+
+// Notes how the force of an actuator changes with its command, and with its activation.
+template <class G>
+static inline void note_gain(const Model& m, Work<G>& w, int a, const Input& x, Mask free) {
+  T gain = keep(free, w.P[m.oAct + a * kActuatorFields + kGear] * w.P[m.oAct + a * kActuatorFields + kGain]);
+  w.open[a] = gain * x.by_command;
+  if (m.nstate > 0 && m.act_state[a] >= 0) w.open[m.nact + m.act_state[a]] = gain * x.by_activation;
+}
+
+// Adds the derivatives of a force that changes by `by` with the actuator's own: a row of those in u.
+template <class G>
+static inline void add_inputs(const Model& m, const Work<G>& w, int a, T by, Mask yields, T* row) {
+  row[a] += keep(yields, by * w.open[a]);
+  if (m.nstate > 0 && m.act_state[a] >= 0) row[m.nact + m.act_state[a]] += keep(yields, by * w.open[m.nact + m.act_state[a]]);
+}
+
+}  // namespace cmbrl::CMBRL_ISA

@@ -1,0 +1,138 @@
+"""Late commands step by step: the same as through a log, differentiable, and at rest when an episode begins."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from cmbrl import ComplementarityModel, Scene, Transitions
+from cmbrl.envs.simulation import Simulation
+from cmbrl.mdp import MDP, never
+from cmbrl.models.observation import Observation
+from cmbrl.models.wiring import Robots, Wiring, wiring_of
+
+DT = 0.01
+ARM = """
+<mujoco><worldbody><body>
+  <joint name="a" axis="0 1 0"/><geom type="capsule" size=".02" fromto="0 0 0 .3 0 0"/>
+  <body pos=".3 0 0"><joint name="b" axis="0 1 0" damping=".1"/><geom type="capsule" size=".02" fromto="0 0 0 .3 0 0"/>
+</body></body></worldbody>
+<actuator><position joint="a" kp="20" kv="1" gear="2"/><motor joint="b"/></actuator></mujoco>
+"""
+LATE = [(0.0, 0.02), (0.004, 0.0), (0.01, 0.0), (0.02, 0.013), (0.027, 0.03), (0.0, 0.0)]
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Scene:
+    (tmp_path / "arm.xml").write_text(ARM)
+    return Scene.from_mjcf(tmp_path / "arm.xml")
+
+
+def model_of(arm: Scene, delay: float, lag: float, bias: float = 0.0) -> ComplementarityModel:
+    observation = {"delay.command": delay, "lag.command": lag, "bias.a": bias, "bias.b": -bias}
+    return ComplementarityModel(arm, time_step=DT, observation=observation)
+
+
+def commands(rows: int, count: int = 3) -> torch.Tensor:
+    return torch.from_numpy(np.random.default_rng(0).normal(size=(rows, count, 2)))
+
+
+@pytest.mark.parametrize(("delay", "lag"), LATE)
+def test_commands_arrive_as_a_log_says(arm: Scene, delay: float, lag: float) -> None:
+    """Also those before the first one: a servo held it, a motor was off."""
+    given = commands(40)
+    log = Transitions(
+        q=np.zeros((120, 2)), v=np.zeros((120, 2)), u=given.transpose(0, 1).reshape(120, 2).numpy(),
+        q_next=np.zeros((120, 2)), v_next=np.zeros((120, 2)), dt=DT, episode=np.repeat(np.arange(3), 40),
+    )  # fmt: skip
+    model = model_of(arm, delay, lag, bias=0.03)
+    expected = model.seen(log).u.reshape(3, 40, 2)
+    wiring = model.wiring
+    assert wiring is not None
+    memory, found = wiring.begin(3), []
+    for command in given:
+        control, memory = wiring.arrive(memory, command)
+        found.append(control + wiring.shift)
+    np.testing.assert_allclose(torch.stack(found, dim=1).numpy(), expected, atol=1e-8)
+
+
+@pytest.mark.parametrize(("delay", "lag"), LATE[:-1])
+def test_the_derivative_of_a_rollout_in_its_commands(arm: Scene, delay: float, lag: float) -> None:
+    wiring = model_of(arm, delay, lag).wiring
+    assert wiring is not None
+
+    def arrived(given: torch.Tensor) -> torch.Tensor:
+        memory, found = wiring.begin(1), []
+        for command in given:
+            control, memory = wiring.arrive(memory, command)
+            found.append(control)
+        return torch.cat(found)
+
+    assert torch.autograd.gradcheck(arrived, commands(5, 1).requires_grad_(), atol=1e-9)
+
+
+def test_a_model_without_lateness_is_stepped_as_it_is(arm: Scene) -> None:
+    model = model_of(arm, 0.0, 0.0)
+    assert model.wiring is None
+    robots = Robots(model, 2)
+    assert robots.memory.shape == (2, 0)
+    assert robots.step == model.step
+    assert wiring_of(object()) is None
+    psi = np.array([0.0, 0.0, 1e-6, 0.0])  # far below a step
+    assert Wiring.of(Observation.of(arm, DT), psi, arm.nq) is None
+
+
+def process(arm: Scene, length: int) -> MDP:
+    def reset(count: int, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+        return torch.zeros(count, 2, dtype=torch.float64), torch.zeros(count, 2, dtype=torch.float64)
+
+    return MDP(
+        observations=4, actions=2, observe=lambda q, v: torch.cat([q, v], dim=1), terminated=never, reset=reset,
+        reward=lambda q, v, a, q_next, v_next: -q_next.square().sum(dim=1), dt=DT, episode_steps=length,
+    )  # fmt: skip
+
+
+def test_a_simulation_moves_as_the_log_that_it_would_leave(arm: Scene) -> None:
+    """Measured states and commands, read through the observation, are exact transitions of the model."""
+    model, given = model_of(arm, 0.013, 0.02, bias=0.05), commands(30, 1)
+    simulation = Simulation(process(arm, 30), model, 1)
+    states = [(simulation.q, simulation.v)]
+    for command in given[:-1]:
+        simulation.step(simulation.observe(), command)
+        states.append((simulation.q, simulation.v))
+    q, v = (torch.cat(x).numpy() for x in zip(*states, strict=True))
+    rows = len(given) - 1
+    log = Transitions(
+        q=q[:-1], v=v[:-1], u=given[:-1, 0].numpy(), q_next=q[1:], v_next=v[1:], dt=DT, episode=np.zeros(rows, int)
+    )
+    seen = model.seen(log)
+    found = model.predict(seen.q, seen.v, seen.u)
+    np.testing.assert_allclose(found.q_next, seen.q_next, atol=1e-9)
+    np.testing.assert_allclose(found.v_next, seen.v_next, atol=1e-7)
+
+
+def test_gradients_flow_through_late_commands_and_stop_where_they_are_cut(arm: Scene) -> None:
+    model = model_of(arm, 0.02, 0.0)  # two steps
+    simulation = Simulation(process(arm, 30), model, 1)
+    first = torch.full((1, 2), 0.1, dtype=torch.float64, requires_grad=True)
+    rewards = [simulation.step(simulation.observe(), first if k == 0 else torch.zeros(1, 2)).reward for k in range(4)]
+    slopes = [torch.autograd.grad(r.sum(), first, retain_graph=True, allow_unused=True)[0] for r in rewards]
+    assert [bool(s is not None and s[0, 1].abs() > 0) for s in slopes] == [False, False, True, True]
+    simulation.detach()
+    assert not simulation.step(simulation.observe(), torch.zeros(1, 2)).reward.requires_grad
+
+
+def test_an_episode_begins_at_rest_and_a_restored_one_goes_on(arm: Scene) -> None:
+    model, given = model_of(arm, 0.015, 0.02), commands(12, 2)
+    simulation = Simulation(process(arm, 6), model, 2)
+
+    def run(some: torch.Tensor) -> torch.Tensor:
+        return torch.stack([simulation.step(simulation.observe(), u).next_observation for u in some])
+
+    torch.testing.assert_close(run(given[:6]), run(given[:6]), rtol=0, atol=0)  # the second time, after a restart
+    run(given[:3])
+    kept = simulation.state()
+    later = run(given[3:5])
+    simulation.restore(kept)
+    torch.testing.assert_close(run(given[3:5]), later, rtol=0, atol=0)

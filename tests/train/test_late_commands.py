@@ -1,0 +1,131 @@
+"""A policy is trained with the delay and lag of its model: what it observes, what the run says, what it is worth."""
+
+from __future__ import annotations
+
+import copy
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from cmbrl import ComplementarityModel
+from cmbrl.data.behaviour import load_policy as load_script
+from cmbrl.data.transitions import Transitions
+from cmbrl.envs.evaluation import evaluate_model, evaluate_real
+from cmbrl.errors import UserError
+from cmbrl.fitting.budget import Budget
+from cmbrl.fitting.fit import fit
+from cmbrl.train.export import export_torchscript
+from cmbrl.train.fopg import FOPG, FOPGConfig
+from cmbrl.train.loop import Loop, LoopConfig
+from cmbrl.train.policy import Architecture, Policy, observed_by
+from cmbrl.train.policy_file import load_policy
+from cmbrl.train.run import RESULT, TrainingRun
+from cmbrl.train.shac import SHAC, SHACConfig
+
+from . import slider
+
+SMALL = {"environments": 16, "horizon": 8, "actor_hidden": (16,), "critic_hidden": (16,)}
+LATE = {"delay.command": 2 * slider.DT}
+
+
+def late_slider(folder: Path) -> ComplementarityModel:
+    return ComplementarityModel(slider.scene(folder), observation=LATE)
+
+
+@pytest.mark.parametrize(("asked", "count"), [(None, 2), (0, 0), (5, 5)])
+def test_policies_observe_the_actions_that_are_on_their_way(asked: int | None, count: int, tmp_path: Path) -> None:
+    config = SHACConfig(iterations=2, last_actions=asked, **SMALL)  # type: ignore[arg-type]
+    trainer = SHAC(slider.mdp(), late_slider(tmp_path), config)
+    trainer.update()
+    assert trainer.policy.architecture.observations == 2 + count
+    assert trainer.conditions() == {"delay": 0.1, "lag": 0.0, "last_actions": count}
+    prompt = SHAC(slider.mdp(), ComplementarityModel(slider.scene(tmp_path)), SHACConfig(**SMALL))  # type: ignore[arg-type]
+    assert prompt.conditions() == {}
+    assert prompt.policy.architecture.observations == 2
+
+
+def test_a_run_says_so_and_its_policy_comes_back(tmp_path: Path) -> None:
+    model = late_slider(tmp_path)
+    trainer = FOPG(slider.mdp(), model, FOPGConfig(iterations=2, samples=8, horizon=4))
+    TrainingRun(trainer, tmp_path / "run", {"task": "slider"}).train(2)
+    told = {"delay": 0.1, "lag": 0.0, "last_actions": 2}
+    assert json.loads((tmp_path / "run" / RESULT).read_text())["commands"] == told
+    saved = load_policy(tmp_path / "run")
+    assert saved.about["commands"] == told
+    mdp = observed_by(saved.policy, slider.mdp())
+    in_model = evaluate_model(saved.policy, mdp, model, 4)
+    again = evaluate_model(trainer.policy, trainer.mdp, model, 4)
+    assert in_model.returns.tolist() == again.returns.tolist()
+    real = evaluate_real(saved.policy, mdp, slider.system(tmp_path), 4)  # it is prompt: its own lateness counts
+    prompt = evaluate_model(saved.policy, mdp, ComplementarityModel(slider.scene(tmp_path)), 4)
+    np.testing.assert_allclose(real.returns, prompt.returns, rtol=1e-6)
+
+
+def test_first_order_gradients_learn_through_late_commands(tmp_path: Path) -> None:
+    """Windows are four steps longer than the delay."""
+    config = SHACConfig(iterations=60, discount=0.95, **{**SMALL, "horizon": 6})  # type: ignore[arg-type]
+    trainer = SHAC(slider.mdp(), late_slider(tmp_path), config)
+    earned = [evaluate_model(trainer.policy, trainer.mdp, trainer.model, 64).returns.mean()]
+    for _ in range(60):
+        trainer.update()
+    earned.append(evaluate_model(trainer.policy, trainer.mdp, trainer.model, 64).returns.mean())
+    assert earned[1] > earned[0] + 0.5, earned
+
+
+def test_a_recorder_refuses_a_policy_that_observes_its_actions(tmp_path: Path) -> None:
+    export_torchscript(Policy(Architecture(4, 1, (4,), last_actions=2)), tmp_path / "late.pt")
+    with pytest.raises(UserError, match=r"observes its last 2 actions: record by one of --set last_actions=0"):
+        load_script(tmp_path / "late.pt")
+    export_torchscript(Policy(Architecture(4, 1, (4,))), tmp_path / "prompt.pt")
+    assert load_script(tmp_path / "prompt.pt")(np.zeros(4)).shape == (1,)
+
+
+class LateSlider:
+    """MuJoCo whose commands arrive two steps late."""
+
+    def __init__(self, folder: Path) -> None:
+        self.robot, self.dt = slider.system(folder)(), slider.DT
+        self.queue: list[np.ndarray] = []
+
+    def reset(self, q: np.ndarray, v: np.ndarray) -> None:
+        self.queue = [np.zeros(1), np.zeros(1)]
+        self.robot.reset(q, v)
+
+    def step(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        self.queue.append(u)
+        return self.robot.step(self.queue.pop(0))
+
+
+def test_the_loop_finds_the_delay_trains_with_it_and_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    few = Budget(survey_rows=50, search_rows=50, polish_rows=100, search_rounds=2, search_population=4)
+
+    def quick(model: ComplementarityModel, log: Transitions, seed: int, groups: str) -> object:
+        return fit(model, log, seed, groups=groups, horizon=1, budget=few)
+
+    monkeypatch.setattr("cmbrl.train.loop.fit", quick)
+    config = LoopConfig(
+        iterations=4, rounds=2, policies=1, transitions=100, more=40, draws=4, score_episodes=4,
+        **SMALL,  # type: ignore[arg-type]
+    )  # fmt: skip
+
+    def make() -> Loop:
+        model = ComplementarityModel(slider.scene(tmp_path))
+        return Loop(slider.mdp(), model, config, 1, system=lambda: LateSlider(tmp_path))
+
+    loop = make()
+    assert loop.conditions() == {}
+    loop.update()
+    told = loop.conditions()
+    assert told["delay"] + told["lag"] == pytest.approx(0.1, abs=0.01)
+    assert told["last_actions"] == 2
+    kept, other = copy.deepcopy(loop.state()), make()
+    rows = [loop.update() for _ in range(3)]
+    assert loop.round == 2
+    assert loop.recording.log().q.shape[1] == 1
+    other.restore(kept)
+    assert [row["gradient_norm"] for row in (other.update() for _ in range(3))] == [r["gradient_norm"] for r in rows]
+    for name, value in loop.policy.state_dict().items():
+        torch.testing.assert_close(other.policy.state_dict()[name], value, rtol=0, atol=0)
