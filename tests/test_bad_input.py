@@ -11,12 +11,9 @@ from cmbrl.cli.main import main
 from cmbrl.registry import load_task
 
 BALL = '<mujoco><worldbody><geom name="floor" type="plane" size="1 1 1"/>{}</worldbody>{}</mujoco>'
-FREE_BODY = '<body name="ball"><freejoint/><geom name="ball" type="sphere" size="0.1"/></body>'
-TENDON = (
-    '<tendon><spatial name="string" stiffness="10"><site site="a"/><geom geom="ball"/><site site="b"/></spatial>'
-    "</tendon>"
-)
-SITES = '<site name="a"/><site name="b" pos="0 0 1"/>'
+FREE_BODY = '<body name="ball"><freejoint/><geom name="ball" type="sphere" size="0.1"/><site name="b"/></body>'
+TENDON = '<tendon><spatial name="string" armature="1"><site site="a"/><site site="b"/></spatial></tendon>'
+SITES = '<site name="a" pos="0 0 1"/>'
 
 FIT = "fit hopper --data hopper.npz --out run"
 RECORD = "record hopper --steps 5 --out new.npz"

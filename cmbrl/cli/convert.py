@@ -11,7 +11,7 @@ from cmbrl.files import check_writable
 EXAMPLE = """
 cmbrl convert arm.urdf arm.xml --actuators motor
 cmbrl convert go2.urdf go2.xml --floating --floor --actuators position --kp 25 --kd 0.5
-cmbrl convert robot.urdf robot.xml --packages ~/ros/src      # where package://NAME/... is looked for
+cmbrl convert robot.urdf robot.xml --packages ~/ros/src   # where package:// is looked for
 """
 
 

@@ -52,6 +52,7 @@ def test_a_users_task_is_found_like_ours():
     assert "mine" in registry.names()
     assert registry.load_task("mine") is OURS
     options = {"substeps": 4, "time_step": 0.005, "integrator": "semi-implicit", "implicit_springs": False}
+    options |= {"sliding": None}
     assert OURS.model_options() == options
     assert OURS.scene_path == "scene.xml"
     assert replace(OURS, scene=lambda: Path("found.xml")).scene_path == "found.xml"

@@ -92,7 +92,7 @@ def test_a_given_log_counts_and_only_the_rest_is_recorded(make_loop):
     assert loop.recording.transitions == 20
 
 
-@pytest.mark.parametrize("stop", [1, 3, 5, 7])
+@pytest.mark.parametrize("stop", [1, 3, *(pytest.param(k, marks=pytest.mark.slow) for k in (5, 7))])
 def test_it_goes_on_bit_for_bit(make_loop, stop):
     through, stopped, resumed = make_loop(), make_loop(), make_loop()
     for _ in range(stop):

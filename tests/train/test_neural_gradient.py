@@ -79,6 +79,7 @@ def test_velocity_noise_is_linear_or_angular_by_joint(tmp_path: Path) -> None:
 def test_noise_needs_a_model_that_knows_its_robot(tmp_path: Path) -> None:
     class Nobody:
         name, dt = "nobody", slider.DT
+        step = None
 
     with pytest.raises(UserError, match="nobody has no coordinates"):
         Simulation(slider.mdp(), Nobody(), 2, disturbance=Disturbance(linear=0.1))  # type: ignore[arg-type]
