@@ -17,8 +17,8 @@ from cmbrl.bench.study import Section, Settings, Study
 from cmbrl.jobs import Job, Runner
 from cmbrl.runs import hardware, versions
 
-FULL = {"states": 4096, "batch": 512, "batches": (64, 512, 4096), "repeats": 9, "candidates": 64}
-QUICK = {**FULL, "states": 1024, "batches": (64, 512), "repeats": 3}
+FULL: dict[str, Any] = {"states": 4096, "batch": 512, "batches": (64, 512, 4096), "repeats": 9, "candidates": 64}
+QUICK: dict[str, Any] = {**FULL, "states": 1024, "batches": (64, 512), "repeats": 3}
 EACH = {"states": 256, "batch": 256}  #: of a robot, and of a size
 
 
@@ -43,20 +43,21 @@ def _study(folder: Path, settings: Settings, runner: Runner) -> Section:
         "isa": isa,
         **{key: size[key] for key in ("batch", "states", "repeats", "seed", "threads")},
     }
-    values["growth"] = _growth(settings, runner)
+    rows = _growth(settings, runner)
+    values["growth"] = rows
     figures = []
     if found:
         save(bars(values), folder / "speed.png")
         figures.append(WORDS.figure("speed.png"))
-    if values["growth"]:
-        save(curves(values["growth"]), folder / "growth.png")
+    if rows:
+        save(curves(rows), folder / "growth.png")
         figures.append(WORDS.figure("growth.png"))
     shown = [*(tables(values) if found else []), *growth_tables(values)]
     return Section(WORDS("title"), WORDS("method"), shown, figures, values)
 
 
 def _each(settings: Settings) -> dict[str, int]:
-    repeats = (QUICK if settings.quick else FULL)["repeats"]
+    repeats = int((QUICK if settings.quick else FULL)["repeats"])
     return {**EACH, "repeats": repeats, "seed": settings.seed}
 
 
