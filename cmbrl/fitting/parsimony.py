@@ -35,6 +35,7 @@ from cmbrl.fitting.survey import Judge, score
 from cmbrl.fitting.unseen import Unseen
 
 LEAST_SCORE = 0.03  # of the logarithm of the errors over all horizons
+LEAST_STRAIN = 2.0  # of the logarithm of the prior: the other parameters may not go far to make up for one that stays
 ALL = "all that a fit moves by default"  #: in the path of a selection
 LAWS = ("friction_slope", "stribeck")  #: groups that no file has, tried on logs of positions, where friction rules
 TRIED = 3  # groups per round: forecasts are accurate enough for the best to be among the first
@@ -62,7 +63,8 @@ class Trial:
     """A fit with some groups more or less: its held-out ``errors``, the fall of the loss and the noise of that fall.
 
     ``noise_of_rise``: the noise if the loss were to rise by chance only. ``score``: the mean logarithm of the held-out
-    errors at all horizons (``survey``).
+    errors at all horizons (``survey``). ``strain``: minus the logarithm of the prior, how far the parameters are from
+    the file's: motion tells masses, gears and damping up to a common factor, so that some can make up for others.
     """
 
     z: np.ndarray
@@ -72,11 +74,14 @@ class Trial:
     noise: float
     noise_of_rise: float
     score: float
+    strain: float
 
-    def costs_nothing(self, loss: float, score: float) -> bool:
-        """Whether neither the held-out ``loss`` nor the ``score`` over all horizons rises to speak of."""
+    def costs_nothing(self, loss: float, score: float, strain: float) -> bool:
+        """Whether neither the held-out ``loss``, nor the ``score`` over all horizons, nor the ``strain`` rises."""
         return (
-            -self.gain <= max(NOISE_FACTOR * self.noise_of_rise, LEAST_GAIN * loss) and self.score < score + LEAST_SCORE
+            -self.gain <= max(NOISE_FACTOR * self.noise_of_rise, LEAST_GAIN * loss)
+            and self.score < score + LEAST_SCORE
+            and self.strain < strain + LEAST_STRAIN
         )
 
     def counts(self, loss: float) -> bool:
@@ -125,7 +130,7 @@ class Selection:
         kept = self._trial("confirmed", incumbent, incumbent.active, incumbent.z, none, self._unmoved(incumbent))
         start = np.where(columns, 0.0, kept.z)
         without = self._trial("refuted", incumbent, incumbent.active & ~columns, start, none, kept.errors)
-        if without.costs_nothing(kept.errors.mean, kept.score):
+        if without.costs_nothing(kept.errors.mean, kept.score, kept.strain):
             self._accept("remove", " + ".join(groups), without, incumbent)
 
     def _unmoved(self, incumbent: Incumbent) -> Errors:
@@ -156,7 +161,7 @@ class Selection:
             self.journal.report(0.2, f"removing {', '.join(dispensable)}")
             name = f"remove {len(incumbent.path)} {' + '.join(dispensable)}"
             trial = self._trial(name, incumbent, incumbent.active & ~columns, start, none, before)
-            if trial.costs_nothing(before.mean, incumbent.score):
+            if trial.costs_nothing(before.mean, incumbent.score, self._strain(incumbent.z)):
                 return self._accept("remove", " + ".join(dispensable), trial, incumbent)
             dispensable = dispensable[: len(dispensable) // 2]
         return before
@@ -207,7 +212,7 @@ class Selection:
             name = f"remove {len(incumbent.path)} {group}"
             none = np.zeros_like(columns)
             trial = self._trial(name, incumbent, incumbent.active & ~columns, start, none, before)
-            if trial.costs_nothing(before.mean, incumbent.score):
+            if trial.costs_nothing(before.mean, incumbent.score, self._strain(incumbent.z)):
                 before = self._accept("remove", group, trial, incumbent)
 
     def _accept(self, move: str, group: str, trial: Trial, incumbent: Incumbent) -> Errors:
@@ -262,7 +267,10 @@ class Selection:
         after = self.folds.errors(self.space, fitted)
         gain, noise = paired_gain(before.loss, after.loss, self.folds.blocks())
         noise_of_rise = paired_gain(after.loss, before.loss, self.folds.blocks())[1]
-        return Trial(z, active, after, gain, noise, noise_of_rise, self._score(fitted))
+        return Trial(z, active, after, gain, noise, noise_of_rise, self._score(fitted), self._strain(z))
+
+    def _strain(self, z: np.ndarray) -> float:
+        return float(0.5 * z @ self.space.precision @ z)
 
     def _score(self, fitted: list[np.ndarray]) -> float:
         if not self.judges:

@@ -7,8 +7,9 @@ import cmbrl
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.folds import Folds, draw_starts
 from cmbrl.fitting.forecast import Forecast
+from cmbrl.fitting.loss import Errors
 from cmbrl.fitting.objective import Objective
-from cmbrl.fitting.parsimony import _needed
+from cmbrl.fitting.parsimony import Trial, _needed
 from cmbrl.fitting.state import Journal
 from cmbrl.models.windows import Scales
 
@@ -61,3 +62,11 @@ def test_groups_that_help_only_together_are_added_as_one(carts, monkeypatch):
     result = cmbrl.fit(carts.model(2), data)
     assert {"gear", "tilt"} <= {name.split(".")[0] for name in result.report["fitted"]}
     assert result.parameters["tilt"].value == pytest.approx(0.4, rel=0.02)
+
+
+def test_parameters_that_make_up_for_another_are_no_saving():
+    """Masses and motors at two fifths of the file's predict as damping at two and a half times it does."""
+    errors = Errors(np.ones(1), np.ones(1), 0, 1.0)
+    without = Trial(np.zeros(2), np.ones(2, dtype=bool), errors, 0.0, 0.0, 0.1, score=0.0, strain=9.0)
+    assert without.costs_nothing(1.0, 0.0, strain=8.0)
+    assert not without.costs_nothing(1.0, 0.0, strain=3.0)
