@@ -7,8 +7,8 @@ from cmbrl.bench.studies.hidden.plan import FLOOR
 
 def test_a_fit_is_judged_by_the_truth_of_its_robot():
     found = cell("hopper", FLOOR, FIRST_DRAW, QUICK)
-    friction = next(p for p in found["parameters"] if p["name"] == "friction.foot_geom")
-    assert 0.7 <= friction["truth"] <= 1.0 < friction["nominal"]
+    softness = next(p for p in found["parameters"] if p["name"] == "softness_time.foot_geom")
+    assert 0.01 < softness["truth"] < softness["nominal"] == 0.02
     assert all(p["holds"] == (p["low"] <= p["truth"] <= p["high"]) for p in found["parameters"])
     assert found["fitted"] > len(found["parameters"]) > 10
     assert FIRST_DRAW not in CHOSEN_ON
