@@ -53,8 +53,8 @@ def run(arguments: argparse.Namespace) -> None:
         servo=None if arguments.kp is None else Servo(arguments.kp, arguments.kd),
         packages=arguments.packages,
     )
+    scene = Scene.from_mjcf(found.model)
     found.write(arguments.out)
     for note in found.notes:
         print(f"  {note}")
-    scene = Scene.from_mjcf(arguments.out)
     print(f"{arguments.out}: {scene.nv} degrees of freedom, {scene.nu} actuators, {scene.total_mass:.4g} kg")

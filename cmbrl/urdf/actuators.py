@@ -9,6 +9,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from cmbrl.errors import UserError
+
 
 @dataclass(frozen=True)
 class Servo:
@@ -16,6 +18,10 @@ class Servo:
 
     kp: float
     kd: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.kp <= 0 or self.kd < 0:
+            raise UserError(f"gains of a servo: kp = {self.kp:g} must be above 0, kd = {self.kd:g} at least 0")
 
 
 def add_motors(spec: mujoco.MjSpec) -> list[str]:

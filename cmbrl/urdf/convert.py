@@ -29,8 +29,9 @@ _MASSLESS = (1e-3, 1e-6)  # kg, kg m^2: of a link that moves and has neither ine
 
 @dataclass(frozen=True)
 class Conversion:
-    """The MJCF ``text``, its ``meshes`` by file name, and what was changed or left out, a line each."""
+    """The compiled ``model``, its MJCF ``text``, ``meshes`` by file name, and what was changed, a line each."""
 
+    model: mujoco.MjModel
     text: str
     meshes: dict[str, bytes]
     notes: tuple[str, ...]
@@ -82,10 +83,14 @@ def convert(
     file = regular_file(urdf, "give the path of a URDF")
     check_xml(file)
     robot = _robot(file)
-    notes = [*_without_visuals(robot), *mend(robot)]
+    notes = [*_without_visuals(robot), *mend(robot, file)]
     if floating:
-        _set_free(robot)
-    meshes = collect(robot, file, [Path(folder) for folder in packages])
+        _set_free(robot, file)
+    folders = [Path(folder) for folder in packages]
+    for folder in folders:
+        if not folder.is_dir():
+            raise UserError(f"{folder}: no such folder; --packages takes the folder that holds the packages")
+    meshes = collect(robot, file, folders)
     with quiet() as warnings:
         spec, more = _read(robot, meshes, file)
         if floating:
@@ -98,11 +103,11 @@ def convert(
             if servo is None:
                 raise UserError("actuators 'position' need gains: give --kp, and perhaps --kd")
             more += add_servos(spec, servo)
-        spec.compile()
+        model = spec.compile()
         spec.meshdir = mesh_folder(Path(out))
         text = str(spec.to_xml())
     told = tuple(dict.fromkeys([*notes, *more, *(w.strip().removeprefix("WARNING: ") for w in warnings)]))
-    return Conversion(text, meshes, told)
+    return Conversion(model, text, meshes, told)
 
 
 def _robot(file: Path) -> ElementTree.Element:
@@ -125,7 +130,7 @@ def _without_visuals(robot: ElementTree.Element) -> Iterator[str]:
             yield f"link {link.get('name')}: has no <inertial>; if it moves, its shapes get 1000 kg/m^3"
 
 
-def _set_free(robot: ElementTree.Element) -> None:
+def _set_free(robot: ElementTree.Element, file: Path) -> None:
     """Joins the root link to the world by a floating joint; one that is called "world" is the world."""
     joints = robot.findall("joint")
     children = {joint.find("child").get("link") for joint in joints if joint.find("child") is not None}  # type: ignore[union-attr]
@@ -136,7 +141,8 @@ def _set_free(robot: ElementTree.Element) -> None:
                 joint.set("type", "floating")
         return
     if len(roots) != 1:
-        raise UserError(f"the URDF has {len(roots)} links without a parent ({', '.join(roots[:5])}); it needs one root")
+        named = f" ({', '.join(roots[:5])})" if roots else ""
+        raise UserError(f"{file}: {len(roots)} links without a parent{named}; a floating base has to be the only one")
     robot.append(ElementTree.Element("link", name=WORLD))
     free = ElementTree.SubElement(robot, "joint", name="floating_base", type="floating")
     ElementTree.SubElement(free, "parent", link=WORLD)

@@ -2,29 +2,39 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from pathlib import Path
 from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import NDArray
+
+from cmbrl.errors import UserError
+from cmbrl.scene.robot_source import LARGEST
+from cmbrl.text import shortened
 
 _ENTRIES = {"ixx": (0, 0), "iyy": (1, 1), "izz": (2, 2), "ixy": (0, 1), "ixz": (0, 2), "iyz": (1, 2)}
 _LEAST, _SMALL = 1e-5, 1e-8  # second moments at least: a share of the largest (an MJCF has six digits), m^2 per kg
 _TOLD = 1e-3  # relative change of an inertia that is worth a word
 
 
-def mend(robot: Element) -> Iterator[str]:
-    """Changes the inertias in ``robot`` where MuJoCo could not use them; says what was changed by how much."""
+def mend(robot: Element, file: Path) -> Iterator[str]:
+    """Changes the inertias in ``robot`` where MuJoCo could not use them; says what was changed by how much.
+
+    Raises UserError for what is no number.
+    """
     for link in robot.findall("link"):
         inertial = link.find("inertial")
         if inertial is None:
             continue
-        mass = _number(inertial.find("mass"), "value")
+        place = f"{file}: link {link.get('name')}"
+        mass = _number(inertial.find("mass"), "value", place)
         if mass <= 0:
             link.remove(inertial)
             continue
         element = inertial.find("inertia")
-        given = _matrix(element)
+        given = _matrix(element, place)
         possible = nearest(given, mass)
         change = np.linalg.norm(possible - given) / np.linalg.norm(possible)
         if change == 0:
@@ -52,16 +62,20 @@ def nearest(inertia: NDArray[np.float64], mass: float) -> NDArray[np.float64]:
     return np.asarray(np.trace(second) * np.eye(3) - second)
 
 
-def _matrix(element: Element | None) -> NDArray[np.float64]:
+def _matrix(element: Element | None, place: str) -> NDArray[np.float64]:
     matrix = np.zeros((3, 3))
     for name, (i, j) in _ENTRIES.items():
-        matrix[i, j] = matrix[j, i] = _number(element, name)
+        matrix[i, j] = matrix[j, i] = _number(element, name, place)
     return matrix
 
 
-def _number(element: Element | None, name: str) -> float:
-    """An attribute as a number; 0 where it is missing. MuJoCo reports one that is no number."""
+def _number(element: Element | None, name: str, place: str) -> float:
+    """An attribute as a number; 0 where it is missing."""
+    text = "0" if element is None else element.get(name, "0")
     try:
-        return float("0" if element is None else element.get(name, "0"))
+        value = float(text)
     except ValueError:
-        return 0.0
+        value = math.nan
+    if not abs(value) <= LARGEST:
+        raise UserError(f"{place}: {name} = {shortened(text)!r} of its <inertial> is no number of a robot; correct it")
+    return value

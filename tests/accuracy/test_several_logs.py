@@ -43,21 +43,12 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+def compared(*files: str) -> list[str]:
+    return ["error", "--scene", "arm.xml", *(word for file in files for word in ("--data", file))]
+
+
 def test_states_by_log(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = [
-        "error",
-        "--scene",
-        "arm.xml",
-        "--data",
-        "as_told.npz",
-        "--data",
-        "dry.npz",
-        "--horizons",
-        "20",
-        "--json",
-        "nominal",
-    ]
-    assert main(words) == 0
+    assert main([*compared("as_told.npz", "dry.npz"), "--horizons", "20", "--json", "nominal"]) == 0
     entries = json.loads(capsys.readouterr().out)["entries"]
     error = {entry["stratum"]: entry["error"] for entry in entries}
     windows = {entry["stratum"]: entry["windows"] for entry in entries}
@@ -66,16 +57,7 @@ def test_states_by_log(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_positions_by_log_open_loop(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = [
-        "error",
-        "--scene",
-        "arm.xml",
-        "--data",
-        "as_told_positions.npz",
-        "--data",
-        "dry_positions.npz",
-        "--open-loop",
-    ]
+    words = [*compared("as_told_positions.npz", "dry_positions.npz"), "--open-loop"]
     assert main([*words, "--json", "nominal"]) == 0
     found = json.loads(capsys.readouterr().out)["models"]["nominal"]
     by_log = found["by_log"]

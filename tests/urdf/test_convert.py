@@ -150,6 +150,8 @@ def test_the_command_says_what_it_wrote(urdf: Path, tmp_path: Path, capsys: pyte
         (("package://leg/a/shape.stl", "package://other/c/none.stl"), "cannot find package://other/c/none.stl: give"),
         (('<robot name="leg">', '<robot name="leg" xmlns:xacro="x/xacro"><xacro:arg/>'), "has xacro in it; expand"),
         (('<child link="calf"/>', ""), "links without a parent|cannot compile"),
+        (('mass value="2"', 'mass value="nan"'), "link thigh: value = 'nan' of its <inertial> is no number"),
+        (('ixx="0.02"', 'ixx="a"'), "link thigh: ixx = 'a' of its <inertial>"),
         (("<robot", "<mujoco"), "root element is <mujoco>|invalid XML"),
     ],
 )
@@ -163,4 +165,14 @@ def test_position_servos_need_gains(urdf: Path, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="give --kp"):
         convert(urdf, tmp_path / "leg.xml", actuators="position")
     assert main(["convert", str(urdf), str(tmp_path / "leg.xml"), "--kp", "3"]) == 2
+    for gains in (["--kp", "-3"], ["--kp", "3", "--kd", "-1"]):
+        assert main(["convert", str(urdf), str(tmp_path / "leg.xml"), "--actuators", "position", *gains]) == 2
     assert not (tmp_path / "leg.xml").exists()
+
+
+def test_nothing_is_written_of_a_robot_that_cannot_move(tmp_path: Path) -> None:
+    (tmp_path / "rock.urdf").write_text('<robot name="rock"><link name="rock"/></robot>')
+    assert main(["convert", str(tmp_path / "rock.urdf"), str(tmp_path / "rock.xml")]) == 2
+    missing = ["--packages", str(tmp_path / "nowhere")]
+    assert main(["convert", str(tmp_path / "rock.urdf"), str(tmp_path / "rock.xml"), *missing]) == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["rock.urdf"]

@@ -24,6 +24,7 @@ def robot_files(place: str) -> list[Path]:
     """A file itself, or FOLDER/NAME/robot.xml, or else the files *.xml and *.urdf of the folder."""
     path = Path(place)
     if path.is_file():
+        compile_robot(path)  # raises for what is no robot
         return [path]
     found = sorted(path.glob("*/robot.xml")) or sorted([*path.glob("*.xml"), *path.glob("*.urdf")])
     if not found:

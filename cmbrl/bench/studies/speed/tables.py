@@ -32,7 +32,7 @@ def _times(values: dict[str, Any]) -> Table:
             ]
         )  # fmt: skip
     failed, total = sum(row["failures"] for row in values["rows"]), values["states"] * len(values["rows"])
-    note = [WORDS("tables.times.note"), values["machine"]]
+    note = [WORDS("tables.times.note"), values["machine"] + "."]
     note += [WORDS("tables.times.failed", failed=failed, total=total)] if failed else []
     columns = ["scene", "kappa", "MuJoCo", "contacts", "mj_step", "mjd_FD", "step", "+Jacobian", "+VJP", "torch VJP"]
     return Table(WORDS("tables.times.title", **values), columns, rows, " ".join(note))
@@ -105,8 +105,8 @@ def robot_tables(values: dict[str, Any]) -> list[Table]:
         times = [_of_turns(row, k) for k in ("mj_step/forward", "mj_step/vjp", "mjd_transitionFD/jacobian")]
         cells.append([row["scene"], row["nv"], row["candidates"], round(row["contacts"], 1), *us, *times])
     faster = {k: sum(row["ratios"][f"mj_step/{k}"]["median"] >= 1 for row in known) for k in ("forward", "vjp")}
-    note = [WORDS("tables.robots.note", count=len(cells), **faster), values["machine"]]
-    note += [f"{row['scene']}: {row['refused']}" for row in values["rows"] if "refused" in row]
+    note = [WORDS("tables.robots.note", count=len(cells), **faster), values["machine"] + "."]
+    note += [f"Not modelled: {row['refused']}." for row in values["rows"] if "refused" in row]
     ratios = ["mj_step / step", "mj_step / VJP", "mjd_FD / Jacobian"]
     columns = ["robot", "nv", "candidates", "contacts", *(NAMES[k] for k in kinds), *ratios]
     return [Table(WORDS("tables.robots.title", **values), columns, cells, "\n".join(note))]
