@@ -1,0 +1,196 @@
+"""The course of a fit: horizon and noise, choice of parameters, starts or search, polish, held-out errors, logs.
+
+What is finished stands in the journal, so that a killed fit goes on where it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from cmbrl.fitting.agreement import Comparison
+from cmbrl.fitting.budget import Budget
+from cmbrl.fitting.cma import cma_search
+from cmbrl.fitting.evidence import Evidence
+from cmbrl.fitting.folds import Folds, draw_starts
+from cmbrl.fitting.gauss_newton import gauss_newton
+from cmbrl.fitting.loss import Errors, PredictionLoss
+from cmbrl.fitting.multi_start import MultiStart
+from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.parsimony import Incumbent, Selection
+from cmbrl.fitting.random_search import random_search
+from cmbrl.fitting.state import Journal, OutOfTime
+from cmbrl.fitting.survey import Judge, Survey, Surveyor
+from cmbrl.fitting.unseen import Unseen, held_out_rows
+from cmbrl.models.observation import DELAY, LAG
+
+GAUSS_NEWTON = "gauss-newton"
+SEARCHES: dict[str, Callable[..., Any]] = {"random": random_search, "cma": cma_search}
+
+
+@dataclass
+class Course:
+    """One fit, part by part; its arguments are those of :func:`cmbrl.fit`, checked.
+
+    ``wanted`` (n,): the parameters asked for; None: those that held-out errors call for. ``with_laws``: laws of
+    friction may come besides. ``confirms``: delay and lag stay only where held-out errors call for them. ``count``: of
+    folds, 0 for none.
+    """
+
+    evidence: Evidence
+    budget: Budget
+    journal: Journal
+    seed: int
+    huber: float
+    count: int
+    horizons: tuple[int, ...]
+    method: str
+    polish: bool
+    wanted: np.ndarray | None
+    with_laws: bool
+    confirms: bool
+    incumbent: Incumbent = field(init=False)
+    survey: Survey = field(init=False)
+    held_out: dict[str, Errors] = field(init=False, default_factory=dict)
+    logs: list[dict[str, Any]] = field(init=False, default_factory=list)  #: how each of several agrees with the others
+
+    def __post_init__(self) -> None:
+        count = len(self.evidence.space)
+        self.incumbent = Incumbent(np.zeros(count), np.zeros(count, dtype=bool))
+        self.survey = Survey(min(self.horizons), None, {})  # until there is one
+
+    def run(self) -> str | None:
+        """Everything; returns why it ended early, if it did. Then ``incumbent`` is the best so far."""
+        try:
+            self._look()
+            self._choose()
+            if self.incumbent.active.any():
+                self._move()
+            if self.count:
+                self._judge(self.budget.fold_iterations, self.journal)
+            self.logs = self.journal.unit("logs", self._compare)["logs"]
+        except (KeyboardInterrupt, OutOfTime) as reason:
+            if self.count:  # a short refit, not kept in the journal; a second Ctrl-C leaves it out
+                with suppress(KeyboardInterrupt):
+                    self._judge(self.budget.trial_fold_iterations, Journal(None, ""))
+            return "time limit" if isinstance(reason, OutOfTime) else "interrupted"
+        return None
+
+    def loss(self, limit: int) -> PredictionLoss:
+        """At the horizon of the survey, over at most ``limit`` transitions."""
+        steps, evidence = self.survey.horizon, self.evidence
+        starts = draw_starts(evidence.log, steps, limit, self.seed)
+        return evidence.loss(starts, steps, *evidence.scales(steps, self.huber, self.survey.noise))
+
+    def _look(self) -> None:
+        movable = self.evidence.space.default if self.wanted is None else self.wanted
+        rows, iterations = self.budget.survey_rows, self.budget.survey_iterations
+        surveyor = Surveyor(self.evidence, movable, self.huber, self.count, self.seed, rows, iterations, self.journal)
+        self.survey = Survey.from_dict(self.journal.unit("survey", lambda: surveyor.run(self.horizons).to_dict()))
+
+    def _choose(self) -> None:
+        if self.wanted is None:
+            trials = self.loss(self.budget.trial_rows)
+            folds = Folds.of(trials, self.loss(self.budget.held_out_rows), self.count, self.seed)
+            judges = [Judge.all(self.evidence, self.huber, rows) for rows in held_out_rows(folds.held_out)]
+            self._selection(trials, folds, judges).run(self.incumbent)
+        elif self.with_laws and self.count:
+            self._selection(*self._everything(), []).extend(self.incumbent, self.wanted)
+        else:
+            self.incumbent.active = self.wanted
+
+    def _move(self) -> None:
+        some = self.loss(self.budget.search_rows)
+        if self.method != GAUSS_NEWTON:
+            self._search(some)
+        elif self.count and self.budget.starts > 1:
+            self._start(Folds.of(some, some, self.count, self.seed))
+        if self.polish or self.method == GAUSS_NEWTON:
+            self._polish()
+        if self.confirms and self.count and self.evidence.late(self.incumbent.z):
+            self._selection(*self._everything(), []).confirm(self.incumbent, [DELAY, LAG])
+
+    def _selection(self, loss: PredictionLoss, folds: Folds, judges: list[list[Judge]]) -> Selection:
+        return Selection(self.evidence.space, loss, folds, judges, self.seed, self.budget, self.journal)
+
+    def _everything(self) -> tuple[PredictionLoss, Folds]:
+        loss = self.loss(self.budget.polish_rows)
+        return loss, Folds.of(loss, loss, self.count, self.seed)
+
+    def _start(self, folds: Folds) -> None:
+        """Takes another valley where held-out episodes call for it."""
+        starts, iterations = self.budget.starts, self.budget.start_iterations
+
+        def compute() -> dict[str, Any]:
+            self.journal.report(0.65, "starts")
+            active = self.incumbent.active
+            screen = MultiStart(self.evidence.space, folds, active, self.seed, starts, iterations, self.journal)
+            found = screen.run(self.incumbent.z)
+            return {"z": found.z.tolist(), "candidates": found.candidates, "course": []}
+
+        self._take("starts", compute)
+
+    def _search(self, loss: PredictionLoss) -> None:
+        rounds, population = self.budget.search_rounds, self.budget.search_population
+
+        def compute() -> dict[str, Any]:
+            self.journal.report(0.65, "search")
+            z, keep = self.incumbent.z, partial(setattr, self.incumbent, "z")
+            objective = Objective.at(loss, self.evidence.space, self.incumbent.active, z)
+            search = SEARCHES[self.method]
+            found = search(objective, z, self.seed, rounds, population, self.journal, "search all", keep=keep)
+            return {"z": found.z.tolist(), "candidates": found.candidates, "course": found.course}
+
+        self._take("search", compute)
+
+    def _polish(self) -> None:
+        loss, incumbent = self.loss(self.budget.polish_rows), self.incumbent
+
+        def compute() -> dict[str, Any]:
+            self.journal.report(0.8, "polish")
+            candidates, course = 0, []
+            keep = partial(setattr, incumbent, "z")
+            for _ in range(2):  # the second time, the prior is weighted by the remaining errors
+                objective = Objective.at(loss, self.evidence.space, incumbent.active, incumbent.z)
+                found = gauss_newton(objective, incumbent.z, self.budget.polish_iterations, self.journal, keep)
+                incumbent.z = found.z
+                course += [(candidates + count, value) for count, value in found.course]
+                candidates += found.candidates
+            return {"z": found.z.tolist(), "candidates": candidates, "course": course}
+
+        self._take("polish", compute)
+
+    def _take(self, name: str, compute: Callable[[], dict[str, Any]]) -> None:
+        outcome, incumbent = self.journal.unit(name, compute), self.incumbent
+        if outcome["course"]:
+            incumbent.course.append({"name": name, "best": [list(point) for point in outcome["course"]]})
+        incumbent.z = np.array(outcome["z"])
+        incumbent.candidates += outcome["candidates"]
+
+    def _judge(self, iterations: int, journal: Journal) -> None:
+        """Held-out errors of the nominal model, and of parameters fitted to the other episodes."""
+        space, incumbent, (_, folds) = self.evidence.space, self.incumbent, self._everything()
+
+        def compute() -> dict[str, Any]:
+            journal.report(0.9, "held-out episodes")
+            fitted, candidates = folds.refit(space, incumbent.active, incumbent.z, iterations, journal)
+            return {"folds": [z.tolist() for z in fitted], "candidates": candidates}
+
+        outcome = journal.unit("judge", compute)
+        incumbent.candidates += outcome["candidates"]
+        nominal, fitted = [np.zeros(len(space))] * len(folds.train), [np.array(z) for z in outcome["folds"]]
+        incumbent.unseen = Unseen.of(folds.held_out, [space.theta(z) for z in fitted], space.nominal)
+        self.held_out = {
+            "held out, nominal": folds.errors(space, nominal),
+            "held out, fitted": folds.errors(space, fitted),
+        }
+
+    def _compare(self) -> dict[str, Any]:
+        loss, work = self.loss(self.budget.polish_rows), (self.budget.fold_iterations, self.journal)
+        z, active = self.incumbent.z, self.incumbent.active
+        return {"logs": Comparison(self.evidence, loss, z, active, self.count, self.seed, *work).run()}
