@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cmbrl.errors import UserError
-from cmbrl.fitting.objective import NOT_FINITE, Objective
+from cmbrl.fitting.objective import NOT_FINITE, NotFinite, Objective
 from cmbrl.fitting.random_search import Keep, Search, forget
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
@@ -27,7 +26,7 @@ def gauss_newton(
 ) -> Search:
     """Minimises ``objective`` from ``start`` (n,).
 
-    Raises the journal's OutOfTime between iterations, and UserError for equations that overflow.
+    Raises the journal's OutOfTime between iterations, and NotFinite for equations that overflow.
     """
     z = objective.clip(start)
     value = float(objective.values(z[None])[0])
@@ -43,7 +42,7 @@ def gauss_newton(
             ]
         )
         if not np.isfinite(points).all():
-            raise UserError(NOT_FINITE)
+            raise NotFinite(NOT_FINITE)
         moved = [objective.followed(equations, point - z) for point in points]
         if moved[0] is objective:
             values = objective.values(points)

@@ -13,7 +13,7 @@ import numpy as np
 
 from cmbrl.fitting.folds import LEAST_GAIN, NOISE_FACTOR, Folds, paired_gain
 from cmbrl.fitting.gauss_newton import gauss_newton
-from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.objective import NotFinite, Objective
 from cmbrl.fitting.random_search import Search
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
@@ -45,7 +45,11 @@ class MultiStart:
         most = 0.0
         for other in others:
             self.journal.check_time()
-            z, loss, count = self._fitted(other)
+            try:
+                with np.errstate(all="ignore"):
+                    z, loss, count = self._fitted(other)
+            except NotFinite:  # motion explodes with these parameters
+                continue
             candidates += count
             gain, noise = paired_gain(own, loss, blocks)
             if gain > max(most, NOISE_FACTOR * noise, least):

@@ -16,8 +16,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cmbrl.errors import UserError
 from cmbrl.fitting.loss import NormalEquations, PredictionLoss
 from cmbrl.fitting.space import Space
+
+
+class NotFinite(UserError):
+    """Numbers that overflow, from a log or from parameters that no robot has."""
+
 
 NOT_FINITE = "the fit is not finite: check the log for values that no robot reaches"
 _VARIANCE_RANGE = (1e-8, 1.0)  # of a normalised residual: from the solver's accuracy to no model at all

@@ -115,7 +115,7 @@ class ComplementarityModel:
         threads: int = 1,
         backward_smoothing: Smoothing | None = None,
         implicit_springs: bool = False,
-        prune: float = 0.3,
+        prune: float = 3.0,
         path_tolerance: float = 1e-6,
         candidates: np.ndarray | None = None,
         observation: Mapping[str, float] | None = None,

@@ -42,7 +42,7 @@ def test_the_steps_answer_solves_the_exported_problem(name: str, law: str) -> No
             rows += len(problem.mu)
         worst.append(max(s.natural_map for s in scores))
         assert max(s.dynamics for s in scores) < 1e-8
-    assert rows > 120
+    assert rows > 150
     assert worst[1] < 0.2 * worst[0]
     assert worst[2] < 0.2 * worst[1]
 

@@ -25,12 +25,12 @@ def test_a_rung_rescues(problem: Problem) -> None:
 
 
 def test_states_without_a_solution_end_soon() -> None:
-    """A hopper stuck between posts, rigid law. A solve takes 70; many are repeated, for a row that was left out."""
+    """A hopper stuck between posts, rigid law: 103 iterations on average before hopeless lanes were told early."""
     stepper = model("stuck hopper", "rigid", "exact").stepper
     result = stepper.forward(*stuck_batch(stepper.scene, 1000, np.random.default_rng(0)))
     stuck = result["rung"] > 0
     assert stuck.sum() > 300
     iterations = result["iterations"][stuck]
-    assert iterations.mean() < 130
-    assert np.percentile(iterations, 90) < 230
+    assert iterations.mean() < 80
+    assert np.percentile(iterations, 90) < 90
     assert (result["status"] == SolverStatus.FAILED).mean() < 0.01

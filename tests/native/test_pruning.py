@@ -35,17 +35,13 @@ def differences(count: int, steps: int) -> np.ndarray:
     return np.concatenate(found)
 
 
-# A row that is left out takes its softening with it: Exact's, 1e-9 m/s at the speed of gravity's work in a step.
-SOFTENING = 1e-8
-
-
 def test_visited_states() -> None:
-    assert (differences(200, 50) > SOFTENING).sum() == 0
+    assert (differences(200, 50) > 1e-9).sum() == 0
 
 
 @pytest.mark.slow
 def test_a_hundred_thousand_visited_states() -> None:
-    assert (differences(1000, 100) > SOFTENING).sum() == 0
+    assert (differences(1000, 100) > 1e-9).sum() == 0
 
 
 def test_a_row_that_the_solve_brings_to_close_takes_part(tmp_path: Path) -> None:

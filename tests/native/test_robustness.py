@@ -54,7 +54,7 @@ def test_a_derivative_softer_than_asked_for_is_flagged() -> None:
     assert (mixed.predict(q, v, u, theta).status == SolverStatus.CONVERGED).all()
     differentiated = mixed.with_settings(backward_smoothing=Exact()).predict(q, v, u, theta, jacobian=True)
     flagged = differentiated.status == SolverStatus.FALLBACK
-    assert flagged.mean() > 0.8  # the hard solve starts elsewhere, and may be luckier
+    assert flagged.mean() > 0.9  # the hard solve starts elsewhere, and may be luckier
 
 
 def test_nan_in_the_state_is_flagged() -> None:
