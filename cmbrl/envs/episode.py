@@ -11,8 +11,8 @@ from torch import Tensor
 
 from cmbrl.envs.evaluation import Actor
 from cmbrl.mdp import MDP
-from cmbrl.models.complementarity import SolverWarning
 from cmbrl.models.protocol import Model
+from cmbrl.models.step_result import SolverWarning
 from cmbrl.models.wiring import Robots
 
 

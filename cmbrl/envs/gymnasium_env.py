@@ -13,8 +13,8 @@ from cmbrl.envs.drawing import Drawer
 from cmbrl.envs.spaces import action_space, observation_space
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP
-from cmbrl.models.complementarity import SolverWarning
 from cmbrl.models.protocol import Model, forget
+from cmbrl.models.step_result import SolverWarning
 from cmbrl.models.wiring import Robots
 
 try:

@@ -14,9 +14,10 @@ from torch import Tensor
 
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP
-from cmbrl.models.complementarity import ComplementarityModel, SolverWarning
+from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.manifold import Coordinates
 from cmbrl.models.protocol import HasCoordinates, Model, forget, model_state, restore_model
+from cmbrl.models.step_result import SolverWarning
 from cmbrl.models.wiring import Robots, Wraps
 
 

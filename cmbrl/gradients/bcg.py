@@ -17,8 +17,9 @@ from torch import Tensor
 
 from cmbrl.errors import UserError
 from cmbrl.gradients.offsets import ContactOffsets
-from cmbrl.models.complementarity import ComplementarityModel, SolverWarning
+from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.manifold import Coordinates
+from cmbrl.models.step_result import SolverWarning
 
 
 @dataclass(frozen=True)

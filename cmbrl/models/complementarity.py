@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,8 +18,10 @@ from cmbrl.data.checks import TIME_STEP_TOLERANCE
 from cmbrl.errors import UserError
 from cmbrl.models.activations import Activations
 from cmbrl.models.autograd import Stepper, differentiable_step
+from cmbrl.models.damping import choose_damping
 from cmbrl.models.manifold import Coordinates
 from cmbrl.models.observation import Observation
+from cmbrl.models.step_result import SolverWarning, StepResult
 from cmbrl.models.windows import Windows
 from cmbrl.models.wiring import Wiring
 from cmbrl.native import SolverStatus
@@ -31,39 +32,9 @@ if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
 
 INTEGRATORS = ("semi-implicit", "leapfrog", "midpoint")
-DAMPING = ("coupled", "split")
 SLIDING = ("coulomb", "convex")
-# Rows look ahead: the overshoot of damping that is explicit to them closes gaps that are open, or asks for more rows. A
-# servo overshoots by what its position gain drives, too. h damping / mass of dampers is up to 19 in robots whose split
-# steps are MuJoCo's; of servos 11 makes one slow, and 444 makes another one's steps wrong.
-MOST_SPLIT, SERVO = 50.0, 10.0
 FAILURE_LOSS = 1e3  # added to a candidate's loss by a failed solve
 FAILED = int(SolverStatus.FAILED)  # an enum's member is slow to look up and to compare with
-
-
-class SolverWarning(RuntimeWarning):
-    """Some contact solves of a batch did not converge; ``StepResult.status`` tells which."""
-
-
-@dataclass(frozen=True)
-class StepResult:
-    """Result of one batched step, in numpy.
-
-    q_next (B, nq); v_next (B, nv); status (B,), a :class:`~cmbrl.native.SolverStatus`; iterations (B,), summed over
-    substeps; rung (B,), how far a solve climbed the ladder of fallbacks (0: no further than the first); residual (B,),
-    the worst relative residual over substeps. On request: jacobian (B, 2 nv, 2 nv + nu
-    [+ np]) of (q', v') in (q, v, u [, theta]), with q in tangent space; impulse (B, contacts, 2 or 3) [N s] along the
-    rows of ``smooth_dynamics``, summed over substeps.
-    """
-
-    q_next: np.ndarray
-    v_next: np.ndarray
-    status: np.ndarray
-    iterations: np.ndarray
-    rung: np.ndarray
-    residual: np.ndarray
-    jacobian: np.ndarray | None = None
-    impulse: np.ndarray | None = None
 
 
 class ComplementarityModel:
@@ -134,7 +105,7 @@ class ComplementarityModel:
         self.threads = whole(threads, "threads", most=256)
         self.implicit_springs = switch(implicit_springs, "implicit_springs")
         self._damping = damping
-        self.damping = self._choose_damping(damping)
+        self.damping = choose_damping(scene, damping, self.time_step, self.integrator, self.implicit_springs)
         self._sliding = sliding
         self.sliding = one_of("coulomb" if sliding is None else sliding, SLIDING, "sliding")
         if self.sliding == "convex" and scene.contact_law != "mujoco":
@@ -238,9 +209,10 @@ class ComplementarityModel:
         scene = self.scene
         if Path(scene.path).is_file() and np.array_equal(self.parameters, scene.parameter_vector()):
             law = "rigid" if scene.contact_law == "mujoco" else "mujoco"
-            other = Scene.from_mjcf(scene.path, ignore=scene.ignore, contact_law=law, self_contact=scene.self_contact)
-            settings: dict[str, Any] = {**self._settings(), "candidates": None, "sliding": None}
-            found[f"contact law {law}"] = ComplementarityModel(other, **settings)
+            other = Scene.from_mjcf(scene.path, scene.ignore, law, self_contact=scene.self_contact, drives=scene.drives)
+            found[f"contact law {law}"] = self.with_settings(
+                scene=other, parameters=None, candidates=None, sliding=None
+            )
         return found
 
     def other_sliding(self) -> ComplementarityModel | None:
@@ -405,18 +377,6 @@ class ComplementarityModel:
             "observation": self.observation,
         }
 
-    def _choose_damping(self, given: str | None) -> str:
-        scene = self.scene
-        if given is None:
-            of_mujoco = scene.contact_law == "mujoco" and scene.integrator != "rk4" and not self.implicit_springs
-            short = self.time_step <= scene.timestep * (1 + 1e-9) and _overshoot(scene) <= MOST_SPLIT
-            return "split" if of_mujoco and short and self.integrator == "semi-implicit" else "coupled"
-        one_of(given, DAMPING, "damping")
-        if given == "split" and (scene.contact_law == "rigid" or self.implicit_springs):
-            what = "implicit springs" if self.implicit_springs else "rigid contacts"
-            raise UserError(f"damping 'split' does not go with {what}: choose 'coupled'")
-        return given
-
     def _count_failures(self, status: np.ndarray) -> None:
         failed = int(np.count_nonzero(status == FAILED))
         if failed:
@@ -451,21 +411,6 @@ class ComplementarityModel:
         if len(shape) != 2 or shape[1] != width:
             raise UserError(f"{name} has shape {tuple(shape)}; give float64 of shape (batch, {width})")
         return shape[0]
-
-
-def _overshoot(scene: Scene) -> float:
-    """Largest h times implicit damping over mass of a coordinate or tendon, at the file's step; see MOST_SPLIT."""
-    core, layout = scene.core, scene.layout
-    damping = np.array([core.P[layout.dof(k, "damping")] for k in range(scene.nv + core.ntendon)])
-    for k, line in enumerate(core.act_line):
-        if core.implicit_gains and line >= 0:
-            gear, bias = core.P[layout.actuator(k)], core.P[layout.actuator(k) + 4]
-            damping[line] -= SERVO * gear**2 * bias
-    if not core.implicit_damping:
-        damping[: scene.nv] = 0.0
-    if not core.implicit_gains:
-        damping[scene.nv :] = 0.0
-    return float(np.max(scene.timestep * damping * core.line_invweight))
 
 
 def _dense(x: torch.Tensor, name: str) -> torch.Size:

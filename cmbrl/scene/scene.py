@@ -5,45 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-import mujoco
 import numpy as np
 
 from cmbrl.errors import UserError
 from cmbrl.numbers import one_of, real_array, switch
 from cmbrl.scene import kinematics, manifold
-from cmbrl.scene.activation import activation_arrays
-from cmbrl.scene.actuators import reach_arrays, read_actuators
-from cmbrl.scene.arrays import doubles, integers
-from cmbrl.scene.assemble import contact_arrays, line_arrays, physical_vector, tie_arrays, tree_arrays
-from cmbrl.scene.contacts import ContactBuilder
+from cmbrl.scene.build import read_parts, scene_fields
 from cmbrl.scene.core_arrays import CoreArrays
-from cmbrl.scene.differences import differences
 from cmbrl.scene.drives import Drive, driven_model
-from cmbrl.scene.fluid import box_arrays, oblique_box, read_boxes
 from cmbrl.scene.inertia_shapes import add_shapes
-from cmbrl.scene.inverse_weights import soften, weight_arrays
-from cmbrl.scene.joint_forces import force_ranges, read_compensation
-from cmbrl.scene.joint_parameters import armatures_of
+from cmbrl.scene.inverse_weights import soften
 from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.layout import Layout
-from cmbrl.scene.mjcf import ignores, name_of, read_tree
 from cmbrl.scene.near import CHOICES
-from cmbrl.scene.parameters import offer_parameters
-from cmbrl.scene.records import Array, Candidate, Joint, JointKind, LeftOut, Parameter, Tendon, Tie, Tree
-from cmbrl.scene.reduction import PlaneOfMotion, find_plane, merge_points, obstacle_to_plane, project
-from cmbrl.scene.robot_source import Compiled, RobotSource, compile_robot
-from cmbrl.scene.shapes import read_shape
-from cmbrl.scene.springs import check_joints, spring_arrays
+from cmbrl.scene.records import Array, Joint, LeftOut, Parameter
+from cmbrl.scene.robot_source import RobotSource, compile_robot
 from cmbrl.scene.support import Gate, check_model
-from cmbrl.scene.tendons import lines_of, obstacle_of_tendons, read_tendons
-from cmbrl.scene.ties import obstacle_of_ties, read_ties
-
-_INTEGRATORS = {
-    "mjINT_EULER": "euler",
-    "mjINT_RK4": "rk4",
-    "mjINT_IMPLICIT": "implicit",
-    "mjINT_IMPLICITFAST": "implicit",
-}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -136,7 +113,9 @@ class Scene:
         drives = tuple(drives)
         compiled = replace(compiled, model=driven_model(compiled.model, drives, compiled.label))
         check_model(compiled.model, gate)
-        return _build(cls, compiled, gate, law, reduce, self_contact, drives)
+        parts = read_parts(compiled, gate, reduce, self_contact)
+        fields = scene_fields(compiled, gate, parts, law)
+        return cls(contact_law=str(law), reduce=reduce, self_contact=self_contact, drives=drives, **fields)
 
     def with_drives(self, drives: Iterable[Drive]) -> Scene:
         """The same scene, read again with other laws of its actuators; raises UserError if it was not from a file."""
@@ -209,156 +188,3 @@ def _check_together(**arrays: Array) -> None:
     except ValueError:
         told = " and ".join(f"{name} {array.shape}" for name, array in arrays.items())
         raise UserError(f"{told} do not go together: give the same number of rows") from None
-
-
-def _build(
-    cls: type[Scene],
-    compiled: Compiled,
-    gate: Gate,
-    law: LawChoice,
-    reduce: bool,
-    self_contact: str,
-    drives: tuple[Drive, ...],
-) -> Scene:
-    model = compiled.model
-    check_joints(model, gate)
-    tree = read_tree(model)
-    boxes = read_boxes(model, tree, gate)
-    plane, why = find_plane(tree, np.asarray(model.opt.gravity)) if reduce else (None, "reduction is off")
-    if plane and (oblique := oblique_box(tree, plane, boxes)):
-        plane, why = None, oblique
-    normal = plane.axis if plane else None
-    builder = ContactBuilder(model, tree, normal, gate, plane is not None, not reduce, self_contact)
-    builder.build()
-    tendons = read_tendons(model, tree, gate)
-    lines = lines_of(model, tendons)
-    ties = read_ties(model, tree, lines, gate)
-    actuators = read_actuators(model, tree, lines, gate)
-    ranges = force_ranges(model, gate)
-    compensation = read_compensation(model, tree, gate)
-    gate.close()
-    if plane and (obstacle := _obstacle(model, tree, plane, builder.candidates, tendons, ties)):
-        plane, why = None, obstacle
-        builder = ContactBuilder(
-            model, tree, normal, Gate(gate.file, gate.ignore), self_contact=self_contact
-        )  # with rims
-        builder.build()
-    candidates = [project(tree, plane, c) for c in builder.candidates] if plane else builder.candidates
-    candidates, merged = merge_points(candidates) if reduce else (candidates, 0)
-    grounds = sorted({c.geoms[1] for c in candidates if c.kind.on_plane})
-    planes = [read_shape(model, geom, tree.frames) for geom in grounds]
-    dimension = 2 if plane else 3
-    layout = Layout(dimension, len(tree.bodies), model.nv, len(candidates), len(planes), len(actuators), len(tendons))
-    P = physical_vector(model, tree, candidates, planes, tendons, actuators, plane, layout, law)
-    letters = plane.letters if plane else ("x", "y", "z")
-    moves, masses, shapes = offer_parameters(
-        model, tree, candidates, planes, tendons, actuators, layout, letters, P, law.name
-    )
-    of_lines = line_arrays(model, tree, tendons, plane)
-    integrator = _INTEGRATORS.get(mujoco.mjtIntegrator(model.opt.integrator).name, "euler")
-    core = CoreArrays(
-        planar=plane is not None,
-        implicit_damping=integrator != "euler" or not ignores(model, "EULERDAMP"),
-        implicit_gains=integrator != "euler",
-        nq=int(model.nq),
-        nv=int(model.nv),
-        nu=len(actuators) + sum(a.activation is not None for a in actuators),
-        nbody=len(tree.bodies),
-        njoint=len(tree.joints),
-        ncontact=len(candidates),
-        nplane=len(planes),
-        nlimit=len(of_lines["lim_line"]),
-        nact=len(actuators),
-        ntendon=len(tendons),
-        nseg=len(of_lines["seg_A"]),
-        nwrap=len(of_lines["wrap_body"]),
-        ntie=len(ties),
-        plane_basis=plane.basis if plane else np.zeros((2, 3)),
-        **tree_arrays(tree, plane),
-        **of_lines,
-        **tie_arrays(tree, ties, plane),
-        **contact_arrays(model, candidates, planes, plane, law.name),
-        act_line=integers([a.line for a in actuators]),
-        act_ctrl=doubles([a.control for a in actuators], (-1, 2)),
-        act_force=doubles([a.force for a in actuators], (-1, 2)),
-        **ranges,
-        **compensation.arrays(tree, plane),
-        **activation_arrays(actuators),
-        **reach_arrays(tree, actuators, plane),
-        **box_arrays(model, tree, boxes, plane),
-        **spring_arrays(model, tree),
-        P=P,
-        par_ptr=moves.ptr,
-        par_idx=moves.idx,
-        par_coef=moves.coef,
-        par_nominal=np.array([p.nominal for p in moves.parameters], dtype=np.float64),
-        **shapes,
-        **weight_arrays(model, tree, candidates, of_lines, masses, armatures_of(moves, layout, model.nv), law.name),
-    )
-    names, kinds = _coordinates(tree)
-    geoms = [name_of(model, "geom", k) for k in range(model.ngeom)]
-    return cls(
-        name=compiled.name,
-        path=str(compiled.file or ""),
-        ignore=gate.ignore,
-        contact_law=str(law),
-        reduce=reduce,
-        self_contact=self_contact,
-        drives=drives,
-        nq=int(model.nq),
-        nv=int(model.nv),
-        nu=len(actuators),
-        planar=plane is not None,
-        planar_why=why,
-        timestep=float(model.opt.timestep),
-        integrator=integrator,
-        q0=np.array(model.qpos0),
-        total_mass=float(sum(body.mass for body in tree.bodies)),
-        body_names=tuple(body.name for body in tree.bodies),
-        joint_names=tuple(name_of(model, "joint", k) for k in range(model.njnt)),
-        coordinate_names=names,
-        coordinate_kinds=kinds,
-        actuator_names=tuple(a.name for a in actuators),
-        tendon_names=tuple(tendon.name for tendon in tendons),
-        tie_names=tuple(tie.name for tie in ties),
-        contact_names=tuple(f"{geoms[c.geoms[0]]} - {geoms[c.geoms[1]]}" for c in candidates),
-        parameters=moves.parameters,
-        left_out=tuple(gate.left_out),
-        dropped_contacts=tuple(builder.dropped),
-        differences=differences(model, candidates, builder.stand_ins, tendons, law.name, integrator, len(boxes)),
-        merged_points=merged,
-        compiler_warnings=compiled.warnings,
-        joints=tuple(tree.joints),
-        core=core,
-    )
-
-
-def _obstacle(
-    model: mujoco.MjModel,
-    tree: Tree,
-    plane: PlaneOfMotion,
-    candidates: list[Candidate],
-    tendons: list[Tendon],
-    ties: list[Tie],
-) -> str | None:
-    """Why contacts, tendons or ties of a planar tree need spatial algebra, naming the first; None if they do not."""
-    for c in candidates:
-        up = read_shape(model, c.geoms[1], tree.frames).rot[:, 2] if c.kind.on_plane else None
-        if reason := obstacle_to_plane(tree, plane, c, up):
-            return f"{reason} ({name_of(model, 'geom', c.geoms[0])} - {name_of(model, 'geom', c.geoms[1])})"
-    return obstacle_of_tendons(tree, plane, tendons) or obstacle_of_ties(tree, plane, ties)
-
-
-def _coordinates(tree: Tree) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names and kinds of the nv velocity coordinates, in order."""
-    names, kinds = [], []
-    for joint in tree.joints:
-        parts = [other for other in tree.bodies[joint.body].joints if other.source == joint.source]
-        prefix = f"{joint.name}." if len(parts) > 1 or joint.kind == JointKind.BALL else joint.name
-        if joint.kind == JointKind.BALL:
-            names += [f"{prefix}r{letter}" for letter in "xyz"]
-            kinds += ["rotation"] * 3
-        else:
-            names.append(prefix + "xyz"[parts.index(joint)] if len(parts) > 1 else prefix)
-            kinds.append("position" if joint.kind == JointKind.SLIDE else "angle")
-    return tuple(names), tuple(kinds)

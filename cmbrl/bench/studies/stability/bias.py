@@ -19,7 +19,8 @@ from cmbrl.bench.studies.stability.case import WORDS, G
 from cmbrl.bench.studies.stability.worlds import GROUND, body, sphere, tilted, world
 from cmbrl.bench.study import Cell, Table
 from cmbrl.contact.smoothing import Barrier
-from cmbrl.models.complementarity import ComplementarityModel, StepResult
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.step_result import StepResult
 
 MASS, RADIUS, MU, H = 2.0, 0.1, 0.5, 1e-3
 SETTLED = 3000  #: steps until nothing changes any more

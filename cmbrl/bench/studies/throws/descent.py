@@ -20,7 +20,8 @@ from cmbrl.bench.studies.throws.arms import Arm
 from cmbrl.envs.evaluation import evaluate_real
 from cmbrl.gradients.estimate import Array, Estimate
 from cmbrl.mdp import MDP
-from cmbrl.models.complementarity import ComplementarityModel, SolverWarning
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.step_result import SolverWarning
 from cmbrl.system import SystemFactory
 
 

@@ -1,0 +1,219 @@
+"""From a compiled robot to the fields of a scene: what is read, what is simplified, what the core gets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from cmbrl.scene.activation import activation_arrays
+from cmbrl.scene.actuators import Actuator, reach_arrays, read_actuators
+from cmbrl.scene.arrays import doubles, integers
+from cmbrl.scene.assemble import contact_arrays, line_arrays, physical_vector, tie_arrays, tree_arrays
+from cmbrl.scene.contacts import ContactBuilder
+from cmbrl.scene.core_arrays import CoreArrays
+from cmbrl.scene.differences import differences
+from cmbrl.scene.fluid import Box, box_arrays, oblique_box, read_boxes
+from cmbrl.scene.inverse_weights import weight_arrays
+from cmbrl.scene.joint_forces import Compensation, force_ranges, read_compensation
+from cmbrl.scene.joint_parameters import armatures_of
+from cmbrl.scene.laws import LawChoice
+from cmbrl.scene.layout import Layout
+from cmbrl.scene.mjcf import ignores, name_of, read_tree
+from cmbrl.scene.parameters import offer_parameters
+from cmbrl.scene.records import Candidate, JointKind, Parameter, Tendon, Tie, Tree
+from cmbrl.scene.reduction import PlaneOfMotion, find_plane, merge_points, obstacle_to_plane, project
+from cmbrl.scene.robot_source import Compiled
+from cmbrl.scene.shapes import Shape, read_shape
+from cmbrl.scene.springs import check_joints, spring_arrays
+from cmbrl.scene.support import Gate
+from cmbrl.scene.tendons import lines_of, obstacle_of_tendons, read_tendons
+from cmbrl.scene.ties import obstacle_of_ties, read_ties
+
+_INTEGRATORS = {
+    "mjINT_EULER": "euler",
+    "mjINT_RK4": "rk4",
+    "mjINT_IMPLICIT": "implicit",
+    "mjINT_IMPLICITFAST": "implicit",
+}
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What a robot consists of, in the plane of motion if there is one."""
+
+    tree: Tree
+    plane: PlaneOfMotion | None
+    why: str  # the tree moves in a plane, or does not
+    contacts: ContactBuilder
+    candidates: list[Candidate]
+    merged: int  # points that were left out because others are at the same place
+    grounds: list[Shape]
+    tendons: list[Tendon]
+    ties: list[Tie]
+    actuators: list[Actuator]
+    boxes: list[Box]
+    ranges: dict[str, Any]
+    compensation: Compensation
+
+
+def read_parts(compiled: Compiled, gate: Gate, reduce: bool, self_contact: str) -> Parts:
+    """Reads all elements of the file; raises UserError for those that are not modelled and not ignored."""
+    model = compiled.model
+    check_joints(model, gate)
+    tree = read_tree(model)
+    boxes = read_boxes(model, tree, gate)
+    plane, why = find_plane(tree, np.asarray(model.opt.gravity)) if reduce else (None, "reduction is off")
+    if plane and (oblique := oblique_box(tree, plane, boxes)):
+        plane, why = None, oblique
+    normal = plane.axis if plane else None
+    contacts = ContactBuilder(model, tree, normal, gate, plane is not None, not reduce, self_contact)
+    contacts.build()
+    tendons = read_tendons(model, tree, gate)
+    lines = lines_of(model, tendons)
+    ties = read_ties(model, tree, lines, gate)
+    actuators = read_actuators(model, tree, lines, gate)
+    ranges = force_ranges(model, gate)
+    compensation = read_compensation(model, tree, gate)
+    gate.close()
+    if plane and (obstacle := _obstacle(model, tree, plane, contacts.candidates, tendons, ties)):
+        plane, why = None, obstacle
+        again = Gate(gate.file, gate.ignore)
+        contacts = ContactBuilder(model, tree, normal, again, self_contact=self_contact)  # with rims
+        contacts.build()
+    candidates = [project(tree, plane, c) for c in contacts.candidates] if plane else contacts.candidates
+    candidates, merged = merge_points(candidates) if reduce else (candidates, 0)
+    geoms = sorted({c.geoms[1] for c in candidates if c.kind.on_plane})
+    grounds = [read_shape(model, geom, tree.frames) for geom in geoms]
+    return Parts(
+        tree, plane, why, contacts, candidates, merged, grounds, tendons, ties, actuators, boxes, ranges, compensation
+    )
+
+
+def scene_fields(compiled: Compiled, gate: Gate, parts: Parts, law: LawChoice) -> dict[str, Any]:
+    """The fields of a :class:`~cmbrl.scene.scene.Scene` that follow from the file and the contact law."""
+    model, tree, plane, candidates = compiled.model, parts.tree, parts.plane, parts.candidates
+    integrator = _INTEGRATORS.get(mujoco.mjtIntegrator(model.opt.integrator).name, "euler")
+    core, parameters = _core(model, parts, law, integrator)
+    coordinates, kinds = _coordinates(tree)
+    geoms = [name_of(model, "geom", k) for k in range(model.ngeom)]
+    stand_ins, boxes = parts.contacts.stand_ins, len(parts.boxes)
+    return {
+        "name": compiled.name,
+        "path": str(compiled.file or ""),
+        "ignore": gate.ignore,
+        "nq": int(model.nq),
+        "nv": int(model.nv),
+        "nu": len(parts.actuators),
+        "planar": plane is not None,
+        "planar_why": parts.why,
+        "timestep": float(model.opt.timestep),
+        "integrator": integrator,
+        "q0": np.array(model.qpos0),
+        "total_mass": float(sum(body.mass for body in tree.bodies)),
+        "body_names": tuple(body.name for body in tree.bodies),
+        "joint_names": tuple(name_of(model, "joint", k) for k in range(model.njnt)),
+        "coordinate_names": coordinates,
+        "coordinate_kinds": kinds,
+        "actuator_names": tuple(actuator.name for actuator in parts.actuators),
+        "tendon_names": tuple(tendon.name for tendon in parts.tendons),
+        "tie_names": tuple(tie.name for tie in parts.ties),
+        "contact_names": tuple(f"{geoms[c.geoms[0]]} - {geoms[c.geoms[1]]}" for c in candidates),
+        "parameters": parameters,
+        "left_out": tuple(gate.left_out),
+        "dropped_contacts": tuple(parts.contacts.dropped),
+        "differences": differences(model, candidates, stand_ins, parts.tendons, law.name, integrator, boxes),
+        "merged_points": parts.merged,
+        "compiler_warnings": compiled.warnings,
+        "joints": tuple(tree.joints),
+        "core": core,
+    }
+
+
+def _core(
+    model: mujoco.MjModel, parts: Parts, law: LawChoice, integrator: str
+) -> tuple[CoreArrays, tuple[Parameter, ...]]:
+    """The input of the native core, and the parameters that a fit may change."""
+    tree, plane, candidates, grounds = parts.tree, parts.plane, parts.candidates, parts.grounds
+    tendons, actuators, nv, ntendon = parts.tendons, parts.actuators, int(model.nv), len(parts.tendons)
+    dimension, letters = (2, plane.letters) if plane else (3, ("x", "y", "z"))
+    layout = Layout(dimension, len(tree.bodies), nv, len(candidates), len(grounds), len(actuators), ntendon)
+    P = physical_vector(model, tree, candidates, grounds, tendons, actuators, plane, layout, law)
+    moves, masses, shapes = offer_parameters(
+        model, tree, candidates, grounds, tendons, actuators, layout, letters, P, law.name
+    )
+    lines = line_arrays(model, tree, tendons, plane)
+    armatures = armatures_of(moves, layout, nv)
+    core = CoreArrays(
+        planar=plane is not None,
+        implicit_damping=integrator != "euler" or not ignores(model, "EULERDAMP"),
+        implicit_gains=integrator != "euler",
+        nq=int(model.nq),
+        nv=nv,
+        nu=len(actuators) + sum(a.activation is not None for a in actuators),
+        nbody=len(tree.bodies),
+        njoint=len(tree.joints),
+        ncontact=len(candidates),
+        nplane=len(grounds),
+        nlimit=len(lines["lim_line"]),
+        nact=len(actuators),
+        ntendon=ntendon,
+        nseg=len(lines["seg_A"]),
+        nwrap=len(lines["wrap_body"]),
+        ntie=len(parts.ties),
+        plane_basis=plane.basis if plane else np.zeros((2, 3)),
+        **tree_arrays(tree, plane),
+        **lines,
+        **tie_arrays(tree, parts.ties, plane),
+        **contact_arrays(model, candidates, grounds, plane, law.name),
+        act_line=integers([a.line for a in actuators]),
+        act_ctrl=doubles([a.control for a in actuators], (-1, 2)),
+        act_force=doubles([a.force for a in actuators], (-1, 2)),
+        **parts.ranges,
+        **parts.compensation.arrays(tree, plane),
+        **activation_arrays(actuators),
+        **reach_arrays(tree, actuators, plane),
+        **box_arrays(model, tree, parts.boxes, plane),
+        **spring_arrays(model, tree),
+        P=P,
+        par_ptr=moves.ptr,
+        par_idx=moves.idx,
+        par_coef=moves.coef,
+        par_nominal=np.array([p.nominal for p in moves.parameters], dtype=np.float64),
+        **shapes,
+        **weight_arrays(model, tree, candidates, lines, masses, armatures, law.name),
+    )
+    return core, moves.parameters
+
+
+def _obstacle(
+    model: mujoco.MjModel,
+    tree: Tree,
+    plane: PlaneOfMotion,
+    candidates: list[Candidate],
+    tendons: list[Tendon],
+    ties: list[Tie],
+) -> str | None:
+    """Why contacts, tendons or ties of a planar tree need spatial algebra, naming the first; None if they do not."""
+    for c in candidates:
+        up = read_shape(model, c.geoms[1], tree.frames).rot[:, 2] if c.kind.on_plane else None
+        if reason := obstacle_to_plane(tree, plane, c, up):
+            return f"{reason} ({name_of(model, 'geom', c.geoms[0])} - {name_of(model, 'geom', c.geoms[1])})"
+    return obstacle_of_tendons(tree, plane, tendons) or obstacle_of_ties(tree, plane, ties)
+
+
+def _coordinates(tree: Tree) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names and kinds of the nv velocity coordinates, in order."""
+    names, kinds = [], []
+    for joint in tree.joints:
+        parts = [other for other in tree.bodies[joint.body].joints if other.source == joint.source]
+        prefix = f"{joint.name}." if len(parts) > 1 or joint.kind == JointKind.BALL else joint.name
+        if joint.kind == JointKind.BALL:
+            names += [f"{prefix}r{letter}" for letter in "xyz"]
+            kinds += ["rotation"] * 3
+        else:
+            names.append(prefix + "xyz"[parts.index(joint)] if len(parts) > 1 else prefix)
+            kinds.append("position" if joint.kind == JointKind.SLIDE else "angle")
+    return tuple(names), tuple(kinds)
