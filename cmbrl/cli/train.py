@@ -151,6 +151,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     import torch
 
+    from cmbrl.envs.trials import foretold
     from cmbrl.train.run import INTERRUPTED, RESULT, TrainingRun, commands_text, progress_text
     from cmbrl.train.trainer import Diverged
 
@@ -171,6 +172,8 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"{out}: {outcome.iteration} iterations: {progress_text(outcome.last)}")
         if told := trainer.conditions():
             print(f"{out}: {commands_text(told)}")
+        if outcome.failed_trials:
+            print(f"{out}: {foretold(outcome.failed_trials)}")
     if outcome.stopped == INTERRUPTED:
         print(f"cmbrl: interrupted: the policy so far is in {out}; continue it with --resume", file=sys.stderr)
         return EXIT_INTERRUPTED

@@ -3,8 +3,9 @@
 Zhang, Jin & Wang, "Adaptive Barrier Smoothing for First-Order Policy Gradient with Contact Dynamics" (ICML 2023),
 algorithm 2. Three things are our own. Policies improve on draws from the fit's posterior, under velocity noise. Several
 are trained from different seeds, to the end or for a trial, and the best is kept. The best is the one with the highest
-return in the model under these draws, never in the real system. That return is measured without noise, because it then
-ranks policies as the real system does (rank correlation 0.99 over ten hoppers, against 0.43 with noise).
+return in the model under these draws, never in the real system, among those that are not said to fail there
+(``cmbrl.envs.trials``), if there are any. That return is measured without noise, because it then ranks policies as the
+real system does (rank correlation 0.99 over ten hoppers, against 0.43 with noise).
 """
 
 from __future__ import annotations
@@ -17,10 +18,9 @@ from typing import Any
 import torch
 
 from cmbrl.data.transitions import Transitions
-from cmbrl.envs.evaluation import evaluate_model
 from cmbrl.envs.history import with_last_actions
 from cmbrl.envs.recording import Recording
-from cmbrl.envs.simulation import Disturbance, parameter_sets
+from cmbrl.envs.trials import THRESHOLD, failed, trials
 from cmbrl.errors import UserError
 from cmbrl.fitting import FitResult, fit
 from cmbrl.mdp import MDP
@@ -92,7 +92,7 @@ class Loop(Trainer):
         self.generator = torch.Generator().manual_seed(seed)
         self.round = 0
         self.before: dict[str, torch.Tensor] = {}  # the policy at the end of the last round
-        self.tried: list[dict[str, Any]] = []  # score and trainer's state of each policy after its trial
+        self.tried: list[dict[str, Any]] = []  # rank and trainer's state of each policy after its trial
         self.settings, self.trial_updates = config.shac(), config.trial_updates()
         self.model: ComplementarityModel | None = None
         self.fitted: FitResult | None = None  # by this process; an earlier one is in the run folder
@@ -109,9 +109,9 @@ class Loop(Trainer):
         metrics = self.trainer.update()
         tried = self.trainer.iteration == self.trial_updates and len(self.tried) < self.config.policies
         if tried or self.trainer.iteration == self.settings.iterations:
-            metrics["score"] = self._score()
+            metrics |= self._judge()
         if tried:
-            self._end_trial(metrics["score"])
+            self._end_trial(metrics)
         if self.trainer.iteration == self.settings.iterations:  # also where a trial is the whole training
             self._end_round()
         counted = {"transitions": float(self._transitions()), "round": float(self.round)}
@@ -169,20 +169,19 @@ class Loop(Trainer):
         self.trainer = SHAC(self.mdp, model, self.settings, seed)
         self.policy = self.trainer.policy
 
-    def _score(self) -> float:
-        """Mean return in the model under its uncertainty."""
+    def _judge(self) -> dict[str, float]:
+        """ "score", the mean return in the model under its uncertainty, and "failed", the share of failed trials."""
         assert self.model is not None
-        disturbance = Disturbance(parameters=parameter_sets(self.model, 0.0, seed=self.seed + 1))
-        episodes = self.config.score_episodes
-        found = evaluate_model(self.policy, self.mdp, self.model, episodes, self.seed + 1, disturbance)
-        return float(found.returns.mean())
+        found = trials(self.policy, self.mdp, self.model, self.config.score_episodes, self.seed + 1)
+        return {"score": float(found["draws"].returns.mean()), "failed": failed(found)["all"]}
 
-    def _end_trial(self, score: float) -> None:
+    def _end_trial(self, found: dict[str, float]) -> None:
         """Starts the next policy's trial; after the last one, the best continues where its trial ended."""
-        self.tried.append({"score": score, "trainer": copy.deepcopy(self.trainer.state())})
+        rank = [float(found["failed"] < THRESHOLD), found["score"]]
+        self.tried.append({"rank": rank, "trainer": copy.deepcopy(self.trainer.state())})
         self._begin_policy()
         if len(self.tried) == self.config.policies:
-            self.trainer.restore(max(self.tried, key=lambda one: one["score"])["trainer"])
+            self.trainer.restore(max(self.tried, key=lambda one: one["rank"])["trainer"])
 
     def _end_round(self) -> None:
         """Prepares the next round, which begins with acting."""
@@ -194,6 +193,10 @@ class Loop(Trainer):
     def conditions(self) -> dict[str, Any]:
         """Those of the policy in training."""
         return self.trainer.conditions()
+
+    def failed_trials(self) -> dict[str, float]:
+        """Those of the policy in training."""
+        return self.trainer.failed_trials()
 
     def keep(self, folder: Path) -> None:
         """Writes the last fit to ``folder``/fit, as `cmbrl fit` does, to be inspected, compared and trained on."""

@@ -41,12 +41,16 @@ Progress = Callable[[float, str], object]
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended ("finished" or "interrupted"), its iterations and seconds in all parts, its last row."""
+    """How a run ended ("finished" or "interrupted"), its iterations and seconds in all parts, its last row.
+
+    ``failed_trials``: of a finished run, as its trainer tells them.
+    """
 
     stopped: str
     iteration: int
     seconds: float
     last: Row
+    failed_trials: dict[str, float]
 
 
 class TrainingRun:
@@ -163,12 +167,14 @@ class TrainingRun:
         last = log.rows[-1] if log.rows else {}
         result = {"stopped": stopped, "iteration": self.iteration, "seconds": round(self.seconds, 3)}
         result |= self._conditions()
+        trials = self.trainer.failed_trials() if stopped == FINISHED else {}
+        result |= {"failed_trials": trials} if trials else {}
         known = {name: value if math.isfinite(value) else None for name, value in last.items()}
         write_json(self.folder / RESULT, {**result, "last": known})
         if log.rows:
             title = ", ".join(f"{name} {value}" for name, value in self.about.items())
             plot_metrics(log.rows, self.folder / PLOT, title)
-        return Outcome(stopped, self.iteration, self.seconds, last)
+        return Outcome(stopped, self.iteration, self.seconds, last, trials)
 
 
 def commands_text(told: Mapping[str, Any]) -> str:

@@ -69,6 +69,10 @@ class Trainer(ABC):
         """What a report of the run has to say of how commands act, JSON types; nothing where they act at once."""
         return {}
 
+    def failed_trials(self) -> dict[str, float]:
+        """Shares of failed trials in the model alone (``cmbrl.envs.trials``); empty where there is none."""
+        return {}
+
     @property
     def over(self) -> bool:
         """Whether a budget other than ``config.iterations``, such as one on seconds, is spent."""

@@ -11,6 +11,7 @@ import torch
 
 from cmbrl.envs.history import MOST, commands, observed
 from cmbrl.envs.simulation import Disturbance, Simulation, parameter_sets
+from cmbrl.envs.trials import failed, trials
 from cmbrl.gradients.kinds import steps_taken
 from cmbrl.mdp import MDP
 from cmbrl.models.protocol import Model, failures
@@ -155,6 +156,10 @@ class WindowLearner(Trainer):
     def conditions(self) -> dict[str, Any]:
         """The commands' delay and lag, and what the policy observes of it."""
         return commands(self.mdp, self.model)
+
+    def failed_trials(self) -> dict[str, float]:
+        """Of whole episodes from the task's own starts; none where a curriculum chooses the starts."""
+        return {} if self.mdp.curriculum else failed(trials(self.policy, self.mdp, self.model))
 
     def state(self) -> dict[str, Any]:
         """Everything that the next update depends on."""

@@ -294,19 +294,6 @@ def test_true_parameters_are_found_and_intervals_judged():
     assert {p["name"]: p["holds"] for p in told} == {"mass.leg": True, "mass.foot": True, "damping.leg_joint": False}
 
 
-def test_a_late_pushed_model():
-    model = nominal_model(load_task("hopper"))
-    q = torch.tensor([[0.0, 2.0, 0.0, -0.5, -0.5, 0.0]], dtype=torch.float64).repeat(8, 1)
-    v, u = torch.zeros(8, 6, dtype=torch.float64), torch.ones(8, 3, dtype=torch.float64)
-    late = trials.Disturbed(model, late=1)
-    assert torch.equal(late.step(q, v, u)[1], model.step(q, v, 0 * u)[1])
-    assert torch.equal(late.step(q, v, 0 * u)[1], model.step(q, v, u)[1])
-    pushed, plain = trials.Disturbed(model, push=0.3, every=2), model.step(q, v, u)[1]
-    assert torch.equal(pushed.step(q, v, u)[1], plain)
-    push = (pushed.step(q, v, u)[1] - plain)[:, 0]
-    assert set(push.round(decimals=6).tolist()) == {-0.3, 0.3}
-
-
 def test_randomisation_varies_what_may_be_wrong():
     model = nominal_model(load_task("hopper"))
     ratio = randomised(model, 0.2, 50, 3).candidates / np.where(model.parameters == 0, 1, model.parameters)

@@ -10,6 +10,7 @@ import torch
 
 import cmbrl
 from cmbrl.contact.smoothing import Gaussian
+from cmbrl.envs.trials import THRESHOLD
 from cmbrl.errors import UserError
 from cmbrl.fitting import FitResult
 from cmbrl.registry import load_task
@@ -45,11 +46,22 @@ def test_rounds_trials_and_transitions_are_counted(make_loop):
 
 def test_the_better_of_the_trials_goes_on(make_loop):
     loop = make_loop()
-    scores = [loop.update().get("score", -np.inf) for _ in range(4)]
-    assert [one["score"] for one in loop.tried] == scores[1::2]
-    chosen = max(loop.tried, key=lambda one: one["score"])["trainer"]
+    rows = [loop.update() for _ in range(4)]
+    ranks = [[float(row["failed"] < THRESHOLD), row["score"]] for row in rows[1::2]]
+    assert [one["rank"] for one in loop.tried] == ranks
+    chosen = max(loop.tried, key=lambda one: one["rank"])["trainer"]
     for name, value in loop.policy.state_dict().items():
         torch.testing.assert_close(value, chosen["policy"][name], rtol=0, atol=0)
+
+
+def test_a_policy_that_is_said_to_fail_is_not_chosen(make_loop, monkeypatch):
+    loop = make_loop()
+    told = iter([{"score": 9.0, "failed": 0.5}, {"score": 1.0, "failed": 0.0}])
+    monkeypatch.setattr(loop, "_judge", lambda: next(told))
+    for _ in range(4):
+        loop.update()
+    for name, value in loop.policy.state_dict().items():
+        torch.testing.assert_close(value, loop.tried[1]["trainer"]["policy"][name], rtol=0, atol=0)
 
 
 def test_the_next_round_begins_with_the_last_one_s_policy(make_loop):
@@ -128,7 +140,7 @@ def test_where_a_trial_is_all_of_it_the_best_policy_counts(make_loop):
     scores = [loop.update().get("score") for _ in range(8)]
     assert [score is not None for score in scores] == 2 * [False, False, False, True]
     assert loop.round == 1
-    chosen = max(loop.tried, key=lambda one: one["score"])["trainer"]
+    chosen = max(loop.tried, key=lambda one: one["rank"])["trainer"]
     for name, value in loop.policy.state_dict().items():
         torch.testing.assert_close(value, chosen["policy"][name], rtol=0, atol=0)
 

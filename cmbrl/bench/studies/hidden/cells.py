@@ -9,7 +9,7 @@ from cmbrl.bench.studies.hidden.arms import arms, model_of
 from cmbrl.bench.studies.hidden.hidden_system import Hidden
 from cmbrl.bench.studies.hidden.judge import Result
 from cmbrl.bench.studies.hidden.plan import FAMILIES, Plan
-from cmbrl.bench.studies.hidden.trials import trials
+from cmbrl.bench.studies.hidden.trials import tried
 from cmbrl.bench.studies.hidden.truth import coverage
 from cmbrl.bench.studies.mission.runs import Training
 from cmbrl.models.complementarity import ComplementarityModel
@@ -19,12 +19,12 @@ def untaught(scene: str, width: float, seed: int, plan: Plan) -> Result:
     """A policy that was trained without data, on every hidden robot of its scene."""
     training = without_data.train(scene, width, seed, plan)
     found = {"scene": scene, "arm": without_data.name_of(width), "seed": seed, **_about(training, plan)}
-    tried = [
+    robots = [
         {"family": family, "draw": draw, "real": _real(training, Hidden(scene, family, draw), plan)}
         for draw in range(plan.draws)
         for family in FAMILIES
     ]
-    return found | {"tried": tried}
+    return found | {"tried": robots}
 
 
 def taught(scene: str, family: str, draw: int, arm: str, seed: int, plan: Plan) -> Result:
@@ -45,7 +45,7 @@ def _about(training: Training, plan: Plan) -> Result:
     model = getattr(training.trainer, "model", None)
     if not _acts(training) or not isinstance(model, ComplementarityModel):
         return costs | {"trials": None}
-    return costs | {"trials": trials(training.trainer.policy, training.setup.mdp, model, plan.trials)}
+    return costs | {"trials": tried(training.trainer.policy, training.setup.mdp, model, plan.trials)}
 
 
 def _real(training: Training, hidden: Hidden, plan: Plan) -> Result | None:

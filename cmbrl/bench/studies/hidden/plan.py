@@ -19,7 +19,6 @@ EPISODES, EPISODE_SEED = 10, 9_000  #: of every policy in every system: the same
 
 UPSIDE_DOWN = 0.1  #: share of an episode with the torso beyond 90 degrees from which it counts as a fall
 FALLEN = 0.5  #: share of real episodes with a fall from which a policy counts as one that falls
-THRESHOLD = 0.1  #: share of falls in the model, over all trials, from which a policy is said to fall
 GAP = 0.1  #: a draw's share of the way counts where oracle and nominal differ by so much of the larger return
 
 

@@ -1,0 +1,124 @@
+"""Trials of a policy in its model alone, before the robot: draws of the fit, late commands, pushes.
+
+A policy that fails there is said to fail in the robot too; ``cmbrl bench hidden`` measures how often that is right.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from cmbrl.envs.evaluation import Actor, Evaluation, evaluate_model
+from cmbrl.envs.simulation import Disturbance, parameter_sets
+from cmbrl.mdp import MDP
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.protocol import Model
+from cmbrl.models.wiring import Wraps
+from cmbrl.scene import Scene
+from cmbrl.scene.records import JointKind
+
+LATE = 1  #: control steps
+PUSH, EVERY = 0.3, 1.0  #: m/s of the base, in any horizontal direction that it has; s between pushes
+THRESHOLD = 0.1  #: share of failed trials from which a policy is said to fail
+EPISODES = 64  #: of each trial
+
+
+def trials(policy: Actor, mdp: MDP, model: Model, episodes: int = EPISODES, seed: int = 0) -> dict[str, Evaluation]:
+    """Episodes in the model by trial, all under the model's draws: "draws", "late", and "pushed" if it has a base."""
+    harder: dict[str, Model] = {"draws": model, "late": Disturbed(model, late=LATE, seed=seed)}
+    if base := _base(model):
+        every = max(1, round(EVERY * mdp.repeat / mdp.dt))
+        harder["pushed"] = Disturbed(model, push=PUSH, every=every, base=base, seed=seed)
+    parameters = Disturbance(parameters=parameter_sets(model, 0.0, seed=seed))
+    return {name: evaluate_model(policy, mdp, one, episodes, seed, parameters) for name, one in harder.items()}
+
+
+def failed(found: Mapping[str, Evaluation]) -> dict[str, float]:
+    """Share of failed episodes by trial, and their mean as "all".
+
+    An episode fails that the task ends, or that earns less than half of what is usual under the draws alone.
+    """
+    usual = float(np.median(found["draws"].returns))
+    least = usual - 0.5 * abs(usual)
+    shares = {name: float(np.mean(e.terminated | (e.returns < least))) for name, e in found.items()}
+    return shares | {"all": float(np.mean(list(shares.values())))}
+
+
+def foretold(shares: Mapping[str, float]) -> str:
+    """What shares of failed trials say.
+
+    >>> foretold({"draws": 0.0, "late": 0.25, "pushed": 0.125, "all": 0.125})
+    'in the model alone 12 % of trials fail (draws 0, late 25, pushed 12), so it will probably fail in the robot: train
+    from another --seed, or fit another log (cmbrl excite)'
+    >>> foretold({"draws": 0.0, "late": 0.0, "all": 0.0})
+    'in the model alone 0 % of trials fail (draws 0, late 0)'
+    """
+    each = ", ".join(f"{name} {100 * share:.0f}" for name, share in shares.items() if name != "all")
+    told = f"in the model alone {100 * shares['all']:.0f} % of trials fail ({each})"
+    if shares["all"] < THRESHOLD:
+        return told
+    return (
+        f"{told}, so it will probably fail in the robot: train from another --seed, or fit another log (cmbrl excite)"
+    )
+
+
+class Disturbed:
+    """``model`` whose control arrives ``late`` steps late, and whose ``base`` is pushed every so many steps.
+
+    Until a control arrives the first one acts, as a servo holds its first target. ``base``: places in v that a push of
+    ``push`` [m/s] in a random direction changes. For episodes that all begin with the first step; not for training.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        late: int = 0,
+        push: float = 0.0,
+        every: int = 1,
+        base: tuple[int, ...] = (),
+        seed: int = 0,
+    ) -> None:
+        self.model, self.name, self.push, self.every, self.base = model, model.name, push, every, list(base)
+        self._late, self._steps, self._held = late, 0, deque[Tensor]()
+        self._generator = torch.Generator().manual_seed(seed)
+
+    @property
+    def dt(self) -> float:
+        """Control step [s]."""
+        return self.model.dt
+
+    def step(self, q: Tensor, v: Tensor, u: Tensor, *theta: Tensor) -> tuple[Tensor, Tensor]:
+        """(q', v') under an earlier control."""
+        if not self._steps:
+            self._held.extend([u] * self._late)
+        self._held.append(u)
+        q_next, v_next = self.model.step(q, v, self._held.popleft(), *theta)
+        self._steps += 1
+        if self.base and self._steps % self.every == 0:
+            aim = torch.randn(len(v), len(self.base), generator=self._generator, dtype=v.dtype)
+            v_next = v_next.index_add(1, torch.tensor(self.base), self.push * aim / aim.norm(dim=1, keepdim=True))
+        return q_next, v_next
+
+
+def _base(model: Model) -> tuple[int, ...]:
+    """Places in v of the horizontal directions in which a root moves without a motor."""
+    inner = model.model if isinstance(model, Wraps) else model
+    return _loose(inner.scene) if isinstance(inner, ComplementarityModel) else ()
+
+
+def _loose(scene: Scene) -> tuple[int, ...]:
+    core = scene.core
+    down = scene.gravity @ core.plane_basis if scene.planar else scene.gravity
+    driven = set(core.act_line.tolist())
+    return tuple(
+        joint.vadr
+        for joint in scene.joints
+        if joint.kind == JointKind.SLIDE
+        and core.body_parent[joint.body] < 0
+        and joint.vadr not in driven
+        and abs(float(joint.axis @ down)) <= 1e-6 * float(np.linalg.norm(down))
+    )

@@ -1,0 +1,79 @@
+"""Trials of policies in the model alone: late commands, pushes, and what their failures say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+import cmbrl
+from cmbrl.envs.evaluation import Evaluation
+from cmbrl.envs.trials import Disturbed, _loose, failed, foretold, trials
+from cmbrl.models.named import nominal_model
+from cmbrl.registry import load_task
+
+from ..train import slider
+
+FREE = """<mujoco><worldbody><geom type="plane" size="9 9 1"/><body pos="0 0 1"><freejoint/><geom size=".1"/></body>
+</worldbody></mujoco>"""
+CART = """<mujoco><worldbody><body><joint name="x" type="slide" axis="1 0 0"/><geom size=".1"/></body></worldbody>
+{actuator}</mujoco>"""
+MOTOR = '<actuator><motor joint="x"/></actuator>'
+
+
+def test_a_late_pushed_model() -> None:
+    model = nominal_model(load_task("hopper"))
+    q = torch.tensor([[0.0, 2.0, 0.0, -0.5, -0.5, 0.0]], dtype=torch.float64).repeat(8, 1)
+    v, u = torch.zeros(8, 6, dtype=torch.float64), torch.ones(8, 3, dtype=torch.float64)
+    late = Disturbed(model, late=1)
+    assert torch.equal(late.step(q, v, u)[1], model.step(q, v, u)[1])
+    assert torch.equal(late.step(q, v, 0 * u)[1], model.step(q, v, u)[1])
+    assert torch.equal(late.step(q, v, u)[1], model.step(q, v, 0 * u)[1])
+    pushed, plain = Disturbed(model, push=0.3, every=2, base=(0,)), model.step(q, v, u)[1]
+    assert torch.equal(pushed.step(q, v, u)[1], plain)
+    push = pushed.step(q, v, u)[1] - plain
+    assert set(push[:, 0].round(decimals=6).tolist()) == {-0.3, 0.3}
+    assert not push[:, 1:].any()
+
+
+def test_a_push_of_a_free_body_has_one_size_and_many_directions() -> None:
+    model = cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(FREE))
+    assert _loose(model.scene) == (0, 1)
+    q = torch.tensor([[0.0, 0, 1, 1, 0, 0, 0]], dtype=torch.float64).repeat(16, 1)
+    v, u = torch.zeros(16, 6, dtype=torch.float64), torch.zeros(16, 0, dtype=torch.float64)
+    push = Disturbed(model, push=0.3, every=1, base=(0, 1)).step(q, v, u)[1] - model.step(q, v, u)[1]
+    assert torch.allclose(push[:, :2].norm(dim=1), torch.full((16,), 0.3, dtype=torch.float64))
+    assert len(push[:, 0].round(decimals=6).unique()) == 16
+    assert not push[:, 2:].any()
+
+
+@pytest.mark.parametrize(("actuator", "base"), [("", (0,)), (MOTOR, ())])
+def test_what_a_motor_drives_is_not_pushed(actuator: str, base: tuple[int, ...]) -> None:
+    assert _loose(cmbrl.Scene.from_mjcf(CART.format(actuator=actuator))) == base
+
+
+def test_the_hopper_is_pushed_along_its_track() -> None:
+    scene = nominal_model(load_task("hopper")).scene
+    assert [scene.coordinate_names[k] for k in _loose(scene)] == ["rootx"]
+
+
+def test_trials_of_a_policy_that_stops_and_of_one_that_runs_away(tmp_path: Path) -> None:
+    model, mdp = cmbrl.ComplementarityModel(slider.scene(tmp_path)), slider.mdp(40)
+    stops = trials(lambda o: (-2 * o[:, :1] - 2 * o[:, 1:]).clamp(-1, 1), mdp, model, 8)
+    assert set(stops) == {"draws", "late"}  # the motor drives the only coordinate
+    assert failed(stops)["all"] < 0.5
+    runs_away = failed(trials(lambda o: torch.ones(len(o), 1), mdp, model, 8))
+    assert runs_away == {"draws": 1.0, "late": 1.0, "all": 1.0}
+    assert "will probably fail" in foretold(runs_away)
+
+
+def test_an_episode_that_earns_half_has_failed() -> None:
+    def found(*returns: float) -> Evaluation:
+        ends = np.zeros(len(returns), dtype=bool)
+        return Evaluation(np.array(returns), np.full(len(returns), 9), ends)
+
+    shares = failed({"draws": found(10.0, 12.0, 8.0, 4.0), "late": found(6.0, 5.0, 4.0, 3.0)})
+    assert shares == {"draws": 0.25, "late": 0.5, "all": 0.375}  # usual: 9
+    assert failed({"draws": found(-2.0, -2.9, -3.1)})["draws"] == pytest.approx(0.0)
