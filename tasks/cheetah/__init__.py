@@ -6,10 +6,9 @@ end an episode; recorded episodes are cut at 200 control steps (10 s), so that s
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
-from cmbrl.registry import Task
+from cmbrl.tasks.gymnasium_robot import robot_task
 from cmbrl.tasks.zoo import ARS_CHEETAH, PPO_CHEETAH
 
 EPISODE_STEPS = 200
@@ -28,40 +27,15 @@ TRAINING: dict[str, dict[str, Any]] = {
     "ars": ARS_CHEETAH,
 }  # fmt: skip
 
-
-def _scene() -> Path:
-    from cmbrl.data.recorder import gymnasium_asset
-
-    return gymnasium_asset("half_cheetah.xml")
-
-
-def _record(**arguments: Any) -> Any:
-    from cmbrl.data.recorder import record_gymnasium
-
-    return record_gymnasium("HalfCheetah-v5", episode_steps=EPISODE_STEPS, **arguments)
-
-
-def _mdp() -> Any:
-    from cmbrl.tasks.cheetah.mdp import mdp
-
-    return mdp()
-
-
-def _system() -> Any:
-    from cmbrl.system import MujocoSystem
-
-    return MujocoSystem(_scene(), frame_skip=5)
-
-
-TASK = Task(
-    name="cheetah",
+TASK = robot_task(
+    "cheetah",
+    "HalfCheetah-v5",
+    "half_cheetah.xml",
+    frame_skip=5,
+    recorded_steps=EPISODE_STEPS,
     description="HalfCheetah-v5: two legs, planar, 6 motors; episodes of 200 control steps",
-    scene=_scene,
     control_dt=0.05,
     substeps=5,
     time_step=0.01,
-    recorder=_record,
-    mdp=_mdp,
-    system=_system,
     training=TRAINING,
 )
