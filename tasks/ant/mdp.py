@@ -3,7 +3,7 @@
 q = (position, quaternion w x y z, hip and ankle of each leg), v its velocity; the torso starts at 0.75 m.
 
 Three things are of MuJoCo's last step rather than of the state, and kept in the process's memory: the torso's x and y,
-which Gymnasium takes from that step's last evaluation (1e-4 m off the state's), and the cost of contact forces. Only the
+which Gymnasium takes from its last evaluation (1e-4 m off the state's), and the cost of contact forces. Only the
 real system tells them. In the model x and y are the state's, and the cost is 0, because the core does not tell the
 wrenches on bodies. It is at most 0.0005 for each of six numbers of a body: 1e-3 to 1e-2 of a reward of 1 to 8 a step.
 
