@@ -13,11 +13,7 @@ from cmbrl.tasks.zoo import ARS_CHEETAH, PPO_CHEETAH
 
 EPISODE_STEPS = 200
 TRAINING: dict[str, dict[str, Any]] = {
-    # Restarts, because it may end up on its back.
-    "shac": {
-        "iterations": 1500, "environments": 256, "window": 0.5, "discount": 0.99, "episode_steps": EPISODE_STEPS,
-        "noise_linear": 0.03, "noise_angular": 0.3,
-    },
+    "shac": {"iterations": 1500, "noise_linear": 0.03, "noise_angular": 0.3},
     # Its policies differ little, so that a quarter of the training tells which of two should continue.
     "loop": {"iterations": 1875, "trial": 0.25},
     "fopg": {"window": 1.6, "discount": 0.99, "episode_steps": 1000},
@@ -25,7 +21,7 @@ TRAINING: dict[str, dict[str, Any]] = {
     "mbpo": {"iterations": 1580, "updates_per_step": 40, "length_end": 1, "target_entropy": -3.0},
     "ppo": PPO_CHEETAH,
     "ars": ARS_CHEETAH,
-}  # fmt: skip
+}
 
 TASK = robot_task(
     "cheetah",
