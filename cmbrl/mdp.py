@@ -76,6 +76,9 @@ class MDP:
         memory: how many columns at the end of q are no coordinates of the robot but what the process itself remembers,
             such as the phase of a motion or the last action. ``act`` changes them; models leave them as they are.
             Default 0.
+        feel: q (B, nq), v of the robot -> (B, k): the first k columns of ``memory`` after a step of a model. They hold
+            what a real system tells besides its state (:class:`cmbrl.system.Feels`), which replaces them there.
+            Default none.
         truncated: q', v' -> (B,) bool: the episode's time is up there, as at a time limit. Default never.
         curriculum: is told in training where episodes ended, so that ``reset`` can draw on it. Default none.
         failure: what reports call a termination, such as "falls".
@@ -97,6 +100,7 @@ class MDP:
     repeat: int = 1
     shaping: Callable[[Tensor, Tensor], Tensor] | None = None
     memory: int = 0
+    feel: Callable[[Tensor, Tensor], Tensor] | None = None
     truncated: Callable[[Tensor, Tensor], Tensor] | None = None
     curriculum: Curriculum | None = None
     failure: str = "terminations"
@@ -108,11 +112,18 @@ class MDP:
         return q[:, : q.shape[1] - self.memory]
 
     def move(self, step: Mover, q: Tensor, v: Tensor, u: Tensor, *more: Any, **named: Any) -> tuple[Tensor, Tensor]:
-        """One step of a model, ``step(q, v, u, ...) -> q', v'``, on the robot's coordinates."""
+        """One step of a model, ``step(q, v, u, ...) -> q', v'``, on the robot's coordinates.
+
+        A real system's q' may have more columns: what it feels.
+        """
         if not self.memory:
             return step(q, v, u, *more, **named)
+        width = q.shape[1] - self.memory
         q_next, v_next = step(self.robot(q), v, u, *more, **named)
-        return torch.cat([q_next, q[:, -self.memory :]], dim=1), v_next
+        if self.feel is None:
+            return torch.cat([q_next, q[:, width:]], dim=1), v_next
+        told = q_next if q_next.shape[1] > width else torch.cat([q_next, self.feel(q_next, v_next)], dim=1)
+        return torch.cat([told, q[:, told.shape[1] :]], dim=1), v_next
 
     def out_of_time(self, q: Tensor, v: Tensor, age: Tensor | int) -> Tensor | bool:
         """(B,) bool: whether episodes of ``age`` (B,) steps end in q, v (B, ...) for want of time."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -29,18 +29,32 @@ class System(Protocol):
         ...
 
 
+@runtime_checkable
+class Feels(Protocol):
+    """A system that tells more than its state."""
+
+    def felt(self) -> np.ndarray:
+        """(k,) of the last step, for the first columns of a process's memory: see ``MDP.feel``."""
+        ...
+
+
 SystemFactory = Callable[[], System]
 
 
 class MujocoSystem:
     """MuJoCo with the MJCF's own options, ``frame_skip`` steps of it at a time, as Gymnasium's robots run.
 
-    ``change`` alters the compiled ``mujoco.MjModel``, for a robot that is not the one of the file. Raises UserError if
-    the file cannot be read.
+    ``change`` alters the compiled ``mujoco.MjModel``, for a robot that is not the one of the file. ``feel`` maps the
+    ``MjModel`` and its ``MjData`` after a step to what the robot tells besides its state (k,). Raises UserError if the
+    file cannot be read.
     """
 
     def __init__(
-        self, path: str | os.PathLike[str], frame_skip: int = 1, change: Callable[[Any], object] | None = None
+        self,
+        path: str | os.PathLike[str],
+        frame_skip: int = 1,
+        change: Callable[[Any], object] | None = None,
+        feel: Callable[[Any, Any], np.ndarray] | None = None,
     ) -> None:
         import mujoco
 
@@ -53,7 +67,7 @@ class MujocoSystem:
         if change is not None:
             change(self.model)
         self.data = mujoco.MjData(self.model)
-        self.frame_skip = frame_skip
+        self.frame_skip, self._feel = frame_skip, feel
 
     @property
     def dt(self) -> float:
@@ -71,3 +85,7 @@ class MujocoSystem:
         self.data.ctrl[:] = u
         self._mujoco.mj_step(self.model, self.data, self.frame_skip)
         return self.data.qpos.copy(), self.data.qvel.copy()
+
+    def felt(self) -> np.ndarray:
+        """(k,) by ``feel``, nothing without it."""
+        return np.zeros(0) if self._feel is None else self._feel(self.model, self.data)

@@ -50,7 +50,7 @@ class PdNoise:
         self._q_address, self._v_address = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
         limited = model.jnt_limited[joint].astype(bool)
         joint_low, joint_high = np.where(limited[:, None], model.jnt_range[joint], [-np.inf, np.inf]).T
-        start = model.qpos0[self._q_address]
+        start = np.clip(model.qpos0[self._q_address], joint_low, joint_high)  # a file may start beyond its own limits
         self._target_low = np.maximum(joint_low, start - self.reach)
         self._target_high = np.minimum(joint_high, start + self.reach)
         self._sign = np.sign(model.actuator_gear[:, 0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -37,11 +37,13 @@ def record_gymnasium(
     behaviour: str | PolicyFunction = "random",
     progress: Progress | None = None,
     episode_steps: int = 1000,
+    options: Mapping[str, Any] | None = None,
 ) -> Transitions:
     """Records ``n_steps`` transitions of a Gymnasium MuJoCo environment; every reset starts a new episode.
 
     States are MuJoCo's ``qpos`` and ``qvel`` (observations omit x and clip velocities). ``u`` is the ``ctrl`` that
-    acted during the whole control step. The same seed gives the same log; a shorter log is the start of a longer one.
+    acted during the whole control step. Quaternions have unit length, which Gymnasium's resets leave to MuJoCo's first
+    step. The same seed gives the same log; a shorter log is the start of a longer one.
 
     Args:
         environment: Gymnasium id, such as "Hopper-v5".
@@ -50,6 +52,7 @@ def record_gymnasium(
         behaviour: "random" (uniform over the control range), "pd", or a policy.
         progress: called with 1 after each transition.
         episode_steps: longest episode, in control steps.
+        options: of the environment, which decide what a policy observes.
     """
     if find_spec("gymnasium") is None:
         raise UserError(f"gymnasium, which simulates {environment}, is not installed: pip install 'cmbrl[tasks]'")
@@ -57,7 +60,8 @@ def record_gymnasium(
 
     try:
         with without_mujoco_warnings():
-            env = gymnasium.make(environment, disable_env_checker=True, max_episode_steps=episode_steps)
+            limits = {"disable_env_checker": True, "max_episode_steps": episode_steps}
+            env = gymnasium.make(environment, **limits, **(options or {}))
     except gymnasium.error.DependencyNotInstalled as error:
         raise UserError(f"{environment} cannot start ({error}): pip install 'cmbrl[tasks]'") from None
     try:
@@ -69,6 +73,8 @@ def record_gymnasium(
 def _roll(
     env: Any, name: str, n_steps: int, seed: int, behaviour: str | PolicyFunction, progress: Progress | None
 ) -> Transitions:
+    import mujoco
+
     model, data = env.unwrapped.model, env.unwrapped.data
     # Resets draw from the environment's generator (seeded once below) and behaviours from this one, so that the starts
     # of episodes do not depend on the behaviour.
@@ -81,6 +87,7 @@ def _roll(
     current = 0
     for row in range(n_steps):
         q[row], v[row], episode[row] = data.qpos, data.qvel, current
+        mujoco.mj_normalizeQuat(model, q[row])
         observation, _, terminated, truncated, _ = env.step(control(observation, q[row], v[row]))
         q_next[row], v_next[row], u[row] = data.qpos, data.qvel, data.ctrl
         if terminated or truncated:

@@ -117,3 +117,7 @@ class PerturbedSystem:
             angle = self._rng.uniform(0.0, 2 * np.pi)
             robot.data.qvel[:2] += self.perturbation.push * np.array([np.cos(angle), np.sin(angle)])
         return robot.data.qpos.copy(), robot.data.qvel.copy()
+
+    def felt(self) -> np.ndarray:
+        """(k,): what the robot tells besides its state."""
+        return self.robot.felt()

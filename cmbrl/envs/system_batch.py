@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cmbrl.system import SystemFactory
+from cmbrl.system import Feels, SystemFactory
 
 
 class SystemBatch:
@@ -22,6 +22,7 @@ class SystemBatch:
 
     def __init__(self, system: SystemFactory, count: int) -> None:
         self.systems = [system() for _ in range(count)]
+        self._feels = isinstance(self.systems[0], Feels)
         self._present: list[tuple[np.ndarray, np.ndarray] | None] = [None] * count
 
     @property
@@ -34,14 +35,19 @@ class SystemBatch:
         self._present = [None] * len(self.systems)
 
     def step(self, q: Tensor, v: Tensor, u: Tensor, rows: Sequence[int] | None = None) -> tuple[Tensor, Tensor]:
-        """(q', v') of every system, or of those in ``rows``: q (B, nq), v (B, nv), u (B, nu), float64."""
+        """(q', v') of every system, or of those in ``rows``: q (B, nq), v (B, nv), u (B, nu), float64.
+
+        q' ends with what the systems feel, if they do: ``MDP.move`` takes it.
+        """
         after = []
         states = zip(*(x.detach().numpy() for x in (q, v, u)), strict=True)
         for k, (q_row, v_row, u_row) in zip(rows or range(len(self.systems)), states, strict=True):
             present = self._present[k]
             if present is None or not (np.array_equal(q_row, present[0]) and np.array_equal(v_row, present[1])):
                 self.systems[k].reset(q_row, v_row)
-            present = self._present[k] = self.systems[k].step(u_row)
-            after.append(present)
+            system = self.systems[k]
+            q_new, v_new = self._present[k] = system.step(u_row)
+            felt = system.felt() if self._feels else ()
+            after.append((np.concatenate([q_new, felt]), v_new))
         q_next, v_next = (torch.from_numpy(np.stack(x)) for x in zip(*after, strict=True))
         return q_next, v_next

@@ -27,7 +27,8 @@ _ANY = (REAL, CONTACT, ENSEMBLE)
 class Algorithm:
     """``place`` is "module:Trainer:Config"; ``models`` the kinds that it can train on, the default first.
 
-    ``base``: the algorithm that it trains policies by; what a task sets for that one holds here too.
+    ``base``: the algorithm that it trains policies by; what a task sets for that one holds here too. ``measures``:
+    its windows are shortened where the task's derivatives grow (`cmbrl.train.growth`).
     """
 
     place: str
@@ -35,6 +36,7 @@ class Algorithm:
     models: tuple[str, ...] = (CONTACT, ENSEMBLE)
     takes: tuple[str, ...] = ()
     base: str | None = None
+    measures: bool = False
 
     def load(self) -> tuple[Any, Any]:
         """The trainer's class and that of its configuration, imported now."""
@@ -45,7 +47,9 @@ class Algorithm:
 
 ALGORITHMS = {
     "shac": Algorithm(
-        "cmbrl.train.shac:SHAC:SHACConfig", "first-order gradients over short windows, whose ends a critic values"
+        "cmbrl.train.shac:SHAC:SHACConfig",
+        "first-order gradients over short windows, whose ends a critic values",
+        measures=True,
     ),
     "fopg": Algorithm(
         "cmbrl.train.fopg:FOPG:FOPGConfig",
@@ -57,6 +61,7 @@ ALGORITHMS = {
         (CONTACT,),
         ("system", "data"),
         base="shac",
+        measures=True,
     ),
     "mbpo": Algorithm(
         "cmbrl.train.mbpo:MBPO:MBPOConfig",

@@ -6,19 +6,14 @@ end an episode; recorded episodes are cut at 200 control steps (10 s), so that s
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
-from cmbrl.registry import Task
+from cmbrl.tasks.gymnasium_robot import robot_task
 from cmbrl.tasks.zoo import ARS_CHEETAH, PPO_CHEETAH
 
 EPISODE_STEPS = 200
 TRAINING: dict[str, dict[str, Any]] = {
-    # Restarts, because it may end up on its back.
-    "shac": {
-        "iterations": 1500, "environments": 256, "window": 0.5, "discount": 0.99, "episode_steps": EPISODE_STEPS,
-        "noise_linear": 0.03, "noise_angular": 0.3,
-    },
+    "shac": {"iterations": 1500, "noise_linear": 0.03, "noise_angular": 0.3},
     # Its policies differ little, so that a quarter of the training tells which of two should continue.
     "loop": {"iterations": 1875, "trial": 0.25},
     "fopg": {"window": 1.6, "discount": 0.99, "episode_steps": 1000},
@@ -26,42 +21,17 @@ TRAINING: dict[str, dict[str, Any]] = {
     "mbpo": {"iterations": 1580, "updates_per_step": 40, "length_end": 1, "target_entropy": -3.0},
     "ppo": PPO_CHEETAH,
     "ars": ARS_CHEETAH,
-}  # fmt: skip
+}
 
-
-def _scene() -> Path:
-    from cmbrl.data.recorder import gymnasium_asset
-
-    return gymnasium_asset("half_cheetah.xml")
-
-
-def _record(**arguments: Any) -> Any:
-    from cmbrl.data.recorder import record_gymnasium
-
-    return record_gymnasium("HalfCheetah-v5", episode_steps=EPISODE_STEPS, **arguments)
-
-
-def _mdp() -> Any:
-    from cmbrl.tasks.cheetah.mdp import mdp
-
-    return mdp()
-
-
-def _system() -> Any:
-    from cmbrl.system import MujocoSystem
-
-    return MujocoSystem(_scene(), frame_skip=5)
-
-
-TASK = Task(
-    name="cheetah",
+TASK = robot_task(
+    "cheetah",
+    "HalfCheetah-v5",
+    "half_cheetah.xml",
+    frame_skip=5,
+    recorded_steps=EPISODE_STEPS,
     description="HalfCheetah-v5: two legs, planar, 6 motors; episodes of 200 control steps",
-    scene=_scene,
     control_dt=0.05,
     substeps=5,
     time_step=0.01,
-    recorder=_record,
-    mdp=_mdp,
-    system=_system,
     training=TRAINING,
 )

@@ -6,58 +6,29 @@ MuJoCo's own step (with 2 steps of 4 ms the unfitted model's error doubles).
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
-from cmbrl.registry import Task
+from cmbrl.tasks.gymnasium_robot import robot_task
 from cmbrl.tasks.zoo import ARS_HOPPER, PPO_HOPPER
 
 TRAINING: dict[str, dict[str, Any]] = {
-    "shac": {
-        "environments": 64, "window": 0.256, "discount": 0.995, "noise_linear": 0.03, "noise_angular": 0.1,
-    },
+    "shac": {"noise_linear": 0.03, "noise_angular": 0.1},
     "fopg": {"window": 0.256, "discount": 0.99},
     "mbpo": {"length_end": 15, "target_entropy": -1.0},  # as its authors have it
     "ppo": PPO_HOPPER,
     "ars": ARS_HOPPER,
-}  # fmt: skip
+}
 
-
-def _scene() -> Path:
-    from cmbrl.data.recorder import gymnasium_asset
-
-    return gymnasium_asset("hopper.xml")
-
-
-def _record(**arguments: Any) -> Any:
-    from cmbrl.data.recorder import record_gymnasium
-
-    return record_gymnasium("Hopper-v5", **arguments)
-
-
-def _mdp() -> Any:
-    from cmbrl.tasks.hopper.mdp import mdp
-
-    return mdp()
-
-
-def _system() -> Any:
-    from cmbrl.system import MujocoSystem
-
-    return MujocoSystem(_scene(), frame_skip=4)
-
-
-TASK = Task(
-    name="hopper",
+TASK = robot_task(
+    "hopper",
+    "Hopper-v5",
+    "hopper.xml",
+    frame_skip=4,
     description="Hopper-v5: one leg, planar, 3 motors; episodes end when it falls",
-    scene=_scene,
     control_dt=0.008,
     substeps=4,
     time_step=0.002,
     integrator="leapfrog",
     contact_gap=1e-3,
-    recorder=_record,
-    mdp=_mdp,
-    system=_system,
     training=TRAINING,
 )

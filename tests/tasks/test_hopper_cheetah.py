@@ -1,4 +1,4 @@
-"""The two Gymnasium robots: raw states, true dynamics between them, honest episodes."""
+"""Gymnasium's robots: raw states, true dynamics between them, honest episodes."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from cmbrl import UserError
+from cmbrl.tasks.ant import TASK as ANT
 from cmbrl.tasks.cheetah import TASK as CHEETAH
 from cmbrl.tasks.hopper import TASK as HOPPER
+from cmbrl.tasks.walker2d import TASK as WALKER
 
 pytest.importorskip("gymnasium")
-TASKS = pytest.mark.parametrize("task", [HOPPER, CHEETAH], ids=lambda task: task.name)
+TASKS = pytest.mark.parametrize("task", [HOPPER, CHEETAH, WALKER, ANT], ids=lambda task: task.name)
 
 
 @TASKS

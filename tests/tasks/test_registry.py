@@ -41,7 +41,7 @@ def _forget(monkeypatch):
 
 def test_the_tasks_of_this_repository_are_entry_points():
     ours = {"ball_throw", "ball_over", "ball_slide", "cube_toss", "cube_rounded", "hopper", "cheetah"}
-    ours |= {"hopper_dojo", "cheetah_dojo", "hopper_payload"}
+    ours |= {"hopper_dojo", "cheetah_dojo", "hopper_payload", "walker2d", "ant"}
     assert ours <= set(registry.names())
     for name in ours:
         assert registry.load_task(name).name == name
@@ -107,7 +107,7 @@ def test_a_recording_has_as_many_transitions_as_were_asked_for():
 
 def test_tasks_import_nothing_heavy():
     code = (
-        "import sys\nfrom cmbrl.tasks import ball_throw, cheetah, cube_toss, dojo, hopper\n"
+        "import sys\nfrom cmbrl.tasks import ant, ball_throw, cheetah, cube_toss, dojo, hopper, walker2d\n"
         "print({'torch', 'mujoco', 'gymnasium', 'pymunk', 'numpy'} & set(sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

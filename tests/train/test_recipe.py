@@ -8,11 +8,13 @@ from typing import Any
 import pytest
 import torch
 
+from cmbrl.envs.of_task import decision_process
 from cmbrl.errors import UserError
 from cmbrl.models.named import nominal_model
 from cmbrl.registry import Task, load_task
 from cmbrl.train.algorithms import ALGORITHMS
 from cmbrl.train.baselines import PPOConfig
+from cmbrl.train.growth import steady_steps
 from cmbrl.train.recipe import configure
 from cmbrl.train.shac import SHAC
 
@@ -97,10 +99,40 @@ def test_sizes_follow_too() -> None:
     short = process(0.02, 5)
     assert short.mdp is not None
     assert configure("shac", short).steps(short.mdp()) == 5, "no window beyond an episode"
-    large = configure("shac", process(0.02, 1000, observations=60, actions=20))
+    large = configure("shac", process(0.02, 1000, observations=60, actions=20), {"window": 0.36})
     assert (large.actor_hidden, large.critic_hidden) == ((512, 256), (256, 256))
     assert configure("mbpo", process(0.02, 1000, actions=20)).target_entropy == -10
     assert configure("ppo", process(0.02, 1000)) == PPOConfig(), "the library's own"
+
+
+def test_windows_end_where_derivatives_grow() -> None:
+    """Robots that say nothing of windows: the walker's and the ant's derivatives grow, those of two others do not."""
+    wanted = {"hopper": (32, 64), "cheetah": (10, 256), "walker2d": (9, 256), "ant": (5, 256)}
+    for name, (steps, environments) in wanted.items():
+        task = replace(load_task(name), training={})
+        mdp = decision_process(task)
+        for algorithm in ("shac", "loop"):
+            config = configure(algorithm, task)
+            assert (config.steps(mdp), config.environments) == (steps, environments), name
+    assert configure("shac", task, {"horizon": 7}).steps(mdp) == 7
+    assert configure("shac", task, {"window": 0.5}).environments == 256
+    assert configure("fopg", task).steps(mdp) == 10, "its windows are not shortened"
+
+
+def test_growth_is_that_of_the_motion() -> None:
+    """A velocity that grows by a factor in each step is followed for as many steps as that takes."""
+    mdp = replace(decision_process(load_task("hopper")), dt=0.1)
+
+    class Doubling:
+        name = "doubling"
+
+        def step(self, q: torch.Tensor, v: torch.Tensor, u: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+            return q + 0.1 * v, 1.5 * v
+
+    grown = [steady_steps(mdp, Doubling(), most, 1.5**4 + 1e-9) for most in (3, 4, 5, 20)]  # type: ignore[arg-type]
+    steep = steady_steps(mdp, Doubling(), 20, 1.0)  # type: ignore[arg-type]
+    assert grown == [3, 4, 4, 4]
+    assert steep == 1
 
 
 def test_windows_in_steps_override_those_in_seconds() -> None:
