@@ -1,6 +1,6 @@
 """Trials of a policy in its model alone, before the robot: draws of the fit, late commands, pushes.
 
-A policy that fails there is said to fail in the robot too; ``cmbrl bench hidden`` measures how often that is right.
+A policy that mostly fails under the draws is said to fail in the robot too; ``cmbrl bench hidden`` judges such words.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from cmbrl.scene.records import JointKind
 
 LATE = 1  #: control steps
 PUSH, EVERY = 0.3, 1.0  #: m/s of the base, in any horizontal direction that it has; s between pushes
-THRESHOLD = 0.1  #: share of failed trials from which a policy is said to fail
+THRESHOLD = 0.5  #: share of episodes that fail under the draws from which a policy is said to fail
+_WORDS = {"late": "commands a step late", "pushed": "pushes"}
 EPISODES = 64  #: of each trial
 
 
@@ -38,32 +39,34 @@ def trials(policy: Actor, mdp: MDP, model: Model, episodes: int = EPISODES, seed
 
 
 def failed(found: Mapping[str, Evaluation]) -> dict[str, float]:
-    """Share of failed episodes by trial, and their mean as "all".
+    """Share of failed episodes by trial.
 
     An episode fails that the task ends, or that earns less than half of what is usual under the draws alone.
     """
     usual = float(np.median(found["draws"].returns))
     least = usual - 0.5 * abs(usual)
-    shares = {name: float(np.mean(e.terminated | (e.returns < least))) for name, e in found.items()}
-    return shares | {"all": float(np.mean(list(shares.values())))}
+    return {name: float(np.mean(e.terminated | (e.returns < least))) for name, e in found.items()}
+
+
+def will_fail(shares: Mapping[str, float]) -> bool:
+    """Whether shares of failed trials say that a policy fails in the robot: by the draws alone.
+
+    Late and pushed trials tell how much it stands; that it falls there does not mean that it falls in the robot.
+    """
+    return shares["draws"] >= THRESHOLD
 
 
 def foretold(shares: Mapping[str, float]) -> str:
     """What shares of failed trials say.
 
-    >>> foretold({"draws": 0.0, "late": 0.25, "pushed": 0.125, "all": 0.125})
-    'in the model alone 12 % of trials fail (draws 0, late 25, pushed 12), so it will probably fail in the robot: train
-    from another --seed, or fit another log (cmbrl excite)'
-    >>> foretold({"draws": 0.0, "late": 0.0, "all": 0.0})
-    'in the model alone 0 % of trials fail (draws 0, late 0)'
+    >>> foretold({"draws": 0.0, "late": 0.25, "pushed": 0.125})
+    'in the model alone 0 % of episodes fail; 25 % with commands a step late, 12 % with pushes'
     """
-    each = ", ".join(f"{name} {100 * share:.0f}" for name, share in shares.items() if name != "all")
-    told = f"in the model alone {100 * shares['all']:.0f} % of trials fail ({each})"
-    if shares["all"] < THRESHOLD:
+    harder = [f"{100 * shares[name]:.0f} % with {words}" for name, words in _WORDS.items() if name in shares]
+    told = f"in the model alone {100 * shares['draws']:.0f} % of episodes fail; {', '.join(harder)}"
+    if not will_fail(shares):
         return told
-    return (
-        f"{told}, so it will probably fail in the robot: train from another --seed, or fit another log (cmbrl excite)"
-    )
+    return f"{told}: it will probably fail in the robot, train from another --seed, or fit another log (cmbrl excite)"
 
 
 class Disturbed:

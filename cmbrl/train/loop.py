@@ -170,10 +170,10 @@ class Loop(Trainer):
         self.policy = self.trainer.policy
 
     def _judge(self) -> dict[str, float]:
-        """ "score", the mean return in the model under its uncertainty, and "failed", the share of failed trials."""
+        """Mean return in the model under its uncertainty as "score", share of episodes that fail as "failed"."""
         assert self.model is not None
         found = trials(self.policy, self.mdp, self.model, self.config.score_episodes, self.seed + 1)
-        return {"score": float(found["draws"].returns.mean()), "failed": failed(found)["all"]}
+        return {"score": float(found["draws"].returns.mean()), "failed": failed(found)["draws"]}
 
     def _end_trial(self, found: dict[str, float]) -> None:
         """Starts the next policy's trial; after the last one, the best continues where its trial ended."""

@@ -18,6 +18,7 @@ DRAW_SEED = 16  #: of the hidden systems
 EPISODES, EPISODE_SEED = 10, 9_000  #: of every policy in every system: the same starts for all
 
 UPSIDE_DOWN = 0.1  #: share of an episode with the torso beyond 90 degrees from which it counts as a fall
+THRESHOLD = 0.1  #: share of falls in the model, over all trials, from which a policy is said to fall
 FALLEN = 0.5  #: share of real episodes with a fall from which a policy counts as one that falls
 GAP = 0.1  #: a draw's share of the way counts where oracle and nominal differ by so much of the larger return
 

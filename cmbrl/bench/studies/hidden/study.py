@@ -13,11 +13,11 @@ from cmbrl.bench.studies.hidden import plots
 from cmbrl.bench.studies.hidden.arms import FIT, ORACLE, Arm, arms
 from cmbrl.bench.studies.hidden.cells import taught, untaught
 from cmbrl.bench.studies.hidden.judge import Result
-from cmbrl.bench.studies.hidden.plan import FAMILIES, FIRST_SEED, QUICK, SCENES, UPSIDE_DOWN, Plan
+from cmbrl.bench.studies.hidden.plan import FAMILIES, FIRST_SEED, QUICK, SCENES, THRESHOLD, UPSIDE_DOWN, Plan
 from cmbrl.bench.studies.hidden.tables import WORDS, tables
 from cmbrl.bench.studies.hidden.without_data import name_of
 from cmbrl.bench.study import Section, Settings, Study
-from cmbrl.envs.trials import LATE, PUSH, THRESHOLD
+from cmbrl.envs.trials import LATE, PUSH
 from cmbrl.jobs import Job, Runner
 
 FIGURE = "hidden.png"

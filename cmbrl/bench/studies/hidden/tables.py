@@ -9,11 +9,10 @@ import numpy as np
 from cmbrl.bench.studies.hidden.arms import NOMINAL, ORACLE, RANDOMISED
 from cmbrl.bench.studies.hidden.judge import Result
 from cmbrl.bench.studies.hidden.pairs import Difference, Runs, share_of_falls, spread
-from cmbrl.bench.studies.hidden.plan import FALLEN, FAMILIES, SCENES
+from cmbrl.bench.studies.hidden.plan import FALLEN, FAMILIES, SCENES, THRESHOLD
 from cmbrl.bench.studies.hidden.trials import area, hits, scores
 from cmbrl.bench.study import Cell, Table
 from cmbrl.bench.words import Words
-from cmbrl.envs.trials import THRESHOLD
 
 WORDS = Words("cmbrl.bench.studies.hidden")
 WRONG = 0.01  #: relative error of the file from which a parameter counts as wrong
