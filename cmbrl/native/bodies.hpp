@@ -72,7 +72,7 @@ template <class G>
 static void body_motions_backward(const Model& m, const Batch& b, const BodyBatch& out, int64_t begin, int64_t end, StepMemory& memory) {
   using F = BodyFields<G>;
   for_moving_bodies<G>(m, b, begin, end, memory, [&](const Lanes& l, Mask finite, Work<G>& w) {
-    Vec<G::N>*place = w.f, *motion = w.fc;  // wrenches about O that cotangents of places and of twists amount to
+    Vec<G::N>*place = w.tn, *motion = w.fc;  // wrenches about O that cotangents of places and of twists amount to
     for (int k = 0; k < m.nbody; ++k) place[k] = motion[k] = zero<G::N>();
     T clean = T{};
     for (int i = 0; i < out.count; ++i) {

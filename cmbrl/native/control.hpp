@@ -64,7 +64,7 @@ static void late_tangents(const Model& m, const Options& o, Work<G>& w, int ncol
   for (int i = 0; i < nv * ncol; ++i) w.tv[i] = w.rhs_all[i] - out[i] * (1 / o.h);
 }
 
-// out = (Aq Av Au Ap), which are the columns of the first substep: its tangents are the identity.
+// out = (Aq Av Au Ap).
 static inline void columns_of(const Model& m, const T* Aq, const T* Av, const T* Au, const T* Ap, T* out, int ncol, bool theta) {
   int nv = m.nv, nu = m.nu;
   for (int i = 0; i < nv; ++i) {
@@ -75,23 +75,49 @@ static inline void columns_of(const Model& m, const T* Aq, const T* Av, const T*
   }
 }
 
-// rhs_all <- dv' = du - dy, from the tangents before the step and du in rhs_all.
-template <class G>
-static void split_tangents(const Model& m, const Options& o, Work<G>& w, int ncol, bool theta, bool first) {
-  T* out = w.Z;  // scratch of the same width, free by now
-  if (first && !o.leapfrog) columns_of(m, w.Sq, w.Sv, w.Su, w.Sp, out, ncol, theta);
-  else carry_tangents(m, w, w.Sq, w.Sv, w.Su, w.Sp, &m.mass, out, ncol, theta);
-  add_damping(m, w, ncol, [&](int k, int c) { return w.rhs_all[k * ncol + c] - w.tv[k * ncol + c]; }, out);
-  solve_many(w.K, m.nv, m.mass, out, ncol);
-  for (int i = 0; i < m.nv * ncol; ++i) w.rhs_all[i] -= out[i];
+// Columns (nv x n) with their rows `stride` apart; no data: zeros.
+struct Columns { const T* data; int64_t stride; };
+template <int n>
+static inline void copy_columns(int nv, Columns from, int c, T* to) {
+  for (int i = 0; i < nv; ++i)
+    for (int k = 0; k < n; ++k) to[i * n + k] = from.data ? from.data[i * from.stride + c + k] : T{};
 }
 
-// Right-hand sides of the first substep: the tangents are the identity, or the leapfrog's shift by h/2 v.
+// Columns of rhs_all from `first` on: H^-1 rhs, and what split damping makes of it,  dv' = du - dy,  where K dy = D du + late.
+template <class G>
+static void solve_tangents(const Model& m, const Options& o, Work<G>& w, Columns rhs, Columns late, int first, int count, int ncol) {
+  Pattern pat = pattern_of(m, w);
+  int nv = m.nv;
+  T *u = w.tangent_block, *y = u + nv * kBlock;
+  for_blocks(count, [&](int c, auto size) {
+    constexpr int n = size;
+    copy_columns<n>(nv, rhs, c, u);
+    solve_columns<n>(w.H, nv, pat, u, n);
+    if (o.split) {
+      copy_columns<n>(nv, late, c, y);
+      for_drags(m, w, [&](int i, int k, T damping) { CMBRL_FOR(x, n) y[i * n + x] += damping * u[k * n + x]; });
+      solve_columns<n>(w.K, nv, m.mass, y, n);
+    }
+    for (int i = 0; i < nv; ++i)
+      CMBRL_FOR(x, n) w.rhs_all[i * ncol + first + c + x] = o.split ? u[i * n + x] - y[i * n + x] : u[i * n + x];
+  });
+}
+
+// rhs_all = dv' of the first substep from the identity.
+template <class G>
+static void solve_first_tangents(const Model& m, const Options& o, Work<G>& w, int ncol, bool theta) {
+  int nv = m.nv, nu = m.nu, np = m.ntheta;
+  solve_tangents(m, o, w, {w.Gq, nv}, {w.Sq, nv}, 0, nv, ncol);
+  solve_tangents(m, o, w, {w.Gv, nv}, {w.Sv, nv}, nv, nv, ncol);
+  solve_tangents(m, o, w, {w.Gu, nu}, {nullptr, 0}, 2 * nv, nu, ncol);
+  if (theta) solve_tangents(m, o, w, {w.Gp, np}, {w.Sp, np}, 2 * nv + nu, np, ncol);
+}
+
+// Right-hand sides of a leapfrog's first substep, whose tangents are the identity shifted by h/2 v.
 template <class G>
 static void first_right_sides(const Model& m, const Options& o, Work<G>& w, int ncol, bool theta) {
   int nv = m.nv;
   columns_of(m, w.Gq, w.Gv, w.Gu, w.Gp, w.rhs_all, ncol, theta);
-  if (!o.leapfrog) return;
   for (int j = 0; j < m.njoint; ++j) {
     int d = m.jnt_vadr[j];
     if (m.jnt_type[j] != kBall) {
@@ -114,16 +140,19 @@ static void first_right_sides(const Model& m, const Options& o, Work<G>& w, int 
 // Columns: dq (nv), dv (nv), u (nu), then theta. tq, tv hold d(q, v)/d(columns) and are advanced by one step.
 template <class G>
 static void advance_tangents(const Model& m, const Options& o, Work<G>& w, int ncol, bool theta, bool first) {
-  int nv = m.nv;
-  Pattern pat = pattern_of(m, w);
-  if (first) {
-    first_right_sides(m, o, w, ncol, theta);
+  if (first && !o.leapfrog) {
+    solve_first_tangents(m, o, w, ncol, theta);
   } else {
-    bool sparse = !w.early && !w.ahead;  // G has the pattern of the factor but for what looks at the free velocity
-    carry_tangents(m, w, w.Gq, w.Gv, w.Gu, w.Gp, sparse ? &pat : nullptr, w.rhs_all, ncol, theta);
+    if (first) {
+      first_right_sides(m, o, w, ncol, theta);
+    } else {
+      Pattern pat = pattern_of(m, w);
+      bool sparse = !w.early && !w.ahead;  // G has the pattern of the factor but for what looks at the free velocity
+      carry_tangents(m, w, w.Gq, w.Gv, w.Gu, w.Gp, sparse ? &pat : nullptr, w.rhs_all, ncol, theta);
+    }
+    if (o.split) carry_tangents(m, w, w.Sq, w.Sv, w.Su, w.Sp, &m.mass, w.Z, ncol, theta);  // scratch, free by now
+    solve_tangents(m, o, w, {w.rhs_all, ncol}, {w.Z, ncol}, 0, ncol, ncol);
   }
-  solve_many(w.H, nv, pat, w.rhs_all, ncol);
-  if (o.split) split_tangents(m, o, w, ncol, theta, first);
   if (w.late) late_tangents(m, o, w, ncol, theta);  // tv becomes the tangent of the displacement / h
   push_tangent(m, w.qtan, w.tq, w.late ? w.tv : w.rhs_all, splat(o.h), ncol);
   T* moved = w.tv;
@@ -208,9 +237,8 @@ static void split_cotangents(const Model& m, Work<G>& w, bool theta) {
   int nv = m.nv;
   T *y = w.pvec, *before = w.tv;
   for (int i = 0; i < nv; ++i) { y[i] = w.lv[i]; before[i] = T{}; }
-  solve(w.K, nv, m.mass, y);
-  add_damping(m, w, 1, [&](int k, int) { return y[k]; }, before);
-  for (int i = 0; i < nv; ++i) w.lv[i] -= before[i];
+  solve(w.K, nv, m.mass, y);  // K and D are symmetric
+  for_drags(m, w, [&](int i, int k, T damping) { w.lv[i] -= damping * y[k]; });
   for (int i = 0; i < nv; ++i) {
     for (int k = 0; k < nv; ++k) { w.lq[k] -= w.Sq[i * nv + k] * y[i]; before[k] -= w.Sv[i * nv + k] * y[i]; }
     for (int k = 0; theta && k < m.ntheta; ++k) w.lp[k] -= w.Sp[i * m.ntheta + k] * y[i];

@@ -128,8 +128,7 @@ static void inverse_dynamics(const Model& m, Work<G>& w, const T* v, const T* a,
     }
     w.vel[b] = vb;
     w.acc[b] = ab;
-    w.f[b] = w.I[b] * ab + cross_force<G>(vb, w.I[b] * vb);
-    w.fc[b] = w.f[b];
+    w.fc[b] = w.I[b] * ab + cross_force<G>(vb, w.I[b] * vb);
   }
   for (int b = m.nbody - 1; b >= 0; --b) {
     for (int j = m.body_jadr[b]; j < m.body_jadr[b] + m.body_jnum[b]; ++j)
@@ -206,6 +205,36 @@ static void inverse_dynamics_derivatives(const Model& m, Work<G>& w, double h, T
       dv[j * nv + i] += h * dot(w.S[j], Fv);
       dq[i * nv + j] += h * (dot(BtS, ang<G>(w.psid[j])) + dot(IS, w.psidd[j]));
       dv[i * nv + j] += h * (dot(BtS, ang<G>(w.S[j])) + dot(IS, w.sdot[j]));
+    }
+  }
+}
+
+// h d(M a)/dq added into dq: inverse dynamics at rest and without gravity. Leaves its twists and accelerations.
+template <class G>
+static void inertia_derivatives(const Model& m, Work<G>& w, const T* a, double h, T* dq) {
+  using Motion = Vec<G::N>;
+  for (int b = 0; b < m.nbody; ++b) {
+    Motion acc = m.body_parent[b] >= 0 ? w.acc[m.body_parent[b]] : zero<G::N>();
+    for (int j = m.body_jadr[b]; j < m.body_jadr[b] + m.body_jnum[b]; ++j) {
+      int d = m.jnt_vadr[j], end = d + (m.jnt_type[j] == kBall ? 3 : 1);
+      for (int k = d; k < end; ++k) w.psidd[k] = cross_motion<G>(acc, w.S[k]);
+      for (int k = d; k < end; ++k) acc += a[k] * w.S[k];
+    }
+    w.vel[b] = zero<G::N>();
+    w.acc[b] = acc;
+    w.fc[b] = w.I[b] * acc;
+  }
+  for (int b = m.nbody - 1; b >= 0; --b)
+    if (m.body_parent[b] >= 0) w.fc[m.body_parent[b]] += w.fc[b];
+  for (int i = 0; i < m.nv; ++i) {
+    int b = m.dof_body[i];
+    Motion own = w.Ic[b] * w.psidd[i], turned = own + cross_force<G>(w.S[i], w.fc[b]), IS = w.Ic[b] * w.S[i];
+    dq[i * m.nv + i] += h * dot(w.S[i], own);
+    for (int k = m.anc_ptr[i]; k < m.anc_ptr[i + 1]; ++k) {
+      int j = m.anc_idx[k];
+      bool same = m.dof_jnt[j] == m.dof_jnt[i];  // dofs of one ball joint turn together
+      dq[j * m.nv + i] += h * dot(w.S[j], same ? own : turned);
+      dq[i * m.nv + j] += h * dot(IS, w.psidd[j]);
     }
   }
 }

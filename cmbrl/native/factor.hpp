@@ -2,6 +2,8 @@
 // (Featherstone 2008, section 6.5, carried over to the non-symmetric M + J^T Theta J of the interior point).
 // Matrices are packed (packed.hpp). Dofs that no active row touches are eliminated once a step, the others once an iteration.
 #pragma once
+#include <type_traits>
+
 #include "lines.hpp"
 
 namespace cmbrl::CMBRL_ISA {
@@ -21,10 +23,38 @@ static inline void eliminate(T* H, Pattern p, int k) {
     const int* place = p.columns(columns[a]);
     T below = row.mirror[a], right = row.before[a];
     *to.diagonal -= below * right;
+    if (to.n == a) {  // always in a tree without fill-in: chains begin alike
+      for (int b = 0; b < a; ++b) {
+        to.before[b] -= below * row.before[b];
+        to.mirror[b] -= row.mirror[b] * right;
+      }
+      continue;
+    }
     for (int b = 0, x = 0; b < a; ++b, ++x) {
-      while (place[x] != columns[b]) ++x;  // never in a tree without fill-in: chains begin alike
+      while (place[x] != columns[b]) ++x;
       to.before[x] -= below * row.before[b];
       to.mirror[x] -= row.mirror[b] * right;
+    }
+  }
+}
+
+// The factor of a symmetric matrix, in half the time.
+static inline void factorise_symmetric(T* H, Pattern p, int nv) {
+  for (int k = nv - 1; k >= 0; --k) {
+    const int* columns = p.columns(k);
+    Row<T> row(H, p, k);
+    T inv = 1.0 / *row.diagonal;
+    *row.diagonal = inv;
+    for (int a = 0; a < row.n; ++a) row.mirror[a] = row.before[a] * inv;
+    for (int a = row.n - 1; a >= 0; --a) {
+      Row<T> to(H, p, columns[a]);
+      const int* place = p.columns(columns[a]);
+      T below = row.mirror[a];
+      *to.diagonal -= below * row.before[a];
+      for (int b = 0, x = 0; b < a; ++b, ++x) {
+        while (place[x] != columns[b]) ++x;
+        to.before[x] -= below * row.before[b];
+      }
     }
   }
 }
@@ -77,27 +107,42 @@ static inline void solve_transposed(const T* H, int nv, Pattern p, T* x) {
     for (int a = 0; a < row.n; ++a) x[k] -= row.mirror[a] * x[p.columns(k)[a]];
   }
 }
-// ncol right-hand sides, x is nv x ncol row-major.
-static inline void solve_many(const T* H, int nv, Pattern p, T* x, int ncol) {
+// n right-hand sides, in rows that are `stride` apart.
+template <int n>
+static inline void solve_columns(const T* H, int nv, Pattern p, T* x, int64_t stride) {
   for (int k = nv - 1; k >= 0; --k) {
     Row<const T> row(H, p, k);
-    const T* from = x + int64_t(k) * ncol;
+    const int* columns = p.columns(k);
+    T from[n];
+    for (int c = 0; c < n; ++c) from[c] = x[k * stride + c];
     for (int a = 0; a < row.n; ++a) {
-      T f = row.mirror[a], *to = x + int64_t(p.columns(k)[a]) * ncol;
-      for (int c = 0; c < ncol; ++c) to[c] -= f * from[c];
+      T f = row.mirror[a], *to = x + columns[a] * stride;
+      for (int c = 0; c < n; ++c) to[c] -= f * from[c];
     }
   }
   for (int k = 0; k < nv; ++k) {
     Row<const T> row(H, p, k);
-    T* to = x + int64_t(k) * ncol;
+    const int* columns = p.columns(k);
+    T sum[n];
+    for (int c = 0; c < n; ++c) sum[c] = x[k * stride + c];
     for (int a = 0; a < row.n; ++a) {
       T f = row.before[a];
-      const T* from = x + int64_t(p.columns(k)[a]) * ncol;
-      for (int c = 0; c < ncol; ++c) to[c] -= f * from[c];
+      const T* from = x + columns[a] * stride;
+      for (int c = 0; c < n; ++c) sum[c] -= f * from[c];
     }
     T inv = *row.diagonal;
-    for (int c = 0; c < ncol; ++c) to[c] *= inv;
+    for (int c = 0; c < n; ++c) x[k * stride + c] = sum[c] * inv;
   }
+}
+// Calls f(first, n) for the columns of a wide matrix, n at a time.
+template <int n = kBlock, class F>
+static inline void for_blocks(int ncol, F f, int first = 0) {
+  for (; first + n <= ncol; first += n) f(first, std::integral_constant<int, n>{});
+  if constexpr (n > 1) for_blocks<n / 2>(ncol, f, first);
+}
+// ncol right-hand sides, x is nv x ncol row-major.
+static inline void solve_many(const T* H, int nv, Pattern p, T* x, int ncol) {
+  for_blocks(ncol, [&](int c, auto n) { solve_columns<n>(H, nv, p, x + c, ncol); });
 }
 
 // Finds the dofs that rows touch, straight or through the pattern; the others are eliminated now, once a step (in H0 and H).

@@ -8,25 +8,20 @@ namespace cmbrl::CMBRL_ISA {
 
 static inline int columns_of_step(const Model& m) { return 2 * m.nv + m.nu + m.ntheta; }
 
-// F: dvf = Fq dq + Fv dv + Fu du + Fp dtheta of a velocity without contact; HF: the factor of M~. Twists under vf are left
-// in w.tn.
+// F: dvf = Fq dq + Fv dv + Fu du + Fp dtheta of a velocity without contact. Twists under vf are left in w.tn.
 template <class G>
 static void free_terms(const Model& m, const Options& o, Work<G>& w, bool theta, T* vf, T* Fq, T* Fv, T* Fu, T* Fp) {
   int nv = m.nv;
-  Pattern pat = pattern_of(m, w);
-  for (int i = 0; i < w.ndyn; ++i) copy_row(w.H, w.H0, pat, w.dyn_list[i]);
-  for (int i = 0; i < w.ndyn; ++i) eliminate(w.H, pat, w.dyn_list[i]);
-  for (int i = 0; i < nv; ++i) copy_row(w.HF, w.H, pat, i);
   smooth_terms(m, o, w, vf, Fq, Fv, Fu);
-  solve_many(w.HF, nv, pat, Fq, nv);
-  solve_many(w.HF, nv, pat, Fv, nv);
-  solve_many(w.HF, nv, pat, Fu, m.nu);
+  solve_many(w.free_factor, nv, m.mass, Fq, nv);
+  solve_many(w.free_factor, nv, m.mass, Fv, nv);
+  solve_many(w.free_factor, nv, m.mass, Fu, m.nu);
   if (!theta) return;
   T* vn = w.vn;
   w.vn = vf;
   parameter_terms(m, o, w, Fp, Part::free);
   w.vn = vn;
-  solve_many(w.HF, nv, pat, Fp, m.ntheta);
+  solve_many(w.free_factor, nv, m.mass, Fp, m.ntheta);
 }
 
 // B of a midpoint step: vb is half way to the free velocity that the bias at v leads to.
@@ -137,13 +132,19 @@ static void leap_terms(const Model& m, const Options& o, Work<G>& w) {
   if (theta) fill(w.Lp, w.Fp, w.dflown + 2 * nv + nu, m.ntheta);
 }
 
+template <class G>
+static void find_step(const Model& m, const Options& o, Work<G>& w, const Mask* given) {
+  prepare(m, o, w, given);
+  eliminate_untouched(m, w);
+  bias_at_midpoint(m, o, w);
+}
+
 // What a step looks at: rows and free velocity, at its start or, after a flight, at its first impact, where w.q is then. recorded:
 // the time of flight of a step that is read back from its tape, with its rows (given: as in prepare).
 template <class G>
 static void set_up_step(const Model& m, const Options& o, Work<G>& w, const Mask* given = nullptr, const T* recorded = nullptr) {
   w.flown = T{};
-  prepare(m, o, w, given);
-  free_velocity(m, o, w);
+  find_step(m, o, w, given);
   T flight = find_bounces(m, o, w);
   w.flown = recorded ? *recorded : flight;
   w.leapt = any(w.flown > 0.0);
@@ -152,8 +153,7 @@ static void set_up_step(const Model& m, const Options& o, Work<G>& w, const Mask
   for (int i = 0; i < m.nq; ++i) w.began[i] = w.q[i];
   for (int i = 0; i < m.nv; ++i) w.leap[i] = w.flown * w.vf[i];
   integrate(m, w.q, w.leap);
-  prepare(m, o, w, given);
-  free_velocity(m, o, w);
+  find_step(m, o, w, given);
   find_bounces(m, o, w);
 }
 

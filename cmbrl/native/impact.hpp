@@ -129,21 +129,12 @@ static void inertia_terms(const Model& m, const Options& o, Work<G>& w, bool the
     accelerations_and_twists(m, o, w, w.pvec);
     fluid_terms(m, w, o.h, true, w.Sq, w.Sv, true);
   }
-  typename G::V gravity;  // inverse dynamics of the acceleration `shift`, at rest, without gravity
-  CMBRL_FOR(k, G::D) { gravity[k] = w.P[m.oGravity + k]; w.P[m.oGravity + k] = T{}; }
-  T *v = w.v, *rest = w.rhs;
-  for (int k = 0; k < nv; ++k) rest[k] = T{};
-  w.v = rest;
-  inverse_dynamics(m, w, w.v, w.shift, w.tmp);
-  for (int i = 0; i < nv * nv; ++i) w.Fq[i] = T{};  // scratch: the velocity part is of no use
-  inverse_dynamics_derivatives(m, w, -1.0, w.Sq, w.Fq);
-  w.v = v;
+  inertia_derivatives(m, w, w.shift, -1.0, w.Sq);
   for (int i = m.nv; i < m.nline; ++i) {
     add_bend(m, w, i, -w.line_mass[i] * along(m, w, i, w.shift), T{}, w.shift, -w.line_mass[i], w.shift, w.Sq);
     if (o.split) add_bent_drag(m, w, i, implicit_damping(m, o, w, i), w.eased, w.Sq);
   }
   if (theta) parameter_terms(m, o, w, w.Sp, Part::late_inertia);
-  CMBRL_FOR(k, G::D) w.P[m.oGravity + k] = gravity[k];
 }
 
 // S of M~ shift = sum t_i J_i^T x_i with t_i = phi_i / speed_i: the part of a place and parameters at fixed t_i and x_i.
@@ -158,7 +149,7 @@ static void late_smooth_terms(const Model& m, const Options& o, Work<G>& w, bool
   tie_terms(m, o, w, w.shift, nullptr, w.Sq, nullptr);
   rows_through_leap(m, w, w.Sq, w.Sv, w.Su, w.Sp, theta);
 }
-// The rest of S, dx = -Theta (J dv' + E) + ... and dt_i; ends by solving with HF. What is left of the step after a flight is
+// The rest of S, dx = -Theta (J dv' + E) + ... and dt_i; ends by solving with M~. What is left of the step after a flight is
 // shorter: flown dv' + v' dflown.
 template <class G>
 static void late_terms(const Model& m, const Options& o, Work<G>& w, bool theta) {
@@ -193,18 +184,17 @@ static void late_terms(const Model& m, const Options& o, Work<G>& w, bool theta)
     for (int k = 0; k < columns_of_step(m); ++k) row[k] = per_speed * (row[k] + c.time * z[k]);  // dt
     add(c, F, row);
   }
-  Pattern pat = pattern_of(m, w);
-  solve_many(w.HF, nv, pat, w.Sq, nv);
-  solve_many(w.HF, nv, pat, w.Sv, nv);
-  solve_many(w.HF, nv, pat, w.Sn, nv);
-  solve_many(w.HF, nv, pat, w.Su, m.nu);
-  if (theta) solve_many(w.HF, nv, pat, w.Sp, m.ntheta);
+  solve_many(w.free_factor, nv, m.mass, w.Sq, nv);
+  solve_many(w.free_factor, nv, m.mass, w.Sv, nv);
+  solve_many(w.free_factor, nv, m.mass, w.Sn, nv);
+  solve_many(w.free_factor, nv, m.mass, w.Su, m.nu);
+  if (theta) solve_many(w.free_factor, nv, m.mass, w.Sp, m.ntheta);
   if (!w.leapt) return;
   for (int i = 0; i < nv; ++i) w.Sn[i * (nv + 1)] += w.flown;
   add_outer<G>(m, w.vn, w.dflown, theta, w.Sq, w.Sv, w.Su, w.Sp);
 }
 
-// S of split damping (split.hpp) with y = shift: K dy = Sq dq + Sv dv + Sp dtheta + D (du - dv).
+// S of split damping (split.hpp) with y = shift: K dy = Sq dq + Sv dv + Sp dtheta + D du.
 template <class G>
 static void split_terms(const Model& m, const Options& o, Work<G>& w, bool theta) {
   clear_late(m, w, theta);
@@ -212,6 +202,7 @@ static void split_terms(const Model& m, const Options& o, Work<G>& w, bool theta
   w.eased = w.leap;  // steps with split damping do not fly
   for (int i = 0; i < m.nv; ++i) w.eased[i] = w.v[i] - w.vn[i] + w.shift[i];
   inertia_terms(m, o, w, theta);
+  for_drags(m, w, [&](int i, int k, T damping) { w.Sv[i * m.nv + k] -= damping; });
 }
 
 // G, S and the factor H at the solution in w (rows, vn).

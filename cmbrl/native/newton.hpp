@@ -8,6 +8,16 @@
 
 namespace cmbrl::CMBRL_ISA {
 
+// The longest step that all rows so far allow, as a quotient: rows are compared without a division each.
+struct Quotient {
+  T num, den;
+  void lower(Mask some, T x, T y) {
+    Mask less = some & (x * den < num * y);
+    num = select(less, x, num);
+    den = select(less, y, den);
+  }
+};
+
 template <class G>
 struct Newton {
   static constexpr int NT = G::NT;
@@ -115,7 +125,7 @@ struct Newton {
   }
   void linearise(DryFriction& d, T t50, T t5) {
     d.t50 = t50;
-    T ib0 = 1.0 / d.b0, B = d.b0 - d.b * d.b * ib0;
+    T ib0 = d.ib0, B = d.b0 - d.b * d.b * ib0;
     T q0 = t50 - d.b0 * d.eta0 - d.b * d.eta + d.b * rho * d.r2;
     T y = t5 - d.b0 * d.eta - d.eta0 * d.b + d.b0 * rho * d.r2 - d.b * ib0 * q0;
     T inv = 1.0 / (d.eta0 - d.b * d.eta * ib0 + d.R * B);
@@ -209,7 +219,7 @@ struct Newton {
     for (int i = 0; i < w.ndyn; ++i) solve_down(w.H, pat, w.dyn_list[i], w.rhs);
     for (int i = w.ndyn - 1; i >= 0; --i) solve_up(w.H, pat, w.dyn_list[i], w.rhs);
 
-    T alpha = splat(1e3);
+    Quotient alpha{splat(1e3), splat(1)};
     for (int g = 0; g < w.ngroups; ++g) {
       Vec<G::N> t = twist(w.groups[g].group, w.rhs);
       for (int i = w.groups[g].begin; i < w.groups[g].end; ++i) step_of(w.con[i], t, alpha);
@@ -219,7 +229,8 @@ struct Newton {
       T jv = along(m, w, l, w.rhs);
       l.dgam = l.w - l.Th * jv;
       l.ds = keep(l.on, jv + l.R * l.dgam - rho * l.r1);
-      alpha = vmin(alpha, vmin(orthant(l.gam, l.dgam), orthant(l.s, l.ds)));
+      shorten(alpha, l.gam, l.dgam);
+      shorten(alpha, l.s, l.ds);
     }
     for (int i = 0; i < w.ndry; ++i) {
       DryFriction& d = w.dry[i];
@@ -227,14 +238,14 @@ struct Newton {
       d.db = d.w - d.Th * jv;
       d.deta = keep(d.on, jv + d.R * d.db - rho * d.r2);
       T q0 = d.t50 - d.b0 * d.eta0 - d.b * d.eta;
-      d.deta0 = keep(d.on, (q0 - d.b * d.deta - d.eta * d.db) / d.b0);
-      T zero1[1] = {T{}};
-      alpha = vmin(alpha, vmin(cone<1>(d.b0, &d.b, zero1[0], &d.db), cone<1>(d.eta0, &d.eta, d.deta0, &d.deta)));
+      d.deta0 = keep(d.on, (q0 - d.b * d.deta - d.eta * d.db) * d.ib0);
+      shorten_in_cone<1>(alpha, d.b0, &d.b, T{}, &d.db);
+      shorten_in_cone<1>(alpha, d.eta0, &d.eta, d.deta0, &d.deta);
     }
-    return alpha;
+    return alpha.num / alpha.den;
   }
 
-  void step_of(Contact<G>& c, const Vec<G::N>& t, T& alpha) {
+  void step_of(Contact<G>& c, const Vec<G::N>& t, Quotient& alpha) {
     T jv[1 + NT];
     jv[0] = dot(c.Wr[0], t);
     for (int r = 1; r < c.rows; ++r) jv[r] = dot(c.Wr[r], t);
@@ -242,9 +253,10 @@ struct Newton {
     for (int k = 1; k < c.rows && o.convex; ++k) c.dgam -= c.Th[0][k] * jv[k];
     c.ds = keep(c.on, jv[0] + c.Rn * c.dgam - rho * c.r1);
     if (c.rows > 1) friction_step(c, jv, alpha);
-    alpha = vmin(alpha, vmin(orthant(c.gam, c.dgam), orthant(c.s, c.ds)));
+    shorten(alpha, c.gam, c.dgam);
+    shorten(alpha, c.s, c.ds);
   }
-  void friction_step(Contact<G>& c, const T* jv, T& alpha) {
+  void friction_step(Contact<G>& c, const T* jv, Quotient& alpha) {
     Mask on = c.on & c.rub;
     CMBRL_FOR(r, NT) {
       c.db[r] = c.w[1 + r] - c.Th[1 + r][0] * jv[0];
@@ -256,25 +268,36 @@ struct Newton {
     CMBRL_FOR(r, NT) q0 -= c.b[r] * c.eta[r] + c.b[r] * c.deta[r] + c.eta[r] * c.db[r];
     c.deta0 = keep(on, q0 / b0);
     c.ds -= lift(c, c.deta0);
-    alpha = vmin(alpha, vmin(cone<NT>(b0, c.b, db0, c.db), cone<NT>(c.eta0, c.eta, c.deta0, c.deta)));
+    shorten_in_cone<NT>(alpha, b0, c.b, db0, c.db);
+    shorten_in_cone<NT>(alpha, c.eta0, c.eta, c.deta0, c.deta);
   }
 
-  static T orthant(T x, T dx) { return select(dx < 0.0, -x / dx, splat(1e3)); }
-  // Longest step that keeps (x0, x) + a (dx0, dx) in the second-order cone.
-  template <int N> static T cone(T x0, const T* x, T dx0, const T* dx) {
-    T big = splat(1e3);
+  static void shorten(Quotient& alpha, T x, T dx) { alpha.lower(dx < 0.0, x, -dx); }
+  template <int N> static void shorten_in_cone(Quotient& alpha, T x0, const T* x, T dx0, const T* dx) {
     if constexpr (N == 1) {
-      return vmin(orthant(x0 + x[0], dx0 + dx[0]), orthant(x0 - x[0], dx0 - dx[0]));
+      shorten(alpha, x0 + x[0], dx0 + dx[0]);
+      shorten(alpha, x0 - x[0], dx0 - dx[0]);
     } else {
-      T a = dx0 * dx0, b = x0 * dx0, c = x0 * x0;
-      CMBRL_FOR(i, N) { a -= dx[i] * dx[i]; b -= x[i] * dx[i]; c -= x[i] * x[i]; }
-      T disc = b * b - a * c;
-      T root = vsqrt(vmax(disc, T{}));
-      Mask hits = (a < 0.0) | ((b < 0.0) & (disc >= 0.0));
-      T den = root - b;
-      T alpha = select(hits & (den > 0.0), c / select(den > 0.0, den, splat(1)), big);
-      return vmin(alpha, orthant(x0, dx0));
+      ConeStep step = step_in_cone<N>(x0, x, dx0, dx);
+      alpha.lower(step.ends, step.num, step.den);
+      shorten(alpha, x0, dx0);
     }
+  }
+
+  // Longest step that keeps x + a dx from 0.
+  static T orthant(T x, T dx) { return select(dx < 0.0, -x / dx, splat(1e3)); }
+  // Longest step that keeps (x0, x) + a (dx0, dx) in the second-order cone and its mirror image, as a quotient.
+  struct ConeStep { Mask ends; T num, den; };
+  template <int N> static ConeStep step_in_cone(T x0, const T* x, T dx0, const T* dx) {
+    T a = dx0 * dx0, b = x0 * dx0, c = x0 * x0;
+    CMBRL_FOR(i, N) { a -= dx[i] * dx[i]; b -= x[i] * dx[i]; c -= x[i] * x[i]; }
+    T disc = b * b - a * c, den = vsqrt(vmax(disc, T{})) - b;
+    return {((a < 0.0) | ((b < 0.0) & (disc >= 0.0))) & (den > 0.0), c, den};
+  }
+  template <int N> static T cone(T x0, const T* x, T dx0, const T* dx) {
+    Quotient alpha{splat(1e3), splat(1)};
+    shorten_in_cone<N>(alpha, x0, x, dx0, dx);
+    return alpha.num / alpha.den;
   }
 };
 

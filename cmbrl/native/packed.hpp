@@ -4,6 +4,8 @@
 
 namespace cmbrl::CMBRL_ISA {
 
+constexpr int kBlock = 8;  // columns of a wide matrix that are worked on at once: few stay in registers and the nearest cache
+
 template <class X>
 struct Row {
   int n;

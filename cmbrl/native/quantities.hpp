@@ -65,9 +65,9 @@ static void rows_of_step(const Model& m, const Options& o, Work<G>& w) {
   }
   for (int i = 0; i < m.nv; ++i) w.shift[i] = T{};
   for (int i = 0; i < w.ndry; ++i) add_pull(m, w, w.dry[i].line, keep(w.dry[i].on, w.dry[i].b), w.shift);
-  set_up();  // the solve may have changed the rows; leaves the factor of M~ in H
+  set_up();  // the solve may have changed the rows
   if (w.ndry == 0) return;
-  solve(w.H, m.nv, pattern_of(m, w), w.shift);
+  solve(w.free_factor, m.nv, m.mass, w.shift);
   for (int i = 0; i < m.nv; ++i) w.vf[i] += w.shift[i];
 }
 

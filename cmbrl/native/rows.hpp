@@ -169,6 +169,7 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
     DryFriction& d = w.dry[w.ndry++];
     d.on = on; d.line = i; d.R = L.R; d.carry = L.carry;
     d.b0 = select(on, o.h * loss, splat(1));
+    d.ib0 = 1.0 / d.b0;
     d.root = vsqrt(m.line_invweight[i] + L.R);
     d.c0 = -L.carry * along(m, w, i, w.v);
   }
@@ -182,16 +183,22 @@ static Vec<G::N> relative_twist(const Model& m, const Vec<G::N>* twist, int inde
   return t;
 }
 
-// The velocity without rows, which they are left out by first: forces may well change the one at the start by more than they may.
+// The factor of M~, and the velocity without rows.
+template <class G>
+static void free_velocity(const Model& m, Work<G>& w) {
+  T* H = w.free_factor;
+  for (int i = 0; i < m.mass.row(m.nv); ++i) H[i] = w.M[i];
+  factorise_symmetric(H, m.mass, m.nv);
+  for (int i = 0; i < m.nv; ++i) w.vf[i] = w.rhs[i];
+  solve(H, m.nv, m.mass, w.vf);
+  for (int i = 0; i < m.nv; ++i) w.vf[i] += w.v[i];
+}
+
+// Rows are left out by it first: forces may well change the velocity at the start by more than they may.
 template <class G>
 static void guess_free_velocity(const Model& m, Work<G>& w) {
-  T *H = w.free_factor, *x = w.guess;
-  for (int i = 0; i < m.mass.row(m.nv); ++i) H[i] = w.M[i];
-  for (int k = m.nv - 1; k >= 0; --k) eliminate(H, m.mass, k);
-  for (int i = 0; i < m.nv; ++i) x[i] = w.rhs[i];
-  solve(H, m.nv, m.mass, x);
-  for (int i = 0; i < m.nv; ++i) x[i] += w.v[i];
-  twists_under(m, w, x, w.guess_twist);
+  std::memcpy(w.guess, w.vf, m.nv * sizeof(T));
+  twists_under(m, w, w.guess, w.guess_twist);
   if (w.nguess == 0) w.nguess = 1;
 }
 
@@ -207,6 +214,7 @@ static void prepare(const Model& m, const Options& o, Work<G>& w, const Mask* gi
   line_forces(m, o, w);
   if (o.split) split_factor(m, w);
   tie_forces(m, o, w);
+  free_velocity(m, w);
   if (o.prune < 1e300 && !given && m.ncontact + m.nlimit > 0) guess_free_velocity(m, w);
   find_contacts(m, o, w, given != nullptr);
   find_limits(m, o, w, given);

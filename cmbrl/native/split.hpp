@@ -64,22 +64,20 @@ static void add_bent_drag(const Model& m, const Work<G>& w, int line, T drag, co
 template <class G>
 static void split_factor(const Model& m, Work<G>& w) {
   for (int i = 0; i < m.mass.row(m.nv); ++i) w.K[i] = w.M[i] + w.D[i];
-  for (int k = m.nv - 1; k >= 0; --k) eliminate(w.K, m.mass, k);
+  factorise_symmetric(w.K, m.mass, m.nv);
 }
 
-// out += D x, x(k, c) of ncol columns.
-template <class G, class X>
-static void add_damping(const Model& m, const Work<G>& w, int ncol, X x, T* out) {
+// f(i, k, D_ik) of the entries of D.
+template <class G, class F>
+static inline void for_drags(const Model& m, const Work<G>& w, F f) {
   bool coupled = m.ntendon > 0 || m.nbox > 0;  // otherwise each dof damps itself alone
-  for (int k = 0; k < m.nv; ++k) {
-    Row<const T> row(w.D, m.mass, k);
-    for (int c = 0; c < ncol; ++c) out[k * ncol + c] += *row.diagonal * x(k, c);
+  for (int i = 0; i < m.nv; ++i) {
+    Row<const T> row(w.D, m.mass, i);
+    f(i, i, *row.diagonal);
     for (int a = 0; coupled && a < row.n; ++a) {
-      int j = m.mass.columns(k)[a];
-      for (int c = 0; c < ncol; ++c) {
-        out[k * ncol + c] += row.before[a] * x(j, c);
-        out[j * ncol + c] += row.mirror[a] * x(k, c);
-      }
+      int k = m.mass.columns(i)[a];
+      f(i, k, row.before[a]);
+      f(k, i, row.mirror[a]);
     }
   }
 }
@@ -88,7 +86,7 @@ static void add_damping(const Model& m, const Work<G>& w, int ncol, X x, T* out)
 template <class G>
 static void damped_away(const Model& m, const Work<G>& w, T* y) {
   for (int i = 0; i < m.nv; ++i) y[i] = T{};
-  add_damping(m, w, 1, [&](int k, int) { return w.vn[k] - w.v[k]; }, y);
+  for_drags(m, w, [&](int i, int k, T damping) { y[i] += damping * (w.vn[k] - w.v[k]); });
   solve(w.K, m.nv, m.mass, y);
 }
 

@@ -7,25 +7,18 @@
 
 namespace cmbrl::CMBRL_ISA {
 
-// H becomes a factor of M~ itself; vf the free velocity. A midpoint step takes centrifugal and gyroscopic forces half way
-// to where those of its start lead without contact (explicit midpoint rule: second order).
+// A midpoint step takes centrifugal and gyroscopic forces half way to where those of its start lead without contact (explicit
+// midpoint rule: second order).
 template <class G>
-static void free_velocity(const Model& m, const Options& o, Work<G>& w) {
-  int nv = m.nv;
-  Pattern pat = pattern_of(m, w);
-  eliminate_untouched(m, w);
-  for (int i = 0; i < w.ndyn; ++i) copy_row(w.H, w.H0, pat, w.dyn_list[i]);
-  for (int i = 0; i < w.ndyn; ++i) eliminate(w.H, pat, w.dyn_list[i]);
-  for (int i = 0; i < nv; ++i) w.vf[i] = w.rhs[i];
-  solve(w.H, nv, pat, w.vf);
-  for (int i = 0; i < nv; ++i) w.vf[i] += w.v[i];
+static void bias_at_midpoint(const Model& m, const Options& o, Work<G>& w) {
   if (!o.midpoint) return;
+  int nv = m.nv;
   for (int i = 0; i < nv; ++i) w.vb[i] = 0.5 * (w.v[i] + w.vf[i]);
   w.swap_velocity();
   inverse_dynamics<G>(m, w, w.v, nullptr, w.tmp);
   w.swap_velocity();
   for (int i = 0; i < nv; ++i) w.tmp[i] = o.h * (w.bias[i] - w.tmp[i]);
-  solve(w.H, nv, pat, w.tmp);
+  solve(w.free_factor, nv, m.mass, w.tmp);
   for (int i = 0; i < nv; ++i) w.vf[i] += w.tmp[i];
 }
 
@@ -119,9 +112,7 @@ static void late_shift(const Model& m, const Options& o, Work<G>& w) {
       late = true;
     }
   if (!late) return;
-  for (int i = 0; i < w.ndyn; ++i) copy_row(w.H, w.H0, ip.pat, w.dyn_list[i]);
-  for (int i = 0; i < w.ndyn; ++i) eliminate(w.H, ip.pat, w.dyn_list[i]);
-  solve(w.H, m.nv, ip.pat, w.shift);
+  solve(w.free_factor, m.nv, m.mass, w.shift);
 }
 
 // Next velocity, and the tangent displacement of one step, from where its rows are.

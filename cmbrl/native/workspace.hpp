@@ -79,7 +79,7 @@ struct Limit : Direction {  // of a joint or a tendon: a normal law along one li
 struct DryFriction {  // friction loss of a joint or a tendon: a cone of fixed head along one line
   Mask on;
   int line;
-  T root, R, carry, c0, b0, kappa, b, eta0, eta, r2, t50, w, Th, db, deta0, deta;
+  T root, R, carry, c0, b0, ib0, kappa, b, eta0, eta, r2, t50, w, Th, db, deta0, deta;
 };
 
 // An equality constraint (ties.hpp).
@@ -156,7 +156,7 @@ struct Work : SolverWork<G> {
   T *lighter, *weight;                     // 1/mu - 1 of the scales of masses; factors on inverse weights (inverse_weight.hpp)
   typename G::Rot* R; V* pos;              // bodies, relative to O
   Inertia<G> *I, *Ic;
-  Motion *vel, *acc, *f, *fc, *psid, *psidd, *sdot, *vlam, *tn, *tnlam;  // tn: twists under the next velocity
+  Motion *vel, *acc, *fc, *psid, *psidd, *sdot, *vlam, *tn, *tnlam;  // tn: twists under the next velocity
   T* Xc; V* momc;
   T *bias, *tau, *a, *kd, *kp, *open, *tmp;
   Input* inputs; int substep = 0;          // of actuators with a state (activation.hpp), at this substep
@@ -191,14 +191,14 @@ struct Work : SolverWork<G> {
   T *Gq, *Gv, *Gu, *Gp;                // right-hand sides of the implicit derivative
   T *Fq, *Fv, *Fu, *Fp;                    // the same for the free velocity: M~ dvf = Fq dq + ...
   T *Sq, *Sv, *Su, *Sp, *Sn;               // M~ dshift = Sq dq + ... + Sn dv' (impacts at their time)
-  T *Z, *HF;                               // rows' free closing speeds by (q, v, u, theta); factor of M~
+  T* Z;                                    // rows' free closing speeds by (q, v, u, theta)
   bool early, late;                        // the step has rows that look at vf; impulses that act late in it
   bool leapt, theta;                       // the step flies to an impact first (flight.hpp); parameters are differentiated too
   T flown, *leap, *began;                  // for how long [s], how far, and from where
   T *Lq, *Lv, *Lu, *Lp, *dflown;           // dleap = Lq dq + Lv dv + Lu du + Lp dtheta, and the row of dflown
   T *qtan, *shift;                         // position correction of impacts at their time, integration scratch
   T* eased;                                // what the damping in M~ acts on where the derivative looks at M~ shift
-  T *tq, *tv, *rhs_all;                    // tangents carried through substeps (nv x ncol)
+  T *tq, *tv, *rhs_all, *tangent_block;    // tangents carried through substeps (nv x ncol); some columns at a time
   T *lq, *lv, *lu, *lp, *pvec;             // cotangents
   Vec<G::N>* Y;
   V O;
@@ -241,7 +241,6 @@ struct Work : SolverWork<G> {
   void make_factor(int64_t nv, int64_t columns) {
     carve(memory->factor, [&](Arena& A) {
       this->take_factor(A, nv + 2 * columns);
-      HF = A.take<T>(nv + 2 * columns);
       fill_idx = A.take<int>(columns);
     });
   }
@@ -262,7 +261,7 @@ struct Work : SolverWork<G> {
     this->take(A, nv, m.mass.row(m.nv), nv, m.max_group_dofs, m.nlimit, m.nline);
     R = A.take<typename G::Rot>(nb); pos = A.take<V>(nb);
     I = A.take<Inertia<G>>(nb); Ic = A.take<Inertia<G>>(nb);
-    vel = A.take<Motion>(nb); acc = A.take<Motion>(nb); f = A.take<Motion>(nb); fc = A.take<Motion>(nb); tn = A.take<Motion>(nb);
+    vel = A.take<Motion>(nb); acc = A.take<Motion>(nb); fc = A.take<Motion>(nb); tn = A.take<Motion>(nb);
     psid = A.take<Motion>(nv); psidd = A.take<Motion>(nv); sdot = A.take<Motion>(nv);
     vlam = A.take<Motion>(nv); tnlam = A.take<Motion>(nv);
     Xc = A.take<T>(nb * G::NX); momc = A.take<V>(nb);
@@ -302,7 +301,7 @@ struct Work : SolverWork<G> {
     lq = A.take<T>(nv); lv = A.take<T>(nv); lu = A.take<T>(m.nu + 1); lp = A.take<T>(m.ntheta + 1); pvec = A.take<T>(nv);
     Y = A.take<Vec<G::N>>(m.max_group_dofs + 1);
     int64_t tangents = purpose == Purpose::jacobian ? nv * ncol : nv;
-    tq = A.take<T>(tangents); tv = A.take<T>(tangents); rhs_all = A.take<T>(tangents);
+    tq = A.take<T>(tangents); tv = A.take<T>(tangents); rhs_all = A.take<T>(tangents); tangent_block = A.take<T>(2 * nv * kBlock);
   }
 };
 
