@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from cmbrl.fitting import drives
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.folds import LEAST_GAIN, NOISE_FACTOR, Folds, paired_gain
 from cmbrl.fitting.forecast import Forecast, superfluous
@@ -118,10 +119,29 @@ class Selection:
         before = self._unmoved(incumbent)
         trial = self._trial("all", incumbent, chosen, incumbent.z, none, before, self.budget.polish_iterations)
         before = self._accept("add", ALL, trial, incumbent)
+        for group in drives.GROUPS:
+            before = self._drive(incumbent, group, before)
         for law in (law for law in LAWS if law in self.space.groups):
             trial = self._try(incumbent, [law], before)
             if trial.counts(before.mean):
                 before = self._accept("add", law, trial, incumbent)
+
+    def _drive(self, incumbent: Incumbent, group: str, before: Errors) -> Errors:
+        """Adds those parameters of a ``group`` of ``drives`` that help, if held-out errors call for them."""
+        self.journal.report(0.6, f"trying {group}")
+
+        def scan() -> dict[str, Any]:
+            self.journal.check_time()
+            start, helps = drives.scanned(group, self.loss, self.space, incumbent.z)
+            return {"z": start.tolist(), "helps": helps.tolist()}
+
+        found = self.journal.unit(f"scan {group}", scan)
+        helps = np.array(found["helps"])
+        if not helps.any():
+            return before
+        active, none = incumbent.active | helps, np.zeros_like(helps)
+        trial = self._trial(f"add {group}", incumbent, active, np.array(found["z"]), none, before)
+        return self._accept("add", group, trial, incumbent) if trial.counts(before.mean) else before
 
     def confirm(self, incumbent: Incumbent, groups: list[str]) -> None:
         """Takes ``groups`` back to nominal, all of them, unless held-out errors call for them."""
