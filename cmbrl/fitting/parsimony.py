@@ -39,6 +39,7 @@ LEAST_SCORE = 0.03  # of the logarithm of the errors over all horizons
 LEAST_STRAIN = 2.0  # of the logarithm of the prior: the other parameters may not go far to make up for one that stays
 ALL = "all that a fit moves by default"  #: in the path of a selection
 LAWS = ("friction_slope", "stribeck")  #: groups that no file has, tried on logs of positions, where friction rules
+_SETTLING = 3  # times that a fit of everything goes on before laws are added to it
 TRIED = 3  # groups per round: forecasts are accurate enough for the best to be among the first
 
 
@@ -118,13 +119,24 @@ class Selection:
         none = np.zeros_like(chosen)
         before = self._unmoved(incumbent)
         trial = self._trial("all", incumbent, chosen, incumbent.z, none, before, self.budget.polish_iterations)
-        before = self._accept("add", ALL, trial, incumbent)
+        before = self._settled(incumbent, self._accept("add", ALL, trial, incumbent))
         for group in drives.GROUPS:
             before = self._drive(incumbent, group, before)
         for law in (law for law in LAWS if law in self.space.groups):
             trial = self._try(incumbent, [law], before)
             if trial.counts(before.mean):
                 before = self._accept("add", law, trial, incumbent)
+
+    def _settled(self, incumbent: Incumbent, before: Errors) -> Errors:
+        """Fits on as long as that helps: what comes next must not gain by more iterations alone."""
+        none = np.zeros_like(incumbent.active)
+        for again in range(_SETTLING):
+            trial = self._trial(f"settle {len(incumbent.path)} {again}", incumbent, incumbent.active, incumbent.z, none, before)
+            if trial.errors.mean < before.mean:
+                incumbent.z, before = trial.z, trial.errors
+            if not trial.counts(trial.errors.mean + trial.gain):
+                break
+        return before
 
     def _drive(self, incumbent: Incumbent, group: str, before: Errors) -> Errors:
         """Adds those parameters of a ``group`` of ``drives`` that help, if held-out errors call for them."""
@@ -141,7 +153,9 @@ class Selection:
             return before
         active, none = incumbent.active | helps, np.zeros_like(helps)
         trial = self._trial(f"add {group}", incumbent, active, np.array(found["z"]), none, before)
-        return self._accept("add", group, trial, incumbent) if trial.counts(before.mean) else before
+        if not trial.counts(before.mean):
+            return before
+        return self._settled(incumbent, self._accept("add", group, trial, incumbent))
 
     def confirm(self, incumbent: Incumbent, groups: list[str]) -> None:
         """Takes ``groups`` back to nominal, all of them, unless held-out errors call for them."""
