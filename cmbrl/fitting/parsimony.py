@@ -131,7 +131,9 @@ class Selection:
         """Fits on as long as that helps: what comes next must not gain by more iterations alone."""
         none = np.zeros_like(incumbent.active)
         for again in range(_SETTLING):
-            trial = self._trial(f"settle {len(incumbent.path)} {again}", incumbent, incumbent.active, incumbent.z, none, before)
+            trial = self._trial(
+                f"settle {len(incumbent.path)} {again}", incumbent, incumbent.active, incumbent.z, none, before
+            )
             if trial.errors.mean < before.mean:
                 incumbent.z, before = trial.z, trial.errors
             if not trial.counts(trial.errors.mean + trial.gain):

@@ -16,8 +16,10 @@ ARM = """<mujoco><option timestep=".004" integrator="{integrator}"/><worldbody><
 <geom type="capsule" size=".05" fromto="0 0 0 .4 0 0"/><body pos=".4 0 0"><joint name="b" axis="0 0 1"/>
 <geom type="capsule" size=".04" fromto="0 0 0 .3 .1 0"/></body></body></worldbody><tendon><fixed name="both">
 <joint joint="a" coef=".7"/><joint joint="b" coef="-.5"/></fixed></tendon><actuator>
-<position name="a" joint="a" kp="30" kv="2" gear="1.5" forcerange="-9 9"/><motor name="b" joint="b" gear="3" forcerange="-9 9"/>
-<position name="c" joint="b" kp="20" kv="1" forcerange="-9 9"/><position name="d" tendon="both" kp="5" kv=".5"/></actuator></mujoco>"""
+<position name="a" joint="a" kp="30" kv="2" gear="1.5" forcerange="-9 9"/>
+<motor name="b" joint="b" gear="3" forcerange="-9 9"/>
+<position name="c" joint="b" kp="20" kv="1" forcerange="-9 9"/><position name="d" tendon="both" kp="5" kv=".5"/>
+</actuator></mujoco>"""
 VALUES = {
     "force_limit.a": 4.0, "force_limit_slope.a": 0.6, "backlash.a": 0.08, "force_limit.b": 0.5,
     "force_limit.c": 3.0, "force_limit_slope.c": 0.5, "backlash.c": 0.05,
