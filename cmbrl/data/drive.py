@@ -51,9 +51,9 @@ def _check_range(log: PositionLog, scene: Scene, column: int, actuator: int, sca
     if np.percentile(np.maximum(target - high, low - target), _OFTEN) > _BEYOND * room:
         name = scene.actuator_names[actuator]
         raise UserError(
-            f"commanded_position of {log.command_names[column]!r} reaches {np.abs(target).max():.4g}; actuator {name!r} "
-            f"takes targets from {low:.4g} to {high:.4g}, lengths of what it pulls: check the unit, or import MuJoCo's "
-            f"controls as such (`cmbrl import --map COLUMN={name}.control`)"
+            f"commanded_position of {log.command_names[column]!r} reaches {np.abs(target).max():.4g}; actuator "
+            f"{name!r} takes targets from {low:.4g} to {high:.4g}, lengths of what it pulls: check the unit, or import "
+            f"MuJoCo's controls as such (`cmbrl import --map COLUMN={name}.control`)"
         )
 
 

@@ -1,4 +1,4 @@
-"""Where to look for limits of forces and for backlash: levels to start from, taken from what the log asks of the motors.
+"""Where to look for limits of forces and for backlash: levels to start from, from what the log asks of the motors.
 
 A limit that nothing reaches has no derivative, and files of robots often have none. So each actuator by itself is tried
 with limits at quantiles of the force that its law asks for over the log, and with limits that fall with speed, as those

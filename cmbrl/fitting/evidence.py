@@ -119,7 +119,7 @@ def _told_gains(logs: Mapping[str, PositionLog]) -> list[str]:
 
 
 def _with_scene(model: ComplementarityModel, scene: Scene) -> ComplementarityModel:
-    """``model`` with the same robot under other drives; parameters that are not the file's keep their values by name."""
+    """``model`` with the same robot under other drives; parameters that are not the file's keep values by name."""
     if scene is model.scene:
         return model
     given = zip(model.scene.parameters, model.parameters.tolist(), strict=True)

@@ -252,11 +252,11 @@ def test_a_joint_that_sticks_is_not_a_sensor_that_does(servo: tuple[PositionLog,
     held[700:1101, 1] = held[700, 1]
     held[1101:, 1] += held[700, 1] - held[1101, 1]
     with pytest.warns(
-        UserWarning, match="is constant from row 700 to 110[01] .* a joint that sticks, or a stuck sensor"
+        UserWarning, match=r"is constant from row 700 to 110[01] .* a joint that sticks, or a stuck sensor"
     ):
         replace(log, position=held).check(scene)
     coarse[700:1101, 1] = coarse[700, 1]
-    with pytest.raises(UserError, match="is constant from row 700 to 1100 .*: a stuck sensor"):
+    with pytest.raises(UserError, match=r"is constant from row 700 to 1100 .*: a stuck sensor"):
         replace(log, position=coarse).check(scene)
 
 
