@@ -9,6 +9,8 @@ import numpy as np
 from cmbrl.errors import UserError
 from cmbrl.scene.drives import Drive
 
+_OFTEN, _BEYOND = 75.0, 1.0  # percent of the samples; ranges of controls
+
 if TYPE_CHECKING:
     from cmbrl.data.position_log import PositionLog
     from cmbrl.scene import Scene
@@ -34,7 +36,25 @@ def controls(log: PositionLog, scene: Scene) -> np.ndarray:
         if kind != log.command_kind:
             raise UserError(_mismatch(log, scene, column, actuator))
         scales.append(scale)
+        if kind == "position":
+            _check_range(log, scene, column, actuator, scale)
     return log.command * np.array(scales)
+
+
+def _check_range(log: PositionLog, scene: Scene, column: int, actuator: int, scale: float) -> None:
+    """Raises UserError for targets that the range of controls cannot mean: controls, or another unit."""
+    low, high = np.sort(scene.core.act_ctrl[actuator] / scale)
+    target = log.command[:, column]
+    room = high - low
+    if not (np.isfinite(room) and room > 0.0 and len(target)):
+        return
+    if np.percentile(np.maximum(target - high, low - target), _OFTEN) > _BEYOND * room:
+        name = scene.actuator_names[actuator]
+        raise UserError(
+            f"commanded_position of {log.command_names[column]!r} reaches {np.abs(target).max():.4g}; actuator "
+            f"{name!r} takes targets from {low:.4g} to {high:.4g}, lengths of what it pulls: check the unit, or import "
+            f"MuJoCo's controls as such (`cmbrl import --map COLUMN={name}.control`)"
+        )
 
 
 def scene_of(log: PositionLog, scene: Scene) -> Scene:

@@ -31,10 +31,13 @@ _NOISE_FACTOR = 2.0  # of the gain of a log that is fitted alone
 _LEAST = 0.1  # of its loss; less is gained where the model is wrong, since no two logs visit quite the same states
 _CAUSES = (  # groups of parameters, and what is likely to have changed
     (("mass", "com", "inertia"), "another payload, or a part that came loose"),
-    (("friction_slope", "stribeck", "damping", "frictionloss", "armature"), "joints that were warmer, oiled or worn"),
+    (
+        ("friction_slope", "stribeck", "damping", "frictionloss", "armature", "backlash"),
+        "joints that were warmer, oiled or worn",
+    ),
     (("friction", "softness", "impedance", "restitution", "radius", "plane"), "another floor or surface"),
     (("stiffness",), "another spring, or a cable that pulls"),
-    (("gear", "kp", "kd"), "other gains, motors or battery"),
+    (("gear", "kp", "kd", "force_limit"), "other gains, motors or battery"),
     (("bias",), "encoders that were zeroed anew"),
     (("delay", "lag"), "another controller or bus"),
     (("gravity",), "a robot or a floor that is tilted"),

@@ -119,10 +119,11 @@ def _told_gains(logs: Mapping[str, PositionLog]) -> list[str]:
 
 
 def _with_scene(model: ComplementarityModel, scene: Scene) -> ComplementarityModel:
-    """``model`` with the same robot under other drives; parameters keep their values by name."""
+    """``model`` with the same robot under other drives; parameters that are not the file's keep values by name."""
     if scene is model.scene:
         return model
-    values = dict(zip((p.name for p in model.scene.parameters), model.parameters.tolist(), strict=True))
+    given = zip(model.scene.parameters, model.parameters.tolist(), strict=True)
+    values = {p.name: value for p, value in given if value != p.nominal}
     theta = np.array([values.get(p.name, p.nominal) for p in scene.parameters])
     return model.with_settings(scene=scene, parameters=theta)
 

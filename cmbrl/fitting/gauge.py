@@ -32,7 +32,8 @@ def common_factors(core: CoreArrays, free: np.ndarray) -> list[list[int]]:
         massive = [b for b in members if core.P[mass(b)] > 0.0]
         owners = [owner.get(place, []) for place in [*map(mass, massive), *_force_places(core, members, owner)]]
         if massive and all(any(free[k] for k in some) for some in owners):
-            found.append(sorted({k for some in owners for k in some if free[k]}))
+            limits = [owner.get(place, []) for place in _limit_places(core, members, owner)]
+            found.append(sorted({k for some in [*owners, *limits] for k in some if free[k]}))
     return found
 
 
@@ -62,6 +63,14 @@ def _force_places(core: CoreArrays, members: list[int], owner: Mapping[int, list
         if (bodies[dofs[0]][0] if len(dofs) else int(core.wide_body[k])) in inside:
             places.append(layout.actuator(int(actuator), "gear"))
     return [place for place in places if core.P[place] != 0.0]
+
+
+def _limit_places(core: CoreArrays, members: list[int], owner: Mapping[int, list[int]]) -> list[int]:
+    """Offsets into P of the limits of actuators on ``members`` that no gear scales."""
+    layout, inside = core.layout, set(members)
+    lines = [k for k, of in enumerate(_bodies_of_lines(core)) if not inside.isdisjoint(of)]
+    driven = [a for a, line in enumerate(core.act_line) if line in lines and layout.actuator(a) not in owner]
+    return [layout.actuator(a, field) for a in driven for field in ("limit", "limit_slope")]
 
 
 def _bodies_of_lines(core: CoreArrays) -> list[list[int]]:

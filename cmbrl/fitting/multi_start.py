@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cmbrl.fitting.drives import FADE, LIMIT
 from cmbrl.fitting.folds import LEAST_GAIN, NOISE_FACTOR, Folds, paired_gain
 from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.objective import NotFinite, Objective
@@ -67,8 +68,9 @@ class MultiStart:
         """``start`` and others around it, inside the bounds."""
         draw = np.random.Generator(np.random.Philox(key=[self.seed & 0xFFFFFFFFFFFFFFFF, self.count]))
         found = [start]
+        held = np.isin(self.space.groups, (LIMIT, FADE))  # known from a scan; elsewhere, most have no derivative
         for k in range(1, self.count):
             step = _WIDTHS[k % len(_WIDTHS)] * draw.standard_normal(len(start))
-            moved = np.where(self.active, start + step, start)
+            moved = np.where(self.active & ~held, start + step, start)
             found.append(np.clip(moved, self.space.z_low, self.space.z_high))
         return found

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from cmbrl.fitting import drives
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.folds import LEAST_GAIN, NOISE_FACTOR, Folds, paired_gain
 from cmbrl.fitting.forecast import Forecast, superfluous
@@ -38,6 +39,8 @@ LEAST_SCORE = 0.03  # of the logarithm of the errors over all horizons
 LEAST_STRAIN = 2.0  # of the logarithm of the prior: the other parameters may not go far to make up for one that stays
 ALL = "all that a fit moves by default"  #: in the path of a selection
 LAWS = ("friction_slope", "stribeck")  #: groups that no file has, tried on logs of positions, where friction rules
+_STIRS = (-2.0, -0.5, 0.5, 2.0)  # prior standard deviations
+_SETTLING = 3  # times that a fit of everything goes on before laws are added to it
 TRIED = 3  # groups per round: forecasts are accurate enough for the best to be among the first
 
 
@@ -117,11 +120,45 @@ class Selection:
         none = np.zeros_like(chosen)
         before = self._unmoved(incumbent)
         trial = self._trial("all", incumbent, chosen, incumbent.z, none, before, self.budget.polish_iterations)
-        before = self._accept("add", ALL, trial, incumbent)
+        before = self._settled(incumbent, self._accept("add", ALL, trial, incumbent))
+        for group in drives.GROUPS:
+            before = self._drive(incumbent, group, before)
         for law in (law for law in LAWS if law in self.space.groups):
             trial = self._try(incumbent, [law], before)
             if trial.counts(before.mean):
                 before = self._accept("add", law, trial, incumbent)
+
+    def _settled(self, incumbent: Incumbent, before: Errors) -> Errors:
+        """Fits on as long as that helps: what comes next must not gain by more iterations alone."""
+        none = np.zeros_like(incumbent.active)
+        for again in range(_SETTLING):
+            trial = self._trial(
+                f"settle {len(incumbent.path)} {again}", incumbent, incumbent.active, incumbent.z, none, before
+            )
+            if trial.errors.mean < before.mean:
+                incumbent.z, before = trial.z, trial.errors
+            if not trial.counts(trial.errors.mean + trial.gain):
+                break
+        return before
+
+    def _drive(self, incumbent: Incumbent, group: str, before: Errors) -> Errors:
+        """Adds those parameters of a ``group`` of ``drives`` that help, if held-out errors call for them."""
+        self.journal.report(0.6, f"trying {group}")
+
+        def scan() -> dict[str, Any]:
+            self.journal.check_time()
+            start, helps = drives.scanned(group, self.loss, self.space, incumbent.z)
+            return {"z": start.tolist(), "helps": helps.tolist()}
+
+        found = self.journal.unit(f"scan {group}", scan)
+        helps = np.array(found["helps"])
+        if not helps.any():
+            return before
+        active, none = incumbent.active | helps, np.zeros_like(helps)
+        trial = self._trial(f"add {group}", incumbent, active, np.array(found["z"]), none, before)
+        if not trial.counts(before.mean):
+            return before
+        return self._settled(incumbent, self._accept("add", group, trial, incumbent))
 
     def confirm(self, incumbent: Incumbent, groups: list[str]) -> None:
         """Takes ``groups`` back to nominal, all of them, unless held-out errors call for them."""
@@ -146,9 +183,16 @@ class Selection:
         return self._accept("add", ALL, trial, incumbent) if trial.counts(before.mean) else before
 
     def _thin(self, incumbent: Incumbent, before: Errors) -> Errors:
-        """Removes as many groups at once as the forecast calls superfluous; half as many if a refit disagrees."""
+        """Removes as many groups at once as the forecast calls superfluous; half as many if a refit disagrees.
+
+        Groups that no prediction depends on leave before, without a refit.
+        """
         if not incumbent.active.any():
             return before
+        for group in dict.fromkeys(self.space.groups):
+            columns = self.space.columns([group])
+            if not incumbent.z[columns].any() and self._idle(incumbent.z, columns):
+                incumbent.active = incumbent.active & ~columns
         groups = [g for g in dict.fromkeys(self.space.groups) if incumbent.active[self.space.columns([g])].any()]
         loss = self.loss.settled(self.space.theta(incumbent.z))
         equations = loss.normal_equations(self.space, incumbent.z, incumbent.active)
@@ -165,6 +209,13 @@ class Selection:
                 return self._accept("remove", " + ".join(dispensable), trial, incumbent)
             dispensable = dispensable[: len(dispensable) // 2]
         return before
+
+    def _idle(self, z: np.ndarray, columns: np.ndarray) -> bool:
+        """Whether the loss stays the same wherever ``columns`` go: contacts of a robot that flies, say."""
+        moved = [np.where(columns, step, z) for step in _STIRS]
+        points = np.clip(np.stack([z, *moved]), self.space.z_low, self.space.z_high)
+        losses = self.loss.values(self.space.theta(points))
+        return bool((losses == losses[0]).all())
 
     def _add(self, incumbent: Incumbent, before: Errors) -> Errors | None:
         """Adds the best group, a set of groups, or a blank one; returns the new errors, or None if nothing helps."""
@@ -188,6 +239,8 @@ class Selection:
             trial = self._try(incumbent, together, before)
             winner = (" + ".join(together), trial) if trial.counts(before.mean) else None
         for group in blank if winner is None else ():
+            if self._idle(incumbent.z, self.space.columns([group])):
+                continue
             trial = self._try(incumbent, [group], before)
             if trial.counts(before.mean):
                 winner = group, trial

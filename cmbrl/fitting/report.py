@@ -8,6 +8,7 @@ import numpy as np
 
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
+from cmbrl.fitting.combinations import combinations
 from cmbrl.fitting.discrepancy import Discrepancy
 from cmbrl.fitting.fitted_parameter import AT_BOUND, FITTED, FLAT, NOMINAL, FittedParameter
 from cmbrl.fitting.gauge import common_factors
@@ -61,6 +62,9 @@ def conclude(
         )
         for k, name in enumerate(space.names)
     }
+    shared = [found for together in sets if (found := ratios(space, z, known.every, together))]
+    unit, pose = (shared[0]["reference"] if shared else None), data.q[len(data) // 2]
+    sums = combinations(final, space, z, known.every, known.flat, pose, unit)
     errors = {"all, nominal": loss.errors(space.nominal), "all, fitted": loss.errors(value), **held_out}
     report = {
         **about,
@@ -80,7 +84,8 @@ def conclude(
         "flat_directions": known.directions,
         "unseen": [n for k, n in enumerate(space.names) if known.unseen[k]],
         "gauge": [space.names[k] for together in sets for k in together],
-        "ratios": [found for together in sets if (found := ratios(space, z, known.every, together))],
+        "ratios": shared,
+        "combinations": {"rows": sums, "reference": unit},
         "covariance": _covariance(space, known.covariance),
         "left_out": [{"kind": e.kind, "name": e.name, "why": e.why} for e in model.scene.left_out],
         "candidates": incumbent.candidates,

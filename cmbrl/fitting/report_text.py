@@ -30,6 +30,7 @@ def render(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any])
     """What was fitted, how well, and what the data leave open; ``report`` is that of a ``FitResult``."""
     first = textwrap.wrap(verdict(report), WIDTH, subsequent_indent="  ")
     lines = [*first, *_errors(report), *_selection(report), *_table(parameters), *_ratios(parameters, report)]
+    lines += _combinations(report)
     lines += _open(parameters, report)
     return "\n".join(lines)
 
@@ -127,6 +128,27 @@ def _ratios(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any]
             [name, f"{value:.5g}", f"[{low:.5g}, {high:.5g}]", f"{parameters[name].nominal:.5g}", parameters[name].unit]
             for name, (value, low, high) in found["parameters"].items()
         ])  # fmt: skip
+
+
+def combinations_title(report: Mapping[str, Any]) -> str:
+    """What the rows of ``combinations`` are."""
+    reference = report["combinations"]["reference"]
+    unit = f", in the unit of force in which {reference} is the file's" if reference else ""
+    return (
+        "bodies together: what joints feel of all that hangs on them, in the pose of the log's middle, which the log "
+        f"tells though it does not tell masses, centres and inertias one by one{unit}"
+    )
+
+
+def _combinations(report: Mapping[str, Any]) -> Iterator[str]:
+    """Sums over bodies that the log tells where single bodies are flat."""
+    rows = report.get("combinations", {"rows": []})["rows"]
+    if rows:
+        yield from textwrap.wrap(combinations_title(report), WIDTH, subsequent_indent="  ")
+    yield from _columns([
+        [r["name"], f"{r['value']:.5g}", f"[{r['low']:.5g}, {r['high']:.5g}]", f"{r['nominal']:.5g}", r["unit"]]
+        for r in rows
+    ])  # fmt: skip
 
 
 def _columns(rows: Sequence[Sequence[str]]) -> Iterator[str]:

@@ -120,7 +120,7 @@ struct ForceColumns {
 
   void wide(int a, int field, double coef) {
     const T* p = w.P + m.oAct + a * kActuatorFields;
-    if (!forces() || field == kBias1 || field == kBias2) return;
+    if (!forces() || (field != kGear && field != kGain && field != kBias0 && field != kTime)) return;
     int k = 0;
     while (m.wide_act[k] != a) ++k;
     Drive drive = wide_drive(m, w, a);
@@ -137,29 +137,34 @@ struct ForceColumns {
     if (line < 0) return wide(a, field, coef);
     T q = w.line_length[line], v = along(m, w, line, w.v), after = along(m, w, line, w.vn);
     T dv = m.implicit_gains && !o.split ? after - v : T{}, g = p[kGear];
-    T flo = splat(m.act_force[2 * a]), fhi = splat(m.act_force[2 * a + 1]);
     Input input = input_of(m, w, a);
-    T force = p[kGain] * input.value + p[kBias0] + g * (p[kBias1] * q + p[kBias2] * v);
-    Mask free = (force >= flo) & (force <= fhi);
-    T pull = p[kBias1] * q + p[kBias2] * (v + dv);
+    Servo s = servo_of(m, w, a, input, q, v);
+    Mask free = s.free, pulls = s.free & s.pulls, fades = s.fades;
     T spring = o.implicit_springs ? o.h * after : T{};
+    T own = keep(pulls, p[kBias1] * (s.place + 2.0 * spring)) + keep(free, p[kBias2] * (v + 2.0 * dv));  // of a free force, by the gear
+    own -= keep(fades, p[kLimitSlope] * (v + 2.0 * dv));
     if (part == Part::late_inertia) {
       if (!m.implicit_gains) return;
-      if (field == kGear) add_eased(line, keep(free, coef * o.h * 2.0 * g * p[kBias2]));
+      if (field == kGear) add_eased(line, coef * o.h * 2.0 * g * (keep(free, p[kBias2]) - keep(fades, p[kLimitSlope])));
       if (field == kBias2) add_eased(line, keep(free, coef * o.h * g * g));
+      if (field == kLimitSlope) add_eased(line, -keep(fades, coef * o.h * g * g));
       return;
     }
     T r, held = T{};  // held: through M~ alone
-    if (field == kGear) held = keep(free, 2.0 * g * p[kBias2] * dv);
+    if (field == kGear) held = 2.0 * g * (keep(free, p[kBias2] * dv) - keep(fades, p[kLimitSlope] * dv));
     if (field == kBias2) held = keep(free, g * g * dv);
-    if (line >= m.nv && field == kGear) held += keep(free, 2.0 * g * p[kBias1] * spring);
-    if (line >= m.nv && field == kBias1) held = keep(free, g * g * spring);
+    if (field == kLimitSlope) held = -keep(fades, g * g * dv);
+    if (line >= m.nv && field == kGear) held += keep(pulls, 2.0 * g * p[kBias1] * spring);
+    if (line >= m.nv && field == kBias1) held = keep(pulls, g * g * spring);
     switch (field) {
-      case kGear: r = select(free, force + g * (pull + p[kBias2] * dv) + 2.0 * g * p[kBias1] * spring, vmin(vmax(force, flo), fhi)); break;
-      case kGain: r = keep(free, g * input.value); break;
-      case kTime: r = keep(free, g * p[kGain] * input.by_time); break;
-      case kBias0: r = keep(free, g); break;
-      case kBias1: r = keep(free, g * g * (q + spring)); break;
+      case kGear: r = s.force + g * own; break;
+      case kGain: r = keep(pulls, g * input.value); break;
+      case kTime: r = keep(pulls, g * p[kGain] * input.by_time); break;
+      case kBias0: r = keep(pulls, g); break;
+      case kBias1: r = keep(pulls, g * g * (s.place + spring)); break;
+      case kLimit: r = g * s.limited; break;
+      case kLimitSlope: r = -keep(fades, g * g * (v + dv)); break;
+      case kGap: r = -keep(pulls, s.side * vmax(g * p[kBias1], -g * p[kBias1]) * g); break;
       default: r = keep(free, g * g * (v + dv));
     }
     for (int k = m.line_ptr[line]; k < m.line_ptr[line + 1]; ++k)

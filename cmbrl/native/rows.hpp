@@ -4,6 +4,7 @@
 #include "dry_friction.hpp"
 #include "fluid.hpp"
 #include "gravcomp.hpp"
+#include "servo.hpp"
 #include "split.hpp"
 #include "springs.hpp"
 #include "ties.hpp"
@@ -64,14 +65,12 @@ static void actuator_forces(const Model& m, const Options& o, Work<G>& w) {
     const T* p = w.P + m.oAct + a * kActuatorFields;
     int line = m.act_line[a];
     if (line < 0) continue;
-    T flo = splat(m.act_force[2 * a]), fhi = splat(m.act_force[2 * a + 1]);
     Input input = input_of(m, w, a);
-    T force = p[kGain] * input.value + p[kBias0] + p[kGear] * (p[kBias1] * w.line_length[line] + p[kBias2] * along(m, w, line, w.v));
-    Mask free = (force >= flo) & (force <= fhi);
-    w.drive[line] += p[kGear] * vmin(vmax(force, flo), fhi);
-    w.kd[line] -= keep(free, p[kGear] * p[kGear] * p[kBias2]);
-    w.drive_kp[line] -= keep(free, p[kGear] * p[kGear] * p[kBias1]);
-    note_gain(m, w, a, input, free);
+    Servo s = servo_of(m, w, a, input, w.line_length[line], along(m, w, line, w.v));
+    w.drive[line] += p[kGear] * s.force;
+    w.kd[line] -= keep(s.free, p[kGear] * p[kGear] * p[kBias2]) - keep(s.fades, p[kGear] * p[kGear] * p[kLimitSlope]);
+    w.drive_kp[line] -= keep(s.free & s.pulls, p[kGear] * p[kGear] * p[kBias1]);
+    note_gain(m, w, a, input, s.free & s.pulls);
   }
   wide_forces(m, w);
   if (m.nlift > 0) {

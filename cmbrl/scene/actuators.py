@@ -22,6 +22,8 @@ from cmbrl.scene.records import WORLD, Array, Tree
 from cmbrl.scene.reduction import PlaneOfMotion
 from cmbrl.scene.support import Gate
 
+UNLIMITED = 1e6  #: [N m, N] the limit of an actuator that has none
+
 
 @dataclass(frozen=True)
 class Reach:
@@ -215,6 +217,11 @@ def reach_arrays(tree: Tree, actuators: list[Actuator], plane: PlaneOfMotion | N
         "wide_dof": integers([d for _, reach in wide for d in reach.dofs]),
         "wide_coef": doubles([x for _, reach in wide for x in reach.arms], (-1,)),
     }
+
+
+def force_limit(actuator: Actuator) -> float:
+    """The largest force that an actuator may have, before its gear; UNLIMITED where the file sets none."""
+    return float(min(np.abs(actuator.force).max(), UNLIMITED))
 
 
 def _unused(name: str, taken: list[str]) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from cmbrl.scene.actuators import Actuator
+from cmbrl.scene.actuators import Actuator, force_limit
 from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.laws import CONTACT_LAWS, LawChoice
 from cmbrl.scene.layout import CONTACT_FIELDS, Layout
@@ -300,7 +300,7 @@ def physical_vector(
     for k, actuator in enumerate(actuators):
         first = layout.actuator(k)
         time = actuator.activation.time_constant if actuator.activation else 0.0
-        P[first : first + 6] = [actuator.gear, actuator.gain, *actuator.bias, time]
+        P[first : first + 7] = [actuator.gear, actuator.gain, *actuator.bias, time, force_limit(actuator)]
         if actuator.reach is None:
             P[layout.dof(actuator.line, "armature")] += actuator.armature
             P[layout.dof(actuator.line, "damping")] += actuator.damping

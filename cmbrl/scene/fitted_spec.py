@@ -85,7 +85,7 @@ class FittedSpec:
         return found
 
     def _actuators(self) -> None:
-        """Gears, gains, biases and time constants."""
+        """Gears, gains, biases, time constants and limits of forces."""
         layout = self.scene.layout
         for column, k in self._columns():
             at = layout.actuator(column)
@@ -97,6 +97,10 @@ class FittedSpec:
                 gear[0] += change[0]
             else:
                 gear *= self.P[at]  # relative to the file's
+            if change[6]:
+                low, high = self.scene.core.act_force[column]
+                element.forcerange = max(low, -self.P[at + 6]), min(high, self.P[at + 6])
+                element.forcelimited = int(mujoco.mjtLimited.mjLIMITED_TRUE)
             gain, bias = self.model.actuator_gainprm[k].copy(), self.model.actuator_biasprm[k].copy()
             gain[0] += change[1]
             bias[:3] += change[2:5]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from cmbrl.scene.actuators import Actuator
+from cmbrl.scene.actuators import UNLIMITED, Actuator, force_limit
 from cmbrl.scene.collector import Collector, Moves
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.records import WORLD, Array, Joint, JointKind, Tree
@@ -22,6 +22,9 @@ _RATES = {"damping": 5.0, "armature": 1.0}  # bounds of what is 0 in the file, b
 # Bounds of a friction loss that is 0 in the file: what brakes the inertia at qpos0 by 30 rad/s^2 (or m/s^2), three
 # times what holds all that hangs on the joint in any pose, and a quarter of its motors' strength, whichever is largest.
 _BRAKE, _WEIGHTS, _MOTORS = 30.0, 3.0, 0.25
+_LEAST_LIMIT = {True: 0.01, False: 1e-9}  # of the file's limit of a force; of UNLIMITED, where it has none
+_STEEPEST = 1e3  # [N m s/rad, N s/m] of a limit that falls with speed
+_GAP = {True: 0.02, False: 0.2}  # largest backlash of slides [m] and hinges [rad]
 
 
 def offer_joints(
@@ -120,8 +123,11 @@ def _strength(actuator: Actuator) -> float:
     return abs(actuator.gear) * force if np.isfinite(force) else 0.0
 
 
-def offer_actuator(actuator: Actuator, layout: Layout, k: int, out: Collector) -> None:
-    """Gains of a position servo; the gear of others, and of a servo behind a gear; the time constant of a filter."""
+def offer_actuator(tree: Tree, actuator: Actuator, layout: Layout, k: int, out: Collector) -> None:
+    """Gains of a position servo; the gear of others, and of a servo behind a gear; the time constant of a filter.
+
+    Limits of the force and backlash on request, of actuators along a joint.
+    """
     time = actuator.activation.time_constant if actuator.activation else 0.0
     if actuator.gear and time > 0:
         out.add("time_constant", actuator.name, time, time / 10, time * 10, "s", [layout.actuator(k, "time")])
@@ -129,12 +135,28 @@ def offer_actuator(actuator: Actuator, layout: Layout, k: int, out: Collector) -
     servo = actuator.gear != 0 and stiffness > 0 and actuator.bias[1] == -stiffness
     if actuator.gear and not (servo and actuator.gear == 1):
         out.add("gear", actuator.name, 1.0, 0.2, 5.0, "1", [layout.actuator(k)], actuator.gear)
+    joint = next((j for j in tree.joints if j.kind != JointKind.BALL and j.vadr == actuator.line), None)
+    if actuator.gear and joint:
+        _offer_limits(actuator, joint.kind == JointKind.SLIDE, layout, k, out)
     if not servo:
         return
     places = [layout.actuator(k, "gain"), layout.actuator(k, "bias1")]
     out.add("kp", actuator.name, stiffness, stiffness / 5, stiffness * 5, "1", places, np.array([1.0, -1.0]))
     if damping > 0:
         out.add("kd", actuator.name, damping, damping / 20, damping * 20, "1", [layout.actuator(k, "bias2")], -1.0)
+
+
+def _offer_limits(actuator: Actuator, slides: bool, layout: Layout, k: int, out: Collector) -> None:
+    """A limit of the force below the file's, its fall with speed, and the gap of what pulls the position."""
+    units = ("N", "N s/m", "m") if slides else ("N m", "N m s/rad", "rad")
+    most, name, gap = force_limit(actuator), actuator.name, _GAP[slides]
+    if most > 0.0:
+        least, place = most * _LEAST_LIMIT[most < UNLIMITED], [layout.actuator(k, "limit")]
+        out.add("force_limit", name, most, least, most, units[0], place, default=False)
+        place = [layout.actuator(k, "limit_slope")]
+        out.add("force_limit_slope", name, 0.0, 0.0, min(most, _STEEPEST), units[1], place, default=False)
+    if actuator.bias[1]:
+        out.add("backlash", name, 0.0, 0.0, gap, units[2], [layout.actuator(k, "gap")], 0.5, default=False)
 
 
 def _floating(tree: Tree, joint: Joint) -> bool:

@@ -3,7 +3,8 @@
 P = per body [mass, centre of mass (D), inertia about it (planar 1: about the axis; spatial xx yy zz xy xz yz)],
     per degree of freedom, then per tendon [armature, damping, stiffness, spring reference, friction loss,
     its slope with the coordinate, Stribeck's part of it, the speed that takes that away],
-    per plane [height], per actuator [gear, gain, bias (3), time constant], gravity (D),
+    per plane [height], per actuator [gear, gain, bias (3), time constant,
+    limit of its force, how that falls with speed, half of its backlash], gravity (D),
     per contact [friction, restitution, sum of radii, solref (2), d0, dmax, width, softness scale].
 Contacts come last: of these, the core takes up only what touches.
 """
@@ -20,7 +21,7 @@ DOF_FIELDS = (
     *("frictionloss", "friction_slope", "stribeck", "stribeck_speed"),
 )
 CONTACT_FIELDS = ("friction", "restitution", "radius", "solref0", "solref1", "d0", "dmax", "width", "rscale")
-ACTUATOR_FIELDS = ("gear", "gain", "bias0", "bias1", "bias2", "time")
+ACTUATOR_FIELDS = ("gear", "gain", "bias0", "bias1", "bias2", "time", "limit", "limit_slope", "gap")
 
 
 @dataclass(frozen=True)

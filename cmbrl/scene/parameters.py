@@ -82,7 +82,7 @@ def offer_parameters(
     for k, ground in enumerate(planes):
         out.add("plane_height", name_of(model, "geom", ground.geom), 0.0, -0.1, 0.1, "m", [layout.plane(k)])
     for k, actuator in enumerate(actuators):
-        offer_actuator(actuator, layout, k, out)
+        offer_actuator(tree, actuator, layout, k, out)
     down = range(layout.gravity, layout.contact(0))
     if np.any(P[down]):
         out.scale("gravity", "", 0.5, 2.0, P, down, default=False)  # known, unless the file's frame is tilted or scaled

@@ -1,6 +1,7 @@
 """Commands of a position log against what the file's actuators take: targets to motors, torques to servos."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import mujoco
@@ -129,3 +130,17 @@ def test_mistakes(place):
     text = Scene.from_mjcf(Path("motor.xml").read_text())
     with pytest.raises(UserError, match=r"was not read from a file: give drives"):
         Evidence.of(cmbrl.ComplementarityModel(text), log_of("position", kp=20.0))
+
+
+def test_controls_that_are_given_as_targets(tmp_path: Path) -> None:
+    """A gripper's 0 to 255 are controls; the target that they stand for is a length of 0 to 0.8."""
+    text = """<mujoco><worldbody><body><joint name="j" axis="0 0 1"/><geom size=".1"/></body></worldbody><actuator>
+    <general name="g" joint="j" ctrlrange="0 255" gainprm=".3" biastype="affine" biasprm="0 -95.6 -5"/></actuator>
+    </mujoco>"""
+    (tmp_path / "grip.xml").write_text(text)
+    scene, time = Scene.from_mjcf(tmp_path / "grip.xml"), 0.01 * np.arange(300)
+    target = 0.4 + 0.3 * np.sin(3 * time)[:, None]
+    make = partial(PositionLog, time=time, position=target, joint_names=("j",))
+    assert np.abs(controls(make(command=target), scene) - target * 95.6 / 0.3).max() < 1e-9
+    with pytest.raises(UserError, match=r"'j' reaches 223.*from 0 to 0.8002.*--map COLUMN=g.control"):
+        controls(make(command=target * 318.7), scene)

@@ -243,6 +243,23 @@ def test_faults_of_a_position_log(fault: str, told: str, servo: tuple[PositionLo
         wrong.check(scene)
 
 
+def test_a_joint_that_sticks_is_not_a_sensor_that_does(servo: tuple[PositionLog, Scene]) -> None:
+    """A coarse encoder that goes on where it was; the same with a jump is a fault."""
+    log, scene = servo
+    count = 2 * np.pi / 16384
+    coarse = np.round(log.position / count) * count
+    held = coarse.copy()
+    held[700:1101, 1] = held[700, 1]
+    held[1101:, 1] += held[700, 1] - held[1101, 1]
+    with pytest.warns(
+        UserWarning, match=r"is constant from row 700 to 110[01] .* a joint that sticks, or a stuck sensor"
+    ):
+        replace(log, position=held).check(scene)
+    coarse[700:1101, 1] = coarse[700, 1]
+    with pytest.raises(UserError, match=r"is constant from row 700 to 1100 .*: a stuck sensor"):
+        replace(log, position=coarse).check(scene)
+
+
 def test_a_torque_log_without_velocities(motor: tuple[Transitions, Scene]) -> None:
     log, scene = motor
     file = PositionLog(

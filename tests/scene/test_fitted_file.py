@@ -75,7 +75,7 @@ def test_all_that_an_mjcf_holds_comes_back(arm: Scene, tmp_path: Path, law: str)
     scene = Scene.from_mjcf(arm.path, contact_law=law)
     theta = moved(scene)
     file = fitted_file(scene, theta, {"bias.yaw": 0.01, "delay.command": 0.0})
-    kept = {"friction_slope", "stribeck", "stribeck_speed"}  # of joints; an MJCF has none
+    kept = {"friction_slope", "stribeck", "stribeck_speed", "force_limit_slope", "backlash"}  # an MJCF has none
     groups = {name.partition(".")[0] for name in file.missing}
     expected = {"rigid": {"restitution", "softness_time"}, "mujoco": set()}[law]
     assert groups - kept == expected | {"bias", "radius"}
@@ -90,6 +90,8 @@ def test_all_that_an_mjcf_holds_comes_back(arm: Scene, tmp_path: Path, law: str)
         np.testing.assert_allclose(held.core.P[places], wanted[places], rtol=1e-5)
     bodies = slice(0, layout.dof(0))
     np.testing.assert_allclose(held.core.P[bodies], wanted[bodies], rtol=1e-4, atol=1e-6)
+    for k in range(scene.nu):
+        wanted[[layout.actuator(k, "limit_slope"), layout.actuator(k, "gap")]] = 0.0
     actuators = slice(layout.plane(0), layout.contact(0))  # and the plane, and gravity
     np.testing.assert_allclose(held.core.P[actuators], wanted[actuators], rtol=1e-5, atol=1e-9)
 

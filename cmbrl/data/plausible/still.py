@@ -12,6 +12,7 @@ from cmbrl.data.plausible.motion import LAG, Motion
 LONG = 50  #: samples; and RARE times as long as others, so that coarse encoders are no fault
 RARE = 10
 MEANT = 0.05  #: [rad, m] a target has to move by so much, more than dry friction holds
+_ON_GRID, _ONWARDS, _ROUNDING = 0.02, 3.0, 1e-9  # of an encoder's count; counts; [rad, m]
 APART = 0.15  #: [rad, m] dry friction moves where servos stand by less when they turn round
 JUMP = 5  #: times the 99th percentile of a step, and of the steps before and after
 
@@ -26,8 +27,9 @@ def stuck(motion: Motion) -> Iterator[Finding]:
         if motion.v_now is not None and _travels(motion.v_now[run, k] * motion.dt):
             yield Finding(f"{motion.position_of(k)} is constant {where} while its velocity is not 0: a stuck sensor?")
         elif k in driven and _commanded(motion, driven[k], run):
-            command = motion.command_of(driven[k])
-            yield Finding(f"{motion.position_of(k)} is constant {where} while {command} moves: a stuck sensor?")
+            command, sure = motion.command_of(driven[k]), not _sticks(motion.now[:, k], run)
+            cause = "a stuck sensor?" if sure else "a joint that sticks, or a stuck sensor?"
+            yield Finding(f"{motion.position_of(k)} is constant {where} while {command} moves: {cause}", sure=sure)
     if motion.v_now is None:
         return
     for k in range(len(motion.coordinates)):
@@ -54,6 +56,18 @@ def _longest(runs: list[slice]) -> slice | None:
     others = np.delete(lengths, longest)
     usual = np.percentile(others, 90) if len(others) > 2 else 1
     return runs[longest] if lengths[longest] >= max(LONG, RARE * usual) else None
+
+
+def _sticks(x: np.ndarray, run: slice) -> bool:
+    """Whether a coarse encoder goes on where it was: a joint may stand still for long, held by friction or a stop."""
+    steps = np.diff(x)
+    moved = np.abs(steps[np.abs(steps) > _ROUNDING])
+    if run.stop >= len(x) or not len(moved):
+        return False
+    counts = steps / moved.min()
+    coarse = np.abs(counts - np.round(counts)).max() < _ON_GRID
+    usual = max(_ONWARDS, float(np.percentile(moved, 90)) / moved.min())
+    return bool(coarse and abs(counts[run.stop - 1]) <= usual)
 
 
 def _travels(steps: np.ndarray) -> bool:

@@ -47,6 +47,7 @@ def page_text(result: FitResult) -> str:
         lstrip_blocks=True,
     )
     text = report_text.render(result.parameters, result.report)
+    combinations = result.report.get("combinations", {"rows": []})["rows"]
     return environment.get_template("page.html.jinja").render(
         scene=result.model.scene.name,
         verdict=report_text.verdict(result.report),
@@ -54,6 +55,8 @@ def page_text(result: FitResult) -> str:
         text=text,
         parameters=result.parameters,
         sections=list(_sections(result)),
+        combinations=combinations,
+        combinations_title=report_text.combinations_title(result.report) if combinations else "",
     )
 
 

@@ -65,7 +65,8 @@ def _clamps(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
     scene, core = model.scene, model.scene.core
     P, layout = scene.physical_vector(theta), scene.layout
     time = P[[layout.contact(k, "solref0") for k in range(core.ncontact)]]
-    gear, gain, bias0, bias1, bias2, _ = P[layout.actuator(0) : layout.gravity].reshape(-1, len(ACTUATOR_FIELDS)).T
+    numbers = P[layout.actuator(0) : layout.gravity].reshape(-1, len(ACTUATOR_FIELDS)).T
+    gear, gain, bias0, bias1, bias2, _, limit, slope, gap = numbers
     low, high = np.reshape(core.act_ctrl, (-1, 2)).T
     least, most = np.reshape(core.act_force, (-1, 2)).T
     length = gear * _lengths(model, q)[:, core.act_line]
@@ -76,7 +77,11 @@ def _clamps(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
         after = model.activations.next(torch.from_numpy(np.concatenate([u, activation], axis=1))).numpy()
         given[:, core.state_act] = np.where(core.state_early, after, activation)
         bounds = [after == x for x in np.reshape(core.state_range, (-1, 2)).T]
-    force = gain * given + bias0 + bias1 * length + bias2 * rate
+    spring, slack = gain * given + bias0 + bias1 * length, np.abs(gear * bias1 * gap)
+    force = spring - np.clip(spring, -slack, slack) + bias2 * rate
+    least = np.maximum(least, np.minimum(slope * np.maximum(-rate, 0.0) - limit, 0.0))
+    most = np.minimum(most, np.maximum(limit - slope * np.maximum(rate, 0.0), 0.0))
+    bounds += [spring < -slack, spring > slack, (slope > 0) & (rate > 0)]
     shortest = np.tile(time > 2 * model.time_step, (len(q), 1))  # MuJoCo's least time constant
     pulls = np.zeros((len(q), scene.nv + core.ntendon))
     single = core.act_line >= 0

@@ -1,0 +1,74 @@
+"""What joints feel of bodies together, against the mass matrix of MuJoCo, and where a log tells it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import cmbrl
+from cmbrl.fitting.combinations import combinations
+from cmbrl.fitting.space import Space
+from cmbrl.scene import Scene
+
+ARM = """<mujoco><worldbody><body><joint name="a" axis="0 1 0" armature=".1"/>
+<geom type="capsule" size=".05" fromto="0 0 0 .4 0 0" mass="2"/>
+<body name="link" pos=".4 0 0"><joint name="b" axis="0 1 0"/>
+<geom type="capsule" size=".04" fromto="0 0 0 .3 0 .1" mass="1"/></body></body></worldbody></mujoco>"""
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> cmbrl.ComplementarityModel:
+    (tmp_path / "arm.xml").write_text(ARM, encoding="utf-8")
+    return cmbrl.ComplementarityModel(Scene.from_mjcf(tmp_path / "arm.xml"))
+
+
+def test_sums_are_told_where_bodies_are_flat(arm: cmbrl.ComplementarityModel) -> None:
+    """A log that tells the inertia and the first moment at b, and nothing else of that link."""
+    space = Space.of(arm.scene.parameters, arm.parameters)
+    pose, z = np.array([0.3, -0.2]), np.zeros(len(space))
+    own = np.array([".link" in n for n in space.names])
+    prior = np.linalg.inv(space.precision)
+    covariance = np.where(np.outer(own, own), prior, 0.0)
+    flat = own.copy()
+    nothing = combinations(arm, space, z, covariance, flat, pose)
+    assert nothing == []  # the log tells nothing at all
+    names = ["gravity's torque at b", "inertia felt by b"]
+    model = mujoco.MjModel.from_xml_string(ARM)
+    data = mujoco.MjData(model)
+    data.qpos[:] = pose
+    mujoco.mj_forward(model, data)
+    mass = np.zeros((2, 2))
+    mujoco.mj_fullM(model, data, mass)
+    turns = []
+    for turn in (0.0, np.pi / 2):
+        data.qpos[:] = np.add(pose, [0.0, turn])
+        mujoco.mj_forward(model, data)
+        turns.append(data.qfrc_bias[1])
+    felt = [np.hypot(*turns), mass[1, 1]]
+    # a covariance without the two directions that the log tells
+    slope = np.array([[np.log(_felt(arm, space, pose, k, s)) for s in (1e-4, -1e-4)] for k in np.flatnonzero(own)])
+    told = (slope[:, 0] - slope[:, 1]).T / 2e-4  # (2, own)
+    left = prior[np.ix_(own, own)]
+    for _ in range(2):
+        for row in told:
+            along = left @ row
+            left = left - (1 - 1e-4) * np.outer(along, along) / (row @ along)
+    covariance[np.ix_(own, own)] = left
+    found = {row["name"]: row for row in combinations(arm, space, z, covariance, flat, pose)}
+    assert set(names) <= set(found)
+    for name, value in zip(names, felt, strict=True):
+        assert found[name]["value"] == pytest.approx(value, rel=1e-6)
+        assert found[name]["nominal"] == found[name]["value"]
+        assert 0.9 < found[name]["low"] / value < 1.0 < found[name]["high"] / value < 1.1
+
+
+def _felt(arm: cmbrl.ComplementarityModel, space: Space, pose: np.ndarray, k: int, step: float) -> list[float]:
+    """The largest torque of gravity at b, and the inertia about it, with parameter k moved."""
+    z = np.zeros(len(space))
+    z[k] = step
+    poses = np.array([pose, np.add(pose, [0.0, np.pi / 2])])
+    dynamics = arm.smooth_dynamics(poses, np.zeros((2, 2)), space.theta(z))
+    return [float(np.hypot(*dynamics["bias"][:, 1])), float(dynamics["M"][0, 1, 1])]
