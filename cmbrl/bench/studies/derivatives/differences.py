@@ -28,7 +28,12 @@ Point = tuple[Array, Array, Array, Array]  #: q (B, nq), v (B, nv), u (B, nu), t
 STEPS = (1e-6, 1e-5, 1e-7, 1e-8, 1e-9, 1e-10)  #: m, rad, m/s, controls; parameters in natural units
 RESOLVED = 1e-6  #: relative difference of 4-point and 2-point value below which no other step is tried
 _FRICTION_LAWS = ("frictionloss", "friction_slope", "stribeck")  # one-sided where nothing rubs
-_ONE_SIDED = ("restitution", "backlash")  # at 0
+_ONE_SIDED = {
+    "restitution": "low",
+    "backlash": "low",
+    "force_limit": "high",
+    "force_limit_slope": "low",
+}  # on this bound
 VAGUE = 1e-3  #: the difference above which a column is left out
 NEGLIGIBLE = 1e-3  #: columns smaller than this are judged absolutely
 SMOOTHINGS: dict[str, Smoothing] = {
@@ -140,7 +145,7 @@ def _columns(model: ComplementarityModel, q: Array, v: Array, u: Array, paramete
         places = groups.setdefault(p.group, [])
         joint = p.name.removeprefix(f"{p.group}.")
         rubs = p.group not in _FRICTION_LAWS or losses[f"frictionloss.{joint}"] > 0.0
-        if not rubs or (p.group in _ONE_SIDED and theta[k] == 0.0):
+        if not rubs or (p.group in _ONE_SIDED and theta[k] == getattr(p, _ONE_SIDED[p.group])):
             one_sided += 1
         else:
             places.append(k)
