@@ -36,30 +36,49 @@ class Line:
         return self.limit is None or self.value <= self.limit
 
 
-def check(scene: Scene, theirs: mujoco.MjModel, states: int, wild: int, seed: int = 0) -> list[Line]:
-    """Every measurement of ``scene`` and of MuJoCo's model of it, on as many states near the home pose, and wild ones.
+def check(
+    scene: Scene, theirs: mujoco.MjModel, states: int, wild: int, seed: int = 0, only: str | None = None
+) -> list[Line]:
+    """Measurements of ``scene`` and of MuJoCo's model of it, on as many states near the home pose, and wild ones.
 
-    Raises UserError where the solver refuses the scene's parameters.
+    ``only`` one part: dynamics, steps, derivatives, wild or times. Raises UserError where the solver refuses the
+    parameters of the scene.
     """
     model = ComplementarityModel(scene)
-    rng = np.random.default_rng(seed)
-    found = _dynamics(scene, model, theirs, rng)
+    measure: dict[str, Callable[[np.random.Generator], list[Line]]] = {
+        "dynamics": lambda rng: _dynamics(scene, model, theirs, rng),
+        "steps": lambda rng: _all_steps(scene, model, theirs, states, rng),
+        "derivatives": lambda rng: _derivatives(scene, seed),
+        "wild": lambda rng: _wild(model, wild, seed),
+        "times": lambda rng: _speed(scene, model, theirs, rng),
+    }
+    parts = measure if only is None else [only]
+    return [line for part in parts for line in measure[part](np.random.default_rng(seed))]
+
+
+def _all_steps(
+    scene: Scene, model: ComplementarityModel, theirs: mujoco.MjModel, count: int, rng: np.random.Generator
+) -> list[Line]:
     laws = [model] if (other := model.other_sliding()) is None else [model, other]
-    for where, home in places(scene, theirs).items():
-        found += _steps(scene, laws, theirs, where, draw(scene, theirs, where, home, states, rng))
-    derivatives = measure_derivatives(scene, "kappa 1e-4", 4, seed)
-    found += [
-        Line("derivatives, median", derivatives["median"], 1e-6, "relative error against finite differences"),
-        Line("derivatives, worst", derivatives["worst"], 1e-4, "the same, of the worst column"),
+    drawn = {where: draw(scene, theirs, where, home, count, rng) for where, home in places(scene, theirs).items()}
+    return [line for where, states in drawn.items() for line in _steps(scene, laws, theirs, where, states)]
+
+
+def _derivatives(scene: Scene, seed: int) -> list[Line]:
+    found = measure_derivatives(scene, "kappa 1e-4", 4, seed)
+    return [
+        Line("derivatives, median", found["median"], 1e-6, "relative error against finite differences"),
+        Line("derivatives, worst", found["worst"], 1e-4, "the same, of the worst column"),
     ]
-    if wild:
-        row = measure_robustness(model, wild, seed)
-        flagged, silent = row["flagged"] / wild, float(row["silent"] + row["nan"])
-        found.append(
-            Line("wild states flagged", flagged, 1e-4, f"share of {wild} wild states whose solve fails and says so")
-        )
-        found.append(Line("wild states wrong", silent, 0.0, "states that are wrong and not flagged, or not finite"))
-    return found + _speed(scene, model, theirs, rng)
+
+
+def _wild(model: ComplementarityModel, count: int, seed: int) -> list[Line]:
+    row = measure_robustness(model, count, seed)
+    flagged, silent = row["flagged"] / count, float(row["silent"] + row["nan"])
+    return [
+        Line("wild states flagged", flagged, 1e-4, f"share of {count} wild states whose solve fails and says so"),
+        Line("wild states wrong", silent, 0.0, "states that are wrong and not flagged, or not finite"),
+    ]
 
 
 def _dynamics(

@@ -6,6 +6,7 @@ import mujoco
 import pytest
 
 from cmbrl.bench.check import Line, check
+from cmbrl.cli.check import PARTS
 from cmbrl.scene import Scene
 
 ARM = """<mujoco><option timestep=".002" integrator="implicitfast"/><worldbody><body name="upper" pos="0 0 1">
@@ -53,3 +54,11 @@ def test_a_gripper_of_slides_is_checked() -> None:
 <geom size=".1"/></body></worldbody></mujoco>"""
     lines = lines_of(Scene.from_mjcf(text, reduce=False), mujoco.MjModel.from_xml_string(text))
     assert all(line.holds for name, line in lines.items() if not name.startswith("time"))
+
+
+def test_one_part_alone() -> None:
+    """Every part that the command offers; together they are the whole."""
+    scene, theirs = Scene.from_mjcf(ARM), mujoco.MjModel.from_xml_string(ARM)
+    parts = {part: [line.name for line in check(scene, theirs, 10, 10, only=part)] for part in PARTS}
+    assert parts["times"] == ["time of a step", "time with gradient"]
+    assert [name for names in parts.values() for name in names] == [line.name for line in check(scene, theirs, 10, 10)]
