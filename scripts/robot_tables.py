@@ -12,6 +12,14 @@ from cmbrl.runs import environment
 BEGIN, END = "<!-- tables: scripts/robots.py -->\n", "<!-- end of tables -->\n"
 LIMIT = 0.05
 COMMON = ("friction", "integrator", "capsules", "boxes")  # kinds of differences that the page tells once, for all
+_SORTS = (  # words of `cmbrl info`, and a short name
+    ("of its hull's", "hulls"),
+    ("a flat side touches", "flat sides"),
+    ("it stands on feet inside its rim", "rims"),
+    ("touches other shapes as a", "{kind} stand-ins"),
+    ("whatever a fit makes", "drag"),
+    ("couple branches", "tendons"),
+)
 _LICENSES = (  # words of a licence, and its name
     ("Apache License", "Apache 2.0"),
     ("Permission is hereby granted, free of charge", "MIT"),
@@ -34,7 +42,7 @@ def page(text: str, robots: Mapping[str, Robot], folders: Mapping[str, Path]) ->
         _table(("robot", "air, place", "floor", "floor, convex", "what differs", "derivative", "step", "with gradient"),
                [_measured(name, robot) for name, robot in good.items()]),
         *(f"{name}: {robot['why']}" for name, robot in robots.items() if "why" in robot),
-        _made(),
+        _made(robots),
     ]  # fmt: skip
     return before + BEGIN + "\n" + "\n\n".join(blocks) + "\n\n" + END + after
 
@@ -97,21 +105,17 @@ def _measured(name: str, robot: Robot) -> list[str]:
 
 
 def _approximations(info: Mapping[str, Any]) -> Iterator[str]:
-    """Differences that only their numbers tell apart as one, with how many they are and the largest size."""
-    groups: dict[tuple[str, str], list[float]] = {}
+    """Differences of one sort as one: how many they are, and the largest size."""
+    groups: dict[str, list[float]] = {}
     for found in info["differences"]:
         if found["kind"] not in COMMON:
-            words = re.sub(r"by \d+ of its hull's \d+ vertices", "by some vertices of its hull", found["why"])
-            words = re.sub(r"with \d+ points", "with more points", words)
-            sizes = [float(x) for x in re.findall(r"(\d[\d.e-]*) mm", words)]
-            groups.setdefault((found["kind"], re.sub(r"\d[\d.e-]* mm", "# mm", words)), []).append(
-                max(sizes, default=0)
-            )
-    for (kind, words), sizes in groups.items():
-        yield f"{len(sizes)} {kind}: {words.replace('# mm', f'{max(sizes):g} mm')}"
-    rolling = sum(found["kind"] == "condim" for found in info["left_out"])
-    if rolling:
-        yield f"{rolling} pairs without torsional or rolling friction"
+            name = next((name for words, name in _SORTS if words in found["why"]), found["why"])
+            sizes = [float(x) for x in re.findall(r"(\d[\d.e-]*) mm", found["why"])]
+            groups.setdefault(name.format(kind=found["kind"]), []).append(max(sizes, default=0))
+    for name, sizes in groups.items():
+        yield f"{name}: {len(sizes)}" + (f", {max(sizes):g} mm" if max(sizes) else "")
+    if rolling := sum(found["kind"] == "condim" for found in info["left_out"]):
+        yield f"no torsion: {rolling} pairs"
 
 
 def licence(folder: Path) -> str:
@@ -125,10 +129,12 @@ def _table(columns: tuple[str, ...], rows: list[list[str]]) -> str:
     return "\n".join("| " + " | ".join(cell.replace("|", "/") for cell in line) + " |" for line in lines)
 
 
-def _made() -> str:
+def _made(robots: Mapping[str, Robot]) -> str:
     here = environment()
-    hardware, versions = here["hardware"], here["versions"]
+    steps, times = (
+        " and ".join(sorted({robot[key] for robot in robots.values()})) for key in ("commit", "commit_of_times")
+    )
     return (
-        f"Commit {here['commit']}, 200 states and 1,000 wild states a robot, one thread of {hardware['processor']}, "
-        f"mujoco {versions['mujoco']}."
+        f"Made by scripts/robots.py: 200 states and 1,000 wild states a robot at commit {steps}, times at {times}, one "
+        f"thread of {here['hardware']['processor']}; mujoco {here['versions']['mujoco']}."
     )

@@ -18,6 +18,8 @@ from typing import Any
 from robot_pictures import contact_sheet
 from robot_tables import page
 
+from cmbrl.runs import environment
+
 SECONDS = 600
 PAGE = Path(__file__).parent.parent / "docs/robots.md"
 
@@ -31,10 +33,11 @@ def measure(file: Path, kept: Path, only_times: bool) -> None:
         times = _run("check", file, "--only", "times")
         names = [check["name"] for check in times.get("checks", [])]
         checks = [check for check in found["checks"] if check["name"] not in names] + times.get("checks", [])
-        found |= {"checks": checks}
+        found |= {"checks": checks, "commit_of_times": environment()["commit"]}
     else:
         info = _run("info", file)
         found = info if "why" in info else {"info": _shortened(info), **_run("check", file)}
+        found["commit"] = found["commit_of_times"] = environment()["commit"]
     partial = kept.with_suffix(".part")
     partial.write_text(json.dumps(found, indent=1))
     partial.replace(kept)

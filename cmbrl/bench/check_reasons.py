@@ -18,8 +18,8 @@ from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
 
-STATES, FEATURES = 40, 3  # at most
-GAIN = 0.8  # a feature must leave less than this share of the error
+STATES = 40  # at most
+GAIN = 0.8  # what is switched off must leave less than this share of the error
 _OFF = mujoco.mjtDisableBit
 
 
@@ -37,23 +37,20 @@ def reason(
 ) -> tuple[str, float] | None:
     """What to switch off, in words, and the median error without it; None if nothing helps.
 
-    One feature after another is added, until the error is below ``limit``: the first one that takes it there alone, or
-    else the one that helps most.
+    All features are off at first; then each comes back, those that say least at first, unless that brings the error
+    above ``limit`` again (or above what is left without any of them). So features that differ only together are found.
     """
-    states, chosen, best = states.first(STATES), list[Feature](), error
-    while best > limit and len(chosen) < FEATURES:
-        tried: list[tuple[float, Feature]] = []
-        for feature in _features(theirs):
-            if feature.name not in [known.name for known in chosen]:
-                tried.append((_error(scene, sliding, theirs, states, [*chosen, feature]), feature))
-                if tried[-1][0] <= limit:
-                    break
-        least, feature = min(tried, key=lambda found: found[0])
-        if least > GAIN * best:
-            break
-        best = least
-        chosen.append(feature)
-    return (" and ".join(feature.name for feature in chosen), best) if chosen else None
+    states, off = states.first(STATES), list(_features(theirs))
+    best = _error(scene, sliding, theirs, states, off)
+    if best > GAIN * error:
+        return None
+    enough = max(limit, best / GAIN)
+    for feature in reversed(off):
+        kept = [other for other in off if other is not feature]
+        without = _error(scene, sliding, theirs, states, kept) if kept else error
+        if without <= enough:
+            off, best = kept, without
+    return " and ".join(feature.name for feature in off), best
 
 
 def _error(scene: Scene, sliding: str, theirs: mujoco.MjModel, states: States, features: Sequence[Feature]) -> float:

@@ -33,12 +33,12 @@ def choices(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
     parts = [
         gap > 0,
         gap > core.con_margin,
-        gap / h + speed < model.prune,
+        gap / h + speed < model.stepper.options["prune"],
         below < above,
         near > core.lim_margin,
         lengths[:, scene.nv :] > springs,
         lengths[:, scene.nv :] > springs + core.line_slack[scene.nv :],
-        near / h + side * rates[:, core.lim_line] < model.prune,
+        near / h + side * rates[:, core.lim_line] < model.stepper.options["prune"],
         *_clamps(model, q, v, u, theta),
     ]
     if any(p.group == "restitution" for p in scene.parameters):
