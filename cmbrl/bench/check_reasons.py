@@ -54,7 +54,8 @@ def reason(
 
 
 def _error(scene: Scene, sliding: str, theirs: mujoco.MjModel, states: States, features: Sequence[Feature]) -> float:
-    changed, settings = copy.deepcopy(theirs), {"sliding": sliding}
+    changed = copy.deepcopy(theirs)
+    settings: dict[str, Any] = {"sliding": sliding}
     for feature in features:
         if feature.switch_off:
             feature.switch_off(changed)
@@ -76,19 +77,19 @@ def _features(theirs: mujoco.MjModel) -> Iterator[Feature]:
 
         return switch_off
 
+    if theirs.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+        yield Feature("with implicitfast for RK4", _no_rk4)
+    else:
+        yield Feature("with damping split", settings=(("damping", "split"),))
+    if theirs.opt.noslip_iterations:
+        yield Feature("without the noslip pass", _no_noslip)
+    yield Feature("with links that pass through each other", _part_links)
     if theirs.jnt_limited.any() or theirs.tendon_limited.any():
         yield Feature("without limits", without(_OFF.mjDSBL_LIMIT))
     if theirs.dof_frictionloss.any() or theirs.tendon_frictionloss.any():
         yield Feature("without friction loss", without(_OFF.mjDSBL_FRICTIONLOSS))
     if theirs.eq_active0.any():
         yield Feature("without equality constraints", without(_OFF.mjDSBL_EQUALITY))
-    if theirs.opt.noslip_iterations:
-        yield Feature("without the noslip pass", _no_noslip)
-    if theirs.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
-        yield Feature("with implicitfast for RK4", _no_rk4)
-    else:
-        yield Feature("with damping split", settings=(("damping", "split"),))
-    yield Feature("with links that pass through each other", _part_links)
     yield Feature("without contacts", without(_OFF.mjDSBL_CONTACT))
 
 
