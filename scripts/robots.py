@@ -1,61 +1,81 @@
 #!/usr/bin/env python
-"""A table of `cmbrl check` over many robots: ``scripts/robots.py FOLDER > docs/robots.txt``; FOLDER/NAME/robot.xml.
+"""The page of robots, docs/robots.md: ``scripts/robots.py FOLDER``, of every FOLDER/NAME/robot.xml with its LICENSE.
 
-A robot that cannot be loaded, or takes more than ten minutes, is a line with the reason.
+Each robot is measured by `cmbrl info` and `cmbrl check` into KEPT/NAME.json, and not again while that lies there.
+``--only-times`` takes the times anew and keeps the rest, for a machine that does nothing else. A robot that cannot be
+loaded, or takes more than ten minutes, is a line with the reason. The picture is scripts/robot_pictures.py's.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
-from cmbrl.table import Cell, Table
+from robot_pictures import contact_sheet
+from robot_tables import page
 
-COLUMNS = {
-    "mass matrix": "mass matrix",
-    "bias force": "bias",
-    "step in place": "step",
-    "step in place, apart": "step, apart",
-    "step above the floor": "step, in the air",
-    "step above the floor, apart": "in the air, apart",
-    "step in place, convex": "step, convex",
-    "step above the floor, convex": "in the air, convex",
-    "step on the floor": "step, on the floor",
-    "step on the floor, convex": "on the floor, convex",
-    "derivatives, median": "derivative",
-    "derivatives, worst": "its worst",
-    "wild states flagged": "wild flagged",
-    "wild states wrong": "wrong",
-    "time of a step": "time",
-    "time with gradient": "with gradient",
-}
+from cmbrl.runs import environment
+
 SECONDS = 600
+PAGE = Path(__file__).parent.parent / "docs/robots.md"
 
 
-def line(file: Path) -> list[Cell]:
-    """Name and values of one robot."""
-    command = [sys.executable, "-m", "cmbrl", "check", str(file), "--json"]
+def measure(file: Path, kept: Path, only_times: bool) -> None:
+    """Writes ``kept``: what both commands say of a robot, or why they do not."""
+    found: dict[str, Any] = json.loads(kept.read_text()) if kept.exists() else {}
+    if found and not only_times:
+        return
+    if found and "why" not in found:
+        times = _run("check", file, "--only", "times")
+        names = [check["name"] for check in times.get("checks", [])]
+        checks = [check for check in found["checks"] if check["name"] not in names] + times.get("checks", [])
+        found |= {"checks": checks, "commit_of_times": environment()["commit"]}
+    else:
+        info = _run("info", file)
+        found = info if "why" in info else {"info": _shortened(info), **_run("check", file)}
+        found["commit"] = found["commit_of_times"] = environment()["commit"]
+    partial = kept.with_suffix(".part")
+    partial.write_text(json.dumps(found, indent=1))
+    partial.replace(kept)
+
+
+def _run(command: str, file: Path, *options: str) -> dict[str, Any]:
+    """What a command prints as JSON; {"why": reason} if it fails."""
+    line = [sys.executable, "-m", "cmbrl", command, str(file), "--json", *options]
     try:
-        found = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=False)
+        found = subprocess.run(line, capture_output=True, text=True, timeout=SECONDS, check=False)
     except subprocess.TimeoutExpired:
-        return [file.parent.name, *[None] * len(COLUMNS), f"more than {SECONDS} s"]
+        return {"why": f"more than {SECONDS} s"}
     if not found.stdout:
-        return [
-            file.parent.name,
-            *[None] * len(COLUMNS),
-            found.stderr.strip().splitlines()[-1].split("robot.xml: ")[-1],
-        ]
-    values = {check["name"]: check["value"] for check in json.loads(found.stdout)["checks"]}
-    return [file.parent.name, *(values.get(name) for name in COLUMNS), ""]
+        return {"why": found.stderr.strip().splitlines()[-1].split("robot.xml: ")[-1]}
+    return dict(json.loads(found.stdout))
+
+
+def _shortened(info: dict[str, Any]) -> dict[str, Any]:
+    sizes = {key: info[key] for key in ("nv", "nu", "total_mass_kg", "differences", "left_out")}
+    return {**sizes, "candidates": len(info["contacts"])}
 
 
 def main() -> None:
-    """Prints the table of all robots in the folder that is named."""
-    files = sorted(Path(sys.argv[1]).glob("*/robot.xml"))
-    rows = [line(file) for file in files]
-    print(Table("cmbrl check, robot by robot", ["robot", *COLUMNS.values(), "why not"], rows).text(140))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--kept", type=Path, default=Path("runs/robots"), metavar="FOLDER", help="measurements")
+    parser.add_argument("--only-times", action="store_true")
+    arguments = parser.parse_args()
+    arguments.kept.mkdir(parents=True, exist_ok=True)
+    files = sorted(arguments.folder.glob("*/robot.xml"))
+    robots = {}
+    for file in files:
+        kept = arguments.kept / f"{file.parent.name}.json"
+        measure(file, kept, arguments.only_times)
+        robots[file.parent.name] = json.loads(kept.read_text())
+        print(file.parent.name, robots[file.parent.name].get("why", ""), flush=True)
+    contact_sheet(files, PAGE.with_suffix(".png"))
+    PAGE.write_text(page(PAGE.read_text(), robots, {file.parent.name: file.parent for file in files}))
 
 
 if __name__ == "__main__":

@@ -10,16 +10,15 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from cmbrl.bench.check_reasons import reason
+from cmbrl.bench.check_steps import States, controls, draw, places, step_errors
 from cmbrl.bench.states import with_activations
 from cmbrl.bench.studies.derivatives.differences import measure as measure_derivatives
 from cmbrl.bench.studies.robustness.cells import measure as measure_robustness
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
-from cmbrl.scene.records import Array
 
-LIFT = 1.0  # m, of a robot above the floor
-SPREAD, SPEED = 0.1, 0.5  # standard deviations of states about the home pose: rad or m, rad/s or m/s
-CALLS = 2000  # of mj_step, at most, that are timed
+STEP = 0.05  # the largest error of a step
 
 
 @dataclass(frozen=True)
@@ -37,30 +36,49 @@ class Line:
         return self.limit is None or self.value <= self.limit
 
 
-def check(scene: Scene, theirs: mujoco.MjModel, states: int, wild: int, seed: int = 0) -> list[Line]:
-    """Every measurement of ``scene`` and of MuJoCo's model of it, on as many states near the home pose, and wild ones.
+def check(
+    scene: Scene, theirs: mujoco.MjModel, states: int, wild: int, seed: int = 0, only: str | None = None
+) -> list[Line]:
+    """Measurements of ``scene`` and of MuJoCo's model of it, on as many states near the home pose, and wild ones.
 
-    Raises UserError where the solver refuses the scene's parameters.
+    ``only`` one part: dynamics, steps, derivatives, wild or times. Raises UserError where the solver refuses the
+    parameters of the scene.
     """
     model = ComplementarityModel(scene)
-    rng = np.random.default_rng(seed)
-    found = _dynamics(scene, model, theirs, rng)
+    measure: dict[str, Callable[[np.random.Generator], list[Line]]] = {
+        "dynamics": lambda rng: _dynamics(scene, model, theirs, rng),
+        "steps": lambda rng: _all_steps(scene, model, theirs, states, rng),
+        "derivatives": lambda rng: _derivatives(scene, seed),
+        "wild": lambda rng: _wild(model, wild, seed),
+        "times": lambda rng: _speed(scene, model, theirs, rng),
+    }
+    parts = measure if only is None else [only]
+    return [line for part in parts for line in measure[part](np.random.default_rng(seed))]
+
+
+def _all_steps(
+    scene: Scene, model: ComplementarityModel, theirs: mujoco.MjModel, count: int, rng: np.random.Generator
+) -> list[Line]:
     laws = [model] if (other := model.other_sliding()) is None else [model, other]
-    for where, q in _places(scene, theirs).items():
-        found += _steps(scene, laws, theirs, where, q, states, rng)
-    derivatives = measure_derivatives(scene, "kappa 1e-4", 4, seed)
-    found += [
-        Line("derivatives, median", derivatives["median"], 1e-6, "relative error against finite differences"),
-        Line("derivatives, worst", derivatives["worst"], 1e-4, "the same, of the worst column"),
+    drawn = {where: draw(scene, theirs, where, home, count, rng) for where, home in places(scene, theirs).items()}
+    return [line for where, states in drawn.items() for line in _steps(scene, laws, theirs, where, states)]
+
+
+def _derivatives(scene: Scene, seed: int) -> list[Line]:
+    found = measure_derivatives(scene, "kappa 1e-4", 4, seed)
+    return [
+        Line("derivatives, median", found["median"], 1e-6, "relative error against finite differences"),
+        Line("derivatives, worst", found["worst"], 1e-4, "the same, of the worst column"),
     ]
-    if wild:
-        row = measure_robustness(model, wild, seed)
-        flagged, silent = row["flagged"] / wild, float(row["silent"] + row["nan"])
-        found.append(
-            Line("wild states flagged", flagged, 1e-4, f"share of {wild} wild states whose solve fails and says so")
-        )
-        found.append(Line("wild states wrong", silent, 0.0, "states that are wrong and not flagged, or not finite"))
-    return found + _speed(scene, model, theirs, rng)
+
+
+def _wild(model: ComplementarityModel, count: int, seed: int) -> list[Line]:
+    row = measure_robustness(model, count, seed)
+    flagged, silent = row["flagged"] / count, float(row["silent"] + row["nan"])
+    return [
+        Line("wild states flagged", flagged, 1e-4, f"share of {count} wild states whose solve fails and says so"),
+        Line("wild states wrong", silent, 0.0, "states that are wrong and not flagged, or not finite"),
+    ]
 
 
 def _dynamics(
@@ -78,7 +96,9 @@ def _dynamics(
         M = np.zeros((scene.nv, scene.nv))
         for row, unit in zip(M, np.eye(scene.nv), strict=True):
             mujoco.mj_mulM(theirs, data, row, unit)
-        errors = [_relative(ours["M"][k], M), _relative(ours["bias"][k], data.qfrc_bias)]
+        size = float(np.abs(M).max())  # also the force that makes 1 m/s^2 or 1 rad/s^2: gravity may do nothing
+        of_bias = max(float(np.abs(data.qfrc_bias).max()), size)
+        errors = [np.abs(ours["M"][k] - M).max() / size, np.abs(ours["bias"][k] - data.qfrc_bias).max() / of_bias]
         worst = np.maximum(worst, errors)
     return [
         Line("mass matrix", float(worst[0]), 1e-9, "largest difference from MuJoCo's, relative to its largest entry"),
@@ -86,77 +106,39 @@ def _dynamics(
     ]
 
 
-def _relative(ours: Array, theirs: Array) -> float:
-    size = float(np.abs(theirs).max())
-    return float(np.abs(ours - theirs).max()) / (size if size > 0 else 1.0)
-
-
-def _places(scene: Scene, theirs: mujoco.MjModel) -> dict[str, Array]:
-    """Home pose (nq,) by where the robot is: above the floor and on it, or only where it is mounted."""
-    home = (theirs.key_qpos[0] if theirs.nkey else theirs.qpos0).copy()
-    if theirs.njnt == 0 or theirs.jnt_type[0] != mujoco.mjtJoint.mjJNT_FREE:
-        return {"in place": home}
-    above, on = home.copy(), home.copy()
-    on_plane = np.flatnonzero(scene.core.con_plane >= 0)
-    if len(on_plane):
-        on[2] -= scene.gaps(home)[on_plane].min() + 1e-3
-    above[2] = on[2] + LIFT
-    return {"above the floor": above, "on the floor": on}
-
-
 def _steps(
-    scene: Scene, laws: list[ComplementarityModel], theirs: mujoco.MjModel, where: str, home: Array, count: int,
-    rng: np.random.Generator,
-) -> list[Line]:  # fmt: skip
-    """One step of the file's length from ``count`` states near ``home`` under random controls, against mj_step.
+    scene: Scene, models: list[ComplementarityModel], theirs: mujoco.MjModel, where: str, states: States
+) -> list[Line]:
+    """One step of the file's length from ``states`` against mj_step, by law of sliding, where anything touches.
 
-    By law of sliding, where anything touches. Where links touch in some of the states and not in others, another line
-    is of those in which nothing touches.
+    Where links touch in some of the states and not in others, another line is of those in which nothing touches. Where
+    an error is above the limit, one more says without what it would not be.
     """
-    lift = where != "on the floor"
-    noise = SPREAD * rng.normal(size=(count, scene.nv))
-    if not lift:
-        noise[:, :6] *= 0.05  # it stays on its feet
-    q = scene.integrate(np.tile(home, (count, 1)), noise)
-    v, u = SPEED * rng.normal(size=(count, scene.nv)), with_activations(scene, _controls(theirs, count, rng), rng)
-    acts = theirs.actuator_actadr[scene.core.state_act]
-    data, expected, apart = mujoco.MjData(theirs), np.empty_like(v), np.zeros(count, dtype=bool)
-    for k in range(count):
-        mujoco.mj_resetData(theirs, data)
-        data.qpos[:], data.qvel[:], data.ctrl[:], data.act[acts] = q[k], v[k], *np.split(u[k], [scene.nu])
-        mujoco.mj_step(theirs, data)
-        expected[k], apart[k] = data.qvel, data.ncon == 0
-    scale = np.sqrt(np.mean(np.square(expected - v), axis=0)) + 1e-9  # of each coordinate's change
-
-    def errors(model: ComplementarityModel) -> Array:
-        return np.asarray(np.sqrt(np.mean(np.square((model.predict(q, v, u).v_next - expected) / scale), axis=1)))
-
-    meaning = f"one step against mj_step from {count} states, root mean square of the change of velocity; median"
-    by_law = {model.sliding: errors(model) for model in laws}
-    both = len(laws) > 1 and not apart.all()
-    found = [Line(f"step {where}", float(np.median(by_law["coulomb"])), None if both else 0.05, meaning)]
+    found, apart = step_errors(models, theirs, states)
+    meaning = f"one step against mj_step from {len(apart)} states, root mean square of the change of velocity; median"
+    by_law = {model.sliding: errors for model, errors in zip(models, found, strict=True)}
+    both = len(models) > 1 and not apart.all()
+    lines = [Line(f"step {where}", float(np.median(by_law["coulomb"])), None if both else STEP, meaning)]
     if both:
         meaning = "the same, with the convex law of sliding, which is MuJoCo's; above, exact Coulomb"
-        found.append(Line(f"step {where}, convex", float(np.median(by_law["convex"])), 0.05, meaning))
+        lines.append(Line(f"step {where}, convex", float(np.median(by_law["convex"])), STEP, meaning))
+    if not lines[-1].holds:
+        why = reason(scene, "convex" if both else "coulomb", theirs, states, lines[-1].value, STEP)
+        if why:
+            meaning = "the same, with this part of the file changed for both: it makes the difference"
+            lines.append(Line(f"step {where}, {why[0]}", why[1], None, meaning))
     if apart.any() and not apart.all():
         meaning = f"the same, of the {apart.sum()} states in which nothing touches in MuJoCo"
-        found.append(Line(f"step {where}, apart", float(np.median(by_law["coulomb"][apart])), 0.05, meaning))
-    return found
-
-
-def _controls(theirs: mujoco.MjModel, count: int, rng: np.random.Generator) -> Array:
-    low, high = theirs.actuator_ctrlrange.T
-    limited = theirs.actuator_ctrllimited.astype(bool)
-    low, high = np.where(limited, low, -1.0), np.where(limited, high, 1.0)
-    return rng.uniform(low, high, (count, theirs.nu))
+        lines.append(Line(f"step {where}, apart", float(np.median(by_law["coulomb"][apart])), STEP, meaning))
+    return lines
 
 
 def _speed(scene: Scene, model: ComplementarityModel, theirs: mujoco.MjModel, rng: np.random.Generator) -> list[Line]:
     """Time of a step and of a step with its vector-Jacobian product, in times of mj_step; one thread, 64 states."""
-    place = list(_places(scene, theirs).values())[-1]
+    place = list(places(scene, theirs).values())[-1]
     noise = 0.02 * rng.normal(size=(64, scene.nv))
     q, v = scene.integrate(np.tile(place, (64, 1)), noise), 0.1 * rng.normal(size=(64, scene.nv))
-    u = with_activations(scene, _controls(theirs, 64, rng), rng)
+    u = with_activations(scene, controls(theirs, 64, rng), rng)
     acts = theirs.actuator_actadr[scene.core.state_act]
     data, states = mujoco.MjData(theirs), iter(range(10**9))
 

@@ -17,6 +17,7 @@ from cmbrl.scene.records import JointKind
 
 SCENES = ("hopper", "cheetah", "cube_toss", "g1")
 _ROUNDS = 20  # of drawing configurations
+_LEVEL = 1e-3  # m of gap per m of a slide: less is a slide along the plane
 # Of the G1's limbs [m]. Neighbours differ: equal capsules that meet in a joint have a ball in common, and two rigid
 # contacts at one point are solved softer than asked for in 8 % of wild states.
 _RADII = {
@@ -121,7 +122,10 @@ def _configurations(scene: Scene, count: int, rng: np.random.Generator, ranges: 
 
 
 def _lower(scene: Scene, q: np.ndarray, gap: np.ndarray) -> None:
-    """Moves the root, in place, along the slide that changes the gaps to planes most, to the lowest gap ``gap``."""
+    """Moves the root, in place, along the slide that changes the gaps to planes most, to the lowest gap ``gap``.
+
+    Where one changes them at all.
+    """
     planes = np.flatnonzero(scene.core.con_plane >= 0)
     roots = [j for j in scene.joints if j.kind == JointKind.SLIDE and scene.core.body_parent[j.body] < 0]
     if not len(planes) or not roots:
@@ -133,4 +137,6 @@ def _lower(scene: Scene, q: np.ndarray, gap: np.ndarray) -> None:
         moved[joint.qadr] += step
         slopes.append(np.mean(scene.gaps(moved)[planes] - here) / step)
     best = int(np.argmax(np.abs(slopes)))
+    if abs(slopes[best]) < _LEVEL:
+        return  # none of them leads away from a plane: rails, a window
     q[:, roots[best].qadr] += (gap - scene.gaps(q)[:, planes].min(axis=1)) / slopes[best]

@@ -8,9 +8,11 @@ import json
 from cmbrl.cli.options import add_json, add_scene_options, positive
 from cmbrl.models.source import load_source
 
+PARTS = ("dynamics", "steps", "derivatives", "wild", "times")
 EXAMPLE = """
 cmbrl check robot.xml
 cmbrl check robot.xml --states 1000 --wild 100000 --json
+cmbrl check robot.xml --only times
 """
 
 
@@ -19,6 +21,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("source", metavar="SCENE|TASK", help=told)
     parser.add_argument("--states", type=positive, default=200, metavar="N", help="states of the steps (default 200)")
     parser.add_argument("--wild", type=positive, default=1000, metavar="N", help="wild states (default 1000)")
+    told = f"one part of the check: {', '.join(PARTS)} (default: all)"
+    parser.add_argument("--only", choices=PARTS, metavar="PART", help=told)
     add_scene_options(parser)
     add_json(parser)
 
@@ -32,7 +36,8 @@ def run(arguments: argparse.Namespace) -> int:
     from cmbrl.table import Table
 
     scene = load_source(arguments.source, arguments.ignore, arguments.contact_law, arguments.self_contact).scene
-    lines = check(scene, compile_robot(Path(scene.path)).model, arguments.states, arguments.wild)
+    theirs = compile_robot(Path(scene.path)).model
+    lines = check(scene, theirs, arguments.states, arguments.wild, only=arguments.only)
     if arguments.json:
         found = [{**asdict(line), "holds": line.holds} for line in lines]
         print(json.dumps({"scene": scene.name, "path": scene.path, "checks": found}, indent=2))

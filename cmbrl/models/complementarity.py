@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 INTEGRATORS = ("semi-implicit", "leapfrog", "midpoint")
 SLIDING = ("coulomb", "convex")
+PRUNE = 3.0  # m/s
 FAILURE_LOSS = 1e3  # added to a candidate's loss by a failed solve
 FAILED = int(SolverStatus.FAILED)  # an enum's member is slow to look up and to compare with
 
@@ -86,7 +87,7 @@ class ComplementarityModel:
         threads: int = 1,
         backward_smoothing: Smoothing | None = None,
         implicit_springs: bool = False,
-        prune: float = 3.0,
+        prune: float = PRUNE,
         path_tolerance: float = 1e-6,
         candidates: np.ndarray | None = None,
         observation: Mapping[str, float] | None = None,
@@ -129,7 +130,7 @@ class ComplementarityModel:
             "convex": int(self.sliding == "convex"),
             "forward": self.smoothing.resolve(scene, self.time_step),
             "backward": self.backward_smoothing.resolve(scene, self.time_step),
-            "prune": self.prune,
+            "prune": self._prune_speed(),
             "tolerance": 1e-9,
             "theta": self.path_tolerance,
             "max_iterations": 40,
@@ -138,6 +139,14 @@ class ComplementarityModel:
         self.stepper = Stepper(scene, options, self.threads)
         self.coordinates = Coordinates.from_scene(scene)
         self._widths = scene.nq, scene.nv, scene.inputs
+
+    def _prune_speed(self) -> float:
+        """``prune``, or more where margins are wide: contacts act from there on, and the core counts the way to gaps.
+
+        What separates by more than a quarter of its margin in a step is not pushed, however soft its contact is.
+        """
+        reach = 1.25 * float(self.scene.core.con_margin.max(initial=0.0)) / self.time_step
+        return max(self.prune, reach) if reach > PRUNE else self.prune
 
     @property
     def dt(self) -> float:

@@ -100,7 +100,8 @@ def _modelled(model: mujoco.MjModel, k: int, controls: int, lines: Mapping[int, 
     bias = mujoco.mjtBias(int(model.actuator_biastype[k])).name.removeprefix("mjBIAS_").lower()
     varying = gain == "affine" and np.any(model.actuator_gainprm[k, 1:3])
     if controls != 1 or gain not in ("fixed", "affine") or varying or bias not in ("none", "affine"):
-        gate.refuse("actuator_bias", name, f"gain {gain}, bias {bias}")
+        told = "a gain that changes with length or velocity, as of a damper" if varying else f"gain {gain}, bias {bias}"
+        gate.refuse("actuator_bias", name, told)
         sound = False
     if sound and _line(model, lines, k) < 0 and (what := _gains(model, k)):
         gate.refuse("actuator_bias", name, f"{what} of an actuator on several coordinates (give it to each of them)")

@@ -126,6 +126,9 @@ def _stepping(model: mujoco.MjModel, integrator: str, contact_law: str) -> Itera
         why = "by default stepped by leapfrog (second order); velocity gains and damping act at the next velocity"
         yield LeftOut("integrator", "RK4", why)
         return
+    if model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICIT:
+        why = "stepped as implicitfast: Coriolis and centrifugal forces and rotating drag are explicit"
+        yield LeftOut("integrator", "implicit", why)
     servos = integrator == "implicit" and np.any(model.actuator_biasprm[:, 2])
     if np.any(model.dof_damping) or servos:
         when = (

@@ -74,7 +74,7 @@ def add_shapes(core: CoreArrays, theta: Array, P: Array) -> None:
 
 def _shapes(core: CoreArrays) -> Iterator[tuple[int, int, np.ndarray, Array]]:
     dimension = 2 if core.planar else 3
-    numbers = core.shape_par.reshape(core.nshape, -1)
+    numbers = core.shape_par.reshape(core.nshape, 1 if core.planar else 6)
     roots = core.shape_root.reshape(-1, dimension, dimension)
     yield from zip(core.shape_body, core.shape_mass, numbers, roots, strict=True)
 

@@ -20,6 +20,7 @@ from cmbrl.text import shortened
 ELEMENTS = 10_000  #: at most, with every copy counted; MuJoCo takes seconds for that many bodies
 DEPTH = 500  #: of nested elements, as in MuJoCo
 AMOUNT = 100_000  #: largest value of an attribute that is a number of array entries
+USER_DATA = 10_000_000  #: of nuserdata, of which there are files that reserve more than others
 
 _ROOTS = ("mujoco", "robot")  # of an MJCF, of a URDF
 _COPIES = ("replicate", "composite", "flexcomp")  # their `count` (one number or several) multiplies what is inside
@@ -89,8 +90,9 @@ class _Reader:
     def _check_amounts(self, element: ElementTree.Element) -> None:
         for key, text in element.attrib.items():
             sizes = key.startswith("nuser_") or (key in _AMOUNTS and (key != "size" or element.tag == "numeric"))
-            if sizes and prod(_whole(text)) > AMOUNT:
-                raise UserError(f"{self.main}: <{element.tag}> asks for {key}={shortened(text)!r}, more than {AMOUNT}")
+            most = USER_DATA if key == "nuserdata" else AMOUNT
+            if sizes and prod(_whole(text)) > most:
+                raise UserError(f"{self.main}: <{element.tag}> asks for {key}={shortened(text)!r}, more than {most}")
 
 
 def check_xml(source: Path | str) -> None:

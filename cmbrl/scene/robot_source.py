@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ RobotSource: TypeAlias = str | Path | mujoco.MjSpec | mujoco.MjModel
 LARGEST = 1e12  #: of any mass, length, stiffness or gain
 _OF_BODIES = ("body_", "jnt_", "dof_", "geom_", "pair_", "actuator_", "tendon_")
 _PHYSICAL = ("qpos0", "qpos_spring", "wrap_prm", "eq_data", "eq_sol", *_OF_BODIES)
+_LFS = b"version https://git-lfs"  # how the file begins that a clone without Git LFS has in place of another
 _REMEDY = "give the path of an MJCF (.xml) or a URDF, its text, an MjSpec or an MjModel"
 
 
@@ -75,9 +77,20 @@ def _compiled(label: str, compile_it: Callable[[], mujoco.MjModel]) -> mujoco.Mj
 
 
 def _hint(error: str) -> str:
-    """What helps where MuJoCo takes the ROS address of a mesh for a path, and of inertias that no body can have."""
-    of_urdf = "package:" in error or "inertia must" in error
-    return "; if it is a URDF, `cmbrl convert` finds meshes by package and mends inertias" if of_urdf else ""
+    """What helps where MuJoCo's error does not say it."""
+    if any(_is_pointer(name) for name in re.findall(r"'([^'\0]+)'", error)):
+        return "; that file is a pointer of Git LFS: get what it stands for with `git lfs pull`"
+    if "package:" in error or "inertia must" in error:  # a path of ROS taken for one; inertias that no body can have
+        return "; if it is a URDF, `cmbrl convert` finds meshes by package and mends inertias"
+    return ""
+
+
+def _is_pointer(name: str) -> bool:
+    try:
+        with Path(name).open("rb") as file:
+            return file.read(len(_LFS)) == _LFS
+    except OSError:
+        return False
 
 
 def _check_values(model: mujoco.MjModel, label: str) -> None:

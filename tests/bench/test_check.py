@@ -6,6 +6,7 @@ import mujoco
 import pytest
 
 from cmbrl.bench.check import Line, check
+from cmbrl.cli.check import PARTS
 from cmbrl.scene import Scene
 
 ARM = """<mujoco><option timestep=".002" integrator="implicitfast"/><worldbody><body name="upper" pos="0 0 1">
@@ -35,3 +36,29 @@ def test_another_robot_is_found_out(field: str, name: str) -> None:
     theirs = mujoco.MjModel.from_xml_string(ARM)
     getattr(theirs, field)[:] *= 10
     assert not lines_of(Scene.from_mjcf(ARM), theirs)[name].holds
+
+
+def test_what_differs_is_named() -> None:
+    """Motors that throw the arm into the wall within one step: our contacts look ahead, MuJoCo's do not."""
+    text = ARM.replace('kp="30"', 'kp="3e5"').replace('<motor joint="b"/>', '<motor joint="b" gear="1e4"/>')
+    lines = lines_of(Scene.from_mjcf(text), mujoco.MjModel.from_xml_string(text))
+    assert not lines["step in place, convex"].holds
+    named = lines["step in place, without contacts"]
+    assert named.value < 1e-5
+    assert named.holds  # it explains, and is no check
+
+
+def test_a_gripper_of_slides_is_checked() -> None:
+    """Nothing turns, so no inertia has a shape; gravity does nothing; and no slide leads away from the floor."""
+    text = """<mujoco><worldbody><geom type="plane" size="1 1 1"/><body pos="0 0 .2"><joint type="slide" axis="1 0 0"/>
+<geom size=".1"/></body></worldbody></mujoco>"""
+    lines = lines_of(Scene.from_mjcf(text, reduce=False), mujoco.MjModel.from_xml_string(text))
+    assert all(line.holds for name, line in lines.items() if not name.startswith("time"))
+
+
+def test_one_part_alone() -> None:
+    """Every part that the command offers; together they are the whole."""
+    scene, theirs = Scene.from_mjcf(ARM), mujoco.MjModel.from_xml_string(ARM)
+    parts = {part: [line.name for line in check(scene, theirs, 10, 10, only=part)] for part in PARTS}
+    assert parts["times"] == ["time of a step", "time with gradient"]
+    assert [name for names in parts.values() for name in names] == [line.name for line in check(scene, theirs, 10, 10)]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from cmbrl.bench.studies.gradient_scenes import chaos, jumps, plots
+from cmbrl.bench.studies.gradient_scenes import chaos, cube, jumps, plots
 from cmbrl.bench.studies.gradient_scenes.case import Case, central_differences
 from cmbrl.bench.studies.gradient_scenes.cells import KAPPAS, SMOOTHINGS, Bundle, Row, all_cases
 from cmbrl.bench.studies.gradient_scenes.study import STUDY
@@ -120,3 +120,12 @@ def test_study(tmp_path: Path) -> None:
     assert {row["verdict"] for row in read.values["rows"]} == {"pass"}
     assert [t.title for t in read.tables] == ["Derivatives by scene", "Estimators across jumps, 1,000 samples"]
     assert {figure.file for figure in read.figures} == {file.name for file in tmp_path.glob("*.png")}
+
+
+def test_bouncing_cube() -> None:
+    """At equal steps ours is MuJoCo's derivative, as long as differences tell it; at short ones it is the true one."""
+    coarse, fine = cube.measure((10_000, 100_000))
+    assert abs(coarse.ours - coarse.mujoco) < 5e-3
+    truth = cube.truth()
+    assert abs(fine.ours / truth - 1) < 1e-2
+    assert abs(coarse.ours / truth - 1) > 0.1

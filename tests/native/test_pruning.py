@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -109,3 +110,17 @@ def test_bounces_of_a_recorded_hopper() -> None:
     assert np.abs(ours.v_next - whole.v_next).max() < 1e-4
     missed = model.with_settings(prune=0.3).predict(log.q, log.v, log.u)
     assert np.abs(missed.v_next - whole.v_next).max() > 1e-2
+
+
+@pytest.mark.parametrize("gap", [0.005, 0.02, 0.045])
+def test_a_contact_acts_from_its_margin_on(gap: float) -> None:
+    """It pushes as MuJoCo's does where the way to its gap is long, in steps, and the way to its margin is none."""
+    text = f"""<mujoco><option timestep=".002"/><worldbody><geom type="plane" size="3 3 1" margin=".05"/>
+<body pos="0 0 {0.1 + gap}"><freejoint/><geom size=".1" condim="1"/></body></worldbody></mujoco>"""
+    theirs = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(theirs)
+    mujoco.mj_step(theirs, data)
+    assert data.qvel[2] > 0.01
+    scene = Scene.from_mjcf(text)
+    ours = ComplementarityModel(scene).predict(scene.q0[None], np.zeros((1, 6)), np.zeros((1, 0)))
+    np.testing.assert_allclose(ours.v_next[0], data.qvel, atol=1e-6)

@@ -140,3 +140,23 @@ def test_a_broken_spec_is_refused() -> None:
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="none")
     with pytest.raises(UserError, match="MjSpec: MuJoCo cannot compile"):
         Scene.from_mjcf(spec)
+
+
+def test_a_pointer_of_git_lfs_is_named(urdf: Path) -> None:
+    """A clone without Git LFS has these in place of its meshes; MuJoCo's error does not tell."""
+    mesh = urdf.parent / "meshes/tetra.stl"
+    mesh.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n")
+    robot = urdf.parent / "robot.xml"
+    robot.write_text(
+        '<mujoco><asset><mesh name="m" file="meshes/tetra.stl"/></asset><worldbody><body><freejoint/>'
+        '<geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
+    )
+    with pytest.raises(UserError, match="Git LFS: get what it stands for with `git lfs pull`"):
+        Scene.from_mjcf(robot)
+
+
+def test_a_file_may_reserve_user_data() -> None:
+    """As some robots do, by the hundred thousand; more than any use has is refused."""
+    assert Scene.from_mjcf(MJCF.replace("<worldbody>", '<size nuserdata="600000"/><worldbody>')).nv == 2
+    with pytest.raises(UserError, match="nuserdata"):
+        Scene.from_mjcf(MJCF.replace("<worldbody>", '<size nuserdata="600000000"/><worldbody>'))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cmbrl.models.autograd import Stepper
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.scene.layout import ACTUATOR_FIELDS
+from cmbrl.scene.layout import ACTUATOR_FIELDS, CONTACT_FIELDS
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,8 @@ def choices(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
     smooth = model.smooth_dynamics(q, v, theta)
     gap, normal = smooth["gap"], smooth["J"][:, :, 0]
     speed = np.einsum("bcv,bv->bc", normal, v)
-    lengths, rates = smooth["length"], _rates(model, q, v)
+    lengths = smooth["length"]
+    rates = _rates(model, q, v)
     x = lengths[:, core.lim_line]
     below, above = x - core.lim_lo, core.lim_hi - x
     springs = scene.physical_vector(theta)[[scene.layout.dof(scene.nv + k, "springref") for k in range(core.ntendon)]]
@@ -33,13 +34,13 @@ def choices(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
     parts = [
         gap > 0,
         gap > core.con_margin,
-        gap / h + speed < model.prune,
+        gap / h + speed < model.stepper.options["prune"],
         below < above,
         near > core.lim_margin,
         lengths[:, scene.nv :] > springs,
         lengths[:, scene.nv :] > springs + core.line_slack[scene.nv :],
-        near / h + side * rates[:, core.lim_line] < model.prune,
-        *_clamps(model, q, v, u, theta),
+        near / h + side * rates[:, core.lim_line] < model.stepper.options["prune"],
+        *_clamps(model, lengths, rates, u, theta),
     ]
     if any(p.group == "restitution" for p in scene.parameters):
         one = model.with_settings(parameters=None, integrator="semi-implicit", substeps=1).stepper
@@ -49,28 +50,29 @@ def choices(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
     return np.concatenate(parts, axis=1)
 
 
-def _lengths(model: ComplementarityModel, q: Array) -> Array:
-    """Lengths (B, nv + ntendon) of lines."""
-    return model.smooth_dynamics(q, np.zeros((len(q), model.scene.nv)))["length"]
-
-
 def _rates(model: ComplementarityModel, q: Array, v: Array) -> Array:
-    """Rates (B, nv + ntendon) of lines, by differences of their lengths."""
-    step = 1e-6
-    ahead, behind = (_lengths(model, model.scene.integrate(q, sign * step * v)) for sign in (1, -1))
-    return (ahead - behind) / (2 * step)
+    """Rates (B, nv + ntendon) of lines; those of tendons by differences of their lengths."""
+    if not model.scene.core.ntendon:
+        return v
+    step, still = 1e-6, np.zeros_like(v)
+    ahead, behind = (
+        model.smooth_dynamics(model.scene.integrate(q, sign * step * v), still)["length"] for sign in (1, -1)
+    )
+    return np.asarray((ahead - behind) / (2 * step))
 
 
-def _clamps(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Array) -> list[NDArray[np.bool_]]:
+def _clamps(
+    model: ComplementarityModel, lengths: Array, rates: Array, u: Array, theta: Array
+) -> list[NDArray[np.bool_]]:
     scene, core = model.scene, model.scene.core
     P, layout = scene.physical_vector(theta), scene.layout
-    time = P[[layout.contact(k, "solref0") for k in range(core.ncontact)]]
+    first = layout.contact(0, "solref0")
+    time = P[first : first + core.ncontact * len(CONTACT_FIELDS) : len(CONTACT_FIELDS)]
     numbers = P[layout.actuator(0) : layout.gravity].reshape(-1, len(ACTUATOR_FIELDS)).T
     gear, gain, bias0, bias1, bias2, _, limit, slope, gap = numbers
     low, high = np.reshape(core.act_ctrl, (-1, 2)).T
     least, most = np.reshape(core.act_force, (-1, 2)).T
-    length = gear * _lengths(model, q)[:, core.act_line]
-    rate = gear * _rates(model, q, v)[:, core.act_line]
+    length, rate = gear * lengths[:, core.act_line], gear * rates[:, core.act_line]
     u, activation = np.split(u, [scene.nu], axis=1)
     given, bounds = np.clip(u, low, high), []
     if model.activations is not None:
@@ -82,8 +84,8 @@ def _clamps(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
     least = np.maximum(least, np.minimum(slope * np.maximum(-rate, 0.0) - limit, 0.0))
     most = np.minimum(most, np.maximum(limit - slope * np.maximum(rate, 0.0), 0.0))
     bounds += [spring < -slack, spring > slack, (slope > 0) & (rate > 0)]
-    shortest = np.tile(time > 2 * model.time_step, (len(q), 1))  # MuJoCo's least time constant
-    pulls = np.zeros((len(q), scene.nv + core.ntendon))
+    shortest = np.tile(time > 2 * model.time_step, (len(u), 1))  # MuJoCo's least time constant
+    pulls = np.zeros((len(u), scene.nv + core.ntendon))
     single = core.act_line >= 0
     np.add.at(pulls.T, core.act_line[single], (gear * np.clip(force, least, most)).T[single])
     drive = pulls[:, : scene.nv].copy()  # without those of tendons through sites

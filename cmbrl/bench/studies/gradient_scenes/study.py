@@ -6,12 +6,12 @@ from dataclasses import asdict
 from pathlib import Path
 
 from cmbrl.bench.figures import save
-from cmbrl.bench.studies.gradient_scenes import cells, plots, tables
+from cmbrl.bench.studies.gradient_scenes import cells, cube, plots, tables
 from cmbrl.bench.studies.gradient_scenes.tables import WORDS
 from cmbrl.bench.study import Section, Settings, Study
 from cmbrl.jobs import Job, Runner
 
-LABELS = tuple(plots.SCENES)
+LABELS = (*plots.SCENES, cube.LABEL)
 JUMPS = ("G5", "G6", "G7")  #: scenes across which estimators are compared
 
 
@@ -35,6 +35,9 @@ def run(folder: Path, settings: Settings, runner: Runner) -> Section:
         shown.append(tables.across_jumps(bundles, repeats))
         save(plots.across_jumps(bundles), folder / "gradient_jumps.png")
         figures.append(WORDS.figure("gradient_jumps.png"))
+    if cube.LABEL in wanted:
+        steps = cube.STEPS[:2] if settings.quick else cube.STEPS
+        shown.append(tables.bouncing_cube(cube.truth(), cube.measure(steps)))
     values = {"rows": [{**asdict(row), "verdict": row.verdict} for row in rows]}
     return Section(WORDS("title"), f"{WORDS('method')}\n\n{tables.findings(rows)}", shown, figures, values)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from cmbrl.bench.studies.gradient_scenes import cube
 from cmbrl.bench.studies.gradient_scenes.cells import SMOOTHINGS, Bundle, Row
 from cmbrl.bench.study import Cell, Table
 from cmbrl.bench.words import Words
@@ -35,6 +36,17 @@ def across_jumps(bundles: Sequence[Bundle], repeats: int) -> Table:
     ]
     columns = ["scene", "case", "estimator", "true", "mean", "rms error", "error it reports", "variance of one sample"]
     return Table(f"Estimators across jumps, {SIZE:,} samples", columns, rows, WORDS("tables.jumps", repeats=repeats))
+
+
+def bouncing_cube(truth: float, found: Sequence[cube.Derivative]) -> Table:
+    """Ours and MuJoCo's by number of steps, then what DiffMJX publishes of its own law of collision."""
+    rows: list[list[Cell]] = [
+        [f"ours, {d.steps:,} steps", truth, d.ours, d.mujoco, d.seconds, abs(d.ours / truth - 1)] for d in found
+    ]
+    theirs = cube.PUBLISHED[-1][2]
+    rows += [[name, theirs, a, b, seconds, abs(a / theirs - 1)] for name, a, b, seconds in cube.PUBLISHED]
+    columns = ["solver", "true", "derivative", "differences", "seconds", "relative error"]
+    return Table("Bouncing cube of DiffMJX, 1 s", columns, rows, WORDS("tables.cube"))
 
 
 def findings(rows: Sequence[Row]) -> str:

@@ -1,0 +1,109 @@
+"""Why a step differs from MuJoCo's: features of the file are switched off in both, until the steps agree.
+
+``cmbrl check`` does so where a step's error is above its limit, and names what it had to switch off.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from cmbrl.bench.check_steps import States, step_errors
+from cmbrl.errors import UserError
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.scene import Scene
+
+STATES = 40  # at most
+GAIN = 0.8  # what is switched off must leave less than this share of the error
+_OFF = mujoco.mjtDisableBit
+
+
+@dataclass(frozen=True)
+class Feature:
+    """Something that ``switch_off`` takes out of MuJoCo's model, in words; or settings of ours that come nearer."""
+
+    name: str
+    switch_off: Callable[[mujoco.MjModel], None] | None = None
+    settings: tuple[tuple[str, Any], ...] = ()
+
+
+def reason(
+    scene: Scene, sliding: str, theirs: mujoco.MjModel, states: States, error: float, limit: float
+) -> tuple[str, float] | None:
+    """What to switch off, in words, and the median error without it; None if nothing helps.
+
+    All features are off at first; then each comes back, those that say least at first, unless that brings the error
+    above ``limit`` again (or above what is left without any of them). So features that differ only together are found.
+    """
+    states, off = states.first(STATES), list(_features(theirs))
+    best = _error(scene, sliding, theirs, states, off)
+    if best > GAIN * error:
+        return None
+    enough = max(limit, best / GAIN)
+    for feature in reversed(off):
+        kept = [other for other in off if other is not feature]
+        without = _error(scene, sliding, theirs, states, kept) if kept else error
+        if without <= enough:
+            off, best = kept, without
+    return " and ".join(feature.name for feature in off), best
+
+
+def _error(scene: Scene, sliding: str, theirs: mujoco.MjModel, states: States, features: Sequence[Feature]) -> float:
+    changed = copy.deepcopy(theirs)
+    settings: dict[str, Any] = {"sliding": sliding}
+    for feature in features:
+        if feature.switch_off:
+            feature.switch_off(changed)
+        settings |= dict(feature.settings)
+    try:
+        ours = Scene.from_mjcf(changed, scene.ignore, scene.contact_law, scene.reduce, scene.self_contact, scene.drives)
+        (found,), _ = step_errors([ComplementarityModel(ours, **settings)], changed, states)
+    except UserError:  # it asks for what the change took away
+        return np.inf
+    return float(np.median(found))
+
+
+def _features(theirs: mujoco.MjModel) -> Iterator[Feature]:
+    """Those that the file has; what says least comes last."""
+
+    def without(bit: int) -> Callable[[mujoco.MjModel], None]:
+        def switch_off(model: mujoco.MjModel) -> None:
+            model.opt.disableflags |= int(bit)
+
+        return switch_off
+
+    if theirs.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+        yield Feature("with implicitfast for RK4", _no_rk4)
+    else:
+        yield Feature("with damping split", settings=(("damping", "split"),))
+    if theirs.opt.noslip_iterations:
+        yield Feature("without the noslip pass", _no_noslip)
+    yield Feature("with links that pass through each other", _part_links)
+    if theirs.jnt_limited.any() or theirs.tendon_limited.any():
+        yield Feature("without limits", without(_OFF.mjDSBL_LIMIT))
+    if theirs.dof_frictionloss.any() or theirs.tendon_frictionloss.any():
+        yield Feature("without friction loss", without(_OFF.mjDSBL_FRICTIONLOSS))
+    if theirs.eq_active0.any():
+        yield Feature("without equality constraints", without(_OFF.mjDSBL_EQUALITY))
+    yield Feature("without contacts", without(_OFF.mjDSBL_CONTACT))
+
+
+def _part_links(model: mujoco.MjModel) -> None:
+    """Geoms of moving bodies touch those of the world only."""
+    moves = model.body_weldid[model.geom_bodyid] != 0
+    touches = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    model.geom_contype[:] = touches & ~moves
+    model.geom_conaffinity[:] = touches & moves
+
+
+def _no_noslip(model: mujoco.MjModel) -> None:
+    model.opt.noslip_iterations = 0
+
+
+def _no_rk4(model: mujoco.MjModel) -> None:
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST

@@ -1,0 +1,140 @@
+"""The tables of docs/robots.md, between its two marks, from what `cmbrl info` and `cmbrl check` said of each robot."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from cmbrl.runs import environment
+
+BEGIN, END = "<!-- tables: scripts/robots.py -->\n", "<!-- end of tables -->\n"
+LIMIT = 0.05
+COMMON = ("friction", "integrator", "capsules", "boxes")  # kinds of differences that the page tells once, for all
+_SORTS = (  # words of `cmbrl info`, and a short name
+    ("of its hull's", "hulls"),
+    ("a flat side touches", "flat sides"),
+    ("it stands on feet inside its rim", "rims"),
+    ("touches other shapes as a", "{kind} stand-ins"),
+    ("whatever a fit makes", "drag"),
+    ("couple branches", "tendons"),
+)
+_LICENSES = (  # words of a licence, and its name
+    ("Apache License", "Apache 2.0"),
+    ("Permission is hereby granted, free of charge", "MIT"),
+    ("either the name", "BSD 3-clause"),
+    ("Redistribution and use", "BSD 2-clause"),
+)
+
+Robot = Mapping[str, Any]
+
+
+def page(text: str, robots: Mapping[str, Robot], folders: Mapping[str, Path]) -> str:
+    """``text`` with the counts and tables of ``robots`` between its marks."""
+    before, rest = text.split(BEGIN)
+    after = rest.split(END)[1]
+    good = {name: robot for name, robot in robots.items() if "why" not in robot}
+    blocks = [
+        "\n".join(_counts(good)),
+        _table(("robot", "nv", "candidates", "modelled in another way, or left out", "licence"),
+               [_what(name, robot, folders[name]) for name, robot in good.items()]),
+        _table(("robot", "air, place", "floor", "floor, convex", "what differs", "derivative", "step", "with gradient"),
+               [_measured(name, robot) for name, robot in good.items()]),
+        *(f"{name}: {robot['why']}" for name, robot in robots.items() if "why" in robot),
+        _made(robots),
+    ]  # fmt: skip
+    return before + BEGIN + "\n" + "\n\n".join(blocks) + "\n\n" + END + after
+
+
+def _values(robot: Robot) -> dict[str, float]:
+    return {check["name"]: check["value"] for check in robot["checks"]}
+
+
+def _steps(robot: Robot) -> tuple[float, float | None, float | None, float]:
+    """Errors in the air or in place, on the floor under both laws, and the larger of those nearest to MuJoCo's."""
+    found = _values(robot)
+    air = found.get("step in place", found.get("step above the floor", float("nan")))
+    floor = found.get("step on the floor")
+    convex = found.get("step on the floor, convex", floor)
+    air_convex = found.get("step in place, convex", found.get("step above the floor, convex", air))
+    return air, floor, convex, max(air_convex, convex if convex is not None else 0.0)
+
+
+def _counts(robots: Mapping[str, Robot]) -> Iterator[str]:
+    values, steps = [_values(robot) for robot in robots.values()], [_steps(robot) for robot in robots.values()]
+    walkers = [step for step in steps if step[1] is not None and step[2] is not None]
+    count = len(steps)
+
+    def below(errors: list[float]) -> int:
+        return sum(error <= LIMIT for error in errors)
+
+    def slowest(name: str) -> int:
+        return sum(value[name] < 1 for value in values)
+
+    worst = max(value["derivatives, worst"] for value in values)
+    wild = max(value["wild states flagged"] + value["wild states wrong"] for value in values)
+    in_air, coulomb, convex = (below([s[k] for s in of]) for k, of in ((0, steps), (1, walkers), (2, walkers)))
+    yield f"- A step in the air, or of a mounted robot: error below {LIMIT} for {in_air} of {count}."
+    yield (
+        f"- On the floor: for {convex} of {len(walkers)} under the convex law of sliding, which is MuJoCo's, and for "
+        f"{coulomb} under exact Coulomb, the default."
+    )
+    yield f"- Both together, under the convex law: for {below([s[3] for s in steps])} of {count}."
+    yield (
+        f"- Faster than `mj_step`: {slowest('time of a step')} of {count}; with the vector-Jacobian product "
+        f"{slowest('time with gradient')}."
+    )
+    yield (
+        f"- The worst derivative of any robot is {worst:.1e} off finite differences; wild states flagged or wrong: "
+        f"{'none' if wild == 0 else f'up to {wild:g}'}."
+    )
+
+
+def _what(name: str, robot: Robot, folder: Path) -> list[str]:
+    info = robot["info"]
+    return [name, str(info["nv"]), str(info["candidates"]), "; ".join(_approximations(info)), licence(folder)]
+
+
+def _measured(name: str, robot: Robot) -> list[str]:
+    found, (air, floor, convex, _) = _values(robot), _steps(robot)
+    reasons = [re.sub(r"^step [^,]*, ", "", key) for key in found if re.match(r"step [^,]*, with", key)]
+    times = [f"{found[key]:.2f}" for key in ("time of a step", "time with gradient")]
+    errors = ["" if x is None else f"{x:.2g}" for x in (air, floor, convex)]
+    return [name, *errors, ", ".join(dict.fromkeys(reasons)), f"{found['derivatives, worst']:.0e}", *times]
+
+
+def _approximations(info: Mapping[str, Any]) -> Iterator[str]:
+    """Differences of one sort as one: how many they are, and the largest size."""
+    groups: dict[str, list[float]] = {}
+    for found in info["differences"]:
+        if found["kind"] not in COMMON:
+            name = next((name for words, name in _SORTS if words in found["why"]), found["why"])
+            sizes = [float(x) for x in re.findall(r"(\d[\d.e-]*) mm", found["why"])]
+            groups.setdefault(name.format(kind=found["kind"]), []).append(max(sizes, default=0))
+    for name, sizes in groups.items():
+        yield f"{name}: {len(sizes)}" + (f", {max(sizes):g} mm" if max(sizes) else "")
+    if rolling := sum(found["kind"] == "condim" for found in info["left_out"]):
+        yield f"no torsion: {rolling} pairs"
+
+
+def licence(folder: Path) -> str:
+    """Name of the licence in a robot's folder."""
+    text = " ".join((folder / "LICENSE").read_text(errors="replace").split())
+    return next((name for words, name in _LICENSES if words in text), "see its folder")
+
+
+def _table(columns: tuple[str, ...], rows: list[list[str]]) -> str:
+    lines = [columns, ["---"] * len(columns), *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "/") for cell in line) + " |" for line in lines)
+
+
+def _made(robots: Mapping[str, Robot]) -> str:
+    here = environment()
+    steps, times = (
+        " and ".join(sorted({robot[key] for robot in robots.values()})) for key in ("commit", "commit_of_times")
+    )
+    return (
+        f"Made by scripts/robots.py: 200 states and 1,000 wild states a robot at commit {steps}, times at {times}, one "
+        f"thread of {here['hardware']['processor']}; mujoco {here['versions']['mujoco']}."
+    )
