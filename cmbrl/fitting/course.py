@@ -16,6 +16,7 @@ import numpy as np
 from cmbrl.fitting.agreement import Comparison
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.cma import cma_search
+from cmbrl.fitting.drives import FADE, GAP, LIMIT
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.folds import Folds, draw_starts
 from cmbrl.fitting.gauss_newton import gauss_newton
@@ -112,8 +113,19 @@ class Course:
             self._start(Folds.of(some, some, self.count, self.seed))
         if self.polish or self.method == GAUSS_NEWTON:
             self._polish()
-        if self.confirms and self.count and self.evidence.late(self.incumbent.z):
-            self._selection(*self._everything(), []).confirm(self.incumbent, [DELAY, LAG])
+        if self.confirms and self.count:
+            late = [[DELAY, LAG]] if self.evidence.late(self.incumbent.z) else []
+            for groups in [*late, *self._drives()]:
+                self._selection(*self._everything(), []).confirm(self.incumbent, groups)
+
+    def _drives(self) -> list[list[str]]:
+        """Laws of motors that the fit has taken, to be confirmed beside all that it took later."""
+        space, active = self.evidence.space, self.incumbent.active
+        laws = [
+            [group for group in law if (active & (np.array(space.groups) == group)).any()]
+            for law in ([LIMIT, FADE], [GAP])
+        ]
+        return [law for law in laws if law]
 
     def _selection(self, loss: PredictionLoss, folds: Folds, judges: list[list[Judge]]) -> Selection:
         return Selection(self.evidence.space, loss, folds, judges, self.seed, self.budget, self.journal)

@@ -1,7 +1,7 @@
 """Where to look for limits of forces and for backlash: levels to start from, from what the log asks of the motors.
 
 A limit that nothing reaches has no derivative, and files of robots often have none. So each actuator by itself is tried
-with limits at quantiles of the force that its law asks for over the log, and with limits that fall with speed, as those
+with limits at shares of the force that its law asks for over the log, and with limits that fall with speed, as those
 of a DC motor at its voltage do; the others stay as they are. A fit goes on from the best levels, of those actuators
 only for which one lowers the loss.
 """
@@ -16,11 +16,12 @@ from cmbrl.fitting.space import Space
 from cmbrl.scene import Scene
 
 LIMIT, FADE, GAP = "force_limit", "force_limit_slope", "backlash"
-_QUANTILES = (0.98, 0.9, 0.8, 0.65, 0.5)  # of the force that the log asks for
+_SHARES = (0.9, 0.75, 0.6, 0.45, 0.33, 0.24, 0.17, 0.12)  # of the largest force that the log asks for
 _STALL, _FASTEST = (1.0, 2.0), (1.0, 1.4, 2.0)  # in the largest force and speed of the log: at rest, without load
 _GAPS = (0.001, 0.003, 0.01, 0.03)  # [rad]; a tenth of it [m]
 _SLIDE = 0.1
 GROUPS = (LIMIT, GAP)  #: in the order in which they are tried
+CLEARLY = 0.1  #: the same of the file's loss, for limits that come before all other parameters
 LEAST = 0.002  #: share of the loss by which a level has to lower it
 
 
@@ -51,16 +52,22 @@ def levels(group: str, loss: PredictionLoss, theta: np.ndarray) -> list[dict[str
         limit, fade, gap = (f"{each}.{name}" for each in (LIMIT, FADE, GAP))
         if group == GAP and gap in value:
             found += [{gap: x * (_SLIDE if unit[gap] == "m" else 1.0)} for x in _GAPS]
-        if group != LIMIT or limit not in value or not (most := float(forces[:, k].max())):
+        most = min(float(forces[:, k].max()), value.get(limit, 0.0))
+        if group != LIMIT or not most:
             continue
-        found += [{limit: x, fade: 0.0} for x in np.quantile(forces[:, k], _QUANTILES).tolist() if x > 0.0]
+        found += [{limit: share * most, fade: 0.0} for share in _SHARES]
         fastest = float(np.abs(seen.v[:, scene.core.act_line[k]]).max())
         found += [{limit: s * most, fade: s * most / (f * fastest)} for s in _STALL for f in _FASTEST if fastest > 0.0]
     return found
 
 
-def scanned(group: str, loss: PredictionLoss, space: Space, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """``z`` (n,) with the best levels of each actuator by itself, and the mask (n,) of the parameters that help."""
+def scanned(
+    group: str, loss: PredictionLoss, space: Space, z: np.ndarray, least: float = LEAST
+) -> tuple[np.ndarray, np.ndarray]:
+    """``z`` (n,) with the best levels of each actuator by itself, and the mask (n,) of the parameters that help.
+
+    ``least``: the share of the loss by which they have to lower it.
+    """
     theta, column = space.theta(z), {name: k for k, name in enumerate(space.names)}
     tried, points = levels(group, loss, theta), [theta]
     for values in tried:
@@ -72,8 +79,25 @@ def scanned(group: str, loss: PredictionLoss, space: Space, z: np.ndarray) -> tu
     for first in dict.fromkeys(next(iter(values)) for values in tried):
         own = [k + 1 for k, values in enumerate(tried) if first in values]
         best = own[int(np.argmin(np.nan_to_num(losses[own], nan=np.inf)))]
-        if losses[best] < (1.0 - LEAST) * losses[0]:
+        if losses[best] < (1.0 - least) * losses[0]:
             for name in tried[best - 1]:
                 start[column[name]] = space.z(points[best])[column[name]]
                 helps[column[name]] = points[best][column[name]] != 0.0
     return start, helps
+
+
+def unneeded(loss: PredictionLoss, space: Space, z: np.ndarray, active: np.ndarray) -> np.ndarray:
+    """Mask (n,) of the ``active`` laws of single actuators without which the loss at ``z`` (n,) is the same."""
+    found = np.zeros(len(space), dtype=bool)
+    groups = np.array(space.groups)
+    for law in ((LIMIT, FADE), (GAP,)):
+        moved = np.flatnonzero(active & np.isin(groups, law))
+        actuators = [space.names[k].partition(".")[2] for k in moved]
+        own = [moved[[a == name for a in actuators]] for name in dict.fromkeys(actuators)]
+        points = np.tile(z, (1 + len(own), 1))
+        for row, columns in enumerate(own):
+            points[1 + row, columns] = 0.0
+        losses = loss.values(space.theta(points)) if own else np.zeros(1)
+        for value, columns in zip(losses[1:], own, strict=True):
+            found[columns] = value <= (1.0 + LEAST) * losses[0]
+    return found

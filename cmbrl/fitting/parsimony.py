@@ -40,7 +40,7 @@ LEAST_STRAIN = 2.0  # of the logarithm of the prior: the other parameters may no
 ALL = "all that a fit moves by default"  #: in the path of a selection
 LAWS = ("friction_slope", "stribeck")  #: groups that no file has, tried on logs of positions, where friction rules
 _STIRS = (-2.0, -0.5, 0.5, 2.0)  # prior standard deviations
-_SETTLING = 3  # times that a fit of everything goes on before laws are added to it
+_SETTLING = 2  # times that a fit of everything goes on before laws are added to it
 TRIED = 3  # groups per round: forecasts are accurate enough for the best to be among the first
 
 
@@ -116,17 +116,47 @@ class Selection:
         self._remove(incumbent, before)
 
     def extend(self, incumbent: Incumbent, chosen: np.ndarray) -> None:
-        """Moves all of ``chosen`` (n,), and those laws besides that held-out errors call for."""
+        """Moves all of ``chosen`` (n,), and those laws besides that held-out errors call for, the best one first.
+
+        What one law explains, another would explain a little: the order is by gain, and who is late has to gain still.
+        """
         none = np.zeros_like(chosen)
         before = self._unmoved(incumbent)
         trial = self._trial("all", incumbent, chosen, incumbent.z, none, before, self.budget.polish_iterations)
-        before = self._settled(incumbent, self._accept("add", ALL, trial, incumbent))
-        for group in drives.GROUPS:
-            before = self._drive(incumbent, group, before)
-        for law in (law for law in LAWS if law in self.space.groups):
-            trial = self._try(incumbent, [law], before)
-            if trial.counts(before.mean):
-                before = self._accept("add", law, trial, incumbent)
+        name = ALL
+        if (limited := self._limited(incumbent, chosen, trial.errors)) is not None:
+            name, trial = f"{ALL} + {drives.LIMIT}", limited
+        before = self._accept("add", name, trial, incumbent)
+        laws = [law for law in (*drives.GROUPS, *LAWS) if law in self.space.groups]
+        while True:
+            before = self._settled(incumbent, before)
+            idle = drives.unneeded(self.loss, self.space, incumbent.z, incumbent.active)
+            incumbent.z, incumbent.active = np.where(idle, 0.0, incumbent.z), incumbent.active & ~idle
+            trials = {law: self._law(incumbent, law, before) for law in laws}
+            found = {law: t for law, t in trials.items() if t is not None and t.counts(before.mean)}
+            if not found:
+                return
+            best = max(found, key=lambda law: found[law].gain)
+            before = self._accept("add", best, found[best], incumbent)
+            laws = [law for law in found if law != best]
+
+    def _limited(self, incumbent: Incumbent, chosen: np.ndarray, before: Errors) -> Trial | None:
+        """A fit of ``chosen`` with limits of forces from the first, if the file lacks them clearly and it is better.
+
+        Where motors saturate, a fit without limits ends far from where it should.
+        """
+        start, helps = self._scan(drives.LIMIT, incumbent.z, drives.CLEARLY)
+        if not helps.any():
+            return None
+        none, iterations = np.zeros_like(chosen), self.budget.polish_iterations
+        trial = self._trial("all limited", incumbent, chosen | helps, start, none, before, iterations)
+        return trial if trial.counts(before.mean) else None
+
+    def _scan(self, group: str, z: np.ndarray, least: float = drives.LEAST) -> tuple[np.ndarray, np.ndarray]:
+        """The best levels of ``group`` from ``z`` (n,), and the mask (n,) of the parameters that help."""
+        self.journal.check_time()
+        self.journal.report(0.6, f"trying {group}")
+        return drives.scanned(group, self.loss, self.space, z, least)
 
     def _settled(self, incumbent: Incumbent, before: Errors) -> Errors:
         """Fits on as long as that helps: what comes next must not gain by more iterations alone."""
@@ -141,32 +171,25 @@ class Selection:
                 break
         return before
 
-    def _drive(self, incumbent: Incumbent, group: str, before: Errors) -> Errors:
-        """Adds those parameters of a ``group`` of ``drives`` that help, if held-out errors call for them."""
-        self.journal.report(0.6, f"trying {group}")
-
-        def scan() -> dict[str, Any]:
-            self.journal.check_time()
-            start, helps = drives.scanned(group, self.loss, self.space, incumbent.z)
-            return {"z": start.tolist(), "helps": helps.tolist()}
-
-        found = self.journal.unit(f"scan {group}", scan)
-        helps = np.array(found["helps"])
+    def _law(self, incumbent: Incumbent, group: str, before: Errors) -> Trial | None:
+        """A fit with the law of ``group`` besides; None if no level of those of ``drives`` lowers the loss."""
+        if group not in drives.GROUPS:
+            return self._try(incumbent, [group], before)
+        start, helps = self._scan(group, incumbent.z)
         if not helps.any():
-            return before
+            return None
         active, none = incumbent.active | helps, np.zeros_like(helps)
-        trial = self._trial(f"add {group}", incumbent, active, np.array(found["z"]), none, before)
-        if not trial.counts(before.mean):
-            return before
-        return self._settled(incumbent, self._accept("add", group, trial, incumbent))
+        return self._trial(f"add {len(incumbent.path)} {group}", incumbent, active, start, none, before)
 
     def confirm(self, incumbent: Incumbent, groups: list[str]) -> None:
         """Takes ``groups`` back to nominal, all of them, unless held-out errors call for them."""
         columns = self.space.columns(groups)
         none = np.zeros_like(columns)
-        kept = self._trial("confirmed", incumbent, incumbent.active, incumbent.z, none, self._unmoved(incumbent))
+        kept = self._trial(
+            f"confirmed {groups}", incumbent, incumbent.active, incumbent.z, none, self._unmoved(incumbent)
+        )
         start = np.where(columns, 0.0, kept.z)
-        without = self._trial("refuted", incumbent, incumbent.active & ~columns, start, none, kept.errors)
+        without = self._trial(f"refuted {groups}", incumbent, incumbent.active & ~columns, start, none, kept.errors)
         if without.costs_nothing(kept.errors.mean, kept.score, kept.strain):
             self._accept("remove", " + ".join(groups), without, incumbent)
 
