@@ -22,7 +22,8 @@ _GAPS = (0.001, 0.003, 0.01, 0.03)  # [rad]; a tenth of it [m]
 _SLIDE = 0.1
 GROUPS = (LIMIT, GAP)  #: in the order in which they are tried
 CLEARLY = 0.1  #: the same of the file's loss, for limits that come before all other parameters
-LEAST = 0.002  #: share of the loss by which a level has to lower it
+LEAST = 0.002  #: share of the loss by which a law of one actuator has to lower it
+_ROWS = 1500  # that a scan predicts
 
 
 def asked(scene: Scene, theta: np.ndarray, log: Transitions) -> np.ndarray:
@@ -39,8 +40,11 @@ def asked(scene: Scene, theta: np.ndarray, log: Transitions) -> np.ndarray:
     return force
 
 
-def levels(group: str, loss: PredictionLoss, theta: np.ndarray) -> list[dict[str, float]]:
-    """Values of one actuator's parameters each, to try for ``group`` at parameters ``theta`` (n,)."""
+def levels(group: str, loss: PredictionLoss, theta: np.ndarray, lines: bool = True) -> list[dict[str, float]]:
+    """Values of one actuator's parameters each, to try for ``group`` at parameters ``theta`` (n,).
+
+    ``lines``: also limits that fall with speed.
+    """
     scene = loss.model.scene
     physical, psi = loss.observation.split(theta)
     seen = loss.observation.states(loss.windows.data, psi)
@@ -56,38 +60,57 @@ def levels(group: str, loss: PredictionLoss, theta: np.ndarray) -> list[dict[str
         if group != LIMIT or not most:
             continue
         found += [{limit: share * most, fade: 0.0} for share in _SHARES]
-        fastest = float(np.abs(seen.v[:, scene.core.act_line[k]]).max())
+        fastest = float(np.abs(seen.v[:, scene.core.act_line[k]]).max()) if lines else 0.0
         found += [{limit: s * most, fade: s * most / (f * fastest)} for s in _STALL for f in _FASTEST if fastest > 0.0]
     return found
 
 
 def scanned(
-    group: str, loss: PredictionLoss, space: Space, z: np.ndarray, least: float = LEAST
+    group: str, loss: PredictionLoss, space: Space, z: np.ndarray, least: float = 0.0, lines: bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
-    """``z`` (n,) with the best levels of each actuator by itself, and the mask (n,) of the parameters that help.
+    """``z`` (n,) with the best levels of each actuator, and the mask (n,) of the parameters that help.
 
-    ``least``: the share of the loss by which they have to lower it.
+    First all actuators alike, since what one cannot do moves the others too; then one by one, beside the best of those
+    before. None helps unless all together lower the loss by the share ``least``. ``lines``: as for ``levels``.
     """
+    some = loss.on(loss.windows.starts[:: max(1, loss.steps // _ROWS)])
     theta, column = space.theta(z), {name: k for k, name in enumerate(space.names)}
-    tried, points = levels(group, loss, theta), [theta]
+    tried, best = levels(group, some, theta, lines), theta.copy()
+    own: dict[str, list[dict[str, float]]] = {}
     for values in tried:
-        points.append(theta.copy())
-        for name, value in values.items():
-            points[-1][column[name]] = np.clip(value, space.low[column[name]], space.high[column[name]])
-    losses = loss.values(np.array(points))
-    start, helps = z.copy(), np.zeros(len(space), dtype=bool)
-    for first in dict.fromkeys(next(iter(values)) for values in tried):
-        own = [k + 1 for k, values in enumerate(tried) if first in values]
-        best = own[int(np.argmin(np.nan_to_num(losses[own], nan=np.inf)))]
-        if losses[best] < (1.0 - least) * losses[0]:
-            for name in tried[best - 1]:
-                start[column[name]] = space.z(points[best])[column[name]]
-                helps[column[name]] = points[best][column[name]] != 0.0
-    return start, helps
+        own.setdefault(next(iter(values)), []).append(values)
+
+    def at(point: np.ndarray, *changes: dict[str, float]) -> np.ndarray:
+        moved = point.copy()
+        for name, value in (item for values in changes for item in values.items()):
+            moved[column[name]] = np.clip(value, space.low[column[name]], space.high[column[name]])
+        return moved
+
+    def better(points: list[np.ndarray]) -> np.ndarray:
+        return points[int(np.argmin(np.nan_to_num(some.values(np.array(points)), nan=np.inf)))]
+
+    if own:
+        best = better([best, *(at(best, *alike) for alike in zip(*own.values(), strict=False))])
+    for choices in own.values():
+        none = {name: theta[column[name]] for name in choices[0]}
+        best = better([best, *(at(best, values) for values in [none, *choices])])
+    moved = (best != theta) & np.isin(space.names, [name for values in tried for name in values])
+    start = np.where(moved, space.z(best), z)
+    helps = moved & ~unneeded(some, space, start, moved, z)
+    before, after = some.values(space.theta(np.stack([z, np.where(helps, start, z)])))
+    if not after < (1.0 - least) * before:
+        return z.copy(), np.zeros_like(helps)
+    return np.where(helps, start, z), helps
 
 
-def unneeded(loss: PredictionLoss, space: Space, z: np.ndarray, active: np.ndarray) -> np.ndarray:
-    """Mask (n,) of the ``active`` laws of single actuators without which the loss at ``z`` (n,) is the same."""
+def unneeded(
+    loss: PredictionLoss, space: Space, z: np.ndarray, active: np.ndarray, without: np.ndarray | None = None
+) -> np.ndarray:
+    """Mask (n,) of the ``active`` laws of single actuators without which the loss at ``z`` (n,) is hardly higher.
+
+    ``without`` (n,): where they are then; default: at the file's values.
+    """
+    without = np.zeros_like(z) if without is None else without
     found = np.zeros(len(space), dtype=bool)
     groups = np.array(space.groups)
     for law in ((LIMIT, FADE), (GAP,)):
@@ -96,7 +119,7 @@ def unneeded(loss: PredictionLoss, space: Space, z: np.ndarray, active: np.ndarr
         own = [moved[[a == name for a in actuators]] for name in dict.fromkeys(actuators)]
         points = np.tile(z, (1 + len(own), 1))
         for row, columns in enumerate(own):
-            points[1 + row, columns] = 0.0
+            points[1 + row, columns] = without[columns]
         losses = loss.values(space.theta(points)) if own else np.zeros(1)
         for value, columns in zip(losses[1:], own, strict=True):
             found[columns] = value <= (1.0 + LEAST) * losses[0]

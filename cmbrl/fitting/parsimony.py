@@ -145,18 +145,18 @@ class Selection:
 
         Where motors saturate, a fit without limits ends far from where it should.
         """
-        start, helps = self._scan(drives.LIMIT, incumbent.z, drives.CLEARLY)
+        start, helps = self._scan(drives.LIMIT, incumbent.z, drives.CLEARLY, lines=False)
         if not helps.any():
             return None
         none, iterations = np.zeros_like(chosen), self.budget.polish_iterations
         trial = self._trial("all limited", incumbent, chosen | helps, start, none, before, iterations)
         return trial if trial.counts(before.mean) else None
 
-    def _scan(self, group: str, z: np.ndarray, least: float = drives.LEAST) -> tuple[np.ndarray, np.ndarray]:
+    def _scan(self, group: str, z: np.ndarray, least: float = 0.0, lines: bool = True) -> tuple[np.ndarray, np.ndarray]:
         """The best levels of ``group`` from ``z`` (n,), and the mask (n,) of the parameters that help."""
         self.journal.check_time()
         self.journal.report(0.6, f"trying {group}")
-        return drives.scanned(group, self.loss, self.space, z, least)
+        return drives.scanned(group, self.loss, self.space, z, least, lines)
 
     def _settled(self, incumbent: Incumbent, before: Errors) -> Errors:
         """Fits on as long as that helps: what comes next must not gain by more iterations alone."""
