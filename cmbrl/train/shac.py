@@ -40,6 +40,11 @@ class SHACConfig(WindowConfig):
     )
     log_std_start: float = setting(-1.0, "log standard deviation of the exploration noise at the start (before tanh)")
     log_std_end: float = setting(-2.3, "the same at the end")
+    saturation: float = setting(
+        0.0,
+        "cost of a step for the square of what the net's output exceeds +-1 by, before tanh, in units of reward",
+        least=0,
+    )
     noise_linear: float = setting(0.03, "velocity noise added after each step [m/s]", least=0)
     noise_angular: float = setting(0.1, "velocity noise added after each step [rad/s]", least=0)
     variance_every: int = setting(20, "updates between measurements of the gradient's variance over episodes", least=1)
@@ -81,6 +86,8 @@ class SHAC(WindowLearner):
         self._steps = self.roll(progress)
         self.optimiser.zero_grad()
         self.loss(self._steps).backward()
+        if self.config.saturation:
+            self.restraint(self._steps).backward()
         norm = nn.utils.clip_grad_norm_(self.policy.net.parameters(), self.config.clip)
         metrics = {"gradient_norm": float(norm)}
         if self.iteration % self.config.variance_every == 0:
@@ -124,6 +131,15 @@ class SHAC(WindowLearner):
             ends = torch.cat([step.next_observation for step in steps])[unseen]
             total = total + (torch.cat(left)[unseen] * self.critic.value(ends.float())).sum()
         return -total / (len(steps) * self.config.environments)
+
+    def restraint(self, steps: list[Step]) -> Tensor:
+        """Cost of outputs that tanh flattens, per step and episode at the window's observations: ().
+
+        An action at its limit has neither a gradient nor exploration: a joint that is once pushed into its stop stays.
+        """
+        drive = self.policy.drive(torch.cat([step.observation.detach() for step in steps]).float())
+        excess = (drive.abs() - 1.0).clamp(min=0.0).square().sum(dim=1)
+        return self.config.saturation * excess.mean()
 
 
 class Tamed(torch.autograd.Function):

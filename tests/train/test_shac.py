@@ -71,6 +71,22 @@ def test_the_loss_s_derivative_in_an_action_is_that_of_differences():
     assert float(steps[k].action.grad[row, joint]) == pytest.approx(difference, rel=2e-2, abs=1e-4)
 
 
+def test_restraint_pulls_outputs_back_from_where_tanh_is_flat():
+    """Nothing within +-1, the square of the excess beyond; its derivative is that of differences."""
+    trainer = make(replace(SMALL, saturation=0.5))
+    steps, last = trainer.roll(0.0), trainer.policy.net[-1]
+    assert trainer.restraint(steps) == 0
+    with torch.no_grad():
+        last.weight.zero_()
+        last.bias.copy_(torch.tensor([0.9, -3.0, 1.5]))
+    cost = trainer.restraint(steps)
+    assert float(cost.detach()) == pytest.approx(0.5 * (2.0**2 + 0.5**2))
+    (slope,) = torch.autograd.grad(cost, last.bias)
+    assert slope.tolist() == pytest.approx([0.0, -0.5 * 4.0, 0.5 * 1.0])
+    trainer.gradient(0.0)
+    assert last.bias.grad[1] < -1.5, "a part of the update"
+
+
 def test_td_lambda_targets_are_the_weighted_sums_of_n_step_returns():
     trainer = make()
     c = trainer.config
