@@ -62,8 +62,8 @@ class ComplementarityModel:
             What does not touch yet is not lifted. Only for MuJoCo's contact law. A fit of a model that leaves the
             choice open takes the law that the log supports.
         implicit_springs: treat joint springs and position gains implicitly (MuJoCo does so for velocity gains only).
-        prune: contacts predicted to separate faster than this [m/s] are left out of the solve, and let in again where it
-            ends otherwise; ``inf`` keeps all. Default: 1; 0.3 for a scene of many candidates, whose rows cost the most.
+        prune: contacts predicted to separate faster than this [m/s] are left out of the solve, and let in again where
+            it ends otherwise; ``inf`` keeps all. Default: 1; 0.3 for a scene of many candidates, whose rows cost most.
         path_tolerance: relative distance of every complementarity product from its kappa at the solution.
         candidates: (K, np) parameter sets that explain the data about as well as ``parameters``, for training or
             evaluation under model uncertainty; stepping ignores them.

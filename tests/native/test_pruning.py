@@ -116,7 +116,9 @@ def test_a_margin_acts_before_the_shapes_touch(tmp_path: Path) -> None:
     """With a margin of 2 cm, balls 1 to 1.9 cm above a plane, and as far from each other, are pushed already."""
     ball = '<body pos="{} 0 .1"><freejoint/><geom size=".1" margin=".02"/></body>'
     floor = '<geom type="plane" size="9 9 1" margin=".02"/>'
-    mjcf = f"<mujoco><option timestep=\"0.001\"/><worldbody>{floor}{ball.format(0)}{ball.format(0.21)}</worldbody></mujoco>"
+    mjcf = (
+        f'<mujoco><option timestep="0.001"/><worldbody>{floor}{ball.format(0)}{ball.format(0.21)}</worldbody></mujoco>'
+    )
     (tmp_path / "scene.xml").write_text(mjcf)
     scene = Scene.from_mjcf(tmp_path / "scene.xml")
     q = np.tile(scene.q0, (50, 1))
