@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 INTEGRATORS = ("semi-implicit", "leapfrog", "midpoint")
 SLIDING = ("coulomb", "convex")
-PRUNE = 3.0  # m/s
+MANY = 256  # candidates; the core lets rows of more than these in by their names
 FAILURE_LOSS = 1e3  # added to a candidate's loss by a failed solve
 FAILED = int(SolverStatus.FAILED)  # an enum's member is slow to look up and to compare with
 
@@ -62,7 +62,8 @@ class ComplementarityModel:
             What does not touch yet is not lifted. Only for MuJoCo's contact law. A fit of a model that leaves the
             choice open takes the law that the log supports.
         implicit_springs: treat joint springs and position gains implicitly (MuJoCo does so for velocity gains only).
-        prune: contacts predicted to separate faster than this [m/s] are left out of the solve; ``inf`` keeps all.
+        prune: contacts predicted to separate faster than this [m/s] are left out of the solve, and let in again where
+            it ends otherwise; ``inf`` keeps all. Default: 1; 0.3 for a scene of many candidates, whose rows cost most.
         path_tolerance: relative distance of every complementarity product from its kappa at the solution.
         candidates: (K, np) parameter sets that explain the data about as well as ``parameters``, for training or
             evaluation under model uncertainty; stepping ignores them.
@@ -87,7 +88,7 @@ class ComplementarityModel:
         threads: int = 1,
         backward_smoothing: Smoothing | None = None,
         implicit_springs: bool = False,
-        prune: float = PRUNE,
+        prune: float | None = None,
         path_tolerance: float = 1e-6,
         candidates: np.ndarray | None = None,
         observation: Mapping[str, float] | None = None,
@@ -111,7 +112,9 @@ class ComplementarityModel:
         self.sliding = one_of("coulomb" if sliding is None else sliding, SLIDING, "sliding")
         if self.sliding == "convex" and scene.contact_law != "mujoco":
             raise UserError(f"sliding 'convex' does not go with the contact law {scene.contact_law}: choose 'coulomb'")
-        self.prune = real(prune, "prune", least=0.0)
+        self._prune = prune
+        many = scene.core.ncontact > MANY
+        self.prune = real((0.3 if many else 1.0) if prune is None else prune, "prune", least=0.0)
         self.path_tolerance = real(path_tolerance, "path_tolerance", above=0.0, most=1.0)
         self.parameters = self._checked_parameters(parameters)
         rows = None if candidates is None else np.atleast_2d(real_array(candidates, "candidates"))
@@ -130,7 +133,7 @@ class ComplementarityModel:
             "convex": int(self.sliding == "convex"),
             "forward": self.smoothing.resolve(scene, self.time_step),
             "backward": self.backward_smoothing.resolve(scene, self.time_step),
-            "prune": self._prune_speed(),
+            "prune": self.prune,
             "tolerance": 1e-9,
             "theta": self.path_tolerance,
             "max_iterations": 40,
@@ -139,14 +142,6 @@ class ComplementarityModel:
         self.stepper = Stepper(scene, options, self.threads)
         self.coordinates = Coordinates.from_scene(scene)
         self._widths = scene.nq, scene.nv, scene.inputs
-
-    def _prune_speed(self) -> float:
-        """``prune``, or more where margins are wide: contacts act from there on, and the core counts the way to gaps.
-
-        What separates by more than a quarter of its margin in a step is not pushed, however soft its contact is.
-        """
-        reach = 1.25 * float(self.scene.core.con_margin.max(initial=0.0)) / self.time_step
-        return max(self.prune, reach) if reach > PRUNE else self.prune
 
     @property
     def dt(self) -> float:
@@ -380,7 +375,7 @@ class ComplementarityModel:
             "implicit_springs": self.implicit_springs,
             "damping": self._damping,
             "sliding": self._sliding,
-            "prune": self.prune,
+            "prune": self._prune,
             "path_tolerance": self.path_tolerance,
             "candidates": self.candidates,
             "observation": self.observation,

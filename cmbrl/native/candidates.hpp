@@ -115,6 +115,8 @@ static typename G::V relative_velocity(const Vec<G::N>* twist, int A, int B, con
 
 // What a cluster's candidates that are too far to look at have in common: from which gap on they are, and the smallest of theirs.
 struct Far { T from, lowest = splat(1e300); };
+// A law with a margin takes candidates for touching that much before they do.
+static inline double margin_of(const Model& m, int i) { return __builtin_fmax(m.con_margin[i], 0); }
 
 // One candidate: becomes a row of w.con if it may close within the step, or several, else of w.left, or of `far`; given: it, or
 // an edge of it, is a row in these lanes.
@@ -123,7 +125,7 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, Fa
   int A = m.con_bodyA[i], B = m.con_bodyB[i];
   Feature<G> F = find_feature(m, w, i);
   if (far) {
-    T gap = F.dist - m.P[m.oContact + i * kContactFields + kRadius] - w.radius_slack;
+    T gap = F.dist - m.P[m.oContact + i * kContactFields + kRadius] - w.radius_slack - margin_of(m, i);
     if (!any(gap < far->from)) { far->lowest = vmin(far->lowest, gap); return; }
   }
   T p[kContactFields];
@@ -143,7 +145,7 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, Fa
     return;
   }
   double enough = speed_that_matters(o, o.forward, m.con_invweight[i]), wide = speed_that_matters(o, o.backward, m.con_invweight[i]);
-  T speed = dot(F.n, relative_velocity<G>(w.vel, A, B, F)), slack = phi * (1 / o.h) - vabs(speed);  // at least, whatever the law is
+  T speed = dot(F.n, relative_velocity<G>(w.vel, A, B, F)), slack = (phi - margin_of(m, i)) * (1 / o.h) - vabs(speed);  // at least, whatever the law is
   T closing = speed;
   for (int k = 0; k < w.nguess; ++k) closing = vmin(closing, dot(F.n, relative_velocity<G>(w.guess_twist + k * m.nbody, A, B, F)));
   Mask near = on & (slack + vmin(closing, -vabs(speed)) < __builtin_fmax(enough, wide)), takes_part = none();
@@ -172,7 +174,7 @@ static void find_on_plane(const Model& m, const Options& o, Work<G>& w, int A, i
   T base = dot(n, w.pos[A] + w.O) - w.P[m.oPlane + plane] - w.radius_slack;
   for (int k = begin; k < m.cluster_begin[cluster + 1]; ++k) {
     int i = m.grp_con[k];
-    T gap = base + dot(up, load<G::D>(m.con_posA + i * G::D)) - m.P[m.oContact + i * kContactFields + kRadius];
+    T gap = base + dot(up, load<G::D>(m.con_posA + i * G::D)) - m.P[m.oContact + i * kContactFields + kRadius] - margin_of(m, i);
     if (m.con_type[i] != kPointPlane || any(gap < far.from)) find_contact(m, o, w, i, &far);
     else far.lowest = vmin(far.lowest, gap);
   }

@@ -35,10 +35,11 @@ double length(const double* x, int D) {
   return std::sqrt(sum);
 }
 
-// How far the shapes of candidate c reach from their centres. The axis of a corner only tells where its box is.
+double margin_of(const Model& m, int c) { return std::max(m.con_margin[c], 0.0); }
+// How far the shapes of candidate c, and the margin in which they touch already, reach from their centres. The axis of a corner only tells where its box is.
 double size_of_A(const Model& m, int c) {
   double sum = m.P[m.oContact + c * kContactFields + kRadius] - m.con_radiusB[c];
-  return std::abs(sum) + (m.con_type[c] == kCornerBox ? 0 : length(m.con_axisA + c * m.D, m.D));
+  return std::abs(sum) + margin_of(m, c) + (m.con_type[c] == kCornerBox ? 0 : length(m.con_axisA + c * m.D, m.D));
 }
 double size_of_B(const Model& m, int c) {
   return std::abs(m.con_radiusB[c]) + length(m.con_axisB + c * m.D, m.D) + length(m.con_halfB + c * m.D, m.D);
@@ -137,7 +138,7 @@ void SceneData::derive_clusters() {
         double radius = m.P[m.oContact + c * kContactFields + kRadius] + (rim ? length(m.con_axisA + c * D, D) : 0);
         A.hold(m.con_posA + c * D, rim || m.con_type[c] == kCornerBox ? nullptr : m.con_axisA + c * D, nullptr, nullptr);
         B.hold(m.con_posB + c * D, m.con_axisB + c * D, m.con_rotB + c * D * D, m.con_halfB + c * D);
-        most = std::max(most, radius);
+        most = std::max(most, radius + margin_of(m, c));
         heaviest = std::max(heaviest, m.con_invweight[c]);
       }
       begin.push_back(k);

@@ -25,6 +25,10 @@ static void for_chain(const Model& m, int line, int k, F f) {
 template <class G>
 static void add_drag(const Model& m, Work<G>& w, int line, T x) {
   if (!any(x != 0.0)) return;
+  if (line < m.nv) {  // its dof alone
+    w.D[m.mass.row(line)] += x;
+    return;
+  }
   for (int k = m.line_ptr[line]; k < m.line_ptr[line + 1]; ++k) {
     int dof = m.line_dof[k];
     Row<T> row(w.D, m.mass, dof);
