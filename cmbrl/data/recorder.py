@@ -60,7 +60,7 @@ def record_gymnasium(
 
     try:
         with without_mujoco_warnings():
-            limits = {"disable_env_checker": True, "max_episode_steps": episode_steps}
+            limits: dict[str, Any] = {"disable_env_checker": True, "max_episode_steps": episode_steps}
             env = gymnasium.make(environment, **limits, **(options or {}))
     except gymnasium.error.DependencyNotInstalled as error:
         raise UserError(f"{environment} cannot start ({error}): pip install 'cmbrl[tasks]'") from None

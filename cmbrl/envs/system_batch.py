@@ -22,7 +22,6 @@ class SystemBatch:
 
     def __init__(self, system: SystemFactory, count: int) -> None:
         self.systems = [system() for _ in range(count)]
-        self._feels = isinstance(self.systems[0], Feels)
         self._present: list[tuple[np.ndarray, np.ndarray] | None] = [None] * count
 
     @property
@@ -47,7 +46,7 @@ class SystemBatch:
                 self.systems[k].reset(q_row, v_row)
             system = self.systems[k]
             q_new, v_new = self._present[k] = system.step(u_row)
-            felt = system.felt() if self._feels else ()
+            felt = system.felt() if isinstance(system, Feels) else ()
             after.append((np.concatenate([q_new, felt]), v_new))
         q_next, v_next = (torch.from_numpy(np.stack(x)) for x in zip(*after, strict=True))
         return q_next, v_next

@@ -10,6 +10,7 @@ from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
 from cmbrl.fitting.combinations import combinations
 from cmbrl.fitting.discrepancy import Discrepancy
+from cmbrl.fitting.draws import bearable
 from cmbrl.fitting.fitted_parameter import AT_BOUND, FITTED, FLAT, NOMINAL, FittedParameter
 from cmbrl.fitting.gauge import common_factors
 from cmbrl.fitting.identify import identify
@@ -86,7 +87,10 @@ def conclude(
         "gauge": [space.names[k] for together in sets for k in together],
         "ratios": shared,
         "combinations": {"rows": sums, "reference": unit},
-        "covariance": _covariance(space, known.covariance),
+        "covariance": {
+            **_covariance(space, known.covariance),
+            "share": bearable(loss, space, z, known.covariance),
+        },
         "left_out": [{"kind": e.kind, "name": e.name, "why": e.why} for e in model.scene.left_out],
         "candidates": incumbent.candidates,
         "course": incumbent.course,

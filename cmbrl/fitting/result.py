@@ -13,6 +13,7 @@ import numpy as np
 from cmbrl.errors import UserError
 from cmbrl.files import atomic_path, check_writable, make_folder, read_record, record_text
 from cmbrl.fitting import report_text
+from cmbrl.fitting.draws import around
 from cmbrl.fitting.fitted_parameter import FittedParameter
 from cmbrl.fitting.objective import NOT_FINITE
 from cmbrl.fitting.space import Space
@@ -107,7 +108,8 @@ class FitResult:
     def draws(self, count: int, seed: int = 0) -> np.ndarray:
         """Parameter sets (count, np) that explain the log about as well: normal around the fit, within the bounds.
 
-        Parameters that the data inform vary jointly, with the covariance of the fit (``cmbrl.fitting.identify``).
+        Parameters that the data inform vary jointly, with the covariance of the fit (``cmbrl.fitting.identify``), as far
+        as the log bears it (``cmbrl.fitting.draws``).
         """
         scene = self.model.scene
         nominal = np.array([self.parameters[p.name].nominal for p in scene.parameters])
@@ -115,12 +117,8 @@ class FitResult:
         saved = self.report["covariance"]
         own = [k for k, name in enumerate(saved["parameters"]) if name in space.names]  # not those of the observation
         told = [space.names.index(saved["parameters"][k]) for k in own]
-        z = np.tile(space.z(self.model.parameters), (count, 1))
-        if told:
-            values, vectors = np.linalg.eigh(np.array(saved["matrix"])[np.ix_(own, own)])
-            root = vectors * np.sqrt(np.maximum(values, 0.0))
-            z[:, told] += np.random.default_rng(seed).normal(size=(count, len(told))) @ root.T
-        return space.theta(z)
+        matrix = np.array(saved["matrix"])[np.ix_(own, own)] * saved.get("share", 1.0) ** 2
+        return space.theta(around(space.z(self.model.parameters), np.array(told, dtype=int), matrix, count, seed))
 
     def uncertain_model(self, count: int = 256, seed: int = 0) -> ComplementarityModel:
         """The fitted model with ``count`` draws as its candidates, to train policies on."""
