@@ -108,8 +108,8 @@ class FitResult:
     def draws(self, count: int, seed: int = 0) -> np.ndarray:
         """Parameter sets (count, np) that explain the log about as well: normal around the fit, within the bounds.
 
-        Parameters that the data inform vary jointly, with the covariance of the fit (``cmbrl.fitting.identify``), as far
-        as the log bears it (``cmbrl.fitting.draws``).
+        Parameters that the data inform vary jointly, with the covariance of the fit (``cmbrl.fitting.identify``), as
+        far as the log bears it (``cmbrl.fitting.draws``).
         """
         scene = self.model.scene
         nominal = np.array([self.parameters[p.name].nominal for p in scene.parameters])
