@@ -21,7 +21,7 @@ def test_draws_have_the_covariance() -> None:
 def fitted(carts):
     """The loss of a kicked cart that has a third more gear than its file, its space, and the truth in z."""
     truth = carts.truth(1, gear_0=1.3)
-    log = carts.record(truth, episodes=4, steps=30, noise=0.02)
+    log = carts.record(truth, episodes=4, steps=30, noise=0.002)
     evidence = Evidence.of(carts.model(1), log)
     loss = evidence.loss(log.windows(1), 1, *evidence.scales(1, 0.5))
     space = evidence.space
