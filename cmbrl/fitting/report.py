@@ -89,7 +89,7 @@ def conclude(
         "combinations": {"rows": sums, "reference": unit},
         "covariance": {
             **_covariance(space, known.covariance),
-            "share": bearable(loss, space, z, known.covariance),
+            "share": _share(loss, space, z, known.covariance),
         },
         "left_out": [{"kind": e.kind, "name": e.name, "why": e.why} for e in model.scene.left_out],
         "candidates": incumbent.candidates,
@@ -99,6 +99,14 @@ def conclude(
     }
     journal.report(1.0, "done")
     return FitResult(final, parameters, report, incumbent.unseen)
+
+
+def _share(loss: PredictionLoss, space: Space, z: np.ndarray, covariance: np.ndarray) -> float:
+    """How wide draws may be; as wide as the intervals where Ctrl-C ends the search for it."""
+    try:
+        return bearable(loss, space, z, covariance)
+    except KeyboardInterrupt:
+        return 1.0
 
 
 def _covariance(space: Space, covariance: np.ndarray) -> dict[str, Any]:
