@@ -11,6 +11,7 @@ import pytest
 
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
+from cmbrl.scene.actuators import UNLIMITED
 from cmbrl.scene.report import describe, to_dict
 
 from .conftest import Load
@@ -236,7 +237,7 @@ def test_actuators(load: Load) -> None:
     core = scene.core
     assert scene.actuator_names == ("h",)
     gears = core.P[scene.layout.actuator(0) : scene.layout.gravity]
-    assert gears.tolist() == [10, 7, 0, -7, -2, 0]  # no time constant
+    assert gears.tolist() == [10, 7, 0, -7, -2, 0, UNLIMITED, 0, 0]  # no time constant, limit or backlash
     assert (core.act_line.tolist(), core.act_ctrl.tolist()) == ([1], [[-np.inf, np.inf]])
 
 
