@@ -63,7 +63,7 @@ class ComplementarityModel:
             choice open takes the law that the log supports.
         implicit_springs: treat joint springs and position gains implicitly (MuJoCo does so for velocity gains only).
         prune: contacts predicted to separate faster than this [m/s] are left out of the solve, and let in again where
-            it ends otherwise; ``inf`` keeps all. Default: 1; 0.3 for a scene of many candidates, whose rows cost most.
+            it ends otherwise; ``inf`` keeps all. Default: 3; 0.3 for a scene of many candidates, whose rows cost most.
         path_tolerance: relative distance of every complementarity product from its kappa at the solution.
         candidates: (K, np) parameter sets that explain the data about as well as ``parameters``, for training or
             evaluation under model uncertainty; stepping ignores them.
@@ -114,7 +114,7 @@ class ComplementarityModel:
             raise UserError(f"sliding 'convex' does not go with the contact law {scene.contact_law}: choose 'coulomb'")
         self._prune = prune
         many = scene.core.ncontact > MANY
-        self.prune = real((0.3 if many else 1.0) if prune is None else prune, "prune", least=0.0)
+        self.prune = real((0.3 if many else 3.0) if prune is None else prune, "prune", least=0.0)
         self.path_tolerance = real(path_tolerance, "path_tolerance", above=0.0, most=1.0)
         self.parameters = self._checked_parameters(parameters)
         rows = None if candidates is None else np.atleast_2d(real_array(candidates, "candidates"))
