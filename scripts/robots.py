@@ -66,8 +66,10 @@ def main() -> None:
     parser.add_argument("--kept", type=Path, default=Path("runs/robots"), metavar="FOLDER", help="measurements")
     parser.add_argument("--only-times", action="store_true")
     arguments = parser.parse_args()
-    arguments.kept.mkdir(parents=True, exist_ok=True)
     files = sorted(arguments.folder.glob("*/robot.xml"))
+    if not files:
+        parser.error(f"{arguments.folder}: holds no NAME/robot.xml: give the folder of such folders")
+    arguments.kept.mkdir(parents=True, exist_ok=True)
     robots = {}
     for file in files:
         kept = arguments.kept / f"{file.parent.name}.json"

@@ -118,6 +118,10 @@ def _names(arguments: argparse.Namespace) -> list[str]:
     study = load(arguments.study)
     if arguments.robots is not None and (study.name != "speed" or arguments.scene):
         raise UserError(f"--robots {arguments.robots}: {'--scene names others' if arguments.scene else 'is for speed'}")
+    if arguments.robots is not None:
+        from cmbrl.bench.studies.speed.robots import robot_files
+
+        robot_files(arguments.robots)  # raises before anything is written
     for label in arguments.scene or ():
         if label not in study.scenes:
             raise UserError(f"{study.name}: unknown scene {label!r}: {did_you_mean(label, study.scenes)}")

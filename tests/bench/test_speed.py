@@ -16,6 +16,7 @@ from cmbrl.bench.studies.speed.candidates import draw
 from cmbrl.bench.studies.speed.plots import bars
 from cmbrl.bench.study import Section, Settings
 from cmbrl.bench.timing import Spread, interleaved
+from cmbrl.cli.main import main
 from cmbrl.errors import UserError
 from cmbrl.jobs import Runner
 from cmbrl.models.complementarity import ComplementarityModel
@@ -159,3 +160,10 @@ def test_training_study_has_a_row_a_task(tmp_path: Path) -> None:
     cells = dict(zip(found.tables[0].columns, row, strict=True))
     assert cells["model steps"] == 64 * 32
     assert 0 < cells["core alone [ms]"] < cells["rollout and gradient [ms]"]
+
+
+def test_a_folder_without_robots_is_refused_before_anything_is_written(tmp_path: Path, capsys) -> None:
+    (tmp_path / "none").mkdir()
+    assert main(["bench", "speed", "--robots", str(tmp_path / "none"), "--out", str(tmp_path / "out")]) == 2
+    assert "no robots" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
