@@ -5,14 +5,15 @@ q begins with x; in the plane it is x, z, pitch and the joints' angles, v its ra
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import Tensor
 
-from cmbrl.mdp import Total
+from cmbrl.mdp import Total, inside, uniform
 
 Test = Callable[[Tensor, Tensor], Tensor]
+Reset = Callable[[int, torch.Generator], tuple[Tensor, Tensor]]
 SLOPE = 50.0  # of training barriers, per m and per rad: our choice
 
 
@@ -46,3 +47,23 @@ def barrier(height: float, pitch: float) -> Test:
         return -SLOPE * ((q[:, 2].abs() - pitch).clamp(min=0.0) + (height - q[:, 1]).clamp(min=0.0))
 
     return of_state
+
+
+def upright(start: Sequence[float], bottom: Tensor, top: Tensor, noise: float = 5e-3) -> tuple[Test, Test, Reset]:
+    """(healthy, terminated, reset) of a planar robot that falls.
+
+    It is healthy where ``bottom`` < (q, v) < ``top``, each (nq + nv,), and not where a state is not finite. A reset
+    puts it at rest at ``start`` (nq,), each coordinate and velocity off by up to ``noise``.
+    """
+
+    def healthy(q: Tensor, v: Tensor) -> Tensor:
+        return inside(q, v, bottom, top)
+
+    def terminated(q: Tensor, v: Tensor) -> Tensor:
+        return ~healthy(q, v)
+
+    def reset(count: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+        at = torch.tensor(start, dtype=torch.float64)
+        return at + uniform(count, len(at), noise, generator), uniform(count, len(at), noise, generator)
+
+    return healthy, terminated, reset

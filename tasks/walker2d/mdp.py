@@ -8,36 +8,19 @@ from __future__ import annotations
 from math import inf
 
 import torch
-from torch import Tensor
 
-from cmbrl.mdp import MDP, inside, uniform
-from cmbrl.tasks.running import barrier, observe_clipped, reward
+from cmbrl.mdp import MDP
+from cmbrl.tasks.running import barrier, observe_clipped, reward, upright
 
 DT = 0.008  # s
-HEIGHT, LOW, HIGH, PITCH = 1.25, 0.8, 2.0, 1.0  # m, m, m, rad: start; healthy above, below, within
+START = (0.0, 1.25, *7 * [0.0])
+LOW, HIGH, PITCH = 0.8, 2.0, 1.0  # m, m, rad: healthy above, below, within
 SAFE_HEIGHT, SAFE_PITCH = 1.0, 0.6  # of the training barrier: 55 and 60 % of the way to a fall, as the hopper's
 
 BOTTOM = torch.tensor([-inf, LOW, -PITCH, *15 * [-inf]], dtype=torch.float64)  # of a healthy (q, v)
 TOP = torch.tensor([inf, HIGH, PITCH, *15 * [inf]], dtype=torch.float64)
 
-
-def healthy(q: Tensor, v: Tensor) -> Tensor:
-    """(B,) bool: upright enough to continue; false for a state that is not finite."""
-    return inside(q, v, BOTTOM, TOP)
-
-
-def terminated(q: Tensor, v: Tensor) -> Tensor:
-    """(B,) bool: the walker has fallen."""
-    return ~healthy(q, v)
-
-
-def reset(count: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-    """States at rest and upright, each coordinate and velocity off by up to 5e-3."""
-    q = uniform(count, 9, 5e-3, generator)
-    q[:, 1] += HEIGHT
-    return q, uniform(count, 9, 5e-3, generator)
-
-
+healthy, terminated, reset = upright(START, BOTTOM, TOP)
 REWARD = reward(DT, 1e-3, healthy)
 
 
