@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -122,3 +123,14 @@ def outcome(mdp: MDP, q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_ne
         "next_observation": mdp.observe(q_next, v_next),
         "terminated": mdp.terminated(q_next, v_next).double(),
     }
+
+
+def record_random(
+    mdp: MDP, system: SystemFactory, n_steps: int, seed: int = 0, episode_steps: int = 200
+) -> Transitions:
+    """``n_steps`` transitions or more of uniform random actions, in episodes of at most ``episode_steps``."""
+    shorter = replace(mdp, episode_steps=min(mdp.episode_steps, episode_steps))
+    robot, generator = Recording(shorter, system, seed), torch.Generator().manual_seed(seed + 1)
+    while robot.transitions < n_steps:
+        robot.step(2 * torch.rand(1, mdp.actions, generator=generator, dtype=torch.float64) - 1)
+    return robot.log()

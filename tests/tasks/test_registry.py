@@ -41,7 +41,7 @@ def _forget(monkeypatch):
 
 def test_the_tasks_of_this_repository_are_entry_points():
     ours = {"ball_throw", "ball_over", "ball_slide", "cube_toss", "cube_rounded", "hopper", "cheetah"}
-    ours |= {"hopper_dojo", "cheetah_dojo", "hopper_payload", "walker2d", "ant"}
+    ours |= {"hopper_dojo", "cheetah_dojo", "hopper_payload", "walker2d", "ant", "dm_walker_run", "dm_cheetah_run"}
     assert ours <= set(registry.names())
     for name in ours:
         assert registry.load_task(name).name == name
