@@ -18,15 +18,17 @@ A task registers itself; cmbrl never imports one by name. Your own task is added
     my_robot = "my_robot.task:TASK"
 
 After ``pip install -e .`` of your package, ``cmbrl info my_robot`` and every other command know it. Without a package,
-in a script or notebook, call ``cmbrl.registry.register(TASK)``. Add ``mdp`` and ``system`` to train policies for it;
-docs/policies.md has a complete example.
+name the file itself, ``cmbrl info my_robot/task.py``; in a script or notebook, call ``cmbrl.registry.register(TASK)``.
+Add ``mdp`` and ``system`` to train policies for it; docs/policies.md has a complete example.
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import EntryPoint, entry_points
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -177,10 +179,22 @@ def names() -> list[str]:
     return sorted({*_registered, *_installed()})
 
 
+def is_task(name: str) -> bool:
+    """Whether :func:`load_task` knows ``name``, or would look for a file of this name."""
+    return name.endswith(".py") or name in names()
+
+
 def load_task(name: str) -> Task:
-    """The task called ``name``; raises UserError with the nearest name if there is none, or if it fails to load."""
+    """The task called ``name``, or ``TASK`` of a file whose name ends with .py.
+
+    Raises UserError with the nearest name if there is none, or if it fails to load.
+    """
+    if name.endswith(".py"):
+        name = str(Path(name).resolve())
     if name in _registered:
         return _registered[name]
+    if name.endswith(".py"):
+        return _of_file(Path(name))
     installed = _installed()
     if name not in installed:
         raise UserError(f"unknown task {name!r}: {did_you_mean(name, names())}")
@@ -193,6 +207,25 @@ def load_task(name: str) -> Task:
         raise UserError(
             f"task {name!r}: {installed[name].value} is not a cmbrl.registry.Task: point to the Task object"
         )
+    return task
+
+
+def _of_file(path: Path) -> Task:
+    """``TASK`` of a Python file, named after its place, so that a policy of it is found again."""
+    if not path.is_file():
+        raise UserError(f"{path}: no such file: name the Python file of a task")
+    spec = spec_from_file_location(f"cmbrl_task_{path.stem}", path)
+    assert spec is not None  # of a name that ends with .py
+    assert spec.loader is not None
+    module = sys.modules[spec.name] = module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:  # foreign code
+        raise UserError(f"{path}: cannot be loaded ({error!r}): mend it") from error
+    task = getattr(module, "TASK", None)
+    if not isinstance(task, Task):
+        raise UserError(f"{path}: defines no cmbrl.registry.Task called TASK: add one")
+    task = _registered[str(path)] = replace(task, name=str(path))
     return task
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from cmbrl.data.checks import TIME_STEP_TOLERANCE
 from cmbrl.errors import UserError
 from cmbrl.models.source import Source, load_source
-from cmbrl.registry import load_task, names
+from cmbrl.registry import is_task, load_task
 
 if TYPE_CHECKING:
     from cmbrl.data import Transitions
@@ -112,7 +112,7 @@ def _task_of(folder: str) -> Task | None:
     from cmbrl.models.named import task_of_fit
 
     word = task_of_fit(folder)
-    return load_task(word) if word in names() else None
+    return load_task(word) if word is not None and is_task(word) else None
 
 
 def _label(word: str, words: Sequence[str]) -> str:

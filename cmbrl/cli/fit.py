@@ -47,7 +47,7 @@ METHODS = ("gauss-newton", "random", "cma")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("source", metavar="SCENE|TASK", help="an MJCF or URDF file, or the name of a task")
+    parser.add_argument("source", metavar="SCENE|TASK", help="an MJCF or URDF file, or a task")
     parser.add_argument(
         "--data",
         required=True,

@@ -15,7 +15,7 @@ cmbrl info robot.xml --ignore tendon --json
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("source", metavar="SCENE|TASK", help="an MJCF or URDF file, or the name of a task")
+    parser.add_argument("source", metavar="SCENE|TASK", help="an MJCF or URDF file, or a task")
     add_scene_options(parser)
     add_json(parser)
 

@@ -41,7 +41,7 @@ _MAY_CHANGE = {"iterations", "threads", "checkpoint_seconds", "out", "command"} 
 
 
 def add_arguments(parser: Parser) -> None:
-    parser.add_argument("task", metavar="TASK", help="the name of a task")
+    parser.add_argument("task", metavar="TASK", help="a task: its name, or a Python file that defines TASK")
     parser.add_argument(
         "--algorithm",
         metavar="A",

@@ -51,16 +51,16 @@ class Source:
 def load_source(
     word: str, ignore: Sequence[str] = (), contact_law: str | None = None, self_contact: str = "near"
 ) -> Source:
-    """The scene of an MJCF or URDF file (a word that ends so, has a slash, or is a file) or of a registered task.
+    """The scene of an MJCF or URDF file (a word that ends so, has a slash, or is a file) or of a task.
 
     Raises UserError on a missing file, an unknown task, and whatever the importer refuses.
     """
-    from cmbrl.registry import load_task
+    from cmbrl.registry import is_task, load_task
     from cmbrl.scene import Scene
 
     path = Path(word)
     is_file = path.suffix.lower() in (".xml", ".mjcf", ".urdf") or "/" in word or os.path.isfile(path)
-    task = None if is_file else load_task(word)
+    task = load_task(word) if is_task(word) or not is_file else None
     law = contact_law or (task.contact_law if task else "mujoco")
     scene = Scene.from_mjcf(
         task.scene_path if task else word, ignore=ignore, contact_law=law, self_contact=self_contact

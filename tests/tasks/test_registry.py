@@ -112,3 +112,33 @@ def test_tasks_import_nothing_heavy():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
+
+
+def test_a_task_in_a_file_is_found_by_its_name(tmp_path, monkeypatch):
+    path = tmp_path / "mine.py"
+    path.write_text(
+        "from pathlib import Path\nfrom cmbrl.registry import Task\n"
+        "TASK = Task(name='mine', description='', scene=Path('scene.xml'), control_dt=0.02, substeps=4,"
+        " time_step=0.005, recorder=print)\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    found = registry.load_task("mine.py")
+    assert found.name == str(path)  # so that it is found from other folders
+    assert registry.load_task(str(path)) is found
+    assert registry.is_task("mine.py")
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (None, "no such file: name the Python file of a task"),
+        ("TASK = 3", "defines no cmbrl.registry.Task called TASK: add one"),
+        ("import nothing_of_this_name", "cannot be loaded .*nothing_of_this_name.*: mend it"),
+    ],
+)
+def test_a_file_without_a_task_is_refused(tmp_path, text, says):
+    path = tmp_path / "mine.py"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(UserError, match=says):
+        registry.load_task(str(path))

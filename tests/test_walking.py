@@ -1,0 +1,140 @@
+"""Walking tasks of a user's own robot: start, commands, reward, what is refused; and from a file to a policy."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from cmbrl import Scene, UserError
+from cmbrl.cli import main
+from cmbrl.walking import Walker, Walking, walking_task
+
+LEG = """
+<body name="{name}" pos="{x} {y} 0">
+  <joint name="{name}_hip" type="hinge" axis="0 1 0" damping="0.5" armature="0.01"/>
+  <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.3"/>
+  <body pos="0 0 -0.2">
+    <joint name="{name}_knee" type="hinge" axis="0 1 0" damping="0.5" armature="0.01"/>
+    <geom name="{name}_foot" type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.2"/>
+  </body>
+</body>"""
+LEGS = {"fl": (0.2, 0.1), "fr": (0.2, -0.1), "rl": (-0.2, 0.1), "rr": (-0.2, -0.1)}
+POSTURE = {f"{leg}_{joint}": x for leg in LEGS for joint, x in (("hip", 0.6), ("knee", -1.2))}
+FLOOR = '<geom name="floor" type="plane" size="0 0 1"/>'
+
+
+def robot(floor=FLOOR, root="<freejoint/>", actuators=None):
+    legs = "".join(LEG.format(name=name, x=x, y=y) for name, (x, y) in LEGS.items())
+    if actuators is None:
+        actuators = "".join(f'<position joint="{name}" kp="60" ctrlrange="-1.5 1.5"/>' for name in POSTURE)
+    return f"""
+<mujoco model="dog"><option timestep="0.004"/><worldbody>{floor}<body name="trunk" pos="0 0 0.6">{root}
+<geom type="box" size="0.25 0.1 0.05" mass="5"/>{legs}</body></worldbody><actuator>{actuators}</actuator></mujoco>"""
+
+
+def walking(tmp_path, xml=None, **settings):
+    path = tmp_path / "dog.xml"
+    path.write_text(robot() if xml is None else xml)
+    walker = Walker(scene=path, **({"posture": POSTURE} | settings))
+    return Walking(walker, Scene.from_mjcf(path), 0.02)
+
+
+def test_it_starts_in_its_posture_with_its_feet_on_the_floor(tmp_path):
+    made = walking(tmp_path)
+    assert made.height == pytest.approx(0.4 * math.cos(0.6) + 0.02)
+    q, v = made.process().reset(50, torch.Generator().manual_seed(0))
+    assert (q[:, 7:] - made.q0[7:]).abs().max() <= 0.1
+    assert v.std() == pytest.approx(0.1, rel=0.2)
+
+
+def test_commands_of_servos_and_motors(tmp_path):
+    made = walking(tmp_path, reach=0.4)
+    q, v = made.process().reset(2, torch.Generator().manual_seed(0))
+    action = torch.tensor([[0.0] * 8, [1.0] * 8], dtype=torch.float64)
+    u = made.act(q, v, action)[2]
+    angles = np.array([POSTURE[name] for name in POSTURE])
+    assert np.allclose(u[0], angles)
+    assert np.allclose(u[1], angles + 0.4)
+    assert np.allclose(made.act(q, v, 9 * action)[2][1], 1.5)  # the servo's range
+    motors = "".join(f'<motor joint="{name}" ctrlrange="-20 20"/>' for name in POSTURE)
+    made = walking(tmp_path, robot(actuators=motors), reach=0.5)
+    assert np.allclose(made.act(q, v, action)[2], [[0.0] * 8, [10.0] * 8])
+
+
+def test_the_reward_is_best_upright_at_the_wanted_speed_whatever_the_heading(tmp_path):
+    made = walking(tmp_path, speed=(0.6, 0.2, 0.3))
+    q = made.q0[None].clone()
+    v = torch.zeros(1, 14, dtype=torch.float64)
+    v[0, [0, 1, 5]] = torch.tensor([0.6, 0.2, 0.3], dtype=torch.float64)
+    still, action = torch.zeros_like(v), torch.zeros(1, 8, dtype=torch.float64)
+    process = made.process()
+    best = process.reward(q, v, action, q, v)
+    assert best.item() == pytest.approx(1.5 - 0.01 / math.hypot(0.6, 0.2))
+    assert process.reward(q, still, action, q, still) < best
+    turned, moved = q.clone(), v.clone()
+    angle = 2.0
+    turned[0, 3:7] = torch.tensor([math.cos(angle / 2), 0, 0, math.sin(angle / 2)])
+    c, s = math.cos(angle), math.sin(angle)
+    moved[0, :2] = torch.tensor([c * 0.6 - s * 0.2, s * 0.6 + c * 0.2])
+    assert torch.allclose(process.reward(turned, moved, action, turned, moved), best)
+    assert torch.allclose(process.observe(turned, moved), process.observe(q, v))
+    tilted = q.clone()
+    tilted[0, 3:7] = torch.tensor([math.cos(0.6), math.sin(0.6), 0, 0])  # 1.2 rad
+    low = q.clone()
+    low[0, 2] *= 0.49
+    assert [bool(process.terminated(x, v)) for x in (q, turned, tilted, low)] == [False, False, True, True]
+
+
+def test_derivatives_of_reward_and_observation_are_those_of_finite_differences(tmp_path):
+    process = walking(tmp_path).process()
+    generator = torch.Generator().manual_seed(3)
+    q, v = process.reset(2, generator)
+    inputs = [torch.randn(2, 8, generator=generator, dtype=torch.float64), q, v]
+    inputs = [x.requires_grad_() for x in inputs]
+    assert torch.autograd.gradcheck(lambda a, q1, v1: process.reward(q, v, a, q1, v1), inputs)
+    assert torch.autograd.gradcheck(process.observe, inputs[1:])
+
+
+@pytest.mark.parametrize(
+    ("xml", "posture", "says"),
+    [
+        (robot(floor=""), {}, "walking needs a floor"),
+        (robot(root=""), {}, "walking needs a free root"),
+        (robot(actuators=""), {}, "walking needs actuators"),
+        (robot(), {"fl_nee": 1.0}, "has no joint 'fl_nee': did you mean 'fl_knee'"),
+    ],
+)
+def test_what_cannot_walk_is_refused_with_a_remedy(tmp_path, xml, posture, says):
+    with pytest.raises(UserError, match=says):
+        walking(tmp_path, xml, posture=posture)
+
+
+def test_a_control_step_that_is_no_multiple_of_the_files_is_refused(tmp_path):
+    path = tmp_path / "dog.xml"
+    path.write_text(robot())
+    task = walking_task("dog", "walks", Walker(scene=path), control_dt=0.01, substeps=2)
+    with pytest.raises(UserError, match=r"control_dt = 0.01 s is no multiple of the file's step of 0.004 s"):
+        task.system()
+
+
+def test_from_a_file_that_defines_a_task_to_a_policy_in_mujoco(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "dog.xml").write_text(robot())
+    (tmp_path / "dog.py").write_text(
+        "from pathlib import Path\nfrom cmbrl.walking import Walker, walking_task\n"
+        "WALKER = Walker(scene=Path(__file__).with_name('dog.xml'),"
+        f" posture={POSTURE!r})\nTASK = walking_task('dog', 'walks', WALKER)\n"
+    )
+    sizes = ["--set", "environments=16", "--threads", "1"]
+    train = ["train", "dog.py", "--algorithm", "shac", "--model", "nominal", "--iterations", "2", "--out", "run"]
+    assert main([*train, *sizes]) == 0
+    monkeypatch.chdir("/")  # the policy knows where its task is
+    capsys.readouterr()
+    assert main(["evaluate", str(tmp_path / "run"), "--real", "--json", "--episodes", "2"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["task"] == str(tmp_path / "dog.py")
+    assert main(["record", str(tmp_path / "dog.py"), "--steps", "20", "--out", str(tmp_path / "log.npz")]) == 0
