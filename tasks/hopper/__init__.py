@@ -12,7 +12,6 @@ from cmbrl.tasks.gymnasium_robot import robot_task
 from cmbrl.tasks.zoo import ARS_HOPPER, PPO_HOPPER
 
 TRAINING: dict[str, dict[str, Any]] = {
-    "shac": {"noise_linear": 0.03, "noise_angular": 0.1},
     "fopg": {"window": 0.256, "discount": 0.99},
     "mbpo": {"length_end": 15, "target_entropy": -1.0},  # as its authors have it
     "ppo": PPO_HOPPER,
