@@ -24,6 +24,7 @@ _TILT = np.radians(8.0)  # our camera looks down by this angle
 _OURS = "cmbrl "  # prefix of added names, so that they differ from the file's
 _CAMERA = _OURS + "camera"
 _GREY = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of a geom that has none
+_DRAWN = 3  # MuJoCo draws geoms of groups below
 _SHADOWS = 1024  # pixels; MuJoCo's 4096 take half of the drawing time on a CPU
 _FLAT = "drawn flat, because MuJoCo's renderer does not start"
 _REMEDY = "install Mesa's EGL (apt-get install libegl1 libgl1-mesa-dri) or OSMesa (apt-get install libosmesa6)"
@@ -153,7 +154,15 @@ def _dressed(mujoco: Any, path: str) -> Any:
     moving = model.body_weldid[model.geom_bodyid] > 0
     for which, colour in ((moving, _MOVING), (~moving, _FIXED)):
         model.geom_rgba[plain & which, :3] = colour
+    _unhide(model)
     return model
+
+
+def _unhide(model: Any) -> None:
+    """Bodies whose geoms are all in groups that MuJoCo does not draw show them: a file without looks has no others."""
+    shown = model.geom_group < _DRAWN
+    bare = ~np.isin(model.geom_bodyid, model.geom_bodyid[shown])
+    model.geom_group[bare] = 0
 
 
 def _add_sky_and_ground(mujoco: Any, spec: Any) -> None:

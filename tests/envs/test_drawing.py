@@ -54,6 +54,14 @@ def test_all_that_was_seen_is_in_view(scene):
     assert low - high > 4, "upwards is up"
 
 
+def test_a_body_of_which_nothing_would_be_drawn_shows_what_collides(tmp_path):
+    hidden = '<body>{}<geom type="sphere" size="0.1" group="3"/></body>'
+    looks = '<geom type="box" size="0.1 0.1 0.1" group="2"/>'
+    path = tmp_path / "groups.xml"
+    path.write_text(f"<mujoco><worldbody>{hidden.format('')}{hidden.format(looks)}</worldbody></mujoco>")
+    assert Drawer(str(path), 40, 30).model.geom_group.tolist() == [0, 2, 3]
+
+
 def test_without_a_driver_pictures_are_flat_and_a_broken_one_is_told(scene, monkeypatch):
     flat = Drawer(scene, 60, 40).draw(np.zeros(2))
 
