@@ -195,6 +195,8 @@ def _standing(walker: Walker, scene: Scene) -> np.ndarray:
     for name, value in walker.posture.items():
         q[ROOT_Q + scene.joint_names.index(name) - 1] = value
     q[2] -= scene.gaps(q)[scene.core.con_plane >= 0].min()
+    if q[2] <= 0:
+        raise UserError(f"{scene.name}: the root is {-q[2]:.3g} m under the floor when it stands: change its posture")
     return q
 
 

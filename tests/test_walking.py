@@ -113,6 +113,14 @@ def test_what_cannot_walk_is_refused_with_a_remedy(tmp_path, xml, posture, says)
         walking(tmp_path, xml, posture=posture)
 
 
+def test_a_robot_that_stands_above_its_root_is_refused(tmp_path):
+    under = '<mujoco><worldbody><geom type="plane" size="0 0 1"/><body><freejoint/><geom pos="0 0 2" size="0.1"/>'
+    under += '<body pos="0 0 2"><joint name="j"/><geom size="0.1" pos="0.3 0 0"/></body></body></worldbody>'
+    under += '<actuator><position joint="j"/></actuator></mujoco>'
+    with pytest.raises(UserError, match=r"the root is 1.9 m under the floor when it stands: change its posture"):
+        walking(tmp_path, under, posture={})
+
+
 def test_a_control_step_that_is_no_multiple_of_the_files_is_refused(tmp_path):
     path = tmp_path / "dog.xml"
     path.write_text(robot())
