@@ -13,7 +13,7 @@ from cmbrl.tasks.zoo import ARS_CHEETAH, PPO_CHEETAH
 
 EPISODE_STEPS = 200
 TRAINING: dict[str, dict[str, Any]] = {
-    "shac": {"iterations": 1500, "noise_linear": 0.03, "noise_angular": 0.3},
+    "shac": {"iterations": 1500},
     # Its policies differ little, so that a quarter of the training tells which of two should continue.
     "loop": {"iterations": 1875, "trial": 0.25},
     "fopg": {"window": 1.6, "discount": 0.99, "episode_steps": 1000},
