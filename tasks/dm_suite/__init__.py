@@ -43,7 +43,7 @@ def _suite_task(name: str, asset: str, frame_skip: int, **settings: Any) -> Task
 
     return Task(
         name=name, scene=scene, recorder=record, mdp=mdp, system=system, behaviours=("random",), substeps=frame_skip,
-        contact_gap=1e-3, **settings,
+        sliding="convex", contact_gap=1e-3, **settings,
     )  # fmt: skip
 
 
