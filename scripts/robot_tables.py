@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,8 @@ def page(text: str, robots: Mapping[str, Robot], folders: Mapping[str, Path]) ->
         "\n".join(_counts(good)),
         _table(("robot", "nv", "candidates", "modelled in another way, or left out", "licence"),
                [_what(name, robot, folders[name]) for name, robot in good.items()]),
-        _table(("robot", "air, place", "floor", "floor, convex", "what differs", "derivative", "step", "with gradient"),
+        _table(("robot", "MuJoCo's laws: air, place", "floor", "default: air, place", "floor", "what differs",
+                "derivative", "step", "with gradient"),
                [_measured(name, robot) for name, robot in good.items()]),
         *(f"{name}: {robot['why']}" for name, robot in robots.items() if "why" in robot),
         _made(robots),
@@ -51,36 +53,45 @@ def _values(robot: Robot) -> dict[str, float]:
     return {check["name"]: check["value"] for check in robot["checks"]}
 
 
-def _steps(robot: Robot) -> tuple[float, float | None, float | None, float]:
-    """Errors in the air or in place, on the floor under both laws, and the larger of those nearest to MuJoCo's."""
+@dataclass(frozen=True)
+class Steps:
+    """Errors of steps under one choice of laws: in the air or in place, and on the floor."""
+
+    air: float
+    floor: float | None
+
+    @property
+    def worst(self) -> float:
+        """The larger one."""
+        return max(self.air, self.floor or 0.0)
+
+
+def _steps(robot: Robot, law: str = "") -> Steps:
+    """Under the default's laws; or with ", convex" under MuJoCo's."""
     found = _values(robot)
-    air = found.get("step in place", found.get("step above the floor", float("nan")))
-    floor = found.get("step on the floor")
-    convex = found.get("step on the floor, convex", floor)
-    air_convex = found.get("step in place, convex", found.get("step above the floor, convex", air))
-    return air, floor, convex, max(air_convex, convex if convex is not None else 0.0)
+    air = found.get(f"step in place{law}", found.get(f"step above the floor{law}", float("nan")))
+    return Steps(air, found.get(f"step on the floor{law}"))
 
 
 def _counts(robots: Mapping[str, Robot]) -> Iterator[str]:
-    values, steps = [_values(robot) for robot in robots.values()], [_steps(robot) for robot in robots.values()]
-    walkers = [step for step in steps if step[1] is not None and step[2] is not None]
-    count = len(steps)
+    values, count = [_values(robot) for robot in robots.values()], len(robots)
+    default, nearest = ([_steps(robot, law) for robot in robots.values()] for law in ("", ", convex"))
+    walkers = sum(steps.floor is not None for steps in default)
 
-    def below(errors: list[float]) -> int:
-        return sum(error <= LIMIT for error in errors)
+    def below(errors: Iterable[float | None]) -> int:
+        return sum(error is not None and error <= LIMIT for error in errors)
 
     def slowest(name: str) -> int:
         return sum(value[name] < 1 for value in values)
 
     worst = max(value["derivatives, worst"] for value in values)
     wild = max(value["wild states flagged"] + value["wild states wrong"] for value in values)
-    in_air, coulomb, convex = (below([s[k] for s in of]) for k, of in ((0, steps), (1, walkers), (2, walkers)))
-    yield f"- A step in the air, or of a mounted robot: error below {LIMIT} for {in_air} of {count}."
-    yield (
-        f"- On the floor: for {convex} of {len(walkers)} under the convex law of sliding, which is MuJoCo's, and for "
-        f"{coulomb} under exact Coulomb, the default."
-    )
-    yield f"- Both together, under the convex law: for {below([s[3] for s in steps])} of {count}."
+    for steps, of in ((nearest, "under MuJoCo's laws"), (default, "by default")):
+        air, floor, both = (below(getattr(s, name) for s in steps) for name in ("air", "floor", "worst"))
+        yield (
+            f"- One step {of}: error below {LIMIT} for {air} of {count} in the air or in place, for {floor} of "
+            f"{walkers} on the floor; both together for {both}."
+        )
     yield (
         f"- Faster than `mj_step`: {slowest('time of a step')} of {count}; with the vector-Jacobian product "
         f"{slowest('time with gradient')}."
@@ -97,10 +108,10 @@ def _what(name: str, robot: Robot, folder: Path) -> list[str]:
 
 
 def _measured(name: str, robot: Robot) -> list[str]:
-    found, (air, floor, convex, _) = _values(robot), _steps(robot)
+    found, default, nearest = _values(robot), _steps(robot), _steps(robot, ", convex")
     reasons = [re.sub(r"^step [^,]*, ", "", key) for key in found if re.match(r"step [^,]*, with", key)]
     times = [f"{found[key]:.2f}" for key in ("time of a step", "time with gradient")]
-    errors = ["" if x is None else f"{x:.2g}" for x in (air, floor, convex)]
+    errors = ["" if x is None else f"{x:.2g}" for x in (nearest.air, nearest.floor, default.air, default.floor)]
     return [name, *errors, ", ".join(dict.fromkeys(reasons)), f"{found['derivatives, worst']:.0e}", *times]
 
 

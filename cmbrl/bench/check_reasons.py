@@ -8,7 +8,6 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -25,11 +24,10 @@ _OFF = mujoco.mjtDisableBit
 
 @dataclass(frozen=True)
 class Feature:
-    """Something that ``switch_off`` takes out of MuJoCo's model, in words; or settings of ours that come nearer."""
+    """Something that ``switch_off`` takes out of MuJoCo's model, in words."""
 
     name: str
-    switch_off: Callable[[mujoco.MjModel], None] | None = None
-    settings: tuple[tuple[str, Any], ...] = ()
+    switch_off: Callable[[mujoco.MjModel], None]
 
 
 def reason(
@@ -55,14 +53,11 @@ def reason(
 
 def _error(scene: Scene, sliding: str, theirs: mujoco.MjModel, states: States, features: Sequence[Feature]) -> float:
     changed = copy.deepcopy(theirs)
-    settings: dict[str, Any] = {"sliding": sliding}
     for feature in features:
-        if feature.switch_off:
-            feature.switch_off(changed)
-        settings |= dict(feature.settings)
+        feature.switch_off(changed)
     try:
         ours = Scene.from_mjcf(changed, scene.ignore, scene.contact_law, scene.reduce, scene.self_contact, scene.drives)
-        (found,), _ = step_errors([ComplementarityModel(ours, **settings)], changed, states)
+        (found,), _ = step_errors([ComplementarityModel(ours, sliding=sliding)], changed, states)
     except UserError:  # it asks for what the change took away
         return np.inf
     return float(np.median(found))
@@ -79,8 +74,6 @@ def _features(theirs: mujoco.MjModel) -> Iterator[Feature]:
 
     if theirs.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
         yield Feature("with implicitfast for RK4", _no_rk4)
-    else:
-        yield Feature("with damping split", settings=(("damping", "split"),))
     if theirs.opt.noslip_iterations:
         yield Feature("without the noslip pass", _no_noslip)
     yield Feature("with links that pass through each other", _part_links)

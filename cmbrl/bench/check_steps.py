@@ -1,4 +1,4 @@
-"""One step of a scene against one of MuJoCo, from random states near the home pose: the steps of ``cmbrl check``."""
+"""One step of a scene against one of MuJoCo, from states that MuJoCo visits: the steps of ``cmbrl check``."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from cmbrl.bench.states import with_activations
+from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
 from cmbrl.scene.records import Array
 
 LIFT = 1.0  # m, of a robot above the floor
-SPREAD, SPEED = 0.1, 0.5  # standard deviations of states about the home pose: rad or m, rad/s or m/s
-ON_THE_FLOOR = "on the floor"
+STILL = 1e-4  # rad/s or m/s: a coordinate whose speed changes less in a step is held fast, as by dry friction
+EPISODE, HOLD = 100, 10  # steps of an episode from the home pose; of one random control
+PER_EPISODE, EPISODES = 4, 2  # states; episodes tried for each that is wanted
+_DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ def places(scene: Scene, theirs: mujoco.MjModel) -> dict[str, Array]:
     if len(on_plane):
         on[2] -= scene.gaps(home)[on_plane].min() + 1e-3
     above[2] = on[2] + LIFT
-    return {"above the floor": above, ON_THE_FLOOR: on}
+    return {"above the floor": above, "on the floor": on}
 
 
 def controls(theirs: mujoco.MjModel, count: int, rng: np.random.Generator) -> Array:
@@ -52,14 +54,37 @@ def controls(theirs: mujoco.MjModel, count: int, rng: np.random.Generator) -> Ar
     return rng.uniform(low, high, (count, theirs.nu))
 
 
-def draw(scene: Scene, theirs: mujoco.MjModel, where: str, home: Array, count: int, rng: np.random.Generator) -> States:
-    """States near ``home`` under random controls; on the floor a robot stays on its feet."""
-    noise = SPREAD * rng.normal(size=(count, scene.nv))
-    if where == ON_THE_FLOOR:
-        noise[:, :6] *= 0.05
-    q = scene.integrate(np.tile(home, (count, 1)), noise)
-    v, u = SPEED * rng.normal(size=(count, scene.nv)), with_activations(scene, controls(theirs, count, rng), rng)
-    return States(q, v, u)
+def visit(scene: Scene, theirs: mujoco.MjModel, home: Array, count: int, rng: np.random.Generator) -> States:
+    """States of episodes of mj_step from ``home`` under random controls, at random steps.
+
+    Raises UserError where MuJoCo's own simulation diverges from there.
+    """
+    data = mujoco.MjData(theirs)
+    rows: list[tuple[Array, Array, Array]] = []
+    for _ in range(EPISODES * count):
+        rows += _episode(scene, theirs, data, home, rng)
+        if len(rows) >= count:
+            q, v, u = (np.array(column[:count]) for column in zip(*rows, strict=True))
+            return States(q, v, u)
+    raise UserError(f"{scene.name}: MuJoCo's simulation diverges under random controls: take a shorter timestep")
+
+
+def _episode(
+    scene: Scene, theirs: mujoco.MjModel, data: mujoco.MjData, home: Array, rng: np.random.Generator
+) -> list[tuple[Array, Array, Array]]:
+    """q, v and u of some steps of an episode; none if it diverges."""
+    mujoco.mj_resetData(theirs, data)
+    data.qpos[:] = home
+    chosen, acts = rng.choice(EPISODE, PER_EPISODE, replace=False), theirs.actuator_actadr[scene.core.state_act]
+    rows: list[tuple[Array, Array, Array]] = []
+    for step in range(int(chosen.max()) + 1):
+        if step % HOLD == 0:
+            data.ctrl[:] = controls(theirs, 1, rng)[0]
+        if step in chosen:
+            rows.append((data.qpos.copy(), data.qvel.copy(), np.concatenate([data.ctrl, data.act[acts]])))
+        mujoco.mj_step(theirs, data)
+    diverged = any(data.warning[kind].number for kind in _DIVERGED)
+    return [] if diverged else rows
 
 
 def step_errors(
@@ -67,7 +92,7 @@ def step_errors(
 ) -> tuple[list[Array], np.ndarray]:
     """Of each model, the error (B,) of every step against mj_step; and (B,) whether nothing touches in MuJoCo.
 
-    An error is the root mean square over coordinates, each in units of its usual change.
+    An error is the root mean square over coordinates, each in units of its usual change in a step.
     """
     q, v, u = states.q, states.v, states.u
     scene = models[0].scene
@@ -78,7 +103,7 @@ def step_errors(
         data.qpos[:], data.qvel[:], data.ctrl[:], data.act[acts] = q[k], v[k], *np.split(u[k], [scene.nu])
         mujoco.mj_step(theirs, data)
         expected[k], apart[k] = data.qvel, data.ncon == 0
-    scale = np.sqrt(np.mean(np.square(expected - v), axis=0)) + 1e-9  # of each coordinate's change
+    scale = np.maximum(np.sqrt(np.mean(np.square(expected - v), axis=0)), STILL)  # of each coordinate's change
     found = [
         np.sqrt(np.mean(np.square((model.predict(q, v, u).v_next - expected) / scale), axis=1)) for model in models
     ]

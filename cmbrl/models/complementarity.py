@@ -18,9 +18,9 @@ from cmbrl.data.checks import TIME_STEP_TOLERANCE
 from cmbrl.errors import UserError
 from cmbrl.models.activations import Activations
 from cmbrl.models.autograd import Stepper, differentiable_step
-from cmbrl.models.damping import choose_damping
 from cmbrl.models.manifold import Coordinates
 from cmbrl.models.observation import Observation
+from cmbrl.models.step_choices import choose_step
 from cmbrl.models.step_result import SolverWarning, StepResult
 from cmbrl.models.windows import Windows
 from cmbrl.models.wiring import Wiring
@@ -55,12 +55,17 @@ class ComplementarityModel:
         threads: native threads; results do not depend on it.
         damping: "coupled" (contacts, limits, ties and dry friction feel that damping is implicit) or "split" (they act
             as if it were not, and it becomes implicit afterwards, as in MuJoCo's Euler and implicit integrators).
-            Default: split for MuJoCo's contact law and these integrators at steps up to the file's, unless damping is
-            so strong that it overshoots 50 times (servos: 5); longer steps may diverge.
+            Default: split for MuJoCo's contact law and these integrators at steps up to the file's; longer steps may
+            diverge. Damping so strong that it overshoots 50 times (servos: 5) disturbs rows that look ahead: then
+            coupled if ``look_ahead`` is True.
         sliding: "coulomb" (friction opposes sliding, nothing else; default) or "convex" (MuJoCo's law, of Anitescu and
             Potra: what slides is also lifted, until it separates with mu times its speed or as its softness lets it).
             What does not touch yet is not lifted. Only for MuJoCo's contact law. A fit of a model that leaves the
             choice open takes the law that the log supports.
+        look_ahead: contacts and limits act if they would close within the step, so that nothing sinks in and the
+            step has no jumps; False: once they are closed, as MuJoCo's do, and meshes touch a plane with at most four
+            corners of the side towards it, as there. Only for MuJoCo's contact law. Default: where damping is split,
+            False under the convex law, whose step is then MuJoCo's, and where damping is that strong; otherwise True.
         implicit_springs: treat joint springs and position gains implicitly (MuJoCo does so for velocity gains only).
         prune: contacts predicted to separate faster than this [m/s] are left out of the solve, and let in again where
             it ends otherwise; ``inf`` keeps all. Default: 3; 0.3 for a scene of many candidates, whose rows cost most.
@@ -94,6 +99,7 @@ class ComplementarityModel:
         observation: Mapping[str, float] | None = None,
         damping: str | None = None,
         sliding: str | None = None,
+        look_ahead: bool | None = None,
     ) -> None:
         if not isinstance(scene, Scene):
             raise UserError(f"scene is a {type(scene).__name__}; give the Scene of Scene.from_mjcf")
@@ -106,12 +112,14 @@ class ComplementarityModel:
         self.backward_smoothing = _policy(backward_smoothing, self.smoothing)
         self.threads = whole(threads, "threads", most=256)
         self.implicit_springs = switch(implicit_springs, "implicit_springs")
-        self._damping = damping
-        self.damping = choose_damping(scene, damping, self.time_step, self.integrator, self.implicit_springs)
         self._sliding = sliding
         self.sliding = one_of("coulomb" if sliding is None else sliding, SLIDING, "sliding")
         if self.sliding == "convex" and scene.contact_law != "mujoco":
             raise UserError(f"sliding 'convex' does not go with the contact law {scene.contact_law}: choose 'coulomb'")
+        self._damping, self._look_ahead = damping, look_ahead
+        self.damping, self.look_ahead = choose_step(
+            scene, damping, look_ahead, self.sliding, self.time_step, self.integrator, self.implicit_springs
+        )
         self._prune = prune
         many = scene.core.ncontact > MANY
         self.prune = real((0.3 if many else 3.0) if prune is None else prune, "prune", least=0.0)
@@ -131,6 +139,7 @@ class ComplementarityModel:
             "implicit_springs": int(self.implicit_springs),
             "split": int(self.damping == "split"),
             "convex": int(self.sliding == "convex"),
+            "look_ahead": int(self.look_ahead),
             "forward": self.smoothing.resolve(scene, self.time_step),
             "backward": self.backward_smoothing.resolve(scene, self.time_step),
             "prune": self.prune,
@@ -223,13 +232,14 @@ class ComplementarityModel:
         """The same model under the other law of sliding; None where the law was named, or nothing slides."""
         rubs = self.scene.contact_law == "mujoco" and bool(np.any(self.scene.core.con_dim > 1))
         other = "convex" if self.sliding == "coulomb" else "coulomb"
-        return self.with_settings(sliding=other) if rubs and self._sliding is None else None
+        chosen = {"sliding": other, "look_ahead": self.look_ahead}
+        return self.with_settings(**chosen) if rubs and self._sliding is None else None
 
     def to_config(self) -> dict[str, Any]:
         """Settings and parameters as JSON types; the scene is described by its own file."""
         settings = self._settings()
         del settings["candidates"]  # kept in the folder of the fit
-        settings["damping"], settings["sliding"] = self.damping, self.sliding
+        settings |= {"damping": self.damping, "sliding": self.sliding, "look_ahead": self.look_ahead}
         for key in ("smoothing", "backward_smoothing"):
             settings[key] = smoothing_policies.to_config(settings[key])
         names = [p.name for p in self.scene.parameters]
@@ -238,7 +248,12 @@ class ComplementarityModel:
     @classmethod
     def from_config(cls, scene: Scene, config: dict[str, Any]) -> ComplementarityModel:
         """Inverse of :meth:`to_config`; raises UserError unless it names exactly the parameters of the scene."""
-        config = {"damping": "coupled", "sliding": "coulomb", **config}  # as before there was a choice
+        config = {
+            "damping": "coupled",
+            "sliding": "coulomb",
+            "look_ahead": True,
+            **config,
+        }  # as before there was a choice
         values = config.pop("parameters", {})
         known = {p.name: i for i, p in enumerate(scene.parameters)}
         theta = scene.parameter_vector()
@@ -375,6 +390,7 @@ class ComplementarityModel:
             "implicit_springs": self.implicit_springs,
             "damping": self._damping,
             "sliding": self._sliding,
+            "look_ahead": self._look_ahead,
             "prune": self._prune,
             "path_tolerance": self.path_tolerance,
             "candidates": self.candidates,

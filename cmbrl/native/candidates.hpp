@@ -3,6 +3,7 @@
 #pragma once
 #include "contact.hpp"
 #include "near.hpp"
+#include "side.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -123,6 +124,8 @@ static inline double margin_of(const Model& m, int i) { return __builtin_fmax(m.
 template <class G>
 static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, Far* far, const Given* given = nullptr) {
   int A = m.con_bodyA[i], B = m.con_bodyB[i];
+  bool corner = w.by_sides && m.con_hull[i] >= 0;
+  if (corner) find_side(m, w, i);
   Feature<G> F = find_feature(m, w, i);
   if (far) {
     T gap = F.dist - m.P[m.oContact + i * kContactFields + kRadius] - w.radius_slack - margin_of(m, i);
@@ -131,9 +134,15 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, Fa
   T p[kContactFields];
   load_block(m, w, i, p);
   T phi = F.dist - p[kRadius];
-  Mask on = given ? given->on : all();
+  Mask on = given ? given->on : corner ? w.side_there[m.con_corner[i]] : all();
   bool of_points = m.con_plane[i] < 0 && m.con_type[i] != kCornerBox;  // whose distance gives the direction
   if (of_points) on &= vabs(F.dist) > 1e-9;  // crossing segments: none parts them
+  if (!o.look_ahead && !given) {
+    Mask apart = on & ~(phi < m.con_margin[i]);
+    w.left_out_gap = select(apart, vmin(w.left_out_gap, vabs(phi)), w.left_out_gap);
+    on &= ~apart;
+    if (!any(on)) return;
+  }
   if (!(o.prune < 1e300) || given) {
     Contact<G>& c = w.add_contact();
     make_contact(m, o, i, F, phi, p, c);
@@ -184,6 +193,8 @@ static void find_on_plane(const Model& m, const Options& o, Work<G>& w, int A, i
 template <class G>
 static void find_in_cluster(const Model& m, const Options& o, Work<G>& w, int g, int cluster) {
   int A = m.grp_A[g], B = m.grp_B[g], begin = m.cluster_begin[cluster], end = m.cluster_begin[cluster + 1];
+  bool side = w.by_sides && m.con_hull[m.grp_con[begin]] >= 0;
+  if (side) end = begin + kCorners;
   if (!w.sift) {
     for (int k = begin; k < end; ++k) find_contact(m, o, w, m.grp_con[k], nullptr);
     return;
@@ -194,7 +205,7 @@ static void find_in_cluster(const Model& m, const Options& o, Work<G>& w, int g,
     T gap = least_gap(m, w, A, B, cluster);
     if (!any(gap < far.from)) { w.pass_over({A, B, gap * (1 / o.h) - fast}); return; }
   }
-  if (m.con_plane[m.grp_con[begin]] >= 0) find_on_plane(m, o, w, A, cluster, far);
+  if (m.con_plane[m.grp_con[begin]] >= 0 && !side) find_on_plane(m, o, w, A, cluster, far);
   else for (int k = begin; k < end; ++k) find_contact(m, o, w, m.grp_con[k], &far);
   if (any(far.lowest < 1e300)) w.pass_over({A, B, far.lowest * (1 / o.h) - fast});
 }
@@ -205,6 +216,8 @@ static void find_contacts(const Model& m, const Options& o, Work<G>& w, bool giv
   w.ncon = w.ngroups = w.nleft = 0;
   w.left_out_gap = splat(__builtin_inf());
   w.coupled = false;
+  w.by_sides = !o.look_ahead;
+  w.side_of = -1;
   for (int k = 0; given && k < w.ngiven;) {
     int g = m.con_group[w.given[k].index], first = w.ncon;
     open_group(m, w, g);

@@ -27,7 +27,8 @@ static Feature<G> find_feature(const Model& m, const Work<G>& w, int i) {
     V x = load<G::D>(local);
     return body >= 0 ? G::rotate(w.R[body], x) : x;
   };
-  F.a = place(A, m.con_posA + i * D);
+  bool corner = w.by_sides && m.con_hull[i] >= 0;
+  F.a = corner ? w.pos[A] + G::rotate(w.R[A], w.side[m.con_corner[i]]) : place(A, m.con_posA + i * D);
   if (m.con_plane[i] >= 0) {
     F.n = plane_normal<G>(m, m.con_plane[i]);
     if (m.con_type[i] == kRimPlane) {

@@ -51,6 +51,9 @@ struct Model : Structure {
   const int *con_type, *con_bodyA, *con_bodyB, *con_plane, *con_pair, *con_dim, *con_law, *con_pyramid;
   const double *con_posA, *con_axisA, *con_posB, *con_axisB, *con_rotB, *con_halfB, *con_rotA;  // rotA: of a box with a corner, which axisA leads to from its centre
   const double* con_along;   // (ncontact, 3) of a capsule over a plane: where a tangent of its pyramid points (edges.hpp); or 0
+  const int *con_hull, *con_corner;  // of a mesh over a plane: its hull, or -1; its place among the candidates of its pair of geoms
+  const int *hull_ptr, *vertex_ptr, *vertex_face, *face_ptr, *face_vertex;  // side.hpp: vertices of hulls, faces around each; vertices of faces
+  const double *hull_point, *face_normal;                                   // in the frame of the mesh's body
   const int *con_kin, *grp_kin, *kin_ptr;        // candidates that may share a row of a pack: of one group, with laws that differ in lane numbers only
   int nkin;                  // those of group g are numbers grp_kin[g] to grp_kin[g + 1] - 1; kin_ptr: how many candidates those before have
   double largest_invweight;  // of a contact
@@ -137,6 +140,7 @@ struct Options {
   int substeps, leapfrog, midpoint, implicit_springs;  // midpoint: velocity-dependent forces half a step ahead
   int split;         // damping is explicit to the rows, and implicit afterwards (split.hpp)
   int convex;        // contacts slide by the convex law (newton.hpp), not by Coulomb's
+  int look_ahead;    // soft contacts and limits act if they would close within the step; otherwise once they have, as in MuJoCo
   Smoothing forward, backward;
   double prune;      // [m/s] rows predicted to separate faster are left out; infinity keeps all
   double tolerance;  // relative, on the linear residuals; products to within theta * kappa

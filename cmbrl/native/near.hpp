@@ -97,7 +97,7 @@ static void for_meeting(const Model& m, Work<G>& w, F f) {
 // A speed at which no row separates that matters, nor one whose gap does (the published rule for kappa).
 static inline double speed_of_far(const Options& o, double weight) {
   auto of = [&](const Smoothing& s) {
-    return __builtin_fmax(speed_that_matters(o, s, weight), s.mode == kNearest ? 6 * s.length / o.h : 0);
+    return __builtin_fmax(o.look_ahead ? speed_that_matters(o, s, weight) : 0, s.mode == kNearest ? 6 * s.length / o.h : 0);
   };
   return __builtin_fmax(of(o.forward), of(o.backward));
 }
@@ -115,8 +115,8 @@ static void find_near(const Model& m, const Options& o, Work<G>& w) {
   for (int b = 0; b < m.nbody; ++b) {
     if (m.sphere_radius[b] < 0) continue;  // touches nothing
     w.centre[b] = w.pos[b] + G::rotate(w.R[b], load<G::D>(m.sphere_pos + b * G::D));
-    w.fast[b] = fastest(m, w, w.vel, b);
-    for (int k = 0; k < w.nguess; ++k) w.fast[b] = vmax(w.fast[b], fastest(m, w, w.guess_twist + k * m.nbody, b));
+    w.fast[b] = o.look_ahead ? fastest(m, w, w.vel, b) : T{};
+    for (int k = 0; o.look_ahead && k < w.nguess; ++k) w.fast[b] = vmax(w.fast[b], fastest(m, w, w.guess_twist + k * m.nbody, b));
     grow_sphere(m, o, w, b, 2.0 * w.fast[b], enough);
   }
   for_meeting(m, w, [&](int g, Mask) { w.near[g / 64] |= uint64_t(1) << g % 64; });
@@ -176,7 +176,7 @@ static T least_gap(const Model& m, const Work<G>& w, int A, int B, int k) {
 template <class G>
 static Mask passed_over(const Model& m, const Options& o, Work<G>& w) {
   Mask found = none(), faster = none();
-  if (m.pair_ptr[m.nbody] == 0 && !w.sift) return found;
+  if (!o.look_ahead || (m.pair_ptr[m.nbody] == 0 && !w.sift)) return found;
   double spare = o.prune / 3;
   for (int b = 0; b < m.nbody; ++b) {
     if (m.sphere_radius[b] < 0) continue;

@@ -37,7 +37,7 @@ inline Options options_from(nb::dict d) {
   o.h = option<double>(d, "h"); o.substeps = option<int>(d, "substeps"); o.leapfrog = option<int>(d, "leapfrog");
   o.midpoint = option<int>(d, "midpoint");
   o.implicit_springs = option<int>(d, "implicit_springs"); o.split = option<int>(d, "split");
-  o.convex = option<int>(d, "convex");
+  o.convex = option<int>(d, "convex"); o.look_ahead = option<int>(d, "look_ahead");
   o.forward = smoothing_from(option<nb::dict>(d, "forward")); o.backward = smoothing_from(option<nb::dict>(d, "backward"));
   const Smoothing &f = o.forward, &b = o.backward;
   o.backward_differs = f.mode != b.mode || f.kappa != b.kappa || f.floor != b.floor || f.dry != b.dry || f.length != b.length || f.stop != b.stop;

@@ -13,6 +13,7 @@ static void smooth_quantities(const Model& m, const Options& o, const Batch& b, 
   Options every = o;
   every.prune = __builtin_inf();
   every.convex = 0;  // whole contacts
+  every.look_ahead = 1;
   for (int64_t e = begin; e < end; e += W) {
     Lanes l = lanes_from(e, end);
     gather_parameters(m, b, l, w, e == begin);

@@ -133,12 +133,12 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
     Direction way;
     T phi = m.lim_ball[i] < 0 ? line_limit(m, w, i, way) : ball_limit(m, w, i, way);
     T speed = along(m, w, way, w.v), slack = (phi - m.lim_margin[i]) * (1 / o.h) - vabs(speed);
-    Mask on = given ? given[i] : all(), wide = on;
-    if (given && !any(on)) continue;
+    Mask acts = given ? given[i] : o.look_ahead ? all() : phi < m.lim_margin[i], on = acts, wide = acts;
+    if (!any(acts)) continue;
     double enough = speed_that_matters(o, o.forward, m.lim_invweight[i]), most = speed_that_matters(o, o.backward, m.lim_invweight[i]);
     T closing = speed;
     for (int k = 0; k < w.nguess; ++k) closing = vmin(closing, along(m, w, way, w.guess + k * m.nv));
-    if (prune) on = wide = slack + vmin(closing, -vabs(speed)) < __builtin_fmax(enough, most);
+    if (prune) on = wide = acts & (slack + vmin(closing, -vabs(speed)) < __builtin_fmax(enough, most));
     Limit& l = w.lim[w.nlim];
     if (any(on)) {
       const double* s = m.lim_soft + 7 * i;
@@ -152,7 +152,7 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
       slack = select(on, l.c0, slack);
       if (prune) { on &= slack + closing < enough; wide &= slack + closing < most; }
     }
-    if (Mask left = ~on; prune && any(left)) w.left_lim[w.nleft_lim++] = {left, way, slack, enough};
+    if (Mask left = acts & ~on; prune && any(left)) w.left_lim[w.nleft_lim++] = {left, way, slack, enough};
     if (!any(on | wide)) continue;
     l.on = on;
     l.wide = wide;

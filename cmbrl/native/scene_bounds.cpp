@@ -35,6 +35,14 @@ double length(const double* x, int D) {
   return std::sqrt(sum);
 }
 
+// f(point) of what candidate c has of A: of a mesh over a plane, whose point may be any corner, its hull too.
+template <class F>
+void for_points(const Model& m, int c, F f) {
+  f(m.con_posA + c * m.D);
+  if (int hull = m.con_hull[c]; hull >= 0)
+    for (int k = m.hull_ptr[hull]; k < m.hull_ptr[hull + 1]; ++k) f(m.hull_point + 3 * k);
+}
+
 double margin_of(const Model& m, int c) { return std::max(m.con_margin[c], 0.0); }
 // How far the shapes of candidate c, and the margin in which they touch already, reach from their centres. The axis of a corner only tells where its box is.
 double size_of_A(const Model& m, int c) {
@@ -53,11 +61,11 @@ void SceneData::derive_spheres() {
   int D = m.D;
   std::vector<Sphere> spheres(m.nbody);
   for (int c = 0; c < m.ncontact; ++c) {
-    if (m.con_bodyA[c] >= 0) spheres[m.con_bodyA[c]].hold(m.con_posA + c * D, D);
+    if (m.con_bodyA[c] >= 0) for_points(m, c, [&](const double* x) { spheres[m.con_bodyA[c]].hold(x, D); });
     if (m.con_bodyB[c] >= 0) spheres[m.con_bodyB[c]].hold(m.con_posB + c * D, D);
   }
   for (int c = 0; c < m.ncontact; ++c) {
-    if (m.con_bodyA[c] >= 0) spheres[m.con_bodyA[c]].reach(m.con_posA + c * D, size_of_A(m, c), D);
+    if (m.con_bodyA[c] >= 0) for_points(m, c, [&](const double* x) { spheres[m.con_bodyA[c]].reach(x, size_of_A(m, c), D); });
     if (m.con_bodyB[c] >= 0) spheres[m.con_bodyB[c]].reach(m.con_posB + c * D, size_of_B(m, c), D);
   }
   std::vector<double> centre, radius;
@@ -122,7 +130,7 @@ void SceneData::derive_clusters() {
   constexpr int few = 3;
   Model& m = model;
   int D = m.D;
-  std::vector<int> of_group{0}, begin;
+  std::vector<int> of_group{0}, begin, place(m.ncontact);
   std::vector<double> boxA, boxB, round, weight;
   for (int g = 0; g < m.ngroup; ++g) {
     for (int k = m.grp_cptr[g], end; k < m.grp_cptr[g + 1]; k = end) {
@@ -136,7 +144,9 @@ void SceneData::derive_clusters() {
         int c = m.grp_con[x];
         bool rim = m.con_type[c] == kRimPlane;
         double radius = m.P[m.oContact + c * kContactFields + kRadius] + (rim ? length(m.con_axisA + c * D, D) : 0);
-        A.hold(m.con_posA + c * D, rim || m.con_type[c] == kCornerBox ? nullptr : m.con_axisA + c * D, nullptr, nullptr);
+        const double* axis = rim || m.con_type[c] == kCornerBox ? nullptr : m.con_axisA + c * D;
+        for_points(m, c, [&](const double* point) { A.hold(point, axis, nullptr, nullptr); });
+        place[c] = x - k;
         B.hold(m.con_posB + c * D, m.con_axisB + c * D, m.con_rotB + c * D * D, m.con_halfB + c * D);
         most = std::max(most, radius + margin_of(m, c));
         heaviest = std::max(heaviest, m.con_invweight[c]);
@@ -154,6 +164,7 @@ void SceneData::derive_clusters() {
   m.grp_clusters = keep_ints("grp_clusters", std::move(of_group)); m.cluster_begin = keep_ints("cluster_begin", std::move(begin));
   m.cluster_boxA = keep_doubles("cluster_boxA", std::move(boxA)); m.cluster_boxB = keep_doubles("cluster_boxB", std::move(boxB));
   m.cluster_round = keep_doubles("cluster_round", std::move(round));
+  m.con_corner = keep_ints("con_corner", std::move(place));
   m.cluster_invweight = keep_doubles("cluster_invweight", std::move(weight));
 }
 

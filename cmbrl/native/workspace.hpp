@@ -183,6 +183,8 @@ struct Work : SolverWork<G> {
   LeftOutLimit* left_lim; int nleft_lim;
   Passed* passed; int npassed;          // see near.hpp
   bool sift;                               // clusters are tested
+  bool by_sides; int side_of;              // meshes touch planes with corners of a side (side.hpp): those at hand, of which pair of geoms
+  V side[4]; Mask side_there[4];
   T left_out_gap;                          // smallest absolute gap of a contact that was left out
   uint64_t* bits; int *fill_ptr, *fill_idx;  // the pattern as bits, and as lists
   T* vb; Motion *bvel, *bacc;          // where the bias is taken in a midpoint step: velocity, its twists and accelerations

@@ -16,6 +16,7 @@ from cmbrl.scene.contacts import ContactBuilder
 from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.differences import differences
 from cmbrl.scene.fluid import Box, box_arrays, oblique_box, read_boxes
+from cmbrl.scene.hulls import hull_arrays
 from cmbrl.scene.inverse_weights import weight_arrays
 from cmbrl.scene.joint_forces import Compensation, force_ranges, read_compensation
 from cmbrl.scene.joint_parameters import armatures_of
@@ -168,6 +169,7 @@ def _core(
         **lines,
         **tie_arrays(tree, parts.ties, plane),
         **contact_arrays(model, candidates, grounds, plane, law.name),
+        **hull_arrays(model, tree, [] if plane else candidates, len(candidates)),
         act_line=integers([a.line for a in actuators]),
         act_ctrl=doubles([a.control for a in actuators], (-1, 2)),
         act_force=doubles([a.force for a in actuators], (-1, 2)),

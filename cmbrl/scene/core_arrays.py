@@ -50,6 +50,8 @@ class CoreArrays:
     nseg: int
     nwrap: int
     ntie: int
+    nhull: int  # meshes that may touch a plane
+    nface: int  # sides of their hulls
     nshape: int  # bodies whose inertia can change its shape
     nmass: int  # masses and armatures that inverse weights depend on
     nweight: int  # inverse weights that masses change
@@ -112,6 +114,14 @@ class CoreArrays:
     con_rotA: Array  # (nc, D * D)
     con_radiusB: Array  # (nc,)
     con_along: Array  # (nc, 3) in A's frame: direction of a capsule over a plane, otherwise 0
+    con_hull: Integers  # (nc,) of a mesh over a plane: its hull; otherwise -1
+    hull_ptr: Integers  # (nhull + 1,) where the vertices of each hull begin
+    hull_point: Array  # (vertices, 3) in the body frame
+    vertex_ptr: Integers  # (vertices + 1,) where the sides around each vertex begin
+    vertex_face: Integers
+    face_ptr: Integers  # (nface + 1,) where the vertices of each side begin
+    face_vertex: Integers  # in order around it
+    face_normal: Array  # (nface, 3) outwards, in the body frame
     con_dim: Integers  # (nc,) 1 or 3
     con_law: Integers  # (nc,) a value of CONTACT_LAWS
     con_pyramid: Integers  # (nc,) number of edges; 0: a round cone

@@ -47,17 +47,21 @@ def differences(
 
 
 def _shapes(model: mujoco.MjModel, candidates: list[Candidate]) -> Iterator[LeftOut]:
-    on_plane = dict.fromkeys(c.geoms[0] for c in candidates if c.kind.on_plane)
-    for geom in on_plane:
+    on_plane = {c.geoms[0]: len(c.pos_a) for c in candidates if c.kind.on_plane}
+    for geom, dimension in on_plane.items():
         name, mesh = name_of(model, "geom", geom), int(model.geom_dataid[geom])
         if model.geom_type[geom] != _MESH:
             continue
+        when = " where rows look ahead" if dimension == 3 else ""
         if (error := hull_error(model, mesh)) > 0:
             count, kept = len(hull_vertices(model, mesh)), len(hull_points(model, mesh))
-            why = f"it touches by {kept} of its hull's {count} vertices; others lie up to {_millimetres(error)} outside"
+            outside = f"others lie up to {_millimetres(error)} outside"
+            why = f"it touches by {kept} of its hull's {count} vertices{when}; {outside}"
             yield LeftOut("mesh", name, why)
         if (most := flat_side(model, mesh)) > _MESH_POINTS:
-            why = f"a flat side touches with {most} points; in MuJoCo with at most {_MESH_POINTS}, which are softer"
+            why = (
+                f"a flat side touches with {most} points{when}; in MuJoCo with at most {_MESH_POINTS}, which are softer"
+            )
             yield LeftOut("mesh", name, why)
     for geom in dict.fromkeys(c.geoms[0] for c in candidates if c.kind == ContactKind.RIM_PLANE):
         tilt, depth = 1e3 * FLAT_TILT, _millimetres(_RIM_ERROR * model.geom_size[geom, 0])
@@ -132,7 +136,7 @@ def _stepping(model: mujoco.MjModel, integrator: str, contact_law: str) -> Itera
     servos = integrator == "implicit" and np.any(model.actuator_biasprm[:, 2])
     if np.any(model.dof_damping) or servos:
         when = (
-            f"at steps longer than {model.opt.timestep:g} s, or where it is very strong, "
+            f"at steps longer than {model.opt.timestep:g} s, or where it is very strong and rows look ahead, "
             if contact_law == "mujoco"
             else ""
         )

@@ -14,7 +14,7 @@ ARM = """<mujoco><option timestep=".002" integrator="implicitfast"/><worldbody><
 <body name="lower" pos=".3 0 0"><joint name="b" axis="0 0 1" damping="1" frictionloss=".2"/>
 <geom type="capsule" size=".04" fromto="0 0 0 .3 0 0"/></body></body>
 <geom name="wall" type="box" size=".1 .1 .1" pos=".5 -.17 1"/></worldbody>
-<actuator><position joint="a" kp="30" kv="2"/><motor joint="b"/></actuator></mujoco>"""
+<actuator><position joint="a" kp="30" kv="2"/><motor joint="b" gear="10"/></actuator></mujoco>"""
 
 
 def lines_of(scene: Scene, theirs: mujoco.MjModel) -> dict[str, Line]:
@@ -30,7 +30,7 @@ def test_a_small_arm_holds() -> None:
     assert lines["step in place"].value < 0.05
 
 
-@pytest.mark.parametrize(("field", "name"), [("body_mass", "mass matrix"), ("dof_damping", "step in place, apart")])
+@pytest.mark.parametrize(("field", "name"), [("body_mass", "mass matrix"), ("dof_damping", "step in place, convex")])
 def test_another_robot_is_found_out(field: str, name: str) -> None:
     """MuJoCo's model is ten times as heavy, or as much damped."""
     theirs = mujoco.MjModel.from_xml_string(ARM)
@@ -39,13 +39,26 @@ def test_another_robot_is_found_out(field: str, name: str) -> None:
 
 
 def test_what_differs_is_named() -> None:
-    """Motors that throw the arm into the wall within one step: our contacts look ahead, MuJoCo's do not."""
-    text = ARM.replace('kp="30"', 'kp="3e5"').replace('<motor joint="b"/>', '<motor joint="b" gear="1e4"/>')
+    """What stands in for a mesh touches where the mesh does not."""
+    stone = '<mesh name="stone" vertex="0 0 0 .3 0 0 0 .1 0 0 0 .1 .3 .1 .02"/>'
+    text = (
+        ARM.replace(' gear="10"', "")
+        .replace("<worldbody>", f"<asset>{stone}</asset><worldbody>")
+        .replace('type="box" size=".1 .1 .1" pos=".5 -.17 1"', 'type="mesh" mesh="stone" pos=".45 -.05 .95"')
+    )
     lines = lines_of(Scene.from_mjcf(text), mujoco.MjModel.from_xml_string(text))
     assert not lines["step in place, convex"].holds
     named = lines["step in place, without contacts"]
     assert named.value < 1e-5
     assert named.holds  # it explains, and is no check
+
+
+def test_a_coordinate_that_hardly_moves_counts_little() -> None:
+    """Its speed changes by 1e-7 rad/s in a step, in MuJoCo by twice as much."""
+    text = ARM.replace('<joint name="b"', '<joint name="b" armature="1e5"')
+    theirs = mujoco.MjModel.from_xml_string(text)
+    theirs.actuator_gear[1] *= 2
+    assert lines_of(Scene.from_mjcf(text), theirs)["step in place, convex"].holds
 
 
 def test_a_gripper_of_slides_is_checked() -> None:

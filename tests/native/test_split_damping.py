@@ -130,7 +130,8 @@ def test_long_steps_and_other_laws_are_coupled(tmp_path: Path) -> None:
     assert ComplementarityModel.from_config(scene, old).damping == "coupled"
     strong = file.read_text()
     file.write_text(strong.replace('damping="1.5"', 'damping="1e4"'))
-    assert ComplementarityModel(Scene.from_mjcf(file)).damping == "coupled"
+    assert ComplementarityModel(Scene.from_mjcf(file)).damping == "split"
+    assert ComplementarityModel(Scene.from_mjcf(file), look_ahead=True).damping == "coupled"
     file.write_text(strong.replace("Euler", "RK4"))
     assert ComplementarityModel(Scene.from_mjcf(file)).damping == "coupled"
 

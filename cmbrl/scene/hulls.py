@@ -1,0 +1,88 @@
+"""The sides of meshes that may touch a plane, for the core: polygons of their convex hulls, as MuJoCo keeps them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from cmbrl.scene.arrays import doubles, integers
+from cmbrl.scene.manifold import quaternion_matrix
+from cmbrl.scene.records import Array, Candidate, ContactKind, Frame, Tree
+
+_CORNERS = 4  # candidates that a pair needs to stand for the corners of a side
+
+
+@dataclass(frozen=True)
+class Hull:
+    """Vertices (n, 3) and outward normals (m, 3) in the body frame, and the vertices around each of the m sides."""
+
+    points: Array
+    normals: Array
+    sides: tuple[tuple[int, ...], ...]
+
+
+def hull_arrays(model: mujoco.MjModel, tree: Tree, candidates: Sequence[Candidate], count: int) -> dict[str, Any]:
+    """The hulls of spatial ``candidates``, and the hull of each of all ``count`` candidates, or -1.
+
+    None of a mesh whose sides this version of MuJoCo does not keep, nor of one with fewer than four candidates.
+    """
+    mesh = mujoco.mjtGeom.mjGEOM_MESH
+    on_plane = [k for k, c in enumerate(candidates) if c.kind == ContactKind.POINT_PLANE]
+    of_mesh = [k for k in on_plane if model.geom_type[candidates[k].geoms[0]] == mesh]
+    points_of = Counter(candidates[k].geoms for k in of_mesh)
+    found: dict[int, int] = {}
+    hulls: list[Hull] = []
+    which = np.full(count, -1)
+    for k in of_mesh:
+        geom = candidates[k].geoms[0]
+        if points_of[candidates[k].geoms] < _CORNERS:
+            continue
+        if geom not in found:
+            hull = _read_hull(model, geom, tree.frames[model.geom_bodyid[geom]])
+            found[geom] = -1 if hull is None else len(hulls)
+            hulls += [] if hull is None else [hull]
+        which[k] = found[geom]
+    return {"con_hull": integers(which), **_flattened(hulls)}
+
+
+def _read_hull(model: mujoco.MjModel, geom: int, frame: Frame) -> Hull | None:
+    mesh = int(model.geom_dataid[geom])
+    count = int(model.mesh_polynum[mesh]) if hasattr(model, "mesh_polynum") else 0
+    if not count:
+        return None
+    polygons = range(model.mesh_polyadr[mesh], model.mesh_polyadr[mesh] + count)
+    sides = [model.mesh_polyvert[model.mesh_polyvertadr[k] :][: model.mesh_polyvertnum[k]].tolist() for k in polygons]
+    used = sorted({vertex for side in sides for vertex in side})
+    number = {vertex: k for k, vertex in enumerate(used)}
+    turn = frame.rot @ quaternion_matrix(model.geom_quat[geom])
+    vertices = np.asarray(model.mesh_vert[model.mesh_vertadr[mesh] + np.array(used)], dtype=np.float64)
+    return Hull(
+        frame.pos + frame.rot @ model.geom_pos[geom] + vertices @ turn.T,
+        np.asarray(model.mesh_polynormal[polygons.start : polygons.stop], dtype=np.float64) @ turn.T,
+        tuple(tuple(number[vertex] for vertex in side) for side in sides),
+    )
+
+
+def _flattened(hulls: Sequence[Hull]) -> dict[str, Any]:
+    firsts = np.cumsum([0, *(len(hull.points) for hull in hulls)])
+    sides = [[first + k for k in side] for first, hull in zip(firsts, hulls, strict=False) for side in hull.sides]
+    around: list[list[int]] = [[] for _ in range(firsts[-1])]
+    for k, side in enumerate(sides):
+        for vertex in side:
+            around[vertex].append(k)
+    return {
+        "nhull": len(hulls),
+        "nface": len(sides),
+        "hull_ptr": integers(firsts),
+        "hull_point": doubles([point for hull in hulls for point in hull.points], (-1, 3)),
+        "vertex_ptr": integers(np.cumsum([0, *map(len, around)])),
+        "vertex_face": integers([k for sides_of in around for k in sides_of]),
+        "face_ptr": integers(np.cumsum([0, *map(len, sides)])),
+        "face_vertex": integers([vertex for side in sides for vertex in side]),
+        "face_normal": doubles([normal for hull in hulls for normal in hull.normals], (-1, 3)),
+    }
