@@ -10,7 +10,7 @@ import numpy as np
 
 from cmbrl.fitting.agreement import sentences
 from cmbrl.fitting.fitted_parameter import FLAT, NOMINAL, FittedParameter
-from cmbrl.fitting.verdict import advice, sliding_told, warning
+from cmbrl.fitting.verdict import MEASURES, MODELS, advice, sliding_told, warning
 
 WIDTH = 100
 _SHOWN = 3  # elements of a list that is folded
@@ -18,7 +18,6 @@ _FOLDED_FROM = 7  # elements
 
 _INDENTED: dict[str, Any] = {"initial_indent": "  ", "subsequent_indent": "    ", "drop_whitespace": True}
 _NONE = "  none: the nominal model explains the held-out episodes equally well"
-_MODELS = ("hold", "nominal", "fitted")
 _LISTS = (  # key in the report, text in front of the names
     ("at_bound", "on a bound"),
     ("unseen", "not fitted, and not determined by this log"),
@@ -71,9 +70,10 @@ def _errors(report: Mapping[str, Any]) -> Iterator[str]:
     for part, row in report["loss"].items():
         yield f"  {part:<36}{row['rmse']:>10.4f}{row['loss']:>12.4g}{row['failures']:>8d}"
     if report.get("horizons"):
-        yield "unseen episodes by steps, Huber loss:  " + "  ".join(f"{name:>10}" for name in _MODELS)
+        yield "unseen episodes by steps: RMSE as of cmbrl error, and Huber loss"
+        yield f"  {'':<6}" + "".join(f"{f'{name}, {words[:4]}':>15}" for words in MEASURES.values() for name in MODELS)
     for row in report.get("horizons", ()):
-        yield f"  {row['steps']:>36d}  " + "  ".join(f"{row[name]:>10.4g}" for name in _MODELS)
+        yield f"  {row['steps']:>6d}" + "".join(f"{row[of][name]:>15.4g}" for of in MEASURES for name in MODELS)
     for k, noise in enumerate(report.get("noise") or ()):
         shown, half = [f"{x:.2g}" for x in noise], len(noise) // 2
         of = f" in {report['logs'][k]['name']}" if report.get("logs") else ""
