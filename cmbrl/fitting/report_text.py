@@ -70,8 +70,8 @@ def _errors(report: Mapping[str, Any]) -> Iterator[str]:
     for part, row in report["loss"].items():
         yield f"  {part:<36}{row['rmse']:>10.4f}{row['loss']:>12.4g}{row['failures']:>8d}"
     if report.get("horizons"):
-        yield "unseen episodes by steps: RMSE as of cmbrl error, and Huber loss"
-        yield f"  {'':<6}" + "".join(f"{f'{name}, {words[:4]}':>15}" for words in MEASURES.values() for name in MODELS)
+        yield "unseen episodes by steps: RMSE in the units of cmbrl error, and Huber loss"
+        yield f"  {'':<6}" + "".join(f"{f'{name}, {of}':>15}" for of in MEASURES for name in MODELS)
     for row in report.get("horizons", ()):
         yield f"  {row['steps']:>6d}" + "".join(f"{row[of][name]:>15.4g}" for of in MEASURES for name in MODELS)
     for k, noise in enumerate(report.get("noise") or ()):

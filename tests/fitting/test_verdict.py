@@ -70,4 +70,4 @@ def test_the_first_line_of_a_fit_tells_of_a_loss_in_rmse(carts) -> None:
     assert "times better" in verdict(report)
     worse = [{**row, "rmse": {**row["rmse"], "fitted": 2.0 * row["rmse"]["nominal"]}} for row in report["horizons"]]
     assert "DO NOT TRUST" in verdict({**report, "horizons": worse}).split(".")[0]
-    assert "fitted, RMSE" in render({}, report)
+    assert "fitted, rmse" in render({}, report)
