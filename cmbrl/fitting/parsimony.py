@@ -119,6 +119,7 @@ class Selection:
         """Moves all of ``chosen`` (n,), and those laws besides that held-out errors call for, the best one first.
 
         What one law explains, another would explain a little: the order is by gain, and who is late has to gain still.
+        What a large error hides shows beside the law that explains it: a law that gained nothing is tried again.
         """
         none = np.zeros_like(chosen)
         before = self._unmoved(incumbent)
@@ -138,7 +139,7 @@ class Selection:
                 return
             best = max(found, key=lambda law: found[law].gain)
             before = self._accept("add", best, found[best], incumbent)
-            laws = [law for law in found if law != best]
+            laws.remove(best)
 
     def _limited(self, incumbent: Incumbent, chosen: np.ndarray, before: Errors) -> Trial | None:
         """A fit of ``chosen`` with limits of forces from the first, if the file lacks them clearly and it is better.
