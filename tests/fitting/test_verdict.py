@@ -68,6 +68,8 @@ def test_the_first_line_of_a_fit_tells_of_a_loss_in_rmse(carts) -> None:
     data = carts.record(carts.truth(2, gear_1=0.7, tilt=0.4), episodes=8, steps=40, noise=1e-3)
     report = dict(cmbrl.fit(carts.model(2), data, budget=QUICK).report)
     assert "times better" in verdict(report)
+    far = report["horizons"][-1]["rmse"]
+    assert f", over 20 of {far['fitted']:.3g} instead of {far['nominal']:.3g})" in verdict(report)
     worse = [{**row, "rmse": {**row["rmse"], "fitted": 2.0 * row["rmse"]["nominal"]}} for row in report["horizons"]]
     assert "DO NOT TRUST" in verdict({**report, "horizons": worse}).split(".")[0]
     assert "fitted, rmse" in render({}, report)
