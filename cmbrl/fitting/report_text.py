@@ -13,6 +13,7 @@ from cmbrl.fitting.fitted_parameter import FLAT, NOMINAL, FittedParameter
 from cmbrl.fitting.verdict import MEASURES, MODELS, advice, sliding_told, warning
 
 WIDTH = 100
+_ALIKE = 1.01  # times the error of the fit
 _SHOWN = 3  # elements of a list that is folded
 _FOLDED_FROM = 7  # elements
 
@@ -49,6 +50,8 @@ def verdict(report: Mapping[str, Any]) -> str:
     told = f"an error over {steps} of {after:.3g} instead of {before:.3g}{_far(report)}"
     if not after < before:
         return f"{early}The fit predicts unseen seconds worse than the file ({told}): keep the file."
+    if before < _ALIKE * after:
+        return f"{early}The fit predicts unseen seconds about as well as the file ({told})."
     bound = len(report["at_bound"])
     doubt = f"; {bound} parameter{'s' * (bound > 1)} lie{'s' * (bound == 1)} on a bound" if bound else ""
     return f"{early}The fit predicts unseen seconds {before / after:.3g} times better than the file ({told}){doubt}."

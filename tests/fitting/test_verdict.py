@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -73,3 +74,19 @@ def test_the_first_line_of_a_fit_tells_of_a_loss_in_rmse(carts) -> None:
     worse = [{**row, "rmse": {**row["rmse"], "fitted": 2.0 * row["rmse"]["nominal"]}} for row in report["horizons"]]
     assert "DO NOT TRUST" in verdict({**report, "horizons": worse}).split(".")[0]
     assert "fitted, rmse" in render({}, report)
+
+
+def test_a_file_that_is_right_stays_as_it_is(tmp_path: Path) -> None:
+    """Differences of the size of the solver's accuracy are no reason to move a parameter."""
+    model, log = cmbrl.ComplementarityModel(scene(tmp_path, ARM)), recorded(ARM, 1, 8, 60, 0, 1.0)
+    nearly = np.array(
+        [
+            x * (1.00002 if p.group == "gear" else 1.0)
+            for p, x in zip(model.scene.parameters, model.parameters, strict=True)
+        ]
+    )
+    same = model.with_parameters(nearly).for_log(log.dt).predict(log.q, log.v, log.u)
+    log = replace(log, q_next=same.q_next, v_next=same.v_next, episode=np.arange(len(log)))
+    result = cmbrl.fit(model, log, budget=QUICK)
+    assert result.report["fitted"] == []
+    assert verdict(result.report).startswith("Nothing was fitted")
