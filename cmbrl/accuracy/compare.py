@@ -26,6 +26,7 @@ from cmbrl.accuracy.strata import in_contact, is_moving, smallest_gap, window_st
 from cmbrl.accuracy.table import Entry, ErrorTable, Horizon
 from cmbrl.data.checks import TIME_STEP_TOLERANCE
 from cmbrl.errors import UserError
+from cmbrl.models.deviations import deviations
 from cmbrl.models.protocol import Model, failures, reset_failures, rollout, seen
 
 if TYPE_CHECKING:
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from cmbrl.scene import Scene
 
 CHUNK = 8192  # windows rolled out in one batch
-STILL = 1e-9  # a coordinate with a smaller standard deviation [m, rad, m/s, rad/s] is constant
 KINDS = ("position", "angle", "rotation")
 
 
@@ -66,7 +66,9 @@ def compare(
             raise UserError(f"{name}: steps {model.dt:g} s, the log {data.dt:g} s; use the log's control step")
     if min(horizons, default=0) < 1:
         raise UserError(f"horizons {list(horizons)}; give whole numbers of at least 1")
-    change_scale, state_scale = _scales(data, scene)
+    change_scale, state_scale = deviations(data, scene)
+    if np.isnan(change_scale).all():
+        raise UserError("nothing changes in this log; give a log of a moving system")
     contact, moving = in_contact(data, scene, contact_gap), is_moving(data, scene)
     views = {name: seen(model, data) for name, model in models.items()}
     starts = {k: _thin(data.windows(k), len(data) if k == 1 else max_windows) for k in sorted(set(horizons))}
@@ -109,19 +111,6 @@ def compare(
                 curves[name] = [_pooled(error[:, j], state_scale) for j in range(k)]
             done += k * len(rows)
     return ErrorTable(entries=entries, horizons=about, curves=curves, contact_gap=contact_gap, dt=data.dt)
-
-
-def _scales(data: Transitions, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Standard deviations (2 nv,) of the change over a row and of the state; NaN if zero."""
-    change = np.hstack([scene.difference(data.q, data.q_next), data.v_next - data.v]).std(axis=0)
-    mean = data.q[0]
-    for _ in range(10):  # mean on the manifold: exact at once for translations, iterative for rotations
-        offset = scene.difference(np.broadcast_to(mean, data.q.shape), data.q)
-        mean = scene.integrate(mean, offset.mean(axis=0))
-    state = np.hstack([offset.std(axis=0), data.v.std(axis=0)])
-    if (change < STILL).all():
-        raise UserError("nothing changes in this log; give a log of a moving system")
-    return np.where(change < STILL, np.nan, change), np.where(state < STILL, np.nan, state)
 
 
 def _thin(rows: np.ndarray, count: int) -> np.ndarray:

@@ -26,7 +26,8 @@ class NotFinite(UserError):
 
 
 NOT_FINITE = "the fit is not finite: check the log for values that no robot reaches"
-_VARIANCE_RANGE = (1e-8, 1.0)  # of a normalised residual: from the solver's accuracy to no model at all
+SOLVER_VARIANCE = 1e-8  #: of a normalised residual that the solver's accuracy leaves
+_VARIANCE_RANGE = (SOLVER_VARIANCE, 1.0)  # to no model at all
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,8 @@ search astray one by one, are so never apart. Starting from there or from the no
 ranked by forecast gain (``forecast``). The first few are tried: a short search over the group's parameters, then Gauss-
 Newton over all selected ones. The best group stays if the held-out loss falls by more than ``NOISE_FACTOR`` times its
 noise (``folds.paired_gain``; two rather than one, because it is the best of several trials) and by at least
-``LEAST_GAIN`` of the loss, because without noise any gain would be significant.
+``LEAST_GAIN`` of the loss, because without noise any gain would be significant. Below the solver's accuracy there is
+nothing to gain: a file that is right stays as it is.
 
 If no group helps alone, several may help together (masses are uninformative while gears and armatures are held). All
 remaining groups enter the forecast, those that contribute less than ``LEAST_GAIN`` leave it one by one, and the rest is
@@ -28,7 +29,7 @@ from cmbrl.fitting.folds import LEAST_GAIN, NOISE_FACTOR, Folds, paired_gain
 from cmbrl.fitting.forecast import Forecast, superfluous
 from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.loss import Errors, PredictionLoss
-from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.objective import SOLVER_VARIANCE, Objective
 from cmbrl.fitting.random_search import random_search
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
@@ -82,14 +83,14 @@ class Trial:
     def costs_nothing(self, loss: float, score: float, strain: float) -> bool:
         """Whether neither the held-out ``loss``, nor the ``score`` over all horizons, nor the ``strain`` rises."""
         return (
-            -self.gain <= max(NOISE_FACTOR * self.noise_of_rise, LEAST_GAIN * loss)
+            -self.gain <= max(NOISE_FACTOR * self.noise_of_rise, LEAST_GAIN * loss, 0.5 * SOLVER_VARIANCE)
             and self.score < score + LEAST_SCORE
             and self.strain < strain + LEAST_STRAIN
         )
 
     def counts(self, loss: float) -> bool:
-        """Whether the fall of the held-out ``loss`` exceeds noise and is worth a parameter."""
-        return self.gain > max(NOISE_FACTOR * self.noise, LEAST_GAIN * loss)
+        """Whether the fall of the held-out ``loss`` exceeds noise and accuracy and is worth a parameter."""
+        return self.gain > max(NOISE_FACTOR * self.noise, LEAST_GAIN * loss, 0.5 * SOLVER_VARIANCE)
 
 
 @dataclass(frozen=True)
@@ -119,6 +120,7 @@ class Selection:
         """Moves all of ``chosen`` (n,), and those laws besides that held-out errors call for, the best one first.
 
         What one law explains, another would explain a little: the order is by gain, and who is late has to gain still.
+        What a large error hides shows beside the law that explains it: a law that gained nothing is tried again.
         """
         none = np.zeros_like(chosen)
         before = self._unmoved(incumbent)
@@ -138,7 +140,7 @@ class Selection:
                 return
             best = max(found, key=lambda law: found[law].gain)
             before = self._accept("add", best, found[best], incumbent)
-            laws = [law for law in found if law != best]
+            laws.remove(best)
 
     def _limited(self, incumbent: Incumbent, chosen: np.ndarray, before: Errors) -> Trial | None:
         """A fit of ``chosen`` with limits of forces from the first, if the file lacks them clearly and it is better.

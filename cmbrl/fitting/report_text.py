@@ -10,15 +10,15 @@ import numpy as np
 
 from cmbrl.fitting.agreement import sentences
 from cmbrl.fitting.fitted_parameter import FLAT, NOMINAL, FittedParameter
-from cmbrl.fitting.verdict import advice, sliding_told, warning
+from cmbrl.fitting.verdict import MEASURES, MODELS, advice, sliding_told, warning
 
 WIDTH = 100
+_ALIKE = 1.01  # times the error of the fit
 _SHOWN = 3  # elements of a list that is folded
 _FOLDED_FROM = 7  # elements
 
 _INDENTED: dict[str, Any] = {"initial_indent": "  ", "subsequent_indent": "    ", "drop_whitespace": True}
 _NONE = "  none: the nominal model explains the held-out episodes equally well"
-_MODELS = ("hold", "nominal", "fitted")
 _LISTS = (  # key in the report, text in front of the names
     ("at_bound", "on a bound"),
     ("unseen", "not fitted, and not determined by this log"),
@@ -47,12 +47,22 @@ def verdict(report: Mapping[str, Any]) -> str:
         return f"{early}{lost}."
     before, after = (row["rmse"] for row in held_out if row)
     steps = "1 step" if report["horizon"] == 1 else f"{report['horizon']} steps"
-    told = f"an error over {steps} of {after:.3g} instead of {before:.3g}"
+    told = f"an error over {steps} of {after:.3g} instead of {before:.3g}{_far(report)}"
     if not after < before:
         return f"{early}The fit predicts unseen seconds worse than the file ({told}): keep the file."
+    if before < _ALIKE * after:
+        return f"{early}The fit predicts unseen seconds about as well as the file ({told})."
     bound = len(report["at_bound"])
     doubt = f"; {bound} parameter{'s' * (bound > 1)} lie{'s' * (bound == 1)} on a bound" if bound else ""
     return f"{early}The fit predicts unseen seconds {before / after:.3g} times better than the file ({told}){doubt}."
+
+
+def _far(report: Mapping[str, Any]) -> str:
+    """What comes of it over the longest horizon, which one noisy step hardly tells."""
+    row = max(report.get("horizons", ()), key=lambda each: each["steps"], default=None)
+    if row is None or row["steps"] <= report["horizon"]:
+        return ""
+    return f", over {row['steps']} of {row['rmse']['fitted']:.3g} instead of {row['rmse']['nominal']:.3g}"
 
 
 def _errors(report: Mapping[str, Any]) -> Iterator[str]:
@@ -71,9 +81,10 @@ def _errors(report: Mapping[str, Any]) -> Iterator[str]:
     for part, row in report["loss"].items():
         yield f"  {part:<36}{row['rmse']:>10.4f}{row['loss']:>12.4g}{row['failures']:>8d}"
     if report.get("horizons"):
-        yield "unseen episodes by steps, Huber loss:  " + "  ".join(f"{name:>10}" for name in _MODELS)
+        yield "unseen episodes by steps: RMSE in the units of cmbrl error, and Huber loss"
+        yield f"  {'':<6}" + "".join(f"{f'{name}, {of}':>15}" for of in MEASURES for name in MODELS)
     for row in report.get("horizons", ()):
-        yield f"  {row['steps']:>36d}  " + "  ".join(f"{row[name]:>10.4g}" for name in _MODELS)
+        yield f"  {row['steps']:>6d}" + "".join(f"{row[of][name]:>15.4g}" for of in MEASURES for name in MODELS)
     for k, noise in enumerate(report.get("noise") or ()):
         shown, half = [f"{x:.2g}" for x in noise], len(noise) // 2
         of = f" in {report['logs'][k]['name']}" if report.get("logs") else ""

@@ -31,7 +31,7 @@ from cmbrl.models.windows import spread
 _LEAST_WINDOWS = 40  # of a horizon, to fit and to judge
 _NEARLY = 0.01  # of the logarithm of the error
 _SAME_NOISE = 0.2  # relative change that needs no second fit
-_JUDGED = 500  # windows
+_JUDGED, _JUDGED_ROWS = 500, 20_000  # windows at most, and predicted rows
 _EXACT = 1e-4  # loss of a coordinate (1 % of its change) below which it is right
 
 
@@ -133,12 +133,14 @@ class Judge:
     huber: float
 
     @classmethod
-    def all(cls, evidence: Evidence, delta: float, rows: np.ndarray | None = None) -> list[Judge]:
-        """Judges of all horizons that the log has windows of, within the held-out ``rows``; default: everywhere."""
+    def all(
+        cls, evidence: Evidence, delta: float, rows: np.ndarray | None = None, horizons: Sequence[int] = HORIZONS
+    ) -> list[Judge]:
+        """Judges of those ``horizons`` that the log has windows of, within held-out ``rows``; default: everywhere."""
         found, data, scene = [], evidence.log, evidence.model.scene
-        for h in HORIZONS:
+        for h in horizons:
             starts = data.windows(h)
-            if len(starts) < _LEAST_WINDOWS and h > min(HORIZONS):
+            if len(starts) < _LEAST_WINDOWS and h > min(horizons):
                 continue
             ends = starts + h - 1
             dq = spread(scene.difference(data.q[starts], data.q_next[ends]))
@@ -147,11 +149,20 @@ class Judge:
                 starts = starts[np.isin(starts, rows) & np.isin(ends, rows)]
             if not len(starts):
                 continue
-            found.append(cls(evidence, starts[:: -(-len(starts) // _JUDGED)], h, scale, delta))
+            most = min(_JUDGED, max(1, _JUDGED_ROWS // h))
+            found.append(cls(evidence, starts[:: -(-len(starts) // most)], h, scale, delta))
         return found
 
     def error(self, theta: np.ndarray, model: ComplementarityModel | None = None) -> np.ndarray:
         """Mean Huber losses (2 nv,) with parameters ``theta`` (n,), by coordinate; or of another ``model`` as it is."""
+        return self.loss(self.off(theta, model))
+
+    def loss(self, off: np.ndarray) -> np.ndarray:
+        """Mean Huber losses (2 nv,) of the errors ``off`` (s, 2 nv)."""
+        return huber(np.nan_to_num(off / self.scale, nan=1e6), self.huber).mean(axis=0)
+
+    def off(self, theta: np.ndarray, model: ComplementarityModel | None = None) -> np.ndarray:
+        """Predicted less logged states (s, 2 nv), as for ``error``."""
         physical, log = self.evidence.seen(theta)
         if model is None:
             model = self.evidence.model
@@ -161,20 +172,17 @@ class Judge:
         for j in range(self.horizon):
             step = model.predict(q, v, log.u[self.starts + j], theta=physical)
             q, v = step.q_next, step.v_next
-        return self._of(log, q, v)
+        return self._off(log, q, v)
 
-    def held(self) -> np.ndarray:
-        """Mean Huber losses (2 nv,) of holding the velocity."""
+    def off_held(self) -> np.ndarray:
+        """The same (s, 2 nv) of holding the velocity."""
         log = self.evidence.log
         q, v = log.q[self.starts], log.v[self.starts]
-        return self._of(log, self.evidence.model.scene.integrate(q, v * log.dt * self.horizon), v)
+        return self._off(log, self.evidence.model.scene.integrate(q, v * log.dt * self.horizon), v)
 
-    def _of(self, log: Transitions, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Mean Huber losses (2 nv,) of predictions q (s, nq), v (s, nv)."""
+    def _off(self, log: Transitions, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         ends = self.starts + self.horizon - 1
-        difference = self.evidence.model.scene.difference(log.q_next[ends], q)
-        residual = np.concatenate([difference, v - log.v_next[ends]], axis=1)
-        return huber(np.nan_to_num(residual / self.scale, nan=1e6), self.huber).mean(axis=0)
+        return np.concatenate([self.evidence.model.scene.difference(log.q_next[ends], q), v - log.v_next[ends]], axis=1)
 
 
 def score(judges: Sequence[Judge], theta: np.ndarray) -> float:

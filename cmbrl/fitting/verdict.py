@@ -17,32 +17,60 @@ from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.survey import Judge
 from cmbrl.fitting.unseen import Unseen
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.deviations import deviations
 
+HORIZONS = (1, 5, 20, 100)  #: those of ``cmbrl error``, which the user will look at
+MODELS = ("hold", "nominal", "fitted")
+MEASURES = {"rmse": "RMSE", "loss": "Huber loss"}  #: large errors rule the first, usual ones the second
+_LOST = 1e300  # JSON has no infinity
 _WORSE = 1.01  # times the error of another model
 _CLEARLY_BETTER = 0.9  # times the error of the settings as given
 
 
-def by_horizon(evidence: Evidence, unseen: Unseen, delta: float) -> list[dict[str, float]]:
-    """Mean Huber losses by horizon of holding the velocity, of the start and of the fit, on episodes not seen."""
-    rows: dict[int, dict[str, float]] = {}
+def by_horizon(evidence: Evidence, unseen: Unseen, delta: float) -> list[dict[str, Any]]:
+    """Errors by horizon of holding the velocity, of the start and of the fit, on episodes not seen.
+
+    By measure: "rmse", in the units of ``cmbrl error``, and "loss", the mean Huber loss.
+    """
+    units = deviations(evidence.log, evidence.model.scene)
+    found: dict[int, list[tuple[Judge, dict[str, np.ndarray]]]] = {}
     for held_out, theta in zip(unseen.rows, unseen.theta, strict=True):
-        for judge in Judge.all(evidence, delta, held_out):
-            row = rows.setdefault(judge.horizon, {"steps": judge.horizon, "hold": 0.0, "nominal": 0.0, "fitted": 0.0})
-            row["hold"] += float(judge.held().sum()) / len(unseen.rows)
-            row["nominal"] += float(judge.error(evidence.space.nominal).sum()) / len(unseen.rows)
-            row["fitted"] += float(judge.error(theta).sum()) / len(unseen.rows)
-    return list(rows.values())
+        for judge in Judge.all(evidence, delta, held_out, HORIZONS):
+            off = {"hold": judge.off_held(), "nominal": judge.off(evidence.space.nominal), "fitted": judge.off(theta)}
+            found.setdefault(judge.horizon, []).append((judge, off))
+    return [_measured(steps, parts, units[0 if steps == 1 else 1]) for steps, parts in found.items()]
 
 
-def warning(rows: Sequence[dict[str, float]]) -> str | None:
-    """One line that says where the fit loses, or None."""
+def _measured(steps: int, parts: Sequence[tuple[Judge, Mapping[str, np.ndarray]]], unit: np.ndarray) -> dict[str, Any]:
+    """Errors of all folds together; a prediction that is not finite makes the RMSE infinite."""
+    row: dict[str, Any] = {"steps": steps, "rmse": {}, "loss": {}}
+    moves = np.isfinite(unit)
+    for name in MODELS:
+        off = np.concatenate([own[name] for _, own in parts])[:, moves] / unit[moves]
+        with np.errstate(over="ignore"):
+            row["rmse"][name] = float(np.nan_to_num(np.sqrt(np.square(off).mean()), nan=_LOST, posinf=_LOST))
+        losses = [float(judge.loss(own[name]).sum()) * len(judge.starts) for judge, own in parts]
+        row["loss"][name] = sum(losses) / sum(len(judge.starts) for judge, _ in parts)
+    return row
+
+
+def warning(rows: Sequence[Mapping[str, Any]]) -> str | None:
+    """One line that says where the fit loses, and by which measure, or None."""
     names = {"hold": "holding the velocity", "nominal": "the file as it is"}
-    lost = {
-        name: [str(int(row["steps"])) for row in rows if row["fitted"] > _WORSE * row[other]]
-        for other, name in names.items()
+    parts = [f"{name} over {lost}" for other, name in names.items() if (lost := _lost(rows, other))]
+    return f"DO NOT TRUST THIS FIT: on unseen episodes it loses to {', and to '.join(parts)}" if parts else None
+
+
+def _lost(rows: Sequence[Mapping[str, Any]], other: str) -> str:
+    """Horizons at which the fit is worse than ``other``, by measure: "1, 5 step(s) (RMSE)"; empty if nowhere."""
+    by_measure = {
+        words: [str(row["steps"]) for row in rows if row[measure]["fitted"] > _WORSE * row[measure][other]]
+        for measure, words in MEASURES.items()
     }
-    parts = [f"{name} over {', '.join(steps)} step(s)" for name, steps in lost.items() if steps]
-    return f"DO NOT TRUST THIS FIT: on unseen episodes it loses to {' and to '.join(parts)}" if parts else None
+    steps = list(by_measure.values())
+    if all(each == steps[0] for each in steps):
+        return f"{', '.join(steps[0])} step(s)" if steps[0] else ""
+    return " and ".join(f"{', '.join(each)} step(s) by {words}" for words, each in by_measure.items() if each)
 
 
 def stepping(evidence: Evidence, delta: float) -> list[dict[str, Any]]:

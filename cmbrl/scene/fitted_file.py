@@ -121,7 +121,11 @@ def _comparable(scene: Scene, theta: Array) -> Array:
 
 
 def _by_meaning(scene: Scene, P: Array, softness: Array) -> Array:
-    first = scene.layout.contact(0)
+    first, core = scene.layout.contact(0), scene.core
+    P = P.copy()
+    for k, actuator in enumerate(core.wide_act.tolist()):  # a gear there is relative to the file's
+        arms = core.wide_coef[core.wide_ptr[k] : core.wide_ptr[k + 1]]
+        P[scene.layout.actuator(actuator, "gear")] *= np.linalg.norm([*core.wide_local[k], *arms])
     blocks = P[first:].reshape(-1, len(CONTACT_FIELDS))
     if scene.contact_law == "mujoco":
         blocks = meaning(blocks, softness)

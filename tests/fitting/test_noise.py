@@ -11,7 +11,7 @@ from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.folds import draw_starts
 from cmbrl.fitting.noise import sensor_noise
 from cmbrl.fitting.objective import Objective
-from cmbrl.fitting.verdict import advice, warning
+from cmbrl.fitting.verdict import advice
 
 SIGMA = np.array([2e-3, 2e-3, 2e-2, 2e-2])  # of q and v of two carts
 
@@ -121,17 +121,6 @@ def test_a_noisy_log_is_fitted_without_bias(carts, noisy):
     assert result.parameters["gear.1"].value == pytest.approx(0.7, rel=0.03)
     assert result.parameters["damping.0"].value == pytest.approx(2.0, rel=0.1)
     assert "sensor noise of positions" in result.report_text()
-
-
-def test_a_fit_that_loses_says_so_first():
-    rows = [
-        {"steps": 1, "hold": 1.0, "nominal": 0.5, "fitted": 0.6},
-        {"steps": 20, "hold": 0.5, "nominal": 2.0, "fitted": 0.6},
-    ]
-    text = warning(rows)
-    assert "holding the velocity over 20 step(s)" in text
-    assert "the file as it is over 1 step(s)" in text
-    assert warning([{"steps": 1, "hold": 1.0, "nominal": 1.0, "fitted": 1.0}]) is None
 
 
 def test_advice_names_a_setting_that_is_clearly_better():

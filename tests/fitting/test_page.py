@@ -181,6 +181,7 @@ def test_at_most_twelve_coordinates_are_drawn_and_the_worst_ones() -> None:
         ({"loss": {}}, "has not been judged"),
         ({"stopped": "time limit"}, "Stopped early (time limit). "),
         ({"loss": {"held out, nominal": {"rmse": 0.2}, "held out, fitted": {"rmse": 0.3}}}, "worse than the file"),
+        ({"loss": {"held out, nominal": {"rmse": 0.2}, "held out, fitted": {"rmse": 0.199}}}, "about as well as the"),
     ],
 )
 def test_the_verdict(change: dict, words: str) -> None:

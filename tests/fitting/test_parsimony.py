@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 import cmbrl
+from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.folds import Folds, draw_starts
 from cmbrl.fitting.forecast import Forecast
 from cmbrl.fitting.loss import Errors
 from cmbrl.fitting.objective import Objective
-from cmbrl.fitting.parsimony import Trial, _needed
+from cmbrl.fitting.parsimony import Incumbent, Selection, Trial, _needed
 from cmbrl.fitting.state import Journal
 from cmbrl.models.windows import Scales
 
@@ -70,3 +71,23 @@ def test_parameters_that_make_up_for_another_are_no_saving():
     without = Trial(np.zeros(2), np.ones(2, dtype=bool), errors, 0.0, 0.0, 0.1, score=0.0, strain=9.0)
     assert without.costs_nothing(1.0, 0.0, strain=8.0)
     assert not without.costs_nothing(1.0, 0.0, strain=3.0)
+
+
+def test_a_law_that_shows_only_beside_another_is_tried_again(setup, monkeypatch):
+    """The second says nothing until the first, which explains more, has been taken."""
+    space, loss, folds = setup
+    selection = Selection(space, loss, folds, [], 0, Budget(), Journal(None, ""))
+
+    def law(_, incumbent, group, before):
+        told = group == "tilt" or any(step["group"] == "tilt" for step in incumbent.path)
+        active = incumbent.active | space.columns([group])
+        return Trial(incumbent.z, active, before, float(told), 0.0, 0.0, 0.0, 0.0)
+
+    monkeypatch.setattr("cmbrl.fitting.parsimony.drives.GROUPS", ())
+    monkeypatch.setattr("cmbrl.fitting.parsimony.LAWS", ("gear", "tilt"))
+    monkeypatch.setattr(Selection, "_law", law)
+    monkeypatch.setattr(Selection, "_limited", lambda *_: None)
+    monkeypatch.setattr(Selection, "_settled", lambda _, incumbent, before: before)
+    incumbent = Incumbent(np.zeros(len(space)), np.zeros(len(space), dtype=bool))
+    selection.extend(incumbent, space.columns(["mass"]))
+    assert [step["group"] for step in incumbent.path][1:] == ["tilt", "gear"]

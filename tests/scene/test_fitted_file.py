@@ -153,6 +153,19 @@ def test_meshes_are_found_from_another_folder(tmp_path: Path) -> None:
     assert file.missing == ()
 
 
+def test_thrust_of_a_site_comes_back(tmp_path: Path) -> None:
+    text = """<mujoco><worldbody><body><freejoint/><geom size=".1"/><site name="rotor"/></body></worldbody><actuator>
+    <motor name="thrust" site="rotor" gear="0 0 .9 0 0 -.01"/><motor name="roll" site="rotor" gear="0 0 0 1e-5 0 0"/>
+    </actuator></mujoco>"""
+    (tmp_path / "drone.xml").write_text(text)
+    scene = Scene.from_mjcf(tmp_path / "drone.xml")
+    file = fitted_file(scene, at(scene, gear__thrust=0.8, gear__roll=1.2))
+    held = mujoco.MjModel.from_xml_string(file.text)
+    np.testing.assert_allclose(held.actuator_gear[0], [0, 0, 0.72, 0, 0, -0.008])
+    np.testing.assert_allclose(held.actuator_gear[1, 3], 1.2e-5)
+    assert file.missing == ()
+
+
 def test_parts_of_a_body_together_are_what_was_fitted() -> None:
     draw = np.random.default_rng(1)
 

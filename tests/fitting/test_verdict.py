@@ -1,0 +1,92 @@
+"""What a fit says first: where it loses, by the measures that the user sees."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cmbrl
+from cmbrl.accuracy.compare import compare
+from cmbrl.fitting.budget import Budget
+from cmbrl.fitting.evidence import Evidence
+from cmbrl.fitting.report_text import render, verdict
+from cmbrl.fitting.unseen import Unseen
+from cmbrl.fitting.verdict import by_horizon, warning
+
+from .test_fit_hidden import recorded, scene
+
+ARM = """<mujoco><option timestep=".01"/><worldbody><body pos="0 0 1"><joint name="a" type="hinge" axis="0 1 0"
+damping=".1"/><geom type="capsule" size=".03" fromto="0 0 0 0 0 -.4"/><body pos="0 0 -.4"><joint name="b" type="hinge"
+axis="0 1 0" damping=".1"/><geom type="capsule" size=".03" fromto="0 0 0 0 0 -.4"/></body></body></worldbody>
+<actuator><motor joint="a"/><motor joint="b"/></actuator></mujoco>"""
+QUICK = Budget(survey_rows=300, trial_rows=300, held_out_rows=300, polish_rows=300, starts=1)
+
+
+def _row(steps: int, rmse: tuple[float, float, float], loss: tuple[float, float, float]) -> dict:
+    names = ("hold", "nominal", "fitted")
+    return {
+        "steps": steps,
+        "rmse": dict(zip(names, rmse, strict=True)),
+        "loss": dict(zip(names, loss, strict=True)),
+    }
+
+
+def test_a_fit_that_loses_says_so_first() -> None:
+    rows = [_row(1, (1.0, 0.5, 0.6), (1.0, 0.5, 0.6)), _row(20, (0.5, 2.0, 0.6), (0.5, 2.0, 0.6))]
+    text = warning(rows)
+    assert text is not None
+    assert "holding the velocity over 20 step(s), and to the file as it is over 1 step(s)" in text
+    assert warning([_row(1, (1.0, 1.0, 1.0), (1.0, 1.0, 1.0))]) is None
+
+
+def test_it_loses_where_one_measure_says_so() -> None:
+    """Usual errors fall, large ones rise: the table of ``cmbrl error`` shows a loss."""
+    text = warning([_row(1, (9.0, 0.5, 0.6), (9.0, 0.5, 0.4)), _row(5, (9.0, 0.5, 0.4), (9.0, 0.5, 0.6))])
+    assert text is not None
+    assert text.endswith("the file as it is over 1 step(s) by RMSE and 5 step(s) by Huber loss")
+
+
+def test_the_errors_are_those_of_the_table_of_errors(tmp_path: Path) -> None:
+    """Of the whole log as unseen: the user who asks ``cmbrl error`` gets the same numbers."""
+    model, log = cmbrl.ComplementarityModel(scene(tmp_path, ARM)), recorded(ARM, 1, 3, 120, 0, 1.0)
+    evidence = Evidence.of(model, log)
+    theta, every = evidence.space.nominal.copy(), np.arange(len(log))
+    theta[evidence.space.columns(["damping", "mass"])] *= 0.8
+    unseen = Unseen(evidence.log, evidence.observation, 1, evidence.space.nominal, (every,), (theta,))
+    rows = by_horizon(evidence, unseen, 0.5)
+    fitted = evidence.model.with_parameters(evidence.observation.split(theta)[0])
+    table = compare({"nominal": evidence.model, "fitted": fitted}, log, model.scene)
+    assert [row["steps"] for row in rows] == [1, 5, 20, 100]
+    for row in rows:
+        for name in ("nominal", "fitted"):
+            assert row["rmse"][name] == pytest.approx(table.entry(name, row["steps"]).error, rel=0.05)
+
+
+def test_the_first_line_of_a_fit_tells_of_a_loss_in_rmse(carts) -> None:
+    data = carts.record(carts.truth(2, gear_1=0.7, tilt=0.4), episodes=8, steps=40, noise=1e-3)
+    report = dict(cmbrl.fit(carts.model(2), data, budget=QUICK).report)
+    assert "times better" in verdict(report)
+    far = report["horizons"][-1]["rmse"]
+    assert f", over 20 of {far['fitted']:.3g} instead of {far['nominal']:.3g})" in verdict(report)
+    worse = [{**row, "rmse": {**row["rmse"], "fitted": 2.0 * row["rmse"]["nominal"]}} for row in report["horizons"]]
+    assert "DO NOT TRUST" in verdict({**report, "horizons": worse}).split(".")[0]
+    assert "fitted, rmse" in render({}, report)
+
+
+def test_a_file_that_is_right_stays_as_it_is(tmp_path: Path) -> None:
+    """Differences of the size of the solver's accuracy are no reason to move a parameter."""
+    model, log = cmbrl.ComplementarityModel(scene(tmp_path, ARM)), recorded(ARM, 1, 8, 60, 0, 1.0)
+    nearly = np.array(
+        [
+            x * (1.00002 if p.group == "gear" else 1.0)
+            for p, x in zip(model.scene.parameters, model.parameters, strict=True)
+        ]
+    )
+    same = model.with_parameters(nearly).for_log(log.dt).predict(log.q, log.v, log.u)
+    log = replace(log, q_next=same.q_next, v_next=same.v_next, episode=np.arange(len(log)))
+    result = cmbrl.fit(model, log, budget=QUICK)
+    assert result.report["fitted"] == []
+    assert verdict(result.report).startswith("Nothing was fitted")
