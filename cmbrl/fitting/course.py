@@ -25,6 +25,7 @@ from cmbrl.fitting.multi_start import MultiStart
 from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.parsimony import Incumbent, Selection
 from cmbrl.fitting.random_search import random_search
+from cmbrl.fitting.sliding import supported_sliding
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.fitting.survey import Judge, Survey, Surveyor
 from cmbrl.fitting.unseen import Unseen, held_out_rows
@@ -57,6 +58,7 @@ class Course:
     confirms: bool
     incumbent: Incumbent = field(init=False)
     survey: Survey = field(init=False)
+    sliding: dict[str, Any] | None = field(init=False, default=None)  #: how its law was chosen, if open
     held_out: dict[str, Errors] = field(init=False, default_factory=dict)
     logs: list[dict[str, Any]] = field(init=False, default_factory=list)  #: how each of several agrees with the others
 
@@ -68,6 +70,7 @@ class Course:
     def run(self) -> str | None:
         """Everything; returns why it ended early, if it did. Then ``incumbent`` is the best so far."""
         try:
+            self.evidence, self.sliding = supported_sliding(self._surveyor(), self.horizons)
             self._look()
             self._choose()
             if self.incumbent.active.any():
@@ -88,10 +91,13 @@ class Course:
         starts = draw_starts(evidence.log, steps, limit, self.seed)
         return evidence.loss(starts, steps, *evidence.scales(steps, self.huber, self.survey.noise))
 
-    def _look(self) -> None:
+    def _surveyor(self) -> Surveyor:
         movable = self.evidence.space.default if self.wanted is None else self.wanted
         rows, iterations = self.budget.survey_rows, self.budget.survey_iterations
-        surveyor = Surveyor(self.evidence, movable, self.huber, self.count, self.seed, rows, iterations, self.journal)
+        return Surveyor(self.evidence, movable, self.huber, self.count, self.seed, rows, iterations, self.journal)
+
+    def _look(self) -> None:
+        surveyor = self._surveyor()
         self.survey = Survey.from_dict(self.journal.unit("survey", lambda: surveyor.run(self.horizons).to_dict()))
 
     def _choose(self) -> None:

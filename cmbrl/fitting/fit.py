@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ from cmbrl.fitting.folds import draw_starts, fold_count
 from cmbrl.fitting.report import conclude
 from cmbrl.fitting.result import FitResult
 from cmbrl.fitting.state import Journal
-from cmbrl.fitting.verdict import by_horizon, stepping, supported_sliding
+from cmbrl.fitting.verdict import by_horizon, stepping
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.numbers import one_of, real, whole
 
@@ -83,8 +83,6 @@ def fit(
         require_library()
     evidence = Evidence.of(model, data)
     huber = real(huber, "huber", above=0.0, most=1e6)
-    model, sliding = supported_sliding(evidence, huber)
-    evidence = replace(evidence, model=model)
     log, space = evidence.log, evidence.space
     seed, horizons = whole(seed, "seed", least=0), evidence.horizons(horizon)
     time_limit = None if time_limit is None else real(time_limit, "time_limit", least=0.0)
@@ -94,11 +92,12 @@ def fit(
     count = fold_count(log, holdout, needed=groups is None and not with_laws)
     draw_starts(log, min(horizons), 1, seed)  # raises for a log whose episodes are shorter
     settings = [seed, method, None if wanted is None else wanted.tolist(), horizons, count, polish, huber]
-    journal = Journal(folder, _fingerprint(model, log, settings, asdict(budget)), time_limit, progress)
+    journal = Journal(folder, _fingerprint(evidence.model, log, settings, asdict(budget)), time_limit, progress)
     course = Course(
         evidence, budget, journal, seed, huber, count, horizons, method, polish, wanted, with_laws, confirms=all_of_them
     )
     stopped = course.run()
+    evidence = course.evidence  # under the law of sliding that the log supports
     journal.report(0.95, "intervals")
     incumbent, states = course.incumbent, not evidence.positions_only
     about = {
@@ -107,11 +106,11 @@ def fit(
         "selection": incumbent.path if wanted is None or incumbent.path else None,
         "horizons": by_horizon(evidence, incumbent.unseen, huber) if incumbent.unseen and states else [],
         "stepping": stepping(evidence, huber) if states else [],
-        "sliding": sliding,
+        "sliding": course.sliding,
     }  # fmt: skip
     discrepancy = Discrepancy(evidence, course.survey, huber, seed, budget.survey_rows)
     loss = course.loss(budget.polish_rows)
-    return conclude(model, log, space, loss, course.held_out, incumbent, journal, about, discrepancy)
+    return conclude(evidence.model, log, space, loss, course.held_out, incumbent, journal, about, discrepancy)
 
 
 def _names(groups: str | Sequence[str]) -> list[str]:

@@ -79,7 +79,7 @@ def superfluous(
     found: list[str] = []
     left = list(groups)
     while left:
-        costs = {g: _rise(z, active, gone | space.columns([g]), equations) for g in left}
+        costs = {g: rise(z, active, gone | space.columns([g]), equations) for g in left}
         cheapest = min(left, key=lambda g: costs[g])
         if costs[cheapest] >= least:
             break
@@ -89,7 +89,8 @@ def superfluous(
     return found
 
 
-def _rise(z: np.ndarray, active: np.ndarray, gone: np.ndarray, equations: NormalEquations) -> float:
+def rise(z: np.ndarray, active: np.ndarray, gone: np.ndarray, equations: NormalEquations) -> float:
+    """Rise of the quadratic of ``equations`` at ``z`` if ``gone`` (n,) return to nominal and the others adjust."""
     hessian, gradient = equations.hessian, equations.gradient
     away, rest = active & gone, active & ~gone
     step = np.where(away, -z, 0.0)

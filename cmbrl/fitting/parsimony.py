@@ -26,9 +26,9 @@ import numpy as np
 from cmbrl.fitting import drives
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.folds import LEAST_GAIN, NOISE_FACTOR, Folds, paired_gain
-from cmbrl.fitting.forecast import Forecast, superfluous
+from cmbrl.fitting.forecast import Forecast, rise, superfluous
 from cmbrl.fitting.gauss_newton import gauss_newton
-from cmbrl.fitting.loss import Errors, PredictionLoss
+from cmbrl.fitting.loss import Errors, NormalEquations, PredictionLoss
 from cmbrl.fitting.objective import SOLVER_VARIANCE, Objective
 from cmbrl.fitting.random_search import random_search
 from cmbrl.fitting.space import Space
@@ -36,6 +36,7 @@ from cmbrl.fitting.state import Journal
 from cmbrl.fitting.survey import Judge, score
 from cmbrl.fitting.unseen import Unseen
 
+CLEAR_RISE = 2.0  # of the loss, by the forecast: a group whose removal costs so much is not tried
 LEAST_SCORE = 0.03  # of the logarithm of the errors over all horizons
 LEAST_STRAIN = 2.0  # of the logarithm of the prior: the other parameters may not go far to make up for one that stays
 ALL = "all that a fit moves by default"  #: in the path of a selection
@@ -218,9 +219,7 @@ class Selection:
             columns = self.space.columns([group])
             if not incumbent.z[columns].any() and self._idle(incumbent.z, columns):
                 incumbent.active = incumbent.active & ~columns
-        groups = [g for g in dict.fromkeys(self.space.groups) if incumbent.active[self.space.columns([g])].any()]
-        loss = self.loss.settled(self.space.theta(incumbent.z))
-        equations = loss.normal_equations(self.space, incumbent.z, incumbent.active)
+        groups, equations = self._active(incumbent), self._equations(incumbent)
         dispensable = superfluous(
             self.space, incumbent.z, incumbent.active, equations, groups, LEAST_GAIN * before.mean
         )
@@ -283,15 +282,27 @@ class Selection:
         return self._trial(name, incumbent, incumbent.active | columns, incumbent.z, columns, before)
 
     def _remove(self, incumbent: Incumbent, before: Errors) -> None:
-        for group in [g for g in dict.fromkeys(self.space.groups) if incumbent.active[self.space.columns([g])].any()]:
-            self.journal.report(0.6, f"removing {group}")
+        """Removes groups one by one; those whose loss the forecast says is large keep their place without a refit."""
+        equations = self._equations(incumbent)
+        for group in self._active(incumbent):
             columns = self.space.columns([group])
+            if rise(incumbent.z, incumbent.active, columns, equations) > CLEAR_RISE * before.mean:
+                continue
+            self.journal.report(0.6, f"removing {group}")
             start = np.where(columns, 0.0, incumbent.z)
             name = f"remove {len(incumbent.path)} {group}"
             none = np.zeros_like(columns)
             trial = self._trial(name, incumbent, incumbent.active & ~columns, start, none, before)
             if trial.costs_nothing(before.mean, incumbent.score, self._strain(incumbent.z)):
                 before = self._accept("remove", group, trial, incumbent)
+                equations = self._equations(incumbent)
+
+    def _active(self, incumbent: Incumbent) -> list[str]:
+        return [g for g in dict.fromkeys(self.space.groups) if incumbent.active[self.space.columns([g])].any()]
+
+    def _equations(self, incumbent: Incumbent) -> NormalEquations:
+        loss = self.loss.settled(self.space.theta(incumbent.z))
+        return loss.normal_equations(self.space, incumbent.z, incumbent.active)
 
     def _accept(self, move: str, group: str, trial: Trial, incumbent: Incumbent) -> Errors:
         incumbent.z, incumbent.active = trial.z, trial.active

@@ -10,7 +10,8 @@ import numpy as np
 
 from cmbrl.fitting.agreement import sentences
 from cmbrl.fitting.fitted_parameter import FLAT, NOMINAL, FittedParameter
-from cmbrl.fitting.verdict import MEASURES, MODELS, advice, sliding_told, warning
+from cmbrl.fitting.sliding import sliding_told
+from cmbrl.fitting.verdict import MEASURES, MODELS, advice, warning
 
 WIDTH = 100
 _ALIKE = 1.01  # times the error of the fit

@@ -73,7 +73,7 @@ class Surveyor:
 
         Positions alone are compared over many steps, where their noise hardly counts.
         """
-        enough = [h for h in horizons if len(self.evidence.log.windows(h)) >= _LEAST_WINDOWS] or [min(horizons)]
+        enough = self.possible(horizons)
         if self.evidence.positions_only:
             return Survey(enough[0], None, {})
         noise = sensor_noise(self.evidence, self.evidence.space.nominal)
@@ -88,10 +88,20 @@ class Surveyor:
             noise = sensor_noise(self.evidence, self.evidence.space.theta(again))
         return Survey(horizon, noise, scores)
 
+    def possible(self, horizons: Sequence[int]) -> list[int]:
+        """Those of ``horizons`` that the log has windows of, or the shortest."""
+        return [h for h in horizons if len(self.evidence.log.windows(h)) >= _LEAST_WINDOWS] or [min(horizons)]
+
+    def score_after(self, horizon: int) -> float:
+        """Mean logarithm of the held-out errors at all horizons after a fit over one, as ``run`` begins."""
+        z = self._fit(f"survey of {horizon} steps", horizon, sensor_noise(self.evidence, self.evidence.space.nominal))
+        return score(self._judges, self.evidence.space.theta(z))
+
     def _fit(self, name: str, horizon: int, noise: np.ndarray | None) -> np.ndarray:
         self.journal.check_time()
         self.journal.report(0.02, name)
-        fitted = self.journal.unit(name, lambda: {"z": self._fitted(horizon, noise).tolist()})
+        kept = f"{name}, {self.evidence.model.sliding}"
+        fitted = self.journal.unit(kept, lambda: {"z": self._fitted(horizon, noise).tolist()})
         return np.array(fitted["z"])
 
     def _fitted(self, horizon: int, noise: np.ndarray | None) -> np.ndarray:

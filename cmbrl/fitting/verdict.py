@@ -2,8 +2,7 @@
 
 A fit can win over the horizon of its loss and lose over another one. So it is compared at all horizons with two models
 that cost nothing: holding the velocity, and the file as it is. Before that, while no parameter has moved, other time
-steps, integrators and contact laws are tried on the log: what they repair, parameters should not. Of the two laws of
-sliding the fit itself takes the one that the log supports, if the choice was left open.
+steps, integrators and contact laws are tried on the log: what they repair, parameters should not.
 """
 
 from __future__ import annotations
@@ -83,21 +82,6 @@ def stepping(evidence: Evidence, delta: float) -> list[dict[str, Any]]:
     return sorted(found, key=lambda row: row["relative_error"])
 
 
-def supported_sliding(evidence: Evidence, delta: float) -> tuple[ComplementarityModel, dict[str, Any] | None]:
-    """The model under the law of sliding that the log supports, and what the report tells of the comparison.
-
-    The other law is taken if it is clearly better before any parameter has moved. None if there was nothing to choose.
-    """
-    model = evidence.model
-    other = None if evidence.positions_only else model.other_sliding()
-    if other is None:
-        return model, None
-    error = _relative_errors(evidence, {other.sliding: other}, delta)[other.sliding]
-    taken = error < _CLEARLY_BETTER
-    told = {"tried": other.sliding, "relative_error": error, "taken": taken}
-    return other if taken else model, told
-
-
 def _relative_errors(evidence: Evidence, models: Mapping[str, ComplementarityModel], delta: float) -> dict[str, float]:
     judges, start = Judge.all(evidence, delta), evidence.space.nominal
     own = np.array([judge.error(start).sum() for judge in judges])
@@ -117,15 +101,3 @@ def advice(rows: Sequence[dict[str, Any]]) -> str | None:
         f"before any parameter moved, {best['setting']} left {best['relative_error']:.2f} of the loss: consider it, "
         "or parameters repair the time stepping"
     )
-
-
-def sliding_told(row: Mapping[str, Any] | None) -> str | None:
-    """One line on the law of sliding of the fit, or None."""
-    if row is None:
-        return None
-    laws = {"coulomb": "exact Coulomb", "convex": "the convex law, MuJoCo's"}
-    tried, left = laws[row["tried"]], f"{row['relative_error']:.2f} of the loss"
-    if row["taken"]:
-        return f"law of sliding: {tried}, which left {left} before any parameter moved; --sliding names another"
-    kept = next(law for name, law in laws.items() if name != row["tried"])
-    return f"law of sliding: {kept}; {tried} left {left} before any parameter moved"

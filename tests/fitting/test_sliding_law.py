@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,9 @@ from cmbrl.fitting import FitResult
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.report_text import render
-from cmbrl.fitting.verdict import supported_sliding
+from cmbrl.fitting.sliding import supported_sliding
+from cmbrl.fitting.state import Journal
+from cmbrl.fitting.survey import Surveyor
 
 from .test_fit_hidden import recorded, scene
 
@@ -30,16 +33,24 @@ def log_of(folder: Path) -> tuple[cmbrl.ComplementarityModel, Transitions]:
     return cmbrl.ComplementarityModel(scene(folder, PUCK)), recorded(PUCK, 1, 6, 100, 0, 1.0)
 
 
+def chosen(model: cmbrl.ComplementarityModel, log: Transitions) -> tuple[str, dict[str, Any] | None]:
+    """The law of sliding that the log supports, and what is told of it."""
+    evidence = Evidence.of(model, log)
+    surveyor = Surveyor(evidence, evidence.space.default, 0.5, 3, 0, 200, 2, Journal(None, ""))
+    found, told = supported_sliding(surveyor, (1, 4, 10, 20))
+    return found.model.sliding, told
+
+
 def test_the_law_that_the_log_supports_is_taken(tmp_path: Path) -> None:
     model, log = log_of(tmp_path)
-    found, told = supported_sliding(Evidence.of(model, log), 0.5)
-    assert found.sliding == "convex"
+    found, told = chosen(model, log)
+    assert found == "convex"
     assert told is not None
     assert told["taken"]
     exact = model.predict(log.q, log.v, log.u)
     ours = replace(log, q_next=exact.q_next, v_next=exact.v_next, episode=np.arange(len(log)))
-    kept, told = supported_sliding(Evidence.of(model, ours), 0.5)
-    assert kept.sliding == "coulomb"
+    kept, told = chosen(model, ours)
+    assert kept == "coulomb"
     assert told is not None
     assert told["relative_error"] > 1.0
 
@@ -47,7 +58,7 @@ def test_the_law_that_the_log_supports_is_taken(tmp_path: Path) -> None:
 def test_a_law_that_was_named_or_does_not_matter_stays(tmp_path: Path) -> None:
     model, log = log_of(tmp_path)
     named = model.with_settings(sliding="coulomb")
-    assert supported_sliding(Evidence.of(named, log), 0.5)[0].sliding == "coulomb"
+    assert chosen(named, log) == ("coulomb", None)
     assert named.other_sliding() is None
     smooth = PUCK.replace('friction=".6"', 'condim="1"')
     assert cmbrl.ComplementarityModel(scene(tmp_path, smooth)).other_sliding() is None

@@ -1,0 +1,50 @@
+"""Which law of sliding a log supports: exact Coulomb or MuJoCo's convex one, where the model leaves it open.
+
+At the file's parameters the wrong law may do as well as the right one, because all else is wrong too; a fit then makes
+up for it with friction and softness that no other log bears. So both laws are fitted first, all parameters by a few
+steps of Gauss-Newton over one horizon, and held-out episodes decide.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from cmbrl.fitting.evidence import Evidence
+from cmbrl.fitting.survey import Surveyor
+
+_CLEARLY_BETTER = 0.9  # times the error under the model's own law
+_STEPS = 4  # of the fits, at most where there is a choice: contacts show in them, and impacts do not rule
+_WORDS = {"coulomb": "exact Coulomb", "convex": "the convex law, MuJoCo's"}
+
+
+def supported_sliding(surveyor: Surveyor, horizons: tuple[int, ...]) -> tuple[Evidence, dict[str, Any] | None]:
+    """The surveyor's evidence under the law of sliding that the log supports, and what the report tells of it.
+
+    The other law is taken if it is clearly better after both have been fitted. None if there was nothing to choose.
+    """
+    own = surveyor.evidence
+    model = None if own.positions_only else own.model.other_sliding()
+    if model is None:
+        return own, None
+    other = replace(own, model=model)
+    steps = max((h for h in surveyor.possible(horizons) if h <= _STEPS), default=min(horizons))
+    scores = [replace(surveyor, evidence=one).score_after(steps) for one in (own, other)]
+    error = float(np.exp(scores[1] - scores[0]))
+    taken = error < _CLEARLY_BETTER
+    told = {"tried": model.sliding, "relative_error": error, "taken": taken}
+    return other if taken else own, told
+
+
+def sliding_told(row: Mapping[str, Any] | None) -> str | None:
+    """One line on the law of sliding of the fit, or None."""
+    if row is None:
+        return None
+    tried, left = _WORDS[row["tried"]], f"{row['relative_error']:.2f} of the held-out error"
+    if row["taken"]:
+        return f"law of sliding: {tried}, which left {left} when both laws were fitted; --sliding names another"
+    kept = next(words for law, words in _WORDS.items() if law != row["tried"])
+    return f"law of sliding: {kept}; {tried} left {left} when both were fitted"
