@@ -230,10 +230,13 @@ class ComplementarityModel:
 
     def other_sliding(self) -> ComplementarityModel | None:
         """The same model under the other law of sliding; None where the law was named, or nothing slides."""
+        return self.under_other_law() if self._sliding is None else None
+
+    def under_other_law(self) -> ComplementarityModel | None:
+        """The same model under the other law of sliding, also where the law was named; None if nothing slides."""
         rubs = self.scene.contact_law == "mujoco" and bool(np.any(self.scene.core.con_dim > 1))
         other = "convex" if self.sliding == "coulomb" else "coulomb"
-        chosen = {"sliding": other, "look_ahead": self.look_ahead}
-        return self.with_settings(**chosen) if rubs and self._sliding is None else None
+        return self.with_settings(sliding=other, look_ahead=self.look_ahead) if rubs else None
 
     def to_config(self) -> dict[str, Any]:
         """Settings and parameters as JSON types; the scene is described by its own file."""

@@ -3,8 +3,9 @@
 Zhang, Jin & Wang, "Adaptive Barrier Smoothing for First-Order Policy Gradient with Contact Dynamics" (ICML 2023),
 algorithm 2. Three things are our own. Policies improve on draws from the fit's posterior, under velocity noise. Several
 are trained from different seeds, to the end or for a trial, and the best is kept. The best is the one with the highest
-return in the model under these draws, never in the real system, among those that are not said to fail there
-(``cmbrl.envs.trials``), if there are any. That return is measured without noise, because it then ranks policies as the
+return in the model under these draws, never in the real system, among those that stand both laws of sliding, else among
+those that are not said to fail there (``cmbrl.envs.trials``), if there are any. Where none stands, further ones are
+trained. That return is measured without noise, because it then ranks policies as the
 real system does (rank correlation 0.99 over ten hoppers, against 0.43 with noise).
 """
 
@@ -20,7 +21,7 @@ import torch
 from cmbrl.data.transitions import Transitions
 from cmbrl.envs.history import with_last_actions
 from cmbrl.envs.recording import Recording
-from cmbrl.envs.trials import THRESHOLD, failed, trials
+from cmbrl.envs.trials import failed, stands, trials, will_fail
 from cmbrl.errors import UserError
 from cmbrl.fitting import FitResult, fit
 from cmbrl.mdp import MDP
@@ -35,13 +36,16 @@ EPISODE_STEPS = 200  # of a recorded episode, at most
 
 @dataclass(frozen=True)
 class LoopConfig(SHACConfig):
-    """SHAC's settings and the loop's; ``iterations`` are the updates of all rounds and policies together."""
+    """SHAC's settings and the loop's; ``iterations`` are the updates of all rounds and policies but further ones."""
 
-    iterations: int = setting(6000, "updates of all rounds and policies together", least=1)
+    iterations: int = setting(6000, "updates of all rounds and policies together, without further ones", least=1)
     rounds: int = setting(1, "rounds of acting, fitting and improving", least=1)
     transitions: int = setting(1000, "real transitions of the first round, by random actions; a log counts", least=1)
     more: int = setting(1000, "real transitions of each further round, by the policy with its noise", least=1)
     policies: int = setting(2, "policies started in each round", least=1, most=1_000)
+    further: int = setting(
+        1, "policies trained in each round besides, one by one, while none stands its trials", least=0, most=1_000
+    )
     trial: float = setting(1.0, "share of its updates that each policy gets before the best one is chosen", above=0)
     draws: int = setting(256, "parameter sets drawn from the fit's posterior", least=1, most=1_000_000)
     score_episodes: int = setting(128, "model episodes by which policies are compared", least=1, most=1_000_000)
@@ -59,7 +63,7 @@ class LoopConfig(SHACConfig):
 
     def trial_updates(self) -> int:
         """Updates of each policy before one is chosen."""
-        return max(1, round(self.trial * self.shac().iterations)) if self.policies > 1 else 0
+        return max(1, round(self.trial * self.shac().iterations)) if self.policies + self.further > 1 else 0
 
     def _extra(self) -> float:
         """Updates of policies that are not trained to the end, in units of one that is."""
@@ -93,6 +97,8 @@ class Loop(Trainer):
         self.round = 0
         self.before: dict[str, torch.Tensor] = {}  # the policy at the end of the last round
         self.tried: list[dict[str, Any]] = []  # rank and trainer's state of each policy after its trial
+        self.added = 0  # policies of all rounds besides those planned
+        self.wanted = config.policies  # policies of this round
         self.settings, self.trial_updates = config.shac(), config.trial_updates()
         self.model: ComplementarityModel | None = None
         self.fitted: FitResult | None = None  # by this process; an earlier one is in the run folder
@@ -107,7 +113,7 @@ class Loop(Trainer):
             self._choose_observations(self.model)
             self._begin_policy()
         metrics = self.trainer.update()
-        tried = self.trainer.iteration == self.trial_updates and len(self.tried) < self.config.policies
+        tried = self.trainer.iteration == self.trial_updates and len(self.tried) < self.wanted
         if tried or self.trainer.iteration == self.settings.iterations:
             metrics |= self._judge()
         if tried:
@@ -170,17 +176,25 @@ class Loop(Trainer):
         self.policy = self.trainer.policy
 
     def _judge(self) -> dict[str, float]:
-        """Mean return in the model under its uncertainty as "score", share of episodes that fail as "failed"."""
+        """Mean return in the model under its uncertainty as "score", and what its trials say.
+
+        "failed": the share of episodes that fail; "passes" and "stands": 1 unless ``will_fail``, 1 if it ``stands``.
+        """
         assert self.model is not None
         found = trials(self.policy, self.mdp, self.model, self.config.score_episodes, self.seed + 1)
-        return {"score": float(found["draws"].returns.mean()), "failed": failed(found)["draws"]}
+        shares = failed(found)
+        told = {"failed": shares["draws"], "passes": float(not will_fail(shares)), "stands": float(stands(shares))}
+        return {"score": float(found["draws"].returns.mean()), **told}
 
     def _end_trial(self, found: dict[str, float]) -> None:
         """Starts the next policy's trial; after the last one, the best continues where its trial ended."""
-        rank = [float(found["failed"] < THRESHOLD), found["score"]]
+        rank = [found["stands"], found["passes"], found["score"]]
         self.tried.append({"rank": rank, "trainer": copy.deepcopy(self.trainer.state())})
         self._begin_policy()
-        if len(self.tried) == self.config.policies:
+        none_stands = not any(one["rank"][0] for one in self.tried)
+        if len(self.tried) == self.wanted < self.config.policies + self.config.further and none_stands:
+            self.wanted, self.added = self.wanted + 1, self.added + 1
+        if len(self.tried) == self.wanted:
             self.trainer.restore(max(self.tried, key=lambda one: one["rank"])["trainer"])
 
     def _end_round(self) -> None:
@@ -188,7 +202,12 @@ class Loop(Trainer):
         self.round += 1
         if self.round < self.config.rounds:
             self.before = {name: value.clone() for name, value in self.policy.state_dict().items()}
-            self.model, self.tried = None, []
+            self.model, self.tried, self.wanted = None, [], self.config.policies
+
+    @property
+    def further(self) -> int:
+        """Updates of policies that were not planned."""
+        return self.added * self.trial_updates
 
     def conditions(self) -> dict[str, Any]:
         """Those of the policy in training."""
@@ -210,6 +229,8 @@ class Loop(Trainer):
             "round": self.round,
             "before": self.before,
             "tried": self.tried,
+            "added": self.added,
+            "wanted": self.wanted,
             "recording": self.recording.state(),
             "generator": self.generator.get_state(),
             "parameters": None if model is None else torch.from_numpy(model.parameters),
@@ -222,6 +243,7 @@ class Loop(Trainer):
     def restore(self, state: dict[str, Any]) -> None:
         """Continues from what ``state`` returned, bit for bit."""
         self.round, self.before, self.tried = state["round"], state["before"], state["tried"]
+        self.added, self.wanted = state["added"], state["wanted"]
         if state["last_actions"] is not None:
             self._observe_actions(state["last_actions"])
         self.recording.restore(state["recording"])

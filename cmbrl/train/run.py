@@ -91,6 +91,8 @@ class TrainingRun:
     def train(self, iterations: int, progress: Progress | None = None) -> Outcome:
         """Continues until ``iterations`` are done in all, or until Ctrl-C, which lets the current one finish.
 
+        A trainer may want ``further`` ones.
+
         ``progress(share, text)`` is called after each iteration. Raises Diverged if the run cannot continue; then
         diverged.npz holds the last states, and the last checkpoint is kept.
         """
@@ -98,24 +100,26 @@ class TrainingRun:
         log = MetricsLog(self.folder, self._rows)
         try:
             with _interruptible() as interrupted:
-                while self.iteration < iterations and not (interrupted() or self.trainer.over):
+                while not (self._done(iterations) or interrupted()):
                     metrics = self.trainer.update()
                     self.iteration += 1
                     self.seconds = time.monotonic() - started
                     log.append({"iteration": self.iteration, "seconds": self.seconds, **metrics})
                     self._watch(metrics)
                     if progress is not None:
-                        progress(self.iteration / iterations, progress_text(log.rows[-1]))
+                        progress(self.iteration / (iterations + self.trainer.further), progress_text(log.rows[-1]))
                     if time.monotonic() - saved > self.checkpoint_seconds:
                         self._checkpoint()
                         saved = time.monotonic()
                 self._checkpoint()
-            stopped = FINISHED if self.iteration >= iterations or self.trainer.over else INTERRUPTED
-            return self._conclude(stopped, log)
+            return self._conclude(FINISHED if self._done(iterations) else INTERRUPTED, log)
         except Diverged as error:
             raise self._give_up(error, log) from None
         finally:
             log.close()
+
+    def _done(self, iterations: int) -> bool:
+        return self.iteration >= iterations + self.trainer.further or self.trainer.over
 
     def _checkpoint(self) -> None:
         state = {"iteration": self.iteration, "seconds": self.seconds, "metrics": as_csv(self._rows)}

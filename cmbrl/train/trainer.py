@@ -74,6 +74,11 @@ class Trainer(ABC):
         return {}
 
     @property
+    def further(self) -> int:
+        """Iterations that it wants beyond those it was given."""
+        return 0
+
+    @property
     def over(self) -> bool:
         """Whether a budget other than ``config.iterations``, such as one on seconds, is spent."""
         return False

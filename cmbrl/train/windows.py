@@ -14,6 +14,7 @@ from cmbrl.envs.simulation import Disturbance, Simulation, parameter_sets
 from cmbrl.envs.trials import failed, trials
 from cmbrl.gradients.kinds import steps_taken
 from cmbrl.mdp import MDP
+from cmbrl.models.both_laws import under_both_laws
 from cmbrl.models.protocol import Model, failures
 from cmbrl.settings import setting
 from cmbrl.train.critic import Critic, CriticConfig
@@ -41,7 +42,12 @@ class WindowConfig(CriticConfig):
     parameter_spread: float = setting(
         0.0, "each episode's physical parameters vary by up to this share, on top of the fit's draws", least=0
     )
-
+    other_law: float = setting(
+        0.0,
+        "share of the episodes under the other law of sliding; 0.5: for a policy that leans on neither",
+        least=0,
+        most=1,
+    )
     last_actions: int | None = setting(
         None, "last actions that a policy observes; none: as many as the model's delay and lag hold", least=0, most=MOST
     )
@@ -106,10 +112,12 @@ class WindowLearner(Trainer):
         limit = min(mdp.episode_steps, config.episode_steps or mdp.episode_steps)
         self.mdp, self.model, self.config, self.rate = replace(mdp, episode_steps=limit), model, config, rate
         self.horizon, self.generator = config.steps(self.mdp), generator
+        self.moving = under_both_laws(model, config.other_law)
         table = parameter_sets(model, config.parameter_spread, seed=seed)
         disturbance = Disturbance(config.noise_linear, config.noise_angular, table)
         self.simulations = [
-            Simulation(self.mdp, model, count, seed + 7919 * k, disturbance, stagger=stagger) for k in range(batches)
+            Simulation(self.mdp, self.moving, count, seed + 7919 * k, disturbance, stagger=stagger)
+            for k in range(batches)
         ]
         self.simulation = self.simulations[0]
         with GlobalRandomness(seed):  # initial weights
@@ -140,7 +148,7 @@ class WindowLearner(Trainer):
         metrics |= self.learn()
         self.iteration += 1
         simulated = sum(simulation.steps_taken for simulation in self.simulations)
-        metrics |= {"steps": float(steps_taken(self.model, simulated)), "failures": float(failures(self.model) or 0)}
+        metrics |= {"steps": float(steps_taken(self.model, simulated)), "failures": float(failures(self.moving) or 0)}
         return metrics | episode_metrics([episode for s in self.simulations for episode in s.finished])
 
     def _step(self, norm: float) -> None:

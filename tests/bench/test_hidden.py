@@ -335,6 +335,7 @@ def made_up(draws=10, gain=100.0):
             one = {"returns": [1.0, 2.0], "lengths": [9, 9], "falls": [k < 3, False]}
             cell = {**run, "family": family, "draw": k, "trials": dict.fromkeys(trials.TRIALS, one)}
             cells.append({**cell, "arm": FIT, "parameters": fitted, "real": real(100.0 * k + gain, k < 3)})
+            cell["trials"] = {**cell["trials"], trials.LAW: one}  # the other cells are from before it
             cells.append({**cell, "arm": ORACLE, "real": real(100.0 * k + 200.0, k < 3)})
     return cells
 
@@ -358,6 +359,7 @@ def test_tables_of_made_up_results(tmp_path, monkeypatch):
     assert covered[7] == "gear 0%, mass 100%"
     foretold = {row[1]: row for row in by_title["Falls foretold"].rows if row[0] == "hopper"}
     assert foretold["falls: all"][2:] == [80, 24, 1.0, 0.1, 24, 0, 0, 56, 1.0]
+    assert foretold["falls: law"][2:4] == [40, 12]
     assert foretold["spread"][4] == 0.5
     axes = drawn["hidden.png"].axes
     assert len(axes) == len(SCENES) * len(FAMILIES)
@@ -400,7 +402,8 @@ def test_a_cell_is_the_same_again():
     for cell in found:
         del cell["cpu"], cell["wall"]
     assert found[0] == found[1]
-    assert found[0]["trials"].keys() == set(trials.TRIALS)
+    assert found[0]["trials"].keys() == {*trials.TRIALS, trials.LAW}
+    assert "falls: law" in trials.scores(found[0]["trials"])
     assert "parameters" not in found[0]
 
 

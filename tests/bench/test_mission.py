@@ -80,6 +80,8 @@ def test_the_shared_log_is_what_a_loop_of_that_seed_records(setup):
 class Failing:
     """A trainer that raises in its third update."""
 
+    further = 0
+
     def __init__(self, policy):
         self.policy, self.iteration = policy, 0
 

@@ -10,7 +10,8 @@ import torch
 
 import cmbrl
 from cmbrl.envs.evaluation import Evaluation
-from cmbrl.envs.trials import Disturbed, _loose, failed, foretold, trials, will_fail
+from cmbrl.envs.trials import Disturbed, _loose, failed, foretold, stands, trials, will_fail
+from cmbrl.mdp import MDP
 from cmbrl.models.named import nominal_model
 from cmbrl.registry import load_task
 
@@ -67,6 +68,34 @@ def test_trials_of_a_policy_that_stops_and_of_one_that_runs_away(tmp_path: Path)
     runs_away = failed(trials(lambda o: torch.ones(len(o), 1), mdp, model, 8))
     assert runs_away == {"draws": 1.0, "late": 1.0}
     assert "will probably fail" in foretold(runs_away)
+
+
+PUCK = """<mujoco><option timestep=".004" cone="elliptic"/><worldbody><geom type="plane" size="9 9 .1" friction="1"/>
+<body pos="0 0 .0499"><freejoint/><geom type="box" size=".2 .2 .05" mass="2" friction="1"/><site name="s"/></body>
+</worldbody><actuator><motor site="s" gear="40 0 0 0 0 0"/></actuator></mujoco>"""
+
+
+def puck_process() -> MDP:
+    """A puck at rest that must not leave the floor."""
+    at_rest = torch.tensor([[0.0, 0, 0.0499, 1, 0, 0, 0]], dtype=torch.float64)
+    return MDP(
+        observations=6, actions=1, observe=lambda q, v: v, terminated=lambda q, v: q[:, 2] > 0.0515, dt=0.02,
+        episode_steps=25, reward=lambda q, v, action, q_next, v_next: torch.ones_like(q[:, 0]),
+        reset=lambda count, generator: (at_rest.repeat(count, 1), torch.zeros(count, 6, dtype=torch.float64)),
+    )  # fmt: skip
+
+
+def test_a_policy_that_leans_on_a_law_of_sliding_is_told() -> None:
+    """What slides is lifted under the convex law alone."""
+    model = cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(PUCK), substeps=5, sliding="coulomb")
+    slides = failed(trials(lambda o: torch.ones(len(o), 1), puck_process(), model, 4))
+    assert (slides["draws"], slides["law"]) == (0.0, 1.0)
+    assert not will_fail(slides)
+    assert not stands(slides)
+    assert "leans on the model's law of sliding" in foretold(slides)
+    rests = failed(trials(lambda o: torch.zeros(len(o), 1), puck_process(), model, 4))
+    assert stands(rests)
+    assert "leans" not in foretold(rests)
 
 
 def test_an_episode_that_earns_half_has_failed() -> None:

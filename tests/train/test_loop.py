@@ -10,15 +10,15 @@ import torch
 
 import cmbrl
 from cmbrl.contact.smoothing import Gaussian
-from cmbrl.envs.trials import THRESHOLD
 from cmbrl.errors import UserError
 from cmbrl.fitting import FitResult
 from cmbrl.registry import load_task
 from cmbrl.train.loop import Loop, LoopConfig
+from cmbrl.train.run import TrainingRun
 
 pytest.importorskip("gymnasium", reason="the hopper's real system is Gymnasium's MJCF")
 SMALL = LoopConfig(
-    iterations=12, rounds=2, policies=2, trial=0.5, transitions=120, more=60, environments=8, horizon=4,
+    iterations=12, rounds=2, policies=2, further=0, trial=0.5, transitions=120, more=60, environments=8, horizon=4,
     actor_hidden=(16,), critic_hidden=(16,), score_episodes=4, draws=8,
 )  # fmt: skip
 
@@ -47,21 +47,70 @@ def test_rounds_trials_and_transitions_are_counted(make_loop):
 def test_the_better_of_the_trials_goes_on(make_loop):
     loop = make_loop()
     rows = [loop.update() for _ in range(4)]
-    ranks = [[float(row["failed"] < THRESHOLD), row["score"]] for row in rows[1::2]]
+    ranks = [[row["stands"], row["passes"], row["score"]] for row in rows[1::2]]
     assert [one["rank"] for one in loop.tried] == ranks
     chosen = max(loop.tried, key=lambda one: one["rank"])["trainer"]
     for name, value in loop.policy.state_dict().items():
         torch.testing.assert_close(value, chosen["policy"][name], rtol=0, atol=0)
 
 
-def test_a_policy_that_is_said_to_fail_is_not_chosen(make_loop, monkeypatch):
+FAILS, LEANS, STANDS = ({"passes": p, "stands": s} for p, s in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0)))
+
+
+@pytest.mark.parametrize(("worse", "better"), [(FAILS, LEANS), (LEANS, STANDS)])
+def test_a_policy_that_fails_its_trials_is_not_chosen(make_loop, monkeypatch, worse, better):
     loop = make_loop()
-    told = iter([{"score": 9.0, "failed": 0.5}, {"score": 1.0, "failed": 0.0}])
+    told = iter([{"score": 9.0, **worse}, {"score": 1.0, **better}])
     monkeypatch.setattr(loop, "_judge", lambda: next(told))
     for _ in range(4):
         loop.update()
     for name, value in loop.policy.state_dict().items():
         torch.testing.assert_close(value, loop.tried[1]["trainer"]["policy"][name], rtol=0, atol=0)
+
+
+@pytest.fixture
+def make_fitted(make_loop, monkeypatch):
+    """Loops whose fit is the nominal model."""
+
+    def make(config):
+        loop = make_loop(config=config)
+        known = loop.nominal.with_settings(candidates=loop.nominal.parameters[None])
+        monkeypatch.setattr(loop, "_execute", lambda: None)
+        monkeypatch.setattr(loop, "_fit", lambda: setattr(loop, "model", known))
+        return loop
+
+    return make
+
+
+@pytest.mark.parametrize("trial", [0.5, 1.0])
+def test_further_policies_are_trained_while_none_stands(make_fitted, monkeypatch, tmp_path, trial):
+    """Three are allowed; the second of them stands. A restored run counts the same."""
+    config = replace(SMALL, iterations=round(8 * (0.5 + 0.5 * trial)), rounds=1, policies=1, further=3, trial=trial)
+    each = config.trial_updates()
+    told = [{"score": 2.0, **LEANS}, {"score": 9.0, **FAILS}, {"score": 1.0, **STANDS}, {"score": 5.0, **STANDS}]
+    loop, again = make_fitted(config), make_fitted(config)
+    monkeypatch.setattr(loop, "_judge", iter(told).__next__)
+    outcome = TrainingRun(loop, tmp_path / "run", {}).train(config.iterations)
+    assert outcome.iteration == config.iterations + 2 * each
+    assert loop.further == 2 * each
+    assert [one["rank"][0] for one in loop.tried] == [0.0, 0.0, 1.0]
+    assert loop.round == 1
+    again.restore(loop.state())
+    assert again.further == loop.further
+    if trial == 1.0:
+        for name, value in loop.policy.state_dict().items():
+            torch.testing.assert_close(value, loop.tried[2]["trainer"]["policy"][name], rtol=0, atol=0)
+
+
+def test_further_policies_end(make_fitted, monkeypatch):
+    config = replace(SMALL, iterations=4, rounds=1, policies=2, further=1, trial=1.0)
+    loop = make_fitted(config)
+    monkeypatch.setattr(loop, "_judge", lambda: {"score": 1.0, **FAILS})
+    rows = 0
+    while loop.round == 0:
+        loop.update()
+        rows += 1
+    assert rows == config.iterations + loop.further == 6
 
 
 def test_the_next_round_begins_with_the_last_one_s_policy(make_loop):

@@ -46,8 +46,8 @@ class Plan:
 
 
 _QUICK_LOOP = {
-    "iterations": 2, "policies": 2, "environments": 4, "horizon": 4, "draws": 4, "score_episodes": 2, "more": 20,
-    "episode_steps": 20, "actor_hidden": (8,), "critic_hidden": (8,),
+    "iterations": 2, "policies": 2, "further": 0, "environments": 4, "horizon": 4, "draws": 4, "score_episodes": 2,
+    "more": 20, "episode_steps": 20, "actor_hidden": (8,), "critic_hidden": (8,),
 }  # fmt: skip
 QUICK = Plan(
     draws=1, extra_draws=1, base_seeds=1, widths=(0.3,), rows=60, other_rows=(30,), repeats=0, episodes=2, trials=2,

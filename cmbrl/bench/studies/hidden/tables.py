@@ -102,11 +102,11 @@ def foretold(cells: Sequence[Result]) -> Table:
     rows: list[list[Cell]] = []
     for scene in SCENES:
         own = [(scores(run["trials"]), share_of_falls(run) >= FALLEN) for run in known if run["scene"] == scene]
-        for name in own[0][0] if own else ():
-            score, fell = [found[name] for found, _ in own], [label for _, label in own]
+        for name in dict.fromkeys(name for found, _ in own for name in found):
+            score, fell = zip(*((found[name], label) for found, label in own if name in found), strict=True)
             table = hits(score, fell, THRESHOLD)
-            right = (table["found"] + table["quiet"]) / len(own)
-            rows.append([scene, name, len(own), sum(fell), area(score, fell), THRESHOLD, *table.values(), right])
+            right = (table["found"] + table["quiet"]) / len(fell)
+            rows.append([scene, name, len(fell), sum(fell), area(score, fell), THRESHOLD, *table.values(), right])
     return Table("Falls foretold", columns, rows, WORDS("tables.foretold", fallen=FALLEN))
 
 

@@ -15,7 +15,7 @@ from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.train.policy import observed_by
 
-TRIALS = ("draws", "late", "pushed")
+TRIALS, LAW = ("draws", "late", "pushed"), "law"  #: LAW came later: results from before it lack it
 
 
 def tried(policy: Actor, mdp: MDP, model: ComplementarityModel, episodes: int) -> Result:
@@ -27,12 +27,11 @@ def tried(policy: Actor, mdp: MDP, model: ComplementarityModel, episodes: int) -
 def scores(found: Result) -> dict[str, float]:
     """Numbers that should be high where a policy will fall: share of falls by trial, their mean, spread of returns."""
     falls = {name: float(np.mean(found[name]["falls"])) for name in TRIALS}
+    law = {"falls: law": float(np.mean(found[LAW]["falls"]))} if LAW in found else {}
     returns = np.array([x for x in found["draws"]["returns"] if x is not None] or [0.0])
     spread = float(returns.std() / max(abs(float(returns.mean())), 1e-9))
-    return {f"falls: {name}": value for name, value in falls.items()} | {
-        "falls: all": float(np.mean(list(falls.values()))),
-        "spread": spread,
-    }
+    together = {"falls: all": float(np.mean(list(falls.values()))), "spread": spread}
+    return {f"falls: {name}": value for name, value in falls.items()} | law | together
 
 
 def area(score: Sequence[float], label: Sequence[bool]) -> float | None:

@@ -121,7 +121,7 @@ class Training:
         """Share of the run that is done."""
         if self.iterations is None:
             return min(1.0, float(self.costs["cpu"]) / self.setup.work.seconds[self.setup.task.name])
-        return min(1.0, float(self.costs["iteration"]) / self.iterations)
+        return min(1.0, float(self.costs["iteration"]) / (self.iterations + self.trainer.further))
 
     def result(self, modelled: bool) -> Result:
         """Plain data of the run; ``modelled``: the policy is also judged in ``trainer.model``."""

@@ -1,0 +1,60 @@
+"""A contact model under both laws of sliding at once: some rows of a batch move under its own, the others not.
+
+For training: a policy that meets both laws cannot lean on what only one of them does.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from cmbrl.errors import UserError
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.protocol import Model
+
+
+def under_both_laws(model: Model, share: float) -> Model:
+    """``model`` with a ``share`` of the rows under its other law of sliding; as it is where nothing slides, or for 0.
+
+    Raises UserError for a model that has no such law: one that was learned, or a bundle of steps.
+    """
+    if not share:
+        return model
+    if not isinstance(model, ComplementarityModel):
+        raise UserError(f"other_law = {share:g}: {model.name} has no law of sliding to change: set it to 0")
+    other = model.under_other_law()
+    return model if other is None else BothLaws(model, other, share)
+
+
+class BothLaws:
+    """The last ``share`` of the rows of every batch moves by ``other``, the first ones by ``model``."""
+
+    def __init__(self, model: ComplementarityModel, other: ComplementarityModel, share: float) -> None:
+        self.model, self.other, self.share = model, other, share
+        self.name, self.coordinates = model.name, model.coordinates
+
+    @property
+    def dt(self) -> float:
+        """Control step [s]."""
+        return self.model.dt
+
+    @property
+    def failures(self) -> int:
+        """Failed steps of both since the last ``reset_failures``."""
+        return self.model.failures + self.other.failures
+
+    def reset_failures(self) -> None:
+        """Sets ``failures`` to zero."""
+        self.model.reset_failures()
+        self.other.reset_failures()
+
+    def step(self, q: Tensor, v: Tensor, u: Tensor, theta: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """(q', v') as :meth:`ComplementarityModel.step` of one model or the other."""
+        own = len(q) - round(self.share * len(q))
+        parts = []
+        for model, rows in ((self.model, slice(None, own)), (self.other, slice(own, None))):
+            given = theta[rows] if theta is not None and theta.dim() == 2 else theta
+            if len(q[rows]):
+                parts.append(model.step(q[rows], v[rows], u[rows], given))
+        q_next, v_next = (torch.cat(part) for part in zip(*parts, strict=True))
+        return q_next, v_next

@@ -1,0 +1,80 @@
+"""A model under both laws of sliding: each row moves, and has the derivative, of its own law."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+import cmbrl
+from cmbrl.errors import UserError
+from cmbrl.mdp import MDP, never
+from cmbrl.models.both_laws import BothLaws, under_both_laws
+from cmbrl.models.protocol import failures
+from cmbrl.train.shac import SHAC, SHACConfig
+
+from ..train import slider
+
+PUCK = """<mujoco><option timestep=".004" cone="elliptic"/><worldbody><geom type="plane" size="9 9 .1"/>
+<body pos="0 0 .0499"><freejoint/><geom type="box" size=".2 .2 .05" mass="2"/><site name="s"/></body></worldbody>
+<actuator><motor site="s" gear="40 0 0 0 0 0"/></actuator></mujoco>"""
+
+
+@pytest.fixture
+def puck() -> cmbrl.ComplementarityModel:
+    return cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(PUCK), sliding="coulomb")
+
+
+@pytest.mark.parametrize("share", [0.25, 1.0])
+@pytest.mark.parametrize("given", [False, True])
+def test_each_row_moves_under_its_law(puck: cmbrl.ComplementarityModel, share: float, given: bool) -> None:
+    both = under_both_laws(puck, share)
+    convex = puck.under_other_law()
+    assert convex is not None
+    q = torch.tensor([[0.0, 0, 0.0499, 1, 0, 0, 0]], dtype=torch.float64).repeat(4, 1)
+    v = torch.tensor([[2.0, 0, 0, 0, 0, 0]], dtype=torch.float64).repeat(4, 1).requires_grad_()
+    u = torch.ones(4, 1, dtype=torch.float64)
+    theta = (torch.from_numpy(puck.parameters).repeat(4, 1),) if given else ()
+    own = 4 - round(4 * share)
+    found, alone = both.step(q, v, u, *theta)[1], [model.step(q, v, u, *theta)[1] for model in (puck, convex)]
+    expected = torch.cat([alone[0][:own], alone[1][own:]])
+    assert torch.equal(found, expected)
+    assert not torch.equal(alone[0][0], alone[1][0])
+    derivatives = [torch.autograd.grad(x[:, 2].sum(), v, retain_graph=True)[0] for x in (found, expected)]
+    assert torch.equal(*derivatives)
+    assert failures(both) == 0
+
+
+def test_a_model_without_sliding_stays_and_one_without_a_law_is_refused(
+    puck: cmbrl.ComplementarityModel, tmp_path: Path
+) -> None:
+    smooth = cmbrl.ComplementarityModel(slider.scene(tmp_path))
+    assert under_both_laws(smooth, 0.5) is smooth
+    assert under_both_laws(puck, 0.0) is puck
+
+    class Learned:
+        name, dt = "learned", 0.02
+
+        def step(self, q: torch.Tensor, v: torch.Tensor, u: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+            return q, v
+
+    with pytest.raises(UserError, match=r"other_law = 0\.5: learned has no law of sliding"):
+        under_both_laws(Learned(), 0.5)
+
+
+def test_training_runs_under_both_and_trials_under_the_model_alone(puck: cmbrl.ComplementarityModel) -> None:
+    config = SHACConfig(iterations=2, environments=4, horizon=2, other_law=0.5, actor_hidden=(4,), critic_hidden=(4,))
+    trainer = SHAC(puck_process(), puck, config)
+    assert isinstance(trainer.simulation.model, BothLaws)
+    assert trainer.model is puck
+    assert trainer.update()["failures"] == 0
+
+
+def puck_process() -> MDP:
+    at_rest = torch.tensor([[0.0, 0, 0.0499, 1, 0, 0, 0]], dtype=torch.float64)
+    return MDP(
+        observations=6, actions=1, observe=lambda q, v: v, terminated=never, dt=0.004, episode_steps=25,
+        reward=lambda q, v, action, q_next, v_next: v_next[:, 0],
+        reset=lambda count, generator: (at_rest.repeat(count, 1), torch.zeros(count, 6, dtype=torch.float64)),
+    )  # fmt: skip
