@@ -25,8 +25,8 @@ def _readable(word: str) -> str:
     return word if word.isprintable() else word.encode("unicode_escape", errors="replace").decode()
 
 
-def did_you_mean(name: str, choices: Iterable[str]) -> str:
-    """The end of a message about an unknown name: the nearest choice if one is close, otherwise all.
+def did_you_mean(name: str, choices: Iterable[str], listed: Iterable[str] | None = None) -> str:
+    """The end of a message about an unknown name: the nearest choice if one is close, otherwise ``listed``, or all.
 
     >>> did_you_mean("hoper", ["hopper", "cheetah"])
     "did you mean 'hopper'?"
@@ -35,4 +35,5 @@ def did_you_mean(name: str, choices: Iterable[str]) -> str:
     near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
     if near:
         return f"did you mean {near[0]!r}?"
+    known = known if listed is None else sorted(listed)
     return f"known: {', '.join(known)}" if known else "none are known"

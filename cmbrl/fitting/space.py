@@ -106,8 +106,8 @@ class Space:
         for name in wanted:
             hit = np.array([name in (n, g) for n, g in zip(self.names, self.groups, strict=True)])
             if not hit.any():
-                known = {*self.names, *self.groups}
-                raise UserError(f"no parameter or group {name!r} in this scene; {did_you_mean(name, known)}")
+                near = did_you_mean(name, {*self.names, *self.groups}, listed={*self.groups})
+                raise UserError(f"no parameter or group {name!r} in this scene; {near}")
             chosen |= hit
         return chosen
 

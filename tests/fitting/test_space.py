@@ -101,3 +101,14 @@ def test_gains_of_a_servo_share_the_unit_of_force_with_masses(tmp_path: Path) ->
     (together,) = common_factors(scene.core, moving)
     assert {names[k].split(".")[0] for k in together} == {"mass", "kp", "kd", "armature"}
     assert common_factors(scene.core, moving & np.array([p.group != "kd" for p in scene.parameters])) == []
+
+
+def test_an_unknown_name_gets_a_suggestion_or_the_groups_but_not_hundreds_of_names(carts):
+    model = carts.model(2)
+    space = Space.of(model.scene.parameters, model.parameters)
+    with pytest.raises(UserError, match="did you mean 'damping'"):
+        space.columns(["dampng"])
+    with pytest.raises(UserError, match="no parameter or group 'qqq' in this scene; known: ") as told:
+        space.columns(["qqq"])
+    assert "damping" in str(told.value)
+    assert not any(name in str(told.value) for name in space.names if name not in space.groups)
