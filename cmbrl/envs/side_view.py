@@ -53,7 +53,7 @@ class _View:
 
 def _draw_ground(draw: ImageDraw.ImageDraw, view: _View, place: np.ndarray) -> None:
     level = view.pixels(place[None])[0, 1]
-    draw.rectangle([0, level, *view.size], fill=GROUND)
+    draw.rectangle([0, min(level, view.size[1]), *view.size], fill=GROUND)
     middle, half = view.centre[0], view.size[0] / 2 / view.scale
     for x in MARKS * np.arange(np.ceil((middle - half) / MARKS), np.floor((middle + half) / MARKS) + 1):
         across = view.pixels(np.array([[x, 0.0, 0.0]]))[0, 0]

@@ -25,7 +25,7 @@ from cmbrl.fitting.multi_start import MultiStart
 from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.parsimony import Incumbent, Selection
 from cmbrl.fitting.random_search import random_search
-from cmbrl.fitting.sliding import supported_sliding
+from cmbrl.fitting.sliding import label, supported_sliding
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.fitting.survey import Judge, Survey, Surveyor
 from cmbrl.fitting.unseen import Unseen, held_out_rows
@@ -94,7 +94,8 @@ class Course:
     def _surveyor(self) -> Surveyor:
         movable = self.evidence.space.default if self.wanted is None else self.wanted
         rows, iterations = self.budget.survey_rows, self.budget.survey_iterations
-        return Surveyor(self.evidence, movable, self.huber, self.count, self.seed, rows, iterations, self.journal)
+        law = label(self.sliding["tried"]) if self.sliding and self.sliding["taken"] else ""
+        return Surveyor(self.evidence, movable, self.huber, self.count, self.seed, rows, iterations, self.journal, law)
 
     def _look(self) -> None:
         surveyor = self._surveyor()

@@ -283,10 +283,10 @@ class Selection:
 
     def _remove(self, incumbent: Incumbent, before: Errors) -> None:
         """Removes groups one by one; those whose loss the forecast says is large keep their place without a refit."""
-        equations = self._equations(incumbent)
         for group in self._active(incumbent):
             columns = self.space.columns([group])
-            if rise(incumbent.z, incumbent.active, columns, equations) > CLEAR_RISE * before.mean:
+            rises = rise(incumbent.z, incumbent.active, columns, self._equations(incumbent))
+            if rises > CLEAR_RISE * before.mean:
                 continue
             self.journal.report(0.6, f"removing {group}")
             start = np.where(columns, 0.0, incumbent.z)
@@ -295,7 +295,6 @@ class Selection:
             trial = self._trial(name, incumbent, incumbent.active & ~columns, start, none, before)
             if trial.costs_nothing(before.mean, incumbent.score, self._strain(incumbent.z)):
                 before = self._accept("remove", group, trial, incumbent)
-                equations = self._equations(incumbent)
 
     def _active(self, incumbent: Incumbent) -> list[str]:
         return [g for g in dict.fromkeys(self.space.groups) if incumbent.active[self.space.columns([g])].any()]

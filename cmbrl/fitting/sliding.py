@@ -16,7 +16,7 @@ import numpy as np
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.survey import Surveyor
 
-_BETTER = 0.98  # times the error under the own law: what exceeds chance, and the own law is as good as any
+_CLEARLY_BETTER = 0.9  # times the error under the own law: short fits are not exact
 _STEPS = 4  # of the fits, at most where there is a choice: contacts show in them, and impacts do not rule
 _WORDS = {"coulomb": "exact Coulomb", "convex": "the convex law, MuJoCo's"}
 
@@ -24,7 +24,7 @@ _WORDS = {"coulomb": "exact Coulomb", "convex": "the convex law, MuJoCo's"}
 def supported_sliding(surveyor: Surveyor, horizons: tuple[int, ...]) -> tuple[Evidence, dict[str, Any] | None]:
     """The surveyor's evidence under the law of sliding that the log supports, and what the report tells of it.
 
-    The other law is taken if it is better after both have been fitted. None if there was nothing to choose.
+    The other law is taken if it is clearly better after both have been fitted. None if there was nothing to choose.
     """
     own = surveyor.evidence
     model = None if own.positions_only else own.model.other_sliding()
@@ -32,11 +32,16 @@ def supported_sliding(surveyor: Surveyor, horizons: tuple[int, ...]) -> tuple[Ev
         return own, None
     other = replace(own, model=model)
     steps = max((h for h in surveyor.possible(horizons) if h <= _STEPS), default=min(horizons))
-    scores = [replace(surveyor, evidence=one).score_after(steps) for one in (own, other)]
-    error = float(np.exp(scores[1] - scores[0]))
-    taken = error < _BETTER
+    rival = replace(surveyor, evidence=other, label=label(model.sliding))
+    error = float(np.exp(rival.score_after(steps) - surveyor.score_after(steps)))
+    taken = error < _CLEARLY_BETTER
     told = {"tried": model.sliding, "relative_error": error, "taken": taken}
     return other if taken else own, told
+
+
+def label(law: str) -> str:
+    """What the journal's units of a fit under this law, in place of the model's own, begin with."""
+    return f"{law}: "
 
 
 def sliding_told(row: Mapping[str, Any] | None) -> str | None:

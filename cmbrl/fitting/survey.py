@@ -57,7 +57,7 @@ class Survey:
 
 @dataclass(frozen=True)
 class Surveyor:
-    """``chosen`` (n,): the parameters that may move; ``count`` of folds, 0 for none."""
+    """``chosen`` (n,): the parameters that may move; ``count`` of folds, 0 for none; ``label``: of journal units."""
 
     evidence: Evidence
     chosen: np.ndarray
@@ -67,6 +67,7 @@ class Surveyor:
     rows: int
     iterations: int
     journal: Journal
+    label: str = ""
 
     def run(self, horizons: Sequence[int]) -> Survey:
         """The survey over those of ``horizons`` that the log has windows of; one horizon leaves only the noise open.
@@ -100,8 +101,7 @@ class Surveyor:
     def _fit(self, name: str, horizon: int, noise: np.ndarray | None) -> np.ndarray:
         self.journal.check_time()
         self.journal.report(0.02, name)
-        kept = f"{name}, {self.evidence.model.sliding}"
-        fitted = self.journal.unit(kept, lambda: {"z": self._fitted(horizon, noise).tolist()})
+        fitted = self.journal.unit(self.label + name, lambda: {"z": self._fitted(horizon, noise).tolist()})
         return np.array(fitted["z"])
 
     def _fitted(self, horizon: int, noise: np.ndarray | None) -> np.ndarray:
