@@ -25,6 +25,10 @@ def _readable(word: str) -> str:
     return word if word.isprintable() else word.encode("unicode_escape", errors="replace").decode()
 
 
+class MissingPackage(UserError):
+    """An optional package that is not installed: what needs it is not there, and nothing is broken."""
+
+
 def did_you_mean(name: str, choices: Iterable[str], listed: Iterable[str] | None = None) -> str:
     """The end of a message about an unknown name: the nearest choice if one is close, otherwise ``listed``, or all.
 

@@ -21,7 +21,7 @@ from cmbrl.envs.of_task import decision_process, real_system
 from cmbrl.envs.simulation import Simulation
 from cmbrl.envs.system_batch import SystemBatch
 from cmbrl.envs.vector_env import MDPVectorEnv
-from cmbrl.errors import UserError
+from cmbrl.errors import MissingPackage, UserError
 from cmbrl.mdp import MDP
 from cmbrl.models.named import NOMINAL, named_model
 from cmbrl.models.protocol import Model
@@ -100,11 +100,16 @@ def register(task: Task) -> list[str]:
 
 
 def register_all() -> list[str]:
-    """Registers all installed tasks and returns their ids; a task that fails to load is left out with a warning."""
+    """Registers all installed tasks and returns their ids; a task that fails to load is left out with a warning.
+
+    One whose optional package is not installed is left out without a word.
+    """
     found = []
     for name in names():
         try:
             found += register(load_task(name))
+        except MissingPackage:
+            continue
         except Exception as error:  # a task is foreign code: one that is broken must not take the others with it
             told = str(error) if isinstance(error, UserError) else f"task {name!r} fails ({error!r})"
             warnings.warn(f"no environment for {name}: {told}", stacklevel=2)

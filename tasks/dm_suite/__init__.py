@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from cmbrl.errors import UserError
+from cmbrl.errors import MissingPackage
 from cmbrl.registry import Task
 
 
@@ -18,7 +18,7 @@ def _asset(name: str) -> Path:
 
     spec = find_spec("dm_control")  # finds the folder without importing the package, which looks for a display
     if spec is None or spec.origin is None:
-        raise UserError("the tasks of the DeepMind Control Suite need its files: pip install 'cmbrl[dm]'")
+        raise MissingPackage("the tasks of the DeepMind Control Suite need its files: pip install 'cmbrl[dm]'")
     return Path(spec.origin).parent / "suite" / name
 
 

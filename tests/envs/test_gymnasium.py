@@ -21,6 +21,7 @@ from torch.overrides import TorchFunctionMode
 
 from cmbrl.envs.gymnasium_env import MDPEnv
 from cmbrl.envs.registration import IDS, make_real, register, register_all
+from cmbrl.errors import MissingPackage
 from cmbrl.fitting import FitResult
 from cmbrl.fitting.fitted_parameter import FittedParameter
 from cmbrl.models.named import named_model, nominal_model
@@ -227,13 +228,17 @@ def test_the_time_limit_is_in_the_spec_and_can_be_shortened():
 
 
 def test_a_broken_task_takes_no_other_with_it(monkeypatch):
-    """One whose module is missing, and one whose process cannot be made."""
+    """One whose module is missing, and one whose process cannot be made; what is not installed is no fault."""
 
     def broken():
         raise ValueError("no process")
 
+    def not_installed():
+        raise MissingPackage("pip install something")
+
     monkeypatch.setattr(registry, "_registered", {})
     registry.register(replace(load_task("hopper"), name="broken_process", mdp=broken))
+    registry.register(replace(load_task("hopper"), name="not_installed", mdp=not_installed))
     installed = {"aaa": EntryPoint("aaa", "no_such_module:TASK", registry.GROUP), **registry._installed()}
     monkeypatch.setattr(registry, "_installed", lambda: installed)
     with warnings.catch_warnings(record=True) as caught:
