@@ -220,6 +220,8 @@ def _of_file(path: Path) -> Task:
     module = sys.modules[spec.name] = module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from error
     except Exception as error:  # foreign code
         raise UserError(f"{path}: cannot be loaded ({error!r}): mend it") from error
     task = getattr(module, "TASK", None)

@@ -19,6 +19,7 @@ from torch import Tensor
 
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.mdp import MDP, Total
+from cmbrl.numbers import real
 from cmbrl.registry import Task
 
 if TYPE_CHECKING:
@@ -44,12 +45,25 @@ class Walker:
         speed: wanted velocity of the root, in its own frame: ahead and to the left [m/s], about the vertical [rad/s].
         reach: how far an action of 1 moves a servo's target from the posture [rad or m]; for a motor, the share of its
             control range that an action of 1 asks for.
+
+    Raises UserError for numbers that are not finite, a speed that has not three, and a reach that is not positive.
     """
 
     scene: Path
     posture: Mapping[str, float] = field(default_factory=dict, hash=False)
     speed: tuple[float, float, float] = (0.8, 0.0, 0.0)
     reach: float = 0.4
+
+    def __post_init__(self) -> None:
+        if len(self.speed) != 3:
+            raise UserError(
+                f"speed has {len(self.speed)} numbers: give three, ahead, to the left and about the vertical"
+            )
+        for value in self.speed:
+            real(value, "speed")
+        for name, value in self.posture.items():
+            real(value, f"posture of {name}")
+        real(self.reach, "reach", above=0.0)
 
 
 def walking_task(

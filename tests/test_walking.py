@@ -113,6 +113,20 @@ def test_what_cannot_walk_is_refused_with_a_remedy(tmp_path, xml, posture, says)
         walking(tmp_path, xml, posture=posture)
 
 
+@pytest.mark.parametrize(
+    ("numbers", "says"),
+    [
+        ({"speed": (0.8,)}, "speed has 1 numbers: give ahead"),
+        ({"speed": (0.8, 0.0, math.nan)}, "speed"),
+        ({"posture": {"fl_hip": math.nan}}, "posture of fl_hip"),
+        ({"reach": 0.0}, "reach"),
+    ],
+)
+def test_numbers_that_make_no_walk_are_refused(tmp_path, numbers, says):
+    with pytest.raises(UserError, match=says):
+        Walker(scene=tmp_path / "dog.xml", **numbers)
+
+
 def test_a_robot_that_stands_above_its_root_is_refused(tmp_path):
     under = '<mujoco><worldbody><geom type="plane" size="0 0 1"/><body><freejoint/><geom pos="0 0 2" size="0.1"/>'
     under += '<body pos="0 0 2"><joint name="j"/><geom size="0.1" pos="0.3 0 0"/></body></body></worldbody>'

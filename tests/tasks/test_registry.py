@@ -133,6 +133,7 @@ def test_a_task_in_a_file_is_found_by_its_name(tmp_path, monkeypatch):
     [
         (None, "no such file: name the Python file of a task"),
         ("TASK = 3", "defines no cmbrl.registry.Task called TASK: add one"),
+        ("import cmbrl\nraise cmbrl.UserError('speed is not finite')", "mine.py: speed is not finite"),
         ("import nothing_of_this_name", "cannot be loaded .*nothing_of_this_name.*: mend it"),
     ],
 )
