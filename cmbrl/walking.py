@@ -56,9 +56,7 @@ class Walker:
 
     def __post_init__(self) -> None:
         if len(self.speed) != 3:
-            raise UserError(
-                f"speed has {len(self.speed)} numbers: give three, ahead, to the left and about the vertical"
-            )
+            raise UserError(f"speed has {len(self.speed)} numbers: give ahead, to the left, and about the vertical")
         for value in self.speed:
             real(value, "speed")
         for name, value in self.posture.items():
