@@ -95,7 +95,8 @@ def rise(z: np.ndarray, active: np.ndarray, gone: np.ndarray, equations: NormalE
     away, rest = active & gone, active & ~gone
     step = np.where(away, -z, 0.0)
     if rest.any():
+        rest = rest & (np.diag(hessian) > 0.0)
         inner = hessian[np.ix_(rest, rest)]
         right = -(gradient + hessian @ step)[rest]
-        step[rest] = np.linalg.lstsq(inner + _DAMPING * np.diag(np.diag(inner)), right, rcond=None)[0]
+        step[rest] = np.linalg.solve(inner + _DAMPING * np.diag(np.diag(inner)), right)
     return float(gradient @ step + 0.5 * step @ hessian @ step)

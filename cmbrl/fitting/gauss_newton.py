@@ -43,16 +43,14 @@ def gauss_newton(
         )
         if not np.isfinite(points).all():
             raise NotFinite(NOT_FINITE)
-        moved = [objective.followed(equations, point - z) for point in points]
-        if moved[0] is objective:
-            values = objective.values(points)
-        else:
-            values = np.array([m.values(point[None])[0] for m, point in zip(moved, points, strict=True)])
+        offsets = objective.followed(equations, points - z)
+        values = objective.values(points, offsets)
         candidates += len(points)
         winner = int(values.argmin())
         decrease = value - values[winner]
         if decrease > 0.0:
-            z, value, objective = points[winner], float(values[winner]), moved[winner]
+            z, value = points[winner], float(values[winner])
+            objective = objective if offsets is None else objective.starting(offsets[winner])
             keep(z)
             damping = damping * _TRIALS[winner]
         else:

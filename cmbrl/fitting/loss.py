@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cmbrl.fitting.linearised import Linearised, linearise
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.starts import Follow, Settling, StartEquations
 from cmbrl.models.complementarity import ComplementarityModel
@@ -24,7 +25,7 @@ from cmbrl.native import SolverStatus
 ALIKE = 10  # rows that count as one where windows are too short to tell; see ``objective``
 _UNCORRELATED = 0.05  # a correlation below this ends the sum
 _ROWS_AT_ONCE = 4_000_000  # candidates x transitions in one native call: a few seconds, so that Ctrl-C works
-_JACOBIAN_NUMBERS = 4_000_000  # doubles of the parameter Jacobian in memory at once (32 MB)
+_JACOBIAN_NUMBERS = 2_000_000  # doubles of the parameter Jacobian in memory at once (16 MB)
 
 
 def huber(residual: np.ndarray, delta: float) -> np.ndarray:
@@ -112,16 +113,20 @@ class PredictionLoss:
         covered = np.unique(self.windows.starts[:, None] + np.arange(self.windows.horizon))
         return len(covered) / alike
 
-    def values(self, theta: np.ndarray) -> np.ndarray:
-        """Losses (C,) of candidates (C, n), in native batches small enough to stay responsive."""
+    def values(self, theta: np.ndarray, offset: np.ndarray | None = None) -> np.ndarray:
+        """Losses (C,) of candidates (C, n), in native batches small enough to stay responsive.
+
+        ``offset`` (C, S, k): each candidate's own starts, in place of those of the windows.
+        """
         physical, psi = self.observation.split(theta)
         ways, way = np.unique(psi, axis=0, return_inverse=True)  # candidates that see the log in the same way
         out = np.empty(len(theta))
         for k, same in enumerate(ways):
             windows, members = self._seen(same), np.flatnonzero(way.ravel() == k)
             for some in np.array_split(members, -(-len(members) * self.steps // _ROWS_AT_ONCE)):
-                out[some] = self._shared(physical[some], windows)
-        return out + self._price(self.windows.offset).mean()
+                seen = windows if offset is None else replace(windows, offset=offset[some])
+                out[some] = self._shared(physical[some], seen)
+        return out + self._price(self.windows.offset if offset is None else offset).mean(axis=-1)
 
     def _shared(self, physical: np.ndarray, windows: Windows) -> np.ndarray:
         """Mean losses (C,) over windows of which each log may have scales of its own."""
@@ -139,29 +144,32 @@ class PredictionLoss:
         if not len(scales.uncertain):
             return self
 
-        def linearise(offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            residual, _, slope = self.starting(offset)._linearised(theta, slice(None), np.empty(0, dtype=np.int64))
-            return residual, slope
+        def at(offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            found = self.starting(offset)._linearised(theta, np.empty(0, dtype=np.int64))
+            return found.residual, found.slope
 
         def cost(residual: np.ndarray, offset: np.ndarray) -> np.ndarray:
             value = huber(residual, scales.huber).sum(axis=1) / self.windows.horizon + self._price(offset)
             return np.where(np.isfinite(value), value, np.inf)
 
         start = np.zeros((count, len(scales.uncertain))) if self.windows.offset is None else self.windows.offset
-        return self.starting(Settling(linearise, cost, self.windows.start_precision, scales.huber).run(start))
+        return self.starting(Settling(at, cost, self.windows.start_precision, scales.huber).run(start))
 
     def _price(self, offset: np.ndarray | None) -> np.ndarray:
-        """What each window pays for its ``offset`` (S, k), by step."""
+        """What each window pays for its ``offset`` (..., S, k), by step."""
         if offset is None:
             return np.zeros(1)
         away = offset * self.windows.start_precision
-        return huber(away, self.windows.scales.huber).sum(axis=1) / self.windows.horizon
+        return huber(away, self.windows.scales.huber).sum(axis=-1) / self.windows.horizon
 
     def errors(self, theta: np.ndarray) -> Errors:
         """Errors of one parameter set (n,) by window from its best start; a failed step counts as it ended."""
-        loss = self.settled(theta)
-        residual, failures = loss._residual(theta)
-        value = huber(residual, self.windows.scales.huber).sum(axis=2).mean(axis=1) + loss._price(loss.windows.offset)
+        return self.settled(theta).errors_from_here(theta)
+
+    def errors_from_here(self, theta: np.ndarray) -> Errors:
+        """The same from where the windows start."""
+        residual, failures = self._residual(theta)
+        value = huber(residual, self.windows.scales.huber).sum(axis=2).mean(axis=1) + self._price(self.windows.offset)
         return Errors(value, (residual**2).mean(axis=(1, 2)), failures, alike_rows(residual))
 
     def normal_equations(self, space: Space, z: np.ndarray, active: np.ndarray | None = None) -> NormalEquations:
@@ -174,13 +182,13 @@ class PredictionLoss:
         n, episodes = len(columns), np.unique(blocks)
         gradients, hessian, size = np.zeros((len(episodes), n)), np.zeros((n, n)), 0.0
         width, alike, followed = scales.observed * self.windows.horizon, [], []
+        by_z = space.slope(z)[columns]
         block = max(1, _JACOBIAN_NUMBERS // (width * max(n + len(scales.uncertain), 1)))
         for i in range(0, len(all_starts), block):
             part = slice(i, i + block)
-            residual, jacobian, slope = self._linearised(
-                space.theta(z), part, columns
-            )  # (s, width), (s, width, n or k)
-            jacobian *= space.slope(z)[columns]
+            found = self._linearised(space.theta(z), columns, part)
+            residual, told, slope = found.residual, found.told, found.slope
+            jacobian = found.jacobian * by_z[told]
             lost = ~(np.isfinite(residual).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2)))
             lost |= ~np.isfinite(slope).all(axis=(1, 2))
             # failed steps: a constant in the loss, which has no slope
@@ -188,8 +196,8 @@ class PredictionLoss:
             alike.append(alike_rows(residual.reshape(len(residual), self.windows.horizon, -1)))
             weight = np.minimum(1.0, scales.huber / np.maximum(np.abs(residual), 1e-300))
             slopes = ((weight * residual)[:, None] @ jacobian)[:, 0]
-            rows = (np.sqrt(weight)[:, :, None] * jacobian).reshape(-1, n)
-            hessian += rows.T @ rows
+            rows = (np.sqrt(weight)[:, :, None] * jacobian).reshape(-1, len(told))
+            hessian[np.ix_(told, told)] += rows.T @ rows
             size += float((weight * residual**2).sum())
             if self.windows.offset is not None:
                 offset = self.windows.offset[part]
@@ -198,15 +206,15 @@ class PredictionLoss:
                 cross = slope.transpose(0, 2, 1) @ (weight[:, :, None] * jacobian)  # (s, k, n)
                 solved = starts.solve(np.concatenate([starts.gradient[:, :, None], cross], axis=2))
                 slopes -= (solved[:, None, :, 0] @ cross)[:, 0]
-                hessian -= np.tensordot(cross, solved[:, :, 1:], axes=([0, 1], [0, 1]))
-                followed.append(Follow(-solved[:, :, 0], -solved[:, :, 1:]))
-            np.add.at(gradients, np.searchsorted(episodes, blocks[part]), slopes)
+                hessian[np.ix_(told, told)] -= np.tensordot(cross, solved[:, :, 1:], axes=([0, 1], [0, 1]))
+                followed.append(Follow.of(-solved, columns[told], len(space)))
+            np.add.at(gradients, np.ix_(np.searchsorted(episodes, blocks[part]), told), slopes)
         count = self.steps
         by_episode, square = np.zeros((len(episodes), len(space))), np.zeros((len(space), len(space)))
         by_episode[:, columns], square[np.ix_(columns, columns)] = gradients / count, hessian / count
         variance = size / (count * scales.observed)
         independent = self.independent(float(np.mean(alike)))
-        follow = _joined(followed, columns, len(space)) if followed else None
+        follow = Follow.joined(followed) if followed else None
         return NormalEquations(by_episode.sum(axis=0), square, by_episode, independent, variance, follow)
 
     def _residual(self, theta: np.ndarray) -> tuple[np.ndarray, int]:
@@ -225,56 +233,9 @@ class PredictionLoss:
             out[:, j] = (error / units)[:, self.windows.scales.counts]
         return out, failures
 
-    def _linearised(
-        self, theta: np.ndarray, part: slice, columns: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Residuals (s, width) of some windows, and their derivatives in ``columns`` (n,) of theta and in the starts.
-
-        By the chain rule, (s, width, n) and (s, width, k).
-        """
-        scales, scene, nv = self.windows.scales, self.model.scene, self.model.scene.nv
-        theta, psi = self.observation.split(theta)
-        windows = self._seen(psi)
-        data, starts, uncertain = windows.data, windows.starts[part], scales.uncertain
-        q, v = (x[part] for x in windows.begin(scene))
-        physical = columns[columns < len(theta)]
-        of_log, own = self.observation.columns(columns, len(theta))
-        of_model, of_starts = np.arange(len(physical)), len(columns) + np.arange(len(uncertain))  # columns side by side
-        bias = self.observation.state_slope(nv)[:, own]  # of the state that the log tells
-        slopes = self.observation.controls(self.windows.data, psi)[1][:, :, own] if len(own) else None
-        state = np.zeros((len(q), 2 * nv, len(columns) + len(uncertain)))
-        state[:, :, of_log] = bias
-        state[:, uncertain, of_starts] = 1.0
-        residuals, jacobians = [], []
-        units = self.windows.units[part if self.windows.own else slice(None)]
-        for j in range(self.windows.horizon):
-            step = self.model.predict(
-                q, v, data.u[starts + j], theta=theta, jacobian=True, parameter_jacobian=bool(len(physical))
-            )
-            q, v = step.q_next, step.v_next
-            assert step.jacobian is not None
-            state = step.jacobian[:, :, : 2 * nv] @ state
-            if len(physical):
-                state[:, :, of_model] += step.jacobian[:, :, 2 * nv + scene.inputs + physical]
-            if slopes is not None:
-                state[:, :, of_log] += step.jacobian[:, :, 2 * nv : 2 * nv + scene.inputs] @ slopes[starts + j]
-            off = np.concatenate([scene.difference(data.q_next[starts + j], q), v - data.v_next[starts + j]], axis=1)
-            residuals.append((off / units)[:, scales.counts])
-            # The tangent of the prediction replaces that of the difference; they are equal for small rotation errors.
-            error = state.copy()
-            error[:, :, of_log] -= bias
-            jacobians.append((error / units[:, :, None])[:, scales.counts])
-        jacobian = np.concatenate(jacobians, axis=1)
-        return np.concatenate(residuals, axis=1), jacobian[:, :, : len(columns)], jacobian[:, :, len(columns) :]
+    def _linearised(self, theta: np.ndarray, columns: np.ndarray, part: slice = slice(None)) -> Linearised:
+        return linearise(self.model, self.observation, self.windows, theta, columns, part)
 
     def _seen(self, psi: np.ndarray) -> Windows:
         """The windows as the model's state and control at ``psi``."""
-        return replace(self.windows, data=self.observation.states(self.windows.data, psi))
-
-
-def _joined(parts: list[Follow], columns: np.ndarray, n: int) -> Follow:
-    """One Follow of all windows over all ``n`` parameters, those outside ``columns`` with zeros."""
-    shift, part = (np.concatenate([getattr(p, name) for p in parts]) for name in ("shift", "slope"))
-    slope = np.zeros((*shift.shape, n))
-    slope[:, :, columns] = part
-    return Follow(shift, slope)
+        return self.windows.on_log(self.observation.states(self.windows.data, psi))

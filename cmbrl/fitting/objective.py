@@ -43,25 +43,26 @@ class Objective:
     def at(cls, loss: PredictionLoss, space: Space, active: np.ndarray, z: np.ndarray) -> Objective:
         """The objective with the residual variance, and the starts of windows, taken at ``z`` (n,)."""
         loss = loss.settled(space.theta(z))
-        errors = loss.errors(space.theta(z))
+        errors = loss.errors_from_here(space.theta(z))
         variance = float(
             np.clip(2.0 * errors.mean / loss.windows.scales.observed, *_VARIANCE_RANGE)
         )  # L sums r^2 / 2 over the coordinates
         return cls(loss, space, active, variance / loss.independent(errors.alike))
 
-    def values(self, z: np.ndarray) -> np.ndarray:
-        """J (C,) of candidates (C, n); infinite where the loss is NaN."""
-        total = self.loss.values(self.space.theta(z)) + 0.5 * self.strength * ((z @ self.space.precision) * z).sum(
-            axis=1
-        )
+    def values(self, z: np.ndarray, offset: np.ndarray | None = None) -> np.ndarray:
+        """J (C,) of candidates (C, n), from an ``offset`` (C, S, k) of each one's own if given; infinite for a NaN."""
+        prior = 0.5 * self.strength * ((z @ self.space.precision) * z).sum(axis=1)
+        total = self.loss.values(self.space.theta(z), offset) + prior
         return np.where(np.isnan(total), np.inf, total)
 
-    def followed(self, equations: NormalEquations, step: np.ndarray) -> Objective:
-        """The objective with the starts of windows moved along with a ``step`` (n,) from where ``equations`` are."""
+    def followed(self, equations: NormalEquations, steps: np.ndarray) -> np.ndarray | None:
+        """The starts of windows (C, S, k) that follow ``steps`` (C, n) from where ``equations`` are, if they move."""
         offset = self.loss.windows.offset
-        if equations.follow is None or offset is None:
-            return self
-        return replace(self, loss=self.loss.starting(equations.follow.at(offset, step)))
+        return None if equations.follow is None or offset is None else equations.follow.at(offset, steps)
+
+    def starting(self, offset: np.ndarray) -> Objective:
+        """The objective with the windows starting at ``offset`` (S, k)."""
+        return replace(self, loss=self.loss.starting(offset))
 
     def normal_equations(self, z: np.ndarray) -> NormalEquations:
         """Gradient and Gauss-Newton Hessian of J at ``z`` (n,), over the active parameters."""

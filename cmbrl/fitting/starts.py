@@ -13,7 +13,7 @@ the inverse of their covariance R + J0 S J0^T (generalised least squares). Witho
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,9 +66,21 @@ class Follow:
     shift: np.ndarray
     slope: np.ndarray
 
+    @classmethod
+    def of(cls, moved: np.ndarray, columns: np.ndarray, n: int) -> Follow:
+        """From ``moved`` (s, k, 1 + c): the shift, and the slope in those ``columns`` (c,) of ``n`` that are not 0."""
+        slope = np.zeros((*moved.shape[:2], n))
+        slope[:, :, columns] = moved[:, :, 1:]
+        return cls(moved[:, :, 0], slope)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Follow]) -> Follow:
+        """One of all windows."""
+        return cls(np.concatenate([p.shift for p in parts]), np.concatenate([p.slope for p in parts]))
+
     def at(self, offset: np.ndarray, dz: np.ndarray) -> np.ndarray:
-        """The offsets (s, k) after a step ``dz`` (n,)."""
-        return offset + self.shift + self.slope @ dz
+        """The offsets (C, s, k) after each of the steps ``dz`` (C, n)."""
+        return offset + self.shift + np.moveaxis(self.slope @ dz.T, -1, 0)
 
 
 class Settling:

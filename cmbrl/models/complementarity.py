@@ -342,11 +342,12 @@ class ComplementarityModel:
     def candidate_loss(self, theta: np.ndarray, windows: Windows) -> np.ndarray:
         """Mean loss (C,) of parameter candidates theta (C, np) over ``windows``, in one native batch.
 
-        Every window is predicted open loop. The Huber loss of (prediction - log) / scale is summed over coordinates and
-        averaged over steps and windows. A failed solve adds a large constant.
+        Every window is predicted open loop, from states of each candidate's own if ``windows`` have such. The Huber
+        loss of (prediction - log) / scale is summed over coordinates and averaged over steps and windows. A failed
+        solve adds a large constant.
         """
         data, scales = windows.data, windows.scales
-        q, v = windows.states(self.scene)
+        q, v = windows.begin(self.scene)
         losses = self.stepper.core.loss(
             q, v, data.u, data.q_next, data.v_next, windows.starts, windows.horizon,
             real_array(theta, "theta"), scales.q, scales.v, scales.huber, FAILURE_LOSS,

@@ -73,7 +73,8 @@ class Scales:
 class Windows:
     """From each row of ``starts`` (S,), ``horizon`` steps of ``data`` under the logged controls.
 
-    ``offset`` (S, k): how far each start is from the logged state, along ``scales.uncertain``; None for not at all.
+    ``offset`` (S, k): how far each start is from the logged state, along ``scales.uncertain``; None for not at all,
+    (C, S, k) where each of C candidates has its own.
     ``own``: the scales of each of several logs, if they differ; all have the same ``uncertain`` and ``counts``.
     """
 
@@ -119,7 +120,7 @@ class Windows:
                 self,
                 starts=self.starts[rows],
                 scales=scales,
-                offset=None if self.offset is None else self.offset[rows],
+                offset=None if self.offset is None else self.offset[..., rows, :],
                 own=(),
             )
             for scales, rows in chosen
@@ -130,22 +131,18 @@ class Windows:
         """The same windows from the logged states of other ``starts``."""
         return replace(self, starts=starts, offset=None)
 
+    def on_log(self, data: Transitions) -> Windows:
+        """The same windows of the log as ``data``."""
+        return replace(self, data=data)
+
     def begin(self, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-        """The states that the windows start from: q (S, nq), v (S, nv)."""
+        """The states that the windows start from: q (S, nq), v (S, nv); (C, S, ...) where candidates have their own."""
         q, v = self.data.q[self.starts], self.data.v[self.starts]
         if self.offset is None:
             return q, v
-        moved = np.zeros((len(q), 2 * scene.nv))
-        moved[:, self.scales.uncertain] = self.offset
-        return scene.integrate(q, moved[:, : scene.nv]), v + moved[:, scene.nv :]
-
-    def states(self, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-        """q (N, nq) and v (N, nv) of the log with the rows of the starts as in ``begin``."""
-        if self.offset is None:
-            return self.data.q, self.data.v
-        q, v = self.data.q.copy(), self.data.v.copy()
-        q[self.starts], v[self.starts] = self.begin(scene)
-        return q, v
+        moved = np.zeros((*self.offset.shape[:-1], 2 * scene.nv))
+        moved[..., self.scales.uncertain] = self.offset
+        return scene.integrate(q, moved[..., : scene.nv]), v + moved[..., scene.nv :]
 
 
 def blocks_of(data: Transitions) -> np.ndarray:

@@ -19,8 +19,8 @@ const Backend backend = {
     [](const Model& m, const Options& o, const Batch& b, const int64_t* x, int64_t s, int64_t e, StepMemory& w) {
       m.planar ? backward_packs<Planar>(m, o, b, x, s, e, w) : backward_packs<Spatial>(m, o, b, x, s, e, w);
     },
-    [](const Model& m, const Options& o, const LossBatch& b, int64_t first, StepMemory& w) {
-      m.planar ? candidate_loss<Planar>(m, o, b, first, w) : candidate_loss<Spatial>(m, o, b, first, w);
+    [](const Model& m, const Options& o, const LossBatch& b, int64_t first, int64_t s, int64_t e, StepMemory& w) {
+      m.planar ? candidate_loss<Planar>(m, o, b, first, s, e, w) : candidate_loss<Spatial>(m, o, b, first, s, e, w);
     },
     [](const Model& m, const Options& o, const Batch& b, double* M, double* bias, double* length, double* gap, double* J, int64_t s, int64_t e, StepMemory& w) {
       m.planar ? smooth_quantities<Planar>(m, o, b, M, bias, length, gap, J, s, e, w)

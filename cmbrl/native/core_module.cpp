@@ -118,31 +118,30 @@ class Core {
     return out;
   }
 
+  // q, v: the states that windows start from, common to all candidates or each candidate's own.
   nb::object loss(Array q, Array v, Array u, Array q_next, Array v_next, Index starts, int horizon, Array theta, Array scale_q,
                   Array scale_v, double huber, double fail_penalty, nb::dict options, int threads) {
     const Model& m = data_->model;
     Options o = settings(options);
-    int64_t rows = int64_t(v.ndim() ? v.shape(0) : 0);
-    check(q, "q", {rows, m.nq}); check(v, "v", {rows, m.nv}); check(u, "u", {rows, m.nu});
-    check(q_next, "q_next", {rows, m.nq}); check(v_next, "v_next", {rows, m.nv});
+    int64_t rows = int64_t(v_next.ndim() ? v_next.shape(0) : 0), count = int64_t(starts.size());
+    check(u, "u", {rows, m.nu}); check(q_next, "q_next", {rows, m.nq}); check(v_next, "v_next", {rows, m.nv});
     check(theta, "theta", {-1, m.ntheta}); check_limits(theta.data(), theta.shape(0)); check(scale_q, "scale_q", {m.nv}); check(scale_v, "scale_v", {m.nv});
+    int64_t candidates = int64_t(theta.shape(0));
+    bool own = q.ndim() == 3;
+    if (own) { check(q, "q", {candidates, count, m.nq}); check(v, "v", {candidates, count, m.nv}); }
+    else { check(q, "q", {count, m.nq}); check(v, "v", {count, m.nv}); }
     if (horizon < 1) refuse("horizon is " + std::to_string(horizon) + "; give at least 1");
-    for (size_t i = 0; i < starts.size(); ++i)
+    for (int64_t i = 0; i < count; ++i)
       if (int64_t start = starts.data()[i]; start < 0 || start > rows - horizon)
         refuse("start " + std::to_string(start) + " with a horizon of " + std::to_string(horizon) + " leaves the log of " +
                std::to_string(rows) + " rows");
-    LossBatch b{int64_t(theta.shape(0)), int64_t(starts.size()), horizon, q.data(), v.data(), u.data(), q_next.data(), v_next.data(),
-                theta.data(), scale_q.data(), scale_v.data(), starts.data(), huber, fail_penalty, nullptr, 0};
-    auto out = make_array<double>({size_t(b.ncandidate), size_t(b.nstart)}, &b.loss);
-    int64_t width = backend_.width, packs = (b.ncandidate + width - 1) / width, slices = (b.nstart + 255) / 256;
-    run(packs * slices, threads, Purpose::step, [&](int64_t s, int64_t, StepMemory& w) {
-      LossBatch part = b;
-      int64_t slice = s % slices;
-      part.starts = b.starts + slice * 256;
-      part.nstart = std::min<int64_t>(256, b.nstart - slice * 256);
-      part.loss_stride = b.nstart;
-      part.loss = b.loss + slice * 256;
-      backend_.loss(m, o, part, s / slices * width, w);
+    LossBatch b{candidates, count, horizon, q.data(), v.data(), own ? count : 0, u.data(), q_next.data(), v_next.data(),
+                theta.data(), scale_q.data(), scale_v.data(), starts.data(), huber, fail_penalty, nullptr};
+    auto out = make_array<double>({size_t(candidates), size_t(count)}, &b.loss);
+    int64_t width = backend_.width, packs = (candidates + width - 1) / width, slices = (count + 255) / 256;
+    run(packs * slices, threads, Purpose::step, [&](int64_t k, int64_t, StepMemory& w) {
+      int64_t begin = k % slices * 256;
+      backend_.loss(m, o, b, k / slices * width, begin, std::min<int64_t>(count, begin + 256), w);
     }, 1);
     return nb::cast(out);
   }

@@ -1,4 +1,4 @@
-// The loss of parameter candidates on a log, one candidate a lane.
+// The loss of parameter candidates on a log: candidates side by side in the lanes, and windows where there are few.
 #pragma once
 #include "lanes.hpp"
 
@@ -19,45 +19,68 @@ static StepStats loss_step(const Model& m, const Options& o, Work<G>& w) {
   }
 }
 
-// Open-loop Huber loss of one pack of candidates over all starts: lanes share the state, so they share the active set.
+// Which candidate and which window each lane has: few candidates leave lanes for windows side by side. Lanes too many repeat one.
+struct Shared {
+  int candidates, windows;
+  int64_t first;
+  Shared(const LossBatch& b, int64_t first_) : first(first_) {
+    candidates = int(b.ncandidate - first < W ? b.ncandidate - first : W);
+    windows = W / candidates;
+  }
+  int64_t candidate(int lane) const { return first + lane % candidates; }
+  int64_t window(int lane, int64_t s, int64_t end) const {
+    int beside = lane / candidates;
+    if (beside >= windows) beside = windows - 1;
+    return s + beside < end ? s + beside : end - 1;
+  }
+};
+
+// Open-loop Huber losses of a pack of candidates over the windows [begin, end). Lanes of one window share the state, or nearly,
+// so they share the active set.
 template <class G>
-static void candidate_loss(const Model& m, const Options& o, const LossBatch& b, int64_t first, StepMemory& memory) {
+static void candidate_loss(const Model& m, const Options& o, const LossBatch& b, int64_t first, int64_t begin, int64_t end, StepMemory& memory) {
   Work<G> w = open<G>(m, Purpose::step, memory);
-  Lanes l = lanes_from(first, b.ncandidate);
+  Shared shared(b, first);
   const double* theta[W];
-  for (int lane = 0; lane < W; ++lane) theta[lane] = b.theta + l.at[lane] * m.ntheta;
+  for (int lane = 0; lane < W; ++lane) theta[lane] = b.theta + shared.candidate(lane) * m.ntheta;
   load_parameters(m, w, theta);
   auto huber = [&](T r) {
     T a = vabs(r);
     return select(a < b.huber, 0.5 * r * r, b.huber * (a - 0.5 * b.huber));
   };
-  for (int64_t s = 0; s < b.nstart; ++s) {
-    int64_t row = b.starts[s];
-    T loss = T{};
-    double clean = 0;  // NaN from an input that is not finite, and then so is the loss
-    auto spread = [&](const double* x, int n, T* out) {
-      for (int i = 0; i < n; ++i) { out[i] = splat(x[i]); clean += 0.0 * x[i]; }
-    };
-    spread(b.q + row * m.nq, m.nq, w.q);
-    spread(b.v + row * m.nv, m.nv, w.v);
-    for (int k = 0; k < b.horizon; ++k, ++row) {
+  for (int64_t s = begin; s < end; s += shared.windows) {
+    T loss = T{}, clean = T{};  // clean: NaN from an input that is not finite, and then so is the loss
+    Lanes at{{}, W}, row{{}, W};
+    for (int lane = 0; lane < W; ++lane) {
+      int64_t window = shared.window(lane, s, end);
+      at.at[lane] = shared.candidate(lane) * b.own + window;
+      row.at[lane] = b.starts[window];
+    }
+    gather(b.q, m.nq, m.nq, at, w.q, clean);
+    gather(b.v, m.nv, m.nv, at, w.v, clean);
+    for (int k = 0; k < b.horizon; ++k) {
       if (o.stopped && o.stopped()) return;
-      spread(b.u + row * m.nu, m.nu, w.u);
+      gather(b.u, m.nu, m.nu, row, w.u, clean);
+      Mask finite = clean == 0.0;
+      if (int good = first_of(finite); good >= 0 && any(~finite)) copy_state(m, ~finite, good, w);
       StepStats st = loss_step(m, o, w);
-      const double *qn = b.q_next + row * m.nq, *vn = b.v_next + row * m.nv;
+      T *qn = w.start, *vn = w.start + m.nq, told = T{};
+      gather(b.q_next, m.nq, m.nq, row, qn, told);
+      gather(b.v_next, m.nv, m.nv, row, vn, told);
       for (int j = 0; j < m.njoint; ++j) {
         int a = m.jnt_qadr[j], d = m.jnt_vadr[j];
         if (m.jnt_type[j] != kBall) { loss += huber((w.q[a] - qn[a]) / b.scale_q[d]); continue; }
-        T inverse[4] = {splat(qn[a]), splat(-qn[a + 1]), splat(-qn[a + 2]), splat(-qn[a + 3])}, e[4];
+        T inverse[4] = {qn[a], -qn[a + 1], -qn[a + 2], -qn[a + 3]}, e[4];
         quat_mul(inverse, w.q + a, e);  // rotation error as twice the vector part (small angles)
         CMBRL_FOR(r, 3) loss += huber(2.0 * select(e[0] < 0.0, -e[1 + r], e[1 + r]) / b.scale_q[d + r]);
       }
       for (int i = 0; i < m.nv; ++i) loss += huber((w.v[i] - vn[i]) / b.scale_v[i]);
-      loss += clean;
+      loss += clean + told;
       loss = select(st.done & (loss < 1e15), loss, loss + b.fail_penalty);
       loss = select(loss < 1e15, loss, splat(1e15));
+      for (int lane = 0; lane < W; ++lane) ++row.at[lane];
     }
-    for (int lane = 0; lane < l.n; ++lane) b.loss[l.at[lane] * b.loss_stride + s] = loss[lane];
+    for (int lane = 0; lane < W; ++lane) b.loss[shared.candidate(lane) * b.nstart + shared.window(lane, s, end)] = loss[lane];
   }
 }
 

@@ -181,11 +181,12 @@ struct Batch {
 struct LossBatch {  // mean Huber loss of open-loop predictions, candidate by candidate
   int64_t ncandidate, nstart;
   int horizon;
-  const double *q, *v, *u, *q_next, *v_next, *theta, *scale_q, *scale_v;
+  const double *q, *v;  // where windows start: (nstart, ...), or (ncandidate, nstart, ...) if each candidate has its own
+  int64_t own;          // windows from one candidate's states to the next one's: 0 or nstart
+  const double *u, *q_next, *v_next, *theta, *scale_q, *scale_v;
   const int64_t *starts;
   double huber, fail_penalty;
   double *loss;  // (ncandidate, nstart): summed over steps and coordinates; the caller averages in order
-  int64_t loss_stride;
 };
 
 constexpr int kEdges = 5;  // rows of a pyramid of friction, at most (edges.hpp)
@@ -214,7 +215,7 @@ struct Backend {  // one per instruction set
   // elements: those numbered begin to end of this list; of the batch itself if there is none
   void (*forward)(const Model&, const Options&, const Batch&, const int64_t* elements, int64_t begin, int64_t end, StepMemory&);
   void (*backward)(const Model&, const Options&, const Batch&, const int64_t* elements, int64_t begin, int64_t end, StepMemory&);
-  void (*loss)(const Model&, const Options&, const LossBatch&, int64_t candidate_pack, StepMemory&);
+  void (*loss)(const Model&, const Options&, const LossBatch&, int64_t candidate_pack, int64_t begin, int64_t end, StepMemory&);
   void (*dynamics)(const Model&, const Options&, const Batch&, double* M, double* bias, double* length, double* gap, double* J, int64_t begin, int64_t end, StepMemory&);
   void (*rows)(const Model&, const Options&, const Batch&, const RowBatch&, int64_t begin, int64_t end, StepMemory&);
   void (*bodies)(const Model&, const Batch&, const BodyBatch&, int64_t begin, int64_t end, StepMemory&);

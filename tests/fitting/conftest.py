@@ -143,7 +143,7 @@ class CartModel:
         data, starts, horizon, scales = windows.data, windows.starts, windows.horizon, windows.scales
         losses = np.zeros(len(theta))
         for c, candidate in enumerate(theta):
-            a, b = windows.begin(self.scene)
+            a, b = (x if x.ndim == 2 else x[c] for x in windows.begin(self.scene))
             for j in range(horizon):
                 rows = starts + j
                 step = self.predict(a, b, data.u[rows], candidate)

@@ -50,7 +50,8 @@ def results(core: Any, call: dict[str, Any], threads: int) -> dict[str, np.ndarr
     ones, starts = np.ones(v.shape[1]), np.arange(0, len(q) - 5, 5)
     candidates = np.stack([theta * x for x in (0.95, 1.0, 0.99)])
     loss = core.loss(
-        q, v, u, out["q_next"], out["v_next"], starts, 1, candidates, ones, ones, 1.0, 1e3, options, threads
+        *(q[starts], v[starts], u, out["q_next"], out["v_next"]),
+        *(starts, 1, candidates, ones, ones, 1.0, 1e3, options, threads),
     )
     kept = {name: np.array(x) for name, x in (out | back).items() if name not in ("tape", "iterations", "residual")}
     return kept | {"loss": np.array(loss)}

@@ -1,7 +1,7 @@
 """What it costs to score parameter candidates, per candidate and state, in three ways.
 
-One by one: one candidate on one state at a time, so a pack has a single useful lane (``candidate_loss`` of one).
-States packed: one candidate on a batch of different states, one state a lane (``predict``).
+Alone: one candidate after the other, each on a batch of states, one state a lane (``candidate_loss`` of one).
+States packed: the same by plain steps (``predict``).
 Candidates packed: a batch of candidates on one state after the other, one candidate a lane (``candidate_loss``). Its
 lanes share the state, and with it the contacts and nearly the number of solver iterations.
 """
@@ -19,7 +19,7 @@ from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.windows import Scales, Windows
 
 STATES = 256  #: at most; spread over the visited ones
-ALONE = 8  #: candidates that go one by one in a turn; their cost does not depend on their number
+ALONE = 8  #: candidates that go alone in a turn; their cost does not depend on their number
 
 
 def compare_candidates(
@@ -47,7 +47,7 @@ def compare_candidates(
     one, states, packed = (seconds[name] for name in work)
     return {
         "candidates": candidates,
-        "one_by_one": Spread.of(one),
+        "alone": Spread.of(one),
         "states_packed": Spread.of(states),
         "candidates_packed": Spread.of(packed),
         "gain": Spread.of(one / packed),

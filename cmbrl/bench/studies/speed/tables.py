@@ -12,7 +12,7 @@ WORDS = Words("cmbrl.bench.studies.speed")
 NAMES = {
     "mj_step": "mj_step", "mjd_transitionFD": "mjd_FD", "forward": "step", "vjp": "+VJP", "jacobian": "+Jacobian",
 }  # fmt: skip
-COSTS = ("one_by_one", "states_packed", "candidates_packed")
+COSTS = ("alone", "states_packed", "candidates_packed")
 
 
 def tables(values: dict[str, Any]) -> list[Table]:

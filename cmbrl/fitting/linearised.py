@@ -1,0 +1,96 @@
+"""Open-loop predictions of windows with their derivatives, by the chain rule along each window.
+
+A window touches few of the contacts that a robot could have, so most columns of its parameters are zero throughout.
+They are found first and left out of the products.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.observation import Observation
+from cmbrl.models.step_result import StepResult
+from cmbrl.models.windows import Windows
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """``residual`` (s, w) of windows, with derivatives in parameters, ``jacobian`` (s, w, t), and in the starts.
+
+    ``told`` (t,): which of the columns asked for are not zero throughout. ``slope`` (s, w, k): in the uncertain
+    coordinates of the starts.
+    """
+
+    residual: np.ndarray
+    jacobian: np.ndarray
+    told: np.ndarray
+    slope: np.ndarray
+
+
+def linearise(
+    model: ComplementarityModel,
+    observation: Observation,
+    windows: Windows,
+    theta: np.ndarray,
+    columns: np.ndarray,
+    part: slice = slice(None),
+) -> Linearised:
+    """Those in ``part`` of ``windows`` at ``theta`` (np + n,), with derivatives in some of its ``columns`` (c,)."""
+    nv, first = model.scene.nv, 2 * model.scene.nv + model.scene.inputs  # of the model's parameters
+    counts, uncertain, starts = windows.scales.counts, windows.scales.uncertain, windows.starts[part]
+    physical, psi = observation.split(theta)
+    of_log, own = observation.columns(columns, len(physical))
+    of_model = columns[columns < len(physical)]
+    units = windows.units[part if windows.own else slice(None)]
+    seen = windows.on_log(observation.states(windows.data, psi))
+    steps, off = _predicted(model, seen, part, physical, bool(len(of_model)))
+    touched = _touched(steps, first + of_model)
+    told = np.union1d(touched, of_log)
+    model_columns, log_columns = np.searchsorted(told, touched), np.searchsorted(told, of_log)
+    bias = observation.state_slope(nv)[:, own]  # of the state that the log tells
+    controls = observation.controls(windows.data, psi)[1][:, :, own] if len(own) else None
+    state = np.zeros((len(starts), 2 * nv, len(told) + len(uncertain)))
+    state[:, :, log_columns] = bias
+    state[:, uncertain, len(told) + np.arange(len(uncertain))] = 1.0
+    slopes = np.empty((len(starts), len(steps), int(counts.sum()), state.shape[2]))
+    for j, step in enumerate(steps):
+        assert step.jacobian is not None
+        state = step.jacobian[:, :, : 2 * nv] @ state
+        state[:, :, model_columns] += step.jacobian[:, :, first + of_model[touched]]
+        if controls is not None:
+            state[:, :, log_columns] += step.jacobian[:, :, 2 * nv : first] @ controls[starts + j]
+        # The tangent of the prediction replaces that of the difference; they are equal for small rotation errors.
+        np.divide(state[:, counts], units[:, counts, None], out=slopes[:, j])
+        slopes[:, j][:, :, log_columns] -= (bias / units[:, :, None])[:, counts]
+    residual = (off / units[:, None])[:, :, counts].reshape(len(starts), -1)
+    slopes = slopes.reshape(*residual.shape, -1)
+    return Linearised(residual, slopes[:, :, : len(told)], told, slopes[:, :, len(told) :])
+
+
+def _predicted(
+    model: ComplementarityModel, windows: Windows, part: slice, theta: np.ndarray, by_theta: bool
+) -> tuple[list[StepResult], np.ndarray]:
+    """The steps of the windows with their Jacobians, and predicted less logged states (s, steps, 2 nv)."""
+    data, starts, scene = windows.data, windows.starts[part], model.scene
+    q, v = (x[part] for x in windows.begin(scene))
+    steps, off = [], np.empty((len(starts), windows.horizon, 2 * scene.nv))
+    for j in range(windows.horizon):
+        rows = starts + j
+        step = model.predict(q, v, data.u[rows], theta=theta, jacobian=True, parameter_jacobian=by_theta)
+        q, v = step.q_next, step.v_next
+        off[:, j, : scene.nv], off[:, j, scene.nv :] = scene.difference(data.q_next[rows], q), v - data.v_next[rows]
+        steps.append(step)
+    return steps, off
+
+
+def _touched(steps: Sequence[StepResult], columns: np.ndarray) -> np.ndarray:
+    """Which of some ``columns`` of the Jacobians are not zero in all ``steps``."""
+    found = np.zeros(len(columns), dtype=bool)
+    for step in steps if len(columns) else ():
+        assert step.jacobian is not None
+        found |= (step.jacobian[:, :, columns[0] :] != 0.0).any(axis=(0, 1))[columns - columns[0]]
+    return np.flatnonzero(found)
