@@ -3,11 +3,13 @@
 ``fit``            the whole procedure, top to bottom; ``budget``: how much work each part may do
 ``evidence``       the log as transitions, the model at its time step, and what lies between them
 ``space``          named, bounded, transformed parameters; ``gauge``: what is known up to a factor
-``loss``           prediction errors of candidates, Gauss-Newton equations; ``objective``: the same plus the prior
+``loss``           prediction errors of candidates, Gauss-Newton equations; ``linearised``: their derivatives;
+                   ``objective``: the same plus the prior
 ``random_search``  candidates around the best so far; ``cma`` and ``gauss_newton``: the alternatives, and the polish
 ``noise``, ``survey``  sensor noise and the horizon that the log asks for; ``starts``: windows that start within noise
 ``parsimony``      the fewest parameters that the held-out data supports; ``forecast``: the gain that a group promises
-``folds``          episodes held out in turn
+``extension``      laws of friction and of motors that a fit of positions takes besides
+``trials``         what both rest on: fits of some parameters, judged on ``folds``, episodes held out in turn
 ``identify``       intervals, and what the data leave open
 ``verdict``        where a fit loses, and what time stepping leaves
 ``state``          resumes a fit that was killed; ``result``, ``report``, ``report_text``: the result

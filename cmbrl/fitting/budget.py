@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+_COORDINATES = 18  # up to so many that are compared, rows are as in Budget
+_LEAST_ROWS = 800  # fewer would miss rare events
 
 
 @dataclass(frozen=True)
@@ -16,6 +19,7 @@ class Budget:
     trial_population: int = 16
     trial_iterations: int = 6  # Gauss-Newton over all selected parameters
     trial_fold_iterations: int = 1  # from there, without the episodes held out in turn
+    screen_iterations: int = 3  # without a group and the first episodes held out: is it needed at once?
     held_out_rows: int = 2000  # to judge a group on, all folds together
     starts: int = 8  # of Gauss-Newton, screened before the best is polished
     start_iterations: int = 4
@@ -25,3 +29,11 @@ class Budget:
     polish_rows: int = 5000  # final Gauss-Newton
     polish_iterations: int = 15
     fold_iterations: int = 5  # from there, without the episodes held out in turn
+
+    @classmethod
+    def of(cls, coordinates: int) -> Budget:
+        """For predictions of so many coordinates: where each row tells of more, fewer do to choose by."""
+        budget, share = cls(), min(1.0, _COORDINATES / coordinates)
+        names = ("survey_rows", "trial_rows", "held_out_rows", "search_rows")
+        rows = {name: getattr(budget, name) for name in names}
+        return replace(budget, **{name: min(n, max(_LEAST_ROWS, round(share * n))) for name, n in rows.items()})

@@ -18,16 +18,18 @@ from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.cma import cma_search
 from cmbrl.fitting.drives import FADE, GAP, LIMIT
 from cmbrl.fitting.evidence import Evidence
+from cmbrl.fitting.extension import Extension
 from cmbrl.fitting.folds import Folds, draw_starts
 from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.loss import Errors, PredictionLoss
 from cmbrl.fitting.multi_start import MultiStart
 from cmbrl.fitting.objective import Objective
-from cmbrl.fitting.parsimony import Incumbent, Selection
+from cmbrl.fitting.parsimony import Selection
 from cmbrl.fitting.random_search import random_search
 from cmbrl.fitting.sliding import label, supported_sliding
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.fitting.survey import Judge, Survey, Surveyor
+from cmbrl.fitting.trials import Incumbent
 from cmbrl.fitting.unseen import Unseen, held_out_rows
 from cmbrl.models.observation import DELAY, LAG
 
@@ -106,9 +108,9 @@ class Course:
             trials = self.loss(self.budget.trial_rows)
             folds = Folds.of(trials, self.loss(self.budget.held_out_rows), self.count, self.seed)
             judges = [Judge.all(self.evidence, self.huber, rows) for rows in held_out_rows(folds.held_out)]
-            self._selection(trials, folds, judges).run(self.incumbent)
+            Selection(*self._trials(trials, folds, judges)).run(self.incumbent)
         elif self.with_laws and self.count:
-            self._selection(*self._everything(), []).extend(self.incumbent, self.wanted)
+            Extension(*self._trials(*self._everything(), [])).extend(self.incumbent, self.wanted)
         else:
             self.incumbent.active = self.wanted
 
@@ -123,7 +125,7 @@ class Course:
         if self.confirms and self.count:
             late = [[DELAY, LAG]] if self.evidence.late(self.incumbent.z) else []
             for groups in [*late, *self._drives()]:
-                self._selection(*self._everything(), []).confirm(self.incumbent, groups)
+                Extension(*self._trials(*self._everything(), [])).confirm(self.incumbent, groups)
 
     def _drives(self) -> list[list[str]]:
         """Laws of motors that the fit has taken, to be confirmed beside all that it took later."""
@@ -134,8 +136,8 @@ class Course:
         ]
         return [law for law in laws if law]
 
-    def _selection(self, loss: PredictionLoss, folds: Folds, judges: list[list[Judge]]) -> Selection:
-        return Selection(self.evidence.space, loss, folds, judges, self.seed, self.budget, self.journal)
+    def _trials(self, loss: PredictionLoss, folds: Folds, judges: list[list[Judge]]) -> tuple[Any, ...]:
+        return self.evidence.space, loss, folds, judges, self.seed, self.budget, self.journal
 
     def _everything(self) -> tuple[PredictionLoss, Folds]:
         loss = self.loss(self.budget.polish_rows)

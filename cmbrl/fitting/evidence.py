@@ -88,6 +88,11 @@ class Evidence:
         least = np.where(noise.any(axis=0), _HARDLY * np.concatenate([alike.q, alike.v]), 0.0)
         return tuple(alike.noisy(np.maximum(one, least if len(noise) > 1 else 0.0)) for one in noise)
 
+    @property
+    def compared(self) -> int:
+        """How many coordinates of a prediction are compared with the log: positions, and velocities that it tells."""
+        return self.model.scene.nv * (1 if self.positions_only else 2)
+
     def seen(self, theta: np.ndarray) -> tuple[np.ndarray, Transitions]:
         """The model's parameters of ``theta`` (n,), and the log as its state and control."""
         physical, psi = self.observation.split(theta)

@@ -55,7 +55,7 @@ def fit(
             many as a transition takes (:meth:`~cmbrl.ComplementarityModel.for_log`).
         data: a log of the same robot. Of a position log, velocities are estimated and only positions are compared;
             encoder biases are fitted besides, its gains are the nominal ones, and by default all parameters move, and
-            those laws of friction (``LAWS`` of ``parsimony``) that held-out errors call for. A list of logs of one kind
+            those laws of friction (``LAWS`` of ``extension``) that held-out errors call for. A list of logs of one kind
             and time step, or a dict of them by name, makes one fit, which tells whether they agree (``agreement``).
         seed: the same seed gives the same result, for any number of threads.
         method: "gauss-newton" (from several starts), or "random" or "cma": a search, then Gauss-Newton unless
@@ -67,7 +67,7 @@ def fit(
         holdout: share of the episodes to judge on; 0 requires ``groups``.
         polish: whether a search is followed by Gauss-Newton.
         huber: residual, in standard deviations of the change, from which errors count linearly.
-        budget: how much work each part may do.
+        budget: how much work each part may do; default: by the coordinates that are compared.
         folder: where to keep the state, so that a killed fit can resume; nothing else is written.
         progress: called with (fraction done, current activity).
         time_limit: seconds after which the best parameters so far are returned, as on Ctrl-C; ``report["stopped"]``
@@ -77,11 +77,11 @@ def fit(
         UserError: for a log of another robot or time step, unknown names, parameters outside their bounds, or a folder
             that cannot be used.
     """
-    budget = budget or Budget()
     one_of(method, METHODS, "method")
     if method == "cma":
         require_library()
     evidence = Evidence.of(model, data)
+    budget = budget or Budget.of(evidence.compared)
     huber = real(huber, "huber", above=0.0, most=1e6)
     log, space = evidence.log, evidence.space
     seed, horizons = whole(seed, "seed", least=0), evidence.horizons(horizon)

@@ -16,11 +16,11 @@ from cmbrl.fitting.gauge import common_factors
 from cmbrl.fitting.identify import identify
 from cmbrl.fitting.loss import Errors, PredictionLoss
 from cmbrl.fitting.objective import NOT_FINITE
-from cmbrl.fitting.parsimony import Incumbent
 from cmbrl.fitting.ratios import ratios
 from cmbrl.fitting.result import FitResult
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
+from cmbrl.fitting.trials import Incumbent
 from cmbrl.models.complementarity import ComplementarityModel
 
 

@@ -12,9 +12,10 @@ import pytest
 from cmbrl import ComplementarityModel, Scene, Transitions, fit
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.evidence import Evidence
+from cmbrl.fitting.extension import Extension
 from cmbrl.fitting.folds import Folds
-from cmbrl.fitting.parsimony import Incumbent, Selection
 from cmbrl.fitting.state import Journal
+from cmbrl.fitting.trials import Incumbent
 
 DT = 0.02
 ARM = """<mujoco><option timestep=".005"/><worldbody><body>
@@ -85,7 +86,7 @@ def test_a_delay_stays_only_where_held_out_episodes_call_for_it(late: int, kept:
     chosen = space.columns([*groups, "gear"])
     z = np.where(space.columns(groups), space.z(np.where(space.columns(groups), 0.002, space.nominal)), 0.0)
     incumbent = Incumbent(z, chosen.copy())
-    Selection(space, loss, folds, [], 0, FEW, Journal(None, "")).confirm(incumbent, groups)
+    Extension(space, loss, folds, [], 0, FEW, Journal(None, "")).confirm(incumbent, groups)
     assert evidence.late(incumbent.z) == kept
     assert bool(incumbent.active[space.columns(groups)].any()) == kept
     assert [step["move"] for step in incumbent.path] == ([] if kept else ["remove"])

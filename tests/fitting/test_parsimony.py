@@ -6,12 +6,14 @@ import pytest
 import cmbrl
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.evidence import Evidence
+from cmbrl.fitting.extension import Extension
 from cmbrl.fitting.folds import Folds, draw_starts
 from cmbrl.fitting.forecast import Forecast
 from cmbrl.fitting.loss import Errors
 from cmbrl.fitting.objective import Objective
-from cmbrl.fitting.parsimony import Incumbent, Selection, Trial, _needed
+from cmbrl.fitting.parsimony import _needed
 from cmbrl.fitting.state import Journal
+from cmbrl.fitting.trials import Incumbent, Trial
 from cmbrl.models.windows import Scales
 
 
@@ -59,7 +61,7 @@ def test_groups_that_help_only_together_are_added_as_one(carts, monkeypatch):
     alone = cmbrl.fit(carts.model(2), data, groups=["gear"]).report["loss"]
     fall = 1.0 - alone["held out, fitted"]["loss"] / alone["held out, nominal"]["loss"]
     assert fall < 0.9
-    monkeypatch.setattr("cmbrl.fitting.parsimony.Trial.counts", lambda trial, loss: trial.gain > 0.9 * loss)
+    monkeypatch.setattr("cmbrl.fitting.trials.Trial.counts", lambda trial, loss: trial.gain > 0.9 * loss)
     result = cmbrl.fit(carts.model(2), data)
     assert {"gear", "tilt"} <= {name.split(".")[0] for name in result.report["fitted"]}
     assert result.parameters["tilt"].value == pytest.approx(0.4, rel=0.02)
@@ -76,18 +78,18 @@ def test_parameters_that_make_up_for_another_are_no_saving():
 def test_a_law_that_shows_only_beside_another_is_tried_again(setup, monkeypatch):
     """The second says nothing until the first, which explains more, has been taken."""
     space, loss, folds = setup
-    selection = Selection(space, loss, folds, [], 0, Budget(), Journal(None, ""))
+    extension = Extension(space, loss, folds, [], 0, Budget(), Journal(None, ""))
 
     def law(_, incumbent, group, before):
         told = group == "tilt" or any(step["group"] == "tilt" for step in incumbent.path)
         active = incumbent.active | space.columns([group])
         return Trial(incumbent.z, active, before, float(told), 0.0, 0.0, 0.0, 0.0)
 
-    monkeypatch.setattr("cmbrl.fitting.parsimony.drives.GROUPS", ())
-    monkeypatch.setattr("cmbrl.fitting.parsimony.LAWS", ("gear", "tilt"))
-    monkeypatch.setattr(Selection, "_law", law)
-    monkeypatch.setattr(Selection, "_limited", lambda *_: None)
-    monkeypatch.setattr(Selection, "_settled", lambda _, incumbent, before: before)
+    monkeypatch.setattr("cmbrl.fitting.extension.drives.GROUPS", ())
+    monkeypatch.setattr("cmbrl.fitting.extension.LAWS", ("gear", "tilt"))
+    monkeypatch.setattr(Extension, "_law", law)
+    monkeypatch.setattr(Extension, "_limited", lambda *_: None)
+    monkeypatch.setattr(Extension, "_settled", lambda _, incumbent, before: before)
     incumbent = Incumbent(np.zeros(len(space)), np.zeros(len(space), dtype=bool))
-    selection.extend(incumbent, space.columns(["mass"]))
+    extension.extend(incumbent, space.columns(["mass"]))
     assert [step["group"] for step in incumbent.path][1:] == ["tilt", "gear"]

@@ -1,0 +1,96 @@
+"""Fits of positions move everything, and add those laws of friction and of motors that held-out errors call for.
+
+What one law explains, another would explain a little: the order is by gain, and who is late has to gain still. What a
+large error hides shows beside the law that explains it: a law that gained nothing is tried again.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cmbrl.fitting import drives
+from cmbrl.fitting.loss import Errors
+from cmbrl.fitting.parsimony import ALL
+from cmbrl.fitting.trials import Incumbent, Trial, Trials
+
+LAWS = ("friction_slope", "stribeck")  #: groups that no file has, tried on logs of positions, where friction rules
+_SETTLING = 2  # times that a fit of everything goes on before laws are added to it
+
+
+class Extension(Trials):
+    """Laws besides what a fit moves by default, and their confirmation beside all that came later."""
+
+    def extend(self, incumbent: Incumbent, chosen: np.ndarray) -> None:
+        """Moves all of ``chosen`` (n,), and those laws besides that held-out errors call for, the best one first."""
+        none = np.zeros_like(chosen)
+        before = self._unmoved(incumbent)
+        trial = self._trial("all", incumbent, chosen, incumbent.z, none, before, self.budget.polish_iterations)
+        name = ALL
+        if (limited := self._limited(incumbent, chosen, trial.errors)) is not None:
+            name, trial = f"{ALL} + {drives.LIMIT}", limited
+        before = self._accept("add", name, trial, incumbent)
+        laws = [law for law in (*drives.GROUPS, *LAWS) if law in self.space.groups]
+        while True:
+            before = self._settled(incumbent, before)
+            idle = drives.unneeded(self.loss, self.space, incumbent.z, incumbent.active)
+            incumbent.z, incumbent.active = np.where(idle, 0.0, incumbent.z), incumbent.active & ~idle
+            trials = {law: self._law(incumbent, law, before) for law in laws}
+            found = {law: t for law, t in trials.items() if t is not None and t.counts(before.mean)}
+            if not found:
+                return
+            best = max(found, key=lambda law: found[law].gain)
+            before = self._accept("add", best, found[best], incumbent)
+            laws.remove(best)
+
+    def confirm(self, incumbent: Incumbent, groups: list[str]) -> None:
+        """Takes ``groups`` back to nominal, all of them, unless held-out errors call for them."""
+        columns = self.space.columns(groups)
+        none = np.zeros_like(columns)
+        kept = self._trial(
+            f"confirmed {groups}", incumbent, incumbent.active, incumbent.z, none, self._unmoved(incumbent)
+        )
+        start = np.where(columns, 0.0, kept.z)
+        without = self._trial(f"refuted {groups}", incumbent, incumbent.active & ~columns, start, none, kept.errors)
+        if without.costs_nothing(kept.errors.mean, kept.score, kept.strain):
+            self._accept("remove", " + ".join(groups), without, incumbent)
+
+    def _limited(self, incumbent: Incumbent, chosen: np.ndarray, before: Errors) -> Trial | None:
+        """A fit of ``chosen`` with limits of forces from the first, if the file lacks them clearly and it is better.
+
+        Where motors saturate, a fit without limits ends far from where it should.
+        """
+        start, helps = self._scan(drives.LIMIT, incumbent.z, drives.CLEARLY, lines=False)
+        if not helps.any():
+            return None
+        none, iterations = np.zeros_like(chosen), self.budget.polish_iterations
+        trial = self._trial("all limited", incumbent, chosen | helps, start, none, before, iterations)
+        return trial if trial.counts(before.mean) else None
+
+    def _scan(self, group: str, z: np.ndarray, least: float = 0.0, lines: bool = True) -> tuple[np.ndarray, np.ndarray]:
+        """The best levels of ``group`` from ``z`` (n,), and the mask (n,) of the parameters that help."""
+        self.journal.check_time()
+        self.journal.report(0.6, f"trying {group}")
+        return drives.scanned(group, self.loss, self.space, z, least, lines)
+
+    def _settled(self, incumbent: Incumbent, before: Errors) -> Errors:
+        """Fits on as long as that helps: what comes next must not gain by more iterations alone."""
+        none = np.zeros_like(incumbent.active)
+        for again in range(_SETTLING):
+            trial = self._trial(
+                f"settle {len(incumbent.path)} {again}", incumbent, incumbent.active, incumbent.z, none, before
+            )
+            if trial.errors.mean < before.mean:
+                incumbent.z, before = trial.z, trial.errors
+            if not trial.counts(trial.errors.mean + trial.gain):
+                break
+        return before
+
+    def _law(self, incumbent: Incumbent, group: str, before: Errors) -> Trial | None:
+        """A fit with the law of ``group`` besides; None if no level of those of ``drives`` lowers the loss."""
+        if group not in drives.GROUPS:
+            return self._added(incumbent, [group], before)
+        start, helps = self._scan(group, incumbent.z)
+        if not helps.any():
+            return None
+        active, none = incumbent.active | helps, np.zeros_like(helps)
+        return self._trial(f"add {len(incumbent.path)} {group}", incumbent, active, start, none, before)

@@ -1,0 +1,159 @@
+"""Fits of some of the parameters, judged on episodes held out in turn: what every choice of parameters rests on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from cmbrl.fitting.budget import Budget
+from cmbrl.fitting.folds import LEAST_GAIN, NOISE_FACTOR, Folds, paired_gain
+from cmbrl.fitting.gauss_newton import gauss_newton
+from cmbrl.fitting.loss import Errors, NormalEquations, PredictionLoss
+from cmbrl.fitting.objective import SOLVER_VARIANCE, Objective
+from cmbrl.fitting.random_search import random_search
+from cmbrl.fitting.space import Space
+from cmbrl.fitting.state import Journal
+from cmbrl.fitting.survey import Judge, score
+from cmbrl.fitting.unseen import Unseen
+
+LEAST_SCORE = 0.03  # of the logarithm of the errors over all horizons
+LEAST_STRAIN = 2.0  # of the logarithm of the prior: the other parameters may not go far to make up for one that stays
+
+
+@dataclass
+class Incumbent:
+    """The best parameters so far, returned if the fit is interrupted, and how they were reached.
+
+    ``active`` (n,): the parameters that may move, selected or asked for. ``score``: the best of the path; ``course``:
+    by search, its best objective by candidates; ``unseen``: held-out episodes with parameters fitted to the others.
+    """
+
+    z: np.ndarray
+    active: np.ndarray
+    path: list[dict[str, Any]] = field(default_factory=list)
+    candidates: int = 0
+    score: float = np.inf
+    course: list[dict[str, Any]] = field(default_factory=list)
+    unseen: Unseen | None = None
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A fit with some groups more or less: its held-out ``errors``, the fall of the loss and the noise of that fall.
+
+    ``noise_of_rise``: the noise if the loss were to rise by chance only. ``score``: the mean logarithm of the held-out
+    errors at all horizons (``survey``). ``strain``: minus the logarithm of the prior, how far the parameters are from
+    the file's: motion tells masses, gears and damping up to a common factor, so that some can make up for others.
+    """
+
+    z: np.ndarray
+    active: np.ndarray
+    errors: Errors
+    gain: float
+    noise: float
+    noise_of_rise: float
+    score: float
+    strain: float
+
+    def costs_nothing(self, loss: float, score: float, strain: float) -> bool:
+        """Whether neither the held-out ``loss``, nor the ``score`` over all horizons, nor the ``strain`` rises."""
+        return (
+            -self.gain <= max(NOISE_FACTOR * self.noise_of_rise, LEAST_GAIN * loss, 0.5 * SOLVER_VARIANCE)
+            and self.score < score + LEAST_SCORE
+            and self.strain < strain + LEAST_STRAIN
+        )
+
+    def counts(self, loss: float) -> bool:
+        """Whether the fall of the held-out ``loss`` exceeds noise and accuracy and is worth a parameter."""
+        return self.gain > max(NOISE_FACTOR * self.noise, LEAST_GAIN * loss, 0.5 * SOLVER_VARIANCE)
+
+
+@dataclass(frozen=True)
+class Trials:
+    """``loss`` is on all episodes; ``folds`` hold them out in turn; ``judges[k]`` predict what fold k holds out."""
+
+    space: Space
+    loss: PredictionLoss
+    folds: Folds
+    judges: list[list[Judge]]
+    seed: int
+    budget: Budget
+    journal: Journal
+
+    def _trial(
+        self,
+        name: str,
+        incumbent: Incumbent,
+        active: np.ndarray,
+        start: np.ndarray,
+        searched: np.ndarray,
+        before: Errors,
+        iterations: int | None = None,
+    ) -> Trial:
+        """Fits ``active`` from ``start``: random search over the ``searched`` ones, then Gauss-Newton over all."""
+        budget = self.budget
+
+        def compute() -> dict[str, Any]:
+            self.journal.check_time()
+            z, candidates = start, 0
+            if (active & searched).any():
+                objective = Objective.at(self.loss, self.space, active & searched, z)
+                found = random_search(
+                    objective, z, self.seed, budget.trial_rounds, budget.trial_population, self.journal, name
+                )
+                z, candidates = found.z, found.candidates
+            if active.any():
+                objective = Objective.at(self.loss, self.space, active, z)
+                found = gauss_newton(objective, z, iterations or budget.trial_iterations, self.journal)
+                z, candidates = found.z, candidates + found.candidates
+            fitted, more = self.folds.refit(self.space, active, z, budget.trial_fold_iterations, self.journal)
+            return {"z": z.tolist(), "folds": [f.tolist() for f in fitted], "candidates": candidates + more}
+
+        outcome = self.journal.unit(name, compute)
+        incumbent.candidates += outcome["candidates"]
+        z = np.array(outcome["z"])
+        fitted = [np.array(f) for f in outcome["folds"]]
+        after = self.folds.errors(self.space, fitted)
+        gain, noise = paired_gain(before.loss, after.loss, self.folds.blocks())
+        noise_of_rise = paired_gain(after.loss, before.loss, self.folds.blocks())[1]
+        return Trial(z, active, after, gain, noise, noise_of_rise, self._score(fitted), self._strain(z))
+
+    def _added(self, incumbent: Incumbent, groups: list[str], before: Errors) -> Trial:
+        self.journal.report(0.6 * (1.0 - 0.8 ** len(incumbent.path)), f"trying {', '.join(groups)}")
+        columns = self.space.columns(groups)
+        name = f"add {len(incumbent.path)} {' + '.join(groups)}"
+        return self._trial(name, incumbent, incumbent.active | columns, incumbent.z, columns, before)
+
+    def _accept(self, move: str, group: str, trial: Trial, incumbent: Incumbent) -> Errors:
+        incumbent.z, incumbent.active = trial.z, trial.active
+        incumbent.score = min(incumbent.score, trial.score)  # many small steps may not lead far
+        incumbent.path.append(
+            {
+                "move": move,
+                "group": group,
+                "gain": trial.gain,
+                "noise": trial.noise,
+                "score": trial.score,
+                "held_out_loss": trial.errors.mean,
+                "held_out_rmse": trial.errors.rmse,
+            }
+        )
+        return trial.errors
+
+    def _unmoved(self, incumbent: Incumbent) -> Errors:
+        return self.folds.errors(self.space, [incumbent.z] * len(self.folds.train))
+
+    def _equations(self, incumbent: Incumbent) -> NormalEquations:
+        loss = self.loss.settled(self.space.theta(incumbent.z))
+        return loss.normal_equations(self.space, incumbent.z, incumbent.active)
+
+    def _strain(self, z: np.ndarray) -> float:
+        return float(0.5 * z @ self.space.precision @ z)
+
+    def _score(self, fitted: list[np.ndarray]) -> float:
+        if not self.judges:
+            return 0.0
+        pairs = zip(self.judges, fitted, strict=True)
+        return float(np.mean([score(judges, self.space.theta(z)) for judges, z in pairs]))
