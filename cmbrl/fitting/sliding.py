@@ -16,7 +16,7 @@ import numpy as np
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.survey import Surveyor
 
-_CLEARLY_BETTER = 0.9  # times the error under the own law: short fits are not exact
+_CLEARLY_BETTER = 0.97  # times the error under the own law: short fits are not exact
 _STEPS = 4  # of the fits, at most where there is a choice: contacts show in them, and impacts do not rule
 _WORDS = {"coulomb": "exact Coulomb", "convex": "the convex law, MuJoCo's"}
 
