@@ -91,12 +91,20 @@ def superfluous(
 
 def rise(z: np.ndarray, active: np.ndarray, gone: np.ndarray, equations: NormalEquations) -> float:
     """Rise of the quadratic of ``equations`` at ``z`` if ``gone`` (n,) return to nominal and the others adjust."""
-    hessian, gradient = equations.hessian, equations.gradient
-    away, rest = active & gone, active & ~gone
-    step = np.where(away, -z, 0.0)
+    step = adjusted(z, active, gone, equations) - z
+    return float(equations.gradient @ step + 0.5 * step @ equations.hessian @ step)
+
+
+def adjusted(z: np.ndarray, active: np.ndarray, gone: np.ndarray, equations: NormalEquations) -> np.ndarray:
+    """Where the others of ``active`` (n,) go from ``z`` if ``gone`` (n,) return to nominal, by the same quadratic.
+
+    What motion tells up to a factor stays as well explained: masses follow the gears that return.
+    """
+    hessian = equations.hessian
+    rest = active & ~gone & (np.diag(hessian) > 0.0)
+    step = np.where(gone, -z, 0.0)
     if rest.any():
-        rest = rest & (np.diag(hessian) > 0.0)
         inner = hessian[np.ix_(rest, rest)]
-        right = -(gradient + hessian @ step)[rest]
+        right = -(equations.gradient + hessian @ step)[rest]
         step[rest] = np.linalg.solve(inner + _DAMPING * np.diag(np.diag(inner)), right)
-    return float(gradient @ step + 0.5 * step @ hessian @ step)
+    return np.asarray(z + step)

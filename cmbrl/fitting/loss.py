@@ -196,7 +196,7 @@ class PredictionLoss:
             alike.append(alike_rows(residual.reshape(len(residual), self.windows.horizon, -1)))
             weight = np.minimum(1.0, scales.huber / np.maximum(np.abs(residual), 1e-300))
             slopes = ((weight * residual)[:, None] @ jacobian)[:, 0]
-            rows = (np.sqrt(weight)[:, :, None] * jacobian).reshape(-1, len(told))
+            rows = (np.sqrt(weight)[:, :, None] * jacobian).reshape(residual.size, len(told))
             hessian[np.ix_(told, told)] += rows.T @ rows
             size += float((weight * residual**2).sum())
             if self.windows.offset is not None:

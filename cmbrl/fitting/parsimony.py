@@ -23,9 +23,9 @@ from typing import Any
 import numpy as np
 
 from cmbrl.fitting.folds import LEAST_GAIN, NOISE_FACTOR, paired_gain
-from cmbrl.fitting.forecast import Forecast, rise, superfluous
+from cmbrl.fitting.forecast import Forecast, adjusted, rise, superfluous
 from cmbrl.fitting.gauss_newton import gauss_newton
-from cmbrl.fitting.loss import Errors
+from cmbrl.fitting.loss import Errors, NormalEquations
 from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.trials import Incumbent, Trial, Trials
 
@@ -71,13 +71,14 @@ class Selection(Trials):
         dispensable = superfluous(
             self.space, incumbent.z, incumbent.active, equations, groups, LEAST_GAIN * before.mean
         )
-        while dispensable:
+        kept = self._kept(incumbent, before) if dispensable else None
+        while dispensable and kept is not None:
             columns = self.space.columns(dispensable)
-            start, none = np.where(columns, 0.0, incumbent.z), np.zeros_like(columns)
+            start, none = self._start(incumbent, columns, equations), np.zeros_like(columns)
             self.journal.report(0.2, f"removing {', '.join(dispensable)}")
             name = f"remove {len(incumbent.path)} {' + '.join(dispensable)}"
-            trial = self._trial(name, incumbent, incumbent.active & ~columns, start, none, before)
-            if trial.costs_nothing(before.mean, incumbent.score, self._strain(incumbent.z)):
+            trial = self._trial(name, incumbent, incumbent.active & ~columns, start, none, kept.errors)
+            if trial.costs_nothing(kept.errors.mean, incumbent.score, kept.strain):
                 return self._accept("remove", " + ".join(dispensable), trial, incumbent)
             dispensable = dispensable[: len(dispensable) // 2]
         return before
@@ -125,20 +126,34 @@ class Selection(Trials):
 
     def _remove(self, incumbent: Incumbent, before: Errors) -> None:
         """Removes groups one by one; those whose loss the forecast says is large keep their place without a refit."""
-        for group in self._active(incumbent):
+        groups = self._active(incumbent)
+        if not groups:
+            return
+        equations, kept = self._equations(incumbent), self._kept(incumbent, before)
+        for group in groups:
             columns = self.space.columns([group])
-            rises = rise(incumbent.z, incumbent.active, columns, self._equations(incumbent))
-            if rises > CLEAR_RISE * before.mean:
+            if rise(incumbent.z, incumbent.active, columns, equations) > CLEAR_RISE * kept.errors.mean:
                 continue
             self.journal.report(0.6, f"removing {group}")
-            start = np.where(columns, 0.0, incumbent.z)
+            start = self._start(incumbent, columns, equations)
             name = f"remove {len(incumbent.path)} {group}"
-            if self._needed_at_once(f"screen {name}", incumbent.active & ~columns, start, before):
+            if self._needed_at_once(f"screen {name}", incumbent.active & ~columns, start, kept.errors):
                 continue
             none = np.zeros_like(columns)
-            trial = self._trial(name, incumbent, incumbent.active & ~columns, start, none, before)
-            if trial.costs_nothing(before.mean, incumbent.score, self._strain(incumbent.z)):
+            trial = self._trial(name, incumbent, incumbent.active & ~columns, start, none, kept.errors)
+            if trial.costs_nothing(kept.errors.mean, incumbent.score, kept.strain):
                 before = self._accept("remove", group, trial, incumbent)
+                equations, kept = self._equations(incumbent), self._kept(incumbent, before)
+
+    def _kept(self, incumbent: Incumbent, before: Errors) -> Trial:
+        """The same fit with as many iterations more as one without a group gets, to be compared with."""
+        active, z = incumbent.active, incumbent.z
+        return self._trial(f"keep {len(incumbent.path)}", incumbent, active, z, np.zeros_like(active), before)
+
+    def _start(self, incumbent: Incumbent, gone: np.ndarray, equations: NormalEquations) -> np.ndarray:
+        """Where a fit without the parameters that are ``gone`` (n,) begins, inside the bounds."""
+        z = adjusted(incumbent.z, incumbent.active, gone, equations)
+        return np.where(gone, 0.0, np.clip(z, self.space.z_low, self.space.z_high))
 
     def _needed_at_once(self, name: str, active: np.ndarray, start: np.ndarray, before: Errors) -> bool:
         """Whether the first held-out episodes alone are predicted clearly worse by a short fit of ``active``."""

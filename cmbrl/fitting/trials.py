@@ -146,8 +146,9 @@ class Trials:
         return self.folds.errors(self.space, [incumbent.z] * len(self.folds.train))
 
     def _equations(self, incumbent: Incumbent) -> NormalEquations:
-        loss = self.loss.settled(self.space.theta(incumbent.z))
-        return loss.normal_equations(self.space, incumbent.z, incumbent.active)
+        """Of the objective, whose prior holds what the log does not tell."""
+        objective = Objective.at(self.loss, self.space, incumbent.active, incumbent.z)
+        return objective.normal_equations(incumbent.z)
 
     def _strain(self, z: np.ndarray) -> float:
         return float(0.5 * z @ self.space.precision @ z)

@@ -8,7 +8,7 @@ from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.extension import Extension
 from cmbrl.fitting.folds import Folds, draw_starts
-from cmbrl.fitting.forecast import Forecast
+from cmbrl.fitting.forecast import Forecast, adjusted
 from cmbrl.fitting.loss import Errors
 from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.parsimony import _needed
@@ -45,6 +45,22 @@ def test_a_group_that_changes_no_prediction_is_blank_and_promises_nothing(setup)
     assert [g for g in dict.fromkeys(space.groups) if forecast.blank(space.columns([g]))] == ["bumper"]
     assert forecast.gain(space.columns(["bumper"])) == 0.0
     assert forecast.gain(np.zeros(len(space), dtype=bool)) == 0.0
+
+
+def test_what_makes_up_for_a_group_follows_its_return(setup):
+    """Masses, motors and friction at 1.5 times the file's predict as well: back with the motors, back with all."""
+    space, loss, _ = setup
+    groups = ("mass", "damping", "frictionloss", "gear")
+    active, gone = space.columns(groups), space.columns(["gear"])
+    nominal = space.theta(np.zeros(len(space)))
+    z = space.z(np.where(active, 1.5 * nominal, nominal))
+    equations = Objective.at(loss, space, active, z).normal_equations(z)
+    followed = adjusted(z, active, gone, equations)
+    before, naive, after = loss.values(space.theta(np.stack([z, np.where(gone, 0.0, z), followed])))
+    assert np.all(followed[gone] == 0.0)
+    assert after < before + 0.05 * (naive - before)
+    told = space.theta(followed)[space.columns(["mass"])]  # the second motor of the log is at 0.9
+    np.testing.assert_allclose(told, nominal[space.columns(["mass"])] / (1.0, 0.9), rtol=0.05)
 
 
 def test_a_set_keeps_what_only_helps_together():
