@@ -2,8 +2,9 @@
 
 A parameter ``theta`` is searched as ``t = log theta`` (transform "log"), ``t = log(theta / (1 - theta))`` ("logit", for
 shares between 0 and 1) or ``t = theta`` ("linear"), written as ``z = (t - t_nominal) / sd``. ``sd`` is a sixth of the
-distance between the bounds in ``t``, so bounds around a central nominal value are three standard deviations away. Thus
-z = 0 is the user's belief and a unit of z is a plausible error. The prior is normal with unit variances; joints and
+distance between the bounds in ``t``, so bounds around a central nominal value are three standard deviations away, and
+``reach`` times as far where a parameter may be far beyond what is expected. Thus z = 0 is the user's belief and a unit
+of z is a plausible error. The prior is normal with unit variances; joints and
 servos to which the file gives the same value are believed alike, hence correlated: a log that says little about one of
 four legs says it by the other three. Widths and correlation are our choice.
 """
@@ -54,7 +55,8 @@ class Space:
             if not p.low <= value <= p.high:
                 raise UserError(f"parameter {p.name} = {value:g} is outside its bounds [{p.low:g}, {p.high:g}]")
         transform = np.array([p.transform for p in parameters])
-        sd = (_t(high, transform) - _t(low, transform)) / _BOUNDS_WIDTH_IN_SD
+        reach = np.array([p.reach for p in parameters], dtype=float)
+        sd = (_t(high, transform) - _t(low, transform)) / (_BOUNDS_WIDTH_IN_SD * reach)
         names, groups, units = zip(*((p.name, p.group, p.unit) for p in parameters), strict=True)
         default = np.array([p.default for p in parameters])
         return cls(names, groups, units, nominal, low, high, transform, sd, _precision(groups, nominal), default)

@@ -44,23 +44,28 @@ class Collector:
         places: Places,
         coefs: float | Array = 1.0,
         default: bool = True,
+        reach: float = 1.0,
     ) -> int:
         """Adds a parameter that moves these places of P; returns its number.
 
-        Its transform is "log" for positive bounds, "logit" for impedances, otherwise "linear".
+        Its transform is "log" for positive bounds, "logit" for impedances, otherwise "linear". ``low`` and ``high``:
+        what is expected; the bounds are ``reach`` times as far from ``value`` in the coordinate of the transform.
         """
         name = f"{group}.{of}" if of else group
         transform = "linear" if low <= 0 else "logit" if group in _SHARES else "log"
-        self.parameters.append(Parameter(name, group, value, low, high, transform, unit, default))
+        if reach != 1.0:
+            low, high = (_further(value, bound, reach, transform) for bound in (low, high))
+        self.parameters.append(Parameter(name, group, value, low, high, transform, unit, default, reach))
         self.places.append(np.asarray(places, dtype=np.int32))
         self.coefs.append(np.full(len(places), 1.0) * coefs)
         return len(self.parameters) - 1
 
     def scale(
-        self, group: str, of: str, low: float, high: float, P: Array, places: Places, default: bool = True
-    ) -> int:
+        self, group: str, of: str, low: float, high: float, P: Array, places: Places, default: bool = True,
+        reach: float = 1.0,
+    ) -> int:  # fmt: skip
         """Adds a factor on these places of P."""
-        return self.add(group, of, 1.0, low, high, "1", places, P[np.asarray(places)], default)
+        return self.add(group, of, 1.0, low, high, "1", places, P[np.asarray(places)], default, reach)
 
     def moves(self) -> Moves:
         """All parameters, compressed."""
@@ -70,3 +75,8 @@ class Collector:
             np.concatenate([np.zeros(0, np.int32), *self.places]),
             np.concatenate([np.zeros(0), *self.coefs]),
         )
+
+
+def _further(value: float, bound: float, reach: float, transform: str) -> float:
+    """The bound ``reach`` times as far from ``value``."""
+    return value * (bound / value) ** reach if transform == "log" else value + reach * (bound - value)

@@ -43,7 +43,7 @@ def offer_shapes(
         for j, axis in enumerate([""] if planar else _SCALES):
             if planar or np.any(roots[row][:, j]):
                 of = tree.bodies[k].name + (f":{axis}" if axis else "")
-                numbers[row, j] = out.add("inertia", of, 1.0, 0.1, 10.0, "1", [])
+                numbers[row, j] = out.add("inertia", of, 1.0, 0.1, 10.0, "1", [], reach=2.0)
     for row, k in enumerate(shapes if not planar else ()):
         for j, (a, b) in enumerate(_TILTS):
             if np.any(roots[row][:, _SCALES.index(a)]) and np.any(roots[row][:, _SCALES.index(b)]):

@@ -32,6 +32,8 @@ _LAW_FIELDS = {  # rigid: the time in which a penetration decays
     "logistic": (("solref0", "activation_stiffness", "1/m"),),
 }
 
+_LOAD, _OUTSIDE = 2.5, 5.0  # reach of masses, to 56 times the file's, and of centres: a load far from a light link
+
 # MuJoCo's solimp: impedance at first touch, at depth ``width``, and that width. Bounds are those MuJoCo clips to.
 _IMPEDANCE_FIELDS = (
     ("d0", "impedance_low", 0.001, 0.9999, "1"),
@@ -62,7 +64,7 @@ def offer_parameters(
     for k in massive:
         inertia = layout.inertia(k)
         moved = [layout.mass(k), *range(inertia, inertia + layout.inertia_fields)]
-        masses[k] = out.scale("mass", tree.bodies[k].name, 0.2, 5.0, P, moved)
+        masses[k] = out.scale("mass", tree.bodies[k].name, 0.2, 5.0, P, moved, reach=_LOAD)
     for axis, letter in enumerate(letters):
         for k in massive:
             body = tree.bodies[k]
@@ -70,7 +72,7 @@ def offer_parameters(
                 np.sqrt(np.trace(body.inertia) / 2 / body.mass)
             )  # 1.7 radii of gyration reach the end of a rod
             if size > 0:
-                out.add(f"com_{letter}", body.name, 0.0, -size, size, "m", [layout.com(k) + axis])
+                out.add(f"com_{letter}", body.name, 0.0, -size, size, "m", [layout.com(k) + axis], reach=_OUTSIDE)
     shapes = offer_shapes(tree, massive, masses, layout, P, out)
     offer_joints(model, tree, actuators, layout, P, out)
     for k, tendon in enumerate(tendons):

@@ -63,7 +63,8 @@ class Parameter:
 
     ``transform`` is the coordinate in which a search moves: "log" for scales and positive constants, "logit" for
     shares between 0 and 1, otherwise "linear". ``default``: a fit moves it without being asked by name; known constants
-    and laws that the file does not have are left out of that.
+    and laws that the file does not have are left out of that. ``reach``: how many times further than expected the
+    bounds are from the nominal value, since a link may carry a load many times its own.
     """
 
     name: str
@@ -74,6 +75,7 @@ class Parameter:
     transform: str
     unit: str
     default: bool = True
+    reach: float = 1.0
 
 
 @dataclass(frozen=True)
