@@ -29,7 +29,7 @@ from cmbrl.fitting.loss import Errors, NormalEquations
 from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.trials import Incumbent, Trial, Trials
 
-CLEAR_RISE = 2.0  # of the loss, by the forecast: a group whose removal costs so much is not tried
+CLEAR_RISE = 0.1  # of the loss, by the forecast: a group whose removal costs so much is not tried
 CLEARLY_WORSE = 0.1  # of the loss: a group without which the first held-out episodes lose so much stays
 ALL = "all that a fit moves by default"  #: in the path of a selection
 TRIED = 3  # groups per round: forecasts are accurate enough for the best to be among the first
@@ -78,7 +78,7 @@ class Selection(Trials):
             self.journal.report(0.2, f"removing {', '.join(dispensable)}")
             name = f"remove {len(incumbent.path)} {' + '.join(dispensable)}"
             trial = self._trial(name, incumbent, incumbent.active & ~columns, start, none, kept.errors)
-            if trial.costs_nothing(kept.errors.mean, incumbent.score, kept.strain):
+            if trial.costs_nothing(kept.errors.mean, incumbent.score, kept.strain, len(dispensable)):
                 return self._accept("remove", " + ".join(dispensable), trial, incumbent)
             dispensable = dispensable[: len(dispensable) // 2]
         return before

@@ -20,6 +20,7 @@ from cmbrl.fitting.unseen import Unseen
 
 LEAST_SCORE = 0.03  # of the logarithm of the errors over all horizons
 LEAST_STRAIN = 2.0  # of the logarithm of the prior: the other parameters may not go far to make up for one that stays
+SHARE_OF_STRAIN = 0.05  # the same of hundreds of parameters, which go on moving where the log tells little
 
 
 @dataclass
@@ -57,12 +58,15 @@ class Trial:
     score: float
     strain: float
 
-    def costs_nothing(self, loss: float, score: float, strain: float) -> bool:
-        """Whether neither the held-out ``loss``, nor the ``score`` over all horizons, nor the ``strain`` rises."""
+    def costs_nothing(self, loss: float, score: float, strain: float, groups: int = 1) -> bool:
+        """Whether neither the held-out ``loss``, nor the ``score`` over all horizons, nor the ``strain`` rises.
+
+        Each of the ``groups`` that are gone would have to be worth its share of the loss.
+        """
         return (
-            -self.gain <= max(NOISE_FACTOR * self.noise_of_rise, LEAST_GAIN * loss, 0.5 * SOLVER_VARIANCE)
+            -self.gain <= max(NOISE_FACTOR * self.noise_of_rise, LEAST_GAIN * groups * loss, 0.5 * SOLVER_VARIANCE)
             and self.score < score + LEAST_SCORE
-            and self.strain < strain + LEAST_STRAIN
+            and self.strain < strain + max(LEAST_STRAIN, SHARE_OF_STRAIN * strain)
         )
 
     def counts(self, loss: float) -> bool:

@@ -1,5 +1,7 @@
 """What the selection tries: forecasts against refits, and sets of groups that only help together."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ import cmbrl
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.extension import Extension
-from cmbrl.fitting.folds import Folds, draw_starts
+from cmbrl.fitting.folds import LEAST_GAIN, Folds, draw_starts
 from cmbrl.fitting.forecast import Forecast, adjusted
 from cmbrl.fitting.loss import Errors
 from cmbrl.fitting.objective import Objective
@@ -89,6 +91,16 @@ def test_parameters_that_make_up_for_another_are_no_saving():
     without = Trial(np.zeros(2), np.ones(2, dtype=bool), errors, 0.0, 0.0, 0.1, score=0.0, strain=9.0)
     assert without.costs_nothing(1.0, 0.0, strain=8.0)
     assert not without.costs_nothing(1.0, 0.0, strain=3.0)
+    far = replace(without, strain=104.0)  # hundreds of parameters, none of which went far for this
+    assert far.costs_nothing(1.0, 0.0, strain=100.0)
+    assert not far.costs_nothing(1.0, 0.0, strain=90.0)
+
+
+def test_two_groups_may_cost_what_two_are_worth():
+    errors = Errors(np.ones(1), np.ones(1), 0, 1.0)
+    without = Trial(np.zeros(2), np.ones(2, dtype=bool), errors, -1.5 * LEAST_GAIN, 0.0, 0.0, score=0.0, strain=0.0)
+    assert without.costs_nothing(1.0, 0.0, 0.0, groups=2)
+    assert not without.costs_nothing(1.0, 0.0, 0.0)
 
 
 def test_a_law_that_shows_only_beside_another_is_tried_again(setup, monkeypatch):
