@@ -93,24 +93,30 @@ class Surveyor:
         """Those of ``horizons`` that the log has windows of, or the shortest."""
         return [h for h in horizons if len(self.evidence.log.windows(h)) >= _LEAST_WINDOWS] or [min(horizons)]
 
-    def score_after(self, horizon: int) -> float:
-        """Mean logarithm of the held-out errors at all horizons after a fit over one, as ``run`` begins."""
-        z = self._fit(f"survey of {horizon} steps", horizon, sensor_noise(self.evidence, self.evidence.space.nominal))
+    def score_after(self, horizon: int, longer: bool = False) -> float:
+        """Mean logarithm of the held-out errors at all horizons after a fit over one, as ``run`` begins.
+
+        ``longer``: as many iterations again, and once more.
+        """
+        noise = sensor_noise(self.evidence, self.evidence.space.nominal)
+        z = self._fit(f"survey of {horizon} steps", horizon, noise)
+        for again in ("on", "further") if longer else ():
+            z = self._fit(f"survey of {horizon} steps, {again}", horizon, noise, z)
         return score(self._judges, self.evidence.space.theta(z))
 
-    def _fit(self, name: str, horizon: int, noise: np.ndarray | None) -> np.ndarray:
+    def _fit(self, name: str, horizon: int, noise: np.ndarray | None, start: np.ndarray | None = None) -> np.ndarray:
         self.journal.check_time()
         self.journal.report(0.02, name)
-        fitted = self.journal.unit(self.label + name, lambda: {"z": self._fitted(horizon, noise).tolist()})
+        z = np.zeros(len(self.evidence.space)) if start is None else start
+        fitted = self.journal.unit(self.label + name, lambda: {"z": self._fitted(horizon, noise, z).tolist()})
         return np.array(fitted["z"])
 
-    def _fitted(self, horizon: int, noise: np.ndarray | None) -> np.ndarray:
+    def _fitted(self, horizon: int, noise: np.ndarray | None, z: np.ndarray) -> np.ndarray:
         evidence, space = self.evidence, self.evidence.space
         starts = draw_starts(evidence.log, horizon, self.rows, self.seed)
         if self.count:
             starts = starts[~np.isin(starts, self._held_out)]
         loss = evidence.loss(starts, horizon, *evidence.scales(horizon, self.huber, noise))
-        z = np.zeros(len(space))
         if not self.chosen.any():
             return z
         return gauss_newton(Objective.at(loss, space, self.chosen, z), z, self.iterations, self.journal).z

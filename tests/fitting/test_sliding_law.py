@@ -55,6 +55,27 @@ def test_the_law_that_the_log_supports_is_taken(tmp_path: Path) -> None:
     assert told["relative_error"] > 1.0
 
 
+@pytest.mark.parametrize(
+    ("short", "long", "taken"), [(0.8, None, True), (1.3, None, False), (0.98, 0.9, True), (0.92, 1.0, False)]
+)
+def test_both_fits_go_on_where_they_hardly_differ(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, short: float, long: float | None, taken: bool
+) -> None:
+    asked = []
+
+    def score_after(surveyor: Surveyor, _: int, longer: bool = False) -> float:
+        asked.append(longer)
+        error = long if longer else short
+        assert error is not None
+        return float(np.log(error)) if surveyor.label else 0.0
+
+    monkeypatch.setattr(Surveyor, "score_after", score_after)
+    found, told = chosen(*log_of(tmp_path))
+    assert told is not None
+    assert told["taken"] == taken == (found == "convex")
+    assert any(asked) == (long is not None)
+
+
 def test_a_law_that_was_named_or_does_not_matter_stays(tmp_path: Path) -> None:
     model, log = log_of(tmp_path)
     named = model.with_settings(sliding="coulomb")
