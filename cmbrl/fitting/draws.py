@@ -48,4 +48,4 @@ def bearable(loss: PredictionLoss, space: Space, z: np.ndarray, covariance: np.n
         return bool(np.median(np.nan_to_num(losses, nan=np.inf)) <= most)
 
     # What is wider explains the log worse, so the widest is found by halves; the narrowest is taken as it is.
-    return float(_SHARES[bisect_left(range(len(_SHARES) - 1), True, key=lambda k: bears(_SHARES[k]))])
+    return float(_SHARES[bisect_left(range(len(_SHARES) - 1), True, key=lambda k: bears(float(_SHARES[k])))])

@@ -31,44 +31,50 @@ class Linearised:
     slope: np.ndarray
 
 
-def linearise(
-    model: ComplementarityModel,
-    observation: Observation,
-    windows: Windows,
-    theta: np.ndarray,
-    columns: np.ndarray,
-    part: slice = slice(None),
-) -> Linearised:
-    """Those in ``part`` of ``windows`` at ``theta`` (np + n,), with derivatives in some of its ``columns`` (c,)."""
-    nv, first = model.scene.nv, 2 * model.scene.nv + model.scene.inputs  # of the model's parameters
-    counts, uncertain, starts = windows.scales.counts, windows.scales.uncertain, windows.starts[part]
-    physical, psi = observation.split(theta)
-    of_log, own = observation.columns(columns, len(physical))
-    of_model = columns[columns < len(physical)]
-    units = windows.units[part if windows.own else slice(None)]
-    seen = windows.on_log(observation.states(windows.data, psi))
-    steps, off = _predicted(model, seen, part, physical, bool(len(of_model)))
-    touched = _touched(steps, first + of_model)
-    told = np.union1d(touched, of_log)
-    model_columns, log_columns = np.searchsorted(told, touched), np.searchsorted(told, of_log)
-    bias = observation.state_slope(nv)[:, own]  # of the state that the log tells
-    controls = observation.controls(windows.data, psi)[1][:, :, own] if len(own) else None
-    state = np.zeros((len(starts), 2 * nv, len(told) + len(uncertain)))
-    state[:, :, log_columns] = bias
-    state[:, uncertain, len(told) + np.arange(len(uncertain))] = 1.0
-    slopes = np.empty((len(starts), len(steps), int(counts.sum()), state.shape[2]))
-    for j, step in enumerate(steps):
-        assert step.jacobian is not None
-        state = step.jacobian[:, :, : 2 * nv] @ state
-        state[:, :, model_columns] += step.jacobian[:, :, first + of_model[touched]]
-        if controls is not None:
-            state[:, :, log_columns] += step.jacobian[:, :, 2 * nv : first] @ controls[starts + j]
-        # The tangent of the prediction replaces that of the difference; they are equal for small rotation errors.
-        np.divide(state[:, counts], units[:, counts, None], out=slopes[:, j])
-        slopes[:, j][:, :, log_columns] -= (bias / units[:, :, None])[:, counts]
-    residual = (off / units[:, None])[:, :, counts].reshape(len(starts), -1)
-    slopes = slopes.reshape(*residual.shape, -1)
-    return Linearised(residual, slopes[:, :, : len(told)], told, slopes[:, :, len(told) :])
+class Lineariser:
+    """``windows`` at ``theta`` (np + n,), with derivatives in some of its ``columns`` (c,): some at a time."""
+
+    def __init__(
+        self,
+        model: ComplementarityModel,
+        observation: Observation,
+        windows: Windows,
+        theta: np.ndarray,
+        columns: np.ndarray,
+    ) -> None:
+        self.model, self.windows = model, windows
+        self.physical, psi = observation.split(theta)
+        self.of_model = columns[columns < len(self.physical)]
+        self.of_log, own = observation.columns(columns, len(self.physical))
+        self.seen = windows.on_log(observation.states(windows.data, psi))
+        self.bias = observation.state_slope(model.scene.nv)[:, own]  # of the state that the log tells
+        self.controls = observation.controls(windows.data, psi)[1][:, :, own] if len(own) else None
+
+    def at(self, part: slice = slice(None)) -> Linearised:
+        """Those windows in ``part``."""
+        nv, first = self.model.scene.nv, 2 * self.model.scene.nv + self.model.scene.inputs  # of the parameters
+        counts, uncertain = self.windows.scales.counts, self.windows.scales.uncertain
+        starts, units = self.windows.starts[part], self.windows.units[part if self.windows.own else slice(None)]
+        steps, off = _predicted(self.model, self.seen, part, self.physical, bool(len(self.of_model)))
+        touched = _touched(steps, first + self.of_model)
+        told = np.union1d(touched, self.of_log)
+        model_columns, log_columns = np.searchsorted(told, touched), np.searchsorted(told, self.of_log)
+        state = np.zeros((len(starts), 2 * nv, len(told) + len(uncertain)))
+        state[:, :, log_columns] = self.bias
+        state[:, uncertain, len(told) + np.arange(len(uncertain))] = 1.0
+        slopes = np.empty((len(starts), len(steps), int(counts.sum()), state.shape[2]))
+        for j, step in enumerate(steps):
+            assert step.jacobian is not None
+            state = step.jacobian[:, :, : 2 * nv] @ state
+            state[:, :, model_columns] += step.jacobian[:, :, first + self.of_model[touched]]
+            if self.controls is not None:
+                state[:, :, log_columns] += step.jacobian[:, :, 2 * nv : first] @ self.controls[starts + j]
+            # The tangent of the prediction replaces that of the difference; they are equal for small rotation errors.
+            np.divide(state[:, counts], units[:, counts, None], out=slopes[:, j])
+            slopes[:, j][:, :, log_columns] -= (self.bias / units[:, :, None])[:, counts]
+        residual = (off / units[:, None])[:, :, counts].reshape(len(starts), -1)
+        slopes = slopes.reshape(*residual.shape, -1)
+        return Linearised(residual, slopes[:, :, : len(told)], told, slopes[:, :, len(told) :])
 
 
 def _predicted(

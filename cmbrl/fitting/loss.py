@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cmbrl.fitting.linearised import Linearised, linearise
+from cmbrl.fitting.linearised import Lineariser
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.starts import Follow, Settling, StartEquations
 from cmbrl.models.complementarity import ComplementarityModel
@@ -145,7 +145,7 @@ class PredictionLoss:
             return self
 
         def at(offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            found = self.starting(offset)._linearised(theta, np.empty(0, dtype=np.int64))
+            found = self.starting(offset)._lineariser(theta, np.empty(0, dtype=np.int64)).at()
             return found.residual, found.slope
 
         def cost(residual: np.ndarray, offset: np.ndarray) -> np.ndarray:
@@ -182,11 +182,11 @@ class PredictionLoss:
         n, episodes = len(columns), np.unique(blocks)
         gradients, hessian, size = np.zeros((len(episodes), n)), np.zeros((n, n)), 0.0
         width, alike, followed = scales.observed * self.windows.horizon, [], []
-        by_z = space.slope(z)[columns]
+        by_z, lineariser = space.slope(z)[columns], self._lineariser(space.theta(z), columns)
         block = max(1, _JACOBIAN_NUMBERS // (width * max(n + len(scales.uncertain), 1)))
         for i in range(0, len(all_starts), block):
             part = slice(i, i + block)
-            found = self._linearised(space.theta(z), columns, part)
+            found = lineariser.at(part)
             residual, told, slope = found.residual, found.told, found.slope
             jacobian = found.jacobian * by_z[told]
             lost = ~(np.isfinite(residual).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2)))
@@ -233,8 +233,8 @@ class PredictionLoss:
             out[:, j] = (error / units)[:, self.windows.scales.counts]
         return out, failures
 
-    def _linearised(self, theta: np.ndarray, columns: np.ndarray, part: slice = slice(None)) -> Linearised:
-        return linearise(self.model, self.observation, self.windows, theta, columns, part)
+    def _lineariser(self, theta: np.ndarray, columns: np.ndarray) -> Lineariser:
+        return Lineariser(self.model, self.observation, self.windows, theta, columns)
 
     def _seen(self, psi: np.ndarray) -> Windows:
         """The windows as the model's state and control at ``psi``."""
