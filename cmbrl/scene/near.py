@@ -27,7 +27,8 @@ CHOICES = ("near", "all", "none")
 def false_pairs(model: mujoco.MjModel, shapes: Mapping[int, Shape], frames: Sequence[Frame]) -> set[tuple[int, int]]:
     """Pairs of geoms, sorted, whose stand-ins (``shapes``, by geom) touch in a fifth of all poses where they do not.
 
-    Or are 5 mm deeper in each other. Such a pair would push all the time.
+    Or are 5 mm deeper in each other. Such a pair would push all the time. And pairs of one robot whose stand-ins touch
+    in vain where it starts, in the initial pose or a keyframe: they would push it away from there.
     """
     probe = copy.copy(model)
     for geom, shape in shapes.items():
@@ -46,7 +47,11 @@ def false_pairs(model: mujoco.MjModel, shapes: Mapping[int, Shape], frames: Sequ
     count: Counter[tuple[int, int]] = Counter()
     for true, stood_in in zip(theirs, ours, strict=True):
         count.update(pair for pair, depth in stood_in.items() if depth < true.get(pair, _DEEPER) - _DEEPER)
-    return {pair for pair, times in count.items() if times > _FALSE * len(poses)}
+    often = {pair for pair, times in count.items() if times > _FALSE * len(poses)}
+    starts = list(zip(theirs, ours, strict=True))[: 1 + model.nkey]
+    in_vain = {pair for true, stood_in in starts for pair, depth in stood_in.items() if pair not in true and depth < 0}
+    root = model.body_rootid[model.geom_bodyid]
+    return often | {(a, b) for a, b in in_vain if root[a] == root[b] != 0}
 
 
 def near_pairs(model: mujoco.MjModel) -> set[tuple[int, int]]:
