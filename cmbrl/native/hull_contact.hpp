@@ -7,7 +7,7 @@ namespace cmbrl::CMBRL_ISA {
 
 template <class G>
 static PosedHull posed(const Model& m, const Work<G>& w, int hull, int body, int lane) {
-  PosedHull H{&m, m.hull_ptr[hull], m.hull_ptr[hull + 1], {1, 0, 0, 0, 1, 0, 0, 0, 1}, {}};
+  PosedHull H{&m, m.hull_ptr[hull], m.hull_ptr[hull + 1] - m.hull_ptr[hull], m.hull_count(hull), m.hull_column + m.hull_block[hull], {1, 0, 0, 0, 1, 0, 0, 0, 1}, {}};
   CMBRL_FOR(k, 9) if (body >= 0) H.R[k] = w.R[body].m[k][lane];
   CMBRL_FOR(k, 3) H.p.x[k] = body >= 0 ? w.pos[body][k][lane] : -w.O[k][lane];
   return H;
@@ -44,7 +44,9 @@ static void find_touches(const Model& m, Work<G>& w, int i) {
     for (int lane = 0; lane < W; ++lane) {
       Touch found[kMostTouches];
       PosedHull A = posed(m, w, m.con_hull[i], m.con_bodyA[i], lane), B = posed(m, w, m.con_hullB[i], m.con_bodyB[i], lane);
-      int n = touch_hulls(A, B, m.con_first[i], m.con_many[i], found);
+      const double *a = m.con_posA + 3 * i, *b = m.con_posB + 3 * i;
+      Point between = B.p + B.turned(b) - A.p - A.turned(a);
+      int n = touch_hulls(A, B, between, m.con_first[i], m.con_many[i], found);
       for (int k = 0; k < n; ++k) {
         keep_touch(found[k], w.touch[k], lane);
         w.touch_there[k][lane] = -1;

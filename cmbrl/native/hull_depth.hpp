@@ -21,7 +21,8 @@ static inline Point unit(const Point& a) { return (1 / __builtin_fmax(size_of(a)
 // A hull of the model in a pose: x = p + R y for the points y of its body's frame.
 struct PosedHull {
   const Model* m;
-  int begin, end;  // its vertices
+  int begin, vertices, count;  // how many vertices there are, and with those that fill up
+  const double* columns;
   double R[9];
   Point p;
 
@@ -35,14 +36,19 @@ struct PosedHull {
   int farthest(const Point& d) const {
     double y[3];
     for (int k = 0; k < 3; ++k) y[k] = R[k] * d.x[0] + R[3 + k] * d.x[1] + R[6 + k] * d.x[2];
-    const double* x = m->hull_point + 3 * begin;
-    double most = -1e300;
-    int best = begin;
-    for (int k = begin; k < end; ++k, x += 3) {
-      double along = x[0] * y[0] + x[1] * y[1] + x[2] * y[2];
-      if (along > most) { most = along; best = k; }
+    T most = splat(-1e300), at = T{}, number = T{};
+    for (int k = 0; k < W; ++k) number[k] = k;
+    for (int k = 0; k < count; k += W, number += W) {
+      T x[3];
+      for (int j = 0; j < 3; ++j) std::memcpy(&x[j], columns + j * count + k, sizeof(T));
+      T along = x[0] * y[0] + x[1] * y[1] + x[2] * y[2];
+      at = select(along > most, number, at);
+      most = vmax(most, along);
     }
-    return best;
+    int best = 0;
+    for (int k = 0; k < W; ++k) if (most[k] > most[best]) best = k;
+    int found = int(at[best]);
+    return begin + (found < vertices ? found : vertices - 1);
   }
 };
 

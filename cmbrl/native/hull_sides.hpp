@@ -223,10 +223,10 @@ static int side_on_side(const PosedHull& E, const Feet& e, const PosedHull& F, c
 }
 
 // a_first: A is MuJoCo's first geom of the two. Returns how many of `out` there are.
-static int touch_hulls(const PosedHull& A, const PosedHull& B, bool a_first, bool many, Touch* out) {
+static int touch_hulls(const PosedHull& A, const PosedHull& B, const Point& between, bool a_first, bool many, Touch* out) {
   Simplex simplex;
   Depth d;
-  if (!overlap(A, B, B.p - A.p, simplex) || !find_depth(A, B, simplex, d)) return 0;
+  if (!overlap(A, B, between, simplex) || !find_depth(A, B, simplex, d)) return 0;
   const Apart* c = d.corner;
   Feet a(A, c[0].a, c[1].a, c[2].a), b(B, c[0].b, c[1].b, c[2].b);
   if (many) {

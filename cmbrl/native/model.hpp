@@ -56,9 +56,13 @@ struct Model : Structure {
   const int* con_when;       // see When: of two geoms that touch in another way where rows look ahead
   const int *con_hullB, *con_first, *con_many;  // of hulls (hull_contact.hpp): that of B; whether A is MuJoCo's first; more than one point
   const int *hull_ptr, *vertex_ptr, *vertex_face, *face_ptr, *face_vertex;  // side.hpp: vertices of hulls, faces around each; vertices of faces
+  const int* hull_block;         // where the columns of each hull begin: x, y and z of its vertices, each as many as hull_width rounds up to
+  const double* hull_column;
   const double *hull_point, *face_normal;                                   // in the frame of the mesh's body
   const int *con_kin, *grp_kin, *kin_ptr;        // candidates that may share a row of a pack: of one group, with laws that differ in lane numbers only
   int nkin;                  // those of group g are numbers grp_kin[g] to grp_kin[g + 1] - 1; kin_ptr: how many candidates those before have
+  static constexpr int hull_width = 16;  // a multiple of any pack's; the last vertex fills up
+  int hull_count(int hull) const { return (hull_ptr[hull + 1] - hull_ptr[hull] + hull_width - 1) / hull_width * hull_width; }
   double largest_invweight;  // of a contact
   int logistic;              // contacts act at a distance
   const double *con_radiusB, *con_impratio, *con_invweight, *con_margin, *con_mid, *con_power, *plane_normal;

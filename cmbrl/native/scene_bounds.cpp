@@ -63,6 +63,23 @@ double size_of_B(const Model& m, int c) {
 
 }  // namespace
 
+// The vertices of hulls by column, for a quick search for the farthest.
+void SceneData::derive_hulls(int count) {
+  Model& m = model;
+  std::vector<int> block;
+  std::vector<double> column;
+  for (int hull = 0; hull < count; ++hull) {
+    block.push_back(int(column.size()));
+    for (int j = 0; j < 3; ++j)
+      for (int k = 0; k < m.hull_count(hull); ++k) {
+        int vertex = std::min(m.hull_ptr[hull] + k, m.hull_ptr[hull + 1] - 1);
+        column.push_back(m.hull_point[3 * vertex + j]);
+      }
+  }
+  m.hull_block = keep_ints("hull_block", std::move(block));
+  m.hull_column = keep_doubles("hull_column", std::move(column));
+}
+
 // Around the shapes with which a body may touch anything.
 void SceneData::derive_spheres() {
   Model& m = model;

@@ -111,6 +111,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   derive_mass_pattern();
   derive_groups();
   derive_pairs();
+  derive_hulls(int(hulls));
   derive_spheres();
   derive_clusters();
   derive_kins();
