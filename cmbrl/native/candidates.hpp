@@ -2,6 +2,7 @@
 // lanes that need different candidates of one kin share it: a corner of a box here, an edge of another there.
 #pragma once
 #include "contact.hpp"
+#include "hull_contact.hpp"
 #include "near.hpp"
 #include "side.hpp"
 
@@ -34,14 +35,15 @@ static void make_contact(const Model& m, const Options& o, int i, const Feature<
   c.index = i;
   c.edge = 0;
   for (int lane = 0; lane < W; ++lane) c.of[lane] = i;
-  c.segments = m.con_type[i] == kSegmentSegment;
+  c.hulls = m.con_type[i] == kHulls;
+  c.segments = c.hulls || m.con_type[i] == kSegmentSegment;
   c.at = F;
-  c.radiusA = p[kRadius] - m.con_radiusB[i];
+  c.radiusA = p[kRadius] - m.con_radiusB[i] + F.back;
   c.rows = m.con_dim[i] > 1 ? 1 + G::NT : 1;
   c.rub = c.rows > 1 ? p[kMu] > 1e-9 : none();
   c.mu = c.full_mu = select(c.rub, p[kMu], splat(1));
   c.phi = phi;
-  c.p = F.a - (c.radiusA + 0.5 * phi) * F.n;
+  c.p = F.a + F.beside - (c.radiusA + 0.5 * phi) * F.n;
   c.d[0] = F.n;
   tangents(G{}, F.n, c.d + 1);
   CMBRL_FOR(r, c.rows) {
@@ -71,6 +73,7 @@ static void take_lanes(Contact<G>& to, const Contact<G>& from, Mask lanes) {
   take(to.convex, from.convex);
   for (int lane = 0; lane < W; ++lane) if (lanes[lane]) to.of[lane] = from.of[lane];
   to.segments |= from.segments;
+  to.hulls |= from.hulls;
 }
 
 // The n-th candidate of its kin that a lane needs stands in the n-th contact of that kin: lanes of the last contact join those
@@ -124,8 +127,9 @@ static inline double margin_of(const Model& m, int i) { return __builtin_fmax(m.
 template <class G>
 static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, Far* far, const Given* given = nullptr) {
   int A = m.con_bodyA[i], B = m.con_bodyB[i];
-  bool corner = w.by_sides && m.con_hull[i] >= 0;
+  bool hulls = m.con_type[i] == kHulls, corner = w.by_sides && !hulls && m.con_hull[i] >= 0;
   if (corner) find_side(m, w, i);
+  if (hulls) find_touches(m, w, i);
   Feature<G> F = find_feature(m, w, i);
   if (far) {
     T gap = F.dist - m.P[m.oContact + i * kContactFields + kRadius] - w.radius_slack - margin_of(m, i);
@@ -134,8 +138,8 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, Fa
   T p[kContactFields];
   load_block(m, w, i, p);
   T phi = F.dist - p[kRadius];
-  Mask on = given ? given->on : corner ? w.side_there[m.con_corner[i]] : all();
-  bool of_points = m.con_plane[i] < 0 && m.con_type[i] != kCornerBox;  // whose distance gives the direction
+  Mask on = given ? given->on : hulls ? w.touch_there[m.con_corner[i]] : corner ? w.side_there[m.con_corner[i]] : all();
+  bool of_points = m.con_plane[i] < 0 && m.con_type[i] != kCornerBox && !hulls;  // whose distance gives the direction
   if (of_points) on &= vabs(F.dist) > 1e-9;  // crossing segments: none parts them
   if (!o.look_ahead && !given) {
     Mask apart = on & ~(phi < m.con_margin[i]);
@@ -193,7 +197,8 @@ static void find_on_plane(const Model& m, const Options& o, Work<G>& w, int A, i
 template <class G>
 static void find_in_cluster(const Model& m, const Options& o, Work<G>& w, int g, int cluster) {
   int A = m.grp_A[g], B = m.grp_B[g], begin = m.cluster_begin[cluster], end = m.cluster_begin[cluster + 1];
-  bool side = w.by_sides && m.con_hull[m.grp_con[begin]] >= 0;
+  if (m.con_when[m.grp_con[begin]] == (o.look_ahead ? kClosed : kAhead)) return;
+  bool side = w.by_sides && m.con_plane[m.grp_con[begin]] >= 0 && m.con_hull[m.grp_con[begin]] >= 0;
   if (side) end = begin + kCorners;
   if (!w.sift) {
     for (int k = begin; k < end; ++k) find_contact(m, o, w, m.grp_con[k], nullptr);
@@ -217,7 +222,7 @@ static void find_contacts(const Model& m, const Options& o, Work<G>& w, bool giv
   w.left_out_gap = splat(__builtin_inf());
   w.coupled = false;
   w.by_sides = !o.look_ahead;
-  w.side_of = -1;
+  w.side_of = w.touch_of = -1;
   for (int k = 0; given && k < w.ngiven;) {
     int g = m.con_group[w.given[k].index], first = w.ncon;
     open_group(m, w, g);

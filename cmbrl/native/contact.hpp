@@ -14,11 +14,12 @@ static inline typename G::V plane_normal(const Model& m, int plane) { return loa
 template <class G>
 static Feature<G> find_feature(const Model& m, const Work<G>& w, int i) {
   using V = typename G::V;
+  if (m.con_type[i] == kHulls) return w.touch[m.con_corner[i]];
   Feature<G> F;
   int A = m.con_bodyA[i], B = m.con_bodyB[i], D = G::D;
-  F.axisA = F.axisB = zero<G::D>();
+  F.axisA = F.axisB = F.beside = zero<G::D>();
   F.slide = zero<G::D * G::D>();
-  F.free_s = F.free_t = F.turns = T{};
+  F.free_s = F.free_t = F.turns = F.linear = F.held = F.leans = F.back = T{};
   auto place = [&](int body, const double* local) -> V {
     V x = load<G::D>(local);
     return body >= 0 ? w.pos[body] + G::rotate(w.R[body], x) : x - w.O;
@@ -164,8 +165,14 @@ static Shift<G> shift_of(const Model& m, const Contact<G>& c, const Vec<G::N>& x
     V slid = zero<G::D>();
     CMBRL_FOR(r, G::D) CMBRL_FOR(k, G::D) slid[r] += F.slide[r * G::D + k] * u[k];
     dd -= slid;
+    if (c.hulls) {
+      s.dphi = select(F.linear > 0.0, dot(F.axisA, u), s.dphi);
+      u -= F.linear * slid;
+      u += F.leans * G::turn(ang<G>(xi), F.beside);
+    }
     T inv = F.turns / select(vabs(F.dist) > 1e-12, F.dist, splat(1e-12));
     dn = inv * (dd - dot(F.n, dd) * F.n);
+    if (c.hulls) dn += F.held * G::turn(ang<G>(xi), F.n);
   }
   s.dp = u - (c.radiusA + 0.5 * c.phi) * dn - (0.5 * s.dphi) * F.n;
   s.dd[0] = dn;

@@ -9,7 +9,8 @@ class TapeRows;
 struct StepMemory;
 
 enum JointType { kSlide = 0, kHinge = 1, kBall = 2 };
-enum ContactType { kPointPlane = 0, kPointBox = 1, kSegmentSegment = 2, kRimPlane = 3, kCornerBox = 4 };
+enum ContactType { kPointPlane = 0, kPointBox = 1, kSegmentSegment = 2, kRimPlane = 3, kCornerBox = 4, kHulls = 5 };
+enum When { kAlways = 0, kAhead = 1, kClosed = 2 };  // a candidate acts where rows look ahead, or where they do not
 enum TieType { kConnect = 0, kWeld = 1, kPolynomial = 2 };  // equality constraints
 enum Dynamics { kIntegrator = 0, kFilter = 1, kFilterExact = 2 };  // of actuators with a state
 enum Side { kCarriesA = 1, kCarriesB = 2, kCarriesObstacle = 4 };
@@ -51,11 +52,17 @@ struct Model : Structure {
   const int *con_type, *con_bodyA, *con_bodyB, *con_plane, *con_pair, *con_dim, *con_law, *con_pyramid;
   const double *con_posA, *con_axisA, *con_posB, *con_axisB, *con_rotB, *con_halfB, *con_rotA;  // rotA: of a box with a corner, which axisA leads to from its centre
   const double* con_along;   // (ncontact, 3) of a capsule over a plane: where a tangent of its pyramid points (edges.hpp); or 0
-  const int *con_hull, *con_corner;  // of a mesh over a plane: its hull, or -1; its place among the candidates of its pair of geoms
+  const int *con_hull, *con_corner;  // of a mesh over a plane, or of hulls: that of A, or -1; its place among the candidates of its pair of geoms
+  const int* con_when;       // see When: of two geoms that touch in another way where rows look ahead
+  const int *con_hullB, *con_first, *con_many;  // of hulls (hull_contact.hpp): that of B; whether A is MuJoCo's first; more than one point
   const int *hull_ptr, *vertex_ptr, *vertex_face, *face_ptr, *face_vertex;  // side.hpp: vertices of hulls, faces around each; vertices of faces
+  const int* hull_block;         // where the columns of each hull begin: x, y and z of its vertices, each as many as hull_width rounds up to
+  const double* hull_column;
   const double *hull_point, *face_normal;                                   // in the frame of the mesh's body
   const int *con_kin, *grp_kin, *kin_ptr;        // candidates that may share a row of a pack: of one group, with laws that differ in lane numbers only
   int nkin;                  // those of group g are numbers grp_kin[g] to grp_kin[g + 1] - 1; kin_ptr: how many candidates those before have
+  static constexpr int hull_width = 16;  // a multiple of any pack's; the last vertex fills up
+  int hull_count(int hull) const { return (hull_ptr[hull + 1] - hull_ptr[hull] + hull_width - 1) / hull_width * hull_width; }
   double largest_invweight;  // of a contact
   int logistic;              // contacts act at a distance
   const double *con_radiusB, *con_impratio, *con_invweight, *con_margin, *con_mid, *con_power, *plane_normal;

@@ -25,6 +25,8 @@ static void smooth_quantities(const Model& m, const Options& o, const Batch& b, 
     mass_matrix(m, w);
     for (int i = 0; i < m.nline; ++i) add_square(m, w, i, w.P[m.oDof + i * kDofFields + kArmature], w.M, m.mass);
     find_contacts(m, every, w, false);
+    for (int i = 0; i < m.ncontact; ++i)
+      for (int lane = 0; m.con_type[i] == kHulls && lane < l.n; ++lane) gap[l.at[lane] * m.ncontact + i] = kAway;
     scatter_packed(w.M, nv, m.mass, l, M);
     scatter(w.bias, nv, nv, l, bias);
     scatter(w.line_length, m.nline, m.nline, l, length);

@@ -35,12 +35,20 @@ double length(const double* x, int D) {
   return std::sqrt(sum);
 }
 
-// f(point) of what candidate c has of A: of a mesh over a plane, whose point may be any corner, its hull too.
+template <class F>
+void for_vertices(const Model& m, int hull, F f) {
+  for (int k = hull < 0 ? 0 : m.hull_ptr[hull]; hull >= 0 && k < m.hull_ptr[hull + 1]; ++k) f(m.hull_point + 3 * k);
+}
+// f(point) of what candidate c has of A: of a mesh over a plane, whose point may be any corner, its hull too; and of B.
 template <class F>
 void for_points(const Model& m, int c, F f) {
   f(m.con_posA + c * m.D);
-  if (int hull = m.con_hull[c]; hull >= 0)
-    for (int k = m.hull_ptr[hull]; k < m.hull_ptr[hull + 1]; ++k) f(m.hull_point + 3 * k);
+  for_vertices(m, m.con_hull[c], f);
+}
+template <class F>
+void for_points_of_B(const Model& m, int c, F f) {
+  f(m.con_posB + c * m.D);
+  for_vertices(m, m.con_hullB[c], f);
 }
 
 double margin_of(const Model& m, int c) { return std::max(m.con_margin[c], 0.0); }
@@ -55,6 +63,23 @@ double size_of_B(const Model& m, int c) {
 
 }  // namespace
 
+// The vertices of hulls by column, for a quick search for the farthest.
+void SceneData::derive_hulls(int count) {
+  Model& m = model;
+  std::vector<int> block;
+  std::vector<double> column;
+  for (int hull = 0; hull < count; ++hull) {
+    block.push_back(int(column.size()));
+    for (int j = 0; j < 3; ++j)
+      for (int k = 0; k < m.hull_count(hull); ++k) {
+        int vertex = std::min(m.hull_ptr[hull] + k, m.hull_ptr[hull + 1] - 1);
+        column.push_back(m.hull_point[3 * vertex + j]);
+      }
+  }
+  m.hull_block = keep_ints("hull_block", std::move(block));
+  m.hull_column = keep_doubles("hull_column", std::move(column));
+}
+
 // Around the shapes with which a body may touch anything.
 void SceneData::derive_spheres() {
   Model& m = model;
@@ -62,11 +87,11 @@ void SceneData::derive_spheres() {
   std::vector<Sphere> spheres(m.nbody);
   for (int c = 0; c < m.ncontact; ++c) {
     if (m.con_bodyA[c] >= 0) for_points(m, c, [&](const double* x) { spheres[m.con_bodyA[c]].hold(x, D); });
-    if (m.con_bodyB[c] >= 0) spheres[m.con_bodyB[c]].hold(m.con_posB + c * D, D);
+    if (m.con_bodyB[c] >= 0) for_points_of_B(m, c, [&](const double* x) { spheres[m.con_bodyB[c]].hold(x, D); });
   }
   for (int c = 0; c < m.ncontact; ++c) {
     if (m.con_bodyA[c] >= 0) for_points(m, c, [&](const double* x) { spheres[m.con_bodyA[c]].reach(x, size_of_A(m, c), D); });
-    if (m.con_bodyB[c] >= 0) spheres[m.con_bodyB[c]].reach(m.con_posB + c * D, size_of_B(m, c), D);
+    if (m.con_bodyB[c] >= 0) for_points_of_B(m, c, [&](const double* x) { spheres[m.con_bodyB[c]].reach(x, size_of_B(m, c), D); });
   }
   std::vector<double> centre, radius;
   for (const Sphere& s : spheres) {
@@ -135,7 +160,8 @@ void SceneData::derive_clusters() {
   for (int g = 0; g < m.ngroup; ++g) {
     for (int k = m.grp_cptr[g], end; k < m.grp_cptr[g + 1]; k = end) {
       int first = m.grp_con[k];
-      for (end = k; end < m.grp_cptr[g + 1] && m.con_pair[m.grp_con[end]] == m.con_pair[first];) ++end;
+      auto alike = [&](int c) { return m.con_pair[c] == m.con_pair[first] && m.con_when[c] == m.con_when[first]; };
+      for (end = k; end < m.grp_cptr[g + 1] && alike(m.grp_con[end]);) ++end;
       double none[3] = {}, heaviest = 0, most = 0;
       bool corner = m.con_type[first] == kCornerBox;  // their axes only tell where the box is
       Box A(D, m.con_rotA + first * D * D, corner ? none : m.con_axisA + first * D);
@@ -147,16 +173,17 @@ void SceneData::derive_clusters() {
         const double* axis = rim || m.con_type[c] == kCornerBox ? nullptr : m.con_axisA + c * D;
         for_points(m, c, [&](const double* point) { A.hold(point, axis, nullptr, nullptr); });
         place[c] = x - k;
-        B.hold(m.con_posB + c * D, m.con_axisB + c * D, m.con_rotB + c * D * D, m.con_halfB + c * D);
+        for_points_of_B(m, c, [&](const double* point) { B.hold(point, m.con_axisB + c * D, m.con_rotB + c * D * D, m.con_halfB + c * D); });
         most = std::max(most, radius + margin_of(m, c));
         heaviest = std::max(heaviest, m.con_invweight[c]);
       }
       begin.push_back(k);
       A.append(boxA);
       B.append(boxB);
-      round.push_back(end - k > few ? most : -1);
+      bool test = end - k > few || m.con_type[first] == kHulls;
+      round.push_back(test ? most : -1);
       weight.push_back(heaviest);
-      m.sifted |= end - k > few;
+      m.sifted |= test;
     }
     of_group.push_back(int(begin.size()));
   }

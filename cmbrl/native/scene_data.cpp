@@ -55,6 +55,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.con_plane = i("con_plane", nc); m.con_pair = i("con_pair", nc); m.con_dim = i("con_dim", nc); m.con_law = i("con_law", nc); m.logistic = nc > 0 && m.con_law[0] == kLogistic; m.con_pyramid = i("con_pyramid", nc);
   m.con_along = d("con_along", nc * 3);
   size_t hulls = size("nhull"), faces = size("nface");
+  m.con_when = i("con_when", nc); m.con_hullB = i("con_hullB", nc); m.con_first = i("con_first", nc); m.con_many = i("con_many", nc);
   m.con_hull = i("con_hull", nc); m.hull_ptr = i("hull_ptr", hulls + 1); m.face_ptr = i("face_ptr", faces + 1);
   m.face_vertex = i("face_vertex", m.face_ptr[faces]); m.vertex_ptr = i("vertex_ptr", size_t(m.hull_ptr[hulls]) + 1);
   m.vertex_face = i("vertex_face", m.vertex_ptr[m.hull_ptr[hulls]]);
@@ -110,6 +111,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   derive_mass_pattern();
   derive_groups();
   derive_pairs();
+  derive_hulls(int(hulls));
   derive_spheres();
   derive_clusters();
   derive_kins();

@@ -35,6 +35,7 @@ class SceneData {
   void derive_mass_pattern();
   void derive_groups();
   void derive_pairs();
+  void derive_hulls(int count);
   void derive_spheres();
   void derive_clusters();
   void derive_kins();

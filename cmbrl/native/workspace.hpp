@@ -23,10 +23,11 @@ struct Arena {
 // which directions of B's (and A's) shape the closest point is free to follow. What a kind of candidate has not is zero.
 template <class G>
 struct Feature {
-  typename G::V a, n, axisA, axisB;
+  typename G::V a, n, axisA, axisB, beside;
   T dist, free_s, free_t;           // free_*: 1 where the segment parameter is not clamped
   Vec<G::V::size * G::V::size> slide;  // projection onto B's free directions (point against segment or box)
   T turns;                          // 1 where the normal turns as A moves
+  T linear, held, leans, back;      // of hulls (hull_sides.hpp): 1 where slide and the rise, in axisA, say all; where n or `beside` turns with A
 };
 
 // What is found of a contact before any solve; a lane takes all of it from one candidate.
@@ -48,7 +49,7 @@ template <class G>
 struct Contact : Found<G> {
   Mask on, wide, rub;                // lanes in which the contact takes part; in the derivative's solve; in which it has friction
   int of[W], index, rows;            // candidate numbers by lane, and the first of them; 1 or 1 + NT
-  bool segments;                     // in some lane
+  bool segments, hulls;              // in some lane
   Mask convex;                       // lanes in which the convex law of sliding holds (newton.hpp); none unless the options say so
   int edge;                          // of MuJoCo's pyramid (edges.hpp), from 1; 0: the whole contact
   T ct0[G::NT];
@@ -185,6 +186,7 @@ struct Work : SolverWork<G> {
   bool sift;                               // clusters are tested
   bool by_sides; int side_of;              // meshes touch planes with corners of a side (side.hpp): those at hand, of which pair of geoms
   V side[4]; Mask side_there[4];
+  int touch_of; Feature<G> touch[4]; Mask touch_there[4];  // the same of hulls with each other (hull_contact.hpp)
   T left_out_gap;                          // smallest absolute gap of a contact that was left out
   uint64_t* bits; int *fill_ptr, *fill_idx;  // the pattern as bits, and as lists
   T* vb; Motion *bvel, *bacc;          // where the bias is taken in a midpoint step: velocity, its twists and accelerations

@@ -213,6 +213,7 @@ def contact_arrays(
         "con_halfB": vectors("half_b"),
         "con_rotA": vectors("rot_a", dimension**2),
         "con_along": vectors("along", 3),
+        "con_when": integers([c.when for c in candidates]),
         "con_radiusB": doubles([c.radius_b for c in candidates], (-1,)),
         "con_dim": integers([law.dim for law in laws]),
         "con_law": integers([CONTACT_LAWS[contact_law]] * len(laws)),

@@ -114,7 +114,11 @@ class CoreArrays:
     con_rotA: Array  # (nc, D * D)
     con_radiusB: Array  # (nc,)
     con_along: Array  # (nc, 3) in A's frame: direction of a capsule over a plane, otherwise 0
-    con_hull: Integers  # (nc,) of a mesh over a plane: its hull; otherwise -1
+    con_hull: Integers  # (nc,) of a mesh over a plane, or of two hulls: that of A; otherwise -1
+    con_when: Integers  # (nc,) a When
+    con_hullB: Integers  # (nc,) of two hulls: that of B; otherwise -1
+    con_first: Integers  # (nc,) of two hulls: whether A is the first of both geoms to MuJoCo
+    con_many: Integers  # (nc,) of two hulls: whether sides that lie flat on each other touch in several points
     hull_ptr: Integers  # (nhull + 1,) where the vertices of each hull begin
     hull_point: Array  # (vertices, 3) in the body frame
     vertex_ptr: Integers  # (vertices + 1,) where the sides around each vertex begin

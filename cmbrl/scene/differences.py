@@ -9,7 +9,7 @@ import numpy as np
 
 from cmbrl.scene.kinematics import FLAT_TILT
 from cmbrl.scene.mjcf import name_of
-from cmbrl.scene.records import Array, Candidate, ContactKind, LeftOut, Tendon
+from cmbrl.scene.records import Array, Candidate, ContactKind, LeftOut, Tendon, When
 from cmbrl.scene.shapes import hull_points, hull_vertices
 from cmbrl.scene.stand_ins import StandIn
 
@@ -77,11 +77,18 @@ def _stand_ins(
     model: mujoco.MjModel, candidates: list[Candidate], stand_ins: Mapping[int, StandIn]
 ) -> Iterator[LeftOut]:
     ellipsoid = mujoco.mjtGeom.mjGEOM_ELLIPSOID  # stands on planes as something else, too
-    touching = {g for c in candidates for g in c.geoms if not c.kind.on_plane or model.geom_type[g] == ellipsoid}
-    for geom in [geom for geom in stand_ins if geom in touching]:
-        found = stand_ins[geom]
+    touching: dict[int, set[When]] = {}
+    for c in candidates:
+        for geom in c.geoms:
+            if not c.kind.on_plane or model.geom_type[geom] == ellipsoid:
+                touching.setdefault(geom, set()).add(c.when)
+    for geom, found in stand_ins.items():
+        stands_in = touching.get(geom, set()) - {When.CLOSED}  # where hulls touch, it is what it is
+        if not stands_in:
+            continue
         kind = _SHAPES[int(model.geom_type[geom])]
-        why = f"touches other shapes as a {found.shape.kind}, which errs by up to {_millimetres(found.error)}"
+        where = "" if When.ALWAYS in stands_in else "where rows look ahead, "
+        why = f"{where}touches other shapes as a {found.shape.kind}, which errs by up to {_millimetres(found.error)}"
         yield LeftOut(kind, name_of(model, "geom", geom), why)
 
 

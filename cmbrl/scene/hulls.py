@@ -1,10 +1,11 @@
-"""The sides of meshes that may touch a plane, for the core: polygons of their convex hulls, as MuJoCo keeps them."""
+"""The sides of meshes and boxes that may touch a plane or each other: polygons of hulls, as MuJoCo keeps them."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import mujoco
@@ -14,6 +15,9 @@ from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.manifold import quaternion_matrix
 from cmbrl.scene.records import Array, Candidate, ContactKind, Frame, Tree
 
+_BOX_SIDES = (  # towards +x, -x, +y and so on: signs of the corners, from MuJoCo's first one on, in the other sense
+    "+++ ++- +-- +-+", "-+- -++ --+ ---", "-+- ++- +++ -++", "--+ +-+ +-- ---", "-++ +++ +-+ --+", "++- -+- --- +--",
+)  # fmt: skip
 _CORNERS = 4  # candidates that a pair needs to stand for the corners of a side
 
 
@@ -29,7 +33,8 @@ class Hull:
 def hull_arrays(model: mujoco.MjModel, tree: Tree, candidates: Sequence[Candidate], count: int) -> dict[str, Any]:
     """The hulls of spatial ``candidates``, and the hull of each of all ``count`` candidates, or -1.
 
-    None of a mesh whose sides this version of MuJoCo does not keep, nor of one with fewer than four candidates.
+    Over a plane, none of a mesh whose sides this version of MuJoCo does not keep, nor of one with fewer than four
+    candidates.
     """
     mesh = mujoco.mjtGeom.mjGEOM_MESH
     on_plane = [k for k, c in enumerate(candidates) if c.kind == ContactKind.POINT_PLANE]
@@ -37,20 +42,50 @@ def hull_arrays(model: mujoco.MjModel, tree: Tree, candidates: Sequence[Candidat
     points_of = Counter(candidates[k].geoms for k in of_mesh)
     found: dict[int, int] = {}
     hulls: list[Hull] = []
-    which = np.full(count, -1)
-    for k in of_mesh:
-        geom = candidates[k].geoms[0]
-        if points_of[candidates[k].geoms] < _CORNERS:
-            continue
+    which, other, first = np.full((3, count), -1)
+
+    def number(geom: int) -> int:
         if geom not in found:
             hull = _read_hull(model, geom, tree.frames[model.geom_bodyid[geom]])
             found[geom] = -1 if hull is None else len(hulls)
-            hulls += [] if hull is None else [hull]
-        which[k] = found[geom]
-    return {"con_hull": integers(which), **_flattened(hulls)}
+            hulls.extend([] if hull is None else [hull])
+        return found[geom]
+
+    for k in of_mesh:
+        if points_of[candidates[k].geoms] >= _CORNERS:
+            which[k] = number(candidates[k].geoms[0])
+    for k, c in enumerate(candidates):
+        if c.kind == ContactKind.HULLS:
+            a, b = c.geoms
+            which[k], other[k] = number(a), number(b)
+            first[k] = (model.geom_type[a], a) < (model.geom_type[b], b)
+    return {
+        "con_hull": integers(which),
+        "con_hullB": integers(other),
+        "con_first": integers(first),
+        "con_many": integers(np.full(count, int(_touch_in_several(model)))),
+        **_flattened(hulls),
+    }
+
+
+def _touch_in_several(model: mujoco.MjModel) -> bool:
+    """Whether sides of meshes that lie flat on each other touch in more than one point in MuJoCo."""
+    off, on = mujoco.mjtDisableBit.__members__, mujoco.mjtEnableBit.__members__
+    if any(model.opt.disableflags & int(off.get(name, 0)) for name in ("mjDSBL_MULTICCD", "mjDSBL_NATIVECCD")):
+        return False
+    return "mjDSBL_MULTICCD" in off or bool(model.opt.enableflags & int(on.get("mjENBL_MULTICCD", 0)))
+
+
+def has_sides(model: mujoco.MjModel, geom: int) -> bool:
+    """Whether the sides of a geom's hull are known: of boxes, and of meshes that MuJoCo has kept them of."""
+    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
+        return True
+    return hasattr(model, "mesh_polynum") and bool(model.mesh_polynum[model.geom_dataid[geom]])
 
 
 def _read_hull(model: mujoco.MjModel, geom: int, frame: Frame) -> Hull | None:
+    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
+        return _box_hull(model, geom, frame)
     mesh = int(model.geom_dataid[geom])
     count = int(model.mesh_polynum[mesh]) if hasattr(model, "mesh_polynum") else 0
     if not count:
@@ -65,6 +100,18 @@ def _read_hull(model: mujoco.MjModel, geom: int, frame: Frame) -> Hull | None:
         frame.pos + frame.rot @ model.geom_pos[geom] + vertices @ turn.T,
         np.asarray(model.mesh_polynormal[polygons.start : polygons.stop], dtype=np.float64) @ turn.T,
         tuple(tuple(number[vertex] for vertex in side) for side in sides),
+    )
+
+
+def _box_hull(model: mujoco.MjModel, geom: int, frame: Frame) -> Hull:
+    turn = frame.rot @ quaternion_matrix(model.geom_quat[geom])
+    corners = ["".join(signs) for signs in product("-+", repeat=3)]
+    points = np.array([[1.0 if sign == "+" else -1.0 for sign in corner] for corner in corners])
+    normals = [sign * np.eye(3)[axis] for axis in range(3) for sign in (1, -1)]
+    return Hull(
+        frame.pos + frame.rot @ model.geom_pos[geom] + (points * model.geom_size[geom]) @ turn.T,
+        np.array(normals) @ turn.T,
+        tuple(tuple(corners.index(corner) for corner in reversed(side.split())) for side in _BOX_SIDES),
     )
 
 

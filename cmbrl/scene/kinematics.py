@@ -69,7 +69,9 @@ def gaps(core: CoreArrays, q: Array) -> Array:
         a, b = core.con_bodyA[i], core.con_bodyB[i]
         point = _place(pos, rot, a, core.con_posA[i])
         k = core.con_plane[i]
-        if k >= 0:
+        if core.con_type[i] == ContactKind.HULLS:
+            distance = np.full(q.shape[:-1], AWAY)  # looks at no gap that is open
+        elif k >= 0:
             if core.con_type[i] == ContactKind.RIM_PLANE:
                 point = point - _rim_arm(_direction(rot, a, core.con_axisA[i]), core.plane_normal[k])
             distance = point @ core.plane_normal[k] - P[layout.plane(k)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from itertools import chain
 
 import mujoco
 import numpy as np
@@ -27,7 +28,8 @@ CHOICES = ("near", "all", "none")
 def false_pairs(model: mujoco.MjModel, shapes: Mapping[int, Shape], frames: Sequence[Frame]) -> set[tuple[int, int]]:
     """Pairs of geoms, sorted, whose stand-ins (``shapes``, by geom) touch in a fifth of all poses where they do not.
 
-    Or are 5 mm deeper in each other. Such a pair would push all the time.
+    Or are 5 mm deeper in each other. Such a pair would push all the time. And pairs of one robot for which that is so
+    where it starts, in the initial pose or a keyframe: they would push it away from there.
     """
     probe = copy.copy(model)
     for geom, shape in shapes.items():
@@ -43,10 +45,14 @@ def false_pairs(model: mujoco.MjModel, shapes: Mapping[int, Shape], frames: Sequ
     probe.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
     poses = _poses(model, _FEW)
     theirs, ours = _touching(model, poses), _touching(probe, poses)
-    count: Counter[tuple[int, int]] = Counter()
-    for true, stood_in in zip(theirs, ours, strict=True):
-        count.update(pair for pair, depth in stood_in.items() if depth < true.get(pair, _DEEPER) - _DEEPER)
-    return {pair for pair, times in count.items() if times > _FALSE * len(poses)}
+    false = [
+        {pair for pair, depth in stood_in.items() if depth < true.get(pair, _DEEPER) - _DEEPER}
+        for true, stood_in in zip(theirs, ours, strict=True)
+    ]
+    often = {pair for pair, times in Counter(chain(*false)).items() if times > _FALSE * len(poses)}
+    at_start = set().union(*false[: 1 + model.nkey])
+    root = model.body_rootid[model.geom_bodyid]
+    return often | {(a, b) for a, b in at_start if root[a] == root[b] != 0}
 
 
 def near_pairs(model: mujoco.MjModel) -> set[tuple[int, int]]:

@@ -33,11 +33,20 @@ class ContactKind(IntEnum):
     SEGMENT_SEGMENT = 2
     RIM_PLANE = 3  # the lowest point of a circle: a cylinder's edge
     CORNER_BOX = 4  # a corner of a box against another box
+    HULLS = 5  # where the hulls of two meshes, or of a mesh and a box, touch
 
     @property
     def on_plane(self) -> bool:
         """Whether B is a plane of the world."""
         return self in (ContactKind.POINT_PLANE, ContactKind.RIM_PLANE)
+
+
+class When(IntEnum):
+    """Where a candidate acts, as the core numbers it: everywhere, or by whether rows look ahead."""
+
+    ALWAYS = 0
+    AHEAD = 1  # where they do
+    CLOSED = 2  # where they do not
 
 
 class TieKind(IntEnum):
@@ -259,3 +268,4 @@ class Candidate:
     weight: float = 1.0  # number of MuJoCo's points that this one stands for
     rot_a: Array = field(default_factory=lambda: np.eye(3))  # (D, D) frame of the box that a corner is of
     along: Array = field(default_factory=lambda: np.zeros(3))  # in A's frame: of a capsule, along which a pyramid lies
+    when: When = When.ALWAYS

@@ -89,6 +89,8 @@ def obstacle_to_plane(tree: Tree, plane: PlaneOfMotion, candidate: Candidate, up
         if up is None or abs(up @ axis) > _ALIGNED:
             return "the normal of a plane leaves the plane of motion"
         return "a cylinder is oblique to the plane of motion" if candidate.kind == ContactKind.RIM_PLANE else None
+    if candidate.kind == ContactKind.HULLS:
+        return "hulls touch in space"
     depth = 0.0  # extent of both shapes along the normal, over which their section is constant
     corner = candidate.kind == ContactKind.CORNER_BOX
     segments = () if corner else ((candidate.body_a, candidate.axis_a), (candidate.body_b, candidate.axis_b))
@@ -174,8 +176,8 @@ def merge_points(candidates: list[Candidate]) -> tuple[list[Candidate], int]:
     kept: dict[object, Candidate] = {}
     points = Counter(c.geoms for c in candidates)
     for c in candidates:
-        if points[c.geoms] == 1:
-            kept[c.geoms] = c
+        if points[c.geoms] == 1 or c.kind == ContactKind.HULLS:  # whose candidates are places for what touches
+            kept[len(kept)] = c
             continue
         where = tuple(np.round(np.concatenate([c.pos_a, c.axis_a, c.pos_b, c.axis_b]), 9) + 0.0)
         key = (c.kind, c.geoms, c.radius_a, where)

@@ -23,6 +23,7 @@ _TYPES = (
     "segment against segment",
     "rim against plane",
     "corner against box",
+    "hull against hull",
 )
 
 

@@ -84,3 +84,22 @@ def test_a_gripper_holds_a_cube_and_drops_it(load: Load) -> None:
     held, dropped = result.q_next[:, 4]
     assert held == pytest.approx(0.5, abs=5e-3)
     assert dropped < 0.3
+
+
+def test_links_that_stand_ins_would_push_apart_where_a_robot_starts_do_not_look_ahead(load: Load) -> None:
+    """Two wedges lie slope along slope, and what stands in for them overlaps. Elsewhere it does not."""
+    wedge = '<mesh name="wedge" vertex="-.1 -.1 -.1  .1 -.1 -.1  -.1 .1 -.1  .1 .1 -.1  -.1 -.1 .1  -.1 .1 .1"/>'
+    arm = (
+        '<body name="{n}" pos="0 {y} 0"><joint name="{n}" type="slide" axis="0 1 0" range="-1 9"/>'
+        '<geom name="{n}" type="mesh" mesh="wedge" {turn}/></body>'
+    )
+    low, high = arm.format(n="low", y=0, turn=""), arm.format(n="high", y=0, turn='pos=".01 0 .01" quat="0 0 1 0"')
+    trunk = (
+        f'<body><joint name="turn" axis="0 0 1"/><joint name="lift" axis="1 0 0"/><geom size=".01"/>{low}{high}</body>'
+    )
+    scene, _ = load(trunk, f"<asset>{wedge}</asset>")
+    result = ComplementarityModel(scene).predict(scene.q0[None], np.zeros((1, scene.nv)), np.zeros((1, 0)))
+    free = ComplementarityModel(scene, sliding="convex").predict(scene.q0[None], np.zeros((1, 4)), np.zeros((1, 0)))
+    assert np.allclose(result.v_next, free.v_next, atol=1e-9)
+    assert any(drop.why.startswith("where rows look ahead: ") for drop in scene.dropped_contacts)
+    assert "hull against hull" in describe(scene)

@@ -1,0 +1,190 @@
+// How deep two convex hulls are in each other, and along which direction: Gilbert, Johnson and Keerthi's simplices say whether they
+// overlap (Gilbert et al., IEEE J. Robotics and Automation 4, 1988), the expanding polytope says how deep (van den Bergen, Game Developers
+// Conference 2001). Both look at the differences of points of one hull and of the other, with plain numbers: lanes differ in their ways.
+#pragma once
+#include "model.hpp"
+#include "pack.hpp"
+
+namespace cmbrl::CMBRL_ISA {
+
+struct Point { double x[3]; };
+static inline Point operator+(Point a, const Point& b) { for (int k = 0; k < 3; ++k) a.x[k] += b.x[k]; return a; }
+static inline Point operator-(Point a, const Point& b) { for (int k = 0; k < 3; ++k) a.x[k] -= b.x[k]; return a; }
+static inline Point operator*(double s, Point a) { for (int k = 0; k < 3; ++k) a.x[k] *= s; return a; }
+static inline double dot(const Point& a, const Point& b) { return a.x[0] * b.x[0] + a.x[1] * b.x[1] + a.x[2] * b.x[2]; }
+static inline Point cross(const Point& a, const Point& b) {
+  return {{a.x[1] * b.x[2] - a.x[2] * b.x[1], a.x[2] * b.x[0] - a.x[0] * b.x[2], a.x[0] * b.x[1] - a.x[1] * b.x[0]}};
+}
+static inline double size_of(const Point& a) { return __builtin_sqrt(dot(a, a)); }
+static inline Point unit(const Point& a) { return (1 / __builtin_fmax(size_of(a), 1e-300)) * a; }
+
+// A hull of the model in a pose: x = p + R y for the points y of its body's frame.
+struct PosedHull {
+  const Model* m;
+  int begin, vertices, count;  // how many vertices there are, and with those that fill up
+  const double* columns;
+  double R[9];
+  Point p;
+
+  Point turned(const double* y) const {
+    Point out;
+    for (int k = 0; k < 3; ++k) out.x[k] = R[3 * k] * y[0] + R[3 * k + 1] * y[1] + R[3 * k + 2] * y[2];
+    return out;
+  }
+  Point vertex(int k) const { return p + turned(m->hull_point + 3 * k); }
+  Point normal(int face) const { return turned(m->face_normal + 3 * face); }
+  int farthest(const Point& d) const {
+    double y[3];
+    for (int k = 0; k < 3; ++k) y[k] = R[k] * d.x[0] + R[3 + k] * d.x[1] + R[6 + k] * d.x[2];
+    T most = splat(-1e300), at = T{}, number = T{};
+    for (int k = 0; k < W; ++k) number[k] = k;
+    for (int k = 0; k < count; k += W, number += W) {
+      T x[3];
+      for (int j = 0; j < 3; ++j) std::memcpy(&x[j], columns + j * count + k, sizeof(T));
+      T along = x[0] * y[0] + x[1] * y[1] + x[2] * y[2];
+      at = select(along > most, number, at);
+      most = vmax(most, along);
+    }
+    int best = 0;
+    for (int k = 0; k < W; ++k) if (most[k] > most[best]) best = k;
+    int found = int(at[best]);
+    return begin + (found < vertices ? found : vertices - 1);
+  }
+};
+
+// A point of A minus one of B.
+struct Apart { Point x; int a, b; };
+static Apart farthest_apart(const PosedHull& A, const PosedHull& B, const Point& d) {
+  int a = A.farthest(d), b = B.farthest(-1.0 * d);
+  return {A.vertex(a) - B.vertex(b), a, b};
+}
+
+// Up to four of them, the newest last; `towards` leads from the nearest part to the origin.
+struct Simplex {
+  Apart at[4];
+  int n = 0;
+  Point towards;
+
+  void keep(int i) { at[0] = at[i]; n = 1; }
+  void keep(int i, int j) { Apart x = at[i], y = at[j]; at[0] = x; at[1] = y; n = 2; }
+  void keep(int i, int j, int k) { Apart x = at[i], y = at[j], z = at[k]; at[0] = x; at[1] = y; at[2] = z; n = 3; }
+  void face_origin(const Point& d, const Point& otherwise) { towards = dot(d, d) > 1e-30 ? d : otherwise; }
+
+  void on_segment() {  // at[1] is the newest
+    Point b = at[0].x - at[1].x, o = -1.0 * at[1].x;
+    if (dot(b, o) <= 0) { keep(1); return face_origin(o, b); }
+    Point least = {{0, 0, 0}};  // across the segment where the origin lies on it
+    int axis = 0;
+    for (int k = 1; k < 3; ++k) if (__builtin_fabs(b.x[k]) < __builtin_fabs(b.x[axis])) axis = k;
+    least.x[axis] = 1;
+    Point d = cross(cross(b, o), b);
+    towards = dot(d, d) > 1e-24 * dot(b, b) * dot(b, b) * dot(o, o) ? d : cross(b, least);
+  }
+  void on_triangle() {  // at[2] is the newest
+    Point b = at[1].x - at[2].x, c = at[0].x - at[2].x, o = -1.0 * at[2].x, n = cross(b, c);
+    if (dot(cross(n, c), o) > 0) {
+      if (dot(c, o) > 0) keep(0, 2); else keep(1, 2);
+      return on_segment();
+    }
+    if (dot(cross(b, n), o) > 0) { keep(1, 2); return on_segment(); }
+    towards = dot(n, o) > 0 ? n : -1.0 * n;
+  }
+  bool holds_origin() {  // at[3] is the newest
+    Point top = at[3].x, o = -1.0 * top;
+    const int faces[3][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}};  // two corners of the base, and the one that is left
+    for (const int* f : faces) {
+      Point u = at[f[0]].x - top, v = at[f[1]].x - top, n = cross(u, v);
+      if (dot(n, at[f[2]].x - top) > 0) n = -1.0 * n;
+      if (dot(n, o) > 0) { keep(f[0], f[1], 3); on_triangle(); return false; }
+    }
+    return true;
+  }
+};
+
+// Whether A and B overlap; then s is a tetrahedron around the origin.
+static bool overlap(const PosedHull& A, const PosedHull& B, const Point& between, Simplex& s) {
+  constexpr int most = 64;
+  s.towards = dot(between, between) > 0 ? between : Point{{1, 0, 0}};
+  for (int k = 0; k < most; ++k) {
+    Apart far = farthest_apart(A, B, s.towards);
+    if (dot(far.x, s.towards) <= 0) return false;
+    for (int i = 0; i < s.n; ++i)
+      if (s.at[i].a == far.a && s.at[i].b == far.b) return false;  // they touch at most
+    s.at[s.n++] = far;
+    if (s.n == 1) s.towards = -1.0 * far.x;
+    else if (s.n == 2) s.on_segment();
+    else if (s.n == 3) s.on_triangle();
+    else if (s.holds_origin()) return true;
+  }
+  return false;
+}
+
+// The side of A - B that is nearest to the origin: its normal, its distance, its corners.
+struct Depth { Point n; double depth; Apart corner[3]; };
+
+struct Expansion {
+  static constexpr int most = 96;
+  struct Side { int corner[3]; Point n; double d; };
+  Apart at[most];
+  Side sides[2 * most];
+  int n = 0, nside = 0;
+  Point middle;
+
+  void add(int i, int j, int k) {
+    Point n = cross(at[j].x - at[i].x, at[k].x - at[i].x);
+    double size = size_of(n);
+    n = (1 / __builtin_fmax(size, 1e-300)) * n;
+    if (dot(n, at[i].x - middle) < 0) n = -1.0 * n;
+    sides[nside++] = {{i, j, k}, n, size > 1e-18 ? dot(n, at[i].x) : 1e300};  // a side without an area is none
+  }
+  explicit Expansion(const Simplex& s) {
+    middle = 0.25 * (s.at[0].x + s.at[1].x + s.at[2].x + s.at[3].x);
+    for (; n < 4; ++n) at[n] = s.at[n];
+    add(0, 1, 2); add(0, 1, 3); add(0, 2, 3); add(1, 2, 3);
+  }
+  int nearest() const {
+    int best = 0;
+    for (int k = 1; k < nside; ++k) if (sides[k].d < sides[best].d) best = k;
+    return best;
+  }
+  bool has(const Apart& x) const {
+    for (int k = 0; k < n; ++k) if (at[k].a == x.a && at[k].b == x.b) return true;
+    return false;
+  }
+  // Takes away all sides that see x, and joins the edges around the hole with it. False where there is no room.
+  bool expand(const Apart& x) {
+    int edges[4 * most][2], nedge = 0, kept = 0, number = n;
+    for (int k = 0; k < nside; ++k) {
+      Side side = sides[k];
+      bool sees = side.d > 1e200 || dot(side.n, x.x) - side.d > 1e-12;
+      if (!sees) { sides[kept++] = side; continue; }
+      for (int e = 0; e < 3; ++e) {
+        int i = side.corner[e], j = side.corner[(e + 1) % 3], twin = 0;
+        while (twin < nedge && !(edges[twin][0] == j && edges[twin][1] == i) && !(edges[twin][0] == i && edges[twin][1] == j)) ++twin;
+        if (twin < nedge) { --nedge; edges[twin][0] = edges[nedge][0]; edges[twin][1] = edges[nedge][1]; continue; }
+        if (nedge == 4 * most) return false;
+        edges[nedge][0] = i; edges[nedge][1] = j; ++nedge;
+      }
+    }
+    nside = kept;
+    if (n == most || nside + nedge > 2 * most) return false;
+    at[n++] = x;
+    for (int e = 0; e < nedge; ++e) add(edges[e][0], edges[e][1], number);
+    return nside > 0;
+  }
+};
+
+static bool find_depth(const PosedHull& A, const PosedHull& B, const Simplex& s, Depth& out) {
+  Expansion polytope(s);
+  for (;;) {
+    const Expansion::Side near = polytope.sides[polytope.nearest()];
+    if (!(near.d < 1e200)) return false;
+    out.n = near.n;
+    out.depth = near.d;
+    for (int k = 0; k < 3; ++k) out.corner[k] = polytope.at[near.corner[k]];
+    Apart far = farthest_apart(A, B, near.n);
+    if (dot(far.x, near.n) - near.d < 1e-10 || polytope.has(far) || !polytope.expand(far)) return true;
+  }
+}
+
+}  // namespace cmbrl::CMBRL_ISA
