@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cmbrl.errors import UserError
+
 if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
     from cmbrl.scene import Scene
@@ -76,6 +78,7 @@ class Windows:
     ``offset`` (S, k): how far each start is from the logged state, along ``scales.uncertain``; None for not at all,
     (C, S, k) where each of C candidates has its own.
     ``own``: the scales of each of several logs, if they differ; all have the same ``uncertain`` and ``counts``.
+    Raises UserError for a window that leaves the log.
     """
 
     data: Transitions
@@ -87,6 +90,11 @@ class Windows:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "starts", np.ascontiguousarray(self.starts, dtype=np.int64))
+        outside = (self.starts < 0) | (self.starts > len(self.data) - self.horizon)
+        if outside.any():
+            start = int(self.starts[outside][0])
+            rows = f"{len(self.data)} rows: choose another"
+            raise UserError(f"start {start} with a horizon of {self.horizon} leaves the log of {rows}")
 
     @property
     def blocks(self) -> np.ndarray:
