@@ -20,6 +20,7 @@ from cmbrl.fitting.drives import FADE, GAP, LIMIT
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.extension import Extension
 from cmbrl.fitting.folds import Folds, draw_starts
+from cmbrl.fitting.gauge import common_factors, nearest
 from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.loss import Errors, PredictionLoss
 from cmbrl.fitting.multi_start import MultiStart
@@ -182,7 +183,10 @@ class Course:
                 incumbent.z = found.z
                 course += [(candidates + count, value) for count, value in found.course]
                 candidates += found.candidates
-            return {"z": found.z.tolist(), "candidates": candidates, "course": course}
+            scene = self.evidence.model.scene
+            sets = common_factors(scene.core, incumbent.active[: len(scene.parameters)])
+            incumbent.z = nearest(self.evidence.space, incumbent.z, sets)
+            return {"z": incumbent.z.tolist(), "candidates": candidates, "course": course}
 
         self._take("polish", compute)
 

@@ -13,11 +13,14 @@ from itertools import pairwise
 
 import numpy as np
 
+from cmbrl.fitting.space import Space
 from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.records import WORLD, JointKind, TieKind
 
 _FORCES = ("armature", "damping", "stiffness", "frictionloss")  # fields of a line, all but springref
 _GAINS = ("gain", "bias0", "bias1", "bias2")
+_FACTORS, _NARROWER = 40, 4  # tried at once; how often, each time between the neighbours of the best
+_FURTHEST, _SWEEPS, _SETTLED = 10.0, 30, 1e-3
 
 
 def common_factors(core: CoreArrays, free: np.ndarray) -> list[list[int]]:
@@ -35,6 +38,38 @@ def common_factors(core: CoreArrays, free: np.ndarray) -> list[list[int]]:
             limits = [owner.get(place, []) for place in _limit_places(core, members, owner)]
             found.append(sorted({k for some in [*owners, *limits] for k in some if free[k]}))
     return found
+
+
+def nearest(space: Space, z: np.ndarray, sets: list[list[int]]) -> np.ndarray:
+    """``z`` (n,) with the parameters of each set times the factor that the prior asks for, inside the bounds.
+
+    No motion changes by that. A fit ends before it gets there: along these factors its loss is flat.
+    """
+    for _ in range(_SWEEPS):  # what is alike in two sets ties their factors
+        before = z
+        for members in sets:
+            z = _nearest(space, z, members)
+        if np.abs(z - before).max() < _SETTLED:
+            break
+    return z
+
+
+def _nearest(space: Space, z: np.ndarray, members: list[int]) -> np.ndarray:
+    theta = space.theta(z)
+    some = np.array([k for k in members if theta[k] > 0.0], dtype=np.int64)
+    if not len(some):
+        return z
+    with np.errstate(divide="ignore"):
+        low, high = (np.log(bound[some] / theta[some]) for bound in (space.low, space.high))
+    low, high = max(float(low.max()), -_FURTHEST), min(float(high.min()), _FURTHEST)
+    for _ in range(_NARROWER):
+        scaled = np.tile(theta, (_FACTORS, 1))
+        scaled[:, some] *= np.exp(factors := np.linspace(low, high, _FACTORS))[:, None]
+        found = np.tile(z, (_FACTORS, 1))
+        found[:, some] = space.z(scaled)[:, some]
+        best = int(((found @ space.precision) * found).sum(axis=1).argmin())
+        low, high = float(factors[max(best - 1, 0)]), float(factors[min(best + 1, _FACTORS - 1)])
+    return np.clip(found[best], space.z_low, space.z_high)
 
 
 def parameters_by_place(core: CoreArrays) -> dict[int, list[int]]:

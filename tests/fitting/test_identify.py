@@ -6,6 +6,8 @@ import pytest
 import cmbrl
 from cmbrl.fitting.discrepancy import Discrepancy
 from cmbrl.fitting.evidence import Evidence
+from cmbrl.fitting.folds import draw_starts
+from cmbrl.fitting.gauge import common_factors, nearest
 from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.identify import _flat_directions, identify
 from cmbrl.fitting.objective import Objective
@@ -134,3 +136,22 @@ def test_a_right_model_keeps_its_intervals(slider):
     own = _widened(truth.with_settings(threads=1), log)[3]
     wrong = _widened(model, log)[3]
     assert 1e3 * np.trace(own) < np.trace(wrong)
+
+
+def test_the_unit_of_force_is_the_one_nearest_to_the_file(carts):
+    """Masses, motors and friction at three times the file's move as the file's do: the prior tells their size."""
+    model = carts.model(2)
+    data = carts.record(carts.truth(2, gear_1=0.9), episodes=8, steps=30, noise=1e-3)
+    evidence = Evidence.of(model, data)
+    space = evidence.space
+    loss = evidence.loss(draw_starts(data, 1, 1000, 0), 1, Scales.of(model.scene, data, 2.0))
+    free = space.columns(["mass", "damping", "frictionloss", "gear"])
+    of_each = common_factors(model.scene.core, free[: len(model.parameters)])
+    assert len(of_each) == 2  # the carts do not touch
+    z = space.z(np.where(free, 3.0 * space.nominal, space.nominal))
+    near = nearest(space, z, of_each)
+    before, after = loss.values(space.theta(np.stack([z, near])))
+    assert after == pytest.approx(before, rel=1e-9)
+    np.testing.assert_allclose(space.theta(near), space.nominal, rtol=0.02)
+    one = space.columns(["gear"])[: len(model.parameters)]
+    assert common_factors(model.scene.core, one) == []  # the masses are known, and with them the unit
