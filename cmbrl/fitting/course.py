@@ -30,7 +30,7 @@ from cmbrl.fitting.random_search import random_search
 from cmbrl.fitting.sliding import label, supported_sliding
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.fitting.survey import Judge, Survey, Surveyor
-from cmbrl.fitting.trials import Incumbent
+from cmbrl.fitting.trials import LEAST_STRAIN, Incumbent
 from cmbrl.fitting.unseen import Unseen, held_out_rows
 from cmbrl.models.observation import DELAY, LAG
 
@@ -177,18 +177,30 @@ class Course:
             self.journal.report(0.8, "polish")
             candidates, course = 0, []
             keep = partial(setattr, incumbent, "z")
-            for _ in range(2):  # the second time, the prior is weighted by the remaining errors
-                objective = Objective.at(loss, self.evidence.space, incumbent.active, incumbent.z)
+            moves = incumbent.active
+            for again in (False, True):  # the second time, the prior is weighted by the remaining errors
+                if again:
+                    incumbent.z, moves = self._unit_of_force(incumbent.z, moves)
+                objective = Objective.at(loss, self.evidence.space, moves, incumbent.z)
                 found = gauss_newton(objective, incumbent.z, self.budget.polish_iterations, self.journal, keep)
                 incumbent.z = found.z
                 course += [(candidates + count, value) for count, value in found.course]
                 candidates += found.candidates
-            scene = self.evidence.model.scene
-            sets = common_factors(scene.core, incumbent.active[: len(scene.parameters)])
-            incumbent.z = nearest(self.evidence.space, incumbent.z, sets)
             return {"z": incumbent.z.tolist(), "candidates": candidates, "course": course}
 
         self._take("polish", compute)
+
+    def _unit_of_force(self, z: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """``z`` (n,) with a unit of force near the file's if it has gone far from it, and what may move without it.
+
+        The smoothing of contacts is not in that unit: a larger one makes contacts harder, and a fit drifts there.
+        """
+        space, scene = self.evidence.space, self.evidence.model.scene
+        sets = common_factors(scene.core, active[: len(scene.parameters)])
+        near = nearest(space, z, sets)
+        if 0.5 * (z @ space.precision @ z - near @ space.precision @ near) < LEAST_STRAIN:
+            return z, active
+        return near, active & ~np.isin(np.arange(len(z)), [members[0] for members in sets])
 
     def _take(self, name: str, compute: Callable[[], dict[str, Any]]) -> None:
         outcome, incumbent = self.journal.unit(name, compute), self.incumbent
