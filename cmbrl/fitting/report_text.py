@@ -41,7 +41,8 @@ def verdict(report: Mapping[str, Any]) -> str:
     early = f"Stopped early ({report['stopped']}). " if report["stopped"] is not None else ""
     held_out = [report["loss"].get(f"held out, {which}") for which in ("nominal", "fitted")]
     if not report.get("fitted"):
-        return f"{early}Nothing was fitted: the file explains the log as well."
+        why = "no parameter had moved yet" if early else "the file explains the log as well"
+        return f"{early}Nothing was fitted: {why}."
     if None in held_out:
         return f"{early}Nothing was held out: this fit has not been judged."
     if lost := warning(report.get("horizons", ())):
