@@ -315,19 +315,22 @@ class ComplementarityModel:
         u: np.ndarray,
         theta: np.ndarray | None = None,
         jacobian: bool = False,
-        parameter_jacobian: bool = False,
+        parameter_jacobian: bool | np.ndarray = False,
         impulse: bool = False,
     ) -> StepResult:
         """The same step on numpy arrays, with what the solver reports; theta (np,) or (B, np).
 
+        ``parameter_jacobian``: adds columns by all parameters to the Jacobian, or by those whose numbers are given.
         Raises UserError and handles rows that are not finite as ``step`` does; Ctrl-C ends it between packs of states.
         """
         q, v, u, theta = self._arrays(theta, q=q, v=v, u=u)
-        parameter_jacobian = switch(parameter_jacobian, "parameter_jacobian")
-        jacobian, impulse = switch(jacobian, "jacobian") or parameter_jacobian, switch(impulse, "impulse")
-        out = self.stepper.forward(
-            q, v, u, theta, jacobian=jacobian, jacobian_theta=parameter_jacobian, impulse=impulse
-        )
+        if isinstance(parameter_jacobian, np.ndarray):
+            columns: np.ndarray | None = np.ascontiguousarray(parameter_jacobian, dtype=np.int64)
+        else:
+            every = switch(parameter_jacobian, "parameter_jacobian")
+            columns = np.arange(len(self.parameters)) if every else None
+        jacobian, impulse = switch(jacobian, "jacobian") or columns is not None, switch(impulse, "impulse")
+        out = self.stepper.forward(q, v, u, theta, jacobian=jacobian, columns=columns, impulse=impulse)
         return StepResult(**out)
 
     def parameter_jacobian(
