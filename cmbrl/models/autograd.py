@@ -82,7 +82,7 @@ class Stepper:
     def forward(self, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray, **wanted: Any) -> dict[str, Any]:
         """One control step from q (B, nq), v (B, nv), u (B, nu) at theta (np,) or (B, np).
 
-        ``wanted``: extra results among tape, jacobian and impulse; columns (k,), parameters that the Jacobian goes on with.
+        ``wanted``: extra results among tape, jacobian and impulse; columns (k,): parameters of the Jacobian.
         """
         return self.core.forward(q, v, u, theta, self.options, threads=self.threads, **wanted)
 
