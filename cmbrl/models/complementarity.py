@@ -358,13 +358,16 @@ class ComplementarityModel:
         )  # fmt: skip
         return losses.mean(axis=1) / windows.horizon
 
-    def smooth_dynamics(self, q: np.ndarray, v: np.ndarray, theta: np.ndarray | None = None) -> dict[str, np.ndarray]:
+    def smooth_dynamics(
+        self, q: np.ndarray, v: np.ndarray, theta: np.ndarray | None = None, contacts: bool = True
+    ) -> dict[str, np.ndarray]:
         """M (B, nv, nv) with armature, bias (B, nv), gap (B, nc), and rows J (B, nc, 2 or 3, nv): normal, tangents.
 
         Also length (B, nv + tendons) of what limits and actuators act along; 0 for the coordinates of a ball.
+        ``contacts``: whether gaps and rows are wanted, which are large where many bodies could touch.
         """
         q, v, theta = self._arrays(theta, q=q, v=v)
-        return self.stepper.core.dynamics(q, v, theta, self.stepper.options)
+        return self.stepper.core.dynamics(q, v, theta, self.stepper.options, contacts)
 
     def contact_problems(
         self, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray | None = None

@@ -150,19 +150,21 @@ class Core {
     return nb::cast(out);
   }
 
-  nb::dict dynamics(Array q, Array v, std::optional<Array> theta, nb::dict options) {
+  nb::dict dynamics(Array q, Array v, std::optional<Array> theta, nb::dict options, bool contacts) {
     const Model& m = data_->model;
     Options o = settings(options);
     Batch b = states(q, v, nullptr, theta);
     nb::dict out;
     size_t n = b.n, nv = m.nv, rows = m.planar ? 2 : 3;
-    double *M, *bias, *length, *gap, *J;
+    double *M, *bias, *length, *gap = nullptr, *J = nullptr;
     out["M"] = make_array<double>({n, nv, nv}, &M);
     out["bias"] = make_array<double>({n, nv}, &bias);
     out["length"] = make_array<double>({n, size_t(m.nline)}, &length);
-    out["gap"] = make_array<double>({n, size_t(m.ncontact)}, &gap);
-    out["J"] = make_array<double>({n, size_t(m.ncontact), rows, nv}, &J);
-    std::memset(J, 0, n * m.ncontact * rows * nv * sizeof(double));
+    if (contacts) {
+      out["gap"] = make_array<double>({n, size_t(m.ncontact)}, &gap);
+      out["J"] = make_array<double>({n, size_t(m.ncontact), rows, nv}, &J);
+      std::memset(J, 0, n * m.ncontact * rows * nv * sizeof(double));
+    }
     run(b.n, 1, Purpose::step, [&](int64_t s, int64_t e, StepMemory& w) { backend_.dynamics(m, o, b, M, bias, length, gap, J, s, e, w); });
     return out;
   }
@@ -316,7 +318,7 @@ void bind_core(nb::module_& module) {
            "want_theta"_a = false, "threads"_a = 1)
       .def("loss", &Core::loss, "q"_a, "v"_a, "u"_a, "q_next"_a, "v_next"_a, "starts"_a, "horizon"_a, "theta"_a, "scale_q"_a,
            "scale_v"_a, "huber"_a, "fail_penalty"_a, "options"_a, "threads"_a = 1)
-      .def("dynamics", &Core::dynamics, "q"_a, "v"_a, "theta"_a.none(), "options"_a)
+      .def("dynamics", &Core::dynamics, "q"_a, "v"_a, "theta"_a.none(), "options"_a, "contacts"_a = true)
       .def("rows", &Core::rows, "q"_a, "v"_a, "u"_a, "theta"_a.none(), "options"_a)
       .def("bodies", &Core::bodies, "q"_a, "v"_a, "bodies"_a, "threads"_a = 1)
       .def("bodies_backward", &Core::bodies_backward, "q"_a, "v"_a, "bodies"_a, "cotangent"_a, "threads"_a = 1)
