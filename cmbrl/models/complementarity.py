@@ -367,7 +367,12 @@ class ComplementarityModel:
         ``contacts``: whether gaps and rows are wanted, which are large where many bodies could touch.
         """
         q, v, theta = self._arrays(theta, q=q, v=v)
-        return self.stepper.core.dynamics(q, v, theta, self.stepper.options, contacts)
+        return self.stepper.core.dynamics(q, v, theta, self.stepper.options, contacts, contacts)
+
+    def gaps(self, q: np.ndarray, theta: np.ndarray | None = None) -> np.ndarray:
+        """Gap [m] (B, nc) of every candidate at q (B, nq)."""
+        q, v, theta = self._arrays(theta, q=q, v=np.zeros((len(q), self.scene.nv)))
+        return np.asarray(self.stepper.core.dynamics(q, v, theta, self.stepper.options, rows=False)["gap"])
 
     def contact_problems(
         self, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray | None = None

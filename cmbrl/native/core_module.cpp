@@ -150,7 +150,7 @@ class Core {
     return nb::cast(out);
   }
 
-  nb::dict dynamics(Array q, Array v, std::optional<Array> theta, nb::dict options, bool contacts) {
+  nb::dict dynamics(Array q, Array v, std::optional<Array> theta, nb::dict options, bool gaps, bool contact_rows) {
     const Model& m = data_->model;
     Options o = settings(options);
     Batch b = states(q, v, nullptr, theta);
@@ -160,8 +160,8 @@ class Core {
     out["M"] = make_array<double>({n, nv, nv}, &M);
     out["bias"] = make_array<double>({n, nv}, &bias);
     out["length"] = make_array<double>({n, size_t(m.nline)}, &length);
-    if (contacts) {
-      out["gap"] = make_array<double>({n, size_t(m.ncontact)}, &gap);
+    if (gaps) out["gap"] = make_array<double>({n, size_t(m.ncontact)}, &gap);
+    if (contact_rows) {
       out["J"] = make_array<double>({n, size_t(m.ncontact), rows, nv}, &J);
       std::memset(J, 0, n * m.ncontact * rows * nv * sizeof(double));
     }
@@ -318,7 +318,8 @@ void bind_core(nb::module_& module) {
            "want_theta"_a = false, "threads"_a = 1)
       .def("loss", &Core::loss, "q"_a, "v"_a, "u"_a, "q_next"_a, "v_next"_a, "starts"_a, "horizon"_a, "theta"_a, "scale_q"_a,
            "scale_v"_a, "huber"_a, "fail_penalty"_a, "options"_a, "threads"_a = 1)
-      .def("dynamics", &Core::dynamics, "q"_a, "v"_a, "theta"_a.none(), "options"_a, "contacts"_a = true)
+      .def("dynamics", &Core::dynamics, "q"_a, "v"_a, "theta"_a.none(), "options"_a, "gaps"_a = true,
+           "rows"_a = true)
       .def("rows", &Core::rows, "q"_a, "v"_a, "u"_a, "theta"_a.none(), "options"_a)
       .def("bodies", &Core::bodies, "q"_a, "v"_a, "bodies"_a, "threads"_a = 1)
       .def("bodies_backward", &Core::bodies_backward, "q"_a, "v"_a, "bodies"_a, "cotangent"_a, "threads"_a = 1)

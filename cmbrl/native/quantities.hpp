@@ -4,8 +4,8 @@
 
 namespace cmbrl::CMBRL_ISA {
 
-// M (n, nv, nv) with armature, bias (n, nv), lengths of lines (n, nline), and, unless these are null, gaps
-// (n, ncontact) and normal and tangent rows J (n, ncontact, 1 + NT, nv).
+// M (n, nv, nv) with armature, bias (n, nv), lengths of lines (n, nline), and of contacts, where they
+// are not null, gaps (n, ncontact), normal and tangent rows J (n, ncontact, 1 + NT, nv).
 template <class G>
 static void smooth_quantities(const Model& m, const Options& o, const Batch& b, double* M, double* bias, double* length, double* gap, double* J,
                               int64_t begin, int64_t end, StepMemory& memory) {
@@ -26,7 +26,7 @@ static void smooth_quantities(const Model& m, const Options& o, const Batch& b, 
     mass_matrix(m, w);
     for (int i = 0; i < m.nline; ++i) add_square(m, w, i, w.P[m.oDof + i * kDofFields + kArmature], w.M, m.mass);
     w.ncon = 0;
-    if (gap) find_contacts(m, every, w, false);
+    if (gap || J) find_contacts(m, every, w, false);
     for (int i = 0; gap && i < m.ncontact; ++i)
       for (int lane = 0; m.con_type[i] == kHulls && lane < l.n; ++lane) gap[l.at[lane] * m.ncontact + i] = kAway;
     scatter_packed(w.M, nv, m.mass, l, M);
@@ -34,9 +34,9 @@ static void smooth_quantities(const Model& m, const Options& o, const Batch& b, 
     scatter(w.line_length, m.nline, m.nline, l, length);
     for (int i = 0; i < w.ncon; ++i) {
       const Contact<G>& c = w.con[i];
-      for (int lane = 0; lane < l.n; ++lane) gap[l.at[lane] * m.ncontact + c.index] = c.phi[lane];
+      for (int lane = 0; gap && lane < l.n; ++lane) gap[l.at[lane] * m.ncontact + c.index] = c.phi[lane];
       int g = m.con_group[c.index];
-      for (int r = 0; r < c.rows; ++r)
+      for (int r = 0; J && r < c.rows; ++r)
         for (int k = m.grp_dptr[g]; k < m.grp_dptr[g + 1]; ++k) {
           T x = dot(w.S[m.grp_dof[k]], c.Wr[r]);
           for (int lane = 0; lane < l.n; ++lane)

@@ -54,6 +54,10 @@ def assert_same(file: Path, seed: int = 0, spread: float = 0.5, contacts_expecte
     q, v = random_states(scene, seed, spread)
     ours = ComplementarityModel(scene).smooth_dynamics(q, v)
     np.testing.assert_allclose(ours["gap"], scene.gaps(q), rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(ComplementarityModel(scene).gaps(q), ours["gap"])
+    bare = ComplementarityModel(scene).smooth_dynamics(q, v, contacts=False)
+    assert set(bare) == {"M", "bias", "length"}
+    assert all((bare[name] == ours[name]).all() for name in bare)
     pairs = [frozenset(name.split(" - ")) for name in scene.contact_names]
     seen = 0
     for k in range(STATES):
