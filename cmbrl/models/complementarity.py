@@ -224,7 +224,7 @@ class ComplementarityModel:
             law = "rigid" if scene.contact_law == "mujoco" else "mujoco"
             other = Scene.from_mjcf(scene.path, scene.ignore, law, self_contact=scene.self_contact, drives=scene.drives)
             found[f"contact law {law}"] = self.with_settings(
-                scene=other, parameters=None, candidates=None, sliding=None
+                scene=other, parameters=None, candidates=None, sliding=None, look_ahead=None, damping=None
             )
         return found
 
@@ -367,12 +367,7 @@ class ComplementarityModel:
         ``contacts``: whether gaps and rows are wanted, which are large where many bodies could touch.
         """
         q, v, theta = self._arrays(theta, q=q, v=v)
-        return self.stepper.core.dynamics(q, v, theta, self.stepper.options, contacts, contacts)
-
-    def gaps(self, q: np.ndarray, theta: np.ndarray | None = None) -> np.ndarray:
-        """Gap [m] (B, nc) of every candidate at q (B, nq)."""
-        q, v, theta = self._arrays(theta, q=q, v=np.zeros((len(q), self.scene.nv)))
-        return np.asarray(self.stepper.core.dynamics(q, v, theta, self.stepper.options, rows=False)["gap"])
+        return self.stepper.core.dynamics(q, v, theta, self.stepper.options, contacts)
 
     def contact_problems(
         self, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray | None = None

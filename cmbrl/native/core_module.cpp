@@ -150,7 +150,7 @@ class Core {
     return nb::cast(out);
   }
 
-  nb::dict dynamics(Array q, Array v, std::optional<Array> theta, nb::dict options, bool gaps, bool contact_rows) {
+  nb::dict dynamics(Array q, Array v, std::optional<Array> theta, nb::dict options, bool contacts) {
     const Model& m = data_->model;
     Options o = settings(options);
     Batch b = states(q, v, nullptr, theta);
@@ -160,13 +160,30 @@ class Core {
     out["M"] = make_array<double>({n, nv, nv}, &M);
     out["bias"] = make_array<double>({n, nv}, &bias);
     out["length"] = make_array<double>({n, size_t(m.nline)}, &length);
-    if (gaps) out["gap"] = make_array<double>({n, size_t(m.ncontact)}, &gap);
-    if (contact_rows) {
+    if (contacts) {
+      out["gap"] = make_array<double>({n, size_t(m.ncontact)}, &gap);
       out["J"] = make_array<double>({n, size_t(m.ncontact), rows, nv}, &J);
       std::memset(J, 0, n * m.ncontact * rows * nv * sizeof(double));
     }
     run(b.n, 1, Purpose::step, [&](int64_t s, int64_t e, StepMemory& w) { backend_.dynamics(m, o, b, M, bias, length, gap, J, s, e, w); });
     return out;
+  }
+
+  // Of all candidates, at the nominal parameters.
+  nb::object gaps(Array q) {
+    const Model& m = data_->model;
+    int64_t n = int64_t(q.ndim() ? q.shape(0) : 0);
+    check(q, "q", {n, m.nq});
+    std::vector<double> still(m.nv);
+    Batch b{};
+    b.n = n; b.q = q.data(); b.q_stride = m.nq; b.v = still.data();
+    Options o{};
+    o.h = 1;
+    double* gap;
+    auto out = make_array<double>({size_t(n), size_t(m.ncontact)}, &gap);
+    run(n, 1, Purpose::step,
+        [&](int64_t s, int64_t e, StepMemory& w) { backend_.dynamics(m, o, b, nullptr, nullptr, nullptr, gap, nullptr, s, e, w); });
+    return nb::cast(out);
   }
 
   nb::dict rows(Array q, Array v, Array u, std::optional<Array> theta, nb::dict options) {
@@ -318,8 +335,9 @@ void bind_core(nb::module_& module) {
            "want_theta"_a = false, "threads"_a = 1)
       .def("loss", &Core::loss, "q"_a, "v"_a, "u"_a, "q_next"_a, "v_next"_a, "starts"_a, "horizon"_a, "theta"_a, "scale_q"_a,
            "scale_v"_a, "huber"_a, "fail_penalty"_a, "options"_a, "threads"_a = 1)
-      .def("dynamics", &Core::dynamics, "q"_a, "v"_a, "theta"_a.none(), "options"_a, "gaps"_a = true,
-           "rows"_a = true)
+      .def("dynamics", &Core::dynamics, "q"_a, "v"_a, "theta"_a.none(), "options"_a,
+           "contacts"_a = true)
+      .def("gaps", &Core::gaps, "q"_a)
       .def("rows", &Core::rows, "q"_a, "v"_a, "u"_a, "theta"_a.none(), "options"_a)
       .def("bodies", &Core::bodies, "q"_a, "v"_a, "bodies"_a, "threads"_a = 1)
       .def("bodies_backward", &Core::bodies_backward, "q"_a, "v"_a, "bodies"_a, "cotangent"_a, "threads"_a = 1)

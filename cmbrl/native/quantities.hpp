@@ -4,8 +4,8 @@
 
 namespace cmbrl::CMBRL_ISA {
 
-// M (n, nv, nv) with armature, bias (n, nv), lengths of lines (n, nline), and of contacts, where they
-// are not null, gaps (n, ncontact), normal and tangent rows J (n, ncontact, 1 + NT, nv).
+// M (n, nv, nv) with armature, bias (n, nv), lengths of lines (n, nline), gaps (n, ncontact), normal and tangent rows J
+// (n, ncontact, 1 + NT, nv): those that are not null.
 template <class G>
 static void smooth_quantities(const Model& m, const Options& o, const Batch& b, double* M, double* bias, double* length, double* gap, double* J,
                               int64_t begin, int64_t end, StepMemory& memory) {
@@ -29,7 +29,7 @@ static void smooth_quantities(const Model& m, const Options& o, const Batch& b, 
     if (gap || J) find_contacts(m, every, w, false);
     for (int i = 0; gap && i < m.ncontact; ++i)
       for (int lane = 0; m.con_type[i] == kHulls && lane < l.n; ++lane) gap[l.at[lane] * m.ncontact + i] = kAway;
-    scatter_packed(w.M, nv, m.mass, l, M);
+    if (M) scatter_packed(w.M, nv, m.mass, l, M);
     scatter(w.bias, nv, nv, l, bias);
     scatter(w.line_length, m.nline, m.nline, l, length);
     for (int i = 0; i < w.ncon; ++i) {

@@ -62,7 +62,7 @@ def one_step(model: ComplementarityModel, unseen: Unseen) -> OneStep:
             if len(actuators) == 1:
                 command[:, dof] = seen.u[rows, actuators[0]]
         q = seen.q[rows]
-        gap = model.gaps(q).min(axis=-1, initial=np.inf)
+        gap = scene.gaps(q).min(axis=-1, initial=np.inf)
         parts.append((*errors, command, log.v[rows], coordinates(model, q), gap))
     rows = np.concatenate(_thinned(unseen))
     before, after, command, speed, position, gap = (np.concatenate(columns) for columns in zip(*parts, strict=True))
