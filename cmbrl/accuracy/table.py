@@ -30,7 +30,7 @@ class Entry:
     error: float  # normalised RMSE, pooled
     median: float  # normalised, over windows
     physical: dict[str, float]  # kind of coordinate, or kind + "_velocity" -> RMSE [m, rad, m/s, rad/s]
-    penetration_max_mm: float  # over all predicted states
+    penetration_max_mm: float  # over predicted states: all, or some steps of each window if candidates are very many
     penetration_mean_mm: float  # mean over those states of the deepest penetration; zero without contact
     diverged: int  # windows with a prediction that is not finite
     failures: int | None  # steps whose solver did not converge, in "all" only; None: solves nothing
