@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.hulls import has_sides
-from cmbrl.scene.mixing import collision_pairs, contact_law, pair_label
+from cmbrl.scene.mixing import collision_pairs, contact_law, inverse_weight, pair_label
 from cmbrl.scene.near import false_pairs, near_pairs
 from cmbrl.scene.reach import Balls, height_range
 from cmbrl.scene.records import WORLD, Array, Candidate, ContactKind, ContactLaw, LeftOut, Tree, When
@@ -161,7 +161,7 @@ class ContactBuilder:
         if geom not in self._surfaces:
             fields = [name for name in _SURFACE if hasattr(self.model, name)]
             numbers = [np.ravel(getattr(self.model, name)[geom]).astype(float) for name in fields]
-            weight = self.model.body_invweight0[self.model.geom_bodyid[geom], 0]
+            weight = inverse_weight(self.model, int(self.model.geom_bodyid[geom]))
             self._surfaces[geom] = np.concatenate([*numbers, [weight]]).tobytes()
         return self._surfaces[geom]
 
