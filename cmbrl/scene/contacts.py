@@ -111,15 +111,19 @@ class ContactBuilder:
         return bool(root[0] == root[1] and root[0] != 0)
 
     def _hulls(self, a: Shape, b: Shape, law: ContactLaw) -> list[Candidate]:
-        """Of two meshes, or a mesh and a box: what touches where rows do not look ahead. Only closed gaps are seen."""
-        if {a.kind, b.kind} not in ({"mesh"}, {"mesh", "box"}) or law.margin > 0:
+        """Of two meshes or boxes: what touches where rows do not look ahead. Only closed gaps are seen.
+
+        Of two boxes in space, edges that cross wherever they are: corners alone would let them through each other.
+        """
+        boxes = a.kind == b.kind == "box"
+        if not {a.kind, b.kind} <= {"mesh", "box"} or law.margin > 0 or (boxes and self.normal is not None):
             return []
         if not (has_sides(self.model, a.geom) and has_sides(self.model, b.geom)) or a.rounding or b.rounding:
             return []
         a, b = (b, a) if a.body == WORLD else (a, b)
-        kind, geoms = ContactKind.HULLS, (a.geom, b.geom)
+        kind, geoms, when = ContactKind.HULLS, (a.geom, b.geom), When.ALWAYS if boxes else When.CLOSED
         one = Candidate(
-            kind, geoms, a.body, b.body, a.pos, _ZERO, b.pos, _ZERO, _UPRIGHT, _ZERO, 0.0, 0.0, law, when=When.CLOSED,
+            kind, geoms, a.body, b.body, a.pos, _ZERO, b.pos, _ZERO, _UPRIGHT, _ZERO, 0.0, 0.0, law, when=when,
         )  # fmt: skip
         return [one] * _SIDES
 
