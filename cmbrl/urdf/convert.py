@@ -97,8 +97,11 @@ def convert(
         spec, more = _read(robot, meshes, file)
         if floating:
             _put_down(spec)
+        else:
+            _part_from_base(spec)
         if floor:
-            spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
+            ground = spec.worldbody if floating else spec.worldbody.add_body(name="ground")
+            ground.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
         if actuators == "motor":
             more += add_motors(spec)
         elif actuators == "position":
@@ -200,6 +203,20 @@ def _put_down(spec: mujoco.MjSpec) -> None:
     lowest = min((_lowest(model, data, g) for g in range(model.ngeom)), default=0.0)
     root = next(body for body in spec.bodies if body.parent == spec.worldbody)
     root.pos[2] -= lowest
+
+
+def _part_from_base(spec: mujoco.MjSpec) -> None:
+    """Links that a fixed base carries do not touch it, as other neighbours do not: MuJoCo leaves only those apart.
+
+    Their shapes overlap at the joint, and would hold it fast.
+    """
+    spec.compiler.fusestatic = False  # so that a floor can be a body apart from the base
+    model = spec.compile()
+    fixed = [body for body in range(model.nbody) if model.body_weldid[body] == 0]
+    for link in range(1, model.nbody):
+        if model.body_jntnum[link] and model.body_parentid[link] in fixed:
+            for base in fixed:
+                spec.add_exclude(bodyname1=model.body(base).name, bodyname2=model.body(link).name)
 
 
 def _lowest(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float:

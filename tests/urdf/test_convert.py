@@ -189,6 +189,21 @@ def convert_text(urdf: Path, text: str, folder: Path) -> Conversion:
     return convert(urdf, folder / "leg.xml")
 
 
+def test_a_fixed_base_does_not_hold_the_link_that_it_carries(urdf: Path, tmp_path: Path) -> None:
+    """Their shapes overlap at the joint; the floor is still there for both."""
+    overlapping = robot().replace('<origin xyz="0 0 .2"/>', '<origin xyz="0 0 .01"/>')
+    model = convert_text(urdf, overlapping, tmp_path).model
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert data.ncon == 0
+    urdf.write_text(overlapping)
+    model = convert(urdf, tmp_path / "leg.xml", floor=True).model
+    data = mujoco.MjData(model)
+    data.joint("knee").qpos[0] = 3.0  # head over heels, into the floor
+    mujoco.mj_forward(model, data)
+    assert {model.geom(int(g)).name for g in data.contact.geom.ravel()} >= {"floor"}
+
+
 def test_the_command_says_what_it_wrote(urdf: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "robots/leg.xml"
     command = ["convert", str(urdf), str(out), "--floating", "--floor", "--actuators", "position", "--kp", "20"]
