@@ -90,7 +90,7 @@ def _felt(
 
     def felt(z: np.ndarray) -> np.ndarray:
         theta = space.theta(z)
-        dynamics = model.smooth_dynamics(poses, still, theta[:free])
+        dynamics = model.smooth_dynamics(poses, still, theta[:free], contacts=False)
         inertia = np.array([dynamics["M"][0, d, d] for d in places])
         sides = np.array([[dynamics["bias"][1 + 2 * k + side, d] for side in (0, 1)] for k, d in enumerate(places)])
         hinge = np.array([joint.kind == JointKind.HINGE for joint in joints], dtype=bool)

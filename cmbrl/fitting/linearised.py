@@ -52,11 +52,11 @@ class Lineariser:
 
     def at(self, part: slice = slice(None)) -> Linearised:
         """Those windows in ``part``."""
-        nv, first = self.model.scene.nv, 2 * self.model.scene.nv + self.model.scene.inputs  # of the parameters
+        nv, first = self.model.scene.nv, 2 * self.model.scene.nv + self.model.scene.inputs  # of the parameters' columns
         counts, uncertain = self.windows.scales.counts, self.windows.scales.uncertain
         starts, units = self.windows.starts[part], self.windows.units[part if self.windows.own else slice(None)]
-        steps, off = _predicted(self.model, self.seen, part, self.physical, bool(len(self.of_model)))
-        touched = _touched(steps, first + self.of_model)
+        steps, off = _predicted(self.model, self.seen, part, self.physical, self.of_model)
+        touched = _touched(steps, first)
         told = np.union1d(touched, self.of_log)
         model_columns, log_columns = np.searchsorted(told, touched), np.searchsorted(told, self.of_log)
         state = np.zeros((len(starts), 2 * nv, len(told) + len(uncertain)))
@@ -66,7 +66,7 @@ class Lineariser:
         for j, step in enumerate(steps):
             assert step.jacobian is not None
             state = step.jacobian[:, :, : 2 * nv] @ state
-            state[:, :, model_columns] += step.jacobian[:, :, first + self.of_model[touched]]
+            state[:, :, model_columns] += step.jacobian[:, :, first + touched]
             if self.controls is not None:
                 state[:, :, log_columns] += step.jacobian[:, :, 2 * nv : first] @ self.controls[starts + j]
             # The tangent of the prediction replaces that of the difference; they are equal for small rotation errors.
@@ -78,7 +78,7 @@ class Lineariser:
 
 
 def _predicted(
-    model: ComplementarityModel, windows: Windows, part: slice, theta: np.ndarray, by_theta: bool
+    model: ComplementarityModel, windows: Windows, part: slice, theta: np.ndarray, columns: np.ndarray
 ) -> tuple[list[StepResult], np.ndarray]:
     """The steps of the windows with their Jacobians, and predicted less logged states (s, steps, 2 nv)."""
     data, starts, scene = windows.data, windows.starts[part], model.scene
@@ -86,17 +86,14 @@ def _predicted(
     steps, off = [], np.empty((len(starts), windows.horizon, 2 * scene.nv))
     for j in range(windows.horizon):
         rows = starts + j
-        step = model.predict(q, v, data.u[rows], theta=theta, jacobian=True, parameter_jacobian=by_theta)
+        step = model.predict(q, v, data.u[rows], theta=theta, jacobian=True, parameter_jacobian=columns)
         q, v = step.q_next, step.v_next
         off[:, j, : scene.nv], off[:, j, scene.nv :] = scene.difference(data.q_next[rows], q), v - data.v_next[rows]
         steps.append(step)
     return steps, off
 
 
-def _touched(steps: Sequence[StepResult], columns: np.ndarray) -> np.ndarray:
-    """Which of some ``columns`` of the Jacobians are not zero in all ``steps``."""
-    found = np.zeros(len(columns), dtype=bool)
-    for step in steps if len(columns) else ():
-        assert step.jacobian is not None
-        found |= (step.jacobian[:, :, columns[0] :] != 0.0).any(axis=(0, 1))[columns - columns[0]]
-    return np.flatnonzero(found)
+def _touched(steps: Sequence[StepResult], first: int) -> np.ndarray:
+    """Which columns of the Jacobians, counted from the ``first`` of a parameter, are not zero in all ``steps``."""
+    columns = [step.jacobian[:, :, first:] for step in steps if step.jacobian is not None]
+    return np.flatnonzero(np.any([(part != 0.0).any(axis=(0, 1)) for part in columns], axis=0))

@@ -12,7 +12,7 @@ nothing to gain: a file that is right stays as it is.
 If no group helps alone, several may help together (masses are uninformative while gears and armatures are held). All
 remaining groups enter the forecast, those that contribute less than ``LEAST_GAIN`` leave it one by one, and the rest is
 tried as a whole. Groups with zero derivatives (restitution before anything bounces) come last. At the end, groups that
-later ones made superfluous are removed.
+later ones made superfluous are removed, in the order of the forecast, until ``TRIED`` in a row prove to be needed.
 """
 
 from __future__ import annotations
@@ -125,25 +125,34 @@ class Selection(Trials):
         return [g for g in groups if not incumbent.active[self.space.columns([g])].any()]
 
     def _remove(self, incumbent: Incumbent, before: Errors) -> None:
-        """Removes groups one by one; those whose loss the forecast says is large keep their place without a refit."""
-        groups = self._active(incumbent)
-        if not groups:
-            return
-        equations, kept = self._equations(incumbent), self._kept(incumbent, before)
-        for group in groups:
-            columns = self.space.columns([group])
-            if rise(incumbent.z, incumbent.active, columns, equations) > CLEAR_RISE * kept.errors.mean:
-                continue
-            self.journal.report(0.6, f"removing {group}")
-            start = self._start(incumbent, columns, equations)
-            name = f"remove {len(incumbent.path)} {group}"
-            if self._needed_at_once(f"screen {name}", incumbent.active & ~columns, start, kept.errors):
-                continue
-            none = np.zeros_like(columns)
-            trial = self._trial(name, incumbent, incumbent.active & ~columns, start, none, kept.errors)
-            if trial.costs_nothing(kept.errors.mean, incumbent.score, kept.strain):
-                before = self._accept("remove", group, trial, incumbent)
+        """Removes groups one by one, those first whose loss the forecast says is small, until several in a row stay."""
+        tried: set[str] = set()
+        failures, equations, kept = 0, None, None
+        while failures < TRIED and (groups := [g for g in self._active(incumbent) if g not in tried]):
+            if equations is None or kept is None:
                 equations, kept = self._equations(incumbent), self._kept(incumbent, before)
+            costs = {g: rise(incumbent.z, incumbent.active, self.space.columns([g]), equations) for g in groups}
+            group = min(groups, key=lambda g: costs[g])
+            if costs[group] > CLEAR_RISE * kept.errors.mean:
+                return
+            tried.add(group)
+            trial = self._without(incumbent, group, equations, kept)
+            if trial is None:
+                failures += 1
+                continue
+            before = self._accept("remove", group, trial, incumbent)
+            failures, equations, kept = 0, None, None
+
+    def _without(self, incumbent: Incumbent, group: str, equations: NormalEquations, kept: Trial) -> Trial | None:
+        """A fit without ``group``; None if it is worse."""
+        columns = self.space.columns([group])
+        self.journal.report(0.6, f"removing {group}")
+        start, active = self._start(incumbent, columns, equations), incumbent.active & ~columns
+        name = f"remove {len(incumbent.path)} {group}"
+        if self._needed_at_once(f"screen {name}", active, start, kept.errors):
+            return None
+        trial = self._trial(name, incumbent, active, start, np.zeros_like(columns), kept.errors)
+        return trial if trial.costs_nothing(kept.errors.mean, incumbent.score, kept.strain) else None
 
     def _kept(self, incumbent: Incumbent, before: Errors) -> Trial:
         """The same fit with as many iterations more as one without a group gets, to be compared with."""

@@ -79,10 +79,10 @@ class Stepper:
         """The instruction set that the core runs on, and how many states it packs."""
         return f"{self.core.isa}, {self.core.width} lanes"
 
-    def forward(self, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray, **wanted: bool) -> dict[str, Any]:
+    def forward(self, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray, **wanted: Any) -> dict[str, Any]:
         """One control step from q (B, nq), v (B, nv), u (B, nu) at theta (np,) or (B, np).
 
-        ``wanted``: extra results among tape, jacobian, jacobian_theta and impulse.
+        ``wanted``: extra results among tape, jacobian and impulse; columns (k,): parameters of the Jacobian.
         """
         return self.core.forward(q, v, u, theta, self.options, threads=self.threads, **wanted)
 

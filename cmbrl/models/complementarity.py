@@ -224,7 +224,7 @@ class ComplementarityModel:
             law = "rigid" if scene.contact_law == "mujoco" else "mujoco"
             other = Scene.from_mjcf(scene.path, scene.ignore, law, self_contact=scene.self_contact, drives=scene.drives)
             found[f"contact law {law}"] = self.with_settings(
-                scene=other, parameters=None, candidates=None, sliding=None
+                scene=other, parameters=None, candidates=None, sliding=None, look_ahead=None, damping=None
             )
         return found
 
@@ -315,19 +315,22 @@ class ComplementarityModel:
         u: np.ndarray,
         theta: np.ndarray | None = None,
         jacobian: bool = False,
-        parameter_jacobian: bool = False,
+        parameter_jacobian: bool | np.ndarray = False,
         impulse: bool = False,
     ) -> StepResult:
         """The same step on numpy arrays, with what the solver reports; theta (np,) or (B, np).
 
+        ``parameter_jacobian``: adds columns by all parameters to the Jacobian, or by those whose numbers are given.
         Raises UserError and handles rows that are not finite as ``step`` does; Ctrl-C ends it between packs of states.
         """
         q, v, u, theta = self._arrays(theta, q=q, v=v, u=u)
-        parameter_jacobian = switch(parameter_jacobian, "parameter_jacobian")
-        jacobian, impulse = switch(jacobian, "jacobian") or parameter_jacobian, switch(impulse, "impulse")
-        out = self.stepper.forward(
-            q, v, u, theta, jacobian=jacobian, jacobian_theta=parameter_jacobian, impulse=impulse
-        )
+        if isinstance(parameter_jacobian, np.ndarray):
+            columns: np.ndarray | None = np.ascontiguousarray(parameter_jacobian, dtype=np.int64)
+        else:
+            every = switch(parameter_jacobian, "parameter_jacobian")
+            columns = np.arange(len(self.parameters)) if every else None
+        jacobian, impulse = switch(jacobian, "jacobian") or columns is not None, switch(impulse, "impulse")
+        out = self.stepper.forward(q, v, u, theta, jacobian=jacobian, columns=columns, impulse=impulse)
         return StepResult(**out)
 
     def parameter_jacobian(
@@ -355,13 +358,16 @@ class ComplementarityModel:
         )  # fmt: skip
         return losses.mean(axis=1) / windows.horizon
 
-    def smooth_dynamics(self, q: np.ndarray, v: np.ndarray, theta: np.ndarray | None = None) -> dict[str, np.ndarray]:
+    def smooth_dynamics(
+        self, q: np.ndarray, v: np.ndarray, theta: np.ndarray | None = None, contacts: bool = True
+    ) -> dict[str, np.ndarray]:
         """M (B, nv, nv) with armature, bias (B, nv), gap (B, nc), and rows J (B, nc, 2 or 3, nv): normal, tangents.
 
         Also length (B, nv + tendons) of what limits and actuators act along; 0 for the coordinates of a ball.
+        ``contacts``: whether gaps and rows are wanted, which are large where many bodies could touch.
         """
         q, v, theta = self._arrays(theta, q=q, v=v)
-        return self.stepper.core.dynamics(q, v, theta, self.stepper.options)
+        return self.stepper.core.dynamics(q, v, theta, self.stepper.options, contacts)
 
     def contact_problems(
         self, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray | None = None

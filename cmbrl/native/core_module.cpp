@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <cstring>
 #include <memory>
+#include <numeric>
 #include <tuple>
 
 #include "arrays.hpp"
@@ -61,8 +62,8 @@ class Core {
     if (!limits.empty() && int(limits.size()) != data_->model.ntheta) refuse("give one (name, low, high) for each parameter");
   }
 
-  nb::dict forward(Array q, Array v, Array u, std::optional<Array> theta, nb::dict options, bool jacobian, bool jacobian_theta,
-                   bool tape, bool impulse, int threads) {
+  nb::dict forward(Array q, Array v, Array u, std::optional<Array> theta, nb::dict options, bool jacobian,
+                   std::optional<Index> columns, bool tape, bool impulse, int threads) {
     const Model& m = data_->model;
     Options o = settings(options);
     Batch b = states(q, v, &u, theta);
@@ -74,8 +75,8 @@ class Core {
     out["iterations"] = make_array<int32_t>({n}, &b.iterations);
     out["rung"] = make_array<int32_t>({n}, &b.rung);
     out["residual"] = make_array<double>({n}, &b.residual);
-    b.jacobian_theta = jacobian_theta;
-    size_t ncol = 2 * m.nv + m.nu + (jacobian_theta ? m.ntheta : 0);
+    if (columns) want(b, columns->data(), int64_t(columns->size()));
+    size_t ncol = 2 * m.nv + m.nu + size_t(b.nwanted);
     if (jacobian) out["jacobian"] = make_array<double>({n, size_t(2 * m.nv), ncol}, &b.jacobian);
     if (tape) {
       auto* made = new Tape(b.n, backend_.tape_size(m, o));
@@ -111,7 +112,10 @@ class Core {
     out["gq"] = make_array<double>({n, size_t(m.nv)}, &b.gq);
     out["gv"] = make_array<double>({n, size_t(m.nv)}, &b.gv);
     out["gu"] = make_array<double>({n, size_t(m.nu)}, &b.gu);
-    if (want_theta) out["gtheta"] = make_array<double>({n, size_t(m.ntheta)}, &b.gtheta);
+    std::vector<int64_t> every(want_theta ? m.ntheta : 0);
+    std::iota(every.begin(), every.end(), 0);
+    want(b, every.data(), int64_t(every.size()));
+    if (want_theta) out["gtheta"] = make_array<double>({n, every.size()}, &b.gtheta);
     Elements order = most_contacts_first(b.tape, b.n, o.substeps, tape.size / o.substeps);
     run(b.n, threads, Purpose::product,
         [&](int64_t s, int64_t e, StepMemory& w) { backend_.backward(m, o, b, order.data(), s, e, w); });
@@ -146,21 +150,40 @@ class Core {
     return nb::cast(out);
   }
 
-  nb::dict dynamics(Array q, Array v, std::optional<Array> theta, nb::dict options) {
+  nb::dict dynamics(Array q, Array v, std::optional<Array> theta, nb::dict options, bool contacts) {
     const Model& m = data_->model;
     Options o = settings(options);
     Batch b = states(q, v, nullptr, theta);
     nb::dict out;
     size_t n = b.n, nv = m.nv, rows = m.planar ? 2 : 3;
-    double *M, *bias, *length, *gap, *J;
+    double *M, *bias, *length, *gap = nullptr, *J = nullptr;
     out["M"] = make_array<double>({n, nv, nv}, &M);
     out["bias"] = make_array<double>({n, nv}, &bias);
     out["length"] = make_array<double>({n, size_t(m.nline)}, &length);
-    out["gap"] = make_array<double>({n, size_t(m.ncontact)}, &gap);
-    out["J"] = make_array<double>({n, size_t(m.ncontact), rows, nv}, &J);
-    std::memset(J, 0, n * m.ncontact * rows * nv * sizeof(double));
+    if (contacts) {
+      out["gap"] = make_array<double>({n, size_t(m.ncontact)}, &gap);
+      out["J"] = make_array<double>({n, size_t(m.ncontact), rows, nv}, &J);
+      std::memset(J, 0, n * m.ncontact * rows * nv * sizeof(double));
+    }
     run(b.n, 1, Purpose::step, [&](int64_t s, int64_t e, StepMemory& w) { backend_.dynamics(m, o, b, M, bias, length, gap, J, s, e, w); });
     return out;
+  }
+
+  // Of all candidates, at the nominal parameters.
+  nb::object gaps(Array q) {
+    const Model& m = data_->model;
+    int64_t n = int64_t(q.ndim() ? q.shape(0) : 0);
+    check(q, "q", {n, m.nq});
+    std::vector<double> still(m.nv);
+    Batch b{};
+    b.n = n; b.q = q.data(); b.q_stride = m.nq; b.v = still.data();
+    Options o{};
+    o.h = 1;
+    double* gap;
+    auto out = make_array<double>({size_t(n), size_t(m.ncontact)}, &gap);
+    run(n, 1, Purpose::step,
+        [&](int64_t s, int64_t e, StepMemory& w) { backend_.dynamics(m, o, b, nullptr, nullptr, nullptr, gap, nullptr, s, e, w); });
+    return nb::cast(out);
   }
 
   nb::dict rows(Array q, Array v, Array u, std::optional<Array> theta, nb::dict options) {
@@ -253,6 +276,17 @@ class Core {
     set_theta(b, theta);
     return b;
   }
+  void want(Batch& b, const int64_t* columns, int64_t count) const {
+    std::vector<bool> seen(data_->model.ntheta);
+    for (int64_t i = 0; i < count; ++i) {
+      int64_t k = columns[i];
+      if (k < 0 || k >= int64_t(seen.size()) || seen[k])
+        refuse("column " + std::to_string(k) + " of " + std::to_string(seen.size()) + " parameters; give each number once, from 0");
+      seen[k] = true;
+    }
+    b.wanted = columns;
+    b.nwanted = count;
+  }
   void set_theta(Batch& b, const std::optional<Array>& theta) const {
     if (!theta) return;
     int64_t nt = data_->model.ntheta;
@@ -296,12 +330,14 @@ void bind_core(nb::module_& module) {
       .def(nb::init<nb::dict, const std::vector<std::tuple<std::string, double, double>>&, const std::string&>(), "scene"_a,
            "limits"_a = nb::list(), "isa"_a = "")
       .def("forward", &Core::forward, "q"_a, "v"_a, "u"_a, "theta"_a.none(), "options"_a, "jacobian"_a = false,
-           "jacobian_theta"_a = false, "tape"_a = false, "impulse"_a = false, "threads"_a = 1)
+           "columns"_a.none() = nb::none(), "tape"_a = false, "impulse"_a = false, "threads"_a = 1)
       .def("backward", &Core::backward, "u"_a, "theta"_a.none(), "tape"_a, "gq_next"_a, "gv_next"_a, "options"_a,
            "want_theta"_a = false, "threads"_a = 1)
       .def("loss", &Core::loss, "q"_a, "v"_a, "u"_a, "q_next"_a, "v_next"_a, "starts"_a, "horizon"_a, "theta"_a, "scale_q"_a,
            "scale_v"_a, "huber"_a, "fail_penalty"_a, "options"_a, "threads"_a = 1)
-      .def("dynamics", &Core::dynamics, "q"_a, "v"_a, "theta"_a.none(), "options"_a)
+      .def("dynamics", &Core::dynamics, "q"_a, "v"_a, "theta"_a.none(), "options"_a,
+           "contacts"_a = true)
+      .def("gaps", &Core::gaps, "q"_a)
       .def("rows", &Core::rows, "q"_a, "v"_a, "u"_a, "theta"_a.none(), "options"_a)
       .def("bodies", &Core::bodies, "q"_a, "v"_a, "bodies"_a, "threads"_a = 1)
       .def("bodies_backward", &Core::bodies_backward, "q"_a, "v"_a, "bodies"_a, "cotangent"_a, "threads"_a = 1)

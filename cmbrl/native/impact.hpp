@@ -8,30 +8,30 @@
 namespace cmbrl::CMBRL_ISA {
 
 template <class G>
-static void smooth_and_rows(const Model& m, const Options& o, Work<G>& w, bool theta) {
+static void smooth_and_rows(const Model& m, const Options& o, Work<G>& w) {
   smooth_terms(m, o, w, w.vn, w.Gq, w.Gv, w.Gu);
   InteriorPoint<G> ip(m, o, w);
   ip.rho = T{};
   ip.linearise_all(T{}, none());
   ip.factorise();
   contact_terms(m, o, w, w.Gq, w.Gv, false);
-  if (theta) parameter_terms(m, o, w, w.Gp);
-  rows_through_leap(m, w, w.Gq, w.Gv, w.Gu, w.Gp, theta);
+  parameter_terms(m, o, w, w.Gp);
+  rows_through_leap(m, w, w.Gq, w.Gv, w.Gu, w.Gp);
 }
 
 template <class G>
-static T* row_of_Z(const Model& m, const Work<G>& w, int row) { return w.Z + row * columns_of_step(m); }
+static T* row_of_Z(const Model& m, const Work<G>& w, int row) { return w.Z + row * columns_of_step(m, w); }
 // The same of cn0 of a bounce.
 template <class G>
 static T* row_of_bounce(const Model& m, const Work<G>& w, int row) { return row_of_Z(m, w, w.ncon + w.nlim + row); }
 
 // d cn0 = by_free d(J vf) + by_start d(J v) + by_gap dphi + by_flight dflown; z: the row of d(J vf).
 template <class G>
-static void bounce_terms(const Model& m, Work<G>& w, int i, const T* z, bool theta) {
+static void bounce_terms(const Model& m, Work<G>& w, int i, const T* z) {
   const Contact<G>& c = w.con[i];
   int group = m.con_group[c.index], A = m.con_bodyA[c.index], B = m.con_bodyB[c.index];
   T* t = row_of_bounce(m, w, i);
-  for (int k = 0; k < columns_of_step(m); ++k) t[k] = c.by_free * z[k];
+  for (int k = 0; k < columns_of_step(m, w); ++k) t[k] = c.by_free * z[k];
   Vec<G::N> relative = relative_twist<G>(m, w.vel, c.index);
   for (int a = m.grp_dptr[group]; a < m.grp_dptr[group + 1]; ++a) {
     int d = m.grp_dof[a], sign = m.grp_sign[a];
@@ -40,20 +40,20 @@ static void bounce_terms(const Model& m, Work<G>& w, int i, const T* z, bool the
     t[d] += c.by_start * (dot(wrench_shift(c, s, 0), relative) + (sign > 0 ? swing : -swing)) + c.by_gap * s.dphi;
     t[m.nv + d] += c.by_start * (sign > 0 ? column : -column);
   }
-  for (int k = 0; theta && k < m.ntheta; ++k) t[2 * m.nv + m.nu + k] += c.by_gap * gap_of_parameter(m, c, k);
-  row_through_leap(m, w, t, theta);
-  for (int k = 0; w.leapt && k < columns_of_step(m); ++k) t[k] += c.by_flight * w.dflown[k];
+  for (int k = 0; k < w.np; ++k) t[2 * m.nv + m.nu + k] += c.by_gap * gap_of_parameter(m, c, w.parameter[k]);
+  row_through_leap(m, w, t);
+  for (int k = 0; w.leapt && k < columns_of_step(m, w); ++k) t[k] += c.by_flight * w.dflown[k];
 }
 
 // Sensitivities of the free closing coordinate J vf + c0 of contact rows and limits that need it.
 template <class G>
-static void closing_terms(const Model& m, Work<G>& w, bool theta) {
-  int nv = m.nv, ncol = columns_of_step(m);
+static void closing_terms(const Model& m, Work<G>& w) {
+  int nv = m.nv, ncol = columns_of_step(m, w);
   for (int i = 0; i < w.ncon; ++i) {
     T* z = row_of_Z(m, w, i);
-    closing_row(m, w, w.con[i], theta, z);
-    if (any(w.con[i].bounce)) bounce_terms(m, w, i, z, theta);
-    row_through_leap(m, w, z, theta);
+    closing_row(m, w, w.con[i], z);
+    if (any(w.con[i].bounce)) bounce_terms(m, w, i, z);
+    row_through_leap(m, w, z);
   }
   for (int i = 0; i < w.nlim; ++i) {
     Limit& l = w.lim[i];
@@ -66,19 +66,19 @@ static void closing_terms(const Model& m, Work<G>& w, bool theta) {
     if (l.round) add_turn(m, w, l, w.vf, z);
     for (int k = m.line_ptr[l.line]; !l.round && bends(m, l.line) && k < m.line_ptr[l.line + 1]; ++k)
       z[m.line_dof[k]] += l.sign * bent_rate(m, w, l.line, k, splat(1), w.vf, -l.carry, w.v);
-    through_free_velocity(m, w, w.tmp, theta, z);
-    row_through_leap(m, w, z, theta);
+    through_free_velocity(m, w, w.tmp, z);
+    row_through_leap(m, w, z);
   }
 }
 
 // A += g z over the blocks of z.
 template <class G>
-static void add_outer(const Model& m, const T* g, const T* z, bool theta, T* Aq, T* Av, T* Au, T* Ap) {
+static void add_outer(const Model& m, const Work<G>& w, const T* g, const T* z, T* Aq, T* Av, T* Au, T* Ap) {
   int nv = m.nv;
   for (int i = 0; i < nv; ++i) {
     for (int k = 0; k < nv; ++k) { Aq[i * nv + k] += g[i] * z[k]; Av[i * nv + k] += g[i] * z[nv + k]; }
     for (int k = 0; k < m.nu; ++k) Au[i * m.nu + k] += g[i] * z[2 * nv + k];
-    for (int k = 0; theta && k < m.ntheta; ++k) Ap[i * m.ntheta + k] += g[i] * z[2 * nv + m.nu + k];
+    for (int k = 0; k < w.np; ++k) Ap[i * w.np + k] += g[i] * z[2 * nv + m.nu + k];
   }
 }
 
@@ -92,7 +92,7 @@ static Vec<G::N> bounce_response(const Contact<G>& c) {
 }
 
 template <class G>
-static void fold_closing_terms(const Model& m, const Options& o, Work<G>& w, bool theta) {
+static void fold_closing_terms(const Model& m, const Options& o, Work<G>& w) {
   InteriorPoint<G> ip(m, o, w);
   T* g = w.rhs;
   for (int i = 0; i < w.ncon + w.nlim; ++i) {
@@ -103,25 +103,25 @@ static void fold_closing_terms(const Model& m, const Options& o, Work<G>& w, boo
       const Limit& l = w.lim[i - w.ncon];
       add_pull(m, w, l, keep(l.on, l.slope / (l.s + l.gam * l.R)), g);
     }
-    add_outer<G>(m, g, row_of_Z(m, w, i), theta, w.Gq, w.Gv, w.Gu, w.Gp);
+    add_outer(m, w, g, row_of_Z(m, w, i), w.Gq, w.Gv, w.Gu, w.Gp);
     if (i >= w.ncon || !any(w.con[i].bounce)) continue;
     for (int k = 0; k < m.nv; ++k) g[k] = T{};
     ip.add_wrench(m.con_group[w.con[i].index], bounce_response(w.con[i]), g);
-    add_outer<G>(m, g, row_of_bounce(m, w, i), theta, w.Gq, w.Gv, w.Gu, w.Gp);
+    add_outer(m, w, g, row_of_bounce(m, w, i), w.Gq, w.Gv, w.Gu, w.Gp);
   }
 }
 
 template <class G>
-static void clear_late(const Model& m, Work<G>& w, bool theta) {
+static void clear_late(const Model& m, Work<G>& w) {
   int nv = m.nv;
   for (int i = 0; i < nv * nv; ++i) w.Sq[i] = w.Sv[i] = T{};
   for (int i = 0; i < nv * m.nu; ++i) w.Su[i] = T{};
-  for (int i = 0; theta && i < nv * m.ntheta; ++i) w.Sp[i] = T{};
+  for (int i = 0; i < nv * w.np; ++i) w.Sp[i] = T{};
 }
 
 // Adds -dM~ shift to S, of what damps -dD eased, without ties.
 template <class G>
-static void inertia_terms(const Model& m, const Options& o, Work<G>& w, bool theta) {
+static void inertia_terms(const Model& m, const Options& o, Work<G>& w) {
   int nv = m.nv;
   late_power_terms(m, o, w, w.Sq, w.Sv);
   if (m.nbox > 0 && m.implicit_gains) {
@@ -134,33 +134,33 @@ static void inertia_terms(const Model& m, const Options& o, Work<G>& w, bool the
     add_bend(m, w, i, -w.line_mass[i] * along(m, w, i, w.shift), T{}, w.shift, -w.line_mass[i], w.shift, w.Sq);
     if (o.split) add_bent_drag(m, w, i, implicit_damping(m, o, w, i), w.eased, w.Sq);
   }
-  if (theta) parameter_terms(m, o, w, w.Sp, Part::late_inertia);
+  parameter_terms(m, o, w, w.Sp, Part::late_inertia);
 }
 
 // S of M~ shift = sum t_i J_i^T x_i with t_i = phi_i / speed_i: the part of a place and parameters at fixed t_i and x_i.
 template <class G>
-static void late_smooth_terms(const Model& m, const Options& o, Work<G>& w, bool theta) {
-  clear_late(m, w, theta);
+static void late_smooth_terms(const Model& m, const Options& o, Work<G>& w) {
+  clear_late(m, w);
   for (int i = 0; i < m.nv * m.nv; ++i) w.Sn[i] = T{};
   contact_terms(m, o, w, w.Sq, w.Sv, true);
-  if (theta) parameter_terms(m, o, w, w.Sp, Part::late_rows);
+  parameter_terms(m, o, w, w.Sp, Part::late_rows);
   w.eased = w.shift;
-  inertia_terms(m, o, w, theta);
+  inertia_terms(m, o, w);
   tie_terms(m, o, w, w.shift, nullptr, w.Sq, nullptr);
-  rows_through_leap(m, w, w.Sq, w.Sv, w.Su, w.Sp, theta);
+  rows_through_leap(m, w, w.Sq, w.Sv, w.Su, w.Sp);
 }
 // The rest of S, dx = -Theta (J dv' + E) + ... and dt_i; ends by solving with M~. What is left of the step after a flight is
 // shorter: flown dv' + v' dflown.
 template <class G>
-static void late_terms(const Model& m, const Options& o, Work<G>& w, bool theta) {
+static void late_terms(const Model& m, const Options& o, Work<G>& w) {
   int nv = m.nv;
   InteriorPoint<G> ip(m, o, w);
   T *g = w.rhs, *row = row_of_Z(m, w, 2 * w.ncon + w.nlim);
-  late_smooth_terms(m, o, w, theta);
+  late_smooth_terms(m, o, w);
   auto add = [&](const Contact<G>& c, const Vec<G::N>& F, const T* z) {
     for (int k = 0; k < nv; ++k) g[k] = T{};
     ip.add_wrench(m.con_group[c.index], F, g);
-    add_outer<G>(m, g, z, theta, w.Sq, w.Sv, w.Su, w.Sp);
+    add_outer(m, w, g, z, w.Sq, w.Sv, w.Su, w.Sp);
   };
   for (int i = 0; i < w.ncon; ++i) {
     Contact<G>& c = w.con[i];
@@ -177,40 +177,46 @@ static void late_terms(const Model& m, const Options& o, Work<G>& w, bool theta)
     const T* z = row_of_Z(m, w, i);
     add(c, weight * closing_response(c), z);
     add(c, weight * bounce_response(c), row_of_bounce(m, w, i));
-    gap_row(m, w, c, theta, row);
-    row_through_leap(m, w, row, theta);
+    gap_row(m, w, c, row);
+    row_through_leap(m, w, row);
     Mask open = c.bounce & (c.phi > 0.0);
     T per_speed = keep(open, 1.0 / select(open, c.speed, splat(1)));
-    for (int k = 0; k < columns_of_step(m); ++k) row[k] = per_speed * (row[k] + c.time * z[k]);  // dt
+    for (int k = 0; k < columns_of_step(m, w); ++k) row[k] = per_speed * (row[k] + c.time * z[k]);  // dt
     add(c, F, row);
   }
   solve_many(w.free_factor, nv, m.mass, w.Sq, nv);
   solve_many(w.free_factor, nv, m.mass, w.Sv, nv);
   solve_many(w.free_factor, nv, m.mass, w.Sn, nv);
   solve_many(w.free_factor, nv, m.mass, w.Su, m.nu);
-  if (theta) solve_many(w.free_factor, nv, m.mass, w.Sp, m.ntheta);
+  solve_many(w.free_factor, nv, m.mass, w.Sp, w.np);
   if (!w.leapt) return;
   for (int i = 0; i < nv; ++i) w.Sn[i * (nv + 1)] += w.flown;
-  add_outer<G>(m, w.vn, w.dflown, theta, w.Sq, w.Sv, w.Su, w.Sp);
+  add_outer(m, w, w.vn, w.dflown, w.Sq, w.Sv, w.Su, w.Sp);
 }
 
 // S of split damping (split.hpp) with y = shift: K dy = Sq dq + Sv dv + Sp dtheta + D du.
 template <class G>
-static void split_terms(const Model& m, const Options& o, Work<G>& w, bool theta) {
-  clear_late(m, w, theta);
+static void split_terms(const Model& m, const Options& o, Work<G>& w) {
+  clear_late(m, w);
   damped_away(m, w, w.shift);
   w.eased = w.leap;  // steps with split damping do not fly
   for (int i = 0; i < m.nv; ++i) w.eased[i] = w.v[i] - w.vn[i] + w.shift[i];
-  inertia_terms(m, o, w, theta);
+  inertia_terms(m, o, w);
   for_drags(m, w, [&](int i, int k, T damping) { w.Sv[i * m.nv + k] -= damping; });
 }
 
 // G, S and the factor H at the solution in w (rows, vn).
 template <class G>
-static void implicit_system(const Model& m, const Options& o, Work<G>& w, bool theta) {
+static void implicit_system(const Model& m, const Options& o, Work<G>& w) {
+  int flown = w.np;
+  more_columns(m, w);
+  if (w.leapt) {
+    widen(w.Lp, m.nv, flown, w.np);
+    widen(w.dflown, 1, columns_of_step(m, w) + flown - w.np, columns_of_step(m, w));
+  }
   w.late = w.leapt;
   w.early = w.ahead = false;
-  if (o.midpoint) bias_terms(m, o, w, theta);
+  if (o.midpoint) bias_terms(m, o, w);
   w.ahead = o.midpoint;
   for (int i = 0; i < w.ncon; ++i) {
     w.late |= any(w.con[i].bounce);
@@ -219,13 +225,13 @@ static void implicit_system(const Model& m, const Options& o, Work<G>& w, bool t
   for (int i = 0; i < w.nlim; ++i) w.early |= any(w.lim[i].slope != 0.0);
   w.early |= w.late;
   if (w.early) {
-    free_terms(m, o, w, theta, w.vf, w.Fq, w.Fv, w.Fu, w.Fp);
-    closing_terms(m, w, theta);
+    free_terms(m, o, w, w.vf, w.Fq, w.Fv, w.Fu, w.Fp);
+    closing_terms(m, w);
   }
-  smooth_and_rows(m, o, w, theta);
-  if (w.early) fold_closing_terms(m, o, w, theta);
-  if (w.late) late_terms(m, o, w, theta);
-  if (o.split) split_terms(m, o, w, theta);
+  smooth_and_rows(m, o, w);
+  if (w.early) fold_closing_terms(m, o, w);
+  if (w.late) late_terms(m, o, w);
+  if (o.split) split_terms(m, o, w);
 }
 
 }  // namespace cmbrl::CMBRL_ISA

@@ -46,23 +46,32 @@ static void spoil(Mask spoilt, int64_t n, const Lanes& l, double* out) {
   for (int lane = 0; lane < l.n; ++lane)
     for (int64_t i = 0; spoilt[lane] && i < n; ++i) out[l.at[lane] * n + i] = __builtin_nan("");
 }
-// Packs x as n consecutive doubles of each lane.
-static void scatter(const T* x, int64_t n, const Lanes& l, double* const* out) {
+// Packs x(0) to x(n - 1) as consecutive doubles of each lane's element, from `stride` doubles an element.
+template <class Read>
+static void scatter_each(Read x, int64_t stride, int64_t n, const Lanes& l, double* out) {
+  if (!out) return;
   int64_t i = 0;
   for (; i + W <= n; i += W) {
     T block[W];
-    for (int k = 0; k < W; ++k) block[k] = x[i + k];
+    for (int k = 0; k < W; ++k) block[k] = x(i + k);
     transpose(block);
-    for (int lane = 0; lane < l.n; ++lane) std::memcpy(out[lane] + i, &block[lane], sizeof(T));
+    for (int lane = 0; lane < l.n; ++lane) std::memcpy(out + l.at[lane] * stride + i, &block[lane], sizeof(T));
   }
   for (; i < n; ++i)
-    for (int lane = 0; lane < l.n; ++lane) out[lane][i] = x[i][lane];
+    for (int lane = 0; lane < l.n; ++lane) out[l.at[lane] * stride + i] = x(i)[lane];
 }
 static void scatter(const T* x, int64_t stride, int64_t n, const Lanes& l, double* out) {
-  if (!out) return;
-  double* to[W];
-  for (int lane = 0; lane < l.n; ++lane) to[lane] = out + l.at[lane] * stride;
-  scatter(x, n, l, to);
+  scatter_each([x](int64_t i) { return x[i]; }, stride, n, l, out);
+}
+// The first `before` numbers of a row, then its columns of the wanted parameters.
+template <class G>
+static void scatter_row(const Batch& b, const Work<G>& w, const T* row, int64_t before, int64_t stride, const Lanes& l, double* out) {
+  auto read = [&](int64_t i) {
+    if (i < before) return row[i];
+    int column = w.column[b.wanted[i - before]];
+    return column < 0 ? T{} : row[before + column];
+  };
+  scatter_each(read, stride, before + b.nwanted, l, out);
 }
 template <class G>
 static void gather_parameters(const Model& m, const Batch& b, const Lanes& l, Work<G>& w, bool first) {

@@ -126,6 +126,7 @@ struct Model : Structure {
   const double* con_par_coef;
   const double* par_radius;                         // most that one unit of each parameter adds to a radius
   int radius_moves;                                 // most parameters that move one radius
+  const int* par_of_contacts;                       // 1: the parameter acts through contacts alone
   const int* par_shape;                             // the shape that each parameter, or mass, belongs to; -1: none
 };
 
@@ -177,12 +178,13 @@ struct Batch {
   double *q_next, *v_next;
   int32_t *status, *iterations, *rung;  // status: 0 converged, 1 softer than the model, 2 failed or from an input that is not finite
   double *residual, *impulse;    // impulse (n, ncontact, 1 + NT): normal, tangents, summed over the substeps [N s]
-  double *jacobian;              // (n, 2 nv, 2 nv + nu [+ ntheta])
-  int jacobian_theta;
+  const int64_t *wanted;         // parameters to differentiate by
+  int64_t nwanted;
+  double *jacobian;              // (n, 2 nv, 2 nv + nu + nwanted)
   double *tape;                  // (n, tape_size), written by the forward pass and read by the backward pass
   TapeRows *tape_rows;           // what of it follows the contacts that are on
   const double *gq_next, *gv_next;  // cotangents (tangent space for q)
-  double *gq, *gv, *gu, *gtheta;
+  double *gq, *gv, *gu, *gtheta;  // gtheta (n, nwanted)
 };
 
 struct LossBatch {  // mean Huber loss of open-loop predictions, candidate by candidate

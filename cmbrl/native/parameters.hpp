@@ -1,5 +1,6 @@
 // Right-hand side of the implicit derivative with respect to the named parameters: each moves entries of the physical vector P.
 #pragma once
+#include "columns.hpp"
 #include "force_columns.hpp"
 
 namespace cmbrl::CMBRL_ISA {
@@ -139,19 +140,6 @@ struct ParameterColumns : ForceColumns<G> {
   }
 };
 
-// f(candidate, lanes) for each that some lane of a contact has.
-template <class G, class F>
-static void for_candidates(const Contact<G>& c, F f) {
-  Mask rest = c.on | c.wide;
-  for (int lane = 0; lane < W; ++lane) {
-    if (!rest[lane]) continue;
-    Mask same = none();
-    for (int k = 0; k < W; ++k) same[k] = c.of[k] == c.of[lane] ? -1 : 0;
-    rest &= ~same;
-    f(c.of[lane], same);
-  }
-}
-
 // d gap / d theta_k of a contact: radii and plane heights.
 template <class G>
 static T gap_of_parameter(const Model& m, const Contact<G>& c, int k) {
@@ -174,6 +162,7 @@ static void contact_columns(const Model& m, Work<G>& w, F columns) {
     Vec<G::N> unit[kContactFields];
     bool known[kContactFields] = {};
     auto add = [&](int k, int field, T coef) {
+      if (w.column[k] < 0) return;
       if (!known[field]) unit[field] = columns(k).contact(c, field);
       known[field] = true;
       columns(k).add_wrench(c, coef * unit[field]);
@@ -185,9 +174,9 @@ static void contact_columns(const Model& m, Work<G>& w, F columns) {
         if (m.con_par_field[e] == kRscale) coef *= weight;
         add(m.con_par[e], m.con_par_field[e], coef);
       }
-      if (m.con_weight[2 * i] < 0 && m.con_weight[2 * i + 1] < 0) return;
+      if (w.np == 0 || (m.con_weight[2 * i] < 0 && m.con_weight[2 * i + 1] < 0)) return;
       // Many masses, one wrench: its pulls are found once.
-      auto of_all = columns(0);
+      auto of_all = columns(w.parameter[0]);
       if (!known[kRscale]) unit[kRscale] = of_all.contact(c, kRscale);
       known[kRscale] = true;
       of_all.for_pulls(c, unit[kRscale], [&](int k, int, T pull) { w.Y[k][0] = pull; });
@@ -195,6 +184,7 @@ static void contact_columns(const Model& m, Work<G>& w, F columns) {
       CMBRL_FOR(side, 2) if (int j = m.con_weight[2 * i + side]; j >= 0) {
         T share = keep(lanes, m.con_share[2 * i + side] * c.P[kRscale] / weight);
         for_weights(m, w, j, [&](int k, T change) {
+          if (w.column[k] < 0) return;
           auto out = columns(k);
           for (int d = begin; d < end; ++d) out.at(m.grp_dof[d]) += share * change * w.Y[d - begin][0];
         });
@@ -203,23 +193,24 @@ static void contact_columns(const Model& m, Work<G>& w, F columns) {
   }
 }
 
-// Columns of all parameters (nv x ntheta) at the solution; needs the smooth terms and the linearised rows.
+// Columns of parameters (nv x np) at the solution; needs the smooth terms and the linearised rows.
 template <class G>
 static void parameter_terms(const Model& m, const Options& o, Work<G>& w, T* out, Part part = Part::step) {
   bool forces = part == Part::step || part == Part::free;
-  if (forces) for (int i = 0; i < m.nv * m.ntheta; ++i) out[i] = T{};
-  auto columns = [&](int k) { return ParameterColumns<G>{{m, o, w, out + k, m.ntheta, part}}; };
-  for (int k = 0; k < m.ntheta; ++k) columns(k).column(k);
+  if (w.np == 0) return;
+  if (forces) for (int i = 0; i < m.nv * w.np; ++i) out[i] = T{};
+  auto columns = [&](int k) { return ParameterColumns<G>{{m, o, w, out + w.column[k], w.np, part}}; };
+  for (int i = 0; i < w.np; ++i) columns(w.parameter[i]).column(w.parameter[i]);
   if (part == Part::step || part == Part::late_rows) contact_columns(m, w, columns);
   if (part == Part::step) {
     for (int i = 0; i < w.nlim; ++i)
       if (int j = m.lim_weight[w.lim[i].index]; j >= 0)
-        for_weights(m, w, j, [&](int k, T change) { columns(k).limit(w.lim[i], change / w.weight[j]); });
+        for_weights(m, w, j, [&](int k, T change) { if (w.column[k] >= 0) columns(k).limit(w.lim[i], change / w.weight[j]); });
     for (int i = 0; i < w.ndry; ++i)
       if (int j = m.line_weight[w.dry[i].line]; j >= 0)
-        for_weights(m, w, j, [&](int k, T change) { columns(k).softer(w.dry[i], change / w.weight[j]); });
+        for_weights(m, w, j, [&](int k, T change) { if (w.column[k] >= 0) columns(k).softer(w.dry[i], change / w.weight[j]); });
   }
-  if (forces && w.ahead) add_product(m, w.C, w.Bp, m.ntheta, out);
+  if (forces && w.ahead) add_product(m, w.C, w.Bp, w.np, out);
 }
 
 }  // namespace cmbrl::CMBRL_ISA

@@ -6,7 +6,7 @@ namespace cmbrl::CMBRL_ISA {
 
 template <class G>
 static void forward_pack(const Model& m, const Options& o, const Batch& b, const Lanes& l, Work<G>& w) {
-  int nv = m.nv, ncol = 2 * nv + m.nu + (b.jacobian_theta ? m.ntheta : 0);
+  int nv = m.nv, ncol = 2 * nv + m.nu + int(b.nwanted);
   int64_t stride = tape_stride(m), impulses = m.ncontact * (1 + G::NT);
   Mask finite = gather_states(m, b, l, w);
   for (int lane = 0; b.impulse && lane < l.n; ++lane) std::memset(b.impulse + l.at[lane] * impulses, 0, impulses * sizeof(double));
@@ -34,11 +34,14 @@ static void forward_pack(const Model& m, const Options& o, const Batch& b, const
     return solved;
   };
   StepStats st{none(), none(), none(), T{}, T{}, T{}, T{}};
-  if (any(finite)) st = b.jacobian ? control_step_jacobian(m, o, w, b.jacobian_theta, ncol, record) : control_step(m, o, w, record);
+  if (any(finite)) st = b.jacobian ? control_step_jacobian(m, o, w, record) : control_step(m, o, w, record);
   if (b.jacobian) {
     int64_t half = int64_t(nv) * ncol;
-    scatter(w.tq, 2 * half, half, l, b.jacobian);
-    scatter(w.tv, 2 * half, half, l, b.jacobian + half);
+    int before = 2 * nv + m.nu;
+    for (int i = 0; i < nv; ++i) {
+      scatter_row(b, w, w.tq + i * (before + w.np), before, 2 * half, l, b.jacobian + i * ncol);
+      scatter_row(b, w, w.tv + i * (before + w.np), before, 2 * half, l, b.jacobian + half + i * ncol);
+    }
   }
   T clean = T{};
   for (int i = 0; i < m.nq; ++i) clean += 0.0 * w.q[i];
@@ -67,6 +70,7 @@ static void forward_pack(const Model& m, const Options& o, const Batch& b, const
 template <class G>
 static void forward_packs(const Model& m, const Options& o, const Batch& b, const int64_t* elements, int64_t begin, int64_t end, StepMemory& memory) {
   Work<G> w = open<G>(m, b.jacobian ? Purpose::jacobian : Purpose::step, memory);
+  want_parameters(m, w, b.wanted, b.nwanted);
   for (int64_t e = begin; e < end; e += W) {
     if (e > begin && o.stopped && o.stopped()) return;
     Lanes l = lanes_from(e, end, elements);
@@ -78,6 +82,7 @@ static void forward_packs(const Model& m, const Options& o, const Batch& b, cons
 template <class G>
 static void backward_packs(const Model& m, const Options& o, const Batch& b, const int64_t* elements, int64_t begin, int64_t end, StepMemory& memory) {
   Work<G> w = open<G>(m, Purpose::product, memory);
+  want_parameters(m, w, b.wanted, b.nwanted);
   int nv = m.nv;
   int64_t stride = tape_stride(m) * o.substeps;
   for (int64_t e = begin; e < end; e += W) {
@@ -89,7 +94,6 @@ static void backward_packs(const Model& m, const Options& o, const Batch& b, con
     gather(b.gq_next, nv, nv, l, w.lq, clean);
     gather(b.gv_next, nv, nv, l, w.lv, clean);
     for (int i = 0; i < m.nu; ++i) w.lu[i] = T{};
-    for (int i = 0; i < m.ntheta; ++i) w.lp[i] = T{};
     const double* tape[W];
     for (int lane = 0; lane < W; ++lane) {
       tape[lane] = b.tape + l.at[lane] * stride;
@@ -102,16 +106,16 @@ static void backward_packs(const Model& m, const Options& o, const Batch& b, con
         for (int lane = 0; lane < W; ++lane) tape[lane] = tape[finite[lane] ? lane : good];
         copy_lane(~finite, good, m.nu, w.u);
       }
-      control_step_backward(m, o, w, tape, *b.tape_rows, b.gtheta != nullptr);
+      control_step_backward(m, o, w, tape, *b.tape_rows);
     }
     scatter(w.lq, nv, nv, l, b.gq);
     scatter(w.lv, nv, nv, l, b.gv);
     scatter(w.lu, m.nu, m.nu, l, b.gu);
-    scatter(w.lp, m.ntheta, m.ntheta, l, b.gtheta);
+    scatter_row(b, w, w.lp, 0, b.nwanted, l, b.gtheta);
     spoil(~finite, nv, l, b.gq);
     spoil(~finite, nv, l, b.gv);
     spoil(~finite, m.nu, l, b.gu);
-    spoil(~finite, m.ntheta, l, b.gtheta);
+    spoil(~finite, b.nwanted, l, b.gtheta);
   }
 }
 

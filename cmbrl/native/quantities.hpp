@@ -4,7 +4,8 @@
 
 namespace cmbrl::CMBRL_ISA {
 
-// M (n, nv, nv) with armature, bias (n, nv), lengths of lines (n, nline), gaps (n, ncontact), normal and tangent rows J (n, ncontact, 1 + NT, nv).
+// M (n, nv, nv) with armature, bias (n, nv), lengths of lines (n, nline), gaps (n, ncontact), normal and tangent rows J
+// (n, ncontact, 1 + NT, nv): those that are not null.
 template <class G>
 static void smooth_quantities(const Model& m, const Options& o, const Batch& b, double* M, double* bias, double* length, double* gap, double* J,
                               int64_t begin, int64_t end, StepMemory& memory) {
@@ -24,18 +25,19 @@ static void smooth_quantities(const Model& m, const Options& o, const Batch& b, 
     inverse_dynamics<G>(m, w, w.v, nullptr, w.bias);
     mass_matrix(m, w);
     for (int i = 0; i < m.nline; ++i) add_square(m, w, i, w.P[m.oDof + i * kDofFields + kArmature], w.M, m.mass);
-    find_contacts(m, every, w, false);
-    for (int i = 0; i < m.ncontact; ++i)
+    w.ncon = 0;
+    if (gap || J) find_contacts(m, every, w, false);
+    for (int i = 0; gap && i < m.ncontact; ++i)
       for (int lane = 0; m.con_type[i] == kHulls && lane < l.n; ++lane) gap[l.at[lane] * m.ncontact + i] = kAway;
-    scatter_packed(w.M, nv, m.mass, l, M);
+    if (M) scatter_packed(w.M, nv, m.mass, l, M);
     scatter(w.bias, nv, nv, l, bias);
     scatter(w.line_length, m.nline, m.nline, l, length);
     for (int i = 0; i < w.ncon; ++i) {
       const Contact<G>& c = w.con[i];
       if (m.con_type[c.index] == kHulls) continue;  // they only know of closed gaps
-      for (int lane = 0; lane < l.n; ++lane) gap[l.at[lane] * m.ncontact + c.index] = c.phi[lane];
+      for (int lane = 0; gap && lane < l.n; ++lane) gap[l.at[lane] * m.ncontact + c.index] = c.phi[lane];
       int g = m.con_group[c.index];
-      for (int r = 0; r < c.rows; ++r)
+      for (int r = 0; J && r < c.rows; ++r)
         for (int k = m.grp_dptr[g]; k < m.grp_dptr[g + 1]; ++k) {
           T x = dot(w.S[m.grp_dof[k]], c.Wr[r]);
           for (int lane = 0; lane < l.n; ++lane)

@@ -157,6 +157,9 @@ void SceneData::derive_parameters() {
     for (int j = 0; j < kinds; ++j)
       if (int k = m.shape_par[s * kinds + j]; k >= 0) shape[k] = s;
   }
+  std::vector<int> of_contacts(m.ntheta);
+  for (int k = 0; k < m.ntheta; ++k) of_contacts[k] = m.par_ptr[k] == m.par_ptr[k + 1] && shape[k] < 0;
+  m.par_of_contacts = keep_ints("par_of_contacts", std::move(of_contacts));
   m.par_shape = keep_ints("par_shape", std::move(shape));
 }
 

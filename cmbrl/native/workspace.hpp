@@ -197,12 +197,14 @@ struct Work : SolverWork<G> {
   T *Sq, *Sv, *Su, *Sp, *Sn;               // M~ dshift = Sq dq + ... + Sn dv' (impacts at their time)
   T* Z;                                    // rows' free closing speeds by (q, v, u, theta)
   bool early, late;                        // the step has rows that look at vf; impulses that act late in it
-  bool leapt, theta;                       // the step flies to an impact first (flight.hpp); parameters are differentiated too
+  bool leapt;                              // the step flies to an impact first (flight.hpp)
+  int np, *column, *parameter;             // columns of parameters; that of each, and what each is of (columns.hpp)
   T flown, *leap, *began;                  // for how long [s], how far, and from where
   T *Lq, *Lv, *Lu, *Lp, *dflown;           // dleap = Lq dq + Lv dv + Lu du + Lp dtheta, and the row of dflown
   T *qtan, *shift;                         // position correction of impacts at their time, integration scratch
   T* eased;                                // what the damping in M~ acts on where the derivative looks at M~ shift
-  T *tq, *tv, *rhs_all, *tangent_block;    // tangents carried through substeps (nv x ncol); some columns at a time
+  T *tq, *tv, *rhs_all;                     // tangents carried through substeps (nv x ncol)
+  T *tangent_block, *gathered;             // some columns of them
   T *lq, *lv, *lu, *lp, *pvec;             // cotangents
   Vec<G::N>* Y;
   V O;
@@ -288,7 +290,9 @@ struct Work : SolverWork<G> {
     left_lim = A.take<LeftOutLimit>(m.nlimit);
     guess = A.take<T>(kGuesses * nv); guess_twist = A.take<Motion>(kGuesses * nb); nguess = 0;
     qtan = A.take<T>(nv); shift = A.take<T>(nv); leap = A.take<T>(nv); began = A.take<T>(m.nq);
-    leapt = theta = false;
+    leapt = false;
+    np = 0;
+    column = A.take<int>(m.ntheta); parameter = A.take<int>(m.ntheta);
     if (purpose == Purpose::step) { Gq = nullptr; return; }
     lim_on = A.take<Mask>(m.nlimit);
     auto block = [&](T*& q_, T*& v_, T*& u_, T*& p_) {
@@ -305,7 +309,7 @@ struct Work : SolverWork<G> {
     lq = A.take<T>(nv); lv = A.take<T>(nv); lu = A.take<T>(m.nu + 1); lp = A.take<T>(m.ntheta + 1); pvec = A.take<T>(nv);
     Y = A.take<Vec<G::N>>(m.max_group_dofs + 1);
     int64_t tangents = purpose == Purpose::jacobian ? nv * ncol : nv;
-    tq = A.take<T>(tangents); tv = A.take<T>(tangents); rhs_all = A.take<T>(tangents); tangent_block = A.take<T>(2 * nv * kBlock);
+    tq = A.take<T>(tangents); tv = A.take<T>(tangents); rhs_all = A.take<T>(tangents); tangent_block = A.take<T>(2 * nv * kBlock); gathered = A.take<T>(2 * nv * kBlock);
   }
 };
 

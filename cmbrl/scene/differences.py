@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 import mujoco
 import numpy as np
 
-from cmbrl.scene.kinematics import FLAT_TILT
 from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import Array, Candidate, ContactKind, LeftOut, Tendon, When
 from cmbrl.scene.shapes import hull_points, hull_vertices
@@ -18,7 +17,8 @@ _SHAPES = {int(kind): kind.name.removeprefix("mjGEOM_").lower() for kind in mujo
 _MESH_POINTS = 4  # of MuJoCo's contact between a mesh and a plane
 _ROUNDS = 300  # of Frank-Wolfe
 _FLAT_SIDE = 1e-5  # of a mesh's size: how far points of one side may be apart; MuJoCo keeps vertices as floats
-_RIM_ERROR = 0.18 * FLAT_TILT  # of the radius: the most that the point of a nearly flat rim is too high
+_FLAT_TILT = 1e-3  # [rad] of a rim; the core's kFlat
+_RIM_ERROR = 0.18 * _FLAT_TILT  # of the radius: the most that the point of a nearly flat rim is too high
 
 
 def differences(
@@ -64,7 +64,7 @@ def _shapes(model: mujoco.MjModel, candidates: list[Candidate]) -> Iterator[Left
             )
             yield LeftOut("mesh", name, why)
     for geom in dict.fromkeys(c.geoms[0] for c in candidates if c.kind == ContactKind.RIM_PLANE):
-        tilt, depth = 1e3 * FLAT_TILT, _millimetres(_RIM_ERROR * model.geom_size[geom, 0])
+        tilt, depth = 1e3 * _FLAT_TILT, _millimetres(_RIM_ERROR * model.geom_size[geom, 0])
         why = f"it stands on feet inside its rim; tilted by less than {tilt:g} mrad it may sink in by {depth}"
         yield LeftOut("cylinder", name_of(model, "geom", geom), why)
     for c in candidates:

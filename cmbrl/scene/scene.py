@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from cmbrl.errors import UserError
+from cmbrl.native import Core
 from cmbrl.numbers import one_of, real_array, switch
 from cmbrl.scene import kinematics, manifold
 from cmbrl.scene.build import read_parts, scene_fields
@@ -167,7 +170,17 @@ class Scene:
 
     def gaps(self, q: Array) -> Array:
         """Gaps [m] (..., ncontact) of all candidates at the nominal parameters; negative means penetration."""
-        return kinematics.gaps(self.core, self._rows(q, "q", self.nq))
+        q = self._rows(q, "q", self.nq)
+        found = self._native.gaps(np.ascontiguousarray(q.reshape(-1, self.nq)))
+        return np.asarray(found).reshape(*q.shape[:-1], self.core.ncontact)
+
+    @cached_property
+    def _native(self) -> Core:
+        return Core(self.core.to_native())
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the core, which is made again."""
+        return {name: value for name, value in self.__dict__.items() if name != "_native"}
 
     def body_poses(self, q: Array) -> tuple[Array, Array]:
         """Positions (..., nb, D) and rotations (..., nb, D, D) of the moving bodies in the world (or its plane)."""

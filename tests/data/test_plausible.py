@@ -12,6 +12,7 @@ import pytest
 
 from cmbrl import Transitions, UserError
 from cmbrl.data import plausible, read_trajectories
+from cmbrl.data.plausible import commands, motion
 from cmbrl.data.plausible.frames import to_world
 from cmbrl.data.position_log import PositionLog
 from cmbrl.models.source import load_source
@@ -317,6 +318,24 @@ def test_no_alarm_on_random_arms(servo_driven: bool, tmp_path: Path) -> None:
         else:
             found = list(plausible.of_transitions(torque_log(file, seed, rows=800).fields(), scene))
         assert [one.text for one in found if one.sure] == [], seed
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_a_light_joint_that_is_pushed_by_another_is_not_swapped_with_it(
+    swapped: bool, servo: tuple[PositionLog, Scene]
+) -> None:
+    """Within a step it is where its servo wants it, so that its acceleration shows what pushes it."""
+    _, scene = servo
+    rng, rows, gain = np.random.default_rng(0), 1500, np.array([[1.4, 0.0, 0.8], [0.0, 1.0, 0.0], [0.9, 0.0, 0.02]])
+    u = rng.uniform(-1, 1, (rows, 3))
+    target = u[:, [2, 1, 0]] if swapped else u
+    q = np.concatenate([np.zeros((1, 3)), 0.8 * target]) + 0.2 * rng.normal(size=(rows + 1, 3))
+    v = np.zeros((rows + 1, 3))
+    for k in range(rows):
+        v[k + 1] = 0.2 * v[k] + gain @ u[k] + 0.1 * rng.normal(size=3)
+    log = {"q": q[:-1], "q_next": q[1:], "v": v[:-1], "v_next": v[1:], "u": u, "dt": 0.02, "episode": np.zeros(rows)}
+    found = motion.of_transitions(log, scene)
+    assert any("swapped" in one.text for one in commands.forces(found, found.answers())) == swapped
 
 
 def real(name: str) -> dict[str, np.ndarray]:

@@ -111,7 +111,7 @@ class CartModel:
         return {"carts": self.scene.nv, "parameters": self.parameters.tolist()}
 
     def predict(
-        self, q: Any, v: Any, u: Any, theta: Any = None, jacobian: bool = False, parameter_jacobian: bool = False
+        self, q: Any, v: Any, u: Any, theta: Any = None, jacobian: bool = False, parameter_jacobian: Any = None
     ) -> SimpleNamespace:
         n = self.scene.nv
         theta = self.parameters if theta is None else theta
@@ -119,7 +119,7 @@ class CartModel:
         force = g * u - d * v - f * np.tanh(v / WIDTH)
         v_next = v + H * (force / m - theta[..., 4 * n, None])
         found = None
-        if jacobian or parameter_jacobian:
+        if jacobian:
             in_v = 1.0 - H * (d + f / WIDTH / np.cosh(v / WIDTH) ** 2) / m
             columns = {
                 "mass": -force / m**2 * NOMINAL["mass"],
@@ -135,7 +135,8 @@ class CartModel:
             velocity[:, :, 7 * n] = -H
             position = H * velocity
             position[:, cart, cart] += 1.0
-            found = np.concatenate([position, velocity], axis=1)
+            wanted = np.concatenate([np.arange(3 * n), 3 * n + parameter_jacobian])
+            found = np.concatenate([position, velocity], axis=1)[:, :, wanted]
         return SimpleNamespace(q_next=q + H * v_next, v_next=v_next, status=np.zeros(len(q), int), jacobian=found)
 
     def candidate_loss(self, theta: np.ndarray, windows: Windows) -> np.ndarray:

@@ -44,7 +44,7 @@ def record(file: str) -> None:
 def results(core: Any, call: dict[str, Any], threads: int) -> dict[str, np.ndarray]:
     """Step, Jacobian, impulses, backward pass and losses."""
     (q, v, u), theta, options = call["states"], call["theta"], call["options"]
-    wanted = {"tape": True, "jacobian": True, "jacobian_theta": True, "impulse": True}
+    wanted = {"tape": True, "jacobian": True, "columns": np.arange(len(theta)), "impulse": True}
     out = core.forward(q, v, u, theta, options, **wanted, threads=threads)
     back = core.backward(u, theta, out["tape"], *call["cotangents"], options, True, threads)
     ones, starts = np.ones(v.shape[1]), np.arange(0, len(q) - 5, 5)

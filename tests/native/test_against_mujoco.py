@@ -14,6 +14,7 @@ from cmbrl.scene import Scene
 from cmbrl.scene.mjcf import name_of
 
 from ..scene.conftest import GYMNASIUM, random_tree
+from .gaps_in_numpy import gaps
 
 STATES = 24
 EQUAL = 1e-9
@@ -53,7 +54,11 @@ def assert_same(file: Path, seed: int = 0, spread: float = 0.5, contacts_expecte
     data = mujoco.MjData(model)
     q, v = random_states(scene, seed, spread)
     ours = ComplementarityModel(scene).smooth_dynamics(q, v)
-    np.testing.assert_allclose(ours["gap"], scene.gaps(q), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(ours["gap"], gaps(scene.core, q), rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(scene.gaps(q), ours["gap"])
+    bare = ComplementarityModel(scene).smooth_dynamics(q, v, contacts=False)
+    assert set(bare) == {"M", "bias", "length"}
+    assert all((bare[name] == ours[name]).all() for name in bare)
     pairs = [frozenset(name.split(" - ")) for name in scene.contact_names]
     seen = 0
     for k in range(STATES):

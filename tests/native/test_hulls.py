@@ -10,9 +10,9 @@ from cmbrl.bench.studies.derivatives.differences import compare
 from cmbrl.contact import Barrier, Exact
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
-from cmbrl.scene.kinematics import AWAY
 from cmbrl.scene.records import ContactKind
 
+from .gaps_in_numpy import AWAY
 from .test_adjoint import mismatch_at
 from .test_look_ahead import OPTION, polygon, relative
 

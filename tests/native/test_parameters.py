@@ -11,6 +11,7 @@ from cmbrl.bench.states import random_states
 from cmbrl.bench.studies.derivatives.differences import RANGES, compare
 from cmbrl.contact import Barrier, Exact, Gaussian
 from cmbrl.contact.smoothing import Smoothing
+from cmbrl.errors import UserError
 from cmbrl.models.complementarity import INTEGRATORS, ComplementarityModel
 from cmbrl.scene import Scene
 
@@ -84,6 +85,33 @@ def test_products_with_parameters_of_their_own_in_each_row(text: str, tmp_path: 
         r = alone.predict(q[k : k + 1], v[k : k + 1], u[k : k + 1], jacobian=True, parameter_jacobian=True)
         expected = g[k] @ r.jacobian[0][:, 2 * scene.nv + scene.nu :]
         np.testing.assert_allclose(ours[k], expected, rtol=1e-8, atol=1e-10 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize(("law", "smoothing"), [("mujoco", Gaussian(0.01, floor=1e-6)), ("rigid", Barrier(1e-4))])
+def test_some_columns_are_those_of_all(law: str, smoothing: Smoothing, integrator: str, tmp_path: Path) -> None:
+    """In any order, over substeps in which contacts come and go, and where a bounce flies first."""
+    scene = written(tmp_path, TREE, law)
+    model = ComplementarityModel(scene, 5, smoothing=smoothing, integrator=integrator, parameters=elsewhere(scene, 1))
+    rng = np.random.default_rng(0)
+    q, v, u = random_states(scene, 40, rng, RANGES)
+    first = 2 * scene.nv + scene.nu
+    whole = model.predict(q, v, u, parameter_jacobian=True).jacobian
+    contacts = np.array([p.group in ("friction", "softness_time", "radius") for p in scene.parameters])
+    assert (np.abs(whole[:, :, first:][:, :, contacts]).max(axis=1) == 0.0).any()  # some touch nothing
+    for wanted in (rng.permutation(len(scene.parameters))[:17], np.flatnonzero(contacts)[::-1], np.empty(0, dtype=int)):
+        some = model.predict(q, v, u, parameter_jacobian=wanted).jacobian
+        assert some.shape[2] == first + len(wanted)
+        expected = np.concatenate([whole[:, :, :first], whole[:, :, first + wanted]], axis=2)
+        np.testing.assert_allclose(some, expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("wanted", [[-1], [0, 0], [1000]])
+def test_columns_are_numbers_of_parameters(wanted: list[int], tmp_path: Path) -> None:
+    model = ComplementarityModel(written(tmp_path, TREE))
+    states = random_states(model.scene, 1, np.random.default_rng(0), RANGES)
+    with pytest.raises(UserError, match=f"column {wanted[-1]} of {len(model.parameters)} parameters; give each number"):
+        model.predict(*states, parameter_jacobian=np.array(wanted))
 
 
 def test_the_step_has_the_inertia_of_the_physical_vector(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import torch
 
 import cmbrl
 from cmbrl.contact.smoothing import Gaussian
+from cmbrl.envs.evaluation import Evaluation
 from cmbrl.errors import UserError
 from cmbrl.fitting import FitResult
 from cmbrl.registry import load_task
@@ -47,25 +48,31 @@ def test_rounds_trials_and_transitions_are_counted(make_loop):
 def test_the_better_of_the_trials_goes_on(make_loop):
     loop = make_loop()
     rows = [loop.update() for _ in range(4)]
-    ranks = [[row["stands"], row["passes"], row["score"]] for row in rows[1::2]]
-    assert [one["rank"] for one in loop.tried] == ranks
-    chosen = max(loop.tried, key=lambda one: one["rank"])["trainer"]
+    told = [(row["score"], row["stands"]) for row in rows[1::2]]
+    assert [(one["score"], one["stands"]) for one in loop.tried] == told
+    chosen = max(loop.tried, key=lambda one: one["score"])["trainer"]
     for name, value in loop.policy.state_dict().items():
         torch.testing.assert_close(value, chosen["policy"][name], rtol=0, atol=0)
 
 
-FAILS, LEANS, STANDS = ({"passes": p, "stands": s} for p, s in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0)))
+FALLS, STANDS = {"stands": 0.0}, {"stands": 1.0}
 
 
-@pytest.mark.parametrize(("worse", "better"), [(FAILS, LEANS), (LEANS, STANDS)])
-def test_a_policy_that_fails_its_trials_is_not_chosen(make_loop, monkeypatch, worse, better):
-    loop = make_loop()
-    told = iter([{"score": 9.0, **worse}, {"score": 1.0, **better}])
-    monkeypatch.setattr(loop, "_judge", lambda: next(told))
-    for _ in range(4):
-        loop.update()
+def outcome(returns, falls):
+    return Evaluation(np.array(returns), np.full(len(returns), 1000), np.full(len(returns), falls))
+
+
+def test_scores_are_the_mean_of_both_laws_of_sliding(make_fitted, monkeypatch):
+    """A policy that hardly moves stands everything: one that hops and would fall under the other law is worth more."""
+    lazy = {"draws": outcome([1000.0, 1100.0], False), "law": outcome([1100.0, 1000.0], False)}
+    hops = {"draws": outcome([3400.0, 3500.0], False), "law": outcome([700.0, 800.0], True)}
+    loop = make_fitted(replace(SMALL, rounds=1, iterations=6))
+    monkeypatch.setattr("cmbrl.train.loop.trials", lambda *_: told.pop(0))
+    told = [hops, lazy]
+    rows = [loop.update() for _ in range(4)]
+    assert [(row.get("score"), row.get("stands")) for row in rows[1::2]] == [(2100.0, 0.0), (1050.0, 1.0)]
     for name, value in loop.policy.state_dict().items():
-        torch.testing.assert_close(value, loop.tried[1]["trainer"]["policy"][name], rtol=0, atol=0)
+        torch.testing.assert_close(value, loop.tried[0]["trainer"]["policy"][name], rtol=0, atol=0)
 
 
 @pytest.fixture
@@ -83,17 +90,17 @@ def make_fitted(make_loop, monkeypatch):
 
 
 @pytest.mark.parametrize("trial", [0.5, 1.0])
-def test_further_policies_are_trained_while_none_stands(make_fitted, monkeypatch, tmp_path, trial):
-    """Three are allowed; the second of them stands. A restored run counts the same."""
+def test_further_policies_are_trained_while_the_best_fails(make_fitted, monkeypatch, tmp_path, trial):
+    """Three are allowed; the second of them stands and is the best so far. A restored run counts the same."""
     config = replace(SMALL, iterations=round(8 * (0.5 + 0.5 * trial)), rounds=1, policies=1, further=3, trial=trial)
     each = config.trial_updates()
-    told = [{"score": 2.0, **LEANS}, {"score": 9.0, **FAILS}, {"score": 1.0, **STANDS}, {"score": 5.0, **STANDS}]
+    told = [{"score": 2.0, **FALLS}, {"score": 1.0, **STANDS}, {"score": 3.0, **STANDS}, {"score": 5.0, **STANDS}]
     loop, again = make_fitted(config), make_fitted(config)
     monkeypatch.setattr(loop, "_judge", iter(told).__next__)
     outcome = TrainingRun(loop, tmp_path / "run", {}).train(config.iterations)
     assert outcome.iteration == config.iterations + 2 * each
     assert loop.further == 2 * each
-    assert [one["rank"][0] for one in loop.tried] == [0.0, 0.0, 1.0]
+    assert [one["stands"] for one in loop.tried] == [0.0, 1.0, 1.0]
     assert loop.round == 1
     again.restore(loop.state())
     assert again.further == loop.further
@@ -105,7 +112,7 @@ def test_further_policies_are_trained_while_none_stands(make_fitted, monkeypatch
 def test_further_policies_end(make_fitted, monkeypatch):
     config = replace(SMALL, iterations=4, rounds=1, policies=2, further=1, trial=1.0)
     loop = make_fitted(config)
-    monkeypatch.setattr(loop, "_judge", lambda: {"score": 1.0, **FAILS})
+    monkeypatch.setattr(loop, "_judge", lambda: {"score": 1.0, **FALLS})
     rows = 0
     while loop.round == 0:
         loop.update()
@@ -189,7 +196,7 @@ def test_where_a_trial_is_all_of_it_the_best_policy_counts(make_loop):
     scores = [loop.update().get("score") for _ in range(8)]
     assert [score is not None for score in scores] == 2 * [False, False, False, True]
     assert loop.round == 1
-    chosen = max(loop.tried, key=lambda one: one["rank"])["trainer"]
+    chosen = max(loop.tried, key=lambda one: one["score"])["trainer"]
     for name, value in loop.policy.state_dict().items():
         torch.testing.assert_close(value, chosen["policy"][name], rtol=0, atol=0)
 

@@ -49,14 +49,24 @@ def forces(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarray]) -
 
     Accelerations answer to forces by the inverse of the inertia, averaged over poses and contacts. That is positive
     definite whatever the masses are. So its diagonal is positive, and the product of what two joints answer to each
-    other's forces is smaller than that of what they answer to their own.
+    other's forces is smaller than that of what they answer to their own. A light joint under a stiff servo is where it
+    was told to be within a step, and its acceleration shows the other joints' forces instead of its own: two servos are
+    swapped only if each joint also follows the other's target more than its own.
     """
     chosen = [m for m, driver in enumerate(motion.drivers) if not driver.position or motion.v_now is not None]
-    follows = np.nan_to_num(np.diagonal(answers[0])) > FOLLOWS  # a servo that does so is told by ``servos``
+    best = np.nan_to_num(answers[0])
+    follows = np.diagonal(best) > FOLLOWS  # a servo that does so is told by ``servos``
     fitted = _responses(motion, chosen) if chosen else None
     if fitted is None:
         return
     gain, error, spread, rest = fitted  # (joint, command); (joint, command); (command,); (joint,)
+
+    def servos_alone(a: int, b: int) -> bool:
+        return motion.drivers[a].position and motion.drivers[b].position
+
+    def prefer_each_other(a: int, b: int) -> bool:
+        return bool(min(best[a, b] - best[b, b], best[b, a] - best[a, a]) > 0.0)
+
     size = gain * spread  # change that a usual command makes
     sure = np.abs(gain) > SIGNIFICANT * error
     swapped = [
@@ -65,6 +75,7 @@ def forces(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarray]) -
         for j in range(i + 1, len(chosen))
         if sure[i, j] and sure[j, i] and min(gain[i, j], gain[j, i]) > 0
         and gain[i, j] * gain[j, i] > 1.1 * abs(gain[i, i] * gain[j, j])
+        and (not servos_alone(chosen[i], chosen[j]) or prefer_each_other(chosen[i], chosen[j]))
     ]  # fmt: skip
     yield from (_pair(motion, chosen[i], chosen[j]) for i, j in swapped)
     for i, m in enumerate(chosen):
