@@ -242,9 +242,10 @@ def test_position_servos_need_gains(urdf: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "leg.xml").exists()
 
 
-def test_nothing_is_written_of_a_robot_that_cannot_move(tmp_path: Path) -> None:
+def test_nothing_is_written_of_a_robot_that_cannot_move(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "rock.urdf").write_text('<robot name="rock"><link name="rock"/></robot>')
     assert main(["convert", str(tmp_path / "rock.urdf"), str(tmp_path / "rock.xml")]) == 2
+    assert "rock.urdf: the model has no joints" in capsys.readouterr().err
     missing = ["--packages", str(tmp_path / "nowhere")]
     assert main(["convert", str(tmp_path / "rock.urdf"), str(tmp_path / "rock.xml"), *missing]) == 2
     assert [path.name for path in tmp_path.iterdir()] == ["rock.urdf"]
