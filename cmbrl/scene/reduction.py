@@ -124,7 +124,8 @@ def _side_by_side(tree: Tree, axis: Array, corner: Candidate) -> bool:
     sides = ((corner.body_a, corner.rot_a, half_a), (corner.body_b, corner.rot_b, corner.half_b))
     a, b = (float(half[int(np.argmax(np.abs(tree.turn(body, rot).T @ axis)))]) for body, rot, half in sides)
     centre = tree.place(corner.body_a, corner.pos_a - corner.axis_a)
-    return a + b - abs((centre - tree.place(corner.body_b, corner.pos_b)) @ axis) < min(a, b)
+    apart = abs(float((centre - tree.place(corner.body_b, corner.pos_b)) @ axis))
+    return a + b - apart < min(a, b)
 
 
 def project(tree: Tree, plane: PlaneOfMotion, candidate: Candidate) -> Candidate:
