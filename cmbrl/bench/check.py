@@ -116,6 +116,8 @@ def _steps(
     """
     found, apart = step_errors(models, theirs, states)
     meaning = f"one step against mj_step from {len(apart)} states, root mean square of the change of velocity; median"
+    if states.share < 1:
+        meaning += f"; controls within {states.share:.0%} of their ranges, since MuJoCo diverges under stronger ones"
     default, nearest, both = found[0], found[-1], len(models) > 1
     lines = [Line(f"step {where}", float(np.median(default)), None if both else STEP, meaning)]
     if both:

@@ -12,25 +12,28 @@ from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
 from cmbrl.scene.records import Array
+from cmbrl.scene.robot_source import quiet
 
 LIFT = 1.0  # m, of a robot above the floor
 STILL = 1e-4  # rad/s or m/s: a coordinate whose speed changes less in a step is held fast, as by dry friction
 EPISODE, HOLD = 100, 10  # steps of an episode from the home pose; of one random control
 PER_EPISODE, EPISODES = 4, 2  # states; episodes tried for each that is wanted
+SHARES = (1.0, 0.1, 0.01)  # of the ranges of controls, tried until MuJoCo's simulation does not diverge
 _DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
 
 @dataclass(frozen=True)
 class States:
-    """Where steps start: q (B, nq), v (B, nv), u (B, nu and activations)."""
+    """Where steps start: q (B, nq), v (B, nv), u (B, nu and activations); controls took a share of their ranges."""
 
     q: Array
     v: Array
     u: Array
+    share: float = 1.0
 
     def first(self, count: int) -> States:
         """At most ``count`` of them."""
-        return States(self.q[:count], self.v[:count], self.u[:count])
+        return States(self.q[:count], self.v[:count], self.u[:count], self.share)
 
 
 def places(scene: Scene, theirs: mujoco.MjModel) -> dict[str, Array]:
@@ -46,31 +49,35 @@ def places(scene: Scene, theirs: mujoco.MjModel) -> dict[str, Array]:
     return {"above the floor": above, "on the floor": on}
 
 
-def controls(theirs: mujoco.MjModel, count: int, rng: np.random.Generator) -> Array:
-    """Random controls (count, nu) within their ranges, or within 1."""
+def controls(theirs: mujoco.MjModel, count: int, rng: np.random.Generator, share: float = 1.0) -> Array:
+    """Random controls (count, nu) within their ranges, or within 1; of that a share around what is nearest to 0."""
     low, high = theirs.actuator_ctrlrange.T
     limited = theirs.actuator_ctrllimited.astype(bool)
     low, high = np.where(limited, low, -1.0), np.where(limited, high, 1.0)
-    return rng.uniform(low, high, (count, theirs.nu))
+    rest = np.clip(0.0, low, high)
+    return rest + share * (rng.uniform(low, high, (count, theirs.nu)) - rest)
 
 
 def visit(scene: Scene, theirs: mujoco.MjModel, home: Array, count: int, rng: np.random.Generator) -> States:
     """States of episodes of mj_step from ``home`` under random controls, at random steps.
 
-    Raises UserError where MuJoCo's own simulation diverges from there.
+    Of weaker controls where MuJoCo's own simulation diverges: motors of a URDF may be too strong for its light links.
+    Raises UserError where it does under any.
     """
-    data = mujoco.MjData(theirs)
-    rows: list[tuple[Array, Array, Array]] = []
-    for _ in range(EPISODES * count):
-        rows += _episode(scene, theirs, data, home, rng)
-        if len(rows) >= count:
-            q, v, u = (np.array(column[:count]) for column in zip(*rows, strict=True))
-            return States(q, v, u)
+    for share in SHARES:
+        data = mujoco.MjData(theirs)
+        rows: list[tuple[Array, Array, Array]] = []
+        for _ in range(EPISODES * count):
+            with quiet():  # what diverges is tried again
+                rows += _episode(scene, theirs, data, home, rng, share)
+            if len(rows) >= count:
+                q, v, u = (np.array(column[:count]) for column in zip(*rows, strict=True))
+                return States(q, v, u, share)
     raise UserError(f"{scene.name}: MuJoCo's simulation diverges under random controls: take a shorter timestep")
 
 
 def _episode(
-    scene: Scene, theirs: mujoco.MjModel, data: mujoco.MjData, home: Array, rng: np.random.Generator
+    scene: Scene, theirs: mujoco.MjModel, data: mujoco.MjData, home: Array, rng: np.random.Generator, share: float
 ) -> list[tuple[Array, Array, Array]]:
     """q, v and u of some steps of an episode; none if it diverges."""
     mujoco.mj_resetData(theirs, data)
@@ -79,7 +86,7 @@ def _episode(
     rows: list[tuple[Array, Array, Array]] = []
     for step in range(int(chosen.max()) + 1):
         if step % HOLD == 0:
-            data.ctrl[:] = controls(theirs, 1, rng)[0]
+            data.ctrl[:] = controls(theirs, 1, rng, share)[0]
         if step in chosen:
             rows.append((data.qpos.copy(), data.qvel.copy(), np.concatenate([data.ctrl, data.act[acts]])))
         mujoco.mj_step(theirs, data)

@@ -53,7 +53,10 @@ def run(arguments: argparse.Namespace) -> None:
         servo=None if arguments.kp is None else Servo(arguments.kp, arguments.kd),
         packages=arguments.packages,
     )
-    scene = Scene.from_mjcf(found.model)
+    try:
+        scene = Scene.from_mjcf(found.model)
+    except UserError as error:  # it knows no file
+        raise UserError(str(error).replace("MjModel", arguments.urdf, 1)) from None
     found.write(arguments.out)
     for note in found.notes:
         print(f"  {note}")

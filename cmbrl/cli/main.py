@@ -6,7 +6,7 @@ import argparse
 import os
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from importlib.metadata import version
 from keyword import iskeyword
@@ -40,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line and returns the exit code: 0 done, 2 invalid input, 130 interrupted."""
     try:
         with warnings.catch_warnings():
-            warnings.showwarning = _show_warning
+            warnings.showwarning = _once()
             code = _dispatch(sys.argv[1:] if argv is None else argv)
             sys.stdout.flush()
             return code
@@ -70,9 +70,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
 
 
-def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
-    """A warning as one line, without the line of source."""
-    print(f"cmbrl: warning: {message}", file=sys.stderr)
+def _once() -> Callable[..., None]:
+    """Shows a warning as one line, without the line of source; the same one once."""
+    shown = set()
+
+    def show(message: Warning | str, *_: object, **__: object) -> None:
+        if str(message) not in shown:
+            shown.add(str(message))
+            print(f"cmbrl: warning: {message}", file=sys.stderr)
+
+    return show
 
 
 def _dispatch(arguments: Sequence[str]) -> int:

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 _ITERATIONS = 5
+_RIDGE = 1e-10  # share of the diagonal
 _DAMPING = (1e-4, 0.1, 10.0)  # at first, after a success, after a failure
 
 
@@ -56,7 +57,19 @@ class StartEquations:
         hessian = self.hessian.copy()
         k = np.arange(hessian.shape[1])
         hessian[:, k, k] *= 1.0 + np.reshape(damping, (-1, 1))
-        return np.linalg.solve(hessian, right)
+        try:
+            return np.linalg.solve(hessian, right)
+        except np.linalg.LinAlgError:  # slopes of a window that blows up are parallel to the last digit
+            return _solve_regular(hessian, right)
+
+
+def _solve_regular(hessian: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """The same with unit diagonals, and a little more, so that none is singular."""
+    k = np.arange(hessian.shape[1])
+    size = 1.0 / np.sqrt(np.maximum(hessian[:, k, k], 1e-300))
+    scaled = hessian * size[:, :, None] * size[:, None, :]
+    scaled[:, k, k] += _RIDGE
+    return np.asarray(size[:, :, None] * np.linalg.solve(scaled, size[:, :, None] * right))
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,5 @@
 // Contacts of meshes and boxes with each other where rows do not look ahead: those of MuJoCo (hull_sides.hpp), found lane by lane.
+// Where they do, corners of boxes look ahead by themselves, and only what touches between corners is taken from here.
 #pragma once
 #include "hull_sides.hpp"
 #include "workspace.hpp"
@@ -48,6 +49,7 @@ static void find_touches(const Model& m, Work<G>& w, int i) {
       Point between = B.p + B.turned(b) - A.p - A.turned(a);
       int n = touch_hulls(A, B, between, m.con_first[i], m.con_many[i], found);
       for (int k = 0; k < n; ++k) {
+        if (!w.by_sides && !found[k].crossing) continue;
         keep_touch(found[k], w.touch[k], lane);
         w.touch_there[k][lane] = -1;
       }

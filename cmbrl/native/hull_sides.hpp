@@ -10,8 +10,8 @@ constexpr double kLying = 0.996, kLevel = 0.0888;  // as in MuJoCo: sides turned
 
 // The contact's point is a + beside - (back + dist / 2) n. As A moves with velocity u at `a` and B stays, the gap changes by rise u, what
 // else the point moves by than that of n is u - slid u, n turns with A if it is `held`, `beside` if it `leans`. Of edges: they say where
-// they cross (contact.hpp).
-struct Touch { Point a, n, rise, beside, axisA, axisB; double dist, back, slid[9]; bool held, leans, edges; };
+// they cross (contact.hpp). `crossing`: no corner is there, but an edge that crosses another one or the end of a side.
+struct Touch { Point a, n, rise, beside, axisA, axisB; double dist, back, slid[9]; bool held, leans, edges, crossing; };
 
 // A corner of what is clipped: its own; where its line cuts a plane with normal `cut`; or a corner of the clipping side over it. After
 // it comes a line of its own, or one that was cut.
@@ -25,6 +25,7 @@ static Touch touch_at(const Clip& c, const Clipped& at, double dist) {
   Touch t{};
   t.a = at.v;
   t.dist = dist;
+  t.crossing = at.origin == Origin::cut;
   t.held = c.e_is_a == c.by_e;
   Point owner = c.by_e ? c.of_e : c.of_f;
   t.n = t.held ? -1.0 * owner : owner;
@@ -249,7 +250,7 @@ static int touch_hulls(const PosedHull& A, const PosedHull& B, const Point& betw
   Point on_a = (1 - s - t) * A.vertex(c[0].a) + s * A.vertex(c[1].a) + t * A.vertex(c[2].a);
   out[0] = touch_at({true, false, {}, -1.0 * d.n}, {on_a, Origin::own, {}, {}, false, {}, {}}, -d.depth);
   if (a.n == 2 && b.n == 2) {
-    out[0].edges = true;
+    out[0].edges = out[0].crossing = true;
     out[0].axisA = A.vertex(a.at[1]) - A.vertex(a.at[0]);
     out[0].axisB = B.vertex(b.at[1]) - B.vertex(b.at[0]);
   }

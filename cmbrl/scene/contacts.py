@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.hulls import has_sides
-from cmbrl.scene.mixing import collision_pairs, contact_law, pair_label
+from cmbrl.scene.mixing import collision_pairs, contact_law, inverse_weight, pair_label
 from cmbrl.scene.near import false_pairs, near_pairs
 from cmbrl.scene.reach import Balls, height_range
 from cmbrl.scene.records import WORLD, Array, Candidate, ContactKind, ContactLaw, LeftOut, Tree, When
@@ -111,15 +111,19 @@ class ContactBuilder:
         return bool(root[0] == root[1] and root[0] != 0)
 
     def _hulls(self, a: Shape, b: Shape, law: ContactLaw) -> list[Candidate]:
-        """Of two meshes, or a mesh and a box: what touches where rows do not look ahead. Only closed gaps are seen."""
-        if {a.kind, b.kind} not in ({"mesh"}, {"mesh", "box"}) or law.margin > 0:
+        """Of two meshes or boxes: what touches where rows do not look ahead. Only closed gaps are seen.
+
+        Of two boxes in space, edges that cross wherever they are: corners alone would let them through each other.
+        """
+        boxes = a.kind == b.kind == "box"
+        if not {a.kind, b.kind} <= {"mesh", "box"} or law.margin > 0 or (boxes and self.normal is not None):
             return []
         if not (has_sides(self.model, a.geom) and has_sides(self.model, b.geom)) or a.rounding or b.rounding:
             return []
         a, b = (b, a) if a.body == WORLD else (a, b)
-        kind, geoms = ContactKind.HULLS, (a.geom, b.geom)
+        kind, geoms, when = ContactKind.HULLS, (a.geom, b.geom), When.ALWAYS if boxes else When.CLOSED
         one = Candidate(
-            kind, geoms, a.body, b.body, a.pos, _ZERO, b.pos, _ZERO, _UPRIGHT, _ZERO, 0.0, 0.0, law, when=When.CLOSED,
+            kind, geoms, a.body, b.body, a.pos, _ZERO, b.pos, _ZERO, _UPRIGHT, _ZERO, 0.0, 0.0, law, when=when,
         )  # fmt: skip
         return [one] * _SIDES
 
@@ -161,7 +165,7 @@ class ContactBuilder:
         if geom not in self._surfaces:
             fields = [name for name in _SURFACE if hasattr(self.model, name)]
             numbers = [np.ravel(getattr(self.model, name)[geom]).astype(float) for name in fields]
-            weight = self.model.body_invweight0[self.model.geom_bodyid[geom], 0]
+            weight = inverse_weight(self.model, int(self.model.geom_bodyid[geom]))
             self._surfaces[geom] = np.concatenate([*numbers, [weight]]).tobytes()
         return self._surfaces[geom]
 

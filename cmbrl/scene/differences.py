@@ -94,9 +94,16 @@ def _stand_ins(
 
 def _boxes(model: mujoco.MjModel, candidates: list[Candidate]) -> Iterator[LeftOut]:
     boxes = {k for k in range(model.ngeom) if model.geom_type[k] == mujoco.mjtGeom.mjGEOM_BOX}
-    for geoms in dict.fromkeys(c.geoms for c in candidates if set(c.geoms) <= boxes):
-        label = " - ".join(name_of(model, "geom", geom) for geom in sorted(geoms))
-        yield LeftOut("boxes", label, "corners touch sides; edges that cross do not touch")
+    pairs: dict[tuple[int, ...], set[ContactKind]] = {}
+    for c in candidates:
+        if set(c.geoms) <= boxes:
+            pairs.setdefault(tuple(sorted(c.geoms)), set()).add(c.kind)
+    for geoms, kinds in pairs.items():
+        if ContactKind.HULLS in kinds:
+            why = "in four points at most; where rows look ahead, corners do, edges that cross act once closed"
+        else:
+            why = "corners touch sides; edges that cross do not touch"
+        yield LeftOut("boxes", " - ".join(name_of(model, "geom", geom) for geom in geoms), why)
 
 
 def _laws(model: mujoco.MjModel, candidates: list[Candidate], contact_law: str) -> Iterator[LeftOut]:

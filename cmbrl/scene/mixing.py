@@ -15,6 +15,7 @@ from cmbrl.scene.records import Array, ContactLaw
 from cmbrl.scene.support import Gate
 
 _NO_ROLLING = "torsional and rolling friction"
+_LEAST = 1e-6  # of the inverse weight of a free body
 MOST_PAIRS = 600_000  #: a thousand bodies that may all touch each other
 
 
@@ -110,10 +111,20 @@ def contact_law(model: mujoco.MjModel, first: int, second: int, pair: int, gate:
         dim = 3
     if dim == 3 and friction[0] != friction[1]:
         gate.refuse("friction_anisotropic", label, f"friction {friction[0]:g} {friction[1]:g}", "the first applies")
-    weight = model.body_invweight0[model.geom_bodyid[first], 0] + model.body_invweight0[model.geom_bodyid[second], 0]
+    weight = sum(inverse_weight(model, int(model.geom_bodyid[geom])) for geom in (first, second))
     friction_of_sliding = float(friction[0]) if dim > 1 else 0.0
     edges = 2 * (own.dim - 1) if dim > 1 else 4
-    return ContactLaw(dim, friction_of_sliding, own.solref, own.solimp, own.margin, float(weight), edges)
+    return ContactLaw(dim, friction_of_sliding, own.solref, own.solimp, own.margin, weight, edges)
+
+
+def inverse_weight(model: mujoco.MjModel, body: int) -> float:
+    """MuJoCo's translational inverse weight of a body [1/kg], with a floor above its own, which a solve can bear.
+
+    It is 0 where the joints only turn the body about its centre of mass: a turntable, a wheel on a fixed axle.
+    """
+    weld = int(model.body_weldid[body])
+    mass = float(model.body_subtreemass[weld]) if weld else 0.0
+    return max(float(model.body_invweight0[body, 0]), _LEAST / mass if mass > 0 else 0.0)
 
 
 def pair_label(model: mujoco.MjModel, first: int, second: int) -> str:

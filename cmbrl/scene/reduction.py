@@ -113,7 +113,19 @@ def obstacle_to_plane(tree: Tree, plane: PlaneOfMotion, candidate: Candidate, up
     offset = tree.place(candidate.body_a, candidate.pos_a) - tree.place(candidate.body_b, candidate.pos_b)
     if abs(offset @ axis) > depth + _ALIGNED:
         return "two round shapes touch outside the plane of their centres"
+    if corner and _side_by_side(tree, axis, candidate):
+        return "boxes overlap in part along the normal of the plane of motion"
     return None
+
+
+def _side_by_side(tree: Tree, axis: Array, corner: Candidate) -> bool:
+    """Whether two boxes overlap along ``axis`` by less than half of the thinner: MuJoCo then parts them along it."""
+    half_a = np.abs(corner.rot_a.T @ corner.axis_a)
+    sides = ((corner.body_a, corner.rot_a, half_a), (corner.body_b, corner.rot_b, corner.half_b))
+    a, b = (float(half[int(np.argmax(np.abs(tree.turn(body, rot).T @ axis)))]) for body, rot, half in sides)
+    centre = tree.place(corner.body_a, corner.pos_a - corner.axis_a)
+    apart = abs(float((centre - tree.place(corner.body_b, corner.pos_b)) @ axis))
+    return a + b - apart < min(a, b)
 
 
 def project(tree: Tree, plane: PlaneOfMotion, candidate: Candidate) -> Candidate:

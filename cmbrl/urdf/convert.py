@@ -6,6 +6,7 @@ A URDF says nothing of floor and actuators, and holds its root link fast. Here t
 from __future__ import annotations
 
 import os
+import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -19,11 +20,12 @@ from cmbrl.files import atomic_path, check_writable
 from cmbrl.reading import regular_file
 from cmbrl.scene.precheck import check_xml
 from cmbrl.scene.robot_source import quiet
+from cmbrl.text import shortened
 from cmbrl.urdf.actuators import Servo, add_motors, add_servos
+from cmbrl.urdf.dialects import WORLD, plain
 from cmbrl.urdf.inertias import mend
 from cmbrl.urdf.meshes import collect
 
-WORLD = "world"
 _MASSLESS = (1e-3, 1e-6)  # kg, kg m^2: of a link that moves and has neither inertia nor shape
 
 
@@ -83,7 +85,7 @@ def convert(
     file = regular_file(urdf, "give the path of a URDF")
     check_xml(file)
     robot = _robot(file)
-    notes = [*_without_visuals(robot), *mend(robot, file)]
+    notes = [*_without_visuals(robot), *plain(robot, file), *mend(robot, file)]
     if floating:
         _set_free(robot, file)
     folders = [Path(folder) for folder in packages]
@@ -95,8 +97,11 @@ def convert(
         spec, more = _read(robot, meshes, file)
         if floating:
             _put_down(spec)
+        else:
+            _part_from_base(spec)
         if floor:
-            spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
+            ground = spec.worldbody if floating else spec.worldbody.add_body(name="ground")
+            ground.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
         if actuators == "motor":
             more += add_motors(spec)
         elif actuators == "position":
@@ -151,6 +156,7 @@ def _set_free(robot: ElementTree.Element, file: Path) -> None:
 
 def _read(robot: ElementTree.Element, meshes: dict[str, bytes], file: Path) -> tuple[mujoco.MjSpec, list[str]]:
     """MuJoCo's reading; where it refuses a link or a mesh for want of mass or volume, that is mended."""
+    ElementTree.indent(robot)  # a line each, for errors
     text, notes = ElementTree.tostring(robot, encoding="unicode"), []
     try:
         spec = mujoco.MjSpec.from_string(text, assets=meshes)
@@ -164,11 +170,20 @@ def _read(robot: ElementTree.Element, meshes: dict[str, bytes], file: Path) -> t
             spec.compiler.boundmass, spec.compiler.boundinertia = _MASSLESS
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        raise UserError(f"{file}: MuJoCo cannot compile this URDF: {error}") from None
+        raise UserError(f"{file}: MuJoCo cannot compile this URDF: {_with_its_line(str(error), text)}") from None
     if "mass and inertia" in refused:
         light = [model.body(b).name for b in range(1, model.nbody) if model.body_mass[b] <= _MASSLESS[0]]
         notes.append(f"links {', '.join(light)}: move without inertia; they get {_MASSLESS[0] * 1e3:g} g")
     return spec, notes
+
+
+def _with_its_line(error: str, text: str) -> str:
+    """MuJoCo's error, with the line of ``text`` that it numbers in place of the number: the user's file has others."""
+    numbered = re.search(r", line (\d+)", error)
+    lines = text.splitlines()
+    if numbered is None or not 0 < int(numbered[1]) <= len(lines):
+        return error
+    return f"{error[: numbered.start()]}: {shortened(lines[int(numbered[1]) - 1].strip(), 120)}"
 
 
 def _refused(spec: mujoco.MjSpec) -> str:
@@ -188,6 +203,20 @@ def _put_down(spec: mujoco.MjSpec) -> None:
     lowest = min((_lowest(model, data, g) for g in range(model.ngeom)), default=0.0)
     root = next(body for body in spec.bodies if body.parent == spec.worldbody)
     root.pos[2] -= lowest
+
+
+def _part_from_base(spec: mujoco.MjSpec) -> None:
+    """Links that a fixed base carries do not touch it, as other neighbours do not: MuJoCo leaves only those apart.
+
+    Their shapes overlap at the joint, and would hold it fast.
+    """
+    spec.compiler.fusestatic = False  # so that a floor can be a body apart from the base
+    model = spec.compile()
+    fixed = [body for body in range(model.nbody) if model.body_weldid[body] == 0]
+    for link in range(1, model.nbody):
+        if model.body_jntnum[link] and model.body_parentid[link] in fixed:
+            for base in fixed:
+                spec.add_exclude(bodyname1=model.body(base).name, bodyname2=model.body(link).name)
 
 
 def _lowest(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float:

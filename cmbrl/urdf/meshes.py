@@ -1,4 +1,7 @@
-"""Collision meshes of a URDF as files that MuJoCo reads: binary STL and OBJ as they are, others through trimesh."""
+"""Collision meshes of a URDF as files that MuJoCo reads: binary STL and OBJ as they are, others as binary STL.
+
+Collada and STL as text are read here, other kinds through trimesh.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +11,11 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 from cmbrl.errors import UserError
+from cmbrl.urdf.collada import read_collada, read_text_stl, write_stl
 from cmbrl.urdf.packages import find
 
 _HEADER, _TRIANGLE = 84, 50  # bytes of a binary STL
+_READERS = {".dae": read_collada, ".stl": read_text_stl}
 
 
 def collect(robot: Element, urdf: Path, packages: Sequence[Path] = ()) -> dict[str, bytes]:
@@ -45,16 +50,18 @@ def _readable(path: Path, urdf: Path) -> tuple[bytes, str]:
     if suffix in (".obj", ".msh") or (suffix == ".stl" and _binary(data)):
         return data, suffix
     try:
+        if suffix in _READERS:
+            return write_stl(_READERS[suffix](data)), ".stl"
         import trimesh
 
         found: Any = trimesh.load(path, force="mesh")
         return bytes(found.export(file_type="stl")), ".stl"
     except ImportError as error:
         raise UserError(
-            f"{urdf}: {path.name} needs the package {error.name}, since MuJoCo reads binary STL and OBJ only: "
+            f"{urdf}: {path.name} needs the package {error.name}, since it is neither STL, OBJ nor Collada: "
             "pip install 'cmbrl[meshes]'"
         ) from None
-    except Exception as error:  # each reader of trimesh has its own kinds
+    except Exception as error:  # each reader has its own kinds
         raise UserError(f"{path}: cannot be read as a mesh ({error}): save it as STL or OBJ") from None
 
 

@@ -75,3 +75,10 @@ def test_one_part_alone() -> None:
     parts = {part: [line.name for line in check(scene, theirs, 10, 10, only=part)] for part in PARTS}
     assert parts["times"] == ["time of a step", "time with gradient"]
     assert [name for names in parts.values() for name in names] == [line.name for line in check(scene, theirs, 10, 10)]
+
+
+def test_controls_become_weaker_until_mujoco_does_not_diverge() -> None:
+    """As of a URDF whose motors bear more than its light links."""
+    text = ARM.replace('gear="10"', 'gear="3e5"').replace('<motor joint="b"', '<motor joint="b" ctrlrange="-1 1"')
+    lines = lines_of(Scene.from_mjcf(text), mujoco.MjModel.from_xml_string(text))
+    assert "controls within 10% of their ranges" in lines["step in place"].meaning

@@ -11,6 +11,7 @@ from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.folds import draw_starts
 from cmbrl.fitting.noise import sensor_noise
 from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.starts import StartEquations
 from cmbrl.fitting.verdict import advice
 
 SIGMA = np.array([2e-3, 2e-3, 2e-2, 2e-2])  # of q and v of two carts
@@ -126,3 +127,14 @@ def test_a_noisy_log_is_fitted_without_bias(carts, noisy):
 def test_advice_names_a_setting_that_is_clearly_better():
     assert advice([{"setting": "integrator midpoint", "relative_error": 0.95}]) is None
     assert "integrator midpoint left 0.30" in advice([{"setting": "integrator midpoint", "relative_error": 0.3}])
+
+
+def test_a_window_that_blows_up_does_not_end_the_fit() -> None:
+    """Its slopes are so large that one direction is all that is left of them; other windows are as without it."""
+    blown, sound = np.full((2, 2), 1e22), np.array([[2.0, 0.5], [0.5, 1.0]])
+    assert np.linalg.det(blown) == 0
+    right = np.array([[[1e11], [1e11]], [[1.0], [2.0]]])
+    found = StartEquations(right[..., 0], np.array([blown, sound])).solve(right)
+    assert np.isfinite(found).all()
+    np.testing.assert_allclose(blown @ found[0], right[0], rtol=1e-8)
+    np.testing.assert_allclose(found[1], np.linalg.solve(sound, right[1]), rtol=0, atol=1e-8)

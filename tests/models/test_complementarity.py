@@ -114,3 +114,12 @@ def test_impulses_come_with_jacobians_too(scene: Scene) -> None:
     assert plain.impulse is not None
     assert plain.impulse[:, :, 0].sum() > 0
     np.testing.assert_array_equal(both.impulse, plain.impulse)
+
+
+def test_a_model_that_does_not_look_ahead_has_its_alternatives() -> None:
+    """The rigid law looks ahead whatever the model of the file's softness does."""
+    model = ComplementarityModel(Scene.from_mjcf(CUBE), sliding="convex", look_ahead=False)
+    found = model.alternatives()
+    assert not model.look_ahead
+    assert {found[name].scene.contact_law for name in found} == {"mujoco", "rigid"}
+    assert found["contact law rigid"].look_ahead

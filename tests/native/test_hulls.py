@@ -83,6 +83,55 @@ def test_derivatives_are_those_of_the_step(seed: int) -> None:
         assert mismatch_at(model, q, v, u, np.random.default_rng(2)) < 1e-9
 
 
+def bars(turn: str) -> str:
+    """A bar that lies across another one: no corner is in the other."""
+    return f"""<mujoco>{OPTION}<worldbody><geom type="box" size=".5 .05 .05"/>
+<body pos="0 0 .099" euler="{turn}"><freejoint/><geom type="box" size=".05 .5 .05"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("ahead", [True, False])
+@pytest.mark.parametrize("turn", ["0 0 0", "0 0 20", "0 3 0"])
+def test_boxes_lie_across_each_other(turn: str, ahead: bool) -> None:
+    model = ComplementarityModel(Scene.from_mjcf(bars(turn)), look_ahead=ahead)
+    q, v, u = model.scene.q0[None], np.zeros((1, 6)), np.zeros((1, 0))
+    for _ in range(150):
+        found = model.predict(q, v, u)
+        q, v = found.q_next, found.v_next
+    assert q[0, 2] == pytest.approx(0.0999, abs=2e-4)
+    assert abs(q[0, 5]) < 0.01  # it came to lie flat
+
+
+@pytest.mark.parametrize("turn", ["2 3 10", "0 40 50"])
+def test_derivatives_where_edges_cross(turn: str) -> None:
+    rng = np.random.default_rng(0)
+    scene = Scene.from_mjcf(bars(turn))
+    q = scene.integrate(np.tile(scene.q0, (6, 1)), 0.01 * rng.normal(size=(6, 6)))
+    q[:, 2] -= 0.02 * (turn != "2 3 10")
+    v, u = 0.2 * rng.normal(size=(6, 6)), np.zeros((6, 0))
+    model = ComplementarityModel(scene, smoothing=Barrier(1e-4), path_tolerance=1e-12)
+    impulse = np.abs(model.predict(q, v, u, impulse=True).impulse).max(axis=2)
+    assert (impulse[:, np.asarray(scene.core.con_type) == ContactKind.HULLS] > 1e-4).any(axis=1).mean() >= 0.5
+    row = compare(model, q, v, u, 60)
+    assert row["median"] <= 1e-6, row
+    assert row["worst"] <= 1e-4, row
+    assert mismatch_at(model, q, v, u, np.random.default_rng(2)) < 1e-9
+
+
+def test_boxes_touch_as_mujocos() -> None:
+    """A pile of random boxes: MuJoCo has another way to find the points of two boxes, up to eight."""
+    rng, boxes = np.random.default_rng(1), ""
+    for k in range(6):
+        x, y, *turn = rng.uniform([-0.05, -0.05, 0, 0, 0], [0.05, 0.05, 90, 90, 90])
+        size = rng.uniform(0.02, [0.1, 0.08, 0.06])
+        body = f'<body pos="{x} {y} {0.1 + 0.12 * k}" euler="{turn[0]} {turn[1]} {turn[2]}"><freejoint/>'
+        boxes += f'{body}<geom type="box" size="{size[0]} {size[1]} {size[2]}" mass=".3"/></body>'
+    text = f"<mujoco>{OPTION.replace('implicitfast', 'Euler')}<worldbody>{TABLE}{boxes}</worldbody></mujoco>"
+    q, v, expected = fallen(text)
+    model = ComplementarityModel(Scene.from_mjcf(text), sliding="convex", smoothing=Exact(1e-9))
+    errors = relative(model.predict(q, v, np.zeros((STATES, 0))).v_next, expected, v)
+    assert np.mean(errors < 0.02) > 0.6, np.sort(errors)
+
+
 def test_results_do_not_depend_on_the_neighbours_in_a_batch() -> None:
     text = gravel(0)
     q, v, _ = fallen(text)

@@ -171,3 +171,13 @@ def test_without_reduction_every_candidate_stays(load: Load) -> None:
     flat, _ = load(FLOOR + body('type="box" size=".3 .2 .1"'))
     both = Scene.from_mjcf(flat.path, reduce=False)
     assert (flat.core.ncontact, both.core.ncontact, both.merged_points) == (4, 8, 0)
+
+
+@pytest.mark.parametrize(("height", "planar"), [(0.0, True), (0.09, True), (0.15, False), (0.199, False), (0.3, True)])
+def test_boxes_that_lie_on_each_other_are_no_planar_contact(height: float, planar: bool) -> None:
+    """Two turntables: seen from above they are in each other, but one lies on the other, or is out of reach."""
+    box = '<joint axis="0 0 1"/><geom type="box" size=".1 .1 .1"/></body>'
+    bodies = f'<body>{box}<body name="upper" pos=".05 0 {height}">{box}'
+    scene = Scene.from_mjcf(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
+    assert scene.planar == planar
+    assert bool(scene.core.ncontact) == (height < 0.2)

@@ -13,7 +13,7 @@ from cmbrl.cli import main
 from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
-from cmbrl.urdf import convert
+from cmbrl.urdf import Conversion, convert
 from cmbrl.urdf.actuators import Servo
 from cmbrl.urdf.inertias import nearest
 
@@ -121,17 +121,87 @@ def test_nearest_leaves_what_is_possible_and_moves_no_second_moment_further_than
         np.testing.assert_allclose(kept[moments > 1e-3], moments[moments > 1e-3], rtol=1e-9)
 
 
-def test_collada_and_text_become_stl(urdf: Path, tmp_path: Path) -> None:
-    trimesh = pytest.importorskip("trimesh", reason="the extra 'meshes' is not installed")
-    shape = trimesh.Trimesh(CORNERS, FACES)
-    text = shape.export(file_type="stl_ascii")
-    (urdf.parent.parent / "a/shape.stl").write_text(text)
-    found = convert(urdf, tmp_path / "leg.xml")
-    assert len(found.meshes["shape.stl"]) == len(stl(1.0))
-    pytest.importorskip("collada", reason="the extra 'meshes' is not installed")
-    (urdf.parent.parent / "a/shape.dae").write_bytes(shape.export(file_type="dae"))
+COLLADA = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema"><asset><unit meter=".01"/></asset>
+<library_geometries><geometry id="g"><mesh><source id="s"><float_array id="f">{points}</float_array><technique_common>
+<accessor source="#f" count="4" stride="3"/></technique_common></source><vertices id="v"><input semantic="POSITION"
+source="#s"/></vertices>{primitive}</mesh></geometry></library_geometries><library_visual_scenes>
+<visual_scene id="scene"><node><translate>0 0 -10</translate><node><rotate>0 0 1 90</rotate><scale>2 2 2</scale>
+<instance_geometry url="#g"/></node></node></visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#scene"/></scene></COLLADA>"""
+INPUTS = '<input semantic="VERTEX" source="#v" offset="1"/><input semantic="NORMAL" source="#s" offset="0"/>'
+RINGS = " ".join(f"0 {k}" for face in FACES for k in face)
+PRIMITIVES = {
+    "triangles": f"<triangles>{INPUTS}<p>{RINGS}</p></triangles>",
+    "polylist": f"<polylist>{INPUTS}<vcount>3 3 3 3</vcount><p>{RINGS}</p></polylist>",
+    "polygons": f"<polygons>{INPUTS}{''.join('<p>0 {} 0 {} 0 {}</p>'.format(*face) for face in FACES)}</polygons>",
+}
+
+
+def test_an_stl_as_text_becomes_binary(urdf: Path, tmp_path: Path) -> None:
+    """As exporters write it, with a normal and three corners a facet."""
+    facets = ["\n".join(f"   vertex {x} {y} {z}" for x, y, z in CORNERS[list(face)]) for face in FACES]
+    text = "".join(f"facet normal 0 0 0\n outer loop\n{facet}\n endloop\nendfacet\n" for facet in facets)
+    (urdf.parent.parent / "a/shape.stl").write_text(f"solid x\n{text}endsolid x\n")
+    assert convert(urdf, tmp_path / "leg.xml").meshes["shape.stl"] == stl(1.0)
+
+
+@pytest.mark.parametrize("kind", PRIMITIVES)
+def test_collada_stands_where_its_nodes_put_it_in_its_unit(urdf: Path, tmp_path: Path, kind: str) -> None:
+    points = " ".join(str(x) for x in (100 * CORNERS).ravel())
+    (urdf.parent.parent / "a/shape.dae").write_text(COLLADA.format(points=points, primitive=PRIMITIVES[kind]))
     urdf.write_text(robot().replace("a/shape.stl", "a/shape.dae"))
-    assert convert(urdf, tmp_path / "leg.xml").meshes["shape.stl"] == found.meshes["shape.stl"]
+    data = convert(urdf, tmp_path / "leg.xml").meshes["shape.stl"]
+    found = np.frombuffer(data[84:], dtype=[("numbers", "<f4", 12), ("more", "<u2")])["numbers"][:, 3:].reshape(
+        -1, 3, 3
+    )
+    turned = 2 * CORNERS @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]) - [0, 0, 0.1]
+    np.testing.assert_allclose(found, turned[np.array(FACES)], atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    "text", ["<COLLADA", "<COLLADA/>", COLLADA.format(points="1 2", primitive=PRIMITIVES["polylist"])]
+)
+def test_collada_that_cannot_be_read_is_named(urdf: Path, tmp_path: Path, text: str) -> None:
+    (urdf.parent.parent / "a/shape.dae").write_text(text)
+    urdf.write_text(robot().replace("a/shape.stl", "a/shape.dae"))
+    with pytest.raises(UserError, match="cannot be read as a mesh"):
+        convert(urdf, tmp_path / "leg.xml")
+
+
+def test_commas_an_undeclared_world_and_shapes_of_no_size_are_borne(urdf: Path, tmp_path: Path) -> None:
+    """As other readers do."""
+    empty = '<collision><geometry><sphere radius="0.0"/></geometry></collision></link>'
+    text = robot().replace('xyz="0 0 .2"', 'xyz="0, 0, .2"').replace('name="foot">', f'name="foot">{empty[:-7]}')
+    hung = '<joint name="hung" type="fixed"><parent link="world"/><child link="thigh"/></joint></robot>'
+    urdf.write_text(text.replace("</robot>", hung))
+    found = convert(urdf, tmp_path / "leg.xml")
+    assert found.notes == ("link foot: a collision shape of size 0 is left out",)
+    expected = mujoco.MjData(convert_text(urdf, robot(), tmp_path).model)
+    data = mujoco.MjData(found.model)
+    for each in (expected, data):
+        mujoco.mj_kinematics(each.model, each)
+    np.testing.assert_allclose(data.body("calf").xpos, expected.body("calf").xpos)
+    assert data.model.nv == 1
+
+
+def convert_text(urdf: Path, text: str, folder: Path) -> Conversion:
+    urdf.write_text(text)
+    return convert(urdf, folder / "leg.xml")
+
+
+def test_a_fixed_base_does_not_hold_the_link_that_it_carries(urdf: Path, tmp_path: Path) -> None:
+    """Their shapes overlap at the joint; the floor is still there for both."""
+    overlapping = robot().replace('<origin xyz="0 0 .2"/>', '<origin xyz="0 0 .01"/>')
+    model = convert_text(urdf, overlapping, tmp_path).model
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert data.ncon == 0
+    urdf.write_text(overlapping)
+    model = convert(urdf, tmp_path / "leg.xml", floor=True).model
+    data = mujoco.MjData(model)
+    data.joint("knee").qpos[0] = 3.0  # head over heels, into the floor
+    mujoco.mj_forward(model, data)
+    assert {model.geom(int(g)).name for g in data.contact.geom.ravel()} >= {"floor"}
 
 
 def test_the_command_says_what_it_wrote(urdf: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -152,6 +222,8 @@ def test_the_command_says_what_it_wrote(urdf: Path, tmp_path: Path, capsys: pyte
         (('<child link="calf"/>', ""), "links without a parent|cannot compile"),
         (('mass value="2"', 'mass value="nan"'), "link thigh: value = 'nan' of its <inertial> is no number"),
         (('ixx="0.02"', 'ixx="a"'), "link thigh: ixx = 'a' of its <inertial>"),
+        (('xyz="0 0 .2"', 'xyz="$(arg x)"'), r"<origin> has xyz='\$\(arg x\)', which is for xacro or roslaunch"),
+        (('xyz="0 0 .2"', 'xyz="0 0 up"'), 'bad format in attribute .xyz.*: <origin xyz="0 0 up" />'),
         (("<robot", "<mujoco"), "root element is <mujoco>|invalid XML"),
     ],
 )
@@ -170,9 +242,10 @@ def test_position_servos_need_gains(urdf: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "leg.xml").exists()
 
 
-def test_nothing_is_written_of_a_robot_that_cannot_move(tmp_path: Path) -> None:
+def test_nothing_is_written_of_a_robot_that_cannot_move(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "rock.urdf").write_text('<robot name="rock"><link name="rock"/></robot>')
     assert main(["convert", str(tmp_path / "rock.urdf"), str(tmp_path / "rock.xml")]) == 2
+    assert "rock.urdf: the model has no joints" in capsys.readouterr().err
     missing = ["--packages", str(tmp_path / "nowhere")]
     assert main(["convert", str(tmp_path / "rock.urdf"), str(tmp_path / "rock.xml"), *missing]) == 2
     assert [path.name for path in tmp_path.iterdir()] == ["rock.urdf"]
