@@ -79,12 +79,12 @@ class Course:
             if self.incumbent.active.any():
                 self._move()
             if self.count:
-                self._judge(self.budget.fold_iterations, self.journal)
+                self._judge(self.budget.fold_iterations, self.journal, self.budget.polish_rows)
             self.logs = self.journal.unit("logs", self._compare)["logs"]
         except (KeyboardInterrupt, OutOfTime) as reason:
             if self.count:  # a short refit, not kept in the journal; a second Ctrl-C leaves it out
                 with suppress(KeyboardInterrupt):
-                    self._judge(self.budget.trial_fold_iterations, Journal(None, ""))
+                    self._judge(self.budget.trial_fold_iterations, Journal(None, ""), self.budget.trial_rows)
             return "time limit" if isinstance(reason, OutOfTime) else "interrupted"
         return None
 
@@ -209,9 +209,10 @@ class Course:
         incumbent.z = np.array(outcome["z"])
         incumbent.candidates += outcome["candidates"]
 
-    def _judge(self, iterations: int, journal: Journal) -> None:
+    def _judge(self, iterations: int, journal: Journal, rows: int) -> None:
         """Held-out errors of the nominal model, and of parameters fitted to the other episodes."""
-        space, incumbent, (_, folds) = self.evidence.space, self.incumbent, self._everything()
+        space, incumbent, loss = self.evidence.space, self.incumbent, self.loss(rows)
+        folds = Folds.of(loss, loss, self.count, self.seed)
 
         def compute() -> dict[str, Any]:
             journal.report(0.9, "held-out episodes")
