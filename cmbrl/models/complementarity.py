@@ -325,6 +325,8 @@ class ComplementarityModel:
         """
         q, v, u, theta = self._arrays(theta, q=q, v=v, u=u)
         if isinstance(parameter_jacobian, np.ndarray):
+            if parameter_jacobian.ndim != 1 or not np.issubdtype(parameter_jacobian.dtype, np.integer):
+                raise UserError("parameter_jacobian: give numbers of parameters (k,), or True for all of them")
             columns: np.ndarray | None = np.ascontiguousarray(parameter_jacobian, dtype=np.int64)
         else:
             every = switch(parameter_jacobian, "parameter_jacobian")

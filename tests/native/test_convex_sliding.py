@@ -65,8 +65,7 @@ def tumbled(scene: Scene, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return q, 0.5 * rng.normal(size=(count, scene.nv)), np.zeros((count, 0))
 
 
-def their_step(file: Path, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    theirs = mujoco.MjModel.from_xml_path(str(file))
+def their_step(theirs: mujoco.MjModel, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     data, after = mujoco.MjData(theirs), np.empty_like(v)
     for k in range(len(q)):
         mujoco.mj_resetData(theirs, data)
@@ -84,7 +83,7 @@ def test_a_step_on_the_floor_is_mujocos(name: str, impratio: float, cone: str, t
     file = write(tmp_path, name, impratio, cone)
     scene = Scene.from_mjcf(file)
     q, v, u = touching(scene, 60)
-    expected = their_step(file, q, v)
+    expected = their_step(mujoco.MjModel.from_xml_path(str(file)), q, v)
     errors = {}
     for sliding in ("coulomb", "convex"):
         model = ComplementarityModel(scene, smoothing=Exact(1e-12), sliding=sliding)

@@ -10,6 +10,8 @@ from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.native import SolverStatus
 from cmbrl.scene import Scene
 
+from .test_convex_sliding import their_step
+
 TURNTABLE = '<body><joint axis="0 0 1"/><geom type="box" size=".1 .1 .1"/></body>'
 WHEEL = '<body><joint axis="0 1 0"/><geom size=".1"/></body>'
 FLOOR = '<geom type="plane" size="1 1 1" pos="0 0 -.099"/>'
@@ -36,12 +38,7 @@ def test_they_brake_as_in_mujoco(name: str, sliding: str) -> None:
     scene, theirs = Scene.from_mjcf(SCENES[name]), mujoco.MjModel.from_xml_string(SCENES[name])
     q, v = np.linspace(-3, 3, 40)[:, None], np.full((40, 1), 0.5)
     found = ComplementarityModel(scene, sliding=sliding, look_ahead=False).predict(q, v, np.zeros((40, 0)))
-    data, expected = mujoco.MjData(theirs), np.empty_like(v)
-    for k in range(len(q)):
-        mujoco.mj_resetData(theirs, data)
-        data.qpos[:], data.qvel[:] = q[k], v[k]
-        mujoco.mj_step(theirs, data)
-        expected[k] = data.qvel
+    expected = their_step(theirs, q, v)
     assert (found.status == 0).all()
     assert (expected < 0.45).all()  # they do brake
     np.testing.assert_allclose(found.v_next, expected, rtol=0, atol=1e-6)

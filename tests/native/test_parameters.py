@@ -114,6 +114,14 @@ def test_columns_are_numbers_of_parameters(wanted: list[int], tmp_path: Path) ->
         model.predict(*states, parameter_jacobian=np.array(wanted))
 
 
+@pytest.mark.parametrize("wanted", [[True, False], [0.5], [[0, 1]]])
+def test_columns_are_whole_numbers_in_a_row(wanted: list[object], tmp_path: Path) -> None:
+    model = ComplementarityModel(written(tmp_path, TREE))
+    states = random_states(model.scene, 1, np.random.default_rng(0), RANGES)
+    with pytest.raises(UserError, match="give numbers of parameters"):
+        model.predict(*states, parameter_jacobian=np.array(wanted))
+
+
 def test_the_step_has_the_inertia_of_the_physical_vector(tmp_path: Path) -> None:
     """The core's inertia is that of a file with these numbers written into it."""
     body = '<mujoco><worldbody><body><freejoint/>{}<geom size=".1" mass="0"/></body></worldbody></mujoco>'
