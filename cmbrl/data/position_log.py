@@ -125,10 +125,16 @@ class PositionLog:
         lines = scene.core.act_line.tolist()
         found = []
         for name, coordinate in zip(self.joint_names, self.coordinates(scene).tolist(), strict=True):
-            if lines.count(coordinate) != 1:
+            if not (count := lines.count(coordinate)):
+                kind = "position --kp GAIN" if self.command_kind == "position" else "motor"
                 raise UserError(
-                    f"joint {name!r} has {lines.count(coordinate)} actuators in scene {scene.name!r}; name the columns "
-                    f"of {COMMANDS[self.command_kind]} by actuator_names"
+                    f"joint {name!r} has a command in the log and no actuator in scene {scene.name!r}; add one to the "
+                    f"file (a URDF has none: `cmbrl convert FILE.urdf FILE.xml --actuators {kind}`)"
+                )
+            if count > 1:
+                raise UserError(
+                    f"joint {name!r} has {count} actuators in scene {scene.name!r}; name the columns of "
+                    f"{COMMANDS[self.command_kind]} by actuator_names"
                 )
             found.append(lines.index(coordinate))
         return np.array(found, dtype=np.int64)

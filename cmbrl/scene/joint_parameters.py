@@ -18,10 +18,14 @@ _UNITS = {  # for slides, for hinges and balls
     "stiffness": ("N/m", "N m/rad"),
     "frictionloss": ("N", "N m"),
 }
-_RATES = {"damping": 5.0, "armature": 1.0}  # bounds of what is 0 in the file, by the inertia at qpos0: M times 5/s, M
-# Bounds of a friction loss that is 0 in the file: what brakes the inertia at qpos0 by 30 rad/s^2 (or m/s^2), three
-# times what holds all that hangs on the joint in any pose, and a quarter of its motors' strength, whichever is largest.
-_BRAKE, _WEIGHTS, _MOTORS = 30.0, 3.0, 0.25
+# Bounds of what is 0 in the file, whichever is larger. Damping: the inertia at qpos0 times 5/s, or what holds the
+# motors to 2 rad/s (or m/s). Armature: that inertia, or what holds the motors to 100 rad/s^2 (or m/s^2), since a rotor
+# behind a gear may outweigh its link. Friction loss: what brakes the inertia by 30 rad/s^2, three times what holds all
+# that hangs on the joint in any pose, or a quarter of the motors' strength.
+_INERTIAS = {"damping": 5.0, "armature": 1.0, "frictionloss": 30.0}
+_STRENGTHS = {"damping": 0.5, "armature": 0.01, "frictionloss": 0.25}
+_WEIGHTS = 3.0
+_REACH = 0.2  # [rad, m] off its target, where a servo without a limit is said to give all it has
 _LEAST_LIMIT = {True: 0.01, False: 1e-9}  # of the file's limit of a force; of UNLIMITED, where it has none
 _STEEPEST = 1e3  # [N m s/rad, N s/m] of a limit that falls with speed
 _GAP = {True: 0.02, False: 0.2}  # largest backlash of slides [m] and hinges [rad]
@@ -37,21 +41,19 @@ def offer_joints(
     by_source: dict[int, list[Joint]] = {}
     for joint in tree.joints:
         by_source.setdefault(joint.source, []).append(joint)
-    losses = _friction_bounds(model, tree, actuators)
+    bounds = _bounds(model, tree, actuators)
     for field in ("damping", "armature", "stiffness", "frictionloss"):
         for joints in by_source.values():
             dofs = [d for joint in joints for d in joint.dofs]
             indices = [layout.dof(d, field) for d in dofs]
             value, name = float(P[indices[0]]), joints[0].name
             unit = _UNITS[field][int(joints[-1].kind != JointKind.SLIDE)]
-            high = _RATES.get(field, 0.0) * float(model.dof_M0[dofs].max())
-            if field == "frictionloss":
-                high = max(float(losses[d]) for d in dofs)
+            high = float(bounds[field][dofs].max()) if field in bounds else 0.0
             if value > 0:
                 out.add(field, name, value, value / 20, value * 20, unit, indices)
             elif high > 0 and not _floating(tree, joints[0]):
                 out.add(field, name, 0.0, 0.0, high, unit, indices)
-    _offer_friction_laws(tree, losses, layout, P, out)
+    _offer_friction_laws(tree, bounds["frictionloss"], layout, P, out)
 
 
 def armatures_of(moves: Moves, layout: Layout, nv: int) -> dict[int, int]:
@@ -89,12 +91,17 @@ def _rubs(model: mujoco.MjModel) -> bool:
     return not model.opt.disableflags & (off.mjDSBL_FRICTIONLOSS | off.mjDSBL_CONSTRAINT)
 
 
-def _friction_bounds(model: mujoco.MjModel, tree: Tree, actuators: Sequence[Actuator]) -> Array:
-    """Bounds (nv,) of a friction loss that is 0 in the file; zeros where the file switches dry friction off."""
-    if not _rubs(model):
-        return np.zeros(model.nv)
-    bounds = _BRAKE * np.asarray(model.dof_M0, dtype=float).copy()
-    g = float(np.linalg.norm(model.opt.gravity))
+def _bounds(model: mujoco.MjModel, tree: Tree, actuators: Sequence[Actuator]) -> dict[str, Array]:
+    """Largest values (nv,) by field of what is 0 in the file; no friction loss where the file switches it off."""
+    inertia, strength = np.asarray(model.dof_M0, dtype=float), _strengths(model, tree, actuators)
+    found = {field: np.maximum(share * inertia, _STRENGTHS[field] * strength) for field, share in _INERTIAS.items()}
+    found["frictionloss"] = np.maximum(found["frictionloss"], _weights(model, tree)) * _rubs(model)
+    return found
+
+
+def _weights(model: mujoco.MjModel, tree: Tree) -> Array:
+    """Three times the force or torque (nv,) that holds all that hangs on a joint, in the worst pose."""
+    found, g = np.zeros(model.nv), float(np.linalg.norm(model.opt.gravity))
     mass, moment = np.zeros(len(tree.bodies)), np.zeros((len(tree.bodies), 3))
     for k in reversed(range(len(tree.bodies))):
         body = tree.bodies[k]
@@ -107,20 +114,33 @@ def _friction_bounds(model: mujoco.MjModel, tree: Tree, actuators: Sequence[Actu
         k = joint.body
         arm = float(np.linalg.norm(moment[k] - mass[k] * tree.place(k, joint.pos)))
         weight = _WEIGHTS * g * (float(mass[k]) if joint.kind == JointKind.SLIDE else arm)
-        bounds[list(joint.dofs)] = np.maximum(bounds[list(joint.dofs)], weight)
-    strength = np.zeros(model.nv)
+        found[list(joint.dofs)] = weight
+    return found
+
+
+def _strengths(model: mujoco.MjModel, tree: Tree, actuators: Sequence[Actuator]) -> Array:
+    """The most force or torque (nv,) of the motors along each joint; 0 where it has none, or nothing limits them."""
+    found = np.zeros(model.nv)
     for actuator in actuators:
         if 0 <= actuator.line < model.nv:
-            strength[actuator.line] += _strength(actuator)
-    return np.maximum(bounds, _MOTORS * strength)
+            found[actuator.line] += _strength(actuator)
+    for joint in tree.joints:
+        if model.jnt_actfrclimited[joint.source]:
+            most = float(np.abs(model.jnt_actfrcrange[joint.source]).max())
+            found[list(joint.dofs)] = np.minimum(found[list(joint.dofs)], most)
+    return np.where(np.isfinite(found), found, 0.0)
 
 
 def _strength(actuator: Actuator) -> float:
-    """The most force that an actuator is allowed, or 0 where nothing limits it."""
+    """The most force that an actuator is allowed; of a servo without a limit, that of a usual error."""
+    if not actuator.gear:
+        return 0.0
     force = float(np.abs(actuator.force).max())
-    if not np.isfinite(force) and not np.any(actuator.bias):
+    if not np.isfinite(force) and actuator.bias[1]:
+        force = abs(float(actuator.bias[1])) * _REACH
+    elif not np.isfinite(force) and not np.any(actuator.bias):
         force = abs(actuator.gain) * float(np.abs(actuator.control).max())
-    return abs(actuator.gear) * force if np.isfinite(force) else 0.0
+    return abs(actuator.gear) * force
 
 
 def offer_actuator(tree: Tree, actuator: Actuator, layout: Layout, k: int, out: Collector) -> None:

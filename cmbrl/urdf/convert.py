@@ -108,6 +108,8 @@ def convert(
             if servo is None:
                 raise UserError("actuators 'position' need gains: give --kp, and perhaps --kd")
             more += add_servos(spec, servo)
+        # Euler's steps, MuJoCo's default, blow up where a servo's kd is large for its link.
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         model = spec.compile()
         spec.meshdir = mesh_folder(Path(out))
         text = str(spec.to_xml())

@@ -85,6 +85,17 @@ def test_a_log_of_another_robot(leg: Scene, other: dict[str, Any], told: str) ->
         make(**other).check(leg)
 
 
+def test_joints_without_an_actuator() -> None:
+    """A URDF has none; the error says what adds them."""
+    bare = Scene.from_mjcf(
+        '<mujoco model="bare"><worldbody><body><joint name="hip"/><geom size=".1"/><body pos="0 0 -1">'
+        '<joint name="knee"/><geom size=".1"/></body></body></worldbody></mujoco>'
+    )
+    for kind, told in (("position", "position --kp GAIN"), ("torque", "motor")):
+        with pytest.raises(UserError, match=rf"'hip' has a command .* no actuator .*--actuators {told}`"):
+            make(command_kind=kind).check(bare)
+
+
 @pytest.mark.parametrize(
     ("other", "told"),
     [

@@ -128,6 +128,30 @@ def test_friction_loss_is_offered_where_the_file_says_zero(load: Load) -> None:
         assert not [p for p in scene.parameters if p.group == "frictionloss"]
 
 
+@pytest.mark.parametrize(
+    ("joint", "actuator", "strength"),
+    [
+        ("", '<motor joint="j" ctrllimited="true" ctrlrange="-28 28"/>', 28.0),
+        ('actuatorfrclimited="true" actuatorfrcrange="-28 28"', '<position joint="j" kp="400"/>', 28.0),
+        ('actuatorfrclimited="true" actuatorfrcrange="-28 28"', '<motor joint="j"/>', 28.0),
+        ("", '<position joint="j" kp="140"/>', 28.0),  # 0.2 rad off its target
+        ("", '<position joint="j" kp="400" gear="2" forcerange="-14 14"/>', 28.0),
+        ('actuatorfrclimited="true" actuatorfrcrange="-28 28"', "", 0.0),
+        ("", '<motor joint="j"/>', 0.0),  # nothing limits it
+    ],
+)
+def test_what_is_zero_in_the_file_may_be_as_large_as_motors_bear(
+    load: Load, joint: str, actuator: str, strength: float
+) -> None:
+    """A wrist whose geared rotor outweighs it: a URDF has neither armature nor damping."""
+    inertia = '<inertial pos="0 0 0" mass="0.2" diaginertia="0.001 0.001 0.001"/>'
+    scene, _ = load(f'<body><joint name="j" {joint}/>{inertia}</body>', f"<actuator>{actuator}</actuator>")
+    high = {p.group: p.high for p in scene.parameters}
+    assert high["armature"] == pytest.approx(max(0.001, 0.01 * strength))
+    assert high["damping"] == pytest.approx(max(0.005, 0.5 * strength))
+    assert high["frictionloss"] == pytest.approx(max(0.03, 0.25 * strength))
+
+
 def test_masses_soften_contacts(load: Load) -> None:
     """As MuJoCo's inverse weights do: exactly where bodies are free, by value and slope in trees."""
     free = '<body pos="{0} 0 1"><freejoint/><geom name="g{0}" size=".1" mass="{0}"/></body>'

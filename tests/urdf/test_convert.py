@@ -95,6 +95,7 @@ def test_servos_have_the_gains_and_the_range_of_the_joint(urdf: Path, tmp_path: 
     assert model.actuator_biasprm[0, :3].tolist() == [0.0, -25.0, -0.5]
     assert model.actuator_ctrlrange.tolist() == [[-2.0, 1.0]]
     assert model.jnt_actfrcrange[0].tolist() == [-7.0, 7.0]
+    assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST  # Euler's steps blow a large kd up
 
 
 def test_an_impossible_inertia_becomes_the_nearest_and_is_told(urdf: Path, tmp_path: Path) -> None:
