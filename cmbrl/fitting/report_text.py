@@ -11,7 +11,7 @@ import numpy as np
 from cmbrl.fitting.agreement import sentences
 from cmbrl.fitting.fitted_parameter import FLAT, NOMINAL, FittedParameter
 from cmbrl.fitting.sliding import sliding_told
-from cmbrl.fitting.verdict import MEASURES, MODELS, advice, warning
+from cmbrl.fitting.verdict import MEASURES, MODELS, advice, lost, warning
 
 WIDTH = 100
 _ALIKE = 1.01  # times the error of the fit
@@ -45,8 +45,8 @@ def verdict(report: Mapping[str, Any]) -> str:
         return f"{early}Nothing was fitted: {why}."
     if None in held_out:
         return f"{early}Nothing was held out: this fit has not been judged."
-    if lost := warning(report.get("horizons", ())):
-        return f"{early}{lost}."
+    if worse := warning(report.get("horizons", ())):
+        return f"{early}{worse}."
     before, after = (row["rmse"] for row in held_out if row)
     steps = "1 step" if report["horizon"] == 1 else f"{report['horizon']} steps"
     told = f"an error over {steps} of {after:.3g} instead of {before:.3g}{_far(report)}"
@@ -56,7 +56,14 @@ def verdict(report: Mapping[str, Any]) -> str:
         return f"{early}The fit predicts unseen seconds about as well as the file ({told})."
     bound = len(report["at_bound"])
     doubt = f"; {bound} parameter{'s' * (bound > 1)} lie{'s' * (bound == 1)} on a bound" if bound else ""
-    return f"{early}The fit predicts unseen seconds {before / after:.3g} times better than the file ({told}){doubt}."
+    better = f"{early}The fit predicts unseen seconds {before / after:.3g} times better than the file ({told}){doubt}."
+    return better + _reach(report)
+
+
+def _reach(report: Mapping[str, Any]) -> str:
+    """From how many steps on its predictions tell nothing."""
+    steps = [row["steps"] for row in report.get("horizons", ()) if lost(row)]
+    return f" Over {min(steps)} steps it is off by more than the states vary: use it for less." if steps else ""
 
 
 def _far(report: Mapping[str, Any]) -> str:

@@ -54,16 +54,29 @@ def _measured(steps: int, parts: Sequence[tuple[Judge, Mapping[str, np.ndarray]]
 
 
 def warning(rows: Sequence[Mapping[str, Any]]) -> str | None:
-    """One line that says where the fit loses, and by which measure, or None."""
+    """One line that says where the fit loses, and by which measure, or None.
+
+    Holding the velocity is no rival over horizons where it is off by more than the states vary: there, in two seconds
+    of a robot that falls, neither tells anything.
+    """
     names = {"hold": "holding the velocity", "nominal": "the file as it is"}
-    parts = [f"{name} over {lost}" for other, name in names.items() if (lost := _lost(rows, other))]
+    parts = [f"{name} over {where}" for other, name in names.items() if (where := _worse(rows, other))]
     return f"DO NOT TRUST THIS FIT: on unseen episodes it loses to {', and to '.join(parts)}" if parts else None
 
 
-def _lost(rows: Sequence[Mapping[str, Any]], other: str) -> str:
+def lost(row: Mapping[str, Any], model: str = "fitted") -> bool:
+    """Whether ``model`` tells nothing over the horizon of ``row``: it is off by more than the states vary."""
+    return row["steps"] > 1 and row["rmse"][model] >= 1.0
+
+
+def _worse(rows: Sequence[Mapping[str, Any]], other: str) -> str:
     """Horizons at which the fit is worse than ``other``, by measure: "1, 5 step(s) (RMSE)"; empty if nowhere."""
     by_measure = {
-        words: [str(row["steps"]) for row in rows if row[measure]["fitted"] > _WORSE * row[measure][other]]
+        words: [
+            str(row["steps"])
+            for row in rows
+            if row[measure]["fitted"] > _WORSE * row[measure][other] and not (other == "hold" and lost(row, other))
+        ]
         for measure, words in MEASURES.items()
     }
     steps = list(by_measure.values())

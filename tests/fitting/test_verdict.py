@@ -14,7 +14,7 @@ from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.report_text import render, verdict
 from cmbrl.fitting.unseen import Unseen
-from cmbrl.fitting.verdict import by_horizon, warning
+from cmbrl.fitting.verdict import by_horizon, lost, warning
 
 from .test_fit_hidden import recorded, scene
 
@@ -40,6 +40,16 @@ def test_a_fit_that_loses_says_so_first() -> None:
     assert text is not None
     assert "holding the velocity over 20 step(s), and to the file as it is over 1 step(s)" in text
     assert warning([_row(1, (1.0, 1.0, 1.0), (1.0, 1.0, 1.0))]) is None
+
+
+def test_holding_is_no_rival_where_it_tells_nothing() -> None:
+    """A robot that falls within two seconds: the fit is ten times better where anything can be predicted."""
+    rows = [_row(20, (1.5, 1.3, 0.2), (21.0, 16.0, 0.4)), _row(100, (6.4, 34.0, 6.6), (86.0, 342.0, 35.0))]
+    assert warning(rows) is None
+    assert [lost(row) for row in rows] == [False, True]
+    assert warning([_row(100, (0.9, 34.0, 6.6), (1.0, 342.0, 35.0))]) is not None
+    assert warning([_row(1, (1.2, 3.0, 1.3), (1.2, 3.0, 1.3))]) is not None  # in units of the change
+    assert warning([_row(100, (6.4, 5.0, 6.6), (86.0, 5.0, 35.0))]) is not None  # the file is a rival everywhere
 
 
 def test_it_loses_where_one_measure_says_so() -> None:
@@ -71,6 +81,13 @@ def test_the_first_line_of_a_fit_tells_of_a_loss_in_rmse(carts) -> None:
     assert "times better" in verdict(report)
     far = report["horizons"][-1]["rmse"]
     assert f", over 20 of {far['fitted']:.3g} instead of {far['nominal']:.3g})" in verdict(report)
+    beyond = [
+        *report["horizons"],
+        {**report["horizons"][-1], "steps": 100, "rmse": {"hold": 7, "nominal": 9, "fitted": 6}},
+    ]
+    assert verdict({**report, "horizons": beyond}).endswith(
+        "Over 100 steps it is off by more than the states vary: use it for less."
+    )
     worse = [{**row, "rmse": {**row["rmse"], "fitted": 2.0 * row["rmse"]["nominal"]}} for row in report["horizons"]]
     assert "DO NOT TRUST" in verdict({**report, "horizons": worse}).split(".")[0]
     assert "fitted, rmse" in render({}, report)
