@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from cmbrl.fitting.agreement import Comparison
+from cmbrl.fitting.beginning import beginning
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.cma import cma_search
 from cmbrl.fitting.drives import FADE, GAP, LIMIT
@@ -73,6 +74,7 @@ class Course:
     def run(self) -> str | None:
         """Everything; returns why it ended early, if it did. Then ``incumbent`` is the best so far."""
         try:
+            self.incumbent.begin = np.array(self.journal.unit("begin", self._begin)["z"])
             self.evidence, self.sliding = supported_sliding(self._surveyor(), self.horizons)
             self._look()
             self._choose()
@@ -94,11 +96,23 @@ class Course:
         starts = draw_starts(evidence.log, steps, limit, self.seed)
         return evidence.loss(starts, steps, *evidence.scales(steps, self.huber, self.survey.noise))
 
+    def _begin(self) -> dict[str, Any]:
+        self.journal.report(0.01, "beginning")
+        evidence, steps = self.evidence, min(self.horizons)
+        starts = draw_starts(evidence.log, steps, self.budget.survey_rows, self.seed)
+        loss = evidence.loss(starts, steps, *evidence.scales(steps, self.huber))
+        return {"z": beginning(loss, evidence.space, self._movable).tolist()}
+
+    @property
+    def _movable(self) -> np.ndarray:
+        return self.evidence.space.default if self.wanted is None else self.wanted
+
     def _surveyor(self) -> Surveyor:
-        movable = self.evidence.space.default if self.wanted is None else self.wanted
-        rows, iterations = self.budget.survey_rows, self.budget.survey_iterations
+        begin, rows, iterations = self.incumbent.begin, self.budget.survey_rows, self.budget.survey_iterations
         law = label(self.sliding["tried"]) if self.sliding and self.sliding["taken"] else ""
-        return Surveyor(self.evidence, movable, self.huber, self.count, self.seed, rows, iterations, self.journal, law)
+        return Surveyor(
+            self.evidence, self._movable, begin, self.huber, self.count, self.seed, rows, iterations, self.journal, law
+        )
 
     def _look(self) -> None:
         surveyor = self._surveyor()
@@ -113,7 +127,7 @@ class Course:
         elif self.with_laws and self.count:
             Extension(*self._trials(*self._everything(), [])).extend(self.incumbent, self.wanted)
         else:
-            self.incumbent.active = self.wanted
+            self.incumbent.z, self.incumbent.active = self.incumbent.begin, self.wanted
 
     def _move(self) -> None:
         some = self.loss(self.budget.search_rows)

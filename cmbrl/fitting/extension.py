@@ -24,7 +24,7 @@ class Extension(Trials):
         """Moves all of ``chosen`` (n,), and those laws besides that held-out errors call for, the best one first."""
         none = np.zeros_like(chosen)
         before = self._unmoved(incumbent)
-        trial = self._trial("all", incumbent, chosen, incumbent.z, none, before, self.budget.polish_iterations)
+        trial = self._trial("all", incumbent, chosen, incumbent.begin, none, before, self.budget.polish_iterations)
         name = ALL
         if (limited := self._limited(incumbent, chosen, trial.errors)) is not None:
             name, trial = f"{ALL} + {drives.LIMIT}", limited
@@ -59,7 +59,7 @@ class Extension(Trials):
 
         Where motors saturate, a fit without limits ends far from where it should.
         """
-        start, helps = self._scan(drives.LIMIT, incumbent.z, drives.CLEARLY, lines=False)
+        start, helps = self._scan(drives.LIMIT, incumbent.begin, drives.CLEARLY, lines=False)
         if not helps.any():
             return None
         none, iterations = np.zeros_like(chosen), self.budget.polish_iterations

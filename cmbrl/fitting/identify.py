@@ -28,6 +28,7 @@ _REPEATED = 20.0  # by the share of the motion that the model leaves unexplained
 _NAMED = 0.3  # of the largest coefficient; smaller ones are not named
 _MAX_NAMED = 6
 _FLAT_VARIANCE = 0.5  # of the prior's
+_LEAST_EIGENVALUE = 1e-15  # relative; below, rounding rules
 _SILENT = 1e-6  # information, in units of the prior's, below which the log says nothing
 
 
@@ -67,12 +68,12 @@ def identify(
     if len(columns):
         information = scale * equations.hessian[np.ix_(columns, columns)]
         prior = space.precision[np.ix_(columns, columns)]
-        bread = np.linalg.inv(information + prior)
+        bread = _inverse(information + prior)
         scores = scale * equations.episode_gradients[:, columns]
         scores = scores - scores.mean(axis=0)
         spread = repeated * scores.T @ scores * len(scores) / max(len(scores) - 1, 1)
         sandwich = bread @ (spread + prior) @ bread
-        wider = np.sqrt(np.maximum(np.diag(bread) / np.diag(sandwich), 1.0))
+        wider = np.sqrt(np.maximum(np.diag(bread) / np.maximum(np.diag(sandwich), 1e-300), 1.0))
         total = sandwich * np.outer(wider, wider) + discrepancy[np.ix_(columns, columns)]
         variance[columns], covariance[np.ix_(columns, columns)] = np.diag(total), total
         directions = _flat_directions(information, [space.names[k] for k in columns])
@@ -84,6 +85,17 @@ def identify(
     every = covariance.copy()
     covariance[flat], covariance[:, flat] = 0.0, 0.0
     return Identification(low, high, flat, ~fitted & (alone < 1.0), directions, covariance, every)
+
+
+def _inverse(matrix: np.ndarray) -> np.ndarray:
+    """The inverse (n, n) of a positive definite matrix, positive definite too where rounding would not leave it so.
+
+    Without noise, what the log tells of one direction may be 1e16 times what the prior tells of another.
+    """
+    scale = 1.0 / np.sqrt(np.diag(matrix))
+    values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
+    root = vectors * (scale[:, None] / np.sqrt(np.maximum(values, _LEAST_EIGENVALUE * values[-1])))
+    return np.asarray(root @ root.T)
 
 
 def _flat_directions(information: np.ndarray, names: list[str]) -> list[dict]:

@@ -25,6 +25,7 @@ from cmbrl.native import SolverStatus
 ALIKE = 10  # rows that count as one where windows are too short to tell; see ``objective``
 _UNCORRELATED = 0.05  # a correlation below this ends the sum
 _ROWS_AT_ONCE = 4_000_000  # candidates x transitions in one native call: a few seconds, so that Ctrl-C works
+_CHAOS = 1e6  # residuals by prior standard deviations, beyond which a derivative tells of no place but its own
 _JACOBIAN_NUMBERS = 2_000_000  # doubles of the parameter Jacobian in memory at once (16 MB)
 
 
@@ -191,7 +192,8 @@ class PredictionLoss:
             jacobian = found.jacobian * by_z[told]
             lost = ~(np.isfinite(residual).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2)))
             lost |= ~np.isfinite(slope).all(axis=(1, 2))
-            # failed steps: a constant in the loss, which has no slope
+            lost |= np.abs(jacobian).max(axis=(1, 2), initial=0.0) > _CHAOS
+            # failed steps and chaos: a constant in the loss, which has no slope
             residual[lost], jacobian[lost], slope[lost] = 0.0, 0.0, 0.0
             alike.append(alike_rows(residual.reshape(len(residual), self.windows.horizon, -1)))
             weight = np.minimum(1.0, scales.huber / np.maximum(np.abs(residual), 1e-300))

@@ -53,7 +53,7 @@ class Selection(Trials):
         self.journal.report(0.05, "trying all parameters")
         everything, none = self.space.columns(groups), np.zeros_like(incumbent.active)
         iterations = self.budget.polish_iterations
-        trial = self._trial("add all", incumbent, everything, incumbent.z, none, before, iterations)
+        trial = self._trial("add all", incumbent, everything, incumbent.begin, none, before, iterations)
         return self._accept("add", ALL, trial, incumbent) if trial.counts(before.mean) else before
 
     def _thin(self, incumbent: Incumbent, before: Errors) -> Errors:

@@ -57,10 +57,13 @@ class Survey:
 
 @dataclass(frozen=True)
 class Surveyor:
-    """``chosen`` (n,): the parameters that may move; ``count`` of folds, 0 for none; ``label``: of journal units."""
+    """``chosen`` (n,): the parameters that may move; ``begin`` (n,): where fits begin; ``count`` of folds, 0 for none;
+    ``label``: of journal units.
+    """
 
     evidence: Evidence
     chosen: np.ndarray
+    begin: np.ndarray
     huber: float
     count: int
     seed: int
@@ -107,7 +110,7 @@ class Surveyor:
     def _fit(self, name: str, horizon: int, noise: np.ndarray | None, start: np.ndarray | None = None) -> np.ndarray:
         self.journal.check_time()
         self.journal.report(0.02, name)
-        z = np.zeros(len(self.evidence.space)) if start is None else start
+        z = self.begin if start is None else start
         fitted = self.journal.unit(self.label + name, lambda: {"z": self._fitted(horizon, noise, z).tolist()})
         return np.array(fitted["z"])
 

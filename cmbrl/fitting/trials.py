@@ -27,8 +27,9 @@ SHARE_OF_STRAIN = 0.05  # the same of hundreds of parameters, which go on moving
 class Incumbent:
     """The best parameters so far, returned if the fit is interrupted, and how they were reached.
 
-    ``active`` (n,): the parameters that may move, selected or asked for. ``score``: the best of the path; ``course``:
-    by search, its best objective by candidates; ``unseen``: held-out episodes with parameters fitted to the others.
+    ``active`` (n,): the parameters that may move, selected or asked for. ``begin`` (n,): where a fit of all of them
+    begins (``beginning``). ``score``: the best of the path; ``course``: by search, its best objective by candidates;
+    ``unseen``: held-out episodes with parameters fitted to the others.
     """
 
     z: np.ndarray
@@ -38,6 +39,10 @@ class Incumbent:
     score: float = np.inf
     course: list[dict[str, Any]] = field(default_factory=list)
     unseen: Unseen | None = None
+    begin: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.begin = np.zeros_like(self.z)
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,8 @@ def log_of(folder: Path) -> tuple[cmbrl.ComplementarityModel, Transitions]:
 def chosen(model: cmbrl.ComplementarityModel, log: Transitions) -> tuple[str, dict[str, Any] | None]:
     """The law of sliding that the log supports, and what is told of it."""
     evidence = Evidence.of(model, log)
-    surveyor = Surveyor(evidence, evidence.space.default, 0.5, 3, 0, 200, 2, Journal(None, ""))
+    begin = np.zeros(len(evidence.space))
+    surveyor = Surveyor(evidence, evidence.space.default, begin, 0.5, 3, 0, 200, 2, Journal(None, ""))
     found, told = supported_sliding(surveyor, (1, 4, 10, 20))
     return found.model.sliding, told
 
