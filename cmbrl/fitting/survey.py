@@ -83,12 +83,12 @@ class Surveyor:
         noise = sensor_noise(self.evidence, self.evidence.space.nominal)
         if len(enough) == 1 and noise is None:
             return Survey(enough[0], None, {})
-        fitted = {h: self._fit(f"survey of {h} steps", h, noise) for h in enough}
+        fitted = self._fitted_over(enough, noise)
         scores = {h: self._score(z) for h, z in fitted.items()}
         horizon = min(h for h, s in scores.items() if s <= min(scores.values()) + _NEARLY)
         before, noise = noise, sensor_noise(self.evidence, self.evidence.space.theta(fitted[horizon]))
         if not _alike(before, noise):
-            again = self._fit("survey with the noise", horizon, noise)
+            again = self._fit("survey with the noise", horizon, noise, self.begin)
             noise = sensor_noise(self.evidence, self.evidence.space.theta(again))
         return Survey(horizon, noise, scores)
 
@@ -97,31 +97,45 @@ class Surveyor:
         return [h for h in horizons if len(self.evidence.log.windows(h)) >= _LEAST_WINDOWS] or [min(horizons)]
 
     def score_after(self, horizon: int, longer: bool = False) -> float:
-        """Mean logarithm of the held-out errors at all horizons after a fit over one, as ``run`` begins.
+        """Mean logarithm of the held-out errors at all horizons after fits up to one of them, as ``run`` begins.
 
         ``longer``: as many iterations again, and once more.
         """
         noise = sensor_noise(self.evidence, self.evidence.space.nominal)
-        z = self._fit(f"survey of {horizon} steps", horizon, noise)
+        z = self._fitted_over(sorted({1, horizon}), noise)[horizon]
         for again in ("on", "further") if longer else ():
             z = self._fit(f"survey of {horizon} steps, {again}", horizon, noise, z)
         return score(self._judges, self.evidence.space.theta(z))
 
-    def _fit(self, name: str, horizon: int, noise: np.ndarray | None, start: np.ndarray | None = None) -> np.ndarray:
+    def _fitted_over(self, horizons: Sequence[int], noise: np.ndarray | None) -> dict[int, np.ndarray]:
+        """Fits by horizon, each from that over the horizon before or from the beginning, whichever explains more.
+
+        Contacts make and break over several steps, and no derivative tells of that: one step leads to where it hardly
+        matters any more.
+        """
+        found: dict[int, np.ndarray] = {}
+        for h in sorted(horizons):
+            found[h] = self._fit(f"survey of {h} steps", h, noise, self.begin, *list(found.values())[-1:])
+        return found
+
+    def _fit(self, name: str, horizon: int, noise: np.ndarray | None, *starts: np.ndarray) -> np.ndarray:
         self.journal.check_time()
         self.journal.report(0.02, name)
-        z = self.begin if start is None else start
-        fitted = self.journal.unit(self.label + name, lambda: {"z": self._fitted(horizon, noise, z).tolist()})
+        fitted = self.journal.unit(
+            self.label + name, lambda: {"z": self._fitted(horizon, noise, np.array(starts)).tolist()}
+        )
         return np.array(fitted["z"])
 
-    def _fitted(self, horizon: int, noise: np.ndarray | None, z: np.ndarray) -> np.ndarray:
+    def _fitted(self, horizon: int, noise: np.ndarray | None, begin: np.ndarray) -> np.ndarray:
+        """From the best row of ``begin`` (k, n)."""
         evidence, space = self.evidence, self.evidence.space
         starts = draw_starts(evidence.log, horizon, self.rows, self.seed)
         if self.count:
             starts = starts[~np.isin(starts, self._held_out)]
         loss = evidence.loss(starts, horizon, *evidence.scales(horizon, self.huber, noise))
         if not self.chosen.any():
-            return z
+            return begin[0]
+        z = begin[int(np.argmin(np.nan_to_num(loss.values(space.theta(begin)), nan=np.inf)))]
         return gauss_newton(Objective.at(loss, space, self.chosen, z), z, self.iterations, self.journal).z
 
     def _score(self, z: np.ndarray) -> float:
