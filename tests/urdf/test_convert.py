@@ -132,7 +132,8 @@ COLLADA = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema"><asse
 <up_axis>X_UP</up_axis></asset>
 <library_geometries><geometry id="g"><mesh><source id="s"><float_array id="f">{points}</float_array><technique_common>
 <accessor source="#f" count="4" stride="3">
-<param name="X"/><param name="Y"/><param name="Z"/></accessor></technique_common></source><vertices id="v"><input semantic="POSITION"
+<param name="X"/><param name="Y"/><param name="Z"/></accessor></technique_common></source><vertices id="v"><input
+semantic="POSITION"
 source="#s"/></vertices>{primitive}</mesh></geometry></library_geometries><library_visual_scenes>
 <visual_scene id="scene"><node><translate>0 0 -10</translate><node><rotate>0 0 1 90</rotate><scale>2 2 2</scale>
 <instance_geometry url="#g"><bind_material><technique_common><instance_material symbol="m" target="#missing"/>
