@@ -25,7 +25,7 @@ if [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$digest" ]; then exit 0; fi
 echo "setup: building cmbrl into .venv (a few minutes the first time)" >&2
 [ -x .venv/bin/python ] || "$python" -m venv .venv
 export PIP_DISABLE_PIP_VERSION_CHECK=1
-CXX=$compiler .venv/bin/python -m pip install -qq --constraint configs/constraints.txt --editable '.[tasks,fit,data,logs,train,play,export,dev]'
+CXX=$compiler .venv/bin/python -m pip install -qq --constraint configs/constraints.txt --editable '.[tasks,fit,data,logs,urdf,train,play,export,dev]'
 # Optional packages, by name so that the core is not built again. Some have no wheel for every platform: then go on without.
 optional() {
   .venv/bin/python -c 'import sys, tomllib; extras = tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]

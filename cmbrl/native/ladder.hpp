@@ -102,8 +102,10 @@ static Outcome contact_solve(const Structure& m, const Options& o, SolverWork<G>
   Continuation<G> curve(m, o, w);
   static constexpr double tau = 0.9;
   const Strategy first{G::NT == 1 ? 0.98 : 0.95, 0.3, 1, true, false, o.max_iterations};
+  Strategy quick = first;  // one lane that has stuck holds up its pack: it tries again, patiently, in a pack of its kind
+  quick.patience = o.rungs == 1 && !o.last_attempt ? 5 : 0;
   const Rung ladder[] = {
-      {first},  // aggressive: all but a few in a hundred
+      {quick},  // aggressive: all but a few in a hundred
       {first},  // all rows alike in kappa: hopper 1
       {{tau, 0.3, 3, false, true, 60, 0.1}},  // friction grows from a tenth: hopper 2
       {{tau, 0.3, 3, false, true, 60, 0.3}},  // from 0.3 of it, and what is hopeless shows: cheetah 3

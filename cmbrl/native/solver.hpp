@@ -8,7 +8,14 @@ namespace cmbrl::CMBRL_ISA {
 
 // follow: along the path from a large kappa down, centred at each of them, instead of straight to the end, with a share
 // `friction` of the coefficients of friction, which then grows back: paths of large friction fold, those of small do not.
-struct Strategy { double tau, sigma, start; bool corrector, follow; int iterations; double friction = 1, growth = 1e3; };
+// patience: a lane that gets on by a tenth of what is left, or less, in so many iterations has come to a fold; 0: go on with it.
+struct Strategy {
+  double tau, sigma, start;
+  bool corrector, follow;
+  int iterations;
+  double friction = 1, growth = 1e3;
+  int patience = 0;
+};
 
 template <class G>
 struct InteriorPoint : Newton<G> {
@@ -204,6 +211,7 @@ struct InteriorPoint : Newton<G> {
   Mask descend(Mask todo, const Strategy& st, T& iterations) {  // from the current point
     T kappa = mean_kappa(), centre = st.follow ? rho * zeta * zeta : T{}, floor = 1e-6 * zeta * zeta;
     Mask busy = todo & (count > 0.0), done = todo & ~busy;
+    T before = T{};  // what was left of the path when patience was last asked
     T slow = T{};  // short steps in a row: the path has folded, more of them would lead nowhere
     bool grows_friction = st.friction < 1 && !o.convex;  // convex paths do not fold
     T share = splat(grows_friction ? st.friction : 1);
@@ -214,6 +222,11 @@ struct InteriorPoint : Newton<G> {
       Mask ready = busy & (centre <= 0.0) & (share >= 1.0) & (off <= o.theta) & (rho * linear <= o.tolerance);
       done |= ready;
       busy &= ~ready;
+      if (st.patience > 0 && it % st.patience == 0) {
+        T left = nu - kappa;
+        if (it > 0) busy &= (left < 0.9 * before) | (left <= 100.0 * kappa);
+        before = left;
+      }
       if (!any(busy) || it == st.iterations) break;
       iterations += select(busy, splat(1), T{});
       T excess = vmax(nu - kappa, T{});

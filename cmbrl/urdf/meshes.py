@@ -1,21 +1,22 @@
-"""Collision meshes of a URDF as files that MuJoCo reads: binary STL and OBJ as they are, others as binary STL.
+"""Collision meshes of a URDF as files that MuJoCo reads: binary STL and OBJ as they are.
 
-Collada and STL as text are read here, other kinds through trimesh.
+Others become binary STL through trimesh.
 """
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from cmbrl.errors import UserError
-from cmbrl.urdf.collada import read_collada, read_text_stl, write_stl
 from cmbrl.urdf.packages import find
 
 _HEADER, _TRIANGLE = 84, 50  # bytes of a binary STL
-_READERS = {".dae": read_collada, ".stl": read_text_stl}
+_LOOKS = ("bind_material", "library_materials", "library_effects", "library_images")  # of Collada
 
 
 def collect(robot: Element, urdf: Path, packages: Sequence[Path] = ()) -> dict[str, bytes]:
@@ -50,19 +51,35 @@ def _readable(path: Path, urdf: Path) -> tuple[bytes, str]:
     if suffix in (".obj", ".msh") or (suffix == ".stl" and _binary(data)):
         return data, suffix
     try:
-        if suffix in _READERS:
-            return write_stl(_READERS[suffix](data)), ".stl"
         import trimesh
 
-        found: Any = trimesh.load(path, force="mesh")
+        found: Any
+        if suffix == ".dae":  # where it is broken, trimesh would leave out shapes and say nothing
+            found = trimesh.load(_without_looks(data), file_type="dae", force="mesh", ignore_broken=False)
+        else:
+            found = trimesh.load(path, force="mesh")
+        if not len(found.faces):
+            raise ValueError("no triangles in it")
+        if found.units:  # of Collada and 3MF; its up axis turns nothing, as in ROS
+            found.apply_scale(trimesh.units.unit_conversion(found.units, "meters"))
         return bytes(found.export(file_type="stl")), ".stl"
     except ImportError as error:
         raise UserError(
-            f"{urdf}: {path.name} needs the package {error.name}, since it is neither STL, OBJ nor Collada: "
-            "pip install 'cmbrl[meshes]'"
+            f"{urdf}: {path.name} needs the package {error.name}, since it is neither binary STL nor OBJ: "
+            "pip install 'cmbrl[urdf]'"
         ) from None
     except Exception as error:  # each reader has its own kinds
         raise UserError(f"{path}: cannot be read as a mesh ({error}): save it as STL or OBJ") from None
+
+
+def _without_looks(collada: bytes) -> io.BytesIO:
+    """Collada without materials and pictures, whose faults do not matter here."""
+    root = ElementTree.fromstring(collada)
+    for parent in list(root.iter()):
+        for child in list(parent):
+            if child.tag.rsplit("}", 1)[-1] in _LOOKS:
+                parent.remove(child)
+    return io.BytesIO(ElementTree.tostring(root))
 
 
 def _binary(stl: bytes) -> bool:

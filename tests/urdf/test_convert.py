@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import sys
 from pathlib import Path
 
 import mujoco
@@ -31,6 +32,12 @@ def stl(scale: float) -> bytes:
     """A binary STL of a tetrahedron."""
     rows = [struct.pack("<12fH", 0, 0, 0, *(scale * CORNERS[list(face)]).ravel(), 0) for face in FACES]
     return b" " * 80 + struct.pack("<I", len(rows)) + b"".join(rows)
+
+
+def triangles(stl: bytes) -> np.ndarray:
+    """Corners (n, 3, 3) [m] of a binary STL."""
+    rows = np.frombuffer(stl[84:], dtype=[("numbers", "<f4", 12), ("more", "<u2")])
+    return rows["numbers"][:, 3:].reshape(-1, 3, 3)
 
 
 def robot(**inertias: float) -> str:
@@ -122,12 +129,16 @@ def test_nearest_leaves_what_is_possible_and_moves_no_second_moment_further_than
         np.testing.assert_allclose(kept[moments > 1e-3], moments[moments > 1e-3], rtol=1e-9)
 
 
-COLLADA = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema"><asset><unit meter=".01"/></asset>
+COLLADA = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema"><asset><unit meter=".01"/>
+<up_axis>X_UP</up_axis></asset>
 <library_geometries><geometry id="g"><mesh><source id="s"><float_array id="f">{points}</float_array><technique_common>
-<accessor source="#f" count="4" stride="3"/></technique_common></source><vertices id="v"><input semantic="POSITION"
+<accessor source="#f" count="4" stride="3">
+<param name="X"/><param name="Y"/><param name="Z"/></accessor></technique_common></source><vertices id="v"><input
+semantic="POSITION"
 source="#s"/></vertices>{primitive}</mesh></geometry></library_geometries><library_visual_scenes>
 <visual_scene id="scene"><node><translate>0 0 -10</translate><node><rotate>0 0 1 90</rotate><scale>2 2 2</scale>
-<instance_geometry url="#g"/></node></node></visual_scene></library_visual_scenes>
+<instance_geometry url="#g"><bind_material><technique_common><instance_material symbol="m" target="#missing"/>
+</technique_common></bind_material></instance_geometry></node></node></visual_scene></library_visual_scenes>
 <scene><instance_visual_scene url="#scene"/></scene></COLLADA>"""
 INPUTS = '<input semantic="VERTEX" source="#v" offset="1"/><input semantic="NORMAL" source="#s" offset="0"/>'
 RINGS = " ".join(f"0 {k}" for face in FACES for k in face)
@@ -143,7 +154,8 @@ def test_an_stl_as_text_becomes_binary(urdf: Path, tmp_path: Path) -> None:
     facets = ["\n".join(f"   vertex {x} {y} {z}" for x, y, z in CORNERS[list(face)]) for face in FACES]
     text = "".join(f"facet normal 0 0 0\n outer loop\n{facet}\n endloop\nendfacet\n" for facet in facets)
     (urdf.parent.parent / "a/shape.stl").write_text(f"solid x\n{text}endsolid x\n")
-    assert convert(urdf, tmp_path / "leg.xml").meshes["shape.stl"] == stl(1.0)
+    found = convert(urdf, tmp_path / "leg.xml").meshes["shape.stl"]
+    np.testing.assert_array_equal(triangles(found), triangles(stl(1.0)))
 
 
 @pytest.mark.parametrize("kind", PRIMITIVES)
@@ -151,10 +163,7 @@ def test_collada_stands_where_its_nodes_put_it_in_its_unit(urdf: Path, tmp_path:
     points = " ".join(str(x) for x in (100 * CORNERS).ravel())
     (urdf.parent.parent / "a/shape.dae").write_text(COLLADA.format(points=points, primitive=PRIMITIVES[kind]))
     urdf.write_text(robot().replace("a/shape.stl", "a/shape.dae"))
-    data = convert(urdf, tmp_path / "leg.xml").meshes["shape.stl"]
-    found = np.frombuffer(data[84:], dtype=[("numbers", "<f4", 12), ("more", "<u2")])["numbers"][:, 3:].reshape(
-        -1, 3, 3
-    )
+    found = triangles(convert(urdf, tmp_path / "leg.xml").meshes["shape.stl"])
     turned = 2 * CORNERS @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]) - [0, 0, 0.1]
     np.testing.assert_allclose(found, turned[np.array(FACES)], atol=1e-7)
 
@@ -166,6 +175,17 @@ def test_collada_that_cannot_be_read_is_named(urdf: Path, tmp_path: Path, text: 
     (urdf.parent.parent / "a/shape.dae").write_text(text)
     urdf.write_text(robot().replace("a/shape.stl", "a/shape.dae"))
     with pytest.raises(UserError, match="cannot be read as a mesh"):
+        convert(urdf, tmp_path / "leg.xml")
+
+
+@pytest.mark.parametrize("missing", ["trimesh", "collada"])
+def test_a_missing_reader_is_named_with_its_remedy(
+    urdf: Path, tmp_path: Path, missing: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (urdf.parent.parent / "a/shape.dae").write_text("<COLLADA/>")
+    urdf.write_text(robot().replace("a/shape.stl", "a/shape.dae"))
+    monkeypatch.setitem(sys.modules, missing, None)
+    with pytest.raises(UserError, match=rf"shape.dae needs the package {missing}.*pip install 'cmbrl\[urdf\]'"):
         convert(urdf, tmp_path / "leg.xml")
 
 
