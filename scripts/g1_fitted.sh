@@ -1,5 +1,6 @@
 #!/bin/sh
-# Logs of the three hidden G1 and their fits, for configs/studies/g1_fitted.yaml; about three hours on one core, most of it for the three fits.
+# Logs of the three hidden G1 and their fits, for configs/studies/g1_fitted.yaml; about
+# three hours on one core, most of it for the fits.
 # A policy that is trained on the published file drives the log: 60 s of bending and stepping in place.
 set -eu
 out=runs/g1_fitted
