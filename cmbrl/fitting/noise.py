@@ -1,10 +1,18 @@
-"""Sensor noise of a log, estimated from what a model leaves unexplained.
+"""Sensor noise of a log, estimated from its own positions and velocities and from what a model leaves unexplained.
 
-With noise e on every state, the one-step residual is r_k = A e_k - e_(k+1) + model error. The same e_(k+1) enters r_k
-and r_(k+1) with opposite signs, so noise shows as a *negative* covariance of neighbouring residuals, -A R, with A near
-the identity. Model errors last or are independent, and do not look like this. Velocities that a contact stops keep no
-noise (A = 0 there); nothing is missed, because such noise does not reach the next states either. The covariance comes
-from median absolute deviations of sums and differences, so impacts do not count.
+Positions change by the integral of the velocities. What is left of that, x_k = q_(k+1) - q_k - dt v, needs no model:
+noise e of the positions makes e_(k+1) - e_k of it, so neighbours x_k and x_(k+1) have the covariance -R. The mean
+velocity v is that of both ends. Where the velocity at the end alone leaves less, an Euler step made the log or the
+velocities are differences of the positions, and x_k tells nothing. Slides of one body, and its turns, are measured
+alike: they share what they tell.
+
+Velocities, and positions of which x_k tells nothing, need the model. With noise e on every state, the one-step residual
+is r_k = A e_k - e_(k+1) + model error. The same e_(k+1) enters r_k and r_(k+1) with opposite signs, so noise shows as a
+*negative* covariance of neighbouring residuals, -A R, with A near the identity. Model errors last or are independent,
+and do not look like this. Velocities that a contact stops keep no noise (A = 0 there); nothing is missed, because such
+noise does not reach the next states either. A position that a contact pushes back does reach them, though A is not the
+identity there; hence x_k. Covariances come from median absolute deviations of sums and differences, so impacts do not
+count.
 
 Errors of a capture that last over several steps, or velocities that were filtered, are not found: their neighbours
 agree, like those of a wrong model.
@@ -17,10 +25,14 @@ import numpy as np
 from cmbrl.data.transitions import Transitions
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.scene import Scene
+from cmbrl.scene.records import JointKind
 
 _CLEAR = 0.15  # share of the variance that must be negative correlation; noise alone has 0.5, clean logs at most 0.11
+_CLEAR_OF_POSITIONS = 0.1  # clean logs have less than nothing, but for chatter
 _SURE = 3.0  # and in standard errors of a correlation
 _ROWS = 5000
+_TINY = 1e-300
 _TO_DEVIATION = 1.4826  # of a normal distribution, from its median absolute deviation
 
 
@@ -35,14 +47,49 @@ def sensor_noise(evidence: Evidence, theta: np.ndarray) -> np.ndarray | None:
 
 def _of_rows(evidence: Evidence, physical: np.ndarray, data: Transitions, rows: np.ndarray) -> np.ndarray:
     """Standard deviations (2 nv,) from transitions at ``rows`` (N,) and those after them."""
+    nv = evidence.model.scene.nv
     rows = rows[:: max(1, len(rows) // _ROWS)]
     if len(rows) < 2:
-        return np.zeros(2 * evidence.model.scene.nv)
-    first, second = (_residual(evidence.model, physical, data, r) for r in (rows, rows + 1))
+        return np.zeros(2 * nv)
+    found = _alternating(*(_residual(evidence.model, physical, data, r) for r in (rows, rows + 1)))
+    own = _of_positions(evidence.model.scene, data, rows)
+    found[:nv] = np.where(own > 0.0, own, found[:nv])
+    return found
+
+
+def _of_positions(scene: Scene, data: Transitions, rows: np.ndarray) -> np.ndarray:
+    """Standard deviations (nv,) of the noise of q, by what the velocities of the log leave of its changes."""
+
+    def left(at: np.ndarray, end: float) -> np.ndarray:
+        mean = (1.0 - end) * data.v[at] + end * data.v_next[at]
+        return scene.difference(data.q[at], data.q_next[at]) - data.dt * mean
+
+    (shared, whole), (_, of_end) = (_covariance(left(rows, end), left(rows + 1, end)) for end in (0.5, 1.0))
+    alike = _measured_alike(scene)
+    mean = alike / alike.sum(axis=1, keepdims=True)
+    correlation = mean @ (shared / np.maximum(whole, _TINY))
+    clear = correlation > np.maximum(_CLEAR_OF_POSITIONS, _SURE / np.sqrt(len(rows) * alike.sum(axis=1)))
+    return np.sqrt(np.where(clear & (whole < of_end), np.maximum(mean @ shared, 0.0), 0.0))
+
+
+def _measured_alike(scene: Scene) -> np.ndarray:
+    """(nv, nv): 1 for coordinates of one body that are both slides or both turns, else 0."""
+    core = scene.core
+    kind = 2 * core.jnt_body + (core.jnt_type == JointKind.SLIDE)
+    of_dof = kind[np.searchsorted(core.jnt_vadr, np.arange(core.nv), side="right") - 1]
+    return (of_dof[:, None] == of_dof).astype(float)
+
+
+def _alternating(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Deviations (c,) of the noise whose differences neighbours (N, c) share, 0 where none shows."""
+    shared, whole = _covariance(first, second)
+    return np.sqrt(np.where(shared > max(_CLEAR, _SURE / np.sqrt(len(first))) * whole, shared, 0.0))
+
+
+def _covariance(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What neighbours (N, c) have less than nothing in common, and the variances of one: (c,) both."""
     apart, together = _spread(first - second), _spread(first + second)
-    shared, whole = (apart**2 - together**2) / 4.0, (apart**2 + together**2) / 4.0
-    found = shared > max(_CLEAR, _SURE / np.sqrt(len(rows))) * whole
-    return np.sqrt(np.where(found, shared, 0.0))
+    return (apart**2 - together**2) / 4.0, (apart**2 + together**2) / 4.0
 
 
 def _residual(model: ComplementarityModel, theta: np.ndarray, data: Transitions, rows: np.ndarray) -> np.ndarray:

@@ -14,6 +14,9 @@ from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.starts import StartEquations
 from cmbrl.fitting.verdict import advice
 
+from .pushed_box import PUSHER, pushes
+from .test_fit_hidden import scene
+
 SIGMA = np.array([2e-3, 2e-3, 2e-2, 2e-2])  # of q and v of two carts
 
 
@@ -53,6 +56,17 @@ def test_a_clean_log_has_no_noise_even_if_the_model_is_wrong(carts):
     log = carts.record(carts.truth(2, gear_1=0.5, damping_0=3.0, tilt=0.5), episodes=20, steps=40)
     evidence = Evidence.of(carts.model(2), log)
     assert sensor_noise(evidence, evidence.space.nominal) is None
+
+
+def test_noise_of_positions_shows_without_the_right_model(tmp_path):
+    """Contacts hide it from the model: a box that lies on a table forgets where it was."""
+    model = cmbrl.ComplementarityModel(scene(tmp_path, PUSHER.format(floor=0.6, mass=0.4)))
+    clean, noisy = (Evidence.of(model, pushes(12, 60, noise)) for noise in (0.0, 1e-4))
+    expected = np.array([1e-4] * 5 + [1e-3] * 3)
+    nominal = noisy.space.nominal
+    np.testing.assert_allclose(sensor_noise(noisy, nominal)[0, :8], expected, rtol=0.4)
+    told = sensor_noise(clean, nominal)
+    assert told is None or not told[0, :8].any()
 
 
 def test_without_noise_the_starts_are_the_logged_states(carts, noisy):
