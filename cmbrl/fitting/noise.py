@@ -3,8 +3,9 @@
 Positions change by the integral of the velocities. What is left of that, x_k = q_(k+1) - q_k - dt v, needs no model:
 noise e of the positions makes e_(k+1) - e_k of it, so neighbours x_k and x_(k+1) have the covariance -R. The mean
 velocity v is that of both ends. Where the velocity at the end alone leaves less, an Euler step made the log or the
-velocities are differences of the positions, and x_k tells nothing. Slides of one body, and its turns, are measured
-alike: they share what they tell.
+velocities are differences of the positions, and x_k tells nothing. Velocities that turn within a row leave x_k that
+alternates as well: noise has to be more than the next term of the quadrature, dt (v_(k+2) - 2 v_(k+1) + v_k) / 12, and
+no more than a model leaves. Slides of one body, and its turns, are measured alike: they share what they tell.
 
 Velocities, and positions of which x_k tells nothing, need the model. With noise e on every state, the one-step residual
 is r_k = A e_k - e_(k+1) + model error. The same e_(k+1) enters r_k and r_(k+1) with opposite signs, so noise shows as a
@@ -30,6 +31,7 @@ from cmbrl.scene.records import JointKind
 
 _CLEAR = 0.15  # share of the variance that must be negative correlation; noise alone has 0.5, clean logs at most 0.11
 _CLEAR_OF_POSITIONS = 0.1  # clean logs have less than nothing, but for chatter
+_TURNING = 1.6  # times the next term: logs without noise reach 1.3
 _SURE = 3.0  # and in standard errors of a correlation
 _ROWS = 5000
 _TINY = 1e-300
@@ -51,8 +53,10 @@ def _of_rows(evidence: Evidence, physical: np.ndarray, data: Transitions, rows: 
     rows = rows[:: max(1, len(rows) // _ROWS)]
     if len(rows) < 2:
         return np.zeros(2 * nv)
-    found = _alternating(*(_residual(evidence.model, physical, data, r) for r in (rows, rows + 1)))
+    first, second = (_residual(evidence.model, physical, data, r) for r in (rows, rows + 1))
     own = _of_positions(evidence.model.scene, data, rows)
+    own = np.where(own < _spread(first[:, :nv]), own, 0.0)
+    found = _alternating(first, second)
     found[:nv] = np.where(own > 0.0, own, found[:nv])
     return found
 
@@ -65,11 +69,14 @@ def _of_positions(scene: Scene, data: Transitions, rows: np.ndarray) -> np.ndarr
         return scene.difference(data.q[at], data.q_next[at]) - data.dt * mean
 
     (shared, whole), (_, of_end) = (_covariance(left(rows, end), left(rows + 1, end)) for end in (0.5, 1.0))
+    next_term = data.dt / 12.0 * _spread(data.v[rows] - 2.0 * data.v_next[rows] + data.v_next[rows + 1])
     alike = _measured_alike(scene)
     mean = alike / alike.sum(axis=1, keepdims=True)
-    correlation = mean @ (shared / np.maximum(whole, _TINY))
-    clear = correlation > np.maximum(_CLEAR_OF_POSITIONS, _SURE / np.sqrt(len(rows) * alike.sum(axis=1)))
-    return np.sqrt(np.where(clear & (whole < of_end), np.maximum(mean @ shared, 0.0), 0.0))
+    clear = mean @ (shared / np.maximum(whole, _TINY)) > np.maximum(
+        _CLEAR_OF_POSITIONS, _SURE / np.sqrt(len(rows) * alike.sum(axis=1))
+    )
+    clear &= (whole < of_end) & (mean @ shared > mean @ (_TURNING * next_term) ** 2)
+    return np.sqrt(np.where(clear, np.maximum(mean @ shared, 0.0), 0.0))
 
 
 def _measured_alike(scene: Scene) -> np.ndarray:
