@@ -117,6 +117,7 @@ class Course:
     def _look(self) -> None:
         surveyor = self._surveyor()
         self.survey = Survey.from_dict(self.journal.unit("survey", lambda: surveyor.run(self.horizons).to_dict()))
+        self.incumbent.surveyed = self.survey.z
 
     def _choose(self) -> None:
         if self.wanted is None:

@@ -102,7 +102,7 @@ def fit(
     incumbent, states = course.incumbent, not evidence.positions_only
     about = {
         "seed": seed, "method": method, "folds": count, "logs": course.logs, "stopped": stopped,
-        **course.survey.to_dict(),
+        **{name: value for name, value in course.survey.to_dict().items() if name != "z"},
         "selection": incumbent.path if wanted is None or incumbent.path else None,
         "horizons": by_horizon(evidence, incumbent.unseen, huber) if incumbent.unseen and states else [],
         "stepping": stepping(evidence, huber) if states else [],

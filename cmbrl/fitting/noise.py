@@ -12,8 +12,9 @@ is r_k = A e_k - e_(k+1) + model error. The same e_(k+1) enters r_k and r_(k+1) 
 *negative* covariance of neighbouring residuals, -A R, with A near the identity. Model errors last or are independent,
 and do not look like this. Velocities that a contact stops keep no noise (A = 0 there); nothing is missed, because such
 noise does not reach the next states either. A position that a contact pushes back does reach them, though A is not the
-identity there; hence x_k. Covariances come from median absolute deviations of sums and differences, so impacts do not
-count.
+identity there; hence x_k. Commands that come late alternate too where each differs from the last one: what follows the
+commands is the model's error. Covariances come from median absolute deviations of sums and differences, so impacts do
+not count.
 
 Errors of a capture that last over several steps, or velocities that were filtered, are not found: their neighbours
 agree, like those of a wrong model.
@@ -32,6 +33,8 @@ from cmbrl.scene.records import JointKind
 _CLEAR = 0.15  # share of the variance that must be negative correlation; noise alone has 0.5, clean logs at most 0.11
 _CLEAR_OF_POSITIONS = 0.1  # clean logs have less than nothing, but for chatter
 _TURNING = 1.6  # times the next term: logs without noise reach 1.3
+_FOLLOWS = 0.5  # of the variance of what alternates: sensors leave at most .2, late commands at least .5
+_OUTLIER = 4.0  # standard deviations
 _SURE = 3.0  # and in standard errors of a correlation
 _ROWS = 5000
 _TINY = 1e-300
@@ -41,14 +44,14 @@ _TO_DEVIATION = 1.4826  # of a normal distribution, from its median absolute dev
 def sensor_noise(evidence: Evidence, theta: np.ndarray) -> np.ndarray | None:
     """Standard deviations (logs, 2 nv) of the noise of q and v, zero where none shows; None if none shows anywhere."""
     physical, data = evidence.seen(theta)
-    rows = data.windows(2)
+    rows = data.windows(3) + 1
     of = data.recording[rows]
     found = np.stack([_of_rows(evidence, physical, data, rows[of == k]) for k in range(len(evidence.names))])
     return found if found.any() else None
 
 
 def _of_rows(evidence: Evidence, physical: np.ndarray, data: Transitions, rows: np.ndarray) -> np.ndarray:
-    """Standard deviations (2 nv,) from transitions at ``rows`` (N,) and those after them."""
+    """Standard deviations (2 nv,) from transitions at ``rows`` (N,) and those before and after them."""
     nv = evidence.model.scene.nv
     rows = rows[:: max(1, len(rows) // _ROWS)]
     if len(rows) < 2:
@@ -56,7 +59,8 @@ def _of_rows(evidence: Evidence, physical: np.ndarray, data: Transitions, rows: 
     first, second = (_residual(evidence.model, physical, data, r) for r in (rows, rows + 1))
     own = _of_positions(evidence.model.scene, data, rows)
     own = np.where(own < _spread(first[:, :nv]), own, 0.0)
-    found = _alternating(first, second)
+    commands = np.concatenate([data.u[rows + k] for k in (-1, 0, 1)], axis=1)
+    found = np.where(_followed(first - second, commands) < _FOLLOWS, _alternating(first, second), 0.0)
     found[:nv] = np.where(own > 0.0, own, found[:nv])
     return found
 
@@ -91,6 +95,18 @@ def _alternating(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Deviations (c,) of the noise whose differences neighbours (N, c) share, 0 where none shows."""
     shared, whole = _covariance(first, second)
     return np.sqrt(np.where(shared > max(_CLEAR, _SURE / np.sqrt(len(first))) * whole, shared, 0.0))
+
+
+def _followed(x: np.ndarray, commands: np.ndarray) -> np.ndarray:
+    """The share (c,) of the variance of ``x`` (N, c), without its outliers, that is linear in ``commands`` (N, m)."""
+    limit = _OUTLIER * _spread(x)
+    centred = np.clip(x - np.median(x, axis=0), -limit, limit)
+    told = np.column_stack([np.ones(len(x)), commands])
+    free = len(x) - np.linalg.matrix_rank(told)
+    if free < 1:
+        return np.zeros(x.shape[1])
+    left = centred - told @ np.linalg.lstsq(told, centred, rcond=None)[0]
+    return np.asarray(1.0 - (left**2).sum(axis=0) / free / np.maximum(centred.var(axis=0), _TINY))
 
 
 def _covariance(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -52,9 +52,17 @@ class Selection(Trials):
         groups = self._remaining(incumbent)
         self.journal.report(0.05, "trying all parameters")
         everything, none = self.space.columns(groups), np.zeros_like(incumbent.active)
-        iterations = self.budget.polish_iterations
+        iterations, known = self.budget.polish_iterations, incumbent.surveyed
         trial = self._trial("add all", incumbent, everything, incumbent.begin, none, before, iterations)
+        if known is not None and self._explains_more(known, trial.z):  # contacts that come and go stopped it halfway
+            again = self._trial("add all again", incumbent, everything, known, none, before, iterations)
+            trial = max(trial, again, key=lambda t: t.gain)
         return self._accept("add", ALL, trial, incumbent) if trial.counts(before.mean) else before
+
+    def _explains_more(self, one: np.ndarray, other: np.ndarray) -> bool:
+        """Whether the loss at ``one`` (n,) is clearly below that at the ``other``."""
+        errors = [self.loss.errors(self.space.theta(z)).mean for z in (one, other)]
+        return errors[0] < (1.0 - LEAST_GAIN) * errors[1]
 
     def _thin(self, incumbent: Incumbent, before: Errors) -> Errors:
         """Removes as many groups at once as the forecast calls superfluous; half as many if a refit disagrees.

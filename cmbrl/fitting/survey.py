@@ -37,22 +37,26 @@ _EXACT = 1e-4  # loss of a coordinate (1 % of its change) below which it is righ
 
 @dataclass(frozen=True)
 class Survey:
-    """``horizon`` of the loss, ``noise`` (logs, 2 nv) or None, and the ``scores`` by horizon (lower is better)."""
+    """``horizon`` of the loss, ``noise`` (logs, 2 nv) or None, and the ``scores`` by horizon (lower is better).
+
+    ``z`` (n,): where the fit over that horizon ended; None if there was nothing to choose.
+    """
 
     horizon: int
     noise: np.ndarray | None
     scores: dict[int, float]
+    z: np.ndarray | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """JSON types; the inverse is ``from_dict``."""
-        noise = None if self.noise is None else self.noise.tolist()
-        return {"horizon": self.horizon, "noise": noise, "scores": [[h, s] for h, s in self.scores.items()]}
+        noise, z = (None if x is None else x.tolist() for x in (self.noise, self.z))
+        return {"horizon": self.horizon, "noise": noise, "scores": [[h, s] for h, s in self.scores.items()], "z": z}
 
     @classmethod
     def from_dict(cls, saved: dict[str, Any]) -> Survey:
         """Inverse of ``to_dict``."""
-        noise = None if saved["noise"] is None else np.array(saved["noise"])
-        return cls(saved["horizon"], noise, {h: s for h, s in saved["scores"]})
+        noise, z = (None if saved[name] is None else np.array(saved[name]) for name in ("noise", "z"))
+        return cls(saved["horizon"], noise, {h: s for h, s in saved["scores"]}, z)
 
 
 @dataclass(frozen=True)
@@ -86,11 +90,12 @@ class Surveyor:
         fitted = self._fitted_over(enough, noise)
         scores = {h: self._score(z) for h, z in fitted.items()}
         horizon = min(h for h, s in scores.items() if s <= min(scores.values()) + _NEARLY)
-        before, noise = noise, sensor_noise(self.evidence, self.evidence.space.theta(fitted[horizon]))
+        z = fitted[horizon]
+        before, noise = noise, sensor_noise(self.evidence, self.evidence.space.theta(z))
         if not _alike(before, noise):
-            again = self._fit("survey with the noise", horizon, noise, self.begin)
-            noise = sensor_noise(self.evidence, self.evidence.space.theta(again))
-        return Survey(horizon, noise, scores)
+            z = self._fit("survey with the noise", horizon, noise, self.begin, z)
+            noise = sensor_noise(self.evidence, self.evidence.space.theta(z))
+        return Survey(horizon, noise, scores, z)
 
     def possible(self, horizons: Sequence[int]) -> list[int]:
         """Those of ``horizons`` that the log has windows of, or the shortest."""

@@ -28,8 +28,9 @@ class Incumbent:
     """The best parameters so far, returned if the fit is interrupted, and how they were reached.
 
     ``active`` (n,): the parameters that may move, selected or asked for. ``begin`` (n,): where a fit of all of them
-    begins (``beginning``). ``score``: the best of the path; ``course``: by search, its best objective by candidates;
-    ``unseen``: held-out episodes with parameters fitted to the others.
+    begins (``beginning``). ``surveyed`` (n,): where a short one ended (``survey``). ``score``: the best of the path;
+    ``course``: by search, its best objective by candidates; ``unseen``: held-out episodes with parameters fitted to the
+    others.
     """
 
     z: np.ndarray
@@ -39,6 +40,7 @@ class Incumbent:
     score: float = np.inf
     course: list[dict[str, Any]] = field(default_factory=list)
     unseen: Unseen | None = None
+    surveyed: np.ndarray | None = None
     begin: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:

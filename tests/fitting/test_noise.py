@@ -58,6 +58,25 @@ def test_a_clean_log_has_no_noise_even_if_the_model_is_wrong(carts):
     assert sensor_noise(evidence, evidence.space.nominal) is None
 
 
+def test_late_commands_are_no_noise(carts):
+    """A robot that acts one row late leaves differences of commands, which alternate as noise does."""
+    log = carts.record(carts.truth(2, gear_1=0.7, damping_0=2.0), episodes=20, steps=40)
+    draw = np.random.default_rng(3)
+    late = replace(log, u=draw.uniform(-1.0, 1.0, log.u.shape))
+    acted = np.roll(late.u, 1, axis=0)
+    step = carts.truth(2, gear_1=0.7, damping_0=2.0)
+    q, v = log.q[0], log.v[0]
+    states = []
+    for u in acted:
+        found = step.predict(q[None], v[None], u[None])
+        states.append((q, v, found.q_next[0], found.v_next[0]))
+        q, v = states[-1][2:]
+    q, v, q_next, v_next = (np.array(x) for x in zip(*states, strict=True))
+    late = replace(late, q=q, v=v, q_next=q_next, v_next=v_next, episode=np.zeros(len(q), dtype=int))
+    evidence = Evidence.of(step, late)
+    assert sensor_noise(evidence, evidence.space.nominal) is None
+
+
 def test_noise_of_positions_shows_without_the_right_model(tmp_path):
     """Contacts hide it from the model: a box that lies on a table forgets where it was."""
     model = cmbrl.ComplementarityModel(scene(tmp_path, PUSHER.format(floor=0.6, mass=0.4)))
