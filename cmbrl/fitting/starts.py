@@ -18,7 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-_ITERATIONS = 5
+_ITERATIONS = 8
+_ENOUGH = 1e-3  # of the cost of all windows: smooth motion gains less after one iteration, contacts after several
 _RIDGE = 1e-10  # share of the diagonal
 _DAMPING = (1e-4, 0.1, 10.0)  # at first, after a success, after a failure
 
@@ -128,7 +129,10 @@ class Settling:
             tried_residual, tried_slope = self.linearise(tried)
             tried_value = self.cost(tried_residual, tried)
             better = tried_value < value
+            gain = float((value - tried_value)[better].sum())
             best[better], value[better] = tried[better], tried_value[better]
             residual[better], slope[better] = tried_residual[better], tried_slope[better]
             damping *= np.where(better, _DAMPING[1], _DAMPING[2])
+            if gain <= _ENOUGH * float(value[np.isfinite(value)].sum()):
+                break
         return best
