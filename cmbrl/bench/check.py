@@ -126,7 +126,7 @@ def _steps(
     if not lines[-1].holds:
         why = reason(scene, models[-1].sliding, theirs, states, lines[-1].value, STEP)
         if why:
-            meaning = "the same, with this part of the file changed for both: it makes the difference"
+            meaning = "the same, with this part of the file changed for both, or this option: it makes the difference"
             lines.append(Line(f"step {where}, {why[0]}", why[1], None, meaning))
     if apart.any() and not apart.all():
         meaning = f"the same, of the {apart.sum()} states in which nothing touches in MuJoCo"

@@ -1,6 +1,7 @@
 """Why a step differs from MuJoCo's: features of the file are switched off in both, until the steps agree.
 
-``cmbrl check`` does so where a step's error is above its limit, and names what it had to switch off.
+``cmbrl check`` does so where a step's error is above its limit, and names what it had to switch off. What the scene has
+left out of the file is taken in instead.
 """
 
 from __future__ import annotations
@@ -24,10 +25,11 @@ _OFF = mujoco.mjtDisableBit
 
 @dataclass(frozen=True)
 class Feature:
-    """Something that ``switch_off`` takes out of MuJoCo's model, in words."""
+    """Something that ``switch_off`` takes out of MuJoCo's model, in words; or contacts that a scene leaves out."""
 
     name: str
-    switch_off: Callable[[mujoco.MjModel], None]
+    switch_off: Callable[[mujoco.MjModel], None] = lambda model: None
+    self_contact: str | None = None  # of the scene, instead of its own
 
 
 def reason(
@@ -38,7 +40,7 @@ def reason(
     All features are off at first; then each comes back, those that say least at first, unless that brings the error
     above ``limit`` again (or above what is left without any of them). So features that differ only together are found.
     """
-    states, off = states.first(STATES), list(_features(theirs))
+    states, off = states.first(STATES), [*_left_out(scene), *_features(theirs)]
     best = _error(scene, sliding, theirs, states, off)
     if best > GAIN * error:
         return None
@@ -53,14 +55,21 @@ def reason(
 
 def _error(scene: Scene, sliding: str, theirs: mujoco.MjModel, states: States, features: Sequence[Feature]) -> float:
     changed = copy.deepcopy(theirs)
+    self_contact = scene.self_contact
     for feature in features:
         feature.switch_off(changed)
+        self_contact = feature.self_contact or self_contact
     try:
-        ours = Scene.from_mjcf(changed, scene.ignore, scene.contact_law, scene.reduce, scene.self_contact, scene.drives)
+        ours = Scene.from_mjcf(changed, scene.ignore, scene.contact_law, scene.reduce, self_contact, scene.drives)
         (found,), _ = step_errors([ComplementarityModel(ours, sliding=sliding)], changed, states)
     except UserError:  # it asks for what the change took away
         return np.inf
     return float(np.median(found))
+
+
+def _left_out(scene: Scene) -> Iterator[Feature]:
+    if scene.self_contact != "all" and any("self-contact" in contact.why for contact in scene.dropped_contacts):
+        yield Feature("with --self-contact all", self_contact="all")
 
 
 def _features(theirs: mujoco.MjModel) -> Iterator[Feature]:

@@ -130,6 +130,7 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, Fa
   bool hulls = m.con_type[i] == kHulls, corner = w.by_sides && !hulls && m.con_hull[i] >= 0;
   if (corner) find_side(m, w, i);
   if (hulls) find_touches(m, w, i);
+  if (hulls && !given && !any(w.touch_there[m.con_corner[i]])) return;
   Feature<G> F = find_feature(m, w, i);
   if (far) {
     T gap = F.dist - m.P[m.oContact + i * kContactFields + kRadius] - w.radius_slack - margin_of(m, i);

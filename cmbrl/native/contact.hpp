@@ -19,7 +19,7 @@ static Feature<G> find_feature(const Model& m, const Work<G>& w, int i) {
   int A = m.con_bodyA[i], B = m.con_bodyB[i], D = G::D;
   F.axisA = F.axisB = F.beside = zero<G::D>();
   F.slide = zero<G::D * G::D>();
-  F.free_s = F.free_t = F.turns = F.linear = F.held = F.leans = F.back = T{};
+  F.free_s = F.free_t = F.turns = F.linear = F.held = F.leans = F.back = F.bends = T{};
   auto place = [&](int body, const double* local) -> V {
     V x = load<G::D>(local);
     return body >= 0 ? w.pos[body] + G::rotate(w.R[body], x) : x - w.O;
@@ -168,11 +168,20 @@ static Shift<G> shift_of(const Model& m, const Contact<G>& c, const Vec<G::N>& x
     if (c.hulls) {
       s.dphi = select(F.linear > 0.0, dot(F.axisA, u), s.dphi);
       u -= F.linear * slid;
-      u += F.leans * G::turn(ang<G>(xi), F.beside);
     }
     T inv = F.turns / select(vabs(F.dist) > 1e-12, F.dist, splat(1e-12));
     dn = inv * (dd - dot(F.n, dd) * F.n);
-    if (c.hulls) dn += F.held * G::turn(ang<G>(xi), F.n);
+    if (c.hulls) {
+      V turned = G::turn(ang<G>(xi), F.n);
+      dn += F.held * turned;
+      if (any(F.bends > 0.0)) {  // A's surface passes under the point as its normal turns otherwise than A
+        auto along = [&](const V& x) { return F.bends * (dot(F.axisA, x) * F.axisA + dot(F.axisB, x) * F.axisB); };
+        V pushed = u + along(turned);
+        CMBRL_FOR(r, G::D) CMBRL_FOR(k, G::D) dn[r] += F.bends * F.slide[r * G::D + k] * pushed[k];
+        u += along(turned - dn);
+      }
+      u += F.leans * G::turn(ang<G>(xi), F.beside);
+    }
   }
   s.dp = u - (c.radiusA + 0.5 * c.phi) * dn - (0.5 * s.dphi) * F.n;
   s.dd[0] = dn;

@@ -1,16 +1,27 @@
-// Contacts of meshes and boxes with each other where rows do not look ahead: those of MuJoCo (hull_sides.hpp), found lane by lane.
+// Contacts of convex shapes with each other where rows do not look ahead: those of MuJoCo (hull_sides.hpp, hull_boxes.hpp,
+// round_contact.hpp), found lane by lane.
 // Where they do, corners of boxes look ahead by themselves, and only what touches between corners is taken from here.
 #pragma once
-#include "hull_sides.hpp"
+#include "hull_boxes.hpp"
+#include "round_contact.hpp"
 #include "workspace.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
 template <class G>
-static PosedHull posed(const Model& m, const Work<G>& w, int hull, int body, int lane) {
-  PosedHull H{&m, m.hull_ptr[hull], m.hull_ptr[hull + 1] - m.hull_ptr[hull], m.hull_count(hull), m.hull_column + m.hull_block[hull], {1, 0, 0, 0, 1, 0, 0, 0, 1}, {}};
+static PosedHull posed(const Model& m, const Work<G>& w, int hull, int body, int lane, Point* made) {
+  PosedHull H{};
+  H.m = &m;
+  H.kind = m.hull_kind[hull];
+  H.begin = m.hull_ptr[hull];
+  H.vertices = m.hull_ptr[hull + 1] - H.begin;
+  H.count = m.hull_count(hull);
+  H.columns = m.hull_column + m.hull_block[hull];
+  H.made = made;
+  CMBRL_FOR(k, 9) H.R[k] = k % 4 == 0;
   CMBRL_FOR(k, 9) if (body >= 0) H.R[k] = w.R[body].m[k][lane];
   CMBRL_FOR(k, 3) H.p.x[k] = body >= 0 ? w.pos[body][k][lane] : -w.O[k][lane];
+  H.place();
   return H;
 }
 
@@ -20,12 +31,13 @@ template <class G>
 static void keep_touch(const Touch& t, Feature<G>& F, int lane) {
   set_lane(F.a, t.a, lane);
   set_lane(F.n, t.n, lane);
-  set_lane(F.axisA, t.edges ? t.axisA : t.rise, lane);
+  set_lane(F.axisA, t.edges || t.bends ? t.axisA : t.rise, lane);
   set_lane(F.axisB, t.axisB, lane);
   set_lane(F.beside, t.beside, lane);
   F.dist[lane] = t.dist;
   F.free_s[lane] = F.free_t[lane] = F.turns[lane] = t.edges;
-  F.linear[lane] = !t.edges;
+  F.bends[lane] = t.bends;
+  F.linear[lane] = !t.edges && !t.bends;
   F.held[lane] = !t.edges && t.held;
   F.leans[lane] = t.leans;
   F.back[lane] = t.edges ? 0 : t.back;
@@ -44,10 +56,14 @@ static void find_touches(const Model& m, Work<G>& w, int i) {
     }
     for (int lane = 0; lane < W; ++lane) {
       Touch found[kMostTouches];
-      PosedHull A = posed(m, w, m.con_hull[i], m.con_bodyA[i], lane), B = posed(m, w, m.con_hullB[i], m.con_bodyB[i], lane);
+      Point of_a[kMostMade], of_b[kMostMade];
+      PosedHull A = posed(m, w, m.con_hull[i], m.con_bodyA[i], lane, of_a), B = posed(m, w, m.con_hullB[i], m.con_bodyB[i], lane, of_b);
       const double *a = m.con_posA + 3 * i, *b = m.con_posB + 3 * i;
       Point between = B.p + B.turned(b) - A.p - A.turned(a);
-      int n = touch_hulls(A, B, between, m.con_first[i], m.con_many[i], found);
+      bool first = m.con_first[i], many = m.con_many[i];
+      int n = A.round() || B.round() ? touch_round(A, B, between, first, many, found)
+              : A.kind == kBox && B.kind == kBox ? (first ? touch_boxes(A, B, true, found) : touch_boxes(B, A, false, found))
+                                                 : touch_polytopes(A, B, between, first, many, found);
       for (int k = 0; k < n; ++k) {
         if (!w.by_sides && !found[k].crossing) continue;
         keep_touch(found[k], w.touch[k], lane);

@@ -18,6 +18,9 @@ static inline Point cross(const Point& a, const Point& b) {
 static inline double size_of(const Point& a) { return __builtin_sqrt(dot(a, a)); }
 static inline Point unit(const Point& a) { return (1 / __builtin_fmax(size_of(a), 1e-300)) * a; }
 
+// What a hull is: the vertices that it has, those of a box, or a round shape that fills the box whose corners it has.
+enum HullKind { kPolytope = 0, kBox = 1, kBall = 2, kCapsule = 3, kEllipsoid = 4, kCylinder = 5 };
+
 // A hull of the model in a pose: x = p + R y for the points y of its body's frame.
 struct PosedHull {
   const Model* m;
@@ -25,15 +28,54 @@ struct PosedHull {
   const double* columns;
   double R[9];
   Point p;
+  int kind;
+  Point centre, axis[3];  // of a box, or of the one around a round shape
+  double half[3];
+  Point* made;  // points of a round shape, in the order in which they were asked for
+  mutable int nmade;
+
+  bool round() const { return kind > kBox; }
+  double radius() const { return kind == kEllipsoid ? 0 : half[0]; }
+  double length() const { return kind == kCapsule ? half[2] - half[0] : half[2]; }  // half that of the axis
+  void place() {
+    nmade = 0;
+    if (kind == kPolytope) return;
+    Point low = corner(0);
+    centre = 0.5 * (low + corner(7));
+    for (int k = 0; k < 3; ++k) {
+      Point side = corner(4 >> k) - low;
+      half[k] = 0.5 * size_of(side);
+      axis[k] = unit(side);
+    }
+  }
+  Point corner(int k) const { return p + turned(m->hull_point + 3 * (begin + k)); }
+  Point round_point(const Point& d) const {
+    if (kind == kEllipsoid) {
+      Point x = centre;
+      double y[3], size = 0;
+      for (int k = 0; k < 3; ++k) { y[k] = half[k] * dot(axis[k], d); size += y[k] * y[k]; }
+      size = __builtin_sqrt(__builtin_fmax(size, 1e-300));
+      for (int k = 0; k < 3; ++k) x = x + (half[k] * y[k] / size) * axis[k];
+      return x;
+    }
+    double up = dot(axis[2], d);
+    Point end = kind == kBall ? centre : centre + (up >= 0 ? length() : -length()) * axis[2], out = kind == kCylinder ? d - up * axis[2] : d;
+    double size = size_of(out);
+    return size > 1e-15 * size_of(d) ? end + (half[0] / size) * out : end;
+  }
 
   Point turned(const double* y) const {
     Point out;
     for (int k = 0; k < 3; ++k) out.x[k] = R[3 * k] * y[0] + R[3 * k + 1] * y[1] + R[3 * k + 2] * y[2];
     return out;
   }
-  Point vertex(int k) const { return p + turned(m->hull_point + 3 * k); }
+  Point vertex(int k) const { return round() ? made[k] : p + turned(m->hull_point + 3 * k); }
   Point normal(int face) const { return turned(m->face_normal + 3 * face); }
   int farthest(const Point& d) const {
+    if (round()) {
+      made[nmade] = round_point(d);
+      return nmade++;
+    }
     double y[3];
     for (int k = 0; k < 3; ++k) y[k] = R[k] * d.x[0] + R[3 + k] * d.x[1] + R[6 + k] * d.x[2];
     T most = splat(-1e300), at = T{}, number = T{};
@@ -102,8 +144,9 @@ struct Simplex {
 };
 
 // Whether A and B overlap; then s is a tetrahedron around the origin.
+constexpr int kMostSimplices = 64;
 static bool overlap(const PosedHull& A, const PosedHull& B, const Point& between, Simplex& s) {
-  constexpr int most = 64;
+  constexpr int most = kMostSimplices;
   s.towards = dot(between, between) > 0 ? between : Point{{1, 0, 0}};
   for (int k = 0; k < most; ++k) {
     Apart far = farthest_apart(A, B, s.towards);
@@ -123,7 +166,7 @@ static bool overlap(const PosedHull& A, const PosedHull& B, const Point& between
 struct Depth { Point n; double depth; Apart corner[3]; };
 
 struct Expansion {
-  static constexpr int most = 96;
+  static constexpr int most = 160;
   struct Side { int corner[3]; Point n; double d; };
   Apart at[most];
   Side sides[2 * most];
@@ -174,7 +217,9 @@ struct Expansion {
   }
 };
 
-static bool find_depth(const PosedHull& A, const PosedHull& B, const Simplex& s, Depth& out) {
+// Of round shapes within `tolerance`.
+constexpr int kMostMade = kMostSimplices + Expansion::most + 1;
+static bool find_depth(const PosedHull& A, const PosedHull& B, const Simplex& s, Depth& out, double tolerance = 1e-10) {
   Expansion polytope(s);
   for (;;) {
     const Expansion::Side near = polytope.sides[polytope.nearest()];
@@ -183,7 +228,7 @@ static bool find_depth(const PosedHull& A, const PosedHull& B, const Simplex& s,
     out.depth = near.d;
     for (int k = 0; k < 3; ++k) out.corner[k] = polytope.at[near.corner[k]];
     Apart far = farthest_apart(A, B, near.n);
-    if (dot(far.x, near.n) - near.d < 1e-10 || polytope.has(far) || !polytope.expand(far)) return true;
+    if (dot(far.x, near.n) - near.d < tolerance || polytope.has(far) || !polytope.expand(far)) return true;
   }
 }
 

@@ -1,17 +1,18 @@
 // Where two hulls that overlap touch, as MuJoCo has it: with a corner, or where edges cross; sides that lie flat on each other, or
-// on an edge, with the corners of what both cover, at most four. And how each of these points moves with the hulls.
+// on an edge, with the corners of what both cover, at most four (eight of boxes). And how each of these points moves with the hulls.
 #pragma once
 #include "hull_depth.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
-constexpr int kMostTouches = 4;
+constexpr int kMostTouches = 8, kMostOfSides = 4;
 constexpr double kLying = 0.996, kLevel = 0.0888;  // as in MuJoCo: sides turned by less than 5.1 degrees lie flat, and so does an edge
 
 // The contact's point is a + beside - (back + dist / 2) n. As A moves with velocity u at `a` and B stays, the gap changes by rise u, what
 // else the point moves by than that of n is u - slid u, n turns with A if it is `held`, `beside` if it `leans`. Of edges: they say where
 // they cross (contact.hpp). `crossing`: no corner is there, but an edge that crosses another one or the end of a side.
-struct Touch { Point a, n, rise, beside, axisA, axisB; double dist, back, slid[9]; bool held, leans, edges, crossing; };
+// Of round shapes (round.hpp) it `bends`: slid says how n turns, axisA and axisB how A is curved.
+struct Touch { Point a, n, rise, beside, axisA, axisB; double dist, back, leans, slid[9]; bool held, edges, crossing, bends; };
 
 // A corner of what is clipped: its own; where its line cuts a plane with normal `cut`; or a corner of the clipping side over it. After
 // it comes a line of its own, or one that was cut.
@@ -57,7 +58,7 @@ static Touch touch_at(const Clip& c, const Clipped& at, double dist) {
 }
 
 struct Polygon {
-  static constexpr int most = 128;
+  static constexpr int most = 256;
   Clipped at[most];
   int n = 0;
 
@@ -94,6 +95,17 @@ static void clip(const Polygon& polygon, const Point& p, const Point& k, Polygon
   }
 }
 
+// Corners that are where others are go; returns how many stay.
+static int drop_twins(Polygon& polygon, double size) {
+  int kept = 0;
+  for (int k = 0; k < polygon.n; ++k) {
+    bool twin = false;
+    for (int i = 0; i < kept; ++i) twin |= size_of(polygon.at[k].v - polygon.at[i].v) < 1e-7 * size;
+    if (!twin) polygon.at[kept++] = polygon.at[k];
+  }
+  return polygon.n = kept;
+}
+
 // MuJoCo's walk to four corners that span much.
 static void widest_four(const Polygon& p, int* best) {
   int at[4] = {0, 1, 2, 3}, n = p.n;
@@ -115,10 +127,9 @@ static void widest_four(const Polygon& p, int* best) {
   }
 }
 
-// Corners of `polygon` that are below the side `face` of F and within it.
-static int clip_to_side(const Clip& c, const PosedHull& F, int face, Polygon& polygon, bool segment, Touch* out) {
-  Polygon side, other;
-  take_side(F, face, side);
+// Corners of `polygon` that are below `side` of F and within it.
+static int clip_to(const Clip& c, const Polygon& side, Polygon& polygon, bool segment, Touch* out, int limit = kMostOfSides) {
+  Polygon other;
   if (side.n < 3 || polygon.n < 2) return 0;
   Point middle = side.at[0].v;
   for (int k = 1; k < side.n; ++k) middle = middle + side.at[k].v;
@@ -133,8 +144,9 @@ static int clip_to_side(const Clip& c, const PosedHull& F, int face, Polygon& po
   for (int k = 0; k < polygon.n; ++k)
     if (dot(c.of_f, polygon.at[k].v - side.at[0].v) <= 0) polygon.at[kept++] = polygon.at[k];
   polygon.n = kept;
-  int chosen[kMostTouches] = {0, 1, 2, 3}, n = kept < kMostTouches ? kept : kMostTouches;
-  if (kept > kMostTouches) widest_four(polygon, chosen);
+  if (limit > kMostOfSides) kept = drop_twins(polygon, size_of(side.at[0].next));
+  int chosen[kMostTouches] = {0, 1, 2, 3, 4, 5, 6, 7}, n = kept < limit ? kept : limit;
+  if (kept > limit && limit == kMostOfSides) widest_four(polygon, chosen);
   else if (segment && kept > 2) {
     double most = -1;
     n = 2;
@@ -149,6 +161,19 @@ static int clip_to_side(const Clip& c, const PosedHull& F, int face, Polygon& po
     out[k] = touch_at(c, at, dot(c.of_f, at.v - side.at[0].v));
   }
   return n;
+}
+
+static int clip_to_side(const Clip& c, const PosedHull& F, int face, Polygon& polygon, bool segment, Touch* out, int limit = kMostOfSides) {
+  Polygon side;
+  take_side(F, face, side);
+  return clip_to(c, side, polygon, segment, out, limit);
+}
+
+static Polygon segment_of(const Point& v, const Point& along) {
+  Polygon segment;
+  segment.add({v, Origin::own, {}, {}, false, along, {}});
+  segment.add({v + along, Origin::own, {}, {}, false, -1.0 * along, {}});
+  return segment;
 }
 
 // Of one hull, the corners that are nearest the other: one, the ends of an edge, or three of a side; and the sides around all of them.
@@ -197,9 +222,7 @@ static int edge_on_side(const PosedHull& E, const Feet& edge, const PosedHull& F
       found = true;
     });
     if (!found) continue;
-    Polygon segment;
-    segment.add({v, Origin::own, {}, {}, false, level, {}});
-    segment.add({v + level, Origin::own, {}, {}, false, -1.0 * level, {}});
+    Polygon segment = segment_of(v, level);
     return clip_to_side({e_is_a, false, {}, normal}, F, sides.side[k], segment, true, out);
   }
   return 0;
@@ -224,7 +247,7 @@ static int side_on_side(const PosedHull& E, const Feet& e, const PosedHull& F, c
 }
 
 // a_first: A is MuJoCo's first geom of the two. Returns how many of `out` there are.
-static int touch_hulls(const PosedHull& A, const PosedHull& B, const Point& between, bool a_first, bool many, Touch* out) {
+static int touch_polytopes(const PosedHull& A, const PosedHull& B, const Point& between, bool a_first, bool many, Touch* out) {
   Simplex simplex;
   Depth d;
   if (!overlap(A, B, between, simplex) || !find_depth(A, B, simplex, d)) return 0;

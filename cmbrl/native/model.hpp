@@ -59,6 +59,7 @@ struct Model : Structure {
   const int* hull_block;         // where the columns of each hull begin: x, y and z of its vertices, each as many as hull_width rounds up to
   const double* hull_column;
   const double *hull_point, *face_normal;                                   // in the frame of the mesh's body
+  const int* hull_kind;                                                     // a HullKind (hull_depth.hpp)
   const int *con_kin, *grp_kin, *kin_ptr;        // candidates that may share a row of a pack: of one group, with laws that differ in lane numbers only
   int nkin;                  // those of group g are numbers grp_kin[g] to grp_kin[g + 1] - 1; kin_ptr: how many candidates those before have
   static constexpr int hull_width = 16;  // a multiple of any pack's; the last vertex fills up

@@ -28,6 +28,7 @@ struct Feature {
   Vec<G::V::size * G::V::size> slide;  // projection onto B's free directions (point against segment or box)
   T turns;                          // 1 where the normal turns as A moves
   T linear, held, leans, back;      // of hulls (hull_sides.hpp): 1 where slide and the rise, in axisA, say all; where n or `beside` turns with A
+  T bends;                          // 1 where slide says how n turns, and the axes how A is curved (round_contact.hpp)
 };
 
 // What is found of a contact before any solve; a lane takes all of it from one candidate.
@@ -186,7 +187,7 @@ struct Work : SolverWork<G> {
   bool sift;                               // clusters are tested
   bool by_sides; int side_of;              // meshes touch planes with corners of a side (side.hpp): those at hand, of which pair of geoms
   V side[4]; Mask side_there[4];
-  int touch_of; Feature<G> touch[4]; Mask touch_there[4];  // the same of hulls with each other (hull_contact.hpp)
+  int touch_of; Feature<G> touch[8]; Mask touch_there[8];  // the same of hulls with each other (hull_contact.hpp)
   T left_out_gap;                          // smallest absolute gap of a contact that was left out
   uint64_t* bits; int *fill_ptr, *fill_idx;  // the pattern as bits, and as lists
   T* vb; Motion *bvel, *bacc;          // where the bias is taken in a midpoint step: velocity, its twists and accelerations

@@ -30,7 +30,6 @@ _FALSE = (
     "what stands in for them overlaps where they do not, in the initial pose or a fifth of random ones, "
     "or is 5 mm deeper"
 )
-_SIDES = 4  # most points of MuJoCo's contact of two meshes
 _ZERO, _UPRIGHT = np.zeros(3), np.eye(3)  # shared by all candidates
 
 
@@ -68,7 +67,7 @@ class ContactBuilder:
     def build(self) -> None:
         """Fills ``candidates`` and ``dropped``; reports unsupported pairs to the gate."""
         pairs = list(collision_pairs(self.model))  # all, so that too many are told before any work
-        near = self._near(pairs)
+        near, pushed = self._near(pairs)
         false = self._false(pairs, near)
         for first, second, pair in pairs:
             a, b = self._shape(first), self._shape(second)
@@ -78,7 +77,10 @@ class ContactBuilder:
                 plane, other = (a, b) if a.kind == "plane" else (b, a)
                 self._against_plane(other, plane, pair)
             elif near is not None and pair < 0 and self._one_tree(first, second) and (first, second) not in near:
-                self._drop(a, b, _FAR[self.self_contact])
+                if (first, second) in pushed:
+                    self._where_closed(a, b, pair)
+                else:
+                    self._drop(a, b, _FAR[self.self_contact])
             elif (first, second) in false:
                 hulls = self._hulls(a, b, self._law(a, b, pair))
                 self.candidates += hulls
@@ -86,13 +88,22 @@ class ContactBuilder:
             else:
                 self._between(a, b, pair)
 
-    def _near(self, pairs: list[tuple[int, int, int]]) -> set[tuple[int, int]] | None:
-        """Pairs of one robot's geoms to keep; None: all."""
+    def _near(self, pairs: list[tuple[int, int, int]]) -> tuple[set[tuple[int, int]] | None, set[tuple[int, int]]]:
+        """Pairs of one robot's geoms to keep (None: all), and those to keep where rows do not look ahead."""
         if self.self_contact == "all" or self.keep_far:
-            return None
+            return None, set()
         if self.self_contact == "none" or not any(self._one_tree(a, b) and pair < 0 for a, b, pair in pairs):
-            return set()
+            return set(), set()
         return near_pairs(self.model)
+
+    def _where_closed(self, a: Shape, b: Shape, pair: int) -> None:
+        """Limits that look ahead keep links apart that MuJoCo's let through to each other."""
+        before = len(self.candidates)
+        self._between(a, b, pair)
+        added = self.candidates[before:]
+        self.candidates[before:] = [replace(c, when=When.CLOSED) for c in added if c.when != When.AHEAD]
+        if added:
+            self._drop(a, b, f"where rows look ahead: {_FAR[self.self_contact]}")
 
     def _false(self, pairs: list[tuple[int, int, int]], near: set[tuple[int, int]] | None) -> set[tuple[int, int]]:
         """Pairs that stand-ins would keep apart all the time."""
@@ -111,12 +122,15 @@ class ContactBuilder:
         return bool(root[0] == root[1] and root[0] != 0)
 
     def _hulls(self, a: Shape, b: Shape, law: ContactLaw) -> list[Candidate]:
-        """Of two meshes or boxes: what touches where rows do not look ahead. Only closed gaps are seen.
+        """What touches as in MuJoCo where rows do not look ahead: all but spheres, capsules and boxes among themselves.
 
-        Of two boxes in space, edges that cross wherever they are: corners alone would let them through each other.
+        Only closed gaps are seen. Of two boxes in space, edges that cross wherever they are: corners alone would let
+        them through each other.
         """
-        boxes = a.kind == b.kind == "box"
-        if not {a.kind, b.kind} <= {"mesh", "box"} or law.margin > 0 or (boxes and self.normal is not None):
+        kinds, boxes = {a.kind, b.kind}, a.kind == b.kind == "box"
+        if not kinds <= {*CONVEX} or (kinds <= {*OWN} and not boxes) or law.margin > 0:
+            return []
+        if self.normal is not None and kinds != {"mesh"} and kinds != {"mesh", "box"}:
             return []
         if not (has_sides(self.model, a.geom) and has_sides(self.model, b.geom)) or a.rounding or b.rounding:
             return []
@@ -125,7 +139,7 @@ class ContactBuilder:
         one = Candidate(
             kind, geoms, a.body, b.body, a.pos, _ZERO, b.pos, _ZERO, _UPRIGHT, _ZERO, 0.0, 0.0, law, when=when,
         )  # fmt: skip
-        return [one] * _SIDES
+        return [one] * _most_points(kinds)
 
     def _across(self, box: Shape) -> Array | None:
         """In a plane of motion, its normal in the frame of the box's body: only edges along it are seen there."""
@@ -257,6 +271,13 @@ class ContactBuilder:
             return [*_corners(a, b, law), *_corners(b, a, law)]
         ball, box = (a, b) if a.kind in _ROUND else (b, a)
         return _round_box(ball, box, law, self._across(box))
+
+
+def _most_points(kinds: set[str]) -> int:
+    """Of MuJoCo's contact of two convex shapes."""
+    if kinds == {"box"}:
+        return 8
+    return 1 if kinds & {"sphere", "ellipsoid"} else 4
 
 
 def _on_plane(shape: Shape, plane: Shape, touch: Touch, law: ContactLaw) -> Candidate:

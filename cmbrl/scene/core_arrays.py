@@ -119,6 +119,8 @@ class CoreArrays:
     con_hullB: Integers  # (nc,) of two hulls: that of B; otherwise -1
     con_first: Integers  # (nc,) of two hulls: whether A is the first of both geoms to MuJoCo
     con_many: Integers  # (nc,) of two hulls: whether sides that lie flat on each other touch in several points
+    # (nhull,) 0: of a mesh; 1: a box; 2 to 5: a sphere, capsule, ellipsoid or cylinder, whose vertices are its box's
+    hull_kind: Integers
     hull_ptr: Integers  # (nhull + 1,) where the vertices of each hull begin
     hull_point: Array  # (vertices, 3) in the body frame
     vertex_ptr: Integers  # (vertices + 1,) where the sides around each vertex begin

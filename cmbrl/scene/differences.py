@@ -100,7 +100,7 @@ def _boxes(model: mujoco.MjModel, candidates: list[Candidate]) -> Iterator[LeftO
             pairs.setdefault(tuple(sorted(c.geoms)), set()).add(c.kind)
     for geoms, kinds in pairs.items():
         if ContactKind.HULLS in kinds:
-            why = "in four points at most; where rows look ahead, corners do, edges that cross act once closed"
+            why = "where rows look ahead, corners do, edges that cross act once closed"
         else:
             why = "corners touch sides; edges that cross do not touch"
         yield LeftOut("boxes", " - ".join(name_of(model, "geom", geom) for geom in geoms), why)

@@ -1,4 +1,4 @@
-"""The sides of meshes and boxes that may touch a plane or each other: polygons of hulls, as MuJoCo keeps them."""
+"""Convex shapes that may touch each other, meshes that may touch a plane: polygons of hulls, as MuJoCo keeps them."""
 
 from __future__ import annotations
 
@@ -21,10 +21,25 @@ _BOX_SIDES = (  # towards +x, -x, +y and so on: signs of the corners, from MuJoC
 _CORNERS = 4  # candidates that a pair needs to stand for the corners of a side
 
 
+_MESH, _BOX = mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_BOX
+_KINDS = {  # as the core numbers them
+    _MESH: 0,
+    _BOX: 1,
+    mujoco.mjtGeom.mjGEOM_SPHERE: 2,
+    mujoco.mjtGeom.mjGEOM_CAPSULE: 3,
+    mujoco.mjtGeom.mjGEOM_ELLIPSOID: 4,
+    mujoco.mjtGeom.mjGEOM_CYLINDER: 5,
+}
+
+
 @dataclass(frozen=True)
 class Hull:
-    """Vertices (n, 3) and outward normals (m, 3) in the body frame, and the vertices around each of the m sides."""
+    """Vertices (n, 3) and outward normals (m, 3) in the body frame, and the vertices around each of the m sides.
 
+    Of a round shape: the corners of its box, and no sides.
+    """
+
+    kind: int
     points: Array
     normals: Array
     sides: tuple[tuple[int, ...], ...]
@@ -36,9 +51,8 @@ def hull_arrays(model: mujoco.MjModel, tree: Tree, candidates: Sequence[Candidat
     Over a plane, none of a mesh whose sides this version of MuJoCo does not keep, nor of one with fewer than four
     candidates.
     """
-    mesh = mujoco.mjtGeom.mjGEOM_MESH
     on_plane = [k for k, c in enumerate(candidates) if c.kind == ContactKind.POINT_PLANE]
-    of_mesh = [k for k in on_plane if model.geom_type[candidates[k].geoms[0]] == mesh]
+    of_mesh = [k for k in on_plane if model.geom_type[candidates[k].geoms[0]] == _MESH]
     points_of = Counter(candidates[k].geoms for k in of_mesh)
     found: dict[int, int] = {}
     hulls: list[Hull] = []
@@ -77,14 +91,14 @@ def _touch_in_several(model: mujoco.MjModel) -> bool:
 
 
 def has_sides(model: mujoco.MjModel, geom: int) -> bool:
-    """Whether the sides of a geom's hull are known: of boxes, and of meshes that MuJoCo has kept them of."""
-    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
+    """Whether the sides of a geom's hull are known: of all but meshes that MuJoCo has not kept them of."""
+    if model.geom_type[geom] != _MESH:
         return True
     return hasattr(model, "mesh_polynum") and bool(model.mesh_polynum[model.geom_dataid[geom]])
 
 
 def _read_hull(model: mujoco.MjModel, geom: int, frame: Frame) -> Hull | None:
-    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
+    if model.geom_type[geom] != _MESH:
         return _box_hull(model, geom, frame)
     mesh = int(model.geom_dataid[geom])
     count = int(model.mesh_polynum[mesh]) if hasattr(model, "mesh_polynum") else 0
@@ -97,6 +111,7 @@ def _read_hull(model: mujoco.MjModel, geom: int, frame: Frame) -> Hull | None:
     turn = frame.rot @ quaternion_matrix(model.geom_quat[geom])
     vertices = np.asarray(model.mesh_vert[model.mesh_vertadr[mesh] + np.array(used)], dtype=np.float64)
     return Hull(
+        _KINDS[_MESH],
         frame.pos + frame.rot @ model.geom_pos[geom] + vertices @ turn.T,
         np.asarray(model.mesh_polynormal[polygons.start : polygons.stop], dtype=np.float64) @ turn.T,
         tuple(tuple(number[vertex] for vertex in side) for side in sides),
@@ -104,14 +119,23 @@ def _read_hull(model: mujoco.MjModel, geom: int, frame: Frame) -> Hull | None:
 
 
 def _box_hull(model: mujoco.MjModel, geom: int, frame: Frame) -> Hull:
+    """Of a box, or of a round shape the corners of the box around it."""
+    kind, size = mujoco.mjtGeom(int(model.geom_type[geom])), model.geom_size[geom]
+    half = {
+        mujoco.mjtGeom.mjGEOM_SPHERE: size[[0, 0, 0]],
+        mujoco.mjtGeom.mjGEOM_CAPSULE: np.array([size[0], size[0], size[0] + size[1]]),
+        mujoco.mjtGeom.mjGEOM_CYLINDER: size[[0, 0, 1]],
+    }.get(kind, size)
     turn = frame.rot @ quaternion_matrix(model.geom_quat[geom])
     corners = ["".join(signs) for signs in product("-+", repeat=3)]
     points = np.array([[1.0 if sign == "+" else -1.0 for sign in corner] for corner in corners])
     normals = [sign * np.eye(3)[axis] for axis in range(3) for sign in (1, -1)]
+    sides = tuple(tuple(corners.index(corner) for corner in reversed(side.split())) for side in _BOX_SIDES)
     return Hull(
-        frame.pos + frame.rot @ model.geom_pos[geom] + (points * model.geom_size[geom]) @ turn.T,
-        np.array(normals) @ turn.T,
-        tuple(tuple(corners.index(corner) for corner in reversed(side.split())) for side in _BOX_SIDES),
+        _KINDS[kind],
+        frame.pos + frame.rot @ model.geom_pos[geom] + (points * half) @ turn.T,
+        np.array(normals) @ turn.T if kind == _BOX else np.zeros((0, 3)),
+        sides if kind == _BOX else (),
     )
 
 
@@ -125,6 +149,7 @@ def _flattened(hulls: Sequence[Hull]) -> dict[str, Any]:
     return {
         "nhull": len(hulls),
         "nface": len(sides),
+        "hull_kind": integers([hull.kind for hull in hulls]),
         "hull_ptr": integers(firsts),
         "hull_point": doubles([point for hull in hulls for point in hull.points], (-1, 3)),
         "vertex_ptr": integers(np.cumsum([0, *map(len, around)])),

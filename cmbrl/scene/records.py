@@ -33,7 +33,7 @@ class ContactKind(IntEnum):
     SEGMENT_SEGMENT = 2
     RIM_PLANE = 3  # the lowest point of a circle: a cylinder's edge
     CORNER_BOX = 4  # a corner of a box against another box
-    HULLS = 5  # where the hulls of two meshes, or of a mesh and a box, touch
+    HULLS = 5  # where two convex shapes touch, at least one of which is a mesh, cylinder or ellipsoid, or two boxes
 
     @property
     def on_plane(self) -> bool:

@@ -39,18 +39,33 @@ def test_another_robot_is_found_out(field: str, name: str) -> None:
 
 
 def test_what_differs_is_named() -> None:
-    """What stands in for a mesh touches where the mesh does not."""
+    """What stands in for a mesh with a margin touches where the mesh does not."""
     stone = '<mesh name="stone" vertex="0 0 0 .3 0 0 0 .1 0 0 0 .1 .3 .1 .02"/>'
     text = (
         ARM.replace(' gear="10"', "")
         .replace("<worldbody>", f"<asset>{stone}</asset><worldbody>")
-        .replace('type="box" size=".1 .1 .1" pos=".5 -.17 1"', 'type="mesh" mesh="stone" pos=".45 -.05 .95"')
+        .replace(
+            'type="box" size=".1 .1 .1" pos=".5 -.17 1"', 'type="mesh" mesh="stone" margin=".001" pos=".45 -.05 .95"'
+        )
     )
     lines = lines_of(Scene.from_mjcf(text), mujoco.MjModel.from_xml_string(text))
     assert not lines["step in place, convex"].holds
     named = lines["step in place, without contacts"]
     assert named.value < 1e-5
     assert named.holds  # it explains, and is no check
+
+
+def test_contacts_that_were_left_out_are_named() -> None:
+    """Two fingers that press on each other, in a scene whose links do not touch each other."""
+    finger = """<body pos="{x} 0 0"><joint axis="0 1 0" stiffness="5" springref="{ref}"/>
+<geom size=".01" pos="0 0 .1" mass=".1"/></body>"""
+    text = f"""<mujoco><option timestep=".002"/><worldbody><body pos="0 0 1"><freejoint/>
+<geom size=".05" pos="0 0 -.2"/>
+{finger.format(x=-0.01, ref=30)}{finger.format(x=0.01, ref=-30)}</body></worldbody></mujoco>"""
+    scene = Scene.from_mjcf(text, self_contact="none")
+    lines = lines_of(scene, mujoco.MjModel.from_xml_string(text))
+    assert not lines["step above the floor, convex"].holds
+    assert lines["step above the floor, with --self-contact all"].value < 0.05
 
 
 def test_a_coordinate_that_hardly_moves_counts_little() -> None:
