@@ -22,12 +22,13 @@ cp runs/bench/reduction/reduction.png docs/bench/reduction.png
 cp runs/bench/gradient-scenes/gradient_scenes.png docs/bench/gradient-scenes.png
 cp runs/bench/gradients/gradient_cost.png docs/bench/gradients.png
 cp runs/bench/stiffness/stiffness.png docs/bench/stiffness.png
-for study in estimators horizons throws mission hidden; do
+for study in estimators horizons throws smoothing mission hidden; do
   .venv/bin/cmbrl bench "$study" --out runs/bench "$@" > "docs/results/$study.txt"
 done
 cp runs/bench/mission/{hopper,cheetah}_{transitions,time}.png docs/results/
 cp runs/bench/hidden/hidden.png docs/results/
 cp runs/bench/throws/throws_{known,real,mission,variance}.png docs/results/
+cp runs/bench/smoothing/smoothing_throws.png docs/results/
 for picture in returns kappa gradients; do
   cp "runs/bench/estimators/$picture.png" "docs/results/estimators_$picture.png"
 done

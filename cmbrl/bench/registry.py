@@ -26,6 +26,7 @@ STUDIES = {
     "hidden": "cmbrl.bench.studies.hidden.study",
     "coverage": "cmbrl.bench.studies.coverage.study",
     "throws": "cmbrl.bench.studies.throws.study",
+    "smoothing": "cmbrl.bench.studies.smoothing.study",
 }  #: name -> module whose ``STUDY`` it is
 
 

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from cmbrl.bench.intervals import interval
 from cmbrl.bench.studies.hidden.arms import NOMINAL, ORACLE, RANDOMISED
 from cmbrl.bench.studies.hidden.judge import Result
 from cmbrl.bench.studies.hidden.plan import GAP
 
-RESAMPLES = 10_000
 Key = tuple[str, str, int, str]  #: scene, family, draw, arm
 Returns = dict[int, float]  #: by draw
 
@@ -122,13 +122,6 @@ class Way:
 def _ratio(gain: np.ndarray, most: np.ndarray) -> Any:
     with np.errstate(divide="ignore", invalid="ignore"):  # of a resample in which all draws are the same
         return gain.sum(axis=-1) / most.sum(axis=-1)
-
-
-def interval(statistic: Callable[[np.ndarray], Any], count: int, seed: int = 0) -> tuple[float, float]:
-    """95 % interval of a statistic of draws, by resampling draws: ``statistic`` of row numbers (resamples, count)."""
-    rows = np.random.default_rng(seed).integers(count, size=(RESAMPLES, count))
-    low, high = np.nanquantile(statistic(rows), (0.025, 0.975))
-    return float(low), float(high)
 
 
 def spread(runs: Sequence[Result]) -> float | None:

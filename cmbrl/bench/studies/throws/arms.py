@@ -6,18 +6,28 @@ from dataclasses import dataclass
 
 from cmbrl.bench.groups import FIRST, POINT, ZEROTH
 from cmbrl.contact.smoothing import Barrier, Exact, Gaussian, Smoothing
+from cmbrl.models.complementarity import ComplementarityModel
 
 BUNDLE, HARD = (FIRST,), Exact()
 
 
 @dataclass(frozen=True)
 class Arm:
-    """One estimator. ``orders``: see :func:`cmbrl.bench.groups.estimates`; only the derivative is smoothed."""
+    """One estimator. ``orders``: see :func:`cmbrl.bench.groups.estimates`.
+
+    ``smoothing`` is that of the derivative, and with ``both`` that of the simulation too.
+    """
 
     family: str
     colour: str
     orders: tuple[str, ...]
     smoothing: Smoothing = HARD
+    both: bool = False
+
+    def soften(self, model: ComplementarityModel) -> ComplementarityModel:
+        """``model`` as this estimator throws and differentiates."""
+        forward = {"smoothing": self.smoothing} if self.both else {}
+        return model.with_settings(backward_smoothing=self.smoothing, **forward)
 
     @property
     def throws(self) -> int:

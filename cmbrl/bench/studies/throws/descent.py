@@ -64,7 +64,7 @@ class Sampler:
     def __init__(self, place: Range, arm: Arm, seed: int) -> None:
         self.place, self.arm = place, arm
         self.rng, self.generator = np.random.default_rng(seed), torch.Generator().manual_seed(seed)
-        self.soft = place.model.with_settings(backward_smoothing=arm.smoothing)
+        self.soft = arm.soften(place.model)
 
     def __call__(self, x: Array, throws: int, std: float) -> list[Estimate]:
         """One estimate for each of the decisions x (R, n), from ``throws`` throws each."""
