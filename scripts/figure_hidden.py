@@ -1,6 +1,6 @@
 """Draws the hidden systems of which runs are done: ``scripts/figure_hidden.py docs/results/hidden``.
 
-``cmbrl bench hidden`` draws the same when all of its runs are; this reads the finished cells of a folder and runs nothing.
+``cmbrl bench hidden`` draws the same when all of its runs are; this reads the finished cells of a folder alone.
 """
 
 from __future__ import annotations
