@@ -47,8 +47,8 @@ def test_every_setting_is_one_that_the_command_takes() -> None:
         "barrier:kappa=1e-6",
         "barrier:kappa=1e3",
     ]
-    assert len([arm for arm in tried["published (ABS)"] if not arm.both]) == 6
-    assert parse_smoothing(tried["published (ABS)"][0].softening) == ABS(peak=1e-2, reach=1e-2)
+    assert len([arm for arm in tried["published (ABS)"] if not arm.both]) == 14
+    assert parse_smoothing(tried["published (ABS)"][0].softening) == ABS(peak=1e-6, reach=1e-2)
     assert not set(Plan().choosing) & set(Plan().seeds)
 
 

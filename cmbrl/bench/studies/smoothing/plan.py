@@ -46,7 +46,8 @@ def settings() -> dict[str, list[Arm]]:
     constants = [f"barrier:kappa=1e{k}" for k in range(-6, 4)]
     lengths = ("3e-5", "1e-4", "3e-4", "1e-3", "1e-2", "1e-1")
     gaussians = [f"gaussian:length={x},derivative={how}" for x, how in product(lengths, ("exact", "stop"))]
-    published = [f"abs:peak={peak},reach={reach}" for peak, reach in product(("1e-2", "1", "1e2"), ("1e-2", "1e-1"))]
+    peaks = ("1e-6", "1e-5", "1e-4", "1e-3", "1e-2", "1", "1e2")
+    published = [f"abs:peak={peak},reach={reach}" for peak, reach in product(peaks, ("1e-2", "1e-1"))]
     soft = {CONSTANT: constants, GAUSSIAN: gaussians, PUBLISHED: published}
     return {HARD: [Arm("exact")]} | {
         family: [Arm(softening, both) for both, softening in product((False, True), names)]
@@ -67,13 +68,13 @@ class Plan:
 
     tasks: tuple[str, ...] = tuple(TASKS)
     tried: dict[str, list[Arm]] = field(default_factory=settings)
-    rungs: tuple[Size, ...] = (Size(30), Size(60))
+    rungs: tuple[Size, ...] = (Size(30, launches=24), Size(60, launches=24))
     keep: int = 5
     rates: tuple[float, ...] = (0.1, 0.3)
-    choosing: tuple[int, ...] = (100, 101, 102)  #: seeds
-    judged: Size = field(default_factory=lambda: Size(100, launches=16))
-    seeds: tuple[int, ...] = tuple(range(200, 210))  #: fresh
-    longer: int = 200
+    choosing: tuple[int, ...] = (110, 111, 112)  #: seeds
+    judged: Size = field(default_factory=lambda: Size(200, launches=16))
+    seeds: tuple[int, ...] = tuple(range(300, 310))  #: fresh
+    longer: int = 400
     longer_seeds: int = 5
     timed: Size = field(default_factory=lambda: Size(4, launches=16))
     turns: int = 3  #: of arms whose seconds are measured
