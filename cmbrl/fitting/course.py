@@ -33,6 +33,7 @@ from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.fitting.survey import Judge, Survey, Surveyor
 from cmbrl.fitting.trials import LEAST_STRAIN, Incumbent
 from cmbrl.fitting.unseen import Unseen, held_out_rows
+from cmbrl.fitting.verdict import stepping
 from cmbrl.models.observation import DELAY, LAG
 
 GAUSS_NEWTON = "gauss-newton"
@@ -63,6 +64,7 @@ class Course:
     incumbent: Incumbent = field(init=False)
     survey: Survey = field(init=False)
     sliding: dict[str, Any] | None = field(init=False, default=None)  #: how its law was chosen, if open
+    stepping: list[dict[str, Any]] = field(init=False, default_factory=list)  #: what other settings of the model leave
     held_out: dict[str, Errors] = field(init=False, default_factory=dict)
     logs: list[dict[str, Any]] = field(init=False, default_factory=list)  #: how each of several agrees with the others
 
@@ -76,6 +78,9 @@ class Course:
         try:
             self.incumbent.begin = np.array(self.journal.unit("begin", self._begin)["z"])
             self.evidence, self.sliding = supported_sliding(self._surveyor(), self.horizons)
+            if not self.evidence.positions_only:
+                tried = partial(stepping, self.evidence, self.huber, self.journal.check_time)
+                self.stepping = self.journal.unit("stepping", lambda: {"tried": tried()})["tried"]
             self._look()
             self._choose()
             if self.incumbent.active.any():

@@ -18,7 +18,7 @@ from cmbrl.fitting.space import Space
 WORSE = 0.25  #: how much larger than the fit's the loss of a draw may be, as a share,
 LOST = 0.05  #: or how much of the gain over the file it may lose, if that is more: of half of the draws
 _TRIED, _SHARES, _SEED = 32, 2.0 ** (-0.5 * np.arange(13)), 0
-_WINDOWS = 1000  # of the log, at most: enough for a median over draws
+_ROWS, _LEAST_WINDOWS = 4000, 100  # predicted for each draw, at most: enough for a median over draws
 
 
 def around(z: np.ndarray, places: np.ndarray, covariance: np.ndarray, count: int, seed: int) -> np.ndarray:
@@ -40,14 +40,14 @@ def bearable(loss: PredictionLoss, space: Space, z: np.ndarray, covariance: np.n
     if not len(places):
         return 1.0
     drawn = around(z, places, covariance[np.ix_(places, places)], _TRIED, _SEED)
-    starts = loss.windows.starts
-    loss = loss.on(starts[:: -(-len(starts) // _WINDOWS)]).settled(space.theta(z))
+    starts, most = loss.windows.starts, max(_LEAST_WINDOWS, _ROWS // loss.windows.horizon)
+    loss = loss.on(starts[:: -(-len(starts) // most)]).settled(space.theta(z))
     fitted, file = loss.values(np.stack([space.theta(z), space.nominal]))
-    most = fitted + max(WORSE * abs(fitted), LOST * (file - fitted) if np.isfinite(file) else 0.0)
+    bound = fitted + max(WORSE * abs(fitted), LOST * (file - fitted) if np.isfinite(file) else 0.0)
 
     def bears(share: float) -> bool:
         losses = loss.values(space.theta(np.clip(z + share * (drawn - z), space.z_low, space.z_high)))
-        return bool(np.median(np.nan_to_num(losses, nan=np.inf)) <= most)
+        return bool(np.median(np.nan_to_num(losses, nan=np.inf)) <= bound)
 
     # What is wider explains the log worse, so the widest is found by halves; the narrowest is taken as it is.
     return float(_SHARES[bisect_left(range(len(_SHARES) - 1), True, key=lambda k: bears(float(_SHARES[k])))])

@@ -26,7 +26,7 @@ from cmbrl.fitting.folds import draw_starts, fold_count
 from cmbrl.fitting.report import conclude
 from cmbrl.fitting.result import FitResult
 from cmbrl.fitting.state import Journal
-from cmbrl.fitting.verdict import by_horizon, stepping
+from cmbrl.fitting.verdict import by_horizon
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.numbers import one_of, real, whole
 
@@ -105,7 +105,7 @@ def fit(
         **{name: value for name, value in course.survey.to_dict().items() if name != "z"},
         "selection": incumbent.path if wanted is None or incumbent.path else None,
         "horizons": by_horizon(evidence, incumbent.unseen, huber) if incumbent.unseen and states else [],
-        "stepping": stepping(evidence, huber) if states else [],
+        "stepping": course.stepping,
         "sliding": course.sliding,
     }  # fmt: skip
     discrepancy = Discrepancy(evidence, course.survey, huber, seed, budget.survey_rows)

@@ -19,6 +19,7 @@ from cmbrl.files import check_writable, read_record, write_record
 
 _FILE = "state.json"
 _SECONDS_BETWEEN_WRITES = 0.5
+_SEARCHING = 0.85  # share of a time limit; the rest is for held-out errors, intervals and the report
 
 
 class OutOfTime(Exception):
@@ -88,8 +89,8 @@ class Journal:
         return np.array(known[index])
 
     def check_time(self) -> None:
-        """Raises OutOfTime if the time limit of this run has passed."""
-        if self._time_limit is not None and time.monotonic() - self._started > self._time_limit:
+        """Raises OutOfTime if this run has used what its time limit leaves for searching."""
+        if self._time_limit is not None and time.monotonic() - self._started > _SEARCHING * self._time_limit:
             raise OutOfTime
 
     def report(self, fraction: float, text: str) -> None:

@@ -172,9 +172,17 @@ class Judge:
 
     @classmethod
     def all(
-        cls, evidence: Evidence, delta: float, rows: np.ndarray | None = None, horizons: Sequence[int] = HORIZONS
+        cls,
+        evidence: Evidence,
+        delta: float,
+        rows: np.ndarray | None = None,
+        horizons: Sequence[int] = HORIZONS,
+        share: float = 1.0,
     ) -> list[Judge]:
-        """Judges of those ``horizons`` that the log has windows of, within held-out ``rows``; default: everywhere."""
+        """Judges of those ``horizons`` that the log has windows of, within held-out ``rows``; default: everywhere.
+
+        ``share``: of the most windows that a judge has.
+        """
         found, data, scene = [], evidence.log, evidence.model.scene
         for h in horizons:
             starts = data.windows(h)
@@ -187,7 +195,7 @@ class Judge:
                 starts = starts[np.isin(starts, rows) & np.isin(ends, rows)]
             if not len(starts):
                 continue
-            most = min(_JUDGED, max(1, _JUDGED_ROWS // h))
+            most = max(1, round(share * min(_JUDGED, _JUDGED_ROWS // h)))
             found.append(cls(evidence, starts[:: -(-len(starts) // most)], h, scale, delta))
         return found
 

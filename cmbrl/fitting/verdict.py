@@ -7,7 +7,7 @@ steps, integrators and contact laws are tried on the log: what they repair, para
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ MEASURES = {"rmse": "RMSE", "loss": "Huber loss"}  #: large errors rule the firs
 _LOST = 1e300  # JSON has no infinity
 _WORSE = 1.01  # times the error of another model
 _CLEARLY_BETTER = 0.9  # times the error of the settings as given
+_SHARE = 0.25  # of the judges' windows: settings are compared on the same ones, and quarter steps cost the most
 
 
 def by_horizon(evidence: Evidence, unseen: Unseen, delta: float) -> list[dict[str, Any]]:
@@ -34,7 +35,7 @@ def by_horizon(evidence: Evidence, unseen: Unseen, delta: float) -> list[dict[st
     units = deviations(evidence.log, evidence.model.scene)
     found: dict[int, list[tuple[Judge, dict[str, np.ndarray]]]] = {}
     for held_out, theta in zip(unseen.rows, unseen.theta, strict=True):
-        for judge in Judge.all(evidence, delta, held_out, HORIZONS):
+        for judge in Judge.all(evidence, delta, held_out, HORIZONS, 1.0 / len(unseen.rows)):
             off = {"hold": judge.off_held(), "nominal": judge.off(evidence.space.nominal), "fitted": judge.off(theta)}
             found.setdefault(judge.horizon, []).append((judge, off))
     return [_measured(steps, parts, units[0 if steps == 1 else 1]) for steps, parts in found.items()]
@@ -85,21 +86,24 @@ def _worse(rows: Sequence[Mapping[str, Any]], other: str) -> str:
     return " and ".join(f"{', '.join(each)} step(s) by {words}" for words, each in by_measure.items() if each)
 
 
-def stepping(evidence: Evidence, delta: float) -> list[dict[str, Any]]:
+def stepping(evidence: Evidence, delta: float, check_time: Callable[[], None]) -> list[dict[str, Any]]:
     """Errors of other settings of the model at its parameters, relative to its own, best first.
 
-    The geometric mean over horizons of the mean Huber loss.
+    The geometric mean over horizons of the mean Huber loss. ``check_time`` is called before each, and may raise.
     """
-    errors = _relative_errors(evidence, evidence.model.alternatives(), delta)
+    errors = _relative_errors(evidence, evidence.model.alternatives(), delta, check_time)
     found = [{"setting": setting, "relative_error": error} for setting, error in errors.items()]
     return sorted(found, key=lambda row: row["relative_error"])
 
 
-def _relative_errors(evidence: Evidence, models: Mapping[str, ComplementarityModel], delta: float) -> dict[str, float]:
-    judges, start = Judge.all(evidence, delta), evidence.space.nominal
+def _relative_errors(
+    evidence: Evidence, models: Mapping[str, ComplementarityModel], delta: float, check_time: Callable[[], None]
+) -> dict[str, float]:
+    judges, start = Judge.all(evidence, delta, share=_SHARE), evidence.space.nominal
     own = np.array([judge.error(start).sum() for judge in judges])
     found = {}
     for name, other in models.items():
+        check_time()
         errors = np.array([judge.error(start, other).sum() for judge in judges])
         found[name] = float(np.exp(np.mean(np.log(np.maximum(errors, 1e-12) / np.maximum(own, 1e-12)))))
     return found
