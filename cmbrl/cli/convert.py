@@ -1,23 +1,29 @@
-"""``cmbrl convert``: a URDF as an MJCF, with the base, floor and actuators that a URDF does not say."""
+"""``cmbrl convert``: a URDF as an MJCF, with what a URDF does not say; or an MJCF with some of its joints held."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from cmbrl.cli.options import number
+from cmbrl.cli.options import assignment, number
 from cmbrl.errors import UserError
-from cmbrl.files import check_writable
+from cmbrl.files import check_writable, write_text
+
+if TYPE_CHECKING:
+    from cmbrl.scene import Scene
 
 EXAMPLE = """
 cmbrl convert arm.urdf arm.xml --actuators motor
 cmbrl convert go2.urdf go2.xml --floating --floor --actuators position --kp 25 --kd 0.5
 cmbrl convert robot.urdf robot.xml --packages ~/ros/src   # where package:// is looked for
+cmbrl convert arm.xml held.xml --hold left --hold right=0.02   # without these joints
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("urdf", metavar="URDF", help="the file; expand xacro first")
-    parser.add_argument("out", metavar="FILE", help="the MJCF to write: NAME.xml; meshes go into NAME_meshes beside it")
+    parser.add_argument("file", metavar="FILE", help="the URDF, xacro expanded; or, with --hold, the MJCF")
+    parser.add_argument("out", metavar="OUT", help="the MJCF to write: NAME.xml; meshes of a URDF go into NAME_meshes")
     parser.add_argument("--floating", action="store_true", help="the root link is free; it starts on z = 0")
     parser.add_argument("--floor", action="store_true", help="add a plane at z = 0")
     parser.add_argument(
@@ -31,6 +37,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--packages", action="append", default=[], metavar="FOLDER", help="holds ROS packages (repeatable)"
     )
+    parser.add_argument(
+        "--hold",
+        action="append",
+        default=[],
+        type=_hold,
+        metavar="JOINT[=VALUE]",
+        help="take this joint out of an MJCF: held at VALUE [rad, m], or where the file has it (repeatable)",
+    )
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -39,13 +53,32 @@ def run(arguments: argparse.Namespace) -> None:
         raise UserError(f"{arguments.out}: an MJCF ends in .xml")
     if arguments.kp is not None and arguments.actuators != "position":
         raise UserError("--kp is of position servos: add --actuators position")
+    if arguments.hold and (arguments.floating or arguments.floor or arguments.actuators != "none"):
+        raise UserError("--hold is of an MJCF, the other options of a URDF: convert the URDF first")
 
+    scene, notes = _held(arguments) if arguments.hold else _converted(arguments)
+    for note in notes:
+        print(f"  {note}")
+    print(f"{arguments.out}: {scene.nv} degrees of freedom, {scene.nu} actuators, {scene.total_mass:.4g} kg")
+
+
+def _held(arguments: argparse.Namespace) -> tuple[Scene, list[str]]:
+    from cmbrl.scene import Scene
+    from cmbrl.scene.held import held_file
+
+    text = held_file(arguments.file, dict(arguments.hold))
+    scene = Scene.from_mjcf(text)
+    write_text(arguments.out, text)
+    return scene, [f"held: {', '.join(name for name, _ in arguments.hold)}"]
+
+
+def _converted(arguments: argparse.Namespace) -> tuple[Scene, Sequence[str]]:
     from cmbrl.scene import Scene
     from cmbrl.urdf import convert
     from cmbrl.urdf.actuators import Servo
 
     found = convert(
-        arguments.urdf,
+        arguments.file,
         arguments.out,
         floating=arguments.floating,
         floor=arguments.floor,
@@ -56,8 +89,14 @@ def run(arguments: argparse.Namespace) -> None:
     try:
         scene = Scene.from_mjcf(found.model)
     except UserError as error:  # it knows no file
-        raise UserError(str(error).replace("MjModel", arguments.urdf, 1)) from None
+        raise UserError(str(error).replace("MjModel", arguments.file, 1)) from None
     found.write(arguments.out)
-    for note in found.notes:
-        print(f"  {note}")
-    print(f"{arguments.out}: {scene.nv} degrees of freedom, {scene.nu} actuators, {scene.total_mass:.4g} kg")
+    return scene, found.notes
+
+
+def _hold(text: str) -> tuple[str, float | None]:
+    """A joint, with or without a value."""
+    if "=" not in text:
+        return text, None
+    name, value = assignment(text)
+    return name, number(value)

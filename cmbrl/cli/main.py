@@ -20,7 +20,7 @@ from cmbrl.files import FULL
 # and run(arguments) -> exit code or None.
 COMMANDS = {
     "info": "what a scene models, what it leaves out and why, and which parameters can be fitted",
-    "convert": "write a URDF as an MJCF, with the base, floor and actuators that it lacks",
+    "convert": "write a URDF as an MJCF with base, floor and actuators; hold joints of an MJCF",
     "import": "read the log of a robot: CSV, Parquet, npz, HDF5, ROS bags, LeRobot, PACE",
     "record": "record transitions from the real system of a task",
     "fit": "fit the physical parameters of a contact model to a log",

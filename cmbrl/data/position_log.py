@@ -153,7 +153,8 @@ class PositionLog:
         if missing := [name for name in scene.joint_names if name not in known]:
             raise UserError(
                 f"joint {missing[0]!r} of scene {scene.name!r} is not in the log, and its motion cannot be simulated "
-                "without a start; log it, or fix it in the file"
+                "without a start; log it, or hold it: `cmbrl convert FILE.xml HELD.xml "
+                f"{' '.join(f'--hold {name}' for name in missing)}`"
             )
         if undriven := sorted(set(range(scene.nu)) - set(driven.tolist())):
             raise UserError(

@@ -71,14 +71,14 @@ def _written(scene: Scene, theta: Array) -> str:
                 if p.group == "radius"
             }
             FittedSpec(scene, spec, model, scene.physical_vector(theta), softness, radii).write()
-            _fix_paths(spec)
+            fix_paths(spec)
             spec.compile()
             return str(spec.to_xml())
         except (ValueError, KeyError, mujoco.FatalError) as error:
             raise UserError(f"{scene.path}: MuJoCo cannot write this file with fitted values ({error})") from None
 
 
-def _fix_paths(spec: mujoco.MjSpec) -> None:
+def fix_paths(spec: mujoco.MjSpec) -> None:
     """Makes the paths of meshes, height fields, skins and textures absolute, since the file moves."""
     here = Path(spec.modelfiledir).resolve()
     folders = {"meshes": spec.meshdir, "hfields": spec.meshdir, "skins": spec.meshdir, "textures": spec.texturedir}

@@ -1,0 +1,75 @@
+"""``cmbrl.scene.held``: what is left moves as before, what hangs on held joints goes, what ties them is refused."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from cmbrl.cli.main import main
+from cmbrl.errors import UserError
+from cmbrl.scene import Scene
+from cmbrl.scene.held import held_file
+
+ARM = """<mujoco><worldbody><body name='arm' pos='0 0 1'><joint name='shoulder' axis='0 1 0'/>
+<geom type='capsule' fromto='0 0 0 .4 0 0' size='.03' mass='1'/>
+<body name='wrist' pos='.4 0 0' euler='0 30 0'><joint name='roll' axis='1 0 0'/>
+<geom type='capsule' fromto='0 0 0 .2 .1 0' size='.02' mass='.5'/>
+<body name='left' pos='.2 .05 0'><joint name='left' type='slide' axis='0 1 0'/><geom size='.02' mass='.1'/></body>
+<body name='right' pos='.2 -.05 0'><joint name='right' type='slide' axis='0 -1 0'/><geom size='.02' mass='.1'/></body>
+</body></body></worldbody>
+<tendon><fixed name='grip'><joint joint='left' coef='.5'/><joint joint='right' coef='.5'/></fixed></tendon>
+<equality><joint joint1='left' joint2='right'/><connect body1='left' body2='wrist' anchor='0 0 0'/></equality>
+<actuator><position name='grip' tendon='grip' kp='10'/><motor name='shoulder' joint='shoulder'/></actuator>
+<sensor><jointpos joint='left'/><jointpos joint='roll'/></sensor>
+<keyframe><key name='home' qpos='.1 .2 .01 .02' ctrl='3 4'/></keyframe></mujoco>"""
+FINGERS = {"left": None, "right": 0.02}
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM)
+    return path
+
+
+def test_what_still_moves_moves_as_with_joints_at_those_values(arm: Path) -> None:
+    full, held = mujoco.MjModel.from_xml_string(ARM), mujoco.MjModel.from_xml_string(held_file(arm, FINGERS))
+    assert (held.nq, held.nu, held.ntendon, held.neq, held.nsensor) == (2, 1, 0, 0, 1)
+    np.testing.assert_array_equal(held.key_qpos, [[0.1, 0.2]])
+    np.testing.assert_array_equal(held.key_ctrl, [[4.0]])
+    one, other = mujoco.MjData(full), mujoco.MjData(held)
+    one.qpos[:], other.qpos[:] = [0.3, -0.7, 0.0, 0.02], [0.3, -0.7]
+    one.qvel[:2] = other.qvel[:] = [0.5, 1.5]
+    for model, data in ((full, one), (held, other)):
+        mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(other.xpos, one.xpos, atol=1e-6)  # MuJoCo writes six digits
+    mass = np.zeros((4, 4)), np.zeros((2, 2))
+    mujoco.mj_fullM(full, one, mass[0])
+    mujoco.mj_fullM(held, other, mass[1])
+    np.testing.assert_allclose(mass[1], mass[0][:2, :2], rtol=1e-5)
+    np.testing.assert_allclose(other.qfrc_bias, one.qfrc_bias[:2], rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("joints", "said"),
+    [
+        ({"left": None}, "tendon 'grip' pulls 'right' too: hold it as well"),
+        ({"lift": None}, "no joint 'lift'"),
+        ({"shoulder": None, "roll": None, **FINGERS}, "no joints"),
+    ],
+)
+def test_one_line_says_what_cannot_be_held(arm: Path, joints: dict[str, float | None], said: str) -> None:
+    with pytest.raises(UserError, match=re.escape(said)):
+        Scene.from_mjcf(held_file(arm, joints))
+
+
+def test_the_command_writes_a_file_that_loads(arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = arm.with_name("held.xml")
+    assert main(["convert", str(arm), str(out), "--hold", "left", "--hold", "right=0.02"]) == 0
+    assert "held: left, right" in capsys.readouterr().out
+    assert Scene.from_mjcf(out).joint_names == ("shoulder", "roll")
+    assert main(["convert", str(arm), str(out), "--hold", "left", "--floor"]) == 2
