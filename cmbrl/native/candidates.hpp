@@ -130,7 +130,10 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, Fa
   bool hulls = m.con_type[i] == kHulls, corner = w.by_sides && !hulls && m.con_hull[i] >= 0;
   if (corner) find_side(m, w, i);
   if (hulls) find_touches(m, w, i);
-  if (hulls && !given && !any(w.touch_there[m.con_corner[i]])) return;
+  if (hulls && !any(w.touch_there[m.con_corner[i]])) {
+    if (!given) return;
+    std::memset(&w.touch[m.con_corner[i]], 0, sizeof *w.touch);
+  }
   Feature<G> F = find_feature(m, w, i);
   if (far) {
     T gap = F.dist - m.P[m.oContact + i * kContactFields + kRadius] - w.radius_slack - margin_of(m, i);
@@ -201,6 +204,7 @@ static void find_in_cluster(const Model& m, const Options& o, Work<G>& w, int g,
   if (m.con_when[m.grp_con[begin]] == (o.look_ahead ? kClosed : kAhead)) return;
   bool side = w.by_sides && m.con_plane[m.grp_con[begin]] >= 0 && m.con_hull[m.grp_con[begin]] >= 0;
   if (side) end = begin + kCorners;
+  w.may_touch = all();
   if (!w.sift) {
     for (int k = begin; k < end; ++k) find_contact(m, o, w, m.grp_con[k], nullptr);
     return;
@@ -210,10 +214,20 @@ static void find_in_cluster(const Model& m, const Options& o, Work<G>& w, int g,
   if (m.cluster_round[cluster] >= 0) {
     T gap = least_gap(m, w, A, B, cluster);
     if (!any(gap < far.from)) { w.pass_over({A, B, gap * (1 / o.h) - fast}); return; }
+    w.may_touch = gap <= 0.0;
   }
   if (m.con_plane[m.grp_con[begin]] >= 0 && !side) find_on_plane(m, o, w, A, cluster, far);
   else for (int k = begin; k < end; ++k) find_contact(m, o, w, m.grp_con[k], &far);
   if (any(far.lowest < 1e300)) w.pass_over({A, B, far.lowest * (1 / o.h) - fast});
+}
+
+// Lanes in which the pair of geoms of the k-th given row, or of further ones, has rows.
+template <class G>
+static Mask lanes_of_pair(const Model& m, const Work<G>& w, int k) {
+  Mask lanes = none();
+  for (int i = k; i < w.ngiven && m.con_group[w.given[i].index] == m.con_group[w.given[k].index]; ++i)
+    if (m.con_pair[w.given[i].index] == m.con_pair[w.given[k].index]) lanes |= w.given[i].on;
+  return lanes;
 }
 
 // Rows that may close within the step, ordered by body pair. given: those of w.given instead (a step read back from its tape).
@@ -227,7 +241,10 @@ static void find_contacts(const Model& m, const Options& o, Work<G>& w, bool giv
   for (int k = 0; given && k < w.ngiven;) {
     int g = m.con_group[w.given[k].index], first = w.ncon;
     open_group(m, w, g);
-    for (; k < w.ngiven && m.con_group[w.given[k].index] == g; ++k) find_contact(m, o, w, w.given[k].index, nullptr, &w.given[k]);
+    for (; k < w.ngiven && m.con_group[w.given[k].index] == g; ++k) {
+      w.may_touch = lanes_of_pair(m, w, k);
+      find_contact(m, o, w, w.given[k].index, nullptr, &w.given[k]);
+    }
     w.add_group({g, first, w.ncon});
   }
   if (!given) {

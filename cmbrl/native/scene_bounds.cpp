@@ -63,12 +63,23 @@ double size_of_B(const Model& m, int c) {
 
 }  // namespace
 
-// The vertices of hulls by column, for a quick search for the farthest.
+// The vertices of hulls by column, for a quick search for the farthest; and what their first eight are the corners of, if that is a box.
 void SceneData::derive_hulls(int count) {
   Model& m = model;
   std::vector<int> block;
-  std::vector<double> column;
+  std::vector<double> column, box;
   for (int hull = 0; hull < count; ++hull) {
+    auto point = [&](int k, int j) { return m.hull_point[3 * (m.hull_ptr[hull] + k) + j]; };
+    int last = m.hull_ptr[hull + 1] - m.hull_ptr[hull] - 1;
+    double axis[3][3], half[3];
+    for (int k = 0; k < 3; ++k) {
+      for (int j = 0; j < 3; ++j) axis[k][j] = point(std::min(4 >> k, last), j) - point(0, j);
+      half[k] = 0.5 * length(axis[k], 3);
+      for (int j = 0; j < 3; ++j) axis[k][j] /= std::max(2 * half[k], 1e-300);
+    }
+    for (int j = 0; j < 3; ++j) box.push_back(0.5 * (point(0, j) + point(std::min(7, last), j)));
+    for (auto& x : axis) box.insert(box.end(), x, x + 3);
+    box.insert(box.end(), half, half + 3);
     block.push_back(int(column.size()));
     for (int j = 0; j < 3; ++j)
       for (int k = 0; k < m.hull_count(hull); ++k) {
@@ -78,6 +89,7 @@ void SceneData::derive_hulls(int count) {
   }
   m.hull_block = keep_ints("hull_block", std::move(block));
   m.hull_column = keep_doubles("hull_column", std::move(column));
+  m.hull_box = keep_doubles("hull_box", std::move(box));
 }
 
 // Around the shapes with which a body may touch anything.

@@ -188,6 +188,7 @@ struct Work : SolverWork<G> {
   bool by_sides; int side_of;              // meshes touch planes with corners of a side (side.hpp): those at hand, of which pair of geoms
   V side[4]; Mask side_there[4];
   int touch_of; Feature<G> touch[8]; Mask touch_there[8];  // the same of hulls with each other (hull_contact.hpp)
+  Mask may_touch;                          // lanes in which those of the cluster at hand may overlap
   T left_out_gap;                          // smallest absolute gap of a contact that was left out
   uint64_t* bits; int *fill_ptr, *fill_idx;  // the pattern as bits, and as lists
   T* vb; Motion *bvel, *bacc;          // where the bias is taken in a midpoint step: velocity, its twists and accelerations
