@@ -5,6 +5,7 @@
 #include "hull_contact.hpp"
 #include "near.hpp"
 #include "side.hpp"
+#include "sieve.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -197,6 +198,26 @@ static void find_on_plane(const Model& m, const Options& o, Work<G>& w, int A, i
   }
 }
 
+// Of two geoms that are both no planes. Those that their box keeps away are not looked at.
+template <class G>
+static void find_between(const Model& m, const Options& o, Work<G>& w, int cluster, Far& far) {
+  const int *begin = m.grp_con + m.cluster_begin[cluster], *end = m.grp_con + m.cluster_begin[cluster + 1];
+  int last = end[-1];
+  auto sift = [&](int i, T distance) {
+    T gap = distance - m.P[m.oContact + i * kContactFields + kRadius] - w.radius_slack - margin_of(m, i);
+    if (any(gap < far.from)) find_contact(m, o, w, i, &far);
+    else far.lowest = vmin(far.lowest, gap);
+  };
+  for (; begin < end && m.con_type[*begin] == kHulls; ++begin) if (any(w.may_touch)) find_contact(m, o, w, *begin, &far);
+  if (end - begin > kFew && m.con_type[last] == kCornerBox) {
+    CornersOverSide<G> corners(m, w, last);
+    for (; begin < end; ++begin) sift(*begin, corners.distance(m, *begin));
+  } else if (end - begin > kFew) {
+    AlongBox<G> box(m, w, cluster, last);
+    for (; begin < end; ++begin) sift(*begin, box.distance(m, *begin));
+  } else for (; begin < end; ++begin) find_contact(m, o, w, *begin, &far);
+}
+
 // Those of a cluster. Nothing is known to be far where pruning does not sift.
 template <class G>
 static void find_in_cluster(const Model& m, const Options& o, Work<G>& w, int g, int cluster) {
@@ -217,7 +238,8 @@ static void find_in_cluster(const Model& m, const Options& o, Work<G>& w, int g,
     w.may_touch = gap <= 0.0;
   }
   if (m.con_plane[m.grp_con[begin]] >= 0 && !side) find_on_plane(m, o, w, A, cluster, far);
-  else for (int k = begin; k < end; ++k) find_contact(m, o, w, m.grp_con[k], &far);
+  else if (side) for (int k = begin; k < end; ++k) find_contact(m, o, w, m.grp_con[k], &far);
+  else find_between(m, o, w, cluster, far);
   if (any(far.lowest < 1e300)) w.pass_over({A, B, far.lowest * (1 / o.h) - fast});
 }
 

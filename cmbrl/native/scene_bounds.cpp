@@ -149,6 +149,13 @@ struct Box {
       high[k] = std::max(high[k], centre + size);
     }
   }
+  // Where this is in another box with these axes, from its centre; and half its size, a little more for round-off.
+  void within(const Box& other, double* to) const {
+    for (int k = 0; k < D; ++k) {
+      to[k] = 0.5 * (low[k] + high[k] - other.low[k] - other.high[k]);
+      to[D + k] = 0.5 * (high[k] - low[k]) * (1 + 1e-9) + 1e-12;
+    }
+  }
   void append(std::vector<double>& to) const {
     for (int r = 0; r < D; ++r) {
       double x = 0;
@@ -168,7 +175,7 @@ void SceneData::derive_clusters() {
   Model& m = model;
   int D = m.D;
   std::vector<int> of_group{0}, begin, place(m.ncontact);
-  std::vector<double> boxA, boxB, round, weight;
+  std::vector<double> boxA, boxB, round, weight, extent(m.ncontact * 2 * D);
   for (int g = 0; g < m.ngroup; ++g) {
     for (int k = m.grp_cptr[g], end; k < m.grp_cptr[g + 1]; k = end) {
       int first = m.grp_con[k];
@@ -189,6 +196,12 @@ void SceneData::derive_clusters() {
         most = std::max(most, radius + margin_of(m, c));
         heaviest = std::max(heaviest, m.con_invweight[c]);
       }
+      for (int x = k; x < end; ++x) {
+        int c = m.grp_con[x];
+        Box own(D, m.con_rotB + first * D * D, m.con_axisB + first * D);
+        own.hold(m.con_posB + c * D, m.con_axisB + c * D, m.con_rotB + c * D * D, m.con_halfB + c * D);
+        own.within(B, extent.data() + c * 2 * D);
+      }
       begin.push_back(k);
       A.append(boxA);
       B.append(boxB);
@@ -202,6 +215,7 @@ void SceneData::derive_clusters() {
   begin.push_back(m.ncontact);
   m.grp_clusters = keep_ints("grp_clusters", std::move(of_group)); m.cluster_begin = keep_ints("cluster_begin", std::move(begin));
   m.cluster_boxA = keep_doubles("cluster_boxA", std::move(boxA)); m.cluster_boxB = keep_doubles("cluster_boxB", std::move(boxB));
+  m.con_extentB = keep_doubles("con_extentB", std::move(extent));
   m.cluster_round = keep_doubles("cluster_round", std::move(round));
   m.con_corner = keep_ints("con_corner", std::move(place));
   m.cluster_invweight = keep_doubles("cluster_invweight", std::move(weight));
