@@ -140,9 +140,7 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, Fa
     T gap = F.dist - m.P[m.oContact + i * kContactFields + kRadius] - w.radius_slack - margin_of(m, i);
     if (!any(gap < far->from)) { far->lowest = vmin(far->lowest, gap); return; }
   }
-  T p[kContactFields];
-  load_block(m, w, i, p);
-  T phi = F.dist - p[kRadius];
+  T p[kContactFields], phi = F.dist - load_radius(m, w, i);
   Mask on = given ? given->on : hulls ? w.touch_there[m.con_corner[i]] : corner ? w.side_there[m.con_corner[i]] : all();
   bool of_points = m.con_plane[i] < 0 && m.con_type[i] != kCornerBox && !hulls;  // whose distance gives the direction
   if (of_points) on &= vabs(F.dist) > 1e-9;  // crossing segments: none parts them
@@ -153,6 +151,7 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, Fa
     if (!any(on)) return;
   }
   if (!(o.prune < 1e300) || given) {
+    load_block(m, w, i, p);
     Contact<G>& c = w.add_contact();
     make_contact(m, o, i, F, phi, p, c);
     c.on = c.wide = on;
@@ -167,8 +166,12 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, Fa
   T closing = speed;
   for (int k = 0; k < w.nguess; ++k) closing = vmin(closing, dot(F.n, relative_velocity<G>(w.guess_twist + k * m.nbody, A, B, F)));
   Mask near = on & (slack + vmin(closing, -vabs(speed)) < __builtin_fmax(enough, wide)), takes_part = none();
-  if (m.logistic) near |= on & (p[kSolref0] * phi < kFaint);
+  if (m.logistic) {
+    load_block(m, w, i, p);
+    near |= on & (p[kSolref0] * phi < kFaint);
+  }
   if (any(near)) {
+    load_block(m, w, i, p);
     Contact<G>& c = w.add_contact();
     make_contact(m, o, i, F, phi, p, c);
     slack = select(near, c.cn0 - c.carry * speed, slack);
@@ -202,20 +205,16 @@ static void find_on_plane(const Model& m, const Options& o, Work<G>& w, int A, i
 template <class G>
 static void find_between(const Model& m, const Options& o, Work<G>& w, int cluster, Far& far) {
   const int *begin = m.grp_con + m.cluster_begin[cluster], *end = m.grp_con + m.cluster_begin[cluster + 1];
-  int last = end[-1];
-  auto sift = [&](int i, T distance) {
+  for (; begin < end && m.con_type[*begin] == kHulls; ++begin) if (any(w.may_touch)) find_contact(m, o, w, *begin, &far);
+  if (end - begin <= kFew) {
+    for (; begin < end; ++begin) find_contact(m, o, w, *begin, &far);
+    return;
+  }
+  for_distances(m, w, cluster, begin, end, [&](int i, T distance) {
     T gap = distance - m.P[m.oContact + i * kContactFields + kRadius] - w.radius_slack - margin_of(m, i);
     if (any(gap < far.from)) find_contact(m, o, w, i, &far);
     else far.lowest = vmin(far.lowest, gap);
-  };
-  for (; begin < end && m.con_type[*begin] == kHulls; ++begin) if (any(w.may_touch)) find_contact(m, o, w, *begin, &far);
-  if (end - begin > kFew && m.con_type[last] == kCornerBox) {
-    CornersOverSide<G> corners(m, w, last);
-    for (; begin < end; ++begin) sift(*begin, corners.distance(m, *begin));
-  } else if (end - begin > kFew) {
-    AlongBox<G> box(m, w, cluster, last);
-    for (; begin < end; ++begin) sift(*begin, box.distance(m, *begin));
-  } else for (; begin < end; ++begin) find_contact(m, o, w, *begin, &far);
+  });
 }
 
 // Those of a cluster. Nothing is known to be far where pruning does not sift.
@@ -259,7 +258,7 @@ static void find_contacts(const Model& m, const Options& o, Work<G>& w, bool giv
   w.left_out_gap = splat(__builtin_inf());
   w.coupled = false;
   w.by_sides = !o.look_ahead;
-  w.side_of = w.touch_of = -1;
+  w.side_of = w.touch_of = w.under.pair = -1;
   for (int k = 0; given && k < w.ngiven;) {
     int g = m.con_group[w.given[k].index], first = w.ncon;
     open_group(m, w, g);
