@@ -206,20 +206,20 @@ template <class G>
 static void find_between(const Model& m, const Options& o, Work<G>& w, int cluster, Far& far) {
   const int *begin = m.grp_con + m.cluster_begin[cluster], *end = m.grp_con + m.cluster_begin[cluster + 1];
   for (; begin < end && m.con_type[*begin] == kHulls; ++begin) if (any(w.may_touch)) find_contact(m, o, w, *begin, &far);
-  if (end - begin <= kFew) {
+  if (m.cluster_frame[cluster] < 0) {  // few, and nobody else's
     for (; begin < end; ++begin) find_contact(m, o, w, *begin, &far);
     return;
   }
-  for_distances(m, w, cluster, begin, end, [&](int i, T distance) {
+  if (begin < end) for_distances(m, w, cluster, begin, end, [&](int i, T distance) {
     T gap = distance - m.P[m.oContact + i * kContactFields + kRadius] - w.radius_slack - margin_of(m, i);
     if (any(gap < far.from)) find_contact(m, o, w, i, &far);
     else far.lowest = vmin(far.lowest, gap);
   });
 }
 
-// Those of a cluster. Nothing is known to be far where pruning does not sift.
+// Those of a cluster, of bodies that are so fast against each other. Nothing is known to be far where pruning does not sift.
 template <class G>
-static void find_in_cluster(const Model& m, const Options& o, Work<G>& w, int g, int cluster) {
+static void find_in_cluster(const Model& m, const Options& o, Work<G>& w, int g, int cluster, T fast) {
   int A = m.grp_A[g], B = m.grp_B[g], begin = m.cluster_begin[cluster], end = m.cluster_begin[cluster + 1];
   if (m.con_when[m.grp_con[begin]] == (o.look_ahead ? kClosed : kAhead)) return;
   bool side = w.by_sides && m.con_plane[m.grp_con[begin]] >= 0 && m.con_hull[m.grp_con[begin]] >= 0;
@@ -229,7 +229,6 @@ static void find_in_cluster(const Model& m, const Options& o, Work<G>& w, int g,
     for (int k = begin; k < end; ++k) find_contact(m, o, w, m.grp_con[k], nullptr);
     return;
   }
-  T fast = speed_of_pair(w.fast, A, B);
   Far far{o.h * (speed_of_far(o, m.cluster_invweight[cluster]) + 2.0 * fast)};
   if (m.cluster_round[cluster] >= 0) {
     T gap = least_gap(m, w, A, B, cluster);
@@ -258,7 +257,7 @@ static void find_contacts(const Model& m, const Options& o, Work<G>& w, bool giv
   w.left_out_gap = splat(__builtin_inf());
   w.coupled = false;
   w.by_sides = !o.look_ahead;
-  w.side_of = w.touch_of = w.under.pair = -1;
+  w.side_of = w.touch_of = w.under.pair = w.frame_of = -1;
   for (int k = 0; given && k < w.ngiven;) {
     int g = m.con_group[w.given[k].index], first = w.ncon;
     open_group(m, w, g);
@@ -273,7 +272,8 @@ static void find_contacts(const Model& m, const Options& o, Work<G>& w, bool giv
     for_near(m, w, [&](int g) {
       int first = w.ncon;
       open_group(m, w, g);
-      for (int c = m.grp_clusters[g]; c < m.grp_clusters[g + 1]; ++c) find_in_cluster(m, o, w, g, c);
+      T fast = w.sift ? fastest_of_pair(m, o, w, m.grp_A[g], m.grp_B[g]) : T{};
+      for (int c = m.grp_clusters[g]; c < m.grp_clusters[g + 1]; ++c) find_in_cluster(m, o, w, g, c, fast);
       if (w.ncon > first) w.add_group({g, first, w.ncon});
     });
   }

@@ -121,6 +121,7 @@ struct Model : Structure {
   const double *sphere_pos, *sphere_radius;         // of each body, around what may touch anything; radius < 0: nothing
   const int *grp_clusters, *cluster_begin;          // candidates of one pair of geoms, by group; where they begin in grp_con
   const double *cluster_boxA, *cluster_boxB;        // boxes around them: centre, axes, half sizes
+  const int* cluster_frame;      // the first of those with that box on B; < 0: of few candidates, which share it with none
   const double* con_extentB;     // of each candidate, the box around its shape on B along those axes: from their centre on, and half sizes
   const double* cluster_round;                      // their largest sum of radii and margin; < 0: so few that a test would not pay
   const double* cluster_invweight;                  // the largest

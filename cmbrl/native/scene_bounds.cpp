@@ -174,9 +174,10 @@ void SceneData::derive_clusters() {
   constexpr int few = 3;
   Model& m = model;
   int D = m.D;
-  std::vector<int> of_group{0}, begin, place(m.ncontact);
+  std::vector<int> of_group{0}, begin, place(m.ncontact), frame;
   std::vector<double> boxA, boxB, round, weight, extent(m.ncontact * 2 * D);
   for (int g = 0; g < m.ngroup; ++g) {
+    std::map<std::vector<double>, std::pair<int, int>> around;  // boxes on B: of which cluster first, of how many candidates
     for (int k = m.grp_cptr[g], end; k < m.grp_cptr[g + 1]; k = end) {
       int first = m.grp_con[k];
       auto alike = [&](int c) { return m.con_pair[c] == m.con_pair[first] && m.con_when[c] == m.con_when[first]; };
@@ -204,15 +205,24 @@ void SceneData::derive_clusters() {
       }
       begin.push_back(k);
       A.append(boxA);
-      B.append(boxB);
+      std::vector<double> box;
+      B.append(box);
+      boxB.insert(boxB.end(), box.begin(), box.end());
+      auto& of_box = around.emplace(std::move(box), std::make_pair(int(begin.size()) - 1, 0)).first->second;
+      frame.push_back(of_box.first);
+      of_box.second += end - k;
       bool test = end - k > few || m.con_type[first] == kHulls;
       round.push_back(test ? most : -1);
       weight.push_back(heaviest);
       m.sifted |= test;
     }
+    std::map<int, int> count;
+    for (auto& [box, of_box] : around) count[of_box.first] = of_box.second;
+    for (size_t c = of_group.back(); c < begin.size(); ++c) if (count[frame[c]] <= few) frame[c] = -1;
     of_group.push_back(int(begin.size()));
   }
   begin.push_back(m.ncontact);
+  m.cluster_frame = keep_ints("cluster_frame", std::move(frame));
   m.grp_clusters = keep_ints("grp_clusters", std::move(of_group)); m.cluster_begin = keep_ints("cluster_begin", std::move(begin));
   m.cluster_boxA = keep_doubles("cluster_boxA", std::move(boxA)); m.cluster_boxB = keep_doubles("cluster_boxB", std::move(boxB));
   m.con_extentB = keep_doubles("con_extentB", std::move(extent));

@@ -5,8 +5,6 @@
 
 namespace cmbrl::CMBRL_ISA {
 
-constexpr int kFew = 3;  // candidates that are as quickly looked at
-
 // Calls f(i, distance) for candidates begin to end: points, segments or boxes of A and B lie in boxes along the axes of the one around all
 // of B's; of corners over the side of a box, the distance is their own.
 template <class G, class F>
@@ -19,7 +17,9 @@ static void for_distances(const Model& m, Work<G>& w, int cluster, const int* be
     return;
   }
   const double* around = m.cluster_boxB + cluster * (2 + D) * D;
-  FrameInA<G> frame = frame_in_A(w, m.con_bodyA[first], m.con_bodyB[first], around, around + D, false);
+  if (w.frame_of != m.cluster_frame[cluster]) w.frame = frame_in_A(w, m.con_bodyA[first], m.con_bodyB[first], around, around + D, false);
+  w.frame_of = m.cluster_frame[cluster];
+  const FrameInA<G>& frame = w.frame;
   for (; begin < end; ++begin) {
     typename G::V x = load<D>(m.con_posA + *begin * D), axis = load<D>(m.con_axisA + *begin * D);
     const double* b = m.con_extentB + *begin * 2 * D;

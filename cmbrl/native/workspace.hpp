@@ -207,6 +207,7 @@ struct Work : SolverWork<G> {
   V side[4]; Mask side_there[4];
   int touch_of; Feature<G> touch[8]; Mask touch_there[8];  // the same of hulls with each other (hull_contact.hpp)
   SideUnderCorners<G> under;
+  FrameInA<G> frame; int frame_of;         // along what clusters on one shape have around it (sieve.hpp): that of which of them
   Mask may_touch;                          // lanes in which those of the cluster at hand may overlap
   T left_out_gap;                          // smallest absolute gap of a contact that was left out
   uint64_t* bits; int *fill_ptr, *fill_idx;  // the pattern as bits, and as lists
