@@ -75,18 +75,25 @@ struct PosedHull {
     }
     double y[3];
     for (int k = 0; k < 3; ++k) y[k] = R[k] * d.x[0] + R[3 + k] * d.x[1] + R[6 + k] * d.x[2];
-    T most = splat(-1e300), at = T{}, number = T{};
+    T most[2] = {splat(-1e300), splat(-1e300)}, at[2] = {}, number = T{};  // of even and of odd blocks, which need not wait for each other
     for (int k = 0; k < W; ++k) number[k] = k;
-    for (int k = 0; k < count; k += W, number += splat(W)) {
+    auto look = [&](int k, int odd) {
       T x[3];
       for (int j = 0; j < 3; ++j) std::memcpy(&x[j], columns + j * count + k, sizeof(T));
       T along = x[0] * y[0] + x[1] * y[1] + x[2] * y[2];
-      at = select(along > most, number, at);
-      most = vmax(most, along);
+      at[odd] = select(along > most[odd], number, at[odd]);
+      most[odd] = vmax(most[odd], along);
+      number += splat(W);
+    };
+    for (int k = 0; k < count; k += 2 * W) {
+      look(k, 0);
+      if (k + W < count) look(k + W, 1);
     }
+    at[0] = select(most[1] > most[0], at[1], at[0]);
+    most[0] = vmax(most[0], most[1]);
     int best = 0;
-    for (int k = 0; k < W; ++k) if (most[k] > most[best]) best = k;
-    int found = int(at[best]);
+    for (int k = 0; k < W; ++k) if (most[0][k] > most[0][best]) best = k;
+    int found = int(at[0][best]);
     return begin + (found < vertices ? found : vertices - 1);
   }
 };

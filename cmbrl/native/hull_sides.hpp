@@ -149,9 +149,18 @@ static int clip_to(const Clip& c, const Polygon& side, Polygon& whole, bool segm
   Point middle = side.at[0].v;
   for (int k = 1; k < side.n; ++k) middle = middle + side.at[k].v;
   middle = (1.0 / side.n) * middle;
+  Point centre = whole.at[0].v;
+  double reach = 0;  // squared: all of it is within
+  for (int k = 1; k < whole.n; ++k) {
+    Point away = whole.at[k].v - centre;
+    reach = dot(away, away) > reach ? dot(away, away) : reach;
+  }
   for (int k = 0; k < side.n; ++k) {
-    Point inwards = unit(cross(c.of_f, side.at[k].next));
+    Point inwards = cross(c.of_f, side.at[k].next);
     if (dot(inwards, middle - side.at[k].v) < 0) inwards = -1.0 * inwards;
+    double height = dot(inwards, centre - side.at[k].v);
+    if (height > 0 && height * height > reach * dot(inwards, inwards)) { now->first = now->after(now->first); continue; }
+    inwards = unit(inwards);
     Inside left = clip(*now, side.at[k].v, inwards, *next);
     if (left == Inside::none) return 0;
     if (left == Inside::all) { now->first = now->after(now->first); continue; }  // MuJoCo's begins one corner on each time
