@@ -5,6 +5,7 @@
 #include "hull_contact.hpp"
 #include "near.hpp"
 #include "side.hpp"
+#include "sieve.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -130,15 +131,16 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, Fa
   bool hulls = m.con_type[i] == kHulls, corner = w.by_sides && !hulls && m.con_hull[i] >= 0;
   if (corner) find_side(m, w, i);
   if (hulls) find_touches(m, w, i);
-  if (hulls && !given && !any(w.touch_there[m.con_corner[i]])) return;
+  if (hulls && !any(w.touch_there[m.con_corner[i]])) {
+    if (!given) return;
+    std::memset(&w.touch[m.con_corner[i]], 0, sizeof *w.touch);
+  }
   Feature<G> F = find_feature(m, w, i);
   if (far) {
     T gap = F.dist - m.P[m.oContact + i * kContactFields + kRadius] - w.radius_slack - margin_of(m, i);
     if (!any(gap < far->from)) { far->lowest = vmin(far->lowest, gap); return; }
   }
-  T p[kContactFields];
-  load_block(m, w, i, p);
-  T phi = F.dist - p[kRadius];
+  T p[kContactFields], phi = F.dist - load_radius(m, w, i);
   Mask on = given ? given->on : hulls ? w.touch_there[m.con_corner[i]] : corner ? w.side_there[m.con_corner[i]] : all();
   bool of_points = m.con_plane[i] < 0 && m.con_type[i] != kCornerBox && !hulls;  // whose distance gives the direction
   if (of_points) on &= vabs(F.dist) > 1e-9;  // crossing segments: none parts them
@@ -149,6 +151,7 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, Fa
     if (!any(on)) return;
   }
   if (!(o.prune < 1e300) || given) {
+    load_block(m, w, i, p);
     Contact<G>& c = w.add_contact();
     make_contact(m, o, i, F, phi, p, c);
     c.on = c.wide = on;
@@ -163,8 +166,12 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, Fa
   T closing = speed;
   for (int k = 0; k < w.nguess; ++k) closing = vmin(closing, dot(F.n, relative_velocity<G>(w.guess_twist + k * m.nbody, A, B, F)));
   Mask near = on & (slack + vmin(closing, -vabs(speed)) < __builtin_fmax(enough, wide)), takes_part = none();
-  if (m.logistic) near |= on & (p[kSolref0] * phi < kFaint);
+  if (m.logistic) {
+    load_block(m, w, i, p);
+    near |= on & (p[kSolref0] * phi < kFaint);
+  }
   if (any(near)) {
+    load_block(m, w, i, p);
     Contact<G>& c = w.add_contact();
     make_contact(m, o, i, F, phi, p, c);
     slack = select(near, c.cn0 - c.carry * speed, slack);
@@ -194,26 +201,53 @@ static void find_on_plane(const Model& m, const Options& o, Work<G>& w, int A, i
   }
 }
 
-// Those of a cluster. Nothing is known to be far where pruning does not sift.
+// Of two geoms that are both no planes. Those that their box keeps away are not looked at.
 template <class G>
-static void find_in_cluster(const Model& m, const Options& o, Work<G>& w, int g, int cluster) {
+static void find_between(const Model& m, const Options& o, Work<G>& w, int cluster, Far& far) {
+  const int *begin = m.grp_con + m.cluster_begin[cluster], *end = m.grp_con + m.cluster_begin[cluster + 1];
+  for (; begin < end && m.con_type[*begin] == kHulls; ++begin) if (any(w.may_touch)) find_contact(m, o, w, *begin, &far);
+  if (m.cluster_frame[cluster] < 0) {  // few, and nobody else's
+    for (; begin < end; ++begin) find_contact(m, o, w, *begin, &far);
+    return;
+  }
+  if (begin < end) for_distances(m, w, cluster, begin, end, [&](int i, T distance) {
+    T gap = distance - m.P[m.oContact + i * kContactFields + kRadius] - w.radius_slack - margin_of(m, i);
+    if (any(gap < far.from)) find_contact(m, o, w, i, &far);
+    else far.lowest = vmin(far.lowest, gap);
+  });
+}
+
+// Those of a cluster, of bodies that are so fast against each other. Nothing is known to be far where pruning does not sift.
+template <class G>
+static void find_in_cluster(const Model& m, const Options& o, Work<G>& w, int g, int cluster, T fast) {
   int A = m.grp_A[g], B = m.grp_B[g], begin = m.cluster_begin[cluster], end = m.cluster_begin[cluster + 1];
   if (m.con_when[m.grp_con[begin]] == (o.look_ahead ? kClosed : kAhead)) return;
   bool side = w.by_sides && m.con_plane[m.grp_con[begin]] >= 0 && m.con_hull[m.grp_con[begin]] >= 0;
   if (side) end = begin + kCorners;
+  w.may_touch = all();
   if (!w.sift) {
     for (int k = begin; k < end; ++k) find_contact(m, o, w, m.grp_con[k], nullptr);
     return;
   }
-  T fast = speed_of_pair(w.fast, A, B);
   Far far{o.h * (speed_of_far(o, m.cluster_invweight[cluster]) + 2.0 * fast)};
   if (m.cluster_round[cluster] >= 0) {
     T gap = least_gap(m, w, A, B, cluster);
     if (!any(gap < far.from)) { w.pass_over({A, B, gap * (1 / o.h) - fast}); return; }
+    w.may_touch = gap <= 0.0;
   }
   if (m.con_plane[m.grp_con[begin]] >= 0 && !side) find_on_plane(m, o, w, A, cluster, far);
-  else for (int k = begin; k < end; ++k) find_contact(m, o, w, m.grp_con[k], &far);
+  else if (side) for (int k = begin; k < end; ++k) find_contact(m, o, w, m.grp_con[k], &far);
+  else find_between(m, o, w, cluster, far);
   if (any(far.lowest < 1e300)) w.pass_over({A, B, far.lowest * (1 / o.h) - fast});
+}
+
+// Lanes in which the pair of geoms of the k-th given row, or of further ones, has rows.
+template <class G>
+static Mask lanes_of_pair(const Model& m, const Work<G>& w, int k) {
+  Mask lanes = none();
+  for (int i = k; i < w.ngiven && m.con_group[w.given[i].index] == m.con_group[w.given[k].index]; ++i)
+    if (m.con_pair[w.given[i].index] == m.con_pair[w.given[k].index]) lanes |= w.given[i].on;
+  return lanes;
 }
 
 // Rows that may close within the step, ordered by body pair. given: those of w.given instead (a step read back from its tape).
@@ -223,11 +257,14 @@ static void find_contacts(const Model& m, const Options& o, Work<G>& w, bool giv
   w.left_out_gap = splat(__builtin_inf());
   w.coupled = false;
   w.by_sides = !o.look_ahead;
-  w.side_of = w.touch_of = -1;
+  w.side_of = w.touch_of = w.under.pair = w.frame_of = -1;
   for (int k = 0; given && k < w.ngiven;) {
     int g = m.con_group[w.given[k].index], first = w.ncon;
     open_group(m, w, g);
-    for (; k < w.ngiven && m.con_group[w.given[k].index] == g; ++k) find_contact(m, o, w, w.given[k].index, nullptr, &w.given[k]);
+    for (; k < w.ngiven && m.con_group[w.given[k].index] == g; ++k) {
+      w.may_touch = lanes_of_pair(m, w, k);
+      find_contact(m, o, w, w.given[k].index, nullptr, &w.given[k]);
+    }
     w.add_group({g, first, w.ncon});
   }
   if (!given) {
@@ -235,7 +272,8 @@ static void find_contacts(const Model& m, const Options& o, Work<G>& w, bool giv
     for_near(m, w, [&](int g) {
       int first = w.ncon;
       open_group(m, w, g);
-      for (int c = m.grp_clusters[g]; c < m.grp_clusters[g + 1]; ++c) find_in_cluster(m, o, w, g, c);
+      T fast = w.sift ? fastest_of_pair(m, o, w, m.grp_A[g], m.grp_B[g]) : T{};
+      for (int c = m.grp_clusters[g]; c < m.grp_clusters[g + 1]; ++c) find_in_cluster(m, o, w, g, c, fast);
       if (w.ncon > first) w.add_group({g, first, w.ncon});
     });
   }

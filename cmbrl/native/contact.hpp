@@ -12,7 +12,7 @@ template <class G>
 static inline typename G::V plane_normal(const Model& m, int plane) { return load<G::D>(m.plane_normal + plane * G::D); }
 
 template <class G>
-static Feature<G> find_feature(const Model& m, const Work<G>& w, int i) {
+static Feature<G> find_feature(const Model& m, Work<G>& w, int i) {
   using V = typename G::V;
   if (m.con_type[i] == kHulls) return w.touch[m.con_corner[i]];
   Feature<G> F;
@@ -39,8 +39,12 @@ static Feature<G> find_feature(const Model& m, const Work<G>& w, int i) {
     F.dist = dot(F.n, F.a + w.O) - w.P[m.oPlane + m.con_plane[i]];
     return F;
   }
+  if (m.con_type[i] == kCornerBox) {  // a side does not turn while B stays
+    over_side(m, w, i, F);
+    return F;
+  }
   V b = place(B, m.con_posB + i * D), rel = F.a - b;
-  F.turns = splat(m.con_type[i] != kCornerBox);  // a side does not turn while B stays
+  F.turns = splat(1);
   F.axisB = turn(B, m.con_axisB + i * D);
   T bb = dot(F.axisB, F.axisB);
   T bb_safe = select(bb > 0.0, bb, splat(1));
@@ -61,27 +65,10 @@ static Feature<G> find_feature(const Model& m, const Work<G>& w, int i) {
     T local_free[G::D];
     V near;
     V axis[G::D];
-    auto axes_of = [&](const typename G::Rot& R, const double* rot, V* axes) {  // of a box, in world coordinates
-      CMBRL_FOR(k, G::D) {
-        double e[G::D];
-        CMBRL_FOR(r, G::D) e[r] = rot[i * D * D + r * D + k];
-        axes[k] = G::rotate(R, load<G::D>(e));
-      }
-    };
-    auto free_along = [&] {
-      CMBRL_FOR(r, D) CMBRL_FOR(c, D) {
-        T x = T{};
-        CMBRL_FOR(k, D) x += local_free[k] * axis[k][r] * axis[k][c];
-        F.slide[r * D + c] = x;
-      }
-    };
-    axes_of(R, m.con_rotB, axis);
-    if (m.con_type[i] == kCornerBox) {
-      V axisA[G::D];
-      axes_of(A >= 0 ? w.R[A] : G::identity(), m.con_rotA, axisA);
-      F.dist = corner_on_side<G::D>(rel, turn(A, m.con_axisA + i * D), axisA, axis, m.con_halfB + i * D, F.n, local_free);
-      free_along();
-      return F;
+    CMBRL_FOR(k, G::D) {
+      double e[G::D];
+      CMBRL_FOR(r, G::D) e[r] = m.con_rotB[i * D * D + r * D + k];
+      axis[k] = G::rotate(R, load<G::D>(e));
     }
     V coordinate, gap;
     Mask inside = all();
@@ -107,7 +94,11 @@ static Feature<G> find_feature(const Model& m, const Work<G>& w, int i) {
     }
     rel = zero<G::D>();
     CMBRL_FOR(k, G::D) rel += (coordinate[k] - near[k]) * axis[k];
-    free_along();
+    CMBRL_FOR(r, D) CMBRL_FOR(c, D) {
+      T x = T{};
+      CMBRL_FOR(k, D) x += local_free[k] * axis[k][r] * axis[k][c];
+      F.slide[r * D + c] = x;
+    }
     T len = vsqrt(dot(rel, rel));
     T sign = select(inside, splat(-1), splat(1));
     F.dist = sign * len;
@@ -122,6 +113,15 @@ static Feature<G> find_feature(const Model& m, const Work<G>& w, int i) {
   F.dist = vsqrt(dot(rel, rel));
   F.n = (1.0 / vmax(F.dist, splat(1e-12))) * rel;
   return F;
+}
+
+// What the block of P of one candidate says of its radii.
+template <class G>
+static inline T load_radius(const Model& m, const Work<G>& w, int i) {
+  T radius = splat(m.P[m.oContact + i * kContactFields + kRadius]);
+  for (int e = m.con_par_ptr[i]; e < m.con_par_ptr[i + 1]; ++e)
+    if (m.con_par_field[e] == kRadius) radius += w.dtheta[m.con_par[e]] * m.con_par_coef[e];
+  return radius;
 }
 
 // The block of P of one candidate; only those of active contacts are kept.

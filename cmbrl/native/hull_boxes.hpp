@@ -22,7 +22,7 @@ static Touch crossing_edges(const PosedHull& A, int i, const PosedHull& B, int j
   Point a = edge_middle(A, i, -1.0 * n), apart = edge_middle(B, j, n) - a;
   double b = dot(A.axis[i], B.axis[j]), s = (dot(A.axis[i], apart) - b * dot(B.axis[j], apart)) / (1 - b * b);
   Point on_a = a + __builtin_fmin(__builtin_fmax(s, -A.half[i]), A.half[i]) * A.axis[i];
-  Touch t = touch_at({true, false, {}, n}, {on_a, Origin::own, {}, {}, false, {}, {}}, -depth);
+  Touch t = touch_at({true, false, {}, n}, own_point(on_a), -depth);
   t.edges = t.crossing = true;
   t.axisA = A.axis[i];
   t.axisB = B.axis[j];

@@ -10,7 +10,7 @@ namespace cmbrl::CMBRL_ISA {
 
 template <class G>
 static PosedHull posed(const Model& m, const Work<G>& w, int hull, int body, int lane, Point* made) {
-  PosedHull H{};
+  PosedHull H;
   H.m = &m;
   H.kind = m.hull_kind[hull];
   H.begin = m.hull_ptr[hull];
@@ -21,7 +21,7 @@ static PosedHull posed(const Model& m, const Work<G>& w, int hull, int body, int
   CMBRL_FOR(k, 9) H.R[k] = k % 4 == 0;
   CMBRL_FOR(k, 9) if (body >= 0) H.R[k] = w.R[body].m[k][lane];
   CMBRL_FOR(k, 3) H.p.x[k] = body >= 0 ? w.pos[body][k][lane] : -w.O[k][lane];
-  H.place();
+  H.place(m.hull_box + 15 * hull);
   return H;
 }
 
@@ -44,26 +44,26 @@ static void keep_touch(const Touch& t, Feature<G>& F, int lane) {
   CMBRL_FOR(k, 9) F.slide[k][lane] = t.edges ? 0 : t.slid[k];
 }
 
-// Of candidate i's pair of geoms, into w.touch; w.touch_there: the lanes that have as many.
+// Of candidate i's pair of geoms, into w.touch; w.touch_there: the lanes of w.may_touch that have as many.
 template <class G>
 static void find_touches(const Model& m, Work<G>& w, int i) {
   if (w.touch_of == m.con_pair[i]) return;
   w.touch_of = m.con_pair[i];
   if constexpr (G::D == 3) {
-    CMBRL_FOR(k, kMostTouches) {
-      std::memset(&w.touch[k], 0, sizeof w.touch[k]);
-      w.touch_there[k] = none();
-    }
+    CMBRL_FOR(k, kMostTouches) w.touch_there[k] = none();
+    bool first = m.con_first[i], many = m.con_many[i];
+    int cleared = 0;
     for (int lane = 0; lane < W; ++lane) {
+      if (!w.may_touch[lane]) continue;
       Touch found[kMostTouches];
       Point of_a[kMostMade], of_b[kMostMade];
       PosedHull A = posed(m, w, m.con_hull[i], m.con_bodyA[i], lane, of_a), B = posed(m, w, m.con_hullB[i], m.con_bodyB[i], lane, of_b);
       const double *a = m.con_posA + 3 * i, *b = m.con_posB + 3 * i;
       Point between = B.p + B.turned(b) - A.p - A.turned(a);
-      bool first = m.con_first[i], many = m.con_many[i];
       int n = A.round() || B.round() ? touch_round(A, B, between, first, many, found)
               : A.kind == kBox && B.kind == kBox ? (first ? touch_boxes(A, B, true, found) : touch_boxes(B, A, false, found))
                                                  : touch_polytopes(A, B, between, first, many, found);
+      for (; cleared < n; ++cleared) std::memset(&w.touch[cleared], 0, sizeof w.touch[cleared]);
       for (int k = 0; k < n; ++k) {
         if (!w.by_sides && !found[k].crossing) continue;
         keep_touch(found[k], w.touch[k], lane);

@@ -37,18 +37,15 @@ struct PosedHull {
   bool round() const { return kind > kBox; }
   double radius() const { return kind == kEllipsoid ? 0 : half[0]; }
   double length() const { return kind == kCapsule ? half[2] - half[0] : half[2]; }  // half that of the axis
-  void place() {
+  void place(const double* box) {
     nmade = 0;
     if (kind == kPolytope) return;
-    Point low = corner(0);
-    centre = 0.5 * (low + corner(7));
+    centre = p + turned(box);
     for (int k = 0; k < 3; ++k) {
-      Point side = corner(4 >> k) - low;
-      half[k] = 0.5 * size_of(side);
-      axis[k] = unit(side);
+      axis[k] = turned(box + 3 + 3 * k);
+      half[k] = box[12 + k];
     }
   }
-  Point corner(int k) const { return p + turned(m->hull_point + 3 * (begin + k)); }
   Point round_point(const Point& d) const {
     if (kind == kEllipsoid) {
       Point x = centre;
@@ -78,18 +75,25 @@ struct PosedHull {
     }
     double y[3];
     for (int k = 0; k < 3; ++k) y[k] = R[k] * d.x[0] + R[3 + k] * d.x[1] + R[6 + k] * d.x[2];
-    T most = splat(-1e300), at = T{}, number = T{};
+    T most[2] = {splat(-1e300), splat(-1e300)}, at[2] = {}, number = T{};  // of even and of odd blocks, which need not wait for each other
     for (int k = 0; k < W; ++k) number[k] = k;
-    for (int k = 0; k < count; k += W, number += W) {
+    auto look = [&](int k, int odd) {
       T x[3];
       for (int j = 0; j < 3; ++j) std::memcpy(&x[j], columns + j * count + k, sizeof(T));
       T along = x[0] * y[0] + x[1] * y[1] + x[2] * y[2];
-      at = select(along > most, number, at);
-      most = vmax(most, along);
+      at[odd] = select(along > most[odd], number, at[odd]);
+      most[odd] = vmax(most[odd], along);
+      number += splat(W);
+    };
+    for (int k = 0; k < count; k += 2 * W) {
+      look(k, 0);
+      if (k + W < count) look(k + W, 1);
     }
+    at[0] = select(most[1] > most[0], at[1], at[0]);
+    most[0] = vmax(most[0], most[1]);
     int best = 0;
-    for (int k = 0; k < W; ++k) if (most[k] > most[best]) best = k;
-    int found = int(at[best]);
+    for (int k = 0; k < W; ++k) if (most[0][k] > most[0][best]) best = k;
+    int found = int(at[0][best]);
     return begin + (found < vertices ? found : vertices - 1);
   }
 };
@@ -167,52 +171,79 @@ struct Depth { Point n; double depth; Apart corner[3]; };
 
 struct Expansion {
   static constexpr int most = 160;
-  struct Side { int corner[3]; Point n; double d; };
   Apart at[most];
-  Side sides[2 * most];
+  int corner[2 * most][3];
+  double normal[3][2 * most + W], distance[2 * most + W];  // by coordinate; those past the last are far
   int n = 0, nside = 0;
   Point middle;
 
+  Point normal_of(int k) const { return {{normal[0][k], normal[1][k], normal[2][k]}}; }
+  void end_sides() { for (int k = 0; k < W; ++k) distance[nside + k] = 1e300; }
   void add(int i, int j, int k) {
     Point n = cross(at[j].x - at[i].x, at[k].x - at[i].x);
-    double size = size_of(n);
-    n = (1 / __builtin_fmax(size, 1e-300)) * n;
-    if (dot(n, at[i].x - middle) < 0) n = -1.0 * n;
-    sides[nside++] = {{i, j, k}, n, size > 1e-18 ? dot(n, at[i].x) : 1e300};  // a side without an area is none
+    double size = size_of(n), sign = dot(n, at[i].x - middle) < 0 ? -1 : 1;
+    n = (size > 1e-300 ? sign / size : 0) * n;
+    int in = nside++, of[3] = {i, j, k};
+    for (int x = 0; x < 3; ++x) { corner[in][x] = of[x]; normal[x][in] = n.x[x]; }
+    distance[in] = size > 1e-18 ? dot(n, at[i].x) : 1e300;  // a side without an area is none
   }
   explicit Expansion(const Simplex& s) {
     middle = 0.25 * (s.at[0].x + s.at[1].x + s.at[2].x + s.at[3].x);
     for (; n < 4; ++n) at[n] = s.at[n];
     add(0, 1, 2); add(0, 1, 3); add(0, 2, 3); add(1, 2, 3);
+    end_sides();
   }
   int nearest() const {
+    T least = splat(1e300), in = T{}, first = T{};
+    for (int k = 0; k < nside; k += W, first += splat(W)) {
+      T d;
+      std::memcpy(&d, distance + k, sizeof d);
+      in = select(d < least, first, in);
+      least = vmin(least, d);
+    }
     int best = 0;
-    for (int k = 1; k < nside; ++k) if (sides[k].d < sides[best].d) best = k;
-    return best;
+    for (int k = 1; k < W; ++k) if (least[k] < least[best]) best = k;
+    return int(in[best]) + best;
   }
   bool has(const Apart& x) const {
     for (int k = 0; k < n; ++k) if (at[k].a == x.a && at[k].b == x.b) return true;
     return false;
   }
+  void drop(int k) {
+    --nside;
+    for (int x = 0; x < 3; ++x) { corner[k][x] = corner[nside][x]; normal[x][k] = normal[x][nside]; }
+    distance[k] = distance[nside];
+  }
   // Takes away all sides that see x, and joins the edges around the hole with it. False where there is no room.
   bool expand(const Apart& x) {
-    int edges[4 * most][2], nedge = 0, kept = 0, number = n;
-    for (int k = 0; k < nside; ++k) {
-      Side side = sides[k];
-      bool sees = side.d > 1e200 || dot(side.n, x.x) - side.d > 1e-12;
-      if (!sees) { sides[kept++] = side; continue; }
-      for (int e = 0; e < 3; ++e) {
-        int i = side.corner[e], j = side.corner[(e + 1) % 3], twin = 0;
-        while (twin < nedge && !(edges[twin][0] == j && edges[twin][1] == i) && !(edges[twin][0] == i && edges[twin][1] == j)) ++twin;
-        if (twin < nedge) { --nedge; edges[twin][0] = edges[nedge][0]; edges[twin][1] = edges[nedge][1]; continue; }
-        if (nedge == 4 * most) return false;
-        edges[nedge][0] = i; edges[nedge][1] = j; ++nedge;
+    int edges[4 * most][2], nedge = 0, number = n;
+    for (int begin = (nside - 1) / W * W; begin >= 0; begin -= W) {  // from the last: what is dropped is replaced by one that stays
+      T above = T{}, d;
+      for (int j = 0; j < 3; ++j) {
+        T of;
+        std::memcpy(&of, normal[j] + begin, sizeof of);
+        above += of * x.x.x[j];
+      }
+      std::memcpy(&d, distance + begin, sizeof d);
+      Mask sees = (d > 1e200) | (above - d > 1e-12);
+      if (!any(sees)) continue;
+      for (int k = (nside - begin < W ? nside - begin : W) - 1; k >= 0; --k) {
+        if (!sees[k]) continue;
+        const int* c = corner[begin + k];
+        for (int e = 0; e < 3; ++e) {
+          int i = c[e], j = c[(e + 1) % 3], twin = 0;
+          while (twin < nedge && !(edges[twin][0] == j && edges[twin][1] == i) && !(edges[twin][0] == i && edges[twin][1] == j)) ++twin;
+          if (twin < nedge) { --nedge; edges[twin][0] = edges[nedge][0]; edges[twin][1] = edges[nedge][1]; continue; }
+          if (nedge == 4 * most) return false;
+          edges[nedge][0] = i; edges[nedge][1] = j; ++nedge;
+        }
+        drop(begin + k);
       }
     }
-    nside = kept;
     if (n == most || nside + nedge > 2 * most) return false;
     at[n++] = x;
     for (int e = 0; e < nedge; ++e) add(edges[e][0], edges[e][1], number);
+    end_sides();
     return nside > 0;
   }
 };
@@ -222,13 +253,13 @@ constexpr int kMostMade = kMostSimplices + Expansion::most + 1;
 static bool find_depth(const PosedHull& A, const PosedHull& B, const Simplex& s, Depth& out, double tolerance = 1e-10) {
   Expansion polytope(s);
   for (;;) {
-    const Expansion::Side near = polytope.sides[polytope.nearest()];
-    if (!(near.d < 1e200)) return false;
-    out.n = near.n;
-    out.depth = near.d;
-    for (int k = 0; k < 3; ++k) out.corner[k] = polytope.at[near.corner[k]];
-    Apart far = farthest_apart(A, B, near.n);
-    if (dot(far.x, near.n) - near.d < tolerance || polytope.has(far) || !polytope.expand(far)) return true;
+    int near = polytope.nearest();
+    if (!(polytope.distance[near] < 1e200)) return false;
+    out.n = polytope.normal_of(near);
+    out.depth = polytope.distance[near];
+    for (int k = 0; k < 3; ++k) out.corner[k] = polytope.at[polytope.corner[near][k]];
+    Apart far = farthest_apart(A, B, out.n);
+    if (dot(far.x, out.n) - out.depth < tolerance || polytope.has(far) || !polytope.expand(far)) return true;
   }
 }
 

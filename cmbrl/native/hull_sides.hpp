@@ -17,7 +17,9 @@ struct Touch { Point a, n, rise, beside, axisA, axisB; double dist, back, leans,
 // A corner of what is clipped: its own; where its line cuts a plane with normal `cut`; or a corner of the clipping side over it. After
 // it comes a line of its own, or one that was cut.
 enum class Origin { own, cut, other };
-struct Clipped { Point v; Origin origin; Point line, cut; bool along_cut; Point next, next_cut; };
+struct Clipped { Point v; Origin origin; bool along_cut; Point next, line, cut; };
+
+static Clipped own_point(const Point& v) { return {v, Origin::own, false, {}, {}, {}}; }
 
 // What is clipped belongs to the hull E, the clipping side to F, whose normal it has; n is that of E or of F.
 struct Clip { bool e_is_a, by_e; Point of_e, of_f; };
@@ -59,10 +61,13 @@ static Touch touch_at(const Clip& c, const Clipped& at, double dist) {
 
 struct Polygon {
   static constexpr int most = 256;
-  Clipped at[most];
-  int n = 0;
+  Clipped at[most];  // set as they are added: most polygons have few corners
+  int n = 0, first = 0;  // where it begins, of which it depends what MuJoCo takes
 
+  Polygon() {}
+  Polygon(const Polygon&) = delete;  // of 27 kB
   void add(const Clipped& x) { if (n < most) at[n++] = x; }
+  int after(int k) const { return k + 1 < n ? k + 1 : 0; }
   Point corner(int k) const { return at[k % n].v; }
 };
 
@@ -71,28 +76,38 @@ static void take_side(const PosedHull& H, int face, Polygon& out) {
   if (n > Polygon::most / 2) return;
   for (int k = 0; k < n; ++k) {  // backwards around it, as MuJoCo goes
     Point v = H.vertex(H.m->face_vertex[begin + n - 1 - k]), next = H.vertex(H.m->face_vertex[begin + (2 * n - 2 - k) % n]);
-    out.add({v, Origin::own, {}, {}, false, next - v, {}});
+    out.add({v, Origin::own, false, next - v, {}, {}});
   }
 }
 
-// What of `polygon` is on the inner side of the plane through p with normal k.
-static void clip(const Polygon& polygon, const Point& p, const Point& k, Polygon& out) {
-  out.n = 0;
+// What of `polygon` is on the inner side of the plane through p with this normal: into `out`, unless that is all of it or nothing.
+enum class Inside { none, part, all };
+static Inside clip(const Polygon& polygon, const Point& p, const Point& normal, Polygon& out) {
+  double height[Polygon::most];
+  int within = 0;
   for (int i = 0; i < polygon.n; ++i) {
-    const Clipped &from = polygon.at[i], &to = polygon.at[(i + 1) % polygon.n];
-    double start = dot(k, from.v - p), end = dot(k, to.v - p);
+    height[i] = dot(normal, polygon.at[i].v - p);
+    within += height[i] > -1e-15;
+  }
+  if (within == 0 || within == polygon.n) return within ? Inside::all : Inside::none;
+  out.n = out.first = 0;
+  for (int k = 0, i = polygon.first; k < polygon.n; ++k, i = polygon.after(i)) {
+    int j = polygon.after(i);
+    const Clipped &from = polygon.at[i], &to = polygon.at[j];
+    double start = height[i], end = height[j];
     bool inside = start > -1e-15, stays = end > -1e-15;
     if (inside != stays) {
       Clipped x = from;
       x.v = from.v + (start / (start - end)) * (to.v - from.v);
       x.origin = from.along_cut ? Origin::other : Origin::cut;
       x.line = from.next;
-      x.cut = k;
-      if (inside) { x.along_cut = true; x.next_cut = k; }
+      x.cut = normal;
+      if (inside) x.along_cut = true;
       out.add(x);
     }
     if (stays) out.add(to);
   }
+  return Inside::part;
 }
 
 // Corners that are where others are go; returns how many stay.
@@ -127,23 +142,37 @@ static void widest_four(const Polygon& p, int* best) {
   }
 }
 
-// Corners of `polygon` that are below `side` of F and within it.
-static int clip_to(const Clip& c, const Polygon& side, Polygon& polygon, bool segment, Touch* out, int limit = kMostOfSides) {
-  Polygon other;
-  if (side.n < 3 || polygon.n < 2) return 0;
+// Corners of `polygon` that are below `side` of F and within it. What it holds afterwards is undefined.
+static int clip_to(const Clip& c, const Polygon& side, Polygon& whole, bool segment, Touch* out, int limit = kMostOfSides) {
+  if (side.n < 3 || whole.n < 2) return 0;
+  Polygon spare, *now = &whole, *next = &spare;
   Point middle = side.at[0].v;
   for (int k = 1; k < side.n; ++k) middle = middle + side.at[k].v;
   middle = (1.0 / side.n) * middle;
-  for (int k = 0; k < side.n && polygon.n; ++k) {
-    Point inwards = unit(cross(c.of_f, side.at[k].next));
-    if (dot(inwards, middle - side.at[k].v) < 0) inwards = -1.0 * inwards;
-    clip(polygon, side.at[k].v, inwards, other);
-    polygon = other;
+  Point centre = whole.at[0].v;
+  double reach = 0;  // squared: all of it is within
+  for (int k = 1; k < whole.n; ++k) {
+    Point away = whole.at[k].v - centre;
+    reach = dot(away, away) > reach ? dot(away, away) : reach;
   }
-  int kept = 0;
-  for (int k = 0; k < polygon.n; ++k)
-    if (dot(c.of_f, polygon.at[k].v - side.at[0].v) <= 0) polygon.at[kept++] = polygon.at[k];
-  polygon.n = kept;
+  for (int k = 0; k < side.n; ++k) {
+    Point inwards = cross(c.of_f, side.at[k].next);
+    if (dot(inwards, middle - side.at[k].v) < 0) inwards = -1.0 * inwards;
+    double height = dot(inwards, centre - side.at[k].v);
+    if (height > 0 && height * height > reach * dot(inwards, inwards)) { now->first = now->after(now->first); continue; }
+    inwards = unit(inwards);
+    Inside left = clip(*now, side.at[k].v, inwards, *next);
+    if (left == Inside::none) return 0;
+    if (left == Inside::all) { now->first = now->after(now->first); continue; }  // MuJoCo's begins one corner on each time
+    Polygon* x = now;
+    now = next;
+    next = x;
+  }
+  Polygon& polygon = *next;
+  polygon.n = polygon.first = 0;
+  for (int k = 0, i = now->first; k < now->n; ++k, i = now->after(i))
+    if (dot(c.of_f, now->at[i].v - side.at[0].v) <= 0) polygon.add(now->at[i]);
+  int kept = polygon.n;
   if (limit > kMostOfSides) kept = drop_twins(polygon, size_of(side.at[0].next));
   int chosen[kMostTouches] = {0, 1, 2, 3, 4, 5, 6, 7}, n = kept < limit ? kept : limit;
   if (kept > limit && limit == kMostOfSides) widest_four(polygon, chosen);
@@ -169,11 +198,9 @@ static int clip_to_side(const Clip& c, const PosedHull& F, int face, Polygon& po
   return clip_to(c, side, polygon, segment, out, limit);
 }
 
-static Polygon segment_of(const Point& v, const Point& along) {
-  Polygon segment;
-  segment.add({v, Origin::own, {}, {}, false, along, {}});
-  segment.add({v + along, Origin::own, {}, {}, false, -1.0 * along, {}});
-  return segment;
+static void take_segment(const Point& v, const Point& along, Polygon& segment) {
+  segment.add({v, Origin::own, false, along, {}, {}});
+  segment.add({v + along, Origin::own, false, -1.0 * along, {}, {}});
 }
 
 // Of one hull, the corners that are nearest the other: one, the ends of an edge, or three of a side; and the sides around all of them.
@@ -222,7 +249,8 @@ static int edge_on_side(const PosedHull& E, const Feet& edge, const PosedHull& F
       found = true;
     });
     if (!found) continue;
-    Polygon segment = segment_of(v, level);
+    Polygon segment;
+    take_segment(v, level, segment);
     return clip_to_side({e_is_a, false, {}, normal}, F, sides.side[k], segment, true, out);
   }
   return 0;
@@ -264,14 +292,14 @@ static int touch_polytopes(const PosedHull& A, const PosedHull& B, const Point& 
   if (a.n == 1 || b.n == 1) {
     bool of_a = a.n == 1;
     Point v = of_a ? A.vertex(a.at[0]) : B.vertex(b.at[0]);
-    out[0] = touch_at({of_a, false, {}, of_a ? -1.0 * d.n : d.n}, {v, Origin::own, {}, {}, false, {}, {}}, -d.depth);
+    out[0] = touch_at({of_a, false, {}, of_a ? -1.0 * d.n : d.n}, own_point(v), -d.depth);
     return 1;
   }
   Point x = c[0].x, u = c[1].x - x, v = c[2].x - x, to = d.depth * d.n - x;  // the nearest point in the side's own coordinates
   double uu = dot(u, u), uv = dot(u, v), vv = dot(v, v), det = uu * vv - uv * uv;
   double s = (dot(to, u) * vv - dot(to, v) * uv) / det, t = (dot(to, v) * uu - dot(to, u) * uv) / det;
   Point on_a = (1 - s - t) * A.vertex(c[0].a) + s * A.vertex(c[1].a) + t * A.vertex(c[2].a);
-  out[0] = touch_at({true, false, {}, -1.0 * d.n}, {on_a, Origin::own, {}, {}, false, {}, {}}, -d.depth);
+  out[0] = touch_at({true, false, {}, -1.0 * d.n}, own_point(on_a), -d.depth);
   if (a.n == 2 && b.n == 2) {
     out[0].edges = out[0].crossing = true;
     out[0].axisA = A.vertex(a.at[1]) - A.vertex(a.at[0]);

@@ -103,7 +103,7 @@ static typename G::V stretch_of(const Work<G>& w, const Segment<G>& s, int d, in
 
 // A segment that goes around something: how its length changes with its ends, as seen from there (wrap.hpp).
 template <class G>
-static void find_way(const Model& m, Work<G>& w, int s) {
+static void find_way(const Model& m, Work<G>& w, int s, bool bends) {
   Bent<G>& way = w.bent[m.seg_wrap[s]];
   if constexpr (G::D == 3) {
     int k = m.seg_wrap[s], body = m.wrap_body[k];
@@ -120,11 +120,11 @@ static void find_way(const Model& m, Work<G>& w, int s) {
         a[i] = way.a[i][lane] - centre[i][lane]; b[i] = way.b[i][lane] - centre[i][lane]; c[i] = site[i][lane];
         for (int j = 0; j < 3; ++j) axes[j][i] = rot.m[3 * i + j][lane];
       }
-      Way found = way_between(obstacle, a, b, axes, c);
+      Way found = way_between(obstacle, a, b, axes, c, bends);
       way.length[lane] = found.length;
       for (int i = 0; i < 6; ++i) {
         way.g[i / 3][i % 3][lane] = found.g[i];
-        for (int j = 0; j < 6; ++j) way.H[i][j][lane] = found.H[i][j];
+        for (int j = 0; j < 6 && bends; ++j) way.H[i][j][lane] = found.H[i][j];
       }
     }
   }
@@ -143,6 +143,14 @@ static T rate_around(const Work<G>& w, const Bent<G>& way, int d, int side) {
          dot(way.g[1], seen(w, way, d, kCarriesB, sign_of(side, kCarriesB)));
 }
 
+// Whether anything asks how covectors of lines change: derivatives, and ties of tendons.
+template <class G>
+static bool asks_for_bends(const Model& m, const Work<G>& w) {
+  bool asks = w.Gq;
+  for (int i = 0; i < m.ntie; ++i) asks |= m.tie_type[i] == kPolynomial && (m.tie_A[i] >= m.nv || m.tie_B[i] >= m.nv);
+  return asks;
+}
+
 // Lengths and covectors of all lines.
 template <class G>
 static void find_lines(const Model& m, Work<G>& w) {
@@ -154,12 +162,13 @@ static void find_lines(const Model& m, Work<G>& w) {
     }
     w.line_length[i] = length;
   }
+  bool bends = m.nwrap > 0 && asks_for_bends(m, w);
   for (int i = m.nv; m.nseg && i < m.nline; ++i) {
     int begin = m.line_ptr[i];
     for (int s = m.seg_ptr[i - m.nv]; s < m.seg_ptr[i - m.nv + 1]; ++s) {
       const int* side = m.seg_side + m.seg_sides[s] - begin;
       if (m.seg_wrap[s] >= 0) {
-        find_way(m, w, s);
+        find_way(m, w, s, bends);
         const Bent<G>& way = w.bent[m.seg_wrap[s]];
         w.line_length[i] += m.seg_scale[s] * way.length;
         for (int k = begin; k < m.line_ptr[i + 1]; ++k)

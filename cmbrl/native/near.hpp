@@ -122,8 +122,24 @@ static void find_near(const Model& m, const Options& o, Work<G>& w) {
   for_meeting(m, w, [&](int g, Mask) { w.near[g / 64] |= uint64_t(1) << g % 64; });
 }
 
-static inline T speed_of_pair(const T* speed, int A, int B) {
-  return A < 0 ? speed[B] : B < 0 ? speed[A] : speed[A] + speed[B];
+// How fast A and B may approach or part, under their twists, where they are closest: along the normal, both ends of what lies between them
+// move alike, and one of them is in the smaller of the bodies' spheres.
+template <class G>
+static T fastest_between(const Model& m, const Work<G>& w, const Vec<G::N>* twist, int A, int B) {
+  int in = A < 0 ? B : B < 0 || m.sphere_radius[A] < m.sphere_radius[B] ? A : B;
+  Vec<G::N> t = A < 0 ? twist[B] : twist[A];
+  if (A >= 0 && B >= 0) t -= twist[B];
+  typename G::V u = point_velocity<G>(t, w.centre[in]);
+  typename G::Ang turn = ang<G>(t);
+  return vsqrt(dot(u, u)) + m.sphere_radius[in] * vsqrt(dot(turn, turn));
+}
+// The same under all velocities that rows are left out by.
+template <class G>
+static T fastest_of_pair(const Model& m, const Options& o, const Work<G>& w, int A, int B) {
+  if (!o.look_ahead) return T{};
+  T fast = fastest_between(m, w, w.vel, A, B);
+  for (int k = 0; k < w.nguess; ++k) fast = vmax(fast, fastest_between(m, w, w.guess_twist + k * m.nbody, A, B));
+  return fast;
 }
 
 // A box around one side of a cluster, in the world.
@@ -183,9 +199,13 @@ static Mask passed_over(const Model& m, const Options& o, Work<G>& w) {
     w.after[b] = fastest(m, w, w.tn, b);
     faster |= w.after[b] > w.fast[b] + spare;
   }
+  T speed = T{};
+  for (int i = 0; i < w.npassed; ++i) {
+    const Passed &p = w.passed[i], &before = w.passed[i - (i > 0)];
+    if (i == 0 || p.A != before.A || p.B != before.B) speed = fastest_between(m, w, w.tn, p.A, p.B);
+    found |= p.slack - speed < spare;
+  }
   if (!any(faster)) return found;
-  for (int i = 0; i < w.npassed; ++i)
-    found |= w.passed[i].slack - speed_of_pair(w.after, w.passed[i].A, w.passed[i].B) < spare;
   for (int b = 0; b < m.nbody; ++b)
     if (m.sphere_radius[b] >= 0) grow_sphere(m, o, w, b, w.fast[b] + w.after[b], splat(spare));
   for_meeting(m, w, [&](int g, Mask lanes) {

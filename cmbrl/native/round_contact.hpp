@@ -64,17 +64,15 @@ static Sides sides_of(const PosedHull& H, const int* corner, const Point& outwar
 }
 
 // MuJoCo takes a cylinder's end for a polygon.
-static Polygon polygon_of(const PosedHull& H, const Sides& sides, int k) {
+static void take_polygon(const PosedHull& H, const Sides& sides, int k, Polygon& out) {
   constexpr int corners = 16;
-  Polygon out;
-  if (sides.face[k] >= 0) { take_side(H, sides.face[k], out); return out; }
+  if (sides.face[k] >= 0) { take_side(H, sides.face[k], out); return; }
   Point v[corners];
   for (int i = 0; i < corners; ++i) {
     double angle = (dot(sides.normal[k], H.axis[2]) < 0 ? 2 : -2) * __builtin_acos(-1.0) * i / corners;
     v[i] = H.centre + H.length() * sides.normal[k] + H.half[0] * (__builtin_cos(angle) * H.axis[0] + __builtin_sin(angle) * H.axis[1]);
   }
-  for (int i = 0; i < corners; ++i) out.add({v[i], Origin::own, {}, {}, false, v[(i + 1) % corners] - v[i], {}});
-  return out;
+  for (int i = 0; i < corners; ++i) out.add({v[i], Origin::own, false, v[(i + 1) % corners] - v[i], {}, {}});
 }
 
 static int lie_on_sides(const PosedHull& E, const Sides& e, const PosedHull& F, const Sides& f, bool e_is_a, Touch* out) {
@@ -84,8 +82,10 @@ static int lie_on_sides(const PosedHull& E, const Sides& e, const PosedHull& F, 
     for (int j = 0; j < e.n; ++j)
       if (dot(f.normal[i], e.normal[j]) < least) { least = dot(f.normal[i], e.normal[j]); of_e = j; of_f = i; }
   if (of_e < 0) return -1;
-  Polygon polygon = polygon_of(E, e, of_e);
-  return clip_to({e_is_a, true, e.normal[of_e], f.normal[of_f]}, polygon_of(F, f, of_f), polygon, false, out);
+  Polygon polygon, side;
+  take_polygon(E, e, of_e, polygon);
+  take_polygon(F, f, of_f, side);
+  return clip_to({e_is_a, true, e.normal[of_e], f.normal[of_f]}, side, polygon, false, out);
 }
 
 // The straight side of a capsule or cylinder E, or an edge of a polytope, on a side of F.
@@ -98,8 +98,10 @@ static int lies_along(const PosedHull& E, const int* corner, const PosedHull& F,
       if (__builtin_fabs(tilt) >= kLevel) continue;
       Point down = E.kind == kCapsule ? -1.0 * n : unit(tilt * E.axis[2] - n);
       v = E.centre - E.length() * E.axis[2] + E.half[0] * down;
-      Polygon segment = segment_of(v, 2 * E.length() * E.axis[2]);
-      int found = clip_to(c, polygon_of(F, f, k), segment, true, out);
+      Polygon side, segment;
+      take_polygon(F, f, k, side);
+      take_segment(v, 2 * E.length() * E.axis[2], segment);
+      int found = clip_to(c, side, segment, true, out);
       double back = -E.half[0] * dot(down, n);
       for (int i = 0; i < found; ++i) {  // the point stays under the axis as E rolls
         out[i].beside = -E.half[0] * down;
@@ -117,8 +119,10 @@ static int lies_along(const PosedHull& E, const int* corner, const PosedHull& F,
       if (dot(along, along) == 0 && __builtin_fabs(dot(unit(edge), n)) < kLevel) along = edge;
     });
     if (dot(along, along) == 0) continue;
-    Polygon segment = segment_of(v, along);
-    return clip_to(c, polygon_of(F, f, k), segment, true, out);
+    Polygon side, segment;
+    take_polygon(F, f, k, side);
+    take_segment(v, along, segment);
+    return clip_to(c, side, segment, true, out);
   }
   return 0;
 }

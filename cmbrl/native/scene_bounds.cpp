@@ -63,12 +63,23 @@ double size_of_B(const Model& m, int c) {
 
 }  // namespace
 
-// The vertices of hulls by column, for a quick search for the farthest.
+// The vertices of hulls by column, for a quick search for the farthest; and what their first eight are the corners of, if that is a box.
 void SceneData::derive_hulls(int count) {
   Model& m = model;
   std::vector<int> block;
-  std::vector<double> column;
+  std::vector<double> column, box;
   for (int hull = 0; hull < count; ++hull) {
+    auto point = [&](int k, int j) { return m.hull_point[3 * (m.hull_ptr[hull] + k) + j]; };
+    int last = m.hull_ptr[hull + 1] - m.hull_ptr[hull] - 1;
+    double axis[3][3], half[3];
+    for (int k = 0; k < 3; ++k) {
+      for (int j = 0; j < 3; ++j) axis[k][j] = point(std::min(4 >> k, last), j) - point(0, j);
+      half[k] = 0.5 * length(axis[k], 3);
+      for (int j = 0; j < 3; ++j) axis[k][j] /= std::max(2 * half[k], 1e-300);
+    }
+    for (int j = 0; j < 3; ++j) box.push_back(0.5 * (point(0, j) + point(std::min(7, last), j)));
+    for (auto& x : axis) box.insert(box.end(), x, x + 3);
+    box.insert(box.end(), half, half + 3);
     block.push_back(int(column.size()));
     for (int j = 0; j < 3; ++j)
       for (int k = 0; k < m.hull_count(hull); ++k) {
@@ -78,6 +89,7 @@ void SceneData::derive_hulls(int count) {
   }
   m.hull_block = keep_ints("hull_block", std::move(block));
   m.hull_column = keep_doubles("hull_column", std::move(column));
+  m.hull_box = keep_doubles("hull_box", std::move(box));
 }
 
 // Around the shapes with which a body may touch anything.
@@ -137,6 +149,13 @@ struct Box {
       high[k] = std::max(high[k], centre + size);
     }
   }
+  // Where this is in another box with these axes, from its centre; and half its size, a little more for round-off.
+  void within(const Box& other, double* to) const {
+    for (int k = 0; k < D; ++k) {
+      to[k] = 0.5 * (low[k] + high[k] - other.low[k] - other.high[k]);
+      to[D + k] = 0.5 * (high[k] - low[k]) * (1 + 1e-9) + 1e-12;
+    }
+  }
   void append(std::vector<double>& to) const {
     for (int r = 0; r < D; ++r) {
       double x = 0;
@@ -155,9 +174,10 @@ void SceneData::derive_clusters() {
   constexpr int few = 3;
   Model& m = model;
   int D = m.D;
-  std::vector<int> of_group{0}, begin, place(m.ncontact);
-  std::vector<double> boxA, boxB, round, weight;
+  std::vector<int> of_group{0}, begin, place(m.ncontact), frame;
+  std::vector<double> boxA, boxB, round, weight, extent(m.ncontact * 2 * D);
   for (int g = 0; g < m.ngroup; ++g) {
+    std::map<std::vector<double>, std::pair<int, int>> around;  // boxes on B: of which cluster first, of how many candidates
     for (int k = m.grp_cptr[g], end; k < m.grp_cptr[g + 1]; k = end) {
       int first = m.grp_con[k];
       auto alike = [&](int c) { return m.con_pair[c] == m.con_pair[first] && m.con_when[c] == m.con_when[first]; };
@@ -177,19 +197,35 @@ void SceneData::derive_clusters() {
         most = std::max(most, radius + margin_of(m, c));
         heaviest = std::max(heaviest, m.con_invweight[c]);
       }
+      for (int x = k; x < end; ++x) {
+        int c = m.grp_con[x];
+        Box own(D, m.con_rotB + first * D * D, m.con_axisB + first * D);
+        own.hold(m.con_posB + c * D, m.con_axisB + c * D, m.con_rotB + c * D * D, m.con_halfB + c * D);
+        own.within(B, extent.data() + c * 2 * D);
+      }
       begin.push_back(k);
       A.append(boxA);
-      B.append(boxB);
+      std::vector<double> box;
+      B.append(box);
+      boxB.insert(boxB.end(), box.begin(), box.end());
+      auto& of_box = around.emplace(std::move(box), std::make_pair(int(begin.size()) - 1, 0)).first->second;
+      frame.push_back(of_box.first);
+      of_box.second += end - k;
       bool test = end - k > few || m.con_type[first] == kHulls;
       round.push_back(test ? most : -1);
       weight.push_back(heaviest);
       m.sifted |= test;
     }
+    std::map<int, int> count;
+    for (auto& [box, of_box] : around) count[of_box.first] = of_box.second;
+    for (size_t c = of_group.back(); c < begin.size(); ++c) if (count[frame[c]] <= few) frame[c] = -1;
     of_group.push_back(int(begin.size()));
   }
   begin.push_back(m.ncontact);
+  m.cluster_frame = keep_ints("cluster_frame", std::move(frame));
   m.grp_clusters = keep_ints("grp_clusters", std::move(of_group)); m.cluster_begin = keep_ints("cluster_begin", std::move(begin));
   m.cluster_boxA = keep_doubles("cluster_boxA", std::move(boxA)); m.cluster_boxB = keep_doubles("cluster_boxB", std::move(boxB));
+  m.con_extentB = keep_doubles("con_extentB", std::move(extent));
   m.cluster_round = keep_doubles("cluster_round", std::move(round));
   m.con_corner = keep_ints("con_corner", std::move(place));
   m.cluster_invweight = keep_doubles("cluster_invweight", std::move(weight));

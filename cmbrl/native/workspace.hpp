@@ -31,6 +31,24 @@ struct Feature {
   T bends;                          // 1 where slide says how n turns, and the axes how A is curved (round_contact.hpp)
 };
 
+// A frame on B as that of A's body sees it: coordinate k of a point x of A is base[k] + up[k] x. axis: in the world.
+template <class G>
+struct FrameInA {
+  typename G::V axis[G::D], up[G::D];
+  T base[G::D];
+  T along(int k, const typename G::V& x) const { return base[k] + dot(up[k], x); }
+};
+// Of two boxes, the side of B that A's corners are over (corner.hpp): that along the axis that is chosen.
+template <class G>
+struct SideUnderCorners {
+  int pair, A;
+  FrameInA<G> frame;
+  const double* half;
+  T side[G::D];
+  Mask chosen[G::D];
+  typename G::V normal;
+};
+
 // What is found of a contact before any solve; a lane takes all of it from one candidate.
 template <class G>
 struct Found {
@@ -188,6 +206,9 @@ struct Work : SolverWork<G> {
   bool by_sides; int side_of;              // meshes touch planes with corners of a side (side.hpp): those at hand, of which pair of geoms
   V side[4]; Mask side_there[4];
   int touch_of; Feature<G> touch[8]; Mask touch_there[8];  // the same of hulls with each other (hull_contact.hpp)
+  SideUnderCorners<G> under;
+  FrameInA<G> frame; int frame_of;         // along what clusters on one shape have around it (sieve.hpp): that of which of them
+  Mask may_touch;                          // lanes in which those of the cluster at hand may overlap
   T left_out_gap;                          // smallest absolute gap of a contact that was left out
   uint64_t* bits; int *fill_ptr, *fill_idx;  // the pattern as bits, and as lists
   T* vb; Motion *bvel, *bacc;          // where the bias is taken in a midpoint step: velocity, its twists and accelerations

@@ -144,8 +144,8 @@ static inline void plane_of(const double* a, const double* b, double la, double*
 }  // namespace wrapping
 
 // The way from a to b, seen from the obstacle's centre, with the obstacle's axes as rows, and the place of the site that
-// tells the side; all in one frame. False where it is straight.
-static inline bool way_around(const Obstacle& o, const double* a, const double* b, const double (*axes)[3], const double* site, Way& way) {
+// tells the side; all in one frame; H if it `bends`. False where it is straight.
+static inline bool way_around(const Obstacle& o, const double* a, const double* b, const double (*axes)[3], const double* site, bool bends, Way& way) {
   using namespace wrapping;
   double la = std::sqrt(dot3(a, a)), lb = std::sqrt(dot3(b, b)), x[3], y[3], m[3];
   if (la < kTiny || lb < kTiny) return false;
@@ -167,13 +167,13 @@ static inline bool way_around(const Obstacle& o, const double* a, const double* 
   if (o.cylinder) {  // the way is straight on the unrolled cylinder: its length is that of (flat, height)
     double height = dot3(b, m) - dot3(a, m), L = std::sqrt(flat.length * flat.length + height * height), c = flat.length / L, s = height / L;
     double dz[6] = {0, 0, -1, 0, 0, 1};
-    for (int i = 0; i < 6; ++i)
+    for (int i = 0; i < 6 && bends; ++i)
       for (int j = 0; j < 6; ++j) {
         double across = (s * g[i] - c * dz[i]) * (s * g[j] - c * dz[j]) / L;
         way.H[i][j] = c * H[i][j] + across;
       }
     for (int i = 0; i < 6; ++i) g[i] = c * g[i] + s * dz[i];
-    for (int i = 0; i < 6; ++i) for (int j = 0; j < 6; ++j) H[i][j] = way.H[i][j];
+    for (int i = 0; i < 6 && bends; ++i) for (int j = 0; j < 6; ++j) H[i][j] = way.H[i][j];
     way.length = L;
   } else {  // across the plane: the points move on spheres around the centre, and the plane turns with them
     double by_angle = ends[2] * flat.g[3] - ends[3] * flat.g[2], sine = cross2(ends, ends + 2) / (la * lb), cosine = dot2(ends, ends + 2) / (la * lb);
@@ -186,7 +186,7 @@ static inline bool way_around(const Obstacle& o, const double* a, const double* 
   for (int i = 0; i < 6; ++i) {
     way.g[i] = 0;
     for (int k = 0; k < 3; ++k) way.g[i] += frame[k][i % 3] * g[i / 3 * 3 + k];
-    for (int j = 0; j < 6; ++j) {
+    for (int j = 0; j < 6 && bends; ++j) {
       double sum = 0;
       for (int k = 0; k < 3; ++k)
         for (int l = 0; l < 3; ++l) sum += frame[k][i % 3] * H[i / 3 * 3 + k][j / 3 * 3 + l] * frame[l][j % 3];
@@ -197,16 +197,16 @@ static inline bool way_around(const Obstacle& o, const double* a, const double* 
 }
 
 // The same, also where it is straight.
-static inline Way way_between(const Obstacle& o, const double* a, const double* b, const double (*axes)[3], const double* site) {
+static inline Way way_between(const Obstacle& o, const double* a, const double* b, const double (*axes)[3], const double* site, bool bends) {
   Way way;
-  if (way_around(o, a, b, axes, site, way)) return way;
+  if (way_around(o, a, b, axes, site, bends, way)) return way;
   double d[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
   way.length = std::sqrt(wrapping::dot3(d, d));
   double inv = 1 / std::fmax(way.length, 1e-12);
   for (int i = 0; i < 6; ++i) {
     double sign = i < 3 ? -1 : 1, n = d[i % 3] * inv;
     way.g[i] = sign * n;
-    for (int j = 0; j < 6; ++j) way.H[i][j] = ((i < 3) == (j < 3) ? 1 : -1) * (double(i % 3 == j % 3) - n * d[j % 3] * inv) * inv;
+    for (int j = 0; j < 6 && bends; ++j) way.H[i][j] = ((i < 3) == (j < 3) ? 1 : -1) * (double(i % 3 == j % 3) - n * d[j % 3] * inv) * inv;
   }
   return way;
 }
