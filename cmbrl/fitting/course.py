@@ -78,9 +78,6 @@ class Course:
         try:
             self.incumbent.begin = np.array(self.journal.unit("begin", self._begin)["z"])
             self.evidence, self.sliding = supported_sliding(self._surveyor(), self.horizons)
-            if not self.evidence.positions_only:
-                tried = partial(stepping, self.evidence, self.huber, self.journal.check_time)
-                self.stepping = self.journal.unit("stepping", lambda: {"tried": tried()})["tried"]
             self._look()
             self._choose()
             if self.incumbent.active.any():
@@ -88,6 +85,10 @@ class Course:
             if self.count:
                 self._judge(self.budget.fold_iterations, self.journal, self.budget.polish_rows)
             self.logs = self.journal.unit("logs", self._compare)["logs"]
+            if not self.evidence.positions_only:
+                tried = partial(stepping, self.evidence, self.huber, self.journal.check_time)
+                with suppress(OutOfTime):  # advice: the fit is complete without it
+                    self.stepping = self.journal.unit("stepping", lambda: {"tried": tried()})["tried"]
         except (KeyboardInterrupt, OutOfTime) as reason:
             if self.count:  # a short refit, not kept in the journal; a second Ctrl-C leaves it out
                 with suppress(KeyboardInterrupt):

@@ -99,7 +99,7 @@ def stepping(evidence: Evidence, delta: float, check_time: Callable[[], None]) -
 def _relative_errors(
     evidence: Evidence, models: Mapping[str, ComplementarityModel], delta: float, check_time: Callable[[], None]
 ) -> dict[str, float]:
-    judges, start = Judge.all(evidence, delta, share=_SHARE), evidence.space.nominal
+    judges, start = Judge.all(evidence, delta, horizons=HORIZONS[:-1], share=_SHARE), evidence.space.nominal
     own = np.array([judge.error(start).sum() for judge in judges])
     found = {}
     for name, other in models.items():
