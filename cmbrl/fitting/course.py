@@ -199,9 +199,12 @@ class Course:
             candidates, course = 0, []
             keep = partial(setattr, incumbent, "z")
             moves = incumbent.active
-            for again in (False, True):  # the second time, the prior is weighted by the remaining errors
+            for again in range(3):  # from the second time on, the prior is weighted by the remaining errors
+                before = incumbent.z
                 if again:
                     incumbent.z, moves = self._unit_of_force(incumbent.z, moves)
+                if again == 2 and incumbent.z is before:  # the unit has not drifted meanwhile
+                    break
                 objective = Objective.at(loss, self.evidence.space, moves, incumbent.z)
                 found = gauss_newton(objective, incumbent.z, self.budget.polish_iterations, self.journal, keep)
                 incumbent.z = found.z
