@@ -21,17 +21,16 @@ from cmbrl.fitting.drives import FADE, GAP, LIMIT
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.extension import Extension
 from cmbrl.fitting.folds import Folds, draw_starts
-from cmbrl.fitting.gauge import common_factors, nearest
-from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.loss import Errors, PredictionLoss
 from cmbrl.fitting.multi_start import MultiStart
 from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.parsimony import Selection
+from cmbrl.fitting.polish import polished
 from cmbrl.fitting.random_search import random_search
 from cmbrl.fitting.sliding import label, supported_sliding
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.fitting.survey import Judge, Survey, Surveyor
-from cmbrl.fitting.trials import LEAST_STRAIN, Incumbent
+from cmbrl.fitting.trials import Incumbent
 from cmbrl.fitting.unseen import Unseen, held_out_rows
 from cmbrl.fitting.verdict import stepping
 from cmbrl.models.observation import DELAY, LAG
@@ -192,39 +191,13 @@ class Course:
         self._take("search", compute)
 
     def _polish(self) -> None:
-        loss, incumbent = self.loss(self.budget.polish_rows), self.incumbent
+        loss, iterations = self.loss(self.budget.polish_rows), self.budget.polish_iterations
 
         def compute() -> dict[str, Any]:
             self.journal.report(0.8, "polish")
-            candidates, course = 0, []
-            keep = partial(setattr, incumbent, "z")
-            moves = incumbent.active
-            for again in range(3):  # from the second time on, the prior is weighted by the remaining errors
-                before = incumbent.z
-                if again:
-                    incumbent.z, moves = self._unit_of_force(incumbent.z, moves)
-                if again == 2 and incumbent.z is before:  # the unit has not drifted meanwhile
-                    break
-                objective = Objective.at(loss, self.evidence.space, moves, incumbent.z)
-                found = gauss_newton(objective, incumbent.z, self.budget.polish_iterations, self.journal, keep)
-                incumbent.z = found.z
-                course += [(candidates + count, value) for count, value in found.course]
-                candidates += found.candidates
-            return {"z": incumbent.z.tolist(), "candidates": candidates, "course": course}
+            return polished(self.evidence, loss, self.incumbent, iterations, self.journal)
 
         self._take("polish", compute)
-
-    def _unit_of_force(self, z: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """``z`` (n,) with a unit of force near the file's if it has gone far from it, and what may move without it.
-
-        The smoothing of contacts is not in that unit: a larger one makes contacts harder, and a fit drifts there.
-        """
-        space, scene = self.evidence.space, self.evidence.model.scene
-        sets = common_factors(scene.core, active[: len(scene.parameters)])
-        near = nearest(space, z, sets)
-        if 0.5 * (z @ space.precision @ z - near @ space.precision @ near) < LEAST_STRAIN:
-            return z, active
-        return near, active & ~np.isin(np.arange(len(z)), [members[0] for members in sets])
 
     def _take(self, name: str, compute: Callable[[], dict[str, Any]]) -> None:
         outcome, incumbent = self.journal.unit(name, compute), self.incumbent

@@ -1,0 +1,53 @@
+"""The last Gauss-Newton of a fit, with the unit of force kept near the file's.
+
+Masses, gears, damping and all other forces may grow together, and a log of motion does not tell; a prior does. Softened
+contacts do a little, because a larger unit makes them harder, and a fit drifts there.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from cmbrl.fitting.evidence import Evidence
+from cmbrl.fitting.gauge import common_factors, nearest
+from cmbrl.fitting.gauss_newton import gauss_newton
+from cmbrl.fitting.loss import PredictionLoss
+from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.state import Journal
+from cmbrl.fitting.trials import LEAST_STRAIN, Incumbent
+
+_PASSES = 3  # the second weights the prior by the errors that remain; a third is for a unit that drifts again
+
+
+def polished(
+    evidence: Evidence, loss: PredictionLoss, incumbent: Incumbent, iterations: int, journal: Journal
+) -> dict[str, Any]:
+    """Moves the active parameters of ``incumbent``, which has the best so far at any time; returns the course."""
+    candidates, course = 0, []
+    keep = partial(setattr, incumbent, "z")
+    moves = incumbent.active
+    for again in range(_PASSES):
+        before = incumbent.z
+        if again:
+            incumbent.z, moves = unit_of_force(evidence, incumbent.z, moves)
+        if again == 2 and incumbent.z is before:
+            break
+        objective = Objective.at(loss, evidence.space, moves, incumbent.z)
+        found = gauss_newton(objective, incumbent.z, iterations, journal, keep)
+        incumbent.z = found.z
+        course += [(candidates + count, value) for count, value in found.course]
+        candidates += found.candidates
+    return {"z": incumbent.z.tolist(), "candidates": candidates, "course": course}
+
+
+def unit_of_force(evidence: Evidence, z: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """``z`` (n,) with a unit of force near the file's if it has gone far from it, and what may move without it."""
+    space, scene = evidence.space, evidence.model.scene
+    sets = common_factors(scene.core, active[: len(scene.parameters)])
+    near = nearest(space, z, sets)
+    if 0.5 * (z @ space.precision @ z - near @ space.precision @ near) < LEAST_STRAIN:
+        return z, active
+    return near, active & ~np.isin(np.arange(len(z)), [members[0] for members in sets])
