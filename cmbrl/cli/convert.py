@@ -67,7 +67,10 @@ def _held(arguments: argparse.Namespace) -> tuple[Scene, list[str]]:
     from cmbrl.scene.held import held_file
 
     text = held_file(arguments.file, dict(arguments.hold))
-    scene = Scene.from_mjcf(text)
+    try:
+        scene = Scene.from_mjcf(text)
+    except UserError as error:
+        raise UserError(str(error).replace("XML text", f"{arguments.file} with these joints held", 1)) from None
     write_text(arguments.out, text)
     return scene, [f"held: {', '.join(name for name, _ in arguments.hold)}"]
 

@@ -5,7 +5,8 @@
 ``space``          named, bounded, transformed parameters; ``gauge``: what is known up to a factor
 ``loss``           prediction errors of candidates, Gauss-Newton equations; ``linearised``: their derivatives;
                    ``objective``: the same plus the prior
-``random_search``  candidates around the best so far; ``cma`` and ``gauss_newton``: the alternatives; ``polish``: the last one
+``random_search``  candidates around the best so far; ``cma`` and ``gauss_newton``: the alternatives
+``polish``         the last Gauss-Newton, with the unit of force kept near the file's
 ``noise``, ``survey``  sensor noise and the horizon that the log asks for; ``starts``: windows that start within noise
 ``parsimony``      the fewest parameters that the held-out data supports; ``forecast``: the gain that a group promises
 ``extension``      laws of friction and of motors that a fit of positions takes besides

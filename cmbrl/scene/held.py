@@ -20,10 +20,7 @@ from cmbrl.text import did_you_mean
 _JOINT, _TENDON, _ACTUATOR = (
     mujoco.mjtObj.mjOBJ_JOINT, mujoco.mjtObj.mjOBJ_TENDON, mujoco.mjtObj.mjOBJ_ACTUATOR,
 )  # fmt: skip
-_HINGED = (
-    int(mujoco.mjtJoint.mjJNT_HINGE),
-    int(mujoco.mjtJoint.mjJNT_SLIDE),
-)  # numpy's numbers are in no tuple of enums
+_HINGED = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 _KINDS = {  # of what an actuator drives; one of a site or a body stays
     int(mujoco.mjtTrn.mjTRN_JOINT): _JOINT, int(mujoco.mjtTrn.mjTRN_JOINTINPARENT): _JOINT,
     int(mujoco.mjtTrn.mjTRN_TENDON): _TENDON,
@@ -46,6 +43,7 @@ def held_file(path: str | os.PathLike[str], joints: Mapping[str, float | None]) 
         try:
             spec = mujoco.MjSpec.from_file(str(path))
             fix_paths(spec)
+            _name_all(spec)
             spec.compile()
             spec = mujoco.MjSpec.from_string(spec.to_xml())  # its frames and defaults are resolved
             model = spec.compile()
@@ -58,6 +56,13 @@ def held_file(path: str | os.PathLike[str], joints: Mapping[str, float | None]) 
             raise
         except (ValueError, mujoco.FatalError) as error:
             raise UserError(f"{path}: MuJoCo cannot write this file with held joints ({error})") from None
+
+
+def _name_all(spec: mujoco.MjSpec) -> None:
+    """Names what has no name and may be looked up: two tendons without one could not be told apart."""
+    for kind, elements in (("body", spec.bodies), ("tendon", spec.tendons), ("actuator", spec.actuators)):
+        for k, element in enumerate(elements):
+            element.name = element.name or f"unnamed_{kind}_{k}"
 
 
 def _place(spec: mujoco.MjSpec, model: mujoco.MjModel, joints: Mapping[str, float | None], path: str) -> None:
@@ -92,16 +97,19 @@ def _remove(spec: mujoco.MjSpec, model: mujoco.MjModel, joints: set[str], path: 
     gone = {_JOINT: joints, _TENDON: set(_tendons(model, joints, path)), _ACTUATOR: set[str]()}
     _keep_keyframes(spec, model, joints, gone)
     for actuator in list(spec.actuators):
-        if actuator.target in gone.get(_KINDS.get(int(actuator.trntype), _ACTUATOR), ()):
+        kind = _KINDS.get(int(actuator.trntype))
+        if kind is not None and actuator.target in gone[kind]:
             gone[_ACTUATOR].add(actuator.name)
             spec.delete(actuator)
     for equality in list(spec.equalities):
-        kind = {mujoco.mjtEq.mjEQ_JOINT: _JOINT, mujoco.mjtEq.mjEQ_TENDON: _TENDON}.get(equality.type)
+        coupled = {mujoco.mjtEq.mjEQ_JOINT: _JOINT, mujoco.mjtEq.mjEQ_TENDON: _TENDON}.get(equality.type)
         names = {name for name in (equality.name1, equality.name2) if name}
-        if kind is None or not names & gone[kind]:
+        if coupled is None or not names & gone[coupled]:
             continue
-        if not names <= gone[kind]:
-            raise UserError(f"{path}: {_others(sorted(names), gone[kind])} is coupled to a held joint: hold it as well")
+        if not names <= gone[coupled]:
+            raise UserError(
+                f"{path}: {_others(sorted(names), gone[coupled])} is coupled to a held joint: hold it as well"
+            )
         spec.delete(equality)
     for sensor in list(spec.sensors):
         if sensor.objname in gone.get(sensor.objtype, ()):

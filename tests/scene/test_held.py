@@ -54,6 +54,15 @@ def test_what_still_moves_moves_as_with_joints_at_those_values(arm: Path) -> Non
     np.testing.assert_allclose(other.qfrc_bias, one.qfrc_bias[:2], rtol=1e-5)
 
 
+def test_what_has_no_name_is_told_apart(tmp_path: Path) -> None:
+    path = tmp_path / "arm.xml"
+    other = "<fixed><joint joint='shoulder' coef='1'/></fixed><fixed><joint joint='left' coef='1'/></fixed>"
+    path.write_text(ARM.replace("</tendon>", f"{other}</tendon>"))
+    held = mujoco.MjModel.from_xml_string(held_file(path, FINGERS))
+    assert held.ntendon == 1
+    assert held.wrap_objid[0] == held.joint("shoulder").id
+
+
 @pytest.mark.parametrize(
     ("joints", "said"),
     [
