@@ -33,7 +33,7 @@ def polished(
         before = incumbent.z
         if again:
             incumbent.z, moves = unit_of_force(evidence, incumbent.z, moves)
-        if again == 2 and incumbent.z is before:
+        if again == _PASSES - 1 and incumbent.z is before:
             break
         objective = Objective.at(loss, evidence.space, moves, incumbent.z)
         found = gauss_newton(objective, incumbent.z, iterations, journal, keep)
