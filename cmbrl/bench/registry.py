@@ -27,6 +27,7 @@ STUDIES = {
     "coverage": "cmbrl.bench.studies.coverage.study",
     "throws": "cmbrl.bench.studies.throws.study",
     "smoothing": "cmbrl.bench.studies.smoothing.study",
+    "smoothing-robots": "cmbrl.bench.studies.smoothing_robots.study",
 }  #: name -> module whose ``STUDY`` it is
 
 

@@ -10,6 +10,8 @@ import torch
 from torch import Tensor
 
 from cmbrl.mdp import MDP, inside, never, uniform
+from cmbrl.tasks.hopper.mdp import SAFE_HEIGHT, SAFE_PITCH
+from cmbrl.tasks.running import barrier
 
 DT, STEPS = 0.05, 80  # s, steps of an episode
 HEIGHT, LOW, PITCH, STATE = 1.25, 0.7, 0.2, 100.0  # m, m, rad, both: start; healthy above, within, within
@@ -66,7 +68,7 @@ def hopper() -> MDP:
     """Dojo's hopper."""
     return MDP(
         observations=11, actions=3, observe=hopper_observation, reward=hopper_reward, terminated=hopper_fell,
-        reset=hopper_reset, dt=DT, episode_steps=STEPS,
+        reset=hopper_reset, dt=DT, episode_steps=STEPS, shaping=barrier(SAFE_HEIGHT, SAFE_PITCH),
     )  # fmt: skip
 
 

@@ -12,8 +12,8 @@ import pytest
 
 from cmbrl.bench.groups import POINT
 from cmbrl.bench.studies.smoothing import plots, study
-from cmbrl.bench.studies.smoothing.cells import descended
-from cmbrl.bench.studies.smoothing.halving import best_of, chosen, score
+from cmbrl.bench.studies.smoothing.cells import descended, score
+from cmbrl.bench.studies.smoothing.halving import best_of, chosen
 from cmbrl.bench.studies.smoothing.plan import CONSTANT, FAMILIES, HARD, QUICK, Arm, Plan, Size
 from cmbrl.bench.studies.smoothing.verdicts import DISTANCE, HITS, gain, measure_of
 from cmbrl.bench.studies.throws.arms import Arm as Estimator
@@ -75,7 +75,7 @@ def test_the_best_of_of_every_family_goes_on_and_rates_differ_on_the_last_rung()
     tried = {HARD: [Arm("a")], CONSTANT: [Arm(name) for name in "bcdefgh"]}
     told = Told({"a": 9.0, "b": 0.7, "c": 0.1, "d": 0.5, "e": 0.3, "f": 0.4, "g": 0.2, "h": 0.6})
     plan = Plan(tasks=("ball_over",), tried=tried, rungs=(Size(1), Size(2), Size(3)), keep=3, rates=(0.1, 0.3))
-    found = chosen(plan, told, (0.0, 1.0))["ball_over"]  # type: ignore[arg-type]
+    found = chosen(plan, told, (0.0, 1.0), descended, score)["ball_over"]  # type: ignore[arg-type]
     assert [[arm.softening for arm in arms] for arms in told.asked] == [
         ["a", *"bcdefgh"],
         ["a", "c", "g", "e"],

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cmbrl.bench.groups import POINT
-from cmbrl.bench.studies.smoothing.plan import Arm, Size
+from cmbrl.bench.studies.smoothing.plan import AIM, Arm, Size
 from cmbrl.bench.studies.throws.arms import Arm as Estimator
 from cmbrl.bench.studies.throws.cells import hard_model, known, process
 from cmbrl.bench.studies.throws.descent import Range, Rule, centred
@@ -47,3 +47,9 @@ def costs(task: str, arms: Sequence[Arm], size: Size, seeds: Sequence[int], turn
     """Processor seconds of an update by each arm: the least of ``turns``, which the arms take one after the other."""
     found = [[descended(task, arm, size, seeds)["cpu"] / size.updates for arm in arms] for _ in range(turns)]
     return np.min(found, axis=0).tolist()  # type: ignore[no-any-return]
+
+
+def score(cell: Outcome) -> tuple[float, float]:
+    """Share of hits and minus the mean distance [m], of the last decisions of all seeds."""
+    last = np.array(cell["distances"], dtype=float)[-1]
+    return float(np.mean(last < AIM)), -float(np.mean(last))

@@ -3,30 +3,55 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any, Protocol
 
-import numpy as np
-
-from cmbrl.bench.studies.smoothing.cells import Outcome, descended
-from cmbrl.bench.studies.smoothing.plan import AIM, Arm, Plan
+from cmbrl.bench.studies.smoothing.plan import Arm
 from cmbrl.jobs import Job, Runner
 
-Score = tuple[float, float]  #: share of hits, minus the mean distance [m]
+Score = tuple[float, ...]  #: the higher the better, the first number first
 Ranking = list[tuple[Arm, Score]]  #: best first
 
 
-def chosen(plan: Plan, runner: Runner, share: tuple[float, float]) -> dict[str, dict[str, list[Ranking]]]:
-    """Task -> family -> what each rung ranked; the first of the last ranking is judged."""
+class Plan(Protocol):
+    """What a study's plan says of its halving: see :class:`cmbrl.bench.studies.smoothing.plan.Plan`."""
+
+    @property
+    def tasks(self) -> Sequence[str]: ...
+    @property
+    def tried(self) -> Mapping[str, list[Arm]]: ...
+    @property
+    def rungs(self) -> Sequence[Any]: ...
+    @property
+    def keep(self) -> int: ...
+    @property
+    def rates(self) -> Sequence[float]: ...
+    @property
+    def choosing(self) -> Sequence[int]: ...
+
+
+def chosen(
+    plan: Plan,
+    runner: Runner,
+    share: tuple[float, float],
+    run: Callable[..., Any],
+    score: Callable[[Any], Score],
+    **inputs: Any,
+) -> dict[str, dict[str, list[Ranking]]]:
+    """Task -> family -> what each rung ranked; the first of the last ranking is judged.
+
+    ``run`` takes task, arm, size, seeds and ``inputs``; ``score`` takes what it returns.
+    """
     found: dict[str, dict[str, list[Ranking]]] = {task: {f: [] for f in plan.tried} for task in plan.tasks}
-    left = {task: plan.tried for task in plan.tasks}
+    left = {task: dict(plan.tried) for task in plan.tasks}
     for k, size in enumerate(plan.rungs):
         if k == len(plan.rungs) - 1:
             left = {task: {f: _rated(arms, plan.rates) for f, arms in own.items()} for task, own in left.items()}
         where = [(task, family, arm) for task, own in left.items() for family, arms in own.items() for arm in arms]
         jobs = [
-            Job(f"rung {k} {task} {arm.label}", descended,
-                {"task": task, "arm": arm, "size": size, "seeds": plan.choosing})
+            Job(f"rung {k} {task} {arm.label}", run,
+                {"task": task, "arm": arm, "size": size, "seeds": plan.choosing, **inputs})
             for task, _, arm in where
         ]  # fmt: skip
         part = (share[1] - share[0]) / len(plan.rungs)
@@ -39,12 +64,6 @@ def chosen(plan: Plan, runner: Runner, share: tuple[float, float]) -> dict[str, 
                 found[task][family].append(sorted(ranked, key=lambda pair: pair[1], reverse=True))
         left = {task: {f: best_of(rungs[-1], plan.keep) for f, rungs in own.items()} for task, own in found.items()}
     return found
-
-
-def score(cell: Outcome) -> Score:
-    """Of the last decisions of all seeds."""
-    last = np.array(cell["distances"], dtype=float)[-1]
-    return float(np.mean(last < AIM)), -float(np.mean(last))
 
 
 def best_of(ranking: Ranking, keep: int) -> list[Arm]:

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from cmbrl.bench.studies.smoothing import plots, tables
-from cmbrl.bench.studies.smoothing.cells import Outcome, costs, descended
+from cmbrl.bench.studies.smoothing.cells import Outcome, costs, descended, score
 from cmbrl.bench.studies.smoothing.halving import Ranking, chosen
 from cmbrl.bench.studies.smoothing.plan import QUICK, Arm, Plan
 from cmbrl.bench.studies.smoothing.tables import SECONDS, UPDATES, WORDS, Judged
@@ -32,7 +32,7 @@ def run(folder: Path, settings: Settings, runner: Runner) -> Section:
         seeds=tuple(s + shift for s in plan.seeds),
     )  # fmt: skip
     runner.seeds_a_job = len(plan.seeds)
-    rankings = chosen(plan, runner, (0.0, 0.4))
+    rankings = chosen(plan, runner, (0.0, 0.4), descended, score)
     arms = {task: {family: rungs[-1][0][0] for family, rungs in own.items()} for task, own in rankings.items()}
     judged = _judged(plan, arms, runner)
     return section(rankings, judged, _longer(plan, arms, judged, runner), plan, folder)

@@ -17,15 +17,18 @@ HITS, DISTANCE = "hits", "distance"
 
 @dataclass(frozen=True)
 class Gain:
-    """First less second by seed, positive where the first is better, and its mean with the 95 % interval.
-
-    Of hits as a difference of shares; of distances as a share of the second's mean distance over all seeds.
-    """
+    """First less second by seed, positive where the first is better, and its mean with the 95 % interval."""
 
     by_seed: Array
     mean: float
     low: float
     high: float
+
+    @classmethod
+    def of(cls, by_seed: Array) -> Gain:
+        """From differences by seed."""
+        low, high = interval(lambda rows: by_seed[rows].mean(axis=-1), len(by_seed))
+        return cls(by_seed, float(by_seed.mean()), low, high)
 
     @property
     def verdict(self) -> str:
@@ -48,13 +51,10 @@ def distances(cell: Outcome) -> Array:
 
 
 def gain(first: Outcome, second: Outcome, measure: str) -> Gain:
-    """``measure``: HITS or DISTANCE."""
+    """By ``measure``: HITS, a difference of shares; DISTANCE, a share of the second's mean distance over all seeds."""
     if measure == HITS:
-        apart = hits(first) - hits(second)
-    else:
-        apart = (distances(second) - distances(first)) / distances(second).mean()
-    low, high = interval(lambda rows: apart[rows].mean(axis=-1), len(apart))
-    return Gain(apart, float(apart.mean()), low, high)
+        return Gain.of(hits(first) - hits(second))
+    return Gain.of((distances(second) - distances(first)) / distances(second).mean())
 
 
 def measure_of(arms: Mapping[str, Outcome]) -> str:
