@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 _COORDINATES = 18  # up to so many that are compared, rows are as in Budget
 _LEAST_ROWS = 800  # fewer would miss rare events
+_SMALLEST = {"polish_rows": 200, "noise_rows": 400, "judged": 0.02, "draws": 8}  # of a fit in a hurry
+_SMALLEST_ROWS = 100
+_BY_ROWS, _BY_ITERATIONS, _BY_STARTS = 0.75, 0.25, 0.5  # exponents: rows cost the most, and are missed the least
 
 
 @dataclass(frozen=True)
@@ -29,6 +33,11 @@ class Budget:
     polish_rows: int = 5000  # final Gauss-Newton
     polish_iterations: int = 15
     fold_iterations: int = 5  # from there, without the episodes held out in turn
+    horizons: int = 4  # that the survey tries, the shortest ones
+    noise_rows: int = 5000  # to tell sensor noise by
+    judged: float = 1.0  # share of the windows that judges over several horizons have
+    draws: int = 32  # around the fit, to tell how wide they may be
+    draw_rows: int = 4000  # predicted for each of them
 
     @classmethod
     def of(cls, coordinates: int) -> Budget:
@@ -37,3 +46,20 @@ class Budget:
         names = ("survey_rows", "trial_rows", "held_out_rows", "search_rows")
         rows = {name: getattr(budget, name) for name in names}
         return replace(budget, **{name: min(n, max(_LEAST_ROWS, round(share * n))) for name, n in rows.items()})
+
+    def shrunk(self, share: float) -> Budget:
+        """About ``share`` of the work in each part: the same for 1, and never so little that it tells nothing."""
+
+        def less(name: str) -> Any:
+            whole = getattr(self, name)
+            if name == "horizons" or name.endswith("iterations"):
+                return min(whole, max(1, round(whole * share**_BY_ITERATIONS)))
+            if name == "starts":
+                return max(1, round(whole * share**_BY_STARTS))
+            if name == "judged":
+                return min(whole, max(_SMALLEST[name], whole * share**_BY_ROWS))
+            if name.endswith(("rows", "draws")):
+                return min(whole, max(_SMALLEST.get(name, _SMALLEST_ROWS), round(whole * share**_BY_ROWS)))
+            return max(1, round(whole * share**_BY_STARTS))  # rounds and populations of a search
+
+        return replace(self, **{field.name: less(field.name) for field in fields(self)})

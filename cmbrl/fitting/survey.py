@@ -10,7 +10,8 @@ repeated if it changes much.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -24,7 +25,7 @@ from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.loss import huber
 from cmbrl.fitting.noise import sensor_noise
 from cmbrl.fitting.objective import Objective
-from cmbrl.fitting.state import Journal
+from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.windows import spread
 
@@ -62,7 +63,7 @@ class Survey:
 @dataclass(frozen=True)
 class Surveyor:
     """``chosen`` (n,): the parameters that may move; ``begin`` (n,): where fits begin; ``count`` of folds, 0 for none;
-    ``label``: of journal units.
+    ``noise_rows`` to tell noise by; ``judged``: share of the judges' windows. ``label``: of journal units.
     """
 
     evidence: Evidence
@@ -75,26 +76,36 @@ class Surveyor:
     iterations: int
     journal: Journal
     label: str = ""
+    noise_rows: int = 5000
+    judged: float = 1.0
 
     def run(self, horizons: Sequence[int]) -> Survey:
         """The survey over those of ``horizons`` that the log has windows of; one horizon leaves only the noise open.
 
-        Positions alone are compared over many steps, where their noise hardly counts.
+        Positions alone are compared over many steps, where their noise hardly counts. When time is up, the horizons so
+        far are compared; without one, only the noise is known.
         """
         enough = self.possible(horizons)
         if self.evidence.positions_only:
             return Survey(enough[0], None, {})
-        noise = sensor_noise(self.evidence, self.evidence.space.nominal)
+        noise = self._noise(self.evidence.space.nominal)
         if len(enough) == 1 and noise is None:
             return Survey(enough[0], None, {})
-        fitted = self._fitted_over(enough, noise)
-        scores = {h: self._score(z) for h, z in fitted.items()}
+        fitted, scores = {}, {}
+        try:
+            for h, fitted[h] in self._fitted_over(enough, noise):
+                scores[h] = self._score(fitted[h])
+        except OutOfTime:
+            pass
+        if not scores:
+            return Survey(enough[0], noise, {})
         horizon = min(h for h, s in scores.items() if s <= min(scores.values()) + _NEARLY)
         z = fitted[horizon]
-        before, noise = noise, sensor_noise(self.evidence, self.evidence.space.theta(z))
+        before, noise = noise, self._noise(self.evidence.space.theta(z))
         if not _alike(before, noise):
-            z = self._fit("survey with the noise", horizon, noise, self.begin, z)
-            noise = sensor_noise(self.evidence, self.evidence.space.theta(z))
+            with suppress(OutOfTime):
+                z = self._fit("survey with the noise", horizon, noise, self.begin, z)
+                noise = self._noise(self.evidence.space.theta(z))
         return Survey(horizon, noise, scores, z)
 
     def possible(self, horizons: Sequence[int]) -> list[int]:
@@ -106,22 +117,25 @@ class Surveyor:
 
         ``longer``: as many iterations again, and once more.
         """
-        noise = sensor_noise(self.evidence, self.evidence.space.nominal)
-        z = self._fitted_over(sorted({1, horizon}), noise)[horizon]
+        noise = self._noise(self.evidence.space.nominal)
+        z = dict(self._fitted_over(sorted({1, horizon}), noise))[horizon]
         for again in ("on", "further") if longer else ():
             z = self._fit(f"survey of {horizon} steps, {again}", horizon, noise, z)
         return score(self._judges, self.evidence.space.theta(z))
 
-    def _fitted_over(self, horizons: Sequence[int], noise: np.ndarray | None) -> dict[int, np.ndarray]:
-        """Fits by horizon, each from that over the horizon before or from the beginning, whichever explains more.
+    def _noise(self, theta: np.ndarray) -> np.ndarray | None:
+        return sensor_noise(self.evidence, theta, self.noise_rows)
+
+    def _fitted_over(self, horizons: Sequence[int], noise: np.ndarray | None) -> Iterator[tuple[int, np.ndarray]]:
+        """Horizons, and fits each from that over the horizon before or from the beginning, whichever explains more.
 
         Contacts make and break over several steps, and no derivative tells of that: one step leads to where it hardly
         matters any more.
         """
-        found: dict[int, np.ndarray] = {}
+        before: list[np.ndarray] = []
         for h in sorted(horizons):
-            found[h] = self._fit(f"survey of {h} steps", h, noise, self.begin, *list(found.values())[-1:])
-        return found
+            before = [self._fit(f"survey of {h} steps", h, noise, self.begin, *before)]
+            yield h, before[0]
 
     def _fit(self, name: str, horizon: int, noise: np.ndarray | None, *starts: np.ndarray) -> np.ndarray:
         self.journal.check_time()
@@ -148,7 +162,7 @@ class Surveyor:
 
     @cached_property
     def _judges(self) -> list[Judge]:
-        return Judge.all(self.evidence, self.huber, self._held_out if self.count else None)
+        return Judge.all(self.evidence, self.huber, self._held_out if self.count else None, share=self.judged)
 
     @cached_property
     def _held_out(self) -> np.ndarray:
@@ -195,7 +209,7 @@ class Judge:
                 starts = starts[np.isin(starts, rows) & np.isin(ends, rows)]
             if not len(starts):
                 continue
-            most = max(1, round(share * min(_JUDGED, _JUDGED_ROWS // h)))
+            most = judged_rows(h, share) // h
             found.append(cls(evidence, starts[:: -(-len(starts) // most)], h, scale, delta))
         return found
 
@@ -229,6 +243,11 @@ class Judge:
     def _off(self, log: Transitions, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         ends = self.starts + self.horizon - 1
         return np.concatenate([self.evidence.model.scene.difference(log.q_next[ends], q), v - log.v_next[ends]], axis=1)
+
+
+def judged_rows(horizon: int, share: float = 1.0) -> int:
+    """Predicted rows of a judge with a ``share`` of the most windows that it may have."""
+    return horizon * max(1, round(share * min(_JUDGED, _JUDGED_ROWS // horizon)))
 
 
 def score(judges: Sequence[Judge], theta: np.ndarray) -> float:

@@ -12,6 +12,7 @@ from cmbrl.fitting.beginning import beginning
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.folds import draw_starts
+from cmbrl.fitting.state import Journal
 
 ARM = """<mujoco><option timestep=".002"/><worldbody><body pos="0 0 1"><joint name="a" axis="0 1 0" {a}/><geom
 type="capsule" size=".03" fromto="0 0 0 0 0 -.4" mass="2"/><body pos="0 0 -.4"><joint name="b" axis="0 1 0" {b}/><geom
@@ -51,7 +52,7 @@ def _begin(file: str, log: PositionLog) -> tuple[Evidence, np.ndarray]:
     evidence = Evidence.of(cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(file)), log)
     steps = evidence.horizons("auto")[0]
     loss = evidence.loss(draw_starts(evidence.log, steps, 1000, 0), steps, *evidence.scales(steps, 0.5))
-    return evidence, beginning(loss, evidence.space, evidence.space.default)
+    return evidence, beginning(loss, evidence.space, evidence.space.default, Journal(None, ""))
 
 
 def test_a_fit_begins_off_the_file_only_where_its_links_shake(log: PositionLog) -> None:
