@@ -7,8 +7,8 @@ from typing import Any
 
 _COORDINATES = 18  # up to so many that are compared, rows are as in Budget
 _LEAST_ROWS = 800  # fewer would miss rare events
-_SMALLEST = {"polish_rows": 200, "noise_rows": 400, "judged": 0.02, "draws": 8}  # of a fit in a hurry
-_SMALLEST_ROWS = 100
+_SMALLEST = {"polish_rows": 200, "fold_iterations": 2, "noise_rows": 400, "judged": 0.02, "draws": 8}
+_SMALLEST_ROWS = 100  # of a fit in a hurry, as are these
 _BY_ROWS, _BY_ITERATIONS, _BY_STARTS = 0.75, 0.25, 0.5  # exponents: rows cost the most, and are missed the least
 
 
@@ -33,6 +33,7 @@ class Budget:
     polish_rows: int = 5000  # final Gauss-Newton
     polish_iterations: int = 15
     fold_iterations: int = 5  # from there, without the episodes held out in turn
+    folds: float = 1.0  # share of those that are held out in turn
     horizons: int = 4  # that the survey tries, the shortest ones
     noise_rows: int = 5000  # to tell sensor noise by
     judged: float = 1.0  # share of the windows that judges over several horizons have
@@ -53,7 +54,9 @@ class Budget:
         def less(name: str) -> Any:
             whole = getattr(self, name)
             if name == "horizons" or name.endswith("iterations"):
-                return min(whole, max(1, round(whole * share**_BY_ITERATIONS)))
+                return min(whole, max(_SMALLEST.get(name, 1), round(whole * share**_BY_ITERATIONS)))
+            if name == "folds":
+                return whole * share**_BY_ITERATIONS
             if name == "starts":
                 return max(1, round(whole * share**_BY_STARTS))
             if name == "judged":

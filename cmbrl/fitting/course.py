@@ -20,7 +20,7 @@ from cmbrl.fitting.cma import cma_search
 from cmbrl.fitting.drives import FADE, GAP, LIMIT
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.extension import Extension
-from cmbrl.fitting.folds import Folds, draw_starts
+from cmbrl.fitting.folds import LEAST_GAIN, Folds, draw_starts
 from cmbrl.fitting.loss import Errors, PredictionLoss
 from cmbrl.fitting.multi_start import MultiStart
 from cmbrl.fitting.objective import Objective
@@ -87,9 +87,15 @@ class Course:
                 self._look()
             with self.part("choice"):
                 self._choose()
+            unchosen = self.wanted is None and not self.incumbent.path and self.journal.cuts > 0
+            if unchosen:  # no time was left for a choice: all may move, and stay if that has helped
+                self.incumbent.active, z = self._movable, self.survey.z
+                self.incumbent.z = self.incumbent.begin if z is None else z
             self._move()
             if self.count:
                 self._judge()
+            if unchosen and not self._helped():
+                self._take_back()
             with self.part("logs"):
                 self.logs = self.journal.unit("logs", self._compare)["logs"]
             stopped = "time limit" if self.journal.cuts else None
@@ -174,7 +180,7 @@ class Course:
     def _choose(self) -> None:
         if self.wanted is None:
             trials = self.loss(self.budget.trial_rows)
-            folds = Folds.of(trials, self.loss(self.budget.held_out_rows), self.count, self.seed)
+            folds = self._folds(trials, self.loss(self.budget.held_out_rows))
             judges = [
                 Judge.all(self.evidence, self.huber, rows, share=self.budget.judged)
                 for rows in held_out_rows(folds.held_out)
@@ -186,8 +192,6 @@ class Course:
             self.incumbent.z, self.incumbent.active = self.incumbent.begin, self.wanted
 
     def _move(self) -> None:
-        if not self.incumbent.path and self.journal.cuts and self.wanted is None:
-            self._choose_all()
         if not self.incumbent.active.any():
             return
         with self.part("starts"):
@@ -195,7 +199,7 @@ class Course:
             if self.method != GAUSS_NEWTON:
                 self._search(some)
             elif self.count and self.budget.starts > 1:
-                self._start(Folds.of(some, some, self.count, self.seed))
+                self._start(self._folds(some, some))
         with self.part("polish"):
             if self.polish or self.method == GAUSS_NEWTON:
                 self._polish()
@@ -203,11 +207,6 @@ class Course:
                 late = [[DELAY, LAG]] if self.evidence.late(self.incumbent.z) else []
                 for groups in [*late, *self._drives()]:
                     Extension(*self._trials(*self._everything(), [])).confirm(self.incumbent, groups)
-
-    def _choose_all(self) -> None:
-        """All that may move, where the survey has found something better and no time was left for a choice."""
-        if self.survey.z is not None and min(self.survey.scores.values()) < 0.0:
-            self.incumbent.z, self.incumbent.active = self.survey.z, self._movable
 
     def _drives(self) -> list[list[str]]:
         """Laws of motors that the fit has taken, to be confirmed beside all that it took later."""
@@ -223,7 +222,10 @@ class Course:
 
     def _everything(self) -> tuple[PredictionLoss, Folds]:
         loss = self.loss(self.budget.polish_rows)
-        return loss, Folds.of(loss, loss, self.count, self.seed)
+        return loss, self._folds(loss, loss)
+
+    def _folds(self, train: PredictionLoss, judge: PredictionLoss) -> Folds:
+        return Folds.of(train, judge, self.count, self.seed, self.budget.folds)
 
     def _start(self, folds: Folds) -> None:
         """Takes another valley where held-out episodes call for it."""
@@ -274,12 +276,22 @@ class Course:
         if not self.held_out:
             self._judge_shortly()
 
+    def _helped(self) -> bool:
+        nominal, fitted = (self.held_out[f"held out, {which}"].mean for which in ("nominal", "fitted"))
+        return fitted < (1.0 - LEAST_GAIN) * nominal
+
+    def _take_back(self) -> None:
+        """The nominal model, whose held-out errors are then those of the fit."""
+        incumbent = self.incumbent
+        incumbent.z, incumbent.active = np.zeros_like(incumbent.z), np.zeros_like(incumbent.active)
+        self._judge_shortly()
+
     def _judge_shortly(self) -> None:
         self._judge_by(self.budget.trial_fold_iterations, Journal(None, ""), self.budget.trial_rows)
 
     def _judge_by(self, iterations: int, journal: Journal, rows: int) -> None:
         space, incumbent, loss = self.evidence.space, self.incumbent, self.loss(rows)
-        folds = Folds.of(loss, loss, self.count, self.seed)
+        folds = self._folds(loss, loss)
 
         def compute() -> dict[str, Any]:
             journal.report(0.9, "held-out episodes")

@@ -17,7 +17,7 @@ import numpy as np
 
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.evidence import HORIZONS, Evidence
-from cmbrl.fitting.folds import draw_starts
+from cmbrl.fitting.folds import draw_starts, folds_held_out
 from cmbrl.fitting.loss import PredictionLoss
 from cmbrl.fitting.noise import sensor_noise
 from cmbrl.fitting.objective import Objective
@@ -104,19 +104,19 @@ class Plan:
     def costs(self, b: Budget, speed: Speed, share: float) -> dict[str, float]:
         """Seconds by part with budget ``b``, which is a ``share`` of the default."""
         rest = 1.0 - 1.0 / self.folds if self.folds else 1.0
-        longest = max(self.horizons)
+        longest, held_out = max(self.horizons), self.folds and folds_held_out(self.folds, b.folds)
 
         def some(rows: int, horizon: int = longest) -> int:
             return min(rows, self.rows * horizon)
 
         def refits(rows: int, iterations: int) -> float:
-            return self.folds * (speed.fit(rest * some(rows), iterations) + some(rows) * speed.step)
+            return held_out * (speed.fit(rest * some(rows), iterations) + (1.0 - rest) * some(rows) * speed.settling)
 
         score = sum(judged_rows(h, b.judged) for h in HORIZONS) * speed.step
         survey = speed.fit(rest * some(b.survey_rows), b.survey_iterations) + score
         tried = min(len(self.horizons), b.horizons) if self.states else 0
         trial = speed.fit(some(b.trial_rows), b.trial_iterations) + refits(b.trial_rows, b.trial_fold_iterations)
-        trial += some(b.held_out_rows) * speed.settling + self.folds * score
+        trial += some(b.held_out_rows) * speed.settling + held_out * score
         whole = speed.fit(some(b.polish_rows), b.trial_iterations) + refits(b.polish_rows, b.trial_fold_iterations)
         trials = _TRIALS[0] + _TRIALS[1] * share
         judge = refits(b.polish_rows, b.fold_iterations)
@@ -132,7 +132,7 @@ class Plan:
             "survey": (tried + 0.5 * (tried > 0)) * survey + self.states * 4 * b.noise_rows * speed.step,
             "choice": trials * (self.chooses * trial + self.adds * whole),
             "starts": search if self.searches else bool(self.folds) * starts,
-            "polish": 2 * speed.fit(some(b.polish_rows), b.polish_iterations) + 2 * self.adds * whole,
+            "polish": 1.2 * speed.fit(some(b.polish_rows), b.polish_iterations) + 2 * self.adds * whole,
             "held out": judge,
             "logs": (self.logs > 1) * self.logs * 4 * judge,
             "stepping": self.states * stepping,

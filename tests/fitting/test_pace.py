@@ -73,7 +73,7 @@ def test_a_limit_that_is_long_enough_changes_nothing(carts, data, slow, clock, t
     assert clock.now - before < 0.5 * before  # from the journal, but for errors and intervals
 
 
-@pytest.mark.parametrize("seconds", [3e-4, 1e-3, 4e-3])
+@pytest.mark.parametrize("seconds", [3e-4, 1e-3, 4e-3, 7e-3])
 def test_a_slow_model_is_fitted_in_time(data, slow, clock, seconds: float) -> None:
     """To the end, and better than the file; without a limit it would take up to 30 times as long."""
     limit = 200.0
