@@ -7,20 +7,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from cmbrl.fitting.agreement import Comparison
-from cmbrl.fitting.beginning import beginning, begins
+from cmbrl.fitting.beginning import beginning
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.cma import cma_search
 from cmbrl.fitting.drives import FADE, GAP, LIMIT
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.extension import Extension
-from cmbrl.fitting.folds import LEAST_GAIN, Folds, draw_starts
+from cmbrl.fitting.folds import Folds, draw_starts
+from cmbrl.fitting.judging import helped, judged
 from cmbrl.fitting.loss import Errors, PredictionLoss
 from cmbrl.fitting.multi_start import MultiStart
 from cmbrl.fitting.objective import Objective
@@ -29,10 +30,10 @@ from cmbrl.fitting.parsimony import Selection
 from cmbrl.fitting.polish import polished
 from cmbrl.fitting.random_search import random_search
 from cmbrl.fitting.sliding import label, supported_sliding
-from cmbrl.fitting.state import Journal, OutOfTime, digest
+from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.fitting.survey import Judge, Survey, Surveyor
 from cmbrl.fitting.trials import Incumbent
-from cmbrl.fitting.unseen import Unseen, held_out_rows
+from cmbrl.fitting.unseen import held_out_rows
 from cmbrl.fitting.verdict import stepping
 from cmbrl.models.observation import DELAY, LAG
 
@@ -85,17 +86,19 @@ class Course:
                 self.evidence, self.sliding = supported_sliding(self._surveyor(), self._horizons)
             with self.part("survey"):
                 self._look()
+            cuts = self.journal.cuts
             with self.part("choice"):
                 self._choose()
-            unchosen = self.wanted is None and not self.incumbent.path and self.journal.cuts > 0
-            if unchosen:  # no time was left for a choice: all may move, and stay if that has helped
-                self.incumbent.active, z = self._movable, self.survey.z
-                self.incumbent.z = self.incumbent.begin if z is None else z
+            hasty = self.journal.cuts > cuts and not self.incumbent.active.any()
+            if hasty:  # no time was left for a choice: all may move, and stays moved if that helps
+                better = self.survey.better
+                self.incumbent.put(self.incumbent.begin if better is None else better, self._movable)
             self._move()
             if self.count:
                 self._judge()
-            if unchosen and not self._helped():
-                self._take_back()
+            if hasty and not helped(self.held_out):
+                self.incumbent.put(np.zeros(len(self._movable)), np.zeros_like(self._movable))
+                self._judge_shortly()
             with self.part("logs"):
                 self.logs = self.journal.unit("logs", self._compare)["logs"]
             stopped = "time limit" if self.journal.cuts else None
@@ -115,29 +118,20 @@ class Course:
         if self.pace is None:
             yield
             return
-        pace, journal = self.pace, self.journal
-        at = f"pace of {name} in {pace.limit:g} s"
-        journal.label = ""
-        pace.shares[name] = journal.unit(at, lambda: {"share": pace.share(name, journal.elapsed)})["share"]
-        self.budget = pace.budget.shrunk(pace.shares[name])
-        if journal.cuts or min(pace.shares.values()) < 1.0:  # then units depend on what came before
-            known = [self.survey.to_dict(), self.incumbent.z.tolist(), self.incumbent.active.tolist()]
-            journal.label = f"{digest([*known, self.incumbent.begin.tolist(), asdict(self.budget)])}: "
-        with suppress(OutOfTime), journal.until(pace.end(name, journal.elapsed)):
+        incumbent, journal = self.incumbent, self.journal
+        known = [self.survey.to_dict(), *(x.tolist() for x in (incumbent.z, incumbent.active, incumbent.begin))]
+        self.budget = self.pace.begin(name, journal, known)
+        with suppress(OutOfTime), journal.until(self.pace.end(name, journal.elapsed)):
             yield
 
     def _set_pace(self) -> None:
-        if self.time_limit is not None:
-            speed = Speed.of(self.evidence, min(self.horizons), self.huber, self._movable, self.seed)
-            self.pace = Pace(self.budget, self.time_limit, speed, self._plan())
-
-    def _plan(self) -> Plan:
-        evidence, states = self.evidence, not self.evidence.positions_only
-        return Plan(
-            len(evidence.log), self.horizons, self.count, bool(begins(evidence.space, self._movable).any()),
-            self.wanted is None, self.with_laws and bool(self.count), self.method != GAUSS_NEWTON,
-            states and evidence.model.other_sliding() is not None, states, len(evidence.names),
-        )  # fmt: skip
+        if self.time_limit is None:
+            return
+        evidence, movable = self.evidence, self._movable
+        speed = Speed.of(evidence, min(self.horizons), self.huber, movable, self.seed)
+        adds, searches = self.with_laws and self.count > 0, self.method != GAUSS_NEWTON
+        plan = Plan.of(evidence, self.horizons, self.count, movable, self.wanted is None, adds, searches)
+        self.pace = Pace(self.budget, self.time_limit, speed, plan)
 
     @property
     def _horizons(self) -> tuple[int, ...]:
@@ -172,10 +166,9 @@ class Course:
     def _look(self) -> None:
         surveyor = self._surveyor()
         self.survey = Survey.from_dict(self.journal.unit("survey", lambda: surveyor.run(self._horizons).to_dict()))
-        incumbent, z = self.incumbent, self.survey.z
-        incumbent.surveyed = z
-        if self.budget.horizons < len(self.horizons) and z is not None and min(self.survey.scores.values()) < 0.0:
-            incumbent.begin = z  # in a hurry, what it has gained is not gained again
+        self.incumbent.surveyed, better = self.survey.z, self.survey.better
+        if self.budget.horizons < len(self.horizons) and better is not None:
+            self.incumbent.begin = better  # in a hurry, what the survey has gained is not gained again
 
     def _choose(self) -> None:
         if self.wanted is None:
@@ -189,7 +182,7 @@ class Course:
         elif self.with_laws and self.count:
             Extension(*self._trials(*self._everything(), [])).extend(self.incumbent, self.wanted)
         else:
-            self.incumbent.z, self.incumbent.active = self.incumbent.begin, self.wanted
+            self.incumbent.put(self.incumbent.begin, self.wanted)
 
     def _move(self) -> None:
         if not self.incumbent.active.any():
@@ -276,36 +269,12 @@ class Course:
         if not self.held_out:
             self._judge_shortly()
 
-    def _helped(self) -> bool:
-        nominal, fitted = (self.held_out[f"held out, {which}"].mean for which in ("nominal", "fitted"))
-        return fitted < (1.0 - LEAST_GAIN) * nominal
-
-    def _take_back(self) -> None:
-        """The nominal model, whose held-out errors are then those of the fit."""
-        incumbent = self.incumbent
-        incumbent.z, incumbent.active = np.zeros_like(incumbent.z), np.zeros_like(incumbent.active)
-        self._judge_shortly()
-
     def _judge_shortly(self) -> None:
         self._judge_by(self.budget.trial_fold_iterations, Journal(None, ""), self.budget.trial_rows)
 
     def _judge_by(self, iterations: int, journal: Journal, rows: int) -> None:
-        space, incumbent, loss = self.evidence.space, self.incumbent, self.loss(rows)
-        folds = self._folds(loss, loss)
-
-        def compute() -> dict[str, Any]:
-            journal.report(0.9, "held-out episodes")
-            fitted, candidates = folds.refit(space, incumbent.active, incumbent.z, iterations, journal)
-            return {"folds": [z.tolist() for z in fitted], "candidates": candidates}
-
-        outcome = journal.unit("judge", compute)
-        incumbent.candidates += outcome["candidates"]
-        nominal, fitted = [np.zeros(len(space))] * len(folds.train), [np.array(z) for z in outcome["folds"]]
-        incumbent.unseen = Unseen.of(folds.held_out, [space.theta(z) for z in fitted], space.nominal)
-        self.held_out = {
-            "held out, nominal": folds.errors(space, nominal),
-            "held out, fitted": folds.errors(space, fitted),
-        }
+        loss = self.loss(rows)
+        self.held_out = judged(self._folds(loss, loss), self.evidence.space, self.incumbent, iterations, journal)
 
     def _step(self) -> dict[str, Any]:
         return {"tried": stepping(self.evidence, self.huber, self.journal.check_time, self.budget.judged)}

@@ -72,8 +72,8 @@ def fold_of_rows(data: Transitions, count: int, seed: int) -> np.ndarray:
 
 
 def folds_held_out(count: int, share: float) -> int:
-    """How many of ``count`` folds a ``share`` of them is: one at least, if there are any."""
-    return min(count, max(1, round(share * count)))
+    """How many of ``count`` folds a ``share`` of them is: two at least, since forecasts tell one by the others."""
+    return min(count, max(2, round(share * count)))
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Folds:
     def of(cls, train: PredictionLoss, judge: PredictionLoss, count: int, seed: int, share: float = 1.0) -> Folds:
         """``count`` folds by episode under ``seed``, with windows to fit in ``train`` and to judge by in ``judge``.
 
-        Only a ``share`` of them, one at least, where time is short.
+        Only a ``share`` of them where time is short.
         """
         starts, judged = train.windows.starts, judge.windows.starts
         row_fold = fold_of_rows(train.windows.data, count, seed)

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
+from cmbrl.fitting.beginning import begins
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.evidence import HORIZONS, Evidence
 from cmbrl.fitting.folds import draw_starts, folds_held_out
@@ -22,6 +23,7 @@ from cmbrl.fitting.loss import PredictionLoss
 from cmbrl.fitting.noise import sensor_noise
 from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.space import Space
+from cmbrl.fitting.state import Journal, digest
 from cmbrl.fitting.survey import judged_rows
 from cmbrl.fitting.verdict import HORIZONS as REPORTED
 from cmbrl.fitting.verdict import STEPS_TRIED
@@ -101,6 +103,23 @@ class Plan:
     states: bool
     logs: int
 
+    @classmethod
+    def of(
+        cls,
+        evidence: Evidence,
+        horizons: Sequence[int],
+        folds: int,
+        movable: np.ndarray,
+        chooses: bool,
+        adds: bool,
+        searches: bool,
+    ) -> Plan:
+        """Of a fit of ``evidence`` that may move ``movable`` (n,)."""
+        states, begin = not evidence.positions_only, bool(begins(evidence.space, movable).any())
+        sliding = states and evidence.model.other_sliding() is not None
+        rows, logs = len(evidence.log), len(evidence.names)
+        return cls(rows, horizons, folds, begin, chooses, adds, searches, sliding, states, logs)
+
     def costs(self, b: Budget, speed: Speed, share: float) -> dict[str, float]:
         """Seconds by part with budget ``b``, which is a ``share`` of the default."""
         rest = 1.0 - 1.0 / self.folds if self.folds else 1.0
@@ -150,6 +169,20 @@ class Pace:
     plan: Plan
     shares: dict[str, float] = field(default_factory=dict)
 
+    def begin(self, part: str, journal: Journal, known: list[Any]) -> Budget:
+        """The budget of ``part``, which begins now; ``known`` (JSON types): the outcome of all parts before.
+
+        A resumed fit has the shares of before. Units that are not those of a fit with time are named by what they
+        depend on.
+        """
+        journal.label = ""
+        at = f"pace of {part} in {self.limit:g} s"
+        self.shares[part] = journal.unit(at, lambda: {"share": self.share(part, journal.elapsed)})["share"]
+        budget = self.budget.shrunk(self.shares[part])
+        if journal.cuts or min(self.shares.values()) < 1.0:
+            journal.label = f"{digest([known, asdict(budget)])}: "
+        return budget
+
     @property
     def told(self) -> dict[str, Any] | None:
         """For the report: the limit, and the parts that did less; None if all did their usual work."""
@@ -166,11 +199,15 @@ class Pace:
         return float(max(fits, default=_SHARES[-1]))
 
     def end(self, part: str, elapsed: float) -> float:
-        """When [s] ``part`` has to end, if it begins now: its part of the time left that the report does not need."""
+        """When [s] ``part`` has to end, if it begins now: it has what the parts to come do not need.
+
+        Where time is too short for all of them, each has its part of it; some is kept for the report.
+        """
         ahead = self._ahead(part, self.shares[part])
-        left = max(self.limit - elapsed, 0.0)
-        left -= 0.0 if part == "report" else min(ahead.pop("report"), _KEPT * left)
-        return elapsed + left * ahead[part] / max(sum(ahead.values()), 1e-9)
+        left, own = max(self.limit - elapsed, 0.0), ahead.pop(part)
+        report = min(ahead.pop("report", 0.0), _KEPT * left)
+        others, free = sum(ahead.values()), left - report
+        return elapsed + max(free * own / max(own + others, 1e-9), free - others)
 
     def _ahead(self, part: str, share: float) -> dict[str, float]:
         costs = self.plan.costs(self.budget.shrunk(share), self.speed, share)

@@ -48,6 +48,11 @@ class Survey:
     scores: dict[int, float]
     z: np.ndarray | None = None
 
+    @property
+    def better(self) -> np.ndarray | None:
+        """``z``, if held-out episodes are predicted better there than by the file."""
+        return self.z if self.scores and min(self.scores.values()) < 0.0 else None
+
     def to_dict(self) -> dict[str, Any]:
         """JSON types; the inverse is ``from_dict``."""
         noise, z = (None if x is None else x.tolist() for x in (self.noise, self.z))
