@@ -7,9 +7,16 @@ from typing import Any
 
 _COORDINATES = 18  # up to so many that are compared, rows are as in Budget
 _LEAST_ROWS = 800  # fewer would miss rare events
-_SMALLEST = {"polish_rows": 200, "fold_iterations": 2, "noise_rows": 400, "judged": 0.02, "draws": 8}
-_SMALLEST_ROWS = 100  # of a fit in a hurry, as are these
-_BY_ROWS, _BY_ITERATIONS, _BY_STARTS = 0.75, 0.25, 0.5  # exponents: rows cost the most, and are missed the least
+_ROWS, _ITERATIONS, _SEARCHES = 0.75, 0.25, 0.5  # exponents of the share of the work: rows are missed the least
+_SHRINKS = {  # with those exponents, and not below what tells anything
+    **dict.fromkeys(("survey_rows", "trial_rows", "held_out_rows", "search_rows", "draw_rows"), (_ROWS, 100)),
+    **{"polish_rows": (_ROWS, 200), "noise_rows": (_ROWS, 400), "judged": (_ROWS, 0.02), "draws": (_ROWS, 8)},
+    **dict.fromkeys(("survey_iterations", "trial_iterations", "trial_fold_iterations"), (_ITERATIONS, 1)),
+    **dict.fromkeys(("screen_iterations", "start_iterations", "polish_iterations", "horizons"), (_ITERATIONS, 1)),
+    **{"fold_iterations": (_ITERATIONS, 2), "folds": (_ITERATIONS, 0.0)},
+    **dict.fromkeys(("trial_rounds", "trial_population", "starts"), (_SEARCHES, 1)),
+    **dict.fromkeys(("search_rounds", "search_population"), (_SEARCHES, 1)),
+}
 
 
 @dataclass(frozen=True)
@@ -52,17 +59,8 @@ class Budget:
         """About ``share`` of the work in each part: the same for 1, and never so little that it tells nothing."""
 
         def less(name: str) -> Any:
-            whole = getattr(self, name)
-            if name == "horizons" or name.endswith("iterations"):
-                return min(whole, max(_SMALLEST.get(name, 1), round(whole * share**_BY_ITERATIONS)))
-            if name == "folds":
-                return whole * share**_BY_ITERATIONS
-            if name == "starts":
-                return max(1, round(whole * share**_BY_STARTS))
-            if name == "judged":
-                return min(whole, max(_SMALLEST[name], whole * share**_BY_ROWS))
-            if name.endswith(("rows", "draws")):
-                return min(whole, max(_SMALLEST.get(name, _SMALLEST_ROWS), round(whole * share**_BY_ROWS)))
-            return max(1, round(whole * share**_BY_STARTS))  # rounds and populations of a search
+            whole, (exponent, least) = getattr(self, name), _SHRINKS[name]
+            scaled = max(least, whole * share**exponent)
+            return min(whole, scaled if isinstance(whole, float) else round(scaled))
 
         return replace(self, **{field.name: less(field.name) for field in fields(self)})
