@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cmbrl.fitting.evidence import HORIZONS, Evidence
+from cmbrl.fitting.evidence import HORIZONS, LEAST_WINDOWS, Evidence
 from cmbrl.fitting.folds import draw_starts, windows_in_blocks
 from cmbrl.fitting.loss import NormalEquations
 from cmbrl.fitting.state import Journal, OutOfTime
@@ -27,7 +27,6 @@ from cmbrl.fitting.survey import Survey
 from cmbrl.models.complementarity import ComplementarityModel
 
 _STEPPING = 0.5  # share of the mean over other time steppings
-_LEAST_WINDOWS = 40
 _LEAST_VARIANCE = 1e-12  # of a normalised residual
 
 
@@ -75,7 +74,7 @@ class Discrepancy:
         own = self.survey.horizon
         tried = (max(1, own // 4), max(1, own // 2), own, 2 * own) if self.evidence.positions_only else (*HORIZONS, own)
         windows = {h: len(windows_in_blocks(self.evidence.log, h)) for h in sorted(set(tried))}
-        return [h for h, count in windows.items() if count >= _LEAST_WINDOWS or h == own]
+        return [h for h, count in windows.items() if count >= LEAST_WINDOWS or h == own]
 
     def _equations(
         self, z: np.ndarray, active: np.ndarray, horizon: int, model: ComplementarityModel | None = None

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from cmbrl.data.transitions import Transitions
-from cmbrl.fitting.evidence import HORIZONS, Evidence
+from cmbrl.fitting.evidence import HORIZONS, LEAST_WINDOWS, Evidence
 from cmbrl.fitting.folds import draw_starts, fold_of_rows
 from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.loss import huber
@@ -29,7 +29,6 @@ from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.windows import spread
 
-_LEAST_WINDOWS = 40  # of a horizon, to fit and to judge
 _NEARLY = 0.01  # of the logarithm of the error
 _SAME_NOISE = 0.2  # relative change that needs no second fit
 _JUDGED, _JUDGED_ROWS = 500, 20_000  # windows at most, and predicted rows
@@ -115,7 +114,7 @@ class Surveyor:
 
     def possible(self, horizons: Sequence[int]) -> list[int]:
         """Those of ``horizons`` that the log has windows of, or the shortest."""
-        return [h for h in horizons if len(self.evidence.log.windows(h)) >= _LEAST_WINDOWS] or [min(horizons)]
+        return [h for h in horizons if len(self.evidence.log.windows(h)) >= LEAST_WINDOWS] or [min(horizons)]
 
     def score_after(self, horizon: int, longer: bool = False) -> float:
         """Mean logarithm of the held-out errors at all horizons after fits up to one of them, as ``run`` begins.
@@ -205,7 +204,7 @@ class Judge:
         found, data, scene = [], evidence.log, evidence.model.scene
         for h in horizons:
             starts = data.windows(h)
-            if len(starts) < _LEAST_WINDOWS and h > min(horizons):
+            if len(starts) < LEAST_WINDOWS and h > min(horizons):
                 continue
             ends = starts + h - 1
             dq = spread(scene.difference(data.q[starts], data.q_next[ends]))
