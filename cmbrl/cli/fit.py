@@ -99,7 +99,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_sliding(parser, "the task's, else coulomb, unless the log clearly supports convex")
     parser.add_argument(
-        "--time-limit", type=positive_number, metavar="S", help="end after about S seconds with the best fit so far"
+        "--time-limit",
+        type=positive_number,
+        metavar="S",
+        help="take about S seconds: less work in every part of a fit that would take longer",
     )
     parser.add_argument("--resume", action="store_true", help="continue the fit in DIR")
     add_scene_options(parser)

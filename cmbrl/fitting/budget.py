@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 _COORDINATES = 18  # up to so many that are compared, rows are as in Budget
 _LEAST_ROWS = 800  # fewer would miss rare events
+_ROWS, _ITERATIONS, _SEARCHES = 0.75, 0.25, 0.5  # exponents of the share of the work: rows are missed the least
+_SHRINKS = {  # with those exponents, and not below what tells anything
+    **dict.fromkeys(("survey_rows", "trial_rows", "held_out_rows", "search_rows", "draw_rows"), (_ROWS, 100)),
+    **{"polish_rows": (_ROWS, 200), "noise_rows": (_ROWS, 400), "judged": (_ROWS, 0.02), "draws": (_ROWS, 8)},
+    **dict.fromkeys(("survey_iterations", "trial_iterations", "trial_fold_iterations"), (_ITERATIONS, 1)),
+    **dict.fromkeys(("screen_iterations", "start_iterations", "polish_iterations", "horizons"), (_ITERATIONS, 1)),
+    **{"fold_iterations": (_ITERATIONS, 2), "folds": (_ITERATIONS, 0.0)},
+    **dict.fromkeys(("trial_rounds", "trial_population", "starts"), (_SEARCHES, 1)),
+    **dict.fromkeys(("search_rounds", "search_population"), (_SEARCHES, 1)),
+}
 
 
 @dataclass(frozen=True)
@@ -29,6 +40,12 @@ class Budget:
     polish_rows: int = 5000  # final Gauss-Newton
     polish_iterations: int = 15
     fold_iterations: int = 5  # from there, without the episodes held out in turn
+    folds: float = 1.0  # share of those that are held out in turn
+    horizons: int = 4  # that the survey tries, the shortest ones
+    noise_rows: int = 5000  # to tell sensor noise by
+    judged: float = 1.0  # share of the windows that judges over several horizons have
+    draws: int = 32  # around the fit, to tell how wide they may be
+    draw_rows: int = 4000  # predicted for each of them
 
     @classmethod
     def of(cls, coordinates: int) -> Budget:
@@ -37,3 +54,13 @@ class Budget:
         names = ("survey_rows", "trial_rows", "held_out_rows", "search_rows")
         rows = {name: getattr(budget, name) for name in names}
         return replace(budget, **{name: min(n, max(_LEAST_ROWS, round(share * n))) for name, n in rows.items()})
+
+    def shrunk(self, share: float) -> Budget:
+        """About ``share`` of the work in each part: the same for 1, and never so little that it tells nothing."""
+
+        def less(name: str) -> Any:
+            whole, (exponent, least) = getattr(self, name), _SHRINKS[name]
+            scaled = max(least, whole * share**exponent)
+            return min(whole, scaled if isinstance(whole, float) else round(scaled))
+
+        return replace(self, **{field.name: less(field.name) for field in fields(self)})

@@ -5,8 +5,8 @@ What is finished stands in the journal, so that a killed fit goes on where it wa
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -21,9 +21,11 @@ from cmbrl.fitting.drives import FADE, GAP, LIMIT
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.extension import Extension
 from cmbrl.fitting.folds import Folds, draw_starts
+from cmbrl.fitting.judging import helped, judged
 from cmbrl.fitting.loss import Errors, PredictionLoss
 from cmbrl.fitting.multi_start import MultiStart
 from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.pace import Pace, Plan, Speed
 from cmbrl.fitting.parsimony import Selection
 from cmbrl.fitting.polish import polished
 from cmbrl.fitting.random_search import random_search
@@ -31,7 +33,7 @@ from cmbrl.fitting.sliding import label, supported_sliding
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.fitting.survey import Judge, Survey, Surveyor
 from cmbrl.fitting.trials import Incumbent
-from cmbrl.fitting.unseen import Unseen, held_out_rows
+from cmbrl.fitting.unseen import held_out_rows
 from cmbrl.fitting.verdict import stepping
 from cmbrl.models.observation import DELAY, LAG
 
@@ -60,6 +62,8 @@ class Course:
     wanted: np.ndarray | None
     with_laws: bool
     confirms: bool
+    time_limit: float | None = None
+    pace: Pace | None = field(init=False, default=None)  #: of a fit with a time limit
     incumbent: Incumbent = field(init=False)
     survey: Survey = field(init=False)
     sliding: dict[str, Any] | None = field(init=False, default=None)  #: how its law was chosen, if open
@@ -75,25 +79,64 @@ class Course:
     def run(self) -> str | None:
         """Everything; returns why it ended early, if it did. Then ``incumbent`` is the best so far."""
         try:
-            self.incumbent.begin = np.array(self.journal.unit("begin", self._begin)["z"])
-            self.evidence, self.sliding = supported_sliding(self._surveyor(), self.horizons)
-            self._look()
-            self._choose()
-            if self.incumbent.active.any():
-                self._move()
+            self._set_pace()
+            with self.part("beginning"):
+                self.incumbent.begin = np.array(self.journal.unit("begin", self._begin)["z"])
+            with self.part("sliding"):
+                self.evidence, self.sliding = supported_sliding(self._surveyor(), self._horizons)
+            with self.part("survey"):
+                self._look()
+            cuts = self.journal.cuts
+            with self.part("choice"):
+                self._choose()
+            hasty = self.journal.cuts > cuts and not self.incumbent.active.any()
+            if hasty:  # no time was left for a choice: all may move, and stays moved if that helps
+                better = self.survey.better
+                self.incumbent.put(self.incumbent.begin if better is None else better, self._movable)
+            self._move()
             if self.count:
-                self._judge(self.budget.fold_iterations, self.journal, self.budget.polish_rows)
-            self.logs = self.journal.unit("logs", self._compare)["logs"]
+                self._judge()
+            if hasty and not helped(self.held_out):
+                self.incumbent.put(np.zeros(len(self._movable)), np.zeros_like(self._movable))
+                self._judge_shortly()
+            with self.part("logs"):
+                self.logs = self.journal.unit("logs", self._compare)["logs"]
+            stopped = "time limit" if self.journal.cuts else None
             if not self.evidence.positions_only:
-                tried = partial(stepping, self.evidence, self.huber, self.journal.check_time)
-                with suppress(OutOfTime):  # advice: the fit is complete without it
-                    self.stepping = self.journal.unit("stepping", lambda: {"tried": tried()})["tried"]
-        except (KeyboardInterrupt, OutOfTime) as reason:
+                with self.part("stepping"):  # advice: the fit is complete without it
+                    self.stepping = self.journal.unit("stepping", self._step)["tried"]
+        except KeyboardInterrupt:
             if self.count:  # a short refit, not kept in the journal; a second Ctrl-C leaves it out
                 with suppress(KeyboardInterrupt):
-                    self._judge(self.budget.trial_fold_iterations, Journal(None, ""), self.budget.trial_rows)
-            return "time limit" if isinstance(reason, OutOfTime) else "interrupted"
-        return None
+                    self._judge_shortly()
+            return "interrupted"
+        return stopped
+
+    @contextmanager
+    def part(self, name: str) -> Iterator[None]:
+        """Within, the part ``name`` of the work has the budget and the time that a time limit leaves it."""
+        if self.pace is None:
+            yield
+            return
+        incumbent, journal = self.incumbent, self.journal
+        known = [self.survey.to_dict(), *(x.tolist() for x in (incumbent.z, incumbent.active, incumbent.begin))]
+        self.budget = self.pace.begin(name, journal, known)
+        with suppress(OutOfTime), journal.until(self.pace.end(name, journal.elapsed)):
+            yield
+
+    def _set_pace(self) -> None:
+        if self.time_limit is None:
+            return
+        evidence, movable = self.evidence, self._movable
+        speed = Speed.of(evidence, min(self.horizons), self.huber, movable, self.seed)
+        adds, searches = self.with_laws and self.count > 0, self.method != GAUSS_NEWTON
+        plan = Plan.of(evidence, self.horizons, self.count, movable, self.wanted is None, adds, searches)
+        self.pace = Pace(self.budget, self.time_limit, speed, plan)
+
+    @property
+    def _horizons(self) -> tuple[int, ...]:
+        """Those that the survey tries."""
+        return tuple(sorted(self.horizons)[: self.budget.horizons])
 
     def loss(self, limit: int) -> PredictionLoss:
         """At the horizon of the survey, over at most ``limit`` transitions."""
@@ -106,7 +149,7 @@ class Course:
         evidence, steps = self.evidence, min(self.horizons)
         starts = draw_starts(evidence.log, steps, self.budget.survey_rows, self.seed)
         loss = evidence.loss(starts, steps, *evidence.scales(steps, self.huber))
-        return {"z": beginning(loss, evidence.space, self._movable).tolist()}
+        return {"z": beginning(loss, evidence.space, self._movable, self.journal).tolist()}
 
     @property
     def _movable(self) -> np.ndarray:
@@ -116,37 +159,47 @@ class Course:
         begin, rows, iterations = self.incumbent.begin, self.budget.survey_rows, self.budget.survey_iterations
         law = label(self.sliding["tried"]) if self.sliding and self.sliding["taken"] else ""
         return Surveyor(
-            self.evidence, self._movable, begin, self.huber, self.count, self.seed, rows, iterations, self.journal, law
-        )
+            self.evidence, self._movable, begin, self.huber, self.count, self.seed, rows, iterations, self.journal, law,
+            self.budget.noise_rows, self.budget.judged,
+        )  # fmt: skip
 
     def _look(self) -> None:
         surveyor = self._surveyor()
-        self.survey = Survey.from_dict(self.journal.unit("survey", lambda: surveyor.run(self.horizons).to_dict()))
-        self.incumbent.surveyed = self.survey.z
+        self.survey = Survey.from_dict(self.journal.unit("survey", lambda: surveyor.run(self._horizons).to_dict()))
+        self.incumbent.surveyed, better = self.survey.z, self.survey.better
+        if self.budget.horizons < len(self.horizons) and better is not None:
+            self.incumbent.begin = better  # in a hurry, what the survey has gained is not gained again
 
     def _choose(self) -> None:
         if self.wanted is None:
             trials = self.loss(self.budget.trial_rows)
-            folds = Folds.of(trials, self.loss(self.budget.held_out_rows), self.count, self.seed)
-            judges = [Judge.all(self.evidence, self.huber, rows) for rows in held_out_rows(folds.held_out)]
+            folds = self._folds(trials, self.loss(self.budget.held_out_rows))
+            judges = [
+                Judge.all(self.evidence, self.huber, rows, share=self.budget.judged)
+                for rows in held_out_rows(folds.held_out)
+            ]
             Selection(*self._trials(trials, folds, judges)).run(self.incumbent)
         elif self.with_laws and self.count:
             Extension(*self._trials(*self._everything(), [])).extend(self.incumbent, self.wanted)
         else:
-            self.incumbent.z, self.incumbent.active = self.incumbent.begin, self.wanted
+            self.incumbent.put(self.incumbent.begin, self.wanted)
 
     def _move(self) -> None:
-        some = self.loss(self.budget.search_rows)
-        if self.method != GAUSS_NEWTON:
-            self._search(some)
-        elif self.count and self.budget.starts > 1:
-            self._start(Folds.of(some, some, self.count, self.seed))
-        if self.polish or self.method == GAUSS_NEWTON:
-            self._polish()
-        if self.confirms and self.count:
-            late = [[DELAY, LAG]] if self.evidence.late(self.incumbent.z) else []
-            for groups in [*late, *self._drives()]:
-                Extension(*self._trials(*self._everything(), [])).confirm(self.incumbent, groups)
+        if not self.incumbent.active.any():
+            return
+        with self.part("starts"):
+            some = self.loss(self.budget.search_rows)
+            if self.method != GAUSS_NEWTON:
+                self._search(some)
+            elif self.count and self.budget.starts > 1:
+                self._start(self._folds(some, some))
+        with self.part("polish"):
+            if self.polish or self.method == GAUSS_NEWTON:
+                self._polish()
+            if self.confirms and self.count:
+                late = [[DELAY, LAG]] if self.evidence.late(self.incumbent.z) else []
+                for groups in [*late, *self._drives()]:
+                    Extension(*self._trials(*self._everything(), [])).confirm(self.incumbent, groups)
 
     def _drives(self) -> list[list[str]]:
         """Laws of motors that the fit has taken, to be confirmed beside all that it took later."""
@@ -162,7 +215,10 @@ class Course:
 
     def _everything(self) -> tuple[PredictionLoss, Folds]:
         loss = self.loss(self.budget.polish_rows)
-        return loss, Folds.of(loss, loss, self.count, self.seed)
+        return loss, self._folds(loss, loss)
+
+    def _folds(self, train: PredictionLoss, judge: PredictionLoss) -> Folds:
+        return Folds.of(train, judge, self.count, self.seed, self.budget.folds)
 
     def _start(self, folds: Folds) -> None:
         """Takes another valley where held-out episodes call for it."""
@@ -206,24 +262,22 @@ class Course:
         incumbent.z = np.array(outcome["z"])
         incumbent.candidates += outcome["candidates"]
 
-    def _judge(self, iterations: int, journal: Journal, rows: int) -> None:
-        """Held-out errors of the nominal model, and of parameters fitted to the other episodes."""
-        space, incumbent, loss = self.evidence.space, self.incumbent, self.loss(rows)
-        folds = Folds.of(loss, loss, self.count, self.seed)
+    def _judge(self) -> None:
+        """Held-out errors of the nominal model, and of parameters fitted to the other episodes; shortly, if in time."""
+        with self.part("held out"):
+            self._judge_by(self.budget.fold_iterations, self.journal, self.budget.polish_rows)
+        if not self.held_out:
+            self._judge_shortly()
 
-        def compute() -> dict[str, Any]:
-            journal.report(0.9, "held-out episodes")
-            fitted, candidates = folds.refit(space, incumbent.active, incumbent.z, iterations, journal)
-            return {"folds": [z.tolist() for z in fitted], "candidates": candidates}
+    def _judge_shortly(self) -> None:
+        self._judge_by(self.budget.trial_fold_iterations, Journal(None, ""), self.budget.trial_rows)
 
-        outcome = journal.unit("judge", compute)
-        incumbent.candidates += outcome["candidates"]
-        nominal, fitted = [np.zeros(len(space))] * len(folds.train), [np.array(z) for z in outcome["folds"]]
-        incumbent.unseen = Unseen.of(folds.held_out, [space.theta(z) for z in fitted], space.nominal)
-        self.held_out = {
-            "held out, nominal": folds.errors(space, nominal),
-            "held out, fitted": folds.errors(space, fitted),
-        }
+    def _judge_by(self, iterations: int, journal: Journal, rows: int) -> None:
+        loss = self.loss(rows)
+        self.held_out = judged(self._folds(loss, loss), self.evidence.space, self.incumbent, iterations, journal)
+
+    def _step(self) -> dict[str, Any]:
+        return {"tried": stepping(self.evidence, self.huber, self.journal.check_time, self.budget.judged)}
 
     def _compare(self) -> dict[str, Any]:
         loss, work = self.loss(self.budget.polish_rows), (self.budget.fold_iterations, self.journal)

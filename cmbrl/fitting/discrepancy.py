@@ -14,30 +14,35 @@ Both are added to the covariance. The half was chosen on draws of ``cmbrl bench 
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cmbrl.fitting.evidence import HORIZONS, Evidence
+from cmbrl.fitting.evidence import HORIZONS, LEAST_WINDOWS, Evidence
 from cmbrl.fitting.folds import draw_starts, windows_in_blocks
 from cmbrl.fitting.loss import NormalEquations
+from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.fitting.survey import Survey
 from cmbrl.models.complementarity import ComplementarityModel
 
 _STEPPING = 0.5  # share of the mean over other time steppings
-_LEAST_WINDOWS = 40
 _LEAST_VARIANCE = 1e-12  # of a normalised residual
 
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """Of a fit whose loss has the horizon and the noise of ``survey``; ``rows`` transitions for each step."""
+    """Of a fit whose loss has the horizon and the noise of ``survey``; ``rows`` transitions for each step.
+
+    When the time of the ``journal`` is up, those steps count that there are.
+    """
 
     evidence: Evidence
     survey: Survey
     huber: float
     seed: int
     rows: int
+    journal: Journal
 
     def covariance(self, z: np.ndarray, active: np.ndarray) -> np.ndarray:
         """Covariance (n, n) in z of the ``active`` parameters at ``z``, zeros elsewhere.
@@ -48,14 +53,19 @@ class Discrepancy:
         found = np.zeros((len(z), len(z)))
         if not len(columns):
             return found
-        by_horizon = [self._step(z, columns, self._equations(z, active, h)) for h in self._horizons()]
-        own = self._equations(z, active, self.survey.horizon).variance
-        by_stepping = [np.zeros(len(columns))]
-        for model in self.evidence.model.other_steppings():
-            equations = self._equations(z, active, self.survey.horizon, model)
-            weight = min(1.0, max(own, _LEAST_VARIANCE) / max(equations.variance, _LEAST_VARIANCE))
-            by_stepping.append(np.sqrt(weight) * self._step(z, columns, equations))
-        total = _mean_square(by_horizon) + _STEPPING * _mean_square(by_stepping[1:] or by_stepping)
+        by_horizon: list[np.ndarray] = []
+        by_stepping: list[np.ndarray] = []
+        with suppress(OutOfTime):
+            for h in self._horizons():
+                by_horizon.append(self._step(z, columns, self._equations(z, active, h)))
+                self.journal.check_time()
+            own = self._equations(z, active, self.survey.horizon).variance
+            for model in self.evidence.model.other_steppings():
+                self.journal.check_time()
+                equations = self._equations(z, active, self.survey.horizon, model)
+                weight = min(1.0, max(own, _LEAST_VARIANCE) / max(equations.variance, _LEAST_VARIANCE))
+                by_stepping.append(np.sqrt(weight) * self._step(z, columns, equations))
+        total = _mean_square(by_horizon) + _STEPPING * _mean_square(by_stepping or [np.zeros(len(columns))])
         found[np.ix_(columns, columns)] = total
         return found
 
@@ -64,7 +74,7 @@ class Discrepancy:
         own = self.survey.horizon
         tried = (max(1, own // 4), max(1, own // 2), own, 2 * own) if self.evidence.positions_only else (*HORIZONS, own)
         windows = {h: len(windows_in_blocks(self.evidence.log, h)) for h in sorted(set(tried))}
-        return [h for h, count in windows.items() if count >= _LEAST_WINDOWS or h == own]
+        return [h for h, count in windows.items() if count >= LEAST_WINDOWS or h == own]
 
     def _equations(
         self, z: np.ndarray, active: np.ndarray, horizon: int, model: ComplementarityModel | None = None

@@ -17,8 +17,8 @@ from cmbrl.fitting.space import Space
 
 WORSE = 0.25  #: how much larger than the fit's the loss of a draw may be, as a share,
 LOST = 0.05  #: or how much of the gain over the file it may lose, if that is more: of half of the draws
-_TRIED, _SHARES, _SEED = 32, 2.0 ** (-0.5 * np.arange(13)), 0
-_ROWS, _LEAST_WINDOWS = 4000, 100  # predicted for each draw, at most: enough for a median over draws
+_SHARES, _SEED = 2.0 ** (-0.5 * np.arange(13)), 0
+_COUNTED = 40  # steps of a window; those of longer ones do not make windows fewer
 
 
 def around(z: np.ndarray, places: np.ndarray, covariance: np.ndarray, count: int, seed: int) -> np.ndarray:
@@ -30,17 +30,20 @@ def around(z: np.ndarray, places: np.ndarray, covariance: np.ndarray, count: int
     return drawn
 
 
-def bearable(loss: PredictionLoss, space: Space, z: np.ndarray, covariance: np.ndarray) -> float:
+def bearable(
+    loss: PredictionLoss, space: Space, z: np.ndarray, covariance: np.ndarray, tried: int = 32, rows: int = 4000
+) -> float:
     """The share of their standard deviations by which parameters may be drawn, at most 1; ``covariance`` (n, n) in z.
 
-    What lies between log and model (biases, delay) stays as it is.
+    What lies between log and model (biases, delay) stays as it is. About ``rows`` are predicted for each of the draws
+    ``tried``: enough for a median over draws.
     """
     physical = np.array([name not in {p.name for p in loss.observation.parameters} for name in space.names])
     places = np.flatnonzero((np.diag(covariance) > 0.0) & physical)
     if not len(places):
         return 1.0
-    drawn = around(z, places, covariance[np.ix_(places, places)], _TRIED, _SEED)
-    starts, most = loss.windows.starts, max(_LEAST_WINDOWS, _ROWS // loss.windows.horizon)
+    drawn = around(z, places, covariance[np.ix_(places, places)], tried, _SEED)
+    starts, most = loss.windows.starts, max(1, rows // min(loss.windows.horizon, _COUNTED))
     loss = loss.on(starts[:: -(-len(starts) // most)]).settled(space.theta(z))
     fitted, file = loss.values(np.stack([space.theta(z), space.nominal]))
     bound = fitted + max(WORSE * abs(fitted), LOST * (file - fitted) if np.isfinite(file) else 0.0)

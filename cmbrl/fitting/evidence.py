@@ -12,6 +12,7 @@ from cmbrl.data.position_log import PositionLog
 from cmbrl.data.several import Logs, named_logs, scene_of_logs, together
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
+from cmbrl.fitting.folds import windows_in_blocks
 from cmbrl.fitting.loss import PredictionLoss
 from cmbrl.fitting.space import Space
 from cmbrl.models.complementarity import ComplementarityModel
@@ -23,6 +24,7 @@ from cmbrl.scene import Scene
 from cmbrl.scene.records import JointKind
 
 HORIZONS = (1, 4, 10, 20)  # 1 step is what noise-free logs are best judged at; beyond 20, impacts have happened
+LEAST_WINDOWS = 40  # of a horizon, to fit and to judge
 _POSITIONS_AHEAD = 0.5  # [s]: several time constants of a position servo
 _FLOATING_AHEAD = 0.2  # [s]
 _HARDLY = 1e-3  # of the change: noise that leaves a start as good as fixed
@@ -69,13 +71,17 @@ class Evidence:
         """Numbers of steps that predictions may be compared over: the one ``asked``, several to choose from if "auto".
 
         Of positions, half a second: at one step, their changes are noise. Less of a body that floats, since nothing
-        pulls it back to where it should be.
+        pulls it back to where it should be; and as much less as a short log needs.
         """
         if asked != "auto":
             return (whole(asked, "horizon"),)
+        if not self.positions_only:
+            return HORIZONS
         floats = (self.model.scene.core.jnt_type == JointKind.BALL).any()
         ahead = _FLOATING_AHEAD if floats else _POSITIONS_AHEAD
-        return (max(1, round(ahead / self.log.dt)),) if self.positions_only else HORIZONS
+        steps = range(round(ahead / self.log.dt), 1, -1)
+        told = (h for h in steps if len(windows_in_blocks(self.log, h)) >= LEAST_WINDOWS)
+        return (next(told, 1),)
 
     def scales(self, horizon: int, huber: float, noise: np.ndarray | None = None) -> tuple[Scales, ...]:
         """What errors are measured in, by log, with ``noise`` (logs, 2 nv); estimated velocities do not count."""

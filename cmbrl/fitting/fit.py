@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -70,13 +71,14 @@ def fit(
         budget: how much work each part may do; default: by the coordinates that are compared.
         folder: where to keep the state, so that a killed fit can resume; nothing else is written.
         progress: called with (fraction done, current activity).
-        time_limit: seconds after which the best parameters so far are returned, as on Ctrl-C; ``report["stopped"]``
-            records it.
+        time_limit: seconds that the fit may take. Where they are too few, every part of it does less (``pace``), and
+            one that takes too long ends with the best so far. ``report["pace"]`` and ``report["stopped"]`` record it.
 
     Raises:
         UserError: for a log of another robot or time step, unknown names, parameters outside their bounds, or a folder
             that cannot be used.
     """
+    started = time.monotonic()
     one_of(method, METHODS, "method")
     if method == "cma":
         require_library()
@@ -92,25 +94,36 @@ def fit(
     count = fold_count(log, holdout, needed=groups is None and not with_laws)
     draw_starts(log, min(horizons), 1, seed)  # raises for a log whose episodes are shorter
     settings = [seed, method, None if wanted is None else wanted.tolist(), horizons, count, polish, huber]
-    journal = Journal(folder, _fingerprint(evidence.model, log, settings, asdict(budget)), time_limit, progress)
+    journal = Journal(folder, _fingerprint(evidence.model, log, settings, asdict(budget)), progress, started)
     course = Course(
-        evidence, budget, journal, seed, huber, count, horizons, method, polish, wanted, with_laws, confirms=all_of_them
-    )
+        evidence, budget, journal, seed, huber, count, horizons, method, polish, wanted, with_laws,
+        confirms=all_of_them, time_limit=time_limit,
+    )  # fmt: skip
     stopped = course.run()
-    evidence = course.evidence  # under the law of sliding that the log supports
+    with course.part("report"):
+        result = _concluded(course, stopped)
+    return result
+
+
+def _concluded(course: Course, stopped: str | None) -> FitResult:
+    evidence, journal, budget = course.evidence, course.journal, course.budget  # under the law that the log supports
     journal.report(0.95, "intervals")
-    incumbent, states = course.incumbent, not evidence.positions_only
+    incumbent, huber, states = course.incumbent, course.huber, not evidence.positions_only
+    unseen = incumbent.unseen if states else None
     about = {
-        "seed": seed, "method": method, "folds": count, "logs": course.logs, "stopped": stopped,
+        "seed": course.seed, "method": course.method, "folds": course.count, "logs": course.logs, "stopped": stopped,
         **{name: value for name, value in course.survey.to_dict().items() if name != "z"},
-        "selection": incumbent.path if wanted is None or incumbent.path else None,
-        "horizons": by_horizon(evidence, incumbent.unseen, huber) if incumbent.unseen and states else [],
+        "selection": incumbent.path if course.wanted is None or incumbent.path else None,
+        "horizons": by_horizon(evidence, unseen, huber, budget.judged) if unseen else [],
         "stepping": course.stepping,
         "sliding": course.sliding,
+        "pace": course.pace.told if course.pace else None,
     }  # fmt: skip
-    discrepancy = Discrepancy(evidence, course.survey, huber, seed, budget.survey_rows)
-    loss = course.loss(budget.polish_rows)
-    return conclude(evidence.model, log, space, loss, course.held_out, incumbent, journal, about, discrepancy)
+    discrepancy = Discrepancy(evidence, course.survey, huber, course.seed, budget.survey_rows, journal)
+    loss, held_out = course.loss(budget.polish_rows), course.held_out
+    return conclude(
+        evidence.model, evidence.log, evidence.space, loss, held_out, incumbent, journal, about, discrepancy, budget
+    )
 
 
 def _names(groups: str | Sequence[str]) -> list[str]:

@@ -71,23 +71,32 @@ def fold_of_rows(data: Transitions, count: int, seed: int) -> np.ndarray:
     return fold[place]
 
 
+def folds_held_out(count: int, share: float) -> int:
+    """How many of ``count`` folds a ``share`` of them is: two at least, since forecasts tell one by the others."""
+    return min(count, max(2, round(share * count)))
+
+
 @dataclass(frozen=True)
 class Folds:
-    """Losses ``train[k]`` and ``held_out[k]`` on disjoint episodes; the held-out ones together are all episodes."""
+    """Losses ``train[k]`` and ``held_out[k]`` on disjoint episodes; all held-out ones together are all episodes."""
 
     train: tuple[PredictionLoss, ...]
     held_out: tuple[PredictionLoss, ...]
 
     @classmethod
-    def of(cls, train: PredictionLoss, judge: PredictionLoss, count: int, seed: int) -> Folds:
-        """``count`` folds by episode under ``seed``, with windows to fit in ``train`` and to judge by in ``judge``."""
+    def of(cls, train: PredictionLoss, judge: PredictionLoss, count: int, seed: int, share: float = 1.0) -> Folds:
+        """``count`` folds by episode under ``seed``, with windows to fit in ``train`` and to judge by in ``judge``.
+
+        Only a ``share`` of them where time is short.
+        """
         starts, judged = train.windows.starts, judge.windows.starts
         row_fold = fold_of_rows(train.windows.data, count, seed)
         pairs = [
             (train.on(starts[row_fold[starts] != k]), judge.on(judged[row_fold[judged] == k])) for k in range(count)
         ]
         # A fold may be empty if rows were drawn from many short episodes.
-        return cls(*zip(*[(t, h) for t, h in pairs if t.steps and h.steps], strict=True))
+        sound = [(t, h) for t, h in pairs if t.steps and h.steps]
+        return cls(*zip(*sound[: folds_held_out(len(sound), share)], strict=True))
 
     def refit(
         self, space: Space, active: np.ndarray, z: np.ndarray, iterations: int, journal: Journal

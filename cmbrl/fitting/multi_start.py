@@ -17,7 +17,7 @@ from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.objective import NotFinite, Objective
 from cmbrl.fitting.random_search import Search
 from cmbrl.fitting.space import Space
-from cmbrl.fitting.state import Journal
+from cmbrl.fitting.state import Journal, OutOfTime
 
 _WIDTHS = (0.3, 1.0)  # of the starts, in turn: prior standard deviations
 
@@ -37,7 +37,7 @@ class MultiStart:
     def run(self, start: np.ndarray) -> Search:
         """The best place found from ``start`` (n,) and from around it; ``start`` itself if no other predicts better.
 
-        Raises the journal's OutOfTime between starts.
+        When the journal's time is up, the best one so far.
         """
         first, *others = self._starts(start)
         best, own, candidates = self._fitted(first)
@@ -45,10 +45,11 @@ class MultiStart:
         least, blocks = LEAST_GAIN * worth, np.unique(self.folds.held_out[0].windows.blocks, return_inverse=True)[1]
         most = 0.0
         for other in others:
-            self.journal.check_time()
             try:
                 with np.errstate(all="ignore"):
                     z, loss, count = self._fitted(other)
+            except OutOfTime:
+                break
             except NotFinite:  # motion explodes with these parameters
                 continue
             candidates += count

@@ -36,24 +36,26 @@ _TURNING = 1.6  # times the next term: logs without noise reach 1.3
 _FOLLOWS = 0.5  # of the variance of what alternates: sensors leave at most .2, late commands at least .5
 _OUTLIER = 4.0  # standard deviations
 _SURE = 3.0  # and in standard errors of a correlation
-_ROWS = 5000
 _TINY = 1e-300
 _TO_DEVIATION = 1.4826  # of a normal distribution, from its median absolute deviation
 
 
-def sensor_noise(evidence: Evidence, theta: np.ndarray) -> np.ndarray | None:
-    """Standard deviations (logs, 2 nv) of the noise of q and v, zero where none shows; None if none shows anywhere."""
+def sensor_noise(evidence: Evidence, theta: np.ndarray, most: int = 5000) -> np.ndarray | None:
+    """Standard deviations (logs, 2 nv) of the noise of q and v, zero where none shows; None if none shows anywhere.
+
+    Of about ``most`` rows of each log, if it has more.
+    """
     physical, data = evidence.seen(theta)
     rows = data.windows(3) + 1
     of = data.recording[rows]
-    found = np.stack([_of_rows(evidence, physical, data, rows[of == k]) for k in range(len(evidence.names))])
+    by_log = [_some(rows[of == k], most) for k in range(len(evidence.names))]
+    found = np.stack([_of_rows(evidence, physical, data, some) for some in by_log])
     return found if found.any() else None
 
 
 def _of_rows(evidence: Evidence, physical: np.ndarray, data: Transitions, rows: np.ndarray) -> np.ndarray:
     """Standard deviations (2 nv,) from transitions at ``rows`` (N,) and those before and after them."""
     nv = evidence.model.scene.nv
-    rows = rows[:: max(1, len(rows) // _ROWS)]
     if len(rows) < 2:
         return np.zeros(2 * nv)
     first, second = (_residual(evidence.model, physical, data, r) for r in (rows, rows + 1))
@@ -63,6 +65,10 @@ def _of_rows(evidence: Evidence, physical: np.ndarray, data: Transitions, rows: 
     found = np.where(_followed(first - second, commands) < _FOLLOWS, _alternating(first, second), 0.0)
     found[:nv] = np.where(own > 0.0, own, found[:nv])
     return found
+
+
+def _some(rows: np.ndarray, most: int) -> np.ndarray:
+    return rows[:: max(1, len(rows) // most)]
 
 
 def _of_positions(scene: Scene, data: Transitions, rows: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ import numpy as np
 
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
+from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.combinations import combinations
 from cmbrl.fitting.discrepancy import Discrepancy
 from cmbrl.fitting.draws import bearable
@@ -34,11 +35,13 @@ def conclude(
     journal: Journal,
     about: dict[str, Any],
     discrepancy: Discrepancy,
+    budget: Budget,
 ) -> FitResult:
     """Builds the result at ``incumbent``.
 
     ``loss`` is the polished one and gives the intervals, with ``discrepancy``; ``held_out``: errors on episodes held
-    out in turn; ``about``: settings to record. Raises UserError if the loss is so large that numbers overflow.
+    out in turn; ``about``: settings to record; ``budget``: of the draws. Raises UserError if
+    the loss is so large that numbers overflow.
     """
     z, active = incumbent.z, incumbent.active
     physical, psi = loss.observation.split(space.theta(z))
@@ -89,7 +92,7 @@ def conclude(
         "combinations": {"rows": sums, "reference": unit},
         "covariance": {
             **_covariance(space, known.covariance),
-            "share": _share(loss, space, z, known.covariance),
+            "share": _share(loss, space, z, known.covariance, budget),
         },
         "left_out": [{"kind": e.kind, "name": e.name, "why": e.why} for e in model.scene.left_out],
         "candidates": incumbent.candidates,
@@ -101,10 +104,10 @@ def conclude(
     return FitResult(final, parameters, report, incumbent.unseen)
 
 
-def _share(loss: PredictionLoss, space: Space, z: np.ndarray, covariance: np.ndarray) -> float:
+def _share(loss: PredictionLoss, space: Space, z: np.ndarray, covariance: np.ndarray, budget: Budget) -> float:
     """How wide draws may be; as wide as the intervals where Ctrl-C ends the search for it."""
     try:
-        return bearable(loss, space, z, covariance)
+        return bearable(loss, space, z, covariance, budget.draws, budget.draw_rows)
     except KeyboardInterrupt:
         return 1.0
 

@@ -100,6 +100,10 @@ def _errors(report: Mapping[str, Any]) -> Iterator[str]:
         yield from _folded(f"sensor noise of positions [m, rad]{of}", shown[:half])
         yield from _folded(f"sensor noise of velocities [m/s, rad/s]{of}", shown[half:])
     yield from _logs(report.get("logs", ()))
+    if pace := report.get("pace"):
+        parts = ", ".join(f"{part} {share:.2g}" for part, share in pace["shares"].items())
+        told = f"for the limit of {pace['limit']:g} s, parts did less than usual (share of the work): {parts}"
+        yield from textwrap.wrap(told, WIDTH, subsequent_indent="  ")
     if report["stopped"] is not None:
         yield f"STOPPED EARLY ({report['stopped']}): best so far"
 

@@ -6,9 +6,12 @@ of work, but no state of a search: a resumed fit runs the same code to the same 
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,34 +22,42 @@ from cmbrl.files import check_writable, read_record, write_record
 
 _FILE = "state.json"
 _SECONDS_BETWEEN_WRITES = 0.5
-_SEARCHING = 0.85  # share of a time limit; the rest is for held-out errors, intervals and the report
+
+
+def digest(inputs: Any) -> str:
+    """A short name of ``inputs`` (JSON types)."""
+    return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()[:12]
 
 
 class OutOfTime(Exception):
-    """The time limit has passed; the fit returns the best parameters so far."""
+    """A part has used its share of the time limit; the fit goes on with the best parameters so far."""
 
 
 class Journal:
     """Outcomes of finished units and losses of unfinished ones, in ``folder`` (None: in memory only).
 
-    ``fingerprint`` identifies data, model and settings. Raises UserError if the folder contains another fit or cannot
-    be written.
+    ``fingerprint`` identifies data, model and settings. ``label`` goes before the names of units whose outcome depends
+    on a time limit. ``cuts``: how often time was up. ``started``: when the work began, on the monotonic clock; default:
+    now. Raises UserError if the folder contains another fit or cannot be written.
     """
 
     def __init__(
         self,
         folder: str | os.PathLike[str] | None,
         fingerprint: str,
-        time_limit: float | None = None,
         progress: Callable[[float, str], None] | None = None,
+        started: float | None = None,
     ) -> None:
         self.path = None if folder is None else Path(folder) / _FILE
         self.units: dict[str, Any] = {}
         self.rounds: dict[str, list[list[float]]] = {}
         self.resumed = False
         self.seconds_before = 0.0
-        self._fingerprint, self._time_limit, self._progress = fingerprint, time_limit, progress
-        self._started = self._written = time.monotonic()
+        self.label, self.cuts = "", 0
+        self._fingerprint, self._progress = fingerprint, progress
+        self._written = time.monotonic()
+        self._started = self._written if started is None else started
+        self._end: float | None = None
         if self.path is not None:
             self._open(self.path)
 
@@ -64,12 +75,23 @@ class Journal:
     @property
     def seconds(self) -> float:
         """Working time so far, including earlier runs."""
-        return self.seconds_before + time.monotonic() - self._started
+        return self.seconds_before + self.elapsed
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds since this run began."""
+        return time.monotonic() - self._started
 
     def unit(self, name: str, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-        """The outcome (JSON types) of the unit ``name``: from the journal, or computed and written."""
+        """The outcome (JSON types) of the unit ``name``: from the journal, or computed and written.
+
+        One that time has cut short is not kept, so that a resumed fit has it whole.
+        """
+        name, cuts = self.label + name, self.cuts
         if name not in self.units:
             outcome = compute()
+            if self.cuts > cuts:
+                return outcome
             self.units[name] = outcome
             self.rounds = {k: v for k, v in self.rounds.items() if not k.startswith(name)}
             self.write()
@@ -78,9 +100,9 @@ class Journal:
     def losses(self, search: str, index: int, compute: Callable[[], np.ndarray]) -> np.ndarray:
         """Losses of round ``index`` of ``search``: from the journal, or computed, and written from time to time.
 
-        Raises OutOfTime instead of computing beyond the time limit.
+        Raises OutOfTime instead of computing beyond the end.
         """
-        known = self.rounds.setdefault(search, [])
+        known = self.rounds.setdefault(self.label + search, [])
         if index >= len(known):
             self.check_time()
             known.append([float(x) for x in np.fmin(compute(), 1e300)])  # JSON has neither infinity nor NaN
@@ -88,9 +110,19 @@ class Journal:
                 self.write()
         return np.array(known[index])
 
+    @contextmanager
+    def until(self, end: float | None) -> Iterator[None]:
+        """Within, ``check_time`` raises OutOfTime from ``end`` [s] after the beginning of this run on; None: never."""
+        before, self._end = self._end, end
+        try:
+            yield
+        finally:
+            self._end = before
+
     def check_time(self) -> None:
-        """Raises OutOfTime if this run has used what its time limit leaves for searching."""
-        if self._time_limit is not None and time.monotonic() - self._started > _SEARCHING * self._time_limit:
+        """Raises OutOfTime if the part of the work that runs has had its time."""
+        if self._end is not None and self.elapsed > self._end:
+            self.cuts += 1
             raise OutOfTime
 
     def report(self, fraction: float, text: str) -> None:

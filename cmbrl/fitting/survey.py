@@ -10,7 +10,8 @@ repeated if it changes much.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -18,17 +19,16 @@ from typing import Any
 import numpy as np
 
 from cmbrl.data.transitions import Transitions
-from cmbrl.fitting.evidence import HORIZONS, Evidence
+from cmbrl.fitting.evidence import HORIZONS, LEAST_WINDOWS, Evidence
 from cmbrl.fitting.folds import draw_starts, fold_of_rows
 from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.loss import huber
 from cmbrl.fitting.noise import sensor_noise
 from cmbrl.fitting.objective import Objective
-from cmbrl.fitting.state import Journal
+from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.windows import spread
 
-_LEAST_WINDOWS = 40  # of a horizon, to fit and to judge
 _NEARLY = 0.01  # of the logarithm of the error
 _SAME_NOISE = 0.2  # relative change that needs no second fit
 _JUDGED, _JUDGED_ROWS = 500, 20_000  # windows at most, and predicted rows
@@ -47,6 +47,11 @@ class Survey:
     scores: dict[int, float]
     z: np.ndarray | None = None
 
+    @property
+    def better(self) -> np.ndarray | None:
+        """``z``, if held-out episodes are predicted better there than by the file."""
+        return self.z if self.scores and min(self.scores.values()) < 0.0 else None
+
     def to_dict(self) -> dict[str, Any]:
         """JSON types; the inverse is ``from_dict``."""
         noise, z = (None if x is None else x.tolist() for x in (self.noise, self.z))
@@ -62,7 +67,7 @@ class Survey:
 @dataclass(frozen=True)
 class Surveyor:
     """``chosen`` (n,): the parameters that may move; ``begin`` (n,): where fits begin; ``count`` of folds, 0 for none;
-    ``label``: of journal units.
+    ``noise_rows`` to tell noise by; ``judged``: share of the judges' windows. ``label``: of journal units.
     """
 
     evidence: Evidence
@@ -75,53 +80,66 @@ class Surveyor:
     iterations: int
     journal: Journal
     label: str = ""
+    noise_rows: int = 5000
+    judged: float = 1.0
 
     def run(self, horizons: Sequence[int]) -> Survey:
         """The survey over those of ``horizons`` that the log has windows of; one horizon leaves only the noise open.
 
-        Positions alone are compared over many steps, where their noise hardly counts.
+        Positions alone are compared over many steps, where their noise hardly counts. When time is up, the horizons so
+        far are compared; without one, only the noise is known.
         """
         enough = self.possible(horizons)
         if self.evidence.positions_only:
             return Survey(enough[0], None, {})
-        noise = sensor_noise(self.evidence, self.evidence.space.nominal)
+        noise = self._noise(self.evidence.space.nominal)
         if len(enough) == 1 and noise is None:
             return Survey(enough[0], None, {})
-        fitted = self._fitted_over(enough, noise)
-        scores = {h: self._score(z) for h, z in fitted.items()}
+        fitted, scores = {}, {}
+        try:
+            for h, fitted[h] in self._fitted_over(enough, noise):
+                scores[h] = self._score(fitted[h])
+        except OutOfTime:
+            pass
+        if not scores:
+            return Survey(enough[0], noise, {})
         horizon = min(h for h, s in scores.items() if s <= min(scores.values()) + _NEARLY)
         z = fitted[horizon]
-        before, noise = noise, sensor_noise(self.evidence, self.evidence.space.theta(z))
+        before, noise = noise, self._noise(self.evidence.space.theta(z))
         if not _alike(before, noise):
-            z = self._fit("survey with the noise", horizon, noise, self.begin, z)
-            noise = sensor_noise(self.evidence, self.evidence.space.theta(z))
+            with suppress(OutOfTime):
+                z = self._fit("survey with the noise", horizon, noise, self.begin, z)
+                noise = self._noise(self.evidence.space.theta(z))
         return Survey(horizon, noise, scores, z)
 
     def possible(self, horizons: Sequence[int]) -> list[int]:
         """Those of ``horizons`` that the log has windows of, or the shortest."""
-        return [h for h in horizons if len(self.evidence.log.windows(h)) >= _LEAST_WINDOWS] or [min(horizons)]
+        return [h for h in horizons if len(self.evidence.log.windows(h)) >= LEAST_WINDOWS] or [min(horizons)]
 
     def score_after(self, horizon: int, longer: bool = False) -> float:
         """Mean logarithm of the held-out errors at all horizons after fits up to one of them, as ``run`` begins.
 
         ``longer``: as many iterations again, and once more.
         """
-        noise = sensor_noise(self.evidence, self.evidence.space.nominal)
-        z = self._fitted_over(sorted({1, horizon}), noise)[horizon]
+        noise = self._noise(self.evidence.space.nominal)
+        z = dict(self._fitted_over(sorted({1, horizon}), noise))[horizon]
         for again in ("on", "further") if longer else ():
             z = self._fit(f"survey of {horizon} steps, {again}", horizon, noise, z)
         return score(self._judges, self.evidence.space.theta(z))
 
-    def _fitted_over(self, horizons: Sequence[int], noise: np.ndarray | None) -> dict[int, np.ndarray]:
-        """Fits by horizon, each from that over the horizon before or from the beginning, whichever explains more.
+    def _noise(self, theta: np.ndarray) -> np.ndarray | None:
+        return sensor_noise(self.evidence, theta, self.noise_rows)
+
+    def _fitted_over(self, horizons: Sequence[int], noise: np.ndarray | None) -> Iterator[tuple[int, np.ndarray]]:
+        """Horizons, and fits each from that over the horizon before or from the beginning, whichever explains more.
 
         Contacts make and break over several steps, and no derivative tells of that: one step leads to where it hardly
         matters any more.
         """
-        found: dict[int, np.ndarray] = {}
+        before: list[np.ndarray] = []
         for h in sorted(horizons):
-            found[h] = self._fit(f"survey of {h} steps", h, noise, self.begin, *list(found.values())[-1:])
-        return found
+            before = [self._fit(f"survey of {h} steps", h, noise, self.begin, *before)]
+            yield h, before[0]
 
     def _fit(self, name: str, horizon: int, noise: np.ndarray | None, *starts: np.ndarray) -> np.ndarray:
         self.journal.check_time()
@@ -148,7 +166,7 @@ class Surveyor:
 
     @cached_property
     def _judges(self) -> list[Judge]:
-        return Judge.all(self.evidence, self.huber, self._held_out if self.count else None)
+        return Judge.all(self.evidence, self.huber, self._held_out if self.count else None, share=self.judged)
 
     @cached_property
     def _held_out(self) -> np.ndarray:
@@ -186,7 +204,7 @@ class Judge:
         found, data, scene = [], evidence.log, evidence.model.scene
         for h in horizons:
             starts = data.windows(h)
-            if len(starts) < _LEAST_WINDOWS and h > min(horizons):
+            if len(starts) < LEAST_WINDOWS and h > min(horizons):
                 continue
             ends = starts + h - 1
             dq = spread(scene.difference(data.q[starts], data.q_next[ends]))
@@ -195,7 +213,7 @@ class Judge:
                 starts = starts[np.isin(starts, rows) & np.isin(ends, rows)]
             if not len(starts):
                 continue
-            most = max(1, round(share * min(_JUDGED, _JUDGED_ROWS // h)))
+            most = judged_rows(h, share) // h
             found.append(cls(evidence, starts[:: -(-len(starts) // most)], h, scale, delta))
         return found
 
@@ -229,6 +247,11 @@ class Judge:
     def _off(self, log: Transitions, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         ends = self.starts + self.horizon - 1
         return np.concatenate([self.evidence.model.scene.difference(log.q_next[ends], q), v - log.v_next[ends]], axis=1)
+
+
+def judged_rows(horizon: int, share: float = 1.0) -> int:
+    """Predicted rows of a judge with a ``share`` of the most windows that it may have."""
+    return horizon * max(1, round(share * min(_JUDGED, _JUDGED_ROWS // horizon)))
 
 
 def score(judges: Sequence[Judge], theta: np.ndarray) -> float:

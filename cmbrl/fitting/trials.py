@@ -46,6 +46,10 @@ class Incumbent:
     def __post_init__(self) -> None:
         self.begin = np.zeros_like(self.z)
 
+    def put(self, z: np.ndarray, active: np.ndarray) -> None:
+        """At ``z`` (n,), whence the ``active`` (n,) parameters may move."""
+        self.z, self.active = z, active
+
 
 @dataclass(frozen=True)
 class Trial:

@@ -24,18 +24,19 @@ MEASURES = {"rmse": "RMSE", "loss": "Huber loss"}  #: large errors rule the firs
 _LOST = 1e300  # JSON has no infinity
 _WORSE = 1.01  # times the error of another model
 _CLEARLY_BETTER = 0.9  # times the error of the settings as given
+STEPS_TRIED = 22  #: of a transition, under all those settings together
 _SHARE = 0.25  # of the judges' windows: settings are compared on the same ones, and quarter steps cost the most
 
 
-def by_horizon(evidence: Evidence, unseen: Unseen, delta: float) -> list[dict[str, Any]]:
+def by_horizon(evidence: Evidence, unseen: Unseen, delta: float, share: float = 1.0) -> list[dict[str, Any]]:
     """Errors by horizon of holding the velocity, of the start and of the fit, on episodes not seen.
 
-    By measure: "rmse", in the units of ``cmbrl error``, and "loss", the mean Huber loss.
+    By measure: "rmse", in the units of ``cmbrl error``, and "loss", the mean Huber loss. ``share``: of the windows.
     """
     units = deviations(evidence.log, evidence.model.scene)
     found: dict[int, list[tuple[Judge, dict[str, np.ndarray]]]] = {}
     for held_out, theta in zip(unseen.rows, unseen.theta, strict=True):
-        for judge in Judge.all(evidence, delta, held_out, HORIZONS, 1.0 / len(unseen.rows)):
+        for judge in Judge.all(evidence, delta, held_out, HORIZONS, share / len(unseen.rows)):
             off = {"hold": judge.off_held(), "nominal": judge.off(evidence.space.nominal), "fitted": judge.off(theta)}
             found.setdefault(judge.horizon, []).append((judge, off))
     return [_measured(steps, parts, units[0 if steps == 1 else 1]) for steps, parts in found.items()]
@@ -86,20 +87,27 @@ def _worse(rows: Sequence[Mapping[str, Any]], other: str) -> str:
     return " and ".join(f"{', '.join(each)} step(s) by {words}" for words, each in by_measure.items() if each)
 
 
-def stepping(evidence: Evidence, delta: float, check_time: Callable[[], None]) -> list[dict[str, Any]]:
+def stepping(
+    evidence: Evidence, delta: float, check_time: Callable[[], None], share: float = 1.0
+) -> list[dict[str, Any]]:
     """Errors of other settings of the model at its parameters, relative to its own, best first.
 
     The geometric mean over horizons of the mean Huber loss. ``check_time`` is called before each, and may raise.
+    ``share``: of the windows that are predicted otherwise.
     """
-    errors = _relative_errors(evidence, evidence.model.alternatives(), delta, check_time)
+    errors = _relative_errors(evidence, evidence.model.alternatives(), delta, check_time, share)
     found = [{"setting": setting, "relative_error": error} for setting, error in errors.items()]
     return sorted(found, key=lambda row: row["relative_error"])
 
 
 def _relative_errors(
-    evidence: Evidence, models: Mapping[str, ComplementarityModel], delta: float, check_time: Callable[[], None]
+    evidence: Evidence,
+    models: Mapping[str, ComplementarityModel],
+    delta: float,
+    check_time: Callable[[], None],
+    share: float,
 ) -> dict[str, float]:
-    judges, start = Judge.all(evidence, delta, horizons=HORIZONS[:-1], share=_SHARE), evidence.space.nominal
+    judges, start = Judge.all(evidence, delta, horizons=HORIZONS[:-1], share=_SHARE * share), evidence.space.nominal
     own = np.array([judge.error(start).sum() for judge in judges])
     found = {}
     for name, other in models.items():

@@ -120,7 +120,8 @@ def convert(
 def _robot(file: Path) -> ElementTree.Element:
     robot = ElementTree.parse(file).getroot()
     if robot.tag != "robot":
-        raise UserError(f"{file}: the root element is <{robot.tag}>, expected <robot> of a URDF")
+        mjcf = "; of an MJCF, give joints to --hold" if robot.tag == "mujoco" else ""
+        raise UserError(f"{file}: the root element is <{robot.tag}>, expected <robot> of a URDF{mjcf}")
     if any(str(element.tag).startswith("{") and "xacro" in str(element.tag) for element in robot.iter()):
         raise UserError(f"{file}: has xacro in it; expand it first: xacro {file.name} > robot.urdf")
     for compiler in robot.findall("mujoco"):  # its folders are searched without it, and the rest is set here

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -79,6 +80,19 @@ def test_velocities_must_go_with_positions(make_log, slides):
     rng = np.random.default_rng(2)
     with pytest.raises(UserError, match=r"velocity column 0 \(left\) does not match"):
         replace(log, v=rng.standard_normal(log.v.shape), v_next=rng.standard_normal(log.v.shape)).check(slides)
+
+
+def test_a_joint_whose_change_is_noise_is_no_mistake(make_log, slides):
+    """A sensor of 1 mm: one step takes back what the one before has added, and velocities tell nothing of it."""
+    rng = np.random.default_rng(4)
+    log = make_log(lengths=(400,))
+    q, v = 1e-3 * rng.standard_normal((401, 2)), 0.1 * rng.standard_normal((401, 2))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        replace(log, q=q[:-1], q_next=q[1:], v=v[:-1], v_next=v[1:]).check(slides)
+    q += np.sin(0.05 * np.arange(401))[:, None]  # moves, and not as its velocities say
+    with pytest.raises(UserError, match="velocity column 0"):
+        replace(log, q=q[:-1], q_next=q[1:], v=v[:-1], v_next=v[1:]).check(slides)
 
 
 def test_a_body_that_rocks_within_the_step_is_no_mistake(make_log, slides):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -10,8 +12,9 @@ import cmbrl
 from cmbrl.data.position_log import PositionLog
 from cmbrl.fitting.beginning import beginning
 from cmbrl.fitting.budget import Budget
-from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.folds import draw_starts
+from cmbrl.fitting.evidence import LEAST_WINDOWS, Evidence
+from cmbrl.fitting.folds import draw_starts, windows_in_blocks
+from cmbrl.fitting.state import Journal
 
 ARM = """<mujoco><option timestep=".002"/><worldbody><body pos="0 0 1"><joint name="a" axis="0 1 0" {a}/><geom
 type="capsule" size=".03" fromto="0 0 0 0 0 -.4" mass="2"/><body pos="0 0 -.4"><joint name="b" axis="0 1 0" {b}/><geom
@@ -51,7 +54,7 @@ def _begin(file: str, log: PositionLog) -> tuple[Evidence, np.ndarray]:
     evidence = Evidence.of(cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(file)), log)
     steps = evidence.horizons("auto")[0]
     loss = evidence.loss(draw_starts(evidence.log, steps, 1000, 0), steps, *evidence.scales(steps, 0.5))
-    return evidence, beginning(loss, evidence.space, evidence.space.default)
+    return evidence, beginning(loss, evidence.space, evidence.space.default, Journal(None, ""))
 
 
 def test_a_fit_begins_off_the_file_only_where_its_links_shake(log: PositionLog) -> None:
@@ -71,3 +74,14 @@ def test_the_geared_arm_is_found(log: PositionLog) -> None:
     armature = result.parameters["armature.b"]
     assert armature.value > 0.0
     assert armature.low < armature.value < armature.high  # a log without noise tells other directions 1e16 times better
+
+
+def test_a_short_log_of_positions_is_compared_over_fewer_steps(log: PositionLog) -> None:
+    """A second at 100 Hz has no six parts of half a second to hold out; such a log was refused."""
+    model = cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(GEARED))
+    short = replace(log, time=log.time[:100], position=log.position[:100], command=log.command[:100], episode=None)
+    assert Evidence.of(model, log).horizons("auto") == (50,)
+    evidence = Evidence.of(model, short)
+    (steps,) = evidence.horizons("auto")
+    assert 1 < steps < 20
+    assert len(windows_in_blocks(evidence.log, steps)) >= LEAST_WINDOWS

@@ -112,7 +112,7 @@ def _widened(model, log):
     z = gauss_newton(
         Objective.at(loss, space, active, np.zeros(len(space))), np.zeros(len(space)), 20, Journal(None, "")
     ).z
-    found = Discrepancy(evidence, Survey(1, None, {}), 0.5, 0, 1000).covariance(z, active)
+    found = Discrepancy(evidence, Survey(1, None, {}), 0.5, 0, 1000, Journal(None, "")).covariance(z, active)
     return space, z, active, found, loss.normal_equations(space, z)
 
 

@@ -82,3 +82,5 @@ def test_the_command_writes_a_file_that_loads(arm: Path, capsys: pytest.CaptureF
     assert "held: left, right" in capsys.readouterr().out
     assert Scene.from_mjcf(out).joint_names == ("shoulder", "roll")
     assert main(["convert", str(arm), str(out), "--hold", "left", "--floor"]) == 2
+    assert main(["convert", str(arm), str(out)]) == 2
+    assert "expected <robot> of a URDF; of an MJCF, give joints to --hold" in capsys.readouterr().err

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from cmbrl.scene import Scene
 
 UNEXPLAINED = 0.95  #: largest share (root mean square) of a change that velocities may leave unexplained
+BESIDE = 0.02  #: of a ball's largest change about one axis may show about the others, whose frames turn with it
 TRAVELS = 5.0  #: a coordinate that goes so many usual steps away from its mean does not merely rock
 
 
@@ -58,7 +59,8 @@ def unexplained(log: Fields, scene: Scene) -> Iterator[Finding]:
     """Coordinates whose changes the velocities before and after do not explain at all.
 
     Lenient by design, since impacts change velocities within a step. A body that rocks within the step does so
-    legitimately: only a coordinate that travels is sure to be wrong.
+    legitimately: only a coordinate that travels is sure to be wrong. What hardly moves, changes by noise or by what
+    another axis of its ball does.
     """
     if len(log["q"]) < ROWS:
         return
@@ -68,7 +70,8 @@ def unexplained(log: Fields, scene: Scene) -> Iterator[Finding]:
     change[:, hinges] -= 2 * np.pi * np.round(change[:, hinges] / (2 * np.pi))  # a whole turn is told elsewhere
     size = np.sqrt(np.mean(change**2, axis=0))
     rest = [np.sqrt(np.mean((change - dt * v) ** 2, axis=0)) for v in (before, after, (before + after) / 2)]
-    bad = np.min(rest, axis=0) > UNEXPLAINED * size + SENSOR_NOISE
+    meant = np.maximum(_noise(log, change), _beside(size, scene))
+    bad = np.min(rest, axis=0) > UNEXPLAINED * size + np.maximum(SENSOR_NOISE, meant)
     if bad.any():
         away = scene.difference(np.broadcast_to(log["q"][:1], log["q"].shape), log["q"]).std(axis=0)
         k = int(np.flatnonzero(bad)[0])
@@ -78,3 +81,22 @@ def unexplained(log: Fields, scene: Scene) -> Iterator[Finding]:
             "the order of columns, and the frame of angular velocities (body)",
             sure=bool((away > TRAVELS * size)[bad].any()),
         )
+
+
+def _noise(log: Fields, change: np.ndarray) -> np.ndarray:
+    """How much (nv,) of the ``change`` (N, nv) of positions is noise: what a step adds and the next one takes away."""
+    follows = (log["episode"][1:] == log["episode"][:-1]) & np.isclose(log["q"][1:], log["q_next"][:-1]).all(axis=1)
+    if np.count_nonzero(follows) < ROWS:
+        return np.zeros(change.shape[1])
+    taken_back = -(change[1:] * change[:-1])[follows].mean(axis=0)  # the variance of one position
+    return np.asarray(np.sqrt(2.0 * np.maximum(taken_back, 0.0)))
+
+
+def _beside(size: np.ndarray, scene: Scene) -> np.ndarray:
+    """The part (nv,) of changes, (nv,) in ``size``, that another axis of the same ball may have in them."""
+    found = np.zeros_like(size)
+    for joint in scene.joints:
+        if joint.kind == JointKind.BALL:
+            at = slice(joint.vadr, joint.vadr + 3)
+            found[at] = BESIDE * size[at].max()
+    return found

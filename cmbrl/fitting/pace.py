@@ -1,0 +1,214 @@
+"""How much work each part of a fit may do under a time limit, and when it has to end.
+
+A fit of a slow model takes longer than its user may wait, and the first part alone would use up the limit. So a few
+rows of the log tell what a row costs, and from that what the parts to come would cost under the default budget. If that
+is more than the time left, all of them do less (``Budget.shrunk``). This is asked again before each part, because
+estimates err. A part that overruns its share of the time ends with the best it has, and the next one begins.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from cmbrl.fitting.beginning import begins
+from cmbrl.fitting.budget import Budget
+from cmbrl.fitting.evidence import HORIZONS, Evidence
+from cmbrl.fitting.folds import draw_starts, folds_held_out
+from cmbrl.fitting.loss import PredictionLoss
+from cmbrl.fitting.noise import sensor_noise
+from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.space import Space
+from cmbrl.fitting.state import Journal, digest
+from cmbrl.fitting.survey import judged_rows
+from cmbrl.fitting.verdict import HORIZONS as REPORTED
+from cmbrl.fitting.verdict import STEPS_TRIED
+
+PARTS = ("beginning", "sliding", "survey", "choice", "starts", "polish", "held out", "logs", "stepping", "report")
+_TOGETHER = ("sliding", "survey")  # go on with what the part before has computed, so with its budget
+_ROWS, _MORE, _LONG = 32, 8, 0.5  # rows to time; so many times more of a model that is done sooner than that [s]
+_NOISE_ROWS = 400
+_PACK = 4  # candidates of a Gauss-Newton's iteration
+_TRIALS = (2, 8)  # of a selection: at least, and more the more work it may do
+_SHARES = 2.0 ** (-0.5 * np.arange(17))
+_KEPT = 0.4  # of it is kept for the report at most
+_SURE = 0.85  # of the time left is what parts are planned for
+_LEVELS = 16  # of armature and damping, in ``beginning``
+_DISCREPANCIES = 9  # linearisations of the log that tell how far a wrong model's parameters move
+_BISECTIONS = 5  # sets of draws
+
+
+@dataclass(frozen=True)
+class Speed:
+    """Seconds for a row: of ``settling`` its start and its error, its ``equations``, one ``candidate``, a ``step``."""
+
+    settling: float
+    equations: float
+    candidate: float
+    step: float
+
+    @classmethod
+    def of(cls, evidence: Evidence, horizon: int, huber: float, active: np.ndarray, seed: int) -> Speed:
+        """Timed at the file's parameters, with derivatives in the ``active`` (n,) ones."""
+        noise = None if evidence.positions_only else sensor_noise(evidence, evidence.space.nominal, _NOISE_ROWS)
+        scales = evidence.scales(horizon, huber, noise)
+        found = cls(0.0, 0.0, 0.0, 0.0)
+        for rows in (_ROWS, _MORE * _ROWS):
+            loss = evidence.loss(draw_starts(evidence.log, horizon, rows, seed), horizon, *scales)
+            began = time.monotonic()
+            found = cls._over(loss, evidence.space, active)
+            if time.monotonic() - began > _LONG:
+                break
+        return found
+
+    @classmethod
+    def _over(cls, loss: PredictionLoss, space: Space, active: np.ndarray) -> Speed:
+        z, marks = np.zeros(len(space)), [time.monotonic()]
+        objective = Objective.at(loss, space, active, z)
+        marks.append(time.monotonic())
+        objective.normal_equations(z)
+        marks.append(time.monotonic())
+        objective.values(np.tile(z, (_PACK, 1)))
+        marks.append(time.monotonic())
+        loss.errors_from_here(space.nominal)
+        marks.append(time.monotonic())
+        settling, equations, candidates, step = np.diff(marks) / loss.steps
+        return cls(settling, equations, candidates / _PACK, step)
+
+    def fit(self, rows: float, iterations: int) -> float:
+        """Seconds of a Gauss-Newton."""
+        return rows * (self.settling + self.candidate + iterations * (self.equations + _PACK * self.candidate))
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a fit has to do besides: ``rows`` of the log, ``horizons`` to choose from, ``folds``.
+
+    ``begins``: not at the file, perhaps; ``chooses`` parameters, or ``adds`` laws to those it moves; ``searches``
+    without derivatives. ``sliding``: its law is open. ``logs``: how many.
+    """
+
+    rows: int
+    horizons: Sequence[int]
+    folds: int
+    begins: bool
+    chooses: bool
+    adds: bool
+    searches: bool
+    sliding: bool
+    states: bool
+    logs: int
+
+    @classmethod
+    def of(
+        cls,
+        evidence: Evidence,
+        horizons: Sequence[int],
+        folds: int,
+        movable: np.ndarray,
+        chooses: bool,
+        adds: bool,
+        searches: bool,
+    ) -> Plan:
+        """Of a fit of ``evidence`` that may move ``movable`` (n,)."""
+        states, begin = not evidence.positions_only, bool(begins(evidence.space, movable).any())
+        sliding = states and evidence.model.other_sliding() is not None
+        rows, logs = len(evidence.log), len(evidence.names)
+        return cls(rows, horizons, folds, begin, chooses, adds, searches, sliding, states, logs)
+
+    def costs(self, b: Budget, speed: Speed, share: float) -> dict[str, float]:
+        """Seconds by part with budget ``b``, which is a ``share`` of the default."""
+        rest = 1.0 - 1.0 / self.folds if self.folds else 1.0
+        longest, held_out = max(self.horizons), self.folds and folds_held_out(self.folds, b.folds)
+
+        def some(rows: int, horizon: int = longest) -> int:
+            return min(rows, self.rows * horizon)
+
+        def refits(rows: int, iterations: int) -> float:
+            return held_out * (speed.fit(rest * some(rows), iterations) + (1.0 - rest) * some(rows) * speed.settling)
+
+        score = sum(judged_rows(h, b.judged) for h in HORIZONS) * speed.step
+        survey = speed.fit(rest * some(b.survey_rows), b.survey_iterations) + score
+        tried = min(len(self.horizons), b.horizons) if self.states else 0
+        trial = speed.fit(some(b.trial_rows), b.trial_iterations) + refits(b.trial_rows, b.trial_fold_iterations)
+        trial += some(b.held_out_rows) * speed.settling + held_out * score
+        whole = speed.fit(some(b.polish_rows), b.trial_iterations) + refits(b.polish_rows, b.trial_fold_iterations)
+        trials = _TRIALS[0] + _TRIALS[1] * share
+        judge = refits(b.polish_rows, b.fold_iterations)
+        reported = sum(judged_rows(h, b.judged) for h in REPORTED) * speed.step
+        stepping = STEPS_TRIED * sum(judged_rows(h, b.judged / 4) for h in REPORTED[:-1]) * speed.step
+        lines = (_DISCREPANCIES * some(b.survey_rows) + some(b.polish_rows)) * (speed.settling + speed.equations)
+        draws = _BISECTIONS * b.draws * min(b.draw_rows, some(b.polish_rows)) * speed.candidate
+        search = b.search_rounds * b.search_population * some(b.search_rows) * speed.candidate
+        starts = b.starts * (speed.fit(rest * some(b.search_rows), b.start_iterations)) if b.starts > 1 else 0.0
+        return {
+            "beginning": self.begins * _LEVELS * some(b.survey_rows) * speed.candidate,
+            "sliding": self.sliding * 4 * survey,
+            "survey": (tried + 0.5 * (tried > 0)) * survey + self.states * 4 * b.noise_rows * speed.step,
+            "choice": trials * (self.chooses * trial + self.adds * whole),
+            "starts": search if self.searches else bool(self.folds) * starts,
+            "polish": 1.2 * speed.fit(some(b.polish_rows), b.polish_iterations) + 2 * self.adds * whole,
+            "held out": judge,
+            "logs": (self.logs > 1) * self.logs * 4 * judge,
+            "stepping": self.states * stepping,
+            "report": lines + draws + self.states * 2 * reported + 3 * some(b.polish_rows) * speed.settling,
+        }  # fmt: skip
+
+
+@dataclass
+class Pace:
+    """Budgets and ends of the parts, for a ``limit`` [s]; ``shares``: of the default work, by part, as they begin."""
+
+    budget: Budget
+    limit: float
+    speed: Speed
+    plan: Plan
+    shares: dict[str, float] = field(default_factory=dict)
+
+    def begin(self, part: str, journal: Journal, known: list[Any]) -> Budget:
+        """The budget of ``part``, which begins now; ``known`` (JSON types): the outcome of all parts before.
+
+        A resumed fit has the shares of before. Units that are not those of a fit with time are named by what they
+        depend on.
+        """
+        journal.label = ""
+        at = f"pace of {part} in {self.limit:g} s"
+        self.shares[part] = journal.unit(at, lambda: {"share": self.share(part, journal.elapsed)})["share"]
+        budget = self.budget.shrunk(self.shares[part])
+        if journal.cuts or min(self.shares.values()) < 1.0:
+            journal.label = f"{digest([known, asdict(budget)])}: "
+        return budget
+
+    @property
+    def told(self) -> dict[str, Any] | None:
+        """For the report: the limit, and the parts that did less; None if all did their usual work."""
+        less = {part: share for part, share in self.shares.items() if share < 1.0}
+        return {"limit": self.limit, "shares": less} if less else None
+
+    def share(self, part: str, elapsed: float) -> float:
+        """How much of its default work ``part`` may do if it begins ``elapsed`` seconds after the fit did."""
+        before = PARTS[PARTS.index(part) - 1]
+        if part in _TOGETHER and before in self.shares:
+            return self.shares[before]
+        left = _SURE * (self.limit - elapsed)
+        fits = [share for share in _SHARES if sum(self._ahead(part, share).values()) <= left]
+        return float(max(fits, default=_SHARES[-1]))
+
+    def end(self, part: str, elapsed: float) -> float:
+        """When [s] ``part`` has to end, if it begins now: it has what the parts to come do not need.
+
+        Where time is too short for all of them, each has its part of it; some is kept for the report.
+        """
+        ahead = self._ahead(part, self.shares[part])
+        left, own = max(self.limit - elapsed, 0.0), ahead.pop(part)
+        report = min(ahead.pop("report", 0.0), _KEPT * left)
+        others, free = sum(ahead.values()), left - report
+        return elapsed + max(free * own / max(own + others, 1e-9), free - others)
+
+    def _ahead(self, part: str, share: float) -> dict[str, float]:
+        costs = self.plan.costs(self.budget.shrunk(share), self.speed, share)
+        return {name: costs[name] for name in PARTS[PARTS.index(part) :]}

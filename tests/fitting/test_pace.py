@@ -1,0 +1,118 @@
+"""Fits under a time limit, on a clock that runs with the rows that a model predicts."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+import cmbrl
+from cmbrl.fitting import Budget
+from cmbrl.fitting import pace as pace_module
+from cmbrl.fitting import state as state_module
+from cmbrl.fitting.pace import PARTS
+
+CANDIDATES = 8  # rows of derivatives take as long as so many of a prediction
+Slow = Callable[[float], Any]
+
+
+@pytest.fixture
+def data(carts):
+    return carts.record(carts.truth(2, gear_1=0.7, tilt=0.4), episodes=20, steps=40, noise=1e-3)
+
+
+@pytest.fixture
+def clock(monkeypatch) -> SimpleNamespace:
+    """Seconds, ``now``, that pass in models only."""
+    told = SimpleNamespace(now=0.0)
+    for module in (pace_module, state_module, sys.modules["cmbrl.fitting.fit"]):  # the package has the function
+        monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: told.now))
+    return told
+
+
+@pytest.fixture
+def slow(carts, clock) -> Slow:
+    """``slow(seconds)``: a model that takes so long for a row."""
+
+    def made(seconds: float) -> Any:
+        model = carts.model(2)
+        predict, losses = model.predict, model.candidate_loss
+
+        def slow_predict(q, v, u, theta=None, jacobian=False, parameter_jacobian=None):
+            clock.now += seconds * len(q) * (CANDIDATES if jacobian else 1)
+            return predict(q, v, u, theta, jacobian, parameter_jacobian)
+
+        def slow_losses(theta, windows):  # predicts by the slow one
+            return losses(theta, windows)
+
+        model.predict, model.candidate_loss = slow_predict, slow_losses
+        return model
+
+    return made
+
+
+def values(result: Any) -> dict[str, float]:
+    return {name: p.value for name, p in result.parameters.items()}
+
+
+def test_a_limit_that_is_long_enough_changes_nothing(carts, data, slow, clock, tmp_path: Path) -> None:
+    whole = cmbrl.fit(carts.model(2), data)
+    result = cmbrl.fit(slow(1e-3), data, time_limit=1e5, folder=tmp_path)
+    assert values(result) == values(whole)
+    assert (result.report["pace"], result.report["stopped"]) == (None, None)
+    without = {k: v for k, v in whole.report.items() if k not in ("seconds", "resumed")}
+    assert {k: result.report[k] for k in without} == without
+    before = clock.now
+    again = cmbrl.fit(slow(1e-3), data, folder=tmp_path)
+    assert values(again) == values(whole)
+    assert clock.now - before < 0.5 * before  # from the journal, but for errors and intervals
+
+
+@pytest.mark.parametrize("seconds", [3e-4, 1e-3, 4e-3, 7e-3])
+def test_a_slow_model_is_fitted_in_time(data, slow, clock, seconds: float) -> None:
+    """To the end, and better than the file; without a limit it would take up to 30 times as long."""
+    limit = 200.0
+    result = cmbrl.fit(slow(seconds), data, time_limit=limit)
+    assert clock.now < 1.25 * limit
+    assert result.report["pace"]["limit"] == limit
+    assert set(result.report["pace"]["shares"]) <= set(PARTS)
+    loss = result.report["loss"]
+    assert loss["held out, fitted"]["rmse"] < 0.5 * loss["held out, nominal"]["rmse"]
+    assert result.report["horizons"]
+    assert "for the limit of 200 s, parts did less" in " ".join(result.report_text().split())
+
+
+def test_what_was_done_in_a_hurry_is_done_again_without_a_limit(carts, data, slow, tmp_path: Path) -> None:
+    whole = cmbrl.fit(carts.model(2), data)
+    hurried = cmbrl.fit(slow(4e-3), data, time_limit=200.0, folder=tmp_path)
+    assert values(hurried) != values(whole)
+    resumed = cmbrl.fit(carts.model(2), data, folder=tmp_path)
+    assert resumed.report["resumed"]
+    assert values(resumed) == values(whole)
+
+
+def test_parts_that_overrun_leave_time_for_the_others(data, slow, clock, monkeypatch) -> None:
+    """Where the first rows were four times as fast as all others."""
+    timed = pace_module.Speed.of
+    quick = lambda *a: replace(s := timed(*a), **{k: x / 4 for k, x in vars(s).items()})  # noqa: E731
+    monkeypatch.setattr(pace_module.Speed, "of", quick)
+    result = cmbrl.fit(slow(4e-3), data, time_limit=200.0)
+    assert clock.now < 1.25 * 200.0
+    loss = result.report["loss"]
+    assert loss["held out, fitted"]["rmse"] < 0.5 * loss["held out, nominal"]["rmse"]
+
+
+def test_a_shrunk_budget() -> None:
+    budget = Budget()
+    assert budget.shrunk(1.0) == budget
+    shares = [budget.shrunk(share) for share in (0.5, 0.1, 0.01)]
+    rows = [b.polish_rows for b in (budget, *shares)]
+    assert rows == sorted(rows, reverse=True)
+    few = Budget(survey_rows=30, starts=1)
+    assert few.shrunk(0.01).survey_rows == 30
+    assert few.shrunk(0.01).starts == 1
