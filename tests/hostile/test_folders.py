@@ -131,7 +131,7 @@ def test_a_log_whose_fit_is_singular_is_refused(tmp_path: Path) -> None:
     held = dict(np.load(victims.log(tmp_path)))
     held["v"][[4, 40], [2, 4]] = 1.5e4, -1.5e4  # a single step is still that of a robot, eight are not
     np.savez(tmp_path / "wild.npz", **held)
-    words = ["--method", "random", "--horizon", 8, "--groups", "gear", "--threads", 1, "--time-limit", 1]
+    words = ["--method", "random", "--horizon", 8, "--groups", "gear", "--threads", 1]
     with pytest.raises(UserError, match="the fit is not finite: check the log"):
         command("fit", "hopper", "--data", tmp_path / "wild.npz", *words, "--out", tmp_path / "out")
     with pytest.raises(UserError, match="contains neither a fit"):
