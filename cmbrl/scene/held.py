@@ -14,6 +14,7 @@ import numpy as np
 
 from cmbrl.errors import UserError
 from cmbrl.scene.fitted_file import fix_paths
+from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.robot_source import compile_robot, quiet
 from cmbrl.text import did_you_mean
 
@@ -36,14 +37,16 @@ def held_file(path: str | os.PathLike[str], joints: Mapping[str, float | None]) 
     joints of a body moved away from where the file has it, or a tendon or coupling with a joint that is not held.
     """
     model = compile_robot(path).model
+    known = [name_of(model, "joint", k) for k in range(model.njnt)]
     for name in joints:
-        if mujoco.mj_name2id(model, _JOINT, name) < 0:
-            raise UserError(f"{path}: no joint {name!r}; {did_you_mean(name, _names(model, _JOINT))}")
+        if name not in known:
+            raise UserError(f"{path}: no joint {name!r}; {did_you_mean(name, known)}")
     with quiet():
         try:
             spec = mujoco.MjSpec.from_file(str(path))
             fix_paths(spec)
-            _name_all(spec)
+            model = spec.compile()
+            _name_all(spec, model)
             spec.compile()
             spec = mujoco.MjSpec.from_string(spec.to_xml())  # its frames and defaults are resolved
             model = spec.compile()
@@ -58,8 +61,13 @@ def held_file(path: str | os.PathLike[str], joints: Mapping[str, float | None]) 
             raise UserError(f"{path}: MuJoCo cannot write this file with held joints ({error})") from None
 
 
-def _name_all(spec: mujoco.MjSpec) -> None:
-    """Names what has no name and may be looked up: two tendons without one could not be told apart."""
+def _name_all(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
+    """Names what has no name and may be looked up: two tendons without one could not be told apart.
+
+    A joint gets the name that it has everywhere else, such as that of a floating base.
+    """
+    for joint in spec.joints:
+        joint.name = joint.name or name_of(model, "joint", joint.id)
     for kind, elements in (("body", spec.bodies), ("tendon", spec.tendons), ("actuator", spec.actuators)):
         for k, element in enumerate(elements):
             element.name = element.name or f"unnamed_{kind}_{k}"

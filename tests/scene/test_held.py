@@ -84,3 +84,17 @@ def test_the_command_writes_a_file_that_loads(arm: Path, capsys: pytest.CaptureF
     assert main(["convert", str(arm), str(out), "--hold", "left", "--floor"]) == 2
     assert main(["convert", str(arm), str(out)]) == 2
     assert "expected <robot> of a URDF; of an MJCF, give joints to --hold" in capsys.readouterr().err
+
+
+def test_a_base_without_a_name_is_held_by_the_name_that_reports_give_it(arm: Path, tmp_path: Path) -> None:
+    floating = tmp_path / "floating.xml"
+    floating.write_text(
+        ARM.replace("<joint name='shoulder' axis='0 1 0'/>", "<freejoint/>")
+        .replace("<motor name='shoulder' joint='shoulder'/>", "")
+        .replace("<keyframe><key name='home' qpos='.1 .2 .01 .02' ctrl='3 4'/></keyframe>", "")
+    )
+    name = Scene.from_mjcf(floating).joint_names[0]
+    held = mujoco.MjModel.from_xml_string(held_file(floating, {name: None}))
+    assert (held.nq, held.joint(0).name) == (3, "roll")
+    with pytest.raises(UserError, match=f"no joint 'base'.*{name}"):
+        held_file(floating, {"base": None})
