@@ -7,6 +7,11 @@ from typing import Any
 
 _COORDINATES = 18  # up to so many that are compared, rows are as in Budget
 _LEAST_ROWS = 800  # fewer would miss rare events
+_OF_NOISY = 0.2  # share of the work of choices
+_CHOICES = (
+    "survey_rows", "survey_iterations", "trial_rows", "trial_rounds", "trial_population", "trial_iterations",
+    "trial_fold_iterations", "screen_iterations", "held_out_rows", "starts", "start_iterations", "search_rows",
+)  # fmt: skip
 _ROWS, _ITERATIONS, _SEARCHES = 0.75, 0.25, 0.5  # exponents of the share of the work: rows are missed the least
 _SHRINKS = {  # with those exponents, and not below what tells anything
     **dict.fromkeys(("survey_rows", "trial_rows", "held_out_rows", "search_rows", "draw_rows"), (_ROWS, 100)),
@@ -48,9 +53,16 @@ class Budget:
     draw_rows: int = 4000  # predicted for each of them
 
     @classmethod
-    def of(cls, coordinates: int) -> Budget:
-        """For predictions of so many coordinates: where each row tells of more, fewer do to choose by."""
+    def of(cls, coordinates: int, noisy: bool = False) -> Budget:
+        """For predictions of so many coordinates: where each row tells of more, fewer do to choose by.
+
+        Rows of a ``noisy`` log are several times as dear, since each has a start of its own, and choices gain nothing
+        from more of them: only what comes after the choices has its usual work.
+        """
         budget, share = cls(), min(1.0, _COORDINATES / coordinates)
+        if noisy:
+            less = budget.shrunk(_OF_NOISY)
+            budget = replace(budget, **{name: getattr(less, name) for name in _CHOICES})
         names = ("survey_rows", "trial_rows", "held_out_rows", "search_rows")
         rows = {name: getattr(budget, name) for name in names}
         return replace(budget, **{name: min(n, max(_LEAST_ROWS, round(share * n))) for name, n in rows.items()})

@@ -24,6 +24,7 @@ from cmbrl.fitting.course import GAUSS_NEWTON, SEARCHES, Course
 from cmbrl.fitting.discrepancy import Discrepancy
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.folds import draw_starts, fold_count
+from cmbrl.fitting.noise import sensor_noise
 from cmbrl.fitting.report import conclude
 from cmbrl.fitting.result import FitResult
 from cmbrl.fitting.state import Journal
@@ -32,6 +33,7 @@ from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.numbers import one_of, real, whole
 
 METHODS = (GAUSS_NEWTON, *SEARCHES)
+_GLANCE = 1000  # rows that tell whether a log has noise
 
 
 def fit(
@@ -68,7 +70,8 @@ def fit(
         holdout: share of the episodes to judge on; 0 requires ``groups``.
         polish: whether a search is followed by Gauss-Newton.
         huber: residual, in standard deviations of the change, from which errors count linearly.
-        budget: how much work each part may do; default: by the coordinates that are compared.
+        budget: how much work each part may do; default: by the coordinates that are compared, and by whether the log
+            has noise (``Budget.of``).
         folder: where to keep the state, so that a killed fit can resume; nothing else is written.
         progress: called with (fraction done, current activity).
         time_limit: seconds that the fit may take. Where they are too few, every part of it does less (``pace``), and
@@ -83,7 +86,7 @@ def fit(
     if method == "cma":
         require_library()
     evidence = Evidence.of(model, data)
-    budget = budget or Budget.of(evidence.compared)
+    budget = budget or Budget.of(evidence.compared, _noisy(evidence))
     huber = real(huber, "huber", above=0.0, most=1e6)
     log, space = evidence.log, evidence.space
     seed, horizons = whole(seed, "seed", least=0), evidence.horizons(horizon)
@@ -124,6 +127,10 @@ def _concluded(course: Course, stopped: str | None) -> FitResult:
     return conclude(
         evidence.model, evidence.log, evidence.space, loss, held_out, incumbent, journal, about, discrepancy, budget
     )
+
+
+def _noisy(evidence: Evidence) -> bool:
+    return not evidence.positions_only and sensor_noise(evidence, evidence.space.nominal, _GLANCE) is not None
 
 
 def _names(groups: str | Sequence[str]) -> list[str]:

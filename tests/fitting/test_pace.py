@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -116,3 +116,10 @@ def test_a_shrunk_budget() -> None:
     few = Budget(survey_rows=30, starts=1)
     assert few.shrunk(0.01).survey_rows == 30
     assert few.shrunk(0.01).starts == 1
+
+
+def test_choices_by_a_noisy_log_do_less_and_what_follows_does_not() -> None:
+    usual, noisy = Budget.of(18), Budget.of(18, noisy=True)
+    less = {name for name, most in asdict(usual).items() if asdict(noisy)[name] < most}
+    assert {"survey_rows", "trial_rows", "search_rows", "starts"} <= less
+    assert not less & {"polish_rows", "polish_iterations", "fold_iterations", "folds", "judged", "draws"}
