@@ -29,7 +29,7 @@ cp runs/bench/mission/{hopper,cheetah}_{transitions,time}.png docs/results/
 cp runs/bench/hidden/hidden.png docs/results/
 cp runs/bench/throws/throws_{known,real,mission,variance}.png docs/results/
 cp runs/bench/smoothing/smoothing_throws.png docs/results/
-.venv/bin/cmbrl bench smoothing-robots --scene "cheetah_dojo fopg" --scene "hopper_dojo fopg" --out runs/bench "$@" > docs/results/smoothing_robots.txt
+.venv/bin/cmbrl bench smoothing-robots --scene "cheetah_dojo fopg" --scene "hopper_dojo fopg" --scene "hopper shac" --out runs/bench "$@" > docs/results/smoothing_robots.txt
 cp runs/bench/smoothing-robots/smoothing_robots.png docs/results/
 for picture in returns kappa gradients; do
   cp "runs/bench/estimators/$picture.png" "docs/results/estimators_$picture.png"
