@@ -92,12 +92,12 @@ class Course:
             hasty = self.journal.cuts > cuts and not self.incumbent.active.any()
             if hasty:  # no time was left for a choice: all may move, and stays moved if that helps
                 better = self.survey.better
-                self.incumbent.put(self.incumbent.begin if better is None else better, self._movable)
+                self.incumbent.put(self.incumbent.begin if better is None else better, self.movable)
             self._move()
             if self.count:
                 self._judge()
             if hasty and not helped(self.held_out):
-                self.incumbent.put(np.zeros(len(self._movable)), np.zeros_like(self._movable))
+                self.incumbent.put(np.zeros(len(self.movable)), np.zeros_like(self.movable))
                 self._judge_shortly()
             with self.part("logs"):
                 self.logs = self.journal.unit("logs", self._compare)["logs"]
@@ -127,7 +127,7 @@ class Course:
     def _set_pace(self) -> None:
         if self.time_limit is None:
             return
-        evidence, movable = self.evidence, self._movable
+        evidence, movable = self.evidence, self.movable
         speed = Speed.of(evidence, min(self.horizons), self.huber, movable, self.seed)
         adds, searches = self.with_laws and self.count > 0, self.method != GAUSS_NEWTON
         plan = Plan.of(evidence, self.horizons, self.count, movable, self.wanted is None, adds, searches)
@@ -149,17 +149,18 @@ class Course:
         evidence, steps = self.evidence, min(self.horizons)
         starts = draw_starts(evidence.log, steps, self.budget.survey_rows, self.seed)
         loss = evidence.loss(starts, steps, *evidence.scales(steps, self.huber))
-        return {"z": beginning(loss, evidence.space, self._movable, self.journal).tolist()}
+        return {"z": beginning(loss, evidence.space, self.movable, self.journal).tolist()}
 
     @property
-    def _movable(self) -> np.ndarray:
+    def movable(self) -> np.ndarray:
+        """The parameters (n,) that may be chosen, or were asked for."""
         return self.evidence.space.default if self.wanted is None else self.wanted
 
     def _surveyor(self) -> Surveyor:
         begin, rows, iterations = self.incumbent.begin, self.budget.survey_rows, self.budget.survey_iterations
         law = label(self.sliding["tried"]) if self.sliding and self.sliding["taken"] else ""
         return Surveyor(
-            self.evidence, self._movable, begin, self.huber, self.count, self.seed, rows, iterations, self.journal, law,
+            self.evidence, self.movable, begin, self.huber, self.count, self.seed, rows, iterations, self.journal, law,
             self.budget.noise_rows, self.budget.judged,
         )  # fmt: skip
 

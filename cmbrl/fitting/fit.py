@@ -125,8 +125,9 @@ def _concluded(course: Course, stopped: str | None) -> FitResult:
     discrepancy = Discrepancy(evidence, course.survey, huber, course.seed, budget.survey_rows, journal)
     loss, held_out = course.loss(budget.polish_rows), course.held_out
     return conclude(
-        evidence.model, evidence.log, evidence.space, loss, held_out, incumbent, journal, about, discrepancy, budget
-    )
+        evidence.model, evidence.log, evidence.space, loss, held_out, incumbent, journal, about, discrepancy, budget,
+        course.movable,
+    )  # fmt: skip
 
 
 def _noisy(evidence: Evidence) -> bool:

@@ -16,6 +16,7 @@ flat: the log says less there than the prior.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,8 +40,8 @@ class Identification:
     ``flat`` (n,) bool: fitted, but the data leave at least half of the prior's variance. ``unseen`` (n,) bool: not
     fitted, and the data would not determine it. ``directions``: flat combinations of fitted parameters, each
     {"information", "parameters": {name: coefficient}} with coefficients in prior standard deviations, the largest 1.
-    ``covariance`` (n, n) in z, consistent with the intervals; zero for parameters that are not fitted or flat.
-    ``every`` (n, n): the same with the flat ones.
+    ``covariance`` (n, n) in z, in the unit of force of the parameters that stay; zero for those that are not fitted or
+    flat. ``every`` (n, n): the same with the flat ones. ``wide`` (n, n): that of the intervals, in any unit of force.
     """
 
     low: np.ndarray
@@ -50,41 +51,72 @@ class Identification:
     directions: list[dict]
     covariance: np.ndarray
     every: np.ndarray
+    wide: np.ndarray
 
 
 def identify(
-    space: Space, z: np.ndarray, fitted: np.ndarray, equations: NormalEquations, discrepancy: np.ndarray
+    space: Space,
+    z: np.ndarray,
+    fitted: np.ndarray,
+    equations: NormalEquations,
+    discrepancy: np.ndarray,
+    sets: Sequence[Sequence[int]] = (),
 ) -> Identification:
     """Intervals and flat directions of the ``fitted`` columns at ``z``, from ``equations`` without the prior.
 
-    ``discrepancy`` (n, n): the covariance that a wrong model adds.
+    ``discrepancy`` (n, n): the covariance that a wrong model adds. ``sets``: columns that motion tells up to a common
+    factor, also where only some of them are fitted.
     """
     repeated = 1.0 + _REPEATED * equations.variance
     scale = equations.independent / max(equations.variance, 1e-12) / repeated
-    variance = np.ones(len(space))
     columns = np.flatnonzero(fitted)
-    directions = []
-    covariance = np.zeros((len(space), len(space)))
+    own = np.ix_(columns, columns)
+    every, wide, directions = np.zeros_like(space.precision), np.zeros_like(space.precision), []
     if len(columns):
-        information = scale * equations.hessian[np.ix_(columns, columns)]
-        prior = space.precision[np.ix_(columns, columns)]
-        bread = _inverse(information + prior)
-        scores = scale * equations.episode_gradients[:, columns]
-        scores = scores - scores.mean(axis=0)
-        spread = repeated * scores.T @ scores * len(scores) / max(len(scores) - 1, 1)
-        sandwich = bread @ (spread + prior) @ bread
-        wider = np.sqrt(np.maximum(np.diag(bread) / np.maximum(np.diag(sandwich), 1e-300), 1.0))
-        total = sandwich * np.outer(wider, wider) + discrepancy[np.ix_(columns, columns)]
-        variance[columns], covariance[np.ix_(columns, columns)] = np.diag(total), total
-        directions = _flat_directions(information, [space.names[k] for k in columns])
+        basis = np.eye(len(space))[:, columns]
+        every[own] = wide[own] = _spread(space, basis, equations, scale, repeated)[0] + discrepancy[own]
+        staying = _staying(space, z, fitted, sets)
+        if staying.shape[1]:
+            more = np.hstack([basis, staying])
+            spread, bread = (x[: len(columns)] for x in _spread(space, more, equations, scale, repeated))
+            drift = bread[:, len(columns) :] @ (
+                staying.T @ (scale * repeated * equations.gradient + space.precision @ z)
+            )
+            wide[own] = spread[:, : len(columns)] + np.outer(drift, drift) + discrepancy[own]
+        directions = _flat_directions(scale * equations.hessian[own], [space.names[k] for k in columns])
+    variance = np.where(fitted, np.diag(wide), 1.0)
     half = _NORMAL_95 * np.sqrt(variance)
     low = np.where(fitted, space.theta(np.maximum(z - half, space.z_low)), space.theta(z))
     high = np.where(fitted, space.theta(np.minimum(z + half, space.z_high)), space.theta(z))
     alone = scale * np.diag(equations.hessian)
+    covariance, silent = every.copy(), np.diag(every) > _FLAT_VARIANCE
+    covariance[silent], covariance[:, silent] = 0.0, 0.0
     flat = fitted & (variance > _FLAT_VARIANCE)
-    every = covariance.copy()
-    covariance[flat], covariance[:, flat] = 0.0, 0.0
-    return Identification(low, high, flat, ~fitted & (alone < 1.0), directions, covariance, every)
+    return Identification(low, high, flat, ~fitted & (alone < 1.0), directions, covariance, every, wide)
+
+
+def _spread(
+    space: Space, basis: np.ndarray, equations: NormalEquations, scale: float, repeated: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Covariance of the sandwich, at least the naive one, and A^-1: (k, k) along the directions ``basis`` (n, k)."""
+    prior = basis.T @ space.precision @ basis
+    bread = _inverse(scale * basis.T @ equations.hessian @ basis + prior)
+    scores = scale * equations.episode_gradients @ basis
+    scores = scores - scores.mean(axis=0)
+    spread = repeated * scores.T @ scores * len(scores) / max(len(scores) - 1, 1)
+    sandwich = bread @ (spread + prior) @ bread
+    wider = np.sqrt(np.maximum(np.diag(bread) / np.maximum(np.diag(sandwich), 1e-300), 1.0))
+    return sandwich * np.outer(wider, wider), bread
+
+
+def _staying(space: Space, z: np.ndarray, fitted: np.ndarray, sets: Sequence[Sequence[int]]) -> np.ndarray:
+    """Directions (n, k) in z: by set, the common factor of those that are not fitted, if others of the set are."""
+    theta, slope, found = space.theta(z), space.slope(z), []
+    for together in sets:
+        some = np.isin(np.arange(len(z)), together) & (theta > 0.0)
+        if (some & fitted).any() and (some & ~fitted).any():
+            found.append(np.where(some & ~fitted, theta / slope, 0.0))
+    return np.array(found).reshape(-1, len(z)).T
 
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:

@@ -36,23 +36,26 @@ def conclude(
     about: dict[str, Any],
     discrepancy: Discrepancy,
     budget: Budget,
+    free: np.ndarray,
 ) -> FitResult:
     """Builds the result at ``incumbent``.
 
     ``loss`` is the polished one and gives the intervals, with ``discrepancy``; ``held_out``: errors on episodes held
-    out in turn; ``about``: settings to record; ``budget``: of the draws. Raises UserError if
-    the loss is so large that numbers overflow.
+    out in turn; ``about``: settings to record; ``budget``: of the draws; ``free`` (n,): the parameters that were free
+    to be chosen. Raises UserError if the loss is so large that numbers overflow.
     """
     z, active = incumbent.z, incumbent.active
     physical, psi = loss.observation.split(space.theta(z))
     told = {p.name: float(x) for p, x in zip(loss.observation.parameters, psi, strict=False)}
     final = model.with_parameters(physical).with_settings(observation=told)
     equations = loss.settled(space.theta(z)).normal_equations(space, z)
+    sets = common_factors(model.scene.core, active | free)
     try:
-        known = identify(space, z, active, equations, discrepancy.covariance(z, active))
+        known = identify(space, z, active, equations, discrepancy.covariance(z, active), sets)
     except np.linalg.LinAlgError:  # information so large that the prior is lost in rounding
         raise UserError(NOT_FINITE) from None
-    sets = common_factors(model.scene.core, active)
+    whole = all(active[k] for together in sets for k in together)
+    sets = [some for together in sets if (some := [k for k in together if active[k]])]
     bound = space.at_bound(z) & active
     value, status = space.theta(z), _status(active, bound, known.flat)
     parameters = {
@@ -66,8 +69,8 @@ def conclude(
         )
         for k, name in enumerate(space.names)
     }
-    shared = [found for together in sets if (found := ratios(space, z, known.every, together))]
-    unit, pose = (shared[0]["reference"] if shared else None), data.q[len(data) // 2]
+    shared = [found for together in sets if (found := ratios(space, z, known.wide, together))]
+    unit, pose = (shared[0]["reference"] if shared and whole else None), data.q[len(data) // 2]
     sums = combinations(final, space, z, known.every, known.flat, pose, unit)
     errors = {"all, nominal": loss.errors(space.nominal), "all, fitted": loss.errors(value), **held_out}
     report = {

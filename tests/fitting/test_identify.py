@@ -17,7 +17,7 @@ from cmbrl.fitting.survey import Survey
 from cmbrl.models.windows import Scales
 
 
-def _identify(carts, data, columns, place=False):
+def _identify(carts, data, columns, place=False, sets=()):
     model = carts.model()
     evidence = Evidence.of(model, data)
     space = evidence.space
@@ -25,7 +25,7 @@ def _identify(carts, data, columns, place=False):
     objective = Objective(loss, space, space.columns(columns), strength=1e-6)
     found = gauss_newton(objective, np.zeros(len(objective.space)), 20, Journal(None, ""))
     right = np.zeros((len(space), len(space)))  # the model is right
-    known = identify(space, found.z, objective.active, loss.normal_equations(space, found.z), right)
+    known = identify(space, found.z, objective.active, loss.normal_equations(space, found.z), right, sets)
     return (space, known, found.z) if place else (space, known)
 
 
@@ -61,6 +61,31 @@ def test_ratios_are_known_where_sizes_are_not(carts):
         k = space.names.index(name)
         assert high / low < 0.5 * known.high[k] / known.low[k]
     assert ratios(space, z, known.every, together[:1]) is None
+
+
+def test_masses_that_were_not_chosen_leave_the_unit_of_force_open(carts):
+    """Masses are 1.3 times the file's; the other forces make up for it, and no motion tells."""
+    truth = carts.truth(1, mass_0=1.3, damping_0=1.5)
+    data = carts.record(truth, 8, 30, noise=1e-3)
+    unit, chosen = ["mass", "damping", "frictionloss", "gear"], ["damping", "frictionloss", "gear"]
+    names = Evidence.of(carts.model(), data).space.names
+    sets = [[k for k, name in enumerate(names) if name in ("mass.0", "damping.0", "frictionloss.0", "gear.0")]]
+    _, alone, z = _identify(carts, data, chosen, place=True)
+    space, known, same = _identify(carts, data, chosen, place=True, sets=sets)
+    _, all_of_them = _identify(carts, data, unit)
+    gear = names.index("gear.0")
+    assert (z == same).all()
+    assert alone.high[gear] < 1.0
+    assert known.low[gear] < 1.0 < known.high[gear]
+    widths = [np.log(x.high[gear] / x.low[gear]) for x in (known, all_of_them)]
+    assert widths[0] == pytest.approx(widths[1], rel=0.2)  # as if masses had been chosen
+    assert np.allclose(known.covariance, alone.covariance)  # of draws, whose masses are the file's
+    told = ratios(space, z, known.wide, [k for k in sets[0] if names[k] != "mass.0"])
+    true = dict(zip(names, truth.parameters, strict=False))
+    unit_of_it = true[told["reference"]] / space.nominal[names.index(told["reference"])]
+    assert set(told["parameters"]) >= {"damping.0"} - {told["reference"]}
+    for name, (_, low, high) in told["parameters"].items():
+        assert low < true[name] / unit_of_it < high
 
 
 def test_parameters_without_any_information_are_not_mixed():
