@@ -71,7 +71,8 @@ def conclude(
     }
     shared = [found for together in sets if (found := ratios(space, z, known.wide, together))]
     unit, pose = (shared[0]["reference"] if shared and whole else None), data.q[len(data) // 2]
-    sums = combinations(final, space, z, known.every, known.flat, pose, unit)
+    silent = active & (np.diag(known.covariance) == 0.0)  # flat for more than the unit of force
+    sums = combinations(final, space, z, known.every, silent, pose, unit)
     errors = {"all, nominal": loss.errors(space.nominal), "all, fitted": loss.errors(value), **held_out}
     report = {
         **about,
