@@ -17,7 +17,7 @@ from cmbrl.fitting.space import Space
 from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.records import WORLD, JointKind, TieKind
 
-_FORCES = ("armature", "damping", "stiffness", "frictionloss")  # fields of a line, all but springref
+_FORCES = ("armature", "damping", "stiffness", "frictionloss", "friction_slope", "stribeck")  # fields of a line
 _GAINS = ("gain", "bias0", "bias1", "bias2")
 _FACTORS, _NARROWER = 40, 4  # tried at once; how often, each time between the neighbours of the best
 _FURTHEST, _SWEEPS, _SETTLED = 10.0, 30, 1e-3
@@ -33,10 +33,11 @@ def common_factors(core: CoreArrays, free: np.ndarray) -> list[list[int]]:
     found: list[list[int]] = []
     for members in _sets(core):
         massive = [b for b in members if core.P[mass(b)] > 0.0]
-        owners = [owner.get(place, []) for place in [*map(mass, massive), *_force_places(core, members, owner)]]
+        forces = _force_places(core, members, owner)
+        owners = [owner.get(place, []) for place in [*map(mass, massive), *(p for p in forces if core.P[p] != 0.0)]]
         if massive and all(any(free[k] for k in some) for some in owners):
-            limits = [owner.get(place, []) for place in _limit_places(core, members, owner)]
-            found.append(sorted({k for some in [*owners, *limits] for k in some if free[k]}))
+            others = [owner.get(place, []) for place in [*forces, *_limit_places(core, members, owner)]]
+            found.append(sorted({k for some in [*owners, *others] for k in some if free[k]}))
     return found
 
 
@@ -83,7 +84,7 @@ def parameters_by_place(core: CoreArrays) -> dict[int, list[int]]:
 
 
 def _force_places(core: CoreArrays, members: list[int], owner: Mapping[int, list[int]]) -> list[int]:
-    """Offsets into P of every nonzero force on ``members`` that does not scale with gravity.
+    """Offsets into P of every force on ``members`` but gravity; those that the file has not are 0 there.
 
     An actuator scales by its gear, or, where that is no parameter, by its gains together.
     """
@@ -97,7 +98,7 @@ def _force_places(core: CoreArrays, members: list[int], owner: Mapping[int, list
         dofs = core.wide_dof[core.wide_ptr[k] : core.wide_ptr[k + 1]]
         if (bodies[dofs[0]][0] if len(dofs) else int(core.wide_body[k])) in inside:
             places.append(layout.actuator(int(actuator), "gear"))
-    return [place for place in places if core.P[place] != 0.0]
+    return places
 
 
 def _limit_places(core: CoreArrays, members: list[int], owner: Mapping[int, list[int]]) -> list[int]:

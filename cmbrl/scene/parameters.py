@@ -34,6 +34,8 @@ _LAW_FIELDS = {  # rigid: the time in which a penetration decays
 
 _LOAD, _OUTSIDE = 2.5, 5.0  # reach of masses, to 56 times the file's, and of centres: a load far from a light link
 
+_LIVELY = 2.0  # reach of softness: a ball that keeps 3/4 of its energy has a damping ratio of .05
+
 # MuJoCo's solimp: impedance at first touch, at depth ``width``, and that width. Bounds are those MuJoCo clips to.
 _IMPEDANCE_FIELDS = (
     ("d0", "impedance_low", 0.001, 0.9999, "1"),
@@ -120,7 +122,8 @@ def _contact_parameters(
         for field, group, unit in _LAW_FIELDS[contact_law]:
             for suffix, value, same in by_value(rows, field):
                 if value > 0:  # a negative solref is a stiffness, which softness_scale covers
-                    out.add(group, name + suffix, value, value / 10, value * 10, unit, layout.contacts(same, field))
+                    places = layout.contacts(same, field)
+                    out.add(group, name + suffix, value, value / 100, value * 100, unit, places, reach=_LIVELY)
         if contact_law == "mujoco":
             out.scale("softness_scale", name, 1e-3, 1e4, P, layout.contacts(rows, "rscale"))
             for field, group, low, high, unit in _IMPEDANCE_FIELDS:

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import cmbrl
 from cmbrl.errors import UserError
 from cmbrl.fitting.gauge import common_factors
 from cmbrl.fitting.space import Space
@@ -101,6 +102,28 @@ def test_gains_of_a_servo_share_the_unit_of_force_with_masses(tmp_path: Path) ->
     (together,) = common_factors(scene.core, moving)
     assert {names[k].split(".")[0] for k in together} == {"mass", "kp", "kd", "armature"}
     assert common_factors(scene.core, moving & np.array([p.group != "kd" for p in scene.parameters])) == []
+
+
+PUSHED = """<mujoco><worldbody><body><joint name="j" type="slide" axis="1 0 0" damping="2"/><geom size="0.1" mass="2"/>
+  </body></worldbody><actuator><motor joint="j" gear="5"/></actuator></mujoco>"""
+
+
+def test_forces_that_only_the_fit_has_share_the_unit_of_force(tmp_path: Path) -> None:
+    """All that scales together leaves a motion as it is, and that is what a fit may rescale."""
+    (tmp_path / "pushed.xml").write_text(PUSHED)
+    model = cmbrl.ComplementarityModel(Scene.from_mjcf(tmp_path / "pushed.xml"))
+    names = [p.name for p in model.scene.parameters]
+    default = np.array([p.default for p in model.scene.parameters])
+    (together,) = common_factors(model.scene.core, default)
+    assert {names[k] for k in together} >= {"mass.body1", "damping.j", "armature.j", "frictionloss.j"}
+    theta = model.parameters.copy()
+    theta[names.index("armature.j")], theta[names.index("frictionloss.j")] = 0.5, 1.5
+    scaled = theta.copy()
+    scaled[together] *= 1.7
+    state = np.zeros((3, 1)), np.array([[0.0], [0.4], [-1.0]]), np.array([[0.2], [1.0], [-0.5]])
+    one, other = (model.predict(*state, theta=x).v_next for x in (theta, scaled))
+    np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-10)
+    assert not np.allclose(one, model.predict(*state).v_next, rtol=1e-3)
 
 
 def test_an_unknown_name_gets_a_suggestion_or_the_groups_but_not_hundreds_of_names(carts):
