@@ -1,6 +1,7 @@
 // Softness by mass: MuJoCo's compliances are (1 - d)/d times an inverse weight, which the masses and armatures around a row
 // determine. As a function of their scales mu it is close to a sum of reciprocals,  w (1 + sum_k a_k (1/mu_k - 1)),  exact for
-// free bodies and where all of them scale together (scene/inverse_weights.py).
+// free bodies and where all of them scale together; armatures A that the file does not have, whose nominal value is 0, divide
+// it, as a multiple of w, by 1 + that multiple sum_k c_k A_k (scene/inverse_weights.py).
 #pragma once
 #include "workspace.hpp"
 
@@ -14,12 +15,19 @@ static inline T scale_of_mass(const Model& m, const Work<G>& w, int i) {
   return vmax(1.0 + w.dtheta[k] / m.par_nominal[k], splat(kLeastMass));
 }
 
+// Whether entry e of a weight is a scale, and not an armature that the file does not have.
+static inline bool of_scale(const Model& m, int e) { return m.par_nominal[m.mass_par[m.weight_mass[e]]] > 0; }
+
 template <class G>
 static void load_weights(const Model& m, Work<G>& w) {
-  for (int i = 0; i < m.nmass; ++i) w.lighter[i] = 1.0 / scale_of_mass(m, w, i) - 1.0;
+  for (int i = 0; i < m.nmass; ++i)
+    w.lighter[i] = m.par_nominal[m.mass_par[i]] > 0 ? 1.0 / scale_of_mass(m, w, i) - 1.0 : w.dtheta[m.mass_par[i]];
   for (int j = 0; j < m.nweight; ++j) {
-    w.weight[j] = splat(1);
-    for (int e = m.weight_ptr[j]; e < m.weight_ptr[j + 1]; ++e) w.weight[j] += m.weight_coef[e] * w.lighter[m.weight_mass[e]];
+    T scaled = splat(1), added = T{};
+    for (int e = m.weight_ptr[j]; e < m.weight_ptr[j + 1]; ++e)
+      (of_scale(m, e) ? scaled : added) += m.weight_coef[e] * w.lighter[m.weight_mass[e]];
+    w.heavier[j] = 1.0 + scaled * added;
+    w.weight[j] = scaled / w.heavier[j];
   }
 }
 
@@ -39,8 +47,9 @@ static inline T contact_weight(const Model& m, const Work<G>& w, int i) {
 template <class G, class F>
 static inline void for_weights(const Model& m, const Work<G>& w, int j, F f) {
   for (int e = m.weight_ptr[j]; e < m.weight_ptr[j + 1]; ++e) {
-    T mu = scale_of_mass(m, w, m.weight_mass[e]);
     int k = m.mass_par[m.weight_mass[e]];
+    if (!of_scale(m, e)) { f(k, -m.weight_coef[e] * w.weight[j] * w.weight[j]); continue; }
+    T mu = scale_of_mass(m, w, m.weight_mass[e]) * w.heavier[j];
     f(k, -m.weight_coef[e] / (m.par_nominal[k] * mu * mu));
   }
 }

@@ -173,7 +173,7 @@ struct Work : SolverWork<G> {
   StepMemory* memory;                      // where what grows stands
   T *P, *q, *v, *u, *vstep, *start;        // parameters but those of contacts, state, control, next velocity; state to go back to
   T *dtheta, radius_slack;                 // parameters less their nominal values; most that they add to a radius
-  T *lighter, *weight;                     // 1/mu - 1 of the scales of masses; factors on inverse weights (inverse_weight.hpp)
+  T *lighter, *weight, *heavier;           // 1/mu - 1 of the scales of masses; factors on inverse weights, and their divisors (inverse_weight.hpp)
   typename G::Rot* R; V* pos;              // bodies, relative to O
   Inertia<G> *I, *Ic;
   Motion *vel, *acc, *fc, *psid, *psidd, *sdot, *vlam, *tn, *tnlam;  // tn: twists under the next velocity
@@ -284,6 +284,7 @@ struct Work : SolverWork<G> {
   Work(Arena& A, const Model& m, Purpose purpose, StepMemory* growing) : memory(growing) {
     int64_t nv = m.nv, nb = m.nbody, ncol = 2 * nv + m.nu + m.ntheta, words = FillPattern::words(m.ngroup);  // past an int, perhaps
     P = A.take<T>(m.oContact); dtheta = A.take<T>(m.ntheta + 1); lighter = A.take<T>(m.nmass); weight = A.take<T>(m.nweight);
+    heavier = A.take<T>(m.nweight);
     q = A.take<T>(m.nq); v = A.take<T>(nv); u = A.take<T>(m.nu + 1);
     vstep = A.take<T>(nv); start = A.take<T>(m.nq + nv);
     this->take(A, nv, m.mass.row(m.nv), nv, m.max_group_dofs, m.nlimit, m.nline);

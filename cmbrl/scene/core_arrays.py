@@ -200,7 +200,7 @@ class CoreArrays:
     mass_par: Integers  # (nmass,) their parameters
     weight_ptr: Integers  # (nweight + 1,) where the masses and armatures that change each inverse weight begin
     weight_mass: Integers  # their places in mass_par
-    weight_coef: Array  # a_k: see inverse_weights.py
+    weight_coef: Array  # a_k, or c_k of armatures that the file does not have: see inverse_weights.py
     con_weight: Integers  # (nc * 2,) inverse weights of both bodies; -1: none that these change
     con_share: Array  # (nc, 2) of their sum
     lim_weight: Integers  # (nl,)

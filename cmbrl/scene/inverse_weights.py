@@ -7,8 +7,12 @@ of the armatures, -dw/dmu_k = tr(J M^-1 M_k M^-1 J^T) / 3 >= 0, and w is the sum
     w(mu) = w (1 + sum_k a_k (1/mu_k - 1)),  a_k = -(dw/dmu_k) / w,
 
 has the right value and slope at mu = 1, is positive, and exact for free bodies and where all of them scale together:
-motion then tells nothing about the unit of force, as in MuJoCo. The file's other inertia (centres of mass, shapes of
-inertias, armature that the file does not have) counts as it is.
+motion then tells nothing about the unit of force, as in MuJoCo. Armatures A that the file does not have, with unit
+matrices E_k, make of it
+
+    w(mu, A) = w(mu) / (1 + w(mu) / w sum_k c_k A_k),  c_k = tr(J M^-1 E_k M^-1 J^T) / 3 w,
+
+with the same properties, exact for a body on one joint. Centres of mass and shapes of inertias count as the file's.
 """
 
 from __future__ import annotations
@@ -38,7 +42,8 @@ def weight_arrays(
 ) -> dict[str, Any]:
     """The core's arrays: each inverse weight by the parameters that it depends on.
 
-    ``masses``: body -> number; ``armatures``: degree of freedom -> number; ``limits``: the core's arrays of lines.
+    ``masses``: body -> number; ``armatures``: degree of freedom -> number, also of those that are 0; ``limits``: the
+    core's arrays of lines.
     """
     sides = np.array([[model.geom_bodyid[g] for g in c.geoms] for c in candidates], dtype=np.int64).reshape(-1, 2)
     weights = model.body_invweight0[sides, 0]
@@ -66,7 +71,7 @@ def weight_arrays(
 
 
 class _Shares:
-    """a_k by parameter: a row for each joint that may rub or end, and for each of some bodies of the file."""
+    """a_k and c_k by parameter: a row for each joint that may rub or end, and for each of some bodies of the file."""
 
     def __init__(
         self,
@@ -93,7 +98,8 @@ class _Shares:
             inverse = np.linalg.pinv(sum(inertias.values()) + np.diag(armature), hermitian=True)
             parts = {masses[k]: inertia for k, inertia in inertias.items() if k in masses}
             for number in dict.fromkeys(armatures[d] for d in dofs if d in armatures):
-                parts[number] = np.diag(armature * [armatures.get(d) == number for d in dofs])
+                those = np.array([armatures.get(d) == number for d in dofs])
+                parts[number] = np.diag(those * (armature if armature[those].any() else 1.0))
             for k in members:
                 for joint in tree.bodies[k].joints:
                     if model.jnt_type[joint.source] != mujoco.mjtJoint.mjJNT_FREE:
@@ -105,7 +111,7 @@ class _Shares:
 
 
 def _of_rows(J: Array, inverse: Array, parts: Mapping[int, Array]) -> dict[int, float]:
-    """a_k of the weight tr(J M^-1 J^T), by ``parts`` of M."""
+    """a_k or c_k of the weight tr(J M^-1 J^T), by ``parts`` of M."""
     moved = J @ inverse
     weight = float(np.sum(moved * J))
     if weight < _NOTHING:
@@ -147,11 +153,19 @@ def _trees(tree: Tree) -> Iterator[list[int]]:
     yield from members.values()
 
 
+def factors(core: CoreArrays, theta: Array) -> Array:
+    """What inertia at ``theta`` makes of each inverse weight (nweight,) (in the core: load_weights)."""
+    nominal, value = core.par_nominal[core.mass_par], theta[core.mass_par]
+    scales = nominal > 0.0
+    lighter = np.where(scales, nominal / np.where(scales, value, 1.0) - 1.0, value)
+    change, of_scales = core.weight_coef * lighter[core.weight_mass], scales[core.weight_mass]
+    rows = np.repeat(np.arange(core.nweight), np.diff(core.weight_ptr))
+    found, added = (np.bincount(rows[of], change[of], core.nweight) for of in (of_scales, ~of_scales))
+    return (1.0 + found) / (1.0 + (1.0 + found) * added)
+
+
 def soften(core: CoreArrays, theta: Array, P: Array) -> None:
-    """Scales the softness of contacts in the physical vector P by inertia at ``theta`` (in the core: load_weights)."""
-    counts = np.diff(core.weight_ptr)
-    change = core.weight_coef * (core.par_nominal[core.mass_par] / theta[core.mass_par] - 1.0)[core.weight_mass]
-    lighter = np.zeros(core.nweight + 1)  # the last: of what no mass changes
-    np.add.at(lighter, np.repeat(np.arange(core.nweight), counts), change)
-    factors = 1.0 + (core.con_share * lighter[core.con_weight.reshape(-1, 2)]).sum(axis=1)
-    P[core.layout.contacts(np.arange(core.ncontact), "rscale")] *= factors
+    """Scales the softness of contacts in the physical vector P by inertia at ``theta``."""
+    changes = np.append(factors(core, theta) - 1.0, 0.0)  # the last: of what no mass changes
+    of_contacts = 1.0 + (core.con_share * changes[core.con_weight.reshape(-1, 2)]).sum(axis=1)
+    P[core.layout.contacts(np.arange(core.ncontact), "rscale")] *= of_contacts

@@ -57,12 +57,12 @@ def offer_joints(
 
 
 def armatures_of(moves: Moves, layout: Layout, nv: int) -> dict[int, int]:
-    """Degree of freedom -> number of its armature's parameter, of armatures that the file has."""
+    """Degree of freedom -> number of its armature's parameter."""
     dof_of = {layout.dof(d, "armature"): d for d in range(nv)}
     return {
         dof_of[int(place)]: k
         for k, p in enumerate(moves.parameters)
-        if p.group == "armature" and p.nominal > 0.0
+        if p.group == "armature"
         for place in moves.idx[moves.ptr[k] : moves.ptr[k + 1]]
     }
 

@@ -13,6 +13,7 @@ import pytest
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
 from cmbrl.scene.actuators import UNLIMITED
+from cmbrl.scene.inverse_weights import factors
 from cmbrl.scene.report import describe, to_dict
 
 from .conftest import Load
@@ -170,19 +171,17 @@ def test_softness_by_inertia_against_mujoco(robot: tuple[Scene, mujoco.MjModel])
     geoms = [[base.geom(name).id for name in pair.split(" - ")] for pair in scene.contact_names]
     sides = base.geom_bodyid[np.array(geoms)]
     rows = scene.layout.contacts(np.arange(core.ncontact), "rscale")
-    factors = np.append(np.arange(core.nweight), -1)[core.line_weight]  # of joints, by coordinate
+    of_joints = np.append(np.arange(core.nweight), -1)[core.line_weight]  # by coordinate
     moving = np.array([_moving_body(base, k) for k in range(base.nbody)])
-    armatures = [p.name for p in scene.parameters if p.group == "armature" and p.nominal > 0]
+    armatures = [p.name for p in scene.parameters if p.group == "armature"]
     for name in [*(f"mass.{body}" for body in scene.body_names), *armatures]:
         column, of = _column(scene, name), name.partition(".")[2]
         theta = np.tile(scene.parameter_vector(), (2, 1))
-        theta[:, column] *= 1 - step, 1 + step
+        theta[:, column] += step * np.array([-1, 1]) * (theta[:, column] if theta[0, column] else 1.0)
         soft, joints, weights = [], [], []
         for x in theta:
             soft.append(scene.physical_vector(x)[rows] * core.con_invweight)
-            scale = (x / np.where(core.par_nominal > 0, core.par_nominal, 1.0))[core.mass_par]
-            lighter = core.weight_coef * (1 / scale - 1)[core.weight_mass]
-            joints.append(np.add.reduceat(lighter, core.weight_ptr[:-1])[factors] * core.line_invweight)
+            joints.append(factors(core, x)[of_joints] * core.line_invweight)
             model = copy.copy(base)
             if name in armatures:
                 model.dof_armature[base.jnt_dofadr[base.joint(of).id]] = x[column]
@@ -196,6 +195,17 @@ def test_softness_by_inertia_against_mujoco(robot: tuple[Scene, mujoco.MjModel])
         bound = core.line_weight >= 0  # a free joint has neither limits nor friction
         by_mass = (high_dof - low_dof)[bound]
         assert np.subtract(*joints[::-1])[bound] == pytest.approx(by_mass, rel=1e-3, abs=1e-3 * np.abs(by_mass).max())
+
+
+def test_an_armature_that_only_the_fit_has_stiffens_as_in_mujoco(load: Load) -> None:
+    """Exactly for a body on one joint, and the unit of force stays open: all of them scale a weight's inverse."""
+    scene, _ = load('<body><joint name="j" type="slide" range="-1 1" limited="true"/><geom size=".1" mass="2"/></body>')
+    theta = scene.parameter_vector()
+    mass, armature = _column(scene, "mass.body1"), _column(scene, "armature.j")
+    row = scene.core.lim_weight[0]
+    for scale, added in ((1.0, 0.0), (1.0, 3.0), (0.5, 3.0), (5.0, 0.4)):
+        theta[mass], theta[armature] = scale, added
+        assert factors(scene.core, theta)[row] == pytest.approx(2.0 / (2.0 * scale + added), rel=1e-12)
 
 
 def _moving_body(model: mujoco.MjModel, body: int) -> int:
