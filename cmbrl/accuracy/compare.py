@@ -7,7 +7,7 @@ Definitions
   (rotations as rotation vectors in the body frame), and the difference of the velocities.
 - Normalised errors divide each coordinate by a standard deviation from the same log: of its change over a row at one
   step, of the coordinate itself (about the intrinsic mean) at longer horizons. They are root mean squares over
-  coordinates and windows, without coordinates of zero deviation. The median is over windows, of the root mean square
+  coordinates and windows, without constant coordinates. The median is over windows, of the root mean square
   within a window.
 - Physical errors are root mean squares of a body's vector norm for positions and rotations, and per joint for angles.
 - A prediction that is not finite counts as diverged and makes the error of its stratum infinite.
