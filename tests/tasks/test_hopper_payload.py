@@ -84,8 +84,9 @@ def test_a_fit_finds_the_changes_and_divides_the_error_by_ten():
         joint = element.split("'")[1]
         if attribute == "gear":
             assert found[f"gear.{joint}"] / unit == pytest.approx(after / before, rel=0.05)
-        if attribute == "damping":  # and dry friction, which resists alike: their sum at the log's speeds is told
-            speed = np.abs(log.v[:, names.index(joint)]).mean()
+        if attribute == "damping":  # and dry friction: the log tells the power that both take together
+            v = log.v[:, names.index(joint)]
+            speed = np.square(v).mean() / np.abs(v).mean()
             resistance = found[f"damping.{joint}"] + found[f"frictionloss.{joint}"] / speed
             assert resistance / unit == pytest.approx(after, rel=0.1)
     assert found["friction.foot_geom"] < 1.3  # 0.6 in truth; random actions rarely make the foot slip
