@@ -12,7 +12,7 @@ import pytest
 
 from cmbrl import Transitions, UserError
 from cmbrl.data import plausible, read_trajectories
-from cmbrl.data.plausible import commands, motion
+from cmbrl.data.plausible import commands, frames, motion
 from cmbrl.data.plausible.frames import to_world
 from cmbrl.data.position_log import PositionLog
 from cmbrl.models.source import load_source
@@ -272,6 +272,37 @@ def test_a_torque_log_without_velocities(motor: tuple[Transitions, Scene]) -> No
         replace(file, command=scale(log.u, 1, -1.0)).check(scene)
     with pytest.raises(UserError, match="joint_position or torque of the two are swapped"):
         replace(file, command=swap(log.u, 0, 1)).check(scene)
+
+
+def test_a_joint_that_is_pushed_against_its_stop_answers_to_nothing(tmp_path: Path) -> None:
+    """Its motor pushes harder each time it has sprung back: what follows a push is the stop's answer."""
+    body = '<body><joint name="knee" axis="0 1 0" range="-150 -50"/><geom size=".1" pos=".1 0 0"/></body>'
+    motors = '<motor name="knee" joint="knee"/>'
+    scene = scene_of(tmp_path, "stop", body, motors)
+    rng, rows, stop = np.random.default_rng(0), 2000, np.deg2rad(-50)
+    q, v, u = np.full((rows + 1, 1), stop), np.zeros((rows + 1, 1)), np.zeros((rows, 1))
+    for k in range(rows):
+        u[k] = rng.normal()
+        v[k + 1] = -0.3 * u[k] + 0.1 * rng.normal()
+        q[k + 1] = stop + 0.01 * (v[k + 1] + v[k]) / 2
+    log = {"q": q[:-1], "q_next": q[1:], "v": v[:-1], "v_next": v[1:], "u": u, "dt": 0.02, "episode": np.zeros(rows)}
+    found = motion.of_transitions(log, scene)
+    assert list(commands.forces(found, found.answers())) == []
+    away = motion.of_transitions(log | {"q": q[:-1] - 0.5, "q_next": q[1:] - 0.5}, scene)
+    assert ["the wrong way" in one.text for one in commands.forces(away, away.answers())] == [True]
+
+
+def test_a_joint_that_shakes_faster_than_its_log_is_only_a_warning(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, "shaky", '<body><joint name="jaw" axis="0 1 0"/><geom size=".1"/></body>')
+    rng, rows, dt = np.random.default_rng(0), 1000, 0.02
+    v = np.cos(np.arange(rows + 1) * dt)[:, None]
+    q = np.sin(np.arange(rows + 1) * dt)[:, None]
+    shaken = v + rng.normal(0.0, 1.5, v.shape)
+    log = {"q": q[:-1], "q_next": q[1:], "v": shaken[:-1], "v_next": shaken[1:], "u": np.zeros((rows, 0)), "dt": dt,
+           "episode": np.zeros(rows)}  # fmt: skip
+    assert [one.sure for one in frames.unexplained(log, scene)] == [False]
+    strange = {"v": log["v"][::-1], "v_next": log["v_next"][::-1]}
+    assert [one.sure for one in frames.unexplained(log | strange, scene)] == [True]
 
 
 def test_likely_faults_are_warnings(servo: tuple[PositionLog, Scene], motor: tuple[Transitions, Scene]) -> None:

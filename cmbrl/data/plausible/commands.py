@@ -14,6 +14,7 @@ SATURATED = 0.2  #: share of samples at a limit that is worth a warning
 FOLLOWS = 0.5  #: correlation of a position with its target
 SIGNIFICANT = 10.0  #: standard errors
 MOST = 20000  #: rows of a regression
+AT_STOP = 0.02  #: share of a joint's range on either side of a limit where the stop may push it
 STRIDE = 4  #: samples over which accelerations are taken from positions alone
 
 
@@ -88,29 +89,50 @@ def forces(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarray]) -
 
 
 def _responses(motion: Motion, chosen: list[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
-    """Robust linear answers of accelerations to commands, with standard errors; the commands' and rests' spread."""
+    """Robust linear answers of accelerations to commands, with standard errors; the commands' and rests' spread.
+
+    Of each joint where it is away from its stops: one that is pushed against a stop answers to nothing. Infinite errors
+    where it hardly ever is.
+    """
     at = [motion.drivers[m].coordinate for m in chosen]
     u = motion.u[:, chosen] * [np.sign(motion.drivers[m].scale) for m in chosen]
     if motion.v_now is not None and motion.v_after is not None:
         q, v, y = motion.now[:, at], motion.v_now[:, at], (motion.v_after - motion.v_now)[:, at]
+        free = _away_from_stops(motion, at, motion.now[:, at]) & _away_from_stops(motion, at, motion.after[:, at])
     else:
         q, v, y, u = _from_positions(motion, at, u)
+        free = _away_from_stops(motion, at, q)
     take = np.unique(np.linspace(0, len(y) - 1, MOST).astype(int)) if len(y) else np.arange(0)
-    q, v, y, u = q[take], v[take], y[take], u[take]
-    if len(y) < max(ROWS, 10 * u.shape[1]):
+    q, v, y, u, free = q[take], v[take], y[take], u[take], free[take]
+    least = max(ROWS, 10 * u.shape[1])
+    if len(y) < least:
         return None
     state = np.column_stack([np.ones(len(y)), _scaled(q), _scaled(v)])
-    basis = np.linalg.lstsq(state, np.column_stack([u, y]), rcond=1e-8)[0]
-    u, y = u - state @ basis[:, : u.shape[1]], y - state @ basis[:, u.shape[1] :]
-    spread = u.std(axis=0)
+    forced = _beside(state, u)
+    spread = forced.std(axis=0)
     if not (spread > 1e-9).all():  # a command that rests, or follows from the state: nothing is told
         return None
-    if np.linalg.cond(u / spread) > 30:
+    if np.linalg.cond(forced / spread) > 30:
         return None
-    gain, error, rest = np.zeros((y.shape[1], u.shape[1])), np.zeros((y.shape[1], u.shape[1])), np.zeros(y.shape[1])
+    shape = (y.shape[1], u.shape[1])
+    gain, error, rest = np.zeros(shape), np.full(shape, np.inf), np.zeros(y.shape[1])
     for j in range(y.shape[1]):
-        gain[j], error[j], rest[j] = _robust(u, y[:, j])
+        rows = free[:, j]
+        if rows.sum() >= least:
+            gain[j], error[j], rest[j] = _robust(_beside(state[rows], u[rows]), _beside(state[rows], y[rows, j]))
     return gain, error, spread, rest
+
+
+def _away_from_stops(motion: Motion, at: list[int], q: np.ndarray) -> np.ndarray:
+    """Where (N, n) no stop pushes at positions ``q`` of the coordinates ``at``; far beyond a limit, none is there."""
+    low, high = (np.array([getattr(motion.coordinates[k], side) for k in at]) for side in ("low", "high"))
+    room = np.where(np.isfinite(high - low), AT_STOP * (high - low), 0.0)
+    return np.asarray((np.abs(q - low) > room) & (np.abs(q - high) > room))
+
+
+def _beside(state: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """What of ``x`` (N, ...) is not linear in ``state`` (N, s)."""
+    return np.asarray(x - state @ np.linalg.lstsq(state, x, rcond=1e-8)[0])
 
 
 def _from_positions(

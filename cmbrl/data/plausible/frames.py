@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 UNEXPLAINED = 0.95  #: largest share (root mean square) of a change that velocities may leave unexplained
 BESIDE = 0.02  #: of a ball's largest change about one axis may show about the others, whose frames turn with it
+GOES_ON = 0.3  #: rank correlation of changes and velocities that belong together, however much a joint shakes
 TRAVELS = 5.0  #: a coordinate that goes so many usual steps away from its mean does not merely rock
 
 
@@ -59,8 +60,9 @@ def unexplained(log: Fields, scene: Scene) -> Iterator[Finding]:
     """Coordinates whose changes the velocities before and after do not explain at all.
 
     Lenient by design, since impacts change velocities within a step. A body that rocks within the step does so
-    legitimately: only a coordinate that travels is sure to be wrong. What hardly moves, changes by noise or by what
-    another axis of its ball does.
+    legitimately, and so does one that shakes at more than half the rate of the log: only a coordinate that travels,
+    and goes the other way as often as its velocities tell, is sure to be wrong. What hardly moves, changes by noise or
+    by what another axis of its ball does.
     """
     if len(log["q"]) < ROWS:
         return
@@ -74,21 +76,28 @@ def unexplained(log: Fields, scene: Scene) -> Iterator[Finding]:
     bad = np.min(rest, axis=0) > UNEXPLAINED * size + np.maximum(SENSOR_NOISE, meant)
     if bad.any():
         away = scene.difference(np.broadcast_to(log["q"][:1], log["q"].shape), log["q"]).std(axis=0)
+        goes_on = _rank_correlation(change, (before + after) / 2) > GOES_ON
         k = int(np.flatnonzero(bad)[0])
         name = scene.coordinate_names[k]
         yield Finding(
             f"velocity column {k} ({name}) does not match the change of its position over dt = {dt:.6g} s; check dt, "
             "the order of columns, and the frame of angular velocities (body)",
-            sure=bool((away > TRAVELS * size)[bad].any()),
+            sure=bool((away > TRAVELS * size)[bad & ~goes_on].any()),
         )
 
 
+def _rank_correlation(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Of the columns of x and y, (N, c) both: (c,). A few wild rows do not count."""
+    a, b = (c.argsort(axis=0, kind="stable").argsort(axis=0) - (len(c) - 1) / 2 for c in (x, y))
+    return np.asarray((a * b).sum(axis=0) / np.sqrt((a * a).sum(axis=0) * (b * b).sum(axis=0) + 1e-300))
+
+
 def _noise(log: Fields, change: np.ndarray) -> np.ndarray:
-    """How much (nv,) of the ``change`` (N, nv) of positions is noise: what a step adds and the next one takes away."""
+    """How much (nv,) of the ``change`` (N, nv) in a step is noise: what a step adds and the next one takes away."""
     follows = (log["episode"][1:] == log["episode"][:-1]) & np.isclose(log["q"][1:], log["q_next"][:-1]).all(axis=1)
     if np.count_nonzero(follows) < ROWS:
         return np.zeros(change.shape[1])
-    taken_back = -(change[1:] * change[:-1])[follows].mean(axis=0)  # the variance of one position
+    taken_back = -(change[1:] * change[:-1])[follows].mean(axis=0)  # the variance of one sample
     return np.asarray(np.sqrt(2.0 * np.maximum(taken_back, 0.0)))
 
 
