@@ -92,22 +92,27 @@ def _responses(motion: Motion, chosen: list[int]) -> tuple[np.ndarray, np.ndarra
     """Robust linear answers of accelerations to commands, with standard errors; the commands' and rests' spread.
 
     Of each joint where it is away from its stops: one that is pushed against a stop answers to nothing. Infinite errors
-    where it hardly ever is.
+    where it hardly ever is. A controller answers to loads, so that commands come with what pushes against them: what
+    the last step's command and acceleration tell of that does not count.
     """
     at = [motion.drivers[m].coordinate for m in chosen]
     u = motion.u[:, chosen] * [np.sign(motion.drivers[m].scale) for m in chosen]
     if motion.v_now is not None and motion.v_after is not None:
         q, v, y = motion.now[:, at], motion.v_now[:, at], (motion.v_after - motion.v_now)[:, at]
-        free = _away_from_stops(motion, at, motion.now[:, at]) & _away_from_stops(motion, at, motion.after[:, at])
+        moves = motion.dt * np.maximum(np.abs(v), np.abs(motion.v_after[:, at]))
+        free = _away_from_stops(motion, at, q, moves) & _away_from_stops(motion, at, motion.after[:, at], moves)
+        before, later = _neighbours(motion.blocks)
+        past = np.hstack([u[before], y[before]])
+        q, v, y, u, free = q[later], v[later], y[later], u[later], free[later]
     else:
         q, v, y, u = _from_positions(motion, at, u)
-        free = _away_from_stops(motion, at, q)
+        free, past = _away_from_stops(motion, at, q, 2 * np.abs(v)), np.zeros((len(q), 0))
     take = np.unique(np.linspace(0, len(y) - 1, MOST).astype(int)) if len(y) else np.arange(0)
-    q, v, y, u, free = q[take], v[take], y[take], u[take], free[take]
+    q, v, y, u, free, past = (x[take] for x in (q, v, y, u, free, past))
     least = max(ROWS, 10 * u.shape[1])
     if len(y) < least:
         return None
-    state = np.column_stack([np.ones(len(y)), _scaled(q), _scaled(v)])
+    state = np.column_stack([np.ones(len(y)), _scaled(q), _scaled(v), _scaled(past)])
     forced = _beside(state, u)
     spread = forced.std(axis=0)
     if not (spread > 1e-9).all():  # a command that rests, or follows from the state: nothing is told
@@ -123,10 +128,20 @@ def _responses(motion: Motion, chosen: list[int]) -> tuple[np.ndarray, np.ndarra
     return gain, error, spread, rest
 
 
-def _away_from_stops(motion: Motion, at: list[int], q: np.ndarray) -> np.ndarray:
-    """Where (N, n) no stop pushes at positions ``q`` of the coordinates ``at``; far beyond a limit, none is there."""
+def _neighbours(blocks: tuple[slice, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (R,) that the next one continues, and those next ones."""
+    before = [np.arange(one.start, one.stop - 1) for one in blocks if one.stop - one.start > 1]
+    rows = np.concatenate(before) if before else np.zeros(0, int)
+    return rows, rows + 1
+
+
+def _away_from_stops(motion: Motion, at: list[int], q: np.ndarray, moves: np.ndarray) -> np.ndarray:
+    """Where (N, n) no stop pushes at positions ``q`` of the coordinates ``at``; far beyond a limit, none is there.
+
+    moves: (N, n) how far a joint may go within the step.
+    """
     low, high = (np.array([getattr(motion.coordinates[k], side) for k in at]) for side in ("low", "high"))
-    room = np.where(np.isfinite(high - low), AT_STOP * (high - low), 0.0)
+    room = moves + np.where(np.isfinite(high - low), AT_STOP * (high - low), 0.0)
     return np.asarray((np.abs(q - low) > room) & (np.abs(q - high) > room))
 
 
