@@ -112,6 +112,7 @@ def run(arguments: argparse.Namespace) -> None:
     from cmbrl.accuracy.compare import compare
     from cmbrl.accuracy.open_loop import OpenLoop, simulate
     from cmbrl.accuracy.plots import plot, plot_open_loop
+    from cmbrl.fitting.report_text import left_out_lines
 
     table: ErrorTable | OpenLoop
     with fraction("compare") as progress:
@@ -120,7 +121,7 @@ def run(arguments: argparse.Namespace) -> None:
             table = simulate(models, data, source.scene, time, since, progress, logs)
         else:
             table = compare(models, data, source.scene, arguments.horizons, gap, progress=progress, logs=logs)
-    notes += [f"left out of the scene: {e.kind} {e.name} ({e.why})" for e in source.scene.left_out]
+    notes += left_out_lines((e.kind, e.name, e.why) for e in source.scene.left_out)
     text = "\n".join([table.text(), *notes]).rstrip("\n")
     result = {**table.to_json(), "notes": notes}
     if arguments.out:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -202,10 +202,18 @@ def _open(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any]) 
         yield from _folded(f"fitted, but not in {mjcf['file']}: an MJCF has no place for it", mjcf["missing"])
     if "why" in mjcf:
         yield from textwrap.wrap(f"no MJCF with the fitted values: {mjcf['why']}", WIDTH, subsequent_indent="  ")
-    left_out: dict[tuple[str, str], list[str]] = {}
-    for element in report["left_out"]:
-        left_out.setdefault((element["kind"], element["why"]), []).append(element["name"])
-    for (kind, why), names in left_out.items():
+    yield from left_out_lines((element["kind"], element["name"], element["why"]) for element in report["left_out"])
+
+
+def left_out_lines(elements: Iterable[tuple[str, str, str]]) -> Iterator[str]:
+    """Wrapped lines on what a scene leaves out, one for all elements of a kind with one reason.
+
+    elements: kind, name and reason of each.
+    """
+    found: dict[tuple[str, str], list[str]] = {}
+    for kind, name, why in elements:
+        found.setdefault((kind, why), []).append(name)
+    for (kind, why), names in found.items():
         yield from _folded(f"left out of the scene ({why}): {kind}", names, separator=", ", colon="")
 
 

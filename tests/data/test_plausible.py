@@ -12,7 +12,7 @@ import pytest
 
 from cmbrl import Transitions, UserError
 from cmbrl.data import plausible, read_trajectories
-from cmbrl.data.plausible import commands, frames, motion
+from cmbrl.data.plausible import commands, frames, motion, units
 from cmbrl.data.plausible.frames import to_world
 from cmbrl.data.position_log import PositionLog
 from cmbrl.models.source import load_source
@@ -290,6 +290,19 @@ def test_a_joint_that_is_pushed_against_its_stop_answers_to_nothing(tmp_path: Pa
     assert list(commands.forces(found, found.answers())) == []
     away = motion.of_transitions(log | {"q": q[:-1] - 0.5, "q_next": q[1:] - 0.5}, scene)
     assert ["the wrong way" in one.text for one in commands.forces(away, away.answers())] == [True]
+
+
+def test_a_blow_that_throws_a_joint_far_beyond_its_limits_is_no_unit(tmp_path: Path) -> None:
+    body = '<body><joint name="jaw" type="slide" range="0 .03"/><geom size=".1"/></body>'
+    scene = scene_of(tmp_path, "jaw", body)
+    q = 0.015 + 0.015 * np.sin(0.1 * np.arange(400))[:, None]
+    v = 0.0015 / 0.02 * np.cos(0.1 * np.arange(400))[:, None]
+    log = {"v": v[:-1], "v_next": v[1:], "u": np.zeros((399, 0)), "dt": 0.02, "episode": np.zeros(399)}
+    thrown = q.copy()
+    thrown[200:205] += 0.2
+    for place, told in ((thrown, False), (1e3 * q, True)):
+        found = motion.of_transitions(log | {"q": place[:-1], "q_next": place[1:]}, scene)
+        assert bool(list(units.beyond_limits(found))) == told
 
 
 def test_a_joint_that_shakes_faster_than_its_log_is_only_a_warning(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ ANGLES = {DEGREES: "degrees", 1 / (2 * np.pi): "revolutions", 1e3: "milliradians
 LENGTHS = {1e3: "millimetres", 1e2: "centimetres"}  #: numbers in one metre
 SPEEDS = {DEGREES: "deg/s", 60 / (2 * np.pi): "rpm", 1 / (2 * np.pi): "rev/s"}
 NEAR = 0.06  #: relative; two factors are the same, where the columns agree entirely
+OFTEN = 0.3  #: share of samples beyond the limits; a blow throws a joint far beyond them for a few
 ROWS = 50  #: fewer do not show how columns go together
 WRONG_RATE = 0.15  #: relative; estimated velocities and large steps stay below
 SENSOR_NOISE = 1e-4  #: changes of this size [m, rad] may be noise
@@ -30,10 +31,11 @@ def beyond_limits(motion: Motion) -> Iterator[Finding]:
         q = motion.now[:, k]
         reach, bound, room = np.abs(q).max(initial=0.0), max(abs(low), abs(high)), 0.1 * (high - low)
         least = 2 * np.pi if coordinate.hinge else 0.0
+        often = np.mean((q < low - room) | (q > high + room)) > OFTEN if len(q) else False
         for factor, unit in ((DEGREES, "degrees"),) if coordinate.hinge else ((1e3, "millimetres"),):
             scaled = q / factor
             fits = (scaled > low - room).all() and (scaled < high + room).all()
-            if reach > max(3 * bound, least) and fits and np.ptp(scaled) > 0:
+            if often and reach > max(3 * bound, least) and fits and np.ptp(scaled) > 0:
                 wanted = "radians" if coordinate.hinge else "metres"
                 yield Finding(
                     f"{motion.position_of(k)} reaches {q[np.abs(q).argmax()]:.4g} where the file's limits are "
