@@ -100,6 +100,34 @@ def _limits(p: Parameter) -> tuple[float, float]:
     return p.low - _SLACK, p.high + _SLACK
 
 
+def check_tensors(scene: Scene, q: torch.Tensor, v: torch.Tensor, u: torch.Tensor, theta: torch.Tensor) -> None:
+    """Raises UserError unless q, v, u (B, ...) and theta (np,) or (B, np) are what a step of ``scene`` takes."""
+    widths = scene.nq, scene.nv, scene.inputs
+    rows = [_rows(x, name, width) for x, name, width in zip((q, v, u), "qvu", widths, strict=True)]
+    if not rows[0] == rows[1] == rows[2]:
+        raise UserError(f"q, v, u have {rows[0]}, {rows[1]}, {rows[2]} rows; give the same number of rows")
+    count = len(scene.parameters)
+    if _dense(theta, "theta") not in ((count,), (rows[0], count)):
+        raise UserError(f"theta has shape {tuple(theta.shape)}; give ({count},) or (batch, {count})")
+
+
+def _rows(x: torch.Tensor, name: str, width: int) -> int:
+    """The number of rows of x (B, width); raises UserError for another type or shape."""
+    shape = _dense(x, name)
+    if len(shape) != 2 or shape[1] != width:
+        raise UserError(f"{name} has shape {tuple(shape)}; give float64 of shape (batch, {width})")
+    return shape[0]
+
+
+def _dense(x: torch.Tensor, name: str) -> torch.Size:
+    """The shape of x; raises UserError unless it is a dense float64 tensor on the CPU."""
+    if not isinstance(x, torch.Tensor):
+        raise UserError(f"{name} is a {type(x).__name__}; give a float64 tensor")
+    if x.dtype != torch.float64 or x.layout != torch.strided or not x.is_cpu:
+        raise UserError(f"{name} is {x.dtype}, {x.layout} on {x.device}; give dense float64 on the CPU")
+    return x.shape
+
+
 def differentiable_step(
     stepper: Stepper, q: torch.Tensor, v: torch.Tensor, u: torch.Tensor, theta: torch.Tensor, impulse: bool
 ) -> tuple[torch.Tensor, torch.Tensor, dict[str, np.ndarray]]:

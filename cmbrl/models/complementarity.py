@@ -2,43 +2,38 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 
-from cmbrl.contact import smoothing as smoothing_policies
 from cmbrl.contact.problem import ContactProblem, from_rows
-from cmbrl.contact.smoothing import Exact, Smoothing
-from cmbrl.data.checks import TIME_STEP_TOLERANCE
+from cmbrl.contact.smoothing import Smoothing
 from cmbrl.errors import UserError
+from cmbrl.models import theta as physical
 from cmbrl.models.activations import Activations
-from cmbrl.models.autograd import Stepper, differentiable_step
+from cmbrl.models.autograd import Stepper, check_tensors, differentiable_step
 from cmbrl.models.manifold import Coordinates
 from cmbrl.models.observation import Observation
-from cmbrl.models.step_choices import choose_step
 from cmbrl.models.step_result import SolverWarning, StepResult
+from cmbrl.models.step_settings import StepSettings, read_config
+from cmbrl.models.variations import Variations
 from cmbrl.models.windows import Windows
 from cmbrl.models.wiring import Wiring
 from cmbrl.native import SolverStatus
-from cmbrl.numbers import one_of, real, real_array, switch, whole
+from cmbrl.numbers import real_array, switch, whole
 from cmbrl.scene import Scene
 
 if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
 
-INTEGRATORS = ("semi-implicit", "leapfrog", "midpoint")
-SLIDING = ("coulomb", "convex")
-MANY = 256  # candidates; the core lets rows of more than these in by their names
 FAILURE_LOSS = 1e3  # added to a candidate's loss by a failed solve
 FAILED = int(SolverStatus.FAILED)  # an enum's member is slow to look up and to compare with
 
 
-class ComplementarityModel:
+class ComplementarityModel(Variations):
     """Next-state model M (v' - v) = h (tau - bias) + J^T x with complementary contact, limits and friction.
 
     Args:
@@ -104,53 +99,26 @@ class ComplementarityModel:
         if not isinstance(scene, Scene):
             raise UserError(f"scene is a {type(scene).__name__}; give the Scene of Scene.from_mjcf")
         self.scene = scene
-        self.substeps = whole(substeps, "substeps")
-        self.time_step = real(scene.timestep if time_step is None else time_step, "time_step", above=0.0, most=1e3)
-        default = "leapfrog" if scene.integrator == "rk4" else "semi-implicit"
-        self.integrator = one_of(default if integrator is None else integrator, INTEGRATORS, "integrator")
-        self.smoothing = _policy(smoothing, Exact())
-        self.backward_smoothing = _policy(backward_smoothing, self.smoothing)
+        self._settings = chosen = StepSettings.of(
+            scene, substeps=substeps, time_step=time_step, smoothing=smoothing, integrator=integrator,
+            backward_smoothing=backward_smoothing, implicit_springs=implicit_springs, damping=damping, sliding=sliding,
+            look_ahead=look_ahead, prune=prune, path_tolerance=path_tolerance,
+        )  # fmt: skip
+        self.substeps, self.time_step, self.integrator = chosen.substeps, chosen.time_step, chosen.integrator
+        self.smoothing, self.backward_smoothing = chosen.smoothing, chosen.backward_smoothing
+        self.implicit_springs, self.damping = chosen.implicit_springs, chosen.damping
+        self.sliding, self.look_ahead = chosen.sliding, chosen.look_ahead
+        self.prune, self.path_tolerance = chosen.prune, chosen.path_tolerance
         self.threads = whole(threads, "threads", most=256)
-        self.implicit_springs = switch(implicit_springs, "implicit_springs")
-        self._sliding = sliding
-        self.sliding = one_of("coulomb" if sliding is None else sliding, SLIDING, "sliding")
-        if self.sliding == "convex" and scene.contact_law != "mujoco":
-            raise UserError(f"sliding 'convex' does not go with the contact law {scene.contact_law}: choose 'coulomb'")
-        self._damping, self._look_ahead = damping, look_ahead
-        self.damping, self.look_ahead = choose_step(
-            scene, damping, look_ahead, self.sliding, self.time_step, self.integrator, self.implicit_springs
-        )
-        self._prune = prune
-        many = scene.core.ncontact > MANY
-        self.prune = real((0.3 if many else 3.0) if prune is None else prune, "prune", least=0.0)
-        self.path_tolerance = real(path_tolerance, "path_tolerance", above=0.0, most=1.0)
-        self.parameters = self._checked_parameters(parameters)
+        self.parameters = scene.parameter_vector() if parameters is None else physical.checked(scene, parameters)
         rows = None if candidates is None else np.atleast_2d(real_array(candidates, "candidates"))
-        self.candidates = None if rows is None else np.array([self._checked_parameters(row) for row in rows])
+        self.candidates = None if rows is None else np.array([physical.checked(scene, row) for row in rows])
         self.activations = Activations.of(scene, self.time_step, self.substeps, self.parameters)
         self.observation = dict(observation or {})
         self.observer.vector(self.observation)  # raises for an unknown name
         self.failures = 0
-        options = {
-            "h": self.time_step,
-            "substeps": self.substeps,
-            "leapfrog": int(self.integrator != "semi-implicit"),
-            "midpoint": int(self.integrator == "midpoint"),
-            "implicit_springs": int(self.implicit_springs),
-            "split": int(self.damping == "split"),
-            "convex": int(self.sliding == "convex"),
-            "look_ahead": int(self.look_ahead),
-            "forward": self.smoothing.resolve(scene, self.time_step),
-            "backward": self.backward_smoothing.resolve(scene, self.time_step),
-            "prune": self.prune,
-            "tolerance": 1e-9,
-            "theta": self.path_tolerance,
-            "max_iterations": 40,
-            "rest_speed": 3 * 9.81 * self.time_step,
-        }
-        self.stepper = Stepper(scene, options, self.threads)
+        self.stepper = Stepper(scene, chosen.options(scene), self.threads)
         self.coordinates = Coordinates.from_scene(scene)
-        self._widths = scene.nq, scene.nv, scene.inputs
 
     @property
     def dt(self) -> float:
@@ -173,104 +141,26 @@ class ComplementarityModel:
         observer = self.observer
         return observer.states(log, observer.split(np.append(self.parameters, observer.vector(self.observation)))[1])
 
-    def for_log(self, dt: float) -> ComplementarityModel:
-        """This model with one control step per transition of ``dt`` [s] of a log.
-
-        A model of one substep (the default) gets as many as ``dt`` takes; the file's time step is shortened where a
-        whole number of it does not make ``dt``. Raises UserError if that happens with another time step. A model with
-        other substeps is returned as it is.
-        """
-        if self.substeps != 1 or abs(self.time_step - dt) <= TIME_STEP_TOLERANCE * dt:
-            return self
-        count = math.ceil(dt / self.time_step * (1 - TIME_STEP_TOLERANCE))
-        if abs(count * self.time_step - dt) <= TIME_STEP_TOLERANCE * dt:
-            return self.with_settings(substeps=count)
-        if self.time_step != self.scene.timestep:
-            raise UserError(
-                f"the log's dt {dt:g} s is not a whole number of time steps of {self.time_step:g} s "
-                f"({self.scene.name}): set another time step (--time-step)"
-            )
-        return self.with_settings(substeps=count, time_step=dt / count)
-
     def with_parameters(self, theta: np.ndarray) -> ComplementarityModel:
         """The same model with other physical parameters (np,) and without candidates."""
-        return ComplementarityModel(self.scene, parameters=theta, **{**self._settings(), "candidates": None})
+        return ComplementarityModel(self.scene, parameters=theta, **{**self._arguments(), "candidates": None})
 
     def with_settings(self, **settings: Any) -> ComplementarityModel:
         """The same model with some arguments of the constructor replaced."""
         scene = settings.pop("scene", self.scene)
-        return ComplementarityModel(scene, **{"parameters": self.parameters, **self._settings(), **settings})
-
-    def other_steppings(self) -> list[ComplementarityModel]:
-        """The same model with each other integrator, and with half the time step."""
-        others = [self.with_settings(integrator=name) for name in INTEGRATORS if name != self.integrator]
-        return [*others, self.with_settings(time_step=self.time_step / 2, substeps=2 * self.substeps)]
-
-    def alternatives(self) -> dict[str, ComplementarityModel]:
-        """The same model with other integrators and half or a quarter of the time step, by a name of the change.
-
-        Also with the other contact law, if the scene is read from a file and no parameter has left its nominal value.
-        """
-        found = {}
-        for integrator in INTEGRATORS:
-            for share in (1, 2, 4):
-                if (integrator, share) != (self.integrator, 1):
-                    step = self.time_step / share
-                    name = f"integrator {integrator}, time step {step:.4g} s"
-                    substeps = share * self.substeps
-                    found[name] = self.with_settings(integrator=integrator, time_step=step, substeps=substeps)
-        scene = self.scene
-        if Path(scene.path).is_file() and np.array_equal(self.parameters, scene.parameter_vector()):
-            law = "rigid" if scene.contact_law == "mujoco" else "mujoco"
-            other = Scene.from_mjcf(scene.path, scene.ignore, law, self_contact=scene.self_contact, drives=scene.drives)
-            found[f"contact law {law}"] = self.with_settings(
-                scene=other, parameters=None, candidates=None, sliding=None, look_ahead=None, damping=None
-            )
-        return found
-
-    def other_sliding(self) -> ComplementarityModel | None:
-        """The same model under the other law of sliding; None where the law was named, or nothing slides."""
-        return self.under_other_law() if self._sliding is None else None
-
-    def under_other_law(self) -> ComplementarityModel | None:
-        """The same model under the other law of sliding, also where the law was named; None if nothing slides."""
-        rubs = self.scene.contact_law == "mujoco" and bool(np.any(self.scene.core.con_dim > 1))
-        other = "convex" if self.sliding == "coulomb" else "coulomb"
-        return self.with_settings(sliding=other, look_ahead=self.look_ahead) if rubs else None
+        return ComplementarityModel(scene, **{"parameters": self.parameters, **self._arguments(), **settings})
 
     def to_config(self) -> dict[str, Any]:
         """Settings and parameters as JSON types; the scene is described by its own file."""
-        settings = self._settings()
-        del settings["candidates"]  # kept in the folder of the fit
-        settings |= {"damping": self.damping, "sliding": self.sliding, "look_ahead": self.look_ahead}
-        for key in ("smoothing", "backward_smoothing"):
-            settings[key] = smoothing_policies.to_config(settings[key])
-        names = [p.name for p in self.scene.parameters]
-        return {**settings, "parameters": dict(zip(names, self.parameters.tolist(), strict=True))}
+        parameters = physical.by_name(self.scene, self.parameters)
+        own = {"threads": self.threads, "observation": self.observation, "parameters": parameters}
+        return self._settings.to_config() | own
 
     @classmethod
     def from_config(cls, scene: Scene, config: dict[str, Any]) -> ComplementarityModel:
         """Inverse of :meth:`to_config`; raises UserError unless it names exactly the parameters of the scene."""
-        config = {
-            "damping": "coupled",
-            "sliding": "coulomb",
-            "look_ahead": True,
-            **config,
-        }  # as before there was a choice
-        values = config.pop("parameters", {})
-        known = {p.name: i for i, p in enumerate(scene.parameters)}
-        theta = scene.parameter_vector()
-        for name, value in values.items():
-            if name not in known:
-                raise UserError(
-                    f"{name!r} is not a parameter of scene {scene.name!r}; was the model fitted to another scene?"
-                )
-            theta[known[name]] = value
-        if missing := [name for name in known if name not in values]:
-            raise UserError(f"no value for the parameter {missing[0]!r} of scene {scene.name!r}: fit again")
-        for key in ("smoothing", "backward_smoothing"):
-            if key in config:
-                config[key] = smoothing_policies.from_config(config[key])
+        config = read_config(config)
+        theta = physical.from_names(scene, config.pop("parameters", {}))
         return cls(scene, parameters=theta, **config)
 
     def step(
@@ -294,14 +184,9 @@ class ComplementarityModel:
         Warns SolverWarning if solves fail; ``failures`` counts them. A second derivative, as of a gradient penalty,
         raises UserError; an input changed in place before the backward pass raises torch's RuntimeError.
         """
-        rows = [self._rows(x, name, width) for x, name, width in zip((q, v, u), "qvu", self._widths, strict=True)]
-        if not rows[0] == rows[1] == rows[2]:
-            raise UserError(f"q, v, u have {rows[0]}, {rows[1]}, {rows[2]} rows; give the same number of rows")
-        count = len(self.parameters)
         if theta is None:
             theta = torch.from_numpy(self.parameters)
-        elif _dense(theta, "theta") not in ((count,), (rows[0], count)):
-            raise UserError(f"theta has shape {tuple(theta.shape)}; give ({count},) or (batch, {count})")
+        check_tensors(self.scene, q, v, u, theta)
         q_next, v_next, report = differentiable_step(self.stepper, q, v, u, theta, impulse=details is not None)
         if details is not None:
             details["impulse"] = report["impulse"]
@@ -391,23 +276,10 @@ class ComplementarityModel:
         """Sets ``failures`` to zero."""
         self.failures = 0
 
-    def _settings(self) -> dict[str, Any]:
-        return {
-            "substeps": self.substeps,
-            "time_step": self.time_step,
-            "smoothing": self.smoothing,
-            "integrator": self.integrator,
-            "threads": self.threads,
-            "backward_smoothing": self.backward_smoothing,
-            "implicit_springs": self.implicit_springs,
-            "damping": self._damping,
-            "sliding": self._sliding,
-            "look_ahead": self._look_ahead,
-            "prune": self._prune,
-            "path_tolerance": self.path_tolerance,
-            "candidates": self.candidates,
-            "observation": self.observation,
-        }
+    def _arguments(self) -> dict[str, Any]:
+        """Those of the constructor that give this model again, but for the scene and the parameters."""
+        own = {"threads": self.threads, "candidates": self.candidates, "observation": self.observation}
+        return self._settings.arguments() | own
 
     def _count_failures(self, status: np.ndarray) -> None:
         failed = int(np.count_nonzero(status == FAILED))
@@ -423,40 +295,3 @@ class ComplementarityModel:
         """The state and theta as contiguous float64; raises UserError for other types. The core checks shapes."""
         given = {**state, "theta": self.parameters if theta is None else theta}
         return [real_array(value, name) for name, value in given.items()]
-
-    def _checked_parameters(self, theta: np.ndarray | None) -> np.ndarray:
-        if theta is None:
-            return self.scene.parameter_vector()
-        theta = real_array(theta, "parameters").copy()
-        if theta.shape != (len(self.scene.parameters),):
-            raise UserError(
-                f"parameters have shape {theta.shape}; scene {self.scene.name!r} has {len(self.scene.parameters)}"
-            )
-        for p, x in zip(self.scene.parameters, theta, strict=True):
-            if not p.low <= x <= p.high:
-                raise UserError(f"parameter {p.name} = {x:g} is outside its bounds [{p.low:g}, {p.high:g}]")
-        return theta
-
-    def _rows(self, x: torch.Tensor, name: str, width: int) -> int:
-        """The number of rows of x (B, width); raises UserError for another type or shape."""
-        shape = _dense(x, name)
-        if len(shape) != 2 or shape[1] != width:
-            raise UserError(f"{name} has shape {tuple(shape)}; give float64 of shape (batch, {width})")
-        return shape[0]
-
-
-def _dense(x: torch.Tensor, name: str) -> torch.Size:
-    """The shape of x; raises UserError unless it is a dense float64 tensor on the CPU."""
-    if not isinstance(x, torch.Tensor):
-        raise UserError(f"{name} is a {type(x).__name__}; give a float64 tensor")
-    if x.dtype != torch.float64 or x.layout != torch.strided or not x.is_cpu:
-        raise UserError(f"{name} is {x.dtype}, {x.layout} on {x.device}; give dense float64 on the CPU")
-    return x.shape
-
-
-def _policy(given: Smoothing | None, default: Smoothing) -> Smoothing:
-    if given is None:
-        return default
-    if not isinstance(given, Smoothing):
-        raise UserError(f"smoothing is a {type(given).__name__}; give a policy such as Exact() or Barrier(...)")
-    return given

@@ -11,7 +11,8 @@ from cmbrl.bench.states import random_states
 from cmbrl.bench.studies.derivatives.differences import RANGES
 from cmbrl.contact import Barrier, Gaussian
 from cmbrl.contact.smoothing import Smoothing
-from cmbrl.models.complementarity import INTEGRATORS, ComplementarityModel
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.step_settings import INTEGRATORS
 from cmbrl.native import SolverStatus
 from cmbrl.scene import Scene
 

@@ -10,7 +10,8 @@ import pytest
 from cmbrl.bench.states import Ranges, random_states
 from cmbrl.bench.studies.derivatives.differences import compare
 from cmbrl.contact import Barrier, Exact
-from cmbrl.models.complementarity import INTEGRATORS, ComplementarityModel
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.step_settings import INTEGRATORS
 from cmbrl.scene import Scene
 
 from .test_adjoint import mismatch_at

@@ -9,7 +9,8 @@ import pytest
 
 from cmbrl.bench.states import random_states
 from cmbrl.bench.studies.derivatives.differences import RANGES, compare
-from cmbrl.models.complementarity import INTEGRATORS, ComplementarityModel
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.step_settings import INTEGRATORS
 from cmbrl.scene import Scene
 
 ARM = """<mujoco><option timestep=".004" integrator="{integrator}"/><worldbody><body><joint name="a" axis="0 1 0"/>

@@ -12,7 +12,8 @@ from cmbrl.bench.studies.derivatives.differences import RANGES, compare
 from cmbrl.contact import Barrier, Exact, Gaussian
 from cmbrl.contact.smoothing import Smoothing
 from cmbrl.errors import UserError
-from cmbrl.models.complementarity import INTEGRATORS, ComplementarityModel
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.step_settings import INTEGRATORS
 from cmbrl.scene import Scene
 
 TREE = """<mujoco><option timestep=".004"/><worldbody><geom type="plane" size="5 5 .1"/><body name="base" pos="0 0 .3">

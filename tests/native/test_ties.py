@@ -14,7 +14,8 @@ from cmbrl.bench.states import Ranges, random_states
 from cmbrl.bench.studies.derivatives.differences import compare
 from cmbrl.contact import Barrier, Exact, Gaussian
 from cmbrl.contact.smoothing import Smoothing
-from cmbrl.models.complementarity import INTEGRATORS, ComplementarityModel
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.step_settings import INTEGRATORS
 from cmbrl.native import SolverStatus
 from cmbrl.scene import Scene
 

@@ -17,7 +17,7 @@ from cmbrl.bench.peers.simulator import Array, NotExpressibleError
 from cmbrl.bench.studies.simulators.scenes import TrajectoryScene
 from cmbrl.contact import Barrier, Exact
 from cmbrl.contact.smoothing import Smoothing
-from cmbrl.models import complementarity
+from cmbrl.models import step_settings
 
 KAPPA = 1e-4  #: [J] of the softened arm
 LANES = 64  #: trajectories in one call of ours and MJX: initial states are repeated up to it, and the time divided
@@ -80,7 +80,7 @@ def arms(scene: TrajectoryScene, compiled: bool = True) -> list[Arm]:
     if scene.world.restitution:  # neither MuJoCo nor soft contact has it
         found = [ours(scene, "rigid", "semi-implicit"), rigid]
     else:
-        found = [ours(scene, "mujoco", integrator) for integrator in complementarity.INTEGRATORS]
+        found = [ours(scene, "mujoco", integrator) for integrator in step_settings.INTEGRATORS]
         found += [ours(scene, "mujoco", "leapfrog", Barrier(KAPPA)), rigid, ours(scene, "spring-damper", "leapfrog")]
         found += [mujoco(scene, integrator) for integrator in INTEGRATORS]
         if compiled and _installed("mujoco.mjx"):

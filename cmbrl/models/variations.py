@@ -1,0 +1,86 @@
+"""The same scene stepped otherwise: at a log's rate, by another integrator, at another step, under another law."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from cmbrl.data.checks import TIME_STEP_TOLERANCE
+from cmbrl.errors import UserError
+from cmbrl.models.step_settings import INTEGRATORS, StepSettings
+from cmbrl.scene import Scene
+
+
+class Variations(ABC):
+    """What a model makes of itself by changing its settings."""
+
+    scene: Scene
+    parameters: np.ndarray
+    _settings: StepSettings
+
+    @abstractmethod
+    def with_settings(self, **settings: Any) -> Self:
+        """The same model with some arguments of the constructor replaced."""
+
+    def for_log(self, dt: float) -> Self:
+        """This model with one control step per transition of ``dt`` [s] of a log.
+
+        A model of one substep (the default) gets as many as ``dt`` takes; the file's time step is shortened where a
+        whole number of it does not make ``dt``. Raises UserError if that happens with another time step. A model with
+        other substeps is returned as it is.
+        """
+        own = self._settings
+        if own.substeps != 1 or abs(own.time_step - dt) <= TIME_STEP_TOLERANCE * dt:
+            return self
+        count = math.ceil(dt / own.time_step * (1 - TIME_STEP_TOLERANCE))
+        if abs(count * own.time_step - dt) <= TIME_STEP_TOLERANCE * dt:
+            return self.with_settings(substeps=count)
+        if own.time_step != self.scene.timestep:
+            raise UserError(
+                f"the log's dt {dt:g} s is not a whole number of time steps of {own.time_step:g} s "
+                f"({self.scene.name}): set another time step (--time-step)"
+            )
+        return self.with_settings(substeps=count, time_step=dt / count)
+
+    def other_steppings(self) -> list[Self]:
+        """The same model with each other integrator, and with half the time step."""
+        own = self._settings
+        others = [self.with_settings(integrator=name) for name in INTEGRATORS if name != own.integrator]
+        return [*others, self.with_settings(time_step=own.time_step / 2, substeps=2 * own.substeps)]
+
+    def alternatives(self) -> dict[str, Self]:
+        """The same model with other integrators and half or a quarter of the time step, by a name of the change.
+
+        Also with the other contact law, if the scene is read from a file and no parameter has left its nominal value.
+        """
+        own, found = self._settings, {}
+        for integrator in INTEGRATORS:
+            for share in (1, 2, 4):
+                if (integrator, share) != (own.integrator, 1):
+                    step = own.time_step / share
+                    name = f"integrator {integrator}, time step {step:.4g} s"
+                    substeps = share * own.substeps
+                    found[name] = self.with_settings(integrator=integrator, time_step=step, substeps=substeps)
+        scene = self.scene
+        if Path(scene.path).is_file() and np.array_equal(self.parameters, scene.parameter_vector()):
+            law = "rigid" if scene.contact_law == "mujoco" else "mujoco"
+            other = Scene.from_mjcf(scene.path, scene.ignore, law, self_contact=scene.self_contact, drives=scene.drives)
+            found[f"contact law {law}"] = self.with_settings(
+                scene=other, parameters=None, candidates=None, sliding=None, look_ahead=None, damping=None
+            )
+        return found
+
+    def other_sliding(self) -> Self | None:
+        """The same model under the other law of sliding; None where the law was named, or nothing slides."""
+        return self.under_other_law() if self._settings.given["sliding"] is None else None
+
+    def under_other_law(self) -> Self | None:
+        """The same model under the other law of sliding, also where the law was named; None if nothing slides."""
+        own = self._settings
+        rubs = self.scene.contact_law == "mujoco" and bool(np.any(self.scene.core.con_dim > 1))
+        other = "convex" if own.sliding == "coulomb" else "coulomb"
+        return self.with_settings(sliding=other, look_ahead=own.look_ahead) if rubs else None
