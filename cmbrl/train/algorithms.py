@@ -69,9 +69,9 @@ ALGORITHMS = {
         (UNTRAINED,),
         ("system", "data"),
     ),
-    "sac": Algorithm("cmbrl.train.baselines:SAC:SACConfig", "soft actor-critic, model-free", _ANY),
-    "ppo": Algorithm("cmbrl.train.baselines:PPO:PPOConfig", "proximal policy optimisation, model-free", _ANY),
-    "ars": Algorithm("cmbrl.train.baselines:ARS:ARSConfig", "augmented random search of a linear policy", _ANY),
+    "sac": Algorithm("cmbrl.train.sac:SAC:SACConfig", "soft actor-critic, model-free", _ANY),
+    "ppo": Algorithm("cmbrl.train.ppo:PPO:PPOConfig", "proximal policy optimisation, model-free", _ANY),
+    "ars": Algorithm("cmbrl.train.ars:ARS:ARSConfig", "augmented random search of a linear policy", _ANY),
 }
 
 

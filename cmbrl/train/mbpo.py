@@ -10,7 +10,7 @@ termination tests both bounds (the original tests only the upper one).
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -23,10 +23,10 @@ from cmbrl.envs.recording import Recording, outcome
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP
 from cmbrl.models.ensemble import NeuralEnsemble
-from cmbrl.models.protocol import Model
 from cmbrl.settings import setting
 from cmbrl.system import SystemFactory
 from cmbrl.train import stable_baselines as sb3
+from cmbrl.train.branching import branch
 from cmbrl.train.policy import Architecture, Policy
 from cmbrl.train.pool import Mixture, Pool
 from cmbrl.train.randomness import GlobalRandomness
@@ -101,7 +101,11 @@ class MBPO(Trainer):
         self.real = Pool({"q": q.shape[1], "v": v.shape[1], **widths}, everything, torch.float64)
         self.imagined = Pool(widths, 1)
         with self.randomness:
-            self.sac = _soft_actor_critic(mdp, config)
+            self.sac = sb3.soft_actor_critic(
+                mdp, learning_rate=config.rate, batch_size=config.batch, tau=config.target_share,
+                gamma=config.discount, target_entropy=config.target_entropy,
+                policy_kwargs={"net_arch": list(config.hidden)},
+            )  # fmt: skip
         self.sac.replay_buffer = Mixture(self.real, self.imagined, config.real_share, self.generator)
         self.policy = Policy(Architecture.of(mdp, config.hidden, "relu", False, "tanh", False))
         self._take_policy()
@@ -269,56 +273,3 @@ def rollout_length(config: MBPOConfig, iteration: int) -> int:
     growth = config.epoch_end - config.epoch_start
     share = (epoch - config.epoch_start) / growth if growth > 0 else float(epoch >= config.epoch_end)
     return int(config.length_start + min(max(share, 0.0), 1.0) * (config.length_end - config.length_start))
-
-
-def branch(
-    mdp: MDP,
-    model: Model,
-    act: Callable[[Tensor], Tensor],
-    q: Tensor,
-    v: Tensor,
-    length: int,
-    generator: torch.Generator,
-) -> Iterator[dict[str, Tensor]]:
-    """The rows (see ``outcome``) of each of ``length`` imagined steps from the states q, v, (B, ...).
-
-    A rollout ends where the task terminates or the model's prediction is not finite; the latter gives no row.
-    """
-    for _ in range(length):
-        action = act(mdp.observe(q, v))
-        next_q, next_v, u = mdp.act(q, v, action)
-        for _ in range(mdp.repeat):
-            next_q, next_v = mdp.move(model.step, next_q, next_v, u, sample=True, generator=generator)
-        kept = torch.isfinite(next_q).all(dim=1) & torch.isfinite(next_v).all(dim=1)
-        q, v, action, next_q, next_v = (x[kept] for x in (q, v, action, next_q, next_v))
-        rows = outcome(mdp, q, v, action, next_q, next_v)
-        yield rows
-        goes_on = (rows["terminated"] == 0) & ~torch.as_tensor(mdp.out_of_time(next_q, next_v, 0))
-        q, v = next_q[goes_on], next_v[goes_on]
-        if not len(q):
-            return
-
-
-def _soft_actor_critic(mdp: MDP, config: MBPOConfig) -> Any:
-    """Stable-Baselines3's, without an environment of its own."""
-    library = sb3.library()
-    from cmbrl.envs.spaces import action_space, observation_space  # needs gymnasium, which the library brings
-
-    sac = library.SAC(
-        "MlpPolicy",
-        env=None,
-        learning_rate=config.rate,
-        batch_size=config.batch,
-        buffer_size=1,
-        tau=config.target_share,
-        gamma=config.discount,
-        target_entropy=config.target_entropy,
-        policy_kwargs={"net_arch": list(config.hidden)},
-        device="cpu",
-        _init_setup_model=False,
-    )
-    sac.observation_space, sac.action_space = observation_space(mdp), action_space(mdp)
-    sac.n_envs = 1
-    sac._setup_model()
-    sac.set_logger(sb3.quiet_logger())
-    return sac

@@ -11,6 +11,7 @@ import torch
 from torch import nn
 
 from cmbrl.errors import UserError
+from cmbrl.mdp import MDP
 from cmbrl.train.policy import Policy
 from cmbrl.train.trainer import check_optimiser
 
@@ -21,6 +22,19 @@ def library(name: str = "stable_baselines3") -> Any:
         return import_module(name)
     except ImportError as error:
         raise UserError(f"{name} cannot be imported ({error}): pip install 'cmbrl[train]'") from None
+
+
+def soft_actor_critic(mdp: MDP, **settings: Any) -> Any:
+    """SAC for batches that come from elsewhere, without an environment of its own; ``settings`` are the library's."""
+    sac_class = library().SAC
+    from cmbrl.envs.spaces import action_space, observation_space  # needs gymnasium, which the library brings
+
+    sac = sac_class("MlpPolicy", env=None, buffer_size=1, device="cpu", _init_setup_model=False, **settings)
+    sac.observation_space, sac.action_space = observation_space(mdp), action_space(mdp)
+    sac.n_envs = 1
+    sac._setup_model()
+    sac.set_logger(quiet_logger())
+    return sac
 
 
 def copy_layers(source: Iterable[nn.Module], policy: Policy) -> None:

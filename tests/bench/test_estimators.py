@@ -22,7 +22,7 @@ from cmbrl.bench.studies.horizons.cells import NAMES, gradients
 from cmbrl.bench.studies.horizons.situations import SITUATIONS
 from cmbrl.bench.study import Settings
 from cmbrl.jobs import Runner
-from cmbrl.train.baselines import ARSConfig
+from cmbrl.train.ars import ARSConfig
 from cmbrl.train.fopg import FOPG
 
 SMALL = Learning(samples=4, horizon=3, episode_steps=30)

@@ -16,8 +16,9 @@ from cmbrl.envs.evaluation import evaluate_real
 from cmbrl.envs.recording import Recording
 from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
 from cmbrl.registry import load_task
+from cmbrl.train.branching import branch
 from cmbrl.train.checkpoint import load_state, save_state
-from cmbrl.train.mbpo import MBPO, MBPOConfig, branch, rollout_length
+from cmbrl.train.mbpo import MBPO, MBPOConfig, rollout_length
 from cmbrl.train.pool import Mixture, Pool
 from cmbrl.train.recipe import configure
 from cmbrl.train.run import TrainingRun

@@ -13,8 +13,8 @@ from cmbrl.errors import UserError
 from cmbrl.models.named import nominal_model
 from cmbrl.registry import Task, load_task
 from cmbrl.train.algorithms import ALGORITHMS
-from cmbrl.train.baselines import PPOConfig
 from cmbrl.train.growth import steady_steps
+from cmbrl.train.ppo import PPOConfig
 from cmbrl.train.recipe import configure
 from cmbrl.train.shac import SHAC
 

@@ -1,7 +1,7 @@
 """Augmented random search with all directions side by side on one batched model.
 
 Mania, Guy & Recht 2018 (arXiv 1803.07055), version V2-t: a linear policy of scaled observations. The search of
-`cmbrl.train.baselines` tries one direction after the other, so in equal seconds most of its time would go to Python.
+`cmbrl.train.ars` tries one direction after the other, so in equal seconds most of its time would go to Python.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from cmbrl.envs.simulation import Simulation
 from cmbrl.mdp import MDP
 from cmbrl.models.protocol import Model
-from cmbrl.train.baselines import ARSConfig
+from cmbrl.train.ars import ARSConfig
 from cmbrl.train.policy import Architecture, Policy
 
 

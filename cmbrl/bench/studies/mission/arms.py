@@ -11,10 +11,11 @@ from typing import Any
 from cmbrl.bench.studies.mission.runs import Result, Setup, Training, Work
 from cmbrl.contact.smoothing import Gaussian
 from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
-from cmbrl.train.baselines import PPO, SAC
 from cmbrl.train.loop import Loop, LoopConfig
 from cmbrl.train.mbpo import MBPO
+from cmbrl.train.ppo import PPO
 from cmbrl.train.recipe import configure
+from cmbrl.train.sac import SAC
 from cmbrl.train.shac import SHAC, SHACConfig
 from cmbrl.train.trainer import Trainer
 

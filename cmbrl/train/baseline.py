@@ -1,15 +1,12 @@
-"""Model-free competitors from Stable-Baselines3 and its contrib: SAC, PPO and ARS, on a model or in the real system.
+"""Model-free competitors from Stable-Baselines3 and its contrib, on a model or in the real system.
 
-Defaults are the library's, except for SAC's 10,000 random steps at the start, which RL Baselines3 Zoo
-(github.com/DLR-RM/rl-baselines3-zoo) uses for both Hopper and HalfCheetah. Trained actors become our policies,
-observation scaling included.
+Trained actors become our policies, observation scaling included.
 """
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import torch
@@ -21,7 +18,6 @@ from cmbrl.envs.system_batch import SystemBatch
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP
 from cmbrl.models.protocol import Model, forget
-from cmbrl.settings import setting
 from cmbrl.system import SystemFactory
 from cmbrl.train import stable_baselines as sb3
 from cmbrl.train.policy import Architecture, Policy
@@ -29,57 +25,7 @@ from cmbrl.train.randomness import GlobalRandomness
 from cmbrl.train.trainer import Trainer, episode_metrics
 
 EPSILON = 1e-5  # added to the variance of observations, as in our policies (the library's default is 1e-8)
-
-
-@dataclass(frozen=True)
-class SACConfig:
-    """Soft actor-critic, Haarnoja et al. 2018 (arXiv 1812.05905), with a learned temperature."""
-
-    iterations: int = setting(1000, "iterations of the run", least=1)
-    block: int = setting(1000, "environment steps of each iteration", least=1)
-    environments: int = setting(1, "environments side by side; one update per step of each", least=1, most=1_000_000)
-    warmup: int = setting(10_000, "random steps before learning starts", least=1)
-    hidden: tuple[int, ...] = setting((256, 256), "hidden layers of actor and critics", least=1, most=8_192)
-    rate: float = setting(3e-4, "learning rate", least=0)
-    batch: int = setting(256, "size of a batch", least=1)
-    buffer: int = setting(1_000_000, "steps kept in the replay buffer", least=1)
-    discount: float = setting(0.99, "discount per control step", least=0)
-    target_share: float = setting(0.005, "share of the critics that their targets take on at each update", least=0)
-
-
-@dataclass(frozen=True)
-class PPOConfig:
-    """Proximal policy optimisation, Schulman et al. 2017 (arXiv 1707.06347); observations and rewards are scaled."""
-
-    iterations: int = setting(489, "iterations of the run", least=1)
-    environments: int = setting(1, "environments side by side", least=1, most=1_000_000)
-    horizon: int = setting(2048, "control steps of each environment in an iteration", least=1)
-    epochs: int = setting(10, "passes over the steps of an iteration", least=1, most=1_000)
-    batch: int = setting(64, "size of a batch", least=1)
-    rate: float = setting(3e-4, "learning rate", least=0)
-    discount: float = setting(0.99, "discount per control step", least=0)
-    trace: float = setting(0.95, "lambda of the generalised advantages", least=0)
-    clip: float = setting(0.2, "clipping range of the ratio of new to old probability", least=0)
-    entropy: float = setting(0.0, "weight of the entropy", least=0)
-    value: float = setting(0.5, "weight of the critic's loss", least=0)
-    gradient: float = setting(0.5, "largest norm of a gradient", least=0)
-    log_std: float = setting(0.0, "log standard deviation of the first policy's noise, which is learned")
-    hidden: tuple[int, ...] = setting((64, 64), "hidden layers of actor and critic", least=1, most=8_192)
-
-
-@dataclass(frozen=True)
-class ARSConfig:
-    """Augmented random search, Mania et al. 2018 (arXiv 1803.07055): a linear policy of scaled observations."""
-
-    iterations: int = setting(500, "iterations of the run", least=1)
-    environments: int = setting(
-        1, "environments side by side; each direction is tried for an episode in each", least=1, most=1_000_000
-    )
-    rate: float = setting(0.02, "step size", least=0)
-    deviation: float = setting(0.05, "standard deviation of the perturbed weights", least=0)
-    directions: int = setting(8, "directions tried in an iteration, each both ways", least=1, most=100_000)
-    best: int = setting(8, "directions used, those with the largest returns", least=1)
-    alive: float = setting(0.0, "added to each reward: -1 removes a bonus of 1 for staying upright")
+_LAST = ("_last_obs", "_last_original_obs", "_last_episode_starts", "_n_updates")
 
 
 class Baseline(Trainer):
@@ -193,78 +139,6 @@ class Baseline(Trainer):
         self.simulation.restore(state["simulation"])
         self.randomness.restore(state["randomness"])
         self._take_policy()
-
-
-class SAC(Baseline):
-    """``update`` is ``block`` steps, with an update of the nets after each step of each environment."""
-
-    scales_observations = False
-
-    def make(self, environment: Any, seed: int) -> Any:
-        c = self.config
-        return sb3.library().SAC(
-            "MlpPolicy", environment, seed=seed, device="cpu", learning_rate=c.rate, batch_size=c.batch,
-            buffer_size=c.buffer, learning_starts=c.warmup, gamma=c.discount, tau=c.target_share, gradient_steps=-1,
-            policy_kwargs={"net_arch": list(c.hidden)},
-        )  # fmt: skip
-
-    def architecture(self) -> Architecture:
-        hidden = self.config.hidden
-        return Architecture.of(self.mdp, hidden, "relu", False, "tanh", False)
-
-    def actor(self) -> Sequence[nn.Module]:
-        return [*self.algorithm.actor.latent_pi, self.algorithm.actor.mu]
-
-    def steps(self) -> int:
-        return self.config.block
-
-
-class PPO(Baseline):
-    """``update`` is a window of ``horizon`` steps and its passes."""
-
-    scales_rewards = True
-
-    def make(self, environment: Any, seed: int) -> Any:
-        c = self.config
-        nets = {"net_arch": {"pi": list(c.hidden), "vf": list(c.hidden)}, "activation_fn": nn.ReLU}
-        return sb3.library().PPO(
-            "MlpPolicy", environment, seed=seed, device="cpu", learning_rate=c.rate, n_steps=c.horizon,
-            batch_size=c.batch, n_epochs=c.epochs, gamma=c.discount, gae_lambda=c.trace, clip_range=c.clip,
-            ent_coef=c.entropy, vf_coef=c.value, max_grad_norm=c.gradient,
-            policy_kwargs={**nets, "log_std_init": c.log_std, "ortho_init": False},
-        )  # fmt: skip
-
-    def architecture(self) -> Architecture:
-        return Architecture.of(self.mdp, self.config.hidden, "relu", False, "clip", True)
-
-    def actor(self) -> Sequence[nn.Module]:
-        return [*self.algorithm.policy.mlp_extractor.policy_net, self.algorithm.policy.action_net]
-
-    def steps(self) -> int:
-        return self.config.horizon * self.config.environments
-
-
-class ARS(Baseline):
-    """``update`` is one step of the search: an episode of each environment for each direction, both ways."""
-
-    def make(self, environment: Any, seed: int) -> Any:
-        c = self.config
-        return sb3.library("sb3_contrib").ARS(
-            "LinearPolicy", environment, seed=seed, device="cpu", learning_rate=c.rate, delta_std=c.deviation,
-            n_delta=c.directions, n_top=c.best, alive_bonus_offset=c.alive, n_eval_episodes=c.environments,
-        )  # fmt: skip
-
-    def architecture(self) -> Architecture:
-        return Architecture.of(self.mdp, (), "relu", False, "clip", True)
-
-    def actor(self) -> Sequence[nn.Module]:
-        return list(self.algorithm.policy.action_net)
-
-    def steps(self) -> int:
-        return 1
-
-
-_LAST = ("_last_obs", "_last_original_obs", "_last_episode_starts", "_n_updates")
 
 
 def _statistics(scales: Any) -> dict[str, Any]:
