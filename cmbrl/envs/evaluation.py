@@ -9,7 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cmbrl.envs.simulation import Disturbance, Simulation
+from cmbrl.envs.disturbance import Disturbance
+from cmbrl.envs.simulation import Simulation
 from cmbrl.envs.system_batch import SystemBatch
 from cmbrl.mdp import MDP
 from cmbrl.models.protocol import Model

@@ -8,31 +8,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from cmbrl.errors import UserError
+from cmbrl.envs.disturbance import Disturbance
 from cmbrl.mdp import MDP
-from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.manifold import Coordinates
-from cmbrl.models.protocol import HasCoordinates, Model, forget, model_state, restore_model
+from cmbrl.models.protocol import Model, forget, model_state, restore_model
 from cmbrl.models.step_result import SolverWarning
-from cmbrl.models.wiring import Robots, Wraps
-
-
-@dataclass(frozen=True)
-class Disturbance:
-    """What makes every episode in the model a little different, so that a policy cannot exploit the model's errors.
-
-    Args:
-        linear, angular: standard deviations of the noise added to velocities after each step [m/s, rad/s].
-        parameters: (K, np) sets of physical parameters; each episode draws one. None: the model's own.
-    """
-
-    linear: float = 0.0
-    angular: float = 0.0
-    parameters: np.ndarray | None = None
+from cmbrl.models.wiring import Robots
 
 
 @dataclass(frozen=True)
@@ -99,7 +82,7 @@ class Simulation:
         self.steps_taken = 0
         self._untaught = {} if mdp.curriculum is None else mdp.curriculum.state()
         self.restart()
-        self._noise = self._noise_scale()
+        self._noise = self.disturbance.noise_scale(model)
 
     def restart(self, seed: int | None = None) -> None:
         """Restarts all episodes; with ``seed``, as a new simulation of that seed starts."""
@@ -227,39 +210,7 @@ class Simulation:
             return None
         return torch.from_numpy(table)[torch.randint(len(table), (count,), generator=self.generator)]
 
-    def _noise_scale(self) -> Tensor | None:
-        """(nv,) standard deviation of the velocity noise."""
-        if not (self.disturbance.linear or self.disturbance.angular):
-            return None
-        scale = torch.full(self.v.shape[1:], self.disturbance.angular, dtype=self.v.dtype)
-        scale[list(coordinates_of(self.model).slides_v)] = self.disturbance.linear
-        return scale
-
 
 def _finite(q: Tensor, v: Tensor) -> Tensor:
     """(B,) bool: whether states are finite."""
     return torch.isfinite(q).all(dim=1) & torch.isfinite(v).all(dim=1)
-
-
-def coordinates_of(model: Model) -> Coordinates:
-    """Which velocities are linear and which angular; raises UserError for a model that does not know."""
-    if not isinstance(model, HasCoordinates):
-        raise UserError(
-            f"{model.name} has no coordinates, which velocity noise needs; set noise_linear and noise_angular to 0"
-        )
-    return model.coordinates
-
-
-def parameter_sets(model: Model, relative: float, count: int = 256, seed: int = 0) -> np.ndarray | None:
-    """Sets (count, np) for a ``Disturbance``: the model's candidates, each number scaled by 1 +- up to ``relative``.
-
-    Without candidates, the model's own parameters are scaled. None if there are no parameters, or nothing to vary.
-    """
-    inner = model.model if isinstance(model, Wraps) else model
-    if not isinstance(inner, ComplementarityModel) or (inner.candidates is None and not relative):
-        return None
-    rng = np.random.default_rng(seed)
-    base = inner.parameters[None] if inner.candidates is None else inner.candidates
-    chosen = base[rng.integers(len(base), size=count)]
-    low, high = np.array([(p.low, p.high) for p in inner.scene.parameters]).T
-    return np.clip(chosen * (1.0 + relative * rng.uniform(-1.0, 1.0, chosen.shape)), low, high)

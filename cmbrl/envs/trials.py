@@ -16,8 +16,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from cmbrl.envs.disturbance import Disturbance, parameter_sets
 from cmbrl.envs.evaluation import Actor, Evaluation, evaluate_model
-from cmbrl.envs.simulation import Disturbance, parameter_sets
 from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.protocol import Model

@@ -9,8 +9,9 @@ from typing import Any, ClassVar
 
 import torch
 
+from cmbrl.envs.disturbance import Disturbance, parameter_sets
 from cmbrl.envs.history import MOST, commands, observed
-from cmbrl.envs.simulation import Disturbance, Simulation, parameter_sets
+from cmbrl.envs.simulation import Simulation
 from cmbrl.envs.trials import failed, trials
 from cmbrl.gradients.kinds import steps_taken
 from cmbrl.mdp import MDP

@@ -10,9 +10,10 @@ import pytest
 import torch
 
 from cmbrl import Scene, UserError
+from cmbrl.envs.disturbance import Disturbance
 from cmbrl.envs.evaluation import evaluate_real
 from cmbrl.envs.recording import Recording
-from cmbrl.envs.simulation import Disturbance, Simulation
+from cmbrl.envs.simulation import Simulation
 from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
 from cmbrl.train.shac import SHAC, SHACConfig
 

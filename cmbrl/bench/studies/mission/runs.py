@@ -15,9 +15,9 @@ from typing import Any
 import torch
 
 from cmbrl.data.transitions import Transitions
+from cmbrl.envs.disturbance import Disturbance, parameter_sets
 from cmbrl.envs.evaluation import Actor, Evaluation, evaluate_model, evaluate_real
 from cmbrl.envs.recording import Recording
-from cmbrl.envs.simulation import Disturbance, parameter_sets
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import ComplementarityModel
