@@ -16,13 +16,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cmbrl.errors import UserError, did_you_mean
+from cmbrl.imitation.joints import ROOT_Q, ROOT_V, check, reach, soft_limits
 from cmbrl.imitation.motion import Motion
 from cmbrl.imitation.robot import Robot
 from cmbrl.imitation.starts import Starts
 from cmbrl.mdp import MDP, Total
 from cmbrl.models.body_motion import BodyMotion, BodyMotions
-from cmbrl.scene import Scene, kinematics
+from cmbrl.scene import Scene
 
 # weight, sigma of each term: reward w exp(-e / sigma^2), e a squared error or its mean over bodies
 TERMS = {
@@ -33,7 +33,7 @@ TERMS = {
     "body_linear": (1.0, 1.0),  # m/s
     "body_angular": (1.0, 3.14),  # rad/s
 }
-ACTION_RATE, LIMITS, SOFT = -0.1, -10.0, 0.9  # weights; limits count from this share of a joint's range
+ACTION_RATE, LIMITS = -0.1, -10.0  # weights
 TOO_HIGH, TOO_TILTED = 0.25, 0.8  # m, and difference of the cosine of the tilt
 EPISODE = 10.0  # s
 CLEAR = 0.02  # m, of every contact in flight
@@ -42,7 +42,6 @@ PULL = 1.0  # weight of what draws the anchor back to its place in training, in 
 ROOT_NOISE, JOINT_NOISE = (0.05, 0.05, 0.01, 0.1, 0.1, 0.2), 0.1
 ROOT_SPEED_NOISE = (0.5, 0.5, 0.2, 0.52, 0.52, 0.78)
 TRIAL_NOISE = 0.1  # share of that in an evaluation
-ROOT_Q, ROOT_V = 7, 6
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ class Tracking:
     """The process for ``robot`` and ``motion``; q carries two memories: the frame, and the last action (B, 1 + nu)."""
 
     def __init__(self, robot: Robot, scene: Scene, motion: Motion) -> None:
-        _check(robot, scene)
+        check(robot, scene)
         self.scene, self.motion, self.dt = scene, motion, motion.dt
         self.bodies = BodyMotions(scene, robot.tracked)
         self.anchor = robot.tracked.index(robot.anchor)
@@ -73,10 +72,10 @@ class Tracking:
         with torch.no_grad():
             self.reference = Reference(q[:, ROOT_Q:], v[:, ROOT_V:], self.bodies(q, v))
         self.last = len(q) - 1
-        self.scale = torch.from_numpy(robot.reach * _reach(scene))
+        self.scale = torch.from_numpy(robot.reach * reach(scene))
         names = scene.joint_names[1:]
         self.posture = torch.tensor([robot.posture.get(name, 0.0) for name in names], dtype=torch.float64)
-        self.low, self.high = _soft_limits(scene)
+        self.low, self.high = soft_limits(scene)
         low = scene.gaps(motion.q).min(axis=1, initial=math.inf)
         self.flight = torch.from_numpy(low > CLEAR) if scene.core.ncontact else None  #: of the reference, by frame
         self._seen: Any = None  # the last state asked for, whether with a graph, and its motion
@@ -226,43 +225,6 @@ class Tracking:
         return home + (about @ away[..., None])[..., 0], about @ wanted.rotation
 
 
-def _check(robot: Robot, scene: Scene) -> None:
-    """Raises UserError unless the scene has a free root and a servo on each joint, and knows the robot's names."""
-    kinds = ("position",) * 3 + ("rotation",) * 3
-    if scene.coordinate_kinds[:ROOT_V] != kinds or scene.nq != ROOT_Q + scene.nv - ROOT_V:
-        raise UserError(f"{scene.name}: imitation needs a free root, and joints of one coordinate each after it")
-    stiffness = [-scene.core.P[scene.layout.actuator(i, "bias1")] for i in range(scene.nu)]
-    if list(scene.core.act_line) != list(range(ROOT_V, scene.nv)) or not all(k > 0 for k in stiffness):
-        raise UserError(f"{scene.name}: imitation needs one position servo for each joint, in the order of the joints")
-    if not scene.body_names or robot.tracked[:1] != scene.body_names[:1]:
-        raise UserError(f"{scene.name}: the first tracked body has to be the root, {scene.body_names[0]!r}")
-    for name in (robot.anchor, *robot.ends):
-        if name not in robot.tracked:
-            raise UserError(f"{scene.name}: {name!r} is not among the tracked bodies: add it there")
-    for name in robot.posture:
-        if name not in scene.joint_names:
-            raise UserError(f"{scene.name} has no joint {name!r}: {did_you_mean(name, scene.joint_names)}")
-
-
 def _angle2(a: Tensor, b: Tensor) -> Tensor:
     """2 (1 - cos) of the angle between rotations (..., 3, 3): its square, where it is small."""
     return 3.0 - (a * b).sum((-1, -2))
-
-
-def _reach(scene: Scene) -> np.ndarray:
-    """By how much each servo's target must be away for its largest torque [rad] (nu,)."""
-    core, layout = scene.core, scene.layout
-    stiffness = np.array([-core.P[layout.actuator(i, "bias1")] for i in range(scene.nu)])
-    force = np.abs(np.reshape(core.act_force, (-1, 2))).min(axis=1)
-    return np.where(np.isfinite(force), force, math.inf) / stiffness
-
-
-def _soft_limits(scene: Scene) -> tuple[Tensor, Tensor]:
-    """Nine tenths of each joint's range (nu,)."""
-    low, high, core = np.full(scene.nq, -np.inf), np.full(scene.nq, np.inf), scene.core
-    joint = (core.lim_line < scene.nv) & (core.lim_ball < 0)
-    places = kinematics.addresses(core)[core.lim_line[joint]]
-    least, most = core.lim_lo[joint], core.lim_hi[joint]
-    middle, half = (least + most) / 2, SOFT * (most - least) / 2
-    low[places], high[places] = middle - half, middle + half
-    return torch.from_numpy(low[ROOT_Q:]), torch.from_numpy(high[ROOT_Q:])
