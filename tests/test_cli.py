@@ -17,8 +17,9 @@ import yaml
 from matplotlib.image import imread
 
 from cmbrl.accuracy.named_models import train_ensemble
+from cmbrl.cli.argument_types import assignment, seed
 from cmbrl.cli.main import COMMANDS, main
-from cmbrl.cli.options import Parser, assignment, resolved, seed
+from cmbrl.cli.parser import Parser, resolved
 from cmbrl.errors import UserError
 from cmbrl.models.ensemble import NeuralEnsemble
 

@@ -15,7 +15,8 @@ from cmbrl.bench.report.page import write_page
 from cmbrl.bench.report.runs import Bar, StudyRun, run_studies, summary
 from cmbrl.bench.stored import results
 from cmbrl.bench.study import Progress, Section, Settings
-from cmbrl.cli.options import Parser, add_json, add_runner, add_seed, add_threads, resolved
+from cmbrl.cli.options import add_json, add_runner, add_seed, add_threads
+from cmbrl.cli.parser import Parser, resolved
 from cmbrl.cli.progress import counting, fraction
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.runs import check_run_folder, environment, usable_cores, write_run

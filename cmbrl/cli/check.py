@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 
-from cmbrl.cli.options import add_json, add_scene_options, positive
+from cmbrl.cli.argument_types import positive
+from cmbrl.cli.options import add_json, add_scene_options
 from cmbrl.models.source import load_source
 
 PARTS = ("dynamics", "steps", "derivatives", "wild", "times")

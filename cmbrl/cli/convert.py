@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from cmbrl.cli.options import assignment, number
+from cmbrl.cli.argument_types import assignment, number
 from cmbrl.errors import UserError
 from cmbrl.files import check_writable, write_text
 

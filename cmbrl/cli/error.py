@@ -10,17 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cmbrl.accuracy.named_models import BUILT_IN, ENSEMBLE, build_models, common_source, train_ensemble
-from cmbrl.cli.options import (
-    add_json,
-    add_scene_options,
-    add_seed,
-    add_sliding,
-    add_threads,
-    number,
-    positive,
-    positive_number,
-    resolved,
-)
+from cmbrl.cli.argument_types import number, positive, positive_number
+from cmbrl.cli.options import add_json, add_scene_options, add_seed, add_sliding, add_threads
+from cmbrl.cli.parser import resolved
 from cmbrl.cli.progress import fraction
 from cmbrl.errors import UserError
 from cmbrl.files import write_json, write_text

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cmbrl.cli.options import MODEL_HELP, add_json, add_seed, add_smoothing, add_threads, assignment, positive
+from cmbrl.cli.argument_types import assignment, positive
+from cmbrl.cli.options import MODEL_HELP, add_json, add_seed, add_smoothing, add_threads
 from cmbrl.errors import UserError
 from cmbrl.runs import usable_cores
 from cmbrl.text import parse_number, shortened

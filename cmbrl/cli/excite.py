@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cmbrl.cli.options import add_json, add_scene_options, add_seed, add_threads, positive, positive_number
+from cmbrl.cli.argument_types import positive, positive_number
+from cmbrl.cli.options import add_json, add_scene_options, add_seed, add_threads
 from cmbrl.cli.progress import fraction
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.files import check_writable, write_bytes

@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cmbrl.cli.argument_types import assignment, number, positive, positive_number
 from cmbrl.cli.options import (
     EXIT_INTERRUPTED,
     add_json,
@@ -17,13 +18,9 @@ from cmbrl.cli.options import (
     add_seed,
     add_sliding,
     add_threads,
-    assignment,
     check_folder,
-    number,
-    positive,
-    positive_number,
-    resolved,
 )
+from cmbrl.cli.parser import resolved
 from cmbrl.cli.progress import fraction
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.files import read_record

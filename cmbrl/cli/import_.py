@@ -7,8 +7,9 @@ import json
 import textwrap
 from pathlib import Path
 
+from cmbrl.cli.argument_types import assignment, number, positive, positive_number
 from cmbrl.cli.configuration import read_configuration
-from cmbrl.cli.options import add_json, add_scene_options, assignment, number, positive, positive_number
+from cmbrl.cli.options import add_json, add_scene_options
 from cmbrl.errors import UserError
 from cmbrl.models.source import load_source
 from cmbrl.table import WIDTH

@@ -12,7 +12,8 @@ from importlib.metadata import version
 from keyword import iskeyword
 from types import ModuleType
 
-from cmbrl.cli.options import EXIT_INTERRUPTED, Parser
+from cmbrl.cli.options import EXIT_INTERRUPTED
+from cmbrl.cli.parser import Parser
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.files import FULL
 

@@ -6,7 +6,8 @@ import argparse
 import time
 from typing import Any
 
-from cmbrl.cli.options import MODEL_HELP, add_seed, add_smoothing, positive_number
+from cmbrl.cli.argument_types import positive_number
+from cmbrl.cli.options import MODEL_HELP, add_seed, add_smoothing
 from cmbrl.errors import UserError
 from cmbrl.files import check_writable
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 
-from cmbrl.cli.options import add_json, add_seed, positive
+from cmbrl.cli.argument_types import positive
+from cmbrl.cli.options import add_json, add_seed
 from cmbrl.cli.progress import counting
 from cmbrl.errors import UserError, did_you_mean
 

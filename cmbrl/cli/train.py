@@ -10,23 +10,19 @@ import textwrap
 from pathlib import Path
 from typing import Any
 
+from cmbrl.cli.argument_types import assignment, positive, positive_number
 from cmbrl.cli.options import (
     EXIT_INTERRUPTED,
     MODEL_HELP,
-    WIDTH,
-    Parser,
     add_contact_law,
     add_json,
     add_seed,
     add_sliding,
     add_smoothing,
     add_threads,
-    assignment,
     check_folder,
-    positive,
-    positive_number,
-    resolved,
 )
+from cmbrl.cli.parser import WIDTH, Parser, resolved
 from cmbrl.cli.progress import fraction
 from cmbrl.errors import UserError
 from cmbrl.files import file_digest, read_json

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from cmbrl.cli.options import add_json, add_runner, positive
+from cmbrl.cli.argument_types import positive
+from cmbrl.cli.options import add_json, add_runner
 from cmbrl.cli.progress import fraction
 from cmbrl.cli.sweep import report
 from cmbrl.cli.sweep.cell import remove_empty, run_cell
