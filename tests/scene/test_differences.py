@@ -8,7 +8,8 @@ import pytest
 
 from cmbrl.scene import Scene
 from cmbrl.scene.differences import hull_error
-from cmbrl.scene.report import describe, to_dict
+from cmbrl.scene.inventory import to_dict
+from cmbrl.scene.report import describe
 from cmbrl.scene.shapes import hull_points, hull_vertices
 
 from .conftest import Load

@@ -13,8 +13,9 @@ import pytest
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
 from cmbrl.scene.actuators import UNLIMITED
+from cmbrl.scene.inventory import to_dict
 from cmbrl.scene.inverse_weights import factors
-from cmbrl.scene.report import describe, to_dict
+from cmbrl.scene.report import describe
 
 from .conftest import Load
 
