@@ -11,7 +11,8 @@ import numpy as np
 from cmbrl.scene.activation import activation_arrays
 from cmbrl.scene.actuators import Actuator, reach_arrays, read_actuators
 from cmbrl.scene.arrays import doubles, integers
-from cmbrl.scene.assemble import contact_arrays, line_arrays, physical_vector, tie_arrays, tree_arrays
+from cmbrl.scene.assemble import contact_arrays, line_arrays, tree_arrays
+from cmbrl.scene.contact_records import Candidate
 from cmbrl.scene.contacts import ContactBuilder
 from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.differences import differences
@@ -24,14 +25,15 @@ from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.mjcf import ignores, name_of, read_tree
 from cmbrl.scene.parameters import offer_parameters
-from cmbrl.scene.records import Candidate, JointKind, Parameter, Tendon, Tie, Tree
+from cmbrl.scene.physical_vector import physical_vector
+from cmbrl.scene.records import JointKind, Parameter, Tendon, Tie, Tree
 from cmbrl.scene.reduction import PlaneOfMotion, find_plane, merge_points, obstacle_to_plane, project
 from cmbrl.scene.robot_source import Compiled
 from cmbrl.scene.shapes import Shape, read_shape
 from cmbrl.scene.springs import check_joints, spring_arrays
 from cmbrl.scene.support import Gate
 from cmbrl.scene.tendons import lines_of, obstacle_of_tendons, read_tendons
-from cmbrl.scene.ties import obstacle_of_ties, read_ties
+from cmbrl.scene.ties import obstacle_of_ties, read_ties, tie_arrays
 
 _INTEGRATORS = {
     "mjINT_EULER": "euler",

@@ -7,8 +7,9 @@ from collections.abc import Iterator, Mapping
 import mujoco
 import numpy as np
 
+from cmbrl.scene.contact_records import Candidate, ContactKind, When
 from cmbrl.scene.mjcf import name_of
-from cmbrl.scene.records import Array, Candidate, ContactKind, LeftOut, Tendon, When
+from cmbrl.scene.records import Array, LeftOut, Tendon
 from cmbrl.scene.shapes import hull_points, hull_vertices
 from cmbrl.scene.stand_ins import StandIn
 

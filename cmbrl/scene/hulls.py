@@ -12,8 +12,9 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.arrays import doubles, integers
+from cmbrl.scene.contact_records import Candidate, ContactKind
 from cmbrl.scene.manifold import quaternion_matrix
-from cmbrl.scene.records import Array, Candidate, ContactKind, Frame, Tree
+from cmbrl.scene.records import Array, Frame, Tree
 
 _BOX_SIDES = (  # towards +x, -x, +y and so on: signs of the corners, from MuJoCo's first one on, in the other sense
     "+++ ++- +-- +-+", "-+- -++ --+ ---", "-+- ++- +++ -++", "--+ +-+ +-- ---", "-++ +++ +-+ --+", "++- -+- --- +--",

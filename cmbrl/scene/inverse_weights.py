@@ -24,8 +24,9 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.arrays import doubles, integers
+from cmbrl.scene.contact_records import Candidate
 from cmbrl.scene.core_arrays import CoreArrays
-from cmbrl.scene.records import WORLD, Array, Candidate, Tree
+from cmbrl.scene.records import WORLD, Array, Tree
 
 _NOTHING = 1e-15  # below it MuJoCo takes a weight for zero
 SOFTENED_LAWS = ("mujoco", "logistic")  #: whose compliance is a multiple of the inverse weight

@@ -10,8 +10,9 @@ import mujoco
 import numpy as np
 
 from cmbrl.errors import UserError
+from cmbrl.scene.contact_records import ContactLaw
 from cmbrl.scene.mjcf import name_of
-from cmbrl.scene.records import Array, ContactLaw
+from cmbrl.scene.records import Array
 from cmbrl.scene.support import Gate
 
 _NO_ROLLING = "torsional and rolling friction"

@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from cmbrl.scene.actuators import Actuator
 from cmbrl.scene.collector import Collector, Moves
+from cmbrl.scene.contact_records import Candidate
 from cmbrl.scene.inertia_shapes import offer_shapes
 from cmbrl.scene.joint_parameters import offer_actuator, offer_joints
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.mjcf import name_of
-from cmbrl.scene.records import WORLD, Array, Candidate, Tendon, Tree
+from cmbrl.scene.records import WORLD, Array, Tendon, Tree
 from cmbrl.scene.shapes import Shape
 
 Rows = NDArray[np.int64]

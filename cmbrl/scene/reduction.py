@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cmbrl.scene.records import WORLD, Array, Candidate, ContactKind, Joint, JointKind, Tree
+from cmbrl.scene.contact_records import Candidate, ContactKind
+from cmbrl.scene.records import WORLD, Array, Joint, JointKind, Tree
 
 _ALIGNED = 1e-9
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import mujoco
 import numpy as np
 
+from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.mjcf import ignores, name_of
-from cmbrl.scene.records import Array, Obstacle, Segment, Tendon, Tree
+from cmbrl.scene.records import WORLD, Array, Obstacle, Segment, Tendon, Tree
 from cmbrl.scene.reduction import PlaneOfMotion
 from cmbrl.scene.support import Gate
 
@@ -37,6 +39,42 @@ def read_tendons(model: mujoco.MjModel, tree: Tree, gate: Gate) -> list[Tendon]:
 def lines_of(model: mujoco.MjModel, tendons: list[Tendon]) -> Mapping[int, int]:
     """Line of the core by number of the tendon in the file."""
     return {tendon.source: int(model.nv) + k for k, tendon in enumerate(tendons)}
+
+
+def segment_arrays(tree: Tree, tendons: list[Tendon], plane: PlaneOfMotion | None) -> dict[str, Any]:
+    """The segments of tendons, in the plane of motion if there is one, and what they go around."""
+    segments = [segment for tendon in tendons for segment in tendon.segments]
+    dimension = 2 if plane else 3
+
+    def points(ends: list[tuple[int, Array]]) -> Array:
+        return doubles([plane.local(tree, *end) if plane else end[1] for end in ends], (-1, dimension))
+
+    return {
+        "seg_ptr": integers(np.cumsum([0, *(len(tendon.segments) for tendon in tendons)])),
+        "seg_A": integers([s.body_a for s in segments]),
+        "seg_B": integers([s.body_b for s in segments]),
+        "seg_posA": points([(s.body_a, s.pos_a) for s in segments]),
+        "seg_posB": points([(s.body_b, s.pos_b) for s in segments]),
+        "seg_scale": doubles([s.scale for s in segments], (-1,)),
+        **_obstacle_arrays(segments),
+    }
+
+
+def _obstacle_arrays(segments: list[Segment]) -> dict[str, Any]:
+    """What segments go around, one for each that goes around something."""
+    found, which = [s.around for s in segments if s.around], -np.ones(len(segments), dtype=int)
+    which[[s.around is not None for s in segments]] = np.arange(len(found))
+    sites = [o.site or (WORLD, np.zeros(3)) for o in found]
+    return {
+        "seg_wrap": integers(which),
+        "wrap_body": integers([o.body for o in found]),
+        "wrap_kind": integers([(o.cylinder, o.site is not None) for o in found]),
+        "wrap_pos": doubles([o.pos for o in found], (-1, 3)),
+        "wrap_rot": doubles([o.rot for o in found], (-1, 9)),
+        "wrap_radius": doubles([o.radius for o in found], (-1,)),
+        "wrap_site_body": integers([body for body, _ in sites]),
+        "wrap_site": doubles([pos for _, pos in sites], (-1, 3)),
+    }
 
 
 def is_fixed(model: mujoco.MjModel, k: int) -> bool:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
 
 import mujoco
 import numpy as np
 
+from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.manifold import quaternion_matrix
 from cmbrl.scene.mjcf import ignores, name_of
 from cmbrl.scene.records import WORLD, Array, Tie, TieKind, Tree
@@ -54,6 +57,38 @@ def obstacle_of_ties(tree: Tree, plane: PlaneOfMotion, ties: list[Tie]) -> str |
             if np.linalg.norm(turn @ normal - normal) > FLAT:
                 return f"{tie.name} turns a body out of the plane of motion"
     return None
+
+
+def tie_arrays(tree: Tree, ties: list[Tie], plane: PlaneOfMotion | None) -> dict[str, Any]:
+    """Equality constraints, in the plane of motion if there is one."""
+    dimension = 2 if plane else 3
+
+    def point(body: int, pos: Array) -> Array:
+        return plane.local(tree, body, pos) if plane else pos
+
+    def frames(tie: Tie) -> tuple[Array, Array]:
+        if not plane:
+            return tie.rot_a.ravel(), tie.rot_b.ravel()
+        apart = tree.turn(tie.a, tie.rot_a) @ tree.turn(tie.b, tie.rot_b).T  # a turn about the plane's normal
+        rot_a, rot_b = (np.eye(2) if body == WORLD else plane.rot[body].T for body in (tie.a, tie.b))
+        return (rot_a @ plane.basis @ apart @ plane.basis.T)[:, 0], rot_b[:, 0]  # cosine, sine
+
+    bodies = [tie if tie.kind != TieKind.POLYNOMIAL else replace(tie, a=WORLD, b=WORLD) for tie in ties]
+    rots = [frames(tie) for tie in bodies]
+    return {
+        "tie_type": integers([tie.kind for tie in ties]),
+        "tie_A": integers([tie.a for tie in ties]),
+        "tie_B": integers([tie.b for tie in ties]),
+        "tie_posA": doubles([point(tie.a, tie.pos_a) for tie in bodies], (-1, dimension)),
+        "tie_posB": doubles([point(tie.b, tie.pos_b) for tie in bodies], (-1, dimension)),
+        "tie_rotA": doubles([rot for rot, _ in rots], (-1, 2 if plane else 9)),
+        "tie_rotB": doubles([rot for _, rot in rots], (-1, 2 if plane else 9)),
+        "tie_scale": doubles([tie.scale for tie in ties], (-1,)),
+        "tie_poly": doubles([tie.poly for tie in ties], (-1, 5)),
+        "tie_ref": doubles([tie.ref for tie in ties], (-1, 2)),
+        "tie_soft": doubles([[*tie.solref, *tie.solimp] for tie in ties], (-1, 7)),
+        "tie_invweight": doubles([tie.inverse_weight for tie in ties], (-1, 2)),
+    }
 
 
 def _softness(model: mujoco.MjModel, k: int) -> tuple[Array, Array]:

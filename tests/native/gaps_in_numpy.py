@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from cmbrl.scene.contact_records import ContactKind
 from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.kinematics import body_poses
-from cmbrl.scene.records import Array, ContactKind
+from cmbrl.scene.records import Array
 
 FLAT_TILT = 1e-3  # [rad] of a rim; the core's kFlat
 BESIDE, AWAY = 1e-6, 1e3  # m: how far beside a side a corner still touches it; the gap of one that does not

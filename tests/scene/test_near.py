@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cmbrl.scene import Scene
-from cmbrl.scene.records import When
+from cmbrl.scene.contact_records import When
 
 FINGER = """<mujoco><option timestep=".002" gravity="0 0 0"/><worldbody><body pos="0 0 1">
 <joint type="slide" axis="0 0 1"/>

@@ -1,0 +1,121 @@
+"""The contact candidates of two shapes: which features of one may touch which of the other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+
+from cmbrl.scene.contact_records import Candidate, ContactKind, ContactLaw, When
+from cmbrl.scene.hulls import has_sides
+from cmbrl.scene.records import WORLD, Array
+from cmbrl.scene.shapes import Shape, Touch, touches
+from cmbrl.scene.stand_ins import CONVEX, OWN
+
+ROUND = ("sphere", "capsule")
+_ZERO, _UPRIGHT = np.zeros(3), np.eye(3)  # shared by all candidates
+
+
+def on_plane(shape: Shape, plane: Shape, touch: Touch, law: ContactLaw) -> Candidate:
+    """What ``touch`` of a shape does over a plane of the world."""
+    kind = ContactKind.RIM_PLANE if np.any(touch.rim) else ContactKind.POINT_PLANE
+    return Candidate(
+        kind, (shape.geom, plane.geom), shape.body, WORLD,
+        touch.pos, touch.rim, _ZERO, _ZERO, _UPRIGHT, _ZERO, touch.radius, 0.0, law, touch.weight,
+        along=shape.rot[:, 2] if shape.kind == "capsule" else _ZERO,
+    )  # fmt: skip
+
+
+def between(a: Shape, b: Shape, law: ContactLaw, across: Array | None) -> list[Candidate]:
+    """Of two spheres, capsules or boxes.
+
+    ``across`` (3,): in a plane of motion, its normal in the box's body frame: only edges along it are seen there.
+    """
+    if a.kind in ROUND and b.kind in ROUND:
+        return [_round_pair(a, b, law)]
+    if a.kind == b.kind:
+        return [*_corners(a, b, law), *_corners(b, a, law)]
+    ball, box = (a, b) if a.kind in ROUND else (b, a)
+    return _round_box(ball, box, law, across)
+
+
+def of_hulls(model: mujoco.MjModel, a: Shape, b: Shape, law: ContactLaw, spatial: bool) -> list[Candidate]:
+    """What touches as in MuJoCo where rows do not look ahead: all but spheres, capsules and boxes among themselves.
+
+    Only closed gaps are seen. Of two boxes in space, edges that cross wherever they are: corners alone would let
+    them through each other.
+    """
+    kinds, boxes = {a.kind, b.kind}, a.kind == b.kind == "box"
+    if not kinds <= {*CONVEX} or (kinds <= {*OWN} and not boxes) or law.margin > 0:
+        return []
+    if not spatial and kinds != {"mesh"} and kinds != {"mesh", "box"}:
+        return []
+    if not (has_sides(model, a.geom) and has_sides(model, b.geom)) or a.rounding or b.rounding:
+        return []
+    a, b = (b, a) if a.body == WORLD else (a, b)
+    kind, geoms, when = ContactKind.HULLS, (a.geom, b.geom), When.ALWAYS if boxes else When.CLOSED
+    one = Candidate(
+        kind, geoms, a.body, b.body, a.pos, _ZERO, b.pos, _ZERO, _UPRIGHT, _ZERO, 0.0, 0.0, law, when=when,
+    )  # fmt: skip
+    return [one] * _most_points(kinds)
+
+
+def _most_points(kinds: set[str]) -> int:
+    """Of MuJoCo's contact of two convex shapes."""
+    if kinds == {"box"}:
+        return 8
+    return 1 if kinds & {"sphere", "ellipsoid"} else 4
+
+
+def _round_pair(a: Shape, b: Shape, law: ContactLaw) -> Candidate:
+    """Spheres and capsules: a point of A against a segment of B, or two segments; B may be the world."""
+    if WORLD in (a.body, b.body):
+        a, b = (b, a) if a.body == WORLD else (a, b)
+    elif a.kind == "capsule" and b.kind == "sphere":
+        a, b = b, a
+    kind = ContactKind.SEGMENT_SEGMENT if a.kind == "capsule" else ContactKind.POINT_SHAPE
+    return Candidate(
+        kind, (a.geom, b.geom), a.body, b.body,
+        a.pos, a.axis, b.pos, b.axis, _UPRIGHT, _ZERO, a.radius, b.radius, law,
+    )  # fmt: skip
+
+
+def _point_box(shape: Shape, point: Array, radius: float, box: Shape, law: ContactLaw) -> Candidate:
+    return Candidate(
+        ContactKind.POINT_SHAPE, (shape.geom, box.geom), shape.body, box.body,
+        point, _ZERO, box.pos, _ZERO, box.rot, box.core, radius, box.radius, law,
+    )  # fmt: skip
+
+
+def _corners(a: Shape, b: Shape, law: ContactLaw) -> list[Candidate]:
+    """The corners of box A against box B."""
+    points = [touch.pos for touch in touches(a, None)]
+    return [
+        replace(_point_box(a, p, a.radius, b, law), kind=ContactKind.CORNER_BOX, axis_a=p - a.pos, rot_a=a.rot)
+        for p in points
+    ]
+
+
+def _round_box(ball: Shape, box: Shape, law: ContactLaw, across: Array | None) -> list[Candidate]:
+    """A sphere, or both ends of a capsule, against a box; a capsule's side against its edges, or those ``across``."""
+    if ball.kind == "sphere":
+        return [_point_box(ball, ball.pos, ball.radius, box, law)]
+    ends = [_point_box(ball, ball.pos + end * ball.axis, ball.radius, box, law) for end in (-1, 1)]
+    edges = _edges(box)
+    if across is not None:
+        edges = [edge for edge in edges if abs(edge.rot[:, 2] @ across) > 1 - 1e-6] or edges
+    return ends + [_round_pair(ball, edge, law) for edge in edges]
+
+
+def _edges(box: Shape) -> list[Shape]:
+    """The twelve edges as capsules without a radius, or with that of the box's rounding."""
+    found = []
+    for axis in range(3):
+        turn = box.rot[:, [(axis + 1) % 3, (axis + 2) % 3, axis]]
+        half = box.core[[(axis + 1) % 3, (axis + 2) % 3, axis]]
+        for x, y in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
+            pos = box.pos + turn @ np.array([x * half[0], y * half[1], 0.0])
+            size = np.array([box.rounding, half[2], 0.0])
+            found.append(replace(box, kind="capsule", pos=pos, rot=turn, size=size, rounding=0.0))
+    return found

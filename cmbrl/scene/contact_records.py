@@ -1,0 +1,73 @@
+"""Plain records of contact between MuJoCo's compiled model and the arrays of the core: what may touch, by which law.
+
+Lengths in m; frames are those of the moving bodies A and B, of which -1 is the world.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+
+from cmbrl.scene.records import Array
+
+
+class ContactKind(IntEnum):
+    """Kinds of contact candidates, as the core numbers them."""
+
+    POINT_PLANE = 0
+    POINT_SHAPE = 1
+    SEGMENT_SEGMENT = 2
+    RIM_PLANE = 3  # the lowest point of a circle: a cylinder's edge
+    CORNER_BOX = 4  # a corner of a box against another box
+    HULLS = 5  # where two convex shapes touch, at least one of which is a mesh, cylinder or ellipsoid, or two boxes
+
+    @property
+    def on_plane(self) -> bool:
+        """Whether B is a plane of the world."""
+        return self in (ContactKind.POINT_PLANE, ContactKind.RIM_PLANE)
+
+
+class When(IntEnum):
+    """Where a candidate acts, as the core numbers it: everywhere, or by whether rows look ahead."""
+
+    ALWAYS = 0
+    AHEAD = 1  # where they do
+    CLOSED = 2  # where they do not
+
+
+@dataclass(frozen=True)
+class ContactLaw:
+    """Contact parameters of two geoms: mixed by MuJoCo's rules, or given by an explicit pair."""
+
+    dim: int  # 1 or 3
+    friction: float
+    solref: Array  # (2,)
+    solimp: Array  # (5,)
+    margin: float  # [m] the constraint acts below this gap
+    inverse_weight: float  # sum of both bodies' translational invweight0
+    edges: int = 4  # of MuJoCo's pyramid: more than 4 where it has torsional or rolling friction too
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """Two features that may touch."""
+
+    kind: ContactKind
+    geoms: tuple[int, int]  # numbers of the geoms A and B in the file
+    body_a: int
+    body_b: int
+    pos_a: Array  # (D,) in A's frame
+    axis_a: Array  # (D,) half segment vector; of a rim: across it, as long as its radius; of a corner: from the centre
+    pos_b: Array
+    axis_b: Array
+    rot_b: Array  # (D, D) frame of a box
+    half_b: Array  # (D,) half sizes of a box
+    radius_a: float
+    radius_b: float
+    law: ContactLaw
+    weight: float = 1.0  # number of MuJoCo's points that this one stands for
+    rot_a: Array = field(default_factory=lambda: np.eye(3))  # (D, D) frame of the box that a corner is of
+    along: Array = field(default_factory=lambda: np.zeros(3))  # in A's frame: of a capsule, along which a pyramid lies
+    when: When = When.ALWAYS

@@ -1,0 +1,128 @@
+"""The physical vector P of a scene at the values of its file; ``layout.py`` gives the order of its numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from cmbrl.scene.actuators import Actuator, force_limit
+from cmbrl.scene.contact_records import Candidate, ContactLaw
+from cmbrl.scene.laws import LawChoice
+from cmbrl.scene.layout import CONTACT_FIELDS, Layout
+from cmbrl.scene.mjcf import ignores
+from cmbrl.scene.records import Array, JointKind, Tendon, Tree
+from cmbrl.scene.reduction import PlaneOfMotion
+from cmbrl.scene.shapes import Shape
+
+STRIBECK_SPEED = 0.1  # rad/s or m/s: dry friction that speed takes away, of which a file has none
+
+
+def physical_vector(
+    model: mujoco.MjModel,
+    tree: Tree,
+    candidates: list[Candidate],
+    planes: list[Shape],
+    tendons: list[Tendon],
+    actuators: list[Actuator],
+    plane: PlaneOfMotion | None,
+    layout: Layout,
+    law: LawChoice,
+) -> Array:
+    """P (nP,) at the values of the file, in the order of ``layout.py``."""
+    P = np.zeros(layout.size)
+    _write_bodies(P, layout, tree, plane)
+    _write_joints(P, layout, model, tree)
+    _write_tendons(P, layout, model, tendons)
+    _write_contacts(P, layout, candidates, law)
+    for k, ground in enumerate(planes):
+        P[layout.plane(k)] = ground.rot[:, 2] @ ground.pos
+    _write_actuators(P, layout, actuators)
+    if not ignores(model, "GRAVITY"):
+        gravity = np.asarray(model.opt.gravity)
+        P[layout.gravity : layout.contact(0)] = plane.basis @ gravity if plane else gravity
+    return P
+
+
+def _write_bodies(P: Array, layout: Layout, tree: Tree, plane: PlaneOfMotion | None) -> None:
+    for k, body in enumerate(tree.bodies):
+        P[layout.mass(k)] = body.mass
+        com, inertia = layout.com(k), layout.inertia(k)
+        P[com : com + layout.dimension] = plane.local(tree, k, body.com) if plane else body.com
+        I = body.inertia  # noqa: E741
+        if plane:
+            axis = tree.world_rot[k].T @ plane.axis
+            P[inertia] = axis @ I @ axis
+        else:
+            P[inertia : inertia + 6] = I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]
+
+
+def _write_joints(P: Array, layout: Layout, model: mujoco.MjModel, tree: Tree) -> None:
+    bent = np.any(getattr(model, "jnt_stiffnesspoly", np.zeros((model.njnt, 2))) != 0, axis=-1)
+    for joint in tree.joints:
+        stiffness = 0.0 if ignores(model, "SPRING") else model.jnt_stiffness[joint.source]
+        reference = model.qpos_spring[joint.qadr] if joint.kind != JointKind.BALL else 0.0
+        for dof in joint.dofs:
+            P[layout.dof(dof, "armature")] = model.dof_armature[dof]
+            P[layout.dof(dof, "damping")] = 0.0 if ignores(model, "DAMPER") else model.dof_damping[dof]
+            P[layout.dof(dof, "stiffness")] = stiffness
+            P[layout.dof(dof, "springref")] = reference if stiffness or bent[joint.source] else 0.0
+            if _rubs(model):
+                P[layout.dof(dof, "frictionloss")] = model.dof_frictionloss[dof]
+            P[layout.dof(dof, "stribeck_speed")] = STRIBECK_SPEED
+
+
+def _rubs(model: mujoco.MjModel) -> bool:
+    """Whether joints and tendons have dry friction."""
+    return not (ignores(model, "FRICTIONLOSS") or ignores(model, "CONSTRAINT"))
+
+
+def _write_tendons(P: Array, layout: Layout, model: mujoco.MjModel, tendons: list[Tendon]) -> None:
+    armature = getattr(model, "tendon_armature", np.zeros(model.ntendon))  # of recent MuJoCo versions
+    for k, tendon in enumerate(tendons):
+        source, first = tendon.source, layout.dof(model.nv + k)
+        stiffness = 0.0 if ignores(model, "SPRING") else model.tendon_stiffness[source]
+        damping = 0.0 if ignores(model, "DAMPER") else model.tendon_damping[source]
+        reference = model.tendon_lengthspring[source, 0] if stiffness else 0.0
+        loss = model.tendon_frictionloss[source] if _rubs(model) else 0.0
+        P[first : first + 5] = [armature[source], damping, stiffness, reference, loss]
+
+
+def _write_actuators(P: Array, layout: Layout, actuators: list[Actuator]) -> None:
+    """Those on one line add to its armature and damping."""
+    for k, actuator in enumerate(actuators):
+        first = layout.actuator(k)
+        time = actuator.activation.time_constant if actuator.activation else 0.0
+        P[first : first + 7] = [actuator.gear, actuator.gain, *actuator.bias, time, force_limit(actuator)]
+        if actuator.reach is None:
+            P[layout.dof(actuator.line, "armature")] += actuator.armature
+            P[layout.dof(actuator.line, "damping")] += actuator.damping
+
+
+def _write_contacts(P: Array, layout: Layout, candidates: list[Candidate], law: LawChoice) -> None:
+    blocks = P[layout.contact(0) :].reshape(-1, len(CONTACT_FIELDS))
+    laws = {id(c.law): c.law for c in candidates}  # pairs of the same surfaces share theirs
+    shared = {key: _law_block(own, law) for key, own in laws.items()}
+    for block, c in zip(blocks, candidates, strict=True):
+        block[:] = shared[id(c.law)]
+    blocks[:, 2] = [c.radius_a + c.radius_b for c in candidates]
+    blocks[:, 8] = [1 / c.weight for c in candidates]
+
+
+def _law_block(own: ContactLaw, law: LawChoice) -> Array:
+    """Block (9,) of a contact in P, without the sum of radii and the weight of the candidate."""
+    ref: Sequence[float] | Array = own.solref
+    if law.name == "spring-damper":
+        ref = _spring_damper(own)
+    elif law.name == "logistic":
+        ref = law.stiffness, 0.0
+    return np.array([own.friction, 0.0, 0.0, *ref, *own.solimp[:3], 0.0])  # MJCF cannot express restitution
+
+
+def _spring_damper(law: ContactLaw) -> tuple[float, float]:
+    """Stiffness [N/m] and damping [N s/m] that give the contact's effective mass the time constant of its solref."""
+    (first, second), dmax, mass = law.solref, float(np.clip(law.solimp[1], 1e-4, 0.9999)), 1 / law.inverse_weight
+    if first > 0:
+        return mass / (dmax * first * second) ** 2, 2 * mass / (dmax * first)
+    return -mass * first / dmax**2, -mass * second / dmax
