@@ -37,7 +37,7 @@ def verdicts_table(judged: Judged) -> Table:
         equal, task, first, second, _ = by_hits
         measure = measure_of(judged[equal, task])
         found = {HITS: by_hits[-1], DISTANCE: by_distance[-1]}
-        rows.append([task, equal, first, second, *(_percent(found[m]) for m in (HITS, DISTANCE)), measure,
+        rows.append([task, equal, first, second, *(found[m].percent for m in (HITS, DISTANCE)), measure,
                      found[measure].verdict])  # fmt: skip
     columns = [
         "throw",
@@ -112,7 +112,7 @@ def summary(judged: Judged) -> str:
                 arms = judged[equal, task]
                 measure = measure_of(arms)
                 found = gain(arms[first], arms[second], measure)
-                words[equal] = f"{found.verdict} at equal {equal} ({_percent(found)} {UNITS[measure]})"
+                words[equal] = f"{found.verdict} at equal {equal} ({found.percent} {UNITS[measure]})"
             told.append(f"{task} " + ", ".join(words.values()))
         parts.append(f"{first} beats {second}: " + "; ".join(told) + ".")
     return " ".join(parts)
@@ -120,13 +120,7 @@ def summary(judged: Judged) -> str:
 
 def gained(arms: Mapping[str, Outcome]) -> str:
     """The gains in hits that are asked for, of one run of every family."""
-    return ", ".join(
-        f"over {second} {_percent(gain(arms[first], arms[second], HITS))} points" for first, second in ASKED
-    )
-
-
-def _percent(found: Gain) -> str:
-    return f"{100 * found.mean:+.1f} [{100 * found.low:+.1f}, {100 * found.high:+.1f}]"
+    return ", ".join(f"over {second} {gain(arms[first], arms[second], HITS).percent} points" for first, second in ASKED)
 
 
 def _mean(values: Array, unit: float, form: str) -> str:

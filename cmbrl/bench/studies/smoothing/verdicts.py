@@ -31,6 +31,11 @@ class Gain:
         return cls(by_seed, float(by_seed.mean()), low, high)
 
     @property
+    def percent(self) -> str:
+        """The mean and its interval."""
+        return f"{100 * self.mean:+.1f} [{100 * self.low:+.1f}, {100 * self.high:+.1f}]"
+
+    @property
     def verdict(self) -> str:
         """In the words that were fixed before the runs."""
         if max(-self.low, self.high) <= EQUAL:

@@ -48,7 +48,7 @@ def verdicts_table(judged: Judged) -> Table:
     for (equal, scene), arms in judged.items():
         for first, second in PAIRS:
             found = gain(arms[first], arms[second])
-            rows.append([scene, equal, first, second, _percent(found), found.verdict])
+            rows.append([scene, equal, first, second, found.percent, found.verdict])
     columns = ["scene", "equal", "first", "second", "gain [%]", "verdict"]
     return Table("The first against the second", columns, rows, WORDS("tables.verdicts"))
 
@@ -99,7 +99,7 @@ def summary(judged: Judged) -> str:
         for scene in dict.fromkeys(scene for _, scene in judged):
             found = {equal: gain(arms[first], arms[second]) for (equal, of), arms in judged.items() if of == scene}
             told.append(
-                f"{scene} " + ", ".join(f"{g.verdict} at equal {equal} ({_percent(g)} %)" for equal, g in found.items())
+                f"{scene} " + ", ".join(f"{g.verdict} at equal {equal} ({g.percent} %)" for equal, g in found.items())
             )
         parts.append(f"{first} beats {second}: " + "; ".join(told) + ".")
     return " ".join(parts)
@@ -107,12 +107,8 @@ def summary(judged: Judged) -> str:
 
 def gained(arms: Mapping[str, Outcome]) -> str:
     """The gains that are asked for, of one run of every family."""
-    return ", ".join(f"over {second} {_percent(gain(arms[first], arms[second]))} %" for first, second in ASKED)
+    return ", ".join(f"over {second} {gain(arms[first], arms[second]).percent} %" for first, second in ASKED)
 
 
 def _means(values: Array, rows: np.ndarray) -> Array:
     return values[rows].mean(axis=-1)  # type: ignore[no-any-return]
-
-
-def _percent(found: Gain) -> str:
-    return f"{100 * found.mean:+.1f} [{100 * found.low:+.1f}, {100 * found.high:+.1f}]"
