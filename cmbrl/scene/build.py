@@ -1,39 +1,33 @@
-"""From a compiled robot to the fields of a scene: what is read, what is simplified, what the core gets."""
+"""From the parts of a robot to the fields of a scene: what it is called, what the core gets, what a fit may change."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from cmbrl.scene.activation import activation_arrays
-from cmbrl.scene.actuators import Actuator, reach_arrays, read_actuators
+from cmbrl.scene.actuators import reach_arrays
 from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.assemble import contact_arrays, line_arrays, tree_arrays
-from cmbrl.scene.contact_records import Candidate
-from cmbrl.scene.contacts import ContactBuilder
 from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.differences import differences
-from cmbrl.scene.fluid import Box, box_arrays, oblique_box, read_boxes
+from cmbrl.scene.fluid import box_arrays
 from cmbrl.scene.hulls import hull_arrays
 from cmbrl.scene.inverse_weights import weight_arrays
-from cmbrl.scene.joint_forces import Compensation, force_ranges, read_compensation
 from cmbrl.scene.joint_parameters import armatures_of
 from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.layout import Layout
-from cmbrl.scene.mjcf import ignores, name_of, read_tree
+from cmbrl.scene.mjcf import ignores, name_of
 from cmbrl.scene.parameters import offer_parameters
+from cmbrl.scene.parts import Parts
 from cmbrl.scene.physical_vector import physical_vector
-from cmbrl.scene.records import JointKind, Parameter, Tendon, Tie, Tree
-from cmbrl.scene.reduction import PlaneOfMotion, find_plane, merge_points, obstacle_to_plane, project
+from cmbrl.scene.records import JointKind, Parameter, Tree
 from cmbrl.scene.robot_source import Compiled
-from cmbrl.scene.shapes import Shape, read_shape
-from cmbrl.scene.springs import check_joints, spring_arrays
+from cmbrl.scene.springs import spring_arrays
 from cmbrl.scene.support import Gate
-from cmbrl.scene.tendons import lines_of, obstacle_of_tendons, read_tendons
-from cmbrl.scene.ties import obstacle_of_ties, read_ties, tie_arrays
+from cmbrl.scene.ties import tie_arrays
 
 _INTEGRATORS = {
     "mjINT_EULER": "euler",
@@ -41,58 +35,6 @@ _INTEGRATORS = {
     "mjINT_IMPLICIT": "implicit",
     "mjINT_IMPLICITFAST": "implicit",
 }
-
-
-@dataclass(frozen=True)
-class Parts:
-    """What a robot consists of, in the plane of motion if there is one."""
-
-    tree: Tree
-    plane: PlaneOfMotion | None
-    why: str  # the tree moves in a plane, or does not
-    contacts: ContactBuilder
-    candidates: list[Candidate]
-    merged: int  # points that were left out because others are at the same place
-    grounds: list[Shape]
-    tendons: list[Tendon]
-    ties: list[Tie]
-    actuators: list[Actuator]
-    boxes: list[Box]
-    ranges: dict[str, Any]
-    compensation: Compensation
-
-
-def read_parts(compiled: Compiled, gate: Gate, reduce: bool, self_contact: str) -> Parts:
-    """Reads all elements of the file; raises UserError for those that are not modelled and not ignored."""
-    model = compiled.model
-    check_joints(model, gate)
-    tree = read_tree(model)
-    boxes = read_boxes(model, tree, gate)
-    plane, why = find_plane(tree, np.asarray(model.opt.gravity)) if reduce else (None, "reduction is off")
-    if plane and (oblique := oblique_box(tree, plane, boxes)):
-        plane, why = None, oblique
-    normal = plane.axis if plane else None
-    contacts = ContactBuilder(model, tree, normal, gate, plane is not None, not reduce, self_contact)
-    contacts.build()
-    tendons = read_tendons(model, tree, gate)
-    lines = lines_of(model, tendons)
-    ties = read_ties(model, tree, lines, gate)
-    actuators = read_actuators(model, tree, lines, gate)
-    ranges = force_ranges(model, gate)
-    compensation = read_compensation(model, tree, gate)
-    gate.close()
-    if plane and (obstacle := _obstacle(model, tree, plane, contacts.candidates, tendons, ties)):
-        plane, why = None, obstacle
-        again = Gate(gate.file, gate.ignore)
-        contacts = ContactBuilder(model, tree, normal, again, self_contact=self_contact)  # with rims
-        contacts.build()
-    candidates = [project(tree, plane, c) for c in contacts.candidates] if plane else contacts.candidates
-    candidates, merged = merge_points(candidates) if reduce else (candidates, 0)
-    geoms = sorted({c.geoms[1] for c in candidates if c.kind.on_plane})
-    grounds = [read_shape(model, geom, tree.frames) for geom in geoms]
-    return Parts(
-        tree, plane, why, contacts, candidates, merged, grounds, tendons, ties, actuators, boxes, ranges, compensation
-    )
 
 
 def scene_fields(compiled: Compiled, gate: Gate, parts: Parts, law: LawChoice) -> dict[str, Any]:
@@ -143,10 +85,8 @@ def _core(
     tendons, actuators, nv, ntendon = parts.tendons, parts.actuators, int(model.nv), len(parts.tendons)
     dimension, letters = (2, plane.letters) if plane else (3, ("x", "y", "z"))
     layout = Layout(dimension, len(tree.bodies), nv, len(candidates), len(grounds), len(actuators), ntendon)
-    P = physical_vector(model, tree, candidates, grounds, tendons, actuators, plane, layout, law)
-    moves, masses, shapes = offer_parameters(
-        model, tree, candidates, grounds, tendons, actuators, layout, letters, P, law.name
-    )
+    P = physical_vector(model, parts, layout, law)
+    moves, masses, shapes = offer_parameters(model, parts, layout, letters, P, law.name)
     lines = line_arrays(model, tree, tendons, plane)
     armatures = armatures_of(moves, layout, nv)
     core = CoreArrays(
@@ -190,22 +130,6 @@ def _core(
         **weight_arrays(model, tree, candidates, lines, masses, armatures, law.name),
     )
     return core, moves.parameters
-
-
-def _obstacle(
-    model: mujoco.MjModel,
-    tree: Tree,
-    plane: PlaneOfMotion,
-    candidates: list[Candidate],
-    tendons: list[Tendon],
-    ties: list[Tie],
-) -> str | None:
-    """Why contacts, tendons or ties of a planar tree need spatial algebra, naming the first; None if they do not."""
-    for c in candidates:
-        up = read_shape(model, c.geoms[1], tree.frames).rot[:, 2] if c.kind.on_plane else None
-        if reason := obstacle_to_plane(tree, plane, c, up):
-            return f"{reason} ({name_of(model, 'geom', c.geoms[0])} - {name_of(model, 'geom', c.geoms[1])})"
-    return obstacle_of_tendons(tree, plane, tendons) or obstacle_of_ties(tree, plane, ties)
 
 
 def _coordinates(tree: Tree) -> tuple[tuple[str, ...], tuple[str, ...]]:

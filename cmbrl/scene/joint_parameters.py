@@ -10,6 +10,7 @@ import numpy as np
 from cmbrl.scene.actuators import UNLIMITED, Actuator, force_limit
 from cmbrl.scene.collector import Collector, Moves
 from cmbrl.scene.layout import Layout
+from cmbrl.scene.mjcf import friction_acts
 from cmbrl.scene.records import WORLD, Array, Joint, JointKind, Tree
 
 _UNITS = {  # for slides, for hinges and balls
@@ -85,17 +86,11 @@ def _offer_friction_laws(tree: Tree, losses: Array, layout: Layout, P: Array, ou
             out.add(field, joint.name, value, low, high, unit, place, default=False)
 
 
-def _rubs(model: mujoco.MjModel) -> bool:
-    """Whether the file lets joints lose force to dry friction."""
-    off = mujoco.mjtDisableBit
-    return not model.opt.disableflags & (off.mjDSBL_FRICTIONLOSS | off.mjDSBL_CONSTRAINT)
-
-
 def _bounds(model: mujoco.MjModel, tree: Tree, actuators: Sequence[Actuator]) -> dict[str, Array]:
     """Largest values (nv,) by field of what is 0 in the file; no friction loss where the file switches it off."""
     inertia, strength = np.asarray(model.dof_M0, dtype=float), _strengths(model, tree, actuators)
     found = {field: np.maximum(share * inertia, _STRENGTHS[field] * strength) for field, share in _INERTIAS.items()}
-    found["frictionloss"] = np.maximum(found["frictionloss"], _weights(model, tree)) * _rubs(model)
+    found["frictionloss"] = np.maximum(found["frictionloss"], _weights(model, tree)) * friction_acts(model)
     return found
 
 

@@ -112,3 +112,8 @@ def limits_act(model: mujoco.MjModel) -> bool:
 def passive_forces_act(model: mujoco.MjModel) -> bool:
     """Whether there are passive forces at all: MuJoCo drops gravity compensation and drag with springs and dampers."""
     return not (ignores(model, "SPRING") and ignores(model, "DAMPER"))
+
+
+def friction_acts(model: mujoco.MjModel) -> bool:
+    """Whether the file lets joints and tendons lose force to dry friction."""
+    return not (ignores(model, "FRICTIONLOSS") or ignores(model, "CONSTRAINT"))

@@ -14,15 +14,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cmbrl.scene.actuators import Actuator
 from cmbrl.scene.collector import Collector, Moves
 from cmbrl.scene.contact_records import Candidate
 from cmbrl.scene.inertia_shapes import offer_shapes
 from cmbrl.scene.joint_parameters import offer_actuator, offer_joints
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.mjcf import name_of
-from cmbrl.scene.records import WORLD, Array, Tendon, Tree
-from cmbrl.scene.shapes import Shape
+from cmbrl.scene.parts import Parts
+from cmbrl.scene.records import WORLD, Array
 
 Rows = NDArray[np.int64]
 
@@ -46,22 +45,13 @@ _IMPEDANCE_FIELDS = (
 
 
 def offer_parameters(
-    model: mujoco.MjModel,
-    tree: Tree,
-    candidates: list[Candidate],
-    planes: list[Shape],
-    tendons: list[Tendon],
-    actuators: list[Actuator],
-    layout: Layout,
-    letters: tuple[str, ...],
-    P: Array,
-    contact_law: str,
+    model: mujoco.MjModel, parts: Parts, layout: Layout, letters: tuple[str, ...], P: Array, contact_law: str
 ) -> tuple[Moves, dict[int, int], dict[str, Any]]:
     """All parameters of a scene, the numbers of those of masses by body, and the core's arrays of shapes.
 
     ``letters`` name the axes of centres of mass; ``P`` (nP,) is the nominal vector.
     """
-    out = Collector()
+    out, tree = Collector(), parts.tree
     massive = [k for k in range(len(tree.bodies)) if P[layout.mass(k)] > 0]
     masses = {}
     for k in massive:
@@ -77,16 +67,16 @@ def offer_parameters(
             if size > 0:
                 out.add(f"com_{letter}", body.name, 0.0, -size, size, "m", [layout.com(k) + axis], reach=_OUTSIDE)
     shapes = offer_shapes(tree, massive, masses, layout, P, out)
-    offer_joints(model, tree, actuators, layout, P, out)
-    for k, tendon in enumerate(tendons):
+    offer_joints(model, tree, parts.actuators, layout, P, out)
+    for k, tendon in enumerate(parts.tendons):
         for field in ("damping", "armature", "stiffness", "frictionloss"):
             place = layout.dof(model.nv + k, field)
             if P[place] > 0:
                 out.scale(f"tendon_{field}", tendon.name, 0.05, 20.0, P, [place])
-    _contact_parameters(model, candidates, layout, P, contact_law, out)
-    for k, ground in enumerate(planes):
+    _contact_parameters(model, parts.candidates, layout, P, contact_law, out)
+    for k, ground in enumerate(parts.grounds):
         out.add("plane_height", name_of(model, "geom", ground.geom), 0.0, -0.1, 0.1, "m", [layout.plane(k)])
-    for k, actuator in enumerate(actuators):
+    for k, actuator in enumerate(parts.actuators):
         offer_actuator(tree, actuator, layout, k, out)
     down = range(layout.gravity, layout.contact(0))
     if np.any(P[down]):

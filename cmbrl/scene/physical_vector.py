@@ -11,37 +11,27 @@ from cmbrl.scene.actuators import Actuator, force_limit
 from cmbrl.scene.contact_records import Candidate, ContactLaw
 from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.layout import CONTACT_FIELDS, Layout
-from cmbrl.scene.mjcf import ignores
+from cmbrl.scene.mjcf import friction_acts, ignores
+from cmbrl.scene.parts import Parts
 from cmbrl.scene.records import Array, JointKind, Tendon, Tree
 from cmbrl.scene.reduction import PlaneOfMotion
-from cmbrl.scene.shapes import Shape
 
 STRIBECK_SPEED = 0.1  # rad/s or m/s: dry friction that speed takes away, of which a file has none
 
 
-def physical_vector(
-    model: mujoco.MjModel,
-    tree: Tree,
-    candidates: list[Candidate],
-    planes: list[Shape],
-    tendons: list[Tendon],
-    actuators: list[Actuator],
-    plane: PlaneOfMotion | None,
-    layout: Layout,
-    law: LawChoice,
-) -> Array:
+def physical_vector(model: mujoco.MjModel, parts: Parts, layout: Layout, law: LawChoice) -> Array:
     """P (nP,) at the values of the file, in the order of ``layout.py``."""
     P = np.zeros(layout.size)
-    _write_bodies(P, layout, tree, plane)
-    _write_joints(P, layout, model, tree)
-    _write_tendons(P, layout, model, tendons)
-    _write_contacts(P, layout, candidates, law)
-    for k, ground in enumerate(planes):
+    _write_bodies(P, layout, parts.tree, parts.plane)
+    _write_joints(P, layout, model, parts.tree)
+    _write_tendons(P, layout, model, parts.tendons)
+    _write_contacts(P, layout, parts.candidates, law)
+    for k, ground in enumerate(parts.grounds):
         P[layout.plane(k)] = ground.rot[:, 2] @ ground.pos
-    _write_actuators(P, layout, actuators)
+    _write_actuators(P, layout, parts.actuators)
     if not ignores(model, "GRAVITY"):
         gravity = np.asarray(model.opt.gravity)
-        P[layout.gravity : layout.contact(0)] = plane.basis @ gravity if plane else gravity
+        P[layout.gravity : layout.contact(0)] = parts.plane.basis @ gravity if parts.plane else gravity
     return P
 
 
@@ -68,14 +58,9 @@ def _write_joints(P: Array, layout: Layout, model: mujoco.MjModel, tree: Tree) -
             P[layout.dof(dof, "damping")] = 0.0 if ignores(model, "DAMPER") else model.dof_damping[dof]
             P[layout.dof(dof, "stiffness")] = stiffness
             P[layout.dof(dof, "springref")] = reference if stiffness or bent[joint.source] else 0.0
-            if _rubs(model):
+            if friction_acts(model):
                 P[layout.dof(dof, "frictionloss")] = model.dof_frictionloss[dof]
             P[layout.dof(dof, "stribeck_speed")] = STRIBECK_SPEED
-
-
-def _rubs(model: mujoco.MjModel) -> bool:
-    """Whether joints and tendons have dry friction."""
-    return not (ignores(model, "FRICTIONLOSS") or ignores(model, "CONSTRAINT"))
 
 
 def _write_tendons(P: Array, layout: Layout, model: mujoco.MjModel, tendons: list[Tendon]) -> None:
@@ -85,7 +70,7 @@ def _write_tendons(P: Array, layout: Layout, model: mujoco.MjModel, tendons: lis
         stiffness = 0.0 if ignores(model, "SPRING") else model.tendon_stiffness[source]
         damping = 0.0 if ignores(model, "DAMPER") else model.tendon_damping[source]
         reference = model.tendon_lengthspring[source, 0] if stiffness else 0.0
-        loss = model.tendon_frictionloss[source] if _rubs(model) else 0.0
+        loss = model.tendon_frictionloss[source] if friction_acts(model) else 0.0
         P[first : first + 5] = [armature[source], damping, stiffness, reference, loss]
 
 

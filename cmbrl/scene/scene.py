@@ -13,7 +13,7 @@ from cmbrl.errors import UserError
 from cmbrl.native import Core
 from cmbrl.numbers import one_of, real_array, switch
 from cmbrl.scene import kinematics, manifold
-from cmbrl.scene.build import read_parts, scene_fields
+from cmbrl.scene.build import scene_fields
 from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.drives import Drive, driven_model
 from cmbrl.scene.inertia_shapes import add_shapes
@@ -21,6 +21,7 @@ from cmbrl.scene.inverse_weights import soften
 from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.near import CHOICES
+from cmbrl.scene.parts import read_parts
 from cmbrl.scene.records import Array, Joint, LeftOut, Parameter
 from cmbrl.scene.robot_source import RobotSource, compile_robot
 from cmbrl.scene.support import Gate, check_model

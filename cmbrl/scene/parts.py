@@ -1,0 +1,92 @@
+"""What a compiled robot consists of: every element is read, and simplified to the plane of motion if there is one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from cmbrl.scene.actuators import Actuator, read_actuators
+from cmbrl.scene.contact_records import Candidate
+from cmbrl.scene.contacts import ContactBuilder
+from cmbrl.scene.fluid import Box, oblique_box, read_boxes
+from cmbrl.scene.joint_forces import Compensation, force_ranges, read_compensation
+from cmbrl.scene.mjcf import name_of, read_tree
+from cmbrl.scene.records import Tendon, Tie, Tree
+from cmbrl.scene.reduction import PlaneOfMotion, find_plane, merge_points, obstacle_to_plane, project
+from cmbrl.scene.robot_source import Compiled
+from cmbrl.scene.shapes import Shape, read_shape
+from cmbrl.scene.springs import check_joints
+from cmbrl.scene.support import Gate
+from cmbrl.scene.tendons import lines_of, obstacle_of_tendons, read_tendons
+from cmbrl.scene.ties import obstacle_of_ties, read_ties
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What a robot consists of, in the plane of motion if there is one."""
+
+    tree: Tree
+    plane: PlaneOfMotion | None
+    why: str  # the tree moves in a plane, or does not
+    contacts: ContactBuilder
+    candidates: list[Candidate]
+    merged: int  # points that were left out because others are at the same place
+    grounds: list[Shape]
+    tendons: list[Tendon]
+    ties: list[Tie]
+    actuators: list[Actuator]
+    boxes: list[Box]
+    ranges: dict[str, Any]
+    compensation: Compensation
+
+
+def read_parts(compiled: Compiled, gate: Gate, reduce: bool, self_contact: str) -> Parts:
+    """Reads all elements of the file; raises UserError for those that are not modelled and not ignored."""
+    model = compiled.model
+    check_joints(model, gate)
+    tree = read_tree(model)
+    boxes = read_boxes(model, tree, gate)
+    plane, why = find_plane(tree, np.asarray(model.opt.gravity)) if reduce else (None, "reduction is off")
+    if plane and (oblique := oblique_box(tree, plane, boxes)):
+        plane, why = None, oblique
+    normal = plane.axis if plane else None
+    contacts = ContactBuilder(model, tree, normal, gate, plane is not None, not reduce, self_contact)
+    contacts.build()
+    tendons = read_tendons(model, tree, gate)
+    lines = lines_of(model, tendons)
+    ties = read_ties(model, tree, lines, gate)
+    actuators = read_actuators(model, tree, lines, gate)
+    ranges = force_ranges(model, gate)
+    compensation = read_compensation(model, tree, gate)
+    gate.close()
+    if plane and (obstacle := _obstacle(model, tree, plane, contacts.candidates, tendons, ties)):
+        plane, why = None, obstacle
+        again = Gate(gate.file, gate.ignore)
+        contacts = ContactBuilder(model, tree, normal, again, self_contact=self_contact)  # with rims
+        contacts.build()
+    candidates = [project(tree, plane, c) for c in contacts.candidates] if plane else contacts.candidates
+    candidates, merged = merge_points(candidates) if reduce else (candidates, 0)
+    geoms = sorted({c.geoms[1] for c in candidates if c.kind.on_plane})
+    grounds = [read_shape(model, geom, tree.frames) for geom in geoms]
+    return Parts(
+        tree, plane, why, contacts, candidates, merged, grounds, tendons, ties, actuators, boxes, ranges, compensation
+    )
+
+
+def _obstacle(
+    model: mujoco.MjModel,
+    tree: Tree,
+    plane: PlaneOfMotion,
+    candidates: list[Candidate],
+    tendons: list[Tendon],
+    ties: list[Tie],
+) -> str | None:
+    """Why contacts, tendons or ties of a planar tree need spatial algebra, naming the first; None if they do not."""
+    for c in candidates:
+        up = read_shape(model, c.geoms[1], tree.frames).rot[:, 2] if c.kind.on_plane else None
+        if reason := obstacle_to_plane(tree, plane, c, up):
+            return f"{reason} ({name_of(model, 'geom', c.geoms[0])} - {name_of(model, 'geom', c.geoms[1])})"
+    return obstacle_of_tendons(tree, plane, tendons) or obstacle_of_ties(tree, plane, ties)
