@@ -18,6 +18,7 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 Command = Callable[..., subprocess.CompletedProcess[str]]
+Refused = Callable[..., None]
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -41,3 +42,26 @@ def command(tmp_path: Path) -> Command:
         )
 
     return run
+
+
+@pytest.fixture
+def refused(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Refused:
+    """``refused(folder, typed, *told)``: in ``folder``, cmbrl tells all of ``told`` in one line, and writes nothing."""
+
+    def written(folder: Path) -> dict[str, int]:
+        return {str(path.relative_to(folder)): path.stat().st_mtime_ns for path in folder.rglob("*")}
+
+    def check(folder: Path, typed: str, *told: str) -> None:
+        from cmbrl.cli.main import main
+
+        before = written(folder)
+        monkeypatch.chdir(folder)
+        assert main(typed.split()) == 2
+        shown = capfd.readouterr()
+        assert shown.out == ""
+        assert shown.err.startswith("cmbrl: ")
+        assert shown.err.count("\n") == 1, shown.err
+        assert all(words in shown.err for words in told), shown.err
+        assert written(folder) == before
+
+    return check

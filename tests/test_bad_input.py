@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cmbrl.cli.main import main
 from cmbrl.registry import load_task
+
+from .conftest import Refused
 
 BALL = '<mujoco><worldbody><geom name="floor" type="plane" size="1 1 1"/>{}</worldbody>{}</mujoco>'
 FREE_BODY = '<body name="ball"><freejoint/><geom name="ball" type="sphere" size="0.1"/><site name="b"/></body>'
@@ -112,21 +113,5 @@ def _head(log: dict[str, np.ndarray], rows: int) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda name: name.replace(" ", "-"))
-def test_one_line_exit_2_nothing_written(
-    mistake: str, inputs: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    typed, place, remedy = MISTAKES[mistake]
-    before = _snapshot(inputs)
-    monkeypatch.chdir(inputs)
-    assert main(typed.split()) == 2
-    shown = capfd.readouterr()
-    assert shown.out == ""
-    assert shown.err.startswith("cmbrl: ")
-    assert shown.err.count("\n") == 1, shown.err
-    assert place in shown.err
-    assert remedy in shown.err
-    assert _snapshot(inputs) == before
-
-
-def _snapshot(folder: Path) -> dict[str, int]:
-    return {str(path.relative_to(folder)): path.stat().st_mtime_ns for path in folder.rglob("*")}
+def test_one_line_exit_2_nothing_written(mistake: str, inputs: Path, refused: Refused) -> None:
+    refused(inputs, *MISTAKES[mistake])

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
-import math
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -18,23 +15,17 @@ import torch
 from PIL import Image
 
 from cmbrl.cli.main import main
-from cmbrl.contact import Barrier, Exact, Gaussian
-from cmbrl.contact.smoothing import parse_smoothing
 from cmbrl.data.transitions import Transitions
 from cmbrl.envs.episode import play_episode
 from cmbrl.envs.evaluation import evaluate_model, evaluate_real
 from cmbrl.envs.system_batch import SystemBatch
-from cmbrl.errors import UserError
-from cmbrl.gradients.kinds import parse_derivative
 from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
 from cmbrl.registry import load_task
-from cmbrl.settings import setting
-from cmbrl.text import parse_fields
-from cmbrl.train.algorithms import ALGORITHMS
 from cmbrl.train.checkpoint import load_state
 from cmbrl.train.policy import Architecture, Policy
 from cmbrl.train.policy_file import load_policy, save_policy
-from cmbrl.train.setup import recommended, set_up
+
+from .conftest import Refused
 
 SMALL = ["--set", "environments=4", "--set", "horizon=4", "--threads", "1"]
 TRAIN = ["train", "hopper", "--algorithm", "shac", *SMALL]
@@ -214,88 +205,6 @@ def test_an_exported_policy_records(place: Path, tmp_path: Path, capsys: pytest.
     assert shown.count("\n") == 1
 
 
-@dataclasses.dataclass(frozen=True)
-class Settings:
-    """For the parser of hyperparameters."""
-
-    count: int = setting(3, "number of things", least=1)
-    size: float = setting(0.5, "of each", least=0, most=math.inf)
-    signed: float = -1.0
-    widths: tuple[int, ...] = setting((8, 4), "of layers", least=1)
-    name: Literal["elu", "tanh"] = "elu"
-    limit: int | None = None
-    on: bool = False
-
-
-def test_hyperparameters_have_the_types_of_their_fields() -> None:
-    given = {
-        "count": "1e1",
-        "size": "inf",
-        "signed": "-2",
-        "widths": "16,8",
-        "name": "tanh",
-        "limit": "5",
-        "on": "true",
-    }
-    values = {"count": 10, "size": float("inf"), "signed": -2.0, "widths": (16, 8), "name": "tanh", "limit": 5}
-    assert parse_fields(Settings, given, "toy") == {**values, "on": True}
-    assert parse_fields(Settings, {"widths": "(16, 8)", "limit": "none"}, "toy") == {"widths": (16, 8), "limit": None}
-    assert type(parse_fields(Settings, {"count": "1e1"}, "toy")["count"]) is int
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "why"),
-    [("count", "0", "at least 1"), ("count", "1.5", "whole"), ("count", "inf", "whole"), ("count", "many", "number"),
-     ("count", "1e300", "2147483648"), ("count", "9" * 5000, "whole"), ("size", "nan", "number"),
-     ("size", "-1", "negative"), ("widths", "8,0", "at least 1"), ("name", "eluu", "did you mean 'elu'"),
-     ("on", "yes", "true or false"), ("coutn", "1", "did you mean 'count'"), ("limit", "-3.2", "whole")],
-)  # fmt: skip
-def test_a_bad_hyperparameter_is_one_short_line(name: str, text: str, why: str) -> None:
-    with pytest.raises(UserError, match=why) as caught:
-        parse_fields(Settings, {name: text}, "toy")
-    assert str(caught.value).startswith("toy: ")
-    assert name in str(caught.value)
-    assert len(str(caught.value)) < 150
-
-
-def test_one_notation_for_smoothing_and_derivative() -> None:
-    assert parse_smoothing("exact") == Exact()
-    assert parse_smoothing("barrier:kappa=1e-4") == Barrier(kappa=1e-4)
-    assert parse_smoothing("barrier:length=1e-3") == Barrier(length=1e-3)
-    assert parse_smoothing("gaussian:length=0.01,derivative=stop") == Gaussian(0.01, derivative="stop")
-    assert parse_derivative("barrier:kappa=1e-4") == ("barrier", {"kappa": 1e-4})
-
-
-def test_help_lists_hyperparameters_with_their_help(capsys: pytest.CaptureFixture[str]) -> None:
-    """Each algorithm's own fields with default and help text; those that the loop takes over from SHAC only once."""
-    with pytest.raises(SystemExit):
-        main(["train", "--help"])
-    shown = capsys.readouterr().out
-    for algorithm in ALGORITHMS.values():
-        for field in dataclasses.fields(algorithm.load()[1]):
-            assert f"\n    {field.name}=" in shown
-            assert field.metadata.get("help", "").split(" ")[0] in shown
-    assert shown.count("actor_rate=") == 1
-
-
-@pytest.mark.parametrize("name", sorted(ALGORITHMS))
-def test_every_algorithm_has_a_configuration_that_can_be_set(name: str) -> None:
-    trainer, config = ALGORITHMS[name].load()
-    assert callable(trainer)
-    for field in dataclasses.fields(config):
-        if isinstance(field.default, int | float | str) and not isinstance(field.default, bool):
-            assert parse_fields(config, {field.name: str(field.default)}, name) == {field.name: field.default}
-
-
-def test_the_default_algorithm(capsys: pytest.CaptureFixture[str]) -> None:
-    """The loop where there is a real system to learn from, SHAC on a model that is named, and help that says so."""
-    assert set_up("hopper").algorithm == "loop"
-    assert set_up("hopper", model="nominal").algorithm == "shac"
-    assert set_up("hopper", "fopg").algorithm == "fopg"
-    without = dataclasses.replace(load_task("hopper"), name="without_system", system=None)
-    assert recommended(without) == "shac"
-
-
 NEW = "train hopper --out new --iterations 1"
 # What the user types -> what the line must tell: the place, and where there is one, the remedy.
 MISTAKES = {
@@ -369,23 +278,8 @@ MISTAKES = {
 
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda name: name.replace(" ", "-"))
 def test_one_line_exit_2_nothing_written(
-    mistake: str, place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    mistake: str, place: Path, refused: Refused, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.chdir(place)
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    typed, what, remedy = MISTAKES[mistake]
-    before = _snapshot(place)
-    code: Any = main(typed.split())
-    shown = capsys.readouterr()
-    assert code == 2, shown
-    assert shown.out == ""
-    assert shown.err.startswith("cmbrl: ")
-    assert shown.err.count("\n") == 1, shown.err
-    assert what in shown.err
-    assert remedy in shown.err
-    assert _snapshot(place) == before
-
-
-def _snapshot(folder: Path) -> dict[str, int]:
-    return {str(path.relative_to(folder)): path.stat().st_mtime_ns for path in folder.rglob("*")}
+    refused(place, *MISTAKES[mistake])
