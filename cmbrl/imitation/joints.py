@@ -13,7 +13,6 @@ from cmbrl.imitation.robot import Robot
 from cmbrl.scene import Scene, kinematics
 
 ROOT_Q, ROOT_V = 7, 6  #: coordinates of the root in q and v
-SOFT = 0.9  # share of a joint's range from which its limits count
 
 
 def check(robot: Robot, scene: Scene) -> None:
@@ -42,12 +41,12 @@ def reach(scene: Scene) -> np.ndarray:
     return np.where(np.isfinite(force), force, math.inf) / stiffness
 
 
-def soft_limits(scene: Scene) -> tuple[Tensor, Tensor]:
-    """Nine tenths of each joint's range, low and high (nu,); infinite where a joint has none."""
+def soft_limits(scene: Scene, share: float) -> tuple[Tensor, Tensor]:
+    """The middle ``share`` of each joint's range, low and high (nu,); infinite where a joint has none."""
     low, high, core = np.full(scene.nq, -np.inf), np.full(scene.nq, np.inf), scene.core
     joint = (core.lim_line < scene.nv) & (core.lim_ball < 0)
     places = kinematics.addresses(core)[core.lim_line[joint]]
     least, most = core.lim_lo[joint], core.lim_hi[joint]
-    middle, half = (least + most) / 2, SOFT * (most - least) / 2
+    middle, half = (least + most) / 2, share * (most - least) / 2
     low[places], high[places] = middle - half, middle + half
     return torch.from_numpy(low[ROOT_Q:]), torch.from_numpy(high[ROOT_Q:])

@@ -33,7 +33,7 @@ TERMS = {
     "body_linear": (1.0, 1.0),  # m/s
     "body_angular": (1.0, 3.14),  # rad/s
 }
-ACTION_RATE, LIMITS = -0.1, -10.0  # weights
+ACTION_RATE, LIMITS, SOFT = -0.1, -10.0, 0.9  # weights; limits count from this share of a joint's range
 TOO_HIGH, TOO_TILTED = 0.25, 0.8  # m, and difference of the cosine of the tilt
 EPISODE = 10.0  # s
 CLEAR = 0.02  # m, of every contact in flight
@@ -75,7 +75,7 @@ class Tracking:
         self.scale = torch.from_numpy(robot.reach * reach(scene))
         names = scene.joint_names[1:]
         self.posture = torch.tensor([robot.posture.get(name, 0.0) for name in names], dtype=torch.float64)
-        self.low, self.high = soft_limits(scene)
+        self.low, self.high = soft_limits(scene, SOFT)
         low = scene.gaps(motion.q).min(axis=1, initial=math.inf)
         self.flight = torch.from_numpy(low > CLEAR) if scene.core.ncontact else None  #: of the reference, by frame
         self._seen: Any = None  # the last state asked for, whether with a graph, and its motion
