@@ -100,14 +100,14 @@ def _limits(p: Parameter) -> tuple[float, float]:
     return p.low - _SLACK, p.high + _SLACK
 
 
-def check_tensors(scene: Scene, q: torch.Tensor, v: torch.Tensor, u: torch.Tensor, theta: torch.Tensor) -> None:
-    """Raises UserError unless q, v, u (B, ...) and theta (np,) or (B, np) are what a step of ``scene`` takes."""
+def check_tensors(scene: Scene, q: torch.Tensor, v: torch.Tensor, u: torch.Tensor, theta: torch.Tensor | None) -> None:
+    """Raises UserError unless q, v, u (B, ...) and theta (np,) or (B, np), if given, are what a step takes."""
     widths = scene.nq, scene.nv, scene.inputs
     rows = [_rows(x, name, width) for x, name, width in zip((q, v, u), "qvu", widths, strict=True)]
     if not rows[0] == rows[1] == rows[2]:
         raise UserError(f"q, v, u have {rows[0]}, {rows[1]}, {rows[2]} rows; give the same number of rows")
     count = len(scene.parameters)
-    if _dense(theta, "theta") not in ((count,), (rows[0], count)):
+    if theta is not None and _dense(theta, "theta") not in ((count,), (rows[0], count)):
         raise UserError(f"theta has shape {tuple(theta.shape)}; give ({count},) or (batch, {count})")
 
 

@@ -184,9 +184,9 @@ class ComplementarityModel(Variations):
         Warns SolverWarning if solves fail; ``failures`` counts them. A second derivative, as of a gradient penalty,
         raises UserError; an input changed in place before the backward pass raises torch's RuntimeError.
         """
+        check_tensors(self.scene, q, v, u, theta)
         if theta is None:
             theta = torch.from_numpy(self.parameters)
-        check_tensors(self.scene, q, v, u, theta)
         q_next, v_next, report = differentiable_step(self.stepper, q, v, u, theta, impulse=details is not None)
         if details is not None:
             details["impulse"] = report["impulse"]

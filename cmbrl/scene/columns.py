@@ -36,6 +36,7 @@ def folded(text: str) -> list[str]:
 
 
 def listed(words: Iterable[str]) -> str:
+    """``words`` below their heading; nothing where there are none."""
     text = wrapped(words)
     return f"\n{' ' * 15}{text}" if text else ""
 
@@ -74,5 +75,6 @@ def _shorter(names: list[str], here: str, told: dict[tuple[str, ...], str]) -> l
 
 
 def on_request(parameters: Sequence[Parameter]) -> list[str]:
+    """A line about groups that a fit leaves alone unless they are named; none where there are none."""
     groups = dict.fromkeys(p.group for p in parameters if not p.default)
     return [f"    a fit moves {wrapped(groups)} only on request: --groups {next(iter(groups))}"] if groups else []
