@@ -1,4 +1,4 @@
-"""A log that obeys q' = q (+) dt v', and a scene for it."""
+"""Logs that several tests read: drifting slides, recorded tasks, and an arm with servos or motors."""
 
 from __future__ import annotations
 
@@ -9,9 +9,15 @@ import numpy as np
 import pytest
 
 from cmbrl import Transitions
+from cmbrl.data.position_log import PositionLog
+from cmbrl.models.source import load_source
+from cmbrl.registry import load_task
 from cmbrl.scene import Scene
 
+from .robots import arm_file, position_log, torque_log
+
 MakeLog = Callable[..., Transitions]
+Recorded = Callable[[str], tuple[Transitions, Scene]]
 
 
 @pytest.fixture
@@ -51,3 +57,30 @@ def scene_of(folder: Path, name: str, bodies: str, actuators: str = "") -> Scene
     file = folder / f"{name}.xml"
     file.write_text(f'<mujoco model="{name}"><worldbody>{bodies}</worldbody><actuator>{actuators}</actuator></mujoco>')
     return Scene.from_mjcf(file)
+
+
+@pytest.fixture(scope="module")
+def recorded() -> Recorded:
+    """``recorded(task)``: 1,500 transitions of a task under random actions, and its scene."""
+    known: dict[str, tuple[Transitions, Scene]] = {}
+
+    def record(name: str) -> tuple[Transitions, Scene]:
+        pytest.importorskip("pymunk" if name.startswith("ball") else "gymnasium")
+        if name not in known:
+            task = load_task(name)
+            known[name] = task.record(1500, 0, "random", None, None), load_source(name).scene
+        return known[name]
+
+    return record
+
+
+@pytest.fixture(scope="module")
+def servo(tmp_path_factory: pytest.TempPathFactory) -> tuple[PositionLog, Scene]:
+    file = arm_file(tmp_path_factory.mktemp("servo"), servo=True)
+    return position_log(file), Scene.from_mjcf(file)
+
+
+@pytest.fixture(scope="module")
+def motor(tmp_path_factory: pytest.TempPathFactory) -> tuple[Transitions, Scene]:
+    file = arm_file(tmp_path_factory.mktemp("motor"), servo=False)
+    return torque_log(file), Scene.from_mjcf(file)

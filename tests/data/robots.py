@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from cmbrl import Transitions
-from cmbrl.data import read_trajectories
+from cmbrl.data import plausible, read_trajectories
 from cmbrl.data.position_log import PositionLog
 from cmbrl.scene import Scene
 
@@ -92,3 +92,17 @@ def torque_log(file: Path, seed: int = 0, rows: int = 1500) -> Transitions:
     q, v = simulate(file, u)
     scene = Scene.from_mjcf(file)
     return read_trajectories(q, [rows], 0.005, v, u, scene.difference)
+
+
+def swap(array: np.ndarray, a: int, b: int) -> np.ndarray:
+    return array[:, [{a: b, b: a}.get(k, k) for k in range(array.shape[1])]]
+
+
+def scale(array: np.ndarray, columns: int | slice, factor: float) -> np.ndarray:
+    scaled = array.copy()
+    scaled[:, columns] *= factor
+    return scaled
+
+
+def faults(log: Transitions, scene: Scene) -> list[str]:
+    return [found.text for found in plausible.of_transitions(log.fields(), scene) if found.sure]

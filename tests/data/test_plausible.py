@@ -1,4 +1,4 @@
-"""Faults of a log that its numbers show: each is named with its column, and no sound log is refused."""
+"""Faults of a log that its numbers show: each is named with its column."""
 
 from __future__ import annotations
 
@@ -11,61 +11,15 @@ import numpy as np
 import pytest
 
 from cmbrl import Transitions, UserError
-from cmbrl.data import plausible, read_trajectories
-from cmbrl.data.plausible import commands, frames, motion, units
+from cmbrl.data import read_trajectories
 from cmbrl.data.plausible.frames import to_world
 from cmbrl.data.position_log import PositionLog
 from cmbrl.models.source import load_source
-from cmbrl.registry import load_task
 from cmbrl.scene import Scene
 from cmbrl.scene.manifold import quaternion_matrix, quaternion_product
 
-from .conftest import scene_of
-from .robots import arm_file, position_log, torque_log
-
-REAL = Path(__file__).parents[3] / "shared" / "data"
-RECORDED = [
-    "hopper", "hopper_payload", "cheetah", "hopper_dojo", "cheetah_dojo", "ball_throw", "ball_over", "ball_slide", "g1",
-    "g1_hidden_0", "g1_hidden_1", "g1_hidden_2",
-]  # fmt: skip
-Recorded = Callable[[str], tuple[Transitions, Scene]]
-
-
-@pytest.fixture(scope="module")
-def recorded() -> Recorded:
-    """``recorded(task)``: 1,500 transitions of a task under random actions, and its scene."""
-    known: dict[str, tuple[Transitions, Scene]] = {}
-
-    def record(name: str) -> tuple[Transitions, Scene]:
-        pytest.importorskip("pymunk" if name.startswith("ball") else "gymnasium")
-        if name not in known:
-            task = load_task(name)
-            known[name] = task.record(1500, 0, "random", None, None), load_source(name).scene
-        return known[name]
-
-    return record
-
-
-@pytest.fixture(scope="module")
-def servo(tmp_path_factory: pytest.TempPathFactory) -> tuple[PositionLog, Scene]:
-    file = arm_file(tmp_path_factory.mktemp("servo"), servo=True)
-    return position_log(file), Scene.from_mjcf(file)
-
-
-@pytest.fixture(scope="module")
-def motor(tmp_path_factory: pytest.TempPathFactory) -> tuple[Transitions, Scene]:
-    file = arm_file(tmp_path_factory.mktemp("motor"), servo=False)
-    return torque_log(file), Scene.from_mjcf(file)
-
-
-def swap(array: np.ndarray, a: int, b: int) -> np.ndarray:
-    return array[:, [{a: b, b: a}.get(k, k) for k in range(array.shape[1])]]
-
-
-def scale(array: np.ndarray, columns: int | slice, factor: float) -> np.ndarray:
-    scaled = array.copy()
-    scaled[:, columns] *= factor
-    return scaled
+from .conftest import Recorded, scene_of
+from .robots import faults, scale, swap
 
 
 def freeze(log: Transitions, column: int, rows: slice) -> Transitions:
@@ -73,10 +27,6 @@ def freeze(log: Transitions, column: int, rows: slice) -> Transitions:
     q[rows, column] = after[rows, column] = q[rows.start, column]
     after[rows.start - 1, column] = q[rows.start, column]
     return replace(log, q=q, q_next=after)
-
-
-def faults(log: Transitions, scene: Scene) -> list[str]:
-    return [found.text for found in plausible.of_transitions(log.fields(), scene) if found.sure]
 
 
 JOINT = {"hopper": ("thigh_joint", 3, 3), "cheetah": ("bthigh", 3, 3), "g1": ("left_hip_pitch_joint", 7, 6)}
@@ -274,50 +224,6 @@ def test_a_torque_log_without_velocities(motor: tuple[Transitions, Scene]) -> No
         replace(file, command=swap(log.u, 0, 1)).check(scene)
 
 
-def test_a_joint_that_is_pushed_against_its_stop_answers_to_nothing(tmp_path: Path) -> None:
-    """Its motor pushes harder each time it has sprung back: what follows a push is the stop's answer."""
-    body = '<body><joint name="knee" axis="0 1 0" range="-150 -50"/><geom size=".1" pos=".1 0 0"/></body>'
-    motors = '<motor name="knee" joint="knee"/>'
-    scene = scene_of(tmp_path, "stop", body, motors)
-    rng, rows, stop = np.random.default_rng(0), 2000, np.deg2rad(-50)
-    q, v, u = np.full((rows + 1, 1), stop), np.zeros((rows + 1, 1)), np.zeros((rows, 1))
-    for k in range(rows):
-        u[k] = rng.normal()
-        v[k + 1] = -0.3 * u[k] + 0.1 * rng.normal()
-        q[k + 1] = stop + 0.01 * (v[k + 1] + v[k]) / 2
-    log = {"q": q[:-1], "q_next": q[1:], "v": v[:-1], "v_next": v[1:], "u": u, "dt": 0.02, "episode": np.zeros(rows)}
-    found = motion.of_transitions(log, scene)
-    assert list(commands.forces(found, found.answers())) == []
-    away = motion.of_transitions(log | {"q": q[:-1] - 0.5, "q_next": q[1:] - 0.5}, scene)
-    assert ["the wrong way" in one.text for one in commands.forces(away, away.answers())] == [True]
-
-
-def test_a_blow_that_throws_a_joint_far_beyond_its_limits_is_no_unit(tmp_path: Path) -> None:
-    body = '<body><joint name="jaw" type="slide" range="0 .03"/><geom size=".1"/></body>'
-    scene = scene_of(tmp_path, "jaw", body)
-    q = 0.015 + 0.015 * np.sin(0.1 * np.arange(400))[:, None]
-    v = 0.0015 / 0.02 * np.cos(0.1 * np.arange(400))[:, None]
-    log = {"v": v[:-1], "v_next": v[1:], "u": np.zeros((399, 0)), "dt": 0.02, "episode": np.zeros(399)}
-    thrown = q.copy()
-    thrown[200:205] += 0.2
-    for place, told in ((thrown, False), (1e3 * q, True)):
-        found = motion.of_transitions(log | {"q": place[:-1], "q_next": place[1:]}, scene)
-        assert bool(list(units.beyond_limits(found))) == told
-
-
-def test_a_joint_that_shakes_faster_than_its_log_is_only_a_warning(tmp_path: Path) -> None:
-    scene = scene_of(tmp_path, "shaky", '<body><joint name="jaw" axis="0 1 0"/><geom size=".1"/></body>')
-    rng, rows, dt = np.random.default_rng(0), 1000, 0.02
-    v = np.cos(np.arange(rows + 1) * dt)[:, None]
-    q = np.sin(np.arange(rows + 1) * dt)[:, None]
-    shaken = v + rng.normal(0.0, 1.5, v.shape)
-    log = {"q": q[:-1], "q_next": q[1:], "v": shaken[:-1], "v_next": shaken[1:], "u": np.zeros((rows, 0)), "dt": dt,
-           "episode": np.zeros(rows)}  # fmt: skip
-    assert [one.sure for one in frames.unexplained(log, scene)] == [False]
-    strange = {"v": log["v"][::-1], "v_next": log["v_next"][::-1]}
-    assert [one.sure for one in frames.unexplained(log | strange, scene)] == [True]
-
-
 def test_likely_faults_are_warnings(servo: tuple[PositionLog, Scene], motor: tuple[Transitions, Scene]) -> None:
     log, scene = motor
     hard = np.clip(3 * log.u, -1, 1)
@@ -337,70 +243,3 @@ def test_an_angle_that_wraps_is_a_warning(tmp_path: Path) -> None:
     log = read_trajectories(angle, [300], 0.01, np.full((300, 1), 10.0))
     with pytest.warns(UserWarning, match="q of joint 'axle' jumps by a whole turn in 5 rows, first in row 31"):
         log.check(scene)
-
-
-@pytest.mark.parametrize("task", RECORDED)
-def test_no_recorded_log_is_refused(task: str, recorded: Recorded) -> None:
-    log, scene = recorded(task)
-    assert faults(log, scene) == []
-    for behaviour in set(load_task(task).behaviours) - {"random", "policy"}:
-        assert faults(load_task(task).record(1500, 1, behaviour, None, None), scene) == []
-
-
-@pytest.mark.parametrize("servo_driven", [True, False], ids=["servos", "motors"])
-def test_no_alarm_on_random_arms(servo_driven: bool, tmp_path: Path) -> None:
-    """A hundred drawn arms each: masses, gains, friction, damping, and encoders from fine to coarse."""
-    for seed in range(100):
-        rng = np.random.default_rng([seed, 3])
-        file = arm_file(tmp_path, servo_driven, rng)
-        scene = Scene.from_mjcf(file)
-        if servo_driven:
-            noise, grain = float(rng.uniform(0, 2e-3)), float(10 ** rng.uniform(-4, -2))
-            log = position_log(file, seed, rows=800, noise=noise)
-            coarse = replace(log, position=np.round(log.position / grain) * grain)
-            found = list(plausible.of_positions(coarse, scene))
-        else:
-            found = list(plausible.of_transitions(torque_log(file, seed, rows=800).fields(), scene))
-        assert [one.text for one in found if one.sure] == [], seed
-
-
-@pytest.mark.parametrize("swapped", [False, True])
-def test_a_light_joint_that_is_pushed_by_another_is_not_swapped_with_it(
-    swapped: bool, servo: tuple[PositionLog, Scene]
-) -> None:
-    """Within a step it is where its servo wants it, so that its acceleration shows what pushes it."""
-    _, scene = servo
-    rng, rows, gain = np.random.default_rng(0), 1500, np.array([[1.4, 0.0, 0.8], [0.0, 1.0, 0.0], [0.9, 0.0, 0.02]])
-    u = rng.uniform(-1, 1, (rows, 3))
-    target = u[:, [2, 1, 0]] if swapped else u
-    q = np.concatenate([np.zeros((1, 3)), 0.8 * target]) + 0.2 * rng.normal(size=(rows + 1, 3))
-    v = np.zeros((rows + 1, 3))
-    for k in range(rows):
-        v[k + 1] = 0.2 * v[k] + gain @ u[k] + 0.1 * rng.normal(size=3)
-    log = {"q": q[:-1], "q_next": q[1:], "v": v[:-1], "v_next": v[1:], "u": u, "dt": 0.02, "episode": np.zeros(rows)}
-    found = motion.of_transitions(log, scene)
-    assert any("swapped" in one.text for one in commands.forces(found, found.answers())) == swapped
-
-
-def real(name: str) -> dict[str, np.ndarray]:
-    if not (REAL / name).is_file():
-        pytest.skip(f"{name} is not part of the repository")
-    with np.load(REAL / name, allow_pickle=False) as file:
-        return dict(file)
-
-
-def test_no_alarm_on_real_logs() -> None:
-    real("go2_legs_log.npz")
-    log = PositionLog.load(REAL / "go2_legs_log.npz")
-    assert list(plausible.of_positions(log, Scene.from_mjcf(REAL.parent / "models" / "go2_legs.xml"))) == []
-    toss = real("elbow_tosses.npz")
-    state, scene = toss["state"], Scene.from_mjcf(REAL.parent / "models" / "elbow.xml")
-    q, v = state[:, [4, 5, 6, 0, 1, 2, 3, 7]], state[:, [11, 12, 13, 8, 9, 10, 14]]
-    elbow = read_trajectories(q, toss["toss_lengths"], toss["dt"], v, difference=scene.difference)
-    assert faults(elbow, scene) == []
-    told = [found.text for found in plausible.of_transitions(elbow.fields(), scene)]
-    assert len(told) == 1
-    assert "q of joint 'hinge' jumps by a whole turn in 266 rows" in told[0]
-    for task in ("cube_toss", "cube_rounded"):
-        cube = load_task(task).record(5000, 0, "log", None, str(REAL / "cube_tosses.npz"))
-        assert list(plausible.of_transitions(cube.fields(), load_source(task).scene)) == []
