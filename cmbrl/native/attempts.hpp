@@ -14,17 +14,20 @@ using Elements = std::vector<int64_t>;
 
 // Steps a batch. A hard solve takes the time of many easy ones, and a pack that of its slowest lane: so those that the first
 // rung of the ladder does not solve are set aside, and stepped again in packs of their own, as are those that leave out a row too
-// many, and those with many rows. step(options, elements): of all, where there is no list.
-template <class Step>
-void step_in_attempts(const Options& o, const Batch& b, int width, Step step) {
+// many, and those with many rows. step(options, elements): of all, where there is no list. survey(): writes into b.iterations
+// about how many rows each will have, for those that have as many to be stepped together, unless that is not worth it.
+template <class Survey, class Step>
+void step_in_attempts(const Options& o, const Batch& b, int width, Survey survey, Step step) {
   Options now = o;
   bool one_pack = b.n <= width;
+  auto most_rows_first = [&](Elements& some) {  // where b.iterations is the number of rows
+    std::stable_sort(some.begin(), some.end(), [&](int64_t x, int64_t y) { return b.iterations[x] > b.iterations[y]; });
+  };
   auto again = [&](Unfinished which) {
     Elements chosen;
     for (int64_t i = 0; i < b.n; ++i)
       if (b.status[i] == which) chosen.push_back(i);
-    if (which == kCrowded)  // iterations: the number of rows then
-      std::stable_sort(chosen.begin(), chosen.end(), [&](int64_t x, int64_t y) { return b.iterations[x] > b.iterations[y]; });
+    if (which == kCrowded) most_rows_first(chosen);
     if (!chosen.empty()) step(now, &chosen);
     return !chosen.empty();
   };
@@ -32,7 +35,13 @@ void step_in_attempts(const Options& o, const Batch& b, int width, Step step) {
   now.admit = o.admit && one_pack;
   now.set_aside = !one_pack;
   now.rungs = one_pack ? o.rungs : 1;
-  step(now, nullptr);
+  Elements every;
+  if (!one_pack && survey()) {
+    every.resize(b.n);
+    std::iota(every.begin(), every.end(), 0);
+    most_rows_first(every);
+  }
+  step(now, every.empty() ? nullptr : &every);
   now.set_aside = 0;
   again(kCrowded);
   now.last_attempt = 1;

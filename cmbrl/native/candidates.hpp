@@ -217,11 +217,20 @@ static void find_between(const Model& m, const Options& o, Work<G>& w, int clust
   });
 }
 
+// Whether a cluster belongs to the other way in which its geoms touch.
+static inline bool idle(const Model& m, const Options& o, int cluster) {
+  return m.con_when[m.grp_con[m.cluster_begin[cluster]]] == (o.look_ahead ? kClosed : kAhead);
+}
+// From which gap on those of a cluster are far, of bodies that are so fast against each other.
+static inline T far_from(const Model& m, const Options& o, int cluster, T fast) {
+  return o.h * (speed_of_far(o, m.cluster_invweight[cluster]) + 2.0 * fast);
+}
+
 // Those of a cluster, of bodies that are so fast against each other. Nothing is known to be far where pruning does not sift.
 template <class G>
 static void find_in_cluster(const Model& m, const Options& o, Work<G>& w, int g, int cluster, T fast) {
   int A = m.grp_A[g], B = m.grp_B[g], begin = m.cluster_begin[cluster], end = m.cluster_begin[cluster + 1];
-  if (m.con_when[m.grp_con[begin]] == (o.look_ahead ? kClosed : kAhead)) return;
+  if (idle(m, o, cluster)) return;
   bool side = w.by_sides && m.con_plane[m.grp_con[begin]] >= 0 && m.con_hull[m.grp_con[begin]] >= 0;
   if (side) end = begin + kCorners;
   w.may_touch = all();
@@ -229,7 +238,7 @@ static void find_in_cluster(const Model& m, const Options& o, Work<G>& w, int g,
     for (int k = begin; k < end; ++k) find_contact(m, o, w, m.grp_con[k], nullptr);
     return;
   }
-  Far far{o.h * (speed_of_far(o, m.cluster_invweight[cluster]) + 2.0 * fast)};
+  Far far{far_from(m, o, cluster, fast)};
   if (m.cluster_round[cluster] >= 0) {
     T gap = least_gap(m, w, A, B, cluster);
     if (!any(gap < far.from)) { w.pass_over({A, B, gap * (1 / o.h) - fast}); return; }

@@ -3,6 +3,7 @@
 #include "loss.hpp"
 #include "passes.hpp"
 #include "quantities.hpp"
+#include "survey.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -13,6 +14,9 @@ const Backend backend = {
     CMBRL_STR(CMBRL_ISA), W,
     [](const Model& m, Purpose p) { return m.planar ? bytes_of<Planar>(m, p) : bytes_of<Spatial>(m, p); },
     [](const Model& m, const Options& o) { return tape_stride(m) * o.substeps; },
+    [](const Model& m, const Options& o, const Batch& b, int64_t s, int64_t e, StepMemory& w) {
+      m.planar ? survey<Planar>(m, o, b, s, e, w) : survey<Spatial>(m, o, b, s, e, w);
+    },
     [](const Model& m, const Options& o, const Batch& b, const int64_t* x, int64_t s, int64_t e, StepMemory& w) {
       m.planar ? forward_packs<Planar>(m, o, b, x, s, e, w) : forward_packs<Spatial>(m, o, b, x, s, e, w);
     },

@@ -87,7 +87,11 @@ class Core {
       size_t rows = m.planar ? 2 : 3;
       out["impulse"] = make_array<double>({n, size_t(m.ncontact), rows}, &b.impulse);
     }
-    step_in_attempts(o, b, backend_.width, [&](const Options& now, const Elements* some) {
+    auto survey = [&] {
+      if (o.admit) run(b.n, threads, Purpose::step, [&](int64_t s, int64_t e, StepMemory& w) { backend_.survey(m, o, b, s, e, w); });
+      return o.admit != 0;
+    };
+    step_in_attempts(o, b, backend_.width, survey, [&](const Options& now, const Elements* some) {
       run(some ? int64_t(some->size()) : b.n, threads, jacobian ? Purpose::jacobian : Purpose::step,
           [&](int64_t s, int64_t e, StepMemory& w) { backend_.forward(m, now, b, some ? some->data() : nullptr, s, e, w); });
     });

@@ -225,6 +225,7 @@ struct Backend {  // one per instruction set
   int width;
   int64_t (*workspace_size)(const Model&, Purpose);  // bytes, without what grows with the rows that are active
   int64_t (*tape_size)(const Model&, const Options&);       // doubles per element, without what follows the contacts that are on
+  void (*survey)(const Model&, const Options&, const Batch&, int64_t begin, int64_t end, StepMemory&);  // see survey.hpp
   // elements: those numbered begin to end of this list; of the batch itself if there is none
   void (*forward)(const Model&, const Options&, const Batch&, const int64_t* elements, int64_t begin, int64_t end, StepMemory&);
   void (*backward)(const Model&, const Options&, const Batch&, const int64_t* elements, int64_t begin, int64_t end, StepMemory&);

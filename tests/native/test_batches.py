@@ -96,6 +96,26 @@ def test_states_with_many_rows_among_others(studded: ComplementarityModel) -> No
             np.testing.assert_allclose(one[name][[k]], x, rtol=0, atol=scale, err_msg=name)
 
 
+def test_states_sorted_by_their_rows_come_back_in_order(studded: ComplementarityModel) -> None:
+    """Heights of both bodies at random: 0 to 400 rows a state, and every result where the caller looks for it."""
+    scene, rng = studded.scene, np.random.default_rng(1)
+    q, v, u = np.tile(scene.q0, (40, 1)), 0.1 * rng.normal(size=(40, scene.nv)), np.zeros((40, 0))
+    q[:, [2, 9]] = rng.choice([0.019, 0.5], (40, 2))
+    q[7] = np.nan
+    order = rng.permutation(40)
+    first, second = (studded.predict(q[k], v[k], u[k], impulse=True) for k in (np.arange(40), order))
+    rows = np.count_nonzero(first.impulse[..., 0] > 0, axis=1)
+    assert set(rows) == {0, 200, 400}
+    assert first.status[7] == 2
+    assert np.isnan(first.v_next[7]).all()
+    for name in ("q_next", "v_next", "impulse"):
+        x = getattr(first, name)
+        scale = 1e-9 * max(1.0, np.nanmax(np.abs(x)))
+        np.testing.assert_allclose(getattr(second, name), x[order], rtol=0, atol=scale, err_msg=name)
+        one = studded.predict(q[:1], v[:1], u[:1], impulse=True)
+        np.testing.assert_allclose(getattr(one, name), x[:1], rtol=0, atol=scale, err_msg=name)
+
+
 def test_loss_of_candidates_is_the_same_on_two_threads(model: ComplementarityModel) -> None:
     q, v, u = batch(model, 80)
     r = model.predict(q, v, u)

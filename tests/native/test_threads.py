@@ -1,4 +1,4 @@
-"""The pool of the core, in a C++ program of its own."""
+"""The pool of the core, and how it gathers a batch into packs, in C++ programs of their own."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ COMPILER = os.environ.get("CXX") or shutil.which("g++") or shutil.which("clang++
 
 
 @pytest.mark.skipif(not COMPILER, reason="no C++ compiler")
-def test_pool(tmp_path: Path) -> None:
-    program, source = tmp_path / "threads", Path(__file__).with_name("threads.cpp")
+@pytest.mark.parametrize("name", ["threads", "attempts"])
+def test_program(name: str, tmp_path: Path) -> None:
+    program, source = tmp_path / name, Path(__file__).with_name(f"{name}.cpp")
     subprocess.run([str(COMPILER), "-std=c++20", "-O1", "-pthread", str(source), "-o", str(program)], check=True)
     run = subprocess.run([str(program)], capture_output=True, text=True, timeout=60)
-    assert (run.returncode, run.stdout) == (0, "threads: ok\n"), run.stderr
+    assert (run.returncode, run.stdout) == (0, f"{name}: ok\n"), run.stderr
