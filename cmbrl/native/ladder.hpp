@@ -8,7 +8,7 @@ namespace cmbrl::CMBRL_ISA {
 struct Outcome { Mask done; T rung, iterations, residual; };  // rung: the last one that was climbed
 
 // Rungs; hopeless lanes skip those from kJudged on, but for those from kHopeless on; those from kSofter on are softer than the model.
-constexpr int kRungs = 16, kJudged = 4, kSofter = 10, kHopeless = 12;
+constexpr int kRungs = 16, kFriction = 2, kJudged = 4, kCurve = 8, kSofter = 10, kHopeless = 12;
 
 template <class G, class F>
 static void for_kappa(SolverWork<G>& w, F f) {
@@ -46,7 +46,7 @@ static Mask resume(const Structure& m, SolverWork<G>& w, InteriorPoint<G>& ip, M
   ip.measure(1);
   ip.linear = fresh_residuals(m, w, ip);
   ip.rho = splat(1);
-  return ip.descend(todo, {0.9, 0.3, 1, true, false, 20}, iterations);
+  return ip.descend(todo, Strategy{0.9, 0.3, 1, true, false, 20}, iterations);
 }
 
 // Lanes of `found` that hold up against residuals computed afresh; where round-off spoilt them, after Newton steps from there:
@@ -93,6 +93,29 @@ static Mask return_to_own_kappa(const Structure& m, const Options& o, SolverWork
 // have: kappa of at least `soften` times the energy of the fastest row; compliance of contacts, by their weight.
 struct Rung { Strategy strategy; double until = 0, soften = 0, compliance = 0; };
 
+// How many rungs from k on a pack of copies tries at once, one a lane: of those that differ in numbers only, up to where is judged.
+static int rungs_at_once(bool alike, unsigned allowed, int k) {
+  int end = k < kFriction ? k : k < kJudged ? kJudged : k < kCurve ? kCurve : k, n = 1;
+  while (alike && n < W && k + n < end && allowed >> (k + n) & 1) ++n;
+  return n;
+}
+static Course course_of(const Rung* rung, int many) {
+  Course course(rung->strategy);
+  for (int lane = 1; lane < many; ++lane) course.take(up_to(lane) & ~up_to(lane - 1), rung[lane].strategy);
+  return course;
+}
+// Of rungs at once, the first that `found` something decides, as if those after it had not been tried: where that `holds`, all
+// lanes get it. many: how many of them that makes.
+template <class G>
+static Mask first_wins(const Structure& m, SolverWork<G>& w, Mask found, Mask holds, int& many) {
+  int first = first_of(found);
+  if (first < 0) return none();
+  many = first + 1;
+  if (!holds[first]) return none();
+  for_solver_state(m, w, w.path, [first](T& x, T&) { x = splat(x[first]); });
+  return all();
+}
+
 // Contact solve at the kappas set in the rows. Each rung names a state of tests/native/ladder_problems.json that it solves and
 // those before it do not. Lanes that not even a little friction leads through have no solution, most likely: they skip what
 // is as hard as the model, and go to the softest kappa and to compliance.
@@ -128,14 +151,15 @@ static Outcome contact_solve(const Structure& m, const Options& o, SolverWork<G>
   out.done = settled(m, o, w, ip, ip.run(all(), ladder[0].strategy, out.iterations), out.residual);
   if (!any(~out.done)) return out;
   for_kappa(w, [](Mask, T& kappa, T& own, T&) { own = kappa; });
-  for (int k = 1; k < kRungs; ++k) {
-    if (k == kJudged && !o.convex) given_up = ~ip.grown;
+  for (int k = 1, many; k < kRungs; k += many) {
+    if (k == kJudged && !o.convex) given_up = w.alike && any(ip.grown) ? none() : ~ip.grown;
+    many = 1;
     if (~o.rungs >> k & 1) continue;
+    many = rungs_at_once(w.alike, o.rungs, k);
     const Rung& rung = ladder[k];
     Mask todo = k < kHopeless ? ~out.done & ~given_up : ~out.done;
     if (k == 1) todo &= uneven_kappa(w);
     if (!any(todo)) continue;
-    out.rung = select(todo, splat(k), out.rung);
     for_solver_state(m, w, w.save, [](T& x, T& kept) { kept = x; });
     if (k == 1) level_kappa(w, todo, T{});
     if (rung.soften > 0) {
@@ -147,10 +171,12 @@ static Outcome contact_solve(const Structure& m, const Options& o, SolverWork<G>
       w.con[i].Rn += soft;
       w.con[i].Rt += soft;
     }
-    Mask now;
-    if (rung.until > 0) now = curve.run(todo, rung.strategy, rung.until, out.iterations);
-    else now = ip.run(todo, rung.strategy, out.iterations);
-    now = settled(m, o, w, ip, now, out.residual);
+    Mask found;
+    if (rung.until > 0) found = curve.run(todo, rung.strategy, rung.until, out.iterations);
+    else found = ip.run(many > 1 ? up_to(many - 1) : todo, course_of(&rung, many), out.iterations);
+    Mask now = settled(m, o, w, ip, found, out.residual);
+    if (many > 1) now = first_wins(m, w, found, now, many);
+    out.rung = select(todo, splat(k + many - 1), out.rung);
     if (k < kSofter && any(now)) {
       Mask softer = now & ~return_to_own_kappa(m, o, w, ip, now, out);
       out.rung = select(softer, splat(kSofter), out.rung);
@@ -159,6 +185,7 @@ static Outcome contact_solve(const Structure& m, const Options& o, SolverWork<G>
     out.done |= now;
   }
   freeze_raised_kappa(w);
+  for (int lane = 1; w.alike && lane < W; ++lane) out.iterations[0] = __builtin_fmax(out.iterations[0], out.iterations[lane]);
   out.residual = fresh_residuals(m, w, ip);  // of all lanes together
   return out;
 }

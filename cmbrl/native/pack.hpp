@@ -43,6 +43,11 @@ static inline int first_of(Mask lanes) {
     if (lanes[lane]) return lane;
   return -1;
 }
+static inline Mask up_to(int last) {  // lanes 0 to last; all, if there is no last
+  Mask lanes = all();
+  for (int lane = last + 1; last >= 0 && lane < W; ++lane) lanes[lane] = 0;
+  return lanes;
+}
 static inline void copy_lane(Mask from_good, int good, int n, T* x) {  // lane `good` into those lanes
   for (int i = 0; i < n; ++i) x[i] = select(from_good, splat(x[i][good]), x[i]);
 }

@@ -17,6 +17,25 @@ struct Strategy {
   int patience = 0;
 };
 
+// Strategies of the lanes: all the same, or those of several rungs of the ladder that lanes of one state try at once. They differ
+// in what is a vector here.
+struct Course {
+  double tau, start;
+  bool corrector;
+  int patience;
+  Mask follow = none();
+  T sigma = T{}, friction = T{}, growth = T{}, iterations = T{};
+
+  Course(const Strategy& st) : tau(st.tau), start(st.start), corrector(st.corrector), patience(st.patience) { take(all(), st); }
+  void take(Mask lanes, const Strategy& st) {
+    follow = (follow & ~lanes) | (st.follow ? lanes : none());
+    sigma = select(lanes, splat(st.sigma), sigma);
+    friction = select(lanes, splat(st.friction), friction);
+    growth = select(lanes, splat(st.growth), growth);
+    iterations = select(lanes, splat(st.iterations), iterations);
+  }
+};
+
 template <class G>
 struct InteriorPoint : Newton<G> {
   using Newton<G>::NT, Newton<G>::m, Newton<G>::o, Newton<G>::w, Newton<G>::rho;
@@ -203,31 +222,33 @@ struct InteriorPoint : Newton<G> {
   }
 
   // Runs the lanes of `todo`; returns those that converged. Lanes outside keep alpha = 0 and so keep their start.
-  Mask run(Mask todo, const Strategy& st, T& iterations) {
+  Mask run(Mask todo, const Course& st, T& iterations) {
     start(st.start);
     return descend(todo, st, iterations);
   }
 
-  Mask descend(Mask todo, const Strategy& st, T& iterations) {  // from the current point
-    T kappa = mean_kappa(), centre = st.follow ? rho * zeta * zeta : T{}, floor = 1e-6 * zeta * zeta;
+  Mask descend(Mask todo, const Course& st, T& iterations) {  // from the current point
+    T kappa = mean_kappa(), centre = keep(st.follow, rho * zeta * zeta), floor = 1e-6 * zeta * zeta;
     Mask busy = todo & (count > 0.0), done = todo & ~busy;
     T before = T{};  // what was left of the path when patience was last asked
     T slow = T{};  // short steps in a row: the path has folded, more of them would lead nowhere
-    bool grows_friction = st.friction < 1 && !o.convex;  // convex paths do not fold
-    T share = splat(grows_friction ? st.friction : 1);
+    T share = o.convex ? splat(1) : st.friction;  // convex paths do not fold
+    bool grows_friction = any(share < 1.0);
     if (grows_friction) set_friction(share);
-    for (int it = 0; any(busy) && it <= st.iterations; ++it) {
+    for (int it = 0; any(busy); ++it) {
       T nu = complementarity(T{});
       T off = off_path(centre);
       Mask ready = busy & (centre <= 0.0) & (share >= 1.0) & (off <= o.theta) & (rho * linear <= o.tolerance);
       done |= ready;
       busy &= ~ready;
+      if (w.alike) busy &= up_to(first_of(done));  // what an earlier rung has solved is no longer for the later ones
       if (st.patience > 0 && it % st.patience == 0) {
         T left = nu - kappa;
         if (it > 0) busy &= (left < 0.9 * before) | (left <= 100.0 * kappa);
         before = left;
       }
-      if (!any(busy) || it == st.iterations) break;
+      busy &= splat(it) < st.iterations;
+      if (!any(busy)) break;
       iterations += select(busy, splat(1), T{});
       T excess = vmax(nu - kappa, T{});
       // Far from both ends of the path a step may go nearer to the boundary: a sixth fewer iterations to a small kappa (wild
@@ -246,11 +267,11 @@ struct InteriorPoint : Newton<G> {
         Mask shortened = affine < 0.2;
         linearise_all(select(excess > 0.0, sigma * excess, T{}), ~shortened);
       } else {
-        if (st.follow) {
+        if (any(st.follow)) {
           // Friction grows near the end of its path: at 1000 times the floor, or a thousandth, cheetah 5 to 7 need later rungs.
           // Nearer to the path than this before a centre shrinks, cheetah 5 and 6 need rung 7; four times as far is
           // too far for stacks of 1 : 1e6.
-          Mask next = off < 0.5, grows = next & (share < 1.0) & (centre <= vmax(kappa, floor));
+          Mask next = st.follow & (off < 0.5), grows = next & (share < 1.0) & (centre <= vmax(kappa, floor));
           grown |= grows;
           if (any(grows)) {
             share = select(grows, vmin(st.growth * share, splat(1)), share);
@@ -260,7 +281,7 @@ struct InteriorPoint : Newton<G> {
           // Zero ends the path; a centre that only dwindled would never do so, and cheetah 5 and 6 need rung 7.
           centre = select(centre > 0.1 * kappa, centre, T{});
         }
-        linearise_all(st.follow ? centre : st.sigma * excess, none());
+        linearise_all(select(st.follow, centre, st.sigma * excess), none());
         factorise();
       }
       alpha = vmin(direction() * tau, splat(1));

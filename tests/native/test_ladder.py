@@ -24,6 +24,17 @@ def test_a_rung_rescues(problem: Problem) -> None:
     assert problem.step(up_to_without(problem.rung))["status"][0] == SolverStatus.FAILED
 
 
+@pytest.mark.parametrize("problem", PROBLEMS, ids=str)
+def test_rungs_at_once_end_where_they_end_one_after_the_other(problem: Problem) -> None:
+    """A state by itself tries rungs in the lanes of its pack; two share a pack, and climb one rung after the other."""
+    alone, pair = problem.step(-1), problem.step(-1, copies=2)
+    for name in ("rung", "status"):
+        assert (pair[name] == alone[name]).all(), name
+    for name in ("q_next", "v_next"):
+        np.testing.assert_allclose(pair[name], np.repeat(alone[name], 2, axis=0), rtol=0, atol=1e-12, err_msg=name)
+    assert (alone["iterations"] <= pair["iterations"]).all()
+
+
 def test_states_without_a_solution_end_soon() -> None:
     """A hopper stuck between posts, rigid law: 103 iterations on average before hopeless lanes were told early."""
     stepper = model("stuck hopper", "rigid", "exact").stepper
