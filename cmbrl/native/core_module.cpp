@@ -41,7 +41,7 @@ class Core {
  public:
   // limits: (name, low, high) of each parameter, which a step checks; none: no check
   Core(nb::dict scene, const std::vector<std::tuple<std::string, double, double>>& limits, const std::string& isa)
-      : backend_(find_isa(isa).steps) {
+      : backend_(find_isa(isa).steps), few_(isa.empty() ? find_isa(isa).few_steps : backend_) {
     std::map<std::string, std::vector<int>> ints;
     std::map<std::string, std::vector<double>> doubles;
     std::map<std::string, int> sizes;
@@ -88,12 +88,12 @@ class Core {
       out["impulse"] = make_array<double>({n, size_t(m.ncontact), rows}, &b.impulse);
     }
     auto survey = [&] {
-      if (o.admit) run(b.n, threads, Purpose::step, [&](int64_t s, int64_t e, StepMemory& w) { backend_.survey(m, o, b, s, e, w); });
+      if (o.admit) run(b.n, threads, Purpose::step, [&](const Backend& backend, int64_t s, int64_t e, StepMemory& w) { backend.survey(m, o, b, s, e, w); });
       return o.admit != 0;
     };
     step_in_attempts(o, b, backend_.width, survey, [&](const Options& now, const Elements* some) {
       run(some ? int64_t(some->size()) : b.n, threads, jacobian ? Purpose::jacobian : Purpose::step,
-          [&](int64_t s, int64_t e, StepMemory& w) { backend_.forward(m, now, b, some ? some->data() : nullptr, s, e, w); });
+          [&](const Backend& backend, int64_t s, int64_t e, StepMemory& w) { backend.forward(m, now, b, some ? some->data() : nullptr, s, e, w); });
     });
     return out;
   }
@@ -122,7 +122,7 @@ class Core {
     if (want_theta) out["gtheta"] = make_array<double>({n, every.size()}, &b.gtheta);
     Elements order = most_contacts_first(b.tape, b.n, o.substeps, tape.size / o.substeps);
     run(b.n, threads, Purpose::product,
-        [&](int64_t s, int64_t e, StepMemory& w) { backend_.backward(m, o, b, order.data(), s, e, w); });
+        [&](const Backend& backend, int64_t s, int64_t e, StepMemory& w) { backend.backward(m, o, b, order.data(), s, e, w); });
     return out;
   }
 
@@ -147,7 +147,7 @@ class Core {
                 theta.data(), scale_q.data(), scale_v.data(), starts.data(), huber, fail_penalty, nullptr};
     auto out = make_array<double>({size_t(candidates), size_t(count)}, &b.loss);
     int64_t width = backend_.width, packs = (candidates + width - 1) / width, slices = (count + 255) / 256;
-    run(packs * slices, threads, Purpose::step, [&](int64_t k, int64_t, StepMemory& w) {
+    run(packs * slices, threads, Purpose::step, [&](const Backend&, int64_t k, int64_t, StepMemory& w) {
       int64_t begin = k % slices * 256;
       backend_.loss(m, o, b, k / slices * width, begin, std::min<int64_t>(count, begin + 256), w);
     }, 1);
@@ -169,7 +169,7 @@ class Core {
       out["J"] = make_array<double>({n, size_t(m.ncontact), rows, nv}, &J);
       std::memset(J, 0, n * m.ncontact * rows * nv * sizeof(double));
     }
-    run(b.n, 1, Purpose::step, [&](int64_t s, int64_t e, StepMemory& w) { backend_.dynamics(m, o, b, M, bias, length, gap, J, s, e, w); });
+    run(b.n, 1, Purpose::step, [&](const Backend& backend, int64_t s, int64_t e, StepMemory& w) { backend.dynamics(m, o, b, M, bias, length, gap, J, s, e, w); });
     return out;
   }
 
@@ -186,7 +186,7 @@ class Core {
     double* gap;
     auto out = make_array<double>({size_t(n), size_t(m.ncontact)}, &gap);
     run(n, 1, Purpose::step,
-        [&](int64_t s, int64_t e, StepMemory& w) { backend_.dynamics(m, o, b, nullptr, nullptr, nullptr, gap, nullptr, s, e, w); });
+        [&](const Backend& backend, int64_t s, int64_t e, StepMemory& w) { backend.dynamics(m, o, b, nullptr, nullptr, nullptr, gap, nullptr, s, e, w); });
     return nb::cast(out);
   }
 
@@ -211,7 +211,7 @@ class Core {
     for (auto [block, size] : {std::pair{r.J, rows * nv}, {r.b, rows}, {r.mu, size_t(1)}, {r.R, rows}})
       std::memset(block, 0, n * nrow * size * sizeof(double));
     for (int32_t* flags : {r.active, r.convex}) std::memset(flags, 0, n * nrow * sizeof(int32_t));
-    run(b.n, 1, Purpose::step, [&](int64_t s, int64_t e, StepMemory& w) { backend_.rows(m, o, b, r, s, e, w); });
+    run(b.n, 1, Purpose::step, [&](const Backend& backend, int64_t s, int64_t e, StepMemory& w) { backend.rows(m, o, b, r, s, e, w); });
     return out;
   }
 
@@ -221,7 +221,7 @@ class Core {
     std::vector<int32_t> bodies = checked_bodies(chosen);
     BodyBatch out{int(bodies.size()), bodies.data(), nullptr, nullptr};
     auto motion = make_array<double>({size_t(b.n), bodies.size(), body_fields()}, &out.motion);
-    run(b.n, threads, Purpose::step, [&](int64_t s, int64_t e, StepMemory& w) { backend_.bodies(m, b, out, s, e, w); });
+    run(b.n, threads, Purpose::step, [&](const Backend& backend, int64_t s, int64_t e, StepMemory& w) { backend.bodies(m, b, out, s, e, w); });
     return nb::cast(motion);
   }
 
@@ -232,7 +232,7 @@ class Core {
     check(cotangent, "cotangent", {b.n, int64_t(bodies.size()), int64_t(body_fields())});
     BodyBatch out{int(bodies.size()), bodies.data(), nullptr, cotangent.data()};
     auto gq = make_array<double>({size_t(b.n), size_t(m.nv)}, &b.gq), gv = make_array<double>({size_t(b.n), size_t(m.nv)}, &b.gv);
-    run(b.n, threads, Purpose::step, [&](int64_t s, int64_t e, StepMemory& w) { backend_.bodies_backward(m, b, out, s, e, w); });
+    run(b.n, threads, Purpose::step, [&](const Backend& backend, int64_t s, int64_t e, StepMemory& w) { backend.bodies_backward(m, b, out, s, e, w); });
     return nb::make_tuple(gq, gv);
   }
 
@@ -240,7 +240,7 @@ class Core {
   int width() const { return backend_.width; }
 
  private:
-  const Backend& backend_;
+  const Backend &backend_, &few_;  // few_: for no more elements than it is wide
   std::unique_ptr<SceneData> data_;
   std::vector<std::string> names_;
   std::vector<double> low_, high_;
@@ -316,13 +316,15 @@ class Core {
     std::snprintf(digits, sizeof digits, "%g", x);
     return digits;
   }
+  // job(backend, begin, end, memory) for chunks of n elements; per_chunk: so many, whatever they are.
   template <class F>
   void run(int64_t n, int threads, Purpose purpose, F job, int64_t per_chunk = 0) {
-    int64_t width = backend_.width, share = n / (4 * std::max(threads, 1));  // some chunks a thread, of whole packs
+    const Backend& backend = n <= few_.width && !per_chunk ? few_ : backend_;
+    int64_t width = backend.width, share = n / (4 * std::max(threads, 1));  // some chunks a thread, of whole packs
     int64_t chunk = per_chunk ? per_chunk : threads <= 1 ? std::max<int64_t>(n, 1) : std::clamp((share + width - 1) / width, int64_t(1), int64_t(8)) * width;
     int64_t chunks = (n + chunk - 1) / chunk;
-    engine_.get().run(chunks, threads, backend_.workspace_size(data_->model, purpose),
-                      [&](int64_t c, int, StepMemory& memory) { job(c * chunk, std::min(n, (c + 1) * chunk), memory); });
+    engine_.get().run(chunks, threads, backend.workspace_size(data_->model, purpose),
+                      [&](int64_t c, int, StepMemory& memory) { job(backend, c * chunk, std::min(n, (c + 1) * chunk), memory); });
   }
 };
 

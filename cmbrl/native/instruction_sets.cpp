@@ -21,9 +21,25 @@ static bool runs_here(const std::string& name) {
   return !name.empty();  // a baseline
 }
 
+static const Backend* const all_steps[] = {
+#define CMBRL_SET(isa) &isa::backend,
+#include "instruction_sets.inc"
+#undef CMBRL_SET
+};
+
+// The best of the narrower sets, or the set itself: a processor that runs a set runs those before it.
+static const Backend& narrower(const Backend& steps) {
+  const Backend* best = &steps;
+  for (const Backend* set : all_steps) {
+    if (set == &steps) break;
+    if (set->width < steps.width) best = set;
+  }
+  return *best;
+}
+
 const InstructionSet& find_isa(const std::string& name) {
   static const InstructionSet sets[] = {
-#define CMBRL_SET(isa) {isa::backend, isa::problem_backend, isa##_pair::problem_backend},
+#define CMBRL_SET(isa) {isa::backend, narrower(isa::backend), isa::problem_backend, isa##_pair::problem_backend},
 #include "instruction_sets.inc"
 #undef CMBRL_SET
   };

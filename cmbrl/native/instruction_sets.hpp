@@ -8,7 +8,7 @@
 namespace cmbrl {
 
 struct InstructionSet {
-  const Backend& steps;
+  const Backend &steps, &few_steps;  // few: as many as a narrower pack holds, whose arrays lie nearer to the processor
   const ProblemBackend &problems, &few_problems;
 };
 

@@ -155,6 +155,23 @@ def test_instruction_sets_agree(model: ComplementarityModel, smoothing: Barrier 
         np.testing.assert_allclose(other["jacobian"], results[0]["jacobian"], rtol=0, atol=1e-6 * size)
 
 
+def test_few_states_take_narrow_packs(model: ComplementarityModel) -> None:
+    """As many as a pack of a narrower instruction set holds: its results, bit by bit, and those of wide packs to round-off."""
+    best, known = Core(model.scene.core.to_native()), instruction_sets(model.scene)
+    narrower = [core for core in known if core.width < best.width]
+    if not narrower:
+        pytest.skip("this processor's packs are all alike")
+    q, v, u = batch(model, 4)
+    few, narrow, wide = (
+        core.forward(q, v, u, model.parameters, model.stepper.options, jacobian=True)
+        for core in (best, narrower[-1], known[-1])
+    )
+    for name in ("q_next", "v_next", "jacobian"):
+        np.testing.assert_array_equal(few[name], narrow[name], err_msg=name)
+        size = max(1.0, np.abs(wide[name]).max())
+        np.testing.assert_allclose(few[name], wide[name], rtol=0, atol=1e-9 * size, err_msg=name)
+
+
 def test_substeps_chain(model: ComplementarityModel) -> None:
     """Two substeps are two steps, in value and in Jacobian."""
     model = model.with_settings(integrator="semi-implicit")
