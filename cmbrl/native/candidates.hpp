@@ -130,12 +130,14 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, Fa
   int A = m.con_bodyA[i], B = m.con_bodyB[i];
   bool hulls = m.con_type[i] == kHulls, corner = w.by_sides && !hulls && m.con_hull[i] >= 0;
   if (corner) find_side(m, w, i);
-  if (hulls) find_touches(m, w, i);
-  if (hulls && !any(w.touch_there[m.con_corner[i]])) {
+  Feature<G> F;
+  bool recalled = hulls && given && recall_touch(*given, F);
+  if (hulls && !recalled) find_touches(m, w, i);
+  if (hulls && !recalled && !any(w.touch_there[m.con_corner[i]])) {
     if (!given) return;
     std::memset(&w.touch[m.con_corner[i]], 0, sizeof *w.touch);
   }
-  Feature<G> F = find_feature(m, w, i);
+  if (!recalled) F = find_feature(m, w, i);
   if (far) {
     T gap = F.dist - m.P[m.oContact + i * kContactFields + kRadius] - w.radius_slack - margin_of(m, i);
     if (!any(gap < far->from)) { far->lowest = vmin(far->lowest, gap); return; }

@@ -73,4 +73,16 @@ static void find_touches(const Model& m, Work<G>& w, int i) {
   }
 }
 
+// The touch of a row that is read back from a tape, if it stands there.
+template <class G>
+static bool recall_touch(const Given& given, Feature<G>& F) {
+  if (!given.touch[first_of(given.on)]) return false;
+  T* x = reinterpret_cast<T*>(&F);
+  for (size_t k = 0; k < sizeof F / sizeof(T); ++k) {
+    x[k] = T{};
+    for (int lane = 0; lane < W; ++lane) if (given.on[lane]) x[k][lane] = given.touch[lane][k];
+  }
+  return true;
+}
+
 }  // namespace cmbrl::CMBRL_ISA

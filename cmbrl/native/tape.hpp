@@ -8,7 +8,9 @@
 namespace cmbrl::CMBRL_ISA {
 
 template <class G>
-constexpr int kTapedContact = 4 + 2 * G::NT;  // number of the candidate and edge, gam, s, eta0, b, eta
+constexpr int kTapedContact = 5 + 2 * G::NT;  // number of the candidate and edge, gam, s, eta0, b, eta, which touch
+template <class G>
+constexpr int kTapedTouch = sizeof(Feature<G>) / sizeof(T);  // of hulls: to find it takes longer than all the rest; it follows the contacts
 
 static inline int64_t tape_stride(const Model& m) {  // per substep; it ends with how many contacts there are, and where
   return m.nq + 4 * int64_t(m.nv) + 2 * m.nlimit + 3 * m.nline + 3;
@@ -44,6 +46,14 @@ static void for_taped_contact(Contact<G>& c, F f) {
   CMBRL_FOR(r, G::NT) { f(c.b[r], 4 + r); f(c.eta[r], 4 + G::NT + r); }
 }
 
+// Calls f(value) for the numbers of a touch.
+template <class G, class F>
+static void for_touch(Feature<G>& touch, F f) {
+  static_assert(sizeof(Feature<G>) % sizeof(T) == 0);
+  for (int k = 0; k < kTapedTouch<G>; ++k) f(reinterpret_cast<T*>(&touch)[k]);
+}
+static inline bool of_hulls(const Model& m, int candidate) { return m.con_type[candidate] == kHulls; }
+
 // Candidate and edge as one number.
 template <class G>
 static inline int taped_number(const Contact<G>& c, int lane) { return c.of[lane] * (1 + kEdges) + c.edge; }
@@ -67,24 +77,30 @@ static void tape_write(const Model& m, Work<G>& w, double* const* tape, TapeRows
   for (int lane = 0; lane < W; ++lane) {
     if (!tape[lane]) continue;
     auto pushes = [&](const Contact<G>& c) { return c.on[lane] && c.gam[lane] > 0; };  // what failed may hold NaN
-    int64_t count = 0;
-    for (int i = 0; i < w.ncon; ++i) count += pushes(w.con[i]);
+    int64_t count = 0, touches = 0;
+    for (int i = 0; i < w.ncon; ++i) {
+      if (!pushes(w.con[i])) continue;
+      ++count;
+      touches += of_hulls(m, w.con[i].of[lane]);
+    }
     tape[lane][n - 2] = double(count);
     if (count == 0) continue;
     constexpr int size = kTapedContact<G>;
-    double *run = rows.take(count * size, &tape[lane][n - 1]), *end = run;
+    double *run = rows.take(count * size + touches * kTapedTouch<G>, &tape[lane][n - 1]), *end = run, *touch = run + count * size;
     for (int i = 0; i < w.ncon; ++i) {
       if (!pushes(w.con[i])) continue;
       double *at = end, number = taped_number(w.con[i], lane);
       for (; at > run && comes_before(m, int(number), int(at[-size])); at -= size) std::memcpy(at, at - size, size * sizeof(double));
       at[0] = number;
+      at[size - 1] = double((touch - run - count * size) / kTapedTouch<G>);
+      if (of_hulls(m, w.con[i].of[lane])) for_touch(w.con[i].at, [&](T& x) { *touch++ = x[lane]; });
       for_taped_contact(w.con[i], [&](T& x, int slot) { at[slot] = x[lane]; });
       end += size;
     }
   }
 }
 
-// Where the contacts of each lane begin and end.
+// Where the contacts of each lane begin, and end: touches follow.
 struct TapedRuns { const double *at[W], *end[W]; };
 
 template <class G>
@@ -100,8 +116,9 @@ static TapedRuns taped_runs(const Model& m, const double* const* tape, const Tap
 }
 
 // Lists the candidates that are on in some lane, as find_contacts goes through them: by group, then by number, then by edge.
+// moved: touches are those of another place than where the step starts.
 template <class G>
-static void list_given(const Model& m, TapedRuns runs, Work<G>& w) {
+static void list_given(const Model& m, TapedRuns runs, bool moved, Work<G>& w) {
   w.ngiven = 0;
   for (;;) {
     int first = -1;
@@ -111,13 +128,14 @@ static void list_given(const Model& m, TapedRuns runs, Work<G>& w) {
       if (first < 0 || comes_before(m, i, first)) first = i;
     }
     if (first < 0) return;
-    Mask on = none();
+    Given row{first / (1 + kEdges), first % (1 + kEdges), none(), {}};
     for (int lane = 0; lane < W; ++lane) {
       if (runs.at[lane] == runs.end[lane] || int(*runs.at[lane]) != first) continue;
-      on[lane] = -1;
+      row.on[lane] = -1;
+      if (!moved) row.touch[lane] = runs.end[lane] + int64_t(runs.at[lane][kTapedContact<G> - 1]) * kTapedTouch<G>;
       runs.at[lane] += kTapedContact<G>;
     }
-    w.give({first / (1 + kEdges), first % (1 + kEdges), on});
+    w.give(row);
   }
 }
 
@@ -147,8 +165,8 @@ static void tape_read(const Model& m, const Options& o, Work<G>& w, const double
   for (int i = 0; i < m.nlimit; ++i)
     for (int lane = 0; lane < W; ++lane) w.lim_on[i][lane] = tape[lane][limits + 2 * i] > 0 ? -1 : 0;
   TapedRuns runs = taped_runs<G>(m, tape, rows);
-  list_given(m, runs, w);
   T flown = w.flown;
+  list_given(m, runs, any(flown > 0.0), w);
   set_up_step(m, o, w, w.lim_on, &flown);
   for (int i = 0; i < w.ncon; ++i) {  // harmless values in the lanes that stay off
     Contact<G>& c = w.con[i];

@@ -124,7 +124,8 @@ struct LeftOutLimit { Mask lanes; Direction way; T base; double speed; };
 
 struct Input { T value, by_command, by_activation, by_time; };  // of a gain, and its slope in what it follows from
 struct Passed { int A, B; T slack; };         // a cluster that is not looked at; of its rows, under the velocity at the start
-struct Given { int index, edge; Mask on; };  // a candidate, or an edge of it, that is a row in these lanes, whatever it is like
+// A candidate, or an edge of it, that is a row in these lanes, whatever it is like; where its touch stands on the tape, of hulls.
+struct Given { int index, edge; Mask on; const double* touch[W]; };
 struct ActiveGroup { int group, begin, end; };  // contacts of one body pair stand together
 
 // What the contact solve works on.
