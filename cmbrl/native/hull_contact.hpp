@@ -53,7 +53,7 @@ static void find_touches(const Model& m, Work<G>& w, int i) {
     CMBRL_FOR(k, kMostTouches) w.touch_there[k] = none();
     bool first = m.con_first[i], many = m.con_many[i];
     int cleared = 0;
-    for (int lane = 0; lane < W; ++lane) {
+    for (int lane = 0; lane < w.lanes; ++lane) {
       if (!w.may_touch[lane]) continue;
       Touch found[kMostTouches];
       Point of_a[kMostMade], of_b[kMostMade];
@@ -69,6 +69,12 @@ static void find_touches(const Model& m, Work<G>& w, int i) {
         keep_touch(found[k], w.touch[k], lane);
         w.touch_there[k][lane] = -1;
       }
+    }
+    int last = w.lanes - 1;
+    for (int k = 0; k < cleared && last < W - 1; ++k) {
+      if (!w.touch_there[k][last]) continue;
+      copy_lane(~up_to(last), last, sizeof w.touch[k] / sizeof(T), reinterpret_cast<T*>(&w.touch[k]));
+      w.touch_there[k] |= ~up_to(last);
     }
   }
 }

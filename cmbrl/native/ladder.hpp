@@ -148,14 +148,15 @@ static Outcome contact_solve(const Structure& m, const Options& o, SolverWork<G>
   static_assert(sizeof ladder / sizeof *ladder == kRungs);
   Outcome out{none(), T{}, T{}, T{}};
   Mask given_up = none();
+  bool alike = w.lanes == 1;
   out.done = settled(m, o, w, ip, ip.run(all(), ladder[0].strategy, out.iterations), out.residual);
   if (!any(~out.done)) return out;
   for_kappa(w, [](Mask, T& kappa, T& own, T&) { own = kappa; });
   for (int k = 1, many; k < kRungs; k += many) {
-    if (k == kJudged && !o.convex) given_up = w.alike && any(ip.grown) ? none() : ~ip.grown;
+    if (k == kJudged && !o.convex) given_up = alike && any(ip.grown) ? none() : ~ip.grown;
     many = 1;
     if (~o.rungs >> k & 1) continue;
-    many = rungs_at_once(w.alike, o.rungs, k);
+    many = rungs_at_once(alike, o.rungs, k);
     const Rung& rung = ladder[k];
     Mask todo = k < kHopeless ? ~out.done & ~given_up : ~out.done;
     if (k == 1) todo &= uneven_kappa(w);
@@ -185,7 +186,7 @@ static Outcome contact_solve(const Structure& m, const Options& o, SolverWork<G>
     out.done |= now;
   }
   freeze_raised_kappa(w);
-  for (int lane = 1; w.alike && lane < W; ++lane) out.iterations[0] = __builtin_fmax(out.iterations[0], out.iterations[lane]);
+  for (int lane = 1; alike && lane < W; ++lane) out.iterations[0] = __builtin_fmax(out.iterations[0], out.iterations[lane]);
   out.residual = fresh_residuals(m, w, ip);  // of all lanes together
   return out;
 }

@@ -9,7 +9,7 @@ static void forward_pack(const Model& m, const Options& o, const Batch& b, const
   int nv = m.nv, ncol = 2 * nv + m.nu + int(b.nwanted);
   int64_t stride = tape_stride(m), impulses = m.ncontact * (1 + G::NT);
   Mask finite = gather_states(m, b, l, w);
-  w.alike = l.n == 1;
+  w.lanes = l.n;
   for (int lane = 0; b.impulse && lane < l.n; ++lane) std::memset(b.impulse + l.at[lane] * impulses, 0, impulses * sizeof(double));
   auto record = [&](int s, Mask stepped) {
     if (b.impulse)

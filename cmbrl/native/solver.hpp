@@ -241,7 +241,7 @@ struct InteriorPoint : Newton<G> {
       Mask ready = busy & (centre <= 0.0) & (share >= 1.0) & (off <= o.theta) & (rho * linear <= o.tolerance);
       done |= ready;
       busy &= ~ready;
-      if (w.alike) busy &= up_to(first_of(done));  // what an earlier rung has solved is no longer for the later ones
+      if (w.lanes == 1) busy &= up_to(first_of(done));  // what an earlier rung has solved is no longer for the later ones
       if (st.patience > 0 && it % st.patience == 0) {
         T left = nu - kappa;
         if (it > 0) busy &= (left < 0.9 * before) | (left <= 100.0 * kappa);

@@ -142,7 +142,7 @@ struct SolverWork {
   DryFriction* dry; int ndry;
   ActiveGroup* groups; int ngroups;
   bool coupled; Pattern fill;              // a contact between two moving bodies is active; pattern of the factor then
-  bool alike = false;                      // lanes are copies of one state, which may try several things at once
+  int lanes = W;                           // the others are copies of the last of them; of one, they may try several things at once
   T *save, *path;                          // solver state of lanes that are done while others are retried; of a continuation
 
   void take(Arena& A, int64_t nv, int64_t mass_entries, int64_t columns, int64_t group_dofs, int64_t limits, int64_t dry_rows) {

@@ -156,7 +156,7 @@ def test_instruction_sets_agree(model: ComplementarityModel, smoothing: Barrier 
 
 
 def test_few_states_take_narrow_packs(model: ComplementarityModel) -> None:
-    """As many as a pack of a narrower instruction set holds: its results, bit by bit, and those of wide packs to round-off."""
+    """As many as a pack of a narrower instruction set holds: its results, and those of wide packs to round-off."""
     best, known = Core(model.scene.core.to_native()), instruction_sets(model.scene)
     narrower = [core for core in known if core.width < best.width]
     if not narrower:

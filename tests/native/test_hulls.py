@@ -69,7 +69,7 @@ def test_hulls_touch_as_mujocos(text: str) -> None:
 
 @pytest.mark.parametrize(("law", "restitution"), [("mujoco", 0.0), ("rigid", 0.0), ("rigid", 0.5)])
 def test_products_take_touches_from_the_tape(law: str, restitution: float) -> None:
-    """Where bodies fly to an impact within the step as well: what they touch there is not what they touch at its start."""
+    """Where bodies fly to an impact within the step as well: what they touch there is not what they touch before."""
     text = gravel(0, MESH_TABLE)
     q, v, _ = fallen(text)
     scene, chosen = Scene.from_mjcf(text, contact_law=law), slice(None, None, 5)
