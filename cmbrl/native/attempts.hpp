@@ -47,7 +47,7 @@ void step_in_attempts(const Options& o, const Batch& b, int width, Survey survey
   now.last_attempt = 1;
   now.rungs = o.rungs;
   again(kUnsolved);
-  now.admit = o.admit;
+  now.again = now.admit = o.admit;
   if (!o.admit) now.prune = wider(now.prune);
   while (again(kMissed)) now.prune = wider(now.prune);
 }

@@ -199,6 +199,7 @@ static StepStats control_step(const Model& m, const Options& o, Work<G>& w, Reco
     if (s % 16 == 15 && o.stopped && o.stopped()) break;
     w.nguess = 0;
     w.substep = s;
+    if (s > 0) w.tried = nullptr;
     if (s == 0 && o.set_aside) st.aside = set_up_uncrowded(m, o, w, st.rows);
     else set_up_step(m, o, w);
     Mask missed;

@@ -163,6 +163,7 @@ struct Options {
   bool (*stopped)();     // asked between packs, and in long control steps: the caller gave up, so no result is needed
   int set_aside;      // lanes with many more rows than the others are not stepped with them
   int admit;          // rows that were left out and close are let in by their names; otherwise the lane is stepped again
+  int again;          // elements were stepped before, as far as v_next, under which rows that were left out close
   int last_attempt;   // a lane that fails has failed; otherwise it is stepped again
   unsigned rungs;     // of the solver's ladder that may be climbed, as bits; the first is always
 };

@@ -10,6 +10,9 @@ static void forward_pack(const Model& m, const Options& o, const Batch& b, const
   int64_t stride = tape_stride(m), impulses = m.ncontact * (1 + G::NT);
   Mask finite = gather_states(m, b, l, w);
   w.lanes = l.n;
+  w.tried = o.again ? w.vstep : nullptr;  // it has no other use until the step is solved
+  T unused = T{};
+  if (w.tried) gather(b.v_next, nv, nv, l, w.tried, unused);
   for (int lane = 0; b.impulse && lane < l.n; ++lane) std::memset(b.impulse + l.at[lane] * impulses, 0, impulses * sizeof(double));
   auto record = [&](int s, Mask stepped) {
     if (b.impulse)

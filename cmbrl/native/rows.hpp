@@ -193,12 +193,17 @@ static void free_velocity(const Model& m, Work<G>& w) {
   for (int i = 0; i < m.nv; ++i) w.vf[i] += w.v[i];
 }
 
-// Rows are left out by it first: forces may well change the velocity at the start by more than they may.
+// Rows are left out by it first: forces may well change the velocity at the start by more than they may. And by what an earlier
+// attempt has led to.
 template <class G>
-static void guess_free_velocity(const Model& m, Work<G>& w) {
-  std::memcpy(w.guess, w.vf, m.nv * sizeof(T));
-  twists_under(m, w, w.guess, w.guess_twist);
-  if (w.nguess == 0) w.nguess = 1;
+static void guess_velocities(const Model& m, Work<G>& w) {
+  auto guess = [&](int k, const T* v) {
+    std::memcpy(w.guess + k * m.nv, v, m.nv * sizeof(T));
+    twists_under(m, w, w.guess + k * m.nv, w.guess_twist + k * m.nbody);
+    if (w.nguess == k) ++w.nguess;
+  };
+  guess(0, w.vf);
+  if (w.tried && w.nguess == 1) guess(1, w.tried);
 }
 
 // Kinematics, forces, M~ and active rows at (q, v, u) in w; given: lanes of each limit, and w.given the contacts, of a step read
@@ -214,7 +219,7 @@ static void prepare(const Model& m, const Options& o, Work<G>& w, const Mask* gi
   if (o.split) split_factor(m, w);
   tie_forces(m, o, w);
   free_velocity(m, w);
-  if (o.prune < 1e300 && !given && m.ncontact + m.nlimit > 0) guess_free_velocity(m, w);
+  if (o.prune < 1e300 && !given && m.ncontact + m.nlimit > 0) guess_velocities(m, w);
   find_contacts(m, o, w, given != nullptr);
   find_limits(m, o, w, given);
   w.make_rows(m);

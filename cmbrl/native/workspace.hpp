@@ -202,6 +202,7 @@ struct Work : SolverWork<G> {
   LeftOut<G>* left; int nleft;             // see pruning.hpp
   T* guess; Motion* guess_twist; int nguess;  // velocities that rows are left out by: the free one, and those that solves of this step
                                            // ended with, under which left-out rows close
+  T* tried = nullptr;                      // the velocity that an earlier attempt at this step ended with, if there was one
   LeftOutLimit* left_lim; int nleft_lim;
   Passed* passed; int npassed;          // see near.hpp
   bool sift;                               // clusters are tested

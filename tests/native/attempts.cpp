@@ -12,8 +12,9 @@ static void expect(bool holds, const char* what) {
   std::exit(1);
 }
 
-// The lists of a batch with so many rows an element, of which those with `hard` rows need a second attempt.
-static std::vector<Elements> lists_of(const std::vector<int32_t>& rows, int width, bool surveyed, int32_t hard) {
+// The lists of a batch with so many rows an element, of which those with `hard` rows need a second attempt, and those with `missed`
+// rows one that knows where the first has led to.
+static std::vector<Elements> lists_of(const std::vector<int32_t>& rows, int width, bool surveyed, int32_t hard, int32_t missed = -1) {
   int64_t n = int64_t(rows.size());
   std::vector<int32_t> status(n), iterations(n);
   Batch b{};
@@ -25,9 +26,12 @@ static std::vector<Elements> lists_of(const std::vector<int32_t>& rows, int widt
     if (surveyed) std::copy(rows.begin(), rows.end(), b.iterations);
     return surveyed;
   };
-  step_in_attempts(Options{}, b, width, survey, [&](const Options& now, const Elements* some) {
+  Options o{};
+  o.admit = 1;
+  step_in_attempts(o, b, width, survey, [&](const Options& now, const Elements* some) {
     lists.push_back(some ? *some : Elements());
-    for (int64_t i = 0; i < n; ++i) status[i] = rows[i] == hard && !now.last_attempt ? kUnsolved : 0;
+    for (int64_t i = 0; i < n; ++i)
+      status[i] = rows[i] == hard && !now.last_attempt ? kUnsolved : rows[i] == missed && !now.again ? kMissed : 0;
   });
   return lists;
 }
@@ -38,5 +42,6 @@ int main() {
   expect(lists_of(rows, 4, false, -1) == std::vector<Elements>{{}}, "as they come, where a survey is not worth it");
   expect(lists_of(rows, 7, true, -1) == std::vector<Elements>{{}}, "one pack is not sorted");
   expect(lists_of(rows, 4, true, 3) == std::vector<Elements>{{2, 5, 6, 0, 3, 1, 4}, {0, 3}}, "what is hard is stepped again");
+  expect(lists_of(rows, 4, true, 3, 9) == std::vector<Elements>{{2, 5, 6, 0, 3, 1, 4}, {0, 3}, {2, 5}}, "and so is what left out too many rows");
   std::printf("attempts: ok\n");
 }
