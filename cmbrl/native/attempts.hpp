@@ -33,7 +33,6 @@ void step_in_attempts(const Options& o, const Batch& b, int width, Survey survey
   };
   now.last_attempt = one_pack;
   now.admit = o.admit && one_pack;
-  now.set_aside = !one_pack;
   now.rungs = one_pack ? o.rungs : 1;
   Elements every;
   if (!one_pack && survey()) {
@@ -41,6 +40,8 @@ void step_in_attempts(const Options& o, const Batch& b, int width, Survey survey
     std::iota(every.begin(), every.end(), 0);
     most_rows_first(every);
   }
+  bool told_apart = !every.empty() && b.iterations[every.front()] > b.iterations[every.back()];  // then packs have their like already
+  now.set_aside = !one_pack && !told_apart;
   step(now, every.empty() ? nullptr : &every);
   now.set_aside = 0;
   again(kCrowded);
