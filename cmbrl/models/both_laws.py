@@ -8,20 +8,17 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.protocol import Model
 
 
 def under_both_laws(model: Model, share: float) -> Model:
-    """``model`` with a ``share`` of the rows under its other law of sliding; as it is where nothing slides, or for 0.
+    """``model`` with a ``share`` of the rows under its other law of sliding; as it is for 0, or where nothing slides.
 
-    Raises UserError for a model that has no such law: one that was learned, or a bundle of steps.
+    One that has no such law of its own, because it was learned or bundles steps, stays as it is, too.
     """
-    if not share:
+    if not share or not isinstance(model, ComplementarityModel):
         return model
-    if not isinstance(model, ComplementarityModel):
-        raise UserError(f"other_law = {share:g}: {model.name} has no law of sliding to change: set it to 0")
     other = model.under_other_law()
     return model if other is None else BothLaws(model, other, share)
 

@@ -45,7 +45,7 @@ class WindowConfig(CriticConfig):
     )
     other_law: float = setting(
         0.0,
-        "share of the episodes under the other law of sliding; 0.5: for a policy that leans on neither",
+        "share of the episodes under a contact model's other law of sliding; 0.5: for a policy that leans on neither",
         least=0,
         most=1,
     )
