@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -52,10 +53,13 @@ class TangentMap:
         return out
 
 
+_PLACES = np.array([[1, 2, 3], [0, 3, 2], [3, 0, 1], [2, 1, 0]])
+_SIGNS = np.array([[-1.0, -1.0, -1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0], [-1.0, 1.0, 1.0]])
+
+
 def _columns(q: np.ndarray) -> np.ndarray:  # (B, 4, 3): q (x) (0, e_k)
-    w, x, y, z = q.T
-    rows = ([-x, -y, -z], [w, -z, y], [z, w, -x], [-y, x, w])
-    return np.stack([np.stack(row, 1) for row in rows], 1)
+    found: np.ndarray = q[:, _PLACES] * _SIGNS
+    return found
 
 
 class Stepper:
@@ -177,9 +181,9 @@ class NativeStep(torch.autograd.Function):
         """Vector-Jacobian product from the tape."""
         q, v, u, theta, *end = ctx.saved_tensors
         q_next = end[0].detach() if end else None
-        gradients = _Gradient.apply(
-            q, v, u, theta, gq_next, gv_next, q_next, ctx.stepper, ctx.tape, ctx.needs_input_grad[3]
-        )
+        # Gradients are on here under create_graph only. Otherwise torch's machinery would take half as long as the core.
+        product = _Gradient.apply if torch.is_grad_enabled() else partial(_Gradient.forward, None)
+        gradients = product(q, v, u, theta, gq_next, gv_next, q_next, ctx.stepper, ctx.tape, ctx.needs_input_grad[3])
         return *gradients, None, None, None
 
 
@@ -205,10 +209,9 @@ class _Gradient(torch.autograd.Function):
         want_theta: bool,
     ) -> Any:
         """Cotangents of q, v, u and, if wanted, theta; q_next (B, nq) is needed for ball joints only."""
-        arrays = (
-            x.detach().contiguous().numpy() for x in (q, q if q_next is None else q_next, u, theta, gq_next, gv_next)
+        q_, q_next_, u_, theta_, gq_, gv_ = map(
+            _array, (q, q if q_next is None else q_next, u, theta, gq_next, gv_next)
         )
-        q_, q_next_, u_, theta_, gq_, gv_ = arrays
         out = stepper.backward(u_, theta_, tape, stepper.tangent.to_tangent(q_next_, gq_), gv_, want_theta)
         gtheta = None
         if want_theta:

@@ -7,10 +7,10 @@ of an episode), and exploration noise that follows a schedule instead of being l
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -156,15 +156,16 @@ class Tamed(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, gq: Tensor, gv: Tensor) -> Any:  # type: ignore[override]
-        """Cotangents with their long rows cut."""
-        rows = torch.cat([gq, gv], dim=1)
-        length = rows.norm(dim=1)
-        usable = length.isfinite()
-        if not usable.all():
-            rows, length = rows.nan_to_num(0.0, 0.0, 0.0), torch.where(usable, length, math.nan)
-        share = (ctx.factor * length.nanmedian() / length).clamp(max=1.0).nan_to_num(nan=0.0)[:, None]
-        rows = rows * share
-        return rows[:, : gq.shape[1]], rows[:, gq.shape[1] :], None
+        """Cotangents with their long rows cut; rows that are not finite become 0."""
+        q, v = gq.numpy(), gv.numpy()  # these arrays are small: numpy takes a third of torch's time
+        with np.errstate(all="ignore"):
+            length = np.sqrt(np.einsum("ij,ij->i", q, q) + np.einsum("ij,ij->i", v, v))
+            usable = np.sort(length[np.isfinite(length)])
+            most = ctx.factor * usable[(len(usable) - 1) // 2] if len(usable) else 0.0
+            share = np.where(length > most, most / length, 1.0)[:, None]
+            if len(usable) < len(length):
+                q, v = (np.where(np.isfinite(length)[:, None], g, 0.0) for g in (q, v))
+            return torch.from_numpy(q * share), torch.from_numpy(v * share), None
 
 
 def gradient_variance(policy: Policy, steps: list[Step]) -> float:
