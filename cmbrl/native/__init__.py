@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from cmbrl.native._core import Core, Problems, Tape, kept_buffers
+from cmbrl.native._core import Core, NetWeights, Problems, Tape, kept_buffers
 
-__all__ = ["Core", "Problems", "SolverStatus", "Tape", "kept_buffers"]
+__all__ = ["Core", "NetWeights", "Problems", "SolverStatus", "Tape", "kept_buffers"]
 
 
 class SolverStatus(IntEnum):

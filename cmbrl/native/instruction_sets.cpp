@@ -5,8 +5,8 @@
 namespace cmbrl {
 
 // instruction_sets.inc has a line CMBRL_SET(<name>) for each set that CMake compiles, from the baseline up.
-#define CMBRL_SET(isa)                                                                         \
-  namespace isa { extern const Backend backend; extern const ProblemBackend problem_backend; } \
+#define CMBRL_SET(isa)                                                                                                       \
+  namespace isa { extern const Backend backend; extern const ProblemBackend problem_backend; extern const NetBackend net_backend; } \
   namespace isa##_pair { extern const ProblemBackend problem_backend; }
 #include "instruction_sets.inc"
 #undef CMBRL_SET
@@ -39,7 +39,7 @@ static const Backend& narrower(const Backend& steps) {
 
 const InstructionSet& find_isa(const std::string& name) {
   static const InstructionSet sets[] = {
-#define CMBRL_SET(isa) {isa::backend, narrower(isa::backend), isa::problem_backend, isa##_pair::problem_backend},
+#define CMBRL_SET(isa) {isa::backend, narrower(isa::backend), isa::problem_backend, isa##_pair::problem_backend, isa::net_backend},
 #include "instruction_sets.inc"
 #undef CMBRL_SET
   };

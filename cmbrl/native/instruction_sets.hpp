@@ -3,6 +3,7 @@
 #include <string>
 
 #include "model.hpp"
+#include "net_backend.hpp"
 #include "problem_batch.hpp"
 
 namespace cmbrl {
@@ -10,6 +11,7 @@ namespace cmbrl {
 struct InstructionSet {
   const Backend &steps, &few_steps;  // few: as many as a narrower pack holds, whose arrays lie nearer to the processor
   const ProblemBackend &problems, &few_problems;
+  const NetBackend& nets;
 };
 
 const InstructionSet& find_isa(const std::string& name);  // empty: the best; throws std::invalid_argument

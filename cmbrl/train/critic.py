@@ -68,11 +68,11 @@ class Critic:
         observations, targets = self.targets(steps)
         usable = torch.isfinite(observations).all(dim=1) & torch.isfinite(targets)
         observations, targets = observations[usable], targets[usable]
-        total = 0.0
+        inputs, total = self.normaliser(observations), 0.0
         for _ in range(c.critic_epochs):
             order = torch.randperm(len(targets), generator=self.generator)
             for rows in order.chunk(c.critic_batches):
-                predicted = self.scale * self.net(self.normaliser(observations[rows]))[:, 0]
+                predicted = self.scale * self.net(inputs[rows])[:, 0]
                 loss = ((predicted - targets[rows]) / self.scale).square().mean()
                 self.optimiser.zero_grad()
                 loss.backward()

@@ -11,10 +11,12 @@ import os
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
+from copy import deepcopy
 from importlib.util import find_spec
 from io import BytesIO, StringIO
 
 import torch
+from torch import nn
 
 from cmbrl.data.behaviour import LAST_ACTIONS
 from cmbrl.errors import UserError
@@ -28,7 +30,7 @@ def export_torchscript(policy: Policy, path: str | os.PathLike[str]) -> None:
     """Writes a TorchScript module; raises UserError if ``path`` cannot be written."""
     content = BytesIO()
     with _quietly():
-        traced = torch.jit.trace(policy.eval(), _example(policy))
+        traced = torch.jit.trace(_traceable(policy), _example(policy))
         told = {LAST_ACTIONS: str(policy.architecture.last_actions)}
         torch.jit.save(torch.jit.freeze(traced), content, told)  # type: ignore[no-untyped-call]
     write_bytes(path, content.getvalue())
@@ -44,7 +46,7 @@ def export_onnx(policy: Policy, path: str | os.PathLike[str]) -> None:
             raise UserError(f"writing ONNX needs {package}: pip install 'cmbrl[export]'")
     with _quietly():
         program = torch.onnx.export(
-            policy.eval(),
+            _traceable(policy),
             (_example(policy),),
             input_names=[INPUT],
             output_names=[OUTPUT],
@@ -54,6 +56,13 @@ def export_onnx(policy: Policy, path: str | os.PathLike[str]) -> None:
         )
     assert program is not None
     write_bytes(path, program.model_proto.SerializeToString())
+
+
+def _traceable(policy: Policy) -> Policy:
+    """A copy whose net has torch's operations."""
+    found = deepcopy(policy).eval()
+    found.net = nn.Sequential(*found.net)
+    return found
 
 
 def _example(policy: Policy) -> torch.Tensor:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,6 +12,7 @@ from torch import Tensor, nn
 
 from cmbrl.envs.history import with_last_actions
 from cmbrl.mdp import MDP
+from cmbrl.train.net import Net
 
 ACTIVATIONS = {"elu": nn.ELU, "relu": nn.ReLU, "tanh": nn.Tanh, "silu": nn.SiLU}
 
@@ -46,7 +48,10 @@ class Normaliser(nn.Module):
 def network(
     inputs: int, hidden: Sequence[int], outputs: int, last_gain: float = 1.0, activation: str = "elu", norm: bool = True
 ) -> nn.Sequential:
-    """Each hidden layer: linear, activation, LayerNorm if ``norm``; the last layer's initial weights times a gain."""
+    """Each hidden layer: linear, activation, LayerNorm if ``norm``; the last layer's initial weights times a gain.
+
+    With ELU, which all training here has, it is a ``Net``.
+    """
     layers: list[nn.Module] = []
     for width in hidden:
         layers += [nn.Linear(inputs, width), ACTIVATIONS[activation]()]
@@ -56,7 +61,8 @@ def network(
     with torch.no_grad():
         last.weight.mul_(last_gain)
         last.bias.zero_()
-    return nn.Sequential(*layers, last)
+    kind = Net if activation == "elu" else nn.Sequential
+    return kind(*layers, last)
 
 
 @dataclass(frozen=True)
@@ -99,6 +105,10 @@ class Policy(nn.Module):
     def drive(self, observation: Tensor) -> Tensor:
         """The net's output before squashing, without noise (B, n_a)."""
         return self.net(self.normaliser(observation) if self.architecture.normalise else observation)
+
+    def held(self) -> AbstractContextManager[None]:
+        """Inside, the weights do not change, which makes many calls faster."""
+        return self.net.held() if isinstance(self.net, Net) else nullcontext()
 
     def squash(self, drive: Tensor) -> Tensor:
         """Actions (B, n_a) of a drive, in [-1, 1]."""

@@ -106,12 +106,13 @@ class SHAC(WindowLearner):
         simulation.detach()
         noise = std * torch.randn(self.horizon, c.environments, self.mdp.actions, generator=self.generator)
         moves = []
-        for k in range(self.horizon):
-            observation = simulation.observe()
-            action = self.policy.sample(observation.float(), noise[k])
-            action.retain_grad()
-            moves.append(simulation.move(observation, action))
-            simulation.q, simulation.v = Tamed.apply(simulation.q, simulation.v, c.tame)
+        with self.policy.held():
+            for k in range(self.horizon):
+                observation = simulation.observe()
+                action = self.policy.sample(observation.float(), noise[k])
+                action.retain_grad()
+                moves.append(simulation.move(observation, action))
+                simulation.q, simulation.v = Tamed.apply(simulation.q, simulation.v, c.tame)
         return simulation.score(moves)
 
     def loss(self, steps: list[Step]) -> Tensor:
