@@ -87,14 +87,15 @@ class Critic:
     @torch.no_grad()
     def targets(self, steps: Sequence[Step]) -> tuple[Tensor, Tensor]:
         """Observations (H B, n_o) of the window and their TD(lambda) targets (H B,), both float32."""
-        trace = self.config.trace
         values = self.value(torch.cat([s.next_observation for s in steps]).float()).view(len(steps), -1)
-        following = values[-1]
-        targets = []
-        for step, value in zip(reversed(steps), reversed(values), strict=True):
-            mixed = torch.where(step.truncated, value, (1 - trace) * value + trace * following)
-            later = torch.where(step.terminated, 0.0, mixed)
-            following = (finite(step.reward + step.shaping) + self.discount * later).float()
+        terminated, truncated = (torch.stack(ends) for ends in zip(*((s.terminated, s.truncated) for s in steps), strict=True))
+        gains = finite(torch.stack([s.reward + s.shaping for s in steps]))
+        values = torch.where(terminated, 0.0, values)
+        share = torch.where(terminated | truncated, 0.0, self.config.trace)  # of the next step's target in this one's
+        known = (gains + self.discount * (1.0 - share) * values).float()
+        following, targets = values[-1], []
+        for here, weight in zip(reversed(known), reversed(self.discount * share), strict=True):
+            following = here + weight * following
             targets.append(following)
         return torch.cat([s.observation for s in steps]).float(), torch.cat(targets[::-1])
 

@@ -27,6 +27,7 @@ class Net(nn.Sequential):
         linear = [layer for layer in layers if isinstance(layer, nn.Linear)]
         self.widths = [layer.in_features for layer in linear] + [linear[-1].out_features]
         self.norm = any(isinstance(layer, nn.LayerNorm) for layer in layers)
+        self._order = list(self.parameters())  # that call takes longer than a small net's forward pass
         self._held: tuple[NetWeights, Tensor] | None = None
 
     def forward(self, x: Tensor) -> Tensor:
@@ -46,7 +47,7 @@ class Net(nn.Sequential):
 
     def _pack(self) -> tuple[NetWeights, Tensor]:
         """The parameters for the core, and the vector of them that gradients go through."""
-        vector = torch.cat([p.flatten() for p in self.parameters()])
+        vector = torch.cat([p.flatten() for p in self._order])
         return NetWeights(self.widths, self.norm, vector.detach().numpy()), vector
 
 
