@@ -55,7 +55,7 @@ class Reference:
     def at(self, frame: Tensor) -> BodyMotion:
         """At frames (B,)."""
         m = self.motion
-        return BodyMotion(m.position[frame], m.rotation[frame], m.linear[frame], m.angular[frame])
+        return BodyMotion(*(x.index_select(0, frame) for x in (m.position, m.rotation, m.linear, m.angular)))
 
 
 class Tracking:

@@ -75,10 +75,10 @@ def integrate(joints: Sequence[Joint], q: Array, dv: Array) -> Array:
     q, dv = np.asarray(q, dtype=np.float64), np.asarray(dv, dtype=np.float64)
     shape = np.broadcast_shapes(q.shape[:-1], dv.shape[:-1])
     out = np.broadcast_to(q, (*shape, q.shape[-1])).copy()
+    single = [joint for joint in joints if joint.kind != JointKind.BALL]
+    out[..., [joint.qadr for joint in single]] += dv[..., [joint.vadr for joint in single]]
     for joint in joints:
         i, k = joint.qadr, joint.vadr
         if joint.kind == JointKind.BALL:
             out[..., i : i + 4] = rotate_by(out[..., i : i + 4], np.broadcast_to(dv[..., k : k + 3], (*shape, 3)))
-        else:
-            out[..., i] += dv[..., k]
     return out

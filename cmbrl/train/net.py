@@ -27,7 +27,7 @@ class Net(nn.Sequential):
         linear = [layer for layer in layers if isinstance(layer, nn.Linear)]
         self.widths = [layer.in_features for layer in linear] + [linear[-1].out_features]
         self.norm = any(isinstance(layer, nn.LayerNorm) for layer in layers)
-        self._order = list(self.parameters())  # that call takes longer than a small net's forward pass
+        self._weighted: list[Any] = [layer for layer in layers if isinstance(layer, nn.Linear | nn.LayerNorm)]
         self._held: tuple[NetWeights, Tensor] | None = None
 
     def forward(self, x: Tensor) -> Tensor:
@@ -47,7 +47,8 @@ class Net(nn.Sequential):
 
     def _pack(self) -> tuple[NetWeights, Tensor]:
         """The parameters for the core, and the vector of them that gradients go through."""
-        vector = torch.cat([p.flatten() for p in self._order])
+        # Not self.parameters(), which takes longer than a small net's forward pass.
+        vector = torch.cat([p.flatten() for layer in self._weighted for p in (layer.weight, layer.bias)])
         return NetWeights(self.widths, self.norm, vector.detach().numpy()), vector
 
 

@@ -158,14 +158,14 @@ class Tamed(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, gq: Tensor, gv: Tensor) -> Any:  # type: ignore[override]
         """Cotangents with their long rows cut; rows that are not finite become 0."""
-        q, v = gq.numpy(), gv.numpy()  # these arrays are small: numpy takes a third of torch's time
+        q, v = gq.numpy(), gv.numpy()  # so few numbers take numpy a third of torch's time
         with np.errstate(all="ignore"):
             length = np.sqrt(np.einsum("ij,ij->i", q, q) + np.einsum("ij,ij->i", v, v))
-            usable = np.sort(length[np.isfinite(length)])
-            most = ctx.factor * usable[(len(usable) - 1) // 2] if len(usable) else 0.0
-            share = np.where(length > most, most / length, 1.0)[:, None]
-            if len(usable) < len(length):
-                q, v = (np.where(np.isfinite(length)[:, None], g, 0.0) for g in (q, v))
+            usable = length < np.inf
+            most = ctx.factor * np.sort(length)[(usable.sum() - 1) // 2]
+            share = np.divide(most, length, out=np.ones_like(length), where=length > most)[:, None]
+            if not usable.all():
+                q, v = (np.where(usable[:, None], g, 0.0) for g in (q, v))
             return torch.from_numpy(q * share), torch.from_numpy(v * share), None
 
 
