@@ -21,7 +21,7 @@ constexpr int kParts = kFloats / kLanes;
 
 using F = float __attribute__((vector_size(4 * kLanes)));
 using I = int32_t __attribute__((vector_size(4 * kLanes)));
-using Loose = F __attribute__((aligned(4)));  // at any address
+using Loose = F __attribute__((aligned(4), may_alias));  // at any address
 static F load(const float* p) { return *reinterpret_cast<const Loose*>(p); }
 static void store(float* p, F x) { *reinterpret_cast<Loose*>(p) = x; }
 static F choose(I mask, F a, F b) { return (F)((mask & (I)a) | (~mask & (I)b)); }

@@ -34,12 +34,12 @@ static Net layout(const std::vector<int64_t>& widths, bool norm) {
 
 static void pack(const NetLayer& l, const float* given, float* packed) {
   const float* weight = given + l.weight;
-  for (int64_t o = 0; o < l.out; ++o)
-    for (int64_t i = 0; i < l.in; ++i) {
-      float w = weight[o * l.in + i];
-      packed[l.forward + o / kFloats * l.in * kFloats + i * kFloats + o % kFloats] = w;
-      packed[l.backward + i / kFloats * l.out * kFloats + o * kFloats + i % kFloats] = w;
-    }
+  for (int64_t o = 0; o < l.out; ++o, weight += l.in) {
+    float* column = packed + l.forward + o / kFloats * l.in * kFloats + o % kFloats;
+    for (int64_t i = 0; i < l.in; ++i) column[i * kFloats] = weight[i];
+    for (int64_t i = 0; i < l.in; i += kFloats)
+      std::copy_n(weight + i, std::min<int64_t>(kFloats, l.in - i), packed + l.backward + i * l.out + o * kFloats);
+  }
   float* vectors = packed + l.vectors;
   std::copy_n(given + l.bias, l.out, vectors);
   if (!l.hidden || !l.norm) return;

@@ -88,7 +88,9 @@ class Critic:
     def targets(self, steps: Sequence[Step]) -> tuple[Tensor, Tensor]:
         """Observations (H B, n_o) of the window and their TD(lambda) targets (H B,), both float32."""
         values = self.value(torch.cat([s.next_observation for s in steps]).float()).view(len(steps), -1)
-        terminated, truncated = (torch.stack(ends) for ends in zip(*((s.terminated, s.truncated) for s in steps), strict=True))
+        terminated, truncated = (
+            torch.stack(ends) for ends in zip(*((s.terminated, s.truncated) for s in steps), strict=True)
+        )
         gains = finite(torch.stack([s.reward + s.shaping for s in steps]))
         values = torch.where(terminated, 0.0, values)
         share = torch.where(terminated | truncated, 0.0, self.config.trace)  # of the next step's target in this one's

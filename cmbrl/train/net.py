@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from cmbrl.errors import UserError
 from cmbrl.native import NetWeights
 
 
@@ -62,9 +63,12 @@ class _Passes(torch.autograd.Function):
         return torch.from_numpy(y)
 
     @staticmethod
-    @torch.autograd.function.once_differentiable
     def backward(ctx: Any, gy: Tensor) -> Any:  # type: ignore[override]
-        """Cotangents of x and of the parameters."""
+        """Cotangents of x and of the parameters; raises UserError under create_graph, where they would be constants."""
+        if torch.is_grad_enabled():
+            raise UserError(
+                "a net has first derivatives only: leave out create_graph=True, or take nn.Sequential(*net)"
+            )
         (x,) = ctx.saved_tensors
         found = ctx.weights.backward(_array(x), ctx.tape, _array(gy), *ctx.needs_input_grad[:2])
         return *(None if g is None else torch.from_numpy(g) for g in found), None
