@@ -3,8 +3,9 @@
 #pragma once
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <cstring>
-#include <vector>
+#include <utility>
 
 #include "net_backend.hpp"
 
@@ -117,9 +118,10 @@ static void normalise(const NetLayer& l, const float* packed, int64_t rows, cons
       store(n, (load(e) - moments[0]) * moments[1] * load(gain + k) + load(shift + k));
 }
 
-// Cotangents g (rows, padded) of what the next layer sees into those of this one's sums, before ELU.
+// Cotangents g (rows, padded) of what the next layer sees into those of this one's sums, before ELU. Adds
+// to the sums for gain and shift, unless null.
 static void deactivate(const NetLayer& l, const float* packed, int64_t rows, const float* e, const float* moments, float* g,
-                       float* gradient) {
+                       float* sums) {
   int64_t width = padded(l.out);
   const float* gain = packed + l.vectors + width;
   for (int64_t r = 0; r < rows; ++r, e += width, g += width, moments += 2) {
@@ -128,9 +130,9 @@ static void deactivate(const NetLayer& l, const float* packed, int64_t rows, con
       F plain{}, along{};
       for (int64_t k = 0; k < width; k += kLanes) {
         F message = load(g + k), x = (load(e + k) - mean) * scale;
-        if (gradient) {
-          store(gradient + k, load(gradient + k) + message * x);
-          store(gradient + width + k, load(gradient + width + k) + message);
+        if (sums) {
+          store(sums + k, load(sums + k) + message * x);
+          store(sums + width + k, load(sums + width + k) + message);
         }
         message *= load(gain + k);
         plain += message;
@@ -148,6 +150,10 @@ static void deactivate(const NetLayer& l, const float* packed, int64_t rows, con
   }
 }
 
+static void add_rows(const float* g, int64_t width, int64_t rows, float* total) {
+  for (int64_t r = 0; r < rows; ++r)
+    for (int64_t k = 0; k < width; k += kLanes, g += kLanes) store(total + k, load(total + k) + load(g));
+}
 static void copy_rows(const float* from, int64_t width, int64_t rows, float* to, int64_t to_width) {  // pads by 0, or cuts
   for (int64_t r = 0; r < rows; ++r, from += width, to += to_width) {
     std::memcpy(to, from, sizeof(float) * std::min(width, to_width));
@@ -155,16 +161,15 @@ static void copy_rows(const float* from, int64_t width, int64_t rows, float* to,
   }
 }
 
-static void net_forward(const Net& net, const float* packed, const float* x, int64_t rows, float* y, float* tape) {
-  static thread_local std::vector<float> scratch;
-  scratch.resize(kNetRows * 2 * net.widest + net.kept);
-  float *seen = scratch.data(), *out = seen + kNetRows * net.widest, *own = out + kNetRows * net.widest;
+static void net_forward(const Net& net, const float* packed, const float* x, int64_t rows, float* y, float* tape, float* work) {
+  float *seen = work, *out = seen + kNetRows * net.widest, *own = out + kNetRows * net.widest;
+  const NetLayer& last = net.layers[net.count - 1];
   for (int64_t begin = 0; begin < rows; begin += kNetRows) {
-    int64_t count = std::min(kNetRows, rows - begin);
+    int64_t count = std::min(kNetRows, rows - begin), in_row = net.layers[0].in;
     float* kept = tape ? tape + begin / kNetRows * net.kept : own;
-    const float* in = x + begin * net.layers[0].in;
-    int64_t in_row = net.layers[0].in;
-    for (const NetLayer& l : net.layers) {
+    const float* in = x + begin * in_row;
+    for (int64_t k = 0; k < net.count; ++k) {
+      const NetLayer& l = net.layers[k];
       int64_t width = padded(l.out);
       float* sums = l.hidden ? kept + l.kept : out;
       for (int64_t r = 0; r < count; ++r) std::memcpy(sums + r * width, packed + l.vectors, sizeof(float) * width);
@@ -176,73 +181,37 @@ static void net_forward(const Net& net, const float* packed, const float* x, int
       in = seen;
       in_row = width;
     }
-    int64_t width = net.layers.back().out;
-    copy_rows(out, padded(width), count, y + begin * width, width);
+    copy_rows(out, padded(last.out), count, y + begin * last.out, last.out);
   }
 }
 
-// Sums of gradients in the layout of the caller's vector but with padded rows, then without the padding.
-struct Sums {
-  explicit Sums(const Net& net) : net_(net) {
-    int64_t size = 0;
-    for (const NetLayer& l : net.layers) {
-      at_.push_back(size);
-      size += l.out * padded(l.in) + 3 * padded(l.out);
-    }
-    data_.assign(size, 0.0f);
-  }
-  float* weight(size_t k) { return data_.data() + at_[k]; }
-  float* bias(size_t k) { return weight(k) + net_.layers[k].out * padded(net_.layers[k].in); }
-  float* gain(size_t k) { return bias(k) + padded(net_.layers[k].out); }  // and then the shift
-  void write(float* gradient) {
-    for (size_t k = 0; k < net_.layers.size(); ++k) {
-      const NetLayer& l = net_.layers[k];
-      copy_rows(weight(k), padded(l.in), l.out, gradient + l.weight, l.in);
-      std::memcpy(gradient + l.bias, bias(k), sizeof(float) * l.out);
-      if (!l.hidden || !l.norm) continue;
-      std::memcpy(gradient + l.gain, gain(k), sizeof(float) * l.out);
-      std::memcpy(gradient + l.shift, gain(k) + padded(l.out), sizeof(float) * l.out);
-    }
-  }
-
- private:
-  const Net& net_;
-  std::vector<int64_t> at_;
-  std::vector<float> data_;
-};
-
 static void net_backward(const Net& net, const float* packed, const float* x, int64_t rows, const float* tape, const float* gy, float* gx,
-                         float* gradient) {
-  static thread_local std::vector<float> scratch;
-  scratch.resize(kNetRows * 3 * net.widest);
-  float *g = scratch.data(), *before = g + kNetRows * net.widest, *seen = before + kNetRows * net.widest;
-  Sums sums(net);
+                         float* sums, float* work) {
+  float *g = work, *before = g + kNetRows * net.widest, *seen = before + kNetRows * net.widest;
+  const NetLayer& last = net.layers[net.count - 1];
+  if (sums) std::memset(sums, 0, sizeof(float) * net.sums);
   for (int64_t begin = 0; begin < rows; begin += kNetRows) {
     int64_t count = std::min(kNetRows, rows - begin);
     const float* kept = tape + begin / kNetRows * net.kept;
-    int64_t outputs = net.layers.back().out;
-    copy_rows(gy + begin * outputs, outputs, count, g, padded(outputs));
-    for (size_t k = net.layers.size(); k-- > 0;) {
-      const NetLayer& l = net.layers[k];
-      const NetLayer* below = k ? &net.layers[k - 1] : nullptr;
+    copy_rows(gy + begin * last.out, last.out, count, g, padded(last.out));
+    for (int64_t k = net.count - 1; k >= 0; --k) {
+      const NetLayer &l = net.layers[k], *below = k ? &l - 1 : nullptr;
       int64_t in = padded(l.in), out = padded(l.out);
       const float *e = below ? kept + below->kept : nullptr, *moments = below ? e + kNetRows * in : nullptr;
-      if (gradient) {
+      if (sums) {
         if (below) normalise(*below, packed, count, e, moments, seen);
         else copy_rows(x + begin * l.in, l.in, count, seen, in);
-        multiply(g, 1, out, {seen, kFloats, in}, l.out, count, in, sums.weight(k));
-        for (int64_t r = 0; r < count; ++r)
-          for (int64_t j = 0; j < out; j += kLanes) store(sums.bias(k) + j, load(sums.bias(k) + j) + load(g + r * out + j));
+        multiply(g, 1, out, {seen, kFloats, in}, l.out, count, in, sums + l.weight_sum);
+        add_rows(g, out, count, sums + l.bias_sum);
       }
       if (!below && !gx) break;
       std::memset(before, 0, sizeof(float) * count * in);
       multiply(g, out, 1, {packed + l.backward, l.out * kFloats, kFloats}, count, l.out, in, before);
-      if (below) deactivate(*below, packed, count, e, moments, before, gradient ? sums.gain(k - 1) : nullptr);
+      if (below) deactivate(*below, packed, count, e, moments, before, sums ? sums + below->gain_sum : nullptr);
       else copy_rows(before, in, count, gx + begin * l.in, l.in);
       std::swap(g, before);
     }
   }
-  if (gradient) sums.write(gradient);
 }
 
 }  // namespace cmbrl::CMBRL_ISA
