@@ -1,4 +1,4 @@
-// cmbrl.native.Net: small nets of fully connected layers. See cmbrl.train.net.
+// cmbrl.native.NetWeights: small nets of fully connected layers. See cmbrl.train.net.
 #include <nanobind/stl/vector.h>
 
 #include <algorithm>

@@ -206,25 +206,26 @@ class FOPG(WindowLearner):
         running = torch.ones(c.samples, dtype=torch.bool)  # false once the first episode is over, if windows restart
         discount = torch.ones(c.samples, dtype=torch.float64)
         noises, w = [], Window(torch.empty(0), [], torch.empty(0), [], [], [], [])
-        for k in range(self.horizon):
-            observation = simulation.observe()
-            output = policy.drive(observation.float())
-            noise = torch.randn(output.shape, generator=self.generator) * running[:, None]
-            future = Future()
-            noisy = NoisyNode.apply(output, noise, self.std, future) if nodes else output + self.std * noise
-            step = simulation.step(observation, policy.squash(noisy))
-            reward = self._valued(step, last=k == self.horizon - 1) + step.shaping
-            w.rewards.append(torch.where(torch.isfinite(reward) & running, discount * reward, 0.0))
-            ended = step.terminated | step.truncated
-            discount = torch.where(ended, 1.0, c.discount * discount)
-            running = running & ~ended if c.restart else running
-            noises.append(noise)
-            w.steps.append(step)
-            w.outputs.append(output)
-            w.ended.append(ended)
-            w.futures.append(future)
-            if not running.any():
-                break
+        with policy.held():
+            for k in range(self.horizon):
+                observation = simulation.observe()
+                output = policy.drive(observation.float())
+                noise = torch.randn(output.shape, generator=self.generator) * running[:, None]
+                future = Future()
+                noisy = NoisyNode.apply(output, noise, self.std, future) if nodes else output + self.std * noise
+                step = simulation.step(observation, policy.squash(noisy))
+                reward = self._valued(step, last=k == self.horizon - 1) + step.shaping
+                w.rewards.append(torch.where(torch.isfinite(reward) & running, discount * reward, 0.0))
+                ended = step.terminated | step.truncated
+                discount = torch.where(ended, 1.0, c.discount * discount)
+                running = running & ~ended if c.restart else running
+                noises.append(noise)
+                w.steps.append(step)
+                w.outputs.append(output)
+                w.ended.append(ended)
+                w.futures.append(future)
+                if not running.any():
+                    break
         seen = [step.observation.detach().float() for step in w.steps]
         inputs = torch.stack([policy.normaliser(o) if c.normalise else o for o in seen])
         return Window(inputs, w.outputs, torch.stack(noises), w.rewards, w.ended, w.futures, w.steps)
