@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from cmbrl.envs.simulation import Step
 from cmbrl.errors import UserError
@@ -68,12 +68,12 @@ class Critic:
         observations, targets = self.targets(steps)
         usable = torch.isfinite(observations).all(dim=1) & torch.isfinite(targets)
         observations, targets = observations[usable], targets[usable]
-        inputs, total = self.normaliser(observations), 0.0
+        inputs, goals, total = self.normaliser(observations), targets / self.scale, 0.0
         for _ in range(c.critic_epochs):
             order = torch.randperm(len(targets), generator=self.generator)
             for rows in order.chunk(c.critic_batches):
-                predicted = self.scale * self.net(inputs[rows])[:, 0]
-                loss = ((predicted - targets[rows]) / self.scale).square().mean()
+                predicted = self.net(inputs.index_select(0, rows))[:, 0]
+                loss = nn.functional.mse_loss(predicted, goals[rows])
                 self.optimiser.zero_grad()
                 loss.backward()
                 self.optimiser.step()
