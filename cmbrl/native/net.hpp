@@ -101,7 +101,8 @@ static void activate(const NetLayer& l, int64_t rows, float* e, float* moments) 
     }
     float variance = (sum(square) - float(width - l.out) * mean * mean) / float(l.out);  // without the padding, which is 0
     moments[0] = mean;
-    moments[1] = 1.0f / std::sqrt(std::max(variance, 0.0f) + 1e-5f);
+    // An overflow stays visible: a scale of 0 would hide it.
+    moments[1] = variance < __builtin_inff() ? 1.0f / std::sqrt(std::max(variance, 0.0f) + 1e-5f) : __builtin_nanf("");
   }
 }
 

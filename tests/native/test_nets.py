@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from itertools import pairwise
 
 import numpy as np
@@ -87,6 +88,16 @@ def test_extreme_inputs() -> None:
         out, _ = weights.forward(x.float().numpy(), False)
         assert np.isnan(out[3]).all()
         np.testing.assert_allclose(out[:3], net(x)[:3].detach().numpy(), rtol=1e-5, atol=1e-5)
+
+
+def test_an_overflow_is_not_hidden() -> None:
+    """Squares of these sums are beyond float32: LayerNorm has no result, as torch's."""
+    parameters = np.full(3 * 16 + 3 * 16 + 16 + 1, 1e20, np.float32)
+    parameters[:16] *= -1.0
+    for name in NAMES:
+        with suppress(ValueError):  # not on this machine
+            out, _ = NetWeights([3, 16, 1], True, parameters, name).forward(np.ones((2, 3), np.float32), False)
+            assert np.isnan(out).all()
 
 
 def test_refusals() -> None:
