@@ -182,6 +182,17 @@ def test_what_cannot_draw_says_what_to_install(place: Path, tmp_path: Path) -> N
     assert not list(tmp_path.iterdir())
 
 
+def test_the_renderer_is_chosen_before_mujoco_is_imported(place: Path, tmp_path: Path) -> None:
+    """mujoco reads MUJOCO_GL when it is imported: a choice that comes later has no effect."""
+    asked = (
+        "import sys\nfrom cmbrl.cli import main\nfrom cmbrl.envs import renderer\n"
+        "renderer.choose_renderer = lambda: sys.exit(4 if 'mujoco' in sys.modules else 3)\n"
+        f"main(['play', {str(place / 'run')!r}, '--out', 'clip.gif'])"
+    )
+    done = subprocess.run([sys.executable, "-c", asked], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 3, done.stderr
+
+
 def _environment() -> dict[str, str]:
     import os
 

@@ -31,26 +31,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
+    from cmbrl.envs.renderer import choose_renderer, has_display
+
+    if bool(arguments.out) == arguments.viewer:
+        raise UserError("give either --out FILE or --viewer")
+    if arguments.viewer and not has_display():
+        raise UserError("--viewer: there is no display to open a window on; make a clip with --out FILE.mp4")
+    if arguments.out:
+        choose_renderer()  # before anything imports mujoco, as the next lines do
+
     from cmbrl.envs.clip import check_clip_path
-    from cmbrl.envs.drawing import choose_renderer, has_display
     from cmbrl.envs.of_task import real_system
     from cmbrl.train.models import REAL, check_model, load_model
     from cmbrl.train.saved import Trained
 
-    if bool(arguments.out) == arguments.viewer:
-        raise UserError("give either --out FILE or --viewer")
     if arguments.model == REAL:
         raise UserError("--model real: `real` is not a model, and is always shown; name a model or drop --model")
     trained = Trained.load(arguments.policy)
     policy, task, mdp = trained.saved.policy, trained.task, trained.mdp
     if arguments.model is not None:
         check_model(arguments.model)
-    if arguments.viewer and not has_display():
-        raise UserError("--viewer: there is no display to open a window on; make a clip with --out FILE.mp4")
     if arguments.out:
         check_clip_path(arguments.out)
         check_writable(arguments.out)
-        choose_renderer()  # before anything imports mujoco, as the next lines do
 
     import numpy as np
     import torch

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 import warnings
 from collections.abc import Iterable
 from typing import Any
@@ -12,12 +9,9 @@ from typing import Any
 import numpy as np
 
 from cmbrl.data.recorder import without_mujoco_warnings
+from cmbrl.envs.renderer import FLAT, REMEDY, can_draw
 from cmbrl.envs.side_view import side_view
-from cmbrl.errors import UserError
 
-_PROBE = """import mujoco
-model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>")
-mujoco.Renderer(model, 16, 16).render()"""
 _SKY, _LIGHT, _DARK = (0.93, 0.95, 0.97), (0.82, 0.84, 0.86), (0.7, 0.73, 0.76)
 _FIXED, _MOVING = (0.35, 0.4, 0.48), (0.85, 0.5, 0.2)
 _TILT = np.radians(8.0)  # our camera looks down by this angle
@@ -26,34 +20,6 @@ _CAMERA = _OURS + "camera"
 _GREY = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of a geom that has none
 _DRAWN = 3  # MuJoCo draws geoms of groups below
 _SHADOWS = 1024  # pixels; MuJoCo's 4096 take half of the drawing time on a CPU
-_FLAT = "drawn flat, because MuJoCo's renderer does not start"
-_REMEDY = "install Mesa's EGL (apt-get install libegl1 libgl1-mesa-dri) or OSMesa (apt-get install libosmesa6)"
-
-
-def has_display() -> bool:
-    """Whether a window can be opened, as far as the environment tells."""
-    return sys.platform in ("darwin", "win32") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-
-
-def choose_renderer() -> None:
-    """Without a display, sets MUJOCO_GL to an off-screen renderer that works; call it before importing mujoco.
-
-    Each candidate is tried in its own process, because a broken driver may crash it. If none works, a warning says what
-    to install. Raises UserError if the user's MUJOCO_GL does not work.
-    """
-    named = os.environ.get("MUJOCO_GL")
-    if has_display() and not named:
-        return
-    for name in [named] if named else ["egl", "osmesa"]:
-        tried = subprocess.run(
-            [sys.executable, "-c", _PROBE], env=os.environ | {"MUJOCO_GL": name}, capture_output=True
-        )
-        if tried.returncode == 0:
-            os.environ["MUJOCO_GL"] = name
-            return
-    if named:
-        raise UserError(f"MUJOCO_GL={named} does not draw here: unset it, or {_REMEDY}")
-    warnings.warn(f"{_FLAT}: {_REMEDY}", stacklevel=2)
 
 
 class Drawer:
@@ -75,7 +41,7 @@ class Drawer:
         self.data = mujoco.MjData(self.model)
         if self.model.camera(0).name == _CAMERA:
             self._look_at(*(self._box(seen) if seen is not None else _extent(self.model)))
-        self._renderer = _renderer(mujoco, self.model, width, height) if _graphics() else None
+        self._renderer = _renderer(mujoco, self.model, width, height) if can_draw() else None
 
     def draw(self, q: np.ndarray) -> np.ndarray:
         """A picture (height, width, 3) uint8 of the configuration q (nq,)."""
@@ -117,11 +83,6 @@ class Drawer:
         self.model.cam_quat[0] = np.cos(half), np.sin(half), 0.0, 0.0
 
 
-def _graphics() -> bool:
-    """Whether MuJoCo's renderer can be expected to start."""
-    return has_display() or bool(os.environ.get("MUJOCO_GL"))
-
-
 def _renderer(mujoco: Any, model: Any, width: int, height: int) -> Any:
     """MuJoCo's, or None with a warning."""
     frame = model.vis.global_
@@ -130,7 +91,7 @@ def _renderer(mujoco: Any, model: Any, width: int, height: int) -> Any:
     try:
         return mujoco.Renderer(model, height, width)
     except Exception as error:  # whatever the graphics driver raises
-        warnings.warn(f"{_FLAT} ({error}): set MUJOCO_GL=egl, or {_REMEDY}", stacklevel=3)
+        warnings.warn(f"{FLAT} ({error}): set MUJOCO_GL=egl, or {REMEDY}", stacklevel=3)
         return None
 
 

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from cmbrl import UserError
-from cmbrl.envs import drawing
-from cmbrl.envs.drawing import Drawer, choose_renderer
+from cmbrl.envs import renderer
+from cmbrl.envs.drawing import Drawer
+from cmbrl.envs.renderer import choose_renderer
 from cmbrl.envs.side_view import GROUND, SKY
 
 SCENE = """
@@ -83,9 +84,9 @@ def test_the_driver_is_chosen_by_trying(scene, monkeypatch):
         tried.append(env["MUJOCO_GL"])
         return subprocess.CompletedProcess(command, 0 if env["MUJOCO_GL"] == works else 1)
 
-    monkeypatch.setattr(drawing.subprocess, "run", attempt)
+    monkeypatch.setattr(renderer.subprocess, "run", attempt)
     environment: dict[str, str] = {}
-    monkeypatch.setattr(drawing.os, "environ", environment)
+    monkeypatch.setattr(renderer.os, "environ", environment)
     works = "osmesa"
     choose_renderer()
     assert tried == ["egl", "osmesa"]
