@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from cmbrl.registry import Task
     from cmbrl.scene import Scene
 
-POSITIONS_ONLY = "a log of positions without velocities; `fit` and `error --open-loop` read it"  #: elsewhere
+POSITIONS_ONLY = "a log of positions without velocities: `fit` reads it, `error` with --open-loop"  #: elsewhere
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,9 @@ class Source:
     fitted: ComplementarityModel | None = None
 
     def model(self, data: Transitions | PositionLog | None = None, **options: Any) -> ComplementarityModel:
-        """The model with nominal parameters. Without a task, the substeps follow from the log's dt.
+        """The model with nominal parameters, commands in time and encoders without bias.
+
+        Without a task or a fit, the substeps follow from the log's dt.
 
         ``options`` that are not None override the settings of the task or the fit.
         Raises UserError when the log's dt is not a whole number of the time steps in ``options``.
@@ -41,7 +43,8 @@ class Source:
 
         chosen = {name: value for name, value in options.items() if value is not None}
         if self.fitted is not None:
-            return self.fitted.with_settings(parameters=self.scene.parameter_vector(), **chosen)
+            own = {"parameters": self.scene.parameter_vector(), "candidates": None, "observation": None}
+            return self.fitted.with_settings(**{**own, **chosen})
         if self.task is not None:
             return nominal_model(self.task, self.scene, **chosen)
         model = ComplementarityModel(self.scene, **chosen)

@@ -7,9 +7,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from cmbrl import Transitions
+from cmbrl import ComplementarityModel, Scene, Transitions
 from cmbrl.cli import main
 from cmbrl.data.position_log import PositionLog
+from cmbrl.models.source import Source
 
 SERVO = """<mujoco model="arm"><option timestep="0.01" integrator="implicitfast"/><worldbody><body>
 <joint name="j" axis="0 1 0" damping="{damping}"/><geom size=".05" pos="0 0 -.3" mass="1"/></body></worldbody>
@@ -86,3 +87,11 @@ def test_fit_of_two_files_names_the_one_that_differs(place: Path, capsys: pytest
 def test_mistakes(place: Path, files: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["fit", "arm.xml", "--data", *files, "--out", "run"]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_nominal_is_the_file_without_what_a_fit_found_between_log_and_model(place: Path) -> None:
+    scene = Scene.from_mjcf("arm.xml")
+    fitted = ComplementarityModel(scene, substeps=1, observation={"lag.command": 0.02, "bias.j": 0.1})
+    nominal = Source("run", scene, fitted=fitted).model()
+    assert nominal.observation == {}
+    np.testing.assert_array_equal(nominal.parameters, scene.parameter_vector())
