@@ -141,7 +141,7 @@ class Course:
     def loss(self, limit: int) -> PredictionLoss:
         """At the horizon of the survey, over at most ``limit`` transitions."""
         steps, evidence = self.survey.horizon, self.evidence
-        starts = draw_starts(evidence.log, steps, limit, self.seed)
+        starts = draw_starts(evidence.log, steps, limit, self.seed, self.count)
         return evidence.loss(starts, steps, *evidence.scales(steps, self.huber, self.survey.noise))
 
     def _begin(self) -> dict[str, Any]:

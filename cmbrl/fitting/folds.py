@@ -46,9 +46,11 @@ def windows_in_blocks(data: Transitions, horizon: int) -> np.ndarray:
     return starts[blocks[starts] == blocks[starts + horizon - 1]]
 
 
-def draw_starts(data: Transitions, horizon: int, limit: int, seed: int) -> np.ndarray:
+def draw_starts(data: Transitions, horizon: int, limit: int, seed: int, folds: int = 0) -> np.ndarray:
     """Rows to predict from, in the log's order, drawn without replacement for at most ``limit`` transitions.
 
+    Where all of them lie in one of several ``folds``, one of another fold is added: what is held out has to differ from
+    what is fitted, also where a window is nearly as long as ``limit``.
     Raises UserError if no episode has ``horizon`` consecutive transitions.
     """
     starts = windows_in_blocks(data, horizon)
@@ -58,7 +60,13 @@ def draw_starts(data: Transitions, horizon: int, limit: int, seed: int) -> np.nd
     if len(starts) <= limit:
         return starts
     draw = np.random.Generator(np.random.Philox(key=[seed & 0xFFFFFFFFFFFFFFFF, limit]))
-    return np.sort(draw.choice(starts, limit, replace=False))
+    drawn = np.sort(draw.choice(starts, limit, replace=False))
+    if folds < 2:
+        return drawn
+    fold = fold_of_rows(data, folds, seed)
+    others = starts[fold[starts] != fold[drawn[0]]]
+    one = bool((fold[drawn] == fold[drawn[0]]).all())
+    return np.sort(np.append(drawn, others[: int(one)]))
 
 
 def fold_of_rows(data: Transitions, count: int, seed: int) -> np.ndarray:
@@ -87,7 +95,7 @@ class Folds:
     def of(cls, train: PredictionLoss, judge: PredictionLoss, count: int, seed: int, share: float = 1.0) -> Folds:
         """``count`` folds by episode under ``seed``, with windows to fit in ``train`` and to judge by in ``judge``.
 
-        Only a ``share`` of them where time is short.
+        Only a ``share`` of them where time is short. Raises UserError if all windows lie in one fold.
         """
         starts, judged = train.windows.starts, judge.windows.starts
         row_fold = fold_of_rows(train.windows.data, count, seed)
@@ -96,6 +104,11 @@ class Folds:
         ]
         # A fold may be empty if rows were drawn from many short episodes.
         sound = [(t, h) for t, h in pairs if t.steps and h.steps]
+        if not sound:
+            raise UserError(
+                f"only one episode has {train.windows.horizon} consecutive transitions, so that none can be held out: "
+                "record longer episodes, choose a shorter horizon, or name the parameters (groups) with holdout 0"
+            )
         return cls(*zip(*sound[: folds_held_out(len(sound), share)], strict=True))
 
     def refit(

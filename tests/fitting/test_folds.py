@@ -1,0 +1,42 @@
+"""Rows that are drawn to be held out in turn, where a window is nearly as long as all that may be drawn."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cmbrl import UserError
+from cmbrl.fitting.folds import Folds, draw_starts, fold_of_rows
+from cmbrl.fitting.loss import PredictionLoss
+from cmbrl.models.windows import Scales, Windows
+
+
+def loss_on(carts, data, starts: np.ndarray, horizon: int) -> PredictionLoss:
+    model = carts.model(2)
+    windows = Windows(data, starts, horizon, Scales.of(model.scene, data, 2.0))
+    return PredictionLoss(model, windows, model.observer)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_one_window_is_never_all_that_folds_are_made_of(carts, seed: int) -> None:
+    data = carts.record(carts.truth(2), episodes=4, steps=40, noise=1e-3)
+    alone, starts = draw_starts(data, 40, 40, seed), draw_starts(data, 40, 40, seed, folds=4)
+    assert len(alone) == 1
+    assert set(alone) < set(starts)
+    fold = fold_of_rows(data, 4, seed)[starts]
+    assert len(set(fold)) == 2
+    loss = loss_on(carts, data, starts, 40)
+    assert len(Folds.of(loss, loss, 4, seed).train) == 2
+
+
+def test_draws_of_several_folds_stay_as_they_are(carts) -> None:
+    data = carts.record(carts.truth(2), episodes=4, steps=40, noise=1e-3)
+    np.testing.assert_array_equal(draw_starts(data, 5, 100, 0), draw_starts(data, 5, 100, 0, folds=4))
+
+
+def test_a_log_with_one_long_episode_says_that_nothing_can_be_held_out(carts) -> None:
+    data = carts.record(carts.truth(2), episodes=4, steps=40, noise=1e-3)
+    starts = draw_starts(data, 40, 40, 0)
+    loss = loss_on(carts, data, starts, 40)
+    with pytest.raises(UserError, match=r"only one episode has 40 consecutive transitions.*with holdout 0"):
+        Folds.of(loss, loss, 4, 0)
