@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -62,6 +63,32 @@ def test_csv(arm: SimpleNamespace, tmp_path: Path) -> None:
     text = file.read_text().replace(",", ";")
     (tmp_path / "german.csv").write_text(text)
     same(import_logs([tmp_path / "german.csv"], arm.scene).log, arm)
+
+
+def _text(arm: SimpleNamespace, delimiter: str, point: str = ".", header: str = "", date: bool = False) -> str:
+    table = columns(arm)
+    begin = datetime(2024, 5, 1, 23, 59, 59, tzinfo=UTC)
+    lines = [header + delimiter.join(table)]
+    for row in zip(*(column.tolist() for column in table.values()), strict=True):
+        time = (begin + timedelta(seconds=row[0])).isoformat() if date else repr(row[0])
+        lines.append(delimiter.join([time, *map(repr, row[1:])]).replace(".", point))
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        {"delimiter": ";", "point": ","},
+        {"delimiter": "\t", "point": ","},
+        {"delimiter": ",", "header": "# an arm\n# recorded on a bench\n"},
+        {"delimiter": ",", "header": "# an arm\n# "},
+        {"delimiter": ",", "date": True},
+    ],
+    ids=["decimal commas", "tabs", "comments", "header in a comment", "dates"],
+)
+def test_csv_as_others_write_it(written: dict[str, Any], arm: SimpleNamespace, tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text(_text(arm, **written))
+    same(import_logs([tmp_path / "log.csv"], arm.scene).log, arm, tolerance=1e-6)
 
 
 def test_parquet(arm: SimpleNamespace, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from cmbrl.data.importing import csv_text
 from cmbrl.data.importing.recording import Recording, need, of_arrays
 from cmbrl.errors import UserError
 from cmbrl.files import read_json
@@ -22,31 +23,20 @@ VERSIONS = ("v2.0", "v2.1", "v3.0")
 def read_csv(path: Path, joints: tuple[str, ...]) -> list[Recording]:
     """One row per sample below a header; fields that are empty or no numbers are missing samples."""
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            start = file.read(4096)
-            file.seek(0)
-            delimiter = max(",;\t", key=start.partition("\n")[0].count)
-            rows = [row for row in csv.reader(file, delimiter=delimiter) if any(field.strip() for field in row)]
+        rows, delimiter, before = csv_text.rows_of(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, csv.Error) as error:
         raise UserError(f"{path}: not readable as CSV ({shortened(str(error), 200)})") from None
     if len(rows) < 3:
         raise UserError(f"{path}: has {len(rows)} rows; give a header and one row per sample")
     header = [name.strip() for name in rows[0]]
-    if all(_number(name) == _number(name) for name in header):  # numbers are equal to themselves, NaN is not
+    if csv_text.only_numbers(header, delimiter):
         raise UserError(f"{path}: row 1 has numbers, not names; add a header that names the columns")
     _check_names(path, header)
-    for k, row in enumerate(rows[1:], start=2):
+    for k, row in enumerate(rows[1:], start=before + 2):
         if len(row) != len(header):
             raise UserError(f"{path}: row {k} has {len(row)} fields, the header {len(header)}; repair the row")
-    columns = {name: np.array([_number(row[k]) for row in rows[1:]]) for k, name in enumerate(header) if name}
+    columns = {name: csv_text.column([row[k] for row in rows[1:]], delimiter) for k, name in enumerate(header) if name}
     return [of_arrays(str(path), {name: x for name, x in columns.items() if not np.isnan(x).all()}, {}, joints)]
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return float("nan")
 
 
 def _check_names(path: Path, names: Iterable[str]) -> None:
