@@ -30,7 +30,7 @@ cmbrl excite runs/arm --seconds 20 --out second_log.npz    # what a fit leaves o
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("source", metavar="SCENE|TASK|FIT", help="an MJCF file, the name of a task, or a fit's folder")
+    parser.add_argument("source", metavar="SCENE|TASK|FIT", help="an MJCF or URDF file, a task, or a fit's folder")
     parser.add_argument("--seconds", type=positive_number, required=True, metavar="S", help="length of the log")
     parser.add_argument("--out", required=True, metavar="FILE", help="NAME.csv or NAME.npz to write")
     parser.add_argument("--start", metavar="KEY", help="keyframe of the file to start from (default: its initial pose)")

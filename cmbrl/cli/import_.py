@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="CSV, Parquet, npz, HDF5, .pt of PACE, .mcap, .db3 or .bag, or the folder of a rosbag2, LeRobot or Minari "
         "log; several become one log with an episode each",
     )
-    parser.add_argument("--scene", required=True, metavar="SCENE|TASK", help="an MJCF file or a task")
+    parser.add_argument("--scene", required=True, metavar="SCENE|TASK", help="an MJCF or URDF file, or a task")
     parser.add_argument("--out", required=True, metavar="FILE", help="the log to write: NAME.npz")
     parser.add_argument(
         "--map",

@@ -59,11 +59,14 @@ def load(path: str | os.PathLike[str]) -> Fields:
         from cmbrl.data import minari_io
 
         return minari_io.read(file)
-    file = regular_file(file, "record a log with `cmbrl record`, or check the path")
+    file = regular_file(file, "check the path, or make a log by `cmbrl import` or `cmbrl record`")
     if file.suffix in (".hdf5", ".h5"):
         from cmbrl.data import minari_io
 
         return minari_io.read(file)
     if file.suffix == ".npz":
         return npz.read(file)
-    raise UserError(f"{file}: unknown format; give a .npz file, a Minari dataset folder, or minari:ID")
+    raise UserError(
+        f"{file}: unknown format; give NAME.npz, which `cmbrl import` makes of other formats, or a folder or minari:ID "
+        "for Minari"
+    )

@@ -75,6 +75,9 @@ def _shorter(names: list[str], here: str, told: dict[tuple[str, ...], str]) -> l
 
 
 def on_request(parameters: Sequence[Parameter]) -> list[str]:
-    """A line about groups that a fit leaves alone unless they are named; none where there are none."""
+    """Groups that a fit leaves alone unless they are named, and how to name them; none where there are none."""
     groups = dict.fromkeys(p.group for p in parameters if not p.default)
-    return [f"    a fit moves {wrapped(groups)} only on request: --groups {next(iter(groups))}"] if groups else []
+    if not groups:
+        return []
+    how = f"--groups {next(iter(groups))}; a fit of positions tries most of them by itself"
+    return [f"    on request {wrapped(groups)}", f"{'':15}{how}"]

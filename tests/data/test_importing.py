@@ -72,6 +72,8 @@ def imported(tmp_path: Path, log: PositionLog, scene: Scene) -> Import:
         ("observation.state.elbow.pos", Target("elbow", "position")),
         ("cmd.torque.elbow", Target("elbow", "torque")),
         ("elbow_pos_deg", Target("elbow", "position", np.pi / 180)),
+        ("elbow_deg", Target("elbow", "position", np.pi / 180)),
+        ("elbow_rpm", Target("elbow", "velocity", np.pi / 30)),
         ("elbow_speed_rpm", Target("elbow", "velocity", np.pi / 30)),
         ("ctrl.elbow", Target("elbow", "control")),
         ("time", Target("", "time")),

@@ -18,6 +18,8 @@ from cmbrl.data.importing.readers import read
 from cmbrl.data.importing.recording import Recording
 from cmbrl.data.importing.series import series_of
 from cmbrl.data.importing.targets import match
+from cmbrl.data.importing.tied import followers
+from cmbrl.data.importing.told import UNUSED, hold, plural, short, told, used
 from cmbrl.data.position_log import PositionLog
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
@@ -83,7 +85,7 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
     if poses and len(poses) != len(recordings):
         raise UserError(f"{len(recordings)} logs and {len(poses)} of the base: give one file of the base for each log")
     counts = Counts()
-    series, used = _series(recordings, poses, scene, options, counts)
+    series, columns = _series(recordings, poses, scene, options, counts)
     masters = [key for key in series[0][1] if key[1] == "position"] or list(series[0][1])
     step = usual_step([found[key] for _, found in series for key in masters])
     dt = 1 / options.rate if options.rate else step
@@ -97,18 +99,22 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
         raise UserError("no stretch of the log has all columns at once; check their times, or give a larger --gap")
     keys = set(episodes[0])
     kind = options.kind or ("positions" if poses else _kind(keys, scene))
-    sizes = f"{_plural(len(episodes), 'episode')} from {_plural(len(paths), 'file')}"
-    notes = [f"{sizes}, a sample every {dt:.6g} s", *_told(counts, options.gap), *used]
+    sizes = f"{plural(len(episodes), 'episode')} from {plural(len(paths), 'file')}"
+    notes = [f"{sizes}, a sample every {dt:.6g} s", *told(counts, options.gap), *columns]
     log: Transitions | PositionLog
     if kind == "positions":
         log = build.positions(episodes, dt, scene, _gains(recordings, options, scene, build.driven(keys, scene)))
     else:
+        if wanted := build.undriven(keys, scene):
+            raise UserError(
+                f"{series[0][0]}: {wanted}{''.join(f'; {note}' for note in columns if note.startswith(UNUSED))}"
+            )
         source: dict[str, Any] = {"imported": [str(path) for path in paths]}
         log, estimated = build.transitions(episodes, dt, scene, options.frames, options.window, source)
         if estimated:
             half = options.window // 2
             notes.append(
-                f"velocities of {_short(estimated, 3)} are estimated: central differences over a Savitzky-Golay window "
+                f"velocities of {short(estimated, 3)} are estimated: central differences over a Savitzky-Golay window "
                 f"of {options.window} samples (a parabola); {half} samples at each end of an episode are left out"
             )
     log.check(scene)
@@ -145,7 +151,7 @@ def _series(
             match(columns, {unknown[0]: options.columns[unknown[0]]}, scene)  # names the nearest
         targets = match(columns, given, scene, options.angles)
         if not notes:
-            notes = _used(columns, {name: ".".join(filter(None, target.key)) for name, target in targets.items()})
+            notes = used(columns, {name: ".".join(filter(None, target.key)) for name, target in targets.items()})
         episodes = list(series_of(recording, targets, options.rate, scene, counts))
         if pose:
             captures = list(series_of(pose, targets, None, scene, counts))
@@ -160,11 +166,14 @@ def _series(
                 )
                 clocks.append(note)
         for series in episodes:
+            tied, follows = followers(series, scene)
+            series |= tied
+            notes += [note for note in follows if note not in notes]
             if missing := build.lacking(set(series), scene):
                 word = missing[0].partition(" ")[0]
                 raise UserError(
-                    f"{recording.where}: no column for {missing[0]}: map one by --map COLUMN={word}; columns: "
-                    f"{_short(columns)}"
+                    f"{recording.where}: no column for {missing[0]}: map one by --map COLUMN={word}"
+                    f"{hold(series, scene)}; columns: {short(columns)}"
                 )
             if found and set(series) != set(found[0][1]):
                 other = sorted(".".join(key) for key in set(series) ^ set(found[0][1]))[0]
@@ -178,24 +187,6 @@ def _series(
 
 def _floats(scene: Scene) -> bool:
     return bool(joints_of(scene)[1])
-
-
-def _short(names: Sequence[str], most: int = 12) -> str:
-    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
-
-
-def _plural(count: int, word: str) -> str:
-    return f"{count} {word}{'s' * (count != 1)}"
-
-
-def _used(columns: Sequence[str], targets: Mapping[str, str]) -> list[str]:
-    by: dict[str, list[str]] = {}
-    for column, target in targets.items():
-        by.setdefault(target.rpartition(".")[2], []).append(f"{column} = {target}")
-    notes = [f"{quantity}: {_short(pairs, 3)}" for quantity, pairs in by.items()]
-    if unused := [name for name in columns if name not in targets]:
-        notes.append(f"not used: {_short(unused)}")
-    return notes
 
 
 def _kind(keys: set[Key], scene: Scene) -> str:
@@ -221,22 +212,3 @@ def _gains(recordings: Sequence[Recording], options: Options, scene: Scene, driv
                 raise UserError(f"{recordings[0].where}: {name} has no number for joint {unknown[0]!r}; give --{name}")
             found[name] = np.array([owners[joint].item() for joint in driven])
     return found
-
-
-def _told(counts: Counts, gap: int) -> list[str]:
-    notes = []
-    if counts.resampled:
-        notes.append(
-            f"{counts.resampled} of {counts.samples} samples were resampled to a regular grid, {counts.lost} of them "
-            "were lost (positions linearly, quaternions by slerp, commands held)"
-        )
-    if repeated := sum(counts.repeated.values()):
-        notes.append(f"{_plural(repeated, 'sample')} that repeat a time were dropped")
-    if counts.gaps:
-        notes.append(f"{_plural(counts.gaps, 'gap')} of more than {gap} samples, where an episode ends")
-    if counts.short:
-        notes.append(f"{counts.short} samples between gaps were too few for an episode")
-    for column, turns in counts.turns.items():
-        if turns:
-            notes.append(f"{column} goes on where it jumped by a whole turn ({turns} times)")
-    return notes

@@ -196,25 +196,33 @@ def _framed(
     return in_frame("world" if linear else "body", str(frame), turn, given)
 
 
+def undriven(keys: set[Key], scene: Scene) -> str | None:
+    """What to do about the first actuator whose control ``keys`` do not tell; None if they tell all."""
+    for a, name in enumerate(scene.actuator_names):
+        sources = [key for key, _ in _sources(scene, a)]
+        if not any(key in keys for key in sources):
+            own = f", or its control by COLUMN={name}.control" if len(sources) > 1 else ""
+            return f"no column for actuator {name!r}: map one by --map COLUMN={'.'.join(sources[-1])}{own}"
+    return None
+
+
 def _controls(episode: Episode, scene: Scene) -> np.ndarray:
     """Controls (T, nu): logged as such, or from position targets or torques by gear and gain of the file."""
-    P, layout = scene.core.P, scene.layout
-    joints = {joint.vadr: joint.name for joint in joints_of(scene)[0]}
     u = np.zeros((len(next(iter(episode.values()))), scene.nu))
-    for a, name in enumerate(scene.actuator_names):
-        if (name, "control") in episode:
-            u[:, a] = episode[name, "control"][:, 0]
-            continue
-        gear, gain, bias = (float(P[layout.actuator(a, field)]) for field in ("gear", "gain", "bias1"))
-        owner = joints.get(int(scene.core.act_line[a]), "")
-        if bias < 0 and (owner, "command") in episode:
-            u[:, a] = episode[owner, "command"][:, 0] * (-bias * gear / gain)
-        elif bias == 0 and gear * gain != 0 and (owner, "torque") in episode:
-            u[:, a] = episode[owner, "torque"][:, 0] / (gear * gain)
-        else:
-            word = f"{owner}.{'command' if bias < 0 else 'torque'}" if owner else f"{name}.control"
-            raise UserError(
-                f"no column for actuator {name!r}: map one by --map COLUMN={word}, or its control by "
-                f"COLUMN={name}.control"
-            )
+    for a in range(scene.nu):
+        key, factor = next(source for source in _sources(scene, a) if source[0] in episode)
+        u[:, a] = episode[key][:, 0] * factor
     return u
+
+
+def _sources(scene: Scene, a: int) -> list[tuple[Key, float]]:
+    """Columns that tell the control of actuator ``a``, each with the factor to it; those that come first count."""
+    gear, gain, bias = (float(scene.core.P[scene.layout.actuator(a, field)]) for field in ("gear", "gain", "bias1"))
+    sources = [((scene.actuator_names[a], "control"), 1.0)]
+    line = int(scene.core.act_line[a])
+    for owner in (joint.name for joint in joints_of(scene)[0] if joint.vadr == line):
+        if bias < 0:
+            sources.append(((owner, "command"), -bias * gear / gain))
+        elif bias == 0 and gear * gain != 0:
+            sources.append(((owner, "torque"), 1 / (gear * gain)))
+    return sources

@@ -46,6 +46,7 @@ OTHER = {
     "max", "kp", "kd", "gain", "rewards", "infos",
 }  # fmt: skip
 NAMED = {"deg": math.pi / 180, "degrees": math.pi / 180, "rad": 1.0, "rpm": math.pi / 30, "mm": 1e-3}  #: units in names
+SPEEDS = {"rpm"}  #: those that are of a velocity
 TIMES = {"time", "t", "timestamp", "timestamps", "times", "stamp"}
 EPISODES = {"episode", "episode_index", "episode_id", "trial", "toss", "trajectory"}
 
@@ -190,9 +191,9 @@ class _Guesser:
         owner, actuator = self.owners[hit.group(1)]
         quantity = _quantity(words)
         if quantity is None:
-            if words - PLAIN:
+            if words - PLAIN - set(NAMED):
                 return None
-            quantity = "control" if actuator else "position"
+            quantity = "velocity" if words & SPEEDS else "control" if actuator else "position"
         if quantity == "control":
             control = owner if owner in self.actuators else None
             return Target(control, quantity) if control else None

@@ -40,6 +40,7 @@ def beyond_limits(motion: Motion) -> Iterator[Finding]:
                 yield Finding(
                     f"{motion.position_of(k)} reaches {q[np.abs(q).argmax()]:.4g} where the file's limits are "
                     f"{low:.3g} and {high:.3g}: {unit} instead of {wanted}? Divide the column by {factor:.4g}"
+                    + (", or give --angles deg to `cmbrl import`" if coordinate.hinge else "")
                 )
 
 
