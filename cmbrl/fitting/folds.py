@@ -107,7 +107,7 @@ class Folds:
         if not sound:
             raise UserError(
                 f"only one episode has {train.windows.horizon} consecutive transitions, so that none can be held out: "
-                "record longer episodes, choose a shorter horizon, or name the parameters (groups) with holdout 0"
+                "leave out the short ones (a log of one episode is held out in parts), or choose a shorter horizon"
             )
         return cls(*zip(*sound[: folds_held_out(len(sound), share)], strict=True))
 

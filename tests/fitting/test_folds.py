@@ -38,5 +38,5 @@ def test_a_log_with_one_long_episode_says_that_nothing_can_be_held_out(carts) ->
     data = carts.record(carts.truth(2), episodes=4, steps=40, noise=1e-3)
     starts = draw_starts(data, 40, 40, 0)
     loss = loss_on(carts, data, starts, 40)
-    with pytest.raises(UserError, match=r"only one episode has 40 consecutive transitions.*with holdout 0"):
+    with pytest.raises(UserError, match=r"only one episode has 40 consecutive transitions.*leave out the short ones"):
         Folds.of(loss, loss, 4, 0)
