@@ -196,6 +196,11 @@ def load_task(name: str) -> Task:
     if name.endswith(".py"):
         return _of_file(Path(name))
     installed = _installed()
+    if name not in installed and name.endswith((".xml", ".urdf")):
+        raise UserError(
+            f"{name}: a robot, where a task with a reward is asked for: name a Python file that defines TASK, such as "
+            "cmbrl.walking.walking_task(...)"
+        )
     if name not in installed:
         raise UserError(f"unknown task {name!r}: {did_you_mean(name, names())}")
     try:

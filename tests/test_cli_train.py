@@ -220,6 +220,11 @@ NEW = "train hopper --out new --iterations 1"
 # What the user types -> what the line must tell: the place, and where there is one, the remedy.
 MISTAKES = {
     "unknown algorithm": (f"{NEW} --algorithm shaq", "unknown algorithm 'shaq'", "did you mean 'shac'"),
+    "robot for a task": (
+        "train arm.xml --algorithm shac --out new",
+        "arm.xml: a robot",
+        "Python file that defines TASK",
+    ),
     "unknown task": ("train hoper --algorithm shac --out new", "'hoper'", "did you mean 'hopper'"),
     "task without reward": ("train cube_toss --algorithm shac --out new", "cube_toss", "hopper"),
     "no such model": (f"{NEW} --algorithm shac --model nominla", "nominla", "did you mean 'nominal'"),
