@@ -104,6 +104,20 @@ def test_clock_from_joints_and_velocities_from_the_capture(walk):
     assert "by base and joints" in note
 
 
+def test_both_files_have_a_time_whatever_they_call_it(walk):
+    with np.load(walk["folder"] / "joints.npz") as joints:
+        named = {"t" if name == "time" else name: array for name, array in joints.items()}
+    np.savez(walk["folder"] / "t.npz", **named)
+    log, _ = brought(walk, "t.npz", capture="named.npz", base_offset=LATER)
+    same, _ = brought(walk, "joints.npz", capture="named.npz", base_offset=LATER)
+    np.testing.assert_array_equal(log.position, same.position)
+
+
+def test_joints_of_a_floating_robot_alone_ask_for_its_poses(walk):
+    with pytest.raises(UserError, match=r"no column for root.x: .* or give a file of its poses by --base; columns"):
+        import_logs([walk["folder"] / "joints.npz"], walk["scene"])
+
+
 def test_positions_and_velocities_of_the_base(walk):
     log, _ = brought(walk, "joints.npz", capture="named.npz", base_offset=LATER)
     data = estimated(log, walk["scene"])

@@ -17,9 +17,9 @@ from cmbrl.data.importing.grid import Counts, Key, Series, to_grid, usual_step
 from cmbrl.data.importing.readers import read
 from cmbrl.data.importing.recording import Recording
 from cmbrl.data.importing.series import series_of
-from cmbrl.data.importing.targets import match
+from cmbrl.data.importing.targets import Target, match
 from cmbrl.data.importing.tied import followers
-from cmbrl.data.importing.told import UNUSED, hold, plural, short, told, used
+from cmbrl.data.importing.told import UNUSED, plural, remedy, short, told, used
 from cmbrl.data.position_log import PositionLog
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
@@ -144,12 +144,15 @@ def _series(
     notes: list[str] = []
     clocks: list[str] = []
     for recording, pose in zip_longest(recordings, poses):
-        columns = [name for part in (recording, pose) if part for table in part.tables for name in table.columns]
+        parts = [[name for table in part.tables for name in table.columns] for part in (recording, pose) if part]
+        columns = [name for part in parts for name in part]
         given = {name: word for name, word in options.columns.items() if name in columns}
         given |= base.mapping_of(columns, given, options.quaternion, recording.where) if _floats(scene) else {}
         if unknown := [name for name in options.columns if name not in columns]:
             match(columns, {unknown[0]: options.columns[unknown[0]]}, scene)  # names the nearest
-        targets = match(columns, given, scene, options.angles)
+        targets: dict[str, Target] = {}
+        for part in parts:  # each has a time of its own
+            targets |= match(part, {name: given[name] for name in part if name in given}, scene, options.angles)
         if not notes:
             notes = used(columns, {name: ".".join(filter(None, target.key)) for name, target in targets.items()})
         episodes = list(series_of(recording, targets, options.rate, scene, counts))
@@ -173,7 +176,7 @@ def _series(
                 word = missing[0].partition(" ")[0]
                 raise UserError(
                     f"{recording.where}: no column for {missing[0]}: map one by --map COLUMN={word}"
-                    f"{hold(series, scene)}; columns: {short(columns)}"
+                    f"{remedy(series, scene)}; columns: {short(columns)}"
                 )
             if found and set(series) != set(found[0][1]):
                 other = sorted(".".join(key) for key in set(series) ^ set(found[0][1]))[0]

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from cmbrl.data.importing.bodies import joints_of
+from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, TURN, joints_of
 from cmbrl.data.importing.grid import Counts, Key, Series
 from cmbrl.scene import Scene
 
 UNUSED = "not used"
+_OF_BASES = dict.fromkeys((*PLACE, *TURN), "pose") | dict.fromkeys((*LINEAR, *ANGULAR), "velocity")
 
 
 def short(names: Sequence[str], most: int = 12) -> str:
@@ -22,20 +23,24 @@ def plural(count: int, word: str) -> str:
 def used(columns: Sequence[str], targets: Mapping[str, str]) -> list[str]:
     by: dict[str, list[str]] = {}
     for column, target in targets.items():
-        by.setdefault(target.rpartition(".")[2], []).append(f"{column} = {target}")
+        quantity = target.rpartition(".")[2]
+        by.setdefault(_OF_BASES.get(quantity, quantity), []).append(f"{column} = {target}")
     notes = [f"{quantity}: {short(pairs, 3)}" for quantity, pairs in by.items()]
     if unused := [name for name in columns if name not in targets]:
         notes.append(f"{UNUSED}: {short(unused)}")
     return notes
 
 
-def hold(series: Mapping[Key, Series], scene: Scene) -> str:
-    """The other remedy where the log tells some joints and leaves out others."""
-    names = [joint.name for joint in joints_of(scene)[0]]
-    absent = [name for name in names if (name, "position") not in series]
-    if not absent or len(absent) == len(names):
+def remedy(series: Mapping[Key, Series], scene: Scene) -> str:
+    """What to do besides mapping, where the log tells some joints: hold the others, or give the poses of the base."""
+    single, floating = joints_of(scene)
+    absent = [joint.name for joint in single if (joint.name, "position") not in series]
+    if len(absent) == len(single):
         return ""
-    return f", or hold what no log tells: `cmbrl convert FILE.xml HELD.xml {' '.join(f'--hold {x}' for x in absent)}`"
+    if absent:
+        held = " ".join(f"--hold {name}" for name in absent)
+        return f", or hold what no log tells: `cmbrl convert FILE.xml HELD.xml {held}`"
+    return ", or give a file of its poses by --base" if [base for base in floating if base.free] else ""
 
 
 def told(counts: Counts, gap: int) -> list[str]:
