@@ -81,15 +81,19 @@ class ErrorTable:
 
     def _details(self, horizon: Horizon) -> str:
         unit = "change over a step" if horizon.steps == 1 else "state"
-        title = (
-            f"{_steps(horizon.steps)} ({1e3 * horizon.steps * self.dt:g} ms): "
-            f"error / standard deviation of the {unit}; "
+        touches = "contact" in horizon.windows  # otherwise all is flight, and nothing penetrates
+        depth = (
             f"logged states penetrate {horizon.logged_penetration_max_mm:.2f} mm at most, "
             f"{horizon.logged_penetration_mean_mm:.3f} mm on average"
+        )
+        title = (
+            f"{_steps(horizon.steps)} ({1e3 * horizon.steps * self.dt:g} ms): "
+            f"error / standard deviation of the {unit}; {depth if touches else 'nothing touches'}"
         )
         entries = [
             entry
             for stratum in horizon.windows
+            if touches or stratum != "flight"
             for entry in self.entries
             if (entry.horizon, entry.stratum) == (horizon.steps, stratum)
         ]
@@ -105,8 +109,8 @@ class ErrorTable:
                 title: [factor * e.physical[key] if key in e.physical else None for e in entries]
                 for title, key, factor in PHYSICAL_COLUMNS
             },
-            "max.pen. mm": [e.penetration_max_mm for e in entries],
-            "mean pen. mm": [e.penetration_mean_mm for e in entries],
+            "max.pen. mm": [e.penetration_max_mm if touches else None for e in entries],
+            "mean pen. mm": [e.penetration_mean_mm if touches else None for e in entries],
         }
         shown = {name: cells for name, cells in columns.items() if any(cell is not None for cell in cells)}
         return Table(title, list(shown), list(zip(*shown.values(), strict=True))).text()

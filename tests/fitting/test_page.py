@@ -171,6 +171,20 @@ def test_at_most_twelve_coordinates_are_drawn_and_the_worst_ones() -> None:
     assert residuals(scene, found)[1] == list(names[-6:])
 
 
+@pytest.mark.parametrize(("gap", "panels"), [(0.3, 3), (0.001, 4)])
+def test_residuals_show_gaps_that_matter_and_no_strokes_out_of_the_picture(gap: float, panels: int) -> None:
+    draw = np.random.default_rng(0)
+    scene = SimpleNamespace(coordinate_names=("joint",), coordinate_kinds=("angle",))
+    before, after, command, speed, position = draw.normal(size=(5, 200, 1))
+    found = OneStep(before + 100 * position, after, command, speed, position, np.full(200, gap), np.ones(1))
+    axes = residuals(scene, found)[0].axes
+    assert len(axes) == panels
+    against = next(line for line in axes[2].lines if line.get_label() == "file")
+    drawn = np.asarray(against.get_ydata(), dtype=float)
+    assert np.isnan(drawn).any()
+    assert np.nanmax(np.abs(drawn), initial=0.0) <= axes[2].get_ylim()[1]
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

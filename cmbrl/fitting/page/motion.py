@@ -16,6 +16,8 @@ MOST = 12  #: coordinates drawn
 MOST_RESIDUALS = 6
 _BINS = 14
 _LEAST_IN_BIN = 5
+_FILE = "file"
+_NEAR = 0.02  # [m] what never comes so near is told nothing by its gap
 _BEYOND = 1.15  # axes show the log and the fit, with this margin; the file may leave them
 
 
@@ -86,7 +88,7 @@ def residuals(scene: Scene, found: OneStep) -> tuple[Figure, list[str]]:
     most = np.quantile(np.abs(found.after), 0.99, axis=0)  # of a few impacts no coordinate is the worst
     size = np.sqrt(np.mean(np.minimum(np.abs(found.after), most) ** 2, axis=0))
     drawn = np.sort(_worst(size / found.spread, MOST_RESIDUALS))
-    touching = bool(np.isfinite(found.gap).any())
+    touching = bool(found.gap.min(initial=np.inf) < _NEAR)
     axes_of = {"command": found.command, "speed": found.speed, "position": found.position}
     titles = ["against command", "against speed", "against position", *["against the smallest gap"] * touching]
     figure = new_figure(10.0, 0.6 + 1.7 * len(drawn))
@@ -117,7 +119,7 @@ def _binned(axes: Axes, x: np.ndarray, found: OneStep, c: int, unit: str) -> tup
         axes.set(xticks=[], xlabel="")
         return 0.0, 0.0
     centres, _, file, _ = _quartiles(x[known], found.before[known, c])
-    axes.plot(centres, file, color=BEFORE, linewidth=1.0, alpha=0.8, label="file")
+    axes.plot(centres, file, color=BEFORE, linewidth=1.0, alpha=0.8, marker=".", markersize=3, label=_FILE)
     centres, low, middle, high = _quartiles(x[known], found.after[known, c])
     axes.fill_between(centres, low, high, color=AFTER, alpha=0.25, linewidth=0)
     axes.plot(centres, middle, color=AFTER, linewidth=1.4, marker=".", markersize=3.5, label="fit, without these rows")
@@ -139,6 +141,9 @@ def _zoom(row: Sequence[Axes], reaches: Sequence[tuple[float, float]]) -> None:
     fit, file = np.nanmax(np.array(reaches), axis=0)
     reach = _BEYOND * float(max(fit, min(file, 3 * fit), 1e-9))
     row[0].set_ylim(-reach, reach)
+    for line in (line for axes in row for line in axes.lines if line.get_label() == _FILE):
+        medians = np.asarray(line.get_ydata(), dtype=float)
+        line.set_ydata(np.where(np.abs(medians) <= reach, medians, np.nan))  # no strokes to what is not in the picture
 
 
 def _mean_error(windows: Sequence[Window], field: str) -> np.ndarray:
