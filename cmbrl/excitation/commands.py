@@ -52,7 +52,7 @@ class Ranges:
             if not low[k] <= rest[k] <= high[k]:
                 raise UserError(
                     f"actuator {name!r} starts at {rest[k]:g}, outside [{low[k]:g}, {high[k]:g}]: give another start "
-                    "(a keyframe of the file), or a smaller margin"
+                    "(--start KEY, a keyframe of the file), or a smaller --margin"
                 )
         return cls(low, high, rest, servo.astype(bool))
 
