@@ -36,8 +36,10 @@ static void scatter_packed(const T* M, int nv, Pattern p, const Lanes& l, double
 // clean stays 0 in a lane whose numbers are finite, and becomes NaN in any other.
 static void gather(const double* x, int64_t stride, int n, const Lanes& l, T* out, T& clean) {
   for (int i = 0; i < n; ++i) {
-    for (int lane = 0; lane < W; ++lane) out[i][lane] = x[l.at[lane] * stride + i];
-    clean += 0.0 * out[i];
+    T value{};
+    for (int lane = 0; lane < W; ++lane) value[lane] = x[l.at[lane] * stride + i];
+    out[i] = value;
+    clean += 0.0 * value;
   }
 }
 // NaN in the lanes of `spoilt`, in all n numbers of their elements.
