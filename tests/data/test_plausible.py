@@ -243,3 +243,13 @@ def test_an_angle_that_wraps_is_a_warning(tmp_path: Path) -> None:
     log = read_trajectories(angle, [300], 0.01, np.full((300, 1), 10.0))
     with pytest.warns(UserWarning, match="q of joint 'axle' jumps by a whole turn in 5 rows, first in row 31"):
         log.check(scene)
+
+
+def test_a_wrong_sign_is_found_in_rows_that_stand_in_no_order(recorded: Recorded) -> None:
+    log, scene = recorded("hopper")
+    order = np.random.default_rng(0).permutation(len(log))
+    shuffled = {k: x[order] for k in ("q", "v", "u", "q_next", "v_next") for x in (getattr(log, k),)}
+    mixed = replace(log, **shuffled, episode=np.arange(len(log)))
+    assert faults(mixed, scene) == []
+    u = scene.actuator_names.index("thigh_joint")
+    assert "pushes joint 'thigh_joint' the wrong way" in faults(replace(mixed, u=scale(mixed.u, u, -1.0)), scene)[0]

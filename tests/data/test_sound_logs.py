@@ -69,6 +69,24 @@ def test_a_joint_that_shakes_faster_than_its_log_is_only_a_warning(tmp_path: Pat
     assert [one.sure for one in frames.unexplained(log | strange, scene)] == [True]
 
 
+def test_the_column_that_is_sure_to_be_wrong_is_the_one_that_is_named(tmp_path: Path) -> None:
+    bodies = "".join(
+        f'<body pos="{k} 0 0"><joint name="{n}" axis="0 1 0"/><geom size=".1"/></body>' for k, n in enumerate("ab")
+    )
+    scene = scene_of(tmp_path, "two", bodies)
+    rng, rows, dt = np.random.default_rng(0), 1000, 0.02
+    q, v = np.sin(np.arange(rows + 1) * dt), np.cos(np.arange(rows + 1) * dt)
+    q, v = (
+        np.column_stack([q, q]),
+        np.column_stack([v + rng.normal(0.0, 1.5, rows + 1), v[::-1] * np.sin(np.arange(rows + 1))]),
+    )
+    log = {"q": q[:-1], "q_next": q[1:], "v": v[:-1], "v_next": v[1:], "u": np.zeros((rows, 0)), "dt": dt,
+           "episode": np.zeros(rows)}  # fmt: skip
+    (found,) = frames.unexplained(log, scene)
+    assert found.sure
+    assert "column 1 (b)" in found.text
+
+
 @pytest.mark.parametrize("task", RECORDED)
 def test_no_recorded_log_is_refused(task: str, recorded: Recorded) -> None:
     log, scene = recorded(task)

@@ -103,7 +103,10 @@ def _responses(motion: Motion, chosen: list[int]) -> tuple[np.ndarray, np.ndarra
         free = _away_from_stops(motion, at, q, moves) & _away_from_stops(motion, at, motion.after[:, at], moves)
         before, later = _neighbours(motion.blocks)
         past = np.hstack([u[before], y[before]])
-        q, v, y, u, free = q[later], v[later], y[later], u[later], free[later]
+        if 2 * len(later) > len(y):  # else rows are in no order, and have no past
+            q, v, y, u, free = q[later], v[later], y[later], u[later], free[later]
+        else:
+            past = np.zeros((len(y), 0))
     else:
         q, v, y, u = _from_positions(motion, at, u)
         free, past = _away_from_stops(motion, at, q, 2 * np.abs(v)), np.zeros((len(q), 0))

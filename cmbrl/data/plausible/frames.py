@@ -77,12 +77,13 @@ def unexplained(log: Fields, scene: Scene) -> Iterator[Finding]:
     if bad.any():
         away = scene.difference(np.broadcast_to(log["q"][:1], log["q"].shape), log["q"]).std(axis=0)
         goes_on = _rank_correlation(change, (before + after) / 2) > GOES_ON
-        k = int(np.flatnonzero(bad)[0])
+        sure = bad & ~goes_on & (away > TRAVELS * size)
+        k = int(np.flatnonzero(sure if sure.any() else bad)[0])
         name = scene.coordinate_names[k]
         yield Finding(
             f"velocity column {k} ({name}) does not match the change of its position over dt = {dt:.6g} s; check dt, "
             "the order of columns, and the frame of angular velocities (body)",
-            sure=bool((away > TRAVELS * size)[bad & ~goes_on].any()),
+            sure=bool(sure.any()),
         )
 
 
