@@ -11,7 +11,9 @@ struct Continuation : InteriorPoint<G> {
   using Base = InteriorPoint<G>;
   using Base::NT, Base::m, Base::o, Base::w, Base::rho, Base::zeta, Base::count;
   using Base::Base;
-  T t;
+  T t, unit_t, length;
+  bool begun = false;       // lanes of `arrived` can go on from where they are
+  Mask arrived = none();
 
   // All unknowns with their steps and what a relative change of them is; slot: place in a copy.
   template <class F>
@@ -110,15 +112,24 @@ struct Continuation : InteriorPoint<G> {
 
   // The numbers that follow set how long steps are. At about half or twice their size the stored problems of rungs 8 and 9 are
   // still solved there, but for cheetah 8 with longest steps of 4; and so are one to four of rungs 11 and 12.
-  // Lanes of `todo` along the path to t = `until`, or to where kappa dominates; returns those that got there.
+  // Lanes of `todo` along the path to t = `until`, or to where kappa dominates; returns those that got there. What has been
+  // here before goes on from where it arrived: the way there would be the same again, and so would be its end.
   Mask trace(Mask todo, const Strategy& st, double until, T& iterations) {
-    this->start(st.start);
+    this->start(st.start);  // residuals along the path are shares of these
     int size = m.nv + w.ncon * (3 + 2 * NT) + 2 * w.nlim + 3 * w.ndry;
-    T *unit = w.path, *before = unit + size, *kept = before + size;
-    T unit_t = splat(-1), length = splat(0.5), kappa = this->mean_kappa();
-    for (int k = 0; k < size; ++k) unit[k] = T{};
-    t = splat(1);
-    Mask busy = todo & (count > 0.0), arrived = none();
+    T *before = w.path, *unit = before + size, *kept = unit + size;  // other solves write into the first of them
+    T kappa = this->mean_kappa();
+    Mask busy = todo & (count > 0.0);
+    if (begun) {
+      busy &= arrived;
+      for_unknowns([&](T& x, T&, T, int k) { x = select(busy, kept[k], x); });
+    } else {
+      for (int k = 0; k < size; ++k) unit[k] = T{};
+      t = splat(1);
+      unit_t = splat(-1);
+      length = splat(0.5);
+    }
+    arrived = none();
     for (int it = 0; it < st.iterations && any(busy); ++it) {
       iterations += select(busy, splat(1), T{});
       this->linearise_all(T{}, none());  // Theta only
@@ -135,10 +146,12 @@ struct Continuation : InteriorPoint<G> {
       Mask there = correct(busy, unit, unit_t, kept), back = busy & ~there;
       for_unknowns([&](T& x, T&, T, int k) { x = select(back, before[k], x); });
       t = select(back, t_before, t);
-      length = select(there, vmin(1.6 * length, splat(2)), 0.3 * step);
+      length = select(there, vmin(1.6 * length, splat(2)), select(back, 0.3 * step, length));
       arrived |= there & (t <= vmax(splat(until), 0.1 * kappa / (zeta * zeta)));
       busy &= ~arrived & (length > 1e-5) & (t < 1e4);
     }
+    begun = true;
+    for_unknowns([&](T& x, T&, T, int k) { kept[k] = x; });
     rho = t;
     return arrived;
   }

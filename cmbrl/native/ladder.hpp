@@ -137,7 +137,7 @@ static Outcome contact_solve(const Structure& m, const Options& o, SolverWork<G>
       {{tau, 0.3, 3, false, true, 60, 0.7}},  // from 0.7: cheetah 6
       {{tau, 0.3, 3, false, true, 120, 0.3, 1.3}},  // slowly: cheetah 7
       {{tau, 0.3, 3, false, true, 600}, 1e-6},  // the path as a curve, where it folds back: cheetah 8
-      {{tau, 0.3, 3, false, true, 600}, 1e-9},  // further along it: cheetah 9
+      {{tau, 0.3, 3, false, true, 600}, 1e-9},  // further along it, from there on: cheetah 9
       {first, 0, 1e-7},  // softer: g1 10
       {first, 0, 1e-5},  // softer still: cube_toss 11
       {first, 0, 1e-3},  // and more: cube_toss 12
