@@ -126,7 +126,7 @@ static Outcome contact_solve(const Structure& m, const Options& o, SolverWork<G>
   static constexpr double tau = 0.9;
   const Strategy first{G::NT == 1 ? 0.98 : 0.95, 0.3, 1, true, false, o.max_iterations};
   Strategy quick = first;  // one lane that has stuck holds up its pack: it tries again, patiently, in a pack of its kind
-  quick.patience = o.rungs == 1 && !o.last_attempt ? 5 : 0;
+  if (o.rungs == 1 && !o.last_attempt) quick.patience = 5;
   const Rung ladder[] = {
       {quick},  // aggressive: all but a few in a hundred
       {first},  // all rows alike in kappa: hopper 1

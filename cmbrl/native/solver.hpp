@@ -213,7 +213,7 @@ struct InteriorPoint : Newton<G> {
       done |= ready;
       busy &= ~ready;
       if (w.lanes == 1) busy &= up_to(first_of(done));  // what an earlier rung has solved is no longer for the later ones
-      if (st.patience > 0 && it % st.patience == 0) {
+      if (it % st.patience == 0) {
         T left = nu - kappa;
         if (it > 0) busy &= (left < 0.9 * before) | (left <= 100.0 * kappa);
         before = left;
@@ -247,6 +247,7 @@ struct InteriorPoint : Newton<G> {
           if (any(grows)) {
             share = select(grows, vmin(st.growth * share, splat(1)), share);
             set_friction(share);
+            before = select(grows, splat(1e300), before);  // more friction takes them back
           }
           centre = select(next & ~grows, st.sigma * centre, centre);
           // Zero ends the path; a centre that only dwindled would never do so, and cheetah 5 and 6 need rung 7.

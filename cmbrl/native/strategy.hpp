@@ -6,13 +6,14 @@ namespace cmbrl::CMBRL_ISA {
 
 // follow: along the path from a large kappa down, centred at each of them, instead of straight to the end, with a share
 // `friction` of the coefficients of friction, which then grows back: paths of large friction fold, those of small do not.
-// patience: a lane that gets on by a tenth of what is left, or less, in so many iterations has come to a fold; 0: go on with it.
+// patience: a lane that gets on by a tenth of what is left, or less, in so many iterations has come to a fold. With 20 of them no
+// end of 85,000 wild states is another, of which 2,400 climb the ladder; with 15 that of one is, with 8 of eleven.
 struct Strategy {
   double tau, sigma, start;
   bool corrector, follow;
   int iterations;
   double friction = 1, growth = 1e3;
-  int patience = 0;
+  int patience = 20;
 };
 
 // Strategies of the lanes: all the same, or those of several rungs of the ladder that lanes of one state try at once. They differ
