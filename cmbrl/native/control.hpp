@@ -108,11 +108,11 @@ static void solve_tangents(const Model& m, const Options& o, Work<G>& w, Right r
   for_blocks(count, [&](int c, auto size) {
     constexpr int n = size;
     rhs(c, size, u);
-    solve_columns<n>(w.H, nv, pat, u, n);
+    solve_columns<n>(w.H, nv, pat, w.below_H, u, n);
     if (o.split) {
       late(c, size, y);
       for_drags(m, w, [&](int i, int k, T damping) { CMBRL_FOR(x, n) y[i * n + x] += damping * u[k * n + x]; });
-      solve_columns<n>(w.K, nv, m.mass, y, n);
+      solve_columns<n>(w.K, nv, m.mass, w.below_K, y, n);
     }
     for (int i = 0; i < nv; ++i)
       CMBRL_FOR(x, n) w.rhs_all[i * ncol + first + c + x] = o.split ? u[i * n + x] - y[i * n + x] : u[i * n + x];
@@ -171,6 +171,8 @@ static void advance_tangents(const Model& m, const Options& o, Work<G>& w, int n
   bool sparse = !w.early && !w.ahead;  // G has the pattern of the factor but for what looks at the free velocity
   auto carry = [&](const Slopes& s) { return [&m, &w, s, ncol](int c, auto n, T* to) { carried<n>(m, w, s, c, ncol, to); }; };
   auto late = carry({w.Sq, w.Sv, w.Su, w.Sp, &m.mass});
+  w.below_H.fill(pat, m.nv);
+  if (o.split) w.below_K.fill(m.mass, m.nv);
   if (first && !o.leapfrog) {
     solve_first_tangents(m, o, w, ncol);
   } else if (first) {

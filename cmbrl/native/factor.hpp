@@ -84,6 +84,12 @@ static inline void solve_down(const T* H, Pattern p, int k, T* x) {
   T from = x[k];
   for (int a = row.n - 1; a >= 0; --a) x[columns[a]] -= row.mirror[a] * from;
 }
+// The same, of what has been handed on to dof k: nothing is written that the next dof would have to wait for.
+static inline void solve_down(const T* H, const Below& below, int k, T* x) {
+  T sum = x[k];
+  for (int e = below.ptr[k]; e < below.ptr[k + 1]; ++e) sum -= H[below.place[e]] * x[below.row[e]];
+  x[k] = sum;
+}
 static inline void solve_up(const T* H, Pattern p, int k, T* x) {
   Row<const T> row(H, p, k);
   const int* columns = p.columns(k);
@@ -109,17 +115,7 @@ static inline void solve_transposed(const T* H, int nv, Pattern p, T* x) {
 }
 // n right-hand sides, in rows that are `stride` apart.
 template <int n>
-static inline void solve_columns(const T* H, int nv, Pattern p, T* x, int64_t stride) {
-  for (int k = nv - 1; k >= 0; --k) {
-    Row<const T> row(H, p, k);
-    const int* columns = p.columns(k);
-    T from[n];
-    for (int c = 0; c < n; ++c) from[c] = x[k * stride + c];
-    for (int a = 0; a < row.n; ++a) {
-      T f = row.mirror[a], *to = x + columns[a] * stride;
-      for (int c = 0; c < n; ++c) to[c] -= f * from[c];
-    }
-  }
+static inline void solve_columns_up(const T* H, int nv, Pattern p, T* x, int64_t stride) {
   for (int k = 0; k < nv; ++k) {
     Row<const T> row(H, p, k);
     const int* columns = p.columns(k);
@@ -133,6 +129,35 @@ static inline void solve_columns(const T* H, int nv, Pattern p, T* x, int64_t st
     T inv = *row.diagonal;
     for (int c = 0; c < n; ++c) x[k * stride + c] = sum[c] * inv;
   }
+}
+template <int n>
+static inline void solve_columns(const T* H, int nv, Pattern p, T* x, int64_t stride) {
+  for (int k = nv - 1; k >= 0; --k) {
+    Row<const T> row(H, p, k);
+    const int* columns = p.columns(k);
+    T from[n];
+    for (int c = 0; c < n; ++c) from[c] = x[k * stride + c];
+    for (int a = 0; a < row.n; ++a) {
+      T f = row.mirror[a], *to = x + columns[a] * stride;
+      for (int c = 0; c < n; ++c) to[c] -= f * from[c];
+    }
+  }
+  solve_columns_up<n>(H, nv, p, x, stride);
+}
+// The same where the factor is at hand by columns as well: each row is written once, not once for every row behind it.
+template <int n>
+static inline void solve_columns(const T* H, int nv, Pattern p, const Below& below, T* x, int64_t stride) {
+  for (int k = nv - 1; k >= 0; --k) {
+    T sum[n];
+    for (int c = 0; c < n; ++c) sum[c] = x[k * stride + c];
+    for (int e = below.ptr[k]; e < below.ptr[k + 1]; ++e) {
+      T f = H[below.place[e]];
+      const T* from = x + below.row[e] * stride;
+      for (int c = 0; c < n; ++c) sum[c] -= f * from[c];
+    }
+    for (int c = 0; c < n; ++c) x[k * stride + c] = sum[c];
+  }
+  solve_columns_up<n>(H, nv, p, x, stride);
 }
 // Calls f(first, n) for the columns of a wide matrix, n at a time.
 template <int n = kBlock, class F>

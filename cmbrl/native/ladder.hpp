@@ -121,6 +121,7 @@ static Mask first_wins(const Structure& m, SolverWork<G>& w, Mask found, Mask ho
 // is as hard as the model, and go to the softest kappa and to compliance.
 template <class G>
 static Outcome contact_solve(const Structure& m, const Options& o, SolverWork<G>& w) {
+  w.below.fill(pattern_of(m, w), m.nv, w.dynamic);
   InteriorPoint<G> ip(m, o, w);
   Continuation<G> curve(m, o, w);
   static constexpr double tau = 0.9;

@@ -216,7 +216,7 @@ struct Newton {
     }
     for (int i = 0; i < w.nlim; ++i) add_pull(m, w, w.lim[i], w.lim[i].w, w.rhs);
     for (int i = 0; i < w.ndry; ++i) add_pull(m, w, w.dry[i].line, w.dry[i].w, w.rhs);
-    for (int i = 0; i < w.ndyn; ++i) solve_down(w.H, pat, w.dyn_list[i], w.rhs);
+    for (int i = 0; i < w.ndyn; ++i) solve_down(w.H, w.below, w.dyn_list[i], w.rhs);
     for (int i = w.ndyn - 1; i >= 0; --i) solve_up(w.H, pat, w.dyn_list[i], w.rhs);
 
     Quotient alpha{splat(1e3), splat(1)};

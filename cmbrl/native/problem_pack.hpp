@@ -134,6 +134,7 @@ struct ProblemPack {
       CMBRL_FOR(r, G::NT) c.ct0[r] *= inv_speed;
     }
     eliminate_untouched(m, w);
+    w.below.fill(pattern_of(m, w), nv, w.dynamic);
   }
 
   void store(Mask lanes, T residual, const int* status, T iterations) const {

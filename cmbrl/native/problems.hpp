@@ -75,7 +75,7 @@ static T* open_problems(const ProblemBatch& b, Arena& arena, SolverWork<G>& w) {
   int64_t nv = b.nv, n = b.contacts, dense = nv * nv;  // a packed matrix is at most as large as a full one
   w.take(arena, nv, dense, n * nv, nv, 0, 0);
   w.take_contacts(arena, n);
-  w.take_factor(arena, dense);
+  w.take_factor(arena, nv, nv * (nv - 1) / 2);
   w.take_state(arena, nv, n, 0, 0);
   return arena.template take<T>(dense);
 }

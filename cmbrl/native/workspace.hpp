@@ -137,6 +137,7 @@ struct SolverWork {
   T* line_c;                               // covectors of lines, by entry of line_dof
   Vec<G::N>* pulls;                        // scratch, by dof of a group
   uint8_t *dynamic; int *dyn_list; int ndyn;
+  Below below;                             // the factor by columns, of dynamic rows
   Contact<G>* con; int ncon;
   Limit* lim; int nlim;
   DryFriction* dry; int ndry;
@@ -157,7 +158,10 @@ struct SolverWork {
     con = A.take<Contact<G>>(contacts);
     groups = A.take<ActiveGroup>(contacts);
   }
-  void take_factor(Arena& A, int64_t entries) { H = A.take<T>(entries); H0 = A.take<T>(entries); }
+  void take_factor(Arena& A, int64_t nv, int64_t columns) {
+    H = A.take<T>(nv + 2 * columns); H0 = A.take<T>(nv + 2 * columns);
+    below.take(A, nv, columns);
+  }
   void take_state(Arena& A, int64_t nv, int64_t contacts, int64_t limits, int64_t dry_rows) {
     int64_t state = nv + 3 * dry_rows + contacts * (3 + 2 * G::NT) + limits * 2;
     save = A.take<T>(state); path = A.take<T>(3 * state);
@@ -214,6 +218,7 @@ struct Work : SolverWork<G> {
   Mask may_touch;                          // lanes in which those of the cluster at hand may overlap
   T left_out_gap;                          // smallest absolute gap of a contact that was left out
   uint64_t* bits; int *fill_ptr, *fill_idx;  // the pattern as bits, and as lists
+  Below below_H, below_K;                  // both factors by columns
   T* vb; Motion *bvel, *bacc;          // where the bias is taken in a midpoint step: velocity, its twists and accelerations
   T *C, *Bq, *Bv, *Bu, *Bp;            // -h dbias/dv there; dvb = Bq dq + Bv dv + Bu du + Bp dtheta
   bool ahead;                          // smooth terms and parameters take the bias at vb
@@ -271,7 +276,8 @@ struct Work : SolverWork<G> {
   // Room for the factors, once the pattern is known, and for what the rows need, once they are.
   void make_factor(int64_t nv, int64_t columns) {
     carve(memory->factor, [&](Arena& A) {
-      this->take_factor(A, nv + 2 * columns);
+      this->take_factor(A, nv, columns);
+      below_H.take(A, nv, columns); below_K.take(A, nv, columns);
       fill_idx = A.take<int>(columns);
     });
   }
