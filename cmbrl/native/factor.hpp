@@ -38,6 +38,37 @@ static inline void eliminate(T* H, Pattern p, int k) {
   }
 }
 
+// The same of a row that is symmetric so far, in half the time: mirror images are kept up in rows that are not, which are marked.
+static inline void eliminate_symmetric(T* H, Pattern p, int k, const uint8_t* skew) {
+  const int* columns = p.columns(k);
+  Row<T> row(H, p, k);
+  T inv = 1.0 / *row.diagonal;
+  *row.diagonal = inv;
+  for (int a = 0; a < row.n; ++a) row.mirror[a] = row.before[a] * inv;
+  for (int a = row.n - 1; a >= 0; --a) {
+    Row<T> to(H, p, columns[a]);
+    const int* place = p.columns(columns[a]);
+    T below = row.mirror[a];
+    *to.diagonal -= below * row.before[a];
+    auto hand_on = [&](auto mirrored, auto at) {
+      for (int b = 0, x = 0; b < a; ++b, ++x) {
+        x = at(b, x);
+        T share = below * row.before[b];
+        to.before[x] -= share;
+        if (mirrored) to.mirror[x] -= share;
+      }
+    };
+    auto all_of_them = [](int b, int) { return b; };  // in a tree without fill-in: chains begin alike
+    auto some = [&](int b, int x) {
+      while (place[x] != columns[b]) ++x;
+      return x;
+    };
+    bool mirrored = skew[columns[a]];
+    if (to.n == a) mirrored ? hand_on(std::true_type{}, all_of_them) : hand_on(std::false_type{}, all_of_them);
+    else mirrored ? hand_on(std::true_type{}, some) : hand_on(std::false_type{}, some);
+  }
+}
+
 // The factor of a symmetric matrix, in half the time.
 static inline void factorise_symmetric(T* H, Pattern p, int nv) {
   for (int k = nv - 1; k >= 0; --k) {
@@ -59,8 +90,8 @@ static inline void factorise_symmetric(T* H, Pattern p, int nv) {
   }
 }
 
-static inline void copy_row(T* to, const T* from, Pattern p, int k) {
-  int begin = p.row(k), end = p.row(k + 1);
+static inline void copy_row(T* to, const T* from, Pattern p, int k, bool mirrored = true) {
+  int begin = p.row(k), end = mirrored ? p.row(k + 1) : begin + 1 + p.count(k);
   for (int i = begin; i < end; ++i) to[i] = from[i];
 }
 // The same from a pattern that is part of `p`; zeros elsewhere.
@@ -175,9 +206,9 @@ template <class G>
 static void eliminate_untouched(const Structure& m, SolverWork<G>& w) {
   int nv = m.nv;
   Pattern pat = pattern_of(m, w);
-  for (int i = 0; i < nv; ++i) w.dynamic[i] = 0;
+  for (int i = 0; i < nv; ++i) w.dynamic[i] = w.skew[i] = 0;
   for (int g = 0; g < w.ngroups; ++g)
-    for (int k = m.grp_dptr[w.groups[g].group]; k < m.grp_dptr[w.groups[g].group + 1]; ++k) w.dynamic[m.grp_dof[k]] = 1;
+    for (int k = m.grp_dptr[w.groups[g].group]; k < m.grp_dptr[w.groups[g].group + 1]; ++k) w.dynamic[m.grp_dof[k]] = w.skew[m.grp_dof[k]] = 1;
   auto touch = [&](int line) {
     for (int k = m.line_ptr[line]; k < m.line_ptr[line + 1]; ++k) w.dynamic[m.line_dof[k]] = 1;
   };
@@ -187,7 +218,10 @@ static void eliminate_untouched(const Structure& m, SolverWork<G>& w) {
   for (int k = nv - 1; k >= 0; --k) {
     if (w.dynamic[k]) {
       w.dyn_list[w.ndyn++] = k;
-      for (int a = pat.ptr[k]; a < pat.ptr[k + 1]; ++a) w.dynamic[pat.idx[a]] = 1;
+      for (int a = pat.ptr[k]; a < pat.ptr[k + 1]; ++a) {
+        w.dynamic[pat.idx[a]] = 1;
+        w.skew[pat.idx[a]] |= w.skew[k];
+      }
     }
     spread_row(w.H0, pat, w.M, m.mass, k);
   }

@@ -157,7 +157,7 @@ struct Newton {
 
   // H = H0 + J^T Theta J on the dynamic dofs, factorised. Contacts of one body pair are summed as one N x N matrix first.
   void factorise() {
-    for (int i = 0; i < w.ndyn; ++i) copy_row(w.H, w.H0, pat, w.dyn_list[i]);
+    for (int i = 0; i < w.ndyn; ++i) copy_row(w.H, w.H0, pat, w.dyn_list[i], w.skew[w.dyn_list[i]]);
     for (int g = 0; g < w.ngroups; ++g) {
       T K[G::N][G::N] = {};
       for (int i = w.groups[g].begin; i < w.groups[g].end; ++i) {
@@ -172,7 +172,11 @@ struct Newton {
     }
     for (int i = 0; i < w.nlim; ++i) add_square(m, w, w.lim[i], w.lim[i].Th, w.H, pat);
     for (int i = 0; i < w.ndry; ++i) add_square(m, w, w.dry[i].line, w.dry[i].Th, w.H, pat);
-    for (int i = 0; i < w.ndyn; ++i) eliminate(w.H, pat, w.dyn_list[i]);
+    for (int i = 0; i < w.ndyn; ++i) {
+      int k = w.dyn_list[i];
+      if (w.skew[k]) eliminate(w.H, pat, k);
+      else eliminate_symmetric(w.H, pat, k, w.skew);
+    }
   }
   // J^T K J of one group, row by row: `pull` is that of one dof.
   Vec<G::N> pull(int k, const T (*K)[G::N]) const {

@@ -137,6 +137,7 @@ struct SolverWork {
   T* line_c;                               // covectors of lines, by entry of line_dof
   Vec<G::N>* pulls;                        // scratch, by dof of a group
   uint8_t *dynamic; int *dyn_list; int ndyn;
+  uint8_t* skew;                           // dofs whose rows of H friction of contacts makes unsymmetric
   Below below;                             // the factor by columns, of dynamic rows
   Contact<G>* con; int ncon;
   Limit* lim; int nlim;
@@ -151,7 +152,7 @@ struct SolverWork {
     delta = A.take<T>(nv); rhs = A.take<T>(nv); rv = A.take<T>(nv);
     M = A.take<T>(mass_entries);
     S = A.take<Vec<G::N>>(columns); pulls = A.take<Vec<G::N>>(group_dofs);
-    dynamic = A.take<uint8_t>(nv); dyn_list = A.take<int>(nv);
+    dynamic = A.take<uint8_t>(nv); skew = A.take<uint8_t>(nv); dyn_list = A.take<int>(nv);
     lim = A.take<Limit>(limits); dry = A.take<DryFriction>(dry_rows);
   }
   void take_contacts(Arena& A, int64_t contacts) {
