@@ -61,7 +61,7 @@ class Task:
     control_dt: float  #: duration of one transition [s]
     substeps: int  #: physics steps of the model per transition
     time_step: float  #: physics step of the model [s]; substeps * time_step is control_dt
-    integrator: str = "semi-implicit"  #: "semi-implicit", "leapfrog" or "midpoint"
+    integrator: str = "semi-implicit"  #: "semi-implicit", "leapfrog", "midpoint" or "rk4"
     implicit_springs: bool = False  #: treat joint springs implicitly: for stiff springs and long steps
     contact_law: str = "mujoco"  #: "mujoco" (the MJCF's softness) or "rigid" (hard, with a restitution to fit)
     sliding: str | None = None  #: "coulomb" or "convex", see :class:`cmbrl.ComplementarityModel`; default: open

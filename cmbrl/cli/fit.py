@@ -92,7 +92,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--time-step", type=positive_number, metavar="S", help="physics step in seconds")
     parser.add_argument(
-        "--integrator", choices=("semi-implicit", "leapfrog", "midpoint"), help="time stepping of the model"
+        "--integrator", choices=("semi-implicit", "leapfrog", "midpoint", "rk4"), help="time stepping of the model"
     )
     add_sliding(parser, "the task's, else coulomb, unless the log clearly supports convex")
     parser.add_argument(

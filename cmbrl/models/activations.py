@@ -24,6 +24,7 @@ class Activations:
 
     step: float
     substeps: int
+    rk4: bool  # steps of RK4, which take the mean rate of four stages
     actuator: Tensor
     dynamics: tuple[Dynamics, ...]
     time: Tensor
@@ -32,7 +33,7 @@ class Activations:
     limits: tuple[Tensor, Tensor]
 
     @classmethod
-    def of(cls, scene: Scene, step: float, substeps: int, theta: np.ndarray) -> Activations | None:
+    def of(cls, scene: Scene, step: float, substeps: int, theta: np.ndarray, rk4: bool = False) -> Activations | None:
         """Those of ``scene`` in steps of ``substeps`` times ``step`` [s], at theta (np,); None if it has none."""
         core, layout = scene.core, scene.layout
         if not core.nstate:
@@ -45,6 +46,7 @@ class Activations:
         return cls(
             step,
             substeps,
+            rk4,
             own,
             tuple(Dynamics(k) for k in core.state_kind.tolist()),
             torch.tensor([theta[c] if c >= 0 else x for c, x in zip(column, file, strict=True)], dtype=torch.float64),
@@ -104,7 +106,16 @@ class Activations:
             told = torch.tensor([k >= 0 for k in self.column])
             time = torch.where(told, theta[..., [max(k, 0) for k in self.column]], time)
         rate = self.step / time.clamp(min=_LEAST)
-        return torch.where(torch.tensor([k == Dynamics.FILTER for k in self.dynamics]), rate, -torch.expm1(-rate))
+        exact = (Dynamics.FILTEREXACT,) if self.rk4 else (Dynamics.FILTEREXACT, Dynamics.FILTER_RK4)
+        share = torch.where(torch.tensor([k in exact for k in self.dynamics]), -torch.expm1(-rate), rate)
+        return share * _mean_rate(rate) if self.rk4 else share
+
+
+def _mean_rate(rate: Tensor) -> Tensor:
+    """Of the stages of an RK4 step, in parts of the first one's; ``rate`` is step over time constant."""
+    second = 1.0 - 0.5 * rate
+    third = 1.0 - 0.5 * rate * second
+    return (1.0 + 2.0 * second + 2.0 * third + 1.0 - rate * third) / 6.0
 
 
 def _bounds(pairs: np.ndarray) -> tuple[Tensor, Tensor]:

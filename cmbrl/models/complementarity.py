@@ -44,8 +44,9 @@ class ComplementarityModel(Variations):
         backward_smoothing: the policy of the derivative (simulate hard, differentiate soft); default: ``smoothing``.
         integrator: "semi-implicit"; "leapfrog" (positions shifted by half a step: second order in forces that depend on
             position); or "midpoint" (leapfrog with centrifugal and gyroscopic forces half a step ahead: second order in
-            all forces; derivatives cost 10 to 60 % more). Default: leapfrog if the file asks for RK4, otherwise
-            semi-implicit.
+            all forces; derivatives cost 10 to 60 % more); or "rk4" (MuJoCo's: a contact solve at each of four stages,
+            nothing implicit, rows that do not look ahead; a step takes four times as long; only for MuJoCo's contact
+            law). Default: leapfrog if the file asks for RK4, otherwise semi-implicit.
         parameters: theta (np,) in natural units, in the order of ``scene.parameters``; default: nominal.
         threads: native threads; results do not depend on it.
         damping: "coupled" (contacts, limits, ties and dry friction feel that damping is implicit) or "split" (they act
@@ -113,7 +114,9 @@ class ComplementarityModel(Variations):
         self.parameters = scene.parameter_vector() if parameters is None else physical.checked(scene, parameters)
         rows = None if candidates is None else np.atleast_2d(real_array(candidates, "candidates"))
         self.candidates = None if rows is None else np.array([physical.checked(scene, row) for row in rows])
-        self.activations = Activations.of(scene, self.time_step, self.substeps, self.parameters)
+        self.activations = Activations.of(
+            scene, self.time_step, self.substeps, self.parameters, rk4=self.integrator == "rk4"
+        )
         self.observation = dict(observation or {})
         self.observer.vector(self.observation)  # raises for an unknown name
         self.failures = 0

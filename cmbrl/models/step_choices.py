@@ -29,6 +29,8 @@ def choose_step(
 
     Raises UserError for a choice that does not exist, or does not go with the contact law or implicit springs.
     """
+    if integrator == "rk4":
+        return _of_rk4(scene, damping, look_ahead, implicit_springs), False
     short = time_step <= scene.timestep * (1 + 1e-9) and scene.integrator != "rk4"
     of_mujoco = scene.contact_law == "mujoco" and integrator == "semi-implicit" and not implicit_springs and short
     strong = _overshoot(scene) > MOST_SPLIT
@@ -43,6 +45,16 @@ def choose_step(
         what = "implicit springs" if implicit_springs else "rigid contacts"
         raise UserError(f"damping 'split' does not go with {what}: choose 'coupled'")
     return damping, look_ahead
+
+
+def _of_rk4(scene: Scene, damping: str | None, look_ahead: bool | None, implicit_springs: bool) -> str:
+    """Its damping, which is explicit to rows and to everything else; raises UserError for what does not go with it."""
+    if scene.contact_law != "mujoco":
+        raise UserError(f"integrator 'rk4' does not go with the contact law {scene.contact_law}: choose 'leapfrog'")
+    if implicit_springs or damping == "coupled" or (look_ahead is not None and switch(look_ahead, "look_ahead")):
+        what = "implicit springs" if implicit_springs else "coupled damping" if damping else "rows that look ahead"
+        raise UserError(f"integrator 'rk4' does not go with {what}: choose 'leapfrog'")
+    return one_of("split" if damping is None else damping, DAMPING, "damping")
 
 
 def _overshoot(scene: Scene) -> float:

@@ -13,7 +13,8 @@ from cmbrl.models.step_choices import choose_step
 from cmbrl.numbers import one_of, real, switch, whole
 from cmbrl.scene import Scene
 
-INTEGRATORS = ("semi-implicit", "leapfrog", "midpoint")
+INTEGRATORS = ("semi-implicit", "leapfrog", "midpoint")  # of one solve a step
+RK4 = "rk4"
 SLIDING = ("coulomb", "convex")
 MANY = 256  # candidates; the core lets rows of more than these in by their names
 _OLD = {"damping": "coupled", "sliding": "coulomb", "look_ahead": True}  # of models saved before there was a choice
@@ -63,7 +64,7 @@ class StepSettings:
         substeps = whole(substeps, "substeps")
         time_step = real(scene.timestep if time_step is None else time_step, "time_step", above=0.0, most=1e3)
         default = "leapfrog" if scene.integrator == "rk4" else "semi-implicit"
-        integrator = one_of(default if integrator is None else integrator, INTEGRATORS, "integrator")
+        integrator = one_of(default if integrator is None else integrator, (*INTEGRATORS, RK4), "integrator")
         smoothing = _policy(smoothing, Exact())
         backward_smoothing = _policy(backward_smoothing, smoothing)
         implicit_springs = switch(implicit_springs, "implicit_springs")
@@ -84,10 +85,11 @@ class StepSettings:
         return {
             "h": self.time_step,
             "substeps": self.substeps,
-            "leapfrog": int(self.integrator != "semi-implicit"),
+            "leapfrog": int(self.integrator in ("leapfrog", "midpoint")),
+            "rk4": int(self.integrator == RK4),
             "midpoint": int(self.integrator == "midpoint"),
             "implicit_springs": int(self.implicit_springs),
-            "split": int(self.damping == "split"),
+            "split": int(self.damping == "split" and self.integrator != RK4),
             "convex": int(self.sliding == "convex"),
             "look_ahead": int(self.look_ahead),
             "forward": self.smoothing.resolve(scene, self.time_step),

@@ -4,6 +4,7 @@
 #include "dynamics.hpp"
 #include "edges.hpp"
 #include "inverse_weight.hpp"
+#include "oval.hpp"
 #include "rim.hpp"
 
 namespace cmbrl::CMBRL_ISA {
@@ -35,6 +36,9 @@ static Feature<G> find_feature(const Model& m, Work<G>& w, int i) {
     if (m.con_type[i] == kRimPlane) {
       F.axisA = turn(A, m.con_axisA + i * D);
       F.a = F.a - Rim(F.axisA, F.n).arm();
+    } else if (m.con_type[i] == kOvalPlane) {
+      oval_matrix(m, w, i, F.slide.x);
+      F.a = F.a - Oval<G>(F.slide.x, F.n).arm();
     }
     F.dist = dot(F.n, F.a + w.O) - w.P[m.oPlane + m.con_plane[i]];
     return F;
@@ -145,6 +149,9 @@ static Shift<G> shift_of(const Model& m, const Contact<G>& c, const Vec<G::N>& x
   if (m.con_type[c.index] == kRimPlane) {
     Rim rim(F.axisA, F.n);
     u = u + G::turn(ang<G>(xi), rim.arm()) - rim.arm_shift(G::turn(ang<G>(xi), F.axisA));
+  } else if (m.con_type[c.index] == kOvalPlane) {
+    Oval<G> oval(F.slide.x, F.n);
+    u = u + G::turn(ang<G>(xi), oval.arm()) - oval.arm_shift(ang<G>(xi));
   }
   s.dphi = dot(F.n, u);
   V dn = zero<G::D>();

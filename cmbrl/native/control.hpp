@@ -136,7 +136,7 @@ static void solve_first_tangents(const Model& m, const Options& o, Work<G>& w, i
   };
   some(w.Gq, w.Sq, 0, nv);
   some(w.Gv, w.Sv, nv, nv);
-  some(w.Gu, nullptr, 2 * nv, nu);
+  some(w.Gu, o.split ? w.Su : nullptr, 2 * nv, nu);
   some(w.Gp, w.Sp, 2 * nv + nu, w.np);
 }
 
@@ -191,30 +191,37 @@ static void advance_tangents(const Model& m, const Options& o, Work<G>& w, int n
 // missed: a row that was left out closes; aside: has many more rows than the others, and was not stepped.
 struct StepStats { Mask done, missed, aside; T rows, rung, iterations, residual; };
 
-// Forward control step on (w.q, w.v, w.u), in place. record(substep, stepped) runs after each solve, before the state moves on;
+// The k-th solve of a control step, from where w is; next velocity and displacement are left in w.
+template <class G, class Record>
+static void solve_once(const Model& m, const Options& o, Work<G>& w, int k, StepStats& st, Record record) {
+  w.nguess = 0;
+  w.substep = k;
+  if (k > 0) w.tried = nullptr;
+  if (k == 0 && o.set_aside) st.aside = set_up_uncrowded(m, o, w, st.rows);
+  else set_up_step(m, o, w);
+  Mask missed;
+  Outcome r = solve_with_missed(m, o, w, k == 0 ? st.aside : none(), missed);
+  st.done &= r.done;
+  st.missed |= missed;
+  st.rung = vmax(st.rung, r.rung);
+  st.iterations += r.iterations;
+  st.residual = vmax(st.residual, r.residual);
+  displacement(m, o, w);
+  Recorded kept = record(k, st.done & ~st.missed & ~st.aside);
+  st.done &= kept.done;
+  st.rung = vmax(st.rung, kept.rung);
+}
+static inline StepStats no_stats() { return {all(), none(), none(), T{}, T{}, T{}, T{}}; }
+
+// Forward control step on (w.q, w.v, w.u), in place. record(solve, stepped) runs after each solve, before the state moves on;
 // a step is done where what it records is. stepped: the lanes that need no other attempt so far.
 template <class G, class Record>
 static StepStats control_step(const Model& m, const Options& o, Work<G>& w, Record record) {
-  StepStats st{all(), none(), none(), T{}, T{}, T{}, T{}};
+  StepStats st = no_stats();
   if (o.leapfrog) { scaled(m, w.v, 0.5 * o.h, w.qtan); integrate(m, w.q, w.qtan); }
   for (int s = 0; s < o.substeps; ++s) {
     if (s % 16 == 15 && o.stopped && o.stopped()) break;
-    w.nguess = 0;
-    w.substep = s;
-    if (s > 0) w.tried = nullptr;
-    if (s == 0 && o.set_aside) st.aside = set_up_uncrowded(m, o, w, st.rows);
-    else set_up_step(m, o, w);
-    Mask missed;
-    Outcome r = solve_with_missed(m, o, w, s == 0 ? st.aside : none(), missed);
-    st.done &= r.done;
-    st.missed |= missed;
-    st.rung = vmax(st.rung, r.rung);
-    st.iterations += r.iterations;
-    st.residual = vmax(st.residual, r.residual);
-    displacement(m, o, w);
-    Recorded kept = record(s, st.done & ~st.missed & ~st.aside);
-    st.done &= kept.done;
-    st.rung = vmax(st.rung, kept.rung);
+    solve_once(m, o, w, s, st, record);
     integrate(m, w.q, w.qtan);
     for (int i = 0; i < m.nv; ++i) w.v[i] = w.vstep[i];
   }
@@ -269,10 +276,11 @@ static void split_cotangents(const Model& m, Work<G>& w) {
   int nv = m.nv;
   T *y = w.pvec, *before = w.tv;
   for (int i = 0; i < nv; ++i) { y[i] = w.lv[i]; before[i] = T{}; }
-  solve(w.K, nv, m.mass, y);  // K and D are symmetric
-  for_drags(m, w, [&](int i, int k, T damping) { w.lv[i] -= damping * y[k]; });
+  solve_transposed(w.K, nv, m.mass, y);
+  for_drags(m, w, [&](int i, int k, T damping) { w.lv[k] -= damping * y[i]; });
   for (int i = 0; i < nv; ++i) {
     for (int k = 0; k < nv; ++k) { w.lq[k] -= w.Sq[i * nv + k] * y[i]; before[k] -= w.Sv[i * nv + k] * y[i]; }
+    for (int k = 0; k < m.nu; ++k) w.lu[k] -= w.Su[i * m.nu + k] * y[i];
     for (int k = 0; k < w.np; ++k) w.lp[k] -= w.Sp[i * w.np + k] * y[i];
   }
 }

@@ -13,7 +13,7 @@ const Backend backend = {
 #define CMBRL_STR(x) CMBRL_STR2(x)
     CMBRL_STR(CMBRL_ISA), W,
     [](const Model& m, Purpose p) { return m.planar ? bytes_of<Planar>(m, p) : bytes_of<Spatial>(m, p); },
-    [](const Model& m, const Options& o) { return tape_stride(m) * o.substeps; },
+    [](const Model& m, const Options& o) { return tape_stride(m) * o.solves(); },
     [](const Model& m, const Options& o, const Batch& b, int64_t s, int64_t e, StepMemory& w) {
       m.planar ? survey<Planar>(m, o, b, s, e, w) : survey<Spatial>(m, o, b, s, e, w);
     },

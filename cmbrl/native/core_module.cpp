@@ -120,7 +120,7 @@ class Core {
     std::iota(every.begin(), every.end(), 0);
     want(b, every.data(), int64_t(every.size()));
     if (want_theta) out["gtheta"] = make_array<double>({n, every.size()}, &b.gtheta);
-    Elements order = most_contacts_first(b.tape, b.n, o.substeps, tape.size / o.substeps);
+    Elements order = most_contacts_first(b.tape, b.n, o.solves(), tape.size / o.solves());
     run(b.n, threads, Purpose::product,
         [&](const Backend& backend, int64_t s, int64_t e, StepMemory& w) { backend.backward(m, o, b, order.data(), s, e, w); });
     return out;

@@ -79,8 +79,12 @@ static void smooth_terms(const Model& m, const Options& o, Work<G>& w, const T* 
   if (m.nlift > 0) gravity_compensation_terms(m, w, o.h, Gq);
   ball_spring_terms(m, w, o.h, Gq);
   power_terms(m, o, w, vn, Gq, Gv);
-  if (m.nbox > 0) fluid_terms(m, w, o.h, m.implicit_gains && !o.split, Gq, Gv);
+  if (m.nbox > 0) fluid_terms(m, w, o.h, m.implicit_gains && !o.apart(), Gq, Gv);
   wide_terms(m, w, o.h, Gq, Gu);
+  if (!o.split) {
+    for (int i = 0; i < nv; ++i) w.a[i] = vn[i] - w.v[i];
+    gain_terms(m, o, w, w.a, Gu);
+  }
   for (int a = 0; a < m.nact; ++a) {
     if (m.act_line[a] < 0) continue;
     for (int k = m.line_ptr[m.act_line[a]]; k < m.line_ptr[m.act_line[a] + 1]; ++k)

@@ -42,7 +42,7 @@ template <class G>
 static T impulse_by_limit_at_zero(const Model& m, const Work<G>& w, int line, double h, double yields) {
   const double* s = m.line_soft + 7 * line;
   T K, B;
-  stiffness_damping(splat(s[0]), splat(s[1]), splat(s[3]), h, K, B);
+  stiffness_damping(splat(s[0]), splat(s[1]), splat(s[3]), m.least_time(h), K, B);
   T z = (2 / yields) * (along(m, w, line, w.vn) - (1.0 - h * B) * along(m, w, line, w.v));
   return -z / (1.0 + vsqrt(1.0 + z * z));
 }

@@ -72,17 +72,18 @@ template <class G>
 static void fluid_forces(const Model& m, const Options& o, Work<G>& w) {
   constexpr int size = G::N * G::N;
   Vec<G::N> still = wind<G>(m);
+  bool implicit = m.implicit_gains && !o.rk4;
   clear_drag(m, w);
   for_box_axes(m, w, [&](int b, const Vec<G::N>& axis, double linear, double quadratic) {
     T v = dot(axis, w.vel[b] - still), size_of_v = vabs(v);
     w.drag[b] -= ((linear + quadratic * size_of_v) * v) * axis;
-    if (m.implicit_gains) add_square(w.drag_end + b * size, linear + 2.0 * quadratic * size_of_v, axis);
+    if (implicit) add_square(w.drag_end + b * size, linear + 2.0 * quadratic * size_of_v, axis);
   });
   carry_drag(m, w);
   for (int i = 0; i < m.nv; ++i) {
     int b = m.dof_body[i];
     w.tau[i] += dot(w.S[i], w.drag[b]);
-    if (!m.implicit_gains) continue;
+    if (!implicit) continue;
     Vec<G::N> F = o.h * product(w.drag_end + b * size, w.S[i]);
     Row<T> row(o.split ? w.D : w.M, m.mass, i);
     const int *columns = m.mass.columns(i), *above = m.tree().columns(i);

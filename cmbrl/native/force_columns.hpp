@@ -6,8 +6,8 @@
 namespace cmbrl::CMBRL_ISA {
 
 // Of the step's equation; of the same without rows, for a free velocity; or of that of late impulses, M~ shift = sum t_i J_i^T x_i
-// (impact.hpp): its rows, its left side, which split damping has too.
-enum class Part { step, free, late_rows, late_inertia };
+// (impact.hpp): its rows, its left side, which split damping has too; of one of the biases of implicit Coriolis forces (gyro.hpp).
+enum class Part { step, free, late_rows, late_inertia, gyroscopic };
 
 template <class G>
 struct ForceColumns {
@@ -19,6 +19,7 @@ struct ForceColumns {
   Part part;
   T& at(int dof) { return out[dof * stride]; }
   bool forces() const { return part == Part::step || part == Part::free; }
+  double inertial() const { return forces() ? o.h : part == Part::gyroscopic ? o.h * w.gyro_weight : 1; }
 
   void compensation(int b, const Inertia<G>& dI) {
     if (!forces() || m.body_lift[b] == 0) return;
@@ -31,7 +32,7 @@ struct ForceColumns {
     bool ahead = forces() && w.ahead;
     const Vec<G::N> &acc = (ahead ? w.bacc : w.acc)[b], &vel = (ahead ? w.bvel : w.vel)[b];
     Vec<G::N> f = dI * acc + cross_force<G>(vel, dI * vel);
-    double scale = forces() ? o.h : 1;
+    double scale = inertial();
     for (int d = m.body_lastdof[b]; d >= 0; d = m.above(d)) at(d) -= scale * dot(w.S[d], f);
   }
   void add_inertia(int b, int field, double coef, Inertia<G>& dI) {
@@ -76,7 +77,7 @@ struct ForceColumns {
     bool ahead = forces() && w.ahead;
     auto turn = ang<G>((ahead ? w.bvel : w.vel)[b]), acceleration = ang<G>((ahead ? w.bacc : w.acc)[b]);
     auto moment = G::sym_mul(world, acceleration) + G::cross_ang(turn, G::sym_mul(world, turn));  // as body(), without mass
-    T scale = splat(forces() ? o.h : 1);
+    T scale = splat(inertial());
     for (int d = m.body_lastdof[b]; d >= 0; d = m.above(d)) at(d) -= scale * dot(ang<G>(w.S[d]), moment);
   }
 
@@ -105,7 +106,7 @@ struct ForceColumns {
     Spring spring = spring_of(m, w, i);
     switch (field) {
       case kArmature: add_along(i, -coef * (after - before)); break;
-      case kDamping: add_along(i, -coef * o.h * (damps_implicitly(m, i) && !o.split ? after : before)); break;
+      case kDamping: add_along(i, -coef * o.h * (damps_implicitly(m, i) && !o.apart() ? after : before)); break;
       case kStiffness: {
         if (i < m.nv && m.dof_qadr[i] < 0 && m.nballspring > 0) spring.stretch = w.stretch[i];
         Mask stretched = spring.stiffness != 0.0;
@@ -136,35 +137,39 @@ struct ForceColumns {
     int line = m.act_line[a];
     if (line < 0) return wide(a, field, coef);
     T q = w.line_length[line], v = along(m, w, line, w.v), after = along(m, w, line, w.vn);
-    T dv = m.implicit_gains && !o.split ? after - v : T{}, g = p[kGear];
+    T dv = m.implicit_gains && !o.apart() ? after - v : T{}, g = p[kGear];
     Input input = input_of(m, w, a);
     Servo s = servo_of(m, w, a, input, q, v);
+    T stiff = s.gains.stiff, drag = s.gains.drag;
+    T by_time = m.act_gain[2 * a + 1] * input.by_time;  // of a velocity gain that follows the activation
     Mask free = s.free, pulls = s.free & s.pulls, fades = s.fades;
     T spring = o.implicit_springs ? o.h * after : T{};
-    T own = keep(pulls, p[kBias1] * (s.place + 2.0 * spring)) + keep(free, p[kBias2] * (v + 2.0 * dv));  // of a free force, by the gear
+    T own = keep(pulls, stiff * (s.place + 2.0 * spring)) + keep(free, drag * (v + 2.0 * dv));  // of a free force, by the gear
     own -= keep(fades, p[kLimitSlope] * (v + 2.0 * dv));
     if (part == Part::late_inertia) {
       if (!m.implicit_gains) return;
-      if (field == kGear) add_eased(line, coef * o.h * 2.0 * g * (keep(free, p[kBias2]) - keep(fades, p[kLimitSlope])));
+      if (field == kGear) add_eased(line, coef * o.h * 2.0 * g * (keep(free, drag) - keep(fades, p[kLimitSlope])));
       if (field == kBias2) add_eased(line, keep(free, coef * o.h * g * g));
+      if (field == kTime) add_eased(line, keep(free, coef * o.h * g * g * by_time));
       if (field == kLimitSlope) add_eased(line, -keep(fades, coef * o.h * g * g));
       return;
     }
     T r, held = T{};  // held: through M~ alone
-    if (field == kGear) held = 2.0 * g * (keep(free, p[kBias2] * dv) - keep(fades, p[kLimitSlope] * dv));
+    if (field == kGear) held = 2.0 * g * (keep(free, drag * dv) - keep(fades, p[kLimitSlope] * dv));
     if (field == kBias2) held = keep(free, g * g * dv);
+    if (field == kTime) held = keep(free, g * g * by_time * dv);
     if (field == kLimitSlope) held = -keep(fades, g * g * dv);
-    if (line >= m.nv && field == kGear) held += keep(pulls, 2.0 * g * p[kBias1] * spring);
+    if (line >= m.nv && field == kGear) held += keep(pulls, 2.0 * g * stiff * spring);
     if (line >= m.nv && field == kBias1) held = keep(pulls, g * g * spring);
     switch (field) {
       case kGear: r = s.force + g * own; break;
       case kGain: r = keep(pulls, g * input.value); break;
-      case kTime: r = keep(pulls, g * p[kGain] * input.by_time); break;
+      case kTime: r = keep(pulls, g * s.gains.input * input.by_time) + held; break;
       case kBias0: r = keep(pulls, g); break;
       case kBias1: r = keep(pulls, g * g * (s.place + spring)); break;
       case kLimit: r = g * s.limited; break;
       case kLimitSlope: r = -keep(fades, g * g * (v + dv)); break;
-      case kGap: r = -keep(pulls, s.side * vmax(g * p[kBias1], -g * p[kBias1]) * g); break;
+      case kGap: r = -keep(pulls, s.side * vmax(g * stiff, -g * stiff) * g); break;
       default: r = keep(free, g * g * (v + dv));
     }
     for (int k = m.line_ptr[line]; k < m.line_ptr[line + 1]; ++k)

@@ -134,6 +134,7 @@ static void inertia_terms(const Model& m, const Options& o, Work<G>& w) {
     add_bend(m, w, i, -w.line_mass[i] * along(m, w, i, w.shift), T{}, w.shift, -w.line_mass[i], w.shift, w.Sq);
     if (o.split) add_bent_drag(m, w, i, implicit_damping(m, o, w, i), w.eased, w.Sq);
   }
+  gain_terms(m, o, w, w.eased, w.Su);
   parameter_terms(m, o, w, w.Sp, Part::late_inertia);
 }
 
@@ -203,6 +204,12 @@ static void split_terms(const Model& m, const Options& o, Work<G>& w) {
   for (int i = 0; i < m.nv; ++i) w.eased[i] = w.v[i] - w.vn[i] + w.shift[i];
   inertia_terms(m, o, w);
   for_drags(m, w, [&](int i, int k, T damping) { w.Sv[i * m.nv + k] -= damping; });
+  if (!gyroscopic(m, o)) return;
+  gyroscopic_terms(m, o, w, w.eased, w.Sq, w.Sv);
+  for_polarised(m, w, w.eased, [&](double weight) {
+    w.gyro_weight = weight;
+    parameter_terms(m, o, w, w.Sp, Part::gyroscopic);
+  });
 }
 
 // G, S and the factor H at the solution in w (rows, vn).

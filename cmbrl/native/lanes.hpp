@@ -1,6 +1,6 @@
 // Packs of lanes from the caller's arrays and back into them.
 #pragma once
-#include "control.hpp"
+#include "rk4.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 

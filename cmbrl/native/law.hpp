@@ -42,20 +42,20 @@ static inline void impedance(T r, T d0, T dmax, T width, double mid, double powe
   dd = select(inside, -dy * (dmax - d0) / wd, T{});
 }
 
-static inline void stiffness_damping(T ref0, T ref1, T dmax, double h, T& K, T& B) {
+static inline void stiffness_damping(T ref0, T ref1, T dmax, double least_time, T& K, T& B) {
   dmax = share(dmax);
   Mask standard = ref0 > 0.0;
-  T tc = vmax(ref0, splat(2 * h));
+  T tc = vmax(ref0, splat(least_time));
   T dr = select(standard, ref1, splat(1));
   K = select(standard, 1.0 / (dmax * dmax * tc * tc * dr * dr), -ref0 / (dmax * dmax));
   B = select(standard, 2.0 / (dmax * tc), -ref1 / dmax);
 }
 
-static inline Law soft_law(T gap, double margin, double h, T ref0, T ref1, T d0, T dmax, T width, double mid, double power, T inverse_weight) {
+static inline Law soft_law(T gap, double margin, double h, double least_time, T ref0, T ref1, T d0, T dmax, T width, double mid, double power, T inverse_weight) {
   Law L;
   T r = gap - margin, d, dd, K, B;
   impedance(r, d0, dmax, width, mid, power, d, dd);
-  stiffness_damping(ref0, ref1, dmax, h, K, B);
+  stiffness_damping(ref0, ref1, dmax, least_time, K, B);
   Mask apart = r > 0.0;  // quiet until it would close within the step
   L.c0 = select(apart, r / h, h * K * d * r);
   L.dc0 = select(apart, splat(1 / h), h * K * (d + dd * r));
@@ -92,7 +92,7 @@ static void contact_law(const Model& m, const Options& o, Contact<G>& c, const T
       } else {
         ratio = splat(1 / m.con_impratio[i]);
       }
-      L = soft_law(phi, m.con_margin[i], h, p[kSolref0], p[kSolref1], p[kD0], p[kDmax], p[kWidth], m.con_mid[i], m.con_power[i], weight);
+      L = soft_law(phi, m.con_margin[i], h, m.least_time(h), p[kSolref0], p[kSolref1], p[kD0], p[kDmax], p[kWidth], m.con_mid[i], m.con_power[i], weight);
       break;
     }
     case kSpringDamper: {  // implicit spring k, damper d: R = 1/(h (h k + d)), erp = h k/(h k + d)

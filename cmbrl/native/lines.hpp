@@ -266,7 +266,7 @@ static inline bool damps_implicitly(const Model& m, int line) { return line < m.
 // h times what of the damping along a line, with velocity gains, is implicit.
 template <class G>
 static inline T implicit_damping(const Model& m, const Options& o, const Work<G>& w, int line) {
-  if (!damps_implicitly(m, line)) return T{};
+  if (o.rk4 || !damps_implicitly(m, line)) return T{};
   T damping = w.P[m.oDof + line * kDofFields + kDamping];
   return o.h * (m.implicit_gains ? damping + w.kd[line] : damping);
 }

@@ -11,7 +11,8 @@ static StepStats loss_step(const Model& m, const Options& o, Work<G>& w) {
   for (int i = 0; i < m.nv; ++i) w.start[m.nq + i] = w.v[i];
   Options now = o;
   for (;;) {
-    StepStats st = control_step(m, now, w, [](int, Mask) { return Recorded{all(), T{}}; });
+    auto record = [](int, Mask) { return Recorded{all(), T{}}; };
+    StepStats st = now.rk4 ? rk4_control_step(m, now, w, record) : control_step(m, now, w, record);
     if (!any(st.missed)) return st;
     now.prune = wider(now.prune);
     for (int i = 0; i < m.nq; ++i) w.q[i] = w.start[i];

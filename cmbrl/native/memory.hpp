@@ -31,6 +31,6 @@ class Memory {
   size_t bytes_ = 0;
 };
 
-struct StepMemory { Memory scene, contacts, groups, given, left, passed, rows, factor; };
+struct StepMemory { Memory scene, contacts, groups, given, left, passed, rows, factor, stages; };
 
 }  // namespace cmbrl

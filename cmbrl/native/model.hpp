@@ -9,10 +9,10 @@ class TapeRows;
 struct StepMemory;
 
 enum JointType { kSlide = 0, kHinge = 1, kBall = 2 };
-enum ContactType { kPointPlane = 0, kPointBox = 1, kSegmentSegment = 2, kRimPlane = 3, kCornerBox = 4, kHulls = 5 };
+enum ContactType { kPointPlane = 0, kPointBox = 1, kSegmentSegment = 2, kRimPlane = 3, kCornerBox = 4, kHulls = 5, kOvalPlane = 6 };
 enum When { kAlways = 0, kAhead = 1, kClosed = 2 };  // a candidate acts where rows look ahead, or where they do not
 enum TieType { kConnect = 0, kWeld = 1, kPolynomial = 2 };  // equality constraints
-enum Dynamics { kIntegrator = 0, kFilter = 1, kFilterExact = 2 };  // of actuators with a state
+enum Dynamics { kIntegrator = 0, kFilter = 1, kFilterExact = 2, kFilterRk4 = 3 };  // of actuators with a state; the last: exact but in RK4 steps
 enum Side { kCarriesA = 1, kCarriesB = 2, kCarriesObstacle = 4 };
 enum ContactLaw { kRigid = 0, kMujoco = 1, kSpringDamper = 2, kLogistic = 3 };  // one for all contacts of a scene
 
@@ -40,6 +40,10 @@ struct Structure {
 
 struct Model : Structure {
   int planar, implicit_damping, implicit_gains;  // damping of joints, and velocity gains of actuators, act at the next velocity
+  int ngyro;                       // dofs whose Coriolis and gyroscopic forces are implicit (gyro.hpp), under split damping
+  const int* gyro_dof;             // 1: of these
+  int refsafe;                     // time constants of rows stay above two steps
+  double least_time(double h) const { return refsafe ? 2 * h : 0; }
   int D, nq, nu, nbody, njoint, ncontact, nplane, nlimit, nact, ntendon, nline, nseg, nwrap, ntie;
   int nforcerange, nlift, nwide, nbox, nballspring, npower, nP, ntheta, ngroup;
   int body_fields, oDof, oPlane, oAct, oGravity, oContact;  // layout of P; bodies start at 0, contacts end it
@@ -50,7 +54,7 @@ struct Model : Structure {
   const double *jnt_axis, *jnt_pos, *jnt_q0;
 
   const int *con_type, *con_bodyA, *con_bodyB, *con_plane, *con_pair, *con_dim, *con_law, *con_pyramid;
-  const double *con_posA, *con_axisA, *con_posB, *con_axisB, *con_rotB, *con_halfB, *con_rotA;  // rotA: of a box with a corner, which axisA leads to from its centre
+  const double *con_posA, *con_axisA, *con_posB, *con_axisB, *con_rotB, *con_halfB, *con_rotA;  // rotA: of a box with a corner, which axisA leads to from its centre; of an ellipsoid over a plane: see oval.hpp
   const double* con_along;   // (ncontact, 3) of a capsule over a plane: where a tangent of its pyramid points (edges.hpp); or 0
   const int *con_hull, *con_corner;  // of a mesh over a plane, or of hulls: that of A, or -1; its place among the candidates of its pair of geoms
   const int* con_when;       // see When: of two geoms that touch in another way where rows look ahead
@@ -78,7 +82,7 @@ struct Model : Structure {
   const double *lim_lo, *lim_hi, *lim_margin, *lim_soft, *lim_invweight;
   const double *line_soft, *line_invweight, *line_slack;  // of dry friction; width of a spring's slack
   const int* act_line;  // -1: see wide.hpp
-  const double *act_ctrl, *act_force;
+  const double *act_ctrl, *act_force, *act_gain;  // act_gain: how the gain on the input changes with length and with velocity
   int nstate;               // activation.hpp; u (nu = nact + nstate): commands, then activations
   const int *act_state, *state_act, *state_kind, *state_early;
   const double* state_range;
@@ -150,7 +154,10 @@ struct Smoothing {
 struct Options {
   double h;
   int substeps, leapfrog, midpoint, implicit_springs;  // midpoint: velocity-dependent forces half a step ahead
+  int rk4;           // four stages a step, in which nothing is implicit (rk4.hpp)
+  int solves() const { return rk4 ? 4 * substeps : substeps; }  // of a control step
   int split;         // damping is explicit to the rows, and implicit afterwards (split.hpp)
+  bool apart() const { return split || rk4; }  // nothing that damps is implicit to the rows
   int convex;        // contacts slide by the convex law (newton.hpp), not by Coulomb's
   int look_ahead;    // soft contacts and limits act if they would close within the step; otherwise once they have, as in MuJoCo
   Smoothing forward, backward;

@@ -34,7 +34,7 @@ inline Smoothing smoothing_from(nb::dict d) {
 }
 inline Options options_from(nb::dict d) {
   Options o{};
-  o.h = option<double>(d, "h"); o.substeps = option<int>(d, "substeps"); o.leapfrog = option<int>(d, "leapfrog");
+  o.h = option<double>(d, "h"); o.substeps = option<int>(d, "substeps"); o.leapfrog = option<int>(d, "leapfrog"); o.rk4 = option<int>(d, "rk4");
   o.midpoint = option<int>(d, "midpoint");
   o.implicit_springs = option<int>(d, "implicit_springs"); o.split = option<int>(d, "split");
   o.convex = option<int>(d, "convex"); o.look_ahead = option<int>(d, "look_ahead");

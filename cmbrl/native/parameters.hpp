@@ -130,6 +130,7 @@ struct ParameterColumns : ForceColumns<G> {
         continue;
       }
       ++e;
+      if (part == Part::gyroscopic) continue;
       if (idx < m.oPlane) this->line((idx - m.oDof) / kDofFields, (idx - m.oDof) % kDofFields, coef);
       else if (idx < m.oAct) {
         for (int i = 0; i < w.ncon; ++i)

@@ -15,16 +15,17 @@ static void forward_pack(const Model& m, const Options& o, const Batch& b, const
   if (w.tried) gather(b.v_next, nv, nv, l, w.tried, unused);
   for (int lane = 0; b.impulse && lane < l.n; ++lane) std::memset(b.impulse + l.at[lane] * impulses, 0, impulses * sizeof(double));
   auto record = [&](int s, Mask stepped) {
+    double share = o.rk4 ? kStageWeight[s % kStages] : 1;
     if (b.impulse)
       for (int i = 0; i < w.ncon; ++i)
         for (int lane = 0; lane < l.n; ++lane) {
           const Contact<G>& c = w.con[i];
           double* x = b.impulse + l.at[lane] * impulses + c.of[lane] * (1 + G::NT);
           if (!c.on[lane]) continue;
-          if (c.edge) { CMBRL_FOR(r, 1 + G::NT) x[r] += edge_impulse(c, r)[lane]; continue; }
-          x[0] += c.gam[lane];
+          if (c.edge) { CMBRL_FOR(r, 1 + G::NT) x[r] += share * edge_impulse(c, r)[lane]; continue; }
+          x[0] += share * c.gam[lane];
           for (int r = 1; r < c.rows; ++r)
-            if (c.rub[lane]) x[r] += c.b[r - 1][lane];
+            if (c.rub[lane]) x[r] += share * c.b[r - 1][lane];
         }
     if (!b.tape && !b.jacobian) return Recorded{all(), T{}};
     Recorded solved = solve_backward(m, o, w);
@@ -32,13 +33,14 @@ static void forward_pack(const Model& m, const Options& o, const Batch& b, const
     double* block[W];
     for (int lane = 0; lane < W; ++lane) {
       bool last = o.last_attempt || (stepped & solved.done)[lane];  // else it is stepped, and written, again
-      block[lane] = lane < l.n && last ? b.tape + (l.at[lane] * o.substeps + s) * stride : nullptr;
+      block[lane] = lane < l.n && last ? b.tape + (l.at[lane] * o.solves() + s) * stride : nullptr;
     }
     tape_write(m, w, block, *b.tape_rows);
     return solved;
   };
   StepStats st{none(), none(), none(), T{}, T{}, T{}, T{}};
-  if (any(finite)) st = b.jacobian ? control_step_jacobian(m, o, w, record) : control_step(m, o, w, record);
+  if (any(finite) && o.rk4) st = b.jacobian ? rk4_control_step_jacobian(m, o, w, record) : rk4_control_step(m, o, w, record);
+  else if (any(finite)) st = b.jacobian ? control_step_jacobian(m, o, w, record) : control_step(m, o, w, record);
   if (b.jacobian) {
     int64_t half = int64_t(nv) * ncol;
     int before = 2 * nv + m.nu;
@@ -68,7 +70,7 @@ static void forward_pack(const Model& m, const Options& o, const Batch& b, const
   spoil_all(1, b.residual);
   spoil_all(2 * nv * ncol, b.jacobian);
   spoil_all(impulses, b.impulse);
-  spoil_all(stride * o.substeps, b.tape);
+  spoil_all(stride * o.solves(), b.tape);
 }
 
 template <class G>
@@ -88,7 +90,7 @@ static void backward_packs(const Model& m, const Options& o, const Batch& b, con
   Work<G> w = open<G>(m, Purpose::product, memory);
   want_parameters(m, w, b.wanted, b.nwanted);
   int nv = m.nv;
-  int64_t stride = tape_stride(m) * o.substeps;
+  int64_t stride = tape_stride(m) * o.solves();
   for (int64_t e = begin; e < end; e += W) {
     if (e > begin && o.stopped && o.stopped()) return;
     Lanes l = lanes_from(e, end, elements);
@@ -110,7 +112,8 @@ static void backward_packs(const Model& m, const Options& o, const Batch& b, con
         for (int lane = 0; lane < W; ++lane) tape[lane] = tape[finite[lane] ? lane : good];
         copy_lane(~finite, good, m.nu, w.u);
       }
-      control_step_backward(m, o, w, tape, *b.tape_rows);
+      if (o.rk4) rk4_control_step_backward(m, o, w, tape, *b.tape_rows);
+      else control_step_backward(m, o, w, tape, *b.tape_rows);
     }
     scatter(w.lq, nv, nv, l, b.gq);
     scatter(w.lv, nv, nv, l, b.gv);

@@ -4,6 +4,7 @@
 #include "dry_friction.hpp"
 #include "fluid.hpp"
 #include "gravcomp.hpp"
+#include "gyro.hpp"
 #include "servo.hpp"
 #include "split.hpp"
 #include "springs.hpp"
@@ -68,14 +69,33 @@ static void actuator_forces(const Model& m, const Options& o, Work<G>& w) {
     Input input = input_of(m, w, a);
     Servo s = servo_of(m, w, a, input, w.line_length[line], along(m, w, line, w.v));
     w.drive[line] += p[kGear] * s.force;
-    w.kd[line] -= keep(s.free, p[kGear] * p[kGear] * p[kBias2]) - keep(s.fades, p[kGear] * p[kGear] * p[kLimitSlope]);
-    w.drive_kp[line] -= keep(s.free & s.pulls, p[kGear] * p[kGear] * p[kBias1]);
-    note_gain(m, w, a, input, s.free & s.pulls);
+    w.kd[line] -= keep(s.free, p[kGear] * p[kGear] * s.gains.drag) - keep(s.fades, p[kGear] * p[kGear] * p[kLimitSlope]);
+    w.drive_kp[line] -= keep(s.free & s.pulls, p[kGear] * p[kGear] * s.gains.stiff);
+    note_gain(m, w, a, input, s.gains.input, s.free & s.pulls);
   }
   wide_forces(m, w);
   if (m.nlift > 0) {
     gravity_compensation(m, w);
     for (int i = 0; i < m.nv; ++i) if (m.dof_lift[i] == kActuatorLift) w.drive[i] += w.lift[i];
+  }
+}
+
+// Adds what a change of the controls does to the velocity gains in M~ (or D) that change with them, times -x, by h.
+template <class G>
+static void gain_terms(const Model& m, const Options& o, const Work<G>& w, const T* x, T* Gu) {
+  if (!m.implicit_gains || o.rk4) return;
+  for (int a = 0; a < m.nact; ++a) {
+    int line = m.act_line[a];
+    if (line < 0 || m.act_gain[2 * a + 1] == 0) continue;
+    const T* p = w.P + m.oAct + a * kActuatorFields;
+    Input input = input_of(m, w, a);
+    Servo s = servo_of(m, w, a, input, w.line_length[line], along(m, w, line, w.v));
+    T by = keep(s.free, (o.h * m.act_gain[2 * a + 1]) * (p[kGear] * p[kGear]));
+    for (int k = m.line_ptr[line]; k < m.line_ptr[line + 1]; ++k) {
+      T change = w.line_c[k] * by * (o.split ? chain_rate(m, w, line, k, x) : along(m, w, line, x)), *row = Gu + m.line_dof[k] * m.nu;
+      row[a] += change * input.by_command;
+      if (m.nstate > 0 && m.act_state[a] >= 0) row[m.nact + m.act_state[a]] += change * input.by_activation;
+    }
   }
 }
 
@@ -142,7 +162,7 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
     Limit& l = w.lim[w.nlim];
     if (any(on)) {
       const double* s = m.lim_soft + 7 * i;
-      Law L = soft_law(phi, m.lim_margin[i], o.h, splat(s[0]), splat(s[1]), splat(s[2]), splat(s[3]), splat(s[4]), s[5], s[6],
+      Law L = soft_law(phi, m.lim_margin[i], o.h, m.least_time(o.h), splat(s[0]), splat(s[1]), splat(s[2]), splat(s[3]), splat(s[4]), s[5], s[6],
                        m.lim_invweight[i] * weight_of(w, m.lim_weight[i]));
       static_cast<Direction&>(l) = way;
       l.index = i;
@@ -163,7 +183,7 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
     Mask on = loss > 0.0;
     if (!any(on)) continue;
     const double* s = m.line_soft + 7 * i;
-    Law L = soft_law(T{}, 0, o.h, splat(s[0]), splat(s[1]), splat(s[2]), splat(s[3]), splat(s[4]), s[5], s[6],
+    Law L = soft_law(T{}, 0, o.h, m.least_time(o.h), splat(s[0]), splat(s[1]), splat(s[2]), splat(s[3]), splat(s[4]), s[5], s[6],
                      m.line_invweight[i] * weight_of(w, m.line_weight[i]));
     DryFriction& d = w.dry[w.ndry++];
     d.on = on; d.line = i; d.R = L.R; d.carry = L.carry;
@@ -216,6 +236,7 @@ static void prepare(const Model& m, const Options& o, Work<G>& w, const Mask* gi
   inverse_dynamics<G>(m, w, w.v, nullptr, w.bias);
   mass_matrix(m, w);
   line_forces(m, o, w);
+  if (gyroscopic(m, o)) add_gyroscopic(m, o, w);
   if (o.split) split_factor(m, w);
   tie_forces(m, o, w);
   free_velocity(m, w);

@@ -30,7 +30,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   Model& m = model;
   auto size = [&](const char* name) { return sizes.at(name); };
   m.planar = size("planar");
-  m.implicit_damping = size("implicit_damping"); m.implicit_gains = size("implicit_gains");
+  m.implicit_damping = size("implicit_damping"); m.implicit_gains = size("implicit_gains"); m.refsafe = size("refsafe"); m.ngyro = size("ngyro");
   m.D = m.planar ? 2 : 3;
   m.nq = size("nq"); m.nv = size("nv"); m.nu = size("nu");
   m.nbody = size("nbody"); m.njoint = size("njoint"); m.ncontact = size("ncontact");
@@ -69,6 +69,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.con_mid = d("con_mid", nc); m.con_power = d("con_power", nc); m.plane_normal = d("plane_normal", size_t(m.nplane) * D);
   m.lim_line = i("lim_line", nl); m.lim_ball = i("lim_ball", nl); m.lim_lo = d("lim_lo", nl); m.lim_hi = d("lim_hi", nl);
   m.lim_margin = d("lim_margin", nl); m.lim_soft = d("lim_soft", nl * 7); m.lim_invweight = d("lim_invweight", nl);
+  m.gyro_dof = i("gyro_dof", m.nv);
   m.frc_dof = i("frc_dof", m.nforcerange); m.frc_range = d("frc_range", size_t(m.nforcerange) * 2);
   if (m.nlift > 0) {
     m.dof_lift = i("dof_lift", m.nv); m.body_lift = d("body_lift", nb); m.body_lift_pos = d("body_lift_pos", nb * D);
@@ -87,7 +88,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.tie_rotA = d("tie_rotA", ne * (m.planar ? 2 : 9)); m.tie_rotB = d("tie_rotB", ne * (m.planar ? 2 : 9));
   m.tie_scale = d("tie_scale", ne); m.tie_poly = d("tie_poly", ne * 5); m.tie_ref = d("tie_ref", ne * 2);
   m.tie_soft = d("tie_soft", ne * 7); m.tie_invweight = d("tie_invweight", ne * 2);
-  m.act_line = i("act_line", na); m.act_ctrl = d("act_ctrl", na * 2); m.act_force = d("act_force", na * 2);
+  m.act_line = i("act_line", na); m.act_ctrl = d("act_ctrl", na * 2); m.act_force = d("act_force", na * 2); m.act_gain = d("act_gain", na * 2);
   size_t nx = m.nstate;
   m.act_state = i("act_state", na); m.state_act = i("state_act", nx); m.state_kind = i("state_kind", nx); m.state_early = i("state_early", nx);
   m.state_range = d("state_range", nx * 2);

@@ -1,5 +1,6 @@
 // The force of an actuator along a line, before its gear: a gain on its input and on position and velocity, within limits. Backlash
 // is a gap in the position's part, which nothing pulls in; the limit falls with the speed that the force drives.
+// A gain that changes with length or velocity is one on position or velocity that changes with the input.
 #pragma once
 #include "activation.hpp"
 
@@ -7,21 +8,31 @@ namespace cmbrl::CMBRL_ISA {
 
 // pulls, free, fades: lanes in which the position's part, the whole force, and the limit's fall with speed count. place: of the
 // line, less the gap. limited: the direction in which P's limit holds the force, or 0.
-struct Servo { T force, place, side, limited; Mask pulls, free, fades; };
+struct Gains { T input, stiff, drag; };  // on the input, and on place and speed, times the gear
+struct Servo { T force, place, side, limited; Mask pulls, free, fades; Gains gains; };
+
+template <class G>
+static inline Gains gains_of(const Model& m, const Work<G>& w, int a, const Input& input, T place, T speed) {
+  const T* p = w.P + m.oAct + a * kActuatorFields;
+  double by_length = m.act_gain[2 * a], by_speed = m.act_gain[2 * a + 1];
+  return {p[kGain] + p[kGear] * (by_length * place + by_speed * speed), p[kBias1] + by_length * input.value, p[kBias2] + by_speed * input.value};
+}
 
 template <class G>
 static Servo servo_of(const Model& m, const Work<G>& w, int a, const Input& input, T place, T speed) {
   const T* p = w.P + m.oAct + a * kActuatorFields;
   T half = p[kGap], turn = p[kGear] * speed;
-  T spring = p[kGain] * input.value + p[kBias0] + p[kGear] * p[kBias1] * place;
-  T slack = -p[kGear] * p[kBias1] * half;  // force of the gap's half
-  slack = vmax(slack, -slack);
   Servo s;
+  s.gains = gains_of(m, w, a, input, place, speed);
+  T stiff = s.gains.stiff, drag = s.gains.drag;
+  T spring = p[kGain] * input.value + p[kBias0] + p[kGear] * stiff * place;
+  T slack = -p[kGear] * stiff * half;  // force of the gap's half
+  slack = vmax(slack, -slack);
   s.pulls = (spring >= slack) | (spring <= -slack);
   s.side = select(spring < 0.0, splat(-1), splat(1));
-  T force = p[kGain] * input.value + p[kBias0] + p[kGear] * (p[kBias1] * place + p[kBias2] * speed);
+  T force = p[kGain] * input.value + p[kBias0] + p[kGear] * (stiff * place + drag * speed);
   force -= vmin(vmax(spring, -slack), slack);
-  s.place = place + select(p[kGear] * p[kBias1] < 0.0, s.side, -s.side) * half;
+  s.place = place + select(p[kGear] * stiff < 0.0, s.side, -s.side) * half;
   T fade = p[kLimitSlope], most = p[kLimit];
   T up = vmax(most - fade * vmax(turn, T{}), T{}), down = vmin(fade * vmax(-turn, T{}) - most, T{});
   T flo = splat(m.act_force[2 * a]), fhi = splat(m.act_force[2 * a + 1]);

@@ -1,7 +1,7 @@
 // Split damping, the order of MuJoCo's steps: contacts, limits, equality constraints and dry friction find their impulses, and the
 // velocity u, as if damping and velocity gains acted with the velocity v of the step's start; then these become implicit,
 //   (M + D) (v' - v) = M (u - v),   or   v' = u - y with K y = D (u - v), K = M + D,
-// where D is h times what damps; as in MuJoCo, without what a tendon couples of two branches of the tree. u is the velocity vn of the step's equation (derivative.hpp), v' is vstep.
+// where D is h times what damps, with the Coriolis forces of gyro.hpp not symmetric; as in MuJoCo, without what a tendon couples of two branches of the tree. u is the velocity vn of the step's equation (derivative.hpp), v' is vstep.
 #pragma once
 #include "factor.hpp"
 
@@ -68,13 +68,14 @@ static void add_bent_drag(const Model& m, const Work<G>& w, int line, T drag, co
 template <class G>
 static void split_factor(const Model& m, Work<G>& w) {
   for (int i = 0; i < m.mass.row(m.nv); ++i) w.K[i] = w.M[i] + w.D[i];
-  factorise_symmetric(w.K, m.mass, m.nv);
+  if (m.ngyro == 0) return factorise_symmetric(w.K, m.mass, m.nv);
+  for (int k = m.nv - 1; k >= 0; --k) eliminate(w.K, m.mass, k);
 }
 
 // f(i, k, D_ik) of the entries of D.
 template <class G, class F>
 static inline void for_drags(const Model& m, const Work<G>& w, F f) {
-  bool coupled = m.ntendon > 0 || m.nbox > 0;  // otherwise each dof damps itself alone
+  bool coupled = m.ntendon > 0 || m.nbox > 0 || m.ngyro > 0;  // otherwise each dof damps itself alone
   for (int i = 0; i < m.nv; ++i) {
     Row<const T> row(w.D, m.mass, i);
     f(i, i, *row.diagonal);

@@ -108,7 +108,7 @@ static Powers powers(const Model& m, const Work<G>& w, int s) {
           (2 * c[2] + 3 * c[3] * size) * size, 2 * c[0] + 6 * c[1] * x, (2 * c[2] + 6 * c[3] * size) * sign};
 }
 
-// Into tau, kp and M~: damping is implicit with its slope.
+// Into tau, kp and M~: damping is implicit, if that of joints is, with its slope.
 template <class G>
 static void power_forces(const Model& m, const Options& o, Work<G>& w) {
   for (int s = 0; s < m.npower; ++s) {
@@ -116,7 +116,7 @@ static void power_forces(const Model& m, const Options& o, Work<G>& w) {
     Powers p = powers(m, w, s);
     w.tau[d] += p.force;
     w.kp[d] += p.k;
-    (o.split ? w.D : w.M)[m.mass.row(d)] += o.h * p.b;
+    if (m.implicit_damping && !o.rk4) (o.split ? w.D : w.M)[m.mass.row(d)] += o.h * p.b;
   }
 }
 
@@ -126,7 +126,7 @@ static void power_terms(const Model& m, const Options& o, const Work<G>& w, cons
   for (int s = 0; s < m.npower; ++s) {
     int d = m.power_dof[s];
     Powers p = powers(m, w, s);
-    Gv[d * (m.nv + 1)] -= o.h * (o.split ? p.b : p.b + p.db * (vn[d] - w.v[d]));
+    Gv[d * (m.nv + 1)] -= o.h * (o.apart() || !m.implicit_damping ? p.b : p.b + p.db * (vn[d] - w.v[d]));
     if (o.implicit_springs) Gq[d * (m.nv + 1)] -= o.h * o.h * p.dk * vn[d];
   }
 }
@@ -137,7 +137,7 @@ static void late_power_terms(const Model& m, const Options& o, const Work<G>& w,
   for (int s = 0; s < m.npower; ++s) {
     int d = m.power_dof[s];
     Powers p = powers(m, w, s);
-    Sv[d * (m.nv + 1)] -= o.h * p.db * w.eased[d];
+    if (m.implicit_damping) Sv[d * (m.nv + 1)] -= o.h * p.db * w.eased[d];
     if (o.implicit_springs) Sq[d * (m.nv + 1)] -= o.h * o.h * p.dk * w.shift[d];
   }
 }

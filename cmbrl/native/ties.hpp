@@ -43,7 +43,7 @@ static void tie_law(const Model& m, double h, int i, Tie<G>& t) {
   CMBRL_FOR(k, t.rows) square += t.r[k] * t.r[k];
   T size = vsqrt(square), inv = 1.0 / vmax(size, splat(1e-300));
   impedance(-size, splat(s[2]), splat(s[3]), splat(s[4]), s[5], s[6], d, dd);
-  stiffness_damping(splat(s[0]), splat(s[1]), splat(s[3]), h, K, B);
+  stiffness_damping(splat(s[0]), splat(s[1]), splat(s[3]), m.least_time(h), K, B);
   t.stiff = h * K * d;
   t.dstiff = -h * K * dd;
   t.dR = dd / (d * (1.0 - d));  // of R, relative, by the residual's size; dd is by its negative

@@ -36,7 +36,7 @@ static void wide_forces(const Model& m, Work<G>& w) {
     }
     Drive drive = wide_drive(m, w, a);
     T push = w.wide_push[k] = p[kGear] * drive.force;
-    note_gain(m, w, a, drive.input, drive.free);
+    note_gain(m, w, a, drive.input, p[kGain], drive.free);
     for_arms(m, w, k, [&](int d, T arm) { w.drive[d] += arm * push; });
   }
 }

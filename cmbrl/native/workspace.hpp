@@ -194,6 +194,8 @@ struct Work : SolverWork<G> {
   Motion* drag; T *drag_start, *drag_end;  // of a fluid, by body, and by its twists before and after the step
   T* stretch;                              // of springs at ball joints
   T *D, *K;                                // of split damping (split.hpp): packed as M; the factor of M + D
+  T *gyro_q, *gyro_v, *gyro_x;             // of implicit Coriolis forces (gyro.hpp): scratch;
+  double gyro_weight;                      // what the bias at hand counts
   T* free_factor;                          // of M~ along the tree, without rows
   T *line_length, *line_pull, *line_mass;  // impulse along each line at the step's start; what acts on its change of rate
   Bent<G>* bent;                           // segments around something (lines.hpp)
@@ -310,6 +312,7 @@ struct Work : SolverWork<G> {
     D = A.take<T>(m.mass.row(m.nv)); free_factor = A.take<T>(m.mass.row(m.nv)); K = A.take<T>(m.mass.row(m.nv));
     line_length = A.take<T>(m.nline); line_pull = A.take<T>(m.nline); line_mass = A.take<T>(m.nline);
     if (m.nlift > 0) { lift = A.take<T>(nv); lift_mass = A.take<T>(nb); lift_moment = A.take<V>(nb); }
+    if (m.ngyro > 0) { gyro_q = A.take<T>(nv * nv); gyro_v = A.take<T>(nv * nv); gyro_x = A.take<T>(nv); }
     if (m.nwide > 0) { wide_wrench = A.take<Motion>(m.nwide); wide_push = A.take<T>(m.nwide); }
     if (m.nbox > 0) { drag = A.take<Motion>(nb); drag_start = A.take<T>(nb * G::N * G::N); drag_end = A.take<T>(nb * G::N * G::N); }
     if (m.nballspring > 0) stretch = A.take<T>(nv);

@@ -22,6 +22,7 @@ class Dynamics(IntEnum):
     INTEGRATOR = 0  #: a' = a + h u
     FILTER = 1  #: a' = a + h (u - a) / T
     FILTEREXACT = 2  #: a' = a + (u - a) (1 - exp(-h / T))
+    FILTER_RK4 = 3  #: a filter of a file that asks for RK4: to fourth order in steps of RK4, exact in others
 
 
 @dataclass(frozen=True)
@@ -37,14 +38,14 @@ class Activation:
 def read_activation(model: mujoco.MjModel, k: int) -> Activation | None:
     """That of actuator ``k``; None if its control acts at once, or in a way that is not modelled.
 
-    Under RK4 MuJoCo integrates a filter to fourth order, which its exact solution is nearest to.
+    Under RK4 MuJoCo integrates a filter to fourth order; of other steps its exact solution is nearest to that.
     """
     name = dynamics_of(model, k).upper()
     if name not in Dynamics.__members__:
         return None
     kind = Dynamics[name]
     if kind == Dynamics.FILTER and model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
-        kind = Dynamics.FILTEREXACT
+        kind = Dynamics.FILTER_RK4
     limits = model.actuator_actrange[k].tolist() if model.actuator_actlimited[k] else (-np.inf, np.inf)
     return Activation(kind, float(model.actuator_dynprm[k, 0]), tuple(limits), bool(model.actuator_actearly[k]))
 

@@ -1,5 +1,7 @@
 """Actuators: the clamped force gain ctrl + bias0 + bias1 length + bias2 velocity, times gear, along one line.
 
+The gain may change with length and velocity, too (a damper's does).
+
 Instead of ctrl it may be an activation, which follows ctrl (``activation``).
 A line is a hinge, a slide or a fixed tendon. Without position and velocity gains an actuator may also act on a site, or
 on the dofs of a ball or free joint.
@@ -21,6 +23,7 @@ from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import WORLD, Array, Tree
 from cmbrl.scene.reduction import PlaneOfMotion
 from cmbrl.scene.support import Gate
+from cmbrl.scene.tendons import is_fixed
 
 UNLIMITED = 1e6  #: [N m, N] the limit of an actuator that has none
 
@@ -51,6 +54,7 @@ class Actuator:
     damping: float
     reach: Reach | None = None
     activation: Activation | None = None
+    gain_slope: tuple[float, float] = (0.0, 0.0)  # of the gain by length and by velocity
 
 
 def read_actuators(model: mujoco.MjModel, tree: Tree, lines: Mapping[int, int], gate: Gate) -> list[Actuator]:
@@ -99,8 +103,11 @@ def _modelled(model: mujoco.MjModel, k: int, controls: int, lines: Mapping[int, 
     gain = mujoco.mjtGain(int(model.actuator_gaintype[k])).name.removeprefix("mjGAIN_").lower()
     bias = mujoco.mjtBias(int(model.actuator_biastype[k])).name.removeprefix("mjBIAS_").lower()
     varying = gain == "affine" and np.any(model.actuator_gainprm[k, 1:3])
-    if controls != 1 or gain not in ("fixed", "affine") or varying or bias not in ("none", "affine"):
-        told = "a gain that changes with length or velocity, as of a damper" if varying else f"gain {gain}, bias {bias}"
+    if controls != 1 or gain not in ("fixed", "affine") or bias not in ("none", "affine"):
+        gate.refuse("actuator_bias", name, f"gain {gain}, bias {bias}")
+        sound = False
+    elif varying and _line(model, lines, k) < 0:
+        told = "a gain that changes with length or velocity, of an actuator on several coordinates"
         gate.refuse("actuator_bias", name, told)
         sound = False
     if sound and _line(model, lines, k) < 0 and (what := _gains(model, k)):
@@ -114,17 +121,22 @@ def _modelled(model: mujoco.MjModel, k: int, controls: int, lines: Mapping[int, 
 def _read(
     model: mujoco.MjModel, tree: Tree, k: int, column: int, name: str, lines: Mapping[int, int], sound: bool
 ) -> Actuator:
-    free = (-np.inf, np.inf)
-    if not sound:
-        return Actuator(name, 0, 0.0, 0.0, np.zeros(3), free, free, 0.0, 0.0)
-    reach = None if (line := _line(model, lines, k)) >= 0 else _reach(model, tree, k)
-    gear = float(model.actuator_gear[k, 0]) if reach is None else 1.0
-    clamp = model.actuator_ctrllimited[column] and not (model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
-    affine = model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
+    free, line = (-np.inf, np.inf), _line(model, lines, k)
+    gear = float(model.actuator_gear[k, 0]) if line >= 0 else 1.0
     armature, damping = (
-        float(values[k]) * gear**2 if (values := getattr(model, field, None)) is not None else 0.0
+        float(values[k]) * gear**2 if line >= 0 and (values := getattr(model, field, None)) is not None else 0.0
         for field in ("actuator_armature", "actuator_damping")  # of recent MuJoCo versions
     )
+    if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_DAMPER:
+        damping = 0.0
+    if _transmission(model, k) == "tendon" and not is_fixed(model, int(model.actuator_trnid[k, 0])):
+        armature = 0.0  # of a tendon through sites: refused, or left out
+    if not sound:  # what it adds to its line stays, as in MuJoCo
+        return Actuator(name, max(line, 0), 0.0, 0.0, np.zeros(3), free, free, armature, damping)
+    reach = None if line >= 0 else _reach(model, tree, k)
+    clamp = model.actuator_ctrllimited[column] and not (model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
+    affine = model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
+    slope = model.actuator_gainprm[k, 1:3] * (model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_AFFINE)
     return Actuator(
         name,
         line,
@@ -136,6 +148,7 @@ def _read(
         armature,
         damping,
         reach,
+        gain_slope=(float(slope[0]), float(slope[1])),
     )
 
 

@@ -14,6 +14,7 @@ from cmbrl.scene.assemble import contact_arrays, line_arrays, tree_arrays
 from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.differences import differences
 from cmbrl.scene.fluid import box_arrays
+from cmbrl.scene.gyro import gyro_arrays
 from cmbrl.scene.hulls import hull_arrays
 from cmbrl.scene.inverse_weights import weight_arrays
 from cmbrl.scene.joint_parameters import armatures_of
@@ -93,6 +94,7 @@ def _core(
         planar=plane is not None,
         implicit_damping=integrator != "euler" or not ignores(model, "EULERDAMP"),
         implicit_gains=integrator != "euler",
+        refsafe=not ignores(model, "REFSAFE"),
         nq=int(model.nq),
         nv=nv,
         nu=len(actuators) + sum(a.activation is not None for a in actuators),
@@ -115,6 +117,8 @@ def _core(
         act_line=integers([a.line for a in actuators]),
         act_ctrl=doubles([a.control for a in actuators], (-1, 2)),
         act_force=doubles([a.force for a in actuators], (-1, 2)),
+        act_gain=doubles([a.gain_slope for a in actuators], (-1, 2)),
+        **gyro_arrays(model),
         **parts.ranges,
         **parts.compensation.arrays(tree, plane),
         **activation_arrays(actuators),

@@ -20,10 +20,13 @@ _ZERO, _UPRIGHT = np.zeros(3), np.eye(3)  # shared by all candidates
 def on_plane(shape: Shape, plane: Shape, touch: Touch, law: ContactLaw) -> Candidate:
     """What ``touch`` of a shape does over a plane of the world."""
     kind = ContactKind.RIM_PLANE if np.any(touch.rim) else ContactKind.POINT_PLANE
+    if touch.oval is not None:
+        kind = ContactKind.OVAL_PLANE
     return Candidate(
         kind, (shape.geom, plane.geom), shape.body, WORLD,
         touch.pos, touch.rim, _ZERO, _ZERO, _UPRIGHT, _ZERO, touch.radius, 0.0, law, touch.weight,
         along=shape.rot[:, 2] if shape.kind == "capsule" else _ZERO,
+        rot_a=_UPRIGHT if touch.oval is None else touch.oval,
     )  # fmt: skip
 
 

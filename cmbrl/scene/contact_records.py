@@ -21,12 +21,13 @@ class ContactKind(IntEnum):
     SEGMENT_SEGMENT = 2
     RIM_PLANE = 3  # the lowest point of a circle: a cylinder's edge
     CORNER_BOX = 4  # a corner of a box against another box
+    OVAL_PLANE = 6  # the lowest point of an ellipsoid
     HULLS = 5  # where two convex shapes touch, at least one of which is a mesh, cylinder or ellipsoid, or two boxes
 
     @property
     def on_plane(self) -> bool:
         """Whether B is a plane of the world."""
-        return self in (ContactKind.POINT_PLANE, ContactKind.RIM_PLANE)
+        return self in (ContactKind.POINT_PLANE, ContactKind.RIM_PLANE, ContactKind.OVAL_PLANE)
 
 
 class When(IntEnum):
@@ -59,7 +60,9 @@ class Candidate:
     body_a: int
     body_b: int
     pos_a: Array  # (D,) in A's frame
-    axis_a: Array  # (D,) half segment vector; of a rim: across it, as long as its radius; of a corner: from the centre
+    # (D,) half segment vector; of a rim: across it, as long as its radius; of a corner: from the centre; of an
+    # ellipsoid: its longest half axis
+    axis_a: Array
     pos_b: Array
     axis_b: Array
     rot_b: Array  # (D, D) frame of a box
@@ -68,6 +71,8 @@ class Candidate:
     radius_b: float
     law: ContactLaw
     weight: float = 1.0  # number of MuJoCo's points that this one stands for
-    rot_a: Array = field(default_factory=lambda: np.eye(3))  # (D, D) frame of the box that a corner is of
+    rot_a: Array = field(
+        default_factory=lambda: np.eye(3)
+    )  # (D, D) frame of the box that a corner is of; of an ellipsoid: see ``shapes.Touch.oval``
     along: Array = field(default_factory=lambda: np.zeros(3))  # in A's frame: of a capsule, along which a pyramid lies
     when: When = When.ALWAYS

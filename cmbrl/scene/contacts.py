@@ -18,7 +18,7 @@ from cmbrl.scene.stand_ins import CONVEX, OWN, StandIn, stand_in
 from cmbrl.scene.support import Gate
 from cmbrl.scene.surfaces import Surfaces
 
-_POINTWISE = ("sphere", "capsule", "box", "cylinder", "mesh")  # touch a plane as they are
+_POINTWISE = ("sphere", "capsule", "box", "cylinder", "mesh", "ellipsoid")  # touch a plane as they are
 _FAR = {
     "near": "nearer than 2 cm in none of 400 random poses (--self-contact all keeps it)",
     "none": "bodies of one robot do not touch each other (--self-contact none)",
@@ -152,8 +152,6 @@ class ContactBuilder:
         up = plane.rot[:, 2]
         ground = float(up @ plane.pos)
         law = self._surfaces.law(shape.geom, plane.geom, pair)
-        if shape.kind == "ellipsoid":
-            shape = self._simple(shape)
         if shape.kind not in _POINTWISE:
             low = height_range(self.model, self.tree, shape.body, shape.pos, up).low - shape.bound - ground
             if low > law.margin:

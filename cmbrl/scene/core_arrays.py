@@ -30,6 +30,7 @@ class CoreArrays:
     planar: bool
     implicit_damping: bool  # damping of joints acts at the next velocity
     implicit_gains: bool  # velocity gains act at the next velocity; False: at the last one, as in MuJoCo's Euler
+    refsafe: bool  # time constants of rows stay above two steps
     nq: int
     nv: int
     nu: int
@@ -40,6 +41,7 @@ class CoreArrays:
     nlimit: int
     nact: int
     nforcerange: int
+    ngyro: int  # dofs whose Coriolis and gyroscopic forces are implicit
     nlift: int  # bodies with gravity compensation
     nstate: int
     nwide: int
@@ -141,6 +143,7 @@ class CoreArrays:
     act_line: Integers  # (na,) -1: on several dofs, as told by wide_
     act_ctrl: Array  # (na, 2)
     act_force: Array  # (na, 2)
+    act_gain: Array  # (na, 2) how the gain on the control changes with length and with velocity
 
     act_state: Integers  # (na,) number of its activation, or -1
     state_act: Integers  # (nx,) actuators with an activation
@@ -148,6 +151,7 @@ class CoreArrays:
     state_range: Array  # (nx, 2)
     state_early: Integers  # (nx,) 1: the force follows the activation at the end of the step
 
+    gyro_dof: Integers  # (nv,) 1: its Coriolis and gyroscopic forces are implicit
     frc_dof: Integers  # (nf,) dofs that clamp the sum of their actuators
     frc_range: Array  # (nf, 2)
     dof_lift: Integers  # (nv,) how gravity compensation acts: 0 passive, 1 as an actuator of the joint, 2 not

@@ -8,10 +8,12 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.contact_records import Candidate, ContactKind, When
+from cmbrl.scene.gyro import gyro_arrays
 from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import Array, LeftOut, Tendon
 from cmbrl.scene.shapes import hull_points, hull_vertices
 from cmbrl.scene.stand_ins import StandIn
+from cmbrl.scene.tendons import armature_of
 
 _MESH = mujoco.mjtGeom.mjGEOM_MESH
 _SHAPES = {int(kind): kind.name.removeprefix("mjGEOM_").lower() for kind in mujoco.mjtGeom.__members__.values()}
@@ -77,11 +79,10 @@ def _shapes(model: mujoco.MjModel, candidates: list[Candidate]) -> Iterator[Left
 def _stand_ins(
     model: mujoco.MjModel, candidates: list[Candidate], stand_ins: Mapping[int, StandIn]
 ) -> Iterator[LeftOut]:
-    ellipsoid = mujoco.mjtGeom.mjGEOM_ELLIPSOID  # stands on planes as something else, too
     touching: dict[int, set[When]] = {}
     for c in candidates:
         for geom in c.geoms:
-            if not c.kind.on_plane or model.geom_type[geom] == ellipsoid:
+            if not c.kind.on_plane:
                 touching.setdefault(geom, set()).add(c.when)
     for geom, found in stand_ins.items():
         stands_in = touching.get(geom, set()) - {When.CLOSED}  # where hulls touch, it is what it is
@@ -134,28 +135,27 @@ def _tendons(model: mujoco.MjModel, tendons: list[Tendon], integrator: str) -> I
             continue
         driven = model.actuator_trnid[model.actuator_trntype == mujoco.mjtTrn.mjTRN_TENDON, 0] == tendon.source
         damped = integrator != "euler" and (model.tendon_damping[tendon.source] or np.any(driven))
-        armature = getattr(model, "tendon_armature", np.zeros(model.ntendon))[tendon.source]
-        if armature or damped:
+        if armature_of(model, tendon.source) or damped:
             why = "its armature and implicit damping couple branches of the tree too; MuJoCo leaves those terms out"
             yield LeftOut("tendon", tendon.name, why)
 
 
 def _stepping(model: mujoco.MjModel, integrator: str, contact_law: str) -> Iterator[LeftOut]:
     if integrator == "rk4":
-        why = "by default stepped by leapfrog (second order); velocity gains and damping act at the next velocity"
+        why = (
+            "by default stepped by leapfrog (second order), where velocity gains and damping act at the next velocity; "
+            "a model with integrator 'rk4' takes MuJoCo's steps"
+        )
         yield LeftOut("integrator", "RK4", why)
         return
-    if model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICIT:
-        why = "stepped as implicitfast: Coriolis and centrifugal forces and rotating drag are explicit"
-        yield LeftOut("integrator", "implicit", why)
+    of_mujoco = f"at steps longer than {model.opt.timestep:g} s, or where damping is very strong and rows look ahead, "
+    when = of_mujoco if contact_law == "mujoco" else ""
     servos = integrator == "implicit" and np.any(model.actuator_biasprm[:, 2])
     if np.any(model.dof_damping) or servos:
-        when = (
-            f"at steps longer than {model.opt.timestep:g} s, or where it is very strong and rows look ahead, "
-            if contact_law == "mujoco"
-            else ""
-        )
         why = f"{when}damping is implicit in the contact solve too; MuJoCo adds it afterwards"
+        yield LeftOut("integrator", integrator, why)
+    if gyro_arrays(model)["ngyro"]:
+        why = f"{when}Coriolis, centrifugal and gyroscopic forces are explicit"
         yield LeftOut("integrator", integrator, why)
 
 

@@ -18,6 +18,7 @@ TYPES = (
     "rim against plane",
     "corner against box",
     "hull against hull",
+    "ellipsoid against plane",
 )
 
 
@@ -123,7 +124,7 @@ def activation(scene: Scene, k: int) -> dict[str, Any] | None:
     if number < 0:
         return None
     return {
-        "dynamics": Dynamics(int(core.state_kind[number])).name.lower(),
+        "dynamics": Dynamics(int(core.state_kind[number])).name.lower().removesuffix("_rk4"),
         "time_constant": float(core.P[scene.layout.actuator(k, "time")]),
         "limits": bounds(core.state_range.reshape(-1, 2)[number]),
         "early": bool(core.state_early[number]),

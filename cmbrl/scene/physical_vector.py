@@ -71,7 +71,8 @@ def _write_tendons(P: Array, layout: Layout, model: mujoco.MjModel, tendons: lis
         damping = 0.0 if ignores(model, "DAMPER") else model.tendon_damping[source]
         reference = model.tendon_lengthspring[source, 0] if stiffness else 0.0
         loss = model.tendon_frictionloss[source] if friction_acts(model) else 0.0
-        P[first : first + 5] = [armature[source], damping, stiffness, reference, loss]
+        own = 0.0 if tendon.segments else armature[source]
+        P[first : first + 5] = [own, damping, stiffness, reference, loss]
 
 
 def _write_actuators(P: Array, layout: Layout, actuators: list[Actuator]) -> None:

@@ -138,10 +138,16 @@ def project(tree: Tree, plane: PlaneOfMotion, candidate: Candidate) -> Candidate
         half_b = candidate.half_b[kept]
     if candidate.kind == ContactKind.CORNER_BOX:
         rot_a, _ = _frame(tree, plane, a, candidate.rot_a)
+    axis_a = _section(plane.local(tree, a, candidate.axis_a))
+    if candidate.kind == ContactKind.OVAL_PLANE:  # its outline is an ellipse
+        flat = np.column_stack([plane.local(tree, a, axis) for axis in np.eye(3)])
+        rot_a = flat @ candidate.rot_a @ flat.T
+        squares, axes = np.linalg.eigh(rot_a)
+        axis_a = np.sqrt(squares[1]) * axes[:, 1]
     image = replace(
         candidate,
         pos_a=plane.local(tree, a, candidate.pos_a),
-        axis_a=_section(plane.local(tree, a, candidate.axis_a)),
+        axis_a=axis_a,
         pos_b=plane.local(tree, b, candidate.pos_b),
         axis_b=_section(plane.local(tree, b, candidate.axis_b)),
         rot_a=rot_a,

@@ -121,12 +121,13 @@ def roundings(model: mujoco.MjModel) -> dict[int, float]:
 
 @dataclass(frozen=True)
 class Touch:
-    """What of a shape touches a plane: a point (3,) with a radius, or the rim about that point across ``rim`` (3,)."""
+    """What of a shape touches a plane: a point with a radius, the rim about it across ``rim`` (3,), an ellipsoid."""
 
     pos: Array
     radius: float = 0.0
     weight: float = 1.0  # number of MuJoCo's points that it stands for
-    rim: Array = field(default_factory=lambda: np.zeros(3))  # as long as the rim's radius
+    rim: Array = field(default_factory=lambda: np.zeros(3))  # as long as the rim's radius, or the longest half axis
+    oval: Array | None = None  # (3, 3) of an ellipsoid: sum of r^2 e e^T over its half axes r along e [m^2]
 
     @property
     def reach(self) -> float:
@@ -143,6 +144,10 @@ def touches(shape: Shape, normal_axis: Array | None) -> list[Touch]:
     if shape.kind in ("sphere", "capsule"):
         ends = (-1, 1) if shape.kind == "capsule" else (0,)
         return [Touch(shape.pos + end * shape.axis, shape.radius) for end in ends]
+    if shape.kind == "ellipsoid":
+        longest = int(np.argmax(shape.size))
+        oval = shape.rot @ np.diag(shape.size**2) @ shape.rot.T
+        return [Touch(shape.pos, rim=shape.size[longest] * shape.rot[:, longest], oval=oval)]
     if shape.kind == "box":
         signs = np.array(np.meshgrid((-1, 1), (-1, 1), (-1, 1), indexing="ij")).reshape(3, -1).T
         local = signs * shape.core

@@ -88,7 +88,7 @@ class Gate:
 
 def check_model(model: mujoco.MjModel, gate: Gate) -> None:
     """Reports every unsupported element to the gate, apart from tendons, ties, actuators and contacts."""
-    option, disabled = model.opt, mujoco.mjtDisableBit
+    option = model.opt
     for k in range(model.nflex):
         gate.refuse("flex", name_of(model, "flex", k), "a deformable body")
     if model.nplugin:
@@ -97,8 +97,6 @@ def check_model(model: mujoco.MjModel, gate: Gate) -> None:
         gate.refuse("integrator", "option", "integrator discrete", "replaced by semi-implicit Euler")
     if (exact := getattr(mujoco.mjtEnableBit, "mjENBL_DIAGEXACT", None)) and option.enableflags & exact:
         gate.note("diagexact", "option", "softness uses the inverse weights at qpos0")
-    if option.disableflags & disabled.mjDSBL_REFSAFE:
-        gate.note("refsafe", "option", "time constants of contacts and limits stay above twice the time step")
     if option.noslip_iterations:
         gate.note("noslip", "option", "there is no noslip pass")
     for body in np.flatnonzero(model.body_mocapid >= 0):

@@ -162,7 +162,7 @@ def _forces(model: mujoco.MjModel, k: int) -> list[str]:
         "damping": bool(model.tendon_damping[k]) or _any(model, "tendon_dampingpoly", k),
         "friction loss": constrained and bool(model.tendon_frictionloss[k]),
         "limits": constrained and bool(model.tendon_limited[k]),
-        "armature": _any(model, "tendon_armature", k),
+        "armature": bool(armature_of(model, k)),
     }
     return [word for word, true in there.items() if true]
 
@@ -176,14 +176,23 @@ def _is_used(model: mujoco.MjModel, k: int) -> bool:
 
 
 def _check(model: mujoco.MjModel, k: int, name: str, gate: Gate) -> None:
-    if not is_fixed(model, k) and _any(model, "tendon_armature", k):
-        gate.refuse("tendon", name, f"armature {model.tendon_armature[k]:g} of a tendon through sites", "left out")
+    if not is_fixed(model, k) and (armature := armature_of(model, k)):
+        gate.refuse("tendon", name, f"armature {armature:g} of a tendon through sites", "left out")
     for field in ("stiffness", "damping"):
         if _any(model, f"tendon_{field}poly", k):
             gate.refuse("tendon", name, f"nonzero {field} polynomial", "reduced to the linear term")
     if _any(model, "tendon_actfrclimited", k):
         low, high = model.tendon_actfrcrange[k]
         gate.refuse("tendon", name, f"actuatorfrcrange {low:g} {high:g}", "forces are not clamped")
+
+
+def armature_of(model: mujoco.MjModel, k: int) -> float:
+    """That of a tendon and of its actuators; in recent versions of MuJoCo."""
+    of_actuators = getattr(model, "actuator_armature", np.zeros(len(model.actuator_trntype)))
+    driven = (model.actuator_trntype == _TENDON) & (model.actuator_trnid[:, 0] == k)
+    gear = model.actuator_gear[driven, 0]
+    own = getattr(model, "tendon_armature", np.zeros(model.ntendon))[k]
+    return float(own + np.sum(of_actuators[driven] * gear**2))
 
 
 def _any(model: mujoco.MjModel, field: str, k: int) -> bool:

@@ -29,7 +29,7 @@ def read_ties(model: mujoco.MjModel, tree: Tree, lines: Mapping[int, int], gate:
             gate.note("equality", name, "not active")
         elif kind in (_KINDS.mjEQ_CONNECT, _KINDS.mjEQ_WELD):
             tie = _of_bodies(model, tree, k, name)
-            if tie.a == tie.b:
+            if tie.a == tie.b and (tie.a == WORLD or np.allclose(tie.pos_a, tie.pos_b, rtol=0, atol=1e-12)):
                 gate.note("equality", name, "it ties two parts of one body")
             else:
                 found.append(tie)

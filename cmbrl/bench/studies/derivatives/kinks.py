@@ -20,7 +20,7 @@ def choices(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
     left out of the solve, and whether restitution acts.
     """
     scene, core, h = model.scene, model.scene.core, model.time_step
-    if model.integrator != "semi-implicit":
+    if model.integrator in ("leapfrog", "midpoint"):
         q = scene.integrate(q, 0.5 * h * v)
     smooth = model.smooth_dynamics(q, v, theta)
     gap, normal = smooth["gap"], smooth["J"][:, :, 0]
@@ -79,6 +79,8 @@ def _clamps(
         after = model.activations.next(torch.from_numpy(np.concatenate([u, activation], axis=1))).numpy()
         given[:, core.state_act] = np.where(core.state_early, after, activation)
         bounds = [after == x for x in np.reshape(core.state_range, (-1, 2)).T]
+    by_length, by_rate = np.reshape(core.act_gain, (-1, 2)).T
+    bias1, bias2 = bias1 + by_length * given, bias2 + by_rate * given
     spring, slack = gain * given + bias0 + bias1 * length, np.abs(gear * bias1 * gap)
     force = spring - np.clip(spring, -slack, slack) + bias2 * rate
     least = np.maximum(least, np.minimum(slope * np.maximum(-rate, 0.0) - limit, 0.0))
