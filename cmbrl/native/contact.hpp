@@ -1,5 +1,6 @@
 // Contact geometry: closest features of a candidate, and how its gap, contact point and directions move with a dof.
 #pragma once
+#include "bends.hpp"
 #include "corner.hpp"
 #include "dynamics.hpp"
 #include "edges.hpp"
@@ -169,7 +170,13 @@ static Shift<G> shift_of(const Model& m, const Contact<G>& c, const Vec<G::N>& x
       u = u + ds * F.axisA;
       dd = u - dt * F.axisB;
     }
-    V slid = zero<G::D>();
+    V leaning = zero<G::D>(), slid = zero<G::D>();
+    T up = T{};
+    if (c.hulls) {
+      leaning = G::turn(ang<G>(xi), F.beside);
+      up = dot(F.n, leaning);
+      u += keep((F.leans == kRolls) | (F.leans == kLifts), splat(1)) * (leaning - up * F.n);
+    }
     CMBRL_FOR(r, G::D) CMBRL_FOR(k, G::D) slid[r] += F.slide[r * G::D + k] * u[k];
     dd -= slid;
     if (c.hulls) {
@@ -181,13 +188,8 @@ static Shift<G> shift_of(const Model& m, const Contact<G>& c, const Vec<G::N>& x
     if (c.hulls) {
       V turned = G::turn(ang<G>(xi), F.n);
       dn += F.held * turned;
-      if (any(F.bends > 0.0)) {  // A's surface passes under the point as its normal turns otherwise than A
-        auto along = [&](const V& x) { return F.bends * (dot(F.axisA, x) * F.axisA + dot(F.axisB, x) * F.axisB); };
-        V pushed = u + along(turned);
-        CMBRL_FOR(r, G::D) CMBRL_FOR(k, G::D) dn[r] += F.bends * F.slide[r * G::D + k] * pushed[k];
-        u += along(turned - dn);
-      }
-      u += F.leans * G::turn(ang<G>(xi), F.beside);
+      if (any(F.bends > 0.0)) bend_shift(F, turned, u, dn);
+      u += keep(F.leans == kLeans, splat(1)) * leaning + (keep(F.leans == kLifts, splat(1)) * up) * F.n;
     }
   }
   s.dp = u - (c.radiusA + 0.5 * c.phi) * dn - (0.5 * s.dphi) * F.n;

@@ -1,6 +1,7 @@
 // Where two hulls that overlap touch, as MuJoCo has it: with a corner, or where edges cross; sides that lie flat on each other, or
 // on an edge, with the corners of what both cover, at most four (eight of boxes). And how each of these points moves with the hulls.
 #pragma once
+#include "bends.hpp"
 #include "hull_depth.hpp"
 
 namespace cmbrl::CMBRL_ISA {
@@ -9,9 +10,9 @@ constexpr int kMostTouches = 8, kMostOfSides = 4;
 constexpr double kLying = 0.996, kLevel = 0.0888;  // as in MuJoCo: sides turned by less than 5.1 degrees lie flat, and so does an edge
 
 // The contact's point is a + beside - (back + dist / 2) n. As A moves with velocity u at `a` and B stays, the gap changes by rise u, what
-// else the point moves by than that of n is u - slid u, n turns with A if it is `held`, `beside` if it `leans`. Of edges: they say where
+// else the point moves by than that of n is u - slid u, n turns with A if it is `held`, `beside` as it `leans`. Of edges: they say where
 // they cross (contact.hpp). `crossing`: no corner is there, but an edge that crosses another one or the end of a side.
-// Of round shapes (round.hpp) it `bends`: slid says how n turns, axisA and axisB how A is curved.
+// Of round shapes (round.hpp) it `bends`: see bends.hpp for slid, axisA and axisB.
 struct Touch { Point a, n, rise, beside, axisA, axisB; double dist, back, leans, slid[9]; bool held, edges, crossing, bends; };
 
 // A corner of what is clipped: its own; where its line cuts a plane with normal `cut`; or a corner of the clipping side over it. After
@@ -52,7 +53,7 @@ static Touch touch_at(const Clip& c, const Clipped& at, double dist) {
   }
   if (c.by_e) {  // over the clipping side's point
     t.beside = -dist * c.of_f;
-    t.leans = !c.e_is_a;
+    t.leans = c.e_is_a ? 0 : kLeans;
     for (int k = 0; k < 9; ++k) moves[k] -= c.of_f.x[k / 3] * t.rise.x[k % 3];
   }
   for (int k = 0; k < 9; ++k) t.slid[k] = (k % 4 == 0) - moves[k];

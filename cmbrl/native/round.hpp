@@ -181,6 +181,53 @@ static bool farthest_at(const PosedHull& H, const Point& x, const Point& d) {
   return dot(far - x, d) < 1e-7;
 }
 
+// Parts of H that may touch near x, by its side of the polytope: the likely ones first.
+struct Parts {
+  static constexpr int most = 7;
+  Patch at[most];
+  int n = 0;
+
+  Parts(const PosedHull& H, const int* corner, const Point& x) {
+    auto add = [&](Form form, const Point& base, double radius, double reach) -> Patch& {
+      return at[n++] = {form, base, {}, 0, radius, reach, &H};
+    };
+    if (H.kind == kEllipsoid || H.kind == kBall) {
+      add(H.kind == kBall ? Form::flat : Form::ellipsoid, H.centre, H.half[0], 1e300);
+      return;
+    }
+    if (H.round()) {
+      Point end = H.centre + (dot(x - H.centre, H.axis[2]) < 0 ? -1 : 1) * H.length() * H.axis[2];
+      add(H.kind == kCapsule ? Form::flat : Form::rim, end, H.half[0], 1e300).flat[0] = H.axis[2];
+      Patch& side = add(Form::flat, H.centre, H.half[0], H.length());
+      side.flat[side.flats++] = H.axis[2];
+      if (H.kind == kCapsule) return;
+      Patch& level = add(Form::flat, end, 0, 1e300);
+      level.flats = 2;
+      level.flat[0] = H.axis[0];
+      level.flat[1] = H.axis[1];
+      return;
+    }
+    int order[3] = {0, 1, 2};  // of the corners, the nearest first
+    auto far = [&](int k) { return size_of(H.vertex(corner[k]) - x); };
+    for (int k = 1; k < 3; ++k)
+      for (int l = k; l > 0 && far(order[l]) < far(order[l - 1]); --l) { int y = order[l]; order[l] = order[l - 1]; order[l - 1] = y; }
+    for (int k = 0; k < 3; ++k) {  // the corner, then the edges to nearer ones
+      Point v = H.vertex(corner[order[k]]);
+      bool twin = false;
+      for (int l = 0; l < k; ++l) twin |= corner[order[l]] == corner[order[k]];
+      if (twin) continue;
+      add(Form::flat, v, 0, 1e300);
+      for (int l = 0; l < k; ++l) {
+        Point edge = H.vertex(corner[order[l]]) - v;
+        if (size_of(edge) == 0) continue;
+        Patch& part = add(Form::flat, v + 0.5 * edge, 0, 0.5 * size_of(edge));
+        part.flat[part.flats++] = unit(edge);
+      }
+    }
+    if (n == most - 1) at[n++] = patch_of(H, corner, x, {});
+  }
+};
+
 // How A and B meet, whose differences have the side d; what does not settle is left as the search found it.
 static Meeting meet(const PosedHull& A, const PosedHull& B, const Depth& d) {
   const Apart* c = d.corner;
@@ -209,18 +256,15 @@ static Meeting meet(const PosedHull& A, const PosedHull& B, const Depth& d) {
     less.flats = 0;
     if (settled(blunt)) return rough;
   }
-  Meeting sharp = rough;  // or polytopes touch with a corner: the search ended before it was alone
-  auto sharpen = [](Patch& part, const int* corner, const Point& x) {
-    if (part.shape->round()) return;
-    part.flats = 0;
-    for (int k = 0; k < 3; ++k) {
-      Point v = part.shape->vertex(corner[k]);
-      if (k == 0 || size_of(v - x) < size_of(part.base - x)) part.base = v;
+  // The search takes round shapes for polytopes, and ends before a corner or an edge is alone: neighbours of what it found.
+  Parts parts_a(A, of_a, rough.on_a.at), parts_b(B, of_b, rough.on_b.at);
+  for (int sum = 0; sum < parts_a.n + parts_b.n - 1; ++sum)
+    for (int k = sum < parts_b.n ? 0 : sum - parts_b.n + 1; k <= sum && k < parts_a.n; ++k) {
+      Meeting other = rough;
+      other.a = parts_a.at[k];
+      other.b = parts_b.at[sum - k];
+      if (other.a.flats + other.b.flats <= 2 && settled(other)) return rough;
     }
-  };
-  sharpen(sharp.a, of_a, rough.on_a.at);
-  sharpen(sharp.b, of_b, rough.on_b.at);
-  if (settled(sharp)) return rough;
   Point a = rough.on_a.at, b = rough.on_b.at;
   double ta[2] = {}, tb[2] = {};
   put(rough, ta, tb);

@@ -6,33 +6,52 @@
 
 namespace cmbrl::CMBRL_ISA {
 
-constexpr double kStraight = 1e7;              // [m] radius of what is flat
 constexpr double kClose = 1e-9;                // [m] within which the search finds how deep they are; then settle() does
 
+// How the touch moves (bends.hpp). With the curvatures S of A and B and the motions p, q along what is straight of them, E and F,
+//   (dist + S_A + S_B) dn = u + S_A w + E p + F q,   E^T dn = E^T w,   F^T dn = 0,   da = u + S_A (w - dn) + E p.
 static void bends_of(const Meeting& m, Touch& t) {
-  Point bent[2][2], *of[2] = {bent[0], bent[1]}, along[2] = {across(m.n), {}};
+  Point along[2] = {__builtin_fabs(m.n.x[0]) < 0.7 ? Point{{1, 0, 0}} : Point{{0, 1, 0}}, {}};  // as `tangents` has them (edges.hpp)
+  along[0] = unit(along[0] - dot(along[0], m.n) * m.n);
   along[1] = cross(m.n, along[0]);
+  double S[2][2][2] = {}, flat[4][2];
+  int flats[2] = {m.a.form == Form::flat ? m.a.flats : 0, m.b.form == Form::flat ? m.b.flats : 0}, n = 2;
+  if (flats[0] + flats[1] > 2) flats[flats[0] == 2] = 0;
   for (int side = 0; side < 2; ++side) {
-    const Patch& patch = side ? m.b : m.a;
     const Spot& spot = side ? m.on_b : m.on_a;
-    int n = 0;
-    if (patch.form == Form::flat) for (int k = 0; k < patch.flats; ++k) of[side][n++] = __builtin_sqrt(kStraight) * patch.flat[k];
-    for (int k = 0; k < spot.bents && n < 2; ++k) of[side][n++] = spot.bent[k];
-    while (n < 2) of[side][n++] = {};
+    for (int k = 0; k < spot.bents; ++k)
+      for (int i = 0; i < 2; ++i)
+        for (int j = 0; j < 2; ++j) S[side][i][j] += dot(spot.bent[k], along[i]) * dot(spot.bent[k], along[j]);
+    for (int k = 0; k < flats[side]; ++k, ++n)
+      for (int i = 0; i < 2; ++i) flat[n - 2][i] = dot((side ? m.b : m.a).flat[k], along[i]);
   }
-  double Q[2][2] = {{m.dist, 0}, {0, m.dist}};
-  for (int i = 0; i < 2; ++i)
-    for (int j = 0; j < 2; ++j)
-      for (int k = 0; k < 4; ++k) Q[i][j] += dot(bent[k / 2][k % 2], along[i]) * dot(bent[k / 2][k % 2], along[j]);
-  double det = Q[0][0] * Q[1][1] - Q[0][1] * Q[0][1], size = Q[0][0] + Q[1][1];
-  double K[2][2] = {{Q[1][1] / det, -Q[0][1] / det}, {-Q[0][1] / det, Q[0][0] / det}};
-  bool turns = det > 1e-12 * size * size || det > 1e-6 * size;
-  for (int k = 0; k < 9; ++k) {
-    t.slid[k] = 0;
-    for (int i = 0; i < 2; ++i) for (int j = 0; j < 2; ++j) if (turns) t.slid[k] += K[i][j] * along[i].x[k / 3] * along[j].x[k % 3];
+  double N[4], rest[12];  // dn by u; dn by w, da by u and by w
+  for (int c = 0; c < 4; ++c) {  // of a unit of u (c < 2), and of w
+    double A[4][5] = {}, x[4] = {}, u[2] = {double(c == 0), double(c == 1)}, w[2] = {double(c == 2), double(c == 3)};
+    for (int i = 0; i < 2; ++i) {
+      A[i][n] = u[i];
+      for (int j = 0; j < 2; ++j) {
+        A[i][j] = S[0][i][j] + S[1][i][j] + (i == j ? m.dist : 0);
+        A[i][n] += S[0][i][j] * w[j];
+      }
+      for (int k = 2; k < n; ++k) {
+        A[i][k] = -flat[k - 2][i];
+        A[k][i] = flat[k - 2][i];
+        if (k - 2 < flats[0]) A[k][n] += flat[k - 2][i] * w[i];
+      }
+    }
+    if (solve_small(A, n)) for (int k = 0; k < n; ++k) x[k] = A[k][n];
+    for (int i = 0; i < 2; ++i) {
+      double moves = u[i];
+      for (int j = 0; j < 2; ++j) moves += S[0][i][j] * (w[j] - x[j]);
+      for (int k = 2; k < 2 + flats[0]; ++k) moves += flat[k - 2][i] * x[k];
+      rest[4 + 4 * (c / 2) + 2 * i + c % 2] = moves;
+      (c < 2 ? N : rest)[2 * i + c % 2] = x[i];
+    }
   }
-  t.axisA = bent[0][0];
-  t.axisB = bent[0][1];
+  t.axisA = {{N[0], N[1], N[3]}};
+  for (int k = 0; k < 9; ++k) t.slid[k] = rest[k];
+  t.axisB = {{rest[9], rest[10], rest[11]}};
 }
 
 static Touch touch_of(const Meeting& m) {
@@ -104,9 +123,11 @@ static int lies_along(const PosedHull& E, const int* corner, const PosedHull& F,
       int found = clip_to(c, side, segment, true, out);
       double back = -E.half[0] * dot(down, n);
       for (int i = 0; i < found; ++i) {  // the point stays under the axis as E rolls
-        out[i].beside = -E.half[0] * down;
+        Point to_axis = -E.half[0] * down;
         out[i].back += e_is_a ? back : -back;
-        out[i].leans = e_is_a;
+        if (E.kind == kCapsule) { out[i].a = out[i].a + to_axis; continue; }  // whose points are those of its axis, moved by F's normal
+        out[i].beside = to_axis;
+        out[i].leans = e_is_a ? kRolls : kLifts;
       }
       return found;
     }

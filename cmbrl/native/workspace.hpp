@@ -28,7 +28,7 @@ struct Feature {
   Vec<G::V::size * G::V::size> slide;  // projection onto B's free directions (point against segment or box)
   T turns;                          // 1 where the normal turns as A moves
   T linear, held, leans, back;      // of hulls (hull_sides.hpp): 1 where slide and the rise, in axisA, say all; where n or `beside` turns with A
-  T bends;                          // 1 where slide says how n turns, and the axes how A is curved (round_contact.hpp)
+  T bends;                          // 1 where slide and the axes say how a touch of round shapes moves (bends.hpp)
 };
 
 // A frame on B as that of A's body sees it: coordinate k of a point x of A is base[k] + up[k] x. axis: in the world.
