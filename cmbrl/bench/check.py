@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.bench.check_reasons import reason
-from cmbrl.bench.check_steps import States, controls, places, step_errors, visit
+from cmbrl.bench.check_steps import States, controls, mujocos, places, step_errors, visit
 from cmbrl.bench.states import with_activations
 from cmbrl.bench.studies.derivatives.differences import measure as measure_derivatives
 from cmbrl.bench.studies.robustness.cells import measure as measure_robustness
@@ -59,7 +59,8 @@ def check(
 def _all_steps(
     scene: Scene, model: ComplementarityModel, theirs: mujoco.MjModel, count: int, rng: np.random.Generator
 ) -> list[Line]:
-    models = [model, *([model.with_settings(sliding="convex")] if scene.contact_law == "mujoco" else [])]
+    settings = mujocos(scene)
+    models = [model, *([model.with_settings(**settings)] if settings else [])]
     seen = {where: visit(scene, theirs, home, count, rng) for where, home in places(scene, theirs).items()}
     return [line for where, states in seen.items() for line in _steps(scene, models, theirs, where, states)]
 
@@ -121,7 +122,7 @@ def _steps(
     default, nearest, both = found[0], found[-1], len(models) > 1
     lines = [Line(f"step {where}", float(np.median(default)), None if both else STEP, meaning)]
     if both:
-        meaning = "the same under MuJoCo's laws: convex sliding, rows that do not look ahead; above, the default"
+        meaning = "the same under MuJoCo's laws: convex sliding, rows that do not look ahead, RK4; above, the default"
         lines.append(Line(f"step {where}, convex", float(np.median(nearest)), STEP, meaning))
     if not lines[-1].holds:
         why = reason(scene, models[-1].sliding, theirs, states, lines[-1].value, STEP)

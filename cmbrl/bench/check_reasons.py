@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from cmbrl.bench.check_steps import States, step_errors
+from cmbrl.bench.check_steps import States, mujocos, step_errors
 from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
@@ -61,7 +61,8 @@ def _error(scene: Scene, sliding: str, theirs: mujoco.MjModel, states: States, f
         self_contact = feature.self_contact or self_contact
     try:
         ours = Scene.from_mjcf(changed, scene.ignore, scene.contact_law, scene.reduce, self_contact, scene.drives)
-        (found,), _ = step_errors([ComplementarityModel(ours, sliding=sliding)], changed, states)
+        settings = mujocos(ours) if sliding == "convex" else {}
+        (found,), _ = step_errors([ComplementarityModel(ours, **settings)], changed, states)
     except UserError:  # it asks for what the change took away
         return np.inf
     return float(np.median(found))

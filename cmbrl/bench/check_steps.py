@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -34,6 +35,16 @@ class States:
     def first(self, count: int) -> States:
         """At most ``count`` of them."""
         return States(self.q[:count], self.v[:count], self.u[:count], self.share)
+
+
+def mujocos(scene: Scene) -> dict[str, Any]:
+    """Settings of a model whose steps are MuJoCo's: its law of sliding, and RK4 if the file asks for it.
+
+    None for a scene with another contact law.
+    """
+    if scene.contact_law != "mujoco":
+        return {}
+    return {"sliding": "convex", **({"integrator": "rk4"} if scene.integrator == "rk4" else {})}
 
 
 def places(scene: Scene, theirs: mujoco.MjModel) -> dict[str, Array]:

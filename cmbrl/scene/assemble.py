@@ -98,19 +98,14 @@ def _limit_arrays(model: mujoco.MjModel, tree: Tree, tendons: list[Tendon]) -> A
         ranges[k] = np.array([-1, 1]) * model.jnt_range[source[k]].max()  # of the angle, about any axis
     of_joints = np.hstack([model.jnt_solref[source], model.jnt_solimp[source]])
     of_tendons = np.hstack([model.tendon_solref_lim[which], model.tendon_solimp_lim[which]])
-    balls = np.array([j.qadr if j.kind == JointKind.BALL else -1 for j in limited] + [-1] * len(lines), dtype=int)
-    margins = _stack(model.jnt_margin[source], model.tendon_margin[which])
-    both = np.flatnonzero((np.diff(ranges, axis=1)[:, 0] < 2 * margins) & (balls < 0))  # ends that act at once
-    rows, ends = np.append(np.arange(len(ranges)), both), np.concatenate([ranges, ranges[both]])
-    ends[both, 1], ends[len(ranges) :, 0] = np.inf, -np.inf
     return {
-        "lim_line": integers(np.array([*dofs, *lines], dtype=int)[rows]),
-        "lim_ball": integers(balls[rows]),
-        "lim_lo": doubles(ends[:, 0], (-1,)),
-        "lim_hi": doubles(ends[:, 1], (-1,)),
-        "lim_margin": doubles(margins[rows], (-1,)),
-        "lim_soft": _stack(of_joints, of_tendons)[rows],
-        "lim_invweight": doubles(_stack(model.dof_invweight0[dofs], model.tendon_invweight0[which])[rows], (-1,)),
+        "lim_line": integers([*dofs, *lines]),
+        "lim_ball": integers([j.qadr if j.kind == JointKind.BALL else -1 for j in limited] + [-1] * len(lines)),
+        "lim_lo": doubles(ranges[:, 0], (-1,)),
+        "lim_hi": doubles(ranges[:, 1], (-1,)),
+        "lim_margin": _stack(model.jnt_margin[source], model.tendon_margin[which]),
+        "lim_soft": _stack(of_joints, of_tendons),
+        "lim_invweight": _stack(model.dof_invweight0[dofs], model.tendon_invweight0[which]),
     }
 
 

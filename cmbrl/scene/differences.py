@@ -9,13 +9,14 @@ import numpy as np
 
 from cmbrl.scene.contact_records import Candidate, ContactKind, When
 from cmbrl.scene.gyro import gyro_arrays
-from cmbrl.scene.mjcf import name_of
+from cmbrl.scene.mjcf import limits_act, name_of
 from cmbrl.scene.records import Array, LeftOut, Tendon
 from cmbrl.scene.shapes import hull_points, hull_vertices
 from cmbrl.scene.stand_ins import StandIn
 from cmbrl.scene.tendons import armature_of
 
 _MESH = mujoco.mjtGeom.mjGEOM_MESH
+_HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
 _SHAPES = {int(kind): kind.name.removeprefix("mjGEOM_").lower() for kind in mujoco.mjtGeom.__members__.values()}
 _MESH_POINTS = 4  # of MuJoCo's contact between a mesh and a plane
 _ROUNDS = 300  # of Frank-Wolfe
@@ -43,6 +44,7 @@ def differences(
         *_stand_ins(model, candidates, stand_ins),
         *_boxes(model, candidates),
         *_laws(model, candidates, contact_law),
+        *_limits(model),
         *_tendons(model, tendons, integrator),
         *_stepping(model, integrator, contact_law),
         *(drag if boxes else []),
@@ -122,6 +124,16 @@ def _laws(model: mujoco.MjModel, candidates: list[Candidate], contact_law: str) 
         "a model has sliding 'convex'"
     )
     yield LeftOut("friction", "sliding", why)
+
+
+def _limits(model: mujoco.MjModel) -> Iterator[LeftOut]:
+    """Ranges whose ends are so near that both act at once in MuJoCo."""
+    of_joints = (model.jnt_limited != 0) & np.isin(model.jnt_type, (_HINGE, _SLIDE)), model.jnt_range, model.jnt_margin
+    of_tendons = model.tendon_limited != 0, model.tendon_range, model.tendon_margin
+    for kind, (limited, ends, margin) in (("joint", of_joints), ("tendon", of_tendons)):
+        for k in np.flatnonzero(limited & (ends[:, 1] - ends[:, 0] < 2 * margin)) if limits_act(model) else ():
+            why = "its range is shorter than two margins, and both ends act at once; here the nearer one does"
+            yield LeftOut(f"{kind} limit", name_of(model, kind, int(k)), why)
 
 
 def _tendons(model: mujoco.MjModel, tendons: list[Tendon], integrator: str) -> Iterator[LeftOut]:

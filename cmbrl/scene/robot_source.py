@@ -14,6 +14,7 @@ import numpy as np
 
 from cmbrl.errors import UserError
 from cmbrl.reading import regular_file
+from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.precheck import check_xml
 
 RobotSource: TypeAlias = str | Path | mujoco.MjSpec | mujoco.MjModel
@@ -65,6 +66,7 @@ def compile_robot(source: RobotSource) -> Compiled:
         bytes(model.names).decode()
     except UnicodeDecodeError:
         raise UserError(f"{label}: has a name that is not UTF-8: save the file as UTF-8") from None
+    _check_inertia(model, label)
     _check_values(model, label)
     return Compiled(model, label, file, tuple(warnings))
 
@@ -91,6 +93,16 @@ def _is_pointer(name: str) -> bool:
             return file.read(len(_LFS)) == _LFS
     except OSError:
         return False
+
+
+def _check_inertia(model: mujoco.MjModel, label: str) -> None:
+    """Raises UserError where joints may move without moving any mass: there the mass matrix is singular."""
+    for dof in np.flatnonzero(model.dof_invweight0 > LARGEST):
+        name = name_of(model, "joint", int(model.dof_jntid[dof]))
+        raise UserError(
+            f"{label}: joint {name!r} can move without moving any mass: give its body mass or the joint armature, and "
+            "joints of one body different axes"
+        )
 
 
 def _check_values(model: mujoco.MjModel, label: str) -> None:

@@ -73,7 +73,8 @@ def test_parameter_jacobian_is_part_of_the_whole(scene: Scene) -> None:
     [
         ({"substeps": 0}, "from 1 to"),
         ({"time_step": -1.0}, "above 0"),
-        ({"integrator": "rk4"}, "leapfrog, midpoint, semi-implicit"),
+        ({"integrator": "heun"}, "leapfrog, midpoint, rk4, semi-implicit"),
+        ({"integrator": "rk4", "look_ahead": True}, "choose 'leapfrog'"),
         ({"parameters": np.ones(2)}, "shape"),
         ({"smoothing": Barrier(-1.0)}, "give a number above 0"),
         ({"smoothing": Barrier()}, "exactly one"),

@@ -38,7 +38,11 @@ CASES = {
     ),
     "joint_polynomial": (BALL_JOINT.format('stiffness="1 2 3"'), "", "b"),
     "actuator_dynamics": (*actuator("general", 'dyntype="muscle" dynprm="1 1"'), "motor"),
-    "actuator_bias": (*actuator("general", 'gaintype="affine" gainprm="1 2 0"'), "motor"),
+    "actuator_bias": (
+        BALL_JOINT.format(""),
+        '<actuator><position name="motor" joint="b" kp="1" gear="1 0 0"/></actuator>',
+        "motor",
+    ),
     "actuator_transmission": (
         BALL_JOINT.format(""),
         '<actuator><motor name="motor" jointinparent="b" gear="1 0 0"/></actuator>',
@@ -88,8 +92,9 @@ def test_rolling_friction_is_left_out_and_said(load: Load) -> None:
 
 def test_all_refusals_come_in_one_line(load: Load) -> None:
     world, _ = actuator("", "")
+    world += BALL_JOINT.format("")
     rest = """<actuator><general name="a" joint="h" dyntype="muscle" dynprm="1 1"/>
-    <general name="b" joint="h" gaintype="affine" gainprm="1 2 0"/></actuator>"""
+    <position name="p" joint="b" kp="1" gear="1 0 0"/></actuator>"""
     with pytest.raises(UserError, match=r"1 more element.*--ignore actuator_dynamics --ignore actuator_bias"):
         load(world, rest)
     scene, _ = load(world, rest, ignore="actuator_bias,actuator-dynamics")
