@@ -18,6 +18,8 @@ from cmbrl.scene.tendons import segment_arrays
 
 Arrays = dict[str, Any]
 
+_LEAST = 1e-6  # of the inverse weight of a joint
+
 
 def tree_arrays(tree: Tree, plane: PlaneOfMotion | None) -> Arrays:
     """Bodies and joints, in the plane of motion if there is one."""
@@ -73,7 +75,7 @@ def line_arrays(model: mujoco.MjModel, tree: Tree, tendons: list[Tendon], plane:
             np.hstack([model.dof_solref, model.dof_solimp]),
             np.hstack([model.tendon_solref_fri[source], model.tendon_solimp_fri[source]]),
         ),
-        "line_invweight": _stack(model.dof_invweight0, model.tendon_invweight0[source]),
+        "line_invweight": _stack(model.dof_invweight0, _tendon_weights(model)[source]),
         "line_slack": _stack(np.zeros(model.nv), slack),
         **_limit_arrays(model, tree, tendons),
     }
@@ -81,6 +83,14 @@ def line_arrays(model: mujoco.MjModel, tree: Tree, tendons: list[Tendon], plane:
 
 def _stack(of_dofs: Array, of_tendons: Array) -> Array:
     return np.ascontiguousarray(np.concatenate([of_dofs, of_tendons]), dtype=np.float64)
+
+
+def _tendon_weights(model: mujoco.MjModel) -> Array:
+    """MuJoCo's inverse weights of tendons, with a floor above its own, which a solve can bear.
+
+    One is 0 where no joint changes the tendon's length at qpos0: one that a body only touches elsewhere.
+    """
+    return np.maximum(model.tendon_invweight0, _LEAST * model.dof_invweight0.max(initial=0.0))
 
 
 def _limit_arrays(model: mujoco.MjModel, tree: Tree, tendons: list[Tendon]) -> Arrays:
@@ -105,7 +115,7 @@ def _limit_arrays(model: mujoco.MjModel, tree: Tree, tendons: list[Tendon]) -> A
         "lim_hi": doubles(ranges[:, 1], (-1,)),
         "lim_margin": _stack(model.jnt_margin[source], model.tendon_margin[which]),
         "lim_soft": _stack(of_joints, of_tendons),
-        "lim_invweight": _stack(model.dof_invweight0[dofs], model.tendon_invweight0[which]),
+        "lim_invweight": _stack(model.dof_invweight0[dofs], _tendon_weights(model)[which]),
     }
 
 

@@ -34,7 +34,7 @@ ROWS = {
     "equality constraints": OFF.mjDSBL_EQUALITY,
     "contacts": OFF.mjDSBL_CONTACT,
 }
-ACCURATE = {"nothing": 1e-9, "limits": 1e-6, "equality constraints": 1e-6, "dry friction": 0.02}
+ACCURATE = {"nothing": 1e-9, "limits": 1e-5, "equality constraints": 1e-5, "dry friction": 0.02}
 
 
 def compiled(seed: int) -> mujoco.MjModel | None:

@@ -130,6 +130,20 @@ def test_ends_of_a_limit_that_act_at_once_are_told() -> None:
     assert ("joint limit", "c") in [(told.kind, told.name) for told in scene.differences]
 
 
+def test_a_tendon_that_no_joint_moves_yet() -> None:
+    """It runs beside a ball that may come in its way: its weight is 0 at qpos0."""
+    world = """<site name="s"/><site name="t" pos=".2 0 0"/>
+    <body pos=".1 0 .2"><joint type="slide"/><geom name="ball" size=".05"/></body>"""
+    path = '<site site="s"/><geom geom="ball"/><site site="t"/>'
+    rest = f'<tendon><spatial range="0 .1" frictionloss=".1">{path}</spatial></tendon>'
+    model = ComplementarityModel(Scene.from_mjcf(f"<mujoco><worldbody>{world}</worldbody>{rest}</mujoco>"))
+    q = np.linspace(-0.25, 0.0, 20)[:, None]
+    step = model.predict(q, 0 * q, np.zeros((20, 0)), parameter_jacobian=True)
+    assert np.isfinite(step.v_next).all()
+    assert np.isfinite(step.jacobian).all()
+    assert (step.status == 0).all()
+
+
 def test_joints_that_move_no_mass_are_named() -> None:
     twins = '<body><joint name="one"/><joint name="two"/><geom size=".1"/></body>'
     with pytest.raises(UserError, match="joint 'one' can move without moving any mass"):

@@ -109,6 +109,7 @@ def compare(model: ComplementarityModel, q: Array, v: Array, u: Array, parameter
         squares += np.where(keep, [error**2, size**2], 0.0)
         errors.setdefault(column.kind, []).append((error / np.maximum(size, NEGLIGIBLE))[keep])
     state = np.sqrt(squares[0] / np.maximum(squares[1], NEGLIGIBLE**2))[solved]
+    state = state if len(state) else np.array([np.inf])  # no solve to differentiate
     kinds = {kind: _summary(np.concatenate(values)) for kind, values in errors.items()}
     return {
         "kinds": kinds,
