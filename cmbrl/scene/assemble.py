@@ -18,7 +18,7 @@ from cmbrl.scene.tendons import segment_arrays
 
 Arrays = dict[str, Any]
 
-_LEAST = 1e-6  # of the inverse weight of a joint
+_LEAST = 1e-6  # of the least inverse weight of a joint
 
 
 def tree_arrays(tree: Tree, plane: PlaneOfMotion | None) -> Arrays:
@@ -90,7 +90,7 @@ def _tendon_weights(model: mujoco.MjModel) -> Array:
 
     One is 0 where no joint changes the tendon's length at qpos0: one that a body only touches elsewhere.
     """
-    return np.maximum(model.tendon_invweight0, _LEAST * model.dof_invweight0.max(initial=0.0))
+    return np.maximum(model.tendon_invweight0, _LEAST * model.dof_invweight0.min())
 
 
 def _limit_arrays(model: mujoco.MjModel, tree: Tree, tendons: list[Tendon]) -> Arrays:

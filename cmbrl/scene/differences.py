@@ -72,10 +72,11 @@ def _shapes(model: mujoco.MjModel, candidates: list[Candidate]) -> Iterator[Left
         tilt, depth = 1e3 * _FLAT_TILT, _millimetres(_RIM_ERROR * model.geom_size[geom, 0])
         why = f"it stands on feet inside its rim; tilted by less than {tilt:g} mrad it may sink in by {depth}"
         yield LeftOut("cylinder", name_of(model, "geom", geom), why)
-    for c in candidates:
-        if c.kind == ContactKind.SEGMENT_SEGMENT:
-            label = " - ".join(name_of(model, "geom", geom) for geom in c.geoms)
-            yield LeftOut("capsules", label, "one point of contact; MuJoCo has two where capsules lie side by side")
+    for geoms in dict.fromkeys(c.geoms for c in candidates if c.kind == ContactKind.SEGMENT_SEGMENT):
+        why = "one point of contact; MuJoCo has two where capsules lie side by side"
+        if np.any(model.geom_type[list(geoms)] == mujoco.mjtGeom.mjGEOM_BOX):
+            why = "each edge of the box touches by itself, near a corner two or three; MuJoCo has one or two points"
+        yield LeftOut("capsules", " - ".join(name_of(model, "geom", geom) for geom in geoms), why)
 
 
 def _stand_ins(
