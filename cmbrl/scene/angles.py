@@ -21,8 +21,8 @@ def doubts(names: Sequence[str], low: np.ndarray, high: np.ndarray) -> list[str]
     if len(wide):
         k = int(wide[0])
         found.append(
-            f"range of {_some(names, wide)} [{low[k]:.4g}, {high[k]:.4g}] rad is more than two turns either way: if it is in degrees, "
-            'leave out angle="radian" of <compiler>'
+            f"range of {_some(names, wide)} [{low[k]:.4g}, {high[k]:.4g}] rad is more than two turns either way: "
+            'if it is in degrees, leave out angle="radian" of <compiler>'
         )
     if len(width) > 1 and (width <= NARROW).all():
         found.append(

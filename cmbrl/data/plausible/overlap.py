@@ -1,8 +1,8 @@
 """Links of the file that are in each other in every pose of the log: in simulation they hold what moves on the robot.
 
 Shapes for collisions are drawn generously, and around a joint they may overlap. MuJoCo lets no contact act between a
-link and its parent, but for parents that are fixed to the world: an arm's first link may be held fast by its base. A fit
-would explain the resting simulation by friction, gains and gaps that the robot does not have.
+link and its parent, but for parents that are fixed to the world: an arm's first link may be held fast by its base. A
+fit would explain the resting simulation by friction, gains and gaps that the robot does not have.
 """
 
 from __future__ import annotations
