@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from cmbrl.fitting import drives
+from cmbrl.fitting.folds import LEAST_GAIN, NOISE_FACTOR, typical_rise
 from cmbrl.fitting.loss import Errors
 from cmbrl.fitting.parsimony import ALL
 from cmbrl.fitting.trials import Incumbent, Trial, Trials
@@ -43,7 +44,10 @@ class Extension(Trials):
             laws.remove(best)
 
     def confirm(self, incumbent: Incumbent, groups: list[str]) -> None:
-        """Takes ``groups`` back to nominal, all of them, unless held-out errors call for them."""
+        """Takes ``groups`` back to nominal, all of them, unless held-out errors call for them.
+
+        In the mean of all, or in the typical part of the log.
+        """
         columns = self.space.columns(groups)
         none = np.zeros_like(columns)
         kept = self._trial(
@@ -51,7 +55,9 @@ class Extension(Trials):
         )
         start = np.where(columns, 0.0, kept.z)
         without = self._trial(f"refuted {groups}", incumbent, incumbent.active & ~columns, start, none, kept.errors)
-        if without.costs_nothing(kept.errors.mean, kept.score, kept.strain):
+        rise, noise = typical_rise(kept.errors.loss, without.errors.loss, self.folds.blocks())
+        typical = rise > max(NOISE_FACTOR * noise, LEAST_GAIN)
+        if not typical and without.costs_nothing(kept.errors.mean, kept.score, kept.strain):
             self._accept("remove", " + ".join(groups), without, incumbent)
 
     def _limited(self, incumbent: Incumbent, chosen: np.ndarray, before: Errors) -> Trial | None:
