@@ -61,7 +61,7 @@ def _nearest(space: Space, z: np.ndarray, members: list[int]) -> np.ndarray:
     if not len(some):
         return z
     with np.errstate(divide="ignore"):
-        low, high = (np.log(bound[some] / theta[some]) for bound in (space.low, space.high))
+        low, high = (np.log(np.maximum(bound[some], 0.0) / theta[some]) for bound in (space.low, space.high))
     low, high = max(float(low.max()), -_FURTHEST), min(float(high.min()), _FURTHEST)
     for _ in range(_NARROWER):
         scaled = np.tile(theta, (_FACTORS, 1))

@@ -12,9 +12,11 @@ from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.identify import _flat_directions, identify
 from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.ratios import ratios
+from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
 from cmbrl.fitting.survey import Survey
 from cmbrl.models.windows import Scales
+from cmbrl.scene.records import Parameter
 
 
 def _identify(carts, data, columns, place=False, sets=()):
@@ -161,6 +163,18 @@ def test_a_right_model_keeps_its_intervals(slider):
     own = _widened(truth.with_settings(threads=1), log)[3]
     wrong = _widened(model, log)[3]
     assert 1e3 * np.trace(own) < np.trace(wrong)
+
+
+def test_the_unit_of_force_of_a_parameter_that_may_be_negative():
+    """A friction that grows with the coordinate, or falls: its lower bound has no logarithm."""
+    offered = [
+        Parameter("mass.a", "mass", 1.0, 0.02, 50.0, "log", "1"),
+        Parameter("friction_slope.a", "friction_slope", 0.0, -9.0, 9.0, "linear", "N m/rad"),
+    ]
+    space = Space.of(offered, np.array([1.0, 0.0]))
+    near = space.theta(nearest(space, space.z(np.array([3.0, 0.6])), [[0, 1]]))
+    assert near[0] == pytest.approx(1.0, rel=0.05)
+    assert near[1] / near[0] == pytest.approx(0.2)
 
 
 def test_the_unit_of_force_is_the_one_nearest_to_the_file(carts):
