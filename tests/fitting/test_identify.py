@@ -11,6 +11,7 @@ from cmbrl.fitting.gauge import common_factors, nearest
 from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.identify import _flat_directions, identify
 from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.polish import _same_motion
 from cmbrl.fitting.ratios import ratios
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
@@ -192,5 +193,8 @@ def test_the_unit_of_force_is_the_one_nearest_to_the_file(carts):
     before, after = loss.values(space.theta(np.stack([z, near])))
     assert after == pytest.approx(before, rel=1e-9)
     np.testing.assert_allclose(space.theta(near), space.nominal, rtol=0.02)
+    assert _same_motion(evidence, loss, z, near)
+    limited = space.z(np.where(space.columns(["gear"]), 3.0 * space.nominal, space.nominal))  # motors that do not scale
+    assert not _same_motion(evidence, loss, z, limited)
     one = space.columns(["gear"])[: len(model.parameters)]
     assert common_factors(model.scene.core, one) == []  # the masses are known, and with them the unit
