@@ -173,7 +173,10 @@ def _ratios(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any]
         reference = found["reference"]
         title = f"ratios that motion tells: if {reference} is the file's {parameters[reference].nominal:.5g}, then"
         yield from textwrap.wrap(title, WIDTH, subsequent_indent="  ")
-        told = {name: _clearness(*row, parameters[name].nominal) for name, row in found["parameters"].items()}
+        told = {
+            name: _clearness(value, low, high, parameters[name].nominal)
+            for name, (value, low, high) in found["parameters"].items()
+        }
         shown = [(name, *found["parameters"][name]) for name in _clearest(told, _FEW_ROWS, whole)]
         yield from _columns([
             [name, f"{value:.5g}", f"[{low:.5g}, {high:.5g}]", f"{parameters[name].nominal:.5g}", parameters[name].unit]

@@ -44,7 +44,9 @@ def by_horizon(
             off = {"hold": judge.off_held(), "nominal": judge.off(evidence.space.nominal), "fitted": judge.off(theta)}
             found.setdefault(judge.horizon, []).append((judge, off))
     rows = [_measured(steps, parts, units[0 if steps == 1 else 1]) for steps, parts in found.items()]
-    for row in rows if noise is not None else ():
+    for row in rows:
+        if noise is None:
+            break
         row["noise"] = _noise_of_holding(noise, row["steps"] * evidence.log.dt, units[0 if row["steps"] == 1 else 1])
     return rows
 
