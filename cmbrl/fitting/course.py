@@ -199,8 +199,11 @@ class Course:
                 self._polish()
             if self.confirms and self.count:
                 late = [[DELAY, LAG]] if self.evidence.late(self.incumbent.z) else []
+                before = self.incumbent.active
                 for groups in [*late, *self._drives()]:
                     Extension(*self._trials(*self._everything(), [])).confirm(self.incumbent, groups)
+                if (self.incumbent.active != before).any():  # what is left has to make up for what is gone
+                    self._polish("polish again")
 
     def _drives(self) -> list[list[str]]:
         """Laws of motors that the fit has taken, to be confirmed beside all that it took later."""
@@ -247,14 +250,14 @@ class Course:
 
         self._take("search", compute)
 
-    def _polish(self) -> None:
+    def _polish(self, name: str = "polish") -> None:
         loss, iterations = self.loss(self.budget.polish_rows), self.budget.polish_iterations
 
         def compute() -> dict[str, Any]:
-            self.journal.report(0.8, "polish")
+            self.journal.report(0.8, name)
             return polished(self.evidence, loss, self.incumbent, iterations, self.journal)
 
-        self._take("polish", compute)
+        self._take(name, compute)
 
     def _take(self, name: str, compute: Callable[[], dict[str, Any]]) -> None:
         outcome, incumbent = self.journal.unit(name, compute), self.incumbent

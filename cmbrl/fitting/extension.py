@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from cmbrl.fitting import drives
+from cmbrl.fitting.folds import LEAST_GAIN, NOISE_FACTOR, typical_rise
 from cmbrl.fitting.loss import Errors
 from cmbrl.fitting.parsimony import ALL
 from cmbrl.fitting.trials import Incumbent, Trial, Trials
@@ -43,7 +44,10 @@ class Extension(Trials):
             laws.remove(best)
 
     def confirm(self, incumbent: Incumbent, groups: list[str]) -> None:
-        """Takes ``groups`` back to nominal, all of them, unless held-out errors call for them."""
+        """Takes ``groups`` back to nominal, all of them, unless held-out errors call for them.
+
+        In the mean of all, or in the typical part of the log.
+        """
         columns = self.space.columns(groups)
         none = np.zeros_like(columns)
         kept = self._trial(
@@ -51,8 +55,14 @@ class Extension(Trials):
         )
         start = np.where(columns, 0.0, kept.z)
         without = self._trial(f"refuted {groups}", incumbent, incumbent.active & ~columns, start, none, kept.errors)
-        if without.costs_nothing(kept.errors.mean, kept.score, kept.strain):
+        needed = self._typically_worse(kept.errors, without.errors)
+        if not needed and without.costs_nothing(kept.errors.mean, kept.score, kept.strain):
             self._accept("remove", " + ".join(groups), without, incumbent)
+
+    def _typically_worse(self, one: Errors, other: Errors) -> bool:
+        """Whether most of the log is predicted clearly worse with the ``other`` errors."""
+        rise, noise = typical_rise(one.loss, other.loss, self.folds.blocks())
+        return rise > max(NOISE_FACTOR * noise, LEAST_GAIN)
 
     def _limited(self, incumbent: Incumbent, chosen: np.ndarray, before: Errors) -> Trial | None:
         """A fit of ``chosen`` with limits of forces from the first, if the file lacks them clearly and it is better.
@@ -79,9 +89,10 @@ class Extension(Trials):
             trial = self._trial(
                 f"settle {len(incumbent.path)} {again}", incumbent, incumbent.active, incumbent.z, none, before
             )
-            if trial.errors.mean < before.mean:
+            typical = self._typically_worse(trial.errors, before)
+            if typical or trial.errors.mean < before.mean:
                 incumbent.z, before = trial.z, trial.errors
-            if not trial.counts(trial.errors.mean + trial.gain):
+            if not (typical or trial.counts(trial.errors.mean + trial.gain)):
                 break
         return before
 

@@ -117,7 +117,7 @@ def _concluded(course: Course, stopped: str | None) -> FitResult:
         "seed": course.seed, "method": course.method, "folds": course.count, "logs": course.logs, "stopped": stopped,
         **{name: value for name, value in course.survey.to_dict().items() if name != "z"},
         "selection": incumbent.path if course.wanted is None or incumbent.path else None,
-        "horizons": by_horizon(evidence, unseen, huber, budget.judged) if unseen else [],
+        "horizons": by_horizon(evidence, unseen, huber, budget.judged, course.survey.noise) if unseen else [],
         "stepping": course.stepping,
         "sliding": course.sliding,
         "pace": course.pace.told if course.pace else None,

@@ -153,3 +153,17 @@ def paired_gain(before: np.ndarray, after: np.ndarray, blocks: np.ndarray) -> tu
     count = len(worse)
     noise = np.sqrt(2.0 * (worse**2).sum() * count / max(count - 1, 1)) / len(fall)
     return float(fall.mean()), float(noise)
+
+
+def typical_rise(before: np.ndarray, after: np.ndarray, blocks: np.ndarray) -> tuple[float, float]:
+    """Mean logarithm of how many times larger the loss ``after`` is than ``before``, by block, and its standard error.
+
+    A single block that no fit predicts well (an impact, a pose that the others do not have) rules a mean of losses, and
+    its chance hides what all the others say. Here each block counts alike.
+    """
+    was, now = (np.bincount(blocks, weights=loss) for loss in (before, after))
+    told = (was > 0.0) & (now > 0.0) & np.isfinite(was) & np.isfinite(now)
+    if told.sum() < 2:
+        return 0.0, np.inf
+    ratio = np.log(now[told] / was[told])
+    return float(ratio.mean()), float(ratio.std(ddof=1) / np.sqrt(len(ratio)))

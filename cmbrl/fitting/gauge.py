@@ -61,7 +61,7 @@ def _nearest(space: Space, z: np.ndarray, members: list[int]) -> np.ndarray:
     if not len(some):
         return z
     with np.errstate(divide="ignore"):
-        low, high = (np.log(bound[some] / theta[some]) for bound in (space.low, space.high))
+        low, high = (np.log(np.maximum(bound[some], 0.0) / theta[some]) for bound in (space.low, space.high))
     low, high = max(float(low.max()), -_FURTHEST), min(float(high.min()), _FURTHEST)
     for _ in range(_NARROWER):
         scaled = np.tile(theta, (_FACTORS, 1))
@@ -86,14 +86,14 @@ def parameters_by_place(core: CoreArrays) -> dict[int, list[int]]:
 def _force_places(core: CoreArrays, members: list[int], owner: Mapping[int, list[int]]) -> list[int]:
     """Offsets into P of every force on ``members`` but gravity; those that the file has not are 0 there.
 
-    An actuator scales by its gear, or, where that is no parameter, by its gains together.
+    An actuator scales by its gains together, or, where these are no parameters, by its gear.
     """
     layout, bodies, inside = core.layout, _bodies_of_lines(core), set(members)
     lines = [k for k, of in enumerate(bodies) if not inside.isdisjoint(of)]
     places = [layout.dof(k, field) for k in lines for field in _FORCES]
     for a, line in enumerate(core.act_line):
         if line in lines and core.P[gear := layout.actuator(a)] != 0.0:
-            places += [gear] if gear in owner else [layout.actuator(a, field) for field in _GAINS]
+            places += [gear] if _by_gear(core, owner, a) else [layout.actuator(a, field) for field in _GAINS]
     for k, actuator in enumerate(core.wide_act):
         dofs = core.wide_dof[core.wide_ptr[k] : core.wide_ptr[k + 1]]
         if (bodies[dofs[0]][0] if len(dofs) else int(core.wide_body[k])) in inside:
@@ -101,11 +101,17 @@ def _force_places(core: CoreArrays, members: list[int], owner: Mapping[int, list
     return places
 
 
+def _by_gear(core: CoreArrays, owner: Mapping[int, list[int]], actuator: int) -> bool:
+    """A servo's gear moves its target too, so that no force scales by it alone."""
+    layout = core.layout
+    return layout.actuator(actuator) in owner and layout.actuator(actuator, "gain") not in owner
+
+
 def _limit_places(core: CoreArrays, members: list[int], owner: Mapping[int, list[int]]) -> list[int]:
     """Offsets into P of the limits of actuators on ``members`` that no gear scales."""
     layout, inside = core.layout, set(members)
     lines = [k for k, of in enumerate(_bodies_of_lines(core)) if not inside.isdisjoint(of)]
-    driven = [a for a, line in enumerate(core.act_line) if line in lines and layout.actuator(a) not in owner]
+    driven = [a for a, line in enumerate(core.act_line) if line in lines and not _by_gear(core, owner, a)]
     return [layout.actuator(a, field) for a in driven for field in ("limit", "limit_slope")]
 
 

@@ -15,10 +15,11 @@ from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.gauge import common_factors, nearest
 from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.loss import PredictionLoss
-from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.objective import SOLVER_VARIANCE, Objective
 from cmbrl.fitting.state import Journal
 from cmbrl.fitting.trials import LEAST_STRAIN, Incumbent
 
+_SAME = 1.1  # times the loss; the unit of force changes no motion, but a little by what softness takes from masses
 _PASSES = 3  # the second weights the prior by the errors that remain; a third is for a unit that drifts again
 
 
@@ -32,7 +33,9 @@ def polished(
     for again in range(_PASSES):
         before = incumbent.z
         if again:
-            incumbent.z, moves = unit_of_force(evidence, incumbent.z, moves)
+            near, fewer = unit_of_force(evidence, incumbent.z, moves)
+            if near is not before and _same_motion(evidence, loss, before, near):
+                incumbent.z, moves = near, fewer
         if again == _PASSES - 1 and incumbent.z is before:
             break
         objective = Objective.at(loss, evidence.space, moves, incumbent.z)
@@ -41,6 +44,12 @@ def polished(
         course += [(candidates + count, value) for count, value in found.course]
         candidates += found.candidates
     return {"z": incumbent.z.tolist(), "candidates": candidates, "course": course}
+
+
+def _same_motion(evidence: Evidence, loss: PredictionLoss, z: np.ndarray, near: np.ndarray) -> bool:
+    """Whether ``near`` (n,) explains the log as ``z`` (n,) does; not where motors reach a limit that is not scaled."""
+    was, now = (loss.settled(theta).errors_from_here(theta).mean for theta in evidence.space.theta(np.stack([z, near])))
+    return now < _SAME * was + SOLVER_VARIANCE
 
 
 def unit_of_force(evidence: Evidence, z: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,15 +1,15 @@
-"""The report of a fit as text, at most 100 columns wide; long lists are folded."""
+"""The report of a fit as text, at most 100 columns wide; long lists are folded, long tables cut to what is clearest."""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from cmbrl.fitting.agreement import sentences
-from cmbrl.fitting.fitted_parameter import FLAT, NOMINAL, FittedParameter
+from cmbrl.fitting.fitted_parameter import AT_BOUND, FLAT, NOMINAL, FittedParameter
 from cmbrl.fitting.sliding import sliding_told
 from cmbrl.fitting.verdict import MEASURES, MODELS, advice, lost, warning
 
@@ -17,6 +17,8 @@ WIDTH = 100
 _ALIKE = 1.01  # times the error of the fit
 _SHOWN = 3  # elements of a list that is folded
 _FOLDED_FROM = 7  # elements
+_ROWS = 24  # of a table
+_FEW_ROWS = 8  # of one that follows
 
 _INDENTED: dict[str, Any] = {"initial_indent": "  ", "subsequent_indent": "    ", "drop_whitespace": True}
 _NONE = "  none: the nominal model explains the held-out episodes equally well"
@@ -27,11 +29,14 @@ _LISTS = (  # key in the report, text in front of the names
 )
 
 
-def render(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any]) -> str:
-    """What was fitted, how well, and what the data leave open; ``report`` is that of a ``FitResult``."""
+def render(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any], whole: bool = False) -> str:
+    """What was fitted, how well, and what the data leave open; ``report`` is that of a ``FitResult``.
+
+    ``whole``: tables with all of their rows.
+    """
     first = textwrap.wrap(verdict(report), WIDTH, subsequent_indent="  ")
-    lines = [*first, *_errors(report), *_selection(report), *_table(parameters), *_ratios(parameters, report)]
-    lines += _combinations(report)
+    lines = [*first, *_errors(report), *_selection(report), *_table(parameters, whole)]
+    lines += [*_ratios(parameters, report, whole), *_combinations(report, whole)]
     lines += _open(parameters, report)
     return "\n".join(lines)
 
@@ -134,24 +139,50 @@ def _selection(report: Mapping[str, Any]) -> Iterator[str]:
         yield _NONE if report["stopped"] is None else "  none so far"
 
 
-def _table(parameters: Mapping[str, FittedParameter]) -> Iterator[str]:
-    shown = {name: p for name, p in parameters.items() if p.status not in (NOMINAL, FLAT)}
+def _table(parameters: Mapping[str, FittedParameter], whole: bool) -> Iterator[str]:
+    found = {name: p for name, p in parameters.items() if p.status not in (NOMINAL, FLAT)}
+    told = {name: (p.status == AT_BOUND, _clearness(p.value, p.low, p.high, p.nominal)) for name, p in found.items()}
+    shown = {name: found[name] for name in _clearest(told, _ROWS, whole)}
     rows = [["parameter", "value", "95 % interval", "nominal", "status", "unit"]]
     for name, p in shown.items():
         rows.append([name, f"{p.value:.5g}", f"[{p.low:.5g}, {p.high:.5g}]", f"{p.nominal:.5g}", p.status, p.unit])
     yield from _columns(rows if shown else [])
+    yield from _rest(found, shown)
 
 
-def _ratios(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any]) -> Iterator[str]:
+def _clearness(value: float, low: float, high: float, nominal: float) -> float:
+    """How far from the file's value, in half widths of the interval."""
+    return abs(value - nominal) / max(high - value if nominal > value else value - low, 1e-300)
+
+
+def _clearest(told: Mapping[str, Any], most: int, whole: bool) -> list[str]:
+    """The ``most`` names that are ``told`` most clearly, in their order; all of the ``whole``."""
+    best = set(sorted(told, key=lambda name: told[name], reverse=True)[: len(told) if whole else most])
+    return [name for name in told if name in best]
+
+
+def _rest(found: Collection[Any], shown: Collection[Any]) -> Iterator[str]:
+    """What a table leaves out."""
+    if more := len(found) - len(shown):
+        yield f"  and {more} more, which differ from the file less clearly (page.html and fit.json have all)"
+
+
+def _ratios(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any], whole: bool) -> Iterator[str]:
     """Masses and forces in the unit of one of them, which motion tells better than their sizes."""
     for found in report.get("ratios", ()):
         reference = found["reference"]
         title = f"ratios that motion tells: if {reference} is the file's {parameters[reference].nominal:.5g}, then"
         yield from textwrap.wrap(title, WIDTH, subsequent_indent="  ")
+        told = {
+            name: _clearness(value, low, high, parameters[name].nominal)
+            for name, (value, low, high) in found["parameters"].items()
+        }
+        shown = [(name, *found["parameters"][name]) for name in _clearest(told, _FEW_ROWS, whole)]
         yield from _columns([
             [name, f"{value:.5g}", f"[{low:.5g}, {high:.5g}]", f"{parameters[name].nominal:.5g}", parameters[name].unit]
-            for name, (value, low, high) in found["parameters"].items()
+            for name, value, low, high in shown
         ])  # fmt: skip
+        yield from _rest(told, shown)
 
 
 def combinations_title(report: Mapping[str, Any]) -> str:
@@ -164,15 +195,18 @@ def combinations_title(report: Mapping[str, Any]) -> str:
     )
 
 
-def _combinations(report: Mapping[str, Any]) -> Iterator[str]:
+def _combinations(report: Mapping[str, Any], whole: bool) -> Iterator[str]:
     """Sums over bodies that the log tells where single bodies are flat."""
-    rows = report.get("combinations", {"rows": []})["rows"]
+    found = {row["name"]: row for row in report.get("combinations", {"rows": []})["rows"]}
+    told = {name: _clearness(r["value"], r["low"], r["high"], r["nominal"]) for name, r in found.items()}
+    rows = [found[name] for name in _clearest(told, _FEW_ROWS, whole)]
     if rows:
         yield from textwrap.wrap(combinations_title(report), WIDTH, subsequent_indent="  ")
     yield from _columns([
         [r["name"], f"{r['value']:.5g}", f"[{r['low']:.5g}, {r['high']:.5g}]", f"{r['nominal']:.5g}", r["unit"]]
         for r in rows
     ])  # fmt: skip
+    yield from _rest(found, rows)
 
 
 def _columns(rows: Sequence[Sequence[str]]) -> Iterator[str]:

@@ -27,6 +27,7 @@ from cmbrl.fitting.noise import sensor_noise
 from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.deviations import REST
 from cmbrl.models.windows import spread
 
 _NEARLY = 0.01  # of the logarithm of the error
@@ -207,8 +208,8 @@ class Judge:
             if len(starts) < LEAST_WINDOWS and h > min(horizons):
                 continue
             ends = starts + h - 1
-            dq = spread(scene.difference(data.q[starts], data.q_next[ends]))
-            scale = np.concatenate([dq, spread(data.v_next[ends] - data.v[starts])])
+            dq = spread(scene.difference(data.q[starts], data.q_next[ends]), REST * data.dt * h)
+            scale = np.concatenate([dq, spread(data.v_next[ends] - data.v[starts], REST)])
             if rows is not None:
                 starts = starts[np.isin(starts, rows) & np.isin(ends, rows)]
             if not len(starts):

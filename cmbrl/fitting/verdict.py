@@ -23,15 +23,19 @@ MODELS = ("hold", "nominal", "fitted")
 MEASURES = {"rmse": "RMSE", "loss": "Huber loss"}  #: large errors rule the first, usual ones the second
 _LOST = 1e300  # JSON has no infinity
 _WORSE = 1.01  # times the error of another model
+_NOISY = 2.0  # times the square of noise: at least half of an error's square is noise
 _CLEARLY_BETTER = 0.9  # times the error of the settings as given
 STEPS_TRIED = 22  #: of a transition, under all those settings together
 _SHARE = 0.25  # of the judges' windows: settings are compared on the same ones, and quarter steps cost the most
 
 
-def by_horizon(evidence: Evidence, unseen: Unseen, delta: float, share: float = 1.0) -> list[dict[str, Any]]:
+def by_horizon(
+    evidence: Evidence, unseen: Unseen, delta: float, share: float = 1.0, noise: np.ndarray | None = None
+) -> list[dict[str, Any]]:
     """Errors by horizon of holding the velocity, of the start and of the fit, on episodes not seen.
 
     By measure: "rmse", in the units of ``cmbrl error``, and "loss", the mean Huber loss. ``share``: of the windows.
+    ``noise`` (logs, 2 nv): of the sensors; "noise" is the RMSE that it alone gives to holding the velocity.
     """
     units = deviations(evidence.log, evidence.model.scene)
     found: dict[int, list[tuple[Judge, dict[str, np.ndarray]]]] = {}
@@ -39,7 +43,20 @@ def by_horizon(evidence: Evidence, unseen: Unseen, delta: float, share: float = 
         for judge in Judge.all(evidence, delta, held_out, HORIZONS, share / len(unseen.rows)):
             off = {"hold": judge.off_held(), "nominal": judge.off(evidence.space.nominal), "fitted": judge.off(theta)}
             found.setdefault(judge.horizon, []).append((judge, off))
-    return [_measured(steps, parts, units[0 if steps == 1 else 1]) for steps, parts in found.items()]
+    rows = [_measured(steps, parts, units[0 if steps == 1 else 1]) for steps, parts in found.items()]
+    for row in rows:
+        if noise is None:
+            break
+        row["noise"] = _noise_of_holding(noise, row["steps"] * evidence.log.dt, units[0 if row["steps"] == 1 else 1])
+    return rows
+
+
+def _noise_of_holding(noise: np.ndarray, duration: float, unit: np.ndarray) -> float:
+    """RMSE of holding the velocity for ``duration`` [s] if only the ``noise`` (logs, 2 nv) errs, at both ends."""
+    q, v = np.split(noise, 2, axis=1)
+    square = np.concatenate([2.0 * q**2 + (duration * v) ** 2, 2.0 * v**2], axis=1)
+    moves = np.isfinite(unit)
+    return float(np.sqrt((square[:, moves] / unit[moves] ** 2).mean()))
 
 
 def _measured(steps: int, parts: Sequence[tuple[Judge, Mapping[str, np.ndarray]]], unit: np.ndarray) -> dict[str, Any]:
@@ -59,7 +76,8 @@ def warning(rows: Sequence[Mapping[str, Any]]) -> str | None:
     """One line that says where the fit loses, and by which measure, or None.
 
     Holding the velocity is no rival over horizons where it is off by more than the states vary: there, in two seconds
-    of a robot that falls, neither tells anything.
+    of a robot that falls, neither tells anything. Nor is it where it errs by the sensors' noise more than by motion, as
+    over one short step: what the noise of a start does to a stiff contact is no fault of the fit.
     """
     names = {"hold": "holding the velocity", "nominal": "the file as it is"}
     parts = [f"{name} over {where}" for other, name in names.items() if (where := _worse(rows, other))]
@@ -71,13 +89,18 @@ def lost(row: Mapping[str, Any], model: str = "fitted") -> bool:
     return row["steps"] > 1 and row["rmse"][model] >= 1.0
 
 
+def _no_rival(row: Mapping[str, Any]) -> bool:
+    """Whether holding the velocity over the horizon of ``row`` tells nothing of motion."""
+    return lost(row, "hold") or row["rmse"]["hold"] ** 2 < _NOISY * row.get("noise", 0.0) ** 2
+
+
 def _worse(rows: Sequence[Mapping[str, Any]], other: str) -> str:
     """Horizons at which the fit is worse than ``other``, by measure: "1, 5 step(s) (RMSE)"; empty if nowhere."""
     by_measure = {
         words: [
             str(row["steps"])
             for row in rows
-            if row[measure]["fitted"] > _WORSE * row[measure][other] and not (other == "hold" and lost(row, other))
+            if row[measure]["fitted"] > _WORSE * row[measure][other] and not (other == "hold" and _no_rival(row))
         ]
         for measure, words in MEASURES.items()
     }

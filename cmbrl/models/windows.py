@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cmbrl.errors import UserError
+from cmbrl.models.deviations import REST
 
 if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
@@ -35,7 +36,8 @@ class Scales:
     @classmethod
     def of(cls, scene: Scene, data: Transitions, huber: float, noise: np.ndarray | None = None) -> Scales:
         """The scales of ``data``; ``huber`` is the normalised residual from which errors count linearly."""
-        q, v = spread(scene.difference(data.q, data.q_next)), spread(data.v_next - data.v)
+        q = spread(scene.difference(data.q, data.q_next), REST * data.dt)
+        v = spread(data.v_next - data.v, REST)
         return cls(q, v, huber) if noise is None else cls(q, v, huber).noisy(noise)
 
     def noisy(self, noise: np.ndarray) -> Scales:
@@ -167,7 +169,11 @@ def blocks_of(data: Transitions) -> np.ndarray:
     return blocks
 
 
-def spread(change: np.ndarray) -> np.ndarray:
-    """Standard deviations of the columns of ``change``, away from zero."""
+def spread(change: np.ndarray, least: float = 1e-9) -> np.ndarray:
+    """Standard deviations of the columns of ``change``, ``least`` at least.
+
+    What rests, such as an object that a gripper has not touched yet, moves in simulation by what its solver leaves: in
+    that unit every error is large, and a fit would be of nothing else.
+    """
     spread = change.std(axis=0)
-    return np.maximum(spread, max(_SCALE_FLOOR * spread.max(), 1e-9))
+    return np.maximum(spread, max(_SCALE_FLOOR * spread.max(), least))

@@ -166,7 +166,7 @@ class ContactBuilder:
             if height.constant and law.dim == 1 and low < law.margin:
                 why = "no joint changes its distance and it has no friction"
             elif low >= law.margin and height.constant and not self.keep_far:
-                why = f"no joint changes its distance of {low:.3g} m"
+                why = "no joint changes its distance"
             elif low > law.margin and not self.keep_far:
                 why = "it is out of reach"
             else:

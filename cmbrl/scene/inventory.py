@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from cmbrl.scene import angles
 from cmbrl.scene.activation import Dynamics
 from cmbrl.scene.records import WORLD, TieKind
 from cmbrl.scene.scene import Scene
@@ -89,9 +90,19 @@ def to_dict(scene: Scene) -> dict[str, Any]:
             for p in scene.parameters
         ],
         "compiler_warnings": list(scene.compiler_warnings),
+        "doubts": doubts(scene),
         "differences": [{"kind": x.kind, "name": x.name, "why": x.why} for x in scene.differences],
         "left_out": [{"kind": x.kind, "name": x.name, "why": x.why} for x in scene.left_out],
     }
+
+
+def doubts(scene: Scene) -> list[str]:
+    """What the file probably does not mean: ranges of hinges in the wrong unit (``angles``)."""
+    core, kinds = scene.core, scene.coordinate_kinds
+    hinges = [k for k, line in enumerate(core.lim_line) if line < scene.nv and core.lim_ball[k] < 0]
+    hinges = [k for k in hinges if kinds[core.lim_line[k]] == "angle"]
+    names = limited(scene)
+    return angles.doubts([names[k] for k in hinges], core.lim_lo[hinges], core.lim_hi[hinges])
 
 
 def bounds(pair: np.ndarray) -> list[float] | None:

@@ -141,22 +141,26 @@ def _strength(actuator: Actuator) -> float:
 def offer_actuator(tree: Tree, actuator: Actuator, layout: Layout, k: int, out: Collector) -> None:
     """Gains of a position servo; the gear of others, and of a servo behind a gear; the time constant of a filter.
 
+    A servo whose control is no target in rad or m, such as a gripper's from 0 to 255, has both: its stiffness ``kp``
+    [N m/rad, N/m] moves all that it multiplies, so that it rests at the same place.
     Limits of the force and backlash on request, of actuators along a joint.
     """
     time = actuator.activation.time_constant if actuator.activation else 0.0
     if actuator.gear and time > 0:
         out.add("time_constant", actuator.name, time, time / 10, time * 10, "s", [layout.actuator(k, "time")])
-    stiffness, damping = actuator.gain, -float(actuator.bias[2])
-    servo = actuator.gear != 0 and stiffness > 0 and actuator.bias[1] == -stiffness
-    if actuator.gear and not (servo and actuator.gear == 1):
+    stiffness, damping = -float(actuator.bias[1]), -float(actuator.bias[2])
+    servo = actuator.gear != 0 and stiffness > 0 and actuator.gain != 0
+    if actuator.gear and not (servo and actuator.gear == 1 and actuator.gain == stiffness):
         out.add("gear", actuator.name, 1.0, 0.2, 5.0, "1", [layout.actuator(k)], actuator.gear)
     joint = next((j for j in tree.joints if j.kind != JointKind.BALL and j.vadr == actuator.line), None)
     if actuator.gear and joint:
         _offer_limits(actuator, joint.kind == JointKind.SLIDE, layout, k, out)
     if not servo:
         return
-    places = [layout.actuator(k, "gain"), layout.actuator(k, "bias1")]
-    out.add("kp", actuator.name, stiffness, stiffness / 5, stiffness * 5, "1", places, np.array([1.0, -1.0]))
+    held = {"gain": actuator.gain / stiffness, "bias1": -1.0, "bias0": float(actuator.bias[0]) / stiffness}
+    held = {field: each for field, each in held.items() if each}
+    places, shares = [layout.actuator(k, field) for field in held], np.array(list(held.values()))
+    out.add("kp", actuator.name, stiffness, stiffness / 5, stiffness * 5, "1", places, shares)
     if damping > 0:
         out.add("kd", actuator.name, damping, damping / 20, damping * 20, "1", [layout.actuator(k, "bias2")], -1.0)
 

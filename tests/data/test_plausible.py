@@ -253,3 +253,23 @@ def test_a_wrong_sign_is_found_in_rows_that_stand_in_no_order(recorded: Recorded
     assert faults(mixed, scene) == []
     u = scene.actuator_names.index("thigh_joint")
     assert "pushes joint 'thigh_joint' the wrong way" in faults(replace(mixed, u=scale(mixed.u, u, -1.0)), scene)[0]
+
+
+@pytest.mark.parametrize(("radius", "held"), [(0.05, True), (0.03, False)])
+def test_links_that_overlap_in_every_pose_are_told(tmp_path: Path, radius: float, held: bool) -> None:
+    """A turning first link inside its base, which is fixed to the world: MuJoCo lets them touch."""
+    file = tmp_path / "arm.xml"
+    file.write_text(
+        f"""<mujoco><worldbody><body name="base"><geom name="base" type="capsule" fromto="-.2 0 0 .2 0 0" size=".05"/>
+        <body name="link" pos="0 0 .09"><joint name="turn" axis="0 0 1"/>
+        <geom name="link" type="capsule" fromto="-.2 0 0 .2 0 0" size="{radius}" mass="1"/></body></body></worldbody>
+        <actuator><position joint="turn" kp="100" kv="5"/></actuator></mujoco>"""
+    )
+    time = 0.01 * np.arange(300)
+    position = 0.5 * np.sin(time)[:, None]
+    log = PositionLog(time=time, position=position, command=position, joint_names=("turn",))
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        log.check(Scene.from_mjcf(file))
+    found = [str(warning.message) for warning in told]
+    assert any("base and link are 10 mm in each other" in text and "exclude" in text for text in found) is held

@@ -152,6 +152,29 @@ def test_long_lists_of_the_report_are_folded():
     assert max(map(len, text.splitlines())) <= 100
 
 
+def test_a_long_table_shows_what_differs_most_clearly():
+    parameters = {f"damping.{k}": FittedParameter(1.0 + 0.01 * k, 0.5, 2.0, 1.0, "fitted", "1") for k in range(80)}
+    parameters |= {f"mass.{k}": FittedParameter(2.0, 1.9, 2.1, 1.0, "fitted", "1") for k in range(3)}
+    row = {"rmse": 0.1, "loss": 0.2, "failures": 0}
+    joints = [f"inertia felt by {k}" for k in range(30)]
+    report = {
+        "data": {"transitions": 9, "episodes": 3}, "method": "random", "seed": 0, "seconds": {"total": 1.0},
+        "candidates": 5, "horizon": 1, "loss": {"all, fitted": row}, "stopped": None, "selection": None,
+        "flat_directions": [], "at_bound": [], "unseen": [], "gauge": [], "left_out": [],
+        "combinations": {"reference": None, "rows": [
+            {"name": name, "value": 1.0, "low": 0.9, "high": 1.1, "nominal": 1.0, "unit": "1"} for name in joints
+        ]},
+    }  # fmt: skip
+    text = report_text.render(parameters, report)
+    assert all(f"mass.{k} " in text for k in range(3))
+    assert "damping.79" in text
+    assert "damping.5 " not in text
+    assert "and 59 more" in text
+    assert len(text.splitlines()) < 60
+    whole = report_text.render(parameters, report, whole=True)
+    assert all(name in whole for name in (*parameters, *joints))
+
+
 def test_time_limit(carts, data, tmp_path):
     result = cmbrl.fit(carts.model(2), data, time_limit=0.0, folder=tmp_path)
     assert result.report["stopped"] == "time limit"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cmbrl import UserError
-from cmbrl.fitting.folds import Folds, draw_starts, fold_of_rows
+from cmbrl.fitting.folds import NOISE_FACTOR, Folds, draw_starts, fold_of_rows, paired_gain, typical_rise
 from cmbrl.fitting.loss import PredictionLoss
 from cmbrl.models.windows import Scales, Windows
 
@@ -40,3 +40,16 @@ def test_a_log_with_one_long_episode_says_that_nothing_can_be_held_out(carts) ->
     loss = loss_on(carts, data, starts, 40)
     with pytest.raises(UserError, match=r"only one episode has 40 consecutive transitions.*leave out the short ones"):
         Folds.of(loss, loss, 4, 0)
+
+
+def test_one_block_that_nothing_predicts_does_not_hide_what_the_others_say() -> None:
+    """Mean losses of eight blocks with and without a delay that is there; the last holds what no other block has."""
+    blocks = np.repeat(np.arange(8), 10)
+    kept = np.repeat([0.8e-4, 0.9e-4, 1.7e-4, 0.7e-4, 0.6e-4, 0.6e-4, 0.7e-4, 40e-4], 10)
+    without = np.repeat([1.4e-4, 2.7e-4, 8.9e-4, 5.9e-4, 1.1e-4, 1.1e-4, 2.9e-4, 35e-4], 10)
+    rise, noise = paired_gain(without, kept, blocks)
+    assert rise < NOISE_FACTOR * noise  # the mean does not tell
+    typical, error = typical_rise(kept, without, blocks)
+    assert typical > NOISE_FACTOR * error
+    assert typical_rise(kept, kept, blocks) == (0.0, 0.0)
+    assert typical_rise(kept[:10], without[:10], blocks[:10])[1] == np.inf

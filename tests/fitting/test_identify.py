@@ -11,10 +11,13 @@ from cmbrl.fitting.gauge import common_factors, nearest
 from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.identify import _flat_directions, identify
 from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.polish import _same_motion
 from cmbrl.fitting.ratios import ratios
+from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
 from cmbrl.fitting.survey import Survey
 from cmbrl.models.windows import Scales
+from cmbrl.scene.records import Parameter
 
 
 def _identify(carts, data, columns, place=False, sets=()):
@@ -163,6 +166,18 @@ def test_a_right_model_keeps_its_intervals(slider):
     assert 1e3 * np.trace(own) < np.trace(wrong)
 
 
+def test_the_unit_of_force_of_a_parameter_that_may_be_negative():
+    """A friction that grows with the coordinate, or falls: its lower bound has no logarithm."""
+    offered = [
+        Parameter("mass.a", "mass", 1.0, 0.02, 50.0, "log", "1"),
+        Parameter("friction_slope.a", "friction_slope", 0.0, -9.0, 9.0, "linear", "N m/rad"),
+    ]
+    space = Space.of(offered, np.array([1.0, 0.0]))
+    near = space.theta(nearest(space, space.z(np.array([3.0, 0.6])), [[0, 1]]))
+    assert near[0] == pytest.approx(1.0, rel=0.05)
+    assert near[1] / near[0] == pytest.approx(0.2)
+
+
 def test_the_unit_of_force_is_the_one_nearest_to_the_file(carts):
     """Masses, motors and friction at three times the file's move as the file's do: the prior tells their size."""
     model = carts.model(2)
@@ -178,5 +193,8 @@ def test_the_unit_of_force_is_the_one_nearest_to_the_file(carts):
     before, after = loss.values(space.theta(np.stack([z, near])))
     assert after == pytest.approx(before, rel=1e-9)
     np.testing.assert_allclose(space.theta(near), space.nominal, rtol=0.02)
+    assert _same_motion(evidence, loss, z, near)
+    limited = space.z(np.where(space.columns(["gear"]), 3.0 * space.nominal, space.nominal))  # motors that do not scale
+    assert not _same_motion(evidence, loss, z, limited)
     one = space.columns(["gear"])[: len(model.parameters)]
     assert common_factors(model.scene.core, one) == []  # the masses are known, and with them the unit

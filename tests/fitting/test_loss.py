@@ -5,6 +5,7 @@ import pytest
 
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.objective import Objective
+from cmbrl.models.deviations import REST
 from cmbrl.models.windows import Scales
 
 
@@ -61,4 +62,19 @@ def test_a_coordinate_that_never_moves_does_not_rule(carts):
     still[:, 1] = data.v[:, 1]
     object.__setattr__(data, "v_next", still)
     scales = Scales.of(carts.model(2).scene, data, 1.0)
-    assert scales.v[1] == pytest.approx(1e-3 * scales.v[0])
+    assert scales.v[1] == pytest.approx(max(1e-3 * scales.v[0], REST))
+
+
+def test_what_rests_is_measured_against_what_rests(carts):
+    """A cart that only rounding moves: in the unit of that motion a fit would be of nothing else."""
+    data = carts.record(carts.model(2), episodes=2, steps=20)
+    rest = 1e-7 * np.random.default_rng(0).normal(size=len(data))
+    for name in ("v", "v_next"):
+        object.__setattr__(data, name, getattr(data, name) * [1.0, 0.0] + np.outer(rest, [0.0, 1.0]))
+    for name in ("q", "q_next"):
+        object.__setattr__(data, name, getattr(data, name) * [1.0, 0.0])
+    scene = carts.model(2).scene
+    scales = Scales.of(scene, data, 1.0)
+    assert scales.v[1] >= REST
+    assert scales.q[1] >= REST * data.dt
+    assert scales.v[0] == pytest.approx((data.v_next - data.v)[:, 0].std())

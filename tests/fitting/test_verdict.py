@@ -107,3 +107,19 @@ def test_a_file_that_is_right_stays_as_it_is(tmp_path: Path) -> None:
     result = cmbrl.fit(model, log, budget=QUICK)
     assert result.report["fitted"] == []
     assert verdict(result.report).startswith("Nothing was fitted")
+
+
+def test_holding_is_no_rival_where_the_noise_of_the_sensors_rules(tmp_path: Path) -> None:
+    """Of a log that rests under noise, the estimate of the holder's error is its error."""
+    model, log = cmbrl.ComplementarityModel(scene(tmp_path, ARM)), recorded(ARM, 1, 3, 120, 0, 1.0)
+    noise, rng = np.array([[1e-4, 2e-4, 1e-2, 2e-2]]), np.random.default_rng(0)
+    q, v = (noise[0, part] * rng.normal(size=(len(log) + 1, 2)) for part in (slice(2), slice(2, 4)))
+    log = replace(log, q=q[:-1], q_next=q[1:], v=v[:-1], v_next=v[1:], episode=np.zeros(len(log)))
+    evidence, every = Evidence.of(model, log), np.arange(len(log))
+    unseen = Unseen(evidence.log, evidence.observation, 1, evidence.space.nominal, (every,), (evidence.space.nominal,))
+    rows = by_horizon(evidence, unseen, 0.5, noise=noise)
+    for row in rows[:2]:
+        assert row["noise"] == pytest.approx(row["rmse"]["hold"], rel=0.1)
+    row = {**rows[0], **{of: {"hold": 0.8, "nominal": 4.0, "fitted": 1.0} for of in ("rmse", "loss")}}
+    assert warning([{**row, "noise": 0.7}]) is None
+    assert "loses to holding the velocity over 1 step(s)" in str(warning([{**row, "noise": 0.1}]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -13,6 +14,7 @@ from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.registry import load_task
 from cmbrl.scene import Scene
 from cmbrl.scene.mjcf import name_of
+from cmbrl.scene.report import describe
 
 from .conftest import Load
 
@@ -252,3 +254,15 @@ def test_g1() -> None:
     frictions = [p.nominal for p in g1.parameters if p.group == "friction"]
     assert frictions == [0.6] * 8  # by the feet's priority, though the floor's is 1
     assert g1.left_out == ()
+
+
+def test_points_that_no_joint_moves_up_or_down_are_told_at_once(tmp_path: Path) -> None:
+    """A table that turns over the floor: one line for all its corners, however high each one is."""
+    file = tmp_path / "table.xml"
+    file.write_text(
+        """<mujoco><worldbody><geom name="floor" type="plane" size="1 1 1"/><body pos="0 0 .5"><joint axis="0 0 1"/>
+        <geom name="low" type="box" size=".2 .1 .1" mass="1"/><geom name="high" type="box" size=".2 .1 .1" pos="0 0 .5"
+        mass="1"/></body></worldbody></mujoco>"""
+    )
+    lines = [line for line in describe(Scene.from_mjcf(file)).splitlines() if "no joint changes its distance" in line]
+    assert len(lines) == 1

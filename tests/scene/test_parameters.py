@@ -42,6 +42,25 @@ def scene_with(load: Load, contact_law: str = "mujoco", **changes: float) -> Sce
     return load(WORLD.format(**values), rest.format(**values), contact_law=contact_law)[0]
 
 
+@pytest.mark.parametrize(("name", "value"), [("kp.grip", 150.0), ("kd.grip", 20.0), ("gear.grip", 1.0)])
+def test_gains_of_a_servo_whose_control_is_no_angle(name: str, value: float, load: Load) -> None:
+    """A gripper's, from 0 to 255: a stiffer one rests at the same place, with an offset of its force too."""
+
+    def grip(gain: float, offset: float, stiffness: float, damping: float) -> Scene:
+        servo = (
+            f'<general name="grip" joint="h" ctrlrange="0 255" gainprm="{gain}" biastype="affine" '
+            f'biasprm="{offset} {-stiffness} {-damping}"/>'
+        )
+        return load(WORLD.format(**VALUES), f"<actuator>{servo}</actuator>")[0]
+
+    scene = grip(0.5, 2.0, 100.0, 10.0)
+    share, damping = (1.5 if name == "kp.grip" else 1.0), (20.0 if name == "kd.grip" else 10.0)
+    theta = scene.parameter_vector()
+    theta[[p.name for p in scene.parameters].index(name)] = value
+    changed = grip(0.5 * share, 2.0 * share, 100.0 * share, damping)
+    np.testing.assert_allclose(scene.physical_vector(theta), changed.core.P, rtol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("name", "value", "changes"),
     [

@@ -60,7 +60,9 @@ def with_parameters(base: mujoco.MjModel, values: Mapping[str, float]) -> mujoco
             model.actuator_gear[motors.index(of)] *= value
         elif group == "kp":
             k = motors.index(of)
-            model.actuator_gainprm[k, 0], model.actuator_biasprm[k, 1] = value, -value
+            share = -value / model.actuator_biasprm[k, 1]
+            model.actuator_gainprm[k, 0] *= share
+            model.actuator_biasprm[k, :2] *= share
         elif group == "kd":
             model.actuator_biasprm[motors.index(of), 2] = -value
         elif group == "gravity":

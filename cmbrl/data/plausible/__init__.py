@@ -12,7 +12,7 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from cmbrl.data.fields import Fields
-from cmbrl.data.plausible import commands, flight, frames, motion, still, units
+from cmbrl.data.plausible import commands, flight, frames, motion, overlap, still, units
 from cmbrl.data.plausible.finding import Finding
 from cmbrl.errors import UserError
 
@@ -40,11 +40,13 @@ def of_transitions(log: Fields, scene: Scene) -> Iterator[Finding]:
     yield from frames.angular(log, scene)
     yield from flight.free_fall(log["q"], found.blocks, log["dt"], scene)
     yield from frames.unexplained(log, scene)
+    yield from overlap.of_transitions(log, scene)
 
 
 def of_positions(log: PositionLog, scene: Scene) -> Iterator[Finding]:
     """All faults of a position log, the most telling first."""
     yield from _of_motion(motion.of_positions(log, scene))
+    yield from overlap.of_positions(log, scene)
 
 
 def _of_motion(found: motion.Motion) -> Iterator[Finding]:

@@ -46,7 +46,7 @@ def page_text(result: FitResult) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    text = report_text.render(result.parameters, result.report)
+    text = report_text.render(result.parameters, result.report, whole=True)
     combinations = result.report.get("combinations", {"rows": []})["rows"]
     return environment.get_template("page.html.jinja").render(
         scene=result.model.scene.name,

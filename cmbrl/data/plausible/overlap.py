@@ -1,0 +1,106 @@
+"""Links of the file that are in each other in every pose of the log: in simulation they hold what moves on the robot.
+
+Shapes for collisions are drawn generously, and around a joint they may overlap. MuJoCo lets no contact act between a
+link and its parent, but for parents that are fixed to the world: an arm's first link may be held fast by its base. A
+fit would explain the resting simulation by friction, gains and gaps that the robot does not have.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+
+from cmbrl.data.fields import Fields
+from cmbrl.data.plausible.finding import Finding
+from cmbrl.errors import UserError
+from cmbrl.scene.contact_records import ContactKind
+from cmbrl.scene.mjcf import name_of
+from cmbrl.scene.robot_source import compile_robot
+
+if TYPE_CHECKING:
+    from cmbrl.data.position_log import PositionLog
+    from cmbrl.scene import Scene
+
+DEPTH = 2e-3  #: [m] more than soft contacts let links sink in
+_POSES = 20
+_TURN, _SHIFT = 0.05, 5e-3  # [rad], [m]: motion between two links that a contact would hold
+
+
+def of_transitions(log: Fields, scene: Scene) -> Iterator[Finding]:
+    """Of a log of states."""
+    yield from between_links(log["q"], scene)
+
+
+def of_positions(log: PositionLog, scene: Scene) -> Iterator[Finding]:
+    """Of a position log; where the base is does not matter."""
+    address = {joint.vadr: joint.qadr for joint in scene.joints}
+    q = np.tile(scene.q0, (len(log), 1))
+    q[:, [address[place] for place in log.coordinates(scene).tolist()]] = log.position
+    yield from between_links(q, scene)
+
+
+def between_links(q: np.ndarray, scene: Scene) -> Iterator[Finding]:
+    """A warning for each pair of geoms that overlap by 2 mm in all of some poses of ``q`` (N, nq) and move there."""
+    planes = (ContactKind.POINT_PLANE, ContactKind.RIM_PLANE)
+    if not len(q) or np.isin(scene.core.con_type, planes).all():
+        return
+    model = _compiled(scene.path, Path(scene.path).stat().st_mtime) if Path(scene.path).is_file() else None
+    if model is None or model.nq != scene.nq:
+        return
+    known = {frozenset(name.split(" - ")) for name in scene.contact_names}
+    for (a, b), depth in _always(model, q[:: -(-len(q) // _POSES)]).items():
+        names = [name_of(model, "geom", geom) for geom in (a, b)]
+        if frozenset(names) in known:
+            bodies = [model.body(model.geom_bodyid[geom]).name for geom in (a, b)]
+            yield Finding(
+                f"{names[0]} and {names[1]} are {1e3 * depth:.2g} mm in each other in every pose of the log, and move: "
+                "their contact holds in simulation what the robot does not hold; leave it out by <contact><exclude "
+                f'body1="{bodies[0]}" body2="{bodies[1]}"/></contact> in the file, or by --self-contact none',
+                sure=False,
+            )
+
+
+@lru_cache(maxsize=2)
+def _compiled(path: str, changed: float) -> mujoco.MjModel | None:
+    try:
+        return compile_robot(Path(path)).model
+    except UserError:
+        return None
+
+
+def _always(model: mujoco.MjModel, poses: np.ndarray) -> Mapping[tuple[int, int], float]:
+    """Pairs of geoms that overlap in all ``poses`` (k, nq) and move to each other, with their least depth [m]."""
+    data, found = mujoco.MjData(model), None
+    frames: dict[tuple[int, int], list[np.ndarray]] = {}
+    for pose in poses:
+        data.qpos[:] = pose
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_collision(model, data)
+        here: dict[tuple[int, int], float] = {}
+        for (a, b), distance in zip(data.contact.geom.tolist(), data.contact.dist.tolist(), strict=True):
+            if mujoco.mjtGeom.mjGEOM_PLANE not in model.geom_type[[a, b]]:
+                here[a, b] = max(-distance, here.get((a, b), 0.0))
+        deep = {pair: depth for pair, depth in here.items() if depth > DEPTH}
+        found = deep if found is None else {p: min(d, deep[p]) for p, d in found.items() if p in deep}
+        for pair in found:
+            frames.setdefault(pair, []).append(_between(data, *pair))
+    return {pair: depth for pair, depth in (found or {}).items() if _moves(np.array(frames[pair]))}
+
+
+def _between(data: mujoco.MjData, a: int, b: int) -> np.ndarray:
+    """Rotation and place (3, 4) of geom b in the frame of geom a."""
+    turn, other = (data.geom_xmat[geom].reshape(3, 3) for geom in (a, b))
+    return np.column_stack([turn.T @ other, turn.T @ (data.geom_xpos[b] - data.geom_xpos[a])])
+
+
+def _moves(frames: np.ndarray) -> bool:
+    """Whether any of the ``frames`` (k, 3, 4) is away from the first."""
+    cosine = (np.einsum("kij,ij->k", frames[:, :, :3], frames[0, :, :3]) - 1.0) / 2.0
+    turn = np.arccos(np.clip(cosine, -1.0, 1.0)).max()
+    return bool(turn > _TURN or np.linalg.norm(frames[:, :, 3] - frames[0, :, 3], axis=1).max() > _SHIFT)
