@@ -20,7 +20,7 @@ from cmbrl.envs.disturbance import Disturbance, parameter_sets
 from cmbrl.envs.evaluation import Actor, Evaluation, evaluate_model
 from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.protocol import Model
+from cmbrl.models.protocol import HasLawOfSliding, Model
 from cmbrl.models.wiring import Wraps
 from cmbrl.scene import Scene
 from cmbrl.scene.records import JointKind
@@ -39,12 +39,12 @@ def trials(policy: Actor, mdp: MDP, model: Model, episodes: int = EPISODES, seed
     """
     harder: dict[str, Model] = {"draws": model, "late": Disturbed(model, late=LATE, seed=seed)}
     inner = model.model if isinstance(model, Wraps) else model
-    if isinstance(inner, ComplementarityModel):
-        if base := _loose(inner.scene):
-            every = max(1, round(EVERY * mdp.repeat / mdp.dt))
-            harder["pushed"] = Disturbed(model, push=PUSH, every=every, base=base, seed=seed)
-        if (other := inner.under_other_law()) is not None:
-            harder["law"] = other
+    if isinstance(inner, ComplementarityModel) and (base := _loose(inner.scene)):
+        every = max(1, round(EVERY * mdp.repeat / mdp.dt))
+        harder["pushed"] = Disturbed(model, push=PUSH, every=every, base=base, seed=seed)
+    sliding = model if isinstance(model, HasLawOfSliding) else inner
+    if isinstance(sliding, HasLawOfSliding) and (other := sliding.under_other_law()) is not None:
+        harder["law"] = other
     parameters = Disturbance(parameters=parameter_sets(model, 0.0, seed=seed))
     return {name: evaluate_model(policy, mdp, one, episodes, seed, parameters) for name, one in harder.items()}
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.protocol import Model
+from cmbrl.models.protocol import HasLawOfSliding, Model
 
 
 def under_both_laws(model: Model, share: float) -> Model:
@@ -17,7 +16,7 @@ def under_both_laws(model: Model, share: float) -> Model:
 
     One that has no such law of its own, because it was learned or bundles steps, stays as it is, too.
     """
-    if not share or not isinstance(model, ComplementarityModel):
+    if not share or not isinstance(model, HasLawOfSliding):
         return model
     other = model.under_other_law()
     return model if other is None else BothLaws(model, other, share)
@@ -26,7 +25,7 @@ def under_both_laws(model: Model, share: float) -> Model:
 class BothLaws:
     """The last ``share`` of the rows of every batch moves by ``other``, the first ones by ``model``."""
 
-    def __init__(self, model: ComplementarityModel, other: ComplementarityModel, share: float) -> None:
+    def __init__(self, model: HasLawOfSliding, other: HasLawOfSliding, share: float) -> None:
         self.model, self.other, self.share = model, other, share
         self.name, self.coordinates = model.name, model.coordinates
 
@@ -46,7 +45,7 @@ class BothLaws:
         self.other.reset_failures()
 
     def step(self, q: Tensor, v: Tensor, u: Tensor, theta: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """(q', v') as :meth:`ComplementarityModel.step` of one model or the other."""
+        """(q', v') of one model or the other."""
         own = len(q) - round(self.share * len(q))
         parts = []
         for model, rows in ((self.model, slice(None, own)), (self.other, slice(own, None))):

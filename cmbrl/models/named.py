@@ -17,11 +17,13 @@ if TYPE_CHECKING:
     from cmbrl.contact.smoothing import Smoothing
     from cmbrl.models.complementarity import ComplementarityModel
     from cmbrl.models.ensemble import NeuralEnsemble
+    from cmbrl.models.residual import ResidualModel
     from cmbrl.registry import Task
     from cmbrl.scene import Scene
 
 NOMINAL = "nominal"
 SETTINGS = "model.json"  #: the scene and the model's settings, in the folder of a fit
+RESIDUAL = "residual.json"  #: of a residual behind a fit, in the folder of both
 RESULT = "fit.json"  #: parameters with intervals and the report; a fit is whole once it is there
 _REMEDY = "fit again"
 
@@ -45,7 +47,7 @@ def check_name(word: str | os.PathLike[str], known: tuple[str, ...] = (NOMINAL,)
 
 def named_model(
     word: str | os.PathLike[str], task: Task, smoothing: Smoothing | None = None, threads: int | None = None
-) -> ComplementarityModel | NeuralEnsemble:
+) -> ComplementarityModel | ResidualModel | NeuralEnsemble:
     """``task``'s nominal model, or the model in the folder ``word`` (see ``saved_model``).
 
     Raises UserError if the folder has no model, or one of another robot or control step.
@@ -67,19 +69,28 @@ def named_model(
 
 def saved_model(
     folder: str | os.PathLike[str], smoothing: Smoothing | None = None, threads: int | None = None
-) -> ComplementarityModel | NeuralEnsemble:
+) -> ComplementarityModel | ResidualModel | NeuralEnsemble:
     """The model in ``folder``; ``smoothing`` and ``threads`` replace those of a fit.
 
     Raises UserError if there is none, or if ``smoothing`` is given for an ensemble.
     """
     check_name(folder)
     if holds_fit(folder):
-        return load_complementarity(folder).with_settings(**_given(smoothing, threads))
+        model = load_complementarity(folder).with_settings(**_given(smoothing, threads))
+        return _with_residual(folder, model)
     if smoothing is not None:
         raise UserError(f"{folder}: smoothing does not apply to an ensemble; drop it")
     from cmbrl.models.ensemble import NeuralEnsemble
 
     return NeuralEnsemble.load(folder)
+
+
+def _with_residual(folder: str | os.PathLike[str], model: ComplementarityModel) -> ComplementarityModel | ResidualModel:
+    if not (Path(folder) / RESIDUAL).exists():
+        return model
+    from cmbrl.models.residual import ResidualModel
+
+    return ResidualModel.load(folder, model)
 
 
 def _given(smoothing: Smoothing | None, threads: int | None) -> dict[str, Any]:

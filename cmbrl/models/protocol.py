@@ -90,6 +90,29 @@ class HasCoordinates(Protocol):
         ...
 
 
+@runtime_checkable
+class HasLawOfSliding(CountsFailures, HasCoordinates, Protocol):
+    """A contact model whose friction obeys one of two laws, with parameters theta that each row may have its own of."""
+
+    @property
+    def name(self) -> str:
+        """As of a ``Model``."""
+        ...
+
+    @property
+    def dt(self) -> float:
+        """As of a ``Model``."""
+        ...
+
+    def step(self, q: Tensor, v: Tensor, u: Tensor, theta: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """As of a ``Model``."""
+        ...
+
+    def under_other_law(self) -> HasLawOfSliding | None:
+        """The same model under the other law of sliding; None if nothing slides."""
+        ...
+
+
 def rollout(model: Model, q: Tensor, v: Tensor, controls: Tensor) -> tuple[Tensor, Tensor]:
     """Open-loop prediction from q (B, nq), v (B, nv): the states (B, H, nq), (B, H, nv) after each control (B, H, nu).
 
