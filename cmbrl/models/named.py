@@ -33,6 +33,11 @@ def holds_fit(folder: str | os.PathLike[str]) -> bool:
     return (Path(folder) / SETTINGS).exists()
 
 
+def holds_residual(folder: str | os.PathLike[str]) -> bool:
+    """Whether ``folder`` holds a residual behind its fit."""
+    return (Path(folder) / RESIDUAL).exists()
+
+
 def check_name(word: str | os.PathLike[str], known: tuple[str, ...] = (NOMINAL,)) -> None:
     """Raises UserError unless ``word`` is one of ``known``, or a folder with a fit or an ensemble."""
     if word in known:
@@ -86,7 +91,7 @@ def saved_model(
 
 
 def _with_residual(folder: str | os.PathLike[str], model: ComplementarityModel) -> ComplementarityModel | ResidualModel:
-    if not (Path(folder) / RESIDUAL).exists():
+    if not holds_residual(folder):
         return model
     from cmbrl.models.residual import ResidualModel
 

@@ -18,9 +18,11 @@ from typing import Any
 
 from cmbrl.errors import UserError, did_you_mean
 
-# Kinds of model: a scene's or a fit's; a trained neural one; a neural one that the algorithm trains; the real system.
-CONTACT, ENSEMBLE, UNTRAINED, REAL = "contact model", "trained ensemble", "untrained ensemble", "real system"
-_ANY = (REAL, CONTACT, ENSEMBLE)
+# Kinds of model: a scene's or a fit's; a fit with a residual; a trained neural one; a neural one that the algorithm
+# trains; the real system.
+CONTACT, RESIDUAL, ENSEMBLE = "contact model", "contact model with residual", "trained ensemble"
+UNTRAINED, REAL = "untrained ensemble", "real system"
+_ANY = (REAL, CONTACT, RESIDUAL, ENSEMBLE)
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,7 @@ class Algorithm:
 
     place: str
     summary: str
-    models: tuple[str, ...] = (CONTACT, ENSEMBLE)
+    models: tuple[str, ...] = (CONTACT, RESIDUAL, ENSEMBLE)
     takes: tuple[str, ...] = ()
     base: str | None = None
     measures: bool = False

@@ -25,9 +25,10 @@ def check_model(word: str) -> None:
 
 def kind_of(word: str) -> str:
     """The kind of model, as in `cmbrl.train.algorithms`, that a checked ``word`` names."""
-    from cmbrl.models.named import holds_fit
+    from cmbrl.models.named import holds_fit, holds_residual
 
-    return _BUILT_IN.get(word) or (kinds.CONTACT if holds_fit(word) else kinds.ENSEMBLE)
+    fitted = kinds.RESIDUAL if holds_residual(word) else kinds.CONTACT
+    return _BUILT_IN.get(word) or (fitted if holds_fit(word) else kinds.ENSEMBLE)
 
 
 def usual_model(kind: str) -> str:
@@ -50,7 +51,7 @@ def load_model(word: str, task: Task, smoothing: str | None = None, threads: int
     from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
     from cmbrl.models.named import named_model
 
-    if smoothing is not None and kind_of(word) != kinds.CONTACT:
+    if smoothing is not None and kind_of(word) not in (kinds.CONTACT, kinds.RESIDUAL):
         raise UserError(f"--smoothing does not apply to an ensemble ({word}): drop it")
     if word == ENSEMBLE:
         return NeuralEnsemble(task.load_scene(), task.control_dt, EnsembleConfig.original())
@@ -67,7 +68,7 @@ def with_derivative(model: object, text: str, seed: int, refits: bool) -> Deriva
     from cmbrl.models.complementarity import ComplementarityModel
 
     if not isinstance(model, ComplementarityModel):
-        raise UserError("--derivative applies only to a contact model: drop it")
+        raise UserError("--derivative applies only to a contact model without a residual: drop it")
     kind, options = parse_derivative(text)
     found = derivative_model(model, kind, seed, **options)
     if refits and not isinstance(found, ComplementarityModel):

@@ -96,7 +96,7 @@ def set_up(
     check_model(model)
     if kind_of(model) not in chosen.models:
         possible = " or ".join(chosen.models)
-        raise UserError(f"--model {model}: {name} cannot train on a {kind_of(model)}, only on a {possible}")
+        raise UserError(f"--model {model}: {name} cannot train on a {kind_of(model)}; it takes: {possible}")
     for given, what in ((contact_law, "--contact-law"), (sliding, "--sliding")):
         if given and model != NOMINAL:
             raise UserError(f"{what} applies to the nominal model, not to {model}: drop it")

@@ -16,6 +16,8 @@ from cmbrl.fitting import FitResult
 from cmbrl.fitting.learn_residual import fit_residual
 from cmbrl.models.named import saved_model
 from cmbrl.models.residual import ResidualModel
+from cmbrl.train.algorithms import ALGORITHMS
+from cmbrl.train.models import kind_of
 
 ARM = """<mujoco><option timestep=".01" gravity="0 0 -9.81"/><worldbody>
 <body><joint name="a" axis="0 1 0" damping=".1"/><geom type="capsule" fromto="0 0 0 .4 0 0" size=".03"/>
@@ -139,6 +141,8 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert "with the residual" in capsys.readouterr().out
     loaded = saved_model(out)
     assert isinstance(loaded, ResidualModel)
+    assert kind_of(out) not in ALGORITHMS["loop"].models  # which would fit anew
+    assert kind_of(out) in ALGORITHMS["shac"].models
     x = torch.ones(1, 2, dtype=torch.float64)
     assert not torch.equal(loaded.step(x, x, x)[1], saved_model(fit).step(x, x, x)[1])
     assert main(["error", "--data", data, "nominal", fit, out, "--horizons", "1", "5", "--threads", "1"]) == 0
