@@ -28,6 +28,7 @@ from cmbrl.data.checks import TIME_STEP_TOLERANCE
 from cmbrl.errors import UserError
 from cmbrl.models.deviations import deviations
 from cmbrl.models.protocol import Model, failures, reset_failures, rollout, seen
+from cmbrl.models.windows import thinned
 
 if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
@@ -72,7 +73,7 @@ def compare(
         raise UserError("nothing changes in this log; give a log of a moving system")
     contact, moving = in_contact(data, scene, contact_gap), is_moving(data, scene)
     views = {name: seen(model, data) for name, model in models.items()}
-    starts = {k: _thin(data.windows(k), len(data) if k == 1 else max_windows) for k in sorted(set(horizons))}
+    starts = {k: thinned(data.windows(k), len(data) if k == 1 else max_windows) for k in sorted(set(horizons))}
     starts = {k: rows for k, rows in starts.items() if len(rows)}
     total = max(1, sum(k * len(rows) for k, rows in starts.items()) * len(models))
 
@@ -112,13 +113,6 @@ def compare(
                 curves[name] = [_pooled(error[:, j], state_scale) for j in range(k)]
             done += k * len(rows)
     return ErrorTable(entries=entries, horizons=about, curves=curves, contact_gap=contact_gap, dt=data.dt)
-
-
-def _thin(rows: np.ndarray, count: int) -> np.ndarray:
-    """At most ``count`` rows, evenly spread."""
-    if len(rows) <= count:
-        return rows
-    return rows[np.linspace(0, len(rows) - 1, count).astype(np.int64)]
 
 
 def _predict(model: Model, data: Transitions, starts: np.ndarray, horizon: int) -> tuple[np.ndarray, np.ndarray]:

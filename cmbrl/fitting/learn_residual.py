@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn.functional import huber_loss
 
 from cmbrl.data.several import Logs
 from cmbrl.errors import UserError
@@ -26,7 +27,7 @@ from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.folds import LEAST_GAIN, NOISE_FACTOR, fold_of_rows, paired_gain, windows_in_blocks
 from cmbrl.fitting.result import FitResult
 from cmbrl.models.residual import ResidualModel
-from cmbrl.models.windows import blocks_of
+from cmbrl.models.windows import blocks_of, thinned
 from cmbrl.numbers import whole
 
 HUBER = 0.5  # residual, in standard deviations of the change, from which errors count linearly: that of a fit
@@ -38,7 +39,7 @@ SHORTEST, LONGEST = (
 LIMIT = 1.0  # of an acceleration, in standard deviations of those of the log
 BATCH, RATE, DECAY, CLIP = 64, 3e-3, 1e-3, 1.0  # windows of an update; of AdamW
 CHECK, PATIENCE = 25, 12  # updates between looks at the fold that stops; looks without a gain before the end
-LOOKED_AT = 256  # windows of a look
+LOOKED_AT, JUDGED = 256, 2048  # windows of a look, and of the judgement, at most
 
 
 @dataclass(frozen=True)
@@ -139,12 +140,12 @@ class _Learner:
         deviation = features.std(dim=0, correction=0)
         net.input_mean.copy_(features.mean(dim=0))
         net.input_scale.copy_(torch.where(deviation < 1e-9, 1.0, deviation))
-        change = v_next - v
+        change = net.own_frame(q, v_next - v)
         net.limit.copy_(LIMIT * change.std(dim=0, correction=0).clamp(min=1e-9))
 
     def train(self, updates: int, progress: Callable[[float, str], None]) -> None:
         """Until ``updates`` are done, or the fold that stops has not gained for a while; keeps the best weights."""
-        net, training, stopping = self.model.net, self.starts[2], _thin(self.starts[1])
+        net, training, stopping = self.model.net, self.starts[2], thinned(self.starts[1], LOOKED_AT)
         optimiser = torch.optim.AdamW(net.layers.parameters(), RATE, weight_decay=DECAY)
         best, kept, stale = self._mean(stopping), copy.deepcopy(net.state_dict()), 0
         for k in range(updates):
@@ -172,7 +173,7 @@ class _Learner:
 
     def judge(self) -> ResidualReport:
         """What the net is worth on the fold that nothing saw; it is set to zero if that is nothing."""
-        rows, net = _thin(self.starts[0], 8 * LOOKED_AT), self.model.net
+        rows, net = thinned(self.starts[0], JUDGED), self.model.net
         after = self._unseen(rows)
         q, v, u, _, v_next = (x[np.unique(self.starts[2])] for x in self.tensors)
         with torch.no_grad():
@@ -197,12 +198,11 @@ class _Learner:
         """Huber losses (B,) of windows from ``rows`` (B,), mean over steps, sum over coordinates."""
         q, v, u, q_next, v_next = self.tensors
         at, speed, total = q[rows], v[rows], torch.zeros(len(rows), dtype=torch.float64)
-        difference, delta = self.model.coordinates.difference, HUBER
+        difference = self.model.coordinates.difference
         for j in range(self.horizon):
             at, speed = self.model.step(at, speed, u[rows + j])
             error = torch.cat([difference(q_next[rows + j], at), speed - v_next[rows + j]], dim=1) / self.units
-            size = error.abs()
-            total = total + torch.where(size <= delta, 0.5 * error.square(), delta * (size - 0.5 * delta)).sum(dim=1)
+            total = total + huber_loss(error, torch.zeros_like(error), reduction="none", delta=HUBER).sum(dim=1)
         return total / self.horizon
 
     def _unseen(self, rows: np.ndarray) -> np.ndarray:
@@ -212,8 +212,3 @@ class _Learner:
     def _mean(self, rows: np.ndarray) -> float:
         losses = self._unseen(rows)
         return float(losses.mean()) if np.isfinite(losses).all() else math.inf
-
-
-def _thin(rows: np.ndarray, count: int = LOOKED_AT) -> np.ndarray:
-    """At most ``count`` rows, evenly spread."""
-    return rows if len(rows) <= count else rows[np.linspace(0, len(rows) - 1, count).astype(np.int64)]

@@ -17,6 +17,7 @@ from torch import Tensor
 
 from cmbrl.errors import UserError
 from cmbrl.gradients.offsets import ContactOffsets
+from cmbrl.models.around import Around
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.manifold import Coordinates
 from cmbrl.models.step_result import SolverWarning
@@ -63,7 +64,7 @@ class _Branches:
         return _Branches(*(x[keep] for x in fields)) if keep.any() else None
 
 
-class BundledContactModel:
+class BundledContactModel(Around):
     """``model`` with contact-triggered bundles: a ``Model`` with a memory.
 
     Between steps it keeps the branches of every row of the batch. If a row's position is not the one that the last step
@@ -91,20 +92,6 @@ class BundledContactModel:
     def name(self) -> str:
         """The model's name with the size of the bundle."""
         return f"{self.model.name}, BCG of {self.config.branches}"
-
-    @property
-    def dt(self) -> float:
-        """Control step [s]."""
-        return self.model.dt
-
-    @property
-    def failures(self) -> int:
-        """Contact solves that failed."""
-        return self.model.failures
-
-    def reset_failures(self) -> None:
-        """Sets the count of failed solves to zero."""
-        self.model.reset_failures()
 
     def forget(self) -> None:
         """Drops all running bundles."""

@@ -22,6 +22,7 @@ from torch import Tensor, nn
 
 from cmbrl.errors import UserError
 from cmbrl.files import atomic_path, read_record, record_text
+from cmbrl.models.around import Around
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.manifold import Coordinates, invariant_translations, rotation_matrix
 from cmbrl.models.named import RESIDUAL
@@ -67,25 +68,26 @@ class ResidualNet(nn.Module):
 
     def features(self, q: Tensor, v: Tensor, u: Tensor) -> Tensor:
         """What the net sees (B, width), before it is standardised."""
-        parts, moved = [q[:, self.plain]], v
+        parts = [q[:, self.plain]]
         parts += [rotation_matrix(q[:, a : a + 4]) for a in self.balls]
+        parts += [rotation_matrix(q[:, a : a + 4])[:, 6:] for a, _ in self.bases]  # the vertical in the base's frame
+        return torch.cat([*parts, self.own_frame(q, v), u], dim=1)
+
+    def own_frame(self, q: Tensor, v: Tensor, back: bool = False) -> Tensor:
+        """v (B, nv) with the linear velocities of bases in their own frames; ``back``: from there to the world's."""
         for a, b in self.bases:
             rotation = rotation_matrix(q[:, a : a + 4]).unflatten(-1, (3, 3))
-            parts.append(rotation[:, 2])  # the vertical in the base's frame
-            moved = _replaced(moved, b - 3, (moved[:, None, b - 3 : b] @ rotation)[:, 0])
-        return torch.cat([*parts, moved, u], dim=1)
+            rotation = rotation if back else rotation.transpose(1, 2)
+            v = torch.cat([v[:, : b - 3], (rotation @ v[:, b - 3 : b, None])[..., 0], v[:, b:]], dim=1)
+        return v
 
     def forward(self, q: Tensor, v: Tensor, u: Tensor) -> Tensor:
         """The changes of velocity (B, nv), float64."""
         inputs = ((self.features(q, v, u) - self.input_mean) / self.input_scale).clamp(-10.0, 10.0)
-        change = self.limit * torch.tanh(self.layers(inputs.float()).double())
-        for a, b in self.bases:
-            rotation = rotation_matrix(q[:, a : a + 4]).unflatten(-1, (3, 3))
-            change = _replaced(change, b - 3, (rotation @ change[:, b - 3 : b, None])[..., 0])
-        return change
+        return self.own_frame(q, self.limit * torch.tanh(self.layers(inputs.float()).double()), back=True)
 
 
-class ResidualModel:
+class ResidualModel(Around):
     """``model`` after the push of ``net``; everything else, parameters and draws among it, is the model's.
 
     Raises UserError if the net is of another robot.
@@ -102,21 +104,9 @@ class ResidualModel:
     def fresh(cls, model: ComplementarityModel, hidden: Sequence[int]) -> ResidualModel:
         """One that adds nothing yet."""
         scene = model.scene
-        return cls(model, ResidualNet(model.coordinates, scene.inputs, invariant_translations(scene), hidden))
-
-    @property
-    def dt(self) -> float:
-        """Control step [s]."""
-        return self.model.dt
-
-    @property
-    def failures(self) -> int:
-        """Contact solves that failed since the last ``reset_failures``."""
-        return self.model.failures
-
-    def reset_failures(self) -> None:
-        """Sets ``failures`` to zero."""
-        self.model.reset_failures()
+        level = scene.planar or not scene.gravity[:2].any()  # otherwise the heading matters
+        dropped = invariant_translations(scene) if level else []
+        return cls(model, ResidualNet(model.coordinates, scene.inputs, dropped, hidden))
 
     def step(self, q: Tensor, v: Tensor, u: Tensor, theta: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """(q', v') as :meth:`ComplementarityModel.step`, differentiable in q, v, u and theta."""
@@ -161,8 +151,3 @@ class ResidualModel:
         fill(net, place / WEIGHTS, held.get("weights"), _REMEDY)
         net.requires_grad_(False)  # steps are differentiated in state, control and theta only
         return cls(model, net)
-
-
-def _replaced(x: Tensor, first: int, columns: Tensor) -> Tensor:
-    """x (B, n) with other ``columns`` (B, k) from column ``first`` on."""
-    return torch.cat([x[:, :first], columns, x[:, first + columns.shape[1] :]], dim=1)

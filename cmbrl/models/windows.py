@@ -177,3 +177,8 @@ def spread(change: np.ndarray, least: float = 1e-9) -> np.ndarray:
     """
     spread = change.std(axis=0)
     return np.maximum(spread, max(_SCALE_FLOOR * spread.max(), least))
+
+
+def thinned(rows: np.ndarray, count: int) -> np.ndarray:
+    """At most ``count`` of ``rows`` (N,), evenly spread."""
+    return rows if len(rows) <= count else rows[np.linspace(0, len(rows) - 1, count).astype(np.int64)]

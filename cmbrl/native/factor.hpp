@@ -38,7 +38,8 @@ static inline void eliminate(T* H, Pattern p, int k) {
   }
 }
 
-// The same of a row that is symmetric so far, in half the time: mirror images are kept up in rows that are not, which are marked.
+// The same of a row that is symmetric so far, in half the time: mirror images are kept up in rows that are not, which
+// `skew` marks, if there are any.
 static inline void eliminate_symmetric(T* H, Pattern p, int k, const uint8_t* skew) {
   const int* columns = p.columns(k);
   Row<T> row(H, p, k);
@@ -63,7 +64,7 @@ static inline void eliminate_symmetric(T* H, Pattern p, int k, const uint8_t* sk
       while (place[x] != columns[b]) ++x;
       return x;
     };
-    bool mirrored = skew[columns[a]];
+    bool mirrored = skew && skew[columns[a]];
     if (to.n == a) mirrored ? hand_on(std::true_type{}, all_of_them) : hand_on(std::false_type{}, all_of_them);
     else mirrored ? hand_on(std::true_type{}, some) : hand_on(std::false_type{}, some);
   }
@@ -71,23 +72,7 @@ static inline void eliminate_symmetric(T* H, Pattern p, int k, const uint8_t* sk
 
 // The factor of a symmetric matrix, in half the time.
 static inline void factorise_symmetric(T* H, Pattern p, int nv) {
-  for (int k = nv - 1; k >= 0; --k) {
-    const int* columns = p.columns(k);
-    Row<T> row(H, p, k);
-    T inv = 1.0 / *row.diagonal;
-    *row.diagonal = inv;
-    for (int a = 0; a < row.n; ++a) row.mirror[a] = row.before[a] * inv;
-    for (int a = row.n - 1; a >= 0; --a) {
-      Row<T> to(H, p, columns[a]);
-      const int* place = p.columns(columns[a]);
-      T below = row.mirror[a];
-      *to.diagonal -= below * row.before[a];
-      for (int b = 0, x = 0; b < a; ++b, ++x) {
-        while (place[x] != columns[b]) ++x;
-        to.before[x] -= below * row.before[b];
-      }
-    }
-  }
+  for (int k = nv - 1; k >= 0; --k) eliminate_symmetric(H, p, k, nullptr);
 }
 
 static inline void copy_row(T* to, const T* from, Pattern p, int k, bool mirrored = true) {

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 
 import mujoco
@@ -116,8 +116,17 @@ def _poses(model: mujoco.MjModel, count: int) -> list[np.ndarray]:
 
 
 def _touching(model: mujoco.MjModel, poses: Sequence[np.ndarray]) -> list[dict[tuple[int, int], float]]:
-    """Pairs of geoms, sorted, within their margin in each pose, with their distance [m]."""
-    data, found = mujoco.MjData(model), []
+    return [near for _, near in touching(model, poses)]
+
+
+def touching(
+    model: mujoco.MjModel, poses: Iterable[np.ndarray]
+) -> Iterator[tuple[mujoco.MjData, dict[tuple[int, int], float]]]:
+    """MuJoCo's data at each of the ``poses``, the same object, with pairs of geoms within their margin there.
+
+    Pairs are sorted, with their distance [m].
+    """
+    data = mujoco.MjData(model)
     for q in poses:
         data.qpos[:] = q
         mujoco.mj_kinematics(model, data)
@@ -127,8 +136,7 @@ def _touching(model: mujoco.MjModel, poses: Sequence[np.ndarray]) -> list[dict[t
         for pair, distance in zip(data.contact.geom.tolist(), data.contact.dist.tolist(), strict=True):
             key = min(pair), max(pair)
             near[key] = min(distance, near.get(key, distance))
-        found.append(near)
-    return found
+        yield data, near
 
 
 def _random_pose(model: mujoco.MjModel, rng: np.random.Generator) -> np.ndarray:

@@ -124,6 +124,12 @@ def test_does_not_depend_on_place_or_heading(tmp_path: Path) -> None:
     assert push[:3].norm() > 1e-2
 
 
+def test_heading_matters_where_gravity_is_tilted(tmp_path: Path) -> None:
+    tilted = BOX.replace("<option ", '<option gravity="1 0 -9.7" ')
+    assert _random_net(_model(BOX, tmp_path)).net.bases == [(3, 3)]
+    assert not _random_net(_model(tilted, tmp_path)).net.bases
+
+
 def test_other_law_keeps_the_residual(tmp_path: Path) -> None:
     learned = _random_net(_model(BOX, tmp_path))
     other = learned.under_other_law()

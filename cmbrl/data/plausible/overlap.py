@@ -20,6 +20,7 @@ from cmbrl.data.plausible.finding import Finding
 from cmbrl.errors import UserError
 from cmbrl.scene.contact_records import ContactKind
 from cmbrl.scene.mjcf import name_of
+from cmbrl.scene.near import touching
 from cmbrl.scene.robot_source import compile_robot
 
 if TYPE_CHECKING:
@@ -75,18 +76,11 @@ def _compiled(path: str, changed: float) -> mujoco.MjModel | None:
 
 def _always(model: mujoco.MjModel, poses: np.ndarray) -> Mapping[tuple[int, int], float]:
     """Pairs of geoms that overlap in all ``poses`` (k, nq) and move to each other, with their least depth [m]."""
-    data, found = mujoco.MjData(model), None
+    found: dict[tuple[int, int], float] | None = None
     frames: dict[tuple[int, int], list[np.ndarray]] = {}
-    for pose in poses:
-        data.qpos[:] = pose
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_collision(model, data)
-        here: dict[tuple[int, int], float] = {}
-        for (a, b), distance in zip(data.contact.geom.tolist(), data.contact.dist.tolist(), strict=True):
-            if mujoco.mjtGeom.mjGEOM_PLANE not in model.geom_type[[a, b]]:
-                here[a, b] = max(-distance, here.get((a, b), 0.0))
-        deep = {pair: depth for pair, depth in here.items() if depth > DEPTH}
+    planes = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE).tolist()
+    for data, near in touching(model, poses):
+        deep = {pair: -gap for pair, gap in near.items() if -gap > DEPTH and not set(pair) & set(planes)}
         found = deep if found is None else {p: min(d, deep[p]) for p, d in found.items() if p in deep}
         for pair in found:
             frames.setdefault(pair, []).append(_between(data, *pair))
