@@ -35,7 +35,7 @@ export LD_PRELOAD="$(g++ -print-file-name=$library) $(g++ -print-file-name=libst
 
 case $kind in
   thread) tests=(tests/native/test_{batches,fork,interrupt}.py tests/contact/test_native_solver.py) ;;
-  *) tests=(tests/native tests/contact tests/models/test_autograd.py) ;;
+  *) tests=(tests/native tests/contact tests/models/test_autograd.py tests/scene/test_steps_of_files.py) ;;
 esac
 start=()
 [ "$kind" = thread ] && start=(setarch "$(uname -m)" -R)  # where the kernel spreads addresses wider than it can map
