@@ -12,7 +12,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -23,45 +22,14 @@ from cmbrl.envs.recording import Recording, outcome
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP
 from cmbrl.models.ensemble import NeuralEnsemble
-from cmbrl.settings import setting
 from cmbrl.system import SystemFactory
 from cmbrl.train import stable_baselines as sb3
 from cmbrl.train.branching import branch
+from cmbrl.train.mbpo_config import MBPOConfig
 from cmbrl.train.policy import Architecture, Policy
 from cmbrl.train.pool import Mixture, Pool
 from cmbrl.train.randomness import GlobalRandomness
 from cmbrl.train.trainer import Diverged, Trainer, episode_metrics
-
-
-@dataclass(frozen=True)
-class MBPOConfig:
-    """Settings of MBPO; the defaults are the original's for Hopper, 125,000 real steps."""
-
-    iterations: int = setting(480, "blocks of the run", least=1)
-    block: int = setting(250, "real steps between refits (without a real system: rounds of updates)", least=1)
-    warmup: int = setting(5000, "random real steps before the first block; a log replaces them", least=1)
-    updates_per_step: int = setting(20, "updates of the soft actor-critic per real step", least=1, most=10_000)
-    real_share: float = setting(0.05, "share of real steps in each of its batches", least=0)
-    rollouts: int = setting(100_000, "model rollouts started at each refit", least=1)
-    length_start: int = setting(1, "model steps of a rollout until epoch_start", least=1)
-    length_end: int = setting(15, "model steps of a rollout from epoch_end on; linear in between", least=1)
-    epoch_start: int = setting(20, "epoch at which rollouts begin to grow", least=0)
-    epoch_end: int = setting(150, "epoch at which rollouts are fully grown", least=0)
-    epoch: int = setting(1000, "real steps of an epoch", least=1)
-    keep_blocks: int = setting(4, "imagined steps older than this number of blocks are forgotten", least=1)
-    hidden: tuple[int, ...] = setting((256, 256), "hidden layers of actor and critics", least=1, most=8_192)
-    rate: float = setting(3e-4, "learning rate of the soft actor-critic", least=0)
-    batch: int = setting(256, "size of its batches", least=1)
-    discount: float = setting(0.99, "discount per control step", least=0)
-    target_share: float = setting(0.005, "share of the critics that their targets take on at each update", least=0)
-    target_entropy: float = setting(-1.0, "target entropy of the policy")
-    fit_updates: int | None = setting(None, "gradient steps of the ensemble's first fit; none: its own", least=1)
-    refit_updates: int | None = setting(None, "the same for later fits, which start from the present weights", least=1)
-    max_seconds: float | None = setting(None, "wall-clock limit, after which the run ends", least=0)
-
-    def two_cores(self) -> MBPOConfig:
-        """A cheaper run, our choice: a fifth of the rollouts, short fits."""
-        return replace(self, rollouts=20_000, fit_updates=2000, refit_updates=300)
 
 
 class MBPO(Trainer):
@@ -73,9 +41,11 @@ class MBPO(Trainer):
         config: see there.
         seed: of everything random.
         system: makes the real system; without it no real step is taken and ``data`` is all there is.
-        data: the log to start from. Its controls must be the task's actions.
+        data: the log to start from. If its controls are not the task's actions, as where they also depend on the frame
+            of a motion, it teaches the ensemble alone: rollouts branch off the task's own starts until there are real
+            steps, and no batch has rows of the log.
 
-    Raises UserError if there is neither system nor data, or if a log's controls are not actions.
+    Raises UserError if there is neither system nor data.
     """
 
     def __init__(
@@ -140,19 +110,21 @@ class MBPO(Trainer):
     def _begin(self) -> None:
         """The first real rows: the log, or random actions."""
         if self.data is not None:
-            self.real.add(self._logged(self.data))
+            if self._has_actions(self.data):
+                states = (self.data.q, self.data.v, self.data.u, self.data.q_next, self.data.v_next)
+                self.real.add(outcome(self.mdp, *map(torch.from_numpy, states)))
         elif self.recording is not None:
             with self._clock("robot"):
                 for _ in range(self.config.warmup):
                     action = 2 * torch.rand(1, self.mdp.actions, generator=self.generator, dtype=torch.float64) - 1
                     self.real.add(self.recording.step(action))
 
-    def _logged(self, data: Transitions) -> dict[str, Tensor]:
-        q, v, u, q_next, v_next = (torch.from_numpy(a) for a in (data.q, data.v, data.u, data.q_next, data.v_next))
-        acted = self.mdp.act(q, v, u) if self.mdp.repeat == 1 and u.shape[1] == self.mdp.actions else ()
-        if not (acted and all(torch.equal(a, b) for a, b in zip(acted, (q, v, u), strict=True))):
-            raise UserError("the log's controls are not this task's actions: let MBPO collect its own transitions")
-        return outcome(self.mdp, q, v, u, q_next, v_next)
+    def _has_actions(self, data: Transitions) -> bool:
+        q, v, u = (torch.from_numpy(a) for a in (data.q, data.v, data.u))
+        if self.mdp.repeat != 1 or u.shape[1] != self.mdp.actions:
+            return False
+        acted = self.mdp.act(q, v, u) if not self.mdp.memory else ()
+        return bool(acted) and all(torch.equal(a, b) for a, b in zip(acted, (q, v, u), strict=True))
 
     def _refit(self) -> None:
         """Fits the ensemble to all real transitions, after the first time from its present weights."""
@@ -171,13 +143,18 @@ class MBPO(Trainer):
     def _branch(self) -> None:
         """Fills the pool of imagined steps."""
         c = self.config
-        length = rollout_length(c, self.iteration)
+        length = c.rollout_length(self.iteration)
         self.imagined.resize(c.rollouts * length * c.keep_blocks)
         with self._clock("branch"):
-            start = self.real.sample(c.rollouts, self.generator)
-            for rows in branch(self.mdp, self.model, self._act, start["q"], start["v"], length, self.generator):
+            for rows in branch(self.mdp, self.model, self._act, *self._starts(), length, self.generator):
                 self.imagined.add(rows)
                 self.steps += len(rows["reward"]) * self.mdp.repeat
+
+    def _starts(self) -> tuple[Tensor, Tensor]:
+        if not len(self.real):
+            return self.mdp.reset(self.config.rollouts, self.generator)
+        rows = self.real.sample(self.config.rollouts, self.generator)
+        return rows["q"], rows["v"]
 
     def _improve(self) -> None:
         """Real steps if there is a robot, each followed by updates of the policy, as far as time allows."""
@@ -207,7 +184,7 @@ class MBPO(Trainer):
         found = {
             "steps": float(self.steps),
             "transitions": float(self.transitions),
-            "rollout_length": float(rollout_length(self.config, self.iteration - 1)),
+            "rollout_length": float(self.config.rollout_length(self.iteration - 1)),
             "model_error": self.model_error,
             **{f"seconds_{part}": seconds for part, seconds in self.seconds.items()},
         }
@@ -262,14 +239,3 @@ class MBPO(Trainer):
         self.generator.set_state(state["generator"])
         self.randomness.restore(state["randomness"])
         self._take_policy()
-
-
-def rollout_length(config: MBPOConfig, iteration: int) -> int:
-    """Model steps of the rollouts of block ``iteration`` (from 0): the original's truncated linear schedule.
-
-    A jump where ``epoch_end`` is not after ``epoch_start``.
-    """
-    epoch = iteration * config.block // config.epoch
-    growth = config.epoch_end - config.epoch_start
-    share = (epoch - config.epoch_start) / growth if growth > 0 else float(epoch >= config.epoch_end)
-    return int(config.length_start + min(max(share, 0.0), 1.0) * (config.length_end - config.length_start))

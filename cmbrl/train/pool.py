@@ -30,7 +30,7 @@ class Pool:
 
     def sample(self, count: int, generator: torch.Generator) -> dict[str, Tensor]:
         """``count`` rows drawn with replacement, as columns (count, width)."""
-        return self.columns(self.rows[torch.randint(len(self), (count,), generator=generator)])
+        return self.columns(self.rows[torch.randint(max(len(self), 1), (count,), generator=generator)])
 
     def columns(self, rows: Tensor) -> dict[str, Tensor]:
         """Rows (N, sum of widths) by name."""
@@ -65,7 +65,7 @@ class Pool:
 
 
 class Mixture:
-    """Replaces Stable-Baselines3's replay buffer: ``share`` of a batch from ``real``, the rest from ``imagined``."""
+    """Replaces Stable-Baselines3's replay buffer: ``share`` of a batch from ``real`` unless empty, the rest imagined."""
 
     def __init__(self, real: Pool, imagined: Pool, share: float, generator: torch.Generator) -> None:
         self.real, self.imagined, self.share, self.generator = real, imagined, share, generator
@@ -73,7 +73,7 @@ class Mixture:
 
     def sample(self, batch_size: int, env: object = None) -> Any:
         """A batch of float32 rows; int(share * batch_size) real ones come first."""
-        count = int(self.share * batch_size)
+        count = int(self.share * batch_size) if len(self.real) else 0
         real = self.real.sample(count, self.generator)
         imagined = self.imagined.sample(batch_size - count, self.generator)
         names = ("observation", "action", "next_observation", "terminated", "reward")

@@ -18,7 +18,8 @@ from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
 from cmbrl.registry import load_task
 from cmbrl.train.branching import branch
 from cmbrl.train.checkpoint import load_state, save_state
-from cmbrl.train.mbpo import MBPO, MBPOConfig, rollout_length
+from cmbrl.train.mbpo import MBPO
+from cmbrl.train.mbpo_config import MBPOConfig
 from cmbrl.train.pool import Mixture, Pool
 from cmbrl.train.recipe import configure
 from cmbrl.train.run import TrainingRun
@@ -51,16 +52,16 @@ def logged(folder: Path, rows: int = 200) -> Transitions:
 
 
 def test_rollouts_grow_as_published() -> None:
-    lengths = {k: rollout_length(MBPOConfig(), 4 * k) for k in (0, 20, 85, 149, 150, 400)}  # 4 blocks an epoch
+    lengths = {k: MBPOConfig().rollout_length(4 * k) for k in (0, 20, 85, 149, 150, 400)}  # 4 blocks an epoch
     assert lengths == {0: 1, 20: 1, 85: 8, 149: 14, 150: 15, 400: 15}
-    assert {rollout_length(configure("mbpo", load_task("cheetah")), k) for k in (0, 700, 1579)} == {1}
+    assert {configure("mbpo", load_task("cheetah")).rollout_length(k) for k in (0, 700, 1579)} == {1}
 
 
 def test_rollouts_may_jump_instead_of_growing() -> None:
     """epoch_end = epoch_start, or before it."""
     for end in (2, 1):
         config = MBPOConfig(block=1000, epoch_start=2, epoch_end=end, length_start=1, length_end=5)
-        assert [rollout_length(config, k) for k in range(4)] == ([1, 1, 5, 5] if end == 2 else [1, 5, 5, 5])
+        assert [config.rollout_length(k) for k in range(4)] == ([1, 1, 5, 5] if end == 2 else [1, 5, 5, 5])
 
 
 class Jumps:
@@ -169,6 +170,18 @@ def test_resumed_ends_at_the_same_bits(tmp_path: Path) -> None:
     assert torch.equal(straight.imagined.rows, resumed.imagined.rows)
 
 
+def test_a_log_without_actions_teaches_the_ensemble_alone(tmp_path: Path) -> None:
+    halved = replace(slider.mdp(), act=lambda q, v, a: (q, v, a / 2))
+    ensemble = NeuralEnsemble(slider.scene(tmp_path), slider.DT, NET)
+    mbpo = MBPO(halved, ensemble, SMALL, data=logged(tmp_path, 20))
+    before = mbpo.policy.net[0].weight.clone()
+    metrics = mbpo.update()
+    assert (len(mbpo.real), metrics["transitions"]) == (0, 20)
+    assert len(mbpo.imagined) == metrics["steps"] > 0
+    assert torch.isfinite(torch.tensor(metrics["model_error"]))
+    assert not torch.equal(before, mbpo.policy.net[0].weight)
+
+
 def test_stops_when_the_time_is_up(tmp_path: Path) -> None:
     mbpo = trainer(tmp_path, replace(SMALL, max_seconds=0.0))
     before = [p.clone() for p in mbpo.policy.parameters()]
@@ -184,11 +197,6 @@ def test_stops_when_the_time_is_up(tmp_path: Path) -> None:
 def test_says_what_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(UserError, match="neither a real system nor a log"):
         trainer(tmp_path, SMALL, data=None)
-    data = logged(tmp_path, 20)
-    ensemble = NeuralEnsemble(slider.scene(tmp_path), slider.DT, NET)
-    halved = replace(slider.mdp(), act=lambda q, v, a: (q, v, a / 2))
-    with pytest.raises(UserError, match="controls are not this task's actions"):
-        MBPO(halved, ensemble, SMALL, data=data).update()
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     with pytest.raises(UserError, match=r"pip install 'cmbrl\[train\]'"):
         trainer(tmp_path)
