@@ -103,34 +103,47 @@ static bool touch_ball(const AxisByBox& x, double t, Touch& out) {
   return touch_ball(x, t, past, __builtin_fabs(t) < 1, out);
 }
 
-// Where the capsule leaves the box's side across `k` in this direction, over that side; or its end, if that comes first.
+// The corner of the box that is towards `corner` against the capsule's side; or the capsule's end in this direction, if it is nearer.
+static bool touch_corner(const AxisByBox& x, const double* corner, double direction, Touch& out) {
+  double along = 0, size = 0, past[3];
+  for (int k = 0; k < 3; ++k) {
+    along += x.h[k] * (__builtin_copysign(x.box.half[k], corner[k]) - x.p[k]);
+    size += x.h[k] * x.h[k];
+  }
+  double t = along / size;
+  if (t * direction >= 1) return touch_ball(x, direction, out);
+  for (int k = 0; k < 3; ++k) past[k] = x.at(k, t) - __builtin_copysign(x.box.half[k], corner[k]);
+  return touch_ball(x, t, past, true, out);
+}
+
+// Where the capsule leaves the box's side across `k` in this direction, over that side; or its end, if that comes first; or, where it
+// passes by that side, the corner.
 static bool touch_leaving(const AxisByBox& x, int k, double direction, Touch& out) {
   int by = -1;
   double t = x.leaves((k + 1) % 3, direction, direction, by);
   t = x.leaves((k + 2) % 3, direction, t, by);
   if (by < 0) return touch_ball(x, direction, out);
-  double radius = x.capsule.half[0], dist = __builtin_fabs(x.at(k, t)) - x.box.half[k] - radius;
+  double place[3] = {x.at(0, t), x.at(1, t), x.at(2, t)};
+  if (x.over(3 - k - by, t) != 0) return touch_corner(x, place, direction, out);
+  double radius = x.capsule.half[0], dist = __builtin_fabs(place[k]) - x.box.half[k] - radius;
   if (!(dist < 0)) return false;
-  Point n = (x.at(k, t) < 0 ? -1.0 : 1.0) * x.box.axis[k], centre = x.on_axis(t);
+  Point n = (place[k] < 0 ? -1.0 : 1.0) * x.box.axis[k], centre = x.on_axis(t);
   out = touch_at({x.capsule_is_a, false, {}, n}, {centre - radius * n, Origin::cut, false, {}, x.capsule.axis[2], x.box.axis[by]}, dist);
   out.a = centre;  // a point of the axis, moved by the normal
   out.back += x.capsule_is_a ? radius : -radius;
   return true;
 }
 
-// The other corner of an edge along `k`, in this direction from one, against the capsule's side; or the capsule's end, if that comes first.
-static bool touch_other_corner(const AxisByBox& x, int k, double from, double direction, Touch& out) {
-  double corner[3], along = 0, size = 0, past[3];
-  for (int j = 0; j < 3; ++j) {
-    bool low = j == k ? x.h[j] * direction < 0 : x.over(j, from) < 0;
-    corner[j] = low ? -x.box.half[j] : x.box.half[j];
-    along += x.h[j] * (corner[j] - x.p[j]);
-    size += x.h[j] * x.h[j];
-  }
-  double t = along / size;
-  if (t * direction >= 1) return touch_ball(x, direction, out);
-  for (int j = 0; j < 3; ++j) past[j] = x.at(j, t) - corner[j];
-  return touch_ball(x, t, past, true, out);
+// A capsule that touches an edge with its end is one at a corner to MuJoCo if its axis, drawn on, passes by the edge's end.
+static bool passes_end(const AxisByBox& x, int i, int j, double* place, double* inwards) {
+  int edge = 3 - i - j;
+  double along = 0;
+  for (int k : {i, j}) along += x.h[k] * (__builtin_copysign(x.box.half[k], place[k]) - x.p[k]);
+  double passes = x.at(edge, along / __builtin_fmax(x.h[i] * x.h[i] + x.h[j] * x.h[j], 1e-300));
+  if (__builtin_fabs(passes) <= x.box.half[edge]) return false;
+  place[edge] = passes;
+  inwards[edge] = passes < 0 ? x.h[edge] : -x.h[edge];
+  return true;
 }
 
 // Of `out` there are at most two; -1: the axis passes through the box.
@@ -140,13 +153,12 @@ static int touch_capsule_box(const AxisByBox& x, Touch* out) {
     if (!x.inside(-1) && !x.inside(1)) return -1;
     return touch_ball(x, x.inside(-1) ? -1 : 1, out[0]);
   }
-  double t = x.nearest(), inwards[3];  // as t grows
+  double t = x.nearest(), inwards[3], place[3];  // as t grows
   int outside[3], count = 0;
   for (int k = 0; k < 3; ++k) {
-    double past = x.over(k, t);
-    if (past == 0) continue;
-    outside[count++] = k;
-    inwards[k] = past < 0 ? x.h[k] : -x.h[k];
+    place[k] = x.at(k, t);
+    inwards[k] = place[k] < 0 ? x.h[k] : -x.h[k];
+    if (x.over(k, t) != 0) outside[count++] = k;
   }
   if (count == 1) {  // over a side
     n += touch_leaving(x, outside[0], -1, out[n]);
@@ -154,6 +166,7 @@ static int touch_capsule_box(const AxisByBox& x, Touch* out) {
   }
   if (!touch_ball(x, t, out[n])) return 0;
   ++n;
+  if (count == 2 && __builtin_fabs(t) == 1) count += passes_end(x, outside[0], outside[1], place, inwards);
   if (count == 2) {  // at an edge: over the one of its sides that is less steep, unless it comes straight at the edge or leaves it so
     bool first = __builtin_fabs(x.h[outside[0]]) < __builtin_fabs(x.h[outside[1]]);
     int level = outside[!first], across = outside[first];
@@ -165,8 +178,9 @@ static int touch_capsule_box(const AxisByBox& x, Touch* out) {
     if ((inwards[k] > 0) != (inwards[(k + 1) % 3] > 0) && (inwards[k] > 0) != (inwards[(k + 2) % 3] > 0)) odd = k;
   if (odd < 0) return n;
   double inward = inwards[odd] > 0 ? 1 : -1, length = x.capsule.length();
-  bool along_edge = x.h[odd] * x.h[odd] > 0.5 * length * length;
-  return n + (along_edge ? touch_other_corner(x, odd, t, inward, out[n]) : touch_leaving(x, odd, -inward, out[n]));
+  if (x.h[odd] * x.h[odd] <= 0.5 * length * length) return n + touch_leaving(x, odd, -inward, out[n]);
+  place[odd] = -place[odd];
+  return n + touch_corner(x, place, inward, out[n]);
 }
 
 }  // namespace cmbrl::CMBRL_ISA

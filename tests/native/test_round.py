@@ -34,7 +34,7 @@ PAIRS = [
     (a, b)
     for k, a in enumerate(ROUND)
     for b in [*ROUND[k:], "box", "mesh"]
-    if {a, b} - {"sphere", "capsule", "box"}  # which have contacts of their own
+    if {a, b} - {"sphere", "capsule"} and (a, b) != ("sphere", "box")  # which have contacts of their own
 ]
 STATES = 80
 
@@ -81,8 +81,6 @@ def test_round_shapes_touch_as_mujocos(a: str, b: str) -> None:
 @pytest.mark.parametrize("a", ["capsule", "cylinder"])
 def test_what_lies_flat_touches_in_several_points(a: str, table: str) -> None:
     """The ends of a straight side, four points of a cylinder's end."""
-    if (a, table) == ("capsule", "box"):
-        return  # a contact of its own
     text = drop(a, table)
     for lying in (False, True):
         laid = text.replace('<geom name="a"', f'<geom name="a" euler="{90 * lying} 0 0"')
