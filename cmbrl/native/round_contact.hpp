@@ -127,6 +127,7 @@ static int lies_along(const PosedHull& E, const int* corner, const PosedHull& F,
         out[i].back += e_is_a ? back : -back;
         if (E.kind == kCapsule) { out[i].a = out[i].a + to_axis; continue; }  // whose points are those of its axis, moved by F's normal
         out[i].beside = to_axis;
+        out[i].axisB = E.axis[2];
         out[i].leans = e_is_a ? kRolls : kLifts;
       }
       return found;
