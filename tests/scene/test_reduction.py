@@ -166,7 +166,7 @@ def test_without_reduction_every_candidate_stays(load: Load) -> None:
     reduced, _ = load(FLOOR + arm + far)
     full = Scene.from_mjcf(reduced.path, reduce=False)
     assert reduced.contact_names == ()
-    # Where rows look ahead, both ends against the sides and the axis against twelve edges; elsewhere MuJoCo's two points.
+    # Both ends against the sides, the axis against twelve edges; MuJoCo's two points where rows do not look ahead.
     capsule_box = ["arm - far"] * (14 + 2)
     assert sorted(full.contact_names) == [*capsule_box, *["arm - floor"] * 2, *["far - floor"] * 8]
     flat, _ = load(FLOOR + body('type="box" size=".3 .2 .1"'))
