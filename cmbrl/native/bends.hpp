@@ -8,9 +8,20 @@
 
 namespace cmbrl::CMBRL_ISA {
 
-// How what is beside a touch of hulls turns with A: as a part of it; that of a cylinder that rolls on a side, across n alone, before what
-// it slides by; and where the side is A's, along n after that.
+// How what is beside a touch of hulls turns with A: as a part of it; that of a cylinder that rolls on a side, across n alone; and where
+// the side is A's, along n alone.
 constexpr double kLeans = 1, kRolls = 2, kLifts = 3;
+
+// A cylinder that lies on a side touches under its axis, axisB, however it turns about that: what A's turn, so far as it does no more
+// than that, moves the touch by. It is the part of it across n, which the axis is nearly.
+template <class G>
+static typename G::V rolled(const Feature<G>& F, const typename G::Ang& turn) {
+  if constexpr (G::D == 3) {
+    T tilt = dot(F.axisB, F.n), about = dot(turn, F.axisB) - tilt * dot(turn, F.n);
+    return (about / vmax(1.0 - tilt * tilt, splat(0.5))) * cross(F.axisB, F.beside);
+  }
+  return zero<G::D>();
+}
 
 // Adds dn, and makes of u what the touch moves by; in lanes that bend.
 template <class G>

@@ -129,6 +129,7 @@ template <class G>
 static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, Far* far, const Given* given = nullptr) {
   int A = m.con_bodyA[i], B = m.con_bodyB[i];
   bool hulls = m.con_type[i] == kHulls, corner = w.by_sides && !hulls && m.con_hull[i] >= 0;
+  if (hulls && o.both_ways) return;  // they only know of closed gaps
   if (corner) find_side(m, w, i);
   Feature<G> F;
   bool recalled = hulls && given && recall_touch(*given, F);
@@ -221,7 +222,7 @@ static void find_between(const Model& m, const Options& o, Work<G>& w, int clust
 
 // Whether a cluster belongs to the other way in which its geoms touch.
 static inline bool idle(const Model& m, const Options& o, int cluster) {
-  return m.con_when[m.grp_con[m.cluster_begin[cluster]]] == (o.look_ahead ? kClosed : kAhead);
+  return !o.both_ways && m.con_when[m.grp_con[m.cluster_begin[cluster]]] == (o.look_ahead ? kClosed : kAhead);
 }
 // From which gap on those of a cluster are far, of bodies that are so fast against each other.
 static inline T far_from(const Model& m, const Options& o, int cluster, T fast) {

@@ -175,7 +175,9 @@ static Shift<G> shift_of(const Model& m, const Contact<G>& c, const Vec<G::N>& x
     if (c.hulls) {
       leaning = G::turn(ang<G>(xi), F.beside);
       up = dot(F.n, leaning);
-      u += keep((F.leans == kRolls) | (F.leans == kLifts), splat(1)) * (leaning - up * F.n);
+      V roll = keep((F.leans == kRolls) | (F.leans == kLifts), splat(1)) * rolled(F, ang<G>(xi));
+      u += roll;
+      leaning -= roll;
     }
     CMBRL_FOR(r, G::D) CMBRL_FOR(k, G::D) slid[r] += F.slide[r * G::D + k] * u[k];
     dd -= slid;
@@ -189,7 +191,8 @@ static Shift<G> shift_of(const Model& m, const Contact<G>& c, const Vec<G::N>& x
       V turned = G::turn(ang<G>(xi), F.n);
       dn += F.held * turned;
       if (any(F.bends > 0.0)) bend_shift(F, turned, u, dn);
-      u += keep(F.leans == kLeans, splat(1)) * leaning + (keep(F.leans == kLifts, splat(1)) * up) * F.n;
+      Mask rolls = F.leans == kRolls;
+      u += keep((F.leans == kLeans) | rolls, splat(1)) * leaning + (keep(F.leans == kLifts, up) - keep(rolls, up)) * F.n;
     }
   }
   s.dp = u - (c.radiusA + 0.5 * c.phi) * dn - (0.5 * s.dphi) * F.n;

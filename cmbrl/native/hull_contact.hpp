@@ -1,9 +1,9 @@
 // Contacts of convex shapes with each other where rows do not look ahead: those of MuJoCo (hull_sides.hpp, hull_boxes.hpp,
-// round_contact.hpp), found lane by lane.
+// round_contact.hpp, capsule_box.hpp), found lane by lane.
 // Where they do, corners of boxes look ahead by themselves, and only what touches between corners is taken from here.
 #pragma once
+#include "capsule_box.hpp"
 #include "hull_boxes.hpp"
-#include "round_contact.hpp"
 #include "workspace.hpp"
 
 namespace cmbrl::CMBRL_ISA {
@@ -44,6 +44,16 @@ static void keep_touch(const Touch& t, Feature<G>& F, int lane) {
   CMBRL_FOR(k, 9) F.slide[k][lane] = t.edges ? 0 : t.slid[k];
 }
 
+// first: A is MuJoCo's first geom of the two; many: what lies flat touches in several points. Returns how many of `out` there are.
+static int touches_of(const PosedHull& A, const PosedHull& B, const Point& between, bool first, bool many, Touch* out) {
+  int n = -1;
+  if (A.kind == kBox && B.kind == kBox) return first ? touch_boxes(A, B, true, out) : touch_boxes(B, A, false, out);
+  if (A.kind == kCapsule && B.kind == kBox) n = touch_capsule_box({A, B, true}, out);
+  else if (A.kind == kBox && B.kind == kCapsule) n = touch_capsule_box({B, A, false}, out);
+  if (n >= 0) return n;
+  return A.round() || B.round() ? touch_round(A, B, between, first, many, out) : touch_polytopes(A, B, between, first, many, out);
+}
+
 // Of candidate i's pair of geoms, into w.touch; w.touch_there: the lanes of w.may_touch that have as many.
 template <class G>
 static void find_touches(const Model& m, Work<G>& w, int i) {
@@ -60,9 +70,7 @@ static void find_touches(const Model& m, Work<G>& w, int i) {
       PosedHull A = posed(m, w, m.con_hull[i], m.con_bodyA[i], lane, of_a), B = posed(m, w, m.con_hullB[i], m.con_bodyB[i], lane, of_b);
       const double *a = m.con_posA + 3 * i, *b = m.con_posB + 3 * i;
       Point between = B.p + B.turned(b) - A.p - A.turned(a);
-      int n = A.round() || B.round() ? touch_round(A, B, between, first, many, found)
-              : A.kind == kBox && B.kind == kBox ? (first ? touch_boxes(A, B, true, found) : touch_boxes(B, A, false, found))
-                                                 : touch_polytopes(A, B, between, first, many, found);
+      int n = touches_of(A, B, between, first, many, found);
       for (; cleared < n; ++cleared) std::memset(&w.touch[cleared], 0, sizeof w.touch[cleared]);
       for (int k = 0; k < n; ++k) {
         if (!w.by_sides && !found[k].crossing) continue;

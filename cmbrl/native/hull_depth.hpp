@@ -58,7 +58,7 @@ struct PosedHull {
     double up = dot(axis[2], d);
     Point end = kind == kBall ? centre : centre + (up >= 0 ? length() : -length()) * axis[2], out = kind == kCylinder ? d - up * axis[2] : d;
     double size = size_of(out);
-    return size > 1e-15 * size_of(d) ? end + (half[0] / size) * out : end;
+    return size > 1e-9 * size_of(d) ? end + (half[0] / size) * out : end;  // along the axis, `out` is round-off
   }
 
   Point turned(const double* y) const {

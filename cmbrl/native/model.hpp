@@ -159,6 +159,7 @@ struct Options {
   int split;         // damping is explicit to the rows, and implicit afterwards (split.hpp)
   bool apart() const { return split || rk4; }  // nothing that damps is implicit to the rows
   int convex;        // contacts slide by the convex law (newton.hpp), not by Coulomb's
+  int both_ways;     // candidates act wherever rows look ahead or do not: gaps are wanted of all of them
   int look_ahead;    // soft contacts and limits act if they would close within the step; otherwise once they have, as in MuJoCo
   Smoothing forward, backward;
   double prune;      // [m/s] rows predicted to separate faster are left out; infinity keeps all

@@ -15,6 +15,7 @@ static void smooth_quantities(const Model& m, const Options& o, const Batch& b, 
   every.prune = __builtin_inf();
   every.convex = 0;  // whole contacts
   every.look_ahead = 1;
+  every.both_ways = 1;
   for (int64_t e = begin; e < end; e += W) {
     Lanes l = lanes_from(e, end);
     gather_parameters(m, b, l, w, e == begin);
@@ -34,7 +35,6 @@ static void smooth_quantities(const Model& m, const Options& o, const Batch& b, 
     scatter(w.line_length, m.nline, m.nline, l, length);
     for (int i = 0; i < w.ncon; ++i) {
       const Contact<G>& c = w.con[i];
-      if (m.con_type[c.index] == kHulls) continue;  // they only know of closed gaps
       for (int lane = 0; gap && lane < l.n; ++lane) gap[l.at[lane] * m.ncontact + c.index] = c.phi[lane];
       int g = m.con_group[c.index];
       for (int r = 0; J && r < c.rows; ++r)

@@ -6,6 +6,7 @@
 
 namespace cmbrl::CMBRL_ISA {
 
+constexpr double kFacing = 0.98;               // of normals: a side that lies on another, and the touch
 constexpr double kClose = 1e-9;                // [m] within which the search finds how deep they are; then settle() does
 
 // How the touch moves (bends.hpp). With the curvatures S of A and B and the motions p, q along what is straight of them, E and F,
@@ -64,21 +65,20 @@ static Touch touch_of(const Meeting& m) {
   return t;
 }
 
-// The sides of H around what touches, with which it may lie on another: those of a polytope, a cylinder's end (face -1).
+// The sides of H around what touches, with which it may lie on another, and which face it: those of a polytope, a cylinder's end (face -1).
 struct Sides { int n = 0, face[Feet::most]; Point normal[Feet::most]; };
 
 static Sides sides_of(const PosedHull& H, const int* corner, const Point& outwards) {
   Sides s;
-  if (H.kind == kCylinder) {
-    s.face[0] = -1;
-    s.normal[s.n++] = dot(outwards, H.axis[2]) < 0 ? -1.0 * H.axis[2] : H.axis[2];
-  }
+  auto add = [&](int face, const Point& normal) {
+    if (dot(normal, outwards) < kFacing) return;
+    s.face[s.n] = face;
+    s.normal[s.n++] = normal;
+  };
+  if (H.kind == kCylinder) add(-1, dot(outwards, H.axis[2]) < 0 ? -1.0 * H.axis[2] : H.axis[2]);
   if (H.round()) return s;
   Feet feet(H, corner[0], corner[1], corner[2]);
-  for (; s.n < feet.nside; ++s.n) {
-    s.face[s.n] = feet.side[s.n];
-    s.normal[s.n] = H.normal(feet.side[s.n]);
-  }
+  for (int k = 0; k < feet.nside; ++k) add(feet.side[k], H.normal(feet.side[k]));
   return s;
 }
 
@@ -127,6 +127,7 @@ static int lies_along(const PosedHull& E, const int* corner, const PosedHull& F,
         out[i].back += e_is_a ? back : -back;
         if (E.kind == kCapsule) { out[i].a = out[i].a + to_axis; continue; }  // whose points are those of its axis, moved by F's normal
         out[i].beside = to_axis;
+        out[i].axisB = E.axis[2];
         out[i].leans = e_is_a ? kRolls : kLifts;
       }
       return found;

@@ -11,7 +11,7 @@ from cmbrl.scene.contact_records import Candidate, ContactKind, ContactLaw, When
 from cmbrl.scene.hulls import has_sides
 from cmbrl.scene.records import WORLD, Array
 from cmbrl.scene.shapes import Shape, Touch, touches
-from cmbrl.scene.stand_ins import CONVEX, OWN
+from cmbrl.scene.stand_ins import CONVEX
 
 ROUND = ("sphere", "capsule")
 _ZERO, _UPRIGHT = np.zeros(3), np.eye(3)  # shared by all candidates
@@ -44,13 +44,14 @@ def between(a: Shape, b: Shape, law: ContactLaw, across: Array | None) -> list[C
 
 
 def of_hulls(model: mujoco.MjModel, a: Shape, b: Shape, law: ContactLaw, spatial: bool) -> list[Candidate]:
-    """What touches as in MuJoCo where rows do not look ahead: all but spheres, capsules and boxes among themselves.
+    """What touches as in MuJoCo where rows do not look ahead: all but spheres and capsules among themselves, and
+    spheres with boxes.
 
     Only closed gaps are seen. Of two boxes in space, edges that cross wherever they are: corners alone would let
     them through each other.
     """
     kinds, boxes = {a.kind, b.kind}, a.kind == b.kind == "box"
-    if not kinds <= {*CONVEX} or (kinds <= {*OWN} and not boxes) or law.margin > 0:
+    if not kinds <= {*CONVEX} or kinds <= {*ROUND} or kinds == {"sphere", "box"} or law.margin > 0:
         return []
     if not spatial and kinds != {"mesh"} and kinds != {"mesh", "box"}:
         return []
@@ -68,6 +69,8 @@ def _most_points(kinds: set[str]) -> int:
     """Of MuJoCo's contact of two convex shapes."""
     if kinds == {"box"}:
         return 8
+    if kinds == {"capsule", "box"}:
+        return 2
     return 1 if kinds & {"sphere", "ellipsoid"} else 4
 
 

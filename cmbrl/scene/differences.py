@@ -72,10 +72,12 @@ def _shapes(model: mujoco.MjModel, candidates: list[Candidate]) -> Iterator[Left
         tilt, depth = 1e3 * _FLAT_TILT, _millimetres(_RIM_ERROR * model.geom_size[geom, 0])
         why = f"it stands on feet inside its rim; tilted by less than {tilt:g} mrad it may sink in by {depth}"
         yield LeftOut("cylinder", name_of(model, "geom", geom), why)
-    for geoms in dict.fromkeys(c.geoms for c in candidates if c.kind == ContactKind.SEGMENT_SEGMENT):
+    segments = [c for c in candidates if c.kind == ContactKind.SEGMENT_SEGMENT]
+    for geoms, acts in dict.fromkeys((c.geoms, c.when) for c in segments):
         why = "one point of contact; MuJoCo has two where capsules lie side by side"
         if np.any(model.geom_type[list(geoms)] == mujoco.mjtGeom.mjGEOM_BOX):
             why = "each edge of the box touches by itself, near a corner two or three; MuJoCo has one or two points"
+            why = f"where rows look ahead: {why}" if acts == When.AHEAD else why
         yield LeftOut("capsules", " - ".join(name_of(model, "geom", geom) for geom in geoms), why)
 
 

@@ -8,6 +8,8 @@ import pytest
 from cmbrl.scene import Scene
 from cmbrl.scene.contact_records import When
 
+from ..native.gaps_in_numpy import gaps
+
 FINGER = """<mujoco><option timestep=".002" gravity="0 0 0"/><worldbody><body pos="0 0 1">
 <joint type="slide" axis="0 0 1"/>
 <geom name="palm" type="box" size=".02 .02 .02" mass="1"/>
@@ -28,3 +30,5 @@ def test_motors_that_throw_a_joint_far_through_its_limits_are_followed_there(arm
     assert bool(found) is touches
     assert np.all(np.asarray(scene.core.con_when)[found] == When.CLOSED)
     assert any({"palm", "tip"} == set(c.name.split(" - ")) for c in scene.dropped_contacts)
+    q = scene.q0 + np.linspace(-2, 2, 50)[:, None]  # gaps tell of what acts there only, too
+    np.testing.assert_allclose(scene.gaps(q), gaps(scene.core, q), rtol=0, atol=1e-9)
