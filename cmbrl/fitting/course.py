@@ -218,7 +218,7 @@ class Course:
         return self.evidence.space, loss, folds, judges, self.seed, self.budget, self.journal
 
     def _everything(self) -> tuple[PredictionLoss, Folds]:
-        loss = self.loss(self.budget.polish_rows)
+        loss = self.loss(self.budget.trial_rows)
         return loss, self._folds(loss, loss)
 
     def _folds(self, train: PredictionLoss, judge: PredictionLoss) -> Folds:

@@ -25,6 +25,7 @@ class Extension(Trials):
         """Moves all of ``chosen`` (n,), and those laws besides that held-out errors call for, the best one first."""
         none = np.zeros_like(chosen)
         before = self._unmoved(incumbent)
+        self._tell(incumbent, "fitting all parameters")
         trial = self._trial("all", incumbent, chosen, incumbent.begin, none, before, self.budget.polish_iterations)
         name = ALL
         if (limited := self._limited(incumbent, chosen, trial.errors)) is not None:
@@ -50,6 +51,7 @@ class Extension(Trials):
         """
         columns = self.space.columns(groups)
         none = np.zeros_like(columns)
+        self.journal.report(0.85, f"confirming {', '.join(groups)}")
         kept = self._trial(
             f"confirmed {groups}", incumbent, incumbent.active, incumbent.z, none, self._unmoved(incumbent)
         )
@@ -69,6 +71,7 @@ class Extension(Trials):
 
         Where motors saturate, a fit without limits ends far from where it should.
         """
+        self._tell(incumbent, f"trying {drives.LIMIT}")
         start, helps = self._scan(drives.LIMIT, incumbent.begin, drives.CLEARLY, lines=False)
         if not helps.any():
             return None
@@ -79,12 +82,12 @@ class Extension(Trials):
     def _scan(self, group: str, z: np.ndarray, least: float = 0.0, lines: bool = True) -> tuple[np.ndarray, np.ndarray]:
         """The best levels of ``group`` from ``z`` (n,), and the mask (n,) of the parameters that help."""
         self.journal.check_time()
-        self.journal.report(0.6, f"trying {group}")
         return drives.scanned(group, self.loss, self.space, z, least, lines)
 
     def _settled(self, incumbent: Incumbent, before: Errors) -> Errors:
         """Fits on as long as that helps: what comes next must not gain by more iterations alone."""
         none = np.zeros_like(incumbent.active)
+        self._tell(incumbent, "fitting all parameters further")
         for again in range(_SETTLING):
             trial = self._trial(
                 f"settle {len(incumbent.path)} {again}", incumbent, incumbent.active, incumbent.z, none, before
@@ -100,6 +103,7 @@ class Extension(Trials):
         """A fit with the law of ``group`` besides; None if no level of those of ``drives`` lowers the loss."""
         if group not in drives.GROUPS:
             return self._added(incumbent, [group], before)
+        self._tell(incumbent, f"trying {group}")
         start, helps = self._scan(group, incumbent.z)
         if not helps.any():
             return None

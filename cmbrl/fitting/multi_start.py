@@ -20,6 +20,7 @@ from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal, OutOfTime
 
 _WIDTHS = (0.3, 1.0)  # of the starts, in turn: prior standard deviations
+_EXPLODES = 1e6  # a loss that no motion of a robot has: nothing leads back from there, and its solves are the dearest
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ class MultiStart:
         return found.z, self.folds.held_out[0].errors(self.space.theta(found.z)).loss, found.candidates
 
     def _starts(self, start: np.ndarray) -> list[np.ndarray]:
-        """``start`` and others around it, inside the bounds."""
+        """``start`` and others around it, inside the bounds, without those from which motion explodes."""
         draw = np.random.Generator(np.random.Philox(key=[self.seed & 0xFFFFFFFFFFFFFFFF, self.count]))
         found = [start]
         held = np.isin(self.space.groups, (LIMIT, FADE))  # known from a scan; elsewhere, most have no derivative
@@ -74,4 +75,5 @@ class MultiStart:
             step = _WIDTHS[k % len(_WIDTHS)] * draw.standard_normal(len(start))
             moved = np.where(self.active & ~held, start + step, start)
             found.append(np.clip(moved, self.space.z_low, self.space.z_high))
-        return found
+        losses = self.folds.train[0].values(self.space.theta(np.array(found)))
+        return [start, *(z for z, loss in zip(found[1:], losses[1:], strict=True) if loss < _EXPLODES)]

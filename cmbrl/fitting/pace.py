@@ -136,7 +136,7 @@ class Plan:
         tried = min(len(self.horizons), b.horizons) if self.states else 0
         trial = speed.fit(some(b.trial_rows), b.trial_iterations) + refits(b.trial_rows, b.trial_fold_iterations)
         trial += some(b.held_out_rows) * speed.settling + held_out * score
-        whole = speed.fit(some(b.polish_rows), b.trial_iterations) + refits(b.polish_rows, b.trial_fold_iterations)
+        whole = speed.fit(some(b.trial_rows), b.trial_iterations) + refits(b.trial_rows, b.trial_fold_iterations)
         trials = _TRIALS[0] + _TRIALS[1] * share
         judge = refits(b.polish_rows, b.fold_iterations)
         reported = sum(judged_rows(h, b.judged) for h in REPORTED) * speed.step

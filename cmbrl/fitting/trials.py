@@ -136,10 +136,14 @@ class Trials:
         return Trial(z, active, after, gain, noise, noise_of_rise, self._score(fitted), self._strain(z))
 
     def _added(self, incumbent: Incumbent, groups: list[str], before: Errors) -> Trial:
-        self.journal.report(0.6 * (1.0 - 0.8 ** len(incumbent.path)), f"trying {', '.join(groups)}")
+        self._tell(incumbent, f"trying {', '.join(groups)}")
         columns = self.space.columns(groups)
         name = f"add {len(incumbent.path)} {' + '.join(groups)}"
         return self._trial(name, incumbent, incumbent.active | columns, incumbent.z, columns, before)
+
+    def _tell(self, incumbent: Incumbent, text: str) -> None:
+        """Reports what is being tried; the more steps lie behind, the nearer is the end of the choice."""
+        self.journal.report(0.6 * (1.0 - 0.8 ** len(incumbent.path)), text)
 
     def _accept(self, move: str, group: str, trial: Trial, incumbent: Incumbent) -> Errors:
         incumbent.z, incumbent.active = trial.z, trial.active

@@ -4,6 +4,9 @@
 
 namespace cmbrl::CMBRL_ISA {
 
+// A loss that grows no further, also of motion faster than any robot's [m/s, rad/s]: that explodes, and its solves are the dearest.
+constexpr double kLost = 1e15, kFastest = 1e4;
+
 // A step of all lanes, with more rows where one that was left out closes.
 template <class G>
 static StepStats loss_step(const Model& m, const Options& o, Work<G>& w) {
@@ -50,7 +53,7 @@ static void candidate_loss(const Model& m, const Options& o, const LossBatch& b,
     return select(a < b.huber, 0.5 * r * r, b.huber * (a - 0.5 * b.huber));
   };
   for (int64_t s = begin; s < end; s += shared.windows) {
-    T loss = T{}, clean = T{};  // clean: NaN from an input that is not finite, and then so is the loss
+    T loss = T{}, clean = T{};  // clean: NaN from an input that is not finite: the loss is lost
     Lanes at{{}, W}, row{{}, W};
     for (int lane = 0; lane < W; ++lane) {
       int64_t window = shared.window(lane, s, end);
@@ -62,8 +65,10 @@ static void candidate_loss(const Model& m, const Options& o, const LossBatch& b,
     for (int k = 0; k < b.horizon; ++k) {
       if (o.stopped && o.stopped()) return;
       gather(b.u, m.nu, m.nu, row, w.u, clean);
-      Mask finite = clean == 0.0;
-      if (int good = first_of(finite); good >= 0 && any(~finite)) copy_state(m, ~finite, good, w);
+      loss = select(clean == 0.0, loss, splat(kLost));
+      Mask alive = loss < kLost;
+      if (!any(alive)) break;
+      if (any(~alive)) copy_state(m, ~alive, first_of(alive), w);
       StepStats st = loss_step(m, o, w);
       T *qn = w.start, *vn = w.start + m.nq, told = T{};
       gather(b.q_next, m.nq, m.nq, row, qn, told);
@@ -75,10 +80,15 @@ static void candidate_loss(const Model& m, const Options& o, const LossBatch& b,
         quat_mul(inverse, w.q + a, e);  // rotation error as twice the vector part (small angles)
         CMBRL_FOR(r, 3) loss += huber(2.0 * select(e[0] < 0.0, -e[1 + r], e[1 + r]) / b.scale_q[d + r]);
       }
-      for (int i = 0; i < m.nv; ++i) loss += huber((w.v[i] - vn[i]) / b.scale_v[i]);
+      T fastest = T{};
+      for (int i = 0; i < m.nv; ++i) {
+        loss += huber((w.v[i] - vn[i]) / b.scale_v[i]);
+        fastest = select(vabs(w.v[i]) < fastest, fastest, vabs(w.v[i]));
+      }
+      loss = select(fastest < kFastest, loss, splat(kLost));
       loss += clean + told;
-      loss = select(st.done & (loss < 1e15), loss, loss + b.fail_penalty);
-      loss = select(loss < 1e15, loss, splat(1e15));
+      loss = select(st.done & (loss < kLost), loss, loss + b.fail_penalty);
+      loss = select(loss < kLost, loss, splat(kLost));
       for (int lane = 0; lane < W; ++lane) ++row.at[lane];
     }
     for (int lane = 0; lane < W; ++lane) b.loss[shared.candidate(lane) * b.nstart + shared.window(lane, s, end)] = loss[lane];

@@ -36,3 +36,22 @@ def test_starts_that_overflow_are_passed_over(losses: tuple[float | None, ...], 
     screen = Scripted(None, folds, np.ones(1, dtype=bool), 0, 3, 1, Journal(None, ""))  # type: ignore[arg-type]
     object.__setattr__(screen, "losses", losses)
     assert screen.run(np.zeros(1)).z.tolist() == [found]
+
+
+class Judged(SimpleNamespace):
+    """Losses of the first of the parameters; beyond 2, motion explodes."""
+
+    def values(self, theta: np.ndarray) -> np.ndarray:
+        return np.where(np.abs(theta[:, 0]) > 2.0, 1e12, 1.0)
+
+
+def test_starts_from_which_motion_explodes_are_left_out() -> None:
+    wide = SimpleNamespace(
+        groups=["mass"], z_low=np.array([-9.0]), z_high=np.array([9.0]), theta=lambda z: 5.0 * np.asarray(z)
+    )
+    folds = SimpleNamespace(train=[Judged()])
+    screen = MultiStart(wide, folds, np.ones(1, dtype=bool), 0, 8, 1, Journal(None, ""))  # type: ignore[arg-type]
+    first, *others = screen._starts(np.array([1.0]))
+    assert first.tolist() == [1.0]
+    assert 0 < len(others) < 7
+    assert all(abs(5.0 * z[0]) <= 2.0 for z in others)

@@ -91,6 +91,20 @@ def test_a_window_that_is_not_finite_leaves_the_others_alone(model: Complementar
     np.testing.assert_allclose(share, rest[0] * (len(STARTS) - 1) / len(STARTS), rtol=1e-2)
 
 
+def test_a_window_that_explodes_is_lost_and_leaves_the_others_alone(model: ComplementarityModel) -> None:
+    windows, theta = noisy_windows(model, 1)
+    assert windows.offset is not None
+    steady = np.delete(windows.offset, 4, axis=1)
+    rest = model.candidate_loss(theta, replace(windows, starts=np.delete(STARTS, 4), offset=steady))
+    fast = windows.offset.copy()
+    fast[:, 4, model.scene.nv :] = 1e150
+    lost = 1e15 / (len(STARTS) * HORIZON)
+    share = model.candidate_loss(theta, replace(windows, offset=fast))[0] - lost
+    np.testing.assert_allclose(share, rest[0] * (len(STARTS) - 1) / len(STARTS), rtol=1e-2)
+    everywhere = np.broadcast_to(fast[:, 4:5], fast.shape)
+    np.testing.assert_allclose(model.candidate_loss(theta, replace(windows, offset=everywhere)), lost * len(STARTS))
+
+
 def test_starts_of_another_number_of_candidates_are_refused(model: ComplementarityModel) -> None:
     windows, theta = noisy_windows(model, 3)
     with pytest.raises(UserError, match=r"^array 'q' has the shape \(3, 11, \d+\); give \(2, 11, \d+\)"):
