@@ -65,7 +65,7 @@ class Pool:
 
 
 class Mixture:
-    """Replaces Stable-Baselines3's replay buffer: ``share`` of a batch from ``real`` unless empty, the rest imagined."""
+    """Replaces Stable-Baselines3's replay buffer: ``share`` of a batch is real, if there are any, the rest imagined."""
 
     def __init__(self, real: Pool, imagined: Pool, share: float, generator: torch.Generator) -> None:
         self.real, self.imagined, self.share, self.generator = real, imagined, share, generator
