@@ -11,7 +11,7 @@ from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.folds import LEAST_GAIN, NOISE_FACTOR, Folds, paired_gain
 from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.loss import Errors, NormalEquations, PredictionLoss
-from cmbrl.fitting.objective import SOLVER_VARIANCE, Objective
+from cmbrl.fitting.objective import SOLVER_VARIANCE, NotFinite, Objective
 from cmbrl.fitting.random_search import random_search
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
@@ -107,11 +107,21 @@ class Trials:
         before: Errors,
         iterations: int | None = None,
     ) -> Trial:
-        """Fits ``active`` from ``start``: random search over the ``searched`` ones, then Gauss-Newton over all."""
+        """Fits ``active`` from ``start``: random search over the ``searched`` ones, then Gauss-Newton over all.
+
+        Where motion explodes on the way, the trial stays at ``start``, with errors that are worse than all others.
+        """
         budget = self.budget
 
         def compute() -> dict[str, Any]:
             self.journal.check_time()
+            try:
+                z, folds, candidates = fitted()
+            except NotFinite:
+                z, folds, candidates = start, [start] * len(self.folds.train), 0
+            return {"z": z.tolist(), "folds": [f.tolist() for f in folds], "candidates": candidates}
+
+        def fitted() -> tuple[np.ndarray, list[np.ndarray], int]:
             z, candidates = start, 0
             if (active & searched).any():
                 objective = Objective.at(self.loss, self.space, active & searched, z)
@@ -123,17 +133,18 @@ class Trials:
                 objective = Objective.at(self.loss, self.space, active, z)
                 found = gauss_newton(objective, z, iterations or budget.trial_iterations, self.journal)
                 z, candidates = found.z, candidates + found.candidates
-            fitted, more = self.folds.refit(self.space, active, z, budget.trial_fold_iterations, self.journal)
-            return {"z": z.tolist(), "folds": [f.tolist() for f in fitted], "candidates": candidates + more}
+            folds, more = self.folds.refit(self.space, active, z, budget.trial_fold_iterations, self.journal)
+            return z, folds, candidates + more
 
-        outcome = self.journal.unit(name, compute)
-        incumbent.candidates += outcome["candidates"]
-        z = np.array(outcome["z"])
-        fitted = [np.array(f) for f in outcome["folds"]]
-        after = self.folds.errors(self.space, fitted)
-        gain, noise = paired_gain(before.loss, after.loss, self.folds.blocks())
-        noise_of_rise = paired_gain(after.loss, before.loss, self.folds.blocks())[1]
-        return Trial(z, active, after, gain, noise, noise_of_rise, self._score(fitted), self._strain(z))
+        with np.errstate(all="ignore"):
+            outcome = self.journal.unit(name, compute)
+            incumbent.candidates += outcome["candidates"]
+            z = np.array(outcome["z"])
+            folds = [np.array(f) for f in outcome["folds"]]
+            after = self.folds.errors(self.space, folds)
+            gain, noise = paired_gain(before.loss, after.loss, self.folds.blocks())
+            noise_of_rise = paired_gain(after.loss, before.loss, self.folds.blocks())[1]
+            return Trial(z, active, after, gain, noise, noise_of_rise, self._score(folds), self._strain(z))
 
     def _added(self, incumbent: Incumbent, groups: list[str], before: Errors) -> Trial:
         self._tell(incumbent, f"trying {', '.join(groups)}")

@@ -121,3 +121,15 @@ def test_a_law_that_shows_only_beside_another_is_tried_again(setup, monkeypatch)
     incumbent = Incumbent(np.zeros(len(space)), np.zeros(len(space), dtype=bool))
     extension.extend(incumbent, space.columns(["mass"]))
     assert [step["group"] for step in incumbent.path][1:] == ["tilt", "gear"]
+
+
+def test_a_trial_in_which_motion_explodes_says_nothing_for_itself(setup):
+    space, loss, folds = setup
+    extension = Extension(space, loss, folds, [], 0, Budget(), Journal(None, ""))
+    incumbent = Incumbent(np.zeros(len(space)), space.columns(["mass"]))
+    before, none = extension._unmoved(incumbent), np.zeros(len(space), dtype=bool)
+    start = np.where(space.columns(["gear"]), np.nan, 0.0)  # forces that are not finite, as of servos on light links
+    trial = extension._trial("remove", incumbent, incumbent.active, start, none, before)
+    assert np.isnan(trial.errors.loss).any()
+    assert not trial.counts(before.mean)
+    assert not trial.costs_nothing(before.mean, np.inf, np.inf)
