@@ -25,7 +25,7 @@ COMMANDS = {
     "import": "read the log of a robot: CSV, Parquet, npz, HDF5, ROS bags, LeRobot, PACE",
     "record": "record transitions from the real system of a task",
     "fit": "fit the physical parameters of a contact model to a log",
-    "residual": "learn what no parameter expresses: a small net behind a fit",
+    "residual": "learn what no parameter expresses: a small net in front of a fit",
     "error": "compare models on a log: one step ahead and open loop, by stratum",
     "train": "train a policy on a model, or in the real system",
     "evaluate": "the return of a policy in the real system and in a model",

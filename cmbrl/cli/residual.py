@@ -1,4 +1,4 @@
-"""``cmbrl residual``: a small net behind a fit, for what no parameter of the contact model can express."""
+"""``cmbrl residual``: a small net in front of a fit, for what no parameter of the contact model can express."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Training of a residual behind a fit: first-order gradients through the contact model, judged on unseen blocks.
+"""Training of a residual in front of a fit: first-order gradients through the contact model, judged on unseen blocks.
 
 The net is trained on windows of the log through the steps of the physics, so that it learns what to push *before*
 contact answers. One fold of the log's blocks says when to stop. Another, which neither training nor stopping saw, says
@@ -32,10 +32,7 @@ from cmbrl.numbers import whole
 
 HUBER = 0.5  # residual, in standard deviations of the change, from which errors count linearly: that of a fit
 FOLDS = 5  # one judges, one stops, the others train
-SHORTEST, LONGEST = (
-    4,
-    20,
-)  # steps of a window: one hardly tells a push from noise, long ones are chaos
+SHORTEST, LONGEST = 4, 20  # steps of a window: one hardly tells a push from noise, long ones are chaos
 LIMIT = 1.0  # of an acceleration, in standard deviations of those of the log
 BATCH, RATE, DECAY, CLIP = 64, 3e-3, 1e-3, 1.0  # windows of an update; of AdamW
 CHECK, PATIENCE = 25, 12  # updates between looks at the fold that stops; looks without a gain before the end

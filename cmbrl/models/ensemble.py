@@ -20,12 +20,12 @@ import torch
 from torch import Tensor
 
 from cmbrl.errors import UserError
-from cmbrl.files import atomic_path, read_record, record_text
+from cmbrl.files import read_record
 from cmbrl.models.ensemble_config import ENSEMBLE, EnsembleConfig
 from cmbrl.models.ensemble_network import EnsembleNetwork
 from cmbrl.models.ensemble_training import TrainingReport, train
 from cmbrl.models.manifold import Coordinates, invariant_translations, rotation_matrix
-from cmbrl.models.weights import fill, weights_of
+from cmbrl.models.weights import fill, write
 
 if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
@@ -146,7 +146,6 @@ class NeuralEnsemble:
 
     def save(self, folder: str | os.PathLike[str]) -> None:
         """Writes ``weights.safetensors`` and ``ensemble.json`` into ``folder``."""
-        content, digest = weights_of(self.network)
         description = {
             "kind": "neural ensemble",
             "scene": self.scene_name,
@@ -155,12 +154,8 @@ class NeuralEnsemble:
             "dropped": self.dropped,
             "elites": self.elites.tolist(),
             "config": asdict(self.config),
-            "weights": digest,
         }
-        place = Path(folder)
-        with atomic_path(place / ENSEMBLE) as described, atomic_path(place / WEIGHTS) as weights:
-            weights.write_bytes(content)
-            described.write_text(record_text(description), encoding="utf-8")
+        write(self.network, description, Path(folder) / ENSEMBLE, Path(folder) / WEIGHTS)
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str]) -> NeuralEnsemble:

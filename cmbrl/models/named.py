@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 NOMINAL = "nominal"
 SETTINGS = "model.json"  #: the scene and the model's settings, in the folder of a fit
-RESIDUAL = "residual.json"  #: of a residual behind a fit, in the folder of both
+RESIDUAL = "residual.json"  #: of a residual and its fit, in the folder of both
 RESULT = "fit.json"  #: parameters with intervals and the report; a fit is whole once it is there
 _REMEDY = "fit again"
 

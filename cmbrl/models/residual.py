@@ -21,12 +21,12 @@ import torch
 from torch import Tensor, nn
 
 from cmbrl.errors import UserError
-from cmbrl.files import atomic_path, read_record, record_text
+from cmbrl.files import read_record
 from cmbrl.models.around import Around
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.manifold import Coordinates, invariant_translations, rotation_matrix
 from cmbrl.models.named import RESIDUAL
-from cmbrl.models.weights import fill, weights_of
+from cmbrl.models.weights import fill, write
 
 if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
@@ -123,19 +123,14 @@ class ResidualModel(Around):
 
     def save(self, folder: str | os.PathLike[str]) -> None:
         """Writes ``residual.json`` and ``residual.safetensors`` into ``folder``, next to the fit that it belongs to."""
-        content, digest = weights_of(self.net)
         hidden = [layer.out_features for layer in self.net.layers if isinstance(layer, nn.Linear)][:-1]
         description = {
             "layout": self.coordinates.to_dict(),
             "inputs": self.model.scene.inputs,
             "dropped": list(self.net.dropped),
             "hidden": hidden,
-            "weights": digest,
         }
-        place = Path(folder)
-        with atomic_path(place / RESIDUAL) as described, atomic_path(place / WEIGHTS) as weights:
-            weights.write_bytes(content)
-            described.write_text(record_text(description), encoding="utf-8")
+        write(self.net, description, Path(folder) / RESIDUAL, Path(folder) / WEIGHTS)
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str], model: ComplementarityModel) -> ResidualModel:

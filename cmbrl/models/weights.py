@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import torch
 from safetensors import SafetensorError
@@ -12,13 +13,17 @@ from safetensors.torch import load, save
 from torch import Tensor, nn
 
 from cmbrl.errors import UserError
+from cmbrl.files import atomic_path, record_text
 from cmbrl.reading import regular_file
 
 
-def weights_of(module: nn.Module) -> tuple[bytes, str]:
-    """The content of a file with the parameters and buffers of ``module``, and their digest."""
+def write(module: nn.Module, description: Mapping[str, Any], record: Path, weights: Path) -> None:
+    """Writes ``module``'s ``weights`` and a ``record`` of its ``description`` and their digest: both or neither."""
     tensors = {name: value.contiguous() for name, value in module.state_dict().items()}
-    return save(tensors), digest(tensors)
+    content, told = save(tensors), digest(tensors)
+    with atomic_path(record) as described, atomic_path(weights) as written:
+        written.write_bytes(content)
+        described.write_text(record_text({**description, "weights": told}), encoding="utf-8")
 
 
 def fill(module: nn.Module, file: Path, told: str | None, remedy: str) -> None:

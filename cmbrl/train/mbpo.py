@@ -10,6 +10,7 @@ termination tests both bounds (the original tests only the upper one).
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -30,6 +31,8 @@ from cmbrl.train.policy import Architecture, Policy
 from cmbrl.train.pool import Mixture, Pool
 from cmbrl.train.randomness import GlobalRandomness
 from cmbrl.train.trainer import Diverged, Trainer, episode_metrics
+
+NO_ACTIONS = "the log's controls are not this task's actions: it teaches the ensemble, and no batch has rows of it"
 
 
 class MBPO(Trainer):
@@ -113,6 +116,8 @@ class MBPO(Trainer):
             if self._has_actions(self.data):
                 states = (self.data.q, self.data.v, self.data.u, self.data.q_next, self.data.v_next)
                 self.real.add(outcome(self.mdp, *map(torch.from_numpy, states)))
+            else:
+                warnings.warn(NO_ACTIONS, stacklevel=2)
         elif self.recording is not None:
             with self._clock("robot"):
                 for _ in range(self.config.warmup):

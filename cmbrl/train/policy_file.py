@@ -11,8 +11,8 @@ from typing import Any
 import torch
 
 from cmbrl.errors import UserError
-from cmbrl.files import atomic_path, check_writable, make_folder, read_record, record_text
-from cmbrl.models.weights import fill, weights_of
+from cmbrl.files import check_writable, make_folder, read_record
+from cmbrl.models.weights import fill, write
 from cmbrl.train.policy import Architecture, Policy
 
 WEIGHTS, DESCRIPTION = "policy.safetensors", "policy.json"
@@ -47,17 +47,13 @@ def save_policy(policy: Policy, folder: str | os.PathLike[str], about: Mapping[s
     place = Path(folder)
     check_writable(place, folder=True)
     make_folder(place)
-    content, digest = weights_of(policy)
     description = {
         "format": _FORMAT,
         **about,
         "architecture": asdict(policy.architecture),
         "observation_scaling": _SCALING[policy.architecture.normalise],
-        "weights": digest,
     }
-    with atomic_path(place / DESCRIPTION) as described, atomic_path(place / WEIGHTS) as weights:
-        weights.write_bytes(content)
-        described.write_text(record_text(description), encoding="utf-8")
+    write(policy, description, place / DESCRIPTION, place / WEIGHTS)
     return place
 
 

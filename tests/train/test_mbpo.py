@@ -175,7 +175,8 @@ def test_a_log_without_actions_teaches_the_ensemble_alone(tmp_path: Path) -> Non
     ensemble = NeuralEnsemble(slider.scene(tmp_path), slider.DT, NET)
     mbpo = MBPO(halved, ensemble, SMALL, data=logged(tmp_path, 20))
     before = mbpo.policy.net[0].weight.clone()
-    metrics = mbpo.update()
+    with pytest.warns(UserWarning, match="no batch has rows of it"):
+        metrics = mbpo.update()
     assert (len(mbpo.real), metrics["transitions"]) == (0, 20)
     assert len(mbpo.imagined) == metrics["steps"] > 0
     assert torch.isfinite(torch.tensor(metrics["model_error"]))
