@@ -26,7 +26,7 @@ static void bends_of(const Meeting& m, Touch& t) {
     for (int k = 0; k < flats[side]; ++k, ++n)
       for (int i = 0; i < 2; ++i) flat[n - 2][i] = dot((side ? m.b : m.a).flat[k], along[i]);
   }
-  double N[4], rest[12];  // dn by u; dn by w, da by u and by w
+  double found[16];  // dn by u and by w, da by u and by w
   for (int c = 0; c < 4; ++c) {  // of a unit of u (c < 2), and of w
     double A[4][5] = {}, x[4] = {}, u[2] = {double(c == 0), double(c == 1)}, w[2] = {double(c == 2), double(c == 3)};
     for (int i = 0; i < 2; ++i) {
@@ -46,13 +46,14 @@ static void bends_of(const Meeting& m, Touch& t) {
       double moves = u[i];
       for (int j = 0; j < 2; ++j) moves += S[0][i][j] * (w[j] - x[j]);
       for (int k = 2; k < 2 + flats[0]; ++k) moves += flat[k - 2][i] * x[k];
-      rest[4 + 4 * (c / 2) + 2 * i + c % 2] = moves;
-      (c < 2 ? N : rest)[2 * i + c % 2] = x[i];
+      double* column = found + 4 * (c / 2) + 2 * i + c % 2;
+      column[0] = x[i];
+      column[8] = moves;
     }
   }
-  t.axisA = {{N[0], N[1], N[3]}};
-  for (int k = 0; k < 9; ++k) t.slid[k] = rest[k];
-  t.axisB = {{rest[9], rest[10], rest[11]}};
+  t.axisA = {{found[0], found[1], found[3]}};  // N is symmetric
+  for (int k = 0; k < 9; ++k) t.slid[k] = found[4 + k];
+  t.axisB = {{found[13], found[14], found[15]}};
 }
 
 static Touch touch_of(const Meeting& m) {
