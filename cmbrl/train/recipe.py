@@ -35,8 +35,9 @@ GROWTH, SHORTEST = 2.5, 4  # times, control steps
 MEMORY, MEMORY_STEPS = 2.5, (100, 200)  # s, control steps
 # An update sees about 2,048 control steps, whatever their duration: that fixes the noise of its gradient.
 ROWS, ENVIRONMENTS = 2048, (16, 256)
-# Restarts show states near the start again to a policy that got stuck, such as a robot on its back.
-EPISODE = 10.0  # s
+# Restarts show states near the start again to a policy that got stuck, such as a robot on its back. Episodes begin
+# short, so that it learns first to move on from the start: half-cheetahs else fall and learn to run on their backs.
+EPISODE = (2.5, 10.0)  # s, at the start and from half of the updates on
 # Velocity noise as random pushes of one intensity: its variance grows with the duration of a step.
 LINEAR, ANGULAR = 0.34, 1.1  # m/s and rad/s per square root of a second
 # Nets: the first layer has at least four units per observation and action.
@@ -71,11 +72,13 @@ def configure(name: str, task: Task, changes: Mapping[str, Any] | None = None) -
 def window(mdp: MDP) -> Settings:
     """Of a learner on windows: what follows from the control step and the sizes of observation and action."""
     steps = min(_within(WINDOW / mdp.dt, WINDOW_STEPS), mdp.episode_steps)
-    return {
+    first, last = (min(mdp.episode_steps, max(1, round(duration / mdp.dt))) for duration in EPISODE)
+    found = {
         "window": steps * mdp.dt,
         "discount": 1.0 - 1.0 / _within(MEMORY / mdp.dt, MEMORY_STEPS),
-        "episode_steps": min(mdp.episode_steps, max(1, round(EPISODE / mdp.dt))),
+        "episode_steps": last,
     }
+    return found if mdp.curriculum else found | {"episode_steps_start": first}
 
 
 def shac(mdp: MDP) -> Settings:

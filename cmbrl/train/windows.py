@@ -23,6 +23,7 @@ from cmbrl.train.policy import Architecture, Policy
 from cmbrl.train.randomness import GlobalRandomness
 from cmbrl.train.trainer import Diverged, Trainer, episode_metrics, restore_optimiser
 
+GROWN = 0.5  # share of the updates after which episodes are as long as they get
 PATIENCE = 10  # updates in a row without a finite gradient before a run is given up
 
 
@@ -36,6 +37,9 @@ class WindowConfig(CriticConfig):
     discount: float = setting(0.99, "discount per control step", least=0)
     episode_steps: int | None = setting(
         None, "control steps after which a training episode restarts, if the task does not end it before", least=1
+    )
+    episode_steps_start: int | None = setting(
+        None, "the same at the start; grows evenly to episode_steps until half of the updates are done", least=1
     )
     clip: float = setting(1.0, "largest norm of a policy gradient", least=0)
     noise_linear: float = setting(0.0, "velocity noise added after each step [m/s]", least=0)
@@ -56,6 +60,16 @@ class WindowConfig(CriticConfig):
     def process(self, mdp: MDP, model: Model) -> MDP:
         """A task's ``mdp`` as a policy observes it that is trained on ``model``."""
         return observed(mdp, model, self.last_actions)
+
+    def episode(self, mdp: MDP, progress: float = 1.0) -> MDP:
+        """``mdp`` with the time limit of training episodes when this share of the updates is done.
+
+        A policy sees mostly states long after a reset. One that falls on its back before it can run may learn to run on
+        its back; in short episodes it learns first what follows the reset.
+        """
+        end = min(mdp.episode_steps, self.episode_steps or mdp.episode_steps)
+        start = min(end, self.episode_steps_start or end)
+        return replace(mdp, episode_steps=round(start + (end - start) * min(1.0, progress / GROWN)))
 
     def steps(self, mdp: MDP) -> int:
         """Control steps of a window in ``mdp``; a ``horizon`` of 0 is a whole episode."""
@@ -110,14 +124,13 @@ class WindowLearner(Trainer):
         batches: int = 1,
         stagger: bool = True,
     ) -> None:
-        limit = min(mdp.episode_steps, config.episode_steps or mdp.episode_steps)
-        self.mdp, self.model, self.config, self.rate = replace(mdp, episode_steps=limit), model, config, rate
+        self.mdp, self.model, self.config, self.rate = config.episode(mdp), model, config, rate
         self.horizon, self.generator = config.steps(self.mdp), generator
         self.moving = under_both_laws(model, config.other_law)
         table = parameter_sets(model, config.parameter_spread, seed=seed)
         disturbance = Disturbance(config.noise_linear, config.noise_angular, table)
         self.simulations = [
-            Simulation(self.mdp, self.moving, count, seed + 7919 * k, disturbance, stagger=stagger)
+            Simulation(config.episode(mdp, 0.0), self.moving, count, seed + 7919 * k, disturbance, stagger=stagger)
             for k in range(batches)
         ]
         self.simulation = self.simulations[0]
@@ -144,6 +157,8 @@ class WindowLearner(Trainer):
         progress = min(self.iteration / self.config.iterations, 1.0)
         for group in self.optimiser.param_groups:
             group["lr"] = self.rate * (1.0 - progress)
+        for simulation in self.simulations:
+            simulation.mdp = self.config.episode(self.mdp, progress)
         metrics = self.gradient(progress)
         self._step(metrics["gradient_norm"])
         metrics |= self.learn()

@@ -21,6 +21,19 @@ from cmbrl.train.shac import SHAC
 pytest.importorskip("gymnasium", reason="the robots' MJCF are Gymnasium's")
 
 
+class Watching:
+    """A curriculum that leaves everything as it is."""
+
+    def ended(self, q: torch.Tensor, failed: torch.Tensor) -> None:
+        pass
+
+    def state(self) -> dict[str, Any]:
+        return {}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        pass
+
+
 def process(dt: float, episode_steps: int, observations: int = 11, actions: int = 3) -> Task:
     """A task that says nothing of training."""
     hopper = load_task("hopper")
@@ -92,8 +105,16 @@ def test_a_task_that_says_nothing_gets_what_follows_from_its_control_step(
     assert config.steps(task.mdp()) == steps
     assert config.window == pytest.approx(steps * dt)
     assert (config.environments, config.discount, config.episode_steps) == (environments, discount, episode)
+    assert config.episode_steps_start == round(2.5 / dt)
     assert config.noise_linear**2 / dt == pytest.approx(0.34**2), "the same intensity at any step"
     assert configure("fopg", task).steps(task.mdp()) == steps
+
+
+def test_episodes_keep_their_length_where_a_curriculum_chooses_the_starts() -> None:
+    task = process(0.02, 1000)
+    assert task.mdp is not None
+    taught = replace(task.mdp(), curriculum=Watching())
+    assert configure("shac", replace(task, mdp=lambda: taught)).episode_steps_start is None
 
 
 def test_sizes_follow_too() -> None:

@@ -12,6 +12,8 @@ from cmbrl.envs.evaluation import evaluate_model
 from cmbrl.registry import load_task
 from cmbrl.train.shac import SHAC, SHACConfig, Tamed, at_drive, gradient_variance
 
+from . import slider
+
 pytest.importorskip("gymnasium", reason="the hopper's MJCF is Gymnasium's")
 SMALL = SHACConfig(iterations=10, environments=6, horizon=5, actor_hidden=(16,), critic_hidden=(16,), clip=float("inf"))
 
@@ -85,6 +87,21 @@ def test_restraint_pulls_outputs_back_from_where_tanh_is_flat():
     assert slope.tolist() == pytest.approx([0.0, -0.5 * 4.0, 0.5 * 1.0])
     trainer.gradient(0.0)
     assert last.bias.grad[1] < -1.5, "a part of the update"
+
+
+def test_episodes_grow_until_half_of_the_updates_are_done(tmp_path):
+    """The limits that episodes meet; the first ones end at different times all the same."""
+    config = replace(SMALL, iterations=20, environments=64, horizon=1, episode_steps=12, episode_steps_start=2)
+    model = cmbrl.ComplementarityModel(slider.scene(tmp_path), time_step=slider.DT)
+    trainer = SHAC(slider.mdp(), model, config, seed=0)
+    assert trainer.simulation.age.unique().tolist() == [0, 1]
+    limits = []
+    for _ in range(20):
+        trainer.update()
+        limits.append(trainer.simulation.mdp.episode_steps)
+    assert limits[:10] == list(range(2, 12))
+    assert limits[10:] == 10 * [12]
+    assert trainer.mdp.episode_steps == 12, "trials last as long as an episode"
 
 
 def test_td_lambda_targets_are_the_weighted_sums_of_n_step_returns():
