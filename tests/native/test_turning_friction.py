@@ -1,0 +1,92 @@
+"""Torsional and rolling friction (condim 4 and 6): MuJoCo's own steps under both cones, and exact derivatives."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from cmbrl.bench.studies.derivatives.differences import compare
+from cmbrl.contact import Barrier, Exact, Gaussian
+from cmbrl.contact.smoothing import Smoothing
+from cmbrl.errors import UserError
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.native import SolverStatus
+from cmbrl.scene import Scene
+
+from .test_adjoint import mismatch_at
+from .test_convex_sliding import BOX, OPTION, SLEIGH, STACK, their_step, touching
+
+MENAGERIE = Path(__file__).parents[3] / "shared/models/menagerie"  # beside the checkout
+FLOOR = '<geom name="floor" type="plane" size="5 5 .1" friction=".7 .03 .002"/>'
+BALL = '<body pos="0 0 .1"><freejoint/><geom name="ball" size=".1" mass="1" friction=".4 .02 .004"/></body>'
+PAIR = '<contact><pair geom1="ball" geom2="floor" condim="{dim}" friction=".5 .5 .04 .003 .003"/></contact>'
+TWO = """<geom type="plane" size="5 5 .1" friction=".7 .03 .002" condim="1"/><body pos="0 0 .1"><freejoint/>
+<geom size=".1" mass="1" friction=".9 .05 .001" priority="2"/></body>"""
+SCENES = {
+    "ball": (FLOOR + BALL, ""),
+    "box": (FLOOR + BOX, ""),
+    "two bodies": (FLOOR + SLEIGH, ""),
+    "a ball on a box": (FLOOR + STACK, ""),
+    "an explicit pair": (FLOOR + BALL, PAIR),
+    "priority": (TWO, ""),
+}
+CONES = ("elliptic", "pyramidal")
+DIMS = (4, 6)
+
+
+def write(folder: Path, name: str, dim: int, cone: str, impratio: float = 1.0) -> Path:
+    file = folder / "scene.xml"
+    text = OPTION.format(impratio=impratio, cone=cone) + f'<default><geom condim="{dim}"/></default>'
+    world, rest = SCENES[name]
+    file.write_text(f"<mujoco>{text}<worldbody>{world}</worldbody>{rest.format(dim=dim)}</mujoco>", encoding="utf-8")
+    return file
+
+
+@pytest.mark.parametrize("dim", DIMS)
+@pytest.mark.parametrize("cone", CONES)
+@pytest.mark.parametrize("impratio", [1.0, 10.0])
+@pytest.mark.parametrize("name", SCENES)
+def test_a_step_is_mujocos(name: str, impratio: float, cone: str, dim: int, tmp_path: Path) -> None:
+    """Pressed on the floor, turning fast and slowly. As condim 3 it is not."""
+    file = write(tmp_path, name, dim, cone, impratio)
+    scene = Scene.from_mjcf(file)
+    assert set(scene.core.con_dim) == {dim}
+    assert not [x for x in scene.left_out if x.kind == "condim"]
+    q, v, u = touching(scene, 60)
+    expected = their_step(mujoco.MjModel.from_xml_path(str(file)), q, v)
+    errors = {}
+    for ignore in ("", "condim"):
+        model = ComplementarityModel(Scene.from_mjcf(file, ignore), smoothing=Exact(1e-12), sliding="convex")
+        found = model.predict(q, v, u)
+        assert (found.status == SolverStatus.CONVERGED).all()
+        errors[ignore] = np.linalg.norm(found.v_next - expected, axis=1) / np.linalg.norm(expected - v, axis=1)
+    assert errors[""].max() < 1e-5
+    assert errors["condim"].max() > 1e-4
+
+
+STEPPING = (Barrier(1e-4), 1, "semi-implicit"), (Gaussian(length=0.01, floor=1e-6), 3, "midpoint")
+
+
+@pytest.mark.parametrize("dim", DIMS)
+@pytest.mark.parametrize("cone", CONES)
+@pytest.mark.parametrize("sliding", ["coulomb", "convex"])
+@pytest.mark.parametrize(("smoothing", "substeps", "integrator"), STEPPING)
+@pytest.mark.parametrize("name", ["ball", "two bodies", "a ball on a box"])
+def test_derivatives_are_those_of_the_step(
+    name: str, smoothing: Smoothing, substeps: int, integrator: str, sliding: str, cone: str, dim: int, tmp_path: Path
+) -> None:
+    """Columns of state and parameters, friction among them, against differences."""
+    scene = Scene.from_mjcf(write(tmp_path, name, dim, cone))
+    q, v, u = (x[::10] for x in touching(scene, 40))
+    model = ComplementarityModel(
+        scene, substeps, smoothing=smoothing, path_tolerance=1e-12, integrator=integrator, sliding=sliding
+    )
+    row = compare(model, q, v, u, 40)
+    assert {"q", "v", "friction", "mass", "softness_time"} <= set(row["kinds"])
+    assert row["median"] <= 1e-6, row
+    assert row["worst"] <= 1e-4, row
+    assert row["across_kinks"] + row["vague"] <= 0.1 * row["columns"], row
+    assert mismatch_at(model, q, v, u, np.random.default_rng(2)) < 1e-9
