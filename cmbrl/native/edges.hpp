@@ -77,7 +77,7 @@ static void make_edge(const Model& m, const Options& o, const Work<G>& w, int ed
 // The last contact, in the lanes where the convex law holds, becomes its edges.
 template <class G>
 static void split_into_edges(const Model& m, const Options& o, Work<G>& w, const T* p) {
-  Contact<G> whole = w.con[w.ncon - 1];
+  Known<G> whole = w.con[w.ncon - 1];
   Mask lanes = whole.convex & (whole.on | whole.wide);
   if (!o.convex || !m.con_pyramid[whole.index] || !any(lanes)) return;
   Contact<G>& rest = w.con[w.ncon - 1];
@@ -88,7 +88,7 @@ static void split_into_edges(const Model& m, const Options& o, Work<G>& w, const
   whole.wide &= lanes;
   for (int edge = 1; edge <= m.con_pyramid[whole.index]; ++edge) {
     Contact<G>& c = w.add_contact();
-    c = whole;
+    static_cast<Known<G>&>(c) = whole;
     make_edge(m, o, w, edge, p, c);
   }
 }

@@ -74,7 +74,7 @@ static inline T vexp(T x) {
 constexpr double kFaint = 25;  // a logistic contact is left out where it would take exp(-25) of the approach
 
 template <class G>
-static void contact_law(const Model& m, const Options& o, Contact<G>& c, const T* p) {
+static void contact_law(const Model& m, const Options& o, Known<G>& c, const T* p) {
   int i = c.index;
   double h = o.h;
   T mu = p[kMu], mu2 = mu * mu, one = splat(1);

@@ -72,7 +72,7 @@ struct ParameterColumns : ForceColumns<G> {
     T step = 1e-6 * vmax(vabs(p[field]), splat(1e-3));
     low[field] -= step;
     high[field] += step;
-    Contact<G> a = c, b = c;
+    Known<G> a = c, b = c;
     contact_law(m, o, a, low);
     contact_law(m, o, b, high);
     T scale = 0.5 / step;
