@@ -113,11 +113,13 @@ static inline Vec<G::N> target_response(const Contact<G>& c, T normal, const T* 
   for (int k = 0; k < c.rows - 1; ++k) normal -= keep(c.convex, c.gA[k] * tangential[k]);
   T dn = keep(c.on, c.ipn * normal);
   Vec<G::N> F = dn * c.Wr[0];
-  for (int r = 0; r < c.rows - 1; ++r) {
-    T x = T{};
-    CMBRL_FOR(k, c.rows - 1) x += c.Ai[r][k] * (tangential[k] - c.ta[k] * dn);
-    F += keep(c.on & c.rub, x) * c.Wr[1 + r];
-  }
+  with_tangents(c, [&](auto count) {
+    CMBRL_FOR(r, count.value) {
+      T x = T{};
+      CMBRL_FOR(k, count.value) x += c.Ai[r][k] * (tangential[k] - c.ta[k] * dn);
+      F += keep(c.on & c.rub, x) * c.Wr[1 + r];
+    }
+  });
   return F;
 }
 // That of a change of the contact's kappa.

@@ -84,10 +84,12 @@ struct Newton {
       if (c.rows > 1) {
         T db0 = c.mu * c.dgam;
         t50 -= keep(correct, db0 * c.deta0);
-        CMBRL_FOR(r, c.rows - 1) {
-          t50 -= keep(correct, c.db[r] * c.deta[r]);
-          t5[r] = -keep(correct, db0 * c.deta[r] + c.deta0 * c.db[r]);
-        }
+        with_tangents(c, [&](auto count) {
+          CMBRL_FOR(r, count.value) {
+            t50 -= keep(correct, c.db[r] * c.deta[r]);
+            t5[r] = -keep(correct, db0 * c.deta[r] + c.deta0 * c.db[r]);
+          }
+        });
       }
       linearise(c, t4, t50, t5);
     }

@@ -91,3 +91,56 @@ def test_derivatives_are_those_of_the_step(
     assert row["worst"] <= 1e-4, row
     assert row["across_kinks"] + row["vague"] <= 0.1 * row["columns"], row
     assert mismatch_at(model, q, v, u, np.random.default_rng(2)) < 1e-9
+
+
+TOP = """<mujoco><option timestep=".002" cone="{cone}"/><worldbody>
+<geom type="plane" size="5 5 .1" condim="{dim}" friction="1 .01 .001"/>
+<body pos="0 0 .0999"><freejoint/><geom size=".1" mass="1" condim="{dim}" friction="1 .01 .001"/></body></worldbody></mujoco>"""
+GRIPPER = """<mujoco><option timestep=".002" cone="{cone}" impratio="10"/><default><geom condim="{dim}" friction="1 .02 .0001"/>
+</default><worldbody>
+<body pos="-.06 0 0"><joint name="left" type="slide" axis="1 0 0" damping="5"/><geom size=".02" mass=".1"/></body>
+<body pos=".06 0 0"><joint name="right" type="slide" axis="-1 0 0" damping="5"/><geom size=".02" mass=".1"/></body>
+<body name="cube"><freejoint/><geom type="box" size=".04 .04 .04" mass=".1" pos="0 .02 0"/></body></worldbody>
+<actuator><motor joint="left" ctrlrange="-20 20"/><motor joint="right" ctrlrange="-20 20"/></actuator></mujoco>"""
+
+
+def rolled_out(text: str, v: np.ndarray, u: list[float], steps: int, sliding: str) -> tuple[np.ndarray, np.ndarray]:
+    """Velocities (steps, nv) of MuJoCo and of ours."""
+    scene, theirs = Scene.from_mjcf(text), mujoco.MjModel.from_xml_string(text)
+    model, data, out = ComplementarityModel(scene, sliding=sliding), mujoco.MjData(theirs), []
+    data.qvel[:], data.ctrl[:] = v, u
+    q, w, control = scene.q0[None], v[None], np.array([u]).reshape(1, -1)
+    for _ in range(steps):
+        mujoco.mj_step(theirs, data)
+        found = model.predict(q, w, control)
+        q, w = found.q_next, found.v_next
+        out.append((data.qvel.copy(), w[0].copy()))
+    first, second = (np.array(x) for x in zip(*out, strict=True))
+    return first, second
+
+
+@pytest.mark.parametrize("sliding", ["coulomb", "convex"])
+@pytest.mark.parametrize("cone", CONES)
+@pytest.mark.parametrize(("dim", "spins", "rolls"), [(3, False, False), (4, True, False), (6, True, True)])
+def test_a_ball_stops_to_spin_and_to_roll(dim: int, spins: bool, rolls: bool, cone: str, sliding: str) -> None:
+    """By the moment of its weight, mu_spin m g, of a ball that rolls; a pyramid has no more than a share of it then."""
+    v = np.array([0.2, 0.0, 0.0, 0.0, 2.0, 3.0])
+    theirs, ours = rolled_out(TOP.format(cone=cone, dim=dim), v, [], 600, sliding)
+    if sliding == "convex":
+        np.testing.assert_allclose(ours, theirs, atol=1e-3)
+    elif not rolls:
+        slowed = 0.01 * 9.81 * 0.1 / (0.4 * 0.1**2) if spins else 0.0
+        assert ours[49, 5] == pytest.approx(3.0 - slowed, abs=0.05)
+    assert (abs(ours[-1, 5]) < 0.02) == spins
+    assert (abs(ours[-1, 0]) < 0.02) == rolls
+
+
+@pytest.mark.parametrize("sliding", ["coulomb", "convex"])
+@pytest.mark.parametrize("cone", CONES)
+@pytest.mark.parametrize("dim", [3, 4])
+def test_two_soft_fingers_hold_a_cube_against_its_weight(dim: int, cone: str, sliding: str) -> None:
+    """Its weight is off the line through the fingers: it swings about it, unless they resist twist."""
+    theirs, ours = rolled_out(GRIPPER.format(cone=cone, dim=dim), np.zeros(8), [10.0, 10.0], 100, sliding)
+    swing = np.abs(np.cumsum(ours[:, 5]) * 0.002).max()
+    assert (swing < 0.05) == (dim == 4)
+    np.testing.assert_allclose(ours[-1], theirs[-1], atol=0.02 if dim == 4 else 0.3)
