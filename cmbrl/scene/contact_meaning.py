@@ -30,8 +30,8 @@ def softened(
 def meaning(blocks: Array, softness: Array) -> Array:
     """Contacts (n, 11) of the physical vector, as (n, 10) numbers that decide how they act.
 
-    They are friction, restitution, radius, K dmax, B, the compliance at both ends, the width between them, and torsional
-    and rolling friction.
+    They are friction, restitution, radius, K dmax, B, the compliance at both ends, the width between them, and
+    torsional and rolling friction.
 
     ``softness`` (n,): the factor on their compliance.
     """

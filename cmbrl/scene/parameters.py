@@ -43,7 +43,7 @@ _IMPEDANCE_FIELDS = (
     ("width", "impedance_width", 1e-5, 0.1, "m"),
 )
 
-# Torsional and rolling friction, and the least condim that has them, by the dimension of the scene: in the plane nothing spins.
+# Torsional and rolling friction with the least condim that has them, by dimension of the scene: no spin in the plane.
 _ROLL = ("roll", "rolling_friction", 6)
 _TURNING_FIELDS = {2: (_ROLL,), 3: (("spin", "torsional_friction", 4), _ROLL)}
 
