@@ -8,15 +8,18 @@ import mujoco
 import numpy as np
 import pytest
 
+from cmbrl.bench.check import check
+from cmbrl.bench.states import Ranges, random_states
 from cmbrl.bench.studies.derivatives.differences import compare
 from cmbrl.contact import Barrier, Exact, Gaussian
 from cmbrl.contact.smoothing import Smoothing
+from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.native import SolverStatus
 from cmbrl.scene import Scene
 
 from .test_adjoint import mismatch_at
-from .test_convex_sliding import BOX, OPTION, SLEIGH, STACK, their_step, touching
+from .test_convex_sliding import BOX, OPTION, SLEIGH, STACK, their_step, touching, tumbled
 
 MENAGERIE = Path(__file__).parents[3] / "shared/models/menagerie"  # beside the checkout
 FLOOR = '<geom name="floor" type="plane" size="5 5 .1" friction=".7 .03 .002"/>'
@@ -143,3 +146,84 @@ def test_two_soft_fingers_hold_a_cube_against_its_weight(dim: int, cone: str, sl
     swing = np.abs(np.cumsum(ours[:, 5]) * 0.002).max()
     assert (swing < 0.05) == (dim == 4)
     np.testing.assert_allclose(ours[-1], theirs[-1], atol=0.02 if dim == 4 else 0.3)
+
+
+@pytest.mark.parametrize("dim", DIMS)
+@pytest.mark.parametrize("cone", CONES)
+def test_a_disc_in_a_plane_rolls_as_mujocos(cone: str, dim: int) -> None:
+    """Nothing spins there; a pyramid is as soft as if it did."""
+    text = f"""<mujoco>{OPTION.format(impratio=1, cone=cone)}<default><geom condim="{dim}" friction=".5 .01 .01"/>
+    </default><worldbody><geom type="plane" size="5 5 .1"/><body pos="0 0 .0999"><joint type="slide" axis="1 0 0"/>
+    <joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/><geom size=".1" mass="1"/></body></worldbody></mujoco>"""
+    scene = Scene.from_mjcf(text)
+    assert scene.planar
+    rng = np.random.default_rng(0)
+    q, v = np.tile(scene.q0, (40, 1)), rng.normal(size=(40, 3)) * np.geomspace(1e-3, 2.0, 40)[:, None]
+    q[:, 1] -= rng.uniform(1e-4, 3e-3, 40)
+    expected = their_step(mujoco.MjModel.from_xml_string(text), q, v)
+    model = ComplementarityModel(scene, smoothing=Exact(1e-12), sliding="convex")
+    found = model.predict(q, v, np.zeros((40, 0)))
+    assert (np.linalg.norm(found.v_next - expected, axis=1) / np.linalg.norm(expected - v, axis=1)).max() < 1e-5
+    for sliding in ("coulomb", "convex"):
+        soft = ComplementarityModel(scene, smoothing=Barrier(1e-4), path_tolerance=1e-12, sliding=sliding)
+        row = compare(soft, q[::10], v[::10], np.zeros((4, 0)), 40)
+        assert ("rolling_friction" in row["kinds"]) == (dim == 6)
+        assert "torsional_friction" not in row["kinds"]
+        assert row["worst"] <= 1e-4, row
+
+
+@pytest.mark.parametrize("sliding", ["coulomb", "convex"])
+@pytest.mark.parametrize("cone", CONES)
+def test_lanes_of_a_pack_are_what_they_are_alone(cone: str, sliding: str, tmp_path: Path) -> None:
+    """Boxes on different corners and bodies with other coefficients share rows where the law lets them."""
+    scene = Scene.from_mjcf(write(tmp_path, "a ball on a box", 6, cone))
+    q, v, u = tumbled(scene, 33)
+    model = ComplementarityModel(scene, 2, smoothing=Barrier(1e-5), path_tolerance=1e-12, sliding=sliding)
+    every = {"jacobian": True, "parameter_jacobian": True, "impulse": True}
+    together = model.predict(q, v, u, **every)
+    assert (together.status == SolverStatus.CONVERGED).all()
+    for k in range(len(q)):
+        alone = model.predict(q[k : k + 1], v[k : k + 1], u[k : k + 1], **every)
+        for name in ("q_next", "v_next", "jacobian", "impulse"):
+            mine, theirs = getattr(alone, name)[0], getattr(together, name)[k]
+            np.testing.assert_allclose(theirs, mine, rtol=1e-7, atol=1e-7 * np.abs(mine).max(), err_msg=name)
+    assert mismatch_at(model, q, v, u, np.random.default_rng(2)) < 1e-9
+
+
+@pytest.mark.parametrize("sliding", ["coulomb", "convex"])
+@pytest.mark.parametrize("cone", CONES)
+def test_wild_states_are_solved(cone: str, sliding: str, tmp_path: Path) -> None:
+    """Deep in the floor and fast: solved, or flagged."""
+    scene = Scene.from_mjcf(write(tmp_path, "two bodies", 6, cone))
+    q, v, u = random_states(scene, 1000, np.random.default_rng(1), Ranges(gap=(-0.05, 0.01), speed=30.0))
+    found = ComplementarityModel(scene, sliding=sliding).predict(q, v, u)
+    good = found.status == SolverStatus.CONVERGED
+    assert good.mean() > 0.998
+    assert np.isfinite(found.v_next[good]).all()
+    assert found.residual[good].max() < 1e-8
+
+
+def test_contact_problems_have_no_such_rows(tmp_path: Path) -> None:
+    scene = Scene.from_mjcf(write(tmp_path, "ball", 4, "elliptic"))
+    q, v, u = touching(scene, 1)
+    with pytest.raises(UserError, match="ignore='condim'"):
+        ComplementarityModel(scene).contact_problems(q, v, u)
+    without = Scene.from_mjcf(write(tmp_path, "ball", 4, "elliptic"), "condim")
+    assert len(ComplementarityModel(without).contact_problems(q, v, u)) == 1
+
+
+ROBOTS = ("unitree_go2", "apptronik_apollo", "pal_tiago")
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_robots_of_menagerie(robot: str) -> None:
+    """Steps on the floor under MuJoCo's laws, of files with condim 4 or 6, which condim 3 misses."""
+    file = MENAGERIE / robot / "robot.xml"
+    if not file.exists():
+        pytest.skip("no MuJoCo Menagerie at ../shared/models/menagerie")
+    theirs, errors = mujoco.MjModel.from_xml_path(str(file)), {}
+    for ignore in ("", "condim"):
+        lines = check(Scene.from_mjcf(file, ignore), theirs, 40, 0, only="steps")
+        errors[ignore] = next(line.value for line in lines if line.name == "step on the floor, convex")
+    assert errors[""] < 2e-5
+    assert errors["condim"] > 10 * errors[""]
