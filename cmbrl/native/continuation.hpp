@@ -9,7 +9,7 @@ namespace cmbrl::CMBRL_ISA {
 template <class G>
 struct Continuation : InteriorPoint<G> {
   using Base = InteriorPoint<G>;
-  using Base::NT, Base::m, Base::o, Base::w, Base::rho, Base::zeta, Base::count;
+  using Base::m, Base::o, Base::w, Base::rho, Base::zeta, Base::count;
   using Base::Base;
   T t, unit_t, length;
   bool begun = false;       // lanes of `arrived` can go on from where they are

@@ -10,7 +10,7 @@ namespace cmbrl::CMBRL_ISA {
 
 template <class G>
 struct Polish : InteriorPoint<G> {
-  using InteriorPoint<G>::NT, InteriorPoint<G>::m, InteriorPoint<G>::o, InteriorPoint<G>::w, InteriorPoint<G>::rho;
+  using InteriorPoint<G>::m, InteriorPoint<G>::o, InteriorPoint<G>::w, InteriorPoint<G>::rho;
   Polish(const Structure& m_, const Options& o_, SolverWork<G>& w_) : InteriorPoint<G>(m_, o_, w_) { this->heads = false; }
   T momentum;          // relative momentum residual at the current point
   double pull = 1e-7;  // proximal term of a step; 1e-9 to 1e-4 solve the same problems

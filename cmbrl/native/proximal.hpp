@@ -9,7 +9,7 @@ namespace cmbrl::CMBRL_ISA {
 
 template <class G>
 struct ProximalPoints : Polish<G> {
-  using Polish<G>::NT, Polish<G>::m, Polish<G>::w, Polish<G>::Polish;
+  using Polish<G>::m, Polish<G>::w, Polish<G>::Polish;
 
   // What a proximal point is made of, and the rows' own law, with places in a copy.
   template <class F>

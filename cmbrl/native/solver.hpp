@@ -9,7 +9,7 @@ namespace cmbrl::CMBRL_ISA {
 
 template <class G>
 struct InteriorPoint : Newton<G> {
-  using Newton<G>::NT, Newton<G>::m, Newton<G>::o, Newton<G>::w, Newton<G>::rho;
+  using Newton<G>::m, Newton<G>::o, Newton<G>::w, Newton<G>::rho;
   using Newton<G>::twist, Newton<G>::add_wrench, Newton<G>::linearise_all, Newton<G>::factorise, Newton<G>::direction;
   T zeta, count;
   T speed;   // largest at which anything moves along a row: velocities are known to some 1e-16 of it

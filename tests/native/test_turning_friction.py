@@ -10,7 +10,7 @@ import pytest
 
 from cmbrl.bench.check import check
 from cmbrl.bench.states import Ranges, random_states
-from cmbrl.bench.studies.derivatives.differences import compare
+from cmbrl.bench.studies.derivatives.differences import compare, measure
 from cmbrl.contact import Barrier, Exact, Gaussian
 from cmbrl.contact.smoothing import Smoothing
 from cmbrl.errors import UserError
@@ -188,6 +188,17 @@ def test_lanes_of_a_pack_are_what_they_are_alone(cone: str, sliding: str, tmp_pa
             mine, theirs = getattr(alone, name)[0], getattr(together, name)[k]
             np.testing.assert_allclose(theirs, mine, rtol=1e-7, atol=1e-7 * np.abs(mine).max(), err_msg=name)
     assert mismatch_at(model, q, v, u, np.random.default_rng(2)) < 1e-9
+
+
+@pytest.mark.parametrize("law", ["rigid", "spring-damper", "logistic"])
+@pytest.mark.parametrize("dim", DIMS)
+def test_derivatives_under_other_contact_laws(dim: int, law: str, tmp_path: Path) -> None:
+    """Bounces among them."""
+    scene = Scene.from_mjcf(write(tmp_path, "box", dim, "pyramidal"), contact_law=law)
+    for smoothing in ("kappa 1e-4", "gaussian"):
+        row = measure(scene, smoothing, 6, restitution=0.5)
+        assert "torsional_friction" in row["kinds"]
+        assert row["worst"] <= 1e-6, row
 
 
 @pytest.mark.parametrize("sliding", ["coulomb", "convex"])
