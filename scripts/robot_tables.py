@@ -125,8 +125,6 @@ def _approximations(info: Mapping[str, Any]) -> Iterator[str]:
             groups.setdefault(name.format(kind=found["kind"]), []).append(max(sizes, default=0))
     for name, sizes in groups.items():
         yield f"{name}: {len(sizes)}" + (f", {max(sizes):g} mm" if max(sizes) else "")
-    if rolling := sum(found["kind"] == "condim" for found in info["left_out"]):
-        yield f"no torsion: {rolling} pairs"
 
 
 def licence(folder: Path) -> str:

@@ -19,7 +19,7 @@ class StepResult:
     substeps; rung (B,), how far a solve climbed the ladder of fallbacks (0: no further than the first); residual (B,),
     the worst relative residual over substeps. On request: jacobian (B, 2 nv, 2 nv + nu
     [+ np]) of (q', v') in (q, v, u [, theta]), with q in tangent space; impulse (B, contacts, 2 or 3) [N s] along the
-    rows of ``smooth_dynamics``, summed over substeps.
+    rows of ``smooth_dynamics``, summed over substeps; without the moments of torsional and rolling friction.
     """
 
     q_next: np.ndarray

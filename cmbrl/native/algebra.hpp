@@ -32,7 +32,7 @@ static inline Vec<3> cross(const Vec<3>& a, const Vec<3>& b) {
 }
 
 struct Planar {
-  static constexpr int D = 2, A = 1, N = 3, NT = 1, SYM = 1;
+  static constexpr int D = 2, A = 1, N = 3, NT = 1, MT = 2, SYM = 1;
   static constexpr bool kColumnPerDof = true;
   using V = Vec<2>;
   using Motion = Vec<3>;  // (omega, vx, vy)
@@ -60,7 +60,7 @@ struct Planar {
 };
 
 struct Spatial {
-  static constexpr int D = 3, A = 3, N = 6, NT = 2, SYM = 6;
+  static constexpr int D = 3, A = 3, N = 6, NT = 2, MT = 5, SYM = 6;
   static constexpr bool kColumnPerDof = true;
   using V = Vec<3>;
   using Motion = Vec<6>;

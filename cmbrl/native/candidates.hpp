@@ -40,17 +40,18 @@ static void make_contact(const Model& m, const Options& o, int i, const Feature<
   c.segments = c.hulls || m.con_type[i] == kSegmentSegment;
   c.at = F;
   c.radiusA = p[kRadius] - m.con_radiusB[i] + F.back;
-  c.rows = m.con_dim[i] > 1 ? 1 + G::NT : 1;
+  c.rows = rows_of_contact(G::D == 2, m.con_dim[i]);
   c.rub = c.rows > 1 ? p[kMu] > 1e-9 : none();
   c.mu = c.full_mu = select(c.rub, p[kMu], splat(1));
   c.phi = phi;
   c.p = F.a + F.beside - (c.radiusA + 0.5 * phi) * F.n;
   c.d[0] = F.n;
   tangents(G{}, F.n, c.d + 1);
-  CMBRL_FOR(r, c.rows) {
+  for (int r = 0; r < c.rows && r <= G::NT; ++r) {
     c.Wr[r] = join<G>(G::moment(c.p, c.d[r]), c.d[r]);
     if (r > 0) CMBRL_FOR(x, G::N) c.Wr[r][x] = keep(c.rub, c.Wr[r][x]);
   }
+  if (c.rows > 1 + G::NT) turning_rows(c, p);
   contact_law(m, o, c, p);
   c.root = vsqrt(m.con_invweight[i] + c.Rn);
 }

@@ -137,9 +137,9 @@ static inline void load_block(const Model& m, const Work<G>& w, int i, T* p) {
   p[kRscale] *= contact_weight(m, w, i);
 }
 
-// How gap, contact point and directions of a contact move when body A moves by the twist xi and B stays.
+// How gap, contact point and directions of a contact move when body A moves by the twist xi and B stays; about: the axis of an edge.
 template <class G>
-struct Shift { T dphi; typename G::V dp, dd[1 + G::NT]; };
+struct Shift { T dphi; typename G::V dp, dd[1 + G::NT]; typename G::Ang about; };
 
 template <class G>
 static Shift<G> shift_of(const Model& m, const Contact<G>& c, const Vec<G::N>& xi) {
@@ -197,7 +197,8 @@ static Shift<G> shift_of(const Model& m, const Contact<G>& c, const Vec<G::N>& x
   }
   s.dp = u - (c.radiusA + 0.5 * c.phi) * dn - (0.5 * s.dphi) * F.n;
   s.dd[0] = dn;
-  for (int r = 1; r < c.rows; ++r) s.dd[r] = -dot(c.d[r], dn) * F.n;  // isotropic friction: the frame may roll about n
+  s.about = {};
+  for (int r = 1; r < c.rows && r <= G::NT; ++r) s.dd[r] = -dot(c.d[r], dn) * F.n;  // isotropic friction: the frame may roll about n
   return s;
 }
 
@@ -208,7 +209,7 @@ static Shift<G> shift_with_other(const Model& m, const Contact<G>& c, const Vec<
   typename G::Ang a = ang<G>(S);
   s.dp += point_velocity<G>(S, c.p);
   s.dd[0] += G::turn(a, c.at.n);
-  for (int r = 1; r < c.rows; ++r) s.dd[r] += G::turn(a, c.d[r]);
+  for (int r = 1; r < c.rows && r <= G::NT; ++r) s.dd[r] += G::turn(a, c.d[r]);
   return s;
 }
 
@@ -216,13 +217,18 @@ static Shift<G> shift_with_other(const Model& m, const Contact<G>& c, const Vec<
 template <class G>
 static Shift<G> shift_by_dof(const Model& m, const Work<G>& w, const Contact<G>& c, const Vec<G::N>& S, int sign) {
   Shift<G> s = sign > 0 ? shift_of(m, c, S) : shift_with_other(m, c, S);
-  if (c.edge) s.dd[0] = edge_shift(m, w, c, c.at.n, s.dd[0], S);
+  if (!c.edge) return s;
+  Beside<G> x = edge_shift(m, w, c, c.at.n, s.dd[0], S);
+  s.dd[0] = s.dd[0] + x.along;
+  s.about = x.about;
   return s;
 }
 
 template <class G>
 static Vec<G::N> wrench_shift(const Contact<G>& c, const Shift<G>& s, int row) {
+  if (row > G::NT) return turning_shift(c, s.dd, row);
   Vec<G::N> dW = join<G>(G::moment(s.dp, c.d[row]) + G::moment(c.p, s.dd[row]), s.dd[row]);
+  if (row == 0 && c.edge) dW += join<G>(s.about, zero<G::D>());
   if (row > 0) CMBRL_FOR(x, G::N) dW[x] = keep(c.rub, dW[x]);
   return dW;
 }

@@ -9,7 +9,7 @@ namespace cmbrl::CMBRL_ISA {
 template <class G>
 struct Continuation : InteriorPoint<G> {
   using Base = InteriorPoint<G>;
-  using Base::NT, Base::m, Base::o, Base::w, Base::rho, Base::zeta, Base::count;
+  using Base::m, Base::o, Base::w, Base::rho, Base::zeta, Base::count;
   using Base::Base;
   T t, unit_t, length;
   bool begun = false;       // lanes of `arrived` can go on from where they are
@@ -27,7 +27,7 @@ struct Continuation : InteriorPoint<G> {
       if (c.rows == 1) continue;
       T head = keep(c.on & c.rub, 1.0 / (c.mu * c.gam)), dual = keep(c.on & c.rub, 1.0 / c.eta0);
       f(c.eta0, c.deta0, dual, slot++);
-      CMBRL_FOR(r, NT) { f(c.b[r], c.db[r], head, slot++); f(c.eta[r], c.deta[r], dual, slot++); }
+      CMBRL_FOR(r, c.rows - 1) { f(c.b[r], c.db[r], head, slot++); f(c.eta[r], c.deta[r], dual, slot++); }
     }
     for (int i = 0; i < w.nlim; ++i) {
       Limit& l = w.lim[i];
@@ -48,8 +48,8 @@ struct Continuation : InteriorPoint<G> {
     T grow = t * zeta * zeta;
     for (int i = 0; i < w.ncon; ++i) {
       Contact<G>& c = w.con[i];
-      T b0 = c.mu * c.gam, head = b0 * c.eta0, turn[NT] = {};
-      if (c.rows > 1) CMBRL_FOR(r, NT) { head += c.b[r] * c.eta[r]; turn[r] = b0 * c.eta[r] + c.eta0 * c.b[r]; }
+      T b0 = c.mu * c.gam, head = b0 * c.eta0, turn[G::MT] = {};
+      CMBRL_FOR(r, c.rows - 1) { head += c.b[r] * c.eta[r]; turn[r] = b0 * c.eta[r] + c.eta0 * c.b[r]; }
       this->linearise(c, c.gam * c.s + grow, head + grow, turn);
     }
     for (int i = 0; i < w.nlim; ++i) this->linearise(w.lim[i], w.lim[i].gam * w.lim[i].s + grow);
@@ -72,8 +72,11 @@ struct Continuation : InteriorPoint<G> {
       pair(c.gam, c.dgam);
       pair(c.s, c.ds);
       if (c.rows == 1) continue;
-      alpha = vmin(alpha, Base::template cone<NT>(c.mu * c.gam, c.b, keep(c.on & c.rub, c.mu * c.dgam), c.db));
-      alpha = vmin(alpha, Base::template cone<NT>(c.eta0, c.eta, c.deta0, c.deta));
+      with_tangents(c, [&](auto count) {
+        constexpr int K = count.value;
+        alpha = vmin(alpha, Base::template cone<K>(c.mu * c.gam, c.b, keep(c.on & c.rub, c.mu * c.dgam), c.db));
+        alpha = vmin(alpha, Base::template cone<K>(c.eta0, c.eta, c.deta0, c.deta));
+      });
     }
     for (int i = 0; i < w.nlim; ++i) { pair(w.lim[i].gam, w.lim[i].dgam); pair(w.lim[i].s, w.lim[i].ds); }
     for (int i = 0; i < w.ndry; ++i) {
@@ -116,7 +119,7 @@ struct Continuation : InteriorPoint<G> {
   // here before goes on from where it arrived: the way there would be the same again, and so would be its end.
   Mask trace(Mask todo, const Strategy& st, double until, T& iterations) {
     this->start(st.start);  // residuals along the path are shares of these
-    int size = m.nv + w.ncon * (3 + 2 * NT) + 2 * w.nlim + 3 * w.ndry;
+    int size = m.nv + w.ncon * (3 + 2 * G::MT) + 2 * w.nlim + 3 * w.ndry;
     T *before = w.path, *unit = before + size, *kept = unit + size;  // other solves write into the first of them
     T kappa = this->mean_kappa();
     Mask busy = todo & (count > 0.0);

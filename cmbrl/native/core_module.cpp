@@ -194,11 +194,12 @@ class Core {
     const Model& m = data_->model;
     Options o = settings(options);
     Batch b = states(q, v, &u, theta);
-    bool pyramids = false;
-    for (int i = 0; i < m.ncontact; ++i) pyramids |= o.convex && m.con_pyramid[i];
     RowBatch r{};
-    r.rows_a_contact = pyramids ? 1 + kEdges : 1;
+    r.rows_a_contact = 1;
+    for (int i = 0; i < m.ncontact; ++i)
+      if (o.convex) r.rows_a_contact = std::max(r.rows_a_contact, 1 + m.con_pyramid[i]);
     size_t n = b.n, nv = m.nv, nrow = m.ncontact * r.rows_a_contact + m.nlimit, rows = m.planar ? 2 : 3;
+    if (size_t(m.most_rows) > rows) throw std::invalid_argument("contact problems have no rows of torsional or rolling friction");
     nb::dict out;
     out["M"] = make_array<double>({n, nv, nv}, &r.M);
     out["v_free"] = make_array<double>({n, nv}, &r.v_free);

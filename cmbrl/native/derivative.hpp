@@ -113,17 +113,19 @@ static inline Vec<G::N> target_response(const Contact<G>& c, T normal, const T* 
   for (int k = 0; k < c.rows - 1; ++k) normal -= keep(c.convex, c.gA[k] * tangential[k]);
   T dn = keep(c.on, c.ipn * normal);
   Vec<G::N> F = dn * c.Wr[0];
-  for (int r = 0; r < c.rows - 1; ++r) {
-    T x = T{};
-    CMBRL_FOR(k, G::NT) x += c.Ai[r][k] * (tangential[k] - c.ta[k] * dn);
-    F += keep(c.on & c.rub, x) * c.Wr[1 + r];
-  }
+  with_tangents(c, [&](auto count) {
+    CMBRL_FOR(r, count.value) {
+      T x = T{};
+      CMBRL_FOR(k, count.value) x += c.Ai[r][k] * (tangential[k] - c.ta[k] * dn);
+      F += keep(c.on & c.rub, x) * c.Wr[1 + r];
+    }
+  });
   return F;
 }
 // That of a change of the contact's kappa.
 template <class G>
 static inline Vec<G::N> kappa_response(const Contact<G>& c, T dkappa) {
-  T tangential[G::NT] = {};
+  T tangential[G::MT] = {};
   for (int k = 0; k < c.rows - 1; ++k) tangential[k] = -c.b[k] / (c.mu * c.gam) * dkappa;
   return target_response(c, dkappa + (c.rows > 1 ? keep(c.convex, dkappa) : T{}), tangential);
 }
@@ -157,7 +159,7 @@ static void contact_terms(const Model& m, const Options& o, Work<G>& w, T* Gq, T
         Shift<G> s = shift_by_dof(m, w, c, w.S[d], sign);
         Vec<G::N> swing = cross_motion<G>(w.S[d], w.tn[side] - w.tnlam[d] - c.carry * (w.vel[side] - w.vlam[d]));
         if (sign < 0) swing = zero<G::N>() - swing;
-        T E[1 + G::NT] = {};
+        T E[1 + G::MT] = {};
         CMBRL_FOR(r, c.rows) {
           Vec<G::N> dW = wrench_shift(c, s, r);
           E[r] = dot(dW, relative) + dot(c.Wr[r], swing);

@@ -1,8 +1,9 @@
-// MuJoCo's pyramidal cone, under the convex law of sliding: a contact that touches is four rows without friction, one along each
-// edge n + mu t of the pyramid, t = +-t1, +-t2, as MuJoCo has it. In the plane two of them have no tangent; and those of
-// torsional and rolling friction, which ours has not, are one more row along the normal.
+// MuJoCo's pyramidal cone, under the convex law of sliding: a contact that touches is rows without friction, one along each edge
+// n + mu t of the pyramid, as MuJoCo has it: t = +-t1, +-t2, with torsional friction also the moments +-n, with rolling friction also
+// +-t1, +-t2, and the coefficient of each. In the plane some of them do nothing.
 #pragma once
 #include "law.hpp"
+#include "turning.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -26,22 +27,33 @@ static inline Vec<3> tangent_axis(const Model& m, const Work<Spatial>& w, int i,
   Mask flat = vabs(n[1]) < 0.5;
   return {{T{}, select(flat, splat(1), T{}), select(flat, T{}, splat(1))}};
 }
-// The first (0) or second (1) tangent, from that axis e; and its change with those of the normal and of e.
-static inline Vec<2> edge_tangent(const Vec<2>& n, const Vec<2>&, int pair) { return pair > 0 ? zero<2>() : Vec<2>{{n[1], -n[0]}}; }
-static inline Vec<2> edge_turn(const Vec<2>&, const Vec<2>&, int pair, const Vec<2>& dn, const Vec<2>&) {
-  return pair > 0 ? zero<2>() : Vec<2>{{dn[1], -dn[0]}};  // the second one points out of the plane
+// What an edge has beside the normal: of a slide (kind 0, 1: along the first or second tangent), a direction; of a spin (2) and a roll
+// (3, 4: about a tangent), an axis. From the axis e that makes the first tangent; and its change with those of the normal and of e.
+template <class G> struct Beside { typename G::V along; typename G::Ang about; };
+static inline Beside<Planar> beside(const Planar&, const Vec<2>& n, const Vec<2>&, int kind) {
+  return {kind == 0 ? Vec<2>{{n[1], -n[0]}} : zero<2>(), {{kind == 4 ? splat(1) : T{}}}};  // the second tangent points out of the plane
 }
-static inline Vec<3> edge_tangent(const Vec<3>& n, const Vec<3>& e, int pair) {
+static inline Beside<Planar> beside_turn(const Planar&, const Vec<2>&, const Vec<2>&, int kind, const Vec<2>& dn, const Vec<2>&) {
+  return {kind == 0 ? Vec<2>{{dn[1], -dn[0]}} : zero<2>(), {{T{}}}};
+}
+static inline Beside<Spatial> slide_or_turn(int kind, const Vec<3>& x) {
+  return kind < 2 ? Beside<Spatial>{x, zero<3>()} : Beside<Spatial>{zero<3>(), x};
+}
+static inline Beside<Spatial> beside(const Spatial&, const Vec<3>& n, const Vec<3>& e, int kind) {
+  if (kind == 2) return slide_or_turn(kind, n);
   Vec<3> y = e - dot(e, n) * n, first = (1.0 / vsqrt(vmax(dot(y, y), splat(1e-30)))) * y;
-  return pair == 0 ? first : cross(n, first);
+  return slide_or_turn(kind, kind % 3 == 0 ? first : cross(n, first));
 }
-static inline Vec<3> edge_turn(const Vec<3>& n, const Vec<3>& e, int pair, const Vec<3>& dn, const Vec<3>& de) {
+static inline Beside<Spatial> beside_turn(const Spatial&, const Vec<3>& n, const Vec<3>& e, int kind, const Vec<3>& dn, const Vec<3>& de) {
+  if (kind == 2) return slide_or_turn(kind, dn);
   Vec<3> y = e - dot(e, n) * n, dy = de - (dot(de, n) + dot(e, dn)) * n - dot(e, n) * dn;
   T inv = 1.0 / vsqrt(vmax(dot(y, y), splat(1e-30)));
   Vec<3> first = inv * y, turned = inv * (dy - dot(first, dy) * first);
-  return pair == 0 ? turned : cross(dn, first) + cross(n, turned);
+  return slide_or_turn(kind, kind % 3 == 0 ? turned : cross(dn, first) + cross(n, turned));
 }
-static inline double sign_of_edge(int edge) { return edge == kEdges ? 0 : edge % 2 ? 1 : -1; }
+static inline int kind_of_edge(int edge) { return (edge - 1) / 2; }
+static inline double sign_of_edge(int edge) { return edge % 2 ? 1 : -1; }
+static inline int field_of_edge(int edge) { return kind_of_edge(edge) < 2 ? kMu : field_of_turning(kind_of_edge(edge) > 2); }
 
 template <class G>
 static inline typename G::V normal_of(const Contact<G>& c) { return c.edge ? c.d[0] - c.mu * c.d[1] : c.d[0]; }
@@ -51,9 +63,13 @@ template <class G>
 static void make_edge(const Model& m, const Options& o, const Work<G>& w, int edge, const T* p, Contact<G>& c) {
   c.edge = edge;
   c.rows = 1;
-  c.d[1] = sign_of_edge(edge) * edge_tangent(c.d[0], tangent_axis(m, w, c.index, c.d[0]), (edge - 1) / 2);
+  c.mu = c.full_mu = select(c.rub, p[field_of_edge(edge)], splat(1));
+  Beside<G> x = beside(G{}, c.d[0], tangent_axis(m, w, c.index, c.d[0]), kind_of_edge(edge));
+  double sign = sign_of_edge(edge);
+  c.d[1] = sign * x.along;
   c.d[0] = c.d[0] + c.mu * c.d[1];
-  CMBRL_FOR(r, 2) c.Wr[r] = join<G>(G::moment(c.p, c.d[r]), c.d[r]);
+  c.Wr[0] = join<G>(G::moment(c.p, c.d[0]) + (sign * c.mu) * x.about, c.d[0]);
+  c.Wr[1] = join<G>(G::moment(c.p, c.d[1]) + sign * x.about, c.d[1]);
   contact_law(m, o, c, p);
   c.root = vsqrt(m.con_invweight[c.index] + c.Rn);
 }
@@ -61,7 +77,7 @@ static void make_edge(const Model& m, const Options& o, const Work<G>& w, int ed
 // The last contact, in the lanes where the convex law holds, becomes its edges.
 template <class G>
 static void split_into_edges(const Model& m, const Options& o, Work<G>& w, const T* p) {
-  Contact<G> whole = w.con[w.ncon - 1];
+  Known<G> whole = w.con[w.ncon - 1];
   Mask lanes = whole.convex & (whole.on | whole.wide);
   if (!o.convex || !m.con_pyramid[whole.index] || !any(lanes)) return;
   Contact<G>& rest = w.con[w.ncon - 1];
@@ -70,20 +86,22 @@ static void split_into_edges(const Model& m, const Options& o, Work<G>& w, const
   if (!any(rest.on | rest.wide)) --w.ncon;
   whole.on &= lanes;
   whole.wide &= lanes;
-  int last = m.con_pyramid[whole.index] > kEdges - 1 ? kEdges : kEdges - 1;
-  for (int edge = 1; edge <= last; ++edge) {
+  for (int edge = 1; edge <= m.con_pyramid[whole.index]; ++edge) {
     Contact<G>& c = w.add_contact();
-    c = whole;
+    static_cast<Known<G>&>(c) = whole;
     make_edge(m, o, w, edge, p, c);
   }
 }
 
-// How the direction of an edge changes with its normal, as a dof with column S moves A; or B, which is no plane then.
+// How what an edge has beside the normal n, times its coefficient, changes with the normal, as a dof with column S moves A; or B,
+// which is no plane then.
 template <class G>
-static inline typename G::V edge_shift(const Model& m, const Work<G>& w, const Contact<G>& c, const typename G::V& n,
-                                       const typename G::V& dn, const Vec<G::N>& S) {
+static inline Beside<G> edge_shift(const Model& m, const Work<G>& w, const Contact<G>& c, const typename G::V& n,
+                                   const typename G::V& dn, const Vec<G::N>& S) {
   typename G::V e = tangent_axis(m, w, c.index, n), de = along_capsule(m, c.index) ? G::turn(ang<G>(S), e) : zero<G::D>();
-  return dn + (c.mu * sign_of_edge(c.edge)) * edge_turn(n, e, (c.edge - 1) / 2, dn, de);
+  Beside<G> x = beside_turn(G{}, n, e, kind_of_edge(c.edge), dn, de);
+  T scale = c.mu * sign_of_edge(c.edge);
+  return {scale * x.along, scale * x.about};
 }
 
 // What an edge pushes along the normal (row 0) and the tangents of its contact.

@@ -86,7 +86,7 @@ static void add_outer(const Model& m, const Work<G>& w, const T* g, const T* z, 
 template <class G> static Vec<G::N> closing_response(const Contact<G>& c) { return kappa_response(c, c.slope); }
 template <class G>
 static Vec<G::N> bounce_response(const Contact<G>& c) {
-  T E[1 + G::NT] = {};
+  T E[1 + G::MT] = {};
   E[0] = keep(c.bounce, splat(1));
   return response(c, E) + kappa_response(c, keep(c.bounce, c.slope));
 }

@@ -1,8 +1,8 @@
 // Contact and limit laws: what a gap asks of the velocity after the step, and how softly.
 // Every row reads  c = J v' + R x - carry J v + c0(phi),  0 <= x _|_ c >= 0 (normal), Coulomb with maximal dissipation (tangent).
 // MuJoCo's solref/solimp written for impulses: its documentation, "Computation > Constraint model"; the pyramid's regulariser
-// as an equivalent (R_n, R_t) pair: R_e (lambda_n^2/8 + lambda_t^2/(4 mu^2)) is the cost of its four edges, so that
-// R_n = R_e/4 and R_t = R_e/(2 mu^2), with R_e = 2 mu^2 (1 + mu^2)/impratio times the compliance of a frictionless row.
+// as an equivalent (R_n, R_t) pair: R_e (lambda_n^2/(2 n) + lambda_t^2/(4 mu^2)) is the cost of its n edges, so that
+// R_n = R_e/n and R_t = R_e/(2 mu^2), with R_e = 2 mu^2 (1 + mu^2)/impratio times the compliance of a frictionless row.
 #pragma once
 #include "workspace.hpp"
 
@@ -74,7 +74,7 @@ static inline T vexp(T x) {
 constexpr double kFaint = 25;  // a logistic contact is left out where it would take exp(-25) of the approach
 
 template <class G>
-static void contact_law(const Model& m, const Options& o, Contact<G>& c, const T* p) {
+static void contact_law(const Model& m, const Options& o, Known<G>& c, const T* p) {
   int i = c.index;
   double h = o.h;
   T mu = p[kMu], mu2 = mu * mu, one = splat(1);
@@ -85,10 +85,9 @@ static void contact_law(const Model& m, const Options& o, Contact<G>& c, const T
     case kMujoco: {
       T weight = scale * m.con_invweight[i];
       if (m.con_pyramid[i] && (c.rows > 1 || c.edge)) {
-        // R_e of an edge, R_e / 4 of all four, and R_e by their number of those that are one row.
-        double share = c.edge == kEdges ? 2.0 / (m.con_pyramid[i] - (kEdges - 1)) : c.edge ? 2 : 0.5;
+        double share = c.edge ? 2 : 2.0 / m.con_pyramid[i];  // R_e of an edge, R_e / n of all of them
         weight = select(c.rub, weight * mu2 * (1.0 + mu2) * (share / m.con_impratio[i]), weight);
-        ratio = select(c.rub, 2.0 / mu2, one);
+        ratio = select(c.rub, (0.5 * m.con_pyramid[i]) / mu2, one);
       } else {
         ratio = splat(1 / m.con_impratio[i]);
       }

@@ -17,7 +17,7 @@ enum Side { kCarriesA = 1, kCarriesB = 2, kCarriesObstacle = 4 };
 enum ContactLaw { kRigid = 0, kMujoco = 1, kSpringDamper = 2, kLogistic = 3 };  // one for all contacts of a scene
 
 // Offsets of one field inside the block of a contact, a line (a dof or a tendon), an actuator in the physical vector P.
-enum ContactField { kMu, kRestitution, kRadius, kSolref0, kSolref1, kD0, kDmax, kWidth, kRscale, kContactFields };
+enum ContactField { kMu, kRestitution, kRadius, kSolref0, kSolref1, kD0, kDmax, kWidth, kRscale, kSpin, kRoll, kContactFields };
 enum DofField { kArmature, kDamping, kStiffness, kSpringref, kFrictionloss, kFrictionSlope, kStribeck, kStribeckSpeed, kDofFields };
 enum ActuatorField { kGear, kGain, kBias0, kBias1, kBias2, kTime, kLimit, kLimitSlope, kGap, kActuatorFields };
 
@@ -37,6 +37,9 @@ struct Structure {
   const int *grp_dptr, *grp_dof, *grp_sign;  // dofs of J's columns, by group of contacts
   const int *line_ptr, *line_dof;  // lines (lines.hpp): first the dofs, then the tendons
 };
+
+// Rows of a contact of this condim under a round cone: the normal, those of sliding, and those that turn (turning.hpp).
+static inline int rows_of_contact(bool planar, int condim) { return !planar ? condim : condim == 1 ? 1 : condim == 6 ? 3 : 2; }
 
 struct Model : Structure {
   int planar, implicit_damping, implicit_gains;  // damping of joints, and velocity gains of actuators, act at the next velocity
@@ -120,6 +123,7 @@ struct Model : Structure {
   const int *grp_A, *grp_B, *grp_cptr, *grp_con;  // contacts by body pair
   const int *con_group;
   int max_group_dofs;
+  int most_rows;             // of a contact; as many as sliding needs, at least
   const uint64_t* grp_world;                        // bits of the groups whose second body is the world
   const int *pair_ptr, *pair_other, *pair_group;    // the other groups by the lower of their bodies, then by the other one
   const double *sphere_pos, *sphere_radius;         // of each body, around what may touch anything; radius < 0: nothing
@@ -211,12 +215,12 @@ struct LossBatch {  // mean Huber loss of open-loop predictions, candidate by ca
   double *loss;  // (ncandidate, nstart): summed over steps and coordinates; the caller averages in order
 };
 
-constexpr int kEdges = 5;  // rows of a pyramid of friction, at most (edges.hpp)
+constexpr int kEdges = 10;  // of a pyramid of friction, at most (edges.hpp)
 
 // What a physics step asks of its contacts, limits last, as arrays over all candidates, nrow = rows_a_contact ncontact + nlimit;
 // active: 0 pruned.
 struct RowBatch {
-  int rows_a_contact;        // 1; where pyramids have rows of their own, the whole contact and then its edges
+  int rows_a_contact;        // 1; where pyramids have rows of their own, the whole contact and then its edges: none that turn
   double *M, *v_free;        // (n, nv, nv) with armature and implicit damping, (n, nv)
   double *J, *b, *mu, *R;    // (n, nrow, 1 + NT, nv), (n, nrow, 1 + NT), (n, nrow), (n, nrow, 1 + NT)
   int32_t *active, *convex;  // (n, nrow)

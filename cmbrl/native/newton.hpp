@@ -3,6 +3,7 @@
 // The law of sliding is in the slack of the normal row:  s = c_n  is Coulomb's,  s = c_n - mu eta0  the convex one (Anitescu, Math.
 // Program. 2006), where what slides is lifted until c is in the dual cone. On the path its Theta is symmetric, and one solution exists.
 #pragma once
+#include "block.hpp"
 #include "contact.hpp"
 #include "factor.hpp"
 
@@ -54,65 +55,7 @@ struct Newton {
     c.t50 = t50;
     T soft = yield * c.root * c.root, pn = c.s + c.gam * (c.Rn + soft), yn = t4 - c.gam * c.s + c.gam * rho * c.r1;
     if (c.rows == 1) return linearise_normal(c, pn, yn);
-    Mask on = c.on & c.rub;
-    T mu = c.mu, b0 = mu * c.gam, ib0 = 1.0 / b0;
-    T y[NT], A[NT][NT], B[NT][NT], *a = c.ta;
-    T q0 = t50 - b0 * c.eta0;
-    CMBRL_FOR(i, NT) q0 += c.b[i] * (rho * c.r2[i] - c.eta[i]);
-    CMBRL_FOR(i, NT) {
-      y[i] = t5[i] - b0 * c.eta[i] - c.eta0 * c.b[i] + b0 * rho * c.r2[i] - c.b[i] * ib0 * q0;
-      a[i] = mu * (c.eta[i] - c.b[i] * c.eta0 * ib0);
-      CMBRL_FOR(j, NT) {
-        B[i][j] = (i == j ? b0 : T{}) - c.b[i] * c.b[j] * ib0;
-        A[i][j] = (i == j ? c.eta0 : T{}) - c.b[i] * c.eta[j] * ib0 + (c.Rt + soft) * B[i][j];
-      }
-    }
-    auto& Ai = c.Ai;
-    if constexpr (NT == 1) {
-      Ai[0][0] = 1.0 / A[0][0];
-    } else {
-      T idet = 1.0 / (A[0][0] * A[1][1] - A[0][1] * A[1][0]);
-      Ai[0][0] = A[1][1] * idet; Ai[1][1] = A[0][0] * idet;
-      Ai[0][1] = -A[0][1] * idet; Ai[1][0] = -A[1][0] * idet;
-    }
-    if (o.convex) {  // b0 deta0 = q0 - ... in gamma ds
-      CMBRL_FOR(i, NT) {
-        c.gA[i] = T{};
-        CMBRL_FOR(j, NT) c.gA[i] += keep(c.convex, c.eta[j] + (c.Rt + soft) * c.b[j]) * Ai[j][i];
-        pn -= c.gA[i] * a[i];
-        yn -= c.gA[i] * y[i];
-      }
-      pn += keep(c.convex, mu * c.eta0);
-      yn += keep(c.convex, q0);
-    }
-    linearise_normal(c, pn, yn);
-    CMBRL_FOR(j, NT) {
-      c.Th[0][1 + j] = T{};
-      if (!o.convex) continue;
-      T x = c.b[j];
-      CMBRL_FOR(k, NT) x -= c.gA[k] * B[k][j];
-      c.Th[0][1 + j] = keep(on & c.convex, x * c.ipn);
-    }
-    CMBRL_FOR(i, NT) {
-      T wn = T{}, tn = T{};
-      CMBRL_FOR(j, NT) {
-        wn += Ai[i][j] * (y[j] - a[j] * c.w[0]);
-        tn -= Ai[i][j] * a[j];
-      }
-      CMBRL_FOR(j, NT) {
-        T x = T{};
-        CMBRL_FOR(k, NT) x += Ai[i][k] * B[k][j];
-        if (o.convex) x += tn * c.Th[0][1 + j];
-        c.Th[1 + i][1 + j] = keep(on, x);
-      }
-      c.w[1 + i] = keep(on, wn);
-      c.Th[1 + i][0] = keep(on, tn * c.Th[0][0]);
-    }
-  }
-  static void linearise_normal(Contact<G>& c, T pn, T yn) {
-    c.ipn = 1.0 / pn;
-    c.Th[0][0] = keep(c.on, c.gam * c.ipn);
-    c.w[0] = keep(c.on, yn * c.ipn);
+    with_tangents(c, [&](auto count) { linearise_friction<count.value>(c, pn, yn, t5, rho, soft, o.convex); });
   }
   // What the convex law takes from the slack of the normal row.
   T lift(const Contact<G>& c, T eta0) const { return o.convex && heads && c.rows > 1 ? keep(c.convex, c.mu * eta0) : T{}; }
@@ -137,14 +80,16 @@ struct Newton {
   void linearise_all(T centre, Mask correct) {
     for (int i = 0; i < w.ncon; ++i) {
       Contact<G>& c = w.con[i];
-      T t4 = c.kappa + centre - keep(correct, c.dgam * c.ds), t50 = c.kappa + centre, t5[NT] = {};
+      T t4 = c.kappa + centre - keep(correct, c.dgam * c.ds), t50 = c.kappa + centre, t5[G::MT];
       if (c.rows > 1) {
         T db0 = c.mu * c.dgam;
         t50 -= keep(correct, db0 * c.deta0);
-        CMBRL_FOR(r, NT) {
-          t50 -= keep(correct, c.db[r] * c.deta[r]);
-          t5[r] = -keep(correct, db0 * c.deta[r] + c.deta0 * c.db[r]);
-        }
+        with_tangents(c, [&](auto count) {
+          CMBRL_FOR(r, count.value) {
+            t50 -= keep(correct, c.db[r] * c.deta[r]);
+            t5[r] = -keep(correct, db0 * c.deta[r] + c.deta0 * c.db[r]);
+          }
+        });
       }
       linearise(c, t4, t50, t5);
     }
@@ -250,30 +195,30 @@ struct Newton {
   }
 
   void step_of(Contact<G>& c, const Vec<G::N>& t, Quotient& alpha) {
-    T jv[1 + NT];
+    T jv[1 + G::MT];
     jv[0] = dot(c.Wr[0], t);
     for (int r = 1; r < c.rows; ++r) jv[r] = dot(c.Wr[r], t);
     c.dgam = c.w[0] - c.Th[0][0] * jv[0];
     for (int k = 1; k < c.rows && o.convex; ++k) c.dgam -= c.Th[0][k] * jv[k];
     c.ds = keep(c.on, jv[0] + c.Rn * c.dgam - rho * c.r1);
-    if (c.rows > 1) friction_step(c, jv, alpha);
+    with_tangents(c, [&](auto count) { friction_step<count.value>(c, jv, alpha); });
     shorten(alpha, c.gam, c.dgam);
     shorten(alpha, c.s, c.ds);
   }
-  void friction_step(Contact<G>& c, const T* jv, Quotient& alpha) {
+  template <int K> void friction_step(Contact<G>& c, const T* jv, Quotient& alpha) {
     Mask on = c.on & c.rub;
-    CMBRL_FOR(r, NT) {
+    CMBRL_FOR(r, K) {
       c.db[r] = c.w[1 + r] - c.Th[1 + r][0] * jv[0];
-      CMBRL_FOR(k, NT) c.db[r] -= c.Th[1 + r][1 + k] * jv[1 + k];
+      CMBRL_FOR(k, K) c.db[r] -= c.Th[1 + r][1 + k] * jv[1 + k];
       c.deta[r] = keep(on, jv[1 + r] + c.Rt * c.db[r] - rho * c.r2[r]);
     }
     T b0 = c.mu * c.gam, db0 = keep(on, c.mu * c.dgam);
     T q0 = c.t50 - b0 * c.eta0 - c.eta0 * db0;
-    CMBRL_FOR(r, NT) q0 -= c.b[r] * c.eta[r] + c.b[r] * c.deta[r] + c.eta[r] * c.db[r];
+    CMBRL_FOR(r, K) q0 -= c.b[r] * c.eta[r] + c.b[r] * c.deta[r] + c.eta[r] * c.db[r];
     c.deta0 = keep(on, q0 / b0);
     c.ds -= lift(c, c.deta0);
-    shorten_in_cone<NT>(alpha, b0, c.b, db0, c.db);
-    shorten_in_cone<NT>(alpha, c.eta0, c.eta, c.deta0, c.deta);
+    shorten_in_cone<K>(alpha, b0, c.b, db0, c.db);
+    shorten_in_cone<K>(alpha, c.eta0, c.eta, c.deta0, c.deta);
   }
 
   static void shorten(Quotient& alpha, T x, T dx) { alpha.lower(dx < 0.0, x, -dx); }

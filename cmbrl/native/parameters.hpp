@@ -49,7 +49,7 @@ struct ParameterColumns : ForceColumns<G> {
     Vec<G::N> relative = relative_twist<G>(m, w.tn, c.index) - c.carry * relative_twist<G>(m, w.vel, c.index), Y = zero<G::N>();
     Shift<G> s{};
     s.dp = dp * normal_of(c);
-    T E[1 + G::NT] = {};
+    T E[1 + G::MT] = {};
     CMBRL_FOR(r, c.rows) {
       Vec<G::N> dW = wrench_shift(c, s, r);
       E[r] = dot(dW, relative) + dphi * (r == 0 ? c.dc_dphi + c.dRn_dphi * c.gam : c.dRt_dphi * c.b[r - 1]);
@@ -72,16 +72,18 @@ struct ParameterColumns : ForceColumns<G> {
     T step = 1e-6 * vmax(vabs(p[field]), splat(1e-3));
     low[field] -= step;
     high[field] += step;
-    Contact<G> a = c, b = c;
+    Known<G> a = c, b = c;
     contact_law(m, o, a, low);
     contact_law(m, o, b, high);
     T scale = 0.5 / step;
     Vec<G::N> t = relative_twist<G>(m, w.vel, c.index);
-    T dcarry = scale * (b.carry - a.carry), E[1 + G::NT] = {};
+    T dcarry = scale * (b.carry - a.carry), E[1 + G::MT] = {};
     T dR = scale * (b.Rn - a.Rn), closing = select(c.bounce, T{}, scale * (b.cn0 - a.cn0) - dcarry * dot(c.Wr[0], t));
     E[0] = closing + dR * c.gam;
     for (int r = 1; r < c.rows; ++r) E[r] = scale * (b.Rt - a.Rt) * c.b[r - 1] - dcarry * dot(c.Wr[r], t);
-    bool tilts = field == kMu && c.edge;  // towards its tangent
+    for (int r = 1 + G::NT; r < c.rows; ++r)
+      E[r] += turning_growth(c, r, field) * (dot(c.Wr[r], relative_twist<G>(m, w.tn, c.index)) - c.carry * dot(c.Wr[r], t));
+    bool tilts = c.edge && field == field_of_edge(c.edge);  // towards what it has beside the normal
     if (tilts) {
       T before = c.carry * dot(c.Wr[1], t);
       E[0] += dot(c.Wr[1], relative_twist<G>(m, w.tn, c.index)) - before;
@@ -89,9 +91,10 @@ struct ParameterColumns : ForceColumns<G> {
     }
     Vec<G::N> Y = response(c, E) + kappa_response(c, c.slope * closing + c.slope_R * dR);
     if (tilts) Y += keep(c.on, c.gam) * c.Wr[1];
+    for (int r = 1 + G::NT; r < c.rows; ++r) Y += (impulse(c, r) * turning_growth(c, r, field)) * c.Wr[r];
     if (field == kMu && c.rows > 1) {  // the cone itself
-      T b0 = c.mu * c.gam, y[G::NT];
-      CMBRL_FOR(r, G::NT) y[r] = keep(c.rub, c.gam * (c.b[r] * c.eta0 / b0 - c.eta[r]));
+      T b0 = c.mu * c.gam, y[G::MT];
+      CMBRL_FOR(r, c.rows - 1) y[r] = keep(c.rub, c.gam * (c.b[r] * c.eta0 / b0 - c.eta[r]));
       Y += target_response(c, T{}, y);  // under the convex law, too: of its normal row, gamma dmu eta0 cancels against b0 deta0
     }
     return Y;
@@ -100,7 +103,7 @@ struct ParameterColumns : ForceColumns<G> {
   Vec<G::N> contact(Contact<G>& c, int field) {
     if (field == kRadius) return gap(c, -1, -0.5);
     if (field != kRestitution) return law(c, field);
-    T E[1 + G::NT] = {};
+    T E[1 + G::MT] = {};
     E[0] = select(c.bounce, c.by_e, T{});
     return response(c, E) + kappa_response(c, c.slope * E[0]);
   }

@@ -10,7 +10,7 @@ namespace cmbrl::CMBRL_ISA {
 
 template <class G>
 struct Polish : InteriorPoint<G> {
-  using InteriorPoint<G>::NT, InteriorPoint<G>::m, InteriorPoint<G>::o, InteriorPoint<G>::w, InteriorPoint<G>::rho;
+  using InteriorPoint<G>::m, InteriorPoint<G>::o, InteriorPoint<G>::w, InteriorPoint<G>::rho;
   Polish(const Structure& m_, const Options& o_, SolverWork<G>& w_) : InteriorPoint<G>(m_, o_, w_) { this->heads = false; }
   T momentum;          // relative momentum residual at the current point
   double pull = 1e-7;  // proximal term of a step; 1e-9 to 1e-4 solve the same problems
@@ -21,7 +21,7 @@ struct Polish : InteriorPoint<G> {
     for (int i = 0; i < w.ncon; ++i) {
       Contact<G>& c = w.con[i];
       c.gam = c.s = c.eta0 = T{};
-      CMBRL_FOR(r, NT) c.b[r] = c.eta[r] = T{};
+      CMBRL_FOR(r, c.rows - 1) c.b[r] = c.eta[r] = T{};
     }
   }
 
@@ -33,15 +33,14 @@ struct Polish : InteriorPoint<G> {
       Contact<G>& c = w.con[i];
       c.s -= c.r1;
       c.r1 = T{};
-      T a = 1.0 / (c.root * c.root), zt[NT], size = T{}, slip = T{};
-      if (c.rows > 1)
-        CMBRL_FOR(r, NT) {
-          c.eta[r] = keep(c.rub, c.eta[r] - c.r2[r]);
-          c.r2[r] = T{};
-          zt[r] = keep(c.rub, c.b[r]) - a * c.eta[r];
-          size += zt[r] * zt[r];
-          slip += c.eta[r] * c.eta[r];
-        }
+      T a = 1.0 / (c.root * c.root), zt[G::MT], size = T{}, slip = T{};
+      CMBRL_FOR(r, c.rows - 1) {
+        c.eta[r] = keep(c.rub, c.eta[r] - c.r2[r]);
+        c.r2[r] = T{};
+        zt[r] = keep(c.rub, c.b[r]) - a * c.eta[r];
+        size += zt[r] * zt[r];
+        slip += c.eta[r] * c.eta[r];
+      }
       T mu = c.rows > 1 ? keep(c.rub, c.mu) : T{};
       size = vsqrt(size);
       T zn = c.gam - a * (c.s + select(c.convex, T{}, mu * vsqrt(slip)));
@@ -72,6 +71,7 @@ struct Polish : InteriorPoint<G> {
   }
 
   void linearise(Contact<G>& c, double eps) {
+    int K = c.rows - 1;
     T weight = c.root * c.root, a = 1.0 / weight;
     T zn = vmax(c.gam - a * c.s, T{});
     Mask held = c.on & (zn > 0.0);
@@ -80,21 +80,21 @@ struct Polish : InteriorPoint<G> {
     c.w[0] = select(held, -c.s * stiff, keep(c.on, -c.gam));
     if (c.rows == 1) return;
     Mask on = held & c.rub;
-    T z[NT], size = T{};
-    CMBRL_FOR(r, NT) { z[r] = c.b[r] - a * c.eta[r]; size += z[r] * z[r]; }
+    T z[G::MT], size = T{};
+    CMBRL_FOR(r, K) { z[r] = c.b[r] - a * c.eta[r]; size += z[r] * z[r]; }
     size = vmax(vsqrt(size), splat(1e-300));
     Mask sticks = size <= c.mu * zn;
     T inv = 1.0 / size, along = T{}, ahead = T{}, k = c.mu * zn * inv;  // k < 1 while sliding
-    CMBRL_FOR(r, NT) { z[r] *= inv; along += z[r] * c.b[r]; ahead += z[r] * c.eta[r]; }
+    CMBRL_FOR(r, K) { z[r] *= inv; along += z[r] * c.b[r]; ahead += z[r] * c.eta[r]; }
     T den = 1.0 / (1.0 - k + k * (a * c.Rt + eps)), hold = 1.0 / (c.Rt + eps * weight), turn = k * a * den;
     T target = c.mu * (c.gam + c.w[0]) - along;
-    CMBRL_FOR(i, NT) {
+    CMBRL_FOR(i, K) {
       T across = a * (c.eta[i] - ahead * z[i]);  // what b has across z, without the cancellation: den may be 1 / eps
       T sliding = target * z[i] - den * across;
       c.w[1 + i] = select(on, select(sticks, -c.eta[i] * hold, sliding), keep(c.on & c.rub, -c.b[i]));
       c.Th[0][1 + i] = T{};
       c.Th[1 + i][0] = keep(on & ~sticks, c.mu * c.Th[0][0] * z[i]);
-      CMBRL_FOR(j, NT) {
+      CMBRL_FOR(j, K) {
         T same = i == j ? splat(1) : T{};
         c.Th[1 + i][1 + j] = keep(on, select(sticks, same * hold, turn * (same - z[i] * z[j])));
       }
@@ -105,26 +105,27 @@ struct Polish : InteriorPoint<G> {
   // In the lanes of the convex law: along the cone's edge u = (1, mu z) / q, across it along the circle, and out of it, along
   // n = (mu, -z) / q; q^2 = 1 + mu^2.
   void linearise_convex(Contact<G>& c, double eps) {
+    int K = c.rows - 1;
     T weight = c.root * c.root, a = 1.0 / weight, mu = c.mu, iq2 = 1.0 / (1.0 + mu * mu);
-    T Rn = c.Rn + eps * weight, Rt = c.Rt + eps * weight, zn = c.gam - a * c.s, z[NT], size = T{};
-    CMBRL_FOR(r, NT) { z[r] = c.b[r] - a * c.eta[r]; size += z[r] * z[r]; }
+    T Rn = c.Rn + eps * weight, Rt = c.Rt + eps * weight, zn = c.gam - a * c.s, z[G::MT], size = T{};
+    CMBRL_FOR(r, K) { z[r] = c.b[r] - a * c.eta[r]; size += z[r] * z[r]; }
     size = vmax(vsqrt(size), splat(1e-300));
     Mask sticks = c.on & (size <= mu * zn) & (zn > 0.0), slides = c.on & ~sticks & (mu * size + zn > 0.0);
     T inv = 1.0 / size, k = mu * (mu * size + zn) * iq2 * inv, along = T{}, ahead = T{};  // k < 1 while sliding
-    CMBRL_FOR(r, NT) { z[r] *= inv; along += z[r] * c.b[r]; ahead += z[r] * c.eta[r]; }
+    CMBRL_FOR(r, K) { z[r] *= inv; along += z[r] * c.b[r]; ahead += z[r] * c.eta[r]; }
     T stiff = 1.0 / ((Rn + mu * mu * Rt) * iq2), den = 1.0 / (1.0 - k + k * a * Rt), turn = k * a * den;
     T out = along - mu * c.gam;  // what lambda has out of the cone, times q
     T push = -stiff * iq2 * (c.s + mu * ahead + mu * out * (Rn - Rt) * iq2), hold_n = 1.0 / Rn, hold_t = 1.0 / Rt;
     auto put = [&](T& x, T y) { x = select(c.convex, y, x); };
     put(c.w[0], select(sticks, -c.s * hold_n, select(slides, push + mu * out * iq2, keep(c.on, -c.gam))));
     put(c.Th[0][0], select(sticks, hold_n, keep(slides, stiff * iq2)));
-    CMBRL_FOR(i, NT) {
+    CMBRL_FOR(i, K) {
       T across = a * (c.eta[i] - ahead * z[i]);  // what b has across z, without the cancellation: den may be 1 / eps
       T sliding = (mu * push - out * iq2) * z[i] - den * across;
       put(c.w[1 + i], select(sticks, -c.eta[i] * hold_t, select(slides, sliding, keep(c.on, -c.b[i]))));
       put(c.Th[0][1 + i], keep(slides, stiff * iq2 * mu * z[i]));
       put(c.Th[1 + i][0], c.Th[0][1 + i]);
-      CMBRL_FOR(j, NT) {
+      CMBRL_FOR(j, K) {
         T same = i == j ? splat(1) : T{}, both = z[i] * z[j];
         put(c.Th[1 + i][1 + j], select(sticks, same * hold_t, keep(slides, stiff * iq2 * mu * mu * both + turn * (same - both))));
       }

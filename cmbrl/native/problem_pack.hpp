@@ -8,7 +8,7 @@ namespace cmbrl::CMBRL_ISA {
 // Every contact sees each dof through its own column of J, so its "twist" is the velocity of its rows.
 template <int TANGENTS>
 struct Rows {
-  static constexpr int N = 1 + TANGENTS, NT = TANGENTS;
+  static constexpr int N = 1 + TANGENTS, NT = TANGENTS, MT = TANGENTS;
   static constexpr bool kColumnPerDof = false;
   using V = Vec<1>;
 };

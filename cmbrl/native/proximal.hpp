@@ -9,7 +9,7 @@ namespace cmbrl::CMBRL_ISA {
 
 template <class G>
 struct ProximalPoints : Polish<G> {
-  using Polish<G>::NT, Polish<G>::m, Polish<G>::w, Polish<G>::Polish;
+  using Polish<G>::m, Polish<G>::w, Polish<G>::Polish;
 
   // What a proximal point is made of, and the rows' own law, with places in a copy.
   template <class F>
@@ -18,18 +18,18 @@ struct ProximalPoints : Polish<G> {
     for (int i = 0; i < m.nv; ++i) f(w.delta[i], *kept++);
     for (int i = 0; i < w.ncon; ++i) {
       f(w.con[i].gam, *kept++);
-      CMBRL_FOR(r, NT) f(w.con[i].b[r], *kept++);
+      CMBRL_FOR(r, w.con[i].rows - 1) f(w.con[i].b[r], *kept++);
     }
   }
   template <class F>
   void for_law(F f) {
-    T* kept = w.path + m.nv + w.ncon * (1 + NT);
+    T* kept = w.path + m.nv + w.ncon * (1 + G::MT);
     for (int i = 0; i < w.ncon; ++i) {
       Contact<G>& c = w.con[i];
       f(c.Rn, *kept++);
       f(c.Rt, *kept++);
       f(c.cn0, *kept++);
-      CMBRL_FOR(r, NT) f(c.ct0[r], *kept++);
+      CMBRL_FOR(r, c.rows - 1) f(c.ct0[r], *kept++);
     }
   }
 
@@ -40,7 +40,7 @@ struct ProximalPoints : Polish<G> {
       c.Rn += yield;
       c.Rt += yield;
       c.cn0 -= yield * c.gam;
-      CMBRL_FOR(r, NT) c.ct0[r] -= yield * c.b[r];
+      CMBRL_FOR(r, c.rows - 1) c.ct0[r] -= yield * c.b[r];
     }
   }
 

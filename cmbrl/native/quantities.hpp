@@ -5,7 +5,7 @@
 namespace cmbrl::CMBRL_ISA {
 
 // M (n, nv, nv) with armature, bias (n, nv), lengths of lines (n, nline), gaps (n, ncontact), normal and tangent rows J
-// (n, ncontact, 1 + NT, nv): those that are not null.
+// (n, ncontact, 1 + NT, nv), without rows that turn: those that are not null.
 template <class G>
 static void smooth_quantities(const Model& m, const Options& o, const Batch& b, double* M, double* bias, double* length, double* gap, double* J,
                               int64_t begin, int64_t end, StepMemory& memory) {
@@ -37,7 +37,7 @@ static void smooth_quantities(const Model& m, const Options& o, const Batch& b, 
       const Contact<G>& c = w.con[i];
       for (int lane = 0; gap && lane < l.n; ++lane) gap[l.at[lane] * m.ncontact + c.index] = c.phi[lane];
       int g = m.con_group[c.index];
-      for (int r = 0; J && r < c.rows; ++r)
+      for (int r = 0; J && r < c.rows && r < rows; ++r)
         for (int k = m.grp_dptr[g]; k < m.grp_dptr[g + 1]; ++k) {
           T x = dot(w.S[m.grp_dof[k]], c.Wr[r]);
           for (int lane = 0; lane < l.n; ++lane)

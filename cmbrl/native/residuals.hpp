@@ -69,7 +69,7 @@ static void for_solver_state(const Structure& m, SolverWork<G>& w, T* save, F f)
     f(c.gam, save[k++]); f(c.s, save[k++]);
     if (c.rows == 1) continue;
     f(c.eta0, save[k++]);
-    CMBRL_FOR(r, G::NT) { f(c.b[r], save[k++]); f(c.eta[r], save[k++]); }
+    CMBRL_FOR(r, c.rows - 1) { f(c.b[r], save[k++]); f(c.eta[r], save[k++]); }
   }
   for (int i = 0; i < w.nlim; ++i) { f(w.lim[i].gam, save[k++]); f(w.lim[i].s, save[k++]); }
   for (int i = 0; i < w.ndry; ++i) { f(w.dry[i].b, save[k++]); f(w.dry[i].eta0, save[k++]); f(w.dry[i].eta, save[k++]); }

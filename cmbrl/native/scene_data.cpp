@@ -105,6 +105,8 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.mass_par = i("mass_par", m.nmass); m.weight_coef = d("weight_coef", m.weight_ptr[m.nweight]);
   m.con_weight = i("con_weight", nc * 2); m.con_share = d("con_share", nc * 2); m.lim_weight = i("lim_weight", nl); m.line_weight = i("line_weight", m.nline);
   derive_parameters();
+  m.most_rows = m.planar ? 2 : 3;
+  for (size_t k = 0; k < nc; ++k) m.most_rows = std::max(m.most_rows, rows_of_contact(m.planar, m.con_dim[k]));
   for (size_t k = 0; k < nc; ++k) m.largest_invweight = std::max(m.largest_invweight, m.con_invweight[k]);
   derive_chains();
   derive_lines();

@@ -9,7 +9,7 @@ namespace cmbrl::CMBRL_ISA {
 
 template <class G>
 struct InteriorPoint : Newton<G> {
-  using Newton<G>::NT, Newton<G>::m, Newton<G>::o, Newton<G>::w, Newton<G>::rho;
+  using Newton<G>::m, Newton<G>::o, Newton<G>::w, Newton<G>::rho;
   using Newton<G>::twist, Newton<G>::add_wrench, Newton<G>::linearise_all, Newton<G>::factorise, Newton<G>::direction;
   T zeta, count;
   T speed;   // largest at which anything moves along a row: velocities are known to some 1e-16 of it
@@ -75,7 +75,7 @@ struct InteriorPoint : Newton<G> {
           c.r2[r - 1] = -c.r2[r - 1];
         }
         c.dgam = c.ds = c.deta0 = T{};  // what a failed solve left here must not be seen: 0 * NaN is NaN
-        CMBRL_FOR(r, NT) c.db[r] = c.deta[r] = T{};
+        for (int r = 1; r < c.rows; ++r) c.db[r - 1] = c.deta[r - 1] = T{};
       }
       add_wrench(w.groups[g].group, F, w.rv);
     }
@@ -104,7 +104,7 @@ struct InteriorPoint : Newton<G> {
       nu += keep(c.on, (c.gam + alpha * c.dgam) * (c.s + alpha * c.ds));
       if (c.rows == 1) continue;
       T x = c.mu * (c.gam + alpha * c.dgam) * (c.eta0 + alpha * c.deta0);
-      CMBRL_FOR(r, NT) x += (c.b[r] + alpha * c.db[r]) * (c.eta[r] + alpha * c.deta[r]);
+      with_tangents(c, [&](auto count) { CMBRL_FOR(r, count.value) x += (c.b[r] + alpha * c.db[r]) * (c.eta[r] + alpha * c.deta[r]); });
       nu += keep(c.on & c.rub, x);
     }
     for (int i = 0; i < w.nlim; ++i)
@@ -126,7 +126,7 @@ struct InteriorPoint : Newton<G> {
       add(c.s, c.ds);
       if (c.rows == 1) continue;
       add(c.eta0, c.deta0);
-      CMBRL_FOR(r, NT) { add(c.b[r], c.db[r]); add(c.eta[r], c.deta[r]); }
+      with_tangents(c, [&](auto count) { CMBRL_FOR(r, count.value) { add(c.b[r], c.db[r]); add(c.eta[r], c.deta[r]); } });
     }
     for (int i = 0; i < w.nlim; ++i) { add(w.lim[i].gam, w.lim[i].dgam); add(w.lim[i].s, w.lim[i].ds); }
     for (int i = 0; i < w.ndry; ++i) { add(w.dry[i].b, w.dry[i].db); add(w.dry[i].eta0, w.dry[i].deta0); add(w.dry[i].eta, w.dry[i].deta); }
@@ -146,10 +146,12 @@ struct InteriorPoint : Newton<G> {
       widen(c.on, c.gam * c.s - c.kappa - centre, c.kappa, c.gam, c.s, c.root);
       if (c.rows == 1) continue;
       T b0 = c.mu * c.gam, head = b0 * c.eta0 - c.kappa - centre;
-      CMBRL_FOR(r, NT) {
-        head += c.b[r] * c.eta[r];
-        widen(c.on & c.rub, b0 * c.eta[r] + c.eta0 * c.b[r], c.kappa, b0, c.eta0, c.root);
-      }
+      with_tangents(c, [&](auto count) {
+        CMBRL_FOR(r, count.value) {
+          head += c.b[r] * c.eta[r];
+          widen(c.on & c.rub, b0 * c.eta[r] + c.eta0 * c.b[r], c.kappa, b0, c.eta0, c.root);
+        }
+      });
       widen(c.on & c.rub, head, c.kappa, b0, c.eta0, c.root);
     }
     for (int i = 0; i < w.nlim; ++i) {

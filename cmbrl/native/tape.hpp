@@ -7,8 +7,8 @@
 
 namespace cmbrl::CMBRL_ISA {
 
-template <class G>
-constexpr int kTapedContact = 5 + 2 * G::NT;  // number of the candidate and edge, gam, s, eta0, b, eta, which touch
+// Number of the candidate and edge, gam, s, eta0, b and eta of as many rows as any has, which touch.
+static inline int taped_contact_size(const Model& m) { return 5 + 2 * (m.most_rows - 1); }
 template <class G>
 constexpr int kTapedTouch = sizeof(Feature<G>) / sizeof(T);  // of hulls: to find it takes longer than all the rest; it follows the contacts
 
@@ -43,7 +43,7 @@ static void for_taped_contact(Contact<G>& c, F f) {
   f(c.gam, 1);
   f(c.s, 2);
   f(c.eta0, 3);
-  CMBRL_FOR(r, G::NT) { f(c.b[r], 4 + r); f(c.eta[r], 4 + G::NT + r); }
+  CMBRL_FOR(r, c.rows - 1) { f(c.b[r], 4 + 2 * r); f(c.eta[r], 5 + 2 * r); }
 }
 
 // Calls f(value) for the numbers of a touch.
@@ -85,7 +85,7 @@ static void tape_write(const Model& m, Work<G>& w, double* const* tape, TapeRows
     }
     tape[lane][n - 2] = double(count);
     if (count == 0) continue;
-    constexpr int size = kTapedContact<G>;
+    int size = taped_contact_size(m);
     double *run = rows.take(count * size + touches * kTapedTouch<G>, &tape[lane][n - 1]), *end = run, *touch = run + count * size;
     for (int i = 0; i < w.ncon; ++i) {
       if (!pushes(w.con[i])) continue;
@@ -110,7 +110,7 @@ static TapedRuns taped_runs(const Model& m, const double* const* tape, const Tap
   for (int lane = 0; lane < W; ++lane) {
     int64_t count = int64_t(taped_contacts(m, tape[lane]));
     runs.at[lane] = count ? rows.at(tape[lane][n - 1]) : nullptr;
-    runs.end[lane] = runs.at[lane] + count * kTapedContact<G>;
+    runs.end[lane] = runs.at[lane] + count * taped_contact_size(m);
   }
   return runs;
 }
@@ -132,8 +132,8 @@ static void list_given(const Model& m, TapedRuns runs, bool moved, Work<G>& w) {
     for (int lane = 0; lane < W; ++lane) {
       if (runs.at[lane] == runs.end[lane] || int(*runs.at[lane]) != first) continue;
       row.on[lane] = -1;
-      if (!moved) row.touch[lane] = runs.end[lane] + int64_t(runs.at[lane][kTapedContact<G> - 1]) * kTapedTouch<G>;
-      runs.at[lane] += kTapedContact<G>;
+      if (!moved) row.touch[lane] = runs.end[lane] + int64_t(runs.at[lane][taped_contact_size(m) - 1]) * kTapedTouch<G>;
+      runs.at[lane] += taped_contact_size(m);
     }
     w.give(row);
   }
@@ -142,7 +142,7 @@ static void list_given(const Model& m, TapedRuns runs, bool moved, Work<G>& w) {
 // What a lane's run, which is sorted, has of a number that is in it.
 template <class G>
 static const double* taped_contact(const Model& m, const double* run, const double* end, int number) {
-  constexpr int size = kTapedContact<G>;
+  int size = taped_contact_size(m);
   int64_t low = 0, high = (end - run) / size - 1;
   while (low < high) {
     int64_t middle = (low + high) / 2;
@@ -172,7 +172,7 @@ static void tape_read(const Model& m, const Options& o, Work<G>& w, const double
     Contact<G>& c = w.con[i];
     c.gam = c.s = splat(1);
     c.eta0 = splat(1);
-    CMBRL_FOR(r, G::NT) c.b[r] = c.eta[r] = T{};
+    CMBRL_FOR(r, c.rows - 1) c.b[r] = c.eta[r] = T{};
     for (int lane = 0; lane < W; ++lane) {
       if (!c.on[lane]) continue;
       const double* run = taped_contact<G>(m, runs.at[lane], runs.end[lane], taped_number(c, lane));

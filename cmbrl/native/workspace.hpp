@@ -49,39 +49,45 @@ struct SideUnderCorners {
   typename G::V normal;
 };
 
-// What is found of a contact before any solve; a lane takes all of it from one candidate.
+// What is found of a contact before any solve; a lane takes all of it from one candidate. Here and in Contact, what a contact of one
+// row needs in a solve stands together: many contacts then take few pages of memory.
 template <class G>
 struct Found {
-  typename G::V p, d[1 + G::NT];     // point and directions (normal, tangents); of an edge: its own, and its tangent
-  Vec<G::N> Wr[1 + G::NT];           // wrench of a unit impulse along each of them
-  T root, full_mu;                   // root of inverse weight and compliance; mu itself may be a share of the full one
-  T phi, mu, Rn, Rt, carry, cn0;
-  T dc_dphi, dRn_dphi, dRt_dphi;     // of the law, at fixed impulses
   T P[kContactFields];               // its part of the physical vector
   T radiusA;
   Feature<G> at;
+  T arm[2];                          // [m] of rows that turn (turning.hpp), about the normal, and about the tangents
+  typename G::V p, d[1 + G::NT];     // point and directions (normal, tangents); of an edge: its own, and its tangent
+  T dc_dphi, dRn_dphi, dRt_dphi;     // of the law, at fixed impulses
+  T phi, mu, Rn, Rt, carry, cn0;
+  T root, full_mu;                   // root of inverse weight and compliance; mu itself may be a share of the full one
+  Vec<G::N> Wr[1 + G::MT];           // wrench of a unit impulse along each of its directions, then of the rows that turn
 };
 
-// One contact of a pack in the interior point and in the derivative. Lanes may have different candidates, of one kin: those that
-// differ only in what Found holds (candidates.hpp).
+// All that is known of a contact before any solve. Lanes may have different candidates, of one kin: those that differ only in what
+// Found holds (candidates.hpp).
 template <class G>
-struct Contact : Found<G> {
+struct Known : Found<G> {
   Mask on, wide, rub;                // lanes in which the contact takes part; in the derivative's solve; in which it has friction
-  int of[W], index, rows;            // candidate numbers by lane, and the first of them; 1 or 1 + NT
+  int of[W], index, rows;            // candidate numbers by lane, and the first of them; 1, or 1 + NT to 1 + MT
   bool segments, hulls;              // in some lane
   Mask convex;                       // lanes in which the convex law of sliding holds (newton.hpp); none unless the options say so
   int edge;                          // of MuJoCo's pyramid (edges.hpp), from 1; 0: the whole contact
-  T ct0[G::NT];
+};
+
+// One contact of a pack in the interior point and in the derivative.
+template <class G>
+struct Contact : Known<G> {
+  T kappa, own_kappa, raised_kappa;  // the ladder may raise kappa above what the model asks for
+  T slope, slope_R;                  // d kappa by the free closing coordinate z and by Rn
+  T gam, s, r1, dgam, ds;            // r: linear residuals at the start; they shrink by exactly (1 - alpha)
+  T ipn, t50, eta0, deta0;
+  T w[1 + G::MT], Th[1 + G::MT][1 + G::MT];  // dx = w - Th J dv
+  T b[G::MT], eta[G::MT], r2[G::MT], db[G::MT], deta[G::MT], ct0[G::MT];
+  T Ai[G::MT][G::MT], ta[G::MT], gA[G::MT];  // parts of Th, as ipn, for sensitivities to kappa and mu; gA under the convex law
   Mask bounce;                       // lanes in which it bounces in this step
   T time, speed;                     // from here to its impact [s], approach speed
   T by_free, by_start, by_gap, by_flight, by_e;  // d cn0 of a bounce by J vf, J v, gap, time of flight and restitution
-  T kappa, own_kappa, raised_kappa;  // the ladder may raise kappa above what the model asks for
-  T slope, slope_R;                  // d kappa by the free closing coordinate z and by Rn
-  T gam, s, b[G::NT], eta0, eta[G::NT];
-  T r1, r2[G::NT];                   // linear residuals at the start; they shrink by exactly (1 - alpha)
-  T w[1 + G::NT], Th[1 + G::NT][1 + G::NT];  // dx = w - Th J dv
-  T ipn, Ai[G::NT][G::NT], ta[G::NT], gA[G::NT];  // parts of Th, for sensitivities to kappa and mu; gA under the convex law
-  T t50, dgam, ds, db[G::NT], deta0, deta[G::NT];
 };
 
 struct Direction {  // of a limit: along a line, in one sense; round: by the angle of a ball joint, whose last dof the line is
@@ -164,7 +170,7 @@ struct SolverWork {
     below.take(A, nv, columns);
   }
   void take_state(Arena& A, int64_t nv, int64_t contacts, int64_t limits, int64_t dry_rows) {
-    int64_t state = nv + 3 * dry_rows + contacts * (3 + 2 * G::NT) + limits * 2;
+    int64_t state = nv + 3 * dry_rows + contacts * (3 + 2 * G::MT) + limits * 2;
     save = A.take<T>(state); path = A.take<T>(3 * state);
   }
 };

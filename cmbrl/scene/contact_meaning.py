@@ -28,9 +28,10 @@ def softened(
 
 
 def meaning(blocks: Array, softness: Array) -> Array:
-    """Contacts (n, 9) of the physical vector, as (n, 8) numbers that decide how they act.
+    """Contacts (n, 11) of the physical vector, as (n, 10) numbers that decide how they act.
 
-    They are friction, restitution, radius, K dmax, B, the compliance at both ends, and the width between them.
+    They are friction, restitution, radius, K dmax, B, the compliance at both ends, the width between them, and
+    torsional and rolling friction.
 
     ``softness`` (n,): the factor on their compliance.
     """
@@ -41,4 +42,4 @@ def meaning(blocks: Array, softness: Array) -> Array:
     stiffness = np.where(ref0 > 0, 1.0 / (dmax * (time * ratio) ** 2), -ref0 / dmax)
     damping = np.where(ref0 > 0, 2.0 / (dmax * time), -ref1 / dmax)
     soft = [np.minimum(softness * (1.0 - d) / d, 1.0 / _LEAST - 1.0) for d in (d0, dmax)]
-    return np.column_stack([friction, restitution, radius, stiffness, damping, *soft, width])
+    return np.column_stack([friction, restitution, radius, stiffness, damping, *soft, width, blocks[:, 9:]])

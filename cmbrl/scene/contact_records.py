@@ -42,13 +42,19 @@ class When(IntEnum):
 class ContactLaw:
     """Contact parameters of two geoms: mixed by MuJoCo's rules, or given by an explicit pair."""
 
-    dim: int  # 1 or 3
-    friction: float
+    dim: int  # MuJoCo's condim: 1; 3: slides; 4: and spins; 6: and rolls
+    friction: float  # of sliding
     solref: Array  # (2,)
     solimp: Array  # (5,)
     margin: float  # [m] the constraint acts below this gap
     inverse_weight: float  # sum of both bodies' translational invweight0
-    edges: int = 4  # of MuJoCo's pyramid: more than 4 where it has torsional or rolling friction too
+    spin: float = 0.0  # [m] coefficient of torsional friction, about the normal
+    roll: float = 0.0  # [m] of rolling friction, about both tangents
+
+    @property
+    def edges(self) -> int:
+        """Number of edges of MuJoCo's pyramid."""
+        return 2 * (max(self.dim, 3) - 1)
 
 
 @dataclass(frozen=True, slots=True)

@@ -130,7 +130,7 @@ class CoreArrays:
     face_ptr: Integers  # (nface + 1,) where the vertices of each side begin
     face_vertex: Integers  # in order around it
     face_normal: Array  # (nface, 3) outwards, in the body frame
-    con_dim: Integers  # (nc,) 1 or 3
+    con_dim: Integers  # (nc,) 1, 3, 4 or 6
     con_law: Integers  # (nc,) a value of CONTACT_LAWS
     con_pyramid: Integers  # (nc,) number of edges; 0: a round cone
     con_impratio: Array  # (nc,)

@@ -130,13 +130,14 @@ def _by_meaning(scene: Scene, P: Array, softness: Array) -> Array:
     if scene.contact_law == "mujoco":
         blocks = meaning(blocks, softness)
     else:
-        blocks = np.column_stack([blocks[:, :8], softness])[:, :8]
+        blocks = np.delete(blocks, CONTACT_FIELDS.index("rscale"), axis=1)
     return np.concatenate([P[:first], blocks.ravel()])
 
 
 def _aligned(held: Scene, scene: Scene) -> Array:
     """What ``held`` has, in the order of ``scene``; NaN where it has nothing."""
-    found = np.full(scene.layout.contact(0) + 8 * scene.core.ncontact, np.nan)
+    numbers = len(CONTACT_FIELDS) - 1  # of a contact, by what they mean
+    found = np.full(scene.layout.contact(0) + numbers * scene.core.ncontact, np.nan)
     first = scene.layout.contact(0)
     if held.layout.contact(0) != first or held.planar != scene.planar:
         return found
@@ -145,7 +146,7 @@ def _aligned(held: Scene, scene: Scene) -> Array:
     rows: dict[str, list[int]] = {}
     for k, name in enumerate(held.contact_names):
         rows.setdefault(name, []).append(k)
-    blocks, target = own[first:].reshape(-1, 8), found[first:].reshape(-1, 8)
+    blocks, target = own[first:].reshape(-1, numbers), found[first:].reshape(-1, numbers)
     counts = {name: scene.contact_names.count(name) for name in set(scene.contact_names)}
     seen: dict[str, int] = {}
     for k, name in enumerate(scene.contact_names):

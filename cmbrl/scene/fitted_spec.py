@@ -133,7 +133,8 @@ class FittedSpec:
         """Friction and softness, as explicit pairs: geoms would mix theirs with those of the geoms they touch."""
         scene, layout = self.scene, self.scene.layout
         fields = [
-            layout.contact(0, f) - layout.contact(0) for f in ("friction", "solref0", "solref1", "d0", "dmax", "width")
+            layout.contact(0, f) - layout.contact(0)
+            for f in ("friction", "spin", "roll", "solref0", "solref1", "d0", "dmax", "width")
         ]
         rows = {name: k for k, name in reversed([*enumerate(scene.contact_names)])}
         for first, second, pair in collision_pairs(self.model) if rows else ():
@@ -147,8 +148,10 @@ class FittedSpec:
             law = mixed(self.model, first, second, pair)
             friction, solref, solimp = law.friction, law.solref, law.solimp
             friction[:2] = values[0]
+            for place, coefficient in ((slice(2, 3), values[1]), (slice(3, 5), values[2])):
+                friction[place] = coefficient or friction[place]  # 0 where the contact has none
             if scene.contact_law == "mujoco":
-                solref[:], solimp[:3] = softened(*[*values[1:].tolist(), float(self.softness[row])])
+                solref[:], solimp[:3] = softened(*[*values[3:].tolist(), float(self.softness[row])])
             element = self._element("pairs", pair) if pair >= 0 else self._add_pair(first, second, law.dim, law.margin)
             element.friction, element.solref, element.solimp = friction, solref, solimp
 

@@ -5,7 +5,8 @@ P = per body [mass, centre of mass (D), inertia about it (planar 1: about the ax
     its slope with the coordinate, Stribeck's part of it, the speed that takes that away],
     per plane [height], per actuator [gear, gain, bias (3), time constant,
     limit of its force, how that falls with speed, half of its backlash], gravity (D),
-    per contact [friction, restitution, sum of radii, solref (2), d0, dmax, width, softness scale].
+    per contact [friction, restitution, sum of radii, solref (2), d0, dmax, width, softness scale,
+    torsional and rolling friction].
 Contacts come last: of these, the core takes up only what touches.
 """
 
@@ -20,7 +21,10 @@ DOF_FIELDS = (
     *("armature", "damping", "stiffness", "springref"),
     *("frictionloss", "friction_slope", "stribeck", "stribeck_speed"),
 )
-CONTACT_FIELDS = ("friction", "restitution", "radius", "solref0", "solref1", "d0", "dmax", "width", "rscale")
+CONTACT_FIELDS = (
+    *("friction", "restitution", "radius", "solref0", "solref1", "d0", "dmax", "width", "rscale"),
+    *("spin", "roll"),
+)
 ACTUATOR_FIELDS = ("gear", "gain", "bias0", "bias1", "bias2", "time", "limit", "limit_slope", "gap")
 
 

@@ -15,7 +15,7 @@ from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import Array
 from cmbrl.scene.support import Gate
 
-_NO_ROLLING = "torsional and rolling friction"
+_LEAST_FRICTION = 1e-5  # MuJoCo's
 _LEAST = 1e-6  # of the inverse weight of a free body
 MOST_PAIRS = 600_000  #: a thousand bodies that may all touch each other
 
@@ -107,15 +107,18 @@ def contact_law(model: mujoco.MjModel, first: int, second: int, pair: int, gate:
         gate.note("solreffriction", label, "friction uses the solref of the normal direction")
     own = mixed(model, first, second, pair)
     dim, friction = own.dim, own.friction
-    if dim > 3:
-        gate.note("condim", label, f"condim {dim} as 3: no {'torsional friction' if dim == 4 else _NO_ROLLING}")
+    if dim > 3 and "condim" in gate.ignore:
+        lost = "torsional friction" if dim == 4 else "torsional and rolling friction"
+        gate.refuse("condim", label, f"condim {dim} as 3: no {lost}")
         dim = 3
-    if dim == 3 and friction[0] != friction[1]:
-        gate.refuse("friction_anisotropic", label, f"friction {friction[0]:g} {friction[1]:g}", "the first applies")
+    for least, one, other in ((3, 0, 1), (6, 3, 4)):
+        if dim >= least and friction[one] != friction[other]:
+            why = f"{'friction' if one == 0 else 'rolling friction'} {friction[one]:g} {friction[other]:g}"
+            gate.refuse("friction_anisotropic", label, why, "the first applies")
     weight = sum(inverse_weight(model, int(model.geom_bodyid[geom])) for geom in (first, second))
-    friction_of_sliding = float(friction[0]) if dim > 1 else 0.0
-    edges = 2 * (own.dim - 1) if dim > 1 else 4
-    return ContactLaw(dim, friction_of_sliding, own.solref, own.solimp, own.margin, weight, edges)
+    slide = float(friction[0]) if dim > 1 else 0.0
+    spin, roll = (max(float(friction[k]), _LEAST_FRICTION) if dim > k else 0.0 for k in (2, 3))
+    return ContactLaw(dim, slide, own.solref, own.solimp, own.margin, weight, spin, roll)
 
 
 def inverse_weight(model: mujoco.MjModel, body: int) -> float:

@@ -43,6 +43,10 @@ _IMPEDANCE_FIELDS = (
     ("width", "impedance_width", 1e-5, 0.1, "m"),
 )
 
+# Torsional and rolling friction with the least condim that has them, by dimension of the scene: no spin in the plane.
+_ROLL = ("roll", "rolling_friction", 6)
+_TURNING_FIELDS = {2: (_ROLL,), 3: (("spin", "torsional_friction", 4), _ROLL)}
+
 
 def offer_parameters(
     model: mujoco.MjModel, parts: Parts, layout: Layout, letters: tuple[str, ...], P: Array, contact_law: str
@@ -92,7 +96,7 @@ def _contact_parameters(
     world = np.array([(c.body_a == WORLD, c.body_b == WORLD) for c in candidates], dtype=bool).reshape(-1, 2)
     geoms = np.where(world[:, :1], geoms[:, ::-1], geoms)  # what moves comes first
     on_world: NDArray[np.bool_] = np.any(world, axis=1)
-    rubs = np.array([c.law.dim > 1 for c in candidates], dtype=bool)
+    dims = np.array([c.law.dim for c in candidates], dtype=np.int64)
 
     def by_value(rows: Rows, field: str) -> Iterator[tuple[str, float, Rows]]:
         """Splits a group by nominal value; several values are told apart by the geoms of their first contact."""
@@ -105,9 +109,13 @@ def _contact_parameters(
 
     for geom, rows in _by_key(np.where(on_world, geoms[:, 0], model.ngeom)):
         name = name_of(model, "geom", geom) if geom < model.ngeom else "pairs"
-        for suffix, value, same in by_value(rows[rubs[rows]], "friction"):
+        for suffix, value, same in by_value(rows[dims[rows] > 1], "friction"):
             low, high = min(0.01, value / 2), max(5.0, 2 * value)
             out.add("friction", name + suffix, value, low, high, "1", layout.contacts(same, "friction"))
+        for field, group, least in _TURNING_FIELDS[layout.dimension]:
+            for suffix, value, same in by_value(rows[dims[rows] >= least], field):
+                places = layout.contacts(same, field)
+                out.add(group, name + suffix, value, value / 100, value * 100, "m", places, default=False)
         if contact_law == "rigid":
             out.add("restitution", name, 0.0, 0.0, 1.0, "1", layout.contacts(rows, "restitution"))
         for field, group, unit in _LAW_FIELDS[contact_law]:

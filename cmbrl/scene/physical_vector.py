@@ -97,13 +97,14 @@ def _write_contacts(P: Array, layout: Layout, candidates: list[Candidate], law: 
 
 
 def _law_block(own: ContactLaw, law: LawChoice) -> Array:
-    """Block (9,) of a contact in P, without the sum of radii and the weight of the candidate."""
+    """Block (11,) of a contact in P, without the sum of radii and the weight of the candidate."""
     ref: Sequence[float] | Array = own.solref
     if law.name == "spring-damper":
         ref = _spring_damper(own)
     elif law.name == "logistic":
         ref = law.stiffness, 0.0
-    return np.array([own.friction, 0.0, 0.0, *ref, *own.solimp[:3], 0.0])  # MJCF cannot express restitution
+    turning = own.spin, own.roll
+    return np.array([own.friction, 0.0, 0.0, *ref, *own.solimp[:3], 0.0, *turning])  # MJCF cannot express restitution
 
 
 def _spring_damper(law: ContactLaw) -> tuple[float, float]:

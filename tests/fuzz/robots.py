@@ -139,8 +139,8 @@ class Robots:
         return f'<geom name="{name}" type="{kind}" {shape} {pose}{weight}{self.surface()}/>'
 
     def surface(self) -> str:
-        out = f' condim="{self.one_of("1", "3")}"' * self.has("condim")
-        out += self.some(0.6, f'friction="{self.u(0.1, 1.5)} .005 .0001"')
+        out = f' condim="{self.one_of("1", "3", "4", "6")}"' * self.has("condim")
+        out += self.some(0.6, f'friction="{self.u(0.1, 1.5)} .02 .001"')
         out += self.some(0.2, f'priority="1" solmix="{self.log(0.1, 5)}"')
         out += f' margin="{self.u(0, 0.02)}" gap="{self.u(0, 0.01)}"' * self.has("margin", 0.3)
         out += f' contype="{self.one_of("0", "1", "2")}" conaffinity="{self.one_of("1", "3")}"' * self.has("contype")

@@ -192,3 +192,20 @@ def test_a_scene_without_a_file_says_so() -> None:
     scene = Scene.from_mjcf(ARM.format(**FILE))
     with pytest.raises(UserError, match="was not read from a file: write its XML to one"):
         fitted_file(scene, scene.parameter_vector())
+
+
+def test_torsional_and_rolling_friction_are_written(tmp_path: Path) -> None:
+    """And nothing of it into a pair that has none."""
+    names = {"torsional_friction__ball": 0.02, "rolling_friction__ball": 0.003}
+    for dim, known in ((4, ["torsional_friction__ball"]), (6, [*names])):
+        (tmp_path / "ball.xml").write_text(
+            f"""<mujoco><worldbody><geom name="floor" type="plane" size="2 2 1"/><body pos="0 0 .1"><freejoint/>
+            <geom name="ball" size=".1" condim="{dim}" friction=".8 .01 .001"/></body></worldbody></mujoco>"""
+        )
+        scene = Scene.from_mjcf(tmp_path / "ball.xml")
+        file = fitted_file(scene, at(scene, **{name: names[name] for name in known}))
+        assert file.missing == ()
+        model = mujoco.MjModel.from_xml_string(file.text)
+        assert model.pair_dim.tolist() == [dim]
+        rolling = 0.003 if dim == 6 else 0.001
+        assert model.pair_friction[0] == pytest.approx([1.0, 1.0, 0.02, rolling, rolling])

@@ -86,7 +86,7 @@ def test_box_corners_merge_in_pairs(load: Load) -> None:
     assert flat.core.ncontact == 4
     assert flat.merged_points == 4
     assert np.abs(flat.core.con_posA).tolist() == [[0.3, 0.1]] * 4
-    assert sorted(flat.core.P[_first_contact(flat) + 8 :: 9][:4]) == [0.5] * 4
+    assert flat.core.P[flat.layout.contacts(np.arange(4), "rscale")].tolist() == [0.5] * 4
 
 
 @pytest.mark.parametrize(

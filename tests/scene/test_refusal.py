@@ -84,10 +84,27 @@ def test_a_tie_of_a_tendon_that_nothing_moves_is_refused(load: Load) -> None:
         load(world, rest + '<equality><tendon name="e" tendon1="t"/></equality>')
 
 
-def test_rolling_friction_is_left_out_and_said(load: Load) -> None:
+def test_rolling_friction_is_left_out_on_request_and_said(load: Load) -> None:
     scene, _ = load(FLOOR + DROP.format('size=".1" condim="4"'))
-    assert [(x.kind, x.why) for x in scene.left_out] == [("condim", "condim 4 as 3: no torsional friction")]
+    assert not scene.left_out
+    assert scene.core.con_dim.tolist() == [4]
+    scene, _ = load(FLOOR + DROP.format('size=".1" condim="4"'), ignore="condim")
+    why = "condim 4 as 3: no torsional friction; left out (--ignore condim)"
+    assert [(x.kind, x.why) for x in scene.left_out] == [("condim", why)]
     assert scene.core.con_dim.tolist() == [3]
+
+
+@pytest.mark.parametrize("friction", ["1 .5 .1 .1 .1", "1 1 .1 .1 .2"])
+def test_two_coefficients_of_one_friction_are_refused(friction: str, load: Load) -> None:
+    """By an explicit pair; rolling friction only where the contact has it."""
+    world = FLOOR + DROP.format('size=".1"')
+    pair = '<contact><pair geom1="f" geom2="g" condim="{}" friction="' + friction + '"/></contact>'
+    with pytest.raises(UserError, match="--ignore friction_anisotropic"):
+        load(world, pair.format(6))
+    scene, _ = load(world, pair.format(6), ignore="friction_anisotropic")
+    assert scene.core.P[scene.layout.contact(0) :][[0, 9, 10]].tolist() == [1.0, 0.1, 0.1]
+    if friction.startswith("1 1"):
+        assert load(world, pair.format(4))[0].core.con_dim.tolist() == [4]
 
 
 def test_all_refusals_come_in_one_line(load: Load) -> None:
