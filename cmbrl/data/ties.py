@@ -13,9 +13,7 @@ from cmbrl.scene.records import JointKind, TieKind
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
 
-Law = tuple[
-    int, int, np.ndarray
-]  #: places in v of a joint and of its leader; coefficients
+Law = tuple[int, int, np.ndarray]  #: places in v of a joint and of its leader; coefficients
 
 
 def laws(scene: Scene) -> list[Law]:

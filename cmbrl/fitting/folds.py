@@ -112,14 +112,17 @@ class Folds:
         return cls(*zip(*sound[: folds_held_out(len(sound), share)], strict=True))
 
     def refit(
-        self, space: Space, active: np.ndarray, z: np.ndarray, iterations: int, journal: Journal
+        self, space: Space, active: np.ndarray, z: np.ndarray, iterations: int, journal: Journal, least: float = 0.0
     ) -> tuple[list[np.ndarray], int]:
-        """``z`` (n,) refitted without each fold in turn, and the number of candidates used."""
+        """``z`` (n,) refitted without each fold in turn, and the number of candidates used.
+
+        ``least``: the variance that weighs the prior at least.
+        """
         if not active.any():
             return [z] * len(self.train), 0
         fitted, candidates = [], 0
         for train in self.train:
-            found = gauss_newton(Objective.at(train, space, active, z), z, iterations, journal)
+            found = gauss_newton(Objective.at(train, space, active, z, least), z, iterations, journal)
             fitted.append(found.z)
             candidates += found.candidates
         return fitted, candidates

@@ -45,6 +45,7 @@ def of_transitions(log: Fields, scene: Scene) -> Iterator[Finding]:
 
 def of_positions(log: PositionLog, scene: Scene) -> Iterator[Finding]:
     """All faults of a position log, the most telling first."""
+    yield from units.clock(log.dt)
     yield from _of_motion(motion.of_positions(log, scene))
     yield from overlap.of_positions(log, scene)
 

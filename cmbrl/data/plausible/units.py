@@ -17,9 +17,22 @@ NEAR = 0.06  #: relative; two factors are the same, where the columns agree enti
 OFTEN = 0.3  #: share of samples beyond the limits; a blow throws a joint far beyond them for a few
 ROWS = 50  #: fewer do not show how columns go together
 WRONG_RATE = 0.15  #: relative; estimated velocities and large steps stay below
+SELDOM = 0.5  #: [s] from sample to sample: no encoder that a fit could use is read so seldom
+CLOCKS = {1e9: "nanoseconds", 1e6: "microseconds", 1e3: "milliseconds"}  #: numbers in one second
+RATES = 1e-4, 0.1  #: [s] steps of logs that robots write
 SENSOR_NOISE = 1e-4  #: changes of this size [m, rad] may be noise
 ACROSS = 0.85  #: correlation with the derivative of another joint, or of the other sign
 AGREES = 0.7  #: correlation of two columns that tell the same; impacts within long steps lower it
+
+
+def clock(dt: float) -> Iterator[Finding]:
+    """Samples ``dt`` [s] apart, as in seconds they never are, and in another unit are."""
+    for factor, unit in CLOCKS.items():
+        if dt >= SELDOM and RATES[0] <= dt / factor <= RATES[1]:
+            yield Finding(
+                f"time rises by {dt:.4g} s from row to row: {unit} instead of seconds? Divide by {factor:.0e}"
+            )
+            return
 
 
 def beyond_limits(motion: Motion) -> Iterator[Finding]:
