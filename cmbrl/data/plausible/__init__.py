@@ -53,8 +53,8 @@ def of_positions(log: PositionLog, scene: Scene) -> Iterator[Finding]:
 def _of_motion(found: motion.Motion) -> Iterator[Finding]:
     answers = found.answers()
     return chain(
-        units.beyond_limits(found),
         units.of_commands(found, answers),
+        units.beyond_limits(found),
         still.stuck(found),
         units.turns(found),
         still.joined(found),

@@ -64,17 +64,22 @@ def of_commands(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarra
         if not max(best[m], -worst[m]) > 0.8:
             continue
         hinge = motion.coordinates[driver.coordinate].hinge
-        factor, unit, wanted = (DEGREES, "degrees", "radians") if hinge else (1e3, "millimetres", "metres")
+        names, wanted = (ANGLES, "radians") if hinge else (LENGTHS, "metres")
+        units = [
+            (factor, unit) for factor, unit in names.items() if factor > 1.0
+        ]  # a servo may do less than it is told
         both = motion.position_of(driver.coordinate), motion.command_of(m)
         sizes = np.abs(motion.now[:, driver.coordinate]).max(), np.abs(motion.u[:, m]).max()
         for ratio, size, (column, other) in (
             (abs(slope[m]), sizes[0], both),
             (1 / abs(slope[m]), sizes[1], both[::-1]),
         ):
-            if abs(ratio / factor - 1) < 0.25 and (size > 2 * np.pi or not hinge):
-                yield Finding(
-                    f"{column} moves {ratio:.3g} times as much as {other}: {unit} instead of {wanted}? Convert one"
-                )
+            for factor, unit in units:
+                if abs(ratio / factor - 1) < 0.25 and (size > 2 * np.pi or not hinge):
+                    yield Finding(
+                        f"{column} moves {ratio:.3g} times as much as {other}: {unit} instead of {wanted}? Divide the "
+                        f"column by {factor:.4g}"
+                    )
 
 
 def velocities(motion: Motion) -> Iterator[Finding]:
