@@ -33,7 +33,8 @@ def laws(scene: Scene) -> list[Law]:
 
 def followers(scene: Scene, known: Collection[int]) -> list[Law]:
     """The laws that tell joints which are not ``known`` by their places in v, each after the law of its leader."""
-    told, steps = set(known), []
+    told = set(known)
+    steps: list[Law] = []
     while True:  # a chain of ties takes a turn a link
         law = next((law for law in laws(scene) if law[0] not in told and law[1] in told), None)
         if law is None:
