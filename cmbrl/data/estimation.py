@@ -5,10 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.polynomial import polynomial
 
 from cmbrl.data.drive import controls
 from cmbrl.data.position_log import PositionLog, free_joint
 from cmbrl.data.smoothing import smooth, smooth_rotations
+from cmbrl.data.ties import followers
 from cmbrl.data.transitions import Transitions
 
 if TYPE_CHECKING:
@@ -27,6 +29,10 @@ def estimated(log: PositionLog, scene: Scene) -> Transitions:
     addresses = {joint.vadr: joint.qadr for joint in scene.joints}
     position[:, [addresses[place] for place in places.tolist()]] = log.position
     rate[:, places], control[:, driven] = smooth(log.position, log.dt, log.episode).rate, controls(log, scene)
+    for place, of, law in followers(scene, places.tolist()):
+        led = position[:, addresses[of]]
+        position[:, addresses[place]] = polynomial.polyval(led, law)
+        rate[:, place] = polynomial.polyval(led, polynomial.polyder(law)) * rate[:, of]
     if log.base is not None:
         first = min((joint for joint in scene.joints if joint.source == _floating(scene)), key=lambda j: j.qadr)
         q, v = slice(first.qadr, first.qadr + 7), slice(first.vadr, first.vadr + 6)

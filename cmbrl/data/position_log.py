@@ -18,6 +18,7 @@ import numpy as np
 from cmbrl.data import checks, plausible
 from cmbrl.data.npz import read_arrays
 from cmbrl.data.splitting import row_numbers
+from cmbrl.data.ties import followers
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.files import check_writable, write_bytes
 from cmbrl.numbers import names, one_of
@@ -140,16 +141,20 @@ class PositionLog:
         return np.array(found, dtype=np.int64)
 
     def check(self, scene: Scene) -> None:
-        """Raises UserError unless this is a log of all joints and actuators of ``scene`` without faults that show."""
+        """Raises UserError unless this is a log of all joints and actuators of ``scene`` without faults that show.
+
+        Joints that the file ties to one of the log need no column.
+        """
         if not hasattr(scene, "core"):
             raise UserError(f"scene is a {type(scene).__name__}; give the Scene of the robot")
-        self.coordinates(scene)
-        driven, floating = self.actuators(scene), free_joint(scene)
+        places, driven, floating = self.coordinates(scene), self.actuators(scene), free_joint(scene)
         if self.base is not None and floating is None:
             raise UserError(
                 f"the log has the pose of a base, and scene {scene.name!r} has not one free joint; leave it out"
             )
         known = {*self.joint_names, *([floating] if self.base is not None and floating else [])}
+        tied = {place for place, _, _ in followers(scene, places.tolist())}
+        known |= {joint.name for joint in scene.joints if joint.vadr in tied}
         if missing := [name for name in scene.joint_names if name not in known]:
             raise UserError(
                 f"joint {missing[0]!r} of scene {scene.name!r} is not in the log, and its motion cannot be simulated "

@@ -231,7 +231,9 @@ class Course:
         def compute() -> dict[str, Any]:
             self.journal.report(0.65, "starts")
             active = self.incumbent.active
-            screen = MultiStart(self.evidence.space, folds, active, self.seed, starts, iterations, self.journal)
+            screen = MultiStart(
+                self.evidence.space, folds, active, self.seed, starts, iterations, self.journal, self.incumbent.least
+            )
             found = screen.run(self.incumbent.z)
             return {"z": found.z.tolist(), "candidates": found.candidates, "course": []}
 

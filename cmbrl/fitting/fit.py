@@ -25,6 +25,7 @@ from cmbrl.fitting.discrepancy import Discrepancy
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.folds import draw_starts, fold_count
 from cmbrl.fitting.noise import sensor_noise
+from cmbrl.fitting.rate import RateCheck
 from cmbrl.fitting.report import conclude
 from cmbrl.fitting.result import FitResult
 from cmbrl.fitting.state import Journal
@@ -78,8 +79,8 @@ def fit(
             one that takes too long ends with the best so far. ``report["pace"]`` and ``report["stopped"]`` record it.
 
     Raises:
-        UserError: for a log of another robot or time step, unknown names, parameters outside their bounds, or a folder
-            that cannot be used.
+        UserError: for a log of another robot or time step, a position log of a wrong rate (``rate``),
+            unknown names, parameters outside their bounds, or a folder that cannot be used.
     """
     started = time.monotonic()
     one_of(method, METHODS, "method")
@@ -96,6 +97,8 @@ def fit(
     wanted = space.default if all_of_them else None if groups is None else space.columns(_names(groups))
     count = fold_count(log, holdout, needed=groups is None and not with_laws)
     draw_starts(log, min(horizons), 1, seed)  # raises for a log whose episodes are shorter
+    if evidence.positions_only:
+        RateCheck(evidence, min(horizons), huber, seed).tell()
     settings = [seed, method, None if wanted is None else wanted.tolist(), horizons, count, polish, huber]
     journal = Journal(folder, _fingerprint(evidence.model, log, settings, asdict(budget)), progress, started)
     course = Course(

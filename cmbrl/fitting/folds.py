@@ -21,6 +21,7 @@ from cmbrl.fitting.state import Journal
 from cmbrl.models.windows import blocks_of
 
 NOISE_FACTOR, LEAST_GAIN = 2.0, 0.01  #: a fall of the held-out loss counts above so many times its noise and this share
+_DECREASE = 1e-3  # of the objective by an iteration; less tells nothing of what is held out
 _LEAST_BLOCKS = 6  # fewer episodes are cut into this many runs of consecutive starts
 
 
@@ -47,8 +48,10 @@ def windows_in_blocks(data: Transitions, horizon: int) -> np.ndarray:
 
 
 def draw_starts(data: Transitions, horizon: int, limit: int, seed: int, folds: int = 0) -> np.ndarray:
-    """Rows to predict from, in the log's order, drawn without replacement for at most ``limit`` transitions.
+    """Rows to predict from, in the log's order, for at most ``limit`` transitions: one of each stretch of the log.
 
+    So windows lie all over the log. Drawn anywhere, those that a fit of a quadruped can afford cover half of its log,
+    some of it several times, and what it then explains is not what comes next.
     Where all of them lie in one of several ``folds``, one of another fold is added: what is held out has to differ from
     what is fitted, also where a window is nearly as long as ``limit``.
     Raises UserError if no episode has ``horizon`` consecutive transitions.
@@ -60,7 +63,8 @@ def draw_starts(data: Transitions, horizon: int, limit: int, seed: int, folds: i
     if len(starts) <= limit:
         return starts
     draw = np.random.Generator(np.random.Philox(key=[seed & 0xFFFFFFFFFFFFFFFF, limit]))
-    drawn = np.sort(draw.choice(starts, limit, replace=False))
+    edges = np.linspace(0, len(starts), limit + 1).astype(np.int64)
+    drawn = starts[edges[:-1] + (draw.random(limit) * np.diff(edges)).astype(np.int64)]
     if folds < 2:
         return drawn
     fold = fold_of_rows(data, folds, seed)
@@ -112,14 +116,19 @@ class Folds:
         return cls(*zip(*sound[: folds_held_out(len(sound), share)], strict=True))
 
     def refit(
-        self, space: Space, active: np.ndarray, z: np.ndarray, iterations: int, journal: Journal
+        self, space: Space, active: np.ndarray, z: np.ndarray, iterations: int, journal: Journal, least: float = 0.0
     ) -> tuple[list[np.ndarray], int]:
-        """``z`` (n,) refitted without each fold in turn, and the number of candidates used."""
+        """``z`` (n,) refitted without each fold in turn, and the number of candidates used.
+
+        ``least``: the variance that weighs the prior at least.
+        """
         if not active.any():
             return [z] * len(self.train), 0
         fitted, candidates = [], 0
         for train in self.train:
-            found = gauss_newton(Objective.at(train, space, active, z), z, iterations, journal)
+            found = gauss_newton(
+                Objective.at(train, space, active, z, least), z, iterations, journal, decrease=_DECREASE
+            )
             fitted.append(found.z)
             candidates += found.candidates
         return fitted, candidates

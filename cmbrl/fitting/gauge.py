@@ -2,8 +2,10 @@
 
 Scaling mass, armature, damping, stiffness, friction loss and gears, or gains, of a tree together changes no motion. One
 known value among them determines the others; if all may move, only the prior says how large they are: the factor is the
-one that leaves them nearest to the file. Holding one of them instead would carry its error into all others. Trees that
-can touch, or that a tendon or an equality constraint ties, exchange impulses, so they share one scale.
+one that leaves them nearest to the file. Holding one of them instead would carry its error into all others. What the
+file does not have (a damping of 0, say) tells nothing of the factor: its prior is as wide as the robot's masses and
+motors make it, in whatever unit, and that it is there at all would speak for a small unit. Trees that can touch, or
+that a tendon or an equality constraint ties, exchange impulses, so they share one scale.
 """
 
 from __future__ import annotations
@@ -41,6 +43,12 @@ def common_factors(core: CoreArrays, free: np.ndarray) -> list[list[int]]:
     return found
 
 
+def distance(space: Space, z: np.ndarray) -> np.ndarray:
+    """Minus the logarithm of the prior of ``z`` (..., n), of those parameters that tell a unit of force."""
+    own = np.where(space.nominal == 0.0, np.where(space.transform == "linear", 0.0, z), z)
+    return np.asarray(0.5 * ((own @ space.precision) * own).sum(axis=-1))
+
+
 def nearest(space: Space, z: np.ndarray, sets: list[list[int]]) -> np.ndarray:
     """``z`` (n,) with the parameters of each set times the factor that the prior asks for, inside the bounds.
 
@@ -68,7 +76,7 @@ def _nearest(space: Space, z: np.ndarray, members: list[int]) -> np.ndarray:
         scaled[:, some] *= np.exp(factors := np.linspace(low, high, _FACTORS))[:, None]
         found = np.tile(z, (_FACTORS, 1))
         found[:, some] = space.z(scaled)[:, some]
-        best = int(((found @ space.precision) * found).sum(axis=1).argmin())
+        best = int(distance(space, found).argmin())
         low, high = float(factors[max(best - 1, 0)]), float(factors[min(best + 1, _FACTORS - 1)])
     return np.clip(found[best], space.z_low, space.z_high)
 

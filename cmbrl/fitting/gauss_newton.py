@@ -22,9 +22,14 @@ _DECREASE = 1e-4  # relative; a smaller decrease ends the search if damping is s
 
 
 def gauss_newton(
-    objective: Objective, start: np.ndarray, iterations: int, journal: Journal, keep: Keep = forget
+    objective: Objective,
+    start: np.ndarray,
+    iterations: int,
+    journal: Journal,
+    keep: Keep = forget,
+    decrease: float = _DECREASE,
 ) -> Search:
-    """Minimises ``objective`` from ``start`` (n,).
+    """Minimises ``objective`` from ``start`` (n,), until an iteration lowers it by a share ``decrease`` or less.
 
     Raises the journal's OutOfTime between iterations, and NotFinite for equations that overflow.
     """
@@ -47,8 +52,8 @@ def gauss_newton(
         values = objective.values(points, offsets)
         candidates += len(points)
         winner = int(values.argmin())
-        decrease = value - values[winner]
-        if decrease > 0.0:
+        fall = value - values[winner]
+        if fall > 0.0:
             z, value = points[winner], float(values[winner])
             objective = objective if offsets is None else objective.starting(offsets[winner])
             keep(z)
@@ -57,8 +62,8 @@ def gauss_newton(
             damping = damping * _TRIALS[-1]
         damping = float(np.clip(damping, *_LAMBDA_RANGE))
         course.append((candidates, value))
-        idle = idle + 1 if decrease <= _DECREASE * value else 0
-        if idle == 2 or (idle == 1 and decrease > 0.0 and damping < 1.0):
+        idle = idle + 1 if fall <= decrease * value else 0
+        if idle == 2 or (idle == 1 and fall > 0.0 and damping < 1.0):
             break
     return Search(z, value, candidates, tuple(course))
 

@@ -21,7 +21,7 @@ def judged(folds: Folds, space: Space, incumbent: Incumbent, iterations: int, jo
 
     def compute() -> dict[str, Any]:
         journal.report(0.9, "held-out episodes")
-        fitted, candidates = folds.refit(space, incumbent.active, incumbent.z, iterations, journal)
+        fitted, candidates = folds.refit(space, incumbent.active, incumbent.z, iterations, journal, incumbent.least)
         return {"folds": [z.tolist() for z in fitted], "candidates": candidates}
 
     outcome = journal.unit("judge", compute)

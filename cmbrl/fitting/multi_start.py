@@ -25,7 +25,10 @@ _EXPLODES = 1e6  # a loss that no motion of a robot has: nothing leads back from
 
 @dataclass(frozen=True)
 class MultiStart:
-    """``count`` starts, ``iterations`` from each. ``folds``: the first one is fitted and judged."""
+    """``count`` starts, ``iterations`` from each. ``folds``: the first one is fitted and judged.
+
+    ``least``: the variance that weighs the prior at least.
+    """
 
     space: Space
     folds: Folds
@@ -34,6 +37,7 @@ class MultiStart:
     count: int
     iterations: int
     journal: Journal
+    least: float = 0.0
 
     def run(self, start: np.ndarray) -> Search:
         """The best place found from ``start`` (n,) and from around it; ``start`` itself if no other predicts better.
@@ -62,7 +66,7 @@ class MultiStart:
 
     def _fitted(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
         """Where a few iterations lead from ``z``, its held-out losses, and the number of candidates."""
-        objective = Objective.at(self.folds.train[0], self.space, self.active, z)
+        objective = Objective.at(self.folds.train[0], self.space, self.active, z, self.least)
         found = gauss_newton(objective, z, self.iterations, self.journal)
         return found.z, self.folds.held_out[0].errors(self.space.theta(found.z)).loss, found.candidates
 

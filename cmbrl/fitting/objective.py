@@ -32,22 +32,27 @@ _VARIANCE_RANGE = (SOLVER_VARIANCE, 1.0)  # to no model at all
 
 @dataclass(frozen=True)
 class Objective:
-    """``active`` (n,) bool: parameters that may move; ``strength``: s of the prior."""
+    """``active`` (n,) bool: parameters that may move; ``strength``: s of the prior, from the ``variance`` tau^2."""
 
     loss: PredictionLoss
     space: Space
     active: np.ndarray
     strength: float
+    variance: float = 0.0
 
     @classmethod
-    def at(cls, loss: PredictionLoss, space: Space, active: np.ndarray, z: np.ndarray) -> Objective:
-        """The objective with the residual variance, and the starts of windows, taken at ``z`` (n,)."""
+    def at(cls, loss: PredictionLoss, space: Space, active: np.ndarray, z: np.ndarray, least: float = 0.0) -> Objective:
+        """The objective with the residual variance, and the starts of windows, taken at ``z`` (n,).
+
+        ``least``: the variance that weighs the prior at least.
+        """
         loss = loss.settled(space.theta(z))
         errors = loss.errors_from_here(space.theta(z))
         variance = float(
             np.clip(2.0 * errors.mean / loss.windows.scales.observed, *_VARIANCE_RANGE)
         )  # L sums r^2 / 2 over the coordinates
-        return cls(loss, space, active, variance / loss.independent(errors.alike))
+        variance = max(variance, least)
+        return cls(loss, space, active, variance / loss.independent(errors.alike), variance)
 
     def values(self, z: np.ndarray, offset: np.ndarray | None = None) -> np.ndarray:
         """J (C,) of candidates (C, n), from an ``offset`` (C, S, k) of each one's own if given; infinite for a NaN."""

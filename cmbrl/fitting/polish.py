@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.gauge import common_factors, nearest
+from cmbrl.fitting.gauge import common_factors, distance, nearest
 from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.loss import PredictionLoss
 from cmbrl.fitting.objective import SOLVER_VARIANCE, Objective
@@ -38,7 +38,7 @@ def polished(
                 incumbent.z, moves = near, fewer
         if again == _PASSES - 1 and incumbent.z is before:
             break
-        objective = Objective.at(loss, evidence.space, moves, incumbent.z)
+        objective = Objective.at(loss, evidence.space, moves, incumbent.z, incumbent.least)
         found = gauss_newton(objective, incumbent.z, iterations, journal, keep)
         incumbent.z = found.z
         course += [(candidates + count, value) for count, value in found.course]
@@ -57,6 +57,6 @@ def unit_of_force(evidence: Evidence, z: np.ndarray, active: np.ndarray) -> tupl
     space, scene = evidence.space, evidence.model.scene
     sets = common_factors(scene.core, active[: len(scene.parameters)])
     near = nearest(space, z, sets)
-    if 0.5 * (z @ space.precision @ z - near @ space.precision @ near) < LEAST_STRAIN:
+    if distance(space, z) - distance(space, near) < LEAST_STRAIN:
         return z, active
     return near, active & ~np.isin(np.arange(len(z)), [members[0] for members in sets])

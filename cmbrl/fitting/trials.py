@@ -30,7 +30,7 @@ class Incumbent:
     ``active`` (n,): the parameters that may move, selected or asked for. ``begin`` (n,): where a fit of all of them
     begins (``beginning``). ``surveyed`` (n,): where a short one ended (``survey``). ``score``: the best of the path;
     ``course``: by search, its best objective by candidates; ``unseen``: held-out episodes with parameters fitted to the
-    others.
+    others. ``least``: the variance that weighs the prior at least, until unseen episodes call for a lesser weight.
     """
 
     z: np.ndarray
@@ -41,6 +41,7 @@ class Incumbent:
     course: list[dict[str, Any]] = field(default_factory=list)
     unseen: Unseen | None = None
     surveyed: np.ndarray | None = None
+    least: float = 0.0
     begin: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
@@ -58,6 +59,7 @@ class Trial:
     ``noise_of_rise``: the noise if the loss were to rise by chance only. ``score``: the mean logarithm of the held-out
     errors at all horizons (``survey``). ``strain``: minus the logarithm of the prior, how far the parameters are from
     the file's: motion tells masses, gears and damping up to a common factor, so that some can make up for others.
+    ``variance``: of the residuals that weighed the prior.
     """
 
     z: np.ndarray
@@ -68,6 +70,7 @@ class Trial:
     noise_of_rise: float
     score: float
     strain: float
+    variance: float = 0.0
 
     def costs_nothing(self, loss: float, score: float, strain: float, groups: int = 1) -> bool:
         """Whether neither the held-out ``loss``, nor the ``score`` over all horizons, nor the ``strain`` rises.
@@ -87,7 +90,10 @@ class Trial:
 
 @dataclass(frozen=True)
 class Trials:
-    """``loss`` is on all episodes; ``folds`` hold them out in turn; ``judges[k]`` predict what fold k holds out."""
+    """``loss`` is on all episodes; ``folds`` hold them out in turn; ``judges[k]`` predict what fold k holds out.
+
+    ``holds``: fits without a fold weigh the prior as the fit of all does, not by the smaller errors that it leaves.
+    """
 
     space: Space
     loss: PredictionLoss
@@ -96,6 +102,7 @@ class Trials:
     seed: int
     budget: Budget
     journal: Journal
+    holds: bool = False
 
     def _trial(
         self,
@@ -106,35 +113,39 @@ class Trials:
         searched: np.ndarray,
         before: Errors,
         iterations: int | None = None,
+        least: float | None = None,
     ) -> Trial:
         """Fits ``active`` from ``start``: random search over the ``searched`` ones, then Gauss-Newton over all.
 
         Where motion explodes on the way, the trial stays at ``start``, with errors that are worse than all others.
+        ``least``: the variance that weighs the prior at least; default: that of the incumbent.
         """
-        budget = self.budget
+        budget, least = self.budget, incumbent.least if least is None else least
 
         def compute() -> dict[str, Any]:
             self.journal.check_time()
             try:
-                z, folds, candidates = fitted()
+                z, folds, candidates, variance = fitted()
             except NotFinite:
-                z, folds, candidates = start, [start] * len(self.folds.train), 0
-            return {"z": z.tolist(), "folds": [f.tolist() for f in folds], "candidates": candidates}
+                z, folds, candidates, variance = start, [start] * len(self.folds.train), 0, 0.0
+            found = {"z": z.tolist(), "folds": [f.tolist() for f in folds]}
+            return {**found, "candidates": candidates, "variance": variance}
 
-        def fitted() -> tuple[np.ndarray, list[np.ndarray], int]:
-            z, candidates = start, 0
+        def fitted() -> tuple[np.ndarray, list[np.ndarray], int, float]:
+            z, candidates, variance = start, 0, least
             if (active & searched).any():
-                objective = Objective.at(self.loss, self.space, active & searched, z)
+                objective = Objective.at(self.loss, self.space, active & searched, z, least)
                 found = random_search(
                     objective, z, self.seed, budget.trial_rounds, budget.trial_population, self.journal, name
                 )
                 z, candidates = found.z, found.candidates
             if active.any():
-                objective = Objective.at(self.loss, self.space, active, z)
+                objective = Objective.at(self.loss, self.space, active, z, least)
                 found = gauss_newton(objective, z, iterations or budget.trial_iterations, self.journal)
-                z, candidates = found.z, candidates + found.candidates
-            folds, more = self.folds.refit(self.space, active, z, budget.trial_fold_iterations, self.journal)
-            return z, folds, candidates + more
+                z, candidates, variance = found.z, candidates + found.candidates, objective.variance
+            held = variance if self.holds else least
+            folds, more = self.folds.refit(self.space, active, z, budget.trial_fold_iterations, self.journal, held)
+            return z, folds, candidates + more, variance
 
         with np.errstate(all="ignore"):
             outcome = self.journal.unit(name, compute)
@@ -144,7 +155,9 @@ class Trials:
             after = self.folds.errors(self.space, folds)
             gain, noise = paired_gain(before.loss, after.loss, self.folds.blocks())
             noise_of_rise = paired_gain(after.loss, before.loss, self.folds.blocks())[1]
-            return Trial(z, active, after, gain, noise, noise_of_rise, self._score(folds), self._strain(z))
+            return Trial(
+                z, active, after, gain, noise, noise_of_rise, self._score(folds), self._strain(z), outcome["variance"]
+            )
 
     def _added(self, incumbent: Incumbent, groups: list[str], before: Errors) -> Trial:
         self._tell(incumbent, f"trying {', '.join(groups)}")

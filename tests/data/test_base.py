@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -16,7 +17,7 @@ from cmbrl.data.smoothing import smooth_rotations
 from cmbrl.errors import UserError
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.scene import Scene
-from cmbrl.scene.manifold import rotate_by, rotation_between
+from cmbrl.scene.manifold import quaternion_product, rotate_by, rotation_between
 
 DT, CAPTURE = 0.004, 1 / 110
 LATER = 41.2345  # s by which the clock of the capture is later
@@ -237,3 +238,38 @@ def test_a_position_log_of_a_tossed_body_needs_no_joints(tmp_path: Path):
     np.testing.assert_allclose(data.v[:, :3], np.column_stack([time**0, 0 * time, -9.81 * time])[:-1], atol=1e-9)
     with pytest.raises(UserError, match="has not one free joint"):
         log.check(Scene.from_mjcf('<mujoco><worldbody><body><joint/><geom size=".1"/></body></worldbody></mujoco>'))
+
+
+@pytest.mark.parametrize(
+    ("fault", "expected"),
+    [
+        ("millimetres", r"base_position accelerates by .* m/s\^2: millimetres instead of metres\? Divide it by 1000"),
+        (
+            "lost",
+            "base_position and base_quaternion are constant from row 500 to 799 while joints move: did the capture",
+        ),
+        ("xyzw", "off its floor, .* the numbers are x y z w, and were taken for w x y z"),
+        ("wxyz", "off its floor, .* the numbers are w x y z, and were taken for x y z w"),
+    ],
+)
+def test_faults_of_a_base(fault: str, expected: str, walk: dict) -> None:
+    log, _ = brought(walk, "joints.npz", capture="named.npz", base_offset=LATER)
+    log.check(walk["scene"])
+    assert log.base is not None
+    base = log.base.copy()
+    if fault == "millimetres":
+        base[:, :3] *= 1e3
+    elif fault == "lost":
+        base[500:800] = base[500]
+    else:  # heading north: of a robot that heads east, x y z w for w x y z is one that heads west
+        base[:, 3:] = quaternion_product(np.sqrt([[0.5, 0.0, 0.0, 0.5]]), base[:, 3:])
+        base[:, 3:] = np.roll(base[:, 3:], -1 if fault == "xyzw" else 1, axis=1)
+    with pytest.raises(UserError, match=expected):
+        replace(log, base=base).check(walk["scene"])
+
+
+def test_a_clock_in_milliseconds_is_told(walk: dict) -> None:
+    with np.load(walk["folder"] / "named.npz") as capture:
+        np.savez(walk["folder"] / "slow.npz", **{**capture, "time": 1e3 * capture["time"]})
+    with pytest.raises(UserError, match=r"the capture lasts .* s: milliseconds instead of seconds"):
+        brought(walk, "joints.npz", capture="slow.npz")

@@ -161,7 +161,8 @@ def test_angular_velocity_in_the_frame_of_the_world() -> None:
     [
         ("swapped", "'elbow' explains the motion of joint 'wrist', and .* joint_position or .* are swapped"),
         ("negated", "joint_position of joint 'elbow' moves against commanded_position of 'elbow' .* a sign error"),
-        ("degrees", "joint_position of joint 'elbow' reaches .* degrees instead of radians"),
+        ("degrees", "joint_position of joint 'elbow' moves .* degrees instead of radians"),
+        ("milliradians", "joint_position of joint 'elbow' moves .* milliradians instead of radians"),
         ("degrees commanded", "commanded_position of 'elbow' moves 6.* times as much .* degrees instead of radians"),
         (
             "stuck",
@@ -184,6 +185,7 @@ def test_faults_of_a_position_log(fault: str, told: str, servo: tuple[PositionLo
         "swapped": replace(log, position=swap(log.position, 1, 2)),
         "negated": replace(log, position=scale(log.position, 1, -1.0)),
         "degrees": replace(log, position=scale(log.position, 1, 180 / np.pi)),
+        "milliradians": replace(log, position=scale(log.position, 1, 1e3)),
         "degrees commanded": replace(log, command=scale(log.command, 1, 180 / np.pi)),
         "stuck": replace(log, position=stuck),
         "dead": replace(log, position=dead),

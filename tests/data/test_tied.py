@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cmbrl import Scene, Transitions, UserError
+from cmbrl.data.estimation import estimated
 from cmbrl.data.importing import Options, import_logs
 from cmbrl.data.position_log import PositionLog
 
@@ -79,3 +81,21 @@ def test_columns_that_may_be_the_commands_are_listed(scene: Scene, tmp_path: Pat
     np.savez(tmp_path / "log.npz", **{name.replace("_cmd", "_mystery"): column for name, column in table.items()})
     with pytest.raises(UserError, match=r"log.npz: no column for actuator .*lift.command.*not used: lift_mystery"):
         import_logs([tmp_path / "log.npz"], scene, Options())
+
+
+def test_a_position_log_needs_no_column_of_it_either(scene: Scene) -> None:
+    """One that was written by hand, for `cmbrl fit` without an import."""
+    table = columns(velocity=False)
+    log = PositionLog(
+        time=table["time"], position=np.column_stack([table["lift"], table["left"]]), joint_names=("lift", "left"),
+        command=np.column_stack([table["lift_cmd"], table["left_cmd"]]),
+    )  # fmt: skip
+    found = estimated(log, scene)
+    lift, left, right, tip = (scene.joint_names.index(name) for name in ("lift", "left", "right", "tip"))
+    np.testing.assert_allclose(found.q[:, lift], table["lift"][:-1], atol=1e-12)
+    np.testing.assert_allclose(found.q[:, right], 0.01 - found.q[:, left] + 2 * found.q[:, left] ** 2, atol=1e-12)
+    np.testing.assert_allclose(found.v[:, right], (4 * found.q[:, left] - 1) * found.v[:, left], atol=1e-12)
+    np.testing.assert_allclose(found.v[:, tip], found.v[:, right], atol=1e-12)
+    alone = replace(log, position=log.position[:, :1], command=log.command[:, :1], joint_names=("lift",))
+    with pytest.raises(UserError, match=r"joint 'left' of scene .* is not in the log"):
+        estimated(alone, scene)

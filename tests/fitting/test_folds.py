@@ -6,8 +6,19 @@ import numpy as np
 import pytest
 
 from cmbrl import UserError
-from cmbrl.fitting.folds import NOISE_FACTOR, Folds, draw_starts, fold_of_rows, paired_gain, typical_rise
+from cmbrl.fitting.folds import (
+    NOISE_FACTOR,
+    Folds,
+    draw_starts,
+    fold_of_rows,
+    paired_gain,
+    typical_rise,
+    windows_in_blocks,
+)
 from cmbrl.fitting.loss import PredictionLoss
+from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.space import Space
+from cmbrl.fitting.state import Journal
 from cmbrl.models.windows import Scales, Windows
 
 
@@ -32,6 +43,26 @@ def test_one_window_is_never_all_that_folds_are_made_of(carts, seed: int) -> Non
 def test_draws_of_several_folds_stay_as_they_are(carts) -> None:
     data = carts.record(carts.truth(2), episodes=4, steps=40, noise=1e-3)
     np.testing.assert_array_equal(draw_starts(data, 5, 100, 0), draw_starts(data, 5, 100, 0, folds=4))
+
+
+def test_draws_lie_all_over_the_log(carts) -> None:
+    data = carts.record(carts.truth(2), episodes=1, steps=400, noise=1e-3)
+    possible, drawn = windows_in_blocks(data, 10), draw_starts(data, 10, 200, 0)
+    assert len(drawn) == 20
+    stretch = np.searchsorted(possible, drawn) * len(drawn) // len(possible)
+    np.testing.assert_array_equal(stretch, np.arange(20))
+
+
+def test_a_fit_without_a_fold_weighs_the_prior_as_it_is_told(carts) -> None:
+    data = carts.record(carts.truth(2), episodes=4, steps=40, noise=1e-3)
+    loss = loss_on(carts, data, draw_starts(data, 5, 400, 0), 5)
+    model, late = loss.model, loss.observation
+    space = Space.of((*model.scene.parameters, *late.parameters), np.append(model.parameters, late.nominal))
+    active, z = space.columns(["mass"]), np.zeros(len(space))
+    folds = Folds.of(loss, loss, 4, 0)
+    free, held = (folds.refit(space, active, z, 5, Journal(None, ""), least)[0][0] for least in (0.0, 1e3))
+    assert np.abs(held).max() < 0.5 * np.abs(free).max()
+    assert Objective.at(loss, space, active, z, 1e3).variance == 1e3
 
 
 def test_a_log_with_one_long_episode_says_that_nothing_can_be_held_out(carts) -> None:

@@ -24,6 +24,7 @@ _COARSE, _FINE, _NEAR = 0.5, 0.2, 8.0  # of the capture's time step: of both sea
 _THINNED = 3  # of the capture's samples one is enough for the coarse search
 _ROWS = 2  # samples of a part for each coefficient
 _OVERLAP = 0.5  # of the capture, at least
+_LONGER = 100.0  # times the shorter recording: no two of one run
 _TOLD = 0.15  # share of the motion that the best offset explains beyond a typical one
 _SAME = 2.0  # steps of the capture: a larger error means that the parts disagree
 
@@ -74,7 +75,13 @@ def offset(base: Course, robot: Course, closer: Course, where: str, most: float 
     Raises UserError if the motion does not tell.
     """
     step = float(np.median(np.diff(base.time)))
-    span = min(most, 0.5 * min(np.ptp(base.time), np.ptp(robot.time)))
+    lasting = np.ptp(base.time), np.ptp(robot.time)
+    if max(lasting) > _LONGER * min(lasting):
+        raise UserError(
+            f"{where}: the capture lasts {lasting[0]:.4g} s and the joints {lasting[1]:.4g} s: milliseconds instead of "
+            "seconds in the column time of one? Divide it by 1000, or call it time_ms"
+        )
+    span = min(most, 0.5 * min(lasting))
     start = base.time[0] - robot.time[0]
     wide = np.arange(-span, span + 1e-12, _COARSE * step) + start
     few = Course(base.time[::_THINNED], base.values[::_THINNED])

@@ -12,7 +12,7 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from cmbrl.data.fields import Fields
-from cmbrl.data.plausible import commands, flight, frames, motion, overlap, still, units
+from cmbrl.data.plausible import base, commands, flight, frames, motion, overlap, still, units
 from cmbrl.data.plausible.finding import Finding
 from cmbrl.errors import UserError
 
@@ -45,6 +45,8 @@ def of_transitions(log: Fields, scene: Scene) -> Iterator[Finding]:
 
 def of_positions(log: PositionLog, scene: Scene) -> Iterator[Finding]:
     """All faults of a position log, the most telling first."""
+    yield from units.clock(log.dt)
+    yield from base.of_positions(log, scene)
     yield from _of_motion(motion.of_positions(log, scene))
     yield from overlap.of_positions(log, scene)
 
@@ -52,8 +54,8 @@ def of_positions(log: PositionLog, scene: Scene) -> Iterator[Finding]:
 def _of_motion(found: motion.Motion) -> Iterator[Finding]:
     answers = found.answers()
     return chain(
-        units.beyond_limits(found),
         units.of_commands(found, answers),
+        units.beyond_limits(found),
         still.stuck(found),
         units.turns(found),
         still.joined(found),

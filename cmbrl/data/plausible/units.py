@@ -17,9 +17,22 @@ NEAR = 0.06  #: relative; two factors are the same, where the columns agree enti
 OFTEN = 0.3  #: share of samples beyond the limits; a blow throws a joint far beyond them for a few
 ROWS = 50  #: fewer do not show how columns go together
 WRONG_RATE = 0.15  #: relative; estimated velocities and large steps stay below
+SELDOM = 0.5  #: [s] from sample to sample: no encoder that a fit could use is read so seldom
+CLOCKS = {1e9: "nanoseconds", 1e6: "microseconds", 1e3: "milliseconds"}  #: numbers in one second
+RATES = 1e-4, 0.1  #: [s] steps of logs that robots write
 SENSOR_NOISE = 1e-4  #: changes of this size [m, rad] may be noise
 ACROSS = 0.85  #: correlation with the derivative of another joint, or of the other sign
 AGREES = 0.7  #: correlation of two columns that tell the same; impacts within long steps lower it
+
+
+def clock(dt: float) -> Iterator[Finding]:
+    """Samples ``dt`` [s] apart, as in seconds they never are, and in another unit are."""
+    for factor, unit in CLOCKS.items():
+        if dt >= SELDOM and RATES[0] <= dt / factor <= RATES[1]:
+            yield Finding(
+                f"time rises by {dt:.4g} s from row to row: {unit} instead of seconds? Divide by {factor:.0e}"
+            )
+            return
 
 
 def beyond_limits(motion: Motion) -> Iterator[Finding]:
@@ -51,17 +64,22 @@ def of_commands(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarra
         if not max(best[m], -worst[m]) > 0.8:
             continue
         hinge = motion.coordinates[driver.coordinate].hinge
-        factor, unit, wanted = (DEGREES, "degrees", "radians") if hinge else (1e3, "millimetres", "metres")
+        names, wanted = (ANGLES, "radians") if hinge else (LENGTHS, "metres")
+        units = [
+            (factor, unit) for factor, unit in names.items() if factor > 1.0
+        ]  # a servo may do less than it is told
         both = motion.position_of(driver.coordinate), motion.command_of(m)
         sizes = np.abs(motion.now[:, driver.coordinate]).max(), np.abs(motion.u[:, m]).max()
         for ratio, size, (column, other) in (
             (abs(slope[m]), sizes[0], both),
             (1 / abs(slope[m]), sizes[1], both[::-1]),
         ):
-            if abs(ratio / factor - 1) < 0.25 and (size > 2 * np.pi or not hinge):
-                yield Finding(
-                    f"{column} moves {ratio:.3g} times as much as {other}: {unit} instead of {wanted}? Convert one"
-                )
+            for factor, unit in units:
+                if abs(ratio / factor - 1) < 0.25 and (size > 2 * np.pi or not hinge):
+                    yield Finding(
+                        f"{column} moves {ratio:.3g} times as much as {other}: {unit} instead of {wanted}? Divide the "
+                        f"column by {factor:.4g}"
+                    )
 
 
 def velocities(motion: Motion) -> Iterator[Finding]:

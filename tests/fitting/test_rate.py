@@ -1,0 +1,65 @@
+"""A log of positions whose time is wrong by a factor, against robots whose drives are unlike those of the file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+import cmbrl
+from cmbrl.data.position_log import PositionLog
+from cmbrl.fitting.evidence import Evidence
+from cmbrl.fitting.rate import RateCheck
+
+ARM = """<mujoco><option timestep=".002"/><worldbody><body pos="0 0 1"><joint name="a" axis="0 1 0" armature=".1"/><geom
+type="capsule" size=".03" fromto="0 0 0 0 0 -.4" mass="{mass}"/><body pos="0 0 -.4"><joint name="b" axis="0 1 0"
+armature=".05"/><geom type="capsule" size=".02" fromto="0 0 0 .1 0 -.3" mass="1"/></body></body></worldbody><actuator>
+<position joint="a" kp="{kp}" kv="{kv}"/><position joint="b" kp="{kp}" kv="{kv}"/></actuator></mujoco>"""
+FILE = ARM.format(mass=2, kp=60, kv=6)
+ROWS = 1500
+
+
+@pytest.fixture(scope="module")
+def log() -> PositionLog:
+    """Fifteen seconds at 100 Hz of an arm with other masses and gains."""
+    model = mujoco.MjModel.from_xml_string(ARM.format(mass=2.6, kp=70, kv=5))
+    data, draw = mujoco.MjData(model), np.random.default_rng(0)
+    positions, commands, target = [], [], np.zeros(2)
+    for k in range(ROWS):
+        if k % 60 == 0:
+            goal = draw.uniform(-0.6, 0.6, 2)
+        target = target + 0.07 * (goal - target)
+        positions.append(data.qpos.copy())
+        commands.append(target)
+        data.ctrl[:] = target
+        mujoco.mj_step(model, data, nstep=5)
+    return PositionLog(
+        time=0.01 * np.arange(ROWS), position=np.array(positions), command=np.array(commands), joint_names=("a", "b")
+    )
+
+
+def _check(file: str, log: PositionLog) -> RateCheck:
+    evidence = Evidence.of(cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(file)), log)
+    return RateCheck(evidence, evidence.horizons("auto")[0], 0.5, 0)
+
+
+@pytest.mark.parametrize(("factor", "told"), [(2.0, "0.02 s .* as if it were 0.01 s"), (0.5, "0.005 s .* were 0.01 s")])
+def test_a_wrong_rate_is_told_and_ends_the_fit(factor: float, told: str, log: PositionLog) -> None:
+    wrong = replace(log, time=factor * log.time)
+    with pytest.raises(cmbrl.UserError, match=f"time rises by {told}.*: the wrong rate"):
+        cmbrl.fit(cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(FILE)), wrong)
+
+
+@pytest.mark.parametrize("file", [FILE, ARM.format(mass=2, kp=60, kv=30), ARM.format(mass=4, kp=200, kv=6)])
+def test_other_masses_and_gains_are_no_wrong_rate(file: str, log: PositionLog) -> None:
+    found = _check(file, log).finding()
+    assert found is None or not found.sure
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "milliseconds"), (1e9, "nanoseconds")])
+def test_time_in_another_unit(factor: float, unit: str, log: PositionLog) -> None:
+    wrong = replace(log, time=factor * log.time)
+    with pytest.raises(cmbrl.UserError, match=rf"time rises by .* s from row to row: {unit} instead of seconds\?"):
+        wrong.check(cmbrl.Scene.from_mjcf(FILE))
