@@ -17,6 +17,8 @@ from cmbrl.models.protocol import Model, forget, model_state, restore_model
 from cmbrl.models.step_result import SolverWarning
 from cmbrl.models.wiring import Robots
 
+FASTEST = 1e4  #: m/s or rad/s; a row beyond is lost, as a window of a fit is
+
 
 @dataclass(frozen=True)
 class Move:
@@ -53,7 +55,7 @@ class Step:
 
 
 class Simulation:
-    """``count`` episodes of ``mdp`` on ``model``, float64; rows that fail or are not finite terminate.
+    """``count`` episodes of ``mdp`` on ``model``, float64; rows that fail, explode or are not finite terminate.
 
     Args:
         mdp, model: the decision process and what moves it.
@@ -121,6 +123,7 @@ class Simulation:
             q, v = self._advance(q, v, u)
         if self._noise is not None:
             v = v + self._noise * torch.randn(v.shape, generator=self.generator, dtype=v.dtype)
+        q = _lost(q, v)
         states = self.q, self.v, control, q, v
         self.steps_taken += self.count * mdp.repeat
         age = self.age = self.age + 1
@@ -209,6 +212,15 @@ class Simulation:
         if table is None:
             return None
         return torch.from_numpy(table)[torch.randint(len(table), (count,), generator=self.generator)]
+
+
+def _lost(q: Tensor, v: Tensor) -> Tensor:
+    """q (B, nq), NaN in rows whose v (B, nv) no robot reaches: motion that explodes.
+
+    Finite as it still is, it would stay in the mean and variance by which a policy reads all later observations.
+    """
+    fast = v.detach().abs().amax(dim=1) > FASTEST
+    return q.masked_fill(fast[:, None], torch.nan) if bool(fast.any()) else q
 
 
 def _finite(q: Tensor, v: Tensor) -> Tensor:

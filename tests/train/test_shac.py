@@ -139,3 +139,30 @@ def test_it_learns_to_stand():
     after = evaluate_model(trainer.policy, trainer.mdp, trainer.model, 4, seed=1).lengths.mean()
     assert metrics["steps"] == 60 * 32 * 16
     assert after > 3 * before
+
+
+class Exploding:
+    """A block whose episode 3 is thrown away at each step, faster than anything moves and finite."""
+
+    name, dt = "exploding", slider.DT
+
+    def step(self, q, v, u):
+        v = v + slider.DT * u
+        thrown = torch.zeros(len(v), 1, dtype=v.dtype)
+        thrown[3] = 1e150
+        return q + slider.DT * v + thrown, v + thrown
+
+
+def test_an_episode_that_explodes_leaves_nothing_behind():
+    """No mean or variance of observations, no weight, no return keeps a trace of states that are huge but finite."""
+    config = replace(SMALL, iterations=4, environments=8, noise_linear=0.0, noise_angular=0.0)
+    boundless = replace(slider.mdp(), terminated=lambda q, v: torch.zeros(len(q), dtype=torch.bool))
+    trainer = SHAC(boundless, Exploding(), config, seed=0)
+    for _ in range(4):
+        metrics = trainer.update()
+        assert metrics["gradient_norm"] < 1e3
+        assert metrics["critic_loss"] < 1e3
+    assert trainer.policy.normaliser.variance.max() < 10
+    assert all(bool(x.isfinite().all()) for x in trainer.policy.parameters())
+    assert all(abs(gain) < 100 for gain, _ in trainer.simulation.finished)
+    assert min(length for _, length in trainer.simulation.finished) == 1
