@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -15,6 +14,8 @@ from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.evidence import LEAST_WINDOWS, Evidence
 from cmbrl.fitting.folds import draw_starts, windows_in_blocks
 from cmbrl.fitting.state import Journal
+
+from .arm_log import followed
 
 ARM = """<mujoco><option timestep=".002"/><worldbody><body pos="0 0 1"><joint name="a" axis="0 1 0" {a}/><geom
 type="capsule" size=".03" fromto="0 0 0 0 0 -.4" mass="2"/><body pos="0 0 -.4"><joint name="b" axis="0 1 0" {b}/><geom
@@ -29,25 +30,7 @@ ROWS = 500
 @pytest.fixture(scope="module")
 def log() -> PositionLog:
     """Five seconds of targets at 100 Hz, followed by an arm with geared motors."""
-    model = mujoco.MjModel.from_xml_string(GEARED)
-    data, draw = mujoco.MjData(model), np.random.default_rng(0)
-    positions, commands, target = [], [], np.zeros(2)
-    for k in range(ROWS):
-        if k % 60 == 0:
-            goal = draw.uniform(-0.6, 0.6, 2)
-        target = target + 0.07 * (goal - target)
-        positions.append(data.qpos.copy())
-        commands.append(target)
-        data.ctrl[:] = target
-        mujoco.mj_step(model, data, nstep=5)
-    return PositionLog(
-        time=0.01 * np.arange(ROWS),
-        position=np.array(positions),
-        command=np.array(commands),
-        joint_names=("a", "b"),
-        kp=2000.0,
-        kd=200.0,
-    )
+    return followed(GEARED, ROWS, kp=2000.0, kd=200.0)
 
 
 def _begin(file: str, log: PositionLog) -> tuple[Evidence, np.ndarray]:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import mujoco
-import numpy as np
 import pytest
 
 import cmbrl
@@ -13,31 +11,19 @@ from cmbrl.data.position_log import PositionLog
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.rate import RateCheck
 
+from .arm_log import followed
+
 ARM = """<mujoco><option timestep=".002"/><worldbody><body pos="0 0 1"><joint name="a" axis="0 1 0" armature=".1"/><geom
 type="capsule" size=".03" fromto="0 0 0 0 0 -.4" mass="{mass}"/><body pos="0 0 -.4"><joint name="b" axis="0 1 0"
 armature=".05"/><geom type="capsule" size=".02" fromto="0 0 0 .1 0 -.3" mass="1"/></body></body></worldbody><actuator>
 <position joint="a" kp="{kp}" kv="{kv}"/><position joint="b" kp="{kp}" kv="{kv}"/></actuator></mujoco>"""
 FILE = ARM.format(mass=2, kp=60, kv=6)
-ROWS = 1500
 
 
 @pytest.fixture(scope="module")
 def log() -> PositionLog:
     """Fifteen seconds at 100 Hz of an arm with other masses and gains."""
-    model = mujoco.MjModel.from_xml_string(ARM.format(mass=2.6, kp=70, kv=5))
-    data, draw = mujoco.MjData(model), np.random.default_rng(0)
-    positions, commands, target = [], [], np.zeros(2)
-    for k in range(ROWS):
-        if k % 60 == 0:
-            goal = draw.uniform(-0.6, 0.6, 2)
-        target = target + 0.07 * (goal - target)
-        positions.append(data.qpos.copy())
-        commands.append(target)
-        data.ctrl[:] = target
-        mujoco.mj_step(model, data, nstep=5)
-    return PositionLog(
-        time=0.01 * np.arange(ROWS), position=np.array(positions), command=np.array(commands), joint_names=("a", "b")
-    )
+    return followed(ARM.format(mass=2.6, kp=70, kv=5), 1500)
 
 
 def _check(file: str, log: PositionLog) -> RateCheck:

@@ -29,9 +29,7 @@ def clock(dt: float) -> Iterator[Finding]:
     """Samples ``dt`` [s] apart, as in seconds they never are, and in another unit are."""
     for factor, unit in CLOCKS.items():
         if dt >= SELDOM and RATES[0] <= dt / factor <= RATES[1]:
-            yield Finding(
-                f"time rises by {dt:.4g} s from row to row: {unit} instead of seconds? Divide by {factor:.0e}"
-            )
+            yield Finding(f"time rises by {dt:.4g} s from row to row: {unit} instead of seconds? Divide by {factor:g}")
             return
 
 
@@ -65,9 +63,7 @@ def of_commands(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarra
             continue
         hinge = motion.coordinates[driver.coordinate].hinge
         names, wanted = (ANGLES, "radians") if hinge else (LENGTHS, "metres")
-        units = [
-            (factor, unit) for factor, unit in names.items() if factor > 1.0
-        ]  # a servo may do less than it is told
+        units = [(factor, unit) for factor, unit in names.items() if factor > 1.0]  # a servo may do less than told
         both = motion.position_of(driver.coordinate), motion.command_of(m)
         sizes = np.abs(motion.now[:, driver.coordinate]).max(), np.abs(motion.u[:, m]).max()
         for ratio, size, (column, other) in (
