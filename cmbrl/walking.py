@@ -17,6 +17,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from cmbrl.data.drive import law_of
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.mdp import MDP, Total
 from cmbrl.numbers import real
@@ -219,10 +220,11 @@ def _standing(walker: Walker, scene: Scene) -> np.ndarray:
 
 def _commands(walker: Walker, scene: Scene, q: np.ndarray) -> tuple[np.ndarray, ...]:
     """Of each actuator (nu,): the command of the posture, what an action of 1 adds, and its bounds."""
-    core, layout = scene.core, scene.layout
+    core = scene.core
     low, high = np.reshape(core.act_ctrl, (-1, 2)).T
-    servo = np.array([core.P[layout.actuator(i, "bias1")] < 0 for i in range(scene.nu)])
+    laws = [law_of(scene, i) for i in range(scene.nu)]
+    servo, factor = np.array([kind == "position" for kind, _ in laws]), np.array([factor for _, factor in laws])
     at = q[np.array(core.act_line) + ROOT_Q - ROOT_V]
     half = np.where(np.isfinite(high - low), (high - low) / 2, 1.0)
-    home = np.where(servo, at, 0.0)
-    return home, walker.reach * np.where(servo, 1.0, half), low.copy(), high.copy()
+    home = np.where(servo, factor * at, 0.0)
+    return home, walker.reach * np.where(servo, factor, half), low.copy(), high.copy()

@@ -61,6 +61,11 @@ def test_commands_of_servos_and_motors(tmp_path):
     assert np.allclose(u[0], angles)
     assert np.allclose(u[1], angles + 0.4)
     assert np.allclose(made.act(q, v, 9 * action)[2][1], 1.5)  # the servo's range
+    geared = "".join(
+        f'<general joint="{name}" gear="-3" gainprm="5" biastype="affine" biasprm="0 -60"/>' for name in POSTURE
+    )
+    made = walking(tmp_path, robot(actuators=geared), reach=0.4)  # 5 u + 60 * 3 q = 0 where the joint shall be
+    assert np.allclose(made.act(q, v, action)[2], -36.0 * np.stack([angles, angles + 0.4]))
     motors = "".join(f'<motor joint="{name}" ctrlrange="-20 20"/>' for name in POSTURE)
     made = walking(tmp_path, robot(actuators=motors), reach=0.5)
     assert np.allclose(made.act(q, v, action)[2], [[0.0] * 8, [10.0] * 8])
