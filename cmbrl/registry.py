@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
     from cmbrl.mdp import MDP
     from cmbrl.scene import Scene
+    from cmbrl.scene.drives import Drive
     from cmbrl.system import System
 
 GROUP = "cmbrl.tasks"
@@ -63,6 +64,7 @@ class Task:
     time_step: float  #: physics step of the model [s]; substeps * time_step is control_dt
     integrator: str = "semi-implicit"  #: "semi-implicit", "leapfrog", "midpoint" or "rk4"
     implicit_springs: bool = False  #: treat joint springs implicitly: for stiff springs and long steps
+    drives: tuple[Drive, ...] = ()  #: laws of actuators that replace the file's: targets for motors, say
     contact_law: str = "mujoco"  #: "mujoco" (the MJCF's softness) or "rigid" (hard, with a restitution to fit)
     sliding: str | None = None  #: "coulomb" or "convex", see :class:`cmbrl.ComplementarityModel`; default: open
     smoothing_speed: float = 3e-4
@@ -109,10 +111,10 @@ class Task:
         return str(self.scene() if callable(self.scene) else self.scene)
 
     def load_scene(self, ignore: Iterable[str] = ()) -> Scene:
-        """The task's scene under its contact law; ``ignore`` as in :meth:`cmbrl.Scene.from_mjcf`."""
+        """The task's scene under its drives and contact law; ``ignore`` as in :meth:`cmbrl.Scene.from_mjcf`."""
         from cmbrl.scene import Scene
 
-        return Scene.from_mjcf(self.scene_path, ignore=ignore, contact_law=self.contact_law)
+        return Scene.from_mjcf(self.scene_path, ignore=ignore, contact_law=self.contact_law, drives=self.drives)
 
     def model_options(self) -> dict[str, Any]:
         """Time stepping of the task's model: keyword arguments of :class:`cmbrl.ComplementarityModel`."""

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from typing import Any, Protocol, runtime_checkable
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from cmbrl.data.recorder import without_mujoco_warnings
 from cmbrl.errors import UserError
+
+if TYPE_CHECKING:
+    from cmbrl.scene.drives import Drive
 
 
 class System(Protocol):
@@ -44,9 +47,9 @@ SystemFactory = Callable[[], System]
 class MujocoSystem:
     """MuJoCo with the MJCF's own options, ``frame_skip`` steps of it at a time, as Gymnasium's robots run.
 
-    ``change`` alters the compiled ``mujoco.MjModel``, for a robot that is not the one of the file. ``feel`` maps the
-    ``MjModel`` and its ``MjData`` after a step to what the robot tells besides its state (k,). Raises UserError if the
-    file cannot be read.
+    ``drives`` replace laws of actuators (:mod:`cmbrl.scene.drives`). ``change`` alters the compiled ``mujoco.MjModel``,
+    for a robot that is not the one of the file. ``feel`` maps the ``MjModel`` and its ``MjData`` after a step to what
+    the robot tells besides its state (k,). Raises UserError if the file cannot be read, or has no such actuators.
     """
 
     def __init__(
@@ -55,8 +58,11 @@ class MujocoSystem:
         frame_skip: int = 1,
         change: Callable[[Any], object] | None = None,
         feel: Callable[[Any, Any], np.ndarray] | None = None,
+        drives: Sequence[Drive] = (),
     ) -> None:
         import mujoco
+
+        from cmbrl.scene.drives import driven_model
 
         self._mujoco = mujoco
         try:
@@ -64,6 +70,7 @@ class MujocoSystem:
                 self.model = mujoco.MjModel.from_xml_path(os.fspath(path))
         except ValueError as error:
             raise UserError(f"{path}: MuJoCo cannot read it ({str(error).splitlines()[0]})") from None
+        self.model = driven_model(self.model, drives, str(path))
         if change is not None:
             change(self.model)
         self.data = mujoco.MjData(self.model)

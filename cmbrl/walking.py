@@ -25,6 +25,7 @@ from cmbrl.registry import Task
 
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
+    from cmbrl.scene.drives import Drive
 
 ROOT_Q, ROOT_V = 7, 6
 EPISODE = 10.0  # s
@@ -45,6 +46,8 @@ class Walker:
         scene: the MJCF, with a floor.
         posture: positions of joints when it stands [rad or m], by name; others are as in the file.
         speed: wanted velocity of the root, in its own frame: ahead and to the left [m/s], about the vertical [rad/s].
+        drives: laws of actuators that replace the file's: ``Drive("*", "position", kp, kd)`` for a file of motors whose
+            driver takes targets (:mod:`cmbrl.scene.drives`).
         reach: how far an action of 1 moves a servo's target from the posture [rad or m]; for a motor, the share of its
             control range that an action of 1 asks for.
 
@@ -54,6 +57,7 @@ class Walker:
     scene: Path
     posture: Mapping[str, float] = field(default_factory=dict, hash=False)
     speed: tuple[float, float, float] = (0.8, 0.0, 0.0)
+    drives: tuple[Drive, ...] = ()
     reach: float = 0.4
 
     def __post_init__(self) -> None:
@@ -97,7 +101,7 @@ def walking_task(
     def system() -> Any:
         from cmbrl.system import MujocoSystem
 
-        robot = MujocoSystem(walker.scene, 1, change)
+        robot = MujocoSystem(walker.scene, 1, change, drives=walker.drives)
         robot.frame_skip = round(control_dt / robot.dt)
         if abs(robot.dt - control_dt) > 1e-9:
             raise UserError(
@@ -112,9 +116,9 @@ def walking_task(
         return record_random(mdp(), system, n_steps, seed)
 
     task = Task(  # the process needs its scene
-        name=name, description=description, scene=walker.scene, control_dt=control_dt, substeps=substeps,
-        time_step=control_dt / substeps, behaviours=("random",), recorder=record, mdp=mdp, system=system,
-        training=training, **settings,
+        name=name, description=description, scene=walker.scene, drives=walker.drives, control_dt=control_dt,
+        substeps=substeps, time_step=control_dt / substeps, behaviours=("random",), recorder=record, mdp=mdp,
+        system=system, training=training, **settings,
     )  # fmt: skip
     return task
 

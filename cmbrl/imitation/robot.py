@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from cmbrl.imitation.motion import Motion
     from cmbrl.imitation.tracking import Tracking
     from cmbrl.scene import Scene
+    from cmbrl.scene.drives import Drive
 
 
 # Chosen on the G1's walk: windows of 32 steps; little noise, since the model and MuJoCo agree; small nets, which take
@@ -30,6 +31,8 @@ class Robot:
 
     Args:
         scene: the MJCF.
+        drives: laws of actuators that replace the file's: ``Drive("*", "position", kp, kd)`` for a file of motors whose
+            driver takes targets (:mod:`cmbrl.scene.drives`).
         tracked: bodies whose motion is compared with the reference.
         anchor: the body that the others are judged relative to, such as the torso.
         ends: hands and feet; the episode ends if the height of one is too far off.
@@ -42,6 +45,7 @@ class Robot:
     tracked: tuple[str, ...]
     anchor: str
     ends: tuple[str, ...]
+    drives: tuple[Drive, ...] = ()
     posture: Mapping[str, float] = field(default_factory=dict, hash=False)
     reach: float = 0.75
 
@@ -90,12 +94,13 @@ def imitation_task(
         def system() -> Any:
             from cmbrl.system import MujocoSystem
 
-            return MujocoSystem(robot.scene, substeps, change)
+            return MujocoSystem(robot.scene, substeps, change, drives=robot.drives)
 
         task = Task(
             name=name,
             description=description,
             scene=robot.scene,
+            drives=robot.drives,
             control_dt=control_dt,
             substeps=substeps,
             time_step=control_dt / substeps,

@@ -55,19 +55,26 @@ def named_model(
 ) -> ComplementarityModel | ResidualModel | NeuralEnsemble:
     """``task``'s nominal model, or the model in the folder ``word`` (see ``saved_model``).
 
-    Raises UserError if the folder has no model, or one of another robot or control step.
+    A fit is taken at another control step, and for another file of the robot (:mod:`cmbrl.models.carried`). Raises
+    UserError if the folder has no model, or one of another robot, or an ensemble or residual of another control step.
     """
+    from cmbrl.models.carried import fit_for
+    from cmbrl.models.complementarity import ComplementarityModel
+
+    nominal = nominal_model(task, **_given(smoothing, threads))
     if word == NOMINAL:
-        return nominal_model(task, **_given(smoothing, threads))
+        return nominal
     model = saved_model(word, smoothing, threads)
-    scene = task.load_scene()
-    own = model.coordinates
+    if isinstance(model, ComplementarityModel):
+        return fit_for(model, nominal, str(word))
+    own, scene = model.coordinates, nominal.scene
     have, need = (own.nq, own.nv, own.nu), (scene.nq, scene.nv, scene.nu)
     if have != need:
         raise UserError(f"{word}: model of another robot: nq, nv, nu {have}, task {task.name!r} has {need}")
     if abs(model.dt - task.control_dt) > 1e-6 * task.control_dt:
         raise UserError(
-            f"{word}: steps {model.dt:g} s, task {task.name!r} {task.control_dt:g} s; fit a log of this task"
+            f"{word}: steps {model.dt:g} s, task {task.name!r} {task.control_dt:g} s; fit it to a log of that step "
+            f"(`cmbrl import --rate {1 / task.control_dt:g}`)"
         )
     return model
 

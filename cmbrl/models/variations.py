@@ -36,15 +36,20 @@ class Variations(ABC):
         own = self._settings
         if own.substeps != 1 or abs(own.time_step - dt) <= TIME_STEP_TOLERANCE * dt:
             return self
-        count = math.ceil(dt / own.time_step * (1 - TIME_STEP_TOLERANCE))
-        if abs(count * own.time_step - dt) <= TIME_STEP_TOLERANCE * dt:
-            return self.with_settings(substeps=count)
-        if own.time_step != self.scene.timestep:
+        made = self.at(dt)
+        if own.time_step not in (self.scene.timestep, made._settings.time_step):
             raise UserError(
                 f"the log's dt {dt:g} s is not a whole number of time steps of {own.time_step:g} s "
                 f"({self.scene.name}): set another time step (--time-step)"
             )
-        return self.with_settings(substeps=count, time_step=dt / count)
+        return made
+
+    def at(self, dt: float) -> Self:
+        """This model with a control step of ``dt`` [s]: in steps of its own, or shorter ones where these do not fit."""
+        own = self._settings.time_step
+        count = math.ceil(dt / own * (1 - TIME_STEP_TOLERANCE))
+        whole = abs(count * own - dt) <= TIME_STEP_TOLERANCE * dt
+        return self.with_settings(substeps=count, time_step=own if whole else dt / count)
 
     def other_steppings(self) -> list[Self]:
         """The same model with each other integrator, and with half the time step."""

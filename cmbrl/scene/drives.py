@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from typing import Any, Literal
 
 import mujoco
@@ -23,6 +24,7 @@ from cmbrl.scene.mjcf import name_of
 class Drive:
     """The law of ``actuator`` at its joint: "torque" c, or "position", kp (c - q) - kd dq/dt, of the control c.
 
+    ``actuator`` is a name, or a pattern of several, as ``*_knee`` or ``*``; of drives that fit, the last one counts.
     ``kp`` [N m/rad, N/m] and ``kd`` [N m s/rad, N s/m] are those at the joint, behind any gear.
     """
 
@@ -74,21 +76,20 @@ def write_drives(spec: mujoco.MjSpec, drives: Sequence[Drive], label: str) -> No
 
 def _numbered(model: mujoco.MjModel, drives: Sequence[Drive], label: str) -> list[tuple[int, Drive]]:
     names = [name_of(model, "actuator", k) for k in range(model.nu)]
-    found = []
+    found: dict[int, Drive] = {}
     for drive in drives:
-        if drive.actuator not in names:
+        meant = [k for k, name in enumerate(names) if drive.actuator == name]
+        meant = meant or [k for k, name in enumerate(names) if fnmatchcase(name, drive.actuator)]
+        if not meant:
             told = did_you_mean(drive.actuator, names)
             raise UserError(f"{label}: no actuator {drive.actuator!r} for a drive: {told}")
-        k = names.index(drive.actuator)
-        kind = mujoco.mjtTrn(int(model.actuator_trntype[k]))
-        joint = int(model.actuator_trnid[k, 0])
+        found |= dict.fromkeys(meant, drive)
+    for k in found:
+        kind, joint = mujoco.mjtTrn(int(model.actuator_trntype[k])), int(model.actuator_trnid[k, 0])
         single = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
         if kind != mujoco.mjtTrn.mjTRN_JOINT or int(model.jnt_type[joint]) not in single:
-            raise UserError(
-                f"{label}: a drive needs an actuator on a hinge or slide, and {drive.actuator!r} is on none"
-            )
-        found.append((k, drive))
-    return found
+            raise UserError(f"{label}: a drive needs an actuator on a hinge or slide, and {names[k]!r} is on none")
+    return list(found.items())
 
 
 def _column(model: mujoco.MjModel, k: int) -> int:

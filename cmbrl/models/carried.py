@@ -1,0 +1,72 @@
+"""A fit for a task: at the task's control step, and for another file of its robot.
+
+A robot is often fitted where it hangs or is bolted down, from a log of its encoders, and then trained where it walks.
+Joints, actuators and links have the same names in both files, and so have their parameters.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING
+
+from cmbrl.data.checks import TIME_STEP_TOLERANCE
+from cmbrl.data.drive import law_of
+from cmbrl.errors import UserError
+
+if TYPE_CHECKING:
+    from cmbrl.models.complementarity import ComplementarityModel
+    from cmbrl.scene import Scene
+
+_FEW = 4  # names in a warning
+
+
+def fit_for(fit: ComplementarityModel, nominal: ComplementarityModel, label: str) -> ComplementarityModel:
+    """``fit`` where it is of the robot of a task, whose model of the file is ``nominal``; at the control step of that.
+
+    Where the two files differ in their coordinates, the model is ``nominal`` with what the fit moved: parameters,
+    biases of encoders, and lateness of commands, by name. A warning tells how many have no place there. Shares, such
+    as masses, are shares of the file that they are carried to.
+
+    Raises UserError for a fit of another robot, for an actuator that takes other commands than the task's, and for a
+    value outside its bounds.
+    """
+    scene, own = nominal.scene, fit.scene
+    _check_robot(own, scene, label)
+    if fit.coordinates == nominal.coordinates and own.nu == scene.nu:
+        same = abs(fit.dt - nominal.dt) <= TIME_STEP_TOLERANCE * nominal.dt
+        return fit if same else fit.at(nominal.dt)
+    moved = {p.name: x for p, x in zip(own.parameters, fit.parameters.tolist(), strict=True) if x != p.nominal}
+    between = {name: x for name, x in fit.observation.items() if x}
+    places = {p.name: k for k, p in enumerate(scene.parameters)}
+    known = {p.name for p in nominal.observer.parameters}
+    lost = [name for name in moved if name not in places] + [name for name in between if name not in known]
+    if len(lost) == len(moved) + len(between) > 0:
+        raise UserError(f"{label}: none of what it moved is a parameter of {scene.name}: fit that file")
+    if lost:
+        told = ", ".join(lost[:_FEW]) + (", ..." if len(lost) > _FEW else "")
+        warnings.warn(
+            f"{label}: a fit of {own.name}; {len(lost)} of the {len(moved) + len(between)} numbers that it moved have "
+            f"no place in {scene.name} and are left out: {told}",
+            stacklevel=2,
+        )
+    theta = nominal.parameters.copy()
+    for name, value in moved.items():
+        if name in places:
+            theta[places[name]] = value
+    observation = {name: x for name, x in between.items() if name in known}
+    return nominal.with_settings(parameters=theta, observation=observation)
+
+
+def _check_robot(own: Scene, scene: Scene, label: str) -> None:
+    """Raises UserError unless the actuators of one file are among those of the other, and take the same commands."""
+    have, need = own.actuator_names, scene.actuator_names
+    sizes = [(s.nq, s.nv, s.nu) for s in (own, scene)]
+    if sizes[0] != sizes[1] and not (set(have) <= set(need) or set(need) <= set(have)):
+        raise UserError(f"{label}: model of another robot: nq, nv, nu {sizes[0]}, {scene.name} has {sizes[1]}")
+    for name in sorted(set(have) & set(need)):
+        kinds = [law_of(s, s.actuator_names.index(name))[0] for s in (own, scene)]
+        if kinds[0] != kinds[1]:
+            raise UserError(
+                f"{label}: actuator {name!r} takes a {kinds[0]} there and a {kinds[1]} in the task: give the task "
+                f'drives=(Drive("*", "{kinds[0]}", ...),), see cmbrl.scene.drives'
+            )
