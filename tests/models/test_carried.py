@@ -62,7 +62,7 @@ def test_what_has_no_place_is_left_out_and_told():
         Scene.from_mjcf("""
 <mujoco model="foot"><worldbody><body name="shank"><freejoint/><geom size=".1" mass=".3"/><body><joint name="knee"/>
 <geom size=".1"/></body></body></worldbody>
-<actuator><position name="knee" joint="knee" kp="40"/></actuator></mujoco>"""))
+<actuator><position name="knee" joint="knee" kp="40"/></actuator></mujoco>""")
     )
     with pytest.warns(UserWarning, match=r"fit: a fit of leg; 1 of the 3 numbers .* no place in foot .*: damping.hip"):
         fit_for(hanging, nominal, "fit")
