@@ -11,6 +11,7 @@ import torch
 
 from cmbrl import Scene, UserError
 from cmbrl.cli import main
+from cmbrl.scene.drives import Drive
 from cmbrl.train.recipe import configure
 from cmbrl.walking import Walker, Walking, walking_task
 
@@ -69,6 +70,21 @@ def test_commands_of_servos_and_motors(tmp_path):
     motors = "".join(f'<motor joint="{name}" ctrlrange="-20 20"/>' for name in POSTURE)
     made = walking(tmp_path, robot(actuators=motors), reach=0.5)
     assert np.allclose(made.act(q, v, action)[2], [[0.0] * 8, [10.0] * 8])
+
+
+def test_motors_whose_driver_takes_targets(tmp_path):
+    file = tmp_path / "dog.xml"
+    file.write_text(robot(actuators="".join(f'<motor name="{name}" joint="{name}"/>' for name in POSTURE)))
+    drives = (Drive("*", "position", kp=60.0, kd=2.0), Drive("?l_hip", "position", kp=80.0))
+    task = walking_task("dog", "walks", Walker(scene=file, posture=POSTURE, drives=drives))
+    assert np.allclose(
+        task.mdp().act(*task.mdp().reset(1, torch.Generator()), torch.zeros(1, 8))[2], [*POSTURE.values()]
+    )
+    gains = {"fl_hip": 80.0, "rl_hip": 80.0}
+    expected = [gains.get(name, 60.0) for name in POSTURE]
+    assert np.allclose(task.system().model.actuator_gainprm[:, 0], expected)
+    scene = task.load_scene()
+    assert [p.nominal for p in scene.parameters if p.group == "kp"] == expected
 
 
 def test_the_reward_is_best_upright_at_the_wanted_speed_whatever_the_heading(tmp_path):

@@ -91,6 +91,13 @@ def test_a_motor_with_targets_has_the_limits_and_gains_told(place):
     assert scene_of(log_of("position", kp=20.0, kd=1.0), scene) is scene
 
 
+def test_patterns_of_names_of_which_the_last_counts(place):
+    drives = [Drive("*", "position", 20.0, 1.0), Drive("[m]", "position", 30.0, 0.5)]
+    scene = Scene.from_mjcf("motor.xml", drives=drives)
+    assert {p.name: p.nominal for p in scene.parameters if p.group in ("kp", "kd")} == {"kp.m": 30.0, "kd.m": 0.5}
+    np.testing.assert_array_equal(scene.core.act_force, [[-6.0, 6.0]])
+
+
 def test_torques_pass_the_gear(place):
     log = log_of("torque")
     np.testing.assert_allclose(controls(log, Scene.from_mjcf("motor.xml")), log.command / 2.0)
