@@ -121,8 +121,8 @@ class FitResult:
         return space.theta(around(space.z(self.model.parameters), np.array(told, dtype=int), matrix, count, seed))
 
     def uncertain_model(self, count: int = 256, seed: int = 0) -> ComplementarityModel:
-        """The fitted model with ``count`` draws as its candidates, to train policies on."""
-        return self.model.with_settings(candidates=self.draws(count, seed))
+        """The fitted model with ``count`` draws as its candidates, to train policies on; without any for 0."""
+        return self.model.with_settings(candidates=self.draws(count, seed) if count else None)
 
     def report_text(self) -> str:
         """The report as text: what was fitted, how well, and what the data leave open."""

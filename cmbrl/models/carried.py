@@ -9,6 +9,8 @@ from __future__ import annotations
 import warnings
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from cmbrl.data.checks import TIME_STEP_TOLERANCE
 from cmbrl.data.drive import law_of
 from cmbrl.errors import UserError
@@ -24,8 +26,8 @@ def fit_for(fit: ComplementarityModel, nominal: ComplementarityModel, label: str
     """``fit`` where it is of the robot of a task, whose model of the file is ``nominal``; at the control step of that.
 
     Where the two files differ in their coordinates, the model is ``nominal`` with what the fit moved: parameters,
-    biases of encoders, and lateness of commands, by name. A warning tells how many have no place there. Shares, such
-    as masses, are shares of the file that they are carried to.
+    biases of encoders, and lateness of commands, by name; its candidates too, within the bounds there. A warning tells
+    how many have no place there. Shares, such as masses, are shares of the file that they are carried to.
 
     Raises UserError for a fit of another robot, for an actuator that takes other commands than the task's, and for a
     value outside its bounds.
@@ -35,26 +37,32 @@ def fit_for(fit: ComplementarityModel, nominal: ComplementarityModel, label: str
     if fit.coordinates == nominal.coordinates and own.nu == scene.nu:
         same = abs(fit.dt - nominal.dt) <= TIME_STEP_TOLERANCE * nominal.dt
         return fit if same else fit.at(nominal.dt)
-    moved = {p.name: x for p, x in zip(own.parameters, fit.parameters.tolist(), strict=True) if x != p.nominal}
-    between = {name: x for name, x in fit.observation.items() if x}
     places = {p.name: k for k, p in enumerate(scene.parameters)}
     known = {p.name for p in nominal.observer.parameters}
-    lost = [name for name in moved if name not in places] + [name for name in between if name not in known]
-    if len(lost) == len(moved) + len(between) > 0:
+    moved = [k for k, p in enumerate(own.parameters) if fit.parameters[k] != p.nominal]
+    between = {name: x for name, x in fit.observation.items() if x}
+    taken = [k for k in moved if own.parameters[k].name in places]
+    lost = [own.parameters[k].name for k in moved if k not in taken] + [name for name in between if name not in known]
+    count = len(moved) + len(between)
+    if len(lost) == count > 0:
         raise UserError(f"{label}: none of what it moved is a parameter of {scene.name}: fit that file")
     if lost:
         told = ", ".join(lost[:_FEW]) + (", ..." if len(lost) > _FEW else "")
         warnings.warn(
-            f"{label}: a fit of {own.name}; {len(lost)} of the {len(moved) + len(between)} numbers that it moved have "
-            f"no place in {scene.name} and are left out: {told}",
+            f"{label}: a fit of {own.name}; {len(lost)} of the {count} numbers that it moved have no place in "
+            f"{scene.name} and are left out: {told}",
             stacklevel=2,
         )
+    there = [places[own.parameters[k].name] for k in taken]
     theta = nominal.parameters.copy()
-    for name, value in moved.items():
-        if name in places:
-            theta[places[name]] = value
+    theta[there] = fit.parameters[taken]
+    candidates = None
+    if fit.candidates is not None:
+        candidates = np.tile(theta, (len(fit.candidates), 1))
+        candidates[:, there] = fit.candidates[:, taken]
+        candidates = np.clip(candidates, *np.array([(p.low, p.high) for p in scene.parameters]).T)
     observation = {name: x for name, x in between.items() if name in known}
-    return nominal.with_settings(parameters=theta, observation=observation)
+    return nominal.with_settings(parameters=theta, candidates=candidates, observation=observation)
 
 
 def _check_robot(own: Scene, scene: Scene, label: str) -> None:

@@ -14,6 +14,8 @@ from cmbrl.files import read_record
 from cmbrl.models.ensemble_config import ENSEMBLE
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from cmbrl.contact.smoothing import Smoothing
     from cmbrl.models.complementarity import ComplementarityModel
     from cmbrl.models.ensemble import NeuralEnsemble
@@ -51,12 +53,19 @@ def check_name(word: str | os.PathLike[str], known: tuple[str, ...] = (NOMINAL,)
 
 
 def named_model(
-    word: str | os.PathLike[str], task: Task, smoothing: Smoothing | None = None, threads: int | None = None
+    word: str | os.PathLike[str],
+    task: Task,
+    smoothing: Smoothing | None = None,
+    threads: int | None = None,
+    candidates: np.ndarray | None = None,
 ) -> ComplementarityModel | ResidualModel | NeuralEnsemble:
     """``task``'s nominal model, or the model in the folder ``word`` (see ``saved_model``).
 
-    A fit is taken at another control step, and for another file of the robot (:mod:`cmbrl.models.carried`). Raises
-    UserError if the folder has no model, or one of another robot, or an ensemble or residual of another control step.
+    ``candidates`` (K, np) are parameter sets of a fit, in the order of its own scene. A fit is taken at another control
+    step, and for another file of the robot (:mod:`cmbrl.models.carried`).
+
+    Raises UserError if the folder has no model, or one of another robot, or an ensemble or residual of another control
+    step.
     """
     from cmbrl.models.carried import fit_for
     from cmbrl.models.complementarity import ComplementarityModel
@@ -64,7 +73,7 @@ def named_model(
     nominal = nominal_model(task, **_given(smoothing, threads))
     if word == NOMINAL:
         return nominal
-    model = saved_model(word, smoothing, threads)
+    model = saved_model(word, smoothing, threads, candidates)
     if isinstance(model, ComplementarityModel):
         return fit_for(model, nominal, str(word))
     own, scene = model.coordinates, nominal.scene
@@ -80,15 +89,18 @@ def named_model(
 
 
 def saved_model(
-    folder: str | os.PathLike[str], smoothing: Smoothing | None = None, threads: int | None = None
+    folder: str | os.PathLike[str],
+    smoothing: Smoothing | None = None,
+    threads: int | None = None,
+    candidates: np.ndarray | None = None,
 ) -> ComplementarityModel | ResidualModel | NeuralEnsemble:
-    """The model in ``folder``; ``smoothing`` and ``threads`` replace those of a fit.
+    """The model in ``folder``; ``smoothing``, ``threads`` and ``candidates`` replace those of a fit.
 
     Raises UserError if there is none, or if ``smoothing`` is given for an ensemble.
     """
     check_name(folder)
     if holds_fit(folder):
-        model = load_complementarity(folder).with_settings(**_given(smoothing, threads))
+        model = load_complementarity(folder).with_settings(**_given(smoothing, threads), candidates=candidates)
         return _with_residual(folder, model)
     if smoothing is not None:
         raise UserError(f"{folder}: smoothing does not apply to an ensemble; drop it")

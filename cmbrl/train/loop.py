@@ -48,7 +48,6 @@ class LoopConfig(SHACConfig):
         1, "policies trained in each round besides, one by one, while the best fails its trials", least=0, most=1_000
     )
     trial: float = setting(1.0, "share of its updates that each policy gets before the best one is chosen", above=0)
-    draws: int = setting(256, "parameter sets drawn from the fit's posterior", least=1, most=1_000_000)
     score_episodes: int = setting(128, "model episodes by which policies are compared", least=1, most=1_000_000)
 
     def __post_init__(self) -> None:
@@ -237,7 +236,7 @@ class Loop(Trainer):
             "recording": self.recording.state(),
             "generator": self.generator.get_state(),
             "parameters": None if model is None else torch.from_numpy(model.parameters),
-            "draws": None if model is None else torch.from_numpy(model.candidates),
+            "draws": None if model is None or model.candidates is None else torch.from_numpy(model.candidates),
             "observation": {} if model is None else model.observation,
             "last_actions": self.settings.last_actions,
             "trainer": self.trainer.state(),
@@ -253,8 +252,9 @@ class Loop(Trainer):
         self.generator.set_state(state["generator"])
         self.model = None
         if state["parameters"] is not None:
-            settings = {"parameters": state["parameters"].numpy(), "candidates": state["draws"].numpy()}
-            settings |= {"observation": state["observation"]}
+            draws = state["draws"]
+            settings = {"parameters": state["parameters"].numpy(), "observation": state["observation"]}
+            settings |= {} if draws is None else {"candidates": draws.numpy()}
             self.model = self.nominal.with_settings(**settings)
             self._begin_policy()  # with the draws that it had
         self.trainer.restore(state["trainer"])

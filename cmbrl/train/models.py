@@ -36,7 +36,9 @@ def usual_model(kind: str) -> str:
     return next((word for word, its in _BUILT_IN.items() if its == kind), NOMINAL)
 
 
-def load_model(word: str, task: Task, smoothing: str | None = None, threads: int | None = None) -> Model:
+def load_model(
+    word: str, task: Task, smoothing: str | None = None, threads: int | None = None, draws: int = 0, seed: int = 0
+) -> Model:
     """The next-state model that a checked ``word`` other than "real" names; an untrained one for "ensemble".
 
     Args:
@@ -44,18 +46,24 @@ def load_model(word: str, task: Task, smoothing: str | None = None, threads: int
         task: whose robot the model must be of.
         smoothing: as for ``cmbrl.contact.smoothing.parse_smoothing``; None keeps that of the task or the fit.
         threads: of the native core; None: the model's own.
+        draws, seed: how many parameter sets of a fit's posterior become its candidates, and the seed that draws them.
 
     Raises UserError on a model of another robot or control step, and on smoothing of an ensemble.
     """
     from cmbrl.contact.smoothing import parse_smoothing
     from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
-    from cmbrl.models.named import named_model
+    from cmbrl.models.named import holds_fit, named_model
 
     if smoothing is not None and kind_of(word) not in (kinds.CONTACT, kinds.RESIDUAL):
         raise UserError(f"--smoothing does not apply to an ensemble ({word}): drop it")
     if word == ENSEMBLE:
         return NeuralEnsemble(task.load_scene(), task.control_dt, EnsembleConfig.original())
-    return named_model(word, task, parse_smoothing(smoothing) if smoothing else None, threads)
+    candidates = None
+    if draws and word not in _BUILT_IN and holds_fit(word):
+        from cmbrl.fitting import FitResult
+
+        candidates = FitResult.load(word).draws(draws, seed)
+    return named_model(word, task, parse_smoothing(smoothing) if smoothing else None, threads, candidates)
 
 
 def with_derivative(model: object, text: str, seed: int, refits: bool) -> DerivativeModel:

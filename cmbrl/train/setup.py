@@ -38,13 +38,15 @@ class Setup:
     def trainer(self) -> Trainer:
         """A fresh trainer; raises UserError on a model or log that does not fit the task."""
         chosen = algorithm(self.algorithm)
+        refits = "system" in chosen.takes
         model: Any
         if self.model == REAL:
             model = real_system(self.task)
         else:
-            model = load_model(self.model, self.task, self.smoothing, self.threads)
+            draws = 0 if refits else getattr(self.config, "draws", 0)
+            model = load_model(self.model, self.task, self.smoothing, self.threads, draws, self.seed)
         if self.derivative:
-            model = with_derivative(model, self.derivative, self.seed, refits="system" in chosen.takes)
+            model = with_derivative(model, self.derivative, self.seed, refits)
         extras: dict[str, Any] = {}
         if "system" in chosen.takes:
             extras["system"] = None if self.offline else real_system(self.task)

@@ -44,6 +44,9 @@ class WindowConfig(CriticConfig):
     clip: float = setting(1.0, "largest norm of a policy gradient", least=0)
     noise_linear: float = setting(0.0, "velocity noise added after each step [m/s]", least=0)
     noise_angular: float = setting(0.0, "velocity noise added after each step [rad/s]", least=0)
+    draws: int = setting(
+        256, "parameter sets drawn from a fit's posterior, one an episode; 0: the fit alone", least=0, most=1_000_000
+    )
     parameter_spread: float = setting(
         0.0, "each episode's physical parameters vary by up to this share, on top of the fit's draws", least=0
     )

@@ -56,6 +56,21 @@ def test_what_a_hanging_robot_told_is_carried_to_the_file_in_which_it_walks():
     assert (found.dt, found.scene) == (nominal.dt, nominal.scene)
 
 
+def test_candidates_are_carried_within_the_bounds_there():
+    nominal, hanging = walking(), fit(leg(), MOVED)
+    names = [p.name for p in hanging.scene.parameters]
+    rows = np.tile(hanging.parameters, (3, 1))
+    rows[:, names.index("damping.hip")] = 0.6, 0.7, 0.8
+    rows[:, names.index("armature.hip")] = 0.05  # the fit itself left it alone
+    found = fit_for(hanging.with_settings(candidates=rows), nominal, "fit").candidates
+    assert found is not None
+    there = [p.name for p in nominal.scene.parameters]
+    assert found[:, there.index("damping.hip")].tolist() == [0.6, 0.7, 0.8]
+    assert (found[:, there.index("kp.knee")] == 31.0).all()
+    at = there.index("armature.hip")
+    assert (found[:, at] == nominal.parameters[at]).all()
+
+
 def test_what_has_no_place_is_left_out_and_told():
     hanging = fit(leg(joint="hip"), MOVED)
     nominal = ComplementarityModel(
