@@ -16,6 +16,7 @@ from cmbrl.fitting import FitResult
 from cmbrl.registry import load_task
 from cmbrl.train.loop import Loop, LoopConfig
 from cmbrl.train.run import TrainingRun
+from cmbrl.train.setup import set_up
 
 pytest.importorskip("gymnasium", reason="the hopper's real system is Gymnasium's MJCF")
 SMALL = LoopConfig(
@@ -179,6 +180,13 @@ def test_the_fit_is_left_as_a_run_folder_of_cmbrl_fit(make_loop, tmp_path):
     kept = FitResult.load(tmp_path / "fit")
     np.testing.assert_array_equal(kept.model.parameters, loop.model.parameters)
     np.testing.assert_allclose(kept.draws(SMALL.draws, seed=3), loop.model.candidates)
+    for count, drawn in (("5", kept.draws(5, seed=2)), ("0", None)):  # as `cmbrl train --model` takes it
+        given = {"draws": count, "environments": "2"}
+        trainer = set_up("hopper", "shac", str(tmp_path / "fit"), given, seed=2).trainer()
+        parameters = trainer.simulation.disturbance.parameters
+        assert (parameters is None) == (drawn is None)
+        if drawn is not None:
+            assert {tuple(row) for row in parameters} <= {tuple(row) for row in drawn}
 
 
 def test_a_soft_derivative_is_for_the_policy_and_not_for_the_fit(make_loop):
