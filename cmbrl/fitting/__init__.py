@@ -2,7 +2,7 @@
 
 ``fit``            the whole procedure, top to bottom; ``budget``: how much work each part may do
 ``evidence``       the log as transitions, the model at its time step, and what lies between them
-``space``          named, bounded, transformed parameters; ``gauge``: what is known up to a factor
+``space``          named, bounded, transformed parameters; ``gauge``: what is known up to a factor, ``unit``: of force
 ``loss``           prediction errors of candidates, Gauss-Newton equations; ``linearised``: their derivatives;
                    ``objective``: the same plus the prior
 ``random_search``  candidates around the best so far; ``cma`` and ``gauss_newton``: the alternatives

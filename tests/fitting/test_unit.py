@@ -1,0 +1,35 @@
+"""A fit whose links are all too heavy, where gains were held: its unit of force may be wrong, and the report says so."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from cmbrl.fitting.fitted_parameter import FittedParameter
+from cmbrl.fitting.unit import unit_told
+
+
+def parameters(masses: list[float], kp: float = 30.0, status: str = "fitted") -> dict[str, FittedParameter]:
+    found = {f"mass.link{k}": FittedParameter(x, x, x, 1.0, status) for k, x in enumerate(masses)}
+    return found | {"kp.servo": FittedParameter(kp, kp, kp, 30.0, "nominal" if kp == 30.0 else "fitted")}
+
+
+@pytest.mark.parametrize(
+    ("masses", "says"),
+    [
+        ([1.4, 1.3, 1.5, 1.45, 1.6], r"1.45 times the file's masses.*push 0.69 times.*smaller"),
+        ([0.7, 0.75, 0.6, 0.72], r"0.71 times the file's masses.*push 1.4 times.*larger"),
+    ],
+)
+def test_links_that_are_all_too_heavy_or_too_light(masses: list[float], says: str) -> None:
+    assert re.search(says, unit_told(parameters(masses)) or "")
+
+
+def test_nothing_is_said_where_masses_scatter_or_gains_moved() -> None:
+    heavy = [1.4, 1.3, 1.5, 1.45, 1.6]
+    assert unit_told(parameters([1.4, 0.8, 1.3, 0.9, 1.5])) is None  # to both sides
+    assert unit_told(parameters([1.1, 1.05, 1.12, 1.08])) is None  # little
+    assert unit_told(parameters(heavy[:3])) is None  # few: a payload
+    assert unit_told(parameters(heavy, kp=25.0)) is None  # the prior sets the unit
+    assert unit_told(parameters(heavy, status="flat")) is None  # not told by the log
