@@ -1,4 +1,4 @@
-"""A fit whose links are all too heavy, where gains were held: its unit of force may be wrong, and the report says so."""
+"""A fit whose links are all too heavy while gains were held: the report says that its unit of force may be wrong."""
 
 from __future__ import annotations
 
