@@ -1,9 +1,9 @@
 """Input of the C++ core: sizes, tree, tendons, contact candidates, limits, actuators, equality constraints, parameters.
 
 Shapes: nb moving bodies, nj joints, nc contacts, np planes, nl limits, na actuators, nt tendons, ns segments of them,
-ne ties (equality constraints), nf joints that clamp their actuators, nw actuators on several dofs, nx boxes and ny ellipsoids in a
-fluid, nk springs of ball joints, nh springs and dampers of higher powers, D = 2 (planar) or 3. Arrays are C-contiguous, int32
-or float64. Index -1 is the world.
+ne ties (equality constraints), nf joints that clamp their actuators, nw actuators on several dofs, nx boxes and ny
+ellipsoids in a fluid, nk springs of ball joints, nh springs and dampers of higher powers, D = 2 (planar) or 3. Arrays
+are C-contiguous, int32 or float64. Index -1 is the world.
 
 A line is what limits, springs, dry friction and actuators act along: number k < nv is a degree of freedom, number
 nv + k a tendon.
