@@ -46,7 +46,7 @@ def scene_fields(compiled: Compiled, gate: Gate, parts: Parts, law: LawChoice) -
     core, parameters = _core(model, parts, law, integrator)
     coordinates, kinds = _coordinates(tree)
     geoms = [name_of(model, "geom", k) for k in range(model.ngeom)]
-    stand_ins, boxes = parts.contacts.stand_ins, len(parts.boxes) + len(parts.ellipsoids)
+    stand_ins, boxes = parts.contacts.stand_ins, len(parts.boxes)
     return {
         "name": compiled.name,
         "path": str(compiled.file or ""),
