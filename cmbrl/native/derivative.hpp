@@ -79,7 +79,7 @@ static void smooth_terms(const Model& m, const Options& o, Work<G>& w, const T* 
   if (m.nlift > 0) gravity_compensation_terms(m, w, o.h, Gq);
   ball_spring_terms(m, w, o.h, Gq);
   power_terms(m, o, w, vn, Gq, Gv);
-  if (m.nbox > 0) fluid_terms(m, w, o.h, m.implicit_gains && !o.apart(), Gq, Gv);
+  if (m.in_fluid()) fluid_terms(m, o, w, m.implicit_gains && !o.apart(), Gq, Gv);
   wide_terms(m, w, o.h, Gq, Gu);
   if (!o.split) {
     for (int i = 0; i < nv; ++i) w.a[i] = vn[i] - w.v[i];

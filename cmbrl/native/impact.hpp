@@ -124,10 +124,10 @@ template <class G>
 static void inertia_terms(const Model& m, const Options& o, Work<G>& w) {
   int nv = m.nv;
   late_power_terms(m, o, w, w.Sq, w.Sv);
-  if (m.nbox > 0 && m.implicit_gains) {
+  if (m.in_fluid() && m.implicit_gains) {
     for (int k = 0; k < nv; ++k) w.pvec[k] = w.v[k] + w.eased[k];
     accelerations_and_twists(m, o, w, w.pvec);
-    fluid_terms(m, w, o.h, true, w.Sq, w.Sv, true);
+    fluid_terms(m, o, w, true, w.Sq, w.Sv, true);
   }
   inertia_derivatives(m, w, w.shift, -1.0, w.Sq);
   for (int i = m.nv; i < m.nline; ++i) {

@@ -48,7 +48,7 @@ struct Model : Structure {
   int refsafe;                     // time constants of rows stay above two steps
   double least_time(double h) const { return refsafe ? 2 * h : 0; }
   int D, nq, nu, nbody, njoint, ncontact, nplane, nlimit, nact, ntendon, nline, nseg, nwrap, ntie;
-  int nforcerange, nlift, nwide, nbox, nballspring, npower, nP, ntheta, ngroup;
+  int nforcerange, nlift, nwide, nbox, nellipsoid, nballspring, npower, nP, ntheta, ngroup;
   int body_fields, oDof, oPlane, oAct, oGravity, oContact;  // layout of P; bodies start at 0, contacts end it
 
   const int *body_parent, *body_jadr, *body_jnum;
@@ -97,6 +97,9 @@ struct Model : Structure {
   const double *wide_local, *wide_coef;
   const int* box_body;                                    // fluid.hpp
   const double *box_pos, *box_rot, *box_linear, *box_quadratic, *wind;
+  const int* ellipsoid_body;
+  const double *ellipsoid_pos, *ellipsoid_rot, *ellipsoid_coef;
+  bool in_fluid() const { return nbox > 0 || nellipsoid > 0; }
   const int *spring_dof, *spring_qadr, *power_dof;        // springs.hpp
   const double *spring_ref, *power_coef;
 

@@ -114,7 +114,7 @@ static void line_forces(const Model& m, const Options& o, Work<G>& w) {
   for (int i = 0; i < m.nv && m.nlift > 0; ++i) if (m.dof_lift[i] == kPassiveLift) w.tau[i] += w.lift[i];
   ball_springs(m, w);
   power_forces(m, o, w);
-  if (m.nbox > 0) fluid_forces(m, o, w);
+  if (m.in_fluid()) fluid_forces(m, o, w);
   for (int i = 0; i < m.nv; ++i) w.rhs[i] = -o.h * w.bias[i];
   for (int i = 0; i < m.nline; ++i) {
     const T* p = w.P + m.oDof + i * kDofFields;

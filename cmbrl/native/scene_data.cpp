@@ -36,7 +36,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.nbody = size("nbody"); m.njoint = size("njoint"); m.ncontact = size("ncontact");
   m.nplane = size("nplane"); m.nlimit = size("nlimit"); m.nact = size("nact"); m.nforcerange = size("nforcerange"); m.nlift = size("nlift");
   m.nstate = size("nstate");
-  m.nwide = size("nwide"); m.nbox = size("nbox"); m.nballspring = size("nballspring"); m.npower = size("npower");
+  m.nwide = size("nwide"); m.nbox = size("nbox"); m.nellipsoid = size("nellipsoid"); m.nballspring = size("nballspring"); m.npower = size("npower");
   m.ntendon = size("ntendon"); m.nseg = size("nseg"); m.nwrap = size("nwrap"); m.ntie = size("ntie");
   m.nline = m.nv + m.ntendon;
   m.body_fields = m.planar ? 4 : 10;
@@ -79,6 +79,9 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.wide_dof = i("wide_dof", m.wide_ptr[nw]); m.wide_coef = d("wide_coef", m.wide_ptr[nw]); m.wide_local = d("wide_local", nw * N);
   m.box_body = i("box_body", nf); m.box_pos = d("box_pos", nf * D); m.box_rot = d("box_rot", nf * (m.planar ? 2 : 9));
   m.box_linear = d("box_linear", nf * N); m.box_quadratic = d("box_quadratic", nf * N); m.wind = d("wind", D);
+  size_t nE = m.nellipsoid;
+  m.ellipsoid_body = i("ellipsoid_body", nE); m.ellipsoid_pos = d("ellipsoid_pos", nE * 3); m.ellipsoid_rot = d("ellipsoid_rot", nE * 9);
+  m.ellipsoid_coef = d("ellipsoid_coef", nE * 19);
   m.spring_dof = i("spring_dof", m.nballspring); m.spring_qadr = i("spring_qadr", m.nballspring);
   m.spring_ref = d("spring_ref", size_t(m.nballspring) * 4);
   m.power_dof = i("power_dof", m.npower); m.power_coef = d("power_coef", size_t(m.npower) * 4);

@@ -75,7 +75,7 @@ static void split_factor(const Model& m, Work<G>& w) {
 // f(i, k, D_ik) of the entries of D.
 template <class G, class F>
 static inline void for_drags(const Model& m, const Work<G>& w, F f) {
-  bool coupled = m.ntendon > 0 || m.nbox > 0 || m.ngyro > 0;  // otherwise each dof damps itself alone
+  bool coupled = m.ntendon > 0 || m.in_fluid() || m.ngyro > 0;  // otherwise each dof damps itself alone
   for (int i = 0; i < m.nv; ++i) {
     Row<const T> row(w.D, m.mass, i);
     f(i, i, *row.diagonal);

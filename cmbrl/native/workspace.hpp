@@ -320,7 +320,7 @@ struct Work : SolverWork<G> {
     if (m.nlift > 0) { lift = A.take<T>(nv); lift_mass = A.take<T>(nb); lift_moment = A.take<V>(nb); }
     if (m.ngyro > 0) { gyro_q = A.take<T>(nv * nv); gyro_v = A.take<T>(nv * nv); gyro_x = A.take<T>(nv); }
     if (m.nwide > 0) { wide_wrench = A.take<Motion>(m.nwide); wide_push = A.take<T>(m.nwide); }
-    if (m.nbox > 0) { drag = A.take<Motion>(nb); drag_start = A.take<T>(nb * G::N * G::N); drag_end = A.take<T>(nb * G::N * G::N); }
+    if (m.in_fluid()) { drag = A.take<Motion>(nb); drag_start = A.take<T>(nb * G::N * G::N); drag_end = A.take<T>(nb * G::N * G::N); }
     if (m.nballspring > 0) stretch = A.take<T>(nv);
     if (m.nwrap > 0) bent = A.take<Bent<G>>(m.nwrap);
     ties = A.take<Tie<G>>(m.ntie); tie_J = A.take<T>(m.ntie ? int64_t(m.tie_ptr[m.ntie]) * Tie<G>::kRows : 0);

@@ -14,6 +14,7 @@ from cmbrl.scene.assemble import contact_arrays, line_arrays, tree_arrays
 from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.differences import differences
 from cmbrl.scene.fluid import box_arrays
+from cmbrl.scene.fluid_ellipsoids import ellipsoid_arrays
 from cmbrl.scene.gyro import gyro_arrays
 from cmbrl.scene.hulls import hull_arrays
 from cmbrl.scene.inverse_weights import weight_arrays
@@ -124,6 +125,7 @@ def _core(
         **activation_arrays(actuators),
         **reach_arrays(tree, actuators, plane),
         **box_arrays(model, tree, parts.boxes, plane),
+        **ellipsoid_arrays(parts.ellipsoids),
         **spring_arrays(model, tree),
         P=P,
         par_ptr=moves.ptr,

@@ -1,9 +1,9 @@
 """Input of the C++ core: sizes, tree, tendons, contact candidates, limits, actuators, equality constraints, parameters.
 
 Shapes: nb moving bodies, nj joints, nc contacts, np planes, nl limits, na actuators, nt tendons, ns segments of them,
-ne ties (equality constraints), nf joints that clamp their actuators, nw actuators on several dofs, nx boxes in a fluid,
-nk springs of ball joints, nh springs and dampers of higher powers, D = 2 (planar) or 3. Arrays are C-contiguous, int32
-or float64. Index -1 is the world.
+ne ties (equality constraints), nf joints that clamp their actuators, nw actuators on several dofs, nx boxes and ny
+ellipsoids in a fluid, nk springs of ball joints, nh springs and dampers of higher powers, D = 2 (planar) or 3. Arrays
+are C-contiguous, int32 or float64. Index -1 is the world.
 
 A line is what limits, springs, dry friction and actuators act along: number k < nv is a degree of freedom, number
 nv + k a tendon.
@@ -46,6 +46,7 @@ class CoreArrays:
     nstate: int
     nwide: int
     nbox: int
+    nellipsoid: int
     nballspring: int
     npower: int
     ntendon: int
@@ -171,6 +172,10 @@ class CoreArrays:
     box_rot: Array  # (nx, 2) or (nx, 9)
     box_linear: Array  # (nx, N) drag about and along its axes, by velocity
     box_quadratic: Array  # (nx, N) by velocity times speed
+    ellipsoid_body: Integers  # (ny,) ellipsoids that it drags and lifts; none in the plane
+    ellipsoid_pos: Array  # (ny, 3) in the body frame
+    ellipsoid_rot: Array  # (ny, 9)
+    ellipsoid_coef: Array  # (ny, 19) as in the core's EllipsoidInFluid
 
     spring_dof: Integers  # (nk,) first dof of each ball joint with a spring
     spring_qadr: Integers  # (nk,)

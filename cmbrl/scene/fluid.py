@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.arrays import doubles, integers
+from cmbrl.scene.fluid_ellipsoids import has_ellipsoids
 from cmbrl.scene.manifold import quaternion_matrix
 from cmbrl.scene.mjcf import name_of, passive_forces_act
 from cmbrl.scene.records import WORLD, Array, Tree
@@ -38,11 +39,9 @@ def read_boxes(model: mujoco.MjModel, tree: Tree, gate: Gate) -> list[Box]:
         return []
     if gate.drops("fluid", "option", f"density {density:g}, viscosity {viscosity:g}"):
         return []
-    for geom in np.flatnonzero(model.geom_fluid[:, 0] > 0):
-        if tree.frames[model.geom_bodyid[geom]].body != WORLD:
-            gate.refuse("fluid", name_of(model, "geom", int(geom)), "the ellipsoid model of fluid forces")
     numbers = [k for k in range(1, model.nbody) if tree.frames[k].body != WORLD and float(model.body_mass[k]) >= _LEAST]
-    return [_box(model, tree, number, density, viscosity) for number in numbers]
+    boxes = [k for k in numbers if not has_ellipsoids(model, k)]
+    return [_box(model, tree, number, density, viscosity) for number in boxes]
 
 
 def _box(model: mujoco.MjModel, tree: Tree, number: int, density: float, viscosity: float) -> Box:

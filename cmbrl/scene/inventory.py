@@ -75,6 +75,7 @@ def to_dict(scene: Scene) -> dict[str, Any]:
             if share
         ],
         "boxes_in_fluid": core.nbox,
+        "ellipsoids_in_fluid": core.nellipsoid,
         "actuators": [
             {
                 "name": name,

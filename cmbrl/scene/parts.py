@@ -12,6 +12,7 @@ from cmbrl.scene.actuators import Actuator, read_actuators
 from cmbrl.scene.contact_records import Candidate
 from cmbrl.scene.contacts import ContactBuilder
 from cmbrl.scene.fluid import Box, oblique_box, read_boxes
+from cmbrl.scene.fluid_ellipsoids import Ellipsoid, read_ellipsoids
 from cmbrl.scene.joint_forces import Compensation, force_ranges, read_compensation
 from cmbrl.scene.mjcf import name_of, read_tree
 from cmbrl.scene.records import Tendon, Tie, Tree
@@ -39,6 +40,7 @@ class Parts:
     ties: list[Tie]
     actuators: list[Actuator]
     boxes: list[Box]
+    ellipsoids: list[Ellipsoid]
     ranges: dict[str, Any]
     compensation: Compensation
 
@@ -49,9 +51,12 @@ def read_parts(compiled: Compiled, gate: Gate, reduce: bool, self_contact: str) 
     check_joints(model, gate)
     tree = read_tree(model)
     boxes = read_boxes(model, tree, gate)
+    ellipsoids = [] if "fluid" in gate.ignore else read_ellipsoids(model, tree)
     plane, why = find_plane(tree, np.asarray(model.opt.gravity)) if reduce else (None, "reduction is off")
     if plane and (oblique := oblique_box(tree, plane, boxes)):
         plane, why = None, oblique
+    if plane and ellipsoids:
+        plane, why = None, "the fluid lifts ellipsoids"
     normal = plane.axis if plane else None
     contacts = ContactBuilder(model, tree, normal, gate, plane is not None, not reduce, self_contact)
     contacts.build()
@@ -72,7 +77,20 @@ def read_parts(compiled: Compiled, gate: Gate, reduce: bool, self_contact: str) 
     geoms = sorted({c.geoms[1] for c in candidates if c.kind.on_plane})
     grounds = [read_shape(model, geom, tree.frames) for geom in geoms]
     return Parts(
-        tree, plane, why, contacts, candidates, merged, grounds, tendons, ties, actuators, boxes, ranges, compensation
+        tree,
+        plane,
+        why,
+        contacts,
+        candidates,
+        merged,
+        grounds,
+        tendons,
+        ties,
+        actuators,
+        boxes,
+        ellipsoids,
+        ranges,
+        compensation,
     )
 
 

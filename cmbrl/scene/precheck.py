@@ -6,15 +6,15 @@ MuJoCo opens whatever a file names, and makes as many copies as a file asks for;
 from __future__ import annotations
 
 import os
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from io import StringIO
 from math import prod
 from pathlib import Path
+from xml.etree.ElementTree import Element
 
 from cmbrl.errors import UserError
 from cmbrl.reading import regular_file
+from cmbrl.scene import markup
 from cmbrl.text import shortened
 
 ELEMENTS = 10_000  #: at most, with every copy counted; MuJoCo takes seconds for that many bodies
@@ -40,7 +40,7 @@ class _Reader:
         Raises UserError beyond a limit.
         """
         total, copies = 0, [1]
-        for event, element in ElementTree.iterparse(StringIO(text) if text is not None else file, ("start", "end")):
+        for event, element in markup.elements(text if text is not None else file.read_bytes()):
             if event == "end":
                 copies.pop()
                 continue
@@ -60,7 +60,7 @@ class _Reader:
                 )
         return total
 
-    def _named(self, element: ElementTree.Element, file: Path, above: tuple[Path, ...]) -> int:
+    def _named(self, element: Element, file: Path, above: tuple[Path, ...]) -> int:
         """Elements in the file that an element brings in; every file that it names must have an end."""
         if element.tag == "compiler":
             self.folders |= {self.main.parent / element.attrib[key] for key in _FOLDERS if key in element.attrib}
@@ -87,7 +87,7 @@ class _Reader:
         places = [folder / each for folder in folders for each in names if each]
         return [path for path in places if os.path.lexists(path) and os.path.exists(path)]
 
-    def _check_amounts(self, element: ElementTree.Element) -> None:
+    def _check_amounts(self, element: Element) -> None:
         for key, text in element.attrib.items():
             sizes = key.startswith("nuser_") or (key in _AMOUNTS and (key != "size" or element.tag == "numeric"))
             most = USER_DATA if key == "nuserdata" else AMOUNT
@@ -104,15 +104,15 @@ def check_xml(source: Path | str) -> None:
         raise
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror}); check its permissions") from None
-    except Exception as error:  # an unknown encoding, broken text, a syntax error: each is another kind
+    except ValueError as error:
         raise UserError(f"{path}: not an MJCF: invalid XML ({shortened(str(error), 200)})") from None
 
 
-def _copies(element: ElementTree.Element) -> int:
+def _copies(element: Element) -> int:
     return prod(max(n, 1) for n in _whole(element.get("count", ""))) if element.tag in _COPIES else 1
 
 
-def _files(element: ElementTree.Element) -> Iterator[str]:
+def _files(element: Element) -> Iterator[str]:
     return (text for key, text in element.attrib.items() if key.startswith("file") and "\0" not in text)
 
 

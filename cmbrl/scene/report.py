@@ -58,6 +58,8 @@ def _joint_force_lines(scene: Scene) -> list[str]:
             for dof, (low, high) in zip(core.frc_dof, core.frc_range, strict=True)
         )
         lines.append(f"  joint forces {core.nforcerange} sums of actuators are clamped" + listed(ranges))
+    if core.nellipsoid:
+        lines.append(f"  fluid        drags and lifts {core.nellipsoid} ellipsoids")
     if core.nbox:
         lines.append(f"  fluid        drags {core.nbox} boxes that have the bodies' inertia")
     if core.nlift:

@@ -29,7 +29,7 @@ KINDS = {  # those below "supported" are modelled, and left out only if they are
     # supported
     "condim": "torsional and rolling friction (if ignored, condim 4 and 6 are 3)",
     "joint_limit_ball": "limits on ball joints",
-    "fluid": "fluid forces: density, viscosity, wind (the ellipsoid model of a geom is not supported)",
+    "fluid": "fluid forces: density, viscosity, wind",
     "joint_spring_ball": "springs on ball and free joints",
     "joint_polynomial": "nonlinear springs and dampers (springs of ball and free joints are not supported)",
     "gravcomp": "gravity compensation",

@@ -18,6 +18,7 @@ import numpy as np
 from cmbrl.errors import UserError
 from cmbrl.files import atomic_path, check_writable
 from cmbrl.reading import regular_file
+from cmbrl.scene import markup
 from cmbrl.scene.precheck import check_xml
 from cmbrl.scene.robot_source import quiet
 from cmbrl.text import shortened
@@ -118,11 +119,11 @@ def convert(
 
 
 def _robot(file: Path) -> ElementTree.Element:
-    robot = ElementTree.parse(file).getroot()
+    robot = markup.tree(file.read_bytes())
     if robot.tag != "robot":
         mjcf = "; of an MJCF, give joints to --hold" if robot.tag == "mujoco" else ""
         raise UserError(f"{file}: the root element is <{robot.tag}>, expected <robot> of a URDF{mjcf}")
-    if any(str(element.tag).startswith("{") and "xacro" in str(element.tag) for element in robot.iter()):
+    if any(element.tag.startswith("xacro:") for element in robot.iter()):
         raise UserError(f"{file}: has xacro in it; expand it first: xacro {file.name} > robot.urdf")
     for compiler in robot.findall("mujoco"):  # its folders are searched without it, and the rest is set here
         robot.remove(compiler)

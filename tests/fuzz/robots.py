@@ -136,6 +136,7 @@ class Robots:
         shape = 'mesh="brick"' if kind == "mesh" else f'size="{self.u(0.02, 0.08, 3)}"'
         weight = self.one_of("", f' mass="{self.log(0.1, 3)}"', f' density="{self.log(500, 4000)}"')
         pose = f'pos="{self.u(-0.08, 0.08, 3)}"{self.turn()}'
+        weight += ' fluidshape="ellipsoid"' * ("fluid" in self.themes and self.count % 3 == 0)
         return f'<geom name="{name}" type="{kind}" {shape} {pose}{weight}{self.surface()}/>'
 
     def surface(self) -> str:

@@ -120,8 +120,6 @@ def test_damaged_logs_are_one_line(tmp_path, log, damage):
 
 
 MJCF = {
-    "unknown encoding": ('<?xml version="1.0" encoding="nonsense"?>', "utf-8", "encoding"),
-    "encoding of several bytes": ('<?xml version="1.0" encoding="shift_jis"?>', "utf-8", "encoding"),
     "latin-1 names": ('<?xml version="1.0" encoding="latin-1"?>', "latin-1", "UTF-8"),
     "two thousand million user values": ('<mujoco><size nuser_body="2000000000"/></mujoco>', "", "nuser_body"),
 }

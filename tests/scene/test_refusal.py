@@ -31,11 +31,6 @@ CASES = {
         '<tendon><spatial name="t" armature="1"><site site="s1"/><site site="s2"/></spatial></tendon>',
         "t",
     ),
-    "fluid": (
-        '<body name="m"><joint name="h"/><geom name="g" size=".1" fluidshape="ellipsoid"/></body>',
-        '<option viscosity=".1"/>',
-        "g",
-    ),
     "joint_polynomial": (BALL_JOINT.format('stiffness="1 2 3"'), "", "b"),
     "actuator_dynamics": (*actuator("general", 'dyntype="muscle" dynprm="1 1"'), "motor"),
     "actuator_bias": (

@@ -28,7 +28,7 @@ def free_fall(q: np.ndarray, blocks: tuple[slice, ...], dt: float, scene: Scene)
     """
     core, g = scene.core, scene.gravity
     strength = float(np.linalg.norm(g))
-    if strength == 0 or not _flies(scene) or core.nbox or core.nlift or core.ntie:
+    if strength == 0 or not _flies(scene) or core.nbox or core.nellipsoid or core.nlift or core.ntie:
         return
     starts = np.concatenate(
         [np.arange(b.start, max(b.stop - WINDOW, b.start), 3) for b in blocks] or [np.zeros(0, int)]
