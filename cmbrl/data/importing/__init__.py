@@ -13,6 +13,7 @@ import numpy as np
 from cmbrl.data.importing import base, build
 from cmbrl.data.importing.bodies import joints_of
 from cmbrl.data.importing.build import Frames
+from cmbrl.data.importing.commanded import Commanded
 from cmbrl.data.importing.grid import Counts, Key, Series, to_grid, usual_step
 from cmbrl.data.importing.readers import read
 from cmbrl.data.importing.recording import Recording
@@ -103,7 +104,9 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
     notes = [f"{sizes}, a sample every {dt:.6g} s", *told(counts, options.gap), *columns]
     log: Transitions | PositionLog
     if kind == "positions":
-        log = build.positions(episodes, dt, scene, _gains(recordings, options, scene, build.driven(keys, scene)))
+        commanded = Commanded.of(keys, scene)
+        owners = commanded.joints(scene) if commanded else []
+        log = build.positions(episodes, dt, scene, commanded, _gains(recordings, options, scene, owners))
     else:
         if wanted := build.undriven(keys, scene):
             raise UserError(
@@ -194,7 +197,7 @@ def _floats(scene: Scene) -> bool:
 
 def _kind(keys: set[Key], scene: Scene) -> str:
     """Transitions where all velocities were logged, or where a position log cannot hold what was."""
-    if build.velocities_known(keys, scene) or _floats(scene) or build.command_of(keys, scene) is None:
+    if build.velocities_known(keys, scene) or _floats(scene) or Commanded.of(keys, scene) is None:
         return "transitions"
     return "positions"
 

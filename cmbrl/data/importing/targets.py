@@ -194,11 +194,10 @@ class _Guesser:
             if words - PLAIN - set(NAMED):
                 return None
             quantity = "velocity" if words & SPEEDS else "control" if actuator else "position"
-        if quantity == "control":
-            control = owner if owner in self.actuators else None
-            return Target(control, quantity) if control else None
         joint = next((one for one in self.single if one.name == owner), None)
-        if joint is None:  # of an actuator with a name of its own
+        if quantity == "control" or (joint is None and quantity == "command"):  # of an actuator with a name of its own
+            return Target(owner, "control") if owner in self.actuators else None
+        if joint is None:
             return None
         factor = self.angle if joint.hinge and quantity != "torque" else 1.0
         return Target(joint.name, quantity, next((NAMED[word] for word in words & set(NAMED)), factor))
