@@ -366,20 +366,3 @@ def test_the_command_writes_all_or_nothing(
     assert main(["import", str(tmp_path / "log.npz"), *words, "--map", "q.elbow"]) == 2
     assert "q.elbow: no such file" in capsys.readouterr().err
     assert main(["import", str(tmp_path / "log.npz"), *words[:2], "--out", str(tmp_path / "out.csv")]) == 2
-
-
-def test_commands_of_actuators_that_pull_tendons_make_a_position_log(tmp_path: Path) -> None:
-    link = '<body pos="{0} 0 0"><joint name="{1}" axis="0 1 0" range="-2 2"/><geom size=".1" pos="0 0 -1"/></body>'
-    file = tmp_path / "finger.xml"
-    file.write_text(
-        f"<mujoco><worldbody>{link.format(0, 'knuckle')}{link.format(1, 'wrist')}</worldbody>"
-        '<tendon><fixed name="cord"><joint joint="knuckle" coef="2"/></fixed></tendon><actuator>'
-        '<position name="pull" tendon="cord" kp="5"/><position name="turn" joint="wrist" kp="5"/></actuator></mujoco>'
-    )
-    t = 0.01 * np.arange(40.0)
-    columns = {"t": t, "wrist_pos": np.sin(9 * t), "knuckle_pos": t, "wrist_cmd": 2 * t, "pull_cmd": 3 * t}
-    np.savez(tmp_path / "log.npz", **columns)
-    log = import_logs([tmp_path / "log.npz"], Scene.from_mjcf(file)).log
-    assert isinstance(log, PositionLog)
-    assert log.command_names == ("pull", "turn")
-    np.testing.assert_allclose(log.command, np.column_stack([3 * t, 2 * t]))
