@@ -16,6 +16,7 @@ import numpy as np
 
 from cmbrl.fitting import drives
 from cmbrl.fitting.folds import LEAST_GAIN, NOISE_FACTOR, typical_rise
+from cmbrl.fitting.forecast import Forecast
 from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.loss import Errors
 from cmbrl.fitting.objective import NotFinite, Objective
@@ -45,7 +46,8 @@ class Extension(Trials):
             before = self._settled(incumbent, before)
             idle = drives.unneeded(self.loss, self.space, incumbent.z, incumbent.active)
             incumbent.z, incumbent.active = np.where(idle, 0.0, incumbent.z), incumbent.active & ~idle
-            trials = {law: self._law(incumbent, law, before) for law in laws}
+            hopeful = self._hopeful(incumbent, laws, before)
+            trials = {law: self._law(incumbent, law, before) for law in hopeful}
             found = {law: t for law, t in trials.items() if t is not None and t.counts(before.mean)}
             if not found:
                 return
@@ -134,12 +136,28 @@ class Extension(Trials):
             break
         return before
 
+    def _hopeful(self, incumbent: Incumbent, laws: list[str], before: Errors) -> list[str]:
+        """Those of ``laws`` that may gain what counts: by a forecast, or without a derivative, so that a scan tells."""
+        told = [law for law in laws if law not in drives.GROUPS]
+        if not told:
+            return laws
+        self.journal.check_time()
+        objective = Objective.at(self.loss, self.space, incumbent.active, incumbent.z, incumbent.least)
+        forecast = Forecast.at(self.folds, self.space, incumbent.z, objective.strength)
+        least = forecast.gain(incumbent.active) + LEAST_GAIN * before.mean
+        columns = {law: self.space.columns([law]) for law in told}
+        idle = [
+            law for law, own in columns.items()
+            if not forecast.blank(own) and forecast.gain(incumbent.active | own) < least
+        ]  # fmt: skip
+        return [law for law in laws if law not in idle]
+
     def _law(self, incumbent: Incumbent, group: str, before: Errors) -> Trial | None:
-        """A fit with the law of ``group`` besides; None if no level of those of ``drives`` lowers the loss."""
+        """A fit with the law of ``group`` besides; None if no level of ``drives`` lowers the loss enough."""
         if group not in drives.GROUPS:
             return self._added(incumbent, [group], before)
         self._tell(incumbent, f"trying {group}")
-        start, helps = self._scan(group, incumbent.z)
+        start, helps = self._scan(group, incumbent.z, LEAST_GAIN)
         if not helps.any():
             return None
         active, none = incumbent.active | helps, np.zeros_like(helps)
