@@ -78,6 +78,11 @@ def imported(tmp_path: Path, log: PositionLog, scene: Scene) -> Import:
         ("ctrl.elbow", Target("elbow", "control")),
         ("time", Target("", "time")),
         ("timestamp_ms", Target("", "time", 1e-3)),
+        ("Time [ms]", Target("", "time", 1e-3)),
+        ("time (s)", Target("", "time", 1.0)),
+        ("%time", Target("", "time", 1e-9)),
+        ("elbow_actual", Target("elbow", "position")),
+        ("actual.velocities.elbow", Target("elbow", "velocity")),
         ("episode_index", Target("", "episode")),
         ("elbow_temperature", None),
         ("elbow_cmd_vel", None),  # a commanded velocity is neither a velocity nor a target of the position
