@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 BIAS, ZERO, DELAY, LAG = "bias", "servo_zero", "delay", "lag"  #: groups of parameters
 _BIAS_BOUND = 0.1  # [rad] or [m]: 6 degrees, more than a calibrated encoder is off
+_ZERO_REACH = 2.5  # times the 0.04 rad that are expected: gravity tells servos' zeros from masses only where poses vary
 _LATENESS = 0.05, 3.0  # largest delay and lag: [s], or this many steps of the log if that is longer
 _TAIL = 20.0  # time constants after which a lag has settled, to 2e-9
 
@@ -165,4 +166,5 @@ def response(delay: float, lag: float, dt: float) -> np.ndarray:
 def _bias(group: str, scene: Scene, joint: Joint) -> Parameter:
     unit = "m" if joint.kind == JointKind.SLIDE else "rad"
     name = f"{group}.{scene.coordinate_names[joint.vadr]}"
-    return Parameter(name, group, 0.0, -_BIAS_BOUND, _BIAS_BOUND, "linear", unit, default=False)
+    reach = _ZERO_REACH if group == ZERO else 1.0
+    return Parameter(name, group, 0.0, -_BIAS_BOUND, _BIAS_BOUND, "linear", unit, default=False, reach=reach)
