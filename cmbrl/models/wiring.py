@@ -59,8 +59,8 @@ class Wiring:
         bias[observer.joints_q] = psi[: len(observer.joints_q)]
         if not (delay or lag or bias.any() or shift.any() or activations):
             return None
-        tensors = [torch.from_numpy(x) for x in (bias, shift, observer.holds)]
-        return cls(observer.dt, delay, lag, *tensors, activations)
+        offset, shifts, holds = (torch.from_numpy(x) for x in (bias, shift, observer.holds))
+        return cls(observer.dt, delay, lag, offset, shifts, holds, activations)
 
     @property
     def late(self) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -13,7 +14,8 @@ from cmbrl.data.importing.grid import Key
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
 
-_KINDS = {"command": "position", "torque": "torque"}  # quantity of a joint's column -> kind of command
+Kind = Literal["position", "torque"]
+_KINDS: dict[str, Kind] = {"command": "position", "torque": "torque"}  # quantity of a joint's column -> kind of command
 
 
 @dataclass(frozen=True)
@@ -23,7 +25,7 @@ class Commanded:
     ``names`` (m,) of these actuators; empty where each joint has its own, in the order of the scene.
     """
 
-    kind: str
+    kind: Kind
     actuators: tuple[int, ...]
     keys: tuple[Key, ...]
     factors: np.ndarray
@@ -39,7 +41,7 @@ class Commanded:
         return None
 
     @classmethod
-    def _ordered(cls, scene: Scene, kind: str, told: list[tuple[Key, float]]) -> Commanded:
+    def _ordered(cls, scene: Scene, kind: Kind, told: list[tuple[Key, float]]) -> Commanded:
         lines, places = scene.core.act_line.tolist(), [joint.vadr for joint in joints_of(scene)[0]]
         order, names = list(range(scene.nu)), scene.actuator_names
         if sorted(lines) == sorted(places):
