@@ -1,4 +1,4 @@
-"""Fits of positions move everything, and add those laws of friction and of motors that held-out errors call for.
+"""Fits of positions move everything, and add those laws of friction, motors and servos that held-out errors call for.
 
 What one law explains, another would explain a little: the order is by gain, and who is late has to gain still. What a
 large error hides shows beside the law that explains it: a law that gained nothing is tried again.
@@ -22,8 +22,9 @@ from cmbrl.fitting.loss import Errors
 from cmbrl.fitting.objective import NotFinite, Objective
 from cmbrl.fitting.parsimony import ALL
 from cmbrl.fitting.trials import Incumbent, Trial, Trials
+from cmbrl.models.observation import ZERO
 
-LAWS = ("friction_slope", "stribeck")  #: groups that no file has, tried on logs of positions, where friction rules
+LAWS = (ZERO, "friction_slope", "stribeck")  #: groups that no file has, tried on logs of positions
 _SETTLING = 2  # times that a fit of everything goes on before laws are added to it
 
 
