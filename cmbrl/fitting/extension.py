@@ -25,6 +25,7 @@ from cmbrl.fitting.trials import Incumbent, Trial, Trials
 from cmbrl.models.observation import ZERO
 
 LAWS = (ZERO, "friction_slope", "stribeck")  #: groups that no file has, tried on logs of positions
+_FORECAST = (ZERO, "friction_slope")  # act in proportion; to first order, dry friction takes Stribeck's part
 _SETTLING = 2  # times that a fit of everything goes on before laws are added to it
 
 
@@ -138,8 +139,8 @@ class Extension(Trials):
         return before
 
     def _hopeful(self, incumbent: Incumbent, laws: list[str], before: Errors) -> list[str]:
-        """Those of ``laws`` that may gain what counts: by a forecast, or without a derivative, so that a scan tells."""
-        told = [law for law in laws if law not in drives.GROUPS]
+        """Those of ``laws`` that may gain what counts: by a forecast, or where none can be trusted."""
+        told = [law for law in laws if law in _FORECAST]
         if not told:
             return laws
         self.journal.check_time()

@@ -68,8 +68,8 @@ def test_what_the_motor_gives_comes_back(most: float, fade: float, size: float, 
             assert found[name].value == pytest.approx(true, rel=0.1)
     assert result.parameters["frictionloss.hip"].value == pytest.approx(0.2, rel=0.2)
     loss = result.report["loss"]
-    # 0.02 to 0.05 by the seed of the fit and by what else it takes
-    assert loss["held out, fitted"]["rmse"] < 0.06 * loss["held out, nominal"]["rmse"]
+    # 0.021 to 0.041 by the seed of the fit, and 0.021 to 0.035 when its fifteen windows were drawn anywhere
+    assert loss["held out, fitted"]["rmse"] < 0.04 * loss["held out, nominal"]["rmse"]
     file = fitted_file(result.model.scene, result.model.parameters)
     assert ("force_limit_slope.m_hip" in file.missing) == bool(fade)
     limit = float(found["force_limit.m_hip"].value)
