@@ -18,6 +18,7 @@ EXAMPLE = """
 cmbrl import run1.csv run2.csv --scene robot.xml --angles deg --out log.npz
 cmbrl import bag --scene robot.xml --map joint_states.position.j1=hip.position --out log.npz
 cmbrl import joints.csv --base capture.csv --scene go2.xml --kp 20 --kd 1 --out log.npz
+cmbrl import arm.csv --scene arm.xml --kp 60 --kp wrist=20 --kd 3 --out log.npz
 cmbrl import chirp.pt --scene leg.xml --joints hip thigh calf --kp 20 --kd 1.5 --out log.npz
 """
 
@@ -63,7 +64,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         )
     for name in ("kp", "kd"):
         parser.add_argument(
-            f"--{name}", type=number, metavar="X", help=f"{name} of the position servos, where the log has none"
+            f"--{name}",
+            action="append",
+            default=[],
+            metavar="X|JOINT=X",
+            help=f"{name} of the position servos, where the log has none: of all joints, or by joint (repeatable; "
+            "others keep the file's)",
         )
     parser.add_argument(
         "--as",
@@ -106,8 +112,8 @@ def run(arguments: argparse.Namespace) -> None:
         rate=arguments.rate,
         gap=arguments.gap,
         frames=Frames(arguments.angular_velocity, arguments.linear_velocity),
-        kp=arguments.kp,
-        kd=arguments.kd,
+        kp=gains("kp", arguments.kp),
+        kd=gains("kd", arguments.kd),
         kind=arguments.kind,
         window=arguments.velocity_window,
         base=tuple(arguments.base),
@@ -142,3 +148,15 @@ def mapping(words: list[str]) -> dict[str, str]:
                 raise UserError(f"{word}: {column}: give a target as text, such as hip.position:deg")
             found[column] = target
     return found
+
+
+def gains(name: str, words: list[str]) -> float | dict[str, float] | None:
+    """The gain of all joints, or gains by joint ("": of those that are not named), from words X and JOINT=X."""
+    found: dict[str, float] = {}
+    for word in words:
+        try:
+            joint, value = assignment(word) if "=" in word else ("", word)
+            found[joint] = number(value)
+        except argparse.ArgumentTypeError as error:
+            raise UserError(f"--{name}: {error}") from None
+    return found[""] if list(found) == [""] else found or None

@@ -16,7 +16,7 @@ from cmbrl.fitting.folds import windows_in_blocks
 from cmbrl.fitting.loss import PredictionLoss
 from cmbrl.fitting.space import Space
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.observation import Observation
+from cmbrl.models.observation import BIAS, Observation
 from cmbrl.models.windows import Scales, Windows
 from cmbrl.models.wiring import Wiring
 from cmbrl.numbers import whole
@@ -62,7 +62,9 @@ class Evidence:
         log = log.normalised(model.scene)
         observation = model.observer
         physical = [replace(p, default=p.default and p.group not in known) for p in model.scene.parameters]
-        offered = [replace(p, default=p.default or positions_only) for p in observation.parameters]
+        offered = [
+            replace(p, default=p.default or (positions_only and p.group == BIAS)) for p in observation.parameters
+        ]
         start = np.append(model.parameters, observation.vector(model.observation))
         space = Space.of((*physical, *offered), start)
         return cls(model, log, tuple(logs), observation, space, positions_only)

@@ -1,4 +1,4 @@
-"""Fits of positions move everything, and add those laws of friction and of motors that held-out errors call for.
+"""Fits of positions move everything, and add those laws of friction, motors and servos that held-out errors call for.
 
 What one law explains, another would explain a little: the order is by gain, and who is late has to gain still. What a
 large error hides shows beside the law that explains it: a law that gained nothing is tried again.
@@ -10,15 +10,22 @@ clearly better then.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from cmbrl.fitting import drives
 from cmbrl.fitting.folds import LEAST_GAIN, NOISE_FACTOR, typical_rise
+from cmbrl.fitting.forecast import Forecast
+from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.loss import Errors
+from cmbrl.fitting.objective import NotFinite, Objective
 from cmbrl.fitting.parsimony import ALL
 from cmbrl.fitting.trials import Incumbent, Trial, Trials
+from cmbrl.models.observation import ZERO
 
-LAWS = ("friction_slope", "stribeck")  #: groups that no file has, tried on logs of positions, where friction rules
+LAWS = (ZERO, "friction_slope", "stribeck")  #: groups that no file has, tried on logs of positions
+_FORECAST = (ZERO, "friction_slope")  # act in proportion; to first order, dry friction takes Stribeck's part
 _SETTLING = 2  # times that a fit of everything goes on before laws are added to it
 
 
@@ -32,7 +39,7 @@ class Extension(Trials):
         self._tell(incumbent, "fitting all parameters")
         trial = self._trial("all", incumbent, chosen, incumbent.begin, none, before, self.budget.polish_iterations)
         name = ALL
-        if (limited := self._limited(incumbent, chosen, trial.errors)) is not None:
+        if (limited := self._limited(incumbent, chosen, trial)) is not None:
             name, trial = f"{ALL} + {drives.LIMIT}", limited
         before = self._accept("add", name, trial, incumbent)
         incumbent.least = trial.variance
@@ -41,7 +48,8 @@ class Extension(Trials):
             before = self._settled(incumbent, before)
             idle = drives.unneeded(self.loss, self.space, incumbent.z, incumbent.active)
             incumbent.z, incumbent.active = np.where(idle, 0.0, incumbent.z), incumbent.active & ~idle
-            trials = {law: self._law(incumbent, law, before) for law in laws}
+            hopeful = self._hopeful(incumbent, laws, before)
+            trials = {law: self._law(incumbent, law, before) for law in hopeful}
             found = {law: t for law, t in trials.items() if t is not None and t.counts(before.mean)}
             if not found:
                 return
@@ -71,18 +79,43 @@ class Extension(Trials):
         rise, noise = typical_rise(one.loss, other.loss, self.folds.blocks())
         return rise > max(NOISE_FACTOR * noise, LEAST_GAIN)
 
-    def _limited(self, incumbent: Incumbent, chosen: np.ndarray, before: Errors) -> Trial | None:
+    def _limited(self, incumbent: Incumbent, chosen: np.ndarray, plain: Trial) -> Trial | None:
         """A fit of ``chosen`` with limits of forces from the first, if the file lacks them clearly and it is better.
 
-        Where motors saturate, a fit without limits ends far from where it should.
+        Where motors saturate, a ``plain`` fit, without limits, ends far from where it should.
         """
         self._tell(incumbent, f"trying {drives.LIMIT}")
         start, helps = self._scan(drives.LIMIT, incumbent.begin, drives.CLEARLY, lines=False)
         if not helps.any():
             return None
+        begun = self._ahead(incumbent, chosen | helps, start, plain.z)
+        if begun is None:
+            return None
         none, iterations = np.zeros_like(chosen), self.budget.polish_iterations
-        trial = self._trial("all limited", incumbent, chosen | helps, start, none, before, iterations)
-        return trial if trial.counts(before.mean) else None
+        trial = self._trial("all limited", incumbent, chosen | helps, begun, none, plain.errors, iterations)
+        return trial if trial.counts(plain.errors.mean) else None
+
+    def _ahead(
+        self, incumbent: Incumbent, active: np.ndarray, start: np.ndarray, rival: np.ndarray
+    ) -> np.ndarray | None:
+        """Where a short fit of ``active`` leads from ``start`` (n,); None if ``rival`` (n,) explains the log as well.
+
+        Limits that are true show at once. Others make up for gains and friction of the file, which a full fit finds.
+        """
+
+        def compute() -> dict[str, Any]:
+            self.journal.check_time()
+            try:
+                objective = Objective.at(self.loss, self.space, active, start, incumbent.least)
+                z = gauss_newton(objective, start, self.budget.trial_iterations, self.journal).z
+            except NotFinite:
+                return {"z": None}
+            own, other = self.loss.values(self.space.theta(np.stack([z, rival])))
+            return {"z": z.tolist() if own < (1.0 - LEAST_GAIN) * other else None}
+
+        with np.errstate(all="ignore"):
+            z = self.journal.unit("limited, shortly", compute)["z"]
+        return None if z is None else np.array(z)
 
     def _scan(self, group: str, z: np.ndarray, least: float = 0.0, lines: bool = True) -> tuple[np.ndarray, np.ndarray]:
         """The best levels of ``group`` from ``z`` (n,), and the mask (n,) of the parameters that help."""
@@ -105,12 +138,28 @@ class Extension(Trials):
             break
         return before
 
+    def _hopeful(self, incumbent: Incumbent, laws: list[str], before: Errors) -> list[str]:
+        """Those of ``laws`` that may gain what counts: by a forecast, or where none can be trusted."""
+        told = [law for law in laws if law in _FORECAST]
+        if not told:
+            return laws
+        self.journal.check_time()
+        objective = Objective.at(self.loss, self.space, incumbent.active, incumbent.z, incumbent.least)
+        forecast = Forecast.at(self.folds, self.space, incumbent.z, objective.strength)
+        least = forecast.gain(incumbent.active) + LEAST_GAIN * before.mean
+        columns = {law: self.space.columns([law]) for law in told}
+        idle = [
+            law for law, own in columns.items()
+            if not forecast.blank(own) and forecast.gain(incumbent.active | own) < least
+        ]  # fmt: skip
+        return [law for law in laws if law not in idle]
+
     def _law(self, incumbent: Incumbent, group: str, before: Errors) -> Trial | None:
-        """A fit with the law of ``group`` besides; None if no level of those of ``drives`` lowers the loss."""
+        """A fit with the law of ``group`` besides; None if no level of ``drives`` lowers the loss enough."""
         if group not in drives.GROUPS:
             return self._added(incumbent, [group], before)
         self._tell(incumbent, f"trying {group}")
-        start, helps = self._scan(group, incumbent.z)
+        start, helps = self._scan(group, incumbent.z, LEAST_GAIN)
         if not helps.any():
             return None
         active, none = incumbent.active | helps, np.zeros_like(helps)

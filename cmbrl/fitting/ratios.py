@@ -40,3 +40,19 @@ def ratios(space: Space, z: np.ndarray, covariance: np.ndarray, together: Sequen
             factor = float(np.exp(_NORMAL_95 * apart[reference, k]))
             found[space.names[column]] = [value, value / factor, value * factor]
     return {"reference": space.names[first], "parameters": found} if found else None
+
+
+def beside(
+    space: Space, z: np.ndarray, covariance: np.ndarray, wide: np.ndarray, moved: Sequence[int], still: Sequence[int]
+) -> dict[str, Any] | None:
+    """The same of the columns ``moved`` where ``still``, of the same common factor, kept the file's values.
+
+    ``covariance`` (n, n) in z as long as these are right; ``wide`` (n, n): in any unit of force.
+    """
+    theta, found = space.theta(z), {}
+    for column in moved:
+        apart, alone = np.sqrt([covariance[column, column], wide[column, column]])
+        if space.transform[column] == "log" and 0.0 < apart < _NARROWER * alone:
+            value, factor = float(theta[column]), float(np.exp(_NORMAL_95 * apart * space.sd[column]))
+            found[space.names[column]] = [value, value / factor, value * factor]
+    return {"reference": space.names[still[0]], "parameters": found} if found else None

@@ -17,7 +17,7 @@ from cmbrl.fitting.gauge import common_factors
 from cmbrl.fitting.identify import identify
 from cmbrl.fitting.loss import Errors, PredictionLoss
 from cmbrl.fitting.objective import NOT_FINITE
-from cmbrl.fitting.ratios import ratios
+from cmbrl.fitting.ratios import beside, ratios
 from cmbrl.fitting.result import FitResult
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
@@ -55,7 +55,8 @@ def conclude(
     except np.linalg.LinAlgError:  # information so large that the prior is lost in rounding
         raise UserError(NOT_FINITE) from None
     whole = all(active[k] for together in sets for k in together)
-    sets = [some for together in sets if (some := [k for k in together if active[k]])]
+    split = [([k for k in together if active[k]], [k for k in together if not active[k]]) for together in sets]
+    sets = [moved for moved, _ in split if moved]
     bound = space.at_bound(z) & active
     value, status = space.theta(z), _status(active, bound, known.flat)
     parameters = {
@@ -69,7 +70,11 @@ def conclude(
         )
         for k, name in enumerate(space.names)
     }
-    shared = [found for together in sets if (found := ratios(space, z, known.wide, together))]
+    told_by = [
+        beside(space, z, known.every, known.wide, moved, still) if still else ratios(space, z, known.wide, moved)
+        for moved, still in split
+    ]
+    shared = [found for found in told_by if found]
     unit, pose = (shared[0]["reference"] if shared and whole else None), data.q[len(data) // 2]
     silent = active & (np.diag(known.covariance) == 0.0)  # flat for more than the unit of force
     sums = combinations(final, space, z, known.every, silent, pose, unit)

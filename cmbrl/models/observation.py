@@ -1,10 +1,11 @@
-"""What lies between a log and the state of the model: encoder biases, and the delay and lag of commands.
+"""What lies between a log and the state of the model: biases of encoders and servos, delay and lag of commands.
 
 The log tells positions y and commands c. The model's state and control are
 
-    q = y - b,      u_i = sum_k w_k(d, tau) c_(i-k) + B b
+    q = y - b,      u_i = sum_k w_k(d, tau) c_(i-k) + B (b - z)
 
-b is the bias of each encoder; a position servo compares its target with the biased position, which B accounts for.
+b is the bias of each encoder. A position servo compares its target with a reading of its own, y - z: with the encoder's
+where z = 0, with the true position where z = b, as where another sensor made the log. B accounts for that.
 w is the response of a delay d followed by a first-order lag tau to a command that is held from one sample to the next,
 averaged over the step, which makes it a smooth function of d and tau. Before the first row of an episode, motors were
 off and position servos held their first target. ``wiring`` does the same command by command. Where actuators have a
@@ -22,24 +23,25 @@ import numpy as np
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.models.activations import Activations
 from cmbrl.numbers import real
-from cmbrl.scene.records import JointKind, Parameter
+from cmbrl.scene.records import Joint, JointKind, Parameter
 
 if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
     from cmbrl.scene import Scene
 
-BIAS, DELAY, LAG = "bias", "delay", "lag"  #: groups of parameters
+BIAS, ZERO, DELAY, LAG = "bias", "servo_zero", "delay", "lag"  #: groups of parameters
 _BIAS_BOUND = 0.1  # [rad] or [m]: 6 degrees, more than a calibrated encoder is off
+_ZERO_REACH = 2.5  # times the 0.04 rad that are expected: gravity tells servos' zeros from masses only where poses vary
 _LATENESS = 0.05, 3.0  # largest delay and lag: [s], or this many steps of the log if that is longer
 _TAIL = 20.0  # time constants after which a lag has settled, to 2e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """The parameters psi (n,) between a log of time step ``dt`` [s] and the state: biases, then delay and lag.
+    """The parameters psi (n,) between a log of time step ``dt`` [s] and the state: biases, zeros, then delay and lag.
 
-    ``joints`` (nbias,): places in q and v of the joints that have a bias; ``servo`` (nu, nbias): the change of the
-    control that a unit of bias causes. ``holds`` (nu,) bool: position servos.
+    ``joints`` (nbias,): places in q and v of the joints that have a bias; ``servo`` (nu, nbias + nzero): the change of
+    the control that a unit of bias, or of a servo's zero, causes. ``holds`` (nu,) bool: position servos.
     """
 
     parameters: tuple[Parameter, ...]
@@ -54,10 +56,10 @@ class Observation:
     def of(cls, scene: Scene, dt: float, activations: Activations | None = None) -> Observation:
         """What may lie between a log of ``scene`` with time step ``dt`` [s] and its state."""
         joints = [j for j in scene.joints if j.kind != JointKind.BALL]
-        offered = [_bias(scene.coordinate_names[joint.vadr], joint.kind) for joint in joints]
         late = max(_LATENESS[0], _LATENESS[1] * dt)
+        commands: list[Parameter] = []
         if scene.nu:
-            offered += [Parameter(f"{group}.command", group, 0.0, 0.0, late, "linear", "s") for group in (DELAY, LAG)]
+            commands = [Parameter(f"{group}.command", group, 0.0, 0.0, late, "linear", "s") for group in (DELAY, LAG)]
         servo = np.zeros((scene.nu, len(joints)))
         for column, joint in enumerate(joints):
             for k in np.flatnonzero(scene.core.act_line == joint.vadr):
@@ -68,6 +70,10 @@ class Observation:
                 )
                 if gain and feedback:
                     servo[k, column] = feedback / gain * scene.core.P[layout.actuator(place)]
+        served = np.flatnonzero(servo.any(axis=0))
+        offered = [_bias(BIAS, scene, joint) for joint in joints]
+        offered += [_bias(ZERO, scene, joints[column]) for column in served.tolist()] + commands
+        servo = np.hstack([servo, -servo[:, served]])
         places = np.array([(joint.qadr, joint.vadr) for joint in joints], dtype=np.int64).reshape(-1, 2)
         feedback = np.array([scene.core.P[scene.layout.actuator(k, "bias1")] for k in range(scene.nu)])
         return cls(tuple(offered), dt, places[:, 0], places[:, 1], servo, feedback != 0.0, activations)
@@ -125,7 +131,7 @@ class Observation:
 
     def controls(self, log: Transitions, psi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Controls (N, nu + na) at ``psi`` (n + nt,), and their derivatives (N, nu + na, n + nt)."""
-        biases, own = len(self.joints_q), len(self)
+        biases, own = self.servo.shape[1], len(self)
         slope = np.zeros((*log.u.shape, len(psi)))
         if log.u.shape[1] == 0:
             return log.u, slope
@@ -157,6 +163,8 @@ def response(delay: float, lag: float, dt: float) -> np.ndarray:
     return np.diff(mean, axis=1, prepend=0.0)
 
 
-def _bias(joint: str, kind: JointKind) -> Parameter:
-    unit = "m" if kind == JointKind.SLIDE else "rad"
-    return Parameter(f"{BIAS}.{joint}", BIAS, 0.0, -_BIAS_BOUND, _BIAS_BOUND, "linear", unit, default=False)
+def _bias(group: str, scene: Scene, joint: Joint) -> Parameter:
+    unit = "m" if joint.kind == JointKind.SLIDE else "rad"
+    name = f"{group}.{scene.coordinate_names[joint.vadr]}"
+    reach = _ZERO_REACH if group == ZERO else 1.0
+    return Parameter(name, group, 0.0, -_BIAS_BOUND, _BIAS_BOUND, "linear", unit, default=False, reach=reach)

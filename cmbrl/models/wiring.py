@@ -55,12 +55,12 @@ class Wiring:
             for group in (DELAY, LAG)
         )
         delay, lag = (x if x > LEAST * observer.dt else 0.0 for x in (delay, lag))
-        biases, bias = psi[: len(observer.joints_q)], np.zeros(nq)
-        bias[observer.joints_q] = biases
-        if not (delay or lag or bias.any() or activations):
+        bias, shift = np.zeros(nq), observer.servo @ psi[: observer.servo.shape[1]]
+        bias[observer.joints_q] = psi[: len(observer.joints_q)]
+        if not (delay or lag or bias.any() or shift.any() or activations):
             return None
-        shift, holds = torch.from_numpy(observer.servo @ biases), torch.from_numpy(observer.holds)
-        return cls(observer.dt, delay, lag, torch.from_numpy(bias), shift, holds, activations)
+        offset, shifts, holds = (torch.from_numpy(x) for x in (bias, shift, observer.holds))
+        return cls(observer.dt, delay, lag, offset, shifts, holds, activations)
 
     @property
     def late(self) -> float:

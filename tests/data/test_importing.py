@@ -78,6 +78,11 @@ def imported(tmp_path: Path, log: PositionLog, scene: Scene) -> Import:
         ("ctrl.elbow", Target("elbow", "control")),
         ("time", Target("", "time")),
         ("timestamp_ms", Target("", "time", 1e-3)),
+        ("Time [ms]", Target("", "time", 1e-3)),
+        ("time (s)", Target("", "time", 1.0)),
+        ("%time", Target("", "time", 1e-9)),
+        ("elbow_actual", Target("elbow", "position")),
+        ("actual.velocities.elbow", Target("elbow", "velocity")),
         ("episode_index", Target("", "episode")),
         ("elbow_temperature", None),
         ("elbow_cmd_vel", None),  # a commanded velocity is neither a velocity nor a target of the position
@@ -142,6 +147,21 @@ def test_units(imported: Import, log: PositionLog) -> None:
     with pytest.raises(UserError, match=r"samples are 5e\+06 s apart: is the unit of time right"):
         imported(time=np.arange(ROWS) * 5_000_000)
     assert imported(Options({"time": "time:ns"}), time=np.arange(ROWS) * 5_000_000).log.dt == pytest.approx(DT)
+
+
+def test_stamps_that_jitter_beside_a_topic_that_begins_between_them() -> None:
+    rng = np.random.default_rng(0)
+    stamps = 10.0 + DT * (np.arange(ROWS) + 0.12 * rng.standard_normal(ROWS))
+    keep = np.delete(np.arange(ROWS), [100, 200, 201])
+    rows = np.arange(ROWS, dtype=float)[keep, None]
+    own = {"q": Series(stamps[keep], rows), "u": Series(stamps[keep], rows, "held")}
+    late = Series(stamps[0] + DT * (0.5 + np.arange(ROWS)), np.zeros((ROWS, 1)))
+    counts = Counts()
+    (found,) = to_grid({(k, ""): one for k, one in {**own, "late": late}.items()}, [("q", "")], DT, 10, counts)
+    row = np.round(found["q", ""])
+    assert np.abs(found["q", ""] - row).mean() < 0.15
+    assert (row != found["u", ""]).sum() <= 10
+    assert counts.lost == 3
 
 
 def test_lost_and_late_samples_are_filled_in_and_told(imported: Import, log: PositionLog) -> None:

@@ -31,8 +31,11 @@ QUICK = Budget(polish_rows=3000, polish_iterations=10, fold_iterations=2, search
 LATE, BIAS = 2, 0.04  # steps, rad
 
 
-def record(text: str, seconds: float, seed: int) -> PositionLog:
-    """Steps, ramps and sines of the targets; the first encoder is biased, and commands come late."""
+def record(text: str, seconds: float, seed: int, serves: bool = True) -> PositionLog:
+    """Steps, ramps and sines of the targets; the first encoder is biased, and commands come late.
+
+    ``serves``: the servo has that encoder; otherwise it reads the true angle.
+    """
     model = mujoco.MjModel.from_xml_string(text)
     data, draw, rows = mujoco.MjData(model), np.random.default_rng(seed), round(seconds / 0.005)
     time = 0.005 * np.arange(rows)
@@ -42,7 +45,7 @@ def record(text: str, seconds: float, seed: int) -> PositionLog:
     position = []
     for row in range(rows):
         position.append(data.qpos + bias)
-        data.ctrl = target[max(0, row - LATE)] - bias
+        data.ctrl = target[max(0, row - LATE)] - bias * serves
         mujoco.mj_step(model, data)
     noise = 1e-4 * draw.normal(size=(rows, 2))
     names = ("hip", "knee")
@@ -62,13 +65,26 @@ def leg(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 def test_friction_bias_and_delay_come_back(leg: dict[str, Path]) -> None:
     model = cmbrl.ComplementarityModel(Scene.from_mjcf(leg["scene"]))
-    result = cmbrl.fit(model, PositionLog.load(leg["log"]), method="gauss-newton", budget=QUICK)
+    told: list[str] = []
+    log = PositionLog.load(leg["log"])
+    result = cmbrl.fit(model, log, method="gauss-newton", budget=QUICK, progress=lambda _, text: told.append(text))
+    assert "trying friction_slope" not in told  # a forecast shows that nothing is to be gained
     value = {name: p.value for name, p in result.parameters.items()}
     assert value["frictionloss.hip"] == pytest.approx(0.4, rel=0.15)
     assert value["frictionloss.knee"] == pytest.approx(0.4, rel=0.15)
     assert value["delay.command"] + value["lag.command"] == pytest.approx(LATE * 0.005, abs=0.004)
     held_out = {k: v["rmse"] for k, v in result.report["loss"].items()}
     assert held_out["held out, fitted"] < 0.1 * held_out["held out, nominal"]
+
+
+def test_a_log_by_another_sensor_than_that_of_the_servo(leg: dict[str, Path]) -> None:
+    model = cmbrl.ComplementarityModel(Scene.from_mjcf(leg["scene"]))
+    log = record(LEG.format(damping=0.05, friction=0.1), 8.0, 0, serves=False)
+    result = cmbrl.fit(model, log, budget=QUICK)
+    value = {name: p.value for name, p in result.parameters.items()}
+    assert "servo_zero" in [step["group"] for step in result.report["selection"]]
+    assert value["servo_zero.hip"] == pytest.approx(BIAS, abs=0.005)  # of the bias, gravity tells, but less
+    assert value["servo_zero.knee"] == pytest.approx(0.0, abs=0.005)
 
 
 def test_commands_from_file_to_error(

@@ -12,7 +12,7 @@ from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.identify import _flat_directions, identify
 from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.polish import _same_motion
-from cmbrl.fitting.ratios import ratios
+from cmbrl.fitting.ratios import beside, ratios
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
 from cmbrl.fitting.survey import Survey
@@ -89,6 +89,13 @@ def test_masses_that_were_not_chosen_leave_the_unit_of_force_open(carts):
     assert set(told["parameters"]) >= {"damping.0"} - {told["reference"]}
     for name, (_, low, high) in told["parameters"].items():
         assert low < true[name] / unit_of_it < high
+    moved = [k for k in sets[0] if names[k] != "mass.0"]
+    held = beside(space, z, known.every, known.wide, moved, [names.index("mass.0")])
+    assert held["reference"] == "mass.0"
+    assert set(held["parameters"]) >= {"gear.0", "damping.0"}
+    for name, (_, low, high) in held["parameters"].items():
+        assert low < true[name] / true["mass.0"] < high
+        assert high / low < 1.3
 
 
 def test_parameters_without_any_information_are_not_mixed():

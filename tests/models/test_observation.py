@@ -47,10 +47,10 @@ def test_a_whole_delay_shifts_commands_and_a_lag_filters_them() -> None:
 @pytest.mark.parametrize(("delay", "lag"), [(0.0, 0.0), (0.004, 0.0), (0.013, 0.002), (0.0, 0.02), (0.027, 0.03)])
 def test_slopes_equal_differences(arm: Scene, delay: float, lag: float) -> None:
     log, between = random_log(arm), Observation.of(arm, 0.01)
-    psi = np.array([0.03, -0.02, delay, lag])
+    psi = np.array([0.03, -0.02, 0.01, delay, lag])
     _, slope = between.controls(log, psi)
-    for k in range(4):
-        e = 1e-6 * (np.arange(4) == k)
+    for k in range(5):
+        e = 1e-6 * (np.arange(5) == k)
         one_sided = (between.controls(log, psi + e)[0] - between.controls(log, psi)[0]) / 1e-6
         np.testing.assert_allclose(slope[:, :, k], one_sided, rtol=1e-3, atol=2e-2)
 
@@ -62,6 +62,15 @@ def test_a_servo_behind_a_biased_encoder(arm: Scene) -> None:
     seen = between.states(log, between.vector({"bias.a": bias, "bias.b": bias}))
     np.testing.assert_allclose(seen.q, log.q - bias)
     np.testing.assert_allclose(seen.u, log.u - [2.0 * bias, 0.0])
+
+
+def test_a_servo_that_reads_the_true_angle(arm: Scene) -> None:
+    """The bias is only that of the log: the control is what was commanded. A motor has no such zero."""
+    log, between = random_log(arm), Observation.of(arm, 0.01)
+    seen = between.states(log, between.vector({"bias.a": 0.05, "servo_zero.a": 0.05}))
+    np.testing.assert_allclose(seen.q, log.q - [0.05, 0.0])
+    np.testing.assert_allclose(seen.u, log.u)
+    assert "servo_zero.b" not in {p.name for p in between.parameters}
 
 
 def test_history_stays_within_the_episode(arm: Scene) -> None:

@@ -79,7 +79,7 @@ def test_a_model_without_lateness_is_stepped_as_it_is(arm: Scene) -> None:
     assert robots.memory.shape == (2, 0)
     assert robots.step == model.step
     assert wiring_of(object()) is None
-    psi = np.array([0.0, 0.0, 1e-6, 0.0])  # far below a step
+    psi = np.array([0.0, 0.0, 0.0, 0.0, 1e-6, 0.0])  # far below a step
     assert Wiring.of(Observation.of(arm, DT), psi, arm.nq) is None
 
 

@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 from itertools import zip_longest
 from typing import Any
 
-import numpy as np
-
+from cmbrl.data.drive import scene_of
 from cmbrl.data.importing import base, build
 from cmbrl.data.importing.bodies import joints_of
 from cmbrl.data.importing.build import Frames
+from cmbrl.data.importing.commanded import Commanded
+from cmbrl.data.importing.gains import Gains, gains_of
 from cmbrl.data.importing.grid import Counts, Key, Series, to_grid, usual_step
 from cmbrl.data.importing.readers import read
 from cmbrl.data.importing.recording import Recording
@@ -42,7 +43,8 @@ class Options:
         rate: [Hz] of the grid, and of files without times; None: as the samples are.
         gap: longest stretch of lost samples that is filled in.
         frames: of the velocities of a floating base.
-        kp, kd: gains of the position servos, where the log has none.
+        kp, kd: gains of the position servos, where the log has none; or by joint, where those that are not named have
+            the one under "", else the file's.
         kind: "transitions" or "positions"; None: positions where only these are known, and the robot does not float.
         window: samples from which a velocity is estimated; odd.
         base: files with the pose of the floating base, one for each log, with a clock of their own.
@@ -56,8 +58,8 @@ class Options:
     rate: float | None = None
     gap: int = 10
     frames: Frames = field(default_factory=Frames)
-    kp: float | None = None
-    kd: float | None = None
+    kp: Gains = None
+    kd: Gains = None
     kind: str | None = None
     window: int = 5
     base: tuple[str | os.PathLike[str], ...] = ()
@@ -103,7 +105,10 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
     notes = [f"{sizes}, a sample every {dt:.6g} s", *told(counts, options.gap), *columns]
     log: Transitions | PositionLog
     if kind == "positions":
-        log = build.positions(episodes, dt, scene, _gains(recordings, options, scene, build.driven(keys, scene)))
+        commanded = Commanded.of(keys, scene)
+        gains = gains_of(options.kp, options.kd, recordings[0], commanded, scene)
+        log = build.positions(episodes, dt, scene, commanded, gains)
+        scene_of(log, scene)  # a motor that got targets needs the gains of its servo
     else:
         if wanted := build.undriven(keys, scene):
             raise UserError(
@@ -194,24 +199,6 @@ def _floats(scene: Scene) -> bool:
 
 def _kind(keys: set[Key], scene: Scene) -> str:
     """Transitions where all velocities were logged, or where a position log cannot hold what was."""
-    if build.velocities_known(keys, scene) or _floats(scene) or build.command_of(keys, scene) is None:
+    if build.velocities_known(keys, scene) or _floats(scene) or Commanded.of(keys, scene) is None:
         return "transitions"
     return "positions"
-
-
-def _gains(recordings: Sequence[Recording], options: Options, scene: Scene, driven: Sequence[str]) -> dict[str, Any]:
-    """kp and kd by option, else as in the first file: one number, or one by joint, in the order of the commands."""
-    found: dict[str, Any] = {}
-    for name, value in (("kp", options.kp), ("kd", options.kd)):
-        held = {key: x for key, x in recordings[0].constants.items() if key.partition(".")[0] == name}
-        if value is not None or not held:
-            found[name] = value
-        elif name in held:
-            found[name] = held[name]
-        else:
-            columns = {f"{key.partition('.')[2]}.position": x for key, x in held.items()}
-            owners = {target.owner: columns[column] for column, target in match(columns, {}, scene).items()}
-            if unknown := [joint for joint in driven if joint not in owners]:
-                raise UserError(f"{recordings[0].where}: {name} has no number for joint {unknown[0]!r}; give --{name}")
-            found[name] = np.array([owners[joint].item() for joint in driven])
-    return found

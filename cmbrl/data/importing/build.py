@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, Floating, joints_of
+from cmbrl.data.importing.commanded import Commanded, wanted
 from cmbrl.data.importing.grid import Key
 from cmbrl.data.importing.series import QUATERNION
 from cmbrl.data.importing.velocities import check_frame, in_frame, smoothed
@@ -47,23 +48,13 @@ def velocities_known(keys: set[Key], scene: Scene) -> bool:
     return all(key in keys for key in wanted)
 
 
-def command_of(keys: set[Key], scene: Scene) -> str | None:
-    """The quantity that every hinge and slide with an actuator has: "command", else "torque", else None."""
-    names = [joint.name for joint in joints_of(scene)[0] if joint.vadr in scene.core.act_line]
-    for quantity in ("command", "torque"):
-        if names and all((name, quantity) in keys for name in names):
-            return quantity
-    return None
+def positions(
+    episodes: Sequence[Episode], dt: float, scene: Scene, commanded: Commanded | None, gains: Mapping[str, Any]
+) -> PositionLog:
+    """The position log of ``episodes`` with what is ``commanded`` (None: nothing is driven).
 
-
-def driven(keys: set[Key], scene: Scene) -> list[str]:
-    """The joints that have the command of :func:`command_of`, in the order of the scene."""
-    kind = command_of(keys, scene)
-    return [joint.name for joint in joints_of(scene)[0] if kind is not None and (joint.name, kind) in keys]
-
-
-def positions(episodes: Sequence[Episode], dt: float, scene: Scene, gains: Mapping[str, Any]) -> PositionLog:
-    """The position log of ``episodes``; raises UserError for ball joints, two floating bodies, or a missing command."""
+    Raises UserError for ball joints, two floating bodies, or a missing command.
+    """
     single, floating = joints_of(scene)
     if len(floating) > 1 or any(not joint.free for joint in floating):
         raise UserError(
@@ -71,13 +62,8 @@ def positions(episodes: Sequence[Episode], dt: float, scene: Scene, gains: Mappi
             "transitions"
         )
     keys = set(episodes[0])
-    kind = command_of(keys, scene)
-    if kind is None and not scene.nu:
-        kind = "command"
-    if kind is None:
-        raise UserError(f"no command for every joint: {_wanted(keys, scene)}")
-    moved = driven(keys, scene)
-    names = () if len(moved) == len(single) else _actuators(scene, moved)
+    if commanded is None and scene.nu:
+        raise wanted(set(episodes[0]), scene)
     lengths = [len(next(iter(episode.values()))) for episode in episodes]
     whole = {key: np.concatenate([episode[key] for episode in episodes]) for key in keys}
     stacked = {key: values[:, 0] for key, values in whole.items()}
@@ -86,11 +72,13 @@ def positions(episodes: Sequence[Episode], dt: float, scene: Scene, gains: Mappi
     return PositionLog(
         time=np.concatenate([dt * np.arange(length) for length in lengths]),
         position=_columns([stacked[joint.name, "position"] for joint in single], rows),
-        command=_columns([stacked[name, kind] for name in moved], rows),
+        command=_columns([stacked[key] * x for key, x in zip(commanded.keys, commanded.factors, strict=True)], rows)
+        if commanded
+        else np.zeros((rows, 0)),
         joint_names=tuple(joint.name for joint in single),
-        command_kind="position" if kind == "command" else "torque",
+        command_kind=commanded.kind if commanded else "position",
         episode=np.repeat(np.arange(len(lengths)), lengths),
-        actuator_names=names,
+        actuator_names=commanded.names if commanded else (),
         base=poses[0] if poses else None,
         **gains,
     )  # fmt: skip
@@ -98,18 +86,6 @@ def positions(episodes: Sequence[Episode], dt: float, scene: Scene, gains: Mappi
 
 def _columns(columns: Sequence[np.ndarray], rows: int) -> np.ndarray:
     return np.column_stack(columns) if columns else np.zeros((rows, 0))
-
-
-def _wanted(keys: set[Key], scene: Scene) -> str:
-    names = [joint.name for joint in joints_of(scene)[0]]
-    lacks = next((name for name in names if (name, "command") not in keys and (name, "torque") not in keys), names[0])
-    return f"map a column to {lacks}.command or {lacks}.torque by --map COLUMN={lacks}.command"
-
-
-def _actuators(scene: Scene, joints: Sequence[str]) -> tuple[str, ...]:
-    dofs = {joint.name: joint.vadr for joint in joints_of(scene)[0]}
-    lines = scene.core.act_line.tolist()
-    return tuple(scene.actuator_names[lines.index(dofs[name])] for name in joints)
 
 
 def transitions(

@@ -117,7 +117,7 @@ def to_grid(
             counts.short += len(times)
             continue
         counts.samples += len(times)
-        episodes.append({key: _read(one, times) for key, one in series.items()})
+        episodes.append({key: _read(one, times, dt) for key, one in series.items()})
     return episodes
 
 
@@ -126,18 +126,28 @@ def _times(own: np.ndarray, first: float, final: float, dt: float, counts: Count
     inside = own[(own >= first - 1e-9) & (own <= final + 1e-9)]
     if len(inside) and np.abs(inside - inside[0] - dt * np.arange(len(inside))).max() < REGULAR * dt:
         return inside
+    first += dt * _phase((inside - first) / dt)
     times = first + dt * np.arange(int((final - first) / dt + 1e-6) + 1)
     at = np.clip(np.searchsorted(own, times), 1, len(own) - 1)
     away = np.minimum(np.abs(own[at] - times), np.abs(times - own[at - 1]))
     counts.resampled += int((away > REGULAR * dt).sum())
-    counts.lost += int((away > 0.5 * dt + 1e-9).sum())
+    counts.lost += max(0, int((np.round(np.diff(inside) / dt) - 1.0).sum()))  # jitter cancels
     return times
 
 
-def _read(one: Series, times: np.ndarray) -> np.ndarray:
-    """The series (T, k) at ``times``."""
+def _phase(steps: np.ndarray) -> float:
+    """Where in a step, 0 to 1, samples at ``steps`` (T,) lie: a grid between them would blur every position."""
+    phase = float(np.angle(np.exp(2j * np.pi * steps).sum()) / (2.0 * np.pi)) % 1.0 if len(steps) else 0.0
+    return phase if phase < 1.0 - REGULAR else 0.0
+
+
+def _read(one: Series, times: np.ndarray, dt: float) -> np.ndarray:
+    """The series (T, k) at ``times``; of what is held, the value that holds for most of the step ``dt`` [s] after each.
+
+    Stamps jitter: a command that is stamped a little after its row would else come a whole step late.
+    """
     if one.kind == "held":
-        return one.values[np.maximum(np.searchsorted(one.time, times + 1e-9, side="right") - 1, 0)]
+        return one.values[np.maximum(np.searchsorted(one.time, times + 0.5 * dt, side="right") - 1, 0)]
     if one.kind == "line":
         return np.column_stack([np.interp(times, one.time, column) for column in one.values.T])
     at = np.clip(np.searchsorted(one.time, times), 1, len(one.time) - 1)

@@ -38,7 +38,10 @@ WORDS = {
     },
     "velocity": {"velocity", "velocities", "vel", "qd", "dq", "qdot", "qvel", "speed", "rate"},
     "control": {"control", "ctrl", "u"},
-    "position": {"position", "positions", "pos", "q", "angle", "angles", "qpos", "measured", "encoder", "dof"},
+    "position": {
+        "position", "positions", "pos", "q", "angle", "angles", "qpos", "measured", "meas", "encoder", "enc", "dof",
+        "actual", "feedback", "fb", "present", "theta",
+    },
 }  # fmt: skip
 PLAIN = {"joint", "joints", "state", "states", "observation", "observations", "motor", "robot", "data", "logs", ""}
 OTHER = {
@@ -48,6 +51,7 @@ OTHER = {
 NAMED = {"deg": math.pi / 180, "degrees": math.pi / 180, "rad": 1.0, "rpm": math.pi / 30, "mm": 1e-3}  #: units in names
 SPEEDS = {"rpm"}  #: those that are of a velocity
 TIMES = {"time", "t", "timestamp", "timestamps", "times", "stamp"}
+CLOCKS = {"%time": 1e-9, "__time": 1.0}  #: of ``rostopic echo -p`` and of PlotJuggler
 EPISODES = {"episode", "episode_index", "episode_id", "trial", "toss", "trajectory"}
 
 
@@ -179,7 +183,9 @@ class _Guesser:
         name = column.lower()
         if name in EPISODES:
             return Target("", "episode")
-        stem, _, unit = name.rpartition("_")
+        if name in CLOCKS:
+            return Target("", "time", CLOCKS[name])
+        stem, _, unit = re.sub(r"[ _]*[\[(](\w+)[\])]$", r"_\1", name).rpartition("_")
         if name in TIMES or (stem in TIMES and unit in UNITS["time"]):
             return Target("", "time", UNITS["time"].get(unit, 1.0))
         hit = self.pattern.search(name) if self.pattern else None
@@ -194,11 +200,10 @@ class _Guesser:
             if words - PLAIN - set(NAMED):
                 return None
             quantity = "velocity" if words & SPEEDS else "control" if actuator else "position"
-        if quantity == "control":
-            control = owner if owner in self.actuators else None
-            return Target(control, quantity) if control else None
         joint = next((one for one in self.single if one.name == owner), None)
-        if joint is None:  # of an actuator with a name of its own
+        if quantity == "control" or (joint is None and quantity == "command"):  # of an actuator with a name of its own
+            return Target(owner, "control") if owner in self.actuators else None
+        if joint is None:
             return None
         factor = self.angle if joint.hinge and quantity != "torque" else 1.0
         return Target(joint.name, quantity, next((NAMED[word] for word in words & set(NAMED)), factor))

@@ -46,7 +46,10 @@ def of_positions(log: PositionLog, scene: Scene) -> Iterator[Finding]:
 
 
 def between_links(q: np.ndarray, scene: Scene) -> Iterator[Finding]:
-    """A warning for each pair of geoms that overlap by 2 mm in all of some poses of ``q`` (N, nq) and move there."""
+    """A warning for each two links whose shapes overlap by 2 mm in all of some poses of ``q`` (N, nq), and move.
+
+    It names the shapes that are in each other the most.
+    """
     planes = (ContactKind.POINT_PLANE, ContactKind.RIM_PLANE)
     if not len(q) or np.isin(scene.core.con_type, planes).all():
         return
@@ -54,10 +57,13 @@ def between_links(q: np.ndarray, scene: Scene) -> Iterator[Finding]:
     if model is None or model.nq != scene.nq:
         return
     known = {frozenset(name.split(" - ")) for name in scene.contact_names}
-    for (a, b), depth in _always(model, q[:: -(-len(q) // _POSES)]).items():
+    told: set[frozenset[str]] = set()
+    always = _always(model, q[:: -(-len(q) // _POSES)])
+    for (a, b), depth in sorted(always.items(), key=lambda item: -item[1]):
         names = [name_of(model, "geom", geom) for geom in (a, b)]
-        if frozenset(names) in known:
-            bodies = [model.body(model.geom_bodyid[geom]).name for geom in (a, b)]
+        bodies = [model.body(model.geom_bodyid[geom]).name for geom in (a, b)]
+        if frozenset(names) in known and frozenset(bodies) not in told:
+            told.add(frozenset(bodies))
             yield Finding(
                 f"{names[0]} and {names[1]} are {1e3 * depth:.2g} mm in each other in every pose of the log, and move: "
                 "their contact holds in simulation what the robot does not hold; leave it out by <contact><exclude "

@@ -1,0 +1,76 @@
+"""Commands that an import finds: of tendons, and of motors that got targets, whose gains are told joint by joint."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cmbrl.cli.main import main
+from cmbrl.data.importing import import_logs
+from cmbrl.data.position_log import PositionLog
+from cmbrl.scene import Scene
+
+
+def _link(place: int, joint: str) -> str:
+    turn = f'<joint name="{joint}" axis="0 1 0" range="-2 2"/>'
+    return f'<body pos="{place} 0 0">{turn}<geom size=".1" pos="0 0 -1"/></body>'
+
+
+def test_commands_of_actuators_that_pull_tendons_make_a_position_log(tmp_path: Path) -> None:
+    file = tmp_path / "finger.xml"
+    file.write_text(
+        f"<mujoco><worldbody>{_link(0, 'knuckle')}{_link(1, 'wrist')}</worldbody>"
+        '<tendon><fixed name="cord"><joint joint="knuckle" coef="2"/></fixed></tendon><actuator>'
+        '<position name="pull" tendon="cord" kp="5"/><position name="turn" joint="wrist" kp="5"/></actuator></mujoco>'
+    )
+    t = 0.01 * np.arange(40.0)
+    columns = {"t": t, "wrist_pos": np.sin(9 * t), "knuckle_pos": t, "wrist_cmd": 2 * t, "pull_cmd": 3 * t}
+    np.savez(tmp_path / "log.npz", **columns)
+    log = import_logs([tmp_path / "log.npz"], Scene.from_mjcf(file)).log
+    assert isinstance(log, PositionLog)
+    assert log.command_names == ("pull", "turn")
+    np.testing.assert_allclose(log.command, np.column_stack([3 * t, 2 * t]))
+
+
+def test_gains_by_joint_over_a_file_of_motors_and_servos(tmp_path: Path) -> None:
+    file = tmp_path / "arm.xml"
+    file.write_text(
+        f"<mujoco><worldbody>{_link(0, 'lift')}{_link(1, 'turn')}{_link(2, 'grip')}</worldbody>"
+        '<actuator><motor name="a" joint="lift"/><motor name="b" joint="turn"/><position name="c" joint="grip" kp="9" '
+        'kv=".5" gear="2"/></actuator></mujoco>'
+    )
+    t = 0.01 * np.arange(40.0)
+    columns = {f"{joint}_{what}": np.sin(t) for joint in ("lift", "turn", "grip") for what in ("pos", "cmd")}
+    np.savez(tmp_path / "log.npz", t=t, **columns)
+    command = ["import", str(tmp_path / "log.npz"), "--scene", str(file), "--out", str(tmp_path / "out.npz")]
+    assert main([*command, "--kp", "lift=40", "--kp", "turn=30", "--kd", "lift=2"]) == 0
+    log = PositionLog.load(tmp_path / "out.npz")
+    np.testing.assert_allclose(log.kp, [40.0, 30.0, 36.0])
+    np.testing.assert_allclose(log.kd, [2.0, 0.0, 2.0])
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ([], "'lift' .* is a motor, which takes a torque; give the gains"),
+        (["--kp", "turn=3"], "no kp for 'lift', which is a motor in the file: give --kp lift=X"),
+        (["--kp", "lifd=3"], "no command of 'lifd' in the log: did you mean 'lift'"),
+        (["--kp", "lift=soft"], "--kp: 'soft' is not a finite number"),
+    ],
+)
+def test_gains_that_lack(options: list[str], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "arm.xml"
+    file.write_text(
+        f"<mujoco><worldbody>{_link(0, 'lift')}{_link(1, 'turn')}</worldbody>"
+        '<actuator><motor name="lift" joint="lift"/><motor name="turn" joint="turn"/></actuator></mujoco>'
+    )
+    t = 0.01 * np.arange(40.0)
+    columns = {f"{joint}_{what}": np.sin(t) for joint in ("lift", "turn") for what in ("pos", "cmd")}
+    np.savez(tmp_path / "log.npz", t=t, **columns)
+    out = tmp_path / "out.npz"
+    assert main(["import", str(tmp_path / "log.npz"), "--scene", str(file), "--out", str(out), *options]) == 2
+    assert re.search(told, capsys.readouterr().err)
+    assert not out.exists()
