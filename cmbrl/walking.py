@@ -34,7 +34,6 @@ UPRIGHT, HEIGHT, BOUNCE, TURN = 0.5, 5.0, 0.05, 0.3  # weights; TURN: m/s per ra
 EFFORT, SMOOTH = 0.02, 2e-4  # weights, of squared actions and of squared changes of joints' speeds
 SLOWEST = 0.5  # m/s: errors of slower wanted speeds count as in units of this
 NOISE = 0.1  # of a start: rad, m/s, rad/s
-BOTH_LAWS = {name: {"other_law": 0.5} for name in ("shac", "fopg")}  # no one knows how the feet of a robot slide
 TERMS = ("reward_speed", "reward_upright", "reward_height", "reward_bounce", "reward_effort", "reward_smooth")
 
 
@@ -88,11 +87,8 @@ def walking_task(
         control_dt: of an action [s], a multiple of the file's step.
         substeps: the model's physics steps in it.
         change: as for :class:`cmbrl.system.MujocoSystem`.
-        settings: the rest of the task. Policies train in half of their episodes under the model's other law of sliding:
-            one that leans on a single law may fall in the robot. ``training`` adds to that, or changes it.
+        settings: the rest of the task.
     """
-    trained = settings.pop("training", {})
-    training = {name: {**BOTH_LAWS.get(name, {}), **trained.get(name, {})} for name in (BOTH_LAWS | trained)}
 
     @cache  # made when it is needed first: it loads the scene
     def mdp() -> MDP:
@@ -118,7 +114,7 @@ def walking_task(
     task = Task(  # the process needs its scene
         name=name, description=description, scene=walker.scene, drives=walker.drives, control_dt=control_dt,
         substeps=substeps, time_step=control_dt / substeps, behaviours=("random",), recorder=record, mdp=mdp,
-        system=system, training=training, **settings,
+        system=system, **settings,
     )  # fmt: skip
     return task
 

@@ -12,7 +12,6 @@ import torch
 from cmbrl import Scene, UserError
 from cmbrl.cli import main
 from cmbrl.scene.drives import Drive
-from cmbrl.train.recipe import configure
 from cmbrl.walking import Walker, Walking, walking_task
 
 LEG = """
@@ -182,11 +181,3 @@ def test_from_a_file_that_defines_a_task_to_a_policy_in_mujoco(tmp_path, monkeyp
     told = json.loads(capsys.readouterr().out)
     assert told["task"] == str(tmp_path / "dog.py")
     assert main(["record", str(tmp_path / "dog.py"), "--steps", "20", "--out", str(tmp_path / "log.npz")]) == 0
-
-
-def test_policies_train_under_both_laws_of_sliding_unless_told_otherwise(tmp_path):
-    walker = Walker(scene=tmp_path / "dog.xml", posture=POSTURE)
-    walker.scene.write_text(robot())
-    task = walking_task("dog", "walks", walker, training={"shac": {"actor_rate": 1e-3}, "fopg": {"other_law": 0.25}})
-    shac, loop, fopg = (configure(name, task) for name in ("shac", "loop", "fopg"))
-    assert (shac.other_law, shac.actor_rate, loop.other_law, fopg.other_law) == (0.5, 1e-3, 0.5, 0.25)

@@ -84,7 +84,7 @@ def foretold(shares: Mapping[str, float]) -> str:
         remedy = "train from another --seed, or fit another log (cmbrl excite)"
         return f"{told}: it will probably fail in the robot, {remedy}"
     if not stands(shares):
-        remedy = "train with --set other_law=0.5, or from another --seed"
+        remedy = "train with --set other_law=0.5 (the usual share), or from another --seed"
         return f"{told}: it leans on the model's law of sliding and may fail in the robot, {remedy}"
     return told
 

@@ -77,6 +77,13 @@ def test_bundled_tasks_have_the_settings_that_they_were_tuned_with() -> None:
     }  # fmt: skip
 
 
+def test_policies_meet_both_laws_of_sliding_but_for_motions_which_were_trained_under_one() -> None:
+    for name in ("hopper", "cheetah", "ant"):
+        assert [configure(a, load_task(name)).other_law for a in ("shac", "loop", "fopg")] == [0.5] * 3
+    assert configure("shac", load_task("hopper"), {"other_law": 0.25}).other_law == 0.25
+    assert configure("shac", load_task("g1")).other_law == 0.0
+
+
 def test_the_name_of_a_task_does_not_matter() -> None:
     """A copy of the half-cheetah under another name trains bit for bit like it, and needs its settings for that."""
     task = load_task("cheetah")
