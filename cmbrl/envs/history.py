@@ -43,12 +43,13 @@ def observed(mdp: MDP, model: object, count: int | None = None) -> MDP:
 
 
 def commands(mdp: MDP, model: object) -> dict[str, Any]:
-    """For reports: delay and lag [s] of the commands in ``model``, and the last actions that a policy observes."""
+    """For reports: delay and lag [s] of the commands in ``model``, and the last actions that a policy observes.
+
+    Empty where there is neither, as where encoders have biases alone.
+    """
     wiring = wiring_of(model)
-    if wiring is None and not mdp.last_actions:
-        return {}
-    late = {"delay": 0.0, "lag": 0.0} if wiring is None else {"delay": wiring.delay, "lag": wiring.lag}
-    return {**late, "last_actions": mdp.last_actions}
+    delay, lag = (0.0, 0.0) if wiring is None else (wiring.delay, wiring.lag)
+    return {"delay": delay, "lag": lag, "last_actions": mdp.last_actions} if delay or lag or mdp.last_actions else {}
 
 
 class _History:

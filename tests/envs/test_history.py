@@ -1,10 +1,12 @@
 """Observations that end with the last actions: what they show, and that nothing else of the process changes."""
 
+from types import SimpleNamespace
+
 import torch
 from torch import Tensor
 
 from cmbrl.envs.evaluation import evaluate_model, evaluate_real
-from cmbrl.envs.history import actions_in_flight, with_last_actions
+from cmbrl.envs.history import actions_in_flight, commands, with_last_actions
 from cmbrl.envs.recording import Recording
 from cmbrl.envs.simulation import Simulation
 from cmbrl.mdp import MDP, Total, never
@@ -96,3 +98,12 @@ def test_a_recording_goes_on_in_a_new_episode_of_the_robot_s_own_coordinates() -
 
 def test_how_many_actions_say_something() -> None:
     assert [actions_in_flight(late, 0.01) for late in (0.0, 0.004, 0.01, 0.0101, 0.03, 99.0)] == [0, 1, 1, 2, 3, 100]
+
+
+def test_reports_tell_of_commands_only_where_they_are_late() -> None:
+    def model(**late: float) -> SimpleNamespace:
+        return SimpleNamespace(wiring=SimpleNamespace(**({"delay": 0.0, "lag": 0.0} | late)))
+
+    assert commands(process(), model()) == {}  # encoders with a bias
+    assert commands(process(), model(lag=0.02)) == {"delay": 0.0, "lag": 0.02, "last_actions": 0}
+    assert commands(with_last_actions(process(), COUNT), Cart()) == {"delay": 0.0, "lag": 0.0, "last_actions": COUNT}
