@@ -77,7 +77,8 @@ def test_the_errors_are_those_of_the_table_of_errors(tmp_path: Path) -> None:
 
 def test_the_first_line_of_a_fit_tells_of_a_loss_in_rmse(carts) -> None:
     data = carts.record(carts.truth(2, gear_1=0.7, tilt=0.4), episodes=8, steps=40, noise=1e-3)
-    report = dict(cmbrl.fit(carts.model(2), data, budget=QUICK).report)
+    result = cmbrl.fit(carts.model(2), data, budget=QUICK)
+    report = dict(result.report)
     assert "times better" in verdict(report)
     far = report["horizons"][-1]["rmse"]
     assert f", over 20 of {far['fitted']:.3g} instead of {far['nominal']:.3g})" in verdict(report)
@@ -90,7 +91,7 @@ def test_the_first_line_of_a_fit_tells_of_a_loss_in_rmse(carts) -> None:
     )
     worse = [{**row, "rmse": {**row["rmse"], "fitted": 2.0 * row["rmse"]["nominal"]}} for row in report["horizons"]]
     assert "DO NOT TRUST" in verdict({**report, "horizons": worse}).split(".")[0]
-    assert "fitted, rmse" in render({}, report)
+    assert "fitted, rmse" in render(result.parameters, report)
 
 
 def test_a_file_that_is_right_stays_as_it_is(tmp_path: Path) -> None:
