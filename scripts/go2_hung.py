@@ -1,8 +1,8 @@
 """A Unitree Go2 that is fitted while it hangs and then walks: a task file whose real system is MuJoCo with other legs.
 
-export GO2=FOLDER/unitree_go2/robot.xml                      # of MuJoCo Menagerie, with a floor; its actuators are motors
-cmbrl convert $GO2 hung.xml --hold joint0                    # the same robot, held by its trunk
-python scripts/go2_hung.py hung.xml log.npz                  # 20 s of its encoders, by targets at 250 Hz
+export GO2=FOLDER/unitree_go2/robot.xml                # of MuJoCo Menagerie, with a floor; its actuators are motors
+cmbrl convert $GO2 hung.xml --hold joint0              # the same robot, held by its trunk
+python scripts/go2_hung.py hung.xml log.npz            # 20 s of its encoders, by targets at 250 Hz
 cmbrl fit hung.xml --data log.npz --out fit
 cmbrl train scripts/go2_hung.py --algorithm shac --model fit --iterations 400 --out run      # or --model nominal
 cmbrl evaluate run --real --episodes 5
