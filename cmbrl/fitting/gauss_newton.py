@@ -3,6 +3,9 @@
 Each iteration solves ``(H + lambda diag H) dz = -g`` with H = J^T W J + s I from the implicit derivatives of the step
 and the Huber weights W, for several lambda at once. All trial points are one batch of candidates; the best is
 kept (Marquardt, J. SIAM 11, 1963; iteratively reweighted: Holland and Welsch, 1977).
+
+Where contacts make a window chaotic, none of them may lower J. Then shorter steps are tried along the same equations:
+one iteration without an episode has to forget that episode, or what is held out has been seen.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ from cmbrl.fitting.state import Journal
 _TRIALS = 10.0 ** np.arange(
     -1.0, 3.0
 )  # multiples of lambda tried in one batch, as many as a pack of the core has lanes
+_SHORTER = 10.0 ** np.arange(0.0, 9.0, 4.0)  # multiples of those, one batch after another until one lowers J
 _LAMBDA_RANGE = (1e-8, 1e8)
 _DECREASE = 1e-4  # relative; a smaller decrease ends the search if damping is small, or the second time
 
@@ -40,30 +44,28 @@ def gauss_newton(
     for _ in range(iterations):
         journal.check_time()
         equations = objective.normal_equations(z)
-        points = np.stack(
-            [
-                damped_step(objective.space, objective.active, z, equations.gradient, equations.hessian, damping * m)
-                for m in _TRIALS
-            ]
-        )
-        if not np.isfinite(points).all():
-            raise NotFinite(NOT_FINITE)
-        offsets = objective.followed(equations, points - z)
-        values = objective.values(points, offsets)
-        candidates += len(points)
-        winner = int(values.argmin())
-        fall = value - values[winner]
-        if fall > 0.0:
-            z, value = points[winner], float(values[winner])
-            objective = objective if offsets is None else objective.starting(offsets[winner])
-            keep(z)
-            damping = damping * _TRIALS[winner]
-        else:
-            damping = damping * _TRIALS[-1]
-        damping = float(np.clip(damping, *_LAMBDA_RANGE))
+        for shorter in _SHORTER:
+            steps = damping * shorter * _TRIALS
+            system = (objective.space, objective.active, z, equations.gradient, equations.hessian)
+            points = np.stack([damped_step(*system, x) for x in steps])
+            if not np.isfinite(points).all():
+                raise NotFinite(NOT_FINITE)
+            offsets = objective.followed(equations, points - z)
+            values = objective.values(points, offsets)
+            candidates += len(points)
+            winner = int(values.argmin())
+            fall = value - values[winner]
+            if fall > 0.0:
+                break
+        if not fall > 0.0:
+            break
+        z, value = points[winner], float(values[winner])
+        objective = objective if offsets is None else objective.starting(offsets[winner])
+        keep(z)
+        damping = float(np.clip(steps[winner], *_LAMBDA_RANGE))
         course.append((candidates, value))
         idle = idle + 1 if fall <= decrease * value else 0
-        if idle == 2 or (idle == 1 and fall > 0.0 and damping < 1.0):
+        if idle == 2 or (idle == 1 and damping < 1.0):
             break
     return Search(z, value, candidates, tuple(course))
 

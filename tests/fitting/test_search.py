@@ -55,6 +55,22 @@ def test_gauss_newton_stops_at_a_bound_and_fits_the_rest(carts):
     assert abs(objective.normal_equations(found.z).gradient[3]) < 1e-3  # the rest is at its optimum given the bound
 
 
+class Chaotic(Objective):
+    """Far from its start, motion is another one."""
+
+    def values(self, z, offset=None):
+        return super().values(z, offset) + 1e3 * (np.abs(z).max(axis=1) > 1e-3)
+
+
+def test_one_iteration_leaves_its_start_where_only_short_steps_help(carts):
+    plain = _objective(carts)
+    objective = Chaotic(plain.loss, plain.space, plain.active, plain.strength)
+    start = np.zeros(len(objective.space))
+    found = gauss_newton(objective, start, 1, Journal(None, ""))
+    assert 0.0 < np.abs(found.z).max() <= 1e-3
+    assert found.value < objective.values(start[None])[0]
+
+
 def test_candidate_depends_on_seed_round_and_index_only(carts):
     objective = _objective(carts)
     moving = np.flatnonzero(objective.active)
