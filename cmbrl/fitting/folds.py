@@ -15,13 +15,14 @@ from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
 from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.loss import Errors, PredictionLoss
-from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.objective import SOLVER_VARIANCE, Objective
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
 from cmbrl.models.windows import blocks_of
 
 NOISE_FACTOR, LEAST_GAIN = 2.0, 0.01  #: a fall of the held-out loss counts above so many times its noise and this share
 _DECREASE = 1e-3  # of the objective by an iteration; less tells nothing of what is held out
+_SOLVED = 0.5 * SOLVER_VARIANCE  # a loss that the solver's accuracy leaves
 _LEAST_BLOCKS = 6  # fewer episodes are cut into this many runs of consecutive starts
 
 
@@ -167,12 +168,14 @@ def paired_gain(before: np.ndarray, after: np.ndarray, blocks: np.ndarray) -> tu
 def typical_rise(before: np.ndarray, after: np.ndarray, blocks: np.ndarray) -> tuple[float, float]:
     """Mean logarithm of how many times larger the loss ``after`` is than ``before``, by block, and its standard error.
 
-    A single block that no fit predicts well (an impact, a pose that the others do not have) rules a mean of losses, and
-    its chance hides what all the others say. Here each block counts alike.
+    A single start that no fit predicts well (an impact, a foot that just slips, a pose that the others do not have)
+    rules a mean of losses, of all the log or of its block, and its chance hides what all the others say. Here each
+    start counts alike in its block, and each block alike. What the solver's accuracy leaves tells nothing.
     """
-    was, now = (np.bincount(blocks, weights=loss) for loss in (before, after))
-    told = (was > 0.0) & (now > 0.0) & np.isfinite(was) & np.isfinite(now)
-    if told.sum() < 2:
+    told = np.isfinite(before) & np.isfinite(after)
+    places, block = np.unique(blocks[told], return_inverse=True)
+    if len(places) < 2:
         return 0.0, np.inf
-    ratio = np.log(now[told] / was[told])
-    return float(ratio.mean()), float(ratio.std(ddof=1) / np.sqrt(len(ratio)))
+    ratio = np.log((after[told] + _SOLVED) / (before[told] + _SOLVED))
+    mean = np.bincount(block, weights=ratio) / np.bincount(block)
+    return float(mean.mean()), float(mean.std(ddof=1) / np.sqrt(len(mean)))

@@ -84,3 +84,20 @@ def test_one_block_that_nothing_predicts_does_not_hide_what_the_others_say() -> 
     assert typical > NOISE_FACTOR * error
     assert typical_rise(kept, kept, blocks) == (0.0, 0.0)
     assert typical_rise(kept[:10], without[:10], blocks[:10])[1] == np.inf
+
+
+def test_starts_that_nothing_predicts_do_not_speak_for_their_blocks() -> None:
+    """Eight blocks with and without a delay that is there; in every other one a foot slips, by chance."""
+    blocks = np.repeat(np.arange(8), 6)
+    kept = np.full(48, 4e-3)
+    without = 1.2 * kept
+    kept[5::12], without[5::12] = 0.09, [0.06, 0.11, 0.07, 0.08]
+    rise, noise = paired_gain(without, kept, blocks)
+    assert rise < NOISE_FACTOR * noise  # the mean does not tell
+    typical, error = typical_rise(kept, without, blocks)
+    assert typical > 2 * NOISE_FACTOR * error
+
+
+def test_what_the_solver_leaves_is_no_rise() -> None:
+    blocks, still = np.arange(8), np.full(8, 1e-14)
+    assert typical_rise(still, 100.0 * still, blocks)[0] < 1e-3
