@@ -5,11 +5,12 @@ large error hides shows beside the law that explains it: a law that gained nothi
 
 The prior is first weighed by the errors of the file. By the smaller ones that a fit leaves it weighs less, and dozens
 of parameters go on to explain what none of them causes. So its weight falls only where unseen seconds are predicted
-clearly better then.
+clearly better then. What is compared weighs it alike: a lesser weight is no gain of a law.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -29,8 +30,11 @@ _FORECAST = (ZERO, "friction_slope")  # act in proportion; to first order, dry f
 _SETTLING = 2  # times that a fit of everything goes on before laws are added to it
 
 
+@dataclass(frozen=True)
 class Extension(Trials):
     """Laws besides what a fit moves by default, and their confirmation beside all that came later."""
+
+    holds: bool = True
 
     def extend(self, incumbent: Incumbent, chosen: np.ndarray) -> None:
         """Moves all of ``chosen`` (n,), and those laws besides that held-out errors call for, the best one first."""
@@ -38,11 +42,10 @@ class Extension(Trials):
         before = self._unmoved(incumbent)
         self._tell(incumbent, "fitting all parameters")
         trial = self._trial("all", incumbent, chosen, incumbent.begin, none, before, self.budget.polish_iterations)
-        name = ALL
+        name, incumbent.least = ALL, trial.variance
         if (limited := self._limited(incumbent, chosen, trial)) is not None:
             name, trial = f"{ALL} + {drives.LIMIT}", limited
         before = self._accept("add", name, trial, incumbent)
-        incumbent.least = trial.variance
         laws = [law for law in (*drives.GROUPS, *LAWS) if law in self.space.groups]
         while True:
             before = self._settled(incumbent, before)
@@ -50,7 +53,7 @@ class Extension(Trials):
             incumbent.z, incumbent.active = np.where(idle, 0.0, incumbent.z), incumbent.active & ~idle
             hopeful = self._hopeful(incumbent, laws, before)
             trials = {law: self._law(incumbent, law, before) for law in hopeful}
-            found = {law: t for law, t in trials.items() if t is not None and t.counts(before.mean)}
+            found = {law: t for law, t in trials.items() if t is not None and self._helps(t, before)}
             if not found:
                 return
             best = max(found, key=lambda law: found[law].gain)
@@ -74,6 +77,12 @@ class Extension(Trials):
         if not needed and without.costs_nothing(kept.errors.mean, kept.score, kept.strain):
             self._accept("remove", " + ".join(groups), without, incumbent)
 
+    def _helps(self, trial: Trial, before: Errors) -> bool:
+        """Whether a law lowers the mean of all or the errors in the typical part of the log, and these do not rise."""
+        falls = trial.counts(before.mean) or self._typically_worse(trial.errors, before)
+        explodes = not np.isfinite(trial.gain)
+        return falls and not explodes and not self._typically_worse(before, trial.errors)
+
     def _typically_worse(self, one: Errors, other: Errors) -> bool:
         """Whether most of the log is predicted clearly worse with the ``other`` errors."""
         rise, noise = typical_rise(one.loss, other.loss, self.folds.blocks())
@@ -93,7 +102,7 @@ class Extension(Trials):
             return None
         none, iterations = np.zeros_like(chosen), self.budget.polish_iterations
         trial = self._trial("all limited", incumbent, chosen | helps, begun, none, plain.errors, iterations)
-        return trial if trial.counts(plain.errors.mean) else None
+        return trial if self._helps(trial, plain.errors) else None
 
     def _ahead(
         self, incumbent: Incumbent, active: np.ndarray, start: np.ndarray, rival: np.ndarray

@@ -123,6 +123,43 @@ def test_a_law_that_shows_only_beside_another_is_tried_again(setup, monkeypatch)
     assert [step["group"] for step in incumbent.path][1:] == ["tilt", "gear"]
 
 
+@pytest.mark.parametrize(
+    ("chance", "factor", "helps"), [(0.1, 1.0, True), (0.1, 1.2, False), (1.1, 0.5, True), (1.1, 1.0, False)]
+)
+def test_a_start_of_chance_does_not_say_what_a_law_does_to_the_rest(setup, chance, factor, helps):
+    """One start, which rules the mean, is predicted ``chance`` times as badly with the law, all others ``factor``."""
+    space, loss, folds = setup
+    extension = Extension(space, loss, folds, [], 0, Budget(), Journal(None, ""))
+    calm = np.full(len(folds.blocks()), 1e-3)
+    first = np.arange(len(calm)) == 0
+    before, after = (
+        Errors(np.where(first, x, y), calm, 0, 1.0) for x, y in ((10.0, calm), (10.0 * chance, factor * calm))
+    )
+    trial = Trial(np.zeros(2), np.ones(2, dtype=bool), after, before.mean - after.mean, 0.0, 0.0, 0.0, 0.0)
+    assert trial.counts(before.mean) == (chance < 1.0)
+    assert extension._helps(trial, before) == helps
+
+
+def test_what_is_compared_weighs_the_prior_alike(setup, monkeypatch):
+    """Fits without a fold, which come first, as the fit of all does; those with a law as the one without."""
+    space, loss, folds = setup
+    extension = Extension(space, loss, folds, [], 0, Budget(), Journal(None, ""))
+    weights, limited, refit = [], [], Folds.refit
+
+    def refitted(self, *args):
+        weights.append(args[-1])
+        return refit(self, *args)
+
+    monkeypatch.setattr(Folds, "refit", refitted)
+    monkeypatch.setattr(Extension, "_limited", lambda _, incumbent, *__: limited.append(incumbent.least))
+    monkeypatch.setattr(Extension, "_settled", lambda _, incumbent, before: before)
+    monkeypatch.setattr(Extension, "_hopeful", lambda *_: [])
+    incumbent = Incumbent(np.zeros(len(space)), np.zeros(len(space), dtype=bool))
+    extension.extend(incumbent, space.columns(["mass"]))
+    assert weights == limited == [incumbent.least]
+    assert incumbent.least > 0.0
+
+
 def test_a_trial_in_which_motion_explodes_says_nothing_for_itself(setup):
     space, loss, folds = setup
     extension = Extension(space, loss, folds, [], 0, Budget(), Journal(None, ""))
@@ -133,3 +170,4 @@ def test_a_trial_in_which_motion_explodes_says_nothing_for_itself(setup):
     assert np.isnan(trial.errors.loss).any()
     assert not trial.counts(before.mean)
     assert not trial.costs_nothing(before.mean, np.inf, np.inf)
+    assert not extension._helps(trial, before)
