@@ -19,13 +19,17 @@ def _link(place: int, joint: str) -> str:
     return f'<body pos="{place} 0 0">{turn}<geom size=".1" pos="0 0 -1"/></body>'
 
 
+def _robot(folder: Path, joints: tuple[str, ...], rest: str) -> Path:
+    file = folder / "robot.xml"
+    links = "".join(_link(place, joint) for place, joint in enumerate(joints))
+    file.write_text(f"<mujoco><worldbody>{links}</worldbody>{rest}</mujoco>")
+    return file
+
+
 def test_commands_of_actuators_that_pull_tendons_make_a_position_log(tmp_path: Path) -> None:
-    file = tmp_path / "finger.xml"
-    file.write_text(
-        f"<mujoco><worldbody>{_link(0, 'knuckle')}{_link(1, 'wrist')}</worldbody>"
-        '<tendon><fixed name="cord"><joint joint="knuckle" coef="2"/></fixed></tendon><actuator>'
-        '<position name="pull" tendon="cord" kp="5"/><position name="turn" joint="wrist" kp="5"/></actuator></mujoco>'
-    )
+    tendon = '<tendon><fixed name="cord"><joint joint="knuckle" coef="2"/></fixed></tendon>'
+    servos = '<position name="pull" tendon="cord" kp="5"/><position name="turn" joint="wrist" kp="5"/>'
+    file = _robot(tmp_path, ("knuckle", "wrist"), f"{tendon}<actuator>{servos}</actuator>")
     t = 0.01 * np.arange(40.0)
     columns = {"t": t, "wrist_pos": np.sin(9 * t), "knuckle_pos": t, "wrist_cmd": 2 * t, "pull_cmd": 3 * t}
     np.savez(tmp_path / "log.npz", **columns)
@@ -36,12 +40,9 @@ def test_commands_of_actuators_that_pull_tendons_make_a_position_log(tmp_path: P
 
 
 def test_gains_by_joint_over_a_file_of_motors_and_servos(tmp_path: Path) -> None:
-    file = tmp_path / "arm.xml"
-    file.write_text(
-        f"<mujoco><worldbody>{_link(0, 'lift')}{_link(1, 'turn')}{_link(2, 'grip')}</worldbody>"
-        '<actuator><motor name="a" joint="lift"/><motor name="b" joint="turn"/><position name="c" joint="grip" kp="9" '
-        'kv=".5" gear="2"/></actuator></mujoco>'
-    )
+    motors = '<motor name="a" joint="lift"/><motor name="b" joint="turn"/>'
+    servo = '<position name="c" joint="grip" kp="9" kv=".5" gear="2"/>'
+    file = _robot(tmp_path, ("lift", "turn", "grip"), f"<actuator>{motors}{servo}</actuator>")
     t = 0.01 * np.arange(40.0)
     columns = {f"{joint}_{what}": np.sin(t) for joint in ("lift", "turn", "grip") for what in ("pos", "cmd")}
     np.savez(tmp_path / "log.npz", t=t, **columns)
