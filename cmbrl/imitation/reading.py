@@ -15,6 +15,7 @@ import numpy as np
 
 from cmbrl.data import npz
 from cmbrl.errors import UserError
+from cmbrl.imitation.flight import hanging
 from cmbrl.imitation.motion import Motion, check_finite
 from cmbrl.reading import regular_file
 from cmbrl.scene import Scene
@@ -26,7 +27,10 @@ _UNIT = 0.05  # a quaternion's length may be off by this
 
 
 def read_motion(path: str | Path, scene: Scene, dt: float) -> Motion:
-    """The motion in a file, at steps of ``dt`` [s]; raises UserError, which names the file, if it does not fit."""
+    """The motion in a file, at steps of ``dt`` [s]; warns of flights in which it hangs in the air.
+
+    Raises UserError, which names the file, if it does not fit.
+    """
     file = regular_file(path, "give the path of a motion (.csv or .npz)")
     if file.suffix == ".npz":
         q, rate = _npz(file, scene)
@@ -40,7 +44,10 @@ def read_motion(path: str | Path, scene: Scene, dt: float) -> Motion:
     if len(wrong):
         raise UserError(f"{file}: the quaternion of row {wrong[0] + 1} has length {length[wrong[0]]:.3g}, not 1")
     q[:, 3:ROOT] /= length[:, None]
-    return Motion.of_frames(scene, q, rate, dt, str(file))
+    motion = Motion.of_frames(scene, q, rate, dt, str(file))
+    if told := hanging(scene, q, rate):
+        warnings.warn(f"{file}: {told}", stacklevel=2)
+    return motion
 
 
 def _csv(file: Path, scene: Scene) -> Array:

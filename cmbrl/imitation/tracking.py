@@ -7,7 +7,6 @@ default posture, and the squared angle between two rotations is 2 (1 - cos), whi
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -16,6 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from cmbrl.imitation.flight import CLEAR, flying
 from cmbrl.imitation.joints import ROOT_Q, ROOT_V, check, reach, soft_limits
 from cmbrl.imitation.motion import Motion
 from cmbrl.imitation.robot import Robot
@@ -36,7 +36,6 @@ TERMS = {
 ACTION_RATE, LIMITS, SOFT = -0.1, -10.0, 0.9  # weights; limits count from this share of a joint's range
 TOO_HIGH, TOO_TILTED = 0.25, 0.8  # m, and difference of the cosine of the tilt
 EPISODE = 10.0  # s
-CLEAR = 0.02  # m, of every contact in flight
 PULL = 1.0  # weight of what draws the anchor back to its place in training, in units of its sigma
 # Half-widths of the noise on states at a reset: root position x, y, z, roll, pitch, yaw; joints; and their velocities.
 ROOT_NOISE, JOINT_NOISE = (0.05, 0.05, 0.01, 0.1, 0.1, 0.2), 0.1
@@ -76,8 +75,8 @@ class Tracking:
         names = scene.joint_names[1:]
         self.posture = torch.tensor([robot.posture.get(name, 0.0) for name in names], dtype=torch.float64)
         self.low, self.high = soft_limits(scene, SOFT)
-        low = scene.gaps(motion.q).min(axis=1, initial=math.inf)
-        self.flight = torch.from_numpy(low > CLEAR) if scene.core.ncontact else None  #: of the reference, by frame
+        flight = torch.from_numpy(flying(scene, motion.q))
+        self.flight = flight if scene.core.ncontact else None  #: of the reference, by frame
         self._seen: Any = None  # the last state asked for, whether with a graph, and its motion
 
     def training(self) -> MDP:

@@ -55,6 +55,16 @@ def body_poses(core: CoreArrays, q: Array) -> tuple[Array, Array]:
     return pos, rot
 
 
+def centre_of_mass(core: CoreArrays, q: Array) -> Array:
+    """The centre of mass (..., D) [m] of all bodies, by the masses of the file, at configurations q (..., nq)."""
+    layout, D = core.layout, core.layout.dimension
+    pos, rot = body_poses(core, q)
+    mass = np.array([core.P[layout.mass(b)] for b in range(core.nbody)])
+    com = np.array([core.P[layout.com(b) : layout.com(b) + D] for b in range(core.nbody)])
+    places = pos + np.einsum("...bij,bj->...bi", rot, com)
+    return np.einsum("...bi,b->...i", places, mass) / mass.sum()
+
+
 def _fixed_rotation(row: Array) -> Array:
     return np.array([[row[0], -row[1]], [row[1], row[0]]]) if len(row) == 2 else row.reshape(3, 3)
 

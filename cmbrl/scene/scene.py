@@ -192,6 +192,10 @@ class Scene:
         """Positions (..., nb, D) and rotations (..., nb, D, D) of the moving bodies in the world (or its plane)."""
         return kinematics.body_poses(self.core, self._rows(q, "q", self.nq))
 
+    def centre_of_mass(self, q: Array) -> Array:
+        """Of all bodies (..., D) [m], by the masses of the file, at configurations q (..., nq)."""
+        return kinematics.centre_of_mass(self.core, self._rows(q, "q", self.nq))
+
     @staticmethod
     def _rows(value: Array, name: str, width: int) -> Array:
         array = real_array(value, name)

@@ -37,7 +37,7 @@ def free_fall(q: np.ndarray, blocks: tuple[slice, ...], dt: float, scene: Scene)
         return
     starts = starts[np.unique(np.linspace(0, len(starts) - 1, MOST).astype(int))]
     rows = starts[:, None] + np.arange(WINDOW)
-    height = _centre(q[rows], scene) @ (g / strength)  # (windows, WINDOW), rising as it falls
+    height = scene.centre_of_mass(q[rows]) @ (g / strength)  # (windows, WINDOW), rising as it falls
     t = np.arange(WINDOW) - (WINDOW - 1) / 2
     basis = np.polynomial.legendre.legvander(t / t[-1], 2)
     fitted = np.linalg.lstsq(basis, height.T, rcond=None)[0]
@@ -81,13 +81,3 @@ def _flies(scene: Scene) -> bool:
     held = set(core.act_line.tolist()) | set(core.lim_line.tolist())
     forces = [core.P[scene.layout.dof(d, f)] for d in dofs for f in ("damping", "stiffness", "frictionloss")]
     return not held & set(dofs) and not any(forces) and not core.nwide
-
-
-def _centre(q: np.ndarray, scene: Scene) -> np.ndarray:
-    """The centre of mass (..., D) by the masses of the file."""
-    core, layout, D = scene.core, scene.layout, scene.layout.dimension
-    pos, rot = scene.body_poses(q)
-    mass = np.array([core.P[layout.mass(b)] for b in range(core.nbody)])
-    com = np.array([core.P[layout.com(b) : layout.com(b) + D] for b in range(core.nbody)])
-    places = pos + np.einsum("...bij,bj->...bi", rot, com)
-    return np.einsum("...bi,b->...i", places, mass) / mass.sum()

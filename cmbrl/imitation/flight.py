@@ -1,0 +1,46 @@
+"""Flights of a motion: frames without contact, and whether the centre of mass falls in them as gravity says.
+
+A person's motion that is scaled to a smaller robot, but not in time, hangs in the air: it stays up for longer than any
+robot that rises as high.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmbrl.scene import Scene
+from cmbrl.scene.records import Array
+
+CLEAR = 0.02  #: m, of every contact in flight
+LEAST = 5  #: frames between others of a flight; fewer tell nothing
+SLOW = 0.8  #: of gravity; a fall that is slower is told
+
+
+def flying(scene: Scene, q: Array) -> NDArray[np.bool_]:
+    """Which frames (F,) of q (F, nq) are in flight; never where the scene has no contacts."""
+    return scene.gaps(q).min(axis=1, initial=math.inf if scene.core.ncontact else 0.0) > CLEAR
+
+
+def hanging(scene: Scene, q: Array, rate: float) -> str | None:
+    """A line where the centre of mass falls too slowly in flights of q (F, nq) at ``rate`` frames a second; else None.
+
+    Of a parabola's flight the robot that rises as high keeps the share sqrt(fall / gravity).
+    """
+    gravity = float(np.linalg.norm(scene.gravity))
+    flight = flying(scene, q)
+    inside = flight[:-2] & flight[1:-1] & flight[2:]
+    if gravity == 0.0 or inside.sum() < LEAST:
+        return None
+    fallen = scene.centre_of_mass(q) @ (scene.gravity / gravity)
+    fall = float(np.diff(fallen, 2)[inside].mean()) * rate**2
+    if not 0.0 < fall < SLOW * gravity:
+        return None
+    kept = math.sqrt(fall / gravity)
+    return (
+        f"in {flight.sum() / rate:.2g} s of flight the centre of mass falls by {fall:.2g} m/s^2, not {gravity:.3g}: a "
+        f"robot that rises as high keeps at most {100 * kept:.0f} % of it. Played {1 / kept:.2g} times as fast (an npz "
+        f"with rate {rate / kept:.3g}) it falls as gravity says"
+    )
