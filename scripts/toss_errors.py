@@ -75,10 +75,7 @@ def first_rows(log: Transitions) -> np.ndarray:
 
 def windows_by_kind(scene: Scene, log: Transitions, starts: np.ndarray) -> dict[str, np.ndarray]:
     """Masks over the windows."""
-    weights = np.array([scene.core.P[scene.layout.mass(b)] for b in range(scene.core.nbody)])
-    places, turns = scene.body_poses(log.q)
-    local = np.array([scene.core.P[scene.layout.com(b) : scene.layout.com(b) + 3] for b in range(scene.core.nbody)])
-    centre = ((places + np.einsum("nbij,bj->nbi", turns, local)) * weights[:, None]).sum(axis=1) / weights.sum()
+    centre = scene.centre_of_mass(log.q)
     push = np.zeros(len(log))
     inside = np.flatnonzero(log.episode[2:] == log.episode[:-2]) + 1
     second = (centre[inside + 1] - 2.0 * centre[inside] + centre[inside - 1]) / log.dt**2
