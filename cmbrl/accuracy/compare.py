@@ -63,6 +63,7 @@ def compare(
         UserError: if data, scene and models do not belong together, or nothing changes in the log.
     """
     data.check(scene)
+    data = data.going_on(scene)
     for name, model in models.items():
         if abs(model.dt - data.dt) > TIME_STEP_TOLERANCE * data.dt:
             raise UserError(f"{name}: steps {model.dt:g} s, the log {data.dt:g} s; use the log's control step")

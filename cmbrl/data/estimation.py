@@ -23,6 +23,7 @@ def estimated(log: PositionLog, scene: Scene) -> Transitions:
     Raises UserError unless it is a log of all joints and actuators of ``scene``, with commands of their kind.
     """
     log.check(scene)
+    log = log.going_on(scene)
     places, driven = log.coordinates(scene), log.actuators(scene)
     position, control = np.empty((len(log), scene.nq)), np.empty((len(log), scene.nu))
     rate = np.empty((len(log), scene.nv))

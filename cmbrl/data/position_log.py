@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from cmbrl.data import checks, plausible
+from cmbrl.data import checks, plausible, turns
 from cmbrl.data.npz import read_arrays
 from cmbrl.data.splitting import row_numbers
 from cmbrl.data.ties import followers
@@ -167,6 +167,19 @@ class PositionLog:
                 "log it, or remove it from the file"
             )
         plausible.check_positions(self, scene)
+
+    def going_on(self, scene: Scene) -> PositionLog:
+        """The same log with whole turns added to the angles, and their targets, that begin again after one."""
+        position, command = self.position.copy(), self.command.copy()
+        endless, lines = turns.endless(scene), scene.core.act_line[self.actuators(scene)].tolist()
+        for k, place in enumerate(self.coordinates(scene).tolist()):
+            if place not in endless:
+                continue
+            position[:, k] = turns.going_on(position[:, k], self.episode)
+            if self.command_kind == "position" and place in lines and (position[:, k] != self.position[:, k]).any():
+                target = lines.index(place)
+                command[:, target] = turns.nearest(command[:, target], position[:, k])
+        return replace(self, position=position, command=command)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes ``NAME.npz``, completely or not at all; raises UserError for another suffix."""

@@ -71,6 +71,7 @@ def together(logs: Mapping[str, Log], scene: Scene, dt: float | None = None) -> 
         try:
             part = estimated(log, scene) if isinstance(log, PositionLog) else log
             part.check(scene, dt)
+            part = part.going_on(scene)
         except UserError as error:
             raise UserError(f"{name}: {error}" if len(logs) > 1 else str(error)) from None
         parts.append(part)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from cmbrl.data import checks, splitting
+from cmbrl.data import checks, splitting, turns
 from cmbrl.data.fields import ROWS, Fields
 from cmbrl.errors import UserError
 from cmbrl.numbers import names, shown
@@ -99,6 +99,14 @@ class Transitions:
     def normalised(self, scene: Scene) -> Transitions:
         """The same log with quaternions of norm 1, for a log that passed ``check``."""
         q, q_next = (checks.unit_quaternions(x, scene) for x in (self.q, self.q_next))
+        return replace(self, q=q, q_next=q_next)
+
+    def going_on(self, scene: Scene) -> Transitions:
+        """The same log with whole turns added to the angles that begin again after one (:mod:`cmbrl.data.turns`)."""
+        q, q_next = self.q.copy(), self.q_next.copy()
+        for v, k in turns.endless(scene).items():
+            change = 0.5 * self.dt * (self.v[:, v] + self.v_next[:, v])
+            q[:, k], q_next[:, k] = turns.transitions_going_on(q[:, k], q_next[:, k], change, self.episode)
         return replace(self, q=q, q_next=q_next)
 
     def check(self, scene: Scene, dt: float | None = None) -> None:

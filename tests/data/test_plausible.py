@@ -243,7 +243,7 @@ def test_an_angle_that_wraps_is_a_warning(tmp_path: Path) -> None:
     scene = scene_of(tmp_path, "wheel", '<body><joint name="axle" axis="0 1 0"/><geom size=".1"/></body>')
     angle = np.angle(np.exp(0.1j * np.arange(300)))[:, None]
     log = read_trajectories(angle, [300], 0.01, np.full((300, 1), 10.0))
-    with pytest.warns(UserWarning, match="q of joint 'axle' jumps by a whole turn in 5 rows, first in row 31"):
+    with pytest.warns(UserWarning, match="q of joint 'axle' jumps by a whole turn in 5 rows, first in row 31: read"):
         log.check(scene)
 
 

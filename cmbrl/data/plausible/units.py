@@ -145,13 +145,13 @@ def _rate(motion: Motion, own: np.ndarray, ratio: np.ndarray, moving: np.ndarray
 
 
 def turns(motion: Motion) -> Iterator[Finding]:
-    """A warning for hinges whose angle jumps by whole turns, where a model goes on."""
+    """A warning for hinges whose angle jumps by whole turns, which are read as if it went on."""
     for k, coordinate in enumerate(motion.coordinates):
         jumps = np.abs(motion.after[:, k] - motion.now[:, k] - motion.change[:, k]) > 1
         if coordinate.hinge and jumps.any():
             yield Finding(
                 f"{motion.position_of(k)} jumps by a whole turn in {int(jumps.sum())} rows, first in row "
-                f"{np.flatnonzero(jumps)[0]}: let the angle go on (numpy.unwrap; `cmbrl import` does so)",
+                f"{np.flatnonzero(jumps)[0]}: read as an angle that goes on",
                 sure=False,
             )
 
