@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from cmbrl.fitting.discrepancy import Discrepancy
 from cmbrl.fitting.draws import bearable
 from cmbrl.fitting.fitted_parameter import AT_BOUND, FITTED, FLAT, NOMINAL, FittedParameter
 from cmbrl.fitting.gauge import common_factors
-from cmbrl.fitting.identify import identify
+from cmbrl.fitting.identify import Identification, identify
 from cmbrl.fitting.loss import Errors, PredictionLoss
 from cmbrl.fitting.objective import NOT_FINITE
 from cmbrl.fitting.ratios import beside, ratios
@@ -54,31 +55,13 @@ def conclude(
         known = identify(space, z, active, equations, discrepancy.covariance(z, active), sets)
     except np.linalg.LinAlgError:  # information so large that the prior is lost in rounding
         raise UserError(NOT_FINITE) from None
-    whole = all(active[k] for together in sets for k in together)
-    split = [([k for k in together if active[k]], [k for k in together if not active[k]]) for together in sets]
-    sets = [moved for moved, _ in split if moved]
-    bound = space.at_bound(z) & active
-    value, status = space.theta(z), _status(active, bound, known.flat)
-    parameters = {
-        name: FittedParameter(
-            float(value[k]),
-            float(known.low[k]),
-            float(known.high[k]),
-            float(space.nominal[k]),
-            status[k],
-            space.units[k],
-        )
-        for k, name in enumerate(space.names)
-    }
-    told_by = [
-        beside(space, z, known.every, known.wide, moved, still) if still else ratios(space, z, known.wide, moved)
-        for moved, still in split
-    ]
-    shared = [found for found in told_by if found]
-    unit, pose = (shared[0]["reference"] if shared and whole else None), data.q[len(data) // 2]
-    silent = active & (np.diag(known.covariance) == 0.0)  # flat for more than the unit of force
-    sums = combinations(final, space, z, known.every, silent, pose, unit)
+    bound, value = space.at_bound(z) & active, space.theta(z)
+    parameters = _parameters(space, value, known, _status(active, bound, known.flat))
     errors = {"all, nominal": loss.errors(space.nominal), "all, fitted": loss.errors(value), **held_out}
+
+    def named(mask: np.ndarray) -> list[str]:
+        return [name for name, chosen in zip(space.names, mask, strict=True) if chosen]
+
     report = {
         **about,
         "data": {"transitions": len(data), "episodes": data.n_episodes, "dt": data.dt},
@@ -90,15 +73,13 @@ def conclude(
             for part, e in errors.items()
         },
         "huber": loss.windows.scales.huber,
-        "fitted": [n for k, n in enumerate(space.names) if active[k]],
-        "not_fitted": [n for k, n in enumerate(space.names) if not active[k]],
-        "at_bound": [n for k, n in enumerate(space.names) if bound[k]],
-        "flat": [n for k, n in enumerate(space.names) if known.flat[k]],
+        "fitted": named(active),
+        "not_fitted": named(~active),
+        "at_bound": named(bound),
+        "flat": named(known.flat),
         "flat_directions": known.directions,
-        "unseen": [n for k, n in enumerate(space.names) if known.unseen[k]],
-        "gauge": [space.names[k] for together in sets for k in together],
-        "ratios": shared,
-        "combinations": {"rows": sums, "reference": unit},
+        "unseen": named(known.unseen),
+        **_together(final, space, z, active, known, sets, data.q[len(data) // 2]),
         "covariance": {
             **_covariance(space, known.covariance),
             "share": _share(loss, space, z, known.covariance, budget),
@@ -111,6 +92,43 @@ def conclude(
     }
     journal.report(1.0, "done")
     return FitResult(final, parameters, report, incumbent.unseen)
+
+
+def _parameters(
+    space: Space, value: np.ndarray, known: Identification, status: Sequence[str]
+) -> dict[str, FittedParameter]:
+    rows = zip(space.names, value, known.low, known.high, space.nominal, status, space.units, strict=True)
+    return {
+        name: FittedParameter(float(x), float(low), float(high), float(nominal), how, unit)
+        for name, x, low, high, nominal, how, unit in rows
+    }
+
+
+def _together(
+    model: ComplementarityModel,
+    space: Space,
+    z: np.ndarray,
+    active: np.ndarray,
+    known: Identification,
+    sets: Sequence[Sequence[int]],
+    pose: np.ndarray,
+) -> dict[str, Any]:
+    """What the log tells of several parameters only together: of those that share a unit of force, and of bodies."""
+    whole = all(active[k] for together in sets for k in together)
+    split = [([k for k in together if active[k]], [k for k in together if not active[k]]) for together in sets]
+    told_by = [
+        beside(space, z, known.every, known.wide, moved, still) if still else ratios(space, z, known.wide, moved)
+        for moved, still in split
+    ]
+    shared = [found for found in told_by if found]
+    unit = shared[0]["reference"] if shared and whole else None
+    silent = active & (np.diag(known.covariance) == 0.0)  # flat for more than the unit of force
+    sums = combinations(model, space, z, known.every, silent, pose, unit)
+    return {
+        "gauge": [space.names[k] for moved, _ in split for k in moved],
+        "ratios": shared,
+        "combinations": {"rows": sums, "reference": unit},
+    }
 
 
 def _share(loss: PredictionLoss, space: Space, z: np.ndarray, covariance: np.ndarray, budget: Budget) -> float:

@@ -72,9 +72,7 @@ def train(
     """
     if len(inputs) < MIN_ROWS:
         raise UserError(f"the log has {len(inputs)} transitions; the ensemble needs at least {MIN_ROWS}: record more")
-    start = time.perf_counter()
     generator = torch.Generator().manual_seed(seed)
-    raw_targets = targets
     order = torch.randperm(len(inputs), generator=generator)
     held = min(int(config.holdout * len(inputs)), config.holdout_max)
     kept = order[held:]
@@ -83,59 +81,88 @@ def train(
     else:
         network.reset(generator, config.initial_gain)
         _set_scales(network, inputs[kept], targets[kept], config.normalise_targets)
-    inputs = ((inputs - network.input_mean) / network.input_scale).float()
-    targets = ((targets - network.target_mean) / network.target_scale).float()
-    held_inputs, held_targets = inputs[order[:held]], targets[order[:held]]
-    inputs, targets = inputs[kept], targets[kept]
-
-    shape = (config.nets, len(kept))
-    if config.bootstrap:
-        rows = torch.randint(len(kept), shape, generator=generator)
-    else:
-        rows = torch.arange(len(kept)).expand(shape)
-    total = config.updates if updates_asked is None else updates_asked  # None: until patience ends
-    best = _Best(network, config.improvement if total is None else 0.0)
-    optimiser = _optimiser(network, config.learning_rate, config.weight_decay)
-    updates, epochs, stale, done, stopped = 0, 0, 0, 0.0, ""
+    x = ((inputs - network.input_mean) / network.input_scale).float()
+    y = ((targets - network.target_mean) / network.target_scale).float()
+    unseen = x[order[:held]], y[order[:held]]
+    course = _Course(config.patience, config.updates if updates_asked is None else updates_asked, max_seconds)
+    best = _Best(network, config.improvement if course.total is None else 0.0)
     network.requires_grad_(True)
     try:
-        while not stopped:
-            rows = torch.gather(rows, 1, torch.rand(shape, generator=generator).argsort(dim=1))
-            for batch in rows.split(config.batch, dim=1):
-                done = stale / (config.patience + 1) if total is None else updates / total
-                if max_seconds is not None:
-                    done = max(done, (time.perf_counter() - start) / max(max_seconds, 1e-9))
-                if total is not None:
-                    for group in optimiser.param_groups:
-                        group["lr"] = config.learning_rate * 0.5 * (1 + cos(pi * min(done, 1.0)))
-                if done >= 1:
-                    break
-                optimiser.zero_grad()
-                network.loss(inputs[batch], targets[batch], config.variance_regulariser, config.beta).backward()
-                optimiser.step()
-                updates += 1
-            epochs += 1
-            stale = 0 if best.update(_held_out_error(network, held_inputs, held_targets)) else stale + 1
-            if max_seconds is not None and time.perf_counter() - start >= max_seconds:
-                stopped = "max_seconds"
-            elif total is None and stale > config.patience:
-                stopped = "patience"
-            elif total is not None and updates >= total:
-                stopped = "updates"
-            if progress is not None:
-                error = float(best.error.sort().values[: config.elites].mean().sqrt())
-                progress(min(done, 1.0), f"epoch {epochs}, held-out error {error:.4f}")
+        _descend(network, config, x[kept], y[kept], unseen, generator, course, best, progress)
     except KeyboardInterrupt:
-        stopped = "interrupted"
+        course.stopped = "interrupted"
     best.restore()
     network.requires_grad_(False)
     elites = best.error.argsort()[: config.elites]
     with torch.no_grad():
-        mean, _ = network(held_inputs.expand(config.elites, -1, -1), elites)
-    error = (mean.mean(dim=0) - held_targets) * network.target_scale / _deviation(raw_targets)
-    seconds = time.perf_counter() - start
+        mean, _ = network(unseen[0].expand(config.elites, -1, -1), elites)
+    error = (mean.mean(dim=0) - unseen[1]) * network.target_scale / _deviation(targets)
     held_out = float(error.square().mean().sqrt())
-    return TrainingReport(len(kept), held, epochs, updates, seconds, held_out, stopped), elites
+    told = course.epochs, course.updates, course.seconds(), held_out, course.stopped
+    return TrainingReport(len(kept), held, *told), elites
+
+
+def _descend(
+    network: EnsembleNetwork,
+    config: EnsembleConfig,
+    inputs: Tensor,
+    targets: Tensor,
+    unseen: tuple[Tensor, Tensor],
+    generator: torch.Generator,
+    course: _Course,
+    best: _Best,
+    progress: Callable[[float, str], None] | None,
+) -> None:
+    """Gradient steps on standardised rows until the ``course`` ends; each epoch may improve the ``best`` weights."""
+    shape = (config.nets, len(inputs))
+    if config.bootstrap:
+        rows = torch.randint(len(inputs), shape, generator=generator)
+    else:
+        rows = torch.arange(len(inputs)).expand(shape)
+    optimiser = _optimiser(network, config.learning_rate, config.weight_decay)
+    while not course.stopped:
+        rows = torch.gather(rows, 1, torch.rand(shape, generator=generator).argsort(dim=1))
+        for batch in rows.split(config.batch, dim=1):
+            if (done := course.done()) >= 1:
+                break
+            if course.total is not None:
+                for group in optimiser.param_groups:
+                    group["lr"] = config.learning_rate * 0.5 * (1 + cos(pi * done))
+            optimiser.zero_grad()
+            network.loss(inputs[batch], targets[batch], config.variance_regulariser, config.beta).backward()
+            optimiser.step()
+            course.updates += 1
+        course.end_epoch(best.update(_held_out_error(network, *unseen)))
+        if progress is not None:
+            error = float(best.error.sort().values[: config.elites].mean().sqrt())
+            progress(min(course.done(), 1.0), f"epoch {course.epochs}, held-out error {error:.4f}")
+
+
+class _Course:
+    """How far a training is: by ``total`` updates, or (None) by epochs without a gain; and by seconds."""
+
+    def __init__(self, patience: int, total: int | None, max_seconds: float | None) -> None:
+        self.patience, self.total, self.max_seconds = patience, total, max_seconds
+        self.start = time.perf_counter()
+        self.updates = self.epochs = self.stale = 0
+        self.stopped = ""  #: by what, at the end
+
+    def seconds(self) -> float:
+        return time.perf_counter() - self.start
+
+    def done(self) -> float:
+        """The share of the training that is over; 1 or more at its end."""
+        share = self.stale / (self.patience + 1) if self.total is None else self.updates / self.total
+        return share if self.max_seconds is None else max(share, self.seconds() / max(self.max_seconds, 1e-9))
+
+    def end_epoch(self, better: bool) -> None:
+        self.epochs, self.stale = self.epochs + 1, 0 if better else self.stale + 1
+        if self.max_seconds is not None and self.seconds() >= self.max_seconds:
+            self.stopped = "max_seconds"
+        elif self.total is None and self.stale > self.patience:
+            self.stopped = "patience"
+        elif self.total is not None and self.updates >= self.total:
+            self.stopped = "updates"
 
 
 def _deviation(columns: Tensor) -> Tensor:
