@@ -165,7 +165,7 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, Fa
   int A = m.con_bodyA[i], B = m.con_bodyB[i];
   Feature<G> F;
   Mask on = look_at(m, o, w, i, F, given);
-  if (!any(on)) return;
+  if (!given && m.con_type[i] == kHulls && !any(on)) return;  // others have a gap wherever they are
   if (far) {
     T gap = F.dist - m.P[m.oContact + i * kContactFields + kRadius] - w.radius_slack - margin_of(m, i);
     if (!any(gap < far->from)) { far->lowest = vmin(far->lowest, gap); return; }
