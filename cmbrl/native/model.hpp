@@ -225,9 +225,10 @@ constexpr int kEdges = 10;  // of a pyramid of friction, at most (edges.hpp)
 // What a physics step asks of its contacts, limits last, as arrays over all candidates, nrow = rows_a_contact ncontact + nlimit;
 // active: 0 pruned.
 struct RowBatch {
-  int rows_a_contact;        // 1; where pyramids have rows of their own, the whole contact and then its edges: none that turn
+  int rows_a_contact;        // 1; where pyramids have rows of their own, the whole contact and then its edges
+  int rows;                  // of each: normal, tangents, and those that turn where some contact has them
   double *M, *v_free;        // (n, nv, nv) with armature and implicit damping, (n, nv)
-  double *J, *b, *mu, *R;    // (n, nrow, 1 + NT, nv), (n, nrow, 1 + NT), (n, nrow), (n, nrow, 1 + NT)
+  double *J, *b, *mu, *R;    // (n, nrow, rows, nv), (n, nrow, rows), (n, nrow), (n, nrow, rows)
   int32_t *active, *convex;  // (n, nrow)
 };
 
