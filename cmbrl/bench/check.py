@@ -16,6 +16,7 @@ from cmbrl.bench.states import with_activations
 from cmbrl.bench.studies.derivatives.differences import measure as measure_derivatives
 from cmbrl.bench.studies.robustness.cells import measure as measure_robustness
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.step_settings import RK4
 from cmbrl.scene import Scene
 
 STEP = 0.05  # the largest error of a step
@@ -119,6 +120,8 @@ def _steps(
     meaning = f"one step against mj_step from {len(apart)} states, root mean square of the change of velocity; median"
     if states.share < 1:
         meaning += f"; controls within {states.share:.0%} of their ranges, since MuJoCo diverges under stronger ones"
+    if scene.integrator == RK4 and models[0].integrator != RK4:
+        meaning += "; by leapfrog, which steps what asks for RK4 unless a model or fit has integrator='rk4'"
     default, nearest, both = found[0], found[-1], len(models) > 1
     lines = [Line(f"step {where}", float(np.median(default)), None if both else STEP, meaning)]
     if both:
@@ -150,17 +153,26 @@ def _speed(scene: Scene, model: ComplementarityModel, theirs: mujoco.MjModel, rn
             data.qpos[:], data.qvel[:], data.ctrl[:], data.act[acts] = q[k], v[k], *np.split(u[k], [scene.nu])
             mujoco.mj_step(theirs, data)
 
-    def our_product() -> None:
-        out = model.stepper.forward(q, v, u, model.parameters, tape=True)
-        model.stepper.backward(u, model.parameters, out["tape"], v, v)
+    def times(model: ComplementarityModel) -> tuple[float, float]:
+        def product() -> None:
+            out = model.stepper.forward(q, v, u, model.parameters, tape=True)
+            model.stepper.backward(u, model.parameters, out["tape"], v, v)
+
+        return _fastest(lambda: model.stepper.forward(q, v, u, model.parameters)) / mj, _fastest(product) / mj
 
     mj = _fastest(their_step)
-    forward = _fastest(lambda: model.stepper.forward(q, v, u, model.parameters)) / mj
-    product = _fastest(our_product) / mj
-    return [
+    forward, product = times(model)
+    lines = [
         Line("time of a step", forward, 1.0, "in times of mj_step on the same states, one thread, 64 states a call"),
         Line("time with gradient", product, 1.0, "the same, with its vector-Jacobian product"),
     ]
+    if mujocos(scene).get("integrator", model.integrator) != model.integrator:
+        forward, product = times(model.with_settings(integrator=RK4))
+        lines += [
+            Line("time of a step, rk4", forward, None, "the same with integrator='rk4': four contact solves a step"),
+            Line("time with gradient, rk4", product, None, "the same, with its vector-Jacobian product"),
+        ]
+    return lines
 
 
 def _fastest(work: Callable[[], Any], repeats: int = 7) -> float:

@@ -97,3 +97,14 @@ def test_controls_become_weaker_until_mujoco_does_not_diverge() -> None:
     text = ARM.replace('gear="10"', 'gear="3e5"').replace('<motor joint="b"', '<motor joint="b" ctrlrange="-1 1"')
     lines = lines_of(Scene.from_mjcf(text), mujoco.MjModel.from_xml_string(text))
     assert "controls within 10% of their ranges" in lines["step in place"].meaning
+
+
+def test_rk4_is_told_with_its_size_and_its_price() -> None:
+    """The default steps such files by leapfrog; under MuJoCo's laws steps are its own."""
+    text = ARM.replace("implicitfast", "RK4")
+    lines = lines_of(Scene.from_mjcf(text), mujoco.MjModel.from_xml_string(text))
+    assert "integrator='rk4'" in lines["step in place"].meaning
+    assert lines["step in place, apart"].value < 1e-6
+    assert lines["time of a step, rk4"].value > lines["time of a step"].value
+    assert lines["time of a step, rk4"].limit is None
+    assert "time of a step, rk4" not in lines_of(Scene.from_mjcf(ARM), mujoco.MjModel.from_xml_string(ARM))
