@@ -10,7 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from cmbrl.bench.check_reasons import reason
+from cmbrl.bench.check_reasons import option, reason
 from cmbrl.bench.check_steps import States, controls, mujocos, places, step_errors, visit
 from cmbrl.bench.states import with_activations
 from cmbrl.bench.studies.derivatives.differences import measure as measure_derivatives
@@ -114,19 +114,21 @@ def _steps(
     """One step of the file's length from ``states`` against mj_step, under the default's laws and under MuJoCo's.
 
     Where links touch in some of the states and not in others, another line is of those in which nothing touches. Where
-    an error is above the limit, one more says without what it would not be.
+    an error is above the limit, one more says without what it would not be; of the default, which option takes it away.
     """
     found, apart = step_errors(models, theirs, states)
     meaning = f"one step against mj_step from {len(apart)} states, root mean square of the change of velocity; median"
     if states.share < 1:
         meaning += f"; controls within {states.share:.0%} of their ranges, since MuJoCo diverges under stronger ones"
-    if scene.integrator == RK4 and models[0].integrator != RK4:
-        meaning += "; by leapfrog, which steps what asks for RK4 unless a model or fit has integrator='rk4'"
     default, nearest, both = found[0], found[-1], len(models) > 1
     lines = [Line(f"step {where}", float(np.median(default)), None if both else STEP, meaning)]
     if both:
-        meaning = "the same under MuJoCo's laws: convex sliding, rows that do not look ahead, RK4; above, the default"
+        rk4 = ", RK4" if scene.integrator == RK4 else ""
+        meaning = f"the same under MuJoCo's laws: convex sliding, rows that do not look ahead{rk4}; above, the default"
         lines.append(Line(f"step {where}, convex", float(np.median(nearest)), STEP, meaning))
+    if both and lines[0].value > STEP and (why := option(models[0], theirs, states, lines[0].value)):
+        meaning = "the default, with this option of a model (or fit): it makes most of the difference"
+        lines.insert(1, Line(f"step {where}, {why[0]}", why[1], None, meaning))
     if not lines[-1].holds:
         why = reason(scene, models[-1].sliding, theirs, states, lines[-1].value, STEP)
         if why:
