@@ -112,7 +112,8 @@ def test_rk4_is_told_with_its_size_and_its_price() -> None:
 def test_the_option_that_the_default_lacks_is_named() -> None:
     """A box that is pushed over a floor, which MuJoCo's law of sliding lifts."""
     text = """<mujoco><option timestep=".005"/><worldbody><geom type="plane" size="5 5 .1" friction=".6"/>
-<body pos="0 0 .05"><freejoint/><geom type="box" size=".1 .1 .02" mass="1" friction=".6"/><site name="s"/></body></worldbody>
+<body pos="0 0 .05"><freejoint/><geom type="box" size=".1 .1 .02" mass="1" friction=".6"/><site name="s"/></body>
+</worldbody>
 <actuator><motor site="s" gear="1 0 0 0 0 0" ctrlrange="-20 20"/></actuator></mujoco>"""
     lines = lines_of(Scene.from_mjcf(text), mujoco.MjModel.from_xml_string(text))
     assert lines["step on the floor"].value > 0.05
