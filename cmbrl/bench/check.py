@@ -10,12 +10,13 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from cmbrl.bench.check_reasons import reason
+from cmbrl.bench.check_reasons import option, reason
 from cmbrl.bench.check_steps import States, controls, mujocos, places, step_errors, visit
 from cmbrl.bench.states import with_activations
 from cmbrl.bench.studies.derivatives.differences import measure as measure_derivatives
 from cmbrl.bench.studies.robustness.cells import measure as measure_robustness
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.step_settings import RK4
 from cmbrl.scene import Scene
 
 STEP = 0.05  # the largest error of a step
@@ -113,7 +114,7 @@ def _steps(
     """One step of the file's length from ``states`` against mj_step, under the default's laws and under MuJoCo's.
 
     Where links touch in some of the states and not in others, another line is of those in which nothing touches. Where
-    an error is above the limit, one more says without what it would not be.
+    an error is above the limit, one more says without what it would not be; of the default, which option takes it away.
     """
     found, apart = step_errors(models, theirs, states)
     meaning = f"one step against mj_step from {len(apart)} states, root mean square of the change of velocity; median"
@@ -122,8 +123,12 @@ def _steps(
     default, nearest, both = found[0], found[-1], len(models) > 1
     lines = [Line(f"step {where}", float(np.median(default)), None if both else STEP, meaning)]
     if both:
-        meaning = "the same under MuJoCo's laws: convex sliding, rows that do not look ahead, RK4; above, the default"
+        rk4 = ", RK4" if scene.integrator == RK4 else ""
+        meaning = f"the same under MuJoCo's laws: convex sliding, rows that do not look ahead{rk4}; above, the default"
         lines.append(Line(f"step {where}, convex", float(np.median(nearest)), STEP, meaning))
+    if both and lines[0].value > STEP and (why := option(models[0], theirs, states, lines[0].value)):
+        meaning = "the default, with this option of a model (or fit): it makes most of the difference"
+        lines.insert(1, Line(f"step {where}, {why[0]}", why[1], None, meaning))
     if not lines[-1].holds:
         why = reason(scene, models[-1].sliding, theirs, states, lines[-1].value, STEP)
         if why:
@@ -150,17 +155,26 @@ def _speed(scene: Scene, model: ComplementarityModel, theirs: mujoco.MjModel, rn
             data.qpos[:], data.qvel[:], data.ctrl[:], data.act[acts] = q[k], v[k], *np.split(u[k], [scene.nu])
             mujoco.mj_step(theirs, data)
 
-    def our_product() -> None:
-        out = model.stepper.forward(q, v, u, model.parameters, tape=True)
-        model.stepper.backward(u, model.parameters, out["tape"], v, v)
+    def times(model: ComplementarityModel) -> tuple[float, float]:
+        def product() -> None:
+            out = model.stepper.forward(q, v, u, model.parameters, tape=True)
+            model.stepper.backward(u, model.parameters, out["tape"], v, v)
+
+        return _fastest(lambda: model.stepper.forward(q, v, u, model.parameters)) / mj, _fastest(product) / mj
 
     mj = _fastest(their_step)
-    forward = _fastest(lambda: model.stepper.forward(q, v, u, model.parameters)) / mj
-    product = _fastest(our_product) / mj
-    return [
+    forward, product = times(model)
+    lines = [
         Line("time of a step", forward, 1.0, "in times of mj_step on the same states, one thread, 64 states a call"),
         Line("time with gradient", product, 1.0, "the same, with its vector-Jacobian product"),
     ]
+    if mujocos(scene).get("integrator", model.integrator) != model.integrator:
+        forward, product = times(model.with_settings(integrator=RK4))
+        lines += [
+            Line("time of a step, rk4", forward, None, "the same with integrator='rk4': four contact solves a step"),
+            Line("time with gradient, rk4", product, None, "the same, with its vector-Jacobian product"),
+        ]
+    return lines
 
 
 def _fastest(work: Callable[[], Any], repeats: int = 7) -> float:

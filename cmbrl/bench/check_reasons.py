@@ -1,7 +1,7 @@
 """Why a step differs from MuJoCo's: features of the file are switched off in both, until the steps agree.
 
 ``cmbrl check`` does so where a step's error is above its limit, and names what it had to switch off. What the scene has
-left out of the file is taken in instead.
+left out of the file is taken in instead. Where only the default differs, it names the option that makes the difference.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -51,6 +52,22 @@ def reason(
         if without <= enough:
             off, best = kept, without
     return " and ".join(feature.name for feature in off), best
+
+
+def option(
+    model: ComplementarityModel, theirs: mujoco.MjModel, states: States, error: float
+) -> tuple[str, float] | None:
+    """The setting of ``model`` that takes away most of its median ``error``, and what is left; None if none helps."""
+    others: dict[str, dict[str, Any]] = {
+        "look_ahead=False": {"look_ahead": False},
+        "sliding='convex'": {"sliding": "convex", "look_ahead": model.look_ahead},
+        "integrator='rk4'": {"integrator": "rk4"} if mujocos(model.scene).get("integrator") else {},
+    }
+    models = {name: model.with_settings(**settings) for name, settings in others.items() if settings}
+    found, _ = step_errors(list(models.values()), theirs, states.first(STATES))
+    left = {name: float(np.median(errors)) for name, errors in zip(models, found, strict=True)}
+    best = min(left, key=left.__getitem__)
+    return (best, left[best]) if left[best] < GAIN * error else None
 
 
 def _error(scene: Scene, sliding: str, theirs: mujoco.MjModel, states: States, features: Sequence[Feature]) -> float:

@@ -8,6 +8,7 @@ import json
 from cmbrl.cli.argument_types import positive
 from cmbrl.cli.options import add_json, add_scene_options
 from cmbrl.models.source import load_source
+from cmbrl.scene.columns import counted
 
 PARTS = ("dynamics", "steps", "derivatives", "wild", "times")
 EXAMPLE = """
@@ -55,5 +56,5 @@ def run(arguments: argparse.Namespace) -> int:
         ]
         columns = ("check", "value", "limit", "holds", "what it is")
         told = Table(f"{scene.name}: {scene.path}", columns, rows).text()
-        print(f"{told}\n{len(scene.differences)} differences from MuJoCo are listed by `cmbrl info`.")
+        print(f"{told}\n{counted(len(scene.differences), 'difference')} from MuJoCo: see `cmbrl info`.")
     return 0 if all(line.holds for line in lines) else 1

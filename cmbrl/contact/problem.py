@@ -4,8 +4,10 @@
 
 or, where ``convex`` says so, the convex law of sliding, as MuJoCo's: c is in the dual cone and perpendicular to lambda.
 
-Rows of a contact are (normal, tangents): nt = 1 tangent in the plane, 2 in space. A joint limit is a contact with
-mu = 0 and zero tangent rows. A ``.npz`` file holds many problems (:func:`save`, :func:`load`).
+Rows of a contact are (normal, tangents): nt = 1 tangent in the plane, 2 in space. Torsional and rolling friction are
+further tangents, one cone around all of them: 2 in the plane, 3 or 5 in space, scaled so that mu bounds them, too; they
+are zero rows of contacts that only slide. A joint limit is a contact with mu = 0 and zero tangent rows. A ``.npz`` file
+holds many problems (:func:`save`, :func:`load`).
 """
 
 from __future__ import annotations
@@ -63,8 +65,11 @@ class ContactProblem:
                 )
             if not np.isfinite(value).all():
                 raise UserError(f"{self.name}: {field} is not finite")
-        if rows not in (2, 3):
-            raise UserError(f"{self.name}: J has {rows} rows per contact; give 2 in the plane, 3 in space")
+        if rows not in (2, 3, 4, 6):
+            raise UserError(
+                f"{self.name}: J has {rows} rows per contact; give 2 in the plane, 3 in space, or 4 or 6 with "
+                "torsional and rolling friction"
+            )
         for field, what in (("mu", "friction"), ("R", "compliance")):
             if (getattr(self, field) < 0).any():
                 raise UserError(f"{self.name}: {field} ({what}) is negative; give values of at least 0")

@@ -268,15 +268,8 @@ class ComplementarityModel(Variations):
         damping; b includes the gap term, restitution, and the old velocity under a soft law. Dry joint friction has no
         row in a contact problem; v_free includes its impulse, taken from this model's own solution. With split damping
         M is without damping, and the velocity is the one that is damped afterwards. Under the convex law of sliding,
-        the edges of a pyramid are contacts with mu = 0.
-
-        Raises UserError for a scene with torsional or rolling friction, which has no rows in a contact problem.
+        the edges of a pyramid are contacts with mu = 0. Torsional and rolling friction are further tangents.
         """
-        if self.scene.turning_friction:
-            raise UserError(
-                f"{self.scene.name}: contact problems have no rows for torsional and rolling friction; read the scene "
-                "with ignore='condim' to leave it out"
-            )
         q, v, u, theta = self._arrays(theta, q=q, v=v, u=u)
         resolution = max(float(np.linalg.norm(self.scene.gravity)), 1e-9) * self.time_step
         rows = self.stepper.core.rows(q, v, u, theta, self.stepper.options)

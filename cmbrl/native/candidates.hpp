@@ -29,27 +29,35 @@ static void find_fill(const Model& m, Work<G>& w) {
   w.fill = {w.fill_ptr, w.fill_idx};
 }
 
-// The row of candidate i with closest features F, gap phi and the block p of P.
+// Where candidate i touches, with closest features F, gap phi and the sum of both radii; along its normal alone.
 template <class G>
-static void make_contact(const Model& m, const Options& o, int i, const Feature<G>& F, T phi, const T* p, Contact<G>& c) {
-  std::memcpy(c.P, p, sizeof c.P);
+static void place_contact(const Model& m, int i, const Feature<G>& F, T phi, T radius, Contact<G>& c) {
   c.index = i;
   c.edge = 0;
-  for (int lane = 0; lane < W; ++lane) c.of[lane] = i;
+  c.rows = 1;
   c.hulls = m.con_type[i] == kHulls;
   c.segments = c.hulls || m.con_type[i] == kSegmentSegment;
   c.at = F;
-  c.radiusA = p[kRadius] - m.con_radiusB[i] + F.back;
-  c.rows = rows_of_contact(G::D == 2, m.con_dim[i]);
-  c.rub = c.rows > 1 ? p[kMu] > 1e-9 : none();
-  c.mu = c.full_mu = select(c.rub, p[kMu], splat(1));
+  c.radiusA = radius - m.con_radiusB[i] + F.back;
   c.phi = phi;
   c.p = F.a + F.beside - (c.radiusA + 0.5 * phi) * F.n;
   c.d[0] = F.n;
+  c.Wr[0] = join<G>(G::moment(c.p, F.n), F.n);
+}
+
+// The row of candidate i with closest features F, gap phi and the block p of P.
+template <class G>
+static void make_contact(const Model& m, const Options& o, int i, const Feature<G>& F, T phi, const T* p, Contact<G>& c) {
+  place_contact(m, i, F, phi, p[kRadius], c);
+  std::memcpy(c.P, p, sizeof c.P);
+  for (int lane = 0; lane < W; ++lane) c.of[lane] = i;
+  c.rows = rows_of_contact(G::D == 2, m.con_dim[i]);
+  c.rub = c.rows > 1 ? p[kMu] > 1e-9 : none();
+  c.mu = c.full_mu = select(c.rub, p[kMu], splat(1));
   tangents(G{}, F.n, c.d + 1);
-  for (int r = 0; r < c.rows && r <= G::NT; ++r) {
+  for (int r = 1; r < c.rows && r <= G::NT; ++r) {
     c.Wr[r] = join<G>(G::moment(c.p, c.d[r]), c.d[r]);
-    if (r > 0) CMBRL_FOR(x, G::N) c.Wr[r][x] = keep(c.rub, c.Wr[r][x]);
+    CMBRL_FOR(x, G::N) c.Wr[r][x] = keep(c.rub, c.Wr[r][x]);
   }
   if (c.rows > 1 + G::NT) turning_rows(c, p);
   contact_law(m, o, c, p);
@@ -124,30 +132,45 @@ struct Far { T from, lowest = splat(1e300); };
 // A law with a margin takes candidates for touching that much before they do.
 static inline double margin_of(const Model& m, int i) { return __builtin_fmax(m.con_margin[i], 0); }
 
+// Nothing is known yet of what touches in this state.
+template <class G>
+static void look_afresh(const Options& o, Work<G>& w) {
+  w.by_sides = !o.look_ahead;
+  w.side_of = w.touch_of = w.under.pair = w.frame_of = -1;
+}
+
+// The closest features of a candidate, and the lanes in which it has any.
+template <class G>
+static Mask look_at(const Model& m, const Options& o, Work<G>& w, int i, Feature<G>& F, const Given* given = nullptr) {
+  bool hulls = m.con_type[i] == kHulls, corner = w.by_sides && !hulls && m.con_hull[i] >= 0;
+  if (hulls && o.both_ways) return none();  // they only know of closed gaps
+  if (corner) find_side(m, w, i);
+  bool recalled = hulls && given && recall_touch(*given, F);
+  if (hulls && !recalled) find_touches(m, w, i);
+  if (hulls && !recalled && !any(w.touch_there[m.con_corner[i]])) {
+    if (!given) return none();
+    std::memset(&w.touch[m.con_corner[i]], 0, sizeof *w.touch);
+  }
+  if (!recalled) F = find_feature(m, w, i);
+  Mask on = given ? given->on : hulls ? w.touch_there[m.con_corner[i]] : corner ? w.side_there[m.con_corner[i]] : all();
+  bool of_points = m.con_plane[i] < 0 && m.con_type[i] != kCornerBox && !hulls;  // whose distance gives the direction
+  if (of_points) on &= vabs(F.dist) > 1e-9;  // crossing segments: none parts them
+  return on;
+}
+
 // One candidate: becomes a row of w.con if it may close within the step, or several, else of w.left, or of `far`; given: it, or
 // an edge of it, is a row in these lanes.
 template <class G>
 static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, Far* far, const Given* given = nullptr) {
   int A = m.con_bodyA[i], B = m.con_bodyB[i];
-  bool hulls = m.con_type[i] == kHulls, corner = w.by_sides && !hulls && m.con_hull[i] >= 0;
-  if (hulls && o.both_ways) return;  // they only know of closed gaps
-  if (corner) find_side(m, w, i);
   Feature<G> F;
-  bool recalled = hulls && given && recall_touch(*given, F);
-  if (hulls && !recalled) find_touches(m, w, i);
-  if (hulls && !recalled && !any(w.touch_there[m.con_corner[i]])) {
-    if (!given) return;
-    std::memset(&w.touch[m.con_corner[i]], 0, sizeof *w.touch);
-  }
-  if (!recalled) F = find_feature(m, w, i);
+  Mask on = look_at(m, o, w, i, F, given);
+  if (!given && m.con_type[i] == kHulls && !any(on)) return;  // others have a gap wherever they are
   if (far) {
     T gap = F.dist - m.P[m.oContact + i * kContactFields + kRadius] - w.radius_slack - margin_of(m, i);
     if (!any(gap < far->from)) { far->lowest = vmin(far->lowest, gap); return; }
   }
   T p[kContactFields], phi = F.dist - load_radius(m, w, i);
-  Mask on = given ? given->on : hulls ? w.touch_there[m.con_corner[i]] : corner ? w.side_there[m.con_corner[i]] : all();
-  bool of_points = m.con_plane[i] < 0 && m.con_type[i] != kCornerBox && !hulls;  // whose distance gives the direction
-  if (of_points) on &= vabs(F.dist) > 1e-9;  // crossing segments: none parts them
   if (!o.look_ahead && !given) {
     Mask apart = on & ~(phi < m.con_margin[i]);
     w.left_out_gap = select(apart, vmin(w.left_out_gap, vabs(phi)), w.left_out_gap);
@@ -230,12 +253,16 @@ static inline T far_from(const Model& m, const Options& o, int cluster, T fast) 
   return o.h * (speed_of_far(o, m.cluster_invweight[cluster]) + 2.0 * fast);
 }
 
+// Whether a cluster with candidate i is a mesh that touches a plane with corners of a side, its first candidates.
+template <class G>
+static bool corners_on_plane(const Model& m, const Work<G>& w, int i) { return w.by_sides && m.con_plane[i] >= 0 && m.con_hull[i] >= 0; }
+
 // Those of a cluster, of bodies that are so fast against each other. Nothing is known to be far where pruning does not sift.
 template <class G>
 static void find_in_cluster(const Model& m, const Options& o, Work<G>& w, int g, int cluster, T fast) {
   int A = m.grp_A[g], B = m.grp_B[g], begin = m.cluster_begin[cluster], end = m.cluster_begin[cluster + 1];
   if (idle(m, o, cluster)) return;
-  bool side = w.by_sides && m.con_plane[m.grp_con[begin]] >= 0 && m.con_hull[m.grp_con[begin]] >= 0;
+  bool side = corners_on_plane(m, w, m.grp_con[begin]);
   if (side) end = begin + kCorners;
   w.may_touch = all();
   if (!w.sift) {
@@ -269,8 +296,7 @@ static void find_contacts(const Model& m, const Options& o, Work<G>& w, bool giv
   w.ncon = w.ngroups = w.nleft = 0;
   w.left_out_gap = splat(__builtin_inf());
   w.coupled = false;
-  w.by_sides = !o.look_ahead;
-  w.side_of = w.touch_of = w.under.pair = w.frame_of = -1;
+  look_afresh(o, w);
   for (int k = 0; given && k < w.ngiven;) {
     int g = m.con_group[w.given[k].index], first = w.ncon;
     open_group(m, w, g);

@@ -224,6 +224,12 @@ static Shift<G> shift_by_dof(const Model& m, const Work<G>& w, const Contact<G>&
   return s;
 }
 
+// Whether the column of a group's dof at b turns with the one at a: it stands below it, on the same side.
+static inline bool turns_with(const Model& m, int b, int a) {
+  int i = m.grp_dof[b], j = m.grp_dof[a];
+  return m.grp_sign[b] == m.grp_sign[a] && (i > j || m.dof_jnt[i] == m.dof_jnt[j]);
+}
+
 template <class G>
 static Vec<G::N> wrench_shift(const Contact<G>& c, const Shift<G>& s, int row) {
   if (row > G::NT) return turning_shift(c, s.dd, row);

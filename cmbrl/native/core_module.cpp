@@ -196,10 +196,12 @@ class Core {
     Batch b = states(q, v, &u, theta);
     RowBatch r{};
     r.rows_a_contact = 1;
-    for (int i = 0; i < m.ncontact; ++i)
-      if (o.convex) r.rows_a_contact = std::max(r.rows_a_contact, 1 + m.con_pyramid[i]);
-    size_t n = b.n, nv = m.nv, nrow = m.ncontact * r.rows_a_contact + m.nlimit, rows = m.planar ? 2 : 3;
-    if (size_t(m.most_rows) > rows) throw std::invalid_argument("contact problems have no rows of torsional or rolling friction");
+    r.rows = m.planar ? 2 : 3;
+    for (int i = 0; i < m.ncontact; ++i) {
+      if (o.convex && m.con_pyramid[i]) r.rows_a_contact = std::max(r.rows_a_contact, 1 + m.con_pyramid[i]);
+      else r.rows = std::max(r.rows, rows_of_contact(m.planar, m.con_dim[i]));
+    }
+    size_t n = b.n, nv = m.nv, nrow = m.ncontact * r.rows_a_contact + m.nlimit, rows = r.rows;
     nb::dict out;
     out["M"] = make_array<double>({n, nv, nv}, &r.M);
     out["v_free"] = make_array<double>({n, nv}, &r.v_free);

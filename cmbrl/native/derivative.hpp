@@ -177,8 +177,7 @@ static void contact_terms(const Model& m, const Options& o, Work<G>& w, T* Gq, T
       if (m.grp_sign[d0 + k] < 0) KS = zero<G::N>() - KS;
       for (int l = 0; l < nd; ++l) {
         int j = m.grp_dof[d0 + l];
-        bool moves = m.grp_sign[d0 + l] == m.grp_sign[d0 + k] && (j > mdof || m.dof_jnt[j] == m.dof_jnt[mdof]);
-        T q = dot(w.S[j], moves ? turned : w.Y[k]), v = dot(w.S[j], KS);
+        T q = dot(w.S[j], turns_with(m, d0 + l, d0 + k) ? turned : w.Y[k]), v = dot(w.S[j], KS);
         Gq[j * nv + mdof] += m.grp_sign[d0 + l] > 0 ? q : -q;
         Gv[j * nv + mdof] += m.grp_sign[d0 + l] > 0 ? v : -v;
       }

@@ -75,6 +75,7 @@ struct Model : Structure {
   double largest_invweight;  // of a contact
   int logistic;              // contacts act at a distance
   const double *con_radiusB, *con_impratio, *con_invweight, *con_margin, *con_mid, *con_power, *plane_normal;
+  const double *con_reach, *con_points;  // the gap below which actuators pull at it; how many of MuJoCo's points it stands for
 
   const double* line_coef;      // of coordinates
   const int *seg_ptr, *seg_A, *seg_B, *seg_wrap;         // segments of each tendon, between two bodies; what each goes around, -1: nothing
@@ -95,6 +96,7 @@ struct Model : Structure {
   const double *body_lift, *body_lift_pos;
   const int *wide_act, *wide_body, *wide_ptr, *wide_dof;  // wide.hpp
   const double *wide_local, *wide_coef;
+  const int *grip_ptr, *grip_cluster;  // adhesion.hpp: clusters of candidates at which each of these actuators pulls
   const int* box_body;                                    // fluid.hpp
   const double *box_pos, *box_rot, *box_linear, *box_quadratic, *wind;
   const int* ellipsoid_body;
@@ -223,9 +225,10 @@ constexpr int kEdges = 10;  // of a pyramid of friction, at most (edges.hpp)
 // What a physics step asks of its contacts, limits last, as arrays over all candidates, nrow = rows_a_contact ncontact + nlimit;
 // active: 0 pruned.
 struct RowBatch {
-  int rows_a_contact;        // 1; where pyramids have rows of their own, the whole contact and then its edges: none that turn
+  int rows_a_contact;        // 1; where pyramids have rows of their own, the whole contact and then its edges
+  int rows;                  // of each: normal, tangents, and those that turn where some contact has them
   double *M, *v_free;        // (n, nv, nv) with armature and implicit damping, (n, nv)
-  double *J, *b, *mu, *R;    // (n, nrow, 1 + NT, nv), (n, nrow, 1 + NT), (n, nrow), (n, nrow, 1 + NT)
+  double *J, *b, *mu, *R;    // (n, nrow, rows, nv), (n, nrow, rows), (n, nrow), (n, nrow, rows)
   int32_t *active, *convex;  // (n, nrow)
 };
 

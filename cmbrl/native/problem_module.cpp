@@ -14,7 +14,8 @@ class Problems {
  public:
   Problems(Array M, Array J, Array v_free, Array b, Array mu, Array R, bool derivative, std::optional<Array> convex)
       : inputs_{M, J, v_free, b, mu, R}, convex_(convex) {
-    if (J.ndim() != 4 || (J.shape(2) != 2 && J.shape(2) != 3)) refuse("array 'J' must be of shape (batch, contacts, 2 or 3, nv)");
+    bool known = J.ndim() == 4 && (J.shape(2) == 2 || J.shape(2) == 3 || J.shape(2) == 4 || J.shape(2) == 6);
+    if (!known) refuse("array 'J' must be of shape (batch, contacts, 2, 3, 4 or 6, nv)");
     ProblemBatch& p = batch_;
     p.n = J.shape(0); p.contacts = int(J.shape(1)); p.tangents = int(J.shape(2)) - 1; p.nv = int(J.shape(3));
     int64_t rows = 1 + p.tangents;

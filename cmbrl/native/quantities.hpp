@@ -81,7 +81,7 @@ static void rows_of_step(const Model& m, const Options& o, Work<G>& w) {
 template <class G>
 static void step_rows(const Model& m, const Options& o, const Batch& b, const RowBatch& out, int64_t begin, int64_t end, StepMemory& memory) {
   Work<G> w = open<G>(m, Purpose::step, memory);
-  int nv = m.nv, rows = 1 + G::NT, first_limit = m.ncontact * out.rows_a_contact, nrow = first_limit + m.nlimit;
+  int nv = m.nv, rows = out.rows, first_limit = m.ncontact * out.rows_a_contact, nrow = first_limit + m.nlimit;
   for (int64_t e = begin; e < end; e += W) {
     Lanes l = lanes_from(e, end);
     gather_parameters(m, b, l, w, e == begin);
@@ -103,9 +103,10 @@ static void step_rows(const Model& m, const Options& o, const Batch& b, const Ro
           out.active[at] = 1;
           out.mu[at] = rubs ? c.mu[lane] : 0;
           out.convex[at] = rubs && c.convex[lane];
-          for (int r = 0; r < (rubs ? c.rows : 1); ++r) {
-            out.b[at * rows + r] = (r ? c.ct0[r - 1] : c.cn0)[lane];
+          for (int r = 0; r < (rubs ? rows : 1); ++r) {
             out.R[at * rows + r] = (r ? c.Rt : c.Rn)[lane];
+            if (r >= c.rows) continue;  // others turn, too
+            out.b[at * rows + r] = (r ? c.ct0[r - 1] : c.cn0)[lane];
             for (int k = m.grp_dptr[w.groups[g].group]; k < m.grp_dptr[w.groups[g].group + 1]; ++k)
               out.J[(at * rows + r) * nv + m.grp_dof[k]] = m.grp_sign[k] * dot(w.S[m.grp_dof[k]], c.Wr[r])[lane];
           }

@@ -73,7 +73,7 @@ static void actuator_forces(const Model& m, const Options& o, Work<G>& w) {
     w.drive_kp[line] -= keep(s.free & s.pulls, p[kGear] * p[kGear] * s.gains.stiff);
     note_gain(m, w, a, input, s.gains.input, s.free & s.pulls);
   }
-  wide_forces(m, w);
+  wide_forces(m, o, w);
   if (m.nlift > 0) {
     gravity_compensation(m, w);
     for (int i = 0; i < m.nv; ++i) if (m.dof_lift[i] == kActuatorLift) w.drive[i] += w.lift[i];

@@ -1,8 +1,9 @@
 // What holds what may touch: spheres, of each body, and boxes, of the candidates of two geoms (near.hpp). And which candidates may share a
-// row of a pack (candidates.hpp).
+// row of a pack (candidates.hpp), and which of them actuators pull at (adhesion.hpp).
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <set>
 #include <tuple>
 
 #include "scene_data.hpp"
@@ -252,6 +253,23 @@ void SceneData::derive_kins() {
   m.kin_ptr = keep_ints("kin_ptr", std::move(ptr));
   m.con_kin = keep_ints("con_kin", std::move(kin));
   m.grp_kin = keep_ints("grp_kin", std::move(of_group));
+}
+
+// Clusters instead of the candidates at which actuators pull: all of a pair of geoms, or none.
+void SceneData::derive_grips() {
+  Model& m = model;
+  const std::vector<int>& con = ints_["grip_con"];
+  std::vector<int> ptr{0}, cluster, of(m.ncontact);
+  for (size_t k = 0; k + 1 < ints_["cluster_begin"].size(); ++k)
+    for (int x = m.cluster_begin[k]; x < m.cluster_begin[k + 1]; ++x) of[m.grp_con[x]] = int(k);
+  for (int k = 0; k < m.nwide; ++k) {
+    std::set<int> found;
+    for (int e = m.grip_ptr[k]; e < m.grip_ptr[k + 1]; ++e) found.insert(of[con[e]]);
+    cluster.insert(cluster.end(), found.begin(), found.end());
+    ptr.push_back(int(cluster.size()));
+  }
+  m.grip_ptr = keep_ints("grip_ptr", std::move(ptr));
+  m.grip_cluster = keep_ints("grip_cluster", std::move(cluster));
 }
 
 }  // namespace cmbrl

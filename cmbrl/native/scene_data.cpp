@@ -66,6 +66,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.con_rotA = d("con_rotA", nc * D * D);
   m.con_radiusB = d("con_radiusB", nc);
   m.con_impratio = d("con_impratio", nc); m.con_invweight = d("con_invweight", nc); m.con_margin = d("con_margin", nc);
+  m.con_reach = d("con_reach", nc); m.con_points = d("con_points", nc);
   m.con_mid = d("con_mid", nc); m.con_power = d("con_power", nc); m.plane_normal = d("plane_normal", size_t(m.nplane) * D);
   m.lim_line = i("lim_line", nl); m.lim_ball = i("lim_ball", nl); m.lim_lo = d("lim_lo", nl); m.lim_hi = d("lim_hi", nl);
   m.lim_margin = d("lim_margin", nl); m.lim_soft = d("lim_soft", nl * 7); m.lim_invweight = d("lim_invweight", nl);
@@ -77,6 +78,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   size_t nw = m.nwide, nf = m.nbox, N = m.planar ? 3 : 6;
   m.wide_act = i("wide_act", nw); m.wide_body = i("wide_body", nw); m.wide_ptr = i("wide_ptr", nw + 1);
   m.wide_dof = i("wide_dof", m.wide_ptr[nw]); m.wide_coef = d("wide_coef", m.wide_ptr[nw]); m.wide_local = d("wide_local", nw * N);
+  m.grip_ptr = i("grip_ptr", nw + 1); i("grip_con", m.grip_ptr[nw]);
   m.box_body = i("box_body", nf); m.box_pos = d("box_pos", nf * D); m.box_rot = d("box_rot", nf * (m.planar ? 2 : 9));
   m.box_linear = d("box_linear", nf * N); m.box_quadratic = d("box_quadratic", nf * N); m.wind = d("wind", D);
   size_t nE = m.nellipsoid;
@@ -122,6 +124,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   derive_spheres();
   derive_clusters();
   derive_kins();
+  derive_grips();
 }
 
 // Parameters that move contacts are listed by contact, the others by parameter.

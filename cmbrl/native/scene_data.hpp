@@ -39,6 +39,7 @@ class SceneData {
   void derive_spheres();
   void derive_clusters();
   void derive_kins();
+  void derive_grips();
 };
 
 }  // namespace cmbrl

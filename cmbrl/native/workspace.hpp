@@ -90,6 +90,10 @@ struct Contact : Known<G> {
   T by_free, by_start, by_gap, by_flight, by_e;  // d cn0 of a bounce by J vf, J v, gap, time of flight and restitution
 };
 
+// One that an actuator pulls at (adhesion.hpp), and which share of its force.
+template <class G>
+struct Grip { Contact<G> contact; int actuator; T share; };
+
 struct Direction {  // of a limit: along a line, in one sense; round: by the angle of a ball joint, whose last dof the line is
   int line;
   bool round;
@@ -197,6 +201,7 @@ struct Work : SolverWork<G> {
   Mask* yields;                            // lanes in which the actuators of a dof are not clamped by its joint
   T *lift, *lift_mass; V* lift_moment;     // gravity compensation, by dof and by body
   Motion* wide_wrench; T* wide_push;       // of actuators on several dofs: unit wrench, force times gear
+  Grip<G>* grips; int ngrips = 0;          // contacts that some of them pull at
   Motion* drag; T *drag_start, *drag_end;  // of a fluid, by body, and by its twists before and after the step
   T* stretch;                              // of springs at ball joints
   T *D, *K;                                // of split damping (split.hpp): packed as M; the factor of M + D
@@ -259,6 +264,10 @@ struct Work : SolverWork<G> {
   Contact<G>& add_contact() {
     this->con = static_cast<Contact<G>*>(memory->contacts.extend((this->ncon + 1) * sizeof(Contact<G>)));
     return this->con[this->ncon++];
+  }
+  Grip<G>& add_grip() {
+    grips = static_cast<Grip<G>*>(memory->grips.extend((ngrips + 1) * sizeof(Grip<G>)));
+    return grips[ngrips++];
   }
   void add_group(ActiveGroup group) {
     this->groups = static_cast<ActiveGroup*>(memory->groups.extend((this->ngroups + 1) * sizeof(ActiveGroup)));

@@ -3,40 +3,26 @@
 The gain may change with length and velocity, too (a damper's does).
 
 Instead of ctrl it may be an activation, which follows ctrl (``activation``).
-A line is a hinge, a slide or a fixed tendon. Without position and velocity gains an actuator may also act on a site, or
-on the dofs of a ball or free joint.
+A line is a hinge, a slide or a fixed tendon. Without position and velocity gains an actuator may also act on a site, on
+the dofs of a ball or free joint, or pull a body along the mean of the normals of its contacts (adhesion).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import mujoco
 import numpy as np
 
 from cmbrl.scene.activation import Activation, dynamics_of, read_activation
-from cmbrl.scene.arrays import doubles, integers
-from cmbrl.scene.manifold import quaternion_matrix
 from cmbrl.scene.mjcf import name_of
-from cmbrl.scene.records import WORLD, Array, Tree
-from cmbrl.scene.reduction import PlaneOfMotion
+from cmbrl.scene.records import Array, Tree
 from cmbrl.scene.support import Gate
 from cmbrl.scene.tendons import is_fixed
+from cmbrl.scene.wide import Reach, read_reach
 
 UNLIMITED = 1e6  #: [N m, N] the limit of an actuator that has none
-
-
-@dataclass(frozen=True)
-class Reach:
-    """How an actuator acts on several dofs, per unit of its force: a wrench on a body, or moment arms at a joint."""
-
-    body: int  # WORLD: at a joint
-    moment: Array  # (3,) about the origin of the body, in its axes
-    force: Array  # (3,)
-    dofs: range
-    arms: Array
 
 
 @dataclass(frozen=True)
@@ -133,7 +119,7 @@ def _read(
         armature = 0.0  # of a tendon through sites: refused, or left out
     if not sound:  # what it adds to its line stays, as in MuJoCo
         return Actuator(name, max(line, 0), 0.0, 0.0, np.zeros(3), free, free, armature, damping)
-    reach = None if line >= 0 else _reach(model, tree, k)
+    reach = None if line >= 0 else read_reach(model, tree, k)
     clamp = model.actuator_ctrllimited[column] and not (model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
     affine = model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
     slope = model.actuator_gainprm[k, 1:3] * (model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_AFFINE)
@@ -172,7 +158,7 @@ def _obstacle(model: mujoco.MjModel, lines: Mapping[int, int], k: int) -> str | 
     transmission, target = _transmission(model, k), int(model.actuator_trnid[k, 0])
     if transmission == "site":
         return "it drives a site relative to another one (refsite)" if model.actuator_trnid[k, 1] >= 0 else None
-    if transmission == "joint" or _line(model, lines, k) >= 0:
+    if transmission in ("joint", "body") or _line(model, lines, k) >= 0:
         return None
     if transmission == "tendon":
         return f"it drives {name_of(model, 'tendon', target)}, a tendon that is not modelled"
@@ -197,40 +183,6 @@ def _gains(model: mujoco.MjModel, k: int) -> str | None:
         if (values := getattr(model, field, None)) is not None and np.any(values[k]):
             return f"{field.removeprefix('actuator_')}"
     return None
-
-
-def _reach(model: mujoco.MjModel, tree: Tree, k: int) -> Reach:
-    gear, number = model.actuator_gear[k], int(model.actuator_trnid[k, 0])
-    zero = np.zeros(3)
-    if _transmission(model, k) == "site":
-        frame = tree.frames[model.site_bodyid[number]]
-        pos = frame.pos + frame.rot @ model.site_pos[number]
-        rot = frame.rot @ quaternion_matrix(model.site_quat[number])
-        force = rot @ gear[:3]
-        return Reach(frame.body, rot @ gear[3:] + np.cross(pos, force), force, range(0), zero[:0])
-    first, count = int(model.jnt_dofadr[number]), 3 if model.jnt_type[number] == mujoco.mjtJoint.mjJNT_BALL else 6
-    return Reach(WORLD, zero, zero, range(first, first + count), gear[:count].copy())
-
-
-def reach_arrays(tree: Tree, actuators: list[Actuator], plane: PlaneOfMotion | None) -> dict[str, Any]:
-    """The actuators on several dofs for the core, in the plane of motion if there is one."""
-    wide = [(k, actuator.reach) for k, actuator in enumerate(actuators) if actuator.reach]
-    local = []
-    for _, reach in wide:
-        if plane:
-            moment = tree.turn(reach.body, reach.moment) @ plane.axis
-            local.append(np.concatenate([[moment], plane.local(tree, reach.body, reach.force)]))
-        else:
-            local.append(np.concatenate([reach.moment, reach.force]))
-    return {
-        "nwide": len(wide),
-        "wide_act": integers([k for k, _ in wide]),
-        "wide_body": integers([reach.body for _, reach in wide]),
-        "wide_local": doubles(local, (-1, 3 if plane else 6)),
-        "wide_ptr": integers(np.cumsum([0, *(len(reach.dofs) for _, reach in wide)])),
-        "wide_dof": integers([d for _, reach in wide for d in reach.dofs]),
-        "wide_coef": doubles([x for _, reach in wide for x in reach.arms], (-1,)),
-    }
 
 
 def force_limit(actuator: Actuator) -> float:

@@ -160,6 +160,8 @@ def contact_arrays(
         "con_impratio": doubles([float(model.opt.impratio)] * len(laws), (-1,)),
         "con_invweight": doubles([law.inverse_weight for law in laws], (-1,)),
         "con_margin": doubles([law.margin for law in laws], (-1,)),
+        "con_reach": doubles([law.reach for law in laws], (-1,)),
+        "con_points": doubles([c.weight for c in candidates], (-1,)),
         "con_mid": doubles([law.solimp[3] for law in laws], (-1,)),
         "con_power": doubles([law.solimp[4] for law in laws], (-1,)),
         "plane_normal": doubles(normals @ plane.basis.T if plane else normals, (-1, dimension)),

@@ -8,7 +8,6 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.activation import activation_arrays
-from cmbrl.scene.actuators import reach_arrays
 from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.assemble import contact_arrays, line_arrays, tree_arrays
 from cmbrl.scene.core_arrays import CoreArrays
@@ -30,6 +29,7 @@ from cmbrl.scene.robot_source import Compiled
 from cmbrl.scene.springs import spring_arrays
 from cmbrl.scene.support import Gate
 from cmbrl.scene.ties import tie_arrays
+from cmbrl.scene.wide import reach_arrays
 
 _INTEGRATORS = {
     "mjINT_EULER": "euler",
@@ -123,7 +123,7 @@ def _core(
         **parts.ranges,
         **parts.compensation.arrays(tree, plane),
         **activation_arrays(actuators),
-        **reach_arrays(tree, actuators, plane),
+        **reach_arrays(model, tree, [a.reach for a in actuators], candidates, plane),
         **box_arrays(model, tree, parts.boxes, plane),
         **ellipsoid_arrays(parts.ellipsoids),
         **spring_arrays(model, tree),

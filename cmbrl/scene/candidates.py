@@ -51,7 +51,7 @@ def of_hulls(model: mujoco.MjModel, a: Shape, b: Shape, law: ContactLaw, spatial
     them through each other.
     """
     kinds, boxes = {a.kind, b.kind}, a.kind == b.kind == "box"
-    if not kinds <= {*CONVEX} or kinds <= {*ROUND} or kinds == {"sphere", "box"} or law.margin > 0:
+    if not kinds <= {*CONVEX} or kinds <= {*ROUND} or kinds == {"sphere", "box"} or law.reach > 0:
         return []
     if not spatial and kinds != {"mesh"} and kinds != {"mesh", "box"}:
         return []

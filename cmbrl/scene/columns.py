@@ -12,6 +12,11 @@ _FEW = 3  # names that are listed again
 _WIDTH = 98  # of the text
 
 
+def counted(count: int, one: str, many: str = "") -> str:
+    """``count`` with its noun, in the plural where there are several; ``many``: where that is not just an s longer."""
+    return f"{count} {one if count == 1 else many or one + 's'}"
+
+
 def wrapped(words: Iterable[str], indent: int = 15) -> str:
     """``words`` with commas, in lines that stand ``indent`` columns from the left."""
     lines, line = [], ""

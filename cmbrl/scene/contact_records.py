@@ -50,6 +50,7 @@ class ContactLaw:
     inverse_weight: float  # sum of both bodies' translational invweight0
     spin: float = 0.0  # [m] coefficient of torsional friction, about the normal
     roll: float = 0.0  # [m] of rolling friction, about both tangents
+    reach: float = 0.0  # [m] the gap below which actuators pull at the contact; the margin where none does
 
     @property
     def edges(self) -> int:

@@ -154,7 +154,7 @@ class ContactBuilder:
         law = self._surfaces.law(shape.geom, plane.geom, pair)
         if shape.kind not in _POINTWISE:
             low = height_range(self.model, self.tree, shape.body, shape.pos, up).low - shape.bound - ground
-            if low > law.margin:
+            if low > law.reach:
                 self._drop(shape, plane, f"it stays at least {low:.3g} m away")
             else:
                 self.gate.refuse("geom_type", label, f"contact with a geom of type {shape.kind}")
@@ -163,11 +163,11 @@ class ContactBuilder:
         for touch in touches(shape, self._across(shape.body)):
             height = height_range(self.model, self.tree, shape.body, touch.pos, up)
             low = height.low - touch.reach - ground
-            if height.constant and law.dim == 1 and low < law.margin:
+            if height.constant and law.dim == 1 and low < law.reach:
                 why = "no joint changes its distance and it has no friction"
-            elif low >= law.margin and height.constant and not self.keep_far:
+            elif low >= law.reach and height.constant and not self.keep_far:
                 why = "no joint changes its distance"
-            elif low > law.margin and not self.keep_far:
+            elif low > law.reach and not self.keep_far:
                 why = "it is out of reach"
             else:
                 self.candidates.append(on_plane(shape, plane, touch, law))
@@ -181,13 +181,13 @@ class ContactBuilder:
         nearest = self._balls.closest_approach(a, b) - a.bound - b.bound
         kinds = {a.kind, b.kind}
         modelled = kinds <= {*OWN}
-        if nearest > law.margin and not (self.keep_far and modelled):
+        if nearest > law.reach and not (self.keep_far and modelled):
             self._drop(a, b, f"they stay at least {nearest:.3g} m apart")
             return
         if self.normal is not None:  # motion in a plane keeps both at their distance along its normal
             offset = abs(self.normal @ (self.tree.place(a.body, a.pos) - self.tree.place(b.body, b.pos)))
             apart = offset - sum(s.reach_along(self._local(s.body, self.normal)) for s in (a, b))
-            if apart > law.margin:
+            if apart > law.reach:
                 self._drop(a, b, f"they move in parallel planes {apart:.3g} m apart")
                 return
         if odd := kinds - {*CONVEX}:

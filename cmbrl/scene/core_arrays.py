@@ -137,6 +137,8 @@ class CoreArrays:
     con_impratio: Array  # (nc,)
     con_invweight: Array  # (nc,)
     con_margin: Array  # (nc,)
+    con_reach: Array  # (nc,) the gap below which actuators pull at it
+    con_points: Array  # (nc,) how many of MuJoCo's points it stands for
     con_mid: Array  # (nc,)
     con_power: Array  # (nc,)
     plane_normal: Array  # (np, D)
@@ -165,6 +167,8 @@ class CoreArrays:
     wide_ptr: Integers  # (nw + 1,) where its dofs begin, if it drives those of one joint
     wide_dof: Integers
     wide_coef: Array  # its moment arms there
+    grip_ptr: Integers  # (nw + 1,) where the candidates begin at which it pulls, if it pulls at contacts
+    grip_con: Integers
 
     wind: Array  # (D,) [m/s] velocity of the fluid
     box_body: Integers  # (nx,) boxes that feel its drag

@@ -17,7 +17,7 @@ import numpy as np
 from cmbrl.scene.contact_meaning import softened
 from cmbrl.scene.inertials import Inertial, moved_parts, write_inertial
 from cmbrl.scene.layout import ACTUATOR_FIELDS
-from cmbrl.scene.mixing import collision_pairs, mixed, pair_label
+from cmbrl.scene.mixing import Mixed, collision_pairs, mixed, pair_label
 from cmbrl.scene.mjcf import name_of, read_tree
 from cmbrl.scene.records import Array
 from cmbrl.scene.reduction import find_plane
@@ -152,16 +152,18 @@ class FittedSpec:
                 friction[place] = coefficient or friction[place]  # 0 where the contact has none
             if scene.contact_law == "mujoco":
                 solref[:], solimp[:3] = softened(*[*values[3:].tolist(), float(self.softness[row])])
-            element = self._element("pairs", pair) if pair >= 0 else self._add_pair(first, second, law.dim, law.margin)
+            element = self._element("pairs", pair) if pair >= 0 else self._add_pair(first, second, law)
             element.friction, element.solref, element.solimp = friction, solref, solimp
 
-    def _add_pair(self, first: int, second: int, dim: int, margin: float) -> Any:
+    def _add_pair(self, first: int, second: int, law: Mixed) -> Any:
         names = []
         for geom in (first, second):
             element = self._element("geoms", geom)
             element.name = element.name or name_of(self.model, "geom", geom)
             names.append(element.name)
-        return self.spec.add_pair(geomname1=names[0], geomname2=names[1], condim=dim, margin=margin)
+        return self.spec.add_pair(
+            geomname1=names[0], geomname2=names[1], condim=law.dim, margin=law.margin, gap=law.gap
+        )
 
     def _radii(self) -> bool:
         """Radii of spheres and capsules; others have none. Returns whether one has changed."""

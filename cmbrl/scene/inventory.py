@@ -119,11 +119,13 @@ def limited(scene: Scene) -> list[str]:
 
 
 def driven(scene: Scene, k: int) -> str:
-    """What an actuator drives: a coordinate, a tendon, a body at a site, or the coordinates of a joint."""
+    """What an actuator drives: a coordinate, a tendon, a body at a site or its contacts, or a joint's coordinates."""
     core = scene.core
     if core.act_line[k] >= 0:
         return scene.line_names[core.act_line[k]]
     wide = core.wide_act.tolist().index(k)
+    if core.grip_ptr[wide] < core.grip_ptr[wide + 1]:
+        return f"contacts of {scene.body_names[core.wide_body[wide]] if core.wide_body[wide] >= 0 else 'the world'}"
     if core.wide_body[wide] >= 0:
         return f"body {scene.body_names[core.wide_body[wide]]}"
     dofs = core.wide_dof[core.wide_ptr[wide] : core.wide_ptr[wide + 1]]

@@ -62,13 +62,17 @@ def collision_pairs(model: mujoco.MjModel) -> Iterator[tuple[int, int, int]]:
 
 @dataclass(frozen=True)
 class Mixed:
-    """What MuJoCo gives a contact of two geoms: condim, friction (5,), solref, solimp, and the margin that acts."""
+    """What MuJoCo gives a contact of two geoms: condim, friction (5,), solref, solimp, and the margin that acts.
+
+    From a gap of ``margin + gap`` on there is a contact, at which adhesion pulls.
+    """
 
     dim: int
     friction: Array
     solref: Array
     solimp: Array
     margin: float
+    gap: float
 
 
 def mixed(model: mujoco.MjModel, first: int, second: int, pair: int) -> Mixed:
@@ -76,7 +80,8 @@ def mixed(model: mujoco.MjModel, first: int, second: int, pair: int) -> Mixed:
     if pair >= 0:
         dim, friction = int(model.pair_dim[pair]), model.pair_friction[pair]
         solref, solimp = model.pair_solref[pair], model.pair_solimp[pair]
-        margin = model.pair_margin[pair] - (0.0 if _margins_add() else model.pair_gap[pair])
+        gap = model.pair_gap[pair]
+        margin = model.pair_margin[pair] - (0.0 if _margins_add() else gap)
     else:
         rank = int(model.geom_priority[first]) - int(model.geom_priority[second])
         dims = model.geom_condim[first], model.geom_condim[second]
@@ -93,11 +98,12 @@ def mixed(model: mujoco.MjModel, first: int, second: int, pair: int) -> Mixed:
         solref = mix * refs[0] + (1 - mix) * refs[1] if standard or rank else np.minimum(*refs)
         solimp = mix * model.geom_solimp[first] + (1 - mix) * model.geom_solimp[second]
         margins, gaps = model.geom_margin[[first, second]], model.geom_gap[[first, second]]
-        margin = margins.sum() if _margins_add() else margins.max() - gaps.max()
+        gap = gaps.sum() if _margins_add() else gaps.max()
+        margin = margins.sum() if _margins_add() else margins.max() - gap
     if model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE:
         solref, solimp = model.opt.o_solref, model.opt.o_solimp
         margin, friction = model.opt.o_margin, model.opt.o_friction
-    return Mixed(dim, friction.copy(), solref.copy(), solimp.copy(), float(margin))
+    return Mixed(dim, friction.copy(), solref.copy(), solimp.copy(), float(margin), float(gap))
 
 
 def contact_law(model: mujoco.MjModel, first: int, second: int, pair: int, gate: Gate) -> ContactLaw:
@@ -115,10 +121,12 @@ def contact_law(model: mujoco.MjModel, first: int, second: int, pair: int, gate:
         if dim >= least and friction[one] != friction[other]:
             why = f"{'friction' if one == 0 else 'rolling friction'} {friction[one]:g} {friction[other]:g}"
             gate.refuse("friction_anisotropic", label, why, "the first applies")
-    weight = sum(inverse_weight(model, int(model.geom_bodyid[geom])) for geom in (first, second))
+    bodies = [int(model.geom_bodyid[geom]) for geom in (first, second)]
+    weight = sum(inverse_weight(model, body) for body in bodies)
+    reach = own.margin + (own.gap if adhesive_bodies(model).intersection(bodies) else 0.0)
     slide = float(friction[0]) if dim > 1 else 0.0
     spin, roll = (max(float(friction[k]), _LEAST_FRICTION) if dim > k else 0.0 for k in (2, 3))
-    return ContactLaw(dim, slide, own.solref, own.solimp, own.margin, weight, spin, roll)
+    return ContactLaw(dim, slide, own.solref, own.solimp, own.margin, weight, spin, roll, reach)
 
 
 def inverse_weight(model: mujoco.MjModel, body: int) -> float:
@@ -129,6 +137,11 @@ def inverse_weight(model: mujoco.MjModel, body: int) -> float:
     weld = int(model.body_weldid[body])
     mass = float(model.body_subtreemass[weld]) if weld else 0.0
     return max(float(model.body_invweight0[body, 0]), _LEAST / mass if mass > 0 else 0.0)
+
+
+def adhesive_bodies(model: mujoco.MjModel) -> set[int]:
+    """Bodies that an actuator pulls towards what they touch."""
+    return set(model.actuator_trnid[model.actuator_trntype == mujoco.mjtTrn.mjTRN_BODY, 0].tolist())
 
 
 def pair_label(model: mujoco.MjModel, first: int, second: int) -> str:

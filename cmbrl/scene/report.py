@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmbrl.scene import inventory
-from cmbrl.scene.columns import folded, listed, on_request, parameter_lines, wrapped
+from cmbrl.scene.columns import counted, folded, listed, on_request, parameter_lines, wrapped
 from cmbrl.scene.records import LeftOut
 from cmbrl.scene.scene import Scene
 
@@ -23,7 +23,7 @@ def describe(scene: Scene) -> str:
         f"{scene.name}: {scene.path or 'not from a file'}",
         f"  algebra      {'planar' if scene.planar else 'spatial'}: {scene.planar_why}",
         f"  size         nq {scene.nq}, nv {scene.nv}, nu {scene.nu}; "
-        f"{core.nbody} moving bodies, {scene.total_mass:.4g} kg",
+        f"{counted(core.nbody, 'moving body', 'moving bodies')}, {scene.total_mass:.4g} kg",
         f"  file's step  {scene.timestep:g} s, {scene.integrator}; gravity {gravity} m/s^2",
         "  coordinates  "
         + wrapped(f"{n} ({k})" for n, k in zip(scene.coordinate_names, scene.coordinate_kinds, strict=True)),
@@ -35,7 +35,7 @@ def describe(scene: Scene) -> str:
         *_tendon_and_tie_lines(scene),
         f"  actuators    {scene.nu}" + listed(_actuator_line(scene, k) for k in range(scene.nu)),
         *_joint_force_lines(scene),
-        f"  contacts     {core.ncontact} candidates, law {scene.contact_law}" + _contact_lines(scene),
+        f"  contacts     {counted(core.ncontact, 'candidate')}, law {scene.contact_law}" + _contact_lines(scene),
         f"  parameters   {len(scene.parameters)} that can be fitted; the name is GROUP.OF, e.g. for --set",
         *parameter_lines(scene.parameters),
         *on_request(scene.parameters),
@@ -57,14 +57,20 @@ def _joint_force_lines(scene: Scene) -> list[str]:
             f"{scene.coordinate_names[dof]} [{low:g}, {high:g}]"
             for dof, (low, high) in zip(core.frc_dof, core.frc_range, strict=True)
         )
-        lines.append(f"  joint forces {core.nforcerange} sums of actuators are clamped" + listed(ranges))
+        lines.append(
+            f"  joint forces {counted(core.nforcerange, 'sum of actuators is', 'sums of actuators are')} clamped"
+            + listed(ranges)
+        )
     if core.nellipsoid:
-        lines.append(f"  fluid        drags and lifts {core.nellipsoid} ellipsoids")
+        lines.append(f"  fluid        drags and lifts {counted(core.nellipsoid, 'ellipsoid')}")
     if core.nbox:
-        lines.append(f"  fluid        drags {core.nbox} boxes that have the bodies' inertia")
+        lines.append(f"  fluid        drags {counted(core.nbox, 'box', 'boxes')} with the inertia of a body")
     if core.nlift:
         shares = (f"{name} {share:.4g}" for name, share in zip(scene.body_names, core.body_lift, strict=True) if share)
-        lines.append(f"  gravcomp     {core.nlift} bodies carry a share of their weight" + listed(shares))
+        lines.append(
+            f"  gravcomp     {counted(core.nlift, 'body carries', 'bodies carry')} a share of the weight"
+            + listed(shares)
+        )
     return lines
 
 
@@ -119,7 +125,7 @@ def _contact_lines(scene: Scene) -> str:
     if len(lines) > 40:
         lines = [*lines[:40], f"and {len(lines) - 40} more pairs (--json lists all)"]
     if scene.merged_points:
-        lines.append(f"merged: {scene.merged_points} duplicate points")
+        lines.append(f"merged: {counted(scene.merged_points, 'duplicate point')}")
     dropped = [replace(drop, kind="dropped:") for drop in scene.dropped_contacts]
     return "".join(f"\n    {line}" for line in lines) + "".join(f"\n{line}" for line in _by_reason(dropped))
 

@@ -130,11 +130,6 @@ class Scene:
         return Scene.from_mjcf(self.path, self.ignore, self.contact_law, self.reduce, self.self_contact, drives)
 
     @property
-    def turning_friction(self) -> bool:
-        """Whether some contact has torsional or rolling friction (condim 4 or 6) that its motion can feel."""
-        return bool(np.any(self.core.con_dim > (4 if self.planar else 3)))
-
-    @property
     def layout(self) -> Layout:
         """Offsets into the physical vector ``core.P``."""
         return self.core.layout

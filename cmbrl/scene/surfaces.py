@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.contact_records import ContactLaw
-from cmbrl.scene.mixing import contact_law, inverse_weight, pair_label
+from cmbrl.scene.mixing import adhesive_bodies, contact_law, inverse_weight, pair_label
 from cmbrl.scene.support import Gate
 
 _SURFACE = (
@@ -45,8 +45,9 @@ class Surfaces:
         if geom not in self._surfaces:
             fields = [name for name in _SURFACE if hasattr(self.model, name)]
             numbers = [np.ravel(getattr(self.model, name)[geom]).astype(float) for name in fields]
-            weight = inverse_weight(self.model, int(self.model.geom_bodyid[geom]))
-            self._surfaces[geom] = np.concatenate([*numbers, [weight]]).tobytes()
+            body = int(self.model.geom_bodyid[geom])
+            own = [inverse_weight(self.model, body), float(body in adhesive_bodies(self.model))]
+            self._surfaces[geom] = np.concatenate([*numbers, own]).tobytes()
         return self._surfaces[geom]
 
     def _mixed(self, a: int, b: int, pair: int) -> ContactLaw:

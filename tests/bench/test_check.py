@@ -97,3 +97,26 @@ def test_controls_become_weaker_until_mujoco_does_not_diverge() -> None:
     text = ARM.replace('gear="10"', 'gear="3e5"').replace('<motor joint="b"', '<motor joint="b" ctrlrange="-1 1"')
     lines = lines_of(Scene.from_mjcf(text), mujoco.MjModel.from_xml_string(text))
     assert "controls within 10% of their ranges" in lines["step in place"].meaning
+
+
+def test_rk4_is_told_with_its_size_and_its_price() -> None:
+    """The default steps such files by leapfrog, which is far off at long steps."""
+    text = ARM.replace("implicitfast", "RK4").replace('timestep=".002"', 'timestep=".02"')
+    lines = lines_of(Scene.from_mjcf(text), mujoco.MjModel.from_xml_string(text))
+    assert lines["step in place, integrator='rk4'"].value < 0.5 * lines["step in place"].value
+    assert lines["step in place, apart"].value < 1e-6
+    assert lines["time of a step, rk4"].limit is None
+    assert "time of a step, rk4" not in lines_of(Scene.from_mjcf(ARM), mujoco.MjModel.from_xml_string(ARM))
+
+
+def test_the_option_that_the_default_lacks_is_named() -> None:
+    """A box that is pushed over a floor, which MuJoCo's law of sliding lifts."""
+    text = """<mujoco><option timestep=".005"/><worldbody><geom type="plane" size="5 5 .1" friction=".6"/>
+<body pos="0 0 .05"><freejoint/><geom type="box" size=".1 .1 .02" mass="1" friction=".6"/><site name="s"/></body>
+</worldbody>
+<actuator><motor site="s" gear="1 0 0 0 0 0" ctrlrange="-20 20"/></actuator></mujoco>"""
+    lines = lines_of(Scene.from_mjcf(text), mujoco.MjModel.from_xml_string(text))
+    assert lines["step on the floor"].value > 0.05
+    named = lines["step on the floor, sliding='convex'"]
+    assert named.value < 0.1 * lines["step on the floor"].value
+    assert named.holds  # it explains, and is no check

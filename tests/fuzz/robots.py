@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 THEMES = (
-    "actfrc", "activation", "armature", "ball", "compiler", "condim", "contype", "curved", "direct",
+    "actfrc", "activation", "adhesion", "armature", "ball", "compiler", "condim", "contype", "curved", "direct",
     "disabled", "elliptic", "equality", "fluid", "free", "gravcomp", "limits", "loose", "loss", "margin",
     "mesh", "multi", "override", "pairs", "poly", "refsafe", "servo", "site", "slide", "softness", "spring",
     "tendon", "varying", "wrap",
@@ -212,6 +212,8 @@ class Robots:
             out += f'<motor site="{self.one_of(*self.sites)}" gear="{self.u(-2, 2, 6)}" ctrlrange="-1 1"/>'
         if self.balls:
             out += f'<motor joint="{self.one_of(*self.balls)}" gear="{self.u(-2, 2, 3)}" ctrlrange="-1 1"/>'
+        if self.has("adhesion", 1):
+            out += f'<adhesion body="{self.one_of(*self.bodies, "world")}" gain="{self.log(1, 30)}" ctrlrange="0 1"/>'
         return f"<actuator>{out}</actuator>"
 
     def actuator(self, target: str) -> str:

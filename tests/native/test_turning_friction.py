@@ -13,7 +13,6 @@ from cmbrl.bench.states import Ranges, random_states
 from cmbrl.bench.studies.derivatives.differences import compare, measure
 from cmbrl.contact import Barrier, Exact, Gaussian
 from cmbrl.contact.smoothing import Smoothing
-from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.native import SolverStatus
 from cmbrl.scene import Scene
@@ -212,15 +211,6 @@ def test_wild_states_are_solved(cone: str, sliding: str, tmp_path: Path) -> None
     assert good.mean() > 0.998
     assert np.isfinite(found.v_next[good]).all()
     assert found.residual[good].max() < 1e-8
-
-
-def test_contact_problems_have_no_such_rows(tmp_path: Path) -> None:
-    scene = Scene.from_mjcf(write(tmp_path, "ball", 4, "elliptic"))
-    q, v, u = touching(scene, 1)
-    with pytest.raises(UserError, match="ignore='condim'"):
-        ComplementarityModel(scene).contact_problems(q, v, u)
-    without = Scene.from_mjcf(write(tmp_path, "ball", 4, "elliptic"), "condim")
-    assert len(ComplementarityModel(without).contact_problems(q, v, u)) == 1
 
 
 ROBOTS = ("unitree_go2", "apptronik_apollo", "pal_tiago")

@@ -96,3 +96,12 @@ def test_laws_and_stepping(integrator: str, expected: str, load: Load) -> None:
     assert not whys(
         load(FLOOR.replace("/>", ' condim="1"/>') + ball.replace("/></b", ' condim="1"/></b'))[0], "friction"
     )
+
+
+def test_one_is_not_told_in_the_plural() -> None:
+    text = """<mujoco><option density="1.2"/><worldbody><body gravcomp="1"><joint name="turn" actuatorfrcrange="-1 1"/>
+    <geom size=".1" contype="0"/></body></worldbody><actuator><motor joint="turn"/></actuator></mujoco>"""
+    told = describe(Scene.from_mjcf(text))
+    for line in ("1 moving body,", "drags 1 box with", "1 body carries a share", "1 sum of actuators is clamped"):
+        assert line in told
+    assert "0 candidates" in told

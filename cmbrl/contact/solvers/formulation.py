@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cmbrl.contact.problem import Array, ContactProblem
+from cmbrl.errors import UserError
 
 GENERATORS = 8  #: edges of the friction pyramid in space; in the plane two edges are the exact cone
 
@@ -69,8 +70,12 @@ class Program:
 
 
 def pyramid(problem: ContactProblem, generators: int = GENERATORS) -> Program:
-    """Friction pyramids with ``generators`` edges in space; the exact cone in the plane."""
+    """Friction pyramids with ``generators`` edges in space; the exact cone in the plane.
+
+    Raises UserError for contacts with torsional and rolling friction, whose pyramids would have too many edges.
+    """
     nt = problem.b.shape[1] - 1
+    sliding_only(problem, "a pyramid")
     angles = 2 * np.pi * np.arange(generators) / generators
     edges = np.array([[1.0], [-1.0]]) if nt == 1 else np.column_stack([np.cos(angles), np.sin(angles)])
     rough = problem.mu > 0
@@ -93,6 +98,15 @@ def second_order_cone(problem: ContactProblem) -> Program:
     lift[:, 0] = problem.mu / size
     contact = np.repeat(np.arange(n), rows)
     return _program(problem, W.reshape(-1, rows), contact, lift.ravel(), cone=True)
+
+
+def sliding_only(problem: ContactProblem, what: str) -> None:
+    """Raises UserError if a contact has more rows than those of sliding in space."""
+    if problem.b.shape[1] > 3:
+        raise UserError(
+            f"{problem.name}: {what} bounds sliding friction alone, not torsional and rolling friction; take a solver "
+            "of round cones, as 'ours', 'admm' or 'clarabel'"
+        )
 
 
 def _program(problem: ContactProblem, W: Array, contact: np.ndarray, lift: Array, cone: bool = False) -> Program:

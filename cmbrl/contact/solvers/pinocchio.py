@@ -17,6 +17,7 @@ import pinocchio as pin
 
 from cmbrl.contact.problem import Array, ContactProblem
 from cmbrl.contact.solvers.contact_space import ContactSpace
+from cmbrl.contact.solvers.formulation import sliding_only
 from cmbrl.contact.solvers.protocol import Finish, Law, Run, Solution, Solver
 
 ITERATIONS = 5000
@@ -32,6 +33,7 @@ class Pinocchio(Solver):
     iterations: int = ITERATIONS
 
     def prepare(self, problem: ContactProblem) -> Run:
+        sliding_only(problem, "Pinocchio's point contact")
         space = ContactSpace.of(problem)
         place = _places(len(problem.mu), space.rows)
         size = 3 * len(problem.mu)

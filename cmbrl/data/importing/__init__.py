@@ -20,12 +20,13 @@ from cmbrl.data.importing.recording import Recording
 from cmbrl.data.importing.series import series_of
 from cmbrl.data.importing.targets import Target, match
 from cmbrl.data.importing.tied import followers
-from cmbrl.data.importing.told import UNUSED, plural, remedy, short, told, used
+from cmbrl.data.importing.told import UNUSED, remedy, short, told, used
 from cmbrl.data.position_log import PositionLog
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
 from cmbrl.numbers import one_of, real, whole
 from cmbrl.scene import Scene
+from cmbrl.scene.columns import counted
 
 __all__ = ["Imported", "Options", "import_logs"]
 
@@ -101,7 +102,7 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
         raise UserError("no stretch of the log has all columns at once; check their times, or give a larger --gap")
     keys = set(episodes[0])
     kind = options.kind or ("positions" if poses else _kind(keys, scene))
-    sizes = f"{plural(len(episodes), 'episode')} from {plural(len(paths), 'file')}"
+    sizes = f"{counted(len(episodes), 'episode')} from {counted(len(paths), 'file')}"
     notes = [f"{sizes}, a sample every {dt:.6g} s", *told(counts, options.gap), *columns]
     log: Transitions | PositionLog
     if kind == "positions":

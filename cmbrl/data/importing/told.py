@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, TURN, joints_of
 from cmbrl.data.importing.grid import Counts, Key, Series
 from cmbrl.scene import Scene
+from cmbrl.scene.columns import counted
 
 UNUSED = "not used"
 _OF_BASES = dict.fromkeys((*PLACE, *TURN), "pose") | dict.fromkeys((*LINEAR, *ANGULAR), "velocity")
@@ -14,10 +15,6 @@ _OF_BASES = dict.fromkeys((*PLACE, *TURN), "pose") | dict.fromkeys((*LINEAR, *AN
 
 def short(names: Sequence[str], most: int = 12) -> str:
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
-
-
-def plural(count: int, word: str) -> str:
-    return f"{count} {word}{'s' * (count != 1)}"
 
 
 def used(columns: Sequence[str], targets: Mapping[str, str]) -> list[str]:
@@ -51,9 +48,9 @@ def told(counts: Counts, gap: int) -> list[str]:
             "were lost (positions linearly, quaternions by slerp, commands held)"
         )
     if repeated := sum(counts.repeated.values()):
-        notes.append(f"{plural(repeated, 'sample')} that repeat a time were dropped")
+        notes.append(f"{counted(repeated, 'sample')} that repeat a time were dropped")
     if counts.gaps:
-        notes.append(f"{plural(counts.gaps, 'gap')} of more than {gap} samples, where an episode ends")
+        notes.append(f"{counted(counts.gaps, 'gap')} of more than {gap} samples, where an episode ends")
     if counts.short:
         notes.append(f"{counts.short} samples between gaps were too few for an episode")
     for column, turns in counts.turns.items():

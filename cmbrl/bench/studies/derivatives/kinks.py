@@ -34,6 +34,7 @@ def choices(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
     parts = [
         gap > 0,
         gap > core.con_margin,
+        gap > core.con_reach,
         gap / h + speed < model.stepper.options["prune"],
         below < above,
         near > core.lim_margin,
