@@ -32,6 +32,7 @@ from cmbrl.fitting.random_search import random_search
 from cmbrl.fitting.sliding import label, supported_sliding
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.fitting.survey import Judge, Survey, Surveyor
+from cmbrl.fitting.told_gains import GAINS
 from cmbrl.fitting.trials import Incumbent
 from cmbrl.fitting.unseen import held_out_rows
 from cmbrl.fitting.verdict import stepping
@@ -200,19 +201,17 @@ class Course:
             if self.confirms and self.count:
                 late = [[DELAY, LAG]] if self.evidence.late(self.incumbent.z) else []
                 before = self.incumbent.active
-                for groups in [*late, *self._drives()]:
+                for groups in [*late, *self._laws()]:
                     Extension(*self._trials(*self._everything(), [])).confirm(self.incumbent, groups)
                 if (self.incumbent.active != before).any():  # what is left has to make up for what is gone
                     self._polish("polish again")
 
-    def _drives(self) -> list[list[str]]:
-        """Laws of motors that the fit has taken, to be confirmed beside all that it took later."""
-        space, active = self.evidence.space, self.incumbent.active
-        laws = [
-            [group for group in law if (active & (np.array(space.groups) == group)).any()]
-            for law in ([LIMIT, FADE], [GAP])
-        ]
-        return [law for law in laws if law]
+    def _laws(self) -> list[list[str]]:
+        """Laws of motors and gains that the fit has taken, to be confirmed beside all that it took later."""
+        added = self.incumbent.active & ~self.movable
+        groups = set(np.array(self.evidence.space.groups)[added].tolist())
+        laws = ([LIMIT, FADE], [GAP], *([group] for group in GAINS))
+        return [found for law in laws if (found := [group for group in law if group in groups])]
 
     def _trials(self, loss: PredictionLoss, folds: Folds, judges: list[list[Judge]]) -> tuple[Any, ...]:
         return self.evidence.space, loss, folds, judges, self.seed, self.budget, self.journal

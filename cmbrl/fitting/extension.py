@@ -22,11 +22,14 @@ from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.loss import Errors
 from cmbrl.fitting.objective import NotFinite, Objective
 from cmbrl.fitting.parsimony import ALL
+from cmbrl.fitting.told_gains import GAINS
 from cmbrl.fitting.trials import Incumbent, Trial, Trials
 from cmbrl.models.observation import ZERO
 
-LAWS = (ZERO, "friction_slope", "stribeck")  #: groups that no file has, tried on logs of positions
-_FORECAST = (ZERO, "friction_slope")  # act in proportion; to first order, dry friction takes Stribeck's part
+LAWS = (*GAINS, *drives.GROUPS, ZERO, "friction_slope", "stribeck")  #: groups tried on positions: held, or in no file
+_FORECAST = (*GAINS, ZERO, "friction_slope")  # act in proportion; to first order, dry friction takes Stribeck's part
+_AT_ONCE = 0.5  # of the loss: a law that leaves less is taken before others are tried
+_WRONG = 0.3  # of the loss, by which it falls with a gain that the log tells wrongly
 _SETTLING = 2  # times that a fit of everything goes on before laws are added to it
 
 
@@ -41,19 +44,26 @@ class Extension(Trials):
         none = np.zeros_like(chosen)
         before = self._unmoved(incumbent)
         self._tell(incumbent, "fitting all parameters")
-        trial = self._trial("all", incumbent, chosen, incumbent.begin, none, before, self.budget.polish_iterations)
+        start = incumbent.begin if incumbent.surveyed is None else incumbent.surveyed
+        least = Objective.at(self.loss, self.space, chosen, incumbent.begin).variance
+        trial = self._trial("all", incumbent, chosen, start, none, before, self.budget.polish_iterations, least)
         name, incumbent.least = ALL, trial.variance
         if (limited := self._limited(incumbent, chosen, trial)) is not None:
             name, trial = f"{ALL} + {drives.LIMIT}", limited
         before = self._accept("add", name, trial, incumbent)
-        laws = [law for law in (*drives.GROUPS, *LAWS) if law in self.space.groups]
+        held = set(np.array(self.space.groups)[~chosen].tolist())
+        laws = [law for law in LAWS if law in held]
         while True:
             before = self._settled(incumbent, before)
             idle = drives.unneeded(self.loss, self.space, incumbent.z, incumbent.active)
             incumbent.z, incumbent.active = np.where(idle, 0.0, incumbent.z), incumbent.active & ~idle
-            hopeful = self._hopeful(incumbent, laws, before)
-            trials = {law: self._law(incumbent, law, before) for law in hopeful}
-            found = {law: t for law, t in trials.items() if t is not None and self._helps(t, before)}
+            found: dict[str, Trial] = {}
+            for law in self._hopeful(incumbent, laws, before):
+                tried = self._law(incumbent, law, before)
+                if tried is not None and self._helps(tried, before, law):
+                    found[law] = tried
+                    if tried.errors.mean < _AT_ONCE * before.mean:  # no other explains as much
+                        break
             if not found:
                 return
             best = max(found, key=lambda law: found[law].gain)
@@ -77,8 +87,10 @@ class Extension(Trials):
         if not needed and without.costs_nothing(kept.errors.mean, kept.score, kept.strain):
             self._accept("remove", " + ".join(groups), without, incumbent)
 
-    def _helps(self, trial: Trial, before: Errors) -> bool:
+    def _helps(self, trial: Trial, before: Errors, law: str = "") -> bool:
         """Whether a law lowers the mean of all or the errors in the typical part of the log, and these do not rise."""
+        if law in GAINS and trial.gain < _WRONG * before.mean:
+            return False
         falls = trial.counts(before.mean) or self._typically_worse(trial.errors, before)
         explodes = not np.isfinite(trial.gain)
         return falls and not explodes and not self._typically_worse(before, trial.errors)
@@ -155,11 +167,12 @@ class Extension(Trials):
         self.journal.check_time()
         objective = Objective.at(self.loss, self.space, incumbent.active, incumbent.z, incumbent.least)
         forecast = Forecast.at(self.folds, self.space, incumbent.z, objective.strength)
-        least = forecast.gain(incumbent.active) + LEAST_GAIN * before.mean
-        columns = {law: self.space.columns([law]) for law in told}
+        already, columns = forecast.gain(incumbent.active), {law: self.space.columns([law]) for law in told}
         idle = [
             law for law, own in columns.items()
-            if not forecast.blank(own) and forecast.gain(incumbent.active | own) < least
+            if not forecast.blank(own)
+            and forecast.gain(incumbent.active | own)
+            < already + (_WRONG if law in GAINS else LEAST_GAIN) * before.mean
         ]  # fmt: skip
         return [law for law in laws if law not in idle]
 

@@ -86,7 +86,7 @@ class RateCheck:
     def _loss_of_drives(self, factor: float) -> float:
         space, loss = self.evidence.space, self._loss(factor)
         missing = begins(space, space.default).any(axis=0)  # without a rotor, stiff servos shake links
-        active, journal = (space.default & np.isin(space.groups, _DRIVES)) | missing, Journal(None, "")
+        active, journal = np.isin(space.groups, _DRIVES) | missing, Journal(None, "")  # told gains may be wrong too
         z = beginning(loss, space, active, journal)
         try:
             for _ in range(_PASSES):  # the second weighs the prior by what errors remain
