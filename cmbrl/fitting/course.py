@@ -84,7 +84,8 @@ class Course:
             with self.part("beginning"):
                 self.incumbent.begin = np.array(self.journal.unit("begin", self._begin)["z"])
             with self.part("sliding"):
-                self.evidence, self.sliding = supported_sliding(self._surveyor(), self._horizons)
+                found = supported_sliding(self._surveyor(), self._horizons)
+                self.evidence, self.sliding, self.incumbent.surveyed = found.evidence, found.told, found.z
             with self.part("survey"):
                 self._look()
             cuts = self.journal.cuts
@@ -168,7 +169,8 @@ class Course:
     def _look(self) -> None:
         surveyor = self._surveyor()
         self.survey = Survey.from_dict(self.journal.unit("survey", lambda: surveyor.run(self._horizons).to_dict()))
-        self.incumbent.surveyed, better = self.survey.z, self.survey.better
+        better = self.survey.better
+        self.incumbent.surveyed = self.incumbent.surveyed if self.survey.z is None else self.survey.z
         if self.budget.horizons < len(self.horizons) and better is not None:
             self.incumbent.begin = better  # in a hurry, what the survey has gained is not gained again
 

@@ -116,7 +116,7 @@ class Plan:
     ) -> Plan:
         """Of a fit of ``evidence`` that may move ``movable`` (n,)."""
         states, begin = not evidence.positions_only, bool(begins(evidence.space, movable).any())
-        sliding = states and evidence.model.other_sliding() is not None
+        sliding = evidence.model.other_sliding() is not None
         rows, logs = len(evidence.log), len(evidence.names)
         return cls(rows, horizons, folds, begin, chooses, adds, searches, sliding, states, logs)
 

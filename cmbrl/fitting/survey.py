@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -31,6 +31,7 @@ from cmbrl.models.deviations import REST
 from cmbrl.models.windows import spread
 
 _NEARLY = 0.01  # of the logarithm of the error
+_SAME = 1e-9  # relative difference of two losses that rounding explains
 _SAME_NOISE = 0.2  # relative change that needs no second fit
 _JUDGED, _JUDGED_ROWS = 500, 20_000  # windows at most, and predicted rows
 _EXACT = 1e-4  # loss of a coordinate (1 % of its change) below which it is right
@@ -118,18 +119,31 @@ class Surveyor:
         return [h for h in horizons if len(self.evidence.log.windows(h)) >= LEAST_WINDOWS] or [min(horizons)]
 
     def score_after(self, horizon: int, longer: bool = False) -> float:
-        """Mean logarithm of the held-out errors at all horizons after fits up to one of them, as ``run`` begins.
+        """Mean logarithm of the held-out errors at all horizons, where ``fitted_to`` leads."""
+        return score(self._judges, self.evidence.space.theta(self.fitted_to(horizon, longer)))
+
+    def fitted_to(self, horizon: int, longer: bool = False) -> np.ndarray:
+        """Where (n,) fits up to the ``horizon`` lead, as ``run`` begins.
 
         ``longer``: as many iterations again, and once more.
         """
+        first = () if self.evidence.positions_only else (1,)
         noise = self._noise(self.evidence.space.nominal)
-        z = dict(self._fitted_over(sorted({1, horizon}), noise))[horizon]
+        z = dict(self._fitted_over(sorted({*first, horizon}), noise))[horizon]
         for again in ("on", "further") if longer else ():
             z = self._fit(f"survey of {horizon} steps, {again}", horizon, noise, z)
-        return score(self._judges, self.evidence.space.theta(z))
+        return z
+
+    def same(self, other: ComplementarityModel, horizon: int) -> bool:
+        """Whether an ``other`` model of the same parameters predicts the log from the beginning as its own does."""
+        starts = draw_starts(self.evidence.log, horizon, self.rows, self.seed)
+        both = self.evidence, replace(self.evidence, model=other)
+        losses = [each.loss(starts, horizon, *each.scales(horizon, self.huber)) for each in both]
+        own, others = (loss.values(self.evidence.space.theta(self.begin)[None])[0] for loss in losses)
+        return bool(abs(own - others) <= _SAME * own)
 
     def _noise(self, theta: np.ndarray) -> np.ndarray | None:
-        return sensor_noise(self.evidence, theta, self.noise_rows)
+        return None if self.evidence.positions_only else sensor_noise(self.evidence, theta, self.noise_rows)
 
     def _fitted_over(self, horizons: Sequence[int], noise: np.ndarray | None) -> Iterator[tuple[int, np.ndarray]]:
         """Horizons, and fits each from that over the horizon before or from the beginning, whichever explains more.
@@ -167,7 +181,8 @@ class Surveyor:
 
     @cached_property
     def _judges(self) -> list[Judge]:
-        return Judge.all(self.evidence, self.huber, self._held_out if self.count else None, share=self.judged)
+        horizons = self.evidence.horizons("auto")
+        return Judge.all(self.evidence, self.huber, self._held_out if self.count else None, horizons, self.judged)
 
     @cached_property
     def _held_out(self) -> np.ndarray:
@@ -181,7 +196,10 @@ class Surveyor:
 
 @dataclass(frozen=True)
 class Judge:
-    """Errors ``horizon`` steps after the logged states at ``starts``, in the spread of the change over that time."""
+    """Errors ``horizon`` steps after the logged states at ``starts``, in the spread of the change over that time.
+
+    Velocities of a log of positions, which are estimates, do not count.
+    """
 
     evidence: Evidence
     starts: np.ndarray
@@ -209,7 +227,8 @@ class Judge:
                 continue
             ends = starts + h - 1
             dq = spread(scene.difference(data.q[starts], data.q_next[ends]), REST * data.dt * h)
-            scale = np.concatenate([dq, spread(data.v_next[ends] - data.v[starts], REST)])
+            dv = spread(data.v_next[ends] - data.v[starts], REST)
+            scale = np.concatenate([dq, np.full_like(dv, np.inf) if evidence.positions_only else dv])
             if rows is not None:
                 starts = starts[np.isin(starts, rows) & np.isin(ends, rows)]
             if not len(starts):
@@ -257,7 +276,8 @@ def judged_rows(horizon: int, share: float = 1.0) -> int:
 
 def score(judges: Sequence[Judge], theta: np.ndarray) -> float:
     """Mean logarithm, over horizons and coordinates, of the losses with parameters ``theta`` (n,)."""
-    return float(np.mean(np.log(np.array([judge.error(theta) for judge in judges]) + _EXACT)))
+    errors = np.array([judge.error(theta)[np.isfinite(judge.scale)] for judge in judges])
+    return float(np.mean(np.log(errors + _EXACT)))
 
 
 def _alike(before: np.ndarray | None, after: np.ndarray | None) -> bool:
