@@ -21,6 +21,7 @@ from cmbrl.fitting.drives import FADE, GAP, LIMIT
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.extension import Extension
 from cmbrl.fitting.folds import Folds, draw_starts
+from cmbrl.fitting.judge import Judge
 from cmbrl.fitting.judging import helped, judged
 from cmbrl.fitting.loss import Errors, PredictionLoss
 from cmbrl.fitting.multi_start import MultiStart
@@ -31,7 +32,7 @@ from cmbrl.fitting.polish import polished
 from cmbrl.fitting.random_search import random_search
 from cmbrl.fitting.sliding import label, supported_sliding
 from cmbrl.fitting.state import Journal, OutOfTime
-from cmbrl.fitting.survey import Judge, Survey, Surveyor
+from cmbrl.fitting.survey import Survey, Surveyor
 from cmbrl.fitting.told_gains import GAINS
 from cmbrl.fitting.trials import Incumbent
 from cmbrl.fitting.unseen import held_out_rows

@@ -109,7 +109,7 @@ class Extension(Trials):
         start, helps = self._scan(drives.LIMIT, incumbent.begin, drives.CLEARLY, lines=False)
         if not helps.any():
             return None
-        begun = self._ahead(incumbent, chosen | helps, start, plain.z)
+        begun = self._ahead("limited", incumbent, chosen | helps, start, plain.z)
         if begun is None:
             return None
         none, iterations = np.zeros_like(chosen), self.budget.polish_iterations
@@ -117,7 +117,7 @@ class Extension(Trials):
         return trial if self._helps(trial, plain.errors) else None
 
     def _ahead(
-        self, incumbent: Incumbent, active: np.ndarray, start: np.ndarray, rival: np.ndarray
+        self, name: str, incumbent: Incumbent, active: np.ndarray, start: np.ndarray, rival: np.ndarray
     ) -> np.ndarray | None:
         """Where a short fit of ``active`` leads from ``start`` (n,); None if ``rival`` (n,) explains the log as well.
 
@@ -135,7 +135,7 @@ class Extension(Trials):
             return {"z": z.tolist() if own < (1.0 - LEAST_GAIN) * other else None}
 
         with np.errstate(all="ignore"):
-            z = self.journal.unit("limited, shortly", compute)["z"]
+            z = self.journal.unit(f"{name}, shortly", compute)["z"]
         return None if z is None else np.array(z)
 
     def _scan(self, group: str, z: np.ndarray, least: float = 0.0, lines: bool = True) -> tuple[np.ndarray, np.ndarray]:
@@ -177,12 +177,15 @@ class Extension(Trials):
         return [law for law in laws if law not in idle]
 
     def _law(self, incumbent: Incumbent, group: str, before: Errors) -> Trial | None:
-        """A fit with the law of ``group`` besides; None if no level of ``drives`` lowers the loss enough."""
-        if group not in drives.GROUPS:
+        """A fit with the law of ``group`` besides; None if nothing of it lowers the loss of what it is fitted to."""
+        if group not in drives.GROUPS and group not in _FORECAST:
             return self._added(incumbent, [group], before)
         self._tell(incumbent, f"trying {group}")
-        start, helps = self._scan(group, incumbent.z, LEAST_GAIN)
-        if not helps.any():
+        name, helps, start = f"add {len(incumbent.path)} {group}", self.space.columns([group]), None
+        if group in drives.GROUPS:
+            start, helps = self._scan(group, incumbent.z, LEAST_GAIN)
+        else:
+            start = self._ahead(name, incumbent, incumbent.active | helps, incumbent.z, incumbent.z)
+        if start is None or not helps.any():
             return None
-        active, none = incumbent.active | helps, np.zeros_like(helps)
-        return self._trial(f"add {len(incumbent.path)} {group}", incumbent, active, start, none, before)
+        return self._trial(name, incumbent, incumbent.active | helps, start, np.zeros_like(helps), before)

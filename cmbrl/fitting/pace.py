@@ -19,12 +19,12 @@ from cmbrl.fitting.beginning import begins
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.evidence import HORIZONS, Evidence
 from cmbrl.fitting.folds import draw_starts, folds_held_out
+from cmbrl.fitting.judge import judged_rows
 from cmbrl.fitting.loss import PredictionLoss
 from cmbrl.fitting.noise import sensor_noise
 from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal, digest
-from cmbrl.fitting.survey import judged_rows
 from cmbrl.fitting.verdict import HORIZONS as REPORTED
 from cmbrl.fitting.verdict import STEPS_TRIED
 
