@@ -20,7 +20,7 @@ from cmbrl.fitting.beginning import beginning, begins
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.folds import draw_starts
 from cmbrl.fitting.gauss_newton import gauss_newton
-from cmbrl.fitting.loss import PredictionLoss
+from cmbrl.fitting.loss import PredictionLoss, huber
 from cmbrl.fitting.objective import NotFinite, Objective
 from cmbrl.fitting.state import Journal
 from cmbrl.models.observation import DELAY, LAG
@@ -47,7 +47,7 @@ class RateCheck:
         with np.errstate(all="ignore"):
             losses = {factor: self._loss_of_file(factor) for factor in _FACTORS}
         factor = min(losses, key=lambda f: losses[f] if np.isfinite(losses[f]) else np.inf)
-        if not losses[factor] < _CLEARLY * own:
+        if not losses[factor] < _CLEARLY * min(own, self._loss_of_rest()):
             return None
         here, there = self._loss_of_drives(1.0), self._loss_of_drives(factor)
         if not there < here:
@@ -82,6 +82,14 @@ class RateCheck:
     def _loss_of_file(self, factor: float) -> float:
         loss = self._loss(factor)
         return float(loss.values(self.evidence.space.nominal[None])[0])
+
+    def _loss_of_rest(self) -> float:
+        """That of predicting that nothing moves, which short time steps come near whatever the robot does."""
+        log, loss = self.evidence.log, self._loss(1.0)
+        starts, scales = loss.windows.starts, loss.windows.scales
+        rows = starts[:, None] + np.arange(self.horizon)
+        away = self.evidence.model.scene.difference(log.q_next[rows], log.q[starts][:, None])
+        return float(huber(away / scales.q, self.huber).sum(axis=-1).mean())
 
     def _loss_of_drives(self, factor: float) -> float:
         space, loss = self.evidence.space, self._loss(factor)
