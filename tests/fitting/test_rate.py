@@ -63,7 +63,7 @@ def test_a_robot_that_hardly_moves_is_no_slow_clock(log: PositionLog) -> None:
     """Held where the file would sag: the less time passes, the better the file predicts, and rest better still."""
     sways = 1e-3 * np.sin(np.pi * log.time)[:, None]
     noise = 1e-4 * np.random.default_rng(0).normal(size=log.position.shape)
-    held = replace(log, position=[0.5, -0.8] + sways + noise, command=np.tile(sways, 2), kp=np.full(2, 60.0))
+    held = replace(log, position=sways + noise + np.array([0.5, -0.8]), command=np.tile(sways, 2), kp=np.full(2, 60.0))
     assert _check(FILE, held).finding() is None
 
 
