@@ -22,6 +22,7 @@ from cmbrl.fitting.folds import draw_starts
 from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.loss import PredictionLoss, huber
 from cmbrl.fitting.objective import NotFinite, Objective
+from cmbrl.fitting.sliding import other_laws
 from cmbrl.fitting.state import Journal
 from cmbrl.models.observation import DELAY, LAG
 
@@ -43,7 +44,7 @@ class RateCheck:
 
     def finding(self) -> Finding | None:
         """What is wrong with the rate; None where the log's own time step explains it about best."""
-        own = self._loss_of_file(1.0)
+        own = min(self._loss_of_file(1.0), self._loss_of_other_laws())
         with np.errstate(all="ignore"):
             losses = {factor: self._loss_of_file(factor) for factor in _FACTORS}
         factor = min(losses, key=lambda f: losses[f] if np.isfinite(losses[f]) else np.inf)
@@ -82,6 +83,14 @@ class RateCheck:
     def _loss_of_file(self, factor: float) -> float:
         loss = self._loss(factor)
         return float(loss.values(self.evidence.space.nominal[None])[0])
+
+    def _loss_of_other_laws(self) -> float:
+        """That of the file under MuJoCo's laws of contact, say, where those of the model may hold what moves."""
+        model = other_laws(self.evidence)
+        if model is None:
+            return np.inf
+        other = replace(self, evidence=replace(self.evidence, model=model))
+        return other._loss_of_file(1.0)
 
     def _loss_of_rest(self) -> float:
         """That of predicting that nothing moves, which short time steps come near whatever the robot does."""

@@ -15,6 +15,7 @@ import numpy as np
 
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.survey import Surveyor
+from cmbrl.models.complementarity import ComplementarityModel
 
 _CLEARLY_BETTER = 0.97  # times the error under the own law
 _OPEN = 0.9, 1.1  # between these, short fits say little: the wrong law shows when all else is right
@@ -34,16 +35,25 @@ class Sliding:
     z: np.ndarray | None = None
 
 
+def other_laws(evidence: Evidence) -> ComplementarityModel | None:
+    """The model of ``evidence`` under the other law of sliding; None where that was named, or nothing slides.
+
+    Of positions, also with what goes with that law by default: when a contact acts, and which shapes touch.
+    """
+    other = evidence.model.other_sliding()
+    return other.with_settings(look_ahead=None) if other is not None and evidence.positions_only else other
+
+
 def supported_sliding(surveyor: Surveyor, horizons: tuple[int, ...]) -> Sliding:
     """The law of sliding that the log supports.
 
     The other law is taken if it is clearly better after both have been fitted. There is nothing to choose where both
     predict the log alike, as of a robot that touches nothing.
     """
-    own = surveyor.evidence
-    model = own.model.other_sliding()
+    own, other = surveyor.evidence, surveyor.evidence.model.other_sliding()
+    model = other_laws(own)
     steps = max((h for h in surveyor.possible(horizons) if h <= _STEPS), default=min(horizons))
-    if model is None or surveyor.same(model, steps):
+    if other is None or model is None or surveyor.same(other, steps):
         return Sliding(own)
     rival = replace(surveyor, evidence=replace(own, model=model), label=label(model.sliding))
     error = _relative_error(rival, surveyor, steps)

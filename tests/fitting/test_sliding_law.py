@@ -16,7 +16,7 @@ from cmbrl.fitting import FitResult
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.report_text import render
-from cmbrl.fitting.sliding import supported_sliding
+from cmbrl.fitting.sliding import other_laws, supported_sliding
 from cmbrl.fitting.state import Journal
 from cmbrl.fitting.survey import Surveyor
 
@@ -58,18 +58,32 @@ def test_the_law_that_the_log_supports_is_taken(tmp_path: Path) -> None:
     assert told["relative_error"] > 1.0
 
 
-@pytest.mark.parametrize("above", [0.0, 1.0])
-def test_positions_alone_tell_the_law_of_what_touches(above: float, tmp_path: Path) -> None:
-    """A puck that is ``above`` the table [m] touches nothing, and its log is not fitted for a choice."""
-    model, log = log_of(tmp_path)
-    positions = PositionLog(
+def poses(model: cmbrl.ComplementarityModel, log: Transitions, above: float) -> PositionLog:
+    """The poses of the puck in ``log``, as if it had been ``above`` the table [m]."""
+    return PositionLog(
         time=log.dt * np.arange(len(log)), position=np.zeros((len(log), 0)), joint_names=(), command=log.u,
         actuator_names=model.scene.actuator_names, command_kind="torque", episode=log.episode,
         base=log.q + above * (np.arange(7) == 2),
     )  # fmt: skip
-    found, told = chosen(model, positions)
+
+
+@pytest.mark.parametrize("above", [0.0, 1.0])
+def test_positions_alone_tell_the_law_of_what_touches(above: float, tmp_path: Path) -> None:
+    """A puck that touches nothing is not fitted for a choice."""
+    model, log = log_of(tmp_path)
+    found, told = chosen(model, poses(model, log, above))
     assert found == ("coulomb" if above else "convex")
     assert (told is None) == bool(above)
+
+
+def test_positions_try_all_laws_of_contact_that_go_with_that_of_sliding(tmp_path: Path) -> None:
+    """What stands in for shapes may hold fingers that pass each other in MuJoCo."""
+    model, log = log_of(tmp_path)
+    states, positions = (other_laws(Evidence.of(model, each)) for each in (log, poses(model, log, 0.0)))
+    assert states is not None
+    assert positions is not None
+    assert (states.sliding, states.look_ahead) == ("convex", model.look_ahead)
+    assert (positions.sliding, positions.look_ahead) == ("convex", False)
 
 
 @pytest.mark.parametrize(
