@@ -21,6 +21,7 @@ from cmbrl.fitting.drives import FADE, GAP, LIMIT
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.extension import Extension
 from cmbrl.fitting.folds import Folds, draw_starts
+from cmbrl.fitting.judge import Judge
 from cmbrl.fitting.judging import helped, judged
 from cmbrl.fitting.loss import Errors, PredictionLoss
 from cmbrl.fitting.multi_start import MultiStart
@@ -31,7 +32,8 @@ from cmbrl.fitting.polish import polished
 from cmbrl.fitting.random_search import random_search
 from cmbrl.fitting.sliding import label, supported_sliding
 from cmbrl.fitting.state import Journal, OutOfTime
-from cmbrl.fitting.survey import Judge, Survey, Surveyor
+from cmbrl.fitting.survey import Survey, Surveyor
+from cmbrl.fitting.told_gains import GAINS
 from cmbrl.fitting.trials import Incumbent
 from cmbrl.fitting.unseen import held_out_rows
 from cmbrl.fitting.verdict import stepping
@@ -83,7 +85,8 @@ class Course:
             with self.part("beginning"):
                 self.incumbent.begin = np.array(self.journal.unit("begin", self._begin)["z"])
             with self.part("sliding"):
-                self.evidence, self.sliding = supported_sliding(self._surveyor(), self._horizons)
+                found = supported_sliding(self._surveyor(), self._horizons)
+                self.evidence, self.sliding, self.incumbent.surveyed = found.evidence, found.told, found.z
             with self.part("survey"):
                 self._look()
             cuts = self.journal.cuts
@@ -167,7 +170,8 @@ class Course:
     def _look(self) -> None:
         surveyor = self._surveyor()
         self.survey = Survey.from_dict(self.journal.unit("survey", lambda: surveyor.run(self._horizons).to_dict()))
-        self.incumbent.surveyed, better = self.survey.z, self.survey.better
+        better = self.survey.better
+        self.incumbent.surveyed = self.incumbent.surveyed if self.survey.z is None else self.survey.z
         if self.budget.horizons < len(self.horizons) and better is not None:
             self.incumbent.begin = better  # in a hurry, what the survey has gained is not gained again
 
@@ -200,19 +204,17 @@ class Course:
             if self.confirms and self.count:
                 late = [[DELAY, LAG]] if self.evidence.late(self.incumbent.z) else []
                 before = self.incumbent.active
-                for groups in [*late, *self._drives()]:
+                for groups in [*late, *self._laws()]:
                     Extension(*self._trials(*self._everything(), [])).confirm(self.incumbent, groups)
                 if (self.incumbent.active != before).any():  # what is left has to make up for what is gone
                     self._polish("polish again")
 
-    def _drives(self) -> list[list[str]]:
-        """Laws of motors that the fit has taken, to be confirmed beside all that it took later."""
-        space, active = self.evidence.space, self.incumbent.active
-        laws = [
-            [group for group in law if (active & (np.array(space.groups) == group)).any()]
-            for law in ([LIMIT, FADE], [GAP])
-        ]
-        return [law for law in laws if law]
+    def _laws(self) -> list[list[str]]:
+        """Laws of motors and gains that the fit has taken, to be confirmed beside all that it took later."""
+        added = self.incumbent.active & ~self.movable
+        groups = set(np.array(self.evidence.space.groups)[added].tolist())
+        laws = ([LIMIT, FADE], [GAP], *([group] for group in GAINS))
+        return [found for law in laws if (found := [group for group in law if group in groups])]
 
     def _trials(self, loss: PredictionLoss, folds: Folds, judges: list[list[Judge]]) -> tuple[Any, ...]:
         return self.evidence.space, loss, folds, judges, self.seed, self.budget, self.journal

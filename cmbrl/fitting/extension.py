@@ -22,11 +22,14 @@ from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.loss import Errors
 from cmbrl.fitting.objective import NotFinite, Objective
 from cmbrl.fitting.parsimony import ALL
+from cmbrl.fitting.told_gains import GAINS
 from cmbrl.fitting.trials import Incumbent, Trial, Trials
 from cmbrl.models.observation import ZERO
 
-LAWS = (ZERO, "friction_slope", "stribeck")  #: groups that no file has, tried on logs of positions
-_FORECAST = (ZERO, "friction_slope")  # act in proportion; to first order, dry friction takes Stribeck's part
+LAWS = (*GAINS, *drives.GROUPS, ZERO, "friction_slope", "stribeck")  #: groups tried on positions: held, or in no file
+_FORECAST = (*GAINS, ZERO, "friction_slope")  # act in proportion; to first order, dry friction takes Stribeck's part
+_AT_ONCE = 0.5  # of the loss: a law that leaves less is taken before others are tried
+_WRONG = 0.3  # of the loss, by which it falls with a gain that the log tells wrongly
 _SETTLING = 2  # times that a fit of everything goes on before laws are added to it
 
 
@@ -41,19 +44,26 @@ class Extension(Trials):
         none = np.zeros_like(chosen)
         before = self._unmoved(incumbent)
         self._tell(incumbent, "fitting all parameters")
-        trial = self._trial("all", incumbent, chosen, incumbent.begin, none, before, self.budget.polish_iterations)
+        start = incumbent.begin if incumbent.surveyed is None else incumbent.surveyed
+        least = Objective.at(self.loss, self.space, chosen, incumbent.begin).variance
+        trial = self._trial("all", incumbent, chosen, start, none, before, self.budget.polish_iterations, least)
         name, incumbent.least = ALL, trial.variance
         if (limited := self._limited(incumbent, chosen, trial)) is not None:
             name, trial = f"{ALL} + {drives.LIMIT}", limited
         before = self._accept("add", name, trial, incumbent)
-        laws = [law for law in (*drives.GROUPS, *LAWS) if law in self.space.groups]
+        held = set(np.array(self.space.groups)[~chosen].tolist())
+        laws = [law for law in LAWS if law in held]
         while True:
             before = self._settled(incumbent, before)
             idle = drives.unneeded(self.loss, self.space, incumbent.z, incumbent.active)
             incumbent.z, incumbent.active = np.where(idle, 0.0, incumbent.z), incumbent.active & ~idle
-            hopeful = self._hopeful(incumbent, laws, before)
-            trials = {law: self._law(incumbent, law, before) for law in hopeful}
-            found = {law: t for law, t in trials.items() if t is not None and self._helps(t, before)}
+            found: dict[str, Trial] = {}
+            for law in self._hopeful(incumbent, laws, before):
+                tried = self._law(incumbent, law, before)
+                if tried is not None and self._helps(tried, before, law):
+                    found[law] = tried
+                    if tried.errors.mean < _AT_ONCE * before.mean:  # no other explains as much
+                        break
             if not found:
                 return
             best = max(found, key=lambda law: found[law].gain)
@@ -77,8 +87,10 @@ class Extension(Trials):
         if not needed and without.costs_nothing(kept.errors.mean, kept.score, kept.strain):
             self._accept("remove", " + ".join(groups), without, incumbent)
 
-    def _helps(self, trial: Trial, before: Errors) -> bool:
+    def _helps(self, trial: Trial, before: Errors, law: str = "") -> bool:
         """Whether a law lowers the mean of all or the errors in the typical part of the log, and these do not rise."""
+        if law in GAINS and trial.gain < _WRONG * before.mean:
+            return False
         falls = trial.counts(before.mean) or self._typically_worse(trial.errors, before)
         explodes = not np.isfinite(trial.gain)
         return falls and not explodes and not self._typically_worse(before, trial.errors)
@@ -97,7 +109,7 @@ class Extension(Trials):
         start, helps = self._scan(drives.LIMIT, incumbent.begin, drives.CLEARLY, lines=False)
         if not helps.any():
             return None
-        begun = self._ahead(incumbent, chosen | helps, start, plain.z)
+        begun = self._ahead("limited", incumbent, chosen | helps, start, plain.z)
         if begun is None:
             return None
         none, iterations = np.zeros_like(chosen), self.budget.polish_iterations
@@ -105,7 +117,7 @@ class Extension(Trials):
         return trial if self._helps(trial, plain.errors) else None
 
     def _ahead(
-        self, incumbent: Incumbent, active: np.ndarray, start: np.ndarray, rival: np.ndarray
+        self, name: str, incumbent: Incumbent, active: np.ndarray, start: np.ndarray, rival: np.ndarray
     ) -> np.ndarray | None:
         """Where a short fit of ``active`` leads from ``start`` (n,); None if ``rival`` (n,) explains the log as well.
 
@@ -123,7 +135,7 @@ class Extension(Trials):
             return {"z": z.tolist() if own < (1.0 - LEAST_GAIN) * other else None}
 
         with np.errstate(all="ignore"):
-            z = self.journal.unit("limited, shortly", compute)["z"]
+            z = self.journal.unit(f"{name}, shortly", compute)["z"]
         return None if z is None else np.array(z)
 
     def _scan(self, group: str, z: np.ndarray, least: float = 0.0, lines: bool = True) -> tuple[np.ndarray, np.ndarray]:
@@ -155,21 +167,25 @@ class Extension(Trials):
         self.journal.check_time()
         objective = Objective.at(self.loss, self.space, incumbent.active, incumbent.z, incumbent.least)
         forecast = Forecast.at(self.folds, self.space, incumbent.z, objective.strength)
-        least = forecast.gain(incumbent.active) + LEAST_GAIN * before.mean
-        columns = {law: self.space.columns([law]) for law in told}
+        already, columns = forecast.gain(incumbent.active), {law: self.space.columns([law]) for law in told}
         idle = [
             law for law, own in columns.items()
-            if not forecast.blank(own) and forecast.gain(incumbent.active | own) < least
+            if not forecast.blank(own)
+            and forecast.gain(incumbent.active | own)
+            < already + (_WRONG if law in GAINS else LEAST_GAIN) * before.mean
         ]  # fmt: skip
         return [law for law in laws if law not in idle]
 
     def _law(self, incumbent: Incumbent, group: str, before: Errors) -> Trial | None:
-        """A fit with the law of ``group`` besides; None if no level of ``drives`` lowers the loss enough."""
-        if group not in drives.GROUPS:
+        """A fit with the law of ``group`` besides; None if nothing of it lowers the loss of what it is fitted to."""
+        if group not in drives.GROUPS and group not in _FORECAST:
             return self._added(incumbent, [group], before)
         self._tell(incumbent, f"trying {group}")
-        start, helps = self._scan(group, incumbent.z, LEAST_GAIN)
-        if not helps.any():
+        name, helps, start = f"add {len(incumbent.path)} {group}", self.space.columns([group]), None
+        if group in drives.GROUPS:
+            start, helps = self._scan(group, incumbent.z, LEAST_GAIN)
+        else:
+            start = self._ahead(name, incumbent, incumbent.active | helps, incumbent.z, incumbent.z)
+        if start is None or not helps.any():
             return None
-        active, none = incumbent.active | helps, np.zeros_like(helps)
-        return self._trial(f"add {len(incumbent.path)} {group}", incumbent, active, start, none, before)
+        return self._trial(name, incumbent, incumbent.active | helps, start, np.zeros_like(helps), before)

@@ -1,26 +1,24 @@
 """Levenberg-Marquardt on the Huberised residuals with the Gaussian prior, inside the bounds.
 
 Each iteration solves ``(H + lambda diag H) dz = -g`` with H = J^T W J + s I from the implicit derivatives of the step
-and the Huber weights W, for several lambda at once. All trial points are one batch of candidates; the best is
-kept (Marquardt, J. SIAM 11, 1963; iteratively reweighted: Holland and Welsch, 1977).
+and the Huber weights W, for one lambda after the other, two at a time, until J rises again; the best is kept
+(Marquardt, J. SIAM 11, 1963; iteratively reweighted: Holland and Welsch, 1977). Near the end the first two tell.
 
-Where contacts make a window chaotic, none of them may lower J. Then shorter steps are tried along the same equations:
-one iteration without an episode has to forget that episode, or what is held out has been seen.
+Where contacts make a window chaotic, only very short steps along the equations may lower J: one iteration without an
+episode has to forget that episode, or what is held out has been seen.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from cmbrl.fitting.loss import NormalEquations
 from cmbrl.fitting.objective import NOT_FINITE, NotFinite, Objective
 from cmbrl.fitting.random_search import Keep, Search, forget
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
 
-_TRIALS = 10.0 ** np.arange(
-    -1.0, 3.0
-)  # multiples of lambda tried in one batch, as many as a pack of the core has lanes
-_SHORTER = 10.0 ** np.arange(0.0, 9.0, 4.0)  # multiples of those, one batch after another until one lowers J
+_BATCHES = 10.0 ** np.arange(-1.0, 11.0).reshape(6, 2)  # multiples of lambda
 _LAMBDA_RANGE = (1e-8, 1e8)
 _DECREASE = 1e-4  # relative; a smaller decrease ends the search if damping is small, or the second time
 
@@ -44,30 +42,47 @@ def gauss_newton(
     for _ in range(iterations):
         journal.check_time()
         equations = objective.normal_equations(z)
-        for shorter in _SHORTER:
-            steps = damping * shorter * _TRIALS
-            system = (objective.space, objective.active, z, equations.gradient, equations.hessian)
-            points = np.stack([damped_step(*system, x) for x in steps])
-            if not np.isfinite(points).all():
-                raise NotFinite(NOT_FINITE)
-            offsets = objective.followed(equations, points - z)
-            values = objective.values(points, offsets)
-            candidates += len(points)
-            winner = int(values.argmin())
-            fall = value - values[winner]
-            if fall > 0.0:
-                break
+        z_next, lowest, step, offset, tried = _lower(objective, equations, z, value, damping)
+        candidates += tried
+        fall = value - lowest
         if not fall > 0.0:
             break
-        z, value = points[winner], float(values[winner])
-        objective = objective if offsets is None else objective.starting(offsets[winner])
+        z, value = z_next, lowest
+        objective = objective if offset is None else objective.starting(offset)
         keep(z)
-        damping = float(np.clip(steps[winner], *_LAMBDA_RANGE))
+        damping = float(np.clip(step, *_LAMBDA_RANGE))
         course.append((candidates, value))
         idle = idle + 1 if fall <= decrease * value else 0
         if idle == 2 or (idle == 1 and damping < 1.0):
             break
     return Search(z, value, candidates, tuple(course))
+
+
+def _lower(
+    objective: Objective, equations: NormalEquations, z: np.ndarray, value: float, damping: float
+) -> tuple[np.ndarray, float, float, np.ndarray | None, int]:
+    """A point with a lower value than that of ``z`` (n,), its value, damping and starts, and how many were tried.
+
+    ``z`` and its ``value`` themselves where none is lower.
+    """
+    best, lowest, step, offset, tried = z, value, damping, None, 0
+    for multiples in _BATCHES:
+        steps = damping * multiples
+        system = (objective.space, objective.active, z, equations.gradient, equations.hessian)
+        points = np.stack([damped_step(*system, x) for x in steps])
+        if not np.isfinite(points).all():
+            raise NotFinite(NOT_FINITE)
+        offsets = objective.followed(equations, points - z)
+        values = objective.values(points, offsets)
+        tried += len(points)
+        winner = int(values.argmin())
+        rises = not (values[winner] < lowest and winner == len(points) - 1)
+        if values[winner] < lowest:
+            best, lowest, step = points[winner], float(values[winner]), steps[winner]
+            offset = None if offsets is None else offsets[winner]
+        if lowest < value and rises:
+            break
+    return best, lowest, step, offset, tried
 
 
 def damped_step(

@@ -83,14 +83,16 @@ def _predicted(
     """The steps of the windows with their Jacobians, and predicted less logged states (s, steps, 2 nv)."""
     data, starts, scene = windows.data, windows.starts[part], model.scene
     q, v = (x[part] for x in windows.begin(scene))
-    steps, off = [], np.empty((len(starts), windows.horizon, 2 * scene.nv))
+    steps, places, speeds = [], [], []
     for j in range(windows.horizon):
-        rows = starts + j
-        step = model.predict(q, v, data.u[rows], theta=theta, jacobian=True, parameter_jacobian=columns)
+        step = model.predict(q, v, data.u[starts + j], theta=theta, jacobian=True, parameter_jacobian=columns)
         q, v = step.q_next, step.v_next
-        off[:, j, : scene.nv], off[:, j, scene.nv :] = scene.difference(data.q_next[rows], q), v - data.v_next[rows]
         steps.append(step)
-    return steps, off
+        places.append(q)
+        speeds.append(v)
+    rows = starts[:, None] + np.arange(windows.horizon)
+    away = scene.difference(data.q_next[rows], np.stack(places, axis=1)), np.stack(speeds, axis=1) - data.v_next[rows]
+    return steps, np.concatenate(away, axis=2)
 
 
 def _touched(steps: Sequence[StepResult], first: int) -> np.ndarray:

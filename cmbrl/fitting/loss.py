@@ -26,7 +26,7 @@ ALIKE = 10  # rows that count as one where windows are too short to tell; see ``
 _UNCORRELATED = 0.05  # a correlation below this ends the sum
 _ROWS_AT_ONCE = 4_000_000  # candidates x transitions in one native call: a few seconds, so that Ctrl-C works
 _CHAOS = 1e6  # residuals by prior standard deviations, beyond which a derivative tells of no place but its own
-_JACOBIAN_NUMBERS = 2_000_000  # doubles of the parameter Jacobian in memory at once (16 MB)
+_JACOBIAN_NUMBERS = 4_000_000  # doubles of the parameter Jacobian in memory at once (32 MB)
 
 
 def huber(residual: np.ndarray, delta: float) -> np.ndarray:

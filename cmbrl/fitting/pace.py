@@ -19,12 +19,12 @@ from cmbrl.fitting.beginning import begins
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.evidence import HORIZONS, Evidence
 from cmbrl.fitting.folds import draw_starts, folds_held_out
+from cmbrl.fitting.judge import judged_rows
 from cmbrl.fitting.loss import PredictionLoss
 from cmbrl.fitting.noise import sensor_noise
 from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal, digest
-from cmbrl.fitting.survey import judged_rows
 from cmbrl.fitting.verdict import HORIZONS as REPORTED
 from cmbrl.fitting.verdict import STEPS_TRIED
 
@@ -116,7 +116,7 @@ class Plan:
     ) -> Plan:
         """Of a fit of ``evidence`` that may move ``movable`` (n,)."""
         states, begin = not evidence.positions_only, bool(begins(evidence.space, movable).any())
-        sliding = states and evidence.model.other_sliding() is not None
+        sliding = evidence.model.other_sliding() is not None
         rows, logs = len(evidence.log), len(evidence.names)
         return cls(rows, horizons, folds, begin, chooses, adds, searches, sliding, states, logs)
 

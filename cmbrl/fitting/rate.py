@@ -20,8 +20,9 @@ from cmbrl.fitting.beginning import beginning, begins
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.folds import draw_starts
 from cmbrl.fitting.gauss_newton import gauss_newton
-from cmbrl.fitting.loss import PredictionLoss
+from cmbrl.fitting.loss import PredictionLoss, huber
 from cmbrl.fitting.objective import NotFinite, Objective
+from cmbrl.fitting.sliding import other_laws
 from cmbrl.fitting.state import Journal
 from cmbrl.models.observation import DELAY, LAG
 
@@ -43,11 +44,11 @@ class RateCheck:
 
     def finding(self) -> Finding | None:
         """What is wrong with the rate; None where the log's own time step explains it about best."""
-        own = self._loss_of_file(1.0)
+        own = min(self._loss_of_file(1.0), self._loss_of_other_laws())
         with np.errstate(all="ignore"):
             losses = {factor: self._loss_of_file(factor) for factor in _FACTORS}
         factor = min(losses, key=lambda f: losses[f] if np.isfinite(losses[f]) else np.inf)
-        if not losses[factor] < _CLEARLY * own:
+        if not losses[factor] < _CLEARLY * min(own, self._loss_of_rest()):
             return None
         here, there = self._loss_of_drives(1.0), self._loss_of_drives(factor)
         if not there < here:
@@ -83,10 +84,26 @@ class RateCheck:
         loss = self._loss(factor)
         return float(loss.values(self.evidence.space.nominal[None])[0])
 
+    def _loss_of_other_laws(self) -> float:
+        """That of the file under MuJoCo's laws of contact, say, where those of the model may hold what moves."""
+        model = other_laws(self.evidence)
+        if model is None:
+            return np.inf
+        other = replace(self, evidence=replace(self.evidence, model=model))
+        return other._loss_of_file(1.0)
+
+    def _loss_of_rest(self) -> float:
+        """That of predicting that nothing moves, which short time steps come near whatever the robot does."""
+        log, loss = self.evidence.log, self._loss(1.0)
+        starts, scales = loss.windows.starts, loss.windows.scales
+        rows = starts[:, None] + np.arange(self.horizon)
+        away = self.evidence.model.scene.difference(log.q_next[rows], log.q[starts][:, None])
+        return float(huber(away / scales.q, self.huber).sum(axis=-1).mean())
+
     def _loss_of_drives(self, factor: float) -> float:
         space, loss = self.evidence.space, self._loss(factor)
         missing = begins(space, space.default).any(axis=0)  # without a rotor, stiff servos shake links
-        active, journal = (space.default & np.isin(space.groups, _DRIVES)) | missing, Journal(None, "")
+        active, journal = np.isin(space.groups, _DRIVES) | missing, Journal(None, "")  # told gains may be wrong too
         z = beginning(loss, space, active, journal)
         try:
             for _ in range(_PASSES):  # the second weighs the prior by what errors remain

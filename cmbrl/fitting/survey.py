@@ -12,28 +12,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from cmbrl.data.transitions import Transitions
-from cmbrl.fitting.evidence import HORIZONS, LEAST_WINDOWS, Evidence
+from cmbrl.fitting.evidence import LEAST_WINDOWS, Evidence
 from cmbrl.fitting.folds import draw_starts, fold_of_rows
 from cmbrl.fitting.gauss_newton import gauss_newton
-from cmbrl.fitting.loss import huber
+from cmbrl.fitting.judge import Judge, score
 from cmbrl.fitting.noise import sensor_noise
 from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.deviations import REST
-from cmbrl.models.windows import spread
 
 _NEARLY = 0.01  # of the logarithm of the error
+_SAME = 1e-9  # relative difference of two losses that rounding explains
 _SAME_NOISE = 0.2  # relative change that needs no second fit
-_JUDGED, _JUDGED_ROWS = 500, 20_000  # windows at most, and predicted rows
-_EXACT = 1e-4  # loss of a coordinate (1 % of its change) below which it is right
 
 
 @dataclass(frozen=True)
@@ -118,18 +114,31 @@ class Surveyor:
         return [h for h in horizons if len(self.evidence.log.windows(h)) >= LEAST_WINDOWS] or [min(horizons)]
 
     def score_after(self, horizon: int, longer: bool = False) -> float:
-        """Mean logarithm of the held-out errors at all horizons after fits up to one of them, as ``run`` begins.
+        """Mean logarithm of the held-out errors at all horizons, where ``fitted_to`` leads."""
+        return score(self._judges, self.evidence.space.theta(self.fitted_to(horizon, longer)))
+
+    def fitted_to(self, horizon: int, longer: bool = False) -> np.ndarray:
+        """Where (n,) fits up to the ``horizon`` lead, as ``run`` begins.
 
         ``longer``: as many iterations again, and once more.
         """
+        first = () if self.evidence.positions_only else (1,)
         noise = self._noise(self.evidence.space.nominal)
-        z = dict(self._fitted_over(sorted({1, horizon}), noise))[horizon]
+        z = dict(self._fitted_over(sorted({*first, horizon}), noise))[horizon]
         for again in ("on", "further") if longer else ():
             z = self._fit(f"survey of {horizon} steps, {again}", horizon, noise, z)
-        return score(self._judges, self.evidence.space.theta(z))
+        return z
+
+    def same(self, other: ComplementarityModel, horizon: int) -> bool:
+        """Whether an ``other`` model of the same parameters predicts the log from the beginning as its own does."""
+        starts = draw_starts(self.evidence.log, horizon, self.rows, self.seed)
+        both = self.evidence, replace(self.evidence, model=other)
+        losses = [each.loss(starts, horizon, *each.scales(horizon, self.huber)) for each in both]
+        own, others = (loss.values(self.evidence.space.theta(self.begin)[None])[0] for loss in losses)
+        return bool(abs(own - others) <= _SAME * own)
 
     def _noise(self, theta: np.ndarray) -> np.ndarray | None:
-        return sensor_noise(self.evidence, theta, self.noise_rows)
+        return None if self.evidence.positions_only else sensor_noise(self.evidence, theta, self.noise_rows)
 
     def _fitted_over(self, horizons: Sequence[int], noise: np.ndarray | None) -> Iterator[tuple[int, np.ndarray]]:
         """Horizons, and fits each from that over the horizon before or from the beginning, whichever explains more.
@@ -167,7 +176,8 @@ class Surveyor:
 
     @cached_property
     def _judges(self) -> list[Judge]:
-        return Judge.all(self.evidence, self.huber, self._held_out if self.count else None, share=self.judged)
+        horizons = self.evidence.horizons("auto")
+        return Judge.all(self.evidence, self.huber, self._held_out if self.count else None, horizons, self.judged)
 
     @cached_property
     def _held_out(self) -> np.ndarray:
@@ -177,87 +187,6 @@ class Surveyor:
     @cached_property
     def _nominal(self) -> float:
         return score(self._judges, self.evidence.space.nominal)
-
-
-@dataclass(frozen=True)
-class Judge:
-    """Errors ``horizon`` steps after the logged states at ``starts``, in the spread of the change over that time."""
-
-    evidence: Evidence
-    starts: np.ndarray
-    horizon: int
-    scale: np.ndarray
-    huber: float
-
-    @classmethod
-    def all(
-        cls,
-        evidence: Evidence,
-        delta: float,
-        rows: np.ndarray | None = None,
-        horizons: Sequence[int] = HORIZONS,
-        share: float = 1.0,
-    ) -> list[Judge]:
-        """Judges of those ``horizons`` that the log has windows of, within held-out ``rows``; default: everywhere.
-
-        ``share``: of the most windows that a judge has.
-        """
-        found, data, scene = [], evidence.log, evidence.model.scene
-        for h in horizons:
-            starts = data.windows(h)
-            if len(starts) < LEAST_WINDOWS and h > min(horizons):
-                continue
-            ends = starts + h - 1
-            dq = spread(scene.difference(data.q[starts], data.q_next[ends]), REST * data.dt * h)
-            scale = np.concatenate([dq, spread(data.v_next[ends] - data.v[starts], REST)])
-            if rows is not None:
-                starts = starts[np.isin(starts, rows) & np.isin(ends, rows)]
-            if not len(starts):
-                continue
-            most = judged_rows(h, share) // h
-            found.append(cls(evidence, starts[:: -(-len(starts) // most)], h, scale, delta))
-        return found
-
-    def error(self, theta: np.ndarray, model: ComplementarityModel | None = None) -> np.ndarray:
-        """Mean Huber losses (2 nv,) with parameters ``theta`` (n,), by coordinate; or of another ``model`` as it is."""
-        return self.loss(self.off(theta, model))
-
-    def loss(self, off: np.ndarray) -> np.ndarray:
-        """Mean Huber losses (2 nv,) of the errors ``off`` (s, 2 nv)."""
-        return huber(np.nan_to_num(off / self.scale, nan=1e6), self.huber).mean(axis=0)
-
-    def off(self, theta: np.ndarray, model: ComplementarityModel | None = None) -> np.ndarray:
-        """Predicted less logged states (s, 2 nv), as for ``error``."""
-        physical, log = self.evidence.seen(theta)
-        if model is None:
-            model = self.evidence.model
-        else:
-            physical = model.parameters
-        q, v = log.q[self.starts], log.v[self.starts]
-        for j in range(self.horizon):
-            step = model.predict(q, v, log.u[self.starts + j], theta=physical)
-            q, v = step.q_next, step.v_next
-        return self._off(log, q, v)
-
-    def off_held(self) -> np.ndarray:
-        """The same (s, 2 nv) of holding the velocity."""
-        log = self.evidence.log
-        q, v = log.q[self.starts], log.v[self.starts]
-        return self._off(log, self.evidence.model.scene.integrate(q, v * log.dt * self.horizon), v)
-
-    def _off(self, log: Transitions, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        ends = self.starts + self.horizon - 1
-        return np.concatenate([self.evidence.model.scene.difference(log.q_next[ends], q), v - log.v_next[ends]], axis=1)
-
-
-def judged_rows(horizon: int, share: float = 1.0) -> int:
-    """Predicted rows of a judge with a ``share`` of the most windows that it may have."""
-    return horizon * max(1, round(share * min(_JUDGED, _JUDGED_ROWS // horizon)))
-
-
-def score(judges: Sequence[Judge], theta: np.ndarray) -> float:
-    """Mean logarithm, over horizons and coordinates, of the losses with parameters ``theta`` (n,)."""
-    return float(np.mean(np.log(np.array([judge.error(theta) for judge in judges]) + _EXACT)))
 
 
 def _alike(before: np.ndarray | None, after: np.ndarray | None) -> bool:

@@ -10,12 +10,12 @@ import numpy as np
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.folds import LEAST_GAIN, NOISE_FACTOR, Folds, paired_gain
 from cmbrl.fitting.gauss_newton import gauss_newton
+from cmbrl.fitting.judge import Judge, score
 from cmbrl.fitting.loss import Errors, NormalEquations, PredictionLoss
 from cmbrl.fitting.objective import SOLVER_VARIANCE, NotFinite, Objective
 from cmbrl.fitting.random_search import random_search
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
-from cmbrl.fitting.survey import Judge, score
 from cmbrl.fitting.unseen import Unseen
 
 LEAST_SCORE = 0.03  # of the logarithm of the errors over all horizons

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.survey import Judge
+from cmbrl.fitting.judge import Judge
 from cmbrl.fitting.unseen import Unseen
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.deviations import deviations

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import cmbrl
@@ -38,10 +39,32 @@ def test_a_wrong_rate_is_told_and_ends_the_fit(factor: float, told: str, log: Po
         cmbrl.fit(cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(FILE)), wrong)
 
 
+def test_gains_that_a_log_tells_do_not_hide_a_wrong_rate(log: PositionLog) -> None:
+    wrong = replace(log, time=2.0 * log.time, kp=np.full(2, 70.0), kd=np.full(2, 5.0))
+    found = _check(FILE, wrong).finding()
+    assert found is not None
+    assert found.sure
+
+
+@pytest.mark.parametrize("told", [{"kd": 12.0}, {"kd": 2.0}, {"kp": 35.0}, {"kp": 140.0}])
+def test_gains_that_a_log_tells_wrongly_are_no_wrong_rate(told: dict[str, float], log: PositionLog) -> None:
+    gains = {name: np.full(2, told.get(name, true)) for name, true in (("kp", 70.0), ("kd", 5.0))}
+    found = _check(FILE, replace(log, **gains)).finding()
+    assert found is None or not found.sure
+
+
 @pytest.mark.parametrize("file", [FILE, ARM.format(mass=2, kp=60, kv=30), ARM.format(mass=4, kp=200, kv=6)])
 def test_other_masses_and_gains_are_no_wrong_rate(file: str, log: PositionLog) -> None:
     found = _check(file, log).finding()
     assert found is None or not found.sure
+
+
+def test_a_robot_that_hardly_moves_is_no_slow_clock(log: PositionLog) -> None:
+    """Held where the file would sag: the less time passes, the better the file predicts, and rest better still."""
+    sways = 1e-3 * np.sin(np.pi * log.time)[:, None]
+    noise = 1e-4 * np.random.default_rng(0).normal(size=log.position.shape)
+    held = replace(log, position=sways + noise + np.array([0.5, -0.8]), command=np.tile(sways, 2), kp=np.full(2, 60.0))
+    assert _check(FILE, held).finding() is None
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e3, "milliseconds"), (1e9, "nanoseconds")])

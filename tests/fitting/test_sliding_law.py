@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 import cmbrl
+from cmbrl.data.position_log import PositionLog
 from cmbrl.data.transitions import Transitions
 from cmbrl.fitting import FitResult
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.report_text import render
-from cmbrl.fitting.sliding import supported_sliding
+from cmbrl.fitting.sliding import other_laws, supported_sliding
 from cmbrl.fitting.state import Journal
 from cmbrl.fitting.survey import Surveyor
 
@@ -34,13 +35,13 @@ def log_of(folder: Path) -> tuple[cmbrl.ComplementarityModel, Transitions]:
     return cmbrl.ComplementarityModel(scene(folder, PUCK)), recorded(PUCK, 1, 6, 100, 0, 1.0)
 
 
-def chosen(model: cmbrl.ComplementarityModel, log: Transitions) -> tuple[str, dict[str, Any] | None]:
+def chosen(model: cmbrl.ComplementarityModel, log: Transitions | PositionLog) -> tuple[str, dict[str, Any] | None]:
     """The law of sliding that the log supports, and what is told of it."""
     evidence = Evidence.of(model, log)
     begin = np.zeros(len(evidence.space))
     surveyor = Surveyor(evidence, evidence.space.default, begin, 0.5, 3, 0, 200, 2, Journal(None, ""))
-    found, told = supported_sliding(surveyor, (1, 4, 10, 20))
-    return found.model.sliding, told
+    found = supported_sliding(surveyor, (1, 4, 10, 20))
+    return found.evidence.model.sliding, found.told
 
 
 def test_the_law_that_the_log_supports_is_taken(tmp_path: Path) -> None:
@@ -55,6 +56,34 @@ def test_the_law_that_the_log_supports_is_taken(tmp_path: Path) -> None:
     assert kept == "coulomb"
     assert told is not None
     assert told["relative_error"] > 1.0
+
+
+def poses(model: cmbrl.ComplementarityModel, log: Transitions, above: float) -> PositionLog:
+    """The poses of the puck in ``log``, as if it had been ``above`` the table [m]."""
+    return PositionLog(
+        time=log.dt * np.arange(len(log)), position=np.zeros((len(log), 0)), joint_names=(), command=log.u,
+        actuator_names=model.scene.actuator_names, command_kind="torque", episode=log.episode,
+        base=log.q + above * (np.arange(7) == 2),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("above", [0.0, 1.0])
+def test_positions_alone_tell_the_law_of_what_touches(above: float, tmp_path: Path) -> None:
+    """A puck that touches nothing is not fitted for a choice."""
+    model, log = log_of(tmp_path)
+    found, told = chosen(model, poses(model, log, above))
+    assert found == ("coulomb" if above else "convex")
+    assert (told is None) == bool(above)
+
+
+def test_positions_try_all_laws_of_contact_that_go_with_that_of_sliding(tmp_path: Path) -> None:
+    """What stands in for shapes may hold fingers that pass each other in MuJoCo."""
+    model, log = log_of(tmp_path)
+    states, positions = (other_laws(Evidence.of(model, each)) for each in (log, poses(model, log, 0.0)))
+    assert states is not None
+    assert positions is not None
+    assert (states.sliding, states.look_ahead) == ("convex", model.look_ahead)
+    assert (positions.sliding, positions.look_ahead) == ("convex", False)
 
 
 @pytest.mark.parametrize(
@@ -90,10 +119,10 @@ def test_a_box_that_is_pushed_tells_the_law(tmp_path: Path, noise: float) -> Non
     )
     begin = np.zeros(len(evidence.space))
     surveyor = Surveyor(evidence, evidence.space.default, begin, 0.5, 4, 0, 2000, 8, Journal(None, ""))
-    found, told = supported_sliding(surveyor, (1, 4, 10, 20))
-    assert told is not None
-    assert told["relative_error"] < 0.85
-    assert found.model.sliding == "convex"
+    found = supported_sliding(surveyor, (1, 4, 10, 20))
+    assert found.told is not None
+    assert found.told["relative_error"] < 0.85
+    assert found.evidence.model.sliding == "convex"
 
 
 def test_a_law_that_was_named_or_does_not_matter_stays(tmp_path: Path) -> None:

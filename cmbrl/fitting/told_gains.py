@@ -1,0 +1,39 @@
+"""What a fit says where held-out seconds call for other gains than a log tells.
+
+A driver may scale its gains, or a log may tell those of another robot. A target without velocity makes kd and the
+joint's damping one number, so what a joint brakes by is told, and how it divides is the prior's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from cmbrl.fitting.fitted_parameter import FittedParameter
+
+GAINS = ("kd", "kp")  #: groups that a log may tell
+_SUM = " Of kd and damping a log of such targets tells the sum only, so that either may be off by what the other is."
+
+
+def gains_told(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any]) -> str | None:
+    """One line where gains that the log tells were moved; else None."""
+    sentences = []
+    for group in moved_later(report):
+        own = [p for name, p in parameters.items() if name.partition(".")[0] == group and p.nominal > 0.0]
+        if own:
+            factors = np.array([p.value / p.nominal for p in own])
+            usual, least, most = np.median(factors), factors.min(), factors.max()
+            sentences.append(
+                f"Unseen seconds call for another {group} than the log tells: {usual:.2g} times as large "
+                f"({least:.2g} to {most:.2g} by joint).{_SUM if group == 'kd' else ''}"
+            )
+    return " ".join(sentences) or None
+
+
+def moved_later(report: Mapping[str, Any]) -> list[str]:
+    """Those groups of gains that were held at first, and stayed moved."""
+    moves = [(step["move"], step["group"].split(" + ")) for step in report["selection"] or ()]
+    last = {group: move for move, groups in moves for group in groups if group in GAINS}
+    return [group for group in GAINS if last.get(group) == "add"]
