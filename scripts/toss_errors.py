@@ -36,7 +36,8 @@ def main() -> None:
     parser.add_argument("--ensemble", type=float, metavar="SECONDS", help="train a neural ensemble for so long")
     parser.add_argument("--sysid", action="store_true", help="fit by mujoco.sysid too")
     arguments = parser.parse_args()
-    scene, log = Scene.from_mjcf(arguments.scene), Transitions.load(arguments.test)
+    scene = Scene.from_mjcf(arguments.scene)
+    log = Transitions.load(arguments.test).going_on(scene)
     models = {"nominal": ComplementarityModel(scene).for_log(log.dt)}
     models |= {folder: load_complementarity(folder) for folder in arguments.fits}
     starts = log.windows(STEPS)
