@@ -16,6 +16,8 @@ from cmbrl.native import SolverStatus
 from cmbrl.scene import Scene
 from cmbrl.scene.inventory import driven
 
+from .test_adjoint import mismatch_at
+
 MESH = "-.06 -.05 -.04 .06 -.05 -.04 .05 .06 -.04 -.05 .05 -.04 -.05 -.05 .04 .05 -.05 .04 .04 .05 .04 -.05 .05 .03"
 FILE = """<mujoco><option timestep=".004" cone="{cone}" integrator="{integrator}"/>
 <asset><mesh name="brick" vertex="{mesh}"/></asset>
@@ -76,18 +78,12 @@ def assert_exact(file: Path, expected: set[str], **settings: object) -> None:
     scene = Scene.from_mjcf(file)
     model = ComplementarityModel(scene, smoothing=Barrier(1e-4), **settings)  # type: ignore[arg-type]
     q, v, u = states(scene, 8)
-    row = compare(model, q, v, u[:, : scene.nu], 40) if not scene.core.nstate else compare(model, q, v, u, 40)
+    row = compare(model, q, v, u, 40)
     assert expected <= set(row["kinds"])
     assert row["worst"] <= 1e-4, row
     assert row["median"] <= 1e-7, row
     assert row["across_kinks"] + row["vague"] <= 0.1 * row["columns"], row
-    r = model.predict(q, v, u, jacobian=True, parameter_jacobian=True)
-    tape = model.stepper.forward(q, v, u, model.parameters, tape=True)["tape"]
-    gq, gv = np.random.default_rng(2).normal(size=(2, len(q), scene.nv))
-    back = model.stepper.backward(u, model.parameters, tape, gq, gv, want_theta=True)
-    ours = np.concatenate([back[name] for name in ("gq", "gv", "gu", "gtheta")], axis=1)
-    theirs = np.einsum("br,brc->bc", np.concatenate([gq, gv], axis=1), r.jacobian)
-    assert np.abs(ours - theirs).max() < 1e-9 * np.abs(theirs).max()
+    assert mismatch_at(model, q, v, u, np.random.default_rng(2)) < 1e-9
 
 
 @pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
