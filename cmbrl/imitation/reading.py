@@ -38,7 +38,6 @@ def read_motion(path: str | Path, scene: Scene, dt: float) -> Motion:
         q, rate = _csv(file, scene), CSV_RATE
     else:
         raise UserError(f"{file}: motions are .csv or .npz files")
-    check_finite(q, str(file))
     length = np.linalg.norm(q[:, 3:ROOT], axis=1)
     wrong = np.flatnonzero(np.abs(length - 1) > _UNIT)
     if len(wrong):
@@ -58,6 +57,7 @@ def _csv(file: Path, scene: Scene) -> Array:
     except ValueError as error:
         raise UserError(f"{file}: not a table of numbers ({str(error).splitlines()[0]})") from None
     _check_shape(file, rows, scene)
+    check_finite(rows, str(file))
     return np.concatenate([rows[:, :3], rows[:, 6:7], rows[:, 3:6], rows[:, ROOT:]], axis=1)
 
 
@@ -67,6 +67,7 @@ def _npz(file: Path, scene: Scene) -> tuple[Array, float]:
         if name not in held or held[name].dtype.kind not in "fiu" or held[name].ndim != dimensions:
             raise UserError(f"{file}: no numbers {name!r}; a motion holds q (N, nq) and rate () [frames/s]")
     q, rate = held["q"].astype(np.float64), float(held["rate"])
+    check_finite(q, str(file))
     if "joint_names" in held:
         q = _by_name(file, q, [str(name) for name in np.ravel(held["joint_names"])], scene)
     _check_shape(file, q, scene)

@@ -97,3 +97,18 @@ def test_files_that_are_no_motions(scene: Scene, frames: np.ndarray, tmp_path: P
     }.items():  # fmt: skip
         with pytest.raises(UserError, match=told):
             read_motion(tmp_path / name, scene, DT)
+
+
+def test_a_number_that_is_none_is_named_by_its_place_in_the_file(
+    scene: Scene, frames: np.ndarray, tmp_path: Path
+) -> None:
+    table = np.loadtxt(write_csv(tmp_path / "a.csv", frames), delimiter=",")
+    table[5, 3] = np.nan  # of the quaternion, whose numbers stand in another order than the model's
+    np.savetxt(tmp_path / "a.csv", table, delimiter=",")
+    with pytest.raises(UserError, match="row 6, column 4 is nan"):
+        read_motion(tmp_path / "a.csv", scene, DT)
+    q = frames.copy()
+    q[5, 20] = np.inf
+    np.savez(tmp_path / "a.npz", q=q, rate=30.0)
+    with pytest.raises(UserError, match="row 6, column 21 is inf"):
+        read_motion(tmp_path / "a.npz", scene, DT)
