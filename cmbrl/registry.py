@@ -62,7 +62,7 @@ class Task:
     control_dt: float  #: duration of one transition [s]
     substeps: int  #: physics steps of the model per transition
     time_step: float  #: physics step of the model [s]; substeps * time_step is control_dt
-    integrator: str = "semi-implicit"  #: "semi-implicit", "leapfrog", "midpoint" or "rk4"
+    integrator: str | None = None  #: "semi-implicit", "leapfrog", "midpoint" or "rk4"; default: open, by the file
     implicit_springs: bool = False  #: treat joint springs implicitly: for stiff springs and long steps
     drives: tuple[Drive, ...] = ()  #: laws of actuators that replace the file's: targets for motors, say
     contact_law: str = "mujoco"  #: "mujoco" (the MJCF's softness) or "rigid" (hard, with a restitution to fit)

@@ -100,5 +100,5 @@ def add_smoothing(parser: argparse.ArgumentParser) -> None:
         "--smoothing",
         metavar="S",
         help="softening of the simulated contacts: exact, barrier:kappa=1e-4 [J], barrier:length=1e-3 [m] or "
-        "gaussian:length=1e-3 [m] (default: that of the task or the fit)",
+        "gaussian:length=1e-3 [m] (default: that of the task)",
     )

@@ -87,6 +87,8 @@ class Course:
             with self.part("sliding"):
                 found = supported_sliding(self._surveyor(), self._horizons)
                 self.evidence, self.sliding, self.incumbent.surveyed = found.evidence, found.told, found.z
+                if self.pace is not None and found.told and found.told["taken"]:
+                    self.pace.speed = self._speed()
             with self.part("survey"):
                 self._look()
             cuts = self.journal.cuts
@@ -130,11 +132,12 @@ class Course:
     def _set_pace(self) -> None:
         if self.time_limit is None:
             return
-        evidence, movable = self.evidence, self.movable
-        speed = Speed.of(evidence, min(self.horizons), self.huber, movable, self.seed)
         adds, searches = self.with_laws and self.count > 0, self.method != GAUSS_NEWTON
-        plan = Plan.of(evidence, self.horizons, self.count, movable, self.wanted is None, adds, searches)
-        self.pace = Pace(self.budget, self.time_limit, speed, plan)
+        plan = Plan.of(self.evidence, self.horizons, self.count, self.movable, self.wanted is None, adds, searches)
+        self.pace = Pace(self.budget, self.time_limit, self._speed(), plan)
+
+    def _speed(self) -> Speed:
+        return Speed.of(self.evidence, min(self.horizons), self.huber, self.movable, self.seed)
 
     @property
     def _horizons(self) -> tuple[int, ...]:

@@ -23,6 +23,7 @@ from cmbrl.fitting.judge import judged_rows
 from cmbrl.fitting.loss import PredictionLoss
 from cmbrl.fitting.noise import sensor_noise
 from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.sliding import rivals
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal, digest
 from cmbrl.fitting.verdict import HORIZONS as REPORTED
@@ -89,7 +90,7 @@ class Plan:
     """What a fit has to do besides: ``rows`` of the log, ``horizons`` to choose from, ``folds``.
 
     ``begins``: not at the file, perhaps; ``chooses`` parameters, or ``adds`` laws to those it moves; ``searches``
-    without derivatives. ``sliding``: its law is open. ``logs``: how many.
+    without derivatives. ``rivals``: other laws of contact that are open. ``logs``: how many.
     """
 
     rows: int
@@ -99,7 +100,7 @@ class Plan:
     chooses: bool
     adds: bool
     searches: bool
-    sliding: bool
+    rivals: int
     states: bool
     logs: int
 
@@ -116,9 +117,9 @@ class Plan:
     ) -> Plan:
         """Of a fit of ``evidence`` that may move ``movable`` (n,)."""
         states, begin = not evidence.positions_only, bool(begins(evidence.space, movable).any())
-        sliding = evidence.model.other_sliding() is not None
+        others = len(rivals(evidence))
         rows, logs = len(evidence.log), len(evidence.names)
-        return cls(rows, horizons, folds, begin, chooses, adds, searches, sliding, states, logs)
+        return cls(rows, horizons, folds, begin, chooses, adds, searches, others, states, logs)
 
     def costs(self, b: Budget, speed: Speed, share: float) -> dict[str, float]:
         """Seconds by part with budget ``b``, which is a ``share`` of the default."""
@@ -147,7 +148,7 @@ class Plan:
         starts = b.starts * (speed.fit(rest * some(b.search_rows), b.start_iterations)) if b.starts > 1 else 0.0
         return {
             "beginning": self.begins * _LEVELS * some(b.survey_rows) * speed.candidate,
-            "sliding": self.sliding * 4 * survey,
+            "sliding": self.rivals * 4 * survey,
             "survey": (tried + 0.5 * (tried > 0)) * survey + self.states * 4 * b.noise_rows * speed.step,
             "choice": trials * (self.chooses * trial + self.adds * whole),
             "starts": search if self.searches else bool(self.folds) * starts,

@@ -22,7 +22,7 @@ from cmbrl.fitting.folds import draw_starts
 from cmbrl.fitting.gauss_newton import gauss_newton
 from cmbrl.fitting.loss import PredictionLoss, huber
 from cmbrl.fitting.objective import NotFinite, Objective
-from cmbrl.fitting.sliding import other_laws
+from cmbrl.fitting.sliding import rivals
 from cmbrl.fitting.state import Journal
 from cmbrl.models.observation import DELAY, LAG
 
@@ -86,11 +86,8 @@ class RateCheck:
 
     def _loss_of_other_laws(self) -> float:
         """That of the file under MuJoCo's laws of contact, say, where those of the model may hold what moves."""
-        model = other_laws(self.evidence)
-        if model is None:
-            return np.inf
-        other = replace(self, evidence=replace(self.evidence, model=model))
-        return other._loss_of_file(1.0)
+        others = [replace(self, evidence=replace(self.evidence, model=x)) for x in rivals(self.evidence).values()]
+        return min((other._loss_of_file(1.0) for other in others), default=np.inf)
 
     def _loss_of_rest(self) -> float:
         """That of predicting that nothing moves, which short time steps come near whatever the robot does."""

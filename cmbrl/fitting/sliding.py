@@ -1,8 +1,8 @@
-"""Which law of sliding a log supports: exact Coulomb or MuJoCo's convex one, where the model leaves it open.
+"""Which laws of contact a log supports, where they are open: exact Coulomb, MuJoCo's convex law, or its whole step.
 
 At the file's parameters the wrong law may do as well as the right one, because all else is wrong too; a fit then makes
-up for it with friction and softness that no other log bears. So both laws are fitted first, all parameters by a few
-steps of Gauss-Newton over one horizon, and held-out episodes decide; where they hardly do, both fits go on before.
+up for it with friction and softness that no other log bears. So all laws are fitted first, all parameters by a few
+steps of Gauss-Newton over one horizon, and held-out episodes decide; where they hardly do, the fits go on before.
 """
 
 from __future__ import annotations
@@ -20,7 +20,11 @@ from cmbrl.models.complementarity import ComplementarityModel
 _CLEARLY_BETTER = 0.97  # times the error under the own law
 _OPEN = 0.9, 1.1  # between these, short fits say little: the wrong law shows when all else is right
 _STEPS = 4  # of the fits, at most where there is a choice: contacts show in them, and impacts do not rule
-_WORDS = {"coulomb": "exact Coulomb", "convex": "the convex law, MuJoCo's"}
+_WORDS = {
+    "coulomb": "exact Coulomb",
+    "convex": "the convex law, MuJoCo's",
+    "mujoco": "MuJoCo's step (the convex law, rows that act once they are closed, the file's integrator, no smoothing)",
+}
 
 
 @dataclass(frozen=True)
@@ -35,39 +39,42 @@ class Sliding:
     z: np.ndarray | None = None
 
 
-def other_laws(evidence: Evidence) -> ComplementarityModel | None:
-    """The model of ``evidence`` under the other law of sliding; None where that was named, or nothing slides.
-
-    Of positions, also with what goes with that law by default: when a contact acts, and which shapes touch.
-    """
-    other = evidence.model.other_sliding()
-    return other.with_settings(look_ahead=None) if other is not None and evidence.positions_only else other
+def rivals(evidence: Evidence) -> dict[str, ComplementarityModel]:
+    """The model of ``evidence`` under other laws, by name; of positions, whose fits take long, MuJoCo's step alone."""
+    found = evidence.model.rivals()
+    return {"mujoco": found["mujoco"]} if evidence.positions_only and "mujoco" in found else found
 
 
 def supported_sliding(surveyor: Surveyor, horizons: tuple[int, ...]) -> Sliding:
-    """The law of sliding that the log supports.
+    """The laws that the log supports.
 
-    The other law is taken if it is clearly better after both have been fitted. There is nothing to choose where both
+    Another law is taken if it is clearly better after all have been fitted. There is nothing to choose where they
     predict the log alike, as of a robot that touches nothing.
     """
-    own, other = surveyor.evidence, surveyor.evidence.model.other_sliding()
-    model = other_laws(own)
+    own = surveyor.evidence
     steps = max((h for h in surveyor.possible(horizons) if h <= _STEPS), default=min(horizons))
-    if other is None or model is None or surveyor.same(other, steps):
+    tried = {
+        name: replace(surveyor, evidence=replace(own, model=model), label=label(name))
+        for name, model in rivals(own).items()
+        if not surveyor.same(model, steps)
+    }
+    if not tried:
         return Sliding(own)
-    rival = replace(surveyor, evidence=replace(own, model=model), label=label(model.sliding))
-    error = _relative_error(rival, surveyor, steps)
-    longer = _OPEN[0] < error < _OPEN[1]
+    errors = {name: _relative_error(rival, surveyor, steps) for name, rival in tried.items()}
+    longer = _OPEN[0] < min(errors.values()) < _OPEN[1]
     if longer:
-        error = _relative_error(rival, surveyor, steps, longer=True)
-    taken = error < _CLEARLY_BETTER
-    told = {"tried": model.sliding, "relative_error": error, "taken": taken}
-    best = rival if taken else surveyor
-    return Sliding(best.evidence, told, best.fitted_to(steps, longer) if own.positions_only else None)
+        near = [name for name, error in errors.items() if error < _OPEN[1]]
+        errors = {name: _relative_error(tried[name], surveyor, steps, longer=True) for name in near}
+    best = min(errors, key=errors.__getitem__)
+    taken = errors[best] < _CLEARLY_BETTER
+    told = {"tried": best, "relative_error": errors[best], "taken": taken}
+    chosen = tried[best] if taken else surveyor
+    return Sliding(chosen.evidence, told, chosen.fitted_to(steps, longer) if own.positions_only else None)
 
 
 def _relative_error(rival: Surveyor, own: Surveyor, steps: int, longer: bool = False) -> float:
-    return float(np.exp(rival.score_after(steps, longer) - own.score_after(steps, longer)))
+    error = np.exp(rival.score_after(steps, longer) - own.score_after(steps, longer))
+    return float(np.nan_to_num(error, nan=np.inf))
 
 
 def label(law: str) -> str:
@@ -81,6 +88,6 @@ def sliding_told(row: Mapping[str, Any] | None) -> str | None:
         return None
     tried, left = _WORDS[row["tried"]], f"{row['relative_error']:.2f} of the held-out error"
     if row["taken"]:
-        return f"law of sliding: {tried}, which left {left} when both laws were fitted; --sliding names another"
-    kept = next(words for law, words in _WORDS.items() if law != row["tried"])
-    return f"law of sliding: {kept}; {tried} left {left} when both were fitted"
+        return f"law of sliding: {tried}, which left {left} when all were fitted; --sliding names another"
+    kept = _WORDS["convex" if row["tried"] == "coulomb" else "coulomb"]
+    return f"law of sliding: {kept}; {tried} left {left} when all were fitted"

@@ -25,8 +25,8 @@ _POLICIES = ("smoothing", "backward_smoothing")
 class StepSettings:
     """Settings of one step; :class:`cmbrl.ComplementarityModel` tells what each of them means.
 
-    ``given``: ``damping``, ``sliding``, ``look_ahead`` and ``prune`` as they were asked for, None where the choice was
-    left open, so that a model with another setting chooses again.
+    ``given``: ``integrator``, ``damping``, ``sliding``, ``look_ahead`` and ``prune`` as they were asked for, None where
+    the choice was left open, so that a model with another setting chooses again.
     """
 
     substeps: int
@@ -60,7 +60,9 @@ class StepSettings:
         path_tolerance: float,
     ) -> StepSettings:
         """Raises UserError for a setting out of range, and for one that does not go with another or with the scene."""
-        given = {"damping": damping, "sliding": sliding, "look_ahead": look_ahead, "prune": prune}
+        given = {
+            "integrator": integrator, "damping": damping, "sliding": sliding, "look_ahead": look_ahead, "prune": prune,
+        }  # fmt: skip
         substeps = whole(substeps, "substeps")
         time_step = real(scene.timestep if time_step is None else time_step, "time_step", above=0.0, most=1e3)
         default = "leapfrog" if scene.integrator == "rk4" else "semi-implicit"
@@ -107,7 +109,6 @@ class StepSettings:
             "substeps": self.substeps,
             "time_step": self.time_step,
             "smoothing": self.smoothing,
-            "integrator": self.integrator,
             "backward_smoothing": self.backward_smoothing,
             "implicit_springs": self.implicit_springs,
             **self.given,
@@ -115,8 +116,8 @@ class StepSettings:
         }
 
     def to_config(self) -> dict[str, Any]:
-        """The same as JSON types; the law and when rows act as chosen, even where they were left open."""
-        chosen = {"damping": self.damping, "sliding": self.sliding, "look_ahead": self.look_ahead}
+        """The same as JSON types; integrator, law and when rows act as chosen, even where they were left open."""
+        chosen = {name: getattr(self, name) for name in ("integrator", "damping", "sliding", "look_ahead")}
         policies = {key: smoothing_policies.to_config(getattr(self, key)) for key in _POLICIES}
         return self.arguments() | chosen | policies
 

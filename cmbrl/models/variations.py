@@ -9,9 +9,10 @@ from typing import Any, Self
 
 import numpy as np
 
+from cmbrl.contact.smoothing import Exact, Smoothing
 from cmbrl.data.checks import TIME_STEP_TOLERANCE
 from cmbrl.errors import UserError
-from cmbrl.models.step_settings import INTEGRATORS, StepSettings
+from cmbrl.models.step_settings import INTEGRATORS, RK4, StepSettings
 from cmbrl.scene import Scene
 
 
@@ -25,6 +26,10 @@ class Variations(ABC):
     @abstractmethod
     def with_settings(self, **settings: Any) -> Self:
         """The same model with some arguments of the constructor replaced."""
+
+    @abstractmethod
+    def to_config(self) -> dict[str, Any]:
+        """Its settings and parameters as JSON types."""
 
     def for_log(self, dt: float) -> Self:
         """This model with one control step per transition of ``dt`` [s] of a log.
@@ -74,14 +79,49 @@ class Variations(ABC):
         if Path(scene.path).is_file() and np.array_equal(self.parameters, scene.parameter_vector()):
             law = "rigid" if scene.contact_law == "mujoco" else "mujoco"
             other = Scene.from_mjcf(scene.path, scene.ignore, law, self_contact=scene.self_contact, drives=scene.drives)
+            stepped = own.integrator if own.integrator in INTEGRATORS else None  # rk4 is of MuJoCo's law alone
             found[f"contact law {law}"] = self.with_settings(
-                scene=other, parameters=None, candidates=None, sliding=None, look_ahead=None, damping=None
-            )
+                scene=other, parameters=None, candidates=None, sliding=None, look_ahead=None, damping=None,
+                integrator=stepped,
+            )  # fmt: skip
         return found
 
-    def other_sliding(self) -> Self | None:
-        """The same model under the other law of sliding; None where the law was named, or nothing slides."""
-        return self.under_other_law() if self._settings.given["sliding"] is None else None
+    def rivals(self) -> dict[str, Self]:
+        """The same model under other laws of contact, as far as they are open, by name.
+
+        "convex" or "coulomb": the other law of sliding. "mujoco": MuJoCo's own step of the file, with the convex law,
+        rows that act once they are closed, RK4 if the file asks for it, and no smoothing.
+        """
+        own = self._settings
+        found = {}
+        if own.given["sliding"] is None and (other := self.under_other_law()) is not None:
+            found[other._settings.sliding] = other
+        if (theirs := self._mujocos_step()) is not None:
+            found["mujoco"] = theirs
+        return found
+
+    def _mujocos_step(self) -> Self | None:
+        """None where a setting was named that is not MuJoCo's, or where all of them are."""
+        own, law = self._settings, {"sliding": ("convex",), "look_ahead": (False,), "damping": ("split",)}
+        named = any(own.given[name] not in (None, *theirs) for name, theirs in law.items())
+        if self.scene.contact_law != "mujoco" or own.implicit_springs or named:
+            return None
+        asked = self.scene.integrator == RK4 and own.given["integrator"] is None
+        integrator = RK4 if asked else own.given["integrator"]
+        made = self.with_settings(
+            sliding="convex", integrator=integrator, smoothing=Exact(), backward_smoothing=Exact()
+        )
+        return None if made.to_config() == self.to_config() else made
+
+    def for_training(self, smoothing: Smoothing) -> Self:
+        """This model with ``smoothing``, by leapfrog if it steps by RK4: one contact solve a step, and rows look ahead.
+
+        A policy needs fast steps, and gradients before something touches; a fit needs the step that the log has.
+        """
+        soft = self.with_settings(smoothing=smoothing, backward_smoothing=smoothing)
+        if self._settings.integrator != RK4:
+            return soft
+        return soft.with_settings(integrator="leapfrog", look_ahead=None, damping=None)
 
     def under_other_law(self) -> Self | None:
         """The same model under the other law of sliding, also where the law was named; None if nothing slides."""

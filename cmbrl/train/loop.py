@@ -148,7 +148,7 @@ class Loop(Trainer):
         logs = [log for log in (self.given, self.recording.log() if self.recording.transitions else None) if log]
         start = self.nominal.with_settings(backward_smoothing=self.nominal.smoothing)
         self.fitted = fit(start, Transitions.joined(logs), seed=self.seed + self.round, groups="all")
-        fitted = self.fitted.uncertain_model(self.config.draws, self.seed)
+        fitted = self.fitted.uncertain_model(self.config.draws, self.seed).for_training(self.nominal.smoothing)
         self.model = fitted.with_settings(backward_smoothing=self.nominal.backward_smoothing)
 
     def _choose_observations(self, model: ComplementarityModel) -> None:

@@ -41,16 +41,19 @@ def load_model(
 ) -> Model:
     """The next-state model that a checked ``word`` other than "real" names; an untrained one for "ensemble".
 
+    A fit is taken as it trains policies (``ComplementarityModel.for_training``).
+
     Args:
         word: "nominal", "ensemble", or the folder of a fit or an ensemble.
         task: whose robot the model must be of.
-        smoothing: as for ``cmbrl.contact.smoothing.parse_smoothing``; None keeps that of the task or the fit.
+        smoothing: as for ``cmbrl.contact.smoothing.parse_smoothing``; None: that of the task.
         threads: of the native core; None: the model's own.
         draws, seed: how many parameter sets of a fit's posterior become its candidates, and the seed that draws them.
 
     Raises UserError on a model of another robot or control step, and on smoothing of an ensemble.
     """
-    from cmbrl.contact.smoothing import parse_smoothing
+    from cmbrl.contact.smoothing import Relaxed, parse_smoothing
+    from cmbrl.models.complementarity import ComplementarityModel
     from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
     from cmbrl.models.named import holds_fit, named_model
 
@@ -63,7 +66,11 @@ def load_model(
         from cmbrl.fitting import FitResult
 
         candidates = FitResult.load(word).draws(draws, seed)
-    return named_model(word, task, parse_smoothing(smoothing) if smoothing else None, threads, candidates)
+    policy = parse_smoothing(smoothing) if smoothing else None
+    model = named_model(word, task, policy, threads, candidates)
+    if word == NOMINAL or not isinstance(model, ComplementarityModel):
+        return model
+    return model.for_training(policy or Relaxed(task.smoothing_speed))
 
 
 def with_derivative(model: object, text: str, seed: int, refits: bool) -> DerivativeModel:

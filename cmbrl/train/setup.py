@@ -80,7 +80,7 @@ def set_up(
         settings: hyperparameters as text, over those of the task.
         data: file of a log to start from, for an algorithm that learns its model.
         offline: take no real steps, learn from ``data`` alone.
-        smoothing: of the simulation, e.g. "barrier:kappa=1e-4"; None: that of the task or the fit.
+        smoothing: of the simulation, e.g. "barrier:kappa=1e-4"; None: that of the task.
         derivative: what the model's derivative is, e.g. "gaussian:length=1e-3"; None: that of the simulation.
         seed: of everything random.
         threads: of the native core; results do not depend on it.

@@ -28,6 +28,7 @@ TASK = robot_task(
     control_dt=0.05,
     substeps=10,
     time_step=0.005,
+    integrator="semi-implicit",
     sliding="convex",
     contact_gap=1e-2,
 )

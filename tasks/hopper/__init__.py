@@ -27,7 +27,6 @@ TASK = robot_task(
     control_dt=0.008,
     substeps=4,
     time_step=0.002,
-    integrator="leapfrog",
     contact_gap=1e-3,
     training=TRAINING,
 )

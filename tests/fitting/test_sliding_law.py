@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 import cmbrl
+from cmbrl.contact import Exact, Relaxed
 from cmbrl.data.position_log import PositionLog
 from cmbrl.data.transitions import Transitions
 from cmbrl.fitting import FitResult
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.report_text import render
-from cmbrl.fitting.sliding import other_laws, supported_sliding
+from cmbrl.fitting.sliding import rivals, supported_sliding
 from cmbrl.fitting.state import Journal
 from cmbrl.fitting.survey import Surveyor
 
@@ -76,14 +77,31 @@ def test_positions_alone_tell_the_law_of_what_touches(above: float, tmp_path: Pa
     assert (told is None) == bool(above)
 
 
-def test_positions_try_all_laws_of_contact_that_go_with_that_of_sliding(tmp_path: Path) -> None:
-    """What stands in for shapes may hold fingers that pass each other in MuJoCo."""
+def test_all_laws_that_are_open_are_tried(tmp_path: Path) -> None:
+    """Of positions, MuJoCo's step alone: what stands in for shapes may hold fingers that pass each other there."""
     model, log = log_of(tmp_path)
-    states, positions = (other_laws(Evidence.of(model, each)) for each in (log, poses(model, log, 0.0)))
-    assert states is not None
-    assert positions is not None
-    assert (states.sliding, states.look_ahead) == ("convex", model.look_ahead)
-    assert (positions.sliding, positions.look_ahead) == ("convex", False)
+    states, positions = (rivals(Evidence.of(model, each)) for each in (log, poses(model, log, 0.0)))
+    assert list(states) == ["convex", "mujoco"]
+    assert list(positions) == ["mujoco"]
+    assert (states["convex"].sliding, states["convex"].look_ahead) == ("convex", model.look_ahead)
+    assert (states["mujoco"].sliding, states["mujoco"].look_ahead) == ("convex", False)
+    assert positions["mujoco"].to_config() == states["mujoco"].to_config()
+
+
+def test_a_file_that_asks_for_rk4_is_tried_under_it(tmp_path: Path) -> None:
+    """Unless the integrator was named; a policy is trained by one solve a step."""
+    open_scene = scene(tmp_path, PUCK.replace('timestep=".004"', 'timestep=".004" integrator="RK4"'))
+    soft = Relaxed(3e-4)
+    model = cmbrl.ComplementarityModel(open_scene, smoothing=soft)
+    theirs = model.rivals()["mujoco"]
+    assert (model.integrator, theirs.integrator, theirs.smoothing) == ("leapfrog", "rk4", Exact())
+    trained = theirs.for_training(soft)
+    assert (trained.integrator, trained.look_ahead, trained.sliding) == ("leapfrog", True, "convex")
+    assert trained.smoothing == trained.backward_smoothing == soft
+    named = cmbrl.ComplementarityModel(open_scene, integrator="leapfrog")
+    assert named.rivals()["mujoco"].integrator == "leapfrog"
+    assert not cmbrl.ComplementarityModel(open_scene, sliding="coulomb").rivals()
+    assert not theirs.rivals()
 
 
 @pytest.mark.parametrize(
@@ -129,11 +147,11 @@ def test_a_law_that_was_named_or_does_not_matter_stays(tmp_path: Path) -> None:
     model, log = log_of(tmp_path)
     named = model.with_settings(sliding="coulomb")
     assert chosen(named, log) == ("coulomb", None)
-    assert named.other_sliding() is None
+    assert not named.rivals()
     smooth = PUCK.replace('friction=".6"', 'condim="1"')
-    assert cmbrl.ComplementarityModel(scene(tmp_path, smooth)).other_sliding() is None
+    assert list(cmbrl.ComplementarityModel(scene(tmp_path, smooth)).rivals()) == ["mujoco"]
     rigid = cmbrl.Scene.from_mjcf(PUCK, contact_law="rigid")
-    assert cmbrl.ComplementarityModel(rigid).other_sliding() is None
+    assert not cmbrl.ComplementarityModel(rigid).rivals()
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
@@ -144,7 +162,7 @@ def test_a_fit_keeps_and_tells_its_law(tmp_path: Path) -> None:
     result = cmbrl.fit(model, log, groups=["friction"], method="gauss-newton", horizon=1, budget=QUICK)
     assert result.model.sliding == "convex"
     assert result.report["sliding"]["taken"]
-    assert "law of sliding: the convex law" in " ".join(result.report_text().split())
+    assert "law of sliding: MuJoCo's step" in " ".join(result.report_text().split())
     friction = [p.value for name, p in result.parameters.items() if name.startswith("friction.")]
     assert max(abs(value - 0.6) for value in friction) < 0.05
     result.save(tmp_path / "fit")

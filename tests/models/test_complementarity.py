@@ -124,3 +124,14 @@ def test_a_model_that_does_not_look_ahead_has_its_alternatives() -> None:
     assert not model.look_ahead
     assert {found[name].scene.contact_law for name in found} == {"mujoco", "rigid"}
     assert found["contact law rigid"].look_ahead
+
+
+def test_a_model_under_rk4_has_its_alternatives(tmp_path: Path) -> None:
+    """Rigid contact, which does not go with RK4, is stepped by the file's usual integrator."""
+    file = tmp_path / "ball.xml"
+    file.write_text(
+        '<mujoco><option integrator="RK4"/><worldbody><geom type="plane" size="1 1 1"/><body pos="0 0 1"><freejoint/>'
+        '<geom size=".1"/></body></worldbody></mujoco>'
+    )
+    found = ComplementarityModel(Scene.from_mjcf(file), integrator="rk4").alternatives()
+    assert found["contact law rigid"].integrator == "leapfrog"
