@@ -60,7 +60,8 @@ def combinations(
     believed = np.zeros_like(covariance)
     own = np.ix_(moved, moved)
     believed[own] = np.linalg.inv(space.precision)[own]
-    spread, prior = (np.sqrt(np.einsum("kn,nm,km->k", slope, c, slope)) for c in (covariance, believed))
+    variance, before = (np.einsum("kn,nm,km->k", slope, c, slope) for c in (covariance, believed))
+    spread, prior = np.sqrt(np.maximum(variance, 0.0)), np.sqrt(before)  # rounding may leave less than nothing
     concerns = (np.abs(slope[:, bodies & flat]) > 0.0).any(axis=1)
     torques = np.arange(len(names)) < len(names) // 2
     heavy = ~torques | (value > _LEAST * value[torques].max(initial=0.0))

@@ -33,6 +33,7 @@ from cmbrl.train.shac import SHAC, SHACConfig
 from cmbrl.train.trainer import Trainer
 
 EPISODE_STEPS = 200  # of a recorded episode, at most
+_LAWS = ("integrator", "damping", "sliding", "look_ahead")  # of the fit, as policies are trained on it
 
 
 @dataclass(frozen=True)
@@ -238,6 +239,7 @@ class Loop(Trainer):
             "parameters": None if model is None else torch.from_numpy(model.parameters),
             "draws": None if model is None or model.candidates is None else torch.from_numpy(model.candidates),
             "observation": {} if model is None else model.observation,
+            "laws": {} if model is None else {name: getattr(model, name) for name in _LAWS},
             "last_actions": self.settings.last_actions,
             "trainer": self.trainer.state(),
         }
@@ -253,7 +255,7 @@ class Loop(Trainer):
         self.model = None
         if state["parameters"] is not None:
             draws = state["draws"]
-            settings = {"parameters": state["parameters"].numpy(), "observation": state["observation"]}
+            settings = {"parameters": state["parameters"].numpy(), "observation": state["observation"], **state["laws"]}
             settings |= {} if draws is None else {"candidates": draws.numpy()}
             self.model = self.nominal.with_settings(**settings)
             self._begin_policy()  # with the draws that it had
