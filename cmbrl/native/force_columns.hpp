@@ -163,7 +163,7 @@ struct ForceColumns {
     if (line >= m.nv && field == kBias1) held = keep(pulls, g * g * spring);
     switch (field) {
       case kGear: r = s.force + g * own; break;
-      case kGain: r = keep(pulls, g * input.value); break;
+      case kGain: r = keep(pulls, g * s.input); break;
       case kTime: r = keep(pulls, g * s.gains.input * input.by_time) + held; break;
       case kBias0: r = keep(pulls, g); break;
       case kBias1: r = keep(pulls, g * g * (s.place + spring)); break;

@@ -9,7 +9,13 @@ namespace cmbrl::CMBRL_ISA {
 // pulls, free, fades: lanes in which the position's part, the whole force, and the limit's fall with speed count. place: of the
 // line, less the gap. limited: the direction in which P's limit holds the force, or 0.
 struct Gains { T input, stiff, drag; };  // on the input, and on place and speed, times the gear
-struct Servo { T force, place, side, limited; Mask pulls, free, fades; Gains gains; };
+struct Servo { T force, place, side, limited, input; Mask pulls, free, fades; Gains gains; };
+
+// What of x, x + period, ... is nearest to `to`: where a rotation is to go.
+static inline T wrapped(T x, T to, double period) {
+  for (int i = 0; i < W; ++i) x[i] -= period * std::floor((x[i] - to[i]) / period + 0.5);
+  return x;
+}
 
 template <class G>
 static inline Gains gains_of(const Model& m, const Work<G>& w, int a, const Input& input, T place, T speed) {
@@ -19,10 +25,12 @@ static inline Gains gains_of(const Model& m, const Work<G>& w, int a, const Inpu
 }
 
 template <class G>
-static Servo servo_of(const Model& m, const Work<G>& w, int a, const Input& input, T place, T speed) {
+static Servo servo_of(const Model& m, const Work<G>& w, int a, Input input, T place, T speed) {
   const T* p = w.P + m.oAct + a * kActuatorFields;
+  if (m.nperiod > 0 && m.act_period[a] > 0) input.value = wrapped(input.value, p[kGear] * place, m.act_period[a]);
   T half = p[kGap], turn = p[kGear] * speed;
   Servo s;
+  s.input = input.value;
   s.gains = gains_of(m, w, a, input, place, speed);
   T stiff = s.gains.stiff, drag = s.gains.drag;
   T spring = p[kGain] * input.value + p[kBias0] + p[kGear] * stiff * place;

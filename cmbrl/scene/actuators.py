@@ -3,19 +3,22 @@
 The gain may change with length and velocity, too (a damper's does).
 
 Instead of ctrl it may be an activation, which follows ctrl (``activation``).
-A line is a hinge, a slide or a fixed tendon. Without position and velocity gains an actuator may also act on a site, on
-the dofs of a ball or free joint, or pull a body along the mean of the normals of its contacts (adhesion).
+A line is a hinge, a slide, a tendon, or one of its own (``linkages``). Without position and velocity gains an actuator
+may also act on a site, on the dofs of a ball or free joint, or pull a body along the mean of the normals of its
+contacts (adhesion), without a line (``wide``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import mujoco
 import numpy as np
 
 from cmbrl.scene.activation import Activation, dynamics_of, read_activation
+from cmbrl.scene.linkages import Linkage, LinkageKind, read_linkage
 from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import Array, Tree
 from cmbrl.scene.support import Gate
@@ -30,36 +33,49 @@ class Actuator:
     """One entry of the control vector. An actuator that is left out keeps its entry, with gear 0."""
 
     name: str
-    line: int  # a degree of freedom, or nv + number of the tendon; -1: as ``reach`` tells
+    line: int  # a degree of freedom, or nv + number of the tendon, or of the linkage after them; -1: as ``reach`` tells
     gear: float
     gain: float
     bias: Array  # (3,) constant, per length, per velocity
     control: tuple[float, float]  # bounds on ctrl; infinite where unlimited
     force: tuple[float, float]  # bounds on the force before the gear
-    armature: float  # added to the line's, already times gear^2
+    armature: float  # added to those of the lines ``loads``, already times gear^2
     damping: float
+    loads: tuple[int, ...] = ()
     reach: Reach | None = None
     activation: Activation | None = None
     gain_slope: tuple[float, float] = (0.0, 0.0)  # of the gain by length and by velocity
+    period: float = 0.0  # by which a target wraps to what is nearest to the length; 0: it does not
 
 
-def read_actuators(model: mujoco.MjModel, tree: Tree, lines: Mapping[int, int], gate: Gate) -> list[Actuator]:
-    """One actuator per control, in the order of ``ctrl``; reports unsupported ones to the gate.
+def read_actuators(
+    model: mujoco.MjModel, tree: Tree, lines: Mapping[int, int], gate: Gate
+) -> tuple[list[Actuator], list[Linkage]]:
+    """One actuator per control, in the order of ``ctrl``, and what some of them act along.
 
-    ``lines``: of the tendons, by their numbers in the file.
+    Reports unsupported ones to the gate. ``lines``: of the tendons, by their numbers in the file.
     """
     count = len(model.actuator_trntype)
     actuators: list[Actuator] = []
+    linkages: list[Linkage] = []
     for k in range(count):
         controls = int(model.actuator_ctrlnum[k]) if hasattr(model, "actuator_ctrlnum") else 1
         sound = _modelled(model, k, controls, lines, gate)
         for number in range(controls):
             suffix = "" if controls == 1 else f"_{number}"
             name = _unused(name_of(model, "actuator", k) + suffix, [a.name for a in actuators])
-            read = _read(model, tree, k, len(actuators), name, lines, sound)
+            linkage = read_linkage(model, tree, k, name, _has_gains(model, k)) if sound else None
+            if linkage and not linkage.dofs:
+                gate.note("actuator", name, "no joint moves it")
+                sound, linkage = False, None
+            line = _line(model, lines, k)
+            if linkage:
+                line = int(model.nv) + len(lines) + len(linkages)
+                linkages.append(linkage)
+            read = _read(model, tree, k, len(actuators), name, line, linkage, sound)
             at_once = not sound or "actuator_dynamics" in gate.ignore
             actuators.append(read if at_once else replace(read, activation=read_activation(model, k)))
-    return actuators
+    return actuators, linkages
 
 
 def _modelled(model: mujoco.MjModel, k: int, controls: int, lines: Mapping[int, int], gate: Gate) -> bool:
@@ -88,16 +104,11 @@ def _modelled(model: mujoco.MjModel, k: int, controls: int, lines: Mapping[int, 
         gate.refuse("actuator_dynamics", name, f"delay {model.actuator_delay[k]:g} s", "the control acts at once")
     gain = mujoco.mjtGain(int(model.actuator_gaintype[k])).name.removeprefix("mjGAIN_").lower()
     bias = mujoco.mjtBias(int(model.actuator_biastype[k])).name.removeprefix("mjBIAS_").lower()
-    varying = gain == "affine" and np.any(model.actuator_gainprm[k, 1:3])
     if controls != 1 or gain not in ("fixed", "affine") or bias not in ("none", "affine"):
         gate.refuse("actuator_bias", name, f"gain {gain}, bias {bias}")
         sound = False
-    elif varying and _line(model, lines, k) < 0:
-        told = "a gain that changes with length or velocity, of an actuator on several coordinates"
-        gate.refuse("actuator_bias", name, told)
-        sound = False
-    if sound and _line(model, lines, k) < 0 and (what := _gains(model, k)):
-        gate.refuse("actuator_bias", name, f"{what} of an actuator on several coordinates (give it to each of them)")
+    elif _transmission(model, k) == "body" and _has_gains(model, k):
+        gate.refuse("actuator_bias", name, "adhesion that changes with length or velocity")
         sound = False
     if (poly := getattr(model, "actuator_dampingpoly", None)) is not None and np.any(poly[k]):
         gate.refuse("actuator_bias", name, "nonlinear damping", "reduced to the linear term")
@@ -105,37 +116,82 @@ def _modelled(model: mujoco.MjModel, k: int, controls: int, lines: Mapping[int, 
 
 
 def _read(
-    model: mujoco.MjModel, tree: Tree, k: int, column: int, name: str, lines: Mapping[int, int], sound: bool
+    model: mujoco.MjModel, tree: Tree, k: int, column: int, name: str, line: int, linkage: Linkage | None, sound: bool
 ) -> Actuator:
-    free, line = (-np.inf, np.inf), _line(model, lines, k)
-    gear = float(model.actuator_gear[k, 0]) if line >= 0 else 1.0
+    free, first = (-np.inf, np.inf), float(model.actuator_gear[k, 0])
+    scalar = line >= 0 and (linkage is None or linkage.kind == LinkageKind.SLIDER_CRANK)
+    gear = first if scalar else 1.0  # otherwise the wrench has it
     armature, damping = (
-        float(values[k]) * gear**2 if line >= 0 and (values := getattr(model, field, None)) is not None else 0.0
+        float(values[k]) * first**2 if (values := getattr(model, field, None)) is not None else 0.0
         for field in ("actuator_armature", "actuator_damping")  # of recent MuJoCo versions
     )
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_DAMPER:
         damping = 0.0
     if _transmission(model, k) == "tendon" and not is_fixed(model, int(model.actuator_trnid[k, 0])):
         armature = 0.0  # of a tendon through sites: refused, or left out
+    loads = _loads(model, k, line)
     if not sound:  # what it adds to its line stays, as in MuJoCo
-        return Actuator(name, max(line, 0), 0.0, 0.0, np.zeros(3), free, free, armature, damping)
+        return Actuator(name, max(line, 0), 0.0, 0.0, np.zeros(3), free, free, armature, damping, loads)
     reach = None if line >= 0 else read_reach(model, tree, k)
     clamp = model.actuator_ctrllimited[column] and not (model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
     affine = model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
     slope = model.actuator_gainprm[k, 1:3] * (model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_AFFINE)
+    bias = model.actuator_biasprm[k, :3] * affine
+    if reach is not None or (linkage and not linkage.measured):  # without a length
+        slope, bias = slope * [0, 1], bias * [1, 0, 1]
     return Actuator(
         name,
         line,
         gear,
         float(model.actuator_gainprm[k, 0]),
-        model.actuator_biasprm[k, :3] * ([1, 1, 1] if reach is None else [1, 0, 0]) if affine else np.zeros(3),
+        bias,
         tuple(model.actuator_ctrlrange[column].tolist()) if clamp else free,
         tuple(model.actuator_forcerange[k].tolist()) if model.actuator_forcelimited[k] else free,
         armature,
         damping,
+        loads,
         reach,
         gain_slope=(float(slope[0]), float(slope[1])),
+        period=_period(model, k, linkage),
     )
+
+
+def _loads(model: mujoco.MjModel, k: int, line: int) -> tuple[int, ...]:
+    """The lines whose armature and damping an actuator adds to: a tendon, or all dofs of a joint."""
+    transmission, target = _transmission(model, k), int(model.actuator_trnid[k, 0])
+    if transmission == "tendon":
+        return (line,) if line >= 0 else ()
+    if transmission not in ("joint", "jointinparent"):
+        return ()
+    return tuple(np.flatnonzero(model.dof_jntid == target).tolist())
+
+
+def _period(model: mujoco.MjModel, k: int, linkage: Linkage | None) -> float:
+    """By which MuJoCo wraps the target of a position servo on a rotation; 0 for others."""
+    rotates = linkage is not None and (
+        linkage.kind == LinkageKind.BALL
+        or (linkage.kind == LinkageKind.BETWEEN_SITES and linkage.measured and not np.any(linkage.force))
+    )
+    servo = (
+        model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_FIXED
+        and model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
+        and model.actuator_gainprm[k, 0] == -model.actuator_biasprm[k, 1]
+        and dynamics_of(model, k) in ("none", "integrator")
+    )
+    return 2 * np.pi * linkage.size if linkage and rotates and servo and _targets_wrap() else 0.0
+
+
+@lru_cache(maxsize=1)
+def _targets_wrap() -> bool:
+    """Whether this MuJoCo wraps targets of rotations (recent versions do); found by trying."""
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body><joint name='j' type='ball'/><geom size='1'/></body></worldbody>"
+        "<actuator><position joint='j' gear='1 0 0' kp='1'/></actuator></mujoco>"
+    )
+    data = mujoco.MjData(model)
+    data.ctrl[0] = 2 * np.pi
+    mujoco.mj_forward(model, data)
+    return bool(abs(data.actuator_force[0]) < 1.0)
 
 
 def _transmission(model: mujoco.MjModel, k: int) -> str:
@@ -156,33 +212,18 @@ def _line(model: mujoco.MjModel, lines: Mapping[int, int], k: int) -> int:
 def _obstacle(model: mujoco.MjModel, lines: Mapping[int, int], k: int) -> str | None:
     """Why an actuator's transmission is not modelled; None if it is."""
     transmission, target = _transmission(model, k), int(model.actuator_trnid[k, 0])
-    if transmission == "site":
-        return "it drives a site relative to another one (refsite)" if model.actuator_trnid[k, 1] >= 0 else None
-    if transmission in ("joint", "body") or _line(model, lines, k) >= 0:
+    if transmission in ("joint", "jointinparent", "site", "slidercrank", "body") or _line(model, lines, k) >= 0:
         return None
     if transmission == "tendon":
         return f"it drives {name_of(model, 'tendon', target)}, a tendon that is not modelled"
-    if transmission == "jointinparent":
-        joint = name_of(model, "joint", target)
-        return f"it drives {joint}, a ball or free joint, in the parent's frame (give joint instead of jointinparent)"
     return f"it drives a {transmission}"
 
 
-def _gains(model: mujoco.MjModel, k: int) -> str | None:
-    """What depends on the length or velocity of an actuator's transmission; the length of a site is always 0."""
-    bias = model.actuator_biasprm[k]
-    ball = _transmission(model, k) == "joint" and int(model.jnt_type[model.actuator_trnid[k, 0]]) == (
-        mujoco.mjtJoint.mjJNT_BALL
-    )
-    if model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE:
-        if bias[1] and ball:
-            return "a position gain"
-        if bias[2]:
-            return "a velocity gain"
-    for field in ("actuator_armature", "actuator_damping"):
-        if (values := getattr(model, field, None)) is not None and np.any(values[k]):
-            return f"{field.removeprefix('actuator_')}"
-    return None
+def _has_gains(model: mujoco.MjModel, k: int) -> bool:
+    """Whether an actuator's force changes with the length or the velocity of what it acts along."""
+    affine = model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE and np.any(model.actuator_biasprm[k, 1:3])
+    varies = model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_AFFINE and np.any(model.actuator_gainprm[k, 1:3])
+    return bool(affine or varies)
 
 
 def force_limit(actuator: Actuator) -> float:

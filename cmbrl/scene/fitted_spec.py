@@ -93,10 +93,8 @@ class FittedSpec:
             if not change.any():
                 continue
             element, gear = self._element("actuators", k), self.model.actuator_gear[k].copy()
-            if self.scene.core.act_line[column] >= 0:
-                gear[0] += change[0]
-            else:
-                gear *= self.P[at]  # relative to the file's
+            if nominal := self.scene.core.P[at]:
+                gear *= self.P[at] / nominal  # of all that it turns and pushes
             if change[6]:
                 low, high = self.scene.core.act_force[column]
                 element.forcerange = max(low, -self.P[at + 6]), min(high, self.P[at + 6])

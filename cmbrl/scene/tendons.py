@@ -41,8 +41,11 @@ def lines_of(model: mujoco.MjModel, tendons: list[Tendon]) -> Mapping[int, int]:
     return {tendon.source: int(model.nv) + k for k, tendon in enumerate(tendons)}
 
 
-def segment_arrays(tree: Tree, tendons: list[Tendon], plane: PlaneOfMotion | None) -> dict[str, Any]:
-    """The segments of tendons, in the plane of motion if there is one, and what they go around."""
+def segment_arrays(tree: Tree, tendons: list[Tendon], more: int, plane: PlaneOfMotion | None) -> dict[str, Any]:
+    """The segments of tendons, in the plane of motion if there is one, and what they go around.
+
+    After the tendons come ``more`` lines without any.
+    """
     segments = [segment for tendon in tendons for segment in tendon.segments]
     dimension = 2 if plane else 3
 
@@ -50,7 +53,7 @@ def segment_arrays(tree: Tree, tendons: list[Tendon], plane: PlaneOfMotion | Non
         return doubles([plane.local(tree, *end) if plane else end[1] for end in ends], (-1, dimension))
 
     return {
-        "seg_ptr": integers(np.cumsum([0, *(len(tendon.segments) for tendon in tendons)])),
+        "seg_ptr": integers(np.cumsum([0, *(len(tendon.segments) for tendon in tendons), *[0] * more])),
         "seg_A": integers([s.body_a for s in segments]),
         "seg_B": integers([s.body_b for s in segments]),
         "seg_posA": points([(s.body_a, s.pos_a) for s in segments]),

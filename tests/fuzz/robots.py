@@ -9,7 +9,7 @@ import numpy as np
 
 THEMES = (
     "actfrc", "activation", "adhesion", "armature", "ball", "compiler", "condim", "contype", "curved", "direct",
-    "disabled", "elliptic", "equality", "fluid", "free", "gravcomp", "limits", "loose", "loss", "margin",
+    "disabled", "elliptic", "equality", "fluid", "free", "gravcomp", "limits", "linkage", "loose", "loss", "margin",
     "mesh", "multi", "override", "pairs", "poly", "refsafe", "servo", "site", "slide", "softness", "spring",
     "tendon", "varying", "wrap",
 )  # fmt: skip
@@ -212,12 +212,25 @@ class Robots:
             out += f'<motor site="{self.one_of(*self.sites)}" gear="{self.u(-2, 2, 6)}" ctrlrange="-1 1"/>'
         if self.balls:
             out += f'<motor joint="{self.one_of(*self.balls)}" gear="{self.u(-2, 2, 3)}" ctrlrange="-1 1"/>'
+        if self.has("linkage", 1):
+            out += "".join(self.actuator(target) for target in self.linkages())
         if self.has("adhesion", 1):
             out += f'<adhesion body="{self.one_of(*self.bodies, "world")}" gain="{self.log(1, 30)}" ctrlrange="0 1"/>'
         return f"<actuator>{out}</actuator>"
 
+    def linkages(self) -> list[str]:
+        """What actuators drive between two sites, or of a ball joint."""
+        found = [f'{self.one_of("joint", "jointinparent")}="{self.one_of(*self.balls)}"'] * bool(self.balls)
+        if len(self.sites) > 1:
+            one, other = self.rng.permutation(self.sites)[:2]
+            found += [f'site="{one}" refsite="{other}"', f'site="{one}"']
+            found += [f'cranksite="{one}" slidersite="{other}" cranklength="{self.log(0.05, 1)}"']
+        return found
+
     def actuator(self, target: str) -> str:
         gear = f' gear="{self.one_of("-", "")}{self.log(0.3, 3)}"'
+        if target.startswith("site"):
+            gear = f' gear="{self.one_of("0 0 0", self.u(-2, 2, 3))} {self.one_of("0 0 0", self.u(-2, 2, 3))}"'
         common = gear + self.some(0.6, f'ctrlrange="-{self.log(0.3, 3)} {self.log(0.3, 3)}"')
         common += self.some(0.3, f'forcerange="-{self.log(1, 30)} {self.log(1, 30)}"')
         common += self.some(0.3, f'group="{self.one_of("0", "1")}"')
