@@ -75,6 +75,7 @@ struct Model : Structure {
   int hull_count(int hull) const { return (hull_ptr[hull + 1] - hull_ptr[hull] + hull_width - 1) / hull_width * hull_width; }
   double largest_invweight;  // of a contact
   int logistic;              // contacts act at a distance
+  const double* con_ratio;   // (ncontact, 2) of sliding and of rolling friction: the second tangent's by the first's
   const double *con_radiusB, *con_impratio, *con_invweight, *con_margin, *con_mid, *con_power, *plane_normal;
   const double *con_reach, *con_points;  // the gap below which actuators pull at it; how many of MuJoCo's points it stands for
 
@@ -91,7 +92,9 @@ struct Model : Structure {
   const int* act_line;  // -1: see wide.hpp
   const double *act_ctrl, *act_force, *act_gain;  // act_gain: how the gain on the input changes with length and with velocity
   const double* act_period;  // by which inputs wrap to the nearest to the length; 0: they do not
-  int nperiod;
+  const double* act_ripple;  // amplitude, count and phase of a force by length, which limits do not clamp
+  const int *feed_ptr, *feed_act;  // further controls that add to the force of each actuator
+  int nperiod, nripple, nfeed;
   int nstate;               // activation.hpp; u (nu = nact + nstate): commands, then activations
   const int *act_state, *state_act, *state_kind, *state_early;
   const double* state_range;

@@ -70,7 +70,7 @@ static void actuator_forces(const Model& m, const Options& o, Work<G>& w) {
     Servo s = servo_of(m, w, a, input, w.line_length[line], along(m, w, line, w.v));
     w.drive[line] += p[kGear] * s.force;
     w.kd[line] -= keep(s.free, p[kGear] * p[kGear] * s.gains.drag) - keep(s.fades, p[kGear] * p[kGear] * p[kLimitSlope]);
-    w.drive_kp[line] -= keep(s.free & s.pulls, p[kGear] * p[kGear] * s.gains.stiff);
+    w.drive_kp[line] -= p[kGear] * p[kGear] * (keep(s.free & s.pulls, s.gains.stiff) + s.ripple);
     note_gain(m, w, a, input, s.gains.input, s.free & s.pulls);
   }
   wide_forces(m, o, w);

@@ -53,7 +53,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.jnt_axis = d("jnt_axis", nj * D); m.jnt_pos = d("jnt_pos", nj * D); m.jnt_q0 = d("jnt_q0", nj);
   m.con_type = i("con_type", nc); m.con_bodyA = i("con_bodyA", nc); m.con_bodyB = i("con_bodyB", nc);
   m.con_plane = i("con_plane", nc); m.con_pair = i("con_pair", nc); m.con_dim = i("con_dim", nc); m.con_law = i("con_law", nc); m.logistic = nc > 0 && m.con_law[0] == kLogistic; m.con_pyramid = i("con_pyramid", nc);
-  m.con_along = d("con_along", nc * 3);
+  m.con_along = d("con_along", nc * 3); m.con_ratio = d("con_ratio", nc * 2);
   size_t hulls = size("nhull"), faces = size("nface");
   m.con_when = i("con_when", nc); m.con_hullB = i("con_hullB", nc); m.con_first = i("con_first", nc); m.con_many = i("con_many", nc);
   m.con_hull = i("con_hull", nc); m.hull_ptr = i("hull_ptr", hulls + 1); m.face_ptr = i("face_ptr", faces + 1);
@@ -95,6 +95,9 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.tie_soft = d("tie_soft", ne * 7); m.tie_invweight = d("tie_invweight", ne * 2);
   m.act_line = i("act_line", na); m.act_ctrl = d("act_ctrl", na * 2); m.act_force = d("act_force", na * 2); m.act_gain = d("act_gain", na * 2);
   m.act_period = d("act_period", na);
+  m.act_ripple = d("act_ripple", na * 3);
+  for (size_t k = 0; k < na; ++k) m.nripple += m.act_ripple[3 * k] != 0;
+  m.feed_ptr = i("feed_ptr", na + 1); m.nfeed = m.feed_ptr[na]; m.feed_act = i("feed_act", m.nfeed);
   m.nperiod = int(std::count_if(m.act_period, m.act_period + na, [](double x) { return x > 0; }));
   size_t nx = m.nstate;
   m.act_state = i("act_state", na); m.state_act = i("state_act", nx); m.state_kind = i("state_kind", nx); m.state_early = i("state_early", nx);

@@ -56,7 +56,7 @@ struct Found {
   T P[kContactFields];               // its part of the physical vector
   T radiusA;
   Feature<G> at;
-  T arm[2];                          // [m] of rows that turn (turning.hpp), about the normal, and about the tangents
+  T arm[3];                          // [m] of rows that turn (turning.hpp), about the normal and the tangents
   typename G::V p, d[1 + G::NT];     // point and directions (normal, tangents); of an edge: its own, and its tangent
   T dc_dphi, dRn_dphi, dRt_dphi;     // of the law, at fixed impulses
   T phi, mu, Rn, Rt, carry, cn0;
@@ -71,6 +71,7 @@ struct Known : Found<G> {
   Mask on, wide, rub;                // lanes in which the contact takes part; in the derivative's solve; in which it has friction
   int of[W], index, rows;            // candidate numbers by lane, and the first of them; 1, or 1 + NT to 1 + MT
   bool segments, hulls;              // in some lane
+  bool skewed;                       // friction differs by direction (edges.hpp)
   Mask convex;                       // lanes in which the convex law of sliding holds (newton.hpp); none unless the options say so
   int edge;                          // of MuJoCo's pyramid (edges.hpp), from 1; 0: the whole contact
 };

@@ -1,6 +1,7 @@
-"""Actuators: the clamped force gain ctrl + bias0 + bias1 length + bias2 velocity, times gear, along one line.
+"""Actuators: a clamped force by controls, length and velocity (``force_laws``), times gear, along one line.
 
-The gain may change with length and velocity, too (a damper's does).
+The gain may change with length and velocity, too (a damper's does). Of several controls the first has the line, and the
+others add to its force.
 
 Instead of ctrl it may be an activation, which follows ctrl (``activation``).
 A line is a hinge, a slide, a tendon, or one of its own (``linkages``). Without position and velocity gains an actuator
@@ -10,14 +11,17 @@ contacts (adhesion), without a line (``wide``).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from cmbrl.scene.activation import Activation, dynamics_of, read_activation
+from cmbrl.scene.arrays import integers
+from cmbrl.scene.force_laws import ForceLaw, read_force_law
 from cmbrl.scene.linkages import Linkage, LinkageKind, read_linkage
 from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import Array, Tree
@@ -46,6 +50,8 @@ class Actuator:
     activation: Activation | None = None
     gain_slope: tuple[float, float] = (0.0, 0.0)  # of the gain by length and by velocity
     period: float = 0.0  # by which a target wraps to what is nearest to the length; 0: it does not
+    ripple: tuple[float, float, float] = (0.0, 0.0, 0.0)  # see ForceLaw
+    feeds: int = -1  # the actuator to whose force it adds; then it has no line
 
 
 def read_actuators(
@@ -60,11 +66,14 @@ def read_actuators(
     linkages: list[Linkage] = []
     for k in range(count):
         controls = int(model.actuator_ctrlnum[k]) if hasattr(model, "actuator_ctrlnum") else 1
-        sound = _modelled(model, k, controls, lines, gate)
+        sound = _modelled(model, k, lines, gate)
         for number in range(controls):
             suffix = "" if controls == 1 else f"_{number}"
             name = _unused(name_of(model, "actuator", k) + suffix, [a.name for a in actuators])
-            linkage = read_linkage(model, tree, k, name, _has_gains(model, k)) if sound else None
+            if number > 0:
+                actuators.append(_feeder(model, k, len(actuators), number, name, sound))
+                continue
+            linkage = read_linkage(model, tree, k, name, _needs_line(model, k)) if sound else None
             if linkage and not linkage.dofs:
                 gate.note("actuator", name, "no joint moves it")
                 sound, linkage = False, None
@@ -78,7 +87,7 @@ def read_actuators(
     return actuators, linkages
 
 
-def _modelled(model: mujoco.MjModel, k: int, controls: int, lines: Mapping[int, int], gate: Gate) -> bool:
+def _modelled(model: mujoco.MjModel, k: int, lines: Mapping[int, int], gate: Gate) -> bool:
     """Whether the actuator acts in the scene; if not, the gate is told why."""
     name = name_of(model, "actuator", k)
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ACTUATION:
@@ -97,17 +106,15 @@ def _modelled(model: mujoco.MjModel, k: int, controls: int, lines: Mapping[int, 
         gate.drops("actuator_dynamics", name, f"a {dynamics} on its control", "the control acts at once")
     elif dynamics == "integrator":
         sound &= not gate.drops("actuator_dynamics", name, "it integrates its control")
-    elif dynamics != "none":
+    elif dynamics not in ("none", "pid", "dcmotor"):  # their states are the force law's
         gate.refuse("actuator_dynamics", name, f"dynamics {dynamics}")
         sound = False
     if getattr(model, "actuator_delay", None) is not None and model.actuator_delay[k] > 0:
         gate.refuse("actuator_dynamics", name, f"delay {model.actuator_delay[k]:g} s", "the control acts at once")
-    gain = mujoco.mjtGain(int(model.actuator_gaintype[k])).name.removeprefix("mjGAIN_").lower()
-    bias = mujoco.mjtBias(int(model.actuator_biastype[k])).name.removeprefix("mjBIAS_").lower()
-    if controls != 1 or gain not in ("fixed", "affine") or bias not in ("none", "affine"):
-        gate.refuse("actuator_bias", name, f"gain {gain}, bias {bias}")
+    if isinstance(law := read_force_law(model, k), str):
+        gate.refuse("actuator_bias", name, law)
         sound = False
-    elif _transmission(model, k) == "body" and _has_gains(model, k):
+    elif _transmission(model, k) == "body" and _needs_line(model, k):
         gate.refuse("actuator_bias", name, "adhesion that changes with length or velocity")
         sound = False
     if (poly := getattr(model, "actuator_dampingpoly", None)) is not None and np.any(poly[k]):
@@ -133,19 +140,18 @@ def _read(
     if not sound:  # what it adds to its line stays, as in MuJoCo
         return Actuator(name, max(line, 0), 0.0, 0.0, np.zeros(3), free, free, armature, damping, loads)
     reach = None if line >= 0 else read_reach(model, tree, k)
-    clamp = model.actuator_ctrllimited[column] and not (model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
-    affine = model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
-    slope = model.actuator_gainprm[k, 1:3] * (model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_AFFINE)
-    bias = model.actuator_biasprm[k, :3] * affine
+    law = read_force_law(model, k)
+    assert isinstance(law, ForceLaw)  # it is sound
+    slope, bias = law.slope, law.bias
     if reach is not None or (linkage and not linkage.measured):  # without a length
         slope, bias = slope * [0, 1], bias * [1, 0, 1]
     return Actuator(
         name,
         line,
         gear,
-        float(model.actuator_gainprm[k, 0]),
+        law.gains[0],
         bias,
-        tuple(model.actuator_ctrlrange[column].tolist()) if clamp else free,
+        _bounds(model, column),
         tuple(model.actuator_forcerange[k].tolist()) if model.actuator_forcelimited[k] else free,
         armature,
         damping,
@@ -153,7 +159,24 @@ def _read(
         reach,
         gain_slope=(float(slope[0]), float(slope[1])),
         period=_period(model, k, linkage),
+        ripple=law.ripple,
     )
+
+
+def _feeder(model: mujoco.MjModel, k: int, column: int, number: int, name: str, sound: bool) -> Actuator:
+    """A further control of an actuator, ``number`` columns after its first."""
+    law, free = read_force_law(model, k), (-np.inf, np.inf)
+    gain = law.gains[number] if sound and isinstance(law, ForceLaw) else 0.0
+    bounds = _bounds(model, column)
+    return Actuator(name, -1, 0.0, gain, np.zeros(3), bounds, free, 0.0, 0.0, feeds=column - number)
+
+
+def _bounds(model: mujoco.MjModel, column: int) -> tuple[float, float]:
+    """Those of a control; infinite where it has none."""
+    if not model.actuator_ctrllimited[column] or model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL:
+        return -np.inf, np.inf
+    low, high = model.actuator_ctrlrange[column].tolist()
+    return low, high
 
 
 def _loads(model: mujoco.MjModel, k: int, line: int) -> tuple[int, ...]:
@@ -172,7 +195,8 @@ def _period(model: mujoco.MjModel, k: int, linkage: Linkage | None) -> float:
         linkage.kind == LinkageKind.BALL
         or (linkage.kind == LinkageKind.BETWEEN_SITES and linkage.measured and not np.any(linkage.force))
     )
-    servo = (
+    pid = mujoco.mjtGain(int(model.actuator_gaintype[k])).name == "mjGAIN_PID"
+    servo = pid or (
         model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_FIXED
         and model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
         and model.actuator_gainprm[k, 0] == -model.actuator_biasprm[k, 1]
@@ -219,11 +243,19 @@ def _obstacle(model: mujoco.MjModel, lines: Mapping[int, int], k: int) -> str | 
     return f"it drives a {transmission}"
 
 
-def _has_gains(model: mujoco.MjModel, k: int) -> bool:
-    """Whether an actuator's force changes with the length or the velocity of what it acts along."""
-    affine = model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE and np.any(model.actuator_biasprm[k, 1:3])
-    varies = model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_AFFINE and np.any(model.actuator_gainprm[k, 1:3])
-    return bool(affine or varies)
+def _needs_line(model: mujoco.MjModel, k: int) -> bool:
+    """Whether an actuator has several controls, or a force that changes with the length or velocity of its line."""
+    law = read_force_law(model, k)
+    return isinstance(law, ForceLaw) and (law.varies or len(law.gains) > 1)
+
+
+def feed_arrays(actuators: Sequence[Actuator]) -> dict[str, Any]:
+    """For the core: the controls that add to the force of each actuator."""
+    feeds = [[j for j, other in enumerate(actuators) if other.feeds == k] for k in range(len(actuators))]
+    return {
+        "feed_ptr": integers(np.cumsum([0, *map(len, feeds)])),
+        "feed_act": integers([j for each in feeds for j in each]),
+    }
 
 
 def force_limit(actuator: Actuator) -> float:

@@ -169,6 +169,7 @@ def contact_arrays(
         "con_dim": integers([law.dim for law in laws]),
         "con_law": integers([CONTACT_LAWS[contact_law]] * len(laws)),
         "con_pyramid": integers([pyramid * law.edges for law in laws]),
+        "con_ratio": doubles([law.ratios for law in laws], (-1, 2)),
         "con_impratio": doubles([float(model.opt.impratio)] * len(laws), (-1,)),
         "con_invweight": doubles([law.inverse_weight for law in laws], (-1,)),
         "con_margin": doubles([law.margin for law in laws], (-1,)),

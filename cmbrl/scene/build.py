@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.activation import activation_arrays
+from cmbrl.scene.actuators import feed_arrays
 from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.assemble import contact_arrays, line_arrays, tree_arrays
 from cmbrl.scene.core_arrays import CoreArrays
@@ -121,6 +122,8 @@ def _core(
         act_force=doubles([a.force for a in actuators], (-1, 2)),
         act_gain=doubles([a.gain_slope for a in actuators], (-1, 2)),
         act_period=doubles([a.period for a in actuators], (-1,)),
+        act_ripple=doubles([a.ripple for a in actuators], (-1, 3)),
+        **feed_arrays(actuators),
         **gyro_arrays(model),
         **parts.ranges,
         **parts.compensation.arrays(tree, plane),

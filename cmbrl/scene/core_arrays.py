@@ -147,6 +147,7 @@ class CoreArrays:
     con_dim: Integers  # (nc,) 1, 3, 4 or 6
     con_law: Integers  # (nc,) a value of CONTACT_LAWS
     con_pyramid: Integers  # (nc,) number of edges; 0: a round cone
+    con_ratio: Array  # (nc, 2) of sliding and of rolling friction: the second tangent's by the first's
     con_impratio: Array  # (nc,)
     con_invweight: Array  # (nc,)
     con_margin: Array  # (nc,)
@@ -156,11 +157,14 @@ class CoreArrays:
     con_power: Array  # (nc,)
     plane_normal: Array  # (np, D)
 
-    act_line: Integers  # (na,) -1: on several dofs, as told by wide_
+    act_line: Integers  # (na,) -1: on several dofs, as told by wide_, or a further control
     act_ctrl: Array  # (na, 2)
     act_force: Array  # (na, 2)
     act_gain: Array  # (na, 2) how the gain on the control changes with length and with velocity
     act_period: Array  # (na,) by which a target wraps to what is nearest to the length; 0: it does not
+    act_ripple: Array  # (na, 3) amplitude, count and phase of a force by length
+    feed_ptr: Integers  # (na + 1,) where the further controls of each actuator begin
+    feed_act: Integers  # they add to its force, and have no line
 
     act_state: Integers  # (na,) number of its activation, or -1
     state_act: Integers  # (nx,) actuators with an activation

@@ -100,8 +100,11 @@ class FittedSpec:
                 element.forcerange = max(low, -self.P[at + 6]), min(high, self.P[at + 6])
                 element.forcelimited = int(mujoco.mjtLimited.mjLIMITED_TRUE)
             gain, bias = self.model.actuator_gainprm[k].copy(), self.model.actuator_biasprm[k].copy()
-            gain[0] += change[1]
-            bias[:3] += change[2:5]
+            gain_type, bias_type = self.model.actuator_gaintype[k], self.model.actuator_biastype[k]
+            if gain_type in (mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtGain.mjGAIN_AFFINE):
+                gain[0] += change[1]
+            if bias_type in (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtBias.mjBIAS_AFFINE):
+                bias[:3] += change[2:5]
             element.dynprm[0] += change[5]
             element.gear, element.gainprm[:], element.biasprm[:] = gear, gain, bias
 

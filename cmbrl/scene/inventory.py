@@ -126,6 +126,9 @@ def driven(scene: Scene, k: int) -> str:
         return _linkage(scene, core.link_line.tolist().index(line))
     if line >= 0:
         return scene.line_names[core.act_line[k]]
+    if k in core.feed_act:
+        main = int(np.searchsorted(core.feed_ptr, core.feed_act.tolist().index(k), side="right")) - 1
+        return driven(scene, main)
     wide = core.wide_act.tolist().index(k)
     if core.grip_ptr[wide] < core.grip_ptr[wide + 1]:
         return f"contacts of {scene.body_names[core.wide_body[wide]] if core.wide_body[wide] >= 0 else 'the world'}"

@@ -110,6 +110,9 @@ def _obstacle(
     if linkages:
         return f"{linkages[0].name} acts along no joint or tendon"
     for c in candidates:
+        if c.law.ratios != (1.0, 1.0):
+            names = " - ".join(name_of(model, "geom", geom) for geom in c.geoms)
+            return f"friction has a direction ({names})"
         up = read_shape(model, c.geoms[1], tree.frames).rot[:, 2] if c.kind.on_plane else None
         if reason := obstacle_to_plane(tree, plane, c, up):
             return f"{reason} ({name_of(model, 'geom', c.geoms[0])} - {name_of(model, 'geom', c.geoms[1])})"

@@ -49,11 +49,6 @@ CASES = {
         '<asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 .1"/></asset>',
         "f - g",
     ),
-    "friction_anisotropic": (
-        FLOOR + DROP.format('size=".1"'),
-        '<contact><pair geom1="f" geom2="g" friction="1 .5"/></contact>',
-        "friction 1 0.5",
-    ),
 }
 
 
@@ -91,13 +86,15 @@ def test_rolling_friction_is_left_out_on_request_and_said(load: Load) -> None:
 
 
 @pytest.mark.parametrize("friction", ["1 .5 .1 .1 .1", "1 1 .1 .1 .2"])
-def test_two_coefficients_of_one_friction_are_refused(friction: str, load: Load) -> None:
+def test_two_coefficients_of_one_friction_become_one_on_request(friction: str, load: Load) -> None:
     """By an explicit pair; rolling friction only where the contact has it."""
     world = FLOOR + DROP.format('size=".1"')
     pair = '<contact><pair geom1="f" geom2="g" condim="{}" friction="' + friction + '"/></contact>'
-    with pytest.raises(UserError, match="--ignore friction_anisotropic"):
-        load(world, pair.format(6))
+    scene, _ = load(world, pair.format(6))
+    assert scene.core.con_ratio.ravel().tolist() == ([0.5, 1.0] if friction.startswith("1 .5") else [1.0, 2.0])
     scene, _ = load(world, pair.format(6), ignore="friction_anisotropic")
+    assert scene.core.con_ratio.ravel().tolist() == [1.0, 1.0]
+    assert [x.kind for x in scene.left_out] == ["friction_anisotropic"]
     assert scene.core.P[scene.layout.contact(0) :][[0, 9, 10]].tolist() == [1.0, 0.1, 0.1]
     if friction.startswith("1 1"):
         assert load(world, pair.format(4))[0].core.con_dim.tolist() == [4]
@@ -120,6 +117,11 @@ SUPPORTED = {
     "fluid": (HINGE.format("", ""), '<option viscosity=".1"/>', "option"),
     "joint_spring_ball": (BALL_JOINT.format('stiffness="1"'), "", "b"),
     "joint_polynomial": (HINGE.format("", 'damping="1 0 2"'), "", "h"),
+    "friction_anisotropic": (
+        FLOOR + DROP.format('size=".1"'),
+        '<contact><pair geom1="f" geom2="g" friction="1 .5"/></contact>',
+        "f - g",
+    ),
     "gravcomp": (HINGE.format('gravcomp="1"', ""), "", "m"),
     "joint_force_range": (HINGE.format("", 'actuatorfrcrange="-1 1"'), "", "h"),
 }
