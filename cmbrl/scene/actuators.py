@@ -142,9 +142,9 @@ def _read(
     reach = None if line >= 0 else read_reach(model, tree, k)
     law = read_force_law(model, k)
     assert isinstance(law, ForceLaw)  # it is sound
-    slope, bias = law.slope, law.bias
+    slope, bias, ripple = law.slope, law.bias, law.ripple
     if reach is not None or (linkage and not linkage.measured):  # without a length
-        slope, bias = slope * [0, 1], bias * [1, 0, 1]
+        slope, bias, ripple = slope * [0, 1], bias * [1, 0, 1], (ripple[0], 0.0, ripple[2])
     return Actuator(
         name,
         line,
@@ -159,7 +159,7 @@ def _read(
         reach,
         gain_slope=(float(slope[0]), float(slope[1])),
         period=_period(model, k, linkage),
-        ripple=law.ripple,
+        ripple=ripple,
     )
 
 

@@ -46,6 +46,8 @@ CASES = {
     "gain by velocity": '<general site="d" refsite="c" gear="1 .5 -.3 .2 .4 .3" gaintype="affine" gainprm="1 .3 -.1"/>',
     "a load on all dofs": '<motor joint="ball" gear="2 1 0" armature=".01" damping=".05"/>'
     f'<general jointinparent="free" gear=".5 0 0 0 0 1" {SERVO} armature=".1" damping=".2"/>',
+    "cogging of what has no length": '<dcmotor site="d" gear="1 2 0 .3 0 .1" motorconst=".3" resistance="2" '
+    'cogging="2 6 .4"/>',
     "through a filter": f'<general site="d" refsite="c" gear="1 .5 -.3 0 0 0" '
     f'dyntype="filterexact" dynprm=".03" {SERVO}/>',
 }
