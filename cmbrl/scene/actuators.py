@@ -21,12 +21,12 @@ import numpy as np
 
 from cmbrl.scene.activation import Activation, dynamics_of, read_activation
 from cmbrl.scene.arrays import integers
-from cmbrl.scene.force_laws import ForceLaw, read_force_law
+from cmbrl.scene.force_laws import ForceLaw, read_force_law, states_of
 from cmbrl.scene.linkages import Linkage, LinkageKind, read_linkage
 from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import Array, Tree
 from cmbrl.scene.support import Gate
-from cmbrl.scene.tendons import is_fixed
+from cmbrl.scene.tendons import force_range, is_fixed
 from cmbrl.scene.wide import Reach, read_reach
 
 UNLIMITED = 1e6  #: [N m, N] the limit of an actuator that has none
@@ -106,7 +106,9 @@ def _modelled(model: mujoco.MjModel, k: int, lines: Mapping[int, int], gate: Gat
         gate.drops("actuator_dynamics", name, f"a {dynamics} on its control", "the control acts at once")
     elif dynamics == "integrator":
         sound &= not gate.drops("actuator_dynamics", name, "it integrates its control")
-    elif dynamics not in ("none", "pid", "dcmotor"):  # their states are the force law's
+    elif states := states_of(model, k):
+        gate.refuse("actuator_dynamics", name, states, "the current follows at once, and the rest is left out")
+    elif dynamics not in ("none", "pid", "dcmotor"):
         gate.refuse("actuator_dynamics", name, f"dynamics {dynamics}")
         sound = False
     if getattr(model, "actuator_delay", None) is not None and model.actuator_delay[k] > 0:
@@ -117,7 +119,8 @@ def _modelled(model: mujoco.MjModel, k: int, lines: Mapping[int, int], gate: Gat
     elif _transmission(model, k) == "body" and _needs_line(model, k):
         gate.refuse("actuator_bias", name, "adhesion that changes with length or velocity")
         sound = False
-    if (poly := getattr(model, "actuator_dampingpoly", None)) is not None and np.any(poly[k]):
+    poly = getattr(model, "actuator_dampingpoly", None)
+    if poly is not None and np.any(poly[k]) and _transmission(model, k) == "tendon":
         gate.refuse("actuator_bias", name, "nonlinear damping", "reduced to the linear term")
     return bool(sound)
 
@@ -152,7 +155,7 @@ def _read(
         law.gains[0],
         bias,
         _bounds(model, column),
-        tuple(model.actuator_forcerange[k].tolist()) if model.actuator_forcelimited[k] else free,
+        _force_range(model, k),
         armature,
         damping,
         loads,
@@ -161,6 +164,15 @@ def _read(
         period=_period(model, k, linkage),
         ripple=ripple,
     )
+
+
+def _force_range(model: mujoco.MjModel, k: int) -> tuple[float, float]:
+    """What clamps an actuator's force: its own range, after that of a tendon that it drives alone."""
+    own = tuple(model.actuator_forcerange[k].tolist()) if model.actuator_forcelimited[k] else (-np.inf, np.inf)
+    if _transmission(model, k) != "tendon":
+        return own
+    low, high = np.clip(force_range(model, int(model.actuator_trnid[k, 0])), *own)
+    return float(low), float(high)
 
 
 def _feeder(model: mujoco.MjModel, k: int, column: int, number: int, name: str, sound: bool) -> Actuator:

@@ -13,7 +13,7 @@ from cmbrl.scene.mjcf import limits_act, name_of
 from cmbrl.scene.records import Array, LeftOut, Tendon
 from cmbrl.scene.shapes import hull_points, hull_vertices
 from cmbrl.scene.stand_ins import StandIn
-from cmbrl.scene.tendons import armature_of
+from cmbrl.scene.tendons import armature_of, force_range
 
 _MESH = mujoco.mjtGeom.mjGEOM_MESH
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
@@ -140,8 +140,14 @@ def _limits(model: mujoco.MjModel) -> Iterator[LeftOut]:
 
 
 def _tendons(model: mujoco.MjModel, tendons: list[Tendon], integrator: str) -> Iterator[LeftOut]:
-    """Of tendons over several branches, whose terms between branches are not in MuJoCo's mass matrix."""
+    """Of tendons with a force range, and of those over several branches.
+
+    Terms between branches are not in MuJoCo's mass matrix.
+    """
     for tendon in tendons:
+        if integrator != "euler" and np.isfinite(force_range(model, tendon.source)[0]):
+            why = "where its force range clamps, velocity gains end; in MuJoCo they damp on"
+            yield LeftOut("tendon", tendon.name, why)
         chain, dof = set(), tendon.dofs[-1]
         while dof >= 0:
             chain.add(dof)

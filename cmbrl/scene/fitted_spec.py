@@ -25,6 +25,9 @@ from cmbrl.scene.scene import Scene
 
 _ROUND = (int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE))  # the first size is the radius
 
+_GAINS = (int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtGain.mjGAIN_AFFINE))
+_BIASES = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
+
 
 @dataclass(frozen=True)
 class FittedSpec:
@@ -100,19 +103,18 @@ class FittedSpec:
                 element.forcerange = max(low, -self.P[at + 6]), min(high, self.P[at + 6])
                 element.forcelimited = int(mujoco.mjtLimited.mjLIMITED_TRUE)
             gain, bias = self.model.actuator_gainprm[k].copy(), self.model.actuator_biasprm[k].copy()
-            gain_type, bias_type = self.model.actuator_gaintype[k], self.model.actuator_biastype[k]
-            if gain_type in (mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtGain.mjGAIN_AFFINE):
+            if int(self.model.actuator_gaintype[k]) in _GAINS:  # a pid takes its gains from the bias
                 gain[0] += change[1]
-            if bias_type in (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtBias.mjBIAS_AFFINE):
+            if int(self.model.actuator_biastype[k]) in _BIASES:
                 bias[:3] += change[2:5]
             element.dynprm[0] += change[5]
             element.gear, element.gainprm[:], element.biasprm[:] = gear, gain, bias
 
     def _columns(self) -> Iterator[tuple[int, int]]:
-        """Column of u and number in the file of every actuator of one control."""
+        """The first column of u, and the number in the file, of every actuator that has one."""
         counts = getattr(self.model, "actuator_ctrlnum", np.ones(len(self.model.actuator_trntype), dtype=int))
         first = np.cumsum([0, *counts])
-        yield from ((int(first[k]), k) for k, count in enumerate(counts) if count == 1)
+        yield from ((int(first[k]), k) for k, count in enumerate(counts) if count)
 
     def _world(self) -> None:
         """Gravity and the heights of planes."""

@@ -2,8 +2,8 @@
 
     force = clamp(sum gain_i ctrl_i + bias0 + bias1 length + bias2 velocity) + amplitude sin(count length + phase)
 
-MuJoCo's ``fixed``, ``affine``, ``pid`` and ``dcmotor`` types without a state are of this kind (its XML reference,
-"actuator").
+MuJoCo's ``fixed``, ``affine``, ``pid`` and ``dcmotor`` types are of this kind, but for the states that the last two may
+have (its XML reference, "actuator").
 """
 
 from __future__ import annotations
@@ -50,26 +50,36 @@ def read_force_law(model: mujoco.MjModel, k: int) -> ForceLaw | str:
     return f"gain {gain}, bias {bias}"
 
 
+def states_of(model: mujoco.MjModel, k: int) -> str | None:
+    """What a ``pid`` or ``dcmotor`` has states for, which are not modelled; None if it has none."""
+    dynamics = mujoco.mjtDyn(int(model.actuator_dyntype[k])).name.removeprefix("mjDYN_").lower()
+    if dynamics not in ("pid", "dcmotor") or not model.actuator_actnum[k]:
+        return None
+    numbers, gains = model.actuator_dynprm[k], model.actuator_gainprm[k]
+    if dynamics == "pid":
+        there = {"slewmax": numbers[1], "ki": gains[0]}
+    else:
+        slots = {"inductance": 0, "thermal": 2, "lugre": 5, "slewmax": 7}
+        there = {word: numbers[at] for word, at in slots.items()} | {"ki": gains[5]}
+    return f"a {dynamics} with {' and '.join(word for word, value in there.items() if value > 0)}"
+
+
 def _inputs(model: mujoco.MjModel, k: int, gains: dict[int, float]) -> tuple[float, ...]:
     """The gains of the inputs that there are, in their order."""
     return tuple(gains[bit] for bit in sorted(gains) if int(model.actuator_ctrlspec[k]) & bit)
 
 
-def _pid(model: mujoco.MjModel, k: int) -> ForceLaw | str:
+def _pid(model: mujoco.MjModel, k: int) -> ForceLaw:
     """Gains on position and velocity are those of the bias."""
-    if model.actuator_actnum[k]:
-        return "a pid with an integral or a slew rate"
     bias = model.actuator_biasprm[k, :3].copy()
     return ForceLaw(_inputs(model, k, {_POSITION: -bias[1], _VELOCITY: -bias[2], _FORCE: 1.0}), bias)
 
 
 def _motor(model: mujoco.MjModel, k: int, brakes: bool) -> ForceLaw | str:
-    """Current follows the voltage at once. A controller asks for a torque, and undoes the back-EMF."""
+    """With a current that follows the voltage at once. A controller asks for a torque, and undoes the back-EMF."""
     resistance, constant, _, _, kp, _, kd, supply = model.actuator_gainprm[k, :8].tolist()
     spec, strength = int(model.actuator_ctrlspec[k]), constant / max(resistance, 1e-15)
     controlled = spec & (_POSITION | _VELOCITY | _FORCE)
-    if model.actuator_actnum[k]:
-        return "a dcmotor with a state (inductance, thermal, lugre, slewmax or ki)"
     if not spec & (_POSITION | _VELOCITY | _FORCE | _VOLTAGE):
         return "a dcmotor without an input"
     if controlled and supply > 0:

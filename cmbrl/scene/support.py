@@ -13,7 +13,7 @@ from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import LeftOut
 
 KINDS = {  # those below "supported" are modelled, and left out only if they are ignored
-    "tendon": "armature, polynomials and force ranges of tendons",
+    "tendon": "polynomials of tendons, armature of those through sites, force ranges of several actuators together",
     "equality": "equality constraints of deformable bodies",
     "flex": "deformable bodies",
     "plugin": "engine plugins",

@@ -7,6 +7,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.mjcf import ignores, name_of
@@ -172,7 +173,7 @@ def _forces(model: mujoco.MjModel, k: int) -> list[str]:
 
 def _is_used(model: mujoco.MjModel, k: int) -> bool:
     """Whether an actuator or an active equality constraint acts along a tendon."""
-    driven = (model.actuator_trntype == _TENDON) & (model.actuator_trnid[:, 0] == k)
+    driven = _drivers(model, k)
     ties = (model.eq_type == mujoco.mjtEq.mjEQ_TENDON) & (model.eq_active0 != 0)
     tied = ties & ((model.eq_obj1id == k) | (model.eq_obj2id == k))
     return bool(np.any(driven) or np.any(tied))
@@ -184,15 +185,28 @@ def _check(model: mujoco.MjModel, k: int, name: str, gate: Gate) -> None:
     for field in ("stiffness", "damping"):
         if _any(model, f"tendon_{field}poly", k):
             gate.refuse("tendon", name, f"nonzero {field} polynomial", "reduced to the linear term")
-    if _any(model, "tendon_actfrclimited", k):
+    if _any(model, "tendon_actfrclimited", k) and np.count_nonzero(_drivers(model, k)) > 1:
         low, high = model.tendon_actfrcrange[k]
-        gate.refuse("tendon", name, f"actuatorfrcrange {low:g} {high:g}", "forces are not clamped")
+        why = f"actuatorfrcrange {low:g} {high:g} of several actuators together"
+        gate.refuse("tendon", name, why, "forces are not clamped")
+
+
+def _drivers(model: mujoco.MjModel, k: int) -> NDArray[np.bool_]:
+    return np.asarray((model.actuator_trntype == _TENDON) & (model.actuator_trnid[:, 0] == k))
+
+
+def force_range(model: mujoco.MjModel, k: int) -> tuple[float, float]:
+    """Of the actuator that drives a tendon alone; infinite where the tendon has none."""
+    if not _any(model, "tendon_actfrclimited", k) or np.count_nonzero(_drivers(model, k)) > 1:
+        return -np.inf, np.inf
+    low, high = model.tendon_actfrcrange[k].tolist()
+    return low, high
 
 
 def armature_of(model: mujoco.MjModel, k: int) -> float:
     """That of a tendon and of its actuators; in recent versions of MuJoCo."""
     of_actuators = getattr(model, "actuator_armature", np.zeros(len(model.actuator_trntype)))
-    driven = (model.actuator_trntype == _TENDON) & (model.actuator_trnid[:, 0] == k)
+    driven = _drivers(model, k)
     gear = model.actuator_gear[driven, 0]
     own = getattr(model, "tendon_armature", np.zeros(model.ntendon))[k]
     return float(own + np.sum(of_actuators[driven] * gear**2))

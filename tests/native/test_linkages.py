@@ -11,6 +11,7 @@ import pytest
 from cmbrl.bench.studies.derivatives.differences import compare
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
+from cmbrl.scene.fitted_file import fitted_file
 from cmbrl.scene.report import describe
 
 WORLD = """<mujoco><option timestep=".005" integrator="{integrator}"/><default><geom contype="0" mass=".7"/></default>
@@ -92,3 +93,16 @@ def test_report_says_what_moves_along_the_line(tmp_path: Path) -> None:
     text = describe(scene)
     assert "a slider-crank of" in text
     assert "free.x to free.rz" in text
+
+
+@pytest.mark.parametrize("case", ["between sites", "slider-cranks", "ball servo in the parent"])
+def test_fitted_gains_come_back(tmp_path: Path, case: str) -> None:
+    scene, _ = scene_of(tmp_path, CASES[case], "Euler")
+    theta = scene.parameter_vector()
+    theta[[k for k, p in enumerate(scene.parameters) if p.group in ("kp", "kd", "gear")]] *= 1.3
+    written = fitted_file(scene, theta)
+    assert written.missing == ()
+    held = Scene.from_mjcf(written.text)
+    for field in ("gain", "bias1", "bias2"):
+        place = scene.layout.actuator(0, field)
+        np.testing.assert_allclose(held.core.P[place], scene.physical_vector(theta)[place], rtol=1e-9)
