@@ -110,7 +110,7 @@ static inline void note_gain(const Model& m, Work<G>& w, int a, const Input& x, 
 template <class G>
 static inline void add_inputs(const Model& m, const Work<G>& w, int a, T by, Mask yields, T* row) {
   row[a] += keep(yields, by * w.open[a]);
-  for (int e = m.feed_ptr[a]; e < m.feed_ptr[a + 1]; ++e) row[m.feed_act[e]] += keep(yields, by * w.open[m.feed_act[e]]);
+  if (m.nfeed > 0) for (int e = m.feed_ptr[a]; e < m.feed_ptr[a + 1]; ++e) row[m.feed_act[e]] += keep(yields, by * w.open[m.feed_act[e]]);
   if (m.nstate > 0 && m.act_state[a] >= 0) row[m.nact + m.act_state[a]] += keep(yields, by * w.open[m.nact + m.act_state[a]]);
 }
 

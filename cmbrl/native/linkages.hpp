@@ -18,7 +18,7 @@ static inline Vec<3> moved_by(const Work<Spatial>& w, int d, const Vec<3>& p) { 
 static inline Vec<3> turn_by(const Work<Spatial>& w, int d) { return ang<Spatial>(w.S[d]); }
 
 // Both ends, and the axes of the wrench or of the slider, from where bodies are.
-static void place_linkage(const Model& m, const Work<Spatial>& w, int i, Linkage<Spatial>& x) {
+static inline void place_linkage(const Model& m, const Work<Spatial>& w, int i, Linkage<Spatial>& x) {
   auto turn = [&](int body) { return body < 0 ? Spatial::identity() : w.R[body]; };
   auto place = [&](int body, const double* pos) {
     Vec<3> local = load<3>(pos);
@@ -53,13 +53,13 @@ static inline Vec<3> way_of(const Linkage<Spatial>& x) { return x.a - x.b; }
 
 // The changes of e.r, and of half the other, with a dof.
 struct CrankRate { Vec<3> way, axis; T along, half; };
-static CrankRate crank_rate(const Work<Spatial>& w, const Linkage<Spatial>& x, int d, int side) {
+static inline CrankRate crank_rate(const Work<Spatial>& w, const Linkage<Spatial>& x, int d, int side) {
   Vec<3> way = side > 0 ? moved_by(w, d, x.a) : zero<3>() - moved_by(w, d, x.b), axis = side > 0 ? zero<3>() : cross(turn_by(w, d), x.force);
   T along = dot(x.force, way) + dot(axis, way_of(x));
   return {way, axis, along, x.reach * along - dot(way_of(x), way)};
 }
 
-static void crank_terms(const Model& m, Work<Spatial>& w, int i, Linkage<Spatial>& x) {
+static inline void crank_terms(const Model& m, Work<Spatial>& w, int i, Linkage<Spatial>& x) {
   int line = m.link_line[i];
   Vec<3> way = way_of(x);
   x.reach = dot(x.force, way);
@@ -74,7 +74,7 @@ static void crank_terms(const Model& m, Work<Spatial>& w, int i, Linkage<Spatial
   }
 }
 
-static void wrench_terms(const Model& m, Work<Spatial>& w, int i, const Linkage<Spatial>& x) {
+static inline void wrench_terms(const Model& m, Work<Spatial>& w, int i, const Linkage<Spatial>& x) {
   int line = m.link_line[i];
   w.line_length[line] = m.link_kind[i] == kOnSite ? T{} : dot(x.force, x.a - x.b) + x.angle;
   for (int k = m.line_ptr[line]; k < m.line_ptr[line + 1]; ++k) {
@@ -86,7 +86,7 @@ static void wrench_terms(const Model& m, Work<Spatial>& w, int i, const Linkage<
 }
 
 // Of a ball joint, along an axis of its own or of its parent's.
-static void ball_terms(const Model& m, Work<Spatial>& w, int i) {
+static inline void ball_terms(const Model& m, Work<Spatial>& w, int i) {
   int line = m.link_line[i], first = m.line_ptr[line + 1] - 3;
   const T* q = w.q + m.link_A[i];
   T size = 1.0 / vsqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]), unit[4], t[3], rest[9];
@@ -120,11 +120,11 @@ static inline void find_linkages(const Model& m, Work<Spatial>& w) {
 // Whether dof l moves the column of dof k: it stands before it, or is of the same joint.
 static inline bool moves_column(const Model& m, int l, int k) { return l < k || m.dof_jnt[l] == m.dof_jnt[k]; }
 // The change with dof l of how dof k moves the point p, both of one side.
-static Vec<3> bent_velocity(const Model& m, const Work<Spatial>& w, int k, int l, const Vec<3>& p) {
+static inline Vec<3> bent_velocity(const Model& m, const Work<Spatial>& w, int k, int l, const Vec<3>& p) {
   return moves_column(m, l, k) ? cross(turn_by(w, l), moved_by(w, k, p)) : cross(turn_by(w, k), moved_by(w, l, p));
 }
 
-static T crank_bend(const Model& m, const Work<Spatial>& w, const Linkage<Spatial>& x, int k, int l, int side_k, int side_l) {
+static inline T crank_bend(const Model& m, const Work<Spatial>& w, const Linkage<Spatial>& x, int k, int l, int side_k, int side_l) {
   CrankRate a = crank_rate(w, x, k, side_k), b = crank_rate(w, x, l, side_l);
   Vec<3> way = zero<3>(), axis = zero<3>();
   if (side_k == side_l) way = side_k > 0 ? bent_velocity(m, w, k, l, x.a) : zero<3>() - bent_velocity(m, w, k, l, x.b);
@@ -137,7 +137,7 @@ static T crank_bend(const Model& m, const Work<Spatial>& w, const Linkage<Spatia
   return along - x.inverse * (half - x.inverse * x.inverse * (a.half * b.half));
 }
 
-static T wrench_bend(const Model& m, const Work<Spatial>& w, const Linkage<Spatial>& x, int kind, int k, int l, int side_k, int side_l) {
+static inline T wrench_bend(const Model& m, const Work<Spatial>& w, const Linkage<Spatial>& x, int kind, int k, int l, int side_k, int side_l) {
   const Vec<3>& p = side_k > 0 ? x.a : x.b;
   T sum = T{};
   if (side_l == (kind == kOnSite ? 1 : -1)) {  // the wrench turns

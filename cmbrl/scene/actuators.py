@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import mujoco
@@ -22,7 +21,7 @@ import numpy as np
 from cmbrl.scene.activation import Activation, dynamics_of, read_activation
 from cmbrl.scene.arrays import integers
 from cmbrl.scene.force_laws import ForceLaw, read_force_law, states_of
-from cmbrl.scene.linkages import Linkage, LinkageKind, read_linkage
+from cmbrl.scene.linkages import Linkage, LinkageKind, read_linkage, wrap_period
 from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import Array, Tree
 from cmbrl.scene.support import Gate
@@ -161,7 +160,7 @@ def _read(
         loads,
         reach,
         gain_slope=(float(slope[0]), float(slope[1])),
-        period=_period(model, k, linkage),
+        period=wrap_period(model, k, linkage),
         ripple=ripple,
     )
 
@@ -199,35 +198,6 @@ def _loads(model: mujoco.MjModel, k: int, line: int) -> tuple[int, ...]:
     if transmission not in ("joint", "jointinparent"):
         return ()
     return tuple(np.flatnonzero(model.dof_jntid == target).tolist())
-
-
-def _period(model: mujoco.MjModel, k: int, linkage: Linkage | None) -> float:
-    """By which MuJoCo wraps the target of a position servo on a rotation; 0 for others."""
-    rotates = linkage is not None and (
-        linkage.kind == LinkageKind.BALL
-        or (linkage.kind == LinkageKind.BETWEEN_SITES and linkage.measured and not np.any(linkage.force))
-    )
-    pid = mujoco.mjtGain(int(model.actuator_gaintype[k])).name == "mjGAIN_PID"
-    servo = pid or (
-        model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_FIXED
-        and model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
-        and model.actuator_gainprm[k, 0] == -model.actuator_biasprm[k, 1]
-        and dynamics_of(model, k) in ("none", "integrator")
-    )
-    return 2 * np.pi * linkage.size if linkage and rotates and servo and _targets_wrap() else 0.0
-
-
-@lru_cache(maxsize=1)
-def _targets_wrap() -> bool:
-    """Whether this MuJoCo wraps targets of rotations (recent versions do); found by trying."""
-    model = mujoco.MjModel.from_xml_string(
-        "<mujoco><worldbody><body><joint name='j' type='ball'/><geom size='1'/></body></worldbody>"
-        "<actuator><position joint='j' gear='1 0 0' kp='1'/></actuator></mujoco>"
-    )
-    data = mujoco.MjData(model)
-    data.ctrl[0] = 2 * np.pi
-    mujoco.mj_forward(model, data)
-    return bool(abs(data.actuator_force[0]) < 1.0)
 
 
 def _transmission(model: mujoco.MjModel, k: int) -> str:

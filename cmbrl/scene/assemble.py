@@ -10,7 +10,7 @@ import numpy as np
 from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.contact_records import Candidate
 from cmbrl.scene.laws import CONTACT_LAWS
-from cmbrl.scene.linkages import Linkage, linkage_arrays
+from cmbrl.scene.linkages import Linkage, inverse_weights, linkage_arrays
 from cmbrl.scene.mjcf import limits_act
 from cmbrl.scene.records import WORLD, Array, JointKind, Tendon, Tree
 from cmbrl.scene.reduction import PlaneOfMotion
@@ -75,7 +75,7 @@ def line_arrays(
     slack = np.diff(model.tendon_lengthspring[source]).reshape(-1)
     dofs = [tendon.dofs for tendon in tendons] + [linkage.dofs for linkage in linkages]
     coefs = [tendon.coefs for tendon in tendons] + [x.coefs or (0.0,) * len(x.dofs) for x in linkages]
-    more = len(linkages)  # without springs and dry friction
+    more, moved = len(linkages), inverse_weights(model, linkages)  # without springs and dry friction
     return {
         "tendon_ptr": integers(np.cumsum([0, *map(len, dofs)])),
         "tendon_dof": integers([dof for each in dofs for dof in each]),
@@ -87,7 +87,7 @@ def line_arrays(
             np.hstack([model.tendon_solref_fri[source], model.tendon_solimp_fri[source]]),
             np.zeros((more, 7)),
         ),
-        "line_invweight": _stack(model.dof_invweight0, _tendon_weights(model)[source], np.ones(more)),
+        "line_invweight": _stack(model.dof_invweight0, _tendon_weights(model)[source], moved),
         "line_slack": _stack(np.zeros(model.nv), slack, np.zeros(more)),
         **_limit_arrays(model, tree, tendons),
     }

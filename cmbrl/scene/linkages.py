@@ -8,11 +8,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import lru_cache
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from cmbrl.scene.activation import dynamics_of
 from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.manifold import quaternion_matrix
 from cmbrl.scene.records import WORLD, Array, Tree
@@ -33,6 +35,7 @@ class Linkage:
     """``a`` is a body; of a ball joint the place of its quaternion in q. ``b`` is a body or WORLD."""
 
     name: str
+    source: int  # the number of its actuator in the file
     kind: LinkageKind
     dofs: tuple[int, ...]  # that move it, rising
     a: int
@@ -63,7 +66,8 @@ def read_linkage(model: mujoco.MjModel, tree: Tree, k: int, name: str, gains: bo
     gear, trn = model.actuator_gear[k], mujoco.mjtTrn
     if kind == trn.mjTRN_SLIDERCRANK:
         # the crank's site comes first
-        return _between(model, tree, name, LinkageKind.SLIDER_CRANK, int(first), int(second), np.array([0, 0, 1.0]), k)
+        axis = np.array([0.0, 0.0, 1.0])
+        return _between(model, tree, name, LinkageKind.SLIDER_CRANK, int(first), int(second), axis, k)
     if kind == trn.mjTRN_SITE:
         between = second >= 0
         if not (between or gains):
@@ -76,22 +80,23 @@ def read_linkage(model: mujoco.MjModel, tree: Tree, k: int, name: str, gains: bo
     joint, dof = int(first), int(model.jnt_dofadr[first])
     if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_BALL and (in_parent or gains):
         dofs, place = (dof, dof + 1, dof + 2), int(model.jnt_qposadr[joint])
-        return Linkage(name, LinkageKind.BALL, dofs, place, turns=in_parent, torque=gear[:3].copy())
+        return Linkage(name, k, LinkageKind.BALL, dofs, place, turns=in_parent, torque=gear[:3].copy())
     if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE and (in_parent or gains):
-        return _on_free_joint(model, tree, name, joint, gear, in_parent)
+        return _on_free_joint(model, tree, name, k, in_parent)
     return None
 
 
-def _on_free_joint(model: mujoco.MjModel, tree: Tree, name: str, joint: int, gear: Array, in_parent: bool) -> Linkage:
+def _on_free_joint(model: mujoco.MjModel, tree: Tree, name: str, k: int, in_parent: bool) -> Linkage:
     """A force in the world's axes, and a torque in those of the world (in_parent) or of the body."""
+    joint, gear = int(model.actuator_trnid[k, 0]), model.actuator_gear[k]
     frame, dof = tree.frames[model.jnt_bodyid[joint]], int(model.jnt_dofadr[joint])
     dofs = tuple(range(dof, dof + 6))
     if in_parent:
         wrench = gear[:3].copy(), gear[3:].copy()
         return Linkage(
-            name, LinkageKind.BETWEEN_SITES, dofs, frame.body, force=wrench[0], torque=wrench[1], measured=False
+            name, k, LinkageKind.BETWEEN_SITES, dofs, frame.body, force=wrench[0], torque=wrench[1], measured=False
         )
-    return Linkage(name, LinkageKind.CONSTANT, dofs, frame.body, coefs=tuple(gear.tolist()), measured=False)
+    return Linkage(name, k, LinkageKind.CONSTANT, dofs, frame.body, coefs=tuple(gear.tolist()), measured=False)
 
 
 def _between(
@@ -113,6 +118,7 @@ def _between(
     rod = float(model.actuator_cranklength[k]) if kind == LinkageKind.SLIDER_CRANK else 0.0
     return Linkage(
         name,
+        k,
         kind,
         tuple(dofs),
         a[0],
@@ -134,6 +140,61 @@ def _site(model: mujoco.MjModel, tree: Tree, site: int) -> tuple[int, Array, Arr
     frame = tree.frames[model.site_bodyid[site]]
     rot = frame.rot @ quaternion_matrix(model.site_quat[site])
     return frame.body, frame.pos + frame.rot @ model.site_pos[site], rot
+
+
+def wrap_period(model: mujoco.MjModel, k: int, linkage: Linkage | None) -> float:
+    """By which MuJoCo wraps the target of a position servo on a rotation; 0 for others."""
+    rotates = linkage is not None and (
+        linkage.kind == LinkageKind.BALL
+        or (linkage.kind == LinkageKind.BETWEEN_SITES and linkage.measured and not np.any(linkage.force))
+    )
+    pid = mujoco.mjtGain(int(model.actuator_gaintype[k])).name == "mjGAIN_PID"
+    servo = pid or (
+        model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_FIXED
+        and model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
+        and model.actuator_gainprm[k, 0] == -model.actuator_biasprm[k, 1]
+        and dynamics_of(model, k) in ("none", "integrator")
+    )
+    return 2 * np.pi * linkage.size if linkage and rotates and servo and _targets_wrap() else 0.0
+
+
+@lru_cache(maxsize=1)
+def _targets_wrap() -> bool:
+    """Whether this MuJoCo wraps targets of rotations (recent versions do); found by trying."""
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body><joint name='j' type='ball'/><geom size='1'/></body></worldbody>"
+        "<actuator><position joint='j' gear='1 0 0' kp='1'/></actuator></mujoco>"
+    )
+    data = mujoco.MjData(model)
+    data.ctrl[0] = 2 * np.pi
+    mujoco.mj_forward(model, data)
+    return bool(abs(data.actuator_force[0]) < 1.0)
+
+
+def inverse_weights(model: mujoco.MjModel, linkages: Sequence[Linkage]) -> Array:
+    """How fast a unit force along each moves it at qpos0, per second: what tells how strong its damping is."""
+    found = np.zeros(len(linkages))
+    if not linkages:
+        return found
+    data, row = mujoco.MjData(model), np.zeros(model.nv)
+    mujoco.mj_forward(model, data)
+    for n, linkage in enumerate(linkages):
+        moment = _moment(model, data, linkage.source)
+        mujoco.mj_solveM(model, data, row.reshape(1, -1), moment.reshape(1, -1))
+        gear = model.actuator_gear[linkage.source, 0] if linkage.kind == LinkageKind.SLIDER_CRANK else 1.0
+        found[n] = moment @ row / gear**2 if gear else 0.0
+    return found
+
+
+def _moment(model: mujoco.MjModel, data: mujoco.MjData, row: int) -> Array:
+    """Moment arms (nv,) of an actuator, which recent versions of MuJoCo hold without their zeros."""
+    held = np.asarray(data.actuator_moment)
+    if held.ndim == 2:
+        return np.array(held[row])
+    first, count = int(data.moment_rowadr[row]), int(data.moment_rownnz[row])
+    arms = np.zeros(model.nv)
+    arms[data.moment_colind[first : first + count]] = held[first : first + count]
+    return arms
 
 
 def linkage_arrays(linkages: Sequence[Linkage], first: int) -> dict[str, Any]:
