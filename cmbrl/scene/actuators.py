@@ -22,7 +22,7 @@ from cmbrl.scene.activation import Activation, dynamics_of, read_activation
 from cmbrl.scene.arrays import integers
 from cmbrl.scene.force_laws import ForceLaw, read_force_law, states_of
 from cmbrl.scene.linkages import Linkage, LinkageKind, read_linkage, wrap_period
-from cmbrl.scene.mjcf import name_of
+from cmbrl.scene.mjcf import control_names, controlled, name_of
 from cmbrl.scene.records import Array, Tree
 from cmbrl.scene.support import Gate
 from cmbrl.scene.tendons import force_range, is_fixed
@@ -60,15 +60,14 @@ def read_actuators(
 
     Reports unsupported ones to the gate. ``lines``: of the tendons, by their numbers in the file.
     """
-    count = len(model.actuator_trntype)
+    names = control_names(model)
     actuators: list[Actuator] = []
     linkages: list[Linkage] = []
-    for k in range(count):
-        controls = int(model.actuator_ctrlnum[k]) if hasattr(model, "actuator_ctrlnum") else 1
+    of_control = controlled(model).tolist()
+    for k in range(len(model.actuator_trntype)):
         sound = _modelled(model, k, lines, gate)
-        for number in range(controls):
-            suffix = "" if controls == 1 else f"_{number}"
-            name = _unused(name_of(model, "actuator", k) + suffix, [a.name for a in actuators])
+        for number in range(of_control.count(k)):
+            name = names[len(actuators)]
             if number > 0:
                 actuators.append(_feeder(model, k, len(actuators), number, name, sound))
                 continue
@@ -243,11 +242,3 @@ def feed_arrays(actuators: Sequence[Actuator]) -> dict[str, Any]:
 def force_limit(actuator: Actuator) -> float:
     """The largest force that an actuator may have, before its gear; UNLIMITED where the file sets none."""
     return float(min(np.abs(actuator.force).max(), UNLIMITED))
-
-
-def _unused(name: str, taken: list[str]) -> str:
-    choice, count = name, 1
-    while choice in taken:
-        count += 1
-        choice = f"{name}_{count}"
-    return choice

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.contact_records import Candidate, ContactKind, When
+from cmbrl.scene.force_laws import ForceLaw, read_force_law
 from cmbrl.scene.gyro import gyro_arrays
 from cmbrl.scene.mjcf import limits_act, name_of
 from cmbrl.scene.records import Array, LeftOut, Tendon
@@ -172,7 +173,8 @@ def _stepping(model: mujoco.MjModel, integrator: str, contact_law: str) -> Itera
         return
     of_mujoco = f"at steps longer than {model.opt.timestep:g} s, or where damping is very strong and rows look ahead, "
     when = of_mujoco if contact_law == "mujoco" else ""
-    servos = integrator == "implicit" and np.any(model.actuator_biasprm[:, 2])
+    laws = [read_force_law(model, k) for k in range(len(model.actuator_trntype))]
+    servos = integrator == "implicit" and any(isinstance(law, ForceLaw) and law.bias[2] for law in laws)
     if np.any(model.dof_damping) or servos:
         why = f"{when}damping is implicit in the contact solve too; MuJoCo adds it afterwards"
         yield LeftOut("integrator", integrator, why)

@@ -12,6 +12,7 @@ from cmbrl.bench.studies.derivatives.differences import compare
 from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
+from cmbrl.scene.mjcf import act_addresses
 from cmbrl.scene.report import describe
 
 ARM = """<mujoco><option timestep=".005" integrator="{integrator}"/><worldbody><body>
@@ -112,3 +113,18 @@ def test_a_current_that_follows_at_once_is_near_one_that_follows_fast(tmp_path: 
         r = ours.predict(q, v, np.full((1, 1), 3.0))
         q, v = r.q_next, r.v_next
     np.testing.assert_allclose(q[0], data.qpos, atol=0.01)
+
+
+def test_activations_after_actuators_of_several_controls(tmp_path: Path) -> None:
+    """Controls are counted, not actuators: the filter's activation comes from its own place."""
+    filtered = '<general name="slow" joint="b" dyntype="filterexact" dynprm=".1" gainprm="4"/>'
+    scene, model = scene_of(tmp_path, f'<pid name="hip" joint="a" kp="9"/><motor joint="b"/>{filtered}', "Euler")
+    assert scene.actuator_names == ("hip_0", "hip_1", "b", "slow")
+    assert act_addresses(model, scene.core.state_act).tolist() == [0]
+    q, v, u = states(scene, 5)
+    u = np.concatenate([u, np.full((5, 1), 0.7)], axis=1)
+    r, data = ComplementarityModel(scene).predict(q, v, u), mujoco.MjData(model)
+    for k in range(5):
+        data.qpos[:], data.qvel[:], data.ctrl[:], data.act[:] = q[k], v[k], u[k, :4], u[k, 4:]
+        mujoco.mj_step(model, data)
+        np.testing.assert_allclose(r.v_next[k], data.qvel, rtol=1e-9, atol=1e-11)
