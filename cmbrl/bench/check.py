@@ -18,6 +18,7 @@ from cmbrl.bench.studies.robustness.cells import measure as measure_robustness
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.step_settings import RK4
 from cmbrl.scene import Scene
+from cmbrl.scene.mjcf import act_addresses
 
 STEP = 0.05  # the largest error of a step
 
@@ -146,7 +147,7 @@ def _speed(scene: Scene, model: ComplementarityModel, theirs: mujoco.MjModel, rn
     noise = 0.02 * rng.normal(size=(64, scene.nv))
     q, v = scene.integrate(np.tile(place, (64, 1)), noise), 0.1 * rng.normal(size=(64, scene.nv))
     u = with_activations(scene, controls(theirs, 64, rng), rng)
-    acts = theirs.actuator_actadr[scene.core.state_act]
+    acts = act_addresses(theirs, scene.core.state_act)
     data, states = mujoco.MjData(theirs), iter(range(10**9))
 
     def their_step() -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
+from cmbrl.scene.mjcf import act_addresses
 from cmbrl.scene.records import Array
 from cmbrl.scene.robot_source import quiet
 
@@ -93,7 +94,7 @@ def _episode(
     """q, v and u of some steps of an episode; none if it diverges."""
     mujoco.mj_resetData(theirs, data)
     data.qpos[:] = home
-    chosen, acts = rng.choice(EPISODE, PER_EPISODE, replace=False), theirs.actuator_actadr[scene.core.state_act]
+    chosen, acts = rng.choice(EPISODE, PER_EPISODE, replace=False), act_addresses(theirs, scene.core.state_act)
     rows: list[tuple[Array, Array, Array]] = []
     for step in range(int(chosen.max()) + 1):
         if step % HOLD == 0:
@@ -114,7 +115,7 @@ def step_errors(
     """
     q, v, u = states.q, states.v, states.u
     scene = models[0].scene
-    acts = theirs.actuator_actadr[scene.core.state_act]
+    acts = act_addresses(theirs, scene.core.state_act)
     data, expected, apart = mujoco.MjData(theirs), np.empty_like(v), np.zeros(len(q), dtype=bool)
     for k in range(len(q)):
         mujoco.mj_resetData(theirs, data)

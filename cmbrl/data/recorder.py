@@ -14,6 +14,7 @@ import numpy as np
 from cmbrl.data.behaviour import PolicyFunction, controller
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
+from cmbrl.scene.mjcf import control_names
 
 Progress = Callable[[int], object]
 """Called with the number of transitions recorded since the last call (``tqdm.update`` fits)."""
@@ -98,9 +99,7 @@ def _roll(
     return Transitions(
         q=q, v=v, u=u, q_next=q_next, v_next=v_next, dt=env.unwrapped.dt, episode=episode,
         joint_names=tuple(model.joint(i).name for i in range(model.njnt)),
-        actuator_names=tuple(
-            model.actuator(i).name or model.joint(model.actuator_trnid[i, 0]).name for i in range(model.nu)
-        ),
+        actuator_names=tuple(control_names(model)),
         source={
             "system": name,
             "behaviour": behaviour if isinstance(behaviour, str) else "policy",

@@ -13,6 +13,7 @@ from cmbrl.data.recorder import Progress
 from cmbrl.data.transitions import Transitions
 from cmbrl.envs.recording import Recording
 from cmbrl.mdp import MDP
+from cmbrl.scene.mjcf import control_names
 from cmbrl.system import MujocoSystem
 
 
@@ -47,8 +48,6 @@ def record_mujoco(
     return replace(
         robot.log(),
         joint_names=tuple(model.joint(i).name for i in range(model.njnt)),
-        actuator_names=tuple(
-            model.actuator(i).name or model.joint(model.actuator_trnid[i, 0]).name for i in range(model.nu)
-        ),
+        actuator_names=tuple(control_names(model)),
         source={"system": name, "behaviour": behaviour if isinstance(behaviour, str) else "policy", "seed": seed},
     )

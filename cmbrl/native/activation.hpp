@@ -87,11 +87,22 @@ static inline Input input_of(const Model& m, const Work<G>& w, int a) {
   return {vmin(vmax(w.u[a], lo), hi), keep((w.u[a] >= lo) & (w.u[a] <= hi), splat(1)), T{}, T{}};
 }
 
+// f(control, what it adds to the force of actuator a, how that changes with the control) of its further controls.
+template <class G, class F>
+static inline void for_feeds(const Model& m, const Work<G>& w, int a, F f) {
+  for (int e = m.feed_ptr[a]; e < m.feed_ptr[a + 1]; ++e) {
+    int c = m.feed_act[e];
+    T lo = splat(m.act_ctrl[2 * c]), hi = splat(m.act_ctrl[2 * c + 1]), gain = w.P[m.oAct + c * kActuatorFields + kGain];
+    f(c, gain * vmin(vmax(w.u[c], lo), hi), keep((w.u[c] >= lo) & (w.u[c] <= hi), gain));
+  }
+}
+
 // Notes how the force of an actuator changes with its command, and with its activation.
 template <class G>
 static inline void note_gain(const Model& m, Work<G>& w, int a, const Input& x, T by_input, Mask free) {
   T gain = keep(free, w.P[m.oAct + a * kActuatorFields + kGear] * by_input);
   w.open[a] = gain * x.by_command;
+  if (m.nfeed > 0) for_feeds(m, w, a, [&](int c, T, T by) { w.open[c] = keep(free, w.P[m.oAct + a * kActuatorFields + kGear] * by); });
   if (m.nstate > 0 && m.act_state[a] >= 0) w.open[m.nact + m.act_state[a]] = gain * x.by_activation;
 }
 
@@ -99,6 +110,7 @@ static inline void note_gain(const Model& m, Work<G>& w, int a, const Input& x, 
 template <class G>
 static inline void add_inputs(const Model& m, const Work<G>& w, int a, T by, Mask yields, T* row) {
   row[a] += keep(yields, by * w.open[a]);
+  if (m.nfeed > 0) for (int e = m.feed_ptr[a]; e < m.feed_ptr[a + 1]; ++e) row[m.feed_act[e]] += keep(yields, by * w.open[m.feed_act[e]]);
   if (m.nstate > 0 && m.act_state[a] >= 0) row[m.nact + m.act_state[a]] += keep(yields, by * w.open[m.nact + m.act_state[a]]);
 }
 

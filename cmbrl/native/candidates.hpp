@@ -34,6 +34,7 @@ template <class G>
 static void place_contact(const Model& m, int i, const Feature<G>& F, T phi, T radius, Contact<G>& c) {
   c.index = i;
   c.edge = 0;
+  c.skewed = false;
   c.rows = 1;
   c.hulls = m.con_type[i] == kHulls;
   c.segments = c.hulls || m.con_type[i] == kSegmentSegment;
@@ -47,19 +48,21 @@ static void place_contact(const Model& m, int i, const Feature<G>& F, T phi, T r
 
 // The row of candidate i with closest features F, gap phi and the block p of P.
 template <class G>
-static void make_contact(const Model& m, const Options& o, int i, const Feature<G>& F, T phi, const T* p, Contact<G>& c) {
+static void make_contact(const Model& m, const Options& o, const Work<G>& w, int i, const Feature<G>& F, T phi, const T* p, Contact<G>& c) {
   place_contact(m, i, F, phi, p[kRadius], c);
   std::memcpy(c.P, p, sizeof c.P);
   for (int lane = 0; lane < W; ++lane) c.of[lane] = i;
   c.rows = rows_of_contact(G::D == 2, m.con_dim[i]);
   c.rub = c.rows > 1 ? p[kMu] > 1e-9 : none();
   c.mu = c.full_mu = select(c.rub, p[kMu], splat(1));
-  tangents(G{}, F.n, c.d + 1);
+  c.skewed = c.rows > 1 && is_skewed(m, i);
+  if (c.skewed) skewed_tangents(m, w, i, F.n, c.d + 1);
+  else tangents(G{}, F.n, c.d + 1);
   for (int r = 1; r < c.rows && r <= G::NT; ++r) {
     c.Wr[r] = join<G>(G::moment(c.p, c.d[r]), c.d[r]);
     CMBRL_FOR(x, G::N) c.Wr[r][x] = keep(c.rub, c.Wr[r][x]);
   }
-  if (c.rows > 1 + G::NT) turning_rows(c, p);
+  if (c.rows > 1 + G::NT) turning_rows(m, c, p);
   contact_law(m, o, c, p);
   c.root = vsqrt(m.con_invweight[i] + c.Rn);
 }
@@ -111,12 +114,12 @@ static void join_kin(const Model& m, Work<G>& w) {
   c.wide &= rest;
 }
 
-// The last contact finds its place. One that is split into edges, which differ by lane, shares no rows.
+// The last contact finds its place. One whose tangents are MuJoCo's, which differ by lane, shares no rows.
 template <class G>
 static void settle_contact(const Model& m, const Options& o, Work<G>& w, const T* p) {
   const Contact<G>& c = w.con[w.ncon - 1];
   if (any(c.convex & (c.on | c.wide)) && m.con_pyramid[c.index]) split_into_edges(m, o, w, p);
-  else join_kin(m, w);
+  else if (!c.skewed) join_kin(m, w);
 }
 
 // Of A against B under their twists, where they are closest.
@@ -180,12 +183,12 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, Fa
   if (!(o.prune < 1e300) || given) {
     load_block(m, w, i, p);
     Contact<G>& c = w.add_contact();
-    make_contact(m, o, i, F, phi, p, c);
+    make_contact(m, o, w, i, F, phi, p, c);
     c.on = c.wide = on;
     w.coupled |= A >= 0 && B >= 0;
     if (!given) split_into_edges(m, o, w, p);
     else if (given->edge) make_edge(m, o, w, given->edge, p, c);
-    else join_kin(m, w);
+    else if (!c.skewed) join_kin(m, w);
     return;
   }
   double enough = speed_that_matters(o, o.forward, m.con_invweight[i]), wide = speed_that_matters(o, o.backward, m.con_invweight[i]);
@@ -200,7 +203,7 @@ static void find_contact(const Model& m, const Options& o, Work<G>& w, int i, Fa
   if (any(near)) {
     load_block(m, w, i, p);
     Contact<G>& c = w.add_contact();
-    make_contact(m, o, i, F, phi, p, c);
+    make_contact(m, o, w, i, F, phi, p, c);
     slack = select(near, c.cn0 - c.carry * speed, slack);
     Mask held = near & c.convex;  // slides, perhaps, and is lifted, however fast it separates
     takes_part = c.on = held | (near & (slack + closing < enough));

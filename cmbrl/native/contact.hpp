@@ -217,6 +217,7 @@ static Shift<G> shift_with_other(const Model& m, const Contact<G>& c, const Vec<
 template <class G>
 static Shift<G> shift_by_dof(const Model& m, const Work<G>& w, const Contact<G>& c, const Vec<G::N>& S, int sign) {
   Shift<G> s = sign > 0 ? shift_of(m, c, S) : shift_with_other(m, c, S);
+  if (c.skewed) skewed_shift(m, w, c.index, c.at.n, s.dd[0], S, s.dd + 1);
   if (!c.edge) return s;
   Beside<G> x = edge_shift(m, w, c, c.at.n, s.dd[0], S);
   s.dd[0] = s.dd[0] + x.along;

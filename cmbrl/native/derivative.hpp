@@ -61,6 +61,7 @@ static void smooth_terms(const Model& m, const Options& o, Work<G>& w, const T* 
   for (int i = 0; i < m.nline; ++i) {
     T damping = w.P[m.oDof + i * kDofFields + kDamping] + w.kd[i];
     add_square(m, w, i, -o.h * w.kp[i], Gq);
+    if (linkage_of(m, i) >= 0) add_length_slopes(m, w, i, o.h * w.kp[i], Gq);
     T drag = -o.h * (o.implicit_springs ? damping + o.h * w.kp[i] : damping), mass = w.line_mass[i];
     add_square(m, w, i, drag, Gv);
     if (bends(m, i))

@@ -53,6 +53,12 @@ static inline Beside<Spatial> beside_turn(const Spatial&, const Vec<3>& n, const
 }
 static inline int kind_of_edge(int edge) { return (edge - 1) / 2; }
 static inline double sign_of_edge(int edge) { return edge % 2 ? 1 : -1; }
+// Friction along the second tangent may differ from that along the first, in sliding and in rolling: how much it counts there.
+static inline double ratio_of_edge(const Model& m, int i, int edge) {
+  int kind = kind_of_edge(edge);
+  return kind == 1 ? m.con_ratio[2 * i] : kind == 4 ? m.con_ratio[2 * i + 1] : 1;
+}
+static inline bool is_skewed(const Model& m, int i) { return m.con_ratio[2 * i] != 1 || m.con_ratio[2 * i + 1] != 1; }
 static inline int field_of_edge(int edge) { return kind_of_edge(edge) < 2 ? kMu : field_of_turning(kind_of_edge(edge) > 2); }
 
 template <class G>
@@ -62,8 +68,9 @@ static inline typename G::V normal_of(const Contact<G>& c) { return c.edge ? c.d
 template <class G>
 static void make_edge(const Model& m, const Options& o, const Work<G>& w, int edge, const T* p, Contact<G>& c) {
   c.edge = edge;
+  c.skewed = false;
   c.rows = 1;
-  c.mu = c.full_mu = select(c.rub, p[field_of_edge(edge)], splat(1));
+  c.mu = c.full_mu = select(c.rub, p[field_of_edge(edge)] * ratio_of_edge(m, c.index, edge), splat(1));
   Beside<G> x = beside(G{}, c.d[0], tangent_axis(m, w, c.index, c.d[0]), kind_of_edge(edge));
   double sign = sign_of_edge(edge);
   c.d[1] = sign * x.along;
@@ -93,6 +100,20 @@ static void split_into_edges(const Model& m, const Options& o, Work<G>& w, const
   }
 }
 
+// Tangents of a contact with a round cone whose friction has directions: MuJoCo's, the second one as long as its ratio, so that one
+// circle bounds all of friction again, with MuJoCo's softness. And how they turn.
+template <class G>
+static void skewed_tangents(const Model& m, const Work<G>& w, int i, const typename G::V& n, typename G::V* d) {
+  typename G::V e = tangent_axis(m, w, i, n);
+  CMBRL_FOR(k, G::NT) d[k] = (k == 1 ? m.con_ratio[2 * i] : 1.0) * beside(G{}, n, e, k).along;
+}
+template <class G>
+static void skewed_shift(const Model& m, const Work<G>& w, int i, const typename G::V& n, const typename G::V& dn, const Vec<G::N>& S,
+                         typename G::V* dd) {
+  typename G::V e = tangent_axis(m, w, i, n), de = along_capsule(m, i) ? G::turn(ang<G>(S), e) : zero<G::D>();
+  CMBRL_FOR(k, G::NT) dd[k] = (k == 1 ? m.con_ratio[2 * i] : 1.0) * beside_turn(G{}, n, e, k, dn, de).along;
+}
+
 // How what an edge has beside the normal n, times its coefficient, changes with the normal, as a dof with column S moves A; or B,
 // which is no plane then.
 template <class G>
@@ -102,6 +123,17 @@ static inline Beside<G> edge_shift(const Model& m, const Work<G>& w, const Conta
   Beside<G> x = beside_turn(G{}, n, e, kind_of_edge(c.edge), dn, de);
   T scale = c.mu * sign_of_edge(c.edge);
   return {scale * x.along, scale * x.about};
+}
+
+// What a contact with a round cone pushes along its tangent of this row.
+template <class G>
+static T tangential_impulse(const Contact<G>& c, int row) {
+  if (!c.skewed) return c.b[row - 1];
+  typename G::V t[G::NT];
+  tangents(G{}, c.d[0], t);
+  T sum = T{};
+  CMBRL_FOR(k, G::NT) sum += c.b[k] * dot(t[row - 1], c.d[1 + k]);
+  return sum;
 }
 
 // What an edge pushes along the normal (row 0) and the tangents of its contact.

@@ -145,7 +145,7 @@ struct ForceColumns {
     Mask free = s.free, pulls = s.free & s.pulls, fades = s.fades;
     T spring = o.implicit_springs ? o.h * after : T{};
     T own = keep(pulls, stiff * (s.place + 2.0 * spring)) + keep(free, drag * (v + 2.0 * dv));  // of a free force, by the gear
-    own -= keep(fades, p[kLimitSlope] * (v + 2.0 * dv));
+    own += s.ripple * (q + 2.0 * spring) - keep(fades, p[kLimitSlope] * (v + 2.0 * dv));
     if (part == Part::late_inertia) {
       if (!m.implicit_gains) return;
       if (field == kGear) add_eased(line, coef * o.h * 2.0 * g * (keep(free, drag) - keep(fades, p[kLimitSlope])));
@@ -159,11 +159,11 @@ struct ForceColumns {
     if (field == kBias2) held = keep(free, g * g * dv);
     if (field == kTime) held = keep(free, g * g * by_time * dv);
     if (field == kLimitSlope) held = -keep(fades, g * g * dv);
-    if (line >= m.nv && field == kGear) held += keep(pulls, 2.0 * g * stiff * spring);
+    if (line >= m.nv && field == kGear) held += 2.0 * g * (keep(pulls, stiff) + s.ripple) * spring;
     if (line >= m.nv && field == kBias1) held = keep(pulls, g * g * spring);
     switch (field) {
       case kGear: r = s.force + g * own; break;
-      case kGain: r = keep(pulls, g * input.value); break;
+      case kGain: r = keep(pulls, g * s.input); break;
       case kTime: r = keep(pulls, g * s.gains.input * input.by_time) + held; break;
       case kBias0: r = keep(pulls, g); break;
       case kBias1: r = keep(pulls, g * g * (s.place + spring)); break;

@@ -1,7 +1,9 @@
 // Lines: what springs, limits, dry friction and actuators act along. First the dofs themselves, then the tendons, each a sum
-// of coefficients times coordinates, or of segments between points of bodies, straight or around something. A line has a length and, over the
+// of coefficients times coordinates, or of segments between points of bodies, straight or around something; last what only actuators
+// act along (linkages.hpp). A line has a length and, over the
 // dofs that change it, which rise, a sparse covector: how fast they do.
 #pragma once
+#include "linkages.hpp"
 #include "workspace.hpp"
 #include "wrap.hpp"
 
@@ -181,6 +183,7 @@ static void find_lines(const Model& m, Work<G>& w) {
         if (side[k]) w.line_c[k] += m.seg_scale[s] * dot(segment.n, stretch_of(w, segment, m.line_dof[k], side[k]));
     }
   }
+  if (m.nlink > 0) find_linkages(m, w);
 }
 
 // The change of dof k's rate along a segment that goes around something with the coordinate of dof l.
@@ -212,6 +215,7 @@ static T bend_around(const Model& m, const Work<G>& w, const Bent<G>& way, int d
 // The change of entry k of a tendon's covector with the coordinate of its entry l.
 template <class G>
 static T bend_of(const Model& m, const Work<G>& w, int line, int k, int l) {
+  if (int link = linkage_of(m, line); link >= 0) return linkage_bend(m, w, link, k, l);
   T sum = T{};
   int dk = m.line_dof[k], dl = m.line_dof[l];
   for (int s = m.seg_ptr[line - m.nv]; s < m.seg_ptr[line - m.nv + 1]; ++s) {
@@ -240,7 +244,9 @@ static T bent_rate(const Model& m, const Work<G>& w, int line, int l, T a, const
     sum += bend_of(m, w, line, k, l) * (a * x[m.line_dof[k]] + b * y[m.line_dof[k]]);
   return sum;
 }
-static inline bool bends(const Model& m, int line) { return line >= m.nv && m.seg_ptr[line - m.nv] < m.seg_ptr[line - m.nv + 1]; }
+static inline bool bends(const Model& m, int line) {
+  return line >= m.nv && (m.seg_ptr[line - m.nv] < m.seg_ptr[line - m.nv + 1] || linkage_of(m, line) >= 0);
+}
 // What the bending of a line does to its pull, which changes with its rates under x and y by a and b: added to A, by coordinate.
 template <class G>
 static void add_bend(const Model& m, const Work<G>& w, int line, T pull, T a, const T* x, T b, const T* y, T* A) {

@@ -13,6 +13,7 @@ enum ContactType { kPointPlane = 0, kPointBox = 1, kSegmentSegment = 2, kRimPlan
 enum When { kAlways = 0, kAhead = 1, kClosed = 2 };  // a candidate acts where rows look ahead, or where they do not
 enum TieType { kConnect = 0, kWeld = 1, kPolynomial = 2 };  // equality constraints
 enum Dynamics { kIntegrator = 0, kFilter = 1, kFilterExact = 2, kFilterRk4 = 3 };  // of actuators with a state; the last: exact but in RK4 steps
+enum LinkageKind { kBetweenSites = 0, kOnSite = 1, kSliderCrank = 2, kOfBall = 3, kConstantRate = 4 };  // of what actuators act along (linkages.hpp)
 enum Side { kCarriesA = 1, kCarriesB = 2, kCarriesObstacle = 4 };
 enum ContactLaw { kRigid = 0, kMujoco = 1, kSpringDamper = 2, kLogistic = 3 };  // one for all contacts of a scene
 
@@ -48,7 +49,7 @@ struct Model : Structure {
   int refsafe;                     // time constants of rows stay above two steps
   double least_time(double h) const { return refsafe ? 2 * h : 0; }
   int D, nq, nu, nbody, njoint, ncontact, nplane, nlimit, nact, ntendon, nline, nseg, nwrap, ntie;
-  int nforcerange, nlift, nwide, nbox, nellipsoid, nballspring, npower, nP, ntheta, ngroup;
+  int nforcerange, nlift, nwide, nlink, nbox, nellipsoid, nballspring, npower, nP, ntheta, ngroup;
   int body_fields, oDof, oPlane, oAct, oGravity, oContact;  // layout of P; bodies start at 0, contacts end it
 
   const int *body_parent, *body_jadr, *body_jnum;
@@ -74,6 +75,7 @@ struct Model : Structure {
   int hull_count(int hull) const { return (hull_ptr[hull + 1] - hull_ptr[hull] + hull_width - 1) / hull_width * hull_width; }
   double largest_invweight;  // of a contact
   int logistic;              // contacts act at a distance
+  const double* con_ratio;   // (ncontact, 2) of sliding and of rolling friction: the second tangent's by the first's
   const double *con_radiusB, *con_impratio, *con_invweight, *con_margin, *con_mid, *con_power, *plane_normal;
   const double *con_reach, *con_points;  // the gap below which actuators pull at it; how many of MuJoCo's points it stands for
 
@@ -82,11 +84,17 @@ struct Model : Structure {
   const double *seg_posA, *seg_posB, *seg_scale;
   const int *wrap_body, *wrap_kind, *wrap_site_body;     // wrap.hpp; kinds: whether it is a cylinder, whether it has a site
   const double *wrap_pos, *wrap_rot, *wrap_radius, *wrap_site;
+  const int *line_link, *link_line, *link_kind, *link_A, *link_B, *link_turns, *link_side;  // linkages.hpp: of each line after the dofs, or -1; of each linkage: its line, a body or a place in q, ...; by entry of line_dof: 1 if the dof carries A, -1 if B
+  const double *link_posA, *link_posB, *link_rotA, *link_rotB, *link_force, *link_torque, *link_rod;
   const int *lim_line, *lim_ball;  // of a ball joint's angle: its last dof, and where its quaternion stands in q; otherwise -1
   const double *lim_lo, *lim_hi, *lim_margin, *lim_soft, *lim_invweight;
   const double *line_soft, *line_invweight, *line_slack;  // of dry friction; width of a spring's slack
   const int* act_line;  // -1: see wide.hpp
   const double *act_ctrl, *act_force, *act_gain;  // act_gain: how the gain on the input changes with length and with velocity
+  const double* act_period;  // by which inputs wrap to the nearest to the length; 0: they do not
+  const double* act_ripple;  // amplitude, count and phase of a force by length, which limits do not clamp
+  const int *feed_ptr, *feed_act;  // further controls that add to the force of each actuator
+  int nperiod, nripple, nfeed;
   int nstate;               // activation.hpp; u (nu = nact + nstate): commands, then activations
   const int *act_state, *state_act, *state_kind, *state_early;
   const double* state_range;

@@ -84,13 +84,14 @@ struct ParameterColumns : ForceColumns<G> {
     for (int r = 1 + G::NT; r < c.rows; ++r)
       E[r] += turning_growth(c, r, field) * (dot(c.Wr[r], relative_twist<G>(m, w.tn, c.index)) - c.carry * dot(c.Wr[r], t));
     bool tilts = c.edge && field == field_of_edge(c.edge);  // towards what it has beside the normal
+    double ratio = c.edge ? ratio_of_edge(m, c.index, c.edge) : 1;
     if (tilts) {
       T before = c.carry * dot(c.Wr[1], t);
-      E[0] += dot(c.Wr[1], relative_twist<G>(m, w.tn, c.index)) - before;
-      closing += dot(c.Wr[1], free_twist(m, w, m.con_group[c.index])) - before;
+      E[0] += ratio * (dot(c.Wr[1], relative_twist<G>(m, w.tn, c.index)) - before);
+      closing += ratio * (dot(c.Wr[1], free_twist(m, w, m.con_group[c.index])) - before);
     }
     Vec<G::N> Y = response(c, E) + kappa_response(c, c.slope * closing + c.slope_R * dR);
-    if (tilts) Y += keep(c.on, c.gam) * c.Wr[1];
+    if (tilts) Y += keep(c.on, ratio * c.gam) * c.Wr[1];
     for (int r = 1 + G::NT; r < c.rows; ++r) Y += (impulse(c, r) * turning_growth(c, r, field)) * c.Wr[r];
     if (field == kMu && c.rows > 1) {  // the cone itself
       T b0 = c.mu * c.gam, y[G::MT];

@@ -25,7 +25,7 @@ static void forward_pack(const Model& m, const Options& o, const Batch& b, const
           if (c.edge) { CMBRL_FOR(r, 1 + G::NT) x[r] += share * edge_impulse(c, r)[lane]; continue; }
           x[0] += share * c.gam[lane];
           for (int r = 1; r < c.rows && r <= G::NT; ++r)
-            if (c.rub[lane]) x[r] += share * c.b[r - 1][lane];
+            if (c.rub[lane]) x[r] += share * tangential_impulse(c, r)[lane];
         }
     if (!b.tape && !b.jacobian) return Recorded{all(), T{}};
     Recorded solved = solve_backward(m, o, w);

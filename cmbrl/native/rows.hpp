@@ -46,7 +46,7 @@ static void clamped_rows(const Model& m, const Work<G>& w, double h, T* Gq, T* G
       T by_q = keep(clamped, h * w.line_c[own] * w.drive_kp[line]), by_v = keep(clamped, h * w.line_c[own] * w.kd[line]);
       for (int e = m.line_ptr[line]; e < m.line_ptr[line + 1]; ++e) {
         T& q = Gq[d * m.nv + m.line_dof[e]];
-        q += w.line_c[e] * by_q;
+        q += slope_of_length(m, w, e) * by_q;
         Gv[d * m.nv + m.line_dof[e]] += w.line_c[e] * by_v;
         if (!bends(m, line)) continue;
         q += by_v * bent_rate(m, w, line, e, splat(1), w.v, T{}, w.v);
@@ -70,7 +70,7 @@ static void actuator_forces(const Model& m, const Options& o, Work<G>& w) {
     Servo s = servo_of(m, w, a, input, w.line_length[line], along(m, w, line, w.v));
     w.drive[line] += p[kGear] * s.force;
     w.kd[line] -= keep(s.free, p[kGear] * p[kGear] * s.gains.drag) - keep(s.fades, p[kGear] * p[kGear] * p[kLimitSlope]);
-    w.drive_kp[line] -= keep(s.free & s.pulls, p[kGear] * p[kGear] * s.gains.stiff);
+    w.drive_kp[line] -= p[kGear] * p[kGear] * (keep(s.free & s.pulls, s.gains.stiff) + s.ripple);
     note_gain(m, w, a, input, s.gains.input, s.free & s.pulls);
   }
   wide_forces(m, o, w);

@@ -36,7 +36,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.nbody = size("nbody"); m.njoint = size("njoint"); m.ncontact = size("ncontact");
   m.nplane = size("nplane"); m.nlimit = size("nlimit"); m.nact = size("nact"); m.nforcerange = size("nforcerange"); m.nlift = size("nlift");
   m.nstate = size("nstate");
-  m.nwide = size("nwide"); m.nbox = size("nbox"); m.nellipsoid = size("nellipsoid"); m.nballspring = size("nballspring"); m.npower = size("npower");
+  m.nwide = size("nwide"); m.nlink = size("nlink"); m.nbox = size("nbox"); m.nellipsoid = size("nellipsoid"); m.nballspring = size("nballspring"); m.npower = size("npower");
   m.ntendon = size("ntendon"); m.nseg = size("nseg"); m.nwrap = size("nwrap"); m.ntie = size("ntie");
   m.nline = m.nv + m.ntendon;
   m.body_fields = m.planar ? 4 : 10;
@@ -53,7 +53,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.jnt_axis = d("jnt_axis", nj * D); m.jnt_pos = d("jnt_pos", nj * D); m.jnt_q0 = d("jnt_q0", nj);
   m.con_type = i("con_type", nc); m.con_bodyA = i("con_bodyA", nc); m.con_bodyB = i("con_bodyB", nc);
   m.con_plane = i("con_plane", nc); m.con_pair = i("con_pair", nc); m.con_dim = i("con_dim", nc); m.con_law = i("con_law", nc); m.logistic = nc > 0 && m.con_law[0] == kLogistic; m.con_pyramid = i("con_pyramid", nc);
-  m.con_along = d("con_along", nc * 3);
+  m.con_along = d("con_along", nc * 3); m.con_ratio = d("con_ratio", nc * 2);
   size_t hulls = size("nhull"), faces = size("nface");
   m.con_when = i("con_when", nc); m.con_hullB = i("con_hullB", nc); m.con_first = i("con_first", nc); m.con_many = i("con_many", nc);
   m.con_hull = i("con_hull", nc); m.hull_ptr = i("hull_ptr", hulls + 1); m.face_ptr = i("face_ptr", faces + 1);
@@ -94,6 +94,11 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.tie_scale = d("tie_scale", ne); m.tie_poly = d("tie_poly", ne * 5); m.tie_ref = d("tie_ref", ne * 2);
   m.tie_soft = d("tie_soft", ne * 7); m.tie_invweight = d("tie_invweight", ne * 2);
   m.act_line = i("act_line", na); m.act_ctrl = d("act_ctrl", na * 2); m.act_force = d("act_force", na * 2); m.act_gain = d("act_gain", na * 2);
+  m.act_period = d("act_period", na);
+  m.act_ripple = d("act_ripple", na * 3);
+  for (size_t k = 0; k < na; ++k) m.nripple += m.act_ripple[3 * k] != 0;
+  m.feed_ptr = i("feed_ptr", na + 1); m.nfeed = m.feed_ptr[na]; m.feed_act = i("feed_act", m.nfeed);
+  m.nperiod = int(std::count_if(m.act_period, m.act_period + na, [](double x) { return x > 0; }));
   size_t nx = m.nstate;
   m.act_state = i("act_state", na); m.state_act = i("state_act", nx); m.state_kind = i("state_kind", nx); m.state_early = i("state_early", nx);
   m.state_range = d("state_range", nx * 2);
@@ -116,6 +121,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   derive_chains();
   derive_lines();
   derive_segments();
+  derive_linkages();
   derive_ties();
   derive_mass_pattern();
   derive_groups();
@@ -253,6 +259,26 @@ void SceneData::derive_segments() {
       }
     }
   m.seg_sides = keep_ints("seg_sides", std::move(ptr)); m.seg_side = keep_ints("seg_side", std::move(side));
+}
+
+// Linkages: which of their ends the dofs of their lines carry.
+void SceneData::derive_linkages() {
+  Model& m = model;
+  size_t n = m.nlink;
+  m.link_line = i("link_line", n); m.link_kind = i("link_kind", n); m.link_A = i("link_A", n); m.link_B = i("link_B", n);
+  m.link_turns = i("link_turns", n); m.link_posA = d("link_posA", n * 3); m.link_posB = d("link_posB", n * 3);
+  m.link_rotA = d("link_rotA", n * 9); m.link_rotB = d("link_rotB", n * 9); m.link_force = d("link_force", n * 3);
+  m.link_torque = d("link_torque", n * 3); m.link_rod = d("link_rod", n);
+  std::vector<int> link(m.ntendon, -1), side(m.line_ptr[m.nline], 0);
+  for (size_t k = 0; k < n; ++k) {
+    link.at(m.link_line[k] - m.nv) = int(k);
+    if (m.link_kind[k] >= kOfBall) continue;
+    std::vector<int> a = chain(m.link_A[k]);
+    for (int e = m.line_ptr[m.link_line[k]]; e < m.line_ptr[m.link_line[k] + 1]; ++e)
+      side[e] = std::binary_search(a.begin(), a.end(), m.line_dof[e]) ? 1 : -1;
+  }
+  m.line_link = keep_ints("line_link", std::move(link));
+  m.link_side = keep_ints("link_side", std::move(side));
 }
 
 // The dofs that each tie couples: those of two lines, or those that carry two bodies.

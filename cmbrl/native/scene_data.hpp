@@ -31,6 +31,7 @@ class SceneData {
   std::vector<int> chain(int body) const;
   void derive_lines();
   void derive_segments();
+  void derive_linkages();
   void derive_ties();
   void derive_mass_pattern();
   void derive_groups();

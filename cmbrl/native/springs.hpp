@@ -2,6 +2,7 @@
 #pragma once
 #include "lines.hpp"
 #include "manifold.hpp"
+#include "rotations.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -9,24 +10,7 @@ namespace cmbrl::CMBRL_ISA {
 static inline void rotation_since(const double* from, const T* q, T* out) {
   T back[4] = {splat(from[0]), splat(-from[1]), splat(-from[2]), splat(-from[3])}, r[4];
   quat_mul(back, q, r);
-  T sine = vsqrt(r[1] * r[1] + r[2] * r[2] + r[3] * r[3]), scale;
-  for (int i = 0; i < W; ++i) {
-    double angle = 2 * __builtin_atan2(sine[i], r[0][i]);
-    if (angle > 3.14159265358979323846) angle -= 6.28318530717958647692;
-    scale[i] = sine[i] > 1e-12 ? angle / sine[i] : r[0][i] < 0 ? -2 : 2;
-  }
-  CMBRL_FOR(k, 3) out[k] = scale * r[1 + k];
-}
-
-// The rotation vector t's change with the dofs of its ball joint, the inverse right Jacobian of SO(3), less the unit matrix.
-static inline void rotation_slopes(const T* t, T rest[9]) {
-  T a2 = t[0] * t[0] + t[1] * t[1] + t[2] * t[2], a = vsqrt(a2), sine, cosine;
-  sincos(0.5 * a, sine, cosine);
-  Mask small = a < 1e-3;
-  T safe = select(small, splat(1), a);
-  T second = select(small, 1.0 / 12 + a2 / 720.0, 1.0 / (safe * safe) - cosine / (2.0 * safe * select(small, splat(1), sine)));
-  T K[9] = {T{}, -t[2], t[1], t[2], T{}, -t[0], -t[1], t[0], T{}};
-  CMBRL_FOR(r, 3) CMBRL_FOR(c, 3) rest[3 * r + c] = 0.5 * K[3 * r + c] + second * (t[r] * t[c] - (r == c ? a2 : T{}));
+  rotation_vector(r, out);
 }
 
 // The limit on the angle of a ball joint: how far it is, and how that changes with its dofs.

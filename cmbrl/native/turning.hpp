@@ -18,13 +18,15 @@ static inline int turning_kind(const Spatial&, int k) { return k > 0; }
 
 static inline int field_of_turning(int kind) { return kind == 0 ? kSpin : kRoll; }
 
-// The wrenches of the rows that turn, of a contact that has its directions.
+// The wrenches of the rows that turn, of a contact that has its directions. The second tangent has the length of its ratio.
 template <class G>
-static void turning_rows(Contact<G>& c, const T* p) {
-  CMBRL_FOR(kind, 2) c.arm[kind] = keep(c.rub, p[field_of_turning(kind)] / c.mu);
+static void turning_rows(const Model& m, Contact<G>& c, const T* p) {
+  const double* ratio = m.con_ratio + 2 * c.index;
   for (int r = 1 + G::NT; r < c.rows; ++r) {
     int k = r - 1 - G::NT;
-    c.Wr[r] = c.arm[turning_kind(G{}, k)] * join<G>(turning_axis(G{}, c.d, k), zero<G::D>());
+    c.arm[k] = keep(c.rub, p[field_of_turning(turning_kind(G{}, k))] / c.mu);
+    if (c.skewed && k == 2) c.arm[k] *= ratio[1] / ratio[0];
+    c.Wr[r] = c.arm[k] * join<G>(turning_axis(G{}, c.d, k), zero<G::D>());
   }
 }
 
@@ -32,7 +34,7 @@ static void turning_rows(Contact<G>& c, const T* p) {
 template <class G>
 static Vec<G::N> turning_shift(const Contact<G>& c, const typename G::V* dd, int row) {
   int k = row - 1 - G::NT;
-  return c.arm[turning_kind(G{}, k)] * join<G>(turning_axis_shift(G{}, dd, k), zero<G::D>());
+  return c.arm[k] * join<G>(turning_axis_shift(G{}, dd, k), zero<G::D>());
 }
 
 // How it grows with a field of P: with its coefficient, and less with mu. Relative.

@@ -56,7 +56,7 @@ struct Found {
   T P[kContactFields];               // its part of the physical vector
   T radiusA;
   Feature<G> at;
-  T arm[2];                          // [m] of rows that turn (turning.hpp), about the normal, and about the tangents
+  T arm[3];                          // [m] of rows that turn (turning.hpp), about the normal and the tangents
   typename G::V p, d[1 + G::NT];     // point and directions (normal, tangents); of an edge: its own, and its tangent
   T dc_dphi, dRn_dphi, dRt_dphi;     // of the law, at fixed impulses
   T phi, mu, Rn, Rt, carry, cn0;
@@ -71,6 +71,7 @@ struct Known : Found<G> {
   Mask on, wide, rub;                // lanes in which the contact takes part; in the derivative's solve; in which it has friction
   int of[W], index, rows;            // candidate numbers by lane, and the first of them; 1, or 1 + NT to 1 + MT
   bool segments, hulls;              // in some lane
+  bool skewed;                       // friction differs by direction (edges.hpp)
   Mask convex;                       // lanes in which the convex law of sliding holds (newton.hpp); none unless the options say so
   int edge;                          // of MuJoCo's pyramid (edges.hpp), from 1; 0: the whole contact
 };
@@ -183,6 +184,11 @@ struct SolverWork {
 template <class G>
 struct Bent { typename G::V a, b, g[2]; T length, H[6][6]; };
 
+// A linkage (linkages.hpp): its ends; the wrench on A in world axes, or in its place the slider's axis; how the rotation's part of the
+// length changes as A turns, and that part; of a slider-crank, how far the crank is along the axis, and one over its root.
+template <class G>
+struct Linkage { typename G::V a, b, force, torque, slope; T angle, reach, inverse; };
+
 template <class G>
 struct Work : SolverWork<G> {
   using V = typename G::V;
@@ -210,6 +216,7 @@ struct Work : SolverWork<G> {
   T* free_factor;                          // of M~ along the tree, without rows
   T *line_length, *line_pull, *line_mass;  // impulse along each line at the step's start; what acts on its change of rate
   Bent<G>* bent;                           // segments around something (lines.hpp)
+  Linkage<G>* linkages; T* line_slope;     // and, by entry of line_dof, how the lengths of lines change
   Tie<G>* ties; T* tie_J;                  // equality constraints; their rows, by entry of tie_dof
   Motion *drift, *drift_before;            // accelerations of bodies whose joints do not accelerate; before each dof's joint
   int *kin_count, *kin_slots;              // of each kin in the group at hand: contacts by lane; where those contacts stand
@@ -332,6 +339,7 @@ struct Work : SolverWork<G> {
     if (m.in_fluid()) { drag = A.take<Motion>(nb); drag_start = A.take<T>(nb * G::N * G::N); drag_end = A.take<T>(nb * G::N * G::N); }
     if (m.nballspring > 0) stretch = A.take<T>(nv);
     if (m.nwrap > 0) bent = A.take<Bent<G>>(m.nwrap);
+    if (m.nlink > 0) { linkages = A.take<Linkage<G>>(m.nlink); line_slope = A.take<T>(m.line_ptr[m.nline]); }
     ties = A.take<Tie<G>>(m.ntie); tie_J = A.take<T>(m.ntie ? int64_t(m.tie_ptr[m.ntie]) * Tie<G>::kRows : 0);
     drift = A.take<Motion>(m.ntie ? nb : 0); drift_before = A.take<Motion>(m.ntie ? nv : 0);
     near = A.take<uint64_t>(words); kin_count = A.take<int>(W * int64_t(m.nkin)); kin_slots = A.take<int>(m.ncontact); order = A.take<int>(nb);

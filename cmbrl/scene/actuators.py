@@ -1,25 +1,31 @@
-"""Actuators: the clamped force gain ctrl + bias0 + bias1 length + bias2 velocity, times gear, along one line.
+"""Actuators: a clamped force by controls, length and velocity (``force_laws``), times gear, along one line.
 
-The gain may change with length and velocity, too (a damper's does).
+The gain may change with length and velocity, too (a damper's does). Of several controls the first has the line, and the
+others add to its force.
 
 Instead of ctrl it may be an activation, which follows ctrl (``activation``).
-A line is a hinge, a slide or a fixed tendon. Without position and velocity gains an actuator may also act on a site, on
-the dofs of a ball or free joint, or pull a body along the mean of the normals of its contacts (adhesion).
+A line is a hinge, a slide, a tendon, or one of its own (``linkages``). Without position and velocity gains an actuator
+may also act on a site, on the dofs of a ball or free joint, or pull a body along the mean of the normals of its
+contacts (adhesion), without a line (``wide``).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from cmbrl.scene.activation import Activation, dynamics_of, read_activation
-from cmbrl.scene.mjcf import name_of
+from cmbrl.scene.arrays import integers
+from cmbrl.scene.force_laws import ForceLaw, read_force_law, states_of
+from cmbrl.scene.linkages import Linkage, LinkageKind, read_linkage, wrap_period
+from cmbrl.scene.mjcf import control_names, controlled, name_of
 from cmbrl.scene.records import Array, Tree
 from cmbrl.scene.support import Gate
-from cmbrl.scene.tendons import is_fixed
+from cmbrl.scene.tendons import force_range, is_fixed
 from cmbrl.scene.wide import Reach, read_reach
 
 UNLIMITED = 1e6  #: [N m, N] the limit of an actuator that has none
@@ -30,39 +36,56 @@ class Actuator:
     """One entry of the control vector. An actuator that is left out keeps its entry, with gear 0."""
 
     name: str
-    line: int  # a degree of freedom, or nv + number of the tendon; -1: as ``reach`` tells
+    line: int  # a degree of freedom, or nv + number of the tendon, or of the linkage after them; -1: as ``reach`` tells
     gear: float
     gain: float
     bias: Array  # (3,) constant, per length, per velocity
     control: tuple[float, float]  # bounds on ctrl; infinite where unlimited
     force: tuple[float, float]  # bounds on the force before the gear
-    armature: float  # added to the line's, already times gear^2
+    armature: float  # added to those of the lines ``loads``, already times gear^2
     damping: float
+    loads: tuple[int, ...] = ()
     reach: Reach | None = None
     activation: Activation | None = None
     gain_slope: tuple[float, float] = (0.0, 0.0)  # of the gain by length and by velocity
+    period: float = 0.0  # by which a target wraps to what is nearest to the length; 0: it does not
+    ripple: tuple[float, float, float] = (0.0, 0.0, 0.0)  # see ForceLaw
+    feeds: int = -1  # the actuator to whose force it adds; then it has no line
 
 
-def read_actuators(model: mujoco.MjModel, tree: Tree, lines: Mapping[int, int], gate: Gate) -> list[Actuator]:
-    """One actuator per control, in the order of ``ctrl``; reports unsupported ones to the gate.
+def read_actuators(
+    model: mujoco.MjModel, tree: Tree, lines: Mapping[int, int], gate: Gate
+) -> tuple[list[Actuator], list[Linkage]]:
+    """One actuator per control, in the order of ``ctrl``, and what some of them act along.
 
-    ``lines``: of the tendons, by their numbers in the file.
+    Reports unsupported ones to the gate. ``lines``: of the tendons, by their numbers in the file.
     """
-    count = len(model.actuator_trntype)
+    names = control_names(model)
     actuators: list[Actuator] = []
-    for k in range(count):
-        controls = int(model.actuator_ctrlnum[k]) if hasattr(model, "actuator_ctrlnum") else 1
-        sound = _modelled(model, k, controls, lines, gate)
-        for number in range(controls):
-            suffix = "" if controls == 1 else f"_{number}"
-            name = _unused(name_of(model, "actuator", k) + suffix, [a.name for a in actuators])
-            read = _read(model, tree, k, len(actuators), name, lines, sound)
+    linkages: list[Linkage] = []
+    of_control = controlled(model).tolist()
+    for k in range(len(model.actuator_trntype)):
+        sound = _modelled(model, k, lines, gate)
+        for number in range(of_control.count(k)):
+            name = names[len(actuators)]
+            if number > 0:
+                actuators.append(_feeder(model, k, len(actuators), number, name, sound))
+                continue
+            linkage = read_linkage(model, tree, k, name, _needs_line(model, k)) if sound else None
+            if linkage and not linkage.dofs:
+                gate.note("actuator", name, "no joint moves it")
+                sound, linkage = False, None
+            line = _line(model, lines, k)
+            if linkage:
+                line = int(model.nv) + len(lines) + len(linkages)
+                linkages.append(linkage)
+            read = _read(model, tree, k, len(actuators), name, line, linkage, sound)
             at_once = not sound or "actuator_dynamics" in gate.ignore
             actuators.append(read if at_once else replace(read, activation=read_activation(model, k)))
-    return actuators
+    return actuators, linkages
 
 
-def _modelled(model: mujoco.MjModel, k: int, controls: int, lines: Mapping[int, int], gate: Gate) -> bool:
+def _modelled(model: mujoco.MjModel, k: int, lines: Mapping[int, int], gate: Gate) -> bool:
     """Whether the actuator acts in the scene; if not, the gate is told why."""
     name = name_of(model, "actuator", k)
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ACTUATION:
@@ -81,61 +104,99 @@ def _modelled(model: mujoco.MjModel, k: int, controls: int, lines: Mapping[int, 
         gate.drops("actuator_dynamics", name, f"a {dynamics} on its control", "the control acts at once")
     elif dynamics == "integrator":
         sound &= not gate.drops("actuator_dynamics", name, "it integrates its control")
-    elif dynamics != "none":
+    elif states := states_of(model, k):
+        gate.refuse("actuator_dynamics", name, states, "the current follows at once, and the rest is left out")
+    elif dynamics not in ("none", "pid", "dcmotor"):
         gate.refuse("actuator_dynamics", name, f"dynamics {dynamics}")
         sound = False
     if getattr(model, "actuator_delay", None) is not None and model.actuator_delay[k] > 0:
         gate.refuse("actuator_dynamics", name, f"delay {model.actuator_delay[k]:g} s", "the control acts at once")
-    gain = mujoco.mjtGain(int(model.actuator_gaintype[k])).name.removeprefix("mjGAIN_").lower()
-    bias = mujoco.mjtBias(int(model.actuator_biastype[k])).name.removeprefix("mjBIAS_").lower()
-    varying = gain == "affine" and np.any(model.actuator_gainprm[k, 1:3])
-    if controls != 1 or gain not in ("fixed", "affine") or bias not in ("none", "affine"):
-        gate.refuse("actuator_bias", name, f"gain {gain}, bias {bias}")
+    if isinstance(law := read_force_law(model, k), str):
+        gate.refuse("actuator_bias", name, law)
         sound = False
-    elif varying and _line(model, lines, k) < 0:
-        told = "a gain that changes with length or velocity, of an actuator on several coordinates"
-        gate.refuse("actuator_bias", name, told)
+    elif _transmission(model, k) == "body" and _needs_line(model, k):
+        gate.refuse("actuator_bias", name, "adhesion that changes with length or velocity")
         sound = False
-    if sound and _line(model, lines, k) < 0 and (what := _gains(model, k)):
-        gate.refuse("actuator_bias", name, f"{what} of an actuator on several coordinates (give it to each of them)")
-        sound = False
-    if (poly := getattr(model, "actuator_dampingpoly", None)) is not None and np.any(poly[k]):
+    poly = getattr(model, "actuator_dampingpoly", None)
+    if poly is not None and np.any(poly[k]) and _transmission(model, k) == "tendon":
         gate.refuse("actuator_bias", name, "nonlinear damping", "reduced to the linear term")
     return bool(sound)
 
 
 def _read(
-    model: mujoco.MjModel, tree: Tree, k: int, column: int, name: str, lines: Mapping[int, int], sound: bool
+    model: mujoco.MjModel, tree: Tree, k: int, column: int, name: str, line: int, linkage: Linkage | None, sound: bool
 ) -> Actuator:
-    free, line = (-np.inf, np.inf), _line(model, lines, k)
-    gear = float(model.actuator_gear[k, 0]) if line >= 0 else 1.0
+    free, first = (-np.inf, np.inf), float(model.actuator_gear[k, 0])
+    scalar = line >= 0 and (linkage is None or linkage.kind == LinkageKind.SLIDER_CRANK)
+    gear = first if scalar else 1.0  # otherwise the wrench has it
     armature, damping = (
-        float(values[k]) * gear**2 if line >= 0 and (values := getattr(model, field, None)) is not None else 0.0
+        float(values[k]) * first**2 if (values := getattr(model, field, None)) is not None else 0.0
         for field in ("actuator_armature", "actuator_damping")  # of recent MuJoCo versions
     )
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_DAMPER:
         damping = 0.0
     if _transmission(model, k) == "tendon" and not is_fixed(model, int(model.actuator_trnid[k, 0])):
         armature = 0.0  # of a tendon through sites: refused, or left out
+    loads = _loads(model, k, line)
     if not sound:  # what it adds to its line stays, as in MuJoCo
-        return Actuator(name, max(line, 0), 0.0, 0.0, np.zeros(3), free, free, armature, damping)
+        return Actuator(name, max(line, 0), 0.0, 0.0, np.zeros(3), free, free, armature, damping, loads)
     reach = None if line >= 0 else read_reach(model, tree, k)
-    clamp = model.actuator_ctrllimited[column] and not (model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
-    affine = model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
-    slope = model.actuator_gainprm[k, 1:3] * (model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_AFFINE)
+    law = read_force_law(model, k)
+    assert isinstance(law, ForceLaw)  # it is sound
+    slope, bias, ripple = law.slope, law.bias, law.ripple
+    if reach is not None or (linkage and not linkage.measured):  # without a length
+        slope, bias, ripple = slope * [0, 1], bias * [1, 0, 1], (ripple[0], 0.0, ripple[2])
     return Actuator(
         name,
         line,
         gear,
-        float(model.actuator_gainprm[k, 0]),
-        model.actuator_biasprm[k, :3] * ([1, 1, 1] if reach is None else [1, 0, 0]) if affine else np.zeros(3),
-        tuple(model.actuator_ctrlrange[column].tolist()) if clamp else free,
-        tuple(model.actuator_forcerange[k].tolist()) if model.actuator_forcelimited[k] else free,
+        law.gains[0],
+        bias,
+        _bounds(model, column),
+        _force_range(model, k),
         armature,
         damping,
+        loads,
         reach,
         gain_slope=(float(slope[0]), float(slope[1])),
+        period=wrap_period(model, k, linkage),
+        ripple=ripple,
     )
+
+
+def _force_range(model: mujoco.MjModel, k: int) -> tuple[float, float]:
+    """What clamps an actuator's force: its own range, after that of a tendon that it drives alone."""
+    own = tuple(model.actuator_forcerange[k].tolist()) if model.actuator_forcelimited[k] else (-np.inf, np.inf)
+    if _transmission(model, k) != "tendon":
+        return own
+    low, high = np.clip(force_range(model, int(model.actuator_trnid[k, 0])), *own)
+    return float(low), float(high)
+
+
+def _feeder(model: mujoco.MjModel, k: int, column: int, number: int, name: str, sound: bool) -> Actuator:
+    """A further control of an actuator, ``number`` columns after its first."""
+    law, free = read_force_law(model, k), (-np.inf, np.inf)
+    gain = law.gains[number] if sound and isinstance(law, ForceLaw) else 0.0
+    bounds = _bounds(model, column)
+    return Actuator(name, -1, 0.0, gain, np.zeros(3), bounds, free, 0.0, 0.0, feeds=column - number)
+
+
+def _bounds(model: mujoco.MjModel, column: int) -> tuple[float, float]:
+    """Those of a control; infinite where it has none."""
+    if not model.actuator_ctrllimited[column] or model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL:
+        return -np.inf, np.inf
+    low, high = model.actuator_ctrlrange[column].tolist()
+    return low, high
+
+
+def _loads(model: mujoco.MjModel, k: int, line: int) -> tuple[int, ...]:
+    """The lines whose armature and damping an actuator adds to: a tendon, or all dofs of a joint."""
+    transmission, target = _transmission(model, k), int(model.actuator_trnid[k, 0])
+    if transmission == "tendon":
+        return (line,) if line >= 0 else ()
+    if transmission not in ("joint", "jointinparent"):
+        return ()
+    return tuple(np.flatnonzero(model.dof_jntid == target).tolist())
 
 
 def _transmission(model: mujoco.MjModel, k: int) -> str:
@@ -156,43 +217,28 @@ def _line(model: mujoco.MjModel, lines: Mapping[int, int], k: int) -> int:
 def _obstacle(model: mujoco.MjModel, lines: Mapping[int, int], k: int) -> str | None:
     """Why an actuator's transmission is not modelled; None if it is."""
     transmission, target = _transmission(model, k), int(model.actuator_trnid[k, 0])
-    if transmission == "site":
-        return "it drives a site relative to another one (refsite)" if model.actuator_trnid[k, 1] >= 0 else None
-    if transmission in ("joint", "body") or _line(model, lines, k) >= 0:
+    if transmission in ("joint", "jointinparent", "site", "slidercrank", "body") or _line(model, lines, k) >= 0:
         return None
     if transmission == "tendon":
         return f"it drives {name_of(model, 'tendon', target)}, a tendon that is not modelled"
-    if transmission == "jointinparent":
-        joint = name_of(model, "joint", target)
-        return f"it drives {joint}, a ball or free joint, in the parent's frame (give joint instead of jointinparent)"
     return f"it drives a {transmission}"
 
 
-def _gains(model: mujoco.MjModel, k: int) -> str | None:
-    """What depends on the length or velocity of an actuator's transmission; the length of a site is always 0."""
-    bias = model.actuator_biasprm[k]
-    ball = _transmission(model, k) == "joint" and int(model.jnt_type[model.actuator_trnid[k, 0]]) == (
-        mujoco.mjtJoint.mjJNT_BALL
-    )
-    if model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE:
-        if bias[1] and ball:
-            return "a position gain"
-        if bias[2]:
-            return "a velocity gain"
-    for field in ("actuator_armature", "actuator_damping"):
-        if (values := getattr(model, field, None)) is not None and np.any(values[k]):
-            return f"{field.removeprefix('actuator_')}"
-    return None
+def _needs_line(model: mujoco.MjModel, k: int) -> bool:
+    """Whether an actuator has several controls, or a force that changes with the length or velocity of its line."""
+    law = read_force_law(model, k)
+    return isinstance(law, ForceLaw) and (law.varies or len(law.gains) > 1)
+
+
+def feed_arrays(actuators: Sequence[Actuator]) -> dict[str, Any]:
+    """For the core: the controls that add to the force of each actuator."""
+    feeds = [[j for j, other in enumerate(actuators) if other.feeds == k] for k in range(len(actuators))]
+    return {
+        "feed_ptr": integers(np.cumsum([0, *map(len, feeds)])),
+        "feed_act": integers([j for each in feeds for j in each]),
+    }
 
 
 def force_limit(actuator: Actuator) -> float:
     """The largest force that an actuator may have, before its gear; UNLIMITED where the file sets none."""
     return float(min(np.abs(actuator.force).max(), UNLIMITED))
-
-
-def _unused(name: str, taken: list[str]) -> str:
-    choice, count = name, 1
-    while choice in taken:
-        count += 1
-        choice = f"{name}_{count}"
-    return choice

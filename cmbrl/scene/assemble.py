@@ -10,6 +10,7 @@ import numpy as np
 from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.contact_records import Candidate
 from cmbrl.scene.laws import CONTACT_LAWS
+from cmbrl.scene.linkages import Linkage, inverse_weights, linkage_arrays
 from cmbrl.scene.mjcf import limits_act
 from cmbrl.scene.records import WORLD, Array, JointKind, Tendon, Tree
 from cmbrl.scene.reduction import PlaneOfMotion
@@ -62,27 +63,38 @@ def tree_arrays(tree: Tree, plane: PlaneOfMotion | None) -> Arrays:
     }
 
 
-def line_arrays(model: mujoco.MjModel, tree: Tree, tendons: list[Tendon], plane: PlaneOfMotion | None) -> Arrays:
-    """Tendons, and dry friction and limits of joints and tendons."""
+def line_arrays(
+    model: mujoco.MjModel,
+    tree: Tree,
+    tendons: list[Tendon],
+    linkages: list[Linkage],
+    plane: PlaneOfMotion | None,
+) -> Arrays:
+    """Tendons and linkages, and dry friction and limits of joints and tendons."""
     source = [tendon.source for tendon in tendons]
     slack = np.diff(model.tendon_lengthspring[source]).reshape(-1)
+    dofs = [tendon.dofs for tendon in tendons] + [linkage.dofs for linkage in linkages]
+    coefs = [tendon.coefs for tendon in tendons] + [x.coefs or (0.0,) * len(x.dofs) for x in linkages]
+    more, moved = len(linkages), inverse_weights(model, linkages)  # without springs and dry friction
     return {
-        "tendon_ptr": integers(np.cumsum([0, *(len(tendon.dofs) for tendon in tendons)])),
-        "tendon_dof": integers([dof for tendon in tendons for dof in tendon.dofs]),
-        "tendon_coef": doubles([coef for tendon in tendons for coef in tendon.coefs], (-1,)),
-        **segment_arrays(tree, tendons, plane),
+        "tendon_ptr": integers(np.cumsum([0, *map(len, dofs)])),
+        "tendon_dof": integers([dof for each in dofs for dof in each]),
+        "tendon_coef": doubles([coef for each in coefs for coef in each], (-1,)),
+        **segment_arrays(tree, tendons, more, plane),
+        **linkage_arrays(linkages, int(model.nv) + len(tendons)),
         "line_soft": _stack(
             np.hstack([model.dof_solref, model.dof_solimp]),
             np.hstack([model.tendon_solref_fri[source], model.tendon_solimp_fri[source]]),
+            np.zeros((more, 7)),
         ),
-        "line_invweight": _stack(model.dof_invweight0, _tendon_weights(model)[source]),
-        "line_slack": _stack(np.zeros(model.nv), slack),
+        "line_invweight": _stack(model.dof_invweight0, _tendon_weights(model)[source], moved),
+        "line_slack": _stack(np.zeros(model.nv), slack, np.zeros(more)),
         **_limit_arrays(model, tree, tendons),
     }
 
 
-def _stack(of_dofs: Array, of_tendons: Array) -> Array:
-    return np.ascontiguousarray(np.concatenate([of_dofs, of_tendons]), dtype=np.float64)
+def _stack(*parts: Array) -> Array:
+    return np.ascontiguousarray(np.concatenate(parts), dtype=np.float64)
 
 
 def _tendon_weights(model: mujoco.MjModel) -> Array:
@@ -157,6 +169,7 @@ def contact_arrays(
         "con_dim": integers([law.dim for law in laws]),
         "con_law": integers([CONTACT_LAWS[contact_law]] * len(laws)),
         "con_pyramid": integers([pyramid * law.edges for law in laws]),
+        "con_ratio": doubles([law.ratios for law in laws], (-1, 2)),
         "con_impratio": doubles([float(model.opt.impratio)] * len(laws), (-1,)),
         "con_invweight": doubles([law.inverse_weight for law in laws], (-1,)),
         "con_margin": doubles([law.margin for law in laws], (-1,)),

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.activation import activation_arrays
+from cmbrl.scene.actuators import feed_arrays
 from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.assemble import contact_arrays, line_arrays, tree_arrays
 from cmbrl.scene.core_arrays import CoreArrays
@@ -84,12 +85,13 @@ def _core(
 ) -> tuple[CoreArrays, tuple[Parameter, ...]]:
     """The input of the native core, and the parameters that a fit may change."""
     tree, plane, candidates, grounds = parts.tree, parts.plane, parts.candidates, parts.grounds
-    tendons, actuators, nv, ntendon = parts.tendons, parts.actuators, int(model.nv), len(parts.tendons)
+    tendons, linkages, actuators, nv = parts.tendons, parts.linkages, parts.actuators, int(model.nv)
+    ntendon = len(tendons) + len(linkages)
     dimension, letters = (2, plane.letters) if plane else (3, ("x", "y", "z"))
     layout = Layout(dimension, len(tree.bodies), nv, len(candidates), len(grounds), len(actuators), ntendon)
     P = physical_vector(model, parts, layout, law)
     moves, masses, shapes = offer_parameters(model, parts, layout, letters, P, law.name)
-    lines = line_arrays(model, tree, tendons, plane)
+    lines = line_arrays(model, tree, tendons, linkages, plane)
     armatures = armatures_of(moves, layout, nv)
     core = CoreArrays(
         planar=plane is not None,
@@ -119,6 +121,9 @@ def _core(
         act_ctrl=doubles([a.control for a in actuators], (-1, 2)),
         act_force=doubles([a.force for a in actuators], (-1, 2)),
         act_gain=doubles([a.gain_slope for a in actuators], (-1, 2)),
+        act_period=doubles([a.period for a in actuators], (-1,)),
+        act_ripple=doubles([a.ripple for a in actuators], (-1, 3)),
+        **feed_arrays(actuators),
         **gyro_arrays(model),
         **parts.ranges,
         **parts.compensation.arrays(tree, plane),

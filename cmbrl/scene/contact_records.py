@@ -51,6 +51,7 @@ class ContactLaw:
     spin: float = 0.0  # [m] coefficient of torsional friction, about the normal
     roll: float = 0.0  # [m] of rolling friction, about both tangents
     reach: float = 0.0  # [m] the gap below which actuators pull at the contact; the margin where none does
+    ratios: tuple[float, float] = (1.0, 1.0)  # of sliding and of rolling friction, the second tangent's by the first's
 
     @property
     def edges(self) -> int:

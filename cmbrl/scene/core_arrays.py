@@ -1,12 +1,12 @@
 """Input of the C++ core: sizes, tree, tendons, contact candidates, limits, actuators, equality constraints, parameters.
 
-Shapes: nb moving bodies, nj joints, nc contacts, np planes, nl limits, na actuators, nt tendons, ns segments of them,
-ne ties (equality constraints), nf joints that clamp their actuators, nw actuators on several dofs, nx boxes and ny
-ellipsoids in a fluid, nk springs of ball joints, nh springs and dampers of higher powers, D = 2 (planar) or 3. Arrays
-are C-contiguous, int32 or float64. Index -1 is the world.
+Shapes: nb moving bodies, nj joints, nc contacts, np planes, nl limits, na actuators, nt tendons, nm linkages,
+ns segments of tendons, ne ties (equality constraints), nf joints that clamp their actuators, nw actuators on several
+dofs, nx boxes and ny ellipsoids in a fluid, nk springs of ball joints, nh springs and dampers of higher powers,
+D = 2 (planar) or 3. Arrays are C-contiguous, int32 or float64. Index -1 is the world.
 
 A line is what limits, springs, dry friction and actuators act along: number k < nv is a degree of freedom, number
-nv + k a tendon.
+nv + k a tendon or, after them, a linkage.
 """
 
 from __future__ import annotations
@@ -45,11 +45,12 @@ class CoreArrays:
     nlift: int  # bodies with gravity compensation
     nstate: int
     nwide: int
+    nlink: int
     nbox: int
     nellipsoid: int
     nballspring: int
     npower: int
-    ntendon: int
+    ntendon: int  # with the linkages, which come last
     nseg: int
     nwrap: int
     ntie: int
@@ -89,6 +90,18 @@ class CoreArrays:
     wrap_radius: Array  # (nw,)
     wrap_site_body: Integers  # (nw,)
     wrap_site: Array  # (nw, 3) the side to go on, or a place inside to go through
+    link_line: Integers  # (nm,) its line
+    link_kind: Integers  # (nm,) a LinkageKind
+    link_A: Integers  # (nm,) a body; of a ball joint, where its quaternion stands in q
+    link_B: Integers  # (nm,) a body, or -1: the world
+    link_turns: Integers  # (nm,) whether its wrench has a torque; of a ball joint, whether its axis is the parent's
+    link_posA: Array  # (nm, 3)
+    link_posB: Array  # (nm, 3)
+    link_rotA: Array  # (nm, 9)
+    link_rotB: Array  # (nm, 9)
+    link_force: Array  # (nm, 3) of a slider-crank: its axis
+    link_torque: Array  # (nm, 3)
+    link_rod: Array  # (nm,)
     line_soft: Array  # (nv + nt, 7) solref, solimp of dry friction
     line_invweight: Array  # (nv + nt,)
     line_slack: Array  # (nv + nt,) lengths over which the spring does not pull, from its reference on
@@ -134,6 +147,7 @@ class CoreArrays:
     con_dim: Integers  # (nc,) 1, 3, 4 or 6
     con_law: Integers  # (nc,) a value of CONTACT_LAWS
     con_pyramid: Integers  # (nc,) number of edges; 0: a round cone
+    con_ratio: Array  # (nc, 2) of sliding and of rolling friction: the second tangent's by the first's
     con_impratio: Array  # (nc,)
     con_invweight: Array  # (nc,)
     con_margin: Array  # (nc,)
@@ -143,10 +157,14 @@ class CoreArrays:
     con_power: Array  # (nc,)
     plane_normal: Array  # (np, D)
 
-    act_line: Integers  # (na,) -1: on several dofs, as told by wide_
+    act_line: Integers  # (na,) -1: on several dofs, as told by wide_, or a further control
     act_ctrl: Array  # (na, 2)
     act_force: Array  # (na, 2)
     act_gain: Array  # (na, 2) how the gain on the control changes with length and with velocity
+    act_period: Array  # (na,) by which a target wraps to what is nearest to the length; 0: it does not
+    act_ripple: Array  # (na, 3) amplitude, count and phase of a force by length
+    feed_ptr: Integers  # (na + 1,) where the further controls of each actuator begin
+    feed_act: Integers  # they add to its force, and have no line
 
     act_state: Integers  # (na,) number of its activation, or -1
     state_act: Integers  # (nx,) actuators with an activation

@@ -8,12 +8,13 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.contact_records import Candidate, ContactKind, When
+from cmbrl.scene.force_laws import ForceLaw, read_force_law
 from cmbrl.scene.gyro import gyro_arrays
 from cmbrl.scene.mjcf import limits_act, name_of
 from cmbrl.scene.records import Array, LeftOut, Tendon
 from cmbrl.scene.shapes import hull_points, hull_vertices
 from cmbrl.scene.stand_ins import StandIn
-from cmbrl.scene.tendons import armature_of
+from cmbrl.scene.tendons import armature_of, force_range
 
 _MESH = mujoco.mjtGeom.mjGEOM_MESH
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
@@ -140,8 +141,14 @@ def _limits(model: mujoco.MjModel) -> Iterator[LeftOut]:
 
 
 def _tendons(model: mujoco.MjModel, tendons: list[Tendon], integrator: str) -> Iterator[LeftOut]:
-    """Of tendons over several branches, whose terms between branches are not in MuJoCo's mass matrix."""
+    """Of tendons with a force range, and of those over several branches.
+
+    Terms between branches are not in MuJoCo's mass matrix.
+    """
     for tendon in tendons:
+        if integrator != "euler" and np.isfinite(force_range(model, tendon.source)[0]):
+            why = "where its force range clamps, velocity gains end; in MuJoCo they damp on"
+            yield LeftOut("tendon", tendon.name, why)
         chain, dof = set(), tendon.dofs[-1]
         while dof >= 0:
             chain.add(dof)
@@ -166,7 +173,8 @@ def _stepping(model: mujoco.MjModel, integrator: str, contact_law: str) -> Itera
         return
     of_mujoco = f"at steps longer than {model.opt.timestep:g} s, or where damping is very strong and rows look ahead, "
     when = of_mujoco if contact_law == "mujoco" else ""
-    servos = integrator == "implicit" and np.any(model.actuator_biasprm[:, 2])
+    laws = [read_force_law(model, k) for k in range(len(model.actuator_trntype))]
+    servos = integrator == "implicit" and any(isinstance(law, ForceLaw) and law.bias[2] for law in laws)
     if np.any(model.dof_damping) or servos:
         why = f"{when}damping is implicit in the contact solve too; MuJoCo adds it afterwards"
         yield LeftOut("integrator", integrator, why)

@@ -19,6 +19,8 @@ from cmbrl.errors import UserError, did_you_mean
 from cmbrl.numbers import one_of, real
 from cmbrl.scene.mjcf import name_of
 
+_REPLACEABLE = (int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtGain.mjGAIN_AFFINE))
+
 
 @dataclass(frozen=True)
 class Drive:
@@ -75,7 +77,7 @@ def write_drives(spec: mujoco.MjSpec, drives: Sequence[Drive], label: str) -> No
 
 
 def _numbered(model: mujoco.MjModel, drives: Sequence[Drive], label: str) -> list[tuple[int, Drive]]:
-    names = [name_of(model, "actuator", k) for k in range(model.nu)]
+    names = [name_of(model, "actuator", k) for k in range(len(model.actuator_trntype))]
     found: dict[int, Drive] = {}
     for drive in drives:
         meant = [k for k, name in enumerate(names) if drive.actuator == name]
@@ -89,6 +91,8 @@ def _numbered(model: mujoco.MjModel, drives: Sequence[Drive], label: str) -> lis
         single = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
         if kind != mujoco.mjtTrn.mjTRN_JOINT or int(model.jnt_type[joint]) not in single:
             raise UserError(f"{label}: a drive needs an actuator on a hinge or slide, and {names[k]!r} is on none")
+        if int(model.actuator_gaintype[k]) not in _REPLACEABLE:
+            raise UserError(f"{label}: {names[k]!r} is a motor or controller with a law of its own, not to be replaced")
     return list(found.items())
 
 

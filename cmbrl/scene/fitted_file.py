@@ -126,6 +126,12 @@ def _by_meaning(scene: Scene, P: Array, softness: Array) -> Array:
     for k, actuator in enumerate(core.wide_act.tolist()):  # a gear there is relative to the file's
         arms = core.wide_coef[core.wide_ptr[k] : core.wide_ptr[k + 1]]
         P[scene.layout.actuator(actuator, "gear")] *= np.linalg.norm([*core.wide_local[k], *arms])
+    for k, line in enumerate(core.link_line.tolist()):
+        arms = core.tendon_coef[core.tendon_ptr[line - scene.nv] : core.tendon_ptr[line - scene.nv + 1]]
+        for actuator in np.flatnonzero(core.act_line == line):
+            P[scene.layout.actuator(int(actuator), "gear")] *= np.linalg.norm(
+                [*core.link_force[k], *core.link_torque[k], *arms]
+            )
     blocks = P[first:].reshape(-1, len(CONTACT_FIELDS))
     if scene.contact_law == "mujoco":
         blocks = meaning(blocks, softness)

@@ -25,6 +25,9 @@ from cmbrl.scene.scene import Scene
 
 _ROUND = (int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE))  # the first size is the radius
 
+_GAINS = (int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtGain.mjGAIN_AFFINE))
+_BIASES = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
+
 
 @dataclass(frozen=True)
 class FittedSpec:
@@ -93,25 +96,25 @@ class FittedSpec:
             if not change.any():
                 continue
             element, gear = self._element("actuators", k), self.model.actuator_gear[k].copy()
-            if self.scene.core.act_line[column] >= 0:
-                gear[0] += change[0]
-            else:
-                gear *= self.P[at]  # relative to the file's
+            if nominal := self.scene.core.P[at]:
+                gear *= self.P[at] / nominal  # of all that it turns and pushes
             if change[6]:
                 low, high = self.scene.core.act_force[column]
                 element.forcerange = max(low, -self.P[at + 6]), min(high, self.P[at + 6])
                 element.forcelimited = int(mujoco.mjtLimited.mjLIMITED_TRUE)
             gain, bias = self.model.actuator_gainprm[k].copy(), self.model.actuator_biasprm[k].copy()
-            gain[0] += change[1]
-            bias[:3] += change[2:5]
+            if int(self.model.actuator_gaintype[k]) in _GAINS:  # a pid takes its gains from the bias
+                gain[0] += change[1]
+            if int(self.model.actuator_biastype[k]) in _BIASES:
+                bias[:3] += change[2:5]
             element.dynprm[0] += change[5]
             element.gear, element.gainprm[:], element.biasprm[:] = gear, gain, bias
 
     def _columns(self) -> Iterator[tuple[int, int]]:
-        """Column of u and number in the file of every actuator of one control."""
+        """The first column of u, and the number in the file, of every actuator that has one."""
         counts = getattr(self.model, "actuator_ctrlnum", np.ones(len(self.model.actuator_trntype), dtype=int))
         first = np.cumsum([0, *counts])
-        yield from ((int(first[k]), k) for k, count in enumerate(counts) if count == 1)
+        yield from ((int(first[k]), k) for k, count in enumerate(counts) if count)
 
     def _world(self) -> None:
         """Gravity and the heights of planes."""

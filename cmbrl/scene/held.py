@@ -14,7 +14,7 @@ import numpy as np
 
 from cmbrl.errors import UserError
 from cmbrl.scene.fitted_file import fix_paths
-from cmbrl.scene.mjcf import name_of
+from cmbrl.scene.mjcf import controlled, name_of
 from cmbrl.scene.robot_source import compile_robot, quiet
 from cmbrl.text import did_you_mean
 
@@ -150,13 +150,13 @@ def _keep_keyframes(
         joint = model.joint(name)
         q[joint.qposadr[0] : joint.qposadr[0] + len(joint.qpos0)] = False
         v[joint.dofadr[0] : joint.dofadr[0] + len(joint.damping)] = False
-    driven = [_driven(model, k) for k in range(model.nu)]
-    u = np.array([name not in gone[kind] for kind, name in driven], dtype=bool)
+    driven = [_driven(model, k) for k in range(len(model.actuator_trntype))]
+    stay = np.array([name not in gone[kind] for kind, name in driven], dtype=bool)
     a = np.ones(model.na, dtype=bool)
-    for k in np.flatnonzero(~u):
+    for k in np.flatnonzero(~stay):
         a[model.actuator_actadr[k] : model.actuator_actadr[k] + model.actuator_actnum[k]] = False
     for key in spec.keys:
-        for name, stays in (("qpos", q), ("qvel", v), ("ctrl", u), ("act", a)):
+        for name, stays in (("qpos", q), ("qvel", v), ("ctrl", stay[controlled(model)]), ("act", a)):
             if len(numbers := np.asarray(getattr(key, name))) == len(stays):
                 setattr(key, name, numbers[stays])
 

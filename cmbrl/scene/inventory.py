@@ -8,6 +8,7 @@ import numpy as np
 
 from cmbrl.scene import angles
 from cmbrl.scene.activation import Dynamics
+from cmbrl.scene.linkages import LinkageKind
 from cmbrl.scene.records import WORLD, TieKind
 from cmbrl.scene.scene import Scene
 
@@ -120,9 +121,14 @@ def limited(scene: Scene) -> list[str]:
 
 def driven(scene: Scene, k: int) -> str:
     """What an actuator drives: a coordinate, a tendon, a body at a site or its contacts, or a joint's coordinates."""
-    core = scene.core
-    if core.act_line[k] >= 0:
+    core, line = scene.core, int(scene.core.act_line[k])
+    if line >= len(scene.line_names):
+        return _linkage(scene, core.link_line.tolist().index(line))
+    if line >= 0:
         return scene.line_names[core.act_line[k]]
+    if k in core.feed_act:
+        main = int(np.searchsorted(core.feed_ptr, core.feed_act.tolist().index(k), side="right")) - 1
+        return driven(scene, main)
     wide = core.wide_act.tolist().index(k)
     if core.grip_ptr[wide] < core.grip_ptr[wide + 1]:
         return f"contacts of {scene.body_names[core.wide_body[wide]] if core.wide_body[wide] >= 0 else 'the world'}"
@@ -130,6 +136,18 @@ def driven(scene: Scene, k: int) -> str:
         return f"body {scene.body_names[core.wide_body[wide]]}"
     dofs = core.wide_dof[core.wide_ptr[wide] : core.wide_ptr[wide + 1]]
     return f"{scene.coordinate_names[dofs[0]]} to {scene.coordinate_names[dofs[-1]]}" if len(dofs) else "the world"
+
+
+def _linkage(scene: Scene, k: int) -> str:
+    """What moves along a line that is neither a coordinate nor a tendon."""
+    core, kind = scene.core, LinkageKind(int(scene.core.link_kind[k]))
+    if kind in (LinkageKind.BALL, LinkageKind.CONSTANT):
+        tendon = int(core.link_line[k]) - scene.nv
+        dofs = core.tendon_dof[core.tendon_ptr[tendon] : core.tendon_ptr[tendon + 1]]
+        return f"{scene.coordinate_names[dofs[0]]} to {scene.coordinate_names[dofs[-1]]}"
+    a, b = (scene.body_names[x] if x >= 0 else "the world" for x in (core.link_A[k], core.link_B[k]))
+    word = "a slider-crank of" if kind == LinkageKind.SLIDER_CRANK else "sites of"
+    return f"{word} {a} and {b}" if kind != LinkageKind.ON_SITE else f"body {a}"
 
 
 def activation(scene: Scene, k: int) -> dict[str, Any] | None:

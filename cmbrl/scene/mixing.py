@@ -117,16 +117,20 @@ def contact_law(model: mujoco.MjModel, first: int, second: int, pair: int, gate:
         lost = "torsional friction" if dim == 4 else "torsional and rolling friction"
         gate.refuse("condim", label, f"condim {dim} as 3: no {lost}")
         dim = 3
-    for least, one, other in ((3, 0, 1), (6, 3, 4)):
-        if dim >= least and friction[one] != friction[other]:
-            why = f"{'friction' if one == 0 else 'rolling friction'} {friction[one]:g} {friction[other]:g}"
-            gate.refuse("friction_anisotropic", label, why, "the first applies")
+    ratios = [1.0, 1.0]
+    for k, (least, one, other) in enumerate(((3, 0, 1), (6, 3, 4))):
+        if dim < least or friction[one] == friction[other]:
+            continue
+        why = f"{'friction' if one == 0 else 'rolling friction'} {friction[one]:g} {friction[other]:g}"
+        if not gate.drops("friction_anisotropic", label, why, "the first applies"):
+            friction[[one, other]] = np.maximum(friction[[one, other]], _LEAST_FRICTION)
+            ratios[k] = float(friction[other] / friction[one])
     bodies = [int(model.geom_bodyid[geom]) for geom in (first, second)]
     weight = sum(inverse_weight(model, body) for body in bodies)
     reach = own.margin + (own.gap if adhesive_bodies(model).intersection(bodies) else 0.0)
     slide = float(friction[0]) if dim > 1 else 0.0
     spin, roll = (max(float(friction[k]), _LEAST_FRICTION) if dim > k else 0.0 for k in (2, 3))
-    return ContactLaw(dim, slide, own.solref, own.solimp, own.margin, weight, spin, roll, reach)
+    return ContactLaw(dim, slide, own.solref, own.solimp, own.margin, weight, spin, roll, reach, (ratios[0], ratios[1]))
 
 
 def inverse_weight(model: mujoco.MjModel, body: int) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from cmbrl.scene.manifold import quaternion_matrix
 from cmbrl.scene.records import WORLD, Array, Body, Frame, Joint, JointKind, Tree
@@ -34,6 +35,31 @@ def name_of(model: mujoco.MjModel, kind: str, number: int) -> str:
         body = int(model.geom_bodyid[number])
         return f"{name_of(model, 'body', body)}_geom{number - model.body_geomadr[body]}"
     return f"{kind}{number}"
+
+
+def controlled(model: mujoco.MjModel) -> NDArray[np.int64]:
+    """The actuator of each control (nu,); in recent versions of MuJoCo one may have several, or none."""
+    count = len(model.actuator_trntype)
+    return np.repeat(np.arange(count), getattr(model, "actuator_ctrlnum", np.ones(count, dtype=int)))
+
+
+def control_names(model: mujoco.MjModel) -> list[str]:
+    """Names (nu,) of the controls: that of the actuator, with a number where it has several, or is not the first."""
+    owners, names = controlled(model).tolist(), list[str]()
+    for at, k in enumerate(owners):
+        number = f"_{at - owners.index(k)}" * (owners.count(k) > 1)
+        name = choice = name_of(model, "actuator", k) + number
+        count = 1
+        while choice in names:
+            count += 1
+            choice = f"{name}_{count}"
+        names.append(choice)
+    return names
+
+
+def act_addresses(model: mujoco.MjModel, controls: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Where the activations of the actuators of these controls stand in MuJoCo's ``act``."""
+    return np.asarray(model.actuator_actadr[controlled(model)[controls]])
 
 
 def read_tree(model: mujoco.MjModel) -> Tree:

@@ -14,6 +14,7 @@ from cmbrl.scene.contacts import ContactBuilder
 from cmbrl.scene.fluid import Box, oblique_box, read_boxes
 from cmbrl.scene.fluid_ellipsoids import Ellipsoid, read_ellipsoids
 from cmbrl.scene.joint_forces import Compensation, force_ranges, read_compensation
+from cmbrl.scene.linkages import Linkage
 from cmbrl.scene.mjcf import name_of, read_tree
 from cmbrl.scene.records import Tendon, Tie, Tree
 from cmbrl.scene.reduction import PlaneOfMotion, find_plane, merge_points, obstacle_to_plane, project
@@ -39,6 +40,7 @@ class Parts:
     tendons: list[Tendon]
     ties: list[Tie]
     actuators: list[Actuator]
+    linkages: list[Linkage]
     boxes: list[Box]
     ellipsoids: list[Ellipsoid]
     ranges: dict[str, Any]
@@ -63,11 +65,11 @@ def read_parts(compiled: Compiled, gate: Gate, reduce: bool, self_contact: str) 
     tendons = read_tendons(model, tree, gate)
     lines = lines_of(model, tendons)
     ties = read_ties(model, tree, lines, gate)
-    actuators = read_actuators(model, tree, lines, gate)
+    actuators, linkages = read_actuators(model, tree, lines, gate)
     ranges = force_ranges(model, gate)
     compensation = read_compensation(model, tree, gate)
     gate.close()
-    if plane and (obstacle := _obstacle(model, tree, plane, contacts.candidates, tendons, ties)):
+    if plane and (obstacle := _obstacle(model, tree, plane, contacts.candidates, tendons, linkages, ties)):
         plane, why = None, obstacle
         again = Gate(gate.file, gate.ignore)
         contacts = ContactBuilder(model, tree, normal, again, self_contact=self_contact)  # with rims
@@ -87,6 +89,7 @@ def read_parts(compiled: Compiled, gate: Gate, reduce: bool, self_contact: str) 
         tendons,
         ties,
         actuators,
+        linkages,
         boxes,
         ellipsoids,
         ranges,
@@ -100,10 +103,16 @@ def _obstacle(
     plane: PlaneOfMotion,
     candidates: list[Candidate],
     tendons: list[Tendon],
+    linkages: list[Linkage],
     ties: list[Tie],
 ) -> str | None:
-    """Why contacts, tendons or ties of a planar tree need spatial algebra, naming the first; None if they do not."""
+    """Why what acts on a planar tree needs spatial algebra, naming the first; None if nothing does."""
+    if linkages:
+        return f"{linkages[0].name} acts along no joint or tendon"
     for c in candidates:
+        if c.law.ratios != (1.0, 1.0):
+            names = " - ".join(name_of(model, "geom", geom) for geom in c.geoms)
+            return f"friction has a direction ({names})"
         up = read_shape(model, c.geoms[1], tree.frames).rot[:, 2] if c.kind.on_plane else None
         if reason := obstacle_to_plane(tree, plane, c, up):
             return f"{reason} ({name_of(model, 'geom', c.geoms[0])} - {name_of(model, 'geom', c.geoms[1])})"

@@ -76,14 +76,14 @@ def _write_tendons(P: Array, layout: Layout, model: mujoco.MjModel, tendons: lis
 
 
 def _write_actuators(P: Array, layout: Layout, actuators: list[Actuator]) -> None:
-    """Those on one line add to its armature and damping."""
+    """They add to the armature and damping of what they drive."""
     for k, actuator in enumerate(actuators):
         first = layout.actuator(k)
         time = actuator.activation.time_constant if actuator.activation else 0.0
         P[first : first + 7] = [actuator.gear, actuator.gain, *actuator.bias, time, force_limit(actuator)]
-        if actuator.reach is None:
-            P[layout.dof(actuator.line, "armature")] += actuator.armature
-            P[layout.dof(actuator.line, "damping")] += actuator.damping
+        for line in actuator.loads:
+            P[layout.dof(line, "armature")] += actuator.armature
+            P[layout.dof(line, "damping")] += actuator.damping
 
 
 def _write_contacts(P: Array, layout: Layout, candidates: list[Candidate], law: LawChoice) -> None:

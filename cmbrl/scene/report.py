@@ -106,8 +106,8 @@ def _of_tendon(scene: Scene, tendon: int) -> NDArray[np.int32]:
 
 def _tendon_and_tie_lines(scene: Scene) -> list[str]:
     core, lines = scene.core, []
-    if core.ntendon:
-        lines.append(f"  tendons      {core.ntendon}" + listed(_tendon_line(scene, k) for k in range(core.ntendon)))
+    if count := len(scene.tendon_names):
+        lines.append(f"  tendons      {count}" + listed(_tendon_line(scene, k) for k in range(count)))
     if core.ntie:
         ties = (
             f"{name} ({inventory.TIES[core.tie_type[k]]} of {' and '.join(inventory.ends(scene, k))})"

@@ -44,7 +44,17 @@ def check_joints(model: mujoco.MjModel, gate: Gate) -> None:
 def powers(model: mujoco.MjModel, field: str, rows: int) -> Array:
     """Coefficients (rows, 2) of the higher powers; zeros if this version of MuJoCo lacks them."""
     values = getattr(model, field, None)
-    return np.zeros((rows, 2)) if values is None else np.asarray(values).reshape(rows, -1)[:, :2]
+    return np.zeros((rows, 2)) if values is None or not rows else np.asarray(values).reshape(rows, -1)[:, :2]
+
+
+def _of_actuators(model: mujoco.MjModel) -> Array:
+    """Coefficients (nv, 2) of the nonlinear damping that actuators add to the dofs of their joints."""
+    found, on_joint = np.zeros((model.nv, 2)), (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+    own = powers(model, "actuator_dampingpoly", len(model.actuator_trntype))
+    for k in np.flatnonzero(own.any(axis=1)):
+        if int(model.actuator_trntype[k]) in [int(kind) for kind in on_joint]:
+            found[model.dof_jntid == model.actuator_trnid[k, 0]] += own[k] * model.actuator_gear[k, 0] ** 2
+    return found
 
 
 def spring_arrays(model: mujoco.MjModel, tree: Tree) -> dict[str, Any]:
@@ -53,7 +63,7 @@ def spring_arrays(model: mujoco.MjModel, tree: Tree) -> dict[str, Any]:
     balls = [j for j in tree.joints if j.kind == JointKind.BALL and model.jnt_stiffness[j.source]]
     balls = balls if not flags & off.mjDSBL_SPRING else []
     stiffness = powers(model, "jnt_stiffnesspoly", model.njnt)[model.dof_jntid] * (not flags & off.mjDSBL_SPRING)
-    damping = powers(model, "dof_dampingpoly", model.nv) * (not flags & off.mjDSBL_DAMPER)
+    damping = (powers(model, "dof_dampingpoly", model.nv) + _of_actuators(model)) * (not flags & off.mjDSBL_DAMPER)
     coefs = np.hstack([stiffness, damping])
     bent = np.flatnonzero(coefs.any(axis=1))
     references = [model.qpos_spring[j.qadr : j.qadr + 4] for j in balls]

@@ -13,20 +13,20 @@ from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import LeftOut
 
 KINDS = {  # those below "supported" are modelled, and left out only if they are ignored
-    "tendon": "armature, polynomials and force ranges of tendons",
+    "tendon": "polynomials of tendons, armature of those through sites, force ranges of several actuators together",
     "equality": "equality constraints of deformable bodies",
     "flex": "deformable bodies",
     "plugin": "engine plugins",
     "actuator_dynamics": "muscles, delays and other states of actuators (integrators and filters are supported)",
-    "actuator_transmission": "actuators on something else than a joint, a tendon or a site",
-    "actuator_bias": "actuators with a force other than gain ctrl + bias0 + bias1 length + bias2 velocity",
+    "actuator_transmission": "actuators on three axes at once (so3), or on a tendon that nothing moves",
+    "actuator_bias": "forces of actuators other than MuJoCo's affine ones, pid and dcmotor without a state",
     "geom_type": "contact with height fields and SDFs, and planes that move",
     "geom_pair": "contact of two bodies by shapes that need several points or a stand-in (supported unless ignored)",
-    "friction_anisotropic": "pairs with two different sliding or rolling frictions (if ignored, the first applies)",
     "adhesion": "contact adhesion",
     "surface_velocity": "moving surfaces",
     "integrator": "MuJoCo's discrete integrator",
     # supported
+    "friction_anisotropic": "pairs with two different sliding or rolling frictions (if ignored, the first applies)",
     "condim": "torsional and rolling friction (if ignored, condim 4 and 6 are 3)",
     "joint_limit_ball": "limits on ball joints",
     "fluid": "fluid forces: density, viscosity, wind",

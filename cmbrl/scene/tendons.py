@@ -7,6 +7,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.mjcf import ignores, name_of
@@ -41,8 +42,11 @@ def lines_of(model: mujoco.MjModel, tendons: list[Tendon]) -> Mapping[int, int]:
     return {tendon.source: int(model.nv) + k for k, tendon in enumerate(tendons)}
 
 
-def segment_arrays(tree: Tree, tendons: list[Tendon], plane: PlaneOfMotion | None) -> dict[str, Any]:
-    """The segments of tendons, in the plane of motion if there is one, and what they go around."""
+def segment_arrays(tree: Tree, tendons: list[Tendon], more: int, plane: PlaneOfMotion | None) -> dict[str, Any]:
+    """The segments of tendons, in the plane of motion if there is one, and what they go around.
+
+    After the tendons come ``more`` lines without any.
+    """
     segments = [segment for tendon in tendons for segment in tendon.segments]
     dimension = 2 if plane else 3
 
@@ -50,7 +54,7 @@ def segment_arrays(tree: Tree, tendons: list[Tendon], plane: PlaneOfMotion | Non
         return doubles([plane.local(tree, *end) if plane else end[1] for end in ends], (-1, dimension))
 
     return {
-        "seg_ptr": integers(np.cumsum([0, *(len(tendon.segments) for tendon in tendons)])),
+        "seg_ptr": integers(np.cumsum([0, *(len(tendon.segments) for tendon in tendons), *[0] * more])),
         "seg_A": integers([s.body_a for s in segments]),
         "seg_B": integers([s.body_b for s in segments]),
         "seg_posA": points([(s.body_a, s.pos_a) for s in segments]),
@@ -169,7 +173,7 @@ def _forces(model: mujoco.MjModel, k: int) -> list[str]:
 
 def _is_used(model: mujoco.MjModel, k: int) -> bool:
     """Whether an actuator or an active equality constraint acts along a tendon."""
-    driven = (model.actuator_trntype == _TENDON) & (model.actuator_trnid[:, 0] == k)
+    driven = _drivers(model, k)
     ties = (model.eq_type == mujoco.mjtEq.mjEQ_TENDON) & (model.eq_active0 != 0)
     tied = ties & ((model.eq_obj1id == k) | (model.eq_obj2id == k))
     return bool(np.any(driven) or np.any(tied))
@@ -181,15 +185,28 @@ def _check(model: mujoco.MjModel, k: int, name: str, gate: Gate) -> None:
     for field in ("stiffness", "damping"):
         if _any(model, f"tendon_{field}poly", k):
             gate.refuse("tendon", name, f"nonzero {field} polynomial", "reduced to the linear term")
-    if _any(model, "tendon_actfrclimited", k):
+    if _any(model, "tendon_actfrclimited", k) and np.count_nonzero(_drivers(model, k)) > 1:
         low, high = model.tendon_actfrcrange[k]
-        gate.refuse("tendon", name, f"actuatorfrcrange {low:g} {high:g}", "forces are not clamped")
+        why = f"actuatorfrcrange {low:g} {high:g} of several actuators together"
+        gate.refuse("tendon", name, why, "forces are not clamped")
+
+
+def _drivers(model: mujoco.MjModel, k: int) -> NDArray[np.bool_]:
+    return np.asarray((model.actuator_trntype == _TENDON) & (model.actuator_trnid[:, 0] == k))
+
+
+def force_range(model: mujoco.MjModel, k: int) -> tuple[float, float]:
+    """Of the actuator that drives a tendon alone; infinite where the tendon has none."""
+    if not _any(model, "tendon_actfrclimited", k) or np.count_nonzero(_drivers(model, k)) > 1:
+        return -np.inf, np.inf
+    low, high = model.tendon_actfrcrange[k].tolist()
+    return low, high
 
 
 def armature_of(model: mujoco.MjModel, k: int) -> float:
     """That of a tendon and of its actuators; in recent versions of MuJoCo."""
     of_actuators = getattr(model, "actuator_armature", np.zeros(len(model.actuator_trntype)))
-    driven = (model.actuator_trntype == _TENDON) & (model.actuator_trnid[:, 0] == k)
+    driven = _drivers(model, k)
     gear = model.actuator_gear[driven, 0]
     own = getattr(model, "tendon_armature", np.zeros(model.ntendon))[k]
     return float(own + np.sum(of_actuators[driven] * gear**2))

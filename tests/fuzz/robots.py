@@ -9,9 +9,9 @@ import numpy as np
 
 THEMES = (
     "actfrc", "activation", "adhesion", "armature", "ball", "compiler", "condim", "contype", "curved", "direct",
-    "disabled", "elliptic", "equality", "fluid", "free", "gravcomp", "limits", "loose", "loss", "margin",
-    "mesh", "multi", "override", "pairs", "poly", "refsafe", "servo", "site", "slide", "softness", "spring",
-    "tendon", "varying", "wrap",
+    "disabled", "elliptic", "equality", "fluid", "free", "gravcomp", "limits", "linkage", "loose", "loss", "margin",
+    "mesh", "motor", "multi", "override", "pairs", "poly", "refsafe", "servo", "site", "skewed", "slide", "softness",
+    "spring", "tendon", "varying", "wrap",
 )  # fmt: skip
 SHARE = 0.35  # of files, for each theme
 INTEGRATORS = ("Euler", "implicit", "implicitfast", "RK4")
@@ -157,8 +157,11 @@ class Robots:
         if not self.has("pairs") or len(self.geoms) < 2:
             return ""
         first, second = self.rng.permutation(self.geoms)[:2]
-        friction = self.u(0.1, 1)
-        pair = f'<pair geom1="{first}" geom2="{second}" friction="{friction} {friction}"{self.soft("")}/>'
+        slides, rolls = [self.u(0.1, 1)] * 2, [self.log(0.0001, 0.01)] * 2
+        if self.has("skewed", 1):
+            slides, rolls = [self.u(0.1, 1) for _ in range(2)], [self.log(0.0001, 0.01) for _ in range(2)]
+        friction, dim = " ".join([*slides, ".01", *rolls]), self.one_of("3", "4", "6")
+        pair = f'<pair geom1="{first}" geom2="{second}" friction="{friction}" condim="{dim}"{self.soft("")}/>'
         one, other = self.rng.permutation([*self.bodies, "world"])[:2]
         return f'<contact>{pair}<exclude body1="{one}" body2="{other}"/></contact>'
 
@@ -212,12 +215,25 @@ class Robots:
             out += f'<motor site="{self.one_of(*self.sites)}" gear="{self.u(-2, 2, 6)}" ctrlrange="-1 1"/>'
         if self.balls:
             out += f'<motor joint="{self.one_of(*self.balls)}" gear="{self.u(-2, 2, 3)}" ctrlrange="-1 1"/>'
+        if self.has("linkage", 1):
+            out += "".join(self.actuator(target) for target in self.linkages())
         if self.has("adhesion", 1):
             out += f'<adhesion body="{self.one_of(*self.bodies, "world")}" gain="{self.log(1, 30)}" ctrlrange="0 1"/>'
         return f"<actuator>{out}</actuator>"
 
+    def linkages(self) -> list[str]:
+        """What actuators drive between two sites, or of a ball joint."""
+        found = [f'{self.one_of("joint", "jointinparent")}="{self.one_of(*self.balls)}"'] * bool(self.balls)
+        if len(self.sites) > 1:
+            one, other = self.rng.permutation(self.sites)[:2]
+            found += [f'site="{one}" refsite="{other}"', f'site="{one}"']
+            found += [f'cranksite="{one}" slidersite="{other}" cranklength="{self.log(0.05, 1)}"']
+        return found
+
     def actuator(self, target: str) -> str:
         gear = f' gear="{self.one_of("-", "")}{self.log(0.3, 3)}"'
+        if target.startswith("site"):
+            gear = f' gear="{self.one_of("0 0 0", self.u(-2, 2, 3))} {self.one_of("0 0 0", self.u(-2, 2, 3))}"'
         common = gear + self.some(0.6, f'ctrlrange="-{self.log(0.3, 3)} {self.log(0.3, 3)}"')
         common += self.some(0.3, f'forcerange="-{self.log(1, 30)} {self.log(1, 30)}"')
         common += self.some(0.3, f'group="{self.one_of("0", "1")}"')
@@ -236,6 +252,15 @@ class Robots:
                 f'<general {target} dyntype="{kind}" dynprm="{self.log(0.01, 0.3)}" {bias}{limits}{early}{common}/>'
             ]
             kinds += [f'<cylinder {target} timeconst="{self.log(0.01, 0.3)}" area="{self.log(0.3, 3)}"{common}/>']
+        if self.has("motor", 1):
+            shape = f'motorconst="{self.log(0.05, 0.5)}" resistance="{self.log(0.5, 5)}"{gear}'
+            inputs = self.one_of("pos", "pos vel", "vel ff", "pos vel ff")
+            gains = f'controller="{self.log(2, 200)} 0 {self.log(0.1, 5)} 0 0 0"'
+            kinds += [f'<dcmotor {target} {shape} cogging="{self.u(0, 0.3)} 6 {self.u(-1, 1)}"/>']
+            kinds += [
+                f'<dcmotor {target} {shape} input="{inputs} voltage" {gains} saturation="{self.log(1, 30)} 0 0"/>'
+            ]
+            kinds += [f'<pid {target} kp="{self.log(2, 200)}" kv="{self.log(0.1, 5)}" input="{inputs}"{common}/>']
         if self.has("varying", 1):
             kinds += [f'<general {target} gaintype="affine" gainprm="{self.u(1, 9)} -2 -.3"{common}/>']
             kinds += [f'<damper {target} kv="{self.log(0.2, 5)}" ctrlrange="0 {self.log(0.3, 3)}"{gear}/>']

@@ -20,6 +20,7 @@ from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.native import SolverStatus
 from cmbrl.scene import Scene
+from cmbrl.scene.mjcf import act_addresses
 from cmbrl.scene.robot_source import quiet
 
 from .robots import Robots
@@ -67,7 +68,7 @@ def errors(model: mujoco.MjModel, seed: int) -> np.ndarray:
     for k in range(STATES):
         mujoco.mj_resetData(model, data)
         data.qpos[:], data.qvel[:], data.ctrl[:] = q[k], v[k], u[k, : model.nu]
-        data.act[model.actuator_actadr[scene.core.state_act]] = u[k, model.nu :]
+        data.act[act_addresses(model, scene.core.state_act)] = u[k, model.nu :]
         mujoco.mj_step(model, data)
         change = np.abs(data.qvel - v[k]).max()
         jammed = change > FASTEST or (data.ncon and data.contact.dist.min() < -DEEPEST)

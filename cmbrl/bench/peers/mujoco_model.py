@@ -44,7 +44,7 @@ def with_parameters(base: mujoco.MjModel, values: Mapping[str, float]) -> mujoco
     parameters is updated. Raises UserError for a parameter outside :data:`GROUPS`.
     """
     model = copy.copy(base)
-    motors = [name_of(model, "actuator", k) for k in range(model.nu)]
+    motors = [name_of(model, "actuator", k) for k in range(len(model.actuator_trntype))]
     for name, value in values.items():
         group, _, of = name.partition(".")
         if group not in GROUPS:

@@ -80,4 +80,4 @@ def _flies(scene: Scene) -> bool:
     dofs = [int(core.jnt_vadr[j]) for j in slides]
     held = set(core.act_line.tolist()) | set(core.lim_line.tolist())
     forces = [core.P[scene.layout.dof(d, f)] for d in dofs for f in ("damping", "stiffness", "frictionloss")]
-    return not held & set(dofs) and not any(forces) and not core.nwide
+    return not held & set(dofs) and not any(forces) and not (core.nwide or core.nlink)

@@ -83,6 +83,8 @@ def _clamps(
     by_length, by_rate = np.reshape(core.act_gain, (-1, 2)).T
     bias1, bias2 = bias1 + by_length * given, bias2 + by_rate * given
     spring, slack = gain * given + bias0 + bias1 * length, np.abs(gear * bias1 * gap)
+    feeds = np.repeat(np.arange(core.nact), np.diff(core.feed_ptr))
+    np.add.at(spring.T, feeds, (gain * given)[:, core.feed_act].T)
     force = spring - np.clip(spring, -slack, slack) + bias2 * rate
     least = np.maximum(least, np.minimum(slope * np.maximum(-rate, 0.0) - limit, 0.0))
     most = np.minimum(most, np.maximum(limit - slope * np.maximum(rate, 0.0), 0.0))
