@@ -1,7 +1,7 @@
 """The position log: joint positions and commands against time, without velocities. What an encoder and a driver tell.
 
-The file is an npz with the keys ``time`` (T,) [s], ``joint_position`` (T, n), ``commanded_position`` (T, m) or
-``torque`` (T, m), ``joint_names`` (n,), and, where known, ``actuator_names`` (m,), ``kp``, ``kd`` and ``episode`` (T,).
+The file is an npz with the keys ``time`` (T,) [s], ``joint_position`` (T, n), ``commanded_position``, ``torque`` or
+``control`` (T, m), ``joint_names`` (n,), and, where known, ``actuator_names`` (m,), ``kp``, ``kd``, ``episode`` (T,).
 Of a floating robot, ``base_position`` (T, 3) and ``base_quaternion`` (T, 4) besides, which are all of a tossed body.
 """
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from cmbrl.scene import Scene
 
 BASE = ("base_position", "base_quaternion")  #: keys of the pose of a floating base
-COMMANDS = {"position": "commanded_position", "torque": "torque"}  #: kind of command -> key in the file
+COMMANDS = {"position": "commanded_position", "torque": "torque", "control": "control"}  #: kind -> key in the file
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -43,10 +43,10 @@ class PositionLog:
 
     time: np.ndarray  #: (T,) [s]
     position: np.ndarray  #: (T, n) of hinges [rad] and slides [m]
-    command: np.ndarray  #: (T, m) target of position servos [rad, m], or torque [N m, N]
+    command: np.ndarray  #: (T, m) target of position servos [rad, m], torque [N m, N], or what each actuator takes
     joint_names: tuple[str, ...]  #: (n,) in the order of ``position``
     actuator_names: tuple[str, ...] = ()  #: (m,) in the order of ``command``; empty: the actuators of the joints
-    command_kind: Literal["position", "torque"] = "position"
+    command_kind: Literal["position", "torque", "control"] = "position"
     kp: np.ndarray | None = None  #: (m,) gain of the position servos [N m/rad, N/m]; None: that of the scene
     kd: np.ndarray | None = None  #: (m,) their gain of the velocity [N m s/rad, N s/m]; None: that of the scene
     episode: np.ndarray = None  # type: ignore[assignment]  #: (T,) int64, the episode of each row; None: all are one
@@ -76,6 +76,8 @@ class PositionLog:
         object.__setattr__(self, "actuator_names", actuators)
         object.__setattr__(self, "kp", checks.gains(self.kp, "kp", command.shape[1]))
         object.__setattr__(self, "kd", checks.gains(self.kd, "kd", command.shape[1]))
+        if self.command_kind == "control" and (self.kp is not None or self.kd is not None):
+            raise UserError("kp and kd beside control: controls act by the file's own laws; leave the gains out")
         object.__setattr__(self, "episode", checks.episodes(episode, rows))
         object.__setattr__(self, "time", checks.times(self.time, self.episode))
 
@@ -245,9 +247,9 @@ def _from_arrays(found: dict[str, np.ndarray]) -> PositionLog:
     missing = [key for key in ("time", "joint_position", "joint_names") if key not in found]
     if kind is None or missing:
         raise UserError(
-            f"no {', '.join(missing) or 'commanded_position and no torque'} in the file (it has "
+            f"no {', '.join(missing) or 'commanded_position, no torque and no control'} in the file (it has "
             f"{', '.join(sorted(found)) or 'nothing'}); a position log needs time, joint_position, joint_names, and "
-            "commanded_position or torque"
+            "commanded_position, torque or control"
         )
     options: dict[str, Any] = {
         key: found[key] for key in ("kp", "kd", "episode", "actuator_names", "base") if key in found
