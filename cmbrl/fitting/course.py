@@ -26,7 +26,7 @@ from cmbrl.fitting.judging import helped, judged
 from cmbrl.fitting.loss import Errors, PredictionLoss
 from cmbrl.fitting.multi_start import MultiStart
 from cmbrl.fitting.objective import Objective
-from cmbrl.fitting.pace import ALLOWED, EXPECTED, Pace, Plan, Speed
+from cmbrl.fitting.pace import ALLOWED, Pace, Plan, Speed
 from cmbrl.fitting.parsimony import Selection
 from cmbrl.fitting.polish import polished
 from cmbrl.fitting.random_search import random_search
@@ -132,9 +132,8 @@ class Course:
         speed = Speed.of(evidence, min(self.horizons), self.huber, movable, self.seed)
         adds, searches = self.with_laws and self.count > 0, self.method != GAUSS_NEWTON
         plan = Plan.of(evidence, self.horizons, self.count, movable, self.wanted is None, adds, searches)
-        asked = self.time_limit is not None
-        limit, expected = (self.time_limit, 1.0) if self.time_limit is not None else (ALLOWED, EXPECTED)
-        self.pace = Pace(self.budget, limit, speed, plan, expected=expected, asked=asked)
+        limit = ALLOWED if self.time_limit is None else self.time_limit
+        self.pace = Pace(self.budget, limit, speed, plan, asked=self.time_limit is not None)
 
     @property
     def _horizons(self) -> tuple[int, ...]:

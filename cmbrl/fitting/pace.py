@@ -41,7 +41,6 @@ _SHARES = 2.0 ** (-0.5 * np.arange(17))
 _KEPT = 0.4  # of it is kept for the report at most
 _SURE = 0.85  # of the time left is what parts are planned for
 ALLOWED = 270.0  #: [s] for a fit without a limit, before it writes its page
-EXPECTED = 0.5  #: of the planned costs: many parts end before they have done all they may
 _LEVELS = 16  # of armature and damping, in ``beginning``
 _DISCREPANCIES = 9  # linearisations of the log that tell how far a wrong model's parameters move
 _BISECTIONS = 5  # sets of draws
@@ -168,7 +167,7 @@ class Plan:
 class Pace:
     """Budgets and ends of the parts, for a ``limit`` [s]; ``shares``: of the default work, by part, as they begin.
 
-    ``expected``: share of the planned costs that is counted on. ``asked``: for that limit, by the user.
+    ``asked``: for that limit, by the user.
     """
 
     budget: Budget
@@ -176,7 +175,6 @@ class Pace:
     speed: Speed
     plan: Plan
     shares: dict[str, float] = field(default_factory=dict)
-    expected: float = 1.0
     asked: bool = True
 
     def begin(self, part: str, journal: Journal, known: list[Any]) -> Budget:
@@ -221,4 +219,4 @@ class Pace:
 
     def _ahead(self, part: str, share: float) -> dict[str, float]:
         costs = self.plan.costs(self.budget.shrunk(share), self.speed, share)
-        return {name: self.expected * costs[name] for name in PARTS[PARTS.index(part) :]}
+        return {name: costs[name] for name in PARTS[PARTS.index(part) :]}
