@@ -163,7 +163,7 @@ class Trials:
     def _released(
         self, name: str, trial: Trial, incumbent: Incumbent, before: Errors, iterations: int, least: float | None = None
     ) -> Trial:
-        """``trial``, or a better one from where joints are the file's again that it has left on a bound."""
+        """``trial``, or a better one from where joints that it has left on a bound are as the others of their kind."""
         start = released(self.space, trial.z, trial.active, incumbent.begin)
         if start is None:
             return trial
