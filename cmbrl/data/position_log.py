@@ -23,6 +23,7 @@ from cmbrl.errors import UserError, did_you_mean
 from cmbrl.files import check_writable, write_bytes
 from cmbrl.numbers import names, one_of
 from cmbrl.reading import regular_file
+from cmbrl.scene.held import holding
 from cmbrl.scene.records import JointKind
 
 if TYPE_CHECKING:
@@ -158,10 +159,12 @@ class PositionLog:
         tied = {place for place, _, _ in followers(scene, places.tolist())}
         known |= {joint.name for joint in scene.joints if joint.vadr in tied}
         if missing := [name for name in scene.joint_names if name not in known]:
+            free = missing[0] == floating
+            how = "log its pose as base_position and base_quaternion" if free else "log it"
             raise UserError(
-                f"joint {missing[0]!r} of scene {scene.name!r} is not in the log, and its motion cannot be simulated "
-                "without a start; log it, or hold it: `cmbrl convert FILE.xml HELD.xml "
-                f"{' '.join(f'--hold {name}' for name in missing)}`"
+                f"joint {missing[0]!r} of scene {scene.name!r}{', a free body,' if free else ''} is not in the log, "
+                f"and its motion cannot be simulated without a start; {how}, or hold it: "
+                f"`cmbrl convert FILE.xml HELD.xml {holding(missing, scene.joint_names)}`"
             )
         if undriven := sorted(set(range(scene.nu)) - set(driven.tolist())):
             raise UserError(
