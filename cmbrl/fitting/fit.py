@@ -77,7 +77,7 @@ def fit(
         progress: called with (fraction done, current activity).
         time_limit: seconds that the fit may take. Where they are too few, every part of it does less (``pace``), and
             one that takes too long ends with the best so far. ``report["pace"]`` and ``report["stopped"]`` record it.
-            None: 270 s of processor time, which only robots that step slowly come near.
+            None: 250 s of processor time, which only robots that step slowly come near.
 
     Raises:
         UserError: for a log of another robot or time step, a position log of a wrong rate (``rate``),
