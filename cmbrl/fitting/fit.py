@@ -116,8 +116,7 @@ def fit(
 def _concluded(course: Course, stopped: str | None) -> FitResult:
     evidence, journal, budget = course.evidence, course.journal, course.budget  # under the law that the log supports
     journal.report(0.95, "intervals")
-    incumbent, huber, states = course.incumbent, course.huber, not evidence.positions_only
-    unseen = incumbent.unseen if states else None
+    incumbent, huber, unseen = course.incumbent, course.huber, course.incumbent.unseen
     about = {
         "seed": course.seed, "method": course.method, "folds": course.count, "logs": course.logs, "stopped": stopped,
         **{name: value for name, value in course.survey.to_dict().items() if name != "z"},
