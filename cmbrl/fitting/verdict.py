@@ -40,9 +40,10 @@ def by_horizon(
     ``noise`` (logs, 2 nv): of the sensors; "noise" is the RMSE that it alone gives to holding the velocity. Where
     velocities are estimates, over one horizon: nearly as long as the parts that are held out.
     """
-    units, horizons = deviations(evidence.log, evidence.model.scene), HORIZONS
+    units: Sequence[np.ndarray] = deviations(evidence.log, evidence.model.scene)
+    horizons: Sequence[int] = HORIZONS
     if evidence.positions_only:
-        units = tuple(np.where(np.arange(len(unit)) < len(unit) // 2, unit, np.inf) for unit in units)
+        units = [np.where(np.arange(len(unit)) < len(unit) // 2, unit, np.inf) for unit in units]
         horizons, share = (_longest(evidence, unseen.horizon),), _SHARE_OF_POSITIONS * share
     found: dict[int, list[tuple[Judge, dict[str, np.ndarray]]]] = {}
     for held_out, theta in zip(unseen.rows, unseen.theta, strict=True):
