@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         type=_hold,
         metavar="JOINT[=VALUE]",
-        help="take this joint out of an MJCF: held at VALUE [rad, m], or where the file has it (repeatable)",
+        help="take this joint, or those of a pattern, out of an MJCF: held at VALUE [rad, m] or where the file has it",
     )
 
 

@@ -99,7 +99,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--time-limit",
         type=positive_number,
         metavar="S",
-        help="take about S seconds: less work in every part of a fit that would take longer",
+        help="take about S seconds: less work in every part of a fit that would take longer (default: 250 s of a core)",
     )
     parser.add_argument("--resume", action="store_true", help="continue the fit in DIR")
     add_scene_options(parser)

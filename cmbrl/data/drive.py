@@ -10,6 +10,7 @@ from cmbrl.errors import UserError
 from cmbrl.scene.drives import Drive
 
 _OFTEN, _BEYOND = 75.0, 1.0  # percent of the samples; ranges of controls
+_SAME = 1e-6  # of a gain, by which two of them differ in rounding alone
 
 if TYPE_CHECKING:
     from cmbrl.data.position_log import PositionLog
@@ -17,11 +18,18 @@ if TYPE_CHECKING:
 
 
 def law_of(scene: Scene, actuator: int) -> tuple[str, float]:
-    """ "position" or "torque", whichever ``actuator`` takes, and its control per target [rad, m] or torque [N m, N]."""
+    """What ``actuator`` takes, "position", "velocity" or "torque", and its control per target [rad, m] or torque.
+
+    A servo of velocities pulls by what the velocity lacks, at the gain of the control. Another gain of the velocity is
+    the drag of a motor.
+    """
     P, layout = scene.core.P, scene.layout
-    gear, gain, bias = (float(P[layout.actuator(actuator, field)]) for field in ("gear", "gain", "bias1"))
+    fields = ("gear", "gain", "bias1", "bias2")
+    gear, gain, bias, drag = (float(P[layout.actuator(actuator, field)]) for field in fields)
     if gear * gain == 0.0:
         return "torque", 1.0  # left out: no control does anything
+    if bias == 0.0 and drag < 0.0 and abs(gain + drag) <= _SAME * gain:
+        return "velocity", gear
     return ("position", -bias * gear / gain) if bias < 0.0 else ("torque", 1.0 / (gear * gain))
 
 
@@ -30,6 +38,8 @@ def controls(log: PositionLog, scene: Scene) -> np.ndarray:
 
     Raises UserError where an actuator does not take such commands (see :func:`scene_of`).
     """
+    if log.command_kind == "control":
+        return log.command
     scales = []
     for column, actuator in enumerate(log.actuators(scene).tolist()):
         kind, scale = law_of(scene, actuator)
@@ -61,8 +71,10 @@ def scene_of(log: PositionLog, scene: Scene) -> Scene:
     """``scene``, with the drives that the commands of ``log`` ask for where its actuators take others.
 
     Motors that got targets become servos with the gains of the log, and servos that got torques become motors. Raises
-    UserError if the log does not tell the gains.
+    UserError if the log does not tell the gains. Controls are what the actuators take.
     """
+    if log.command_kind == "control":
+        return scene
     drives = {drive.actuator: drive for drive in scene.drives}
     for column, actuator in enumerate(log.actuators(scene).tolist()):
         if law_of(scene, actuator)[0] == log.command_kind:
@@ -79,12 +91,15 @@ def scene_of(log: PositionLog, scene: Scene) -> Scene:
 
 
 def _mismatch(log: PositionLog, scene: Scene, column: int, actuator: int) -> str:
-    name, command = scene.actuator_names[actuator], log.command_names[column]
+    name, command, kind = scene.actuator_names[actuator], log.command_names[column], law_of(scene, actuator)[0]
+    key = "torque" if log.command_kind == "torque" else "commanded_position"
+    which = f"{key} of {command!r}: actuator {name!r} of scene {scene.name!r} is a"
+    as_they_are = "give all commands as MuJoCo's controls, in a column `control` for each of actuator_names"
+    if kind == "velocity":
+        return f"{which} servo of velocities; {as_they_are}, in place of {key}"
     if log.command_kind == "torque":
-        return (
-            f"torque of {command!r}: actuator {name!r} of scene {scene.name!r} is a position servo, which takes targets"
-        )
+        return f"{which} position servo, which takes targets"
     return (
-        f"commanded_position of {command!r}: actuator {name!r} of scene {scene.name!r} is a motor, which takes a "
-        "torque; give the gains of the robot's servo as kp and kd in the log (`cmbrl import --kp --kd`)"
+        f"{which} motor, which takes a torque; give the gains of the robot's servo as kp and kd in the log "
+        f"(`cmbrl import --kp --kd`), or, if the motor did get a torque, {as_they_are}"
     )

@@ -1,7 +1,7 @@
 """The position log: joint positions and commands against time, without velocities. What an encoder and a driver tell.
 
-The file is an npz with the keys ``time`` (T,) [s], ``joint_position`` (T, n), ``commanded_position`` (T, m) or
-``torque`` (T, m), ``joint_names`` (n,), and, where known, ``actuator_names`` (m,), ``kp``, ``kd`` and ``episode`` (T,).
+The file is an npz with the keys ``time`` (T,) [s], ``joint_position`` (T, n), ``commanded_position``, ``torque`` or
+``control`` (T, m), ``joint_names`` (n,), and, where known, ``actuator_names`` (m,), ``kp``, ``kd``, ``episode`` (T,).
 Of a floating robot, ``base_position`` (T, 3) and ``base_quaternion`` (T, 4) besides, which are all of a tossed body.
 """
 
@@ -23,13 +23,14 @@ from cmbrl.errors import UserError, did_you_mean
 from cmbrl.files import check_writable, write_bytes
 from cmbrl.numbers import names, one_of
 from cmbrl.reading import regular_file
+from cmbrl.scene.held import holding
 from cmbrl.scene.records import JointKind
 
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
 
 BASE = ("base_position", "base_quaternion")  #: keys of the pose of a floating base
-COMMANDS = {"position": "commanded_position", "torque": "torque"}  #: kind of command -> key in the file
+COMMANDS = {"position": "commanded_position", "torque": "torque", "control": "control"}  #: kind -> key in the file
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -43,10 +44,10 @@ class PositionLog:
 
     time: np.ndarray  #: (T,) [s]
     position: np.ndarray  #: (T, n) of hinges [rad] and slides [m]
-    command: np.ndarray  #: (T, m) target of position servos [rad, m], or torque [N m, N]
+    command: np.ndarray  #: (T, m) target of position servos [rad, m], torque [N m, N], or what each actuator takes
     joint_names: tuple[str, ...]  #: (n,) in the order of ``position``
     actuator_names: tuple[str, ...] = ()  #: (m,) in the order of ``command``; empty: the actuators of the joints
-    command_kind: Literal["position", "torque"] = "position"
+    command_kind: Literal["position", "torque", "control"] = "position"
     kp: np.ndarray | None = None  #: (m,) gain of the position servos [N m/rad, N/m]; None: that of the scene
     kd: np.ndarray | None = None  #: (m,) their gain of the velocity [N m s/rad, N s/m]; None: that of the scene
     episode: np.ndarray = None  # type: ignore[assignment]  #: (T,) int64, the episode of each row; None: all are one
@@ -76,6 +77,8 @@ class PositionLog:
         object.__setattr__(self, "actuator_names", actuators)
         object.__setattr__(self, "kp", checks.gains(self.kp, "kp", command.shape[1]))
         object.__setattr__(self, "kd", checks.gains(self.kd, "kd", command.shape[1]))
+        if self.command_kind == "control" and (self.kp is not None or self.kd is not None):
+            raise UserError("kp and kd beside control: controls act by the file's own laws; leave the gains out")
         object.__setattr__(self, "episode", checks.episodes(episode, rows))
         object.__setattr__(self, "time", checks.times(self.time, self.episode))
 
@@ -156,10 +159,12 @@ class PositionLog:
         tied = {place for place, _, _ in followers(scene, places.tolist())}
         known |= {joint.name for joint in scene.joints if joint.vadr in tied}
         if missing := [name for name in scene.joint_names if name not in known]:
+            free = missing[0] == floating
+            how = "log its pose as base_position and base_quaternion" if free else "log it"
             raise UserError(
-                f"joint {missing[0]!r} of scene {scene.name!r} is not in the log, and its motion cannot be simulated "
-                "without a start; log it, or hold it: `cmbrl convert FILE.xml HELD.xml "
-                f"{' '.join(f'--hold {name}' for name in missing)}`"
+                f"joint {missing[0]!r} of scene {scene.name!r}{', a free body,' if free else ''} is not in the log, "
+                f"and its motion cannot be simulated without a start; {how}, or hold it: "
+                f"`cmbrl convert FILE.xml HELD.xml {holding(missing, scene.joint_names)}`"
             )
         if undriven := sorted(set(range(scene.nu)) - set(driven.tolist())):
             raise UserError(
@@ -245,9 +250,9 @@ def _from_arrays(found: dict[str, np.ndarray]) -> PositionLog:
     missing = [key for key in ("time", "joint_position", "joint_names") if key not in found]
     if kind is None or missing:
         raise UserError(
-            f"no {', '.join(missing) or 'commanded_position and no torque'} in the file (it has "
+            f"no {', '.join(missing) or 'commanded_position, no torque and no control'} in the file (it has "
             f"{', '.join(sorted(found)) or 'nothing'}); a position log needs time, joint_position, joint_names, and "
-            "commanded_position or torque"
+            "commanded_position, torque or control"
         )
     options: dict[str, Any] = {
         key: found[key] for key in ("kp", "kd", "episode", "actuator_names", "base") if key in found

@@ -26,7 +26,7 @@ from cmbrl.fitting.judging import helped, judged
 from cmbrl.fitting.loss import Errors, PredictionLoss
 from cmbrl.fitting.multi_start import MultiStart
 from cmbrl.fitting.objective import Objective
-from cmbrl.fitting.pace import Pace, Plan, Speed
+from cmbrl.fitting.pace import ALLOWED, Pace, Plan, Speed
 from cmbrl.fitting.parsimony import Selection
 from cmbrl.fitting.polish import polished
 from cmbrl.fitting.random_search import random_search
@@ -65,7 +65,7 @@ class Course:
     with_laws: bool
     confirms: bool
     time_limit: float | None = None
-    pace: Pace | None = field(init=False, default=None)  #: of a fit with a time limit
+    pace: Pace | None = field(init=False, default=None)  #: None before the first part
     incumbent: Incumbent = field(init=False)
     survey: Survey = field(init=False)
     sliding: dict[str, Any] | None = field(init=False, default=None)  #: how its law was chosen, if open
@@ -126,15 +126,14 @@ class Course:
         incumbent, journal = self.incumbent, self.journal
         known = [self.survey.to_dict(), *(x.tolist() for x in (incumbent.z, incumbent.active, incumbent.begin))]
         self.budget = self.pace.begin(name, journal, known)
-        with suppress(OutOfTime), journal.until(self.pace.end(name, journal.elapsed)):
+        with suppress(OutOfTime), journal.until(self.pace.end(name, journal.spent)):
             yield
 
     def _set_pace(self) -> None:
-        if self.time_limit is None:
-            return
         adds, searches = self.with_laws and self.count > 0, self.method != GAUSS_NEWTON
         plan = Plan.of(self.evidence, self.horizons, self.count, self.movable, self.wanted is None, adds, searches)
-        self.pace = Pace(self.budget, self.time_limit, self._speed(), plan)
+        limit = ALLOWED if self.time_limit is None else self.time_limit
+        self.pace = Pace(self.budget, limit, self._speed(), plan, asked=self.time_limit is not None)
 
     def _speed(self) -> Speed:
         return Speed.of(self.evidence, min(self.horizons), self.huber, self.movable, self.seed)

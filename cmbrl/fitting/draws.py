@@ -49,8 +49,8 @@ def bearable(
     bound = fitted + max(WORSE * abs(fitted), LOST * (file - fitted) if np.isfinite(file) else 0.0)
 
     def bears(share: float) -> bool:
-        losses = loss.values(space.theta(np.clip(z + share * (drawn - z), space.z_low, space.z_high)))
-        return bool(np.median(np.nan_to_num(losses, nan=np.inf)) <= bound)
+        moved = space.theta(np.clip(z + share * (drawn - z), space.z_low, space.z_high))
+        return bool(2 * np.count_nonzero(loss.values(moved, most=bound) <= bound) >= len(moved))
 
     # What is wider explains the log worse, so the widest is found by halves; the narrowest is taken as it is.
     return float(_SHARES[bisect_left(range(len(_SHARES) - 1), True, key=lambda k: bears(float(_SHARES[k])))])

@@ -145,7 +145,7 @@ def _with_gains(model: ComplementarityModel, log: PositionLog) -> Complementarit
     """``model`` with the gains of ``log``, where it tells them, as its parameters."""
     scene = model.scene
     theta, index = model.parameters.copy(), {p.name: k for k, p in enumerate(scene.parameters)}
-    if log.command_kind == "torque":  # then no gain acts
+    if log.command_kind != "position":  # then no gain acts, or that of the file
         return model
     for group, gains in (("kp", log.kp), ("kd", log.kd)):
         for actuator, gain in zip(log.actuators(scene), () if gains is None else gains, strict=False):

@@ -47,6 +47,7 @@ class Extension(Trials):
         start = incumbent.begin if incumbent.surveyed is None else incumbent.surveyed
         least = Objective.at(self.loss, self.space, chosen, incumbent.begin).variance
         trial = self._trial("all", incumbent, chosen, start, none, before, self.budget.polish_iterations, least)
+        trial = self._released("all", trial, incumbent, before, self.budget.polish_iterations, least)
         name, incumbent.least = ALL, trial.variance
         if (limited := self._limited(incumbent, chosen, trial)) is not None:
             name, trial = f"{ALL} + {drives.LIMIT}", limited

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -19,6 +18,7 @@ import numpy as np
 from cmbrl.data.several import Logs
 from cmbrl.data.transitions import Transitions
 from cmbrl.fitting.budget import Budget
+from cmbrl.fitting.clock import Clock
 from cmbrl.fitting.cma import require_library
 from cmbrl.fitting.course import GAUSS_NEWTON, SEARCHES, Course
 from cmbrl.fitting.discrepancy import Discrepancy
@@ -61,7 +61,7 @@ def fit(
             encoder biases are fitted besides, its gains are the nominal ones, and by default all parameters move, and
             those laws of friction (``LAWS`` of ``extension``) that held-out errors call for. A list of logs of one kind
             and time step, or a dict of them by name, makes one fit, which tells whether they agree (``agreement``).
-        seed: the same seed gives the same result, for any number of threads.
+        seed: the same seed gives the same result, for any number of threads, where no time limit bites.
         method: "gauss-newton" (from several starts), or "random" or "cma": a search, then Gauss-Newton unless
             ``polish`` is False.
         groups: None for the fewest parameter groups that the held-out data supports; "all"; or names of groups or
@@ -77,12 +77,13 @@ def fit(
         progress: called with (fraction done, current activity).
         time_limit: seconds that the fit may take. Where they are too few, every part of it does less (``pace``), and
             one that takes too long ends with the best so far. ``report["pace"]`` and ``report["stopped"]`` record it.
+            None: 250 s of processor time, which only robots that step slowly come near.
 
     Raises:
         UserError: for a log of another robot or time step, a position log of a wrong rate (``rate``),
             unknown names, parameters outside their bounds, or a folder that cannot be used.
     """
-    started = time.monotonic()
+    started = Clock.now()
     one_of(method, METHODS, "method")
     if method == "cma":
         require_library()
@@ -101,6 +102,7 @@ def fit(
         RateCheck(evidence, min(horizons), huber, seed).tell()
     settings = [seed, method, None if wanted is None else wanted.tolist(), horizons, count, polish, huber]
     journal = Journal(folder, _fingerprint(evidence.model, log, settings, asdict(budget)), progress, started)
+    journal.by_processor = time_limit is None
     course = Course(
         evidence, budget, journal, seed, huber, count, horizons, method, polish, wanted, with_laws,
         confirms=all_of_them, time_limit=time_limit,
@@ -114,8 +116,7 @@ def fit(
 def _concluded(course: Course, stopped: str | None) -> FitResult:
     evidence, journal, budget = course.evidence, course.journal, course.budget  # under the law that the log supports
     journal.report(0.95, "intervals")
-    incumbent, huber, states = course.incumbent, course.huber, not evidence.positions_only
-    unseen = incumbent.unseen if states else None
+    incumbent, huber, unseen = course.incumbent, course.huber, course.incumbent.unseen
     about = {
         "seed": course.seed, "method": course.method, "folds": course.count, "logs": course.logs, "stopped": stopped,
         **{name: value for name, value in course.survey.to_dict().items() if name != "z"},

@@ -73,7 +73,7 @@ def _lower(
         if not np.isfinite(points).all():
             raise NotFinite(NOT_FINITE)
         offsets = objective.followed(equations, points - z)
-        values = objective.values(points, offsets)
+        values = objective.values(points, offsets, lowest)
         tried += len(points)
         winner = int(values.argmin())
         rises = not (values[winner] < lowest and winner == len(points) - 1)

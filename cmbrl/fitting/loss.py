@@ -25,6 +25,8 @@ from cmbrl.native import SolverStatus
 ALIKE = 10  # rows that count as one where windows are too short to tell; see ``objective``
 _UNCORRELATED = 0.05  # a correlation below this ends the sum
 _ROWS_AT_ONCE = 4_000_000  # candidates x transitions in one native call: a few seconds, so that Ctrl-C works
+_PARTS = 4  # of the windows, after each of which a candidate may be given up
+_SIDE_BY_SIDE = 8  # windows that the core predicts as fast as one
 _CHAOS = 1e6  # residuals by prior standard deviations, beyond which a derivative tells of no place but its own
 _JACOBIAN_NUMBERS = 4_000_000  # doubles of the parameter Jacobian in memory at once (32 MB)
 
@@ -114,20 +116,54 @@ class PredictionLoss:
         covered = np.unique(self.windows.starts[:, None] + np.arange(self.windows.horizon))
         return len(covered) / alike
 
-    def values(self, theta: np.ndarray, offset: np.ndarray | None = None) -> np.ndarray:
-        """Losses (C,) of candidates (C, n), in native batches small enough to stay responsive.
+    def values(
+        self,
+        theta: np.ndarray,
+        offset: np.ndarray | None = None,
+        extra: np.ndarray | float = 0.0,
+        most: float = np.inf,
+    ) -> np.ndarray:
+        """Losses (C,) of candidates (C, n), in native batches small enough to stay responsive, plus ``extra`` (C,).
 
-        ``offset`` (C, S, k): each candidate's own starts, in place of those of the windows.
+        ``offset`` (C, S, k): each candidate's own starts, in place of those of the windows. What is beyond ``most`` is
+        infinite: a candidate is given up once some windows show it, which saves the dearest ones, those that explode.
         """
         physical, psi = self.observation.split(theta)
         ways, way = np.unique(psi, axis=0, return_inverse=True)  # candidates that see the log in the same way
-        out = np.empty(len(theta))
+        out = np.zeros(len(theta)) + extra
+        out += self._price(self.windows.offset if offset is None else offset).mean(axis=-1)
         for k, same in enumerate(ways):
             windows, members = self._seen(same), np.flatnonzero(way.ravel() == k)
             for some in np.array_split(members, -(-len(members) * self.steps // _ROWS_AT_ONCE)):
-                seen = windows if offset is None else replace(windows, offset=offset[some])
-                out[some] = self._shared(physical[some], seen)
-        return out + self._price(self.windows.offset if offset is None else offset).mean(axis=-1)
+                if most < np.inf:
+                    self._add_below(out, some, physical, windows, offset, most)
+                else:
+                    seen = windows if offset is None else replace(windows, offset=offset[some])
+                    out[some] += self._shared(physical[some], seen)
+        return out
+
+    def _add_below(
+        self,
+        out: np.ndarray,
+        members: np.ndarray,
+        physical: np.ndarray,
+        windows: Windows,
+        offset: np.ndarray | None,
+        most: float,
+    ) -> None:
+        """Adds to ``out`` (C,) the losses of ``members``, a part of the windows at a time: no window lowers a loss."""
+        count = len(windows.starts)
+        parts = max(1, min(_PARTS, count // _SIDE_BY_SIDE))
+        order = np.argsort(np.arange(count) % parts, kind="stable")  # each part lies all over the log
+        ends = _SIDE_BY_SIDE * (np.arange(1, parts) * (count // _SIDE_BY_SIDE) // parts)
+        for rows in np.split(order, ends):
+            seen = (windows if offset is None else replace(windows, offset=offset[members])).some(rows)
+            out[members] += self._shared(physical[members], seen) * (len(seen.starts) / count)
+            beyond = out[members] > most
+            out[members[beyond]] = np.inf
+            members = members[~beyond]
+            if not len(members):
+                return
 
     def _shared(self, physical: np.ndarray, windows: Windows) -> np.ndarray:
         """Mean losses (C,) over windows of which each log may have scales of its own."""

@@ -54,10 +54,13 @@ class Objective:
         variance = max(variance, least)
         return cls(loss, space, active, variance / loss.independent(errors.alike), variance)
 
-    def values(self, z: np.ndarray, offset: np.ndarray | None = None) -> np.ndarray:
-        """J (C,) of candidates (C, n), from an ``offset`` (C, S, k) of each one's own if given; infinite for a NaN."""
+    def values(self, z: np.ndarray, offset: np.ndarray | None = None, most: float = np.inf) -> np.ndarray:
+        """J (C,) of candidates (C, n), from an ``offset`` (C, S, k) of each one's own if given; infinite for a NaN.
+
+        What is beyond ``most`` is infinite.
+        """
         prior = 0.5 * self.strength * ((z @ self.space.precision) * z).sum(axis=1)
-        total = self.loss.values(self.space.theta(z), offset) + prior
+        total = self.loss.values(self.space.theta(z), offset, prior, most)
         return np.where(np.isnan(total), np.inf, total)
 
     def followed(self, equations: NormalEquations, steps: np.ndarray) -> np.ndarray | None:

@@ -4,11 +4,13 @@ A fit of a slow model takes longer than its user may wait, and the first part al
 rows of the log tell what a row costs, and from that what the parts to come would cost under the default budget. If that
 is more than the time left, all of them do less (``Budget.shrunk``). This is asked again before each part, because
 estimates err. A part that overruns its share of the time ends with the best it has, and the next one begins.
+
+A fit without a limit has one all the same, of processor time (``ALLOWED``): no robot is so slow that its user waits for
+hours without knowing. Fits that are planned to be shorter do their usual work, the same on every machine.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -17,6 +19,7 @@ import numpy as np
 
 from cmbrl.fitting.beginning import begins
 from cmbrl.fitting.budget import Budget
+from cmbrl.fitting.clock import Clock
 from cmbrl.fitting.evidence import HORIZONS, Evidence
 from cmbrl.fitting.folds import draw_starts, folds_held_out
 from cmbrl.fitting.judge import judged_rows
@@ -38,6 +41,8 @@ _TRIALS = (2, 8)  # of a selection: at least, and more the more work it may do
 _SHARES = 2.0 ** (-0.5 * np.arange(17))
 _KEPT = 0.4  # of it is kept for the report at most
 _SURE = 0.85  # of the time left is what parts are planned for
+_TAKEN = 0.67  # of what is planned is what long fits take; counted on where nobody asked for the limit
+ALLOWED = 250.0  #: [s] for a fit without a limit, before it writes its page
 _LEVELS = 16  # of armature and damping, in ``beginning``
 _DISCREPANCIES = 9  # linearisations of the log that tell how far a wrong model's parameters move
 _BISECTIONS = 5  # sets of draws
@@ -60,23 +65,23 @@ class Speed:
         found = cls(0.0, 0.0, 0.0, 0.0)
         for rows in (_ROWS, _MORE * _ROWS):
             loss = evidence.loss(draw_starts(evidence.log, horizon, rows, seed), horizon, *scales)
-            began = time.monotonic()
+            began = Clock.now()
             found = cls._over(loss, evidence.space, active)
-            if time.monotonic() - began > _LONG:
+            if began.busy > _LONG:
                 break
         return found
 
     @classmethod
     def _over(cls, loss: PredictionLoss, space: Space, active: np.ndarray) -> Speed:
-        z, marks = np.zeros(len(space)), [time.monotonic()]
+        z, marks, clock = np.zeros(len(space)), [0.0], Clock.now()
         objective = Objective.at(loss, space, active, z)
-        marks.append(time.monotonic())
+        marks.append(clock.busy)
         objective.normal_equations(z)
-        marks.append(time.monotonic())
+        marks.append(clock.busy)
         objective.values(np.tile(z, (_PACK, 1)))
-        marks.append(time.monotonic())
+        marks.append(clock.busy)
         loss.errors_from_here(space.nominal)
-        marks.append(time.monotonic())
+        marks.append(clock.busy)
         settling, equations, candidates, step = np.diff(marks) / loss.steps
         return cls(settling, equations, candidates / _PACK, step)
 
@@ -148,7 +153,7 @@ class Plan:
         starts = b.starts * (speed.fit(rest * some(b.search_rows), b.start_iterations)) if b.starts > 1 else 0.0
         return {
             "beginning": self.begins * _LEVELS * some(b.survey_rows) * speed.candidate,
-            "sliding": self.rivals * 4 * survey,
+            "sliding": (self.rivals > 0) * 2 * (1 + self.rivals) * survey,
             "survey": (tried + 0.5 * (tried > 0)) * survey + self.states * 4 * b.noise_rows * speed.step,
             "choice": trials * (self.chooses * trial + self.adds * whole),
             "starts": search if self.searches else bool(self.folds) * starts,
@@ -162,13 +167,17 @@ class Plan:
 
 @dataclass
 class Pace:
-    """Budgets and ends of the parts, for a ``limit`` [s]; ``shares``: of the default work, by part, as they begin."""
+    """Budgets and ends of the parts, for a ``limit`` [s]; ``shares``: of the default work, by part, as they begin.
+
+    ``asked``: for that limit, by the user.
+    """
 
     budget: Budget
     limit: float
     speed: Speed
     plan: Plan
     shares: dict[str, float] = field(default_factory=dict)
+    asked: bool = True
 
     def begin(self, part: str, journal: Journal, known: list[Any]) -> Budget:
         """The budget of ``part``, which begins now; ``known`` (JSON types): the outcome of all parts before.
@@ -178,7 +187,7 @@ class Pace:
         """
         journal.label = ""
         at = f"pace of {part} in {self.limit:g} s"
-        self.shares[part] = journal.unit(at, lambda: {"share": self.share(part, journal.elapsed)})["share"]
+        self.shares[part] = journal.unit(at, lambda: {"share": self.share(part, journal.spent)})["share"]
         budget = self.budget.shrunk(self.shares[part])
         if journal.cuts or min(self.shares.values()) < 1.0:
             journal.label = f"{digest([known, asdict(budget)])}: "
@@ -188,7 +197,7 @@ class Pace:
     def told(self) -> dict[str, Any] | None:
         """For the report: the limit, and the parts that did less; None if all did their usual work."""
         less = {part: share for part, share in self.shares.items() if share < 1.0}
-        return {"limit": self.limit, "shares": less} if less else None
+        return {"limit": self.limit, "asked": self.asked, "shares": less} if less else None
 
     def share(self, part: str, elapsed: float) -> float:
         """How much of its default work ``part`` may do if it begins ``elapsed`` seconds after the fit did."""
@@ -212,4 +221,4 @@ class Pace:
 
     def _ahead(self, part: str, share: float) -> dict[str, float]:
         costs = self.plan.costs(self.budget.shrunk(share), self.speed, share)
-        return {name: costs[name] for name in PARTS[PARTS.index(part) :]}
+        return {name: (1.0 if self.asked else _TAKEN) * costs[name] for name in PARTS[PARTS.index(part) :]}

@@ -57,6 +57,7 @@ class Selection(Trials):
         if known is not None and self._explains_more(known, trial.z):  # contacts that come and go stopped it halfway
             again = self._trial("add all again", incumbent, everything, known, none, before, iterations)
             trial = max(trial, again, key=lambda t: t.gain)
+        trial = self._released("add all", trial, incumbent, before, iterations)
         return self._accept("add", ALL, trial, incumbent) if trial.counts(before.mean) else before
 
     def _explains_more(self, one: np.ndarray, other: np.ndarray) -> bool:

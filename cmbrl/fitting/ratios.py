@@ -55,4 +55,5 @@ def beside(
         if space.transform[column] == "log" and 0.0 < apart < _NARROWER * alone:
             value, factor = float(theta[column]), float(np.exp(_NORMAL_95 * apart * space.sd[column]))
             found[space.names[column]] = [value, value / factor, value * factor]
-    return {"reference": space.names[still[0]], "parameters": found} if found else None
+    first = next((k for k in still if space.transform[k] == "log"), still[0])  # one that is 0 is no unit
+    return {"reference": space.names[first], "parameters": found} if found else None

@@ -111,6 +111,7 @@ def _errors(report: Mapping[str, Any]) -> Iterator[str]:
     if pace := report.get("pace"):
         parts = ", ".join(f"{part} {share:.2g}" for part, share in pace["shares"].items())
         told = f"for the limit of {pace['limit']:g} s, parts did less than usual (share of the work): {parts}"
+        told += "" if pace.get("asked", True) else "; give more by --time-limit"
         yield from textwrap.wrap(told, WIDTH, subsequent_indent="  ")
     if report["stopped"] is not None:
         yield f"STOPPED EARLY ({report['stopped']}): best so far"

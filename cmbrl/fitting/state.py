@@ -19,6 +19,7 @@ import numpy as np
 
 from cmbrl.errors import UserError
 from cmbrl.files import check_writable, read_record, write_record
+from cmbrl.fitting.clock import Clock
 
 _FILE = "state.json"
 _SECONDS_BETWEEN_WRITES = 0.5
@@ -37,8 +38,9 @@ class Journal:
     """Outcomes of finished units and losses of unfinished ones, in ``folder`` (None: in memory only).
 
     ``fingerprint`` identifies data, model and settings. ``label`` goes before the names of units whose outcome depends
-    on a time limit. ``cuts``: how often time was up. ``started``: when the work began, on the monotonic clock; default:
-    now. Raises UserError if the folder contains another fit or cannot be written.
+    on a time limit. ``cuts``: how often time was up. ``started``: when the work began; default: now. ``by_processor``:
+    whether time limits are of what the work takes on a machine that does nothing else. Raises UserError if the folder
+    contains another fit or cannot be written.
     """
 
     def __init__(
@@ -46,7 +48,7 @@ class Journal:
         folder: str | os.PathLike[str] | None,
         fingerprint: str,
         progress: Callable[[float, str], None] | None = None,
-        started: float | None = None,
+        started: Clock | None = None,
     ) -> None:
         self.path = None if folder is None else Path(folder) / _FILE
         self.units: dict[str, Any] = {}
@@ -56,7 +58,8 @@ class Journal:
         self.label, self.cuts = "", 0
         self._fingerprint, self._progress = fingerprint, progress
         self._written = time.monotonic()
-        self._started = self._written if started is None else started
+        self._clock = Clock.now() if started is None else started
+        self.by_processor = False
         self._end: float | None = None
         if self.path is not None:
             self._open(self.path)
@@ -80,7 +83,12 @@ class Journal:
     @property
     def elapsed(self) -> float:
         """Seconds since this run began."""
-        return time.monotonic() - self._started
+        return self._clock.elapsed
+
+    @property
+    def spent(self) -> float:
+        """Seconds of this run that count for a time limit."""
+        return self._clock.busy if self.by_processor else self._clock.elapsed
 
     def unit(self, name: str, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         """The outcome (JSON types) of the unit ``name``: from the journal, or computed and written.
@@ -112,7 +120,7 @@ class Journal:
 
     @contextmanager
     def until(self, end: float | None) -> Iterator[None]:
-        """Within, ``check_time`` raises OutOfTime from ``end`` [s] after the beginning of this run on; None: never."""
+        """Within, ``check_time`` raises OutOfTime once this run has ``spent`` more than ``end`` [s]; None: never."""
         before, self._end = self._end, end
         try:
             yield
@@ -121,7 +129,7 @@ class Journal:
 
     def check_time(self) -> None:
         """Raises OutOfTime if the part of the work that runs has had its time."""
-        if self._end is not None and self.elapsed > self._end:
+        if self._end is not None and self.spent > self._end:
             self.cuts += 1
             raise OutOfTime
 

@@ -14,6 +14,7 @@ from cmbrl.fitting.judge import Judge, score
 from cmbrl.fitting.loss import Errors, NormalEquations, PredictionLoss
 from cmbrl.fitting.objective import SOLVER_VARIANCE, NotFinite, Objective
 from cmbrl.fitting.random_search import random_search
+from cmbrl.fitting.released import released
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal
 from cmbrl.fitting.unseen import Unseen
@@ -158,6 +159,18 @@ class Trials:
             return Trial(
                 z, active, after, gain, noise, noise_of_rise, self._score(folds), self._strain(z), outcome["variance"]
             )
+
+    def _released(
+        self, name: str, trial: Trial, incumbent: Incumbent, before: Errors, iterations: int, least: float | None = None
+    ) -> Trial:
+        """``trial``, or a better one from where joints that it has left on a bound are as the others of their kind."""
+        start = released(self.space, trial.z, trial.active, incumbent.begin)
+        if start is None:
+            return trial
+        self._tell(incumbent, "trying joints on a bound again")
+        none = np.zeros_like(trial.active)
+        again = self._trial(f"{name}, released", incumbent, trial.active, start, none, before, iterations, least)
+        return again if again.gain > trial.gain else trial
 
     def _added(self, incumbent: Incumbent, groups: list[str], before: Errors) -> Trial:
         self._tell(incumbent, f"trying {', '.join(groups)}")

@@ -17,6 +17,7 @@ from cmbrl.fitting.judge import Judge
 from cmbrl.fitting.unseen import Unseen
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.deviations import deviations
+from cmbrl.models.windows import blocks_of
 
 HORIZONS = (1, 5, 20, 100)  #: those of ``cmbrl error``, which the user will look at
 MODELS = ("hold", "nominal", "fitted")
@@ -26,6 +27,7 @@ _WORSE = 1.01  # times the error of another model
 _NOISY = 2.0  # times the square of noise: at least half of an error's square is noise
 _CLEARLY_BETTER = 0.9  # times the error of the settings as given
 STEPS_TRIED = 22  #: of a transition, under all those settings together
+_SHARE_OF_POSITIONS, _OF_PART = 0.5, 0.9  # of the judges' windows; of the rows of a held-out part
 _SHARE = 0.25  # of the judges' windows: settings are compared on the same ones, and quarter steps cost the most
 
 
@@ -35,20 +37,32 @@ def by_horizon(
     """Errors by horizon of holding the velocity, of the start and of the fit, on episodes not seen.
 
     By measure: "rmse", in the units of ``cmbrl error``, and "loss", the mean Huber loss. ``share``: of the windows.
-    ``noise`` (logs, 2 nv): of the sensors; "noise" is the RMSE that it alone gives to holding the velocity.
+    ``noise`` (logs, 2 nv): of the sensors; "noise" is the RMSE that it alone gives to holding the velocity. Where
+    velocities are estimates, over one horizon: nearly as long as the parts that are held out.
     """
-    units = deviations(evidence.log, evidence.model.scene)
+    units: Sequence[np.ndarray] = deviations(evidence.log, evidence.model.scene)
+    horizons: Sequence[int] = HORIZONS
+    if evidence.positions_only:
+        units = [np.where(np.arange(len(unit)) < len(unit) // 2, unit, np.inf) for unit in units]
+        horizons, share = (_longest(evidence, unseen.horizon),), _SHARE_OF_POSITIONS * share
     found: dict[int, list[tuple[Judge, dict[str, np.ndarray]]]] = {}
     for held_out, theta in zip(unseen.rows, unseen.theta, strict=True):
-        for judge in Judge.all(evidence, delta, held_out, HORIZONS, share / len(unseen.rows)):
+        for judge in Judge.all(evidence, delta, held_out, horizons, share / len(unseen.rows)):
             off = {"hold": judge.off_held(), "nominal": judge.off(evidence.space.nominal), "fitted": judge.off(theta)}
             found.setdefault(judge.horizon, []).append((judge, off))
     rows = [_measured(steps, parts, units[0 if steps == 1 else 1]) for steps, parts in found.items()]
+    rows = [row | {"estimated": True} for row in rows] if evidence.positions_only else rows
     for row in rows:
         if noise is None:
             break
         row["noise"] = _noise_of_holding(noise, row["steps"] * evidence.log.dt, units[0 if row["steps"] == 1 else 1])
     return rows
+
+
+def _longest(evidence: Evidence, least: int) -> int:
+    """Steps that most parts of the log have windows of, ``least`` at least."""
+    lengths = np.bincount(blocks_of(evidence.log))
+    return max(least, round(_OF_PART * float(np.median(lengths[lengths > 0]))))
 
 
 def _noise_of_holding(noise: np.ndarray, duration: float, unit: np.ndarray) -> float:
@@ -75,9 +89,10 @@ def _measured(steps: int, parts: Sequence[tuple[Judge, Mapping[str, np.ndarray]]
 def warning(rows: Sequence[Mapping[str, Any]]) -> str | None:
     """One line that says where the fit loses, and by which measure, or None.
 
-    Holding the velocity is no rival over horizons where it is off by more than the states vary: there, in two seconds
-    of a robot that falls, neither tells anything. Nor is it where it errs by the sensors' noise more than by motion, as
-    over one short step: what the noise of a start does to a stiff contact is no fault of the fit.
+    Holding the velocity is no rival where velocities are estimates, and over horizons where it is off by more than the
+    states vary: there, in two seconds of a robot that falls, neither tells anything. Nor is it where it errs by the
+    sensors' noise more than by motion, as over one short step: what the noise of a start does to a stiff contact is no
+    fault of the fit.
     """
     names = {"hold": "holding the velocity", "nominal": "the file as it is"}
     parts = [f"{name} over {where}" for other, name in names.items() if (where := _worse(rows, other))]
@@ -91,7 +106,11 @@ def lost(row: Mapping[str, Any], model: str = "fitted") -> bool:
 
 def _no_rival(row: Mapping[str, Any]) -> bool:
     """Whether holding the velocity over the horizon of ``row`` tells nothing of motion."""
-    return lost(row, "hold") or row["rmse"]["hold"] ** 2 < _NOISY * row.get("noise", 0.0) ** 2
+    return (
+        row.get("estimated", False)
+        or lost(row, "hold")
+        or row["rmse"]["hold"] ** 2 < _NOISY * row.get("noise", 0.0) ** 2
+    )
 
 
 def _worse(rows: Sequence[Mapping[str, Any]], other: str) -> str:

@@ -125,17 +125,12 @@ class Windows:
         if not self.own:
             return [self]
         chosen = [(scales, self.recording == k) for k, scales in enumerate(self.own)]
-        return [
-            replace(
-                self,
-                starts=self.starts[rows],
-                scales=scales,
-                offset=None if self.offset is None else self.offset[..., rows, :],
-                own=(),
-            )
-            for scales, rows in chosen
-            if rows.any()
-        ]
+        return [replace(self.some(rows), scales=scales, own=()) for scales, rows in chosen if rows.any()]
+
+    def some(self, rows: np.ndarray) -> Windows:
+        """Those windows in ``rows``: a mask (S,), or numbers."""
+        offset = None if self.offset is None else self.offset[..., rows, :]
+        return replace(self, starts=self.starts[rows], offset=offset)
 
     def on(self, starts: np.ndarray) -> Windows:
         """The same windows from the logged states of other ``starts``."""

@@ -6,8 +6,10 @@ move. What ties it to a joint that still moves is refused, since then the joint 
 
 from __future__ import annotations
 
+import fnmatch
 import os
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping, Sequence
+from itertools import takewhile
 
 import mujoco
 import numpy as np
@@ -33,14 +35,19 @@ _BETWEEN_BODIES = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
 def held_file(path: str | os.PathLike[str], joints: Mapping[str, float | None]) -> str:
     """The text of the MJCF ``path`` without ``joints``, each held at a value [rad, m], or where the file has it.
 
+    They are names, or patterns of several, as ``caster_*``.
     Paths of meshes become absolute. Raises UserError for an unknown joint, a value of a ball or free joint, one of two
     joints of a body moved away from where the file has it, or a tendon or coupling with a joint that is not held.
     """
     model = compile_robot(path).model
     known = [name_of(model, "joint", k) for k in range(model.njnt)]
-    for name in joints:
-        if name not in known:
+    found: dict[str, float | None] = {}
+    for name, value in joints.items():
+        meant = [name] if name in known else [each for each in known if fnmatch.fnmatchcase(each, name)]
+        if not meant:
             raise UserError(f"{path}: no joint {name!r}; {did_you_mean(name, known)}")
+        found |= dict.fromkeys(meant, value)
+    joints = found
     with quiet():
         try:
             spec = mujoco.MjSpec.from_file(str(path))
@@ -59,6 +66,15 @@ def held_file(path: str | os.PathLike[str], joints: Mapping[str, float | None]) 
             raise
         except (ValueError, mujoco.FatalError) as error:
             raise UserError(f"{path}: MuJoCo cannot write this file with held joints ({error})") from None
+
+
+def holding(joints: Sequence[str], known: Sequence[str]) -> str:
+    """The options that hold ``joints``: a pattern where they are many, and no other one of those ``known`` has it."""
+    alike = takewhile(lambda pair: pair[0] == pair[1], zip(min(joints), max(joints), strict=False))
+    pattern = "".join(letter for letter, _ in alike) + "*"
+    if len(joints) > 2 and {name for name in known if fnmatch.fnmatchcase(name, pattern)} == set(joints):
+        return f"--hold '{pattern}'"
+    return " ".join(f"--hold {name}" for name in joints)
 
 
 def _name_all(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:

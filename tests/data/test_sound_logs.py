@@ -43,6 +43,26 @@ def test_a_joint_that_is_pushed_against_its_stop_answers_to_nothing(tmp_path: Pa
     assert ["the wrong way" in one.text for one in commands.forces(away, away.answers())] == [True]
 
 
+@pytest.mark.parametrize(("own", "sign", "told"), [(0.05, 1.0, 0), (4.0, 1.0, 0), (4.0, -1.0, 1)])
+def test_noise_of_velocities_under_a_controller_that_damps_is_no_sign_error(
+    tmp_path: Path, own: float, sign: float, told: int
+) -> None:
+    """The controller brakes what the joint has by speed, and not what the log has by noise."""
+    scene = scene_of(
+        tmp_path, "brake", '<body><joint name="j"/><geom size=".1"/></body>', '<motor name="j" joint="j"/>'
+    )
+    rng, rows, dt = np.random.default_rng(0), 4000, 0.01
+    q, v, u = np.zeros((rows + 1, 1)), np.zeros((rows + 1, 1)), np.zeros((rows, 1))
+    for k in range(rows):
+        u[k] = -10.0 * v[k] + own * rng.normal()
+        v[k + 1] = v[k] + dt * (u[k] + 4.0 * rng.normal())
+        q[k + 1] = q[k] + dt * v[k + 1]
+    logged = v + 0.03 * rng.normal(size=v.shape)
+    log = {"q": q[:-1], "q_next": q[1:], "v": logged[:-1], "v_next": logged[1:], "u": sign * u, "dt": dt}
+    found = motion.of_transitions(log | {"episode": np.zeros(rows)}, scene)
+    assert len(list(commands.forces(found, found.answers()))) == told
+
+
 def test_a_blow_that_throws_a_joint_far_beyond_its_limits_is_no_unit(tmp_path: Path) -> None:
     body = '<body><joint name="jaw" type="slide" range="0 .03"/><geom size=".1"/></body>'
     scene = scene_of(tmp_path, "jaw", body)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -13,9 +12,10 @@ import pytest
 
 import cmbrl
 from cmbrl.fitting import Budget
+from cmbrl.fitting import clock as clock_module
 from cmbrl.fitting import pace as pace_module
 from cmbrl.fitting import state as state_module
-from cmbrl.fitting.pace import PARTS
+from cmbrl.fitting.pace import ALLOWED, PARTS
 
 CANDIDATES = 8  # rows of derivatives take as long as so many of a prediction
 Slow = Callable[[float], Any]
@@ -28,10 +28,11 @@ def data(carts):
 
 @pytest.fixture
 def clock(monkeypatch) -> SimpleNamespace:
-    """Seconds, ``now``, that pass in models only."""
-    told = SimpleNamespace(now=0.0)
-    for module in (pace_module, state_module, sys.modules["cmbrl.fitting.fit"]):  # the package has the function
-        monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: told.now))
+    """Seconds of the processor, ``now``, that pass in models only; ``wall``: how many pass on the wall meanwhile."""
+    told = SimpleNamespace(now=0.0, wall=1.0)
+    times = SimpleNamespace(monotonic=lambda: told.wall * told.now, process_time=lambda: told.now)
+    for module in (state_module, clock_module):
+        monkeypatch.setattr(module, "time", times)
     return told
 
 
@@ -68,7 +69,7 @@ def test_a_limit_that_is_long_enough_changes_nothing(carts, data, slow, clock, t
     without = {k: v for k, v in whole.report.items() if k not in ("seconds", "resumed")}
     assert {k: result.report[k] for k in without} == without
     before = clock.now
-    again = cmbrl.fit(slow(1e-3), data, folder=tmp_path)
+    again = cmbrl.fit(slow(1e-3), data, time_limit=1e5, folder=tmp_path)
     assert values(again) == values(whole)
     assert clock.now - before < 0.5 * before  # from the journal, but for errors and intervals
 
@@ -85,6 +86,18 @@ def test_a_slow_model_is_fitted_in_time(data, slow, clock, seconds: float) -> No
     assert loss["held out, fitted"]["rmse"] < 0.5 * loss["held out, nominal"]["rmse"]
     assert result.report["horizons"]
     assert "for the limit of 200 s, parts did less" in " ".join(result.report_text().split())
+
+
+@pytest.mark.parametrize("wall", [1.0, 3.0])
+def test_without_a_limit_a_fit_has_some_seconds_of_the_processor(data, slow, clock, wall: float) -> None:
+    """However many pass on the wall meanwhile."""
+    clock.wall = wall
+    result = cmbrl.fit(slow(4e-3), data)
+    assert 100.0 < clock.now < 1.25 * ALLOWED
+    assert result.report["pace"]["limit"] == ALLOWED
+    loss = result.report["loss"]
+    assert loss["held out, fitted"]["rmse"] < 0.5 * loss["held out, nominal"]["rmse"]
+    assert "give more by --time-limit" in " ".join(result.report_text().split())
 
 
 def test_what_was_done_in_a_hurry_is_done_again_without_a_limit(carts, data, slow, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from cmbrl.fitting.report_text import render, verdict
 from cmbrl.fitting.unseen import Unseen
 from cmbrl.fitting.verdict import by_horizon, lost, warning
 
+from .arm_log import followed
 from .test_fit_hidden import recorded, scene
 
 ARM = """<mujoco><option timestep=".01"/><worldbody><body pos="0 0 1"><joint name="a" type="hinge" axis="0 1 0"
@@ -73,6 +74,23 @@ def test_the_errors_are_those_of_the_table_of_errors(tmp_path: Path) -> None:
     for row in rows:
         for name in ("nominal", "fitted"):
             assert row["rmse"][name] == pytest.approx(table.entry(name, row["steps"]).error, rel=0.05)
+
+
+@pytest.mark.parametrize(("damping", "worse"), [(2.0, False), (0.2, True)])
+def test_fits_of_positions_are_judged_over_parts_of_the_log(tmp_path: Path, damping: float, worse: bool) -> None:
+    """Half a second tells little of damping; the file has half of the true one."""
+    servos = ARM.replace("<motor", '<position kp="5"').replace('".01"', '".002"')
+    log = followed(servos.replace('".1"', '".2"'), 900)
+    evidence = Evidence.of(cmbrl.ComplementarityModel(scene(tmp_path, servos)), log)
+    theta, rows = evidence.space.nominal.copy(), np.arange(len(evidence.log))
+    theta[evidence.space.columns(["damping"])] *= damping
+    parts = tuple(rows[rows * 8 // len(rows) % 2 == k] for k in (0, 1))
+    unseen = Unseen(evidence.log, evidence.observation, 50, evidence.space.nominal, parts, (theta, theta))
+    (row,) = by_horizon(evidence, unseen, 0.5)
+    assert row["steps"] == 101
+    told = warning([row])
+    assert (told is not None and "it loses to the file as it is over 101 step(s)" in told) is worse
+    assert warning([{**row, "rmse": {**row["rmse"], "hold": 0.0}}]) == told
 
 
 def test_the_first_line_of_a_fit_tells_of_a_loss_in_rmse(carts) -> None:

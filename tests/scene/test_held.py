@@ -12,7 +12,7 @@ import pytest
 from cmbrl.cli.main import main
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
-from cmbrl.scene.held import held_file
+from cmbrl.scene.held import held_file, holding
 
 ARM = """<mujoco><worldbody><body name='arm' pos='0 0 1'><joint name='shoulder' axis='0 1 0'/>
 <geom type='capsule' fromto='0 0 0 .4 0 0' size='.03' mass='1'/>
@@ -98,3 +98,12 @@ def test_a_base_without_a_name_is_held_by_the_name_that_reports_give_it(arm: Pat
     assert (held.nq, held.joint(0).name) == (3, "roll")
     with pytest.raises(UserError, match=f"no joint 'base'.*{name}"):
         held_file(floating, {"base": None})
+
+
+def test_patterns_of_joints(arm: Path) -> None:
+    both = mujoco.MjModel.from_xml_string(held_file(arm, {"[lr]*t": None}))
+    assert [both.joint(k).name for k in range(both.njnt)] == ["shoulder", "roll"]
+    wheels = [f"caster_{k}" for k in range(9)]
+    assert holding(wheels, ["arm", *wheels]) == "--hold 'caster_*'"
+    assert holding(wheels, ["caster_lift", *wheels]) == " ".join(f"--hold {name}" for name in wheels)
+    assert holding(["left", "right"], ["left", "right", "roll"]) == "--hold left --hold right"

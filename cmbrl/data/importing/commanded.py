@@ -14,8 +14,10 @@ from cmbrl.data.importing.grid import Key
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
 
-Kind = Literal["position", "torque"]
-_KINDS: dict[str, Kind] = {"command": "position", "torque": "torque"}  # quantity of a joint's column -> kind of command
+Kind = Literal["position", "torque", "control"]
+# quantity of a column -> kind of command
+_KINDS: dict[str, Kind] = {"command": "position", "torque": "torque", "control": "control"}
+_OF_LAWS = {"position": "command", "torque": "torque"}  # law of an actuator -> quantity of its joint's column
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,11 @@ class Commanded:
 
     @classmethod
     def of(cls, keys: set[Key], scene: Scene) -> Commanded | None:
-        """Of a log with the columns ``keys``: what every actuator has, targets before torques; None if neither."""
+        """Of a log with the columns ``keys``: what every actuator has, targets before torques, or else controls.
+
+        None if some actuator has nothing. Controls are for robots with actuators of several kinds, and servos of
+        velocities.
+        """
         for quantity in _KINDS if scene.nu else ():
             found = [next((s for s in _sources(scene, a, quantity) if s[0] in keys), None) for a in range(scene.nu)]
             if (told := [source for source in found if source]) and len(told) == scene.nu:
@@ -73,10 +79,15 @@ def _joint_of(scene: Scene, actuator: int) -> str | None:
 
 
 def _sources(scene: Scene, actuator: int, quantity: str) -> Iterator[tuple[Key, float]]:
-    """Columns that tell the ``quantity`` ("command" or "torque") of ``actuator``, each with the factor to it."""
-    if joint := _joint_of(scene, actuator):
+    """Columns that tell the ``quantity`` of ``actuator``, each with the factor to it: command, torque or control."""
+    joint, (kind, scale) = _joint_of(scene, actuator), law_of(scene, actuator)
+    if quantity == "control":
+        yield (scene.actuator_names[actuator], quantity), 1.0
+        if joint and kind in _OF_LAWS:
+            yield (joint, _OF_LAWS[kind]), scale
+        return
+    if joint:
         yield (joint, quantity), 1.0
-    kind, scale = law_of(scene, actuator)
     if kind == _KINDS[quantity]:
         yield (scene.actuator_names[actuator], "control"), 1.0 / scale
 

@@ -8,6 +8,7 @@ from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, TURN, joints_of
 from cmbrl.data.importing.grid import Counts, Key, Series
 from cmbrl.scene import Scene
 from cmbrl.scene.columns import counted
+from cmbrl.scene.held import holding
 
 UNUSED = "not used"
 _OF_BASES = dict.fromkeys((*PLACE, *TURN), "pose") | dict.fromkeys((*LINEAR, *ANGULAR), "velocity")
@@ -35,8 +36,7 @@ def remedy(series: Mapping[Key, Series], scene: Scene) -> str:
     if len(absent) == len(single):
         return ""
     if absent:
-        held = " ".join(f"--hold {name}" for name in absent)
-        return f", or hold what no log tells: `cmbrl convert FILE.xml HELD.xml {held}`"
+        return f", or hold what no log tells: `cmbrl convert FILE.xml HELD.xml {holding(absent, scene.joint_names)}`"
     return ", or give a file of its poses by --base" if [base for base in floating if base.free] else ""
 
 

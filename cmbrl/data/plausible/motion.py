@@ -144,12 +144,13 @@ def of_transitions(log: Fields, scene: Scene) -> Motion:
 def of_positions(log: PositionLog, scene: Scene) -> Motion:
     """The motion in a position log."""
     coordinates = _coordinates(scene, log.coordinates(scene).tolist())
-    drivers, used = _drivers(scene, coordinates, log.actuators(scene).tolist(), log.command_kind == "position")
+    told = None if log.command_kind == "control" else log.command_kind == "position"
+    drivers, used = _drivers(scene, coordinates, log.actuators(scene).tolist(), told)
     rows = np.flatnonzero(log.episode[1:] == log.episode[:-1])
     return Motion(
         dt=log.dt, coordinates=coordinates, now=log.position[rows], after=log.position[rows + 1], v_now=None,
         v_after=None, drivers=drivers, u=log.command[rows][:, used], blocks=_blocks(np.diff(rows) != 1),
-        kind="joint_position", command="commanded_position" if log.command_kind == "position" else "torque",
+        kind="joint_position", command="commanded_position" if log.command_kind == "position" else log.command_kind,
     )  # fmt: skip
 
 
