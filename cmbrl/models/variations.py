@@ -114,14 +114,17 @@ class Variations(ABC):
         return None if made.to_config() == self.to_config() else made
 
     def for_training(self, smoothing: Smoothing) -> Self:
-        """This model with ``smoothing``, by leapfrog if it steps by RK4: one contact solve a step, and rows look ahead.
+        """This model's laws with ``smoothing``, one contact solve a step, and rows that look ahead where they can.
 
         A policy needs fast steps, and gradients before something touches; a fit needs the step that the log has.
         """
-        soft = self.with_settings(smoothing=smoothing, backward_smoothing=smoothing)
-        if self._settings.integrator != RK4:
-            return soft
-        return soft.with_settings(integrator="leapfrog", look_ahead=None, damping=None)
+        own = self._settings
+        integrator = "leapfrog" if own.integrator == RK4 else own.integrator
+        usual = self.with_settings(
+            integrator=integrator, smoothing=smoothing, backward_smoothing=smoothing,
+            sliding="coulomb", look_ahead=None, damping=None,
+        )  # fmt: skip
+        return usual if own.sliding == "coulomb" else usual.under_other_law() or usual
 
     def under_other_law(self) -> Self | None:
         """The same model under the other law of sliding, also where the law was named; None if nothing slides."""

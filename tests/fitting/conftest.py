@@ -102,8 +102,8 @@ class CartModel:
     def alternatives(self) -> dict[str, CartModel]:
         return {}
 
-    def other_sliding(self) -> None:
-        return None
+    def rivals(self) -> dict[str, CartModel]:
+        return {}  # nothing slides
 
     def other_steppings(self) -> list[CartModel]:
         return []

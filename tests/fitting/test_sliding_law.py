@@ -98,6 +98,9 @@ def test_a_file_that_asks_for_rk4_is_tried_under_it(tmp_path: Path) -> None:
     trained = theirs.for_training(soft)
     assert (trained.integrator, trained.look_ahead, trained.sliding) == ("leapfrog", True, "convex")
     assert trained.smoothing == trained.backward_smoothing == soft
+    by_euler = cmbrl.ComplementarityModel(scene(tmp_path, PUCK)).rivals()["mujoco"]
+    assert not by_euler.look_ahead
+    assert by_euler.for_training(soft).look_ahead
     named = cmbrl.ComplementarityModel(open_scene, integrator="leapfrog")
     assert named.rivals()["mujoco"].integrator == "leapfrog"
     assert not cmbrl.ComplementarityModel(open_scene, sliding="coulomb").rivals()
