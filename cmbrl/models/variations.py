@@ -101,17 +101,17 @@ class Variations(ABC):
         return found
 
     def _mujocos_step(self) -> Self | None:
-        """None where a setting was named that is not MuJoCo's, or where all of them are."""
-        own, law = self._settings, {"sliding": ("convex",), "look_ahead": (False,), "damping": ("split",)}
-        named = any(own.given[name] not in (None, *theirs) for name, theirs in law.items())
+        """None where a setting was named that is not MuJoCo's, steps are too long for it, or it is this one."""
+        integrator = RK4 if self.scene.integrator == RK4 else "semi-implicit"
+        theirs = {"sliding": "convex", "look_ahead": False, "damping": "split", "integrator": integrator}
+        own = self._settings
+        named = any(own.given[name] not in (None, value) for name, value in theirs.items())
         if self.scene.contact_law != "mujoco" or own.implicit_springs or named:
             return None
-        asked = self.scene.integrator == RK4 and own.given["integrator"] is None
-        integrator = RK4 if asked else own.given["integrator"]
         made = self.with_settings(
             sliding="convex", integrator=integrator, smoothing=Exact(), backward_smoothing=Exact()
         )
-        return None if made.to_config() == self.to_config() else made
+        return None if made._settings.look_ahead or made.to_config() == self.to_config() else made
 
     def for_training(self, smoothing: Smoothing) -> Self:
         """This model's laws with ``smoothing``, one contact solve a step, and rows that look ahead where they can.

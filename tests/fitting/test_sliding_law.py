@@ -102,7 +102,10 @@ def test_a_file_that_asks_for_rk4_is_tried_under_it(tmp_path: Path) -> None:
     assert not by_euler.look_ahead
     assert by_euler.for_training(soft).look_ahead
     named = cmbrl.ComplementarityModel(open_scene, integrator="leapfrog")
-    assert named.rivals()["mujoco"].integrator == "leapfrog"
+    assert list(named.rivals()) == ["convex"]
+    assert list(model.with_settings(time_step=0.008).rivals()) == ["convex", "mujoco"]
+    long = cmbrl.ComplementarityModel(scene(tmp_path, PUCK), time_step=0.008)
+    assert list(long.rivals()) == ["convex"]
     assert not cmbrl.ComplementarityModel(open_scene, sliding="coulomb").rivals()
     assert not theirs.rivals()
 
