@@ -64,7 +64,9 @@ def verdict(report: Mapping[str, Any]) -> str:
         return f"{early}The fit predicts unseen seconds about as well as the file ({told})."
     bound = len(report["at_bound"])
     doubt = f"; {bound} parameter{'s' * (bound > 1)} lie{'s' * (bound == 1)} on a bound" if bound else ""
-    better = f"{early}The fit predicts unseen seconds {before / after:.3g} times better than the file ({told}){doubt}."
+    times = before / max(after, 1e-12 * before)
+    how = f"{times:,.0f}" if times >= 1e3 else f"{times:.3g}"
+    better = f"{early}The fit predicts unseen seconds {how} times better than the file ({told}){doubt}."
     return better + _reach(report)
 
 
