@@ -5,12 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import mujoco
-import numpy as np
 import pytest
 
 from cmbrl.bench.studies.derivatives.differences import compare
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
+
+from .free_steps import assert_steps_are_mujocos, states
 
 ARM = """<mujoco><option timestep=".01" integrator="{integrator}"/><worldbody><body>
 <joint name="shoulder" type="hinge" axis="0 1 0" damping=".3"/><geom type="capsule" size=".04" fromto="0 0 0 .4 0 0"/>
@@ -27,21 +28,10 @@ def file(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     return path
 
 
-def states(scene: Scene, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    rng = np.random.default_rng(0)
-    return tuple(rng.normal(size=(count, size)) for size in (scene.nq, scene.nv, scene.nu))  # type: ignore[return-value]
-
-
 def test_steps_are_those_of_mujoco(file: Path) -> None:
     """Free of contact, the force range reached or not: v' to round-off."""
     scene, model = Scene.from_mjcf(file), mujoco.MjModel.from_xml_path(str(file))
-    q, v, u = states(scene, 40)
-    r = ComplementarityModel(scene).predict(q, v, u)
-    data = mujoco.MjData(model)
-    for k in range(len(q)):
-        data.qpos[:], data.qvel[:], data.ctrl[:] = q[k], v[k], u[k]
-        mujoco.mj_step(model, data)
-        np.testing.assert_allclose(r.v_next[k], data.qvel, rtol=1e-9, atol=1e-11)
+    assert_steps_are_mujocos(ComplementarityModel(scene), model, 40)
 
 
 def test_derivatives(file: Path) -> None:

@@ -15,6 +15,8 @@ from cmbrl.scene import Scene
 from cmbrl.scene.mjcf import act_addresses
 from cmbrl.scene.report import describe
 
+from .free_steps import assert_steps_are_mujocos, states
+
 ARM = """<mujoco><option timestep=".005" integrator="{integrator}"/><worldbody><body>
 <joint name="a" axis="0 1 0" damping=".3"/><geom type="capsule" size=".04" fromto="0 0 0 .4 0 0"/>
 <body pos=".4 0 0"><joint name="b" axis="0 0 1" armature=".02"/><geom type="capsule" size=".03" fromto="0 0 0 .3 0 0"/>
@@ -45,23 +47,11 @@ def scene_of(tmp_path: Path, actuators: str, integrator: str) -> tuple[Scene, mu
     return Scene.from_mjcf(path), mujoco.MjModel.from_xml_path(str(path))
 
 
-def states(scene: Scene, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    rng = np.random.default_rng(0)
-    q = scene.integrate(np.tile(scene.q0, (count, 1)), rng.normal(size=(count, scene.nv)))
-    return q, rng.normal(size=(count, scene.nv)), 2 * rng.normal(size=(count, scene.nu))
-
-
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast"])
 @pytest.mark.parametrize("case", CASES)
 def test_steps_are_those_of_mujoco(tmp_path: Path, case: str, integrator: str) -> None:
     scene, model = scene_of(tmp_path, CASES[case], integrator)
-    q, v, u = states(scene, 30)
-    r = ComplementarityModel(scene).predict(q, v, u)
-    data = mujoco.MjData(model)
-    for k in range(len(q)):
-        data.qpos[:], data.qvel[:], data.ctrl[:] = q[k], v[k], u[k]
-        mujoco.mj_step(model, data)
-        np.testing.assert_allclose(r.v_next[k], data.qvel, rtol=1e-9, atol=1e-11)
+    assert_steps_are_mujocos(ComplementarityModel(scene), model, 30)
 
 
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast"])
@@ -121,10 +111,4 @@ def test_activations_after_actuators_of_several_controls(tmp_path: Path) -> None
     scene, model = scene_of(tmp_path, f'<pid name="hip" joint="a" kp="9"/><motor joint="b"/>{filtered}', "Euler")
     assert scene.actuator_names == ("hip_0", "hip_1", "b", "slow")
     assert act_addresses(model, scene.core.state_act).tolist() == [0]
-    q, v, u = states(scene, 5)
-    u = np.concatenate([u, np.full((5, 1), 0.7)], axis=1)
-    r, data = ComplementarityModel(scene).predict(q, v, u), mujoco.MjData(model)
-    for k in range(5):
-        data.qpos[:], data.qvel[:], data.ctrl[:], data.act[:] = q[k], v[k], u[k, :4], u[k, 4:]
-        mujoco.mj_step(model, data)
-        np.testing.assert_allclose(r.v_next[k], data.qvel, rtol=1e-9, atol=1e-11)
+    assert_steps_are_mujocos(ComplementarityModel(scene), model, 5)

@@ -14,6 +14,8 @@ from cmbrl.scene import Scene
 from cmbrl.scene.fitted_file import fitted_file
 from cmbrl.scene.report import describe
 
+from .free_steps import assert_steps_are_mujocos, states
+
 WORLD = """<mujoco><option timestep=".005" integrator="{integrator}"/><default><geom contype="0" mass=".7"/></default>
 <worldbody><site name="w" pos=".1 .2 .3" euler="20 30 40"/>
 <body name="a" pos="0 0 1"><joint name="a" axis="0 1 0"/><joint type="slide" axis="1 0 0" damping=".4"/>
@@ -60,23 +62,11 @@ def scene_of(tmp_path: Path, actuators: str, integrator: str) -> tuple[Scene, mu
     return Scene.from_mjcf(path), mujoco.MjModel.from_xml_path(str(path))
 
 
-def states(scene: Scene, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    rng = np.random.default_rng(0)
-    q = scene.integrate(np.tile(scene.q0, (count, 1)), rng.normal(size=(count, scene.nv)))
-    return q, rng.normal(size=(count, scene.nv)), 2 * rng.normal(size=(count, scene.core.nu))
-
-
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "implicit", "RK4"])
 @pytest.mark.parametrize("case", CASES)
 def test_steps_are_those_of_mujoco(tmp_path: Path, case: str, integrator: str) -> None:
     scene, model = scene_of(tmp_path, CASES[case], integrator)
-    q, v, u = states(scene, 30)
-    r = ComplementarityModel(scene, integrator="rk4" if integrator == "RK4" else None).predict(q, v, u)
-    data = mujoco.MjData(model)
-    for k in range(len(q)):
-        data.qpos[:], data.qvel[:], data.ctrl[:], data.act[:] = q[k], v[k], u[k, : scene.nu], u[k, scene.nu :]
-        mujoco.mj_step(model, data)
-        np.testing.assert_allclose(r.v_next[k], data.qvel, rtol=1e-9, atol=1e-11)
+    assert_steps_are_mujocos(ComplementarityModel(scene, integrator="rk4" if integrator == "RK4" else None), model, 30)
 
 
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast"])

@@ -156,8 +156,8 @@ def test_the_default_follows_the_law_and_the_damping(tmp_path: Path) -> None:
     assert not ComplementarityModel.from_config(hand, model.to_config()).look_ahead
     old = {name: value for name, value in model.to_config().items() if name != "look_ahead"}
     assert ComplementarityModel.from_config(hand, old).look_ahead
-    other = ComplementarityModel(weak).other_sliding()
-    assert other is not None
-    assert other.look_ahead  # a fit compares laws of sliding alone
+    rivals = ComplementarityModel(weak).rivals()
+    assert rivals["convex"].look_ahead  # of a fit: the law of sliding alone, and MuJoCo's step as a whole
+    assert not rivals["mujoco"].look_ahead
     with pytest.raises(UserError, match="look_ahead"):
         ComplementarityModel(Scene.from_mjcf(HAND, contact_law="rigid"), look_ahead=False)
