@@ -51,7 +51,7 @@ def test_a_users_task_is_found_like_ours():
     registry.register(OURS)
     assert "mine" in registry.names()
     assert registry.load_task("mine") is OURS
-    options = {"substeps": 4, "time_step": 0.005, "integrator": "semi-implicit", "implicit_springs": False}
+    options = {"substeps": 4, "time_step": 0.005, "integrator": None, "implicit_springs": False}
     options |= {"sliding": None}
     assert OURS.model_options() == options
     assert OURS.scene_path == "scene.xml"
