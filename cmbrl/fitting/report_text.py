@@ -13,7 +13,7 @@ from cmbrl.fitting.fitted_parameter import AT_BOUND, FLAT, NOMINAL, FittedParame
 from cmbrl.fitting.sliding import sliding_told
 from cmbrl.fitting.told_gains import gains_told
 from cmbrl.fitting.unit import unit_told
-from cmbrl.fitting.verdict import MEASURES, MODELS, advice, lost, warning
+from cmbrl.fitting.verdict import EXACT, MEASURES, MODELS, advice, lost, warning
 
 WIDTH = 100
 _ALIKE = 1.01  # times the error of the fit
@@ -58,7 +58,7 @@ def verdict(report: Mapping[str, Any]) -> str:
     before, after = (row["rmse"] for row in held_out if row)
     steps = "1 step" if report["horizon"] == 1 else f"{report['horizon']} steps"
     told = f"an error over {steps} of {after:.3g} instead of {before:.3g}{_far(report)}"
-    if not after < before:
+    if not after < before and after > EXACT:
         return f"{early}The fit predicts unseen seconds worse than the file ({told}): keep the file."
     if before < _ALIKE * after:
         return f"{early}The fit predicts unseen seconds about as well as the file ({told})."

@@ -53,6 +53,13 @@ def test_holding_is_no_rival_where_it_tells_nothing() -> None:
     assert warning([_row(100, (6.4, 5.0, 6.6), (86.0, 5.0, 35.0))]) is not None  # the file is a rival everywhere
 
 
+def test_a_file_that_is_exact_is_no_rival() -> None:
+    """What both leave is rounding, which a chaotic robot makes large in a second."""
+    exact = [_row(1, (1.1, 2.6e-8, 2.7e-8), (6.0, 6e-15, 7e-15)), _row(20, (0.9, 4e-5, 5e-5), (9.0, 8e-9, 9e-9))]
+    assert warning(exact) is None
+    assert warning([_row(1, (1.1, 2.6e-8, 2e-6), (6.0, 6e-15, 7e-12)), exact[1]]) is not None
+
+
 def test_it_loses_where_one_measure_says_so() -> None:
     """Usual errors fall, large ones rise: the table of ``cmbrl error`` shows a loss."""
     text = warning([_row(1, (9.0, 0.5, 0.6), (9.0, 0.5, 0.4)), _row(5, (9.0, 0.5, 0.4), (9.0, 0.5, 0.6))])
