@@ -118,7 +118,9 @@ def sound() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "joined": (Transitions.joined, {"logs": [log, log]}),
         "check": (log.check, {"scene": scene, "dt": log.dt}),
         "load": (Transitions.load, {"path": "nowhere.npz"}),
-        "from_mjcf": (Scene.from_mjcf, {"path": task.scene_path, "ignore": (), "contact_law": "rigid", "reduce": True}),
+        "from_mjcf": (
+            Scene.from_mjcf, {"source": task.scene_path, "ignore": (), "contact_law": "rigid", "reduce": True},
+        ),
         "model": (lambda **options: ComplementarityModel(scene, **options).predict(q, v, u), settings),
         "with_settings": (lambda **options: model.with_settings(**options).predict(q, v, u), settings),
         "with_parameters": (model.with_parameters, {"theta": theta}),
