@@ -67,7 +67,7 @@ def supported_sliding(surveyor: Surveyor, horizons: tuple[int, ...]) -> Sliding:
         errors = {name: _relative_error(tried[name], surveyor, steps, longer=True) for name in near}
     best = min(errors, key=errors.__getitem__)
     taken = errors[best] < _CLEARLY_BETTER
-    told = {"tried": best, "relative_error": errors[best], "taken": taken}
+    told = {"tried": best, "own": own.model.sliding, "relative_error": errors[best], "taken": taken}
     chosen = tried[best] if taken else surveyor
     return Sliding(chosen.evidence, told, chosen.fitted_to(steps, longer) if own.positions_only else None)
 
@@ -89,5 +89,5 @@ def sliding_told(row: Mapping[str, Any] | None) -> str | None:
     tried, left = _WORDS[row["tried"]], f"{row['relative_error']:.2f} of the held-out error"
     if row["taken"]:
         return f"law of sliding: {tried}, which left {left} when all were fitted; --sliding names another"
-    kept = _WORDS["convex" if row["tried"] == "coulomb" else "coulomb"]
+    kept = _WORDS[row.get("own", "coulomb")]
     return f"law of sliding: {kept}; {tried} left {left} when all were fitted"

@@ -176,3 +176,5 @@ def test_a_fit_keeps_and_tells_its_law(tmp_path: Path) -> None:
     assert saved.model.sliding == "convex"
     kept = {**saved.report, "sliding": {"tried": "convex", "relative_error": 0.97, "taken": False}}
     assert "law of sliding: exact Coulomb" in " ".join(render(saved.parameters, kept).split())
+    kept["sliding"] = {"tried": "mujoco", "own": "convex", "relative_error": 1.2, "taken": False}  # convex was named
+    assert "law of sliding: the convex law, MuJoCo's; MuJoCo's step" in " ".join(render(saved.parameters, kept).split())
