@@ -189,7 +189,8 @@ class Course:
         elif self.with_laws and self.count:
             Extension(*self._trials(*self._everything(), [])).extend(self.incumbent, self.wanted)
         else:
-            self.incumbent.put(self.incumbent.begin, self.wanted)
+            better = self.survey.better
+            self.incumbent.put(self.incumbent.begin if better is None else better, self.wanted)
 
     def _move(self) -> None:
         if not self.incumbent.active.any():

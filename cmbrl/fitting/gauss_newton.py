@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cmbrl.fitting.loss import NormalEquations
+from cmbrl.fitting.loss import NormalEquations, PredictionLoss
 from cmbrl.fitting.objective import NOT_FINITE, NotFinite, Objective
 from cmbrl.fitting.random_search import Keep, Search, forget
 from cmbrl.fitting.space import Space
@@ -20,6 +20,8 @@ from cmbrl.fitting.state import Journal
 
 _BATCHES = 10.0 ** np.arange(-1.0, 11.0).reshape(6, 2)  # multiples of lambda
 _LAMBDA_RANGE = (1e-8, 1e8)
+_PASSES, _PASS_DECREASE, _FALLS = 12, 1e-3, 0.7  # at most; of an iteration; times the loss of the pass before
+_LIGHTER = 0.01  # times the weight of a heavy prior in the pass before
 _DECREASE = 1e-4  # relative; a smaller decrease ends the search if damping is small, or the second time
 
 
@@ -56,6 +58,32 @@ def gauss_newton(
         if idle == 2 or (idle == 1 and damping < 1.0):
             break
     return Search(z, value, candidates, tuple(course))
+
+
+def reweighed(
+    loss: PredictionLoss,
+    space: Space,
+    active: np.ndarray,
+    start: np.ndarray,
+    iterations: int,
+    journal: Journal,
+    heavy: float = 0.0,
+) -> np.ndarray:
+    """Where (n,) passes of ``iterations`` lead from ``start`` (n,), each with the prior weighed by what errors remain.
+
+    Errors of the file weigh it far too much for a log that is nearly explained. Passes end where the loss hardly falls.
+    ``heavy``: variance that weighs the prior at first, then less and less: what the log tells best moves first.
+    """
+    z, before = start, np.inf
+    for _ in range(_PASSES):
+        objective = Objective.at(loss, space, active, z, heavy)
+        if objective.variance > heavy:  # the prior is as light as the errors make it
+            if not objective.remaining < _FALLS * before:
+                break
+            before = objective.remaining
+        z = gauss_newton(objective, z, iterations, journal, decrease=_PASS_DECREASE).z
+        heavy *= _LIGHTER
+    return z
 
 
 def _lower(

@@ -32,13 +32,17 @@ _VARIANCE_RANGE = (SOLVER_VARIANCE, 1.0)  # to no model at all
 
 @dataclass(frozen=True)
 class Objective:
-    """``active`` (n,) bool: parameters that may move; ``strength``: s of the prior, from the ``variance`` tau^2."""
+    """``active`` (n,) bool: parameters that may move; ``strength``: s of the prior, from the ``variance`` tau^2.
+
+    ``remaining``: the loss where it was taken.
+    """
 
     loss: PredictionLoss
     space: Space
     active: np.ndarray
     strength: float
     variance: float = 0.0
+    remaining: float = np.inf
 
     @classmethod
     def at(cls, loss: PredictionLoss, space: Space, active: np.ndarray, z: np.ndarray, least: float = 0.0) -> Objective:
@@ -52,7 +56,7 @@ class Objective:
             np.clip(2.0 * errors.mean / loss.windows.scales.observed, *_VARIANCE_RANGE)
         )  # L sums r^2 / 2 over the coordinates
         variance = max(variance, least)
-        return cls(loss, space, active, variance / loss.independent(errors.alike), variance)
+        return cls(loss, space, active, variance / loss.independent(errors.alike), variance, errors.mean)
 
     def values(self, z: np.ndarray, offset: np.ndarray | None = None, most: float = np.inf) -> np.ndarray:
         """J (C,) of candidates (C, n), from an ``offset`` (C, S, k) of each one's own if given; infinite for a NaN.

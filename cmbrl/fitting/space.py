@@ -4,9 +4,9 @@ A parameter ``theta`` is searched as ``t = log theta`` (transform "log"), ``t = 
 shares between 0 and 1) or ``t = theta`` ("linear"), written as ``z = (t - t_nominal) / sd``. ``sd`` is a sixth of the
 distance between the bounds in ``t``, so bounds around a central nominal value are three standard deviations away, and
 ``reach`` times as far where a parameter may be far beyond what is expected. Thus z = 0 is the user's belief and a unit
-of z is a plausible error. The prior is normal with unit variances; joints and
-servos to which the file gives the same value are believed alike, hence correlated: a log that says little about one of
-four legs says it by the other three. Widths and correlation are our choice.
+of z is a plausible error. The prior is normal with unit variances. Joints, servos and contacts to which the file gives
+the same value are believed alike, hence correlated: a log that says little about one of four legs says it by the other
+three, and one in which only feet touch the floor says something about knees. Widths and correlation are our choice.
 """
 
 from __future__ import annotations
@@ -20,8 +20,12 @@ from cmbrl.errors import UserError, did_you_mean
 from cmbrl.scene import Parameter
 
 _BOUNDS_WIDTH_IN_SD = 6.0
-_ALIKE = ("damping", "armature", "stiffness", "frictionloss", "kp", "kd")
-_CORRELATION = 0.8  # of alike joints: each deviates from what they share by 0.45 prior standard deviations
+_ALIKE = (
+    *("damping", "armature", "stiffness", "frictionloss", "kp", "kd"),
+    *("friction", "softness_time", "softness_damping", "softness_scale"),
+    *("impedance_low", "impedance_high", "impedance_width"),
+)
+_CORRELATION = 0.8  # of what is alike: each deviates from what is shared by 0.45 prior standard deviations
 
 
 @dataclass(frozen=True)
@@ -115,7 +119,7 @@ class Space:
 
 
 def _precision(groups: Sequence[str], nominal: np.ndarray) -> np.ndarray:
-    """Inverse covariance (n, n) of the prior in z: joints and servos that the file takes for alike are correlated."""
+    """Inverse covariance (n, n) of the prior in z: what the file takes for alike is correlated."""
     covariance = np.eye(len(groups))
     members: dict[tuple[str, float], list[int]] = {}
     for k, (group, value) in enumerate(zip(groups, nominal.tolist(), strict=True)):

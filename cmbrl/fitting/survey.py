@@ -20,13 +20,15 @@ import numpy as np
 
 from cmbrl.fitting.evidence import LEAST_WINDOWS, Evidence
 from cmbrl.fitting.folds import draw_starts, fold_of_rows
-from cmbrl.fitting.gauss_newton import gauss_newton
+from cmbrl.fitting.gauss_newton import reweighed
 from cmbrl.fitting.judge import Judge, score
+from cmbrl.fitting.loss import PredictionLoss
 from cmbrl.fitting.noise import sensor_noise
-from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.models.complementarity import ComplementarityModel
 
+_HEAVY = 1e4  # variance that weighs the prior at first, on one of two ways: as if errors were 100 times the change
 _NEARLY = 0.01  # of the logarithm of the error
 _SAME = 1e-9  # relative difference of two losses that rounding explains
 _SAME_NOISE = 0.2  # relative change that needs no second fit
@@ -148,19 +150,22 @@ class Surveyor:
         """
         before: list[np.ndarray] = []
         for h in sorted(horizons):
-            before = [self._fit(f"survey of {h} steps", h, noise, self.begin, *before)]
+            heavy = () if before or len(horizons) == 1 else (_HEAVY,)  # the shortest costs the least
+            before = [self._fit(f"survey of {h} steps", h, noise, self.begin, *before, heavy=heavy)]
             yield h, before[0]
 
-    def _fit(self, name: str, horizon: int, noise: np.ndarray | None, *starts: np.ndarray) -> np.ndarray:
+    def _fit(
+        self, name: str, horizon: int, noise: np.ndarray | None, *starts: np.ndarray, heavy: Sequence[float] = ()
+    ) -> np.ndarray:
         self.journal.check_time()
         self.journal.report(0.02, name)
         fitted = self.journal.unit(
-            self.label + name, lambda: {"z": self._fitted(horizon, noise, np.array(starts)).tolist()}
+            self.label + name, lambda: {"z": self._fitted(horizon, noise, np.array(starts), heavy).tolist()}
         )
         return np.array(fitted["z"])
 
-    def _fitted(self, horizon: int, noise: np.ndarray | None, begin: np.ndarray) -> np.ndarray:
-        """From the best row of ``begin`` (k, n)."""
+    def _fitted(self, horizon: int, noise: np.ndarray | None, begin: np.ndarray, heavy: Sequence[float]) -> np.ndarray:
+        """The best of what leads from the best row of ``begin`` (k, n), with ``heavy`` priors at first besides."""
         evidence, space = self.evidence, self.evidence.space
         starts = draw_starts(evidence.log, horizon, self.rows, self.seed)
         if self.count:
@@ -168,8 +173,10 @@ class Surveyor:
         loss = evidence.loss(starts, horizon, *evidence.scales(horizon, self.huber, noise))
         if not self.chosen.any():
             return begin[0]
-        z = begin[int(np.argmin(np.nan_to_num(loss.values(space.theta(begin)), nan=np.inf)))]
-        return gauss_newton(Objective.at(loss, space, self.chosen, z), z, self.iterations, self.journal).z
+        z = _best(loss, space, begin)
+        ways = (0.0, *heavy)
+        found = np.array([reweighed(loss, space, self.chosen, z, self.iterations, self.journal, way) for way in ways])
+        return _best(loss, space, found)
 
     def _score(self, z: np.ndarray) -> float:
         return score(self._judges, self.evidence.space.theta(z)) - self._nominal
@@ -187,6 +194,11 @@ class Surveyor:
     @cached_property
     def _nominal(self) -> float:
         return score(self._judges, self.evidence.space.nominal)
+
+
+def _best(loss: PredictionLoss, space: Space, z: np.ndarray) -> np.ndarray:
+    """The row of ``z`` (k, n) of the lowest loss."""
+    return z[int(np.argmin(np.nan_to_num(loss.values(space.theta(z)), nan=np.inf)))] if len(z) > 1 else z[0]
 
 
 def _alike(before: np.ndarray | None, after: np.ndarray | None) -> bool:
