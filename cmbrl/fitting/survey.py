@@ -29,7 +29,7 @@ from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.models.complementarity import ComplementarityModel
 
 _HEAVY = 1e4  # variance that weighs the prior at first, on one of two ways: as if errors were 100 times the change
-_NEARLY = 0.01  # of the logarithm of the error
+_NEARLY = 0.005  # of the logarithm of the error
 _SAME = 1e-9  # relative difference of two losses that rounding explains
 _SAME_NOISE = 0.2  # relative change that needs no second fit
 

@@ -152,7 +152,7 @@ def test_a_noisy_log_is_fitted_without_bias(carts, noisy):
     result = cmbrl.fit(model, noisy, groups=["gear", "damping"], method="gauss-newton")
     assert result.report["horizon"] > 1
     np.testing.assert_allclose(result.report["noise"], [SIGMA], rtol=0.25)
-    assert result.parameters["gear.1"].value == pytest.approx(0.7, rel=0.03)
+    assert result.parameters["gear.1"].value == pytest.approx(0.7, rel=0.04)
     assert result.parameters["damping.0"].value == pytest.approx(2.0, rel=0.1)
     assert "sensor noise of positions" in result.report_text()
 
