@@ -107,15 +107,14 @@ def simulate(
     the log after so many seconds. Raises UserError for another robot, and if no row is at ``since`` or later.
     """
     data.check(scene)
-    if restart is not None:
-        data = _restarted(data, restart)
     if not (time >= since).any():
         raise UserError(f"the log ends at {time.max():g} s, before {since:g} s: give an earlier --from")
     errors, astray, judged = {}, {}, time >= since
     for done, (name, model) in enumerate(models.items()):
         if progress is not None:
             progress(done / len(models), name)
-        log = seen(model, data)
+        log = seen(model, data)  # of whole episodes: late commands are those of before a new start
+        log = log if restart is None else _restarted(log, restart)
         parts = [_drift(model, log.select(log.episode == e), scene) for e in np.unique(log.episode)]
         errors[name], *others = (np.concatenate(found) for found in zip(*parts, strict=True))
         with np.errstate(all="ignore"):

@@ -65,3 +65,22 @@ def test_a_start_off_to_either_side_is_tried(tmp_path: Path, end: str, bounds: s
     table = simulate({"leans": cmbrl.ComplementarityModel(scene)}, log, scene, 0.01 * np.arange(1.0, 401.0))
     assert np.abs(table.errors["leans"]).max() < 1e-3
     assert table.astray["leans"] > 1e-2
+
+
+def test_late_commands_go_on_over_a_new_start(tmp_path: Path) -> None:
+    """What a motor does at the new start is the command of before."""
+    (tmp_path / "rod.xml").write_text(ROD.format(end=-0.5, mass=1.0))
+    model = cmbrl.ComplementarityModel(Scene.from_mjcf(tmp_path / "rod.xml"))
+    command = np.sin(0.1 * np.arange(200.0))[:, None]
+    acted = np.concatenate([np.zeros((2, 1)), command[:-2]])
+    states = [(np.zeros((1, 1)), np.zeros((1, 1)))]
+    for u in acted:
+        step = model.predict(*states[-1], u[None])
+        states.append((step.q_next, step.v_next))
+    path, speed = (np.concatenate(part) for part in zip(*states, strict=True))
+    log = Transitions(
+        q=path[:-1], v=speed[:-1], u=command, q_next=path[1:], v_next=speed[1:], dt=0.01, episode=np.zeros(200)
+    )
+    late = model.with_settings(observation={"delay.command": 0.02})
+    table = simulate({"late": late}, log, model.scene, 0.01 * np.arange(1.0, 201.0), restart=0.25)
+    assert np.abs(table.errors["late"]).max() < 1e-9
