@@ -88,7 +88,7 @@ def scene_of(log: PositionLog, scene: Scene) -> Scene:
             continue
         name = scene.actuator_names[actuator]
         if log.command_kind == "torque":
-            drives[name] = Drive(name, "torque")
+            drives[name] = Drive(name, "torque", strength=float(np.abs(log.command[:, column]).max(initial=0.0)))
             continue
         if log.kp is None or log.kp[column] == 0.0:
             raise UserError(_mismatch(log, scene, column, actuator))

@@ -182,7 +182,12 @@ def spread(change: np.ndarray, least: float = 1e-9) -> np.ndarray:
 
 
 def least_units(scene: Scene, data: Transitions) -> np.ndarray:
-    """Units (nv,) of errors of positions in which their noise is small.
+    """Units (nv,) of errors of positions in which their noise is small."""
+    return noise_of_positions(scene, data) / _NOISE_SHARE
+
+
+def noise_of_positions(scene: Scene, data: Transitions) -> np.ndarray:
+    """Standard deviations (nv,) of the noise of positions; 0 where the log is too short to tell.
 
     Sixth differences tell noise: they are hardly any of what moves, and the median does not look at impacts.
     """
@@ -192,8 +197,7 @@ def least_units(scene: Scene, data: Transitions) -> np.ndarray:
         return np.zeros(data.v.shape[1])
     change = scene.difference(data.q, data.q_next)
     sixth = sum(weight * change[rows + k] for k, weight in enumerate(_DIFFERENCES))
-    noise = np.median(np.abs(sixth), axis=0) / _OF_NORMAL / np.sqrt(comb(2 * order, order))
-    return np.asarray(noise / _NOISE_SHARE)
+    return np.asarray(np.median(np.abs(sixth), axis=0) / _OF_NORMAL / np.sqrt(comb(2 * order, order)))
 
 
 def thinned(rows: np.ndarray, count: int) -> np.ndarray:

@@ -134,7 +134,7 @@ def _strength(actuator: Actuator) -> float:
     if not np.isfinite(force) and actuator.bias[1]:
         force = abs(float(actuator.bias[1])) * _REACH
     elif not np.isfinite(force) and not np.any(actuator.bias):
-        force = abs(actuator.gain) * float(np.abs(actuator.control).max())
+        force = abs(actuator.gain) * (actuator.usual or float(np.abs(actuator.control).max()))
     return abs(actuator.gear) * force
 
 
