@@ -10,6 +10,7 @@ import numpy as np
 
 from cmbrl.fitting.agreement import sentences
 from cmbrl.fitting.fitted_parameter import AT_BOUND, FLAT, NOMINAL, FittedParameter
+from cmbrl.fitting.judging import RETURN
 from cmbrl.fitting.sliding import sliding_told
 from cmbrl.fitting.told_gains import gains_told, sum_told
 from cmbrl.fitting.unit import unit_told
@@ -49,7 +50,9 @@ def verdict(report: Mapping[str, Any]) -> str:
     early = f"Stopped early ({report['stopped']}). " if report["stopped"] is not None else ""
     held_out = [report["loss"].get(f"held out, {which}") for which in ("nominal", "fitted")]
     if not report.get("fitted"):
+        back = (report.get("selection") or [{}])[-1].get("group") == RETURN
         why = "no parameter had moved yet" if early else "the file explains the log as well"
+        why = "what had moved predicted unseen episodes worse than the file does" if back else why
         return f"{early}Nothing was fitted: {why}."
     if None in held_out:
         return f"{early}Nothing was held out: this fit has not been judged."
