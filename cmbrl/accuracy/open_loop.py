@@ -7,7 +7,7 @@ model drifts as a wrong one does. So each model is simulated from a start that i
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,7 +31,8 @@ class OpenLoop:
     """Positions (T, nv) less those of the log, by model, at ``time`` (T,) [s]; errors count from ``since`` [s] on.
 
     ``recording`` (T,) numbers the ``logs``, if there are several. ``astray``: by model, how far off [rad, m] it is, in
-    the mean over judged rows, if its start is 0.1 mrad, mm off.
+    the mean over judged rows, if its start is 0.1 mrad, mm off to the worse side. ``restart`` [s]: each simulation ends
+    there, and the next starts from the log.
     """
 
     names: tuple[str, ...]
@@ -41,6 +42,7 @@ class OpenLoop:
     recording: np.ndarray
     logs: tuple[str, ...] = ()
     astray: Mapping[str, float] = field(default_factory=dict)
+    restart: float | None = None
 
     def mean(self, model: str, log: int | None = None) -> np.ndarray:
         """Mean absolute errors (nv,) [rad, m] of the judged rows, perhaps of one log; infinite if it diverged."""
@@ -55,9 +57,8 @@ class OpenLoop:
         for k, log in enumerate(self.logs if len(self.logs) > 1 else ()):
             rows.append([f"log {log}", *(1e3 * float(self.mean(model, k).mean()) for model in means)])
         rows += [[name, *(float(m[k]) for m in means.values())] for k, name in enumerate(self.names)]
-        title = (
-            f"mean absolute position error [mrad, mm], open loop from the start of the log, from {self.since:g} s on"
-        )
+        start = "start of the log" if self.restart is None else f"log every {self.restart:g} s"
+        title = f"mean absolute position error [mrad, mm], open loop from the {start}, from {self.since:g} s on"
         return "\n".join([Table(title, ["coordinate", *means], rows).text(), *self._unstable()])
 
     def _unstable(self) -> Iterator[str]:
@@ -70,7 +71,7 @@ class OpenLoop:
         if told:
             yield (
                 f"SAYS LITTLE: from a start 0.1 mrad, mm off, it ends elsewhere ({', '.join(told)} mrad, mm): these\n"
-                "  commands do not hold the robot. Give the log short episodes (`episode`): each has a start of its own"
+                "  commands do not hold the robot, so which model is nearer is chance. Start anew: --restart 1 [s]"
             )
 
     def to_json(self) -> dict[str, Any]:
@@ -98,11 +99,12 @@ def simulate(
     since: float = 0.0,
     progress: Callable[[float, str], None] | None = None,
     logs: Sequence[str] = (),
+    restart: float | None = None,
 ) -> OpenLoop:
     """Simulates each episode of ``data`` from its first state with every model.
 
-    ``time`` (N,) [s] of the states after each row; ``logs``: names by ``data.recording``. Raises UserError for another
-    robot, and if no row is at ``since`` or later.
+    ``time`` (N,) [s] of the states after each row; ``logs``: names by ``data.recording``; ``restart``: start anew from
+    the log after so many seconds. Raises UserError for another robot, and if no row is at ``since`` or later.
     """
     data.check(scene)
     if not (time >= since).any():
@@ -111,23 +113,32 @@ def simulate(
     for done, (name, model) in enumerate(models.items()):
         if progress is not None:
             progress(done / len(models), name)
-        log = seen(model, data)
+        log = seen(model, data)  # of whole episodes: late commands are those of before a new start
+        log = log if restart is None else _restarted(log, restart)
         parts = [_drift(model, log.select(log.episode == e), scene) for e in np.unique(log.episode)]
-        errors[name], other = (np.concatenate(found) for found in zip(*parts, strict=True))
+        errors[name], *others = (np.concatenate(found) for found in zip(*parts, strict=True))
         with np.errstate(all="ignore"):
-            astray[name] = float(np.abs(other - errors[name])[judged].mean())
-    return OpenLoop(tuple(scene.coordinate_names), time, errors, since, data.recording, tuple(logs), astray)
+            astray[name] = float(np.max([np.abs(other - errors[name])[judged].mean() for other in others]))
+    return OpenLoop(tuple(scene.coordinate_names), time, errors, since, data.recording, tuple(logs), astray, restart)
 
 
-def _drift(model: Model, log: Transitions, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Errors (T, nv) over one episode, and those from a start that is a little off."""
-    start = np.concatenate([log.q[:1], scene.integrate(log.q[:1], np.full((1, scene.nv), _OFF))])
-    u = np.repeat(log.u[None], 2, axis=0)
+def _restarted(data: Transitions, seconds: float) -> Transitions:
+    """``data`` in episodes of at most ``seconds``."""
+    begins, row = np.append(True, np.diff(data.episode) != 0), np.arange(len(data))
+    since = row - np.maximum.accumulate(np.where(begins, row, 0))
+    begins |= since % max(1, round(seconds / data.dt)) == 0
+    return replace(data, episode=np.cumsum(begins) - 1)
+
+
+def _drift(model: Model, log: Transitions, scene: Scene) -> list[np.ndarray]:
+    """Errors (T, nv) over one episode, and those from starts that are a little off, to either side."""
+    off = _OFF * np.array([0.0, 1.0, -1.0])[:, None] * np.ones(scene.nv)
+    start = scene.integrate(np.repeat(log.q[:1], 3, axis=0), off)
+    v, u = (np.repeat(part[None], 3, axis=0) for part in (log.v[0], log.u))
     with torch.no_grad():
-        q, _ = rollout(model, *(torch.as_tensor(a) for a in (start, np.repeat(log.v[:1], 2, axis=0), u)))
+        q, _ = rollout(model, *(torch.as_tensor(part) for part in (start, v, u)))
     with np.errstate(all="ignore"):
-        own, other = (np.asarray(scene.difference(log.q_next, path)) for path in q.numpy())
-    return own, other
+        return [np.asarray(scene.difference(log.q_next, path)) for path in q.numpy()]
 
 
 def _finite(x: float) -> float | None:

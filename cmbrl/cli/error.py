@@ -74,6 +74,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--from", dest="since", type=number, metavar="S", help="with --open-loop: judge from this second of the log on"
     )
+    parser.add_argument(
+        "--restart",
+        type=positive_number,
+        metavar="S",
+        help="with --open-loop: start anew from the log every S seconds, where the commands do not hold the robot",
+    )
     parser.add_argument("--out", metavar="DIR", help="write table, JSON, plot and the trained ensemble there")
     add_scene_options(parser)
     add_sliding(parser, "of nominal and of files: the task's, else coulomb; of fits: their own")
@@ -88,8 +94,9 @@ def run(arguments: argparse.Namespace) -> None:
         raise UserError("ensemble: no log to learn from; give one other than --data by --train FILE")
     if arguments.out:
         check_run_folder(arguments.out, "error")
-    if arguments.since is not None and not arguments.open_loop:
-        raise UserError("--from is for --open-loop: add it, or drop --from")
+    for option, value in (("--from", arguments.since), ("--restart", arguments.restart)):
+        if value is not None and not arguments.open_loop:
+            raise UserError(f"{option} is for --open-loop: add it, or drop {option}")
     source = common_source(words, arguments.scene, arguments.ignore, arguments.contact_law, arguments.self_contact)
     source, data, time, logs = _log(arguments, source)
     gap = arguments.contact_gap or (source.task.contact_gap if source.task else CONTACT_GAP)
@@ -110,7 +117,7 @@ def run(arguments: argparse.Namespace) -> None:
     with fraction("compare") as progress:
         if arguments.open_loop:
             since = 0.0 if arguments.since is None else arguments.since
-            table = simulate(models, data, source.scene, time, since, progress, logs)
+            table = simulate(models, data, source.scene, time, since, progress, logs, arguments.restart)
         else:
             table = compare(models, data, source.scene, arguments.horizons, gap, progress=progress, logs=logs)
     notes += left_out_lines((e.kind, e.name, e.why) for e in source.scene.left_out)

@@ -10,6 +10,7 @@ from cmbrl.errors import UserError
 from cmbrl.scene.drives import Drive
 
 _OFTEN, _BEYOND = 75.0, 1.0  # percent of the samples; ranges of controls
+_OUTSIDE = 0.05  # of the range of controls, by which commands of a driver overshoot it
 _SAME = 1e-6  # of a gain, by which two of them differ in rounding alone
 
 if TYPE_CHECKING:
@@ -59,11 +60,17 @@ def _check_range(log: PositionLog, scene: Scene, column: int, actuator: int, sca
     if not (np.isfinite(room) and room > 0.0 and len(target)):
         return
     if np.percentile(np.maximum(target - high, low - target), _OFTEN) > _BEYOND * room:
-        name = scene.actuator_names[actuator]
+        name, (least, most) = scene.actuator_names[actuator], scene.core.act_ctrl[actuator].tolist()
+        as_such = f"`control` for each actuator, or `cmbrl import --map COLUMN={name}.control`"
+        beyond = max(target.max() - most, least - target.min())
+        remedy = (
+            f"they are its controls, {least:g} to {most:g}: give them as such ({as_such}), or times {1.0 / scale:.4g}"
+            if beyond <= _OUTSIDE * (most - least)
+            else f"check the unit, or give MuJoCo's controls as such ({as_such})"
+        )
         raise UserError(
             f"commanded_position of {log.command_names[column]!r} reaches {np.abs(target).max():.4g}; actuator "
-            f"{name!r} takes targets from {low:.4g} to {high:.4g}, lengths of what it pulls: check the unit, or import "
-            f"MuJoCo's controls as such (`cmbrl import --map COLUMN={name}.control`)"
+            f"{name!r} takes targets from {low:.4g} to {high:.4g}, lengths of what it pulls: {remedy}"
         )
 
 
@@ -81,7 +88,7 @@ def scene_of(log: PositionLog, scene: Scene) -> Scene:
             continue
         name = scene.actuator_names[actuator]
         if log.command_kind == "torque":
-            drives[name] = Drive(name, "torque")
+            drives[name] = Drive(name, "torque", strength=float(np.abs(log.command[:, column]).max(initial=0.0)))
             continue
         if log.kp is None or log.kp[column] == 0.0:
             raise UserError(_mismatch(log, scene, column, actuator))

@@ -1,8 +1,9 @@
 """Positions and velocities from sampled positions: local polynomials, as smooth as the samples themselves support.
 
-Each column gets the half-width at which a sample is best predicted by its neighbours (leave-one-out error), so that a
-quiet encoder is hardly smoothed and a noisy one is (Savitzky and Golay, Analytical Chemistry 36, 1964; the choice of
-the width by cross-validation: Fan and Gijbels, Local Polynomial Modelling, 1996, section 4.6).
+Each column gets the degree and half-width at which a sample is best predicted by its neighbours (leave-one-out error),
+so that a quiet encoder is hardly smoothed and a noisy one is, and a robot that moves much between samples keeps its
+speed (Savitzky and Golay, Analytical Chemistry 36, 1964; the choice by cross-validation: Fan and Gijbels, Local
+Polynomial Modelling, 1996, section 4.6).
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 from cmbrl.scene.manifold import rotate_by, rotation_between
 
 _HALF_WIDTHS = (2, 3, 4, 6, 8, 12, 16)  # samples on each side
-_DEGREE = 2
+_DEGREES = (2, 4)
 _LEAST = 5  # samples of an episode that a parabola can smooth
 
 
@@ -34,8 +35,7 @@ def smooth(samples: np.ndarray, dt: float, episode: np.ndarray) -> Smoothed:
     """
     parts = [slice(int(rows[0]), int(rows[-1]) + 1) for rows in _blocks(episode)]
     longest = max(part.stop - part.start for part in parts)
-    widths = [width for width in _HALF_WIDTHS if 2 * width < longest] or _HALF_WIDTHS[:1]
-    trials = [_with_width(samples, dt, parts, width) for width in widths]
+    trials = [_with(polynomial, samples, dt, parts) for polynomial in _polynomials(longest)]
     best = np.array([error for _, _, error in trials]).argmin(axis=0)
     columns = np.arange(samples.shape[1])
     value, rate = (np.stack([trial[part] for trial in trials])[best, :, columns].T for part in (0, 1))
@@ -43,8 +43,8 @@ def smooth(samples: np.ndarray, dt: float, episode: np.ndarray) -> Smoothed:
     return Smoothed(np.ascontiguousarray(value), np.ascontiguousarray(rate), errors)
 
 
-def _with_width(
-    samples: np.ndarray, dt: float, parts: list[slice], width: int
+def _with(
+    polynomial: tuple[int, int], samples: np.ndarray, dt: float, parts: list[slice]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Values, rates, and the mean square (n,) of what is left of a sample when its neighbours alone predict it."""
     value, rate = samples.copy(), np.zeros_like(samples)
@@ -55,8 +55,7 @@ def _with_width(
             if rows > 1:
                 rate[part] = np.gradient(samples[part], dt, axis=0)
             continue
-        half = min(width, (rows - 1) // 2)
-        weights = _weights(half)
+        half, weights = _weights(polynomial, rows)
         windows = np.lib.stride_tricks.sliding_window_view(samples[part], 2 * half + 1, axis=0)  # (rows - 2 half, n, w)
         own = np.arange(rows).clip(half, rows - 1 - half) - half  # the window of a row; at the ends it is not central
         place = np.arange(rows) - own
@@ -71,18 +70,17 @@ def _with_width(
 def smooth_rotations(quaternions: np.ndarray, dt: float, episode: np.ndarray) -> Smoothed:
     """The same for unit ``quaternions`` (T, 4): smoothed ones, their rates (T, 3) [rad/s] in the axes of the body.
 
-    The polynomials are in the rotation vectors from each sample to its neighbours; one width serves all three axes.
+    The polynomials are in the rotation vectors from each sample to its neighbours; one kind serves all three axes.
     """
     parts = [slice(int(rows[0]), int(rows[-1]) + 1) for rows in _blocks(episode)]
     longest = max(part.stop - part.start for part in parts)
-    widths = [width for width in _HALF_WIDTHS if 2 * width < longest] or _HALF_WIDTHS[:1]
-    trials = [_rotations_with_width(quaternions, dt, parts, width) for width in widths]
+    trials = [_rotations_with(polynomial, quaternions, dt, parts) for polynomial in _polynomials(longest)]
     value, rate, error = min(trials, key=lambda trial: float(trial[2].sum()))
     return Smoothed(value, rate, np.sqrt(error))
 
 
-def _rotations_with_width(
-    quaternions: np.ndarray, dt: float, parts: list[slice], width: int
+def _rotations_with(
+    polynomial: tuple[int, int], quaternions: np.ndarray, dt: float, parts: list[slice]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Quaternions, rates, and the mean squares (3,) of what is left of a sample that its neighbours predict."""
     value, rate = quaternions.copy(), np.zeros((len(quaternions), 3))
@@ -90,13 +88,12 @@ def _rotations_with_width(
     for part in parts:
         samples = quaternions[part]
         rows = len(samples)
-        half = min(width, (rows - 1) // 2)
         if rows < _LEAST:
             if rows > 1:
                 step = rotation_between(samples[:-1], samples[1:]) / dt
                 rate[part] = np.concatenate([step, step[-1:]])
             continue
-        weights = _weights(half)
+        half, weights = _weights(polynomial, rows)
         first = np.arange(rows).clip(half, rows - 1 - half) - half
         place = np.arange(rows) - first
         near = samples[first[:, None] + np.arange(2 * half + 1)]  # (rows, w, 4)
@@ -110,13 +107,22 @@ def _rotations_with_width(
     return value, rate, squares / max(count, 1)
 
 
-def _weights(half: int) -> np.ndarray:
-    """(2, w, w): weights of the samples of a window in the value and the rate per sample, at each place in it."""
+def _polynomials(longest: int) -> list[tuple[int, int]]:
+    """Degrees and half-widths that an episode of ``longest`` samples may have, those of parabolas first."""
+    widths = [width for width in _HALF_WIDTHS if 2 * width < longest] or _HALF_WIDTHS[:1]
+    return [(degree, width) for degree in _DEGREES for width in widths if 2 * width > degree]
+
+
+def _weights(polynomial: tuple[int, int], rows: int) -> tuple[int, np.ndarray]:
+    """The half-width in an episode of ``rows`` samples, and (2, w, w): weights of a value and a rate at each place."""
+    degree, width = polynomial
+    half = min(width, (rows - 1) // 2)
+    degree = degree if 2 * half > degree else _DEGREES[0]
     steps = np.arange(-half, half + 1)
-    powers = steps[:, None] ** np.arange(_DEGREE + 1)
+    powers = steps[:, None] ** np.arange(degree + 1)
     inverse = np.linalg.pinv(powers.astype(float))  # (degree + 1, w)
-    slopes = np.arange(1, _DEGREE + 1) * powers[:, :-1]
-    return np.stack([powers @ inverse, slopes @ inverse[1:]])
+    slopes = np.arange(1, degree + 1) * powers[:, :-1]
+    return half, np.stack([powers @ inverse, slopes @ inverse[1:]])
 
 
 def _blocks(episode: np.ndarray) -> list[np.ndarray]:

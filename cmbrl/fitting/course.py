@@ -22,7 +22,7 @@ from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.extension import Extension
 from cmbrl.fitting.folds import Folds, draw_starts
 from cmbrl.fitting.judge import Judge
-from cmbrl.fitting.judging import helped, judged
+from cmbrl.fitting.judging import harmed, helped, judged, returned
 from cmbrl.fitting.loss import Errors, PredictionLoss
 from cmbrl.fitting.multi_start import MultiStart
 from cmbrl.fitting.objective import Objective
@@ -101,7 +101,8 @@ class Course:
             self._move()
             if self.count:
                 self._judge()
-            if hasty and not helped(self.held_out):
+            if self._lost(hasty):  # the file is the better model
+                self.incumbent.path.append(returned(self.held_out))
                 self.incumbent.put(np.zeros(len(self.movable)), np.zeros_like(self.movable))
                 self._judge_shortly()
             with self.part("logs"):
@@ -116,6 +117,16 @@ class Course:
                     self._judge_shortly()
             return "interrupted"
         return stopped
+
+    def _lost(self, hasty: bool) -> bool:
+        """Whether a fit of what held-out errors call for predicts held-out episodes worse than the file does.
+
+        A ``hasty`` one, which moved all without a choice, has to predict them better.
+        """
+        if not (self.held_out and self.incumbent.active.any()):
+            return False
+        free = self.wanted is None or self.with_laws
+        return not helped(self.held_out) if hasty else free and harmed(self.held_out)
 
     @contextmanager
     def part(self, name: str) -> Iterator[None]:

@@ -15,6 +15,7 @@ from cmbrl.errors import UserError
 from cmbrl.fitting.folds import windows_in_blocks
 from cmbrl.fitting.loss import PredictionLoss
 from cmbrl.fitting.space import Space
+from cmbrl.fitting.straying import told_by_model
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.observation import BIAS, Observation
 from cmbrl.models.windows import Scales, Windows
@@ -73,7 +74,8 @@ class Evidence:
         """Numbers of steps that predictions may be compared over: the one ``asked``, several to choose from if "auto".
 
         Of positions, half a second: at one step, their changes are noise. Less of a body that floats, since nothing
-        pulls it back to where it should be; and as much less as a short log needs.
+        pulls it back to where it should be, and of an arm whose torques do not (``straying``); and as much less as a
+        short log needs.
         """
         if asked != "auto":
             return (whole(asked, "horizon"),)
@@ -83,7 +85,8 @@ class Evidence:
         ahead = _FLOATING_AHEAD if floats else _POSITIONS_AHEAD
         steps = range(round(ahead / self.log.dt), 1, -1)
         told = (h for h in steps if len(windows_in_blocks(self.log, h)) >= LEAST_WINDOWS)
-        return (next(told, 1),)
+        longest = next(told, 1)
+        return (longest if floats else told_by_model(self, longest),)
 
     def scales(self, horizon: int, huber: float, noise: np.ndarray | None = None) -> tuple[Scales, ...]:
         """What errors are measured in, by log, with ``noise`` (logs, 2 nv); estimated velocities do not count."""

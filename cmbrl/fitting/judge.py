@@ -12,7 +12,7 @@ from cmbrl.fitting.evidence import HORIZONS, LEAST_WINDOWS, Evidence
 from cmbrl.fitting.loss import huber
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.deviations import REST
-from cmbrl.models.windows import spread
+from cmbrl.models.windows import least_units, spread
 
 _JUDGED, _JUDGED_ROWS = 500, 20_000  # windows at most, and predicted rows
 _EXACT = 1e-4  # loss of a coordinate (1 % of its change) below which it is right
@@ -51,6 +51,8 @@ class Judge:
                 continue
             ends = starts + h - 1
             dq = spread(scene.difference(data.q[starts], data.q_next[ends]), REST * data.dt * h)
+            if evidence.positions_only:
+                dq = np.hypot(dq, least_units(scene, data))
             dv = spread(data.v_next[ends] - data.v[starts], REST)
             scale = np.concatenate([dq, np.full_like(dv, np.inf) if evidence.positions_only else dv])
             if rows is not None:

@@ -13,6 +13,7 @@ from cmbrl.fitting.state import Journal
 from cmbrl.fitting.trials import Incumbent
 from cmbrl.fitting.unseen import Unseen
 
+RETURN = "all that had moved"  #: the group of a move back to the file
 _NOMINAL, _FITTED = "held out, nominal", "held out, fitted"
 
 
@@ -34,3 +35,14 @@ def judged(folds: Folds, space: Space, incumbent: Incumbent, iterations: int, jo
 def helped(errors: dict[str, Errors]) -> bool:
     """Whether the fit is worth its parameters, by its held-out ``errors``."""
     return errors[_FITTED].mean < (1.0 - LEAST_GAIN) * errors[_NOMINAL].mean
+
+
+def harmed(errors: dict[str, Errors]) -> bool:
+    """Whether the file clearly predicts better than the fit, by its held-out ``errors``."""
+    return not errors[_FITTED].mean <= (1.0 + LEAST_GAIN) * errors[_NOMINAL].mean
+
+
+def returned(errors: dict[str, Errors]) -> dict[str, Any]:
+    """The move back to the file from a fit with these held-out ``errors``, for the report."""
+    gain = errors[_FITTED].mean - errors[_NOMINAL].mean
+    return {"move": "remove", "group": RETURN, "gain": gain, "noise": 0.0, "held_out_rmse": errors[_NOMINAL].rmse}

@@ -48,7 +48,7 @@ class RateCheck:
         with np.errstate(all="ignore"):
             losses = {factor: self._loss_of_file(factor) for factor in _FACTORS}
         factor = min(losses, key=lambda f: losses[f] if np.isfinite(losses[f]) else np.inf)
-        if not losses[factor] < _CLEARLY * min(own, self._loss_of_rest()):
+        if not losses[factor] < _CLEARLY * min(own, self._loss_of_holding()):
             return None
         here, there = self._loss_of_drives(1.0), self._loss_of_drives(factor)
         if not there < here:
@@ -89,13 +89,18 @@ class RateCheck:
         others = [replace(self, evidence=replace(self.evidence, model=x)) for x in rivals(self.evidence).values()]
         return min((other._loss_of_file(1.0) for other in others), default=np.inf)
 
-    def _loss_of_rest(self) -> float:
-        """That of predicting that nothing moves, which short time steps come near whatever the robot does."""
-        log, loss = self.evidence.log, self._loss(1.0)
+    def _loss_of_holding(self) -> float:
+        """That of predicting that nothing moves, or all goes on as it does: what short time steps come near.
+
+        Under them no force has time to act, whatever the robot does.
+        """
+        log, loss, difference = self.evidence.log, self._loss(1.0), self.evidence.model.scene.difference
         starts, scales = loss.windows.starts, loss.windows.scales
-        rows = starts[:, None] + np.arange(self.horizon)
-        away = self.evidence.model.scene.difference(log.q_next[rows], log.q[starts][:, None])
-        return float(huber(away / scales.q, self.huber).sum(axis=-1).mean())
+        rows, v = starts[:, None] + np.arange(self.horizon), log.v[starts][:, None]
+        moved = -difference(log.q_next[rows], log.q[starts][:, None])
+        held = log.dt * v * np.arange(1.0, self.horizon + 1.0)[:, None]
+        off = [(moved - guess) / scales.q for guess in (0.0, held)]
+        return min(float(huber(each, self.huber).sum(axis=-1).mean()) for each in off)
 
     def _loss_of_drives(self, factor: float) -> float:
         space, loss = self.evidence.space, self._loss(factor)

@@ -10,8 +10,9 @@ import numpy as np
 
 from cmbrl.fitting.agreement import sentences
 from cmbrl.fitting.fitted_parameter import AT_BOUND, FLAT, NOMINAL, FittedParameter
+from cmbrl.fitting.judging import RETURN
 from cmbrl.fitting.sliding import sliding_told
-from cmbrl.fitting.told_gains import gains_told
+from cmbrl.fitting.told_gains import gains_told, sum_told
 from cmbrl.fitting.unit import unit_told
 from cmbrl.fitting.verdict import EXACT, MEASURES, MODELS, advice, lost, warning
 
@@ -49,7 +50,9 @@ def verdict(report: Mapping[str, Any]) -> str:
     early = f"Stopped early ({report['stopped']}). " if report["stopped"] is not None else ""
     held_out = [report["loss"].get(f"held out, {which}") for which in ("nominal", "fitted")]
     if not report.get("fitted"):
+        back = (report.get("selection") or [{}])[-1].get("group") == RETURN
         why = "no parameter had moved yet" if early else "the file explains the log as well"
+        why = "what had moved predicted unseen episodes worse than the file does" if back else why
         return f"{early}Nothing was fitted: {why}."
     if None in held_out:
         return f"{early}Nothing was held out: this fit has not been judged."
@@ -237,6 +240,8 @@ def _open(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any]) 
     for key, title in _LISTS:
         if report[key]:
             yield from _folded(title, report[key])
+    if told := sum_told(parameters):
+        yield from textwrap.wrap(told, WIDTH, subsequent_indent="  ")
     mjcf = report.get("mjcf", {})  # of a fit in a folder
     if mjcf.get("missing"):
         yield from _folded(f"fitted, but not in {mjcf['file']}: an MJCF has no place for it", mjcf["missing"])

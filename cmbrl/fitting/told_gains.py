@@ -1,7 +1,8 @@
 """What a fit says where held-out seconds call for other gains than a log tells.
 
 A driver may scale its gains, or a log may tell those of another robot. A target without velocity makes kd and the
-joint's damping one number, so what a joint brakes by is told, and how it divides is the prior's.
+joint's damping one number, so what a joint brakes by is told, and how it divides is the prior's; or, where kd is held,
+the log's.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.fitting.fitted_parameter import FittedParameter
+from cmbrl.fitting.fitted_parameter import FITTED, NOMINAL, FittedParameter
 
 GAINS = ("kd", "kp")  #: groups that a log may tell
 _SUM = " Of kd and damping a log of such targets tells the sum only, so that either may be off by what the other is."
@@ -30,6 +31,22 @@ def gains_told(parameters: Mapping[str, FittedParameter], report: Mapping[str, A
                 f"({least:.2g} to {most:.2g} by joint).{_SUM if group == 'kd' else ''}"
             )
     return " ".join(sentences) or None
+
+
+def sum_told(parameters: Mapping[str, FittedParameter]) -> str | None:
+    """One line where dampings were fitted beside a kd that was held, which their intervals rest on; else None."""
+    by_group: dict[str, list[FittedParameter]] = {}
+    for name, p in parameters.items():
+        by_group.setdefault(name.partition(".")[0], []).append(p)
+    gains = [p for p in by_group.get("kd", []) if p.nominal > 0.0]
+    if not gains or any(p.status != NOMINAL for p in gains):
+        return None
+    if not any(p.status == FITTED for p in by_group.get("damping", [])):
+        return None
+    return (
+        "kd was held, and of kd and damping motion tells the sum: values and intervals of damping are right as far as "
+        "kd is, and what kd lacks they have"
+    )
 
 
 def moved_later(report: Mapping[str, Any]) -> list[str]:

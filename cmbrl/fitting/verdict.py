@@ -17,7 +17,7 @@ from cmbrl.fitting.judge import Judge
 from cmbrl.fitting.unseen import Unseen
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.deviations import deviations
-from cmbrl.models.windows import blocks_of
+from cmbrl.models.windows import blocks_of, least_units
 
 HORIZONS = (1, 5, 20, 100)  #: those of ``cmbrl error``, which the user will look at
 MODELS = ("hold", "nominal", "fitted")
@@ -41,11 +41,13 @@ def by_horizon(
     ``noise`` (logs, 2 nv): of the sensors; "noise" is the RMSE that it alone gives to holding the velocity. Where
     velocities are estimates, over one horizon: nearly as long as the parts that are held out.
     """
-    units: Sequence[np.ndarray] = deviations(evidence.log, evidence.model.scene)
+    log, scene = evidence.log, evidence.model.scene
+    units: Sequence[np.ndarray] = deviations(log, scene)
     horizons: Sequence[int] = HORIZONS
     if evidence.positions_only:
-        units = [np.where(np.arange(len(unit)) < len(unit) // 2, unit, np.inf) for unit in units]
         horizons, share = (_longest(evidence, unseen.horizon),), _SHARE_OF_POSITIONS * share
+        least = least_units(scene, log)
+        units = [np.append(np.hypot(unit[: scene.nv], least), np.full(scene.nv, np.inf)) for unit in units]
     found: dict[int, list[tuple[Judge, dict[str, np.ndarray]]]] = {}
     for held_out, theta in zip(unseen.rows, unseen.theta, strict=True):
         for judge in Judge.all(evidence, delta, held_out, horizons, share / len(unseen.rows)):
@@ -56,7 +58,7 @@ def by_horizon(
     for row in rows:
         if noise is None:
             break
-        row["noise"] = _noise_of_holding(noise, row["steps"] * evidence.log.dt, units[0 if row["steps"] == 1 else 1])
+        row["noise"] = _noise_of_holding(noise, row["steps"] * log.dt, units[0 if row["steps"] == 1 else 1])
     return rows
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import comb
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +17,9 @@ if TYPE_CHECKING:
 
 BLOCKS = 8  #: parts of a log of a single episode
 _MODEL_SHARE = 0.25  # of the change: about what a contact model leaves; sensor noise is weighed against it
+_NOISE_SHARE = 0.02  # of a unit of positions: about what a model of a robot leaves, too
+_DIFFERENCES = (-1.0, 5.0, -10.0, 10.0, -5.0, 1.0)  # of changes: sixth ones of positions
+_OF_NORMAL, _LEAST_TOLD = 0.6745, 20  # median of a normal's absolute values; rows that tell noise
 _SCALE_FLOOR = 1e-3  # of the largest scale of its kind, so that a coordinate that hardly moves does not dominate
 
 
@@ -57,10 +61,13 @@ class Scales:
 
     @classmethod
     def of_positions(cls, scene: Scene, data: Transitions, horizon: int, huber: float) -> Scales:
-        """Of a log whose velocities are estimates: standard deviations of the change over ``horizon`` steps."""
+        """Of a log whose velocities are estimates: standard deviations of the change over ``horizon`` steps.
+
+        They are so large that the noise of what rests, or hardly moves, does not hide the errors of all that moves.
+        """
         starts = data.windows(horizon)
         change = scene.difference(data.q[starts], data.q_next[starts + horizon - 1])
-        return cls(spread(change), np.full(data.v.shape[1], np.inf), huber)
+        return cls(np.hypot(spread(change), least_units(scene, data)), np.full(data.v.shape[1], np.inf), huber)
 
     @property
     def observed(self) -> int:
@@ -172,6 +179,25 @@ def spread(change: np.ndarray, least: float = 1e-9) -> np.ndarray:
     """
     spread = change.std(axis=0)
     return np.maximum(spread, max(_SCALE_FLOOR * spread.max(), least))
+
+
+def least_units(scene: Scene, data: Transitions) -> np.ndarray:
+    """Units (nv,) of errors of positions in which their noise is small."""
+    return noise_of_positions(scene, data) / _NOISE_SHARE
+
+
+def noise_of_positions(scene: Scene, data: Transitions) -> np.ndarray:
+    """Standard deviations (nv,) of the noise of positions; 0 where the log is too short to tell.
+
+    Sixth differences tell noise: they are hardly any of what moves, and the median does not look at impacts.
+    """
+    order = len(_DIFFERENCES)
+    rows = data.windows(order)
+    if len(rows) < _LEAST_TOLD:
+        return np.zeros(data.v.shape[1])
+    change = scene.difference(data.q, data.q_next)
+    sixth = sum(weight * change[rows + k] for k, weight in enumerate(_DIFFERENCES))
+    return np.asarray(np.median(np.abs(sixth), axis=0) / _OF_NORMAL / np.sqrt(comb(2 * order, order)))
 
 
 def thinned(rows: np.ndarray, count: int) -> np.ndarray:

@@ -50,6 +50,7 @@ class Actuator:
     gain_slope: tuple[float, float] = (0.0, 0.0)  # of the gain by length and by velocity
     period: float = 0.0  # by which a target wraps to what is nearest to the length; 0: it does not
     ripple: tuple[float, float, float] = (0.0, 0.0, 0.0)  # see ForceLaw
+    usual: float = 0.0  # the largest control of its range, also of one that bounds nothing
     feeds: int = -1  # the actuator to whose force it adds; then it has no line
 
 
@@ -161,6 +162,7 @@ def _read(
         gain_slope=(float(slope[0]), float(slope[1])),
         period=wrap_period(model, k, linkage),
         ripple=ripple,
+        usual=float(np.abs(model.actuator_ctrlrange[column]).max()),
     )
 
 

@@ -27,19 +27,22 @@ class Drive:
     """The law of ``actuator`` at its joint: "torque" c, or "position", kp (c - q) - kd dq/dt, of the control c.
 
     ``actuator`` is a name, or a pattern of several, as ``*_knee`` or ``*``; of drives that fit, the last one counts.
-    ``kp`` [N m/rad, N/m] and ``kd`` [N m s/rad, N s/m] are those at the joint, behind any gear.
+    ``kp`` [N m/rad, N/m] and ``kd`` [N m s/rad, N s/m] are those at the joint, behind any gear. ``strength`` [N m, N]:
+    of torques that are usual there, which tells how large friction and damping may be, and limits nothing.
     """
 
     actuator: str
     kind: Literal["position", "torque"]
     kp: float = 0.0
     kd: float = 0.0
+    strength: float = 0.0
 
     def __post_init__(self) -> None:
         one_of(self.kind, ("position", "torque"), "kind of drive")
         if self.kind == "position":
             real(self.kp, f"kp of {self.actuator!r}", above=0.0)
             real(self.kd, f"kd of {self.actuator!r}", least=0.0)
+        real(self.strength, f"strength of {self.actuator!r}", least=0.0)
 
 
 def driven_model(model: mujoco.MjModel, drives: Sequence[Drive], label: str) -> mujoco.MjModel:
@@ -129,7 +132,7 @@ def _law(drive: Drive, limited: bool, limits: np.ndarray) -> dict[str, Any]:
         "biasprm": bias,
         "gear": gear,
         "ctrllimited": 0,
-        "ctrlrange": np.zeros(2),
+        "ctrlrange": drive.strength * np.array([-1.0, 1.0]),
         "forcelimited": int(limited),
         "forcerange": limits,
     }

@@ -80,13 +80,16 @@ def holding(joints: Sequence[str], known: Sequence[str]) -> str:
 def _name_all(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
     """Names what has no name and may be looked up: two tendons without one could not be told apart.
 
-    A joint gets the name that it has everywhere else, such as that of a floating base.
+    Each gets the name that it has everywhere else, such as that of a floating base, or an actuator's of its joint: a
+    log of the robot names them so. Only where two would be called alike is there a new one.
     """
-    for joint in spec.joints:
-        joint.name = joint.name or name_of(model, "joint", joint.id)
-    for kind, elements in (("body", spec.bodies), ("tendon", spec.tendons), ("actuator", spec.actuators)):
-        for k, element in enumerate(elements):
-            element.name = element.name or f"unnamed_{kind}_{k}"
+    every = {"joint": spec.joints, "body": spec.bodies, "tendon": spec.tendons, "actuator": spec.actuators}
+    for kind, elements in every.items():
+        taken = {element.name for element in elements}
+        for element in (element for element in elements if not element.name):
+            name = name_of(model, kind, element.id)
+            element.name = f"unnamed_{kind}_{element.id}" if name in taken else name
+            taken.add(element.name)
 
 
 def _place(spec: mujoco.MjSpec, model: mujoco.MjModel, joints: Mapping[str, float | None], path: str) -> None:

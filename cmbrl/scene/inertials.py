@@ -22,6 +22,7 @@ from cmbrl.scene.records import Array, Body, Frame
 
 _FLAT = 1e-9  # of the largest second moment: a body without extent in this direction stays so
 _SAME = 1e-12
+_ROUNDED = 1e-5  # of a moment, by which it may be off where it is written
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,9 @@ def write_inertial(element: Any, mass: float, pos: Array, quaternion: Array, mom
     element.explicitinertial = True
     element.fullinertia = [np.nan, 0.0, 0.0, 0.0, 0.0, 0.0]
     element.ialt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
-    element.mass, element.ipos, element.iquat, element.inertia = mass, pos, quaternion, moments
+    missing = np.max((1.0 + _ROUNDED) * moments) - (np.sum(moments) - np.max(moments))
+    thick = np.where(moments < np.max(moments), 0.5 * max(missing, 0.0), 0.0)  # a disc's file rounds to none
+    element.mass, element.ipos, element.iquat, element.inertia = mass, pos, quaternion, moments + thick
 
 
 def moved_parts(parts: Mapping[int, Inertial], body: Body, target: Inertial) -> dict[int, Inertial]:

@@ -26,6 +26,7 @@ _UNITS = {  # for slides, for hinges and balls
 _INERTIAS = {"damping": 5.0, "armature": 1.0, "frictionloss": 30.0}
 _STRENGTHS = {"damping": 0.5, "armature": 0.01, "frictionloss": 0.25}
 _WEIGHTS = 3.0
+_TIMES = 20.0  # and its inverse, of what is not 0 in the file
 _REACH = 0.2  # [rad, m] off its target, where a servo without a limit is said to give all it has
 _LEAST_LIMIT = {True: 0.01, False: 1e-9}  # of the file's limit of a force; of UNLIMITED, where it has none
 _STEEPEST = 1e3  # [N m s/rad, N s/m] of a limit that falls with speed
@@ -51,7 +52,9 @@ def offer_joints(
             unit = _UNITS[field][int(joints[-1].kind != JointKind.SLIDE)]
             high = float(bounds[field][dofs].max()) if field in bounds else 0.0
             if value > 0:
-                out.add(field, name, value, value / 20, value * 20, unit, indices)
+                token = high > _TIMES**2 * value  # then it bounds nothing, as where the file has none
+                reach = np.log(high / value) / np.log(_TIMES) if token else 1.0
+                out.add(field, name, value, value / _TIMES, value * _TIMES, unit, indices, reach=float(reach))
             elif high > 0 and not _floating(tree, joints[0]):
                 out.add(field, name, 0.0, 0.0, high, unit, indices)
     _offer_friction_laws(tree, bounds["frictionloss"], layout, P, out)
@@ -134,7 +137,7 @@ def _strength(actuator: Actuator) -> float:
     if not np.isfinite(force) and actuator.bias[1]:
         force = abs(float(actuator.bias[1])) * _REACH
     elif not np.isfinite(force) and not np.any(actuator.bias):
-        force = abs(actuator.gain) * float(np.abs(actuator.control).max())
+        force = abs(actuator.gain) * (actuator.usual or float(np.abs(actuator.control).max()))
     return abs(actuator.gear) * force
 
 

@@ -17,7 +17,7 @@ ROD = """<mujoco model="rod"><option timestep=".01"/><worldbody><body pos="0 0 1
 mass="{mass}"/></body></worldbody><actuator><motor name="m" joint="j"/></actuator></mujoco>"""
 
 
-def found(folder: Path, end: float, episodes: int = 1) -> OpenLoop:
+def found(folder: Path, end: float, episodes: int = 1, restart: float | None = None) -> OpenLoop:
     """Of a rod whose log is of a lighter one, as of a fit that is nearly right; 4 s of no torque."""
     models = {}
     for name, mass in (("true", 1.0), ("heavier", 1.0001)):
@@ -33,7 +33,8 @@ def found(folder: Path, end: float, episodes: int = 1) -> OpenLoop:
         q=path[:-1], v=speed[:-1], u=np.zeros((400, 1)), q_next=path[1:], v_next=speed[1:], dt=0.01,
         episode=np.arange(400) * episodes // 400,
     )  # fmt: skip
-    return simulate({"heavier": models["heavier"]}, log, models["true"].scene, 0.01 * np.arange(1.0, 401.0))
+    time = 0.01 * np.arange(1.0, 401.0)
+    return simulate({"heavier": models["heavier"]}, log, models["true"].scene, time, restart=restart)
 
 
 @pytest.mark.parametrize(("end", "episodes", "told"), [(0.5, 1, True), (-0.5, 1, False), (0.5, 20, False)])
@@ -41,3 +42,45 @@ def test_a_rod_that_stands_on_its_end_is_told(tmp_path: Path, end: float, episod
     table = found(tmp_path, end, episodes)
     assert ("SAYS LITTLE: from a start 0.1 mrad, mm off" in table.text()) is told
     assert (table.to_json()["models"]["heavier"]["from_a_start_0.1_mrad_off"] > 1e-3) is told
+
+
+def test_an_open_loop_that_starts_anew_is_that_of_short_episodes(tmp_path: Path) -> None:
+    anew, episodes = found(tmp_path, 0.5, restart=0.2), found(tmp_path, 0.5, episodes=20)
+    assert (anew.errors["heavier"] == episodes.errors["heavier"]).all()
+    assert "open loop from the log every 0.2 s" in anew.text()
+    assert "SAYS LITTLE" not in anew.text()
+    both = found(tmp_path, 0.5, episodes=4, restart=0.3)  # an episode of 1 s ends in a part of 0.1 s
+    off = np.abs(both.errors["heavier"][:, 0])
+    assert [off[k] < off[k - 1] for k in (30, 60, 90, 100, 130)] == [True] * 5
+
+
+@pytest.mark.parametrize(("end", "bounds"), [("-3e-5 0 .5", "0 3"), ("3e-5 0 .5", "-3 0")])
+def test_a_start_off_to_either_side_is_tried(tmp_path: Path, end: str, bounds: str) -> None:
+    """A rod that leans on a stop by 0.06 mrad stays there from one side, and falls from the other."""
+    rod = ROD.replace("0 0 {end}", end).format(mass=1.0).replace('damping=".05"', f'damping=".05" range="{bounds}"')
+    (tmp_path / "leans.xml").write_text(rod)
+    scene = Scene.from_mjcf(tmp_path / "leans.xml")
+    q, u = np.zeros((400, 1)), np.zeros((400, 1))
+    log = Transitions(q=q, v=q, u=u, q_next=q, v_next=q, dt=0.01, episode=np.zeros(400))
+    table = simulate({"leans": cmbrl.ComplementarityModel(scene)}, log, scene, 0.01 * np.arange(1.0, 401.0))
+    assert np.abs(table.errors["leans"]).max() < 1e-3
+    assert table.astray["leans"] > 1e-2
+
+
+def test_late_commands_go_on_over_a_new_start(tmp_path: Path) -> None:
+    """What a motor does at the new start is the command of before."""
+    (tmp_path / "rod.xml").write_text(ROD.format(end=-0.5, mass=1.0))
+    model = cmbrl.ComplementarityModel(Scene.from_mjcf(tmp_path / "rod.xml"))
+    command = np.sin(0.1 * np.arange(200.0))[:, None]
+    acted = np.concatenate([np.zeros((2, 1)), command[:-2]])
+    states = [(np.zeros((1, 1)), np.zeros((1, 1)))]
+    for u in acted:
+        step = model.predict(*states[-1], u[None])
+        states.append((step.q_next, step.v_next))
+    path, speed = (np.concatenate(part) for part in zip(*states, strict=True))
+    log = Transitions(
+        q=path[:-1], v=speed[:-1], u=command, q_next=path[1:], v_next=speed[1:], dt=0.01, episode=np.zeros(200)
+    )
+    late = model.with_settings(observation={"delay.command": 0.02})
+    table = simulate({"late": late}, log, model.scene, 0.01 * np.arange(1.0, 201.0), restart=0.25)
+    assert np.abs(table.errors["late"]).max() < 1e-9

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 import cmbrl
+from cmbrl.data.drive import controls
 from cmbrl.data.importing import import_logs
 from cmbrl.data.position_log import PositionLog
 from cmbrl.errors import UserError
@@ -83,3 +85,17 @@ def test_an_import_finds_commands_of_several_kinds(scene, tmp_path):
     assert isinstance(log, PositionLog)
     assert log.command_kind == "control"
     np.testing.assert_allclose(log.command, control)
+
+
+def test_targets_that_are_controls_are_told_with_what_makes_them_targets(tmp_path):
+    """A gripper that takes 0 to 255 for 0 to 0.8 rad: counts are no radians, and other numbers are neither."""
+    servo = '<general name="grip" joint="j" ctrlrange="0 255" gainprm=".03137" biastype="affine" biasprm="0 -10 -1"/>'
+    finger = '<worldbody><body><joint name="j"/><geom size=".1"/></body></worldbody>'
+    (tmp_path / "grip.xml").write_text(f"<mujoco>{finger}<actuator>{servo}</actuator></mujoco>")
+    scene, position, count = Scene.from_mjcf(tmp_path / "grip.xml"), np.zeros((40, 1)), np.linspace(100.0, 250.0, 40)
+    log = PositionLog(time=0.01 * np.arange(40), position=position, command=count[:, None], joint_names=("j",))
+    with pytest.raises(UserError, match=r"they are its controls, 0 to 255: give them as such \(.*, or times 0.003137$"):
+        controls(log, scene)
+    with pytest.raises(UserError, match="check the unit, or give MuJoCo's controls"):
+        controls(replace(log, command=10.0 * log.command), scene)
+    assert controls(replace(log, command=0.003137 * log.command), scene)[:, 0] == pytest.approx(count)

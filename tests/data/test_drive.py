@@ -151,3 +151,19 @@ def test_controls_that_are_given_as_targets(tmp_path: Path) -> None:
     assert np.abs(controls(make(command=target), scene) - target * 95.6 / 0.3).max() < 1e-9
     with pytest.raises(UserError, match=r"'j' reaches 223.*from 0 to 0.8002.*--map COLUMN=g.control"):
         controls(make(command=target * 318.7), scene)
+
+
+def test_logged_torques_tell_how_large_the_friction_of_a_joint_may_be(place):
+    """A servo without a limit becomes a motor without one: what a light link bears says little of its gears."""
+    unlimited = SERVO.replace(' forcerange="-6 6"', "")
+    Path("free.xml").write_text(ARM.format(damping=0, actuator=unlimited).replace('mass="1"', 'mass=".001"'))
+    log = log_of("torque")
+    scene = scene_of(log, Scene.from_mjcf("free.xml"))
+    most = {p.group: p.high for p in scene.parameters}
+    assert most["damping"] == pytest.approx(0.5 * np.abs(log.command).max())
+    assert most["frictionloss"] == pytest.approx(0.25 * np.abs(log.command).max())
+    assert (scene.core.act_ctrl == [[-np.inf, np.inf]]).all()
+    model, none = cmbrl.ComplementarityModel(scene), Scene.from_mjcf("free.xml", drives=[Drive("m", "torque")])
+    large = model.predict(log.position[:1], np.zeros((1, 1)), np.array([[1e3]]))
+    same = cmbrl.ComplementarityModel(none).predict(log.position[:1], np.zeros((1, 1)), np.array([[1e3]]))
+    np.testing.assert_array_equal(large.v_next, same.v_next)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cmbrl import Transitions, UserError
-from cmbrl.data import read_trajectories
+from cmbrl.data import plausible, read_trajectories
 from cmbrl.data.plausible.frames import to_world
 from cmbrl.data.position_log import PositionLog
 from cmbrl.models.source import load_source
@@ -194,6 +194,20 @@ def test_faults_of_a_position_log(fault: str, told: str, servo: tuple[PositionLo
     }[fault]
     with pytest.raises(UserError, match=told):
         wrong.check(scene)
+
+
+@pytest.mark.parametrize(("rests", "moves"), [(1, 2), (2, 1)])
+def test_a_joint_that_moves_with_another_is_not_swapped_with_one_whose_target_rests(
+    rests: int, moves: int, servo: tuple[PositionLog, Scene]
+) -> None:
+    """As of a robot that lies on its legs: one is held against the ground, and the other one drags it along."""
+    log, scene = servo
+    command, position = log.command.copy(), log.position.copy()
+    position[:, rests], command[:, rests] = log.position[:, moves], 0.4
+    slow = np.sin(0.7 * log.time)
+    position[:, moves] = 0.1 * slow + 1e-3 * np.random.default_rng(0).normal(size=len(log))
+    found = plausible.of_positions(replace(log, command=command, position=position), scene)
+    assert not [each.text for each in found if "swapped" in each.text]
 
 
 def test_a_joint_that_sticks_is_not_a_sensor_that_does(servo: tuple[PositionLog, Scene]) -> None:

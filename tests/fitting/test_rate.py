@@ -72,3 +72,23 @@ def test_time_in_another_unit(factor: float, unit: str, log: PositionLog) -> Non
     wrong = replace(log, time=factor * log.time)
     with pytest.raises(cmbrl.UserError, match=rf"time rises by .* s from row to row: {unit} instead of seconds\?"):
         wrong.check(cmbrl.Scene.from_mjcf(FILE))
+
+
+def test_a_drone_whose_thrust_is_not_the_files_has_no_fast_clock() -> None:
+    """Hardly any force acts in short steps, and a file that falls errs by more than one in which all goes on."""
+    drone = (
+        '<mujoco><worldbody><body><freejoint/><geom type="box" size=".1 .1 .02" mass="1"/><site name="s"/></body>'
+        '</worldbody><actuator><motor name="lift" site="s" gear="0 0 {gear} 0 0 0"/></actuator></mujoco>'
+    )
+    draw, time = np.random.default_rng(0), 0.01 * np.arange(1000)
+    height, lift = 2.0 + 0.2 * np.sin(2.0 * time), 1.0 - 0.8 / 9.81 * np.sin(2.0 * time)
+    base = np.column_stack([0.3 * time, 0.1 * np.sin(time), height, np.ones(1000), np.zeros((1000, 3))])
+    base[:, :3] += 3e-4 * draw.normal(size=(1000, 3))
+    log = PositionLog(
+        time=time, position=np.zeros((1000, 0)), joint_names=(), command=lift[:, None], actuator_names=("lift",),
+        command_kind="control", base=base,
+    )  # fmt: skip
+    assert _check(drone.format(gear=9.81 * 0.75), log).finding() is None
+    wrong = _check(drone.format(gear=9.81), replace(log, time=2.0 * time)).finding()
+    assert wrong is not None
+    assert "as if it were 0.01 s" in wrong.text

@@ -12,7 +12,7 @@ import pytest
 import cmbrl
 from cmbrl.fitting import Budget
 from cmbrl.fitting.fitted_parameter import FittedParameter
-from cmbrl.fitting.told_gains import gains_told
+from cmbrl.fitting.told_gains import gains_told, sum_told
 
 from .arm_log import followed
 
@@ -36,7 +36,9 @@ def test_a_log_that_tells_kd_wrongly(kd: float, moved: list[str], tmp_path: Path
     value = {name: p.value for name, p in result.parameters.items()}
     for joint in "ab":
         assert value[f"kd.{joint}"] + value[f"damping.{joint}"] == pytest.approx(4.5, rel=0.02)
-    assert ("another kd than the log tells" in result.report_text().replace("\n  ", " ")) == bool(moved)
+    text = result.report_text().replace("\n  ", " ")
+    assert ("another kd than the log tells" in text) == bool(moved)
+    assert ("of kd and damping motion tells the sum" in text) != bool(moved)
 
 
 def told(moves: list[tuple[str, str]]) -> str | None:
@@ -51,3 +53,12 @@ def test_what_is_said() -> None:
     assert told([("add", "all")]) is None
     assert told([("add", "kd"), ("remove", "kd")]) is None
     assert gains_told({}, {"selection": None}) is None
+
+
+def test_dampings_beside_a_kd_that_moved_or_that_no_servo_has_need_no_word() -> None:
+    kd, damping = FittedParameter(2.0, 2.0, 2.0, 2.0, "nominal"), FittedParameter(1.0, 0.9, 1.1, 0.5, "fitted")
+    assert sum_told({"kd.a": kd, "damping.a": damping})
+    assert sum_told({"kd.a": replace(kd, status="fitted"), "damping.a": damping}) is None
+    assert sum_told({"kd.a": replace(kd, nominal=0.0), "damping.a": damping}) is None
+    assert sum_told({"kd.a": kd, "damping.a": replace(damping, status="flat")}) is None
+    assert sum_told({"damping.a": damping}) is None

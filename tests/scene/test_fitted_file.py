@@ -209,3 +209,19 @@ def test_torsional_and_rolling_friction_are_written(tmp_path: Path) -> None:
         assert model.pair_dim.tolist() == [dim]
         rolling = 0.003 if dim == 6 else 0.001
         assert model.pair_friction[0] == pytest.approx([1.0, 1.0, 0.02, rolling, rolling])
+
+
+def test_a_disc_without_thickness_is_written(tmp_path: Path) -> None:
+    """Its moments are as small beside each other as they can be, and the digits of a file made them smaller."""
+    disc = '<geom type="cylinder" size=".0371 1e-5" density="10" quat=".3 .5 .7 .2"/>'
+    (tmp_path / "disc.xml").write_text(
+        f'<mujoco><worldbody><body><joint name="j" type="slide"/>{disc}</body></worldbody></mujoco>'
+    )
+    scene = Scene.from_mjcf(tmp_path / "disc.xml")
+    for factor in np.linspace(0.7, 1.3, 20):
+        values = np.array([factor if p.group == "mass" else p.nominal for p in scene.parameters])
+        (tmp_path / "fitted.xml").write_text(fitted_file(scene, values).text)
+        fitted = mujoco.MjModel.from_xml_path(str(tmp_path / "fitted.xml"))
+        nominal = mujoco.MjModel.from_xml_path(str(tmp_path / "disc.xml"))
+        assert fitted.body_mass[1] == pytest.approx(factor * nominal.body_mass[1])
+        assert fitted.body_inertia[1] == pytest.approx(factor * nominal.body_inertia[1], rel=1e-4)

@@ -107,3 +107,13 @@ def test_patterns_of_joints(arm: Path) -> None:
     assert holding(wheels, ["arm", *wheels]) == "--hold 'caster_*'"
     assert holding(wheels, ["caster_lift", *wheels]) == " ".join(f"--hold {name}" for name in wheels)
     assert holding(["left", "right"], ["left", "right", "roll"]) == "--hold left --hold right"
+
+
+def test_motors_without_a_name_keep_that_of_their_joint(tmp_path: Path) -> None:
+    """So that a log made for the file is one of the file with held joints; two motors of one joint are told apart."""
+    joints = "".join(f"<body><joint name='{name}' axis='0 1 0'/><geom size='.1'/></body>" for name in ("near", "far"))
+    motors = "<motor joint='near'/><motor joint='far'/><velocity joint='far'/>"
+    path = tmp_path / "bare.xml"
+    path.write_text(f"<mujoco><worldbody>{joints}</worldbody><actuator>{motors}</actuator></mujoco>")
+    (tmp_path / "held.xml").write_text(held_file(path, {"near": None}))
+    assert Scene.from_mjcf(tmp_path / "held.xml").actuator_names == ("far", "unnamed_actuator_2")

@@ -345,3 +345,10 @@ def test_names_that_many_groups_share_are_listed_once() -> None:
     assert re.search(r"com_x +0 .* those of mass$", told, re.MULTILINE)
     assert re.search(r"inertia +1 .* those of mass, each :x, :y, :z$", told, re.MULTILINE)
     assert "those of" not in text(3)
+
+
+def test_a_token_in_the_file_bounds_nothing(load: Load) -> None:
+    """A damping of almost 0 may become what none may become, and is believed as far as any other."""
+    few, none = ({p.name: p for p in scene_with(load, damping=x).parameters}["damping.x"] for x in (1e-4, 0.0))
+    assert few.high == pytest.approx(none.high)
+    assert np.log(few.high / few.low) / few.reach == pytest.approx(np.log(400.0))

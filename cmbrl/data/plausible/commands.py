@@ -20,10 +20,11 @@ def servos(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarray]) -
     best, worst, slope = answers
     if len(motion.now) < ROWS:
         return
-    own, count = np.nan_to_num(np.diagonal(best)), len(motion.drivers)
+    best = np.nan_to_num(best)  # no joint follows a target that rests
+    own, count = np.diagonal(best), len(motion.drivers)
     for a in range(count):
         for b in range(a + 1, count):
-            across = np.nan_to_num(min(best[a, b], best[b, a]))
+            across = min(best[a, b], best[b, a])
             if across > 0.5 and max(own[a], own[b]) < across - 0.3:
                 yield _pair(motion, a, b)
     for m in range(count):

@@ -1,0 +1,47 @@
+"""Positions under torques that hold nothing are compared over fewer steps than under servos that do."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+import cmbrl
+from cmbrl.data.position_log import PositionLog
+from cmbrl.fitting.evidence import Evidence
+
+ROD = """<mujoco><option timestep=".005"/><worldbody><body pos="0 0 1"><joint name="j" axis="0 1 0" damping=".002"/>
+<geom type="capsule" size=".01" fromto="0 0 0 0 0 .06" mass=".3"/></body></worldbody><actuator>{}</actuator></mujoco>"""
+MOTOR, SERVO = '<motor name="m" joint="j"/>', '<position name="m" joint="j" kp="1" kv=".02"/>'
+
+
+def log_of(actuator: str, noise: float) -> PositionLog:
+    """Eight seconds of a rod that stands on its end and sways: by a controller's torques, or by a servo."""
+    model, draw = mujoco.MjModel.from_xml_string(ROD.format(actuator)), np.random.default_rng(0)
+    data = mujoco.MjData(model)
+    time = 0.005 * np.arange(1600)
+    target, position, command = 0.3 * np.sin(3.0 * time) + 0.1 * np.sin(7.1 * time), np.zeros(1600), np.zeros(1600)
+    for k in range(1600):
+        position[k] = data.qpos[0]
+        wanted = (target[k] - data.qpos[0]) - 0.02 * data.qvel[0]
+        data.ctrl[0] = command[k] = wanted if actuator == MOTOR else target[k]
+        mujoco.mj_step(model, data)
+    position += noise * draw.normal(size=1600)
+    return PositionLog(
+        time=time,
+        position=position[:, None],
+        command=command[:, None],
+        joint_names=("j",),
+        command_kind="torque" if actuator == MOTOR else "position",
+    )
+
+
+@pytest.mark.parametrize(
+    ("actuator", "noise", "least", "most"), [(SERVO, 1e-4, 100, 100), (MOTOR, 1e-4, 25, 50), (MOTOR, 1e-2, 25, 25)]
+)
+def test_what_commands_do_not_hold_is_compared_over_fewer_steps(
+    actuator: str, noise: float, least: int, most: int
+) -> None:
+    model = cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(ROD.format(actuator)))
+    (steps,) = Evidence.of(model, log_of(actuator, noise)).horizons("auto")
+    assert least <= steps <= most
