@@ -37,6 +37,9 @@ KINDS = {  # those below "supported" are modelled, and left out only if they are
 }
 
 
+ENOUGH = 20  # iterations of Newton's method, or of a line search, that solve contacts
+
+
 class Gate:
     """Collects the unsupported elements of one file; ``close`` raises unless all of them are ignored."""
 
@@ -98,6 +101,22 @@ def check_model(model: mujoco.MjModel, gate: Gate) -> None:
     if (exact := getattr(mujoco.mjtEnableBit, "mjENBL_DIAGEXACT", None)) and option.enableflags & exact:
         gate.note("diagexact", "option", "softness uses the inverse weights at qpos0")
     if option.noslip_iterations:
-        gate.note("noslip", "option", "there is no noslip pass")
+        gate.note("noslip", "option", f"MuJoCo's noslip pass, {_iterations(option.noslip_iterations)}, is not made")
+    if told := early(option):
+        gate.note("iterations", "option", f"{told}: here contacts and limits are solved to the end")
     for body in np.flatnonzero(model.body_mocapid >= 0):
         gate.note("mocap", name_of(model, "body", int(body)), "it stays where the file places it")
+
+
+def early(option: mujoco.MjOption) -> str:
+    """In words, that MuJoCo may stop before contacts are solved, as in files made for MJX; "" where it does not."""
+    newton = option.solver == mujoco.mjtSolver.mjSOL_NEWTON
+    if newton and min(option.iterations, option.ls_iterations) >= ENOUGH:
+        return ""
+    name = "Newton" if newton else mujoco.mjtSolver(option.solver).name.removeprefix("mjSOL_")
+    search = f" ({option.ls_iterations} of their line searches)" if option.ls_iterations < ENOUGH else ""
+    return f"MuJoCo's solver ({name}) stops after {_iterations(option.iterations)}{search}, solved or not"
+
+
+def _iterations(count: int) -> str:
+    return f"{count} iteration{'s' * (count != 1)}"
