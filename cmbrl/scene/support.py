@@ -9,7 +9,7 @@ import numpy as np
 
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.numbers import names
-from cmbrl.scene.mjcf import name_of
+from cmbrl.scene.mjcf import iterations, name_of
 from cmbrl.scene.records import LeftOut
 
 KINDS = {  # those below "supported" are modelled, and left out only if they are ignored
@@ -20,7 +20,7 @@ KINDS = {  # those below "supported" are modelled, and left out only if they are
     "actuator_dynamics": "muscles, delays and other states of actuators (integrators and filters are supported)",
     "actuator_transmission": "actuators on three axes at once (so3), or on a tendon that nothing moves",
     "actuator_bias": "forces of actuators other than MuJoCo's affine ones, pid and dcmotor without a state",
-    "geom_type": "contact with height fields and SDFs, and planes that move",
+    "geom_type": "contact with hills of height fields and with SDFs, and planes that move",
     "geom_pair": "contact of two bodies by shapes that need several points or a stand-in (supported unless ignored)",
     "adhesion": "contact adhesion",
     "surface_velocity": "moving surfaces",
@@ -35,9 +35,6 @@ KINDS = {  # those below "supported" are modelled, and left out only if they are
     "gravcomp": "gravity compensation",
     "joint_force_range": "limits on the total actuator force at a joint",
 }
-
-
-ENOUGH = 20  # iterations of Newton's method, or of a line search, that solve contacts
 
 
 class Gate:
@@ -101,22 +98,6 @@ def check_model(model: mujoco.MjModel, gate: Gate) -> None:
     if (exact := getattr(mujoco.mjtEnableBit, "mjENBL_DIAGEXACT", None)) and option.enableflags & exact:
         gate.note("diagexact", "option", "softness uses the inverse weights at qpos0")
     if option.noslip_iterations:
-        gate.note("noslip", "option", f"MuJoCo's noslip pass, {_iterations(option.noslip_iterations)}, is not made")
-    if told := early(option):
-        gate.note("iterations", "option", f"{told}: here contacts and limits are solved to the end")
+        gate.note("noslip", "option", f"MuJoCo's noslip pass, {iterations(option.noslip_iterations)}, is not made")
     for body in np.flatnonzero(model.body_mocapid >= 0):
         gate.note("mocap", name_of(model, "body", int(body)), "it stays where the file places it")
-
-
-def early(option: mujoco.MjOption) -> str:
-    """In words, that MuJoCo may stop before contacts are solved, as in files made for MJX; "" where it does not."""
-    newton = option.solver == mujoco.mjtSolver.mjSOL_NEWTON
-    if newton and min(option.iterations, option.ls_iterations) >= ENOUGH:
-        return ""
-    name = "Newton" if newton else mujoco.mjtSolver(option.solver).name.removeprefix("mjSOL_")
-    search = f" ({option.ls_iterations} of their line searches)" if option.ls_iterations < ENOUGH else ""
-    return f"MuJoCo's solver ({name}) stops after {_iterations(option.iterations)}{search}, solved or not"
-
-
-def _iterations(count: int) -> str:
-    return f"{count} iteration{'s' * (count != 1)}"
