@@ -47,11 +47,11 @@ def of_hulls(model: mujoco.MjModel, a: Shape, b: Shape, law: ContactLaw, spatial
     """What touches as in MuJoCo where rows do not look ahead: all but spheres and capsules among themselves, and
     spheres with boxes.
 
-    Only closed gaps are seen. Of two boxes in space, edges that cross wherever they are: corners alone would let
-    them through each other.
+    Only gaps that are closed, or within margin and gap, are seen. Of two boxes in space, edges that cross wherever
+    they are: corners alone would let them through each other.
     """
     kinds, boxes = {a.kind, b.kind}, a.kind == b.kind == "box"
-    if not kinds <= {*CONVEX} or kinds <= {*ROUND} or kinds == {"sphere", "box"} or law.reach > 0:
+    if not kinds <= {*CONVEX} or kinds <= {*ROUND} or kinds == {"sphere", "box"}:
         return []
     if not spatial and kinds != {"mesh"} and kinds != {"mesh", "box"}:
         return []
