@@ -59,10 +59,15 @@ class Shape:
         """Radius of a sphere or capsule, or the rounding of a box."""
         return float(self.size[0]) if self.kind in ("sphere", "capsule") else self.rounding
 
-    @property
+    @cached_property
     def core(self) -> Array:
         """Half sizes (3,) of the box without its rounding."""
         return self.size - self.rounding
+
+    @cached_property
+    def corners(self) -> list[Array]:
+        """Of the box, without its rounding, in the body frame."""
+        return [touch.pos for touch in touches(self, None)]
 
     def reach_along(self, direction: Array) -> float:
         """Half the extent [m] along a unit direction (3,) of the body frame."""
