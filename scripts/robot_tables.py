@@ -20,6 +20,7 @@ _SORTS = (  # words of `cmbrl info`, and a short name
     ("touches other shapes as a", "{kind} stand-ins"),
     ("whatever a fit makes", "drag"),
     ("couple branches", "tendons"),
+    ("solved or not", "MuJoCo stops early"),
 )
 _LICENSES = (  # words of a licence, and its name
     ("Apache License", "Apache 2.0"),

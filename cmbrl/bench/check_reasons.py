@@ -18,6 +18,7 @@ from cmbrl.bench.check_steps import States, mujocos, step_errors
 from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
+from cmbrl.scene.mjcf import early
 
 STATES = 40  # at most
 GAIN = 0.8  # what is switched off must leave less than this share of the error
@@ -99,6 +100,8 @@ def _features(theirs: mujoco.MjModel) -> Iterator[Feature]:
 
         return switch_off
 
+    if early(theirs.opt):
+        yield Feature("with MuJoCo's solver run to its end", _to_the_end)
     if theirs.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
         yield Feature("with implicitfast for RK4", _no_rk4)
     if theirs.opt.noslip_iterations:
@@ -119,6 +122,12 @@ def _part_links(model: mujoco.MjModel) -> None:
     touches = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
     model.geom_contype[:] = touches & ~moves
     model.geom_conaffinity[:] = touches & moves
+
+
+def _to_the_end(model: mujoco.MjModel) -> None:
+    model.opt.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    model.opt.iterations, model.opt.ls_iterations = 1000, 1000
+    model.opt.tolerance, model.opt.ls_tolerance = 0.0, 1e-8
 
 
 def _no_noslip(model: mujoco.MjModel) -> None:

@@ -19,7 +19,7 @@ static void find_grips(const Model& m, const Options& o, Work<G>& w, int k) {
     if (m.cluster_round[cluster] >= 0) {
       T gap = least_gap(m, w, m.con_bodyA[i], m.con_bodyB[i], cluster);
       if (!any(gap < reach)) continue;
-      w.may_touch = gap <= 0.0;
+      w.may_touch = within_reach(m, i, gap);
     }
     if (corners_on_plane(m, w, i)) end = begin + kCorners;
     for (int x = begin; x < end; ++x) {

@@ -134,6 +134,8 @@ static typename G::V relative_velocity(const Vec<G::N>* twist, int A, int B, con
 struct Far { T from, lowest = splat(1e300); };
 // A law with a margin takes candidates for touching that much before they do.
 static inline double margin_of(const Model& m, int i) { return __builtin_fmax(m.con_margin[i], 0); }
+// Lanes in which hulls whose boxes are `gap` apart, less their margin, may touch, or are where adhesion pulls.
+static inline Mask within_reach(const Model& m, int i, T gap) { return gap <= __builtin_fmax(m.con_reach[i], 0) - margin_of(m, i); }
 
 // Nothing is known yet of what touches in this state.
 template <class G>
@@ -276,7 +278,7 @@ static void find_in_cluster(const Model& m, const Options& o, Work<G>& w, int g,
   if (m.cluster_round[cluster] >= 0) {
     T gap = least_gap(m, w, A, B, cluster);
     if (!any(gap < far.from)) { w.pass_over({A, B, gap * (1 / o.h) - fast}); return; }
-    w.may_touch = gap <= 0.0;
+    w.may_touch = within_reach(m, m.grp_con[begin], gap);
   }
   if (m.con_plane[m.grp_con[begin]] >= 0 && !side) find_on_plane(m, o, w, A, cluster, far);
   else if (side) for (int k = begin; k < end; ++k) find_contact(m, o, w, m.grp_con[k], &far);

@@ -86,7 +86,7 @@ static bool touch_ball(const AxisByBox& x, double t, const double* past, bool of
     part.flat[part.flats++] = X.axis[(side + 2) % 3];
   }
   m.dist = distance - C.half[0];
-  if (!(m.dist < 0)) return false;
+  if (!(m.dist < C.reach)) return false;
   part.base = centre - distance * m.n;
   m.a = x.capsule_is_a ? ball : part;
   m.b = x.capsule_is_a ? part : ball;
@@ -126,7 +126,7 @@ static bool touch_leaving(const AxisByBox& x, int k, double direction, Touch& ou
   double place[3] = {x.at(0, t), x.at(1, t), x.at(2, t)};
   if (x.over(3 - k - by, t) != 0) return touch_corner(x, place, direction, out);
   double radius = x.capsule.half[0], dist = __builtin_fabs(place[k]) - x.box.half[k] - radius;
-  if (!(dist < 0)) return false;
+  if (!(dist < x.capsule.reach)) return false;
   Point n = (place[k] < 0 ? -1.0 : 1.0) * x.box.axis[k], centre = x.on_axis(t);
   out = touch_at({x.capsule_is_a, false, {}, n}, {centre - radius * n, Origin::cut, false, {}, x.capsule.axis[2], x.box.axis[by]}, dist);
   out.a = centre;  // a point of the axis, moved by the normal

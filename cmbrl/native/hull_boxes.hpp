@@ -39,7 +39,7 @@ static int touch_boxes(const PosedHull& X, const PosedHull& Y, bool x_is_a, Touc
     double reach = k < 3 ? X.half[k] : Y.half[k - 3];
     for (int j = 0; j < 3; ++j) reach += k < 3 ? __builtin_fabs(r[k][j]) * Y.half[j] : __builtin_fabs(r[j][k - 3]) * X.half[j];
     double gap = __builtin_fabs(dot(k < 3 ? X.axis[k] : Y.axis[k - 3], apart)) - reach;
-    if (gap > 0) return 0;
+    if (gap > X.reach) return 0;
     if (gap > best) { best = gap; code = k; }
   }
   int side = code;
@@ -53,7 +53,7 @@ static int touch_boxes(const PosedHull& X, const PosedHull& Y, bool x_is_a, Touc
       if (dot(axis, apart) < 0) axis = -1.0 * axis;
       double gap = dot(axis, apart);
       for (int k = 0; k < 3; ++k) gap -= __builtin_fabs(dot(axis, X.axis[k])) * X.half[k] + __builtin_fabs(dot(axis, Y.axis[k])) * Y.half[k];
-      if (gap > 0) return 0;
+      if (gap > X.reach) return 0;
       if (gap - kEdgeBias * __builtin_fabs(gap) > best && gap > of_side) { best = gap; code = 6 + 3 * i + j; n = axis; }
     }
   Point facing = side < 3 ? X.axis[side] : Y.axis[side - 3];

@@ -4,15 +4,17 @@
 #pragma once
 #include "capsule_box.hpp"
 #include "hull_boxes.hpp"
+#include "polytope_contact.hpp"
 #include "workspace.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
 template <class G>
-static PosedHull posed(const Model& m, const Work<G>& w, int hull, int body, int lane, Point* made) {
+static PosedHull posed(const Model& m, const Work<G>& w, int hull, int body, double reach, int lane, Point* made) {
   PosedHull H;
   H.m = &m;
   H.kind = m.hull_kind[hull];
+  H.reach = reach;
   H.begin = m.hull_ptr[hull];
   H.vertices = m.hull_ptr[hull + 1] - H.begin;
   H.count = m.hull_count(hull);
@@ -62,12 +64,14 @@ static void find_touches(const Model& m, Work<G>& w, int i) {
   if constexpr (G::D == 3) {
     CMBRL_FOR(k, kMostTouches) w.touch_there[k] = none();
     bool first = m.con_first[i], many = m.con_many[i];
+    double reach = __builtin_fmax(m.con_reach[i], 0);
     int cleared = 0;
     for (int lane = 0; lane < w.lanes; ++lane) {
       if (!w.may_touch[lane]) continue;
       Touch found[kMostTouches];
       Point of_a[kMostMade], of_b[kMostMade];
-      PosedHull A = posed(m, w, m.con_hull[i], m.con_bodyA[i], lane, of_a), B = posed(m, w, m.con_hullB[i], m.con_bodyB[i], lane, of_b);
+      PosedHull A = posed(m, w, m.con_hull[i], m.con_bodyA[i], reach, lane, of_a);
+      PosedHull B = posed(m, w, m.con_hullB[i], m.con_bodyB[i], reach, lane, of_b);
       const double *a = m.con_posA + 3 * i, *b = m.con_posB + 3 * i;
       Point between = B.p + B.turned(b) - A.p - A.turned(a);
       int n = touches_of(A, B, between, first, many, found);

@@ -29,6 +29,7 @@ struct PosedHull {
   double R[9];
   Point p;
   int kind;
+  double reach;  // [m] the gap from which on it touches the other one, which has the same
   Point centre, axis[3];  // of a box, or of the one around a round shape
   double half[3];
   Point* made;  // points of a round shape, in the order in which they were asked for

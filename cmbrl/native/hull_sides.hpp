@@ -2,7 +2,7 @@
 // on an edge, with the corners of what both cover, at most four (eight of boxes). And how each of these points moves with the hulls.
 #pragma once
 #include "bends.hpp"
-#include "hull_depth.hpp"
+#include "hull_gap.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -143,24 +143,24 @@ static void widest_four(const Polygon& p, int* best) {
   }
 }
 
-// Corners of `polygon` that are below `side` of F and within it. What it holds afterwards is undefined.
-static int clip_to(const Clip& c, const Polygon& side, Polygon& whole, bool segment, Touch* out, int limit = kMostOfSides) {
+// Corners of `polygon` that are below `side` of F, or `reach` above it, and within it. What it holds afterwards is undefined.
+static int clip_to(const Clip& c, const Polygon& side, Polygon& whole, bool segment, double reach, Touch* out, int limit = kMostOfSides) {
   if (side.n < 3 || whole.n < 2) return 0;
   Polygon spare, *now = &whole, *next = &spare;
   Point middle = side.at[0].v;
   for (int k = 1; k < side.n; ++k) middle = middle + side.at[k].v;
   middle = (1.0 / side.n) * middle;
   Point centre = whole.at[0].v;
-  double reach = 0;  // squared: all of it is within
+  double spread = 0;  // squared: all of it is within
   for (int k = 1; k < whole.n; ++k) {
     Point away = whole.at[k].v - centre;
-    reach = dot(away, away) > reach ? dot(away, away) : reach;
+    spread = dot(away, away) > spread ? dot(away, away) : spread;
   }
   for (int k = 0; k < side.n; ++k) {
     Point inwards = cross(c.of_f, side.at[k].next);
     if (dot(inwards, middle - side.at[k].v) < 0) inwards = -1.0 * inwards;
     double height = dot(inwards, centre - side.at[k].v);
-    if (height > 0 && height * height > reach * dot(inwards, inwards)) { now->first = now->after(now->first); continue; }
+    if (height > 0 && height * height > spread * dot(inwards, inwards)) { now->first = now->after(now->first); continue; }
     inwards = unit(inwards);
     Inside left = clip(*now, side.at[k].v, inwards, *next);
     if (left == Inside::none) return 0;
@@ -172,7 +172,7 @@ static int clip_to(const Clip& c, const Polygon& side, Polygon& whole, bool segm
   Polygon& polygon = *next;
   polygon.n = polygon.first = 0;
   for (int k = 0, i = now->first; k < now->n; ++k, i = now->after(i))
-    if (dot(c.of_f, now->at[i].v - side.at[0].v) <= 0) polygon.add(now->at[i]);
+    if (dot(c.of_f, now->at[i].v - side.at[0].v) <= reach) polygon.add(now->at[i]);
   int kept = polygon.n;
   if (limit > kMostOfSides) kept = drop_twins(polygon, size_of(side.at[0].next));
   int chosen[kMostTouches] = {0, 1, 2, 3, 4, 5, 6, 7}, n = kept < limit ? kept : limit;
@@ -196,7 +196,7 @@ static int clip_to(const Clip& c, const Polygon& side, Polygon& whole, bool segm
 static int clip_to_side(const Clip& c, const PosedHull& F, int face, Polygon& polygon, bool segment, Touch* out, int limit = kMostOfSides) {
   Polygon side;
   take_side(F, face, side);
-  return clip_to(c, side, polygon, segment, out, limit);
+  return clip_to(c, side, polygon, segment, F.reach, out, limit);
 }
 
 static void take_segment(const Point& v, const Point& along, Polygon& segment) {
@@ -273,40 +273,6 @@ static int side_on_side(const PosedHull& E, const Feet& e, const PosedHull& F, c
   Polygon polygon;
   take_side(E, of_e, polygon);
   return clip_to_side(flattest, F, of_f, polygon, false, out);
-}
-
-// a_first: A is MuJoCo's first geom of the two. Returns how many of `out` there are.
-static int touch_polytopes(const PosedHull& A, const PosedHull& B, const Point& between, bool a_first, bool many, Touch* out) {
-  Simplex simplex;
-  Depth d;
-  if (!overlap(A, B, between, simplex) || !find_depth(A, B, simplex, d)) return 0;
-  const Apart* c = d.corner;
-  Feet a(A, c[0].a, c[1].a, c[2].a), b(B, c[0].b, c[1].b, c[2].b);
-  if (many) {
-    int n = a_first ? side_on_side(B, b, A, a, false, out) : side_on_side(A, a, B, b, true, out);
-    if (n < 0) {
-      bool edge_a = a.n < 3 && (a_first ? a.n <= b.n : !(b.n < 3 && b.n <= a.n));
-      n = edge_a ? edge_on_side(A, a, B, b, true, out) : b.n < 3 ? edge_on_side(B, b, A, a, false, out) : 0;
-    }
-    if (n > 0) return n;
-  }
-  if (a.n == 1 || b.n == 1) {
-    bool of_a = a.n == 1;
-    Point v = of_a ? A.vertex(a.at[0]) : B.vertex(b.at[0]);
-    out[0] = touch_at({of_a, false, {}, of_a ? -1.0 * d.n : d.n}, own_point(v), -d.depth);
-    return 1;
-  }
-  Point x = c[0].x, u = c[1].x - x, v = c[2].x - x, to = d.depth * d.n - x;  // the nearest point in the side's own coordinates
-  double uu = dot(u, u), uv = dot(u, v), vv = dot(v, v), det = uu * vv - uv * uv;
-  double s = (dot(to, u) * vv - dot(to, v) * uv) / det, t = (dot(to, v) * uu - dot(to, u) * uv) / det;
-  Point on_a = (1 - s - t) * A.vertex(c[0].a) + s * A.vertex(c[1].a) + t * A.vertex(c[2].a);
-  out[0] = touch_at({true, false, {}, -1.0 * d.n}, own_point(on_a), -d.depth);
-  if (a.n == 2 && b.n == 2) {
-    out[0].edges = out[0].crossing = true;
-    out[0].axisA = A.vertex(a.at[1]) - A.vertex(a.at[0]);
-    out[0].axisB = B.vertex(b.at[1]) - B.vertex(b.at[0]);
-  }
-  return 1;
 }
 
 }  // namespace cmbrl::CMBRL_ISA

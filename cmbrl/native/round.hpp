@@ -234,6 +234,7 @@ static Meeting meet(const PosedHull& A, const PosedHull& B, const Depth& d) {
   Point x = c[0].x, u = c[1].x - x, v = c[2].x - x, to = d.depth * d.n - x;  // the nearest point in the side's own coordinates
   double uu = dot(u, u), uv = dot(u, v), vv = dot(v, v), det = __builtin_fmax(uu * vv - uv * uv, 1e-300);
   double s = (dot(to, u) * vv - dot(to, v) * uv) / det, t = (dot(to, v) * uu - dot(to, u) * uv) / det;
+  if (vv == 0) s = dot(to, u) / __builtin_fmax(uu, 1e-300);  // two corners, or one
   auto mixed = [&](const Point& p, const Point& q, const Point& r) { return (1 - s - t) * p + s * q + t * r; };
   int of_a[3] = {c[0].a, c[1].a, c[2].a}, of_b[3] = {c[0].b, c[1].b, c[2].b};
   Meeting rough{{}, {}, {}, {}, -1.0 * d.n, -d.depth};
@@ -242,7 +243,7 @@ static Meeting meet(const PosedHull& A, const PosedHull& B, const Depth& d) {
   rough.a = patch_of(A, of_a, rough.on_a.at, d.n);
   rough.b = patch_of(B, of_b, rough.on_b.at, -1.0 * d.n);
   auto settled = [&](Meeting m) {
-    if (!settle(m) || dot(m.n, rough.n) < 0.98 || __builtin_fabs(m.dist - rough.dist) > 0.05 * d.depth + 1e-6) return false;
+    if (!settle(m) || dot(m.n, rough.n) < 0.98 || __builtin_fabs(m.dist - rough.dist) > 0.05 * __builtin_fabs(d.depth) + 1e-6) return false;
     if (!farthest_at(A, m.on_a.at, -1.0 * m.n) || !farthest_at(B, m.on_b.at, m.n)) return false;
     rough = m;
     return true;

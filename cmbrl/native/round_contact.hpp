@@ -105,7 +105,7 @@ static int lie_on_sides(const PosedHull& E, const Sides& e, const PosedHull& F, 
   Polygon polygon, side;
   take_polygon(E, e, of_e, polygon);
   take_polygon(F, f, of_f, side);
-  return clip_to({e_is_a, true, e.normal[of_e], f.normal[of_f]}, side, polygon, false, out);
+  return clip_to({e_is_a, true, e.normal[of_e], f.normal[of_f]}, side, polygon, false, F.reach, out);
 }
 
 // The straight side of a capsule or cylinder E, or an edge of a polytope, on a side of F.
@@ -121,7 +121,7 @@ static int lies_along(const PosedHull& E, const int* corner, const PosedHull& F,
       Polygon side, segment;
       take_polygon(F, f, k, side);
       take_segment(v, 2 * E.length() * E.axis[2], segment);
-      int found = clip_to(c, side, segment, true, out);
+      int found = clip_to(c, side, segment, true, F.reach, out);
       double back = -E.half[0] * dot(down, n);
       for (int i = 0; i < found; ++i) {  // the point stays under the axis as E rolls
         Point to_axis = -E.half[0] * down;
@@ -145,18 +145,17 @@ static int lies_along(const PosedHull& E, const int* corner, const PosedHull& F,
     Polygon side, segment;
     take_polygon(F, f, k, side);
     take_segment(v, along, segment);
-    return clip_to(c, side, segment, true, out);
+    return clip_to(c, side, segment, true, F.reach, out);
   }
   return 0;
 }
 
 // a_first: A is MuJoCo's first geom of the two; many: what lies flat touches in several points. Returns how many of `out` there are.
 static int touch_round(const PosedHull& A, const PosedHull& B, const Point& between, bool a_first, bool many, Touch* out) {
-  Simplex simplex;
   Depth d;
-  if (!overlap(A, B, between, simplex) || !find_depth(A, B, simplex, d, kClose)) return 0;
+  if (!find_depth(A, B, between, d, kClose)) return 0;
   Meeting first = meet(A, B, d);
-  if (!(first.dist < 0)) return 0;
+  if (!(first.dist < A.reach)) return 0;
   if (many) {
     const Apart* c = d.corner;
     int of_a[3] = {c[0].a, c[1].a, c[2].a}, of_b[3] = {c[0].b, c[1].b, c[2].b};

@@ -10,7 +10,7 @@ import numpy as np
 from cmbrl.scene.contact_records import Candidate, ContactKind, ContactLaw, When
 from cmbrl.scene.hulls import has_sides
 from cmbrl.scene.records import WORLD, Array
-from cmbrl.scene.shapes import Shape, Touch, touches
+from cmbrl.scene.shapes import Shape, Touch
 from cmbrl.scene.stand_ins import CONVEX
 
 ROUND = ("sphere", "capsule")
@@ -30,28 +30,28 @@ def on_plane(shape: Shape, plane: Shape, touch: Touch, law: ContactLaw) -> Candi
     )  # fmt: skip
 
 
-def between(a: Shape, b: Shape, law: ContactLaw, across: Array | None) -> list[Candidate]:
+def between(a: Shape, b: Shape, law: ContactLaw, across: Array | None, when: When = When.ALWAYS) -> list[Candidate]:
     """Of two spheres, capsules or boxes.
 
     ``across`` (3,): in a plane of motion, its normal in the box's body frame: only edges along it are seen there.
     """
     if a.kind in ROUND and b.kind in ROUND:
-        return [_round_pair(a, b, law)]
+        return [_round_pair(a, b, law, when)]
     if a.kind == b.kind:
-        return [*_corners(a, b, law), *_corners(b, a, law)]
+        return [*_corners(a, b, law, when), *_corners(b, a, law, when)]
     ball, box = (a, b) if a.kind in ROUND else (b, a)
-    return _round_box(ball, box, law, across)
+    return _round_box(ball, box, law, across, when)
 
 
 def of_hulls(model: mujoco.MjModel, a: Shape, b: Shape, law: ContactLaw, spatial: bool) -> list[Candidate]:
     """What touches as in MuJoCo where rows do not look ahead: all but spheres and capsules among themselves, and
     spheres with boxes.
 
-    Only closed gaps are seen. Of two boxes in space, edges that cross wherever they are: corners alone would let
-    them through each other.
+    Only gaps that are closed, or within margin and gap, are seen. Of two boxes in space, edges that cross wherever
+    they are: corners alone would let them through each other.
     """
     kinds, boxes = {a.kind, b.kind}, a.kind == b.kind == "box"
-    if not kinds <= {*CONVEX} or kinds <= {*ROUND} or kinds == {"sphere", "box"} or law.reach > 0:
+    if not kinds <= {*CONVEX} or kinds <= {*ROUND} or kinds == {"sphere", "box"}:
         return []
     if not spatial and kinds != {"mesh"} and kinds != {"mesh", "box"}:
         return []
@@ -74,7 +74,7 @@ def _most_points(kinds: set[str]) -> int:
     return 1 if kinds & {"sphere", "ellipsoid"} else 4
 
 
-def _round_pair(a: Shape, b: Shape, law: ContactLaw) -> Candidate:
+def _round_pair(a: Shape, b: Shape, law: ContactLaw, when: When) -> Candidate:
     """Spheres and capsules: a point of A against a segment of B, or two segments; B may be the world."""
     if WORLD in (a.body, b.body):
         a, b = (b, a) if a.body == WORLD else (a, b)
@@ -84,34 +84,38 @@ def _round_pair(a: Shape, b: Shape, law: ContactLaw) -> Candidate:
     return Candidate(
         kind, (a.geom, b.geom), a.body, b.body,
         a.pos, a.axis, b.pos, b.axis, _UPRIGHT, _ZERO, a.radius, b.radius, law,
+        rot_a=_UPRIGHT, along=_ZERO, when=when,
     )  # fmt: skip
 
 
-def _point_box(shape: Shape, point: Array, radius: float, box: Shape, law: ContactLaw) -> Candidate:
+def _point_box(shape: Shape, point: Array, radius: float, box: Shape, law: ContactLaw, when: When) -> Candidate:
     return Candidate(
         ContactKind.POINT_SHAPE, (shape.geom, box.geom), shape.body, box.body,
         point, _ZERO, box.pos, _ZERO, box.rot, box.core, radius, box.radius, law,
+        rot_a=_UPRIGHT, along=_ZERO, when=when,
     )  # fmt: skip
 
 
-def _corners(a: Shape, b: Shape, law: ContactLaw) -> list[Candidate]:
+def _corners(a: Shape, b: Shape, law: ContactLaw, when: When) -> list[Candidate]:
     """The corners of box A against box B."""
-    points = [touch.pos for touch in touches(a, None)]
     return [
-        replace(_point_box(a, p, a.radius, b, law), kind=ContactKind.CORNER_BOX, axis_a=p - a.pos, rot_a=a.rot)
-        for p in points
-    ]
+        Candidate(
+            ContactKind.CORNER_BOX, (a.geom, b.geom), a.body, b.body,
+            p, p - a.pos, b.pos, _ZERO, b.rot, b.core, a.radius, b.radius, law, rot_a=a.rot, along=_ZERO, when=when,
+        )
+        for p in a.corners
+    ]  # fmt: skip
 
 
-def _round_box(ball: Shape, box: Shape, law: ContactLaw, across: Array | None) -> list[Candidate]:
+def _round_box(ball: Shape, box: Shape, law: ContactLaw, across: Array | None, when: When) -> list[Candidate]:
     """A sphere, or both ends of a capsule, against a box; a capsule's side against its edges, or those ``across``."""
     if ball.kind == "sphere":
-        return [_point_box(ball, ball.pos, ball.radius, box, law)]
-    ends = [_point_box(ball, ball.pos + end * ball.axis, ball.radius, box, law) for end in (-1, 1)]
+        return [_point_box(ball, ball.pos, ball.radius, box, law, when)]
+    ends = [_point_box(ball, ball.pos + end * ball.axis, ball.radius, box, law, when) for end in (-1, 1)]
     edges = _edges(box)
     if across is not None:
         edges = [edge for edge in edges if abs(edge.rot[:, 2] @ across) > 1 - 1e-6] or edges
-    return ends + [_round_pair(ball, edge, law) for edge in edges]
+    return ends + [_round_pair(ball, edge, law, when) for edge in edges]
 
 
 def _edges(box: Shape) -> list[Shape]:

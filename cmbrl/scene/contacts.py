@@ -201,5 +201,5 @@ class ContactBuilder:
         hulls = of_hulls(self.model, a, b, law, self.normal is None)
         first, second = self._simple(a), self._simple(b)
         box = next((shape for shape in (first, second) if shape.kind == "box"), None)
-        simple = between(first, second, law, self._across(box.body) if box else None)
-        self.candidates += [*hulls, *(replace(c, when=When.AHEAD) if hulls else c for c in simple)]
+        when = When.AHEAD if hulls else When.ALWAYS
+        self.candidates += [*hulls, *between(first, second, law, self._across(box.body) if box else None, when)]

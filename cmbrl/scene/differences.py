@@ -10,9 +10,9 @@ import numpy as np
 from cmbrl.scene.contact_records import Candidate, ContactKind, When
 from cmbrl.scene.force_laws import ForceLaw, read_force_law
 from cmbrl.scene.gyro import gyro_arrays
-from cmbrl.scene.mjcf import limits_act, name_of
+from cmbrl.scene.mjcf import early, limits_act, name_of
 from cmbrl.scene.records import Array, LeftOut, Tendon
-from cmbrl.scene.shapes import hull_points, hull_vertices
+from cmbrl.scene.shapes import flat_height, hull_points, hull_vertices
 from cmbrl.scene.stand_ins import StandIn
 from cmbrl.scene.tendons import armature_of, force_range
 
@@ -48,6 +48,7 @@ def differences(
         *_limits(model),
         *_tendons(model, tendons, integrator),
         *_stepping(model, integrator, contact_law),
+        *_solver(model, contact_law),
         *(drag if boxes else []),
     )
 
@@ -69,6 +70,12 @@ def _shapes(model: mujoco.MjModel, candidates: list[Candidate]) -> Iterator[Left
                 f"a flat side touches with {most} points{when}; in MuJoCo with at most {_MESH_POINTS}, which are softer"
             )
             yield LeftOut("mesh", name, why)
+    for geom in dict.fromkeys(c.geoms[1] for c in candidates if c.kind.on_plane):
+        if flat_height(model, geom) is not None:
+            why = (
+                "flat, and taken for a plane without an edge; MuJoCo's has a contact for each triangle that is touched"
+            )
+            yield LeftOut("height field", name_of(model, "geom", geom), why)
     for geom in dict.fromkeys(c.geoms[0] for c in candidates if c.kind == ContactKind.RIM_PLANE):
         tilt, depth = 1e3 * _FLAT_TILT, _millimetres(_RIM_ERROR * model.geom_size[geom, 0])
         why = f"it stands on feet inside its rim; tilted by less than {tilt:g} mrad it may sink in by {depth}"
@@ -181,6 +188,11 @@ def _stepping(model: mujoco.MjModel, integrator: str, contact_law: str) -> Itera
     if gyro_arrays(model)["ngyro"]:
         why = f"{when}Coriolis, centrifugal and gyroscopic forces are explicit"
         yield LeftOut("integrator", integrator, why)
+
+
+def _solver(model: mujoco.MjModel, contact_law: str) -> Iterator[LeftOut]:
+    if contact_law == "mujoco" and (told := early(model.opt)):
+        yield LeftOut("iterations", "solver", f"{told}; here contacts and limits are solved to the end")
 
 
 def flat_side(model: mujoco.MjModel, mesh: int) -> int:

@@ -46,7 +46,7 @@ def weight_arrays(
     ``masses``: body -> number; ``armatures``: degree of freedom -> number, also of those that are 0; ``limits``: the
     core's arrays of lines.
     """
-    sides = np.array([[model.geom_bodyid[g] for g in c.geoms] for c in candidates], dtype=np.int64).reshape(-1, 2)
+    sides = model.geom_bodyid[np.array([c.geoms for c in candidates], dtype=np.int64).reshape(-1, 2)]
     weights = model.body_invweight0[sides, 0]
     total = weights.sum(axis=1, keepdims=True)
     touching = set(sides.ravel().tolist()) if contact_law in SOFTENED_LAWS else set()

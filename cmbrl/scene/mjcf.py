@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from cmbrl.scene.manifold import quaternion_matrix
 from cmbrl.scene.records import WORLD, Array, Body, Frame, Joint, JointKind, Tree
 
+_ENOUGH = 20  # iterations of Newton's method, or of a line search, that solve contacts
 _OBJECTS = {
     "body": mujoco.mjtObj.mjOBJ_BODY,
     "joint": mujoco.mjtObj.mjOBJ_JOINT,
@@ -143,3 +144,18 @@ def passive_forces_act(model: mujoco.MjModel) -> bool:
 def friction_acts(model: mujoco.MjModel) -> bool:
     """Whether the file lets joints and tendons lose force to dry friction."""
     return not (ignores(model, "FRICTIONLOSS") or ignores(model, "CONSTRAINT"))
+
+
+def early(option: mujoco.MjOption) -> str:
+    """In words, that MuJoCo may stop before contacts are solved, as in files made for MJX; "" where it does not."""
+    newton = option.solver == mujoco.mjtSolver.mjSOL_NEWTON
+    if newton and min(option.iterations, option.ls_iterations) >= _ENOUGH:
+        return ""
+    name = "Newton" if newton else mujoco.mjtSolver(option.solver).name.removeprefix("mjSOL_")
+    search = f" ({option.ls_iterations} of their line searches)" if option.ls_iterations < _ENOUGH else ""
+    return f"MuJoCo's solver ({name}) stops after {iterations(option.iterations)}{search}, solved or not"
+
+
+def iterations(count: int) -> str:
+    """So many iterations, in words."""
+    return f"{count} iteration{'s' * (count != 1)}"

@@ -59,10 +59,15 @@ class Shape:
         """Radius of a sphere or capsule, or the rounding of a box."""
         return float(self.size[0]) if self.kind in ("sphere", "capsule") else self.rounding
 
-    @property
+    @cached_property
     def core(self) -> Array:
         """Half sizes (3,) of the box without its rounding."""
         return self.size - self.rounding
+
+    @cached_property
+    def corners(self) -> list[Array]:
+        """Of the box, without its rounding, in the body frame."""
+        return [touch.pos for touch in touches(self, None)]
 
     def reach_along(self, direction: Array) -> float:
         """Half the extent [m] along a unit direction (3,) of the body frame."""
@@ -82,18 +87,31 @@ def read_shape(model: mujoco.MjModel, geom: int, frames: list[Frame], rounding: 
     """The shape of a geom of the file, in the frame of its moving body."""
     frame = frames[model.geom_bodyid[geom]]
     kind = _NAMES.get(int(model.geom_type[geom]), "other")
+    rot, pos = frame.rot @ quaternion_matrix(model.geom_quat[geom]), frame.pos + frame.rot @ model.geom_pos[geom]
+    if (height := flat_height(model, geom)) is not None:
+        kind, pos = "plane", pos + height * rot[:, 2]
     hull = hull_points(model, int(model.geom_dataid[geom])) if kind == "mesh" else np.zeros((0, 3))
     return Shape(
         geom,
         kind,
         frame.body,
-        frame.pos + frame.rot @ model.geom_pos[geom],
-        frame.rot @ quaternion_matrix(model.geom_quat[geom]),
+        pos,
+        rot,
         model.geom_size[geom].copy(),
         float(np.linalg.norm(hull, axis=1).max()) if len(hull) else float(model.geom_rbound[geom]),
         hull,
         rounding,
     )
+
+
+def flat_height(model: mujoco.MjModel, geom: int) -> float | None:
+    """Of a height field without hills, as files have it whose terrain a program makes: how high [m] it is."""
+    if model.geom_type[geom] != _GEOM.mjGEOM_HFIELD:
+        return None
+    field = int(model.geom_dataid[geom])
+    begin, count = int(model.hfield_adr[field]), int(model.hfield_nrow[field] * model.hfield_ncol[field])
+    heights = model.hfield_data[begin : begin + count]
+    return float(heights[0] * model.hfield_size[field, 2]) if np.ptp(heights) == 0 else None
 
 
 def roundings(model: mujoco.MjModel) -> dict[int, float]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.numbers import names
-from cmbrl.scene.mjcf import name_of
+from cmbrl.scene.mjcf import iterations, name_of
 from cmbrl.scene.records import LeftOut
 
 KINDS = {  # those below "supported" are modelled, and left out only if they are ignored
@@ -20,7 +20,7 @@ KINDS = {  # those below "supported" are modelled, and left out only if they are
     "actuator_dynamics": "muscles, delays and other states of actuators (integrators and filters are supported)",
     "actuator_transmission": "actuators on three axes at once (so3), or on a tendon that nothing moves",
     "actuator_bias": "forces of actuators other than MuJoCo's affine ones, pid and dcmotor without a state",
-    "geom_type": "contact with height fields and SDFs, and planes that move",
+    "geom_type": "contact with hills of height fields and with SDFs, and planes that move",
     "geom_pair": "contact of two bodies by shapes that need several points or a stand-in (supported unless ignored)",
     "adhesion": "contact adhesion",
     "surface_velocity": "moving surfaces",
@@ -98,6 +98,6 @@ def check_model(model: mujoco.MjModel, gate: Gate) -> None:
     if (exact := getattr(mujoco.mjtEnableBit, "mjENBL_DIAGEXACT", None)) and option.enableflags & exact:
         gate.note("diagexact", "option", "softness uses the inverse weights at qpos0")
     if option.noslip_iterations:
-        gate.note("noslip", "option", "there is no noslip pass")
+        gate.note("noslip", "option", f"MuJoCo's noslip pass, {iterations(option.noslip_iterations)}, is not made")
     for body in np.flatnonzero(model.body_mocapid >= 0):
         gate.note("mocap", name_of(model, "body", int(body)), "it stays where the file places it")

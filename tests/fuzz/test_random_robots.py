@@ -28,6 +28,7 @@ from .robots import Robots
 FEW, MANY = range(24), range(24, 500)
 STATES = 8
 DEEPEST, FASTEST = 0.005, 100.0  # m, and rad/s or m/s that a step may add: beyond, links are jammed in each other
+STRONGEST = 1e12  # [N] of a row
 OFF = mujoco.mjtDisableBit
 ROWS = {
     "limits": OFF.mjDSBL_LIMIT,
@@ -72,6 +73,7 @@ def errors(model: mujoco.MjModel, seed: int) -> np.ndarray:
         mujoco.mj_step(model, data)
         change = np.abs(data.qvel - v[k]).max()
         jammed = change > FASTEST or (data.ncon and data.contact.dist.min() < -DEEPEST)
+        jammed |= np.abs(data.efc_force).max(initial=0.0) > STRONGEST  # on a row without a lever, but for round-off
         if not (jammed or any(warning.number for warning in data.warning)):
             found.append(np.abs(step.v_next[k] - data.qvel).max() / (change + 1e-3))
     return np.array(found)

@@ -24,7 +24,7 @@ EQUAL = 1e-5  #: rows, whose numbers are up to 1
 FLAT = 5.1  #: [degrees] within which sides lie on each other
 NO_MORE_POINTS = int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
 FILE = """<mujoco><option cone="elliptic"/><asset><mesh name="mesh" vertex="{}"/></asset><worldbody>
-<body><freejoint/><geom {} mass="1"/></body><body pos="1 0 0"><freejoint/><geom {} mass="1"/></body>
+<body><freejoint/><geom {} mass="1" margin="{}"/></body><body pos="1 0 0"><freejoint/><geom {} mass="1"/></body>
 </worldbody></mujoco>"""
 
 
@@ -33,25 +33,27 @@ def geom(kind: str, rng: np.random.Generator) -> str:
     return 'type="mesh" mesh="mesh"' if kind == "mesh" else f'type="{kind}" size="{size}"'
 
 
-def robots(a: str, b: str, files: int, states: int, seed: int) -> Iterator[tuple[mujoco.MjModel, np.ndarray]]:
-    """Models, and poses q (states, 14) in which the shapes overlap by up to DEEPEST."""
+def robots(
+    a: str, b: str, files: int, states: int, seed: int, margin: float
+) -> Iterator[tuple[mujoco.MjModel, np.ndarray]]:
+    """Models, and poses q (states, 14) in which the shapes overlap by up to DEEPEST, or are apart within the margin."""
     rng = np.random.default_rng(seed)
     for _ in range(files):
         stone = rng.normal(size=(20, 3))
         stone *= [0.06, 0.05, 0.04] / np.linalg.norm(stone, axis=1, keepdims=True)
-        text = FILE.format(" ".join(f"{x:.5f}" for x in stone.ravel()), geom(b, rng), geom(a, rng))
+        text = FILE.format(" ".join(f"{x:.5f}" for x in stone.ravel()), geom(b, rng), margin, geom(a, rng))
         model = mujoco.MjModel.from_xml_string(text)
         model.opt.ccd_tolerance, model.opt.ccd_iterations = 1e-12, 1000
         model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-        yield model, np.array([overlapping(model, rng) for _ in range(states)])
+        yield model, np.array([overlapping(model, rng, margin) for _ in range(states)])
 
 
-def overlapping(model: mujoco.MjModel, rng: np.random.Generator) -> np.ndarray:
+def overlapping(model: mujoco.MjModel, rng: np.random.Generator, margin: float) -> np.ndarray:
     data, q = mujoco.MjData(model), np.zeros(14)
-    while not data.ncon or data.contact.dist.min() < -1.3 * DEEPEST:
+    while not data.ncon or data.contact.dist.min() < margin - 1.3 * DEEPEST:
         q[3:7], q[10:14], along = rng.normal(size=4), rng.normal(size=4), rng.normal(size=3)
         along /= np.linalg.norm(along)
-        deep, low, high = -rng.uniform(0, DEEPEST), 0.0, 0.5
+        deep, low, high = margin - rng.uniform(0, DEEPEST), 0.0, 0.5
         for _ in range(40):
             q[7:10] = 0.5 * (low + high) * along
             data.qpos[:] = q
@@ -85,10 +87,10 @@ def verdict(ours: np.ndarray, model: mujoco.MjModel, q: np.ndarray) -> str:
     return "points beside each other" if len(ours) == len(theirs) > 1 else "another number, or one point elsewhere"
 
 
-def shares(a: str, b: str, files: int = 12, states: int = 50, seed: int = 7) -> dict[str, float]:
+def shares(a: str, b: str, files: int = 12, states: int = 50, seed: int = 7, margin: float = 0.0) -> dict[str, float]:
     """Of the verdicts."""
     found: Counter[str] = Counter()
-    for model, q in robots(a, b, files, states, seed):
+    for model, q in robots(a, b, files, states, seed, margin):
         scene = Scene.from_mjcf(model, self_contact="all")
         ours = ComplementarityModel(scene, **mujocos(scene))
         for state, problem in zip(

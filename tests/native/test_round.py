@@ -39,12 +39,12 @@ PAIRS = [
 STATES = 80
 
 
-def drop(a: str, b: str) -> str:
+def drop(a: str, b: str, margin: float = 0.0) -> str:
     """A onto B, which lies on nothing: no other contact tells on the error."""
     return f"""<mujoco>{OPTION.replace("implicitfast", "Euler")}<asset><mesh name="stone" vertex="{STONE}"/>
 <mesh name="slab" vertex="{SLAB}"/></asset><worldbody>
 <body><freejoint/><geom name="b" {(SHAPES | TABLES)[b]} mass=".4"/></body>
-<body pos="0 0 .15"><freejoint/><geom name="a" {SHAPES[a]} mass=".3"/></body></worldbody></mujoco>"""
+<body pos="0 0 .15"><freejoint/><geom name="a" {SHAPES[a]} mass=".3" margin="{margin}"/></body></worldbody></mujoco>"""
 
 
 def turn_about(q: np.ndarray, vector: np.ndarray) -> np.ndarray:
@@ -117,6 +117,24 @@ def test_what_lies_flat_touches_in_several_points(a: str, table: str) -> None:
         model = ComplementarityModel(scene, sliding="convex", look_ahead=False, smoothing=Exact(1e-9))
         errors = relative(model.predict(q, v, np.zeros((STATES, 0))).v_next, expected, v)
         assert np.median(errors) < 0.02, (lying, np.sort(errors))
+
+
+@pytest.mark.parametrize("margin", [0.003, 0.02])
+@pytest.mark.parametrize(("a", "b"), [*PAIRS, ("mesh", "mesh"), ("box", "mesh"), ("box", "box"), ("capsule", "box")])
+def test_within_a_margin(a: str, b: str, margin: float) -> None:
+    """What is nearer than its margin touches, by the points that are nearest; derivatives are those of the step."""
+    text = drop(a, b, margin)
+    q, v, expected = met(text, STATES)
+    scene, u = Scene.from_mjcf(text), np.zeros((STATES, 0))
+    model = ComplementarityModel(scene, sliding="convex", look_ahead=False, smoothing=Exact(1e-9))
+    errors = relative(model.predict(q, v, u).v_next, expected, v)
+    assert np.median(errors) < 2e-3, np.sort(errors)
+    assert np.mean(errors < 0.05) > 0.85, np.sort(errors)[-12:]
+    smooth = ComplementarityModel(
+        scene, smoothing=Barrier(1e-4), path_tolerance=1e-12, sliding="convex", look_ahead=False
+    )
+    row = compare(smooth, q[:6], v[:6], u[:6], 60)
+    assert row["worst"] < 1e-4, row
 
 
 @pytest.mark.parametrize(("a", "b"), PAIRS)

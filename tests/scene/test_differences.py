@@ -105,3 +105,27 @@ def test_one_is_not_told_in_the_plural() -> None:
     for line in ("1 moving body,", "drags 1 box with", "1 body carries a share", "1 sum of actuators is clamped"):
         assert line in told
     assert "0 candidates" in told
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ("", None),
+        ('iterations="1"', "MuJoCo's solver (Newton) stops after 1 iteration, solved or not"),
+        (
+            'ls_iterations="5"',
+            "MuJoCo's solver (Newton) stops after 100 iterations (5 of their line searches), solved or",
+        ),
+        ('solver="CG" iterations="30"', "MuJoCo's solver (CG) stops after 30 iterations, solved or not"),
+        ('noslip_iterations="3"', "MuJoCo's noslip pass, 3 iterations, is not made"),
+    ],
+)
+def test_what_mujocos_solver_leaves_or_adds(options: str, told: str | None) -> None:
+    """A solver that stops early, and a pass after it, are told with their numbers."""
+    text = (
+        f'<mujoco><option {options}/><worldbody>{FLOOR}<body><freejoint/><geom size=".1"/></body></worldbody></mujoco>'
+    )
+    scene = Scene.from_mjcf(text)
+    found = [x.why for x in (*scene.left_out, *scene.differences) if x.kind in ("iterations", "noslip")]
+    assert len(found) == (told is not None)
+    assert all(why.startswith(told or "") for why in found)

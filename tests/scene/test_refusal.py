@@ -46,7 +46,7 @@ CASES = {
     ),
     "geom_type": (
         DROP.format('size=".1"') + '<geom name="f" type="hfield" hfield="h"/>',
-        '<asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 .1"/></asset>',
+        '<asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 .1" elevation="0 0 0 1"/></asset>',
         "f - g",
     ),
 }
