@@ -20,10 +20,11 @@ import numpy as np
 
 from cmbrl.fitting.evidence import LEAST_WINDOWS, Evidence
 from cmbrl.fitting.folds import draw_starts, fold_of_rows
-from cmbrl.fitting.gauss_newton import reweighed
+from cmbrl.fitting.gauss_newton import gauss_newton, reweighed
 from cmbrl.fitting.judge import Judge, score
 from cmbrl.fitting.loss import PredictionLoss
 from cmbrl.fitting.noise import sensor_noise
+from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.models.complementarity import ComplementarityModel
@@ -165,7 +166,10 @@ class Surveyor:
         return np.array(fitted["z"])
 
     def _fitted(self, horizon: int, noise: np.ndarray | None, begin: np.ndarray, heavy: Sequence[float]) -> np.ndarray:
-        """The best of what leads from the best row of ``begin`` (k, n), with ``heavy`` priors at first besides."""
+        """The best of what leads from the best row of ``begin`` (k, n), with ``heavy`` priors at first besides.
+
+        Of a noisy log, most of the errors that remain are noise: a prior that they weigh again would let it be fitted.
+        """
         evidence, space = self.evidence, self.evidence.space
         starts = draw_starts(evidence.log, horizon, self.rows, self.seed)
         if self.count:
@@ -174,6 +178,8 @@ class Surveyor:
         if not self.chosen.any():
             return begin[0]
         z = _best(loss, space, begin)
+        if noise is not None:
+            return gauss_newton(Objective.at(loss, space, self.chosen, z), z, self.iterations, self.journal).z
         ways = (0.0, *heavy)
         found = np.array([reweighed(loss, space, self.chosen, z, self.iterations, self.journal, way) for way in ways])
         return _best(loss, space, found)
