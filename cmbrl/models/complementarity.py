@@ -149,8 +149,13 @@ class ComplementarityModel(Variations):
         return ComplementarityModel(self.scene, parameters=theta, **{**self._arguments(), "candidates": None})
 
     def with_settings(self, **settings: Any) -> ComplementarityModel:
-        """The same model with some arguments of the constructor replaced."""
+        """The same model with some arguments of the constructor replaced.
+
+        A derivative that is that of the step stays so when ``smoothing`` changes.
+        """
         scene = settings.pop("scene", self.scene)
+        if "smoothing" in settings and self.backward_smoothing == self.smoothing:
+            settings.setdefault("backward_smoothing", None)
         return ComplementarityModel(scene, **{"parameters": self.parameters, **self._arguments(), **settings})
 
     def to_config(self) -> dict[str, Any]:

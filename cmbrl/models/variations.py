@@ -108,9 +108,7 @@ class Variations(ABC):
         named = any(own.given[name] not in (None, value) for name, value in theirs.items())
         if self.scene.contact_law != "mujoco" or own.implicit_springs or named:
             return None
-        made = self.with_settings(
-            sliding="convex", integrator=integrator, smoothing=Exact(), backward_smoothing=Exact()
-        )
+        made = self.with_settings(sliding="convex", integrator=integrator, smoothing=Exact(), backward_smoothing=None)
         return None if made._settings.look_ahead or made.to_config() == self.to_config() else made
 
     def for_training(self, smoothing: Smoothing) -> Self:
@@ -121,7 +119,7 @@ class Variations(ABC):
         own = self._settings
         integrator = "leapfrog" if own.integrator == RK4 else own.integrator
         usual = self.with_settings(
-            integrator=integrator, smoothing=smoothing, backward_smoothing=smoothing,
+            integrator=integrator, smoothing=smoothing, backward_smoothing=None,
             sliding="coulomb", look_ahead=None, damping=None,
         )  # fmt: skip
         return usual if own.sliding == "coulomb" else usual.under_other_law() or usual

@@ -59,6 +59,13 @@ def test_settings_and_parameters_are_replaced_on_a_copy(scene: Scene) -> None:
     np.testing.assert_array_equal(model.parameters, scene.parameter_vector())
 
 
+def test_a_derivative_of_the_step_follows_its_smoothing(scene: Scene) -> None:
+    model = ComplementarityModel(scene, smoothing=Barrier(1e-2))
+    assert model.with_settings(smoothing=Barrier(1e-3)).backward_smoothing == Barrier(1e-3)
+    softer = model.with_settings(backward_smoothing=Barrier(1e-1))
+    assert softer.with_settings(smoothing=Barrier(1e-3)).backward_smoothing == Barrier(1e-1)
+
+
 def test_parameter_jacobian_is_part_of_the_whole(scene: Scene) -> None:
     model = ComplementarityModel(scene, smoothing=Barrier(1e-3))
     q, v, u = (x.numpy() for x in state(scene))
