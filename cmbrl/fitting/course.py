@@ -5,9 +5,8 @@ What is finished stands in the journal, so that a killed fit goes on where it wa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -15,68 +14,32 @@ import numpy as np
 
 from cmbrl.fitting.agreement import Comparison
 from cmbrl.fitting.beginning import beginning
-from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.cma import cma_search
 from cmbrl.fitting.drives import FADE, GAP, LIMIT
-from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.extension import Extension
 from cmbrl.fitting.folds import Folds, draw_starts
 from cmbrl.fitting.judge import Judge
 from cmbrl.fitting.judging import harmed, helped, judged, returned
-from cmbrl.fitting.loss import Errors, PredictionLoss
+from cmbrl.fitting.loss import PredictionLoss
 from cmbrl.fitting.multi_start import MultiStart
 from cmbrl.fitting.objective import Objective
-from cmbrl.fitting.pace import ALLOWED, Pace, Plan, Speed
 from cmbrl.fitting.parsimony import Selection
 from cmbrl.fitting.polish import polished
 from cmbrl.fitting.random_search import random_search
 from cmbrl.fitting.sliding import label, supported_sliding
-from cmbrl.fitting.state import Journal, OutOfTime
+from cmbrl.fitting.standing import GAUSS_NEWTON, Standing
+from cmbrl.fitting.state import Journal
 from cmbrl.fitting.survey import Survey, Surveyor
 from cmbrl.fitting.told_gains import GAINS
-from cmbrl.fitting.trials import Incumbent
 from cmbrl.fitting.unseen import held_out_rows
 from cmbrl.fitting.verdict import stepping
 from cmbrl.models.observation import DELAY, LAG
 
-GAUSS_NEWTON = "gauss-newton"
 SEARCHES: dict[str, Callable[..., Any]] = {"random": random_search, "cma": cma_search}
 
 
-@dataclass
-class Course:
-    """One fit, part by part; its arguments are those of :func:`cmbrl.fit`, checked.
-
-    ``wanted`` (n,): the parameters asked for; None: those that held-out errors call for. ``with_laws``: laws of
-    friction may come besides. ``confirms``: delay and lag stay only where held-out errors call for them. ``count``: of
-    folds, 0 for none.
-    """
-
-    evidence: Evidence
-    budget: Budget
-    journal: Journal
-    seed: int
-    huber: float
-    count: int
-    horizons: tuple[int, ...]
-    method: str
-    polish: bool
-    wanted: np.ndarray | None
-    with_laws: bool
-    confirms: bool
-    time_limit: float | None = None
-    pace: Pace | None = field(init=False, default=None)  #: None before the first part
-    incumbent: Incumbent = field(init=False)
-    survey: Survey = field(init=False)
-    sliding: dict[str, Any] | None = field(init=False, default=None)  #: how its law was chosen, if open
-    stepping: list[dict[str, Any]] = field(init=False, default_factory=list)  #: what other settings of the model leave
-    held_out: dict[str, Errors] = field(init=False, default_factory=dict)
-    logs: list[dict[str, Any]] = field(init=False, default_factory=list)  #: how each of several agrees with the others
-
-    def __post_init__(self) -> None:
-        count = len(self.evidence.space)
-        self.incumbent = Incumbent(np.zeros(count), np.zeros(count, dtype=bool))
-        self.survey = Survey(min(self.horizons), None, {})  # until there is one
+class Course(Standing):
+    """One fit, part by part."""
 
     def run(self) -> str | None:
         """Everything; returns why it ended early, if it did. Then ``incumbent`` is the best so far."""
@@ -128,49 +91,12 @@ class Course:
         free = self.wanted is None or self.with_laws
         return not helped(self.held_out) if hasty else free and harmed(self.held_out)
 
-    @contextmanager
-    def part(self, name: str) -> Iterator[None]:
-        """Within, the part ``name`` of the work has the budget and the time that a time limit leaves it."""
-        if self.pace is None:
-            yield
-            return
-        incumbent, journal = self.incumbent, self.journal
-        known = [self.survey.to_dict(), *(x.tolist() for x in (incumbent.z, incumbent.active, incumbent.begin))]
-        self.budget = self.pace.begin(name, journal, known)
-        with suppress(OutOfTime), journal.until(self.pace.end(name, journal.spent)):
-            yield
-
-    def _set_pace(self) -> None:
-        adds, searches = self.with_laws and self.count > 0, self.method != GAUSS_NEWTON
-        plan = Plan.of(self.evidence, self.horizons, self.count, self.movable, self.wanted is None, adds, searches)
-        limit = ALLOWED if self.time_limit is None else self.time_limit
-        self.pace = Pace(self.budget, limit, self._speed(), plan, asked=self.time_limit is not None)
-
-    def _speed(self) -> Speed:
-        return Speed.of(self.evidence, min(self.horizons), self.huber, self.movable, self.seed)
-
-    @property
-    def _horizons(self) -> tuple[int, ...]:
-        """Those that the survey tries."""
-        return tuple(sorted(self.horizons)[: self.budget.horizons])
-
-    def loss(self, limit: int) -> PredictionLoss:
-        """At the horizon of the survey, over at most ``limit`` transitions."""
-        steps, evidence = self.survey.horizon, self.evidence
-        starts = draw_starts(evidence.log, steps, limit, self.seed, self.count)
-        return evidence.loss(starts, steps, *evidence.scales(steps, self.huber, self.survey.noise))
-
     def _begin(self) -> dict[str, Any]:
         self.journal.report(0.01, "beginning")
         evidence, steps = self.evidence, min(self.horizons)
         starts = draw_starts(evidence.log, steps, self.budget.survey_rows, self.seed)
         loss = evidence.loss(starts, steps, *evidence.scales(steps, self.huber))
         return {"z": beginning(loss, evidence.space, self.movable, self.journal).tolist()}
-
-    @property
-    def movable(self) -> np.ndarray:
-        """The parameters (n,) that may be chosen, or were asked for."""
-        return self.evidence.space.default if self.wanted is None else self.wanted
 
     def _surveyor(self) -> Surveyor:
         begin, rows, iterations = self.incumbent.begin, self.budget.survey_rows, self.budget.survey_iterations
@@ -229,16 +155,6 @@ class Course:
         groups = set(np.array(self.evidence.space.groups)[added].tolist())
         laws = ([LIMIT, FADE], [GAP], *([group] for group in GAINS))
         return [found for law in laws if (found := [group for group in law if group in groups])]
-
-    def _trials(self, loss: PredictionLoss, folds: Folds, judges: list[list[Judge]]) -> tuple[Any, ...]:
-        return self.evidence.space, loss, folds, judges, self.seed, self.budget, self.journal
-
-    def _everything(self) -> tuple[PredictionLoss, Folds]:
-        loss = self.loss(self.budget.trial_rows)
-        return loss, self._folds(loss, loss)
-
-    def _folds(self, train: PredictionLoss, judge: PredictionLoss) -> Folds:
-        return Folds.of(train, judge, self.count, self.seed, self.budget.folds)
 
     def _start(self, folds: Folds) -> None:
         """Takes another valley where held-out episodes call for it."""

@@ -20,7 +20,7 @@ from cmbrl.data.transitions import Transitions
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.clock import Clock
 from cmbrl.fitting.cma import require_library
-from cmbrl.fitting.course import GAUSS_NEWTON, SEARCHES, Course
+from cmbrl.fitting.course import SEARCHES, Course
 from cmbrl.fitting.discrepancy import Discrepancy
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.folds import draw_starts, fold_count
@@ -28,6 +28,7 @@ from cmbrl.fitting.noise import sensor_noise
 from cmbrl.fitting.rate import RateCheck
 from cmbrl.fitting.report import conclude
 from cmbrl.fitting.result import FitResult
+from cmbrl.fitting.standing import GAUSS_NEWTON
 from cmbrl.fitting.state import Journal
 from cmbrl.fitting.verdict import by_horizon
 from cmbrl.models.complementarity import ComplementarityModel
