@@ -20,7 +20,7 @@ from cmbrl.fitting.state import Journal
 
 _BATCHES = 10.0 ** np.arange(-1.0, 11.0).reshape(6, 2)  # multiples of lambda
 _LAMBDA_RANGE = (1e-8, 1e8)
-_PASSES, _PASS_DECREASE, _FALLS = 12, 1e-3, 0.7  # at most; of an iteration; times the loss of the pass before
+_PASS_DECREASE, _FALLS = 1e-3, 0.7  # of an iteration; times the loss of the pass before
 _LIGHTER = 0.01  # times the weight of a heavy prior in the pass before
 _DECREASE = 1e-4  # relative; a smaller decrease ends the search if damping is small, or the second time
 
@@ -68,14 +68,16 @@ def reweighed(
     iterations: int,
     journal: Journal,
     heavy: float = 0.0,
+    passes: int = 12,
 ) -> np.ndarray:
     """Where (n,) passes of ``iterations`` lead from ``start`` (n,), each with the prior weighed by what errors remain.
 
-    Errors of the file weigh it far too much for a log that is nearly explained. Passes end where the loss hardly falls.
-    ``heavy``: variance that weighs the prior at first, then less and less: what the log tells best moves first.
+    Errors of the file weigh it far too much for a log that is nearly explained. There are at most so many ``passes``;
+    they end where the loss hardly falls. ``heavy``: variance that weighs the prior at first, then less and less: what
+    the log tells best moves first.
     """
     z, before = start, np.inf
-    for _ in range(_PASSES):
+    for _ in range(passes):
         objective = Objective.at(loss, space, active, z, heavy)
         if objective.variance > heavy:  # the prior is as light as the errors make it
             if not objective.remaining < _FALLS * before:

@@ -15,7 +15,7 @@ from cmbrl.models.deviations import REST
 from cmbrl.models.windows import least_units, spread
 
 _JUDGED, _JUDGED_ROWS = 500, 20_000  # windows at most, and predicted rows
-_EXACT = 1e-4  # loss of a coordinate (1 % of its change) below which it is right
+RIGHT = 1e-4  #: loss of a coordinate (1 % of its change) below which it is right
 
 
 @dataclass(frozen=True)
@@ -103,4 +103,4 @@ def judged_rows(horizon: int, share: float = 1.0) -> int:
 def score(judges: Sequence[Judge], theta: np.ndarray) -> float:
     """Mean logarithm, over horizons and coordinates, of the losses with parameters ``theta`` (n,)."""
     errors = np.array([judge.error(theta)[np.isfinite(judge.scale)] for judge in judges])
-    return float(np.mean(np.log(errors + _EXACT)))
+    return float(np.mean(np.log(errors + RIGHT)))

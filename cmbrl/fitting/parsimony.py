@@ -25,6 +25,7 @@ import numpy as np
 from cmbrl.fitting.folds import LEAST_GAIN, NOISE_FACTOR, paired_gain
 from cmbrl.fitting.forecast import Forecast, adjusted, rise, superfluous
 from cmbrl.fitting.gauss_newton import gauss_newton
+from cmbrl.fitting.judge import RIGHT
 from cmbrl.fitting.loss import Errors, NormalEquations
 from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.trials import Incumbent, Trial, Trials
@@ -32,7 +33,6 @@ from cmbrl.fitting.trials import Incumbent, Trial, Trials
 CLEAR_RISE = 0.1  # of the loss, by the forecast: a group whose removal costs so much is not tried
 CLEARLY_WORSE = 0.1  # of the loss: a group without which the first held-out episodes lose so much stays
 ALL = "all that a fit moves by default"  #: in the path of a selection
-_EXACT = 1e-4  # loss below which forecasts say little: the quadratic errs by more
 TRIED = 3  # groups per round: forecasts are accurate enough for the best to be among the first
 _STIRS = (-2.0, -0.5, 0.5, 2.0)  # prior standard deviations
 
@@ -143,7 +143,7 @@ class Selection(Trials):
                 equations, kept = self._equations(incumbent), self._kept(incumbent, before)
             costs = {g: rise(incumbent.z, incumbent.active, self.space.columns([g]), equations) for g in groups}
             group = min(groups, key=lambda g: costs[g])
-            if costs[group] > CLEAR_RISE * max(kept.errors.mean, _EXACT):
+            if costs[group] > CLEAR_RISE * max(kept.errors.mean, RIGHT):  # below, the quadratic errs by more
                 return
             tried.add(group)
             trial = self._without(incumbent, group, equations, kept)
@@ -185,7 +185,7 @@ class Selection(Trials):
             own = before.loss[: len(after.loss)]
             noise = paired_gain(after.loss, own, self.folds.blocks()[: len(own)])[1]
             rises = float(after.mean - own.mean())
-            return {"needed": bool(rises > max(CLEARLY_WORSE * max(before.mean, _EXACT), 2.0 * NOISE_FACTOR * noise))}
+            return {"needed": bool(rises > max(CLEARLY_WORSE * max(before.mean, RIGHT), 2.0 * NOISE_FACTOR * noise))}
 
         return bool(self.journal.unit(name, compute)["needed"])
 

@@ -19,9 +19,9 @@ from cmbrl.errors import UserError
 from cmbrl.fitting.beginning import beginning, begins
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.folds import draw_starts
-from cmbrl.fitting.gauss_newton import gauss_newton
+from cmbrl.fitting.gauss_newton import reweighed
 from cmbrl.fitting.loss import PredictionLoss, huber
-from cmbrl.fitting.objective import NotFinite, Objective
+from cmbrl.fitting.objective import NotFinite
 from cmbrl.fitting.sliding import rivals
 from cmbrl.fitting.state import Journal
 from cmbrl.models.observation import DELAY, LAG
@@ -108,8 +108,7 @@ class RateCheck:
         active, journal = np.isin(space.groups, _DRIVES) | missing, Journal(None, "")  # told gains may be wrong too
         z = beginning(loss, space, active, journal)
         try:
-            for _ in range(_PASSES):  # the second weighs the prior by what errors remain
-                z = gauss_newton(Objective.at(loss, space, active, z), z, _ITERATIONS, journal).z
+            z = reweighed(loss, space, active, z, _ITERATIONS, journal, passes=_PASSES)
         except NotFinite:
             return np.inf
         return float(loss.values(space.theta(z)[None])[0])

@@ -20,11 +20,10 @@ import numpy as np
 
 from cmbrl.fitting.evidence import LEAST_WINDOWS, Evidence
 from cmbrl.fitting.folds import draw_starts, fold_of_rows
-from cmbrl.fitting.gauss_newton import gauss_newton, reweighed
+from cmbrl.fitting.gauss_newton import reweighed
 from cmbrl.fitting.judge import Judge, score
 from cmbrl.fitting.loss import PredictionLoss
 from cmbrl.fitting.noise import sensor_noise
-from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.models.complementarity import ComplementarityModel
@@ -178,11 +177,11 @@ class Surveyor:
         if not self.chosen.any():
             return begin[0]
         z = _best(loss, space, begin)
+        work = (self.iterations, self.journal)
         if noise is not None:
-            return gauss_newton(Objective.at(loss, space, self.chosen, z), z, self.iterations, self.journal).z
-        ways = (0.0, *heavy)
-        found = np.array([reweighed(loss, space, self.chosen, z, self.iterations, self.journal, way) for way in ways])
-        return _best(loss, space, found)
+            return reweighed(loss, space, self.chosen, z, *work, passes=1)
+        found = [reweighed(loss, space, self.chosen, z, *work, way) for way in (0.0, *heavy)]
+        return _best(loss, space, np.array(found))
 
     def _score(self, z: np.ndarray) -> float:
         return score(self._judges, self.evidence.space.theta(z)) - self._nominal

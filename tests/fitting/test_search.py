@@ -5,7 +5,7 @@ import pytest
 
 from cmbrl.fitting.cma import cma_search
 from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.gauss_newton import gauss_newton
+from cmbrl.fitting.gauss_newton import gauss_newton, reweighed
 from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.random_search import propose, random_search
 from cmbrl.fitting.state import Journal
@@ -44,6 +44,19 @@ def test_gauss_newton_reaches_the_truth(carts):
     objective = _objective(carts)
     found = gauss_newton(objective, np.zeros(len(objective.space)), 20, Journal(None, ""))
     np.testing.assert_allclose(objective.space.theta(found.z)[[1, 3, 4]], [2.2, 0.6, 0.5], rtol=1e-4)
+
+
+@pytest.mark.parametrize("heavy", [0.0, 1e4])
+def test_passes_explain_what_one_pass_holds_back(carts, heavy):
+    """The errors of the file make its prior hold parameters that a log without noise tells exactly."""
+    objective = _objective(carts)
+    loss, space, active, start = objective.loss, objective.space, objective.active, np.zeros(len(objective.space))
+    once, often = (
+        reweighed(loss, space, active, start, 8, Journal(None, ""), heavy, passes=passes) for passes in (1, 12)
+    )
+    left = loss.values(space.theta(np.stack([once, often])))
+    assert left[1] < 1e-6 * left[0]
+    np.testing.assert_allclose(space.theta(often)[[1, 3, 4]], [2.2, 0.6, 0.5], rtol=1e-4)
 
 
 def test_gauss_newton_stops_at_a_bound_and_fits_the_rest(carts):

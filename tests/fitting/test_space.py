@@ -48,6 +48,15 @@ def test_shares_move_by_their_odds():
     assert np.array_equal(space.theta(np.full(3, -50.0)), space.low)
 
 
+def test_contacts_that_the_file_takes_for_alike_are_believed_alike():
+    """Where only the foot slips, the knee's friction follows; that of a wheel, known otherwise, does not."""
+    contacts = [Parameter(f"friction.{n}", "friction", 0.5, 0.01, 5.0, "log", "") for n in ("foot", "knee", "wheel")]
+    space = Space.of(contacts, np.array([0.8, 0.8, 1.0]))
+    told = np.diag([1e4, 0.0, 0.0])  # of the foot alone
+    z = np.linalg.solve(told + space.precision, told @ np.array([-1.0, 0.0, 0.0]))
+    np.testing.assert_allclose(z, [-1.0, -0.8, 0.0], atol=1e-3)
+
+
 def test_start_on_a_bound_is_not_a_bound_that_was_hit(carts):
     model = carts.model()
     space = Space.of(model.scene.parameters, model.parameters)
