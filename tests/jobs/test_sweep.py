@@ -16,6 +16,7 @@ import pytest
 
 from cmbrl.cli import main
 from cmbrl.cli.main import parser_of
+from cmbrl.cli.sweep import report
 from cmbrl.cli.sweep.plan import Plan
 from cmbrl.gradients.kinds import KINDS, parse_derivative
 from cmbrl.scene.laws import LawChoice
@@ -223,3 +224,10 @@ def test_a_run_that_never_began_leaves_nothing_of_its_arms(
     assert main(["sweep", "arms.yaml", "--out", "study", "--jobs", "1"]) == 2
     assert "none.csv: no such file" in capsys.readouterr().err
     assert not (tmp_path / "study").exists()
+
+
+def test_curves_count_model_steps_and_real_transitions_alike() -> None:
+    seen = {"iteration": [1.0, 2.0], "steps": [64.0, 128.0], "transitions": [1000.0, None]}
+    assert report.samples(seen).tolist() == [1064.0, 128.0]
+    assert report.samples({"iteration": [1.0, 2.0], "transitions": [10.0, 20.0]}).tolist() == [10.0, 20.0]
+    assert report.samples({"iteration": [1.0, 2.0]}).tolist() == [1.0, 2.0]

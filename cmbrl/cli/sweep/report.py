@@ -62,12 +62,13 @@ def plot(plan: Plan, results: Results, file: Path) -> None:
     figure, ((left, right),) = panels(1, 2, 11.0, 4.8, sharey=True)
     for k, arm in enumerate(plan.arms):
         curves = [one["curve"] for one in results[arm.name] if one.get("curve", {}).get("return")]
-        for axes, key in ((left, "steps" if any("steps" in c for c in curves) else "iteration"), (right, "seconds")):
-            for curve in curves:
-                axes.plot(curve[key], _numbers_of(curve["return"]), lw=0.5, alpha=0.5, color=f"C{k}")
-            if curves:
-                axes.plot(*_median(curves, key), lw=2.0, color=f"C{k}", label=arm.name or plan.command)
-    left.set(xlabel="model steps", ylabel="return of training episodes")
+        for axes, along in ((left, samples), (right, _seconds)):
+            lines = [(along(curve), _numbers_of(curve["return"])) for curve in curves]
+            for line in lines:
+                axes.plot(*line, lw=0.5, alpha=0.5, color=f"C{k}")
+            if lines:
+                axes.plot(*_median(lines), lw=2.0, color=f"C{k}", label=arm.name or plan.command)
+    left.set(xlabel="model steps and real transitions", ylabel="return of training episodes")
     right.set(xlabel="wall clock [s]")
     for axes in (left, right):
         axes.grid(alpha=0.3)
@@ -79,12 +80,20 @@ def _numbers_of(values: Sequence[float | None]) -> np.ndarray:
     return np.array([np.nan if x is None else x for x in values], dtype=float)
 
 
-def _median(curves: Sequence[dict[str, Any]], key: str) -> tuple[np.ndarray, np.ndarray]:
+def samples(curve: Mapping[str, Sequence[float | None]]) -> np.ndarray:
+    """What a run had seen of model and real system together: algorithms that act in either one compare by it."""
+    seen = [np.nan_to_num(_numbers_of(curve[name])) for name in ("steps", "transitions") if name in curve]
+    return np.sum(seen, axis=0) if seen else _numbers_of(curve["iteration"])
+
+
+def _seconds(curve: Mapping[str, Sequence[float | None]]) -> np.ndarray:
+    return _numbers_of(curve["seconds"])
+
+
+def _median(lines: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
     """Over runs, where all of them are."""
-    end = min(_numbers_of(curve[key])[-1] for curve in curves)
-    at = np.linspace(0.0, end, 80)
-    rows = [np.interp(at, _numbers_of(curve[key]), _filled(_numbers_of(curve["return"]))) for curve in curves]
-    return at, np.median(rows, axis=0)
+    at = np.linspace(0.0, min(along[-1] for along, _ in lines), 80)
+    return at, np.median([np.interp(at, along, _filled(values)) for along, values in lines], axis=0)
 
 
 def _filled(values: np.ndarray) -> np.ndarray:
