@@ -61,8 +61,8 @@ def stacked(q: Any, v: Any, u: Any, q_next: Any, v_next: Any) -> dict[str, np.nd
 
 
 def duration(dt: Any) -> float:
-    """``dt`` as a float [s]; raises unless it is one positive number, at most LARGEST."""
-    return real(dt, "dt, the duration of one transition in seconds,", above=0.0, most=LARGEST)
+    """``dt`` as a float [s]; raises unless it is one positive number, and neither it nor the rate is beyond LARGEST."""
+    return real(dt, "dt, the duration of one transition in seconds,", least=1.0 / LARGEST, most=LARGEST)
 
 
 def episodes(episode: Any, rows: int, name: str = "episode") -> np.ndarray:
