@@ -81,7 +81,7 @@ def test_split_needs_two_episodes_and_a_share(make_log):
 
 @pytest.mark.parametrize("dt", [0.0, -0.01, 5e-324, float("inf"), float("nan")])
 def test_a_duration_that_no_log_has_is_refused(make_log, dt):
-    with pytest.raises(UserError, match="the duration of one transition in seconds, = .*at least 1e-12"):
+    with pytest.raises(UserError, match=r"the duration of one transition in seconds, = .*at least 1e-12"):
         replace(make_log(), dt=dt)
 
 
