@@ -42,6 +42,7 @@ _TRIALS = (2, 8)  # of a selection: at least, and more the more work it may do
 _SHARES = 2.0 ** (-0.5 * np.arange(17))
 _KEPT = 0.4  # of it is kept for the report at most
 _SURE = 0.85  # of the time left is what parts are planned for
+_TAKEN = 0.8  # of what is planned is what long fits take; counted on where nobody asked for the limit
 ALLOWED = 250.0  #: [s] for a fit without a limit, before it writes its page
 _LEVELS = 16  # of armature and damping, in ``beginning``
 _DISCREPANCIES = 9  # linearisations of the log that tell how far a wrong model's parameters move
@@ -221,4 +222,4 @@ class Pace:
 
     def _ahead(self, part: str, share: float) -> dict[str, float]:
         costs = self.plan.costs(self.budget.shrunk(share), self.speed, share)
-        return {name: costs[name] for name in PARTS[PARTS.index(part) :]}
+        return {name: (1.0 if self.asked else _TAKEN) * costs[name] for name in PARTS[PARTS.index(part) :]}
