@@ -182,6 +182,14 @@ def test_lost_and_late_samples_are_filled_in_and_told(imported: Import, log: Pos
     np.testing.assert_allclose(found.log.position, log.position)
 
 
+def test_samples_that_are_no_numbers_are_told(imported: Import, log: PositionLog) -> None:
+    q = log.position.copy()
+    q[20:30:5, 1] = np.nan
+    found = imported(q=q)
+    assert "no numbers were filled in, or left out where many are: 2 of" in " ".join(found.notes)
+    np.testing.assert_allclose(found.log.position, log.position, atol=0.02)
+
+
 def test_gaps_end_episodes(imported: Import) -> None:
     found = imported(keep=np.delete(np.arange(ROWS), np.arange(200, 240)))
     assert found.log.n_episodes == 2

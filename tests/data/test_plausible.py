@@ -291,3 +291,18 @@ def test_links_that_overlap_in_every_pose_are_told(tmp_path: Path, radius: float
     found = [str(warning.message) for warning in told]
     assert [text.partition(" in ")[0] for text in found] == ["base and link are 10 mm"] * held  # not the rib besides
     assert all("exclude" in text for text in found)
+
+
+def test_an_endless_hinge_in_degrees(tmp_path: Path) -> None:
+    """Without limits, only the size of its swings tells; a propeller may turn as fast, but does not swing."""
+    scene = scene_of(tmp_path, "wheel", '<body><joint name="axle" axis="0 1 0"/><geom size=".1"/></body>')
+    time = 0.01 * np.arange(600)
+    swinging, spinning = 2.5 * np.sin(4 * time), 400 * time
+
+    def log(angle: np.ndarray) -> Transitions:
+        return read_trajectories(angle[:, None], [600], 0.01, np.gradient(angle, 0.01)[:, None])
+
+    with pytest.raises(UserError, match=r"q of joint 'axle' swings by more than half a turn .*degrees instead of"):
+        log(np.rad2deg(swinging)).check(scene)
+    for sound in (swinging, spinning):
+        log(sound).check(scene)

@@ -35,6 +35,7 @@ class Counts:
     gaps: int = 0
     short: int = 0
     turns: dict[str, int] = field(default_factory=dict)
+    missing: dict[str, int] = field(default_factory=dict)  #: samples that are no numbers, by column
 
 
 def clean(name: str, where: str, time: np.ndarray, values: np.ndarray, kind: str, counts: Counts) -> Series:
@@ -43,6 +44,7 @@ def clean(name: str, where: str, time: np.ndarray, values: np.ndarray, kind: str
     Raises UserError where time falls back by much, for too few samples, and for quaternions that are none.
     """
     known = np.isfinite(time) & np.isfinite(values).all(axis=1)
+    counts.missing[name] = counts.missing.get(name, 0) + int((~known).sum())
     time, values = time[known], values[known]
     if len(time) < SHORTEST:
         raise UserError(f"{where}: {name} has {len(time)} samples with numbers; record more, or drop the column")
