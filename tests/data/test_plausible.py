@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -306,3 +307,30 @@ def test_an_endless_hinge_in_degrees(tmp_path: Path) -> None:
         log(np.rad2deg(swinging)).check(scene)
     for sound in (swinging, spinning):
         log(sound).check(scene)
+
+
+WHEEL = """<mujoco><option timestep=".002"/><worldbody><geom type="plane" size="9 9 1"/><body name="body" pos="0 0 .08">
+<joint name="x" type="slide" axis="1 0 0"/><joint name="z" type="slide" axis="0 0 1"/><joint name="pitch" axis="0 1 0"/>
+<geom type="box" size=".04 .1 .15" pos="0 0 .2" mass="2" contype="0" conaffinity="0"/><body><joint name="axle"
+axis="0 1 0" damping=".01" armature=".004"/><geom type="cylinder" size=".08 .02" euler="90 0 0" mass=".5"/></body>
+</body></worldbody><actuator><motor name="motor" joint="axle" gear="4" ctrlrange="-1 1"/></actuator></mujoco>"""
+
+
+def test_a_controller_that_balances_is_no_sign_error(tmp_path: Path) -> None:
+    """It answers to the pitch, which nothing drives and which accelerates the wheel against the motor."""
+    model, rng = mujoco.MjModel.from_xml_string(WHEEL), np.random.default_rng(0)
+    q, v, u = [], [], []
+    for _ in range(8):
+        data = mujoco.MjData(model)
+        data.qpos[2], late = rng.uniform(-0.05, 0.05), np.zeros(1)
+        wave = [0.05 * np.sin(rng.uniform(1, 9) * 0.01 * np.arange(300) + rng.uniform(0, 6)) for _ in range(4)]
+        for k in range(300):
+            q.append(data.qpos + 2e-4 * rng.normal(size=4))
+            v.append(data.qvel + 5e-3 * rng.normal(size=4))
+            x, pitch = data.qpos[0], data.qpos[2]
+            push = (14 * pitch + 2.5 * data.qvel[2] + 1.2 * data.qvel[0] + 0.5 * x) / 4 + sum(w[k] for w in wave)
+            u.append(np.clip([push], -1.0, 1.0))
+            data.ctrl[:], late = late, u[-1]
+            mujoco.mj_step(model, data, nstep=5)
+    log = read_trajectories(np.array(q), [300] * 8, 0.01, np.array(v), np.array(u))
+    log.check(Scene.from_mjcf(WHEEL))
