@@ -12,7 +12,7 @@ import pytest
 from cmbrl import Transitions, UserError
 from cmbrl.cli.main import main
 from cmbrl.data.importing import Frames, Imported, Options, import_logs
-from cmbrl.data.importing.grid import Counts, Series, clean, to_grid
+from cmbrl.data.importing.grid import Counts, Series, clean, to_grid, usual_step
 from cmbrl.data.importing.targets import Target, match
 from cmbrl.data.importing.velocities import smoothed
 from cmbrl.data.plausible.frames import to_world
@@ -162,6 +162,16 @@ def test_stamps_that_jitter_beside_a_topic_that_begins_between_them() -> None:
     assert np.abs(found["q", ""] - row).mean() < 0.15
     assert (row != found["u", ""]).sum() <= 10
     assert counts.lost == 3
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.05])
+def test_stamps_that_jitter_tell_the_step(lost: float) -> None:
+    """By a third of a step to either side, as those of a computer that does other things: to a thousandth of it."""
+    rng = np.random.default_rng(3)
+    stamps = 7.0 + DT * (np.arange(2000) + rng.uniform(-0.3, 0.3, 2000))
+    parts = np.split(stamps[rng.random(2000) >= lost], [700])
+    series = [Series(part, part[:, None]) for part in (parts[0], np.concatenate([parts[1][:500], parts[1][600:]]))]
+    assert abs(usual_step(series) / DT - 1.0) < 1e-3
 
 
 def test_lost_and_late_samples_are_filled_in_and_told(imported: Import, log: PositionLog) -> None:

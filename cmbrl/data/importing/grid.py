@@ -83,11 +83,20 @@ def _continuous(name: str, where: str, quaternions: np.ndarray) -> np.ndarray:
 
 
 def usual_step(series: Sequence[Series]) -> float:
-    """The time step [s] of several series: what they last, without gaps, over the samples that belong there."""
-    steps = np.concatenate([np.diff(one.time) for one in series])
-    median = np.median(steps)
-    steps = steps[steps < BACK * median]
-    return float(steps.sum() / np.maximum(np.round(steps / median), 1).sum())
+    """The time step [s] of several series: what they last, without gaps, over the samples that belong there.
+
+    How many belong to a short span is sure though stamps jitter, which tells the step well enough for one twice as long.
+    """
+    step = float(np.median(np.concatenate([np.diff(one.time) for one in series])))
+    stretches = [
+        part for one in series for part in np.split(one.time, 1 + np.flatnonzero(np.diff(one.time) >= BACK * step))
+    ]
+    span = 1
+    while spans := [part[span:] - part[:-span] for part in stretches if len(part) > max(2 * span, 2)]:
+        lasted = np.concatenate(spans)
+        step = float(lasted.sum() / np.maximum(np.round(lasted / step), 1).sum())
+        span *= 2
+    return step
 
 
 def to_grid(
