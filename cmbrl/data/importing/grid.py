@@ -85,7 +85,7 @@ def _continuous(name: str, where: str, quaternions: np.ndarray) -> np.ndarray:
 def usual_step(series: Sequence[Series]) -> float:
     """The time step [s] of several series: what they last, without gaps, over the samples that belong there.
 
-    How many belong to a short span is sure though stamps jitter, which tells the step well enough for one twice as long.
+    How many belong to a short span is sure though stamps jitter, which tells the step well enough for longer ones.
     """
     step = float(np.median(np.concatenate([np.diff(one.time) for one in series])))
     stretches = [
