@@ -144,5 +144,8 @@ def _loaded(folder: str, data: Transitions, threads: int) -> Model:
 
     model = saved_model(folder, threads=threads)
     if abs(model.dt - data.dt) > TIME_STEP_TOLERANCE * data.dt:
-        raise UserError(f"{folder}: has a step of {model.dt:g} s, the log has dt {data.dt:g} s: use a log of that step")
+        raise UserError(
+            f"{folder}: has a step of {model.dt:g} s, the log has dt {data.dt:g} s: use a log of "
+            "that step (`cmbrl import --rate` tells the rate of stamps that jitter)"
+        )
     return model

@@ -2,7 +2,8 @@
 
 At the file's parameters the wrong law may do as well as the right one, because all else is wrong too; a fit then makes
 up for it with friction and softness that no other log bears. So all laws are fitted first, all parameters by a few
-steps of Gauss-Newton over one horizon, and held-out episodes decide; where they hardly do, the fits go on before.
+steps of Gauss-Newton over a few steps, and held-out episodes decide; where they hardly do, the fits go on before, over
+more steps if the log has noise.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from cmbrl.models.complementarity import ComplementarityModel
 
 _CLEARLY_BETTER = 0.97  # times the error under the own law
 _OPEN = 0.9, 1.1  # between these, short fits say little: the wrong law shows when all else is right
-_STEPS = 4  # of the fits, at most where there is a choice: contacts show in them, and impacts do not rule
+_STEPS = 4  # of the first fits, at most: contacts show in them, and impacts do not rule
 _WORDS = {
     "coulomb": "exact Coulomb",
     "convex": "the convex law, MuJoCo's",

@@ -122,13 +122,15 @@ class Surveyor:
     def fitted_to(self, horizon: int, longer: bool = False) -> np.ndarray:
         """Where (n,) fits up to the ``horizon`` lead, as ``run`` begins.
 
-        ``longer``: as many iterations again, and once more.
+        ``longer``: as many iterations again, and once more; of a noisy log over the next horizons, where less of what
+        is compared is noise.
         """
         first = () if self.evidence.positions_only else (1,)
         noise = self._noise(self.evidence.space.nominal)
         z = dict(self._fitted_over(sorted({*first, horizon}), noise))[horizon]
-        for again in ("on", "further") if longer else ():
-            z = self._fit(f"survey of {horizon} steps, {again}", horizon, noise, z)
+        further = [] if noise is None else [h for h in self.possible(self.evidence.horizons("auto")) if h > horizon]
+        for again, h in zip(("on", "further"), [*further, horizon, horizon], strict=False) if longer else ():
+            z = self._fit(f"survey of {h} steps, {again}", h, noise, z)
         return z
 
     def same(self, other: ComplementarityModel, horizon: int) -> bool:

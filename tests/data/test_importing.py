@@ -12,7 +12,7 @@ import pytest
 from cmbrl import Transitions, UserError
 from cmbrl.cli.main import main
 from cmbrl.data.importing import Frames, Imported, Options, import_logs
-from cmbrl.data.importing.grid import Counts, Series, clean, to_grid
+from cmbrl.data.importing.grid import Counts, Series, clean, to_grid, usual_step
 from cmbrl.data.importing.targets import Target, match
 from cmbrl.data.importing.velocities import smoothed
 from cmbrl.data.plausible.frames import to_world
@@ -164,6 +164,16 @@ def test_stamps_that_jitter_beside_a_topic_that_begins_between_them() -> None:
     assert counts.lost == 3
 
 
+@pytest.mark.parametrize("lost", [0.0, 0.05])
+def test_stamps_that_jitter_tell_the_step(lost: float) -> None:
+    """By a third of a step to either side, as those of a computer that does other things: to a thousandth of it."""
+    rng = np.random.default_rng(3)
+    stamps = 7.0 + DT * (np.arange(2000) + rng.uniform(-0.3, 0.3, 2000))
+    parts = np.split(stamps[rng.random(2000) >= lost], [700])
+    series = [Series(part, part[:, None]) for part in (parts[0], np.concatenate([parts[1][:500], parts[1][600:]]))]
+    assert abs(usual_step(series) / DT - 1.0) < 1e-3
+
+
 def test_lost_and_late_samples_are_filled_in_and_told(imported: Import, log: PositionLog) -> None:
     rng = np.random.default_rng(0)
     lost = np.sort(rng.choice(np.arange(5, ROWS - 5), 40, replace=False))
@@ -180,6 +190,14 @@ def test_lost_and_late_samples_are_filled_in_and_told(imported: Import, log: Pos
     found = imported(keep=double)
     assert "3 samples that repeat a time were dropped" in found.notes
     np.testing.assert_allclose(found.log.position, log.position)
+
+
+def test_samples_that_are_no_numbers_are_told(imported: Import, log: PositionLog) -> None:
+    q = log.position.copy()
+    q[20:30:5, 1] = np.nan
+    found = imported(q=q)
+    assert "no numbers were filled in, or left out where many are: 2 of" in " ".join(found.notes)
+    np.testing.assert_allclose(found.log.position, log.position, atol=0.02)
 
 
 def test_gaps_end_episodes(imported: Import) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -291,3 +292,45 @@ def test_links_that_overlap_in_every_pose_are_told(tmp_path: Path, radius: float
     found = [str(warning.message) for warning in told]
     assert [text.partition(" in ")[0] for text in found] == ["base and link are 10 mm"] * held  # not the rib besides
     assert all("exclude" in text for text in found)
+
+
+def test_an_endless_hinge_in_degrees(tmp_path: Path) -> None:
+    """Without limits, only the size of its swings tells; a propeller may turn as fast, but does not swing."""
+    scene = scene_of(tmp_path, "wheel", '<body><joint name="axle" axis="0 1 0"/><geom size=".1"/></body>')
+    time = 0.01 * np.arange(600)
+    swinging, spinning = 2.5 * np.sin(4 * time), 400 * time
+
+    def log(angle: np.ndarray) -> Transitions:
+        return read_trajectories(angle[:, None], [600], 0.01, np.gradient(angle, 0.01)[:, None])
+
+    with pytest.raises(UserError, match=r"q of joint 'axle' swings by more than half a turn .*degrees instead of"):
+        log(np.rad2deg(swinging)).check(scene)
+    for sound in (swinging, spinning):
+        log(sound).check(scene)
+
+
+WHEEL = """<mujoco><option timestep=".002"/><worldbody><geom type="plane" size="9 9 1"/><body name="body" pos="0 0 .08">
+<joint name="x" type="slide" axis="1 0 0"/><joint name="z" type="slide" axis="0 0 1"/><joint name="pitch" axis="0 1 0"/>
+<geom type="box" size=".04 .1 .15" pos="0 0 .2" mass="2" contype="0" conaffinity="0"/><body><joint name="axle"
+axis="0 1 0" damping=".01" armature=".004"/><geom type="cylinder" size=".08 .02" euler="90 0 0" mass=".5"/></body>
+</body></worldbody><actuator><motor name="motor" joint="axle" gear="4" ctrlrange="-1 1"/></actuator></mujoco>"""
+
+
+def test_a_controller_that_balances_is_no_sign_error(tmp_path: Path) -> None:
+    """It answers to the pitch, which nothing drives and which accelerates the wheel against the motor."""
+    model, rng = mujoco.MjModel.from_xml_string(WHEEL), np.random.default_rng(0)
+    q, v, u = [], [], []
+    for _ in range(8):
+        data = mujoco.MjData(model)
+        data.qpos[2], late = rng.uniform(-0.05, 0.05), np.zeros(1)
+        wave = [0.05 * np.sin(rng.uniform(1, 9) * 0.01 * np.arange(300) + rng.uniform(0, 6)) for _ in range(4)]
+        for k in range(300):
+            q.append(data.qpos + 2e-4 * rng.normal(size=4))
+            v.append(data.qvel + 5e-3 * rng.normal(size=4))
+            x, pitch = data.qpos[0], data.qpos[2]
+            push = (14 * pitch + 2.5 * data.qvel[2] + 1.2 * data.qvel[0] + 0.5 * x) / 4 + sum(w[k] for w in wave)
+            u.append(np.clip([push], -1.0, 1.0))
+            data.ctrl[:], late = late, u[-1]
+            mujoco.mj_step(model, data, nstep=5)
+    log = read_trajectories(np.array(q), [300] * 8, 0.01, np.array(v), np.array(u))
+    log.check(Scene.from_mjcf(WHEEL))

@@ -95,7 +95,7 @@ def _killed_after(model, calls, error, times=1000):
     return model
 
 
-@pytest.mark.parametrize("calls", [4, 100, 180])
+@pytest.mark.parametrize("calls", [20, 100, 180])
 def test_a_killed_fit_resumes_to_the_same_result(carts, data, tmp_path, monkeypatch, calls):
     monkeypatch.setattr(state_module, "_SECONDS_BETWEEN_WRITES", 0.0)
     whole = cmbrl.fit(carts.model(2), data, budget=QUICK)

@@ -120,6 +120,22 @@ def test_parts_that_overrun_leave_time_for_the_others(data, slow, clock, monkeyp
     assert loss["held out, fitted"]["rmse"] < 0.5 * loss["held out, nominal"]["rmse"]
 
 
+def test_rows_that_are_slow_at_first_cost_a_fit_nothing(carts, data, slow, clock, monkeypatch) -> None:
+    """The first pass of a model waits for its memory, and other processes make some later ones slow too."""
+    whole = cmbrl.fit(carts.model(2), data)
+    once, passes = pace_module.Speed._once, []
+
+    def disturbed(*arguments: Any) -> Any:
+        passes.append(once(*arguments))
+        return passes[-1] * (1.0 if len(passes) % pace_module._PASSES == 0 else 20.0)
+
+    monkeypatch.setattr(pace_module.Speed, "_once", staticmethod(disturbed))
+    result = cmbrl.fit(slow(2e-5), data)
+    assert len(passes) > pace_module._PASSES
+    assert values(result) == values(whole)
+    assert (result.report["pace"], result.report["stopped"]) == (None, None)
+
+
 def test_a_shrunk_budget() -> None:
     budget = Budget()
     assert budget.shrunk(1.0) == budget

@@ -131,6 +131,27 @@ def test_both_fits_go_on_where_they_hardly_differ(
     assert any(asked) == (long is not None)
 
 
+@pytest.mark.parametrize(("noise", "then"), [(0.0, [4, 4]), (1e-4, [10, 20])])
+def test_fits_of_a_noisy_log_go_on_over_more_steps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, noise: float, then: list[int]
+) -> None:
+    """Over four, a law that takes the noise away from what rests may seem as good as the law that pushes a box."""
+    evidence = Evidence.of(
+        cmbrl.ComplementarityModel(scene(tmp_path, PUSHER.format(floor=0.6, mass=0.4))), pushes(12, 60, noise)
+    )
+    horizons: list[int] = []
+
+    def fitted(_: Surveyor, name: str, horizon: int, noise: np.ndarray | None, z: np.ndarray, *others: Any, **__: Any):
+        horizons.append(horizon)
+        return z
+
+    monkeypatch.setattr(Surveyor, "_fit", fitted)
+    begin = np.zeros(len(evidence.space))
+    surveyor = Surveyor(evidence, evidence.space.default, begin, 0.5, 4, 0, 2000, 8, Journal(None, ""))
+    surveyor.fitted_to(4, longer=True)
+    assert horizons == [1, 4, *then]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 1e-4])
 def test_a_box_that_is_pushed_tells_the_law(tmp_path: Path, noise: float) -> None:

@@ -35,6 +35,7 @@ class Counts:
     gaps: int = 0
     short: int = 0
     turns: dict[str, int] = field(default_factory=dict)
+    missing: dict[str, int] = field(default_factory=dict)  #: samples that are no numbers, by column
 
 
 def clean(name: str, where: str, time: np.ndarray, values: np.ndarray, kind: str, counts: Counts) -> Series:
@@ -43,6 +44,7 @@ def clean(name: str, where: str, time: np.ndarray, values: np.ndarray, kind: str
     Raises UserError where time falls back by much, for too few samples, and for quaternions that are none.
     """
     known = np.isfinite(time) & np.isfinite(values).all(axis=1)
+    counts.missing[name] = counts.missing.get(name, 0) + int((~known).sum())
     time, values = time[known], values[known]
     if len(time) < SHORTEST:
         raise UserError(f"{where}: {name} has {len(time)} samples with numbers; record more, or drop the column")
@@ -81,11 +83,20 @@ def _continuous(name: str, where: str, quaternions: np.ndarray) -> np.ndarray:
 
 
 def usual_step(series: Sequence[Series]) -> float:
-    """The time step [s] of several series: what they last, without gaps, over the samples that belong there."""
-    steps = np.concatenate([np.diff(one.time) for one in series])
-    median = np.median(steps)
-    steps = steps[steps < BACK * median]
-    return float(steps.sum() / np.maximum(np.round(steps / median), 1).sum())
+    """The time step [s] of several series: what they last, without gaps, over the samples that belong there.
+
+    How many belong to a short span is sure though stamps jitter, which tells the step well enough for longer ones.
+    """
+    step = float(np.median(np.concatenate([np.diff(one.time) for one in series])))
+    stretches = [
+        part for one in series for part in np.split(one.time, 1 + np.flatnonzero(np.diff(one.time) >= BACK * step))
+    ]
+    span = 1
+    while spans := [part[span:] - part[:-span] for part in stretches if len(part) > max(2 * span, 2)]:
+        lasted = np.concatenate(spans)
+        step = float(lasted.sum() / np.maximum(np.round(lasted / step), 1).sum())
+        span *= 2
+    return step
 
 
 def to_grid(

@@ -10,6 +10,7 @@ from cmbrl.data.importing.bodies import TURN, joints_of
 from cmbrl.data.importing.grid import Counts, Key, Series, clean
 from cmbrl.data.importing.recording import Recording, Table
 from cmbrl.data.importing.targets import Target
+from cmbrl.data.turns import within_a_turn
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
 
@@ -91,7 +92,7 @@ def _of_table(
             continue
         values = table.columns[column].astype(np.float64)[:, None] * targets[column].factor
         one = clean(column, where, time, values, "held" if quantity in HELD else "line", counts)
-        if quantity == "position" and owner in turning:
+        if quantity == "position" and owner in turning and within_a_turn(one.values):
             whole = np.unwrap(one.values, axis=0)
             counts.turns[column] = counts.turns.get(column, 0) + int(
                 (np.abs(np.diff(one.values - whole, axis=0)) > 1).sum()

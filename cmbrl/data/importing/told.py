@@ -47,6 +47,8 @@ def told(counts: Counts, gap: int) -> list[str]:
             f"{counts.resampled} of {counts.samples} samples were resampled to a regular grid, {counts.lost} of them "
             "were lost (positions linearly, quaternions by slerp, commands held)"
         )
+    if missing := [f"{n} of {column}" for column, n in counts.missing.items() if n]:
+        notes.append(f"samples that are no numbers were filled in, or left out where many are: {', '.join(missing)}")
     if repeated := sum(counts.repeated.values()):
         notes.append(f"{counted(repeated, 'sample')} that repeat a time were dropped")
     if counts.gaps:

@@ -91,13 +91,14 @@ def _rows(motion: Motion, chosen: list[int]) -> _Rows | None:
         free = _away_from_stops(motion, at, q, moves) & _away_from_stops(motion, at, motion.after[:, at], moves)
         before, later = _neighbours(motion.blocks)
         past = np.hstack([u[before], y[before]])
+        q, v = motion.now, motion.v_now  # controllers answer to joints that nothing drives, too
         if 2 * len(later) > len(y):  # else rows are in no order, and have no past
             q, v, y, u, free = q[later], v[later], y[later], u[later], free[later]
         else:
             past = np.zeros((len(y), 0))
     else:
         q, v, y, u = _from_positions(motion, at, u)
-        free, past = _away_from_stops(motion, at, q, 2 * np.abs(v)), np.zeros((len(q), 0))
+        free, past = _away_from_stops(motion, at, q[:, at], 2 * np.abs(v[:, at])), np.zeros((len(q), 0))
     take = np.unique(np.linspace(0, len(y) - 1, MOST).astype(int)) if len(y) else np.arange(0)
     q, v, y, u, free, past = (x[take] for x in (q, v, y, u, free, past))
     if len(y) < _least(u):
@@ -130,20 +131,24 @@ def _beside(state: np.ndarray, x: np.ndarray) -> np.ndarray:
 def _from_positions(
     motion: Motion, at: list[int], u: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Positions, velocities, second differences over some samples, and the commands between them, per block."""
+    """Positions and velocities of all coordinates, second differences of those ``at`` that commands drive, commands.
+
+    Over some samples, by block.
+    """
     parts = []
     weights = np.concatenate([np.arange(1, STRIDE + 1), np.arange(STRIDE - 1, 0, -1)]) / STRIDE**2
     for block in motion.blocks:
-        x, force = motion.now[block][:, at], u[block]
+        x, force = motion.now[block], u[block]
         if len(x) <= 2 * STRIDE:
             continue
         first, middle, last = x[: -2 * STRIDE], x[STRIDE:-STRIDE], x[2 * STRIDE :]
         mean = sum(w * force[k + 1 : len(force) - 2 * STRIDE + k + 1] for k, w in enumerate(weights))
         rows = slice(None, None, STRIDE)
-        parts.append((first[rows], (middle - first)[rows], (last - 2 * middle + first)[rows], np.asarray(mean)[rows]))
-    empty = np.zeros((0, len(at)))
+        bent = (last - 2 * middle + first)[rows][:, at]
+        parts.append((first[rows], (middle - first)[rows], bent, np.asarray(mean)[rows]))
     if not parts:
-        return empty, empty, empty, empty
+        every, driven = np.zeros((0, motion.now.shape[1])), np.zeros((0, len(at)))
+        return every, every, driven, driven
     joined = [np.concatenate(part) for part in zip(*parts, strict=True)]
     return joined[0], joined[1], joined[2], joined[3]
 

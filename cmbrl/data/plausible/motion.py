@@ -11,6 +11,7 @@ import numpy as np
 
 from cmbrl.data.fields import Fields
 from cmbrl.data.splitting import follows
+from cmbrl.data.turns import within_a_turn
 from cmbrl.scene.records import JointKind
 
 if TYPE_CHECKING:
@@ -66,9 +67,15 @@ class Motion:
 
     @cached_property
     def change(self) -> np.ndarray:
-        """(R, n) change of position from one sample to the next, whole turns of hinges left out."""
+        """(R, n) change of position from one sample to the next, without whole turns of hinges that stay within one."""
         step = self.after - self.now
-        turning = np.array([one.hinge and not np.isfinite(one.low) for one in self.coordinates], dtype=bool)
+        turning = np.array(
+            [
+                one.hinge and not np.isfinite(one.low) and within_a_turn(self.now[:, k], self.after[:, k])
+                for k, one in enumerate(self.coordinates)
+            ],
+            dtype=bool,
+        )
         return step - 2 * np.pi * np.round(step / (2 * np.pi)) * turning
 
     def position_of(self, k: int) -> str:

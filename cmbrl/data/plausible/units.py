@@ -22,6 +22,7 @@ CLOCKS = {1e9: "nanoseconds", 1e6: "microseconds", 1e3: "milliseconds"}  #: numb
 RATES = 1e-4, 0.1  #: [s] steps of logs that robots write
 SENSOR_NOISE = 1e-4  #: changes of this size [m, rad] may be noise
 ACROSS = 0.85  #: correlation with the derivative of another joint, or of the other sign
+SWINGS = 0.01  #: share of rows to either side; a lost whole turn here and there does not count
 AGREES = 0.7  #: correlation of two columns that tell the same; impacts within long steps lower it
 
 
@@ -145,14 +146,24 @@ def _rate(motion: Motion, own: np.ndarray, ratio: np.ndarray, moving: np.ndarray
 
 
 def turns(motion: Motion) -> Iterator[Finding]:
-    """A warning for hinges whose angle jumps by whole turns, which are read as if it went on."""
+    """Hinges whose angle jumps by whole turns: a warning where it stays within one, and is read as if it went on.
+
+    Beyond one turn it goes on already, so one that swings by more than half a turn from row to row is no angle in
+    radians. One that only turns, as a propeller does, may be.
+    """
     for k, coordinate in enumerate(motion.coordinates):
-        jumps = np.abs(motion.after[:, k] - motion.now[:, k] - motion.change[:, k]) > 1
+        step = motion.after[:, k] - motion.now[:, k]
+        jumps = np.abs(step - motion.change[:, k]) > 1
         if coordinate.hinge and jumps.any():
             yield Finding(
                 f"{motion.position_of(k)} jumps by a whole turn in {int(jumps.sum())} rows, first in row "
                 f"{np.flatnonzero(jumps)[0]}: read as an angle that goes on",
                 sure=False,
+            )
+        elif coordinate.hinge and min(np.mean(step > np.pi), np.mean(step < -np.pi)) > SWINGS:
+            yield Finding(
+                f"{motion.position_of(k)} swings by more than half a turn from row to row, {np.abs(step).max():.3g} at "
+                "most: degrees instead of radians? Divide the column by 57.3, or give --angles deg to `cmbrl import`"
             )
 
 
