@@ -60,6 +60,7 @@ MISTAKES = {
     "value of the wrong type in a configuration": ("fit --config wrong.yaml", "wrong.yaml", "--horizon"),
     "value that is not a choice": ("fit --config choice.yaml", "choice.yaml", "'gauss-newton'"),
     "nested value in a configuration": ("fit --config nested.yaml", "nested.yaml", "--groups"),
+    "list without a value in a configuration": ("fit --config none_of.yaml", "argument --data", "at least one"),
     "switch that is not on or off": ("fit --config switch.yaml", "switch.yaml", "true or false"),
     "all parameters and some": (f"{FIT} --all-parameters --groups mass", "--groups", "drop one"),
     "some by a configuration and all": ("fit --config groups.yaml --all-parameters", "--groups", "drop one"),
@@ -89,6 +90,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "wrong.yaml").write_text("source: hopper\nhorizon: many\n", encoding="utf-8")
     (folder / "choice.yaml").write_text("source: hopper\nmethod: magic\n", encoding="utf-8")
     (folder / "nested.yaml").write_text("source: hopper\ngroups: [{mass: 1}]\n", encoding="utf-8")
+    (folder / "none_of.yaml").write_text("source: hopper\ndata: []\nout: o\n", encoding="utf-8")
     (folder / "switch.yaml").write_text("source: hopper\nresume: perhaps\n", encoding="utf-8")
     groups = "source: hopper\ndata: hopper.npz\nout: run\ngroups: [mass]\n"
     (folder / "groups.yaml").write_text(groups, encoding="utf-8")

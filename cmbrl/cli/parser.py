@@ -94,6 +94,8 @@ class Parser(argparse.ArgumentParser):
             return converted(value)
         if isinstance(value, dict):
             value = [f"{name}={_word(action, one)}" for name, one in value.items()]
+        if action.required and value == []:
+            raise argparse.ArgumentError(action, "needs at least one value")
         return [converted(item) for item in (value if isinstance(value, list) else [value])]
 
     def format_help(self) -> str:
