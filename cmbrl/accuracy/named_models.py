@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -16,6 +16,7 @@ from cmbrl.registry import is_task, load_task
 
 if TYPE_CHECKING:
     from cmbrl.data import Transitions
+    from cmbrl.models.complementarity import ComplementarityModel
     from cmbrl.models.ensemble import NeuralEnsemble
     from cmbrl.models.protocol import Model
     from cmbrl.registry import Task
@@ -72,6 +73,21 @@ def build_models(
             load = partial(_of_file, word, source, sliding) if _is_file(word) else partial(_loaded, word)
             make[word] = partial(load, data, threads)
     return {_label(word, words): make[word]() for word in words}
+
+
+def notes_on_laws(models: Mapping[str, Any], words: Sequence[str]) -> list[str]:
+    """A line where a file's model slides by a law that is not MuJoCo's: it may look worse than the file is."""
+    from cmbrl.models.complementarity import ComplementarityModel
+
+    names = [_label(word, words) for word in words if word == NOMINAL or _is_file(word)]
+    told = [name for name in names if isinstance(one := models[name], ComplementarityModel) and _slides_apart(one)]
+    if not told:
+        return []
+    return [f"{', '.join(told)}: slides by exact Coulomb; if MuJoCo made the log, give it that law by --sliding convex"]
+
+
+def _slides_apart(model: ComplementarityModel) -> bool:
+    return model.sliding == "coulomb" and model.scene.contact_law == "mujoco" and bool(len(model.scene.contact_names))
 
 
 def train_ensemble(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cmbrl.accuracy.named_models import BUILT_IN, ENSEMBLE, build_models, common_source, train_ensemble
+from cmbrl.accuracy.named_models import BUILT_IN, ENSEMBLE, build_models, common_source, notes_on_laws, train_ensemble
 from cmbrl.cli.argument_types import number, positive, positive_number
 from cmbrl.cli.options import add_json, add_scene_options, add_seed, add_sliding, add_threads
 from cmbrl.cli.parser import resolved
@@ -101,7 +101,7 @@ def run(arguments: argparse.Namespace) -> None:
     source, data, time, logs = _log(arguments, source)
     gap = arguments.contact_gap or (source.task.contact_gap if source.task else CONTACT_GAP)
     models = build_models(words, source, data, arguments.threads or usable_cores(), arguments.sliding)
-    notes = []
+    notes = [] if arguments.sliding else notes_on_laws(models, words)
     if ENSEMBLE in words:
         log = load_log(arguments.train, source.scene)
         with fraction(f"train ensemble on {len(log)} transitions") as progress:

@@ -11,8 +11,10 @@ import torch
 
 from cmbrl import Scene, Transitions, UserError
 from cmbrl.accuracy.compare import compare
+from cmbrl.accuracy.named_models import notes_on_laws
 from cmbrl.accuracy.plots import plot
 from cmbrl.models.baselines import Ballistic, HoldVelocity
+from cmbrl.models.complementarity import ComplementarityModel
 
 DT = 0.01
 CUBE = """<mujoco><worldbody><geom type="plane" size="5 5 .1"/>
@@ -194,3 +196,14 @@ def test_refusals(cube: Scene) -> None:
     )  # fmt: skip
     with pytest.raises(UserError, match="nothing changes"):
         compare({"hold": HoldVelocity(cube, DT)}, still, cube)
+
+
+def test_a_file_under_another_law_than_mujocos_is_told(cube: Scene) -> None:
+    file = ComplementarityModel(cube)
+    told = notes_on_laws({"hold": HoldVelocity(cube, 0.01), "nominal": file}, ["hold", "nominal"])
+    assert len(told) == 1
+    assert told[0].startswith("nominal: slides by exact Coulomb")
+    assert "--sliding convex" in told[0]
+    convex = {"nominal": file.with_settings(sliding="convex")}
+    assert notes_on_laws(convex, ["nominal"]) == []
+    assert notes_on_laws({"runs/fit": file}, ["runs/fit"]) == []  # a fit's law is its own choice
