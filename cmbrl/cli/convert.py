@@ -77,8 +77,8 @@ def _held(arguments: argparse.Namespace) -> tuple[Scene, list[str]]:
 
 def _converted(arguments: argparse.Namespace) -> tuple[Scene, Sequence[str]]:
     from cmbrl.scene import Scene
-    from cmbrl.urdf import convert
-    from cmbrl.urdf.actuators import Servo
+    from cmbrl.scene.urdf import convert
+    from cmbrl.scene.urdf.actuators import Servo
 
     found = convert(
         arguments.file,

@@ -32,6 +32,7 @@ _FOLDERS = ("meshdir", "texturedir", "assetdir")
 class _Reader:
     main: Path
     folders: set[Path] = field(default_factory=set)
+    root: str = ""  # tag of the main file's root element
     models: dict[str, int] = field(default_factory=dict)  # name of a <model> asset -> its number of elements
 
     def elements(self, file: Path, above: tuple[Path, ...] = (), text: str | None = None) -> int:
@@ -49,6 +50,7 @@ class _Reader:
                     f"{self.main}: not an MJCF: the root element is <{element.tag[:40]}>, expected <mujoco> or, of a "
                     "URDF, <robot>"
                 )
+            self.root = self.root or element.tag
             self._check_amounts(element)
             total += copies[-1] * (1 + self._named(element, file, above))
             copies.append(copies[-1] * _copies(element))
@@ -95,17 +97,22 @@ class _Reader:
                 raise UserError(f"{self.main}: <{element.tag}> asks for {key}={shortened(text)!r}, more than {most}")
 
 
-def check_xml(source: Path | str) -> None:
-    """Raises UserError unless a file or a text is XML of an MJCF or a URDF that names files and counts with an end."""
+def check_xml(source: Path | str) -> str:
+    """The tag of the root element, "mujoco" or "robot".
+
+    Raises UserError unless a file or a text is XML of an MJCF or a URDF that names files and counts with an end.
+    """
     path, text = (source, None) if isinstance(source, Path) else (Path("XML text"), source)
+    reader = _Reader(path)
     try:
-        _Reader(path).elements(path, text=text)
+        reader.elements(path, text=text)
     except UserError:
         raise
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror}); check its permissions") from None
     except ValueError as error:
         raise UserError(f"{path}: not an MJCF: invalid XML ({shortened(str(error), 200)})") from None
+    return reader.root
 
 
 def _copies(element: Element) -> int:

@@ -13,10 +13,13 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from cmbrl.errors import UserError
-from cmbrl.urdf.packages import find
+from cmbrl.scene.robot_source import is_pointer
+from cmbrl.scene.urdf.packages import find
+from cmbrl.text import shortened
 
 _HEADER, _TRIANGLE = 84, 50  # bytes of a binary STL
-_LOOKS = ("bind_material", "library_materials", "library_effects", "library_images")  # of Collada
+_LOOKS = ("bind_material", *(f"library_{kind}" for kind in ("materials", "effects", "images", "cameras", "lights")))
+_LOOKS += ("instance_camera", "instance_light")  # of Collada
 
 
 def collect(robot: Element, urdf: Path, packages: Sequence[Path] = ()) -> dict[str, bytes]:
@@ -26,8 +29,16 @@ def collect(robot: Element, urdf: Path, packages: Sequence[Path] = ()) -> dict[s
     """
     names: dict[Path, str] = {}
     contents: dict[str, bytes] = {}
+    places = {mesh.get("filename", ""): find(mesh.get("filename", ""), urdf, packages) for mesh in robot.iter("mesh")}
+    if missing := [address for address, place in places.items() if place is None]:
+        raise UserError(
+            f"{urdf}: cannot find {len(missing)} of {len(places)} meshes of collisions, such as "
+            f"{shortened(missing[0])}: give the folder that holds the package with `cmbrl convert --packages FOLDER`, "
+            "or set ROS_PACKAGE_PATH"
+        )
     for mesh in robot.iter("mesh"):
-        path = find(mesh.get("filename", ""), urdf, packages)
+        path = places[mesh.get("filename", "")]
+        assert path is not None
         if path not in names:
             data, suffix = _readable(path, urdf)
             names[path] = _free(path.stem, suffix, contents)
@@ -48,6 +59,8 @@ def _free(stem: str, suffix: str, taken: dict[str, bytes]) -> str:
 def _readable(path: Path, urdf: Path) -> tuple[bytes, str]:
     """Contents and suffix of a mesh for MuJoCo."""
     data, suffix = path.read_bytes(), path.suffix.lower()
+    if is_pointer(path):
+        raise UserError(f"{path}: is a pointer of Git LFS: get what it stands for with `git lfs pull`")
     if suffix in (".obj", ".msh") or (suffix == ".stl" and _binary(data)):
         return data, suffix
     try:
@@ -73,7 +86,7 @@ def _readable(path: Path, urdf: Path) -> tuple[bytes, str]:
 
 
 def _without_looks(collada: bytes) -> io.BytesIO:
-    """Collada without materials and pictures, whose faults do not matter here."""
+    """Collada without materials, pictures, lights and cameras, whose faults do not matter here."""
     root = ElementTree.fromstring(collada)
     for parent in list(root.iter()):
         for child in list(parent):

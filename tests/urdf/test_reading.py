@@ -1,0 +1,60 @@
+"""What other readers of URDF bear, where meshes are found, and that every command reads a URDF as convert does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cmbrl.errors import UserError
+from cmbrl.scene import Scene
+from cmbrl.scene.report import describe
+from cmbrl.scene.urdf import convert
+from tests.urdf.leg import convert_text, robot
+
+
+def test_of_elements_that_stand_once_the_first_counts_and_other_shapes_are_left_out(urdf: Path, tmp_path: Path) -> None:
+    text = robot().replace('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><axis xyz="1 0 0"/>')
+    odd = "<collision><geometry><plane/></geometry></collision>"
+    found = convert_text(urdf, text.replace('<link name="foot">', f'<link name="foot">{odd}'), tmp_path)
+    assert found.model.joint("knee").axis.tolist() == [0, 1, 0]
+    assert found.notes == (
+        "joint knee: of several <axis> the first one counts",
+        "link foot: a collision shape <plane> is left out",
+    )
+
+
+def test_a_fixed_link_without_mass_gets_none_from_its_shapes(urdf: Path, tmp_path: Path) -> None:
+    shape = '<collision><geometry><box size=".1 .1 .1"/></geometry></collision>'
+    found = convert_text(urdf, robot().replace('<link name="foot">', f'<link name="foot">{shape}'), tmp_path)
+    assert found.model.ngeom == 3
+    assert found.model.body_subtreemass[0] == pytest.approx(1.0)  # the box would weigh 1 kg
+    tiny = 'mass value="4e-15"/><inertia ixx="2e-27" iyy="2e-27" izz="2e-27"/>'
+    found = convert_text(urdf, robot().replace('mass value="0"/>', tiny), tmp_path)
+    assert found.model.body_subtreemass[0] == pytest.approx(1.0)
+
+
+def test_a_mesh_is_found_where_a_folder_has_the_name_of_the_address(urdf: Path, tmp_path: Path) -> None:
+    for address in ("package://drake/x/leg/a/shape.stl", "file:///nowhere/src/leg/a/shape.stl", "leg/a/shape.stl"):
+        found = convert_text(urdf, robot().replace("package://leg/a/shape.stl", address), tmp_path)
+        assert sorted(found.meshes) == ["shape.stl", "shape_2.stl"]
+    meshdir = '<robot name="leg"><mujoco><compiler meshdir="../a"/><option timestep="0.004"/></mujoco>'
+    moved = robot().replace("package://leg/a/shape.stl", "shape.stl").replace('<robot name="leg">', meshdir)
+    assert convert_text(urdf, moved, tmp_path).model.opt.timestep == 0.004
+
+
+def test_a_pointer_of_git_lfs_is_named(urdf: Path, tmp_path: Path) -> None:
+    (urdf.parent.parent / "a/shape.stl").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\n")
+    with pytest.raises(UserError, match=r"shape\.stl: is a pointer of Git LFS"):
+        convert(urdf, tmp_path / "leg.xml")
+
+
+def test_every_command_reads_a_urdf_as_convert_does(urdf: Path, tmp_path: Path) -> None:
+    scene, model = Scene.from_mjcf(urdf), convert(urdf, tmp_path / "leg.xml").model
+    np.testing.assert_array_equal(scene.core.P, Scene.from_mjcf(model).core.P)
+    assert scene.urdf_changes[0].startswith("its root is held, without floor and actuators: `cmbrl convert`")
+    assert "  of the URDF  its root is held" in describe(scene)
+    urdf.write_text(robot().replace('type="revolute"', 'type="fixed"'))
+    with pytest.raises(UserError, match=r"no joints.* or free its root with `cmbrl convert --floating`"):
+        Scene.from_mjcf(urdf)
