@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,10 +44,11 @@ class Compiled:
         return stem if name in ("", "MuJoCo Model") else name.replace(" ", "_")
 
 
-def compile_robot(source: RobotSource) -> Compiled:
+def compile_robot(source: RobotSource, ignore: Collection[str] = ()) -> Compiled:
     """Compiles ``source``; a string that starts with "<" is the text of an MJCF or a URDF, any other a path.
 
-    A URDF is read as ``cmbrl convert`` reads it, on a fixed base and without actuators.
+    A URDF is read as ``cmbrl convert`` reads it, on a fixed base and without actuators; ``ignore`` may have
+    "missing_mesh".
 
     Raises UserError if a file is missing, is neither an MJCF nor a URDF, or does not compile.
     """
@@ -60,12 +61,12 @@ def compile_robot(source: RobotSource) -> Compiled:
         elif isinstance(source, str) and source.lstrip().startswith("<"):
             label, file, text = "XML text", None, source
             root = check_xml(text)
-            model, notes = _from_xml(root, label, Path(label), text)
+            model, notes = _from_xml(root, label, Path(label), text, ignore)
         else:
             file = regular_file(source, _REMEDY)
             label = str(file)
             root = check_xml(file)
-            model, notes = _from_xml(root, label, file)
+            model, notes = _from_xml(root, label, file, None, ignore)
     try:
         bytes(model.names).decode()
     except UnicodeDecodeError:
@@ -75,12 +76,14 @@ def compile_robot(source: RobotSource) -> Compiled:
     return Compiled(model, label, file, tuple(warnings), notes)
 
 
-def _from_xml(root: str, label: str, file: Path, text: str | None = None) -> tuple[mujoco.MjModel, tuple[str, ...]]:
+def _from_xml(
+    root: str, label: str, file: Path, text: str | None, ignore: Collection[str]
+) -> tuple[mujoco.MjModel, tuple[str, ...]]:
     """The model of a file, or of its text, whose root element is ``root``, and notes."""
     if root == "robot":
         from cmbrl.scene.urdf.convert import compile_urdf  # which reads with what is above
 
-        return compile_urdf(file.read_bytes() if text is None else text.encode(), file)
+        return compile_urdf(file.read_bytes() if text is None else text.encode(), file, ignore)
     read = mujoco.MjModel.from_xml_path if text is None else mujoco.MjModel.from_xml_string
     return _compiled(label, lambda: read(text or label)), ()
 

@@ -111,8 +111,9 @@ class Scene:
         law = LawChoice.parse(contact_law)
         reduce = switch(reduce, "reduce")
         one_of(self_contact, CHOICES, "self-contact")
-        compiled = compile_robot(source)
-        gate = Gate(compiled.label, ignore)
+        gate = Gate(ignore)
+        compiled = compile_robot(source, gate.ignore)
+        gate.file = compiled.label
         if compiled.model.nv == 0:
             held = ", or free its root with `cmbrl convert --floating`" if compiled.notes else ""
             raise UserError(f"{compiled.label}: the model has no joints, so nothing moves; add a joint{held}")

@@ -7,8 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cmbrl.cli import main
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
+from cmbrl.scene.fitted_file import fitted_file
+from cmbrl.scene.held import held_file
 from cmbrl.scene.report import describe
 from cmbrl.scene.urdf import convert
 from tests.urdf.leg import convert_text, robot
@@ -44,6 +47,20 @@ def test_a_mesh_is_found_where_a_folder_has_the_name_of_the_address(urdf: Path, 
     assert convert_text(urdf, moved, tmp_path).model.opt.timestep == 0.004
 
 
+def test_meshes_that_are_missing_may_be_left_out(
+    urdf: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (urdf.parent.parent / "a/shape.stl").unlink()
+    told = "link thigh: the collision mesh package://leg/a/shape.stl is missing and left out"
+    assert convert(urdf, tmp_path / "leg.xml", ignore=["missing_mesh"]).notes[0] == told
+    assert main(["convert", str(urdf), str(tmp_path / "leg.xml"), "--ignore", "missing_mesh"]) == 0
+    assert told in capsys.readouterr().out
+    scene = Scene.from_mjcf(urdf, ignore="missing_mesh")
+    assert (scene.ignore, scene.nv, scene.urdf_changes[1]) == (("missing_mesh",), 1, told)
+    assert main(["info", str(urdf)]) == 2
+    assert "cannot find 1 of 2 meshes" in capsys.readouterr().err
+
+
 def test_a_pointer_of_git_lfs_is_named(urdf: Path, tmp_path: Path) -> None:
     (urdf.parent.parent / "a/shape.stl").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\n")
     with pytest.raises(UserError, match=r"shape\.stl: is a pointer of Git LFS"):
@@ -55,6 +72,10 @@ def test_every_command_reads_a_urdf_as_convert_does(urdf: Path, tmp_path: Path) 
     np.testing.assert_array_equal(scene.core.P, Scene.from_mjcf(model).core.P)
     assert scene.urdf_changes[0].startswith("its root is held, without floor and actuators: `cmbrl convert`")
     assert "  of the URDF  its root is held" in describe(scene)
+    with pytest.raises(UserError, match="is a URDF: make an MJCF of it by `cmbrl convert`, and hold"):
+        held_file(urdf, {"knee": None})
+    with pytest.raises(UserError, match="a URDF takes no fitted values"):
+        fitted_file(scene, scene.parameter_vector())
     urdf.write_text(robot().replace('type="revolute"', 'type="fixed"'))
     with pytest.raises(UserError, match=r"no joints.* or free its root with `cmbrl convert --floating`"):
         Scene.from_mjcf(urdf)

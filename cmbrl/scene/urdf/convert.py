@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,7 +23,7 @@ from cmbrl.scene.urdf import compiled
 from cmbrl.scene.urdf.actuators import Servo, add_motors, add_servos
 from cmbrl.scene.urdf.dialects import WORLD, plain
 from cmbrl.scene.urdf.inertias import mend
-from cmbrl.scene.urdf.meshes import collect
+from cmbrl.scene.urdf.meshes import collect, place, without_missing
 
 _AS_IT_IS = "its root is held, without floor and actuators: `cmbrl convert` makes an MJCF with what it lacks"
 
@@ -67,6 +67,7 @@ def convert(
     actuators: str = "none",
     servo: Servo | None = None,
     packages: Sequence[str | os.PathLike[str]] = (),
+    ignore: Collection[str] = (),
 ) -> Conversion:
     """The URDF file as an MJCF for ``out``; nothing is written before :meth:`Conversion.write`.
 
@@ -77,6 +78,7 @@ def convert(
         floor: adds a plane at z = 0.
         actuators: "none", "motor" (torques within the joint's effort) or "position" (targets, by ``servo``).
         servo: gains of the position servos.
+        ignore: "missing_mesh" leaves out collision meshes that are not there.
         packages: folders to look for ROS packages in; see :func:`cmbrl.urdf.packages.find`.
 
     Raises UserError for a file that is no URDF, a mesh that is missing or cannot be read, and what MuJoCo refuses.
@@ -88,7 +90,7 @@ def convert(
         if not folder.is_dir():
             raise UserError(f"{folder}: no such folder; --packages takes the folder that holds the packages")
     with quiet() as warnings:
-        read = _read(_robot(file.read_bytes(), file), file, folders, floating)
+        read = _read(_robot(file.read_bytes(), file), file, folders, ignore, floating)
         spec, notes = read.spec, list(read.notes)
         if floor:
             ground = spec.worldbody if floating else spec.worldbody.add_body(name="ground")
@@ -106,9 +108,9 @@ def convert(
     return Conversion(model, text, read.meshes, told)
 
 
-def compile_urdf(data: bytes, file: Path) -> tuple[mujoco.MjModel, tuple[str, ...]]:
+def compile_urdf(data: bytes, file: Path, ignore: Collection[str] = ()) -> tuple[mujoco.MjModel, tuple[str, ...]]:
     """The model of a URDF as it is, on a fixed base and without actuators, and what was changed, a line each."""
-    read = _read(_robot(data, file), file, (), floating=False)
+    read = _read(_robot(data, file), file, (), ignore, floating=False)
     return read.spec.compile(), (_AS_IT_IS, *read.notes)
 
 
@@ -119,7 +121,9 @@ class _Read:
     notes: tuple[str, ...]
 
 
-def _read(robot: ElementTree.Element, file: Path, packages: Sequence[Path], floating: bool) -> _Read:
+def _read(
+    robot: ElementTree.Element, file: Path, packages: Sequence[Path], ignore: Collection[str], floating: bool
+) -> _Read:
     """MuJoCo's reading of a URDF, with its faults mended."""
     compilers = robot.findall("mujoco/compiler")
     folders = [*packages, *(file.parent / compiler.get("meshdir", "") for compiler in compilers)]
@@ -129,7 +133,10 @@ def _read(robot: ElementTree.Element, file: Path, packages: Sequence[Path], floa
     notes = [*_without_visuals(robot), *plain(robot, file), *mend(robot, file)]
     if floating:
         _set_free(robot, file)
-    meshes = collect(robot, file, folders)
+    places = place(robot, file, folders)
+    if "missing_mesh" in ignore:
+        notes += without_missing(robot, places)
+    meshes = collect(robot, file, places)
     spec, more = compiled.read(robot, meshes, file)
     if floating:
         compiled.put_down(spec)

@@ -17,6 +17,7 @@ from cmbrl.text import shortened
 _ENTRIES = {"ixx": (0, 0), "iyy": (1, 1), "izz": (2, 2), "ixy": (0, 1), "ixz": (0, 2), "iyz": (1, 2)}
 _WEIGHTLESS = 1e-9  # kg: less is none
 _LEAST, _SMALL = 1e-5, 1e-8  # second moments at least: a share of the largest (an MJCF has six digits), m^2 per kg
+_POSITIVE = 1e-13  # kg m^2: what MuJoCo takes for more than none
 _TOLD = 1e-3  # relative change of an inertia that is worth a word
 
 
@@ -60,7 +61,7 @@ def nearest(inertia: NDArray[np.float64], mass: float) -> NDArray[np.float64]:
     for Physically Consistent Inertial Parameter Identification", RA-L 2018, eq. 11); those that are become small.
     """
     moments, axes = np.linalg.eigh(0.5 * np.trace(inertia) * np.eye(3) - inertia)
-    least = max(_LEAST * moments.max(), _SMALL * mass)
+    least = max(_LEAST * moments.max(), _SMALL * mass, _POSITIVE)
     if moments.min() >= least:
         return inertia
     second = (axes * np.maximum(moments, least)) @ axes.T

@@ -6,7 +6,7 @@ Others become binary STL through trimesh.
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -22,20 +22,36 @@ _LOOKS = ("bind_material", *(f"library_{kind}" for kind in ("materials", "effect
 _LOOKS += ("instance_camera", "instance_light")  # of Collada
 
 
-def collect(robot: Element, urdf: Path, packages: Sequence[Path] = ()) -> dict[str, bytes]:
+def place(robot: Element, urdf: Path, packages: Sequence[Path] = ()) -> dict[str, Path | None]:
+    """Where the meshes lie that ``robot`` names, by their addresses; None: nowhere."""
+    addresses = dict.fromkeys(mesh.get("filename", "") for mesh in robot.iter("mesh"))
+    return {address: find(address, urdf, packages) for address in addresses}
+
+
+def without_missing(robot: Element, places: Mapping[str, Path | None]) -> Iterator[str]:
+    """Removes collision shapes whose mesh is nowhere; says which."""
+    for link in robot.findall("link"):
+        for collision in link.findall("collision"):
+            mesh = collision.find("geometry/mesh")
+            if mesh is not None and places[mesh.get("filename", "")] is None:
+                link.remove(collision)
+                yield f"link {link.get('name')}: the collision mesh {mesh.get('filename')} is missing and left out"
+
+
+def collect(robot: Element, urdf: Path, places: Mapping[str, Path | None]) -> dict[str, bytes]:
     """Contents of the meshes that ``robot`` names, by a new name that is written into it.
 
     MuJoCo names a mesh after its file without the folder, so that two of the same name would become one.
     """
+    used = [mesh.get("filename", "") for mesh in robot.iter("mesh")]
+    if missing := [address for address in dict.fromkeys(used) if places[address] is None]:
+        raise UserError(
+            f"{urdf}: cannot find {len(missing)} of {len(set(used))} meshes of collisions, such as "
+            f"{shortened(missing[0])}: give the folder that holds the package with `cmbrl convert --packages FOLDER`, "
+            "set ROS_PACKAGE_PATH, or leave them out with --ignore missing_mesh"
+        )
     names: dict[Path, str] = {}
     contents: dict[str, bytes] = {}
-    places = {mesh.get("filename", ""): find(mesh.get("filename", ""), urdf, packages) for mesh in robot.iter("mesh")}
-    if missing := [address for address, place in places.items() if place is None]:
-        raise UserError(
-            f"{urdf}: cannot find {len(missing)} of {len(places)} meshes of collisions, such as "
-            f"{shortened(missing[0])}: give the folder that holds the package with `cmbrl convert --packages FOLDER`, "
-            "or set ROS_PACKAGE_PATH"
-        )
     for mesh in robot.iter("mesh"):
         path = places[mesh.get("filename", "")]
         assert path is not None
