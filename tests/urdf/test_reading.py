@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from cmbrl.cli import main
+from cmbrl.data import read_trajectories
 from cmbrl.errors import UserError
+from cmbrl.excitation import excite
+from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
 from cmbrl.scene.fitted_file import fitted_file
 from cmbrl.scene.held import held_file
@@ -79,3 +82,15 @@ def test_every_command_reads_a_urdf_as_convert_does(urdf: Path, tmp_path: Path) 
     urdf.write_text(robot().replace('type="revolute"', 'type="fixed"'))
     with pytest.raises(UserError, match=r"no joints.* or free its root with `cmbrl convert --floating`"):
         Scene.from_mjcf(urdf)
+
+
+def test_what_a_log_needs_and_a_urdf_lacks_is_told(urdf: Path) -> None:
+    scene = Scene.from_mjcf(urdf)
+    with pytest.raises(UserError, match=r"neither actuators nor .* --actuators motor` \(or position"):
+        read_trajectories(np.zeros((30, 1)), [30], dt=0.01, v=np.zeros((30, 1)), u=np.zeros((30, 1))).check(scene)
+    q = np.zeros((30, 8))
+    q[:, 3] = 1.0
+    with pytest.raises(UserError, match=r"convert FILE\.urdf FILE.xml --actuators motor --floating --floor"):
+        read_trajectories(q, [30], dt=0.01, v=np.zeros((30, 7)), u=np.zeros((30, 1))).check(scene)
+    with pytest.raises(UserError, match="no actuators to command; `cmbrl convert` adds those of a URDF"):
+        excite(ComplementarityModel(scene), 1.0)
