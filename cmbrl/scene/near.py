@@ -43,13 +43,13 @@ def false_pairs(model: mujoco.MjModel, shapes: Mapping[int, Shape], frames: Sequ
         probe.geom_aabb[geom] = [0.0, 0.0, 0.0, *[shape.bound] * 3]
         probe.geom_sameframe[geom] = 0
     probe.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
-    poses = _poses(model, _FEW)
-    theirs, ours = _touching(model, poses), _touching(probe, poses)
+    tried = poses(model, _FEW)
+    theirs, ours = _touching(model, tried), _touching(probe, tried)
     false = [
         {pair for pair, depth in stood_in.items() if depth < true.get(pair, _DEEPER) - _DEEPER}
         for true, stood_in in zip(theirs, ours, strict=True)
     ]
-    often = {pair for pair, times in Counter(chain(*false)).items() if times > _FALSE * len(poses)}
+    often = {pair for pair, times in Counter(chain(*false)).items() if times > _FALSE * len(tried)}
     at_start = set().union(*false[: 1 + model.nkey])
     root = model.body_rootid[model.geom_bodyid]
     return often | {(a, b) for a, b in at_start if root[a] == root[b] != 0}
@@ -63,10 +63,11 @@ def near_pairs(model: mujoco.MjModel) -> set[tuple[int, int]]:
     probe = copy.copy(model)
     probe.geom_margin[:] = NEAR
     probe.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-    return set().union(*_touching(probe, _poses(model, POSES)))
+    return set().union(*_touching(probe, poses(model, POSES)))
 
 
-def _poses(model: mujoco.MjModel, count: int) -> list[np.ndarray]:
+def poses(model: mujoco.MjModel, count: int) -> list[np.ndarray]:
+    """The initial pose, those of keyframes, and ``count`` random ones."""
     rng = np.random.default_rng(0)
     return [model.qpos0, *model.key_qpos, *(_random_pose(model, rng) for _ in range(count))]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -17,7 +18,7 @@ from cmbrl.scene.fitted_file import fitted_file
 from cmbrl.scene.held import held_file
 from cmbrl.scene.report import describe
 from cmbrl.scene.urdf import convert
-from tests.urdf.leg import convert_text, robot
+from tests.urdf.leg import JOINT, LINK, convert_text, robot
 
 
 def test_of_elements_that_stand_once_the_first_counts_and_other_shapes_are_left_out(urdf: Path, tmp_path: Path) -> None:
@@ -36,6 +37,11 @@ def test_a_fixed_link_without_mass_gets_none_from_its_shapes(urdf: Path, tmp_pat
     found = convert_text(urdf, robot().replace('<link name="foot">', f'<link name="foot">{shape}'), tmp_path)
     assert found.model.ngeom == 3
     assert found.model.body_subtreemass[0] == pytest.approx(1.0)  # the box would weigh 1 kg
+    shown = robot().replace('<link name="foot"><inertial><mass value="0"/></inertial>', f'<link name="foot">{shape}')
+    assert convert_text(urdf, shown, tmp_path).model.body_subtreemass[0] == pytest.approx(1.0)
+    free = convert_text(urdf, shown.replace('name="sole" type="fixed"', 'name="sole" type="continuous"'), tmp_path)
+    assert free.model.body_subtreemass[0] == pytest.approx(2.0)  # it moves by itself: its shape gives it mass
+    assert free.notes == ("link foot: has no mass; if it moves, its shapes get 1000 kg/m^3",)
     tiny = 'mass value="4e-15"/><inertia ixx="2e-27" iyy="2e-27" izz="2e-27"/>'
     found = convert_text(urdf, robot().replace('mass value="0"/>', tiny), tmp_path)
     assert found.model.body_subtreemass[0] == pytest.approx(1.0)
@@ -94,3 +100,17 @@ def test_what_a_log_needs_and_a_urdf_lacks_is_told(urdf: Path) -> None:
         read_trajectories(q, [30], dt=0.01, v=np.zeros((30, 7)), u=np.zeros((30, 1))).check(scene)
     with pytest.raises(UserError, match="no actuators to command; `cmbrl convert` adds those of a URDF"):
         excite(ComplementarityModel(scene), 1.0)
+
+
+def test_links_that_are_in_each_other_in_every_pose_do_not_touch(urdf: Path, tmp_path: Path) -> None:
+    ball = '<collision><geometry><sphere radius="{}"/></geometry></collision>'
+    toe = LINK.format(name="toe", mass=1, i=0.01, k=0.01, collision=ball.format(0.3))
+    more = toe + JOINT.format(name="toe", parent="calf", child="toe", effort=1)
+    thigh = ball.format(0.2)
+    text = robot().replace("</robot>", more + "</robot>").replace("</visual>", "</visual>" + thigh, 1)
+    urdf.write_text(text)
+    found = convert(urdf, tmp_path / "leg.xml", floating=True)
+    assert found.notes == ("links that are in each other in nearly every pose do not touch: thigh - toe",)
+    data = mujoco.MjData(found.model)
+    mujoco.mj_forward(found.model, data)
+    assert data.ncon == 0

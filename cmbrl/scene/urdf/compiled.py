@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ElementTree
+from collections import Counter
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
 from cmbrl.errors import UserError
+from cmbrl.scene.near import poses, touching
 from cmbrl.text import shortened
 
+_POSES, _ALWAYS, _OVERLAP = 100, 0.95, 5e-4  # random ones; share of them; m
 _MASSLESS = (1e-3, 1e-6)  # kg, kg m^2: of a link that moves and has neither inertia nor shape
 
 
@@ -82,6 +85,25 @@ def part_from_base(spec: mujoco.MjSpec) -> None:
         if model.body_jntnum[link] and model.body_parentid[link] in fixed:
             for base in fixed:
                 spec.add_exclude(bodyname1=model.body(base).name, bodyname2=model.body(link).name)
+
+
+def part_overlapping(spec: mujoco.MjSpec) -> list[str]:
+    """Links whose shapes are in each other in nearly all poses do not touch, which they could not; says which.
+
+    They are drawn too large, or covered by each other. Tools for URDF leave such pairs out, or all contacts of a robot
+    with itself.
+    """
+    model = spec.compile()
+    tried, deep = poses(model, _POSES), Counter[tuple[int, int]]()
+    for _, near in touching(model, tried):
+        bodies = {tuple(sorted(model.geom_bodyid[list(pair)])) for pair, gap in near.items() if gap < -_OVERLAP}
+        deep.update((int(a), int(b)) for a, b in bodies)
+    always = sorted(pair for pair, times in deep.items() if times > _ALWAYS * len(tried) and 0 not in pair)
+    names = [(model.body(a).name, model.body(b).name) for a, b in always]
+    for a, b in names:
+        spec.add_exclude(bodyname1=a, bodyname2=b)
+    listed = shortened(", ".join(f"{a} - {b}" for a, b in names), 300)
+    return [f"links that are in each other in nearly every pose do not touch: {listed}"] if names else []
 
 
 def _lowest(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -130,7 +130,8 @@ def _read(
     for extension in robot.findall("mujoco"):  # its options count; the rest is set here
         for compiler in extension.findall("compiler"):
             extension.remove(compiler)
-    notes = [*_without_visuals(robot), *plain(robot, file), *mend(robot, file)]
+    _remove_visuals(robot)
+    notes = [*plain(robot, file), *mend(robot, file)]
     if floating:
         _set_free(robot, file)
     places = place(robot, file, folders)
@@ -142,6 +143,7 @@ def _read(
         compiled.put_down(spec)
     else:
         compiled.part_from_base(spec)
+    more += compiled.part_overlapping(spec)
     if robot.find("mujoco/option[@integrator]") is None:
         # Euler's steps, MuJoCo's default, blow up where a servo's kd is large for its link.
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -158,13 +160,11 @@ def _robot(data: bytes, file: Path) -> ElementTree.Element:
     return robot
 
 
-def _without_visuals(robot: ElementTree.Element) -> Iterator[str]:
-    """Removes what is only to be looked at. A link without inertia takes its mass from its collision shapes."""
+def _remove_visuals(robot: ElementTree.Element) -> None:
+    """Removes what is only to be looked at."""
     for link in robot.findall("link"):
         for visual in link.findall("visual"):
             link.remove(visual)
-        if link.find("inertial") is None and link.find("collision") is not None:
-            yield f"link {link.get('name')}: has no <inertial>; if it moves, its shapes get 1000 kg/m^3"
 
 
 def _set_free(robot: ElementTree.Element, file: Path) -> None:

@@ -24,21 +24,26 @@ _TOLD = 1e-3  # relative change of an inertia that is worth a word
 def mend(robot: Element, file: Path) -> Iterator[str]:
     """Changes the inertias in ``robot`` where MuJoCo could not use them; says what was changed by how much.
 
+    A link without mass has none where it is fixed to one that has; elsewhere its shapes give it some.
+
     Raises UserError for what is no number.
     """
-    moving = {j.find("child").get("link") for j in robot.findall("joint") if _moves(j)}  # type: ignore[union-attr]
+    masses = {}
     for link in robot.findall("link"):
-        inertial = link.find("inertial")
-        if inertial is None:
-            continue
-        place = f"{file}: link {link.get('name')}"
-        mass = _number(inertial.find("mass"), "value", place)
-        if mass < _WEIGHTLESS:
-            link.remove(inertial)
-            if link.get("name") not in moving:  # else its shapes would give it mass
+        place, inertial = f"{file}: link {link.get('name')}", link.find("inertial")
+        mass = 0.0 if inertial is None else _number(inertial.find("mass"), "value", place)
+        masses[link.get("name", "")] = mass
+    heavy = _with_mass(robot, masses)
+    for link in robot.findall("link"):
+        name, inertial = link.get("name", ""), link.find("inertial")
+        place, mass = f"{file}: link {name}", masses[name]
+        if inertial is None or mass < _WEIGHTLESS:
+            if inertial is not None:
+                link.remove(inertial)
+            if name in heavy:  # as for ROS; MuJoCo would give it its shapes'
                 link.append(_almost_nothing())
             elif link.find("collision") is not None:
-                yield f"link {link.get('name')}: moves without mass; its shapes get 1000 kg/m^3"
+                yield f"link {name}: has no mass; if it moves, its shapes get 1000 kg/m^3"
             continue
         element = inertial.find("inertia")
         given = _matrix(element, place)
@@ -68,8 +73,20 @@ def nearest(inertia: NDArray[np.float64], mass: float) -> NDArray[np.float64]:
     return np.asarray(np.trace(second) * np.eye(3) - second)
 
 
-def _moves(joint: Element) -> bool:
-    return joint.get("type") != "fixed" and joint.find("child") is not None
+def _with_mass(robot: Element, masses: dict[str, float]) -> set[str]:
+    """The links that have a mass, or are fixed to one that has."""
+    fixed: dict[str, set[str]] = {name: set() for name in masses}
+    for joint in robot.findall("joint"):
+        ends = [end.get("link", "") for end in (joint.find("parent"), joint.find("child")) if end is not None]
+        if joint.get("type") == "fixed" and len(ends) == 2:
+            for one, other in (ends, ends[::-1]):
+                fixed.setdefault(one, set()).add(other)
+    found, todo = set[str](), [name for name, mass in masses.items() if mass >= _WEIGHTLESS]
+    while todo:
+        if (name := todo.pop()) not in found:
+            found.add(name)
+            todo += fixed[name]
+    return found
 
 
 def _almost_nothing() -> Element:
