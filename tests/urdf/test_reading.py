@@ -110,7 +110,13 @@ def test_links_that_are_in_each_other_in_every_pose_do_not_touch(urdf: Path, tmp
     text = robot().replace("</robot>", more + "</robot>").replace("</visual>", "</visual>" + thigh, 1)
     urdf.write_text(text)
     found = convert(urdf, tmp_path / "leg.xml", floating=True)
-    assert found.notes == ("links that are in each other in nearly every pose do not touch: thigh - toe",)
+    assert found.notes == ("links that are in each other in nearly every pose, or at 0, do not touch: thigh - toe",)
     data = mujoco.MjData(found.model)
     mujoco.mj_forward(found.model, data)
     assert data.ncon == 0
+    slide = text.replace('name="toe" type="revolute"', 'name="toe" type="prismatic"')
+    slide = slide.replace('lower="-2" upper="1" effort="1"', 'lower="0" upper="50" effort="1"')
+    urdf.write_text(slide)
+    assert convert(urdf, tmp_path / "leg.xml", floating=True).notes == found.notes
+    urdf.write_text(slide.replace('lower="0" upper="50"', 'lower="1" upper="50"'))  # at 0 it is never
+    assert not convert(urdf, tmp_path / "leg.xml", floating=True).notes

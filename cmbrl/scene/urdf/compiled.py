@@ -88,22 +88,30 @@ def part_from_base(spec: mujoco.MjSpec) -> None:
 
 
 def part_overlapping(spec: mujoco.MjSpec) -> list[str]:
-    """Links whose shapes are in each other in nearly all poses do not touch, which they could not; says which.
+    """Links whose shapes are in each other in nearly all poses, or where all joints are 0, do not touch; says which.
 
     They are drawn too large, or covered by each other. Tools for URDF leave such pairs out, or all contacts of a robot
     with itself.
     """
     model = spec.compile()
     tried, deep = poses(model, _POSES), Counter[tuple[int, int]]()
-    for _, near in touching(model, tried):
+    for k, (_, near) in enumerate(touching(model, tried)):
         bodies = {tuple(sorted(model.geom_bodyid[list(pair)])) for pair, gap in near.items() if gap < -_OVERLAP}
-        deep.update((int(a), int(b)) for a, b in bodies)
+        times = len(tried) if k == 0 and _within(model, tried[0]) else 1
+        deep.update({(int(a), int(b)): times for a, b in bodies})
     always = sorted(pair for pair, times in deep.items() if times > _ALWAYS * len(tried) and 0 not in pair)
     names = [(model.body(a).name, model.body(b).name) for a, b in always]
     for a, b in names:
         spec.add_exclude(bodyname1=a, bodyname2=b)
     listed = shortened(", ".join(f"{a} - {b}" for a, b in names), 300)
-    return [f"links that are in each other in nearly every pose do not touch: {listed}"] if names else []
+    return [f"links that are in each other in nearly every pose, or at 0, do not touch: {listed}"] if names else []
+
+
+def _within(model: mujoco.MjModel, q: np.ndarray) -> bool:
+    """Whether no joint is beyond its limits."""
+    low, high = model.jnt_range[model.jnt_limited != 0].T
+    at = q[model.jnt_qposadr[model.jnt_limited != 0]]
+    return bool(np.all((at >= low) & (at <= high)))
 
 
 def _lowest(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float:
