@@ -62,8 +62,8 @@ class _Reader:
                 raise UserError(f"{file}: elements are nested more than {DEPTH} deep")
             if self.freedom > FREEDOM:
                 raise UserError(
-                    f"{self.main}: more than {FREEDOM} degrees of freedom, counting every copy of a joint, and MuJoCo needs "
-                    "memory by their square: ask for fewer bodies"
+                    f"{self.main}: more than {FREEDOM} degrees of freedom, counting every copy of a joint, and MuJoCo "
+                    "needs memory by their square: ask for fewer bodies"
                 )
             if max(total, copies[-1]) > ELEMENTS:
                 raise UserError(
