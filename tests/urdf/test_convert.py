@@ -186,8 +186,10 @@ def test_the_command_says_what_it_wrote(urdf: Path, tmp_path: Path, capsys: pyte
     command = ["convert", str(urdf), str(out), "--floating", "--floor", "--actuators", "position", "--kp", "20"]
     assert main(command) == 0
     assert "leg.xml: 7 degrees of freedom, 1 actuators, 3 kg" in capsys.readouterr().out
+    assert main(command) == 0  # again
+    (out.parent / "leg_meshes/notes.txt").write_text("mine")
     assert main(command) == 2
-    assert "leg_meshes: is there already" in capsys.readouterr().err
+    assert "leg_meshes: is there already, with other files; remove it" in capsys.readouterr().err
     assert main(["info", str(out)]) == 0
 
 

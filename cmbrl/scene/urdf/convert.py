@@ -38,17 +38,22 @@ class Conversion:
     notes: tuple[str, ...]
 
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Writes ``path`` and, if there are meshes, the folder ``STEM_meshes`` beside it, whose old one goes."""
+        """Writes ``path`` and, if there are meshes, the folder ``STEM_meshes`` beside it.
+
+        An old one is written over, unless it holds other files.
+        """
         target = Path(path)
         check_writable(target)
         if self.meshes:
             folder = target.with_name(mesh_folder(target))
-            if folder.exists():
-                raise UserError(f"{folder}: is there already; remove it, or choose another name for {target.name}")
-            with atomic_path(folder) as temporary:
-                temporary.mkdir()
-                for name, data in self.meshes.items():
-                    (temporary / name).write_bytes(data)
+            if folder.exists() and not (folder.is_dir() and {file.name for file in folder.iterdir()} <= {*self.meshes}):
+                raise UserError(
+                    f"{folder}: is there already, with other files; remove it, or choose another name for {target.name}"
+                )
+            folder.mkdir(parents=True, exist_ok=True)
+            for name, data in self.meshes.items():
+                with atomic_path(folder / name) as temporary:
+                    temporary.write_bytes(data)
         with atomic_path(target) as temporary:
             temporary.write_text(self.text, encoding="utf-8")
 
