@@ -19,6 +19,7 @@ from cmbrl.scene.support import Gate
 from cmbrl.scene.surfaces import Surfaces
 
 _POINTWISE = ("sphere", "capsule", "box", "cylinder", "mesh", "ellipsoid")  # touch a plane as they are
+_MOST_RARE = 4000  # pairs that come near in rare poses at most: a whole kitchen has more, and would take minutes
 _FAR = {
     "near": "nearer than 2 cm in none of 400 random poses (--self-contact all keeps it)",
     "none": "bodies of one robot do not touch each other (--self-contact none)",
@@ -64,6 +65,7 @@ class ContactBuilder:
         pairs = list(collision_pairs(self.model))  # all, so that too many are told before any work
         near = self._near(pairs)
         false = self._false(pairs, near)
+        rare = self.self_contact == "near" and sum(self._far(*pair, near) for pair in pairs) <= _MOST_RARE
         for first, second, pair in pairs:
             a, b = self._shape(first), self._shape(second)
             if a.kind == b.kind == "plane":
@@ -72,7 +74,7 @@ class ContactBuilder:
                 plane, other = (a, b) if a.kind == "plane" else (b, a)
                 self._against_plane(other, plane, pair)
             elif self._far(first, second, pair, near):
-                if self.self_contact == "near":
+                if rare:
                     self._where_closed(a, b, pair)
                 else:
                     self._drop(a, b, _FAR[self.self_contact])
