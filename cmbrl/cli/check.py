@@ -38,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     from cmbrl.table import Table
 
     scene = load_source(arguments.source, arguments.ignore, arguments.contact_law, arguments.self_contact).scene
-    theirs = compile_robot(Path(scene.path)).model
+    theirs = compile_robot(Path(scene.path), scene.ignore).model
     lines = check(scene, theirs, arguments.states, arguments.wild, only=arguments.only)
     if arguments.json:
         found = [{**asdict(line), "holds": line.holds} for line in lines]

@@ -38,6 +38,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--packages", action="append", default=[], metavar="FOLDER", help="holds ROS packages (repeatable)"
     )
     parser.add_argument(
+        "--ignore",
+        action="append",
+        default=[],
+        choices=("missing_mesh",),
+        help="leave out collision meshes of a URDF that are not there",
+    )
+    parser.add_argument(
         "--hold",
         action="append",
         default=[],
@@ -77,8 +84,8 @@ def _held(arguments: argparse.Namespace) -> tuple[Scene, list[str]]:
 
 def _converted(arguments: argparse.Namespace) -> tuple[Scene, Sequence[str]]:
     from cmbrl.scene import Scene
-    from cmbrl.urdf import convert
-    from cmbrl.urdf.actuators import Servo
+    from cmbrl.scene.urdf import convert
+    from cmbrl.scene.urdf.actuators import Servo
 
     found = convert(
         arguments.file,
@@ -88,6 +95,7 @@ def _converted(arguments: argparse.Namespace) -> tuple[Scene, Sequence[str]]:
         actuators=arguments.actuators,
         servo=None if arguments.kp is None else Servo(arguments.kp, arguments.kd),
         packages=arguments.packages,
+        ignore=arguments.ignore,
     )
     try:
         scene = Scene.from_mjcf(found.model)

@@ -94,9 +94,9 @@ def _source(arguments: argparse.Namespace) -> Source:
 
 def keyframe(scene: Scene, name: str) -> np.ndarray:
     """Configuration (nq,) of a keyframe of the scene's file; raises UserError if it has none of that name."""
-    import mujoco
+    from cmbrl.scene.robot_source import compile_robot
 
-    model = mujoco.MjModel.from_xml_path(scene.path)
+    model = compile_robot(scene.path, scene.ignore).model
     names = [model.key(k).name for k in range(model.nkey)]
     if name not in names:
         raise UserError(f"{scene.path}: no keyframe {name!r}; {did_you_mean(name, names) if names else 'it has none'}")

@@ -174,10 +174,14 @@ def _check_sizes(log: Fields, scene: Scene) -> None:
     found = (log["q"].shape[1], log["v"].shape[1], log["u"].shape[1])
     wanted = (scene.nq, scene.nv, scene.nu)
     if found != wanted:
-        raise UserError(
-            f"log of another robot: (nq, nv, nu) is {found}, for scene {scene.name!r} {wanted}; "
-            "give the recorded scene, and raw qpos and qvel rather than observations"
-        )
+        remedy = "give the recorded scene, and raw qpos and qvel rather than observations"
+        if scene.urdf_changes and (found[2] or found[1] == scene.nv + 6):
+            base = " --floating --floor" if found[1] == scene.nv + 6 else ""
+            remedy = (
+                "a URDF tells neither actuators nor a floating base: make an MJCF of it by `cmbrl convert FILE.urdf "
+                f"FILE.xml --actuators motor{base}` (or position --kp GAIN)"
+            )
+        raise UserError(f"log of another robot: (nq, nv, nu) is {found}, for scene {scene.name!r} {wanted}; {remedy}")
 
 
 def _check_names(kind: str, found: tuple[str, ...], wanted: tuple[str, ...], scene: Scene) -> None:

@@ -70,11 +70,15 @@ def excite(
         progress: called with (fraction done, current activity).
 
     Raises:
-        UserError: for a robot whose base floats, actuators without limits, or when no drawn command is safe.
+        UserError: for a robot whose base floats or that has no actuators, for actuators without limits, or when no
+            drawn command is safe.
     """
     scene = model.scene
     if any(j.kind == JointKind.BALL for j in scene.joints):
         raise UserError(f"{scene.name}: a floating base or ball joint falls under open-loop commands; hang or mount it")
+    if not scene.nu:
+        kind = "`cmbrl convert` adds those of a URDF" if scene.urdf_changes else "add them to its file"
+        raise UserError(f"{scene.name}: has no actuators to command; {kind}")
     q = scene.q0.copy() if start is None else start
     ranges, rng = Ranges.of(scene, q, margin), np.random.default_rng(seed)
     time = model.dt * np.arange(round(seconds / model.dt))

@@ -75,6 +75,7 @@ def scene_fields(compiled: Compiled, gate: Gate, parts: Parts, law: LawChoice) -
         "differences": differences(model, candidates, stand_ins, parts.tendons, law.name, integrator, boxes),
         "merged_points": parts.merged,
         "compiler_warnings": compiled.warnings,
+        "urdf_changes": compiled.notes,
         "joints": tuple(tree.joints),
         "core": core,
     }

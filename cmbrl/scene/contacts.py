@@ -19,6 +19,7 @@ from cmbrl.scene.support import Gate
 from cmbrl.scene.surfaces import Surfaces
 
 _POINTWISE = ("sphere", "capsule", "box", "cylinder", "mesh", "ellipsoid")  # touch a plane as they are
+_MOST_RARE = 4000  # pairs that come near in rare poses at most: a whole kitchen has more, and would take minutes
 _FAR = {
     "near": "nearer than 2 cm in none of 400 random poses (--self-contact all keeps it)",
     "none": "bodies of one robot do not touch each other (--self-contact none)",
@@ -62,8 +63,9 @@ class ContactBuilder:
     def build(self) -> None:
         """Fills ``candidates`` and ``dropped``; reports unsupported pairs to the gate."""
         pairs = list(collision_pairs(self.model))  # all, so that too many are told before any work
-        near, pushed = self._near(pairs)
+        near = self._near(pairs)
         false = self._false(pairs, near)
+        rare = self.self_contact == "near" and sum(self._far(*pair, near) for pair in pairs) <= _MOST_RARE
         for first, second, pair in pairs:
             a, b = self._shape(first), self._shape(second)
             if a.kind == b.kind == "plane":
@@ -72,7 +74,7 @@ class ContactBuilder:
                 plane, other = (a, b) if a.kind == "plane" else (b, a)
                 self._against_plane(other, plane, pair)
             elif self._far(first, second, pair, near):
-                if (first, second) in pushed:
+                if rare:
                     self._where_closed(a, b, pair)
                 else:
                     self._drop(a, b, _FAR[self.self_contact])
@@ -83,12 +85,12 @@ class ContactBuilder:
             else:
                 self._between(a, b, pair)
 
-    def _near(self, pairs: list[tuple[int, int, int]]) -> tuple[set[tuple[int, int]] | None, set[tuple[int, int]]]:
-        """Pairs of one robot's geoms to keep (None: all), and those to keep where rows do not look ahead."""
+    def _near(self, pairs: list[tuple[int, int, int]]) -> set[tuple[int, int]] | None:
+        """Pairs of one robot's geoms to keep where rows look ahead; None: all."""
         if self.self_contact == "all" or self.keep_far:
-            return None, set()
+            return None
         if self.self_contact == "none" or not any(self._one_tree(a, b) and pair < 0 for a, b, pair in pairs):
-            return set(), set()
+            return set()
         return near_pairs(self.model)
 
     def _far(self, first: int, second: int, pair: int, near: set[tuple[int, int]] | None) -> bool:
@@ -96,7 +98,10 @@ class ContactBuilder:
         return near is not None and pair < 0 and self._one_tree(first, second) and (first, second) not in near
 
     def _where_closed(self, a: Shape, b: Shape, pair: int) -> None:
-        """Limits that look ahead keep links apart that MuJoCo's let through to each other."""
+        """What comes near in rare poses only, or where a motor pushes a joint through its soft limit.
+
+        There it touches as in MuJoCo; rows that look ahead are taken to keep it apart.
+        """
         before = len(self.candidates)
         self._between(a, b, pair)
         added = self.candidates[before:]

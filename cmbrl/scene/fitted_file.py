@@ -46,6 +46,8 @@ def fitted_file(scene: Scene, theta: Array, outside: Mapping[str, float] | None 
     """
     if not scene.path:
         raise UserError(f"{scene.name} was not read from a file: write its XML to one, and read the scene from there")
+    if scene.urdf_changes:
+        raise UserError(f"{scene.path}: a URDF takes no fitted values: fit the MJCF that `cmbrl convert` makes of it")
     theta = np.asarray(theta, dtype=float)
     text = _written(scene, theta)
     with tempfile.TemporaryDirectory() as folder:

@@ -39,7 +39,10 @@ def held_file(path: str | os.PathLike[str], joints: Mapping[str, float | None]) 
     Paths of meshes become absolute. Raises UserError for an unknown joint, a value of a ball or free joint, one of two
     joints of a body moved away from where the file has it, or a tendon or coupling with a joint that is not held.
     """
-    model = compile_robot(path).model
+    compiled = compile_robot(path)
+    if compiled.notes:
+        raise UserError(f"{path}: is a URDF: make an MJCF of it by `cmbrl convert`, and hold joints of that")
+    model = compiled.model
     known = [name_of(model, "joint", k) for k in range(model.njnt)]
     found: dict[str, float | None] = {}
     for name, value in joints.items():

@@ -92,6 +92,7 @@ def to_dict(scene: Scene) -> dict[str, Any]:
             for p in scene.parameters
         ],
         "compiler_warnings": list(scene.compiler_warnings),
+        "urdf_changes": list(scene.urdf_changes),
         "doubts": doubts(scene),
         "differences": [{"kind": x.kind, "name": x.name, "why": x.why} for x in scene.differences],
         "left_out": [{"kind": x.kind, "name": x.name, "why": x.why} for x in scene.left_out],

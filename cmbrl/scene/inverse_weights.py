@@ -94,13 +94,13 @@ class _Shares:
             welded.setdefault(frame.body, []).append(body)
         for members in _trees(tree):
             dofs = np.array([d for k in members for joint in tree.bodies[k].joints for d in joint.dofs])
-            inertias = {k: jacobians.inertia(welded[k], dofs) for k in members}
+            roots = {k: jacobians.root(welded[k], dofs) for k in members}
             armature = model.dof_armature[dofs]
-            inverse = np.linalg.pinv(sum(inertias.values()) + np.diag(armature), hermitian=True)
-            parts = {masses[k]: inertia for k, inertia in inertias.items() if k in masses}
+            inverse = np.linalg.pinv(sum(root.T @ root for root in roots.values()) + np.diag(armature), hermitian=True)
+            parts = {masses[k]: root for k, root in roots.items() if k in masses}
             for number in dict.fromkeys(armatures[d] for d in dofs if d in armatures):
                 those = np.array([armatures.get(d) == number for d in dofs])
-                parts[number] = np.diag(those * (armature if armature[those].any() else 1.0))
+                parts[number] = np.diag(np.sqrt(armature if armature[those].any() else np.ones(len(dofs))))[those]
             for k in members:
                 for joint in tree.bodies[k].joints:
                     if model.jnt_type[joint.source] != mujoco.mjtJoint.mjJNT_FREE:
@@ -112,12 +112,12 @@ class _Shares:
 
 
 def _of_rows(J: Array, inverse: Array, parts: Mapping[int, Array]) -> dict[int, float]:
-    """a_k or c_k of the weight tr(J M^-1 J^T), by ``parts`` of M."""
+    """a_k or c_k of the weight tr(J M^-1 J^T), by ``parts`` R (m, n) of M, each R^T R."""
     moved = J @ inverse
     weight = float(np.sum(moved * J))
     if weight < _NOTHING:
         return {}
-    return {k: float(np.sum((moved @ part) * moved)) / weight for k, part in parts.items()}
+    return {k: float(np.sum((moved @ part.T) ** 2)) / weight for k, part in parts.items()}
 
 
 class _Jacobians:
@@ -131,16 +131,15 @@ class _Jacobians:
         mujoco.mj_jacBodyCom(self.model, self.data, self._buffer[:3], self._buffer[3:], body)
         return self._buffer[:, dofs]
 
-    def inertia(self, bodies: Sequence[int], dofs: Array) -> Array:
-        """What ``bodies`` add to the mass matrix."""
-        M = np.zeros((len(dofs), len(dofs)))
+    def root(self, bodies: Sequence[int], dofs: Array) -> Array:
+        """R (m, n), of which R^T R is what ``bodies`` add to the mass matrix."""
+        rows = []
         for body in bodies:
             J = self.of(body, dofs)
             axes = self.data.ximat[body].reshape(3, 3)
-            turned = axes.T @ J[3:]
-            M += self.model.body_mass[body] * J[:3].T @ J[:3]
-            M += turned.T @ (self.model.body_inertia[body][:, None] * turned)
-        return M
+            rows.append(np.sqrt(self.model.body_mass[body]) * J[:3])
+            rows.append(np.sqrt(self.model.body_inertia[body])[:, None] * (axes.T @ J[3:]))
+        return np.concatenate(rows)
 
 
 def _trees(tree: Tree) -> Iterator[list[int]]:

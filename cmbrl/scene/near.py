@@ -1,8 +1,4 @@
-"""Which parts of one robot come near each other: what MuJoCo's collision detection finds in random poses.
-
-Limits are soft: a motor that is strong for its link pushes a joint through them, by several turns of a finger. How
-far, a short simulation tells.
-"""
+"""Which parts of one robot come near each other: what MuJoCo's collision detection finds in random poses."""
 
 from __future__ import annotations
 
@@ -15,13 +11,10 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.records import Frame
-from cmbrl.scene.robot_source import quiet
 from cmbrl.scene.shapes import Shape
 
 POSES = 400
 NEAR = 0.02  # m
-_STEPS, _HOLD = 200, 20  # of that simulation; steps of one random control
-_BEYOND = 0.3  # rad or m: a joint that goes no further past its limits is drawn between them
 _DEEPER = 0.005  # m
 _FEW, _FALSE = 40, 0.2  # poses in which stand-ins are tried; share of them in which they may touch in vain
 _TYPES = {
@@ -50,67 +43,31 @@ def false_pairs(model: mujoco.MjModel, shapes: Mapping[int, Shape], frames: Sequ
         probe.geom_aabb[geom] = [0.0, 0.0, 0.0, *[shape.bound] * 3]
         probe.geom_sameframe[geom] = 0
     probe.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
-    poses = _poses(model, _FEW)
-    theirs, ours = _touching(model, poses), _touching(probe, poses)
+    tried = poses(model, _FEW)
+    theirs, ours = _touching(model, tried), _touching(probe, tried)
     false = [
         {pair for pair, depth in stood_in.items() if depth < true.get(pair, _DEEPER) - _DEEPER}
         for true, stood_in in zip(theirs, ours, strict=True)
     ]
-    often = {pair for pair, times in Counter(chain(*false)).items() if times > _FALSE * len(poses)}
+    often = {pair for pair, times in Counter(chain(*false)).items() if times > _FALSE * len(tried)}
     at_start = set().union(*false[: 1 + model.nkey])
     root = model.body_rootid[model.geom_bodyid]
     return often | {(a, b) for a, b in at_start if root[a] == root[b] != 0}
 
 
-def near_pairs(model: mujoco.MjModel) -> tuple[set[tuple[int, int]], set[tuple[int, int]]]:
+def near_pairs(model: mujoco.MjModel) -> set[tuple[int, int]]:
     """Pairs of geoms, sorted, that are closer than 2 cm in the initial pose, a keyframe, or one of 400 random ones.
 
-    Joints with limits are drawn between them, others over a turn or within 1 m. Roots stay where they are. And the
-    pairs that come as near only in 400 more poses, which reach as far as motors push joints through their limits.
+    Joints with limits are drawn between them, others over a turn or within 1 m. Roots stay where they are.
     """
     probe = copy.copy(model)
     probe.geom_margin[:] = NEAR
     probe.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-    near, pushed = set().union(*_touching(probe, _poses(model, POSES))), _pushed(model)
-    if np.array_equal(pushed, model.jnt_range):
-        return near, set()
-    wide = copy.copy(model)
-    wide.jnt_range[:] = pushed
-    return near, set().union(*_touching(probe, _poses(wide, POSES))) - near
+    return set().union(*_touching(probe, poses(model, POSES)))
 
 
-def _pushed(model: mujoco.MjModel) -> np.ndarray:
-    """The ranges of all joints (n, 2), and further where random controls push one far past its limits.
-
-    At most by a turn or 1 m. Nothing touches meanwhile.
-    """
-    free = copy.copy(model)
-    free.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-    data, rng = mujoco.MjData(free), np.random.default_rng(0)
-    hinges = model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
-    limited = np.flatnonzero((hinges | (model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE)) & (model.jnt_limited != 0))
-    if not (model.nu and len(limited)):
-        return model.jnt_range
-    low, high = model.jnt_range[limited].T
-    controls = np.where(model.actuator_ctrllimited[:, None] != 0, model.actuator_ctrlrange, [-1.0, 1.0])
-    below, above = np.zeros((2, len(limited)))
-    with quiet():  # what diverges is left there
-        for step in range(_STEPS):
-            if step % _HOLD == 0:
-                data.ctrl[:] = rng.uniform(*controls.T)
-            mujoco.mj_step(free, data)
-            if any(warning.number for warning in data.warning):
-                break
-            q = data.qpos[model.jnt_qposadr[limited]]
-            below, above = np.maximum(below, low - q), np.maximum(above, q - high)
-    most = np.where(hinges[limited], 2 * np.pi, 1.0)
-    beyond = np.minimum(np.column_stack([below, above]), most[:, None])
-    ranges = model.jnt_range.copy()
-    ranges[limited] += np.where(beyond > _BEYOND, beyond, 0.0) * [-1.0, 1.0]
-    return ranges
-
-
-def _poses(model: mujoco.MjModel, count: int) -> list[np.ndarray]:
+def poses(model: mujoco.MjModel, count: int) -> list[np.ndarray]:
+    """The initial pose, those of keyframes, and ``count`` random ones."""
     rng = np.random.default_rng(0)
     return [model.qpos0, *model.key_qpos, *(_random_pose(model, rng) for _ in range(count))]
 

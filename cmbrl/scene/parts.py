@@ -71,7 +71,7 @@ def read_parts(compiled: Compiled, gate: Gate, reduce: bool, self_contact: str) 
     gate.close()
     if plane and (obstacle := _obstacle(model, tree, plane, contacts.candidates, tendons, linkages, ties)):
         plane, why = None, obstacle
-        again = Gate(gate.file, gate.ignore)
+        again = Gate(gate.ignore, gate.file)
         contacts = ContactBuilder(model, tree, normal, again, self_contact=self_contact)  # with rims
         contacts.build()
     candidates = [project(tree, plane, c) for c in contacts.candidates] if plane else contacts.candidates

@@ -18,6 +18,7 @@ from cmbrl.scene import markup
 from cmbrl.text import shortened
 
 ELEMENTS = 10_000  #: at most, with every copy counted; MuJoCo takes seconds for that many bodies
+FREEDOM = 3_000  #: degrees of freedom, of joints with every copy; MuJoCo's memory is 44 bytes times their square
 DEPTH = 500  #: of nested elements, as in MuJoCo
 AMOUNT = 100_000  #: largest value of an attribute that is a number of array entries
 USER_DATA = 10_000_000  #: of nuserdata, of which there are files that reserve more than others
@@ -25,6 +26,7 @@ USER_DATA = 10_000_000  #: of nuserdata, of which there are files that reserve m
 _ROOTS = ("mujoco", "robot")  # of an MJCF, of a URDF
 _COPIES = ("replicate", "composite", "flexcomp")  # their `count` (one number or several) multiplies what is inside
 _AMOUNTS = ("size", "nsample", "nrow", "ncol", "width", "height", "nuserdata", "nkey", "subdivision", "maxhullvert")
+_FREEDOMS = {"free": 6, "floating": 6, "ball": 3, "planar": 3, "fixed": 0}  # of joints by type; of others 1
 _FOLDERS = ("meshdir", "texturedir", "assetdir")
 
 
@@ -32,6 +34,8 @@ _FOLDERS = ("meshdir", "texturedir", "assetdir")
 class _Reader:
     main: Path
     folders: set[Path] = field(default_factory=set)
+    freedom: int = 0  # degrees of freedom so far
+    root: str = ""  # tag of the main file's root element
     models: dict[str, int] = field(default_factory=dict)  # name of a <model> asset -> its number of elements
 
     def elements(self, file: Path, above: tuple[Path, ...] = (), text: str | None = None) -> int:
@@ -49,11 +53,18 @@ class _Reader:
                     f"{self.main}: not an MJCF: the root element is <{element.tag[:40]}>, expected <mujoco> or, of a "
                     "URDF, <robot>"
                 )
+            self.root = self.root or element.tag
             self._check_amounts(element)
             total += copies[-1] * (1 + self._named(element, file, above))
+            self.freedom += copies[-1] * _freedom(element)
             copies.append(copies[-1] * _copies(element))
             if len(copies) > DEPTH:
                 raise UserError(f"{file}: elements are nested more than {DEPTH} deep")
+            if self.freedom > FREEDOM:
+                raise UserError(
+                    f"{self.main}: more than {FREEDOM} degrees of freedom, counting every copy of a joint, and MuJoCo "
+                    "needs memory by their square: ask for fewer bodies"
+                )
             if max(total, copies[-1]) > ELEMENTS:
                 raise UserError(
                     f"{self.main}: more than {ELEMENTS} elements, counting every copy of <{element.tag}>: ask for fewer"
@@ -95,17 +106,30 @@ class _Reader:
                 raise UserError(f"{self.main}: <{element.tag}> asks for {key}={shortened(text)!r}, more than {most}")
 
 
-def check_xml(source: Path | str) -> None:
-    """Raises UserError unless a file or a text is XML of an MJCF or a URDF that names files and counts with an end."""
+def check_xml(source: Path | str) -> str:
+    """The tag of the root element, "mujoco" or "robot".
+
+    Raises UserError unless a file or a text is XML of an MJCF or a URDF that names files and counts with an end.
+    """
     path, text = (source, None) if isinstance(source, Path) else (Path("XML text"), source)
+    reader = _Reader(path)
     try:
-        _Reader(path).elements(path, text=text)
+        reader.elements(path, text=text)
     except UserError:
         raise
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror}); check its permissions") from None
     except ValueError as error:
         raise UserError(f"{path}: not an MJCF: invalid XML ({shortened(str(error), 200)})") from None
+    return reader.root
+
+
+def _freedom(element: Element) -> int:
+    """Degrees of freedom of a joint; 0 of other elements, and of the joints that tendons and equalities name."""
+    if element.tag == "freejoint":
+        return 6
+    named = element.tag != "joint" or element.attrib.keys() & {"joint", "joint1"}
+    return 0 if named else _FREEDOMS.get(element.get("type", ""), 1)
 
 
 def _copies(element: Element) -> int:

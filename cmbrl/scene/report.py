@@ -45,6 +45,7 @@ def describe(scene: Scene) -> str:
     lines.append(f"  left out     {len(scene.left_out) or 'nothing'}")
     lines += _by_reason(scene.left_out)
     lines += [f"  MuJoCo says  {warning}" for warning in scene.compiler_warnings]
+    lines += [f"  of the URDF  {change}" for change in scene.urdf_changes]
     lines += [f"  doubtful     {doubt}" for doubt in inventory.doubts(scene)]
     return "\n".join(line for long in lines for line in folded(long))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,12 +28,13 @@ _REMEDY = "give the path of an MJCF (.xml) or a URDF, its text, an MjSpec or an 
 
 @dataclass(frozen=True)
 class Compiled:
-    """A compiled robot: where it came from, in a word, and MuJoCo's warnings."""
+    """A compiled robot: where it came from, in a word, MuJoCo's warnings, and what was changed in a URDF."""
 
     model: mujoco.MjModel
     label: str  # for messages: the path, or what else it was
     file: Path | None  # None: not a file
     warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -43,11 +44,15 @@ class Compiled:
         return stem if name in ("", "MuJoCo Model") else name.replace(" ", "_")
 
 
-def compile_robot(source: RobotSource) -> Compiled:
+def compile_robot(source: RobotSource, ignore: Collection[str] = ()) -> Compiled:
     """Compiles ``source``; a string that starts with "<" is the text of an MJCF or a URDF, any other a path.
+
+    A URDF is read as ``cmbrl convert`` reads it, on a fixed base and without actuators; ``ignore`` may have
+    "missing_mesh".
 
     Raises UserError if a file is missing, is neither an MJCF nor a URDF, or does not compile.
     """
+    notes: tuple[str, ...] = ()
     with quiet() as warnings:
         if isinstance(source, mujoco.MjModel):
             model, label, file = source, "MjModel", None
@@ -55,20 +60,32 @@ def compile_robot(source: RobotSource) -> Compiled:
             model, label, file = _compiled("MjSpec", source.compile), "MjSpec", None
         elif isinstance(source, str) and source.lstrip().startswith("<"):
             label, file, text = "XML text", None, source
-            check_xml(text)
-            model = _compiled(label, lambda: mujoco.MjModel.from_xml_string(text))
+            root = check_xml(text)
+            model, notes = _from_xml(root, label, Path(label), text, ignore)
         else:
             file = regular_file(source, _REMEDY)
             label = str(file)
-            check_xml(file)
-            model = _compiled(label, lambda: mujoco.MjModel.from_xml_path(label))
+            root = check_xml(file)
+            model, notes = _from_xml(root, label, file, None, ignore)
     try:
         bytes(model.names).decode()
     except UnicodeDecodeError:
         raise UserError(f"{label}: has a name that is not UTF-8: save the file as UTF-8") from None
     _check_inertia(model, label)
     _check_values(model, label)
-    return Compiled(model, label, file, tuple(warnings))
+    return Compiled(model, label, file, tuple(warnings), notes)
+
+
+def _from_xml(
+    root: str, label: str, file: Path, text: str | None, ignore: Collection[str]
+) -> tuple[mujoco.MjModel, tuple[str, ...]]:
+    """The model of a file, or of its text, whose root element is ``root``, and notes."""
+    if root == "robot":
+        from cmbrl.scene.urdf.convert import compile_urdf  # which reads with what is above
+
+        return compile_urdf(file.read_bytes() if text is None else text.encode(), file, ignore)
+    read = mujoco.MjModel.from_xml_path if text is None else mujoco.MjModel.from_xml_string
+    return _compiled(label, lambda: read(text or label)), ()
 
 
 def _compiled(label: str, compile_it: Callable[[], mujoco.MjModel]) -> mujoco.MjModel:
@@ -80,14 +97,13 @@ def _compiled(label: str, compile_it: Callable[[], mujoco.MjModel]) -> mujoco.Mj
 
 def _hint(error: str) -> str:
     """What helps where MuJoCo's error does not say it."""
-    if any(_is_pointer(name) for name in re.findall(r"'([^'\0]+)'", error)):
+    if any(is_pointer(name) for name in re.findall(r"'([^'\0]+)'", error)):
         return "; that file is a pointer of Git LFS: get what it stands for with `git lfs pull`"
-    if "package:" in error or "inertia must" in error:  # a path of ROS taken for one; inertias that no body can have
-        return "; if it is a URDF, `cmbrl convert` finds meshes by package and mends inertias"
     return ""
 
 
-def _is_pointer(name: str) -> bool:
+def is_pointer(name: str | Path) -> bool:
+    """Whether a file is a pointer of Git LFS."""
     try:
         with Path(name).open("rb") as file:
             return file.read(len(_LFS)) == _LFS

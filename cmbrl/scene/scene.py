@@ -65,6 +65,7 @@ class Scene:
     differences: tuple[LeftOut, ...]  # what is modelled in another way than in MuJoCo
     merged_points: int
     compiler_warnings: tuple[str, ...]  # MuJoCo's warnings about the file
+    urdf_changes: tuple[str, ...]  # what was mended in a URDF
     joints: tuple[Joint, ...]  # as the core has them
     core: CoreArrays
 
@@ -110,10 +111,12 @@ class Scene:
         law = LawChoice.parse(contact_law)
         reduce = switch(reduce, "reduce")
         one_of(self_contact, CHOICES, "self-contact")
-        compiled = compile_robot(source)
-        gate = Gate(compiled.label, ignore)
+        gate = Gate(ignore)
+        compiled = compile_robot(source, gate.ignore)
+        gate.file = compiled.label
         if compiled.model.nv == 0:
-            raise UserError(f"{compiled.label}: the model has no joints, so nothing moves; add a joint")
+            held = ", or free its root with `cmbrl convert --floating`" if compiled.notes else ""
+            raise UserError(f"{compiled.label}: the model has no joints, so nothing moves; add a joint{held}")
         drives = tuple(drives)
         compiled = replace(compiled, model=driven_model(compiled.model, drives, compiled.label))
         check_model(compiled.model, gate)

@@ -25,6 +25,7 @@ KINDS = {  # those below "supported" are modelled, and left out only if they are
     "adhesion": "contact adhesion",
     "surface_velocity": "moving surfaces",
     "integrator": "MuJoCo's discrete integrator",
+    "missing_mesh": "collision meshes of a URDF that are not there",
     # supported
     "friction_anisotropic": "pairs with two different sliding or rolling frictions (if ignored, the first applies)",
     "condim": "torsional and rolling friction (if ignored, condim 4 and 6 are 3)",
@@ -40,7 +41,7 @@ KINDS = {  # those below "supported" are modelled, and left out only if they are
 class Gate:
     """Collects the unsupported elements of one file; ``close`` raises unless all of them are ignored."""
 
-    def __init__(self, file: str, ignore: str | Iterable[str]) -> None:
+    def __init__(self, ignore: str | Iterable[str], file: str = "") -> None:
         words = names(ignore.split(",") if isinstance(ignore, str) else ignore, "ignore")
         self.ignore = tuple(dict.fromkeys(name.strip().replace("-", "_") for name in words if name.strip()))
         for name in self.ignore:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from cmbrl.scene import Scene
 from cmbrl.scene.contact_records import When
@@ -13,21 +12,20 @@ from ..native.gaps_in_numpy import gaps
 FINGER = """<mujoco><option timestep=".002" gravity="0 0 0"/><worldbody><body pos="0 0 1">
 <joint type="slide" axis="0 0 1"/>
 <geom name="palm" type="box" size=".02 .02 .02" mass="1"/>
-<body pos=".06 0 0"><joint axis="0 1 0" range="-20 20" armature="{armature}"/><geom size=".01" mass=".001"/>
-<body pos=".03 0 0"><joint name="knuckle" axis="0 1 0" range="-20 20" armature="{armature}"/>
+<body pos=".06 0 0"><joint axis="0 1 0" range="-20 20" armature="1e-5"/><geom size=".01" mass=".001"/>
+<body pos=".03 0 0"><joint name="knuckle" axis="0 1 0" range="-20 20" armature="1e-5"/>
 <geom name="tip" type="capsule" fromto=".06 0 0 .08 0 0" size=".006" mass=".002"/></body></body></body></worldbody>
 <actuator><motor joint="knuckle" ctrlrange="-1 1" ctrllimited="true"/></actuator></mujoco>"""
 
 
-@pytest.mark.parametrize(("armature", "touches"), [(1e-5, True), (1e-1, False)])
-def test_motors_that_throw_a_joint_far_through_its_limits_are_followed_there(armature: float, touches: bool) -> None:
+def test_what_only_a_motor_reaches_through_a_limit_touches_where_rows_do_not_look_ahead() -> None:
     """Limits are soft: a motor that is strong for a finger turns it back onto the palm, where MuJoCo lets them touch.
 
     Where rows look ahead, limits hold it.
     """
-    scene = Scene.from_mjcf(FINGER.format(armature=armature))
+    scene = Scene.from_mjcf(FINGER)
     found = [k for k, name in enumerate(scene.contact_names) if {"palm", "tip"} == set(name.split(" - "))]
-    assert bool(found) is touches
+    assert found
     assert np.all(np.asarray(scene.core.con_when)[found] == When.CLOSED)
     assert any({"palm", "tip"} == set(c.name.split(" - ")) for c in scene.dropped_contacts)
     q = scene.q0 + np.linspace(-2, 2, 50)[:, None]  # gaps tell of what acts there only, too

@@ -65,9 +65,11 @@ def test_a_urdf_steps_as_mujoco_does(urdf: Path) -> None:
     assert error_of_steps(scene, model) < 1e-4
 
 
-def test_an_address_of_ros_is_refused_with_what_helps(urdf: Path) -> None:
+def test_an_address_of_ros_is_found_or_refused_with_what_helps(urdf: Path) -> None:
     urdf.write_text(URDF.replace(STRIP, ""))
-    with pytest.raises(UserError, match=r"package:.*cmbrl convert"):
+    assert Scene.from_mjcf(urdf).nv == 3
+    (urdf.parent / "meshes/tetra.obj").unlink()
+    with pytest.raises(UserError, match=r"package:.*cmbrl convert --packages"):
         Scene.from_mjcf(urdf)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import sys
 from pathlib import Path
 
@@ -14,54 +13,16 @@ from cmbrl.cli import main
 from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
-from cmbrl.urdf import Conversion, convert
-from cmbrl.urdf.actuators import Servo
-from cmbrl.urdf.inertias import nearest
-
-CORNERS = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
-FACES = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
-LINK = """<link name="{name}"><inertial><origin xyz="0 0 .1"/><mass value="{mass}"/><inertia ixx="{i}" iyy="{i}"
-izz="{k}" ixy="0" ixz="0" iyz="0"/></inertial><visual><geometry><mesh filename="package://leg/looks/{name}.dae"/></geometry>
-</visual>{collision}</link>"""
-MESH = '<collision><geometry><mesh filename="package://leg/{}/shape.stl"/></geometry></collision>'
-JOINT = """<joint name="{name}" type="revolute"><origin xyz="0 0 .2"/><parent link="{parent}"/><child link="{child}"/>
-<axis xyz="0 1 0"/><limit lower="-2" upper="1" effort="{effort}" velocity="3"/></joint>"""
-
-
-def stl(scale: float) -> bytes:
-    """A binary STL of a tetrahedron."""
-    rows = [struct.pack("<12fH", 0, 0, 0, *(scale * CORNERS[list(face)]).ravel(), 0) for face in FACES]
-    return b" " * 80 + struct.pack("<I", len(rows)) + b"".join(rows)
+from cmbrl.scene.urdf import convert
+from cmbrl.scene.urdf.actuators import Servo
+from cmbrl.scene.urdf.inertias import nearest
+from tests.urdf.leg import CORNERS, FACES, convert_text, robot, stl
 
 
 def triangles(stl: bytes) -> np.ndarray:
     """Corners (n, 3, 3) [m] of a binary STL."""
     rows = np.frombuffer(stl[84:], dtype=[("numbers", "<f4", 12), ("more", "<u2")])
     return rows["numbers"][:, 3:].reshape(-1, 3, 3)
-
-
-def robot(**inertias: float) -> str:
-    """Two links of a leg whose shapes have the same file name in two folders, and a foot without mass."""
-    given = {"i": 0.02, "k": 0.01} | inertias
-    return (
-        '<robot name="leg">'
-        + LINK.format(name="thigh", mass=2, collision=MESH.format("a"), **given)
-        + LINK.format(name="calf", mass=1, collision=MESH.format("b"), i=0.02, k=0.01)
-        + '<link name="foot"><inertial><mass value="0"/></inertial></link>'
-        + JOINT.format(name="knee", parent="thigh", child="calf", effort=7)
-        + '<joint name="sole" type="fixed"><parent link="calf"/><child link="foot"/></joint></robot>'
-    )
-
-
-@pytest.fixture
-def urdf(tmp_path: Path) -> Path:
-    for folder, scale in (("a", 1.0), ("b", 2.0)):
-        (tmp_path / "src/leg" / folder).mkdir(parents=True)
-        (tmp_path / "src/leg" / folder / "shape.stl").write_bytes(stl(scale))
-    (tmp_path / "src/leg/urdf").mkdir()
-    path = tmp_path / "src/leg/urdf/leg.urdf"
-    path.write_text(robot())
-    return path
 
 
 def test_packages_are_found_above_the_file_and_meshes_keep_apart(urdf: Path, tmp_path: Path) -> None:
@@ -205,11 +166,6 @@ def test_commas_an_undeclared_world_and_shapes_of_no_size_are_borne(urdf: Path, 
     assert data.model.nv == 1
 
 
-def convert_text(urdf: Path, text: str, folder: Path) -> Conversion:
-    urdf.write_text(text)
-    return convert(urdf, folder / "leg.xml")
-
-
 def test_a_fixed_base_does_not_hold_the_link_that_it_carries(urdf: Path, tmp_path: Path) -> None:
     """Their shapes overlap at the joint; the floor is still there for both."""
     overlapping = robot().replace('<origin xyz="0 0 .2"/>', '<origin xyz="0 0 .01"/>')
@@ -230,17 +186,26 @@ def test_the_command_says_what_it_wrote(urdf: Path, tmp_path: Path, capsys: pyte
     command = ["convert", str(urdf), str(out), "--floating", "--floor", "--actuators", "position", "--kp", "20"]
     assert main(command) == 0
     assert "leg.xml: 7 degrees of freedom, 1 actuators, 3 kg" in capsys.readouterr().out
+    assert main(command) == 0  # again
+    (out.parent / "leg_meshes/notes.txt").write_text("mine")
     assert main(command) == 2
-    assert "leg_meshes: is there already" in capsys.readouterr().err
+    assert "leg_meshes: is there already, with other files; remove it" in capsys.readouterr().err
     assert main(["info", str(out)]) == 0
 
 
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        (("package://leg/a/shape.stl", "package://other/c/none.stl"), "cannot find package://other/c/none.stl: give"),
+        (
+            ("package://leg/a/shape.stl", "package://other/c/none.stl"),
+            "cannot find 1 of 2 meshes of collisions, such as package://other/c/none.stl: .*convert --packages FOLDER",
+        ),
         (('<robot name="leg">', '<robot name="leg" xmlns:xacro="x/xacro"><xacro:arg/>'), "has xacro in it; expand"),
-        (('<child link="calf"/>', ""), "links without a parent|cannot compile"),
+        (('<child link="calf"/>', ""), "joint 'knee': its child link is none: name a <link>"),
+        (
+            ('<child link="calf"/>', '<child link="cal"/>'),
+            "child link is 'cal', which the file lacks",
+        ),
         (('mass value="2"', 'mass value="nan"'), "link thigh: value = 'nan' of its <inertial> is no number"),
         (('ixx="0.02"', 'ixx="a"'), "link thigh: ixx = 'a' of its <inertial>"),
         (('xyz="0 0 .2"', 'xyz="$(arg x)"'), r"<origin> has xyz='\$\(arg x\)', which is for xacro or roslaunch"),

@@ -53,7 +53,9 @@ def between_links(q: np.ndarray, scene: Scene) -> Iterator[Finding]:
     planes = (ContactKind.POINT_PLANE, ContactKind.RIM_PLANE)
     if not len(q) or np.isin(scene.core.con_type, planes).all():
         return
-    model = _compiled(scene.path, Path(scene.path).stat().st_mtime) if Path(scene.path).is_file() else None
+    model = (
+        _compiled(scene.path, scene.ignore, Path(scene.path).stat().st_mtime) if Path(scene.path).is_file() else None
+    )
     if model is None or model.nq != scene.nq:
         return
     known = {frozenset(name.split(" - ")) for name in scene.contact_names}
@@ -73,9 +75,9 @@ def between_links(q: np.ndarray, scene: Scene) -> Iterator[Finding]:
 
 
 @lru_cache(maxsize=2)
-def _compiled(path: str, changed: float) -> mujoco.MjModel | None:
+def _compiled(path: str, ignore: tuple[str, ...], changed: float) -> mujoco.MjModel | None:
     try:
-        return compile_robot(Path(path)).model
+        return compile_robot(Path(path), ignore).model
     except UserError:
         return None
 

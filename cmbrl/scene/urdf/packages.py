@@ -4,34 +4,35 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
-from cmbrl.errors import UserError
 from cmbrl.reading import regular_file
 
 _ROS = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")  # of ROS 1, of ROS 2
 
 
-def find(address: str, urdf: Path, packages: Sequence[Path] = ()) -> Path:
+def find(address: str, urdf: Path, packages: Sequence[Path] = ()) -> Path | None:
     """The file of ``address`` in ``urdf``: ``package://NAME/...``, ``model://NAME/...``, ``file://...`` or a path.
 
-    A package is looked for in ``packages``, in the folders above the URDF, and where the environment of ROS says.
-    Raises UserError that names the address and the remedy.
+    A package is looked for in ``packages``, in the folders above the URDF, and where the environment of ROS says; a
+    path from where the URDF lies, and from the folders above it. What was copied from elsewhere is found where a folder
+    above the URDF has the name of one in the address. None: it is nowhere.
     """
     scheme, colon, rest = address.partition("://")
+    above = list(urdf.resolve().parents)
     if not colon:
-        candidates = [urdf.parent / address]
+        candidates = [folder / address for folder in (urdf.parent, *packages, *above)]
     elif scheme == "file":
         candidates = [Path(rest)]
     else:
-        candidates = _in_packages(rest.lstrip("/"), [*packages, *urdf.resolve().parents, *_of_ros()])
-    for path in candidates:
-        if os.path.lexists(path):
-            return regular_file(path, f"named in {urdf}")
-    raise UserError(
-        f"{urdf}: cannot find {address}: give the folder that holds the package with --packages FOLDER, or set "
-        "ROS_PACKAGE_PATH"
-    )
+        candidates = _in_packages(rest.lstrip("/"), [*packages, *above, *_of_ros()])
+    parts = PurePosixPath(rest if colon else address).parts
+    candidates += [
+        folder.joinpath(*parts[k + 1 :]) for k in range(len(parts) - 1) for folder in above if folder.name == parts[k]
+    ]
+    candidates += [folder / parts[-1] for folder in packages if parts]
+    found = next((path for path in candidates if os.path.lexists(path) and path.name), None)
+    return None if found is None else regular_file(found, f"named in {urdf}")
 
 
 def _in_packages(rest: str, folders: Sequence[Path]) -> list[Path]:

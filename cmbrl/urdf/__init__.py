@@ -1,4 +1,0 @@
-"""From a URDF to an MJCF with everything that a URDF does not say: base, floor, actuators."""
-
-from cmbrl.urdf.convert import Conversion as Conversion
-from cmbrl.urdf.convert import convert as convert
