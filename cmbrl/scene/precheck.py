@@ -18,7 +18,7 @@ from cmbrl.scene import markup
 from cmbrl.text import shortened
 
 ELEMENTS = 10_000  #: at most, with every copy counted; MuJoCo takes seconds for that many bodies
-FREEDOM = 3_000  #: degrees of freedom, of joints with every copy; MuJoCo's memory is 44 bytes times their square
+FREEDOM = 8_000  #: degrees of freedom, of joints with every copy; MuJoCo's memory is 44 bytes times their square
 DEPTH = 500  #: of nested elements, as in MuJoCo
 AMOUNT = 100_000  #: largest value of an attribute that is a number of array entries
 USER_DATA = 10_000_000  #: of nuserdata, of which there are files that reserve more than others
