@@ -84,7 +84,7 @@ def convert(
         actuators: "none", "motor" (torques within the joint's effort) or "position" (targets, by ``servo``).
         servo: gains of the position servos.
         ignore: "missing_mesh" leaves out collision meshes that are not there.
-        packages: folders to look for ROS packages in; see :func:`cmbrl.urdf.packages.find`.
+        packages: folders to look for ROS packages in; see :func:`cmbrl.scene.urdf.packages.find`.
 
     Raises UserError for a file that is no URDF, a mesh that is missing or cannot be read, and what MuJoCo refuses.
     """
