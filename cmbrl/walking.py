@@ -22,6 +22,7 @@ from cmbrl.errors import UserError, did_you_mean
 from cmbrl.mdp import MDP, Total
 from cmbrl.numbers import real
 from cmbrl.registry import Task
+from cmbrl.scene.keyframes import keyframe
 
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
@@ -43,7 +44,8 @@ class Walker:
 
     Args:
         scene: the MJCF, with a floor.
-        posture: positions of joints when it stands [rad or m], by name; others are as in the file.
+        posture: positions of joints when it stands [rad or m], by name; others are as in the file. Or the name of a
+            keyframe of the file.
         speed: wanted velocity of the root, in its own frame: ahead and to the left [m/s], about the vertical [rad/s].
         drives: laws of actuators that replace the file's: ``Drive("*", "position", kp, kd)`` for a file of motors whose
             driver takes targets (:mod:`cmbrl.scene.drives`).
@@ -54,7 +56,7 @@ class Walker:
     """
 
     scene: Path
-    posture: Mapping[str, float] = field(default_factory=dict, hash=False)
+    posture: str | Mapping[str, float] = field(default_factory=dict, hash=False)
     speed: tuple[float, float, float] = (0.8, 0.0, 0.0)
     drives: tuple[Drive, ...] = ()
     reach: float = 0.4
@@ -64,7 +66,7 @@ class Walker:
             raise UserError(f"speed has {len(self.speed)} numbers: give ahead, to the left, and about the vertical")
         for value in self.speed:
             real(value, "speed")
-        for name, value in self.posture.items():
+        for name, value in _by_joint(self.posture).items():
             real(value, f"posture of {name}")
         real(self.reach, "reach", above=0.0)
 
@@ -202,15 +204,20 @@ def _check(walker: Walker, scene: Scene) -> None:
         raise UserError(f"{scene.name}: walking needs actuators of single joints after the root: leave out the others")
     if not (scene.core.con_plane >= 0).any():
         raise UserError(f'{scene.name}: walking needs a floor: add <geom type="plane" size="0 0 1"/> to <worldbody>')
-    for name in walker.posture:
+    for name in _by_joint(walker.posture):
         if name not in scene.joint_names[1:]:
             raise UserError(f"{scene.name} has no joint {name!r}: {did_you_mean(name, scene.joint_names[1:])}")
 
 
+def _by_joint(posture: str | Mapping[str, float]) -> Mapping[str, float]:
+    """Positions by joint; none of a keyframe."""
+    return {} if isinstance(posture, str) else posture
+
+
 def _standing(walker: Walker, scene: Scene) -> np.ndarray:
     """The posture (nq,) with its lowest point on the floor."""
-    q = scene.q0.copy()
-    for name, value in walker.posture.items():
+    q = keyframe(scene, walker.posture) if isinstance(walker.posture, str) else scene.q0.copy()
+    for name, value in _by_joint(walker.posture).items():
         q[ROOT_Q + scene.joint_names.index(name) - 1] = value
     q[2] -= scene.gaps(q)[scene.core.con_plane >= 0].min()
     if q[2] <= 0:

@@ -52,6 +52,19 @@ def test_it_starts_in_its_posture_with_its_feet_on_the_floor(tmp_path):
     assert v.std() == pytest.approx(0.1, rel=0.2)
 
 
+def keyed():
+    bent = " ".join(str(x) for x in POSTURE.values())
+    key = f'<keyframe><key name="home" qpos="0 0 0.3 1 0 0 0 {bent}"/></keyframe></mujoco>'
+    return robot().replace("</mujoco>", key)
+
+
+def test_a_keyframe_is_a_posture(tmp_path):
+    made, same = walking(tmp_path, keyed(), posture="home"), walking(tmp_path)
+    assert torch.equal(made.q0[7:], same.q0[7:])
+    assert made.height == pytest.approx(same.height)  # on the floor, however high the keyframe is
+    assert torch.equal(made.home, same.home)
+
+
 def test_commands_of_servos_and_motors(tmp_path):
     made = walking(tmp_path, reach=0.4)
     q, v = made.process().reset(2, torch.Generator().manual_seed(0))
@@ -127,6 +140,8 @@ def test_derivatives_of_reward_and_observation_are_those_of_finite_differences(t
         (robot(root=""), {}, "walking needs a free root"),
         (robot(actuators=""), {}, "walking needs actuators"),
         (robot(), {"fl_nee": 1.0}, "has no joint 'fl_nee': did you mean 'fl_knee'"),
+        (keyed(), "hime", "no keyframe 'hime'; did you mean 'home'"),
+        (robot(), "home", "no keyframe 'home'; it has none"),
     ],
 )
 def test_what_cannot_walk_is_refused_with_a_remedy(tmp_path, xml, posture, says):

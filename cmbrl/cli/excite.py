@@ -13,10 +13,11 @@ import numpy as np
 from cmbrl.cli.argument_types import positive, positive_number
 from cmbrl.cli.options import add_json, add_scene_options, add_seed, add_threads
 from cmbrl.cli.progress import fraction
-from cmbrl.errors import UserError, did_you_mean
+from cmbrl.errors import UserError
 from cmbrl.files import check_writable, write_bytes
 from cmbrl.models.source import Source, load_source
 from cmbrl.runs import usable_cores
+from cmbrl.scene.keyframes import keyframe
 
 if TYPE_CHECKING:
     from cmbrl.excitation import Excitation
@@ -90,17 +91,6 @@ def _source(arguments: argparse.Namespace) -> Source:
         fitted = load_complementarity(arguments.source)
         return Source(arguments.source, fitted.scene, fitted=fitted)
     return load_source(arguments.source, arguments.ignore, arguments.contact_law, arguments.self_contact)
-
-
-def keyframe(scene: Scene, name: str) -> np.ndarray:
-    """Configuration (nq,) of a keyframe of the scene's file; raises UserError if it has none of that name."""
-    from cmbrl.scene.robot_source import compile_robot
-
-    model = compile_robot(scene.path, scene.ignore).model
-    names = [model.key(k).name for k in range(model.nkey)]
-    if name not in names:
-        raise UserError(f"{scene.path}: no keyframe {name!r}; {did_you_mean(name, names) if names else 'it has none'}")
-    return np.array(model.key(name).qpos)
 
 
 def write(found: Excitation, scene: Scene, out: Path) -> None:
