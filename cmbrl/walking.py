@@ -13,27 +13,26 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from cmbrl.data.drive import law_of
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.mdp import MDP, Total
 from cmbrl.numbers import real
 from cmbrl.registry import Task
-from cmbrl.scene.keyframes import keyframe
+from cmbrl.standing import ROOT_Q, ROOT_V, by_joint, commands, standing
 
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
     from cmbrl.scene.drives import Drive
 
-ROOT_Q, ROOT_V = 7, 6
 EPISODE = 10.0  # s
 TILT, LOW = 0.5, 0.5  # an episode ends where the cosine of the tilt, or the share of the initial height, is below
 UPRIGHT, HEIGHT, BOUNCE, TURN = 0.5, 5.0, 0.05, 0.3  # weights; TURN: m/s per rad/s
-EFFORT, SMOOTH = 0.02, 2e-4  # weights, of squared actions and of squared changes of joints' speeds
+EFFORT, SMOOTH = 0.24, 2.4e-3  # weights, of mean squares: of actions, and of changes of joints' speeds
 SLOWEST = 0.5  # m/s: errors of slower wanted speeds count as in units of this
+ALIVE = 2.0  # reward of a step in training
+TRAINING = {"shac": {"log_std_start": -2.0}}  # more noise topples robots of many joints before they learn to stand
 NOISE = 0.1  # of a start: rad, m/s, rad/s
 TERMS = ("reward_speed", "reward_upright", "reward_height", "reward_bounce", "reward_effort", "reward_smooth")
 
@@ -66,7 +65,7 @@ class Walker:
             raise UserError(f"speed has {len(self.speed)} numbers: give ahead, to the left, and about the vertical")
         for value in self.speed:
             real(value, "speed")
-        for name, value in _by_joint(self.posture).items():
+        for name, value in by_joint(self.posture).items():
             real(value, f"posture of {name}")
         real(self.reach, "reach", above=0.0)
 
@@ -89,7 +88,7 @@ def walking_task(
         control_dt: of an action [s], a multiple of the file's step.
         substeps: the model's physics steps in it.
         change: as for :class:`cmbrl.system.MujocoSystem`.
-        settings: the rest of the task.
+        settings: the rest of the task; ``training`` replaces a smaller noise at the start.
     """
 
     @cache  # made when it is needed first: it loads the scene
@@ -116,7 +115,7 @@ def walking_task(
     task = Task(  # the process needs its scene
         name=name, description=description, scene=walker.scene, drives=walker.drives, control_dt=control_dt,
         substeps=substeps, time_step=control_dt / substeps, behaviours=("random",), recorder=record, mdp=mdp,
-        system=system, **settings,
+        system=system, **{"training": TRAINING, **settings},
     )  # fmt: skip
     return task
 
@@ -127,17 +126,19 @@ class Walking:
     def __init__(self, walker: Walker, scene: Scene, dt: float) -> None:
         _check(walker, scene)
         self.dt, self.nu = dt, scene.nu
-        self.q0 = torch.from_numpy(_standing(walker, scene))
+        self.q0 = torch.from_numpy(standing(scene, walker.posture))
         self.height, self.wanted = float(self.q0[2]), torch.tensor(walker.speed, dtype=torch.float64)
         self.unit = max(SLOWEST, math.hypot(walker.speed[0], walker.speed[1]))
-        self.home, self.scale, self.low, self.high = map(torch.from_numpy, _commands(walker, scene, self.q0.numpy()))
+        self.home, self.scale, self.low, self.high = map(
+            torch.from_numpy, commands(scene, self.q0.numpy(), walker.reach)
+        )
 
     def process(self) -> MDP:
         """Episodes of 10 s that end when it falls."""
         return MDP(
             observations=1 + 3 + ROOT_V + len(self.q0) - ROOT_Q + self._joints, actions=self.nu, observe=self.observe,
             reward=Total(self.info, TERMS), terminated=self.terminated, reset=self.reset, act=self.act, dt=self.dt,
-            episode_steps=round(EPISODE / self.dt), failure="falls", info=self.info,
+            episode_steps=round(EPISODE / self.dt), failure="falls", info=self.info, shaping=self.alive,
         )  # fmt: skip
 
     @property
@@ -169,13 +170,17 @@ class Walking:
             "reward_upright": UPRIGHT * up[:, 2],
             "reward_height": -HEIGHT * rise.square(),
             "reward_bounce": -BOUNCE * v_next[:, 2].square(),
-            "reward_effort": -EFFORT * action.square().sum(1),
-            "reward_smooth": -SMOOTH * (v_next - v)[:, ROOT_V:].square().sum(1),
+            "reward_effort": -EFFORT * action.square().mean(1),
+            "reward_smooth": -SMOOTH * (v_next - v)[:, ROOT_V:].square().mean(1),
         }
 
     def terminated(self, q: Tensor, v: Tensor) -> Tensor:
         """(B,) bool: too low, or tilted by more than 60 degrees."""
         return ~((q[:, 2] > LOW * self.height) & (self._felt(q, v)[0][:, 2] > TILT))
+
+    def alive(self, q: Tensor, v: Tensor) -> Tensor:
+        """What a step is worth in training besides (B,): more than falling costs, or a robot learns to fall soon."""
+        return q.new_full((len(q),), ALIVE)
 
     def reset(self, count: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
         """The posture on the floor, joints and velocities a little off."""
@@ -204,34 +209,6 @@ def _check(walker: Walker, scene: Scene) -> None:
         raise UserError(f"{scene.name}: walking needs actuators of single joints after the root: leave out the others")
     if not (scene.core.con_plane >= 0).any():
         raise UserError(f'{scene.name}: walking needs a floor: add <geom type="plane" size="0 0 1"/> to <worldbody>')
-    for name in _by_joint(walker.posture):
+    for name in by_joint(walker.posture):
         if name not in scene.joint_names[1:]:
             raise UserError(f"{scene.name} has no joint {name!r}: {did_you_mean(name, scene.joint_names[1:])}")
-
-
-def _by_joint(posture: str | Mapping[str, float]) -> Mapping[str, float]:
-    """Positions by joint; none of a keyframe."""
-    return {} if isinstance(posture, str) else posture
-
-
-def _standing(walker: Walker, scene: Scene) -> np.ndarray:
-    """The posture (nq,) with its lowest point on the floor."""
-    q = keyframe(scene, walker.posture) if isinstance(walker.posture, str) else scene.q0.copy()
-    for name, value in _by_joint(walker.posture).items():
-        q[ROOT_Q + scene.joint_names.index(name) - 1] = value
-    q[2] -= scene.gaps(q)[scene.core.con_plane >= 0].min()
-    if q[2] <= 0:
-        raise UserError(f"{scene.name}: the root is {-q[2]:.3g} m under the floor when it stands: change its posture")
-    return q
-
-
-def _commands(walker: Walker, scene: Scene, q: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Of each actuator (nu,): the command of the posture, what an action of 1 adds, and its bounds."""
-    core = scene.core
-    low, high = np.reshape(core.act_ctrl, (-1, 2)).T
-    laws = [law_of(scene, i) for i in range(scene.nu)]
-    servo, factor = np.array([kind == "position" for kind, _ in laws]), np.array([factor for _, factor in laws])
-    at = q[np.array(core.act_line) + ROOT_Q - ROOT_V]
-    half = np.where(np.isfinite(high - low), (high - low) / 2, 1.0)
-    home = np.where(servo, factor * at, 0.0)
-    return home, walker.reach * np.where(servo, factor, half), low.copy(), high.copy()

@@ -66,22 +66,40 @@ def test_a_keyframe_is_a_posture(tmp_path):
 
 
 def test_commands_of_servos_and_motors(tmp_path):
-    made = walking(tmp_path, reach=0.4)
-    q, v = made.process().reset(2, torch.Generator().manual_seed(0))
-    action = torch.tensor([[0.0] * 8, [1.0] * 8], dtype=torch.float64)
-    u = made.act(q, v, action)[2]
-    angles = np.array([POSTURE[name] for name in POSTURE])
-    assert np.allclose(u[0], angles)
-    assert np.allclose(u[1], angles + 0.4)
-    assert np.allclose(made.act(q, v, 9 * action)[2][1], 1.5)  # the servo's range
-    geared = "".join(
-        f'<general joint="{name}" gear="-3" gainprm="5" biastype="affine" biasprm="0 -60"/>' for name in POSTURE
-    )
-    made = walking(tmp_path, robot(actuators=geared), reach=0.4)  # 5 u + 60 * 3 q = 0 where the joint shall be
-    assert np.allclose(made.act(q, v, action)[2], -36.0 * np.stack([angles, angles + 0.4]))
-    motors = "".join(f'<motor joint="{name}" ctrlrange="-20 20"/>' for name in POSTURE)
-    made = walking(tmp_path, robot(actuators=motors), reach=0.5)
-    assert np.allclose(made.act(q, v, action)[2], [[0.0] * 8, [10.0] * 8])
+    def asked(actuators, reach):
+        """Controls of no action, and what an action of 1 adds."""
+        made = walking(tmp_path, robot(actuators="".join(actuators.format(name) for name in POSTURE)), reach=reach)
+        q, v = made.process().reset(2, torch.Generator().manual_seed(0))
+        still, full = made.act(q, v, torch.tensor([[0.0] * 8, [1.0] * 8], dtype=torch.float64))[2].numpy()
+        return still, full - still
+
+    angles = np.array([*POSTURE.values()])
+    still, more = asked('<position joint="{}" kp="60"/>', 0.4)
+    assert np.allclose(more, 0.4)
+    torques = 60.0 * (still - angles)
+    assert np.allclose(torques[[0, 1, 4, 5]], torques[[2, 3, 6, 7]])  # left and right
+    geared, more = asked('<general joint="{}" gear="-3" gainprm="5" biastype="affine" biasprm="0 -60"/>', 0.4)
+    assert np.allclose(geared, -36.0 * angles - torques / 15.0)  # 5 u + 60 * 3 q is the force before the gear
+    assert np.allclose(more, -36.0 * 0.4)
+    motors, more = asked('<motor joint="{}" ctrlrange="-20 20"/>', 0.5)
+    assert np.allclose(motors, torques)
+    assert np.allclose(more, 10.0)
+
+
+@pytest.mark.parametrize(
+    "actuator", ['<position joint="{}" kp="15" kv="1"/>', '<position joint="{}" kp="300" kv="2"/>']
+)
+def test_no_action_holds_the_posture_in_mujoco(tmp_path, actuator):
+    path = tmp_path / "dog.xml"
+    path.write_text(robot(actuators="".join(actuator.format(name) for name in POSTURE)))
+    task = walking_task("dog", "stands", Walker(scene=path, posture=POSTURE))
+    process, real = task.mdp(), task.system()
+    made = walking(tmp_path, path.read_text())
+    real.reset(made.q0.numpy(), np.zeros(14))
+    held = process.act(made.q0[None], torch.zeros(1, 14), torch.zeros(1, 8, dtype=torch.float64))[2][0].numpy()
+    for _ in range(50):
+        q, _ = real.step(held)
+    assert np.abs(q[7:] - made.q0[7:].numpy()).max() < 0.01  # without the weight's share soft servos sag by 0.1 rad
 
 
 def test_motors_whose_driver_takes_targets(tmp_path):
@@ -89,9 +107,8 @@ def test_motors_whose_driver_takes_targets(tmp_path):
     file.write_text(robot(actuators="".join(f'<motor name="{name}" joint="{name}"/>' for name in POSTURE)))
     drives = (Drive("*", "position", kp=60.0, kd=2.0), Drive("?l_hip", "position", kp=80.0))
     task = walking_task("dog", "walks", Walker(scene=file, posture=POSTURE, drives=drives))
-    assert np.allclose(
-        task.mdp().act(*task.mdp().reset(1, torch.Generator()), torch.zeros(1, 8))[2], [*POSTURE.values()]
-    )
+    targets = task.mdp().act(*task.mdp().reset(1, torch.Generator()), torch.zeros(1, 8))[2]
+    assert np.allclose(targets, [*POSTURE.values()], atol=0.05)
     gains = {"fl_hip": 80.0, "rl_hip": 80.0}
     expected = [gains.get(name, 60.0) for name in POSTURE]
     assert np.allclose(task.system().model.actuator_gainprm[:, 0], expected)
@@ -121,6 +138,19 @@ def test_the_reward_is_best_upright_at_the_wanted_speed_whatever_the_heading(tmp
     low = q.clone()
     low[0, 2] *= 0.49
     assert [bool(process.terminated(x, v)) for x in (q, turned, tilted, low)] == [False, False, True, True]
+
+
+def test_in_training_a_step_of_a_fall_is_worth_more_than_its_end(tmp_path):
+    made = walking(tmp_path)
+    process = made.process()
+    q, v = made.q0[None].clone(), torch.zeros(1, 14, dtype=torch.float64)
+    q[0, 2] *= 0.6
+    q[0, 3:7] = torch.tensor([math.cos(0.5), 0, math.sin(0.5), 0])  # 1 rad ahead
+    v[0, :3], v[0, 6:] = torch.tensor([1.0, 0.0, -1.0]), 5.0
+    action = torch.ones(1, 8, dtype=torch.float64)
+    reward = process.reward(q, -v, action, q, v)
+    assert not process.terminated(q, v)
+    assert reward < 0 < reward + process.shaping(q, v)
 
 
 def test_derivatives_of_reward_and_observation_are_those_of_finite_differences(tmp_path):

@@ -1,0 +1,89 @@
+"""How a robot with a free root stands on a floor: its pose, and the commands that hold it there.
+
+Statics: M g = tau + J^T f, with the floor's forces f in friction cones and no force on the root. Where that cannot be
+(the centre of mass is not above the feet), the root is left with what the floor cannot balance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.optimize import nnls
+
+from cmbrl.data.drive import law_of
+from cmbrl.errors import UserError
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.scene.keyframes import keyframe
+
+if TYPE_CHECKING:
+    from cmbrl.scene import Scene
+    from cmbrl.scene.records import Array
+
+ROOT_Q, ROOT_V = 7, 6
+REACHED = 5e-3  # m above the lowest point: what is nearer to the floor bears weight as well
+FRICTION = 0.5  # of the pyramids: less than on nearly any floor
+BALANCE = 100.0  # weight of the balance of the root against small torques of joints
+
+
+def by_joint(posture: str | Mapping[str, float]) -> Mapping[str, float]:
+    """Positions by joint; none of a keyframe."""
+    return {} if isinstance(posture, str) else posture
+
+
+def standing(scene: Scene, posture: str | Mapping[str, float]) -> Array:
+    """The posture (nq,), joints by name or a keyframe, with its lowest point on the floor.
+
+    Raises UserError for a keyframe that the file has not, and if the root would be under the floor.
+    """
+    q = keyframe(scene, posture) if isinstance(posture, str) else scene.q0.copy()
+    for name, value in by_joint(posture).items():
+        q[ROOT_Q + scene.joint_names.index(name) - 1] = value
+    q[2] -= scene.gaps(q)[_with_floor(scene)].min()
+    if q[2] <= 0:
+        raise UserError(f"{scene.name}: the root is {-q[2]:.3g} m under the floor when it stands: change its posture")
+    return q
+
+
+def commands(scene: Scene, q: Array, reach: float) -> tuple[Array, Array, Array, Array]:
+    """Of each actuator (nu,): the command that holds ``q`` (nq,), what an action of 1 adds, and its bounds.
+
+    ``reach``: as of :class:`cmbrl.walking.Walker`.
+    """
+    core, line = scene.core, np.array(scene.core.act_line)
+    low, high = np.reshape(core.act_ctrl, (-1, 2)).T
+    laws = [law_of(scene, i) for i in range(scene.nu)]
+    servo, factor = np.array([kind == "position" for kind, _ in laws]), np.array([factor for _, factor in laws])
+    per_force = np.array([_control_per_force(scene, i) for i in range(scene.nu)])
+    home = np.where(servo, factor * q[line + ROOT_Q - ROOT_V], 0.0) + per_force * holding_forces(scene, q)[line]
+    half = np.where(np.isfinite(high - low), (high - low) / 2, 1.0)
+    return home, reach * np.where(servo, factor, half), low.copy(), high.copy()
+
+
+def holding_forces(scene: Scene, q: Array) -> Array:
+    """Forces (nv,) [N m, N] along the coordinates that hold the robot at rest at ``q`` (nq,).
+
+    Those of the root are what the floor cannot balance.
+    """
+    found = ComplementarityModel(scene).smooth_dynamics(q[None], np.zeros((1, scene.nv)))
+    gravity, gap, rows = found["bias"][0], found["gap"][0], found["J"][0]
+    floor = _with_floor(scene)
+    bears = floor & (gap <= gap[floor].min() + REACHED)
+    normal, tangents = rows[bears, 0], FRICTION * rows[bears, 1:3]
+    edges = np.concatenate([normal + sign * tangents[:, k] for k in (0, 1) for sign in (1.0, -1.0)])
+    weight = np.where(np.arange(scene.nv) < ROOT_V, BALANCE, 1.0)
+    forces, _ = nnls((weight * edges).T, weight * gravity)
+    return gravity - edges.T @ forces
+
+
+def _with_floor(scene: Scene) -> np.ndarray:
+    """Which candidates are with a plane (ncontact,)."""
+    return np.asarray(scene.core.con_plane) >= 0
+
+
+def _control_per_force(scene: Scene, actuator: int) -> float:
+    """What a control grows by where the force along its joint grows by 1; 0 for one that does nothing."""
+    P, layout = scene.core.P, scene.layout
+    gain = float(P[layout.actuator(actuator, "gear")] * P[layout.actuator(actuator, "gain")])
+    return 1.0 / gain if gain else 0.0
