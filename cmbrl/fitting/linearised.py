@@ -46,15 +46,16 @@ class Lineariser:
         self.physical, psi = observation.split(theta)
         self.of_model = columns[columns < len(self.physical)]
         self.of_log, own = observation.columns(columns, len(self.physical))
-        self.seen = windows.on_log(observation.states(windows.data, psi))
+        data, rows = windows.data, windows.rows  # a long log has many that no window covers
+        self.seen = windows.on_rows(observation.states(data, psi, rows))
         self.bias = observation.state_slope(model.scene.nv)[:, own]  # of the state that the log tells
-        self.controls = observation.controls(windows.data, psi)[1][:, :, own] if len(own) else None
+        self.controls = observation.controls(data, psi, rows)[1][:, :, own] if len(own) else None
 
     def at(self, part: slice = slice(None)) -> Linearised:
         """Those windows in ``part``."""
         nv, first = self.model.scene.nv, 2 * self.model.scene.nv + self.model.scene.inputs  # of the parameters' columns
         counts, uncertain = self.windows.scales.counts, self.windows.scales.uncertain
-        starts, units = self.windows.starts[part], self.windows.units[part if self.windows.own else slice(None)]
+        starts, units = self.seen.starts[part], self.windows.units[part if self.windows.own else slice(None)]
         steps, off = _predicted(self.model, self.seen, part, self.physical, self.of_model)
         touched = _touched(steps, first)
         told = np.union1d(touched, self.of_log)

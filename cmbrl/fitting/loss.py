@@ -113,8 +113,7 @@ class PredictionLoss:
 
     def independent(self, alike: float) -> float:
         """Independent observations that the windows are worth: rows they cover, by runs of ``alike`` rows."""
-        covered = np.unique(self.windows.starts[:, None] + np.arange(self.windows.horizon))
-        return len(covered) / alike
+        return len(self.windows.rows) / alike
 
     def values(
         self,
@@ -275,5 +274,8 @@ class PredictionLoss:
         return Lineariser(self.model, self.observation, self.windows, theta, columns)
 
     def _seen(self, psi: np.ndarray) -> Windows:
-        """The windows as the model's state and control at ``psi``."""
-        return self.windows.on_log(self.observation.states(self.windows.data, psi))
+        """The windows as the model's state and control at ``psi``; of a long log, of the rows that they cover."""
+        windows, observation = self.windows, self.observation
+        if not observation.changes(psi):
+            return windows
+        return windows.on_rows(observation.states(windows.data, psi, windows.rows))

@@ -113,15 +113,20 @@ class Observation:
         positions, own = np.array(found, dtype=np.int64).reshape(-1, 2).T
         return positions, own
 
-    def states(self, log: Transitions, psi: np.ndarray) -> Transitions:
-        """The log as the model's state and control at ``psi`` (n + nt,)."""
-        if self.activations is None and not psi.any():
-            return log
+    def changes(self, psi: np.ndarray) -> bool:
+        """Whether state and control at ``psi`` (n + nt,) differ from what a log tells."""
+        return self.activations is not None or bool(psi.any())
+
+    def states(self, log: Transitions, psi: np.ndarray, rows: np.ndarray | None = None) -> Transitions:
+        """The log, or ascending ``rows`` (R,) of it, as the model's state and control at ``psi`` (n + nt,)."""
+        part = log if rows is None else log.select(rows)
+        if not self.changes(psi):
+            return part
         bias = psi[: len(self.joints_q)]
-        q, q_next = log.q.copy(), log.q_next.copy()
+        q, q_next = part.q.copy(), part.q_next.copy()
         q[:, self.joints_q] -= bias
         q_next[:, self.joints_q] -= bias
-        return replace(log, q=q, q_next=q_next, u=self.controls(log, psi)[0])
+        return replace(part, q=q, q_next=q_next, u=self.controls(log, psi, rows)[0])
 
     def state_slope(self, nv: int) -> np.ndarray:
         """Derivative (2 nv, n + nt) in psi of the state (q, v) that a log tells."""
@@ -129,25 +134,36 @@ class Observation:
         slope[self.joints_v, np.arange(len(self.joints_v))] = -1.0
         return slope
 
-    def controls(self, log: Transitions, psi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Controls (N, nu + na) at ``psi`` (n + nt,), and their derivatives (N, nu + na, n + nt)."""
-        biases, own = self.servo.shape[1], len(self)
-        slope = np.zeros((*log.u.shape, len(psi)))
+    def controls(
+        self, log: Transitions, psi: np.ndarray, rows: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Controls (R, nu + na) at ``psi`` (n + nt,), and their derivatives (R, nu + na, n + nt), of ``rows`` (R,).
+
+        Default: of all rows.
+        """
+        own = len(self)
+        rows = np.arange(len(log)) if rows is None else rows
         if log.u.shape[1] == 0:
-            return log.u, slope
+            return log.u[rows], np.zeros((len(rows), 0, len(psi)))
+        if self.activations is not None:  # they follow from all that came before
+            found = self.activations.along(log.episode, *self._commanded(log, psi, np.arange(len(log))), psi[own:])
+            return found[0][rows], found[1][rows]
+        return self._commanded(log, psi, rows)
+
+    def _commanded(self, log: Transitions, psi: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same without activations."""
+        biases, own = self.servo.shape[1], len(self)
         weights = response(float(psi[own - 2]), float(psi[own - 1]), self.dt)
-        rows = np.arange(len(log))
-        first = np.maximum.accumulate(np.where(np.r_[True, np.diff(log.episode) != 0], rows, 0))
-        acted = np.zeros((3, *log.u.shape))
+        begins = np.flatnonzero(np.r_[True, np.diff(log.episode) != 0])
+        first = begins[np.searchsorted(begins, rows, side="right") - 1]
+        acted = np.zeros((3, len(rows), log.u.shape[1]))
         for k, weight in enumerate(weights.T):
             told = ((rows - k >= first)[:, None] | self.holds) * log.u[np.maximum(rows - k, first)]
             acted += weight[:, None, None] * told
+        slope = np.zeros((*acted.shape[1:], len(psi)))
         slope[:, :, :biases] = self.servo
         slope[:, :, biases:own] = np.moveaxis(acted[1:], 0, -1)
-        control = acted[0] + self.servo @ psi[:biases]
-        if self.activations is None:
-            return control, slope
-        return self.activations.along(log.episode, control, slope, psi[own:])
+        return acted[0] + self.servo @ psi[:biases], slope
 
 
 def response(delay: float, lag: float, dt: float) -> np.ndarray:

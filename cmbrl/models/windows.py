@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import comb
 from typing import TYPE_CHECKING
 
@@ -105,6 +106,11 @@ class Windows:
             rows = f"{len(self.data)} rows: choose another"
             raise UserError(f"start {start} with a horizon of {self.horizon} leaves the log of {rows}")
 
+    @cached_property
+    def rows(self) -> np.ndarray:
+        """Rows (R,) of the log that the windows cover, ascending."""
+        return np.unique(self.starts[:, None] + np.arange(self.horizon))
+
     @property
     def blocks(self) -> np.ndarray:
         """Block (S,) of each window; blocks are held out and resampled as a whole."""
@@ -143,9 +149,9 @@ class Windows:
         """The same windows from the logged states of other ``starts``."""
         return replace(self, starts=starts, offset=None)
 
-    def on_log(self, data: Transitions) -> Windows:
-        """The same windows of the log as ``data``."""
-        return replace(self, data=data)
+    def on_rows(self, data: Transitions) -> Windows:
+        """The same windows where ``data`` are the ``rows`` of the log alone."""
+        return replace(self, data=data, starts=np.searchsorted(self.rows, self.starts))
 
     def begin(self, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
         """The states that the windows start from: q (S, nq), v (S, nv); (C, S, ...) where candidates have their own."""

@@ -1,5 +1,7 @@
 """The loss and its Gauss-Newton model agree with each other and with finite differences."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -24,6 +26,23 @@ def test_native_batch_equals_errors_start_by_start(setup):
     space, loss = setup
     theta = space.theta(0.2 * np.random.default_rng(1).normal(size=(4, len(space))))
     np.testing.assert_allclose(loss.values(theta), [loss.errors(t).mean for t in theta], rtol=1e-12)
+
+
+def test_windows_that_cover_a_part_of_a_log_see_what_all_of_it_tells(setup):
+    space, loss = setup
+    z = 0.2 * np.random.default_rng(1).normal(size=len(space))
+    theta = space.theta(z)
+    psi = loss.observation.split(theta)[1]
+    assert loss.observation.changes(psi)
+    sparse = loss.on(loss.windows.starts[3::7])
+    assert len(sparse.windows.rows) < 0.7 * len(loss.windows.data)
+    known = replace(sparse.windows, data=loss.observation.states(loss.windows.data, psi))
+    as_told = np.append(theta[: len(theta) - len(loss.observation)], loss.observation.nominal)
+    np.testing.assert_allclose(sparse.values(theta[None]), replace(sparse, windows=known).values(as_told[None]))
+    equations = sparse.normal_equations(space, z)
+    step = 1e-5 * np.eye(len(space))
+    numeric = (sparse.values(space.theta(z + step)) - sparse.values(space.theta(z - step))) / 2e-5
+    np.testing.assert_allclose(equations.gradient, numeric, rtol=1e-4, atol=1e-7)
 
 
 def test_gradient_equals_finite_differences(setup):

@@ -83,6 +83,18 @@ def test_history_stays_within_the_episode(arm: Scene) -> None:
     np.testing.assert_allclose(u[rest], log.u[rest - 1], atol=1e-12)
 
 
+def test_some_rows_are_those_of_the_whole_log(arm: Scene) -> None:
+    log, between = random_log(arm), Observation.of(arm, 0.01)
+    psi, rows = np.array([0.03, -0.02, 0.01, 0.013, 0.02]), np.array([0, 1, 7, 20, 21, 38, 59])
+    whole, slope = between.controls(log, psi)
+    some, their = between.controls(log, psi, rows)
+    np.testing.assert_array_equal(some, whole[rows])
+    np.testing.assert_array_equal(their, slope[rows])
+    seen = between.states(log, psi, rows)
+    for name, told in between.states(log, psi).select(rows).fields().items():
+        np.testing.assert_array_equal(seen.fields()[name], told)
+
+
 def test_a_model_names_what_it_observes(arm: Scene) -> None:
     model = ComplementarityModel(arm, time_step=0.01, observation={"lag.command": 0.02})
     assert model.with_parameters(model.parameters).to_config()["observation"] == {"lag.command": 0.02}
