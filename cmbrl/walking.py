@@ -32,7 +32,8 @@ UPRIGHT, HEIGHT, BOUNCE, TURN = 0.5, 5.0, 0.05, 0.3  # weights; TURN: m/s per ra
 EFFORT, SMOOTH = 0.24, 2.4e-3  # weights, of mean squares: of actions, and of changes of joints' speeds
 SLOWEST = 0.5  # m/s: errors of slower wanted speeds count as in units of this
 ALIVE = 2.0  # reward of a step in training
-TRAINING = {"shac": {"log_std_start": -2.0}}  # more noise topples robots of many joints before they learn to stand
+# More noise topples robots of many joints before they learn to stand, and outputs that tanh flattens cannot unlearn.
+TRAINING = {"shac": {"log_std_start": -2.0, "saturation": 0.1}}
 NOISE = 0.1  # of a start: rad, m/s, rad/s
 TERMS = ("reward_speed", "reward_upright", "reward_height", "reward_bounce", "reward_effort", "reward_smooth")
 
@@ -88,7 +89,7 @@ def walking_task(
         control_dt: of an action [s], a multiple of the file's step.
         substeps: the model's physics steps in it.
         change: as for :class:`cmbrl.system.MujocoSystem`.
-        settings: the rest of the task; ``training`` replaces a smaller noise at the start.
+        settings: the rest of the task; ``training`` replaces ``TRAINING``.
     """
 
     @cache  # made when it is needed first: it loads the scene
