@@ -40,9 +40,16 @@ def standing(scene: Scene, posture: str | Mapping[str, float]) -> Array:
     q = keyframe(scene, posture) if isinstance(posture, str) else scene.q0.copy()
     for name, value in by_joint(posture).items():
         q[ROOT_Q + scene.joint_names.index(name) - 1] = value
-    q[2] -= scene.gaps(q)[_with_floor(scene)].min()
+    q = on_floor(scene, q)
     if q[2] <= 0:
         raise UserError(f"{scene.name}: the root is {-q[2]:.3g} m under the floor when it stands: change its posture")
+    return q
+
+
+def on_floor(scene: Scene, q: Array) -> Array:
+    """``q`` (..., nq), raised or lowered until its lowest point is on the floor."""
+    q = q.copy()
+    q[..., 2] -= scene.gaps(q)[..., _with_floor(scene)].min(axis=-1)
     return q
 
 

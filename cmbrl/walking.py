@@ -20,7 +20,7 @@ from cmbrl.errors import UserError, did_you_mean
 from cmbrl.mdp import MDP, Total
 from cmbrl.numbers import real
 from cmbrl.registry import Task
-from cmbrl.standing import ROOT_Q, ROOT_V, by_joint, commands, standing
+from cmbrl.standing import ROOT_Q, ROOT_V, by_joint, commands, on_floor, standing
 
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
@@ -126,7 +126,7 @@ class Walking:
 
     def __init__(self, walker: Walker, scene: Scene, dt: float) -> None:
         _check(walker, scene)
-        self.dt, self.nu = dt, scene.nu
+        self.scene, self.dt, self.nu = scene, dt, scene.nu
         self.q0 = torch.from_numpy(standing(scene, walker.posture))
         self.height, self.wanted = float(self.q0[2]), torch.tensor(walker.speed, dtype=torch.float64)
         self.unit = max(SLOWEST, math.hypot(walker.speed[0], walker.speed[1]))
@@ -184,9 +184,10 @@ class Walking:
         return q.new_full((len(q),), ALIVE)
 
     def reset(self, count: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-        """The posture on the floor, joints and velocities a little off."""
+        """The posture, joints and velocities a little off, with its lowest point on the floor."""
         q = self.q0.repeat(count, 1)
         q[:, ROOT_Q:] += NOISE * (2 * torch.rand(count, self._joints, generator=generator, dtype=torch.float64) - 1)
+        q = torch.from_numpy(on_floor(self.scene, q.numpy()))
         v = NOISE * torch.randn(count, ROOT_V + self._joints, generator=generator, dtype=torch.float64)
         return q, v
 

@@ -49,6 +49,8 @@ def test_it_starts_in_its_posture_with_its_feet_on_the_floor(tmp_path):
     assert made.height == pytest.approx(0.4 * math.cos(0.6) + 0.02)
     q, v = made.process().reset(50, torch.Generator().manual_seed(0))
     assert (q[:, 7:] - made.q0[7:]).abs().max() <= 0.1
+    scene = Scene.from_mjcf(tmp_path / "dog.xml")
+    assert np.allclose(scene.gaps(q.numpy())[:, scene.core.con_plane >= 0].min(axis=1), 0.0, atol=1e-12)
     assert v.std() == pytest.approx(0.1, rel=0.2)
 
 
