@@ -71,6 +71,8 @@ def real_array(value: Any, name: str) -> np.ndarray:
     Raises UserError for text, times, complex numbers, objects, ragged lists, and arrays with masked entries. NaN and
     infinity pass: what they mean depends on the place.
     """
+    if type(value) is np.ndarray and value.dtype == np.float64 and value.flags.c_contiguous:  # as loops give it
+        return value
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", np.exceptions.ComplexWarning)
