@@ -25,7 +25,7 @@ def code_digest(module: str) -> str:
     """Sixteen hexadecimal digits for ``module`` ("cmbrl.fitting.fit") and everything it imports from here."""
     seen = hashlib.sha256()
     for name in sorted(_closure(module)):
-        seen.update(f"{name} {_own_digest(name)}\n".encode())
+        seen.update(f"{name} {_read(name)[0]}\n".encode())
     return seen.hexdigest()[:16]
 
 
@@ -35,7 +35,7 @@ def _closure(module: str) -> set[str]:
         name = waiting.pop()
         if name not in found and _source(name) is not None:
             found.add(name)
-            waiting += [*_imports(name), *_parents(name)]
+            waiting += [*_read(name)[1], *_parents(name)]
             if name == f"{PACKAGE}.registry":  # which loads tasks by name
                 waiting += _tasks()
     return found
@@ -63,10 +63,16 @@ def _foreign(name: str) -> Path | None:
 
 
 @cache
-def _own_digest(name: str) -> str:
+def _read(name: str) -> tuple[str, tuple[str, ...]]:
+    """The digest of one module alone, and what it imports."""
     source = _source(name)
     assert source is not None
     tree = ast.parse(source.read_text(encoding="utf-8"))
+    imports = _imports(name, tree)  # before docstrings go
+    return _own_digest(name, source, tree), imports
+
+
+def _own_digest(name: str, source: Path, tree: ast.Module) -> str:
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and _documented(node):
             node.body[0] = ast.Pass()
@@ -84,17 +90,14 @@ def _documented(node: ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFun
     return ast.get_docstring(node, clean=False) is not None
 
 
-@cache
-def _imports(name: str) -> tuple[str, ...]:
+def _imports(name: str, tree: ast.Module) -> tuple[str, ...]:
     """Names that may be modules of this package, from every import in the file but those for type checkers.
 
     A string such as "cmbrl.train.shac:SHAC" counts too: what it names is imported when it is needed. One that names a
     package counts for all of its modules.
     """
-    source = _source(name)
-    assert source is not None
     found: set[str] = set()
-    for node in _running(ast.parse(source.read_text(encoding="utf-8"))):
+    for node in _running(tree):
         if isinstance(node, ast.Import):
             found.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:

@@ -55,8 +55,7 @@ def test_results_say_what_made_them(tmp_path: Path) -> None:
 def test_the_digest_sees_code_and_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def digest(text: str) -> str:
         (tmp_path / "a_study.py").write_text(text)
-        code_digest._own_digest.cache_clear()
-        code_digest._imports.cache_clear()
+        code_digest._read.cache_clear()
         code_digest.code_digest.cache_clear()
         return code_digest.code_digest("a_study")
 
