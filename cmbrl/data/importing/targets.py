@@ -52,6 +52,8 @@ NAMED = {"deg": math.pi / 180, "degrees": math.pi / 180, "rad": 1.0, "rpm": math
 SPEEDS = {"rpm"}  #: those that are of a velocity
 TIMES = {"time", "t", "timestamp", "timestamps", "times", "stamp"}
 CLOCKS = {"%time": 1e-9, "__time": 1.0}  #: of ``rostopic echo -p`` and of PlotJuggler
+POSES = {"q": {"quat", "quaternion", "orientation", "rotation"}, "": {"pos", "position", "translation"}}  #: of a base
+YIELDS = "imu"  #: what it tells of a base counts where no other column does
 EPISODES = {"episode", "episode_index", "episode_id", "trial", "toss", "trajectory"}
 
 
@@ -146,10 +148,15 @@ def match(columns: Iterable[str], given: Mapping[str, str], scene: Scene, angles
         target = told[column] if column in told else guesser.target(column)
         if target is None or (column not in told and target.key in taken and taken[target.key] in told):
             continue
-        if target.key in taken and taken[target.key] != column:
+        other = taken.get(target.key, column)
+        if other != column and column not in told and (_of_imu(column) or _of_imu(other)):
+            if _of_imu(column):
+                continue
+            del found[other]
+        elif other != column:
             what = ".".join(filter(None, target.key))
             raise UserError(
-                f"columns {taken[target.key]!r} and {column!r} both look like {what}; drop one by --map {column}=- or "
+                f"columns {other!r} and {column!r} both look like {what}; drop one by --map {column}=- or "
                 f"say what it is by --map {column}=JOINT.QUANTITY:UNIT"
             )
         taken[target.key] = column
@@ -209,14 +216,21 @@ class _Guesser:
         return Target(joint.name, quantity, next((NAMED[word] for word in words & set(NAMED)), factor))
 
     def _of_base(self, name: str) -> Target | None:
-        head, _, last = name.rpartition(".")
-        known = {*PLACE, *TURN, *LINEAR, *ANGULAR}
-        if self.floating is None or last not in known:
+        *head, last = re.split(r"[._/ ]", name)
+        words = set(re.split(r"[^a-z]+", " ".join(head)))
+        for letter, kind in POSES.items():
+            if words & kind and letter + last in (*PLACE, *TURN):
+                last, words = letter + last, words - kind
+        if self.floating is None or last not in (*PLACE, *TURN, *LINEAR, *ANGULAR):
             return None
-        words = set(re.split(r"[^a-z]+", head)) - PLAIN
+        words -= PLAIN
         if words - {BASE, "root", "pose", "odom", "odometry", "mocap", "imu", self.floating.name.lower()}:
             return None
         return Target(self.floating.name, last)
+
+
+def _of_imu(column: str) -> bool:
+    return YIELDS in re.split(r"[^a-z]+", column.lower())
 
 
 def _quantity(words: set[str]) -> str | None:
