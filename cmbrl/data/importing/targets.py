@@ -28,6 +28,9 @@ UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "number": {},
 }  # fmt: skip
+_SHARES = {"percent": (0.0, 100.0), "+-percent": (-100.0, 100.0)}  # of a joint's range
+_UNIT = re.compile(r"(?P<sign>-?)(?P<unit>[A-Za-z]*)(?P<more>[+-]\d+(\.\d*)?)?")
+_PLACES = ("position", "command")
 SINGLE = ("position", "velocity", "command", "torque")
 BASE = "base"  #: the only free joint
 WORDS = {
@@ -59,11 +62,12 @@ EPISODES = {"episode", "episode_index", "episode_id", "trial", "toss", "trajecto
 
 @dataclass(frozen=True)
 class Target:
-    """``quantity`` of the joint or actuator ``owner`` ("" for time and episode); SI units are ``factor`` times it."""
+    """``quantity`` of the joint or actuator ``owner`` ("" for time, episode); in SI it is ``factor`` x + ``zero``."""
 
     owner: str
     quantity: str
     factor: float = 1.0
+    zero: float = 0.0
 
     @property
     def key(self) -> tuple[str, str]:
@@ -74,7 +78,8 @@ class Target:
 def parse(text: str, scene: Scene) -> Target | None:
     """``joint.quantity:unit``, ``base.qw``, ``actuator.control``, ``time:ms`` or ``episode``; None for ``-``.
 
-    Raises UserError that names what is unknown, and the nearest.
+    A unit may have a sign before it and what is to be added behind it, as ``-deg+90``; ``percent`` and ``+-percent``
+    are of the joint's range. Raises UserError that names what is unknown, and the nearest.
     """
     word, _, unit = text.strip().partition(":")
     word, unit = word.strip(), unit.strip()
@@ -95,7 +100,10 @@ def parse(text: str, scene: Scene) -> Target | None:
     for joint in known:
         if joint is not body and joint.name != owner:
             continue
-        return Target(joint.name, quantity, _factor(unit, _dimension(joint, quantity), text))
+        dimension = _dimension(joint, quantity)
+        if isinstance(joint, Single) and quantity in _PLACES:
+            return Target(joint.name, quantity, *_affine(unit, dimension, joint, scene, text))
+        return Target(joint.name, quantity, _factor(unit, dimension, text))
     raise UserError(f"--map: no joint {owner!r}: {did_you_mean(owner, scene.joint_names)}")
 
 
@@ -126,6 +134,22 @@ def _factor(unit: str, dimension: str, text: str) -> float:
         told = did_you_mean(unit, known) if known else "it has none"
         raise UserError(f"--map: {shown(text)}: {unit!r} is no unit of this {dimension}: {told}")
     return known[unit]
+
+
+def _affine(unit: str, dimension: str, joint: Single, scene: Scene, text: str) -> tuple[float, float]:
+    """Factor and zero of a position or a target whose ``unit`` may have a sign and what is to be added."""
+    if unit in _SHARES:
+        if joint.vadr not in (lines := scene.core.lim_line.tolist()):
+            raise UserError(f"--map: {shown(text)}: joint {joint.name!r} has no range in the file to be a share of")
+        limit, (low, high) = lines.index(joint.vadr), _SHARES[unit]
+        first, last = float(scene.core.lim_lo[limit]), float(scene.core.lim_hi[limit])
+        factor = (last - first) / (high - low)
+        return factor, first - low * factor
+    parts = _UNIT.fullmatch(unit)
+    if parts is None:
+        return _factor(unit, dimension, text), 0.0
+    factor = _factor(parts["unit"], dimension, text)
+    return (-factor if parts["sign"] else factor), float(parts["more"] or 0.0) * factor
 
 
 def match(columns: Iterable[str], given: Mapping[str, str], scene: Scene, angles: str = "rad") -> dict[str, Target]:
