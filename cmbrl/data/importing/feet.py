@@ -65,6 +65,7 @@ def with_places(
 
     ``turned``: by episode, configurations (T, nq) with the base where it may be. Raises UserError where nothing stands.
     """
+    _check_stands(scene, base)
     found, slips, speeds = [], [], []
     for episode, q in zip(episodes, turned, strict=True):
         placed = place(scene, q, base, dt)
@@ -86,9 +87,12 @@ def with_places(
     )
 
 
-def has_floor(scene: Scene) -> bool:
-    """Whether there is one floor that points of a robot may touch."""
-    return not scene.planar and len(_floors(scene)) == 1
+def stands(scene: Scene, base: Floating) -> bool:
+    """Whether there is one floor that other bodies than the ``base`` may touch: what flies has none."""
+    core = scene.core
+    own = int(core.jnt_body[np.flatnonzero(core.jnt_vadr == base.vadr)[0]])
+    others = (core.con_type == ContactKind.POINT_PLANE) & (core.con_bodyA != own)
+    return bool(not scene.planar and len(_floors(scene)) == 1 and others.any())
 
 
 def _floors(scene: Scene) -> set[tuple[float, ...]]:
@@ -98,15 +102,21 @@ def _floors(scene: Scene) -> set[tuple[float, ...]]:
     return {(*core.plane_normal[p], float(core.P[scene.layout.plane(p)])) for p in planes}
 
 
+def _check_stands(scene: Scene, base: Floating) -> None:
+    """Raises UserError without a floor for what is not the ``base`` itself."""
+    if stands(scene, base):
+        return
+    count = len(_floors(scene))
+    has = f"has {count} floors" if count > 1 else "has no feet" if count else "has no floor"
+    remedy = "" if count else ': add one <geom type="plane"> to the file,'
+    raise UserError(
+        f"no place of {base.name!r} in the log, and scene {scene.name!r} {has} to tell it by{remedy or ':'} "
+        f"{'or ' if remedy else ''}give poses by --base"
+    )
+
+
 def points(scene: Scene) -> np.ndarray:
-    """Contacts (k,) of points with the scene's only floor; raises UserError without one."""
-    if not has_floor(scene):
-        count = len(_floors(scene))
-        has = f"has {count} floors" if count else "has no floor"
-        raise UserError(
-            f"no place of the base in the log, and scene {scene.name!r} {has} for its feet to tell it by: add one "
-            '<geom type="plane"> to the file, or give poses by --base'
-        )
+    """Contacts (k,) of points with a floor."""
     return np.flatnonzero(scene.core.con_type == ContactKind.POINT_PLANE)
 
 

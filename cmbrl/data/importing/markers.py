@@ -5,11 +5,11 @@ pose taken for the base's, a robot leans and floats that stands. What stands tel
 the floor is at the floor's height and does not move over it (as in ``feet``). With the pose R, p of the markers in the
 base,
 
-    base's rotation = markers' rotation R^T,      base's place = markers' place - base's rotation p,
+    base's rotation = markers' rotation R^T,      base's place = markers' place - base's rotation p - rise,
 
-R and p are those at which heights and moves of standing points are least: damped Gauss-Newton from four headings, each
-point weighed by its height over the lowest and by how far it slips. Parts of the motion tell an R and p of their own:
-their spread says how sure the common ones are.
+R, p and the rise of the capture's floor are those at which heights and moves of standing points are least: damped
+Gauss-Newton from four headings, each point weighed by its height over the lowest and by how far it slips. Parts of the
+motion tell values of their own: their spread says how sure the common ones are.
 """
 
 from __future__ import annotations
@@ -30,39 +30,49 @@ _HEADINGS = 4
 _ITERATIONS, _FIRST, _STEP = 25, 10, 1e-6
 _PLACE, _TURN = 0.02, np.deg2rad(0.5)  #: [m], [rad] less than which is left to a fit
 _SURE = 3.0  # times its error
-_BETTER = 0.8  # times what heights and moves are without
+_BETTER, _SLIPS = 0.8, 0.8  # times what heights and moves are without; of their speed, that feet move over the floor
+_FARTHEST = 0.5  # [m]: no markers are so far from the base, but a robot that flies or hangs is from its floor
 
 
 @dataclass(frozen=True)
 class Markers:
-    """Pose of the markers in the base: ``place`` (3,) [m], ``turn`` (3,), a rotation vector [rad]; errors of both.
+    """Pose of the markers in the base: ``place`` (3,) [m], ``turn`` (3,), a rotation vector [rad].
 
-    ``share``: of the misfit without, that is left.
+    ``rise`` (3,) [m]: how much higher the capture's floor is than the file's. ``errors`` (7,): of place, turn and rise.
+
+    ``share``: of the misfit without, that is left; ``slips``: how fast what stands moves over the floor, of how fast it
+    moves in the axes of the base, in the median: 1 for feet in the air.
     """
 
     place: np.ndarray
     turn: np.ndarray
+    rise: np.ndarray
     errors: np.ndarray
     share: float
+    slips: float
 
     @property
     def clear(self) -> bool:
         """Whether it is much, surely, and explains what stands."""
-        size = np.array([np.linalg.norm(self.place), np.linalg.norm(self.turn)])
-        error = np.linalg.norm(self.errors.reshape(2, 3), axis=1)
-        return bool(((size > [_PLACE, _TURN]) & (size > _SURE * error)).any() and self.share < _BETTER)
+        size = np.array([np.linalg.norm(part) for part in (self.place, self.turn, self.rise)])
+        error = np.array([np.linalg.norm(part) for part in np.split(self.errors, [3, 6])])
+        stands = self.slips < _SLIPS and self.share < _BETTER and size[0] < _FARTHEST
+        return bool(stands and ((size > [_PLACE, _TURN, _PLACE]) & (size > _SURE * error)).any())
 
     def base(self, poses: np.ndarray) -> np.ndarray:
         """Poses (T, 7) of the base from those of the markers."""
         back = rotate_by(np.array([1.0, 0.0, 0.0, 0.0]), -self.turn)
         turn = quaternion_product(poses[:, 3:], np.broadcast_to(back, (len(poses), 4)))
-        return np.hstack([poses[:, :3] - quaternion_matrix(turn) @ self.place, turn])
+        return np.hstack([poses[:, :3] - quaternion_matrix(turn) @ self.place - self.rise, turn])
 
     def __str__(self) -> str:
         place = " ".join(f"{x:.3f}" for x in self.place)
         turn = " ".join(f"{x:.2f}" for x in np.rad2deg(self.turn))
-        errors = np.abs(self.errors).reshape(2, 3).max(axis=1)
-        return f"{place} m (+- {errors[0]:.2g}), turned by {turn} degrees (+- {np.rad2deg(errors[1]):.2g})"
+        off, turned, level = (float(part.max()) for part in np.split(self.errors, [3, 6]))
+        return (
+            f"{place} m (+- {off:.2g}), turned by {turn} degrees (+- {np.rad2deg(turned):.2g}), over a floor "
+            f"{self.rise.sum():.3f} m (+- {level:.2g}) higher than the file's"
+        )
 
 
 def markers(poses: np.ndarray, touching: Touching, dt: float) -> Markers:
@@ -73,13 +83,15 @@ def markers(poses: np.ndarray, touching: Touching, dt: float) -> Markers:
     stride = max(1, round(_STRIDE / dt))
     first = np.unique(np.linspace(0, len(poses) - 1 - stride, _ROWS).astype(int))
     pairs = _Pairs.of(poses, touching, np.stack([first, first + stride], axis=1), stride * dt)
-    starts = [np.array([0, 0, 0, 0, 0, 2 * np.pi * k / _HEADINGS]) for k in range(_HEADINGS)]
+    starts = [np.array([0, 0, 0, 0, 0, 2 * np.pi * k / _HEADINGS, 0]) for k in range(_HEADINGS)]
     few = pairs.some(np.unique(np.linspace(0, len(first) - 1, _FEW).astype(int)))
     best = pairs.fitted(min((few.fitted(start) for start in starts), key=few.misfit))
-    best[3:] = rotation_between(np.array([1.0, 0, 0, 0]), rotate_by(np.array([1.0, 0, 0, 0]), best[3:]))
+    same = np.array([1.0, 0.0, 0.0, 0.0])
+    best[3:6] = rotation_between(same, rotate_by(same, best[3:6]))
     parts = [pairs.some(rows).fitted(best) for rows in np.array_split(np.arange(len(first)), PARTS)]
     errors = np.std(parts, axis=0, ddof=1) / np.sqrt(PARTS)
-    return Markers(best[:3], best[3:], errors, pairs.misfit(best) / max(pairs.misfit(np.zeros(6)), 1e-12))
+    share = pairs.misfit(best) / max(pairs.misfit(np.zeros(7)), 1e-12)
+    return Markers(best[:3], best[3:6], best[6] * touching.up, errors, share, pairs.slips(best))
 
 
 @dataclass(frozen=True)
@@ -110,7 +122,11 @@ class _Pairs:
 
     def residuals(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Heights and moves (P, k, 4) in units of what is usual, and weights (P, k) of points that stand."""
-        base = Markers(x[:3], x[3:], np.zeros(6), 1.0).base(self.poses.reshape(-1, 7)).reshape(self.poses.shape)
+        base = (
+            Markers(x[:3], x[3:6], x[6] * self.up, np.zeros(7), 0.0, 0.0)
+            .base(self.poses.reshape(-1, 7))
+            .reshape(self.poses.shape)
+        )
         turn = quaternion_matrix(base[..., 3:])
         centre = base[..., None, :3] + np.einsum("...ij,...kj->...ki", turn, self.centre)
         rotation = np.einsum("...ij,...kjl->...kil", turn, self.rotation)
@@ -129,17 +145,25 @@ class _Pairs:
         found, weight = self.residuals(x)
         return float(np.sqrt((weight[..., None] * found**2).sum() / weight.sum()))
 
+    def slips(self, x: np.ndarray) -> float:
+        """The median speed over the floor of points that stand, of that in the axes of the base."""
+        found, weight = self.residuals(x)
+        most = weight > 0.5 * weight.max(axis=1, keepdims=True)
+        over = np.linalg.norm(found[..., 1:], axis=-1)[most] * _SPEED * self.lasting
+        own = np.linalg.norm(self.centre[:, 1] - self.centre[:, 0], axis=-1)[most]
+        return float(np.median(over) / max(float(np.median(own)), 1e-12))
+
     def fitted(self, x: np.ndarray) -> np.ndarray:
-        """The place and turn (6,) of least misfit near ``x``; the turn first, since places mean little before."""
+        """The place, turn and rise (7,) of least misfit near ``x``; the turn first, since places mean little before."""
         x = x.copy()
         for k in range(_ITERATIONS):
             found, weight = self.residuals(x)
             root = np.sqrt(weight)[..., None]
             slope = np.stack(
-                [((self.residuals(x + _STEP * e)[0] - found) * root).ravel() / _STEP for e in np.eye(6)], axis=1
+                [((self.residuals(x + _STEP * e)[0] - found) * root).ravel() / _STEP for e in np.eye(7)], axis=1
             )
             step = np.linalg.lstsq(slope, -(found * root).ravel(), rcond=1e-9)[0]
-            most = np.concatenate([np.full(3, 0.1), np.full(3, 0.3)])
+            most = np.array([0.1, 0.1, 0.1, 0.3, 0.3, 0.3, 0.1])
             step /= max(1.0, float((np.abs(step) / most).max()))
             x = x + (0.5 if k < _FIRST else 1.0) * step
             if np.abs(step).max() < 1e-7:

@@ -49,11 +49,11 @@ def of_markers(
     base = next(joint for joint in joints_of(scene)[1] if joint.free)
     if told is not None:
         given = np.asarray(told, dtype=np.float64)
-        found = Markers(given[:3], np.deg2rad(given[3:]), np.zeros(6), 0.0)
+        found = Markers(given[:3], np.deg2rad(given[3:]), np.zeros(3), np.zeros(7), 0.0, 0.0)
         return [_moved(episode, base, found) for episode in episodes], []
     longest = max(episodes, key=lambda episode: len(episode[base.name, QUATERNION]))
     poses = _poses(longest, base)
-    if len(poses) * dt < _LEAST or not feet.has_floor(scene):
+    if len(poses) * dt < _LEAST or not feet.stands(scene, base):
         return episodes, []
     q = configurations(longest, scene)
     q[:, base.qadr : base.qadr + 7] = 0.0
