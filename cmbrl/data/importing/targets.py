@@ -9,28 +9,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, TURN, Floating, Single, joints_of
+from cmbrl.data.importing.units import TURN_UNITS, UNITS, affine_of, factor_of
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.numbers import shown
 
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
 
-TURN_UNITS = {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi, "mrad": 1e-3}
-UNITS: dict[str, dict[str, float]] = {
-    "angle": TURN_UNITS,
-    "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
-    "angular speed": {
-        **{f"{unit}/s": factor for unit, factor in TURN_UNITS.items()}, "rpm": 2 * math.pi / 60, **TURN_UNITS,
-    },
-    "speed": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2, "m": 1.0, "mm": 1e-3, "cm": 1e-2},
-    "torque": {"N m": 1.0, "Nm": 1.0, "mN m": 1e-3, "mNm": 1e-3},
-    "force": {"N": 1.0},
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
-    "number": {},
-}  # fmt: skip
-_SHARES = {"percent": (0.0, 100.0), "+-percent": (-100.0, 100.0)}  # of a joint's range
-_UNIT = re.compile(r"(?P<sign>-?)(?P<unit>[A-Za-z]*)(?P<more>[+-]\d+(\.\d*)?)?")
-_PLACES = ("position", "command")
+_AFFINE = ("position", "command")  # of single joints: what may count from another zero
 SINGLE = ("position", "velocity", "command", "torque")
 BASE = "base"  #: the only free joint
 WORDS = {
@@ -86,7 +72,7 @@ def parse(text: str, scene: Scene) -> Target | None:
     if word == "-":
         return None
     if word in ("time", "episode"):
-        return Target("", word, _factor(unit, "time" if word == "time" else "number", text))
+        return Target("", word, factor_of(unit, "time" if word == "time" else "number", text))
     owner, dot, quantity = word.rpartition(".")
     if not dot:
         raise UserError(f"--map: {shown(text)}: give JOINT.QUANTITY:UNIT, ACTUATOR.control, time:UNIT, episode or -")
@@ -94,16 +80,16 @@ def parse(text: str, scene: Scene) -> Target | None:
     if quantity == "control":
         if owner not in scene.actuator_names:
             raise UserError(f"--map: no actuator {owner!r}: {did_you_mean(owner, scene.actuator_names)}")
-        return Target(owner, quantity, _factor(unit, "number", text))
+        return Target(owner, quantity, factor_of(unit, "number", text))
     body = _base(floating) if owner == BASE and owner not in scene.joint_names else None
     known: list[Single | Floating] = [body] if body else [*single, *floating]
     for joint in known:
         if joint is not body and joint.name != owner:
             continue
         dimension = _dimension(joint, quantity)
-        if isinstance(joint, Single) and quantity in _PLACES:
-            return Target(joint.name, quantity, *_affine(unit, dimension, joint, scene, text))
-        return Target(joint.name, quantity, _factor(unit, dimension, text))
+        if isinstance(joint, Single) and quantity in _AFFINE:
+            return Target(joint.name, quantity, *affine_of(unit, dimension, joint, scene, text))
+        return Target(joint.name, quantity, factor_of(unit, dimension, text))
     raise UserError(f"--map: no joint {owner!r}: {did_you_mean(owner, scene.joint_names)}")
 
 
@@ -124,32 +110,6 @@ def _dimension(joint: Single | Floating, quantity: str) -> str:
     if quantity not in known:
         raise UserError(f"--map: joint {joint.name!r} has no {quantity!r}: {did_you_mean(quantity, known)}")
     return known[quantity]
-
-
-def _factor(unit: str, dimension: str, text: str) -> float:
-    if not unit:
-        return 1.0
-    known = UNITS[dimension]
-    if unit not in known:
-        told = did_you_mean(unit, known) if known else "it has none"
-        raise UserError(f"--map: {shown(text)}: {unit!r} is no unit of this {dimension}: {told}")
-    return known[unit]
-
-
-def _affine(unit: str, dimension: str, joint: Single, scene: Scene, text: str) -> tuple[float, float]:
-    """Factor and zero of a position or a target whose ``unit`` may have a sign and what is to be added."""
-    if unit in _SHARES:
-        if joint.vadr not in (lines := scene.core.lim_line.tolist()):
-            raise UserError(f"--map: {shown(text)}: joint {joint.name!r} has no range in the file to be a share of")
-        limit, (low, high) = lines.index(joint.vadr), _SHARES[unit]
-        first, last = float(scene.core.lim_lo[limit]), float(scene.core.lim_hi[limit])
-        factor = (last - first) / (high - low)
-        return factor, first - low * factor
-    parts = _UNIT.fullmatch(unit)
-    if parts is None:
-        return _factor(unit, dimension, text), 0.0
-    factor = _factor(parts["unit"], dimension, text)
-    return (-factor if parts["sign"] else factor), float(parts["more"] or 0.0) * factor
 
 
 def match(columns: Iterable[str], given: Mapping[str, str], scene: Scene, angles: str = "rad") -> dict[str, Target]:
