@@ -89,6 +89,27 @@ def test_poses_of_the_base_itself_stay(stands: SimpleNamespace, tmp_path: Path) 
     assert not any("markers" in note for note in found.notes)
 
 
+def test_a_robot_that_hangs_tells_no_markers(stands: SimpleNamespace, tmp_path: Path) -> None:
+    rows, draw = len(stands.capture["time"]), np.random.default_rng(2)
+    place = np.array([0.0, 0.0, 0.5]) + 2e-4 * draw.normal(size=(rows, 3))
+    turn = rotate_by(np.tile([1.0, 0.0, 0.0, 0.0], (rows, 1)), 5e-4 * draw.normal(size=(rows, 3)))
+    held = {f"q{x}": turn[:, k] for k, x in enumerate("wxyz")}
+    np.savez(tmp_path / "hangs.npz", time=stands.capture["time"], position=place, **held)
+    options = Options(base=(tmp_path / "hangs.npz",), base_offset=LATER)
+    found = import_logs([stands.folder / "joints.npz"], stands.scene, options)
+    assert not any("markers" in note for note in found.notes)
+
+
+def test_what_flies_is_not_placed_by_its_base(tmp_path: Path) -> None:
+    text = """<mujoco model="drone"><worldbody><geom type="plane" size="9 9 .1"/><body name="hull"><freejoint
+    name="root"/><geom type="box" size=".1 .1 .02"/><site name="middle"/></body></worldbody>
+    <actuator><motor name="thrust" site="middle" gear="0 0 1 0 0 0"/></actuator></mujoco>"""
+    turn = {f"q{x}": np.full(100, float(x == "w")) for x in "wxyz"}
+    np.savez(tmp_path / "imu.npz", time=0.01 * np.arange(100), thrust_control=np.linspace(9.0, 11.0, 100), **turn)
+    with pytest.raises(UserError, match="scene 'drone' has no feet to tell it by: give poses by --base"):
+        import_logs([tmp_path / "imu.npz"], Scene.from_mjcf(text))
+
+
 def test_an_attitude_alone_is_placed_by_feet(stands: SimpleNamespace, tmp_path: Path) -> None:
     found = import_logs([stands.folder / "imu.npz"], stands.scene)
     log = found.log
@@ -126,7 +147,7 @@ def test_what_does_not_tell_the_place(stands: SimpleNamespace, tmp_path: Path) -
         import_logs([file], stands.scene, Options(kind="transitions"))
     text = crawler(3.0).replace('<geom name="floor" type="plane" size="9 9 .1"/>', "")
     with pytest.raises(
-        UserError, match="'crawler' has no floor to tell it by: add one <geom type=.*, or give poses by"
+        UserError, match=r"'crawler' has no floor to tell it by: add one <geom type=.*, or give poses by"
     ):
         import_logs([file], Scene.from_mjcf(text))
     mirrored = {
