@@ -28,7 +28,9 @@ _GROWS, _SHARE = 10.0, 0.25  # times that, and of a model's error: then the star
 
 @dataclass(frozen=True)
 class OpenLoop:
-    """Positions (T, nv) less those of the log, by model, at ``time`` (T,) [s]; errors count from ``since`` [s] on.
+    """Positions (T, n) less those of the log, by model, at ``time`` (T,) [s]; errors count from ``since`` [s] on.
+
+    n are the coordinates that the log measured.
 
     ``recording`` (T,) numbers the ``logs``, if there are several. ``astray``: by model, how far off [rad, m] it is, in
     the mean over judged rows, if its start is 0.1 mrad, mm off to the worse side. ``restart`` [s]: each simulation ends
@@ -45,7 +47,7 @@ class OpenLoop:
     restart: float | None = None
 
     def mean(self, model: str, log: int | None = None) -> np.ndarray:
-        """Mean absolute errors (nv,) [rad, m] of the judged rows, perhaps of one log; infinite if it diverged."""
+        """Mean absolute errors (n,) [rad, m] of the judged rows, perhaps of one log; infinite if it diverged."""
         judged = (self.time >= self.since) & (True if log is None else self.recording == log)
         size = np.abs(self.errors[model][judged])
         return np.where(np.isfinite(size), size, np.inf).mean(axis=0) if len(size) else np.full(len(self.names), np.nan)
@@ -100,26 +102,30 @@ def simulate(
     progress: Callable[[float, str], None] | None = None,
     logs: Sequence[str] = (),
     restart: float | None = None,
+    measured: np.ndarray | None = None,
 ) -> OpenLoop:
     """Simulates each episode of ``data`` from its first state with every model.
 
     ``time`` (N,) [s] of the states after each row; ``logs``: names by ``data.recording``; ``restart``: start anew from
-    the log after so many seconds. Raises UserError for another robot, and if no row is at ``since`` or later.
+    the log after so many seconds; ``measured`` (nv,): the coordinates that count, default: all. Raises UserError for
+    another robot, and if no row is at ``since`` or later.
     """
     data.check(scene)
     if not (time >= since).any():
         raise UserError(f"the log ends at {time.max():g} s, before {since:g} s: give an earlier --from")
     errors, astray, judged = {}, {}, time >= since
+    columns = np.arange(scene.nv) if measured is None else np.flatnonzero(measured)
     for done, (name, model) in enumerate(models.items()):
         if progress is not None:
             progress(done / len(models), name)
         log = seen(model, data)  # of whole episodes: late commands are those of before a new start
         log = log if restart is None else _restarted(log, restart)
         parts = [_drift(model, log.select(log.episode == e), scene) for e in np.unique(log.episode)]
-        errors[name], *others = (np.concatenate(found) for found in zip(*parts, strict=True))
+        errors[name], *others = (np.concatenate(found)[:, columns] for found in zip(*parts, strict=True))
         with np.errstate(all="ignore"):
             astray[name] = float(np.max([np.abs(other - errors[name])[judged].mean() for other in others]))
-    return OpenLoop(tuple(scene.coordinate_names), time, errors, since, data.recording, tuple(logs), astray, restart)
+    names = tuple(scene.coordinate_names[k] for k in columns)
+    return OpenLoop(names, time, errors, since, data.recording, tuple(logs), astray, restart)
 
 
 def _restarted(data: Transitions, seconds: float) -> Transitions:

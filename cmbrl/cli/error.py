@@ -98,7 +98,7 @@ def run(arguments: argparse.Namespace) -> None:
         if value is not None and not arguments.open_loop:
             raise UserError(f"{option} is for --open-loop: add it, or drop {option}")
     source = common_source(words, arguments.scene, arguments.ignore, arguments.contact_law, arguments.self_contact)
-    source, data, time, logs = _log(arguments, source)
+    source, data, time, logs, measured = _log(arguments, source)
     gap = arguments.contact_gap or (source.task.contact_gap if source.task else CONTACT_GAP)
     models = build_models(words, source, data, arguments.threads or usable_cores(), arguments.sliding)
     notes = [] if arguments.sliding else notes_on_laws(models, words)
@@ -117,7 +117,7 @@ def run(arguments: argparse.Namespace) -> None:
     with fraction("compare") as progress:
         if arguments.open_loop:
             since = 0.0 if arguments.since is None else arguments.since
-            table = simulate(models, data, source.scene, time, since, progress, logs, arguments.restart)
+            table = simulate(models, data, source.scene, time, since, progress, logs, arguments.restart, measured)
         else:
             table = compare(models, data, source.scene, arguments.horizons, gap, progress=progress, logs=logs)
     notes += left_out_lines((e.kind, e.name, e.why) for e in source.scene.left_out)
@@ -136,20 +136,26 @@ def run(arguments: argparse.Namespace) -> None:
     print(json.dumps(result, indent=2) if arguments.json else text)
 
 
-def _log(arguments: argparse.Namespace, source: Source) -> tuple[Source, Transitions, np.ndarray, tuple[str, ...]]:
-    """The source with what commands drive, all logs as one, the time [s] after each row, what the logs are called."""
+def _log(
+    arguments: argparse.Namespace, source: Source
+) -> tuple[Source, Transitions, np.ndarray, tuple[str, ...], np.ndarray]:
+    """The source with what commands drive, all logs as one, the time [s] after each row, what the logs are called.
+
+    And which coordinates (nv,) they measured.
+    """
     from cmbrl.data.position_log import PositionLog
     from cmbrl.data.several import named_logs, scene_of_logs, together
 
     logs = load_logs(arguments.data, source.scene)
-    times = []
+    times, measured = [], np.ones(source.scene.nv, dtype=bool)
     for name, log in logs.items():
         if isinstance(log, PositionLog):
             if not arguments.open_loop:
                 raise UserError(f"{name}: {POSITIONS_ONLY}")
+            measured &= log.measured(source.scene)
             times.append(log.time[np.flatnonzero(log.episode[1:] == log.episode[:-1]) + 1])
         else:
             first = np.searchsorted(log.episode, log.episode) if len(log) else 0
             times.append(log.dt * (np.arange(len(log)) - first + 1))
     source = replace(source, scene=scene_of_logs(logs, source.scene))
-    return source, together(named_logs(logs), source.scene), np.concatenate(times), tuple(logs)
+    return source, together(named_logs(logs), source.scene), np.concatenate(times), tuple(logs), measured

@@ -94,6 +94,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--quaternion", choices=("wxyz", "xyzw"), help="order of quaternions in arrays (asked for where not named)"
     )
     parser.add_argument(
+        "--markers",
+        type=number,
+        nargs=6,
+        metavar=("X", "Y", "Z", "RX", "RY", "RZ"),
+        help="where in the base what the poses are of sits [m] and how it is turned [degrees, a rotation vector] "
+        "(default: found by the feet that stand, where a motion capture tells the poses)",
+    )
+    parser.add_argument(
         "--velocity-window", type=positive, default=5, metavar="K", help="samples of an estimated velocity (default 5)"
     )
     add_scene_options(parser)
@@ -119,6 +127,7 @@ def run(arguments: argparse.Namespace) -> None:
         base=tuple(arguments.base),
         base_offset=arguments.base_offset,
         quaternion=arguments.quaternion,
+        markers=None if arguments.markers is None else tuple(arguments.markers),
     )
     source = load_source(arguments.scene, arguments.ignore, arguments.contact_law, arguments.self_contact)
     found = import_logs(arguments.files, source.scene, options)

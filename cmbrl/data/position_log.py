@@ -2,7 +2,8 @@
 
 The file is an npz with the keys ``time`` (T,) [s], ``joint_position`` (T, n), ``commanded_position``, ``torque`` or
 ``control`` (T, m), ``joint_names`` (n,), and, where known, ``actuator_names`` (m,), ``kp``, ``kd``, ``episode`` (T,).
-Of a floating robot, ``base_position`` (T, 3) and ``base_quaternion`` (T, 4) besides, which are all of a tossed body.
+Of a floating robot, ``base_position`` (T, 3) and ``base_quaternion`` (T, 4) besides, which are all of a tossed body;
+``place_told`` is False where the former were estimated.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from cmbrl.data.splitting import row_numbers
 from cmbrl.data.ties import followers
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.files import check_writable, write_bytes
-from cmbrl.numbers import names, one_of
+from cmbrl.numbers import names, one_of, switch
 from cmbrl.reading import regular_file
 from cmbrl.scene.held import holding
 from cmbrl.scene.records import JointKind
@@ -52,6 +53,7 @@ class PositionLog:
     kd: np.ndarray | None = None  #: (m,) their gain of the velocity [N m s/rad, N s/m]; None: that of the scene
     episode: np.ndarray = None  # type: ignore[assignment]  #: (T,) int64, the episode of each row; None: all are one
     base: np.ndarray | None = None  #: (T, 7) of the only free joint: place in the world [m], quaternion w x y z
+    place_told: bool = True  #: whether the place in ``base`` was measured; else it was estimated, and is not compared
 
     def __post_init__(self) -> None:
         one_of(self.command_kind, COMMANDS, "kind of command")
@@ -71,6 +73,7 @@ class PositionLog:
         if self.base is not None:
             object.__setattr__(self, "base", checks.poses(self.base, rows))
         episode = np.zeros(rows) if self.episode is None else self.episode
+        object.__setattr__(self, "place_told", switch(self.place_told, "place_told"))
         object.__setattr__(self, "position", position)
         object.__setattr__(self, "command", command)
         object.__setattr__(self, "joint_names", joints)
@@ -117,6 +120,16 @@ class PositionLog:
             if name not in known or known[name].kind == JointKind.BALL:
                 raise UserError(f"joint {name!r} has no single position; a position log has hinges and slides")
         return np.array([known[name].vadr for name in self.joint_names], dtype=np.int64)
+
+    def measured(self, scene: Scene) -> np.ndarray:
+        """Which coordinates (nv,) of ``scene`` the log measured: all but the place of a base that was estimated."""
+        found = np.ones(scene.nv, dtype=bool)
+        if not self.place_told and (name := free_joint(scene)):
+            slides = [
+                j for j in scene.joints if j.source == scene.joint_names.index(name) and j.kind == JointKind.SLIDE
+            ]
+            found[[joint.vadr for joint in slides]] = False
+        return found
 
     def actuators(self, scene: Scene) -> np.ndarray:
         """(m,) places in ``scene``'s u of the columns of ``command``; raises UserError where there is none."""
@@ -199,6 +212,8 @@ class PositionLog:
             arrays["actuator_names"] = np.asarray(self.actuator_names, dtype=np.str_)
         if self.base is not None:
             arrays["base_position"], arrays["base_quaternion"] = self.base[:, :3], self.base[:, 3:]
+            if not self.place_told:
+                arrays["place_told"] = np.array(False)
         for name, gains in (("kp", self.kp), ("kd", self.kd)):
             if gains is not None:
                 arrays[name] = gains[0] if len(set(gains.tolist())) == 1 else gains
@@ -257,6 +272,8 @@ def _from_arrays(found: dict[str, np.ndarray]) -> PositionLog:
     options: dict[str, Any] = {
         key: found[key] for key in ("kp", "kd", "episode", "actuator_names", "base") if key in found
     }
+    if "place_told" in found:
+        options["place_told"] = found["place_told"].tolist()
     log = PositionLog(
         time=found["time"],
         position=found["joint_position"],

@@ -44,6 +44,7 @@ class Evidence:
     observation: Observation
     space: Space
     positions_only: bool
+    measured: np.ndarray  #: (nv,) coordinates whose positions are compared: not those that a log had to estimate
 
     @classmethod
     def of(cls, model: ComplementarityModel, data: Logs) -> Evidence:
@@ -68,7 +69,9 @@ class Evidence:
         ]
         start = np.append(model.parameters, observation.vector(model.observation))
         space = Space.of((*physical, *offered), start)
-        return cls(model, log, tuple(logs), observation, space, positions_only)
+        told = [each.measured(model.scene) for each in of_positions.values()]
+        measured = np.all([np.ones(model.scene.nv, dtype=bool), *told], axis=0)
+        return cls(model, log, tuple(logs), observation, space, positions_only, measured)
 
     def horizons(self, asked: int | str) -> tuple[int, ...]:
         """Numbers of steps that predictions may be compared over: the one ``asked``, several to choose from if "auto".
@@ -91,7 +94,8 @@ class Evidence:
     def scales(self, horizon: int, huber: float, noise: np.ndarray | None = None) -> tuple[Scales, ...]:
         """What errors are measured in, by log, with ``noise`` (logs, 2 nv); estimated velocities do not count."""
         if self.positions_only:
-            return (Scales.of_positions(self.model.scene, self.log, horizon, huber),) * len(self.names)
+            scales = Scales.of_positions(self.model.scene, self.log, horizon, huber)
+            return (replace(scales, q=np.where(self.measured, scales.q, np.inf)),) * len(self.names)
         alike = Scales.of(self.model.scene, self.log, huber)
         if noise is None:
             return (alike,) * len(self.names)
@@ -102,7 +106,7 @@ class Evidence:
     @property
     def compared(self) -> int:
         """How many coordinates of a prediction are compared with the log: positions, and velocities that it tells."""
-        return self.model.scene.nv * (1 if self.positions_only else 2)
+        return int(self.measured.sum()) if self.positions_only else 2 * self.model.scene.nv
 
     def seen(self, theta: np.ndarray) -> tuple[np.ndarray, Transitions]:
         """The model's parameters of ``theta`` (n,), and the log as its state and control."""

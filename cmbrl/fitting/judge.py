@@ -52,7 +52,7 @@ class Judge:
             ends = starts + h - 1
             dq = spread(scene.difference(data.q[starts], data.q_next[ends]), REST * data.dt * h)
             if evidence.positions_only:
-                dq = np.hypot(dq, least_units(scene, data))
+                dq = np.where(evidence.measured, np.hypot(dq, least_units(scene, data)), np.inf)
             dv = spread(data.v_next[ends] - data.v[starts], REST)
             scale = np.concatenate([dq, np.full_like(dv, np.inf) if evidence.positions_only else dv])
             if rows is not None:

@@ -47,6 +47,7 @@ def by_horizon(
     if evidence.positions_only:
         horizons, share = (_longest(evidence, unseen.horizon),), _SHARE_OF_POSITIONS * share
         least = least_units(scene, log)
+        least = np.where(evidence.measured, least, np.inf)
         units = [np.append(np.hypot(unit[: scene.nv], least), np.full(scene.nv, np.inf)) for unit in units]
     found: dict[int, list[tuple[Judge, dict[str, np.ndarray]]]] = {}
     for held_out, theta in zip(unseen.rows, unseen.theta, strict=True):

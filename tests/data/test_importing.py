@@ -112,6 +112,8 @@ def test_a_floating_base_is_known_by_its_letters() -> None:
         ({"a": "elbow.positon"}, "joint 'elbow' has no 'positon': did you mean 'position'"),
         ({"a": "elbow.position:grad"}, "'grad' is no unit of this angle: did you mean 'rad'"),
         ({"a": "elbow.position:mm"}, "'mm' is no unit of this angle"),
+        ({"a": "elbow.velocity:-deg/s"}, "'-deg/s' is no unit of this angular speed"),
+        ({"a": "elbow.position:-grad+3"}, "'grad' is no unit of this angle"),
         ({"a": "elbow.torque:N"}, "'N' is no unit of this torque"),
         ({"a": "elbow.qw"}, "joint 'elbow' has no 'qw'"),
         ({"a": "elbow"}, "give JOINT.QUANTITY:UNIT"),
@@ -147,6 +149,25 @@ def test_units(imported: Import, log: PositionLog) -> None:
     with pytest.raises(UserError, match=r"samples are 5e\+06 s apart: is the unit of time right"):
         imported(time=np.arange(ROWS) * 5_000_000)
     assert imported(Options({"time": "time:ns"}), time=np.arange(ROWS) * 5_000_000).log.dt == pytest.approx(DT)
+
+
+def test_other_signs_zeros_and_shares_of_a_range(imported: Import, log: PositionLog) -> None:
+    """An elbow that counts degrees the other way from 30, and a wrist of -100 to 100 of its range of +-2.5 rad."""
+    columns = {"q": log.position.copy(), "target": log.command.copy()}
+    given = {}
+    for name, quantity in (("q", "position"), ("target", "command")):
+        columns[name][:, 1] = 30.0 - np.degrees(columns[name][:, 1])
+        columns[name][:, 2] *= 100.0 / 2.5
+        given |= {f"{name}.elbow": f"elbow.{quantity}:-deg+30", f"{name}.wrist": f"wrist.{quantity}:+-percent"}
+    found = imported(Options(given), **columns).log
+    np.testing.assert_allclose(found.position, log.position)
+    np.testing.assert_allclose(found.command, log.command)
+
+
+def test_a_share_needs_a_range() -> None:
+    text = '<mujoco><worldbody><body><joint name="wheel"/><geom size=".1"/></body></worldbody></mujoco>'
+    with pytest.raises(UserError, match="joint 'wheel' has no range in the file to be a share of"):
+        match(["a"], {"a": "wheel.position:percent"}, Scene.from_mjcf(text))
 
 
 def test_stamps_that_jitter_beside_a_topic_that_begins_between_them() -> None:

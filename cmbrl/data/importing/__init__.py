@@ -9,8 +9,8 @@ from itertools import zip_longest
 from typing import Any
 
 from cmbrl.data.drive import scene_of
-from cmbrl.data.importing import base, build
-from cmbrl.data.importing.bodies import joints_of
+from cmbrl.data.importing import base, build, feet, whereabouts
+from cmbrl.data.importing.bodies import PLACE, joints_of
 from cmbrl.data.importing.build import Frames
 from cmbrl.data.importing.commanded import Commanded
 from cmbrl.data.importing.gains import Gains, gains_of
@@ -51,6 +51,8 @@ class Options:
         base: files with the pose of the floating base, one for each log, with a clock of their own.
         base_offset: [s] by which that clock is later; None: found in the motion.
         quaternion: "wxyz" or "xyzw", the order in arrays of quaternions.
+        markers: (6,) place [m] and rotation vector [degrees] in the base of what the poses are of; None: found by what
+            stands on the floor, where poses are of a capture.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -66,6 +68,7 @@ class Options:
     base: tuple[str | os.PathLike[str], ...] = ()
     base_offset: float | None = None
     quaternion: str | None = None
+    markers: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -88,7 +91,7 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
     if poses and len(poses) != len(recordings):
         raise UserError(f"{len(recordings)} logs and {len(poses)} of the base: give one file of the base for each log")
     counts = Counts()
-    series, columns = _series(recordings, poses, scene, options, counts)
+    series, columns, slower = _series(recordings, poses, scene, options, counts)
     masters = [key for key in series[0][1] if key[1] == "position"] or list(series[0][1])
     step = usual_step([found[key] for _, found in series for key in masters])
     dt = 1 / options.rate if options.rate else step
@@ -97,18 +100,25 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
             f"{series[0][0]}: samples are {dt:.4g} s apart: is the unit of time right? Give it by --map COLUMN=time:ms "
             "(s, ms, us, ns)"
         )
-    episodes = [one for _, found in series for one in to_grid(found, masters, dt, options.gap, counts)]
+    episodes: Sequence[build.Episode] = [
+        one for _, found in series for one in to_grid(found, masters, dt, options.gap, counts)
+    ]
     if not episodes:
         raise UserError("no stretch of the log has all columns at once; check their times, or give a larger --gap")
+    episodes, by_feet = whereabouts.by_feet(episodes, dt, scene, options.kind)
+    captured = bool(poses or slower)
+    if (captured and options.kind != "transitions") or options.markers is not None:
+        episodes, moved = whereabouts.of_markers(episodes, dt, scene, options.markers)
+        columns += moved
     keys = set(episodes[0])
-    kind = options.kind or ("positions" if poses else _kind(keys, scene))
+    kind = options.kind or ("positions" if captured or by_feet else _kind(keys, scene))
     sizes = f"{counted(len(episodes), 'episode')} from {counted(len(paths), 'file')}"
-    notes = [f"{sizes}, a sample every {dt:.6g} s", *told(counts, options.gap), *columns]
+    notes = [f"{sizes}, a sample every {dt:.6g} s", *told(counts, options.gap), *columns, *by_feet]
     log: Transitions | PositionLog
     if kind == "positions":
         commanded = Commanded.of(keys, scene)
         gains = gains_of(options.kp, options.kd, recordings[0], commanded, scene)
-        log = build.positions(episodes, dt, scene, commanded, gains)
+        log = build.positions(episodes, dt, scene, commanded, gains, place_told=not by_feet)
         scene_of(log, scene)  # a motor that got targets needs the gains of its servo
     else:
         if wanted := build.undriven(keys, scene):
@@ -138,14 +148,23 @@ def _check(options: Options) -> None:
         one_of(options.kind, KINDS, "kind of log")
     if options.quaternion is not None:
         one_of(options.quaternion, base.ORDERS, "order of quaternions")
+    if options.markers is not None:
+        _check_markers(options.markers)
     if options.base_offset is not None:
         real(options.base_offset, "base offset", least=-1e12, most=1e12)
 
 
+def _check_markers(given: Sequence[float]) -> None:
+    if len(given) != 6:
+        raise UserError(f"markers = {given}: give X Y Z in m and RX RY RZ in degrees")
+    for value in given:
+        real(value, "markers", least=-360, most=360)
+
+
 def _series(
     recordings: Sequence[Recording], poses: Sequence[Recording], scene: Scene, options: Options, counts: Counts
-) -> tuple[list[tuple[str, dict[Key, Series]]], list[str]]:
-    """The series of each episode and where it is from, and which columns are used."""
+) -> tuple[list[tuple[str, dict[Key, Series]]], list[str], bool]:
+    """The series of each episode and where it is from, which columns are used, and whether poses came more slowly."""
     found: list[tuple[str, dict[Key, Series]]] = []
     notes: list[str] = []
     clocks: list[str] = []
@@ -174,15 +193,21 @@ def _series(
                     episodes[k], capture, scene, options.base_offset, frame, pose.where
                 )
                 clocks.append(note)
+        for k, one in enumerate([] if pose else episodes):
+            between, note = base.at_joints(one, scene, recording.where)
+            episodes[k] = one | between
+            clocks += [note] if note and note not in clocks else []
         for series in episodes:
             tied, follows = followers(series, scene)
             series |= tied
             notes += [note for note in follows if note not in notes]
-            if missing := build.lacking(set(series), scene):
+            standing = feet.told_by_feet(set(series), scene)
+            places = [f"{standing.name}.{x}" for x in PLACE] if standing else []
+            if missing := [name for name in build.lacking(set(series), scene) if name not in places]:
                 word = missing[0].partition(" ")[0]
                 raise UserError(
                     f"{recording.where}: no column for {missing[0]}: map one by --map COLUMN={word}"
-                    f"{remedy(series, scene)}; columns: {short(columns)}"
+                    f"{remedy(series, scene)}; columns: {short(sorted(columns, key=targets.__contains__))}"
                 )
             if found and set(series) != set(found[0][1]):
                 other = sorted(".".join(key) for key in set(series) ^ set(found[0][1]))[0]
@@ -191,7 +216,7 @@ def _series(
                     "robots? Import logs of one robot, recorded alike"
                 )
             found.append((recording.where, series))
-    return found, notes + clocks
+    return found, notes + clocks, bool(clocks)
 
 
 def _floats(scene: Scene) -> bool:

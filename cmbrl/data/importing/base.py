@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from cmbrl.data.importing import base_clock
-from cmbrl.data.importing.bodies import ANGULAR, PLACE, Floating, joints_of
+from cmbrl.data.importing.bodies import ANGULAR, PLACE, TURN, Floating, joints_of
 from cmbrl.data.importing.grid import Key, Series
 from cmbrl.data.importing.series import QUATERNION
 from cmbrl.data.importing.velocities import check_frame
@@ -18,6 +18,7 @@ from cmbrl.scene import Scene
 from cmbrl.scene.manifold import rotate_by, rotation_between
 
 ORDERS = ("wxyz", "xyzw")
+_CLEARLY = 3.0  # times its error: an offset that is one
 SLOWER = 1.2  # times the joints' time step: from there on the pose is smoothed before it is read in between
 _ARRAY = re.compile(r"(?P<name>.*)\[(?P<number>\d)\]")
 _TURNS, _PLACES = ("quat", "orient", "rotation"), ("pos", "translation", "xyz")
@@ -28,8 +29,10 @@ Found = dict[Key, Series]
 def mapping_of(columns: Iterable[str], given: Mapping[str, str], order: str | None, where: str) -> dict[str, str]:
     """Targets of the unnamed columns of arrays of places and quaternions, which tell no order by themselves.
 
-    Raises UserError for a quaternion without ``order``.
+    So are those of the only pose, as of a topic with a name of its own. Raises UserError for a quaternion without
+    ``order``.
     """
+    columns = list(columns)
     arrays: dict[str, dict[int, str]] = {}
     for column in columns:
         if (match := _ARRAY.fullmatch(column)) and column not in given:
@@ -46,7 +49,19 @@ def mapping_of(columns: Iterable[str], given: Mapping[str, str], order: str | No
             found |= {parts[k]: f"base.q{letter}" for k, letter in enumerate(order)}
         elif set(parts) == set(range(3)) and any(part in word for part in _PLACES):
             found |= {parts[k]: f"base.{letter}" for k, letter in enumerate(PLACE)}
-    return found
+    return found or _only_pose(columns, given)
+
+
+def _only_pose(columns: Iterable[str], given: Mapping[str, str]) -> dict[str, str]:
+    """Targets of the columns NAME.x to NAME.qz, where there is one such NAME and none of them was ``given``."""
+    heads: dict[str, set[str]] = {}
+    for column in columns:
+        head, _, last = column.rpartition(".")
+        heads.setdefault(head, set()).add(last)
+    poses = [head for head, parts in heads.items() if parts >= {*PLACE, *TURN}]
+    if len(poses) != 1 or not poses[0] or any(word.partition(".")[2] in (*PLACE, *TURN) for word in given.values()):
+        return {}
+    return {f"{poses[0]}.{x}": f"base.{x}" for x in (*PLACE, *TURN) if f"{poses[0]}.{x}" not in given}
 
 
 def synchronised(
@@ -75,12 +90,47 @@ def synchronised(
     time = time - offset
     if gyro is not None:
         _check_gyroscope(base, gyro, time, poses, frame)
-    masters = [one for key, one in robot.items() if key[1] == "position"]
     moved = {key: Series(one.time - offset, one.values, one.kind) for key, one in capture.items()}
-    if masters and (own := np.median(np.diff(time))) > SLOWER * (step := np.median(np.diff(masters[0].time))):
-        moved |= _between(time, poses, masters[0].time, base, where)
-        note += f"; poses every {own:.4g} s, smoothed, and read in between every {step:.4g} s"
-    return {**robot, **moved}, note
+    between, how = _at_joints(robot, time, poses, base, where)
+    return {**robot, **moved, **between}, "; ".join(filter(None, [note, how]))
+
+
+def at_joints(robot: Found, scene: Scene, where: str) -> tuple[Found, str]:
+    """The pose of the base in ``robot``, on the same clock, at the joints' samples where it is slower; what was done.
+
+    Nothing where it is as fast, or not there.
+    """
+    floating = [joint for joint in joints_of(scene)[1] if joint.free]
+    keys = [(base.name, name) for base in floating[:1] for name in (*PLACE, QUATERNION)]
+    if len(floating) != 1 or any(key not in robot for key in keys):
+        return {}, ""
+    time = robot[keys[3]].time
+    places = np.column_stack([np.interp(time, robot[key].time, robot[key].values[:, 0]) for key in keys[:3]])
+    poses = np.hstack([places, robot[keys[3]].values])
+    between, told = _at_joints(robot, time, poses, floating[0], where)
+    return between, told + _late(time, poses, robot, scene, where) if told else ""
+
+
+def _late(time: np.ndarray, poses: np.ndarray, robot: Found, scene: Scene, where: str) -> str:
+    """What to do about stamps of one clock that are those of arrival, where the motion clearly says so."""
+    try:
+        found = base_clock.offset(*_compared(time, poses, robot, None, None, scene), where)
+    except UserError:  # the motion does not tell
+        return ""
+    if not abs(found.seconds) > max(_CLEARLY * found.error, float(np.median(np.diff(time)))):
+        return ""
+    return (
+        f"; their stamps are {found.seconds:.4f} s (+- {found.error:.2g} s) later than the joints', by base and "
+        "joints: give the file by --base as well to take that out"
+    )
+
+
+def _at_joints(robot: Found, time: np.ndarray, poses: np.ndarray, base: Floating, where: str) -> tuple[Found, str]:
+    masters = [one for key, one in robot.items() if key[1] == "position"]
+    if not masters or (own := np.median(np.diff(time))) <= SLOWER * (step := np.median(np.diff(masters[0].time))):
+        return {}, ""
+    told = f"poses every {own:.4g} s, smoothed, and read in between every {step:.4g} s"
+    return _between(time, poses, masters[0].time, base, where), told
 
 
 def _only_base(scene: Scene) -> Floating:

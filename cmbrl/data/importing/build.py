@@ -49,9 +49,16 @@ def velocities_known(keys: set[Key], scene: Scene) -> bool:
 
 
 def positions(
-    episodes: Sequence[Episode], dt: float, scene: Scene, commanded: Commanded | None, gains: Mapping[str, Any]
+    episodes: Sequence[Episode],
+    dt: float,
+    scene: Scene,
+    commanded: Commanded | None,
+    gains: Mapping[str, Any],
+    place_told: bool = True,
 ) -> PositionLog:
     """The position log of ``episodes`` with what is ``commanded`` (None: nothing is driven).
+
+    ``place_told``: whether the place of the base was measured.
 
     Raises UserError for ball joints, two floating bodies, or a missing command.
     """
@@ -80,6 +87,7 @@ def positions(
         episode=np.repeat(np.arange(len(lengths)), lengths),
         actuator_names=commanded.names if commanded else (),
         base=poses[0] if poses else None,
+        place_told=place_told,
         **gains,
     )  # fmt: skip
 
@@ -99,7 +107,7 @@ def transitions(
     parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     estimated: list[str] = []
     for episode in episodes:
-        q, u = _configurations(episode, scene), _controls(episode, scene)
+        q, u = configurations(episode, scene), _controls(episode, scene)
         if len(q) < window + 2:
             continue
         smooth = smoothed(q, dt, window, scene)
@@ -119,7 +127,8 @@ def transitions(
     return log, estimated
 
 
-def _configurations(episode: Episode, scene: Scene) -> np.ndarray:
+def configurations(episode: Episode, scene: Scene) -> np.ndarray:
+    """q (T, nq) of ``episode``; a base whose place was not logged is at 0."""
     single, floating = joints_of(scene)
     q = np.zeros((len(next(iter(episode.values()))), scene.nq))
     for joint in single:
@@ -127,7 +136,7 @@ def _configurations(episode: Episode, scene: Scene) -> np.ndarray:
     for base in floating:
         turn = base.position["qw"]
         q[:, turn : turn + 4] = episode[base.name, QUATERNION]
-        for name in PLACE if base.free else ():
+        for name in PLACE if base.free and (base.name, PLACE[0]) in episode else ():
             q[:, base.position[name]] = episode[base.name, name][:, 0]
     return q
 

@@ -14,11 +14,12 @@ from cmbrl.text import shortened
 
 POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
+NONE = -1.0  #: the first covariance of an orientation that an IMU does not tell
 LATE = 3600.0  #: [s] a header's stamp further away from the time of recording is no stamp
 
 
 def read_rosbag(path: Path, joints: tuple[str, ...]) -> list[Recording]:
-    """Each topic of a known type is a table: JointState, JointTrajectory, arrays of numbers, poses, odometry, IMU.
+    """Each topic of a known type is a table: joints, trajectories, arrays of numbers, poses, odometry, IMU.
 
     Columns are called TOPIC.QUANTITY.JOINT; times are the headers' stamps, else those of recording.
     """
@@ -78,7 +79,18 @@ def _numbers(message: Any, joints: tuple[str, ...]) -> Iterator[tuple[str, float
 
 
 def _pose(message: Any, joints: tuple[str, ...]) -> Iterator[tuple[str, float]]:
-    place, turn = message.pose.position, message.pose.orientation
+    return _placed(message.pose.position, message.pose.orientation)
+
+
+def _covered(message: Any, joints: tuple[str, ...]) -> Iterator[tuple[str, float]]:
+    return _pose(message.pose, joints)
+
+
+def _transform(message: Any, joints: tuple[str, ...]) -> Iterator[tuple[str, float]]:
+    return _placed(message.transform.translation, message.transform.rotation)
+
+
+def _placed(place: Any, turn: Any) -> Iterator[tuple[str, float]]:
     return zip(POSE, (place.x, place.y, place.z, turn.w, turn.x, turn.y, turn.z), strict=True)
 
 
@@ -89,8 +101,10 @@ def _odometry(message: Any, joints: tuple[str, ...]) -> Iterator[tuple[str, floa
 
 
 def _imu(message: Any, joints: tuple[str, ...]) -> Iterator[tuple[str, float]]:
-    spin = message.angular_velocity
-    return zip(TWIST[3:], (spin.x, spin.y, spin.z), strict=True)
+    spin, turn = message.angular_velocity, message.orientation
+    yield from zip(TWIST[3:], (spin.x, spin.y, spin.z), strict=True)
+    if message.orientation_covariance[0] != NONE and any((turn.w, turn.x, turn.y, turn.z)):
+        yield from zip(POSE[3:], (turn.w, turn.x, turn.y, turn.z), strict=True)
 
 
 READERS = {
@@ -99,6 +113,8 @@ READERS = {
     "std_msgs/msg/Float64MultiArray": _numbers,
     "std_msgs/msg/Float32MultiArray": _numbers,
     "geometry_msgs/msg/PoseStamped": _pose,
+    "geometry_msgs/msg/PoseWithCovarianceStamped": _covered,
+    "geometry_msgs/msg/TransformStamped": _transform,
     "nav_msgs/msg/Odometry": _odometry,
     "sensor_msgs/msg/Imu": _imu,
 }

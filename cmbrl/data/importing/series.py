@@ -90,7 +90,8 @@ def _of_table(
         owner, quantity = key
         if not owner:
             continue
-        values = table.columns[column].astype(np.float64)[:, None] * targets[column].factor
+        target = targets[column]
+        values = table.columns[column].astype(np.float64)[:, None] * target.factor + target.zero
         one = clean(column, where, time, values, "held" if quantity in HELD else "line", counts)
         if quantity == "position" and owner in turning and within_a_turn(one.values):
             whole = np.unwrap(one.values, axis=0)

@@ -9,25 +9,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, TURN, Floating, Single, joints_of
+from cmbrl.data.importing.units import TURN_UNITS, UNITS, affine_of, factor_of
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.numbers import shown
 
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
 
-TURN_UNITS = {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi, "mrad": 1e-3}
-UNITS: dict[str, dict[str, float]] = {
-    "angle": TURN_UNITS,
-    "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
-    "angular speed": {
-        **{f"{unit}/s": factor for unit, factor in TURN_UNITS.items()}, "rpm": 2 * math.pi / 60, **TURN_UNITS,
-    },
-    "speed": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2, "m": 1.0, "mm": 1e-3, "cm": 1e-2},
-    "torque": {"N m": 1.0, "Nm": 1.0, "mN m": 1e-3, "mNm": 1e-3},
-    "force": {"N": 1.0},
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
-    "number": {},
-}  # fmt: skip
+_AFFINE = ("position", "command")  # of single joints: what may count from another zero
 SINGLE = ("position", "velocity", "command", "torque")
 BASE = "base"  #: the only free joint
 WORDS = {
@@ -52,16 +41,19 @@ NAMED = {"deg": math.pi / 180, "degrees": math.pi / 180, "rad": 1.0, "rpm": math
 SPEEDS = {"rpm"}  #: those that are of a velocity
 TIMES = {"time", "t", "timestamp", "timestamps", "times", "stamp"}
 CLOCKS = {"%time": 1e-9, "__time": 1.0}  #: of ``rostopic echo -p`` and of PlotJuggler
+POSES = {"q": {"quat", "quaternion", "orientation", "rotation"}, "": {"pos", "position", "translation"}}  #: of a base
+YIELDS = "imu"  #: what it tells of a base counts where no other column does
 EPISODES = {"episode", "episode_index", "episode_id", "trial", "toss", "trajectory"}
 
 
 @dataclass(frozen=True)
 class Target:
-    """``quantity`` of the joint or actuator ``owner`` ("" for time and episode); SI units are ``factor`` times it."""
+    """``quantity`` of the joint or actuator ``owner`` ("" for time, episode); in SI it is ``factor`` x + ``zero``."""
 
     owner: str
     quantity: str
     factor: float = 1.0
+    zero: float = 0.0
 
     @property
     def key(self) -> tuple[str, str]:
@@ -72,14 +64,15 @@ class Target:
 def parse(text: str, scene: Scene) -> Target | None:
     """``joint.quantity:unit``, ``base.qw``, ``actuator.control``, ``time:ms`` or ``episode``; None for ``-``.
 
-    Raises UserError that names what is unknown, and the nearest.
+    A unit may have a sign before it and what is to be added behind it, as ``-deg+90``; ``percent`` and ``+-percent``
+    are of the joint's range. Raises UserError that names what is unknown, and the nearest.
     """
     word, _, unit = text.strip().partition(":")
     word, unit = word.strip(), unit.strip()
     if word == "-":
         return None
     if word in ("time", "episode"):
-        return Target("", word, _factor(unit, "time" if word == "time" else "number", text))
+        return Target("", word, factor_of(unit, "time" if word == "time" else "number", text))
     owner, dot, quantity = word.rpartition(".")
     if not dot:
         raise UserError(f"--map: {shown(text)}: give JOINT.QUANTITY:UNIT, ACTUATOR.control, time:UNIT, episode or -")
@@ -87,13 +80,16 @@ def parse(text: str, scene: Scene) -> Target | None:
     if quantity == "control":
         if owner not in scene.actuator_names:
             raise UserError(f"--map: no actuator {owner!r}: {did_you_mean(owner, scene.actuator_names)}")
-        return Target(owner, quantity, _factor(unit, "number", text))
+        return Target(owner, quantity, factor_of(unit, "number", text))
     body = _base(floating) if owner == BASE and owner not in scene.joint_names else None
     known: list[Single | Floating] = [body] if body else [*single, *floating]
     for joint in known:
         if joint is not body and joint.name != owner:
             continue
-        return Target(joint.name, quantity, _factor(unit, _dimension(joint, quantity), text))
+        dimension = _dimension(joint, quantity)
+        if isinstance(joint, Single) and quantity in _AFFINE:
+            return Target(joint.name, quantity, *affine_of(unit, dimension, joint, scene, text))
+        return Target(joint.name, quantity, factor_of(unit, dimension, text))
     raise UserError(f"--map: no joint {owner!r}: {did_you_mean(owner, scene.joint_names)}")
 
 
@@ -116,16 +112,6 @@ def _dimension(joint: Single | Floating, quantity: str) -> str:
     return known[quantity]
 
 
-def _factor(unit: str, dimension: str, text: str) -> float:
-    if not unit:
-        return 1.0
-    known = UNITS[dimension]
-    if unit not in known:
-        told = did_you_mean(unit, known) if known else "it has none"
-        raise UserError(f"--map: {shown(text)}: {unit!r} is no unit of this {dimension}: {told}")
-    return known[unit]
-
-
 def match(columns: Iterable[str], given: Mapping[str, str], scene: Scene, angles: str = "rad") -> dict[str, Target]:
     """Targets of ``columns``: those in ``given`` as they are, others by their names. Columns of no use are left out.
 
@@ -146,10 +132,15 @@ def match(columns: Iterable[str], given: Mapping[str, str], scene: Scene, angles
         target = told[column] if column in told else guesser.target(column)
         if target is None or (column not in told and target.key in taken and taken[target.key] in told):
             continue
-        if target.key in taken and taken[target.key] != column:
+        other = taken.get(target.key, column)
+        if other != column and column not in told and (_of_imu(column) or _of_imu(other)):
+            if _of_imu(column):
+                continue
+            del found[other]
+        elif other != column:
             what = ".".join(filter(None, target.key))
             raise UserError(
-                f"columns {taken[target.key]!r} and {column!r} both look like {what}; drop one by --map {column}=- or "
+                f"columns {other!r} and {column!r} both look like {what}; drop one by --map {column}=- or "
                 f"say what it is by --map {column}=JOINT.QUANTITY:UNIT"
             )
         taken[target.key] = column
@@ -209,14 +200,21 @@ class _Guesser:
         return Target(joint.name, quantity, next((NAMED[word] for word in words & set(NAMED)), factor))
 
     def _of_base(self, name: str) -> Target | None:
-        head, _, last = name.rpartition(".")
-        known = {*PLACE, *TURN, *LINEAR, *ANGULAR}
-        if self.floating is None or last not in known:
+        *head, last = re.split(r"[._/ ]", name)
+        words = set(re.split(r"[^a-z]+", " ".join(head)))
+        for letter, kind in POSES.items():
+            if words & kind and letter + last in (*PLACE, *TURN):
+                last, words = letter + last, words - kind
+        if self.floating is None or last not in (*PLACE, *TURN, *LINEAR, *ANGULAR):
             return None
-        words = set(re.split(r"[^a-z]+", head)) - PLAIN
+        words -= PLAIN
         if words - {BASE, "root", "pose", "odom", "odometry", "mocap", "imu", self.floating.name.lower()}:
             return None
         return Target(self.floating.name, last)
+
+
+def _of_imu(column: str) -> bool:
+    return YIELDS in re.split(r"[^a-z]+", column.lower())
 
 
 def _quantity(words: set[str]) -> str | None:
