@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import mujoco
 import numpy as np
 
@@ -58,6 +56,7 @@ class ContactBuilder:
         self._shapes: dict[int, Shape] = {}
         self._roundings = roundings(model)
         self._balls = Balls(model, tree)
+        self._roots: list[int] = model.body_rootid[model.geom_bodyid].tolist()  # by geom
         self._surfaces = Surfaces(model, gate)
 
     def build(self) -> None:
@@ -105,7 +104,7 @@ class ContactBuilder:
         before = len(self.candidates)
         self._between(a, b, pair)
         added = self.candidates[before:]
-        self.candidates[before:] = [replace(c, when=When.CLOSED) for c in added if c.when != When.AHEAD]
+        self.candidates[before:] = [c._replace(when=When.CLOSED) for c in added if c.when != When.AHEAD]
         if added:
             self._drop(a, b, f"where rows look ahead: {_FAR[self.self_contact]}")
 
@@ -121,8 +120,7 @@ class ContactBuilder:
 
     def _one_tree(self, first: int, second: int) -> bool:
         """Whether joints connect both geoms, which move."""
-        root = self.model.body_rootid[self.model.geom_bodyid[[first, second]]]
-        return bool(root[0] == root[1] and root[0] != 0)
+        return self._roots[first] == self._roots[second] != 0
 
     def _across(self, body: int) -> Array | None:
         """Where contacts are planar, the normal (3,) of the plane of motion in the frame of ``body``."""

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.actuators import Actuator, read_actuators
+from cmbrl.scene.candidate_table import CandidateTable, merge_points
 from cmbrl.scene.contact_records import Candidate
 from cmbrl.scene.contacts import ContactBuilder
 from cmbrl.scene.fluid import Box, oblique_box, read_boxes
@@ -17,7 +18,7 @@ from cmbrl.scene.joint_forces import Compensation, force_ranges, read_compensati
 from cmbrl.scene.linkages import Linkage
 from cmbrl.scene.mjcf import name_of, read_tree
 from cmbrl.scene.records import Tendon, Tie, Tree
-from cmbrl.scene.reduction import PlaneOfMotion, find_plane, merge_points, obstacle_to_plane, project
+from cmbrl.scene.reduction import PlaneOfMotion, find_plane, obstacle_to_plane, project
 from cmbrl.scene.robot_source import Compiled
 from cmbrl.scene.shapes import Shape, read_shape
 from cmbrl.scene.springs import check_joints
@@ -34,7 +35,7 @@ class Parts:
     plane: PlaneOfMotion | None
     why: str  # the tree moves in a plane, or does not
     contacts: ContactBuilder
-    candidates: list[Candidate]
+    candidates: CandidateTable
     merged: int  # points that were left out because others are at the same place
     grounds: list[Shape]
     tendons: list[Tendon]
@@ -76,14 +77,15 @@ def read_parts(compiled: Compiled, gate: Gate, reduce: bool, self_contact: str) 
         contacts.build()
     candidates = [project(tree, plane, c) for c in contacts.candidates] if plane else contacts.candidates
     candidates, merged = merge_points(candidates) if reduce else (candidates, 0)
-    geoms = sorted({c.geoms[1] for c in candidates if c.kind.on_plane})
+    table = CandidateTable(candidates)
+    geoms = np.unique(table.geoms[table.on_plane, 1]).tolist()
     grounds = [read_shape(model, geom, tree.frames) for geom in geoms]
     return Parts(
         tree,
         plane,
         why,
         contacts,
-        candidates,
+        table,
         merged,
         grounds,
         tendons,
