@@ -16,6 +16,7 @@ from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.differences import differences
 from cmbrl.scene.fluid import box_arrays
 from cmbrl.scene.fluid_ellipsoids import ellipsoid_arrays
+from cmbrl.scene.glide import glide_arrays
 from cmbrl.scene.gyro import gyro_arrays
 from cmbrl.scene.hulls import hull_arrays
 from cmbrl.scene.inverse_weights import weight_arrays
@@ -118,6 +119,7 @@ def _core(
         **lines,
         **tie_arrays(tree, parts.ties, plane),
         **contact_arrays(model, candidates, grounds, plane, law.name),
+        **glide_arrays(model, tree, candidates, parts.still),
         **hull_arrays(model, tree, CandidateTable([]) if plane else candidates, len(candidates)),
         act_line=integers([a.line for a in actuators]),
         act_ctrl=doubles([a.control for a in actuators], (-1, 2)),

@@ -14,6 +14,7 @@ from cmbrl.scene.contact_records import Candidate
 from cmbrl.scene.contacts import ContactBuilder
 from cmbrl.scene.fluid import Box, oblique_box, read_boxes
 from cmbrl.scene.fluid_ellipsoids import Ellipsoid, read_ellipsoids
+from cmbrl.scene.glide import surface_velocity
 from cmbrl.scene.joint_forces import Compensation, force_ranges, read_compensation
 from cmbrl.scene.linkages import Linkage
 from cmbrl.scene.mjcf import name_of, read_tree
@@ -38,6 +39,7 @@ class Parts:
     candidates: CandidateTable
     merged: int  # points that were left out because others are at the same place
     grounds: list[Shape]
+    still: bool  # surfaces that move are taken to stand
     tendons: list[Tendon]
     ties: list[Tie]
     actuators: list[Actuator]
@@ -88,6 +90,7 @@ def read_parts(compiled: Compiled, gate: Gate, reduce: bool, self_contact: str) 
         table,
         merged,
         grounds,
+        "surface_velocity" in gate.ignore,
         tendons,
         ties,
         actuators,
@@ -111,6 +114,9 @@ def _obstacle(
     """Why what acts on a planar tree needs spatial algebra, naming the first; None if nothing does."""
     if linkages:
         return f"{linkages[0].name} acts along no joint or tendon"
+    for geom in sorted({geom for c in candidates for geom in c.geoms}):
+        if np.any(surface_velocity(model, geom)):
+            return f"the surface of {name_of(model, 'geom', geom)} moves"
     for c in candidates:
         if c.law.ratios != (1.0, 1.0):
             names = " - ".join(name_of(model, "geom", geom) for geom in c.geoms)

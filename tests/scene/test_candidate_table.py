@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from cmbrl.scene import Scene
 from cmbrl.scene.candidate_table import CandidateTable, merge_points
 from cmbrl.scene.contact_records import Candidate, ContactKind, ContactLaw
@@ -50,8 +51,10 @@ def test_coinciding_points_of_a_pair_become_one(candidates: list[Candidate]) -> 
 
 def test_no_candidates() -> None:
     table = CandidateTable([])
-    assert len(table) == 0 and table.vectors("rot_a", (3, 3)).shape == (0, 3, 3)
-    assert table.pairs[0].shape == (0, 2) and table.of_laws("dim").shape == (0,)
+    assert len(table) == 0
+    assert table.vectors("rot_a", (3, 3)).shape == (0, 3, 3)
+    assert table.pairs[0].shape == (0, 2)
+    assert table.of_laws("dim").shape == (0,)
     assert merge_points([]) == ([], 0)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import mujoco
@@ -54,6 +55,16 @@ def test_a_mesh_is_found_where_a_folder_has_the_name_of_the_address(urdf: Path, 
     meshdir = '<robot name="leg"><mujoco><compiler meshdir="../a"/><option timestep="0.004"/></mujoco>'
     moved = robot().replace("package://leg/a/shape.stl", "shape.stl").replace('<robot name="leg">', meshdir)
     assert convert_text(urdf, moved, tmp_path).model.opt.timestep == 0.004
+
+
+@pytest.mark.parametrize("inside", ["", "assets", "meshes"])
+def test_a_mesh_whose_package_has_no_name_lies_with_the_file(urdf: Path, tmp_path: Path, inside: str) -> None:
+    bare = robot().replace("package://leg/a/shape.stl", "package:///bare.stl")
+    with pytest.raises(UserError, match=r"cannot find 1 of 2 meshes of collisions, such as package:///bare.stl"):
+        convert_text(urdf, bare, tmp_path)
+    (urdf.parent / inside).mkdir(exist_ok=True)
+    shutil.copy(urdf.parent.parent / "a/shape.stl", urdf.parent / inside / "bare.stl")
+    assert sorted(convert_text(urdf, bare, tmp_path).meshes) == ["bare.stl", "shape.stl"]
 
 
 def test_meshes_that_are_missing_may_be_left_out(
