@@ -1,4 +1,4 @@
-"""Surfaces that move while their geoms stay (surfacevel) carry what touches them as MuJoCo's do; derivatives are exact."""
+"""Moving surfaces (surfacevel) carry what touches them as MuJoCo's do, with exact derivatives."""
 
 from __future__ import annotations
 

@@ -67,6 +67,31 @@ def test_a_mesh_whose_package_has_no_name_lies_with_the_file(urdf: Path, tmp_pat
     assert sorted(convert_text(urdf, bare, tmp_path).meshes) == ["bare.stl", "shape.stl"]
 
 
+@pytest.mark.parametrize("kind", ["obj", "stl"])
+def test_a_flat_mesh_becomes_a_plate(urdf: Path, tmp_path: Path, kind: str) -> None:
+    """MuJoCo finds no hull of it. Its outline stays, whatever triangles fill it."""
+    corners = np.array([[0, 0, 0.1], [0.2, 0, 0.1], [0.2, 0.1, 0.1], [0, 0.1, 0.1], [0.1, 0.05, 0.1]])
+    triangles = [(0, 1, 4), (4, 2, 1), (2, 3, 4), (3, 0, 4)]
+    if kind == "obj":
+        lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in triangles]
+        data = "\n".join(lines).encode()
+    else:
+        faces = np.zeros(4, [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+        faces["corners"] = corners[np.array(triangles)]
+        data = bytes(80) + (4).to_bytes(4, "little") + faces.tobytes()
+    (urdf.parent / f"sheet.{kind}").write_bytes(data)
+    sheet = f'filename="sheet.{kind}" scale="2 2 2"'
+    found = convert_text(urdf, robot().replace('filename="package://leg/a/shape.stl"', sheet), tmp_path)
+    assert f"flat meshes become plates of 1 mm: sheet.{kind}" in found.notes
+    mesh = found.model.mesh("sheet")
+    points = found.model.mesh_vert[mesh.vertadr[0] :][: mesh.vertnum[0]]
+    extent = np.sort(np.ptp(points, axis=0))  # in the axes of its inertia
+    np.testing.assert_allclose(extent, [1e-3, 0.2, 0.4], rtol=1e-4)
+    path = tmp_path / "leg.xml"
+    found.write(path)
+    assert mujoco.MjModel.from_xml_path(str(path)).nmesh == found.model.nmesh
+
+
 def test_meshes_that_are_missing_may_be_left_out(
     urdf: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
