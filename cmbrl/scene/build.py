@@ -150,7 +150,7 @@ def _core(
 def _pair_names(candidates: CandidateTable, geoms: list[str]) -> tuple[str, ...]:
     pairs, which = candidates.pairs
     names = [f"{geoms[a]} - {geoms[b]}" for a, b in pairs.tolist()]
-    return tuple(names[k] for k in which.tolist())
+    return tuple(np.array(names, dtype=object)[which].tolist())
 
 
 def _coordinates(tree: Tree) -> tuple[tuple[str, ...], tuple[str, ...]]:

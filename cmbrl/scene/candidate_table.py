@@ -87,12 +87,12 @@ class CandidateTable:
         return np.fromiter(map(attrgetter(field), self.candidates), dtype=np.float64, count=len(self.candidates))
 
 
-def merge_points(candidates: list[Candidate]) -> tuple[list[Candidate], int]:
+def merge_points(table: CandidateTable) -> tuple[CandidateTable, int]:
     """Merges coinciding candidates of a pair of geoms, adding their weights; returns them and the number removed.
 
     Those of hulls stay: they are places for what touches.
     """
-    table = CandidateTable(candidates)
+    candidates = table.candidates
     size = len(candidates[0].pos_a) if candidates else 0
     where = np.hstack([table.vectors(field, (size,)) for field in ("pos_a", "axis_a", "pos_b", "axis_b")])
     where = np.hstack([np.round(where, 9) + 0.0, table.radii[:, :1], table.kind[:, None]])
@@ -108,7 +108,9 @@ def merge_points(candidates: list[Candidate]) -> tuple[list[Candidate], int]:
         if (same := first.setdefault(key, k)) != k:
             weight[same] += weight[k]
             kept[k] = False
+    if kept.all():
+        return table, 0
     merged = list(candidates)
     for k in np.flatnonzero(kept & (weight != table.weight)).tolist():
         merged[k] = merged[k]._replace(weight=float(weight[k]))
-    return [merged[k] for k in np.flatnonzero(kept).tolist()], int(len(kept) - kept.sum())
+    return CandidateTable([merged[k] for k in np.flatnonzero(kept).tolist()]), int(len(kept) - kept.sum())

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 
 from cmbrl.scene.contact_records import UPRIGHT, ZERO, Candidate, ContactKind, ContactLaw, When
-from cmbrl.scene.hulls import has_sides
 from cmbrl.scene.records import WORLD, Array
 from cmbrl.scene.shapes import Shape, Touch
 from cmbrl.scene.stand_ins import CONVEX
@@ -40,7 +38,7 @@ def between(a: Shape, b: Shape, law: ContactLaw, across: Array | None, when: Whe
     return _round_box(ball, box, law, across, when)
 
 
-def of_hulls(model: mujoco.MjModel, a: Shape, b: Shape, law: ContactLaw, spatial: bool) -> list[Candidate]:
+def of_hulls(a: Shape, b: Shape, law: ContactLaw, spatial: bool) -> list[Candidate]:
     """What touches as in MuJoCo where rows do not look ahead: all but spheres and capsules among themselves, and
     spheres with boxes.
 
@@ -52,7 +50,7 @@ def of_hulls(model: mujoco.MjModel, a: Shape, b: Shape, law: ContactLaw, spatial
         return []
     if not spatial and kinds != {"mesh"} and kinds != {"mesh", "box"}:
         return []
-    if not (has_sides(model, a.geom) and has_sides(model, b.geom)) or a.rounding or b.rounding:
+    if not (a.sides and b.sides) or a.rounding or b.rounding:
         return []
     a, b = (b, a) if a.body == WORLD else (a, b)
     kind, geoms, when = ContactKind.HULLS, (a.geom, b.geom), When.ALWAYS if boxes else When.CLOSED

@@ -78,7 +78,7 @@ class ContactBuilder:
                 else:
                     self._drop(a, b, _FAR[self.self_contact])
             elif (first, second) in false:
-                hulls = of_hulls(self.model, a, b, self._surfaces.law(a.geom, b.geom, pair), self.normal is None)
+                hulls = of_hulls(a, b, self._surfaces.law(a.geom, b.geom, pair), self.normal is None)
                 self.candidates += hulls
                 self._drop(a, b, f"{'where rows look ahead: ' if hulls else ''}{_FALSE}")
             else:
@@ -201,7 +201,7 @@ class ContactBuilder:
             label = pair_label(self.model, a.geom, b.geom)
             self.gate.refuse("geom_pair", label, f"contact of a {a.kind} with a {b.kind}")
             return
-        hulls = of_hulls(self.model, a, b, law, self.normal is None)
+        hulls = of_hulls(a, b, law, self.normal is None)
         first, second = self._simple(a), self._simple(b)
         box = next((shape for shape in (first, second) if shape.kind == "box"), None)
         when = When.AHEAD if hulls else When.ALWAYS

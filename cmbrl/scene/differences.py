@@ -125,9 +125,9 @@ def _stand_ins(
 
 
 def _boxes(model: mujoco.MjModel, candidates: CandidateTable) -> Iterator[LeftOut]:
-    of_boxes = np.flatnonzero(np.all(model.geom_type[candidates.geoms] == mujoco.mjtGeom.mjGEOM_BOX, axis=1))
-    geoms_of = np.sort(candidates.geoms[of_boxes], axis=1)
-    hulls = {*map(tuple, geoms_of[candidates.kind[of_boxes] == ContactKind.HULLS].tolist())}
+    pairs, touching = candidates.pairs[0], candidates.pairs_of(candidates.rows(ContactKind.HULLS))[0]
+    geoms_of = np.sort(pairs[np.all(model.geom_type[pairs] == mujoco.mjtGeom.mjGEOM_BOX, axis=1)], axis=1)
+    hulls = {*map(tuple, np.sort(touching, axis=1).tolist())}
     for geoms in map(tuple, geoms_of[_firsts(geoms_of)].tolist()):
         if geoms in hulls:
             why = "where rows look ahead, corners do, edges that cross act once closed"

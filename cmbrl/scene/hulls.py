@@ -93,13 +93,6 @@ def _touch_in_several(model: mujoco.MjModel) -> bool:
     return "mjDSBL_MULTICCD" in off or bool(model.opt.enableflags & int(on.get("mjENBL_MULTICCD", 0)))
 
 
-def has_sides(model: mujoco.MjModel, geom: int) -> bool:
-    """Whether the sides of a geom's hull are known: of all but meshes that MuJoCo has not kept them of."""
-    if model.geom_type[geom] != _MESH:
-        return True
-    return hasattr(model, "mesh_polynum") and bool(model.mesh_polynum[model.geom_dataid[geom]])
-
-
 def _read_hull(model: mujoco.MjModel, geom: int, frame: Frame) -> Hull | None:
     if model.geom_type[geom] != _MESH:
         return _box_hull(model, geom, frame)

@@ -14,7 +14,7 @@ from cmbrl.scene.contact_records import Candidate
 from cmbrl.scene.contacts import ContactBuilder
 from cmbrl.scene.fluid import Box, oblique_box, read_boxes
 from cmbrl.scene.fluid_ellipsoids import Ellipsoid, read_ellipsoids
-from cmbrl.scene.glide import surface_velocity
+from cmbrl.scene.glide import with_moving_surfaces
 from cmbrl.scene.joint_forces import Compensation, force_ranges, read_compensation
 from cmbrl.scene.linkages import Linkage
 from cmbrl.scene.mjcf import name_of, read_tree
@@ -78,8 +78,9 @@ def read_parts(compiled: Compiled, gate: Gate, reduce: bool, self_contact: str) 
         contacts = ContactBuilder(model, tree, normal, again, self_contact=self_contact)  # with rims
         contacts.build()
     candidates = [project(tree, plane, c) for c in contacts.candidates] if plane else contacts.candidates
-    candidates, merged = merge_points(candidates) if reduce else (candidates, 0)
-    table = CandidateTable(candidates)
+    table, merged = CandidateTable(candidates), 0
+    if reduce:
+        table, merged = merge_points(table)
     geoms = np.unique(table.geoms[table.on_plane, 1]).tolist()
     grounds = [read_shape(model, geom, tree.frames) for geom in geoms]
     return Parts(
@@ -114,9 +115,11 @@ def _obstacle(
     """Why what acts on a planar tree needs spatial algebra, naming the first; None if nothing does."""
     if linkages:
         return f"{linkages[0].name} acts along no joint or tendon"
-    for geom in sorted({geom for c in candidates for geom in c.geoms}):
-        if np.any(surface_velocity(model, geom)):
-            return f"the surface of {name_of(model, 'geom', geom)} moves"
+    moving = with_moving_surfaces(model)
+    for c in candidates:
+        for geom in c.geoms:
+            if moving[geom]:
+                return f"the surface of {name_of(model, 'geom', geom)} moves"
     for c in candidates:
         if c.law.ratios != (1.0, 1.0):
             names = " - ".join(name_of(model, "geom", geom) for geom in c.geoms)

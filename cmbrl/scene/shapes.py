@@ -48,6 +48,7 @@ class Shape:
     bound: float  # radius of a bounding sphere around pos
     hull: Array  # (n, 3) points of a mesh in the geom frame, otherwise empty
     rounding: float = 0.0  # of a box's edges
+    sides: bool = True  # those of its hull are known: of all but meshes that MuJoCo has not kept them of
 
     @cached_property
     def axis(self) -> Array:
@@ -119,6 +120,7 @@ def read_shape(model: mujoco.MjModel, geom: int, frames: list[Frame], rounding: 
         float(np.linalg.norm(hull, axis=1).max()) if len(hull) else float(model.geom_rbound[geom]),
         hull,
         rounding,
+        kind != "mesh" or (hasattr(model, "mesh_polynum") and bool(model.mesh_polynum[model.geom_dataid[geom]])),
     )
 
 

@@ -40,7 +40,8 @@ def test_columns_are_those_of_the_candidates(candidates: list[Candidate]) -> Non
 
 
 def test_coinciding_points_of_a_pair_become_one(candidates: list[Candidate]) -> None:
-    merged, removed = merge_points(candidates)
+    table, removed = merge_points(CandidateTable(candidates))
+    merged = table.candidates
     places = {(c.geoms, *c.pos_a): 0.0 for c in candidates}
     for c in candidates:
         places[c.geoms, *c.pos_a] += c.weight
@@ -55,7 +56,7 @@ def test_no_candidates() -> None:
     assert table.vectors("rot_a", (3, 3)).shape == (0, 3, 3)
     assert table.pairs[0].shape == (0, 2)
     assert table.of_laws("dim").shape == (0,)
-    assert merge_points([]) == ([], 0)
+    assert merge_points(table) == (table, 0)
 
 
 def test_a_scene_of_many_geoms_loads() -> None:

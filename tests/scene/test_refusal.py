@@ -192,7 +192,8 @@ def test_plugins_that_only_sense_are_borne(load: Load) -> None:
         f'<config key="{key}" value="{value}"/>'
         for key, value in {"size": "7 7", "fov": "10 10", "gamma": "0", "nchannel": "3"}.items()
     )
-    sense = f"""<mujoco><extension><plugin plugin="{plugin}"><instance name="grid">{config}</instance></plugin></extension>
+    instance = f'<plugin plugin="{plugin}"><instance name="grid">{config}</instance></plugin>'
+    sense = f"""<mujoco><extension>{instance}</extension>
         <worldbody>{HINGE.format("", "").replace("</body>", '<site name="s"/></body>')}</worldbody>
         <sensor><plugin plugin="{plugin}" instance="grid" objtype="site" objname="s"/></sensor></mujoco>"""
     assert Scene.from_mjcf(sense).left_out == ()
