@@ -8,6 +8,7 @@ import numpy as np
 from cmbrl.scene.candidates import ROUND, between, of_hulls, on_plane
 from cmbrl.scene.contact_records import Candidate, When
 from cmbrl.scene.mixing import collision_pairs, pair_label
+from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.near import false_pairs, near_pairs
 from cmbrl.scene.reach import Balls, height_range
 from cmbrl.scene.records import WORLD, Array, LeftOut, Tree
@@ -56,6 +57,7 @@ class ContactBuilder:
         self._shapes: dict[int, Shape] = {}
         self._roundings = roundings(model)
         self._balls = Balls(model, tree)
+        self._names = [name_of(model, "geom", geom) for geom in range(model.ngeom)]
         self._roots: list[int] = model.body_rootid[model.geom_bodyid].tolist()  # by geom
         self._surfaces = Surfaces(model, gate)
 
@@ -144,7 +146,7 @@ class ContactBuilder:
         return self._shapes[geom]
 
     def _drop(self, a: Shape, b: Shape, why: str, count: int = 1) -> None:
-        name = pair_label(self.model, a.geom, b.geom)
+        name = f"{self._names[a.geom]} - {self._names[b.geom]}"
         self.dropped.append(LeftOut("contact", name if count == 1 else f"{name} ({count} points)", why))
 
     def _against_plane(self, shape: Shape, plane: Shape, pair: int) -> None:
