@@ -17,6 +17,7 @@ from cmbrl.scene.records import JointKind
 
 SCENES = ("hopper", "cheetah", "cube_toss", "g1")
 _ROUNDS = 20  # of drawing configurations
+_WIDE = 10.0  # rad, m: limits farther from the start are meant as none, and differences drown in round-off there
 _LEVEL = 1e-3  # m of gap per m of a slide: less is a slide along the plane
 # Of the G1's limbs [m]. Neighbours differ: equal capsules that meet in a joint have a ball in common, and two rigid
 # contacts at one point are solved softer than asked for in 8 % of wild states.
@@ -67,8 +68,9 @@ def random_states(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Random q (count, nq), v (count, nv) and u (count, nu), with activations after it, in ``ranges``.
 
-    Joints are uniform within their limits, and some lie on a limit or up to 0.05 rad or m beyond it. Controls fill 1.5
-    times their range, so some are clamped. States differ in how fast they are. Links overlap as little as can be found.
+    Joints are uniform within their limits, as far as those are within 10 m or rad of the start, and some lie on a limit
+    or up to 0.05 rad or m beyond it. Controls fill 1.5 times their range, so some are clamped. States differ in how
+    fast they are. Links overlap as little as can be found.
     """
     ranges = ranges or Ranges()
     core = scene.core
@@ -113,6 +115,8 @@ def _configurations(scene: Scene, count: int, rng: np.random.Generator, ranges: 
     for line, ball, low, high in zip(core.lim_line, core.lim_ball, core.lim_lo, core.lim_hi, strict=True):
         if line >= scene.nv or ball >= 0:
             continue  # a tendon: its length follows from its joints; or the angle of a ball joint
+        start = scene.q0[places[line]]
+        low, high = np.clip([low, high], min(high, start - _WIDE), max(low, start + _WIDE))
         inside, side = rng.uniform(low, high, count), rng.random(count) < 0.5
         beyond = rng.choice([0.0, 1.0], count) * rng.uniform(0, 0.05, count)
         at = np.where(side, low - beyond, high + beyond)

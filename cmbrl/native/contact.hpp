@@ -137,9 +137,10 @@ static inline void load_block(const Model& m, const Work<G>& w, int i, T* p) {
   p[kRscale] *= contact_weight(m, w, i);
 }
 
-// How gap, contact point and directions of a contact move when body A moves by the twist xi and B stays; about: the axis of an edge.
+// How gap, contact point, normal and directions of a contact move when body A moves by the twist xi and B stays; about: the axis of an
+// edge. The normal alone where it is of use: in shift_by_dof.
 template <class G>
-struct Shift { T dphi; typename G::V dp, dd[1 + G::NT]; typename G::Ang about; };
+struct Shift { T dphi; typename G::V dp, dn, dd[1 + G::NT]; typename G::Ang about; };
 
 template <class G>
 static Shift<G> shift_of(const Model& m, const Contact<G>& c, const Vec<G::N>& xi) {
@@ -217,6 +218,7 @@ static Shift<G> shift_with_other(const Model& m, const Contact<G>& c, const Vec<
 template <class G>
 static Shift<G> shift_by_dof(const Model& m, const Work<G>& w, const Contact<G>& c, const Vec<G::N>& S, int sign) {
   Shift<G> s = sign > 0 ? shift_of(m, c, S) : shift_with_other(m, c, S);
+  s.dn = s.dd[0];
   if (c.skewed) skewed_shift(m, w, c.index, c.at.n, s.dd[0], S, s.dd + 1);
   if (!c.edge) return s;
   Beside<G> x = edge_shift(m, w, c, c.at.n, s.dd[0], S);

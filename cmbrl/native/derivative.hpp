@@ -146,7 +146,7 @@ static void contact_terms(const Model& m, const Options& o, Work<G>& w, T* Gq, T
     for (int ci = w.groups[gi].begin; ci < w.groups[gi].end; ++ci) {
       Contact<G>& c = w.con[ci];
       int A = m.con_bodyA[c.index], B = m.con_bodyB[c.index];
-      Vec<G::N> relative = relative_twist<G>(m, w.tn, c.index) - c.carry * relative_twist<G>(m, w.vel, c.index);
+      Vec<G::N> relative = passing_twist(m, w, w.tn, c) - c.carry * passing_twist(m, w, w.vel, c);
       bool adaptive = any(c.slope_R != 0.0);
       T weight = late ? late_weight(c) : splat(1), pull = weight * c.carry;
       CMBRL_FOR(r, c.rows) {
@@ -160,6 +160,7 @@ static void contact_terms(const Model& m, const Options& o, Work<G>& w, T* Gq, T
         Shift<G> s = shift_by_dof(m, w, c, w.S[d], sign);
         Vec<G::N> swing = cross_motion<G>(w.S[d], w.tn[side] - w.tnlam[d] - c.carry * (w.vel[side] - w.vlam[d]));
         if (sign < 0) swing = zero<G::N>() - swing;
+        if (glides(m, c)) swing += (1.0 - c.carry) * glide_by_dof(m, w, c, s, w.S[d], sign);
         T E[1 + G::MT] = {};
         CMBRL_FOR(r, c.rows) {
           Vec<G::N> dW = wrench_shift(c, s, r);

@@ -53,13 +53,14 @@ static void closing_row(const Model& m, Work<G>& w, const Contact<G>& c, T* z) {
   for (int k = 0; k < columns_of_step(m, w); ++k) z[k] = T{};
   for (int k = 0; k < nv; ++k) w.tmp[k] = T{};
   int group = m.con_group[c.index], A = m.con_bodyA[c.index], B = m.con_bodyB[c.index];
-  Vec<G::N> relative = relative_twist<G>(m, w.tn, c.index) - c.carry * relative_twist<G>(m, w.vel, c.index);
+  Vec<G::N> relative = passing_twist(m, w, w.tn, c) - c.carry * passing_twist(m, w, w.vel, c);
   for (int a = m.grp_dptr[group]; a < m.grp_dptr[group + 1]; ++a) {
     int d = m.grp_dof[a], sign = m.grp_sign[a], side = sign > 0 ? A : B;
     Shift<G> s = shift_by_dof(m, w, c, w.S[d], sign);
     T swing = dot(c.Wr[0], cross_motion<G>(w.S[d], w.tn[side] - w.tnlam[d] - c.carry * (w.vel[side] - w.vlam[d])));
     T column = dot(c.Wr[0], w.S[d]);
     z[d] = dot(wrench_shift(c, s, 0), relative) + (sign > 0 ? swing : -swing) + c.dc_dphi * s.dphi;
+    if (glides(m, c)) z[d] += (1.0 - c.carry) * dot(c.Wr[0], glide_by_dof(m, w, c, s, w.S[d], sign));
     w.tmp[d] = sign > 0 ? column : -column;
     z[nv + d] = -c.carry * w.tmp[d];
   }

@@ -75,6 +75,8 @@ struct Model : Structure {
   int hull_count(int hull) const { return (hull_ptr[hull + 1] - hull_ptr[hull] + hull_width - 1) / hull_width * hull_width; }
   double largest_invweight;  // of a contact
   int logistic;              // contacts act at a distance
+  const int* con_glide;      // (ncontact) which surfaces move (glide.hpp), or -1
+  const double* glide_twist; // of each, (angular, linear) of A's and of B's about its body's origin, in its frame
   const double* con_ratio;   // (ncontact, 2) of sliding and of rolling friction: the second tangent's by the first's
   const double *con_radiusB, *con_impratio, *con_invweight, *con_margin, *con_mid, *con_power, *plane_normal;
   const double *con_reach, *con_points;  // the gap below which actuators pull at it; how many of MuJoCo's points it stands for

@@ -46,19 +46,21 @@ struct ParameterColumns : ForceColumns<G> {
 
   // Wrench of a change of the gap (dphi) together with the contact point (dp along the normal).
   Vec<G::N> gap(Contact<G>& c, double dphi, double dp) {
-    Vec<G::N> relative = relative_twist<G>(m, w.tn, c.index) - c.carry * relative_twist<G>(m, w.vel, c.index), Y = zero<G::N>();
+    Vec<G::N> relative = passing_twist(m, w, w.tn, c) - c.carry * passing_twist(m, w, w.vel, c), Y = zero<G::N>(), glide = zero<G::N>();
     Shift<G> s{};
     s.dp = dp * normal_of(c);
+    if (glides(m, c)) glide = (1.0 - c.carry) * glide_shift(m, w, c, zero<G::N>(), s.dp, zero<G::D>());
     T E[1 + G::MT] = {};
     CMBRL_FOR(r, c.rows) {
       Vec<G::N> dW = wrench_shift(c, s, r);
-      E[r] = dot(dW, relative) + dphi * (r == 0 ? c.dc_dphi + c.dRn_dphi * c.gam : c.dRt_dphi * c.b[r - 1]);
+      E[r] = dot(dW, relative) + dot(c.Wr[r], glide) + dphi * (r == 0 ? c.dc_dphi + c.dRn_dphi * c.gam : c.dRt_dphi * c.b[r - 1]);
       Y += impulse(c, r) * dW;
     }
     T closing = dphi * c.dc_dphi;
     if (c.edge) {  // whose moment changes with the point
       Vec<G::N> free = free_twist(m, w, m.con_group[c.index]) - c.carry * relative_twist<G>(m, w.vel, c.index);
-      closing += dot(wrench_shift(c, s, 0), free);
+      if (glides(m, c)) free += (1.0 - c.carry) * glide_of(m, w, c);
+      closing += dot(wrench_shift(c, s, 0), free) + dot(c.Wr[0], glide);
     }
     return Y + response(c, E) + kappa_response(c, c.slope * closing + dphi * c.dRn_dphi * c.slope_R);
   }
@@ -76,19 +78,19 @@ struct ParameterColumns : ForceColumns<G> {
     contact_law(m, o, a, low);
     contact_law(m, o, b, high);
     T scale = 0.5 / step;
-    Vec<G::N> t = relative_twist<G>(m, w.vel, c.index);
+    Vec<G::N> t = passing_twist(m, w, w.vel, c), end = passing_twist(m, w, w.tn, c);
     T dcarry = scale * (b.carry - a.carry), E[1 + G::MT] = {};
     T dR = scale * (b.Rn - a.Rn), closing = select(c.bounce, T{}, scale * (b.cn0 - a.cn0) - dcarry * dot(c.Wr[0], t));
     E[0] = closing + dR * c.gam;
     for (int r = 1; r < c.rows; ++r) E[r] = scale * (b.Rt - a.Rt) * c.b[r - 1] - dcarry * dot(c.Wr[r], t);
     for (int r = 1 + G::NT; r < c.rows; ++r)
-      E[r] += turning_growth(c, r, field) * (dot(c.Wr[r], relative_twist<G>(m, w.tn, c.index)) - c.carry * dot(c.Wr[r], t));
+      E[r] += turning_growth(c, r, field) * (dot(c.Wr[r], end) - c.carry * dot(c.Wr[r], t));
     bool tilts = c.edge && field == field_of_edge(c.edge);  // towards what it has beside the normal
     double ratio = c.edge ? ratio_of_edge(m, c.index, c.edge) : 1;
     if (tilts) {
       T before = c.carry * dot(c.Wr[1], t);
-      E[0] += ratio * (dot(c.Wr[1], relative_twist<G>(m, w.tn, c.index)) - before);
-      closing += ratio * (dot(c.Wr[1], free_twist(m, w, m.con_group[c.index])) - before);
+      E[0] += ratio * (dot(c.Wr[1], end) - before);
+      closing += ratio * (dot(c.Wr[1], free_twist(m, w, m.con_group[c.index]) + end - relative_twist<G>(m, w.tn, c.index)) - before);
     }
     Vec<G::N> Y = response(c, E) + kappa_response(c, c.slope * closing + c.slope_R * dR);
     if (tilts) Y += keep(c.on, ratio * c.gam) * c.Wr[1];

@@ -3,6 +3,7 @@
 #include "candidates.hpp"
 #include "dry_friction.hpp"
 #include "fluid.hpp"
+#include "glide.hpp"
 #include "gravcomp.hpp"
 #include "gyro.hpp"
 #include "servo.hpp"
@@ -194,14 +195,6 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
   }
 }
 
-template <class G>
-static Vec<G::N> relative_twist(const Model& m, const Vec<G::N>* twist, int index) {
-  int A = m.con_bodyA[index];
-  Vec<G::N> t = A >= 0 ? twist[A] : zero<G::N>();
-  if (m.con_bodyB[index] >= 0) t -= twist[m.con_bodyB[index]];
-  return t;
-}
-
 // The factor of M~, and the velocity without rows.
 template <class G>
 static void free_velocity(const Model& m, Work<G>& w) {
@@ -249,6 +242,11 @@ static void prepare(const Model& m, const Options& o, Work<G>& w, const Mask* gi
     Vec<G::N> t = relative_twist<G>(m, w.vel, c.index);
     c.cn0 -= c.carry * dot(c.Wr[0], t);
     for (int r = 1; r < c.rows; ++r) c.ct0[r - 1] = -c.carry * dot(c.Wr[r], t);
+    if (glides(m, c)) {
+      t = (1.0 - c.carry) * glide_of(m, w, c);
+      c.cn0 += dot(c.Wr[0], t);  // of an edge
+      for (int r = 1; r < c.rows; ++r) c.ct0[r - 1] += dot(c.Wr[r], t);
+    }
     c.bounce = none();
     c.time = T{};
   }

@@ -237,10 +237,10 @@ void SceneData::derive_kins() {
   Model& m = model;
   std::vector<int> of_group{0}, kin(m.ncontact);
   for (int g = 0; g < m.ngroup; ++g) {
-    std::map<std::tuple<int, int, int, int, int, double, double, double, double, double>, int> known;
+    std::map<std::tuple<int, int, int, int, int, int, double, double, double, double, double>, int> known;
     for (int k = m.grp_cptr[g]; k < m.grp_cptr[g + 1]; ++k) {
       int c = m.grp_con[k];
-      auto key = std::make_tuple(m.con_type[c] == kRimPlane ? 1 : m.con_type[c] == kOvalPlane ? 2 : 0, m.con_plane[c], m.con_dim[c], m.con_law[c], m.con_pyramid[c], m.con_impratio[c],
+      auto key = std::make_tuple(m.con_type[c] == kRimPlane ? 1 : m.con_type[c] == kOvalPlane ? 2 : 0, m.con_plane[c], m.con_dim[c], m.con_law[c], m.con_pyramid[c], m.con_glide[c], m.con_impratio[c],
                                  m.con_invweight[c], m.con_margin[c], m.con_mid[c], m.con_power[c]);
       kin[c] = known.emplace(key, of_group.back() + int(known.size())).first->second;
     }

@@ -54,6 +54,7 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.con_type = i("con_type", nc); m.con_bodyA = i("con_bodyA", nc); m.con_bodyB = i("con_bodyB", nc);
   m.con_plane = i("con_plane", nc); m.con_pair = i("con_pair", nc); m.con_dim = i("con_dim", nc); m.con_law = i("con_law", nc); m.logistic = nc > 0 && m.con_law[0] == kLogistic; m.con_pyramid = i("con_pyramid", nc);
   m.con_along = d("con_along", nc * 3); m.con_ratio = d("con_ratio", nc * 2);
+  m.con_glide = i("con_glide", nc); m.glide_twist = d("glide_twist", size_t(size("nglide")) * 12);
   size_t hulls = size("nhull"), faces = size("nface");
   m.con_when = i("con_when", nc); m.con_hullB = i("con_hullB", nc); m.con_first = i("con_first", nc); m.con_many = i("con_many", nc);
   m.con_hull = i("con_hull", nc); m.hull_ptr = i("hull_ptr", hulls + 1); m.face_ptr = i("face_ptr", faces + 1);

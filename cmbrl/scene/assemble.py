@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.arrays import doubles, integers
-from cmbrl.scene.contact_records import Candidate
+from cmbrl.scene.candidate_table import CandidateTable
 from cmbrl.scene.laws import CONTACT_LAWS
 from cmbrl.scene.linkages import Linkage, inverse_weights, linkage_arrays
 from cmbrl.scene.mjcf import limits_act
@@ -133,49 +133,45 @@ def _limit_arrays(model: mujoco.MjModel, tree: Tree, tendons: list[Tendon]) -> A
 
 def contact_arrays(
     model: mujoco.MjModel,
-    candidates: list[Candidate],
+    candidates: CandidateTable,
     planes: list[Shape],
     plane: PlaneOfMotion | None,
     contact_law: str,
 ) -> Arrays:
     """Contact candidates, and the planes that they may touch."""
     dimension = 2 if plane else 3
-    laws = [c.law for c in candidates]
+    flat, square, count = (dimension,), (dimension, dimension), len(candidates)
     normals = np.array([ground.rot[:, 2] for ground in planes]).reshape(-1, 3)
-    number = {ground.geom: k for k, ground in enumerate(planes)}
-    pairs: dict[tuple[int, int], int] = {}
+    number = np.full(model.ngeom, -1)
+    number[[ground.geom for ground in planes]] = np.arange(len(planes))
     pyramid = int(model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL)
-
-    def vectors(field: str, size: int = dimension) -> Array:
-        rows = [getattr(c, field) for c in candidates]
-        return doubles(np.concatenate(rows) if rows else [], (-1, size))
-
+    solimp = candidates.of_laws("solimp").reshape(-1, 5)
     return {
-        "con_type": integers([c.kind for c in candidates]),
-        "con_bodyA": integers([c.body_a for c in candidates]),
-        "con_bodyB": integers([c.body_b for c in candidates]),
-        "con_plane": integers([number[c.geoms[1]] if c.kind.on_plane else -1 for c in candidates]),
-        "con_pair": integers([pairs.setdefault(c.geoms, len(pairs)) for c in candidates]),
-        "con_posA": vectors("pos_a"),
-        "con_axisA": vectors("axis_a"),
-        "con_posB": vectors("pos_b"),
-        "con_axisB": vectors("axis_b"),
-        "con_rotB": vectors("rot_b", dimension**2),
-        "con_halfB": vectors("half_b"),
-        "con_rotA": vectors("rot_a", dimension**2),
-        "con_along": vectors("along", 3),
-        "con_when": integers([c.when for c in candidates]),
-        "con_radiusB": doubles([c.radius_b for c in candidates], (-1,)),
-        "con_dim": integers([law.dim for law in laws]),
-        "con_law": integers([CONTACT_LAWS[contact_law]] * len(laws)),
-        "con_pyramid": integers([pyramid * law.edges for law in laws]),
-        "con_ratio": doubles([law.ratios for law in laws], (-1, 2)),
-        "con_impratio": doubles([float(model.opt.impratio)] * len(laws), (-1,)),
-        "con_invweight": doubles([law.inverse_weight for law in laws], (-1,)),
-        "con_margin": doubles([law.margin for law in laws], (-1,)),
-        "con_reach": doubles([law.reach for law in laws], (-1,)),
-        "con_points": doubles([c.weight for c in candidates], (-1,)),
-        "con_mid": doubles([law.solimp[3] for law in laws], (-1,)),
-        "con_power": doubles([law.solimp[4] for law in laws], (-1,)),
+        "con_type": integers(candidates.kind),
+        "con_bodyA": integers(candidates.bodies[:, 0]),
+        "con_bodyB": integers(candidates.bodies[:, 1]),
+        "con_plane": integers(np.where(candidates.on_plane, number[candidates.geoms[:, 1]], -1)),
+        "con_pair": integers(candidates.pairs[1]),
+        "con_posA": doubles(candidates.vectors("pos_a", flat), (-1, dimension)),
+        "con_axisA": doubles(candidates.vectors("axis_a", flat), (-1, dimension)),
+        "con_posB": doubles(candidates.vectors("pos_b", flat), (-1, dimension)),
+        "con_axisB": doubles(candidates.vectors("axis_b", flat), (-1, dimension)),
+        "con_rotB": doubles(candidates.vectors("rot_b", square), (-1, dimension**2)),
+        "con_halfB": doubles(candidates.vectors("half_b", flat), (-1, dimension)),
+        "con_rotA": doubles(candidates.vectors("rot_a", square), (-1, dimension**2)),
+        "con_along": doubles(candidates.vectors("along", (3,)), (-1, 3)),
+        "con_when": integers(candidates.when),
+        "con_radiusB": doubles(candidates.radii[:, 1], (-1,)),
+        "con_dim": integers(candidates.of_laws("dim")),
+        "con_law": integers(np.full(count, CONTACT_LAWS[contact_law])),
+        "con_pyramid": integers(pyramid * candidates.of_laws("edges")),
+        "con_ratio": doubles(candidates.of_laws("ratios"), (-1, 2)),
+        "con_impratio": doubles(np.full(count, float(model.opt.impratio)), (-1,)),
+        "con_invweight": doubles(candidates.of_laws("inverse_weight"), (-1,)),
+        "con_margin": doubles(candidates.of_laws("margin"), (-1,)),
+        "con_reach": doubles(candidates.of_laws("reach"), (-1,)),
+        "con_points": doubles(candidates.weight, (-1,)),
+        "con_mid": doubles(solimp[:, 3], (-1,)),
+        "con_power": doubles(solimp[:, 4], (-1,)),
         "plane_normal": doubles(normals @ plane.basis.T if plane else normals, (-1, dimension)),
     }

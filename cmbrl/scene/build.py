@@ -11,10 +11,12 @@ from cmbrl.scene.activation import activation_arrays
 from cmbrl.scene.actuators import feed_arrays
 from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.assemble import contact_arrays, line_arrays, tree_arrays
+from cmbrl.scene.candidate_table import CandidateTable
 from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.differences import differences
 from cmbrl.scene.fluid import box_arrays
 from cmbrl.scene.fluid_ellipsoids import ellipsoid_arrays
+from cmbrl.scene.glide import glide_arrays
 from cmbrl.scene.gyro import gyro_arrays
 from cmbrl.scene.hulls import hull_arrays
 from cmbrl.scene.inverse_weights import weight_arrays
@@ -68,7 +70,7 @@ def scene_fields(compiled: Compiled, gate: Gate, parts: Parts, law: LawChoice) -
         "actuator_names": tuple(actuator.name for actuator in parts.actuators),
         "tendon_names": tuple(tendon.name for tendon in parts.tendons),
         "tie_names": tuple(tie.name for tie in parts.ties),
-        "contact_names": tuple(f"{geoms[c.geoms[0]]} - {geoms[c.geoms[1]]}" for c in candidates),
+        "contact_names": _pair_names(candidates, geoms),
         "parameters": parameters,
         "left_out": tuple(gate.left_out),
         "dropped_contacts": tuple(parts.contacts.dropped),
@@ -117,7 +119,8 @@ def _core(
         **lines,
         **tie_arrays(tree, parts.ties, plane),
         **contact_arrays(model, candidates, grounds, plane, law.name),
-        **hull_arrays(model, tree, [] if plane else candidates, len(candidates)),
+        **glide_arrays(model, tree, candidates, parts.still),
+        **hull_arrays(model, tree, CandidateTable([]) if plane else candidates, len(candidates)),
         act_line=integers([a.line for a in actuators]),
         act_ctrl=doubles([a.control for a in actuators], (-1, 2)),
         act_force=doubles([a.force for a in actuators], (-1, 2)),
@@ -142,6 +145,12 @@ def _core(
         **weight_arrays(model, tree, candidates, lines, masses, armatures, law.name),
     )
     return core, moves.parameters
+
+
+def _pair_names(candidates: CandidateTable, geoms: list[str]) -> tuple[str, ...]:
+    pairs, which = candidates.pairs
+    names = [f"{geoms[a]} - {geoms[b]}" for a, b in pairs.tolist()]
+    return tuple(np.array(names, dtype=object)[which].tolist())
 
 
 def _coordinates(tree: Tree) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-import mujoco
 import numpy as np
 
-from cmbrl.scene.contact_records import Candidate, ContactKind, ContactLaw, When
-from cmbrl.scene.hulls import has_sides
+from cmbrl.scene.contact_records import UPRIGHT, ZERO, Candidate, ContactKind, ContactLaw, When
 from cmbrl.scene.records import WORLD, Array
 from cmbrl.scene.shapes import Shape, Touch
 from cmbrl.scene.stand_ins import CONVEX
 
 ROUND = ("sphere", "capsule")
-_ZERO, _UPRIGHT = np.zeros(3), np.eye(3)  # shared by all candidates
 
 
 def on_plane(shape: Shape, plane: Shape, touch: Touch, law: ContactLaw) -> Candidate:
@@ -24,9 +19,9 @@ def on_plane(shape: Shape, plane: Shape, touch: Touch, law: ContactLaw) -> Candi
         kind = ContactKind.OVAL_PLANE
     return Candidate(
         kind, (shape.geom, plane.geom), shape.body, WORLD,
-        touch.pos, touch.rim, _ZERO, _ZERO, _UPRIGHT, _ZERO, touch.radius, 0.0, law, touch.weight,
-        along=shape.rot[:, 2] if shape.kind == "capsule" else _ZERO,
-        rot_a=_UPRIGHT if touch.oval is None else touch.oval,
+        touch.pos, touch.rim, ZERO, ZERO, UPRIGHT, ZERO, touch.radius, 0.0, law, touch.weight,
+        along=shape.rot[:, 2] if shape.kind == "capsule" else ZERO,
+        rot_a=UPRIGHT if touch.oval is None else touch.oval,
     )  # fmt: skip
 
 
@@ -43,7 +38,7 @@ def between(a: Shape, b: Shape, law: ContactLaw, across: Array | None, when: Whe
     return _round_box(ball, box, law, across, when)
 
 
-def of_hulls(model: mujoco.MjModel, a: Shape, b: Shape, law: ContactLaw, spatial: bool) -> list[Candidate]:
+def of_hulls(a: Shape, b: Shape, law: ContactLaw, spatial: bool) -> list[Candidate]:
     """What touches as in MuJoCo where rows do not look ahead: all but spheres and capsules among themselves, and
     spheres with boxes.
 
@@ -55,12 +50,12 @@ def of_hulls(model: mujoco.MjModel, a: Shape, b: Shape, law: ContactLaw, spatial
         return []
     if not spatial and kinds != {"mesh"} and kinds != {"mesh", "box"}:
         return []
-    if not (has_sides(model, a.geom) and has_sides(model, b.geom)) or a.rounding or b.rounding:
+    if not (a.sides and b.sides) or a.rounding or b.rounding:
         return []
     a, b = (b, a) if a.body == WORLD else (a, b)
     kind, geoms, when = ContactKind.HULLS, (a.geom, b.geom), When.ALWAYS if boxes else When.CLOSED
     one = Candidate(
-        kind, geoms, a.body, b.body, a.pos, _ZERO, b.pos, _ZERO, _UPRIGHT, _ZERO, 0.0, 0.0, law, when=when,
+        kind, geoms, a.body, b.body, a.pos, ZERO, b.pos, ZERO, UPRIGHT, ZERO, 0.0, 0.0, law, when=when,
     )  # fmt: skip
     return [one] * _most_points(kinds)
 
@@ -83,27 +78,29 @@ def _round_pair(a: Shape, b: Shape, law: ContactLaw, when: When) -> Candidate:
     kind = ContactKind.SEGMENT_SEGMENT if a.kind == "capsule" else ContactKind.POINT_SHAPE
     return Candidate(
         kind, (a.geom, b.geom), a.body, b.body,
-        a.pos, a.axis, b.pos, b.axis, _UPRIGHT, _ZERO, a.radius, b.radius, law,
-        rot_a=_UPRIGHT, along=_ZERO, when=when,
+        a.pos, a.axis, b.pos, b.axis, UPRIGHT, ZERO, a.radius, b.radius, law,
+        when=when,
     )  # fmt: skip
 
 
 def _point_box(shape: Shape, point: Array, radius: float, box: Shape, law: ContactLaw, when: When) -> Candidate:
     return Candidate(
         ContactKind.POINT_SHAPE, (shape.geom, box.geom), shape.body, box.body,
-        point, _ZERO, box.pos, _ZERO, box.rot, box.core, radius, box.radius, law,
-        rot_a=_UPRIGHT, along=_ZERO, when=when,
+        point, ZERO, box.pos, ZERO, box.rot, box.core, radius, box.radius, law,
+        when=when,
     )  # fmt: skip
 
 
 def _corners(a: Shape, b: Shape, law: ContactLaw, when: When) -> list[Candidate]:
     """The corners of box A against box B."""
+    kind, geoms, of_a, of_b = ContactKind.CORNER_BOX, (a.geom, b.geom), a.rot, b.rot
+    centre, core, rounding_a, rounding_b = b.pos, b.core, a.radius, b.radius
     return [
         Candidate(
-            ContactKind.CORNER_BOX, (a.geom, b.geom), a.body, b.body,
-            p, p - a.pos, b.pos, _ZERO, b.rot, b.core, a.radius, b.radius, law, rot_a=a.rot, along=_ZERO, when=when,
+            kind, geoms, a.body, b.body, corner, arm, centre, ZERO, of_b, core, rounding_a, rounding_b, law, 1.0, of_a,
+            ZERO, when,
         )
-        for p in a.corners
+        for corner, arm in a.corners
     ]  # fmt: skip
 
 
@@ -111,21 +108,8 @@ def _round_box(ball: Shape, box: Shape, law: ContactLaw, across: Array | None, w
     """A sphere, or both ends of a capsule, against a box; a capsule's side against its edges, or those ``across``."""
     if ball.kind == "sphere":
         return [_point_box(ball, ball.pos, ball.radius, box, law, when)]
-    ends = [_point_box(ball, ball.pos + end * ball.axis, ball.radius, box, law, when) for end in (-1, 1)]
-    edges = _edges(box)
+    ends = [_point_box(ball, end, ball.radius, box, law, when) for end in ball.ends]
+    edges = list(box.edges)
     if across is not None:
         edges = [edge for edge in edges if abs(edge.rot[:, 2] @ across) > 1 - 1e-6] or edges
     return ends + [_round_pair(ball, edge, law, when) for edge in edges]
-
-
-def _edges(box: Shape) -> list[Shape]:
-    """The twelve edges as capsules without a radius, or with that of the box's rounding."""
-    found = []
-    for axis in range(3):
-        turn = box.rot[:, [(axis + 1) % 3, (axis + 2) % 3, axis]]
-        half = box.core[[(axis + 1) % 3, (axis + 2) % 3, axis]]
-        for x, y in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
-            pos = box.pos + turn @ np.array([x * half[0], y * half[1], 0.0])
-            size = np.array([box.rounding, half[2], 0.0])
-            found.append(replace(box, kind="capsule", pos=pos, rot=turn, size=size, rounding=0.0))
-    return found

@@ -5,8 +5,9 @@ Lengths in m; frames are those of the moving bodies A and B, of which -1 is the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,7 +28,10 @@ class ContactKind(IntEnum):
     @property
     def on_plane(self) -> bool:
         """Whether B is a plane of the world."""
-        return self in (ContactKind.POINT_PLANE, ContactKind.RIM_PLANE, ContactKind.OVAL_PLANE)
+        return self in ON_PLANE
+
+
+ON_PLANE = frozenset({ContactKind.POINT_PLANE, ContactKind.RIM_PLANE, ContactKind.OVAL_PLANE})
 
 
 class When(IntEnum):
@@ -59,9 +63,11 @@ class ContactLaw:
         return 2 * (max(self.dim, 3) - 1)
 
 
-@dataclass(frozen=True, slots=True)
-class Candidate:
-    """Two features that may touch."""
+ZERO, UPRIGHT = np.zeros(3), np.eye(3)  #: shared by all candidates
+
+
+class Candidate(NamedTuple):
+    """Two features that may touch. Scenes have up to millions: arrays are shared between candidates, not copied."""
 
     kind: ContactKind
     geoms: tuple[int, int]  # numbers of the geoms A and B in the file
@@ -79,8 +85,6 @@ class Candidate:
     radius_b: float
     law: ContactLaw
     weight: float = 1.0  # number of MuJoCo's points that this one stands for
-    rot_a: Array = field(
-        default_factory=lambda: np.eye(3)
-    )  # (D, D) frame of the box that a corner is of; of an ellipsoid: see ``shapes.Touch.oval``
-    along: Array = field(default_factory=lambda: np.zeros(3))  # in A's frame: of a capsule, along which a pyramid lies
+    rot_a: Array = UPRIGHT  # (D, D) frame of the box that a corner is of; of an ellipsoid: see ``shapes.Touch.oval``
+    along: Array = ZERO  # in A's frame: of a capsule, along which a pyramid lies
     when: When = When.ALWAYS

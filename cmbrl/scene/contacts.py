@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import mujoco
 import numpy as np
 
 from cmbrl.scene.candidates import ROUND, between, of_hulls, on_plane
 from cmbrl.scene.contact_records import Candidate, When
 from cmbrl.scene.mixing import collision_pairs, pair_label
+from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.near import false_pairs, near_pairs
 from cmbrl.scene.reach import Balls, height_range
 from cmbrl.scene.records import WORLD, Array, LeftOut, Tree
@@ -58,6 +57,8 @@ class ContactBuilder:
         self._shapes: dict[int, Shape] = {}
         self._roundings = roundings(model)
         self._balls = Balls(model, tree)
+        self._names = [name_of(model, "geom", geom) for geom in range(model.ngeom)]
+        self._roots: list[int] = model.body_rootid[model.geom_bodyid].tolist()  # by geom
         self._surfaces = Surfaces(model, gate)
 
     def build(self) -> None:
@@ -79,7 +80,7 @@ class ContactBuilder:
                 else:
                     self._drop(a, b, _FAR[self.self_contact])
             elif (first, second) in false:
-                hulls = of_hulls(self.model, a, b, self._surfaces.law(a.geom, b.geom, pair), self.normal is None)
+                hulls = of_hulls(a, b, self._surfaces.law(a.geom, b.geom, pair), self.normal is None)
                 self.candidates += hulls
                 self._drop(a, b, f"{'where rows look ahead: ' if hulls else ''}{_FALSE}")
             else:
@@ -105,7 +106,7 @@ class ContactBuilder:
         before = len(self.candidates)
         self._between(a, b, pair)
         added = self.candidates[before:]
-        self.candidates[before:] = [replace(c, when=When.CLOSED) for c in added if c.when != When.AHEAD]
+        self.candidates[before:] = [c._replace(when=When.CLOSED) for c in added if c.when != When.AHEAD]
         if added:
             self._drop(a, b, f"where rows look ahead: {_FAR[self.self_contact]}")
 
@@ -121,8 +122,7 @@ class ContactBuilder:
 
     def _one_tree(self, first: int, second: int) -> bool:
         """Whether joints connect both geoms, which move."""
-        root = self.model.body_rootid[self.model.geom_bodyid[[first, second]]]
-        return bool(root[0] == root[1] and root[0] != 0)
+        return self._roots[first] == self._roots[second] != 0
 
     def _across(self, body: int) -> Array | None:
         """Where contacts are planar, the normal (3,) of the plane of motion in the frame of ``body``."""
@@ -146,7 +146,7 @@ class ContactBuilder:
         return self._shapes[geom]
 
     def _drop(self, a: Shape, b: Shape, why: str, count: int = 1) -> None:
-        name = pair_label(self.model, a.geom, b.geom)
+        name = f"{self._names[a.geom]} - {self._names[b.geom]}"
         self.dropped.append(LeftOut("contact", name if count == 1 else f"{name} ({count} points)", why))
 
     def _against_plane(self, shape: Shape, plane: Shape, pair: int) -> None:
@@ -203,7 +203,7 @@ class ContactBuilder:
             label = pair_label(self.model, a.geom, b.geom)
             self.gate.refuse("geom_pair", label, f"contact of a {a.kind} with a {b.kind}")
             return
-        hulls = of_hulls(self.model, a, b, law, self.normal is None)
+        hulls = of_hulls(a, b, law, self.normal is None)
         first, second = self._simple(a), self._simple(b)
         box = next((shape for shape in (first, second) if shape.kind == "box"), None)
         when = When.AHEAD if hulls else When.ALWAYS

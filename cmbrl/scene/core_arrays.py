@@ -54,6 +54,7 @@ class CoreArrays:
     nseg: int
     nwrap: int
     ntie: int
+    nglide: int  # pairs of geoms with moving surfaces
     nhull: int  # meshes that may touch a plane
     nface: int  # sides of their hulls
     nshape: int  # bodies whose inertia can change its shape
@@ -129,6 +130,8 @@ class CoreArrays:
     con_halfB: Array  # (nc, D)
     con_rotA: Array  # (nc, D * D)
     con_radiusB: Array  # (nc,)
+    con_glide: Integers  # (nc,) number of the pair of moving surfaces, or -1
+    glide_twist: Array  # (nglide, 12) of each, (angular, linear) of A's and B's about its body's origin, in its frame
     con_along: Array  # (nc, 3) in A's frame: direction of a capsule over a plane, otherwise 0
     con_hull: Integers  # (nc,) of a mesh over a plane, or of two hulls: that of A; otherwise -1
     con_when: Integers  # (nc,) a When

@@ -6,8 +6,10 @@ from collections.abc import Iterator, Mapping
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
-from cmbrl.scene.contact_records import Candidate, ContactKind, When
+from cmbrl.scene.candidate_table import CandidateTable
+from cmbrl.scene.contact_records import ContactKind, When
 from cmbrl.scene.force_laws import ForceLaw, read_force_law
 from cmbrl.scene.gyro import gyro_arrays
 from cmbrl.scene.mjcf import early, limits_act, name_of
@@ -28,7 +30,7 @@ _RIM_ERROR = 0.18 * _FLAT_TILT  # of the radius: the most that the point of a ne
 
 def differences(
     model: mujoco.MjModel,
-    candidates: list[Candidate],
+    candidates: CandidateTable,
     stand_ins: Mapping[int, StandIn],
     tendons: list[Tendon],
     contact_law: str,
@@ -53,50 +55,65 @@ def differences(
     )
 
 
-def _shapes(model: mujoco.MjModel, candidates: list[Candidate]) -> Iterator[LeftOut]:
-    on_plane = {c.geoms[0]: len(c.pos_a) for c in candidates if c.kind.on_plane}
-    for geom, dimension in on_plane.items():
+def _firsts(rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Where each different row of natural numbers comes first, in this order."""
+    columns = rows.shape[1] if rows.ndim > 1 else 1
+    keys = rows.reshape(len(rows), columns) @ (1 + int(rows.max(initial=0))) ** np.arange(columns)
+    return np.sort(np.unique(keys, return_index=True)[1])
+
+
+def _shapes(model: mujoco.MjModel, candidates: CandidateTable) -> Iterator[LeftOut]:
+    on_plane = np.flatnonzero(candidates.on_plane)
+    read: dict[int, tuple[float, int]] = {}  # of meshes, which many geoms may have
+    for row in _firsts(candidates.geoms[on_plane, 0]):
+        geom, dimension = int(candidates.geoms[on_plane[row], 0]), len(candidates.candidates[on_plane[row]].pos_a)
         name, mesh = name_of(model, "geom", geom), int(model.geom_dataid[geom])
         if model.geom_type[geom] != _MESH:
             continue
         when = " where rows look ahead" if dimension == 3 else ""
-        if (error := hull_error(model, mesh)) > 0:
+        if mesh not in read:
+            read[mesh] = hull_error(model, mesh), flat_side(model, mesh)
+        error, most = read[mesh]
+        if error > 0:
             count, kept = len(hull_vertices(model, mesh)), len(hull_points(model, mesh))
             outside = f"others lie up to {_millimetres(error)} outside"
             why = f"it touches by {kept} of its hull's {count} vertices{when}; {outside}"
             yield LeftOut("mesh", name, why)
-        if (most := flat_side(model, mesh)) > _MESH_POINTS:
+        if most > _MESH_POINTS:
             why = (
                 f"a flat side touches with {most} points{when}; in MuJoCo with at most {_MESH_POINTS}, which are softer"
             )
             yield LeftOut("mesh", name, why)
-    for geom in dict.fromkeys(c.geoms[1] for c in candidates if c.kind.on_plane):
+    grounds = candidates.geoms[on_plane, 1]
+    for geom in grounds[_firsts(grounds)].tolist():
         if flat_height(model, geom) is not None:
             why = (
                 "flat, and taken for a plane without an edge; MuJoCo's has a contact for each triangle that is touched"
             )
             yield LeftOut("height field", name_of(model, "geom", geom), why)
-    for geom in dict.fromkeys(c.geoms[0] for c in candidates if c.kind == ContactKind.RIM_PLANE):
+    rims = candidates.geoms[candidates.rows(ContactKind.RIM_PLANE), 0]
+    for geom in rims[_firsts(rims)].tolist():
         tilt, depth = 1e3 * _FLAT_TILT, _millimetres(_RIM_ERROR * model.geom_size[geom, 0])
         why = f"it stands on feet inside its rim; tilted by less than {tilt:g} mrad it may sink in by {depth}"
         yield LeftOut("cylinder", name_of(model, "geom", geom), why)
-    segments = [c for c in candidates if c.kind == ContactKind.SEGMENT_SEGMENT]
-    for geoms, acts in dict.fromkeys((c.geoms, c.when) for c in segments):
+    segments = candidates.rows(ContactKind.SEGMENT_SEGMENT)
+    acting = np.column_stack([candidates.geoms[segments], candidates.when[segments]])
+    for *geoms, acts in acting[_firsts(acting)].tolist():
         why = "one point of contact; MuJoCo has two where capsules lie side by side"
-        if np.any(model.geom_type[list(geoms)] == mujoco.mjtGeom.mjGEOM_BOX):
+        if np.any(model.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_BOX):
             why = "each edge of the box touches by itself, near a corner two or three; MuJoCo has one or two points"
             why = f"where rows look ahead: {why}" if acts == When.AHEAD else why
         yield LeftOut("capsules", " - ".join(name_of(model, "geom", geom) for geom in geoms), why)
 
 
 def _stand_ins(
-    model: mujoco.MjModel, candidates: list[Candidate], stand_ins: Mapping[int, StandIn]
+    model: mujoco.MjModel, candidates: CandidateTable, stand_ins: Mapping[int, StandIn]
 ) -> Iterator[LeftOut]:
-    touching: dict[int, set[When]] = {}
-    for c in candidates:
-        for geom in c.geoms:
-            if not c.kind.on_plane:
-                touching.setdefault(geom, set()).add(c.when)
+    touching: dict[int, set[int]] = {}
+    acting = np.column_stack([candidates.geoms, candidates.when])[~candidates.on_plane]
+    acting = np.concatenate([acting[:, [0, 2]], acting[:, [1, 2]]])
+    for geom, when in acting[_firsts(acting)].tolist():
+        touching.setdefault(geom, set()).add(when)
     for geom, found in stand_ins.items():
         stands_in = touching.get(geom, set()) - {When.CLOSED}  # where hulls touch, it is what it is
         if not stands_in:
@@ -107,22 +124,20 @@ def _stand_ins(
         yield LeftOut(kind, name_of(model, "geom", geom), why)
 
 
-def _boxes(model: mujoco.MjModel, candidates: list[Candidate]) -> Iterator[LeftOut]:
-    boxes = {k for k in range(model.ngeom) if model.geom_type[k] == mujoco.mjtGeom.mjGEOM_BOX}
-    pairs: dict[tuple[int, ...], set[ContactKind]] = {}
-    for c in candidates:
-        if set(c.geoms) <= boxes:
-            pairs.setdefault(tuple(sorted(c.geoms)), set()).add(c.kind)
-    for geoms, kinds in pairs.items():
-        if ContactKind.HULLS in kinds:
+def _boxes(model: mujoco.MjModel, candidates: CandidateTable) -> Iterator[LeftOut]:
+    pairs, touching = candidates.pairs[0], candidates.pairs_of(candidates.rows(ContactKind.HULLS))[0]
+    geoms_of = np.sort(pairs[np.all(model.geom_type[pairs] == mujoco.mjtGeom.mjGEOM_BOX, axis=1)], axis=1)
+    hulls = {*map(tuple, np.sort(touching, axis=1).tolist())}
+    for geoms in map(tuple, geoms_of[_firsts(geoms_of)].tolist()):
+        if geoms in hulls:
             why = "where rows look ahead, corners do, edges that cross act once closed"
         else:
             why = "corners touch sides; edges that cross do not touch"
         yield LeftOut("boxes", " - ".join(name_of(model, "geom", geom) for geom in geoms), why)
 
 
-def _laws(model: mujoco.MjModel, candidates: list[Candidate], contact_law: str) -> Iterator[LeftOut]:
-    if contact_law != "mujoco" or not any(c.law.dim > 1 for c in candidates):
+def _laws(model: mujoco.MjModel, candidates: CandidateTable, contact_law: str) -> Iterator[LeftOut]:
+    if contact_law != "mujoco" or not any(law.dim > 1 for law in candidates.laws):
         return
     if model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL:
         why = (

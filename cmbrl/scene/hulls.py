@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -12,7 +11,8 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.arrays import doubles, integers
-from cmbrl.scene.contact_records import Candidate, ContactKind
+from cmbrl.scene.candidate_table import CandidateTable
+from cmbrl.scene.contact_records import ContactKind
 from cmbrl.scene.manifold import quaternion_matrix
 from cmbrl.scene.records import Array, Frame, Tree
 
@@ -46,15 +46,12 @@ class Hull:
     sides: tuple[tuple[int, ...], ...]
 
 
-def hull_arrays(model: mujoco.MjModel, tree: Tree, candidates: Sequence[Candidate], count: int) -> dict[str, Any]:
+def hull_arrays(model: mujoco.MjModel, tree: Tree, candidates: CandidateTable, count: int) -> dict[str, Any]:
     """The hulls of spatial ``candidates``, and the hull of each of all ``count`` candidates, or -1.
 
     Over a plane, none of a mesh whose sides this version of MuJoCo does not keep, nor of one with fewer than four
     candidates.
     """
-    on_plane = [k for k, c in enumerate(candidates) if c.kind == ContactKind.POINT_PLANE]
-    of_mesh = [k for k in on_plane if model.geom_type[candidates[k].geoms[0]] == _MESH]
-    points_of = Counter(candidates[k].geoms for k in of_mesh)
     found: dict[int, int] = {}
     hulls: list[Hull] = []
     which, other, first = np.full((3, count), -1)
@@ -66,14 +63,19 @@ def hull_arrays(model: mujoco.MjModel, tree: Tree, candidates: Sequence[Candidat
             hulls.extend([] if hull is None else [hull])
         return found[geom]
 
-    for k in of_mesh:
-        if points_of[candidates[k].geoms] >= _CORNERS:
-            which[k] = number(candidates[k].geoms[0])
-    for k, c in enumerate(candidates):
-        if c.kind == ContactKind.HULLS:
-            a, b = c.geoms
-            which[k], other[k] = number(a), number(b)
-            first[k] = (model.geom_type[a], a) < (model.geom_type[b], b)
+    points = candidates.rows(ContactKind.POINT_PLANE)
+    points = points[model.geom_type[candidates.geoms[points, 0]] == _MESH]
+    pairs, pair = candidates.pairs_of(points)
+    enough = np.bincount(pair, minlength=len(pairs)) >= _CORNERS
+    hull_of = [number(geom) if keep else -1 for geom, keep in zip(pairs[:, 0].tolist(), enough, strict=True)]
+    which[points] = np.array(hull_of, dtype=np.int64)[pair]
+
+    touching = candidates.rows(ContactKind.HULLS)
+    pairs, pair = candidates.pairs_of(touching)
+    of_a, of_b = np.array([[number(a), number(b)] for a, b in pairs.tolist()], dtype=np.int64).reshape(-1, 2).T
+    kinds = model.geom_type[pairs]
+    a_first = (kinds[:, 0] < kinds[:, 1]) | ((kinds[:, 0] == kinds[:, 1]) & (pairs[:, 0] < pairs[:, 1]))
+    which[touching], other[touching], first[touching] = of_a[pair], of_b[pair], a_first[pair]
     return {
         "con_hull": integers(which),
         "con_hullB": integers(other),
@@ -89,13 +91,6 @@ def _touch_in_several(model: mujoco.MjModel) -> bool:
     if any(model.opt.disableflags & int(off.get(name, 0)) for name in ("mjDSBL_MULTICCD", "mjDSBL_NATIVECCD")):
         return False
     return "mjDSBL_MULTICCD" in off or bool(model.opt.enableflags & int(on.get("mjENBL_MULTICCD", 0)))
-
-
-def has_sides(model: mujoco.MjModel, geom: int) -> bool:
-    """Whether the sides of a geom's hull are known: of all but meshes that MuJoCo has not kept them of."""
-    if model.geom_type[geom] != _MESH:
-        return True
-    return hasattr(model, "mesh_polynum") and bool(model.mesh_polynum[model.geom_dataid[geom]])
 
 
 def _read_hull(model: mujoco.MjModel, geom: int, frame: Frame) -> Hull | None:
@@ -142,20 +137,19 @@ def _box_hull(model: mujoco.MjModel, geom: int, frame: Frame) -> Hull:
 
 def _flattened(hulls: Sequence[Hull]) -> dict[str, Any]:
     firsts = np.cumsum([0, *(len(hull.points) for hull in hulls)])
-    sides = [[first + k for k in side] for first, hull in zip(firsts, hulls, strict=False) for side in hull.sides]
-    around: list[list[int]] = [[] for _ in range(firsts[-1])]
-    for k, side in enumerate(sides):
-        for vertex in side:
-            around[vertex].append(k)
+    lengths = [len(side) for hull in hulls for side in hull.sides]
+    shifts = np.repeat(firsts[:-1], [sum(map(len, hull.sides)) for hull in hulls])
+    vertices = shifts + np.fromiter((k for hull in hulls for side in hull.sides for k in side), dtype=np.int64)
+    by_vertex = np.argsort(vertices, kind="stable")
     return {
         "nhull": len(hulls),
-        "nface": len(sides),
+        "nface": len(lengths),
         "hull_kind": integers([hull.kind for hull in hulls]),
         "hull_ptr": integers(firsts),
-        "hull_point": doubles([point for hull in hulls for point in hull.points], (-1, 3)),
-        "vertex_ptr": integers(np.cumsum([0, *map(len, around)])),
-        "vertex_face": integers([k for sides_of in around for k in sides_of]),
-        "face_ptr": integers(np.cumsum([0, *map(len, sides)])),
-        "face_vertex": integers([vertex for side in sides for vertex in side]),
-        "face_normal": doubles([normal for hull in hulls for normal in hull.normals], (-1, 3)),
+        "hull_point": doubles(np.concatenate([np.zeros((0, 3)), *(hull.points for hull in hulls)]), (-1, 3)),
+        "vertex_ptr": integers(np.cumsum([0, *np.bincount(vertices, minlength=firsts[-1])])),
+        "vertex_face": integers(np.repeat(np.arange(len(lengths)), lengths)[by_vertex]),
+        "face_ptr": integers(np.cumsum([0, *lengths])),
+        "face_vertex": integers(vertices),
+        "face_normal": doubles(np.concatenate([np.zeros((0, 3)), *(hull.normals for hull in hulls)]), (-1, 3)),
     }

@@ -24,7 +24,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.arrays import doubles, integers
-from cmbrl.scene.contact_records import Candidate
+from cmbrl.scene.candidate_table import CandidateTable
 from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.records import WORLD, Array, Tree
 
@@ -35,7 +35,7 @@ SOFTENED_LAWS = ("mujoco", "logistic")  #: whose compliance is a multiple of the
 def weight_arrays(
     model: mujoco.MjModel,
     tree: Tree,
-    candidates: Sequence[Candidate],
+    candidates: CandidateTable,
     limits: Mapping[str, Any],
     masses: Mapping[int, int],
     armatures: Mapping[int, int],
@@ -46,10 +46,10 @@ def weight_arrays(
     ``masses``: body -> number; ``armatures``: degree of freedom -> number, also of those that are 0; ``limits``: the
     core's arrays of lines.
     """
-    sides = model.geom_bodyid[np.array([c.geoms for c in candidates], dtype=np.int64).reshape(-1, 2)]
+    sides = model.geom_bodyid[candidates.geoms]
     weights = model.body_invweight0[sides, 0]
     total = weights.sum(axis=1, keepdims=True)
-    touching = set(sides.ravel().tolist()) if contact_law in SOFTENED_LAWS else set()
+    touching = set(np.unique(sides).tolist()) if contact_law in SOFTENED_LAWS else set()
     shares = _Shares(model, tree, touching, masses, armatures)
     scales = [*masses.values(), *dict.fromkeys(armatures.values())]
     place = {number: k for k, number in enumerate(scales)}
@@ -57,6 +57,8 @@ def weight_arrays(
     lines = np.full(model.nv + len(limits["tendon_ptr"]) - 1, -1)
     for dof, row in shares.of_dof.items():
         lines[dof] = row
+    of_body = np.full(model.nbody, -1)
+    of_body[[*shares.of_body]] = [*shares.of_body.values()]
     return {
         "nmass": len(scales),
         "nweight": len(known),
@@ -64,7 +66,7 @@ def weight_arrays(
         "weight_ptr": integers(np.cumsum([0, *map(len, known)])),
         "weight_mass": integers([k for row in known for k in row]),
         "weight_coef": doubles([x for row in known for x in row.values()], (-1,)),
-        "con_weight": integers([[shares.of_body.get(int(body), -1) for body in pair] for pair in sides]),
+        "con_weight": integers(of_body[sides]),
         "con_share": doubles(weights / np.where(total > 0, total, 1.0), (-1, 2)),
         "lim_weight": integers(lines[limits["lim_line"]]),
         "line_weight": integers(lines),

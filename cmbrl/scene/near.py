@@ -17,6 +17,7 @@ POSES = 400
 NEAR = 0.02  # m
 _DEEPER = 0.005  # m
 _FEW, _FALSE = 40, 0.2  # poses in which stand-ins are tried; share of them in which they may touch in vain
+_UNBOUNDED = 100.0  # m, rad
 _TYPES = {
     "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
     "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
@@ -107,5 +108,7 @@ def _random_pose(model: mujoco.MjModel, rng: np.random.Generator) -> np.ndarray:
         elif kind in (kinds.mjJNT_HINGE, kinds.mjJNT_SLIDE):
             free = np.pi if kind == kinds.mjJNT_HINGE else 1.0
             low, high = model.jnt_range[k] if model.jnt_limited[k] else (q[at] - free, q[at] + free)
+            if high - low > _UNBOUNDED:  # limits that are meant as none
+                low, high = np.clip((low, high), q[at] - free, q[at] + free)
             q[at] = rng.uniform(low, high)
     return q

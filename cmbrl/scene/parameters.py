@@ -14,8 +14,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from cmbrl.scene.candidate_table import CandidateTable
 from cmbrl.scene.collector import Collector, Moves
-from cmbrl.scene.contact_records import Candidate
 from cmbrl.scene.inertia_shapes import offer_shapes
 from cmbrl.scene.joint_parameters import offer_actuator, offer_joints
 from cmbrl.scene.layout import Layout
@@ -89,14 +89,13 @@ def offer_parameters(
 
 
 def _contact_parameters(
-    model: mujoco.MjModel, candidates: list[Candidate], layout: Layout, P: Array, contact_law: str, out: Collector
+    model: mujoco.MjModel, candidates: CandidateTable, layout: Layout, P: Array, contact_law: str, out: Collector
 ) -> None:
     """Friction and softness of each geom that touches the world; contacts between moving bodies share ``pairs``."""
-    geoms = np.array([c.geoms for c in candidates], dtype=np.int64).reshape(-1, 2)
-    world = np.array([(c.body_a == WORLD, c.body_b == WORLD) for c in candidates], dtype=bool).reshape(-1, 2)
-    geoms = np.where(world[:, :1], geoms[:, ::-1], geoms)  # what moves comes first
+    world = candidates.bodies == WORLD
+    geoms = np.where(world[:, :1], candidates.geoms[:, ::-1], candidates.geoms)  # what moves comes first
     on_world: NDArray[np.bool_] = np.any(world, axis=1)
-    dims = np.array([c.law.dim for c in candidates], dtype=np.int64)
+    dims = candidates.of_laws("dim")
 
     def by_value(rows: Rows, field: str) -> Iterator[tuple[str, float, Rows]]:
         """Splits a group by nominal value; several values are told apart by the geoms of their first contact."""

@@ -9,15 +9,17 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.actuators import Actuator, read_actuators
+from cmbrl.scene.candidate_table import CandidateTable, merge_points
 from cmbrl.scene.contact_records import Candidate
 from cmbrl.scene.contacts import ContactBuilder
 from cmbrl.scene.fluid import Box, oblique_box, read_boxes
 from cmbrl.scene.fluid_ellipsoids import Ellipsoid, read_ellipsoids
+from cmbrl.scene.glide import with_moving_surfaces
 from cmbrl.scene.joint_forces import Compensation, force_ranges, read_compensation
 from cmbrl.scene.linkages import Linkage
 from cmbrl.scene.mjcf import name_of, read_tree
 from cmbrl.scene.records import Tendon, Tie, Tree
-from cmbrl.scene.reduction import PlaneOfMotion, find_plane, merge_points, obstacle_to_plane, project
+from cmbrl.scene.reduction import PlaneOfMotion, find_plane, obstacle_to_plane, project
 from cmbrl.scene.robot_source import Compiled
 from cmbrl.scene.shapes import Shape, read_shape
 from cmbrl.scene.springs import check_joints
@@ -34,9 +36,10 @@ class Parts:
     plane: PlaneOfMotion | None
     why: str  # the tree moves in a plane, or does not
     contacts: ContactBuilder
-    candidates: list[Candidate]
+    candidates: CandidateTable
     merged: int  # points that were left out because others are at the same place
     grounds: list[Shape]
+    still: bool  # surfaces that move are taken to stand
     tendons: list[Tendon]
     ties: list[Tie]
     actuators: list[Actuator]
@@ -75,17 +78,20 @@ def read_parts(compiled: Compiled, gate: Gate, reduce: bool, self_contact: str) 
         contacts = ContactBuilder(model, tree, normal, again, self_contact=self_contact)  # with rims
         contacts.build()
     candidates = [project(tree, plane, c) for c in contacts.candidates] if plane else contacts.candidates
-    candidates, merged = merge_points(candidates) if reduce else (candidates, 0)
-    geoms = sorted({c.geoms[1] for c in candidates if c.kind.on_plane})
+    table, merged = CandidateTable(candidates), 0
+    if reduce:
+        table, merged = merge_points(table)
+    geoms = np.unique(table.geoms[table.on_plane, 1]).tolist()
     grounds = [read_shape(model, geom, tree.frames) for geom in geoms]
     return Parts(
         tree,
         plane,
         why,
         contacts,
-        candidates,
+        table,
         merged,
         grounds,
+        "surface_velocity" in gate.ignore,
         tendons,
         ties,
         actuators,
@@ -109,6 +115,11 @@ def _obstacle(
     """Why what acts on a planar tree needs spatial algebra, naming the first; None if nothing does."""
     if linkages:
         return f"{linkages[0].name} acts along no joint or tendon"
+    moving = with_moving_surfaces(model)
+    for c in candidates:
+        for geom in c.geoms:
+            if moving[geom]:
+                return f"the surface of {name_of(model, 'geom', geom)} moves"
     for c in candidates:
         if c.law.ratios != (1.0, 1.0):
             names = " - ".join(name_of(model, "geom", geom) for geom in c.geoms)

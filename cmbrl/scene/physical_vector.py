@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.actuators import Actuator, force_limit
-from cmbrl.scene.contact_records import Candidate, ContactLaw
+from cmbrl.scene.candidate_table import CandidateTable
+from cmbrl.scene.contact_records import ContactLaw
 from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.layout import CONTACT_FIELDS, Layout
 from cmbrl.scene.mjcf import friction_acts, ignores
@@ -86,14 +87,12 @@ def _write_actuators(P: Array, layout: Layout, actuators: list[Actuator]) -> Non
             P[layout.dof(line, "damping")] += actuator.damping
 
 
-def _write_contacts(P: Array, layout: Layout, candidates: list[Candidate], law: LawChoice) -> None:
+def _write_contacts(P: Array, layout: Layout, candidates: CandidateTable, law: LawChoice) -> None:
     blocks = P[layout.contact(0) :].reshape(-1, len(CONTACT_FIELDS))
-    laws = {id(c.law): c.law for c in candidates}  # pairs of the same surfaces share theirs
-    shared = {key: _law_block(own, law) for key, own in laws.items()}
-    for block, c in zip(blocks, candidates, strict=True):
-        block[:] = shared[id(c.law)]
-    blocks[:, 2] = [c.radius_a + c.radius_b for c in candidates]
-    blocks[:, 8] = [1 / c.weight for c in candidates]
+    shared = np.array([_law_block(own, law) for own in candidates.laws]).reshape(-1, len(CONTACT_FIELDS))
+    blocks[:] = shared[candidates.law]
+    blocks[:, 2] = candidates.radii.sum(axis=1)
+    blocks[:, 8] = 1 / candidates.weight
 
 
 def _law_block(own: ContactLaw, law: LawChoice) -> Array:

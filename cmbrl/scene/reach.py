@@ -5,6 +5,7 @@ Limits are soft, so slides get slack (a tenth of their range and 5 cm). Hinges t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -56,7 +57,7 @@ class Balls:
     def __init__(self, model: mujoco.MjModel, tree: Tree) -> None:
         self.model, self.tree = model, tree
         self._chains = [tree.chain(body) for body in range(len(tree.bodies))]
-        self._balls: dict[tuple[int, int], tuple[Array, float]] = {}
+        self._balls: dict[tuple[int, int], tuple[list[float], float]] = {}
 
     def closest_approach(self, a: Shape, b: Shape) -> float:
         """Lower bound [m], possibly negative, on the distance between the centres of two shapes of different bodies."""
@@ -65,13 +66,14 @@ class Balls:
         while shared < min(len(path_a), len(path_b)) and path_a[shared] == path_b[shared]:
             shared += 1
         (from_a, slack_a), (from_b, slack_b) = self._ball(a, path_a, shared), self._ball(b, path_b, shared)
-        if np.isinf(slack_a) or np.isinf(slack_b):
-            return -np.inf
-        return float(np.linalg.norm(from_a - from_b)) - slack_a - slack_b
+        if math.isinf(slack_a) or math.isinf(slack_b):
+            return -math.inf
+        return math.dist(from_a, from_b) - slack_a - slack_b
 
-    def _ball(self, shape: Shape, path: list[int], held: int) -> tuple[Array, float]:
+    def _ball(self, shape: Shape, path: list[int], held: int) -> tuple[list[float], float]:
         if (shape.geom, held) not in self._balls:
-            self._balls[shape.geom, held] = _ball(self.model, self.tree, shape, path[held:])
+            centre, radius = _ball(self.model, self.tree, shape, path[held:])
+            self._balls[shape.geom, held] = centre.tolist(), radius
         return self._balls[shape.geom, held]
 
 

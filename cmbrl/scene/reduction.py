@@ -7,8 +7,7 @@ For robots that move in x-z they are x, z and -y.
 
 from __future__ import annotations
 
-from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -144,8 +143,7 @@ def project(tree: Tree, plane: PlaneOfMotion, candidate: Candidate) -> Candidate
         rot_a = flat @ candidate.rot_a @ flat.T
         squares, axes = np.linalg.eigh(rot_a)
         axis_a = np.sqrt(squares[1]) * axes[:, 1]
-    image = replace(
-        candidate,
+    image = candidate._replace(
         pos_a=plane.local(tree, a, candidate.pos_a),
         axis_a=axis_a,
         pos_b=plane.local(tree, b, candidate.pos_b),
@@ -157,9 +155,9 @@ def project(tree: Tree, plane: PlaneOfMotion, candidate: Candidate) -> Candidate
     if candidate.kind != ContactKind.SEGMENT_SEGMENT:
         return image
     if not np.any(image.axis_a):  # a capsule along the normal is a point, and the point comes first
-        return replace(image, kind=ContactKind.POINT_SHAPE)
+        return image._replace(kind=ContactKind.POINT_SHAPE)
     if not np.any(image.axis_b) and b != WORLD:
-        return replace(_swapped(image), kind=ContactKind.POINT_SHAPE)
+        return _swapped(image)._replace(kind=ContactKind.POINT_SHAPE)
     return image
 
 
@@ -176,8 +174,7 @@ def _section(half: Array) -> Array:
 
 def _swapped(c: Candidate) -> Candidate:
     """The same candidate with A and B exchanged (no boxes)."""
-    return replace(
-        c,
+    return c._replace(
         geoms=c.geoms[::-1],
         body_a=c.body_b,
         body_b=c.body_a,
@@ -188,17 +185,3 @@ def _swapped(c: Candidate) -> Candidate:
         radius_a=c.radius_b,
         radius_b=c.radius_a,
     )
-
-
-def merge_points(candidates: list[Candidate]) -> tuple[list[Candidate], int]:
-    """Merges coinciding candidates of a pair of geoms, adding their weights; returns them and the number removed."""
-    kept: dict[object, Candidate] = {}
-    points = Counter(c.geoms for c in candidates)
-    for c in candidates:
-        if points[c.geoms] == 1 or c.kind == ContactKind.HULLS:  # whose candidates are places for what touches
-            kept[len(kept)] = c
-            continue
-        where = tuple(np.round(np.concatenate([c.pos_a, c.axis_a, c.pos_b, c.axis_b]), 9) + 0.0)
-        key = (c.kind, c.geoms, c.radius_a, where)
-        kept[key] = replace(kept[key], weight=kept[key].weight + c.weight) if key in kept else c
-    return list(kept.values()), len(candidates) - len(kept)

@@ -6,7 +6,7 @@ Real boxes have no sharp corners, but MJCF has no rounded box. ``<numeric name="
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import mujoco
@@ -48,6 +48,7 @@ class Shape:
     bound: float  # radius of a bounding sphere around pos
     hull: Array  # (n, 3) points of a mesh in the geom frame, otherwise empty
     rounding: float = 0.0  # of a box's edges
+    sides: bool = True  # those of its hull are known: of all but meshes that MuJoCo has not kept them of
 
     @cached_property
     def axis(self) -> Array:
@@ -65,9 +66,27 @@ class Shape:
         return self.size - self.rounding
 
     @cached_property
-    def corners(self) -> list[Array]:
-        """Of the box, without its rounding, in the body frame."""
-        return [touch.pos for touch in touches(self, None)]
+    def corners(self) -> list[tuple[Array, Array]]:
+        """Of the box, without its rounding, in the body frame: each with the way to it from the centre."""
+        return [(touch.pos, touch.pos - self.pos) for touch in touches(self, None)]
+
+    @cached_property
+    def ends(self) -> tuple[Array, Array]:
+        """Of the segment of a capsule."""
+        return self.pos - self.axis, self.pos + self.axis
+
+    @cached_property
+    def edges(self) -> list[Shape]:
+        """The twelve edges of a box as capsules without a radius, or with that of the box's rounding."""
+        found = []
+        for axis in range(3):
+            order = [(axis + 1) % 3, (axis + 2) % 3, axis]
+            turn, half = self.rot[:, order], self.core[order]
+            for x, y in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
+                pos = self.pos + turn @ np.array([x * half[0], y * half[1], 0.0])
+                size = np.array([self.rounding, half[2], 0.0])
+                found.append(replace(self, kind="capsule", pos=pos, rot=turn, size=size, rounding=0.0))
+        return found
 
     def reach_along(self, direction: Array) -> float:
         """Half the extent [m] along a unit direction (3,) of the body frame."""
@@ -101,6 +120,7 @@ def read_shape(model: mujoco.MjModel, geom: int, frames: list[Frame], rounding: 
         float(np.linalg.norm(hull, axis=1).max()) if len(hull) else float(model.geom_rbound[geom]),
         hull,
         rounding,
+        kind != "mesh" or (hasattr(model, "mesh_polynum") and bool(model.mesh_polynum[model.geom_dataid[geom]])),
     )
 
 

@@ -16,17 +16,17 @@ KINDS = {  # those below "supported" are modelled, and left out only if they are
     "tendon": "polynomials of tendons, armature of those through sites, force ranges of several actuators together",
     "equality": "equality constraints of deformable bodies",
     "flex": "deformable bodies",
-    "plugin": "engine plugins",
+    "plugin": "engine plugins other than sensors",
     "actuator_dynamics": "muscles, delays and other states of actuators (integrators and filters are supported)",
     "actuator_transmission": "actuators on three axes at once (so3), or on a tendon that nothing moves",
     "actuator_bias": "forces of actuators other than MuJoCo's affine ones, pid and dcmotor without a state",
     "geom_type": "contact with hills of height fields and with SDFs, and planes that move",
     "geom_pair": "contact of two bodies by shapes that need several points or a stand-in (supported unless ignored)",
     "adhesion": "contact adhesion",
-    "surface_velocity": "moving surfaces",
     "integrator": "MuJoCo's discrete integrator",
     "missing_mesh": "collision meshes of a URDF that are not there",
     # supported
+    "surface_velocity": "surfaces of geoms that move (if ignored, they stand)",
     "friction_anisotropic": "pairs with two different sliding or rolling frictions (if ignored, the first applies)",
     "condim": "torsional and rolling friction (if ignored, condim 4 and 6 are 3)",
     "joint_limit_ball": "limits on ball joints",
@@ -92,8 +92,8 @@ def check_model(model: mujoco.MjModel, gate: Gate) -> None:
     option = model.opt
     for k in range(model.nflex):
         gate.refuse("flex", name_of(model, "flex", k), "a deformable body")
-    if model.nplugin:
-        gate.refuse("plugin", "extension", f"{model.nplugin} plugin instance{'s' * (model.nplugin > 1)}")
+    if acting := model.nplugin - len(_that_sense(model)):
+        gate.refuse("plugin", "extension", f"{acting} plugin instance{'s' * (acting > 1)}")
     if "DISCRETE" in mujoco.mjtIntegrator(option.integrator).name:
         gate.refuse("integrator", "option", "integrator discrete", "replaced by semi-implicit Euler")
     if (exact := getattr(mujoco.mjtEnableBit, "mjENBL_DIAGEXACT", None)) and option.enableflags & exact:
@@ -102,3 +102,9 @@ def check_model(model: mujoco.MjModel, gate: Gate) -> None:
         gate.note("noslip", "option", f"MuJoCo's noslip pass, {iterations(option.noslip_iterations)}, is not made")
     for body in np.flatnonzero(model.body_mocapid >= 0):
         gate.note("mocap", name_of(model, "body", int(body)), "it stays where the file places it")
+
+
+def _that_sense(model: mujoco.MjModel) -> set[int]:
+    """Plugin instances that nothing but sensors have: they change no motion."""
+    others = [model.body_plugin, model.geom_plugin, model.actuator_plugin]
+    return {int(k) for k in model.sensor_plugin if k >= 0} - {int(k) for of in others for k in of}

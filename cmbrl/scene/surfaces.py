@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.contact_records import ContactLaw
+from cmbrl.scene.glide import with_moving_surfaces
 from cmbrl.scene.mixing import adhesive_bodies, contact_law, inverse_weight, pair_label
 from cmbrl.scene.support import Gate
 
@@ -22,6 +23,7 @@ class Surfaces:
         self.model, self.gate = model, gate
         self._laws: dict[tuple[bytes, bytes], ContactLaw] = {}
         self._surfaces: dict[int, bytes] = {}
+        self._moving = with_moving_surfaces(model)
 
     def law(self, a: int, b: int, pair: int) -> ContactLaw:
         """Of the geoms ``a`` and ``b`` in any order, with the number of their explicit pair or -1; tells the gate.
@@ -55,10 +57,11 @@ class Surfaces:
         for field, kind, rows in (
             ("geom_adhesion", "adhesion", [a, b]),
             ("pair_adhesion", "adhesion", [pair] if pair >= 0 else []),
-            ("geom_surfacevel", "surface_velocity", [a, b]),
         ):
             values = getattr(model, field, None)  # fields of recent MuJoCo versions
             if values is not None and rows and np.any(np.asarray(values)[rows]):
                 self.gate.refuse(kind, label, f"nonzero {field.split('_')[1]}")
+        if self._moving[[a, b]].any():
+            self.gate.drops("surface_velocity", label, "a surface that moves", "it stands")
         first, second = sorted((a, b))
         return contact_law(model, first, second, pair, self.gate)

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.arrays import doubles, integers
-from cmbrl.scene.contact_records import Candidate
+from cmbrl.scene.candidate_table import CandidateTable
 from cmbrl.scene.manifold import quaternion_matrix
 from cmbrl.scene.records import WORLD, Array, Tree
 from cmbrl.scene.reduction import PlaneOfMotion
@@ -51,7 +51,7 @@ def reach_arrays(
     model: mujoco.MjModel,
     tree: Tree,
     reaches: Sequence[Reach | None],
-    candidates: list[Candidate],
+    candidates: CandidateTable,
     plane: PlaneOfMotion | None,
 ) -> dict[str, Any]:
     """For the core, in the plane of motion if there is one; ``reaches`` by actuator."""
@@ -77,8 +77,8 @@ def reach_arrays(
     }
 
 
-def _contacts_of(model: mujoco.MjModel, body: int | None, candidates: list[Candidate]) -> list[int]:
+def _contacts_of(model: mujoco.MjModel, body: int | None, candidates: CandidateTable) -> list[int]:
     """Numbers of the candidates of a body of the file."""
     if body is None:
         return []
-    return [k for k, c in enumerate(candidates) if body in model.geom_bodyid[list(c.geoms)]]
+    return np.flatnonzero(np.any(model.geom_bodyid[candidates.geoms] == body, axis=1)).tolist()

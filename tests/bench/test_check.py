@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import mujoco
 import pytest
 
 from cmbrl.bench.check import Line, check
 from cmbrl.cli.check import PARTS
+from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
 
 ARM = """<mujoco><option timestep=".002" integrator="implicitfast"/><worldbody><body name="upper" pos="0 0 1">
@@ -128,3 +131,31 @@ def test_a_solver_that_stops_early_is_named(options: str) -> None:
     lines = steps_of(text)
     assert lines["step on the floor, convex"].value > 0.05
     assert lines["step on the floor, with MuJoCo's solver run to its end"].value < 1e-6
+
+
+def test_limits_that_are_meant_as_none_do_not_spoil_the_differences() -> None:
+    """At 10 km from the origin, differences of positions are round-off."""
+    body = """<body><joint type="slide" axis="1 0 0" range="-1e4 1e4"/><geom size=".1" mass="1"/>
+        <body pos=".1 0 0"><joint axis="0 0 1" range="-1e4 1e4"/><geom size=".05" pos=".2 0 0" mass=".5"/>
+        <body pos=".2 0 0"><joint axis="0 1 0" range="-2 2"/><geom size=".05" pos=".1 0 0" mass=".5"/></body>
+        </body></body>"""
+    model = mujoco.MjModel.from_xml_string(f'<mujoco><compiler angle="radian"/><worldbody>{body}</worldbody></mujoco>')
+    lines = check(Scene.from_mjcf(model), model, 1, 1, only="derivatives")
+    assert all(line.holds for line in lines), lines
+
+
+def test_mass_and_bias_need_no_rows_of_contacts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Which would take gigabytes for robots of many shapes."""
+    asked: list[bool] = []
+    smooth = ComplementarityModel.smooth_dynamics
+
+    def noted(self: ComplementarityModel, *args: Any, contacts: bool = True) -> Any:
+        asked.append(contacts)
+        return smooth(self, *args, contacts=contacts)
+
+    monkeypatch.setattr(ComplementarityModel, "smooth_dynamics", noted)
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><body><joint/><geom size=".1" pos=".1 0 0"/></body></worldbody></mujoco>'
+    )
+    assert all(line.holds for line in check(Scene.from_mjcf(model), model, 1, 1, only="dynamics"))
+    assert asked == [False]

@@ -184,3 +184,20 @@ def test_mujocos_warnings_are_kept_and_leave_no_log_file(tmp_path: Path, monkeyp
 
 def test_kinds_are_documented() -> None:
     assert {*CASES, *SUPPORTED} <= set(KINDS)
+
+
+def test_plugins_that_only_sense_are_borne(load: Load) -> None:
+    plugin = "mujoco.sensor.touch_grid"
+    config = "".join(
+        f'<config key="{key}" value="{value}"/>'
+        for key, value in {"size": "7 7", "fov": "10 10", "gamma": "0", "nchannel": "3"}.items()
+    )
+    instance = f'<plugin plugin="{plugin}"><instance name="grid">{config}</instance></plugin>'
+    sense = f"""<mujoco><extension>{instance}</extension>
+        <worldbody>{HINGE.format("", "").replace("</body>", '<site name="s"/></body>')}</worldbody>
+        <sensor><plugin plugin="{plugin}" instance="grid" objtype="site" objname="s"/></sensor></mujoco>"""
+    assert Scene.from_mjcf(sense).left_out == ()
+    cable = '<extension><plugin plugin="mujoco.elasticity.cable"><instance name="bend"/></plugin>'
+    bent = sense.replace("<extension>", cable).replace('<geom name="g"', '<plugin instance="bend"/><geom name="g"')
+    with pytest.raises(UserError, match=r"plugin 'extension' is not supported: 1 plugin instance; remove it"):
+        Scene.from_mjcf(bent)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import mujoco
@@ -54,6 +55,41 @@ def test_a_mesh_is_found_where_a_folder_has_the_name_of_the_address(urdf: Path, 
     meshdir = '<robot name="leg"><mujoco><compiler meshdir="../a"/><option timestep="0.004"/></mujoco>'
     moved = robot().replace("package://leg/a/shape.stl", "shape.stl").replace('<robot name="leg">', meshdir)
     assert convert_text(urdf, moved, tmp_path).model.opt.timestep == 0.004
+
+
+@pytest.mark.parametrize("inside", ["", "assets", "meshes"])
+def test_a_mesh_whose_package_has_no_name_lies_with_the_file(urdf: Path, tmp_path: Path, inside: str) -> None:
+    bare = robot().replace("package://leg/a/shape.stl", "package:///bare.stl")
+    with pytest.raises(UserError, match=r"cannot find 1 of 2 meshes of collisions, such as package:///bare.stl"):
+        convert_text(urdf, bare, tmp_path)
+    (urdf.parent / inside).mkdir(exist_ok=True)
+    shutil.copy(urdf.parent.parent / "a/shape.stl", urdf.parent / inside / "bare.stl")
+    assert sorted(convert_text(urdf, bare, tmp_path).meshes) == ["bare.stl", "shape.stl"]
+
+
+@pytest.mark.parametrize("kind", ["obj", "stl"])
+def test_a_flat_mesh_becomes_a_plate(urdf: Path, tmp_path: Path, kind: str) -> None:
+    """MuJoCo finds no hull of it. Its outline stays, whatever triangles fill it."""
+    corners = np.array([[0, 0, 0.1], [0.2, 0, 0.1], [0.2, 0.1, 0.1], [0, 0.1, 0.1], [0.1, 0.05, 0.1]])
+    triangles = [(0, 1, 4), (4, 2, 1), (2, 3, 4), (3, 0, 4)]
+    if kind == "obj":
+        lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in triangles]
+        data = "\n".join(lines).encode()
+    else:
+        faces = np.zeros(4, [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+        faces["corners"] = corners[np.array(triangles)]
+        data = bytes(80) + (4).to_bytes(4, "little") + faces.tobytes()
+    (urdf.parent / f"sheet.{kind}").write_bytes(data)
+    sheet = f'filename="sheet.{kind}" scale="2 2 2"'
+    found = convert_text(urdf, robot().replace('filename="package://leg/a/shape.stl"', sheet), tmp_path)
+    assert f"flat meshes become plates of 1 mm: sheet.{kind}" in found.notes
+    mesh = found.model.mesh("sheet")
+    points = found.model.mesh_vert[mesh.vertadr[0] :][: mesh.vertnum[0]]
+    extent = np.sort(np.ptp(points, axis=0))  # in the axes of its inertia
+    np.testing.assert_allclose(extent, [1e-3, 0.2, 0.4], rtol=1e-4)
+    path = tmp_path / "leg.xml"
+    found.write(path)
+    assert mujoco.MjModel.from_xml_path(str(path)).nmesh == found.model.nmesh
 
 
 def test_meshes_that_are_missing_may_be_left_out(

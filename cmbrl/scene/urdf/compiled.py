@@ -12,6 +12,7 @@ import numpy as np
 
 from cmbrl.errors import UserError
 from cmbrl.scene.near import poses, touching
+from cmbrl.scene.urdf.flat import THICK, thicken
 from cmbrl.text import shortened
 
 _POSES, _ALWAYS, _OVERLAP = 100, 0.95, 5e-4  # random ones; share of them; m
@@ -21,10 +22,20 @@ _MASSLESS = (1e-3, 1e-6)  # kg, kg m^2: of a link that moves and has neither ine
 def read(robot: ElementTree.Element, meshes: dict[str, bytes], file: Path) -> tuple[mujoco.MjSpec, list[str]]:
     """MuJoCo's reading; where it refuses a link or a mesh for want of mass or volume, that is mended."""
     ElementTree.indent(robot)  # a line each, for errors
-    text, notes = ElementTree.tostring(robot, encoding="unicode"), []
+    notes: list[str] = []
     try:
+        text = ElementTree.tostring(robot, encoding="unicode")
         spec = mujoco.MjSpec.from_string(text, assets=meshes)
         refused = _refused(spec)
+        flat = []
+        while name := thicken(refused, meshes, _scales(robot)):
+            flat.append(name)
+            _rename(robot, meshes)
+            text = ElementTree.tostring(robot, encoding="unicode")
+            spec = mujoco.MjSpec.from_string(text, assets=meshes)
+            refused = _refused(spec)
+        if flat:
+            notes.append(f"flat meshes become plates of {1e3 * THICK:g} mm: {shortened(', '.join(flat), 300)}")
         if "mesh volume" in refused:
             for mesh in spec.meshes:
                 mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
@@ -43,6 +54,20 @@ def read(robot: ElementTree.Element, meshes: dict[str, bytes], file: Path) -> tu
         light = [model.body(b).name for b in range(1, model.nbody) if model.body_mass[b] <= _MASSLESS[0]]
         notes.append(f"links {', '.join(light)}: move without inertia; they get {_MASSLESS[0] * 1e3:g} g")
     return spec, notes
+
+
+def _scales(robot: ElementTree.Element) -> dict[str, float]:
+    """By how much at most the meshes are enlarged."""
+    found = ((mesh.get("filename", ""), mesh.get("scale", "1").split()) for mesh in robot.iter("mesh"))
+    return {name: max(abs(float(x)) for x in scale) for name, scale in found}
+
+
+def _rename(robot: ElementTree.Element, meshes: dict[str, bytes]) -> None:
+    """A plate is an STL, whatever the mesh was."""
+    for mesh in robot.iter("mesh"):
+        name = mesh.get("filename", "")
+        if name not in meshes:
+            mesh.set("filename", f"{name.rsplit('.', 1)[0]}.stl")
 
 
 def _with_its_line(error: str, text: str) -> str:

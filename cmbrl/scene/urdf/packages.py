@@ -25,7 +25,8 @@ def find(address: str, urdf: Path, packages: Sequence[Path] = ()) -> Path | None
     elif scheme == "file":
         candidates = [Path(rest)]
     else:
-        candidates = _in_packages(rest.lstrip("/"), [*packages, *above, *_of_ros()])
+        rest = rest.lstrip("/")
+        candidates = _in_packages(rest, [*packages, *above, *_of_ros()]) if "/" in rest else _beside(rest, urdf)
     parts = PurePosixPath(rest if colon else address).parts
     candidates += [
         folder.joinpath(*parts[k + 1 :]) for k in range(len(parts) - 1) for folder in above if folder.name == parts[k]
@@ -40,6 +41,11 @@ def _in_packages(rest: str, folders: Sequence[Path]) -> list[Path]:
     name, _, inside = rest.partition("/")
     named = [path for folder in folders for path in (folder / name / inside, folder / "share" / name / inside)]
     return [*named, *(folder / inside for folder in folders if folder.name == name), *(f / inside for f in folders)]
+
+
+def _beside(name: str, urdf: Path) -> list[Path]:
+    """A file without a folder, where its package would be: with the URDF, or in the folders that it often lies in."""
+    return [urdf.parent / inside / name for inside in ("", "assets", "meshes")]
 
 
 def _of_ros() -> list[Path]:
