@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from cmbrl.scene.records import Array
 
 THICK = 1e-3  # m
+_LINE = 1e-9  # of its length, below which a mesh has no width
 _REFUSED = re.compile(r"mesh '(.*?)' has coplanar vertices")
 _STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
@@ -24,8 +26,11 @@ def thicken(refused: str, meshes: dict[str, bytes], scales: dict[str, float]) ->
     if name is None or len(points) < 3:
         return None
     middle = points.mean(axis=0)
-    first, second, _ = np.linalg.svd(points - middle, full_matrices=False)[2]
-    outline = middle + _outline((points - middle) @ np.array([first, second]).T) @ np.array([first, second])
+    _, size, (first, second, _) = np.linalg.svd(points - middle, full_matrices=False)
+    if size[1] <= _LINE * size[0]:  # a line has no area
+        return None
+    plane = (points - middle) @ np.array([first, second]).T
+    outline = middle + plane[ConvexHull(plane).vertices] @ np.array([first, second])  # counterclockwise
     up = np.cross(first, second) * 0.5 * THICK / scales.get(name, 1.0)
     del meshes[name]
     meshes[f"{told[1]}.stl" if told else name] = _prism(outline - up, outline + up)
@@ -40,24 +45,6 @@ def _points(name: str, data: bytes) -> Array:
         return np.zeros((0, 3))
     lines = [line.split()[1:4] for line in data.decode(errors="replace").splitlines() if line.startswith("v ")]
     return np.array(lines, dtype=np.float64).reshape(-1, 3)
-
-
-def _outline(points: Array) -> Array:
-    """Corners (m, 2) of the hull of points (n, 2), counterclockwise (Andrew's monotone chain)."""
-    ordered = sorted({(float(x), float(y)) for x, y in points})
-
-    def half(places: list[tuple[float, float]]) -> list[tuple[float, float]]:
-        kept: list[tuple[float, float]] = []
-        for x, y in places:
-            while len(kept) > 1:
-                (ax, ay), (bx, by) = kept[-2:]
-                if (bx - ax) * (y - ay) - (by - ay) * (x - ax) > 0:
-                    break
-                kept.pop()
-            kept.append((x, y))
-        return kept[:-1]
-
-    return np.array([*half(ordered), *half(ordered[::-1])]).reshape(-1, 2)
 
 
 def _prism(low: Array, high: Array) -> bytes:
