@@ -15,7 +15,8 @@ from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.train.policy import observed_by
 
-TRIALS, LAW = ("draws", "late", "pushed"), "law"  #: LAW came later: results from before it lack it
+TRIALS = ("draws", "late", "pushed")
+LAWS = ("law", "mujoco")  #: came later, one by one: results from before lack them
 
 
 def tried(policy: Actor, mdp: MDP, model: ComplementarityModel, episodes: int) -> Result:
@@ -27,11 +28,11 @@ def tried(policy: Actor, mdp: MDP, model: ComplementarityModel, episodes: int) -
 def scores(found: Result) -> dict[str, float]:
     """Numbers that should be high where a policy will fall: share of falls by trial, their mean, spread of returns."""
     falls = {name: float(np.mean(found[name]["falls"])) for name in TRIALS}
-    law = {"falls: law": float(np.mean(found[LAW]["falls"]))} if LAW in found else {}
+    laws = {f"falls: {name}": float(np.mean(found[name]["falls"])) for name in LAWS if name in found}
     returns = np.array([x for x in found["draws"]["returns"] if x is not None] or [0.0])
     spread = float(returns.std() / max(abs(float(returns.mean())), 1e-9))
     together = {"falls: all": float(np.mean(list(falls.values()))), "spread": spread}
-    return {f"falls: {name}": value for name, value in falls.items()} | law | together
+    return {f"falls: {name}": value for name, value in falls.items()} | laws | together
 
 
 def area(score: Sequence[float], label: Sequence[bool]) -> float | None:
