@@ -117,6 +117,8 @@ def test_an_attitude_alone_is_placed_by_feet(stands: SimpleNamespace, tmp_path: 
     assert not log.place_told
     assert any("taken from its attitude and what stands on the floor" in note for note in found.notes)
     log.save(tmp_path / "log.npz")
+    with pytest.raises(UserError, match=r"log.npz: the place of its base was estimated"):
+        import_logs([tmp_path / "log.npz"], stands.scene)
     log = PositionLog.load(tmp_path / "log.npz")
     assert not log.place_told
     v = estimated(log, stands.scene).v

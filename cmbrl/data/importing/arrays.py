@@ -19,8 +19,17 @@ EPISODE = re.compile(r"(episode|demo|traj|trajectory)_?(\d+)")
 
 
 def read_npz(path: Path, joints: tuple[str, ...]) -> list[Recording]:
-    """Arrays, with ``joint_names``, ``columns`` or ``NAME_names`` for the columns, and ``...lengths`` of episodes."""
-    return [_of_named(str(path), read_arrays(path), joints)]
+    """Arrays, with ``joint_names``, ``columns`` or ``NAME_names`` for the columns, and ``...lengths`` of episodes.
+
+    Raises UserError for a position log that tells an estimated place of its base, which would count as measured.
+    """
+    arrays = read_arrays(path)
+    if not np.all(arrays.get("place_told", True)):
+        raise UserError(
+            f"{path}: the place of its base was estimated (place_told is False): give it to `cmbrl fit` as it is, or "
+            "import the log that it was made from"
+        )
+    return [_of_named(str(path), arrays, joints)]
 
 
 def _of_named(where: str, arrays: Mapping[str, Any], joints: tuple[str, ...]) -> Recording:
