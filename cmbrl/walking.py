@@ -18,7 +18,7 @@ from torch import Tensor
 
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.mdp import MDP, Total
-from cmbrl.numbers import real
+from cmbrl.numbers import real, shown
 from cmbrl.registry import Task
 from cmbrl.standing import ROOT_Q, ROOT_V, by_joint, commands, on_floor, standing
 
@@ -52,7 +52,8 @@ class Walker:
         reach: how far an action of 1 moves a servo's target from the posture [rad or m]; for a motor, the share of its
             control range that an action of 1 asks for.
 
-    Raises UserError for numbers that are not finite, a speed that has not three, and a reach that is not positive.
+    Raises UserError for numbers that are not finite, a speed that has not three, a reach that is not positive, and a
+    posture of another kind.
     """
 
     scene: Path
@@ -66,6 +67,8 @@ class Walker:
             raise UserError(f"speed has {len(self.speed)} numbers: give ahead, to the left, and about the vertical")
         for value in self.speed:
             real(value, "speed")
+        if not isinstance(self.posture, str | Mapping):
+            raise UserError(f"posture = {shown(self.posture)}: give positions by joint, or the name of a keyframe")
         for name, value in by_joint(self.posture).items():
             real(value, f"posture of {name}")
         real(self.reach, "reach", above=0.0)

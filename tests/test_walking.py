@@ -187,6 +187,7 @@ def test_what_cannot_walk_is_refused_with_a_remedy(tmp_path, xml, posture, says)
         ({"speed": (0.8,)}, "speed has 1 numbers: give ahead"),
         ({"speed": (0.8, 0.0, math.nan)}, "speed"),
         ({"posture": {"fl_hip": math.nan}}, "posture of fl_hip"),
+        ({"posture": 3}, "posture = 3: give positions by joint, or the name of a keyframe"),
         ({"reach": 0.0}, "reach"),
     ],
 )
