@@ -95,6 +95,13 @@ def test_a_finished_run_continues_with_more_iterations(tmp_path: Path) -> None:
     assert len((run / "metrics.csv").read_text().splitlines()) == 5
 
 
+def test_a_run_goes_on_from_another_ones_policy(place: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    assert main([*TRAIN, "--iterations", "2", "--start", str(place / "run"), "--out", str(run)]) == 0
+    assert load_policy(run).about["start"] == str(place / "run")
+    assert main(["train", "--config", str(run / "config.json"), "--iterations", "3", "--resume"]) == 0
+
+
 def test_a_run_that_diverges_says_so_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = tmp_path / "run"
     assert main([*TRAIN, "--set", "actor_rate=1e9", "--iterations", "30", "--out", str(run)]) == 1
@@ -275,6 +282,9 @@ MISTAKES = {
     "folder holds a run": ("train hopper --algorithm shac --out run", "run", "--resume"),
     "nothing to resume": (f"{NEW} --algorithm shac --resume", "no `cmbrl train` run to resume", "drop --resume"),
     "resumed with other options": (f"{' '.join(TRAIN)} --out run --resume --seed 1", "seed 0", "another --out"),
+    "start without a policy": (f"{NEW} --algorithm shac --start empty", "policy.json", "cmbrl train"),
+    "start of another robot": (f"{NEW} --algorithm shac --start of_cheetah", "17 observations", "same task"),
+    "start of a loop": (f"{NEW} --algorithm loop --start run", "--start", "shac or fopg"),
     "not a policy": ("evaluate empty", "policy.json", "cmbrl train"),
     "policy with NaN": ("evaluate spoiled", "spoiled", "not finite"),
     "policy of a task without reward": ("evaluate of_no_task", "cube_toss", ""),

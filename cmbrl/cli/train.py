@@ -70,6 +70,9 @@ def add_arguments(parser: Parser) -> None:
         help="derivative of the model: exact (default), barrier:kappa=1e-4 (BS), gaussian:length=1e-3 (ABS), "
         "bundle:samples=16,position=1e-3, bcg:branches=10",
     )
+    parser.add_argument(
+        "--start", metavar="RUN", help="begin with the policy of this run, for shac and fopg: the file's, on a new fit"
+    )
     parser.add_argument("--resume", action="store_true", help="continue the run in DIR")
     parser.add_argument(
         "--checkpoint-seconds", type=positive_number, default=60.0, metavar="S", help="between checkpoints (default 60)"
@@ -133,10 +136,13 @@ def run(arguments: argparse.Namespace) -> int:
         seed=arguments.seed,
         threads=arguments.threads or usable_cores(),
         motion=str(Path(arguments.motion).resolve()) if arguments.motion else None,
+        start=arguments.start,
     )
     about = {"task": setup.task.name, "algorithm": setup.algorithm, "model": setup.model, "seed": setup.seed}
     if setup.motion:
         about |= {"motion": setup.motion, "motion_digest": file_digest(setup.motion)}
+    if setup.start:
+        about["start"] = setup.start
     if arguments.contact_law:
         about["contact_law"] = setup.task.contact_law
     if arguments.sliding:

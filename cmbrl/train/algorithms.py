@@ -30,7 +30,8 @@ class Algorithm:
     """``place`` is "module:Trainer:Config"; ``models`` the kinds that it can train on, the default first.
 
     ``base``: the algorithm that it trains policies by; what a task sets for that one holds here too. ``measures``:
-    its windows are shortened where the task's derivatives grow (`cmbrl.train.growth`).
+    its windows are shortened where the task's derivatives grow (`cmbrl.train.growth`). ``goes_on``: it can begin with
+    another run's policy.
     """
 
     place: str
@@ -39,6 +40,7 @@ class Algorithm:
     takes: tuple[str, ...] = ()
     base: str | None = None
     measures: bool = False
+    goes_on: bool = False
 
     def load(self) -> tuple[Any, Any]:
         """The trainer's class and that of its configuration, imported now."""
@@ -52,10 +54,12 @@ ALGORITHMS = {
         "cmbrl.train.shac:SHAC:SHACConfig",
         "first-order gradients over short windows, whose ends a critic values",
         measures=True,
+        goes_on=True,
     ),
     "fopg": Algorithm(
         "cmbrl.train.fopg:FOPG:FOPGConfig",
         "policy gradients of windows or whole episodes: pathwise, score function, AoBG or PIPPS",
+        goes_on=True,
     ),
     "loop": Algorithm(
         "cmbrl.train.loop:Loop:LoopConfig",

@@ -12,9 +12,10 @@ from cmbrl.mdp import MDP
 from cmbrl.models.source import load_log
 from cmbrl.registry import Task
 from cmbrl.text import parse_fields
-from cmbrl.train.algorithms import algorithm
+from cmbrl.train.algorithms import ALGORITHMS, algorithm
 from cmbrl.train.models import NOMINAL, REAL, check_model, kind_of, load_model, usual_model, with_derivative
 from cmbrl.train.recipe import configure
+from cmbrl.train.start import carried_over
 from cmbrl.train.trainer import Trainer
 
 
@@ -34,6 +35,7 @@ class Setup:
     seed: int
     threads: int | None
     motion: str | None = None
+    start: str | None = None
 
     def trainer(self) -> Trainer:
         """A fresh trainer; raises UserError on a model or log that does not fit the task."""
@@ -52,7 +54,10 @@ class Setup:
             extras["system"] = None if self.offline else real_system(self.task)
         if "data" in chosen.takes:
             extras["data"] = load_log(self.data, self.task.load_scene()) if self.data else None
-        return chosen.load()[0](self.mdp, model, self.config, seed=self.seed, **extras)
+        trainer: Trainer = chosen.load()[0](self.mdp, model, self.config, seed=self.seed, **extras)
+        if self.start:
+            trainer.begin_with(carried_over(self.start, trainer.policy.architecture))
+        return trainer
 
 
 def set_up(
@@ -70,6 +75,7 @@ def set_up(
     motion: str | None = None,
     contact_law: str | None = None,
     sliding: str | None = None,
+    start: str | None = None,
 ) -> Setup:
     """A checked training run.
 
@@ -87,6 +93,7 @@ def set_up(
         motion: file of the motion to imitate, for a task that imitates; None: the task's own.
         contact_law: of the nominal model, as in :meth:`cmbrl.Scene.from_mjcf`; None: the task's.
         sliding: of the nominal model, as in :class:`cmbrl.ComplementarityModel`; None: the task's.
+        start: folder of a run whose policy this one begins with; None: a fresh one.
 
     Raises UserError on names, values and combinations that do not work.
     """
@@ -108,8 +115,11 @@ def set_up(
         raise UserError(f"--data: {name} does not learn from a log: fit a model to it and name that by --model")
     if offline and not (data and "system" in chosen.takes):
         raise UserError("--offline needs --data FILE and an algorithm that takes real steps")
+    if start and not chosen.goes_on:
+        able = " or ".join(known for known, one in ALGORITHMS.items() if one.goes_on)
+        raise UserError(f"--start: {name} begins with a policy of its own: train by {able}")
     config = configure(name, found, parse_fields(chosen.load()[1], settings or {}, name))
-    return Setup(found, name, model, config, mdp, data, offline, smoothing, derivative, seed, threads, motion)
+    return Setup(found, name, model, config, mdp, data, offline, smoothing, derivative, seed, threads, motion, start)
 
 
 def recommended(task: Task, model: str | None = None) -> str:

@@ -24,6 +24,7 @@ from cmbrl.train.randomness import GlobalRandomness
 from cmbrl.train.trainer import Diverged, Trainer, episode_metrics, restore_optimiser
 
 GROWN = 0.5  # share of the updates after which episodes are as long as they get
+LEARNED = 0.5  # where the schedules of a run begin that goes on from a policy, as if so much were done
 PATIENCE = 10  # updates in a row without a finite gradient before a run is given up
 
 
@@ -143,6 +144,12 @@ class WindowLearner(Trainer):
         self.policy.normaliser.update(self.simulation.observe().float())
         self.optimiser = torch.optim.Adam(self.policy.net.parameters(), rate, betas=betas, fused=True)
         self.iteration = self.unusable = 0
+        self.begun = 0.0  #: share of the schedules that was done before the first update
+
+    def begin_with(self, weights: dict[str, torch.Tensor]) -> None:
+        """Goes on from a policy of these weights; rates, noise and episode lengths begin as halfway through."""
+        self.policy.load_state_dict(weights)
+        self.begun = LEARNED
 
     @abstractmethod
     def gradient(self, progress: float) -> dict[str, float]:
@@ -157,7 +164,7 @@ class WindowLearner(Trainer):
 
     def update(self) -> dict[str, float]:
         """One update; returns its metrics. Raises Diverged when gradients stay unusable."""
-        progress = min(self.iteration / self.config.iterations, 1.0)
+        progress = self.begun + (1.0 - self.begun) * min(self.iteration / self.config.iterations, 1.0)
         for group in self.optimiser.param_groups:
             group["lr"] = self.rate * (1.0 - progress)
         for simulation in self.simulations:
@@ -192,6 +199,7 @@ class WindowLearner(Trainer):
         """Everything that the next update depends on."""
         return {
             "iteration": self.iteration,
+            "begun": self.begun,
             "unusable": self.unusable,
             "policy": self.policy.state_dict(),
             "optimiser": self.optimiser.state_dict(),
@@ -202,7 +210,7 @@ class WindowLearner(Trainer):
 
     def restore(self, state: dict[str, Any]) -> None:
         """Continues from what ``state`` returned, bit for bit."""
-        self.iteration, self.unusable = state["iteration"], state["unusable"]
+        self.iteration, self.begun, self.unusable = state["iteration"], state["begun"], state["unusable"]
         self.policy.load_state_dict(state["policy"])
         restore_optimiser(self.optimiser, state["optimiser"])
         if self.critic is not None:

@@ -1,0 +1,76 @@
+"""A run that goes on from another one's policy: it acts as before, begins halfway, and is refused where it cannot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from cmbrl import ComplementarityModel
+from cmbrl.errors import UserError
+from cmbrl.train.policy import Architecture, Policy
+from cmbrl.train.policy_file import save_policy
+from cmbrl.train.shac import SHAC, SHACConfig
+from cmbrl.train.start import carried_over
+from cmbrl.train.windows import LEARNED
+
+from . import slider
+
+SMALL = SHACConfig(iterations=4, environments=16, horizon=8, actor_hidden=(16,), critic_hidden=(16,))
+
+
+def trainer(folder: Path, delay: float = 0.0) -> SHAC:
+    model = ComplementarityModel(slider.scene(folder), observation={"delay.command": delay})
+    return SHAC(slider.mdp(), model, SMALL)
+
+
+def trained(folder: Path) -> Policy:
+    made = trainer(folder)
+    for _ in range(4):
+        made.update()
+    save_policy(made.policy, folder / "run", {"task": "slider"})
+    return made.policy
+
+
+@pytest.mark.parametrize("late", [0, 2])
+def test_it_acts_as_before_also_where_it_observes_more_of_its_last_actions(late: int, tmp_path: Path) -> None:
+    before = trained(tmp_path)
+    after = trainer(tmp_path, late * slider.DT)
+    after.begin_with(carried_over(str(tmp_path / "run"), after.policy.architecture))
+    seen = torch.randn(5, 2)
+    actions = torch.rand(5, late)
+    torch.testing.assert_close(after.policy(torch.cat([seen, actions], dim=1)), before(seen))
+    weights = after.policy.net[0].weight.detach().clone()
+    after.update()
+    assert (after.policy.net[0].weight != weights).all()  # those of its last actions too
+
+
+def test_schedules_begin_halfway_also_after_a_restart(tmp_path: Path) -> None:
+    trained(tmp_path)
+    runs = [trainer(tmp_path) for _ in range(2)]
+    runs[0].begin_with(carried_over(str(tmp_path / "run"), runs[0].policy.architecture))
+    runs[0].update()
+    assert runs[0].optimiser.param_groups[0]["lr"] == pytest.approx(SMALL.actor_rate * (1 - LEARNED))
+    runs[1].restore(runs[0].state())
+    for run in runs:
+        run.update()
+    rates = [run.optimiser.param_groups[0]["lr"] for run in runs]
+    assert rates == [pytest.approx(SMALL.actor_rate * (1 - LEARNED) * 3 / 4)] * 2
+    for a, b in zip(runs[0].policy.parameters(), runs[1].policy.parameters(), strict=True):
+        assert torch.equal(a, b)
+
+
+@pytest.mark.parametrize(
+    ("held", "wanted", "words"),
+    [
+        (Architecture(3, 1, (16,)), Architecture(2, 1, (16,)), "takes 3 observations and gives 1 actions.*has 2 and 1"),
+        (Architecture(2, 1, (8, 4)), Architecture(2, 1, (16,)), "hidden 8,4.*16.*--set actor_hidden=8,4"),
+        (Architecture(4, 1, (16,), last_actions=2), Architecture(2, 1, (16,)), "last 2 actions.*--set last_actions=2"),
+        (Architecture(2, 1, (16,), squash="clip"), Architecture(2, 1, (16,)), "squash clip.*train it by shac or fopg"),
+    ],
+)  # fmt: skip
+def test_another_policy_is_refused(held: Architecture, wanted: Architecture, words: str, tmp_path: Path) -> None:
+    save_policy(Policy(held), tmp_path / "run", {"task": "slider"})
+    with pytest.raises(UserError, match=f"--start .*run: .*{words}"):
+        carried_over(str(tmp_path / "run"), wanted)
