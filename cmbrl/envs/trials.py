@@ -32,6 +32,7 @@ from cmbrl.scene.records import JointKind
 LATE = 1  #: control steps
 PUSH, EVERY = 0.3, 1.0  #: m/s of the base, in any horizontal direction that it has; s between pushes
 THRESHOLD = 0.5  #: share of episodes that fail under the draws from which a policy is said to fail
+LEANS = 0.3  #: under the draws or the other law: of 42 policies of hidden hoppers below it none fell, of 14 above it 6
 _WORDS = {
     "late": "commands a step late",
     "pushed": "pushes",
@@ -83,7 +84,7 @@ def will_fail(shares: Mapping[str, float]) -> bool:
 
 def stands(shares: Mapping[str, float]) -> bool:
     """Whether a policy passes: under the draws, and under the other law of sliding if the model has one."""
-    return max(shares["draws"], shares.get("law", 0.0)) < THRESHOLD
+    return max(shares["draws"], shares.get("law", 0.0)) < LEANS
 
 
 def foretold(shares: Mapping[str, float]) -> str:
@@ -97,6 +98,8 @@ def foretold(shares: Mapping[str, float]) -> str:
     if will_fail(shares):
         remedy = "train from another --seed, or fit another log (cmbrl excite)"
         return f"{told}: it will probably fail in the robot, {remedy}"
+    if shares["draws"] >= LEANS:
+        return f"{told}: it may fail in the robot, train from another --seed, or longer"
     if not stands(shares):
         remedy = "train with --set other_law=0.5 (the usual share), or from another --seed"
         return f"{told}: it leans on the model's law of sliding and may fail in the robot, {remedy}"

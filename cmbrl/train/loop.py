@@ -4,9 +4,9 @@ Zhang, Jin & Wang, "Adaptive Barrier Smoothing for First-Order Policy Gradient w
 algorithm 2. Three things are our own. Policies improve on draws from the fit's posterior, under velocity noise. Several
 are trained from different seeds, to the end or for a trial, and the best is kept: that of the highest return in the
 model under these draws, never in the real system, in the mean of both laws of sliding, since no robot slides quite by
-either. While the best of them fails its trials (``cmbrl.envs.trials``), further ones are trained. Returns are measured
-without noise, because they then rank policies as the real system does (rank correlation 0.99 over ten hoppers, against
-0.43 with noise).
+either. All but the first begin on the file, since some fits are hard to learn on from scratch. While the best fails its
+trials (``cmbrl.envs.trials``), further ones are trained. Returns are measured without noise, because they then rank
+policies as the real system does (rank correlation 0.99 over ten hoppers, against 0.43 with noise).
 """
 
 from __future__ import annotations
@@ -46,8 +46,12 @@ class LoopConfig(SHACConfig):
     more: int = setting(1000, "real transitions of each further round, by the policy with its noise", least=1)
     policies: int = setting(2, "policies started in each round", least=1, most=1_000)
     further: int = setting(
-        1, "policies trained in each round besides, one by one, while the best fails its trials", least=0, most=1_000
+        2, "policies trained in each round besides, one by one, while the best fails its trials", least=0, most=1_000
     )
+    on_file: float = setting(
+        0.5, "share of its updates that each policy but the first spends on the file before the fit; 0: none",
+        least=0, most=0.9,
+    )  # fmt: skip
     trial: float = setting(1.0, "share of its updates that each policy gets before the best one is chosen", above=0)
     score_episodes: int = setting(128, "model episodes by which policies are compared", least=1, most=1_000_000)
 
@@ -101,6 +105,7 @@ class Loop(Trainer):
         self.added = 0  # policies of all rounds besides those planned
         self.wanted = config.policies  # policies of this round
         self.settings, self.trial_updates = config.shac(), config.trial_updates()
+        self.file_updates = round(config.on_file * (self.trial_updates or self.settings.iterations))
         self.model: ComplementarityModel | None = None
         self.fitted: FitResult | None = None  # by this process; an earlier one is in the run folder
         self._begin(model, seed)  # its policy acts before the first fit
@@ -114,6 +119,8 @@ class Loop(Trainer):
             self._choose_observations(self.model)
             self._begin_policy()
         metrics = self.trainer.update()
+        if self._begins_on_file() and self.trainer.iteration == self.file_updates:
+            self._carry_over()
         tried = self.trainer.iteration == self.trial_updates and len(self.tried) < self.wanted
         if tried or self.trainer.iteration == self.settings.iterations:
             metrics |= self._judge()
@@ -162,15 +169,28 @@ class Loop(Trainer):
         self.mdp = with_last_actions(self.task, count)
         self.recording.observe_actions(count)
 
-    def _begin_policy(self) -> None:
+    def _begins_on_file(self) -> bool:
+        """Whether this policy does: all but the first of the first round."""
+        return self.round == 0 and len(self.tried) > 0
+
+    def _begin_policy(self, done: int = 0) -> None:
         """A fresh policy in the first round; later the last round's, with new optimisers and a new critic.
 
         SHAC draws its parameter sets by its own seed, so that every policy and every round sees different ones.
+        ``done``: its updates so far, which tell whether it is still on the file.
         """
         assert self.model is not None
-        self._begin(self.model, self.seed + 1000 * len(self.tried) + 100 * self.round)
+        on_file = self._begins_on_file() and done < self.file_updates
+        self._begin(self.nominal if on_file else self.model, self.seed + 1000 * len(self.tried) + 100 * self.round)
         if self.before:  # a restored run of one round has none
             self.trainer.policy.load_state_dict(self.before)
+
+    def _carry_over(self) -> None:
+        """From the file to the fit: the policy goes on, and its schedules, with a new optimiser and a new critic."""
+        done, weights = self.trainer.iteration, self.policy.state_dict()
+        self._begin_policy(done)
+        self.policy.load_state_dict(weights)
+        self.trainer.iteration = done
 
     def _begin(self, model: ComplementarityModel, seed: int) -> None:
         self.trainer = SHAC(self.mdp, model, self.settings, seed)
@@ -193,11 +213,12 @@ class Loop(Trainer):
         """Starts the next policy's trial; after the last one, the best continues where its trial ended."""
         told = {name: found[name] for name in ("score", "stands")}
         self.tried.append({**told, "trainer": copy.deepcopy(self.trainer.state())})
-        self._begin_policy()
         best = max(self.tried, key=lambda one: one["score"])
         if len(self.tried) == self.wanted < self.config.policies + self.config.further and not best["stands"]:
             self.wanted, self.added = self.wanted + 1, self.added + 1
-        if len(self.tried) == self.wanted:
+        done = len(self.tried) == self.wanted
+        self._begin_policy(best["trainer"]["iteration"] if done else 0)
+        if done:
             self.trainer.restore(best["trainer"])
 
     def _end_round(self) -> None:
@@ -258,5 +279,5 @@ class Loop(Trainer):
             settings = {"parameters": state["parameters"].numpy(), "observation": state["observation"], **state["laws"]}
             settings |= {} if draws is None else {"candidates": draws.numpy()}
             self.model = self.nominal.with_settings(**settings)
-            self._begin_policy()  # with the draws that it had
+            self._begin_policy(state["trainer"]["iteration"])  # with the draws that it had
         self.trainer.restore(state["trainer"])

@@ -106,6 +106,9 @@ def test_a_policy_that_leans_on_the_models_steps_is_told() -> None:
     assert failed(trials(lambda o: torch.ones(len(o), 1), puck_process(), model, 4))["mujoco"] == 1.0
     assert failed(trials(lambda o: torch.zeros(len(o), 1), puck_process(), model, 4))["mujoco"] == 0.0
     told = foretold({"draws": 0.0, "law": 0.1, "mujoco": 0.75})
+    falls = foretold({"draws": 0.4, "law": 0.1})
+    assert "it may fail in the robot" in falls
+    assert "leans" not in falls
     assert "75 % with MuJoCo's step of the file: it leans on how the model steps" in told
 
 

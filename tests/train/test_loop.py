@@ -121,6 +121,41 @@ def test_further_policies_end(make_fitted, monkeypatch):
     assert rows == config.iterations + loop.further == 6
 
 
+def test_policies_but_the_first_begin_on_the_file(make_loop):
+    """Two updates of four there, then the same policy goes on on the fit, its rate too; also after a restart."""
+    config = replace(SMALL, rounds=1, iterations=8, trial=1.0)
+    loop, again = make_loop(config=config), make_loop(config=config)
+    models, rates = [], []
+    for k in range(config.iterations):
+        if k == 5:  # between the policy's first and second update
+            again.restore(loop.state())
+            loop = again
+        loop.update()
+        models.append(loop.trainer.model is loop.nominal)
+        rates += [group["lr"] / config.actor_rate for group in loop.trainer.optimiser.param_groups]
+        if k == 5:
+            assert loop.trainer.iteration == 2
+    assert models == 3 * [False] + 2 * [True] + 3 * [False]
+    assert rates[6:] == pytest.approx([0.5, 0.25])
+
+
+def test_what_was_learned_on_the_file_goes_on_on_the_fit(make_loop, monkeypatch):
+    loop = make_loop(config=replace(SMALL, rounds=1, iterations=8, trial=1.0))
+    for _ in range(5):
+        loop.update()
+    kept = []
+    carry_over = loop._carry_over
+
+    def watched():
+        kept.append({name: value.clone() for name, value in loop.policy.state_dict().items()})
+        carry_over()
+
+    monkeypatch.setattr(loop, "_carry_over", watched)
+    loop.update()
+    for name, value in loop.policy.state_dict().items():
+        torch.testing.assert_close(value, kept[0][name], rtol=0, atol=0)
+
+
 def test_the_next_round_begins_with_the_last_one_s_policy(make_loop):
     loop = make_loop()
     for _ in range(6):
