@@ -96,10 +96,12 @@ def foretold(shares: Mapping[str, float]) -> str:
     harder = [f"{100 * shares[name]:.0f} % with {words}" for name, words in _WORDS.items() if name in shares]
     told = f"in the model alone {100 * shares['draws']:.0f} % of episodes fail; {', '.join(harder)}"
     if will_fail(shares):
-        remedy = "train from another --seed, or fit another log (cmbrl excite)"
+        remedy = (
+            "train from another --seed, begin with a policy of the file (--start), or fit another log (cmbrl excite)"
+        )
         return f"{told}: it will probably fail in the robot, {remedy}"
     if shares["draws"] >= LEANS:
-        return f"{told}: it may fail in the robot, train from another --seed, or longer"
+        return f"{told}: it may fail in the robot, train longer, from another --seed, or from a policy of the file (--start)"
     if not stands(shares):
         remedy = "train with --set other_law=0.5 (the usual share), or from another --seed"
         return f"{told}: it leans on the model's law of sliding and may fail in the robot, {remedy}"
