@@ -101,7 +101,8 @@ def foretold(shares: Mapping[str, float]) -> str:
         )
         return f"{told}: it will probably fail in the robot, {remedy}"
     if shares["draws"] >= LEANS:
-        return f"{told}: it may fail in the robot, train longer, from another --seed, or from a policy of the file (--start)"
+        remedy = "train longer, from another --seed, or from a policy of the file (--start)"
+        return f"{told}: it may fail in the robot, {remedy}"
     if not stands(shares):
         remedy = "train with --set other_law=0.5 (the usual share), or from another --seed"
         return f"{told}: it leans on the model's law of sliding and may fail in the robot, {remedy}"
