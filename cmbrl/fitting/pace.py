@@ -27,7 +27,7 @@ from cmbrl.fitting.loss import PredictionLoss
 from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.sliding import rivals
 from cmbrl.fitting.space import Space
-from cmbrl.fitting.start_noise import floating, noise_of_starts
+from cmbrl.fitting.start_noise import adrift, noise_of_starts
 from cmbrl.fitting.state import Journal, digest
 from cmbrl.fitting.verdict import HORIZONS as REPORTED
 from cmbrl.fitting.verdict import STEPS_TRIED
@@ -125,7 +125,7 @@ class Plan:
     ) -> Plan:
         """Of a fit of ``evidence`` that may move ``movable`` (n,)."""
         states, begin = not evidence.positions_only, bool(begins(evidence.space, movable).any())
-        others, floats = len(rivals(evidence)), evidence.positions_only and len(floating(evidence)) > 0
+        others, floats = len(rivals(evidence)), len(adrift(evidence, min(horizons))) > 0
         rows, logs = len(evidence.log), len(evidence.names)
         return cls(rows, horizons, folds, begin, chooses, adds, searches, others, states, floats, logs)
 

@@ -25,7 +25,7 @@ from cmbrl.fitting.judge import Judge, score
 from cmbrl.fitting.loss import PredictionLoss
 from cmbrl.fitting.noise import sensor_noise
 from cmbrl.fitting.space import Space
-from cmbrl.fitting.start_noise import floating, noise_of_starts
+from cmbrl.fitting.start_noise import adrift, noise_of_starts
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.models.complementarity import ComplementarityModel
 
@@ -88,8 +88,8 @@ class Surveyor:
     def run(self, horizons: Sequence[int]) -> Survey:
         """The survey over those of ``horizons`` that the log has windows of; one horizon leaves only the noise open.
 
-        Positions alone are compared over many steps, where their noise hardly counts, but for what the starts of a base
-        are off by. When time is up, the horizons so far are compared; without one, only the noise is known.
+        Positions alone are compared over many steps, where their noise hardly counts, but for what starts are off by
+        that nothing pulls back. When time is up, the horizons so far are compared; without one, only noise is known.
         """
         enough = self.possible(horizons)
         if self.evidence.positions_only:
@@ -149,7 +149,7 @@ class Surveyor:
 
     def _off_of_starts(self, horizon: int) -> np.ndarray | None:
         """What starts of a log of positions are off by: told from parameters that are about right."""
-        if not len(floating(self.evidence)):
+        if not len(adrift(self.evidence, horizon)):
             return None
         z = self.begin if self.reached is None else self.reached
         if self.reached is None:
