@@ -13,6 +13,7 @@ import numpy as np
 from cmbrl.data.importing.bodies import joints_of
 from cmbrl.data.importing.recording import Recording
 from cmbrl.data.importing.targets import Target
+from cmbrl.data.importing.units import TURN_UNITS
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
 
@@ -28,7 +29,7 @@ def assumed(
 
     ``angles``: the unit that they were read in. Raises UserError where that is radians and no limits allow for it.
     """
-    reach = _reaches(recordings, given, scene)
+    reach = _reaches(recordings, given, scene, TURN_UNITS[angles])
     if not reach:
         return []
     lines, core = scene.core.lim_line.tolist(), scene.core
@@ -60,16 +61,19 @@ def assumed(
 
 
 def _reaches(
-    recordings: Iterable[tuple[Recording, Mapping[str, Target]]], given: Mapping[str, str], scene: Scene
+    recordings: Iterable[tuple[Recording, Mapping[str, Target]]], given: Mapping[str, str], scene: Scene, factor: float
 ) -> dict[str, tuple]:
-    """By column of a position without a unit: the hinge, and the least and the most of it in all recordings."""
+    """By column of a position whose name has no unit: the hinge, the least and the most of it in all recordings.
+
+    ``factor``: of columns without one.
+    """
     hinges = {joint.name: joint for joint in joints_of(scene)[0] if joint.hinge}
     found: dict[str, tuple] = {}
     for recording, targets in recordings:
         for table in () if recording.tells_units else recording.tables:
             for column, target in targets.items():
                 known = column in table.columns and column not in given and target.quantity == "position"
-                if not known or target.owner not in hinges:
+                if not known or target.owner not in hinges or target.factor != factor:
                     continue
                 values = np.asarray(table.columns[column], dtype=float)
                 if not np.isfinite(values).any():
