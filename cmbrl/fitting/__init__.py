@@ -7,7 +7,8 @@
                    ``objective``: the same plus the prior
 ``random_search``  candidates around the best so far; ``cma`` and ``gauss_newton``: the alternatives
 ``polish``         the last Gauss-Newton, with the unit of force kept near the file's
-``noise``, ``survey``  sensor noise and the horizon that the log asks for; ``starts``: windows that start within noise
+``noise``, ``start_noise``, ``survey``  sensor noise, what starts are off by, and the horizon that the log asks for;
+                   ``starts``: windows that start within noise
 ``parsimony``      the fewest parameters that the held-out data supports; ``forecast``: the gain that a group promises
 ``extension``      laws of friction and of motors that a fit of positions takes besides
 ``trials``         what both rest on: fits of some parameters, judged on ``folds``, episodes held out in turn

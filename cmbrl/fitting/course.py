@@ -103,7 +103,7 @@ class Course(Standing):
         law = label(self.sliding["tried"]) if self.sliding and self.sliding["taken"] else ""
         return Surveyor(
             self.evidence, self.movable, begin, self.huber, self.count, self.seed, rows, iterations, self.journal, law,
-            self.budget.noise_rows, self.budget.judged,
+            self.budget.noise_rows, self.budget.judged, self.incumbent.surveyed,
         )  # fmt: skip
 
     def _look(self) -> None:

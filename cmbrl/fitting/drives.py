@@ -73,7 +73,7 @@ def scanned(
     First all actuators alike, since what one cannot do moves the others too; then one by one, beside the best of those
     before. None helps unless all together lower the loss by the share ``least``. ``lines``: as for ``levels``.
     """
-    some = loss.on(loss.windows.starts[:: max(1, loss.steps // _ROWS)])
+    some = loss.on(loss.windows.starts[:: max(1, loss.steps // _ROWS)]).settled(space.theta(z))
     theta, column = space.theta(z), {name: k for k, name in enumerate(space.names)}
     tried, best = levels(group, some, theta, lines), theta.copy()
     own: dict[str, list[dict[str, float]]] = {}
@@ -110,7 +110,7 @@ def unneeded(
 
     ``without`` (n,): where they are then; default: at the file's values.
     """
-    without = np.zeros_like(z) if without is None else without
+    without, loss = np.zeros_like(z) if without is None else without, loss.settled(space.theta(z))
     found = np.zeros(len(space), dtype=bool)
     groups = np.array(space.groups)
     for law in ((LIMIT, FADE), (GAP,)):

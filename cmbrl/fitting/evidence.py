@@ -94,7 +94,8 @@ class Evidence:
     def scales(self, horizon: int, huber: float, noise: np.ndarray | None = None) -> tuple[Scales, ...]:
         """What errors are measured in, by log, with ``noise`` (logs, 2 nv); estimated velocities do not count."""
         if self.positions_only:
-            scales = Scales.of_positions(self.model.scene, self.log, horizon, huber)
+            off = None if noise is None else noise.max(axis=0)  # of what one robot stands on, in all its logs
+            scales = Scales.of_positions(self.model.scene, self.log, horizon, huber, off)
             return (replace(scales, q=np.where(self.measured, scales.q, np.inf)),) * len(self.names)
         alike = Scales.of(self.model.scene, self.log, huber)
         if noise is None:

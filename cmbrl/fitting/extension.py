@@ -132,7 +132,7 @@ class Extension(Trials):
                 z = gauss_newton(objective, start, self.budget.trial_iterations, self.journal).z
             except NotFinite:
                 return {"z": None}
-            own, other = self.loss.values(self.space.theta(np.stack([z, rival])))
+            own, other = (self.loss.errors(theta).mean for theta in self.space.theta(np.stack([z, rival])))
             return {"z": z.tolist() if own < (1.0 - LEAST_GAIN) * other else None}
 
         with np.errstate(all="ignore"):

@@ -118,11 +118,12 @@ def _concluded(course: Course, stopped: str | None) -> FitResult:
     evidence, journal, budget = course.evidence, course.journal, course.budget  # under the law that the log supports
     journal.report(0.95, "intervals")
     incumbent, huber, unseen = course.incumbent, course.huber, course.incumbent.unseen
+    noise = None if evidence.positions_only else course.survey.noise
     about = {
         "seed": course.seed, "method": course.method, "folds": course.count, "logs": course.logs, "stopped": stopped,
         **{name: value for name, value in course.survey.to_dict().items() if name != "z"},
         "selection": incumbent.path if course.wanted is None or incumbent.path else None,
-        "horizons": by_horizon(evidence, unseen, huber, budget.judged, course.survey.noise) if unseen else [],
+        "horizons": by_horizon(evidence, unseen, huber, budget.judged, noise) if unseen else [],
         "stepping": course.stepping,
         "sliding": course.sliding,
         "pace": course.pace.told if course.pace else None,

@@ -24,10 +24,10 @@ from cmbrl.fitting.evidence import HORIZONS, Evidence
 from cmbrl.fitting.folds import draw_starts, folds_held_out
 from cmbrl.fitting.judge import judged_rows
 from cmbrl.fitting.loss import PredictionLoss
-from cmbrl.fitting.noise import sensor_noise
 from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.sliding import rivals
 from cmbrl.fitting.space import Space
+from cmbrl.fitting.start_noise import adrift, noise_of_starts
 from cmbrl.fitting.state import Journal, digest
 from cmbrl.fitting.verdict import HORIZONS as REPORTED
 from cmbrl.fitting.verdict import STEPS_TRIED
@@ -61,7 +61,7 @@ class Speed:
     @classmethod
     def of(cls, evidence: Evidence, horizon: int, huber: float, active: np.ndarray, seed: int) -> Speed:
         """Timed at the file's parameters, with derivatives in the ``active`` (n,) ones."""
-        noise = None if evidence.positions_only else sensor_noise(evidence, evidence.space.nominal, _NOISE_ROWS)
+        noise = noise_of_starts(evidence, evidence.space.nominal, horizon, _NOISE_ROWS)
         scales = evidence.scales(horizon, huber, noise)
         for rows in (_ROWS, _MORE * _ROWS):
             loss = evidence.loss(draw_starts(evidence.log, horizon, rows, seed), horizon, *scales)
@@ -96,7 +96,8 @@ class Plan:
     """What a fit has to do besides: ``rows`` of the log, ``horizons`` to choose from, ``folds``.
 
     ``begins``: not at the file, perhaps; ``chooses`` parameters, or ``adds`` laws to those it moves; ``searches``
-    without derivatives. ``rivals``: other laws of contact that are open. ``logs``: how many.
+    without derivatives. ``rivals``: other laws of contact that are open. ``floats``: starts are told
+    by a short fit. ``logs``: how many.
     """
 
     rows: int
@@ -108,6 +109,7 @@ class Plan:
     searches: bool
     rivals: int
     states: bool
+    floats: bool
     logs: int
 
     @classmethod
@@ -123,9 +125,9 @@ class Plan:
     ) -> Plan:
         """Of a fit of ``evidence`` that may move ``movable`` (n,)."""
         states, begin = not evidence.positions_only, bool(begins(evidence.space, movable).any())
-        others = len(rivals(evidence))
+        others, floats = len(rivals(evidence)), len(adrift(evidence, min(horizons))) > 0
         rows, logs = len(evidence.log), len(evidence.names)
-        return cls(rows, horizons, folds, begin, chooses, adds, searches, others, states, logs)
+        return cls(rows, horizons, folds, begin, chooses, adds, searches, others, states, floats, logs)
 
     def costs(self, b: Budget, speed: Speed, share: float) -> dict[str, float]:
         """Seconds by part with budget ``b``, which is a ``share`` of the default."""
@@ -155,7 +157,8 @@ class Plan:
         return {
             "beginning": self.begins * _LEVELS * some(b.survey_rows) * speed.candidate,
             "sliding": (self.rivals > 0) * 2 * (1 + self.rivals) * survey,
-            "survey": (tried + 0.5 * (tried > 0)) * survey + self.states * 4 * b.noise_rows * speed.step,
+            "survey": (tried + 0.5 * (tried > 0) + (self.floats and not self.rivals)) * survey
+            + self.states * 4 * b.noise_rows * speed.step,
             "choice": trials * (self.chooses * trial + self.adds * whole),
             "starts": search if self.searches else bool(self.folds) * starts,
             "polish": 1.2 * speed.fit(some(b.polish_rows), b.polish_iterations) + 2 * self.adds * whole,

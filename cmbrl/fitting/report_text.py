@@ -12,6 +12,7 @@ from cmbrl.fitting.agreement import sentences
 from cmbrl.fitting.fitted_parameter import AT_BOUND, FLAT, NOMINAL, FittedParameter
 from cmbrl.fitting.judging import RETURN
 from cmbrl.fitting.sliding import sliding_told
+from cmbrl.fitting.start_noise import starts_told
 from cmbrl.fitting.told_gains import gains_told, sum_told
 from cmbrl.fitting.unit import unit_told
 from cmbrl.fitting.verdict import EXACT, MEASURES, MODELS, advice, lost, warning
@@ -107,7 +108,9 @@ def _errors(report: Mapping[str, Any]) -> Iterator[str]:
         yield f"  {'':<6}" + "".join(f"{f'{name}, {of}':>15}" for of in MEASURES for name in MODELS)
     for row in report.get("horizons", ()):
         yield f"  {row['steps']:>6d}" + "".join(f"{row[of][name]:>15.4g}" for of in MEASURES for name in MODELS)
-    for k, noise in enumerate(report.get("noise") or ()):
+    if told := starts_told(report):
+        yield from textwrap.wrap(told, WIDTH, subsequent_indent="  ")
+    for k, noise in enumerate(() if report.get("positions_only") else report.get("noise") or ()):
         shown, half = [f"{x:.2g}" for x in noise], len(noise) // 2
         of = f" in {report['logs'][k]['name']}" if report.get("logs") else ""
         yield from _folded(f"sensor noise of positions [m, rad]{of}", shown[:half])

@@ -25,6 +25,7 @@ from cmbrl.fitting.judge import Judge, score
 from cmbrl.fitting.loss import PredictionLoss
 from cmbrl.fitting.noise import sensor_noise
 from cmbrl.fitting.space import Space
+from cmbrl.fitting.start_noise import adrift, noise_of_starts
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.models.complementarity import ComplementarityModel
 
@@ -67,6 +68,7 @@ class Survey:
 class Surveyor:
     """``chosen`` (n,): the parameters that may move; ``begin`` (n,): where fits begin; ``count`` of folds, 0 for none;
     ``noise_rows`` to tell noise by; ``judged``: share of the judges' windows. ``label``: of journal units.
+    ``reached`` (n,): where a fit of positions has led already.
     """
 
     evidence: Evidence
@@ -81,16 +83,17 @@ class Surveyor:
     label: str = ""
     noise_rows: int = 5000
     judged: float = 1.0
+    reached: np.ndarray | None = None
 
     def run(self, horizons: Sequence[int]) -> Survey:
         """The survey over those of ``horizons`` that the log has windows of; one horizon leaves only the noise open.
 
-        Positions alone are compared over many steps, where their noise hardly counts. When time is up, the horizons so
-        far are compared; without one, only the noise is known.
+        Positions alone are compared over many steps, where their noise hardly counts, but for what starts are off by
+        that nothing pulls back. When time is up, the horizons so far are compared; without one, only noise is known.
         """
         enough = self.possible(horizons)
         if self.evidence.positions_only:
-            return Survey(enough[0], None, {})
+            return Survey(enough[0], self._off_of_starts(enough[0]), {})
         noise = self._noise(self.evidence.space.nominal)
         if len(enough) == 1 and noise is None:
             return Survey(enough[0], None, {})
@@ -143,6 +146,16 @@ class Surveyor:
 
     def _noise(self, theta: np.ndarray) -> np.ndarray | None:
         return None if self.evidence.positions_only else sensor_noise(self.evidence, theta, self.noise_rows)
+
+    def _off_of_starts(self, horizon: int) -> np.ndarray | None:
+        """What starts of a log of positions are off by: told from parameters that are about right."""
+        if not len(adrift(self.evidence, horizon)):
+            return None
+        z = self.begin if self.reached is None else self.reached
+        if self.reached is None:
+            with suppress(OutOfTime):
+                z = self.fitted_to(horizon)
+        return noise_of_starts(self.evidence, self.evidence.space.theta(z), horizon, self.noise_rows)
 
     def _fitted_over(self, horizons: Sequence[int], noise: np.ndarray | None) -> Iterator[tuple[int, np.ndarray]]:
         """Horizons, and fits each from that over the horizon before or from the beginning, whichever explains more.

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 BLOCKS = 8  #: parts of a log of a single episode
 _MODEL_SHARE = 0.25  # of the change: about what a contact model leaves; sensor noise is weighed against it
 _NOISE_SHARE = 0.02  # of a unit of positions: about what a model of a robot leaves, too
+_START_SHARE = 0.01  # the same of a model whose starts are free, against which they are weighed
 _DIFFERENCES = (-1.0, 5.0, -10.0, 10.0, -5.0, 1.0)  # of changes: sixth ones of positions
 _OF_NORMAL, _LEAST_TOLD = 0.6745, 20  # median of a normal's absolute values; rows that tell noise
 _SCALE_FLOOR = 1e-3  # of the largest scale of its kind, so that a coordinate that hardly moves does not dominate
@@ -30,13 +31,14 @@ class Scales:
 
     They are the standard deviations of the logged one-step change, larger where sensor noise would rule; infinite ones
     leave a coordinate out. ``noise`` (2 nv,): standard deviations of the noise of q and v, or None for a log without
-    noise, whose states are exact.
+    noise, whose states are exact. ``left``: about what a model leaves, in these units; noise is weighed against it.
     """
 
     q: np.ndarray
     v: np.ndarray
     huber: float
     noise: np.ndarray | None = None
+    left: float = _MODEL_SHARE
 
     @classmethod
     def of(cls, scene: Scene, data: Transitions, huber: float, noise: np.ndarray | None = None) -> Scales:
@@ -47,7 +49,7 @@ class Scales:
 
     def noisy(self, noise: np.ndarray) -> Scales:
         """The scales of such a log with sensor ``noise`` (2 nv,)."""
-        q, v = (np.hypot(s, n / _MODEL_SHARE) for s, n in zip((self.q, self.v), np.split(noise, 2), strict=True))
+        q, v = (np.hypot(s, n / self.left) for s, n in zip((self.q, self.v), np.split(noise, 2), strict=True))
         return replace(self, q=q, v=v, noise=noise)
 
     @property
@@ -58,17 +60,21 @@ class Scales:
     @property
     def start_precision(self) -> np.ndarray:
         """Inverse standard deviations (k,) of the ``uncertain`` coordinates, in the units of the loss."""
-        return np.empty(0) if self.noise is None else _MODEL_SHARE / self.noise[self.uncertain]
+        return np.empty(0) if self.noise is None else self.left / self.noise[self.uncertain]
 
     @classmethod
-    def of_positions(cls, scene: Scene, data: Transitions, horizon: int, huber: float) -> Scales:
+    def of_positions(
+        cls, scene: Scene, data: Transitions, horizon: int, huber: float, noise: np.ndarray | None = None
+    ) -> Scales:
         """Of a log whose velocities are estimates: standard deviations of the change over ``horizon`` steps.
 
         They are so large that the noise of what rests, or hardly moves, does not hide the errors of all that moves.
+        ``noise`` (2 nv,): of what starts of predictions may be off by.
         """
         starts = data.windows(horizon)
         change = scene.difference(data.q[starts], data.q_next[starts + horizon - 1])
-        return cls(np.hypot(spread(change), least_units(scene, data)), np.full(data.v.shape[1], np.inf), huber)
+        units = np.hypot(spread(change), least_units(scene, data))
+        return cls(units, np.full(data.v.shape[1], np.inf), huber, noise, _START_SHARE)
 
     @property
     def observed(self) -> int:

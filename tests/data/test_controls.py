@@ -12,6 +12,7 @@ import pytest
 import cmbrl
 from cmbrl.data.drive import controls
 from cmbrl.data.importing import import_logs
+from cmbrl.data.importing.targets import Target, match
 from cmbrl.data.position_log import PositionLog
 from cmbrl.errors import UserError
 from cmbrl.fitting.evidence import Evidence
@@ -85,6 +86,15 @@ def test_an_import_finds_commands_of_several_kinds(scene, tmp_path):
     assert isinstance(log, PositionLog)
     assert log.command_kind == "control"
     np.testing.assert_allclose(log.command, control)
+
+
+def test_a_control_by_the_name_of_an_actuator_that_is_also_the_stem_of_a_joint(tmp_path: Path) -> None:
+    """As of arms whose actuator `elbow` drives `elbow_joint`."""
+    (tmp_path / "cart.xml").write_text(CART.replace('"wheel"', '"roll_joint"'))
+    scene = Scene.from_mjcf(tmp_path / "cart.xml")
+    assert match(["roll_ctrl", "roll_pos"], {}, scene) == {
+        "roll_ctrl": Target("roll", "control"), "roll_pos": Target("roll_joint", "position"),
+    }  # fmt: skip
 
 
 def test_targets_that_are_controls_are_told_with_what_makes_them_targets(tmp_path):

@@ -76,6 +76,22 @@ def test_a_blow_that_throws_a_joint_far_beyond_its_limits_is_no_unit(tmp_path: P
         assert bool(list(units.beyond_limits(found))) == told
 
 
+@pytest.mark.parametrize(
+    ("limits", "sign", "told"), [("0 86", 1.0, False), ("0 86", -1.0, True), ("-86 86", -1.0, False)]
+)
+def test_a_joint_that_counts_the_other_way_shows_where_its_limits_reach_to_one_side(
+    limits: str, sign: float, told: bool, tmp_path: Path
+) -> None:
+    """As a finger that bends by tendons, whose commands tell no sign of a joint."""
+    scene = scene_of(tmp_path, "finger", f'<body><joint name="mcp" range="{limits}"/><geom size=".1"/></body>')
+    q = sign * (0.7 + 0.5 * np.sin(0.1 * np.arange(400)))[:, None]
+    log = {"q": q[:-1], "q_next": q[1:], "v": np.diff(q, axis=0) / 0.02, "v_next": np.diff(q, axis=0) / 0.02}
+    log |= {"u": np.zeros((399, 0)), "dt": 0.02, "episode": np.zeros(399)}
+    found = list(units.mirrored(motion.of_transitions(log, scene)))
+    assert [finding.sure for finding in found] == [False] * told
+    assert all("mcp.position:- (or :+X" in finding.text for finding in found)
+
+
 def test_a_joint_that_shakes_faster_than_its_log_is_only_a_warning(tmp_path: Path) -> None:
     scene = scene_of(tmp_path, "shaky", '<body><joint name="jaw" axis="0 1 0"/><geom size=".1"/></body>')
     rng, rows, dt = np.random.default_rng(0), 1000, 0.02

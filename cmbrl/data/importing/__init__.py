@@ -21,6 +21,7 @@ from cmbrl.data.importing.series import series_of
 from cmbrl.data.importing.targets import Target, match
 from cmbrl.data.importing.tied import followers
 from cmbrl.data.importing.told import UNUSED, remedy, short, told, used
+from cmbrl.data.importing.untold import assumed
 from cmbrl.data.position_log import PositionLog
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
@@ -168,6 +169,7 @@ def _series(
     found: list[tuple[str, dict[Key, Series]]] = []
     notes: list[str] = []
     clocks: list[str] = []
+    matched: list[tuple[Recording, dict[str, Target]]] = []
     for recording, pose in zip_longest(recordings, poses):
         parts = [[name for table in part.tables for name in table.columns] for part in (recording, pose) if part]
         columns = [name for part in parts for name in part]
@@ -178,6 +180,7 @@ def _series(
         targets: dict[str, Target] = {}
         for part in parts:  # each has a time of its own
             targets |= match(part, {name: given[name] for name in part if name in given}, scene, options.angles)
+        matched.append((recording, targets))
         if not notes:
             notes = used(columns, {name: ".".join(filter(None, target.key)) for name, target in targets.items()})
         episodes = list(series_of(recording, targets, options.rate, scene, counts))
@@ -216,7 +219,7 @@ def _series(
                     "robots? Import logs of one robot, recorded alike"
                 )
             found.append((recording.where, series))
-    return found, notes + clocks, bool(clocks)
+    return found, notes + assumed(matched, options.columns, scene, options.angles) + clocks, bool(clocks)
 
 
 def _floats(scene: Scene) -> bool:

@@ -28,6 +28,7 @@ class Recording:
     where: str  #: file, and episode in it, for messages
     tables: tuple[Table, ...]
     constants: Mapping[str, np.ndarray] = field(default_factory=dict)  #: "dt", "kp", "kd", "kp.JOINT"
+    tells_units: bool = True  #: whether its format has units for columns that have the names of joints
 
 
 CONSTANTS = ("dt", "kp", "kd")  #: names of arrays that are no columns

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -107,7 +108,8 @@ def read_lerobot(folder: Path, joints: tuple[str, ...]) -> list[Recording]:
             rows = number == episode
             arrays = {name: array[rows] for name, array in kept.items()}
             arrays.pop("episode_index")
-            recordings.append(of_arrays(f"{folder} episode {episode:.0f}", arrays, labels, joints))
+            found = of_arrays(f"{folder} episode {episode:.0f}", arrays, labels, joints)
+            recordings.append(replace(found, tells_units=False))
     return recordings
 
 

@@ -156,6 +156,7 @@ class _Guesser:
         self.floating = _base(floating)
         self.angle = TURN_UNITS[angles]
         self.actuators = scene.actuator_names
+        self.drivers = {name.lower(): name for name in scene.actuator_names}  # a joint's name may be the same
         owners: dict[str, tuple[str, bool]] = {}
         for name in scene.actuator_names:
             owners[name.lower()] = (name, True)
@@ -193,7 +194,8 @@ class _Guesser:
             quantity = "velocity" if words & SPEEDS else "control" if actuator else "position"
         joint = next((one for one in self.single if one.name == owner), None)
         if quantity == "control" or (joint is None and quantity == "command"):  # of an actuator with a name of its own
-            return Target(owner, "control") if owner in self.actuators else None
+            known = self.drivers.get(hit.group(1), owner)
+            return Target(known, "control") if known in self.actuators else None
         if joint is None:
             return None
         factor = self.angle if joint.hinge and quantity != "torque" else 1.0

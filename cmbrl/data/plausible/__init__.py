@@ -56,6 +56,7 @@ def _of_motion(found: motion.Motion) -> Iterator[Finding]:
     return chain(
         units.of_commands(found, answers),
         units.beyond_limits(found),
+        units.mirrored(found),
         still.stuck(found),
         units.turns(found),
         still.joined(found),

@@ -56,6 +56,25 @@ def beyond_limits(motion: Motion) -> Iterator[Finding]:
                 )
 
 
+def mirrored(motion: Motion) -> Iterator[Finding]:
+    """A warning of joints beyond limits that reach to one side, and within them with the other sign.
+
+    A driver may count the other way, or from another zero: limits do not tell which.
+    """
+    for k, coordinate in enumerate(motion.coordinates):
+        q, low, high = motion.now[:, k], coordinate.low, coordinate.high
+        room = 0.1 * (high - low)
+        one_sided = np.isfinite(room) and (low > -room or high < room)
+        beyond = (q < low - room) | (q > high + room)
+        if one_sided and len(q) and beyond.mean() > OFTEN and (-q > low - room).all() and (-q < high + room).all():
+            yield Finding(
+                f"{motion.position_of(k)} goes from {q.min():.3g} to {q.max():.3g} where the file's limits are "
+                f"{low:.3g} and {high:.3g}: does it count the other way, or from another zero? Give --map "
+                f"COLUMN={coordinate.name}.position:- (or :+X, what to add) to `cmbrl import`, and so for its command",
+                sure=False,
+            )
+
+
 def of_commands(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarray]) -> Iterator[Finding]:
     """Positions that follow their targets by the factor between two units."""
     best, worst, slope = (np.diagonal(array) for array in answers)
