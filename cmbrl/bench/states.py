@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from cmbrl.bench.on_fields import lower, on_fields
 from cmbrl.bench.peers.ours import scene_of
 from cmbrl.registry import load_task
 from cmbrl.scene import Scene
@@ -128,10 +129,13 @@ def _configurations(scene: Scene, count: int, rng: np.random.Generator, ranges: 
 def _lower(scene: Scene, q: np.ndarray, gap: np.ndarray) -> None:
     """Moves the root, in place, along the slide that changes the gaps to planes most, to the lowest gap ``gap``.
 
-    Where one changes them at all.
+    Where one changes them at all; without planes, onto a height field.
     """
     planes = np.flatnonzero(scene.core.con_plane >= 0)
     roots = [j for j in scene.joints if j.kind == JointKind.SLIDE and scene.core.body_parent[j.body] < 0]
+    if not len(planes) and roots and on_fields(scene).any():
+        steepest = max(roots, key=lambda joint: abs(joint.axis[-1]))
+        lower(scene, q, steepest.qadr, gap)
     if not len(planes) or not roots:
         return
     step, here = 1e-3, scene.gaps(scene.q0)[planes]

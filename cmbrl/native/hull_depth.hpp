@@ -19,11 +19,14 @@ static inline double size_of(const Point& a) { return __builtin_sqrt(dot(a, a));
 static inline Point unit(const Point& a) { return (1 / __builtin_fmax(size_of(a), 1e-300)) * a; }
 
 // What a hull is: the vertices that it has, those of a box, or a round shape that fills the box whose corners it has.
-enum HullKind { kPolytope = 0, kBox = 1, kBall = 2, kCapsule = 3, kEllipsoid = 4, kCylinder = 5 };
+enum HullKind { kPolytope = 0, kBox = 1, kBall = 2, kCapsule = 3, kEllipsoid = 4, kCylinder = 5, kField = 6 };  // the last: see field.hpp
 
-// A hull of the model in a pose: x = p + R y for the points y of its body's frame.
+// A hull of the model in a pose: x = p + R y for the points y of its body's frame. Of a prism of a height field, whose corners are
+// not the model's, the sides are.
 struct PosedHull {
   const Model* m;
+  const double *points, *normals;  // from vertex first_point and side first_face of the model on
+  int first_point, first_face;
   int begin, vertices, count;  // how many vertices there are, and with those that fill up
   const double* columns;
   double R[9];
@@ -67,8 +70,8 @@ struct PosedHull {
     for (int k = 0; k < 3; ++k) out.x[k] = R[3 * k] * y[0] + R[3 * k + 1] * y[1] + R[3 * k + 2] * y[2];
     return out;
   }
-  Point vertex(int k) const { return round() ? made[k] : p + turned(m->hull_point + 3 * k); }
-  Point normal(int face) const { return turned(m->face_normal + 3 * face); }
+  Point vertex(int k) const { return round() ? made[k] : p + turned(points + 3 * (k - first_point)); }
+  Point normal(int face) const { return turned(normals + 3 * (face - first_face)); }
   int farthest(const Point& d) const {
     if (round()) {
       made[nmade] = round_point(d);

@@ -175,7 +175,7 @@ void SceneData::derive_clusters() {
   constexpr int few = 3;
   Model& m = model;
   int D = m.D;
-  std::vector<int> of_group{0}, begin, place(m.ncontact), frame;
+  std::vector<int> of_group{0}, begin, place(m.ncontact), touches(m.ncontact), frame;
   std::vector<double> boxA, boxB, round, weight, extent(m.ncontact * 2 * D);
   for (int g = 0; g < m.ngroup; ++g) {
     std::map<std::vector<double>, std::pair<int, int>> around;  // boxes on B: of which cluster first, of how many candidates
@@ -194,6 +194,7 @@ void SceneData::derive_clusters() {
         const double* axis = rim || m.con_type[c] == kCornerBox ? nullptr : m.con_axisA + c * D;
         for_points(m, c, [&](const double* point) { A.hold(point, axis, nullptr, nullptr); });
         place[c] = x - k;
+        touches[c] = end - k;
         for_points_of_B(m, c, [&](const double* point) { B.hold(point, m.con_axisB + c * D, m.con_rotB + c * D * D, m.con_halfB + c * D); });
         most = std::max(most, radius + margin_of(m, c));
         heaviest = std::max(heaviest, m.con_invweight[c]);
@@ -205,6 +206,7 @@ void SceneData::derive_clusters() {
         own.within(B, extent.data() + c * 2 * D);
       }
       begin.push_back(k);
+      if (m.con_type[first] == kHulls) m.most_touches = std::max(m.most_touches, end - k);
       A.append(boxA);
       std::vector<double> box;
       B.append(box);
@@ -228,7 +230,7 @@ void SceneData::derive_clusters() {
   m.cluster_boxA = keep_doubles("cluster_boxA", std::move(boxA)); m.cluster_boxB = keep_doubles("cluster_boxB", std::move(boxB));
   m.con_extentB = keep_doubles("con_extentB", std::move(extent));
   m.cluster_round = keep_doubles("cluster_round", std::move(round));
-  m.con_corner = keep_ints("con_corner", std::move(place));
+  m.con_corner = keep_ints("con_corner", std::move(place)); m.con_touches = keep_ints("con_touches", std::move(touches));
   m.cluster_invweight = keep_doubles("cluster_invweight", std::move(weight));
 }
 
