@@ -9,7 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from cmbrl.bench.on_fields import lower, on_fields
+from cmbrl.bench.on_fields import on_fields, settle
 from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
@@ -60,7 +60,7 @@ def places(scene: Scene, theirs: mujoco.MjModel) -> dict[str, Array]:
     if len(on_plane):
         on[2] -= scene.gaps(home)[on_plane].min() + DEPTH
     elif on_fields(scene).any():
-        lower(scene, on[None], 2, np.full(1, -DEPTH))
+        settle(scene, on, 2, -DEPTH)
     above[2] = on[2] + LIFT
     return {"above the floor": above, "on the floor": on}
 

@@ -75,10 +75,11 @@ def random_states(
     """
     ranges = ranges or Ranges()
     core = scene.core
+    between_links = (core.con_plane < 0) & ~on_fields(scene)
     q, deeper, depth = np.empty((0, scene.nq)), np.empty((0, scene.nq)), np.empty(0)
     for _ in range(_ROUNDS):  # links may overlap no deeper than the robot may sink into the ground
         more = _configurations(scene, count, rng, ranges)
-        between = scene.gaps(more)[:, core.con_plane < 0].min(axis=1, initial=np.inf)
+        between = scene.gaps(more)[:, between_links].min(axis=1, initial=np.inf)
         fine = between >= ranges.gap[0]
         q, deeper = np.concatenate([q, more[fine]]), np.concatenate([deeper, more[~fine]])
         depth = np.concatenate([depth, between[~fine]])
