@@ -206,12 +206,16 @@ static int touch_field(const Model& m, const PosedHull& A, const Point& centre, 
     first[k] = from > 0 ? int(from / f.step[k]) : 0;
     last[k] = to < cells * f.step[k] ? int(__builtin_ceil(to / f.step[k])) : cells;
   }
+  Point across = unit(f.step[0] * f.axis[1] - f.step[1] * f.axis[0]);  // from the diagonals of all cells towards their first triangles
+  double least = -extent(A, -1.0 * across) - A.reach - dot(across, f.corner), farthest = extent(A, across) + A.reach - dot(across, f.corner);
   FieldTouches found{out, most < kMostOfField ? most : kMostOfField, 0, kOnEdge * __builtin_fmin(f.step[0], f.step[1])};
   for (int r = first[1]; r < last[1]; ++r)
     for (int c = first[0]; c < last[0]; ++c) {
       double most_high = __builtin_fmax(__builtin_fmax(f.height(r, c), f.height(r, c + 1)), __builtin_fmax(f.height(r + 1, c), f.height(r + 1, c + 1)));
       if (most_high < low - A.reach) continue;
+      double diagonal = dot(across, f.base(r, c) - f.corner);
       for (int which = 0; which < 2; ++which) {
+        if (which ? least > diagonal : farthest < diagonal) continue;
         A.nmade = 0;
         Prism prism(f, r, c, which);
         Point up = prism.up();
