@@ -1,8 +1,8 @@
 // Contacts of convex shapes with each other where rows do not look ahead: those of MuJoCo (hull_sides.hpp, hull_boxes.hpp,
-// round_contact.hpp, capsule_box.hpp), found lane by lane.
+// round_contact.hpp, capsule_box.hpp), found lane by lane; and of shapes on height fields (field_contact.hpp), which know of more.
 // Where they do, corners of boxes look ahead by themselves, and only what touches between corners is taken from here.
 #pragma once
-#include "field.hpp"
+#include "field_contact.hpp"
 #include "workspace.hpp"
 
 namespace cmbrl::CMBRL_ISA {
@@ -14,6 +14,7 @@ static PosedHull posed(const Model& m, const Work<G>& w, int hull, int body, dou
   H.points = m.hull_point;
   H.normals = m.face_normal;
   H.first_point = H.first_face = 0;
+  H.bound = m.hull_bound + 6 * hull;
   H.kind = m.hull_kind[hull];
   H.reach = reach;
   H.begin = m.hull_ptr[hull];
@@ -57,14 +58,13 @@ static int touches_in_lane(const Model& m, const Work<G>& w, int i, int lane, To
   bool field = of_field(m, i);
   double reach = __builtin_fmax(m.con_reach[i], field ? w.sight[lane] : 0);
   PosedHull A = posed(m, w, m.con_hull[i], m.con_bodyA[i], reach, lane, of_a);
-  const double *a = m.con_posA + 3 * i, *b = m.con_posB + 3 * i;
-  Point centre = A.p + A.turned(a);
   if (field) {
     Point origin{{w.O[0][lane], w.O[1][lane], w.O[2][lane]}};
-    return touch_field(m, A, centre, PosedField(m, m.con_hullB[i], origin), !w.prisms, found, m.con_touches[i]);
+    return touch_field(m, A, PosedField(m, m.con_hullB[i], origin), !w.prisms, found, m.con_touches[i]);
   }
   PosedHull B = posed(m, w, m.con_hullB[i], m.con_bodyB[i], reach, lane, of_b);
-  return touches_of(A, B, B.p + B.turned(b) - centre, m.con_first[i], m.con_many[i], found);
+  const double *a = m.con_posA + 3 * i, *b = m.con_posB + 3 * i;
+  return touches_of(A, B, B.p + B.turned(b) - A.p - A.turned(a), m.con_first[i], m.con_many[i], found);
 }
 
 // Of candidate i's pair of geoms, into w.touch; w.touch_there: the lanes of w.may_touch that have as many.

@@ -33,6 +33,7 @@ struct PosedHull {
   Point p;
   int kind;
   double reach;  // [m] the gap from which on it touches the other one, which has the same
+  const double* bound;    // centre and half sizes of the box around it along the axes of its body's frame
   Point centre, axis[3];  // of a box, or of the one around a round shape
   double half[3];
   Point* made;  // points of a round shape, in the order in which they were asked for
@@ -72,6 +73,16 @@ struct PosedHull {
   }
   Point vertex(int k) const { return round() ? made[k] : p + turned(points + 3 * (k - first_point)); }
   Point normal(int face) const { return turned(normals + 3 * (face - first_face)); }
+  // How far it extends along d, and, in less time, how far at most.
+  double extent(const Point& d) const { return dot(d, round() ? round_point(d) : vertex(farthest(d))); }
+  double at_most(const Point& d) const {
+    double sum = dot(p, d);
+    for (int k = 0; k < 3; ++k) {
+      double along = R[k] * d.x[0] + R[3 + k] * d.x[1] + R[6 + k] * d.x[2];
+      sum += bound[k] * along + bound[3 + k] * __builtin_fabs(along);
+    }
+    return sum;
+  }
   int farthest(const Point& d) const {
     if (round()) {
       made[nmade] = round_point(d);

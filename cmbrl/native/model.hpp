@@ -66,6 +66,7 @@ struct Model : Structure {
   const int *hull_ptr, *vertex_ptr, *vertex_face, *face_ptr, *face_vertex;  // side.hpp: vertices of hulls, faces around each; vertices of faces
   const int* hull_block;         // where the columns of each hull begin: x, y and z of its vertices, each as many as hull_width rounds up to
   const double* hull_column;
+  const double* hull_bound;      // of each hull, the box around it along the axes of its body's frame: centre, half sizes
   const double* hull_box;        // of each hull that is or fills a box: its centre, three axes, three half sizes
   const double *hull_point, *face_normal;                                   // in the frame of the mesh's body
   const int* hull_kind;                                                     // a HullKind (hull_depth.hpp)

@@ -68,7 +68,7 @@ double size_of_B(const Model& m, int c) {
 void SceneData::derive_hulls(int count) {
   Model& m = model;
   std::vector<int> block;
-  std::vector<double> column, box;
+  std::vector<double> column, box, bound;
   for (int hull = 0; hull < count; ++hull) {
     auto point = [&](int k, int j) { return m.hull_point[3 * (m.hull_ptr[hull] + k) + j]; };
     int last = m.hull_ptr[hull + 1] - m.hull_ptr[hull] - 1;
@@ -81,6 +81,10 @@ void SceneData::derive_hulls(int count) {
     for (int j = 0; j < 3; ++j) box.push_back(0.5 * (point(0, j) + point(std::min(7, last), j)));
     for (auto& x : axis) box.insert(box.end(), x, x + 3);
     box.insert(box.end(), half, half + 3);
+    Sphere around;
+    for_vertices(m, hull, [&](const double* x) { around.hold(x, 3); });
+    for (int k = 0; k < 3; ++k) bound.push_back(around.centre(k));
+    for (int k = 0; k < 3; ++k) bound.push_back(0.5 * (around.high[k] - around.low[k]) + 1e-12);  // round-off
     block.push_back(int(column.size()));
     for (int j = 0; j < 3; ++j)
       for (int k = 0; k < m.hull_count(hull); ++k) {
@@ -90,6 +94,7 @@ void SceneData::derive_hulls(int count) {
   }
   m.hull_block = keep_ints("hull_block", std::move(block));
   m.hull_column = keep_doubles("hull_column", std::move(column));
+  m.hull_bound = keep_doubles("hull_bound", std::move(bound));
   m.hull_box = keep_doubles("hull_box", std::move(box));
 }
 

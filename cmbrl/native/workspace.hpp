@@ -234,8 +234,8 @@ struct Work : SolverWork<G> {
   bool by_sides; int side_of;              // meshes touch planes with corners of a side (side.hpp): those at hand, of which pair of geoms
   V side[4]; Mask side_there[4];
   int touch_of; Feature<G>* touch; Mask* touch_there;  // the same of hulls with each other (hull_contact.hpp)
-  bool prisms;                             // a height field is touched as MuJoCo's (field.hpp)
-  T sight;                                 // [m] how far ahead rows look at the height field at hand (field.hpp)
+  bool prisms;                             // a height field is touched as MuJoCo's (field_contact.hpp)
+  T sight;                                 // [m] how far ahead rows look at the height field at hand (field_contact.hpp)
   SideUnderCorners<G> under;
   FrameInA<G> frame; int frame_of;         // along what clusters on one shape have around it (sieve.hpp): that of which of them
   Mask may_touch;                          // lanes in which those of the cluster at hand may overlap

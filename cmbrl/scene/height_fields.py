@@ -2,7 +2,7 @@
 
 MuJoCo splits each cell of the grid by a diagonal. Under both triangles stand prisms down to the field's base, and a
 shape touches each prism by itself, at most 50 in all (``mjc_ConvexHField`` in engine_collision_convex.c). So it does in
-the core: see ``field.hpp``.
+the core: see ``field_contact.hpp``.
 """
 
 from __future__ import annotations
