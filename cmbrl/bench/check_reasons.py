@@ -107,7 +107,7 @@ def _features(theirs: mujoco.MjModel) -> Iterator[Feature]:
     if theirs.opt.noslip_iterations:
         yield Feature("without the noslip pass", _no_noslip)
     if np.any(theirs.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD):
-        yield Feature("with a margin of 1 nm, with which MuJoCo's search on height fields goes on to its end", _margin)
+        yield Feature("with a margin of 1 nm for MuJoCo's height fields", _margin)
     yield Feature("with links that pass through each other", _part_links)
     if theirs.jnt_limited.any() or theirs.tendon_limited.any():
         yield Feature("without limits", without(_OFF.mjDSBL_LIMIT))

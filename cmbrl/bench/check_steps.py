@@ -59,8 +59,10 @@ def places(scene: Scene, theirs: mujoco.MjModel) -> dict[str, Array]:
     on_plane = np.flatnonzero(scene.core.con_plane >= 0)
     if len(on_plane):
         on[2] -= scene.gaps(home)[on_plane].min() + DEPTH
-    elif on_fields(scene).any():
-        settle(scene, on, 2, -DEPTH)
+    if on_fields(scene).any():
+        on_field = home.copy()
+        settle(scene, on_field, 2, -DEPTH)
+        on[2] = max(on[2], on_field[2]) if len(on_plane) else on_field[2]
     above[2] = on[2] + LIFT
     return {"above the floor": above, "on the floor": on}
 

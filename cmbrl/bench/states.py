@@ -130,13 +130,14 @@ def _configurations(scene: Scene, count: int, rng: np.random.Generator, ranges: 
 def _lower(scene: Scene, q: np.ndarray, gap: np.ndarray) -> None:
     """Moves the root, in place, along the slide that changes the gaps to planes most, to the lowest gap ``gap``.
 
-    Where one changes them at all; without planes, onto a height field.
+    Where one changes them at all; of a scene with height fields, onto these.
     """
     planes = np.flatnonzero(scene.core.con_plane >= 0)
     roots = [j for j in scene.joints if j.kind == JointKind.SLIDE and scene.core.body_parent[j.body] < 0]
-    if not len(planes) and roots and on_fields(scene).any():
+    if roots and on_fields(scene).any():
         steepest = max(roots, key=lambda joint: abs(joint.axis[-1]))
         lower(scene, q, steepest.qadr, gap)
+        return
     if not len(planes) or not roots:
         return
     step, here = 1e-3, scene.gaps(scene.q0)[planes]
