@@ -164,3 +164,21 @@ def test_what_is_deep_comes_up(shape: str) -> None:
         q, v = step.q_next, step.v_next
     assert q[0, 2] > 0.05
     assert np.abs(v[0, :3]).max() < 2.0
+
+
+@pytest.mark.parametrize("speed", [2.0, 5.0, 20.0])
+def test_a_ball_falls_on_an_even_field_as_on_a_plane(speed: float) -> None:
+    """However far it flies in a step, and however deep it sinks into MuJoCo's soft ground."""
+    field, plane = (
+        ComplementarityModel(Scene.from_mjcf(slope("sphere", 0.3, plane=of_plane))) for of_plane in (False, True)
+    )
+    q, v = standing(0.3, "sphere")
+    q[0, 2] += 0.15
+    v[0, 2] = -speed
+    ours = theirs = (q, v)
+    for _ in range(40):
+        step = field.predict(*ours, np.zeros((1, 0)))
+        ours = step.q_next, step.v_next
+        step = plane.predict(*theirs, np.zeros((1, 0)))
+        theirs = step.q_next, step.v_next
+        np.testing.assert_allclose(ours[1], theirs[1], atol=1e-3 * speed)
