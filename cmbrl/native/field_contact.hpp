@@ -94,6 +94,19 @@ struct FieldTouches {
   Touch* out;
   int most, n = 0;
   double same;  // [m]
+  Touch refused[kMostOfField];
+  int nrefused = 0;
+
+  // That of a prism which is none of the surface. If it is much deeper than all that are, the surface alone would let the shape through:
+  // a peak that is near the side of a box, for which the shortest way out leads there. What
+  // begins deeper than a tenth of a cell is left to touch_top.
+  void refuse(const Touch& t) { if (t.dist < 0 && nrefused < kMostOfField) refused[nrefused++] = t; }
+  void take_deeper() {
+    constexpr double much = 1.5, shallow = 0.1 / kOnEdge;
+    double deepest = 0;
+    for (int k = 0; k < n; ++k) deepest = __builtin_fmin(deepest, out[k].dist);
+    for (int k = 0; k < nrefused; ++k) if (refused[k].dist < much * deepest - same && refused[k].dist > -shallow * same) add(refused[k]);
+  }
 
   void add_any(const Touch& t) { if (n < most) out[n++] = t; }
   void add(const Touch& t) {
@@ -120,6 +133,7 @@ static void touch_prism(const PosedHull& A, const PosedField& f, const Prism& pr
     Place place = surface ? place_of(f, prism, touch[k], n > 1) : Place::surface;
     if (!surface) found.add_any(touch[k]);
     else if (place == Place::surface) found.add(touch[k]);
+    else found.refuse(touch[k]);
     sunk |= place == Place::below;
   }
   if (sunk && touch_top(A, prism, touch[0])) found.add(touch[0]);
@@ -130,7 +144,10 @@ static void touch_prism(const PosedHull& A, const PosedField& f, const Prism& pr
 // otherwise MuJoCo's: one of each prism that A overlaps, edges of neighbours too. Returns how many of `out` there are.
 static int touch_field(const Model& m, const PosedHull& A, const PosedField& f, bool surface, Touch* out, int most) {
   Range range(A, f);
-  FieldTouches found{out, most < kMostOfField ? most : kMostOfField, 0, kOnEdge * __builtin_fmin(f.step[0], f.step[1])};
+  FieldTouches found;
+  found.out = out;
+  found.most = most < kMostOfField ? most : kMostOfField;
+  found.same = kOnEdge * __builtin_fmin(f.step[0], f.step[1]);
   for (int r = range.first[1]; r < range.last[1]; ++r)
     for (int c = range.first[0]; c < range.last[0]; ++c) {
       if (!range.reaches(f, r, c)) continue;
@@ -144,6 +161,7 @@ static int touch_field(const Model& m, const PosedHull& A, const PosedField& f, 
         touch_prism(A, f, prism, prism.hull(m, A.reach), surface, found);
       }
     }
+  found.take_deeper();
   return found.n;
 }
 

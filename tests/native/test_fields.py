@@ -182,3 +182,17 @@ def test_a_ball_falls_on_an_even_field_as_on_a_plane(speed: float) -> None:
         step = plane.predict(*theirs, np.zeros((1, 0)))
         theirs = step.q_next, step.v_next
         np.testing.assert_allclose(ours[1], theirs[1], atol=1e-3 * speed)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_what_lies_on_hills_stays_there(shape: str) -> None:
+    """On peaks near its sides too, out of which the shortest way is none that the surface alone would tell."""
+    model, rng = ComplementarityModel(Scene.from_mjcf(thrown(shape))), np.random.default_rng(3)
+    turns = rng.normal(size=(16, 4))
+    places = np.column_stack([rng.uniform(-0.5, 0.5, (16, 2)), np.full(16, 0.25)])
+    q, v = np.concatenate([places, turns / np.linalg.norm(turns, axis=1, keepdims=True)], axis=1), np.zeros((16, 6))
+    for _ in range(1000):
+        step = model.predict(q, v, np.zeros((16, 0)))
+        q, v = step.q_next, step.v_next
+    assert q[:, 2].min() > 0.03
+    assert np.abs(v[:, :3]).max() < 1.0
