@@ -106,6 +106,8 @@ def _features(theirs: mujoco.MjModel) -> Iterator[Feature]:
         yield Feature("with implicitfast for RK4", _no_rk4)
     if theirs.opt.noslip_iterations:
         yield Feature("without the noslip pass", _no_noslip)
+    if np.any(theirs.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD):
+        yield Feature("with a margin of 1 nm for MuJoCo's height fields", _margin)
     yield Feature("with links that pass through each other", _part_links)
     if theirs.jnt_limited.any() or theirs.tendon_limited.any():
         yield Feature("without limits", without(_OFF.mjDSBL_LIMIT))
@@ -122,6 +124,11 @@ def _part_links(model: mujoco.MjModel) -> None:
     touches = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
     model.geom_contype[:] = touches & ~moves
     model.geom_conaffinity[:] = touches & moves
+
+
+def _margin(model: mujoco.MjModel) -> None:
+    """MuJoCo takes boxes and meshes with a margin for smooth, and does not stop at a corner that it has seen."""
+    model.geom_margin[:] = np.maximum(model.geom_margin, 1e-9)
 
 
 def _to_the_end(model: mujoco.MjModel) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from cmbrl.bench.on_fields import on_fields, settle
 from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
@@ -17,6 +18,7 @@ from cmbrl.scene.records import Array
 from cmbrl.scene.robot_source import quiet
 
 LIFT = 1.0  # m, of a robot above the floor
+DEPTH = 1e-3  # m, of one that stands on it
 STILL = 1e-4  # rad/s or m/s: a coordinate whose speed changes less in a step is held fast, as by dry friction
 EPISODE, HOLD = 100, 10  # steps of an episode from the home pose; of one random control
 PER_EPISODE, EPISODES = 4, 2  # states; episodes tried for each that is wanted
@@ -56,7 +58,11 @@ def places(scene: Scene, theirs: mujoco.MjModel) -> dict[str, Array]:
     above, on = home.copy(), home.copy()
     on_plane = np.flatnonzero(scene.core.con_plane >= 0)
     if len(on_plane):
-        on[2] -= scene.gaps(home)[on_plane].min() + 1e-3
+        on[2] -= scene.gaps(home)[on_plane].min() + DEPTH
+    if on_fields(scene).any():
+        on_field = home.copy()
+        settle(scene, on_field, 2, -DEPTH)
+        on[2] = max(on[2], on_field[2]) if len(on_plane) else on_field[2]
     above[2] = on[2] + LIFT
     return {"above the floor": above, "on the floor": on}
 

@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from cmbrl.bench.on_fields import lower, on_fields
 from cmbrl.bench.peers.ours import scene_of
 from cmbrl.registry import load_task
 from cmbrl.scene import Scene
@@ -74,10 +75,11 @@ def random_states(
     """
     ranges = ranges or Ranges()
     core = scene.core
+    between_links = (core.con_plane < 0) & ~on_fields(scene)
     q, deeper, depth = np.empty((0, scene.nq)), np.empty((0, scene.nq)), np.empty(0)
     for _ in range(_ROUNDS):  # links may overlap no deeper than the robot may sink into the ground
         more = _configurations(scene, count, rng, ranges)
-        between = scene.gaps(more)[:, core.con_plane < 0].min(axis=1, initial=np.inf)
+        between = scene.gaps(more)[:, between_links].min(axis=1, initial=np.inf)
         fine = between >= ranges.gap[0]
         q, deeper = np.concatenate([q, more[fine]]), np.concatenate([deeper, more[~fine]])
         depth = np.concatenate([depth, between[~fine]])
@@ -128,10 +130,14 @@ def _configurations(scene: Scene, count: int, rng: np.random.Generator, ranges: 
 def _lower(scene: Scene, q: np.ndarray, gap: np.ndarray) -> None:
     """Moves the root, in place, along the slide that changes the gaps to planes most, to the lowest gap ``gap``.
 
-    Where one changes them at all.
+    Where one changes them at all; of a scene with height fields, onto these.
     """
     planes = np.flatnonzero(scene.core.con_plane >= 0)
     roots = [j for j in scene.joints if j.kind == JointKind.SLIDE and scene.core.body_parent[j.body] < 0]
+    if roots and on_fields(scene).any():
+        steepest = max(roots, key=lambda joint: abs(joint.axis[-1]))
+        lower(scene, q, steepest.qadr, gap)
+        return
     if not len(planes) or not roots:
         return
     step, here = 1e-3, scene.gaps(scene.q0)[planes]

@@ -27,7 +27,8 @@ class Drawer:
 
     MuJoCo's renderer draws if there is a display or MUJOCO_GL is set; otherwise, or if it does not start (a warning
     says what to install), pictures are flat. The camera is the MJCF's first one. Without one, ours looks along +y and
-    shows everything but planes at all configurations ``seen`` (N, nq). Missing lights, sky and colours are added.
+    shows everything but planes and height fields at all configurations ``seen`` (N, nq). Missing lights, sky and
+    colours are added.
     """
 
     def __init__(
@@ -61,8 +62,9 @@ class Drawer:
         self._mujoco.mj_forward(self.model, self.data)
 
     def _box(self, seen: Iterable[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Corners (3,) of the box around all geoms except planes, at all configurations."""
-        solid = self.model.geom_type != self._mujoco.mjtGeom.mjGEOM_PLANE
+        """Corners (3,) of the box around all geoms except planes and height fields, at all configurations."""
+        kinds = self._mujoco.mjtGeom
+        solid = ~np.isin(self.model.geom_type, (kinds.mjGEOM_PLANE, kinds.mjGEOM_HFIELD))
         radius = self.model.geom_rbound[solid, None]
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
         for q in seen:

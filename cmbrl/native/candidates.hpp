@@ -130,6 +130,9 @@ static typename G::V relative_velocity(const Vec<G::N>* twist, int A, int B, con
   return u;
 }
 
+// [m] in which height fields are looked at where it is not known from which gap on they are far.
+constexpr double kFarSight = 0.05;
+
 // What a cluster's candidates that are too far to look at have in common: from which gap on they are, and the smallest of theirs.
 struct Far { T from, lowest = splat(1e300); };
 // A law with a margin takes candidates for touching that much before they do.
@@ -141,14 +144,18 @@ static inline Mask within_reach(const Model& m, int i, T gap) { return gap <= __
 template <class G>
 static void look_afresh(const Options& o, Work<G>& w) {
   w.by_sides = !o.look_ahead;
+  w.prisms = w.by_sides || o.both_ways;
   w.side_of = w.touch_of = w.under.pair = w.frame_of = -1;
+  w.sight = T{};
 }
 
 // The closest features of a candidate, and the lanes in which it has any.
 template <class G>
 static Mask look_at(const Model& m, const Options& o, Work<G>& w, int i, Feature<G>& F, const Given* given = nullptr) {
   bool hulls = m.con_type[i] == kHulls, corner = w.by_sides && !hulls && m.con_hull[i] >= 0;
-  if (hulls && o.both_ways) return none();  // they only know of closed gaps
+  bool field = hulls && of_field(m, i);
+  if (hulls && !field && o.both_ways) return none();  // they only know of closed gaps
+  if (field && given && o.look_ahead) w.sight = splat(kFarSight);
   if (corner) find_side(m, w, i);
   bool recalled = hulls && given && recall_touch(*given, F);
   if (hulls && !recalled) find_touches(m, w, i);
@@ -237,6 +244,14 @@ static void find_on_plane(const Model& m, const Options& o, Work<G>& w, int A, i
 template <class G>
 static void find_between(const Model& m, const Options& o, Work<G>& w, int cluster, Far& far) {
   const int *begin = m.grp_con + m.cluster_begin[cluster], *end = m.grp_con + m.cluster_begin[cluster + 1];
+  if (of_field(m, *begin)) {
+    for (; begin < end && any(w.may_touch); ++begin) {
+      find_contact(m, o, w, *begin, &far);
+      if (!any(w.touch_there[m.con_corner[*begin]])) break;  // nor any more of them
+    }
+    far.lowest = vmin(far.lowest, far.from);  // of what is not in sight
+    return;
+  }
   for (; begin < end && m.con_type[*begin] == kHulls; ++begin) if (any(w.may_touch)) find_contact(m, o, w, *begin, &far);
   if (m.cluster_frame[cluster] < 0) {  // few, and nobody else's
     for (; begin < end; ++begin) find_contact(m, o, w, *begin, &far);
@@ -269,16 +284,19 @@ static void find_in_cluster(const Model& m, const Options& o, Work<G>& w, int g,
   if (idle(m, o, cluster)) return;
   bool side = corners_on_plane(m, w, m.grp_con[begin]);
   if (side) end = begin + kCorners;
+  bool field = o.look_ahead && of_field(m, m.grp_con[begin]);
   w.may_touch = all();
   if (!w.sift) {
+    w.sight = splat(field ? kFarSight : 0);
     for (int k = begin; k < end; ++k) find_contact(m, o, w, m.grp_con[k], nullptr);
     return;
   }
   Far far{far_from(m, o, cluster, fast)};
+  w.sight = field ? far.from : T{};
   if (m.cluster_round[cluster] >= 0) {
     T gap = least_gap(m, w, A, B, cluster);
     if (!any(gap < far.from)) { w.pass_over({A, B, gap * (1 / o.h) - fast}); return; }
-    w.may_touch = within_reach(m, m.grp_con[begin], gap);
+    w.may_touch = within_reach(m, m.grp_con[begin], gap) | (gap < w.sight);
   }
   if (m.con_plane[m.grp_con[begin]] >= 0 && !side) find_on_plane(m, o, w, A, cluster, far);
   else if (side) for (int k = begin; k < end; ++k) find_contact(m, o, w, m.grp_con[k], &far);

@@ -1,10 +1,8 @@
 // Contacts of convex shapes with each other where rows do not look ahead: those of MuJoCo (hull_sides.hpp, hull_boxes.hpp,
-// round_contact.hpp, capsule_box.hpp), found lane by lane.
+// round_contact.hpp, capsule_box.hpp), found lane by lane; and of shapes on height fields (field_contact.hpp), which know of more.
 // Where they do, corners of boxes look ahead by themselves, and only what touches between corners is taken from here.
 #pragma once
-#include "capsule_box.hpp"
-#include "hull_boxes.hpp"
-#include "polytope_contact.hpp"
+#include "field_contact.hpp"
 #include "workspace.hpp"
 
 namespace cmbrl::CMBRL_ISA {
@@ -13,6 +11,10 @@ template <class G>
 static PosedHull posed(const Model& m, const Work<G>& w, int hull, int body, double reach, int lane, Point* made) {
   PosedHull H;
   H.m = &m;
+  H.points = m.hull_point;
+  H.normals = m.face_normal;
+  H.first_point = H.first_face = 0;
+  H.bound = m.hull_bound + 6 * hull;
   H.kind = m.hull_kind[hull];
   H.reach = reach;
   H.begin = m.hull_ptr[hull];
@@ -46,14 +48,23 @@ static void keep_touch(const Touch& t, Feature<G>& F, int lane) {
   CMBRL_FOR(k, 9) F.slide[k][lane] = t.edges ? 0 : t.slid[k];
 }
 
-// first: A is MuJoCo's first geom of the two; many: what lies flat touches in several points. Returns how many of `out` there are.
-static int touches_of(const PosedHull& A, const PosedHull& B, const Point& between, bool first, bool many, Touch* out) {
-  int n = -1;
-  if (A.kind == kBox && B.kind == kBox) return first ? touch_boxes(A, B, true, out) : touch_boxes(B, A, false, out);
-  if (A.kind == kCapsule && B.kind == kBox) n = touch_capsule_box({A, B, true}, out);
-  else if (A.kind == kBox && B.kind == kCapsule) n = touch_capsule_box({B, A, false}, out);
-  if (n >= 0) return n;
-  return A.round() || B.round() ? touch_round(A, B, between, first, many, out) : touch_polytopes(A, B, between, first, many, out);
+// Whether candidate i is of a shape and a height field.
+static inline bool of_field(const Model& m, int i) { return m.con_type[i] == kHulls && m.hull_kind[m.con_hullB[i]] == kField; }
+
+// Those of candidate i's pair of geoms in one lane. Returns how many of `found` there are.
+template <class G>
+static int touches_in_lane(const Model& m, const Work<G>& w, int i, int lane, Touch* found) {
+  Point of_a[kMostMade], of_b[kMostMade];
+  bool field = of_field(m, i);
+  double reach = __builtin_fmax(m.con_reach[i], field ? w.sight[lane] : 0);
+  PosedHull A = posed(m, w, m.con_hull[i], m.con_bodyA[i], reach, lane, of_a);
+  if (field) {
+    Point origin{{w.O[0][lane], w.O[1][lane], w.O[2][lane]}};
+    return touch_field(m, A, PosedField(m, m.con_hullB[i], origin), !w.prisms, found, m.con_touches[i]);
+  }
+  PosedHull B = posed(m, w, m.con_hullB[i], m.con_bodyB[i], reach, lane, of_b);
+  const double *a = m.con_posA + 3 * i, *b = m.con_posB + 3 * i;
+  return touches_of(A, B, B.p + B.turned(b) - A.p - A.turned(a), m.con_first[i], m.con_many[i], found);
 }
 
 // Of candidate i's pair of geoms, into w.touch; w.touch_there: the lanes of w.may_touch that have as many.
@@ -62,22 +73,15 @@ static void find_touches(const Model& m, Work<G>& w, int i) {
   if (w.touch_of == m.con_pair[i]) return;
   w.touch_of = m.con_pair[i];
   if constexpr (G::D == 3) {
-    CMBRL_FOR(k, kMostTouches) w.touch_there[k] = none();
-    bool first = m.con_first[i], many = m.con_many[i];
-    double reach = __builtin_fmax(m.con_reach[i], 0);
+    for (int k = 0; k < m.most_touches; ++k) w.touch_there[k] = none();
     int cleared = 0;
     for (int lane = 0; lane < w.lanes; ++lane) {
       if (!w.may_touch[lane]) continue;
-      Touch found[kMostTouches];
-      Point of_a[kMostMade], of_b[kMostMade];
-      PosedHull A = posed(m, w, m.con_hull[i], m.con_bodyA[i], reach, lane, of_a);
-      PosedHull B = posed(m, w, m.con_hullB[i], m.con_bodyB[i], reach, lane, of_b);
-      const double *a = m.con_posA + 3 * i, *b = m.con_posB + 3 * i;
-      Point between = B.p + B.turned(b) - A.p - A.turned(a);
-      int n = touches_of(A, B, between, first, many, found);
+      Touch found[kMostOfField];
+      int n = touches_in_lane(m, w, i, lane, found);
       for (; cleared < n; ++cleared) std::memset(&w.touch[cleared], 0, sizeof w.touch[cleared]);
       for (int k = 0; k < n; ++k) {
-        if (!w.by_sides && !found[k].crossing) continue;
+        if (!w.by_sides && !found[k].crossing && !of_field(m, i)) continue;
         keep_touch(found[k], w.touch[k], lane);
         w.touch_there[k][lane] = -1;
       }

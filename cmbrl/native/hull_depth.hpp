@@ -19,17 +19,21 @@ static inline double size_of(const Point& a) { return __builtin_sqrt(dot(a, a));
 static inline Point unit(const Point& a) { return (1 / __builtin_fmax(size_of(a), 1e-300)) * a; }
 
 // What a hull is: the vertices that it has, those of a box, or a round shape that fills the box whose corners it has.
-enum HullKind { kPolytope = 0, kBox = 1, kBall = 2, kCapsule = 3, kEllipsoid = 4, kCylinder = 5 };
+enum HullKind { kPolytope = 0, kBox = 1, kBall = 2, kCapsule = 3, kEllipsoid = 4, kCylinder = 5, kField = 6 };  // the last: see field.hpp
 
-// A hull of the model in a pose: x = p + R y for the points y of its body's frame.
+// A hull of the model in a pose: x = p + R y for the points y of its body's frame. Of a prism of a height field, whose corners are
+// not the model's, the sides are.
 struct PosedHull {
   const Model* m;
+  const double *points, *normals;  // from vertex first_point and side first_face of the model on
+  int first_point, first_face;
   int begin, vertices, count;  // how many vertices there are, and with those that fill up
   const double* columns;
   double R[9];
   Point p;
   int kind;
   double reach;  // [m] the gap from which on it touches the other one, which has the same
+  const double* bound;    // centre and half sizes of the box around it along the axes of its body's frame
   Point centre, axis[3];  // of a box, or of the one around a round shape
   double half[3];
   Point* made;  // points of a round shape, in the order in which they were asked for
@@ -67,8 +71,18 @@ struct PosedHull {
     for (int k = 0; k < 3; ++k) out.x[k] = R[3 * k] * y[0] + R[3 * k + 1] * y[1] + R[3 * k + 2] * y[2];
     return out;
   }
-  Point vertex(int k) const { return round() ? made[k] : p + turned(m->hull_point + 3 * k); }
-  Point normal(int face) const { return turned(m->face_normal + 3 * face); }
+  Point vertex(int k) const { return round() ? made[k] : p + turned(points + 3 * (k - first_point)); }
+  Point normal(int face) const { return turned(normals + 3 * (face - first_face)); }
+  // How far it extends along d, and, in less time, how far at most.
+  double extent(const Point& d) const { return dot(d, round() ? round_point(d) : vertex(farthest(d))); }
+  double at_most(const Point& d) const {
+    double sum = dot(p, d);
+    for (int k = 0; k < 3; ++k) {
+      double along = R[k] * d.x[0] + R[3 + k] * d.x[1] + R[6 + k] * d.x[2];
+      sum += bound[k] * along + bound[3 + k] * __builtin_fabs(along);
+    }
+    return sum;
+  }
   int farthest(const Point& d) const {
     if (round()) {
       made[nmade] = round_point(d);

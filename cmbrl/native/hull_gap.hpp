@@ -53,32 +53,68 @@ struct Nearby {
   }
 };
 
-// Of hulls that do not overlap: false if they are further than `reach` apart. Then `depth` is negative, and n leads from A to B.
-static bool find_gap(const PosedHull& A, const PosedHull& B, const Point& between, double reach, Depth& out, double tolerance) {
+// How far hulls are apart that do not overlap, unless it is more than `reach`. Then `depth` is negative, and n leads from A to B.
+enum class Gap { overlap, found, far };
+static Gap find_gap(const PosedHull& A, const PosedHull& B, const Point& between, double reach, Depth& out, double tolerance) {
   Nearby near;
   near.take(farthest_apart(A, B, dot(between, between) > 0 ? between : Point{{1, 0, 0}}));
   for (int k = 0; k < kMostSimplices; ++k) {
     double size = size_of(near.nearest);
-    if (size < 1e-14) return false;
+    if (size < 1e-14) return Gap::overlap;
     Apart far = farthest_apart(A, B, -1.0 * near.nearest);
     double least = dot(far.x, near.nearest) / size;
-    if (least > reach) return false;
+    if (least > reach) return Gap::far;
     if (size - least < tolerance || near.has(far)) break;
     near.take(far);
   }
   double size = size_of(near.nearest);
-  if (!(size > 1e-14 && size <= reach)) return false;
+  if (!(size > 1e-14)) return Gap::overlap;
+  if (!(size <= reach)) return Gap::far;
   out.n = (-1 / size) * near.nearest;
   out.depth = -size;
   for (int k = 0; k < 3; ++k) out.corner[k] = near.at[k < near.n ? k : 0];
-  return true;
+  return Gap::found;
 }
 
 // How deep A and B are in each other, or, up to their reach, how far apart.
 static bool find_depth(const PosedHull& A, const PosedHull& B, const Point& between, Depth& out, double tolerance = 1e-10) {
   Simplex simplex;
   if (overlap(A, B, between, simplex)) return find_depth(A, B, simplex, out, tolerance);
-  return A.reach > 0 && find_gap(A, B, between, A.reach, out, tolerance);
+  return A.reach > 0 && find_gap(A, B, between, A.reach, out, tolerance) == Gap::found;
+}
+
+// A ball is a point that is rounded off, a capsule a segment.
+static double rounding_of(const PosedHull& H) { return H.kind == kBall || H.kind == kCapsule ? H.half[0] : 0; }
+static PosedHull core_of(const PosedHull& H) {
+  PosedHull core = H;
+  core.nmade = 0;
+  if (rounding_of(H) == 0) return core;
+  core.half[2] = H.length();
+  core.half[0] = core.half[1] = 0;
+  return core;
+}
+
+// The same by what is rounded off, which the search takes for what it is: for a polytope with as many corners as it needs otherwise.
+static bool find_rounded_depth(const PosedHull& A, const PosedHull& B, const Point& between, Depth& out, double tolerance) {
+  double of_a = rounding_of(A), of_b = rounding_of(B);
+  if (of_a + of_b == 0) return find_depth(A, B, between, out, tolerance);
+  PosedHull a = core_of(A), b = core_of(B);
+  Gap gap = find_gap(a, b, between, of_a + of_b + A.reach, out, tolerance);
+  if (gap == Gap::overlap) return find_depth(A, B, between, out, tolerance);
+  if (gap == Gap::far) return false;
+  auto round_off = [&](const PosedHull& H, int vertex, bool done, double by) {  // towards the other hull
+    if (H.round() && !done) H.made[vertex] = H.made[vertex] + by * out.n;
+  };
+  for (int k = 0; k < 3; ++k) {
+    Apart& c = out.corner[k];
+    bool done_a = false, done_b = false;
+    for (int j = 0; j < k; ++j) { done_a |= out.corner[j].a == c.a; done_b |= out.corner[j].b == c.b; }
+    round_off(A, c.a, done_a, of_a);
+    round_off(B, c.b, done_b, -of_b);
+    c.x = c.x + (of_a + of_b) * out.n;
+  }
+  out.depth += of_a + of_b;
+  return out.depth > -A.reach;
 }
 
 }  // namespace cmbrl::CMBRL_ISA

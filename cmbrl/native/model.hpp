@@ -66,9 +66,13 @@ struct Model : Structure {
   const int *hull_ptr, *vertex_ptr, *vertex_face, *face_ptr, *face_vertex;  // side.hpp: vertices of hulls, faces around each; vertices of faces
   const int* hull_block;         // where the columns of each hull begin: x, y and z of its vertices, each as many as hull_width rounds up to
   const double* hull_column;
+  const double* hull_bound;      // of each hull, the box around it along the axes of its body's frame: centre, half sizes
   const double* hull_box;        // of each hull that is or fills a box: its centre, three axes, three half sizes
   const double *hull_point, *face_normal;                                   // in the frame of the mesh's body
   const int* hull_kind;                                                     // a HullKind (hull_depth.hpp)
+  int prism;                     // the hull that says which corners each side of a field's prisms has, or -1 (field.hpp)
+  const int *hull_field, *field_size, *field_ptr;  // the field of each hull, or -1; rows and columns of each; where its heights begin
+  const double* field_height;    // [m] above its base
   const int *con_kin, *grp_kin, *kin_ptr;        // candidates that may share a row of a pack: of one group, with laws that differ in lane numbers only
   int nkin;                  // those of group g are numbers grp_kin[g] to grp_kin[g + 1] - 1; kin_ptr: how many candidates those before have
   static constexpr int hull_width = 16;  // a multiple of any pack's; the last vertex fills up
@@ -144,6 +148,8 @@ struct Model : Structure {
   const double *sphere_pos, *sphere_radius;         // of each body, around what may touch anything; radius < 0: nothing
   const int *grp_clusters, *cluster_begin;          // candidates of one pair of geoms, by group; where they begin in grp_con
   const double *cluster_boxA, *cluster_boxB;        // boxes around them: centre, axes, half sizes
+  const int* con_touches;        // of each candidate, how many its pair of geoms has
+  int most_touches;              // of hulls with each other
   const int* cluster_frame;      // the first of those with that box on B; < 0: of few candidates, which share it with none
   const double* con_extentB;     // of each candidate, the box around its shape on B along those axes: from their centre on, and half sizes
   const double* cluster_round;                      // their largest sum of radii and margin; < 0: so few that a test would not pay

@@ -35,7 +35,8 @@ static void smooth_quantities(const Model& m, const Options& o, const Batch& b, 
     scatter(w.line_length, m.nline, m.nline, l, length);
     for (int i = 0; i < w.ncon; ++i) {
       const Contact<G>& c = w.con[i];
-      for (int lane = 0; gap && lane < l.n; ++lane) gap[l.at[lane] * m.ncontact + c.index] = c.phi[lane];
+      for (int lane = 0; gap && lane < l.n; ++lane)
+        if (!c.hulls || c.on[lane]) gap[l.at[lane] * m.ncontact + c.index] = c.phi[lane];
       int g = m.con_group[c.index];
       for (int r = 0; J && r < c.rows && r < rows; ++r)
         for (int k = m.grp_dptr[g]; k < m.grp_dptr[g + 1]; ++k) {

@@ -153,7 +153,7 @@ static int lies_along(const PosedHull& E, const int* corner, const PosedHull& F,
 // a_first: A is MuJoCo's first geom of the two; many: what lies flat touches in several points. Returns how many of `out` there are.
 static int touch_round(const PosedHull& A, const PosedHull& B, const Point& between, bool a_first, bool many, Touch* out) {
   Depth d;
-  if (!find_depth(A, B, between, d, kClose)) return 0;
+  if (!find_rounded_depth(A, B, between, d, kClose)) return 0;
   Meeting first = meet(A, B, d);
   if (!(first.dist < A.reach)) return 0;
   if (many) {

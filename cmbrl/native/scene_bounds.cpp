@@ -68,7 +68,7 @@ double size_of_B(const Model& m, int c) {
 void SceneData::derive_hulls(int count) {
   Model& m = model;
   std::vector<int> block;
-  std::vector<double> column, box;
+  std::vector<double> column, box, bound;
   for (int hull = 0; hull < count; ++hull) {
     auto point = [&](int k, int j) { return m.hull_point[3 * (m.hull_ptr[hull] + k) + j]; };
     int last = m.hull_ptr[hull + 1] - m.hull_ptr[hull] - 1;
@@ -81,6 +81,10 @@ void SceneData::derive_hulls(int count) {
     for (int j = 0; j < 3; ++j) box.push_back(0.5 * (point(0, j) + point(std::min(7, last), j)));
     for (auto& x : axis) box.insert(box.end(), x, x + 3);
     box.insert(box.end(), half, half + 3);
+    Sphere around;
+    for_vertices(m, hull, [&](const double* x) { around.hold(x, 3); });
+    for (int k = 0; k < 3; ++k) bound.push_back(around.centre(k));
+    for (int k = 0; k < 3; ++k) bound.push_back(0.5 * (around.high[k] - around.low[k]) + 1e-12);  // round-off
     block.push_back(int(column.size()));
     for (int j = 0; j < 3; ++j)
       for (int k = 0; k < m.hull_count(hull); ++k) {
@@ -90,6 +94,7 @@ void SceneData::derive_hulls(int count) {
   }
   m.hull_block = keep_ints("hull_block", std::move(block));
   m.hull_column = keep_doubles("hull_column", std::move(column));
+  m.hull_bound = keep_doubles("hull_bound", std::move(bound));
   m.hull_box = keep_doubles("hull_box", std::move(box));
 }
 
@@ -175,7 +180,7 @@ void SceneData::derive_clusters() {
   constexpr int few = 3;
   Model& m = model;
   int D = m.D;
-  std::vector<int> of_group{0}, begin, place(m.ncontact), frame;
+  std::vector<int> of_group{0}, begin, place(m.ncontact), touches(m.ncontact), frame;
   std::vector<double> boxA, boxB, round, weight, extent(m.ncontact * 2 * D);
   for (int g = 0; g < m.ngroup; ++g) {
     std::map<std::vector<double>, std::pair<int, int>> around;  // boxes on B: of which cluster first, of how many candidates
@@ -194,6 +199,7 @@ void SceneData::derive_clusters() {
         const double* axis = rim || m.con_type[c] == kCornerBox ? nullptr : m.con_axisA + c * D;
         for_points(m, c, [&](const double* point) { A.hold(point, axis, nullptr, nullptr); });
         place[c] = x - k;
+        touches[c] = end - k;
         for_points_of_B(m, c, [&](const double* point) { B.hold(point, m.con_axisB + c * D, m.con_rotB + c * D * D, m.con_halfB + c * D); });
         most = std::max(most, radius + margin_of(m, c));
         heaviest = std::max(heaviest, m.con_invweight[c]);
@@ -205,6 +211,7 @@ void SceneData::derive_clusters() {
         own.within(B, extent.data() + c * 2 * D);
       }
       begin.push_back(k);
+      if (m.con_type[first] == kHulls) m.most_touches = std::max(m.most_touches, end - k);
       A.append(boxA);
       std::vector<double> box;
       B.append(box);
@@ -228,7 +235,7 @@ void SceneData::derive_clusters() {
   m.cluster_boxA = keep_doubles("cluster_boxA", std::move(boxA)); m.cluster_boxB = keep_doubles("cluster_boxB", std::move(boxB));
   m.con_extentB = keep_doubles("con_extentB", std::move(extent));
   m.cluster_round = keep_doubles("cluster_round", std::move(round));
-  m.con_corner = keep_ints("con_corner", std::move(place));
+  m.con_corner = keep_ints("con_corner", std::move(place)); m.con_touches = keep_ints("con_touches", std::move(touches));
   m.cluster_invweight = keep_doubles("cluster_invweight", std::move(weight));
 }
 

@@ -61,6 +61,9 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.face_vertex = i("face_vertex", m.face_ptr[faces]); m.vertex_ptr = i("vertex_ptr", size_t(m.hull_ptr[hulls]) + 1);
   m.vertex_face = i("vertex_face", m.vertex_ptr[m.hull_ptr[hulls]]);
   m.hull_kind = i("hull_kind", hulls);
+  size_t fields = size("nfield");
+  m.prism = size("prism"); m.hull_field = i("hull_field", hulls); m.field_size = i("field_size", 2 * fields);
+  m.field_ptr = i("field_ptr", fields + 1); m.field_height = d("field_height", m.field_ptr[fields]);
   m.hull_point = d("hull_point", size_t(m.hull_ptr[hulls]) * 3); m.face_normal = d("face_normal", faces * 3);
   m.con_posA = d("con_posA", nc * D); m.con_axisA = d("con_axisA", nc * D); m.con_posB = d("con_posB", nc * D);
   m.con_axisB = d("con_axisB", nc * D); m.con_rotB = d("con_rotB", nc * D * D); m.con_halfB = d("con_halfB", nc * D);

@@ -18,7 +18,8 @@ static T near_candidates(const Model& m, const Options& o, Work<G>& w) {
     T fast = fastest_of_pair(m, o, w, A, B);
     for (int c = m.grp_clusters[g]; c < m.grp_clusters[g + 1]; ++c) {
       if (m.cluster_round[c] < 0 || idle(m, o, c)) continue;
-      T size = splat(m.cluster_begin[c + 1] - m.cluster_begin[c]);
+      constexpr int of_a_field = 4;  // of all that its candidates are for
+      T size = splat(of_field(m, m.grp_con[m.cluster_begin[c]]) ? of_a_field : m.cluster_begin[c + 1] - m.cluster_begin[c]);
       count += keep(least_gap(m, w, A, B, c) < far_from(m, o, c, fast), size);
     }
   });

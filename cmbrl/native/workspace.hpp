@@ -233,7 +233,9 @@ struct Work : SolverWork<G> {
   bool sift;                               // clusters are tested
   bool by_sides; int side_of;              // meshes touch planes with corners of a side (side.hpp): those at hand, of which pair of geoms
   V side[4]; Mask side_there[4];
-  int touch_of; Feature<G> touch[8]; Mask touch_there[8];  // the same of hulls with each other (hull_contact.hpp)
+  int touch_of; Feature<G>* touch; Mask* touch_there;  // the same of hulls with each other (hull_contact.hpp)
+  bool prisms;                             // a height field is touched as MuJoCo's (field_contact.hpp)
+  T sight;                                 // [m] how far ahead rows look at the height field at hand (field_contact.hpp)
   SideUnderCorners<G> under;
   FrameInA<G> frame; int frame_of;         // along what clusters on one shape have around it (sieve.hpp): that of which of them
   Mask may_touch;                          // lanes in which those of the cluster at hand may overlap
@@ -340,6 +342,7 @@ struct Work : SolverWork<G> {
     if (m.nballspring > 0) stretch = A.take<T>(nv);
     if (m.nwrap > 0) bent = A.take<Bent<G>>(m.nwrap);
     if (m.nlink > 0) { linkages = A.take<Linkage<G>>(m.nlink); line_slope = A.take<T>(m.line_ptr[m.nline]); }
+    touch = A.take<Feature<G>>(m.most_touches); touch_there = A.take<Mask>(m.most_touches);
     ties = A.take<Tie<G>>(m.ntie); tie_J = A.take<T>(m.ntie ? int64_t(m.tie_ptr[m.ntie]) * Tie<G>::kRows : 0);
     drift = A.take<Motion>(m.ntie ? nb : 0); drift_before = A.take<Motion>(m.ntie ? nv : 0);
     near = A.take<uint64_t>(words); kin_count = A.take<int>(W * int64_t(m.nkin)); kin_slots = A.take<int>(m.ncontact); order = A.take<int>(nb);

@@ -60,6 +60,15 @@ def of_hulls(a: Shape, b: Shape, law: ContactLaw, spatial: bool) -> list[Candida
     return [one] * _most_points(kinds)
 
 
+def of_field(shape: Shape, field: Shape, law: ContactLaw, most: int) -> list[Candidate]:
+    """A convex shape on a height field of the world: as many candidates as it can touch triangles of it with points."""
+    one = Candidate(
+        ContactKind.HULLS, (shape.geom, field.geom), shape.body, WORLD,
+        shape.pos, ZERO, field.pos, ZERO, UPRIGHT, ZERO, 0.0, 0.0, law,
+    )  # fmt: skip
+    return [one] * most
+
+
 def _most_points(kinds: set[str]) -> int:
     """Of MuJoCo's contact of two convex shapes."""
     if kinds == {"box"}:

@@ -5,14 +5,15 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from cmbrl.scene.candidates import ROUND, between, of_hulls, on_plane
+from cmbrl.scene.candidates import ROUND, between, of_field, of_hulls, on_plane
 from cmbrl.scene.contact_records import Candidate, When
+from cmbrl.scene.height_fields import most_touches, read_field
 from cmbrl.scene.mixing import collision_pairs, pair_label
 from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.near import false_pairs, near_pairs
 from cmbrl.scene.reach import Balls, height_range
 from cmbrl.scene.records import WORLD, Array, LeftOut, Tree
-from cmbrl.scene.shapes import Shape, read_shape, roundings, touches
+from cmbrl.scene.shapes import FIELD, Shape, read_shape, roundings, touches
 from cmbrl.scene.stand_ins import CONVEX, OWN, StandIn, stand_in
 from cmbrl.scene.support import Gate
 from cmbrl.scene.surfaces import Surfaces
@@ -74,6 +75,9 @@ class ContactBuilder:
             if "plane" in (a.kind, b.kind):
                 plane, other = (a, b) if a.kind == "plane" else (b, a)
                 self._against_plane(other, plane, pair)
+            elif FIELD in (a.kind, b.kind):
+                field, other = (a, b) if a.kind == FIELD else (b, a)
+                self._against_field(other, field, pair)
             elif self._far(first, second, pair, near):
                 if rare:
                     self._where_closed(a, b, pair)
@@ -180,6 +184,25 @@ class ContactBuilder:
             reasons[why] = reasons.get(why, 0) + 1
         for why, count in reasons.items():
             self._drop(shape, plane, why, count)
+
+    def _against_field(self, shape: Shape, field: Shape, pair: int) -> None:
+        label = pair_label(self.model, shape.geom, field.geom)
+        if field.body != WORLD:
+            self.gate.refuse("geom_type", label, "a height field on a moving body")
+            return
+        law, up = self._surfaces.law(shape.geom, field.geom, pair), field.rot[:, 2]
+        heights = read_field(self.model, field.geom)
+        height = height_range(self.model, self.tree, shape.body, shape.pos, up)
+        above = height.low - shape.bound - float(up @ field.pos) - float(heights.heights.max())
+        beside = self._balls.closest_approach(shape, field) - shape.bound - field.bound
+        if max(above, beside) > law.reach and not self.keep_far:
+            self._drop(shape, field, f"it stays at least {max(above, beside):.3g} m away")
+        elif shape.kind not in CONVEX or not shape.sides:
+            why = f"contact of a {shape.kind} with a height field"
+            self.gate.refuse("geom_type", label, why if shape.sides else f"{why}: this MuJoCo keeps no sides of meshes")
+        else:
+            most = most_touches(self.model, shape.geom, shape.bound, heights)
+            self.candidates += of_field(shape, field, law, most)
 
     def _between(self, a: Shape, b: Shape, pair: int) -> None:
         law = self._surfaces.law(a.geom, b.geom, pair)

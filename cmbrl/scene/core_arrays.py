@@ -57,6 +57,8 @@ class CoreArrays:
     nglide: int  # pairs of geoms with moving surfaces
     nhull: int  # meshes that may touch a plane
     nface: int  # sides of their hulls
+    nfield: int  # height fields
+    prism: int  # the hull that tells the sides of a field's prisms, or -1
     nshape: int  # bodies whose inertia can change its shape
     nmass: int  # masses and armatures that inverse weights depend on
     nweight: int  # inverse weights that masses change
@@ -138,8 +140,13 @@ class CoreArrays:
     con_hullB: Integers  # (nc,) of two hulls: that of B; otherwise -1
     con_first: Integers  # (nc,) of two hulls: whether A is the first of both geoms to MuJoCo
     con_many: Integers  # (nc,) of two hulls: whether sides that lie flat on each other touch in several points
-    # (nhull,) 0: of a mesh; 1: a box; 2 to 5: a sphere, capsule, ellipsoid or cylinder, whose vertices are its box's
+    # (nhull,) 0: of a mesh; 1: a box; 2 to 6: a sphere, capsule, ellipsoid, cylinder or height field, whose vertices
+    # are its box's
     hull_kind: Integers
+    hull_field: Integers  # (nhull,) the field, or -1
+    field_size: Integers  # (nfield * 2,) rows and columns
+    field_ptr: Integers  # (nfield + 1,) where the heights of each field begin
+    field_height: Array  # [m] above its base
     hull_ptr: Integers  # (nhull + 1,) where the vertices of each hull begin
     hull_point: Array  # (vertices, 3) in the body frame
     vertex_ptr: Integers  # (vertices + 1,) where the sides around each vertex begin

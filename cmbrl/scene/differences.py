@@ -12,9 +12,10 @@ from cmbrl.scene.candidate_table import CandidateTable
 from cmbrl.scene.contact_records import ContactKind, When
 from cmbrl.scene.force_laws import ForceLaw, read_force_law
 from cmbrl.scene.gyro import gyro_arrays
+from cmbrl.scene.height_fields import field_differences
 from cmbrl.scene.mjcf import early, limits_act, name_of
 from cmbrl.scene.records import Array, LeftOut, Tendon
-from cmbrl.scene.shapes import flat_height, hull_points, hull_vertices
+from cmbrl.scene.shapes import hull_points, hull_vertices
 from cmbrl.scene.stand_ins import StandIn
 from cmbrl.scene.tendons import armature_of, force_range
 
@@ -84,13 +85,8 @@ def _shapes(model: mujoco.MjModel, candidates: CandidateTable) -> Iterator[LeftO
                 f"a flat side touches with {most} points{when}; in MuJoCo with at most {_MESH_POINTS}, which are softer"
             )
             yield LeftOut("mesh", name, why)
-    grounds = candidates.geoms[on_plane, 1]
-    for geom in grounds[_firsts(grounds)].tolist():
-        if flat_height(model, geom) is not None:
-            why = (
-                "flat, and taken for a plane without an edge; MuJoCo's has a contact for each triangle that is touched"
-            )
-            yield LeftOut("height field", name_of(model, "geom", geom), why)
+    grounds = candidates.geoms[:, 1]
+    yield from field_differences(model, grounds[_firsts(grounds)].tolist(), candidates)
     rims = candidates.geoms[candidates.rows(ContactKind.RIM_PLANE), 0]
     for geom in rims[_firsts(rims)].tolist():
         tilt, depth = 1e3 * _FLAT_TILT, _millimetres(_RIM_ERROR * model.geom_size[geom, 0])
@@ -110,12 +106,13 @@ def _stand_ins(
     model: mujoco.MjModel, candidates: CandidateTable, stand_ins: Mapping[int, StandIn]
 ) -> Iterator[LeftOut]:
     touching: dict[int, set[int]] = {}
-    acting = np.column_stack([candidates.geoms, candidates.when])[~candidates.on_plane]
+    as_it_is = candidates.on_plane | (candidates.kind == ContactKind.HULLS)
+    acting = np.column_stack([candidates.geoms, candidates.when])[~as_it_is]
     acting = np.concatenate([acting[:, [0, 2]], acting[:, [1, 2]]])
     for geom, when in acting[_firsts(acting)].tolist():
         touching.setdefault(geom, set()).add(when)
     for geom, found in stand_ins.items():
-        stands_in = touching.get(geom, set()) - {When.CLOSED}  # where hulls touch, it is what it is
+        stands_in = touching.get(geom, set()) - {When.CLOSED}
         if not stands_in:
             continue
         kind = _SHAPES[int(model.geom_type[geom])]

@@ -13,6 +13,7 @@ import numpy as np
 from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.candidate_table import CandidateTable
 from cmbrl.scene.contact_records import ContactKind
+from cmbrl.scene.height_fields import PRISM, PRISM_SIDES, HeightField, field_arrays, read_field
 from cmbrl.scene.manifold import quaternion_matrix
 from cmbrl.scene.records import Array, Frame, Tree
 
@@ -30,6 +31,7 @@ _KINDS = {  # as the core numbers them
     mujoco.mjtGeom.mjGEOM_CAPSULE: 3,
     mujoco.mjtGeom.mjGEOM_ELLIPSOID: 4,
     mujoco.mjtGeom.mjGEOM_CYLINDER: 5,
+    mujoco.mjtGeom.mjGEOM_HFIELD: 6,
 }
 
 
@@ -37,13 +39,14 @@ _KINDS = {  # as the core numbers them
 class Hull:
     """Vertices (n, 3) and outward normals (m, 3) in the body frame, and the vertices around each of the m sides.
 
-    Of a round shape: the corners of its box, and no sides.
+    Of a round shape or a height field: the corners of its box, and no sides.
     """
 
     kind: int
     points: Array
     normals: Array
     sides: tuple[tuple[int, ...], ...]
+    field: HeightField | None = None
 
 
 def hull_arrays(model: mujoco.MjModel, tree: Tree, candidates: CandidateTable, count: int) -> dict[str, Any]:
@@ -74,6 +77,10 @@ def hull_arrays(model: mujoco.MjModel, tree: Tree, candidates: CandidateTable, c
     pairs, pair = candidates.pairs_of(touching)
     of_a, of_b = np.array([[number(a), number(b)] for a, b in pairs.tolist()], dtype=np.int64).reshape(-1, 2).T
     kinds = model.geom_type[pairs]
+    prism = -1
+    if any(hull.field for hull in hulls):
+        prism = len(hulls)
+        hulls.append(Hull(_KINDS[_MESH], PRISM, np.zeros((len(PRISM_SIDES), 3)), PRISM_SIDES))
     a_first = (kinds[:, 0] < kinds[:, 1]) | ((kinds[:, 0] == kinds[:, 1]) & (pairs[:, 0] < pairs[:, 1]))
     which[touching], other[touching], first[touching] = of_a[pair], of_b[pair], a_first[pair]
     return {
@@ -82,6 +89,7 @@ def hull_arrays(model: mujoco.MjModel, tree: Tree, candidates: CandidateTable, c
         "con_first": integers(first),
         "con_many": integers(np.full(count, int(_touch_in_several(model)))),
         **_flattened(hulls),
+        **field_arrays([hull.field for hull in hulls], prism),
     }
 
 
@@ -94,6 +102,8 @@ def _touch_in_several(model: mujoco.MjModel) -> bool:
 
 
 def _read_hull(model: mujoco.MjModel, geom: int, frame: Frame) -> Hull | None:
+    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_HFIELD:
+        return _field_hull(model, geom, frame)
     if model.geom_type[geom] != _MESH:
         return _box_hull(model, geom, frame)
     mesh = int(model.geom_dataid[geom])
@@ -112,6 +122,13 @@ def _read_hull(model: mujoco.MjModel, geom: int, frame: Frame) -> Hull | None:
         np.asarray(model.mesh_polynormal[polygons.start : polygons.stop], dtype=np.float64) @ turn.T,
         tuple(tuple(number[vertex] for vertex in side) for side in sides),
     )
+
+
+def _field_hull(model: mujoco.MjModel, geom: int, frame: Frame) -> Hull:
+    """The box around a height field, and the field."""
+    field, turn = read_field(model, geom), frame.rot @ quaternion_matrix(model.geom_quat[geom])
+    points = frame.pos + frame.rot @ model.geom_pos[geom] + field.corners @ turn.T
+    return Hull(_KINDS[mujoco.mjtGeom.mjGEOM_HFIELD], points, np.zeros((0, 3)), (), field)
 
 
 def _box_hull(model: mujoco.MjModel, geom: int, frame: Frame) -> Hull:

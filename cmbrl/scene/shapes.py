@@ -13,11 +13,13 @@ import mujoco
 import numpy as np
 
 from cmbrl.errors import UserError, did_you_mean
+from cmbrl.scene.height_fields import flat_height
 from cmbrl.scene.manifold import quaternion_matrix
 from cmbrl.scene.mjcf import name_of
 from cmbrl.scene.records import Array, Frame
 
 _GEOM = mujoco.mjtGeom
+FIELD = "height field"  #: the kind of one with hills; a flat one is a plane
 _NAMES = {
     int(_GEOM.mjGEOM_PLANE): "plane",
     int(_GEOM.mjGEOM_SPHERE): "sphere",
@@ -26,7 +28,7 @@ _NAMES = {
     int(_GEOM.mjGEOM_CYLINDER): "cylinder",
     int(_GEOM.mjGEOM_MESH): "mesh",
     int(_GEOM.mjGEOM_ELLIPSOID): "ellipsoid",
-    int(_GEOM.mjGEOM_HFIELD): "height field",
+    int(_GEOM.mjGEOM_HFIELD): FIELD,
     int(_GEOM.mjGEOM_SDF): "SDF",
 }
 _ROUNDING = "rounding:"
@@ -122,16 +124,6 @@ def read_shape(model: mujoco.MjModel, geom: int, frames: list[Frame], rounding: 
         rounding,
         kind != "mesh" or (hasattr(model, "mesh_polynum") and bool(model.mesh_polynum[model.geom_dataid[geom]])),
     )
-
-
-def flat_height(model: mujoco.MjModel, geom: int) -> float | None:
-    """Of a height field without hills, as files have it whose terrain a program makes: how high [m] it is."""
-    if model.geom_type[geom] != _GEOM.mjGEOM_HFIELD:
-        return None
-    field = int(model.geom_dataid[geom])
-    begin, count = int(model.hfield_adr[field]), int(model.hfield_nrow[field] * model.hfield_ncol[field])
-    heights = model.hfield_data[begin : begin + count]
-    return float(heights[0] * model.hfield_size[field, 2]) if np.ptp(heights) == 0 else None
 
 
 def roundings(model: mujoco.MjModel) -> dict[int, float]:

@@ -45,9 +45,9 @@ CASES = {
         "motor",
     ),
     "geom_type": (
-        DROP.format('size=".1"') + '<geom name="f" type="hfield" hfield="h"/>',
+        DROP.format('size=".1"') + '<body name="lift"><joint/><geom name="f" type="hfield" hfield="h"/></body>',
         '<asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 .1" elevation="0 0 0 1"/></asset>',
-        "f - g",
+        "g - f",
     ),
 }
 

@@ -86,9 +86,10 @@ def _always(model: mujoco.MjModel, poses: np.ndarray) -> Mapping[tuple[int, int]
     """Pairs of geoms that overlap in all ``poses`` (k, nq) and move to each other, with their least depth [m]."""
     found: dict[tuple[int, int], float] | None = None
     frames: dict[tuple[int, int], list[np.ndarray]] = {}
-    planes = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE).tolist()
+    ground = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
+    grounds = np.flatnonzero(np.isin(model.geom_type, ground)).tolist()
     for data, near in touching(model, poses):
-        deep = {pair: -gap for pair, gap in near.items() if -gap > DEPTH and not set(pair) & set(planes)}
+        deep = {pair: -gap for pair, gap in near.items() if -gap > DEPTH and not set(pair) & set(grounds)}
         found = deep if found is None else {p: min(d, deep[p]) for p, d in found.items() if p in deep}
         for pair in found:
             frames.setdefault(pair, []).append(_between(data, *pair))
