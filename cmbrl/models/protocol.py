@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 
 import torch
 from torch import Tensor
@@ -90,6 +90,9 @@ class HasCoordinates(Protocol):
         ...
 
 
+OtherLaw = Literal["sliding", "mujoco"]
+
+
 @runtime_checkable
 class HasLawOfSliding(CountsFailures, HasCoordinates, Protocol):
     """A contact model whose friction obeys one of two laws, with parameters theta that each row may have its own of."""
@@ -108,8 +111,12 @@ class HasLawOfSliding(CountsFailures, HasCoordinates, Protocol):
         """As of a ``Model``."""
         ...
 
-    def under_other_law(self) -> HasLawOfSliding | None:
-        """The same model under the other law of sliding; None if nothing slides."""
+    def under_other_law(self, law: OtherLaw = "sliding") -> HasLawOfSliding | None:
+        """The same model under another ``law``; None if nothing slides.
+
+        "sliding": the other law of sliding. "mujoco": MuJoCo's, with rows that act once they are closed; for a model
+        whose rows act so already, as "sliding".
+        """
         ...
 
 

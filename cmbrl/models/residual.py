@@ -26,6 +26,7 @@ from cmbrl.models.around import Around
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.manifold import Coordinates, invariant_translations, rotation_matrix
 from cmbrl.models.named import RESIDUAL
+from cmbrl.models.protocol import OtherLaw
 from cmbrl.models.weights import fill, write
 
 if TYPE_CHECKING:
@@ -116,9 +117,9 @@ class ResidualModel(Around):
         """``log`` as the model's state and control."""
         return self.model.seen(log)
 
-    def under_other_law(self) -> ResidualModel | None:
-        """The same with the model's other law of sliding; None if it has none."""
-        other = self.model.under_other_law()
+    def under_other_law(self, law: OtherLaw = "sliding") -> ResidualModel | None:
+        """The same with the model under another law (see there); None if it has none."""
+        other = self.model.under_other_law(law)
         return None if other is None else ResidualModel(other, self.net)
 
     def save(self, folder: str | os.PathLike[str]) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from cmbrl.contact.smoothing import Exact, Smoothing
 from cmbrl.data.checks import TIME_STEP_TOLERANCE
 from cmbrl.errors import UserError
+from cmbrl.models.protocol import OtherLaw
 from cmbrl.models.step_settings import INTEGRATORS, RK4, StepSettings
 from cmbrl.scene import Scene
 
@@ -124,9 +125,16 @@ class Variations(ABC):
         )  # fmt: skip
         return usual if own.sliding == "coulomb" else usual.under_other_law() or usual
 
-    def under_other_law(self) -> Self | None:
-        """The same model under the other law of sliding, also where the law was named; None if nothing slides."""
+    def under_other_law(self, law: OtherLaw = "sliding") -> Self | None:
+        """The same model under another law, also where its own was named; None if nothing slides.
+
+        "sliding": the other law of sliding. "mujoco": MuJoCo's, with rows that act once they are closed; for a model
+        whose rows act so already, as "sliding".
+        """
         own = self._settings
-        rubs = self.scene.contact_law == "mujoco" and bool(np.any(self.scene.core.con_dim > 1))
+        if self.scene.contact_law != "mujoco" or not np.any(self.scene.core.con_dim > 1):
+            return None
+        if law == "mujoco" and own.look_ahead:
+            return self.with_settings(sliding="convex", look_ahead=False)
         other = "convex" if own.sliding == "coulomb" else "coulomb"
-        return self.with_settings(sliding=other, look_ahead=own.look_ahead) if rubs else None
+        return self.with_settings(sliding=other, look_ahead=own.look_ahead)

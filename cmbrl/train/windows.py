@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import torch
 
@@ -53,9 +53,13 @@ class WindowConfig(CriticConfig):
     )
     other_law: float = setting(
         0.0,
-        "share of the episodes under a contact model's other law of sliding; 0.5: for a policy that leans on neither",
+        "share of the episodes under a contact model's other law; 0.5: for a policy that leans on neither",
         least=0,
         most=1,
+    )
+    other: Literal["sliding", "mujoco"] = setting(
+        "sliding",
+        "which law: sliding (the other one), or mujoco (MuJoCo's, in which contacts act once they are closed)",
     )
     last_actions: int | None = setting(
         None, "last actions that a policy observes; none: as many as the model's delay and lag hold", least=0, most=MOST
@@ -130,7 +134,7 @@ class WindowLearner(Trainer):
     ) -> None:
         self.mdp, self.model, self.config, self.rate = config.episode(mdp), model, config, rate
         self.horizon, self.generator = config.steps(self.mdp), generator
-        self.moving = under_both_laws(model, config.other_law)
+        self.moving = under_both_laws(model, config.other_law, config.other)
         table = parameter_sets(model, config.parameter_spread, seed=seed)
         disturbance = Disturbance(config.noise_linear, config.noise_angular, table)
         self.simulations = [

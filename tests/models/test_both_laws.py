@@ -8,6 +8,7 @@ import pytest
 import torch
 
 import cmbrl
+from cmbrl.errors import UserError
 from cmbrl.mdp import MDP, never
 from cmbrl.models.both_laws import BothLaws, under_both_laws
 from cmbrl.models.protocol import failures
@@ -43,6 +44,24 @@ def test_each_row_moves_under_its_law(puck: cmbrl.ComplementarityModel, share: f
     derivatives = [torch.autograd.grad(x[:, 2].sum(), v, retain_graph=True)[0] for x in (found, expected)]
     assert torch.equal(*derivatives)
     assert failures(both) == 0
+
+
+def test_the_other_law_may_be_mujocos(puck: cmbrl.ComplementarityModel) -> None:
+    """What looks ahead meets rows that act once they are closed; what does so already, the other law of sliding."""
+    theirs = puck.under_other_law("mujoco")
+    assert theirs is not None
+    assert (puck.look_ahead, theirs.sliding, theirs.look_ahead) == (True, "convex", False)
+    back = theirs.under_other_law("mujoco")
+    assert back is not None
+    assert (back.sliding, back.look_ahead) == ("coulomb", False)
+    falls = torch.tensor([[0.0, 0, 0.0503, 1, 0, 0, 0]], dtype=torch.float64)
+    v = torch.tensor([[0.0, 0, -0.1, 0, 0, 0]], dtype=torch.float64).repeat(2, 1)
+    found = under_both_laws(puck, 0.5, "mujoco").step(falls.repeat(2, 1), v, torch.zeros(2, 1, dtype=torch.float64))[1]
+    free = -0.1 - 9.81 * 0.004
+    assert found[1, 2].item() == pytest.approx(free)  # it would close within this step
+    assert found[0, 2].item() > free + 1e-3
+    with pytest.raises(UserError, match=r"unknown law .mojoco.: did you mean .mujoco."):
+        under_both_laws(puck, 0.5, "mojoco")  # type: ignore[arg-type]
 
 
 def test_a_model_without_sliding_or_without_a_law_stays(puck: cmbrl.ComplementarityModel, tmp_path: Path) -> None:
