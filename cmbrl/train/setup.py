@@ -57,6 +57,7 @@ class Setup:
         trainer: Trainer = chosen.load()[0](self.mdp, model, self.config, seed=self.seed, **extras)
         if self.start:
             trainer.begin_with(carried_over(self.start, trainer.policy.architecture))
+        trainer.judged = None if self.task.trial is None else self.task.trial()
         return trainer
 
 

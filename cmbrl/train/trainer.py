@@ -13,6 +13,7 @@ import torch
 
 from cmbrl.envs.simulation import Simulation
 from cmbrl.errors import UserError
+from cmbrl.mdp import MDP
 from cmbrl.train.policy import Policy
 
 
@@ -51,6 +52,7 @@ class Trainer(ABC):
 
     policy: Policy  #: as trained so far
     iteration: int  #: updates done so far
+    judged: MDP | None = None  #: the process of its trials, where an evaluation starts in another way than training
     simulation: Simulation | None = None  #: whose last states a diverged run keeps; None where there is none
 
     @abstractmethod

@@ -19,7 +19,7 @@ from cmbrl.models.both_laws import under_both_laws
 from cmbrl.models.protocol import Model, failures
 from cmbrl.settings import setting
 from cmbrl.train.critic import Critic, CriticConfig
-from cmbrl.train.policy import Architecture, Policy
+from cmbrl.train.policy import Architecture, Policy, observed_by
 from cmbrl.train.randomness import GlobalRandomness
 from cmbrl.train.trainer import Diverged, Trainer, episode_metrics, restore_optimiser
 
@@ -196,8 +196,9 @@ class WindowLearner(Trainer):
         return commands(self.mdp, self.model)
 
     def failed_trials(self) -> dict[str, float]:
-        """Of whole episodes from the task's own starts; none where a curriculum chooses the starts."""
-        return {} if self.mdp.curriculum else failed(trials(self.policy, self.mdp, self.model))
+        """Of whole episodes, from starts as in an evaluation; none where a curriculum chooses those too."""
+        mdp = self.mdp if self.judged is None else observed_by(self.policy, self.judged)
+        return {} if mdp.curriculum else failed(trials(self.policy, mdp, self.model))
 
     def state(self) -> dict[str, Any]:
         """Everything that the next update depends on."""

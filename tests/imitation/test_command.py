@@ -43,6 +43,13 @@ def test_falls_and_position_errors_are_reported(place: Path, capsys: pytest.Capt
     assert min(errors) > 0
 
 
+def test_a_run_is_tried_from_the_motions_beginning(place: Path) -> None:
+    """Also in MuJoCo's step of the file; what two updates taught falls in all."""
+    told = json.loads((place / "run/train.json").read_text())["failed_trials"]
+    assert set(told) >= {"draws", "law", "mujoco"}
+    assert told["draws"] > 0.9
+
+
 def test_a_run_belongs_to_its_motion(place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     own = place / "motion.npz"
     assert train(place / "run", "--resume", "--motion", str(own)) == 0
