@@ -3,10 +3,10 @@
 Zhang, Jin & Wang, "Adaptive Barrier Smoothing for First-Order Policy Gradient with Contact Dynamics" (ICML 2023),
 algorithm 2. Three things are our own. Policies improve on draws from the fit's posterior, under velocity noise. Several
 are trained from different seeds, to the end or for a trial, and the best is kept: that of the highest return in the
-model under these draws, never in the real system, in the mean of both laws of sliding, since no robot slides quite by
-either. All but the first begin on the file, since some fits are hard to learn on from scratch. While the best fails its
-trials (``cmbrl.envs.trials``), further ones are trained. Returns are measured without noise, because they then rank
-policies as the real system does (rank correlation 0.99 over ten hoppers, against 0.43 with noise).
+model under these draws, never in the real system, in the mean of both laws of sliding and of MuJoCo's step, since no
+robot slides quite by any. All but the first begin on the file, since some fits are hard to learn on from scratch. While
+the best fails its trials (``cmbrl.envs.trials``), further ones are trained. Returns are measured without noise, because
+they then rank policies as the real system does (rank correlation 0.99 over ten hoppers, against 0.43 with noise).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import torch
 from cmbrl.data.transitions import Transitions
 from cmbrl.envs.history import with_last_actions
 from cmbrl.envs.recording import Recording
-from cmbrl.envs.trials import failed, stands, trials
+from cmbrl.envs.trials import LAWS, failed, stands, trials
 from cmbrl.errors import UserError
 from cmbrl.fitting import FitResult, fit
 from cmbrl.mdp import MDP
@@ -197,7 +197,7 @@ class Loop(Trainer):
         self.policy = self.trainer.policy
 
     def _judge(self) -> dict[str, float]:
-        """Mean return in the model under its uncertainty, the law of sliding's too, as "score", and what trials say.
+        """Mean return in the model under its uncertainty, that of its laws too, as "score", and what trials say.
 
         "failed": the share of episodes that fail under the draws; "stands": 1 if it ``stands``. Whoever hardly moves
         stands, and a policy that would fall under the other law may still be worth more.
@@ -205,7 +205,7 @@ class Loop(Trainer):
         assert self.model is not None
         found = trials(self.policy, self.mdp, self.model, self.config.score_episodes, self.seed + 1)
         shares = failed(found)
-        returns = [found[name].returns.mean() for name in ("draws", "law") if name in found]
+        returns = [found[name].returns.mean() for name in LAWS if name in found]
         told = {"failed": shares["draws"], "stands": float(stands(shares))}
         return {"score": float(np.mean(returns)), **told}
 
