@@ -14,6 +14,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from cmbrl.errors import UserError
 from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.candidate_table import CandidateTable
 from cmbrl.scene.mjcf import name_of
@@ -49,12 +50,17 @@ class HeightField:
 
 
 def read_field(model: mujoco.MjModel, geom: int) -> HeightField:
-    """The height field of a geom of that type."""
+    """The height field of a geom of that type; raises UserError for heights that are not finite or make no cell."""
     field = int(model.geom_dataid[geom])
     shape = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
     begin = int(model.hfield_adr[field])
     x, y, top, base = (float(size) for size in model.hfield_size[field])
     data = np.asarray(model.hfield_data[begin : begin + shape[0] * shape[1]], dtype=np.float64)
+    if not np.isfinite(data).all():
+        raise UserError(f"hfield {name_of(model, 'hfield', field)!r}: heights are not finite: correct its elevation")
+    if min(shape) < 2:
+        grid = " x ".join(map(str, shape))
+        raise UserError(f"hfield {name_of(model, 'hfield', field)!r}: {grid} heights make no cell: give 2 x 2 or more")
     return HeightField(np.array([x, y]), base, top * data.reshape(shape))
 
 

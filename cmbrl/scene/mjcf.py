@@ -18,6 +18,7 @@ _OBJECTS = {
     "tendon": mujoco.mjtObj.mjOBJ_TENDON,
     "equality": mujoco.mjtObj.mjOBJ_EQUALITY,
     "flex": mujoco.mjtObj.mjOBJ_FLEX,
+    "hfield": mujoco.mjtObj.mjOBJ_HFIELD,
     "pair": mujoco.mjtObj.mjOBJ_PAIR,
 }
 

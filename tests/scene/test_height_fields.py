@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from cmbrl.errors import UserError
 from cmbrl.scene import Scene
 from cmbrl.scene.contact_records import ContactKind
 from cmbrl.scene.height_fields import MOST, read_field
@@ -32,6 +33,18 @@ def sources(folder: Path) -> dict[str, str]:
         "png": 'file="hills.png"',
         "bin": 'file="hills.bin" content_type="image/vnd.mujoco.hfield"',
     }
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ('nrow="2" ncol="2" elevation="0 1 nan 0"', "hfield 'h': heights are not finite"),
+        ('nrow="1" ncol="4" elevation="0 1 2 0"', "hfield 'h': 1 x 4 heights make no cell: give 2 x 2"),
+    ],
+)
+def test_a_field_of_no_surface_is_refused(source: str, words: str) -> None:
+    with pytest.raises(UserError, match=words):
+        Scene.from_mjcf(ROBOT.format(source=source))
 
 
 @pytest.mark.parametrize("kind", ["elevation", "png", "bin"])
