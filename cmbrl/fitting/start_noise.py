@@ -59,13 +59,14 @@ def noise_of_starts(evidence: Evidence, theta: np.ndarray, horizon: int, most: i
 
 
 def adrift(evidence: Evidence, horizon: int) -> np.ndarray:
-    """Places in v of bodies that float, and of what goes on as it begins: faster by x, it is soon ahead by most of x t.
+    """Places in v of bodies that float, and of what goes on as it begins: faster by x, it ends ahead by most of x t.
 
-    By the file, over some windows. None of them of a log of states.
+    By the file, over some windows of the ``horizon``: what a servo or damping has pulled back by its end needs no start
+    of its own, and would hide in one that the file's damping is wrong. None of them of a log of states.
     """
     if not evidence.positions_only:
         return np.empty(0, dtype=np.int64)
-    scene, model, steps = evidence.model.scene, evidence.model, _steps(horizon)
+    scene, model, steps = evidence.model.scene, evidence.model, horizon
     physical, log = evidence.seen(evidence.space.nominal)
     starts = thinned(log.windows(steps), _WINDOWS)
     kinds = np.arange(scene.nv + 1)  # one coordinate faster, or none
