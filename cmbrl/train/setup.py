@@ -17,6 +17,7 @@ from cmbrl.train.models import NOMINAL, REAL, check_model, kind_of, load_model, 
 from cmbrl.train.recipe import configure
 from cmbrl.train.start import carried_over
 from cmbrl.train.trainer import Trainer
+from cmbrl.train.windows import WindowLearner
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,7 @@ class Setup:
             extras["data"] = load_log(self.data, self.task.load_scene()) if self.data else None
         trainer: Trainer = chosen.load()[0](self.mdp, model, self.config, seed=self.seed, **extras)
         if self.start:
+            assert isinstance(trainer, WindowLearner)  # as those that go on are
             trainer.begin_with(carried_over(self.start, trainer.policy.architecture))
         trainer.judged = None if self.task.trial is None else self.task.trial()
         return trainer

@@ -45,7 +45,7 @@ def check(folder: str, have: Architecture, wanted: Architecture) -> None:
             f"{wanted.last_actions}: give --set last_actions={have.last_actions}"
         )
     layers, own = asdict(have), asdict(wanted)
-    for name in layers.keys() - {*_SIZES, "actions"}:
+    for name in sorted(layers.keys() - {*_SIZES, "actions"}):
         if layers[name] != own[name]:
             found, other = _shown(layers[name]), _shown(own[name])
             remedy = f"give --set {_OPTIONS[name]}={found}" if name in _OPTIONS else "train it by shac or fopg"

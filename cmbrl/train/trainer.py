@@ -67,10 +67,6 @@ class Trainer(ABC):
     def restore(self, state: dict[str, Any]) -> None:
         """Continues from what ``state`` returned, bit for bit."""
 
-    def begin_with(self, weights: dict[str, torch.Tensor]) -> None:
-        """Goes on from a policy of these weights; of algorithms that are listed as able to."""
-        raise NotImplementedError
-
     def conditions(self) -> dict[str, Any]:
         """What a report of the run has to say of how commands act, JSON types; nothing where they act at once."""
         return {}
