@@ -86,7 +86,6 @@ def _counts(robots: Mapping[str, Robot]) -> Iterator[str]:
         return sum(value[name] < 1 for value in values)
 
     worst = max(value["derivatives, worst"] for value in values)
-    wild = max(value["wild states flagged"] + value["wild states wrong"] for value in values)
     for steps, of in ((nearest, "under MuJoCo's laws"), (default, "by default")):
         air, floor, both = (below(getattr(s, name) for s in steps) for name in ("air", "floor", "worst"))
         yield (
@@ -97,9 +96,13 @@ def _counts(robots: Mapping[str, Robot]) -> Iterator[str]:
         f"- Faster than `mj_step`: {slowest('time of a step')} of {count}; with the vector-Jacobian product "
         f"{slowest('time with gradient')}."
     )
+    yield f"- The worst derivative of any robot is {worst:.1e} off finite differences."
+    flagged = {name: value["wild states flagged"] for name, value in zip(robots, values, strict=True)}
+    some = [f"{name} {share:.1e}" for name, share in flagged.items() if share]
+    right = sum(value["wild states wrong"] == 0 for value in values)
     yield (
-        f"- The worst derivative of any robot is {worst:.1e} off finite differences; wild states flagged or wrong: "
-        f"{'none' if wild == 0 else f'up to {wild:g}'}."
+        f"- Wild states: {right} of {count} robots have none that is wrong or not finite, and {count - len(some)} none "
+        f"whose solve fails and says so{'; shares of the others: ' if some else ''}{', '.join(some)}."
     )
 
 
@@ -144,7 +147,8 @@ def _made(robots: Mapping[str, Robot]) -> str:
     steps, times = (
         " and ".join(sorted({robot[key] for robot in robots.values()})) for key in ("commit", "commit_of_times")
     )
+    states, wild = (max(robot[key] for robot in robots.values()) for key in ("states", "wild"))
     return (
-        f"Made by scripts/robots.py: 200 states and 1,000 wild states a robot at commit {steps}, times at {times}, one "
+        f"Made by scripts/robots.py: {states:,} states and {wild:,} wild states a robot at commit {steps}, times at {times}, one "
         f"thread of {here['hardware']['processor']}; mujoco {here['versions']['mujoco']}."
     )
