@@ -149,6 +149,6 @@ def _made(robots: Mapping[str, Robot]) -> str:
     )
     states, wild = (max(robot[key] for robot in robots.values()) for key in ("states", "wild"))
     return (
-        f"Made by scripts/robots.py: {states:,} states and {wild:,} wild states a robot at commit {steps}, times at {times}, one "
-        f"thread of {here['hardware']['processor']}; mujoco {here['versions']['mujoco']}."
+        f"Made by scripts/robots.py: {states:,} states and {wild:,} wild states a robot at commit {steps}, "
+        f"times at {times}, one thread of {here['hardware']['processor']}; mujoco {here['versions']['mujoco']}."
     )

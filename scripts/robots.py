@@ -36,7 +36,8 @@ def measure(file: Path, kept: Path, only_times: bool, states: int, wild: int) ->
         found |= {"checks": checks, "commit_of_times": environment()["commit"]}
     else:
         info = _run("info", file)
-        found = info if "why" in info else {"info": _shortened(info), **_run("check", file, f"--states={states}", f"--wild={wild}")}
+        checked = info if "why" in info else _run("check", file, f"--states={states}", f"--wild={wild}")
+        found = {**checked, "info": _shortened(info)} if "why" not in checked else checked
         found |= {"states": states, "wild": wild}
         found["commit"] = found["commit_of_times"] = environment()["commit"]
     partial = kept.with_suffix(".part")
