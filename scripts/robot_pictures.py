@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
-os.environ.setdefault("MUJOCO_GL", "osmesa")  # before mujoco is imported: no display and no GPU are needed
+from cmbrl.envs.renderer import choose_renderer
 
-import mujoco
-import numpy as np
-from PIL import Image, ImageDraw
+choose_renderer()  # before mujoco is imported
+
+import mujoco  # noqa: E402
+import numpy as np  # noqa: E402
+from PIL import Image, ImageDraw  # noqa: E402
 
 TILE, COLUMNS, LABEL = 160, 8, 14  # pixels, tiles a row, pixels of the name
 FINER = 2  # rendered at so many times the size
