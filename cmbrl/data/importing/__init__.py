@@ -9,7 +9,7 @@ from itertools import zip_longest
 from typing import Any
 
 from cmbrl.data.drive import scene_of
-from cmbrl.data.importing import base, build, feet, whereabouts
+from cmbrl.data.importing import base, build, feet, whereabouts, whole_arrays
 from cmbrl.data.importing.bodies import PLACE, joints_of
 from cmbrl.data.importing.build import Frames
 from cmbrl.data.importing.commanded import Commanded
@@ -170,17 +170,19 @@ def _series(
     notes: list[str] = []
     clocks: list[str] = []
     matched: list[tuple[Recording, dict[str, Target]]] = []
+    mapped: dict[str, str] = {}
     for recording, pose in zip_longest(recordings, poses):
         parts = [[name for table in part.tables for name in table.columns] for part in (recording, pose) if part]
         columns = [name for part in parts for name in part]
-        given = {name: word for name, word in options.columns.items() if name in columns}
+        given = whole_arrays.by_column(options.columns, columns, scene)
+        if unknown := [name for name in given if name not in columns]:
+            match(columns, {unknown[0]: given[unknown[0]]}, scene)  # names the nearest
         given |= base.mapping_of(columns, given, options.quaternion, recording.where) if _floats(scene) else {}
-        if unknown := [name for name in options.columns if name not in columns]:
-            match(columns, {unknown[0]: options.columns[unknown[0]]}, scene)  # names the nearest
         targets: dict[str, Target] = {}
         for part in parts:  # each has a time of its own
             targets |= match(part, {name: given[name] for name in part if name in given}, scene, options.angles)
         matched.append((recording, targets))
+        mapped |= given
         if not notes:
             notes = used(columns, {name: ".".join(filter(None, target.key)) for name, target in targets.items()})
         episodes = list(series_of(recording, targets, options.rate, scene, counts))
@@ -210,7 +212,8 @@ def _series(
                 word = missing[0].partition(" ")[0]
                 raise UserError(
                     f"{recording.where}: no column for {missing[0]}: map one by --map COLUMN={word}"
-                    f"{remedy(series, scene)}; columns: {short(sorted(columns, key=targets.__contains__))}"
+                    f"{whole_arrays.hint(columns, targets)}{remedy(series, scene)}; "
+                    f"columns: {short(sorted(columns, key=targets.__contains__))}"
                 )
             if found and set(series) != set(found[0][1]):
                 other = sorted(".".join(key) for key in set(series) ^ set(found[0][1]))[0]
@@ -219,7 +222,7 @@ def _series(
                     "robots? Import logs of one robot, recorded alike"
                 )
             found.append((recording.where, series))
-    return found, notes + assumed(matched, options.columns, scene, options.angles) + clocks, bool(clocks)
+    return found, notes + assumed(matched, mapped, scene, options.angles) + clocks, bool(clocks)
 
 
 def _floats(scene: Scene) -> bool:

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from cmbrl.data.importing import base_clock
-from cmbrl.data.importing.bodies import ANGULAR, PLACE, TURN, Floating, joints_of
+from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, TURN, Floating, joints_of
 from cmbrl.data.importing.grid import Key, Series
 from cmbrl.data.importing.series import QUATERNION
 from cmbrl.data.importing.velocities import check_frame
@@ -22,12 +22,13 @@ _CLEARLY = 3.0  # times its error: an offset that is one
 SLOWER = 1.2  # times the joints' time step: from there on the pose is smoothed before it is read in between
 _ARRAY = re.compile(r"(?P<name>.*)\[(?P<number>\d)\]")
 _TURNS, _PLACES = ("quat", "orient", "rotation"), ("pos", "translation", "xyz")
+_POSES, _TWISTS = ("pose",), ("root_vel", "base_vel", "twist")  # seven and six columns
 
 Found = dict[Key, Series]
 
 
 def mapping_of(columns: Iterable[str], given: Mapping[str, str], order: str | None, where: str) -> dict[str, str]:
-    """Targets of the unnamed columns of arrays of places and quaternions, which tell no order by themselves.
+    """Targets of the unnamed columns of arrays of places, quaternions (which tell no order), poses and twists.
 
     So are those of the only pose, as of a topic with a name of its own. Raises UserError for a quaternion without
     ``order``.
@@ -40,15 +41,20 @@ def mapping_of(columns: Iterable[str], given: Mapping[str, str], order: str | No
     found: dict[str, str] = {}
     for name, parts in arrays.items():
         word = name.lower()
-        if set(parts) == set(range(4)) and any(part in word for part in _TURNS):
+        size = len(parts) if set(parts) == set(range(len(parts))) else 0
+        pose = size == 7 and any(part in word for part in _POSES)
+        if pose or (size == 4 and any(part in word for part in _TURNS)):
             if order is None:
                 raise UserError(
-                    f"{where}: the four columns of {name!r} may be w x y z or x y z w, and norms are alike: give "
-                    "--quaternion wxyz or xyzw (ROS and SciPy write xyzw, MuJoCo wxyz)"
+                    f"{where}: the {'last ' if pose else ''}four columns of {name!r} may be w x y z or x y z w, and "
+                    "norms are alike: give --quaternion wxyz or xyzw (ROS and SciPy write xyzw, MuJoCo wxyz)"
                 )
-            found |= {parts[k]: f"base.q{letter}" for k, letter in enumerate(order)}
-        elif set(parts) == set(range(3)) and any(part in word for part in _PLACES):
+            turns = [f"base.q{letter}" for letter in order]
+            found |= {parts[k]: word for k, word in enumerate([f"base.{x}" for x in PLACE if pose] + turns)}
+        elif size == 3 and any(part in word for part in _PLACES):
             found |= {parts[k]: f"base.{letter}" for k, letter in enumerate(PLACE)}
+        elif size == 6 and any(part in word for part in _TWISTS):
+            found |= {parts[k]: f"base.{letter}" for k, letter in enumerate((*LINEAR, *ANGULAR))}
     return found or _only_pose(columns, given)
 
 

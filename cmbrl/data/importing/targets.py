@@ -43,6 +43,7 @@ TIMES = {"time", "t", "timestamp", "timestamps", "times", "stamp"}
 CLOCKS = {"%time": 1e-9, "__time": 1.0}  #: of ``rostopic echo -p`` and of PlotJuggler
 POSES = {"q": {"quat", "quaternion", "orientation", "rotation"}, "": {"pos", "position", "translation"}}  #: of a base
 YIELDS = "imu"  #: what it tells of a base counts where no other column does
+UNNAMED = re.compile(r"(?P<array>.+)\[\d+\]")  #: a column of an array whose columns have no names
 EPISODES = {"episode", "episode_index", "episode_id", "trial", "toss", "trajectory"}
 
 
@@ -140,8 +141,8 @@ def match(columns: Iterable[str], given: Mapping[str, str], scene: Scene, angles
         elif other != column:
             what = ".".join(filter(None, target.key))
             raise UserError(
-                f"columns {other!r} and {column!r} both look like {what}; drop one by --map {column}=- or "
-                f"say what it is by --map {column}=JOINT.QUANTITY:UNIT"
+                f"columns {other!r} and {column!r} both look like {what}; drop one by --map {_array(other)}=- or "
+                f"--map {_array(column)}=-, or say what it is by --map {column}=JOINT.QUANTITY:UNIT"
             )
         taken[target.key] = column
         found[column] = target
@@ -213,6 +214,12 @@ class _Guesser:
         if words - {BASE, "root", "pose", "odom", "odometry", "mocap", "imu", self.floating.name.lower()}:
             return None
         return Target(self.floating.name, last)
+
+
+def _array(column: str) -> str:
+    """The array, or the topic's field, that a column is of; its own name where it is of none."""
+    unnamed = UNNAMED.fullmatch(column)
+    return unnamed["array"] if unnamed else column.rpartition(".")[0] or column
 
 
 def _of_imu(column: str) -> bool:

@@ -1,0 +1,65 @@
+"""What is told of whole arrays: that they hold a quantity of all joints or actuators, or are of no use."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable, Mapping
+
+from cmbrl.data.importing.bodies import joints_of
+from cmbrl.data.importing.targets import SINGLE, UNNAMED, WORDS
+from cmbrl.errors import UserError
+from cmbrl.scene import Scene
+from cmbrl.scene.columns import counted
+
+_CONTROL = "control"
+
+
+def by_column(given: Mapping[str, str], columns: Collection[str], scene: Scene) -> dict[str, str]:
+    """``given`` for single columns: the name of an array, or of a group of arrays, stands for all columns in it.
+
+    Its text is ``-``, or a quantity and perhaps a unit (``position:deg``, ``control``): of the joint or the actuator
+    that a column is named after, or of all of them in the order of the file. What is told of one column counts more.
+    Names that are not there stay as they are. Raises UserError for an array with another number of columns.
+    """
+    arrays = {name: members for name in given if name not in columns and (members := _members(name, columns))}
+    found: dict[str, str] = {}
+    for name, members in arrays.items():
+        found |= (
+            dict.fromkeys(members, "-") if given[name].strip() == "-" else _owned(name, members, given[name], scene)
+        )
+    return found | {name: text for name, text in given.items() if name not in arrays}
+
+
+def hint(columns: Iterable[str], targets: Collection[str]) -> str:
+    """How to tell what the columns of an array without names are; empty where there is none."""
+    arrays = dict.fromkeys(
+        found["array"] for x in columns if x not in targets and (found := UNNAMED.fullmatch(x)) is not None
+    )
+    if not arrays:
+        return ""
+    said = [name for name in arrays if WORDS["position"] & set(re.split(r"[^a-z]+", name.lower()))]
+    return f", or say what all columns of an array are, as --map {[*said, *arrays][0]}=position (--joints names them)"
+
+
+def _members(name: str, columns: Iterable[str]) -> list[str]:
+    return [column for column in columns if column.startswith((f"{name}.", f"{name}["))]
+
+
+def _owned(name: str, members: list[str], text: str, scene: Scene) -> dict[str, str]:
+    quantity = text.partition(":")[0].strip()
+    if quantity not in (*SINGLE, _CONTROL):
+        raise UserError(
+            f"--map: {name!r} is an array: say - or which quantity it holds of all joints, as position:deg "
+            f"({', '.join((*SINGLE, _CONTROL))})"
+        )
+    what = "actuator" if quantity == _CONTROL else "joint"
+    owners = scene.actuator_names if quantity == _CONTROL else [joint.name for joint in joints_of(scene)[0]]
+    names = [column[len(name) + 1 :] for column in members]
+    if not set(names) <= set(owners):
+        if len(members) != len(owners):
+            raise UserError(
+                f"--map: {name!r} has {counted(len(members), 'column')} and the robot {counted(len(owners), what)}: "
+                "name its columns by --joints"
+            )
+        names = list(owners)
+    return {column: f"{owner}.{text.strip()}" for column, owner in zip(members, names, strict=True)}
