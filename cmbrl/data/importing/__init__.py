@@ -112,7 +112,11 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
         episodes, moved = whereabouts.of_markers(episodes, dt, scene, options.markers)
         columns += moved
     keys = set(episodes[0])
-    kind = options.kind or ("positions" if captured or by_feet else _kind(keys, scene))
+    gains_told = options.kp is not None or options.kd is not None
+    if options.kind == "transitions" and gains_told:
+        raise UserError("transitions have no place for kp and kd: write them into the file, or import positions")
+    gains_told |= any(name.partition(".")[0] in ("kp", "kd") for name in recordings[0].constants)
+    kind = options.kind or ("positions" if captured or by_feet else _kind(keys, scene, gains_told))
     sizes = f"{counted(len(episodes), 'episode')} from {counted(len(paths), 'file')}"
     notes = [f"{sizes}, a sample every {dt:.6g} s", *told(counts, options.gap), *columns, *by_feet]
     log: Transitions | PositionLog
@@ -229,8 +233,14 @@ def _floats(scene: Scene) -> bool:
     return bool(joints_of(scene)[1])
 
 
-def _kind(keys: set[Key], scene: Scene) -> str:
-    """Transitions where all velocities were logged, or where a position log cannot hold what was."""
-    if build.velocities_known(keys, scene) or _floats(scene) or Commanded.of(keys, scene) is None:
+def _kind(keys: set[Key], scene: Scene, gains_told: bool) -> str:
+    """Transitions where all velocities were logged, or where a position log cannot hold what was.
+
+    Only a position log holds the gains of servos; where the log or the user tells them, they may not be the file's.
+    """
+    commanded = Commanded.of(keys, scene)
+    if gains_told and commanded and commanded.kind == "position":
+        return "positions"
+    if build.velocities_known(keys, scene) or _floats(scene) or commanded is None:
         return "transitions"
     return "positions"

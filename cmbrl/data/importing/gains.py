@@ -62,4 +62,6 @@ def _logged(name: str, held: Mapping[str, Any], owners: Sequence[str], where: st
     by_owner = {target.owner: columns[column] for column, target in match(columns, {}, scene).items()}
     if unknown := [joint for joint in owners if joint not in by_owner]:
         raise UserError(f"{where}: {name} has no number for joint {unknown[0]!r}; give --{name}")
+    if changed := [joint for joint in owners if np.isnan(by_owner[joint])]:
+        raise UserError(f"{where}: {name} of {changed[0]!r} changes: import a part where it holds, or give --{name}")
     return np.array([by_owner[joint].item() for joint in owners])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -9,19 +10,20 @@ from typing import Any
 import numpy as np
 
 from cmbrl.data.importing.recording import Recording, Table, need
+from cmbrl.data.importing.ros_messages import READERS
 from cmbrl.errors import UserError
 from cmbrl.text import shortened
 
-POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
-TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
-NONE = -1.0  #: the first covariance of an orientation that an IMU does not tell
+_GAINS = re.compile(r".*\.(?P<gain>kp|kd)\.(?P<joint>.+)")  #: columns of gains, by joint
+_AHEAD = re.compile(r"motor_cmd\.tau\b")  #: columns of torques ahead of a servo, which count where they are not all 0
 LATE = 3600.0  #: [s] a header's stamp further away from the time of recording is no stamp
 
 
 def read_rosbag(path: Path, joints: tuple[str, ...]) -> list[Recording]:
     """Each topic of a known type is a table: joints, trajectories, arrays of numbers, poses, odometry, IMU.
 
-    Columns are called TOPIC.QUANTITY.JOINT; times are the headers' stamps, else those of recording.
+    Columns are called TOPIC.QUANTITY.JOINT; times are the headers' stamps, else those of recording. Gains that commands
+    bring are constants, NaN where they change.
     """
     highlevel = need("rosbags.highlevel", path)
     typesys = need("rosbags.typesys", path)
@@ -29,7 +31,7 @@ def read_rosbag(path: Path, joints: tuple[str, ...]) -> list[Recording]:
     samples: dict[str, list[tuple[float, dict[str, float]]]] = {}
     try:
         with highlevel.AnyReader([path], default_typestore=store) as reader:
-            known = [one for one in reader.connections if one.msgtype in READERS]
+            known = [one for one in reader.connections if one.msgtype in READERS and _defined(reader, one.msgtype)]
             for connection, nanoseconds, raw in reader.messages(connections=known) if known else ():
                 message = reader.deserialize(raw, connection.msgtype)
                 topic = connection.topic.strip("/").replace("/", ".")
@@ -41,14 +43,31 @@ def read_rosbag(path: Path, joints: tuple[str, ...]) -> list[Recording]:
     tables = tuple(_table(topic, rows) for topic, rows in samples.items() if len(rows) > 1)
     if not tables:
         told = ", ".join(sorted(READERS))
-        raise UserError(f"{path}: no topic of a known type; it has {', '.join(topics) or 'none'}; known: {told}")
-    return [Recording(str(path), tables)]
+        lost = [name for name in topics if any(f"({kind})" in name for kind in READERS)]
+        has = ", ".join(topics) or "none"
+        if lost:
+            has += ", whose types it does not define: convert it to MCAP by `ros2 bag convert` where they are installed"
+        raise UserError(f"{path}: no topic of a known type; it has {has}; known: {told}")
+    return [Recording(str(path), tables, dict(_gains(tables)))]
+
+
+def _defined(reader: Any, kind: str) -> bool:
+    return kind in reader.typestore.types or kind in reader.typestore.fielddefs
+
+
+def _gains(tables: tuple[Table, ...]) -> Iterator[tuple[str, np.ndarray]]:
+    for table in tables:
+        for column, values in table.columns.items():
+            if gain := _GAINS.fullmatch(column):
+                held = np.ptp(values) <= 1e-6 * np.abs(values).max()
+                yield f"{gain['gain']}.{gain['joint']}", np.array(values[0] if held else np.nan)
 
 
 def _table(topic: str, rows: list[tuple[float, dict[str, float]]]) -> Table:
     names = list(dict.fromkeys(name for _, values in rows for name in values))
-    columns = {f"{topic}.{name}": np.array([values.get(name, np.nan) for _, values in rows]) for name in names}
-    return Table(columns, np.array([time for time, _ in rows]))
+    columns = {name: np.array([values.get(name, np.nan) for _, values in rows]) for name in names}
+    told = {f"{topic}.{name}": x for name, x in columns.items() if x.any() or not _AHEAD.match(name)}
+    return Table(told, np.array([time for time, _ in rows]))
 
 
 def _stamp(message: Any, recorded: float) -> float:
@@ -58,63 +77,3 @@ def _stamp(message: Any, recorded: float) -> float:
         return recorded
     told = stamp.sec + 1e-9 * stamp.nanosec
     return told if told > 0 and abs(told - recorded) < LATE else recorded
-
-
-def _joint_state(message: Any, joints: tuple[str, ...]) -> Iterator[tuple[str, float]]:
-    for quantity in ("position", "velocity", "effort"):
-        for name, value in zip(message.name, getattr(message, quantity), strict=False):
-            yield f"{quantity}.{name}", float(value)
-
-
-def _trajectory(message: Any, joints: tuple[str, ...]) -> Iterator[tuple[str, float]]:
-    """The first point: controllers stream one point at a time."""
-    if message.points:
-        for name, value in zip(message.joint_names, message.points[0].positions, strict=False):
-            yield f"command.{name}", float(value)
-
-
-def _numbers(message: Any, joints: tuple[str, ...]) -> Iterator[tuple[str, float]]:
-    names = joints if len(joints) == len(message.data) else [f"[{k}]" for k in range(len(message.data))]
-    return ((f"data.{name}", float(value)) for name, value in zip(names, message.data, strict=True))
-
-
-def _pose(message: Any, joints: tuple[str, ...]) -> Iterator[tuple[str, float]]:
-    return _placed(message.pose.position, message.pose.orientation)
-
-
-def _covered(message: Any, joints: tuple[str, ...]) -> Iterator[tuple[str, float]]:
-    return _pose(message.pose, joints)
-
-
-def _transform(message: Any, joints: tuple[str, ...]) -> Iterator[tuple[str, float]]:
-    return _placed(message.transform.translation, message.transform.rotation)
-
-
-def _placed(place: Any, turn: Any) -> Iterator[tuple[str, float]]:
-    return zip(POSE, (place.x, place.y, place.z, turn.w, turn.x, turn.y, turn.z), strict=True)
-
-
-def _odometry(message: Any, joints: tuple[str, ...]) -> Iterator[tuple[str, float]]:
-    yield from _pose(message.pose, joints)
-    linear, angular = message.twist.twist.linear, message.twist.twist.angular
-    yield from zip(TWIST, (linear.x, linear.y, linear.z, angular.x, angular.y, angular.z), strict=True)
-
-
-def _imu(message: Any, joints: tuple[str, ...]) -> Iterator[tuple[str, float]]:
-    spin, turn = message.angular_velocity, message.orientation
-    yield from zip(TWIST[3:], (spin.x, spin.y, spin.z), strict=True)
-    if message.orientation_covariance[0] != NONE and any((turn.w, turn.x, turn.y, turn.z)):
-        yield from zip(POSE[3:], (turn.w, turn.x, turn.y, turn.z), strict=True)
-
-
-READERS = {
-    "sensor_msgs/msg/JointState": _joint_state,
-    "trajectory_msgs/msg/JointTrajectory": _trajectory,
-    "std_msgs/msg/Float64MultiArray": _numbers,
-    "std_msgs/msg/Float32MultiArray": _numbers,
-    "geometry_msgs/msg/PoseStamped": _pose,
-    "geometry_msgs/msg/PoseWithCovarianceStamped": _covered,
-    "geometry_msgs/msg/TransformStamped": _transform,
-    "nav_msgs/msg/Odometry": _odometry,
-    "sensor_msgs/msg/Imu": _imu,
-}

@@ -32,7 +32,10 @@ WORDS = {
         "actual", "feedback", "fb", "present", "theta",
     },
 }  # fmt: skip
-PLAIN = {"joint", "joints", "state", "states", "observation", "observations", "motor", "robot", "data", "logs", ""}
+PLAIN = {
+    "joint", "joints", "state", "states", "observation", "observations", "motor", "robot", "data", "logs",
+    "lowstate", "lf", "",
+}  # fmt: skip
 OTHER = {
     "acc", "accel", "acceleration", "temp", "temperature", "current", "voltage", "error", "err", "status", "std", "min",
     "max", "kp", "kd", "gain", "rewards", "infos",
@@ -42,8 +45,8 @@ SPEEDS = {"rpm"}  #: those that are of a velocity
 TIMES = {"time", "t", "timestamp", "timestamps", "times", "stamp"}
 CLOCKS = {"%time": 1e-9, "__time": 1.0}  #: of ``rostopic echo -p`` and of PlotJuggler
 POSES = {"q": {"quat", "quaternion", "orientation", "rotation"}, "": {"pos", "position", "translation"}}  #: of a base
-YIELDS = "imu"  #: what it tells of a base counts where no other column does
-UNNAMED = re.compile(r"(?P<array>.+)\[\d+\]")  #: a column of an array whose columns have no names
+YIELDS = {"imu", "feedback"}  #: what these tell counts where no other column does
+UNNAMED = re.compile(r"(?P<array>.+?)\.?\[\d+\]")  #: a column of an array whose columns have no names
 EPISODES = {"episode", "episode_index", "episode_id", "trial", "toss", "trajectory"}
 
 
@@ -134,8 +137,8 @@ def match(columns: Iterable[str], given: Mapping[str, str], scene: Scene, angles
         if target is None or (column not in told and target.key in taken and taken[target.key] in told):
             continue
         other = taken.get(target.key, column)
-        if other != column and column not in told and (_of_imu(column) or _of_imu(other)):
-            if _of_imu(column):
+        if other != column and column not in told and (_yields(column) or _yields(other)):
+            if _yields(column):
                 continue
             del found[other]
         elif other != column:
@@ -222,8 +225,8 @@ def _array(column: str) -> str:
     return unnamed["array"] if unnamed else column.rpartition(".")[0] or column
 
 
-def _of_imu(column: str) -> bool:
-    return YIELDS in re.split(r"[^a-z]+", column.lower())
+def _yields(column: str) -> bool:
+    return not YIELDS.isdisjoint(re.split(r"[^a-z]+", column.lower()))
 
 
 def _quantity(words: set[str]) -> str | None:
