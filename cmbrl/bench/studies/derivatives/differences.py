@@ -26,7 +26,7 @@ from cmbrl.scene import Scene
 
 Point = tuple[Array, Array, Array, Array]  #: q (B, nq), v (B, nv), u (B, nu), theta (np,)
 STEPS = (1e-6, 1e-5, 1e-7, 1e-8, 1e-9, 1e-10)  #: m, rad, m/s, controls; parameters in natural units
-RESOLVED = 1e-6  #: relative difference of 4-point and 2-point value below which no other step is tried
+RESOLVED = 1e-7  #: relative difference of 4-point and 2-point value below which no other step is tried
 _FRICTION_LAWS = ("frictionloss", "friction_slope", "stribeck")  # one-sided where nothing rubs
 _ONE_SIDED = {
     "restitution": "low",
