@@ -42,7 +42,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "base.qw, base.wx, time:ms, episode, or - for nothing; of an array, the quantity alone: qpos=position:deg, or "
         "obs=-; or a YAML file of such pairs (repeatable). Columns with the names of joints are found without it",
     )
-    parser.add_argument("--joints", nargs="+", default=[], metavar="NAME", help="joints of array columns without names")
+    parser.add_argument(
+        "--joints",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="joints of array columns without names, and of numbered ones (q_0, q_1, ...)",
+    )
     parser.add_argument(
         "--angles",
         choices=("rad", "deg", "rev", "mrad"),

@@ -96,3 +96,19 @@ def test_poses_and_twists_of_a_root() -> None:
     with pytest.raises(UserError, match=r"last four columns of 'robot.root_pose' .* give --quaternion"):
         mapping_of(pose, {}, None, "log")
     assert mapping_of(pose, dict.fromkeys(pose, "-"), None, "log") == {}
+
+
+def test_numbered_columns_between_spaces(recorded: SimpleNamespace, tmp_path: Path) -> None:
+    """As clients of UR's RTDE and numpy.savetxt write them."""
+    log = recorded.log
+    table = np.column_stack([0.005 * np.arange(300), log.command, log.position, np.zeros((300, 6))])
+    names = [f"{head}_{k}" for head in ("target_q", "actual_q", "target_moment", "actual_TCP_pose") for k in range(3)]
+    np.savetxt(tmp_path / "savetxt.txt", table, header=" ".join(["timestamp", *names]))
+    np.savetxt(tmp_path / "rtde.csv", table, header=" ".join(["timestamp", *names]), comments="")
+    options = (Options(joints=JOINTS), Options(columns={"target_q": "command", "actual_q": "position"}))
+    for file in ("savetxt.txt", "rtde.csv"):
+        for told in options:
+            found = import_logs([tmp_path / file], recorded.scene, told).log
+            assert isinstance(found, PositionLog)
+            np.testing.assert_allclose(found.position, log.position, atol=1e-9)
+            np.testing.assert_allclose(found.command, log.command, atol=1e-9)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 
 import numpy as np
@@ -16,7 +16,8 @@ _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 def rows_of(text: str) -> tuple[list[list[str]], str, int]:
     """The rows that are not empty, the header first, what separates their fields, and how many lines stand before.
 
-    Comments may stand before the header. The last of them is the header where numbers follow at once.
+    Comments may stand before the header. The last of them is the header where numbers follow at once. Spaces separate
+    where the first row has no commas, semicolons or tabs.
     """
     comments, rest = [], text
     while rest.startswith(_COMMENT):
@@ -24,10 +25,16 @@ def rows_of(text: str) -> tuple[list[list[str]], str, int]:
         comments.append(line)
     first = rest.partition("\n")[0]
     delimiter = max(",;\t", key=first.count)
-    rows = [row for row in csv.reader(io.StringIO(rest, newline=""), delimiter=delimiter) if any(map(str.strip, row))]
+    if delimiter not in first:
+        delimiter, rest = " ", "\n".join(line.strip() for line in rest.splitlines())
+    rows = [row for row in _fields(rest, delimiter) if any(map(str.strip, row))]
     if comments and rows and only_numbers(rows[0], delimiter):
-        rows.insert(0, next(csv.reader([comments.pop().lstrip(_COMMENT)], delimiter=delimiter)))
+        rows.insert(0, next(iter(_fields(comments.pop().lstrip(_COMMENT).strip(), delimiter))))
     return rows, delimiter, len(comments)
+
+
+def _fields(text: str, delimiter: str) -> Iterator[list[str]]:
+    return csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=delimiter == " ")
 
 
 def only_numbers(fields: Sequence[str], delimiter: str) -> bool:

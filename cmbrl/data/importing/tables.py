@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,16 @@ from cmbrl.files import read_json
 from cmbrl.reading import regular_file
 from cmbrl.text import shortened
 
+_NUMBERED = re.compile(r"(?P<array>.*?[A-Za-z])[_.]?\[?(?P<number>\d+)\]?")
 INFO = Path("meta") / "info.json"  #: of a LeRobot folder
 VERSIONS = ("v2.0", "v2.1", "v3.0")
 
 
 def read_csv(path: Path, joints: tuple[str, ...]) -> list[Recording]:
-    """One row per sample below a header; fields that are empty or no numbers are missing samples."""
+    """One row per sample below a header; fields that are empty or no numbers are missing samples.
+
+    ``joints`` name columns that are numbered like an array of their length, from 0 or 1 on: ``actual_q_0`` and so on.
+    """
     try:
         rows, delimiter, before = csv_text.rows_of(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, csv.Error) as error:
@@ -37,7 +42,22 @@ def read_csv(path: Path, joints: tuple[str, ...]) -> list[Recording]:
         if len(row) != len(header):
             raise UserError(f"{path}: row {k} has {len(row)} fields, the header {len(header)}; repair the row")
     columns = {name: csv_text.column([row[k] for row in rows[1:]], delimiter) for k, name in enumerate(header) if name}
-    return [of_arrays(str(path), {name: x for name, x in columns.items() if not np.isnan(x).all()}, {}, joints)]
+    told = {name: x for name, x in columns.items() if not np.isnan(x).all()}
+    return [of_arrays(str(path), _stacked(told, joints), {}, joints)]
+
+
+def _stacked(columns: Mapping[str, np.ndarray], joints: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """``columns`` (T,), those that are numbered like the k ``joints`` as arrays (T, k)."""
+    arrays: dict[str, dict[int, str]] = {}
+    count = len(joints)
+    for name in columns if count else ():
+        if name not in joints and (numbered := _NUMBERED.fullmatch(name)):
+            arrays.setdefault(numbered["array"], {})[int(numbered["number"])] = name
+    found = dict(columns)
+    for array, parts in arrays.items():
+        if sorted(parts) in (list(range(count)), list(range(1, count + 1))):
+            found[array] = np.column_stack([found.pop(parts[k]) for k in sorted(parts)])
+    return found
 
 
 def _check_names(path: Path, names: Iterable[str]) -> None:

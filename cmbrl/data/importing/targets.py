@@ -20,7 +20,7 @@ _AFFINE = ("position", "command")  # of single joints: what may count from anoth
 SINGLE = ("position", "velocity", "command", "torque")
 BASE = "base"  #: the only free joint
 WORDS = {
-    "torque": {"torque", "torques", "tau", "effort", "efforts", "force"},
+    "torque": {"torque", "torques", "tau", "effort", "efforts", "force", "moment", "moments"},
     "command": {
         "command", "commands", "commanded", "cmd", "target", "targets", "des", "desired", "setpoint", "reference",
         "ref", "goal", "action", "actions",
@@ -38,7 +38,7 @@ PLAIN = {
 }  # fmt: skip
 OTHER = {
     "acc", "accel", "acceleration", "temp", "temperature", "current", "voltage", "error", "err", "status", "std", "min",
-    "max", "kp", "kd", "gain", "rewards", "infos",
+    "max", "kp", "kd", "gain", "rewards", "infos", "tcp",
 }  # fmt: skip
 NAMED = {"deg": math.pi / 180, "degrees": math.pi / 180, "rad": 1.0, "rpm": math.pi / 30, "mm": 1e-3}  #: units in names
 SPEEDS = {"rpm"}  #: those that are of a velocity

@@ -42,7 +42,8 @@ def hint(columns: Iterable[str], targets: Collection[str]) -> str:
 
 
 def _members(name: str, columns: Iterable[str]) -> list[str]:
-    return [column for column in columns if column.startswith((f"{name}.", f"{name}["))]
+    numbered = re.compile(re.escape(name) + r"_?\d+")  # of a table without arrays
+    return [x for x in columns if x.startswith((f"{name}.", f"{name}[")) or numbered.fullmatch(x)]
 
 
 def _owned(name: str, members: list[str], text: str, scene: Scene) -> dict[str, str]:
