@@ -12,7 +12,7 @@ from cmbrl.bench.studies.stability.case import SWEEP, BankScene
 from cmbrl.bench.studies.stability.cells import FAIL, NEAR, PASS, measure, simulate
 from cmbrl.bench.studies.stability.worlds import GROUND, body, world
 
-MISSED = {"F22b", "F25b", "F25c"}  # first order in h without contact: velocity-dependent forces are explicit
+MISSED = {"F22b", "F25b", "F25c", "F37"}  # first order in h without contact: velocity-dependent forces are explicit
 LONG = {"F10"}
 
 
@@ -62,7 +62,7 @@ def test_trajectories_converge_at_first_order() -> None:
         assert coarse / fine == pytest.approx(2, rel=0.1), label
 
 
-@pytest.mark.parametrize("label", sorted(MISSED))
+@pytest.mark.parametrize("label", sorted(MISSED | {"F38"}))
 def test_midpoint_steps_keep_energy_and_momentum_to_second_order(label: str) -> None:
     cells = [measure(SCENES[label], MIDPOINT, h) for h in (0.002, 0.001)]
     assert all(cell.verdict == PASS for cell in cells)

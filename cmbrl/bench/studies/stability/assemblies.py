@@ -1,4 +1,5 @@
-"""Boxes on boxes, a gripper, cylinders and chains of free bodies: what robots handle. F31 to F36 of the bank."""
+"""Boxes on boxes, a gripper, cylinders and chains of free bodies: what robots handle. F31 to F36 and F39 of
+the bank."""
 
 from __future__ import annotations
 
@@ -97,6 +98,26 @@ def _hanging(links: int) -> Case:
     )
 
 
+def _packed(side: int) -> Case:
+    """``side`` cubed balls, 10 mm apart, fall onto a plane and onto each other: none enters another, or the plane.
+
+    After the test of 6 x 6 x 6 balls in SimBenchmark (Kang and Hwangbo, leggedrobotics.github.io/SimBenchmark).
+    """
+    radius, apart, draw = 0.5, 1.01, np.random.default_rng(0)
+    grid = np.array([(i, j, k) for k in range(side) for i in range(side) for j in range(side)])
+    places = apart * grid + (0, 0, apart - radius)
+    places[:, :2] += draw.uniform(-0.005, 0.005, (len(grid), 2))
+    balls = [body(f"ball{k}", tuple(at), "f", sphere(f"ball{k}", radius)) for k, at in enumerate(places)]
+
+    def error(run: Run) -> float:
+        centres = run.q.reshape(len(run.q), -1, 7)[1:, :, :3]
+        first, second = np.triu_indices(len(grid), 1)
+        between = np.linalg.norm(centres[:, first] - centres[:, second], axis=2)
+        return float(max(0.0, (2 * radius - between).max(), (radius - centres[:, :, 2]).max()) / radius)
+
+    return Case(f"{len(grid)} balls", world(GROUND, *balls, mu=0.8), 0.5, error)
+
+
 SCENES = (
     BankScene("F31", "one step", (_stack(10),), resting),
     BankScene("F32", "one step", (_ridge(),), resting),
@@ -104,4 +125,5 @@ SCENES = (
     BankScene("F34", "trajectory", (_rolling(0.3, 0.4), _rolling(1.0, 0.2)), constant(1e-4)),
     BankScene("F35", "trajectory", tuple(_wedged(a, s) for a in (pi / 2, pi / 3) for s in (0.99, 1.1)), constant(1e-4)),
     BankScene("F36", "one step", (_hanging(30),), constant(1e-2)),
+    BankScene("F39", "residual", (_packed(4),), constant(1e-4), steps=(0.02, 0.01, 0.005)),
 )  # fmt: skip

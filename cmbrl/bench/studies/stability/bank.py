@@ -20,6 +20,7 @@ from cmbrl.bench.studies.stability import (
     rolling,
     sliding,
     stacks,
+    tied,
 )
 from cmbrl.bench.studies.stability.case import BankScene
 from cmbrl.contact.solvers import get
@@ -29,7 +30,9 @@ SLOP = 1e-4  #: of pymunk [m]
 HARD, MIDPOINT, SOFT = "ours hard", "ours midpoint", "ours soft"
 PGS, CONVEX = f"PGS, {SWEEPS} sweeps", "convex relaxation"
 IN_PYTHON = (PGS, CONVEX)  #: stepped one by one from Python, so they take long
-FAMILIES = tuple(module.SCENES for module in (stacks, sliding, rolling, bouncing, jams, grasps, assemblies, motion))
+FAMILIES = tuple(
+    module.SCENES for module in (stacks, sliding, rolling, bouncing, jams, grasps, assemblies, tied, motion)
+)
 SCENES: dict[str, BankScene] = {scene.label: scene for scenes in FAMILIES for scene in scenes}  #: by label
 FIRST = {scenes[0].label for scenes in FAMILIES}  #: labels that begin a family
 
