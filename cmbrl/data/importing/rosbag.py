@@ -48,7 +48,9 @@ def read_rosbag(path: Path, joints: tuple[str, ...]) -> list[Recording]:
         if lost:
             has += ", whose types it does not define: convert it to MCAP by `ros2 bag convert` where they are installed"
         raise UserError(f"{path}: no topic of a known type; it has {has}; known: {told}")
-    return [Recording(str(path), tables, dict(_gains(tables)))]
+    gains = dict(_gains(tables))
+    left = [{name: x for name, x in table.columns.items() if not _GAINS.fullmatch(name)} for table in tables]
+    return [Recording(str(path), tuple(Table(x, table.time) for x, table in zip(left, tables, strict=True)), gains)]
 
 
 def _defined(reader: Any, kind: str) -> bool:
