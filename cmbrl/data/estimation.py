@@ -8,6 +8,7 @@ import numpy as np
 from numpy.polynomial import polynomial
 
 from cmbrl.data.drive import controls
+from cmbrl.data.loops import closed
 from cmbrl.data.position_log import PositionLog, free_joint
 from cmbrl.data.smoothing import smooth, smooth_rotations
 from cmbrl.data.ties import followers
@@ -40,6 +41,10 @@ def estimated(log: PositionLog, scene: Scene) -> Transitions:
         turn = smooth_rotations(log.base[:, 3:], log.dt, log.episode)
         position[:, q] = log.base
         rate[:, v] = np.hstack([smooth(log.base[:, :3], log.dt, log.episode).rate, turn.rate])
+    if looped := log.looped(scene):
+        at = [addresses[place] for place in looped]
+        position[:, at] = closed(scene, position, looped)[:, at]
+        rate[:, looped] = smooth(position[:, at], log.dt, log.episode).rate
     now = np.flatnonzero(log.episode[1:] == log.episode[:-1])
     return Transitions(
         q=position[now],

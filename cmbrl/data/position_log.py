@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from cmbrl.data import checks, plausible, turns
+from cmbrl.data.loops import closing
 from cmbrl.data.npz import read_arrays
 from cmbrl.data.splitting import row_numbers
 from cmbrl.data.ties import followers
@@ -122,14 +123,23 @@ class PositionLog:
         return np.array([known[name].vadr for name in self.joint_names], dtype=np.int64)
 
     def measured(self, scene: Scene) -> np.ndarray:
-        """Which coordinates (nv,) of ``scene`` the log measured: all but the place of a base that was estimated."""
+        """Which coordinates (nv,) of ``scene`` the log measured.
+
+        Not the place of a base that was estimated, nor what follows from closed loops.
+        """
         found = np.ones(scene.nv, dtype=bool)
+        found[self.looped(scene)] = False
         if not self.place_told and (name := free_joint(scene)):
             slides = [
                 j for j in scene.joints if j.source == scene.joint_names.index(name) and j.kind == JointKind.SLIDE
             ]
             found[[joint.vadr for joint in slides]] = False
         return found
+
+    def looped(self, scene: Scene) -> list[int]:
+        """Places in ``scene``'s v of the joints that closed loops tell beside those of the log."""
+        told = self.coordinates(scene).tolist()
+        return closing(scene, [*told, *(place for place, _, _ in followers(scene, told))])
 
     def actuators(self, scene: Scene) -> np.ndarray:
         """(m,) places in ``scene``'s u of the columns of ``command``; raises UserError where there is none."""
@@ -159,7 +169,7 @@ class PositionLog:
     def check(self, scene: Scene) -> None:
         """Raises UserError unless this is a log of all joints and actuators of ``scene`` without faults that show.
 
-        Joints that the file ties to one of the log need no column.
+        Joints that the file ties to one of the log, or that its closed loops place, need no column.
         """
         if not hasattr(scene, "core"):
             raise UserError(f"scene is a {type(scene).__name__}; give the Scene of the robot")
@@ -170,6 +180,7 @@ class PositionLog:
             )
         known = {*self.joint_names, *([floating] if self.base is not None and floating else [])}
         tied = {place for place, _, _ in followers(scene, places.tolist())}
+        tied.update(self.looped(scene))
         known |= {joint.name for joint in scene.joints if joint.vadr in tied}
         if missing := [name for name in scene.joint_names if name not in known]:
             free = missing[0] == floating

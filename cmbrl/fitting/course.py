@@ -211,8 +211,8 @@ class Course(Standing):
         self._judge_by(self.budget.trial_fold_iterations, Journal(None, ""), self.budget.trial_rows)
 
     def _judge_by(self, iterations: int, journal: Journal, rows: int) -> None:
-        loss = self.loss(rows)
-        self.held_out = judged(self._folds(loss, loss), self.evidence.space, self.incumbent, iterations, journal)
+        folds = self._folds(self.loss(rows), self.loss(rows, told=True))
+        self.held_out = judged(folds, self.evidence.space, self.incumbent, iterations, journal)
 
     def _step(self) -> dict[str, Any]:
         return {"tried": stepping(self.evidence, self.huber, self.journal.check_time, self.budget.judged)}

@@ -81,7 +81,9 @@ class Discrepancy:
     ) -> NormalEquations:
         evidence, theta = self.evidence, self.evidence.space.theta(z)
         starts = draw_starts(evidence.log, horizon, self.rows, self.seed)
-        loss = evidence.loss(starts, horizon, *evidence.scales(horizon, self.huber, self.survey.noise))
+        loss = evidence.loss(
+            starts, horizon, *evidence.scales(horizon, self.huber, self.survey.noise, self.survey.left)
+        )
         if model is not None:
             loss = replace(loss, model=model)
         return loss.settled(theta).normal_equations(evidence.space, z, active)

@@ -91,11 +91,16 @@ class Evidence:
         longest = next(told, 1)
         return (longest if floats else told_by_model(self, longest),)
 
-    def scales(self, horizon: int, huber: float, noise: np.ndarray | None = None) -> tuple[Scales, ...]:
-        """What errors are measured in, by log, with ``noise`` (logs, 2 nv); estimated velocities do not count."""
+    def scales(
+        self, horizon: int, huber: float, noise: np.ndarray | None = None, left: np.ndarray | None = None
+    ) -> tuple[Scales, ...]:
+        """What errors are measured in, by log, with ``noise`` (logs, 2 nv); estimated velocities do not count.
+
+        ``left`` (nv,): share of the change that a model leaves of a position; None: the same of all.
+        """
         if self.positions_only:
             off = None if noise is None else noise.max(axis=0)  # of what one robot stands on, in all its logs
-            scales = Scales.of_positions(self.model.scene, self.log, horizon, huber, off)
+            scales = Scales.of_positions(self.model.scene, self.log, horizon, huber, off, left)
             return (replace(scales, q=np.where(self.measured, scales.q, np.inf)),) * len(self.names)
         alike = Scales.of(self.model.scene, self.log, huber)
         if noise is None:

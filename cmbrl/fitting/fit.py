@@ -121,7 +121,7 @@ def _concluded(course: Course, stopped: str | None) -> FitResult:
     noise = None if evidence.positions_only else course.survey.noise
     about = {
         "seed": course.seed, "method": course.method, "folds": course.count, "logs": course.logs, "stopped": stopped,
-        **{name: value for name, value in course.survey.to_dict().items() if name != "z"},
+        **{name: value for name, value in course.survey.to_dict().items() if name not in ("z", "left")},
         "selection": incumbent.path if course.wanted is None or incumbent.path else None,
         "horizons": by_horizon(evidence, unseen, huber, budget.judged, noise) if unseen else [],
         "stepping": course.stepping,
@@ -129,10 +129,10 @@ def _concluded(course: Course, stopped: str | None) -> FitResult:
         "pace": course.pace.told if course.pace else None,
     }  # fmt: skip
     discrepancy = Discrepancy(evidence, course.survey, huber, course.seed, budget.survey_rows, journal)
-    loss, held_out = course.loss(budget.polish_rows), course.held_out
+    loss, told = (course.loss(budget.polish_rows, told) for told in (False, True))
     return conclude(
-        evidence.model, evidence.log, evidence.space, loss, held_out, incumbent, journal, about, discrepancy, budget,
-        course.movable,
+        evidence.model, evidence.log, evidence.space, loss, told, course.held_out, incumbent, journal, about,
+        discrepancy, budget, course.movable,
     )  # fmt: skip
 
 

@@ -204,7 +204,7 @@ class PredictionLoss:
 
     def errors_from_here(self, theta: np.ndarray) -> Errors:
         """The same from where the windows start."""
-        residual, failures = self._residual(theta)
+        residual, failures = self.residuals(theta)
         value = huber(residual, self.windows.scales.huber).sum(axis=2).mean(axis=1) + self._price(self.windows.offset)
         return Errors(value, (residual**2).mean(axis=(1, 2)), failures, alike_rows(residual))
 
@@ -251,10 +251,19 @@ class PredictionLoss:
         by_episode[:, columns], square[np.ix_(columns, columns)] = gradients / count, hessian / count
         variance = size / (count * scales.observed)
         independent = self.independent(float(np.mean(alike)))
-        follow = Follow.joined(followed) if followed else None
+        follow = self._followed(Follow.joined(followed), space.theta(z)) if followed else None
         return NormalEquations(by_episode.sum(axis=0), square, by_episode, independent, variance, follow)
 
-    def _residual(self, theta: np.ndarray) -> tuple[np.ndarray, int]:
+    def _followed(self, follow: Follow, theta: np.ndarray) -> Follow:
+        """``follow`` of the windows whose errors at ``theta`` (n,) its shift does not raise.
+
+        Where contacts make and break, equations in a start lead past the kink: every step would seem to raise the loss.
+        """
+        before = self.errors_from_here(theta).loss
+        after = self.starting(self.windows.offset + follow.shift).errors_from_here(theta).loss
+        return follow.only(after <= before)
+
+    def residuals(self, theta: np.ndarray) -> tuple[np.ndarray, int]:
         """Residuals (s, horizon, coordinates) of one parameter set (n,), and the number of failed steps."""
         theta, psi = self.observation.split(theta)
         windows, scene = self._seen(psi), self.model.scene

@@ -97,7 +97,7 @@ class Plan:
 
     ``begins``: not at the file, perhaps; ``chooses`` parameters, or ``adds`` laws to those it moves; ``searches``
     without derivatives. ``rivals``: other laws of contact that are open. ``floats``: starts are told
-    by a short fit. ``logs``: how many.
+    by two short fits. ``logs``: how many.
     """
 
     rows: int
@@ -157,7 +157,7 @@ class Plan:
         return {
             "beginning": self.begins * _LEVELS * some(b.survey_rows) * speed.candidate,
             "sliding": (self.rivals > 0) * 2 * (1 + self.rivals) * survey,
-            "survey": (tried + 0.5 * (tried > 0) + (self.floats and not self.rivals)) * survey
+            "survey": (tried + 0.5 * (tried > 0) + self.floats * (2 - (self.rivals > 0))) * survey
             + self.states * 4 * b.noise_rows * speed.step,
             "choice": trials * (self.chooses * trial + self.adds * whole),
             "starts": search if self.searches else bool(self.folds) * starts,

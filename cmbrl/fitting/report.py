@@ -31,6 +31,7 @@ def conclude(
     data: Transitions,
     space: Space,
     loss: PredictionLoss,
+    told: PredictionLoss,
     held_out: dict[str, Errors],
     incumbent: Incumbent,
     journal: Journal,
@@ -41,14 +42,15 @@ def conclude(
 ) -> FitResult:
     """Builds the result at ``incumbent``.
 
-    ``loss`` is the polished one and gives the intervals, with ``discrepancy``; ``held_out``: errors on episodes held
-    out in turn; ``about``: settings to record; ``budget``: of the draws; ``free`` (n,): the parameters that were free
-    to be chosen. Raises UserError if the loss is so large that numbers overflow.
+    ``loss`` is the polished one and gives the intervals, with ``discrepancy``; ``told``: the same in the units of the
+    report; ``held_out``: errors on episodes held out in turn; ``about``: settings to record; ``budget``: of the draws;
+    ``free`` (n,): the parameters that were free to be chosen. Raises UserError if the loss is so large that numbers
+    overflow.
     """
     z, active = incumbent.z, incumbent.active
     physical, psi = loss.observation.split(space.theta(z))
-    told = {p.name: float(x) for p, x in zip(loss.observation.parameters, psi, strict=False)}
-    final = model.with_parameters(physical).with_settings(observation=told)
+    between = {p.name: float(x) for p, x in zip(loss.observation.parameters, psi, strict=False)}
+    final = model.with_parameters(physical).with_settings(observation=between)
     equations = loss.settled(space.theta(z)).normal_equations(space, z)
     sets = common_factors(model.scene.core, active | free)
     try:
@@ -57,7 +59,7 @@ def conclude(
         raise UserError(NOT_FINITE) from None
     bound, value = space.at_bound(z) & active, space.theta(z)
     parameters = _parameters(space, value, known, _status(active, bound, known.flat))
-    errors = {"all, nominal": loss.errors(space.nominal), "all, fitted": loss.errors(value), **held_out}
+    errors = {"all, nominal": told.errors(space.nominal), "all, fitted": told.errors(value), **held_out}
 
     def named(mask: np.ndarray) -> list[str]:
         return [name for name, chosen in zip(space.names, mask, strict=True) if chosen]

@@ -83,11 +83,15 @@ class Standing:
         """Those that the survey tries."""
         return tuple(sorted(self.horizons)[: self.budget.horizons])
 
-    def loss(self, limit: int) -> PredictionLoss:
-        """At the horizon of the survey, over at most ``limit`` transitions."""
+    def loss(self, limit: int, told: bool = False) -> PredictionLoss:
+        """At the horizon of the survey, over at most ``limit`` transitions.
+
+        ``told``: in the units that the report tells errors in, the standard deviations of the change.
+        """
         steps, evidence = self.survey.horizon, self.evidence
         starts = draw_starts(evidence.log, steps, limit, self.seed, self.count)
-        return evidence.loss(starts, steps, *evidence.scales(steps, self.huber, self.survey.noise))
+        left = None if told else self.survey.left
+        return evidence.loss(starts, steps, *evidence.scales(steps, self.huber, self.survey.noise, left))
 
     @property
     def movable(self) -> np.ndarray:

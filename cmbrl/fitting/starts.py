@@ -92,6 +92,10 @@ class Follow:
         """One of all windows."""
         return cls(np.concatenate([p.shift for p in parts]), np.concatenate([p.slope for p in parts]))
 
+    def only(self, windows: np.ndarray) -> Follow:
+        """The same of those ``windows`` (s,) bool; the others' starts stay where they are."""
+        return Follow(np.where(windows[:, None], self.shift, 0.0), np.where(windows[:, None, None], self.slope, 0.0))
+
     def at(self, offset: np.ndarray, dz: np.ndarray) -> np.ndarray:
         """The offsets (C, s, k) after each of the steps ``dz`` (C, n)."""
         return offset + self.shift + np.moveaxis(self.slope @ dz.T, -1, 0)

@@ -22,6 +22,7 @@ from cmbrl.fitting.evidence import LEAST_WINDOWS, Evidence
 from cmbrl.fitting.folds import draw_starts, fold_of_rows
 from cmbrl.fitting.gauss_newton import reweighed
 from cmbrl.fitting.judge import Judge, score
+from cmbrl.fitting.left import left_of_changes
 from cmbrl.fitting.loss import PredictionLoss
 from cmbrl.fitting.noise import sensor_noise
 from cmbrl.fitting.space import Space
@@ -39,13 +40,16 @@ _SAME_NOISE = 0.2  # relative change that needs no second fit
 class Survey:
     """``horizon`` of the loss, ``noise`` (logs, 2 nv) or None, and the ``scores`` by horizon (lower is better).
 
-    ``z`` (n,): where the fit over that horizon ended; None if there was nothing to choose.
+    ``z`` (n,): where the fit over that horizon ended; None if there was nothing to choose. ``left`` (nv,): the share of
+    the change that a short fit leaves of each position (``left``); None of a log of states, and of what does not
+    drift.
     """
 
     horizon: int
     noise: np.ndarray | None
     scores: dict[int, float]
     z: np.ndarray | None = None
+    left: np.ndarray | None = None
 
     @property
     def better(self) -> np.ndarray | None:
@@ -54,14 +58,15 @@ class Survey:
 
     def to_dict(self) -> dict[str, Any]:
         """JSON types; the inverse is ``from_dict``."""
-        noise, z = (None if x is None else x.tolist() for x in (self.noise, self.z))
-        return {"horizon": self.horizon, "noise": noise, "scores": [[h, s] for h, s in self.scores.items()], "z": z}
+        noise, z, left = (None if x is None else x.tolist() for x in (self.noise, self.z, self.left))
+        scores = [[h, s] for h, s in self.scores.items()]
+        return {"horizon": self.horizon, "noise": noise, "scores": scores, "z": z, "left": left}
 
     @classmethod
     def from_dict(cls, saved: dict[str, Any]) -> Survey:
         """Inverse of ``to_dict``."""
-        noise, z = (None if saved[name] is None else np.array(saved[name]) for name in ("noise", "z"))
-        return cls(saved["horizon"], noise, {h: s for h, s in saved["scores"]}, z)
+        noise, z, left = (None if saved[name] is None else np.array(saved[name]) for name in ("noise", "z", "left"))
+        return cls(saved["horizon"], noise, {h: s for h, s in saved["scores"]}, z, left)
 
 
 @dataclass(frozen=True)
@@ -93,7 +98,7 @@ class Surveyor:
         """
         enough = self.possible(horizons)
         if self.evidence.positions_only:
-            return Survey(enough[0], self._off_of_starts(enough[0]), {})
+            return self._of_positions(enough[0])
         noise = self._noise(self.evidence.space.nominal)
         if len(enough) == 1 and noise is None:
             return Survey(enough[0], None, {})
@@ -147,15 +152,28 @@ class Surveyor:
     def _noise(self, theta: np.ndarray) -> np.ndarray | None:
         return None if self.evidence.positions_only else sensor_noise(self.evidence, theta, self.noise_rows)
 
-    def _off_of_starts(self, horizon: int) -> np.ndarray | None:
-        """What starts of a log of positions are off by: told from parameters that are about right."""
-        if not len(adrift(self.evidence, horizon)):
-            return None
-        z = self.begin if self.reached is None else self.reached
-        if self.reached is None:
-            with suppress(OutOfTime):
-                z = self.fitted_to(horizon)
-        return noise_of_starts(self.evidence, self.evidence.space.theta(z), horizon, self.noise_rows)
+    def _of_positions(self, horizon: int) -> Survey:
+        """What starts are off by, and what is left of each coordinate, told from parameters that are about right.
+
+        Told anew by a second fit, which weighs all coordinates alike. Nothing of what a servo holds: one kind of sensor
+        tells all of it.
+        """
+        evidence, z = self.evidence, self.begin if self.reached is None else self.reached
+        noise, left = None, None
+        if not len(adrift(evidence, horizon)):
+            return Survey(horizon, None, {})
+        with suppress(OutOfTime):
+            z = self.fitted_to(horizon) if self.reached is None else z
+            noise, left = self._told_at(z, horizon)
+            z = self._fit(f"survey of {horizon} steps, weighed", horizon, noise, z, left=left)
+            noise, left = self._told_at(z, horizon)
+        if left is None:
+            noise = noise_of_starts(evidence, evidence.space.theta(z), horizon, self.noise_rows)
+        return Survey(horizon, noise, {}, z, left)
+
+    def _told_at(self, z: np.ndarray, horizon: int) -> tuple[np.ndarray | None, np.ndarray]:
+        noise = noise_of_starts(self.evidence, self.evidence.space.theta(z), horizon, self.noise_rows)
+        return noise, left_of_changes(self.evidence, z, horizon, self.huber, noise, self.rows)
 
     def _fitted_over(self, horizons: Sequence[int], noise: np.ndarray | None) -> Iterator[tuple[int, np.ndarray]]:
         """Horizons, and fits each from that over the horizon before or from the beginning, whichever explains more.
@@ -170,16 +188,20 @@ class Surveyor:
             yield h, before[0]
 
     def _fit(
-        self, name: str, horizon: int, noise: np.ndarray | None, *starts: np.ndarray, heavy: Sequence[float] = ()
-    ) -> np.ndarray:
+        self, name: str, horizon: int, noise: np.ndarray | None, *starts: np.ndarray, heavy: Sequence[float] = (),
+        left: np.ndarray | None = None,
+    ) -> np.ndarray:  # fmt: skip
         self.journal.check_time()
         self.journal.report(0.02, name)
         fitted = self.journal.unit(
-            self.label + name, lambda: {"z": self._fitted(horizon, noise, np.array(starts), heavy).tolist()}
+            self.label + name, lambda: {"z": self._fitted(horizon, noise, np.array(starts), heavy, left).tolist()}
         )
         return np.array(fitted["z"])
 
-    def _fitted(self, horizon: int, noise: np.ndarray | None, begin: np.ndarray, heavy: Sequence[float]) -> np.ndarray:
+    def _fitted(
+        self, horizon: int, noise: np.ndarray | None, begin: np.ndarray, heavy: Sequence[float],
+        left: np.ndarray | None,
+    ) -> np.ndarray:  # fmt: skip
         """The best of what leads from the best row of ``begin`` (k, n), with ``heavy`` priors at first besides.
 
         Of a noisy log, most of the errors that remain are noise: a prior that they weigh again would let it be fitted.
@@ -188,7 +210,7 @@ class Surveyor:
         starts = draw_starts(evidence.log, horizon, self.rows, self.seed)
         if self.count:
             starts = starts[~np.isin(starts, self._held_out)]
-        loss = evidence.loss(starts, horizon, *evidence.scales(horizon, self.huber, noise))
+        loss = evidence.loss(starts, horizon, *evidence.scales(horizon, self.huber, noise, left))
         if not self.chosen.any():
             return begin[0]
         z = _best(loss, space, begin)

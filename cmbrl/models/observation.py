@@ -33,6 +33,7 @@ BIAS, ZERO, DELAY, LAG = "bias", "servo_zero", "delay", "lag"  #: groups of para
 _BIAS_BOUND = 0.1  # [rad] or [m]: 6 degrees, more than a calibrated encoder is off
 _ZERO_REACH = 2.5  # times the 0.04 rad that are expected: gravity tells servos' zeros from masses only where poses vary
 _LATENESS = 0.05, 3.0  # largest delay and lag: [s], or this many steps of the log if that is longer
+_LATE_REACH = 0.5  # a delay of a third of that is as usual as none: a narrower prior splits it, half as a lag
 _TAIL = 20.0  # time constants after which a lag has settled, to 2e-9
 
 
@@ -59,7 +60,10 @@ class Observation:
         late = max(_LATENESS[0], _LATENESS[1] * dt)
         commands: list[Parameter] = []
         if scene.nu:
-            commands = [Parameter(f"{group}.command", group, 0.0, 0.0, late, "linear", "s") for group in (DELAY, LAG)]
+            commands = [
+                Parameter(f"{group}.command", group, 0.0, 0.0, late, "linear", "s", reach=_LATE_REACH)
+                for group in (DELAY, LAG)
+            ]
         servo = np.zeros((scene.nu, len(joints)))
         for column, joint in enumerate(joints):
             for k in np.flatnonzero(scene.core.act_line == joint.vadr):

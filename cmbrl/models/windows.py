@@ -20,6 +20,7 @@ BLOCKS = 8  #: parts of a log of a single episode
 _MODEL_SHARE = 0.25  # of the change: about what a contact model leaves; sensor noise is weighed against it
 _NOISE_SHARE = 0.02  # of a unit of positions: about what a model of a robot leaves, too
 _START_SHARE = 0.01  # the same of a model whose starts are free, against which they are weighed
+_FINEST = 0.01  # of the change: what a model leaves of a coordinate is taken for so much at least
 _DIFFERENCES = (-1.0, 5.0, -10.0, 10.0, -5.0, 1.0)  # of changes: sixth ones of positions
 _OF_NORMAL, _LEAST_TOLD = 0.6745, 20  # median of a normal's absolute values; rows that tell noise
 _SCALE_FLOOR = 1e-3  # of the largest scale of its kind, so that a coordinate that hardly moves does not dominate
@@ -64,16 +65,19 @@ class Scales:
 
     @classmethod
     def of_positions(
-        cls, scene: Scene, data: Transitions, horizon: int, huber: float, noise: np.ndarray | None = None
-    ) -> Scales:
+        cls, scene: Scene, data: Transitions, horizon: int, huber: float, noise: np.ndarray | None = None,
+        left: np.ndarray | None = None,
+    ) -> Scales:  # fmt: skip
         """Of a log whose velocities are estimates: standard deviations of the change over ``horizon`` steps.
 
         They are so large that the noise of what rests, or hardly moves, does not hide the errors of all that moves.
-        ``noise`` (2 nv,): of what starts of predictions may be off by.
+        ``noise`` (2 nv,): of what starts of predictions may be off by. ``left`` (nv,): share of the change that a model
+        leaves of each coordinate; of which it leaves less than usual, the units are smaller, so that all weigh as much.
         """
         starts = data.windows(horizon)
         change = scene.difference(data.q[starts], data.q_next[starts + horizon - 1])
-        units = np.hypot(spread(change), least_units(scene, data))
+        finer = 1.0 if left is None else np.clip(left / _NOISE_SHARE, _FINEST, 1.0)
+        units = np.hypot(spread(change) * finer, least_units(scene, data))
         return cls(units, np.full(data.v.shape[1], np.inf), huber, noise, _START_SHARE)
 
     @property

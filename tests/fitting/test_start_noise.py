@@ -116,10 +116,37 @@ def test_errors_of_starts_are_not_taken_for_delay_or_armature(scene: Scene, monk
         )
 
     free, told = off()
-    assert free < 0.1
+    assert free < 0.12  # a delay of 4.7 ms for 4, armatures of 29 g m^2 for 30: within intervals of 13 %
     assert "places and velocities that nothing holds, from which predictions start, err by" in " ".join(told.split())
     for module in (survey, start_noise):
         monkeypatch.setattr(module, "adrift", lambda evidence, horizon: np.empty(0, dtype=np.int64))
     exact, told = off()
     assert "from which predictions start" not in told
     assert free < 0.5 * exact
+
+
+def test_starts_that_follow_do_not_raise_the_loss_at_contacts() -> None:
+    """Of a box that slides and tips: equations in a start lead past the moment at which a corner lifts off."""
+    xml = """<mujoco><option timestep=".002"/><worldbody><geom type="plane" size="3 3 .1" friction=".3"/>
+    <body pos="0 0 .1"><freejoint name="box"/><geom type="box" size=".1 .1 .1" mass="1" friction=".3"/></body>
+    </worldbody></mujoco>"""
+    model, draw = mujoco.MjModel.from_xml_string(xml), np.random.default_rng(0)
+    data, base = mujoco.MjData(model), np.empty((600, 7))
+    for row in range(600):
+        if row % 60 == 0:
+            data.qvel[:] = draw.normal(size=6) * [1.5, 1.5, 0.5, 3.0, 3.0, 3.0]
+        base[row] = data.qpos
+        mujoco.mj_step(model, data, 5)
+    base += np.repeat([3e-4, 1e-3], (3, 4)) * draw.standard_normal(base.shape)
+    base[:, 3:] /= np.linalg.norm(base[:, 3:], axis=1, keepdims=True)
+    nothing = np.zeros((600, 0))
+    log = PositionLog(time=DT * np.arange(600), position=nothing, command=nothing, joint_names=(), base=base)
+    evidence = Evidence.of(ComplementarityModel(Scene.from_mjcf(xml)), log)
+    space, z = evidence.space, np.zeros(len(evidence.space))
+    noise = noise_of_starts(evidence, space.nominal, 20)
+    loss = evidence.loss(np.arange(10, 560, 10), 20, *evidence.scales(20, 0.5, noise)).settled(space.nominal)
+    follow, offset = loss.normal_equations(space, z, space.default).follow, loss.windows.offset
+    assert follow is not None
+    assert offset is not None
+    own = loss.values(space.theta(z)[None])[0]
+    assert loss.values(space.theta(z)[None], follow.at(offset, z[None]))[0] <= own

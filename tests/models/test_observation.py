@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cmbrl import ComplementarityModel, Transitions, UserError
+from cmbrl.fitting.space import Space
 from cmbrl.models.observation import Observation, response
 from cmbrl.scene import Scene
 
@@ -53,6 +54,15 @@ def test_slopes_equal_differences(arm: Scene, delay: float, lag: float) -> None:
         e = 1e-6 * (np.arange(5) == k)
         one_sided = (between.controls(log, psi + e)[0] - between.controls(log, psi)[0]) / 1e-6
         np.testing.assert_allclose(slope[:, :, k], one_sided, rtol=1e-3, atol=2e-2)
+
+
+def test_a_delay_of_a_third_of_the_bound_is_as_usual_as_none(arm: Scene) -> None:
+    """A log that tells the sum of delay and lag alone must not make two halves of a delay of 40 ms."""
+    offered = Observation.of(arm, 0.02).parameters
+    space = Space.of(offered, np.zeros(len(offered)))
+    late = space.columns(["delay", "lag"])
+    np.testing.assert_allclose(space.sd[late], 0.02)
+    np.testing.assert_allclose(space.high[late], 0.06)
 
 
 def test_a_servo_behind_a_biased_encoder(arm: Scene) -> None:

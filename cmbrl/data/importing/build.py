@@ -13,6 +13,7 @@ from cmbrl.data.importing.commanded import Commanded, wanted
 from cmbrl.data.importing.grid import Key
 from cmbrl.data.importing.series import QUATERNION
 from cmbrl.data.importing.velocities import check_frame, in_frame, smoothed
+from cmbrl.data.loops import closing
 from cmbrl.data.position_log import PositionLog
 from cmbrl.data.trajectories import read_trajectories
 from cmbrl.data.transitions import Transitions
@@ -31,9 +32,11 @@ class Frames:
 
 
 def lacking(keys: set[Key], scene: Scene) -> list[str]:
-    """Positions that ``keys`` do not have, as the user would map them."""
+    """Positions that ``keys`` do not have, and closed loops do not tell, as the user would map them."""
     single, floating = joints_of(scene)
-    missing = [f"{joint.name}.position" for joint in single if (joint.name, "position") not in keys]
+    looped = closing(scene, [joint.vadr for joint in single if (joint.name, "position") in keys])
+    unknown = [joint for joint in single if (joint.name, "position") not in keys]
+    missing = [f"{joint.name}.position" for joint in unknown if joint.vadr not in looped]
     for joint in floating:
         missing += [f"{joint.name}.{x}" for x in PLACE if joint.free and (joint.name, x) not in keys]
         missing += [f"{joint.name}.qw to qz"] * ((joint.name, QUATERNION) not in keys)
@@ -63,6 +66,7 @@ def positions(
     Raises UserError for ball joints, two floating bodies, or a missing command.
     """
     single, floating = joints_of(scene)
+    single = [joint for joint in single if (joint.name, "position") in episodes[0]]  # closed loops tell the others
     if len(floating) > 1 or any(not joint.free for joint in floating):
         raise UserError(
             f"joint {floating[-1].name!r} is a ball or a second base, and a position log has one base; give --as "
@@ -103,6 +107,12 @@ def transitions(
 
     Raises UserError for velocities in no or the wrong frame, missing controls, and episodes that are too short.
     """
+    untold = [joint.name for joint in joints_of(scene)[0] if (joint.name, "position") not in episodes[0]]
+    if untold:
+        raise UserError(
+            f"no column for {untold[0]}.position, which closed loops tell in a position log only: give --as positions, "
+            "or map a column"
+        )
     half = window // 2
     parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     estimated: list[str] = []

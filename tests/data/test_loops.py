@@ -1,0 +1,89 @@
+"""Joints that no log tells, because closed loops do: a gripper's links behind its one encoder."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cmbrl.data.estimation import estimated
+from cmbrl.data.importing import import_logs
+from cmbrl.data.loops import closing
+from cmbrl.data.position_log import PositionLog
+from cmbrl.errors import UserError
+from cmbrl.scene import Scene
+
+FOUR_BAR = """<mujoco><option gravity="0 0 0"/><worldbody><body name="crank"><joint name="crank" axis="0 1 0"/>
+<geom type="capsule" size=".01" fromto="0 0 0 0 0 .1" mass=".1"/>
+<body name="rod" pos="0 0 .1"><joint name="rod" axis="0 1 0"/>
+<geom type="capsule" size=".01" fromto="0 0 0 .3 0 .1" mass=".1"/></body></body>
+<body name="rocker" pos=".3 0 0"><joint name="rocker" axis="0 1 0"/>
+<geom type="capsule" size=".01" fromto="0 0 0 0 0 .2" mass=".1"/></body>
+<body pos="0 1 0"><joint name="free" axis="0 1 0"/><geom size=".02"/></body></worldbody>
+<equality><connect body1="rod" body2="rocker" anchor=".3 0 .1"/></equality>
+<actuator><position name="crank" joint="crank" kp="5" kv=".3"/></actuator></mujoco>"""
+TIME = 0.01 * np.arange(400)
+
+
+def log_of(crank: np.ndarray) -> PositionLog:
+    position = np.stack([crank, 0.1 * np.sin(TIME)], axis=1)
+    return PositionLog(
+        time=TIME, position=position, command=crank[:, None], joint_names=("crank", "free"), actuator_names=("crank",)
+    )
+
+
+def gap(angles: np.ndarray) -> np.ndarray:
+    """Distance (T,) [m] between the rod's end and the rocker's, by trigonometry, at crank, rod and rocker (T, 3)."""
+    crank, rod, rocker = angles.T
+
+    def turned(x: float, z: float, by: np.ndarray) -> np.ndarray:
+        return np.stack([x * np.cos(by) + z * np.sin(by), z * np.cos(by) - x * np.sin(by)])
+
+    return np.linalg.norm(
+        turned(0.0, 0.1, crank) + turned(0.3, 0.1, crank + rod) - turned(0.0, 0.2, rocker) - [[0.3], [0.0]], axis=0
+    )
+
+
+def test_loops_tell_the_joints_that_they_leave_no_freedom() -> None:
+    scene = Scene.from_mjcf(FOUR_BAR)
+    crank, rod, rocker, free = range(4)
+    assert closing(scene, [crank, free]) == [rod, rocker]
+    assert closing(scene, [crank]) == [rod, rocker]
+    assert closing(scene, [free]) == []
+
+
+def test_a_log_of_the_crank_alone_has_all_joints() -> None:
+    scene = Scene.from_mjcf(FOUR_BAR)
+    log = log_of(0.5 * np.sin(2.0 * TIME))
+    found = estimated(log, scene)
+    np.testing.assert_allclose(gap(found.q[:, :3]), 0.0, atol=1e-8)
+    slope = np.gradient(found.q[:, 2], 0.01)
+    np.testing.assert_allclose(found.v[5:-5, 2], slope[5:-5], atol=2e-3)
+    assert log.measured(scene).tolist() == [True, False, False, True]
+
+
+def test_a_log_whose_loops_stay_open_is_told() -> None:
+    """The rocker cannot go round."""
+    log = replace(log_of(2.5 * np.sin(2.0 * TIME)), joint_names=("rocker", "free"))
+    expected = r"leave loops of scene .* open by up to .* mm: check their signs, .*, or log 'crank', 'rod' too"
+    with pytest.raises(UserError, match=expected):
+        estimated(log, Scene.from_mjcf(FOUR_BAR))
+
+
+def test_what_a_loop_does_not_tell_is_asked_for() -> None:
+    log = log_of(np.zeros(400))
+    with pytest.raises(UserError, match="joint 'free' of scene"):
+        replace(log, position=log.position[:, :1], joint_names=("crank",)).check(Scene.from_mjcf(FOUR_BAR))
+
+
+def test_import_needs_no_column_for_it(tmp_path: Path) -> None:
+    (tmp_path / "four_bar.xml").write_text(FOUR_BAR)
+    scene, crank = Scene.from_mjcf(tmp_path / "four_bar.xml"), 0.5 * np.sin(2.0 * TIME)
+    table = np.stack([TIME, crank, 0.1 * np.sin(TIME), crank], axis=1)
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header="time,crank,free,crank_cmd", comments="")
+    log = import_logs([tmp_path / "log.csv"], scene).log
+    assert isinstance(log, PositionLog)
+    assert log.joint_names == ("crank", "free")
+    assert estimated(log, scene).q.shape[1] == 4
