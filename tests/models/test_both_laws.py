@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import mujoco
+import numpy as np
 import pytest
 import torch
 
 import cmbrl
+from cmbrl.contact.smoothing import Exact, Relaxed
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP, never
 from cmbrl.models.both_laws import BothLaws, under_both_laws
@@ -62,6 +65,27 @@ def test_the_other_law_may_be_mujocos(puck: cmbrl.ComplementarityModel) -> None:
     assert found[0, 2].item() > free + 1e-3
     with pytest.raises(UserError, match=r"unknown law .mojoco.: did you mean .mujoco."):
         under_both_laws(puck, 0.5, "mojoco")  # type: ignore[arg-type]
+
+
+def test_the_other_law_may_be_the_step_of_the_file(puck: cmbrl.ComplementarityModel) -> None:
+    """MuJoCo's, in as many of its steps as a longer one takes, with the derivative of the model that is trained on."""
+    long = puck.with_settings(substeps=1, time_step=0.02, smoothing=Relaxed(1e-3))
+    theirs = long.under_other_law("file")
+    assert theirs is not None
+    assert (theirs.smoothing, theirs.backward_smoothing) == (Exact(), Relaxed(1e-3))
+    robot = mujoco.MjModel.from_xml_string(PUCK)
+    data = mujoco.MjData(robot)
+    data.qvel[:2], data.ctrl[0] = (0.5, 0.2), 0.7
+    q = theirs.predict(data.qpos[None].copy(), data.qvel[None].copy(), data.ctrl[None].copy()).q_next
+    for _ in range(5):
+        mujoco.mj_step(robot, data)
+    np.testing.assert_allclose(q[0], data.qpos, atol=1e-6)
+    exact = long.in_steps_of_file()
+    assert exact is not None
+    assert exact.in_steps_of_file() is None  # it takes them already, and is left the other law of sliding
+    back = exact.under_other_law("file")
+    assert back is not None
+    assert (back.sliding, back.substeps) == ("coulomb", 5)
 
 
 def test_a_model_without_sliding_or_without_a_law_stays(puck: cmbrl.ComplementarityModel, tmp_path: Path) -> None:
