@@ -116,7 +116,7 @@ class HasLawOfSliding(CountsFailures, HasCoordinates, Protocol):
 
         "sliding": the other law of sliding. "mujoco": MuJoCo's, with rows that act once they are closed; for a model
         whose rows act so already, as "sliding". "file": MuJoCo's own step of the file, with this model's derivative;
-        for a model that takes that step already, as "sliding".
+        for a model that takes that step already, or cannot, as "mujoco".
         """
         ...
 

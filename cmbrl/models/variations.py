@@ -144,14 +144,14 @@ class Variations(ABC):
 
         "sliding": the other law of sliding. "mujoco": MuJoCo's, with rows that act once they are closed; for a model
         whose rows act so already, as "sliding". "file": MuJoCo's own step of the file, with this model's derivative;
-        for a model that takes that step already, as "sliding".
+        for a model that takes that step already, or cannot, as "mujoco".
         """
         own = self._settings
         if self.scene.contact_law != "mujoco" or not np.any(self.scene.core.con_dim > 1):
             return None
         if law == "file" and (theirs := self.in_steps_of_file()) is not None:
             return theirs.with_settings(backward_smoothing=own.backward_smoothing)
-        if law == "mujoco" and own.look_ahead:
+        if law != "sliding" and own.look_ahead:
             return self.with_settings(sliding="convex", look_ahead=False)
         other = "convex" if own.sliding == "coulomb" else "coulomb"
         return self.with_settings(sliding=other, look_ahead=own.look_ahead)

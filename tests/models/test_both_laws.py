@@ -86,6 +86,9 @@ def test_the_other_law_may_be_the_step_of_the_file(puck: cmbrl.ComplementarityMo
     back = exact.under_other_law("file")
     assert back is not None
     assert (back.sliding, back.substeps) == ("coulomb", 5)
+    uneven = puck.with_settings(substeps=1, time_step=0.021).under_other_law("file")  # no whole number of the file's
+    assert uneven is not None
+    assert (uneven.sliding, uneven.look_ahead) == ("convex", False)
 
 
 def test_a_model_without_sliding_or_without_a_law_stays(puck: cmbrl.ComplementarityModel, tmp_path: Path) -> None:
