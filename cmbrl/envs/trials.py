@@ -106,7 +106,7 @@ def foretold(shares: Mapping[str, float]) -> str:
         remedy = "train with --set other_law=0.5 (the usual share), or from another --seed"
         return f"{told}: it leans on the model's law of sliding and may fail in the robot, {remedy}"
     if shares.get("mujoco", 0.0) >= LEANS:
-        remedy = "train with --set other=mujoco, from another --seed, or on a task of more substeps"
+        remedy = "train with --set other=file, from another --seed, or on a task of more substeps"
         return f"{told}: it leans on how the model steps through contacts and may fail in the robot, {remedy}"
     return told
 
