@@ -216,17 +216,18 @@ def test_a_control_step_that_is_no_multiple_of_the_files_is_refused(tmp_path):
         task.system()
 
 
-def test_half_of_the_training_takes_the_steps_of_the_file(tmp_path):
+@pytest.mark.parametrize(("solref", "step"), [("0.02 1", 4.0), ("0.001 1", 1.0)])
+def test_soles_too_stiff_for_the_models_steps_meet_the_files_in_half_of_the_training(tmp_path, solref, step):
     path = tmp_path / "dog.xml"
-    path.write_text(robot().replace('timestep="0.004"', 'timestep="0.001"'))
+    path.write_text(robot(FLOOR.replace("/>", f' solref="{solref}" priority="1"/>')).replace("0.004", "0.001"))
     task = walking_task("dog", "walks", Walker(scene=path, posture=POSTURE))
-    assert configure("loop", task).other == "file"
+    assert configure("loop", task).other == "auto"
     config = configure("shac", task, {"environments": 4, "horizon": 2})
     trainer = SHAC(task.mdp(), nominal_model(task, threads=1), config)
     both = trainer.moving
     assert isinstance(both, BothLaws)
     assert both.share == 0.5
-    assert [round(1e3 * m.time_step, 9) for m in (both.model, both.other)] == [4.0, 1.0]
+    assert [round(1e3 * m.time_step, 9) for m in (both.model, both.other)] == [4.0, step]
     assert math.isfinite(trainer.update()["gradient_norm"])
 
 

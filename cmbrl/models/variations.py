@@ -112,6 +112,18 @@ class Variations(ABC):
         made = self.with_settings(sliding="convex", integrator=integrator, smoothing=Exact(), backward_smoothing=None)
         return None if made._settings.look_ahead or made.to_config() == self.to_config() else made
 
+    def softens_contacts(self) -> bool:
+        """Whether its steps are so long that contacts are softer in them than in the file's.
+
+        MuJoCo keeps their time constants (``solref``) above two steps, and so does a model of its law.
+        """
+        core, layout = self.scene.core, self.scene.layout
+        if self.scene.contact_law != "mujoco" or not core.refsafe:
+            return False
+        times = core.P[layout.contacts(np.arange(core.ncontact), "solref0")]
+        least = 2.0 * max(self._settings.time_step, self.scene.timestep) * (1.0 - TIME_STEP_TOLERANCE)
+        return bool(np.any((times > 0) & (np.maximum(times, 2.0 * self.scene.timestep) < least)))
+
     def in_steps_of_file(self) -> Self | None:
         """This model as MuJoCo would step its file; None if it does, or no whole number of steps makes its own."""
         own, scene = self._settings, self.scene
@@ -144,9 +156,12 @@ class Variations(ABC):
 
         "sliding": the other law of sliding. "mujoco": MuJoCo's, with rows that act once they are closed; for a model
         whose rows act so already, as "sliding". "file": MuJoCo's own step of the file, with this model's derivative;
-        for a model that takes that step already, or cannot, as "mujoco".
+        for a model that takes that step already, or cannot, as "mujoco". "auto": "file" where the model's steps soften
+        the file's contacts, else "sliding".
         """
         own = self._settings
+        if law == "auto":
+            law = "file" if self.softens_contacts() else "sliding"
         if self.scene.contact_law != "mujoco" or not np.any(self.scene.core.con_dim > 1):
             return None
         if law == "file" and (theirs := self.in_steps_of_file()) is not None:

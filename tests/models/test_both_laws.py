@@ -91,6 +91,25 @@ def test_the_other_law_may_be_the_step_of_the_file(puck: cmbrl.ComplementarityMo
     assert (uneven.sliding, uneven.look_ahead) == ("convex", False)
 
 
+def test_steps_that_soften_the_files_contacts_meet_its_own() -> None:
+    """Time constants stay above two steps: 2 ms is 2 ms in steps of the file, and 8 ms in steps of 4 ms."""
+
+    def other(solref: str, step: float = 0.004, file: str = PUCK) -> tuple[float, str, bool]:
+        text = file.replace('timestep=".004"', 'timestep=".001"').replace("<geom ", f'<geom solref="{solref}" ')
+        scene = cmbrl.Scene.from_mjcf(text)
+        model = cmbrl.ComplementarityModel(scene, sliding="coulomb", time_step=step, substeps=round(0.02 / step))
+        found = model.under_other_law("auto")
+        assert found is not None
+        return found.time_step, found.sliding, found.look_ahead
+
+    assert other(".002 1") == other(".0005 1") == (0.001, "convex", False)
+    assert other(".008 1") == (0.004, "convex", True)
+    assert other(".0005 1", 0.001) == (0.001, "convex", True)  # as soft as in the file
+    assert other("-1e5 -1e2") == (0.004, "convex", True)  # a stiffness, which no step changes
+    unsafe = PUCK.replace('"elliptic"/>', '"elliptic"><flag refsafe="disable"/></option>')
+    assert other(".002 1", file=unsafe) == (0.004, "convex", True)
+
+
 def test_a_model_without_sliding_or_without_a_law_stays(puck: cmbrl.ComplementarityModel, tmp_path: Path) -> None:
     smooth = cmbrl.ComplementarityModel(slider.scene(tmp_path))
     assert under_both_laws(smooth, 0.5) is smooth
