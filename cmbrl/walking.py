@@ -33,7 +33,8 @@ EFFORT, SMOOTH = 0.24, 2.4e-3  # weights, of mean squares: of actions, and of ch
 SLOWEST = 0.5  # m/s: errors of slower wanted speeds count as in units of this
 ALIVE = 2.0  # reward of a step in training
 # More noise topples robots of many joints before they learn to stand, and outputs that tanh flattens cannot unlearn.
-TRAINING = {"shac": {"log_std_start": -2.0, "saturation": 0.1}}
+# A policy leans on soles that the model's steps are too long for: of those, half of the episodes take the file's steps.
+TRAINING = {"shac": {"log_std_start": -2.0, "saturation": 0.1, "other": "auto"}}
 NOISE = 0.1  # of a start: rad, m/s, rad/s
 TERMS = ("reward_speed", "reward_upright", "reward_height", "reward_bounce", "reward_effort", "reward_smooth")
 

@@ -11,7 +11,11 @@ import torch
 
 from cmbrl import Scene, UserError
 from cmbrl.cli import main
+from cmbrl.models.both_laws import BothLaws
+from cmbrl.models.named import nominal_model
 from cmbrl.scene.drives import Drive
+from cmbrl.train.recipe import configure
+from cmbrl.train.shac import SHAC
 from cmbrl.walking import Walker, Walking, walking_task
 
 LEG = """
@@ -210,6 +214,21 @@ def test_a_control_step_that_is_no_multiple_of_the_files_is_refused(tmp_path):
     task = walking_task("dog", "walks", Walker(scene=path), control_dt=0.01, substeps=2)
     with pytest.raises(UserError, match=r"control_dt = 0.01 s is no multiple of the file's step of 0.004 s"):
         task.system()
+
+
+@pytest.mark.parametrize(("solref", "step"), [("0.02 1", 4.0), ("0.001 1", 1.0)])
+def test_soles_too_stiff_for_the_models_steps_meet_the_files_in_half_of_the_training(tmp_path, solref, step):
+    path = tmp_path / "dog.xml"
+    path.write_text(robot(FLOOR.replace("/>", f' solref="{solref}" priority="1"/>')).replace("0.004", "0.001"))
+    task = walking_task("dog", "walks", Walker(scene=path, posture=POSTURE))
+    assert configure("loop", task).other == "auto"
+    config = configure("shac", task, {"environments": 4, "horizon": 2})
+    trainer = SHAC(task.mdp(), nominal_model(task, threads=1), config)
+    both = trainer.moving
+    assert isinstance(both, BothLaws)
+    assert both.share == 0.5
+    assert [round(1e3 * m.time_step, 9) for m in (both.model, both.other)] == [4.0, step]
+    assert math.isfinite(trainer.update()["gradient_norm"])
 
 
 def test_from_a_file_that_defines_a_task_to_a_policy_in_mujoco(tmp_path, monkeypatch, capsys):

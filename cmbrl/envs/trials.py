@@ -18,13 +18,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cmbrl.contact.smoothing import Exact
 from cmbrl.envs.disturbance import Disturbance, parameter_sets
 from cmbrl.envs.evaluation import Actor, Evaluation, evaluate_model
 from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.protocol import HasLawOfSliding, Model
-from cmbrl.models.step_settings import RK4
 from cmbrl.models.wiring import Wraps
 from cmbrl.scene import Scene
 from cmbrl.scene.records import JointKind
@@ -58,7 +56,7 @@ def trials(policy: Actor, mdp: MDP, model: Model, episodes: int = EPISODES, seed
     sliding = model if isinstance(model, HasLawOfSliding) else inner
     if isinstance(sliding, HasLawOfSliding) and (other := sliding.under_other_law()) is not None:
         harder["law"] = other
-    if isinstance(inner, ComplementarityModel) and (theirs := _in_the_files_steps(inner)) is not None:
+    if isinstance(inner, ComplementarityModel) and (theirs := inner.in_steps_of_file()) is not None:
         harder["mujoco"] = theirs
     parameters = Disturbance(parameters=parameter_sets(model, 0.0, seed=seed))
     count = {name: -(-episodes // _SLOW) if name == "mujoco" else episodes for name in harder}
@@ -108,7 +106,7 @@ def foretold(shares: Mapping[str, float]) -> str:
         remedy = "train with --set other_law=0.5 (the usual share), or from another --seed"
         return f"{told}: it leans on the model's law of sliding and may fail in the robot, {remedy}"
     if shares.get("mujoco", 0.0) >= LEANS:
-        remedy = "train with --set other=mujoco, from another --seed, or on a task of more substeps"
+        remedy = "train with --set other=file, from another --seed, or on a task of more substeps"
         return f"{told}: it leans on how the model steps through contacts and may fail in the robot, {remedy}"
     return told
 
@@ -149,20 +147,6 @@ class Disturbed:
             aim = torch.randn(len(v), len(self.base), generator=self._generator, dtype=v.dtype)
             v_next = v_next.index_add(1, torch.tensor(self.base), self.push * aim / aim.norm(dim=1, keepdim=True))
         return q_next, v_next
-
-
-def _in_the_files_steps(model: ComplementarityModel) -> ComplementarityModel | None:
-    """``model`` as MuJoCo would step its file; None if that is no other, or no whole number of steps makes its own."""
-    scene = model.scene
-    substeps = round(model.dt / scene.timestep)
-    if scene.contact_law != "mujoco" or not scene.core.ncontact or abs(substeps * scene.timestep - model.dt) > 1e-9:
-        return None
-    integrator = RK4 if scene.integrator == RK4 else "semi-implicit"
-    theirs = model.with_settings(
-        sliding="convex", look_ahead=None, damping=None, integrator=integrator, time_step=scene.timestep,
-        substeps=substeps, smoothing=Exact(), backward_smoothing=None, implicit_springs=False,
-    )  # fmt: skip
-    return None if theirs.look_ahead or theirs.to_config() == model.to_config() else theirs
 
 
 def _loose(scene: Scene) -> tuple[int, ...]:

@@ -90,7 +90,7 @@ class HasCoordinates(Protocol):
         ...
 
 
-OtherLaw = Literal["sliding", "mujoco"]
+OtherLaw = Literal["sliding", "mujoco", "file", "auto"]
 
 
 @runtime_checkable
@@ -115,7 +115,9 @@ class HasLawOfSliding(CountsFailures, HasCoordinates, Protocol):
         """The same model under another ``law``; None if nothing slides.
 
         "sliding": the other law of sliding. "mujoco": MuJoCo's, with rows that act once they are closed; for a model
-        whose rows act so already, as "sliding".
+        whose rows act so already, as "sliding". "file": MuJoCo's own step of the file, with this model's derivative;
+        for a model that takes that step already, or cannot, as "mujoco". "auto": "file" where the model's steps soften
+        the file's contacts, else "sliding".
         """
         ...
 

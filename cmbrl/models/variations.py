@@ -112,6 +112,32 @@ class Variations(ABC):
         made = self.with_settings(sliding="convex", integrator=integrator, smoothing=Exact(), backward_smoothing=None)
         return None if made._settings.look_ahead or made.to_config() == self.to_config() else made
 
+    def softens_contacts(self) -> bool:
+        """Whether its steps are so long that contacts are softer in them than in the file's.
+
+        MuJoCo keeps their time constants (``solref``) above two steps, and so does a model of its law.
+        """
+        core, layout = self.scene.core, self.scene.layout
+        if self.scene.contact_law != "mujoco" or not core.refsafe:
+            return False
+        times = core.P[layout.contacts(np.arange(core.ncontact), "solref0")]
+        least = 2.0 * max(self._settings.time_step, self.scene.timestep) * (1.0 - TIME_STEP_TOLERANCE)
+        return bool(np.any((times > 0) & (np.maximum(times, 2.0 * self.scene.timestep) < least)))
+
+    def in_steps_of_file(self) -> Self | None:
+        """This model as MuJoCo would step its file; None if it does, or no whole number of steps makes its own."""
+        own, scene = self._settings, self.scene
+        dt = own.substeps * own.time_step
+        substeps = round(dt / scene.timestep)
+        if scene.contact_law != "mujoco" or not scene.core.ncontact or abs(substeps * scene.timestep - dt) > 1e-9:
+            return None
+        integrator = RK4 if scene.integrator == RK4 else "semi-implicit"
+        theirs = self.with_settings(
+            sliding="convex", look_ahead=None, damping=None, integrator=integrator, time_step=scene.timestep,
+            substeps=substeps, smoothing=Exact(), backward_smoothing=None, implicit_springs=False,
+        )  # fmt: skip
+        return None if theirs._settings.look_ahead or theirs.to_config() == self.to_config() else theirs
+
     def for_training(self, smoothing: Smoothing) -> Self:
         """This model's laws with ``smoothing``, one contact solve a step, and rows that look ahead where they can.
 
@@ -129,12 +155,18 @@ class Variations(ABC):
         """The same model under another law, also where its own was named; None if nothing slides.
 
         "sliding": the other law of sliding. "mujoco": MuJoCo's, with rows that act once they are closed; for a model
-        whose rows act so already, as "sliding".
+        whose rows act so already, as "sliding". "file": MuJoCo's own step of the file, with this model's derivative;
+        for a model that takes that step already, or cannot, as "mujoco". "auto": "file" where the model's steps soften
+        the file's contacts, else "sliding".
         """
         own = self._settings
+        if law == "auto":
+            law = "file" if self.softens_contacts() else "sliding"
         if self.scene.contact_law != "mujoco" or not np.any(self.scene.core.con_dim > 1):
             return None
-        if law == "mujoco" and own.look_ahead:
+        if law == "file" and (theirs := self.in_steps_of_file()) is not None:
+            return theirs.with_settings(backward_smoothing=own.backward_smoothing)
+        if law != "sliding" and own.look_ahead:
             return self.with_settings(sliding="convex", look_ahead=False)
         other = "convex" if own.sliding == "coulomb" else "coulomb"
         return self.with_settings(sliding=other, look_ahead=own.look_ahead)

@@ -57,9 +57,10 @@ class WindowConfig(CriticConfig):
         least=0,
         most=1,
     )
-    other: Literal["sliding", "mujoco"] = setting(
+    other: Literal["sliding", "mujoco", "file", "auto"] = setting(
         "sliding",
-        "which law: sliding (the other one), or mujoco (MuJoCo's, in which contacts act once they are closed)",
+        "which law: sliding (the other one), mujoco (MuJoCo's, in which contacts act once they are closed), file "
+        "(MuJoCo's own step of the file), or auto (file where longer steps soften its contacts, else sliding)",
     )
     last_actions: int | None = setting(
         None, "last actions that a policy observes; none: as many as the model's delay and lag hold", least=0, most=MOST

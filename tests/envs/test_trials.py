@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 import torch
 
 import cmbrl
 from cmbrl.envs.evaluation import Evaluation
-from cmbrl.envs.trials import Disturbed, _in_the_files_steps, _loose, failed, foretold, stands, trials, will_fail
+from cmbrl.envs.trials import Disturbed, _loose, failed, foretold, stands, trials, will_fail
 from cmbrl.mdp import MDP
 from cmbrl.models.named import nominal_model
 from cmbrl.registry import load_task
@@ -110,19 +109,6 @@ def test_a_policy_that_leans_on_the_models_steps_is_told() -> None:
     assert "it may fail in the robot" in falls
     assert "leans" not in falls
     assert "75 % with MuJoCo's step of the file: it leans on how the model steps" in told
-
-
-def test_the_files_steps_are_mujocos() -> None:
-    theirs = _in_the_files_steps(cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(PUCK), substeps=1, time_step=0.02))
-    assert theirs is not None
-    robot = mujoco.MjModel.from_xml_string(PUCK)
-    data = mujoco.MjData(robot)
-    data.qvel[:2], data.ctrl[0] = (0.5, 0.2), 0.7
-    q = theirs.predict(data.qpos[None].copy(), data.qvel[None].copy(), data.ctrl[None].copy()).q_next
-    for _ in range(5):
-        mujoco.mj_step(robot, data)
-    np.testing.assert_allclose(q[0], data.qpos, atol=1e-6)
-    assert _in_the_files_steps(theirs) is None
 
 
 def test_an_episode_that_earns_half_has_failed() -> None:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import mujoco
+import numpy as np
 import pytest
 import torch
 
 import cmbrl
+from cmbrl.contact.smoothing import Exact, Relaxed
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP, never
 from cmbrl.models.both_laws import BothLaws, under_both_laws
@@ -62,6 +65,49 @@ def test_the_other_law_may_be_mujocos(puck: cmbrl.ComplementarityModel) -> None:
     assert found[0, 2].item() > free + 1e-3
     with pytest.raises(UserError, match=r"unknown law .mojoco.: did you mean .mujoco."):
         under_both_laws(puck, 0.5, "mojoco")  # type: ignore[arg-type]
+
+
+def test_the_other_law_may_be_the_step_of_the_file(puck: cmbrl.ComplementarityModel) -> None:
+    """MuJoCo's, in as many of its steps as a longer one takes, with the derivative of the model that is trained on."""
+    long = puck.with_settings(substeps=1, time_step=0.02, smoothing=Relaxed(1e-3))
+    theirs = long.under_other_law("file")
+    assert theirs is not None
+    assert (theirs.smoothing, theirs.backward_smoothing) == (Exact(), Relaxed(1e-3))
+    robot = mujoco.MjModel.from_xml_string(PUCK)
+    data = mujoco.MjData(robot)
+    data.qvel[:2], data.ctrl[0] = (0.5, 0.2), 0.7
+    q = theirs.predict(data.qpos[None].copy(), data.qvel[None].copy(), data.ctrl[None].copy()).q_next
+    for _ in range(5):
+        mujoco.mj_step(robot, data)
+    np.testing.assert_allclose(q[0], data.qpos, atol=1e-6)
+    exact = long.in_steps_of_file()
+    assert exact is not None
+    assert exact.in_steps_of_file() is None  # it takes them already, and is left the other law of sliding
+    back = exact.under_other_law("file")
+    assert back is not None
+    assert (back.sliding, back.substeps) == ("coulomb", 5)
+    uneven = puck.with_settings(substeps=1, time_step=0.021).under_other_law("file")  # no whole number of the file's
+    assert uneven is not None
+    assert (uneven.sliding, uneven.look_ahead) == ("convex", False)
+
+
+def test_steps_that_soften_the_files_contacts_meet_its_own() -> None:
+    """Time constants stay above two steps: 2 ms is 2 ms in steps of the file, and 8 ms in steps of 4 ms."""
+
+    def other(solref: str, step: float = 0.004, file: str = PUCK) -> tuple[float, str, bool]:
+        text = file.replace('timestep=".004"', 'timestep=".001"').replace("<geom ", f'<geom solref="{solref}" ')
+        scene = cmbrl.Scene.from_mjcf(text)
+        model = cmbrl.ComplementarityModel(scene, sliding="coulomb", time_step=step, substeps=round(0.02 / step))
+        found = model.under_other_law("auto")
+        assert found is not None
+        return found.time_step, found.sliding, found.look_ahead
+
+    assert other(".002 1") == other(".0005 1") == (0.001, "convex", False)
+    assert other(".008 1") == (0.004, "convex", True)
+    assert other(".0005 1", 0.001) == (0.001, "convex", True)  # as soft as in the file
+    assert other("-1e5 -1e2") == (0.004, "convex", True)  # a stiffness, which no step changes
+    unsafe = PUCK.replace('"elliptic"/>', '"elliptic"><flag refsafe="disable"/></option>')
+    assert other(".002 1", file=unsafe) == (0.004, "convex", True)
 
 
 def test_a_model_without_sliding_or_without_a_law_stays(puck: cmbrl.ComplementarityModel, tmp_path: Path) -> None:
