@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from pathlib import Path
 from typing import Literal
 
 import pytest
 
 from cmbrl.cli.main import main
+from cmbrl.cli.train import _early
 from cmbrl.contact import Barrier, Exact, Gaussian
 from cmbrl.contact.smoothing import parse_smoothing
 from cmbrl.errors import UserError
 from cmbrl.gradients.kinds import parse_derivative
+from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.registry import load_task
+from cmbrl.scene import Scene
 from cmbrl.settings import setting
 from cmbrl.text import parse_fields
 from cmbrl.train.algorithms import ALGORITHMS
@@ -100,3 +104,16 @@ def test_the_default_algorithm(capsys: pytest.CaptureFixture[str]) -> None:
     assert set_up("hopper", "fopg").algorithm == "fopg"
     without = dataclasses.replace(load_task("hopper"), name="without_system", system=None)
     assert recommended(without) == "shac"
+
+
+@pytest.mark.parametrize(("option", "told"), [("", ""), ('<option iterations="1"/>', "stops after 1 iteration")])
+def test_a_run_tells_where_mujoco_stops_early(option: str, told: str, tmp_path: Path) -> None:
+    """A policy of solved contacts fell in 5 of 5 in a file that allows one iteration, and in none with a hundred."""
+    file = tmp_path / "ball.xml"
+    file.write_text(
+        f'<mujoco>{option}<worldbody><geom type="plane" size="9 9 1"/><body pos="0 0 .2"><freejoint/>'
+        '<geom size=".1"/></body></worldbody></mujoco>'
+    )
+    found = _early(ComplementarityModel(Scene.from_mjcf(file)))
+    assert told in found
+    assert bool(found) == bool(told)

@@ -176,10 +176,22 @@ def run(arguments: argparse.Namespace) -> int:
             print(f"{out}: {commands_text(told)}")
         if outcome.failed_trials:
             print(f"{out}: {foretold(outcome.failed_trials)}")
+        if told := _early(getattr(trainer, "model", None)):
+            print(f"{out}: {told}")
     if outcome.stopped == INTERRUPTED:
         print(f"cmbrl: interrupted: the policy so far is in {out}; continue it with --resume", file=sys.stderr)
         return EXIT_INTERRUPTED
     return 0
+
+
+def _early(model: Any) -> str:
+    """What to do where MuJoCo, as the file has it, stops before contacts are solved; empty where it does not."""
+    differences = getattr(getattr(model, "scene", None), "differences", ())
+    found = next((one.why for one in differences if one.kind == "iterations"), "")
+    return (
+        f"{found}: the policy may fail in MuJoCo by the file as it is; write "
+        '<option iterations="100" ls_iterations="50"/> there before it is tried' if found else ""
+    )  # fmt: skip
 
 
 def _check_resumed(out: Path, resume: bool, wanted: dict[str, Any]) -> None:
