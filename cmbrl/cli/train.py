@@ -176,8 +176,8 @@ def run(arguments: argparse.Namespace) -> int:
             print(f"{out}: {commands_text(told)}")
         if outcome.failed_trials:
             print(f"{out}: {foretold(outcome.failed_trials)}")
-        if told := _early(getattr(trainer, "model", None)):
-            print(f"{out}: {told}")
+        if stops := _early(getattr(trainer, "model", None)):
+            print(f"{out}: {stops}")
     if outcome.stopped == INTERRUPTED:
         print(f"cmbrl: interrupted: the policy so far is in {out}; continue it with --resume", file=sys.stderr)
         return EXIT_INTERRUPTED
