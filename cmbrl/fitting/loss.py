@@ -28,6 +28,7 @@ _ROWS_AT_ONCE = 4_000_000  # candidates x transitions in one native call: a few 
 _PARTS = 4  # of the windows, after each of which a candidate may be given up
 _SIDE_BY_SIDE = 8  # windows that the core predicts as fast as one
 _CHAOS = 1e6  # residuals by prior standard deviations, beyond which a derivative tells of no place but its own
+_RISE = 1e-6  # of the loss: more than round-off
 _JACOBIAN_NUMBERS = 4_000_000  # doubles of the parameter Jacobian in memory at once (32 MB)
 
 
@@ -255,13 +256,13 @@ class PredictionLoss:
         return NormalEquations(by_episode.sum(axis=0), square, by_episode, independent, variance, follow)
 
     def _followed(self, follow: Follow, theta: np.ndarray) -> Follow:
-        """``follow`` of the windows whose errors at ``theta`` (n,) its shift does not raise.
+        """``follow``; where its shift raises the mean error at ``theta`` (n,), of the windows whose error it does not.
 
         Where contacts make and break, equations in a start lead past the kink: every step would seem to raise the loss.
         """
         before = self.errors_from_here(theta).loss
         after = self.starting(self.windows.offset + follow.shift).errors_from_here(theta).loss
-        return follow.only(after <= before)
+        return follow if after.mean() <= (1 + _RISE) * before.mean() else follow.only(after <= before)
 
     def residuals(self, theta: np.ndarray) -> tuple[np.ndarray, int]:
         """Residuals (s, horizon, coordinates) of one parameter set (n,), and the number of failed steps."""
