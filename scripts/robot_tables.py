@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,7 +39,7 @@ def page(text: str, robots: Mapping[str, Robot], folders: Mapping[str, Path]) ->
     after = rest.split(END)[1]
     good = {name: robot for name, robot in robots.items() if "why" not in robot}
     blocks = [
-        "\n".join(_counts(good)),
+        "\n".join(textwrap.fill(count, 130, subsequent_indent="  ", break_on_hyphens=False) for count in _counts(good)),
         _table(("robot", "nv", "candidates", "modelled in another way, or left out", "licence"),
                [_what(name, robot, folders[name]) for name, robot in good.items()]),
         _table(("robot", "MuJoCo's laws: air, place", "floor", "default: air, place", "floor", "what differs",
