@@ -146,10 +146,11 @@ def _table(columns: tuple[str, ...], rows: list[list[str]]) -> str:
 def _made(robots: Mapping[str, Robot]) -> str:
     here = environment()
     steps, times = (
-        " and ".join(sorted({robot[key] for robot in robots.values()})) for key in ("commit", "commit_of_times")
+        " and ".join(sorted({robot[key][:7] for robot in robots.values()})) for key in ("commit", "commit_of_times")
     )
     states, wild = (max(robot[key] for robot in robots.values()) for key in ("states", "wild"))
-    return (
+    return textwrap.fill(
         f"Made by scripts/robots.py: {states:,} states and {wild:,} wild states a robot at commit {steps}, "
-        f"times at {times}, one thread of {here['hardware']['processor']}; mujoco {here['versions']['mujoco']}."
+        f"times at {times}, one thread of {here['hardware']['processor']}; mujoco {here['versions']['mujoco']}.",
+        130,
     )

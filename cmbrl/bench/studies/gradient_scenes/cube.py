@@ -15,6 +15,7 @@ import numpy as np
 import torch
 
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.step_settings import RK4
 from cmbrl.scene import Scene
 
 LABEL = "cube"
@@ -23,6 +24,7 @@ MJCF = """<mujoco><option gravity="0 0 -2" cone="pyramidal"><flag refsafe="disab
 <body><freejoint/><geom type="box" size=".05 .05 .05" density="100" euler="60 0 0"/></body></worldbody></mujoco>"""
 HEIGHT, ALONG, DOWN, SECONDS = 0.2, -0.1, -2.0, 1.0  # m, m/s, m/s, s
 STEPS = (1_000, 10_000, 30_000, 100_000)
+RK4_STEPS = (10_000, 30_000)
 #: solver and step or tolerance; derivative by reverse mode, by differences; seconds (cube_results.csv of DiffMJX)
 PUBLISHED = (
     ("MJX, Euler, 1e-2 s", 4.336, 4.336, 0.256),
@@ -40,6 +42,7 @@ _NARROW = 1e-4  # width of differences at the same step
 class Derivative:
     """Of one number of steps: ours by the implicit function theorem, MuJoCo's by differences, and our seconds."""
 
+    integrator: str
     steps: int
     ours: float
     mujoco: float
@@ -51,15 +54,19 @@ def truth() -> float:
     return _differences(_FINE, mujoco.mjtIntegrator.mjINT_RK4, _WIDTH)
 
 
-def measure(steps: Sequence[int]) -> list[Derivative]:
-    """Semi-implicit steps, ours and MuJoCo's, one for each number of them."""
+def measure(steps: Sequence[int], integrator: str = "semi-implicit") -> list[Derivative]:
+    """Ours and MuJoCo's, for each number of steps; ``integrator``: semi-implicit (MuJoCo's Euler) or rk4."""
     scene, found = Scene.from_mjcf(MJCF), []
+    theirs = getattr(mujoco.mjtIntegrator, "mjINT_RK4" if integrator == RK4 else "mjINT_EULER")
+    damping = None if integrator == RK4 else "split"
     for count in steps:
-        model = ComplementarityModel(scene, count, SECONDS / count, sliding="convex", damping="split")
+        model = ComplementarityModel(
+            scene, count, SECONDS / count, sliding="convex", integrator=integrator, damping=damping
+        )
         begin = time.thread_time()
         ours = _derivative(model)
         seconds = time.thread_time() - begin
-        found.append(Derivative(count, ours, _differences(count, mujoco.mjtIntegrator.mjINT_EULER, _NARROW), seconds))
+        found.append(Derivative(integrator, count, ours, _differences(count, theirs, _NARROW), seconds))
     return found
 
 

@@ -10,6 +10,7 @@ from cmbrl.bench.studies.gradient_scenes import cells, cube, plots, tables
 from cmbrl.bench.studies.gradient_scenes.tables import WORDS
 from cmbrl.bench.study import Section, Settings, Study
 from cmbrl.jobs import Job, Runner
+from cmbrl.models.step_settings import RK4
 
 LABELS = (*plots.SCENES, cube.LABEL)
 JUMPS = ("G5", "G6", "G7")  #: scenes across which estimators are compared
@@ -37,7 +38,8 @@ def run(folder: Path, settings: Settings, runner: Runner) -> Section:
         figures.append(WORDS.figure("gradient_jumps.png"))
     if cube.LABEL in wanted:
         steps = cube.STEPS[:2] if settings.quick else cube.STEPS
-        shown.append(tables.bouncing_cube(cube.truth(), cube.measure(steps)))
+        finer = cube.RK4_STEPS[:1] if settings.quick else cube.RK4_STEPS
+        shown.append(tables.bouncing_cube(cube.truth(), cube.measure(steps) + cube.measure(finer, RK4)))
     values = {"rows": [{**asdict(row), "verdict": row.verdict} for row in rows]}
     return Section(WORDS("title"), f"{WORDS('method')}\n\n{tables.findings(rows)}", shown, figures, values)
 

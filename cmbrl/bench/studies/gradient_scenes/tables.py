@@ -41,7 +41,8 @@ def across_jumps(bundles: Sequence[Bundle], repeats: int) -> Table:
 def bouncing_cube(truth: float, found: Sequence[cube.Derivative]) -> Table:
     """Ours and MuJoCo's by number of steps, then what DiffMJX publishes of its own law of collision."""
     rows: list[list[Cell]] = [
-        [f"ours, {d.steps:,} steps", truth, d.ours, d.mujoco, d.seconds, abs(d.ours / truth - 1)] for d in found
+        [f"ours, {d.integrator}, {d.steps:,} steps", truth, d.ours, d.mujoco, d.seconds, abs(d.ours / truth - 1)]
+        for d in found
     ]
     theirs = cube.PUBLISHED[-1][2]
     rows += [[name, theirs, a, b, seconds, abs(a / theirs - 1)] for name, a, b, seconds in cube.PUBLISHED]
