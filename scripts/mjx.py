@@ -15,11 +15,15 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import mujoco
 import numpy as np
-from mujoco import mjx
+
+try:
+    import jax
+    import jax.numpy as jnp
+    from mujoco import mjx
+except ImportError as error:
+    raise SystemExit(f"{error}: pip install jax mujoco-mjx (jax[cuda13] for a GPU)") from None
 
 from cmbrl.bench.peers.mujoco_steps import Visited, visit
 from cmbrl.bench.scenes import PairedScene, paired
