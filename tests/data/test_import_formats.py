@@ -163,6 +163,10 @@ def test_pace(arm: SimpleNamespace, tmp_path: Path) -> None:
     same(import_logs([tmp_path / "named.pt"], arm.scene).log, arm, tolerance=1e-6)
     with pytest.raises(UserError, match=r"no column for shoulder.position: map one .* columns: dof_pos\[0\]"):
         import_logs([tmp_path / "chirp.pt"], arm.scene)
+    with pytest.raises(UserError, match=r"no column for shoulder.position \(is it 'dof_pos.sholder'\?\)"):
+        import_logs([tmp_path / "chirp.pt"], arm.scene, Options(joints=("sholder", *JOINTS[1:])))
+    with pytest.raises(UserError, match=r"no column for shoulder.position: map"):  # another joint is no slip
+        import_logs([tmp_path / "chirp.pt"], arm.scene, Options(joints=("gripper", *JOINTS[1:])))
 
 
 class Hostile:

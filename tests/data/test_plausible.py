@@ -211,6 +211,20 @@ def test_a_joint_that_moves_with_another_is_not_swapped_with_one_whose_target_re
     assert not [each.text for each in found if "swapped" in each.text]
 
 
+@pytest.mark.parametrize(("dt", "told"), [(0.002, 0), (0.01, 1)])
+def test_a_log_of_a_second_does_not_tell_whose_target_a_joint_follows(
+    dt: float, told: int, servo: tuple[PositionLog, Scene]
+) -> None:
+    """A robot that sinks onto the ground: within a second, all that rises or falls follows all else that does."""
+    log, scene = servo
+    rows = 400
+    trend = np.linspace(-0.1, 0.1, rows)[:, None] * [1.0, 1.0, -1.0]
+    shaken = trend * [1.0, -1.0, -1.0] + 2e-4 * np.random.default_rng(0).normal(size=(rows, 3))
+    short = {"time": dt * np.arange(rows), "command": trend, "position": shaken, "episode": np.zeros(rows)}
+    found = plausible.of_positions(replace(log, **short), scene)
+    assert sum("swapped" in each.text for each in found) == told
+
+
 def test_a_joint_that_sticks_is_not_a_sensor_that_does(servo: tuple[PositionLog, Scene]) -> None:
     """A coarse encoder that goes on where it was; the same with a jump is a fault."""
     log, scene = servo

@@ -20,7 +20,7 @@ from cmbrl.data.importing.recording import Recording
 from cmbrl.data.importing.series import series_of
 from cmbrl.data.importing.targets import Target, match
 from cmbrl.data.importing.tied import followers
-from cmbrl.data.importing.told import UNUSED, remedy, short, told, used
+from cmbrl.data.importing.told import UNUSED, no_column, short, told, used
 from cmbrl.data.importing.untold import assumed
 from cmbrl.data.position_log import PositionLog
 from cmbrl.data.transitions import Transitions
@@ -213,12 +213,7 @@ def _series(
             standing = feet.told_by_feet(set(series), scene)
             places = [f"{standing.name}.{x}" for x in PLACE] if standing else []
             if missing := [name for name in build.lacking(set(series), scene) if name not in places]:
-                word = missing[0].partition(" ")[0]
-                raise UserError(
-                    f"{recording.where}: no column for {missing[0]}: map one by --map COLUMN={word}"
-                    f"{whole_arrays.hint(columns, targets)}{remedy(series, scene)}; "
-                    f"columns: {short(sorted(columns, key=targets.__contains__))}"
-                )
+                raise UserError(f"{recording.where}: {no_column(missing[0], columns, targets, series, scene)}")
             if found and set(series) != set(found[0][1]):
                 other = sorted(".".join(key) for key in set(series) ^ set(found[0][1]))[0]
                 raise UserError(

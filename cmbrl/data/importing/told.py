@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping, Sequence
+from typing import Any
 
+from cmbrl.data.importing import whole_arrays
 from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, TURN, joints_of
 from cmbrl.data.importing.grid import Counts, Key, Series
 from cmbrl.scene import Scene
@@ -29,7 +32,27 @@ def used(columns: Sequence[str], targets: Mapping[str, str]) -> list[str]:
     return notes
 
 
-def remedy(series: Mapping[Key, Series], scene: Scene) -> str:
+def no_column(
+    wanted: str, columns: Sequence[str], targets: Mapping[str, Any], series: Mapping[Key, Series], scene: Scene
+) -> str:
+    """That nothing of a log is ``wanted``, such as ``knee.position``, and what to do; ``targets``: columns in use."""
+    word = wanted.partition(" ")[0]
+    unused = [column for column in columns if column not in targets]
+    return (
+        f"no column for {wanted}{_resembling(word.rpartition('.')[0], unused, scene)}: map one by --map COLUMN={word}"
+        f"{whole_arrays.hint(columns, targets)}{_remedy(series, scene)}; columns: {short([*unused, *targets])}"
+    )
+
+
+def _resembling(joint: str, unused: Sequence[str], scene: Scene) -> str:
+    """A question that names the column whose label is nearly ``joint``: a slip in a header, or in --joints."""
+    owners = {*scene.joint_names, *scene.actuator_names}
+    labels = {column.rpartition(".")[2]: column for column in reversed(unused)}
+    near = difflib.get_close_matches(joint, labels.keys() - owners, n=1, cutoff=0.8)
+    return f" (is it {labels[near[0]]!r}?)" if near else ""
+
+
+def _remedy(series: Mapping[Key, Series], scene: Scene) -> str:
     """What to do besides mapping, where the log tells some joints: hold the others, or give the poses of the base."""
     single, floating = joints_of(scene)
     absent = [joint.name for joint in single if (joint.name, "position") not in series]

@@ -8,17 +8,18 @@ import numpy as np
 
 from cmbrl.data.plausible.answers import ROWS, Responses, of_noise, responses
 from cmbrl.data.plausible.finding import Finding
-from cmbrl.data.plausible.motion import Motion
+from cmbrl.data.plausible.motion import LAG, Motion
 
 SATURATED = 0.2  #: share of samples at a limit that is worth a warning
 FOLLOWS = 0.5  #: correlation of a position with its target
 SIGNIFICANT = 10.0  #: standard errors
+LONG = 5 * LAG  #: [s] of shorter logs every trend follows every other at some lag
 
 
 def servos(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarray]) -> Iterator[Finding]:
     """Positions that follow another target than their own, or follow it backwards."""
     best, worst, slope = answers
-    if len(motion.now) < ROWS:
+    if len(motion.now) < ROWS or len(motion.now) * motion.dt < LONG:
         return
     best = np.nan_to_num(best)  # no joint follows a target that rests
     own, count = np.diagonal(best), len(motion.drivers)
