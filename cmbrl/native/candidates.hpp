@@ -1,9 +1,9 @@
 // Which candidates become rows in this step, and the row of each. A row of a pack costs as much for one lane as for all, so
 // lanes that need different candidates of one kin share it: a corner of a box here, an edge of another there.
 #pragma once
+#include "bundles.hpp"
 #include "contact.hpp"
 #include "hull_contact.hpp"
-#include "near.hpp"
 #include "side.hpp"
 #include "sieve.hpp"
 
@@ -335,7 +335,8 @@ static void find_contacts(const Model& m, const Options& o, Work<G>& w, bool giv
       int first = w.ncon;
       open_group(m, w, g);
       T fast = w.sift ? fastest_of_pair(m, o, w, m.grp_A[g], m.grp_B[g]) : T{};
-      for (int c = m.grp_clusters[g]; c < m.grp_clusters[g + 1]; ++c) find_in_cluster(m, o, w, g, c, fast);
+      for_clusters(m, o, w, g, fast, [&](int c) { find_in_cluster(m, o, w, g, c, fast); },
+                   [&](T gap) { w.pass_over({m.grp_A[g], m.grp_B[g], gap * (1 / o.h) - fast}); });
       if (w.ncon > first) w.add_group({g, first, w.ncon});
     });
   }

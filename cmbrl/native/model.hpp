@@ -155,6 +155,8 @@ struct Model : Structure {
   const double* cluster_round;                      // their largest sum of radii and margin; < 0: so few that a test would not pay
   const double* cluster_invweight;                  // the largest
   int sifted;                                       // some clusters have spheres
+  const int *grp_bundles, *bundle_begin, *bundle_end, *bundle_next;  // bundles.hpp: by group; clusters of each; what follows its parts
+  const double *bundle_box, *bundle_round, *bundle_invweight;  // around them in the world: centre, half sizes; as of clusters
   const int *con_par_ptr, *con_par, *con_par_field; // parameters that move a contact's block of P, by contact
   const double* con_par_coef;
   const double* par_radius;                         // most that one unit of each parameter adds to a radius

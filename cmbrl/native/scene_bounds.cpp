@@ -221,6 +221,7 @@ void SceneData::derive_clusters() {
       of_box.second += end - k;
       bool test = end - k > few || m.con_type[first] == kHulls;
       round.push_back(test ? most : -1);
+      cluster_reach_.push_back(most);
       weight.push_back(heaviest);
       m.sifted |= test;
     }

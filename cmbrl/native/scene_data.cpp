@@ -132,7 +132,9 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   derive_pairs();
   derive_hulls(int(hulls));
   derive_spheres();
+  order_groups();
   derive_clusters();
+  derive_bundles();
   derive_kins();
   derive_grips();
 }

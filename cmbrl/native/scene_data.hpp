@@ -22,6 +22,7 @@ class SceneData {
   std::map<std::string, std::vector<int>> ints_;
   std::map<std::string, std::vector<double>> doubles_;
   std::vector<uint64_t> world_;
+  std::vector<double> cluster_reach_;  // of each, its largest sum of radii and margin
   const int* i(const std::string& name, size_t size);
   const double* d(const std::string& name, size_t size);
   const int* keep_ints(const std::string& name, std::vector<int> x);
@@ -38,7 +39,12 @@ class SceneData {
   void derive_pairs();
   void derive_hulls(int count);
   void derive_spheres();
+  void order_groups();
   void derive_clusters();
+  void derive_bundles();
+  bool of_a_bundle(int candidate) const;
+  struct Bundles;
+  int bundle(Bundles& bundles, int begin, int end) const;
   void derive_kins();
   void derive_grips();
 };

@@ -16,12 +16,12 @@ static T near_candidates(const Model& m, const Options& o, Work<G>& w) {
   for_near(m, w, [&](int g) {
     int A = m.grp_A[g], B = m.grp_B[g];
     T fast = fastest_of_pair(m, o, w, A, B);
-    for (int c = m.grp_clusters[g]; c < m.grp_clusters[g + 1]; ++c) {
-      if (m.cluster_round[c] < 0 || idle(m, o, c)) continue;
+    for_clusters(m, o, w, g, fast, [&](int c) {
+      if (m.cluster_round[c] < 0 || idle(m, o, c)) return;
       constexpr int of_a_field = 4;  // of all that its candidates are for
       T size = splat(of_field(m, m.grp_con[m.cluster_begin[c]]) ? of_a_field : m.cluster_begin[c + 1] - m.cluster_begin[c]);
       count += keep(least_gap(m, w, A, B, c) < far_from(m, o, c, fast), size);
-    }
+    }, [](T) {});
   });
   return count;
 }

@@ -103,11 +103,11 @@ def test_rk4_has_no_differences(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 def test_growth_has_a_row_a_size_and_exponents(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(study, "EACH", {"states": 8, "batch": 8})
-    monkeypatch.setattr(growth, "SIZES", sizes := {"dofs": (3, 6), "contacts": (1, 4)})
-    found = section(tmp_path, ("dofs", "contacts"), monkeypatch)
+    monkeypatch.setattr(growth, "SIZES", sizes := {"dofs": (3, 6), "contacts": (1, 4), "terrain": (10, 40)})
+    found = section(tmp_path, tuple(sizes), monkeypatch)
     assert [(row["what"], row["size"]) for row in found.values["growth"]] == [(k, n) for k in sizes for n in sizes[k]]
-    assert [row["contacts"] for row in found.values["growth"]] == [0, 0, 1, 4]
-    assert [table.rows[-1][0] for table in found.tables] == ["exponent", "exponent"]
+    assert [row["contacts"] for row in found.values["growth"]] == [0, 0, 1, 4, 4, 4]
+    assert [table.rows[-1][0] for table in found.tables] == ["exponent"] * 3
     assert (tmp_path / "growth.png").read_bytes().startswith(b"\x89PNG")
 
 

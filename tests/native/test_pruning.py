@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from pathlib import Path
 
 import mujoco
@@ -84,6 +85,49 @@ def test_geoms_that_are_passed_over(tmp_path: Path) -> None:
     assert ours.impulse is not None
     touching = (ours.impulse[..., 0] > 1e-3).any(axis=1)
     assert 0.2 < touching.mean() < 0.95
+    np.testing.assert_allclose(ours.v_next[solved], whole.v_next[solved], rtol=0, atol=1e-5)
+
+
+PLANAR = """<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>"""
+
+
+@pytest.mark.parametrize("joints", ["<freejoint/>", PLANAR], ids=["spatial", "planar"])
+@pytest.mark.parametrize("look_ahead", [True, False])
+def test_shapes_of_a_terrain_that_are_passed_over(joints: str, look_ahead: bool, tmp_path: Path) -> None:
+    """A body over sixty boxes and balls of the world, of which it is near a few: none of those is lost.
+
+    Without friction, so that there is one solution.
+    """
+    rng = np.random.default_rng(0)
+    bumps = ""
+    for x, y in product(range(15), range(1 if joints == PLANAR else 4)):
+        kind = 'size=".08"' if (x + y) % 5 == 0 else f'type="box" size=".2 .2 .05" euler="0 0 {30 * x}"'
+        bumps += f'<geom {kind} pos="{0.4 * x:g} {0.4 * y:g} {rng.uniform(0, 0.1):g}"/>'
+    shapes = '<geom type="box" size=".1 .06 .03"/><geom size=".05" pos=".2 0 0"/>'
+    rod = '<geom type="capsule" size=".03" fromto="-.3 0 0 -.1 0 .1"/>'
+    file = tmp_path / "terrain.xml"
+    file.write_text(
+        f'<mujoco><default><geom condim="1"/></default><worldbody><geom type="plane" size="9 9 1"/>{bumps}'
+        f"<body>{joints}{shapes}{rod}</body></worldbody></mujoco>"
+    )
+    scene = Scene.from_mjcf(file)
+    q = np.tile(scene.q0, (500, 1))
+    high = 1 if joints == PLANAR else 2
+    q[:, 0], q[:, high] = rng.uniform(-1, 7, 500), rng.uniform(0.05, 0.4, 500)
+    if joints != PLANAR:
+        q[:, 1] = rng.uniform(-0.5, 1.7, 500)
+        q[:, 3:7] = rng.normal(size=(500, 4))
+        q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
+    else:
+        q[:, 2] = rng.uniform(-3, 3, 500)
+    v, u = 2 * rng.normal(size=(500, scene.nv)), np.zeros((500, 0))
+    model = ComplementarityModel(scene, smoothing=Exact(), look_ahead=look_ahead)
+    ours, whole = (m.predict(q, v, u, impulse=True) for m in (model, model.with_settings(prune=np.inf)))
+    solved = (ours.status == 0) & (whole.status == 0)
+    assert solved.mean() > 0.9
+    assert whole.impulse is not None
+    on_bumps = scene.core.con_plane < 0
+    assert 0.2 < (whole.impulse[:, on_bumps, 0] > 1e-3).any(axis=1).mean() < 0.95
     np.testing.assert_allclose(ours.v_next[solved], whole.v_next[solved], rtol=0, atol=1e-5)
 
 

@@ -1,4 +1,4 @@
-"""How the cost of a step grows with degrees of freedom and with contacts, ours and MuJoCo's."""
+"""How the cost of a step grows with degrees of freedom, with contacts and with what is far, ours and MuJoCo's."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from cmbrl.bench.scenes import PairedScene
 from cmbrl.bench.studies.speed.cells import against_mujoco
 from cmbrl.contact import Exact
 
-SIZES = {"dofs": (10, 20, 40, 70, 100), "contacts": (1, 3, 10, 30, 100, 200)}
+SIZES = {"dofs": (10, 20, 40, 70, 100), "contacts": (1, 3, 10, 30, 100, 200), "terrain": (10, 30, 100, 300, 1000)}
 KINDS = ("forward", "jacobian", "vjp")
 _SPACING = 0.1  # m, of the feet
 
 
 def mjcf(what: str, size: int) -> str:
-    """A hanging chain of ``size`` hinges with capsules that touch nothing; or a plate on ``size`` spherical feet."""
-    return _chain(size) if what == "dofs" else _plate(size)
+    """A hanging chain of ``size`` hinges with capsules that touch nothing; or a plate on ``size`` spherical feet; or a
+    table on a terrain of ``size`` boxes."""
+    return {"dofs": _chain, "contacts": _plate, "terrain": _terrain}[what](size)
 
 
 def _chain(size: int) -> str:
@@ -45,6 +46,20 @@ def _plate(size: int) -> str:
     body = f'<body pos="0 0 .0199"><freejoint/>{feet}</body>'
     floor = '<geom type="plane" size="9 9 1"/>'
     return f'<mujoco><option timestep="0.002"/><worldbody>{floor}{body}</worldbody></mujoco>'
+
+
+def _terrain(size: int) -> str:
+    columns = int(np.ceil(np.sqrt(size)))
+    boxes = "".join(
+        f'<geom type="box" size=".2 .2 .05" pos="{0.4 * (k % columns - columns // 2):g} '
+        f'{0.4 * (k // columns - columns // 2):g} -.05"/>'
+        for k in range(size)
+    )
+    legs = "".join(
+        f'<geom type="capsule" size=".02" fromto="{x} {y} 0 {x} {y} -.28"/>' for x in (-0.3, 0.3) for y in (-0.1, 0.1)
+    )
+    body = f'<body pos="0 0 .299"><freejoint/><geom type="box" size=".35 .15 .05" mass="8"/>{legs}</body>'
+    return f'<mujoco><option timestep="0.002"/><worldbody>{boxes}{body}</worldbody></mujoco>'
 
 
 def measure(what: str, size: int, states: int, batch: int, repeats: int, seed: int) -> dict[str, Any]:

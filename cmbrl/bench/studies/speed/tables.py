@@ -77,7 +77,7 @@ def _environments(values: dict[str, Any]) -> list[Table]:
 
 
 def growth_tables(values: dict[str, Any]) -> list[Table]:
-    """One of dofs and one of contacts, each ending with the exponents; none of what was not asked for."""
+    """One of each of what grows, ending with the exponents; none of what was not asked for."""
     found = []
     for what in SIZES:
         rows = [row for row in values["growth"] if row["what"] == what]
