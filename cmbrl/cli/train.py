@@ -174,6 +174,8 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"{out}: {outcome.iteration} iterations: {progress_text(outcome.last)}")
         if told := trainer.conditions():
             print(f"{out}: {commands_text(told)}")
+        if trainer.kept is not None:
+            print(f"{out}: the policy of update {trainer.kept} is kept: the last one earns less in the model")
         if outcome.failed_trials:
             print(f"{out}: {foretold(outcome.failed_trials)}")
         if stops := _early(getattr(trainer, "model", None)):

@@ -63,6 +63,12 @@ def trials(policy: Actor, mdp: MDP, model: Model, episodes: int = EPISODES, seed
     return {name: evaluate_model(policy, mdp, one, count[name], seed, parameters) for name, one in harder.items()}
 
 
+def of_draws(policy: Actor, mdp: MDP, model: Model, episodes: int = EPISODES, seed: int = 0) -> Evaluation:
+    """The first of the trials alone."""
+    parameters = Disturbance(parameters=parameter_sets(model, 0.0, seed=seed))
+    return evaluate_model(policy, mdp, model, episodes, seed, parameters)
+
+
 def failed(found: Mapping[str, Evaluation]) -> dict[str, float]:
     """Share of failed episodes by trial.
 

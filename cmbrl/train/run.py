@@ -171,6 +171,7 @@ class TrainingRun:
         last = log.rows[-1] if log.rows else {}
         result = {"stopped": stopped, "iteration": self.iteration, "seconds": round(self.seconds, 3)}
         result |= self._conditions()
+        result |= {"kept": self.trainer.kept} if self.trainer.kept is not None else {}
         trials = self.trainer.failed_trials() if stopped == FINISHED else {}
         result |= {"failed_trials": trials} if trials else {}
         known = {name: value if math.isfinite(value) else None for name, value in last.items()}

@@ -53,6 +53,7 @@ class Trainer(ABC):
     policy: Policy  #: as trained so far
     iteration: int  #: updates done so far
     judged: MDP | None = None  #: the process of its trials, where an evaluation starts in another way than training
+    kept: int | None = None  #: the update whose policy is kept instead of the last one
     simulation: Simulation | None = None  #: whose last states a diverged run keeps; None where there is none
 
     @abstractmethod

@@ -12,13 +12,14 @@ import torch
 from cmbrl.envs.disturbance import Disturbance, parameter_sets
 from cmbrl.envs.history import MOST, commands, observed
 from cmbrl.envs.simulation import Simulation
-from cmbrl.envs.trials import failed, trials
+from cmbrl.envs.trials import failed, of_draws, trials
 from cmbrl.gradients.kinds import steps_taken
 from cmbrl.mdp import MDP
 from cmbrl.models.both_laws import under_both_laws
 from cmbrl.models.protocol import Model, failures
 from cmbrl.settings import setting
 from cmbrl.train.critic import Critic, CriticConfig
+from cmbrl.train.peak import Peak
 from cmbrl.train.policy import Architecture, Policy, observed_by
 from cmbrl.train.randomness import GlobalRandomness
 from cmbrl.train.trainer import Diverged, Trainer, episode_metrics, restore_optimiser
@@ -96,7 +97,8 @@ class WindowLearner(Trainer):
     """``update`` rolls a window, takes one step of Adam along its gradient, then lets the critic learn from it.
 
     Nets are float32, dynamics float64. The learning rate falls linearly to 0. Updates without a finite gradient are
-    skipped; after PATIENCE of them in a row the run is given up.
+    skipped; after PATIENCE of them in a row the run is given up. A run whose returns end far below their peak keeps the
+    policy that it had there, if that one earns more in the model without noise.
 
     Args:
         mdp: the task.
@@ -149,6 +151,7 @@ class WindowLearner(Trainer):
         self.policy.normaliser.update(self.simulation.observe().float())
         self.optimiser = torch.optim.Adam(self.policy.net.parameters(), rate, betas=betas, fused=True)
         self.iteration = self.unusable = 0
+        self.peak = Peak(config.iterations)
         self.begun = 0.0  #: share of the schedules that was done before the first update
 
     def begin_with(self, weights: dict[str, torch.Tensor]) -> None:
@@ -180,7 +183,16 @@ class WindowLearner(Trainer):
         self.iteration += 1
         simulated = sum(simulation.steps_taken for simulation in self.simulations)
         metrics |= {"steps": float(steps_taken(self.model, simulated)), "failures": float(failures(self.moving) or 0)}
-        return metrics | episode_metrics([episode for s in self.simulations for episode in s.finished])
+        metrics |= episode_metrics([episode for s in self.simulations for episode in s.finished])
+        if progress >= GROWN and "return" in metrics:
+            self.peak.take(self.iteration, metrics["return"], self.policy)
+        if self.iteration == self.config.iterations and self.peak.give_back(self.policy, self._earned):
+            self.kept = self.peak.iteration
+        return metrics
+
+    def _earned(self) -> float:
+        """Mean return of whole episodes without noise, from starts as in an evaluation."""
+        return float(of_draws(self.policy, self._tried(), self.model).returns.mean())
 
     def _step(self, norm: float) -> None:
         if math.isfinite(norm):
@@ -198,8 +210,12 @@ class WindowLearner(Trainer):
 
     def failed_trials(self) -> dict[str, float]:
         """Of whole episodes, from starts as in an evaluation; none where a curriculum chooses those too."""
-        mdp = self.mdp if self.judged is None else observed_by(self.policy, self.judged)
+        mdp = self._tried()
         return {} if mdp.curriculum else failed(trials(self.policy, mdp, self.model))
+
+    def _tried(self) -> MDP:
+        """The process of trials."""
+        return self.mdp if self.judged is None else observed_by(self.policy, self.judged)
 
     def state(self) -> dict[str, Any]:
         """Everything that the next update depends on."""
@@ -207,6 +223,8 @@ class WindowLearner(Trainer):
             "iteration": self.iteration,
             "begun": self.begun,
             "unusable": self.unusable,
+            "kept": self.kept,
+            "peak": self.peak.state(),
             "policy": self.policy.state_dict(),
             "optimiser": self.optimiser.state_dict(),
             "critic": None if self.critic is None else self.critic.state(),
@@ -217,6 +235,8 @@ class WindowLearner(Trainer):
     def restore(self, state: dict[str, Any]) -> None:
         """Continues from what ``state`` returned, bit for bit."""
         self.iteration, self.begun, self.unusable = state["iteration"], state["begun"], state["unusable"]
+        self.kept = state["kept"]
+        self.peak.restore(state["peak"])
         self.policy.load_state_dict(state["policy"])
         restore_optimiser(self.optimiser, state["optimiser"])
         if self.critic is not None:

@@ -10,6 +10,7 @@ import torch
 import cmbrl
 from cmbrl.envs.evaluation import evaluate_model
 from cmbrl.registry import load_task
+from cmbrl.train.peak import Peak
 from cmbrl.train.shac import SHAC, SHACConfig, Tamed, at_drive, gradient_variance
 
 from . import slider
@@ -139,6 +140,40 @@ def test_it_learns_to_stand():
     after = evaluate_model(trainer.policy, trainer.mdp, trainer.model, 4, seed=1).lengths.mean()
     assert metrics["steps"] == 60 * 32 * 16
     assert after > 3 * before
+
+
+@pytest.mark.parametrize("spoilt", [True, False])
+def test_a_run_that_loses_what_it_learned_keeps_the_policy_of_its_peak(spoilt: bool):
+    config = SHACConfig(iterations=80, environments=32, horizon=16, variance_every=1000)
+    trainer = make(config)
+    for k in range(config.iterations):
+        if spoilt and k == 60:
+            with torch.no_grad():
+                trainer.policy.net[-1].weight.zero_()
+                trainer.policy.net[-1].bias.fill_(-5.0)  # full torque
+            trainer.rate = 0.0
+        trainer.update()
+    assert (trainer.kept in range(45, 61)) == spoilt
+    assert evaluate_model(trainer.policy, trainer.mdp, trainer.model, 16, seed=1).lengths.mean() > 300
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_peak_of_returns(sign: float):
+    """A mean over the last updates; lost is what has fallen by a tenth of the best, also of costs."""
+    peak, net = Peak(100), torch.nn.Linear(1, 1).requires_grad_(False)
+    for k in range(60):
+        net.weight.fill_(float(k))
+        peak.take(k, sign * 50.0 + (k if k < 30 else 90.0 - 2 * k), net)
+    assert peak.lost
+    assert 30 <= peak.iteration <= 40
+    assert float(peak.weights["weight"]) == peak.iteration
+    other = Peak(100)
+    other.restore(peak.state())
+    assert (other.best, other.mean) == (peak.best, peak.mean)
+    assert not other.give_back(net, lambda: 1.0)  # the last one earns as much
+    assert float(net.weight) == 59
+    assert other.give_back(net, lambda: -float(net.weight))
+    assert float(net.weight) == peak.iteration
 
 
 class Exploding:
