@@ -31,10 +31,16 @@ def lines_by_dof(core: CoreArrays) -> NDArray[np.bool_]:
 
 def body_poses(core: CoreArrays, q: Array) -> tuple[Array, Array]:
     """Positions (..., nb, D) [m] and rotations (..., nb, D, D) at configurations q (..., nq)."""
+    return poses(core, q)[:2]
+
+
+def poses(core: CoreArrays, q: Array) -> tuple[Array, Array, Array, Array]:
+    """Those of bodies, then anchors (..., nj, D) of joints and the axes (..., nj, D, D) of what each has moved."""
     q = np.asarray(q, dtype=np.float64)
     planar, batch = core.planar, q.shape[:-1]
     D, nb = core.layout.dimension, core.nbody
     pos, rot = np.zeros((*batch, nb, D)), np.zeros((*batch, nb, D, D))
+    anchors, axes = np.zeros((*batch, len(core.jnt_type), D)), np.zeros((*batch, len(core.jnt_type), D, D))
     for b in range(nb):
         parent = core.body_parent[b]
         x, R = core.body_pos[b], _fixed_rotation(core.body_rot[b])
@@ -44,6 +50,7 @@ def body_poses(core: CoreArrays, q: Array) -> tuple[Array, Array]:
             kind, i, axis, local = core.jnt_type[j], core.jnt_qadr[j], core.jnt_axis[j], core.jnt_pos[j]
             if kind == JointKind.SLIDE:
                 x = x + (R @ axis) * (q[..., i] - core.jnt_q0[j])[..., None]
+                anchors[..., j, :], axes[..., j, :, :] = x, R
                 continue
             anchor = x + R @ local
             if kind == JointKind.BALL:
@@ -51,8 +58,20 @@ def body_poses(core: CoreArrays, q: Array) -> tuple[Array, Array]:
             else:
                 R = R @ _turn(axis, q[..., i] - core.jnt_q0[j], planar)
             x = anchor - R @ local
+            anchors[..., j, :], axes[..., j, :, :] = anchor, R
         pos[..., b, :], rot[..., b, :, :] = x, R
-    return pos, rot
+    return pos, rot, anchors, axes
+
+
+def motion(core: CoreArrays, j: int, frames: Array, arm: Array) -> Array:
+    """How points at ``arm`` (..., D) from the anchor of joint ``j`` move with it: (..., D, dofs), at its ``frames``."""
+    kind, axis = core.jnt_type[j], core.jnt_axis[j]
+    if kind == JointKind.SLIDE:
+        return np.asarray(frames @ axis)[..., None]
+    if core.planar:
+        return np.stack([-arm[..., 1], arm[..., 0]], axis=-1)[..., None] * axis[0]
+    turns = frames if kind == JointKind.BALL else (frames @ axis)[..., None]
+    return np.stack([np.cross(turns[..., k], arm) for k in range(turns.shape[-1])], axis=-1)
 
 
 def centre_of_mass(core: CoreArrays, q: Array) -> Array:
