@@ -56,8 +56,8 @@ class Extension(Trials):
         laws = [law for law in LAWS if law in held]
         while True:
             before = self._settled(incumbent, before)
-            idle = drives.unneeded(self.loss, self.space, incumbent.z, incumbent.active)
-            incumbent.z, incumbent.active = np.where(idle, 0.0, incumbent.z), incumbent.active & ~idle
+            incumbent.z, idle = drives.without_unneeded(self.loss, self.space, incumbent.z, incumbent.active)
+            incumbent.active = incumbent.active & ~idle
             found: dict[str, Trial] = {}
             for law in self._hopeful(incumbent, laws, before):
                 tried = self._law(incumbent, law, before)
@@ -82,7 +82,7 @@ class Extension(Trials):
         kept = self._trial(
             f"confirmed {groups}", incumbent, incumbent.active, incumbent.z, none, self._unmoved(incumbent)
         )
-        start = np.where(columns, 0.0, kept.z)
+        start = drives.rubbing(self.loss, self.space, kept.z, np.where(columns, 0.0, kept.z))
         without = self._trial(f"refuted {groups}", incumbent, incumbent.active & ~columns, start, none, kept.errors)
         needed = self._typically_worse(kept.errors, without.errors)
         if not needed and without.costs_nothing(kept.errors.mean, kept.score, kept.strain):
