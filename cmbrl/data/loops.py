@@ -164,19 +164,9 @@ def _slope(scene: Scene, q: np.ndarray, places: list[int]) -> np.ndarray:
     for k in _connected(scene):
         moves = np.zeros((len(q), pos.shape[2], scene.nv))
         for (body, point), side in zip(_points(scene, k, pos, rot), (1.0, -1.0), strict=True):
-            for j in _above(scene, body):
+            for j in kinematics.joints_above(core, body):
                 moved = kinematics.motion(core, j, axes[:, j], point - anchors[:, j])
                 first = int(core.jnt_vadr[j])
                 moves[:, :, first : first + moved.shape[2]] += side * moved
         loops.append(moves[:, :, places])
     return np.concatenate(loops, axis=1)
-
-
-def _above(scene: Scene, body: int) -> list[int]:
-    """Numbers of the joints that move ``body``."""
-    core, found = scene.core, list[int]()
-    while body != WORLD:
-        first = int(core.body_jadr[body])
-        found += range(first, first + int(core.body_jnum[body]))
-        body = int(core.body_parent[body])
-    return found

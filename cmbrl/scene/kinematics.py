@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.manifold import quaternion_matrix
-from cmbrl.scene.records import Array, JointKind
+from cmbrl.scene.records import WORLD, Array, JointKind
 
 
 def addresses(core: CoreArrays) -> NDArray[np.int64]:
@@ -76,12 +76,46 @@ def motion(core: CoreArrays, j: int, frames: Array, arm: Array) -> Array:
 
 def centre_of_mass(core: CoreArrays, q: Array) -> Array:
     """The centre of mass (..., D) [m] of all bodies, by the masses of the file, at configurations q (..., nq)."""
+    mass = np.array([core.P[core.layout.mass(b)] for b in range(core.nbody)])
+    return np.einsum("...bi,b->...i", centres(core, q), mass) / mass.sum()
+
+
+def centres(core: CoreArrays, q: Array) -> Array:
+    """Centres of mass (..., nb, D) [m] of the bodies in the world at configurations q (..., nq)."""
     layout, D = core.layout, core.layout.dimension
     pos, rot = body_poses(core, q)
-    mass = np.array([core.P[layout.mass(b)] for b in range(core.nbody)])
     com = np.array([core.P[layout.com(b) : layout.com(b) + D] for b in range(core.nbody)])
-    places = pos + np.einsum("...bij,bj->...bi", rot, com)
-    return np.einsum("...bi,b->...i", places, mass) / mass.sum()
+    return np.asarray(pos + np.einsum("...bij,bj->...bi", rot, com))
+
+
+def holding_forces(core: CoreArrays, q: Array, acceleration: Array | None = None) -> Array:
+    """What motors must give (..., nv) [N m, N] to hold the weight of all bodies at configurations q (..., nq), at rest.
+
+    By the masses of the file; without springs, contacts and gravity compensation. ``acceleration`` (..., nb, D): that
+    of the centres, in place of gravity's, upwards.
+    """
+    layout, D = core.layout, core.layout.dimension
+    pos, rot, anchors, axes = poses(core, q)
+    found = np.zeros((*pos.shape[:-2], core.nv))
+    upwards = np.broadcast_to(-core.P[layout.gravity : layout.gravity + D], pos.shape)
+    push = upwards if acceleration is None else acceleration
+    for b in range(core.nbody):
+        at = pos[..., b, :] + rot[..., b, :, :] @ core.P[layout.com(b) : layout.com(b) + D]
+        for j in joints_above(core, b):
+            moved = motion(core, j, axes[..., j, :, :], at - anchors[..., j, :])
+            first, force = int(core.jnt_vadr[j]), core.P[layout.mass(b)] * push[..., b, :]
+            found[..., first : first + moved.shape[-1]] += (force[..., None, :] @ moved)[..., 0, :]
+    return found
+
+
+def joints_above(core: CoreArrays, body: int) -> list[int]:
+    """Numbers of the joints that move ``body``; none of the WORLD."""
+    found = list[int]()
+    while body != WORLD:
+        first = int(core.body_jadr[body])
+        found += range(first, first + int(core.body_jnum[body]))
+        body = int(core.body_parent[body])
+    return found
 
 
 def _fixed_rotation(row: Array) -> Array:
