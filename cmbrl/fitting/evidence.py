@@ -63,8 +63,10 @@ class Evidence:
         log = log.normalised(model.scene)
         observation = model.observer
         physical = [replace(p, default=p.default and p.group not in known) for p in model.scene.parameters]
+        silent = {place for each in of_positions.values() for place in each.looped(model.scene)}
+        biases = {f"{BIAS}.{name}" for k, name in enumerate(model.scene.coordinate_names) if k not in silent}
         offered = [
-            replace(p, default=p.default or (positions_only and p.group == BIAS)) for p in observation.parameters
+            replace(p, default=p.default or (positions_only and p.name in biases)) for p in observation.parameters
         ]
         start = np.append(model.parameters, observation.vector(model.observation))
         space = Space.of((*physical, *offered), start)

@@ -13,6 +13,8 @@ from cmbrl.data.importing import import_logs
 from cmbrl.data.loops import _gaps, _slope, closed, closing
 from cmbrl.data.position_log import PositionLog
 from cmbrl.errors import UserError
+from cmbrl.fitting.evidence import Evidence
+from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
 
 FOUR_BAR = """<mujoco><option gravity="0 0 0"/><worldbody><body name="crank"><joint name="crank" axis="0 1 0"/>
@@ -62,6 +64,14 @@ def test_a_log_of_the_crank_alone_has_all_joints() -> None:
     slope = np.gradient(found.q[:, 2], 0.01)
     np.testing.assert_allclose(found.v[5:-5, 2], slope[5:-5], atol=2e-3)
     assert log.measured(scene).tolist() == [True, False, False, True]
+
+
+def test_joints_without_an_encoder_have_no_bias_to_fit() -> None:
+    scene = Scene.from_mjcf(FOUR_BAR)
+    evidence = Evidence.of(ComplementarityModel(scene), log_of(0.5 * np.sin(2.0 * TIME)))
+    space = evidence.space
+    moved = {name for name, told in zip(space.names, space.default, strict=True) if told and name.startswith("bias.")}
+    assert moved == {"bias.crank", "bias.free"}
 
 
 def test_a_log_whose_loops_stay_open_is_told() -> None:
