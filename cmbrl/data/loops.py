@@ -49,6 +49,22 @@ def closing(scene: Scene, known: Collection[int]) -> list[int]:
     return _places([joint for joint in unknown if all(held[place] for place in joint.dofs)])
 
 
+def to_hold(scene: Scene, known: Collection[int]) -> list[str]:
+    """Names of the hinges and slides to hold so that loops tell all others beside those ``known``, springs first.
+
+    Where there are no loops, all that are not known. To hold what a loop moves would jam it.
+    """
+    stiff = {p.name.partition(".")[2] for p in scene.parameters if p.group == "stiffness"}
+    open_ones = [j for j in _inner(scene) if j.kind != JointKind.BALL and j.vadr not in known]
+    held: list[Joint] = []
+    while True:
+        told = closing(scene, [*known, *(joint.vadr for joint in held)])
+        rest = [joint for joint in open_ones if joint not in held and joint.vadr not in told]
+        if not rest:
+            return [joint.name for joint in open_ones if joint in held]
+        held.append(min(rest, key=lambda joint: joint.name not in stiff))
+
+
 def looped_joints(scene: Scene, places: Collection[int]) -> list[Joint]:
     """The joints at ``places`` in v."""
     return [joint for joint in scene.joints if joint.vadr in places]

@@ -10,7 +10,7 @@ import pytest
 
 from cmbrl.data.estimation import estimated
 from cmbrl.data.importing import import_logs
-from cmbrl.data.loops import _gaps, _slope, closed, closing
+from cmbrl.data.loops import _gaps, _slope, closed, closing, to_hold
 from cmbrl.data.position_log import PositionLog
 from cmbrl.errors import UserError
 from cmbrl.fitting.evidence import Evidence
@@ -166,3 +166,16 @@ def test_slopes_of_loops_agree_with_differences() -> None:
         for k, e in enumerate(small * np.eye(scene.nv)):
             ahead, behind = (_gaps(scene, scene.integrate(q, x)) for x in (e, -e))
             np.testing.assert_allclose(slope[:, :, k], (ahead - behind) / (2 * small), atol=1e-8)
+
+
+def test_what_is_to_be_held_jams_no_loop() -> None:
+    """One joint of a linkage is enough, and a spring is held before others; without loops, all that no log tells."""
+    crank, _, _, free = range(4)
+    assert to_hold(Scene.from_mjcf(FOUR_BAR), [crank]) == ["free"]
+    assert to_hold(Scene.from_mjcf(FOUR_BAR), [free]) == ["crank"]
+    sprung = FOUR_BAR.replace('<joint name="rocker"', '<joint name="rocker" stiffness="3"')
+    assert to_hold(Scene.from_mjcf(sprung), [free]) == ["rocker"]
+    assert to_hold(Scene.from_mjcf(FOUR_BAR.replace("connect", "weld")), [free]) == ["crank", "rod", "rocker"]
+    log = replace(log_of(np.zeros(400)), position=np.zeros((400, 1)), joint_names=("free",))
+    with pytest.raises(UserError, match=r"`cmbrl convert FILE.xml HELD.xml --hold crank`"):
+        log.check(Scene.from_mjcf(FOUR_BAR))
