@@ -78,6 +78,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "others keep the file's)",
         )
     parser.add_argument(
+        "--gravity-compensated",
+        action="store_true",
+        help="the driver holds the links by torques that the log does not tell: add what they weigh by the file",
+    )
+    parser.add_argument(
         "--as",
         dest="kind",
         choices=("transitions", "positions"),
@@ -128,6 +133,7 @@ def run(arguments: argparse.Namespace) -> None:
         frames=Frames(arguments.angular_velocity, arguments.linear_velocity),
         kp=gains("kp", arguments.kp),
         kd=gains("kd", arguments.kd),
+        compensated=arguments.gravity_compensated,
         kind=arguments.kind,
         window=arguments.velocity_window,
         base=tuple(arguments.base),

@@ -8,11 +8,12 @@ import numpy as np
 from numpy.polynomial import polynomial
 
 from cmbrl.data.drive import controls
-from cmbrl.data.loops import closed
+from cmbrl.data.loops import closed, looped_joints
 from cmbrl.data.position_log import PositionLog, free_joint
 from cmbrl.data.smoothing import smooth, smooth_rotations
 from cmbrl.data.ties import followers
 from cmbrl.data.transitions import Transitions
+from cmbrl.scene.records import JointKind
 
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
@@ -42,9 +43,12 @@ def estimated(log: PositionLog, scene: Scene) -> Transitions:
         position[:, q] = log.base
         rate[:, v] = np.hstack([smooth(log.base[:, :3], log.dt, log.episode).rate, turn.rate])
     if looped := log.looped(scene):
-        at = [addresses[place] for place in looped]
-        position[:, at] = closed(scene, position, looped)[:, at]
-        rate[:, looped] = smooth(position[:, at], log.dt, log.episode).rate
+        at = closed(scene, position, looped)
+        for joint in looped_joints(scene, looped):
+            ball = joint.kind == JointKind.BALL
+            own = at[:, joint.qadr : joint.qadr + (4 if ball else 1)]
+            found = (smooth_rotations if ball else smooth)(own, log.dt, log.episode)
+            position[:, joint.qadr : joint.qadr + own.shape[1]], rate[:, joint.dofs] = own, found.rate
     now = np.flatnonzero(log.episode[1:] == log.episode[:-1])
     return Transitions(
         q=position[now],

@@ -2,8 +2,11 @@
 
 A file closes a loop by connecting two bodies at a point (an equality ``connect``). Where that leaves some joints no
 freedom beside those that were logged, a log need not tell them. They are found by Gauss-Newton on the gaps of the
-loops, for all rows at once: from the file's own pose, in which loops are closed, the logged joints are moved to where
-they were in small steps, so that a linkage stays in the branch in which it was assembled.
+loops, for all rows at once: from a pose in which loops are closed, the logged joints are moved to where they were in
+small steps, so that a linkage stays in the branch in which it was assembled. That pose is the file's, but within the
+limits of all joints: a file may be drawn at a dead centre that its robot never reaches, where branches meet.
+
+A rod on a ball joint may also spin about its own length, which moves nothing else. It is taken not to.
 """
 
 from __future__ import annotations
@@ -14,50 +17,72 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cmbrl.errors import UserError
-from cmbrl.scene.records import WORLD, JointKind, TieKind
+from cmbrl.scene import kinematics
+from cmbrl.scene.records import WORLD, Joint, JointKind, TieKind
 
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
 
-_STEPS, _ITERATIONS, _LAST = 12, 2, 20  # from the file's pose, of each, and of the last one
-_SMALL = 1e-5  # [rad, m] by which joints are moved for a slope
+_STEPS, _ITERATIONS, _LAST = 12, 2, 20  # from the first pose, of each, and of the last one
 _RANK = 1e-6  # relative singular value below which a direction is free
 _CLOSED = 1e-9  # [m]
 _OPEN, _FEW = 2e-3, 0.01  # [m] and share of the rows: soft loops, and noise near the end of a range, leave less
+_OF_BALL = 3
 
 
 def closing(scene: Scene, known: Collection[int]) -> list[int]:
-    """Places in v of the hinges and slides that loops tell where those ``known``, by their places in v, are told."""
-    unknown = [j.vadr for j in scene.joints if j.kind != JointKind.BALL and j.vadr not in known]
+    """Places in v of the joints that loops tell where those ``known``, by their places in v, are told.
+
+    Of hinges and slides, and of ball joints, whose three places stand together.
+    """
+    unknown = [joint for joint in _inner(scene) if joint.vadr not in known]
     if not unknown or not _connected(scene):
         return []
-    slope = _slope(scene, _file_pose(scene)[None], unknown)[0]
+    places = _places(unknown)
+    slope = _slope(scene, _assembled(scene, places), places)[0]
+    slope = np.vstack([slope, *_spins(slope, unknown)])
     _, size, rows = np.linalg.svd(slope)
-    told = np.zeros(len(unknown))
+    told = np.zeros(len(places))
     told[: len(size)] = size
-    free = rows[told <= _RANK * max(float(told.max()), _RANK)]
-    return [place for place, held in zip(unknown, (np.abs(free) <= _RANK**0.5).all(axis=0), strict=True) if held]
+    free = np.abs(rows[told <= _RANK * max(float(told.max()), _RANK)])
+    held = dict(zip(places, (free <= _RANK**0.5).all(axis=0).tolist(), strict=True))
+    return _places([joint for joint in unknown if all(held[place] for place in joint.dofs)])
+
+
+def to_hold(scene: Scene, known: Collection[int]) -> list[str]:
+    """Names of the hinges and slides to hold so that loops tell all others beside those ``known``, springs first.
+
+    Where there are no loops, all that are not known. To hold what a loop moves would jam it.
+    """
+    stiff = {p.name.partition(".")[2] for p in scene.parameters if p.group == "stiffness"}
+    open_ones = [j for j in _inner(scene) if j.kind != JointKind.BALL and j.vadr not in known]
+    held: list[Joint] = []
+    while True:
+        told = closing(scene, [*known, *(joint.vadr for joint in held)])
+        rest = [joint for joint in open_ones if joint not in held and joint.vadr not in told]
+        if not rest:
+            return [joint.name for joint in open_ones if joint in held]
+        held.append(min(rest, key=lambda joint: joint.name not in stiff))
+
+
+def looped_joints(scene: Scene, places: Collection[int]) -> list[Joint]:
+    """The joints at ``places`` in v."""
+    return [joint for joint in scene.joints if joint.vadr in places]
 
 
 def closed(scene: Scene, q: np.ndarray, places: list[int]) -> np.ndarray:
     """``q`` (T, nq) with the joints at ``places`` in v where they close the loops; raises UserError where none does."""
-    address = {joint.vadr: joint.qadr for joint in scene.joints}
-    moved, own = [address[place] for place in places], _file_pose(scene)
-    others = np.setdiff1d(np.arange(scene.nq), moved)
+    moved = _addresses(looped_joints(scene, places))
+    own, others = _assembled(scene, places)[0], np.setdiff1d(np.arange(scene.nq), moved)
     at = np.tile(own, (len(q), 1))
-    straight = [j.qadr for j in scene.joints if j.kind != JointKind.BALL]
+    along = np.intersect1d(others, [j.qadr for j in scene.joints if j.kind != JointKind.BALL])
     for step in range(1, _STEPS + 1):
         at[:, others] = q[:, others]
-        along = np.intersect1d(others, straight)
         at[:, along] = own[along] + step / _STEPS * (q[:, along] - own[along])
-        for _ in range(_ITERATIONS if step < _STEPS else _LAST):
-            gap = _gaps(scene, at)
-            if np.abs(gap).max(initial=0.0) < _CLOSED:
-                break
-            at[:, moved] -= (np.linalg.pinv(_slope(scene, at, places), rcond=_RANK) @ gap[:, :, None])[:, :, 0]
+        at = _nearer(scene, at, places, _ITERATIONS if step < _STEPS else _LAST)
     apart = np.abs(_gaps(scene, at)).max(axis=1)
     if (apart > _OPEN).mean() > _FEW:
-        names = ", ".join(repr(joint.name) for joint in scene.joints if joint.vadr in places)
+        names = ", ".join(repr(joint.name) for joint in looped_joints(scene, places))
         raise UserError(
             f"the logged joints leave loops of scene {scene.name!r} open by up to {1e3 * apart.max():.2g} mm: check "
             f"their signs, units and zeros, or log {names} too"
@@ -65,12 +90,66 @@ def closed(scene: Scene, q: np.ndarray, places: list[int]) -> np.ndarray:
     return at
 
 
-def _file_pose(scene: Scene) -> np.ndarray:
-    """Configuration (nq,) in which the file has been assembled."""
-    q = np.zeros(scene.nq)
-    for joint in scene.joints:
-        q[joint.qadr] = 1.0 if joint.kind == JointKind.BALL else joint.q0
+def _nearer(scene: Scene, q: np.ndarray, places: list[int], iterations: int) -> np.ndarray:
+    """``q`` (T, nq) after so many Gauss-Newton steps of the joints at ``places`` in v towards closed loops."""
+    for _ in range(iterations):
+        gap = _gaps(scene, q)
+        if np.abs(gap).max(initial=0.0) < _CLOSED:
+            break
+        step = np.zeros((len(q), scene.nv))
+        step[:, places] = -(np.linalg.pinv(_slope(scene, q, places), rcond=_RANK) @ gap[:, :, None])[:, :, 0]
+        q = scene.integrate(q, step)
     return q
+
+
+def _assembled(scene: Scene, places: list[int]) -> np.ndarray:
+    """Configuration (1, nq) of the file, within the limits of its joints, with those at ``places`` in v closing loops.
+
+    As the file has it where its limits leave loops open.
+    """
+    q = np.zeros((1, scene.nq))
+    for joint in scene.joints:
+        q[0, joint.qadr] = 1.0 if joint.kind == JointKind.BALL else joint.q0
+    core, within = scene.core, q.copy()
+    for joint in _inner(scene):
+        for k in np.flatnonzero((core.lim_line == joint.vadr) & (core.lim_ball < 0)):
+            within[0, joint.qadr] = np.clip(within[0, joint.qadr], core.lim_lo[k], core.lim_hi[k])
+    within = _nearer(scene, within, places, _LAST)
+    return within if np.abs(_gaps(scene, within)).max(initial=0.0) < _OPEN else q
+
+
+def _inner(scene: Scene) -> list[Joint]:
+    """All joints but those that place a floating base."""
+    parts = [joint.source for joint in scene.joints]
+    return [joint for joint in scene.joints if parts.count(joint.source) == 1]
+
+
+def _places(joints: list[Joint]) -> list[int]:
+    """Those of ``joints`` in v."""
+    return [place for joint in joints for place in joint.dofs]
+
+
+def _addresses(joints: list[Joint]) -> list[int]:
+    """Those of ``joints`` in q."""
+    return [joint.qadr + k for joint in joints for k in range(4 if joint.kind == JointKind.BALL else 1)]
+
+
+def _spins(slope: np.ndarray, unknown: list[Joint]) -> list[np.ndarray]:
+    """Rows (1, k) that forbid each ball joint of ``unknown`` the one turn that moves no gap, by their ``slope`` (g, k).
+
+    One that no loop holds may turn in three ways, and is not told by any.
+    """
+    rows, first, least = [], 0, _RANK * max(float(np.abs(slope).max()), _RANK)
+    for joint in unknown:
+        own = slope[:, first : first + len(joint.dofs)]
+        if joint.kind == JointKind.BALL:
+            _, size, axes = np.linalg.svd(own)
+            if (size > least).sum() == _OF_BALL - 1:
+                row = np.zeros((1, slope.shape[1]))
+                row[0, first : first + _OF_BALL] = axes[-1]
+                rows.append(row)
+        first += len(joint.dofs)
+    return rows
 
 
 def _connected(scene: Scene) -> list[int]:
@@ -78,26 +157,32 @@ def _connected(scene: Scene) -> list[int]:
     return np.flatnonzero(scene.core.tie_type == TieKind.CONNECT).tolist()
 
 
+def _points(scene: Scene, k: int, places: np.ndarray, turns: np.ndarray) -> list[tuple[int, np.ndarray]]:
+    """The two bodies of tie ``k``, and where (T, D) each has its point, by the poses of all bodies."""
+    core, found = scene.core, []
+    for body, own in ((int(core.tie_A[k]), core.tie_posA[k]), (int(core.tie_B[k]), core.tie_posB[k])):
+        at = np.broadcast_to(own, places[:, 0].shape) if body == WORLD else places[:, body] + turns[:, body] @ own
+        found.append((body, at))
+    return found
+
+
 def _gaps(scene: Scene, q: np.ndarray) -> np.ndarray:
     """Gaps (T, g) [m] of the loops at configurations ``q`` (T, nq)."""
-    core = scene.core
-    places, turns = scene.body_poses(q)
-
-    def point(body: int, own: np.ndarray) -> np.ndarray:
-        return own if body == WORLD else places[:, body] + turns[:, body] @ own
-
-    pairs = [
-        (point(int(core.tie_A[k]), core.tie_posA[k]), point(int(core.tie_B[k]), core.tie_posB[k]))
-        for k in _connected(scene)
-    ]
-    return np.concatenate([np.broadcast_to(a - b, (len(q), len(core.tie_posA[0]))) for a, b in pairs], axis=1)
+    poses = scene.body_poses(q)
+    pairs = (_points(scene, k, *poses) for k in _connected(scene))
+    return np.concatenate([a - b for (_, a), (_, b) in pairs], axis=1)
 
 
 def _slope(scene: Scene, q: np.ndarray, places: list[int]) -> np.ndarray:
     """Derivatives (T, g, k) of the gaps in the joints at ``places`` in v."""
-    address = {joint.vadr: joint.qadr for joint in scene.joints}
-    columns = []
-    for place in places:
-        e = _SMALL * (np.arange(scene.nq) == address[place])
-        columns.append((_gaps(scene, q + e) - _gaps(scene, q - e)) / (2.0 * _SMALL))
-    return np.stack(columns, axis=2)
+    core, (pos, rot, anchors, axes) = scene.core, kinematics.poses(scene.core, q)
+    loops = []
+    for k in _connected(scene):
+        moves = np.zeros((len(q), pos.shape[2], scene.nv))
+        for (body, point), side in zip(_points(scene, k, pos, rot), (1.0, -1.0), strict=True):
+            for j in kinematics.joints_above(core, body):
+                moved = kinematics.motion(core, j, axes[:, j], point - anchors[:, j])
+                first = int(core.jnt_vadr[j])
+                moves[:, :, first : first + moved.shape[2]] += side * moved
+        loops.append(moves[:, :, places])
+    return np.concatenate(loops, axis=1)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from cmbrl.data import checks, plausible, turns
-from cmbrl.data.loops import closing
+from cmbrl.data.loops import closing, to_hold
 from cmbrl.data.npz import read_arrays
 from cmbrl.data.splitting import row_numbers
 from cmbrl.data.ties import followers
@@ -185,6 +185,8 @@ class PositionLog:
         if missing := [name for name in scene.joint_names if name not in known]:
             free = missing[0] == floating
             how = "log its pose as base_position and base_quaternion" if free else "log it"
+            if not free:
+                missing = to_hold(scene, [j.vadr for j in scene.joints if j.name in known]) or missing
             raise UserError(
                 f"joint {missing[0]!r} of scene {scene.name!r}{', a free body,' if free else ''} is not in the log, "
                 f"and its motion cannot be simulated without a start; {how}, or hold it: "

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cmbrl.data.checks import LARGEST
-from cmbrl.data.position_log import PositionLog
+from cmbrl.data.position_log import PositionLog, free_joint
 from cmbrl.data.several import Logs, named_logs, scene_of_logs, together
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
@@ -22,7 +22,6 @@ from cmbrl.models.windows import Scales, Windows
 from cmbrl.models.wiring import Wiring
 from cmbrl.numbers import whole
 from cmbrl.scene import Scene
-from cmbrl.scene.records import JointKind
 
 HORIZONS = (1, 4, 10, 20)  # 1 step is what noise-free logs are best judged at; beyond 20, impacts have happened
 LEAST_WINDOWS = 40  # of a horizon, to fit and to judge
@@ -64,8 +63,10 @@ class Evidence:
         log = log.normalised(model.scene)
         observation = model.observer
         physical = [replace(p, default=p.default and p.group not in known) for p in model.scene.parameters]
+        silent = {place for each in of_positions.values() for place in each.looped(model.scene)}
+        biases = {f"{BIAS}.{name}" for k, name in enumerate(model.scene.coordinate_names) if k not in silent}
         offered = [
-            replace(p, default=p.default or (positions_only and p.group == BIAS)) for p in observation.parameters
+            replace(p, default=p.default or (positions_only and p.name in biases)) for p in observation.parameters
         ]
         start = np.append(model.parameters, observation.vector(model.observation))
         space = Space.of((*physical, *offered), start)
@@ -84,7 +85,7 @@ class Evidence:
             return (whole(asked, "horizon"),)
         if not self.positions_only:
             return HORIZONS
-        floats = (self.model.scene.core.jnt_type == JointKind.BALL).any()
+        floats = free_joint(self.model.scene) is not None
         ahead = _FLOATING_AHEAD if floats else _POSITIONS_AHEAD
         steps = range(round(ahead / self.log.dt), 1, -1)
         told = (h for h in steps if len(windows_in_blocks(self.log, h)) >= LEAST_WINDOWS)

@@ -30,6 +30,7 @@ LAWS = (*GAINS, *drives.GROUPS, ZERO, "friction_slope", "stribeck")  #: groups t
 _FORECAST = (*GAINS, ZERO, "friction_slope")  # act in proportion; to first order, dry friction takes Stribeck's part
 _AT_ONCE = 0.5  # of the loss: a law that leaves less is taken before others are tried
 _WRONG = 0.3  # of the loss, by which it falls with a gain that the log tells wrongly
+_STANDS_FOR = frozenset({drives.GAP})  # friction, in the typical part of a log, where joints move: the mean has to fall
 _SETTLING = 2  # times that a fit of everything goes on before laws are added to it
 
 
@@ -56,8 +57,8 @@ class Extension(Trials):
         laws = [law for law in LAWS if law in held]
         while True:
             before = self._settled(incumbent, before)
-            idle = drives.unneeded(self.loss, self.space, incumbent.z, incumbent.active)
-            incumbent.z, incumbent.active = np.where(idle, 0.0, incumbent.z), incumbent.active & ~idle
+            incumbent.z, idle = drives.without_unneeded(self.loss, self.space, incumbent.z, incumbent.active)
+            incumbent.active = incumbent.active & ~idle
             found: dict[str, Trial] = {}
             for law in self._hopeful(incumbent, laws, before):
                 tried = self._law(incumbent, law, before)
@@ -82,9 +83,9 @@ class Extension(Trials):
         kept = self._trial(
             f"confirmed {groups}", incumbent, incumbent.active, incumbent.z, none, self._unmoved(incumbent)
         )
-        start = np.where(columns, 0.0, kept.z)
+        start = drives.rubbing(self.loss, self.space, kept.z, np.where(columns, 0.0, kept.z))
         without = self._trial(f"refuted {groups}", incumbent, incumbent.active & ~columns, start, none, kept.errors)
-        needed = self._typically_worse(kept.errors, without.errors)
+        needed = not _STANDS_FOR.intersection(groups) and self._typically_worse(kept.errors, without.errors)
         if not needed and without.costs_nothing(kept.errors.mean, kept.score, kept.strain):
             self._accept("remove", " + ".join(groups), without, incumbent)
 
@@ -92,7 +93,8 @@ class Extension(Trials):
         """Whether a law lowers the mean of all or the errors in the typical part of the log, and these do not rise."""
         if law in GAINS and trial.gain < _WRONG * before.mean:
             return False
-        falls = trial.counts(before.mean) or self._typically_worse(trial.errors, before)
+        typical = law not in _STANDS_FOR and self._typically_worse(trial.errors, before)
+        falls = trial.counts(before.mean) or typical
         explodes = not np.isfinite(trial.gain)
         return falls and not explodes and not self._typically_worse(before, trial.errors)
 

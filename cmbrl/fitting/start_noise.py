@@ -83,10 +83,10 @@ def adrift(evidence: Evidence, horizon: int) -> np.ndarray:
     floats = [
         place
         for joint in scene.joints
-        if joint.kind == JointKind.BALL or free_joint(scene) == scene.joint_names[joint.source]
+        if free_joint(scene) == scene.joint_names[joint.source]
         for place in range(joint.vadr, joint.vadr + (3 if joint.kind == JointKind.BALL else 1))
     ]
-    return np.flatnonzero((share > _GOES_ON) | np.isin(kinds[:-1], floats))
+    return np.flatnonzero(((share > _GOES_ON) & evidence.measured) | np.isin(kinds[:-1], floats))
 
 
 def _steps(horizon: int) -> int:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.manifold import quaternion_matrix
-from cmbrl.scene.records import Array, JointKind
+from cmbrl.scene.records import WORLD, Array, JointKind
 
 
 def addresses(core: CoreArrays) -> NDArray[np.int64]:
@@ -31,10 +31,16 @@ def lines_by_dof(core: CoreArrays) -> NDArray[np.bool_]:
 
 def body_poses(core: CoreArrays, q: Array) -> tuple[Array, Array]:
     """Positions (..., nb, D) [m] and rotations (..., nb, D, D) at configurations q (..., nq)."""
+    return poses(core, q)[:2]
+
+
+def poses(core: CoreArrays, q: Array) -> tuple[Array, Array, Array, Array]:
+    """Those of bodies, then anchors (..., nj, D) of joints and the axes (..., nj, D, D) of what each has moved."""
     q = np.asarray(q, dtype=np.float64)
     planar, batch = core.planar, q.shape[:-1]
     D, nb = core.layout.dimension, core.nbody
     pos, rot = np.zeros((*batch, nb, D)), np.zeros((*batch, nb, D, D))
+    anchors, axes = np.zeros((*batch, len(core.jnt_type), D)), np.zeros((*batch, len(core.jnt_type), D, D))
     for b in range(nb):
         parent = core.body_parent[b]
         x, R = core.body_pos[b], _fixed_rotation(core.body_rot[b])
@@ -44,6 +50,7 @@ def body_poses(core: CoreArrays, q: Array) -> tuple[Array, Array]:
             kind, i, axis, local = core.jnt_type[j], core.jnt_qadr[j], core.jnt_axis[j], core.jnt_pos[j]
             if kind == JointKind.SLIDE:
                 x = x + (R @ axis) * (q[..., i] - core.jnt_q0[j])[..., None]
+                anchors[..., j, :], axes[..., j, :, :] = x, R
                 continue
             anchor = x + R @ local
             if kind == JointKind.BALL:
@@ -51,18 +58,64 @@ def body_poses(core: CoreArrays, q: Array) -> tuple[Array, Array]:
             else:
                 R = R @ _turn(axis, q[..., i] - core.jnt_q0[j], planar)
             x = anchor - R @ local
+            anchors[..., j, :], axes[..., j, :, :] = anchor, R
         pos[..., b, :], rot[..., b, :, :] = x, R
-    return pos, rot
+    return pos, rot, anchors, axes
+
+
+def motion(core: CoreArrays, j: int, frames: Array, arm: Array) -> Array:
+    """How points at ``arm`` (..., D) from the anchor of joint ``j`` move with it: (..., D, dofs), at its ``frames``."""
+    kind, axis = core.jnt_type[j], core.jnt_axis[j]
+    if kind == JointKind.SLIDE:
+        return np.asarray(frames @ axis)[..., None]
+    if core.planar:
+        return np.stack([-arm[..., 1], arm[..., 0]], axis=-1)[..., None] * axis[0]
+    turns = frames if kind == JointKind.BALL else (frames @ axis)[..., None]
+    return np.stack([np.cross(turns[..., k], arm) for k in range(turns.shape[-1])], axis=-1)
 
 
 def centre_of_mass(core: CoreArrays, q: Array) -> Array:
     """The centre of mass (..., D) [m] of all bodies, by the masses of the file, at configurations q (..., nq)."""
+    mass = np.array([core.P[core.layout.mass(b)] for b in range(core.nbody)])
+    return np.einsum("...bi,b->...i", centres(core, q), mass) / mass.sum()
+
+
+def centres(core: CoreArrays, q: Array) -> Array:
+    """Centres of mass (..., nb, D) [m] of the bodies in the world at configurations q (..., nq)."""
     layout, D = core.layout, core.layout.dimension
     pos, rot = body_poses(core, q)
-    mass = np.array([core.P[layout.mass(b)] for b in range(core.nbody)])
     com = np.array([core.P[layout.com(b) : layout.com(b) + D] for b in range(core.nbody)])
-    places = pos + np.einsum("...bij,bj->...bi", rot, com)
-    return np.einsum("...bi,b->...i", places, mass) / mass.sum()
+    return np.asarray(pos + np.einsum("...bij,bj->...bi", rot, com))
+
+
+def holding_forces(core: CoreArrays, q: Array, acceleration: Array | None = None) -> Array:
+    """What motors must give (..., nv) [N m, N] to hold the weight of all bodies at configurations q (..., nq), at rest.
+
+    By the masses of the file; without springs, contacts and gravity compensation. ``acceleration`` (..., nb, D): that
+    of the centres, in place of gravity's, upwards.
+    """
+    layout, D = core.layout, core.layout.dimension
+    pos, rot, anchors, axes = poses(core, q)
+    found = np.zeros((*pos.shape[:-2], core.nv))
+    upwards = np.broadcast_to(-core.P[layout.gravity : layout.gravity + D], pos.shape)
+    push = upwards if acceleration is None else acceleration
+    for b in range(core.nbody):
+        at = pos[..., b, :] + rot[..., b, :, :] @ core.P[layout.com(b) : layout.com(b) + D]
+        for j in joints_above(core, b):
+            moved = motion(core, j, axes[..., j, :, :], at - anchors[..., j, :])
+            first, force = int(core.jnt_vadr[j]), core.P[layout.mass(b)] * push[..., b, :]
+            found[..., first : first + moved.shape[-1]] += (force[..., None, :] @ moved)[..., 0, :]
+    return found
+
+
+def joints_above(core: CoreArrays, body: int) -> list[int]:
+    """Numbers of the joints that move ``body``; none of the WORLD."""
+    found = list[int]()
+    while body != WORLD:
+        first = int(core.body_jadr[body])
+        found += range(first, first + int(core.body_jnum[body]))
+        body = int(core.body_parent[body])
+    return found
 
 
 def _fixed_rotation(row: Array) -> Array:

@@ -188,3 +188,24 @@ def test_no_alarm_on_real_logs() -> None:
     for task in ("cube_toss", "cube_rounded"):
         cube = load_task(task).record(5000, 0, "log", None, str(REAL / "cube_tosses.npz"))
         assert list(plausible.of_transitions(cube.fields(), load_source(task).scene)) == []
+
+
+def test_loads_that_noise_hides_are_no_sign_error(tmp_path: Path) -> None:
+    """A stiff controller answers to loads that jump; of the joint's accelerations the log has little but noise."""
+    scene = scene_of(
+        tmp_path, "drive", '<body><joint name="j"/><geom size=".1"/></body>', '<motor name="j" joint="j"/>'
+    )
+    rng, rows, dt, fine = np.random.default_rng(0), 4000, 0.004, 8
+    q, v, u = np.zeros((rows + 1, 1)), np.zeros((rows + 1, 1)), np.zeros((rows, 1))
+    load = np.repeat(rng.normal(size=(rows // 40, 1)), 40, axis=0)
+    for k in range(rows):
+        target, speed = 0.5 * np.sin(3.0 * k * dt), 1.5 * np.cos(3.0 * k * dt)
+        u[k] = 300.0 * (target - q[k]) + 25.0 * (speed - v[k])
+        q[k + 1], v[k + 1] = q[k], v[k]
+        for _ in range(fine):
+            v[k + 1] += dt / fine * (u[k] - load[k])
+            q[k + 1] += dt / fine * v[k + 1]
+    logged = v + 0.003 * rng.normal(size=v.shape)
+    log = {"q": q[:-1], "q_next": q[1:], "v": logged[:-1], "v_next": logged[1:], "u": u, "dt": dt}
+    found = motion.of_transitions(log | {"episode": np.zeros(rows)}, scene)
+    assert list(commands.forces(found, found.answers())) == []

@@ -12,7 +12,7 @@ import pytest
 import cmbrl
 from cmbrl.data.position_log import PositionLog
 from cmbrl.fitting import Budget
-from cmbrl.fitting.drives import LIMIT, levels, scanned
+from cmbrl.fitting.drives import GAP, LIMIT, levels, rubbing, scanned, without_unneeded
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.folds import draw_starts
 from cmbrl.scene import Scene
@@ -92,3 +92,44 @@ def test_a_scan_finds_who_is_limited(tmp_path: Path) -> None:
     assert not helps[place["force_limit.m_knee"]]
     assert 1.0 < space.theta(start)[place["force_limit.m_hip"]] < 2.0
     np.testing.assert_array_equal(start[~helps], z[~helps])
+
+
+def record_gap(gap: float) -> PositionLog:
+    """8 s at 200 Hz of servos that do not pull within half of ``gap`` [rad]; the file's gains, friction of 0.2."""
+    model = mujoco.MjModel.from_xml_string(LEG.format(step=0.001, rub=0.2))
+    model.actuator_gainprm[:], model.actuator_biasprm[:] = 0.0, 0.0
+    data, draw, time = mujoco.MjData(model), np.random.default_rng(0), 0.005 * np.arange(1600)
+    tones = draw.uniform(0.2, 1.0, size=(4, 2))
+    target = 0.25 * np.minimum(1, 2 * time)[:, None] * sum(np.sin(2 * np.pi * f * time[:, None] + 6 * f) for f in tones)
+    position = np.empty((len(time), 2))
+    for row, command in enumerate(target):
+        position[row] = data.qpos
+        for _ in range(5):
+            off = command - data.qpos
+            data.qfrc_applied = 25.0 * np.sign(off) * np.maximum(np.abs(off) - gap / 2, 0.0) - data.qvel
+            mujoco.mj_step(model, data)
+    return PositionLog(time=time, position=position, command=target, joint_names=("hip", "knee"), kp=25.0, kd=1.0)
+
+
+def test_a_gap_comes_out_of_the_friction_that_has_made_up_for_it(tmp_path: Path) -> None:
+    """A dead band costs kp times its half in motion."""
+    gap = 0.03
+    evidence = Evidence.of(nominal(tmp_path), record_gap(gap))
+    space, (steps,) = evidence.space, evidence.horizons("auto")
+    loss = evidence.loss(draw_starts(evidence.log, steps, 1500, 0), steps, *evidence.scales(steps, 0.5))
+    theta, place = space.nominal.copy(), {name: k for k, name in enumerate(space.names)}
+    rubs = [place[f"frictionloss.{joint}"] for joint in ("hip", "knee")]
+    theta[[place[f"damping.{joint}"] for joint in ("hip", "knee")]] = 0.2
+    theta[rubs] = 0.2 + 25.0 * gap / 2
+    z = space.z(theta)
+    start, helps = scanned(GAP, loss, space, z, 0.01)
+    gaps = [place[f"backlash.{motor}"] for motor in ("m_hip", "m_knee")]
+    assert helps[gaps].all()
+    found = space.theta(start)
+    assert found[gaps].max() == pytest.approx(gap)
+    np.testing.assert_allclose(found[rubs], theta[rubs] - 25.0 * found[gaps] / 2)
+    back, idle = without_unneeded(loss, space, space.z(theta), helps)  # none is open, none is needed
+    assert idle[gaps].all()
+    np.testing.assert_allclose(space.theta(back)[rubs], theta[rubs])
+    closed = space.z(np.where(space.columns(["backlash"]), 0.0, found))
+    np.testing.assert_allclose(space.theta(rubbing(loss, space, start, closed))[rubs], theta[rubs])

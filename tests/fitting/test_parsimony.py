@@ -138,6 +138,7 @@ def test_a_start_of_chance_does_not_say_what_a_law_does_to_the_rest(setup, chanc
     trial = Trial(np.zeros(2), np.ones(2, dtype=bool), after, before.mean - after.mean, 0.0, 0.0, 0.0, 0.0)
     assert trial.counts(before.mean) == (chance < 1.0)
     assert extension._helps(trial, before) == helps
+    assert extension._helps(trial, before, "backlash") == (helps and chance < 1.0)  # as friction stands for it
 
 
 def test_what_is_compared_weighs_the_prior_alike(setup, monkeypatch):

@@ -9,7 +9,7 @@ from itertools import zip_longest
 from typing import Any
 
 from cmbrl.data.drive import scene_of
-from cmbrl.data.importing import base, build, feet, whereabouts, whole_arrays
+from cmbrl.data.importing import base, build, compensation, feet, whereabouts, whole_arrays
 from cmbrl.data.importing.bodies import PLACE, joints_of
 from cmbrl.data.importing.build import Frames
 from cmbrl.data.importing.commanded import Commanded
@@ -47,6 +47,7 @@ class Options:
         frames: of the velocities of a floating base.
         kp, kd: gains of the position servos, where the log has none; or by joint, where those that are not named have
             the one under "", else the file's.
+        compensated: torques lack what holds the weight of the links, which is added by the file.
         kind: "transitions" or "positions"; None: positions where only these are known, and the robot does not float.
         window: samples from which a velocity is estimated; odd.
         base: files with the pose of the floating base, one for each log, with a clock of their own.
@@ -64,6 +65,7 @@ class Options:
     frames: Frames = field(default_factory=Frames)
     kp: Gains = None
     kd: Gains = None
+    compensated: bool = False
     kind: str | None = None
     window: int = 5
     base: tuple[str | os.PathLike[str], ...] = ()
@@ -112,6 +114,9 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
         episodes, moved = whereabouts.of_markers(episodes, dt, scene, options.markers)
         columns += moved
     keys = set(episodes[0])
+    if options.compensated:
+        episodes, held = compensation.added(episodes, scene)
+        columns += held
     gains_told = options.kp is not None or options.kd is not None
     if options.kind == "transitions" and gains_told:
         raise UserError("transitions have no place for kp and kd: write them into the file, or import positions")

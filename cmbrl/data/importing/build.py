@@ -34,13 +34,20 @@ class Frames:
 def lacking(keys: set[Key], scene: Scene) -> list[str]:
     """Positions that ``keys`` do not have, and closed loops do not tell, as the user would map them."""
     single, floating = joints_of(scene)
-    looped = closing(scene, [joint.vadr for joint in single if (joint.name, "position") in keys])
+    looped = closing(scene, _told(keys, scene))
     unknown = [joint for joint in single if (joint.name, "position") not in keys]
     missing = [f"{joint.name}.position" for joint in unknown if joint.vadr not in looped]
-    for joint in floating:
+    for joint in (each for each in floating if each.vadr not in looped):
         missing += [f"{joint.name}.{x}" for x in PLACE if joint.free and (joint.name, x) not in keys]
         missing += [f"{joint.name}.qw to qz"] * ((joint.name, QUATERNION) not in keys)
     return missing
+
+
+def _told(keys: set[Key], scene: Scene) -> list[int]:
+    """Places in v of the joints, but free ones, whose positions are among ``keys``."""
+    single, floating = joints_of(scene)
+    turned = [joint.vadr for joint in floating if not joint.free and (joint.name, QUATERNION) in keys]
+    return [joint.vadr for joint in single if (joint.name, "position") in keys] + turned
 
 
 def velocities_known(keys: set[Key], scene: Scene) -> bool:
@@ -66,7 +73,9 @@ def positions(
     Raises UserError for ball joints, two floating bodies, or a missing command.
     """
     single, floating = joints_of(scene)
-    single = [joint for joint in single if (joint.name, "position") in episodes[0]]  # closed loops tell the others
+    looped = closing(scene, _told(set(episodes[0]), scene))
+    single = [joint for joint in single if joint.vadr not in looped]
+    floating = [joint for joint in floating if joint.vadr not in looped]
     if len(floating) > 1 or any(not joint.free for joint in floating):
         raise UserError(
             f"joint {floating[-1].name!r} is a ball or a second base, and a position log has one base; give --as "
@@ -107,7 +116,10 @@ def transitions(
 
     Raises UserError for velocities in no or the wrong frame, missing controls, and episodes that are too short.
     """
-    untold = [joint.name for joint in joints_of(scene)[0] if (joint.name, "position") not in episodes[0]]
+    told, (single, floating) = _told(set(episodes[0]), scene), joints_of(scene)
+    inner = [(joint.name, joint.vadr) for joint in single]
+    inner += [(joint.name, joint.vadr) for joint in floating if not joint.free]
+    untold = [name for name, place in inner if place not in told]
     if untold:
         raise UserError(
             f"no column for {untold[0]}.position, which closed loops tell in a position log only: give --as positions, "

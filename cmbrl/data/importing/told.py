@@ -9,6 +9,7 @@ from typing import Any
 from cmbrl.data.importing import whole_arrays
 from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, TURN, joints_of
 from cmbrl.data.importing.grid import Counts, Key, Series
+from cmbrl.data.loops import to_hold
 from cmbrl.scene import Scene
 from cmbrl.scene.columns import counted
 from cmbrl.scene.held import holding
@@ -59,6 +60,8 @@ def _remedy(series: Mapping[Key, Series], scene: Scene) -> str:
     if len(absent) == len(single):
         return ""
     if absent:
+        known = [joint.vadr for joint in single if joint.name not in absent]
+        absent = to_hold(scene, known) or absent
         return f", or hold what no log tells: `cmbrl convert FILE.xml HELD.xml {holding(absent, scene.joint_names)}`"
     return ", or give a file of its poses by --base" if [base for base in floating if base.free] else ""
 

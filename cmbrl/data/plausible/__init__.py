@@ -1,7 +1,8 @@
 """Faults of a log that its own numbers show: a stuck sensor, swapped columns, signs, units, rates, two robots in one.
 
 Everything here compares columns with each other and with what the file of the robot says for sure (limits, gravity,
-the sign of motors), never with masses or friction, which a fit is to find. A check that is sure raises, others warn.
+the sign of motors), never with masses or friction, which a fit is to find; only whether torques hold any weight at all
+needs them, up to a factor. A check that is sure raises, others warn.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from cmbrl.data.fields import Fields
-from cmbrl.data.plausible import base, commands, flight, frames, motion, overlap, still, units
+from cmbrl.data.plausible import base, commands, flight, frames, motion, overlap, still, units, weight
 from cmbrl.data.plausible.finding import Finding
 from cmbrl.errors import UserError
 
@@ -40,6 +41,7 @@ def of_transitions(log: Fields, scene: Scene) -> Iterator[Finding]:
     yield from frames.angular(log, scene)
     yield from flight.free_fall(log["q"], found.blocks, log["dt"], scene)
     yield from frames.unexplained(log, scene)
+    yield from weight.untold(found, scene)
     yield from overlap.of_transitions(log, scene)
 
 
@@ -47,7 +49,9 @@ def of_positions(log: PositionLog, scene: Scene) -> Iterator[Finding]:
     """All faults of a position log, the most telling first."""
     yield from units.clock(log.dt)
     yield from base.of_positions(log, scene)
-    yield from _of_motion(motion.of_positions(log, scene))
+    found = motion.of_positions(log, scene)
+    yield from _of_motion(found)
+    yield from weight.untold(found, scene)
     yield from overlap.of_positions(log, scene)
 
 

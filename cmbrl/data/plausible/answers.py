@@ -11,6 +11,8 @@ from cmbrl.data.plausible.motion import Motion
 ROWS = 200  #: fewer do not show which command moves which joint
 MOST = 20000  #: rows of a regression
 AT_STOP = 0.02  #: share of a joint's range on either side of a limit where the stop may push it
+HIDES = 0.67  #: share of the variance that commands leave of an acceleration
+USUAL = 20.0  #: times the median
 STRIDE = 4  #: samples over which accelerations are taken from positions alone
 Responses = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
@@ -39,6 +41,23 @@ def _noisier(motion: Motion) -> Motion | None:
     now, after = (size * draw.normal(size=v.shape) for _ in range(2))
     after[rows[0]] = now[rows[1]]
     return replace(motion, v_now=v + now, v_after=motion.v_after + after)
+
+
+def hidden(motion: Motion, chosen: list[int], rest: np.ndarray) -> np.ndarray:
+    """Of which joints (m,) noise of velocities is most of what commands leave of accelerations, ``rest`` (m,).
+
+    There the last acceleration does not tell what pushes a joint, and a controller that answers to it seems to push the
+    wrong way. Noise shows in how second differences two samples apart go together; where they do by more than what
+    nothing explains, they are motion.
+    """
+    bent = [np.diff(motion.v_now[block], n=2, axis=0) for block in motion.blocks] if motion.v_now is not None else []
+    pairs = [part[2:] * part[:-2] for part in bent if len(part) > 2]
+    if not pairs:
+        return np.zeros(len(chosen), dtype=bool)
+    product = np.concatenate(pairs)[:, [motion.drivers[m].coordinate for m in chosen]]
+    most = USUAL * np.median(np.abs(product), axis=0)  # blows do not count
+    square = np.clip(product, -most, most).mean(axis=0)
+    return np.asarray((2.0 * square > HIDES * rest**2) & (square < rest**2))  # noise of the step's end is unforeseen
 
 
 @dataclass(frozen=True)

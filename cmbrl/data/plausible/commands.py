@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cmbrl.data.plausible.answers import ROWS, Responses, of_noise, responses
+from cmbrl.data.plausible.answers import ROWS, Responses, hidden, of_noise, responses
 from cmbrl.data.plausible.finding import Finding
 from cmbrl.data.plausible.motion import LAG, Motion
 
@@ -54,7 +54,8 @@ def forces(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarray]) -
     swapped only if each joint also follows the other's target more than its own.
 
     A controller that damps brakes the more the faster a joint is. What the logged velocity has by noise is then no part
-    of the command, but of the acceleration, and both look opposed. So a fault has to remain without what noise does.
+    of the command, but of the acceleration, and both look opposed. So a fault has to remain without what noise does,
+    and nothing is told where noise is most of what is left.
     """
     chosen = [m for m, driver in enumerate(motion.drivers) if not driver.position or motion.v_now is not None]
     best = np.nan_to_num(answers[0])
@@ -62,7 +63,9 @@ def forces(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarray]) -
     fitted = responses(motion, chosen) if chosen else None
     if fitted is None:
         return
+    loud = hidden(motion, chosen, fitted[3])
     swapped, wrong = _faults(motion, chosen, best, follows, fitted)
+    swapped, wrong = [x for x in swapped if not loud[list(x)].any()], [i for i in wrong if not loud[i]]
     if swapped or wrong:
         without = fitted[0] - 2.0 * of_noise(motion, chosen), *fitted[1:]  # noise may be most of what a command tells
         remain = _faults(motion, chosen, best, follows, without)
