@@ -12,6 +12,7 @@ from typing import Any, Literal
 import torch
 from torch import nn
 
+from cmbrl.errors import UserError
 from cmbrl.train.trainer import restore_optimiser
 
 Kind = Literal["adam", "muon"]
@@ -26,9 +27,13 @@ class PolicyOptimiser:
         kind: "adam" for all, or "muon" for the weight matrices but the last, whose rows are actions; Adam for the rest.
         rate: Adam's; a matrix moves by Muon about as far as by Adam (0.2 of the rate a weight, root mean square).
         betas: Adam's.
+
+    Raises UserError where torch has no Muon.
     """
 
     def __init__(self, net: nn.Module, kind: Kind, rate: float, betas: tuple[float, float]) -> None:
+        if kind == "muon" and not hasattr(torch.optim, "Muon"):
+            raise UserError(f"optimiser=muon needs torch 2.9, this is {torch.__version__}: upgrade it, or take adam")
         parameters = list(net.parameters())
         hidden = [p for p in parameters if p.ndim == 2][:-1] if kind == "muon" else []
         rest = [p for p in parameters if not any(p is other for other in hidden)]
@@ -38,8 +43,13 @@ class PolicyOptimiser:
                 torch.optim.Muon(hidden, rate, weight_decay=0.0, momentum=MOMENTUM, adjust_lr_fn="match_rms_adamw")
             )
 
-    def set_rate(self, rate: float) -> None:
-        """Of the next steps."""
+    @property
+    def rate(self) -> float:
+        """Learning rate of the next step."""
+        return float(self.parts[0].param_groups[0]["lr"])
+
+    @rate.setter
+    def rate(self, rate: float) -> None:
         for part in self.parts:
             for group in part.param_groups:
                 group["lr"] = rate

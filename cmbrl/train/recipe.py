@@ -41,9 +41,6 @@ EPISODE = (2.5, 10.0)  # s, at the start and from half of the updates on
 # No robot slides quite by a law, and a policy that meets one alone may lean on what only it does: over ten seeds each,
 # half-cheetahs and hoppers that met both laws earned more in MuJoCo, and none fell (docs/results, "Both laws").
 OTHER_LAW = 0.5  # share of the episodes
-# Gaits lie on ridges of the return, which the gradient points across (cmbrl.train.optimiser). Motions, whose starts a
-# curriculum chooses, keep Adam: no other has been measured on them.
-OPTIMISER = "muon"
 # Velocity noise as random pushes of one intensity: its variance grows with the duration of a step.
 LINEAR, ANGULAR = 0.34, 1.1  # m/s and rad/s per square root of a second
 # Nets: the first layer has at least four units per observation and action.
@@ -91,7 +88,6 @@ def window(mdp: MDP) -> Settings:
 def shac(mdp: MDP) -> Settings:
     """Of SHAC, and of the loop that trains by it."""
     found = window(mdp)
-    found |= {} if mdp.curriculum else {"optimiser": OPTIMISER}
     width = _within(_power_of_two(UNITS * (mdp.observations + mdp.actions), math.ceil), WIDTH)
     return found | {
         "environments": environments(mdp, found["window"]),

@@ -174,7 +174,7 @@ class WindowLearner(Trainer):
     def update(self) -> dict[str, float]:
         """One update; returns its metrics. Raises Diverged when gradients stay unusable."""
         progress = self.begun + (1.0 - self.begun) * min(self.iteration / self.config.iterations, 1.0)
-        self.optimiser.set_rate(self.rate * (1.0 - progress))
+        self.optimiser.rate = self.rate * (1.0 - progress)
         for simulation in self.simulations:
             simulation.mdp = self.config.episode(self.mdp, progress)
         metrics = self.gradient(progress)

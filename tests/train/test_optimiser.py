@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
+from cmbrl.errors import UserError
 from cmbrl.train.optimiser import PolicyOptimiser
 from cmbrl.train.policy import network
 
@@ -63,7 +64,7 @@ def test_it_goes_on_bit_for_bit(kind: str) -> None:
     nets, optimisers = [_net(), _net()], []
     for net in nets:
         optimisers.append(PolicyOptimiser(net, kind, 1e-2, BETAS))
-        optimisers[-1].set_rate(5e-3)
+        optimisers[-1].rate = 5e-3
         _ridge(net)
         optimisers[-1].step()
     fresh = PolicyOptimiser(nets[1], kind, 1e-2, BETAS)
@@ -89,3 +90,10 @@ def test_the_state_of_another_net_is_refused(kind: str) -> None:
 def test_the_state_of_another_kind_is_refused() -> None:
     with pytest.raises(ValueError, match="group"):
         PolicyOptimiser(_net(), "muon", 1e-2, BETAS).restore(PolicyOptimiser(_net(), "adam", 1e-2, BETAS).state())
+
+
+def test_an_old_torch_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(torch.optim, "Muon")
+    PolicyOptimiser(_net(), "adam", 1e-2, BETAS)
+    with pytest.raises(UserError, match="needs torch 2"):
+        PolicyOptimiser(_net(), "muon", 1e-2, BETAS)

@@ -42,16 +42,6 @@ def process(dt: float, episode_steps: int, observations: int = 11, actions: int 
     return replace(hopper, name="mine", training={}, mdp=lambda: mdp, control_dt=dt, substeps=1, time_step=dt)
 
 
-def test_shac_takes_muon_unless_a_curriculum_chooses_the_starts() -> None:
-    task = process(0.02, 1000)
-    assert task.mdp is not None
-    watched = replace(task.mdp(), curriculum=Watching())
-    assert configure("shac", task).optimiser == configure("loop", task).optimiser == "muon"
-    assert configure("fopg", task).optimiser == "adam"
-    assert configure("shac", replace(task, mdp=lambda: watched)).optimiser == "adam"
-    assert configure("shac", task, {"optimiser": "adam"}).optimiser == "adam"
-
-
 def test_bundled_tasks_have_the_settings_that_they_were_tuned_with() -> None:
     """Windows in steps; those of Dojo's robots and of throws are the hopper's, as their numbers of steps go."""
     wanted = {
