@@ -32,7 +32,7 @@ class SHACConfig(WindowConfig):
     environments: int = setting(64, "episodes side by side", least=1, most=1_000_000)
     discount: float = setting(0.995, "discount per control step, below 1", least=0)
     actor_hidden: tuple[int, ...] = setting((128, 64), "hidden layers of the policy", least=1, most=8_192)
-    actor_rate: float = setting(2e-3, "learning rate of the policy (Adam); falls linearly to 0", least=0)
+    actor_rate: float = setting(2e-3, "learning rate of the policy; falls linearly to 0", least=0)
     tame: float = setting(
         5.0,
         "an episode's gradient in its state is cut to this many times the median of all; 1e9: never",

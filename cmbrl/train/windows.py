@@ -19,10 +19,11 @@ from cmbrl.models.both_laws import under_both_laws
 from cmbrl.models.protocol import Model, failures
 from cmbrl.settings import setting
 from cmbrl.train.critic import Critic, CriticConfig
+from cmbrl.train.optimiser import PolicyOptimiser
 from cmbrl.train.peak import Peak
 from cmbrl.train.policy import Architecture, Policy, observed_by
 from cmbrl.train.randomness import GlobalRandomness
-from cmbrl.train.trainer import Diverged, Trainer, episode_metrics, restore_optimiser
+from cmbrl.train.trainer import Diverged, Trainer, episode_metrics
 
 GROWN = 0.5  # share of the updates after which episodes are as long as they get
 LEARNED = 0.5  # where the schedules of a run begin that goes on from a policy, as if so much were done
@@ -44,6 +45,9 @@ class WindowConfig(CriticConfig):
         None, "the same at the start; grows evenly to episode_steps until half of the updates are done", least=1
     )
     clip: float = setting(1.0, "largest norm of a policy gradient", least=0)
+    optimiser: Literal["adam", "muon"] = setting(
+        "adam", "of the policy: adam, or muon, which turns the weights of hidden layers in all directions alike"
+    )
     noise_linear: float = setting(0.0, "velocity noise added after each step [m/s]", least=0)
     noise_angular: float = setting(0.0, "velocity noise added after each step [rad/s]", least=0)
     draws: int = setting(
@@ -94,7 +98,7 @@ def decayed(log_start: float, log_end: float, progress: float) -> float:
 
 
 class WindowLearner(Trainer):
-    """``update`` rolls a window, takes one step of Adam along its gradient, then lets the critic learn from it.
+    """``update`` rolls a window, takes one step along its gradient, then lets the critic learn from it.
 
     Nets are float32, dynamics float64. The learning rate falls linearly to 0. Updates without a finite gradient are
     skipped; after PATIENCE of them in a row the run is given up. A run whose returns end far below their peak keeps the
@@ -149,7 +153,7 @@ class WindowLearner(Trainer):
             self.policy = Policy(architecture)
             self.critic = None if critic is None else Critic(self.policy, config, config.discount, critic)
         self.policy.normaliser.update(self.simulation.observe().float())
-        self.optimiser = torch.optim.Adam(self.policy.net.parameters(), rate, betas=betas, fused=True)
+        self.optimiser = PolicyOptimiser(self.policy.net, config.optimiser, rate, betas)
         self.iteration = self.unusable = 0
         self.peak = Peak(config.iterations)
         self.begun = 0.0  #: share of the schedules that was done before the first update
@@ -173,8 +177,7 @@ class WindowLearner(Trainer):
     def update(self) -> dict[str, float]:
         """One update; returns its metrics. Raises Diverged when gradients stay unusable."""
         progress = self.begun + (1.0 - self.begun) * min(self.iteration / self.config.iterations, 1.0)
-        for group in self.optimiser.param_groups:
-            group["lr"] = self.rate * (1.0 - progress)
+        self.optimiser.rate = self.rate * (1.0 - progress)
         for simulation in self.simulations:
             simulation.mdp = self.config.episode(self.mdp, progress)
         metrics = self.gradient(progress)
@@ -226,7 +229,7 @@ class WindowLearner(Trainer):
             "kept": self.kept,
             "peak": self.peak.state(),
             "policy": self.policy.state_dict(),
-            "optimiser": self.optimiser.state_dict(),
+            "optimiser": self.optimiser.state(),
             "critic": None if self.critic is None else self.critic.state(),
             "generator": self.generator.get_state(),
             "simulations": [simulation.state() for simulation in self.simulations],
@@ -238,7 +241,7 @@ class WindowLearner(Trainer):
         self.kept = state["kept"]
         self.peak.restore(state["peak"])
         self.policy.load_state_dict(state["policy"])
-        restore_optimiser(self.optimiser, state["optimiser"])
+        self.optimiser.restore(state["optimiser"])
         if self.critic is not None:
             self.critic.restore(state["critic"])
         self.generator.set_state(state["generator"])

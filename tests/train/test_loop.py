@@ -132,7 +132,7 @@ def test_policies_but_the_first_begin_on_the_file(make_loop):
             loop = again
         loop.update()
         models.append(loop.trainer.model is loop.nominal)
-        rates += [group["lr"] / config.actor_rate for group in loop.trainer.optimiser.param_groups]
+        rates.append(loop.trainer.optimiser.rate / config.actor_rate)
         if k == 5:
             assert loop.trainer.iteration == 2
     assert models == 3 * [False] + 2 * [True] + 3 * [False]

@@ -131,8 +131,9 @@ def test_tamed_cuts_long_rows_to_the_median_s_multiple_and_nothing_else():
     torch.testing.assert_close(q.grad[:, 0], torch.tensor([1.0, 2.0, 3.0, 8.0, 0.0], dtype=torch.float64))
 
 
-def test_it_learns_to_stand():
-    config = SHACConfig(iterations=60, environments=32, horizon=16)
+@pytest.mark.parametrize("optimiser", ["adam", "muon"])
+def test_it_learns_to_stand(optimiser):
+    config = SHACConfig(iterations=60, environments=32, horizon=16, optimiser=optimiser)
     trainer = make(config)
     before = evaluate_model(trainer.policy, trainer.mdp, trainer.model, 4, seed=1).lengths.mean()
     for _ in range(config.iterations):

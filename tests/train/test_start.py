@@ -51,11 +51,11 @@ def test_schedules_begin_halfway_also_after_a_restart(tmp_path: Path) -> None:
     runs = [trainer(tmp_path) for _ in range(2)]
     runs[0].begin_with(carried_over(str(tmp_path / "run"), runs[0].policy.architecture))
     runs[0].update()
-    assert runs[0].optimiser.param_groups[0]["lr"] == pytest.approx(SMALL.actor_rate * (1 - LEARNED))
+    assert runs[0].optimiser.rate == pytest.approx(SMALL.actor_rate * (1 - LEARNED))
     runs[1].restore(runs[0].state())
     for run in runs:
         run.update()
-    rates = [run.optimiser.param_groups[0]["lr"] for run in runs]
+    rates = [run.optimiser.rate for run in runs]
     assert rates == [pytest.approx(SMALL.actor_rate * (1 - LEARNED) * 3 / 4)] * 2
     for a, b in zip(runs[0].policy.parameters(), runs[1].policy.parameters(), strict=True):
         assert torch.equal(a, b)
