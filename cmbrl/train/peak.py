@@ -17,23 +17,31 @@ LOST = 0.1  # share of the best return below which a run has lost much
 
 
 class Peak:
-    """Follows the mean return of training episodes, and holds the weights that a policy had where it was highest."""
+    """Follows the mean return of training episodes, and holds weights that a policy had before it was highest.
+
+    Episodes that end tell of policies since they began, and a mean of the last updates of earlier ones still: a policy
+    that falls at once has already fallen where the mean is highest. So the weights are half a span to a span older.
+    """
 
     def __init__(self, iterations: int) -> None:
         self.span = max(LEAST, round(SPAN * iterations))
         self.seen = 0
         self.mean = 0.0  #: of the last updates' returns, older ones counting less and less
         self.best: float | None = None  #: the highest mean
-        self.iteration = 0  #: updates done where it was
+        self.iteration = 0  #: updates that the weights have seen
         self.weights: dict[str, torch.Tensor] = {}
+        self.older: list[Any] = []  # the last weights, half a span apart: updates that they have seen, and themselves
 
     def take(self, iteration: int, returned: float, policy: torch.nn.Module) -> None:
         """The mean return of the episodes that ended in an update, and the policy after it."""
         self.seen += 1
         self.mean += (returned - self.mean) / min(self.seen, self.span)
+        if self.seen % (self.span // 2) == 0:
+            weights = {name: value.clone() for name, value in policy.state_dict().items()}
+            self.older = [*self.older[-1:], [iteration, weights]]
         if self.seen >= self.span and (self.best is None or self.mean > self.best):
-            self.best, self.iteration = self.mean, iteration
-            self.weights = {name: value.clone() for name, value in policy.state_dict().items()}
+            self.best = self.mean
+            self.iteration, self.weights = self.older[0]
 
     @property
     def lost(self) -> bool:
@@ -54,7 +62,7 @@ class Peak:
 
     def state(self) -> dict[str, Any]:
         """Everything that ``restore`` needs."""
-        names = ("seen", "mean", "best", "iteration", "weights")
+        names = ("seen", "mean", "best", "iteration", "weights", "older")
         return {name: getattr(self, name) for name in names}
 
     def restore(self, state: dict[str, Any]) -> None:
