@@ -174,6 +174,10 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"{out}: {outcome.iteration} iterations: {progress_text(outcome.last)}")
         if told := trainer.conditions():
             print(f"{out}: {commands_text(told)}")
+        for update, to in trainer.returns_to:
+            print(
+                f"{out}: returns had fallen after {update} updates, so it went back to what it had learned after {to}"
+            )
         if trainer.kept is not None:
             print(f"{out}: the policy of update {trainer.kept} is kept: the last one earns less in the model")
         if outcome.failed_trials:

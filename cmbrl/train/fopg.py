@@ -26,7 +26,8 @@ from cmbrl.models.protocol import Model
 from cmbrl.settings import setting
 from cmbrl.train.critic import BETAS, check_discount
 from cmbrl.train.policy import Architecture
-from cmbrl.train.windows import WindowConfig, WindowLearner, decayed
+from cmbrl.train.window_config import WindowConfig, decayed
+from cmbrl.train.windows import WindowLearner
 
 ESTIMATORS = ("pathwise", "zeroth", "aobg", "pipps")
 PLAIN_BETAS = (0.9, 0.999)  # of Adam where there is no critic

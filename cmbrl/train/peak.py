@@ -1,11 +1,13 @@
-"""The policy of a training's best updates, for runs that lose what they had learned before they end.
+"""The best of a training: a run that loses late what it had learned goes back to it.
 
-First-order gradients through contact may carry a policy away late in a run: of a G1 that learned to walk, the return
-fell from 31 after 2,600 updates to 15 after 2,980 of 3,000. The returns of a run's own training episodes tell that.
+First-order gradients through contact may carry a policy away when little is left to learn: of a G1 that learned to
+walk, the return fell from 31 after 2,600 updates to 15 after 2,980 of 3,000. The returns of a run's own training
+episodes tell that.
 """
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from typing import Any
 
@@ -17,36 +19,42 @@ LOST = 0.1  # share of the best return below which a run has lost much
 
 
 class Peak:
-    """Follows the mean return of training episodes, and holds weights that a policy had before it was highest.
+    """Follows the mean return of training episodes, and holds the learner as it was before that was highest.
 
     Episodes that end tell of policies since they began, and a mean of the last updates of earlier ones still: a policy
-    that falls at once has already fallen where the mean is highest. So the weights are half a span to a span older.
+    that falls at once has already fallen where the mean is highest. So the learner is half a span to a span older.
     """
 
     def __init__(self, iterations: int) -> None:
         self.span = max(LEAST, round(SPAN * iterations))
-        self.seen = 0
+        self.seen = 0  #: updates that the mean is of; negative: as many more are not to count
         self.mean = 0.0  #: of the last updates' returns, older ones counting less and less
         self.best: float | None = None  #: the highest mean
-        self.iteration = 0  #: updates that the weights have seen
-        self.weights: dict[str, torch.Tensor] = {}
-        self.older: list[Any] = []  # the last weights, half a span apart: updates that they have seen, and themselves
+        self.iteration = 0  #: updates of the learner that is held
+        self.learner: dict[str, Any] = {}
+        self.older: list[Any] = []  # the last learners, half a span apart: their updates, and themselves
 
-    def take(self, iteration: int, returned: float, policy: torch.nn.Module) -> None:
-        """The mean return of the episodes that ended in an update, and the policy after it."""
+    def take(self, iteration: int, returned: float, learner: Callable[[], dict[str, Any]]) -> None:
+        """The mean return of the episodes that ended in an update, and what the ``learner`` is after it."""
         self.seen += 1
+        if self.seen <= 0:
+            return
         self.mean += (returned - self.mean) / min(self.seen, self.span)
         if self.seen % (self.span // 2) == 0:
-            weights = {name: value.clone() for name, value in policy.state_dict().items()}
-            self.older = [*self.older[-1:], [iteration, weights]]
+            self.older = [*self.older[-1:], [iteration, copy.deepcopy(learner())]]
         if self.seen >= self.span and (self.best is None or self.mean > self.best):
             self.best = self.mean
-            self.iteration, self.weights = self.older[0]
+            self.iteration, self.learner = self.older[0]
 
     @property
     def lost(self) -> bool:
         """Whether returns have fallen far below the best ones."""
-        return self.best is not None and self.best - self.mean > LOST * abs(self.best)
+        return self.best is not None and self.seen >= self.span and self.best - self.mean > LOST * abs(self.best)
+
+    def back(self) -> dict[str, Any]:
+        """The learner to go on from; episodes of the one that was lost are not to count."""
+        self.seen, self.mean, self.older = -(self.span // 2), 0.0, []
+        return copy.deepcopy(self.learner)
 
     def give_back(self, policy: torch.nn.Module, earned: Callable[[], float]) -> bool:
         """Gives the policy its best weights where returns are lost, unless it ``earned`` as much; whether it did."""
@@ -54,7 +62,7 @@ class Peak:
             return False
         last = {name: value.clone() for name, value in policy.state_dict().items()}
         by_last = earned()
-        policy.load_state_dict(self.weights)
+        policy.load_state_dict(self.learner["policy"])
         if earned() > by_last:
             return True
         policy.load_state_dict(last)
@@ -62,7 +70,7 @@ class Peak:
 
     def state(self) -> dict[str, Any]:
         """Everything that ``restore`` needs."""
-        names = ("seen", "mean", "best", "iteration", "weights", "older")
+        names = ("seen", "mean", "best", "iteration", "learner", "older")
         return {name: getattr(self, name) for name in names}
 
     def restore(self, state: dict[str, Any]) -> None:

@@ -171,7 +171,10 @@ class TrainingRun:
         last = log.rows[-1] if log.rows else {}
         result = {"stopped": stopped, "iteration": self.iteration, "seconds": round(self.seconds, 3)}
         result |= self._conditions()
-        result |= {"kept": self.trainer.kept} if self.trainer.kept is not None else {}
+        if self.trainer.returns_to:
+            result["went_back"] = [list(pair) for pair in self.trainer.returns_to]
+        if self.trainer.kept is not None:
+            result["kept"] = self.trainer.kept
         trials = self.trainer.failed_trials() if stopped == FINISHED else {}
         result |= {"failed_trials": trials} if trials else {}
         known = {name: value if math.isfinite(value) else None for name, value in last.items()}

@@ -21,7 +21,8 @@ from cmbrl.models.protocol import Model
 from cmbrl.settings import setting
 from cmbrl.train.critic import BETAS, Critic, check_discount, finite
 from cmbrl.train.policy import Architecture, Policy
-from cmbrl.train.windows import WindowConfig, WindowLearner, decayed
+from cmbrl.train.window_config import WindowConfig, decayed
+from cmbrl.train.windows import WindowLearner
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +54,7 @@ class Trainer(ABC):
     iteration: int  #: updates done so far
     judged: MDP | None = None  #: the process of its trials, where an evaluation starts in another way than training
     kept: int | None = None  #: the update whose policy is kept instead of the last one
+    returns_to: Sequence[Sequence[int]] = ()  #: updates after which it went back, and to which
     simulation: Simulation | None = None  #: whose last states a diverged run keeps; None where there is none
 
     @abstractmethod

@@ -4,105 +4,37 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import torch
 
 from cmbrl.envs.disturbance import Disturbance, parameter_sets
-from cmbrl.envs.history import MOST, commands, observed
+from cmbrl.envs.history import commands
 from cmbrl.envs.simulation import Simulation
 from cmbrl.envs.trials import failed, of_draws, trials
 from cmbrl.gradients.kinds import steps_taken
 from cmbrl.mdp import MDP
 from cmbrl.models.both_laws import under_both_laws
 from cmbrl.models.protocol import Model, failures
-from cmbrl.settings import setting
-from cmbrl.train.critic import Critic, CriticConfig
+from cmbrl.train.critic import Critic
 from cmbrl.train.optimiser import PolicyOptimiser
 from cmbrl.train.peak import Peak
 from cmbrl.train.policy import Architecture, Policy, observed_by
 from cmbrl.train.randomness import GlobalRandomness
 from cmbrl.train.trainer import Diverged, Trainer, episode_metrics
+from cmbrl.train.window_config import GROWN, WindowConfig
 
-GROWN = 0.5  # share of the updates after which episodes are as long as they get
+LATE = 0.75  # share after which no fall of returns is of use: little is left to be found
 LEARNED = 0.5  # where the schedules of a run begin that goes on from a policy, as if so much were done
 PATIENCE = 10  # updates in a row without a finite gradient before a run is given up
-
-
-@dataclass(frozen=True)
-class WindowConfig(CriticConfig):
-    """Settings of windows, noise and steps; where a task gives none, `cmbrl.train.recipe` derives them from it."""
-
-    iterations: int = setting(1000, "updates of the policy", least=1)
-    window: float = setting(0.256, "length of a window [s]", above=0)
-    horizon: int | None = setting(None, "control steps of a window; overrides window", least=1)
-    discount: float = setting(0.99, "discount per control step", least=0)
-    episode_steps: int | None = setting(
-        None, "control steps after which a training episode restarts, if the task does not end it before", least=1
-    )
-    episode_steps_start: int | None = setting(
-        None, "the same at the start; grows evenly to episode_steps until half of the updates are done", least=1
-    )
-    clip: float = setting(1.0, "largest norm of a policy gradient", least=0)
-    optimiser: Literal["adam", "muon"] = setting(
-        "adam", "of the policy: adam, or muon, which turns the weights of hidden layers in all directions alike"
-    )
-    noise_linear: float = setting(0.0, "velocity noise added after each step [m/s]", least=0)
-    noise_angular: float = setting(0.0, "velocity noise added after each step [rad/s]", least=0)
-    draws: int = setting(
-        256, "parameter sets drawn from a fit's posterior, one an episode; 0: the fit alone", least=0, most=1_000_000
-    )
-    parameter_spread: float = setting(
-        0.0, "each episode's physical parameters vary by up to this share, on top of the fit's draws", least=0
-    )
-    other_law: float = setting(
-        0.0,
-        "share of the episodes under a contact model's other law; 0.5: for a policy that leans on neither",
-        least=0,
-        most=1,
-    )
-    other: Literal["sliding", "mujoco", "file", "auto"] = setting(
-        "sliding",
-        "which law: sliding (the other one), mujoco (MuJoCo's, in which contacts act once they are closed), file "
-        "(MuJoCo's own step of the file), or auto (file where longer steps soften its contacts, else sliding)",
-    )
-    last_actions: int | None = setting(
-        None, "last actions that a policy observes; none: as many as the model's delay and lag hold", least=0, most=MOST
-    )
-
-    def process(self, mdp: MDP, model: Model) -> MDP:
-        """A task's ``mdp`` as a policy observes it that is trained on ``model``."""
-        return observed(mdp, model, self.last_actions)
-
-    def episode(self, mdp: MDP, progress: float = 1.0) -> MDP:
-        """``mdp`` with the time limit of training episodes when this share of the updates is done.
-
-        A policy sees mostly states long after a reset. One that falls on its back before it can run may learn to run on
-        its back; in short episodes it learns first what follows the reset.
-        """
-        end = min(mdp.episode_steps, self.episode_steps or mdp.episode_steps)
-        start = min(end, self.episode_steps_start or end)
-        return replace(mdp, episode_steps=round(start + (end - start) * min(1.0, progress / GROWN)))
-
-    def steps(self, mdp: MDP) -> int:
-        """Control steps of a window in ``mdp``; a ``horizon`` of 0 is a whole episode."""
-        if self.horizon is None:
-            return max(1, round(self.window / mdp.dt))
-        return self.horizon or mdp.episode_steps
-
-
-def decayed(log_start: float, log_end: float, progress: float) -> float:
-    """A positive number that falls geometrically from exp(log_start) to exp(log_end) while progress goes 0 to 1."""
-    return math.exp(log_start + progress * (log_end - log_start))
 
 
 class WindowLearner(Trainer):
     """``update`` rolls a window, takes one step along its gradient, then lets the critic learn from it.
 
     Nets are float32, dynamics float64. The learning rate falls linearly to 0. Updates without a finite gradient are
-    skipped; after PATIENCE of them in a row the run is given up. A run whose returns end far below their peak keeps the
-    policy that it had there, if that one earns more in the model without noise.
+    skipped; after PATIENCE of them in a row the run is given up. A run whose returns fall far below their peak late
+    goes back to what it had learned there; if they end there, it keeps that policy where it earns more without noise.
 
     Args:
         mdp: the task.
@@ -156,6 +88,7 @@ class WindowLearner(Trainer):
         self.optimiser = PolicyOptimiser(self.policy.net, config.optimiser, rate, betas)
         self.iteration = self.unusable = 0
         self.peak = Peak(config.iterations)
+        self.returns_to: list[list[int]] = []
         self.begun = 0.0  #: share of the schedules that was done before the first update
 
     def begin_with(self, weights: dict[str, torch.Tensor]) -> None:
@@ -188,10 +121,19 @@ class WindowLearner(Trainer):
         metrics |= {"steps": float(steps_taken(self.model, simulated)), "failures": float(failures(self.moving) or 0)}
         metrics |= episode_metrics([episode for s in self.simulations for episode in s.finished])
         if progress >= GROWN and "return" in metrics:
-            self.peak.take(self.iteration, metrics["return"], self.policy)
+            self.peak.take(self.iteration, metrics["return"], self._learner)
+            if progress >= LATE and self.peak.lost and self.iteration < self.config.iterations:
+                self._go_back()
         if self.iteration == self.config.iterations and self.peak.give_back(self.policy, self._earned):
             self.kept = self.peak.iteration
         return metrics
+
+    def _go_back(self) -> None:
+        """To the learner before the peak of returns; noise goes on."""
+        generator = self.generator.get_state()
+        self.returns_to.append([self.iteration, self.peak.iteration])
+        self._become(self.peak.back())
+        self.generator.set_state(generator)
 
     def _earned(self) -> float:
         """Mean return of whole episodes without noise, from starts as in an evaluation."""
@@ -227,23 +169,30 @@ class WindowLearner(Trainer):
             "begun": self.begun,
             "unusable": self.unusable,
             "kept": self.kept,
+            "returns_to": self.returns_to,
             "peak": self.peak.state(),
-            "policy": self.policy.state_dict(),
-            "optimiser": self.optimiser.state(),
-            "critic": None if self.critic is None else self.critic.state(),
+            **self._learner(),
             "generator": self.generator.get_state(),
             "simulations": [simulation.state() for simulation in self.simulations],
         }
 
+    def _learner(self) -> dict[str, Any]:
+        """What learns: nets and optimisers."""
+        critic = None if self.critic is None else self.critic.state()
+        return {"policy": self.policy.state_dict(), "optimiser": self.optimiser.state(), "critic": critic}
+
+    def _become(self, learner: dict[str, Any]) -> None:
+        self.policy.load_state_dict(learner["policy"])
+        self.optimiser.restore(learner["optimiser"])
+        if self.critic is not None:
+            self.critic.restore(learner["critic"])
+
     def restore(self, state: dict[str, Any]) -> None:
         """Continues from what ``state`` returned, bit for bit."""
         self.iteration, self.begun, self.unusable = state["iteration"], state["begun"], state["unusable"]
-        self.kept = state["kept"]
+        self.kept, self.returns_to = state["kept"], state["returns_to"]
         self.peak.restore(state["peak"])
-        self.policy.load_state_dict(state["policy"])
-        self.optimiser.restore(state["optimiser"])
-        if self.critic is not None:
-            self.critic.restore(state["critic"])
+        self._become(state)
         self.generator.set_state(state["generator"])
         for simulation, kept in zip(self.simulations, state["simulations"], strict=True):
             simulation.restore(kept)

@@ -108,7 +108,7 @@ def test_a_checkpoint_with_an_optimiser_of_another_shape_is_refused(
     victims.make_train(tmp_path, 0)
     file = tmp_path / "victim" / "checkpoint.safetensors"
     state = load_state(file)
-    moments = state["trainer"]["optimiser"]["state"][0]
+    moments = state["trainer"]["optimiser"][0]["state"][0]
     moments["exp_avg"] = moments["exp_avg"][:-1].clone()
     save_state(file, state)
     capsys.readouterr()

@@ -144,7 +144,7 @@ def test_it_learns_to_stand(optimiser):
 
 
 @pytest.mark.parametrize("spoilt", [-5.0, 5.0, 0.0])
-def test_a_run_that_loses_what_it_learned_keeps_the_policy_of_its_peak(spoilt: float):
+def test_a_run_that_loses_late_what_it_learned_goes_back(spoilt: float):
     config = SHACConfig(iterations=80, environments=32, horizon=16, variance_every=1000)
     trainer = make(config)
     for k in range(config.iterations):
@@ -152,10 +152,25 @@ def test_a_run_that_loses_what_it_learned_keeps_the_policy_of_its_peak(spoilt: f
             with torch.no_grad():
                 trainer.policy.net[-1].weight.zero_()
                 trainer.policy.net[-1].bias.fill_(spoilt)  # full torque
-            trainer.rate = 0.0
         trainer.update()
-    assert (trainer.kept in range(45, 61)) == bool(spoilt)
+    assert bool(trainer.returns_to) == bool(spoilt)
+    assert all(45 <= to <= 60 < update for update, to in trainer.returns_to)
     assert evaluate_model(trainer.policy, trainer.mdp, trainer.model, 16, seed=1).lengths.mean() > 300
+
+
+def test_a_run_that_ends_below_its_peak_keeps_that_policy(monkeypatch):
+    config = replace(SMALL, iterations=4)
+    trainer = make(config)
+    held = {name: value + 1.0 for name, value in trainer.policy.state_dict().items()}
+    earned = iter((1.0, 2.0))
+    monkeypatch.setattr(trainer, "_earned", lambda: next(earned))
+    for _ in range(config.iterations - 1):
+        trainer.update()
+    trainer.peak.best, trainer.peak.mean, trainer.peak.seen = 9.0, 1.0, 50
+    trainer.peak.iteration, trainer.peak.learner = 2, {"policy": held}
+    trainer.update()
+    assert trainer.kept == 2
+    assert all(torch.equal(value, held[name]) for name, value in trainer.policy.state_dict().items())
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -164,10 +179,10 @@ def test_the_peak_of_returns(sign: float):
     peak, net = Peak(100), torch.nn.Linear(1, 1).requires_grad_(False)
     for k in range(60):
         net.weight.fill_(float(k))
-        peak.take(k, sign * 50.0 + (k if k < 30 else 90.0 - 2 * k), net)
+        peak.take(k, sign * 50.0 + (k if k < 30 else 90.0 - 2 * k), lambda: {"policy": net.state_dict()})
     assert peak.lost
     assert 20 <= peak.iteration <= 40
-    assert float(peak.weights["weight"]) == peak.iteration
+    assert float(peak.learner["policy"]["weight"]) == peak.iteration
     other = Peak(100)
     other.restore(peak.state())
     assert (other.best, other.mean) == (peak.best, peak.mean)

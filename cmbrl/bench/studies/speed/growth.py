@@ -50,9 +50,10 @@ def _plate(size: int) -> str:
 
 def _terrain(size: int) -> str:
     columns = int(np.ceil(np.sqrt(size)))
+    rows = -(-size // columns)
     boxes = "".join(
         f'<geom type="box" size=".2 .2 .05" pos="{0.4 * (k % columns - columns // 2):g} '
-        f'{0.4 * (k // columns - columns // 2):g} -.05"/>'
+        f'{0.4 * (k // columns - rows // 2):g} -.05"/>'
         for k in range(size)
     )
     legs = "".join(
