@@ -94,8 +94,8 @@ def _counts(robots: Mapping[str, Robot]) -> Iterator[str]:
             f"{walkers} on the floor; both together for {both}."
         )
     yield (
-        f"- Near the home pose (`cmbrl check`), faster than `mj_step`: {slowest('time of a step')} of {count}; with the vector-Jacobian product "
-        f"{slowest('time with gradient')}."
+        f"- Near the home pose (`cmbrl check`), faster than `mj_step`: {slowest('time of a step')} of {count}; with "
+        f"the vector-Jacobian product {slowest('time with gradient')}."
     )
     yield f"- The worst derivative of any robot is {worst:.1e} off finite differences."
     flagged = {name: value["wild states flagged"] for name, value in zip(robots, values, strict=True)}
