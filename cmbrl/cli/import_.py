@@ -61,13 +61,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--gap", type=positive, default=10, metavar="N", help="more lost samples than this end an episode (default 10)"
     )
-    for what, told in (("angular", "asked for where it was logged"), ("linear", "default world")):
-        parser.add_argument(
-            f"--{what}-velocity",
-            choices=("body", "world"),
-            default=None if what == "angular" else "world",
-            help=f"axes of the {what} velocity of a floating base ({told})",
-        )
     for name in ("kp", "kd"):
         parser.add_argument(
             f"--{name}",
@@ -88,6 +81,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=("transitions", "positions"),
         help="with velocities, or positions and commands alone (default: as the log has them)",
     )
+    _add_base(parser)
+    parser.add_argument(
+        "--velocity-window", type=positive, default=5, metavar="K", help="samples of an estimated velocity (default 5)"
+    )
+    add_scene_options(parser)
+    add_json(parser)
+
+
+def _add_base(parser: argparse.ArgumentParser) -> None:
+    """Where a floating base was, and in which axes."""
+    for what, told in (("angular", "asked for where it was logged"), ("linear", "default world")):
+        parser.add_argument(
+            f"--{what}-velocity",
+            choices=("body", "world"),
+            default=None if what == "angular" else "world",
+            help=f"axes of the {what} velocity of a floating base ({told})",
+        )
     parser.add_argument(
         "--base",
         nargs="+",
@@ -112,11 +122,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="where in the base what the poses are of sits [m] and how it is turned [degrees, a rotation vector] "
         "(default: found by the feet that stand, where a motion capture tells the poses)",
     )
-    parser.add_argument(
-        "--velocity-window", type=positive, default=5, metavar="K", help="samples of an estimated velocity (default 5)"
-    )
-    add_scene_options(parser)
-    add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> None:

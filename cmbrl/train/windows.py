@@ -136,8 +136,9 @@ class WindowLearner(Trainer):
         self.generator.set_state(generator)
 
     def _earned(self) -> float:
-        """Mean return of whole episodes without noise, from starts as in an evaluation."""
-        return float(of_draws(self.policy, self._tried(), self.model).returns.mean())
+        """Mean return of whole episodes without noise, from an evaluation's starts; 0 where a curriculum has them."""
+        mdp = self._tried()
+        return 0.0 if mdp.curriculum else float(of_draws(self.policy, mdp, self.model).returns.mean())
 
     def _step(self, norm: float) -> None:
         if math.isfinite(norm):
