@@ -7,6 +7,7 @@ of an episode), and exploration noise that follows a schedule instead of being l
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +22,7 @@ from cmbrl.models.protocol import Model
 from cmbrl.settings import setting
 from cmbrl.train.critic import BETAS, Critic, check_discount, finite
 from cmbrl.train.policy import Architecture, Policy
+from cmbrl.train.trust import bounded_step
 from cmbrl.train.window_config import WindowConfig, decayed
 from cmbrl.train.windows import WindowLearner
 
@@ -34,6 +36,11 @@ class SHACConfig(WindowConfig):
     discount: float = setting(0.995, "discount per control step, below 1", least=0)
     actor_hidden: tuple[int, ...] = setting((128, 64), "hidden layers of the policy", least=1, most=8_192)
     actor_rate: float = setting(2e-3, "learning rate of the policy; falls linearly to 0", least=0)
+    trust: float = setting(
+        math.inf,
+        "largest Kullback-Leibler divergence of the policy from the last one, summed over actions; inf: no bound",
+        above=0,
+    )
     tame: float = setting(
         5.0,
         "an episode's gradient in its state is cut to this many times the median of all; 1e9: never",
@@ -94,6 +101,14 @@ class SHAC(WindowLearner):
         if self.iteration % self.config.variance_every == 0:
             metrics["gradient_variance"] = gradient_variance(self.policy, self._steps)
         return metrics
+
+    def step(self, progress: float) -> dict[str, float]:
+        """As in the base class, but not out of the trust region."""
+        if math.isinf(self.config.trust):
+            return super().step(progress)
+        observations = torch.cat([step.observation.detach() for step in self._steps])
+        std = self.config.noise_std(progress)
+        return {"divergence": bounded_step(self.optimiser, self.policy, observations, std, self.config.trust)}
 
     def learn(self) -> dict[str, float]:
         """Fits the critic to the last window."""

@@ -114,7 +114,7 @@ class WindowLearner(Trainer):
         for simulation in self.simulations:
             simulation.mdp = self.config.episode(self.mdp, progress)
         metrics = self.gradient(progress)
-        self._step(metrics["gradient_norm"])
+        metrics |= self._step(metrics["gradient_norm"], progress)
         metrics |= self.learn()
         self.iteration += 1
         simulated = sum(simulation.steps_taken for simulation in self.simulations)
@@ -140,15 +140,20 @@ class WindowLearner(Trainer):
         mdp = self._tried()
         return 0.0 if mdp.curriculum else float(of_draws(self.policy, mdp, self.model).returns.mean())
 
-    def _step(self, norm: float) -> None:
+    def step(self, progress: float) -> dict[str, float]:
+        """A step of the policy along the gradient that its parameters hold; returns metrics."""
+        self.optimiser.step()
+        return {}
+
+    def _step(self, norm: float, progress: float) -> dict[str, float]:
         if math.isfinite(norm):
             self.unusable = 0
-            self.optimiser.step()
-            return
+            return self.step(progress)
         self.unusable += 1
         if self.unusable > PATIENCE:
             states = {"q": self.simulation.q.detach().numpy(), "v": self.simulation.v.detach().numpy()}
             raise Diverged(f"{self.title}: {self.unusable} gradients in a row were not finite: {self.remedy}", states)
+        return {}
 
     def conditions(self) -> dict[str, Any]:
         """The commands' delay and lag, and what the policy observes of it."""
