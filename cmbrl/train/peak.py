@@ -13,8 +13,9 @@ from typing import Any
 
 import torch
 
-SPAN = 0.02  # share of a run's updates over which returns are averaged
+SPAN, MOST = 0.02, 0.125  # shares of a run's updates over which returns are averaged, at least and at most
 LEAST = 10  # updates of that
+EPISODES = 2  # as many episodes' duration: returns of the last ones tell of policies since the first of them began
 LOST = 0.1  # share of the best return below which a run has lost much
 
 
@@ -23,11 +24,16 @@ class Peak:
 
     Episodes that end tell of policies since they began, and a mean of the last updates of earlier ones still: a policy
     that falls at once has already fallen where the mean is highest. So the learner is half a span to a span older.
+
+    Args:
+        iterations: updates of the run.
+        episode: updates that an episode lasts.
     """
 
-    def __init__(self, iterations: int) -> None:
-        self.span = max(LEAST, round(SPAN * iterations))
-        self.seen = 0  #: updates that the mean is of; negative: as many more are not to count
+    def __init__(self, iterations: int, episode: float = 0.0) -> None:
+        self.span = max(LEAST, round(min(max(SPAN * iterations, EPISODES * episode), MOST * iterations)))
+        self.seen = 0  #: updates that the mean is of
+        self.begins = 0  #: updates up to which none counts
         self.mean = 0.0  #: of the last updates' returns, older ones counting less and less
         self.best: float | None = None  #: the highest mean
         self.iteration = 0  #: updates of the learner that is held
@@ -36,9 +42,9 @@ class Peak:
 
     def take(self, iteration: int, returned: float, learner: Callable[[], dict[str, Any]]) -> None:
         """The mean return of the episodes that ended in an update, and what the ``learner`` is after it."""
-        self.seen += 1
-        if self.seen <= 0:
+        if self.waits(iteration):
             return
+        self.seen += 1
         self.mean += (returned - self.mean) / min(self.seen, self.span)
         if self.seen % (self.span // 2) == 0:
             self.older = [*self.older[-1:], [iteration, copy.deepcopy(learner())]]
@@ -46,14 +52,18 @@ class Peak:
             self.best = self.mean
             self.iteration, self.learner = self.older[0]
 
+    def waits(self, iteration: int) -> bool:
+        """Whether returns after so many updates are still those of a learner that was left."""
+        return iteration <= self.begins
+
     @property
     def lost(self) -> bool:
         """Whether returns have fallen far below the best ones."""
         return self.best is not None and self.seen >= self.span and self.best - self.mean > LOST * abs(self.best)
 
-    def back(self) -> dict[str, Any]:
-        """The learner to go on from; episodes of the one that was lost are not to count."""
-        self.seen, self.mean, self.older = -(self.span // 2), 0.0, []
+    def back(self, iteration: int) -> dict[str, Any]:
+        """The learner to go on from after so many updates; episodes that the lost one began are not to count."""
+        self.seen, self.mean, self.older, self.begins = 0, 0.0, [], iteration + self.span // 2
         return copy.deepcopy(self.learner)
 
     def give_back(self, policy: torch.nn.Module, earned: Callable[[], float]) -> bool:
@@ -70,7 +80,7 @@ class Peak:
 
     def state(self) -> dict[str, Any]:
         """Everything that ``restore`` needs."""
-        names = ("seen", "mean", "best", "iteration", "learner", "older")
+        names = ("seen", "begins", "mean", "best", "iteration", "learner", "older")
         return {name: getattr(self, name) for name in names}
 
     def restore(self, state: dict[str, Any]) -> None:

@@ -87,7 +87,7 @@ class WindowLearner(Trainer):
         self.policy.normaliser.update(self.simulation.observe().float())
         self.optimiser = PolicyOptimiser(self.policy.net, config.optimiser, rate, betas)
         self.iteration = self.unusable = 0
-        self.peak = Peak(config.iterations)
+        self.peak = Peak(config.iterations, self.mdp.episode_steps / self.horizon)
         self.returns_to: list[list[int]] = []
         self.begun = 0.0  #: share of the schedules that was done before the first update
 
@@ -122,6 +122,9 @@ class WindowLearner(Trainer):
         metrics |= episode_metrics([episode for s in self.simulations for episode in s.finished])
         if progress >= GROWN and "return" in metrics:
             self.peak.take(self.iteration, metrics["return"], self._learner)
+            if self.peak.waits(self.iteration):  # what is held of them is of episodes that the lost learner began
+                for simulation in self.simulations:
+                    simulation.finished.clear()
             if progress >= LATE and self.peak.lost and self.iteration < self.config.iterations:
                 self._go_back()
         if self.iteration == self.config.iterations and self.peak.give_back(self.policy, self._earned):
@@ -132,7 +135,7 @@ class WindowLearner(Trainer):
         """To the learner before the peak of returns; noise goes on."""
         generator = self.generator.get_state()
         self.returns_to.append([self.iteration, self.peak.iteration])
-        self._become(self.peak.back())
+        self._become(self.peak.back(self.iteration))
         self.generator.set_state(generator)
 
     def _earned(self) -> float:

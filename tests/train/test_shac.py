@@ -192,6 +192,30 @@ def test_the_peak_of_returns(sign: float):
     assert float(net.weight) == peak.iteration
 
 
+def test_returns_tell_of_a_learner_only_when_its_own_episodes_have_ended():
+    """Where an episode lasts 20 updates: neither is the run taken back again before, nor held a learner that is newer."""
+    peak, net = Peak(400, episode=20.0), torch.nn.Linear(1, 1).requires_grad_(False)
+
+    def take(updates: range, returned: float) -> None:
+        for k in updates:
+            net.weight.fill_(float(k))
+            peak.take(k, returned, lambda: {"policy": net.state_dict()})
+
+    take(range(1, 100), 50.0)
+    take(range(100, 103), 60.0)
+    assert peak.iteration <= 80
+    take(range(103, 130), 10.0)
+    assert peak.lost
+    peak.back(129)
+    take(range(130, 150), 10.0)
+    assert not peak.lost
+    assert peak.seen == 0, "of the learner that was left"
+    take(range(150, 190), 60.0)
+    assert not peak.lost
+    assert Peak(4000, episode=5.0).span == 80
+    assert Peak(80, episode=62.5).span == 10, "a short run is not all span"
+
+
 class Exploding:
     """A block whose episode 3 is thrown away at each step, faster than anything moves and finite."""
 
