@@ -193,7 +193,7 @@ def test_the_peak_of_returns(sign: float):
 
 
 def test_returns_tell_of_a_learner_only_when_its_own_episodes_have_ended():
-    """Where an episode lasts 20 updates: neither is the run taken back again before, nor held a learner that is newer."""
+    """Where an episode lasts 20 updates the run is not taken back again before, nor is a newer learner held."""
     peak, net = Peak(400, episode=20.0), torch.nn.Linear(1, 1).requires_grad_(False)
 
     def take(updates: range, returned: float) -> None:
