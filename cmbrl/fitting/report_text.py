@@ -11,6 +11,7 @@ import numpy as np
 from cmbrl.fitting.agreement import sentences
 from cmbrl.fitting.fitted_parameter import AT_BOUND, FLAT, NOMINAL, FittedParameter
 from cmbrl.fitting.judging import RETURN
+from cmbrl.fitting.lateness import lateness_told
 from cmbrl.fitting.sliding import sliding_told
 from cmbrl.fitting.start_noise import starts_told
 from cmbrl.fitting.told_gains import gains_told, sum_told
@@ -243,8 +244,8 @@ def _open(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any]) 
     for key, title in _LISTS:
         if report[key]:
             yield from _folded(title, report[key])
-    if told := sum_told(parameters):
-        yield from textwrap.wrap(told, WIDTH, subsequent_indent="  ")
+    for told in (lateness_told(report), sum_told(parameters)):
+        yield from textwrap.wrap(told or "", WIDTH, subsequent_indent="  ")
     mjcf = report.get("mjcf", {})  # of a fit in a folder
     if mjcf.get("missing"):
         yield from _folded(f"fitted, but not in {mjcf['file']}: an MJCF has no place for it", mjcf["missing"])
