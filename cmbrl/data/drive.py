@@ -77,16 +77,19 @@ def _check_range(log: PositionLog, scene: Scene, column: int, actuator: int, sca
 def scene_of(log: PositionLog, scene: Scene) -> Scene:
     """``scene``, with the drives that the commands of ``log`` ask for where its actuators take others.
 
-    Motors that got targets become servos with the gains of the log, and servos that got torques become motors. Raises
+    Motors that got targets become servos with the gains of the log, and servos that got torques become motors. So do
+    servos whose gains are none that a fit could find from the file's: files often have gains that nobody uses. Raises
     UserError if the log does not tell the gains. Controls are what the actuators take.
     """
     if log.command_kind == "control":
         return scene
     drives = {drive.actuator: drive for drive in scene.drives}
     for column, actuator in enumerate(log.actuators(scene).tolist()):
-        if law_of(scene, actuator)[0] == log.command_kind:
-            continue
         name = scene.actuator_names[actuator]
+        if law_of(scene, actuator)[0] == log.command_kind:
+            if (other := _other_servo(log, scene, column, actuator)) is not None:
+                drives[name] = other
+            continue
         if log.command_kind == "torque":
             drives[name] = Drive(name, "torque", strength=float(np.abs(log.command[:, column]).max(initial=0.0)))
             continue
@@ -95,6 +98,22 @@ def scene_of(log: PositionLog, scene: Scene) -> Scene:
         drives[name] = Drive(name, "position", float(log.kp[column]), 0.0 if log.kd is None else float(log.kd[column]))
     changed = tuple(drives.values())
     return scene if changed == scene.drives else scene.with_drives(changed)
+
+
+def _other_servo(log: PositionLog, scene: Scene, column: int, actuator: int) -> Drive | None:
+    """A servo with the gains that ``log`` tells, where they are beyond what the file's may become; else None."""
+    if log.command_kind != "position" or not 0 <= scene.core.act_line[actuator] < scene.nv:
+        return None
+    P, layout, name = scene.core.P, scene.layout, scene.actuator_names[actuator]
+    gear, *own = (float(P[layout.actuator(actuator, field)]) for field in ("gear", "bias1", "bias2"))
+    known = {p.name: p for p in scene.parameters}
+    gains, beyond = [-each * gear**2 for each in own], False
+    for k, (group, told) in enumerate((("kp", log.kp), ("kd", log.kd))):
+        if told is None:
+            continue
+        gains[k], p = float(told[column]), known.get(f"{group}.{name}")
+        beyond |= gains[k] > 0.0 if p is None else not p.low <= gains[k] / gear**2 <= p.high
+    return Drive(name, "position", *gains) if beyond and gains[0] > 0.0 else None
 
 
 def _mismatch(log: PositionLog, scene: Scene, column: int, actuator: int) -> str:

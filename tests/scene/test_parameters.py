@@ -288,6 +288,15 @@ def test_zero_damping_is_offered_off_the_floating_base(load: Load) -> None:
     assert not [p.name for p in floating.parameters if p.group in ("damping", "armature")]
 
 
+def test_a_gantry_is_no_floating_base(load: Load) -> None:
+    """Slides of one body that a motor drives rub as other joints do; those of a load beside it place it in space."""
+    slides = '<joint name="{}x" type="slide" axis="1 0 0"/><joint name="{}z" type="slide" axis="0 0 1"/>'
+    bodies = "".join(f'<body>{slides.format(name, name)}<geom size=".1"/></body>' for name in ("cup_", "ball_"))
+    gantry, _ = load(bodies, '<actuator><position joint="cup_x" kp="100"/></actuator>')
+    for group in ("damping", "armature", "frictionloss", "stribeck"):
+        assert [p.name for p in gantry.parameters if p.group == group] == [f"{group}.cup_x", f"{group}.cup_z"]
+
+
 def test_actuators(load: Load) -> None:
     """A position servo: force = kp ctrl - kp q - kv v, on the geared coordinate."""
     scene = scene_with(load)
