@@ -82,7 +82,7 @@ def conclude(
         "flat": named(known.flat),
         "flat_directions": known.directions,
         "unseen": named(known.unseen),
-        "lateness": lateness(space, z, known.wide),
+        "lateness": lateness(space, z, known.wide, model.dt / model.substeps),
         **_together(final, space, z, active, known, sets, data.q[len(data) // 2]),
         "covariance": {
             **_covariance(space, known.covariance),

@@ -49,17 +49,20 @@ def covariance(space: Space, apart: float, together: float) -> np.ndarray:
 
 def test_the_sum_is_told_where_it_is_known_better(space: Space) -> None:
     z = at(space, 0.022, 0.018)
-    found = lateness(space, z, covariance(space, 0.007, 0.001))
+    found = lateness(space, z, covariance(space, 0.007, 0.001), 1e-9)
     assert found is not None
     assert found["value"] == pytest.approx(0.040)
     assert found["high"] - found["value"] == pytest.approx(1.96e-3, rel=1e-3)
     assert "40 ms late (delay + lag, interval [38, 42])" in (lateness_told({"lateness": found}) or "")
+    stepped = lateness(space, z, covariance(space, 0.007, 1e-5), 0.004)
+    assert stepped is not None
+    assert stepped["high"] - stepped["low"] == pytest.approx(0.004, rel=1e-3)
 
 
 def test_nothing_is_said_where_each_is_known(space: Space) -> None:
     z = at(space, 0.022, 0.018)
-    assert lateness(space, z, covariance(space, 0.0004, 0.001)) is None
-    assert lateness(space, z, np.zeros((len(space), len(space)))) is None
+    assert lateness(space, z, covariance(space, 0.0004, 0.001), 1e-9) is None
+    assert lateness(space, z, np.zeros((len(space), len(space))), 1e-9) is None
     assert lateness_told({}) is None
     assert lateness_told({"lateness": None}) is None
 
