@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -77,24 +78,58 @@ def _check_range(log: PositionLog, scene: Scene, column: int, actuator: int, sca
 def scene_of(log: PositionLog, scene: Scene) -> Scene:
     """``scene``, with the drives that the commands of ``log`` ask for where its actuators take others.
 
-    Motors that got targets become servos with the gains of the log, and servos that got torques become motors. Raises
+    Motors that got targets become servos with the gains of the log, and servos that got torques become motors. So do
+    servos whose gains are none that a fit could find from the file's: files often have gains that nobody uses. Raises
     UserError if the log does not tell the gains. Controls are what the actuators take.
     """
     if log.command_kind == "control":
         return scene
-    drives = {drive.actuator: drive for drive in scene.drives}
+    drives, far = {drive.actuator: drive for drive in scene.drives}, []
     for column, actuator in enumerate(log.actuators(scene).tolist()):
-        if law_of(scene, actuator)[0] == log.command_kind:
-            continue
         name = scene.actuator_names[actuator]
+        if law_of(scene, actuator)[0] == log.command_kind:
+            if (other := _other_servo(log, scene, column, actuator)) is not None:
+                drives[name] = other
+                far.append(_apart(scene, actuator, other))
+            continue
         if log.command_kind == "torque":
             drives[name] = Drive(name, "torque", strength=float(np.abs(log.command[:, column]).max(initial=0.0)))
             continue
         if log.kp is None or log.kp[column] == 0.0:
             raise UserError(_mismatch(log, scene, column, actuator))
         drives[name] = Drive(name, "position", float(log.kp[column]), 0.0 if log.kd is None else float(log.kd[column]))
+    if far:
+        warnings.warn(
+            f"{len(far)} servo{'s have' if len(far) > 1 else ' has'} gains in the log that are far from the file's "
+            f"({far[0]}): the log's are taken; check that they are in N m/rad and N m s/rad (N/m, N s/m)",
+            stacklevel=2,
+        )
     changed = tuple(drives.values())
     return scene if changed == scene.drives else scene.with_drives(changed)
+
+
+def _other_servo(log: PositionLog, scene: Scene, column: int, actuator: int) -> Drive | None:
+    """A servo with the gains that ``log`` tells, where they are beyond what the file's may become; else None."""
+    if log.command_kind != "position" or not 0 <= scene.core.act_line[actuator] < scene.nv:
+        return None
+    P, layout, name = scene.core.P, scene.layout, scene.actuator_names[actuator]
+    gear, *own = (float(P[layout.actuator(actuator, field)]) for field in ("gear", "bias1", "bias2"))
+    known = {p.name: p for p in scene.parameters}
+    gains, beyond = [-each * gear**2 for each in own], False
+    for k, (group, told) in enumerate((("kp", log.kp), ("kd", log.kd))):
+        if told is None:
+            continue
+        gains[k], p = float(told[column]), known.get(f"{group}.{name}")
+        beyond |= gains[k] > 0.0 if p is None else not p.low <= gains[k] / gear**2 <= p.high
+    return Drive(name, "position", *gains) if beyond and gains[0] > 0.0 else None
+
+
+def _apart(scene: Scene, actuator: int, servo: Drive) -> str:
+    """The gains of ``servo`` beside those that the file has, at the joint."""
+    P, layout = scene.core.P, scene.layout
+    gear, *own = (float(P[layout.actuator(actuator, field)]) for field in ("gear", "bias1", "bias2"))
+    kp, kd = (-each * gear**2 for each in own)
+    return f"{servo.actuator}: kp {servo.kp:g} for {kp:g}, kd {servo.kd:g} for {kd:g}"
 
 
 def _mismatch(log: PositionLog, scene: Scene, column: int, actuator: int) -> str:

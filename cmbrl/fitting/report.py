@@ -16,6 +16,7 @@ from cmbrl.fitting.draws import bearable
 from cmbrl.fitting.fitted_parameter import AT_BOUND, FITTED, FLAT, NOMINAL, FittedParameter
 from cmbrl.fitting.gauge import common_factors
 from cmbrl.fitting.identify import Identification, identify
+from cmbrl.fitting.lateness import lateness
 from cmbrl.fitting.loss import Errors, PredictionLoss
 from cmbrl.fitting.objective import NOT_FINITE
 from cmbrl.fitting.ratios import beside, ratios
@@ -81,6 +82,7 @@ def conclude(
         "flat": named(known.flat),
         "flat_directions": known.directions,
         "unseen": named(known.unseen),
+        "lateness": lateness(space, z, known.wide, model.dt / model.substeps),
         **_together(final, space, z, active, known, sets, data.q[len(data) // 2]),
         "covariance": {
             **_covariance(space, known.covariance),

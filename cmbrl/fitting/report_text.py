@@ -11,6 +11,8 @@ import numpy as np
 from cmbrl.fitting.agreement import sentences
 from cmbrl.fitting.fitted_parameter import AT_BOUND, FLAT, NOMINAL, FittedParameter
 from cmbrl.fitting.judging import RETURN
+from cmbrl.fitting.lateness import lateness_told
+from cmbrl.fitting.laws_told import laws_told
 from cmbrl.fitting.sliding import sliding_told
 from cmbrl.fitting.start_noise import starts_told
 from cmbrl.fitting.told_gains import gains_told, sum_told
@@ -19,6 +21,7 @@ from cmbrl.fitting.verdict import EXACT, MEASURES, MODELS, advice, lost, warning
 
 WIDTH = 100
 _ALIKE = 1.01  # times the error of the fit
+_DIVERGED = 1e6  # times what the states vary by
 _SHOWN = 3  # elements of a list that is folded
 _FOLDED_FROM = 7  # elements
 _ROWS = 24  # of a table
@@ -38,7 +41,7 @@ def render(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any],
 
     ``whole``: tables with all of their rows.
     """
-    told = [verdict(report), gains_told(parameters, report), unit_told(parameters)]
+    told = [verdict(report), gains_told(parameters, report), laws_told(parameters, report), unit_told(parameters)]
     first = [line for text in told if text for line in textwrap.wrap(text, WIDTH, subsequent_indent="  ")]
     lines = [*first, *_errors(report), *_selection(report), *_table(parameters, whole)]
     lines += [*_ratios(parameters, report, whole), *_combinations(report, whole)]
@@ -64,14 +67,19 @@ def verdict(report: Mapping[str, Any]) -> str:
     told = f"an error over {steps} of {after:.3g} instead of {before:.3g}{_far(report)}"
     if not after < before and after > EXACT:
         return f"{early}The fit predicts unseen seconds worse than the file ({told}): keep the file."
-    if before < _ALIKE * after:
+    if before < _ALIKE * after and not _better_far(report):
         return f"{early}The fit predicts unseen seconds about as well as the file ({told})."
     bound = len(report["at_bound"])
     doubt = f"; {bound} parameter{'s' * (bound > 1)} lie{'s' * (bound == 1)} on a bound" if bound else ""
+    short = f"an error over {steps} of {after:.3g} instead of {before:.3g}"
+    better = f"{early}The fit predicts unseen seconds {_times(before, after)} times better than the file"
+    return f"{better} ({short}){_times_far(report)}{doubt}.{_reach(report)}"
+
+
+def _times(before: float, after: float) -> str:
+    """How many times smaller an error is ``after`` than ``before``."""
     times = before / max(after, 1e-12 * before)
-    how = f"{times:,.0f}" if times >= 1e3 else f"{times:.3g}"
-    better = f"{early}The fit predicts unseen seconds {how} times better than the file ({told}){doubt}."
-    return better + _reach(report)
+    return f"{times:,.0f}" if times >= 1e3 else f"{times:.3g}"
 
 
 def _reach(report: Mapping[str, Any]) -> str:
@@ -80,12 +88,36 @@ def _reach(report: Mapping[str, Any]) -> str:
     return f" Over {min(steps)} steps it is off by more than the states vary: use it for less." if steps else ""
 
 
-def _far(report: Mapping[str, Any]) -> str:
-    """What comes of it over the longest horizon, which one noisy step hardly tells."""
+def _farthest(report: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """The row of the longest horizon, if that is beyond the fit's: one noisy step hardly tells what comes of it."""
     row = max(report.get("horizons", ()), key=lambda each: each["steps"], default=None)
-    if row is None or row["steps"] <= report["horizon"]:
+    return None if row is None or row["steps"] <= report["horizon"] else row
+
+
+def _far(report: Mapping[str, Any]) -> str:
+    """The errors over the longest horizon."""
+    row = _farthest(report)
+    return (
+        f", over {row['steps']} of {row['rmse']['fitted']:.3g} instead of {row['rmse']['nominal']:.3g}" if row else ""
+    )
+
+
+def _better_far(report: Mapping[str, Any]) -> bool:
+    """Whether the fit is better over the longest horizon, and both errors tell anything there."""
+    row = _farthest(report)
+    if row is None or lost(row) or row["rmse"]["nominal"] > _DIVERGED:
+        return False
+    return bool(row["rmse"]["nominal"] >= _ALIKE * row["rmse"]["fitted"])
+
+
+def _times_far(report: Mapping[str, Any]) -> str:
+    """How many times better it is there: where sensors' noise rules the fit's horizon, that says more."""
+    row = _farthest(report)
+    if row is None:
         return ""
-    return f", over {row['steps']} of {row['rmse']['fitted']:.3g} instead of {row['rmse']['nominal']:.3g}"
+    before, after = row["rmse"]["nominal"], row["rmse"]["fitted"]
+    times = f"{_times(before, after)} times " if _better_far(report) else ""
+    return f", {times}over {row['steps']} ({after:.3g} instead of {before:.3g})"
 
 
 def _errors(report: Mapping[str, Any]) -> Iterator[str]:
@@ -243,8 +275,8 @@ def _open(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any]) 
     for key, title in _LISTS:
         if report[key]:
             yield from _folded(title, report[key])
-    if told := sum_told(parameters):
-        yield from textwrap.wrap(told, WIDTH, subsequent_indent="  ")
+    for told in (lateness_told(report), sum_told(parameters)):
+        yield from textwrap.wrap(told or "", WIDTH, subsequent_indent="  ")
     mjcf = report.get("mjcf", {})  # of a fit in a folder
     if mjcf.get("missing"):
         yield from _folded(f"fitted, but not in {mjcf['file']}: an MJCF has no place for it", mjcf["missing"])

@@ -142,7 +142,7 @@ def _core(
         par_coef=moves.coef,
         par_nominal=np.array([p.nominal for p in moves.parameters], dtype=np.float64),
         **shapes,
-        **weight_arrays(model, tree, candidates, lines, masses, armatures, law.name),
+        **weight_arrays(model, tree, candidates, lines, masses, armatures, law.name, [x.source for x in tendons]),
     )
     return core, moves.parameters
 

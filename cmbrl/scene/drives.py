@@ -52,7 +52,7 @@ def driven_model(model: mujoco.MjModel, drives: Sequence[Drive], label: str) -> 
     model = copy.deepcopy(model)
     for k, drive in _numbered(model, drives, label):
         gear = float(model.actuator_gear[k, 0])
-        for name, value in _law(drive, *_limits(model, k)).items():
+        for name, value in _law(drive, *_limits(model, k), _targets(model, k)).items():
             at = _column(model, k) if name.startswith("ctrl") else k
             getattr(model, f"actuator_{name}")[at] = value
         for name in ("actuator_armature", "actuator_damping"):  # of recent MuJoCo versions
@@ -68,7 +68,7 @@ def write_drives(spec: mujoco.MjSpec, drives: Sequence[Drive], label: str) -> No
     model = spec.compile()
     for k, drive in _numbered(model, drives, label):
         gear, actuator = float(model.actuator_gear[k, 0]), spec.actuators[k]
-        for name, value in _law(drive, *_limits(model, k)).items():
+        for name, value in _law(drive, *_limits(model, k), _targets(model, k)).items():
             held = getattr(actuator, name)
             if isinstance(held, np.ndarray):
                 held[:] = value
@@ -118,9 +118,19 @@ def _limits(model: mujoco.MjModel, k: int) -> tuple[bool, np.ndarray]:
     return bool(np.isfinite(limits).all()), np.where(np.isfinite(limits), limits, 0.0)
 
 
-def _law(drive: Drive, limited: bool, limits: np.ndarray) -> dict[str, Any]:
-    """The fields of an actuator, by their names in MuJoCo."""
+def _targets(model: mujoco.MjModel, k: int) -> np.ndarray | None:
+    """Least and largest target [rad, m] that the controls of a position servo can mean; None if nothing limits them."""
+    gear, gain, column = float(model.actuator_gear[k, 0]), float(model.actuator_gainprm[k, 0]), _column(model, k)
+    by_target = -gear * float(model.actuator_biasprm[k, 1])
+    if not model.actuator_ctrllimited[column] or gain == 0.0 or not by_target * gain > 0.0:
+        return None
+    return np.sort(model.actuator_ctrlrange[column] * gain / by_target)
+
+
+def _law(drive: Drive, limited: bool, limits: np.ndarray, targets: np.ndarray | None) -> dict[str, Any]:
+    """The fields of an actuator, by their names in MuJoCo; a servo in place of another keeps its ``targets``."""
     servo = drive.kind == "position"
+    held = servo and targets is not None
     gain, bias, gear = np.zeros(10), np.zeros(10), np.zeros(6)
     gear[0] = 1.0
     gain[0] = drive.kp if servo else 1.0
@@ -131,8 +141,8 @@ def _law(drive: Drive, limited: bool, limits: np.ndarray) -> dict[str, Any]:
         "biastype": int(mujoco.mjtBias.mjBIAS_AFFINE if servo else mujoco.mjtBias.mjBIAS_NONE),
         "biasprm": bias,
         "gear": gear,
-        "ctrllimited": 0,
-        "ctrlrange": drive.strength * np.array([-1.0, 1.0]),
+        "ctrllimited": int(held),
+        "ctrlrange": targets if held else drive.strength * np.array([-1.0, 1.0]),
         "forcelimited": int(limited),
         "forcerange": limits,
     }

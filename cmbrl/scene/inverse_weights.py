@@ -1,8 +1,9 @@
 """How masses soften rows: MuJoCo's compliances grow with inverse weights, which masses and armatures determine.
 
 MuJoCo takes the weights of qpos0: of a body w = tr(J M^-1 J^T) / 3 with the Jacobian J (3, nv) of its centre of mass,
-of a joint the mean of its entries of the diagonal of M^-1. With M = sum_k mu_k M_k in the scales mu of the masses and
-of the armatures, -dw/dmu_k = tr(J M^-1 M_k M^-1 J^T) / 3 >= 0, and w is the sum of these. So
+of a joint the mean of its entries of the diagonal of M^-1, of a tendon J M^-1 J^T with the slope J (nv,) of its length.
+With M = sum_k mu_k M_k in the scales mu of the masses and of the armatures,
+-dw/dmu_k = tr(J M^-1 M_k M^-1 J^T) / 3 >= 0, and w is the sum of these. So
 
     w(mu) = w (1 + sum_k a_k (1/mu_k - 1)),  a_k = -(dw/dmu_k) / w,
 
@@ -18,6 +19,7 @@ with the same properties, exact for a body on one joint. Centres of mass and sha
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import mujoco
@@ -29,6 +31,7 @@ from cmbrl.scene.core_arrays import CoreArrays
 from cmbrl.scene.records import WORLD, Array, Tree
 
 _NOTHING = 1e-15  # below it MuJoCo takes a weight for zero
+_STEP = 1e-6  # [m, rad] of central differences
 SOFTENED_LAWS = ("mujoco", "logistic")  #: whose compliance is a multiple of the inverse weight
 
 
@@ -40,23 +43,25 @@ def weight_arrays(
     masses: Mapping[int, int],
     armatures: Mapping[int, int],
     contact_law: str,
+    tendons: Sequence[int],
 ) -> dict[str, Any]:
     """The core's arrays: each inverse weight by the parameters that it depends on.
 
     ``masses``: body -> number; ``armatures``: degree of freedom -> number, also of those that are 0; ``limits``: the
-    core's arrays of lines.
+    core's arrays of lines; ``tendons``: numbers in the file of those among the lines.
     """
     sides = model.geom_bodyid[candidates.geoms]
     weights = model.body_invweight0[sides, 0]
     total = weights.sum(axis=1, keepdims=True)
     touching = set(np.unique(sides).tolist()) if contact_law in SOFTENED_LAWS else set()
-    shares = _Shares(model, tree, touching, masses, armatures)
+    shares = _Shares(model, tree, touching, masses, armatures, tendons)
     scales = [*masses.values(), *dict.fromkeys(armatures.values())]
     place = {number: k for k, number in enumerate(scales)}
     known = [{place[k]: x for k, x in row.items() if x > 0} for row in shares.rows]
     lines = np.full(model.nv + len(limits["tendon_ptr"]) - 1, -1)
     for dof, row in shares.of_dof.items():
         lines[dof] = row
+    lines[model.nv : model.nv + len(tendons)] = shares.of_tendon
     of_body = np.full(model.nbody, -1)
     of_body[[*shares.of_body]] = [*shares.of_body.values()]
     return {
@@ -74,7 +79,7 @@ def weight_arrays(
 
 
 class _Shares:
-    """a_k and c_k by parameter: a row for each joint that may rub or end, and for each of some bodies of the file."""
+    """a_k and c_k by parameter: a row for each joint or tendon that may rub or end, and for some bodies of the file."""
 
     def __init__(
         self,
@@ -83,6 +88,7 @@ class _Shares:
         bodies: set[int],
         masses: Mapping[int, int],
         armatures: Mapping[int, int],
+        tendons: Sequence[int],
     ) -> None:
         self.rows: list[dict[int, float]] = []
         self.of_dof: dict[int, int] = {}
@@ -91,6 +97,8 @@ class _Shares:
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         jacobians = _Jacobians(model, data)
+        pulls = [_Weight() for _ in tendons]  # a tendon may tie several trees
+        slopes = _slopes_of_tendons(model, tendons)
         welded: dict[int, list[int]] = {}
         for body, frame in enumerate(tree.frames):
             welded.setdefault(frame.body, []).append(body)
@@ -103,23 +111,57 @@ class _Shares:
             for number in dict.fromkeys(armatures[d] for d in dofs if d in armatures):
                 those = np.array([armatures.get(d) == number for d in dofs])
                 parts[number] = np.diag(np.sqrt(armature if armature[those].any() else np.ones(len(dofs))))[those]
+            for pull, slope in zip(pulls, slopes, strict=True):
+                pull.add(slope[None, dofs], inverse, parts)
             for k in members:
                 for joint in tree.bodies[k].joints:
                     if model.jnt_type[joint.source] != mujoco.mjtJoint.mjJNT_FREE:
                         self.of_dof.update(dict.fromkeys(joint.dofs, len(self.rows)))
-                        self.rows.append(_of_rows(np.eye(len(dofs))[np.isin(dofs, joint.dofs)], inverse, parts))
+                        self.rows.append(
+                            _Weight().add(np.eye(len(dofs))[np.isin(dofs, joint.dofs)], inverse, parts).shares
+                        )
                 for body in bodies.intersection(welded[k]):
                     self.of_body[body] = len(self.rows)
-                    self.rows.append(_of_rows(jacobians.of(body, dofs)[:3], inverse, parts))
+                    self.rows.append(_Weight().add(jacobians.of(body, dofs)[:3], inverse, parts).shares)
+        self.of_tendon = [len(self.rows) + k for k in range(len(pulls))]
+        self.rows += [pull.shares for pull in pulls]
 
 
-def _of_rows(J: Array, inverse: Array, parts: Mapping[int, Array]) -> dict[int, float]:
-    """a_k or c_k of the weight tr(J M^-1 J^T), by ``parts`` R (m, n) of M, each R^T R."""
-    moved = J @ inverse
-    weight = float(np.sum(moved * J))
-    if weight < _NOTHING:
-        return {}
-    return {k: float(np.sum((moved @ part.T) ** 2)) / weight for k, part in parts.items()}
+@dataclass
+class _Weight:
+    """A weight tr(J M^-1 J^T), and its part by parameter, summed over trees."""
+
+    total: float = 0.0
+    parts: dict[int, float] = field(default_factory=dict)
+
+    def add(self, J: Array, inverse: Array, parts: Mapping[int, Array]) -> _Weight:
+        """With ``J`` (m, n) of one tree, whose M has the ``inverse`` (n, n) and ``parts`` R (r, n), each R^T R."""
+        moved = J @ inverse
+        self.total += float(np.sum(moved * J))
+        for k, part in parts.items():
+            self.parts[k] = self.parts.get(k, 0.0) + float(np.sum((moved @ part.T) ** 2))
+        return self
+
+    @property
+    def shares(self) -> dict[int, float]:
+        """a_k or c_k by parameter; none of a weight that counts as zero."""
+        return {} if self.total < _NOTHING else {k: part / self.total for k, part in self.parts.items()}
+
+
+def _slopes_of_tendons(model: mujoco.MjModel, tendons: Sequence[int]) -> Array:
+    """How the length of each of ``tendons`` changes with each coordinate at qpos0 (nt, nv), by central differences.
+
+    MuJoCo's own Jacobian has another layout in each of its versions.
+    """
+    slopes, data = np.zeros((len(tendons), model.nv)), mujoco.MjData(model)
+    for dof in range(model.nv) if len(tendons) else ():
+        for side in (-1.0, 1.0):
+            data.qpos[:] = model.qpos0
+            mujoco.mj_integratePos(model, data.qpos, np.eye(model.nv)[dof], side * _STEP)
+            for update in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon):
+                update(model, data)
+            slopes[:, dof] += side * data.ten_length[list(tendons)] / (2.0 * _STEP)
+    return slopes
 
 
 class _Jacobians:

@@ -55,9 +55,10 @@ def offer_joints(
                 token = high > _TIMES**2 * value  # then it bounds nothing, as where the file has none
                 reach = np.log(high / value) / np.log(_TIMES) if token else 1.0
                 out.add(field, name, value, value / _TIMES, value * _TIMES, unit, indices, reach=float(reach))
-            elif high > 0 and not _floating(tree, joints[0]):
+            elif high > 0 and not _floating(tree, joints[0], actuators):
                 out.add(field, name, 0.0, 0.0, high, unit, indices)
-    _offer_friction_laws(tree, bounds["frictionloss"], layout, P, out)
+    own = [j for j in tree.joints if j.kind != JointKind.BALL and not _floating(tree, j, actuators)]
+    _offer_friction_laws(own, bounds["frictionloss"], layout, P, out)
 
 
 def armatures_of(moves: Moves, layout: Layout, nv: int) -> dict[int, int]:
@@ -71,10 +72,11 @@ def armatures_of(moves: Moves, layout: Layout, nv: int) -> dict[int, int]:
     }
 
 
-def _offer_friction_laws(tree: Tree, losses: Array, layout: Layout, P: Array, out: Collector) -> None:
-    """Friction losses that change with a joint's place and speed, on request: files have neither."""
-    joints = [j for j in tree.joints if j.kind != JointKind.BALL and losses[j.vadr] > 0 and not _floating(tree, j)]
+def _offer_friction_laws(joints: Sequence[Joint], losses: Array, layout: Layout, P: Array, out: Collector) -> None:
+    """Friction losses that change with the place and speed of ``joints``, on request: files have neither."""
     for joint in joints:
+        if not losses[joint.vadr] > 0:
+            continue
         most = max(float(losses[joint.vadr]), 20 * float(P[layout.dof(joint.vadr, "frictionloss")]))
         slides = joint.kind == JointKind.SLIDE
         slope, units = (10 * most, ("N/m", "N", "m/s")) if slides else (most, ("N m/rad", "N m", "rad/s"))
@@ -181,7 +183,13 @@ def _offer_limits(actuator: Actuator, slides: bool, layout: Layout, k: int, out:
         out.add("backlash", name, 0.0, 0.0, gap, units[2], [layout.actuator(k, "gap")], 0.5, default=False)
 
 
-def _floating(tree: Tree, joint: Joint) -> bool:
-    """Whether a joint places a body in space: a free joint, or one of several between a body and the world."""
+def _floating(tree: Tree, joint: Joint, actuators: Sequence[Actuator]) -> bool:
+    """Whether a joint places a body in space: a free joint, or one of several between a body and the world.
+
+    Not where an actuator drives one of them: then they are the axes of a gantry, with friction of their own.
+    """
     body = tree.bodies[joint.body]
-    return body.parent == WORLD and len(body.joints) > 1
+    if body.parent != WORLD or len(body.joints) < 2:
+        return False
+    driven = {actuator.line for actuator in actuators}
+    return driven.isdisjoint(dof for each in body.joints for dof in each.dofs)

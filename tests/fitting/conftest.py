@@ -74,7 +74,7 @@ class CartScene:
 class CartModel:
     """The part of ComplementarityModel that a fit uses."""
 
-    dt = H
+    dt, substeps = H, 1
 
     def __init__(
         self, scene: CartScene, parameters: np.ndarray | None = None, observation: dict[str, float] | None = None

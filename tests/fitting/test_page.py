@@ -203,3 +203,22 @@ def test_the_verdict(change: dict, words: str) -> None:
     loss = {"held out, nominal": {"rmse": 0.2}, "held out, fitted": {"rmse": 0.02}}
     report = {"loss": loss, "fitted": ["mass.a"], "horizon": 1, "stopped": None, "at_bound": []}
     assert words in report_text.verdict({**report, **change})
+
+
+@pytest.mark.parametrize(
+    ("short", "far", "words"),
+    [
+        ((0.37, 0.1), (0.7, 0.02), "3.7 times better than the file (an error over 5 steps of 0.1 instead of 0.37), 35"),
+        ((0.1, 0.0995), (0.7, 0.02), "of 0.0995 instead of 0.1), 35 times over 99 (0.02 instead of 0.7)."),
+        ((0.37, 0.1), (1e300, 0.02), "instead of 0.37), over 99 (0.02 instead of 1e+300)."),
+        ((0.37, 0.1), (8.0, 2.0), "instead of 0.37), over 99 (2 instead of 8). Over 99 steps it is off by more"),
+    ],
+)  # fmt: skip
+def test_what_a_long_prediction_gains_is_told_beside_a_short_one(
+    short: tuple[float, float], far: tuple[float, float], words: str
+) -> None:
+    loss = {f"held out, {name}": {"rmse": x} for name, x in zip(("nominal", "fitted"), short, strict=True)}
+    both = dict(zip(("nominal", "fitted"), far, strict=True))
+    row = {"steps": 99, "rmse": {"hold": 9.0, **both}, "loss": {"hold": 9.0, **both}, "estimated": True}
+    report = {"loss": loss, "fitted": ["mass.a"], "horizon": 5, "stopped": None, "at_bound": [], "horizons": [row]}
+    assert words in report_text.verdict(report)

@@ -106,7 +106,7 @@ def test_the_first_line_of_a_fit_tells_of_a_loss_in_rmse(carts) -> None:
     report = dict(result.report)
     assert "times better" in verdict(report)
     far = report["horizons"][-1]["rmse"]
-    assert f", over 20 of {far['fitted']:.3g} instead of {far['nominal']:.3g})" in verdict(report)
+    assert f" times over 20 ({far['fitted']:.3g} instead of {far['nominal']:.3g})" in verdict(report)
     beyond = [
         *report["horizons"],
         {**report["horizons"][-1], "steps": 100, "rmse": {"hold": 7, "nominal": 9, "fitted": 6}},

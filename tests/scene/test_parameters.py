@@ -219,6 +219,38 @@ def test_softness_by_inertia_against_mujoco(robot: tuple[Scene, mujoco.MjModel])
         assert np.subtract(*joints[::-1])[bound] == pytest.approx(by_mass, rel=1e-3, abs=1e-3 * np.abs(by_mass).max())
 
 
+def test_masses_soften_tendons(load: Load) -> None:
+    """A string between two trees, and a tendon that adds joints: slopes against mj_setConst, and the unit of force."""
+    slide = '<joint name="{}" type="slide" axis="{}"/>'
+    world = f"""<body name="A" pos="0 0 1">{slide.format("a", "0 0 1")}<geom size=".1" mass="2"/>
+    <site name="a" pos=".1 0 0"/></body>
+    <body name="B" pos="0 0 .5">{slide.format("b", "0 0 1")}{slide.format("c", "1 0 0")}<geom size=".1" mass="1"/>
+    <site name="b"/><body name="D" pos=".2 0 0"><joint name="d" axis="0 1 0"/><geom size=".05" pos=".3 0 0" mass=".5"/>
+    </body></body>"""
+    tendons = """<tendon><spatial name="string" range="0 .5" limited="true"><site site="a"/><site site="b"/></spatial>
+    <fixed name="sum" frictionloss="1"><joint joint="b" coef="1"/><joint joint="d" coef=".5"/></fixed></tendon>"""
+    scene, base = load(world, tendons)
+    core, step = scene.core, 1e-5
+    rows = core.line_weight[core.nv :]
+    assert (rows >= 0).all()
+    bodies = [p.name for p in scene.parameters if p.group == "mass"]
+    for name in bodies:
+        found, true = [], []
+        for side in (-step, step):
+            theta, model = scene.parameter_vector(), copy.copy(base)
+            theta[_column(scene, name)] += side
+            for field in (model.body_mass, model.body_inertia):
+                field[model.body(name.partition(".")[2]).id] *= 1.0 + side
+            mujoco.mj_setConst(model, mujoco.MjData(model))
+            found.append(factors(core, theta)[rows] * core.line_invweight[core.nv :])
+            true.append(model.tendon_invweight0)
+        assert found[0] == pytest.approx(true[0], rel=1e-6)
+        assert found[1] - found[0] == pytest.approx(true[1] - true[0], rel=1e-3, abs=1e-9)
+    theta = scene.parameter_vector()
+    theta[[_column(scene, name) for name in bodies]] *= 2.5
+    assert factors(core, theta)[rows] == pytest.approx(1 / 2.5, rel=1e-6)
+
+
 def test_an_armature_that_only_the_fit_has_stiffens_as_in_mujoco(load: Load) -> None:
     """Exactly for a body on one joint, and the unit of force stays open: all of them scale a weight's inverse."""
     scene, _ = load('<body><joint name="j" type="slide" range="-1 1" limited="true"/><geom size=".1" mass="2"/></body>')
@@ -286,6 +318,15 @@ def test_zero_damping_is_offered_off_the_floating_base(load: Load) -> None:
     base = '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>'
     floating, _ = load(f'<body>{base}<geom size=".1"/></body>')
     assert not [p.name for p in floating.parameters if p.group in ("damping", "armature")]
+
+
+def test_a_gantry_is_no_floating_base(load: Load) -> None:
+    """Slides of one body that a motor drives rub as other joints do; those of a load beside it place it in space."""
+    slides = '<joint name="{}x" type="slide" axis="1 0 0"/><joint name="{}z" type="slide" axis="0 0 1"/>'
+    bodies = "".join(f'<body>{slides.format(name, name)}<geom size=".1"/></body>' for name in ("cup_", "ball_"))
+    gantry, _ = load(bodies, '<actuator><position joint="cup_x" kp="100"/></actuator>')
+    for group in ("damping", "armature", "frictionloss", "stribeck"):
+        assert [p.name for p in gantry.parameters if p.group == group] == [f"{group}.cup_x", f"{group}.cup_z"]
 
 
 def test_actuators(load: Load) -> None:

@@ -1,0 +1,29 @@
+"""What is said of laws that a fit took though the log tells none of their values from 0."""
+
+from __future__ import annotations
+
+import pytest
+
+from cmbrl.fitting.fitted_parameter import FittedParameter
+from cmbrl.fitting.laws_told import doubtful_laws, laws_told
+
+
+def law(group: str, *intervals: tuple[float, float], status: str = "fitted") -> dict[str, FittedParameter]:
+    """Parameters of ``group`` by joint, with these intervals; 0 in the file."""
+    return {f"{group}.{k}": FittedParameter((a + b) / 2, a, b, 0.0, status) for k, (a, b) in enumerate(intervals)}
+
+
+@pytest.mark.parametrize("group", ["friction_slope", "stribeck", "backlash"])
+def test_a_law_whose_values_all_may_be_0_is_named(group: str) -> None:
+    moves = {"selection": [{"move": "add", "group": "all"}, {"move": "add", "group": group}]}
+    parameters = law(group, (0.0, 0.02), (0.0, 0.3)) | law("frictionloss", (0.0, 1.0))
+    assert doubtful_laws(parameters) == [group]
+    assert f"({group}), but no value of it is told from 0" in (laws_told(parameters, moves) or "")
+    assert laws_told(parameters, {"selection": moves["selection"][:1]}) is None  # asked for by name
+    assert laws_told(parameters, {"selection": None}) is None
+
+
+def test_a_law_that_one_joint_shows_is_believed() -> None:
+    assert doubtful_laws(law("friction_slope", (-0.1, 0.2), (0.3, 0.5))) == []
+    assert doubtful_laws(law("friction_slope", (0.0, 0.0), status="nominal")) == []
+    assert laws_told({}, {"selection": [{"move": "add", "group": "stribeck"}]}) is None
