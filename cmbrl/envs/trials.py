@@ -125,14 +125,14 @@ def foretold(shares: Mapping[str, float]) -> str:
 def unlearned(earned: Mapping[str, float]) -> str:
     """What mean returns in the model of the "policy", and of "no action", say; empty where the policy earns more.
 
-    >>> unlearned({"policy": -53.1, "no action": -41.0})
-    'it earns -53.1 in the model, and no action at all -41: it has learned nothing, train longer, from ...
+    >>> unlearned({"policy": -53.1, "no action": -41.0})[:79]
+    'it earns -53.1 in the model, and no action at all -41: it has learned nothing, '
     """
     if not earned or earned["policy"] > earned["no action"]:
         return ""
     return (
         f"it earns {earned['policy']:.4g} in the model, and no action at all {earned['no action']:.4g}: it has learned "
-        "nothing, train longer, from another --seed, with --set saturation=0.1, or make actions gentler (Task.mdp)"
+        "nothing, train longer, with --set discount=0.95 --set saturation=0.1, or with gentler actions (MDP.act)"
     )
 
 
