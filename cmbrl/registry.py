@@ -144,7 +144,7 @@ class Task:
             log: file of the real system's log, for a task whose real system is a log.
 
         Raises UserError for an unknown behaviour, for what the real system cannot do, and for a recorder that returns
-        too few transitions.
+        too few transitions, or those of another control step.
         """
         from cmbrl.numbers import one_of, whole  # imports numpy, which the names of tasks do not need
 
@@ -164,6 +164,11 @@ class Task:
         if len(data) < n_steps:
             raise UserError(
                 f"{self.name}: its recorder returned {len(data)} transitions of {n_steps}: fix Task.recorder"
+            )
+        if abs(data.dt - self.control_dt) > 1e-6 * self.control_dt:
+            raise UserError(
+                f"{self.name}: its recorder's steps take {data.dt:g} s, and Task.control_dt is {self.control_dt:g} s: "
+                "fix frame_skip of its system, or control_dt"
             )
         return data if len(data) == n_steps else data.select(slice(n_steps))
 

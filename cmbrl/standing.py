@@ -25,6 +25,8 @@ ROOT_Q, ROOT_V = 7, 6
 REACHED = 5e-3  # m above the lowest point: what is nearer to the floor bears weight as well
 FRICTION = 0.5  # of the pyramids: less than on nearly any floor
 BALANCE = 100.0  # weight of the balance of the root against small torques of joints
+BESIDE = 0.01  # m beside the feet from which a centre of mass topples a robot: less is found by the first move
+LACKING, SLIGHT = 0.05, 0.002  # shares of a torque that are missed, and of weight times height that do not count
 
 
 def by_joint(posture: str | Mapping[str, float]) -> Mapping[str, float]:
@@ -64,8 +66,50 @@ def commands(scene: Scene, q: Array, reach: float) -> tuple[Array, Array, Array,
     servo, factor = np.array([kind == "position" for kind, _ in laws]), np.array([factor for _, factor in laws])
     per_force = np.array([_control_per_force(scene, i) for i in range(scene.nu)])
     home = np.where(servo, factor * q[line + ROOT_Q - ROOT_V], 0.0) + per_force * holding_forces(scene, q)[line]
-    half = np.where(np.isfinite(high - low), (high - low) / 2, 1.0)
+    most = np.abs(per_force) * _strongest(scene)  # of motors whose controls have no range
+    half = np.where(np.isfinite(high - low), (high - low) / 2, np.where(np.isfinite(most), most, 1.0))
     return home, reach * np.where(servo, factor, half), low.copy(), high.copy()
+
+
+def doubts(scene: Scene, q: Array) -> list[str]:
+    """Why the robot cannot rest at ``q`` (nq,), a clause each: weak actuators, and a mass beside the feet."""
+    forces, line = holding_forces(scene, q), np.array(scene.core.act_line)
+    held, needed = _held(scene, q), forces[line]
+    weight = float(np.linalg.norm(scene.gravity)) * scene.total_mass
+    missed = np.abs(held - needed)
+    short = missed > np.maximum(LACKING * np.abs(needed), SLIGHT * weight * q[2])
+    found = []
+    if short.any():
+        worst = int(np.argmax(np.where(short, missed, 0.0)))
+        others = f" ({int(short.sum()) - 1} more so too)" if short.sum() > 1 else ""
+        found.append(
+            f"{scene.actuator_names[worst]} has to give {needed[worst]:.3g} N m or N, and the nearest that its range "
+            f"of controls and its limits allow is {held[worst]:.3g}{others}"
+        )
+    beside = float(np.linalg.norm(forces[3:ROOT_V])) / weight
+    if beside > BESIDE:
+        found.append(f"its centre of mass is {1e3 * beside:.0f} mm beside the feet that bear it")
+    return found
+
+
+def _held(scene: Scene, q: Array) -> Array:
+    """Forces (nu,) along the joints at rest at ``q`` (nq,), under the allowed commands nearest to what holds it."""
+    home, _, low, high = commands(scene, q, 1.0)
+    at = q[np.array(scene.core.act_line) + ROOT_Q - ROOT_V]
+    laws = [law_of(scene, i) for i in range(scene.nu)]
+    rest = np.array([factor if kind == "position" else 0.0 for kind, factor in laws]) * at  # commands without a force
+    per_force = np.array([_control_per_force(scene, i) for i in range(scene.nu)])
+    off, most = np.clip(home, low, high) - rest, _strongest(scene)
+    return np.clip(np.divide(off, per_force, out=np.zeros(scene.nu), where=per_force != 0.0), -most, most)
+
+
+def _strongest(scene: Scene) -> Array:
+    """The largest force (nu,) of each actuator along its joint; infinite where the file sets no limit."""
+    core, layout = scene.core, scene.layout
+    gear = [abs(float(core.P[layout.actuator(i, "gear")])) for i in range(scene.nu)]
+    most = np.array(gear) * np.abs(np.reshape(core.act_force, (-1, 2))).max(axis=1)
+    at_joint = dict(zip(core.frc_dof.tolist(), np.abs(core.frc_range).max(axis=1).tolist(), strict=True))
+    return np.minimum(most, [at_joint.get(int(dof), np.inf) for dof in core.act_line])
 
 
 def holding_forces(scene: Scene, q: Array) -> Array:

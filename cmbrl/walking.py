@@ -7,6 +7,7 @@ one, tilt, height, effort, and how abruptly joints change their speed. A gait is
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
@@ -20,7 +21,7 @@ from cmbrl.errors import UserError, did_you_mean
 from cmbrl.mdp import MDP, Total
 from cmbrl.numbers import real, shown
 from cmbrl.registry import Task
-from cmbrl.standing import ROOT_Q, ROOT_V, by_joint, commands, on_floor, standing
+from cmbrl.standing import ROOT_Q, ROOT_V, by_joint, commands, doubts, on_floor, standing
 
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
@@ -132,6 +133,9 @@ class Walking:
         _check(walker, scene)
         self.scene, self.dt, self.nu = scene, dt, scene.nu
         self.q0 = torch.from_numpy(standing(scene, walker.posture))
+        if why := doubts(scene, self.q0.numpy()):
+            remedy = "choose another posture, or stiffer servos (Walker(drives=...))"
+            warnings.warn(f"{scene.name} cannot rest in its posture: {'; '.join(why)}: {remedy}", stacklevel=2)
         self.height, self.wanted = float(self.q0[2]), torch.tensor(walker.speed, dtype=torch.float64)
         self.unit = max(SLOWEST, math.hypot(walker.speed[0], walker.speed[1]))
         self.home, self.scale, self.low, self.high = map(

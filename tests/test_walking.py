@@ -13,6 +13,7 @@ from cmbrl import Scene, UserError
 from cmbrl.cli import main
 from cmbrl.models.both_laws import BothLaws
 from cmbrl.models.named import nominal_model
+from cmbrl.models.source import load_source
 from cmbrl.scene.drives import Drive
 from cmbrl.train.recipe import configure
 from cmbrl.train.shac import SHAC
@@ -108,6 +109,42 @@ def test_no_action_holds_the_posture_in_mujoco(tmp_path, actuator):
     assert np.abs(q[7:] - made.q0[7:].numpy()).max() < 0.01  # without the weight's share soft servos sag by 0.1 rad
 
 
+@pytest.mark.parametrize(
+    ("actuator", "limits", "expected"),
+    [
+        ('<motor joint="{}" gear="2" forcerange="-15 15"/>', "", 15.0),
+        ('<motor joint="{}" gear="2"/>', 'actuatorfrcrange="-24 24"', 12.0),
+        ('<motor joint="{}" gear="2" ctrlrange="-5 5" forcerange="-15 15"/>', "", 5.0),
+        ('<motor joint="{}" gear="40"/>', "", 1.0),
+    ],
+)
+def test_motors_without_a_range_of_controls_take_what_their_force_allows(tmp_path, actuator, limits, expected):
+    xml = robot(actuators="".join(actuator.format(name) for name in POSTURE))
+    xml = xml.replace('type="hinge"', f'type="hinge" {limits}')
+    made = walking(tmp_path, xml, reach=0.5)
+    assert np.allclose(made.scale, 0.5 * expected)
+
+
+@pytest.mark.parametrize(
+    ("actuator", "posture", "says"),
+    [
+        (
+            '<position joint="{}" kp="0.6" ctrlrange="-0.8 0.8"/>',
+            POSTURE,
+            r"knee .* give 1.95 N m .* 1.2 \(7 more",
+        ),
+        ('<position joint="{}" kp="60" forcerange="-1 1"/>', POSTURE, "allow is -?1 "),
+        ('<motor joint="{}" ctrlrange="-1 1"/>', POSTURE, "has to give"),
+        ('<position joint="{}" kp="60" ctrlrange="-0.5 0.5"/>', POSTURE, "has to give"),
+        ('<position joint="{}" kp="60"/>', dict.fromkeys(POSTURE, 0.6), "centre of mass is .* mm beside the feet"),
+    ],
+)
+def test_a_posture_in_which_a_robot_cannot_rest_is_told(tmp_path, actuator, posture, says):
+    xml = robot(actuators="".join(actuator.format(name) for name in POSTURE))
+    with pytest.warns(UserWarning, match=f"dog cannot rest in its posture: .*{says}.*: choose another posture"):
+        walking(tmp_path, xml, posture=posture)
+
+
 def test_motors_whose_driver_takes_targets(tmp_path):
     file = tmp_path / "dog.xml"
     file.write_text(robot(actuators="".join(f'<motor name="{name}" joint="{name}"/>' for name in POSTURE)))
@@ -120,6 +157,19 @@ def test_motors_whose_driver_takes_targets(tmp_path):
     assert np.allclose(task.system().model.actuator_gainprm[:, 0], expected)
     scene = task.load_scene()
     assert [p.nominal for p in scene.parameters if p.group == "kp"] == expected
+
+
+def test_a_task_is_fitted_under_its_drives(tmp_path):
+    (tmp_path / "dog.xml").write_text(robot(actuators="".join(f'<motor joint="{name}"/>' for name in POSTURE)))
+    (tmp_path / "dog.py").write_text(
+        "from pathlib import Path\nfrom cmbrl.scene.drives import Drive\n"
+        "from cmbrl.walking import Walker, walking_task\n"
+        "WALKER = Walker(scene=Path(__file__).with_name('dog.xml'), drives=(Drive('*', 'position', kp=60.0),))\n"
+        "TASK = walking_task('dog', 'walks', WALKER)\n"
+    )
+    source = load_source(str(tmp_path / "dog.py"))  # of fit, check, error, excite and info
+    assert source.scene.drives == source.task.drives
+    assert [p.nominal for p in source.scene.parameters if p.group == "kp"] == [60.0] * 8
 
 
 def test_the_reward_is_best_upright_at_the_wanted_speed_whatever_the_heading(tmp_path):

@@ -153,7 +153,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     import torch
 
-    from cmbrl.envs.trials import foretold
+    from cmbrl.envs.trials import foretold, unlearned
     from cmbrl.train.run import INTERRUPTED, RESULT, TrainingRun, commands_text, progress_text
     from cmbrl.train.trainer import Diverged
 
@@ -182,6 +182,8 @@ def run(arguments: argparse.Namespace) -> int:
             print(f"{out}: the policy of update {trainer.kept} is kept: the last one earns less in the model")
         if outcome.failed_trials:
             print(f"{out}: {foretold(outcome.failed_trials)}")
+        if told_nothing := unlearned(trainer.earned):
+            print(f"{out}: {told_nothing}")
         if stops := _early(getattr(trainer, "model", None)):
             print(f"{out}: {stops}")
     if outcome.stopped == INTERRUPTED:

@@ -13,11 +13,16 @@ from cmbrl.registry import load_task, names
 if TYPE_CHECKING:
     from cmbrl.mdp import MDP
     from cmbrl.registry import Task
-    from cmbrl.system import SystemFactory
+    from cmbrl.system import System, SystemFactory
 
 
 def decision_process(task: Task) -> MDP:
-    """The task's decision process; raises UserError if it has none, or one of another control step."""
+    """The task's decision process; raises UserError if it has none, one of another control step, or one that is wrong.
+
+    What its functions return is tried on a few states (:mod:`cmbrl.envs.checked`).
+    """
+    from cmbrl.envs.checked import check_process
+
     if task.mdp is None:
         raise UserError(f"task {task.name!r} has no reward (Task.mdp); tasks with one: {_with_one() or 'none'}")
     mdp = task.mdp()
@@ -26,6 +31,7 @@ def decision_process(task: Task) -> MDP:
             f"task {task.name!r}: Task.mdp takes {mdp.repeat} model steps in {mdp.dt:g} s, but Task.control_dt is "
             f"{task.control_dt:g} s: fix dt, repeat or control_dt"
         )
+    check_process(mdp, f"task {task.name!r}")
     return mdp
 
 
@@ -54,10 +60,21 @@ def task_for(name: str, motion: str | Path | None, contact_law: str | None = Non
 
 
 def real_system(task: Task) -> SystemFactory:
-    """The function that makes the task's real system; raises UserError if it has none."""
-    if task.system is None:
+    """The function that makes the task's real system; UserError if it has none, or, then, for one of another step."""
+    make = task.system
+    if make is None:
         raise UserError(f"task {task.name!r} has no real system (Task.system): use --model")
-    return task.system
+
+    def made() -> System:
+        system = make()
+        if abs(system.dt - task.control_dt) > 1e-6 * task.control_dt:
+            raise UserError(
+                f"task {task.name!r}: a step of Task.system takes {system.dt:g} s, and Task.control_dt is "
+                f"{task.control_dt:g} s: fix its frame_skip, or control_dt"
+            )
+        return system
+
+    return made
 
 
 def _with_one() -> str:

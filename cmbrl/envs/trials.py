@@ -69,6 +69,11 @@ def of_draws(policy: Actor, mdp: MDP, model: Model, episodes: int = EPISODES, se
     return evaluate_model(policy, mdp, model, episodes, seed, parameters)
 
 
+def without_action(mdp: MDP, model: Model, episodes: int = EPISODES, seed: int = 0) -> Evaluation:
+    """The same for actions of 0: what a policy has to beat that learned something."""
+    return of_draws(lambda o: o.new_zeros(len(o), mdp.actions), mdp, model, episodes, seed)
+
+
 def failed(found: Mapping[str, Evaluation]) -> dict[str, float]:
     """Share of failed episodes by trial.
 
@@ -109,12 +114,26 @@ def foretold(shares: Mapping[str, float]) -> str:
         remedy = "train longer, from another --seed, or from a policy of the file (--start)"
         return f"{told}: it may fail in the robot, {remedy}"
     if shares.get("law", 0.0) >= LEANS:
-        remedy = "train with --set other_law=0.5 (the usual share), or from another --seed"
+        remedy = "train longer, from another --seed, or with --set other_law=0.5 if its share was less"
         return f"{told}: it leans on the model's law of sliding and may fail in the robot, {remedy}"
     if shares.get("mujoco", 0.0) >= LEANS:
         remedy = "train with --set other=file, from another --seed, or on a task of more substeps"
         return f"{told}: it leans on how the model steps through contacts and may fail in the robot, {remedy}"
     return told
+
+
+def unlearned(earned: Mapping[str, float]) -> str:
+    """What mean returns in the model of the "policy", and of "no action", say; empty where the policy earns more.
+
+    >>> unlearned({"policy": -53.1, "no action": -41.0})[:79]
+    'it earns -53.1 in the model, and no action at all -41: it has learned nothing, '
+    """
+    if not earned or earned["policy"] > earned["no action"]:
+        return ""
+    return (
+        f"it earns {earned['policy']:.4g} in the model, and no action at all {earned['no action']:.4g}: it has learned "
+        "nothing, train longer, with --set discount=0.95 --set saturation=0.1, or with gentler actions (MDP.act)"
+    )
 
 
 class Disturbed:

@@ -1,4 +1,4 @@
-"""Where bodies are and how they move at a state, differentiable: for observations, rewards and terminations."""
+"""Where bodies and sites are and how they move at a state, differentiable: for observations, rewards, terminations."""
 
 from __future__ import annotations
 
@@ -35,27 +35,37 @@ class BodyMotions:
 
     Args:
         scene: the scene; spatial, so read with ``reduce=False`` if it is planar.
-        bodies: their names, in the order wanted.
+        bodies: their names, in the order wanted. A body without joints moves with the one that it is fixed to, and so
+            does a site of the file, such as a tool's tip.
         threads: native threads.
 
-    Raises UserError for an unknown body, and for a planar scene.
+    Raises UserError for an unknown body, one that does not move, and for a planar scene.
     """
 
     def __init__(self, scene: Scene, bodies: Sequence[str], threads: int = 1) -> None:
         if scene.planar:
             raise UserError(f"{scene.name}: body motions need spatial algebra: read the scene with reduce=False")
-        if unknown := [name for name in bodies if name not in scene.body_names]:
-            raise UserError(f"{scene.name} has no body {unknown[0]!r}: {did_you_mean(unknown[0], scene.body_names)}")
+        if unknown := [name for name in bodies if name not in scene.places]:
+            told = did_you_mean(unknown[0], scene.places)
+            raise UserError(f"{scene.name} has no body or site {unknown[0]!r} that moves: {told}")
         self.names, self.threads = tuple(bodies), threads
         self._scene = scene
         self._core, self._tangent = Core(scene.core.to_native()), TangentMap(scene)
-        self._chosen = np.array([scene.body_names.index(name) for name in bodies], dtype=np.int64)
+        places = [scene.places[name] for name in bodies]
+        self._chosen = np.array([place.body for place in places], dtype=np.int64)
+        self._offset = torch.tensor(np.array([place.pos for place in places]).reshape(-1, 3))
+        self._turn = torch.tensor(np.array([place.rot for place in places]).reshape(-1, 3, 3))
+        self._carried = bool((self._offset != 0).any() or (self._turn != torch.eye(3)).any())
 
     def __call__(self, q: Tensor, v: Tensor) -> BodyMotion:
         """The motion at q (B, nq), v (B, nv), float64; NaN in a row that is not finite."""
         x = _Motion.apply(q, v, self) if torch.is_grad_enabled() else self.forward(q, v)
-        rotation = x[..., 3:12].unflatten(-1, (3, 3))
-        return BodyMotion(x[..., :3], rotation, x[..., 12:15], x[..., 15:])
+        position, rotation, linear, angular = x[..., :3], x[..., 3:12].unflatten(-1, (3, 3)), x[..., 12:15], x[..., 15:]
+        if self._carried:
+            arm = (rotation @ self._offset[..., None])[..., 0]
+            position, rotation = position + arm, rotation @ self._turn
+            linear = linear + torch.linalg.cross(angular, arm)
+        return BodyMotion(position, rotation, linear, angular)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return BodyMotions, (self._scene, self.names, self.threads)

@@ -66,7 +66,11 @@ def load_source(
     task = load_task(word) if is_task(word) or not is_file else None
     law = contact_law or (task.contact_law if task else "mujoco")
     scene = Scene.from_mjcf(
-        task.scene_path if task else word, ignore=ignore, contact_law=law, self_contact=self_contact
+        task.scene_path if task else word,
+        ignore=ignore,
+        contact_law=law,
+        self_contact=self_contact,
+        drives=task.drives if task else (),
     )
     return Source(word, scene, task=task)
 

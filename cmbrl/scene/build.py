@@ -23,7 +23,7 @@ from cmbrl.scene.inverse_weights import weight_arrays
 from cmbrl.scene.joint_parameters import armatures_of
 from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.layout import Layout
-from cmbrl.scene.mjcf import ignores, name_of
+from cmbrl.scene.mjcf import ignores, name_of, read_places
 from cmbrl.scene.parameters import offer_parameters
 from cmbrl.scene.parts import Parts
 from cmbrl.scene.physical_vector import physical_vector
@@ -64,6 +64,7 @@ def scene_fields(compiled: Compiled, gate: Gate, parts: Parts, law: LawChoice) -
         "q0": np.array(model.qpos0),
         "total_mass": float(sum(body.mass for body in tree.bodies)),
         "body_names": tuple(body.name for body in tree.bodies),
+        "places": read_places(model, tree),
         "joint_names": tuple(name_of(model, "joint", k) for k in range(model.njnt)),
         "coordinate_names": coordinates,
         "coordinate_kinds": kinds,

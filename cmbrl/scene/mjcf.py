@@ -14,6 +14,7 @@ _OBJECTS = {
     "body": mujoco.mjtObj.mjOBJ_BODY,
     "joint": mujoco.mjtObj.mjOBJ_JOINT,
     "geom": mujoco.mjtObj.mjOBJ_GEOM,
+    "site": mujoco.mjtObj.mjOBJ_SITE,
     "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
     "tendon": mujoco.mjtObj.mjOBJ_TENDON,
     "equality": mujoco.mjtObj.mjOBJ_EQUALITY,
@@ -96,6 +97,21 @@ def read_tree(model: mujoco.MjModel) -> Tree:
                 float(model.body_mass[number]), com, axes @ np.diag(model.body_inertia[number]) @ axes.T
             )
     return Tree(bodies, frames, *_nominal_poses(model, bodies))
+
+
+def read_places(model: mujoco.MjModel, tree: Tree) -> dict[str, Frame]:
+    """Poses of the file's bodies and sites on the moving bodies that carry them, by name; a body's where both have it.
+
+    Those of the world are not among them.
+    """
+    found = {}
+    for number in range(model.nsite):
+        carrier = tree.frames[model.site_bodyid[number]]
+        pos, rot = model.site_pos[number], quaternion_matrix(model.site_quat[number])
+        placed = Frame(carrier.body, carrier.pos + carrier.rot @ pos, carrier.rot @ rot)
+        found[name_of(model, "site", number)] = placed
+    found |= {name_of(model, "body", number): frame for number, frame in enumerate(tree.frames)}
+    return {name: frame for name, frame in found.items() if frame.body != WORLD}
 
 
 def _read_joint(model: mujoco.MjModel, number: int, body: int) -> list[Joint]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -22,7 +22,7 @@ from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.near import CHOICES
 from cmbrl.scene.parts import read_parts
-from cmbrl.scene.records import Array, Joint, LeftOut, Parameter
+from cmbrl.scene.records import Array, Frame, Joint, LeftOut, Parameter
 from cmbrl.scene.robot_source import RobotSource, compile_robot
 from cmbrl.scene.support import Gate, check_model
 
@@ -52,6 +52,7 @@ class Scene:
     q0: Array  # (nq,)
     total_mass: float  # [kg] of the moving bodies
     body_names: tuple[str, ...]
+    places: Mapping[str, Frame]  # of bodies and sites that move with one of these, by name
     joint_names: tuple[str, ...]  # as in the file; a free joint counts as one
     coordinate_names: tuple[str, ...]  # (nv,)
     coordinate_kinds: tuple[str, ...]  # (nv,) "position", "angle" or "rotation"

@@ -239,7 +239,9 @@ class Loop(Trainer):
 
     def failed_trials(self) -> dict[str, float]:
         """Those of the policy in training."""
-        return self.trainer.failed_trials()
+        found = self.trainer.failed_trials()
+        self.earned = self.trainer.earned
+        return found
 
     def keep(self, folder: Path) -> None:
         """Writes the last fit to ``folder``/fit, as `cmbrl fit` does, to be inspected, compared and trained on."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -53,6 +54,7 @@ class Trainer(ABC):
     policy: Policy  #: as trained so far
     iteration: int  #: updates done so far
     judged: MDP | None = None  #: the process of its trials, where an evaluation starts in another way than training
+    earned: Mapping[str, float] = MappingProxyType({})  #: in the model alone: see ``cmbrl.envs.trials.unlearned``
     kept: int | None = None  #: the update whose policy is kept instead of the last one
     returns_to: Sequence[Sequence[int]] = ()  #: updates after which it went back, and to which
     simulation: Simulation | None = None  #: whose last states a diverged run keeps; None where there is none

@@ -11,7 +11,7 @@ import torch
 from cmbrl.envs.disturbance import Disturbance, parameter_sets
 from cmbrl.envs.history import commands
 from cmbrl.envs.simulation import Simulation
-from cmbrl.envs.trials import failed, of_draws, trials
+from cmbrl.envs.trials import failed, of_draws, trials, without_action
 from cmbrl.gradients.kinds import steps_taken
 from cmbrl.mdp import MDP
 from cmbrl.models.both_laws import under_both_laws
@@ -163,9 +163,17 @@ class WindowLearner(Trainer):
         return commands(self.mdp, self.model)
 
     def failed_trials(self) -> dict[str, float]:
-        """Of whole episodes, from starts as in an evaluation; none where a curriculum chooses those too."""
+        """Of whole episodes, from starts as in an evaluation; none where a curriculum chooses those too.
+
+        Then ``earned`` is known too.
+        """
         mdp = self._tried()
-        return {} if mdp.curriculum else failed(trials(self.policy, mdp, self.model))
+        if mdp.curriculum:
+            return {}
+        found, idle = trials(self.policy, mdp, self.model), without_action(mdp, self.model)
+        returns = {"policy": found["draws"].returns, "no action": idle.returns}
+        self.earned = {name: float(each.mean()) for name, each in returns.items()}
+        return failed(found)
 
     def _tried(self) -> MDP:
         """The process of trials."""

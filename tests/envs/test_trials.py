@@ -10,7 +10,18 @@ import torch
 
 import cmbrl
 from cmbrl.envs.evaluation import Evaluation
-from cmbrl.envs.trials import Disturbed, _loose, failed, foretold, stands, trials, will_fail
+from cmbrl.envs.trials import (
+    Disturbed,
+    _loose,
+    failed,
+    foretold,
+    of_draws,
+    stands,
+    trials,
+    unlearned,
+    will_fail,
+    without_action,
+)
 from cmbrl.mdp import MDP
 from cmbrl.models.named import nominal_model
 from cmbrl.registry import load_task
@@ -83,6 +94,15 @@ def puck_process() -> MDP:
         episode_steps=25, reward=lambda q, v, action, q_next, v_next: torch.ones_like(q[:, 0]),
         reset=lambda count, generator: (at_rest.repeat(count, 1), torch.zeros(count, 6, dtype=torch.float64)),
     )  # fmt: skip
+
+
+def test_a_policy_that_earns_no_more_than_no_action_is_told() -> None:
+    model = cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(PUCK), substeps=5, sliding="coulomb")
+    idle = without_action(puck_process(), model, 4).returns.mean()
+    rests = of_draws(lambda o: torch.zeros(len(o), 1), puck_process(), model, 4).returns.mean()
+    assert "it has learned nothing, train longer" in unlearned({"policy": float(rests), "no action": float(idle)})
+    assert unlearned({"policy": float(idle) + 1.0, "no action": float(idle)}) == ""
+    assert unlearned({}) == ""
 
 
 def test_a_policy_that_leans_on_a_law_of_sliding_is_told() -> None:

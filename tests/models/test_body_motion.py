@@ -46,12 +46,46 @@ def test_motions_are_mujocos(scene: Scene) -> None:
             np.testing.assert_allclose(found.linear[k, i], twist[3:], atol=1e-11)
 
 
-def test_products_agree_with_finite_differences(scene: Scene) -> None:
-    motions = BodyMotions(scene, BODIES)
+TOOL = """
+<mujoco model="arm"><worldbody><body name="stand" pos="0 0 0.5"><geom size="0.1"/>
+<body name="upper"><joint name="a" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02"/>
+<body name="lower" pos="0.3 0 0"><joint name="b" axis="0 0 1"/><geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.02"/>
+<body name="wrist" pos="0.2 0 0.01" euler="0 20 0"><body name="hand" pos="0.05 0.02 0" euler="30 0 40">
+<geom size="0.02"/><site name="tip" pos="0.04 0 0.03" euler="0 0 15"/><site name="upper" pos="1 0 0"/>
+</body></body></body></body></body></worldbody></mujoco>"""
+
+
+def test_what_is_fixed_to_a_body_moves_with_it() -> None:
+    scene, names = Scene.from_mjcf(TOOL), ("hand", "tip", "upper", "wrist")
+    q, v = states(scene, 4)
+    found = BodyMotions(scene, names)(q, v)
+    model = mujoco.MjModel.from_xml_string(TOOL)
+    data = mujoco.MjData(model)
+    for k in range(len(q)):
+        data.qpos[:], data.qvel[:] = q[k], v[k]
+        mujoco.mj_forward(model, data)
+        for i, name in enumerate(names):
+            site = name == "tip"
+            kind = mujoco.mjtObj.mjOBJ_SITE if site else mujoco.mjtObj.mjOBJ_XBODY
+            one, twist = (data.site(name) if site else data.body(name)), np.zeros(6)
+            mujoco.mj_objectVelocity(model, data, kind, one.id, twist, 0)
+            np.testing.assert_allclose(found.position[k, i], one.xpos, atol=1e-12)
+            np.testing.assert_allclose(found.rotation[k, i], one.xmat.reshape(3, 3), atol=1e-12)
+            np.testing.assert_allclose(found.angular[k, i], twist[:3], atol=1e-11)
+            np.testing.assert_allclose(found.linear[k, i], twist[3:], atol=1e-11)
+    with pytest.raises(UserError, match="no body or site 'stand' that moves"):
+        BodyMotions(scene, ["stand"])
+
+
+@pytest.mark.parametrize("carried", [False, True])
+def test_products_agree_with_finite_differences(scene: Scene, carried: bool) -> None:
+    names = ("hand", "tip") if carried else BODIES
+    scene = Scene.from_mjcf(TOOL) if carried else scene
+    motions = BodyMotions(scene, names)
     q, v = states(scene, 3, seed=1)
     q.requires_grad_(), v.requires_grad_()
     rng = np.random.default_rng(2)
-    weights = torch.from_numpy(rng.normal(size=(3, len(BODIES), 18)))
+    weights = torch.from_numpy(rng.normal(size=(3, len(names), 18)))
 
     def value(q: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
         m = motions(q, v)
@@ -82,7 +116,7 @@ def test_rows_that_are_not_finite_and_copies(scene: Scene) -> None:
 
 
 def test_what_has_no_motion_is_refused(scene: Scene) -> None:
-    with pytest.raises(UserError, match=r"no body 'pelvs': did you mean 'pelvis'"):
+    with pytest.raises(UserError, match=r"no body or site 'pelvs' that moves: did you mean 'pelvis'"):
         BodyMotions(scene, ["pelvs"])
     with pytest.raises(UserError, match="reduce=False"):
         BodyMotions(load_task("hopper").load_scene(), ["torso"])

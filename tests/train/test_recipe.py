@@ -38,7 +38,13 @@ def process(dt: float, episode_steps: int, observations: int = 11, actions: int 
     """A task that says nothing of training."""
     hopper = load_task("hopper")
     assert hopper.mdp is not None
-    mdp = replace(hopper.mdp(), dt=dt, episode_steps=episode_steps, observations=observations, actions=actions)
+    own = hopper.mdp()
+
+    def observe(q: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
+        return torch.nn.functional.pad(own.observe(q, v), (0, observations - own.observations))
+
+    sizes = {"observations": observations, "actions": actions, "observe": observe}
+    mdp = replace(own, dt=dt, episode_steps=episode_steps, **sizes)
     return replace(hopper, name="mine", training={}, mdp=lambda: mdp, control_dt=dt, substeps=1, time_step=dt)
 
 

@@ -1,0 +1,78 @@
+"""What a task's functions return is tried before anything is run: one line each, instead of a traceback or silence."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from cmbrl.data import Transitions
+from cmbrl.envs.of_task import decision_process, real_system
+from cmbrl.errors import UserError
+from cmbrl.mdp import MDP, never
+from cmbrl.registry import Task
+
+
+def process(**changes) -> MDP:
+    sound = MDP(
+        observations=2, actions=1, observe=lambda q, v: torch.cat([q, v], dim=1), terminated=never, dt=0.02,
+        episode_steps=10, reward=lambda q, v, action, q_next, v_next: v_next[:, 0],
+        reset=lambda count, generator: (torch.zeros(count, 1).double(), torch.zeros(count, 1).double()),
+    )  # fmt: skip
+    return replace(sound, **changes)
+
+
+class Robot:
+    dt = 0.01
+
+    def reset(self, q: np.ndarray, v: np.ndarray) -> None:
+        self.q, self.v = q, v
+
+    def step(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return self.q, self.v
+
+
+def log(n_steps: int, **_: object) -> Transitions:
+    rows = {name: np.zeros((n_steps, 1)) for name in ("q", "v", "u", "q_next", "v_next")}
+    return Transitions(**rows, dt=0.01, episode=np.zeros(n_steps, dtype=int))
+
+
+def task(**changes) -> Task:
+    return Task(
+        name="slide", description="", scene="", control_dt=0.02, substeps=1, time_step=0.02, recorder=log,
+        behaviours=("random",), mdp=lambda: process(**changes), system=Robot,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"observations": 3}, r"observe gives shape \(3, 2\) for 3 states, .* is 3: set MDP.observations to 2"),
+        ({"observe": lambda q, v: q[:, 0]}, "observe gives shape .* give rows"),
+        ({"reward": lambda q, v, a, q1, v1: v1}, r"reward gives shape \(3, 1\) for 3 states: give one number each"),
+        ({"reward": lambda q, v, a, q1, v1: v1.sum()}, r"reward gives shape \(\)"),
+        ({"reward": lambda q, v, a, q1, v1: torch.log(v1[:, 0] - 1)}, "reward gives numbers that are not finite"),
+        ({"observe": lambda q, v: torch.cat([q, v / 0.0], dim=1)}, "observe gives numbers that are not finite"),
+        ({"terminated": lambda q, v: q < 0}, r"terminated gives shape \(3, 1\)"),
+        ({"terminated": lambda q, v: q[:, 0]}, "terminated gives torch.float64: give bool"),
+        ({"truncated": lambda q, v: q > 0}, "truncated gives shape"),
+        ({"shaping": lambda q, v: q}, "shaping gives shape"),
+        ({"reset": lambda count, g: (torch.zeros(1).double(), torch.zeros(1).double())}, "reset.* gives q of shape"),
+    ],
+)
+def test_what_a_process_returns_is_checked(changes: dict[str, object], says: str) -> None:
+    with pytest.raises(UserError, match=f"task 'slide': MDP.{says}"):
+        decision_process(task(**changes))
+
+
+def test_a_sound_process_passes() -> None:
+    assert decision_process(task()).observations == 2
+
+
+def test_a_real_system_or_a_recorder_of_another_control_step_is_refused() -> None:
+    with pytest.raises(UserError, match=r"a step of Task.system takes 0.01 s, and Task.control_dt is 0.02 s"):
+        real_system(task())()
+    with pytest.raises(UserError, match=r"its recorder's steps take 0.01 s, and Task.control_dt is 0.02 s"):
+        task().record(5)
