@@ -17,6 +17,7 @@ from cmbrl.mdp import MDP, Total
 from cmbrl.models.wiring import wiring_of
 
 MOST = 100  #: last actions
+SLIGHT = 0.05  # of a control step: a fit's delay is not known to less, and so late an action is nearly in time
 
 
 def with_last_actions(mdp: MDP, count: int) -> MDP:
@@ -29,7 +30,7 @@ def with_last_actions(mdp: MDP, count: int) -> MDP:
 
 def actions_in_flight(late: float, dt: float) -> int:
     """How many past actions, one every ``dt`` [s], still say something about a robot that is ``late`` by [s]."""
-    return min(MOST, math.ceil(late / dt - 1e-6))
+    return min(MOST, max(0, math.ceil(late / dt - SLIGHT)))
 
 
 def observed(mdp: MDP, model: object, count: int | None = None) -> MDP:

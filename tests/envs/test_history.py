@@ -97,7 +97,8 @@ def test_a_recording_goes_on_in_a_new_episode_of_the_robot_s_own_coordinates() -
 
 
 def test_how_many_actions_say_something() -> None:
-    assert [actions_in_flight(late, 0.01) for late in (0.0, 0.004, 0.01, 0.0101, 0.03, 99.0)] == [0, 1, 1, 2, 3, 100]
+    late = 0.0, 0.0004, 0.004, 0.01, 0.0101, 0.011, 0.03, 99.0
+    assert [actions_in_flight(seconds, 0.01) for seconds in late] == [0, 0, 1, 1, 1, 2, 3, 100]
 
 
 def test_reports_tell_of_commands_only_where_they_are_late() -> None:
