@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 SHAC: dict[str, Any] = {
     "iterations": 3000, "environments": 64, "window": 0.64, "actor_hidden": (256, 128), "critic_hidden": (128, 128),
     "noise_linear": 0.01, "noise_angular": 0.03, "log_std_start": -2.0, "log_std_end": -3.0,
-    "other_law": 0.0, "trust": 0.3,
+    "other_law": 0.0,
 }  # fmt: skip
 
 
