@@ -86,6 +86,16 @@ def _counts(robots: Mapping[str, Robot]) -> Iterator[str]:
     def slowest(name: str) -> int:
         return sum(value[name] < 1 for value in values)
 
+    worst = max(value[name] for value in values for name in ("mass matrix", "bias force", "smooth force"))
+    yield (
+        f"- Mass matrix, bias force and all that acts without constraints (actuators, springs, dampers, fluids) are "
+        f"MuJoCo's within {worst:.0e} of the largest entry, for every robot."
+    )
+    rows = [value["contact rows"] for value in values if "contact rows" in value]
+    yield (
+        f"- Contact rows, of {len(rows)} robots that touch something under random controls: the median is MuJoCo's "
+        f"within 1e-9 for {sum(row <= 1e-9 for row in rows)}, within {max(rows):.0e} for the others."
+    )
     worst = max(value["derivatives, worst"] for value in values)
     for steps, of in ((nearest, "under MuJoCo's laws"), (default, "by default")):
         air, floor, both = (below(getattr(s, name) for s in steps) for name in ("air", "floor", "worst"))
@@ -145,12 +155,14 @@ def _table(columns: tuple[str, ...], rows: list[list[str]]) -> str:
 
 def _made(robots: Mapping[str, Robot]) -> str:
     here = environment()
-    steps, times = (
-        " and ".join(sorted({robot[key][:7] for robot in robots.values()})) for key in ("commit", "commit_of_times")
-    )
     states, wild = (max(robot[key] for robot in robots.values()) for key in ("states", "wild"))
+    parts: dict[str, list[str]] = {}  # by commit, or several
+    for part in next(iter(robots.values()))["commits"]:
+        commits = " and ".join(sorted({robot["commits"][part][:7] for robot in robots.values()}))
+        parts.setdefault(commits, []).append(part)
+    made = "; ".join(f"{', '.join(names)} at commit {commits}" for commits, names in parts.items())
     return textwrap.fill(
-        f"Made by scripts/robots.py: {states:,} states and {wild:,} wild states a robot at commit {steps}, "
-        f"times at {times}, one thread of {here['hardware']['processor']}; mujoco {here['versions']['mujoco']}.",
+        f"Made by scripts/robots.py: {states:,} states and {wild:,} wild states a robot; {made}; one thread of "
+        f"{here['hardware']['processor']}; mujoco {here['versions']['mujoco']}.",
         130,
     )

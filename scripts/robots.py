@@ -2,8 +2,9 @@
 """The page of robots, docs/robots.md: ``scripts/robots.py FOLDER``, of every FOLDER/NAME/robot.xml with its LICENSE.
 
 Each robot is measured by `cmbrl info` and `cmbrl check` into KEPT/NAME.json, and not again while that lies there.
-``--only-times`` takes the times anew and keeps the rest, for a machine that does nothing else. A robot that cannot be
-loaded, or takes more than half an hour, is a line with the reason. The picture is scripts/robot_pictures.py's.
+``--only PART`` of a check takes that part anew and keeps the rest: times, for a machine that does nothing else. A robot
+that cannot be loaded, or takes more than half an hour, is a line with the reason. The picture is
+scripts/robot_pictures.py's.
 """
 
 from __future__ import annotations
@@ -18,28 +19,29 @@ from typing import Any
 from robot_pictures import contact_sheet
 from robot_tables import page
 
+from cmbrl.cli.check import PARTS
 from cmbrl.runs import environment
 
 SECONDS = 1800
 PAGE = Path(__file__).parent.parent / "docs/robots.md"
 
 
-def measure(file: Path, kept: Path, only_times: bool, states: int, wild: int) -> None:
-    """Writes ``kept``: what both commands say of a robot, or why they do not."""
+def measure(file: Path, kept: Path, only: str | None, states: int, wild: int) -> None:
+    """Writes ``kept``: what both commands say of a robot, or why they do not, and the commit of each part."""
     found: dict[str, Any] = json.loads(kept.read_text()) if kept.exists() else {}
-    if found and not only_times:
+    if found and only is None:
         return
+    commit = environment()["commit"]
     if found and "why" not in found:
-        times = _run("check", file, "--only", "times")
-        names = [check["name"] for check in times.get("checks", [])]
-        checks = [check for check in found["checks"] if check["name"] not in names] + times.get("checks", [])
-        found |= {"checks": checks, "commit_of_times": environment()["commit"]}
+        part = _run("check", file, f"--only={only}", f"--states={states}", f"--wild={wild}").get("checks", [])
+        names = [check["name"] for check in part]
+        found["checks"] = [check for check in found["checks"] if check["name"] not in names] + part
+        found["commits"] |= {only: commit}
     else:
         info = _run("info", file)
         checked = info if "why" in info else _run("check", file, f"--states={states}", f"--wild={wild}")
         found = {**checked, "info": _shortened(info)} if "why" not in checked else checked
-        found |= {"states": states, "wild": wild}
-        found["commit"] = found["commit_of_times"] = environment()["commit"]
+        found |= {"states": states, "wild": wild, "commits": dict.fromkeys(PARTS, commit)}
     partial = kept.with_suffix(".part")
     partial.write_text(json.dumps(found, indent=1))
     partial.replace(kept)
@@ -66,7 +68,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--kept", type=Path, default=Path("runs/robots"), metavar="FOLDER", help="measurements")
-    parser.add_argument("--only-times", action="store_true")
+    parser.add_argument("--only", choices=PARTS, metavar="PART", help="measure this part of the check again")
     parser.add_argument("--states", type=int, default=1000, metavar="N", help="states of the steps")
     parser.add_argument("--wild", type=int, default=100_000, metavar="N", help="wild states")
     arguments = parser.parse_args()
@@ -77,7 +79,7 @@ def main() -> None:
     robots = {}
     for file in files:
         kept = arguments.kept / f"{file.parent.name}.json"
-        measure(file, kept, arguments.only_times, arguments.states, arguments.wild)
+        measure(file, kept, arguments.only, arguments.states, arguments.wild)
         robots[file.parent.name] = json.loads(kept.read_text())
         print(file.parent.name, robots[file.parent.name].get("why", ""), flush=True)
     contact_sheet(files, PAGE.with_suffix(".png"))

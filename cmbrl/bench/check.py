@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from cmbrl.bench.check_dynamics import dynamics
+from cmbrl.bench.check_line import Line
 from cmbrl.bench.check_reasons import option, reason
 from cmbrl.bench.check_steps import States, controls, mujocos, places, step_errors, visit
 from cmbrl.bench.states import with_activations
@@ -23,21 +24,6 @@ from cmbrl.scene.mjcf import act_addresses
 STEP = 0.05  # the largest error of a step
 
 
-@dataclass(frozen=True)
-class Line:
-    """One measurement: its name, its value, the limit it should keep to, if there is one, and what it means."""
-
-    name: str
-    value: float
-    limit: float | None
-    meaning: str
-
-    @property
-    def holds(self) -> bool:
-        """Whether the value keeps to the limit."""
-        return self.limit is None or self.value <= self.limit
-
-
 def check(
     scene: Scene, theirs: mujoco.MjModel, states: int, wild: int, seed: int = 0, only: str | None = None
 ) -> list[Line]:
@@ -48,7 +34,7 @@ def check(
     """
     model = ComplementarityModel(scene)
     measure: dict[str, Callable[[np.random.Generator], list[Line]]] = {
-        "dynamics": lambda rng: _dynamics(scene, model, theirs, rng),
+        "dynamics": lambda rng: dynamics(scene, model, theirs, rng),
         "steps": lambda rng: _all_steps(scene, model, theirs, states, rng),
         "derivatives": lambda rng: _derivatives(scene, seed),
         "wild": lambda rng: _wild(model, wild, seed),
@@ -81,31 +67,6 @@ def _wild(model: ComplementarityModel, count: int, seed: int) -> list[Line]:
     return [
         Line("wild states flagged", flagged, 1e-4, f"share of {count} wild states whose solve fails and says so"),
         Line("wild states wrong", silent, 0.0, "states that are wrong and not flagged, or not finite"),
-    ]
-
-
-def _dynamics(
-    scene: Scene, model: ComplementarityModel, theirs: mujoco.MjModel, rng: np.random.Generator
-) -> list[Line]:
-    """Mass matrix, and the bias force with passive forces apart, against MuJoCo's at 50 random states."""
-    data = mujoco.MjData(theirs)
-    q = scene.integrate(np.tile(scene.q0, (50, 1)), 0.5 * rng.normal(size=(50, scene.nv)))
-    v = rng.normal(size=(50, scene.nv))
-    ours = model.smooth_dynamics(q, v, contacts=False)
-    worst = np.zeros(2)
-    for k in range(len(q)):
-        data.qpos[:], data.qvel[:] = q[k], v[k]
-        mujoco.mj_forward(theirs, data)
-        M = np.zeros((scene.nv, scene.nv))
-        for row, unit in zip(M, np.eye(scene.nv), strict=True):
-            mujoco.mj_mulM(theirs, data, row, unit)
-        size = float(np.abs(M).max())  # also the force that makes 1 m/s^2 or 1 rad/s^2: gravity may do nothing
-        of_bias = max(float(np.abs(data.qfrc_bias).max()), size)
-        errors = [np.abs(ours["M"][k] - M).max() / size, np.abs(ours["bias"][k] - data.qfrc_bias).max() / of_bias]
-        worst = np.maximum(worst, errors)
-    return [
-        Line("mass matrix", float(worst[0]), 1e-9, "largest difference from MuJoCo's, relative to its largest entry"),
-        Line("bias force", float(worst[1]), 1e-9, "the same, of Coriolis, centrifugal and gravity forces"),
     ]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import re
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
@@ -55,7 +56,7 @@ def compile_robot(source: RobotSource, ignore: Collection[str] = ()) -> Compiled
     notes: tuple[str, ...] = ()
     with quiet() as warnings:
         if isinstance(source, mujoco.MjModel):
-            model, label, file = source, "MjModel", None
+            model, label, file = copy.copy(source), "MjModel", None  # which reading changes
         elif isinstance(source, mujoco.MjSpec):
             model, label, file = _compiled("MjSpec", source.compile), "MjSpec", None
         elif isinstance(source, str) and source.lstrip().startswith("<"):

@@ -7,7 +7,8 @@ from typing import Any
 import mujoco
 import pytest
 
-from cmbrl.bench.check import Line, check
+from cmbrl.bench.check import check
+from cmbrl.bench.check_line import Line
 from cmbrl.cli.check import PARTS
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
@@ -37,8 +38,15 @@ def steps_of(text: str) -> dict[str, Line]:
 def test_a_small_arm_holds() -> None:
     """At its limits, with dry friction and a wall: exact where nothing touches, and derivatives are."""
     lines = lines_of(Scene.from_mjcf(ARM), mujoco.MjModel.from_xml_string(ARM))
-    exact = ("mass matrix", "bias force", "derivatives, median", "derivatives, worst", "wild states wrong")
-    assert all(lines[name].holds for name in exact)
+    exact = (
+        "mass matrix",
+        "bias force",
+        "smooth force",
+        "derivatives, median",
+        "derivatives, worst",
+        "wild states wrong",
+    )
+    assert all(lines[name].holds for name in (*exact, "wild states wrong"))
     assert lines["step in place, apart"].value < 1e-5
     assert lines["step in place"].value < 0.05
 
@@ -49,6 +57,31 @@ def test_another_robot_is_found_out(field: str, name: str) -> None:
     theirs = mujoco.MjModel.from_xml_string(ARM)
     getattr(theirs, field)[:] *= 10
     assert not lines_of(Scene.from_mjcf(ARM), theirs)[name].holds
+
+
+def test_a_force_that_is_left_out_shows() -> None:
+    """The cubic part of a ball joint's spring."""
+    text = """<mujoco><worldbody><body><joint type="ball" stiffness="5 3" springdamper="0 0"/>
+<geom type="capsule" size=".05" fromto="0 0 0 .3 0 0"/></body></worldbody></mujoco>"""
+    scene, theirs = Scene.from_mjcf(text, ["joint_polynomial"]), mujoco.MjModel.from_xml_string(text)
+    lines = {line.name: line for line in check(scene, theirs, 10, 0, only="dynamics")}
+    assert lines["mass matrix"].holds
+    assert not lines["smooth force"].holds
+
+
+@pytest.mark.parametrize("cone", ["elliptic", "pyramidal"])
+@pytest.mark.parametrize("dim", [1, 3, 4])
+def test_contact_rows_are_mujocos(cone: str, dim: int) -> None:
+    """Of a box on the floor; and they are found out where MuJoCo's box is larger."""
+    text = PUSHED.replace("<option", f'<option cone="{cone}"').replace("<geom", f'<geom condim="{dim}"')
+    scene, theirs = Scene.from_mjcf(text), mujoco.MjModel.from_xml_string(text)
+
+    def rows() -> float:
+        return {line.name: line for line in check(scene, theirs, 10, 0, only="dynamics")}["contact rows"].value
+
+    assert rows() < 1e-9
+    theirs.geom_size[1] *= [1.1, 1, 1]
+    assert rows() > 1e-3
 
 
 def test_what_differs_is_named() -> None:

@@ -162,3 +162,13 @@ def test_a_file_may_reserve_user_data() -> None:
     assert Scene.from_mjcf(MJCF.replace("<worldbody>", '<size nuserdata="600000"/><worldbody>')).nv == 2
     with pytest.raises(UserError, match="nuserdata"):
         Scene.from_mjcf(MJCF.replace("<worldbody>", '<size nuserdata="600000000"/><worldbody>'))
+
+
+def test_reading_leaves_the_users_model_as_it_was() -> None:
+    """What is dropped on request is dropped in the scene alone."""
+    ball = MJCF.replace('name="a" axis="0 1 0"', 'name="a" type="ball" stiffness="5 3"').replace('damping=".1"', "", 1)
+    model = mujoco.MjModel.from_xml_string(ball)
+    before = model.jnt_stiffnesspoly.copy()
+    Scene.from_mjcf(model, ["joint_polynomial"])
+    assert before.any()
+    assert np.array_equal(model.jnt_stiffnesspoly, before)
