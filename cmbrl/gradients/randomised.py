@@ -9,9 +9,9 @@ import torch
 from torch import Tensor
 
 from cmbrl.errors import UserError
-from cmbrl.models.autograd import TangentMap
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.manifold import Coordinates
+from cmbrl.models.stepper import TangentMap
 from cmbrl.native import SolverStatus
 
 

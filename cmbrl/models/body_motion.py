@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from cmbrl.errors import UserError, did_you_mean
-from cmbrl.models.autograd import TangentMap
+from cmbrl.models.stepper import TangentMap
 from cmbrl.native import Core
 from cmbrl.scene import Scene
 

@@ -14,11 +14,12 @@ from cmbrl.contact.smoothing import Smoothing
 from cmbrl.errors import UserError
 from cmbrl.models import theta as physical
 from cmbrl.models.activations import Activations
-from cmbrl.models.autograd import Stepper, check_tensors, differentiable_step
+from cmbrl.models.autograd import check_tensors, differentiable_step
 from cmbrl.models.manifold import Coordinates
 from cmbrl.models.observation import Observation
 from cmbrl.models.step_result import SolverWarning, StepResult
 from cmbrl.models.step_settings import StepSettings, read_config
+from cmbrl.models.stepper import Stepper
 from cmbrl.models.variations import Variations
 from cmbrl.models.windows import Windows
 from cmbrl.models.wiring import Wiring
@@ -190,7 +191,8 @@ class ComplementarityModel(Variations):
         Returns: q_next (B, nq), v_next (B, nv); NaN in a row whose q, v or u is not finite, and so are its gradients.
         Raises: UserError for a wrong shape or type, or a theta without a physical meaning, such as a negative mass.
         Warns SolverWarning if solves fail; ``failures`` counts them. A second derivative, as of a gradient penalty,
-        raises UserError; an input changed in place before the backward pass raises torch's RuntimeError.
+        raises UserError; an input changed in place before the backward pass raises torch's RuntimeError. ``torch.func``
+        transforms a step by reverse mode and vmap; ``torch.compile`` has to leave it out, or UserError.
         """
         check_tensors(self.scene, q, v, u, theta)
         if theta is None:

@@ -6,8 +6,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from cmbrl.models.autograd import Stepper
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.stepper import Stepper
 from cmbrl.scene.layout import ACTUATOR_FIELDS, CONTACT_FIELDS
 
 Array = NDArray[np.float64]
