@@ -25,6 +25,7 @@ import torch
 from cmbrl.accuracy.strata import in_contact, is_moving, smallest_gap, window_strata
 from cmbrl.accuracy.table import Entry, ErrorTable, Horizon
 from cmbrl.data.checks import TIME_STEP_TOLERANCE
+from cmbrl.data.unlogged import with_columns
 from cmbrl.errors import UserError
 from cmbrl.models.deviations import deviations
 from cmbrl.models.protocol import Model, failures, reset_failures, rollout, seen
@@ -62,6 +63,7 @@ def compare(
     Raises:
         UserError: if data, scene and models do not belong together, or nothing changes in the log.
     """
+    data = with_columns(data, scene)
     data.check(scene)
     data = data.going_on(scene)
     for name, model in models.items():
