@@ -53,6 +53,9 @@ def followed(model: ComplementarityModel, log: Transitions, theta: np.ndarray, j
         found = {"q": q[:, places_q], "v": v[:, places_v], "q_next": at, "v_next": rate}
         for name, value in found.items():
             states[name][np.ix_(rows[own], places_q if name.startswith("q") else places_v)] = value[own]
+    goes_on = np.flatnonzero(~fresh[1:])  # also from part to part: a row ends where the next one begins
+    for name, places in (("q", places_q), ("v", places_v)):
+        states[f"{name}_next"][np.ix_(goes_on, places)] = states[name][np.ix_(goes_on + 1, places)]
     return replace(log, **states)
 
 

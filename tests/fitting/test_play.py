@@ -108,6 +108,7 @@ def test_a_play_is_followed_along_a_log_that_does_not_tell_it(arm: Path) -> None
     assert np.median(off) < 1e-3 * GAP
     assert np.quantile(off, 0.95) < 0.1 * GAP  # but for parts that begin in the middle
     np.testing.assert_array_equal(seen.q[:, [0, 2]], log.q)
+    np.testing.assert_array_equal(seen.windows(20), log.windows(20))
     assert not unlogged(seen, scene)
 
 
