@@ -25,6 +25,7 @@ import torch
 from cmbrl.accuracy.strata import in_contact, is_moving, smallest_gap, window_strata
 from cmbrl.accuracy.table import Entry, ErrorTable, Horizon
 from cmbrl.data.checks import TIME_STEP_TOLERANCE
+from cmbrl.data.unlogged import unlogged, with_columns
 from cmbrl.errors import UserError
 from cmbrl.models.deviations import deviations
 from cmbrl.models.protocol import Model, failures, reset_failures, rollout, seen
@@ -62,6 +63,7 @@ def compare(
     Raises:
         UserError: if data, scene and models do not belong together, or nothing changes in the log.
     """
+    data = with_columns(data, scene)
     data.check(scene)
     data = data.going_on(scene)
     for name, model in models.items():
@@ -72,6 +74,8 @@ def compare(
     change_scale, state_scale = deviations(data, scene)
     if np.isnan(change_scale).all():
         raise UserError("nothing changes in this log; give a log of a moving system")
+    kinds = np.array(scene.coordinate_kinds, dtype=object)
+    kinds[[joint.vadr for joint in unlogged(data, scene)]] = None
     contact, moving = in_contact(data, scene, contact_gap), is_moving(data, scene)
     views = {name: seen(model, data) for name, model in models.items()}
     starts = {k: thinned(data.windows(k), len(data) if k == 1 else max_windows) for k in sorted(set(horizons))}
@@ -105,7 +109,7 @@ def compare(
                         model=name,
                         horizon=k,
                         stratum=stratum,
-                        **_summary(error[mask, -1], depth[mask], scale, scene),
+                        **_summary(error[mask, -1], depth[mask], scale, kinds, scene.planar),
                         failures=failures(model) if whole else None,
                         step_microseconds=1e6 * seconds / (k * len(rows)) if whole else None,
                     )
@@ -158,8 +162,11 @@ def _pooled(error: np.ndarray, scale: np.ndarray) -> float:
     return value if np.isfinite(value) else float("inf")
 
 
-def _summary(error: np.ndarray, depth: np.ndarray, scale: np.ndarray, scene: Scene) -> dict:
-    """Fields of an entry, from the final errors (W, 2 nv) and the depths (W, k) of the windows of one stratum."""
+def _summary(error: np.ndarray, depth: np.ndarray, scale: np.ndarray, kinds: np.ndarray, planar: bool) -> dict:
+    """Fields of an entry, from the final errors (W, 2 nv) and the depths (W, k) of the windows of one stratum.
+
+    kinds: (nv,) of the coordinates, None where the log tells nothing.
+    """
     finite = np.isfinite(error).all(axis=1)
     used = np.isfinite(scale)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -169,24 +176,23 @@ def _summary(error: np.ndarray, depth: np.ndarray, scale: np.ndarray, scene: Sce
         "windows": len(error),
         "error": _pooled(error, scale),
         "median": float(np.median(np.where(np.isfinite(within), within, np.inf))),
-        "physical": _physical(error, scene),
+        "physical": _physical(error, kinds, planar),
         "penetration_max_mm": 1e3 * float(reached.max()) if len(reached) else float("nan"),
         "penetration_mean_mm": 1e3 * float(reached.mean()) if len(reached) else float("nan"),
         "diverged": int((~finite).sum()),
     }
 
 
-def _physical(error: np.ndarray, scene: Scene) -> dict[str, float]:
-    """RMSE [m, rad, m/s, rad/s] of each kind of coordinate in the scene, and of its velocity."""
-    kinds = np.array(scene.coordinate_kinds)
+def _physical(error: np.ndarray, kinds: np.ndarray, planar: bool) -> dict[str, float]:
+    """RMSE [m, rad, m/s, rad/s] of each kind of coordinate, and of its velocity."""
     found = {}
     for half, suffix in enumerate(("", "_velocity")):
         for kind in KINDS:
-            columns = error[:, half * scene.nv : (half + 1) * scene.nv][:, kinds == kind]
+            columns = error[:, half * len(kinds) : (half + 1) * len(kinds)][:, kinds == kind]
             count = columns.shape[1]
             if count == 0:
                 continue
-            vector = {"position": min(count, 2 if scene.planar else 3), "angle": 1, "rotation": 3}[kind]
+            vector = {"position": min(count, 2 if planar else 3), "angle": 1, "rotation": 3}[kind]
             with np.errstate(over="ignore", invalid="ignore"):
                 value = float(np.sqrt(vector * np.square(columns).mean()))
             found[kind + suffix] = value if np.isfinite(value) else float("inf")

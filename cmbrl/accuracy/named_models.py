@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from cmbrl.models.ensemble import NeuralEnsemble
     from cmbrl.models.protocol import Model
     from cmbrl.registry import Task
+    from cmbrl.scene import Scene
 
 HOLD, BALLISTIC, NOMINAL, ENSEMBLE = "hold", "ballistic", "nominal", "ensemble"
 BUILT_IN = (HOLD, BALLISTIC, NOMINAL, ENSEMBLE)
@@ -62,6 +63,7 @@ def build_models(
     from cmbrl.models.baselines import Ballistic, HoldVelocity
     from cmbrl.models.ensemble import NeuralEnsemble
 
+    scene = source.scene
     make: dict[str, Callable[[], Model]] = {
         HOLD: lambda: HoldVelocity(source.scene, data.dt),
         BALLISTIC: lambda: Ballistic(source.scene, data.dt),
@@ -70,7 +72,7 @@ def build_models(
     }
     for word in words:
         if word not in make:
-            load = partial(_of_file, word, source, sliding) if _is_file(word) else partial(_loaded, word)
+            load = partial(_of_file, word, source, sliding) if _is_file(word) else partial(_loaded, word, scene)
             make[word] = partial(load, data, threads)
     return {_label(word, words): make[word]() for word in words}
 
@@ -155,10 +157,16 @@ def _of_file(path: str, source: Source, sliding: str | None, data: Transitions, 
     return replace(source, word=path, scene=scene, fitted=None).model(data, threads=threads, sliding=sliding)
 
 
-def _loaded(folder: str, data: Transitions, threads: int) -> Model:
+def _loaded(folder: str, scene: Scene, data: Transitions, threads: int) -> Model:
     from cmbrl.models.named import saved_model
 
     model = saved_model(folder, threads=threads)
+    have, need = ((s.nq, s.nv, s.nu) for s in (model.coordinates, scene))
+    if have != need:
+        raise UserError(
+            f"{folder}: model of another robot: nq, nv, nu are {have}, of scene {scene.name!r} {need}; compare it by a "
+            "command of its own"
+        )
     if abs(model.dt - data.dt) > TIME_STEP_TOLERANCE * data.dt:
         raise UserError(
             f"{folder}: has a step of {model.dt:g} s, the log has dt {data.dt:g} s: use a log of "

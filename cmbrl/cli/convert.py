@@ -1,4 +1,4 @@
-"""``cmbrl convert``: a URDF as an MJCF, with what a URDF does not say; or an MJCF with some of its joints held."""
+"""``cmbrl convert``: a URDF as an MJCF, with what a URDF does not say; or an MJCF with joints held, or with play."""
 
 from __future__ import annotations
 
@@ -18,11 +18,12 @@ cmbrl convert arm.urdf arm.xml --actuators motor
 cmbrl convert go2.urdf go2.xml --floating --floor --actuators position --kp 25 --kd 0.5
 cmbrl convert robot.urdf robot.xml --packages ~/ros/src   # where package:// is looked for
 cmbrl convert arm.xml held.xml --hold left --hold right=0.02   # without these joints
+cmbrl convert arm.xml played.xml --play elbow --play 'wrist_*=0.02'   # with play between motor and link
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", metavar="FILE", help="the URDF, xacro expanded; or, with --hold, the MJCF")
+    parser.add_argument("file", metavar="FILE", help="the URDF, xacro expanded; or, with --hold or --play, the MJCF")
     parser.add_argument("out", metavar="OUT", help="the MJCF to write: NAME.xml; meshes of a URDF go into NAME_meshes")
     parser.add_argument("--floating", action="store_true", help="the root link is free; it starts on z = 0")
     parser.add_argument("--floor", action="store_true", help="add a plane at z = 0")
@@ -48,9 +49,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--hold",
         action="append",
         default=[],
-        type=_hold,
+        type=_valued,
         metavar="JOINT[=VALUE]",
         help="take this joint, or those of a pattern, out of an MJCF: held at VALUE [rad, m] or where the file has it",
+    )
+    parser.add_argument(
+        "--play",
+        action="append",
+        default=[],
+        type=_valued,
+        metavar="JOINT[=GAP]",
+        help="give this joint of an MJCF, or those of a pattern, play between motor and link: a joint JOINT_play of "
+        "its own, with this gap from end to end to begin with (default 0.01 rad, 0.001 m); a fit finds the gap",
     )
 
 
@@ -60,26 +70,45 @@ def run(arguments: argparse.Namespace) -> None:
         raise UserError(f"{arguments.out}: an MJCF ends in .xml")
     if arguments.kp is not None and arguments.actuators != "position":
         raise UserError("--kp is of position servos: add --actuators position")
-    if arguments.hold and (arguments.floating or arguments.floor or arguments.actuators != "none"):
-        raise UserError("--hold is of an MJCF, the other options of a URDF: convert the URDF first")
+    for option in ("hold", "play"):
+        if getattr(arguments, option) and (arguments.floating or arguments.floor or arguments.actuators != "none"):
+            raise UserError(f"--{option} is of an MJCF, the other options of a URDF: convert the URDF first")
+    if arguments.hold and arguments.play:
+        raise UserError("--hold and --play: one after the other, each with its own file")
 
-    scene, notes = _held(arguments) if arguments.hold else _converted(arguments)
+    change = _held if arguments.hold else _played if arguments.play else _converted
+    scene, notes = change(arguments)
     for note in notes:
         print(f"  {note}")
     print(f"{arguments.out}: {scene.nv} degrees of freedom, {scene.nu} actuators, {scene.total_mass:.4g} kg")
 
 
 def _held(arguments: argparse.Namespace) -> tuple[Scene, list[str]]:
-    from cmbrl.scene import Scene
     from cmbrl.scene.held import held_file
 
     text = held_file(arguments.file, dict(arguments.hold))
-    try:
-        scene = Scene.from_mjcf(text)
-    except UserError as error:
-        raise UserError(str(error).replace("XML text", f"{arguments.file} with these joints held", 1)) from None
+    scene = _read(text, f"{arguments.file} with these joints held")
     write_text(arguments.out, text)
     return scene, [f"held: {', '.join(name for name, _ in arguments.hold)}"]
+
+
+def _played(arguments: argparse.Namespace) -> tuple[Scene, list[str]]:
+    from cmbrl.scene.play import plays
+    from cmbrl.scene.played import played_file
+
+    text = played_file(arguments.file, dict(arguments.play))
+    scene = _read(text, f"{arguments.file} with this play")
+    write_text(arguments.out, text)
+    return scene, [f"play: {', '.join(joint.name for joint in plays(scene.joints))}; logs need no columns of it"]
+
+
+def _read(text: str, what: str) -> Scene:
+    from cmbrl.scene import Scene
+
+    try:
+        return Scene.from_mjcf(text)
+    except UserError as error:
+        raise UserError(str(error).replace("XML text", what, 1)) from None
 
 
 def _converted(arguments: argparse.Namespace) -> tuple[Scene, Sequence[str]]:
@@ -105,7 +134,7 @@ def _converted(arguments: argparse.Namespace) -> tuple[Scene, Sequence[str]]:
     return scene, found.notes
 
 
-def _hold(text: str) -> tuple[str, float | None]:
+def _valued(text: str) -> tuple[str, float | None]:
     """A joint, with or without a value."""
     if "=" not in text:
         return text, None

@@ -27,8 +27,8 @@ def estimated(log: PositionLog, scene: Scene) -> Transitions:
     log.check(scene)
     log = log.going_on(scene)
     places, driven = log.coordinates(scene), log.actuators(scene)
-    position, control = np.empty((len(log), scene.nq)), np.empty((len(log), scene.nu))
-    rate = np.empty((len(log), scene.nv))
+    position, control = np.zeros((len(log), scene.nq)), np.empty((len(log), scene.nu))
+    rate = np.zeros((len(log), scene.nv))  # what is no sensor's stays 0: a play
     addresses = {joint.vadr: joint.qadr for joint in scene.joints}
     position[:, [addresses[place] for place in places.tolist()]] = log.position
     rate[:, places], control[:, driven] = smooth(log.position, log.dt, log.episode).rate, controls(log, scene)

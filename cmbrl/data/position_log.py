@@ -26,6 +26,7 @@ from cmbrl.files import check_writable, write_bytes
 from cmbrl.numbers import names, one_of, switch
 from cmbrl.reading import regular_file
 from cmbrl.scene.held import holding
+from cmbrl.scene.play import plays
 from cmbrl.scene.records import JointKind
 
 if TYPE_CHECKING:
@@ -125,10 +126,11 @@ class PositionLog:
     def measured(self, scene: Scene) -> np.ndarray:
         """Which coordinates (nv,) of ``scene`` the log measured.
 
-        Not the place of a base that was estimated, nor what follows from closed loops.
+        Not the place of a base that was estimated, nor what follows from closed loops, nor a play without a column.
         """
         found = np.ones(scene.nv, dtype=bool)
         found[self.looped(scene)] = False
+        found[[joint.vadr for joint in plays(scene.joints) if joint.name not in self.joint_names]] = False
         if not self.place_told and (name := free_joint(scene)):
             slides = [
                 j for j in scene.joints if j.source == scene.joint_names.index(name) and j.kind == JointKind.SLIDE
@@ -181,7 +183,7 @@ class PositionLog:
         known = {*self.joint_names, *([floating] if self.base is not None and floating else [])}
         tied = {place for place, _, _ in followers(scene, places.tolist())}
         tied.update(self.looped(scene))
-        known |= {joint.name for joint in scene.joints if joint.vadr in tied}
+        known |= {joint.name for joint in scene.joints if joint.vadr in tied} | {j.name for j in plays(scene.joints)}
         if missing := [name for name in scene.joint_names if name not in known]:
             free = missing[0] == floating
             how = "log its pose as base_position and base_quaternion" if free else "log it"

@@ -13,6 +13,7 @@ from cmbrl.data.checks import TIME_STEP_TOLERANCE
 from cmbrl.data.estimation import estimated
 from cmbrl.data.position_log import PositionLog
 from cmbrl.data.transitions import Transitions
+from cmbrl.data.unlogged import with_columns
 from cmbrl.errors import UserError
 from cmbrl.numbers import shown
 
@@ -69,7 +70,7 @@ def together(logs: Mapping[str, Log], scene: Scene, dt: float | None = None) -> 
     parts = []
     for name, log in logs.items():
         try:
-            part = estimated(log, scene) if isinstance(log, PositionLog) else log
+            part = estimated(log, scene) if isinstance(log, PositionLog) else with_columns(log, scene)
             part.check(scene, dt)
             part = part.going_on(scene)
         except UserError as error:

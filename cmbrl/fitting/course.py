@@ -54,6 +54,8 @@ class Course(Standing):
                     self.pace.speed = self._speed()
             with self.part("survey"):
                 self._look()
+                if self._follow(self.survey.z):
+                    self._look("survey, followed")
             cuts = self.journal.cuts
             with self.part("choice"):
                 self._choose()
@@ -98,17 +100,24 @@ class Course(Standing):
         loss = evidence.loss(starts, steps, *evidence.scales(steps, self.huber))
         return {"z": beginning(loss, evidence.space, self.movable, self.journal).tolist()}
 
-    def _surveyor(self) -> Surveyor:
+    def _surveyor(self, name: str = "") -> Surveyor:
         begin, rows, iterations = self.incumbent.begin, self.budget.survey_rows, self.budget.survey_iterations
-        law = label(self.sliding["tried"]) if self.sliding and self.sliding["taken"] else ""
+        name += label(self.sliding["tried"]) if self.sliding and self.sliding["taken"] else ""
         return Surveyor(
-            self.evidence, self.movable, begin, self.huber, self.count, self.seed, rows, iterations, self.journal, law,
+            self.evidence, self.movable, begin, self.huber, self.count, self.seed, rows, iterations, self.journal, name,
             self.budget.noise_rows, self.budget.judged, self.incumbent.surveyed,
         )  # fmt: skip
 
-    def _look(self) -> None:
-        surveyor = self._surveyor()
-        self.survey = Survey.from_dict(self.journal.unit("survey", lambda: surveyor.run(self._horizons).to_dict()))
+    def _follow(self, z: np.ndarray | None) -> bool:
+        """Takes joints that no log tells to where the model has them at ``z`` (n,); returns whether there are any."""
+        if z is None or not self.evidence.free:
+            return False
+        self.evidence = self.evidence.following(self.evidence.space.theta(z))
+        return True
+
+    def _look(self, name: str = "survey") -> None:
+        surveyor = self._surveyor("" if name == "survey" else f"{name}: ")
+        self.survey = Survey.from_dict(self.journal.unit(name, lambda: surveyor.run(self._horizons).to_dict()))
         better = self.survey.better
         self.incumbent.surveyed = self.incumbent.surveyed if self.survey.z is None else self.survey.z
         if self.budget.horizons < len(self.horizons) and better is not None:
@@ -141,6 +150,8 @@ class Course(Standing):
         with self.part("polish"):
             if self.polish or self.method == GAUSS_NEWTON:
                 self._polish()
+                if self._follow(self.incumbent.z):
+                    self._polish("polish, followed")
             if self.confirms and self.count:
                 late = [[DELAY, LAG]] if self.evidence.late(self.incumbent.z) else []
                 before = self.incumbent.active

@@ -11,22 +11,26 @@ from cmbrl.data.checks import LARGEST
 from cmbrl.data.position_log import PositionLog, free_joint
 from cmbrl.data.several import Logs, named_logs, scene_of_logs, together
 from cmbrl.data.transitions import Transitions
+from cmbrl.data.unlogged import unlogged
 from cmbrl.errors import UserError
 from cmbrl.fitting.folds import windows_in_blocks
 from cmbrl.fitting.loss import PredictionLoss
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.straying import told_by_model
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.following import followed
 from cmbrl.models.observation import BIAS, Observation
 from cmbrl.models.windows import Scales, Windows
 from cmbrl.models.wiring import Wiring
 from cmbrl.numbers import whole
 from cmbrl.scene import Scene
+from cmbrl.scene.records import Joint
 
 HORIZONS = (1, 4, 10, 20)  # 1 step is what noise-free logs are best judged at; beyond 20, impacts have happened
 LEAST_WINDOWS = 40  # of a horizon, to fit and to judge
 _POSITIONS_AHEAD = 0.5  # [s]: several time constants of a position servo
 _FLOATING_AHEAD = 0.2  # [s]
+_ASTRAY, _LEAST_ASTRAY = 0.3, 1e-6  # of its spread: how far what is followed may be off; [rad, m, rad/s, m/s]
 _HARDLY = 1e-3  # of the change: noise that leaves a start as good as fixed
 
 
@@ -44,6 +48,7 @@ class Evidence:
     space: Space
     positions_only: bool
     measured: np.ndarray  #: (nv,) coordinates whose positions are compared: not those that a log had to estimate
+    free: tuple[Joint, ...] = ()  #: joints that no log tells: those columns of ``log`` are a model's (``following``)
 
     @classmethod
     def of(cls, model: ComplementarityModel, data: Logs) -> Evidence:
@@ -72,7 +77,22 @@ class Evidence:
         space = Space.of((*physical, *offered), start)
         told = [each.measured(model.scene) for each in of_positions.values()]
         measured = np.all([np.ones(model.scene.nv, dtype=bool), *told], axis=0)
-        return cls(model, log, tuple(logs), observation, space, positions_only, measured)
+        free = tuple(unlogged(log, model.scene))
+        measured[[joint.vadr for joint in free]] = False
+        found = cls(model, log, tuple(logs), observation, space, positions_only, measured, free)
+        return found.following(space.nominal)
+
+    def following(self, theta: np.ndarray) -> Evidence:
+        """The same with the joints that no log tells as the model has them at ``theta`` (n,) along the log."""
+        if not self.free:
+            return self
+        physical, log = self.seen(theta)
+        found, own = followed(self.model, log, physical, self.free), {}
+        for name in ("q", "v", "q_next", "v_next"):
+            places = [joint.qadr if name.startswith("q") else joint.vadr for joint in self.free]
+            own[name] = getattr(self.log, name).copy()
+            own[name][:, places] = getattr(found, name)[:, places]
+        return replace(self, log=replace(self.log, **own))
 
     def horizons(self, asked: int | str) -> tuple[int, ...]:
         """Numbers of steps that predictions may be compared over: the one ``asked``, several to choose from if "auto".
@@ -99,6 +119,23 @@ class Evidence:
 
         ``left`` (nv,): share of the change that a model leaves of a position; None: the same of all.
         """
+        return tuple(self._without_free(scales) for scales in self._scales(horizon, huber, noise, left))
+
+    def _without_free(self, scales: Scales) -> Scales:
+        """``scales`` that leave out joints which no log tells; predictions may start elsewhere there."""
+        if not self.free:
+            return scales
+        nv, places = self.model.scene.nv, [joint.vadr for joint in self.free]
+        noise = np.zeros(2 * nv) if scales.noise is None else scales.noise.copy()
+        for half, states in enumerate((self.log.q[:, [joint.qadr for joint in self.free]], self.log.v[:, places])):
+            noise[half * nv + np.array(places)] = np.maximum(_ASTRAY * states.std(axis=0), _LEAST_ASTRAY)
+        q, v = scales.q.copy(), scales.v.copy()
+        q[places] = v[places] = np.inf
+        return replace(scales, q=q, v=v, noise=noise)
+
+    def _scales(
+        self, horizon: int, huber: float, noise: np.ndarray | None, left: np.ndarray | None
+    ) -> tuple[Scales, ...]:
         if self.positions_only:
             off = None if noise is None else noise.max(axis=0)  # of what one robot stands on, in all its logs
             scales = Scales.of_positions(self.model.scene, self.log, horizon, huber, off, left)
@@ -111,9 +148,14 @@ class Evidence:
         return tuple(alike.noisy(np.maximum(one, least if len(noise) > 1 else 0.0)) for one in noise)
 
     @property
+    def told(self) -> np.ndarray:
+        """Which coordinates (nv,) the log tells at all."""
+        return ~np.isin(np.arange(self.model.scene.nv), [joint.vadr for joint in self.free])
+
+    @property
     def compared(self) -> int:
         """How many coordinates of a prediction are compared with the log: positions, and velocities that it tells."""
-        return int(self.measured.sum()) if self.positions_only else 2 * self.model.scene.nv
+        return int(self.measured.sum()) * (1 if self.positions_only else 2)
 
     def seen(self, theta: np.ndarray) -> tuple[np.ndarray, Transitions]:
         """The model's parameters of ``theta`` (n,), and the log as its state and control."""

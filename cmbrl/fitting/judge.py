@@ -54,7 +54,8 @@ class Judge:
             if evidence.positions_only:
                 dq = np.where(evidence.measured, np.hypot(dq, least_units(scene, data)), np.inf)
             dv = spread(data.v_next[ends] - data.v[starts], REST)
-            scale = np.concatenate([dq, np.full_like(dv, np.inf) if evidence.positions_only else dv])
+            dv = np.full_like(dv, np.inf) if evidence.positions_only else dv
+            scale = np.where(np.tile(evidence.told, 2), np.concatenate([dq, dv]), np.inf)
             if rows is not None:
                 starts = starts[np.isin(starts, rows) & np.isin(ends, rows)]
             if not len(starts):

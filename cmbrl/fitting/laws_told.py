@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from cmbrl.fitting.drives import GAP
-from cmbrl.fitting.fitted_parameter import NOMINAL, FittedParameter
+from cmbrl.fitting.fitted_parameter import AT_BOUND, NOMINAL, FittedParameter
 
 _LAWS = {"friction_slope": "friction by place", "stribeck": "friction that falls with speed", GAP: "backlash"}
 
@@ -34,4 +34,16 @@ def laws_told(parameters: Mapping[str, FittedParameter], report: Mapping[str, An
     return (
         f"Held-out errors are smaller with {' and '.join(named)}, but no value of it is told from 0: do not take it "
         "for something that the robot has. It may stand for what time steps leave of plain friction."
+    )
+
+
+def play_told(parameters: Mapping[str, FittedParameter]) -> str | None:
+    """One line on joints whose play the fit has closed; else None."""
+    found = {name.partition(".")[2]: p for name, p in parameters.items() if name.partition(".")[0] == "play"}
+    closed = [name for name, p in found.items() if p.status == AT_BOUND and p.value < p.nominal]
+    if not closed:
+        return None
+    return (
+        f"The log shows no play at {', '.join(closed)}: the gap closed as far as it may. Take it out of the file "
+        "(leave it out of `cmbrl convert --play`)."
     )

@@ -64,7 +64,7 @@ def _of_rows(evidence: Evidence, physical: np.ndarray, data: Transitions, rows: 
     commands = np.concatenate([data.u[rows + k] for k in (-1, 0, 1)], axis=1)
     found = np.where(_followed(first - second, commands) < _FOLLOWS, _alternating(first, second), 0.0)
     found[:nv] = np.where(own > 0.0, own, found[:nv])
-    return found
+    return np.where(np.tile(evidence.told, 2), found, 0.0)
 
 
 def _some(rows: np.ndarray, most: int) -> np.ndarray:

@@ -12,7 +12,7 @@ from cmbrl.fitting.agreement import sentences
 from cmbrl.fitting.fitted_parameter import AT_BOUND, FLAT, NOMINAL, FittedParameter
 from cmbrl.fitting.judging import RETURN
 from cmbrl.fitting.lateness import lateness_told
-from cmbrl.fitting.laws_told import laws_told
+from cmbrl.fitting.laws_told import laws_told, play_told
 from cmbrl.fitting.sliding import sliding_told
 from cmbrl.fitting.start_noise import starts_told
 from cmbrl.fitting.told_gains import gains_told, sum_told
@@ -41,7 +41,13 @@ def render(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any],
 
     ``whole``: tables with all of their rows.
     """
-    told = [verdict(report), gains_told(parameters, report), laws_told(parameters, report), unit_told(parameters)]
+    told = [
+        verdict(report),
+        gains_told(parameters, report),
+        laws_told(parameters, report),
+        play_told(parameters),
+        unit_told(parameters),
+    ]
     first = [line for text in told if text for line in textwrap.wrap(text, WIDTH, subsequent_indent="  ")]
     lines = [*first, *_errors(report), *_selection(report), *_table(parameters, whole)]
     lines += [*_ratios(parameters, report, whole), *_combinations(report, whole)]

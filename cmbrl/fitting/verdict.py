@@ -42,7 +42,8 @@ def by_horizon(
     velocities are estimates, over one horizon: nearly as long as the parts that are held out.
     """
     log, scene = evidence.log, evidence.model.scene
-    units: Sequence[np.ndarray] = deviations(log, scene)
+    told = np.tile(evidence.told, 2)
+    units: Sequence[np.ndarray] = [np.where(told, unit, np.inf) for unit in deviations(log, scene)]
     horizons: Sequence[int] = HORIZONS
     if evidence.positions_only:
         horizons, share = (_longest(evidence, unseen.horizon),), _SHARE_OF_POSITIONS * share

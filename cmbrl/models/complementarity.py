@@ -11,10 +11,12 @@ import torch
 
 from cmbrl.contact.problem import ContactProblem, from_rows
 from cmbrl.contact.smoothing import Smoothing
+from cmbrl.data.unlogged import unlogged
 from cmbrl.errors import UserError
 from cmbrl.models import theta as physical
 from cmbrl.models.activations import Activations
 from cmbrl.models.autograd import check_tensors, differentiable_step
+from cmbrl.models.following import followed
 from cmbrl.models.manifold import Coordinates
 from cmbrl.models.observation import Observation
 from cmbrl.models.step_result import SolverWarning, StepResult
@@ -141,9 +143,11 @@ class ComplementarityModel(Variations):
         return Wiring.of(observer, observer.vector(self.observation), self.scene.nq, self.activations)
 
     def seen(self, log: Transitions) -> Transitions:
-        """``log`` as this model's state and control."""
-        observer = self.observer
-        return observer.states(log, observer.split(np.append(self.parameters, observer.vector(self.observation)))[1])
+        """``log`` as this model's state and control, with the joints that it does not tell (``following``)."""
+        observer, free = self.observer, unlogged(log, self.scene)
+        psi = observer.split(np.append(self.parameters, observer.vector(self.observation)))[1]
+        state = observer.states(log, psi)
+        return followed(self, state, self.parameters, free) if free else state
 
     def with_parameters(self, theta: np.ndarray) -> ComplementarityModel:
         """The same model with other physical parameters (np,) and without candidates."""

@@ -23,6 +23,7 @@ import numpy as np
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.models.activations import Activations
 from cmbrl.numbers import real
+from cmbrl.scene.play import plays
 from cmbrl.scene.records import Joint, JointKind, Parameter
 
 if TYPE_CHECKING:
@@ -56,7 +57,8 @@ class Observation:
     @classmethod
     def of(cls, scene: Scene, dt: float, activations: Activations | None = None) -> Observation:
         """What may lie between a log of ``scene`` with time step ``dt`` [s] and its state."""
-        joints = [j for j in scene.joints if j.kind != JointKind.BALL]
+        free = {joint.vadr for joint in plays(scene.joints)}  # which no encoder tells
+        joints = [j for j in scene.joints if j.kind != JointKind.BALL and j.vadr not in free]
         late = max(_LATENESS[0], _LATENESS[1] * dt)
         commands: list[Parameter] = []
         if scene.nu:

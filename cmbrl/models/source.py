@@ -80,8 +80,9 @@ def load_any_log(path: str, scene: Scene) -> Transitions | PositionLog:
     from cmbrl.data import Transitions
     from cmbrl.data.npz import keys
     from cmbrl.data.position_log import PositionLog, is_layout
+    from cmbrl.data.unlogged import with_columns
 
-    data = (PositionLog if is_layout(keys(path)) else Transitions).load(path)
+    data = PositionLog.load(path) if is_layout(keys(path)) else with_columns(Transitions.load(path), scene)
     try:
         data.check(scene)
     except UserError as error:

@@ -118,6 +118,15 @@ struct ParameterColumns : ForceColumns<G> {
     if (!l.round) return this->add_along(l.line, l.sign * pull);
     CMBRL_FOR(k, 3) at(l.line - 2 + k) += l.axis[k] * pull;
   }
+  // Of both limits of a line, each farther away by dphi.
+  void wider(int line, double dphi) {
+    for (int i = 0; i < w.nlim; ++i) {
+      const Limit& l = w.lim[i];
+      if (l.line != line || l.round) continue;
+      T growth = (l.slope_R * l.dR_dphi + l.slope * l.dc_dphi) / (l.s + l.gam * l.R);
+      this->add_along(line, l.sign * keep(l.on, dphi * (growth - l.Th * (l.dc_dphi + l.dR_dphi * l.gam))));
+    }
+  }
   void softer(const DryFriction& d, T dR) { this->add_along(d.line, keep(d.on, -d.Th * d.R * dR * d.b)); }
 
   void column(int k) {
@@ -137,7 +146,10 @@ struct ParameterColumns : ForceColumns<G> {
       }
       ++e;
       if (part == Part::gyroscopic) continue;
-      if (idx < m.oPlane) this->line((idx - m.oDof) / kDofFields, (idx - m.oDof) % kDofFields, coef);
+      int line = (idx - m.oDof) / kDofFields, field = (idx - m.oDof) % kDofFields;
+      if (idx < m.oPlane && field == kWider) {
+        if (part == Part::step) wider(line, coef);
+      } else if (idx < m.oPlane) this->line(line, field, coef);
       else if (idx < m.oAct) {
         for (int i = 0; i < w.ncon; ++i)
           if (m.con_plane[w.con[i].index] == idx - m.oPlane) add_wrench(w.con[i], coef * gap(w.con[i], -1, 0.5));

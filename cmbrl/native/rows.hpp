@@ -138,7 +138,8 @@ static void line_forces(const Model& m, const Options& o, Work<G>& w) {
 template <class G>
 static T line_limit(const Model& m, const Work<G>& w, int i, Direction& d) {
   int line = m.lim_line[i];
-  T x = w.line_length[line], below = x - m.lim_lo[i], above = m.lim_hi[i] - x;
+  T x = w.line_length[line], wider = w.P[m.oDof + line * kDofFields + kWider];
+  T below = x - m.lim_lo[i] + wider, above = m.lim_hi[i] - x + wider;
   Mask lower = below < above;
   d.line = line;
   d.round = false;

@@ -125,6 +125,8 @@ def _comparable(scene: Scene, theta: Array) -> Array:
 def _by_meaning(scene: Scene, P: Array, softness: Array) -> Array:
     first, core = scene.layout.contact(0), scene.core
     P = P.copy()
+    for k, line in enumerate(core.lim_line.tolist()):  # relative to the file's range
+        P[scene.layout.dof(line, "wider")] += 0.5 * (core.lim_hi[k] - core.lim_lo[k])
     for k, actuator in enumerate(core.wide_act.tolist()):  # a gear there is relative to the file's
         arms = core.wide_coef[core.wide_ptr[k] : core.wide_ptr[k + 1]]
         P[scene.layout.actuator(actuator, "gear")] *= np.linalg.norm([*core.wide_local[k], *arms])

@@ -73,6 +73,8 @@ class FittedSpec:
                 added = self.change[layout.dof(line, field)] + reflected.get((line, field), 0.0)
                 if added:
                     _add(element, field, added)
+            if wider := self.change[layout.dof(line, "wider")]:
+                _widen(element, wider, line < self.scene.nv and bool(self.spec.compiler.degree))
 
     def _take_reflected(self) -> dict[tuple[int, str], float]:
         """Armature and damping of actuators, taken from them, by line."""
@@ -238,3 +240,9 @@ def _add(element: Any, field: str, value: float) -> None:
         setattr(element, field, own)
     else:
         setattr(element, field, float(own) + value)
+
+
+def _widen(element: Any, wider: float, degrees: bool) -> None:
+    """Moves both limits of a joint or tendon out by ``wider`` [rad, m]; ``degrees``: the unit of hinges in its file."""
+    hinge = degrees and element.type == mujoco.mjtJoint.mjJNT_HINGE
+    element.range = np.asarray(element.range) + np.array([-1.0, 1.0]) * (np.rad2deg(wider) if hinge else wider)

@@ -11,6 +11,7 @@ from cmbrl.scene.actuators import UNLIMITED, Actuator, force_limit
 from cmbrl.scene.collector import Collector, Moves
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.mjcf import friction_acts
+from cmbrl.scene.play import driven_by, plays
 from cmbrl.scene.records import WORLD, Array, Joint, JointKind, Tree
 
 _UNITS = {  # for slides, for hinges and balls
@@ -38,11 +39,14 @@ def offer_joints(
 ) -> None:
     """Joint parameters that are nonzero in the file; damping, armature and friction loss also where they are zero.
 
-    Floating bases, which have none of these, are left out there.
+    Floating bases, which have none of these, are left out there. Of a play, its gap: the rest is the driven joint's.
     """
     by_source: dict[int, list[Joint]] = {}
+    free = plays(tree.joints)
+    gaps = {joint.vadr for joint in free}
     for joint in tree.joints:
-        by_source.setdefault(joint.source, []).append(joint)
+        if joint.vadr not in gaps:
+            by_source.setdefault(joint.source, []).append(joint)
     bounds = _bounds(model, tree, actuators)
     for field in ("damping", "armature", "stiffness", "frictionloss"):
         for joints in by_source.values():
@@ -57,8 +61,19 @@ def offer_joints(
                 out.add(field, name, value, value / _TIMES, value * _TIMES, unit, indices, reach=float(reach))
             elif high > 0 and not _floating(tree, joints[0], actuators):
                 out.add(field, name, 0.0, 0.0, high, unit, indices)
-    own = [j for j in tree.joints if j.kind != JointKind.BALL and not _floating(tree, j, actuators)]
+    _offer_gaps(model, free, layout, out)
+    every = [joint for joints in by_source.values() for joint in joints]
+    own = [j for j in every if j.kind != JointKind.BALL and not _floating(tree, j, actuators)]
     _offer_friction_laws(own, bounds["frictionloss"], layout, P, out)
+
+
+def _offer_gaps(model: mujoco.MjModel, free: Sequence[Joint], layout: Layout, out: Collector) -> None:
+    """Gaps, from end to end, of the joints that are plays."""
+    for joint in free:
+        gap, unit = float(np.ptp(model.jnt_range[joint.source])), "m" if joint.kind == JointKind.SLIDE else "rad"
+        if model.jnt_limited[joint.source] and gap > 0.0:
+            name, place = driven_by(joint.name), [layout.dof(joint.vadr, "wider")]
+            out.add("play", name, gap, gap / _TIMES, gap * _TIMES, unit, place, 0.5)
 
 
 def armatures_of(moves: Moves, layout: Layout, nv: int) -> dict[int, int]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from cmbrl.fitting.fitted_parameter import FittedParameter
-from cmbrl.fitting.laws_told import doubtful_laws, laws_told
+from cmbrl.fitting.laws_told import doubtful_laws, laws_told, play_told
 
 
 def law(group: str, *intervals: tuple[float, float], status: str = "fitted") -> dict[str, FittedParameter]:
@@ -27,3 +27,13 @@ def test_a_law_that_one_joint_shows_is_believed() -> None:
     assert doubtful_laws(law("friction_slope", (-0.1, 0.2), (0.3, 0.5))) == []
     assert doubtful_laws(law("friction_slope", (0.0, 0.0), status="nominal")) == []
     assert laws_told({}, {"selection": [{"move": "add", "group": "stribeck"}]}) is None
+
+
+def test_play_that_the_fit_has_closed_is_named() -> None:
+    parameters = {
+        "play.hip": FittedParameter(5e-4, 5e-4, 1e-3, 0.01, "at bound"),
+        "play.knee": FittedParameter(0.02, 0.019, 0.021, 0.01, "fitted"),
+        "play.toe": FittedParameter(0.2, 0.1, 0.2, 0.01, "at bound"),
+    }
+    assert "shows no play at hip: the gap" in (play_told(parameters) or "")
+    assert play_told({"play.knee": parameters["play.knee"]}) is None

@@ -12,6 +12,7 @@ import numpy as np
 from cmbrl.data.fields import Fields
 from cmbrl.data.splitting import follows
 from cmbrl.data.turns import within_a_turn
+from cmbrl.scene.play import plays
 from cmbrl.scene.records import JointKind
 
 if TYPE_CHECKING:
@@ -135,7 +136,8 @@ def _correlation(
 
 def of_transitions(log: Fields, scene: Scene) -> Motion:
     """The motion in the arrays of transitions."""
-    joints = [joint for joint in scene.joints if joint.kind != JointKind.BALL]
+    free = {joint.vadr for joint in plays(scene.joints)}  # which no sensor tells
+    joints = [joint for joint in scene.joints if joint.kind != JointKind.BALL and joint.vadr not in free]
     coordinates = _coordinates(scene, [joint.vadr for joint in joints])
     q = [joint.qadr for joint in joints]
     v = [joint.vadr for joint in joints]

@@ -19,7 +19,7 @@ from cmbrl.fitting.space import Space
 MOST_PARAMETERS = 64  #: drawn; the table has all
 MOST_DIRECTIONS = 9
 _LOG_FROM = 5.0  # times the smallest value
-_STAGES = {"search": BEFORE, "polish": AFTER, "polish again": AFTER}
+_STAGES = {"search": BEFORE, "polish": AFTER, "polish, followed": AFTER, "polish again": AFTER}
 _COLUMN = 32  # parameters in a column
 _COLOURS = {FITTED: AFTER, AT_BOUND: BOUND, FLAT: FAINT}
 _WORDS = {FITTED: "fitted", AT_BOUND: "on a bound", FLAT: "hardly told by the log"}

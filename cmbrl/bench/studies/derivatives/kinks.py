@@ -28,7 +28,8 @@ def choices(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
     lengths = smooth["length"]
     rates = _rates(model, q, v)
     x = lengths[:, core.lim_line]
-    below, above = x - core.lim_lo, core.lim_hi - x
+    wider = scene.physical_vector(theta)[[scene.layout.dof(line, "wider") for line in core.lim_line.tolist()]]
+    below, above = x - core.lim_lo + wider, core.lim_hi - x + wider
     springs = scene.physical_vector(theta)[[scene.layout.dof(scene.nv + k, "springref") for k in range(core.ntendon)]]
     near, side = np.minimum(below, above), np.where(below < above, 1.0, -1.0)
     parts = [

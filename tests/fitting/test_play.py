@@ -1,0 +1,173 @@
+"""Play between motor and link: written into a file, followed along a log that does not tell it, and fitted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import cmbrl
+from cmbrl.cli.main import main
+from cmbrl.contact import Barrier, Exact
+from cmbrl.contact.smoothing import Smoothing
+from cmbrl.data.position_log import PositionLog
+from cmbrl.data.several import together
+from cmbrl.data.unlogged import unlogged, with_columns
+from cmbrl.errors import UserError
+from cmbrl.fitting.evidence import Evidence
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.step_settings import INTEGRATORS
+from cmbrl.scene import Scene
+from cmbrl.scene.fitted_file import fitted_file
+from cmbrl.scene.played import played_file
+
+from .played_arm import ARM, recorded
+
+GAP = 0.03  # rad
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM)
+    return path
+
+
+def played(arm: Path, gap: float = GAP) -> Scene:
+    path = arm.with_name("played.xml")
+    path.write_text(played_file(arm, {"a": gap, "b": gap}))
+    return Scene.from_mjcf(path)
+
+
+def like_mujoco(scene: Scene) -> ComplementarityModel:
+    return ComplementarityModel(scene, 4, sliding="convex")
+
+
+@pytest.mark.parametrize("angle", ["radian", "degree"])
+def test_the_motor_keeps_what_is_its_own_and_the_link_is_free_within_the_gap(angle: str, arm: Path) -> None:
+    arm.write_text(ARM.replace("radian", angle))
+    text = played_file(arm, {"b": GAP})
+    model, before = mujoco.MjModel.from_xml_string(text), mujoco.MjModel.from_xml_string(arm.read_text())
+    play = model.joint("b_play")
+    np.testing.assert_allclose(play.range, [-GAP / 2, GAP / 2], rtol=1e-5)
+    assert (play.bodyid, play.damping, play.armature, play.frictionloss) == (model.joint("b").bodyid, 0.0, 0.0, 0.0)
+    for field in ("range", "armature", "damping"):
+        np.testing.assert_allclose(getattr(model.joint("b"), field), getattr(before.joint("b"), field), rtol=1e-5)
+    assert [model.actuator(k).trnid[0] for k in range(2)] == [model.joint(name).id for name in ("a", "b")]
+
+
+def test_a_fit_may_move_the_gap_and_nothing_else_of_a_play(arm: Path) -> None:
+    scene = played(arm)
+    assert [p.name for p in scene.parameters if "play" in p.name] == ["play.a", "play.b"]
+    assert not [name for name in (p.name for p in like_mujoco(scene).observer.parameters) if "play" in name]
+    theta = scene.parameter_vector()
+    theta[[p.name == "play.b" for p in scene.parameters]] = 0.012
+    file = fitted_file(scene, theta)
+    assert file.missing == ()
+    model = mujoco.MjModel.from_xml_string(file.text)
+    np.testing.assert_allclose(model.joint("b_play").range, [-0.006, 0.006], rtol=1e-5)
+    np.testing.assert_allclose(model.joint("a_play").range, [-GAP / 2, GAP / 2], rtol=1e-5)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("smoothing", [Exact(), Barrier(1e-4)], ids=["exact", "barrier"])
+def test_derivatives_in_the_gap_are_those_of_differences(smoothing: Smoothing, integrator: str, arm: Path) -> None:
+    scene = played(arm)
+    options = {"smoothing": smoothing, "integrator": integrator, "path_tolerance": 1e-12}
+    model, theta = ComplementarityModel(scene, 2, **options), scene.parameter_vector()
+    draw, gaps = np.random.default_rng(0), [k for k, p in enumerate(scene.parameters) if p.group == "play"]
+    q, v, u = draw.normal(size=(60, 4)), draw.normal(size=(60, 4)), draw.uniform(-1, 1, (60, 2))
+    q[:, [1, 3]] = draw.choice([-1, 1], (60, 2)) * draw.uniform(0.4, 0.52, (60, 2)) * GAP
+    first = 2 * scene.nv + scene.nu
+    found = model.predict(q, v, u, parameter_jacobian=np.array(gaps)).jacobian[:, :, first:]
+    assert (np.abs(found[:, 4:]).max(axis=(1, 2)) > 1.0).mean() > 0.3  # many touch
+    for column, k in enumerate(gaps):
+        differences = []
+        for step in (1e-6, 1e-7):
+            ends = [model.predict(q, v, u, theta=theta + sign * step * np.eye(len(theta))[k]) for sign in (1, -1)]
+            differences.append(
+                np.hstack([getattr(ends[0], n) - getattr(ends[1], n) for n in ("q_next", "v_next")]) / (2 * step)
+            )
+        off = np.abs(np.array(differences) - found[:, :, column]).max(axis=2).min(axis=0)
+        off /= 1.0 + np.abs(found[:, :, column]).max(axis=1)
+        assert np.median(off) < 1e-6
+        assert np.quantile(off, 0.9) < 1e-4  # but for kinks
+
+
+def test_a_play_is_followed_along_a_log_that_does_not_tell_it(arm: Path) -> None:
+    scene = played(arm)
+    log, play = recorded(Path(scene.path).read_text(), 1500)
+    wide = with_columns(log, scene)
+    assert [joint.name for joint in unlogged(wide, scene)] == ["a_play", "b_play"]
+    seen = like_mujoco(scene).seen(wide)
+    assert np.abs(play).max() > 0.4 * GAP
+    off = np.abs(seen.q[:, [1, 3]] - play)
+    assert np.median(off) < 1e-3 * GAP
+    assert np.quantile(off, 0.95) < 0.1 * GAP  # but for parts that begin in the middle
+    np.testing.assert_array_equal(seen.q[:, [0, 2]], log.q)
+    np.testing.assert_array_equal(seen.windows(20), log.windows(20))
+    assert not unlogged(seen, scene)
+
+
+def test_a_position_log_needs_no_column_of_a_play(arm: Path) -> None:
+    scene = played(arm)
+    log, _ = recorded(Path(scene.path).read_text(), 300)
+    positions = PositionLog(
+        time=0.01 * np.arange(300), position=log.q, command=log.u, joint_names=("a", "b"), command_kind="torque"
+    )
+    np.testing.assert_array_equal(positions.measured(scene), [True, False, True, False])
+    wide = together({"log": positions}, scene)
+    assert not wide.q[:, [1, 3]].any()
+    evidence = Evidence.of(like_mujoco(scene), positions)
+    assert evidence.log.q[:, [1, 3]].any()
+    scales = evidence.scales(5, 0.5)[0]
+    assert np.isinf(scales.q[[1, 3]]).all()
+    assert set(scales.uncertain) >= {1, 3, 5, 7}
+
+
+def test_a_fit_finds_the_gap_and_what_the_rotor_weighs(arm: Path) -> None:
+    """The file without play takes the link's inertia for a rotor's."""
+    truth = ARM.replace('armature=".01"', 'armature=".014"').replace('mass=".25"', 'mass=".35"')
+    arm.with_name("true.xml").write_text(truth)
+    log, _ = recorded(played_file(arm.with_name("true.xml"), {"a": GAP, "b": 0.5 * GAP}), 1500)
+    log = replace(log, episode=np.arange(len(log)) // 150)
+    model = like_mujoco(played(arm, 0.01))
+    found = cmbrl.fit(model, log, groups=["play", "armature", "mass"], horizon=10)
+    values = {name: (p.value, p.low, p.high) for name, p in found.parameters.items()}
+    assert values["play.a"][0] == pytest.approx(GAP, rel=0.1)
+    assert values["play.b"][0] == pytest.approx(0.5 * GAP, rel=0.1)
+    assert values["armature.a"][1] < 0.014 < values["armature.a"][2]
+    assert values["armature.a"][0] == pytest.approx(0.014, rel=0.05)
+    assert values["mass.fore"][0] == pytest.approx(1.4, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--play", "c"], "no joint 'c'"),
+        (["--play", "a=0"], "above 0"),
+        (["--play", "a", "--hold", "b"], "one after the other"),
+        (["--play", "a", "--floor"], "--play is of an MJCF"),
+    ],
+)
+def test_play_that_cannot_be_is_refused(
+    options: list[str], said: str, arm: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = arm.with_name("out.xml")
+    assert main(["convert", str(arm), str(out), *options]) == 2
+    assert said in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_a_joint_has_play_once_and_a_ball_none(arm: Path) -> None:
+    scene = played(arm)
+    with pytest.raises(UserError, match="has play already, 'a_play'"):
+        played_file(scene.path, {"a": None})
+    arm.write_text(
+        "<mujoco><worldbody><body><joint name='turn' type='ball'/><geom size='.1'/></body></worldbody></mujoco>"
+    )
+    with pytest.raises(UserError, match="'turn' is no hinge or slide"):
+        played_file(arm, {"turn": None})
