@@ -132,8 +132,8 @@ def unlearned(earned: Mapping[str, float]) -> str:
         return ""
     return (
         f"it earns {earned['policy']:.4g} in the model, and no action at all {earned['no action']:.4g}: it has learned "
-        "nothing, train longer or with gentler actions (MDP.act); --set saturation=0.1 helps where actions stick at "
-        "their limits, and --set discount=0.95 where each step's reward shows the goal, as for an arm, not for balance"
+        "nothing, train longer (--iterations) or with gentler actions (MDP.act); --set saturation=0.1 helps where "
+        "actions stick at their limits"
     )
 
 

@@ -117,7 +117,9 @@ class FitResult:
         saved = self.report["covariance"]
         own = [k for k, name in enumerate(saved["parameters"]) if name in space.names]  # not those of the observation
         told = [space.names.index(saved["parameters"][k]) for k in own]
-        matrix = np.array(saved["matrix"])[np.ix_(own, own)] * saved.get("share", 1.0) ** 2
+        size = len(saved["parameters"])  # 0 where the file is right and nothing was fitted
+        matrix = np.array(saved["matrix"], dtype=float).reshape(size, size)[np.ix_(own, own)]
+        matrix *= saved.get("share", 1.0) ** 2
         return space.theta(around(space.z(self.model.parameters), np.array(told, dtype=int), matrix, count, seed))
 
     def uncertain_model(self, count: int = 256, seed: int = 0) -> ComplementarityModel:

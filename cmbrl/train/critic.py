@@ -17,6 +17,7 @@ from cmbrl.errors import UserError
 from cmbrl.settings import setting
 from cmbrl.train.policy import Policy, network
 from cmbrl.train.trainer import restore_optimiser
+from cmbrl.train.value_units import ValueUnits
 
 BETAS = (0.7, 0.95)  # of Adam, as in the SHAC paper
 
@@ -36,8 +37,9 @@ class CriticConfig:
 class Critic:
     """Estimates the discounted return that follows an observation.
 
-    Both nets read observations through the policy's normaliser. Their outputs are multiplied by 1 / (1 - discount), so
-    that they are about 1 for rewards of about 1.
+    Both nets read observations through the policy's normaliser, and learn targets in units of the targets' own mean and
+    deviation (:class:`cmbrl.train.value_units.ValueUnits`). So a reward may have any size, and the nets resolve what
+    tells states apart rather than what all have in common.
 
     Args:
         policy: whose returns are estimated.
@@ -48,7 +50,7 @@ class Critic:
 
     def __init__(self, policy: Policy, config: CriticConfig, discount: float, generator: torch.Generator) -> None:
         self.config, self.discount, self.generator = config, discount, generator
-        self.scale = 1.0 / (1.0 - discount)
+        self.units = ValueUnits()
         self.normaliser = policy.normaliser
         self.net, self.target = (network(policy.architecture.observations, config.critic_hidden, 1) for _ in range(2))
         self.target.load_state_dict(self.net.state_dict())
@@ -57,10 +59,10 @@ class Critic:
 
     def value(self, observations: Tensor) -> Tensor:
         """(B,) of observations (B, n_o), float32, by the slow target; differentiable in the observations."""
-        return self.scale * self.target(self.normaliser(observations))[:, 0]
+        return self.units.value(self.target(self.normaliser(observations))[:, 0])
 
     def fit(self, steps: Sequence[Step]) -> float:
-        """Regression on the TD(lambda) targets of a window; returns the mean loss.
+        """Regression on the TD(lambda) targets of a window; returns the mean loss, 1 for the targets' variance.
 
         Then the normaliser takes in the window's observations, and the target moves towards the net.
         """
@@ -68,7 +70,8 @@ class Critic:
         observations, targets = self.targets(steps)
         usable = torch.isfinite(observations).all(dim=1) & torch.isfinite(targets)
         observations, targets = observations[usable], targets[usable]
-        inputs, goals, total = self.normaliser(observations), targets / self.scale, 0.0
+        self.units.follow(targets, self.net, self.target)
+        inputs, goals, total = self.normaliser(observations), self.units.goal(targets), 0.0
         for _ in range(c.critic_epochs):
             order = torch.randperm(len(targets), generator=self.generator)
             for rows in order.chunk(c.critic_batches):
@@ -106,6 +109,7 @@ class Critic:
         return {
             "net": self.net.state_dict(),
             "target": self.target.state_dict(),
+            "units": self.units.state(),
             "optimiser": self.optimiser.state_dict(),
             "generator": self.generator.get_state(),
         }
@@ -114,6 +118,7 @@ class Critic:
         """Continues from what ``state`` returned."""
         self.net.load_state_dict(state["net"])
         self.target.load_state_dict(state["target"])
+        self.units.restore(state["units"])
         restore_optimiser(self.optimiser, state["optimiser"])
         self.generator.set_state(state["generator"])
 

@@ -204,6 +204,7 @@ def test_the_critic_values_open_ends_and_learns(estimator: str) -> None:
         normalise=True, critic_rate=1e-2,
     )  # fmt: skip
     assert trainer.critic is not None
+    trainer.critic.units.deviation = torch.tensor(10.0)  # until the first window is learned, values are 0
     window = trainer.roll(trainer.simulation)
     open_ends = [~s.terminated if k == 3 else s.truncated for k, s in enumerate(window.steps)]
     discount = torch.ones(64, dtype=torch.float64)

@@ -66,10 +66,10 @@ def test_a_run_says_so_and_its_policy_comes_back(tmp_path: Path) -> None:
 
 def test_first_order_gradients_learn_through_late_commands(tmp_path: Path) -> None:
     """Windows are four steps longer than the delay."""
-    config = SHACConfig(iterations=60, discount=0.95, **{**SMALL, "horizon": 6})  # type: ignore[arg-type]
+    config = SHACConfig(iterations=120, discount=0.95, **{**SMALL, "horizon": 6})  # type: ignore[arg-type]
     trainer = SHAC(slider.mdp(), late_slider(tmp_path), config)
     earned = [evaluate_model(trainer.policy, trainer.mdp, trainer.model, 64).returns.mean()]
-    for _ in range(60):
+    for _ in range(config.iterations):
         trainer.update()
     earned.append(evaluate_model(trainer.policy, trainer.mdp, trainer.model, 64).returns.mean())
     assert earned[1] > earned[0] + 0.5, earned

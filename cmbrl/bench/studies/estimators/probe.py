@@ -93,4 +93,5 @@ def _copy(source: FOPG, target: FOPG) -> None:
     assert target.critic is not None
     assert source.critic is not None
     target.critic.target.load_state_dict(source.critic.target.state_dict())
+    target.critic.units.restore(source.critic.units.state())
     target.std = source.std
