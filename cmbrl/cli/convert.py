@@ -18,7 +18,7 @@ cmbrl convert arm.urdf arm.xml --actuators motor
 cmbrl convert go2.urdf go2.xml --floating --floor --actuators position --kp 25 --kd 0.5
 cmbrl convert robot.urdf robot.xml --packages ~/ros/src   # where package:// is looked for
 cmbrl convert arm.xml held.xml --hold left --hold right=0.02   # without these joints
-cmbrl convert arm.xml played.xml --play elbow --play 'wrist_*=0.02'   # with play between motor and link
+cmbrl convert arm.xml played.xml --play elbow --play 'wrist_*=0.02'   # play at joints
 """
 
 
