@@ -144,7 +144,8 @@ class TrainingRun:
             self._rows = from_csv(state["metrics"])
         except (KeyError, IndexError, AttributeError, TypeError, ValueError, RuntimeError, AssertionError) as error:
             last = (str(error).strip().splitlines() or [type(error).__name__])[-1].strip()
-            raise UserError(f"{path}: does not belong to this run ({last}): choose another --out") from None
+            why = f"does not belong to this run ({last}), or is of another version"
+            raise UserError(f"{path}: {why}: choose another --out") from None
 
     def _watch(self, metrics: Mapping[str, float]) -> None:
         """Raises Diverged if weights are not finite, or losses or gradients too many times in a row."""
