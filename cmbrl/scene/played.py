@@ -24,20 +24,22 @@ def played_file(path: str | os.PathLike[str], joints: Mapping[str, float | None]
     """The text of the MJCF ``path`` with play behind ``joints``, each with a gap [rad, m] from end to end.
 
     They are names, or patterns of several; gaps default to ``GAPS``. Paths of meshes become absolute. Raises UserError
-    for an unknown joint, one that is no hinge or slide or has play already, and a gap that is not positive.
+    for an unknown joint, one that is no hinge or slide, has play already or no armature, and a gap that is not above 0.
     """
     if compile_robot(path).notes:
         raise UserError(f"{path}: is a URDF: make an MJCF of it by `cmbrl convert`, and give that play")
     with quiet():
         try:
             spec = mujoco.MjSpec.from_file(str(path))
-            for name, gap in _meant(joints, [joint.name for joint in spec.joints], str(path)).items():
+            for name, gap in _meant(joints, [joint.name for joint in spec.joints if joint.name], str(path)).items():
                 _add(spec, name, gap, str(path))
             for key in list(spec.keys):  # poses of fewer joints
                 spec.delete(key)
             fix_paths(spec)
             spec.compile()
             return str(spec.to_xml())
+        except UserError:
+            raise
         except (ValueError, mujoco.FatalError) as error:
             raise UserError(f"{path}: MuJoCo cannot write this file with play ({error})") from None
 
@@ -46,7 +48,7 @@ def _meant(joints: Mapping[str, float | None], known: Sequence[str], path: str) 
     """Gaps by the name of the joint, for names and patterns."""
     found: dict[str, float | None] = {}
     for name, gap in joints.items():
-        meant = [name] if name in known else [each for each in known if each and fnmatch.fnmatchcase(each, name)]
+        meant = [name] if name in known else [each for each in known if fnmatch.fnmatchcase(each, name)]
         if not meant:
             raise UserError(f"{path}: no joint {name!r}; {did_you_mean(name, known)}")
         found |= dict.fromkeys(meant, gap)
@@ -59,6 +61,8 @@ def _add(spec: mujoco.MjSpec, name: str, gap: float | None, path: str) -> None:
         raise UserError(f"{path}: joint {name!r} is no hinge or slide: only those have play")
     if spec.joint(name + SUFFIX) is not None:
         raise UserError(f"{path}: joint {name!r} has play already, {name + SUFFIX!r}: leave it out of --play")
+    if joint.armature == 0.0:
+        raise UserError(f"{path}: joint {name!r} has no armature: give it the rotor that runs through its gap")
     gap = GAPS[joint.type == _SLIDE] if gap is None else gap
     if not 0.0 < gap < np.inf:
         raise UserError(f"--play {name}={gap:g}: give the gap from end to end, above 0 [rad, m]")

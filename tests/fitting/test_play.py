@@ -171,3 +171,19 @@ def test_a_joint_has_play_once_and_a_ball_none(arm: Path) -> None:
     )
     with pytest.raises(UserError, match="'turn' is no hinge or slide"):
         played_file(arm, {"turn": None})
+
+
+@pytest.mark.parametrize(
+    ("joints", "why"),
+    [
+        ({"c": None}, r"arm\.xml: no joint 'c'; known: a, b"),
+        ({"a": -1.0}, r"^--play a=-1: give the gap"),
+        ({"b": None}, r"arm\.xml: joint 'b' has no armature"),
+    ],
+)
+def test_what_cannot_have_play_is_told(arm: Path, joints: dict[str, float | None], why: str) -> None:
+    model = mujoco.MjSpec.from_file(str(arm))
+    model.joint("b").armature = 0.0
+    arm.write_text(model.to_xml())
+    with pytest.raises(UserError, match=why):
+        played_file(arm, joints)
