@@ -22,14 +22,14 @@ from cmbrl.bench.studies.coverage.cells import CHOSEN_ON, LOG_SEED
 from cmbrl.bench.studies.hidden.hidden_system import Hidden
 from cmbrl.bench.studies.hidden.truth import true_parameters
 from cmbrl.bench.studies.mission.runs import random_log
-from cmbrl.fitting.cma import cma_search
-from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.folds import Folds, draw_starts, fold_of_rows
-from cmbrl.fitting.gauss_newton import gauss_newton
-from cmbrl.fitting.loss import PredictionLoss
-from cmbrl.fitting.multi_start import MultiStart
-from cmbrl.fitting.objective import Objective
-from cmbrl.fitting.random_search import random_search
+from cmbrl.fitting.choice.multi_start import MultiStart
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.search.cma import cma_search
+from cmbrl.fitting.search.folds import Folds, draw_starts, fold_of_rows
+from cmbrl.fitting.search.gauss_newton import gauss_newton
+from cmbrl.fitting.search.loss import PredictionLoss
+from cmbrl.fitting.search.objective import Objective
+from cmbrl.fitting.search.random_search import random_search
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.models.named import nominal_model
 from cmbrl.models.source import load_any_log, load_source

@@ -18,7 +18,7 @@ import numpy as np
 import torch
 
 from cmbrl import ComplementarityModel, Scene, Transitions
-from cmbrl.fitting.evidence import Evidence
+from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.models.ensemble import NeuralEnsemble
 from cmbrl.models.named import load_complementarity
 from cmbrl.models.protocol import rollout

@@ -111,7 +111,7 @@ def run(arguments: argparse.Namespace) -> None:
     from cmbrl.accuracy.compare import compare
     from cmbrl.accuracy.open_loop import OpenLoop, simulate
     from cmbrl.accuracy.plots import plot, plot_open_loop
-    from cmbrl.fitting.report_text import left_out_lines
+    from cmbrl.fitting.outcome.report_text import left_out_lines
 
     table: ErrorTable | OpenLoop
     with fraction("compare") as progress:

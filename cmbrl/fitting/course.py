@@ -12,27 +12,27 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.fitting.agreement import Comparison
-from cmbrl.fitting.beginning import beginning
-from cmbrl.fitting.cma import cma_search
-from cmbrl.fitting.drives import FADE, GAP, LIMIT
-from cmbrl.fitting.extension import Extension
-from cmbrl.fitting.folds import Folds, draw_starts
-from cmbrl.fitting.judge import Judge
-from cmbrl.fitting.judging import harmed, helped, judged, returned
-from cmbrl.fitting.loss import PredictionLoss
-from cmbrl.fitting.multi_start import MultiStart
-from cmbrl.fitting.objective import Objective
-from cmbrl.fitting.parsimony import Selection
-from cmbrl.fitting.polish import polished
-from cmbrl.fitting.random_search import random_search
-from cmbrl.fitting.sliding import label, supported_sliding
+from cmbrl.fitting.choice.drives import FADE, GAP, LIMIT
+from cmbrl.fitting.choice.extension import Extension
+from cmbrl.fitting.choice.judging import harmed, helped, judged, returned
+from cmbrl.fitting.choice.multi_start import MultiStart
+from cmbrl.fitting.choice.parsimony import Selection
+from cmbrl.fitting.choice.polish import polished
+from cmbrl.fitting.choice.told_gains import GAINS
+from cmbrl.fitting.log.judge import Judge
+from cmbrl.fitting.log.sliding import label, supported_sliding
+from cmbrl.fitting.log.survey import Survey, Surveyor
+from cmbrl.fitting.outcome.agreement import Comparison
+from cmbrl.fitting.outcome.verdict import stepping
+from cmbrl.fitting.search.beginning import beginning
+from cmbrl.fitting.search.cma import cma_search
+from cmbrl.fitting.search.folds import Folds, draw_starts
+from cmbrl.fitting.search.loss import PredictionLoss
+from cmbrl.fitting.search.objective import Objective
+from cmbrl.fitting.search.random_search import random_search
+from cmbrl.fitting.search.unseen import held_out_rows
 from cmbrl.fitting.standing import GAUSS_NEWTON, Standing
 from cmbrl.fitting.state import Journal
-from cmbrl.fitting.survey import Survey, Surveyor
-from cmbrl.fitting.told_gains import GAINS
-from cmbrl.fitting.unseen import held_out_rows
-from cmbrl.fitting.verdict import stepping
 from cmbrl.models.observation import DELAY, LAG
 
 SEARCHES: dict[str, Callable[..., Any]] = {"random": random_search, "cma": cma_search}

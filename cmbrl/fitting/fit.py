@@ -19,18 +19,18 @@ from cmbrl.data.several import Logs
 from cmbrl.data.transitions import Transitions
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.clock import Clock
-from cmbrl.fitting.cma import require_library
 from cmbrl.fitting.course import SEARCHES, Course
-from cmbrl.fitting.discrepancy import Discrepancy
-from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.folds import draw_starts, fold_count
-from cmbrl.fitting.noise import sensor_noise
-from cmbrl.fitting.rate import RateCheck
-from cmbrl.fitting.report import conclude
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.log.noise import sensor_noise
+from cmbrl.fitting.log.rate import RateCheck
+from cmbrl.fitting.outcome.discrepancy import Discrepancy
+from cmbrl.fitting.outcome.report import conclude
+from cmbrl.fitting.outcome.verdict import by_horizon
 from cmbrl.fitting.result import FitResult
+from cmbrl.fitting.search.cma import require_library
+from cmbrl.fitting.search.folds import draw_starts, fold_count
 from cmbrl.fitting.standing import GAUSS_NEWTON
 from cmbrl.fitting.state import Journal
-from cmbrl.fitting.verdict import by_horizon
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.numbers import one_of, real, whole
 

@@ -23,9 +23,9 @@ from torch.nn.functional import huber_loss
 
 from cmbrl.data.several import Logs
 from cmbrl.errors import UserError
-from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.folds import LEAST_GAIN, NOISE_FACTOR, fold_of_rows, paired_gain, windows_in_blocks
+from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.result import FitResult
+from cmbrl.fitting.search.folds import LEAST_GAIN, NOISE_FACTOR, fold_of_rows, paired_gain, windows_in_blocks
 from cmbrl.models.residual import ResidualModel
 from cmbrl.models.windows import blocks_of, thinned
 from cmbrl.numbers import whole

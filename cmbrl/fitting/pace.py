@@ -17,20 +17,20 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.fitting.beginning import begins
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.clock import Clock
-from cmbrl.fitting.evidence import HORIZONS, Evidence
-from cmbrl.fitting.folds import draw_starts, folds_held_out
-from cmbrl.fitting.judge import judged_rows
-from cmbrl.fitting.loss import PredictionLoss
-from cmbrl.fitting.objective import Objective
-from cmbrl.fitting.sliding import rivals
-from cmbrl.fitting.space import Space
-from cmbrl.fitting.start_noise import adrift, noise_of_starts
+from cmbrl.fitting.log.evidence import HORIZONS, Evidence
+from cmbrl.fitting.log.judge import judged_rows
+from cmbrl.fitting.log.sliding import rivals
+from cmbrl.fitting.log.start_noise import adrift, noise_of_starts
+from cmbrl.fitting.outcome.verdict import HORIZONS as REPORTED
+from cmbrl.fitting.outcome.verdict import STEPS_TRIED
+from cmbrl.fitting.search.beginning import begins
+from cmbrl.fitting.search.folds import draw_starts, folds_held_out
+from cmbrl.fitting.search.loss import PredictionLoss
+from cmbrl.fitting.search.objective import Objective
+from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.state import Journal, digest
-from cmbrl.fitting.verdict import HORIZONS as REPORTED
-from cmbrl.fitting.verdict import STEPS_TRIED
 
 PARTS = ("beginning", "sliding", "survey", "choice", "starts", "polish", "held out", "logs", "stepping", "report")
 _TOGETHER = ("sliding", "survey")  # go on with what the part before has computed, so with its budget

@@ -12,12 +12,12 @@ import numpy as np
 
 from cmbrl.errors import UserError
 from cmbrl.files import atomic_path, check_writable, make_folder, read_record, record_text
-from cmbrl.fitting import report_text
-from cmbrl.fitting.draws import around
 from cmbrl.fitting.fitted_parameter import FittedParameter
-from cmbrl.fitting.objective import NOT_FINITE
-from cmbrl.fitting.space import Space
-from cmbrl.fitting.unseen import Unseen
+from cmbrl.fitting.outcome import report_text
+from cmbrl.fitting.outcome.draws import around
+from cmbrl.fitting.search.objective import NOT_FINITE
+from cmbrl.fitting.search.space import Space
+from cmbrl.fitting.search.unseen import Unseen
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.named import RESULT, SETTINGS, load_complementarity
 from cmbrl.scene.fitted_file import fitted_file
@@ -46,7 +46,7 @@ class FitResult:
         ``task``: the name of the task whose scene was fitted. Raises UserError if the folder cannot be written, or the
         result is not finite, or the scene was not read from a file; then the files there stay as they are.
         """
-        from cmbrl.fitting.page.page import page_text  # imports matplotlib: only now
+        from cmbrl.fitting.outcome.page.page import page_text  # imports matplotlib: only now
 
         check_writable(folder, folder=True)
         scene = self.model.scene
@@ -108,8 +108,8 @@ class FitResult:
     def draws(self, count: int, seed: int = 0) -> np.ndarray:
         """Parameter sets (count, np) that explain the log about as well: normal around the fit, within the bounds.
 
-        Parameters that the data inform vary jointly, with the covariance of the fit (``cmbrl.fitting.identify``), as
-        far as the log bears it (``cmbrl.fitting.draws``).
+        Parameters that the data inform vary jointly, with the covariance of the fit (``outcome.identify``), as far as
+        the log bears it (``outcome.draws``).
         """
         scene = self.model.scene
         nominal = np.array([self.parameters[p.name].nominal for p in scene.parameters])

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from cmbrl.fitting.budget import Budget
-from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.folds import Folds, draw_starts
-from cmbrl.fitting.judge import Judge
-from cmbrl.fitting.loss import Errors, PredictionLoss
+from cmbrl.fitting.choice.trials import Incumbent
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.log.judge import Judge
+from cmbrl.fitting.log.survey import Survey
 from cmbrl.fitting.pace import ALLOWED, Pace, Plan, Speed
+from cmbrl.fitting.search.folds import Folds, draw_starts
+from cmbrl.fitting.search.loss import Errors, PredictionLoss
 from cmbrl.fitting.state import Journal, OutOfTime
-from cmbrl.fitting.survey import Survey
-from cmbrl.fitting.trials import Incumbent
 
 GAUSS_NEWTON = "gauss-newton"
 

@@ -15,7 +15,7 @@ from cmbrl.data.importing import Frames, Options, import_logs
 from cmbrl.data.position_log import PositionLog
 from cmbrl.data.smoothing import smooth_rotations
 from cmbrl.errors import UserError
-from cmbrl.fitting.evidence import Evidence
+from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.scene import Scene
 from cmbrl.scene.manifold import quaternion_product, rotate_by, rotation_between
 

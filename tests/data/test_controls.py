@@ -15,7 +15,7 @@ from cmbrl.data.importing import import_logs
 from cmbrl.data.importing.targets import Target, match
 from cmbrl.data.position_log import PositionLog
 from cmbrl.errors import UserError
-from cmbrl.fitting.evidence import Evidence
+from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.scene import Scene
 
 CART = """<mujoco model="cart"><option timestep=".005" integrator="implicitfast"/><worldbody><body>

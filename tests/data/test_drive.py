@@ -13,7 +13,7 @@ from cmbrl.cli import main
 from cmbrl.data.drive import controls, scene_of
 from cmbrl.data.position_log import PositionLog
 from cmbrl.errors import UserError
-from cmbrl.fitting.evidence import Evidence
+from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.scene import Scene
 from cmbrl.scene.drives import Drive
 

@@ -13,7 +13,7 @@ from cmbrl.data.importing import import_logs
 from cmbrl.data.loops import _gaps, _slope, closed, closing, to_hold
 from cmbrl.data.position_log import PositionLog
 from cmbrl.errors import UserError
-from cmbrl.fitting.evidence import Evidence
+from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
 

@@ -14,8 +14,8 @@ from cmbrl.accuracy.open_loop import simulate as open_loop
 from cmbrl.data.estimation import estimated
 from cmbrl.data.importing import Imported, Options, import_logs
 from cmbrl.data.position_log import PositionLog
-from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.judge import Judge
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.log.judge import Judge
 from cmbrl.scene import Scene
 from cmbrl.scene.manifold import quaternion_matrix, rotate_by
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from cmbrl.data.transitions import Transitions
-from cmbrl.fitting.loss import huber as huber_loss
+from cmbrl.fitting.search.loss import huber as huber_loss
 from cmbrl.models.observation import Observation
 from cmbrl.models.windows import Windows
 from cmbrl.scene.layout import Layout

@@ -9,10 +9,10 @@ import pytest
 
 import cmbrl
 from cmbrl.data.position_log import PositionLog
-from cmbrl.fitting.beginning import beginning
 from cmbrl.fitting.budget import Budget
-from cmbrl.fitting.evidence import LEAST_WINDOWS, Evidence
-from cmbrl.fitting.folds import draw_starts, windows_in_blocks
+from cmbrl.fitting.log.evidence import LEAST_WINDOWS, Evidence
+from cmbrl.fitting.search.beginning import beginning
+from cmbrl.fitting.search.folds import draw_starts, windows_in_blocks
 from cmbrl.fitting.state import Journal
 
 from .arm_log import followed

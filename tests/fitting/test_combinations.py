@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import cmbrl
-from cmbrl.fitting.combinations import combinations
-from cmbrl.fitting.space import Space
+from cmbrl.fitting.outcome.combinations import combinations
+from cmbrl.fitting.search.space import Space
 from cmbrl.scene import Scene
 
 ARM = """<mujoco><worldbody><body><joint name="a" axis="0 1 0" armature=".1"/>

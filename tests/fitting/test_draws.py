@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cmbrl.fitting.draws import LOST, WORSE, around, bearable
-from cmbrl.fitting.evidence import Evidence
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.outcome.draws import LOST, WORSE, around, bearable
 
 
 def test_draws_have_the_covariance() -> None:

@@ -7,8 +7,9 @@ import pytest
 
 import cmbrl
 from cmbrl.errors import UserError
-from cmbrl.fitting import Budget, FittedParameter, report_text
+from cmbrl.fitting import Budget, FittedParameter
 from cmbrl.fitting import state as state_module
+from cmbrl.fitting.outcome import report_text
 
 QUICK = Budget(trial_rounds=3, trial_population=16, search_rounds=4, search_population=16)
 

@@ -12,7 +12,7 @@ import cmbrl
 from cmbrl.errors import UserError
 from cmbrl.files import write_record
 from cmbrl.fitting import Budget, FitResult
-from cmbrl.fitting.evidence import Evidence
+from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.models.windows import Scales
 from cmbrl.tasks import ball_throw, cube_toss
 from cmbrl.tasks import hopper as hopper_task

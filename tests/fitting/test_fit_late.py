@@ -11,11 +11,11 @@ import pytest
 
 from cmbrl import ComplementarityModel, Scene, Transitions, fit
 from cmbrl.fitting.budget import Budget
-from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.extension import Extension
-from cmbrl.fitting.folds import Folds
+from cmbrl.fitting.choice.extension import Extension
+from cmbrl.fitting.choice.trials import Incumbent
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.search.folds import Folds
 from cmbrl.fitting.state import Journal
-from cmbrl.fitting.trials import Incumbent
 
 DT = 0.02
 ARM = """<mujoco><option timestep=".005"/><worldbody><body>

@@ -12,9 +12,9 @@ import pytest
 import cmbrl
 from cmbrl.data.position_log import PositionLog
 from cmbrl.fitting import Budget
-from cmbrl.fitting.drives import GAP, LIMIT, levels, rubbing, scanned, without_unneeded
-from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.folds import draw_starts
+from cmbrl.fitting.choice.drives import GAP, LIMIT, levels, rubbing, scanned, without_unneeded
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.search.folds import draw_starts
 from cmbrl.scene import Scene
 from cmbrl.scene.fitted_file import fitted_file
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cmbrl import UserError
-from cmbrl.fitting.folds import (
+from cmbrl.fitting.search.folds import (
     NOISE_FACTOR,
     Folds,
     draw_starts,
@@ -15,9 +15,9 @@ from cmbrl.fitting.folds import (
     typical_rise,
     windows_in_blocks,
 )
-from cmbrl.fitting.loss import PredictionLoss
-from cmbrl.fitting.objective import Objective
-from cmbrl.fitting.space import Space
+from cmbrl.fitting.search.loss import PredictionLoss
+from cmbrl.fitting.search.objective import Objective
+from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.state import Journal
 from cmbrl.models.windows import Scales, Windows
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cmbrl.fitting.gauge import distance, nearest
-from cmbrl.fitting.space import Space
+from cmbrl.fitting.search.gauge import distance, nearest
+from cmbrl.fitting.search.space import Space
 from cmbrl.scene.records import Parameter
 
 

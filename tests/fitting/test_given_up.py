@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.folds import draw_starts
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.search.folds import draw_starts
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-3])

@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 
 import cmbrl
-from cmbrl.fitting.discrepancy import Discrepancy
-from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.folds import draw_starts
-from cmbrl.fitting.gauge import common_factors, nearest
-from cmbrl.fitting.gauss_newton import gauss_newton
-from cmbrl.fitting.identify import _flat_directions, identify
-from cmbrl.fitting.objective import Objective
-from cmbrl.fitting.polish import _same_motion
-from cmbrl.fitting.ratios import beside, ratios
-from cmbrl.fitting.space import Space
+from cmbrl.fitting.choice.polish import _same_motion
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.log.survey import Survey
+from cmbrl.fitting.outcome.discrepancy import Discrepancy
+from cmbrl.fitting.outcome.identify import _flat_directions, identify
+from cmbrl.fitting.outcome.ratios import beside, ratios
+from cmbrl.fitting.search.folds import draw_starts
+from cmbrl.fitting.search.gauge import common_factors, nearest
+from cmbrl.fitting.search.gauss_newton import gauss_newton
+from cmbrl.fitting.search.objective import Objective
+from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.state import Journal
-from cmbrl.fitting.survey import Survey
 from cmbrl.models.windows import Scales
 from cmbrl.scene.records import Parameter
 

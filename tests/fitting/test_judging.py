@@ -9,8 +9,8 @@ import pytest
 
 import cmbrl
 from cmbrl.fitting import Budget, course
-from cmbrl.fitting.judging import harmed, returned
-from cmbrl.fitting.loss import Errors
+from cmbrl.fitting.choice.judging import harmed, returned
+from cmbrl.fitting.search.loss import Errors
 
 from .arm_log import followed
 

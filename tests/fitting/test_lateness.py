@@ -10,9 +10,9 @@ import pytest
 
 import cmbrl
 from cmbrl.fitting import Budget
-from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.lateness import lateness, lateness_told
-from cmbrl.fitting.space import Space
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.outcome.lateness import lateness, lateness_told
+from cmbrl.fitting.search.space import Space
 
 from .arm_log import followed
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from cmbrl.fitting.fitted_parameter import FittedParameter
-from cmbrl.fitting.laws_told import doubtful_laws, laws_told, play_told
+from cmbrl.fitting.outcome.laws_told import doubtful_laws, laws_told, play_told
 
 
 def law(group: str, *intervals: tuple[float, float], status: str = "fitted") -> dict[str, FittedParameter]:

@@ -9,9 +9,9 @@ import pytest
 from cmbrl import ComplementarityModel, Scene, fit
 from cmbrl.data.position_log import PositionLog
 from cmbrl.fitting.budget import Budget
-from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.left import left_of_changes
-from cmbrl.fitting.start_noise import noise_of_starts
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.log.left import left_of_changes
+from cmbrl.fitting.log.start_noise import noise_of_starts
 
 ROWS, DT, LATE = 1200, 0.01, 0.012
 RESTING = "".join(

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.objective import Objective
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.search.objective import Objective
 from cmbrl.models.deviations import REST
 from cmbrl.models.windows import Scales
 

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cmbrl.fitting.multi_start import MultiStart
-from cmbrl.fitting.objective import NotFinite
+from cmbrl.fitting.choice.multi_start import MultiStart
+from cmbrl.fitting.search.objective import NotFinite
 from cmbrl.fitting.state import Journal
 
 

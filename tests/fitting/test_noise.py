@@ -7,12 +7,12 @@ import pytest
 
 import cmbrl
 from cmbrl.data.transitions import Transitions
-from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.folds import draw_starts
-from cmbrl.fitting.noise import sensor_noise
-from cmbrl.fitting.objective import Objective
-from cmbrl.fitting.starts import StartEquations
-from cmbrl.fitting.verdict import advice
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.log.noise import sensor_noise
+from cmbrl.fitting.outcome.verdict import advice
+from cmbrl.fitting.search.folds import draw_starts
+from cmbrl.fitting.search.objective import Objective
+from cmbrl.fitting.search.starts import StartEquations
 
 from .pushed_box import PUSHER, pushes
 from .test_fit_hidden import scene

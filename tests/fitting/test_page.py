@@ -17,9 +17,10 @@ from cmbrl.cli import main
 from cmbrl.data import Transitions
 from cmbrl.data.position_log import PositionLog
 from cmbrl.errors import UserError
-from cmbrl.fitting import FitResult, report_text
-from cmbrl.fitting.page.motion import MOST, motion, residuals
-from cmbrl.fitting.page.predictions import OneStep, Window
+from cmbrl.fitting import FitResult
+from cmbrl.fitting.outcome import report_text
+from cmbrl.fitting.outcome.page.motion import MOST, motion, residuals
+from cmbrl.fitting.outcome.page.predictions import OneStep, Window
 
 ARM = """
 <mujoco><option timestep="0.005" integrator="implicitfast"/>

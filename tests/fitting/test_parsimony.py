@@ -7,15 +7,15 @@ import pytest
 
 import cmbrl
 from cmbrl.fitting.budget import Budget
-from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.extension import Extension
-from cmbrl.fitting.folds import LEAST_GAIN, Folds, draw_starts
-from cmbrl.fitting.forecast import Forecast, adjusted
-from cmbrl.fitting.loss import Errors
-from cmbrl.fitting.objective import Objective
-from cmbrl.fitting.parsimony import _needed
+from cmbrl.fitting.choice.extension import Extension
+from cmbrl.fitting.choice.forecast import Forecast, adjusted
+from cmbrl.fitting.choice.parsimony import _needed
+from cmbrl.fitting.choice.trials import Incumbent, Trial
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.search.folds import LEAST_GAIN, Folds, draw_starts
+from cmbrl.fitting.search.loss import Errors
+from cmbrl.fitting.search.objective import Objective
 from cmbrl.fitting.state import Journal
-from cmbrl.fitting.trials import Incumbent, Trial
 from cmbrl.models.windows import Scales
 
 
@@ -79,7 +79,7 @@ def test_groups_that_help_only_together_are_added_as_one(carts, monkeypatch):
     alone = cmbrl.fit(carts.model(2), data, groups=["gear"]).report["loss"]
     fall = 1.0 - alone["held out, fitted"]["loss"] / alone["held out, nominal"]["loss"]
     assert fall < 0.9
-    monkeypatch.setattr("cmbrl.fitting.trials.Trial.counts", lambda trial, loss: trial.gain > 0.9 * loss)
+    monkeypatch.setattr("cmbrl.fitting.choice.trials.Trial.counts", lambda trial, loss: trial.gain > 0.9 * loss)
     result = cmbrl.fit(carts.model(2), data)
     assert {"gear", "tilt"} <= {name.split(".")[0] for name in result.report["fitted"]}
     assert result.parameters["tilt"].value == pytest.approx(0.4, rel=0.02)
@@ -113,8 +113,8 @@ def test_a_law_that_shows_only_beside_another_is_tried_again(setup, monkeypatch)
         active = incumbent.active | space.columns([group])
         return Trial(incumbent.z, active, before, float(told), 0.0, 0.0, 0.0, 0.0)
 
-    monkeypatch.setattr("cmbrl.fitting.extension.drives.GROUPS", ())
-    monkeypatch.setattr("cmbrl.fitting.extension.LAWS", ("gear", "tilt"))
+    monkeypatch.setattr("cmbrl.fitting.choice.extension.drives.GROUPS", ())
+    monkeypatch.setattr("cmbrl.fitting.choice.extension.LAWS", ("gear", "tilt"))
     monkeypatch.setattr(Extension, "_law", law)
     monkeypatch.setattr(Extension, "_limited", lambda *_: None)
     monkeypatch.setattr(Extension, "_settled", lambda _, incumbent, before: before)
@@ -155,8 +155,8 @@ def test_a_gap_that_only_the_usual_part_of_a_log_calls_for_goes(setup, monkeypat
         return Trial(start, active, errors, before.mean - errors.mean, 0.0, 0.0, 0.0, 0.0)
 
     monkeypatch.setattr(Extension, "_trial", trial)
-    monkeypatch.setattr("cmbrl.fitting.extension.drives.rubbing", lambda _, __, ___, point: point)
-    monkeypatch.setattr("cmbrl.fitting.extension._STANDS_FOR", frozenset({"tilt"} if gap else {"backlash"}))
+    monkeypatch.setattr("cmbrl.fitting.choice.extension.drives.rubbing", lambda _, __, ___, point: point)
+    monkeypatch.setattr("cmbrl.fitting.choice.extension._STANDS_FOR", frozenset({"tilt"} if gap else {"backlash"}))
     incumbent = Incumbent(np.full(len(space), 0.1), space.columns(["mass", "tilt"]))
     Extension(space, loss, folds, [], 0, Budget(), Journal(None, "")).confirm(incumbent, ["tilt"])
     assert incumbent.active[space.columns(["tilt"])].all() != gap

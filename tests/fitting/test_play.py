@@ -17,7 +17,7 @@ from cmbrl.data.position_log import PositionLog
 from cmbrl.data.several import together
 from cmbrl.data.unlogged import unlogged, with_columns
 from cmbrl.errors import UserError
-from cmbrl.fitting.evidence import Evidence
+from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.step_settings import INTEGRATORS
 from cmbrl.scene import Scene

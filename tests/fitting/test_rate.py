@@ -9,8 +9,8 @@ import pytest
 
 import cmbrl
 from cmbrl.data.position_log import PositionLog
-from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.rate import RateCheck
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.log.rate import RateCheck
 
 from .arm_log import followed
 

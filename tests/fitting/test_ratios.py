@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from cmbrl.fitting.ratios import beside
+from cmbrl.fitting.outcome.ratios import beside
 
 
 def test_a_parameter_that_is_zero_is_no_unit() -> None:

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.released import released
-from cmbrl.fitting.trials import Trials
+from cmbrl.fitting.choice.trials import Trials
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.search.released import released
 
 
 @pytest.fixture

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from cmbrl.fitting.cma import cma_search
-from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.gauss_newton import gauss_newton, reweighed
-from cmbrl.fitting.objective import Objective
-from cmbrl.fitting.random_search import propose, random_search
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.search.cma import cma_search
+from cmbrl.fitting.search.gauss_newton import gauss_newton, reweighed
+from cmbrl.fitting.search.objective import Objective
+from cmbrl.fitting.search.random_search import propose, random_search
 from cmbrl.fitting.state import Journal
 from cmbrl.models.windows import Scales
 

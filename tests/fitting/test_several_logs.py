@@ -8,9 +8,9 @@ import pytest
 
 import cmbrl
 from cmbrl.errors import UserError
-from cmbrl.fitting.agreement import cause
-from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.noise import sensor_noise
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.log.noise import sensor_noise
+from cmbrl.fitting.outcome.agreement import cause
 from cmbrl.models.windows import blocks_of
 
 GROUPS = ["gear", "damping"]

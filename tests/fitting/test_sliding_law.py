@@ -15,11 +15,11 @@ from cmbrl.data.position_log import PositionLog
 from cmbrl.data.transitions import Transitions
 from cmbrl.fitting import FitResult
 from cmbrl.fitting.budget import Budget
-from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.report_text import render
-from cmbrl.fitting.sliding import rivals, supported_sliding
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.log.sliding import rivals, supported_sliding
+from cmbrl.fitting.log.survey import Surveyor
+from cmbrl.fitting.outcome.report_text import render
 from cmbrl.fitting.state import Journal
-from cmbrl.fitting.survey import Surveyor
 
 from .pushed_box import PUSHER, pushes
 from .test_fit_hidden import recorded, scene

@@ -8,8 +8,8 @@ import pytest
 
 import cmbrl
 from cmbrl.errors import UserError
-from cmbrl.fitting.gauge import common_factors
-from cmbrl.fitting.space import Space
+from cmbrl.fitting.search.gauge import common_factors
+from cmbrl.fitting.search.space import Space
 from cmbrl.scene import Scene
 from cmbrl.scene.records import Parameter
 

@@ -11,11 +11,11 @@ import pytest
 
 from cmbrl import ComplementarityModel, Scene, fit
 from cmbrl.data.position_log import PositionLog
-from cmbrl.fitting import start_noise, survey
 from cmbrl.fitting.budget import Budget
-from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.report_text import render
-from cmbrl.fitting.start_noise import adrift, noise_of_starts
+from cmbrl.fitting.log import start_noise, survey
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.log.start_noise import adrift, noise_of_starts
+from cmbrl.fitting.outcome.report_text import render
 
 ROWS, DT, LATE = 1200, 0.01, 2  # two of five steps of MuJoCo: 4 ms
 HULL = """<mujoco><option timestep=".002" gravity="0 0 0" integrator="implicitfast"/><worldbody>

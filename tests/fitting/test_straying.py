@@ -8,7 +8,7 @@ import pytest
 
 import cmbrl
 from cmbrl.data.position_log import PositionLog
-from cmbrl.fitting.evidence import Evidence
+from cmbrl.fitting.log.evidence import Evidence
 
 ROD = """<mujoco><option timestep=".005"/><worldbody><body pos="0 0 1"><joint name="j" axis="0 1 0" damping=".002"/>
 <geom type="capsule" size=".01" fromto="0 0 0 0 0 .06" mass=".3"/></body></worldbody><actuator>{}</actuator></mujoco>"""

@@ -11,8 +11,8 @@ import pytest
 
 import cmbrl
 from cmbrl.fitting import Budget
+from cmbrl.fitting.choice.told_gains import gains_told, sum_told
 from cmbrl.fitting.fitted_parameter import FittedParameter
-from cmbrl.fitting.told_gains import gains_told, sum_told
 
 from .arm_log import followed
 

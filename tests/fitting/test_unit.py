@@ -7,7 +7,7 @@ import re
 import pytest
 
 from cmbrl.fitting.fitted_parameter import FittedParameter
-from cmbrl.fitting.unit import unit_told
+from cmbrl.fitting.outcome.unit import unit_told
 
 
 def parameters(masses: list[float], kp: float = 30.0, status: str = "fitted") -> dict[str, FittedParameter]:

@@ -11,10 +11,10 @@ import pytest
 import cmbrl
 from cmbrl.accuracy.compare import compare
 from cmbrl.fitting.budget import Budget
-from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.report_text import render, verdict
-from cmbrl.fitting.unseen import Unseen
-from cmbrl.fitting.verdict import by_horizon, lost, warning
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.outcome.report_text import render, verdict
+from cmbrl.fitting.outcome.verdict import by_horizon, lost, warning
+from cmbrl.fitting.search.unseen import Unseen
 
 from .arm_log import followed
 from .test_fit_hidden import recorded, scene

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cmbrl import ComplementarityModel, Transitions, UserError
-from cmbrl.fitting.space import Space
+from cmbrl.fitting.search.space import Space
 from cmbrl.models.observation import Observation, response
 from cmbrl.scene import Scene
 

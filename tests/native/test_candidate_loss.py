@@ -11,7 +11,7 @@ from cmbrl.bench.states import random_states
 from cmbrl.contact import Barrier
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
-from cmbrl.fitting.loss import huber
+from cmbrl.fitting.search.loss import huber
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.windows import Scales, Windows
 from cmbrl.scene import Scene

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cmbrl.fitting.gauge import common_factors
+from cmbrl.fitting.search.gauge import common_factors
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.manifold import invariant_translations
 from cmbrl.scene import Scene

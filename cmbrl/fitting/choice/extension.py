@@ -1,0 +1,194 @@
+"""Fits of positions move everything, and add those laws of friction, motors and servos that held-out errors call for.
+
+What one law explains, another would explain a little: the order is by gain, and who is late has to gain still. What a
+large error hides shows beside the law that explains it: a law that gained nothing is tried again.
+
+The prior is first weighed by the errors of the file. By the smaller ones that a fit leaves it weighs less, and dozens
+of parameters go on to explain what none of them causes. So its weight falls only where unseen seconds are predicted
+clearly better then. What is compared weighs it alike: a lesser weight is no gain of a law.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cmbrl.fitting.choice import drives
+from cmbrl.fitting.choice.forecast import Forecast
+from cmbrl.fitting.choice.parsimony import ALL
+from cmbrl.fitting.choice.told_gains import GAINS
+from cmbrl.fitting.choice.trials import Incumbent, Trial, Trials
+from cmbrl.fitting.search.folds import LEAST_GAIN, NOISE_FACTOR, typical_rise
+from cmbrl.fitting.search.gauss_newton import gauss_newton
+from cmbrl.fitting.search.loss import Errors
+from cmbrl.fitting.search.objective import NotFinite, Objective
+from cmbrl.models.observation import ZERO
+
+LAWS = (*GAINS, *drives.GROUPS, ZERO, "friction_slope", "stribeck")  #: groups tried on positions: held, or in no file
+_FORECAST = (*GAINS, ZERO, "friction_slope")  # act in proportion; to first order, dry friction takes Stribeck's part
+_AT_ONCE = 0.5  # of the loss: a law that leaves less is taken before others are tried
+_WRONG = 0.3  # of the loss, by which it falls with a gain that the log tells wrongly
+_STANDS_FOR = frozenset({drives.GAP})  # friction, in the typical part of a log, where joints move: the mean has to fall
+_SETTLING = 2  # times that a fit of everything goes on before laws are added to it
+
+
+@dataclass(frozen=True)
+class Extension(Trials):
+    """Laws besides what a fit moves by default, and their confirmation beside all that came later."""
+
+    holds: bool = True
+
+    def extend(self, incumbent: Incumbent, chosen: np.ndarray) -> None:
+        """Moves all of ``chosen`` (n,), and those laws besides that held-out errors call for, the best one first."""
+        none = np.zeros_like(chosen)
+        before = self._unmoved(incumbent)
+        self._tell(incumbent, "fitting all parameters")
+        start = incumbent.begin if incumbent.surveyed is None else incumbent.surveyed
+        least = Objective.at(self.loss, self.space, chosen, incumbent.begin).variance
+        trial = self._trial("all", incumbent, chosen, start, none, before, self.budget.polish_iterations, least)
+        trial = self._released("all", trial, incumbent, before, self.budget.polish_iterations, least)
+        name, incumbent.least = ALL, trial.variance
+        if (limited := self._limited(incumbent, chosen, trial)) is not None:
+            name, trial = f"{ALL} + {drives.LIMIT}", limited
+        before = self._accept("add", name, trial, incumbent)
+        held = set(np.array(self.space.groups)[~chosen].tolist())
+        laws = [law for law in LAWS if law in held]
+        while True:
+            before = self._settled(incumbent, before)
+            incumbent.z, idle = drives.without_unneeded(self.loss, self.space, incumbent.z, incumbent.active)
+            incumbent.active = incumbent.active & ~idle
+            found: dict[str, Trial] = {}
+            for law in self._hopeful(incumbent, laws, before):
+                tried = self._law(incumbent, law, before)
+                if tried is not None and self._helps(tried, before, law):
+                    found[law] = tried
+                    if tried.errors.mean < _AT_ONCE * before.mean:  # no other explains as much
+                        break
+            if not found:
+                return
+            best = max(found, key=lambda law: found[law].gain)
+            before = self._accept("add", best, found[best], incumbent)
+            laws.remove(best)
+
+    def confirm(self, incumbent: Incumbent, groups: list[str]) -> None:
+        """Takes ``groups`` back to nominal, all of them, unless held-out errors call for them.
+
+        In the mean of all, or in the typical part of the log.
+        """
+        columns = self.space.columns(groups)
+        none = np.zeros_like(columns)
+        self.journal.report(0.85, f"confirming {', '.join(groups)}")
+        kept = self._trial(
+            f"confirmed {groups}", incumbent, incumbent.active, incumbent.z, none, self._unmoved(incumbent)
+        )
+        start = drives.rubbing(self.loss, self.space, kept.z, np.where(columns, 0.0, kept.z))
+        without = self._trial(f"refuted {groups}", incumbent, incumbent.active & ~columns, start, none, kept.errors)
+        needed = not _STANDS_FOR.intersection(groups) and self._typically_worse(kept.errors, without.errors)
+        if not needed and without.costs_nothing(kept.errors.mean, kept.score, kept.strain):
+            self._accept("remove", " + ".join(groups), without, incumbent)
+
+    def _helps(self, trial: Trial, before: Errors, law: str = "") -> bool:
+        """Whether a law lowers the mean of all or the errors in the typical part of the log, and these do not rise."""
+        if law in GAINS and trial.gain < _WRONG * before.mean:
+            return False
+        typical = law not in _STANDS_FOR and self._typically_worse(trial.errors, before)
+        falls = trial.counts(before.mean) or typical
+        explodes = not np.isfinite(trial.gain)
+        return falls and not explodes and not self._typically_worse(before, trial.errors)
+
+    def _typically_worse(self, one: Errors, other: Errors) -> bool:
+        """Whether most of the log is predicted clearly worse with the ``other`` errors."""
+        rise, noise = typical_rise(one.loss, other.loss, self.folds.blocks())
+        return rise > max(NOISE_FACTOR * noise, LEAST_GAIN)
+
+    def _limited(self, incumbent: Incumbent, chosen: np.ndarray, plain: Trial) -> Trial | None:
+        """A fit of ``chosen`` with limits of forces from the first, if the file lacks them clearly and it is better.
+
+        Where motors saturate, a ``plain`` fit, without limits, ends far from where it should.
+        """
+        self._tell(incumbent, f"trying {drives.LIMIT}")
+        start, helps = self._scan(drives.LIMIT, incumbent.begin, drives.CLEARLY, lines=False)
+        if not helps.any():
+            return None
+        begun = self._ahead("limited", incumbent, chosen | helps, start, plain.z)
+        if begun is None:
+            return None
+        none, iterations = np.zeros_like(chosen), self.budget.polish_iterations
+        trial = self._trial("all limited", incumbent, chosen | helps, begun, none, plain.errors, iterations)
+        return trial if self._helps(trial, plain.errors) else None
+
+    def _ahead(
+        self, name: str, incumbent: Incumbent, active: np.ndarray, start: np.ndarray, rival: np.ndarray
+    ) -> np.ndarray | None:
+        """Where a short fit of ``active`` leads from ``start`` (n,); None if ``rival`` (n,) explains the log as well.
+
+        Limits that are true show at once. Others make up for gains and friction of the file, which a full fit finds.
+        """
+
+        def compute() -> dict[str, Any]:
+            self.journal.check_time()
+            try:
+                objective = Objective.at(self.loss, self.space, active, start, incumbent.least)
+                z = gauss_newton(objective, start, self.budget.trial_iterations, self.journal).z
+            except NotFinite:
+                return {"z": None}
+            own, other = (self.loss.errors(theta).mean for theta in self.space.theta(np.stack([z, rival])))
+            return {"z": z.tolist() if own < (1.0 - LEAST_GAIN) * other else None}
+
+        with np.errstate(all="ignore"):
+            z = self.journal.unit(f"{name}, shortly", compute)["z"]
+        return None if z is None else np.array(z)
+
+    def _scan(self, group: str, z: np.ndarray, least: float = 0.0, lines: bool = True) -> tuple[np.ndarray, np.ndarray]:
+        """The best levels of ``group`` from ``z`` (n,), and the mask (n,) of the parameters that help."""
+        self.journal.check_time()
+        return drives.scanned(group, self.loss, self.space, z, least, lines)
+
+    def _settled(self, incumbent: Incumbent, before: Errors) -> Errors:
+        """Fits on as long as that helps: what comes next must not gain by more iterations alone."""
+        none = np.zeros_like(incumbent.active)
+        self._tell(incumbent, "fitting all parameters further")
+        for again in range(_SETTLING):
+            name, at = f"settle {len(incumbent.path)} {again}", (incumbent.active, incumbent.z, none, before)
+            trial = self._trial(name, incumbent, *at, least=0.0)
+            if self._typically_worse(trial.errors, before) or trial.counts(before.mean):
+                incumbent.z, incumbent.least, before = trial.z, trial.variance, trial.errors
+                continue
+            trial = self._trial(f"{name}, weight kept", incumbent, *at)
+            if trial.errors.mean < before.mean:
+                incumbent.z, before = trial.z, trial.errors
+            break
+        return before
+
+    def _hopeful(self, incumbent: Incumbent, laws: list[str], before: Errors) -> list[str]:
+        """Those of ``laws`` that may gain what counts: by a forecast, or where none can be trusted."""
+        told = [law for law in laws if law in _FORECAST]
+        if not told:
+            return laws
+        self.journal.check_time()
+        objective = Objective.at(self.loss, self.space, incumbent.active, incumbent.z, incumbent.least)
+        forecast = Forecast.at(self.folds, self.space, incumbent.z, objective.strength)
+        already, columns = forecast.gain(incumbent.active), {law: self.space.columns([law]) for law in told}
+        idle = [
+            law for law, own in columns.items()
+            if not forecast.blank(own)
+            and forecast.gain(incumbent.active | own)
+            < already + (_WRONG if law in GAINS else LEAST_GAIN) * before.mean
+        ]  # fmt: skip
+        return [law for law in laws if law not in idle]
+
+    def _law(self, incumbent: Incumbent, group: str, before: Errors) -> Trial | None:
+        """A fit with the law of ``group`` besides; None if nothing of it lowers the loss of what it is fitted to."""
+        if group not in drives.GROUPS and group not in _FORECAST:
+            return self._added(incumbent, [group], before)
+        self._tell(incumbent, f"trying {group}")
+        name, helps, start = f"add {len(incumbent.path)} {group}", self.space.columns([group]), None
+        if group in drives.GROUPS:
+            start, helps = self._scan(group, incumbent.z, LEAST_GAIN)
+        else:
+            start = self._ahead(name, incumbent, incumbent.active | helps, incumbent.z, incumbent.z)
+        if start is None or not helps.any():
+            return None
+        return self._trial(name, incumbent, incumbent.active | helps, start, np.zeros_like(helps), before)

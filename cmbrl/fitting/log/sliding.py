@@ -1,0 +1,94 @@
+"""Which laws of contact a log supports, where they are open: exact Coulomb, MuJoCo's convex law, or its whole step.
+
+At the file's parameters the wrong law may do as well as the right one, because all else is wrong too; a fit then makes
+up for it with friction and softness that no other log bears. So all laws are fitted first, all parameters by a few
+steps of Gauss-Newton over a few steps, and held-out episodes decide; where they hardly do, the fits go on before, over
+more steps if the log has noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.log.survey import Surveyor
+from cmbrl.models.complementarity import ComplementarityModel
+
+_CLEARLY_BETTER = 0.97  # times the error under the own law
+_OPEN = 0.9, 1.1  # between these, short fits say little: the wrong law shows when all else is right
+_STEPS = 4  # of the first fits, at most: contacts show in them, and impacts do not rule
+_WORDS = {
+    "coulomb": "exact Coulomb",
+    "convex": "the convex law, MuJoCo's",
+    "mujoco": "MuJoCo's step (the convex law, rows that act once they are closed, the file's integrator, no smoothing)",
+}
+
+
+@dataclass(frozen=True)
+class Sliding:
+    """``evidence`` under the law that the log supports; ``told``: of the choice, for the report, if there was one.
+
+    ``z`` (n,): how far a fit of positions has gone under that law; None for states, whose survey goes there.
+    """
+
+    evidence: Evidence
+    told: dict[str, Any] | None = None
+    z: np.ndarray | None = None
+
+
+def rivals(evidence: Evidence) -> dict[str, ComplementarityModel]:
+    """The model of ``evidence`` under other laws, by name; of positions, whose fits take long, MuJoCo's step alone."""
+    found = evidence.model.rivals()
+    return {"mujoco": found["mujoco"]} if evidence.positions_only and "mujoco" in found else found
+
+
+def supported_sliding(surveyor: Surveyor, horizons: tuple[int, ...]) -> Sliding:
+    """The laws that the log supports.
+
+    Another law is taken if it is clearly better after all have been fitted. There is nothing to choose where they
+    predict the log alike, as of a robot that touches nothing.
+    """
+    own = surveyor.evidence
+    steps = max((h for h in surveyor.possible(horizons) if h <= _STEPS), default=min(horizons))
+    tried = {
+        name: replace(surveyor, evidence=replace(own, model=model), label=label(name))
+        for name, model in rivals(own).items()
+        if not surveyor.same(model, steps)
+    }
+    if not tried:
+        return Sliding(own)
+    errors = {name: _relative_error(rival, surveyor, steps) for name, rival in tried.items()}
+    longer = _OPEN[0] < min(errors.values()) < _OPEN[1]
+    if longer:
+        near = [name for name, error in errors.items() if error < _OPEN[1]]
+        errors = {name: _relative_error(tried[name], surveyor, steps, longer=True) for name in near}
+    best = min(errors, key=errors.__getitem__)
+    taken = errors[best] < _CLEARLY_BETTER
+    told = {"tried": best, "own": own.model.sliding, "relative_error": errors[best], "taken": taken}
+    chosen = tried[best] if taken else surveyor
+    return Sliding(chosen.evidence, told, chosen.fitted_to(steps, longer) if own.positions_only else None)
+
+
+def _relative_error(rival: Surveyor, own: Surveyor, steps: int, longer: bool = False) -> float:
+    error = np.exp(rival.score_after(steps, longer) - own.score_after(steps, longer))
+    return float(np.nan_to_num(error, nan=np.inf))
+
+
+def label(law: str) -> str:
+    """What the journal's units of a fit under this law, in place of the model's own, begin with."""
+    return f"{law}: "
+
+
+def sliding_told(row: Mapping[str, Any] | None) -> str | None:
+    """One line on the law of sliding of the fit, or None."""
+    if row is None:
+        return None
+    tried, left = _WORDS[row["tried"]], f"{row['relative_error']:.2f} of the held-out error"
+    if row["taken"]:
+        return f"law of sliding: {tried}, which left {left} when all were fitted; --sliding names another"
+    kept = _WORDS[row.get("own", "coulomb")]
+    return f"law of sliding: {kept}; {tried} left {left} when all were fitted"

@@ -1,0 +1,49 @@
+"""Over how many steps a log of positions tells of its model, before the noise of a start tells as much.
+
+Nothing pulls an arm under torques back to where it should be. Over half a second at full speed the noise of an encoder
+may then grow as large as the motion: such errors tell of the start, not of masses and friction, and where they explode
+no derivative leads anywhere.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cmbrl.models.windows import noise_of_positions
+
+if TYPE_CHECKING:
+    from cmbrl.fitting.log.evidence import Evidence
+
+_SHARES = (1, 2, 4)  # of the steps: all, a half, a quarter
+_LITTLE = 0.1  # of the change, that noise may grow to
+_WINDOWS = 24
+_OF_SPEED = 0.3  # of the noise by the time step: that of speeds, told by a few neighbouring samples
+
+
+def told_by_model(evidence: Evidence, steps: int) -> int:
+    """``steps``, or a half or a quarter where the noise of starts would grow too large in more, by the file."""
+    tried = sorted({max(1, steps // share) for share in _SHARES})
+    astray = _astray(evidence, tried)
+    return max((h for h in tried[1:] if astray[h] <= _LITTLE), default=tried[0])
+
+
+def _astray(evidence: Evidence, tried: list[int]) -> dict[int, float]:
+    """RMS by number of steps, in units of the loss, by which predictions differ from starts off by noise."""
+    physical, log = evidence.seen(evidence.space.nominal)
+    scene, model, longest = evidence.model.scene, evidence.model, tried[-1]
+    starts = log.windows(longest)
+    starts = starts[np.linspace(0, len(starts) - 1, min(_WINDOWS, len(starts))).astype(np.int64)]
+    noise, draw = noise_of_positions(scene, evidence.log), np.random.default_rng(0)
+    off, faster = (noise * draw.choice([-1.0, 1.0], size=(len(starts), scene.nv)) for _ in range(2))
+    q = np.concatenate([log.q[starts], scene.integrate(log.q[starts], off)])
+    v = np.concatenate([log.v[starts], log.v[starts] + _OF_SPEED / log.dt * faster])
+    found = {}
+    for j in range(longest):
+        step = model.predict(q, v, np.tile(log.u[starts + j], (2, 1)), theta=physical)
+        q, v = step.q_next, step.v_next
+        if j + 1 in tried:
+            apart = scene.difference(*np.split(q, 2)) / evidence.scales(j + 1, 1.0)[0].q
+            found[j + 1] = float(np.sqrt(np.nan_to_num(apart**2, nan=np.inf).mean()))
+    return found

@@ -1,0 +1,249 @@
+"""Before anything is selected: how noisy the log is, and over how many steps its predictions should be compared.
+
+One step is mostly noise if the sensors are noisy, many steps are chaos after impacts, and contacts decide where the
+limit is. So all parameters are fitted over each of a few horizons, by Gauss-Newton from the start, on some episodes.
+The other episodes judge each fit at *all* these horizons: the score is the mean logarithm, over horizons and
+coordinates, of its errors relative to those of the start. The shortest horizon that is nearly best wins. Noise can be
+told from model error only once the model is about right, so it is estimated again at the best fit, and that fit
+repeated if it changes much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from cmbrl.fitting.log.evidence import LEAST_WINDOWS, Evidence
+from cmbrl.fitting.log.judge import Judge, score
+from cmbrl.fitting.log.left import left_of_changes
+from cmbrl.fitting.log.noise import sensor_noise
+from cmbrl.fitting.log.start_noise import adrift, noise_of_starts
+from cmbrl.fitting.search.folds import draw_starts, fold_of_rows
+from cmbrl.fitting.search.gauss_newton import reweighed
+from cmbrl.fitting.search.loss import PredictionLoss
+from cmbrl.fitting.search.space import Space
+from cmbrl.fitting.state import Journal, OutOfTime
+from cmbrl.models.complementarity import ComplementarityModel
+
+_HEAVY = 1e4  # variance that weighs the prior at first, on one of two ways: as if errors were 100 times the change
+_NEARLY = 0.005  # of the logarithm of the error
+_SAME = 1e-9  # relative difference of two losses that rounding explains
+_SAME_NOISE = 0.2  # relative change that needs no second fit
+
+
+@dataclass(frozen=True)
+class Survey:
+    """``horizon`` of the loss, ``noise`` (logs, 2 nv) or None, and the ``scores`` by horizon (lower is better).
+
+    ``z`` (n,): where the fit over that horizon ended; None if there was nothing to choose. ``left`` (nv,): the share of
+    the change that a short fit leaves of each position (``left``); None of a log of states, and of what does not
+    drift.
+    """
+
+    horizon: int
+    noise: np.ndarray | None
+    scores: dict[int, float]
+    z: np.ndarray | None = None
+    left: np.ndarray | None = None
+
+    @property
+    def better(self) -> np.ndarray | None:
+        """``z``, if held-out episodes are predicted better there than by the file."""
+        return self.z if self.scores and min(self.scores.values()) < 0.0 else None
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON types; the inverse is ``from_dict``."""
+        noise, z, left = (None if x is None else x.tolist() for x in (self.noise, self.z, self.left))
+        scores = [[h, s] for h, s in self.scores.items()]
+        return {"horizon": self.horizon, "noise": noise, "scores": scores, "z": z, "left": left}
+
+    @classmethod
+    def from_dict(cls, saved: dict[str, Any]) -> Survey:
+        """Inverse of ``to_dict``."""
+        noise, z, left = (None if saved[name] is None else np.array(saved[name]) for name in ("noise", "z", "left"))
+        return cls(saved["horizon"], noise, {h: s for h, s in saved["scores"]}, z, left)
+
+
+@dataclass(frozen=True)
+class Surveyor:
+    """``chosen`` (n,): the parameters that may move; ``begin`` (n,): where fits begin; ``count`` of folds, 0 for none;
+    ``noise_rows`` to tell noise by; ``judged``: share of the judges' windows. ``label``: of journal units.
+    ``reached`` (n,): where a fit of positions has led already.
+    """
+
+    evidence: Evidence
+    chosen: np.ndarray
+    begin: np.ndarray
+    huber: float
+    count: int
+    seed: int
+    rows: int
+    iterations: int
+    journal: Journal
+    label: str = ""
+    noise_rows: int = 5000
+    judged: float = 1.0
+    reached: np.ndarray | None = None
+
+    def run(self, horizons: Sequence[int]) -> Survey:
+        """The survey over those of ``horizons`` that the log has windows of; one horizon leaves only the noise open.
+
+        Positions alone are compared over many steps, where their noise hardly counts, but for what starts are off by
+        that nothing pulls back. When time is up, the horizons so far are compared; without one, only noise is known.
+        """
+        enough = self.possible(horizons)
+        if self.evidence.positions_only:
+            return self._of_positions(enough[0])
+        noise = self._noise(self.evidence.space.nominal)
+        if len(enough) == 1 and noise is None:
+            return Survey(enough[0], None, {})
+        fitted, scores = {}, {}
+        try:
+            for h, fitted[h] in self._fitted_over(enough, noise):
+                scores[h] = self._score(fitted[h])
+        except OutOfTime:
+            pass
+        if not scores:
+            return Survey(enough[0], noise, {})
+        horizon = min(h for h, s in scores.items() if s <= min(scores.values()) + _NEARLY)
+        z = fitted[horizon]
+        before, noise = noise, self._noise(self.evidence.space.theta(z))
+        if not _alike(before, noise):
+            with suppress(OutOfTime):
+                z = self._fit("survey with the noise", horizon, noise, self.begin, z)
+                noise = self._noise(self.evidence.space.theta(z))
+        return Survey(horizon, noise, scores, z)
+
+    def possible(self, horizons: Sequence[int]) -> list[int]:
+        """Those of ``horizons`` that the log has windows of, or the shortest."""
+        return [h for h in horizons if len(self.evidence.log.windows(h)) >= LEAST_WINDOWS] or [min(horizons)]
+
+    def score_after(self, horizon: int, longer: bool = False) -> float:
+        """Mean logarithm of the held-out errors at all horizons, where ``fitted_to`` leads."""
+        return score(self._judges, self.evidence.space.theta(self.fitted_to(horizon, longer)))
+
+    def fitted_to(self, horizon: int, longer: bool = False) -> np.ndarray:
+        """Where (n,) fits up to the ``horizon`` lead, as ``run`` begins.
+
+        ``longer``: as many iterations again, and once more; of a noisy log over the next horizons, where less of what
+        is compared is noise.
+        """
+        first = () if self.evidence.positions_only else (1,)
+        noise = self._noise(self.evidence.space.nominal)
+        z = dict(self._fitted_over(sorted({*first, horizon}), noise))[horizon]
+        further = [] if noise is None else [h for h in self.possible(self.evidence.horizons("auto")) if h > horizon]
+        for again, h in zip(("on", "further"), [*further, horizon, horizon], strict=False) if longer else ():
+            z = self._fit(f"survey of {h} steps, {again}", h, noise, z)
+        return z
+
+    def same(self, other: ComplementarityModel, horizon: int) -> bool:
+        """Whether an ``other`` model of the same parameters predicts the log from the beginning as its own does."""
+        starts = draw_starts(self.evidence.log, horizon, self.rows, self.seed)
+        both = self.evidence, replace(self.evidence, model=other)
+        losses = [each.loss(starts, horizon, *each.scales(horizon, self.huber)) for each in both]
+        own, others = (loss.values(self.evidence.space.theta(self.begin)[None])[0] for loss in losses)
+        return bool(abs(own - others) <= _SAME * own)
+
+    def _noise(self, theta: np.ndarray) -> np.ndarray | None:
+        return None if self.evidence.positions_only else sensor_noise(self.evidence, theta, self.noise_rows)
+
+    def _of_positions(self, horizon: int) -> Survey:
+        """What starts are off by, and what is left of each coordinate, told from parameters that are about right.
+
+        Told anew by a second fit, which weighs all coordinates alike. Nothing of what a servo holds: one kind of sensor
+        tells all of it.
+        """
+        evidence, z = self.evidence, self.begin if self.reached is None else self.reached
+        noise, left = None, None
+        if not len(adrift(evidence, horizon)):
+            return Survey(horizon, None, {})
+        with suppress(OutOfTime):
+            z = self.fitted_to(horizon) if self.reached is None else z
+            noise, left = self._told_at(z, horizon)
+            z = self._fit(f"survey of {horizon} steps, weighed", horizon, noise, z, left=left)
+            noise, left = self._told_at(z, horizon)
+        if left is None:
+            noise = noise_of_starts(evidence, evidence.space.theta(z), horizon, self.noise_rows)
+        return Survey(horizon, noise, {}, z, left)
+
+    def _told_at(self, z: np.ndarray, horizon: int) -> tuple[np.ndarray | None, np.ndarray]:
+        noise = noise_of_starts(self.evidence, self.evidence.space.theta(z), horizon, self.noise_rows)
+        return noise, left_of_changes(self.evidence, z, horizon, self.huber, noise, self.rows)
+
+    def _fitted_over(self, horizons: Sequence[int], noise: np.ndarray | None) -> Iterator[tuple[int, np.ndarray]]:
+        """Horizons, and fits each from that over the horizon before or from the beginning, whichever explains more.
+
+        Contacts make and break over several steps, and no derivative tells of that: one step leads to where it hardly
+        matters any more.
+        """
+        before: list[np.ndarray] = []
+        for h in sorted(horizons):
+            heavy = () if before or len(horizons) == 1 else (_HEAVY,)  # the shortest costs the least
+            before = [self._fit(f"survey of {h} steps", h, noise, self.begin, *before, heavy=heavy)]
+            yield h, before[0]
+
+    def _fit(
+        self, name: str, horizon: int, noise: np.ndarray | None, *starts: np.ndarray, heavy: Sequence[float] = (),
+        left: np.ndarray | None = None,
+    ) -> np.ndarray:  # fmt: skip
+        self.journal.check_time()
+        self.journal.report(0.02, name)
+        fitted = self.journal.unit(
+            self.label + name, lambda: {"z": self._fitted(horizon, noise, np.array(starts), heavy, left).tolist()}
+        )
+        return np.array(fitted["z"])
+
+    def _fitted(
+        self, horizon: int, noise: np.ndarray | None, begin: np.ndarray, heavy: Sequence[float],
+        left: np.ndarray | None,
+    ) -> np.ndarray:  # fmt: skip
+        """The best of what leads from the best row of ``begin`` (k, n), with ``heavy`` priors at first besides.
+
+        Of a noisy log, most of the errors that remain are noise: a prior that they weigh again would let it be fitted.
+        """
+        evidence, space = self.evidence, self.evidence.space
+        starts = draw_starts(evidence.log, horizon, self.rows, self.seed)
+        if self.count:
+            starts = starts[~np.isin(starts, self._held_out)]
+        loss = evidence.loss(starts, horizon, *evidence.scales(horizon, self.huber, noise, left))
+        if not self.chosen.any():
+            return begin[0]
+        z = _best(loss, space, begin)
+        work = (self.iterations, self.journal)
+        if noise is not None:
+            return reweighed(loss, space, self.chosen, z, *work, passes=1)
+        found = [reweighed(loss, space, self.chosen, z, *work, way) for way in (0.0, *heavy)]
+        return _best(loss, space, np.array(found))
+
+    def _score(self, z: np.ndarray) -> float:
+        return score(self._judges, self.evidence.space.theta(z)) - self._nominal
+
+    @cached_property
+    def _judges(self) -> list[Judge]:
+        horizons = self.evidence.horizons("auto")
+        return Judge.all(self.evidence, self.huber, self._held_out if self.count else None, horizons, self.judged)
+
+    @cached_property
+    def _held_out(self) -> np.ndarray:
+        """Rows of the fold that judges."""
+        return np.flatnonzero(fold_of_rows(self.evidence.log, self.count, self.seed) == 0)
+
+    @cached_property
+    def _nominal(self) -> float:
+        return score(self._judges, self.evidence.space.nominal)
+
+
+def _best(loss: PredictionLoss, space: Space, z: np.ndarray) -> np.ndarray:
+    """The row of ``z`` (k, n) of the lowest loss."""
+    return z[int(np.argmin(np.nan_to_num(loss.values(space.theta(z)), nan=np.inf)))] if len(z) > 1 else z[0]
+
+
+def _alike(before: np.ndarray | None, after: np.ndarray | None) -> bool:
+    if before is None or after is None:
+        return before is after
+    return bool(np.allclose(before, after, rtol=_SAME_NOISE, atol=0.0))

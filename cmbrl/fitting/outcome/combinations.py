@@ -1,0 +1,106 @@
+"""What a log tells of masses, centres and inertias together, where it does not tell them one by one.
+
+A joint feels the bodies beyond it by few numbers: the inertia about its axis, and how large gravity's torque gets as it
+turns. These are base parameters of the robot (Khalil and Dombre, Modeling, Identification and Control of Robots, 2002,
+chapter 9): sums over bodies, which motion tells even where each body by itself could be another one. Their intervals
+follow from the covariance of all parameters, flat ones included, since errors that cancel in a sum do no harm to it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cmbrl.fitting.search.space import Space
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.scene.records import JointKind
+
+_BODIES = ("mass", "com_x", "com_y", "com_z", "inertia", "inertia_tilt")  # groups
+_STEP = 1e-4  # of z, of the differences
+_TOLD = 0.5  # of the prior's standard deviation: more is not told by the log
+_LEAST = 1e-3  # of the largest torque of a joint; smaller ones are not reported
+_NORMAL_95 = 1.96
+
+
+def combinations(
+    model: ComplementarityModel,
+    space: Space,
+    z: np.ndarray,
+    covariance: np.ndarray,
+    flat: np.ndarray,
+    pose: np.ndarray,
+    reference: str | None = None,
+) -> list[dict[str, Any]]:
+    """Inertia and largest torque of gravity of each joint that the log tells, while parameters of bodies are flat.
+
+    Args:
+        model: of the fit.
+        space: of all parameters.
+        z: (n,) where the fit ended.
+        covariance: (n, n) in z, of the flat parameters too.
+        flat: mask (n,) of the parameters that the log hardly tells.
+        pose: q (nq,) at which joints feel what hangs on them; the joint itself turns.
+        reference: the parameter whose file's value sets the unit of force, if motion does not tell it.
+
+    Returns:
+        {"name", "value", "low", "high", "nominal", "unit"} each.
+    """
+    bodies = np.isin(space.groups, _BODIES)
+    if not (bodies & flat).any():
+        return []
+    names, units, felt = _felt(model, space, pose, reference)
+    moved = np.diag(covariance) > 0.0
+    value, nominal = felt(z), felt(np.zeros_like(z))
+    slope = np.zeros((len(names), len(z)))
+    for k in np.flatnonzero(moved):
+        step = np.zeros_like(z)
+        step[k] = _STEP
+        slope[:, k] = (np.log(felt(z + step)) - np.log(felt(z - step))) / (2 * _STEP)
+    believed = np.zeros_like(covariance)
+    own = np.ix_(moved, moved)
+    believed[own] = np.linalg.inv(space.precision)[own]
+    variance, before = (np.einsum("kn,nm,km->k", slope, c, slope) for c in (covariance, believed))
+    spread, prior = np.sqrt(np.maximum(variance, 0.0)), np.sqrt(before)  # rounding may leave less than nothing
+    concerns = (np.abs(slope[:, bodies & flat]) > 0.0).any(axis=1)
+    torques = np.arange(len(names)) < len(names) // 2
+    heavy = ~torques | (value > _LEAST * value[torques].max(initial=0.0))
+    factor = np.exp(_NORMAL_95 * spread)
+    return [
+        {
+            "name": names[k], "value": float(value[k]), "low": float(value[k] / factor[k]),
+            "high": float(value[k] * factor[k]), "nominal": float(nominal[k]), "unit": units[k],
+        }
+        for k in np.flatnonzero(concerns & heavy & (spread < _TOLD * prior))
+    ]  # fmt: skip
+
+
+def _felt(
+    model: ComplementarityModel, space: Space, pose: np.ndarray, reference: str | None
+) -> tuple[list[str], list[str], Any]:
+    """Names and units of what joints feel, and these numbers (k,) as a function of z."""
+    scene = model.scene
+    joints = [joint for joint in scene.joints if joint.kind != JointKind.BALL]
+    places, count = [joint.vadr for joint in joints], len(joints)
+    poses = np.tile(pose, (1 + 2 * count, 1))
+    for k, joint in enumerate(joints):
+        if joint.kind == JointKind.HINGE:
+            poses[2 + 2 * k, joint.qadr] += np.pi / 2
+    still, free = np.zeros((len(poses), scene.nv)), len(scene.parameters)
+    unit = space.names.index(reference) if reference else None
+
+    def felt(z: np.ndarray) -> np.ndarray:
+        theta = space.theta(z)
+        dynamics = model.smooth_dynamics(poses, still, theta[:free], contacts=False)
+        inertia = np.array([dynamics["M"][0, d, d] for d in places])
+        sides = np.array([[dynamics["bias"][1 + 2 * k + side, d] for side in (0, 1)] for k, d in enumerate(places)])
+        hinge = np.array([joint.kind == JointKind.HINGE for joint in joints], dtype=bool)
+        torque = np.where(hinge, np.hypot(*sides.T), np.abs(sides[:, 0]))
+        scale = 1.0 if unit is None else space.nominal[unit] / theta[unit]
+        return scale * np.maximum(np.concatenate([torque, inertia]), 1e-300)
+
+    told = [scene.coordinate_names[d] for d in places]
+    hinges = [joint.kind == JointKind.HINGE for joint in joints]
+    names = [f"{what} {name}" for what in ("gravity's torque at", "inertia felt by") for name in told]
+    units = [("N m" if h else "N") for h in hinges] + [("kg m^2" if h else "kg") for h in hinges]
+    return names, units, felt

@@ -1,0 +1,49 @@
+"""Delay and lag of commands together: slow motion tells by how much the robot is late, but hardly in which way.
+
+A delay d and a first-order lag tau shift slow motion by d + tau. Only motion as fast as 1 / tau tells one from the
+other, so that each may take the other's part, within an interval of its own that says little of the sum. A model of
+time step h takes a servo's position at the beginning or the end of a step: that is as good as h / 2 more or less.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from cmbrl.fitting.search.space import Space
+from cmbrl.models.observation import DELAY, LAG
+
+_NORMAL_95 = 1.96
+_NARROWER = 0.5  # than the narrower of the two intervals: else the sum says nothing new
+
+
+def lateness(space: Space, z: np.ndarray, covariance: np.ndarray, step: float) -> dict[str, float] | None:
+    """Delay and lag of the commands in one [s]: "value", "low" and "high" (95 %), if the log tells their sum better.
+
+    ``covariance`` (n, n) in z, zero for what is not fitted; ``step``: that of the model [s]. None where one of the two
+    was not fitted, or where each is told about as well as the sum.
+    """
+    own = np.flatnonzero(np.isin(space.groups, [DELAY, LAG]))
+    if len(own) != 2 or not (np.diag(covariance)[own] > 0.0).all():
+        return None
+    slope = space.slope(z)[own]
+    seconds = covariance[np.ix_(own, own)] * np.outer(slope, slope)
+    half = float(np.hypot(_NORMAL_95 * np.sqrt(max(seconds.sum(), 0.0)), 0.5 * step))
+    if not half < _NARROWER * _NORMAL_95 * float(np.sqrt(np.diag(seconds)).min()):
+        return None
+    value = float(space.theta(z)[own].sum())
+    return {"value": value, "low": max(value - half, 0.0), "high": value + half}
+
+
+def lateness_told(report: Mapping[str, Any]) -> str | None:
+    """One line on ``report["lateness"]``; None where there is nothing to say."""
+    found = report.get("lateness")
+    if not found:
+        return None
+    value, low, high = (1e3 * found[name] for name in ("value", "low", "high"))
+    return (
+        f"commands act {value:.3g} ms late (delay + lag, interval [{low:.3g}, {high:.3g}]); how much of it is delay "
+        "and how much lag, motion as slow as the log's hardly tells"
+    )

@@ -1,0 +1,154 @@
+"""Turns the final parameters into the result: errors, intervals, and what the data leave open."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from cmbrl.data.transitions import Transitions
+from cmbrl.errors import UserError
+from cmbrl.fitting.budget import Budget
+from cmbrl.fitting.choice.trials import Incumbent
+from cmbrl.fitting.fitted_parameter import AT_BOUND, FITTED, FLAT, NOMINAL, FittedParameter
+from cmbrl.fitting.outcome.combinations import combinations
+from cmbrl.fitting.outcome.discrepancy import Discrepancy
+from cmbrl.fitting.outcome.draws import bearable
+from cmbrl.fitting.outcome.identify import Identification, identify
+from cmbrl.fitting.outcome.lateness import lateness
+from cmbrl.fitting.outcome.ratios import beside, ratios
+from cmbrl.fitting.result import FitResult
+from cmbrl.fitting.search.gauge import common_factors
+from cmbrl.fitting.search.loss import Errors, PredictionLoss
+from cmbrl.fitting.search.objective import NOT_FINITE
+from cmbrl.fitting.search.space import Space
+from cmbrl.fitting.state import Journal
+from cmbrl.models.complementarity import ComplementarityModel
+
+
+def conclude(
+    model: ComplementarityModel,
+    data: Transitions,
+    space: Space,
+    loss: PredictionLoss,
+    told: PredictionLoss,
+    held_out: dict[str, Errors],
+    incumbent: Incumbent,
+    journal: Journal,
+    about: dict[str, Any],
+    discrepancy: Discrepancy,
+    budget: Budget,
+    free: np.ndarray,
+) -> FitResult:
+    """Builds the result at ``incumbent``.
+
+    ``loss`` is the polished one and gives the intervals, with ``discrepancy``; ``told``: the same in the units of the
+    report; ``held_out``: errors on episodes held out in turn; ``about``: settings to record; ``budget``: of the draws;
+    ``free`` (n,): the parameters that were free to be chosen. Raises UserError if the loss is so large that numbers
+    overflow.
+    """
+    z, active = incumbent.z, incumbent.active
+    physical, psi = loss.observation.split(space.theta(z))
+    between = {p.name: float(x) for p, x in zip(loss.observation.parameters, psi, strict=False)}
+    final = model.with_parameters(physical).with_settings(observation=between)
+    equations = loss.settled(space.theta(z)).normal_equations(space, z)
+    sets = common_factors(model.scene.core, active | free)
+    try:
+        known = identify(space, z, active, equations, discrepancy.covariance(z, active), sets)
+    except np.linalg.LinAlgError:  # information so large that the prior is lost in rounding
+        raise UserError(NOT_FINITE) from None
+    bound, value = space.at_bound(z) & active, space.theta(z)
+    parameters = _parameters(space, value, known, _status(active, bound, known.flat))
+    errors = {"all, nominal": told.errors(space.nominal), "all, fitted": told.errors(value), **held_out}
+
+    def named(mask: np.ndarray) -> list[str]:
+        return [name for name, chosen in zip(space.names, mask, strict=True) if chosen]
+
+    report = {
+        **about,
+        "data": {"transitions": len(data), "episodes": data.n_episodes, "dt": data.dt},
+        "scene": model.scene.name,
+        "positions_only": bool(np.isinf(loss.windows.scales.v).all()),
+        "model": model.to_config(),
+        "loss": {
+            part: {"loss": e.mean, "rmse": e.rmse, "starts": len(e.loss), "failures": e.failures}
+            for part, e in errors.items()
+        },
+        "huber": loss.windows.scales.huber,
+        "fitted": named(active),
+        "not_fitted": named(~active),
+        "at_bound": named(bound),
+        "flat": named(known.flat),
+        "flat_directions": known.directions,
+        "unseen": named(known.unseen),
+        "lateness": lateness(space, z, known.wide, model.dt / model.substeps),
+        **_together(final, space, z, active, known, sets, data.q[len(data) // 2]),
+        "covariance": {
+            **_covariance(space, known.covariance),
+            "share": _share(loss, space, z, known.covariance, budget),
+        },
+        "left_out": [{"kind": e.kind, "name": e.name, "why": e.why} for e in model.scene.left_out],
+        "candidates": incumbent.candidates,
+        "course": incumbent.course,
+        "seconds": {"total": journal.seconds, "before_resuming": journal.seconds_before},
+        "resumed": journal.resumed,
+    }
+    journal.report(1.0, "done")
+    return FitResult(final, parameters, report, incumbent.unseen)
+
+
+def _parameters(
+    space: Space, value: np.ndarray, known: Identification, status: Sequence[str]
+) -> dict[str, FittedParameter]:
+    rows = zip(space.names, value, known.low, known.high, space.nominal, status, space.units, strict=True)
+    return {
+        name: FittedParameter(float(x), float(low), float(high), float(nominal), how, unit)
+        for name, x, low, high, nominal, how, unit in rows
+    }
+
+
+def _together(
+    model: ComplementarityModel,
+    space: Space,
+    z: np.ndarray,
+    active: np.ndarray,
+    known: Identification,
+    sets: Sequence[Sequence[int]],
+    pose: np.ndarray,
+) -> dict[str, Any]:
+    """What the log tells of several parameters only together: of those that share a unit of force, and of bodies."""
+    whole = all(active[k] for together in sets for k in together)
+    split = [([k for k in together if active[k]], [k for k in together if not active[k]]) for together in sets]
+    told_by = [
+        beside(space, z, known.every, known.wide, moved, still) if still else ratios(space, z, known.wide, moved)
+        for moved, still in split
+    ]
+    shared = [found for found in told_by if found]
+    unit = shared[0]["reference"] if shared and whole else None
+    silent = active & (np.diag(known.covariance) == 0.0)  # flat for more than the unit of force
+    sums = combinations(model, space, z, known.every, silent, pose, unit)
+    return {
+        "gauge": [space.names[k] for moved, _ in split for k in moved],
+        "ratios": shared,
+        "combinations": {"rows": sums, "reference": unit},
+    }
+
+
+def _share(loss: PredictionLoss, space: Space, z: np.ndarray, covariance: np.ndarray, budget: Budget) -> float:
+    """How wide draws may be; as wide as the intervals where Ctrl-C ends the search for it."""
+    try:
+        return bearable(loss, space, z, covariance, budget.draws, budget.draw_rows)
+    except KeyboardInterrupt:
+        return 1.0
+
+
+def _covariance(space: Space, covariance: np.ndarray) -> dict[str, Any]:
+    """Covariance of the informed parameters in prior standard deviations, for ``FitResult.draws``."""
+    told = np.flatnonzero(np.diag(covariance) > 0.0)
+    return {"parameters": [space.names[k] for k in told], "matrix": covariance[np.ix_(told, told)].tolist()}
+
+
+def _status(active: np.ndarray, bound: np.ndarray, flat: np.ndarray) -> list[str]:
+    found = np.select([~active, bound, flat], [NOMINAL, AT_BOUND, FLAT], FITTED)
+    return [str(status) for status in found]

@@ -1,0 +1,177 @@
+"""What a fit is worth on episodes it has not seen, by horizon, and what time stepping and contact law leave.
+
+A fit can win over the horizon of its loss and lose over another one. So it is compared at all horizons with two models
+that cost nothing: holding the velocity, and the file as it is. Before that, while no parameter has moved, other time
+steps, integrators and contact laws are tried on the log: what they repair, parameters should not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.log.judge import Judge
+from cmbrl.fitting.search.unseen import Unseen
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.deviations import deviations
+from cmbrl.models.windows import blocks_of, least_units
+
+HORIZONS = (1, 5, 20, 100)  #: those of ``cmbrl error``, which the user will look at
+MODELS = ("hold", "nominal", "fitted")
+MEASURES = {"rmse": "RMSE", "loss": "Huber loss"}  #: large errors rule the first, usual ones the second
+_LOST = 1e300  # JSON has no infinity
+_WORSE = 1.01  # times the error of another model
+EXACT = 1e-6  #: an RMSE of one step that the solver leaves: nothing is to be gained
+_NOISY = 2.0  # times the square of noise: at least half of an error's square is noise
+_CLEARLY_BETTER = 0.9  # times the error of the settings as given
+STEPS_TRIED = 22  #: of a transition, under all those settings together
+_SHARE_OF_POSITIONS, _OF_PART = 0.5, 0.9  # of the judges' windows; of the rows of a held-out part
+_SHARE = 0.25  # of the judges' windows: settings are compared on the same ones, and quarter steps cost the most
+
+
+def by_horizon(
+    evidence: Evidence, unseen: Unseen, delta: float, share: float = 1.0, noise: np.ndarray | None = None
+) -> list[dict[str, Any]]:
+    """Errors by horizon of holding the velocity, of the start and of the fit, on episodes not seen.
+
+    By measure: "rmse", in the units of ``cmbrl error``, and "loss", the mean Huber loss. ``share``: of the windows.
+    ``noise`` (logs, 2 nv): of the sensors; "noise" is the RMSE that it alone gives to holding the velocity. Where
+    velocities are estimates, over one horizon: nearly as long as the parts that are held out.
+    """
+    log, scene = evidence.log, evidence.model.scene
+    told = np.tile(evidence.told, 2)
+    units: Sequence[np.ndarray] = [np.where(told, unit, np.inf) for unit in deviations(log, scene)]
+    horizons: Sequence[int] = HORIZONS
+    if evidence.positions_only:
+        horizons, share = (_longest(evidence, unseen.horizon),), _SHARE_OF_POSITIONS * share
+        least = least_units(scene, log)
+        least = np.where(evidence.measured, least, np.inf)
+        units = [np.append(np.hypot(unit[: scene.nv], least), np.full(scene.nv, np.inf)) for unit in units]
+    found: dict[int, list[tuple[Judge, dict[str, np.ndarray]]]] = {}
+    for held_out, theta in zip(unseen.rows, unseen.theta, strict=True):
+        for judge in Judge.all(evidence, delta, held_out, horizons, share / len(unseen.rows)):
+            off = {"hold": judge.off_held(), "nominal": judge.off(evidence.space.nominal), "fitted": judge.off(theta)}
+            found.setdefault(judge.horizon, []).append((judge, off))
+    rows = [_measured(steps, parts, units[0 if steps == 1 else 1]) for steps, parts in found.items()]
+    rows = [row | {"estimated": True} for row in rows] if evidence.positions_only else rows
+    for row in rows:
+        if noise is None:
+            break
+        row["noise"] = _noise_of_holding(noise, row["steps"] * log.dt, units[0 if row["steps"] == 1 else 1])
+    return rows
+
+
+def _longest(evidence: Evidence, least: int) -> int:
+    """Steps that most parts of the log have windows of, ``least`` at least."""
+    lengths = np.bincount(blocks_of(evidence.log))
+    return max(least, round(_OF_PART * float(np.median(lengths[lengths > 0]))))
+
+
+def _noise_of_holding(noise: np.ndarray, duration: float, unit: np.ndarray) -> float:
+    """RMSE of holding the velocity for ``duration`` [s] if only the ``noise`` (logs, 2 nv) errs, at both ends."""
+    q, v = np.split(noise, 2, axis=1)
+    square = np.concatenate([2.0 * q**2 + (duration * v) ** 2, 2.0 * v**2], axis=1)
+    moves = np.isfinite(unit)
+    return float(np.sqrt((square[:, moves] / unit[moves] ** 2).mean()))
+
+
+def _measured(steps: int, parts: Sequence[tuple[Judge, Mapping[str, np.ndarray]]], unit: np.ndarray) -> dict[str, Any]:
+    """Errors of all folds together; a prediction that is not finite makes the RMSE infinite."""
+    row: dict[str, Any] = {"steps": steps, "rmse": {}, "loss": {}}
+    moves = np.isfinite(unit)
+    for name in MODELS:
+        off = np.concatenate([own[name] for _, own in parts])[:, moves] / unit[moves]
+        with np.errstate(over="ignore"):
+            row["rmse"][name] = float(np.nan_to_num(np.sqrt(np.square(off).mean()), nan=_LOST, posinf=_LOST))
+        losses = [float(judge.loss(own[name]).sum()) * len(judge.starts) for judge, own in parts]
+        row["loss"][name] = sum(losses) / sum(len(judge.starts) for judge, _ in parts)
+    return row
+
+
+def warning(rows: Sequence[Mapping[str, Any]]) -> str | None:
+    """One line that says where the fit loses, and by which measure, or None.
+
+    Holding the velocity is no rival where velocities are estimates, and over horizons where it is off by more than the
+    states vary: there, in two seconds of a robot that falls, neither tells anything. Nor is it where it errs by the
+    sensors' noise more than by motion, as over one short step: what the noise of a start does to a stiff contact is no
+    fault of the fit.
+    """
+    names = {"hold": "holding the velocity", "nominal": "the file as it is"}
+    if rows and max(rows[0]["rmse"][which] for which in ("nominal", "fitted")) < EXACT:
+        del names["nominal"]  # beyond one step, chaos makes of rounding what it likes
+    parts = [f"{name} over {where}" for other, name in names.items() if (where := _worse(rows, other))]
+    return f"DO NOT TRUST THIS FIT: on unseen episodes it loses to {', and to '.join(parts)}" if parts else None
+
+
+def lost(row: Mapping[str, Any], model: str = "fitted") -> bool:
+    """Whether ``model`` tells nothing over the horizon of ``row``: it is off by more than the states vary."""
+    return row["steps"] > 1 and row["rmse"][model] >= 1.0
+
+
+def _no_rival(row: Mapping[str, Any]) -> bool:
+    """Whether holding the velocity over the horizon of ``row`` tells nothing of motion."""
+    return (
+        row.get("estimated", False)
+        or lost(row, "hold")
+        or row["rmse"]["hold"] ** 2 < _NOISY * row.get("noise", 0.0) ** 2
+    )
+
+
+def _worse(rows: Sequence[Mapping[str, Any]], other: str) -> str:
+    """Horizons at which the fit is worse than ``other``, by measure: "1, 5 step(s) (RMSE)"; empty if nowhere."""
+    by_measure = {
+        words: [
+            str(row["steps"])
+            for row in rows
+            if row[measure]["fitted"] > _WORSE * row[measure][other] and not (other == "hold" and _no_rival(row))
+        ]
+        for measure, words in MEASURES.items()
+    }
+    steps = list(by_measure.values())
+    if all(each == steps[0] for each in steps):
+        return f"{', '.join(steps[0])} step(s)" if steps[0] else ""
+    return " and ".join(f"{', '.join(each)} step(s) by {words}" for words, each in by_measure.items() if each)
+
+
+def stepping(
+    evidence: Evidence, delta: float, check_time: Callable[[], None], share: float = 1.0
+) -> list[dict[str, Any]]:
+    """Errors of other settings of the model at its parameters, relative to its own, best first.
+
+    The geometric mean over horizons of the mean Huber loss. ``check_time`` is called before each, and may raise.
+    ``share``: of the windows that are predicted otherwise.
+    """
+    errors = _relative_errors(evidence, evidence.model.alternatives(), delta, check_time, share)
+    found = [{"setting": setting, "relative_error": error} for setting, error in errors.items()]
+    return sorted(found, key=lambda row: row["relative_error"])
+
+
+def _relative_errors(
+    evidence: Evidence,
+    models: Mapping[str, ComplementarityModel],
+    delta: float,
+    check_time: Callable[[], None],
+    share: float,
+) -> dict[str, float]:
+    judges, start = Judge.all(evidence, delta, horizons=HORIZONS[:-1], share=_SHARE * share), evidence.space.nominal
+    own = np.array([judge.error(start).sum() for judge in judges])
+    found = {}
+    for name, other in models.items():
+        check_time()
+        errors = np.array([judge.error(start, other).sum() for judge in judges])
+        found[name] = float(np.exp(np.mean(np.log(np.maximum(errors, 1e-12) / np.maximum(own, 1e-12)))))
+    return found
+
+
+def advice(rows: Sequence[dict[str, Any]]) -> str | None:
+    """One line that names a clearly better setting, or None."""
+    if not rows or rows[0]["relative_error"] > _CLEARLY_BETTER:
+        return None
+    best = rows[0]
+    return (
+        f"before any parameter moved, {best['setting']} left {best['relative_error']:.2f} of the loss: consider it, "
+        "or parameters repair the time stepping"
+    )

@@ -1,0 +1,1 @@
+"""Parameters, the loss of a set of them, and what minimises it."""

@@ -1,0 +1,291 @@
+"""The loss of a parameter set: Huberised prediction errors, relative to how much each coordinate changes.
+
+    L(theta) = mean over starts s and steps j of  sum_c rho(r_sjc),   r = (predicted - logged) / scale_c
+    rho(r) = r^2 / 2 for |r| <= delta, delta (|r| - delta / 2) beyond
+
+scale_c is the standard deviation of the logged one-step change of coordinate c (positions in the tangent space, [m] or
+[rad]; velocities [m/s] or [rad/s]), so an error of 1 is that of predicting the mean change. In a log with sensor noise
+every window may start away from the logged state, and pays for it (``starts``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cmbrl.fitting.search.linearised import Lineariser
+from cmbrl.fitting.search.space import Space
+from cmbrl.fitting.search.starts import Follow, Settling, StartEquations
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.observation import Observation
+from cmbrl.models.windows import Windows
+from cmbrl.native import SolverStatus
+
+ALIKE = 10  # rows that count as one where windows are too short to tell; see ``objective``
+_UNCORRELATED = 0.05  # a correlation below this ends the sum
+_ROWS_AT_ONCE = 4_000_000  # candidates x transitions in one native call: a few seconds, so that Ctrl-C works
+_PARTS = 4  # of the windows, after each of which a candidate may be given up
+_SIDE_BY_SIDE = 8  # windows that the core predicts as fast as one
+_CHAOS = 1e6  # residuals by prior standard deviations, beyond which a derivative tells of no place but its own
+_RISE = 1e-6  # of the loss: more than round-off
+_JACOBIAN_NUMBERS = 4_000_000  # doubles of the parameter Jacobian in memory at once (32 MB)
+
+
+def huber(residual: np.ndarray, delta: float) -> np.ndarray:
+    """rho(r), elementwise."""
+    size = np.abs(residual)
+    return np.where(size <= delta, 0.5 * residual**2, delta * (size - 0.5 * delta))
+
+
+def alike_rows(residual: np.ndarray) -> float:
+    """Integrated correlation time [rows] of residuals (windows, steps, coordinates) along the windows: 1 for noise.
+
+    Windows of fewer than ALIKE steps cannot tell: ALIKE.
+    """
+    steps = residual.shape[1]
+    square = float((residual**2).mean())
+    if steps < ALIKE or square == 0.0:
+        return float(ALIKE)
+    total = 1.0
+    for lag in range(1, steps // 2):
+        correlation = float((residual[:, lag:] * residual[:, :-lag]).mean()) / square
+        if not correlation > _UNCORRELATED:
+            break
+        total += 2.0 * correlation
+    return total
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of one parameter set: ``loss`` (n,) and mean ``squares`` (n,) of residuals by start; failed steps.
+
+    ``alike``: neighbouring rows whose residuals count as one (see :func:`alike_rows`).
+    """
+
+    loss: np.ndarray
+    squares: np.ndarray
+    failures: int
+    alike: float
+
+    @property
+    def mean(self) -> float:
+        """Mean loss."""
+        return float(self.loss.mean())
+
+    @property
+    def rmse(self) -> float:
+        """Root mean square of the normalised residuals over all coordinates."""
+        return float(np.sqrt(self.squares.mean()))
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """Gauss-Newton model of the loss in z: gradient (n,), its parts by episode (episodes, n), and hessian (n, n).
+
+    ``independent`` is the number of residual vectors that count, ``variance`` the mean Huberised squared residual.
+    ``follow``: how the starts of windows follow z in a noisy log; they are eliminated from the rest.
+    """
+
+    gradient: np.ndarray
+    hessian: np.ndarray
+    episode_gradients: np.ndarray
+    independent: float
+    variance: float
+    follow: Follow | None = None
+
+
+@dataclass(frozen=True)
+class PredictionLoss:
+    """The loss over ``windows`` of a log. Parameters (n,) are those of ``model``, then those of ``observation``."""
+
+    model: ComplementarityModel
+    windows: Windows
+    observation: Observation
+
+    def on(self, starts: np.ndarray) -> PredictionLoss:
+        """The same loss over the windows from other ``starts``."""
+        return replace(self, windows=self.windows.on(starts))
+
+    @property
+    def steps(self) -> int:
+        """Predicted transitions."""
+        return len(self.windows.starts) * self.windows.horizon
+
+    def independent(self, alike: float) -> float:
+        """Independent observations that the windows are worth: rows they cover, by runs of ``alike`` rows."""
+        return len(self.windows.rows) / alike
+
+    def values(
+        self,
+        theta: np.ndarray,
+        offset: np.ndarray | None = None,
+        extra: np.ndarray | float = 0.0,
+        most: float = np.inf,
+    ) -> np.ndarray:
+        """Losses (C,) of candidates (C, n), in native batches small enough to stay responsive, plus ``extra`` (C,).
+
+        ``offset`` (C, S, k): each candidate's own starts, in place of those of the windows. What is beyond ``most`` is
+        infinite: a candidate is given up once some windows show it, which saves the dearest ones, those that explode.
+        """
+        physical, psi = self.observation.split(theta)
+        ways, way = np.unique(psi, axis=0, return_inverse=True)  # candidates that see the log in the same way
+        out = np.zeros(len(theta)) + extra
+        out += self._price(self.windows.offset if offset is None else offset).mean(axis=-1)
+        for k, same in enumerate(ways):
+            windows, members = self._seen(same), np.flatnonzero(way.ravel() == k)
+            for some in np.array_split(members, -(-len(members) * self.steps // _ROWS_AT_ONCE)):
+                if most < np.inf:
+                    self._add_below(out, some, physical, windows, offset, most)
+                else:
+                    seen = windows if offset is None else replace(windows, offset=offset[some])
+                    out[some] += self._shared(physical[some], seen)
+        return out
+
+    def _add_below(
+        self,
+        out: np.ndarray,
+        members: np.ndarray,
+        physical: np.ndarray,
+        windows: Windows,
+        offset: np.ndarray | None,
+        most: float,
+    ) -> None:
+        """Adds to ``out`` (C,) the losses of ``members``, a part of the windows at a time: no window lowers a loss."""
+        count = len(windows.starts)
+        parts = max(1, min(_PARTS, count // _SIDE_BY_SIDE))
+        order = np.argsort(np.arange(count) % parts, kind="stable")  # each part lies all over the log
+        ends = _SIDE_BY_SIDE * (np.arange(1, parts) * (count // _SIDE_BY_SIDE) // parts)
+        for rows in np.split(order, ends):
+            seen = (windows if offset is None else replace(windows, offset=offset[members])).some(rows)
+            out[members] += self._shared(physical[members], seen) * (len(seen.starts) / count)
+            beyond = out[members] > most
+            out[members[beyond]] = np.inf
+            members = members[~beyond]
+            if not len(members):
+                return
+
+    def _shared(self, physical: np.ndarray, windows: Windows) -> np.ndarray:
+        """Mean losses (C,) over windows of which each log may have scales of its own."""
+        parts = windows.by_scales()
+        shares = np.array([len(part.starts) for part in parts]) / len(windows.starts)
+        return np.stack([self.model.candidate_loss(physical, part) for part in parts], axis=1) @ shares
+
+    def starting(self, offset: np.ndarray) -> PredictionLoss:
+        """The same loss with the windows starting at ``offset`` (S, k) from the logged states."""
+        return replace(self, windows=replace(self.windows, offset=offset))
+
+    def settled(self, theta: np.ndarray) -> PredictionLoss:
+        """The same loss with the best starts for ``theta`` (n,); the same object for a log without noise."""
+        scales, count = self.windows.scales, len(self.windows.starts)
+        if not len(scales.uncertain):
+            return self
+
+        def at(offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            found = self.starting(offset)._lineariser(theta, np.empty(0, dtype=np.int64)).at()
+            return found.residual, found.slope
+
+        def cost(residual: np.ndarray, offset: np.ndarray) -> np.ndarray:
+            value = huber(residual, scales.huber).sum(axis=1) / self.windows.horizon + self._price(offset)
+            return np.where(np.isfinite(value), value, np.inf)
+
+        start = np.zeros((count, len(scales.uncertain))) if self.windows.offset is None else self.windows.offset
+        return self.starting(Settling(at, cost, self.windows.start_precision, scales.huber).run(start))
+
+    def _price(self, offset: np.ndarray | None) -> np.ndarray:
+        """What each window pays for its ``offset`` (..., S, k), by step."""
+        if offset is None:
+            return np.zeros(1)
+        away = offset * self.windows.start_precision
+        return huber(away, self.windows.scales.huber).sum(axis=-1) / self.windows.horizon
+
+    def errors(self, theta: np.ndarray) -> Errors:
+        """Errors of one parameter set (n,) by window from its best start; a failed step counts as it ended."""
+        return self.settled(theta).errors_from_here(theta)
+
+    def errors_from_here(self, theta: np.ndarray) -> Errors:
+        """The same from where the windows start."""
+        residual, failures = self.residuals(theta)
+        value = huber(residual, self.windows.scales.huber).sum(axis=2).mean(axis=1) + self._price(self.windows.offset)
+        return Errors(value, (residual**2).mean(axis=(1, 2)), failures, alike_rows(residual))
+
+    def normal_equations(self, space: Space, z: np.ndarray, active: np.ndarray | None = None) -> NormalEquations:
+        """The Gauss-Newton model at ``z`` (n,), from the implicit derivatives of the step.
+
+        ``active`` (n,): parameters to differentiate by; the others get zeros. Default: all.
+        """
+        scales, all_starts, blocks = self.windows.scales, self.windows.starts, self.windows.blocks
+        columns = np.arange(len(space)) if active is None else np.flatnonzero(active)
+        n, episodes = len(columns), np.unique(blocks)
+        gradients, hessian, size = np.zeros((len(episodes), n)), np.zeros((n, n)), 0.0
+        width, alike, followed = scales.observed * self.windows.horizon, [], []
+        by_z, lineariser = space.slope(z)[columns], self._lineariser(space.theta(z), columns)
+        block = max(1, _JACOBIAN_NUMBERS // (width * max(n + len(scales.uncertain), 1)))
+        for i in range(0, len(all_starts), block):
+            part = slice(i, i + block)
+            found = lineariser.at(part)
+            residual, told, slope = found.residual, found.told, found.slope
+            jacobian = found.jacobian * by_z[told]
+            lost = ~(np.isfinite(residual).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2)))
+            lost |= ~np.isfinite(slope).all(axis=(1, 2))
+            lost |= np.abs(jacobian).max(axis=(1, 2), initial=0.0) > _CHAOS
+            # failed steps and chaos: a constant in the loss, which has no slope
+            residual[lost], jacobian[lost], slope[lost] = 0.0, 0.0, 0.0
+            alike.append(alike_rows(residual.reshape(len(residual), self.windows.horizon, -1)))
+            weight = np.minimum(1.0, scales.huber / np.maximum(np.abs(residual), 1e-300))
+            slopes = ((weight * residual)[:, None] @ jacobian)[:, 0]
+            rows = (np.sqrt(weight)[:, :, None] * jacobian).reshape(residual.size, len(told))
+            hessian[np.ix_(told, told)] += rows.T @ rows
+            size += float((weight * residual**2).sum())
+            if self.windows.offset is not None:
+                offset = self.windows.offset[part]
+                precision = self.windows.start_precision[part if self.windows.own else slice(None)]
+                starts = StartEquations.of(residual, weight, slope, offset, precision, scales.huber)
+                cross = slope.transpose(0, 2, 1) @ (weight[:, :, None] * jacobian)  # (s, k, n)
+                solved = starts.solve(np.concatenate([starts.gradient[:, :, None], cross], axis=2))
+                slopes -= (solved[:, None, :, 0] @ cross)[:, 0]
+                hessian[np.ix_(told, told)] -= np.tensordot(cross, solved[:, :, 1:], axes=([0, 1], [0, 1]))
+                followed.append(Follow.of(-solved, columns[told], len(space)))
+            np.add.at(gradients, np.ix_(np.searchsorted(episodes, blocks[part]), told), slopes)
+        count = self.steps
+        by_episode, square = np.zeros((len(episodes), len(space))), np.zeros((len(space), len(space)))
+        by_episode[:, columns], square[np.ix_(columns, columns)] = gradients / count, hessian / count
+        variance = size / (count * scales.observed)
+        independent = self.independent(float(np.mean(alike)))
+        follow = self._followed(Follow.joined(followed), space.theta(z)) if followed else None
+        return NormalEquations(by_episode.sum(axis=0), square, by_episode, independent, variance, follow)
+
+    def _followed(self, follow: Follow, theta: np.ndarray) -> Follow:
+        """``follow``; where its shift raises the mean error at ``theta`` (n,), of the windows whose error it does not.
+
+        Where contacts make and break, equations in a start lead past the kink: every step would seem to raise the loss.
+        """
+        before = self.errors_from_here(theta).loss
+        after = self.starting(self.windows.offset + follow.shift).errors_from_here(theta).loss
+        return follow if after.mean() <= (1 + _RISE) * before.mean() else follow.only(after <= before)
+
+    def residuals(self, theta: np.ndarray) -> tuple[np.ndarray, int]:
+        """Residuals (s, horizon, coordinates) of one parameter set (n,), and the number of failed steps."""
+        theta, psi = self.observation.split(theta)
+        windows, scene = self._seen(psi), self.model.scene
+        data, starts = windows.data, windows.starts
+        q, v = windows.begin(scene)
+        out = np.empty((len(starts), self.windows.horizon, self.windows.scales.observed))
+        failures, units = 0, self.windows.units
+        for j in range(self.windows.horizon):
+            step = self.model.predict(q, v, data.u[starts + j], theta=theta)
+            q, v = step.q_next, step.v_next
+            failures += int(np.count_nonzero(step.status == SolverStatus.FAILED))
+            error = np.concatenate([scene.difference(data.q_next[starts + j], q), v - data.v_next[starts + j]], axis=1)
+            out[:, j] = (error / units)[:, self.windows.scales.counts]
+        return out, failures
+
+    def _lineariser(self, theta: np.ndarray, columns: np.ndarray) -> Lineariser:
+        return Lineariser(self.model, self.observation, self.windows, theta, columns)
+
+    def _seen(self, psi: np.ndarray) -> Windows:
+        """The windows as the model's state and control at ``psi``; of a long log, of the rows that they cover."""
+        windows, observation = self.windows, self.observation
+        if not observation.changes(psi):
+            return windows
+        return windows.on_rows(observation.states(windows.data, psi, windows.rows))
