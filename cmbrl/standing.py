@@ -15,7 +15,7 @@ from scipy.optimize import nnls
 from cmbrl.data.drive import law_of
 from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.scene.keyframes import keyframe
+from cmbrl.scene.source.keyframes import keyframe
 
 if TYPE_CHECKING:
     from cmbrl.scene import Scene

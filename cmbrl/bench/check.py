@@ -19,7 +19,7 @@ from cmbrl.bench.studies.robustness.cells import measure as measure_robustness
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.step_settings import RK4
 from cmbrl.scene import Scene
-from cmbrl.scene.mjcf import act_addresses
+from cmbrl.scene.source.mjcf import act_addresses
 
 STEP = 0.05  # the largest error of a step
 

@@ -13,8 +13,8 @@ from cmbrl.bench.check_steps import controls, mujocos, places, visit
 from cmbrl.bench.states import with_activations
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
-from cmbrl.scene.mjcf import act_addresses
 from cmbrl.scene.records import Array
+from cmbrl.scene.source.mjcf import act_addresses
 
 POSES = 50  # random ones of mass matrix and forces; visited ones, where rows are compared
 EXACT = 1e-9  # of mass matrix and forces

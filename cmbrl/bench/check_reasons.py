@@ -18,7 +18,7 @@ from cmbrl.bench.check_steps import States, mujocos, step_errors
 from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
-from cmbrl.scene.mjcf import early
+from cmbrl.scene.source.mjcf import early
 
 STATES = 40  # at most
 GAIN = 0.8  # what is switched off must leave less than this share of the error

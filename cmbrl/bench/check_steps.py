@@ -13,9 +13,9 @@ from cmbrl.bench.on_fields import on_fields, settle
 from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
-from cmbrl.scene.mjcf import act_addresses
 from cmbrl.scene.records import Array
-from cmbrl.scene.robot_source import quiet
+from cmbrl.scene.source.mjcf import act_addresses
+from cmbrl.scene.source.robot_source import quiet
 
 LIFT = 1.0  # m, of a robot above the floor
 DEPTH = 1e-3  # m, of one that stands on it

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cmbrl.scene import Scene
-from cmbrl.scene.contact_records import ContactKind
+from cmbrl.scene.collision.contact_records import ContactKind
 from cmbrl.scene.records import Array
 
 _ROUNDS = 12

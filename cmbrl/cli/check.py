@@ -8,7 +8,7 @@ import json
 from cmbrl.cli.argument_types import positive
 from cmbrl.cli.options import add_json, add_scene_options
 from cmbrl.models.source import load_source
-from cmbrl.scene.columns import counted
+from cmbrl.scene.info.columns import counted
 
 PARTS = ("dynamics", "steps", "derivatives", "wild", "times")
 EXAMPLE = """
@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
     from pathlib import Path
 
     from cmbrl.bench.check import check
-    from cmbrl.scene.robot_source import compile_robot
+    from cmbrl.scene.source.robot_source import compile_robot
     from cmbrl.table import Table
 
     scene = load_source(arguments.source, arguments.ignore, arguments.contact_law, arguments.self_contact).scene

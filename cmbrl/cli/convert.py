@@ -84,7 +84,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _held(arguments: argparse.Namespace) -> tuple[Scene, list[str]]:
-    from cmbrl.scene.held import held_file
+    from cmbrl.scene.writing.held import held_file
 
     text = held_file(arguments.file, dict(arguments.hold))
     scene = _read(text, f"{arguments.file} with these joints held")
@@ -93,8 +93,8 @@ def _held(arguments: argparse.Namespace) -> tuple[Scene, list[str]]:
 
 
 def _played(arguments: argparse.Namespace) -> tuple[Scene, list[str]]:
-    from cmbrl.scene.play import plays
-    from cmbrl.scene.played import played_file
+    from cmbrl.scene.fittable.play import plays
+    from cmbrl.scene.writing.played import played_file
 
     text = played_file(arguments.file, dict(arguments.play))
     scene = _read(text, f"{arguments.file} with this play")

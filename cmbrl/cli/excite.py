@@ -17,7 +17,7 @@ from cmbrl.errors import UserError
 from cmbrl.files import check_writable, write_bytes
 from cmbrl.models.source import Source, load_source
 from cmbrl.runs import usable_cores
-from cmbrl.scene.keyframes import keyframe
+from cmbrl.scene.source.keyframes import keyframe
 
 if TYPE_CHECKING:
     from cmbrl.excitation import Excitation

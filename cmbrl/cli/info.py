@@ -21,8 +21,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    from cmbrl.scene.inventory import to_dict
-    from cmbrl.scene.report import describe
+    from cmbrl.scene.info.inventory import to_dict
+    from cmbrl.scene.info.report import describe
 
     scene = load_source(arguments.source, arguments.ignore, arguments.contact_law, arguments.self_contact).scene
     print(json.dumps(to_dict(scene), indent=2, allow_nan=False) if arguments.json else describe(scene))

@@ -25,9 +25,9 @@ from cmbrl.errors import UserError, did_you_mean
 from cmbrl.files import check_writable, write_bytes
 from cmbrl.numbers import names, one_of, switch
 from cmbrl.reading import regular_file
-from cmbrl.scene.held import holding
-from cmbrl.scene.play import plays
+from cmbrl.scene.fittable.play import plays
 from cmbrl.scene.records import JointKind
+from cmbrl.scene.writing.held import holding
 
 if TYPE_CHECKING:
     from cmbrl.scene import Scene

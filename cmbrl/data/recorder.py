@@ -14,7 +14,7 @@ import numpy as np
 from cmbrl.data.behaviour import PolicyFunction, controller
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
-from cmbrl.scene.mjcf import control_names
+from cmbrl.scene.source.mjcf import control_names
 
 Progress = Callable[[int], object]
 """Called with the number of transitions recorded since the last call (``tqdm.update`` fits)."""

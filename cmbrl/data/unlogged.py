@@ -1,4 +1,4 @@
-"""Joints that no sensor tells, the plays of a file (``cmbrl.scene.play``): a log has no columns of them.
+"""Joints that no sensor tells, the plays of a file (``cmbrl.scene.fittable.play``): a log has no columns of them.
 
 In a log as the scene has it, their columns are 0 from the first row to the last, which no play ever does that moves.
 """
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cmbrl.scene.play import plays
+from cmbrl.scene.fittable.play import plays
 
 if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions

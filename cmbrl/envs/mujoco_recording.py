@@ -13,7 +13,7 @@ from cmbrl.data.recorder import Progress
 from cmbrl.data.transitions import Transitions
 from cmbrl.envs.recording import Recording
 from cmbrl.mdp import MDP
-from cmbrl.scene.mjcf import control_names
+from cmbrl.scene.source.mjcf import control_names
 from cmbrl.system import MujocoSystem
 
 

@@ -20,7 +20,7 @@ from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.search.unseen import Unseen
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.named import RESULT, SETTINGS, load_complementarity
-from cmbrl.scene.fitted_file import fitted_file
+from cmbrl.scene.writing.fitted_file import fitted_file
 
 MJCF, PAGE = "fitted.xml", "page.html"
 _FORMAT = 3

@@ -1,7 +1,7 @@
 """Activations of a scene's actuators from one control step to the next; the core derives those within a step itself.
 
 The controls of a step are commands (nu) and then the activations at its start (na). ``next`` tells those at its end:
-what ``cmbrl.scene.activation`` says, in every physics step, with commands and activations within their bounds.
+what ``cmbrl.scene.forces.activation`` says, in every physics step, with commands and activations within their bounds.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from cmbrl.scene import Scene
-from cmbrl.scene.activation import Dynamics
+from cmbrl.scene.forces.activation import Dynamics
 
 _LEAST = 1e-15  # s, MuJoCo's smallest time constant
 

@@ -18,7 +18,7 @@ from cmbrl.scene.records import JointKind, TieKind
 
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
-    from cmbrl.scene.core_arrays import CoreArrays
+    from cmbrl.scene.core.core_arrays import CoreArrays
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ import numpy as np
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.models.activations import Activations
 from cmbrl.numbers import real
-from cmbrl.scene.play import plays
+from cmbrl.scene.fittable.play import plays
 from cmbrl.scene.records import Joint, JointKind, Parameter
 
 if TYPE_CHECKING:

@@ -7,32 +7,32 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from cmbrl.scene.activation import activation_arrays
-from cmbrl.scene.actuators import feed_arrays
 from cmbrl.scene.arrays import doubles, integers
-from cmbrl.scene.assemble import contact_arrays, line_arrays, tree_arrays
-from cmbrl.scene.candidate_table import CandidateTable
-from cmbrl.scene.core_arrays import CoreArrays
+from cmbrl.scene.collision.candidate_table import CandidateTable
+from cmbrl.scene.collision.glide import glide_arrays
+from cmbrl.scene.collision.hulls import hull_arrays
+from cmbrl.scene.core.assemble import contact_arrays, line_arrays, tree_arrays
+from cmbrl.scene.core.core_arrays import CoreArrays
+from cmbrl.scene.core.inverse_weights import weight_arrays
+from cmbrl.scene.core.physical_vector import physical_vector
 from cmbrl.scene.differences import differences
-from cmbrl.scene.fluid import box_arrays
-from cmbrl.scene.fluid_ellipsoids import ellipsoid_arrays
-from cmbrl.scene.glide import glide_arrays
-from cmbrl.scene.gyro import gyro_arrays
-from cmbrl.scene.hulls import hull_arrays
-from cmbrl.scene.inverse_weights import weight_arrays
-from cmbrl.scene.joint_parameters import armatures_of
+from cmbrl.scene.fittable.joint_parameters import armatures_of
+from cmbrl.scene.fittable.parameters import offer_parameters
+from cmbrl.scene.forces.activation import activation_arrays
+from cmbrl.scene.forces.actuators import feed_arrays
+from cmbrl.scene.forces.fluid import box_arrays
+from cmbrl.scene.forces.fluid_ellipsoids import ellipsoid_arrays
+from cmbrl.scene.forces.gyro import gyro_arrays
+from cmbrl.scene.forces.springs import spring_arrays
+from cmbrl.scene.forces.ties import tie_arrays
+from cmbrl.scene.forces.wide import reach_arrays
 from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.layout import Layout
-from cmbrl.scene.mjcf import ignores, name_of, read_places
-from cmbrl.scene.parameters import offer_parameters
 from cmbrl.scene.parts import Parts
-from cmbrl.scene.physical_vector import physical_vector
 from cmbrl.scene.records import JointKind, Parameter, Tree
-from cmbrl.scene.robot_source import Compiled
-from cmbrl.scene.springs import spring_arrays
-from cmbrl.scene.support import Gate
-from cmbrl.scene.ties import tie_arrays
-from cmbrl.scene.wide import reach_arrays
+from cmbrl.scene.source.mjcf import ignores, name_of, read_places
+from cmbrl.scene.source.robot_source import Compiled
+from cmbrl.scene.source.support import Gate
 
 _INTEGRATORS = {
     "mjINT_EULER": "euler",

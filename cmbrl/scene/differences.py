@@ -8,16 +8,16 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cmbrl.scene.candidate_table import CandidateTable
-from cmbrl.scene.contact_records import ContactKind, When
-from cmbrl.scene.force_laws import ForceLaw, read_force_law
-from cmbrl.scene.gyro import gyro_arrays
-from cmbrl.scene.height_fields import field_differences
-from cmbrl.scene.mjcf import early, limits_act, name_of
+from cmbrl.scene.collision.candidate_table import CandidateTable
+from cmbrl.scene.collision.contact_records import ContactKind, When
+from cmbrl.scene.collision.height_fields import field_differences
+from cmbrl.scene.collision.shapes import hull_points, hull_vertices
+from cmbrl.scene.collision.stand_ins import StandIn
+from cmbrl.scene.forces.force_laws import ForceLaw, read_force_law
+from cmbrl.scene.forces.gyro import gyro_arrays
+from cmbrl.scene.forces.tendons import armature_of, force_range
 from cmbrl.scene.records import Array, LeftOut, Tendon
-from cmbrl.scene.shapes import hull_points, hull_vertices
-from cmbrl.scene.stand_ins import StandIn
-from cmbrl.scene.tendons import armature_of, force_range
+from cmbrl.scene.source.mjcf import early, limits_act, name_of
 
 _MESH = mujoco.mjtGeom.mjGEOM_MESH
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cmbrl.scene.core_arrays import CoreArrays
+from cmbrl.scene.core.core_arrays import CoreArrays
 from cmbrl.scene.manifold import quaternion_matrix
 from cmbrl.scene.records import WORLD, Array, JointKind
 

@@ -8,24 +8,24 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from cmbrl.scene.actuators import Actuator, read_actuators
-from cmbrl.scene.candidate_table import CandidateTable, merge_points
-from cmbrl.scene.contact_records import Candidate
-from cmbrl.scene.contacts import ContactBuilder
-from cmbrl.scene.fluid import Box, oblique_box, read_boxes
-from cmbrl.scene.fluid_ellipsoids import Ellipsoid, read_ellipsoids
-from cmbrl.scene.glide import with_moving_surfaces
-from cmbrl.scene.joint_forces import Compensation, force_ranges, read_compensation
-from cmbrl.scene.linkages import Linkage
-from cmbrl.scene.mjcf import name_of, read_tree
+from cmbrl.scene.collision.candidate_table import CandidateTable, merge_points
+from cmbrl.scene.collision.contact_records import Candidate
+from cmbrl.scene.collision.contacts import ContactBuilder
+from cmbrl.scene.collision.glide import with_moving_surfaces
+from cmbrl.scene.collision.shapes import Shape, read_shape
+from cmbrl.scene.forces.actuators import Actuator, read_actuators
+from cmbrl.scene.forces.fluid import Box, oblique_box, read_boxes
+from cmbrl.scene.forces.fluid_ellipsoids import Ellipsoid, read_ellipsoids
+from cmbrl.scene.forces.joint_forces import Compensation, force_ranges, read_compensation
+from cmbrl.scene.forces.linkages import Linkage
+from cmbrl.scene.forces.springs import check_joints
+from cmbrl.scene.forces.tendons import lines_of, obstacle_of_tendons, read_tendons
+from cmbrl.scene.forces.ties import obstacle_of_ties, read_ties
 from cmbrl.scene.records import Tendon, Tie, Tree
 from cmbrl.scene.reduction import PlaneOfMotion, find_plane, obstacle_to_plane, project
-from cmbrl.scene.robot_source import Compiled
-from cmbrl.scene.shapes import Shape, read_shape
-from cmbrl.scene.springs import check_joints
-from cmbrl.scene.support import Gate
-from cmbrl.scene.tendons import lines_of, obstacle_of_tendons, read_tendons
-from cmbrl.scene.ties import obstacle_of_ties, read_ties
+from cmbrl.scene.source.mjcf import name_of, read_tree
+from cmbrl.scene.source.robot_source import Compiled
+from cmbrl.scene.source.support import Gate
 
 
 @dataclass(frozen=True)

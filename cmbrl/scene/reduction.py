@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cmbrl.scene.contact_records import Candidate, ContactKind
+from cmbrl.scene.collision.contact_records import Candidate, ContactKind
 from cmbrl.scene.records import WORLD, Array, Joint, JointKind, Tree
 
 _ALIGNED = 1e-9

@@ -14,17 +14,17 @@ from cmbrl.native import Core
 from cmbrl.numbers import one_of, real_array, switch
 from cmbrl.scene import kinematics, manifold
 from cmbrl.scene.build import scene_fields
-from cmbrl.scene.core_arrays import CoreArrays
-from cmbrl.scene.drives import Drive, driven_model
-from cmbrl.scene.inertia_shapes import add_shapes
-from cmbrl.scene.inverse_weights import soften
+from cmbrl.scene.collision.near import CHOICES
+from cmbrl.scene.core.core_arrays import CoreArrays
+from cmbrl.scene.core.inverse_weights import soften
+from cmbrl.scene.fittable.inertia_shapes import add_shapes
+from cmbrl.scene.forces.drives import Drive, driven_model
 from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.layout import Layout
-from cmbrl.scene.near import CHOICES
 from cmbrl.scene.parts import read_parts
 from cmbrl.scene.records import Array, Frame, Joint, LeftOut, Parameter
-from cmbrl.scene.robot_source import RobotSource, compile_robot
-from cmbrl.scene.support import Gate, check_model
+from cmbrl.scene.source.robot_source import RobotSource, compile_robot
+from cmbrl.scene.source.support import Gate, check_model
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -94,7 +94,7 @@ class Scene:
         Args:
             source: an MJCF or URDF file; its text (a string that starts with "<"); a ``mujoco.MjSpec``, compiled as it
                 is; or a ``mujoco.MjModel``. A URDF has no motors: add them to the MjSpec of its file.
-            ignore: kinds of unsupported elements to leave out (``cmbrl.scene.support.KINDS``).
+            ignore: kinds of unsupported elements to leave out (``cmbrl.scene.source.support.KINDS``).
             contact_law: "mujoco" keeps the file's softness; "rigid" makes contacts hard, with a restitution to fit;
                 "spring-damper" puts an implicit spring and damper in each contact, stable at large steps too;
                 "logistic:stiffness=300" ends a share of the approach that grows with depth as a logistic function of
@@ -104,7 +104,7 @@ class Scene:
                 random poses within the joint limits), "all" or "none".
             reduce: False keeps spatial algebra for planar scenes, candidates that can never touch and duplicate points.
                 The motion is the same at a higher cost; use it to check the simplification.
-            drives: laws of actuators that replace the file's (``cmbrl.scene.drives``).
+            drives: laws of actuators that replace the file's (``cmbrl.scene.forces.drives``).
 
         Raises:
             UserError: for a missing file, one that is neither an MJCF nor a URDF, or an unsupported element.

@@ -16,7 +16,7 @@ from cmbrl.fitting.choice.drives import GAP, LIMIT, levels, rubbing, scanned, wi
 from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.search.folds import draw_starts
 from cmbrl.scene import Scene
-from cmbrl.scene.fitted_file import fitted_file
+from cmbrl.scene.writing.fitted_file import fitted_file
 
 LEG = """<mujoco><option timestep="{step}" integrator="implicitfast"/><default><joint axis="0 1 0" damping="{rub}"
 armature=".01" frictionloss="{rub}"/></default><worldbody><body><joint name="hip"/>

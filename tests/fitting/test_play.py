@@ -21,8 +21,8 @@ from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.step_settings import INTEGRATORS
 from cmbrl.scene import Scene
-from cmbrl.scene.fitted_file import fitted_file
-from cmbrl.scene.played import played_file
+from cmbrl.scene.writing.fitted_file import fitted_file
+from cmbrl.scene.writing.played import played_file
 
 from .played_arm import ARM, recorded
 

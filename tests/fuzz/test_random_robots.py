@@ -20,8 +20,8 @@ from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.native import SolverStatus
 from cmbrl.scene import Scene
-from cmbrl.scene.mjcf import act_addresses
-from cmbrl.scene.robot_source import quiet
+from cmbrl.scene.source.mjcf import act_addresses
+from cmbrl.scene.source.robot_source import quiet
 
 from .robots import Robots
 

@@ -32,7 +32,7 @@ def test_copies_without_end_are_refused(tmp_path, inside):
 
 
 def test_too_many_pairs_are_refused_before_any_work(tmp_path, monkeypatch):
-    monkeypatch.setattr("cmbrl.scene.mixing.MOST_PAIRS", 10)
+    monkeypatch.setattr("cmbrl.scene.collision.mixing.MOST_PAIRS", 10)
     inside = '<replicate count="9" offset="1 0 0"><body><freejoint/><geom size=".1"/></body></replicate>'
     text = mjcf_files.BALL.replace("</worldbody>", f"{inside}</worldbody>")
     (tmp_path / "scene.xml").write_text(text, encoding="utf-8")

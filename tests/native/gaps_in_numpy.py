@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cmbrl.scene.contact_records import ContactKind
-from cmbrl.scene.core_arrays import CoreArrays
+from cmbrl.scene.collision.contact_records import ContactKind
+from cmbrl.scene.core.core_arrays import CoreArrays
 from cmbrl.scene.kinematics import body_poses
 from cmbrl.scene.records import Array
 

@@ -14,7 +14,7 @@ from cmbrl.contact import Barrier
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.native import SolverStatus
 from cmbrl.scene import Scene
-from cmbrl.scene.inventory import driven
+from cmbrl.scene.info.inventory import driven
 
 from .test_adjoint import mismatch_at
 

@@ -11,7 +11,7 @@ import pytest
 from cmbrl.bench.states import whole_body
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
-from cmbrl.scene.mjcf import name_of
+from cmbrl.scene.source.mjcf import name_of
 
 from ..scene.conftest import GYMNASIUM, random_tree
 from .gaps_in_numpy import gaps

@@ -12,8 +12,8 @@ from cmbrl.bench.studies.derivatives.differences import compare
 from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
-from cmbrl.scene.mjcf import act_addresses
-from cmbrl.scene.report import describe
+from cmbrl.scene.info.report import describe
+from cmbrl.scene.source.mjcf import act_addresses
 
 from .free_steps import assert_steps_are_mujocos, states
 

@@ -10,7 +10,7 @@ from cmbrl.bench.studies.derivatives.differences import compare
 from cmbrl.contact import Barrier, Exact
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
-from cmbrl.scene.contact_records import ContactKind
+from cmbrl.scene.collision.contact_records import ContactKind
 
 from .gaps_in_numpy import AWAY
 from .test_adjoint import mismatch_at

@@ -12,7 +12,7 @@ from cmbrl.bench.studies.derivatives.differences import compare, measure
 from cmbrl.contact import Barrier, Gaussian
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
-from cmbrl.scene.report import describe
+from cmbrl.scene.info.report import describe
 
 from .test_adjoint import mismatch_at
 

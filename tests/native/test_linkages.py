@@ -11,8 +11,8 @@ import pytest
 from cmbrl.bench.studies.derivatives.differences import compare
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
-from cmbrl.scene.fitted_file import fitted_file
-from cmbrl.scene.report import describe
+from cmbrl.scene.info.report import describe
+from cmbrl.scene.writing.fitted_file import fitted_file
 
 from .free_steps import assert_steps_are_mujocos, states
 

@@ -8,7 +8,7 @@ import pytest
 
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
-from cmbrl.scene.report import describe
+from cmbrl.scene.info.report import describe
 
 SHAPES = {"sphere": 'type="sphere" size=".1"', "cylinder": 'type="cylinder" size=".1 .2" euler="80 20 10"'}
 SITES = {"free": "", "beside": '<site name="s" pos=".05 .2 .1"/>', "inside": '<site name="s" pos=".02 .03 .01"/>'}

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from cmbrl.scene import Scene
-from cmbrl.scene.inventory import to_dict
-from cmbrl.scene.report import describe
+from cmbrl.scene.info.inventory import to_dict
+from cmbrl.scene.info.report import describe
 
 
 def arm(folder: Path, angle: str, *ranges: str) -> Scene:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from cmbrl.scene import Scene
-from cmbrl.scene.candidate_table import CandidateTable, merge_points
-from cmbrl.scene.contact_records import Candidate, ContactKind, ContactLaw
+from cmbrl.scene.collision.candidate_table import CandidateTable, merge_points
+from cmbrl.scene.collision.contact_records import Candidate, ContactKind, ContactLaw
 
 
 def _law(friction: float) -> ContactLaw:

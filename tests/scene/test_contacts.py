@@ -13,8 +13,8 @@ from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.registry import load_task
 from cmbrl.scene import Scene
-from cmbrl.scene.mjcf import name_of
-from cmbrl.scene.report import describe
+from cmbrl.scene.info.report import describe
+from cmbrl.scene.source.mjcf import name_of
 
 from .conftest import Load
 

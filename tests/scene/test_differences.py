@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from cmbrl.scene import Scene
+from cmbrl.scene.collision.shapes import hull_points, hull_vertices
 from cmbrl.scene.differences import hull_error
-from cmbrl.scene.inventory import to_dict
-from cmbrl.scene.report import describe
-from cmbrl.scene.shapes import hull_points, hull_vertices
+from cmbrl.scene.info.inventory import to_dict
+from cmbrl.scene.info.report import describe
 
 from .conftest import Load
 

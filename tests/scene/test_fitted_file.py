@@ -9,9 +9,9 @@ import pytest
 from cmbrl.errors import UserError
 from cmbrl.registry import load_task
 from cmbrl.scene import Scene
-from cmbrl.scene.fitted_file import fitted_file
-from cmbrl.scene.inertials import Inertial, moved_parts
 from cmbrl.scene.records import Body
+from cmbrl.scene.writing.fitted_file import fitted_file
+from cmbrl.scene.writing.inertials import Inertial, moved_parts
 
 ARM = """
 <mujoco><compiler angle="degree" settotalmass="{total}"/><option timestep="0.002" integrator="implicitfast"/>

@@ -11,8 +11,8 @@ from PIL import Image
 
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
-from cmbrl.scene.contact_records import ContactKind
-from cmbrl.scene.height_fields import MOST, read_field
+from cmbrl.scene.collision.contact_records import ContactKind
+from cmbrl.scene.collision.height_fields import MOST, read_field
 
 HEIGHTS = np.array([[0.0, 51, 102, 153], [204, 255, 0, 51], [102, 153, 204, 255]]) / 255  # rows along y
 ROBOT = """<mujoco><asset><hfield name="h" size="1.5 1 .4 .1" {source}/></asset><worldbody>

@@ -1,4 +1,4 @@
-"""``cmbrl.scene.held``: what is left moves as before, what hangs on held joints goes, what ties them is refused."""
+"""What is left of a robot with joints held moves as before; what hangs on them goes, what ties them is refused."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 from cmbrl.cli.main import main
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
-from cmbrl.scene.held import held_file, holding
+from cmbrl.scene.writing.held import held_file, holding
 
 ARM = """<mujoco><worldbody><body name='arm' pos='0 0 1'><joint name='shoulder' axis='0 1 0'/>
 <geom type='capsule' fromto='0 0 0 .4 0 0' size='.03' mass='1'/>

@@ -10,7 +10,8 @@ import pytest
 
 from cmbrl.cli import main
 from cmbrl.errors import UserError
-from cmbrl.scene import Scene, markup
+from cmbrl.scene import Scene
+from cmbrl.scene.source import markup
 
 ROBOT = '<mujoco model="arm"><worldbody><body><joint axis="0 1 0"/><geom size=".1" pos=".2 0 0"/></body></worldbody>'
 ROBOT += "</mujoco>"

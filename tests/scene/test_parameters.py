@@ -12,10 +12,10 @@ import pytest
 
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
-from cmbrl.scene.actuators import UNLIMITED
-from cmbrl.scene.inventory import to_dict
-from cmbrl.scene.inverse_weights import factors
-from cmbrl.scene.report import describe
+from cmbrl.scene.core.inverse_weights import factors
+from cmbrl.scene.forces.actuators import UNLIMITED
+from cmbrl.scene.info.inventory import to_dict
+from cmbrl.scene.info.report import describe
 
 from .conftest import Load
 

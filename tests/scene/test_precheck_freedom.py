@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from cmbrl.errors import UserError
-from cmbrl.scene.precheck import FREEDOM, check_xml
+from cmbrl.scene.source.precheck import FREEDOM, check_xml
 
 BODY = "<body><freejoint/><geom size='.1'/></body>"
 

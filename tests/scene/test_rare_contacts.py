@@ -8,7 +8,7 @@ import numpy as np
 from cmbrl.bench.check_steps import mujocos
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
-from cmbrl.scene.near import near_pairs
+from cmbrl.scene.collision.near import near_pairs
 
 ARM = """<body pos="{x} 0 0"><joint axis="0 1 0" range="-1.5 1.5"/><joint axis="1 0 0" range="-1.5 1.5"/>
 <joint type="slide" axis="0 0 1" range="0 .8"/><geom name="tip{x}" size=".003" pos="0 0 .2" mass=".1"/></body>"""

@@ -9,8 +9,8 @@ import pytest
 
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
-from cmbrl.scene.report import describe
-from cmbrl.scene.support import KINDS
+from cmbrl.scene.info.report import describe
+from cmbrl.scene.source.support import KINDS
 
 from .conftest import GYMNASIUM, Load
 

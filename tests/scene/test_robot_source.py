@@ -13,7 +13,7 @@ from cmbrl.errors import UserError
 from cmbrl.fitting.result import FitResult
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
-from cmbrl.scene.report import describe
+from cmbrl.scene.info.report import describe
 
 MJCF = """<mujoco model="arm"><option timestep=".002"/><worldbody><body name="upper"><joint name="a" axis="0 1 0"
 damping=".1"/><geom name="g" type="capsule" size=".05" fromto="0 0 0 .3 0 0"/><body name="lower" pos=".3 0 0">

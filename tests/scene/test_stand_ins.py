@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.scene.mjcf import read_tree
-from cmbrl.scene.report import describe
-from cmbrl.scene.shapes import Shape, read_shape
-from cmbrl.scene.stand_ins import stand_in, support
+from cmbrl.scene.collision.shapes import Shape, read_shape
+from cmbrl.scene.collision.stand_ins import stand_in, support
+from cmbrl.scene.info.report import describe
+from cmbrl.scene.source.mjcf import read_tree
 
 from ..scene.conftest import Load
 

@@ -14,7 +14,7 @@ from cmbrl.contact import Barrier
 from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
-from cmbrl.scene.robot_source import quiet
+from cmbrl.scene.source.robot_source import quiet
 
 ARM = """<body><joint name="a" axis="0 1 0" damping=".2"/><geom type="capsule" fromto="0 0 0 .3 .1 0" size=".04"/>
 <body pos=".3 0 .1" euler="20 30 0"><joint name="b" axis="1 0 0"/><joint name="c" axis="0 0 1" {joint}/>

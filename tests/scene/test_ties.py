@@ -11,8 +11,8 @@ from cmbrl.fitting.search.gauge import common_factors
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.manifold import invariant_translations
 from cmbrl.scene import Scene
-from cmbrl.scene.inventory import to_dict
-from cmbrl.scene.report import describe
+from cmbrl.scene.info.inventory import to_dict
+from cmbrl.scene.info.report import describe
 
 from .conftest import Load
 

@@ -15,10 +15,10 @@ from cmbrl.errors import UserError
 from cmbrl.excitation import excite
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
-from cmbrl.scene.fitted_file import fitted_file
-from cmbrl.scene.held import held_file
-from cmbrl.scene.report import describe
+from cmbrl.scene.info.report import describe
 from cmbrl.scene.urdf import convert
+from cmbrl.scene.writing.fitted_file import fitted_file
+from cmbrl.scene.writing.held import held_file
 from tests.urdf.leg import JOINT, LINK, convert_text, robot
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from mujoco import rollout
 
 from cmbrl.bench.peers.simulator import Array, Simulator, World
-from cmbrl.scene.robot_source import quiet as quiet
+from cmbrl.scene.source.robot_source import quiet as quiet
 
 INTEGRATORS: dict[str, int] = {
     name.removeprefix("mjINT_").lower(): int(value) for name, value in mujoco.mjtIntegrator.__members__.items()

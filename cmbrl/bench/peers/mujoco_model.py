@@ -14,7 +14,7 @@ from torch import Tensor
 from cmbrl.bench.peers.mujoco import compiled
 from cmbrl.bench.peers.mujoco_steps import STATE
 from cmbrl.errors import UserError
-from cmbrl.scene.mjcf import name_of
+from cmbrl.scene.source.mjcf import name_of
 
 GROUPS = (
     *("mass", "com_x", "com_y", "com_z", "damping", "armature", "stiffness", "frictionloss"),

@@ -27,7 +27,7 @@ from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
 from cmbrl.numbers import one_of, real, whole
 from cmbrl.scene import Scene
-from cmbrl.scene.columns import counted
+from cmbrl.scene.info.columns import counted
 
 __all__ = ["Imported", "Options", "import_logs"]
 

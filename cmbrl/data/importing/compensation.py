@@ -13,7 +13,7 @@ from cmbrl.data.importing.build import Episode, configurations
 from cmbrl.data.importing.commanded import Commanded
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
-from cmbrl.scene.columns import counted
+from cmbrl.scene.info.columns import counted
 from cmbrl.scene.kinematics import holding_forces
 
 

@@ -26,7 +26,7 @@ from cmbrl.data.importing.series import QUATERNION
 from cmbrl.data.smoothing import smooth, smooth_rotations
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
-from cmbrl.scene.contact_records import ContactKind
+from cmbrl.scene.collision.contact_records import ContactKind
 
 _LOOK = 200  # rows in which points that may stand are looked for
 _NEAR, _STANDS = 0.02, 0.004  # [m] above the lowest point: of points that may stand, and of one that does

@@ -11,8 +11,8 @@ from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, TURN, joints_of
 from cmbrl.data.importing.grid import Counts, Key, Series
 from cmbrl.data.loops import to_hold
 from cmbrl.scene import Scene
-from cmbrl.scene.columns import counted
-from cmbrl.scene.held import holding
+from cmbrl.scene.info.columns import counted
+from cmbrl.scene.writing.held import holding
 
 UNUSED = "not used"
 _OF_BASES = dict.fromkeys((*PLACE, *TURN), "pose") | dict.fromkeys((*LINEAR, *ANGULAR), "velocity")

@@ -9,7 +9,7 @@ from cmbrl.data.importing.bodies import joints_of
 from cmbrl.data.importing.targets import SINGLE, UNNAMED, WORDS
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
-from cmbrl.scene.columns import counted
+from cmbrl.scene.info.columns import counted
 
 _CONTROL = "control"
 

@@ -12,7 +12,7 @@ import numpy as np
 from cmbrl.data.fields import Fields
 from cmbrl.data.splitting import follows
 from cmbrl.data.turns import within_a_turn
-from cmbrl.scene.play import plays
+from cmbrl.scene.fittable.play import plays
 from cmbrl.scene.records import JointKind
 
 if TYPE_CHECKING:

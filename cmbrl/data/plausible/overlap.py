@@ -18,10 +18,10 @@ import numpy as np
 from cmbrl.data.fields import Fields
 from cmbrl.data.plausible.finding import Finding
 from cmbrl.errors import UserError
-from cmbrl.scene.contact_records import ContactKind
-from cmbrl.scene.mjcf import name_of
-from cmbrl.scene.near import touching
-from cmbrl.scene.robot_source import compile_robot
+from cmbrl.scene.collision.contact_records import ContactKind
+from cmbrl.scene.collision.near import touching
+from cmbrl.scene.source.mjcf import name_of
+from cmbrl.scene.source.robot_source import compile_robot
 
 if TYPE_CHECKING:
     from cmbrl.data.position_log import PositionLog

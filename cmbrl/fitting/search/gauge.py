@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from cmbrl.fitting.search.space import Space
-from cmbrl.scene.core_arrays import CoreArrays
+from cmbrl.scene.core.core_arrays import CoreArrays
 from cmbrl.scene.records import WORLD, JointKind, TieKind
 
 _FORCES = ("armature", "damping", "stiffness", "frictionloss", "friction_slope", "stribeck")  # fields of a line

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.errors import UserError
-from cmbrl.scene.near import poses, touching
+from cmbrl.scene.collision.near import poses, touching
 from cmbrl.scene.urdf.flat import THICK, thicken
 from cmbrl.text import shortened
 

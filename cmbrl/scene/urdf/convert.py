@@ -16,9 +16,9 @@ import mujoco
 from cmbrl.errors import UserError
 from cmbrl.files import atomic_path, check_writable
 from cmbrl.reading import regular_file
-from cmbrl.scene import markup
-from cmbrl.scene.precheck import check_xml
-from cmbrl.scene.robot_source import quiet
+from cmbrl.scene.source import markup
+from cmbrl.scene.source.precheck import check_xml
+from cmbrl.scene.source.robot_source import quiet
 from cmbrl.scene.urdf import compiled
 from cmbrl.scene.urdf.actuators import Servo, add_motors, add_servos
 from cmbrl.scene.urdf.dialects import WORLD, plain

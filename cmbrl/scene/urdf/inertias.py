@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmbrl.errors import UserError
-from cmbrl.scene.robot_source import LARGEST
+from cmbrl.scene.source.robot_source import LARGEST
 from cmbrl.text import shortened
 
 _ENTRIES = {"ixx": (0, 0), "iyy": (1, 1), "izz": (2, 2), "ixy": (0, 1), "ixz": (0, 2), "iyz": (1, 2)}

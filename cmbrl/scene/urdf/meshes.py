@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from cmbrl.errors import UserError
-from cmbrl.scene.robot_source import is_pointer
+from cmbrl.scene.source.robot_source import is_pointer
 from cmbrl.scene.urdf.packages import find
 from cmbrl.text import shortened
 

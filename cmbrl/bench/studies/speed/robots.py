@@ -14,7 +14,7 @@ from cmbrl.bench.studies.speed.cells import against_mujoco
 from cmbrl.contact import Exact
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
-from cmbrl.scene.robot_source import compile_robot
+from cmbrl.scene.source.robot_source import compile_robot
 
 KINDS = ("forward", "jacobian", "vjp")
 _REACH = 0.1  # of random actions [rad] about the home pose, of servos; as a share of the control range, of others

@@ -1,0 +1,1 @@
+"""What may touch what, by which law: shapes, pairs of them, and pairs that never meet."""

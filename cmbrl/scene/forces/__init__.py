@@ -1,0 +1,1 @@
+"""What acts besides contact: actuators, springs, tendons, ties between joints and bodies, and fluids."""

@@ -1,0 +1,1 @@
+"""What ``cmbrl info`` says of a scene: as text and as JSON types."""

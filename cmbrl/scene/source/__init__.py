@@ -1,0 +1,1 @@
+"""From a file, a text or a specification to a compiled MuJoCo model, and its elements by name."""

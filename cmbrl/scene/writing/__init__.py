@@ -1,0 +1,1 @@
+"""Files of a scene: with fitted values, with joints held, with play behind joints."""

@@ -1,0 +1,248 @@
+"""Writes a physical vector into the specification of an MJCF, element by element.
+
+Only what differs from the nominal vector is written. What an MJCF cannot hold is left as it is: ``fitted_file`` finds
+out by reading the file again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from cmbrl.scene.collision.contact_meaning import softened
+from cmbrl.scene.collision.mixing import Mixed, collision_pairs, mixed, pair_label
+from cmbrl.scene.layout import ACTUATOR_FIELDS
+from cmbrl.scene.records import Array
+from cmbrl.scene.reduction import find_plane
+from cmbrl.scene.scene import Scene
+from cmbrl.scene.source.mjcf import name_of, read_tree
+from cmbrl.scene.writing.inertials import Inertial, moved_parts, write_inertial
+
+_ROUND = (int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE))  # the first size is the radius
+
+_GAINS = (int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtGain.mjGAIN_AFFINE))
+_BIASES = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
+
+
+@dataclass(frozen=True)
+class FittedSpec:
+    """``spec`` and ``model`` of the scene's file, to be changed from the scene's P to ``P`` (nP,).
+
+    ``softness`` (ncontact,) is the factor on the softness of each contact, ``radii`` what to add to radii by geom.
+    """
+
+    scene: Scene
+    spec: mujoco.MjSpec
+    model: mujoco.MjModel
+    P: Array
+    softness: Array
+    radii: dict[str, float]
+
+    def write(self) -> None:
+        """Writes everything that an MJCF holds."""
+        self._lines()
+        self._actuators()
+        self._world()
+        self._contacts()
+        bodies = [k for k in range(self.scene.core.nbody) if self.change[self._body(k)].any()]
+        if self._radii() or bodies:
+            self._freeze_inertials()  # radii must not change masses
+            self._inertials(bodies)
+
+    @cached_property
+    def change(self) -> Array:
+        """What is added to the nominal vector (nP,)."""
+        return self.P - self.scene.core.P
+
+    def _lines(self) -> None:
+        """Joints and tendons. What actuators reflect into them goes there, because fitted gears would scale it."""
+        model, layout = self.model, self.scene.layout
+        reflected = self._take_reflected()
+        joints = {joint.source: joint.dofs[0] for joint in reversed(self.scene.joints)}
+        tendons = [name_of(model, "tendon", k) for k in range(model.ntendon)]
+        lines = [(self._element("joints", source), dof) for source, dof in joints.items()]
+        for k, name in enumerate(self.scene.tendon_names):
+            lines.append((self._element("tendons", tendons.index(name)), self.scene.nv + k))
+        for element, line in lines:
+            for field in ("armature", "damping", "stiffness", "frictionloss"):
+                added = self.change[layout.dof(line, field)] + reflected.get((line, field), 0.0)
+                if added:
+                    _add(element, field, added)
+            if wider := self.change[layout.dof(line, "wider")]:
+                _widen(element, wider, line < self.scene.nv and bool(self.spec.compiler.degree))
+
+    def _take_reflected(self) -> dict[tuple[int, str], float]:
+        """Armature and damping of actuators, taken from them, by line."""
+        found: dict[tuple[int, str], float] = {}
+        for column, k in self._columns():
+            line = int(self.scene.core.act_line[column])
+            for field in ("armature", "damping"):
+                own = getattr(self.model, f"actuator_{field}", None)
+                if line >= 0 and own is not None and own[k]:
+                    reflected = float(own[k]) * float(self.model.actuator_gear[k, 0]) ** 2
+                    found[line, field] = found.get((line, field), 0.0) + reflected
+                    _add(self._element("actuators", k), field, -float(own[k]))
+        return found
+
+    def _actuators(self) -> None:
+        """Gears, gains, biases, time constants and limits of forces."""
+        layout = self.scene.layout
+        for column, k in self._columns():
+            at = layout.actuator(column)
+            change = self.change[at : at + len(ACTUATOR_FIELDS)]
+            if not change.any():
+                continue
+            element, gear = self._element("actuators", k), self.model.actuator_gear[k].copy()
+            if nominal := self.scene.core.P[at]:
+                gear *= self.P[at] / nominal  # of all that it turns and pushes
+            if change[6]:
+                low, high = self.scene.core.act_force[column]
+                element.forcerange = max(low, -self.P[at + 6]), min(high, self.P[at + 6])
+                element.forcelimited = int(mujoco.mjtLimited.mjLIMITED_TRUE)
+            gain, bias = self.model.actuator_gainprm[k].copy(), self.model.actuator_biasprm[k].copy()
+            if int(self.model.actuator_gaintype[k]) in _GAINS:  # a pid takes its gains from the bias
+                gain[0] += change[1]
+            if int(self.model.actuator_biastype[k]) in _BIASES:
+                bias[:3] += change[2:5]
+            element.dynprm[0] += change[5]
+            element.gear, element.gainprm[:], element.biasprm[:] = gear, gain, bias
+
+    def _columns(self) -> Iterator[tuple[int, int]]:
+        """The first column of u, and the number in the file, of every actuator that has one."""
+        counts = getattr(self.model, "actuator_ctrlnum", np.ones(len(self.model.actuator_trntype), dtype=int))
+        first = np.cumsum([0, *counts])
+        yield from ((int(first[k]), k) for k, count in enumerate(counts) if count)
+
+    def _world(self) -> None:
+        """Gravity and the heights of planes."""
+        layout, model = self.scene.layout, self.model
+        gravity = self.change[layout.gravity : layout.contact(0)]
+        if gravity.any():
+            basis = self.scene.core.plane_basis if self.scene.planar else np.eye(3)
+            self.spec.option.gravity = model.opt.gravity + basis.T @ gravity
+        heights = [p.name.partition(".")[2] for p in self.scene.parameters if p.group == "plane_height"]
+        for k, name in enumerate(heights):
+            if height := self.change[layout.plane(k)]:
+                geom = next(g for g in range(model.ngeom) if name_of(model, "geom", g) == name)
+                normal = np.zeros(9)
+                mujoco.mju_quat2Mat(normal, model.geom_quat[geom])
+                element = self._element("geoms", geom)
+                element.pos = np.asarray(element.pos) + height * normal.reshape(3, 3)[:, 2]
+
+    def _contacts(self) -> None:
+        """Friction and softness, as explicit pairs: geoms would mix theirs with those of the geoms they touch."""
+        scene, layout = self.scene, self.scene.layout
+        fields = [
+            layout.contact(0, f) - layout.contact(0)
+            for f in ("friction", "spin", "roll", "solref0", "solref1", "d0", "dmax", "width")
+        ]
+        rows = {name: k for k, name in reversed([*enumerate(scene.contact_names)])}
+        for first, second, pair in collision_pairs(self.model) if rows else ():
+            labels = pair_label(self.model, first, second), pair_label(self.model, second, first)
+            row = next((rows[label] for label in labels if label in rows), None)
+            if row is None:
+                continue
+            values = self.P[layout.contact(row) + np.array(fields)]
+            if np.array_equal(values, scene.core.P[layout.contact(row) + np.array(fields)]) and self.softness[row] == 1:
+                continue
+            law = mixed(self.model, first, second, pair)
+            friction, solref, solimp = law.friction, law.solref, law.solimp
+            friction[:2] = values[0]
+            for place, coefficient in ((slice(2, 3), values[1]), (slice(3, 5), values[2])):
+                friction[place] = coefficient or friction[place]  # 0 where the contact has none
+            if scene.contact_law == "mujoco":
+                solref[:], solimp[:3] = softened(*[*values[3:].tolist(), float(self.softness[row])])
+            element = self._element("pairs", pair) if pair >= 0 else self._add_pair(first, second, law)
+            element.friction, element.solref, element.solimp = friction, solref, solimp
+
+    def _add_pair(self, first: int, second: int, law: Mixed) -> Any:
+        names = []
+        for geom in (first, second):
+            element = self._element("geoms", geom)
+            element.name = element.name or name_of(self.model, "geom", geom)
+            names.append(element.name)
+        return self.spec.add_pair(
+            geomname1=names[0], geomname2=names[1], condim=law.dim, margin=law.margin, gap=law.gap
+        )
+
+    def _radii(self) -> bool:
+        """Radii of spheres and capsules; others have none. Returns whether one has changed."""
+        changed = False
+        for geom in range(self.model.ngeom):
+            radius = self.radii.get(name_of(self.model, "geom", geom), 0.0)
+            if radius and int(self.model.geom_type[geom]) in _ROUND:
+                self._element("geoms", geom).size[0] += radius
+                changed = True
+        return changed
+
+    def _body(self, k: int) -> slice:
+        """The places of a moving body in P."""
+        return slice(self.scene.layout.mass(k), self.scene.layout.mass(k + 1))
+
+    def _inertials(self, bodies: list[int]) -> None:
+        """Masses, centres of mass and inertias of moving ``bodies``."""
+        scene, model, layout = self.scene, self.model, self.scene.layout
+        tree = read_tree(model)
+        plane = find_plane(tree, np.asarray(model.opt.gravity))[0] if scene.planar else None
+        for k in bodies:
+            body = tree.bodies[k]
+            com, inertia = (
+                self.change[self._body(k)][1 : 1 + layout.dimension],
+                self.P[layout.inertia(k) : layout.mass(k + 1)],
+            )
+            if plane:
+                nominal = scene.core.P[layout.inertia(k)]
+                target = body.inertia * (inertia[0] / nominal if nominal else 1.0)
+                com = tree.world_rot[k].T @ plane.basis.T @ plane.rot[k] @ com
+            else:
+                xx, yy, zz, xy, xz, yz = inertia
+                target = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            frames = {n: frame for n, frame in enumerate(tree.frames) if frame.body == k and model.body_mass[n] > 0}
+            parts = {n: Inertial.of_file(model, n, frame) for n, frame in frames.items()}
+            for n, part in moved_parts(
+                parts, body, Inertial(float(self.P[layout.mass(k)]), body.com + com, target)
+            ).items():
+                part.write(self._element("bodies", n), frames[n])
+
+    def _freeze_inertials(self) -> None:
+        """Writes the masses of all bodies as compiled, so that no geom and no compiler flag changes them."""
+        model = self.model
+        for n in range(1, model.nbody):
+            if model.body_mass[n] > 0:
+                values = model.body_mass[n], model.body_ipos[n], model.body_iquat[n], model.body_inertia[n]
+                write_inertial(self._element("bodies", n), *values)
+        compiler = self.spec.compiler
+        compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+        compiler.settotalmass, compiler.balanceinertia = -1.0, False
+        compiler.boundmass, compiler.boundinertia = 0.0, 0.0
+
+    def _element(self, kind: str, number: int) -> Any:
+        return self._elements[kind][number]
+
+    @cached_property
+    def _elements(self) -> dict[str, dict[int, Any]]:
+        """Elements of the specification by kind and number in the compiled model."""
+        kinds = ("bodies", "joints", "geoms", "tendons", "actuators", "pairs")
+        return {kind: {element.id: element for element in getattr(self.spec, kind)} for kind in kinds}
+
+
+def _add(element: Any, field: str, value: float) -> None:
+    """Adds to a field; of a damping or stiffness by powers of speed or length, to the linear one."""
+    own = np.asarray(getattr(element, field), dtype=float)
+    if own.ndim:
+        own = own.copy()
+        own[0] += value
+        setattr(element, field, own)
+    else:
+        setattr(element, field, float(own) + value)
+
+
+def _widen(element: Any, wider: float, degrees: bool) -> None:
+    """Moves both limits of a joint or tendon out by ``wider`` [rad, m]; ``degrees``: the unit of hinges in its file."""
+    hinge = degrees and element.type == mujoco.mjtJoint.mjJNT_HINGE
+    element.range = np.asarray(element.range) + np.array([-1.0, 1.0]) * (np.rad2deg(wider) if hinge else wider)
