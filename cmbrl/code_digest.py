@@ -78,7 +78,7 @@ def _own_digest(name: str, source: Path, tree: ast.Module) -> str:
             node.body[0] = ast.Pass()
     seen = hashlib.sha256(ast.dump(tree).encode())
     if name == f"{PACKAGE}.native":
-        sources = sorted(file for ending in ("hpp", "cpp") for file in source.parent.glob(f"*.{ending}"))
+        sources = sorted(file for ending in ("hpp", "cpp") for file in source.parent.rglob(f"*.{ending}"))
         for file in sources:
             seen.update(_NATIVE_REMARKS.sub(" ", file.read_text(encoding="utf-8")).encode())
         for binary in () if sources else sorted(source.parent.glob("_core*")):

@@ -18,7 +18,7 @@ echo 'int main() { return []<class T>(T x) { return x; }(0); }' | "${compiler:-c
   || { echo "setup: no C++20 compiler found (tried ${compiler:-g++, clang++}): install g++ >= 11 or set CXX" >&2; exit 2; }
 
 # A digest of everything that the installation depends on tells whether it is up to date.
-digest=$({ "$python" -VV; echo "$compiler"; cat pyproject.toml CMakeLists.txt configs/constraints.txt cmbrl/native/*.[ch]pp; pwd; } | cksum)
+digest=$({ "$python" -VV; echo "$compiler"; cat pyproject.toml CMakeLists.txt configs/constraints.txt cmbrl/native/*.[ch]pp cmbrl/native/*/*.[ch]pp; pwd; } | cksum)
 stamp=.venv/cmbrl-setup
 if [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$digest" ]; then exit 0; fi
 

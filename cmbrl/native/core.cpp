@@ -1,9 +1,9 @@
 // The core for one instruction set (CMBRL_ISA). Compiled once per set.
-#include "bodies.hpp"
-#include "loss.hpp"
-#include "passes.hpp"
-#include "quantities.hpp"
-#include "survey.hpp"
+#include "step/bodies.hpp"
+#include "step/loss.hpp"
+#include "step/passes.hpp"
+#include "step/quantities.hpp"
+#include "step/survey.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 

@@ -8,15 +8,15 @@
 #include <numeric>
 #include <tuple>
 
-#include "arrays.hpp"
-#include "attempts.hpp"
-#include "engine.hpp"
+#include "base/arrays.hpp"
+#include "step/attempts.hpp"
+#include "base/engine.hpp"
 #include "instruction_sets.hpp"
-#include "memory.hpp"
-#include "options.hpp"
-#include "per_process.hpp"
-#include "scene_data.hpp"
-#include "tape_rows.hpp"
+#include "base/memory.hpp"
+#include "scene/options.hpp"
+#include "base/per_process.hpp"
+#include "scene/scene_data.hpp"
+#include "step/tape_rows.hpp"
 
 namespace cmbrl {
 

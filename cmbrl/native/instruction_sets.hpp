@@ -2,9 +2,9 @@
 #pragma once
 #include <string>
 
-#include "model.hpp"
-#include "net_backend.hpp"
-#include "problem_batch.hpp"
+#include "scene/model.hpp"
+#include "nets/net_backend.hpp"
+#include "solver/problem_batch.hpp"
 
 namespace cmbrl {
 

@@ -2,7 +2,7 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/vector.h>
 
-#include "buffers.hpp"
+#include "base/buffers.hpp"
 
 namespace cmbrl {
 void bind_core(nanobind::module_& module);

@@ -305,7 +305,14 @@ def test_links_that_overlap_in_every_pose_are_told(tmp_path: Path, radius: float
         log.check(Scene.from_mjcf(file))
     found = [str(warning.message) for warning in told]
     assert [text.partition(" in ")[0] for text in found] == ["base and link are 10 mm"] * held  # not the rib besides
-    assert all("exclude" in text for text in found)
+    assert all('<exclude body1="base" body2="link"/>' in text for text in found)
+    file.write_text(file.read_text().replace('<body name="link"', "<body"))
+    log = replace(log, time=time + 1.0)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        log.check(Scene.from_mjcf(file))
+    assert all("or give body2 a name in the file" in str(warning.message) for warning in told)
+    assert len(told) == held
 
 
 def test_an_endless_hinge_in_degrees(tmp_path: Path) -> None:

@@ -1,5 +1,5 @@
 // How the elements of a batch are gathered into packs: by the rows that a survey expects, then those that are set aside.
-#include "../../cmbrl/native/attempts.hpp"
+#include "step/attempts.hpp"
 
 #include <cstdio>
 #include <cstdlib>

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+HEADERS = Path(__file__).parents[2] / "cmbrl" / "native"
 COMPILER = os.environ.get("CXX") or shutil.which("g++") or shutil.which("clang++")
 
 
@@ -16,6 +17,7 @@ COMPILER = os.environ.get("CXX") or shutil.which("g++") or shutil.which("clang++
 @pytest.mark.parametrize("name", ["threads", "attempts"])
 def test_program(name: str, tmp_path: Path) -> None:
     program, source = tmp_path / name, Path(__file__).with_name(f"{name}.cpp")
-    subprocess.run([str(COMPILER), "-std=c++20", "-O1", "-pthread", str(source), "-o", str(program)], check=True)
+    options = ["-std=c++20", "-O1", "-pthread", f"-I{HEADERS}"]
+    subprocess.run([str(COMPILER), *options, str(source), "-o", str(program)], check=True)
     run = subprocess.run([str(program)], capture_output=True, text=True, timeout=60)
     assert (run.returncode, run.stdout) == (0, f"{name}: ok\n"), run.stderr

@@ -1,5 +1,5 @@
 // The pool by itself: chunks run once, exceptions reach the caller, growth and interruption. Prints what is wrong.
-#include "../../cmbrl/native/threads.hpp"
+#include "base/threads.hpp"
 
 #include <cstdio>
 #include <stdexcept>

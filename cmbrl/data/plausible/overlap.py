@@ -59,19 +59,29 @@ def between_links(q: np.ndarray, scene: Scene) -> Iterator[Finding]:
     if model is None or model.nq != scene.nq:
         return
     known = {frozenset(name.split(" - ")) for name in scene.contact_names}
-    told: set[frozenset[str]] = set()
+    told: set[frozenset[int]] = set()
     always = _always(model, q[:: -(-len(q) // _POSES)])
     for (a, b), depth in sorted(always.items(), key=lambda item: -item[1]):
         names = [name_of(model, "geom", geom) for geom in (a, b)]
-        bodies = [model.body(model.geom_bodyid[geom]).name for geom in (a, b)]
+        bodies = [int(model.geom_bodyid[geom]) for geom in (a, b)]
         if frozenset(names) in known and frozenset(bodies) not in told:
             told.add(frozenset(bodies))
             yield Finding(
                 f"{names[0]} and {names[1]} are {1e3 * depth:.2g} mm in each other in every pose of the log, and move: "
-                "their contact holds in simulation what the robot does not hold; leave it out by <contact><exclude "
-                f'body1="{bodies[0]}" body2="{bodies[1]}"/></contact> in the file, or by --self-contact none',
+                f"their contact holds in simulation what the robot does not hold; {_remedy(model, bodies)}",
                 sure=False,
             )
+
+
+def _remedy(model: mujoco.MjModel, bodies: list[int]) -> str:
+    one, other = (model.body(body).name for body in bodies)
+    if not (one and other):
+        nameless = " and ".join(name_of(model, "body", body) for body in bodies if not model.body(body).name)
+        return f"leave it out by --self-contact none, or give {nameless} a name in the file and <exclude> the pair"
+    return (
+        f'leave it out by <contact><exclude body1="{one}" body2="{other}"/></contact> in the file, or by '
+        "--self-contact none"
+    )
 
 
 @lru_cache(maxsize=2)
