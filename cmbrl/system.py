@@ -41,6 +41,25 @@ class Feels(Protocol):
         ...
 
 
+class Simulated(System, Protocol):
+    """A system that runs a compiled MuJoCo model, in ``frame_skip`` physics steps a control step."""
+
+    model: Any
+    frame_skip: int
+
+    def advance(self, u: np.ndarray, steps: int) -> None:
+        """``steps`` physics steps with the control u (nu,) held."""
+        ...
+
+    def push(self, velocity: np.ndarray) -> None:
+        """Adds ``velocity`` (2,) [m/s] to the horizontal one of a free root."""
+        ...
+
+    def state(self) -> tuple[np.ndarray, np.ndarray]:
+        """q (nq,), v (nv,) as they are."""
+        ...
+
+
 SystemFactory = Callable[[], System]
 
 
@@ -75,7 +94,7 @@ class MujocoSystem:
         if change is not None:
             change(self.model)
         self.data = mujoco.MjData(self.model)
-        self.frame_skip, self._feel = frame_skip, feel
+        self.frame_skip, self.feel = frame_skip, feel
 
     @property
     def dt(self) -> float:
@@ -90,10 +109,23 @@ class MujocoSystem:
 
     def step(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """``frame_skip`` steps with the control u (nu,) held."""
+        self.advance(u, self.frame_skip)
+        return self.state()
+
+    def advance(self, u: np.ndarray, steps: int) -> None:
+        """``steps`` of MuJoCo's steps with the control u (nu,) held."""
         self.data.ctrl[:] = u
-        self._mujoco.mj_step(self.model, self.data, self.frame_skip)
+        if steps:  # 0 would be one
+            self._mujoco.mj_step(self.model, self.data, steps)
+
+    def push(self, velocity: np.ndarray) -> None:
+        """Adds ``velocity`` (2,) [m/s] to the horizontal one of a free root."""
+        self.data.qvel[:2] += velocity
+
+    def state(self) -> tuple[np.ndarray, np.ndarray]:
+        """q (nq,), v (nv,) as they are."""
         return self.data.qpos.copy(), self.data.qvel.copy()
 
     def felt(self) -> np.ndarray:
         """(k,) by ``feel``, nothing without it."""
-        return np.zeros(0) if self._feel is None else self._feel(self.model, self.data)
+        return np.zeros(0) if self.feel is None else self.feel(self.model, self.data)

@@ -34,6 +34,7 @@ for name in sys.argv[1:]: print(*extras[name], sep="\n")' "$@" > .venv/optional.
 }
 optional bench pinocchio \
   || echo "setup: not all competitors of 'cmbrl bench' could be installed; the studies leave out what is missing" >&2
+optional drake || echo "setup: Drake could not be installed; 'cmbrl evaluate --simulator drake' is not there, and its tests are skipped" >&2
 optional dm || echo "setup: dm_control could not be installed; the tests of its tasks are skipped" >&2
 optional ray dask || echo "setup: Ray or Dask could not be installed; their tests are skipped" >&2
 echo "$digest" > "$stamp"

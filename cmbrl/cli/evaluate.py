@@ -17,7 +17,7 @@ from cmbrl.text import parse_number, shortened
 
 if TYPE_CHECKING:
     from cmbrl.envs.evaluation import Evaluation
-    from cmbrl.envs.perturbation import Perturbation
+    from cmbrl.envs.perturbation import Perturbation, Simulator
     from cmbrl.mdp import MDP
     from cmbrl.train.saved import Trained
 
@@ -26,6 +26,7 @@ cmbrl evaluate runs/policy                      # in the real system and the mod
 cmbrl evaluate runs/policy --real --episodes 50 --json
 cmbrl evaluate runs/policy --model runs/other_fit
 cmbrl evaluate runs/walk --robustness --episodes 5
+cmbrl evaluate runs/walk --simulator drake      # a second opinion on contact
 """
 
 
@@ -46,6 +47,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--robustness", action="store_true", help="a table of failures by kind and level of such differences"
     )
+    parser.add_argument(
+        "--simulator",
+        choices=("mujoco", "drake"),
+        default="mujoco",
+        help="what simulates the real system: MuJoCo, or Drake with contact of its own (default mujoco)",
+    )
     add_smoothing(parser)
     add_threads(parser)
     add_seed(parser)
@@ -55,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     from cmbrl.envs.evaluation import evaluate_model, evaluate_real
     from cmbrl.envs.of_task import real_system
-    from cmbrl.envs.perturbation import perturbed
+    from cmbrl.envs.perturbation import Perturbation, perturbed
     from cmbrl.train.models import REAL, check_model, load_model
     from cmbrl.train.saved import Trained
 
@@ -67,20 +74,21 @@ def run(arguments: argparse.Namespace) -> None:
     perturbation = _perturbation(arguments.perturb) if arguments.perturb else None
     if perturbation and arguments.robustness:
         raise UserError("--robustness has levels of its own: leave out --perturb")
-    if (perturbation or arguments.robustness) and word is not None:
-        raise UserError("--perturb and --robustness are of the real system: leave out --model")
+    simulator = _simulator(arguments.simulator)
+    if (perturbation or arguments.robustness or simulator) and word is not None:
+        raise UserError("--perturb, --robustness and --simulator are of the real system: leave out --model")
     trained = Trained.load(arguments.policy)
     policy, task, mdp = trained.saved.policy, trained.task, trained.mdp
     found: dict[str, Evaluation] = {}
     if arguments.robustness:
-        print(_robustness(trained, arguments.episodes, arguments.seed, arguments.json))
+        print(_robustness(trained, arguments, simulator))
         return
     if arguments.real or word is None:
-        system = real_system(task)
-        if perturbation is not None:
-            system = perturbed(system, perturbation, arguments.seed)
-        found[REAL] = evaluate_real(policy, mdp, system, arguments.episodes, arguments.seed)
-    if word is None and not (arguments.real or perturbation):
+        system, where = real_system(task), REAL if simulator is None else arguments.simulator
+        if perturbation is not None or simulator is not None:
+            system = perturbed(system, perturbation or Perturbation(), arguments.seed, simulator)
+        found[where] = evaluate_real(policy, mdp, system, arguments.episodes, arguments.seed)
+    if word is None and not (arguments.real or perturbation or simulator):
         word = trained.usual_model()
     if word is not None:
         model = load_model(word, task, arguments.smoothing, arguments.threads or usable_cores())
@@ -104,25 +112,34 @@ def _perturbation(given: Sequence[tuple[str, str]]) -> Perturbation:
     return Perturbation.of(values)
 
 
-def _robustness(trained: Trained, episodes: int, seed: int, as_json: bool) -> str:
+def _simulator(name: str) -> Simulator | None:
+    """What makes another simulator of MuJoCo's system; None for MuJoCo itself."""
+    if name == "mujoco":
+        return None
+    from cmbrl.envs.drake import DrakeSystem
+
+    return DrakeSystem
+
+
+def _robustness(trained: Trained, arguments: argparse.Namespace, simulator: Simulator | None) -> str:
     """A line a level: how many episodes failed, their return, and what the task measures."""
     from cmbrl.envs.evaluation import evaluate_real
     from cmbrl.envs.of_task import real_system
     from cmbrl.envs.perturbation import LEVELS, Perturbation, perturbed
     from cmbrl.table import Table
 
-    system, mdp = real_system(trained.task), trained.mdp
-    perturbed(system, Perturbation(), seed)  # raises where nothing can be perturbed
+    system, mdp, episodes, seed = real_system(trained.task), trained.mdp, arguments.episodes, arguments.seed
+    perturbed(system, Perturbation(), seed, simulator)  # raises where nothing can be perturbed
     cases = [("as it is", None), *((name, level) for name, levels in LEVELS.items() for level in levels)]
     found = []
     for name, level in cases:
         try:
-            other = system if level is None else perturbed(system, Perturbation.of({name: level}), seed)
+            other = perturbed(system, Perturbation.of({} if level is None else {name: level}), seed, simulator)
         except UserError:  # pushes of a robot without a free root, delays beyond a control step
             continue
         e = evaluate_real(trained.saved.policy, mdp, other, episodes, seed)
         found.append({"perturbation": name, "level": level, "episodes": episodes, **to_json(e, mdp)})
-    if as_json:
+    if arguments.json:
         return json.dumps({"policy": str(trained.folder), "task": trained.task.name, "levels": found}, indent=2)
     measured = [name for name, value in found[0].items() if name.startswith("mean_")]
     rows = [
@@ -130,7 +147,8 @@ def _robustness(trained: Trained, episodes: int, seed: int, as_json: bool) -> st
         for f in found
     ]
     columns = ["perturbation", "level", f"{mdp.failure} of {episodes}", "return", *measured]
-    return Table(f"{trained.folder} in the real system", columns, rows).text()
+    where = "the real system" if simulator is None else arguments.simulator
+    return Table(f"{trained.folder} in {where}", columns, rows).text()
 
 
 def to_json(e: Evaluation, mdp: MDP) -> dict[str, Any]:

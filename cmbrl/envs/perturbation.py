@@ -1,11 +1,11 @@
-"""A real robot that is not quite the one of the file: slippery, loaded, pushed, or late in doing what it is told.
+"""A real robot that is not quite the one of the file: slippery, loaded, pushed, late, or of another simulator.
 
-For judging how much of that a policy stands (``cmbrl evaluate --real --perturb``).
+For judging how much of that a policy stands (``cmbrl evaluate --real --perturb``, ``--simulator``).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from itertools import count
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.numbers import real
-from cmbrl.system import MujocoSystem, System, SystemFactory
+from cmbrl.system import Feels, MujocoSystem, Simulated, System, SystemFactory
 
 PERIOD = 2.0  # s between pushes
 LEVELS: dict[str, tuple[float, ...]] = {
@@ -49,44 +49,57 @@ class Perturbation:
         return cls(**checked)
 
 
-def perturbed(system: SystemFactory, perturbation: Perturbation, seed: int = 0) -> SystemFactory:
+Simulator = Callable[[MujocoSystem], Simulated]
+
+
+def perturbed(
+    system: SystemFactory, perturbation: Perturbation, seed: int = 0, simulator: Simulator | None = None
+) -> SystemFactory:
     """Makes robots of ``system`` that differ by ``perturbation``; robot k of them has pushes of its own.
 
+    ``simulator`` makes another system of MuJoCo's, such as :class:`cmbrl.envs.drake.DrakeSystem`; default MuJoCo's own.
     Raises UserError for a system that is not MuJoCo's, for pushes of a robot without a free root, and for a delay
     beyond a control step.
     """
     first = system()
     if not isinstance(first, MujocoSystem):
-        raise UserError("perturbations need a real system that is MuJoCo")
+        raise UserError("perturbations and other simulators need a real system that is MuJoCo")
     if perturbation.push and not (first.model.njnt and first.model.jnt_type[0] == 0):
         raise UserError("pushes need a robot with a free root: leave out push")
     if perturbation.delay > first.dt:
         raise UserError(f"a delay of {perturbation.delay:g} s is longer than a control step, {first.dt:g} s")
+    if simulator is not None:
+        simulator(first)  # refuses what it has not
     numbers = count()
 
     def make() -> System:
         robot = system()
         assert isinstance(robot, MujocoSystem)
-        return PerturbedSystem(robot, perturbation, np.random.default_rng([seed, next(numbers)]))
+        _change(robot, perturbation)
+        simulated = robot if simulator is None else simulator(robot)
+        return PerturbedSystem(simulated, perturbation, np.random.default_rng([seed, next(numbers)]))
 
     return make
 
 
+def _change(robot: MujocoSystem, perturbation: Perturbation) -> None:
+    import mujoco
+
+    model = robot.model
+    if perturbation.friction is not None:
+        model.geom_friction[:, 0] = perturbation.friction
+        model.pair_friction[:, :2] = perturbation.friction
+    if perturbation.payload:
+        model.body_mass[np.argmax(model.body_mass)] += perturbation.payload
+        mujoco.mj_setConst(model, robot.data)
+
+
 class PerturbedSystem:
-    """``robot`` with its model changed for good, pushed and delayed."""
+    """``robot``, pushed and late."""
 
-    def __init__(self, robot: MujocoSystem, perturbation: Perturbation, rng: np.random.Generator) -> None:
-        import mujoco
-
+    def __init__(self, robot: Simulated, perturbation: Perturbation, rng: np.random.Generator) -> None:
         self.robot, self.perturbation, self._rng = robot, perturbation, rng
-        model = robot.model
-        if perturbation.friction is not None:
-            model.geom_friction[:, 0] = perturbation.friction
-            model.pair_friction[:, :2] = perturbation.friction
-        if perturbation.payload:
-            model.body_mass[np.argmax(model.body_mass)] += perturbation.payload
-            mujoco.mj_setConst(model, robot.data)
-        self._late = round(perturbation.delay / model.opt.timestep)  # physics steps
+        self._late = round(perturbation.delay / robot.dt * robot.frame_skip)  # physics steps
         self._every = round(PERIOD / self.dt)
         self._steps, self._command = 0, np.zeros(0)
 
@@ -103,21 +116,16 @@ class PerturbedSystem:
 
     def step(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The state after a control step; the command u (nu,) takes over from the one before it after the delay."""
-        import mujoco
-
-        robot = self.robot
         before = self._command if len(self._command) else u
-        for command, steps in ((before, self._late), (u, robot.frame_skip - self._late)):
-            robot.data.ctrl[:] = command
-            if steps:
-                mujoco.mj_step(robot.model, robot.data, steps)
+        self.robot.advance(before, self._late)
+        self.robot.advance(u, self.robot.frame_skip - self._late)
         self._command = u.copy()
         self._steps += 1
         if self.perturbation.push and self._steps % self._every == 0:
             angle = self._rng.uniform(0.0, 2 * np.pi)
-            robot.data.qvel[:2] += self.perturbation.push * np.array([np.cos(angle), np.sin(angle)])
-        return robot.data.qpos.copy(), robot.data.qvel.copy()
+            self.robot.push(self.perturbation.push * np.array([np.cos(angle), np.sin(angle)]))
+        return self.robot.state()
 
     def felt(self) -> np.ndarray:
         """(k,): what the robot tells besides its state."""
-        return self.robot.felt()
+        return self.robot.felt() if isinstance(self.robot, Feels) else np.zeros(0)
