@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
     from cmbrl.mdp import MDP
     from cmbrl.scene import Scene
-    from cmbrl.scene.forces.drives import Drive
+    from cmbrl.scene.drives import Drive
     from cmbrl.system import System
 
 GROUP = "cmbrl.tasks"

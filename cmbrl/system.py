@@ -12,7 +12,7 @@ from cmbrl.data.recorder import without_mujoco_warnings
 from cmbrl.errors import UserError
 
 if TYPE_CHECKING:
-    from cmbrl.scene.forces.drives import Drive
+    from cmbrl.scene.drives import Drive
 
 
 class System(Protocol):
@@ -66,7 +66,7 @@ SystemFactory = Callable[[], System]
 class MujocoSystem:
     """MuJoCo with the MJCF's own options, ``frame_skip`` steps of it at a time, as Gymnasium's robots run.
 
-    ``drives`` replace laws of actuators (:mod:`cmbrl.scene.forces.drives`). ``change`` alters the compiled
+    ``drives`` replace laws of actuators (:mod:`cmbrl.scene.drives`). ``change`` alters the compiled
     ``mujoco.MjModel``, for a robot that is not the one of the file. ``feel`` maps the ``MjModel`` and its ``MjData``
     after a step to what the robot tells besides its state (k,). Raises UserError if the file cannot be read, or has no
     such actuators.
@@ -82,7 +82,7 @@ class MujocoSystem:
     ) -> None:
         import mujoco
 
-        from cmbrl.scene.forces.drives import driven_model
+        from cmbrl.scene.drives import driven_model
 
         self._mujoco = mujoco
         try:

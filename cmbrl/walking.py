@@ -25,7 +25,7 @@ from cmbrl.standing import ROOT_Q, ROOT_V, by_joint, commands, doubts, on_floor,
 
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
-    from cmbrl.scene.forces.drives import Drive
+    from cmbrl.scene.drives import Drive
 
 EPISODE = 10.0  # s
 TILT, LOW = 0.5, 0.5  # an episode ends where the cosine of the tilt, or the share of the initial height, is below
@@ -50,7 +50,7 @@ class Walker:
             keyframe of the file.
         speed: wanted velocity of the root, in its own frame: ahead and to the left [m/s], about the vertical [rad/s].
         drives: laws of actuators that replace the file's: ``Drive("*", "position", kp, kd)`` for a file of motors whose
-            driver takes targets (:mod:`cmbrl.scene.forces.drives`).
+            driver takes targets (:mod:`cmbrl.scene.drives`).
         reach: how far an action of 1 moves a servo's target from the posture [rad or m]; for a motor, the share of its
             control range that an action of 1 asks for.
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.scene.forces.drives import Drive, driven_model
+from cmbrl.scene.drives import Drive, driven_model
 from cmbrl.walking import Walker, walking_task
 
 LEGS, JOINTS = ("FL", "FR", "RL", "RR"), {"hip": 0.0, "thigh": 0.9, "calf": -1.8}  # rad, when it stands

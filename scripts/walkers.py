@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from cmbrl.scene.forces.drives import Drive
+from cmbrl.scene.drives import Drive
 from cmbrl.walking import Walker, walking_task
 
 

@@ -14,7 +14,7 @@ from cmbrl.cli import main
 from cmbrl.models.both_laws import BothLaws
 from cmbrl.models.named import nominal_model
 from cmbrl.models.source import load_source
-from cmbrl.scene.forces.drives import Drive
+from cmbrl.scene.drives import Drive
 from cmbrl.train.recipe import configure
 from cmbrl.train.shac import SHAC
 from cmbrl.walking import Walker, Walking, walking_task
@@ -162,7 +162,7 @@ def test_motors_whose_driver_takes_targets(tmp_path):
 def test_a_task_is_fitted_under_its_drives(tmp_path):
     (tmp_path / "dog.xml").write_text(robot(actuators="".join(f'<motor joint="{name}"/>' for name in POSTURE)))
     (tmp_path / "dog.py").write_text(
-        "from pathlib import Path\nfrom cmbrl.scene.forces.drives import Drive\n"
+        "from pathlib import Path\nfrom cmbrl.scene.drives import Drive\n"
         "from cmbrl.walking import Walker, walking_task\n"
         "WALKER = Walker(scene=Path(__file__).with_name('dog.xml'), drives=(Drive('*', 'position', kp=60.0),))\n"
         "TASK = walking_task('dog', 'walks', WALKER)\n"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cmbrl.errors import UserError
-from cmbrl.scene.forces.drives import Drive
+from cmbrl.scene.drives import Drive
 
 _OFTEN, _BEYOND = 75.0, 1.0  # percent of the samples; ranges of controls
 _OUTSIDE = 0.05  # of the range of controls, by which commands of a driver overshoot it

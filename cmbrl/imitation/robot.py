@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from cmbrl.imitation.motion import Motion
     from cmbrl.imitation.tracking import Tracking
     from cmbrl.scene import Scene
-    from cmbrl.scene.forces.drives import Drive
+    from cmbrl.scene.drives import Drive
 
 
 # Chosen on the G1's walk: windows of 32 steps; little noise, since the model and MuJoCo agree; small nets, which take
@@ -33,7 +33,7 @@ class Robot:
     Args:
         scene: the MJCF.
         drives: laws of actuators that replace the file's: ``Drive("*", "position", kp, kd)`` for a file of motors whose
-            driver takes targets (:mod:`cmbrl.scene.forces.drives`).
+            driver takes targets (:mod:`cmbrl.scene.drives`).
         tracked: bodies whose motion is compared with the reference.
         anchor: the body that the others are judged relative to, such as the torso.
         ends: hands and feet; the episode ends if the height of one is too far off.

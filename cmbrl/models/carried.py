@@ -76,5 +76,5 @@ def _check_robot(own: Scene, scene: Scene, label: str) -> None:
         if kinds[0] != kinds[1]:
             raise UserError(
                 f"{label}: actuator {name!r} takes a {kinds[0]} there and a {kinds[1]} in the task: give the task "
-                f'drives=(Drive("*", "{kinds[0]}", ...),), see cmbrl.scene.forces.drives'
+                f'drives=(Drive("*", "{kinds[0]}", ...),), see cmbrl.scene.drives'
             )

@@ -148,7 +148,7 @@ def load_complementarity(folder: str | os.PathLike[str]) -> ComplementarityModel
     """
     from cmbrl.models.complementarity import ComplementarityModel
     from cmbrl.scene import Scene
-    from cmbrl.scene.forces.drives import Drive
+    from cmbrl.scene.drives import Drive
 
     file, result = Path(folder) / SETTINGS, Path(folder) / RESULT
     if not result.is_file():

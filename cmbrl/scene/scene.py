@@ -17,8 +17,8 @@ from cmbrl.scene.build import scene_fields
 from cmbrl.scene.collision.near import CHOICES
 from cmbrl.scene.core.core_arrays import CoreArrays
 from cmbrl.scene.core.inverse_weights import soften
+from cmbrl.scene.drives import Drive, driven_model
 from cmbrl.scene.fittable.inertia_shapes import add_shapes
-from cmbrl.scene.forces.drives import Drive, driven_model
 from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.parts import read_parts
@@ -104,7 +104,7 @@ class Scene:
                 random poses within the joint limits), "all" or "none".
             reduce: False keeps spatial algebra for planar scenes, candidates that can never touch and duplicate points.
                 The motion is the same at a higher cost; use it to check the simplification.
-            drives: laws of actuators that replace the file's (``cmbrl.scene.forces.drives``).
+            drives: laws of actuators that replace the file's (``cmbrl.scene.drives``).
 
         Raises:
             UserError: for a missing file, one that is neither an MJCF nor a URDF, or an unsupported element.

@@ -15,7 +15,7 @@ from cmbrl.data.position_log import PositionLog
 from cmbrl.errors import UserError
 from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.scene import Scene
-from cmbrl.scene.forces.drives import Drive
+from cmbrl.scene.drives import Drive
 
 ARM = """<mujoco model="arm"><option timestep="0.005" integrator="implicitfast"/><worldbody><body>
 <joint name="j" axis="0 1 0" damping="{damping}"/><geom size=".05" pos="0 0 -.3" mass="1"/></body></worldbody>

@@ -10,7 +10,7 @@ import pytest
 from cmbrl import Scene, UserError
 from cmbrl.models.carried import fit_for
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.scene.forces.drives import Drive
+from cmbrl.scene.drives import Drive
 
 SERVO = '<position name="{0}" joint="{0}" kp="40" kv="1"/>'
 MOTOR = '<motor name="{0}" joint="{0}" ctrlrange="-20 20"/>'

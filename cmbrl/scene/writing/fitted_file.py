@@ -18,7 +18,7 @@ import numpy as np
 
 from cmbrl.errors import UserError
 from cmbrl.scene.collision.contact_meaning import meaning
-from cmbrl.scene.forces.drives import write_drives
+from cmbrl.scene.drives import write_drives
 from cmbrl.scene.layout import CONTACT_FIELDS
 from cmbrl.scene.records import Array
 from cmbrl.scene.scene import Scene
