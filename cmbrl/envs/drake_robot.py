@@ -85,8 +85,8 @@ class DrakeRobot:
 def build(plant: Any, graph: Any, model: mujoco.MjModel) -> DrakeRobot:
     """Fills ``plant`` and its scene ``graph``, and finishes it.
 
-    Raises UserError for what is not the same there: ball joints, equality constraints, tendons, fluids, and actuators
-    other than position servos and motors of one joint.
+    Raises UserError for what is not the same there: ball joints, tendons, fluids, other equality constraints than
+    ``_add_tie`` has, and actuators other than position servos and motors of one joint.
     """
     _check(model)
     robot = DrakeRobot(plant, model, bodies=[plant.world_body()])
@@ -95,6 +95,8 @@ def build(plant: Any, graph: Any, model: mujoco.MjModel) -> DrakeRobot:
     for k in range(model.nu):
         _add_servo(robot, k)
     _add_rotors(robot)
+    for k in range(model.neq):
+        _add_tie(robot, k)
     add_shapes(plant, graph, model, robot.bodies)
     plant.mutable_gravity_field().set_gravity_vector(model.opt.gravity)
     plant.Finalize()
@@ -104,7 +106,6 @@ def build(plant: Any, graph: Any, model: mujoco.MjModel) -> DrakeRobot:
 def _check(model: mujoco.MjModel) -> None:
     for what, count in (
         ("ball joints", int((model.jnt_type == _BALL).sum())),
-        ("equality constraints", model.neq),
         ("tendons", model.ntendon),
         ("flexes", model.nflex),
         ("fluids (density or viscosity)", int(model.opt.density > 0 or model.opt.viscosity > 0)),
@@ -189,6 +190,23 @@ def _add_rotors(robot: DrakeRobot) -> None:
             servo = driven.get(joint.index()) or plant.AddJointActuator(f"rotor {number}", joint)
             servo.set_default_rotor_inertia(armature)
             servo.set_default_gear_ratio(1.0)
+
+
+def _add_tie(robot: DrakeRobot, k: int) -> None:
+    """A linear one of two joints, or a ball joint that closes a loop."""
+    model, kind = robot.model, mujoco.mjtEq(robot.model.eq_type[k])
+    if not model.eq_active0[k]:
+        return
+    one, other, data = int(model.eq_obj1id[k]), int(model.eq_obj2id[k]), model.eq_data[k]
+    if kind == mujoco.mjtEq.mjEQ_JOINT and {one, other} <= robot.joints.keys() and not data[2:5].any():
+        robot.plant.AddCouplerConstraint(robot.joints[one], robot.joints[other], data[1], data[0])
+    elif kind == mujoco.mjtEq.mjEQ_CONNECT and model.eq_objtype[k] == mujoco.mjtObj.mjOBJ_BODY:
+        robot.plant.AddBallConstraint(robot.bodies[one], data[:3], robot.bodies[other], data[3:6])
+    else:
+        raise UserError(
+            f"the simulator drake has no equality constraint such as {name_of(model, 'equality', k)!r}: it takes "
+            "linear ones of two joints, and connect of two bodies"
+        )
 
 
 def _limits(model: mujoco.MjModel, k: int) -> np.ndarray:

@@ -100,6 +100,32 @@ def test_sliding_slows_by_the_coefficient_of_mujoco(tmp_path: Path, shape: str) 
     assert abs(q[1]) < 2e-3  # it lies on the floor
 
 
+def test_ties_hold(tmp_path: Path) -> None:
+    """A finger that follows another one, and a pendulum that closes a loop, both turned by gravity and a motor."""
+    file = tmp_path / "tied.xml"
+    file.write_text(
+        """<mujoco><compiler angle="radian"/><option timestep="0.001"/><default><geom type="capsule" size=".02"/>
+        <joint axis="0 1 0"/></default><worldbody>
+        <body><joint name="a" ref=".2"/><geom fromto="0 0 0 .3 0 0" mass=".5"/></body>
+        <body pos="0 1 0"><joint name="b"/><geom fromto="0 0 0 .2 0 0" mass=".2"/></body>
+        <body name="l" pos="0 2 0"><joint/><geom fromto="0 0 0 0 0 -.3"/></body>
+        <body name="r" pos=".4 2 0"><joint/><geom fromto="0 0 0 0 0 -.3"/>
+        <body name="bar" pos="0 0 -.3"><joint/><geom fromto="0 0 0 -.4 0 0"/></body></body>
+        </worldbody><equality><joint joint1="a" joint2="b" polycoef=".1 -.5 0 0 0"/>
+        <connect body1="bar" body2="l" anchor="-.4 0 0"/></equality><actuator><motor joint="b"/></actuator></mujoco>"""
+    )
+    robot = MujocoSystem(file, 20)
+    drake = DrakeSystem(robot)
+    start = np.array([0.3, 0.0, 0.2, 0.2, -0.2])  # a = .2 + .1 - .5 b; a parallelogram
+    drake.reset(start, np.zeros(5))
+    q = start
+    for _ in range(20):
+        q, _ = drake.step(np.array([0.3]))
+    assert abs(q - start).max() > 0.3  # it has moved
+    assert q[0] - 0.2 == pytest.approx(0.1 - 0.5 * q[1], abs=1e-3)
+    np.testing.assert_allclose(q[[3, 4]], [q[2], -q[2]], atol=2e-3)
+
+
 def test_a_perturbed_robot_in_drake(arm: Callable[[float, int], MujocoSystem]) -> None:
     """The payload is in its masses, and a command that is late acts late."""
     make = partial(arm, 1e-3, 10)
