@@ -2,8 +2,8 @@
 
 The robot is that of a compiled ``mujoco.MjModel``, with its masses, joints, servos and torque limits; contact and time
 stepping are Drake's own: SAP (Castro, Permenter & Han, IEEE T-RO 2023, arXiv 2110.10107), points under spheres and
-pressure fields (hydroelastic contact) under other shapes, servos taken implicitly. Contacts of the robot with itself
-are left out, as are dry friction of joints, which Drake has not, and softness of contacts, which is Drake's.
+pressure fields (hydroelastic contact) under other shapes, servos taken implicitly. Dry friction of joints is left out,
+which Drake has not, and the softness of contacts is Drake's.
 """
 
 from __future__ import annotations

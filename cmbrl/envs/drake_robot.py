@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from cmbrl.envs.drake_shapes import add_shapes
+from cmbrl.envs.drake_shapes import add_shapes, filter_pairs
 from cmbrl.errors import UserError
 from cmbrl.scene.source.mjcf import name_of
 
@@ -97,9 +97,10 @@ def build(plant: Any, graph: Any, model: mujoco.MjModel) -> DrakeRobot:
     _add_rotors(robot)
     for k in range(model.neq):
         _add_tie(robot, k)
-    add_shapes(plant, graph, model, robot.bodies)
+    added = add_shapes(plant, model, robot.bodies)
     plant.mutable_gravity_field().set_gravity_vector(model.opt.gravity)
     plant.Finalize()
+    filter_pairs(graph, model, added)
     return robot
 
 

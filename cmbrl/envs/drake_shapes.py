@@ -1,57 +1,91 @@
-"""Shapes of a compiled MuJoCo robot in a Drake plant, and the friction of each with the world.
+"""Shapes of a compiled MuJoCo robot in a Drake plant: the pairs that may touch there, with the same friction.
 
-Drake mixes coefficients of friction as 2 a b / (a + b), MuJoCo takes the larger one, or that of the geom with priority.
-The world's shapes are so rough here (1e8) that half of MuJoCo's coefficient on the robot's side gives it.
+Drake mixes coefficients of friction as 2 a b / (a + b), MuJoCo takes the larger one, that of the geom with priority, or
+that of a pair. Coefficients with MuJoCo's friction in every pair are looked for: 1/a + 1/b = 2/mu.
 """
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from cmbrl.errors import UserError
-from cmbrl.scene.collision.mixing import collision_pairs, mixed
+from cmbrl.scene.collision.mixing import collision_pairs, mixed, pair_label
 from cmbrl.scene.source.mjcf import name_of
 
-_ROUGH = 1e8
+_SLIPPERY, _ROUGH = 1e-6, 1e8  # least and largest coefficients
+_OF_STILL = 30.0  # times as much as a pair of moving geoms
 _MODULUS, _RESOLUTION = 1e7, 0.02  # Pa, m: pressure fields of hard plastics
 _GEOM = mujoco.mjtGeom
 
 
-def add_shapes(plant: Any, graph: Any, model: mujoco.MjModel, bodies: list[Any]) -> None:
-    """Adds what of ``bodies`` may touch the world, and what of the world it may touch; nothing else touches.
+def add_shapes(plant: Any, model: mujoco.MjModel, bodies: list[Any]) -> dict[int, Any]:
+    """Adds all geoms that may touch another one to ``bodies``; returns their numbers in Drake by those in MuJoCo.
 
-    Raises UserError where the robot touches a height field, or has another friction on each shape of the world.
+    Raises UserError for a shape that Drake has not; warns where no coefficients give every pair the file's friction.
     """
+    frictions = _frictions(model)
+    still = set(np.flatnonzero(model.body_weldid[model.geom_bodyid] == 0).tolist())
+    coefficients = _coefficients(frictions, still)
+    _tell_other_frictions(model, frictions, coefficients)
+    return {geom: _add(plant, model, bodies, geom, value) for geom, value in sorted(coefficients.items())}
+
+
+def filter_pairs(graph: Any, model: mujoco.MjModel, added: dict[int, Any]) -> None:
+    """Lets only those pairs touch that may in MuJoCo; ``added`` is what ``add_shapes`` returned."""
     from pydrake.geometry import CollisionFilterDeclaration, GeometrySet
 
-    friction = _frictions(model)
-    for geom in sorted({still for still, _ in friction}):
-        _add(plant, model, bodies, geom, _ROUGH)
-    robot = []
-    for geom in sorted({moving for _, moving in friction}):
-        coefficients = {found for (_, moving), found in friction.items() if moving == geom}
-        if len(coefficients) > 1:
-            raise UserError(
-                f"{name_of(model, 'geom', geom)} has another friction on each shape of the world; the simulator drake "
-                "mixes frictions in a way of its own, so judge this robot in MuJoCo"
-            )
-        robot.append(_add(plant, model, bodies, geom, 0.5 * coefficients.pop()))
-    graph.collision_filter_manager().Apply(CollisionFilterDeclaration().ExcludeWithin(GeometrySet(robot)))
+    others: dict[int, list[int]] = {}
+    for first, second in _frictions(model):
+        others.setdefault(first, []).append(second)
+    declaration = CollisionFilterDeclaration().ExcludeWithin(GeometrySet(list(added.values())))
+    for first, seconds in others.items():
+        declaration.AllowBetween(GeometrySet([added[first]]), GeometrySet([added[geom] for geom in seconds]))
+    graph.collision_filter_manager().Apply(declaration)
 
 
 def _frictions(model: mujoco.MjModel) -> dict[tuple[int, int], float]:
-    """MuJoCo's coefficient of friction by (geom of the world, geom of the robot)."""
-    found = {}
-    for first, second, pair in collision_pairs(model):
-        still = [geom for geom in (first, second) if model.body_weldid[model.geom_bodyid[geom]] == 0]
-        if still:
-            moving = second if still[0] == first else first
-            law = mixed(model, first, second, pair)
-            found[still[0], moving] = float(law.friction[0]) if law.dim > 1 else 0.0
-    return found
+    """MuJoCo's coefficient of friction by pair of geoms."""
+    laws = {(first, second): mixed(model, first, second, pair) for first, second, pair in collision_pairs(model)}
+    return {pair: float(law.friction[0]) if law.dim > 1 else 0.0 for pair, law in laws.items()}
+
+
+def _coefficients(frictions: dict[tuple[int, int], float], still: set[int]) -> dict[int, float]:
+    """A coefficient for every geom by which these ``frictions`` come out in Drake, or come near where none do so.
+
+    Then those on ``still`` geoms count most: feet on a floor.
+    """
+    from scipy.optimize import nnls
+
+    geoms = sorted({geom for pair in frictions for geom in pair})
+    matrix, weight = np.zeros((len(frictions), len(geoms))), np.ones(len(frictions))
+    for row, (pair, friction) in enumerate(frictions.items()):
+        weight[row] = _OF_STILL if still & set(pair) else 1.0
+        matrix[row, [geoms.index(geom) for geom in pair]] = weight[row] * 0.5 * max(friction, _SLIPPERY)
+    smooth = nnls(matrix, weight)[0] if frictions else np.zeros(0)
+    return {geom: float(1.0 / max(x, 1.0 / _ROUGH)) for geom, x in zip(geoms, smooth, strict=True)}
+
+
+def _tell_other_frictions(
+    model: mujoco.MjModel, frictions: dict[tuple[int, int], float], coefficients: dict[int, float]
+) -> None:
+    """A warning that names the pair whose friction is farthest from the file's, if it is off by a hundredth."""
+    off = {pair: mixed_by_drake(*(coefficients[geom] for geom in pair)) - mu for pair, mu in frictions.items()}
+    worst = max(off, key=lambda pair: abs(off[pair]), default=None)
+    if worst is not None and abs(off[worst]) > 0.01 * max(frictions[worst], _SLIPPERY) + _SLIPPERY:
+        warnings.warn(
+            f"Drake mixes the frictions of two shapes by a rule of its own: {pair_label(model, *worst)} have "
+            f"{frictions[worst] + off[worst]:.2g} there, and {frictions[worst]:.2g} in MuJoCo",
+            stacklevel=2,
+        )
+
+
+def mixed_by_drake(one: float, other: float) -> float:
+    """The friction of two shapes with these coefficients."""
+    return 2 * one * other / (one + other)
 
 
 def _add(plant: Any, model: mujoco.MjModel, bodies: list[Any], geom: int, friction: float) -> Any:
@@ -70,8 +104,6 @@ def _add(plant: Any, model: mujoco.MjModel, bodies: list[Any], geom: int, fricti
     kind = _GEOM(model.geom_type[geom])
     if kind == _GEOM.mjGEOM_PLANE:
         AddRigidHydroelasticProperties(properties)
-    elif friction == _ROUGH:
-        AddRigidHydroelasticProperties(_RESOLUTION, properties)
     elif kind != _GEOM.mjGEOM_SPHERE:  # a sphere touches in a point
         AddCompliantHydroelasticProperties(_RESOLUTION, _MODULUS, properties)
     turn, place = model.geom_quat[geom], model.geom_pos[geom]
