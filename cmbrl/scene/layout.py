@@ -3,7 +3,8 @@
 P = per body [mass, centre of mass (D), inertia about it (planar 1: about the axis; spatial xx yy zz xy xz yz)],
     per degree of freedom, then per tendon [armature, damping, stiffness, spring reference, friction loss,
     its slope with the coordinate, Stribeck's part of it, the speed that takes that away,
-    how much farther apart than in the file each of its limits is],
+    how much farther apart than in the file each of its limits is,
+    the limits' time constant, damping ratio and softness, as factors of the file's],
     per plane [height], per actuator [gear, gain, bias (3), time constant,
     limit of its force, how that falls with speed, half of its backlash], gravity (D),
     per contact [friction, restitution, sum of radii, solref (2), d0, dmax, width, softness scale,
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 DOF_FIELDS = (
     *("armature", "damping", "stiffness", "springref"),
     *("frictionloss", "friction_slope", "stribeck", "stribeck_speed", "wider"),
+    *("stop_time", "stop_damping", "stop_softness"),
 )
 CONTACT_FIELDS = (
     *("friction", "restitution", "radius", "solref0", "solref1", "d0", "dmax", "width", "rscale"),

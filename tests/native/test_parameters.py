@@ -27,7 +27,8 @@ PLANAR = """<mujoco><option timestep=".004"/><worldbody><geom type="plane" size=
 <joint name="turn" axis="0 1 0"/><geom type="capsule" size=".05 .1"/><body name="leg" pos="0 0 -.1">
 <joint name="knee" axis="0 1 0" range="-40 40" limited="true" frictionloss=".2"/>
 <geom type="capsule" size=".04" fromto="0 0 0 .1 0 -.2"/></body></body></worldbody></mujoco>"""
-SPREAD = {"mass": (0.6, 1.7), "inertia": (0.4, 2.5), "inertia_tilt": (-0.5, 0.5)}
+SPREAD = {"mass": (0.6, 1.7), "inertia": (0.4, 2.5), "inertia_tilt": (-0.5, 0.5), "stop_time": (1.5, 3.0)}
+SPREAD |= {"stop_damping": (0.3, 2.0), "stop_softness": (0.2, 5.0)}
 
 
 def written(folder: Path, text: str, contact_law: str = "mujoco") -> Scene:
@@ -61,7 +62,8 @@ def test_derivatives_away_from_the_file(
         scene, smoothing=smoothing, integrator=integrator, parameters=elsewhere(scene, 1), path_tolerance=1e-12
     )
     row = compare(model, *random_states(scene, 12, np.random.default_rng(0), RANGES), 400)
-    expected = {"mass", "inertia", "com_x", "frictionloss"} | ({"inertia_tilt"} if text == TREE else set())
+    stops = {"stop", "stop_time", "stop_damping", "stop_softness"}
+    expected = {"mass", "inertia", "com_x", "frictionloss", *stops} | ({"inertia_tilt"} if text == TREE else set())
     assert expected <= set(row["kinds"])
     assert row["median"] <= 1e-6, row
     assert row["worst"] <= 1e-4, row

@@ -19,7 +19,7 @@ enum ContactLaw { kRigid = 0, kMujoco = 1, kSpringDamper = 2, kLogistic = 3 };  
 
 // Offsets of one field inside the block of a contact, a line (a dof or a tendon), an actuator in the physical vector P.
 enum ContactField { kMu, kRestitution, kRadius, kSolref0, kSolref1, kD0, kDmax, kWidth, kRscale, kSpin, kRoll, kContactFields };
-enum DofField { kArmature, kDamping, kStiffness, kSpringref, kFrictionloss, kFrictionSlope, kStribeck, kStribeckSpeed, kWider, kDofFields };
+enum DofField { kArmature, kDamping, kStiffness, kSpringref, kFrictionloss, kFrictionSlope, kStribeck, kStribeckSpeed, kWider, kStopTime, kStopDamping, kStopSoftness, kDofFields };
 enum ActuatorField { kGear, kGain, kBias0, kBias1, kBias2, kTime, kLimit, kLimitSlope, kGap, kActuatorFields };
 
 // Which dofs couple: all that a contact solve knows of the robot. Columns of row k: idx[ptr[k]] to idx[ptr[k + 1]], all below

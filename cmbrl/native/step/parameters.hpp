@@ -127,6 +127,23 @@ struct ParameterColumns : ForceColumns<G> {
       this->add_along(line, l.sign * keep(l.on, dphi * (growth - l.Th * (l.dc_dphi + l.dR_dphi * l.gam))));
     }
   }
+  // Of the law of both limits of a line: a field of it, differenced in place as those of contacts are.
+  void stop(int line, int field, double coef) {
+    const T* scale = w.P + m.oDof + line * kDofFields + kStopTime;
+    for (int i = 0; i < w.nlim; ++i) {
+      const Limit& l = w.lim[i];
+      if (l.line != line) continue;
+      T low[3] = {scale[0], scale[1], scale[2]}, high[3] = {scale[0], scale[1], scale[2]};
+      T step = 1e-6 * scale[field - kStopTime], speed = along(m, w, l, w.v);
+      low[field - kStopTime] -= step;
+      high[field - kStopTime] += step;
+      Law a = stop_law(m, o, w, l.index, l.phi, low), b = stop_law(m, o, w, l.index, l.phi, high);
+      T by = (0.5 * coef) / step, dR = by * (b.R - a.R), dc = by * (b.c0 - a.c0 - (b.carry - a.carry) * speed);
+      T pull = keep(l.on, (l.slope_R * dR + l.slope * dc) / (l.s + l.gam * l.R) - l.Th * (dc + dR * l.gam));
+      if (l.round) CMBRL_FOR(k, 3) at(line - 2 + k) += l.axis[k] * pull;
+      else this->add_along(line, l.sign * pull);
+    }
+  }
   void softer(const DryFriction& d, T dR) { this->add_along(d.line, keep(d.on, -d.Th * d.R * dR * d.b)); }
 
   void column(int k) {
@@ -149,6 +166,8 @@ struct ParameterColumns : ForceColumns<G> {
       int line = (idx - m.oDof) / kDofFields, field = (idx - m.oDof) % kDofFields;
       if (idx < m.oPlane && field == kWider) {
         if (part == Part::step) wider(line, coef);
+      } else if (idx < m.oPlane && field > kWider) {
+        if (part == Part::step) stop(line, field, coef);
       } else if (idx < m.oPlane) this->line(line, field, coef);
       else if (idx < m.oAct) {
         for (int i = 0; i < w.ncon; ++i)

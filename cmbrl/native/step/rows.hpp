@@ -147,6 +147,18 @@ static T line_limit(const Model& m, const Work<G>& w, int i, Direction& d) {
   return select(lower, below, above);
 }
 
+// The law of a limit at a distance phi, with its time constant, damping ratio and softness that many times those of the file: as
+// MuJoCo's solreflimit has them, whether it is written as a time constant or, below 0, as a stiffness.
+template <class G>
+static Law stop_law(const Model& m, const Options& o, const Work<G>& w, int i, T phi, const T* scale) {
+  const double* s = m.lim_soft + 7 * i;
+  T time = scale[0], damping = scale[1];
+  T ref0 = s[0] > 0 ? s[0] * time : s[0] / (time * time * damping * damping);
+  T ref1 = s[0] > 0 ? s[1] * damping : s[1] / time;
+  return soft_law(phi, m.lim_margin[i], o.h, m.least_time(o.h), ref0, ref1, splat(s[2]), splat(s[3]), splat(s[4]), s[5], s[6],
+                  m.lim_invweight[i] * weight_of(w, m.lim_weight[i]) * scale[2]);
+}
+
 template <class G>
 static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask* given) {
   bool prune = o.prune < 1e300 && !given;
@@ -163,9 +175,7 @@ static void find_limits(const Model& m, const Options& o, Work<G>& w, const Mask
     if (prune) on = wide = acts & (slack + vmin(closing, -vabs(speed)) < __builtin_fmax(enough, most));
     Limit& l = w.lim[w.nlim];
     if (any(on)) {
-      const double* s = m.lim_soft + 7 * i;
-      Law L = soft_law(phi, m.lim_margin[i], o.h, m.least_time(o.h), splat(s[0]), splat(s[1]), splat(s[2]), splat(s[3]), splat(s[4]), s[5], s[6],
-                       m.lim_invweight[i] * weight_of(w, m.lim_weight[i]));
+      Law L = stop_law(m, o, w, i, phi, w.P + m.oDof + way.line * kDofFields + kStopTime);
       static_cast<Direction&>(l) = way;
       l.index = i;
       l.root = vsqrt(m.lim_invweight[i] + L.R);

@@ -27,6 +27,11 @@ def softened(
     return ref, (low, high, width)
 
 
+def slower(ref0: float, ref1: float, time: float, damping: float) -> tuple[float, float]:
+    """solref with a time constant and a damping ratio that many times its own, also where it is a stiffness below 0."""
+    return (ref0 * time, ref1 * damping) if ref0 > 0 else (ref0 / (time * damping) ** 2, ref1 / time)
+
+
 def meaning(blocks: Array, softness: Array) -> Array:
     """Contacts (n, 11) of the physical vector, as (n, 10) numbers that decide how they act.
 

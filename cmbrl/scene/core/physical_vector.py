@@ -23,6 +23,8 @@ STRIBECK_SPEED = 0.1  # rad/s or m/s: dry friction that speed takes away, of whi
 def physical_vector(model: mujoco.MjModel, parts: Parts, layout: Layout, law: LawChoice) -> Array:
     """P (nP,) at the values of the file, in the order of ``layout.py``."""
     P = np.zeros(layout.size)
+    for line in range(layout.nv + layout.ntendon):
+        P[layout.dof(line, "stop_time") : layout.dof(line, "stop_softness") + 1] = 1.0  # factors of the file's limits
     _write_bodies(P, layout, parts.tree, parts.plane)
     _write_joints(P, layout, model, parts.tree)
     _write_tendons(P, layout, model, parts.tendons)

@@ -12,7 +12,7 @@ from cmbrl.scene.fittable.play import driven_by, plays
 from cmbrl.scene.forces.actuators import UNLIMITED, Actuator, force_limit
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.records import WORLD, Array, Joint, JointKind, Tree
-from cmbrl.scene.source.mjcf import friction_acts
+from cmbrl.scene.source.mjcf import friction_acts, limits_act
 
 _UNITS = {  # for slides, for hinges and balls
     "damping": ("N s/m", "N m s/rad"),
@@ -31,7 +31,8 @@ _TIMES = 20.0  # and its inverse, of what is not 0 in the file
 _REACH = 0.2  # [rad, m] off its target, where a servo without a limit is said to give all it has
 _LEAST_LIMIT = {True: 0.01, False: 1e-9}  # of the file's limit of a force; of UNLIMITED, where it has none
 _STEEPEST = 1e3  # [N m s/rad, N s/m] of a limit that falls with speed
-_GAP = {True: 0.02, False: 0.2}  # largest backlash of slides [m] and hinges [rad]
+_STOPS = (("stop_time", 0.01, 100.0), ("stop_damping", 0.01, 100.0), ("stop_softness", 1e-3, 1e3))
+_GAP = {True: 0.02, False: 0.2}  # largest backlash of slides [m] and hinges [rad], and what a stop may be off
 
 
 def offer_joints(
@@ -62,9 +63,29 @@ def offer_joints(
             elif high > 0 and not _floating(tree, joints[0], actuators):
                 out.add(field, name, 0.0, 0.0, high, unit, indices)
     _offer_gaps(model, free, layout, out)
+    _offer_stops(model, [joint for joints in by_source.values() for joint in joints], layout, out)
     every = [joint for joints in by_source.values() for joint in joints]
     own = [j for j in every if j.kind != JointKind.BALL and not _floating(tree, j, actuators)]
     _offer_friction_laws(own, bounds["frictionloss"], layout, P, out)
+
+
+def _offer_stops(model: mujoco.MjModel, joints: Sequence[Joint], layout: Layout, out: Collector) -> None:
+    """How hard the stops of joints are, of all together: they are built alike, and a log touches few of them.
+
+    On request how much farther out those of one joint are.
+    """
+    free = int(mujoco.mjtJoint.mjJNT_FREE)
+    stopped = [j for j in joints if model.jnt_limited[j.source] and int(model.jnt_type[j.source]) != free]
+    if not stopped or not limits_act(model):
+        return
+    for field, low, high in _STOPS:
+        out.add(field, "joints", 1.0, low, high, "1", [layout.dof(joint.dofs[-1], field) for joint in stopped])
+    for joint in stopped:
+        slides = joint.kind == JointKind.SLIDE
+        most = min(_GAP[slides], 0.45 * float(np.ptp(model.jnt_range[joint.source])))
+        if most > 0 and joint.kind != JointKind.BALL:
+            place, unit = [layout.dof(joint.vadr, "wider")], "m" if slides else "rad"
+            out.add("stop", joint.name, 0.0, -most, most, unit, place, default=False)
 
 
 def _offer_gaps(model: mujoco.MjModel, free: Sequence[Joint], layout: Layout, out: Collector) -> None:

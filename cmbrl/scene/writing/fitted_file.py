@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.errors import UserError
-from cmbrl.scene.collision.contact_meaning import meaning
+from cmbrl.scene.collision.contact_meaning import meaning, slower
 from cmbrl.scene.drives import write_drives
 from cmbrl.scene.layout import CONTACT_FIELDS
 from cmbrl.scene.records import Array
@@ -127,6 +127,8 @@ def _by_meaning(scene: Scene, P: Array, softness: Array) -> Array:
     P = P.copy()
     for k, line in enumerate(core.lim_line.tolist()):  # relative to the file's range
         P[scene.layout.dof(line, "wider")] += 0.5 * (core.lim_hi[k] - core.lim_lo[k])
+        stop = slice(scene.layout.dof(line, "stop_time"), scene.layout.dof(line, "stop_softness") + 1)
+        P[stop] = _stop_meaning(core.lim_soft[k], *P[stop])
     for k, actuator in enumerate(core.wide_act.tolist()):  # a gear there is relative to the file's
         arms = core.wide_coef[core.wide_ptr[k] : core.wide_ptr[k + 1]]
         P[scene.layout.actuator(actuator, "gear")] *= np.linalg.norm([*core.wide_local[k], *arms])
@@ -142,6 +144,14 @@ def _by_meaning(scene: Scene, P: Array, softness: Array) -> Array:
     else:
         blocks = np.delete(blocks, CONTACT_FIELDS.index("rscale"), axis=1)
     return np.concatenate([P[:first], blocks.ravel()])
+
+
+def _stop_meaning(soft: Array, time: float, damping: float, softness: float) -> Array:
+    """Stiffness, damping and compliance (3,) of a limit with solref and solimp ``soft`` (7,) and these factors."""
+    block = np.zeros((1, len(CONTACT_FIELDS)))
+    block[0, 3:8] = *slower(float(soft[0]), float(soft[1]), time, damping), *soft[2:5]
+    found: Array = meaning(block, np.array([softness]))[0, [3, 4, 6]]
+    return found
 
 
 def _aligned(held: Scene, scene: Scene) -> Array:

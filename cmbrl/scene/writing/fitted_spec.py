@@ -14,7 +14,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from cmbrl.scene.collision.contact_meaning import softened
+from cmbrl.scene.collision.contact_meaning import slower, softened
 from cmbrl.scene.collision.mixing import Mixed, collision_pairs, mixed, pair_label
 from cmbrl.scene.layout import ACTUATOR_FIELDS
 from cmbrl.scene.records import Array
@@ -75,6 +75,21 @@ class FittedSpec:
                     _add(element, field, added)
             if wider := self.change[layout.dof(line, "wider")]:
                 _widen(element, wider, line < self.scene.nv and bool(self.spec.compiler.degree))
+        self._stops(lines)
+
+    def _stops(self, lines: list[tuple[Any, int]]) -> None:
+        """How soft limits are: solref and solimp of joints and tendons."""
+        core, layout = self.scene.core, self.scene.layout
+        elements = {line: element for element, line in lines}
+        for k, line in enumerate(core.lim_line.tolist()):
+            first = layout.dof(line, "stop_time")
+            time, damping, softness = self.P[first : first + 3].tolist()
+            element = elements.get(line)
+            if element is None or (time, damping, softness) == (1.0, 1.0, 1.0):
+                continue
+            ref0, ref1, d0, dmax, width = core.lim_soft[k, :5].tolist()
+            solref, solimp = softened(*slower(ref0, ref1, time, damping), d0, dmax, width, softness)
+            element.solref_limit[:], element.solimp_limit[:3] = solref, solimp
 
     def _take_reflected(self) -> dict[tuple[int, str], float]:
         """Armature and damping of actuators, taken from them, by line."""
