@@ -12,7 +12,7 @@ from cmbrl.data.drive import scene_of
 from cmbrl.data.importing import base, build, compensation, feet, whereabouts, whole_arrays
 from cmbrl.data.importing.bodies import PLACE, joints_of
 from cmbrl.data.importing.build import Frames
-from cmbrl.data.importing.commanded import Commanded
+from cmbrl.data.importing.commanded import Commanded, idle
 from cmbrl.data.importing.gains import Gains, gains_of
 from cmbrl.data.importing.grid import Counts, Key, Series, to_grid, usual_step
 from cmbrl.data.importing.readers import read
@@ -114,6 +114,8 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
         episodes, moved = whereabouts.of_markers(episodes, dt, scene, options.markers)
         columns += moved
     keys = set(episodes[0])
+    if without := idle(keys, scene):
+        columns.append(f"commands of {short(without, 3)} are left out: no actuator of the file takes them")
     if options.compensated:
         episodes, held = compensation.added(episodes, scene)
         columns += held
