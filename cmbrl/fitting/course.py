@@ -17,6 +17,7 @@ from cmbrl.fitting.beginning import beginning
 from cmbrl.fitting.cma import cma_search
 from cmbrl.fitting.drives import FADE, GAP, LIMIT
 from cmbrl.fitting.extension import Extension
+from cmbrl.fitting.finer_steps import finer_steps
 from cmbrl.fitting.folds import Folds, draw_starts
 from cmbrl.fitting.judge import Judge
 from cmbrl.fitting.judging import harmed, helped, judged, returned
@@ -26,8 +27,9 @@ from cmbrl.fitting.objective import Objective
 from cmbrl.fitting.parsimony import Selection
 from cmbrl.fitting.polish import polished
 from cmbrl.fitting.random_search import random_search
+from cmbrl.fitting.refining import Refining
 from cmbrl.fitting.sliding import label, supported_sliding
-from cmbrl.fitting.standing import GAUSS_NEWTON, Standing
+from cmbrl.fitting.standing import GAUSS_NEWTON
 from cmbrl.fitting.state import Journal
 from cmbrl.fitting.survey import Survey, Surveyor
 from cmbrl.fitting.told_gains import GAINS
@@ -38,7 +40,7 @@ from cmbrl.models.observation import DELAY, LAG
 SEARCHES: dict[str, Callable[..., Any]] = {"random": random_search, "cma": cma_search}
 
 
-class Course(Standing):
+class Course(Refining):
     """One fit, part by part."""
 
     def run(self) -> str | None:
@@ -46,6 +48,7 @@ class Course(Standing):
         try:
             self._set_pace()
             with self.part("beginning"):
+                self.shorten()
                 self.incumbent.begin = np.array(self.journal.unit("begin", self._begin)["z"])
             with self.part("sliding"):
                 found = supported_sliding(self._surveyor(), self._horizons)
@@ -159,6 +162,22 @@ class Course(Standing):
                     Extension(*self._trials(*self._everything(), [])).confirm(self.incumbent, groups)
                 if (self.incumbent.active != before).any():  # what is left has to make up for what is gone
                     self._polish("polish again")
+        self._refine()
+
+    def _refine(self) -> None:
+        """Goes on in finer time steps where these explain most of what is left."""
+        if not (self.may_refine and self.incumbent.active.any()):
+            return
+        before, z, cuts = self.evidence, self.incumbent.z, self.journal.cuts
+        with self.part("polish"):
+            loss, active = self.loss(self.budget.trial_rows), self.incumbent.active
+            self.step_finer(self.journal.unit("steps", lambda: {"finer": finer_steps(before, loss, z, active)}))
+        if self.evidence is before:
+            return
+        with self.part("polish"):
+            self._polish("polish in finer steps")
+        if self.journal.cuts > cuts:  # no time to move what had made up for the longer steps
+            self.evidence, self.finer, self.incumbent.z = before, None, z
 
     def _laws(self) -> list[list[str]]:
         """Laws of motors and gains that the fit has taken, to be confirmed beside all that it took later."""

@@ -25,6 +25,7 @@ from cmbrl.fitting.discrepancy import Discrepancy
 from cmbrl.fitting.evidence import Evidence
 from cmbrl.fitting.folds import draw_starts, fold_count
 from cmbrl.fitting.noise import sensor_noise
+from cmbrl.fitting.play_shown import play_shown
 from cmbrl.fitting.rate import RateCheck
 from cmbrl.fitting.report import conclude
 from cmbrl.fitting.result import FitResult
@@ -126,6 +127,8 @@ def _concluded(course: Course, stopped: str | None) -> FitResult:
         "horizons": by_horizon(evidence, unseen, huber, budget.judged, noise) if unseen else [],
         "stepping": course.stepping,
         "sliding": course.sliding,
+        "finer": course.finer,
+        "play": _play(course),
         "pace": course.pace.told if course.pace else None,
     }  # fmt: skip
     discrepancy = Discrepancy(evidence, course.survey, huber, course.seed, budget.survey_rows, journal)
@@ -134,6 +137,14 @@ def _concluded(course: Course, stopped: str | None) -> FitResult:
         evidence.model, evidence.log, evidence.space, loss, told, course.held_out, incumbent, journal, about,
         discrepancy, budget, course.movable,
     )  # fmt: skip
+
+
+def _play(course: Course) -> list[dict[str, Any]]:
+    """Joints whose play residuals show, as far as time allows to look for it."""
+    active = course.incumbent.active
+    if not active.any():
+        return []
+    return play_shown(course.evidence, course.incumbent.z, active, course.huber, course.seed, course.journal)
 
 
 def _noisy(evidence: Evidence) -> bool:
