@@ -122,6 +122,14 @@ def test_a_drone_that_rests_for_most_of_the_log_tells_the_clock():
     assert found.error < 0.002
 
 
+def test_joints_that_have_no_column_do_not_hide_the_clock(walk):
+    held = dict(np.load(walk["folder"] / "joints.npz"))
+    held["joint_position"], held["joint_names"] = held["joint_position"][:, 1:], held["joint_names"][1:]
+    np.savez(walk["folder"] / "fewer.npz", **held)
+    with pytest.raises(UserError, match=rf"no column for {JOINTS[0]}\.position"):  # a tie or a loop would tell it
+        brought(walk, "fewer.npz", capture="named.npz")
+
+
 def test_a_drone_without_a_gyroscope_is_told_to_log_one(tmp_path: Path) -> None:
     drone = '<body name="b"><freejoint name="b"/><geom size=".1"/><site name="s"/></body>'
     thrust = '<actuator><motor name="thrust" site="s" gear="0 0 1 0 0 0"/></actuator>'

@@ -167,7 +167,8 @@ def _compared(
     if gyro is not None and frame == "body":
         told = base_clock.Course(gyro.time, gyro.values)
         return base_clock.Course(time, motion.values[:, 3:]), told, told
-    singles = [robot[joint.name, "position"] for joint in joints_of(scene)[0]]
+    keys = [(joint.name, "position") for joint in joints_of(scene)[0]]
+    singles = [robot[key] for key in keys if key in robot]  # others follow by ties and loops
     if not singles:
         raise UserError(
             "nothing but the base moves, so the offset of the clocks is open: log a gyroscope (base.wx to base.wz) and "
