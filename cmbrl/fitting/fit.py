@@ -10,6 +10,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
 
@@ -112,6 +113,9 @@ def fit(
     stopped = course.run()
     with course.part("report"):
         result = _concluded(course, stopped)
+    result.report["play"] = []
+    with course.part("report"), suppress(KeyboardInterrupt):  # advice: the fit is complete without it
+        result.report["play"] = _play(course)
     return result
 
 
@@ -128,7 +132,6 @@ def _concluded(course: Course, stopped: str | None) -> FitResult:
         "stepping": course.stepping,
         "sliding": course.sliding,
         "finer": course.finer,
-        "play": _play(course),
         "pace": course.pace.told if course.pace else None,
     }  # fmt: skip
     discrepancy = Discrepancy(evidence, course.survey, huber, course.seed, budget.survey_rows, journal)
