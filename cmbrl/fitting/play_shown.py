@@ -18,7 +18,7 @@ import numpy as np
 from cmbrl.data.unlogged import unlogged, with_columns
 from cmbrl.errors import UserError
 from cmbrl.fitting.evidence import Evidence
-from cmbrl.fitting.folds import draw_starts
+from cmbrl.fitting.folds import draw_starts, windows_in_blocks
 from cmbrl.fitting.loss import PredictionLoss
 from cmbrl.fitting.space import Space
 from cmbrl.fitting.state import Journal, OutOfTime
@@ -47,9 +47,9 @@ def play_shown(
     if evidence.free or not scene.path or scene.urdf_changes:
         return []
     steps = max(2, round(_AHEAD / evidence.log.dt))
-    starts = draw_starts(evidence.log, steps, _ROWS, seed)
-    if not len(starts):
+    if not len(windows_in_blocks(evidence.log, steps)):  # episodes that are shorter
         return []
+    starts = draw_starts(evidence.log, steps, _ROWS, seed)
     loss, theta = evidence.loss(starts, steps, *evidence.scales(steps, huber)), evidence.space.theta(z)
     work = len(_GAPS) * (len(evidence.log) + len(starts) * steps)
     changes: dict[Hashable, tuple[PredictionLoss, np.ndarray]] = {}

@@ -62,6 +62,15 @@ def test_a_file_that_has_play_is_not_tried_again(tmp_path: Path) -> None:
     assert play_shown(evidence, z, np.ones(len(z), dtype=bool), 0.5, 0, Journal(None, "")) == []
 
 
+def test_episodes_too_short_for_play_to_show_are_left_alone(tmp_path: Path) -> None:
+    file = tmp_path / "arm.xml"
+    file.write_text(ARM)
+    log, _ = recorded(played_file(file, {"a": NONE, "b": 0.03}), 300)
+    log = replace(log, episode=np.arange(len(log)) // 5)
+    model = ComplementarityModel(Scene.from_mjcf(file), 4, sliding="convex")
+    assert cmbrl.fit(model, log, groups=["mass", "armature"], horizon=1).report["play"] == []
+
+
 SERVOS = (
     '<position joint="a" kp="400" kv="40"/><position joint="b" kp="200" kv="20"/></actuator>',
     '<motor joint="a" ctrlrange="-2 2"/><motor joint="b" ctrlrange="-1 1"/></actuator>',
