@@ -14,6 +14,7 @@ import numpy as np
 
 from cmbrl.fitting.choice.drives import FADE, GAP, LIMIT
 from cmbrl.fitting.choice.extension import Extension
+from cmbrl.fitting.choice.finer_steps import finer_steps
 from cmbrl.fitting.choice.judging import harmed, helped, judged, returned
 from cmbrl.fitting.choice.multi_start import MultiStart
 from cmbrl.fitting.choice.parsimony import Selection
@@ -24,6 +25,7 @@ from cmbrl.fitting.log.sliding import label, supported_sliding
 from cmbrl.fitting.log.survey import Survey, Surveyor
 from cmbrl.fitting.outcome.agreement import Comparison
 from cmbrl.fitting.outcome.verdict import stepping
+from cmbrl.fitting.refining import Refining
 from cmbrl.fitting.search.beginning import beginning
 from cmbrl.fitting.search.cma import cma_search
 from cmbrl.fitting.search.folds import Folds, draw_starts
@@ -31,14 +33,14 @@ from cmbrl.fitting.search.loss import PredictionLoss
 from cmbrl.fitting.search.objective import Objective
 from cmbrl.fitting.search.random_search import random_search
 from cmbrl.fitting.search.unseen import held_out_rows
-from cmbrl.fitting.standing import GAUSS_NEWTON, Standing
+from cmbrl.fitting.standing import GAUSS_NEWTON
 from cmbrl.fitting.state import Journal
 from cmbrl.models.observation import DELAY, LAG
 
 SEARCHES: dict[str, Callable[..., Any]] = {"random": random_search, "cma": cma_search}
 
 
-class Course(Standing):
+class Course(Refining):
     """One fit, part by part."""
 
     def run(self) -> str | None:
@@ -46,6 +48,7 @@ class Course(Standing):
         try:
             self._set_pace()
             with self.part("beginning"):
+                self.shorten()
                 self.incumbent.begin = np.array(self.journal.unit("begin", self._begin)["z"])
             with self.part("sliding"):
                 found = supported_sliding(self._surveyor(), self._horizons)
@@ -159,6 +162,22 @@ class Course(Standing):
                     Extension(*self._trials(*self._everything(), [])).confirm(self.incumbent, groups)
                 if (self.incumbent.active != before).any():  # what is left has to make up for what is gone
                     self._polish("polish again")
+        self._refine()
+
+    def _refine(self) -> None:
+        """Goes on in finer time steps where these explain most of what is left."""
+        if not (self.may_refine and self.incumbent.active.any()):
+            return
+        before, z, cuts = self.evidence, self.incumbent.z, self.journal.cuts
+        with self.part("polish"):
+            loss, active = self.loss(self.budget.trial_rows), self.incumbent.active
+            self.step_finer(self.journal.unit("steps", lambda: {"finer": finer_steps(before, loss, z, active)}))
+        if self.evidence is before:
+            return
+        with self.part("polish"):
+            self._polish("polish in finer steps")
+        if self.journal.cuts > cuts:  # no time to move what had made up for the longer steps
+            self.evidence, self.finer, self.incumbent.z = before, None, z
 
     def _laws(self) -> list[list[str]]:
         """Laws of motors and gains that the fit has taken, to be confirmed beside all that it took later."""

@@ -10,6 +10,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
 
@@ -18,6 +19,7 @@ import numpy as np
 from cmbrl.data.several import Logs
 from cmbrl.data.transitions import Transitions
 from cmbrl.fitting.budget import Budget
+from cmbrl.fitting.choice.play_shown import play_shown
 from cmbrl.fitting.clock import Clock
 from cmbrl.fitting.course import SEARCHES, Course
 from cmbrl.fitting.log.evidence import Evidence
@@ -111,6 +113,9 @@ def fit(
     stopped = course.run()
     with course.part("report"):
         result = _concluded(course, stopped)
+    result.report["play"] = []
+    with course.part("report"), suppress(KeyboardInterrupt):  # advice: the fit is complete without it
+        result.report["play"] = _play(course)
     return result
 
 
@@ -126,6 +131,7 @@ def _concluded(course: Course, stopped: str | None) -> FitResult:
         "horizons": by_horizon(evidence, unseen, huber, budget.judged, noise) if unseen else [],
         "stepping": course.stepping,
         "sliding": course.sliding,
+        "finer": course.finer,
         "pace": course.pace.told if course.pace else None,
     }  # fmt: skip
     discrepancy = Discrepancy(evidence, course.survey, huber, course.seed, budget.survey_rows, journal)
@@ -134,6 +140,14 @@ def _concluded(course: Course, stopped: str | None) -> FitResult:
         evidence.model, evidence.log, evidence.space, loss, told, course.held_out, incumbent, journal, about,
         discrepancy, budget, course.movable,
     )  # fmt: skip
+
+
+def _play(course: Course) -> list[dict[str, Any]]:
+    """Joints whose play residuals show, as far as time allows to look for it."""
+    active = course.incumbent.active
+    if not active.any():
+        return []
+    return play_shown(course.evidence, course.incumbent.z, active, course.huber, course.seed, course.journal)
 
 
 def _noisy(evidence: Evidence) -> bool:

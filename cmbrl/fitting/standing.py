@@ -48,6 +48,7 @@ class Standing:
     incumbent: Incumbent = field(init=False)
     survey: Survey = field(init=False)
     sliding: dict[str, Any] | None = field(init=False, default=None)  #: how its law was chosen, if open
+    finer: dict[str, Any] | None = field(init=False, default=None)  #: the time step, if the fit took a finer one
     stepping: list[dict[str, Any]] = field(init=False, default_factory=list)  #: what other settings of the model leave
     held_out: dict[str, Errors] = field(init=False, default_factory=dict)
     logs: list[dict[str, Any]] = field(init=False, default_factory=list)  #: how each of several agrees with the others

@@ -57,11 +57,22 @@ class Variations(ABC):
         whole = abs(count * own - dt) <= TIME_STEP_TOLERANCE * dt
         return self.with_settings(substeps=count, time_step=own if whole else dt / count)
 
+    def in_usual_steps(self) -> bool:
+        """Whether its time step is the file's, or as much shorter as its control step needs."""
+        own = self._settings
+        dt = own.substeps * own.time_step
+        return own.substeps == math.ceil(dt / self.scene.timestep * (1 - TIME_STEP_TOLERANCE))
+
+    def in_finer_steps(self, share: int) -> Self:
+        """The same model with its time step divided by ``share``."""
+        own = self._settings
+        return self.with_settings(time_step=own.time_step / share, substeps=share * own.substeps)
+
     def other_steppings(self) -> list[Self]:
         """The same model with each other integrator, and with half the time step."""
         own = self._settings
         others = [self.with_settings(integrator=name) for name in INTEGRATORS if name != own.integrator]
-        return [*others, self.with_settings(time_step=own.time_step / 2, substeps=2 * own.substeps)]
+        return [*others, self.in_finer_steps(2)]
 
     def alternatives(self) -> dict[str, Self]:
         """The same model with other integrators and half or a quarter of the time step, by a name of the change.

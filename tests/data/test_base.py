@@ -12,6 +12,7 @@ import pytest
 import cmbrl
 from cmbrl.data.estimation import estimated
 from cmbrl.data.importing import Frames, Options, import_logs
+from cmbrl.data.importing.base_clock import Course, offset
 from cmbrl.data.position_log import PositionLog
 from cmbrl.data.smoothing import smooth_rotations
 from cmbrl.errors import UserError
@@ -105,6 +106,40 @@ def test_a_gyroscope_tells_the_clock_more_sharply(walk):
     assert abs(seconds - LATER) < CAPTURE / 2
     assert "by base and gyroscope" in note
     assert error < 0.002
+
+
+def test_a_drone_that_rests_for_most_of_the_log_tells_the_clock():
+    draw = np.random.default_rng(3)
+
+    def flown(time: np.ndarray) -> np.ndarray:
+        turning = np.sin(np.outer(time, (2.1, 3.3, 4.7)) + np.sin(0.7 * time)[:, None])
+        return np.where((time < 7.0)[:, None], turning, 0.0) + 0.02 * draw.normal(size=(len(time), 3))
+
+    own, other = np.arange(0.0, 30.0, 0.01), np.arange(0.0, 30.0, CAPTURE)
+    gyroscope = Course(own, flown(own))
+    found = offset(Course(other + LATER, flown(other)), gyroscope, gyroscope, "capture.csv")
+    assert abs(found.seconds - LATER) < 0.002
+    assert found.error < 0.002
+
+
+def test_joints_that_have_no_column_do_not_hide_the_clock(walk):
+    held = dict(np.load(walk["folder"] / "joints.npz"))
+    held["joint_position"], held["joint_names"] = held["joint_position"][:, 1:], held["joint_names"][1:]
+    np.savez(walk["folder"] / "fewer.npz", **held)
+    with pytest.raises(UserError, match=rf"no column for {JOINTS[0]}\.position"):  # a tie or a loop would tell it
+        brought(walk, "fewer.npz", capture="named.npz")
+
+
+def test_a_drone_without_a_gyroscope_is_told_to_log_one(tmp_path: Path) -> None:
+    drone = '<body name="b"><freejoint name="b"/><geom size=".1"/><site name="s"/></body>'
+    thrust = '<actuator><motor name="thrust" site="s" gear="0 0 1 0 0 0"/></actuator>'
+    scene = Scene.from_mjcf(f"<mujoco><worldbody>{drone}</worldbody>{thrust}</mujoco>")
+    t = 0.01 * np.arange(80.0)
+    np.savez(tmp_path / "log.npz", t=t, thrust_cmd=np.sin(t))
+    poses = dict.fromkeys(("x", "y", "z", "qx", "qy", "qz"), np.zeros(80)) | {"qw": np.ones(80)}
+    np.savez(tmp_path / "capture.npz", time=t, **poses)
+    with pytest.raises(UserError, match=r"log a gyroscope .* --angular-velocity body, or give --base-offset SECONDS"):
+        import_logs([tmp_path / "log.npz"], scene, Options(base=(tmp_path / "capture.npz",)))
 
 
 def test_order_of_quaternions_is_asked_for(walk):

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from cmbrl.cli.main import main
-from cmbrl.data.importing import import_logs
+from cmbrl.data.importing import Options, import_logs
 from cmbrl.data.position_log import PositionLog
+from cmbrl.errors import UserError
 from cmbrl.scene import Scene
 
 
@@ -75,3 +76,29 @@ def test_gains_that_lack(options: list[str], told: str, tmp_path: Path, capsys: 
     assert main(["import", str(tmp_path / "log.npz"), "--scene", str(file), "--out", str(out), *options]) == 2
     assert re.search(told, capsys.readouterr().err)
     assert not out.exists()
+
+
+_URDF = """<robot name="arm"><link name="base"/><link name="upper"><inertial><mass value="1"/>
+<inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="lift" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+<limit lower="-2" upper="2" effort="9" velocity="9"/></joint></robot>"""
+
+
+def test_torques_over_a_urdf_without_motors_are_not_dropped_in_silence(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(_URDF)
+    t = 0.01 * np.arange(40.0)
+    np.savez(tmp_path / "log.npz", t=t, lift_pos=np.sin(t), tau_lift=np.cos(t))
+    scene = Scene.from_mjcf(tmp_path / "arm.urdf")
+    with pytest.raises(UserError, match=r"tells lift.torque.* no actuators: .*--actuators motor`, or leave"):
+        import_logs([tmp_path / "log.npz"], scene)
+    left = Options(columns={"tau_lift": "-"})
+    assert import_logs([tmp_path / "log.npz"], scene, left).log.u.shape[1] == 0  # type: ignore[union-attr]
+
+
+def test_torques_of_a_joint_without_a_motor_are_said_to_be_left_out(tmp_path: Path) -> None:
+    file = _robot(tmp_path, ("lift", "caster"), '<actuator><motor name="a" joint="lift"/></actuator>')
+    t = 0.01 * np.arange(40.0)
+    columns = {f"{joint}_{what}": np.sin(t) for joint in ("lift", "caster") for what in ("pos", "torque")}
+    np.savez(tmp_path / "log.npz", t=t, **columns)
+    notes = import_logs([tmp_path / "log.npz"], Scene.from_mjcf(file)).notes
+    assert "commands of caster are left out: no actuator of the file takes them" in notes

@@ -10,6 +10,7 @@ import pytest
 
 from cmbrl.data.estimation import estimated
 from cmbrl.data.importing import import_logs
+from cmbrl.data.importing.build import configurations
 from cmbrl.data.loops import _gaps, _slope, closed, closing, to_hold
 from cmbrl.data.position_log import PositionLog
 from cmbrl.errors import UserError
@@ -64,6 +65,15 @@ def test_a_log_of_the_crank_alone_has_all_joints() -> None:
     slope = np.gradient(found.q[:, 2], 0.01)
     np.testing.assert_allclose(found.v[5:-5, 2], slope[5:-5], atol=2e-3)
     assert log.measured(scene).tolist() == [True, False, False, True]
+
+
+def test_an_episode_of_the_crank_alone_has_all_joints() -> None:
+    """As what stands on a floor is looked for, which needs every joint of a robot with loops."""
+    scene, crank = Scene.from_mjcf(FOUR_BAR), 0.5 * np.sin(2.0 * TIME)
+    episode = {("crank", "position"): crank[:, None], ("free", "position"): np.zeros((len(TIME), 1))}
+    q = configurations(episode, scene)
+    np.testing.assert_array_equal(q[:, 0], crank)
+    np.testing.assert_allclose(gap(q[:, :3]), 0.0, atol=1e-8)
 
 
 def test_joints_without_an_encoder_have_no_bias_to_fit() -> None:

@@ -30,7 +30,7 @@ WIDTH = 0.05
 class CartScene:
     """``n`` independent carts; parameters are scales of NOMINAL, a tilt of the rail and one that does nothing."""
 
-    name = "carts"
+    name, path = "carts", ""
 
     def __init__(self, n: int) -> None:
         self.nq = self.nv = self.nu = self.inputs = n

@@ -1,5 +1,7 @@
 """Intervals cover the truth, also of a wrong model; what the data cannot tell is named."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from cmbrl.fitting.outcome.ratios import beside, ratios
 from cmbrl.fitting.search.folds import draw_starts
 from cmbrl.fitting.search.gauge import common_factors, nearest
 from cmbrl.fitting.search.gauss_newton import gauss_newton
+from cmbrl.fitting.search.loss import NormalEquations
 from cmbrl.fitting.search.objective import Objective
 from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.state import Journal
@@ -171,6 +174,17 @@ def test_a_right_model_keeps_its_intervals(slider):
     own = _widened(truth.with_settings(threads=1), log)[3]
     wrong = _widened(model, log)[3]
     assert 1e3 * np.trace(own) < np.trace(wrong)
+
+
+def test_a_log_that_is_explained_exactly_has_intervals() -> None:
+    """What it tells of one direction is so much that rounding takes the prior of the others."""
+    told = NormalEquations(np.zeros(2), np.ones((2, 2)), np.zeros((1, 2)), independent=1e5, variance=0.0)
+    evidence = SimpleNamespace(space=SimpleNamespace(precision=np.eye(2)))
+    discrepancy = Discrepancy(evidence, Survey(1, None, {}), 0.5, 0, 100, Journal(None, ""))  # type: ignore[arg-type]
+    step = discrepancy._step(np.array([0.3, -0.2]), np.arange(2), told)
+    assert np.isfinite(step).all()
+    assert abs(step.sum()) < 1e-6  # along what is told, nothing moves
+    assert np.abs(step).max() < 1.0
 
 
 def test_the_unit_of_force_of_a_parameter_that_may_be_negative():

@@ -12,7 +12,7 @@ from cmbrl.data.drive import scene_of
 from cmbrl.data.importing import base, build, compensation, feet, whereabouts, whole_arrays
 from cmbrl.data.importing.bodies import PLACE, joints_of
 from cmbrl.data.importing.build import Frames
-from cmbrl.data.importing.commanded import Commanded
+from cmbrl.data.importing.commanded import Commanded, idle
 from cmbrl.data.importing.gains import Gains, gains_of
 from cmbrl.data.importing.grid import Counts, Key, Series, to_grid, usual_step
 from cmbrl.data.importing.readers import read
@@ -114,6 +114,8 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
         episodes, moved = whereabouts.of_markers(episodes, dt, scene, options.markers)
         columns += moved
     keys = set(episodes[0])
+    if without := idle(keys, scene):
+        columns.append(f"commands of {short(without, 3)} are left out: no actuator of the file takes them")
     if options.compensated:
         episodes, held = compensation.added(episodes, scene)
         columns += held
@@ -202,6 +204,8 @@ def _series(
                     f"{pose.where}: {len(captures)} episodes, {recording.where} has {len(episodes)}: give as many"
                 )
             for k, capture in enumerate(captures):
+                both = episodes[k] | capture  # what lacks is told before the clocks, which take longer
+                _check_whole(both | followers(both, scene)[0], recording, columns, targets, scene)
                 frame = options.frames.angular
                 episodes[k], note = base.synchronised(
                     episodes[k], capture, scene, options.base_offset, frame, pose.where
@@ -215,10 +219,7 @@ def _series(
             tied, follows = followers(series, scene)
             series |= tied
             notes += [note for note in follows if note not in notes]
-            standing = feet.told_by_feet(set(series), scene)
-            places = [f"{standing.name}.{x}" for x in PLACE] if standing else []
-            if missing := [name for name in build.lacking(set(series), scene) if name not in places]:
-                raise UserError(f"{recording.where}: {no_column(missing[0], columns, targets, series, scene)}")
+            _check_whole(series, recording, columns, targets, scene)
             if found and set(series) != set(found[0][1]):
                 other = sorted(".".join(key) for key in set(series) ^ set(found[0][1]))[0]
                 raise UserError(
@@ -227,6 +228,20 @@ def _series(
                 )
             found.append((recording.where, series))
     return found, notes + assumed(matched, mapped, scene, options.angles) + clocks, bool(clocks)
+
+
+def _check_whole(
+    series: Mapping[Key, Series],
+    recording: Recording,
+    columns: Sequence[str],
+    targets: Mapping[str, Target],
+    scene: Scene,
+) -> None:
+    """Raises UserError where no column tells a joint, or the place of a base that does not stand on its feet."""
+    standing = feet.told_by_feet(set(series), scene)
+    places = [f"{standing.name}.{x}" for x in PLACE] if standing else []
+    if missing := [name for name in build.lacking(set(series), scene) if name not in places]:
+        raise UserError(f"{recording.where}: {no_column(missing[0], columns, targets, series, scene)}")
 
 
 def _floats(scene: Scene) -> bool:

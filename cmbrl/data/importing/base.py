@@ -167,9 +167,13 @@ def _compared(
     if gyro is not None and frame == "body":
         told = base_clock.Course(gyro.time, gyro.values)
         return base_clock.Course(time, motion.values[:, 3:]), told, told
-    singles = [robot[joint.name, "position"] for joint in joints_of(scene)[0]]
+    keys = [(joint.name, "position") for joint in joints_of(scene)[0]]
+    singles = [robot[key] for key in keys if key in robot]  # others follow by ties and loops
     if not singles:
-        raise UserError("nothing but the base moves, so the offset of the clocks is open: give --base-offset 0")
+        raise UserError(
+            "nothing but the base moves, so the offset of the clocks is open: log a gyroscope (base.wx to base.wz) and "
+            "give --angular-velocity body, or give --base-offset SECONDS (0 if both have one clock)"
+        )
     first = singles[0].time
     positions = np.column_stack([np.interp(first, one.time, one.values[:, 0]) for one in singles])
     return motion, *base_clock.rates(first, positions)

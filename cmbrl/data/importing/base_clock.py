@@ -5,7 +5,8 @@ make the velocity of the base, in its own axes, a linear function of the joints'
 positions. So for every offset between the clocks that function is fitted, and the offset wins at which it leaves least:
 first with constant coefficients, then, near the best, with coefficients that are linear in the positions. Where a
 gyroscope was logged with the joints it is compared with the rotation of the capture instead, which is far sharper. The
-motion is cut into parts, and each tells an offset of its own: their spread says how sure the common one is.
+motion is cut into parts of equal motion, since rest tells nothing, and each tells an offset of its own: their spread
+says how sure the common one is.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ PARTS = 4
 _COARSE, _FINE, _NEAR = 0.5, 0.2, 8.0  # of the capture's time step: of both searches, and how far the second goes
 _THINNED = 3  # of the capture's samples one is enough for the coarse search
 _ROWS = 2  # samples of a part for each coefficient
+_LEAST_ROWS = 30  # of a part
+_REST = 0.1  # share of the motion that rest counts as, where all of a recording is
 _OVERLAP = 0.5  # of the capture, at least
 _LONGER = 100.0  # times the shorter recording: no two of one run
 _TOLD = 0.15  # share of the motion that the best offset explains beyond a typical one
@@ -91,22 +94,34 @@ def offset(base: Course, robot: Course, closer: Course, where: str, most: float 
     remedy = "give it by --base-offset SECONDS"
     if not np.nanmin(left) < typical - _TOLD:
         raise UserError(f"{where}: base and joints hardly move together, so the offset of the clocks is open: {remedy}")
-    if _ROWS * closer.values.shape[1] < len(base.time) / PARTS:
+    parts = _parts(base)
+    if _ROWS * closer.values.shape[1] < min(len(part.time) for part in parts):
         robot = closer
     near = best + np.arange(-_NEAR, _NEAR + 1e-12, _FINE) * step
     together = _lowest(near, np.array([_unexplained(base, robot, shift) for shift in near]))
-    cuts = np.linspace(base.time[0], base.time[-1], PARTS + 1)
-    told = []
-    for begin, end in pairwise(cuts):
-        rows = (base.time >= begin) & (base.time <= end)
-        part = Course(base.time[rows], base.values[rows])
-        told.append(_lowest(near, np.array([_unexplained(part, robot, shift) for shift in near])))
+    told = [_lowest(near, np.array([_unexplained(part, robot, shift) for shift in near])) for part in parts]
     error = float(np.std(told, ddof=1) / np.sqrt(PARTS))
     if error > _SAME * step:
         raise UserError(
             f"{where}: parts of the motion tell offsets {error:.2g} s apart: {remedy}, or record more motion"
         )
     return Offset(together, error)
+
+
+def _parts(base: Course) -> list[Course]:
+    """``base`` in PARTS that move about as much, of as many samples at least as tell anything."""
+    count = len(base.time)
+    moved = np.abs(base.values - np.median(base.values, axis=0)) / np.maximum(base.values.std(axis=0), 1e-12)
+    share = np.cumsum(moved.sum(axis=1))
+    share = (1.0 - _REST) * share / max(share[-1], 1e-12) + _REST * np.arange(1, count + 1) / count
+    cuts = np.searchsorted(share, np.arange(1, PARTS) / PARTS)
+    least = min(_LEAST_ROWS, count // PARTS)
+    for k in range(PARTS - 1):  # from both ends, so that each has its samples
+        cuts[k] = max(cuts[k], (k + 1) * least, cuts[k - 1] + least if k else 0)
+    for k in reversed(range(PARTS - 1)):
+        cuts[k] = min(cuts[k], (cuts[k + 1] if k + 2 < PARTS else count) - least)
+    edges = [0, *cuts.tolist(), count]
+    return [Course(base.time[a:b], base.values[a:b]) for a, b in pairwise(edges)]
 
 
 def _unexplained(base: Course, robot: Course, shift: float) -> float:
@@ -116,7 +131,7 @@ def _unexplained(base: Course, robot: Course, shift: float) -> float:
     """
     told = robot.at(base.time - shift)
     rows = np.isfinite(told).all(axis=1)
-    if rows.sum() < max(30, _ROWS * told.shape[1], _OVERLAP * len(base.time)):
+    if rows.sum() < max(_LEAST_ROWS, _ROWS * told.shape[1], _OVERLAP * len(base.time)):
         return np.nan
     x, y = told[rows], base.values[rows]
     x, y = x - x.mean(axis=0), y - y.mean(axis=0)

@@ -13,7 +13,7 @@ from cmbrl.data.importing.commanded import Commanded, wanted
 from cmbrl.data.importing.grid import Key
 from cmbrl.data.importing.series import QUATERNION
 from cmbrl.data.importing.velocities import check_frame, in_frame, smoothed
-from cmbrl.data.loops import closing
+from cmbrl.data.loops import closed, closing
 from cmbrl.data.position_log import PositionLog
 from cmbrl.data.trajectories import read_trajectories
 from cmbrl.data.transitions import Transitions
@@ -150,17 +150,18 @@ def transitions(
 
 
 def configurations(episode: Episode, scene: Scene) -> np.ndarray:
-    """q (T, nq) of ``episode``; a base whose place was not logged is at 0."""
+    """q (T, nq) of ``episode``; a base whose place was not logged is at 0, and what loops tell is where they close."""
     single, floating = joints_of(scene)
+    looped = closing(scene, _told(set(episode), scene))
     q = np.zeros((len(next(iter(episode.values()))), scene.nq))
-    for joint in single:
+    for joint in (each for each in single if each.vadr not in looped):
         q[:, joint.qadr] = episode[joint.name, "position"][:, 0]
     for base in floating:
         turn = base.position["qw"]
-        q[:, turn : turn + 4] = episode[base.name, QUATERNION]
+        q[:, turn : turn + 4] = [1.0, 0.0, 0.0, 0.0] if base.vadr in looped else episode[base.name, QUATERNION]
         for name in PLACE if base.free and (base.name, PLACE[0]) in episode else ():
             q[:, base.position[name]] = episode[base.name, name][:, 0]
-    return q
+    return closed(scene, q, looped) if looped else q
 
 
 def _velocities(

@@ -71,6 +71,26 @@ def wanted(keys: set[Key], scene: Scene) -> UserError:
     )
 
 
+def idle(keys: set[Key], scene: Scene) -> list[str]:
+    """Joints, in the scene's order, whose targets or torques ``keys`` tell though no actuator takes them.
+
+    Raises UserError where that are all that were told: such a scene would explain the motion without its motors.
+    """
+    taken = {key for a in range(scene.nu) for key, _ in _all_sources(scene, a)}
+    told = [(joint.name, quantity) for joint in joints_of(scene)[0] for quantity in _OF_LAWS.values()]
+    left = [key for key in told if key in keys - taken]
+    if left and not scene.nu:
+        kind = "motor" if all(quantity == "torque" for _, quantity in left) else "position --kp GAIN"
+        remedy = "add them to the file"
+        if scene.urdf_changes:
+            remedy = f"make an MJCF with them by `cmbrl convert FILE.urdf FILE.xml --actuators {kind}`"
+        raise UserError(
+            f"the log tells {'.'.join(left[0])}, and scene {scene.name!r} has no actuators: {remedy}, or leave the "
+            "column out by --map COLUMN=-"
+        )
+    return list(dict.fromkeys(name for name, _ in left))
+
+
 def _joint_of(scene: Scene, actuator: int) -> str | None:
     """The joint that ``actuator`` alone drives; None for one at a tendon, a site, or beside another one."""
     lines = scene.core.act_line.tolist()

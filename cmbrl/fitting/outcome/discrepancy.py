@@ -21,6 +21,7 @@ import numpy as np
 
 from cmbrl.fitting.log.evidence import HORIZONS, LEAST_WINDOWS, Evidence
 from cmbrl.fitting.log.survey import Survey
+from cmbrl.fitting.outcome.identify import inverse
 from cmbrl.fitting.search.folds import draw_starts, windows_in_blocks
 from cmbrl.fitting.search.loss import NormalEquations
 from cmbrl.fitting.state import Journal, OutOfTime
@@ -93,7 +94,7 @@ class Discrepancy:
         weight = equations.independent / max(equations.variance, _LEAST_VARIANCE)
         precision = self.evidence.space.precision
         hessian = weight * equations.hessian[np.ix_(columns, columns)] + precision[np.ix_(columns, columns)]
-        step: np.ndarray = np.linalg.solve(hessian, -weight * equations.gradient[columns] - (precision @ z)[columns])
+        step: np.ndarray = inverse(hessian) @ (-weight * equations.gradient[columns] - (precision @ z)[columns])
         return step
 
 

@@ -100,7 +100,7 @@ def _spread(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Covariance of the sandwich, at least the naive one, and A^-1: (k, k) along the directions ``basis`` (n, k)."""
     prior = basis.T @ space.precision @ basis
-    bread = _inverse(scale * basis.T @ equations.hessian @ basis + prior)
+    bread = inverse(scale * basis.T @ equations.hessian @ basis + prior)
     scores = scale * equations.episode_gradients @ basis
     scores = scores - scores.mean(axis=0)
     spread = repeated * scores.T @ scores * len(scores) / max(len(scores) - 1, 1)
@@ -119,7 +119,7 @@ def _staying(space: Space, z: np.ndarray, fitted: np.ndarray, sets: Sequence[Seq
     return np.array(found).reshape(-1, len(z)).T
 
 
-def _inverse(matrix: np.ndarray) -> np.ndarray:
+def inverse(matrix: np.ndarray) -> np.ndarray:
     """The inverse (n, n) of a positive definite matrix, positive definite too where rounding would not leave it so.
 
     Without noise, what the log tells of one direction may be 1e16 times what the prior tells of another.

@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from cmbrl.fitting.choice.finer_steps import finer_told
 from cmbrl.fitting.choice.judging import RETURN
+from cmbrl.fitting.choice.play_shown import shown_told
 from cmbrl.fitting.choice.told_gains import gains_told, sum_told
 from cmbrl.fitting.fitted_parameter import AT_BOUND, FLAT, NOMINAL, FittedParameter
 from cmbrl.fitting.log.sliding import sliding_told
@@ -46,6 +48,8 @@ def render(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any],
         gains_told(parameters, report),
         laws_told(parameters, report),
         play_told(parameters),
+        shown_told(report),
+        finer_told(report),
         unit_told(parameters),
     ]
     first = [line for text in told if text for line in textwrap.wrap(text, WIDTH, subsequent_indent="  ")]

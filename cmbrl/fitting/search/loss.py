@@ -182,7 +182,7 @@ class PredictionLoss:
             return self
 
         def at(offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            found = self.starting(offset)._lineariser(theta, np.empty(0, dtype=np.int64)).at()
+            found = self.starting(offset).lineariser(theta, np.empty(0, dtype=np.int64)).at()
             return found.residual, found.slope
 
         def cost(residual: np.ndarray, offset: np.ndarray) -> np.ndarray:
@@ -219,7 +219,7 @@ class PredictionLoss:
         n, episodes = len(columns), np.unique(blocks)
         gradients, hessian, size = np.zeros((len(episodes), n)), np.zeros((n, n)), 0.0
         width, alike, followed = scales.observed * self.windows.horizon, [], []
-        by_z, lineariser = space.slope(z)[columns], self._lineariser(space.theta(z), columns)
+        by_z, lineariser = space.slope(z)[columns], self.lineariser(space.theta(z), columns)
         block = max(1, _JACOBIAN_NUMBERS // (width * max(n + len(scales.uncertain), 1)))
         for i in range(0, len(all_starts), block):
             part = slice(i, i + block)
@@ -280,7 +280,8 @@ class PredictionLoss:
             out[:, j] = (error / units)[:, self.windows.scales.counts]
         return out, failures
 
-    def _lineariser(self, theta: np.ndarray, columns: np.ndarray) -> Lineariser:
+    def lineariser(self, theta: np.ndarray, columns: np.ndarray) -> Lineariser:
+        """Predictions at ``theta`` (n,) with their derivatives in some of its ``columns``."""
         return Lineariser(self.model, self.observation, self.windows, theta, columns)
 
     def _seen(self, psi: np.ndarray) -> Windows:

@@ -19,7 +19,7 @@ from cmbrl.fitting.search.space import Space
 MOST_PARAMETERS = 64  #: drawn; the table has all
 MOST_DIRECTIONS = 9
 _LOG_FROM = 5.0  # times the smallest value
-_STAGES = {"search": BEFORE, "polish": AFTER, "polish, followed": AFTER, "polish again": AFTER}
+_STARTED = {"search": BEFORE}  # the colour of a stage; of the polishes that follow, AFTER
 _COLUMN = 32  # parameters in a column
 _COLOURS = {FITTED: AFTER, AT_BOUND: BOUND, FLAT: FAINT}
 _WORDS = {FITTED: "fitted", AT_BOUND: "on a bound", FLAT: "hardly told by the log"}
@@ -158,7 +158,7 @@ def _searches(axes: Axes, searches: Sequence[Mapping[str, Any]]) -> None:
             at + count,
             best,
             where="post",
-            color=_STAGES[search["name"]],
+            color=_STARTED.get(search["name"], AFTER),
             marker=".",
             markersize=4,
             label=search["name"],
