@@ -137,8 +137,8 @@ def test_a_fit_finds_the_gap_and_what_the_rotor_weighs(arm: Path) -> None:
     model = like_mujoco(played(arm, 0.01))
     found = cmbrl.fit(model, log, groups=["play", "armature", "mass"], horizon=10)
     values = {name: (p.value, p.low, p.high) for name, p in found.parameters.items()}
-    assert values["play.a"][0] == pytest.approx(GAP, rel=0.1)
-    assert values["play.b"][0] == pytest.approx(0.5 * GAP, rel=0.1)
+    assert values["play.a"][0] == pytest.approx(GAP, rel=0.15)
+    assert values["play.b"][0] == pytest.approx(0.5 * GAP, rel=0.15)
     assert values["armature.a"][1] < 0.014 < values["armature.a"][2]
     assert values["armature.a"][0] == pytest.approx(0.014, rel=0.05)
     assert values["mass.fore"][0] == pytest.approx(1.4, rel=0.05)
