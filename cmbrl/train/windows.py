@@ -26,6 +26,7 @@ from cmbrl.train.window_config import GROWN, WindowConfig
 
 LATE = 0.75  # share after which no fall of returns is of use: little is left to be found
 LEARNED = 0.5  # where the schedules of a run begin that goes on from a policy, as if so much were done
+MEMORIES = 3  # of the discount: how long the critic of a run that goes on learns before the policy moves
 PATIENCE = 10  # updates in a row without a finite gradient before a run is given up
 
 
@@ -92,9 +93,24 @@ class WindowLearner(Trainer):
         self.begun = 0.0  #: share of the schedules that was done before the first update
 
     def begin_with(self, weights: dict[str, torch.Tensor]) -> None:
-        """Goes on from a policy of these weights; rates, noise and episode lengths begin as halfway through."""
+        """Goes on from a policy of these weights; rates, noise and episode lengths begin as halfway through.
+
+        The policy stays until the critic knows it: see ``listens``.
+        """
         self.policy.load_state_dict(weights)
         self.begun = LEARNED
+
+    @property
+    def listens(self) -> int:
+        """Updates in which a run that goes on teaches its critic alone, at most a tenth of all.
+
+        A critic that knows nothing yet sees no reward beyond a window, and such a gradient leads a good policy away.
+        What it learns reaches one window further back in each update, so that it takes some memories of the discount.
+        """
+        if self.critic is None or not self.begun:
+            return 0
+        memory = 1.0 / (1.0 - self.config.discount)  # control steps
+        return min(math.ceil(MEMORIES * memory / self.horizon), self.config.iterations // 10)
 
     @abstractmethod
     def gradient(self, progress: float) -> dict[str, float]:
@@ -151,7 +167,7 @@ class WindowLearner(Trainer):
     def _step(self, norm: float, progress: float) -> dict[str, float]:
         if math.isfinite(norm):
             self.unusable = 0
-            return self.step(progress)
+            return self.step(progress) if self.iteration >= self.listens else {}
         self.unusable += 1
         if self.unusable > PATIENCE:
             states = {"q": self.simulation.q.detach().numpy(), "v": self.simulation.v.detach().numpy()}

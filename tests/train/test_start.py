@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -59,6 +60,26 @@ def test_schedules_begin_halfway_also_after_a_restart(tmp_path: Path) -> None:
     assert rates == [pytest.approx(SMALL.actor_rate * (1 - LEARNED) * 3 / 4)] * 2
     for a, b in zip(runs[0].policy.parameters(), runs[1].policy.parameters(), strict=True):
         assert torch.equal(a, b)
+
+
+def test_the_policy_stays_until_the_critic_knows_it(tmp_path: Path) -> None:
+    """Three memories of the discount in windows, at most a tenth of the updates; a fresh run moves at once."""
+    trained(tmp_path)
+    config = replace(SMALL, iterations=1000, discount=0.9)
+    model = ComplementarityModel(slider.scene(tmp_path))
+    fresh, going_on = (SHAC(slider.mdp(), model, config) for _ in range(2))
+    going_on.begin_with(carried_over(str(tmp_path / "run"), going_on.policy.architecture))
+    assert (fresh.listens, going_on.listens) == (0, 4)  # ceil(3 * 10 / 8)
+    moved = []
+    for _ in range(6):
+        before = going_on.policy.net[0].weight.detach().clone()
+        critic = going_on.critic.net[0].weight.detach().clone()
+        going_on.update()
+        moved.append(not torch.equal(going_on.policy.net[0].weight, before))
+        assert not torch.equal(going_on.critic.net[0].weight, critic)
+    assert moved == [False] * 4 + [True] * 2
+    going_on.config = replace(config, iterations=20)
+    assert going_on.listens == 2
 
 
 @pytest.mark.parametrize(
