@@ -1,4 +1,4 @@
-"""Recording from a robot that a task itself puts into MuJoCo, without Gymnasium."""
+"""Recording from a robot that a task itself puts into MuJoCo or Drake, without Gymnasium."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from cmbrl.data.transitions import Transitions
 from cmbrl.envs.recording import Recording
 from cmbrl.mdp import MDP
 from cmbrl.scene.source.mjcf import control_names
-from cmbrl.system import MujocoSystem
+from cmbrl.system import Simulated
 
 
 def record_mujoco(
     name: str,
     mdp: MDP,
-    system: Callable[[], MujocoSystem],
+    system: Callable[[], Simulated],
     n_steps: int,
     seed: int,
     behaviour: str | PolicyFunction,
