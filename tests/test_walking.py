@@ -11,9 +11,10 @@ import torch
 
 from cmbrl import Scene, UserError
 from cmbrl.cli import main
-from cmbrl.models.both_laws import BothLaws
+from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.named import nominal_model
 from cmbrl.models.source import load_source
+from cmbrl.models.stepper import SplitStepper
 from cmbrl.scene.drives import Drive
 from cmbrl.train.recipe import configure
 from cmbrl.train.shac import SHAC
@@ -275,9 +276,11 @@ def test_soles_too_stiff_for_the_models_steps_meet_the_files_in_half_of_the_trai
     config = configure("shac", task, {"environments": 4, "horizon": 2})
     trainer = SHAC(task.mdp(), nominal_model(task, threads=1), config)
     both = trainer.moving
-    assert isinstance(both, BothLaws)
-    assert both.share == 0.5
-    assert [round(1e3 * m.time_step, 9) for m in (both.model, both.other)] == [4.0, step]
+    assert isinstance(both, ComplementarityModel)
+    split = both.stepper
+    assert isinstance(split, SplitStepper)
+    assert split.share == 0.5
+    assert [round(1e3 * s.options["h"], 9) for s in (split.own, split.other)] == [4.0, step]
     assert math.isfinite(trainer.update()["gradient_norm"])
 
 

@@ -121,6 +121,13 @@ class HasLawOfSliding(CountsFailures, HasCoordinates, Protocol):
         """
         ...
 
+    def under_both_laws(self, share: float, law: OtherLaw = "sliding") -> HasLawOfSliding | None:
+        """The same model with the last ``share`` of the rows of every batch under the other ``law``; None without one.
+
+        It counts its own ``failures``.
+        """
+        ...
+
 
 def rollout(model: Model, q: Tensor, v: Tensor, controls: Tensor) -> tuple[Tensor, Tensor]:
     """Open-loop prediction from q (B, nq), v (B, nv): the states (B, H, nq), (B, H, nv) after each control (B, H, nu).

@@ -122,6 +122,11 @@ class ResidualModel(Around):
         other = self.model.under_other_law(law)
         return None if other is None else ResidualModel(other, self.net)
 
+    def under_both_laws(self, share: float, law: OtherLaw = "sliding") -> ResidualModel | None:
+        """The same with the model under both laws (see there); None if it has one."""
+        both = self.model.under_both_laws(share, law)
+        return None if both is None else ResidualModel(both, self.net)
+
     def save(self, folder: str | os.PathLike[str]) -> None:
         """Writes ``residual.json`` and ``residual.safetensors`` into ``folder``, next to the fit that it belongs to."""
         hidden = [layer.out_features for layer in self.net.layers if isinstance(layer, nn.Linear)][:-1]

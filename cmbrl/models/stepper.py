@@ -99,6 +99,47 @@ class Stepper:
         return self.core.backward(u, theta, tape, gq, gv, self.options, want_theta, self.threads)
 
 
+class SplitStepper(Stepper):
+    """Steps the last ``share`` of the rows of every batch by ``other``, the first ones by ``own``.
+
+    Both are of one scene and one control step, and differ in their settings.
+    """
+
+    def __init__(self, own: Stepper, other: Stepper, share: float) -> None:
+        vars(self).update(vars(own))
+        self.own, self.other, self.share = own, other, share
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return SplitStepper, (self.own, self.other, self.share)
+
+    def forward(self, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray, **wanted: Any) -> dict[str, Any]:
+        """As a ``Stepper``; the tape is that of each part."""
+        found = [s.forward(q[r], v[r], u[r], _of_rows(theta, r), **wanted) for s, r in self._parts(len(q))]
+        tapes = [part.pop("tape", None) for part in found]
+        out: dict[str, Any] = {name: np.concatenate([part[name] for part in found]) for name in found[0]}
+        return out | ({"tape": tapes} if wanted.get("tape") else {})
+
+    def backward(
+        self, u: np.ndarray, theta: np.ndarray, tape: Any, gq: np.ndarray, gv: np.ndarray, want_theta: bool = False
+    ) -> dict[str, np.ndarray]:
+        """As a ``Stepper``."""
+        found = [
+            s.backward(u[r], _of_rows(theta, r), part, gq[r], gv[r], want_theta)
+            for (s, r), part in zip(self._parts(len(u)), tape, strict=True)
+        ]
+        return {name: np.concatenate([part[name] for part in found]) for name in found[0]}
+
+    def _parts(self, count: int) -> list[tuple[Stepper, slice]]:
+        """The steppers that have rows among ``count``, and which."""
+        first = count - round(self.share * count)
+        parts = [(self.own, slice(None, first)), (self.other, slice(first, None))]
+        return [(stepper, rows) for stepper, rows in parts if len(range(count)[rows])] or parts[:1]
+
+
+def _of_rows(theta: np.ndarray, rows: slice) -> np.ndarray:
+    return theta[rows] if theta.ndim == 2 else theta
+
+
 def _limits(p: Parameter) -> tuple[float, float]:
     """What a step accepts. The bounds of a positive parameter only say where a fit searches; others are physical."""
     if p.transform == "log":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from copy import copy
 from pathlib import Path
 from typing import Any, Self
 
@@ -14,6 +15,7 @@ from cmbrl.data.checks import TIME_STEP_TOLERANCE
 from cmbrl.errors import UserError
 from cmbrl.models.protocol import OtherLaw
 from cmbrl.models.step_settings import INTEGRATORS, RK4, StepSettings
+from cmbrl.models.stepper import SplitStepper, Stepper
 from cmbrl.scene import Scene
 
 
@@ -22,6 +24,8 @@ class Variations(ABC):
 
     scene: Scene
     parameters: np.ndarray
+    stepper: Stepper
+    failures: int
     _settings: StepSettings
 
     @abstractmethod
@@ -181,3 +185,15 @@ class Variations(ABC):
             return self.with_settings(sliding="convex", look_ahead=False)
         other = "convex" if own.sliding == "coulomb" else "coulomb"
         return self.with_settings(sliding=other, look_ahead=own.look_ahead)
+
+    def under_both_laws(self, share: float, law: OtherLaw = "sliding") -> Self | None:
+        """This model with the last ``share`` of the rows of every batch under the other ``law``; None without one.
+
+        It counts its own ``failures``.
+        """
+        other = self.under_other_law(law)
+        if other is None:
+            return None
+        both = copy(self)
+        both.stepper, both.failures = SplitStepper(self.stepper, other.stepper, share), 0
+        return both

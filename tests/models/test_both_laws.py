@@ -13,8 +13,9 @@ import cmbrl
 from cmbrl.contact.smoothing import Exact, Relaxed
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP, never
-from cmbrl.models.both_laws import BothLaws, under_both_laws
+from cmbrl.models.both_laws import under_both_laws
 from cmbrl.models.protocol import failures
+from cmbrl.models.stepper import SplitStepper
 from cmbrl.train.shac import SHAC, SHACConfig
 
 from ..train import slider
@@ -128,7 +129,8 @@ def test_a_model_without_sliding_or_without_a_law_stays(puck: cmbrl.Complementar
 def test_training_runs_under_both_and_trials_under_the_model_alone(puck: cmbrl.ComplementarityModel) -> None:
     config = SHACConfig(iterations=2, environments=4, horizon=2, other_law=0.5, actor_hidden=(4,), critic_hidden=(4,))
     trainer = SHAC(puck_process(), puck, config)
-    assert isinstance(trainer.simulation.model, BothLaws)
+    assert isinstance(trainer.simulation.model, cmbrl.ComplementarityModel)
+    assert isinstance(trainer.simulation.model.stepper, SplitStepper)
     assert trainer.model is puck
     assert trainer.update()["failures"] == 0
 
