@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=assignment,
         metavar="NAME=VALUE",
         help="only in a real system that differs: friction=0.3, payload=3 [kg], push=0.5 [m/s every 2 s], delay=0.01 "
-        "[s] (repeatable)",
+        "[s], contact_time=0.005 [s] of all contacts (repeatable)",
     )
     parser.add_argument(
         "--robustness", action="store_true", help="a table of failures by kind and level of such differences"

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from cmbrl.errors import UserError
+from cmbrl.errors import UserError, did_you_mean
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.protocol import HasCoordinates, Model
 from cmbrl.models.wiring import Wraps
+
+if TYPE_CHECKING:
+    from cmbrl.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -44,16 +48,49 @@ class Disturbance:
         return scale
 
 
-def parameter_sets(model: Model, relative: float, count: int = 256, seed: int = 0) -> np.ndarray | None:
+def parameter_sets(
+    model: Model, relative: float, count: int = 256, seed: int = 0, factors: str = ""
+) -> np.ndarray | None:
     """Sets (count, np) for a ``Disturbance``: the model's candidates, each number scaled by 1 +- up to ``relative``.
 
-    Without candidates, the model's own parameters are scaled. None if there are no parameters, or nothing to vary.
+    Without candidates, the model's own parameters are scaled. ``factors``, such as "friction:0.5:1.5,mass:0.9:1.1",
+    then multiply what a name or a group stands for: one factor a set, its logarithm even between those of the ends.
+    None if there are no parameters, or nothing to vary. Raises UserError for factors that cannot be read, or that
+    change nothing.
     """
     inner = model.model if isinstance(model, Wraps) else model
-    if not isinstance(inner, ComplementarityModel) or (inner.candidates is None and not relative):
+    if not isinstance(inner, ComplementarityModel):
+        if factors:
+            raise UserError(f"vary = {factors}: {model.name} has no parameters of a robot: leave it out")
+        return None
+    if inner.candidates is None and not relative and not factors:
         return None
     rng = np.random.default_rng(seed)
     base = inner.parameters[None] if inner.candidates is None else inner.candidates
     chosen = base[rng.integers(len(base), size=count)]
     low, high = np.array([(p.low, p.high) for p in inner.scene.parameters]).T
-    return np.clip(chosen * (1.0 + relative * rng.uniform(-1.0, 1.0, chosen.shape)), low, high)
+    chosen = chosen * (1.0 + relative * rng.uniform(-1.0, 1.0, chosen.shape))
+    for columns, least, most in _factors(factors, inner.scene, inner.parameters):
+        chosen[:, columns] *= np.exp(rng.uniform(np.log(least), np.log(most), (count, 1)))
+    return np.clip(chosen, low, high)
+
+
+def _factors(text: str, scene: Scene, theta: np.ndarray) -> list[tuple[np.ndarray, float, float]]:
+    """Which parameters (np,) bool each word of ``text`` stands for, and the least and largest factor."""
+    groups, found = {p.group for p in scene.parameters}, []
+    for word in filter(None, (part.strip() for part in text.split(","))):
+        name, *ends = word.split(":")
+        columns = np.array([name in (p.name, p.group) for p in scene.parameters])
+        if not columns.any():
+            near = did_you_mean(name, {*groups, *(p.name for p in scene.parameters)}, listed=groups)
+            raise UserError(f"vary = {word}: no parameter or group {name!r} in {scene.name}; {near}")
+        try:
+            low, high = (float(end) for end in ends)
+        except ValueError:
+            raise UserError(f"vary = {word}: give NAME:LEAST:MOST, two factors, such as friction:0.5:1.5") from None
+        if not 0 < low <= high < np.inf:
+            raise UserError(f"vary = {word}: the factors must be positive, the least one first")
+        if not theta[columns].any():
+            raise UserError(f"vary = {word}: {name} is 0, which no factor changes: leave it out, or set it in the file")
+        found.append((columns, low, high))
+    return found

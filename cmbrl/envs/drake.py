@@ -4,6 +4,10 @@ The robot is that of a compiled ``mujoco.MjModel``, with its masses, joints, ser
 stepping are Drake's own: SAP (Castro, Permenter & Han, IEEE T-RO 2023, arXiv 2110.10107), points under spheres and
 pressure fields (hydroelastic contact) under other shapes, servos taken implicitly. Dry friction of joints is left out,
 which Drake has not, and the softness of contacts is Drake's.
+
+Of Drake's approximations of contact this takes the one that bounds friction by the force of the same step ("similar";
+Castro, Han & Masterjohn, arXiv 2312.03908). Drake's default bounds it by the force before. Where a foot lands that is
+too large: a body that lands at 1 m/s, with friction 0.3, loses 2 m/s of sliding in one step of 1 ms instead of 0.3.
 """
 
 from __future__ import annotations
@@ -27,7 +31,7 @@ class DrakeSystem:
 
     def __init__(self, mujoco: MujocoSystem) -> None:
         try:
-            from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+            from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, DiscreteContactApproximation
             from pydrake.systems.analysis import Simulator
             from pydrake.systems.framework import DiagramBuilder
         except ImportError:
@@ -40,6 +44,7 @@ class DrakeSystem:
         logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of half-spaces, which touch nothing soft here
         builder = DiagramBuilder()
         plant, graph = AddMultibodyPlantSceneGraph(builder, self.dt / self.frame_skip)
+        plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSimilar)
         try:
             self._robot = drake_robot.build(plant, graph, mujoco.model)
         except RuntimeError as error:  # Drake's own checks, of inertias say

@@ -1,4 +1,4 @@
-"""A real robot that is not quite the one of the file: slippery, loaded, pushed, late, or of another simulator.
+"""A real robot that is not quite the one of the file: slippery, hard, loaded, pushed, late, or of another simulator.
 
 For judging how much of that a policy stands (``cmbrl evaluate --real --perturb``, ``--simulator``).
 """
@@ -16,11 +16,13 @@ from cmbrl.numbers import real
 from cmbrl.system import Feels, MujocoSystem, Simulated, System, SystemFactory
 
 PERIOD = 2.0  # s between pushes
+_SHORTEST = 1e-4  # s, of contacts
 LEVELS: dict[str, tuple[float, ...]] = {
     "friction": (0.3, 0.45, 0.6, 0.9, 1.2),
     "payload": (1.0, 3.0, 5.0),
     "push": (0.25, 0.5, 1.0),
     "delay": (0.005, 0.01, 0.02),
+    "contact_time": (0.04, 0.01, 0.005, 0.002),
 }  #: that a table of them shows
 
 
@@ -30,13 +32,15 @@ class Perturbation:
 
     friction: sliding friction of every contact. payload: mass [kg] added to the heaviest body, at its centre of mass.
     push: change of the root's horizontal velocity [m/s], every 2 s in a random direction. delay: of commands [s], up to
-    a control step.
+    a control step. contact_time: time constant of every contact [s], MuJoCo's 0.02 by default: how hard floors and feet
+    are. The robot takes shorter steps where MuJoCo would keep contacts softer than that, above two steps.
     """
 
     friction: float | None = None
     payload: float = 0.0
     push: float = 0.0
     delay: float = 0.0
+    contact_time: float | None = None
 
     @classmethod
     def of(cls, values: Mapping[str, float]) -> Perturbation:
@@ -46,6 +50,8 @@ class Perturbation:
             if name not in known:
                 raise UserError(f"no perturbation {name!r}: {did_you_mean(name, known)}")
         checked = {name: real(value, f"perturbation {name}", least=0.0, most=1e3) for name, value in values.items()}
+        if checked.get("contact_time", 1.0) < _SHORTEST:
+            raise UserError(f"perturbation contact_time must be at least {_SHORTEST:g} s")
         return cls(**checked)
 
 
@@ -69,6 +75,8 @@ def perturbed(
     if perturbation.delay > first.dt:
         raise UserError(f"a delay of {perturbation.delay:g} s is longer than a control step, {first.dt:g} s")
     if simulator is not None:
+        if perturbation.contact_time is not None:
+            raise UserError("contact_time is of MuJoCo's contacts, and the other simulator has its own: leave it out")
         simulator(first)  # refuses what it has not
     numbers = count()
 
@@ -92,6 +100,13 @@ def _change(robot: MujocoSystem, perturbation: Perturbation) -> None:
     if perturbation.payload:
         model.body_mass[np.argmax(model.body_mass)] += perturbation.payload
         mujoco.mj_setConst(model, robot.data)
+    if perturbation.contact_time is not None:
+        for solref in (model.geom_solref, model.pair_solref):
+            solref[:] = perturbation.contact_time, 1.0
+        shorter = int(np.ceil(2.0 * model.opt.timestep / perturbation.contact_time - 1e-9))
+        if shorter > 1:
+            model.opt.timestep /= shorter
+            robot.frame_skip *= shorter
 
 
 class PerturbedSystem:

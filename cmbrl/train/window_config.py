@@ -41,6 +41,11 @@ class WindowConfig(CriticConfig):
     parameter_spread: float = setting(
         0.0, "each episode's physical parameters vary by up to this share, on top of the fit's draws", least=0
     )
+    vary: str = setting(
+        "",
+        "each episode's parameters times factors of its own, one for a name or a group: friction:0.5:1.5,mass:0.9:1.1; "
+        "for feet that have to land on harder floors than the file's, softness_scale:0.001:1,softness_time:0.5:1",
+    )
     other_law: float = setting(
         0.0,
         "share of the episodes under a contact model's other law; 0.5: for a policy that leans on neither",

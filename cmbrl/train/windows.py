@@ -75,7 +75,7 @@ class WindowLearner(Trainer):
         self.mdp, self.model, self.config, self.rate = config.episode(mdp), model, config, rate
         self.horizon, self.generator = config.steps(self.mdp), generator
         self.moving = under_both_laws(model, config.other_law, config.other)
-        table = parameter_sets(model, config.parameter_spread, seed=seed)
+        table = parameter_sets(model, config.parameter_spread, seed=seed, factors=config.vary)
         disturbance = Disturbance(config.noise_linear, config.noise_angular, table)
         self.simulations = [
             Simulation(config.episode(mdp, 0.0), self.moving, count, seed + 7919 * k, disturbance, stagger=stagger)

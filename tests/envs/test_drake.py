@@ -80,7 +80,10 @@ def test_a_humanoid_in_the_air() -> None:
 
 @pytest.mark.parametrize("shape", ["sphere", "box", "capsule", "mesh"])
 def test_sliding_slows_by_the_coefficient_of_mujoco(tmp_path: Path, shape: str) -> None:
-    """mu g, where the geom with priority says what mu is; a ball, which would roll, is held by a slide."""
+    """mu times the impulse of the floor, where the geom with priority says what mu is.
+
+    A ball, which would roll, is held by a slide. What begins to slide is lifted by Drake's convex friction, and hops.
+    """
     geoms = {"sphere": 'type="sphere" size=".1"', "box": 'type="box" size=".1 .1 .1"', "mesh": 'type="mesh" mesh="m"'}
     geoms["capsule"] = 'type="capsule" size=".1 .2" euler="0 90 0"'
     corners = " ".join(f"{x} {y} {z}" for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1))
@@ -93,12 +96,24 @@ def test_sliding_slows_by_the_coefficient_of_mujoco(tmp_path: Path, shape: str) 
     )
     robot = DrakeSystem(MujocoSystem(file, 100))
     robot.reset(np.zeros(2), np.array([2.0, 0.0]))
-    q, v = robot.step(np.zeros(0))
-    start = v[0]
-    for _ in range(4):
+    for _ in range(5):
         q, v = robot.step(np.zeros(0))
-    assert start - v[0] == pytest.approx(0.3 * 9.81 * 0.4, rel=0.01)
-    assert abs(q[1]) < 2e-3  # it lies on the floor
+    assert 2.0 - v[0] == pytest.approx(0.3 * (9.81 * 0.5 + v[1]), rel=0.01)
+    assert abs(q[1]) < 2e-3  # it lies on the floor again
+
+
+def test_an_impact_rubs_by_no_more_than_friction_allows(tmp_path: Path) -> None:
+    """A body that lands while it slides loses mu times as much speed along the floor as it loses towards it."""
+    file = tmp_path / "lands.xml"
+    file.write_text(
+        """<mujoco><option timestep="0.001"/><worldbody><geom type="plane" size="5 5 1" friction=".3"/>
+        <body pos="0 0 .1"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>
+        <geom size=".1" mass="2" friction=".3"/></body></worldbody></mujoco>"""
+    )
+    robot = DrakeSystem(MujocoSystem(file, 10))
+    robot.reset(np.array([0.0, 1e-4]), np.array([2.0, -1.0]))
+    _, v = robot.step(np.zeros(0))
+    assert 2.0 - v[0] == pytest.approx(0.3 * (1.0 + 9.81 * 0.01 + v[1]), rel=0.02)
 
 
 def test_boxes_in_a_stack(tmp_path: Path) -> None:

@@ -81,9 +81,26 @@ def test_a_delayed_command_acts_later(make) -> None:  # type: ignore[no-untyped-
     np.testing.assert_array_equal(v, expected[1])
 
 
+def test_a_contact_time_decides_how_deep_a_box_sinks(make) -> None:  # type: ignore[no-untyped-def]
+    """At rest its compliance times its weight, which grows as the square of the time; steps get short enough for it."""
+    found = {}
+    for time in (0.04, 0.02, 0.002):
+        robot = perturbed(make, Perturbation(contact_time=time))()
+        found[time] = 0.1 - run(robot, 200)[0][2]
+        assert robot.dt == make().dt
+        assert 2 * robot.robot.model.opt.timestep <= time  # type: ignore[attr-defined]
+    assert found[0.02] == pytest.approx(found[0.04] / 4, rel=0.3)  # impedance grows with depth, too
+    assert found[0.002] == pytest.approx(found[0.02] / 100, rel=0.3)
+
+
 @pytest.mark.parametrize(
     ("values", "message"),
-    [({"frction": 1.0}, "no perturbation 'frction'"), ({"push": -1.0}, "push"), ({"delay": float("nan")}, "delay")],
+    [
+        ({"frction": 1.0}, "no perturbation 'frction'"),
+        ({"push": -1.0}, "push"),
+        ({"delay": float("nan")}, "delay"),
+        ({"contact_time": 0.0}, "contact_time must be at least"),
+    ],
 )
 def test_nonsense_is_refused(values: dict[str, float], message: str) -> None:
     with pytest.raises(UserError, match=message):
@@ -107,7 +124,13 @@ def test_the_command_line_judges_a_policy_on_them(tmp_path: Path, capsys: pytest
     assert list(json.loads(capsys.readouterr().out)["in"]) == ["real"]
     assert main(["evaluate", run_folder, "--robustness", "--episodes", "1", "--json"]) == 0
     levels = json.loads(capsys.readouterr().out)["levels"]
-    assert {one["perturbation"] for one in levels} == {"as it is", "friction", "payload", "delay"}  # no free root
+    assert {one["perturbation"] for one in levels} == {
+        "as it is",
+        "friction",
+        "payload",
+        "delay",
+        "contact_time",
+    }  # no free root
     for typed in (
         ["--robustness", "--perturb", "friction=1"],
         ["--perturb", "frction=1"],
