@@ -14,7 +14,8 @@ from cmbrl.bench.studies.mission.arms import ARMS, LOOP, NOMINAL, PPO_ONLINE, QU
 from cmbrl.bench.studies.mission.runs import Setup, Training, random_log
 from cmbrl.bench.study import Settings
 from cmbrl.jobs import Runner
-from cmbrl.train.loop import Loop, LoopConfig
+from cmbrl.train.loop import Loop
+from cmbrl.train.loop_config import LoopConfig
 from cmbrl.train.trainer import Diverged
 
 pytest.importorskip("gymnasium", reason="the hopper's real system is Gymnasium's MJCF")

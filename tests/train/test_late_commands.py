@@ -19,7 +19,8 @@ from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.fit import fit
 from cmbrl.train.export import export_torchscript
 from cmbrl.train.fopg import FOPG, FOPGConfig
-from cmbrl.train.loop import Loop, LoopConfig
+from cmbrl.train.loop import Loop
+from cmbrl.train.loop_config import LoopConfig
 from cmbrl.train.policy import Architecture, Policy, observed_by
 from cmbrl.train.policy_file import load_policy
 from cmbrl.train.run import RESULT, TrainingRun

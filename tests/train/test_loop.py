@@ -14,7 +14,8 @@ from cmbrl.envs.evaluation import Evaluation
 from cmbrl.errors import UserError
 from cmbrl.fitting import FitResult
 from cmbrl.registry import load_task
-from cmbrl.train.loop import Loop, LoopConfig
+from cmbrl.train.loop import Loop
+from cmbrl.train.loop_config import LoopConfig
 from cmbrl.train.run import TrainingRun
 from cmbrl.train.setup import set_up
 

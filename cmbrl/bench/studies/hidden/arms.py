@@ -19,7 +19,8 @@ from cmbrl.bench.studies.mission.runs import Setup, Training, Work, random_log
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.named import nominal_model
 from cmbrl.scene import Scene
-from cmbrl.train.loop import Loop, LoopConfig
+from cmbrl.train.loop import Loop
+from cmbrl.train.loop_config import LoopConfig
 from cmbrl.train.recipe import configure
 
 NOMINAL, RANDOMISED, FIT, ORACLE = "nominal", "randomised", "fit", "true parameters"

@@ -11,7 +11,8 @@ from typing import Any
 from cmbrl.bench.studies.mission.runs import Result, Setup, Training, Work
 from cmbrl.contact.smoothing import Gaussian
 from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
-from cmbrl.train.loop import Loop, LoopConfig
+from cmbrl.train.loop import Loop
+from cmbrl.train.loop_config import LoopConfig
 from cmbrl.train.mbpo import MBPO
 from cmbrl.train.ppo import PPO
 from cmbrl.train.recipe import configure
