@@ -79,6 +79,19 @@ def test_markers_are_told_and_left(stands: SimpleNamespace) -> None:
             brought(stands, markers=wrong)
 
 
+@pytest.mark.parametrize(("away", "told"), [(0.3, True), (3.0, False)])
+def test_markers_are_not_told_by_feet_that_may_stand_on_a_box(
+    away: float, told: bool, stands: SimpleNamespace, tmp_path: Path
+) -> None:
+    """Heights over the plane mean nothing there: a robot half on a step had its base turned by 16 degrees."""
+    box = f'<geom name="step" type="box" size=".1 .1 .02" pos="{away} 0 .02"/>'
+    (tmp_path / "step.xml").write_text(crawler(3.0).replace("<worldbody>", f"<worldbody>{box}", 1))
+    options = Options(base=(stands.folder / "capture.npz",), base_offset=LATER, quaternion="wxyz")
+    found = import_logs([stands.folder / "joints.npz"], Scene.from_mjcf(tmp_path / "step.xml"), options)
+    assert any("may stand on step" in note for note in found.notes) == told
+    assert any("markers sit in the base" in note for note in found.notes) != told
+
+
 def test_poses_of_the_base_itself_stay(stands: SimpleNamespace, tmp_path: Path) -> None:
     row = np.round((stands.capture["time"] - LATER) / DT).astype(int)
     turn = {f"q{x}": stands.q[row, 3 + k] for k, x in enumerate("wxyz")}
