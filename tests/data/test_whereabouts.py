@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -66,6 +67,19 @@ def test_feet_that_stand_tell_where_markers_sit(stands: SimpleNamespace) -> None
     away = off(stands, found.log)
     assert np.abs(away[:, :3].mean(axis=0)).max() < 4e-3  # the floor of this robot is soft
     assert np.abs(away[:, 3:].mean(axis=0)).max() < np.deg2rad(1.0)
+
+
+def test_feet_that_stand_tell_the_clock_of_a_capture(stands: SimpleNamespace) -> None:
+    """Joints and base alone tell it 22 ms off, and markers come out 3 degrees off then."""
+    options = Options(base=(stands.folder / "capture.npz",), quaternion="wxyz")
+    found = import_logs([stands.folder / "joints.npz"], stands.scene, options)
+    told = next(note for note in found.notes if note.startswith("clock of the base"))
+    seconds, error = (float(part) for part in re.findall(r"(\S+) s later \(\+- (\S+) s\)", told)[0])
+    assert "by base and what stands on the floor" in told
+    assert abs(seconds - LATER) < 3e-3
+    assert error < 2e-3
+    assert isinstance(found.log, PositionLog)
+    assert np.abs(off(stands, found.log)[:, 3:]).mean() < np.deg2rad(0.5)
 
 
 def test_markers_are_told_and_left(stands: SimpleNamespace) -> None:
