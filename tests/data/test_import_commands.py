@@ -102,3 +102,28 @@ def test_torques_of_a_joint_without_a_motor_are_said_to_be_left_out(tmp_path: Pa
     np.savez(tmp_path / "log.npz", t=t, **columns)
     notes = import_logs([tmp_path / "log.npz"], Scene.from_mjcf(file)).notes
     assert "commands of caster are left out: no actuator of the file takes them" in notes
+
+
+def test_commands_of_servos_of_velocities_are_velocities(tmp_path: Path) -> None:
+    """Beside a position servo: all are controls, and rpm is a unit of such a command."""
+    wheels = '<velocity name="a" joint="wheel" kv="2"/><velocity name="b" joint="other" kv="2" gear="3"/>'
+    servo = '<position name="c" joint="lift" kp="9" kv=".5"/>'
+    file = _robot(tmp_path, ("wheel", "other", "lift"), f"<actuator>{wheels}{servo}</actuator>")
+    t = 0.01 * np.arange(40.0)
+    columns = {"wheel_vel_cmd": t, "m2": 2 * t, "lift_cmd": 3 * t, "lift": np.sin(t)}
+    columns |= {"wheel": np.sin(5 * t), "other": np.cos(t)}
+    np.savez(tmp_path / "log.npz", t=t, **columns)
+    options = Options(columns={"m2": "other.command:rpm"})
+    log = import_logs([tmp_path / "log.npz"], Scene.from_mjcf(file), options).log
+    assert isinstance(log, PositionLog)
+    assert log.command_kind == "control"
+    np.testing.assert_allclose(log.command, np.column_stack([t, 6 * t * np.pi / 30, 3 * t]))
+
+
+def test_commanded_velocities_in_a_log_with_velocities(tmp_path: Path) -> None:
+    file = _robot(tmp_path, ("wheel",), '<actuator><velocity name="a" joint="wheel" kv="2" gear="3"/></actuator>')
+    t = 0.01 * np.arange(40.0)
+    columns = {"wheel": np.sin(5 * t), "wheel_vel": 5 * np.cos(5 * t), "wheel_vel_cmd": 2 * t}
+    np.savez(tmp_path / "log.npz", t=t, **columns)
+    log = import_logs([tmp_path / "log.npz"], Scene.from_mjcf(file)).log
+    np.testing.assert_allclose(log.u[:, 0], 6 * t[:-1])  # type: ignore[union-attr]

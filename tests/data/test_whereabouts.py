@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -68,6 +69,19 @@ def test_feet_that_stand_tell_where_markers_sit(stands: SimpleNamespace) -> None
     assert np.abs(away[:, 3:].mean(axis=0)).max() < np.deg2rad(1.0)
 
 
+def test_feet_that_stand_tell_the_clock_of_a_capture(stands: SimpleNamespace) -> None:
+    """Joints and base alone tell it 22 ms off, and markers come out 3 degrees off then."""
+    options = Options(base=(stands.folder / "capture.npz",), quaternion="wxyz")
+    found = import_logs([stands.folder / "joints.npz"], stands.scene, options)
+    told = next(note for note in found.notes if note.startswith("clock of the base"))
+    seconds, error = (float(part) for part in re.findall(r"(\S+) s later \(\+- (\S+) s\)", told)[0])
+    assert "by base and what stands on the floor" in told
+    assert abs(seconds - LATER) < 3e-3
+    assert error < 2e-3
+    assert isinstance(found.log, PositionLog)
+    assert np.abs(off(stands, found.log)[:, 3:]).mean() < np.deg2rad(0.5)
+
+
 def test_markers_are_told_and_left(stands: SimpleNamespace) -> None:
     told = brought(stands, markers=tuple(MARKERS))
     assert np.abs(off(stands, told.log).mean(axis=0)).max() < 1e-3
@@ -77,6 +91,19 @@ def test_markers_are_told_and_left(stands: SimpleNamespace) -> None:
     for wrong in ((1.0, 2.0), (0.0, 0.0, 0.0, 0.0, 0.0, 1e4)):
         with pytest.raises(UserError, match="markers = "):
             brought(stands, markers=wrong)
+
+
+@pytest.mark.parametrize(("away", "told"), [(0.3, True), (3.0, False)])
+def test_markers_are_not_told_by_feet_that_may_stand_on_a_box(
+    away: float, told: bool, stands: SimpleNamespace, tmp_path: Path
+) -> None:
+    """Heights over the plane mean nothing there: a robot half on a step had its base turned by 16 degrees."""
+    box = f'<geom name="step" type="box" size=".1 .1 .02" pos="{away} 0 .02"/>'
+    (tmp_path / "step.xml").write_text(crawler(3.0).replace("<worldbody>", f"<worldbody>{box}", 1))
+    options = Options(base=(stands.folder / "capture.npz",), base_offset=LATER, quaternion="wxyz")
+    found = import_logs([stands.folder / "joints.npz"], Scene.from_mjcf(tmp_path / "step.xml"), options)
+    assert any("may stand on step" in note for note in found.notes) == told
+    assert any("markers sit in the base" in note for note in found.notes) != told
 
 
 def test_poses_of_the_base_itself_stay(stands: SimpleNamespace, tmp_path: Path) -> None:

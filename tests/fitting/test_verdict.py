@@ -116,6 +116,12 @@ def test_the_first_line_of_a_fit_tells_of_a_loss_in_rmse(carts) -> None:
     )
     worse = [{**row, "rmse": {**row["rmse"], "fitted": 2.0 * row["rmse"]["nominal"]}} for row in report["horizons"]]
     assert "DO NOT TRUST" in verdict({**report, "horizons": worse}).split(".")[0]
+    hasty = {"limit": 250.0, "asked": False, "shares": {"choice": 0.0625, "polish": 0.044, "held out": 0.02}}
+    assert verdict({**report, "horizons": worse, "pace": hasty}).endswith(
+        "; it did 4% of its usual work: give it --time-limit 5700."
+    )
+    assert "--time-limit" not in verdict({**report, "pace": hasty})
+    assert not verdict({**report, "horizons": worse, "pace": {**hasty, "shares": {"report": 0.1}}}).count("limit")
     assert "fitted, rmse" in render(result.parameters, report)
 
 

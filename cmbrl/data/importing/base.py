@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from cmbrl.data.importing import base_clock
+from cmbrl.data.importing import base_clock, standing_clock
 from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, TURN, Floating, joints_of
 from cmbrl.data.importing.grid import Key, Series
 from cmbrl.data.importing.series import QUATERNION
@@ -18,6 +18,7 @@ from cmbrl.scene import Scene
 from cmbrl.scene.manifold import rotate_by, rotation_between
 
 ORDERS = ("wxyz", "xyzw")
+_JOINTS = "joints"  # what told the offset of the clocks
 _CLEARLY = 3.0  # times its error: an offset that is one
 SLOWER = 1.2  # times the joints' time step: from there on the pose is smoothed before it is read in between
 _ARRAY = re.compile(r"(?P<name>.*)\[(?P<number>\d)\]")
@@ -91,7 +92,11 @@ def synchronised(
     gyro = _gyroscope(robot, base)
     if offset is None:
         told = base_clock.offset(*_compared(time, poses, robot, gyro, frame, scene), where)
-        offset, witness = told.seconds, _witness(gyro, frame)
+        witness = _witness(gyro, frame)
+        closer = standing_clock.refined(robot, time, poses, base, scene, told) if witness == _JOINTS else None
+        if closer is not None:
+            told, witness = closer, "what stands on the floor"
+        offset = told.seconds
         note = f"clock of the base: {offset:.4f} s later (+- {told.error:.2g} s), by base and {witness}"
     time = time - offset
     if gyro is not None:
@@ -156,7 +161,7 @@ def _gyroscope(robot: Found, base: Floating) -> Series | None:
 
 
 def _witness(gyro: Series | None, frame: str | None) -> str:
-    return "gyroscope" if gyro is not None and frame == "body" else "joints"
+    return "gyroscope" if gyro is not None and frame == "body" else _JOINTS
 
 
 def _compared(

@@ -98,8 +98,8 @@ def offset(base: Course, robot: Course, closer: Course, where: str, most: float 
     if _ROWS * closer.values.shape[1] < min(len(part.time) for part in parts):
         robot = closer
     near = best + np.arange(-_NEAR, _NEAR + 1e-12, _FINE) * step
-    together = _lowest(near, np.array([_unexplained(base, robot, shift) for shift in near]))
-    told = [_lowest(near, np.array([_unexplained(part, robot, shift) for shift in near])) for part in parts]
+    together = lowest(near, np.array([_unexplained(base, robot, shift) for shift in near]))
+    told = [lowest(near, np.array([_unexplained(part, robot, shift) for shift in near])) for part in parts]
     error = float(np.std(told, ddof=1) / np.sqrt(PARTS))
     if error > _SAME * step:
         raise UserError(
@@ -140,7 +140,7 @@ def _unexplained(base: Course, robot: Course, shift: float) -> float:
     return float(np.exp(np.log(np.maximum((rest**2).mean(axis=0), 1e-9)).mean()))
 
 
-def _lowest(shifts: np.ndarray, left: np.ndarray) -> float:
+def lowest(shifts: np.ndarray, left: np.ndarray) -> float:
     """The lowest point of a curve, by the parabola through its neighbours."""
     k = int(np.clip(np.nanargmin(np.where(np.isfinite(left), left, np.inf)), 1, len(shifts) - 2))
     a, b, c = left[k - 1], left[k], left[k + 1]

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from cmbrl.data.drive import law_of
 from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, Floating, joints_of
 from cmbrl.data.importing.commanded import Commanded, wanted
 from cmbrl.data.importing.grid import Key
@@ -229,8 +230,9 @@ def _sources(scene: Scene, a: int) -> list[tuple[Key, float]]:
     sources = [((scene.actuator_names[a], "control"), 1.0)]
     line = int(scene.core.act_line[a])
     for owner in (joint.name for joint in joints_of(scene)[0] if joint.vadr == line):
-        if bias < 0:
-            sources.append(((owner, "command"), -bias * gear / gain))
+        kind, scale = law_of(scene, a)
+        if kind != "torque":
+            sources.append(((owner, "command"), scale))
         elif bias == 0 and gear * gain != 0:
             sources.append(((owner, "torque"), 1 / (gear * gain)))
     return sources

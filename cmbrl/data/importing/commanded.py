@@ -17,7 +17,8 @@ from cmbrl.scene import Scene
 Kind = Literal["position", "torque", "control"]
 # quantity of a column -> kind of command
 _KINDS: dict[str, Kind] = {"command": "position", "torque": "torque", "control": "control"}
-_OF_LAWS = {"position": "command", "torque": "torque"}  # law of an actuator -> quantity of its joint's column
+# law of an actuator -> quantity of its joint's column
+_OF_LAWS = {"position": "command", "velocity": "command", "torque": "torque"}
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def idle(keys: set[Key], scene: Scene) -> list[str]:
     Raises UserError where that are all that were told: such a scene would explain the motion without its motors.
     """
     taken = {key for a in range(scene.nu) for key, _ in _all_sources(scene, a)}
-    told = [(joint.name, quantity) for joint in joints_of(scene)[0] for quantity in _OF_LAWS.values()]
+    told = [(joint.name, quantity) for joint in joints_of(scene)[0] for quantity in dict.fromkeys(_OF_LAWS.values())]
     left = [key for key in told if key in keys - taken]
     if left and not scene.nu:
         kind = "motor" if all(quantity == "torque" for _, quantity in left) else "position --kp GAIN"
@@ -91,6 +92,12 @@ def idle(keys: set[Key], scene: Scene) -> list[str]:
     return list(dict.fromkeys(name for name, _ in left))
 
 
+def paced(scene: Scene) -> set[str]:
+    """Joints that servos of velocities drive: their commands are velocities."""
+    own = [_joint_of(scene, a) for a in range(scene.nu) if law_of(scene, a)[0] == "velocity"]
+    return {joint for joint in own if joint is not None}
+
+
 def _joint_of(scene: Scene, actuator: int) -> str | None:
     """The joint that ``actuator`` alone drives; None for one at a tendon, a site, or beside another one."""
     lines = scene.core.act_line.tolist()
@@ -99,14 +106,17 @@ def _joint_of(scene: Scene, actuator: int) -> str | None:
 
 
 def _sources(scene: Scene, actuator: int, quantity: str) -> Iterator[tuple[Key, float]]:
-    """Columns that tell the ``quantity`` of ``actuator``, each with the factor to it: command, torque or control."""
+    """Columns that tell the ``quantity`` of ``actuator``, each with the factor to it: command, torque or control.
+
+    The command of a servo of velocities is a velocity, which goes into controls and is no target of a position.
+    """
     joint, (kind, scale) = _joint_of(scene, actuator), law_of(scene, actuator)
     if quantity == "control":
         yield (scene.actuator_names[actuator], quantity), 1.0
         if joint and kind in _OF_LAWS:
             yield (joint, _OF_LAWS[kind]), scale
         return
-    if joint:
+    if joint and (kind, quantity) != ("velocity", "command"):
         yield (joint, quantity), 1.0
     if kind == _KINDS[quantity]:
         yield (scene.actuator_names[actuator], "control"), 1.0 / scale

@@ -27,9 +27,11 @@ from cmbrl.data.smoothing import smooth, smooth_rotations
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
 from cmbrl.scene.collision.contact_records import ContactKind
+from cmbrl.scene.records import WORLD
 
 _LOOK = 200  # rows in which points that may stand are looked for
 _NEAR, _STANDS = 0.02, 0.004  # [m] above the lowest point: of points that may stand, and of one that does
+_REACH = 0.2  # [m] from a shape: nearer, a robot whose pose is not quite told may stand on it
 _SLIPS = 0.02  # [m/s] by which points that stand disagree at least
 _ROUNDS = (8.0, 4.0, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0)  # times the usual disagreement, from which one counts little
 _LITTLE = 1e-6
@@ -93,6 +95,22 @@ def stands(scene: Scene, base: Floating) -> bool:
     own = int(core.jnt_body[np.flatnonzero(core.jnt_vadr == base.vadr)[0]])
     others = (core.con_type == ContactKind.POINT_PLANE) & (core.con_bodyA != own)
     return bool(not scene.planar and len(_floors(scene)) == 1 and others.any())
+
+
+def steps(scene: Scene, base: Floating, q: np.ndarray) -> list[str]:
+    """Names of shapes of the world, but planes, that bodies besides the ``base`` come near in q (T, nq): boxes."""
+    core = scene.core
+    own = int(core.jnt_body[np.flatnonzero(core.jnt_vadr == base.vadr)[0]])
+    pairs = zip(core.con_type, core.con_bodyA, core.con_bodyB, strict=True)
+    fixed = np.array([
+        WORLD in (a, b) and own not in (a, b) and not ContactKind(kind).on_plane for kind, a, b in pairs
+    ], dtype=bool)  # fmt: skip
+    if not fixed.any():
+        return []
+    some = np.unique(np.linspace(0, len(q) - 1, _LOOK).astype(int))
+    near = np.flatnonzero(fixed & (scene.gaps(q[some]) < _REACH).any(axis=0))
+    sides = [(scene.contact_names[k].split(" - "), int(core.con_bodyB[k] == WORLD)) for k in near]
+    return list(dict.fromkeys(names[side] for names, side in sides))
 
 
 def _floors(scene: Scene) -> set[tuple[float, ...]]:

@@ -80,22 +80,26 @@ def markers(poses: np.ndarray, touching: Touching, dt: float) -> Markers:
 
     ``touching``: with the base at 0 and not turned.
     """
-    stride = max(1, round(_STRIDE / dt))
-    first = np.unique(np.linspace(0, len(poses) - 1 - stride, _ROWS).astype(int))
-    pairs = _Pairs.of(poses, touching, np.stack([first, first + stride], axis=1), stride * dt)
-    starts = [np.array([0, 0, 0, 0, 0, 2 * np.pi * k / _HEADINGS, 0]) for k in range(_HEADINGS)]
-    few = pairs.some(np.unique(np.linspace(0, len(first) - 1, _FEW).astype(int)))
-    best = pairs.fitted(min((few.fitted(start) for start in starts), key=few.misfit))
+    rows, lasting = rows_of_pairs(len(poses), dt)
+    pairs = Pairs.of(poses, touching, rows, lasting)
+    best = pairs.best()
     same = np.array([1.0, 0.0, 0.0, 0.0])
     best[3:6] = rotation_between(same, rotate_by(same, best[3:6]))
-    parts = [pairs.some(rows).fitted(best) for rows in np.array_split(np.arange(len(first)), PARTS)]
+    parts = [pairs.some(rows).fitted(best) for rows in np.array_split(np.arange(len(rows)), PARTS)]
     errors = np.std(parts, axis=0, ddof=1) / np.sqrt(PARTS)
     share = pairs.misfit(best) / max(pairs.misfit(np.zeros(7)), 1e-12)
     return Markers(best[:3], best[3:6], best[6] * touching.up, errors, share, pairs.slips(best))
 
 
+def rows_of_pairs(count: int, dt: float, most: int = _ROWS) -> tuple[np.ndarray, float]:
+    """At ``most`` pairs (P, 2) of ``count`` rows, ``dt`` [s] apart, and how far apart those of a pair are [s]."""
+    stride = max(1, round(_STRIDE / dt))
+    first = np.unique(np.linspace(0, count - 1 - stride, most).astype(int))
+    return np.stack([first, first + stride], axis=1), stride * dt
+
+
 @dataclass(frozen=True)
-class _Pairs:
+class Pairs:
     """Pairs of rows that are ``lasting`` [s] apart, with what :class:`Touching` tells of them in the axes of the base.
 
     ``poses`` (P, 2, 7) of the markers, ``centre`` (P, 2, k, 3), ``rotation`` (P, 2, k, 3, 3), ``radius`` (k,).
@@ -110,15 +114,15 @@ class _Pairs:
     lasting: float
 
     @classmethod
-    def of(cls, poses: np.ndarray, touching: Touching, rows: np.ndarray, lasting: float) -> _Pairs:
+    def of(cls, poses: np.ndarray, touching: Touching, rows: np.ndarray, lasting: float) -> Pairs:
         """Of ``rows`` (P, 2) that are ``lasting`` [s] apart."""
         at = (touching.centre[rows], touching.rotation[rows], touching.radius, touching.up, touching.level)
         return cls(poses[rows], *at, lasting)
 
-    def some(self, rows: np.ndarray) -> _Pairs:
+    def some(self, rows: np.ndarray) -> Pairs:
         """Those pairs."""
         more = (self.radius, self.up, self.level, self.lasting)
-        return _Pairs(self.poses[rows], self.centre[rows], self.rotation[rows], *more)
+        return Pairs(self.poses[rows], self.centre[rows], self.rotation[rows], *more)
 
     def residuals(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Heights and moves (P, k, 4) in units of what is usual, and weights (P, k) of points that stand."""
@@ -153,10 +157,16 @@ class _Pairs:
         own = np.linalg.norm(self.centre[:, 1] - self.centre[:, 0], axis=-1)[most]
         return float(np.median(over) / max(float(np.median(own)), 1e-12))
 
-    def fitted(self, x: np.ndarray) -> np.ndarray:
-        """The place, turn and rise (7,) of least misfit near ``x``; the turn first, since places mean little before."""
+    def best(self) -> np.ndarray:
+        """The place, turn and rise (7,) of least misfit of several headings."""
+        starts = [np.array([0, 0, 0, 0, 0, 2 * np.pi * k / _HEADINGS, 0]) for k in range(_HEADINGS)]
+        few = self.some(np.unique(np.linspace(0, len(self.poses) - 1, _FEW).astype(int)))
+        return self.fitted(min((few.fitted(start) for start in starts), key=few.misfit))
+
+    def fitted(self, x: np.ndarray, iterations: int = _ITERATIONS, first: int = _FIRST) -> np.ndarray:
+        """The place, turn and rise (7,) of least misfit near ``x``, with shorter steps in the ``first`` iterations."""
         x = x.copy()
-        for k in range(_ITERATIONS):
+        for k in range(iterations):
             found, weight = self.residuals(x)
             root = np.sqrt(weight)[..., None]
             slope = np.stack(
@@ -165,7 +175,7 @@ class _Pairs:
             step = np.linalg.lstsq(slope, -(found * root).ravel(), rcond=1e-9)[0]
             most = np.array([0.1, 0.1, 0.1, 0.3, 0.3, 0.3, 0.1])
             step /= max(1.0, float((np.abs(step) / most).max()))
-            x = x + (0.5 if k < _FIRST else 1.0) * step
+            x = x + (0.5 if k < first else 1.0) * step
             if np.abs(step).max() < 1e-7:
                 break
         return x

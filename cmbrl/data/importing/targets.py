@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, TURN, Floating, Single, joints_of
+from cmbrl.data.importing.commanded import paced
 from cmbrl.data.importing.units import TURN_UNITS, UNITS, affine_of, factor_of
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.numbers import shown
@@ -90,8 +91,9 @@ def parse(text: str, scene: Scene) -> Target | None:
     for joint in known:
         if joint is not body and joint.name != owner:
             continue
-        dimension = _dimension(joint, quantity)
-        if isinstance(joint, Single) and quantity in _AFFINE:
+        pace = quantity == "command" and joint.name in paced(scene)
+        dimension = _dimension(joint, "velocity" if pace else quantity)
+        if isinstance(joint, Single) and quantity in _AFFINE and not pace:
             return Target(joint.name, quantity, *affine_of(unit, dimension, joint, scene, text))
         return Target(joint.name, quantity, factor_of(unit, dimension, text))
     raise UserError(f"--map: no joint {owner!r}: {did_you_mean(owner, scene.joint_names)}")
@@ -159,7 +161,7 @@ class _Guesser:
         self.single, floating = joints_of(scene)
         self.floating = _base(floating)
         self.angle = TURN_UNITS[angles]
-        self.actuators = scene.actuator_names
+        self.actuators, self.paced = scene.actuator_names, paced(scene)
         self.drivers = {name.lower(): name for name in scene.actuator_names}  # a joint's name may be the same
         owners: dict[str, tuple[str, bool]] = {}
         for name in scene.actuator_names:
@@ -191,7 +193,7 @@ class _Guesser:
         if words & OTHER:
             return None
         owner, actuator = self.owners[hit.group(1)]
-        quantity = _quantity(words)
+        quantity = _quantity(words, owner in self.paced)
         if quantity is None:
             if words - PLAIN - set(NAMED):
                 return None
@@ -229,9 +231,9 @@ def _yields(column: str) -> bool:
     return not YIELDS.isdisjoint(re.split(r"[^a-z]+", column.lower()))
 
 
-def _quantity(words: set[str]) -> str | None:
-    """The quantity that words of a name tell. A commanded velocity is none that a log of commands has."""
+def _quantity(words: set[str], paced: bool) -> str | None:
+    """The quantity that words of a name tell. A commanded velocity is the command of a ``paced`` joint alone."""
     said = {quantity for quantity, known in WORDS.items() if words & known}
     if "command" in said and "velocity" in said:
-        return None
+        return "command" if paced else None
     return next((quantity for quantity in WORDS if quantity in said), None)

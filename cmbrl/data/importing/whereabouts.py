@@ -12,6 +12,7 @@ from cmbrl.data.importing.build import configurations
 from cmbrl.data.importing.grid import Key
 from cmbrl.data.importing.markers import Markers, markers
 from cmbrl.data.importing.series import QUATERNION
+from cmbrl.data.importing.told import short
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
 
@@ -56,6 +57,11 @@ def of_markers(
     if len(poses) * dt < _LEAST or not feet.stands(scene, base):
         return episodes, []
     q = configurations(longest, scene)
+    if steps := feet.steps(scene, base, q):  # heights over the plane mean nothing then
+        return episodes, [
+            "poses are taken for the base's: what stands does not tell where markers sit, since it may stand on "
+            f"{short(steps, 2)}; --markers X Y Z RX RY RZ tells it"
+        ]
     q[:, base.qadr : base.qadr + 7] = 0.0
     q[:, base.position["qw"]] = 1.0
     found = markers(poses, feet.Touching.of(scene, q), dt)

@@ -19,7 +19,7 @@ from cmbrl.fitting.outcome.agreement import sentences
 from cmbrl.fitting.outcome.lateness import lateness_told
 from cmbrl.fitting.outcome.laws_told import laws_told, play_told
 from cmbrl.fitting.outcome.unit import unit_told
-from cmbrl.fitting.outcome.verdict import EXACT, MEASURES, MODELS, advice, lost, warning
+from cmbrl.fitting.outcome.verdict import EXACT, MEASURES, MODELS, advice, hurried, lost, warning
 
 WIDTH = 100
 _ALIKE = 1.01  # times the error of the fit
@@ -71,7 +71,7 @@ def verdict(report: Mapping[str, Any]) -> str:
     if None in held_out:
         return f"{early}Nothing was held out: this fit has not been judged."
     if worse := warning(report.get("horizons", ())):
-        return f"{early}{worse}."
+        return f"{early}{worse}{hurried(report.get('pace'))}."
     before, after = (row["rmse"] for row in held_out if row)
     steps = "1 step" if report["horizon"] == 1 else f"{report['horizon']} steps"
     told = f"an error over {steps} of {after:.3g} instead of {before:.3g}{_far(report)}"

@@ -22,6 +22,7 @@ from cmbrl.models.windows import blocks_of, least_units
 HORIZONS = (1, 5, 20, 100)  #: those of ``cmbrl error``, which the user will look at
 MODELS = ("hold", "nominal", "fitted")
 MEASURES = {"rmse": "RMSE", "loss": "Huber loss"}  #: large errors rule the first, usual ones the second
+_HURRIED, _MOVING = 0.75, ("choice", "polish")  # share of their work, of the parts that move parameters
 _LOST = 1e300  # JSON has no infinity
 _WORSE = 1.01  # times the error of another model
 EXACT = 1e-6  #: an RMSE of one step that the solver leaves: nothing is to be gained
@@ -104,6 +105,15 @@ def warning(rows: Sequence[Mapping[str, Any]]) -> str | None:
         del names["nominal"]  # beyond one step, chaos makes of rounding what it likes
     parts = [f"{name} over {where}" for other, name in names.items() if (where := _worse(rows, other))]
     return f"DO NOT TRUST THIS FIT: on unseen episodes it loses to {', and to '.join(parts)}" if parts else None
+
+
+def hurried(pace: Mapping[str, Any] | None) -> str:
+    """What to do about a fit that a limit of time (``report["pace"]``) has left little work; empty for any other."""
+    share = min((pace["shares"].get(part, 1.0) for part in _MOVING), default=1.0) if pace else 1.0
+    if pace is None or share >= _HURRIED:
+        return ""
+    seconds = float(f"{pace['limit'] / share:.2g}")
+    return f"; it did {share:.0%} of its usual work: give it --time-limit {seconds:.0f}"
 
 
 def lost(row: Mapping[str, Any], model: str = "fitted") -> bool:
