@@ -34,6 +34,15 @@ class Robot:
         return self.q, self.v
 
 
+class Pushed(Robot):
+    """A robot whose velocity is the control."""
+
+    dt = 0.02
+
+    def step(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return self.q, u.copy()
+
+
 def log(n_steps: int, **_: object) -> Transitions:
     rows = {name: np.zeros((n_steps, 1)) for name in ("q", "v", "u", "q_next", "v_next")}
     return Transitions(**rows, dt=0.01, episode=np.zeros(n_steps, dtype=int))
@@ -76,3 +85,25 @@ def test_a_real_system_or_a_recorder_of_another_control_step_is_refused() -> Non
         real_system(task())()
     with pytest.raises(UserError, match=r"its recorder's steps take 0.01 s, and Task.control_dt is 0.02 s"):
         task().record(5)
+
+
+def test_a_task_without_a_recorder_is_recorded_by_its_process_and_its_system() -> None:
+    own = replace(task(), recorder=None, system=Pushed)
+    data = own.record(7, seed=3)
+    assert len(data) == 7
+    assert data.episode[-1] == 0
+    np.testing.assert_array_equal(data.v_next, data.u)
+    np.testing.assert_array_equal(data.u, own.record(9, seed=3).u[:7])
+    assert np.abs(data.u).max() < 1.0
+
+    driven = own.record(4, behaviour=lambda observation: np.array([0.25 + 2 * observation[1]]))
+    np.testing.assert_array_equal(driven.u[:, 0], [0.25, 0.75, 1.0, 1.0])  # within its range
+    with pytest.raises(UserError, match=r"the policy gives shape \(2,\) or NaN: it must give 1 finite actions"):
+        own.record(4, behaviour=lambda observation: np.zeros(2))
+    with pytest.raises(UserError, match="unknown behaviour 'pd': known: policy, random"):
+        own.record(4, behaviour="pd")
+
+
+def test_a_task_that_tells_no_way_to_a_log_is_refused() -> None:
+    with pytest.raises(UserError, match="task 'slide' cannot be recorded: give it a recorder, or mdp and system"):
+        replace(task(), recorder=None, system=None)
