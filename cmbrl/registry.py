@@ -183,10 +183,13 @@ class Task:
 
     def _record(self, **arguments: Any) -> Transitions:
         """What a task without a recorder records."""
+        from cmbrl.envs.checked_robot import check_robot
         from cmbrl.envs.of_task import decision_process, real_system
         from cmbrl.envs.recording import record_process
 
-        return record_process(decision_process(self), real_system(self), **arguments)
+        mdp = decision_process(self)
+        check_robot(mdp, self)
+        return record_process(mdp, real_system(self), **arguments)
 
 
 _registered: dict[str, Task] = {}
