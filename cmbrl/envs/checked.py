@@ -123,7 +123,7 @@ def _one_each(x: Tensor, what: str) -> None:
 
 def _finite(x: Tensor, what: str) -> None:
     if not torch.isfinite(x).all():
-        raise UserError(f"{what} that are not finite at the start of an episode: mend it")
+        raise UserError(f"{what} that are not finite at the start of an episode: mend it (is a quaternion left zero?)")
 
 
 def _shape(x: Tensor) -> str:
