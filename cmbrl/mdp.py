@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from typing import Any, Protocol
@@ -68,7 +68,8 @@ class MDP:
         dt: duration of a step [s]: ``repeat`` times the task's ``control_dt``.
         episode_steps: time limit, in steps of the process.
         act: q, v, action -> q, v, u: the state from which the step starts, and the control (B, nu) held during it.
-            Default: the action is the control and the state stays. A throw sets the launch velocity here.
+            Default: the action is the control and the state stays; :func:`between` scales it to ranges of controls. A
+            throw sets the launch velocity here.
         repeat: model steps in one step of the process: an action is held for ``repeat`` control steps, and a log of the
             robot gets ``repeat`` transitions. Default 1.
         shaping: q', v' -> (B,), added to the reward in training only, never in what is reported. Termination is
@@ -149,6 +150,18 @@ def inside(q: Tensor, v: Tensor, low: Tensor, high: Tensor) -> Tensor:
 def never(q: Tensor, v: Tensor) -> Tensor:
     """Termination for a task whose episodes end only by the time limit."""
     return torch.zeros(len(q), dtype=torch.bool)
+
+
+def between(
+    low: Sequence[float] | float, high: Sequence[float] | float
+) -> Callable[..., tuple[Tensor, Tensor, Tensor]]:
+    """An ``act`` that takes actions of -1 to the controls ``low`` (n_a,), and of 1 to ``high`` (n_a,)."""
+    bottom, top = (torch.as_tensor(x, dtype=torch.float64) for x in (low, high))
+
+    def act(q: Tensor, v: Tensor, action: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        return q, v, bottom + 0.5 * (top - bottom) * (1.0 + action)
+
+    return act
 
 
 def uniform(count: int, width: int, bound: float, generator: torch.Generator) -> Tensor:

@@ -6,7 +6,7 @@ A task registers itself; cmbrl never imports one by name. Your own task is added
     from pathlib import Path
     from cmbrl.registry import Task
 
-    def record(n_steps, seed, behaviour, progress):
+    def record(n_steps, seed, behaviour, progress):    # not needed where the task has ``mdp`` and ``system``
         ...                                            # your robot or simulator
         return cmbrl.Transitions(q=..., v=..., u=..., q_next=..., v_next=..., dt=0.02, episode=...)
 
@@ -53,7 +53,8 @@ GROUP = "cmbrl.tasks"
 class Task:
     """What is needed to record, fit and judge one robot, and to train policies for it.
 
-    Raises UserError unless ``substeps`` steps of ``time_step`` make a control step.
+    Raises UserError unless ``substeps`` steps of ``time_step`` make a control step, and where neither a recorder nor
+    ``mdp`` and ``system`` tell how to take a log.
     """
 
     name: str  #: as typed on the command line
@@ -95,10 +96,17 @@ class Task:
     """
     algorithm: str | None = None  #: of `cmbrl train` if none is named; default: the loop, or SHAC without a real system
     takes_log: bool = False  #: the real system is a log: the recorder reads a file
-    recorder: Callable[..., Transitions]
-    """``recorder(n_steps=, seed=, behaviour=, progress=)``, and ``log=`` where ``takes_log``: see :meth:`record`."""
+    recorder: Callable[..., Transitions] | None = None
+    """``recorder(n_steps=, seed=, behaviour=, progress=)``, and ``log=`` where ``takes_log``: see :meth:`record`.
+
+    Default: ``system`` under ``mdp``, by random actions or a policy (:func:`cmbrl.envs.recording.record_process`).
+    """
 
     def __post_init__(self) -> None:
+        if self.recorder is None:
+            if self.mdp is None or self.system is None:
+                raise UserError(f"task {self.name!r} cannot be recorded: give it a recorder, or mdp and system")
+            object.__setattr__(self, "behaviours", ("random", "policy"))  # a frozen dataclass
         if abs(self.substeps * self.time_step - self.control_dt) > 1e-9 * self.control_dt:
             raise UserError(
                 f"task {self.name!r}: {self.substeps} substeps of {self.time_step} s do not make a control step of "
@@ -157,10 +165,11 @@ class Task:
             raise UserError("behaviour 'policy' needs the policy itself: name its file with --policy FILE")
         else:
             one_of(behaviour, self.behaviours, "behaviour")
+        recorder = self.recorder or self._record
         extra = {"log": log} if self.takes_log else {}
         if log is not None and not self.takes_log:
             raise UserError(f"{self.name} is recorded from a simulation, not from {log}: drop --data")
-        data = self.recorder(n_steps=n_steps, seed=seed, behaviour=behaviour, progress=progress, **extra)
+        data = recorder(n_steps=n_steps, seed=seed, behaviour=behaviour, progress=progress, **extra)
         if len(data) < n_steps:
             raise UserError(
                 f"{self.name}: its recorder returned {len(data)} transitions of {n_steps}: fix Task.recorder"
@@ -171,6 +180,16 @@ class Task:
                 "fix frame_skip of its system, or control_dt"
             )
         return data if len(data) == n_steps else data.select(slice(n_steps))
+
+    def _record(self, **arguments: Any) -> Transitions:
+        """What a task without a recorder records."""
+        from cmbrl.envs.checked_robot import check_robot
+        from cmbrl.envs.of_task import decision_process, real_system
+        from cmbrl.envs.recording import record_process
+
+        mdp = decision_process(self)
+        check_robot(mdp, self)
+        return record_process(mdp, real_system(self), **arguments)
 
 
 _registered: dict[str, Task] = {}

@@ -63,11 +63,28 @@ class Simulated(System, Protocol):
 SystemFactory = Callable[[], System]
 
 
+def _compiled(path: str, to_change: bool) -> Any:
+    """The ``mujoco.MjModel`` of a file; ``to_change``: without the short cuts for bodies that are balanced as they are.
+
+    A body whose centre of mass is its origin has a diagonal mass matrix, until somebody moves its centre of mass.
+    """
+    import mujoco
+
+    if not to_change:
+        return mujoco.MjModel.from_xml_path(path)
+    spec = mujoco.MjSpec.from_file(path)
+    for body in spec.bodies:
+        if hasattr(body, "simple"):  # older versions of MuJoCo cannot leave it out
+            body.simple = False
+    return spec.compile()
+
+
 class MujocoSystem:
     """MuJoCo with the MJCF's own options, ``frame_skip`` steps of it at a time, as Gymnasium's robots run.
 
     ``drives`` replace laws of actuators (:mod:`cmbrl.scene.drives`). ``change`` alters the compiled
-    ``mujoco.MjModel``, for a robot that is not the one of the file. ``feel`` maps the ``MjModel`` and its ``MjData``
+    ``mujoco.MjModel``, for a robot that is not the one of the file; what MuJoCo derives from it (inverse weights,
+    inertia of simple bodies) follows. ``feel`` maps the ``MjModel`` and its ``MjData``
     after a step to what the robot tells besides its state (k,). Raises UserError if the file cannot be read, or has no
     such actuators.
     """
@@ -87,13 +104,15 @@ class MujocoSystem:
         self._mujoco = mujoco
         try:
             with without_mujoco_warnings():  # it would leave a log file in the working folder
-                self.model = mujoco.MjModel.from_xml_path(os.fspath(path))
+                self.model = _compiled(os.fspath(path), to_change=change is not None)
         except ValueError as error:
             raise UserError(f"{path}: MuJoCo cannot read it ({str(error).splitlines()[0]})") from None
         self.model = driven_model(self.model, drives, str(path))
         if change is not None:
             change(self.model)
         self.data = mujoco.MjData(self.model)
+        if change is not None:  # what the compiler derives from masses and the like: else bodies keep some of the old
+            mujoco.mj_setConst(self.model, self.data)
         self.frame_skip, self.feel = frame_skip, feel
 
     @property

@@ -113,15 +113,10 @@ def walking_task(
             )
         return robot
 
-    def record(n_steps: int, seed: int, **_: Any) -> Any:
-        from cmbrl.envs.recording import record_random
-
-        return record_random(mdp(), system, n_steps, seed)
-
     task = Task(  # the process needs its scene
         name=name, description=description, scene=walker.scene, drives=walker.drives, control_dt=control_dt,
-        substeps=substeps, time_step=control_dt / substeps, behaviours=("random",), recorder=record, mdp=mdp,
-        system=system, **{"training": TRAINING, **settings},
+        substeps=substeps, time_step=control_dt / substeps, mdp=mdp, system=system,
+        **{"training": TRAINING, **settings},
     )  # fmt: skip
     return task
 

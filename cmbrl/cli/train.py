@@ -172,8 +172,8 @@ def run(arguments: argparse.Namespace) -> int:
         print(json.dumps(read_json(out / RESULT), indent=2))
     else:
         print(f"{out}: {outcome.iteration} iterations: {progress_text(outcome.last)}")
-        if told := trainer.conditions():
-            print(f"{out}: {commands_text(told)}")
+        if conditions := trainer.conditions():
+            print(f"{out}: {commands_text(conditions)}")
         for update, to in trainer.returns_to:
             print(
                 f"{out}: returns had fallen after {update} updates, so it went back to what it had learned after {to}"
@@ -182,8 +182,8 @@ def run(arguments: argparse.Namespace) -> int:
             print(f"{out}: the policy of update {trainer.kept} is kept: the last one earns less in the model")
         if outcome.failed_trials:
             print(f"{out}: {foretold(outcome.failed_trials)}")
-        if told_nothing := unlearned(trainer.earned):
-            print(f"{out}: {told_nothing}")
+        if told := trainer.advice or unlearned(trainer.earned):  # no action may earn more by ending sooner
+            print(f"{out}: {told}")
         if stops := _early(getattr(trainer, "model", None)):
             print(f"{out}: {stops}")
     if outcome.stopped == INTERRUPTED:

@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
+import traceback
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
 import torch
 from torch import Tensor
 
+import cmbrl
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP
 
 ROWS = 3  # states: more than one, so that numbers of a batch are told from numbers of one state
+STATES = ("q", "v", "action", "q'", "v'")  # what functions take, in this order
 
 
 @torch.no_grad()
 def check_process(mdp: MDP, label: str) -> None:
-    """Raises UserError for the first function of ``mdp`` that returns rows of another shape, or numbers that are none.
+    """Raises UserError for the first function of ``mdp`` that fails, changes what it is given, or returns nonsense.
 
-    Other faults of those functions raise as they do.
+    That is rows of another shape, or numbers that are none; starts that are float32, and starts that are all ends.
     """
-    q, v = mdp.reset(ROWS, torch.Generator().manual_seed(0))
-    for name, x in (("q", q), ("v", v)):
-        if x.dim() != 2 or len(x) != ROWS:
-            raise UserError(f"{label}: MDP.reset({ROWS}, ...) gives {name} of shape {_shape(x)}: give ({ROWS}, n)")
-        _finite(x, f"{label}: MDP.reset gives {name}")
+    q, v = started(mdp, ROWS, label)
     action = torch.zeros(ROWS, mdp.actions, dtype=torch.float64)
-    seen = mdp.observe(q, v)
+    seen = called(mdp.observe, "observe", label, q, v)
     if seen.shape != (ROWS, mdp.observations):
         remedy = f"set MDP.observations to {seen.shape[1]}" if seen.dim() == 2 and len(seen) == ROWS else "give rows"
         raise UserError(
@@ -31,17 +35,85 @@ def check_process(mdp: MDP, label: str) -> None:
             f"{mdp.observations}: {remedy}"
         )
     _finite(seen, f"{label}: MDP.observe gives numbers")
-    reward = mdp.reward(q, v, action, q, v)
+    reward = called(mdp.reward, "reward", label, q, v, action, q.clone(), v.clone())
     _one_each(reward, f"{label}: MDP.reward")
+    if not reward.is_floating_point():
+        raise UserError(f"{label}: MDP.reward gives {reward.dtype}: give float64, one for each state")
     _finite(reward, f"{label}: MDP.reward gives numbers")
     if mdp.shaping is not None:
-        _one_each(mdp.shaping(q, v), f"{label}: MDP.shaping")
+        _one_each(called(mdp.shaping, "shaping", label, q, v), f"{label}: MDP.shaping")
     for name, ends in (("terminated", mdp.terminated), ("truncated", mdp.truncated)):
         if ends is not None:
-            found = ends(q, v)
+            found = called(ends, name, label, q, v)
             _one_each(found, f"{label}: MDP.{name}")
             if found.dtype != torch.bool:
                 raise UserError(f"{label}: MDP.{name} gives {found.dtype}: give bool, one for each state")
+            if found.all() and mdp.episode_steps > 1:  # a throw is over after its one step
+                raise UserError(f"{label}: MDP.{name} ends every episode at its start: mend it, or MDP.reset")
+
+
+@torch.enable_grad()
+def check_derivative(mdp: MDP, label: str) -> None:
+    """Warns where observations, or the reward of a step, have no derivative in the state that they are taken of.
+
+    Raises UserError for functions that cannot be called with states that are differentiated.
+    """
+    q, v = (x.requires_grad_() for x in started(mdp, ROWS, label))
+    action = torch.zeros(ROWS, mdp.actions, dtype=torch.float64)
+    found = {
+        "observe": called(mdp.observe, "observe", label, q, v),
+        "reward": called(mdp.reward, "reward", label, q.detach(), v.detach(), action, q.clone(), v.clone()),
+    }
+    for name, x in found.items():
+        if not x.requires_grad:
+            of, instead = ("q', v'", ", as a distance or a speed") if name == "reward" else ("q, v", "")
+            warnings.warn(
+                f"{label}: MDP.{name} has no derivative in {of}, which gradients of policies need: write it in torch "
+                f"without detach, item or comparisons{instead}",
+                stacklevel=2,
+            )
+
+
+def started(mdp: MDP, count: int, label: str) -> tuple[Tensor, Tensor]:
+    """q, v of ``count`` starts of the seed 0. Raises UserError unless they are rows of finite float64 numbers."""
+    q, v = called(mdp.reset, "reset", label, count, torch.Generator().manual_seed(0))
+    for name, x in (("q", q), ("v", v)):
+        if x.dim() != 2 or len(x) != count:
+            raise UserError(f"{label}: MDP.reset({count}, ...) gives {name} of shape {_shape(x)}: give ({count}, n)")
+        if x.dtype != torch.float64:
+            raise UserError(f"{label}: MDP.reset gives {name} of {x.dtype}: make it with dtype=torch.float64")
+        _finite(x, f"{label}: MDP.reset gives {name}")
+    return q, v
+
+
+def called(function: Callable[..., Any], name: str, label: str, *states: Any) -> Any:
+    """What ``function``, which the task gives as ``MDP.name``, returns for ``states``.
+
+    Raises UserError with the place in the task's file where it fails, and if it changes ``states``.
+    """
+    kept = [x.clone() if isinstance(x, Tensor) else None for x in states]
+    try:
+        found = function(*states)
+    except UserError:
+        raise
+    except Exception as error:  # foreign code
+        raise UserError(f"{label}: MDP.{name} fails ({failure(error)}): mend it") from error
+    names = ("q'", "v'") if len(states) == 2 and name != "observe" else STATES
+    for what, before, after in zip(names, kept, states, strict=False):
+        if before is not None and not torch.equal(before, after):
+            raise UserError(
+                f"{label}: MDP.{name} changes {what} in place: write x = x + 1 instead of x += 1, or take x.clone()"
+            )
+    return found
+
+
+def failure(error: Exception) -> str:
+    """An error of foreign code in a few words, with the innermost place that is neither ours nor a library's."""
+    ours = Path(cmbrl.__file__).parent
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [f for f in frames if "site-packages" not in f.filename and not Path(f.filename).is_relative_to(ours)]
+    place = f" in {own[-1].filename}, line {own[-1].lineno}" if own else ""
+    return f"{type(error).__name__}: {error}{place}"
 
 
 def _one_each(x: Tensor, what: str) -> None:
@@ -51,7 +123,7 @@ def _one_each(x: Tensor, what: str) -> None:
 
 def _finite(x: Tensor, what: str) -> None:
     if not torch.isfinite(x).all():
-        raise UserError(f"{what} that are not finite at the start of an episode: mend it")
+        raise UserError(f"{what} that are not finite at the start of an episode: mend it (is a quaternion left zero?)")
 
 
 def _shape(x: Tensor) -> str:

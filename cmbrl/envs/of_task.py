@@ -60,13 +60,23 @@ def task_for(name: str, motion: str | Path | None, contact_law: str | None = Non
 
 
 def real_system(task: Task) -> SystemFactory:
-    """The function that makes the task's real system; UserError if it has none, or, then, for one of another step."""
+    """The function that makes the task's real system.
+
+    Raises UserError if it has none, and, when that is made, for one that cannot be made or has another control step.
+    """
+    from cmbrl.envs.checked import failure
+
     make = task.system
     if make is None:
         raise UserError(f"task {task.name!r} has no real system (Task.system): use --model")
 
     def made() -> System:
-        system = make()
+        try:
+            system = make()
+        except UserError:
+            raise
+        except Exception as error:  # foreign code
+            raise UserError(f"task {task.name!r}: Task.system fails ({failure(error)}): mend it") from error
         if abs(system.dt - task.control_dt) > 1e-6 * task.control_dt:
             raise UserError(
                 f"task {task.name!r}: a step of Task.system takes {system.dt:g} s, and Task.control_dt is "

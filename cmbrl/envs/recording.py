@@ -9,10 +9,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from cmbrl.data.behaviour import PolicyFunction
+from cmbrl.data.recorder import Progress
 from cmbrl.data.transitions import Transitions
 from cmbrl.envs.history import with_last_actions
 from cmbrl.envs.system_batch import SystemBatch
+from cmbrl.errors import UserError
 from cmbrl.mdp import MDP
+from cmbrl.numbers import real_array
 from cmbrl.system import SystemFactory
 
 
@@ -125,12 +129,45 @@ def outcome(mdp: MDP, q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_ne
     }
 
 
-def record_random(
-    mdp: MDP, system: SystemFactory, n_steps: int, seed: int = 0, episode_steps: int = 200
+def record_process(
+    mdp: MDP,
+    system: SystemFactory,
+    n_steps: int,
+    seed: int = 0,
+    behaviour: str | PolicyFunction = "random",
+    progress: Progress | None = None,
+    episode_steps: int = 200,
 ) -> Transitions:
-    """``n_steps`` transitions or more of uniform random actions, in episodes of at most ``episode_steps``."""
+    """``n_steps`` transitions or more of ``system``, in episodes of at most ``episode_steps`` steps of the process.
+
+    The same seed gives the same log.
+
+    Args:
+        mdp: gives observations, resets and terminations, and turns actions into controls.
+        system: makes the robot.
+        n_steps: least number of transitions over all episodes.
+        seed: of resets and random actions.
+        behaviour: "random", uniform actions; or a policy from observation (n_o,) to action (n_a,).
+        progress: told how many transitions each step recorded.
+        episode_steps: longest episode.
+    """
     shorter = replace(mdp, episode_steps=min(mdp.episode_steps, episode_steps))
     robot, generator = Recording(shorter, system, seed), torch.Generator().manual_seed(seed + 1)
     while robot.transitions < n_steps:
-        robot.step(2 * torch.rand(1, mdp.actions, generator=generator, dtype=torch.float64) - 1)
+        robot.step(_action(behaviour, robot.observe(), mdp.actions, generator))
+        if progress is not None:
+            progress(mdp.repeat)
     return robot.log()
+
+
+def _action(behaviour: str | PolicyFunction, observation: Tensor, actions: int, generator: torch.Generator) -> Tensor:
+    """(1, n_a) at ``observation`` (1, n_o). Raises UserError where a policy gives another number of actions."""
+    if not callable(behaviour):
+        return 2 * torch.rand(1, actions, generator=generator, dtype=torch.float64) - 1
+    action = real_array(behaviour(observation[0].numpy()), "the policy's action")
+    if action.shape != (actions,) or not np.isfinite(action).all():
+        raise UserError(f"the policy gives shape {action.shape} or NaN: it must give {actions} finite actions")
+    return torch.from_numpy(action.clip(-1.0, 1.0))[None]
+
+
+record_random = record_process  # as recorders of tasks have called it

@@ -137,6 +137,22 @@ def unlearned(earned: Mapping[str, float]) -> str:
     )
 
 
+def quits(draws: Evaluation, mdp: MDP) -> str:
+    """What it says of a task that most episodes of its policy end early and cost something; empty where they do not.
+
+    >>> ended = Evaluation(np.array([-40.0, -60.0]), np.array([50, 50]), np.array([True, True]))
+    >>> quits(ended, MDP(**dict.fromkeys(MDP.__annotations__)))[:72]
+    'steps earn -1 in the mean, so that an episode costs less the sooner it e'
+    """
+    cost = float(draws.returns.sum() / draws.lengths.sum())
+    if mdp.shaping is not None or cost >= 0 or draws.terminated.mean() < THRESHOLD:
+        return ""
+    return (
+        f"steps earn {cost:.3g} in the mean, so that an episode costs less the sooner it ends: give every step a "
+        "constant in training (MDP.shaping)"
+    )
+
+
 class Disturbed:
     """``model`` whose control arrives ``late`` steps late, and whose ``base`` is pushed every so many steps.
 

@@ -31,7 +31,7 @@ class Algorithm:
 
     ``base``: the algorithm that it trains policies by; what a task sets for that one holds here too. ``measures``:
     its windows are shortened where the task's derivatives grow (`cmbrl.train.growth`). ``goes_on``: it can begin with
-    another run's policy.
+    another run's policy. ``differentiates``: it follows derivatives of the task's reward.
     """
 
     place: str
@@ -41,6 +41,7 @@ class Algorithm:
     base: str | None = None
     measures: bool = False
     goes_on: bool = False
+    differentiates: bool = False
 
     def load(self) -> tuple[Any, Any]:
         """The trainer's class and that of its configuration, imported now."""
@@ -55,11 +56,13 @@ ALGORITHMS = {
         "first-order gradients over short windows, whose ends a critic values",
         measures=True,
         goes_on=True,
+        differentiates=True,
     ),
     "fopg": Algorithm(
         "cmbrl.train.fopg:FOPG:FOPGConfig",
         "policy gradients of windows or whole episodes: pathwise, score function, AoBG or PIPPS",
         goes_on=True,
+        differentiates=True,
     ),
     "loop": Algorithm(
         "cmbrl.train.loop:Loop:LoopConfig",
@@ -68,6 +71,7 @@ ALGORITHMS = {
         ("system", "data"),
         base="shac",
         measures=True,
+        differentiates=True,
     ),
     "mbpo": Algorithm(
         "cmbrl.train.mbpo:MBPO:MBPOConfig",

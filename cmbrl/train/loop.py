@@ -201,7 +201,7 @@ class Loop(Trainer):
     def failed_trials(self) -> dict[str, float]:
         """Those of the policy in training."""
         found = self.trainer.failed_trials()
-        self.earned = self.trainer.earned
+        self.earned, self.advice = self.trainer.earned, self.trainer.advice
         return found
 
     def keep(self, folder: Path) -> None:

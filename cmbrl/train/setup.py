@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from cmbrl.envs.checked import check_derivative
+from cmbrl.envs.checked_robot import check_robot
 from cmbrl.envs.of_task import decision_process, real_system, task_for
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP
@@ -121,6 +123,9 @@ def set_up(
     if start and not chosen.goes_on:
         able = " or ".join(known for known, one in ALGORITHMS.items() if one.goes_on)
         raise UserError(f"--start: {name} begins with a policy of its own: train by {able}")
+    check_robot(mdp, found)
+    if chosen.differentiates:
+        check_derivative(mdp, f"task {found.name!r}")
     config = configure(name, found, parse_fields(chosen.load()[1], settings or {}, name))
     return Setup(found, name, model, config, mdp, data, offline, smoothing, derivative, seed, threads, motion, start)
 

@@ -55,6 +55,7 @@ class Trainer(ABC):
     iteration: int  #: updates done so far
     judged: MDP | None = None  #: the process of its trials, where an evaluation starts in another way than training
     earned: Mapping[str, float] = MappingProxyType({})  #: in the model alone: see ``cmbrl.envs.trials.unlearned``
+    advice: str = ""  #: what its trials say of the task
     kept: int | None = None  #: the update whose policy is kept instead of the last one
     returns_to: Sequence[Sequence[int]] = ()  #: updates after which it went back, and to which
     simulation: Simulation | None = None  #: whose last states a diverged run keeps; None where there is none

@@ -11,7 +11,7 @@ import torch
 from cmbrl.envs.disturbance import Disturbance, parameter_sets
 from cmbrl.envs.history import commands
 from cmbrl.envs.simulation import Simulation
-from cmbrl.envs.trials import failed, of_draws, trials, without_action
+from cmbrl.envs.trials import failed, of_draws, quits, trials, without_action
 from cmbrl.gradients.kinds import steps_taken
 from cmbrl.mdp import MDP
 from cmbrl.models.both_laws import under_both_laws
@@ -181,7 +181,7 @@ class WindowLearner(Trainer):
     def failed_trials(self) -> dict[str, float]:
         """Of whole episodes, from starts as in an evaluation; none where a curriculum chooses those too.
 
-        Then ``earned`` is known too.
+        Then ``earned`` and ``advice`` are known too.
         """
         mdp = self._tried()
         if mdp.curriculum:
@@ -189,6 +189,7 @@ class WindowLearner(Trainer):
         found, idle = trials(self.policy, mdp, self.model), without_action(mdp, self.model)
         returns = {"policy": found["draws"].returns, "no action": idle.returns}
         self.earned = {name: float(each.mean()) for name, each in returns.items()}
+        self.advice = quits(found["draws"], mdp)
         return failed(found)
 
     def _tried(self) -> MDP:

@@ -36,14 +36,9 @@ def _suite_task(name: str, asset: str, frame_skip: int, **settings: Any) -> Task
 
         return MujocoSystem(scene(), frame_skip=frame_skip)
 
-    def record(n_steps: int, seed: int, **_: Any) -> Any:
-        from cmbrl.envs.recording import record_random
-
-        return record_random(mdp(), system, n_steps, seed)
-
     return Task(
-        name=name, scene=scene, recorder=record, mdp=mdp, system=system, behaviours=("random",), substeps=frame_skip,
-        sliding="convex", contact_gap=1e-3, **settings,
+        name=name, scene=scene, mdp=mdp, system=system, substeps=frame_skip, sliding="convex",
+        contact_gap=1e-3, **settings,
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 import torch
 
 from cmbrl.data import Transitions
+from cmbrl.envs.checked import check_derivative
 from cmbrl.envs.of_task import decision_process, real_system
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP, never
@@ -34,6 +36,15 @@ class Robot:
         return self.q, self.v
 
 
+class Pushed(Robot):
+    """A robot whose velocity is the control."""
+
+    dt = 0.02
+
+    def step(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return self.q, u.copy()
+
+
 def log(n_steps: int, **_: object) -> Transitions:
     rows = {name: np.zeros((n_steps, 1)) for name in ("q", "v", "u", "q_next", "v_next")}
     return Transitions(**rows, dt=0.01, episode=np.zeros(n_steps, dtype=int))
@@ -57,6 +68,15 @@ def task(**changes) -> Task:
         ({"observe": lambda q, v: torch.cat([q, v / 0.0], dim=1)}, "observe gives numbers that are not finite"),
         ({"terminated": lambda q, v: q < 0}, r"terminated gives shape \(3, 1\)"),
         ({"terminated": lambda q, v: q[:, 0]}, "terminated gives torch.float64: give bool"),
+        ({"terminated": lambda q, v: q[:, 0] < 1}, "terminated ends every episode at its start"),
+        ({"reward": lambda q, v, a, q1, v1: v1[:, 0] > 1}, "reward gives torch.bool: give float64"),
+        (
+            {"reward": lambda q, v, a, q1, v1: v1[:, 2]},
+            r"reward fails \(IndexError: .* in .*test_checked.py, line \d+\)",
+        ),
+        ({"reward": lambda q, v, a, q1, v1: q1.add_(1)[:, 0]}, r"reward changes q' in place: write x = x \+ 1"),
+        ({"observe": lambda q, v: torch.cat([q, v.mul_(2).add_(1)], dim=1)}, "observe changes v in place"),
+        ({"reset": lambda count, g: (torch.zeros(count, 1), torch.zeros(count, 1))}, "reset gives q of torch.float32"),
         ({"truncated": lambda q, v: q > 0}, "truncated gives shape"),
         ({"shaping": lambda q, v: q}, "shaping gives shape"),
         ({"reset": lambda count, g: (torch.zeros(1).double(), torch.zeros(1).double())}, "reset.* gives q of shape"),
@@ -67,8 +87,29 @@ def test_what_a_process_returns_is_checked(changes: dict[str, object], says: str
         decision_process(task(**changes))
 
 
+def test_rewards_and_observations_without_a_derivative_are_told() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_derivative(process(), "mine")
+    sparse = process(reward=lambda q, v, a, q1, v1: (v1[:, 0] > 1).double() - a.square().sum(1))
+    with pytest.warns(UserWarning, match=r"mine: MDP.reward has no derivative in q', v', .* as a distance or a speed"):
+        check_derivative(sparse, "mine")
+    with pytest.warns(UserWarning, match=r"mine: MDP.observe has no derivative in q, v, "):
+        check_derivative(process(observe=lambda q, v: torch.cat([q, v], dim=1).detach()), "mine")
+    with pytest.raises(UserError, match=r"MDP.reward fails \(RuntimeError: Can't call numpy"):
+        check_derivative(process(reward=lambda q, v, a, q1, v1: torch.from_numpy(q1[:, 0].numpy())), "mine")
+
+
 def test_a_sound_process_passes() -> None:
     assert decision_process(task()).observations == 2
+
+
+def test_a_real_system_that_cannot_be_made_is_told_with_its_place() -> None:
+    def broken() -> Robot:
+        raise KeyError("trunk")
+
+    with pytest.raises(UserError, match=r"'slide': Task.system fails \(KeyError: 'trunk' in .*test_checked.py, line"):
+        real_system(replace(task(), system=broken))()
 
 
 def test_a_real_system_or_a_recorder_of_another_control_step_is_refused() -> None:
@@ -76,3 +117,25 @@ def test_a_real_system_or_a_recorder_of_another_control_step_is_refused() -> Non
         real_system(task())()
     with pytest.raises(UserError, match=r"its recorder's steps take 0.01 s, and Task.control_dt is 0.02 s"):
         task().record(5)
+
+
+def test_a_task_without_a_recorder_is_recorded_by_its_process_and_its_system() -> None:
+    own = replace(task(), recorder=None, system=Pushed)
+    data = own.record(7, seed=3)
+    assert len(data) == 7
+    assert data.episode[-1] == 0
+    np.testing.assert_array_equal(data.v_next, data.u)
+    np.testing.assert_array_equal(data.u, own.record(9, seed=3).u[:7])
+    assert np.abs(data.u).max() < 1.0
+
+    driven = own.record(4, behaviour=lambda observation: np.array([0.25 + 2 * observation[1]]))
+    np.testing.assert_array_equal(driven.u[:, 0], [0.25, 0.75, 1.0, 1.0])  # within its range
+    with pytest.raises(UserError, match=r"the policy gives shape \(2,\) or NaN: it must give 1 finite actions"):
+        own.record(4, behaviour=lambda observation: np.zeros(2))
+    with pytest.raises(UserError, match="unknown behaviour 'pd': known: policy, random"):
+        own.record(4, behaviour="pd")
+
+
+def test_a_task_that_tells_no_way_to_a_log_is_refused() -> None:
+    with pytest.raises(UserError, match="task 'slide' cannot be recorded: give it a recorder, or mdp and system"):
+        replace(task(), recorder=None, system=None)

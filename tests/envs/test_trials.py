@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from cmbrl.envs.trials import (
     failed,
     foretold,
     of_draws,
+    quits,
     stands,
     trials,
     unlearned,
@@ -139,3 +141,17 @@ def test_an_episode_that_earns_half_has_failed() -> None:
     shares = failed({"draws": found(10.0, 12.0, 8.0, 4.0), "late": found(6.0, 5.0, 4.0, 3.0)})
     assert shares == {"draws": 0.25, "late": 0.5}  # usual: 9
     assert failed({"draws": found(-2.0, -2.9, -3.1)})["draws"] == pytest.approx(0.0)
+
+
+def test_a_task_whose_episodes_cost_less_the_sooner_they_end_is_told_so() -> None:
+    mdp = slider.mdp()
+    lengths = np.array([20, 60, 100, 100])
+
+    def ended(returns: list[float], terminated: list[bool]) -> Evaluation:
+        return Evaluation(np.array(returns), lengths, np.array(terminated))
+
+    cost, half = [-20.0, -60.0, -50.0, -10.0], [True, True, False, False]
+    assert "steps earn -0.5 in the mean" in quits(ended(cost, half), mdp)
+    assert quits(ended(cost, [True, False, False, False]), mdp) == ""
+    assert quits(ended([-value for value in cost], half), mdp) == ""
+    assert quits(ended(cost, half), replace(mdp, shaping=lambda q, v: q[:, 0])) == ""
