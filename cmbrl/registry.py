@@ -99,7 +99,7 @@ class Task:
     recorder: Callable[..., Transitions] | None = None
     """``recorder(n_steps=, seed=, behaviour=, progress=)``, and ``log=`` where ``takes_log``: see :meth:`record`.
 
-    Default: ``system`` under ``mdp``, by random actions or a policy (:func:`cmbrl.envs.recording.record_process`).
+    Default: ``system`` under ``mdp``, by random actions or a policy (:func:`cmbrl.envs.of_task.recorded`).
     """
 
     def __post_init__(self) -> None:
@@ -165,11 +165,12 @@ class Task:
             raise UserError("behaviour 'policy' needs the policy itself: name its file with --policy FILE")
         else:
             one_of(behaviour, self.behaviours, "behaviour")
-        recorder = self.recorder or self._record
+        if self.recorder is None:
+            raise UserError(f"{self.name} has no recorder of its own: cmbrl.envs.of_task.recorded(task) has one")
         extra = {"log": log} if self.takes_log else {}
         if log is not None and not self.takes_log:
             raise UserError(f"{self.name} is recorded from a simulation, not from {log}: drop --data")
-        data = recorder(n_steps=n_steps, seed=seed, behaviour=behaviour, progress=progress, **extra)
+        data = self.recorder(n_steps=n_steps, seed=seed, behaviour=behaviour, progress=progress, **extra)
         if len(data) < n_steps:
             raise UserError(
                 f"{self.name}: its recorder returned {len(data)} transitions of {n_steps}: fix Task.recorder"
@@ -180,16 +181,6 @@ class Task:
                 "fix frame_skip of its system, or control_dt"
             )
         return data if len(data) == n_steps else data.select(slice(n_steps))
-
-    def _record(self, **arguments: Any) -> Transitions:
-        """What a task without a recorder records."""
-        from cmbrl.envs.checked_robot import check_robot
-        from cmbrl.envs.of_task import decision_process, real_system
-        from cmbrl.envs.recording import record_process
-
-        mdp = decision_process(self)
-        check_robot(mdp, self)
-        return record_process(mdp, real_system(self), **arguments)
 
 
 _registered: dict[str, Task] = {}

@@ -34,9 +34,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     from cmbrl.data.files import check_target
+    from cmbrl.envs.of_task import recorded
     from cmbrl.registry import load_task
 
-    task = load_task(arguments.task)
+    task = recorded(load_task(arguments.task))
     behaviour = arguments.behaviour or ("policy" if arguments.policy else task.behaviours[0])
     if behaviour not in task.behaviours:
         raise UserError(f"{task.name} has no behaviour {behaviour!r}: {did_you_mean(behaviour, task.behaviours)}")

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cmbrl.errors import UserError
 from cmbrl.registry import load_task, names
 
 if TYPE_CHECKING:
+    from cmbrl.data.transitions import Transitions
     from cmbrl.mdp import MDP
     from cmbrl.registry import Task
     from cmbrl.system import System, SystemFactory
@@ -57,6 +59,20 @@ def task_for(name: str, motion: str | Path | None, contact_law: str | None = Non
     from cmbrl.scene.laws import LawChoice
 
     return replace(task, contact_law=str(LawChoice.parse(contact_law)))
+
+
+def recorded(task: Task) -> Task:
+    """``task`` with a recorder: its own, or one that takes its real system through its process."""
+    return task if task.recorder is not None else replace(task, recorder=partial(_record, task))
+
+
+def _record(task: Task, **arguments: Any) -> Transitions:
+    from cmbrl.envs.checked_robot import check_robot
+    from cmbrl.envs.recording import record_process
+
+    mdp = decision_process(task)
+    check_robot(mdp, task)
+    return record_process(mdp, real_system(task), **arguments)
 
 
 def real_system(task: Task) -> SystemFactory:

@@ -11,7 +11,7 @@ import torch
 
 from cmbrl.data import Transitions
 from cmbrl.envs.checked import check_derivative
-from cmbrl.envs.of_task import decision_process, real_system
+from cmbrl.envs.of_task import decision_process, real_system, recorded
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP, never
 from cmbrl.registry import Task
@@ -116,11 +116,15 @@ def test_a_real_system_or_a_recorder_of_another_control_step_is_refused() -> Non
     with pytest.raises(UserError, match=r"a step of Task.system takes 0.01 s, and Task.control_dt is 0.02 s"):
         real_system(task())()
     with pytest.raises(UserError, match=r"its recorder's steps take 0.01 s, and Task.control_dt is 0.02 s"):
-        task().record(5)
+        recorded(task()).record(5)
 
 
 def test_a_task_without_a_recorder_is_recorded_by_its_process_and_its_system() -> None:
-    own = replace(task(), recorder=None, system=Pushed)
+    bare = replace(task(), recorder=None, system=Pushed)
+    with pytest.raises(UserError, match=r"slide has no recorder of its own: .*recorded\(task\)"):
+        bare.record(7)
+    own = recorded(bare)
+    assert recorded(own) is own
     data = own.record(7, seed=3)
     assert len(data) == 7
     assert data.episode[-1] == 0

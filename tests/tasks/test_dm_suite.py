@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from cmbrl.envs.of_task import recorded
 from cmbrl.models.named import nominal_model
 from cmbrl.registry import load_task
 
@@ -88,6 +89,6 @@ def test_rewards_pass_gradients_to_actions(name):
 
 
 def test_a_log_of_random_actions():
-    log = load_task("dm_walker_run").record(30, seed=0)
+    log = recorded(load_task("dm_walker_run")).record(30, seed=0)
     assert (len(log), log.q.shape[1], log.u.shape[1]) == (30, 9, 6)
     assert log.dt == pytest.approx(0.025)
