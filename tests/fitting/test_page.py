@@ -18,7 +18,7 @@ from cmbrl.data import Transitions
 from cmbrl.data.position_log import PositionLog
 from cmbrl.errors import UserError
 from cmbrl.fitting import FitResult
-from cmbrl.fitting.outcome import report_text
+from cmbrl.fitting.outcome.first_line import first_line
 from cmbrl.fitting.outcome.page.motion import MOST, motion, residuals
 from cmbrl.fitting.outcome.page.predictions import OneStep, Window
 
@@ -203,7 +203,7 @@ def test_residuals_show_gaps_that_matter_and_no_strokes_out_of_the_picture(gap: 
 def test_the_verdict(change: dict, words: str) -> None:
     loss = {"held out, nominal": {"rmse": 0.2}, "held out, fitted": {"rmse": 0.02}}
     report = {"loss": loss, "fitted": ["mass.a"], "horizon": 1, "stopped": None, "at_bound": []}
-    assert words in report_text.verdict({**report, **change})
+    assert words in first_line({**report, **change})
 
 
 @pytest.mark.parametrize(
@@ -222,4 +222,4 @@ def test_what_a_long_prediction_gains_is_told_beside_a_short_one(
     both = dict(zip(("nominal", "fitted"), far, strict=True))
     row = {"steps": 99, "rmse": {"hold": 9.0, **both}, "loss": {"hold": 9.0, **both}, "estimated": True}
     report = {"loss": loss, "fitted": ["mass.a"], "horizon": 5, "stopped": None, "at_bound": [], "horizons": [row]}
-    assert words in report_text.verdict(report)
+    assert words in first_line(report)

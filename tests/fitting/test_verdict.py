@@ -12,7 +12,8 @@ import cmbrl
 from cmbrl.accuracy.compare import compare
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.log.evidence import Evidence
-from cmbrl.fitting.outcome.report_text import render, verdict
+from cmbrl.fitting.outcome.first_line import first_line
+from cmbrl.fitting.outcome.report_text import render
 from cmbrl.fitting.outcome.verdict import by_horizon, lost, warning
 from cmbrl.fitting.search.unseen import Unseen
 
@@ -104,24 +105,24 @@ def test_the_first_line_of_a_fit_tells_of_a_loss_in_rmse(carts) -> None:
     data = carts.record(carts.truth(2, gear_1=0.7, tilt=0.4), episodes=8, steps=40, noise=1e-3)
     result = cmbrl.fit(carts.model(2), data, budget=QUICK)
     report = dict(result.report)
-    assert "times better" in verdict(report)
+    assert "times better" in first_line(report)
     far = report["horizons"][-1]["rmse"]
-    assert f" times over 20 ({far['fitted']:.3g} instead of {far['nominal']:.3g})" in verdict(report)
+    assert f" times over 20 ({far['fitted']:.3g} instead of {far['nominal']:.3g})" in first_line(report)
     beyond = [
         *report["horizons"],
         {**report["horizons"][-1], "steps": 100, "rmse": {"hold": 7, "nominal": 9, "fitted": 6}},
     ]
-    assert verdict({**report, "horizons": beyond}).endswith(
+    assert first_line({**report, "horizons": beyond}).endswith(
         "Over 100 steps it is off by more than the states vary: use it for less."
     )
     worse = [{**row, "rmse": {**row["rmse"], "fitted": 2.0 * row["rmse"]["nominal"]}} for row in report["horizons"]]
-    assert "DO NOT TRUST" in verdict({**report, "horizons": worse}).split(".")[0]
+    assert "DO NOT TRUST" in first_line({**report, "horizons": worse}).split(".")[0]
     hasty = {"limit": 250.0, "asked": False, "shares": {"choice": 0.0625, "polish": 0.044, "held out": 0.02}}
-    assert verdict({**report, "horizons": worse, "pace": hasty}).endswith(
+    assert first_line({**report, "horizons": worse, "pace": hasty}).endswith(
         "; it did 4% of its usual work: give it --time-limit 5700."
     )
-    assert "--time-limit" not in verdict({**report, "pace": hasty})
-    assert not verdict({**report, "horizons": worse, "pace": {**hasty, "shares": {"report": 0.1}}}).count("limit")
+    assert "--time-limit" not in first_line({**report, "pace": hasty})
+    assert not first_line({**report, "horizons": worse, "pace": {**hasty, "shares": {"report": 0.1}}}).count("limit")
     assert "fitted, rmse" in render(result.parameters, report)
 
 
@@ -138,7 +139,7 @@ def test_a_file_that_is_right_stays_as_it_is(tmp_path: Path) -> None:
     log = replace(log, q_next=same.q_next, v_next=same.v_next, episode=np.arange(len(log)))
     result = cmbrl.fit(model, log, budget=QUICK)
     assert result.report["fitted"] == []
-    assert verdict(result.report).startswith("Nothing was fitted")
+    assert first_line(result.report).startswith("Nothing was fitted")
 
 
 def test_holding_is_no_rival_where_the_noise_of_the_sensors_rules(tmp_path: Path) -> None:

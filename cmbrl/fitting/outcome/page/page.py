@@ -10,6 +10,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from cmbrl.fitting.outcome import report_text
+from cmbrl.fitting.outcome.first_line import first_line
 from cmbrl.fitting.outcome.page import motion, numbers
 from cmbrl.fitting.outcome.page.predictions import one_step, windows
 from cmbrl.fitting.outcome.page.style import embedded
@@ -50,7 +51,7 @@ def page_text(result: FitResult) -> str:
     combinations = result.report.get("combinations", {"rows": []})["rows"]
     return environment.get_template("page.html.jinja").render(
         scene=result.model.scene.name,
-        verdict=report_text.verdict(result.report),
+        verdict=first_line(result.report),
         report=result.report,
         text=text,
         parameters=result.parameters,

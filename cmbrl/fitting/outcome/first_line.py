@@ -1,0 +1,83 @@
+"""The first line of a report: what a fit is worth on unseen seconds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from cmbrl.fitting.choice.judging import RETURN
+from cmbrl.fitting.outcome.verdict import EXACT, hurried, lost, warning
+
+_ALIKE = 1.01  # times the error of the fit
+_DIVERGED = 1e6  # times what the states vary by
+
+
+def first_line(report: Mapping[str, Any]) -> str:
+    """In one line, what the fit is worth."""
+    early = f"Stopped early ({report['stopped']}). " if report["stopped"] is not None else ""
+    held_out = [report["loss"].get(f"held out, {which}") for which in ("nominal", "fitted")]
+    if not report.get("fitted"):
+        back = (report.get("selection") or [{}])[-1].get("group") == RETURN
+        why = "no parameter had moved yet" if early else "the file explains the log as well"
+        why = "what had moved predicted unseen episodes worse than the file does" if back else why
+        return f"{early}Nothing was fitted: {why}."
+    if None in held_out:
+        return f"{early}Nothing was held out: this fit has not been judged."
+    if worse := warning(report.get("horizons", ())):
+        return f"{early}{worse}{hurried(report.get('pace'))}."
+    before, after = (row["rmse"] for row in held_out if row)
+    steps = "1 step" if report["horizon"] == 1 else f"{report['horizon']} steps"
+    told = f"an error over {steps} of {after:.3g} instead of {before:.3g}{_far(report)}"
+    if not after < before and after > EXACT:
+        return f"{early}The fit predicts unseen seconds worse than the file ({told}): keep the file."
+    if before < _ALIKE * after and not _better_far(report):
+        return f"{early}The fit predicts unseen seconds about as well as the file ({told})."
+    bound = len(report["at_bound"])
+    doubt = f"; {bound} parameter{'s' * (bound > 1)} lie{'s' * (bound == 1)} on a bound" if bound else ""
+    short = f"an error over {steps} of {after:.3g} instead of {before:.3g}"
+    better = f"{early}The fit predicts unseen seconds {_times(before, after)} times better than the file"
+    return f"{better} ({short}){_times_far(report)}{doubt}.{_reach(report)}"
+
+
+def _times(before: float, after: float) -> str:
+    """How many times smaller an error is ``after`` than ``before``."""
+    times = before / max(after, 1e-12 * before)
+    return f"{times:,.0f}" if times >= 1e3 else f"{times:.3g}"
+
+
+def _reach(report: Mapping[str, Any]) -> str:
+    """From how many steps on its predictions tell nothing."""
+    steps = [row["steps"] for row in report.get("horizons", ()) if lost(row)]
+    return f" Over {min(steps)} steps it is off by more than the states vary: use it for less." if steps else ""
+
+
+def _farthest(report: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """The row of the longest horizon, if that is beyond the fit's: one noisy step hardly tells what comes of it."""
+    row = max(report.get("horizons", ()), key=lambda each: each["steps"], default=None)
+    return None if row is None or row["steps"] <= report["horizon"] else row
+
+
+def _far(report: Mapping[str, Any]) -> str:
+    """The errors over the longest horizon."""
+    row = _farthest(report)
+    return (
+        f", over {row['steps']} of {row['rmse']['fitted']:.3g} instead of {row['rmse']['nominal']:.3g}" if row else ""
+    )
+
+
+def _better_far(report: Mapping[str, Any]) -> bool:
+    """Whether the fit is better over the longest horizon, and both errors tell anything there."""
+    row = _farthest(report)
+    if row is None or lost(row) or row["rmse"]["nominal"] > _DIVERGED:
+        return False
+    return bool(row["rmse"]["nominal"] >= _ALIKE * row["rmse"]["fitted"])
+
+
+def _times_far(report: Mapping[str, Any]) -> str:
+    """How many times better it is there: where sensors' noise rules the fit's horizon, that says more."""
+    row = _farthest(report)
+    if row is None:
+        return ""
+    before, after = row["rmse"]["nominal"], row["rmse"]["fitted"]
+    times = f"{_times(before, after)} times " if _better_far(report) else ""
+    return f", {times}over {row['steps']} ({after:.3g} instead of {before:.3g})"
