@@ -89,7 +89,7 @@ def _factors(text: str, scene: Scene, theta: np.ndarray) -> list[tuple[np.ndarra
         except ValueError:
             raise UserError(f"vary = {word}: give NAME:LEAST:MOST, two factors, such as friction:0.5:1.5") from None
         if not 0 < low <= high < np.inf:
-            raise UserError(f"vary = {word}: the factors must be positive, the least one first")
+            raise UserError(f"vary = {word}: the factors must be positive and finite, the least one first")
         if not theta[columns].any():
             raise UserError(f"vary = {word}: {name} is 0, which no factor changes: leave it out, or set it in the file")
         found.append((columns, low, high))

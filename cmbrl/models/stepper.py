@@ -106,7 +106,7 @@ class SplitStepper(Stepper):
     """
 
     def __init__(self, own: Stepper, other: Stepper, share: float) -> None:
-        vars(self).update(vars(own))
+        vars(self).update(vars(own))  # its core serves what is not stepped; another would take its time to build
         self.own, self.other, self.share = own, other, share
 
     def __reduce__(self) -> tuple[Any, ...]:

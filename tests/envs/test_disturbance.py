@@ -67,8 +67,8 @@ def test_nothing_to_vary(boxes: cmbrl.ComplementarityModel) -> None:
         ("mass:0.9", "give NAME:LEAST:MOST"),
         ("mass:0.9:a", "give NAME:LEAST:MOST"),
         ("mass:1.1:0.9", "the least one first"),
-        ("mass:0:1", "must be positive"),
-        ("mass:nan:1", "must be positive"),
+        ("mass:0:1", "must be positive and finite"),
+        ("mass:nan:1", "must be positive and finite"),
         ("com_x:0.9:1.1", "is 0, which no factor changes"),
     ],
 )
