@@ -94,8 +94,8 @@ def called(function: Callable[..., Any], name: str, label: str, *states: Any) ->
     kept = [x.clone() if isinstance(x, Tensor) else None for x in states]
     try:
         found = function(*states)
-    except UserError:
-        raise
+    except UserError as error:  # of what the task's function called
+        raise UserError(f"{label}: MDP.{name}: {error}") from None
     except Exception as error:  # foreign code
         raise UserError(f"{label}: MDP.{name} fails ({failure(error)}): mend it") from error
     names = ("q'", "v'") if len(states) == 2 and name != "observe" else STATES

@@ -14,6 +14,7 @@ from cmbrl.envs.checked import check_derivative
 from cmbrl.envs.of_task import decision_process, real_system, recorded
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP, never
+from cmbrl.numbers import real_array
 from cmbrl.registry import Task
 
 
@@ -70,6 +71,7 @@ def task(**changes) -> Task:
         ({"terminated": lambda q, v: q[:, 0]}, "terminated gives torch.float64: give bool"),
         ({"terminated": lambda q, v: q[:, 0] < 1}, "terminated ends every episode at its start"),
         ({"reward": lambda q, v, a, q1, v1: v1[:, 0] > 1}, "reward gives torch.bool: give float64"),
+        ({"observe": lambda q, v: real_array("x", "array 'q'")}, "observe: array 'q'"),
         (
             {"reward": lambda q, v, a, q1, v1: v1[:, 2]},
             r"reward fails \(IndexError: .* in .*test_checked.py, line \d+\)",
