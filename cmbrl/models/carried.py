@@ -14,6 +14,7 @@ import numpy as np
 from cmbrl.data.checks import TIME_STEP_TOLERANCE
 from cmbrl.data.drive import law_of
 from cmbrl.errors import UserError
+from cmbrl.scene.fittable.play import plays
 
 if TYPE_CHECKING:
     from cmbrl.models.complementarity import ComplementarityModel
@@ -25,15 +26,21 @@ _FEW = 4  # names in a warning
 def fit_for(fit: ComplementarityModel, nominal: ComplementarityModel, label: str) -> ComplementarityModel:
     """``fit`` where it is of the robot of a task, whose model of the file is ``nominal``; at the control step of that.
 
-    Where the two files differ in their coordinates, the model is ``nominal`` with what the fit moved: parameters,
-    biases of encoders, and lateness of commands, by name; its candidates too, within the bounds there. A warning tells
-    how many have no place there. Shares, such as masses, are shares of the file that they are carried to.
+    A fit of the task's file with play is taken without it (``without_play``). Where the two files differ in their
+    coordinates otherwise, the model is ``nominal`` with what the fit moved: parameters, biases of encoders, and
+    lateness of commands, by name; its candidates too, within the bounds there. A warning tells what has no place
+    there. Shares, such as masses, are shares of the file that they are carried to.
 
     Raises UserError for a fit of another robot, for an actuator that takes other commands than the task's, and for a
     value outside its bounds.
     """
     scene, own = nominal.scene, fit.scene
     _check_robot(own, scene, label)
+    if _is_without_play(scene, own):
+        warnings.warn(
+            f"{label}: {scene.name} has no play: the fit's gaps are left out, its other numbers kept", stacklevel=2
+        )
+        fit = without_play(fit, scene)
     if fit.coordinates == nominal.coordinates and own.nu == scene.nu:
         same = abs(fit.dt - nominal.dt) <= TIME_STEP_TOLERANCE * nominal.dt
         return fit if same else fit.at(nominal.dt)
@@ -63,6 +70,21 @@ def fit_for(fit: ComplementarityModel, nominal: ComplementarityModel, label: str
         candidates = np.clip(candidates, *np.array([(p.low, p.high) for p in scene.parameters]).T)
     observation = {name: x for name, x in between.items() if name in known}
     return nominal.with_settings(parameters=theta, candidates=candidates, observation=observation)
+
+
+def _is_without_play(scene: Scene, own: Scene) -> bool:
+    """Whether ``scene`` is that of a file to which play was added in ``own``."""
+    gaps = {joint.name for joint in plays(own.joints)}
+    same = [name for name in own.joint_names if name not in gaps] == list(scene.joint_names)
+    return bool(gaps) and same and {p.name for p in scene.parameters} <= {p.name for p in own.parameters}
+
+
+def without_play(fit: ComplementarityModel, scene: Scene) -> ComplementarityModel:
+    """``fit`` of a file with play, on the ``scene`` of the same file without: its laws, parameters and candidates."""
+    known = {p.name: k for k, p in enumerate(fit.scene.parameters)}
+    columns = [known[p.name] for p in scene.parameters]
+    candidates = None if fit.candidates is None else fit.candidates[:, columns]
+    return fit.with_settings(scene=scene, parameters=fit.parameters[columns], candidates=candidates)
 
 
 def _check_robot(own: Scene, scene: Scene, label: str) -> None:

@@ -11,7 +11,15 @@ from cmbrl import Scene, UserError
 from cmbrl.models.carried import fit_for
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene.drives import Drive
+from cmbrl.scene.writing.played import played_scene
 
+LEG_WITH_ROTORS = """
+<mujoco model="leg"><option timestep="0.005"/><worldbody><geom name="floor" type="plane" size="0 0 1"/>
+<body name="thigh" pos="0 0 .5"><joint name="hip" axis="0 1 0" damping=".2" armature=".01"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.2" size=".02" mass=".5"/><body name="shank" pos="0 0 -.2">
+<joint name="knee" axis="0 1 0" damping=".2" armature=".01"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.2" size=".02" mass=".3"/></body></body></worldbody>
+<actuator><motor joint="hip"/><motor joint="knee"/></actuator></mujoco>"""
 SERVO = '<position name="{0}" joint="{0}" kp="40" kv="1"/>'
 MOTOR = '<motor name="{0}" joint="{0}" ctrlrange="-20 20"/>'
 SERVOS = (Drive("*", "position", kp=40.0, kd=1.0),)
@@ -110,3 +118,21 @@ def test_other_robots_and_other_commands_are_refused():
         fit_for(hanging, ComplementarityModel(leg(actuator=MOTOR)), "fit")
     with pytest.raises(UserError, match="fit: none of what it moved is a parameter of leg"):
         fit_for(fit(leg(root='<joint name="rail" type="slide"/>'), {"damping.rail": 1.0}), walking(), "fit")
+
+
+def test_of_a_fit_with_play_all_but_the_gaps_is_kept(tmp_path):
+    """Also the laws that it found: the file is the task's own."""
+    (tmp_path / "leg.xml").write_text(LEG_WITH_ROTORS)
+    scene = Scene.from_mjcf(tmp_path / "leg.xml")
+    played = fit(
+        played_scene(scene, {"knee": 0.02}), {"play.knee": 0.011, "damping.hip": 0.7}, sliding="convex",
+        observation={"delay.command": 0.012},
+    )  # fmt: skip
+    played = played.with_settings(candidates=played.parameters[None] * 0.99)
+    with pytest.warns(UserWarning, match="gaps are left out"):
+        found = fit_for(played, ComplementarityModel(scene, substeps=4), "fit")
+    assert (found.scene, found.to_config()["sliding"], found.observation) == (scene, "convex", played.observation)
+    values = dict(zip([p.name for p in found.scene.parameters], found.parameters, strict=True))
+    assert values["damping.hip"] == 0.7
+    np.testing.assert_allclose(found.candidates[0], 0.99 * found.parameters)
+    assert found.dt == pytest.approx(4 * scene.timestep)

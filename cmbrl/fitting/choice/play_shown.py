@@ -25,7 +25,7 @@ from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.scene import Scene
 from cmbrl.scene.records import JointKind
-from cmbrl.scene.writing.played import played_file
+from cmbrl.scene.writing.played import played_scene
 
 _GAPS, _SLIDE = (0.003, 0.008, 0.02, 0.05), 0.1  # [rad]; a tenth of it [m]
 _AHEAD = 0.1  # [s] that is predicted: what play does is over by then
@@ -82,8 +82,7 @@ def _played(
     found: dict[Hashable, tuple[PredictionLoss, np.ndarray]] = {}
     slides = next(j.kind == JointKind.SLIDE for j in own.joints if j.name == joint)
     try:
-        text = played_file(own.path, {joint: None})
-        scene = Scene.from_mjcf(text, own.ignore, own.contact_law, own.reduce, own.self_contact, own.drives)
+        scene = played_scene(own, {joint: None})
     except UserError:  # a file that cannot have it, or that has changed
         return {}
     values = dict(zip(evidence.space.names, theta.tolist(), strict=True))

@@ -11,6 +11,7 @@ import numpy as np
 
 from cmbrl.errors import UserError
 from cmbrl.scene.fittable.play import SUFFIX
+from cmbrl.scene.scene import Scene
 from cmbrl.scene.source.robot_source import compile_robot, quiet
 from cmbrl.scene.writing.fitted_file import fix_paths
 from cmbrl.text import did_you_mean
@@ -42,6 +43,12 @@ def played_file(path: str | os.PathLike[str], joints: Mapping[str, float | None]
             raise
         except (ValueError, mujoco.FatalError) as error:
             raise UserError(f"{path}: MuJoCo cannot write this file with play ({error})") from None
+
+
+def played_scene(scene: Scene, joints: Mapping[str, float | None]) -> Scene:
+    """The ``scene`` of a file with play behind ``joints``, as in ``played_file``, read as it was."""
+    text = played_file(scene.path, joints)
+    return Scene.from_mjcf(text, scene.ignore, scene.contact_law, scene.reduce, scene.self_contact, scene.drives)
 
 
 def _meant(joints: Mapping[str, float | None], known: Sequence[str], path: str) -> dict[str, float | None]:
