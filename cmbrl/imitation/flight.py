@@ -11,17 +11,20 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from cmbrl.imitation.joints import clearance, ground, root
 from cmbrl.scene import Scene
 from cmbrl.scene.records import Array
 
-CLEAR = 0.02  #: m, of every contact in flight
+CLEAR = 0.02  #: m above the floor, in flight
 LEAST = 5  #: frames between others of a flight; fewer tell nothing
 SLOW = 0.8  #: of gravity; a fall that is slower is told
 
 
 def flying(scene: Scene, q: Array) -> NDArray[np.bool_]:
-    """Which frames (F,) of q (F, nq) are in flight; never where the scene has no contacts."""
-    return scene.gaps(q).min(axis=1, initial=math.inf if scene.core.ncontact else 0.0) > CLEAR
+    """Which frames (F,) of q (F, nq) are off the floor; none where the scene has no floor, or holds the root."""
+    if not root(scene)[0] or not ground(scene).any():
+        return np.zeros(len(q), dtype=np.bool_)
+    return np.asarray(clearance(scene, q) > CLEAR)
 
 
 def hanging(scene: Scene, q: Array, rate: float) -> str | None:
