@@ -52,7 +52,9 @@ def demand(scene: Scene, motion: Motion, frames: int = FRAMES) -> Demand:
     acceleration = (motion.v[chosen + side] - motion.v[chosen - side]) / (2 * side * motion.dt)
     weight = float(np.linalg.norm(scene.gravity)) * scene.total_mass
     friction = scene.core.P[[scene.layout.contact(k) for k in range(scene.core.ncontact)]]
-    limit, line = strongest(scene), np.array(scene.core.act_line)
+    line = np.array(scene.core.act_line)
+    limit = np.where(line < scene.nv, strongest(scene), np.inf)  # of tendons nothing is told
+    at = np.minimum(line, scene.nv - 1)
     scale = np.where(np.arange(scene.nv) < 6, BALANCE, 1.0) if free else np.ones(scene.nv)
     missing, slide = np.full((2, len(chosen)), np.nan)
     share = np.zeros((len(chosen), scene.nu))
@@ -70,7 +72,7 @@ def demand(scene: Scene, motion: Motion, frames: int = FRAMES) -> Demand:
                 asked = asked - edges.T @ forces
                 slide[k] = np.linalg.norm(rows[:, 1:3] @ v, axis=1).min()
                 missing[k] = (np.linalg.norm(asked[:3]) + np.linalg.norm(asked[3:6])) / weight
-        share[k] = np.abs(asked[line]) / limit
+        share[k] = np.abs(asked[at]) / limit
     return Demand(chosen, missing, share, slide)
 
 

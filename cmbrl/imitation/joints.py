@@ -11,6 +11,7 @@ from torch import Tensor
 from cmbrl.data.drive import law_of
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.imitation.robot import Robot
+from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene, kinematics
 from cmbrl.standing import strongest
 
@@ -40,8 +41,8 @@ def check(robot: Robot, scene: Scene) -> None:
     if not scene.nu:
         raise UserError(f"{scene.name}: imitation needs servos, and the file has no actuators: add <position>")
     lines = scene.core.act_line.tolist()
-    if any(not first_v <= line < scene.nv for line in lines) or len(set(lines)) < len(lines):
-        raise UserError(f"{scene.name}: imitation needs actuators of single joints, one each: leave out the others")
+    if min(lines) < first_v or len(set(lines)) < len(lines):
+        raise UserError(f"{scene.name}: imitation needs actuators of joints or tendons, one each: leave out the others")
     if other := [name for i, name in enumerate(scene.actuator_names) if law_of(scene, i)[0] != "position"]:
         raise UserError(
             f"{scene.name}: imitation needs position servos, and {other[0]!r} is none: give the law of the robot's "
@@ -71,22 +72,39 @@ def clearance(scene: Scene, q: np.ndarray) -> np.ndarray:
     return np.asarray(scene.gaps(q)[..., ground(scene)].min(axis=-1, initial=math.inf))
 
 
-def servos(scene: Scene) -> tuple[Tensor, Tensor]:
-    """Of each actuator (nu,): its joint's place among the joints after the root, and its control per target."""
-    factor = [law_of(scene, i)[1] for i in range(scene.nu)]
-    return torch.tensor(scene.core.act_line - root(scene)[1]), torch.tensor(factor, dtype=torch.float64)
+def driven(scene: Scene) -> np.ndarray:
+    """Which joints after the root (joints,) have a servo of their own."""
+    return np.isin(np.arange(root(scene)[1], scene.nv), scene.core.act_line)
+
+
+def lengths(scene: Scene, q: np.ndarray) -> np.ndarray:
+    """What each actuator's servo measures (F, nu) at q (F, nq): its joint's position, or the length of its tendon."""
+    model, line = ComplementarityModel(scene), np.array(scene.core.act_line)
+    measured = model.smooth_dynamics(q, np.zeros((len(q), scene.nv)), contacts=False)["length"]
+    return np.asarray(measured[:, line])
+
+
+def controls_per_length(scene: Scene) -> Tensor:
+    """By what the target of each actuator (nu,) is its control."""
+    return torch.tensor([law_of(scene, i)[1] for i in range(scene.nu)], dtype=torch.float64)
 
 
 def reach(scene: Scene, share: float) -> np.ndarray:
     """By how much an action of 1 moves each servo's target [rad or m] (nu,): to ``share`` of its torque limit at rest.
 
-    Without a limit of torque, 0.4, or a fifth of the joint's range where that is less.
+    Without a limit of torque, 0.4, or a fifth of the joint's range where that is less. Never by more than the whole
+    range of its targets.
     """
     core, layout = scene.core, scene.layout
     gear, bias = (np.array([core.P[layout.actuator(i, of)] for i in range(scene.nu)]) for of in ("gear", "bias1"))
-    low, high = (x.numpy()[core.act_line - root(scene)[1]] for x in soft_limits(scene, 1.0))
+    joint = core.act_line < scene.nv
+    width = np.full(scene.nu, np.inf)
+    low, high = (x.numpy() for x in soft_limits(scene, 1.0))
+    width[joint] = (high - low)[core.act_line[joint] - root(scene)[1]]
+    targets = np.ptp(np.reshape(core.act_ctrl, (-1, 2)), axis=1) / np.abs(controls_per_length(scene).numpy())
     limited = share * (strongest(scene) / (-bias * gear**2))
-    return np.where(np.isfinite(limited), limited, np.minimum(FREE_REACH, FREE_SHARE * (high - low)))
+    free = np.minimum(FREE_REACH, FREE_SHARE * np.minimum(width, targets))
+    return np.minimum(np.where(np.isfinite(limited), limited, free), targets)
 
 
 def noise(scene: Scene, hinge: float) -> np.ndarray:
@@ -94,8 +112,7 @@ def noise(scene: Scene, hinge: float) -> np.ndarray:
     low, high = (x.numpy() for x in soft_limits(scene, 1.0))
     slide = np.array([kind == "position" for kind in scene.coordinate_kinds[root(scene)[1] :]])
     width = np.where(slide, hinge * np.where(np.isfinite(high - low), high - low, 0.0), hinge)
-    driven = np.isin(np.arange(len(width)), scene.core.act_line - root(scene)[1])
-    return np.where(driven, width, 0.0)
+    return np.where(driven(scene), width, 0.0)
 
 
 def size(scene: Scene, anchor: str) -> float:

@@ -19,7 +19,7 @@ from cmbrl.data import npz
 from cmbrl.errors import UserError
 from cmbrl.imitation import feasible, plausible
 from cmbrl.imitation.flight import hanging
-from cmbrl.imitation.joints import joint_names, root, servos
+from cmbrl.imitation.joints import driven, joint_names, root
 from cmbrl.imitation.motion import Motion, check_finite
 from cmbrl.reading import regular_file
 from cmbrl.scene import Scene
@@ -84,8 +84,7 @@ def _npz(file: Path, scene: Scene) -> tuple[Array, float]:
 
 def _by_name(file: Path, q: Array, names: list[str], scene: Scene) -> Array:
     wanted, first = list(joint_names(scene)), root(scene)[0]
-    driven = {wanted[line] for line in servos(scene)[0].tolist()}
-    if missing := [name for name in wanted if name in driven and name not in names]:
+    if missing := [name for name, has in zip(wanted, driven(scene), strict=True) if has and name not in names]:
         raise UserError(f"{file}: has no joint {missing[0]!r} of {scene.name}: is it a motion of another robot?")
     if q.shape[1] != first + len(names):
         raise UserError(

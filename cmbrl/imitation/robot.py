@@ -31,7 +31,7 @@ SHAC: dict[str, Any] = {
 class Robot:
     """A robot with a root that is free or fixed, and joints of one coordinate each, with position servos.
 
-    Joints without a servo, such as fingers that nothing drives, move as they like.
+    Joints without a servo move as they like; a servo may also pull a tendon, as those of grippers do.
 
     Args:
         scene: the MJCF; with a floor, where the root is free.
@@ -80,9 +80,11 @@ def imitation_task(
     def with_motion(motion: Callable[[Scene], Motion]) -> Task:
         @cache  # made when it is needed first: it loads the scene and the motion
         def tracking() -> Tracking:
+            from cmbrl.imitation.joints import check
             from cmbrl.imitation.tracking import Tracking
 
             scene = task.load_scene()
+            check(robot, scene)  # before the motion, which is read by its joints
             return Tracking(robot, scene, motion(scene))
 
         def of_file(path: str | Path) -> Task:

@@ -76,7 +76,7 @@ class Tracking:
         with torch.no_grad():
             self.reference = Reference(q[:, self.root_q :], v[:, self.root_v :], self.bodies(q, v))
         self.last = len(q) - 1
-        self.driven, self.factor = joints.servos(scene)
+        self.targets, self.factor = torch.from_numpy(joints.lengths(scene, motion.q)), joints.controls_per_length(scene)
         self.scale = torch.from_numpy(joints.reach(scene, robot.reach))
         names = joints.joint_names(scene)
         self.posture = torch.tensor([robot.posture.get(name, 0.0) for name in names], dtype=torch.float64)
@@ -112,7 +112,7 @@ class Tracking:
         """The next frame begins, and the servos aim at its joints, moved by the action."""
         robot, frame, _ = self._split(q)
         frame = (frame + 1).clamp(max=self.last)
-        target = self.reference.q[frame][:, self.driven] + self.scale * action
+        target = self.targets[frame] + self.scale * action
         return torch.cat([robot, frame[:, None].to(q), action], dim=1), v, self.factor * target
 
     def observe(self, q: Tensor, v: Tensor) -> Tensor:
