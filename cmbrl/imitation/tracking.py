@@ -214,9 +214,9 @@ class Tracking:
         return torch.from_numpy(np.concatenate([q, memory], axis=1)), torch.from_numpy(v)
 
     def _split(self, q: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """The robot's coordinates, the frame (B,) and the last action (B, nu)."""
+        """The robot's coordinates, the frame (B,) and the last action (B, nu); a state that is lost has the frame 0."""
         n = 1 + self.nu
-        return q[:, :-n], q[:, -n].long(), q[:, -n + 1 :]
+        return q[:, :-n], q[:, -n].nan_to_num(0.0).long(), q[:, -n + 1 :]
 
     def _motion(self, q: Tensor, v: Tensor) -> BodyMotion:
         """Of the tracked bodies; that of the last state asked for is kept, since a step asks several times."""

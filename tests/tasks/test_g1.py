@@ -173,7 +173,7 @@ def test_a_robot_that_does_not_fit_its_scene_is_refused(tracking: Tracking, chan
 
 
 def test_a_scene_without_servos_is_refused(tracking: Tracking) -> None:
-    with pytest.raises(UserError, match="needs position servos.*drives="):
+    with pytest.raises(UserError, match=r"needs position servos.*drives="):
         Tracking(ROBOT, load_task("hopper").load_scene(), tracking.motion)
 
 
