@@ -66,7 +66,7 @@ def commands(scene: Scene, q: Array, reach: float) -> tuple[Array, Array, Array,
     servo, factor = np.array([kind == "position" for kind, _ in laws]), np.array([factor for _, factor in laws])
     per_force = np.array([_control_per_force(scene, i) for i in range(scene.nu)])
     home = np.where(servo, factor * q[line + ROOT_Q - ROOT_V], 0.0) + per_force * holding_forces(scene, q)[line]
-    most = np.abs(per_force) * _strongest(scene)  # of motors whose controls have no range
+    most = np.abs(per_force) * strongest(scene)  # of motors whose controls have no range
     half = np.where(np.isfinite(high - low), (high - low) / 2, np.where(np.isfinite(most), most, 1.0))
     return home, reach * np.where(servo, factor, half), low.copy(), high.copy()
 
@@ -99,11 +99,11 @@ def _held(scene: Scene, q: Array) -> Array:
     laws = [law_of(scene, i) for i in range(scene.nu)]
     rest = np.array([factor if kind == "position" else 0.0 for kind, factor in laws]) * at  # commands without a force
     per_force = np.array([_control_per_force(scene, i) for i in range(scene.nu)])
-    off, most = np.clip(home, low, high) - rest, _strongest(scene)
+    off, most = np.clip(home, low, high) - rest, strongest(scene)
     return np.clip(np.divide(off, per_force, out=np.zeros(scene.nu), where=per_force != 0.0), -most, most)
 
 
-def _strongest(scene: Scene) -> Array:
+def strongest(scene: Scene) -> Array:
     """The largest force (nu,) of each actuator along its joint; infinite where the file sets no limit."""
     core, layout = scene.core, scene.layout
     gear = [abs(float(core.P[layout.actuator(i, "gear")])) for i in range(scene.nu)]

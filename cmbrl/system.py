@@ -115,6 +115,24 @@ class MujocoSystem:
             mujoco.mj_setConst(self.model, self.data)
         self.frame_skip, self.feel = frame_skip, feel
 
+    @classmethod
+    def of_control(
+        cls,
+        path: str | os.PathLike[str],
+        control_dt: float,
+        change: Callable[[Any], object] | None = None,
+        drives: Sequence[Drive] = (),
+    ) -> MujocoSystem:
+        """The system of a file in control steps of ``control_dt`` [s]; raises UserError unless its steps make one."""
+        robot = cls(path, 1, change, drives=drives)
+        robot.frame_skip = max(1, round(control_dt / robot.dt))
+        if abs(robot.dt - control_dt) > 1e-9:
+            raise UserError(
+                f"{path}: control_dt = {control_dt:g} s is no multiple of the file's step of "
+                f"{robot.model.opt.timestep:g} s: change one of them"
+            )
+        return robot
+
     @property
     def dt(self) -> float:
         """Duration of a step [s]."""

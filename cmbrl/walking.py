@@ -104,14 +104,7 @@ def walking_task(
     def system() -> Any:
         from cmbrl.system import MujocoSystem
 
-        robot = MujocoSystem(walker.scene, 1, change, drives=walker.drives)
-        robot.frame_skip = round(control_dt / robot.dt)
-        if abs(robot.dt - control_dt) > 1e-9:
-            raise UserError(
-                f"task {name!r}: control_dt = {control_dt:g} s is no multiple of the file's step of "
-                f"{robot.model.opt.timestep:g} s: change one of them"
-            )
-        return robot
+        return MujocoSystem.of_control(walker.scene, control_dt, change, walker.drives)
 
     task = Task(  # the process needs its scene
         name=name, description=description, scene=walker.scene, drives=walker.drives, control_dt=control_dt,

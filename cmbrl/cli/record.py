@@ -27,6 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--behaviour", metavar="NAME", help="how to choose actions: random, pd or policy (default: the task's first)"
     )
     parser.add_argument("--policy", metavar="FILE", help="the TorchScript policy, for --behaviour policy")
+    parser.add_argument("--motion", metavar="FILE", help="the motion that the policy imitates (.csv, .npz)")
     parser.add_argument("--data", metavar="FILE", help="the published log, for a task whose real system is a log")
     add_seed(parser)
     add_json(parser)
@@ -34,10 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     from cmbrl.data.files import check_target
-    from cmbrl.envs.of_task import recorded
-    from cmbrl.registry import load_task
+    from cmbrl.envs.of_task import recorded, task_for
 
-    task = recorded(load_task(arguments.task))
+    task = recorded(task_for(arguments.task, arguments.motion))
     behaviour = arguments.behaviour or ("policy" if arguments.policy else task.behaviours[0])
     if behaviour not in task.behaviours:
         raise UserError(f"{task.name} has no behaviour {behaviour!r}: {did_you_mean(behaviour, task.behaviours)}")

@@ -117,6 +117,8 @@ def _shown(value: Any) -> str:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    from cmbrl.train.policy_file import load_policy
+    from cmbrl.train.saved import check_motion
     from cmbrl.train.setup import set_up
 
     settings = dict(arguments.set)
@@ -139,8 +141,9 @@ def run(arguments: argparse.Namespace) -> int:
         start=arguments.start,
     )
     about = {"task": setup.task.name, "algorithm": setup.algorithm, "model": setup.model, "seed": setup.seed}
+    digest = {"motion_digest": file_digest(setup.motion)} if setup.motion else {}  # what is known of it; no option
     if setup.motion:
-        about |= {"motion": setup.motion, "motion_digest": file_digest(setup.motion)}
+        about["motion"] = setup.motion
     if setup.start:
         about["start"] = setup.start
     if arguments.contact_law:
@@ -150,6 +153,8 @@ def run(arguments: argparse.Namespace) -> int:
     wanted = {**resolved(arguments), **about}
     out = Path(arguments.out)
     _check_resumed(out, arguments.resume, wanted)
+    if digest and arguments.resume:
+        check_motion(out, load_policy(out).about)
 
     import torch
 
@@ -160,8 +165,8 @@ def run(arguments: argparse.Namespace) -> int:
     torch.set_num_threads(1)  # the nets are small, and results must not depend on the number of threads
     trainer = setup.trainer()
     write_run(out, "train", wanted)
-    fixed = {name: value for name, value in wanted.items() if name not in _MAY_CHANGE}
-    training = TrainingRun(trainer, out, about, arguments.resume, arguments.checkpoint_seconds, fixed)
+    fixed = {name: value for name, value in wanted.items() if name not in _MAY_CHANGE} | digest
+    training = TrainingRun(trainer, out, about | digest, arguments.resume, arguments.checkpoint_seconds, fixed)
     try:
         with fraction(f"train {setup.task.name}") as progress:
             outcome = training.train(setup.config.iterations, progress)

@@ -51,7 +51,7 @@ def task_for(name: str, motion: str | Path | None, contact_law: str | None = Non
     if motion is not None:
         if task.of_motion is None:
             raise UserError(f"--motion {motion}: task {name!r} imitates no motion: drop it")
-        task = task.of_motion(motion)
+        task = replace(task.of_motion(motion), name=task.name)  # a file's: by its place, so that it is found again
     if sliding is not None:
         task = replace(task, sliding=sliding)
     if contact_law is None:

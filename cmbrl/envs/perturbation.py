@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from itertools import count
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +31,8 @@ LEVELS: dict[str, tuple[float, ...]] = {
 class Perturbation:
     """What is different; None or 0: nothing.
 
-    friction: sliding friction of every contact. payload: mass [kg] added to the heaviest body, at its centre of mass.
+    friction: sliding friction of every contact. payload: mass [kg] added to the heaviest body, at its centre of mass;
+    of an arm, all of whose hinges have motors and whose base is fixed, to its last link.
     push: change of the root's horizontal velocity [m/s], every 2 s in a random direction. delay: of commands [s], up to
     a control step. contact_time: time constant of every contact [s], MuJoCo's 0.02 by default: how hard floors and feet
     are. The robot takes shorter steps where MuJoCo would keep contacts softer than that, above two steps.
@@ -98,7 +100,7 @@ def _change(robot: MujocoSystem, perturbation: Perturbation) -> None:
         model.geom_friction[:, 0] = perturbation.friction
         model.pair_friction[:, :2] = perturbation.friction
     if perturbation.payload:
-        model.body_mass[np.argmax(model.body_mass)] += perturbation.payload
+        model.body_mass[_carrier(model)] += perturbation.payload
         mujoco.mj_setConst(model, robot.data)
     if perturbation.contact_time is not None:
         for solref in (model.geom_solref, model.pair_solref):
@@ -107,6 +109,21 @@ def _change(robot: MujocoSystem, perturbation: Perturbation) -> None:
         if shorter > 1:
             model.opt.timestep /= shorter
             robot.frame_skip *= shorter
+
+
+def _carrier(model: Any) -> int:
+    """The body of a compiled model that takes a payload: what an arm's heaviest link carries loads no motor."""
+    import mujoco
+
+    kind, motor = np.asarray(model.jnt_type), np.asarray(model.actuator_trntype) == mujoco.mjtTrn.mjTRN_JOINT
+    hinges = np.flatnonzero(kind == mujoco.mjtJoint.mjJNT_HINGE)
+    single = np.isin(kind, (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)).all()
+    if not len(hinges) or not single or not np.isin(hinges, model.actuator_trnid[motor, 0]).all():
+        return int(np.argmax(model.body_mass))
+    above = np.zeros(model.nbody)  # hinges that move a body
+    for body in range(1, model.nbody):
+        above[body] = above[model.body_parentid[body]] + (model.jnt_bodyid[hinges] == body).sum()
+    return int(np.argmax(above))
 
 
 class PerturbedSystem:

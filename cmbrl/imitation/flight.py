@@ -11,17 +11,20 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from cmbrl.imitation.joints import clearance, ground, root
 from cmbrl.scene import Scene
 from cmbrl.scene.records import Array
 
-CLEAR = 0.02  #: m, of every contact in flight
+CLEAR = 0.02  #: m above the floor, in flight
 LEAST = 5  #: frames between others of a flight; fewer tell nothing
-SLOW = 0.8  #: of gravity; a fall that is slower is told
+SLOW, HOVER = 0.8, 0.1  #: of gravity; a fall that is slower is told, and one so slow is none
 
 
 def flying(scene: Scene, q: Array) -> NDArray[np.bool_]:
-    """Which frames (F,) of q (F, nq) are in flight; never where the scene has no contacts."""
-    return scene.gaps(q).min(axis=1, initial=math.inf if scene.core.ncontact else 0.0) > CLEAR
+    """Which frames (F,) of q (F, nq) are off the floor; none where the scene has no floor, or holds the root."""
+    if not root(scene)[0] or not ground(scene).any():
+        return np.zeros(len(q), dtype=np.bool_)
+    return np.asarray(clearance(scene, q) > CLEAR)
 
 
 def hanging(scene: Scene, q: Array, rate: float) -> str | None:
@@ -36,8 +39,14 @@ def hanging(scene: Scene, q: Array, rate: float) -> str | None:
         return None
     fallen = scene.centre_of_mass(q) @ (scene.gravity / gravity)
     fall = float(np.diff(fallen, 2)[inside].mean()) * rate**2
-    if not 0.0 < fall < SLOW * gravity:
+    if not fall < SLOW * gravity:
         return None
+    if fall < HOVER * gravity:
+        high = 100 * float(np.median(clearance(scene, q[flight])))
+        return (
+            f"for {flight.sum() / rate:.2g} s nothing touches the floor, and the centre of mass does not fall: "
+            f"it hovers {high:.2g} cm above the floor; let feet touch it"
+        )
     kept = math.sqrt(fall / gravity)
     return (
         f"in {flight.sum() / rate:.2g} s of flight the centre of mass falls by {fall:.2g} m/s^2, not {gravity:.3g}: a "

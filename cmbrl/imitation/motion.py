@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from cmbrl.errors import UserError
+from cmbrl.imitation import plausible
 from cmbrl.scene import Scene
 from cmbrl.scene.records import Array
 
 SHORTEST, LONGEST = 0.5, 3600.0  # s
 FASTEST = 1e5  # frames/s
 FARTHEST = 1e5  # m, rad
-DEEPEST = 0.05  # m below the floor, at the start
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,8 @@ class Motion:
         Between frames coordinates are linear, and rotations turn at a constant speed (slerp). Velocities are central
         differences; a body's angular velocity is in its own axes.
 
-        Raises UserError, led by ``name``, for frames that are not finite, too few, or begin under the floor.
+        Raises UserError, led by ``name``, for frames that are not finite, too few, or no poses of the robot
+        (:mod:`cmbrl.imitation.plausible`).
         """
         check_finite(q, name)
         if not 0 < rate <= FASTEST:
@@ -39,11 +40,7 @@ class Motion:
         duration = (len(q) - 1) / rate
         if not SHORTEST <= duration <= LONGEST:
             raise UserError(f"{name}: {duration:.3g} s of motion; give {SHORTEST:g} to {LONGEST:g} s")
-        depth = -float(scene.gaps(q[0]).min(initial=np.inf))
-        if depth > DEEPEST:
-            raise UserError(
-                f"{name}: starts {100 * depth:.0f} cm under the floor: move it up, or check that z points up [m]"
-            )
+        plausible.check(scene, q, name)
         times = np.arange(int(duration / dt + 1e-9) + 1) * dt
         place = np.minimum(times * rate, len(q) - 1 - 1e-9)
         frame = place.astype(int)

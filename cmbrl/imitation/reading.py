@@ -3,7 +3,9 @@
 - CSV without a header, one frame a row: root position x, y, z [m], root quaternion x, y, z, w, then the angle of every
   joint [rad] in the order of the model. Unitree's retargeted LAFAN1 clips have this form, at 30 frames a second.
 - npz with ``q`` (N, nq) in MuJoCo's layout (quaternions w, x, y, z) and ``rate`` [frames/s]; with ``joint_names``, the
-  joints' columns are taken by name.
+  joints' columns are taken by name, and joints without a servo may be missing: they stay as in the file.
+
+A robot whose root is fixed to the world has the joints alone.
 """
 
 from __future__ import annotations
@@ -15,7 +17,9 @@ import numpy as np
 
 from cmbrl.data import npz
 from cmbrl.errors import UserError
+from cmbrl.imitation import feasible, plausible
 from cmbrl.imitation.flight import hanging
+from cmbrl.imitation.joints import driven, joint_names, root
 from cmbrl.imitation.motion import Motion, check_finite
 from cmbrl.reading import regular_file
 from cmbrl.scene import Scene
@@ -38,13 +42,15 @@ def read_motion(path: str | Path, scene: Scene, dt: float) -> Motion:
         q, rate = _csv(file, scene), CSV_RATE
     else:
         raise UserError(f"{file}: motions are .csv or .npz files")
-    length = np.linalg.norm(q[:, 3:ROOT], axis=1)
-    wrong = np.flatnonzero(np.abs(length - 1) > _UNIT)
-    if len(wrong):
-        raise UserError(f"{file}: the quaternion of row {wrong[0] + 1} has length {length[wrong[0]]:.3g}, not 1")
-    q[:, 3:ROOT] /= length[:, None]
+    if root(scene)[0]:
+        length = np.linalg.norm(q[:, 3:ROOT], axis=1)
+        wrong = np.flatnonzero(np.abs(length - 1) > _UNIT)
+        if len(wrong):
+            raise UserError(f"{file}: the quaternion of row {wrong[0] + 1} has length {length[wrong[0]]:.3g}, not 1")
+        q[:, 3:ROOT] /= length[:, None]
     motion = Motion.of_frames(scene, q, rate, dt, str(file))
-    if told := hanging(scene, q, rate):
+    flights = hanging(scene, q, rate)
+    for told in (*([flights] if flights else []), *plausible.doubts(scene, q, rate), *feasible.doubts(scene, motion)):
         warnings.warn(f"{file}: {told}", stacklevel=2)
     return motion
 
@@ -58,6 +64,8 @@ def _csv(file: Path, scene: Scene) -> Array:
         raise UserError(f"{file}: not a table of numbers ({str(error).splitlines()[0]})") from None
     _check_shape(file, rows, scene)
     check_finite(rows, str(file))
+    if not root(scene)[0]:
+        return rows
     return np.concatenate([rows[:, :3], rows[:, 6:7], rows[:, 3:6], rows[:, ROOT:]], axis=1)
 
 
@@ -75,21 +83,28 @@ def _npz(file: Path, scene: Scene) -> tuple[Array, float]:
 
 
 def _by_name(file: Path, q: Array, names: list[str], scene: Scene) -> Array:
-    wanted = list(scene.joint_names[1:])
-    if missing := [name for name in wanted if name not in names]:
+    wanted, first = list(joint_names(scene)), root(scene)[0]
+    if missing := [name for name, has in zip(wanted, driven(scene), strict=True) if has and name not in names]:
         raise UserError(f"{file}: has no joint {missing[0]!r} of {scene.name}: is it a motion of another robot?")
-    if q.shape[1] != ROOT + len(names):
+    if q.shape[1] != first + len(names):
         raise UserError(
-            f"{file}: q has {q.shape[1]} columns for a root and {len(names)} joints; give {ROOT + len(names)}"
+            f"{file}: q has {q.shape[1]} columns for {'a root and ' if first else ''}{len(names)} joints; give "
+            f"{first + len(names)}"
         )
-    return q[:, [*range(ROOT), *(ROOT + names.index(name) for name in wanted)]]
+    filled = np.tile(scene.q0, (len(q), 1))
+    filled[:, :first] = q[:, :first]
+    for k, name in enumerate(wanted):
+        if name in names:
+            filled[:, first + k] = q[:, first + names.index(name)]
+    return filled
 
 
 def _check_shape(file: Path, rows: Array, scene: Scene) -> None:
     if not len(rows):
         raise UserError(f"{file}: has no frames")
     if rows.shape[1] != scene.nq:
+        first = root(scene)[0]
         raise UserError(
-            f"{file}: {rows.shape[1]} columns, but {scene.name} has {scene.nq} coordinates (root {ROOT}, joints "
-            f"{scene.nq - ROOT}): is it a motion of another robot?"
+            f"{file}: {rows.shape[1]} columns, but {scene.name} has {scene.nq} coordinates (root {first}, joints "
+            f"{scene.nq - first}): is it a motion of another robot?"
         )

@@ -8,6 +8,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cmbrl.errors import UserError
 from cmbrl.registry import Task
 
 if TYPE_CHECKING:
@@ -28,13 +29,15 @@ SHAC: dict[str, Any] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Robot:
-    """A robot with a free root and position servos on all its joints, in the order of the joints.
+    """A robot with a root that is free or fixed, and joints of one coordinate each, with position servos.
+
+    Joints without a servo move as they like; a servo may also pull a tendon, as those of grippers do.
 
     Args:
-        scene: the MJCF.
+        scene: the MJCF; with a floor, where the root is free.
         drives: laws of actuators that replace the file's: ``Drive("*", "position", kp, kd)`` for a file of motors whose
             driver takes targets (:mod:`cmbrl.scene.drives`).
-        tracked: bodies whose motion is compared with the reference.
+        tracked: bodies whose motion is compared with the reference; a free root is the first of them.
         anchor: the body that the others are judged relative to, such as the torso.
         ends: hands and feet; the episode ends if the height of one is too far off.
         reach: share of a joint's torque limit that an action of 1 asks for at rest: the target moves by this times the
@@ -55,7 +58,7 @@ def imitation_task(
     name: str,
     description: str,
     robot: Robot,
-    own: Callable[[Scene], Motion],
+    own: Callable[[Scene], Motion] | None = None,
     *,
     control_dt: float = 0.02,
     substeps: int = 4,
@@ -67,9 +70,9 @@ def imitation_task(
     Args:
         name, description: of the task.
         robot: see there; raises UserError, when the process is made, for names and joints that do not fit its scene.
-        own: the motion without a file, for the robot's scene.
-        control_dt: of an action [s].
-        substeps: physics steps in it.
+        own: the motion without a file, for the robot's scene; by default a file has to be named.
+        control_dt: of an action [s], a multiple of the file's step.
+        substeps: the model's physics steps in it.
         training: settings by algorithm, over those for imitation.
         change: of the real robot, as for :class:`cmbrl.system.MujocoSystem`; default: it is the one of the file.
     """
@@ -77,9 +80,11 @@ def imitation_task(
     def with_motion(motion: Callable[[Scene], Motion]) -> Task:
         @cache  # made when it is needed first: it loads the scene and the motion
         def tracking() -> Tracking:
+            from cmbrl.imitation.joints import check
             from cmbrl.imitation.tracking import Tracking
 
             scene = task.load_scene()
+            check(robot, scene)  # before the motion, which is read by its joints
             return Tracking(robot, scene, motion(scene))
 
         def of_file(path: str | Path) -> Task:
@@ -88,14 +93,15 @@ def imitation_task(
             return with_motion(partial(read_motion, path, dt=control_dt))
 
         def record(**arguments: Any) -> Any:
-            from cmbrl.envs.mujoco_recording import record_mujoco
+            from cmbrl.envs.recording import record_process
 
-            return record_mujoco(name, tracking().trial(), system, **arguments)
+            trial = tracking().trial()  # to its end: what fits the robot's motion is a whole motion
+            return record_process(trial, system, episode_steps=trial.episode_steps, **arguments)
 
         def system() -> Any:
             from cmbrl.system import MujocoSystem
 
-            return MujocoSystem(robot.scene, substeps, change, drives=robot.drives)
+            return MujocoSystem.of_control(robot.scene, control_dt, change, robot.drives)
 
         task = Task(
             name=name,
@@ -117,4 +123,7 @@ def imitation_task(
         )
         return task
 
-    return with_motion(own)
+    def missing(scene: Scene) -> Motion:
+        raise UserError(f"task {name!r} has no motion of its own: name a file (--motion FILE)")
+
+    return with_motion(own or missing)

@@ -1,12 +1,15 @@
 """Tracking of a motion as a decision process.
 
 Observation, reward, termination and reset follow BeyondMimic (Liao et al., arXiv 2508.08241), in the numbers of its
-public implementations. Two things are ours: an action moves the servo's target away from the reference instead of the
-default posture, and the squared angle between two rotations is 2 (1 - cos), which has a derivative everywhere.
+public implementations. Ours are three things: an action moves the servo's target away from the reference instead of the
+default posture; the squared angle between two rotations is 2 (1 - cos), which has a derivative everywhere; and lengths
+of the reward, of terminations and of resets shrink with robots that are smaller than a Unitree G1, speeds with their
+square roots (as of pendulums): 25 cm are a third of a G1's leg, and more than an OP3's.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -15,8 +18,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from cmbrl.imitation import joints
 from cmbrl.imitation.flight import CLEAR, flying
-from cmbrl.imitation.joints import ROOT_Q, ROOT_V, check, reach, soft_limits
 from cmbrl.imitation.motion import Motion
 from cmbrl.imitation.robot import Robot
 from cmbrl.imitation.starts import Starts
@@ -45,7 +48,7 @@ TRIAL_NOISE = 0.1  # share of that in an evaluation
 
 @dataclass(frozen=True)
 class Reference:
-    """What the motion of the tracked bodies should be at F frames: (F, nb, ...); joints q, v (F, nu)."""
+    """What the motion of the tracked bodies should be at F frames: (F, nb, ...); joints q, v (F, n)."""
 
     q: Tensor
     v: Tensor
@@ -61,22 +64,29 @@ class Tracking:
     """The process for ``robot`` and ``motion``; q carries two memories: the frame, and the last action (B, 1 + nu)."""
 
     def __init__(self, robot: Robot, scene: Scene, motion: Motion) -> None:
-        check(robot, scene)
+        joints.check(robot, scene)
         self.scene, self.motion, self.dt = scene, motion, motion.dt
-        self.bodies = BodyMotions(scene, robot.tracked)
+        self.root_q, self.root_v = joints.root(scene)
+        spatial = Scene.from_mjcf(robot.scene, reduce=False, drives=robot.drives) if scene.planar else scene
+        self.bodies = BodyMotions(spatial, robot.tracked)
         self.anchor = robot.tracked.index(robot.anchor)
         self.ends = [robot.tracked.index(name) for name in robot.ends]
         self.nu = scene.nu
         q, v = torch.from_numpy(motion.q), torch.from_numpy(motion.v)
         with torch.no_grad():
-            self.reference = Reference(q[:, ROOT_Q:], v[:, ROOT_V:], self.bodies(q, v))
+            self.reference = Reference(q[:, self.root_q :], v[:, self.root_v :], self.bodies(q, v))
         self.last = len(q) - 1
-        self.scale = torch.from_numpy(robot.reach * reach(scene))
-        names = scene.joint_names[1:]
+        self.targets, self.factor = torch.from_numpy(joints.lengths(scene, motion.q)), joints.controls_per_length(scene)
+        self.scale = torch.from_numpy(joints.reach(scene, robot.reach))
+        names = joints.joint_names(scene)
         self.posture = torch.tensor([robot.posture.get(name, 0.0) for name in names], dtype=torch.float64)
-        self.low, self.high = soft_limits(scene, SOFT)
+        self.low, self.high = joints.soft_limits(scene, SOFT)
+        self.size = joints.size(scene, robot.anchor)
+        units = {"anchor_position": self.size, "body_position": self.size, "body_linear": math.sqrt(self.size)}
+        self.terms = {name: (w, s * units.get(name, 1.0)) for name, (w, s) in TERMS.items()}
+        self.noise = joints.noise(scene, JOINT_NOISE)
         flight = torch.from_numpy(flying(scene, motion.q))
-        self.flight = flight if scene.core.ncontact else None  #: of the reference, by frame
+        self.flight = flight if joints.ground(scene).any() else None  #: of the reference, by frame
         self._seen: Any = None  # the last state asked for, whether with a graph, and its motion
 
     def training(self) -> MDP:
@@ -91,9 +101,10 @@ class Tracking:
     def _process(self, steps: int, reset: Any, curriculum: Starts | None = None) -> MDP:
         terms = (*TERMS, "action_rate", "limits")
         return MDP(
-            observations=5 * self.nu + 15, actions=self.nu, observe=self.observe, reward=Total(self.info, terms),
+            observations=4 * len(self.low) + self.nu + 9 + self.root_v, actions=self.nu, observe=self.observe,
+            reward=Total(self.info, terms),
             terminated=self.terminated, reset=reset, dt=self.dt, episode_steps=min(steps, self.last), act=self.act,
-            memory=1 + self.nu, truncated=self.over, failure="falls", info=self.info,
+            memory=1 + self.nu, truncated=self.over, failure="falls" if self.root_q else "strays", info=self.info,
             shaping=self.pull, curriculum=curriculum,
         )  # fmt: skip
 
@@ -101,21 +112,22 @@ class Tracking:
         """The next frame begins, and the servos aim at its joints, moved by the action."""
         robot, frame, _ = self._split(q)
         frame = (frame + 1).clamp(max=self.last)
-        target = self.reference.q[frame] + self.scale * action
-        return torch.cat([robot, frame[:, None].to(q), action], dim=1), v, target
+        target = self.targets[frame] + self.scale * action
+        return torch.cat([robot, frame[:, None].to(q), action], dim=1), v, self.factor * target
 
     def observe(self, q: Tensor, v: Tensor) -> Tensor:
-        """(B, 5 nu + 15): reference joints and rates; the anchor's error; the root's velocity; joints; last action."""
+        """(B, n): reference joints and rates; the anchor's error; a free root's velocity; joints; last action."""
         robot, frame, action = self._split(q)
         now, wanted = self._motion(q, v), self.reference.at(frame)
         to_anchor = now.rotation[:, self.anchor].transpose(1, 2)
         offset = to_anchor @ (wanted.position[:, self.anchor] - now.position[:, self.anchor])[..., None]
         turn = to_anchor @ wanted.rotation[:, self.anchor]
-        root = (now.rotation[:, 0].transpose(1, 2) @ now.linear[:, 0, :, None])[..., 0]
+        linear = (now.rotation[:, 0].transpose(1, 2) @ now.linear[:, 0, :, None])[..., 0]
+        root = [linear, v[:, 3 : self.root_v]] if self.root_v else []
         return torch.cat(
             [
                 self.reference.q[frame], self.reference.v[frame], offset[..., 0], turn[:, :, :2].flatten(1),
-                root, v[:, 3:ROOT_V], robot[:, ROOT_Q:] - self.posture, v[:, ROOT_V:], action,
+                *root, robot[:, self.root_q :] - self.posture, v[:, self.root_v :], action,
             ],
             dim=1,
         )  # fmt: skip
@@ -134,9 +146,9 @@ class Tracking:
             "body_linear": (now.linear - wanted.linear).square().sum(-1).mean(1),
             "body_angular": (now.angular - wanted.angular).square().sum(-1).mean(1),
         }
-        told = {name: self.dt * w * torch.exp(-errors[name] / s**2) for name, (w, s) in TERMS.items()}
-        joints = robot[:, ROOT_Q:]
-        beyond = (self.low - joints).clamp(min=0.0) + (joints - self.high).clamp(min=0.0)
+        told = {name: self.dt * w * torch.exp(-errors[name] / s**2) for name, (w, s) in self.terms.items()}
+        at = robot[:, self.root_q :]
+        beyond = (self.low - at).clamp(min=0.0) + (at - self.high).clamp(min=0.0)
         before = q[:, -self.nu :]
         told["action_rate"] = self.dt * ACTION_RATE * (action - before).square().sum(1)
         told["limits"] = self.dt * LIMITS * beyond.sum(1)
@@ -145,13 +157,13 @@ class Tracking:
     def _measured(self, robot: Tensor, frame: Tensor, now: BodyMotion, wanted: BodyMotion) -> dict[str, Tensor]:
         """What reports tell besides the reward (B,): the bodies' mean distance from the reference in the world [cm].
 
-        Where the scene has contacts, also how deep the deepest of them is [mm], and a number whose mean over the motion
-        is the share of the reference's flight, with all contacts 2 cm up, that the robot spends in flight as well.
+        Where the scene has a floor, also how deep the deepest point is in it [mm], and a number whose mean over the
+        motion is the share of the reference's flight, 2 cm above the floor, that the robot spends in flight as well.
         """
         told = {"body_position_error_cm": 100 * (now.position - wanted.position).norm(dim=-1).mean(1)}
         if self.flight is None:
             return told
-        lowest = torch.from_numpy(self.scene.gaps(robot.detach().numpy()).min(axis=1))
+        lowest = torch.from_numpy(joints.clearance(self.scene, robot.detach().numpy()))
         told["penetration_mm"] = 1000 * (-lowest).clamp(min=0.0)
         if self.flight.any():
             told["flight_kept"] = (self.flight[frame] & (lowest > CLEAR)).double() / self.flight.double().mean()
@@ -161,15 +173,15 @@ class Tracking:
         """(B,): minus the anchor's distance from its place, in training; the reward's own term is flat far away."""
         now, wanted = self._motion(q, v), self.reference.at(self._split(q)[1])
         e = (now.position - wanted.position)[:, self.anchor].square().sum(-1)
-        return -self.dt * PULL * ((1 + e / TERMS["anchor_position"][1] ** 2).sqrt() - 1)
+        return -self.dt * PULL * ((1 + e / self.terms["anchor_position"][1] ** 2).sqrt() - 1)
 
     def terminated(self, q: Tensor, v: Tensor) -> Tensor:
-        """(B,) bool: the anchor, a hand or a foot is 25 cm too high or too low, or the anchor far too tilted."""
+        """(B,) bool: the anchor, a hand or a foot is 25 cm (of a G1) too high or low, or the anchor far too tilted."""
         _, frame, _ = self._split(q)
         now, wanted = self._motion(q, v), self.reference.at(frame)
         rise = (now.position - wanted.position)[..., 2].abs()[:, [self.anchor, *self.ends]]
         tilt = (now.rotation - wanted.rotation)[:, self.anchor, 2, 2].abs()
-        return (rise > TOO_HIGH).any(1) | (tilt > TOO_TILTED)
+        return (rise > TOO_HIGH * self.size).any(1) | (tilt > TOO_TILTED)
 
     def over(self, q: Tensor, v: Tensor) -> Tensor:
         """(B,) bool: the motion has ended."""
@@ -190,19 +202,21 @@ class Tracking:
                 2 * torch.rand(len(frame), len(width), generator=generator, dtype=torch.float64).numpy() - 1
             )
 
-        joints = np.full(self.nu, JOINT_NOISE)
-        rows = frame.numpy()
-        q = self.scene.integrate(self.motion.q[rows], draw([*ROOT_NOISE, *joints]))
+        rows, large, fast = frame.numpy(), self.size, math.sqrt(self.size)
+        free = self.root_q > 0
+        root = [*np.multiply(ROOT_NOISE[:3], large), *ROOT_NOISE[3:]] if free else []
+        speed = [*np.multiply(ROOT_SPEED_NOISE[:3], fast), *ROOT_SPEED_NOISE[3:]] if free else []
+        q = self.scene.integrate(self.motion.q[rows], draw([*root, *self.noise]))
         limits = self.low.numpy(), self.high.numpy()
-        q[:, ROOT_Q:] = np.clip(q[:, ROOT_Q:], *limits)
-        v = self.motion.v[rows] + draw([*ROOT_SPEED_NOISE, *(0 * joints)])
+        q[:, self.root_q :] = np.clip(q[:, self.root_q :], *limits)
+        v = self.motion.v[rows] + draw([*speed, *(0 * self.noise)])
         memory = np.concatenate([rows[:, None], np.zeros((len(rows), self.nu))], axis=1)
         return torch.from_numpy(np.concatenate([q, memory], axis=1)), torch.from_numpy(v)
 
     def _split(self, q: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """The robot's coordinates, the frame (B,) and the last action (B, nu)."""
+        """The robot's coordinates, the frame (B,) and the last action (B, nu); a state that is lost has the frame 0."""
         n = 1 + self.nu
-        return q[:, :-n], q[:, -n].long(), q[:, -n + 1 :]
+        return q[:, :-n], q[:, -n].nan_to_num(0.0).long(), q[:, -n + 1 :]
 
     def _motion(self, q: Tensor, v: Tensor) -> BodyMotion:
         """Of the tracked bodies; that of the last state asked for is kept, since a step asks several times."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from cmbrl.envs.of_task import task_for, trial_process
 from cmbrl.errors import UserError
@@ -13,6 +15,13 @@ from cmbrl.registry import Task
 from cmbrl.train.models import REAL, check_model
 from cmbrl.train.policy import observed_by
 from cmbrl.train.policy_file import SavedPolicy, load_policy
+
+
+def check_motion(folder: str | Path, about: Mapping[str, Any]) -> None:
+    """Raises UserError where the motion that the run in ``folder`` imitates is not what it was, by its ``about``."""
+    motion = about.get("motion")
+    if motion is not None and file_digest(motion) != about.get("motion_digest"):
+        raise UserError(f"{motion}: has changed since {folder} was trained on it: restore it, or train again")
 
 
 @dataclass(frozen=True)
@@ -30,8 +39,7 @@ class Trained:
         saved = load_policy(folder)
         motion = saved.about.get("motion")
         task = task_for(saved.task, motion, saved.about.get("contact_law"), saved.about.get("sliding"))
-        if motion is not None and file_digest(motion) != saved.about.get("motion_digest"):
-            raise UserError(f"{motion}: has changed since {folder} was trained on it: restore it, or train again")
+        check_motion(folder, saved.about)
         mdp = observed_by(saved.policy, trial_process(task))
         shape = saved.policy.architecture
         have, need = (shape.observations, shape.actions), (mdp.observations, mdp.actions)

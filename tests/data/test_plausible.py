@@ -355,3 +355,21 @@ def test_a_controller_that_balances_is_no_sign_error(tmp_path: Path) -> None:
             mujoco.mj_step(model, data, nstep=5)
     log = read_trajectories(np.array(q), [300] * 8, 0.01, np.array(v), np.array(u))
     log.check(Scene.from_mjcf(WHEEL))
+
+
+def test_joints_of_a_gait_are_not_swapped_for_moving_in_one_rhythm() -> None:
+    """Of a trot under a load two joints followed each other's targets more than their own, and others even more."""
+    from types import SimpleNamespace
+
+    from cmbrl.data.plausible import commands
+
+    names = [SimpleNamespace(name=name) for name in "abc"]
+    motion = SimpleNamespace(
+        now=np.zeros((1000, 3)), dt=0.02, coordinates=names, kind="q", command="u", command_of=lambda m: f"u of {m}",
+        drivers=[SimpleNamespace(coordinate=k) for k in range(3)],
+    )  # fmt: skip
+    in_rhythm = np.array([[0.35, 0.67, 0.85], [0.72, 0.25, 0.84], [0.6, 0.7, 0.94]])
+    swapped = np.array([[0.35, 0.9, 0.5], [0.92, 0.25, 0.6], [0.6, 0.7, 0.94]])
+    rest = np.zeros((3, 3)), np.ones((3, 3))
+    assert not list(commands.servos(motion, (in_rhythm, *rest)))  # type: ignore[arg-type]
+    assert len(list(commands.servos(motion, (swapped, *rest)))) == 1  # type: ignore[arg-type]

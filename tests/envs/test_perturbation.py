@@ -53,10 +53,31 @@ def test_friction_decides_how_far_a_box_slides(make) -> None:  # type: ignore[no
         assert q[0] == pytest.approx(1.0 / (2 * friction * 9.81), rel=0.1)
 
 
+ARM = """
+<mujoco>
+  <worldbody>
+    <body><joint name="a" axis="0 0 1"/><geom size="0.1" mass="5"/>
+      <body pos="0.2 0 0"><joint name="b" axis="0 1 0"/><geom size="0.1" mass="1"/>
+        <body pos="0.2 0 0"><joint name="c" axis="0 1 0"/><geom size="0.1" mass="0.5"/></body>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor joint="a"/><motor joint="b"/><motor joint="c"/></actuator>
+</mujoco>
+"""
+
+
 def test_payload_is_carried_by_the_heaviest_body(make) -> None:  # type: ignore[no-untyped-def]
     robot = perturbed(make, Perturbation(payload=3.0))()
     assert robot.robot.model.body_mass.tolist() == pytest.approx([0.0, 5.0, 0.1])  # type: ignore[attr-defined]
     assert make().model.body_mass[1] == 2.0  # others keep their own
+
+
+def test_payload_is_carried_by_the_last_link_of_an_arm(tmp_path: Path) -> None:
+    """Its heaviest link, which turns about the vertical, carries a payload without any effort."""
+    (tmp_path / "arm.xml").write_text(ARM)
+    robot = perturbed(lambda: MujocoSystem(tmp_path / "arm.xml"), Perturbation(payload=3.0))()
+    assert robot.robot.model.body_mass.tolist() == pytest.approx([0.0, 5.0, 1.0, 3.5])  # type: ignore[attr-defined]
 
 
 def test_a_push_changes_the_speed_once_in_two_seconds(make) -> None:  # type: ignore[no-untyped-def]

@@ -54,6 +54,7 @@ def test_a_run_belongs_to_its_motion(place: Path, tmp_path: Path, capsys: pytest
     own = place / "motion.npz"
     assert train(place / "run", "--resume", "--motion", str(own)) == 0
     assert train(place / "run", "--resume") == 2
+    assert main(["train", "--config", str(place / "run/config.json"), "--resume"]) == 0  # as the guide says
     held = own.read_bytes()
     try:
         motion = write_motion(own)

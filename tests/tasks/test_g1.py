@@ -172,8 +172,8 @@ def test_a_robot_that_does_not_fit_its_scene_is_refused(tracking: Tracking, chan
         Tracking(replace(ROBOT, **changes), tracking.scene, tracking.motion)
 
 
-def test_a_scene_without_a_free_root_is_refused(tracking: Tracking) -> None:
-    with pytest.raises(UserError, match="free root"):
+def test_a_scene_without_servos_is_refused(tracking: Tracking) -> None:
+    with pytest.raises(UserError, match=r"needs position servos.*drives="):
         Tracking(ROBOT, load_task("hopper").load_scene(), tracking.motion)
 
 

@@ -12,6 +12,7 @@ from cmbrl.data.plausible.motion import LAG, Motion
 
 SATURATED = 0.2  #: share of samples at a limit that is worth a warning
 FOLLOWS = 0.5  #: correlation of a position with its target
+NEAR_BEST = 0.1  #: of a correlation: joints that move alike follow each other's targets as well
 SIGNIFICANT = 10.0  #: standard errors
 LONG = 5 * LAG  #: [s] of shorter logs every trend follows every other at some lag
 
@@ -26,7 +27,7 @@ def servos(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarray]) -
     for a in range(count):
         for b in range(a + 1, count):
             across = min(best[a, b], best[b, a])
-            if across > 0.5 and max(own[a], own[b]) < across - 0.3:
+            if across > 0.5 and max(own[a], own[b]) < across - 0.3 and _mutual(best, a, b):
                 yield _pair(motion, a, b)
     for m in range(count):
         if -worst[m, m] > 0.5 and best[m, m] < 0.4 * -worst[m, m] and -2.0 < slope[m, m] < -0.4:
@@ -34,6 +35,15 @@ def servos(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarray]) -
                 f"{motion.position_of(motion.drivers[m].coordinate)} moves against {motion.command_of(m)} (correlation "
                 f"{worst[m, m]:.2f}): a sign error; negate one of the two columns"
             )
+
+
+def _mutual(best: np.ndarray, a: int, b: int) -> bool:
+    """Whether two joints follow each other's targets as well as they follow any, and these targets move no other more.
+
+    In a gait all joints move in one rhythm, and each follows many targets at some lag.
+    """
+    pairs = ((a, b), (b, a))
+    return all(best[i, j] > max(best[i].max(), best[:, j].max()) - NEAR_BEST for i, j in pairs)
 
 
 def _pair(motion: Motion, a: int, b: int) -> Finding:
