@@ -252,7 +252,11 @@ def _kind(keys: set[Key], scene: Scene, gains_told: bool) -> str:
     """Transitions where all velocities were logged, or where a position log cannot hold what was.
 
     Only a position log holds the gains of servos; where the log or the user tells them, they may not be the file's.
+    Nor do transitions hold joints that closed loops tell, such as the rods of a delta robot, whose ball joints float
+    no base.
     """
+    if build.looped(keys, scene):
+        return "positions"
     commanded = Commanded.of(keys, scene)
     if gains_told and commanded and commanded.kind == "position":
         return "positions"

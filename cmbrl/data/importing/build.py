@@ -44,6 +44,11 @@ def lacking(keys: set[Key], scene: Scene) -> list[str]:
     return missing
 
 
+def looped(keys: set[Key], scene: Scene) -> bool:
+    """Whether closed loops tell joints that ``keys`` do not."""
+    return bool(closing(scene, _told(keys, scene)))
+
+
 def _told(keys: set[Key], scene: Scene) -> list[int]:
     """Places in v of the joints, but free ones, whose positions are among ``keys``."""
     single, floating = joints_of(scene)
