@@ -12,6 +12,7 @@ import numpy as np
 from cmbrl.data.fields import Fields
 from cmbrl.data.splitting import follows
 from cmbrl.data.turns import within_a_turn
+from cmbrl.scene import kinematics
 from cmbrl.scene.fittable.play import plays
 from cmbrl.scene.records import JointKind
 
@@ -33,6 +34,7 @@ class Coordinate:
     dof: int  #: its place in v
     low: float  #: limits of the file [rad, m]; infinite where there are none
     high: float
+    above: tuple[int, ...] = ()  #: places in ``Motion.coordinates`` of the joints that carry it
 
 
 @dataclass(frozen=True)
@@ -172,10 +174,16 @@ def _blocks(breaks: np.ndarray) -> tuple[slice, ...]:
 def _coordinates(scene: Scene, dofs: list[int]) -> tuple[Coordinate, ...]:
     core, known = scene.core, {joint.vadr: joint for joint in scene.joints}
     limits = {int(line): (low, high) for line, low, high in zip(core.lim_line, core.lim_lo, core.lim_hi, strict=True)}
+    place = {dof: k for k, dof in enumerate(dofs)}
+
+    def above(dof: int) -> tuple[int, ...]:
+        carriers = kinematics.joints_above(core, int(core.body_parent[known[dof].body]))
+        return tuple(place[j] for j in (int(core.jnt_vadr[c]) for c in carriers) if j in place)
+
     return tuple(
         Coordinate(
             scene.coordinate_names[dof], known[dof].kind == JointKind.HINGE, dof,
-            *limits.get(dof, (-np.inf, np.inf)),
+            *limits.get(dof, (-np.inf, np.inf)), above(dof),
         )
         for dof in dofs
     )  # fmt: skip
