@@ -16,12 +16,12 @@ from cmbrl.fitting.log.columns import ColumnsCheck
 from cmbrl.fitting.log.evidence import Evidence
 
 SPRUNG = """<mujoco><option timestep=".002"/><worldbody><body pos="0 0 1"><joint name="motor" axis="0 1 0"
-armature=".02" damping=".4"/><geom size=".05" mass=".2"/><body><joint name="spring" axis="0 1 0" stiffness="{k}" damping=".05"/>
-<geom type="capsule" size=".03" fromto="0 0 0 .3 0 0" mass="{mass}"/></body></body></worldbody><actuator>
-<position name="motor" joint="motor" kp="60" kv="3"/></actuator></mujoco>"""
+armature=".02" damping=".4"/><geom size=".05" mass=".2"/><body><joint name="spring" axis="0 1 0" stiffness="{k}"
+damping=".05"/><geom type="capsule" size=".03" fromto="0 0 0 .3 0 0" mass="{mass}"/></body></body></worldbody>
+<actuator><position name="motor" joint="motor" kp="60" kv="3"/></actuator></mujoco>"""
 CART = """<mujoco><option timestep=".002"/><worldbody><body><joint name="cart" type="slide" axis="1 0 0" damping=".5"/>
-<geom type="box" size=".1 .05 .05" mass="{mass}"/><body><joint name="pole" axis="0 1 0" damping=".01"/><geom type="capsule"
-size=".02" fromto="0 0 0 0 0 -.4" mass=".2"/></body></body></worldbody><actuator><motor name="push" joint="cart"
+<geom type="box" size=".1 .05 .05" mass="{mass}"/><body><joint name="pole" axis="0 1 0" damping=".01"/>
+<geom type="capsule" size=".02" fromto="0 0 0 0 0 -.4" mass=".2"/></body></body></worldbody><actuator><motor name="push" joint="cart"
 gear="5"/></actuator></mujoco>"""
 
 
