@@ -21,8 +21,8 @@ damping=".05"/><geom type="capsule" size=".03" fromto="0 0 0 .3 0 0" mass="{mass
 <actuator><position name="motor" joint="motor" kp="60" kv="3"/></actuator></mujoco>"""
 CART = """<mujoco><option timestep=".002"/><worldbody><body><joint name="cart" type="slide" axis="1 0 0" damping=".5"/>
 <geom type="box" size=".1 .05 .05" mass="{mass}"/><body><joint name="pole" axis="0 1 0" damping=".01"/>
-<geom type="capsule" size=".02" fromto="0 0 0 0 0 -.4" mass=".2"/></body></body></worldbody><actuator><motor name="push" joint="cart"
-gear="5"/></actuator></mujoco>"""
+<geom type="capsule" size=".02" fromto="0 0 0 0 0 -.4" mass=".2"/></body></body></worldbody>
+<actuator><motor name="push" joint="cart" gear="5"/></actuator></mujoco>"""
 
 
 def simulated(xml: str, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
