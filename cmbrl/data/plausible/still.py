@@ -12,6 +12,7 @@ from cmbrl.data.plausible.motion import LAG, Motion
 LONG = 50  #: samples; and RARE times as long as others, so that coarse encoders are no fault
 RARE = 10
 MEANT = 0.05  #: [rad, m] a target has to move by so much, more than dry friction holds
+_OF_RANGE = 0.2  # between the stops, the same
 _ON_GRID, _ONWARDS, _ROUNDING = 0.02, 3.0, 1e-9  # of an encoder's count; counts; [rad, m]
 _STRETCHES, _ALTERNATES = 8, -0.5  # of LONG samples, to tell noise by; correlation of third differences
 APART = 0.15  #: [rad, m] dry friction moves where servos stand by less when they turn round
@@ -135,7 +136,9 @@ def _commanded(motion: Motion, m: int, run: slice) -> bool:
     driver, u = motion.drivers[m], motion.u[:, m]
     inside, everywhere = u[run].std(), u.std()
     if driver.position:
-        return bool(inside > 0.3 * everywhere and np.ptp(u[run]) * abs(driver.scale) > MEANT)
+        coordinate = motion.coordinates[driver.coordinate]
+        meant = min(MEANT, _OF_RANGE * (coordinate.high - coordinate.low))  # a gripper's finger has centimetres in all
+        return bool(inside > 0.3 * everywhere and np.ptp(u[run]) * abs(driver.scale) > meant)
     return bool(inside > 0.7 * everywhere and everywhere > 0)
 
 

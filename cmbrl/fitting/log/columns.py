@@ -138,7 +138,7 @@ class ColumnsCheck:
             if first.kind == second.kind and (first in joints or second in joints):
                 both = f"{kind} of joints {first.name!r} and {second.name!r}"
                 yield Doubt(f"{both} is explained the other way round: are they swapped?", (first.vadr, second.vadr))
-        forces = [a for a in range(scene.nu) if law_of(scene, a)[0] == "torque"][:_MOST]
+        forces = [a for a in range(scene.nu) if law_of(scene, a)[0] != "position"][:_MOST]
         for a in forces:
             text = f"the control of {scene.actuator_names[a]!r} acts the other way: a sign error? Negate the column"
             yield Doubt(text, (), (a,), -1.0)
