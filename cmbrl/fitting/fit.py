@@ -22,6 +22,7 @@ from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.choice.play_shown import play_shown
 from cmbrl.fitting.clock import Clock
 from cmbrl.fitting.course import SEARCHES, Course
+from cmbrl.fitting.log.columns import ColumnsCheck
 from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.log.noise import sensor_noise
 from cmbrl.fitting.log.rate import RateCheck
@@ -84,6 +85,7 @@ def fit(
 
     Raises:
         UserError: for a log of another robot or time step, a position log of a wrong rate (``rate``),
+            columns of the wrong sign, unit or place (``columns``),
             unknown names, parameters outside their bounds, or a folder that cannot be used.
     """
     started = Clock.now()
@@ -103,6 +105,7 @@ def fit(
     draw_starts(log, min(horizons), 1, seed)  # raises for a log whose episodes are shorter
     if evidence.positions_only:
         RateCheck(evidence, min(horizons), huber, seed).tell()
+    ColumnsCheck(evidence, huber, seed).tell()
     settings = [seed, method, None if wanted is None else wanted.tolist(), horizons, count, polish, huber]
     journal = Journal(folder, _fingerprint(evidence.model, log, settings, asdict(budget)), progress, started)
     journal.by_processor = time_limit is None

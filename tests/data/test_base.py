@@ -100,6 +100,22 @@ def test_positions_and_velocities_of_the_base(walk):
     assert np.sqrt(((data.v - v)[:, 3:6] ** 2).mean()) < 0.25 * v[:, 3:6].std()
 
 
+def test_poses_beside_joints_make_transitions_only_where_all_velocities_were_logged(walk):
+    """What an import estimates of velocities has the noise of positions, which a fit of positions does without."""
+    q, v = walk["q"][:300], walk["v"][:300]
+    columns = {name: q[:, k] for k, name in enumerate(("x", "y", "z", "qw", "qx", "qy", "qz"))}
+    columns |= {name: q[:, 7 + k] for k, name in enumerate(JOINTS)} | {f"{name}_cmd": q[:, 7] for name in JOINTS}
+    np.savez(walk["folder"] / "beside.npz", time=DT * np.arange(300), **columns)
+    log = import_logs([walk["folder"] / "beside.npz"], walk["scene"]).log
+    assert isinstance(log, PositionLog)
+    np.testing.assert_allclose(log.base, q[:, :7], atol=1e-9)
+    columns |= {f"{name}_vel": v[:, 6 + k] for k, name in enumerate(JOINTS)}
+    columns |= {name: v[:, k] for k, name in enumerate(("vx", "vy", "vz", "wx", "wy", "wz"))}
+    np.savez(walk["folder"] / "beside.npz", time=DT * np.arange(300), **columns)
+    whole = import_logs([walk["folder"] / "beside.npz"], walk["scene"], Options(frames=Frames(angular="body"))).log
+    np.testing.assert_allclose(whole.v, v[:-1], atol=1e-9)
+
+
 def test_a_gyroscope_tells_the_clock_more_sharply(walk):
     _, note = brought(walk, "gyro.npz", capture="named.npz", frames=Frames(angular="body"))
     seconds, error = told(note)

@@ -109,6 +109,17 @@ def test_import_needs_no_column_for_it(tmp_path: Path) -> None:
     assert estimated(log, scene).q.shape[1] == 4
 
 
+def test_import_needs_no_kind_of_log_for_rods_on_ball_joints(tmp_path: Path) -> None:
+    """Such joints float no base: a log of positions holds all that was logged, and transitions do not."""
+    (tmp_path / "rod.xml").write_text(ROD.replace('<joint name="hung" type="ball"/>', '<joint name="hung"/>'))
+    knee = 0.5 * np.sin(2.0 * TIME)
+    table = np.stack([TIME, knee, 0.0 * TIME, knee], axis=1)
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header="time,knee,hung,knee_cmd", comments="")
+    log = import_logs([tmp_path / "log.csv"], Scene.from_mjcf(tmp_path / "rod.xml")).log
+    assert isinstance(log, PositionLog)
+    assert log.joint_names == ("knee", "hung")
+
+
 FOOT = """<mujoco><compiler angle="radian"/><option gravity="0 0 0"/><worldbody><body name="shin">
 <body name="crank"><joint name="crank" axis="0 1 0" range="-2.4 -.5"/>
 <geom type="capsule" size=".01" fromto="0 0 0 .05 0 0" mass=".1"/>

@@ -242,6 +242,76 @@ def test_a_joint_that_sticks_is_not_a_sensor_that_does(servo: tuple[PositionLog,
         replace(log, position=coarse).check(scene)
 
 
+def sprung(sensor: Callable[[np.ndarray], np.ndarray]) -> tuple[PositionLog, Scene]:
+    """A motor whose link hangs on a spring, which has a ``sensor`` of its own and no command."""
+    scene = Scene.from_mjcf(
+        '<mujoco><worldbody><body><joint name="motor" axis="0 1 0"/><geom size=".1"/><body><joint name="spring" '
+        'axis="0 1 0" stiffness="9"/><geom size=".1" pos="0 0 -.2"/></body></body></worldbody><actuator>'
+        '<position name="motor" joint="motor" kp="50"/></actuator></mujoco>'
+    )
+    time = 0.01 * np.arange(1500)
+    turn, bent = 0.5 * np.sin(2.0 * time), 0.1 * np.sin(2.0 * time + 0.3) + 0.05 * np.sin(7.0 * time)
+    log = PositionLog(
+        time=time, position=np.stack([turn, sensor(bent)], axis=1), command=turn[:, None],
+        joint_names=("motor", "spring"), actuator_names=("motor",),
+    )  # fmt: skip
+    return log, scene
+
+
+@pytest.mark.parametrize("stop", [900, 1500])
+def test_a_sensor_that_loses_its_noise_is_stuck(stop: int) -> None:
+    """No friction holds a joint so still; a command that would move it is not needed to tell."""
+    noise = 1e-4 * np.random.default_rng(0).normal(size=1500)
+    log, scene = sprung(lambda bent: bent + noise)
+    assert [one.text for one in plausible.of_positions(log, scene)] == []
+    stuck = log.position.copy()
+    stuck[700:stop, 1] = stuck[700, 1]
+    with pytest.raises(
+        UserError, match=r"joint 'spring' is constant from row 700 to .*, without the noise that it has"
+    ):
+        replace(log, position=stuck).check(scene)
+
+
+@pytest.mark.parametrize("sensor", [lambda x: x, lambda x: np.round(x / 1e-3) * 1e-3], ids=["exact", "counts"])
+def test_a_joint_that_is_carried_and_does_not_move_may_stick(sensor: Callable[[np.ndarray], np.ndarray]) -> None:
+    log, scene = sprung(sensor)
+    held = log.position.copy()
+    held[700:, 1] = held[700, 1]
+    with pytest.warns(UserWarning, match="joint 'spring' is constant .* while joint 'motor', which carries it, moves"):
+        replace(log, position=held).check(scene)
+    held[700:, 0] = held[700, 0]
+    rests = replace(log, position=held, command=np.where(log.time < 7.0, log.command[:, 0], 0.0)[:, None])
+    assert not [one.text for one in plausible.of_positions(rests, scene) if "spring" in one.text]
+
+
+@pytest.mark.parametrize(
+    ("factor", "told"),
+    [
+        (57.3, "control of 'thrust' reaches 57.* check its unit"),
+        (20.0, "forces instead of controls.* by 20"),
+        (2.0, None),
+    ],
+)
+def test_controls_far_beyond_the_range_of_an_actuator(factor: float, told: str | None) -> None:
+    scene = Scene.from_mjcf(
+        '<mujoco><worldbody><body><joint name="x" type="slide"/><geom size=".1"/></body></worldbody>'
+        '<actuator><motor name="thrust" joint="x" gear="20" ctrlrange="-1 1"/></actuator></mujoco>'
+    )
+    time = 0.01 * np.arange(1000)
+    log = PositionLog(
+        time=time, position=np.sin(0.3 * time)[:, None], command=factor * np.sin(time)[:, None], joint_names=("x",),
+        actuator_names=("thrust",), command_kind="control",
+    )  # fmt: skip
+    states = read_trajectories(log.position, [1000], 0.01, u=log.command)
+    if told is None:
+        log.check(scene)
+        return
+    with pytest.raises(UserError, match=told):
+        log.check(scene)
+    with pytest.raises(UserError, match=told.replace("control of", "u of")):
+        states.check(scene)
+
+
 def test_a_torque_log_without_velocities(motor: tuple[Transitions, Scene]) -> None:
     log, scene = motor
     file = PositionLog(

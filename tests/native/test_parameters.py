@@ -27,6 +27,12 @@ PLANAR = """<mujoco><option timestep=".004"/><worldbody><geom type="plane" size=
 <joint name="turn" axis="0 1 0"/><geom type="capsule" size=".05 .1"/><body name="leg" pos="0 0 -.1">
 <joint name="knee" axis="0 1 0" range="-40 40" limited="true" frictionloss=".2"/>
 <geom type="capsule" size=".04" fromto="0 0 0 .1 0 -.2"/></body></body></worldbody></mujoco>"""
+HUNG = """<mujoco><option timestep=".004"/><worldbody><site name="a" pos="-1 0 2"/><site name="b" pos="1 .2 2"/>
+<body pos="0 0 .5"><freejoint/><geom type="box" size=".1 .2 .05"/><site name="c" pos="-.1 .1 .05"/>
+<site name="d" pos=".1 -.1 .05"/></body></worldbody><tendon>
+<spatial name="left"><site site="a"/><site site="c"/></spatial>
+<spatial name="right" damping="1"><site site="b"/><site site="d"/></spatial></tendon><actuator>
+<motor tendon="left" ctrlrange="-40 0"/><position tendon="right" kp="100" forcerange="-40 0"/></actuator></mujoco>"""
 SPREAD = {"mass": (0.6, 1.7), "inertia": (0.4, 2.5), "inertia_tilt": (-0.5, 0.5), "stop_time": (1.5, 3.0)}
 SPREAD |= {"stop_damping": (0.3, 2.0), "stop_softness": (0.2, 5.0)}
 
@@ -143,12 +149,12 @@ def test_the_step_has_the_inertia_of_the_physical_vector(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 @pytest.mark.parametrize("smoothing", [Exact(), Barrier(1e-4), Gaussian(0.01, floor=1e-6)], ids=["exact", "kappa", "g"])
-@pytest.mark.parametrize("text", [TREE, PLANAR], ids=["spatial", "planar"])
+@pytest.mark.parametrize("text", [TREE, PLANAR, HUNG], ids=["spatial", "planar", "cables"])
 def test_friction_losses_leave_zero(text: str, smoothing: Smoothing, integrator: str, tmp_path: Path) -> None:
     """One-sided differences, extrapolated: limits of 1 to 4 parts in a million of the weight."""
     scene = written(tmp_path, without_friction(text))
     model = ComplementarityModel(scene, smoothing=smoothing, integrator=integrator, path_tolerance=1e-12)
-    losses = [k for k, p in enumerate(scene.parameters) if p.group == "frictionloss"]
+    losses = [k for k, p in enumerate(scene.parameters) if p.group in ("frictionloss", "tendon_frictionloss")]
     assert losses
     q, v, u = random_states(scene, 30, np.random.default_rng(0), RANGES)
     v[::3] *= 1e-3  # some hardly move, within the speed at which friction yields

@@ -151,6 +151,21 @@ def test_friction_loss_is_offered_where_the_file_says_zero(load: Load) -> None:
         assert not [p for p in scene.parameters if p.group == "frictionloss"]
 
 
+def test_cables_of_a_floating_body_rub_and_damp_where_the_file_says_zero(load: Load) -> None:
+    """Only they have any; of a finger that a tendon pulls, the joints do, and the tendon's are on request."""
+    pulls = (
+        '<tendon><spatial name="t"><site site="w"/><site site="p"/></spatial></tendon>'
+        '<actuator><position tendon="t" kp="100" forcerange="-40 0"/></actuator>'
+    )
+    for joint, default in (("<freejoint/>", True), ('<joint name="j" axis="0 1 0"/>', False)):
+        body = f'<site name="w" pos="0 0 1"/><body>{joint}<geom size=".1"/><site name="p" pos=".1 0 0"/></body>'
+        offered = {p.name: p for p in load(body, pulls)[0].parameters if p.group.startswith("tendon")}
+        assert list(offered) == ["tendon_damping.t", "tendon_frictionloss.t"]
+        assert [(p.nominal, p.low, p.high, p.default, p.unit) for p in offered.values()] == [
+            (0.0, 0.0, 20.0, default, "N s/m"), (0.0, 0.0, 10.0, default, "N"),
+        ]  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("joint", "actuator", "strength"),
     [

@@ -251,11 +251,17 @@ def _floats(scene: Scene) -> bool:
 def _kind(keys: set[Key], scene: Scene, gains_told: bool) -> str:
     """Transitions where all velocities were logged, or where a position log cannot hold what was.
 
+    Velocities that an import estimates from positions have their noise, and a fit takes them for measured: positions
+    alone tell delays, friction and masses better, also of a robot that floats.
+
     Only a position log holds the gains of servos; where the log or the user tells them, they may not be the file's.
+    Nor do transitions hold joints that closed loops tell, such as the rods of a delta robot, whose ball joints float
+    no base.
     """
+    if build.looped(keys, scene):
+        return "positions"
     commanded = Commanded.of(keys, scene)
     if gains_told and commanded and commanded.kind == "position":
         return "positions"
-    if build.velocities_known(keys, scene) or _floats(scene) or commanded is None:
-        return "transitions"
-    return "positions"
+    held = build.one_base(scene) and commanded is not None
+    return "positions" if held and not build.velocities_known(keys, scene) else "transitions"

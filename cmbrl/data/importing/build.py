@@ -44,6 +44,17 @@ def lacking(keys: set[Key], scene: Scene) -> list[str]:
     return missing
 
 
+def one_base(scene: Scene) -> bool:
+    """Whether nothing floats or swivels but at most one base, so that a position log holds all of it."""
+    floating = joints_of(scene)[1]
+    return len(floating) <= 1 and all(joint.free for joint in floating)
+
+
+def looped(keys: set[Key], scene: Scene) -> bool:
+    """Whether closed loops tell joints that ``keys`` do not."""
+    return bool(closing(scene, _told(keys, scene)))
+
+
 def _told(keys: set[Key], scene: Scene) -> list[int]:
     """Places in v of the joints, but free ones, whose positions are among ``keys``."""
     single, floating = joints_of(scene)

@@ -13,7 +13,7 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from cmbrl.data.fields import Fields
-from cmbrl.data.plausible import base, commands, flight, frames, motion, overlap, still, units, weight
+from cmbrl.data.plausible import base, commands, flight, frames, motion, overlap, ranges, still, units, weight
 from cmbrl.data.plausible.finding import Finding
 from cmbrl.errors import UserError
 
@@ -36,6 +36,7 @@ def check_positions(log: PositionLog, scene: Scene) -> None:
 
 def of_transitions(log: Fields, scene: Scene) -> Iterator[Finding]:
     """All faults of transitions, the most telling first."""
+    yield from ranges.of_transitions(log, scene)
     found = motion.of_transitions(log, scene)
     yield from _of_motion(found)
     yield from frames.angular(log, scene)
@@ -49,6 +50,7 @@ def of_positions(log: PositionLog, scene: Scene) -> Iterator[Finding]:
     """All faults of a position log, the most telling first."""
     yield from units.clock(log.dt)
     yield from base.of_positions(log, scene)
+    yield from ranges.of_positions(log, scene)
     found = motion.of_positions(log, scene)
     yield from _of_motion(found)
     yield from weight.untold(found, scene)

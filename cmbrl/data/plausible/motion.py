@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cmbrl.data.drive import law_of
 from cmbrl.data.fields import Fields
 from cmbrl.data.splitting import follows
 from cmbrl.data.turns import within_a_turn
+from cmbrl.scene import kinematics
 from cmbrl.scene.fittable.play import plays
 from cmbrl.scene.records import JointKind
 
@@ -33,6 +35,7 @@ class Coordinate:
     dof: int  #: its place in v
     low: float  #: limits of the file [rad, m]; infinite where there are none
     high: float
+    above: tuple[int, ...] = ()  #: places in ``Motion.coordinates`` of the joints that carry it
 
 
 @dataclass(frozen=True)
@@ -42,9 +45,10 @@ class Driver:
     name: str
     coordinate: int  #: place in ``Motion.coordinates``
     position: bool  #: a target of a position servo, else a force
-    scale: float  #: a position target [rad, m] is ``scale * u``; of a force, only the sign counts
+    scale: float  #: a target [rad, m, rad/s, m/s] is ``scale * u``; of a force, only the sign counts
     low: float  #: bounds of the file on u
     high: float
+    pace: bool = False  #: a target of a velocity servo, which is a force as well
 
 
 @dataclass(frozen=True)
@@ -92,16 +96,17 @@ class Motion:
         return f"{self.command} of {self.drivers[m].name!r}"
 
     def answers(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """How positions follow position targets: the best and the worst correlation (m, m) of all lags, and slopes.
+        """How positions, or velocities, follow targets: best and worst correlation (m, m) of all lags, slopes.
 
         Entry (a, b) is target a against the coordinate of target b. The slope is that of positions over targets at the
         best lag. NaN where either rests, or the command is a force. Means of blocks do not count.
         """
-        servos = [m for m, driver in enumerate(self.drivers) if driver.position]
+        servos = [m for m, driver in enumerate(self.drivers) if driver.position or driver.pace]
         size = len(self.drivers)
         best, worst, slope = np.full((3, size, size), np.nan)
         targets = self.u[:, servos] * [self.drivers[m].scale for m in servos]
-        places = self.now[:, [self.drivers[m].coordinate for m in servos]]
+        paced, own = [self.drivers[m].pace for m in servos], [self.drivers[m].coordinate for m in servos]
+        places = np.where(paced, self.change[:, own] / self.dt, self.now[:, own])
         lags = np.unique(np.linspace(0, LAG / self.dt, LAGS).round().astype(int))
         blocks = tuple(slice(one.start, min(one.stop, MOST)) for one in self.blocks if one.start < MOST)
         found = [_correlation(targets, places, blocks, lag) for lag in lags]
@@ -172,10 +177,16 @@ def _blocks(breaks: np.ndarray) -> tuple[slice, ...]:
 def _coordinates(scene: Scene, dofs: list[int]) -> tuple[Coordinate, ...]:
     core, known = scene.core, {joint.vadr: joint for joint in scene.joints}
     limits = {int(line): (low, high) for line, low, high in zip(core.lim_line, core.lim_lo, core.lim_hi, strict=True)}
+    place = {dof: k for k, dof in enumerate(dofs)}
+
+    def above(dof: int) -> tuple[int, ...]:
+        carriers = kinematics.joints_above(core, int(core.body_parent[known[dof].body]))
+        return tuple(place[j] for j in (int(core.jnt_vadr[c]) for c in carriers) if j in place)
+
     return tuple(
         Coordinate(
             scene.coordinate_names[dof], known[dof].kind == JointKind.HINGE, dof,
-            *limits.get(dof, (-np.inf, np.inf)),
+            *limits.get(dof, (-np.inf, np.inf)), above(dof),
         )
         for dof in dofs
     )  # fmt: skip
@@ -198,6 +209,9 @@ def _drivers(
         servo = bias < 0 if position is None else position
         low, high = core.act_ctrl[a] if position is None else (-np.inf, np.inf)
         scale = 1.0 if position is not None else -gain / (bias * gear) if servo else np.sign(gear * gain)
-        drivers.append(Driver(scene.actuator_names[a], place[line], servo, float(scale), float(low), float(high)))
+        paced = position is None and law_of(scene, a)[0] == "velocity"
+        scale = 1.0 / gear if paced else scale
+        name = scene.actuator_names[a]
+        drivers.append(Driver(name, place[line], servo, float(scale), float(low), float(high), paced))
         used.append(column)
     return tuple(drivers), used

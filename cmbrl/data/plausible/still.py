@@ -12,7 +12,9 @@ from cmbrl.data.plausible.motion import LAG, Motion
 LONG = 50  #: samples; and RARE times as long as others, so that coarse encoders are no fault
 RARE = 10
 MEANT = 0.05  #: [rad, m] a target has to move by so much, more than dry friction holds
+_OF_RANGE = 0.2  # between the stops, the same
 _ON_GRID, _ONWARDS, _ROUNDING = 0.02, 3.0, 1e-9  # of an encoder's count; counts; [rad, m]
+_STRETCHES, _ALTERNATES = 8, -0.5  # of LONG samples, to tell noise by; correlation of third differences
 APART = 0.15  #: [rad, m] dry friction moves where servos stand by less when they turn round
 JUMP = 5  #: times the 99th percentile of a step, and of the steps before and after
 
@@ -30,6 +32,17 @@ def stuck(motion: Motion) -> Iterator[Finding]:
             command, sure = motion.command_of(driven[k]), not _sticks(motion.now[:, k], run)
             cause = "a stuck sensor?" if sure else "a joint that sticks, or a stuck sensor?"
             yield Finding(f"{motion.position_of(k)} is constant {where} while {command} moves: {cause}", sure=sure)
+        elif _loud(motion, k, run) and (k not in driven or np.ptp(motion.u[run, driven[k]]) > 0):  # else see ``joined``
+            yield Finding(
+                f"{motion.position_of(k)} is constant {where}, without the noise that it has elsewhere: a stuck sensor?"
+            )
+        elif k not in driven and (under := _carrier(motion, k, run)) is not None:
+            joint = motion.coordinates[under].name
+            yield Finding(
+                f"{motion.position_of(k)} is constant {where} while joint {joint!r}, which carries it, moves: a joint "
+                "that sticks, or a stuck sensor?",
+                sure=False,
+            )
     if motion.v_now is None:
         return
     for k in range(len(motion.coordinates)):
@@ -58,16 +71,54 @@ def _longest(runs: list[slice]) -> slice | None:
     return runs[longest] if lengths[longest] >= max(LONG, RARE * usual) else None
 
 
-def _sticks(x: np.ndarray, run: slice) -> bool:
-    """Whether a coarse encoder goes on where it was: a joint may stand still for long, held by friction or a stop."""
+def _coarse(x: np.ndarray) -> tuple[np.ndarray, float] | None:
+    """Changes (T - 1,) of ``x`` in counts of its encoder, and the usual one; None of readings that lie on no grid."""
     steps = np.diff(x)
     moved = np.abs(steps[np.abs(steps) > _ROUNDING])
-    if run.stop >= len(x) or not len(moved):
-        return False
+    if not len(moved):
+        return None
     counts = steps / moved.min()
-    coarse = np.abs(counts - np.round(counts)).max() < _ON_GRID
-    usual = max(_ONWARDS, float(np.percentile(moved, 90)) / moved.min())
-    return bool(coarse and abs(counts[run.stop - 1]) <= usual)
+    return (counts, float(np.percentile(moved, 90) / moved.min())) if _whole(counts) else None
+
+
+def _whole(counts: np.ndarray) -> bool:
+    return bool(np.abs(counts - np.round(counts)).max() < _ON_GRID)
+
+
+def _sticks(x: np.ndarray, run: slice) -> bool:
+    """Whether a coarse encoder goes on where it was: a joint may stand still for long, held by friction or a stop."""
+    grid = _coarse(x)
+    if run.stop >= len(x) or grid is None:
+        return False
+    counts, usual = grid
+    return bool(abs(counts[run.stop - 1]) <= max(_ONWARDS, usual))
+
+
+def _loud(motion: Motion, k: int, run: slice) -> bool:
+    """Whether the sensor of coordinate ``k`` shows noise outside of ``run``, of which no joint's rest is free.
+
+    Third differences of noise alternate, with a correlation of -3/4; those of smooth motion go on. The calmest
+    stretches tell it, where motion hides it least. Encoders with counts are quiet at rest.
+    """
+    if _coarse(motion.now[:, k]) is not None:
+        return False
+    calm = []
+    for block in motion.blocks:
+        for start in range(block.start, block.stop - LONG + 1, LONG):
+            if start >= run.stop or start + LONG <= run.start:
+                third = np.diff(motion.now[start : start + LONG, k], n=3)
+                calm.append((float(third @ third), float(third[1:] @ third[:-1])))
+    square, product = np.sum(sorted(calm)[: max(len(calm) // 4, 1)], axis=0) if calm else (0.0, 0.0)
+    return bool(len(calm) >= _STRETCHES and square > 0.0 and product < _ALTERNATES * square)
+
+
+def _carrier(motion: Motion, k: int, run: slice) -> int | None:
+    """A joint that moves in the rows of ``run`` as elsewhere, and carries coordinate ``k``; None if none does."""
+    for other in motion.coordinates[k].above:
+        x = motion.now[:, other]
+        if np.ptp(x[run]) > MEANT and x[run].std() > 0.3 * x.std():
+            return other
+    return None
 
 
 def _travels(steps: np.ndarray) -> bool:
@@ -85,7 +136,9 @@ def _commanded(motion: Motion, m: int, run: slice) -> bool:
     driver, u = motion.drivers[m], motion.u[:, m]
     inside, everywhere = u[run].std(), u.std()
     if driver.position:
-        return bool(inside > 0.3 * everywhere and np.ptp(u[run]) * abs(driver.scale) > MEANT)
+        coordinate = motion.coordinates[driver.coordinate]
+        meant = min(MEANT, _OF_RANGE * (coordinate.high - coordinate.low))  # a gripper's finger has centimetres in all
+        return bool(inside > 0.3 * everywhere and np.ptp(u[run]) * abs(driver.scale) > meant)
     return bool(inside > 0.7 * everywhere and everywhere > 0)
 
 

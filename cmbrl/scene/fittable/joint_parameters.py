@@ -25,7 +25,7 @@ _UNITS = {  # for slides, for hinges and balls
 # behind a gear may outweigh its link. Friction loss: what brakes the inertia by 30 rad/s^2, three times what holds all
 # that hangs on the joint in any pose, or a quarter of the motors' strength.
 _INERTIAS = {"damping": 5.0, "armature": 1.0, "frictionloss": 30.0}
-_STRENGTHS = {"damping": 0.5, "armature": 0.01, "frictionloss": 0.25}
+STRENGTHS = {"damping": 0.5, "armature": 0.01, "frictionloss": 0.25}
 _WEIGHTS = 3.0
 _TIMES = 20.0  # and its inverse, of what is not 0 in the file
 _REACH = 0.2  # [rad, m] off its target, where a servo without a limit is said to give all it has
@@ -60,12 +60,12 @@ def offer_joints(
                 token = high > _TIMES**2 * value  # then it bounds nothing, as where the file has none
                 reach = np.log(high / value) / np.log(_TIMES) if token else 1.0
                 out.add(field, name, value, value / _TIMES, value * _TIMES, unit, indices, reach=float(reach))
-            elif high > 0 and not _floating(tree, joints[0], actuators):
+            elif high > 0 and not floating(tree, joints[0], actuators):
                 out.add(field, name, 0.0, 0.0, high, unit, indices)
     _offer_gaps(model, free, layout, out)
     _offer_stops(model, [joint for joints in by_source.values() for joint in joints], layout, out)
     every = [joint for joints in by_source.values() for joint in joints]
-    own = [j for j in every if j.kind != JointKind.BALL and not _floating(tree, j, actuators)]
+    own = [j for j in every if j.kind != JointKind.BALL and not floating(tree, j, actuators)]
     _offer_friction_laws(own, bounds["frictionloss"], layout, P, out)
 
 
@@ -129,8 +129,8 @@ def _offer_friction_laws(joints: Sequence[Joint], losses: Array, layout: Layout,
 
 def _bounds(model: mujoco.MjModel, tree: Tree, actuators: Sequence[Actuator]) -> dict[str, Array]:
     """Largest values (nv,) by field of what is 0 in the file; no friction loss where the file switches it off."""
-    inertia, strength = np.asarray(model.dof_M0, dtype=float), _strengths(model, tree, actuators)
-    found = {field: np.maximum(share * inertia, _STRENGTHS[field] * strength) for field, share in _INERTIAS.items()}
+    inertia, strengths = np.asarray(model.dof_M0, dtype=float), _strengths(model, tree, actuators)
+    found = {field: np.maximum(share * inertia, STRENGTHS[field] * strengths) for field, share in _INERTIAS.items()}
     found["frictionloss"] = np.maximum(found["frictionloss"], _weights(model, tree)) * friction_acts(model)
     return found
 
@@ -159,7 +159,7 @@ def _strengths(model: mujoco.MjModel, tree: Tree, actuators: Sequence[Actuator])
     found = np.zeros(model.nv)
     for actuator in actuators:
         if 0 <= actuator.line < model.nv:
-            found[actuator.line] += _strength(actuator)
+            found[actuator.line] += strength(actuator)
     for joint in tree.joints:
         if model.jnt_actfrclimited[joint.source]:
             most = float(np.abs(model.jnt_actfrcrange[joint.source]).max())
@@ -167,7 +167,7 @@ def _strengths(model: mujoco.MjModel, tree: Tree, actuators: Sequence[Actuator])
     return np.where(np.isfinite(found), found, 0.0)
 
 
-def _strength(actuator: Actuator) -> float:
+def strength(actuator: Actuator) -> float:
     """The most force that an actuator is allowed; of a servo without a limit, that of a usual error."""
     if not actuator.gear:
         return 0.0
@@ -219,7 +219,7 @@ def _offer_limits(actuator: Actuator, slides: bool, layout: Layout, k: int, out:
         out.add("backlash", name, 0.0, 0.0, gap, units[2], [layout.actuator(k, "gap")], 0.5, default=False)
 
 
-def _floating(tree: Tree, joint: Joint, actuators: Sequence[Actuator]) -> bool:
+def floating(tree: Tree, joint: Joint, actuators: Sequence[Actuator]) -> bool:
     """Whether a joint places a body in space: a free joint, or one of several between a body and the world.
 
     Not where an actuator drives one of them: then they are the axes of a gantry, with friction of their own.

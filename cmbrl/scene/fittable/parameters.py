@@ -18,6 +18,7 @@ from cmbrl.scene.collision.candidate_table import CandidateTable
 from cmbrl.scene.fittable.collector import Collector, Moves
 from cmbrl.scene.fittable.inertia_shapes import offer_shapes
 from cmbrl.scene.fittable.joint_parameters import offer_actuator, offer_joints
+from cmbrl.scene.fittable.tendon_parameters import offer_tendons
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.parts import Parts
 from cmbrl.scene.records import WORLD, Array
@@ -72,11 +73,7 @@ def offer_parameters(
                 out.add(f"com_{letter}", body.name, 0.0, -size, size, "m", [layout.com(k) + axis], reach=_OUTSIDE)
     shapes = offer_shapes(tree, massive, masses, layout, P, out)
     offer_joints(model, tree, parts.actuators, layout, P, out)
-    for k, tendon in enumerate(parts.tendons):
-        for field in ("damping", "armature", "stiffness", "frictionloss"):
-            place = layout.dof(model.nv + k, field)
-            if P[place] > 0:
-                out.scale(f"tendon_{field}", tendon.name, 0.05, 20.0, P, [place])
+    offer_tendons(model, tree, parts.tendons, parts.actuators, layout, P, out)
     _contact_parameters(model, parts.candidates, layout, P, contact_law, out)
     for k, ground in enumerate(parts.grounds):
         out.add("plane_height", name_of(model, "geom", ground.geom), 0.0, -0.1, 0.1, "m", [layout.plane(k)])

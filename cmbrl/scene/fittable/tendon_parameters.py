@@ -1,0 +1,44 @@
+"""What can be fitted of tendons."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+
+from cmbrl.scene.fittable.collector import Collector
+from cmbrl.scene.fittable.joint_parameters import STRENGTHS, floating, strength
+from cmbrl.scene.forces.actuators import Actuator
+from cmbrl.scene.forces.tendons import is_fixed
+from cmbrl.scene.layout import Layout
+from cmbrl.scene.records import Array, Tendon, Tree
+from cmbrl.scene.source.mjcf import friction_acts
+
+_UNITS = {"damping": ("N s/m", "N m s/rad"), "frictionloss": ("N", "N m")}  # through sites, and of sums of joints
+_TIMES = 20.0  # and its inverse, of what is not 0 in the file
+
+
+def offer_tendons(
+    model: mujoco.MjModel,
+    tree: Tree,
+    tendons: Sequence[Tendon],
+    actuators: Sequence[Actuator],
+    layout: Layout,
+    P: Array,
+    out: Collector,
+) -> None:
+    """Tendon parameters that are nonzero in the file; of driven tendons damping and friction loss also at zero.
+
+    Joints that a tendon pulls have damping and friction of their own, which do the same at one lever arm. So what the
+    file lacks is on request there; of a floating body, such as the platform of a cable robot, only its cables have any.
+    """
+    for k, tendon in enumerate(tendons):
+        strengths = sum(strength(actuator) for actuator in actuators if actuator.line == model.nv + k)
+        held = any(floating(tree, joint, actuators) for joint in tree.joints if set(joint.dofs) & set(tendon.dofs))
+        for field in ("damping", "armature", "stiffness", "frictionloss"):
+            place = layout.dof(model.nv + k, field)
+            if P[place] > 0:
+                out.scale(f"tendon_{field}", tendon.name, 1 / _TIMES, _TIMES, P, [place])
+            elif field in _UNITS and strengths > 0 and (field == "damping" or friction_acts(model)):
+                unit, most = _UNITS[field][int(is_fixed(model, tendon.source))], STRENGTHS[field] * strengths
+                out.add(f"tendon_{field}", tendon.name, 0.0, 0.0, most, unit, [place], default=held)
