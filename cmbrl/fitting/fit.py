@@ -19,7 +19,7 @@ import numpy as np
 from cmbrl.data.several import Logs
 from cmbrl.data.transitions import Transitions
 from cmbrl.fitting.budget import Budget
-from cmbrl.fitting.choice.play_shown import play_shown
+from cmbrl.fitting.choice.play_shown import gaps_to_try, play_shown
 from cmbrl.fitting.clock import Clock
 from cmbrl.fitting.course import SEARCHES, Course
 from cmbrl.fitting.log.columns import ColumnsCheck
@@ -116,9 +116,10 @@ def fit(
     stopped = course.run()
     with course.part("report"):
         result = _concluded(course, stopped)
-    result.report["play"] = []
+    shown: list[dict[str, Any]] = []
     with course.part("report"), suppress(KeyboardInterrupt):  # advice: the fit is complete without it
-        result.report["play"] = _play(course)
+        shown = _play(course)
+    result.report.update(play=shown, gaps=gaps_to_try(result.model.scene, shown))
     return result
 
 

@@ -25,8 +25,11 @@ from cmbrl.envs.recording import Recording
 from cmbrl.envs.trials import LAWS, failed, stands, trials
 from cmbrl.errors import UserError
 from cmbrl.fitting import FitResult, fit
+from cmbrl.fitting.played import fit_or_played
 from cmbrl.mdp import MDP
+from cmbrl.models.carried import without_play
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.scene.writing.played import gaps_of, played_scene
 from cmbrl.system import SystemFactory
 from cmbrl.train.loop_config import LoopConfig
 from cmbrl.train.shac import SHAC
@@ -116,8 +119,12 @@ class Loop(Trainer):
         """
         logs = [log for log in (self.given, self.recording.log() if self.recording.transitions else None) if log]
         start = self.nominal.with_settings(backward_smoothing=self.nominal.smoothing)
-        self.fitted = fit(start, Transitions.joined(logs), seed=self.seed + self.round, groups="all")
-        fitted = self.fitted.uncertain_model(self.config.draws, self.seed).for_training(self.nominal.smoothing)
+        fitting = fit_or_played if self.config.play else fit
+        self.fitted = fitting(start, Transitions.joined(logs), seed=self.seed + self.round, groups="all")
+        fitted = self.fitted.uncertain_model(self.config.draws, self.seed)
+        if fitted.scene.nq > self.nominal.scene.nq:  # of the file with play
+            fitted = without_play(fitted, self.nominal.scene)
+        fitted = fitted.for_training(self.nominal.smoothing)
         self.model = fitted.with_settings(backward_smoothing=self.nominal.backward_smoothing)
 
     def _choose_observations(self, model: ComplementarityModel) -> None:
@@ -206,8 +213,13 @@ class Loop(Trainer):
 
     def keep(self, folder: Path) -> None:
         """Writes the last fit to ``folder``/fit, as `cmbrl fit` does, to be inspected, compared and trained on."""
-        if self.fitted is not None:
-            self.fitted.save(folder / "fit")
+        if self.fitted is None:
+            return
+        fitted = self.fitted
+        if fitted.model.scene.nq > self.nominal.scene.nq:  # of a file with play, which a saved fit names
+            scene = played_scene(self.nominal.scene, gaps_of(fitted.model.scene), folder / "played.xml")
+            fitted = replace(fitted, model=fitted.model.with_settings(scene=scene))
+        fitted.save(folder / "fit")
 
     def state(self) -> dict[str, Any]:
         """Everything that the next update depends on, except the given log."""

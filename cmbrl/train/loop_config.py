@@ -25,6 +25,7 @@ class LoopConfig(SHACConfig):
         0.5, "share of its updates that each policy but the first spends on the file before the fit; 0: none",
         least=0, most=0.9,
     )  # fmt: skip
+    play: bool = setting(True, "whether a fit whose errors look like play is compared with one of the file with play")
     trial: float = setting(1.0, "share of its updates that each policy gets before the best one is chosen", above=0)
     score_episodes: int = setting(128, "model episodes by which policies are compared", least=1, most=1_000_000)
 

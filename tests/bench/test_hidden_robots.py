@@ -185,7 +185,7 @@ def test_true_parameters_are_found_and_intervals_judged():
         parameters[name] = FittedParameter(centre, centre * low, centre * high, 1.0, FITTED)
     off = values[names.index("damping.leg_joint")]
     parameters["damping.leg_joint"] = FittedParameter(off * 2, off * 1.5, off * 3, 1.0, FITTED)
-    told = truth.coverage(FitResult(nominal_model(task, scene), parameters, {}), true)
+    told = truth.coverage(FitResult(nominal_model(task, scene), parameters, {}), scene, true)
     assert {p["name"]: p["holds"] for p in told} == {"mass.leg": True, "mass.foot": True, "damping.leg_joint": False}
 
 

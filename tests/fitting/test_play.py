@@ -17,12 +17,15 @@ from cmbrl.data.position_log import PositionLog
 from cmbrl.data.several import together
 from cmbrl.data.unlogged import unlogged, with_columns
 from cmbrl.errors import UserError
+from cmbrl.fitting.choice.play_shown import gaps_to_try
 from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.played import fit_or_played
+from cmbrl.fitting.result import FitResult
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.step_settings import INTEGRATORS
 from cmbrl.scene import Scene
 from cmbrl.scene.writing.fitted_file import fitted_file
-from cmbrl.scene.writing.played import played_file
+from cmbrl.scene.writing.played import gaps_of, played_file
 
 from .played_arm import ARM, recorded
 
@@ -142,6 +145,40 @@ def test_a_fit_finds_the_gap_and_what_the_rotor_weighs(arm: Path) -> None:
     assert values["armature.a"][1] < 0.014 < values["armature.a"][2]
     assert values["armature.a"][0] == pytest.approx(0.014, rel=0.05)
     assert values["mass.fore"][0] == pytest.approx(1.4, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("errors", "taken"), [((0.5, 0.2), {"a": GAP}), ((0.5, 0.49), {}), ((0.5, np.inf), {}), ((0.5, None), {})]
+)
+def test_play_is_taken_where_unseen_episodes_call_for_it(
+    errors: tuple[float, float | None], taken: dict[str, float], arm: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A fit that shows play is compared with one of the file with it, if one can be made."""
+    fits = []
+
+    def told(model: ComplementarityModel, log: object, **options: object) -> FitResult:
+        fits.append(options)
+        gaps = {} if errors[1] is None or len(fits) > 1 else {"a": GAP}
+        rows = [{"steps": steps, "rmse": {"fitted": errors[len(fits) - 1]}} for steps in (1, 5)]
+        return FitResult(model, {}, {"gaps": gaps, "horizons": rows})
+
+    monkeypatch.setattr("cmbrl.fitting.played.fit", told)
+    model = like_mujoco(Scene.from_mjcf(arm)).with_settings(observation={"delay.command": 0.01})
+    found = fit_or_played(model, None, seed=7)  # type: ignore[arg-type]
+    assert gaps_of(found.model.scene) == pytest.approx(taken)
+    assert fits == [{"seed": 7}] * (1 if errors[1] is None else 2)
+    assert found.model.observation == model.observation
+    assert found.model.dt == model.dt
+
+
+def test_once_play_shows_at_one_joint_it_is_tried_at_all_that_may_have_it(arm: Path) -> None:
+    scene = Scene.from_mjcf(arm)
+    assert gaps_to_try(scene, [{"joint": "b", "gap": 0.02, "explains": 0.2}]) == {"a": 0.02, "b": 0.02}
+    assert gaps_to_try(scene, []) == {}
+    slide = ARM.replace('name="a" axis="0 1 0"', 'name="a" type="slide" axis="0 1 0"').replace('armature=".005"', "")
+    arm.write_text(slide)
+    scene = Scene.from_mjcf(arm)
+    assert gaps_to_try(scene, [{"joint": "a", "gap": 0.002, "explains": 0.2}]) == {"a": 0.002}  # b has no rotor
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,8 @@ def test_play_that_the_file_lacks_is_named_with_the_command_that_tries_it(tmp_pa
     assert play["joint"] == "b"
     assert play["gap"] == pytest.approx(0.03, rel=0.7)
     assert play["explains"] > 0.3
-    assert f"cmbrl convert FILE.xml played.xml --play b={play['gap']:g}`" in " ".join(found.report_text().split())
+    gap = f"{play['gap']:g}"
+    assert f"convert FILE.xml played.xml --play a={gap} --play b={gap}`" in " ".join(found.report_text().split())
 
 
 def test_nothing_is_said_of_play_where_there_is_none(tmp_path: Path) -> None:

@@ -12,8 +12,10 @@ import cmbrl
 from cmbrl.contact.smoothing import Gaussian
 from cmbrl.envs.evaluation import Evaluation
 from cmbrl.errors import UserError
-from cmbrl.fitting import FitResult
+from cmbrl.fitting import FitResult, fit
+from cmbrl.fitting.played import with_play
 from cmbrl.registry import load_task
+from cmbrl.scene.writing.played import gaps_of
 from cmbrl.train.loop import Loop
 from cmbrl.train.loop_config import LoopConfig
 from cmbrl.train.run import TrainingRun
@@ -249,3 +251,24 @@ def test_where_a_trial_is_all_of_it_the_best_policy_counts(make_loop):
 def test_a_trial_is_a_share(trial):
     with pytest.raises(UserError, match="must be a share"):
         LoopConfig(trial=trial)
+
+
+def test_what_a_fit_with_play_found_is_trained_on_kept_and_restored(make_loop, monkeypatch, tmp_path):
+    """On the task's file, which has no play; the fit's file is beside it, since no other file has this play."""
+
+    def with_the_play(model, data, **options):
+        return fit(with_play(model, {"leg_joint": 0.01}), data, **options)
+
+    monkeypatch.setattr("cmbrl.train.loop.fit_or_played", with_the_play)
+    loop, resumed = make_loop(), make_loop()
+    loop.update()
+    own = [p.name for p in loop.nominal.scene.parameters]
+    values = {name: p.value for name, p in loop.fitted.parameters.items()}
+    np.testing.assert_allclose(loop.model.parameters, [values[name] for name in own])
+    assert loop.model.candidates.shape == (8, len(own))
+    resumed.restore(loop.state())
+    loop.keep(tmp_path)
+    assert loop.update() == resumed.update()
+    kept = FitResult.load(tmp_path / "fit")
+    assert gaps_of(kept.model.scene) == pytest.approx({"leg_joint": 0.01})
+    assert {name: p.value for name, p in kept.parameters.items()} == values

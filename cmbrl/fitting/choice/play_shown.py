@@ -8,7 +8,7 @@ to be the motor's: where it is the link's, play changes predictions in another w
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -24,7 +24,7 @@ from cmbrl.fitting.search.loss import PredictionLoss
 from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.scene import Scene
-from cmbrl.scene.records import JointKind
+from cmbrl.scene.records import Joint, JointKind
 from cmbrl.scene.writing.played import played_scene
 
 _GAPS, _SLIDE = (0.003, 0.008, 0.02, 0.05), 0.1  # [rad]; a tenth of it [m]
@@ -62,15 +62,19 @@ def play_shown(
     return _clearest(Unexplained.of(loss, evidence.space, z, active, changes))
 
 
-def _joints(evidence: Evidence, loss: PredictionLoss, theta: np.ndarray) -> list[str]:
-    """Hinges and slides that an actuator drives and whose rotor the file knows, the least explained ones first."""
-    scene = evidence.model.scene
+def may_play(scene: Scene) -> list[Joint]:
+    """Hinges and slides that an actuator drives and whose rotor the file knows."""
     rotors = {p.name.partition(".")[2] for p in scene.parameters if p.group == "armature" and p.nominal > 0.0}
     driven = {line for line in scene.core.act_line.tolist() if 0 <= line < scene.nv}
+    joints = [j for j in scene.joints if j.kind in (JointKind.HINGE, JointKind.SLIDE) and j.name in rotors]
+    return [j for j in joints if j.vadr in driven]
+
+
+def _joints(evidence: Evidence, loss: PredictionLoss, theta: np.ndarray) -> list[str]:
+    """Those whose positions are compared, the least explained ones first."""
     compared = np.flatnonzero(loss.windows.scales.counts).tolist()
     off = np.nan_to_num(np.square(loss.residuals(theta)[0]).mean(axis=(0, 1)), nan=np.inf)
-    joints = [j for j in scene.joints if j.kind in (JointKind.HINGE, JointKind.SLIDE) and j.name in rotors]
-    found = [j for j in joints if j.vadr in driven and j.vadr in compared]
+    found = [j for j in may_play(evidence.model.scene) if j.vadr in compared]
     return [j.name for j in sorted(found, key=lambda j: -off[compared.index(j.vadr)])]
 
 
@@ -138,15 +142,29 @@ def _clearest(test: Unexplained) -> list[dict[str, Any]]:
     return found
 
 
+def gaps_to_try(scene: Scene, shown: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Gaps [rad, m] to begin with at every joint that may have play, once ``shown`` has it at one; else none.
+
+    Motors of a robot are alike. What is hidden at the others keeps a fit from finding the gaps that show, and where
+    there is none, it closes. Of two hidden hoppers with play at three joints, with that of one alone in the file,
+    friction stayed on its bound.
+    """
+    gaps = {each["joint"]: float(each["gap"]) for each in shown}
+    units = {j.name: _SLIDE if j.kind == JointKind.SLIDE else 1.0 for j in may_play(scene)}
+    usual = float(np.median([gap / units[name] for name, gap in gaps.items()])) if gaps else 0.0
+    return {name: gaps.get(name, usual * unit) for name, unit in units.items()} if gaps else {}
+
+
 def shown_told(report: Mapping[str, Any]) -> str | None:
     """One line on play that residuals show, with the commands that try it; else None."""
     found = report.get("play")
     if not found:
         return None
-    options = " ".join(f"--play {each['joint']}={each['gap']:g}" for each in found)
+    gaps = report.get("gaps") or {each["joint"]: each["gap"] for each in found}
+    options = " ".join(f"--play {name}={gap:g}" for name, gap in gaps.items())
     names, share = " and ".join(each["joint"] for each in found), 100.0 * found[0]["explains"]
     return (
         f"What this fit leaves looks like play between motor and link at {names} ({share:.0f} % of the squares of its "
-        f"errors). Put it into the file by `cmbrl convert FILE.xml played.xml {options}`, fit played.xml to the same "
-        "log, and compare both by `cmbrl error`."
+        f"errors). Put it into the file at all joints with rotors by `cmbrl convert FILE.xml played.xml {options}`, "
+        "fit played.xml to the same log, and compare both by `cmbrl error`; where there is none, the gap closes."
     )

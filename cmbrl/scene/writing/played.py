@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.errors import UserError
+from cmbrl.files import write_text
 from cmbrl.scene.fittable.play import SUFFIX
 from cmbrl.scene.scene import Scene
 from cmbrl.scene.source.robot_source import compile_robot, quiet
@@ -45,10 +46,18 @@ def played_file(path: str | os.PathLike[str], joints: Mapping[str, float | None]
             raise UserError(f"{path}: MuJoCo cannot write this file with play ({error})") from None
 
 
-def played_scene(scene: Scene, joints: Mapping[str, float | None]) -> Scene:
-    """The ``scene`` of a file with play behind ``joints``, as in ``played_file``, read as it was."""
+def played_scene(scene: Scene, joints: Mapping[str, float | None], out: str | os.PathLike[str] | None = None) -> Scene:
+    """The ``scene`` of a file with play behind ``joints``, as in ``played_file``, read as it was; ``out``: its file."""
     text = played_file(scene.path, joints)
-    return Scene.from_mjcf(text, scene.ignore, scene.contact_law, scene.reduce, scene.self_contact, scene.drives)
+    if out is not None:
+        write_text(out, text)
+    source = text if out is None else out
+    return Scene.from_mjcf(source, scene.ignore, scene.contact_law, scene.reduce, scene.self_contact, scene.drives)
+
+
+def gaps_of(scene: Scene) -> dict[str, float]:
+    """The gaps [rad, m] that the file of ``scene`` has, by the joint that the play is behind."""
+    return {p.name.partition(".")[2]: p.nominal for p in scene.parameters if p.group == "play"}
 
 
 def _meant(joints: Mapping[str, float | None], known: Sequence[str], path: str) -> dict[str, float | None]:

@@ -51,5 +51,5 @@ def cell(scene: str, family: str, draw: int, plan: Plan) -> dict[str, Any]:
         "scene": scene, "family": family, "draw": draw, "seconds": time.process_time() - begun,
         "horizon": found.report["horizon"], "noisy": found.report["noise"] is not None,
         "fitted": len(found.report["fitted"]),
-        "parameters": coverage(found, Scene.from_mjcf(hidden.file_like, contact_law=task.contact_law)),
+        "parameters": coverage(found, model.scene, Scene.from_mjcf(hidden.file_like, contact_law=task.contact_law)),
     }  # fmt: skip

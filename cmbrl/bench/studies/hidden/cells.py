@@ -35,7 +35,7 @@ def taught(scene: str, family: str, draw: int, arm: str, seed: int, plan: Plan) 
     fitted = getattr(training.trainer, "fitted", None)
     if fitted is not None:
         true = model_of(training.setup, hidden.file_like).scene
-        found["parameters"] = coverage(fitted, true)
+        found["parameters"] = coverage(fitted, training.setup.nominal.scene, true)
     return found | {"real": _real(training, hidden, plan)}
 
 

@@ -33,15 +33,14 @@ def true_parameters(nominal: Scene, true: Scene) -> np.ndarray:
     return found
 
 
-def coverage(fit: FitResult, true: Scene) -> list[dict[str, Any]]:
-    """Identifiable parameters of a fit: value, 95 % interval, truth.
+def coverage(fit: FitResult, file: Scene, true: Scene) -> list[dict[str, Any]]:
+    """Identifiable parameters of a fit that ``file`` has: value, 95 % interval, truth.
 
-    Left out: what the report calls flat, what was not fitted, and what no file says. MuJoCo holds time constants of
-    contacts at two time steps or more.
+    Left out: what the report calls flat, what was not fitted, and what no file says, gaps of a fit with play too.
+    MuJoCo holds time constants of contacts at two time steps or more.
     """
-    scene = fit.model.scene
     found = []
-    for p, value in zip(scene.parameters, true_parameters(scene, true), strict=True):
+    for p, value in zip(file.parameters, true_parameters(file, true), strict=True):
         own = fit.parameters[p.name]
         known = np.isfinite(value) and p.group not in DERIVED
         if p.group == "softness_time":
