@@ -33,6 +33,7 @@ _ONE_SIDED = {
     "backlash": "low",
     "force_limit": "high",
     "force_limit_slope": "low",
+    "tendon_frictionloss": "low",
 }  # on this bound
 VAGUE = 1e-3  #: the difference above which a column is left out
 NEGLIGIBLE = 1e-3  #: columns smaller than this are judged absolutely
