@@ -19,7 +19,7 @@ COLOUR, RIVAL = "#08519c", "#d94801"
 
 
 def draws(cells: Sequence[Result], path: Path) -> None:
-    """Every draw from the nominal file through the fit to the true parameters; randomised beside nominal."""
+    """Every draw from the nominal file through the fit to the true parameters, as far as run; randomised beside it."""
     runs = Runs.of(cells)
     scenes = [scene for scene in SCENES if any(cell["scene"] == scene for cell in cells)]
     figure, grid = panels(len(scenes), len(FAMILIES), 11.0, 3.3 * len(scenes) + 0.5, sharey="row", sharex=True)
@@ -34,15 +34,16 @@ def draws(cells: Sequence[Result], path: Path) -> None:
 
 
 def _panel(axes: Axes, runs: Runs, scene: str, family: str) -> None:
-    found = [runs.returns(scene, family, arm) for arm in STATIONS]
+    known = [k for k, arm in enumerate(STATIONS) if any(runs.returns(scene, name, arm) for name in FAMILIES)]
+    found = [runs.returns(scene, family, STATIONS[k]) for k in known]
     for draw in sorted(set().union(*found)):
         heights = [station.get(draw, np.nan) for station in found]
-        axes.plot(range(3), heights, "o-", color=COLOUR, lw=0.9, ms=3.5, alpha=0.7, label="one draw")
+        axes.plot(range(len(known)), heights, "o-", color=COLOUR, lw=0.9, ms=3.5, alpha=0.7, label="one draw")
     rival = runs.rival(scene, family)
     if rival is not None:
         heights = [*runs.returns(scene, family, rival).values()]
         x = -0.25 * np.ones(len(heights))
         axes.plot(x, heights, "D", color=RIVAL, mfc="none", ms=4, label="randomised, best width")
-    axes.set_xticks(range(3), ["nominal", "fit", "true"])
-    axes.set_xlim(-0.5, 2.3)
+    axes.set_xticks(range(len(known)), [("nominal", "fit", "true")[k] for k in known])
+    axes.set_xlim(-0.5, len(known) - 0.7)
     axes.grid(alpha=0.3, axis="y")
