@@ -24,16 +24,15 @@ _BETTER = 0.95  #: of the error on unseen episodes, over the horizons that are j
 def fit_or_played(model: ComplementarityModel, data: Logs, **options: Any) -> FitResult:
     """``fit(model, data, **options)``, or that of the same file with play, if the first one shows play at some joint.
 
-    The play is taken if it leaves at most .95 of the error on unseen episodes. Raises what ``fit`` raises.
+    The play is taken if it leaves at most .95 of the error on unseen episodes. Raises what the first ``fit`` raises.
     """
     found = fit(model, data, **options)
     if not found.report["gaps"]:
         return found
     try:
-        start = with_play(model, found.report["gaps"])
-    except UserError:  # a setting that the file with play cannot have
+        played = fit(with_play(model, found.report["gaps"]), data, **options)
+    except UserError:  # such as of a setting that the file with play cannot have
         return found
-    played = fit(start, data, **options)
     return played if _errors(played, found) < _BETTER else found
 
 

@@ -148,16 +148,19 @@ def test_a_fit_finds_the_gap_and_what_the_rotor_weighs(arm: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("errors", "taken"), [((0.5, 0.2), {"a": GAP}), ((0.5, 0.49), {}), ((0.5, np.inf), {}), ((0.5, None), {})]
+    ("errors", "taken"),
+    [((0.5, 0.2), {"a": GAP}), ((0.5, 0.49), {}), ((0.5, np.inf), {}), ((0.5, "refused"), {}), ((0.5, None), {})],
 )
 def test_play_is_taken_where_unseen_episodes_call_for_it(
-    errors: tuple[float, float | None], taken: dict[str, float], arm: Path, monkeypatch: pytest.MonkeyPatch
+    errors: tuple[float, float | str | None], taken: dict[str, float], arm: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A fit that shows play is compared with one of the file with it, if one can be made."""
     fits = []
 
     def told(model: ComplementarityModel, log: object, **options: object) -> FitResult:
         fits.append(options)
+        if errors[len(fits) - 1] == "refused":
+            raise UserError("no fit of this file")
         gaps = {} if errors[1] is None or len(fits) > 1 else {"a": GAP}
         rows = [{"steps": steps, "rmse": {"fitted": errors[len(fits) - 1]}} for steps in (1, 5)]
         return FitResult(model, {}, {"gaps": gaps, "horizons": rows})
