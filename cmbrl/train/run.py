@@ -26,6 +26,7 @@ import torch
 from cmbrl.errors import UserError
 from cmbrl.files import make_folder, write_bytes, write_json
 from cmbrl.train.checkpoint import load_state, save_state
+from cmbrl.train.clock import Clock
 from cmbrl.train.metrics import MetricsLog, Row, as_csv, from_csv
 from cmbrl.train.metrics_plot import plot_metrics
 from cmbrl.train.policy_file import save_policy
@@ -79,7 +80,7 @@ class TrainingRun:
         self.trainer, self.folder, self.about = trainer, Path(folder), dict(about)
         self._options = json.dumps(dict(about if options is None else options), sort_keys=True)
         self.checkpoint_seconds = checkpoint_seconds
-        self.iteration, self.seconds = 0, 0.0
+        self.iteration, self.clock = 0, Clock()
         self._unusable = 0
         self._rows: list[Row] = []  # of metrics.csv
         make_folder(self.folder)
@@ -96,15 +97,15 @@ class TrainingRun:
         ``progress(share, text)`` is called after each iteration. Raises Diverged if the run cannot continue; then
         diverged.npz holds the last states, and the last checkpoint is kept.
         """
-        started, saved = time.monotonic() - self.seconds, time.monotonic()
+        self.clock.go_on()
+        saved = time.monotonic()
         log = MetricsLog(self.folder, self._rows)
         try:
             with _interruptible() as interrupted:
                 while not (self._done(iterations) or interrupted()):
                     metrics = self.trainer.update()
                     self.iteration += 1
-                    self.seconds = time.monotonic() - started
-                    log.append({"iteration": self.iteration, "seconds": self.seconds, **metrics})
+                    log.append({"iteration": self.iteration, **self.clock.read(), **metrics})
                     self._watch(metrics)
                     if progress is not None:
                         progress(self.iteration / (iterations + self.trainer.further), progress_text(log.rows[-1]))
@@ -122,7 +123,7 @@ class TrainingRun:
         return self.iteration >= iterations + self.trainer.further or self.trainer.over
 
     def _checkpoint(self) -> None:
-        state = {"iteration": self.iteration, "seconds": self.seconds, "metrics": as_csv(self._rows)}
+        state = {"iteration": self.iteration, **self.clock.told(), "metrics": as_csv(self._rows)}
         state["options"] = self._options
         save_state(self.folder / CHECKPOINT, {**state, "trainer": self.trainer.state()})
         about = self.about | self._conditions() | {"iteration": self.iteration}
@@ -140,7 +141,8 @@ class TrainingRun:
             raise UserError(f"{path}: belongs to a run with other options: choose another --out")
         try:
             self.trainer.restore(state["trainer"])
-            self.iteration, self.seconds = int(state["iteration"]), float(state["seconds"])
+            self.iteration = int(state["iteration"])
+            self.clock = Clock(float(state["seconds"]), float(state["processor_seconds"]))
             self._rows = from_csv(state["metrics"])
         except (KeyError, IndexError, AttributeError, TypeError, ValueError, RuntimeError, AssertionError) as error:
             last = (str(error).strip().splitlines() or [type(error).__name__])[-1].strip()
@@ -170,7 +172,8 @@ class TrainingRun:
 
     def _conclude(self, stopped: str, log: MetricsLog) -> Outcome:
         last = log.rows[-1] if log.rows else {}
-        result = {"stopped": stopped, "iteration": self.iteration, "seconds": round(self.seconds, 3)}
+        spent = {name: round(seconds, 3) for name, seconds in self.clock.told().items()}
+        result: dict[str, Any] = {"stopped": stopped, "iteration": self.iteration, **spent}
         result |= self._conditions()
         if self.trainer.returns_to:
             result["went_back"] = [list(pair) for pair in self.trainer.returns_to]
@@ -185,7 +188,7 @@ class TrainingRun:
         if log.rows:
             title = ", ".join(f"{name} {value}" for name, value in self.about.items())
             plot_metrics(log.rows, self.folder / PLOT, title)
-        return Outcome(stopped, self.iteration, self.seconds, last, trials)
+        return Outcome(stopped, self.iteration, self.clock.seconds, last, trials)
 
 
 def commands_text(told: Mapping[str, Any]) -> str:

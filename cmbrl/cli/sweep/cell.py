@@ -18,7 +18,8 @@ from cmbrl.runs import ENVIRONMENT
 RESULTS = {"train": "train.json", "fit": "fit.json"}  #: file of a run folder with the result of each command
 _POINTS = 100  #: of a learning curve, at most
 _BEGUN = ("checkpoint.safetensors", "state.json")
-_CURVE = ("iteration", "seconds", "steps", "transitions", "return", "length", "gradient_norm", "gradient_variance")
+_TIMES = ("seconds", "processor_seconds")
+_CURVE = ("iteration", *_TIMES, "steps", "transitions", "return", "length", "gradient_norm", "gradient_variance")
 
 
 def run_cell(
@@ -123,7 +124,7 @@ def _short(command: str, result: dict[str, Any]) -> dict[str, Any]:
     if command == "train":
         last = result["last"]
         numbers = {name: last.get(name) for name in ("return", "length", "transitions", "steps")}
-        return {"stopped": result["stopped"], "iteration": result["iteration"], **numbers}
+        return {**{name: result[name] for name in ("stopped", "iteration", *_TIMES)}, **numbers}
     report = result["report"]
     errors = {part: loss["rmse"] for part, loss in report["loss"].items()}
     return {"stopped": report["stopped"], "fitted": len(report["fitted"]), **errors}

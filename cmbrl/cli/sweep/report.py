@@ -56,7 +56,7 @@ def text(plan: Plan, results: Results) -> str:
 
 
 def plot(plan: Plan, results: Results, file: Path) -> None:
-    """Learning curves over samples and over seconds: every run thin, the median of an arm bold."""
+    """Learning curves over samples and over processor time: every run thin, the median of an arm bold."""
     from cmbrl.bench.figures import legend_below, panels, save
 
     figure, ((left, right),) = panels(1, 2, 11.0, 4.8, sharey=True)
@@ -69,7 +69,7 @@ def plot(plan: Plan, results: Results, file: Path) -> None:
             if lines:
                 axes.plot(*_median(lines), lw=2.0, color=f"C{k}", label=arm.name or plan.command)
     left.set(xlabel="model steps and real transitions", ylabel="return of training episodes")
-    right.set(xlabel="wall clock [s]")
+    right.set(xlabel="processor time [s]")
     for axes in (left, right):
         axes.grid(alpha=0.3)
     legend_below(figure, ncols=2)
@@ -87,7 +87,8 @@ def samples(curve: Mapping[str, Sequence[float | None]]) -> np.ndarray:
 
 
 def _seconds(curve: Mapping[str, Sequence[float | None]]) -> np.ndarray:
-    return _numbers_of(curve["seconds"])
+    """Of processors: runs side by side slow each other down. Runs of earlier versions have the wall clock only."""
+    return _numbers_of(curve.get("processor_seconds", curve["seconds"]))
 
 
 def _median(lines: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
