@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from cmbrl.envs.simulation import Step
 from cmbrl.errors import UserError
@@ -18,6 +18,9 @@ from cmbrl.settings import setting
 from cmbrl.train.policy import Policy, network
 from cmbrl.train.trainer import restore_optimiser
 from cmbrl.train.value_units import ValueUnits
+
+if TYPE_CHECKING:
+    from cmbrl.train.net import Net
 
 BETAS = (0.7, 0.95)  # of Adam, as in the SHAC paper
 
@@ -52,7 +55,8 @@ class Critic:
         self.config, self.discount, self.generator = config, discount, generator
         self.units = ValueUnits()
         self.normaliser = policy.normaliser
-        self.net, self.target = (network(policy.architecture.observations, config.critic_hidden, 1) for _ in range(2))
+        widths = policy.architecture.observations, config.critic_hidden, 1
+        self.net, self.target = (cast("Net", network(*widths)) for _ in range(2))
         self.target.load_state_dict(self.net.state_dict())
         self.target.requires_grad_(False)
         self.optimiser = torch.optim.Adam(self.net.parameters(), config.critic_rate, betas=BETAS, fused=True)
@@ -75,12 +79,8 @@ class Critic:
         for _ in range(c.critic_epochs):
             order = torch.randperm(len(targets), generator=self.generator)
             for rows in order.chunk(c.critic_batches):
-                predicted = self.net(inputs.index_select(0, rows))[:, 0]
-                loss = nn.functional.mse_loss(predicted, goals[rows])
-                self.optimiser.zero_grad()
-                loss.backward()
+                total += self.net.regress(inputs.index_select(0, rows), goals[rows])
                 self.optimiser.step()
-                total += loss.item()
         with torch.no_grad():
             for old, new in zip(self.target.parameters(), self.net.parameters(), strict=True):
                 old.lerp_(new, 1.0 - c.target_share)

@@ -78,3 +78,17 @@ def test_a_second_derivative_is_refused(net: Net) -> None:
     x = torch.randn(4, 5, requires_grad=True)
     with pytest.raises(UserError, match="first derivatives only"):
         torch.autograd.grad(net(x).sum(), x, create_graph=True)
+
+
+@pytest.mark.parametrize("norm", [True, False])
+def test_a_regression_has_the_loss_and_the_gradient_of_the_layers(norm: bool) -> None:
+    torch.manual_seed(1)
+    net = network(5, (32, 16), 1, norm=norm)
+    assert isinstance(net, Net)
+    x, goals = torch.randn(70, 5), torch.randn(70)
+    net(x).sum().backward()  # what is there is replaced, not added to
+    loss = nn.functional.mse_loss(nn.Sequential(*net)(x)[:, 0], goals)
+    wanted = torch.autograd.grad(loss, list(net.parameters()))
+    assert net.regress(x, goals) == pytest.approx(loss.item(), rel=1e-5)
+    for parameter, gradient in zip(net.parameters(), wanted, strict=True):
+        torch.testing.assert_close(parameter.grad, gradient, rtol=1e-4, atol=1e-5)
